@@ -1,0 +1,10 @@
+// Shared by every package that links libtorch: binaries, tests and examples find it at run time
+// without LD_LIBRARY_PATH, from any folder.
+fn main() {
+    println!("cargo:rerun-if-changed=../../build/rpath.rs");
+    if let Ok(lib) = std::env::var("DEP_TCH_LIBTORCH_LIB") {
+        // The cache itself, not the workspace's link: a copied binary keeps working.
+        let lib = std::fs::canonicalize(&lib).unwrap_or_else(|e| panic!("libtorch at {lib}: {e}"));
+        println!("cargo:rustc-link-arg=-Wl,-rpath,{}", lib.display());
+    }
+}

@@ -1,0 +1,1 @@
+//! Rigged files in and out.

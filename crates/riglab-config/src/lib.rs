@@ -1,0 +1,1 @@
+//! Layered TOML configuration that knows where each value was written.

@@ -1,0 +1,196 @@
+//! A mesh bound to a skeleton.
+
+use crate::{Mesh, RigError, Skeleton, SkinWeights, Vec3};
+
+/// A mesh bound to a skeleton at rest: the only thing that crosses between files, corpora, tokens,
+/// metrics and rewards.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Rig {
+    skeleton: Skeleton,
+    mesh: Mesh,
+    weights: SkinWeights,
+}
+
+impl Rig {
+    /// Checks that the parts fit together.
+    ///
+    /// # Errors
+    /// [`RigError::RowCount`] unless there is a row of weights for each vertex,
+    /// [`RigError::JointOutOfRange`] for a weight on a joint that does not exist.
+    pub fn new(skeleton: Skeleton, mesh: Mesh, weights: SkinWeights) -> Result<Self, RigError> {
+        if weights.rows() != mesh.positions().len() {
+            return Err(RigError::RowCount { rows: weights.rows(), vertices: mesh.positions().len() });
+        }
+        let joints = skeleton.len();
+        if let Some(at) = weights.joints().iter().position(|&j| usize::from(j) >= joints) {
+            let vertex = weights.offsets().partition_point(|&o| o as usize <= at) - 1;
+            return Err(RigError::JointOutOfRange { vertex, joint: weights.joints()[at], joints });
+        }
+        Ok(Self { skeleton, mesh, weights })
+    }
+
+    /// The skeleton.
+    pub fn skeleton(&self) -> &Skeleton {
+        &self.skeleton
+    }
+
+    /// The mesh.
+    pub fn mesh(&self) -> &Mesh {
+        &self.mesh
+    }
+
+    /// The weights, one row a vertex.
+    pub fn weights(&self) -> &SkinWeights {
+        &self.weights
+    }
+
+    /// The parts.
+    pub fn into_parts(self) -> (Skeleton, Mesh, SkinWeights) {
+        (self.skeleton, self.mesh, self.weights)
+    }
+
+    /// The box around vertices and joints.
+    pub fn bounds(&self) -> Bounds {
+        let points = self.mesh.positions().iter().chain(self.skeleton.heads());
+        Bounds::of(points.copied()).expect("a rig has a vertex")
+    }
+
+    /// Moves and scales the rig uniformly so that the box around vertices *and* joints is centred
+    /// and its longest side runs from -1 to 1. Gives the map that was applied.
+    pub fn normalized(&self) -> (Self, Similarity) {
+        let map = Similarity::into_cube(self.bounds());
+        (self.transformed(map), map)
+    }
+
+    /// The rig under a similarity.
+    pub fn transformed(&self, map: Similarity) -> Self {
+        let all = |points: &[Vec3]| points.iter().map(|&p| map.apply(p)).collect::<Vec<_>>();
+        let skeleton = self.skeleton.with_heads(all(self.skeleton.heads())).expect("finite stays finite");
+        let mesh = self.mesh.with_positions(all(self.mesh.positions())).expect("finite stays finite");
+        Self { skeleton, mesh, weights: self.weights.clone() }
+    }
+
+    /// The same skeleton and mesh with other weights.
+    ///
+    /// # Errors
+    /// As [`Rig::new`].
+    pub fn with_weights(&self, weights: SkinWeights) -> Result<Self, RigError> {
+        Self::new(self.skeleton.clone(), self.mesh.clone(), weights)
+    }
+
+    /// The joints that carry a weight above `threshold` on some vertex.
+    pub fn skinned_joints(&self, threshold: f32) -> Vec<crate::JointId> {
+        let mut used = vec![false; self.skeleton.len()];
+        for (&j, &w) in self.weights.joints().iter().zip(self.weights.weights()) {
+            used[usize::from(j)] |= w > threshold;
+        }
+        self.skeleton.ids().filter(|j| used[j.index()]).collect()
+    }
+}
+
+/// An axis-aligned box.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Bounds {
+    /// Smallest coordinates.
+    pub min: Vec3,
+    /// Largest coordinates.
+    pub max: Vec3,
+}
+
+impl Bounds {
+    /// The box around points; `None` without points.
+    pub fn of(points: impl IntoIterator<Item = Vec3>) -> Option<Self> {
+        points.into_iter().map(|p| Self { min: p, max: p }).reduce(|a, b| Self {
+            min: std::array::from_fn(|k| a.min[k].min(b.min[k])),
+            max: std::array::from_fn(|k| a.max[k].max(b.max[k])),
+        })
+    }
+
+    /// The middle.
+    pub fn center(&self) -> Vec3 {
+        std::array::from_fn(|k| 0.5 * self.min[k] + 0.5 * self.max[k])
+    }
+
+    /// Side lengths.
+    pub fn size(&self) -> Vec3 {
+        std::array::from_fn(|k| self.max[k] - self.min[k])
+    }
+
+    /// Length of the diagonal.
+    pub fn diagonal(&self) -> f32 {
+        glam::Vec3::from(self.size()).length()
+    }
+}
+
+/// A uniform scale, then a shift: p -> scale * p + shift.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Similarity {
+    /// Scale; positive.
+    pub scale: f32,
+    /// Shift, after the scale.
+    pub shift: Vec3,
+}
+
+impl Similarity {
+    /// The map that centres a box and gives its longest side the length 2. A box without extent is
+    /// only centred.
+    pub fn into_cube(bounds: Bounds) -> Self {
+        let longest = bounds.size().into_iter().fold(0.0f32, f32::max);
+        let scale = if longest > 0.0 && (2.0 / longest).is_finite() { 2.0 / longest } else { 1.0 };
+        let center = bounds.center();
+        Self { scale, shift: center.map(|c| -c * scale) }
+    }
+
+    /// The image of a point.
+    pub fn apply(&self, p: Vec3) -> Vec3 {
+        std::array::from_fn(|k| self.scale * p[k] + self.shift[k])
+    }
+
+    /// The map back.
+    pub fn inverse(&self) -> Self {
+        Self { scale: 1.0 / self.scale, shift: self.shift.map(|s| -s / self.scale) }
+    }
+}
+
+#[cfg(test)]
+pub(crate) mod tests {
+    use super::*;
+    use crate::{Joint, JointId};
+
+    /// Two triangles on two joints.
+    pub(crate) fn small() -> Rig {
+        let joints = [("root", None, [0.0, 0.0, 0.0]), ("tip", Some(JointId(0)), [0.0, 4.0, 0.0])];
+        let joints = joints.map(|(name, parent, head)| Joint { name: name.into(), parent, head });
+        let skeleton = Skeleton::new(joints.to_vec()).unwrap();
+        let mesh = Mesh::new(vec![[0.0; 3], [1.0, 1.0, 0.0], [0.0, 3.0, 1.0]], vec![[0, 1, 2], [2, 1, 0]]).unwrap();
+        let weights = SkinWeights::normalized([vec![(0, 1.0)], vec![(0, 1.0), (1, 1.0)], vec![(1, 1.0)]]).unwrap();
+        Rig::new(skeleton, mesh, weights).unwrap()
+    }
+
+    #[test]
+    fn normalised_box_includes_joints() {
+        let (rig, map) = small().normalized();
+        let b = rig.bounds();
+        assert_eq!((b.min[1], b.max[1]), (-1.0, 1.0));
+        assert_eq!(rig.skeleton().head(JointId(1)), [-0.25, 1.0, -0.25]);
+        let back = map.inverse().apply(rig.skeleton().head(JointId(1)));
+        assert!((back[1] - 4.0).abs() < 1e-6);
+    }
+
+    #[test]
+    fn a_point_like_rig_is_centred_and_finite() {
+        let skeleton = Skeleton::new(vec![Joint { name: "a".into(), parent: None, head: [1.0; 3] }]).unwrap();
+        let mesh = Mesh::new(vec![[1.0; 3]], vec![[0; 3]]).unwrap();
+        let rig = Rig::new(skeleton, mesh, SkinWeights::normalized([vec![(0, 1.0)]]).unwrap()).unwrap();
+        assert_eq!(rig.normalized().0.skeleton().heads(), [[0.0; 3]]);
+    }
+
+    #[test]
+    fn parts_that_do_not_fit_are_refused() {
+        let (skeleton, mesh, _) = small().into_parts();
+        let short = SkinWeights::normalized([vec![(0, 1.0)]]).unwrap();
+        assert!(matches!(Rig::new(skeleton.clone(), mesh.clone(), short), Err(RigError::RowCount { .. })));
+        let far = SkinWeights::normalized([vec![(0, 1.0)], vec![(0, 1.0), (5, 1.0)], vec![(0, 1.0)]]).unwrap();
+        assert_eq!(Rig::new(skeleton, mesh, far), Err(RigError::JointOutOfRange { vertex: 1, joint: 5, joints: 2 }));
+    }
+}

@@ -1,0 +1,1 @@
+//! HDF5 corpora of rigs, splits and the loader.

@@ -1,0 +1,1 @@
+//! Surface sampling, farthest points, nearest neighbours.

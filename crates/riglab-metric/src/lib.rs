@@ -1,0 +1,1 @@
+//! Metrics under named conventions, and baselines without learning.

@@ -1,0 +1,1 @@
+//! Pictures of rigs, drawn on the CPU.

@@ -1,0 +1,1 @@
+//! The tasks: where data, network, loss and evaluation meet.

@@ -1,0 +1,1 @@
+//! The part of libtorch that tch lacks.

@@ -1,0 +1,77 @@
+//! What must be on the machine before anything is fetched: a C++ compiler that links, and Python
+//! with pip. Each fault is one sentence with its remedy.
+
+use std::ffi::OsString;
+use std::path::Path;
+
+use anyhow::{Result, bail};
+
+use crate::shell;
+
+/// What the check found.
+pub struct Found {
+    /// A build tool for cmake is on the path (`make`); else ninja is fetched.
+    pub make: bool,
+}
+
+/// Checks the compiler; Python is checked only when something has to be fetched.
+pub fn check() -> Result<Found> {
+    let arch = std::env::consts::ARCH;
+    if std::env::consts::OS != "linux" || arch != "x86_64" {
+        if std::env::var_os("LIBTORCH").is_none() {
+            bail!(
+                "set-up knows libtorch for Linux on x86_64 only, this is {} on {arch}; \
+                 point LIBTORCH at a libtorch {} of your own",
+                std::env::consts::OS,
+                crate::libtorch::VERSION
+            );
+        }
+    }
+    compiler()?;
+    Ok(Found { make: shell::output("make", &["--version"]).is_some() })
+}
+
+/// Compiles and links a C++17 program: a compiler without its library or linker shows here, not
+/// after ten minutes.
+fn compiler() -> Result<()> {
+    let cxx: OsString = std::env::var_os("CXX").unwrap_or_else(|| "c++".into());
+    let shown = cxx.to_string_lossy().into_owned();
+    if shell::output(&cxx, &["--version"]).is_none() {
+        bail!("no C++ compiler: `{shown}` does not run; install one (Debian, Ubuntu: apt install g++) or set CXX");
+    }
+    let dir = tempfile::tempdir()?;
+    let source = dir.path().join("probe.cpp");
+    std::fs::write(&source, "#include <optional>\nint main() { std::optional<int> x = 0; return *x; }\n")?;
+    let binary = dir.path().join("probe");
+    let args = ["-std=c++17", path(&source), "-o", path(&binary)];
+    let out = std::process::Command::new(&cxx).args(args).output()?;
+    if !out.status.success() {
+        let message = String::from_utf8_lossy(&out.stderr);
+        let line = message.lines().find(|l| l.contains("error")).unwrap_or("no message");
+        bail!(
+            "`{shown}` cannot build a C++17 program ({line}); install a working one (Debian, Ubuntu: apt install g++)"
+        );
+    }
+    Ok(())
+}
+
+/// The Python that can fetch wheels.
+pub fn python() -> Result<OsString> {
+    let python: OsString = std::env::var_os("PYTHON").unwrap_or_else(|| "python3".into());
+    let shown = python.to_string_lossy().into_owned();
+    if shell::output(&python, &["--version"]).is_none() {
+        bail!(
+            "no Python 3: `{shown}` does not run; install it (Debian, Ubuntu: apt install python3 python3-pip), set PYTHON, or fetch the wheels elsewhere and run `cargo xtask setup --wheels DIR`"
+        );
+    }
+    if shell::output(&python, &["-m", "pip", "--version"]).is_none() {
+        bail!(
+            "`{shown}` has no pip; install it (Debian, Ubuntu: apt install python3-pip), or fetch the wheels elsewhere and run `cargo xtask setup --wheels DIR`"
+        );
+    }
+    Ok(python)
+}
+
+fn path(p: &Path) -> &str {
+    p.to_str().expect("temporary paths are UTF-8")
+}

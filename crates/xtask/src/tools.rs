@@ -1,0 +1,91 @@
+//! cmake (and ninja, where there is no make) for the static HDF5.
+//!
+//! `.tools/bin/cmake` is where `.cargo/config.toml` sends the build: a small script that runs the
+//! system's cmake, or the one fetched into the user's cache.
+
+use std::fs;
+use std::os::unix::fs::PermissionsExt;
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result};
+
+use crate::fetch::{self, Source, Wheel};
+use crate::preflight::Found;
+use crate::shell;
+
+const CMAKE: Wheel = Wheel {
+    requirement: "cmake==3.31.10",
+    sha256: "2f766bb46367e5e0559fa33184653754bce044583a06014dcaebf8e6dff8a1f1",
+    megabytes: 28,
+};
+const NINJA: Wheel = Wheel {
+    requirement: "ninja==1.13.0",
+    sha256: "fb46acf6b93b8dd0322adc3a4945452a4e774b75b91293bafcc7b7f8e6517dfa",
+    megabytes: 1,
+};
+/// HDF5 2 asks for this much.
+const CMAKE_MINIMUM: (u32, u32) = (3, 26);
+
+/// Makes sure that `.tools/bin/cmake` works.
+pub fn ensure(found: &Found, source: &Source) -> Result<()> {
+    let script = shell::root().join(".tools/bin/cmake");
+    let cmake = match system_cmake() {
+        Some(path) => path,
+        None => fetched("cmake-3.31.10", &CMAKE, source, "cmake/data/", "bin/cmake")?,
+    };
+    let ninja = match found.make {
+        true => None,
+        false => Some(fetched("ninja-1.13.0", &NINJA, source, "ninja-1.13.0.data/scripts/", "ninja")?),
+    };
+    let text = script_text(&cmake, ninja.as_deref());
+    if fs::read_to_string(&script).is_ok_and(|old| old == text) {
+        return Ok(());
+    }
+    let dir = script.parent().expect("the script is in a folder");
+    fs::create_dir_all(dir)?;
+    let new = tempfile::NamedTempFile::new_in(dir)?;
+    fs::write(new.path(), text)?;
+    fs::set_permissions(new.path(), fs::Permissions::from_mode(0o755))?;
+    new.persist(&script).with_context(|| format!("cannot write {}", script.display()))?;
+    Ok(())
+}
+
+fn script_text(cmake: &Path, ninja: Option<&Path>) -> String {
+    let mut text = String::from("#!/bin/sh\n# Written by `cargo xtask setup`.\n");
+    if let Some(dir) = ninja.and_then(Path::parent) {
+        text += &format!("export CMAKE_GENERATOR=Ninja PATH='{}':\"$PATH\"\n", dir.display());
+    }
+    text + &format!("exec '{}' \"$@\"\n", cmake.display())
+}
+
+/// The cmake on the user's path, if new enough.
+fn system_cmake() -> Option<PathBuf> {
+    let path = std::env::var_os("PATH")?;
+    let file = std::env::split_paths(&path).map(|d| d.join("cmake")).find(|f| f.is_file())?;
+    let text = shell::output(&file, &["--version"])?;
+    let mut numbers = text.split_whitespace().nth(2)?.split('.').map_while(|n| n.parse().ok());
+    let version: (u32, u32) = (numbers.next()?, numbers.next()?);
+    (version >= CMAKE_MINIMUM).then_some(file)
+}
+
+/// A tool out of a wheel, kept in the cache; gives the path of its program.
+fn fetched(name: &str, wheel: &Wheel, source: &Source, prefix: &str, program: &str) -> Result<PathBuf> {
+    let cache = fetch::cache()?;
+    let home = cache.join(name);
+    if !home.join(program).is_file() {
+        fetch::need_space(&cache, 150, name)?;
+        let temp = tempfile::Builder::new().prefix(".tool-").tempdir_in(&cache)?;
+        let file = wheel.fetch(source, temp.path())?;
+        let made = temp.path().join("made");
+        fetch::unpack(&file, |member| member.strip_prefix(prefix).map(|rest| made.join(rest)))?;
+        for entry in fs::read_dir(made.join(program).parent().expect("a program is in a folder"))? {
+            fs::set_permissions(entry?.path(), fs::Permissions::from_mode(0o755))?;
+        }
+        if let Err(e) = fs::rename(&made, &home) {
+            if !home.join(program).is_file() {
+                return Err(e).with_context(|| format!("cannot put {name} at {}", home.display()));
+            }
+        }
+    }
+    Ok(home.join(program))
+}
