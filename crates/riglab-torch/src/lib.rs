@@ -1,1 +1,19 @@
 //! The part of libtorch that tch lacks.
+//!
+//! tch wraps single ops. What training needs besides are ops over lists of tensors in place (the
+//! fused AdamW, norms, moving averages), autocast on the CPU, and the settings of libtorch's global
+//! context. They are reached through a small C++ shim compiled against the same headers; a tensor
+//! of tch *is* an `at::Tensor`, so nothing is copied.
+//!
+//! Call [`init`] first thing in a program: it sets threads and allocator switches that libtorch
+//! reads once.
+//!
+//! Leaves out: networks, optimizers' bookkeeping (`riglab-nn`).
+
+mod error;
+mod settings;
+mod tensors;
+
+pub use error::{TorchError, first_line};
+pub use settings::{Autocast, Settings, cpu_capability, init, libtorch_version, load_cuda, rng_state, set_rng_state};
+pub use tensors::{AdamwStep, foreach_add, foreach_add_scalar, foreach_lerp, foreach_mul, fused_adamw, global_norm};

@@ -1,0 +1,37 @@
+//! What can go wrong with a network.
+
+use std::path::PathBuf;
+
+use thiserror::Error;
+
+/// Why a network, its weights or an optimizer step cannot be.
+#[derive(Debug, Error)]
+pub enum NnError {
+    /// Two parameters of one name: a fault of the network's code.
+    #[error("two parameters are named `{0}`")]
+    DuplicateName(String),
+    /// Weights of another network.
+    #[error("{count} of the network's {tensors} tensors do not fit: {first}{}", if *count > 3 { ", ..." } else { "" })]
+    Mismatch {
+        /// How many faults.
+        count: usize,
+        /// Tensors of the network.
+        tensors: usize,
+        /// The first few, in words.
+        first: String,
+    },
+    /// Sizes that no network can have.
+    #[error("{0}")]
+    Config(String),
+    /// A tensor file that cannot be read.
+    #[error("{path}: {message}", path = path.display())]
+    File {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong with it.
+        message: String,
+    },
+    /// libtorch refused.
+    #[error(transparent)]
+    Torch(#[from] riglab_torch::TorchError),
+}

@@ -1,0 +1,184 @@
+//! Sizes and switches of the FSQ-CVAE.
+
+use serde::{Deserialize, Serialize};
+
+use crate::embed::EmbedConfig;
+use crate::layers::HeadSplit;
+
+/// The skin auto-encoder of SkinTokens 3.2 and 4.1.3. The default is the paper's; what goes beyond
+/// it stands in [`Extensions`] and is off there.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct FsqCvaeConfig {
+    /// Encoding of positions, for both encoders and the decoder's points.
+    pub embed: EmbedConfig,
+    /// Width of the condition encoder E_M and the skin encoder E_W.
+    pub encoder_width: usize,
+    /// Width of the decoder.
+    pub decoder_width: usize,
+    /// Attention heads, everywhere; divides both widths.
+    pub heads: usize,
+    /// Inner width of feed-forward layers over the width.
+    pub mlp_ratio: f64,
+    /// Self-attention blocks of each encoder, after its cross-attention block.
+    pub encoder_layers: usize,
+    /// Self-attention blocks of the decoder, before its cross-attention block.
+    pub decoder_layers: usize,
+    /// Channels of latent tokens, of the shape and of the skin before and after quantisation.
+    pub latent: usize,
+    /// FSQ levels of each axis. The paper: [8,8,8,5,5,5] = 64,000 codes; also [8,8,8,5,6] and, in
+    /// the released weights, [8,8,8,8,8].
+    pub levels: Vec<i64>,
+    /// Shape tokens T_W of the condition.
+    pub shape_tokens: usize,
+    /// Skin tokens T_D of a bone, at most.
+    pub skin_tokens: usize,
+    /// Where the skin encoder's queries come from.
+    pub skin_queries: SkinQueries,
+    /// How channels are dealt to heads; the released weights need `fused`.
+    pub head_split: HeadSplit,
+    /// What goes beyond the paper.
+    pub extensions: Extensions,
+}
+
+/// Where the queries of the skin encoder come from.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum SkinQueries {
+    /// A learned vector for each token: token k means the same for every bone, as nested dropout
+    /// wants it.
+    #[default]
+    Learned,
+    /// Farthest points of the skin encoder's cloud.
+    Farthest,
+    /// An extension: farthest points among those that the bone moves, from their weighted centre
+    /// outwards, each with a learned vector of its slot. Coarse to fine, and where the weights are.
+    Active,
+}
+
+/// Switches beyond the paper, all off by default. What each brought at small scale stands in
+/// `experiments/README.md`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Extensions {
+    /// Skin tokens reach the shape by cross-attention, whose keys are computed once a rig, instead
+    /// of being joined with the shape tokens bone by bone.
+    pub cross_condition: bool,
+    /// Blocks in which the decoder's points attend to the shape alone, before any bone is known:
+    /// computed once a rig for all its bones.
+    pub shape_point_layers: usize,
+    /// Blocks in which the decoder's points attend to a bone's tokens. The paper: 1.
+    pub point_layers: usize,
+    /// Inner width of those blocks' feed-forward layers over the width. 0 takes `mlp_ratio`.
+    pub point_mlp_ratio: f64,
+    /// The skin encoder is also told which points' weights pass the metric's threshold.
+    pub active_bit: bool,
+    /// This times a query point's position is added to the first three quantised axes (needs
+    /// `skin_queries = "active"` or `"farthest"`). 0 is off.
+    pub anchor_skip: f64,
+    /// Octaves of Fourier features with which codes enter the decoder. 0 is off.
+    pub code_octaves: usize,
+    /// The logit gains the product of a point's vector with one made from the bone's tokens.
+    pub dot_head: bool,
+    /// Start of the logit's bias: most weights are 0. The paper's code: 0.
+    pub logit_bias: f64,
+    /// The decoder is told the bone's own geometry: a token of its joints, and for each point how it
+    /// lies to the bone and to its rivals.
+    pub bone_geometry: bool,
+}
+
+impl Default for FsqCvaeConfig {
+    fn default() -> Self {
+        Self {
+            embed: EmbedConfig::default(),
+            encoder_width: 768,
+            decoder_width: 768,
+            heads: 12,
+            mlp_ratio: 4.0,
+            encoder_layers: 2,
+            decoder_layers: 10,
+            latent: 512,
+            levels: vec![8, 8, 8, 5, 5, 5],
+            shape_tokens: 384,
+            skin_tokens: 32,
+            skin_queries: SkinQueries::default(),
+            head_split: HeadSplit::default(),
+            extensions: Extensions::default(),
+        }
+    }
+}
+
+impl Default for Extensions {
+    fn default() -> Self {
+        Self {
+            cross_condition: false,
+            shape_point_layers: 0,
+            point_layers: 1,
+            point_mlp_ratio: 0.0,
+            active_bit: false,
+            anchor_skip: 0.0,
+            code_octaves: 0,
+            dot_head: false,
+            logit_bias: 0.0,
+            bone_geometry: false,
+        }
+    }
+}
+
+impl FsqCvaeConfig {
+    /// Checks sizes and their relations.
+    ///
+    /// # Errors
+    /// (key, message) of the first fault.
+    pub fn validate(&self) -> Result<(), (&'static str, String)> {
+        let sizes = [
+            ("encoder_width", self.encoder_width),
+            ("decoder_width", self.decoder_width),
+            ("heads", self.heads),
+            ("latent", self.latent),
+            ("shape_tokens", self.shape_tokens),
+            ("skin_tokens", self.skin_tokens),
+            ("extensions.point_layers", self.extensions.point_layers),
+        ];
+        if let Some((key, _)) = sizes.iter().find(|(_, n)| *n == 0) {
+            return Err((key, format!("{key} must be at least 1")));
+        }
+        for (key, width) in [("encoder_width", self.encoder_width), ("decoder_width", self.decoder_width)] {
+            if width % self.heads != 0 {
+                return Err((key, format!("{key} = {width} is not divisible by heads = {}", self.heads)));
+            }
+        }
+        if !(self.mlp_ratio > 0.0 && self.mlp_ratio <= 64.0) {
+            return Err(("mlp_ratio", format!("mlp_ratio = {} must lie in (0, 64]", self.mlp_ratio)));
+        }
+        if self.embed.frequencies == 0 || self.embed.frequencies > 24 {
+            return Err(("embed.frequencies", format!("{} frequencies: give 1 to 24", self.embed.frequencies)));
+        }
+        if let Err(e) = crate::fsq::Fsq::new(&self.levels) {
+            return Err(("levels", e.to_string()));
+        }
+        let x = &self.extensions;
+        if x.anchor_skip != 0.0 && self.skin_queries == SkinQueries::Learned {
+            return Err((
+                "extensions.anchor_skip",
+                "anchor_skip needs queries that are points: skin_queries = \"active\" or \"farthest\"".into(),
+            ));
+        }
+        if x.anchor_skip != 0.0 && self.levels.len() < 3 {
+            return Err((
+                "extensions.anchor_skip",
+                "anchor_skip writes to three axes: give at least three levels".into(),
+            ));
+        }
+        if !(0.0..=64.0).contains(&x.point_mlp_ratio) {
+            return Err((
+                "extensions.point_mlp_ratio",
+                format!("point_mlp_ratio = {} must lie in [0, 64]", x.point_mlp_ratio),
+            ));
+        }
+        if x.code_octaves > 16 {
+            return Err(("extensions.code_octaves", format!("code_octaves = {}: at most 16", x.code_octaves)));
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,127 @@
+//! The decoder: from a bone's tokens and the shape to a logit at every point asked.
+
+use tch::{Kind, Tensor};
+
+use super::config::FsqCvaeConfig;
+use crate::layers::{Block, BlockConfig, Context, LayerNorm, Linear};
+use crate::params::{Role, Scope, Weights};
+
+/// Numbers per bone of [`BoneGeometry::bones`].
+pub const BONE_FEATURES: usize = 7;
+/// Numbers per bone and point of [`BoneGeometry::points`].
+pub const BONE_POINT_FEATURES: usize = 10;
+
+/// What the decoder is told of the bones, with the extension `bone_geometry`.
+pub struct BoneGeometry {
+    /// [m, [`BONE_FEATURES`]]: head, tail, length.
+    pub bones: Tensor,
+    /// [m, p, [`BONE_POINT_FEATURES`]]: how each point lies to the bone and its rivals.
+    pub points: Tensor,
+}
+
+/// Self-attention over tokens, then points attend to them.
+pub struct Decoder {
+    blocks: Vec<Block>,
+    concat: bool,
+    proj_query: Linear,
+    shape_points: Vec<Block>,
+    points: Vec<Block>,
+    norm_out: LayerNorm,
+    proj_out: Linear,
+    dot: Option<Linear>,
+    bone_token: Option<Linear>,
+    bone_points: Option<Linear>,
+}
+
+impl Decoder {
+    /// `input`: features of a point.
+    pub fn new(mut at: Scope, c: &FsqCvaeConfig, input: usize) -> Self {
+        let width = c.decoder_width;
+        let x = &c.extensions;
+        let block =
+            BlockConfig { width, context_width: width, heads: c.heads, mlp_ratio: c.mlp_ratio, split: c.head_split };
+        let point_block =
+            BlockConfig { mlp_ratio: if x.point_mlp_ratio > 0.0 { x.point_mlp_ratio } else { c.mlp_ratio }, ..block };
+        let own = if x.cross_condition { Context::Both } else { Context::Itself };
+        let std = 0.25 / (width as f64).sqrt();
+        Self {
+            blocks: (0..c.decoder_layers).map(|i| Block::new(at.sub("blocks").sub(i), block, own)).collect(),
+            concat: !x.cross_condition,
+            proj_query: Linear::normal(at.sub("proj_query"), Role::Projection, input, width, std, 0.0),
+            shape_points: (0..x.shape_point_layers)
+                .map(|i| Block::new(at.sub("shape_points").sub(i), block, Context::Other))
+                .collect(),
+            points: (0..x.point_layers)
+                .map(|i| Block::new(at.sub("blocks").sub(c.decoder_layers + i), point_block, Context::Other))
+                .collect(),
+            norm_out: LayerNorm::new(at.sub("norm_out"), width),
+            proj_out: Linear::normal(at.sub("proj_out"), Role::Projection, width, 1, std, x.logit_bias),
+            dot: x.dot_head.then(|| Linear::normal(at.sub("dot"), Role::Projection, width, width, std, 0.0)),
+            bone_token: x
+                .bone_geometry
+                .then(|| Linear::new(at.sub("bone_token"), Role::Projection, BONE_FEATURES, width, true)),
+            bone_points: x
+                .bone_geometry
+                .then(|| Linear::new(at.sub("bone_points"), Role::Projection, BONE_POINT_FEATURES, width, true)),
+        }
+    }
+
+    /// Logits [m, p] of m bones at p points each.
+    ///
+    /// `z` [m, k, d] and `cond` [r, s, d] are the bones' and the rigs' tokens, in decoder width; rig
+    /// i owns the bones from i m / r on. `features` are those of the points: [m, p, c] for points of
+    /// each bone's own, [r, p, c] for points that all bones of a rig share.
+    pub fn forward(
+        &self,
+        w: &Weights,
+        z: &Tensor,
+        cond: &Tensor,
+        features: &Tensor,
+        geometry: Option<&BoneGeometry>,
+    ) -> Tensor {
+        let (m, r) = (z.size()[0], cond.size()[0]);
+        let mut tokens = z.shallow_clone();
+        if let (Some(layer), Some(geometry)) = (&self.bone_token, geometry) {
+            tokens = Tensor::cat(&[tokens, layer.forward(w, &geometry.bones.to_kind(w.kind())).unsqueeze(1)], 1);
+        }
+        if self.concat {
+            let repeated = cond.unsqueeze(1).expand([-1, m / r, -1, -1], false).flatten(0, 1);
+            tokens = Tensor::cat(&[tokens, repeated], 1);
+        }
+        for block in &self.blocks {
+            let keys = (!self.concat).then(|| block.keys(w, cond));
+            tokens = block.forward(w, &tokens, keys.as_ref());
+        }
+
+        let mut x = self.proj_query.forward(w, features);
+        for block in &self.shape_points {
+            x = block.forward(w, &x, Some(&block.keys(w, cond)));
+        }
+        if let (Some(layer), Some(geometry)) = (&self.bone_points, geometry) {
+            x = self.per_bone(&x, m) + layer.forward(w, &geometry.points.to_kind(w.kind()));
+        }
+        for block in &self.points {
+            x = block.forward(w, &x, Some(&block.keys(w, &tokens)));
+        }
+        let x = self.norm_out.forward(w, &x);
+        let logits = self.proj_out.forward(w, &x).squeeze_dim(-1).to_kind(float(w));
+        match &self.dot {
+            None => logits,
+            Some(layer) => {
+                let g = layer.forward(w, &tokens.mean_dim([1i64].as_slice(), false, None::<Kind>));
+                logits + x.matmul(&g.unsqueeze(-1)).squeeze_dim(-1).to_kind(float(w))
+            }
+        }
+    }
+
+    /// [r, p, d] to [m, p, d]: each rig's points for each of its bones.
+    fn per_bone(&self, x: &Tensor, m: i64) -> Tensor {
+        let r = x.size()[0];
+        if r == m { x.shallow_clone() } else { x.unsqueeze(1).expand([-1, m / r, -1, -1], false).flatten(0, 1) }
+    }
+}
+
+/// Losses and metrics see at least f32.
+fn float(w: &Weights) -> Kind {
+    if w.kind() == Kind::Double { Kind::Double } else { Kind::Float }
+}

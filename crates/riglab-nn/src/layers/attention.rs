@@ -1,0 +1,113 @@
+//! Multi-head attention.
+
+use serde::{Deserialize, Serialize};
+use tch::Tensor;
+
+use super::Linear;
+use crate::params::{Role, Scope, Weights};
+
+/// How projected channels are dealt to heads.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum HeadSplit {
+    /// Each of query, key and value is cut into heads: head 0 takes the first rows of each matrix.
+    #[default]
+    Separate,
+    /// SkinTokens' released code: \[q|k|v\] (in cross-attention \[k|v\]) is cut into heads as one, and
+    /// each head takes its own thirds (halves). The same functions with rows of the matrices dealt
+    /// otherwise; needed to read released weights.
+    Fused,
+}
+
+/// Attention of queries x over keys and values y; without y over x itself. The projections of
+/// query, key and value have no bias, the output has one. No mask.
+pub struct Attention {
+    to_q: Linear,
+    to_k: Linear,
+    to_v: Linear,
+    to_out: Linear,
+    heads: i64,
+    split: HeadSplit,
+}
+
+/// Keys and values, each [b, h, s, d / h].
+pub struct KeyValue {
+    k: Tensor,
+    v: Tensor,
+}
+
+impl KeyValue {
+    /// How many batch rows.
+    pub fn rows(&self) -> i64 {
+        self.k.size()[0]
+    }
+}
+
+impl Attention {
+    /// `context` is the width of y.
+    pub fn new(mut at: Scope, width: usize, context: usize, heads: usize, split: HeadSplit) -> Self {
+        assert!(width % heads == 0, "width {width} is not divisible by {heads} heads: check the config first");
+        let role = Role::Attention;
+        Self {
+            to_q: Linear::new(at.sub("to_q"), role, width, width, false),
+            to_k: Linear::new(at.sub("to_k"), role, context, width, false),
+            to_v: Linear::new(at.sub("to_v"), role, context, width, false),
+            to_out: Linear::new(at.sub("to_out").sub(0), role, width, width, true),
+            heads: heads as i64,
+            split,
+        }
+    }
+
+    /// x [b, t, d] over itself.
+    pub fn over_itself(&self, w: &Weights, x_btd: &Tensor) -> Tensor {
+        // One product for all three: the weights are small beside the activations.
+        let all = Tensor::cat(&[&w[self.to_q.weight()], &w[self.to_k.weight()], &w[self.to_v.weight()]], 0);
+        let parts = self.heads_of(&x_btd.linear(&all, None::<&Tensor>), 3);
+        self.attend(w, &parts[0], &parts[1], &parts[2])
+    }
+
+    /// Keys and values of y [b, s, c]: computed once where several queries share them.
+    pub fn keys(&self, w: &Weights, y_bsc: &Tensor) -> KeyValue {
+        let both = Tensor::cat(&[&w[self.to_k.weight()], &w[self.to_v.weight()]], 0);
+        let mut parts = self.heads_of(&y_bsc.linear(&both, None::<&Tensor>), 2).into_iter();
+        match (parts.next(), parts.next()) {
+            (Some(k), Some(v)) => KeyValue { k, v },
+            _ => unreachable!("two parts were asked for"),
+        }
+    }
+
+    /// x [b, t, d] over keys made by [`Self::keys`], to [b', t, d]; see `Block::forward` for keys with
+    /// other than b rows.
+    pub fn over(&self, w: &Weights, x_btd: &Tensor, y: &KeyValue) -> Tensor {
+        let (b, t, d) = x_btd.size3().expect("three axes");
+        let rows = y.rows();
+        let q = self.to_q.forward(w, x_btd);
+        let heads = |q: Tensor, b: i64, t: i64| q.view([b, t, self.heads, d / self.heads]).transpose(1, 2);
+        if rows < b {
+            let q = heads(q, rows, b * t / rows);
+            return self.attend(w, &q, &y.k, &y.v).view([b, t, d]);
+        }
+        let mut q = heads(q, b, t);
+        if rows > b {
+            q = q.unsqueeze(1).expand([-1, rows / b, -1, -1, -1], false).flatten(0, 1);
+        }
+        self.attend(w, &q, &y.k, &y.v)
+    }
+
+    /// [b, t, n * d] to n tensors [b, h, t, d / h].
+    fn heads_of(&self, x: &Tensor, n: i64) -> Vec<Tensor> {
+        let (b, t, nd) = x.size3().expect("three axes");
+        let per_head = nd / n / self.heads;
+        match self.split {
+            HeadSplit::Separate => x.view([b, t, n, self.heads, per_head]).permute([2, 0, 3, 1, 4]).unbind(0),
+            HeadSplit::Fused => x.view([b, t, self.heads, n, per_head]).permute([3, 0, 2, 1, 4]).unbind(0),
+        }
+    }
+
+    fn attend(&self, w: &Weights, q: &Tensor, k: &Tensor, v: &Tensor) -> Tensor {
+        let mixed = Tensor::scaled_dot_product_attention(q, k, v, None::<&Tensor>, 0.0, false, None, false);
+        let size = q.size();
+        let (b, t) = (size[0], size[2]);
+        self.to_out.forward(w, &mixed.transpose(1, 2).reshape([b, t, size[1] * size[3]]))
+    }
+}

@@ -1,0 +1,59 @@
+//! Affine maps and layer norms.
+
+use tch::Tensor;
+
+use crate::params::{Init, ParamId, Role, Scope, Weights};
+
+/// y = x Wᵀ + b, with W of shape [out, in].
+pub struct Linear {
+    weight: ParamId,
+    bias: Option<ParamId>,
+}
+
+impl Linear {
+    /// With PyTorch's start: both uniform within 1 / √in.
+    pub fn new(mut at: Scope, role: Role, input: usize, output: usize, bias: bool) -> Self {
+        let bound = 1.0 / (input as f64).sqrt();
+        let weight = at.add("weight", role, &[output as i64, input as i64], Init::Uniform { bound });
+        let bias = bias.then(|| at.add("bias", Role::Vector, &[output as i64], Init::Uniform { bound }));
+        Self { weight, bias }
+    }
+
+    /// With a normal start of the given deviation and a constant bias.
+    pub fn normal(mut at: Scope, role: Role, input: usize, output: usize, std: f64, bias: f64) -> Self {
+        let weight = at.add("weight", role, &[output as i64, input as i64], Init::Normal { std });
+        let bias = Some(at.add("bias", Role::Vector, &[output as i64], Init::Constant(bias)));
+        Self { weight, bias }
+    }
+
+    /// x [.., in] to [.., out].
+    pub fn forward(&self, w: &Weights, x: &Tensor) -> Tensor {
+        x.linear(&w[self.weight], self.bias.map(|b| &w[b]))
+    }
+
+    pub(crate) fn weight(&self) -> ParamId {
+        self.weight
+    }
+}
+
+/// Layer norm over the last axis with gain and bias; eps 1e-5.
+pub struct LayerNorm {
+    weight: ParamId,
+    bias: ParamId,
+    width: i64,
+}
+
+impl LayerNorm {
+    /// Starts as the plain norm.
+    pub fn new(mut at: Scope, width: usize) -> Self {
+        let shape = [width as i64];
+        let weight = at.add("weight", Role::Vector, &shape, Init::Constant(1.0));
+        let bias = at.add("bias", Role::Vector, &shape, Init::Constant(0.0));
+        Self { weight, bias, width: width as i64 }
+    }
+
+    /// x [.., width], same shape out.
+    pub fn forward(&self, w: &Weights, x: &Tensor) -> Tensor {
+        x.layer_norm([self.width], Some(&w[self.weight]), Some(&w[self.bias]), 1e-5, false)
+    }
+}

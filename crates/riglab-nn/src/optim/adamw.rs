@@ -1,0 +1,100 @@
+//! AdamW by libtorch's fused kernel.
+
+use std::collections::BTreeMap;
+
+use riglab_torch::{AdamwStep, fused_adamw};
+use tch::{Kind, Tensor};
+
+use super::OptimConfig;
+use crate::NnError;
+use crate::params::{ParamId, Params};
+
+/// First and second moments and step counts, one group with decay and one without.
+pub(super) struct Adamw {
+    groups: [Group; 2],
+}
+
+#[derive(Default)]
+struct Group {
+    ids: Vec<ParamId>,
+    m: Vec<Tensor>,
+    v: Vec<Tensor>,
+    steps: Vec<Tensor>,
+}
+
+impl Adamw {
+    pub fn new(params: &Params, ids: Vec<ParamId>, decayed: impl Fn(ParamId) -> bool) -> Self {
+        let mut groups = [Group::default(), Group::default()];
+        for id in ids {
+            let weight = &params.weights()[id];
+            let group = &mut groups[usize::from(!decayed(id))];
+            group.ids.push(id);
+            group.m.push(weight.detach().zeros_like());
+            group.v.push(weight.detach().zeros_like());
+            // The fused kernel counts in f32, on the parameter's device.
+            group.steps.push(Tensor::zeros([], (Kind::Float, weight.device())));
+        }
+        Self { groups }
+    }
+
+    pub fn step(
+        &mut self,
+        params: &Params,
+        grads: &[Tensor],
+        c: &OptimConfig,
+        factor: f64,
+        shrink: f64,
+    ) -> Result<(), NnError> {
+        for (group, weight_decay) in self.groups.iter_mut().zip([c.weight_decay, 0.0]) {
+            let live: Vec<usize> = (0..group.ids.len()).filter(|&i| grads[group.ids[i].index()].defined()).collect();
+            let pick = |list: &[Tensor]| live.iter().map(|&i| list[i].shallow_clone()).collect::<Vec<_>>();
+            let steps = pick(&group.steps);
+            riglab_torch::foreach_add_scalar(&steps, 1.0)?;
+            let weights: Vec<Tensor> = live.iter().map(|&i| params.weights()[group.ids[i]].detach()).collect();
+            let grads: Vec<Tensor> = live.iter().map(|&i| grads[group.ids[i].index()].shallow_clone()).collect();
+            let kind = params.weights().kind();
+            // The kernel divides gradients by the scale.
+            let grad_scale = (shrink != 1.0).then(|| Tensor::from(1.0 / shrink).to_kind(Kind::Float));
+            if kind == Kind::Double && shrink != 1.0 {
+                riglab_torch::foreach_mul(&grads, shrink)?;
+            }
+            fused_adamw(&AdamwStep {
+                params: &weights,
+                grads: &grads,
+                m: &pick(&group.m),
+                v: &pick(&group.v),
+                steps: &steps,
+                lr: c.adamw_lr * factor,
+                betas: (c.adamw_betas[0], c.adamw_betas[1]),
+                weight_decay,
+                eps: c.adamw_eps,
+                grad_scale: grad_scale.as_ref().filter(|_| kind != Kind::Double),
+            })?;
+        }
+        Ok(())
+    }
+
+    pub fn state(&self, params: &Params) -> BTreeMap<String, Tensor> {
+        let mut state = BTreeMap::new();
+        for group in &self.groups {
+            for (i, &id) in group.ids.iter().enumerate() {
+                let name = params.name(id);
+                state.insert(format!("adamw.m.{name}"), group.m[i].shallow_clone());
+                state.insert(format!("adamw.v.{name}"), group.v[i].shallow_clone());
+                state.insert(format!("adamw.step.{name}"), group.steps[i].shallow_clone());
+            }
+        }
+        state
+    }
+
+    pub fn load(&mut self, params: &Params, state: &BTreeMap<String, Tensor>) {
+        for group in &mut self.groups {
+            for (i, &id) in group.ids.iter().enumerate() {
+                let name = params.name(id);
+                group.m[i].copy_(&state[&format!("adamw.m.{name}")]);
+                group.v[i].copy_(&state[&format!("adamw.v.{name}")]);
+                group.steps[i].copy_(&state[&format!("adamw.step.{name}")]);
+            }
+        }
+    }
+}

@@ -1,0 +1,304 @@
+//! Parameters by name, role and number; the weights a forward pass reads.
+//!
+//! A network is built once against [`Params`] and keeps numbers ([`ParamId`]) only. A forward pass
+//! reads [`Weights`]: the master weights, a bfloat16 copy of them, or their moving average. So one
+//! network serves training and evaluation, and nothing is swapped in and out.
+
+use std::collections::{BTreeMap, HashMap};
+
+use rayon::prelude::*;
+use riglab_random::{Draw, stream};
+use serde::{Deserialize, Serialize};
+use tch::{Device, Kind, Tensor};
+
+use crate::NnError;
+
+/// The number of a parameter.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct ParamId(usize);
+
+impl ParamId {
+    /// For indexing lists in parameter order.
+    pub fn index(self) -> usize {
+        self.0
+    }
+}
+
+/// What a parameter does: by this the optimizer of each is chosen.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Role {
+    /// Matrices of attention: query, key, value and output projections.
+    Attention,
+    /// Matrices of feed-forward layers.
+    FeedForward,
+    /// Matrices between a network's spaces: input, output and latent projections.
+    Projection,
+    /// Tables of learned vectors.
+    Embedding,
+    /// Gains and biases.
+    Vector,
+}
+
+/// How a parameter starts.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Init {
+    /// All one value.
+    Constant(f64),
+    /// Normal with mean 0.
+    Normal {
+        /// Standard deviation.
+        std: f64,
+    },
+    /// Uniform in [-bound, bound].
+    Uniform {
+        /// Half the width.
+        bound: f64,
+    },
+}
+
+struct Entry {
+    name: String,
+    role: Role,
+    shape: Vec<i64>,
+    init: Init,
+}
+
+/// The parameters of a network: names, roles and master weights.
+pub struct Params {
+    entries: Vec<Entry>,
+    weights: Weights,
+}
+
+/// One tensor per parameter, in parameter order.
+pub struct Weights(Vec<Tensor>);
+
+impl std::ops::Index<ParamId> for Weights {
+    type Output = Tensor;
+    fn index(&self, id: ParamId) -> &Tensor {
+        &self.0[id.0]
+    }
+}
+
+impl Weights {
+    /// In parameter order.
+    pub fn tensors(&self) -> &[Tensor] {
+        &self.0
+    }
+
+    /// Copies in another kind that collect gradients of their own: the compute weights of a mixed
+    /// precision step.
+    pub fn cast(&self, kind: Kind) -> Self {
+        let cast = |t: &Tensor| t.detach().to_kind(kind).set_requires_grad(true);
+        Self(self.0.iter().map(cast).collect())
+    }
+
+    /// Copies without gradients.
+    pub fn detached_copy(&self) -> Self {
+        Self(self.0.iter().map(|t| t.detach().copy()).collect())
+    }
+
+    /// The kind of the numbers.
+    pub fn kind(&self) -> Kind {
+        self.0.first().map_or(Kind::Float, Tensor::kind)
+    }
+}
+
+/// Collects the parameters of a network while it is built.
+#[derive(Default)]
+pub struct Builder {
+    entries: Vec<Entry>,
+}
+
+/// A place in the tree of names; `a/b` is written `a.b` as PyTorch does.
+pub struct Scope<'a> {
+    builder: &'a mut Builder,
+    prefix: String,
+}
+
+impl Builder {
+    /// The top of the tree.
+    pub fn root(&mut self) -> Scope<'_> {
+        Scope { builder: self, prefix: String::new() }
+    }
+
+    /// Draws the starting values. Each parameter has a stream of its own, keyed by its name, so
+    /// adding a layer leaves the others' values alone.
+    ///
+    /// # Errors
+    /// [`NnError::DuplicateName`].
+    pub fn finish(self, seed: u64, kind: Kind, device: Device) -> Result<Params, NnError> {
+        let mut seen = HashMap::new();
+        for e in &self.entries {
+            if seen.insert(&e.name, ()).is_some() {
+                return Err(NnError::DuplicateName(e.name.clone()));
+            }
+        }
+        let values: Vec<Vec<f32>> = self.entries.par_iter().map(|e| draw(seed, e)).collect();
+        let tensors = self.entries.iter().zip(values).map(|(e, values)| {
+            let t = Tensor::from_slice(&values).reshape(&e.shape).to_device(device).to_kind(kind);
+            t.set_requires_grad(true)
+        });
+        let weights = Weights(tensors.collect());
+        Ok(Params { entries: self.entries, weights })
+    }
+}
+
+fn draw(seed: u64, e: &Entry) -> Vec<f32> {
+    let n = e.shape.iter().product::<i64>() as usize;
+    let mut random = stream(seed, &format!("init/{}", e.name), &[]);
+    match e.init {
+        Init::Constant(c) => vec![c as f32; n],
+        Init::Normal { std } => (0..n).map(|_| random.normal() * std as f32).collect(),
+        Init::Uniform { bound } => (0..n).map(|_| random.within(-bound as f32, bound as f32)).collect(),
+    }
+}
+
+impl Scope<'_> {
+    /// A place below this one.
+    pub fn sub(&mut self, name: impl std::fmt::Display) -> Scope<'_> {
+        let prefix = self.name(&name.to_string());
+        Scope { builder: self.builder, prefix }
+    }
+
+    /// Adds a parameter.
+    pub fn add(&mut self, name: &str, role: Role, shape: &[i64], init: Init) -> ParamId {
+        let name = self.name(name);
+        self.builder.entries.push(Entry { name, role, shape: shape.to_vec(), init });
+        ParamId(self.builder.entries.len() - 1)
+    }
+
+    fn name(&self, name: &str) -> String {
+        if self.prefix.is_empty() { name.to_string() } else { format!("{}.{name}", self.prefix) }
+    }
+}
+
+impl Params {
+    /// The master weights.
+    pub fn weights(&self) -> &Weights {
+        &self.weights
+    }
+
+    /// How many parameters (tensors).
+    pub fn len(&self) -> usize {
+        self.entries.len()
+    }
+
+    /// Whether there are none.
+    pub fn is_empty(&self) -> bool {
+        self.entries.is_empty()
+    }
+
+    /// How many numbers in all.
+    pub fn numel(&self) -> usize {
+        self.weights.0.iter().map(Tensor::numel).sum()
+    }
+
+    /// All parameters in order.
+    pub fn ids(&self) -> impl ExactSizeIterator<Item = ParamId> + use<> {
+        (0..self.entries.len()).map(ParamId)
+    }
+
+    /// The name of a parameter.
+    pub fn name(&self, id: ParamId) -> &str {
+        &self.entries[id.0].name
+    }
+
+    /// The role of a parameter.
+    pub fn role(&self, id: ParamId) -> Role {
+        self.entries[id.0].role
+    }
+
+    /// The shape of a parameter.
+    pub fn shape(&self, id: ParamId) -> &[i64] {
+        &self.entries[id.0].shape
+    }
+
+    /// Names with tensors, for writing.
+    pub fn named<'a>(&'a self, weights: &'a Weights) -> impl Iterator<Item = (&'a str, &'a Tensor)> {
+        self.entries.iter().map(|e| e.name.as_str()).zip(&weights.0)
+    }
+
+    /// Copies tensors by name into the master weights; every parameter must be there with its
+    /// shape, and nothing else.
+    ///
+    /// # Errors
+    /// [`NnError::Mismatch`], naming what is missing, too many or of another shape.
+    pub fn load(&mut self, tensors: &BTreeMap<String, Tensor>) -> Result<(), NnError> {
+        self.load_into(tensors, &self.weights)
+    }
+
+    /// As [`Self::load`], into other weights of this network.
+    ///
+    /// # Errors
+    /// As [`Self::load`].
+    pub fn load_into(&self, tensors: &BTreeMap<String, Tensor>, weights: &Weights) -> Result<(), NnError> {
+        let mut faults = Vec::new();
+        for (e, own) in self.entries.iter().zip(&weights.0) {
+            match tensors.get(&e.name) {
+                None => faults.push(format!("`{}` is missing", e.name)),
+                Some(t) if t.size() != own.size() => {
+                    faults.push(format!("`{}` is {:?}, expected {:?}", e.name, t.size(), own.size()));
+                }
+                Some(_) => {}
+            }
+        }
+        let known: HashMap<&str, ()> = self.entries.iter().map(|e| (e.name.as_str(), ())).collect();
+        faults.extend(tensors.keys().filter(|k| !known.contains_key(k.as_str())).map(|k| format!("`{k}` is unknown")));
+        if !faults.is_empty() {
+            let (count, tensors) = (faults.len(), self.entries.len());
+            faults.truncate(3);
+            return Err(NnError::Mismatch { count, tensors, first: faults.join(", ") });
+        }
+        tch::no_grad(|| {
+            for (e, own) in self.entries.iter().zip(&weights.0) {
+                own.shallow_clone().copy_(&tensors[&e.name]);
+            }
+        });
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn two(extra: bool) -> Params {
+        let mut b = Builder::default();
+        let mut root = b.root();
+        root.sub("a").add("weight", Role::Projection, &[2, 3], Init::Normal { std: 1.0 });
+        if extra {
+            root.sub("x").add("weight", Role::Projection, &[5], Init::Uniform { bound: 1.0 });
+        }
+        root.sub("b").sub(0).add("bias", Role::Vector, &[3], Init::Uniform { bound: 0.5 });
+        b.finish(1, Kind::Float, Device::Cpu).unwrap()
+    }
+
+    #[test]
+    fn a_new_layer_leaves_the_others_values_alone() {
+        let (a, b) = (two(false), two(true));
+        assert_eq!(a.name(ParamId(1)), "b.0.bias");
+        assert!(a.weights()[ParamId(1)].equal(&b.weights()[ParamId(2)]));
+    }
+
+    #[test]
+    fn loading_names_what_does_not_fit() {
+        let mut p = two(false);
+        let tensors: BTreeMap<String, Tensor> = [
+            ("a.weight".to_string(), Tensor::zeros([2, 3], (Kind::Float, Device::Cpu))),
+            ("c".into(), Tensor::from(1.0)),
+        ]
+        .into();
+        let text = p.load(&tensors).unwrap_err().to_string();
+        assert!(text.contains("`b.0.bias` is missing") && text.contains("`c` is unknown"), "{text}");
+    }
+
+    #[test]
+    fn cast_copies_collect_gradients_of_their_own() {
+        let p = two(false);
+        let half = p.weights().cast(Kind::BFloat16);
+        let loss = (half.tensors()[0].sum(Kind::Float)) * 2.0;
+        let grads = Tensor::run_backward(&[loss], &[&half.tensors()[0]], false, false);
+        assert_eq!((grads[0].kind(), grads[0].double_value(&[0, 0])), (Kind::BFloat16, 2.0));
+    }
+}

@@ -1,0 +1,186 @@
+//! Process-wide settings of libtorch.
+
+use std::ffi::CStr;
+use std::os::raw::{c_char, c_int};
+use std::path::PathBuf;
+use std::sync::Once;
+
+use crate::TorchError;
+use crate::error::check;
+
+unsafe extern "C" {
+    fn rl_autocast_cpu(enabled: c_int, before: *mut c_int) -> c_int;
+    fn rl_configure(deterministic: c_int, flush_denormal: c_int) -> c_int;
+    fn rl_rng_get(out: *mut u8, room: usize, size: *mut usize) -> c_int;
+    fn rl_rng_set(bytes: *const u8, size: usize) -> c_int;
+    fn rl_cpu_capability() -> *const c_char;
+    fn rl_version() -> *const c_char;
+}
+
+/// What [`init`] sets.
+#[derive(Clone, Copy, Debug)]
+pub struct Settings {
+    /// Threads within an op; 0 for the number of processors this process may use.
+    pub threads: usize,
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        Self { threads: 0 }
+    }
+}
+
+/// Prepares libtorch; only the first call counts. Call it before any tensor is made and before any
+/// thread is started.
+///
+/// Besides threads: huge pages for large tensors (5 to 9 % of a step), denormals flushed to zero
+/// (they slow sums of tiny gradients down by an order of magnitude), deterministic algorithms.
+/// Gives the number of threads.
+pub fn init(settings: Settings) -> usize {
+    static ONCE: Once = Once::new();
+    ONCE.call_once(|| {
+        if std::env::var_os("THP_MEM_ALLOC_ENABLE").is_none() {
+            // SAFETY: called before other threads exist, as documented.
+            unsafe { std::env::set_var("THP_MEM_ALLOC_ENABLE", "1") };
+        }
+        let threads = match settings.threads {
+            0 => std::thread::available_parallelism().map_or(1, usize::from),
+            n => n,
+        };
+        tch::set_num_threads(threads as i32);
+        // One graph runs at a time: threads between ops would only compete.
+        tch::set_num_interop_threads(1);
+        // SAFETY: plain values.
+        let code = unsafe { rl_configure(1, 1) };
+        debug_assert_eq!(code, 0);
+    });
+    tch::get_num_threads() as usize
+}
+
+/// While it lives, CPU ops of this thread compute in bfloat16 where libtorch thinks it safe.
+///
+/// tch's own `autocast` only reaches CUDA.
+pub struct Autocast {
+    // Not Send: the switch belongs to a thread.
+    _thread: std::marker::PhantomData<*const ()>,
+}
+
+impl Autocast {
+    /// Switches autocast on.
+    ///
+    /// # Errors
+    /// libtorch's message, if it refuses.
+    pub fn bf16() -> Result<Self, TorchError> {
+        let mut before = 0;
+        // SAFETY: `before` outlives the call.
+        check(unsafe { rl_autocast_cpu(1, &mut before) })?;
+        Ok(Self { _thread: std::marker::PhantomData })
+    }
+}
+
+impl Drop for Autocast {
+    fn drop(&mut self) {
+        let mut before = 0;
+        // SAFETY: as above; switching off does not fail.
+        unsafe { rl_autocast_cpu(0, &mut before) };
+    }
+}
+
+/// The state of libtorch's CPU generator.
+///
+/// # Errors
+/// libtorch's message, if it refuses.
+pub fn rng_state() -> Result<Vec<u8>, TorchError> {
+    let mut size = 0;
+    // SAFETY: no room is claimed, so nothing is written.
+    check(unsafe { rl_rng_get(std::ptr::null_mut(), 0, &mut size) })?;
+    let mut bytes = vec![0; size];
+    // SAFETY: `bytes` has the room claimed.
+    check(unsafe { rl_rng_get(bytes.as_mut_ptr(), bytes.len(), &mut size) })?;
+    Ok(bytes)
+}
+
+/// Sets the state of libtorch's CPU generator.
+///
+/// # Errors
+/// libtorch's message, for bytes that are no state.
+pub fn set_rng_state(bytes: &[u8]) -> Result<(), TorchError> {
+    // SAFETY: pointer and length belong together.
+    check(unsafe { rl_rng_set(bytes.as_ptr(), bytes.len()) })
+}
+
+/// The instruction set libtorch chose: `AVX512`, `AVX2`, ...
+pub fn cpu_capability() -> String {
+    // SAFETY: a static string.
+    unsafe { CStr::from_ptr(rl_cpu_capability()) }.to_string_lossy().into_owned()
+}
+
+/// The version of the libtorch this was compiled against.
+pub fn libtorch_version() -> String {
+    // SAFETY: a static string.
+    unsafe { CStr::from_ptr(rl_version()) }.to_string_lossy().into_owned()
+}
+
+/// Loads `libtorch_cuda.so` if it lies beside the libtorch that is in use, which registers its
+/// kernels: one binary serves machines with and without CUDA. Gives its path when it was found.
+///
+/// # Errors
+/// The loader's message when it is there but cannot be loaded.
+pub fn load_cuda() -> Result<Option<PathBuf>, TorchError> {
+    let Some(cpu) = loaded_library("libtorch_cpu.so") else { return Ok(None) };
+    let cuda = cpu.with_file_name("libtorch_cuda.so");
+    if !cuda.is_file() {
+        return Ok(None);
+    }
+    let name = std::ffi::CString::new(cuda.to_string_lossy().as_bytes()).map_err(|e| TorchError(e.to_string()))?;
+    // SAFETY: loading runs the library's initialisers, which is what is wanted.
+    let handle = unsafe { libc::dlopen(name.as_ptr(), libc::RTLD_NOW | libc::RTLD_GLOBAL) };
+    if handle.is_null() {
+        // SAFETY: dlerror gives a string after a failure.
+        let message = unsafe { CStr::from_ptr(libc::dlerror()) }.to_string_lossy().into_owned();
+        return Err(TorchError(format!("{} cannot be loaded: {message}", cuda.display())));
+    }
+    Ok(Some(cuda))
+}
+
+/// Where a library of this process was loaded from.
+fn loaded_library(name: &str) -> Option<PathBuf> {
+    let maps = std::fs::read_to_string("/proc/self/maps").ok()?;
+    let paths = maps.lines().filter_map(|line| line.find('/').map(|at| PathBuf::from(&line[at..])));
+    paths.into_iter().find(|path| path.file_name().is_some_and(|n| n == name))
+}
+
+#[cfg(test)]
+mod tests {
+    use tch::{Device, Kind, Tensor};
+
+    use super::*;
+
+    #[test]
+    fn autocast_computes_linear_layers_in_bf16_and_ends_with_its_guard() {
+        let (x, w) =
+            (Tensor::ones([2, 8], (Kind::Float, Device::Cpu)), Tensor::ones([4, 8], (Kind::Float, Device::Cpu)));
+        let inside = {
+            let _autocast = Autocast::bf16().unwrap();
+            x.linear(&w, None::<&Tensor>).kind()
+        };
+        assert_eq!((inside, x.linear(&w, None::<&Tensor>).kind()), (Kind::BFloat16, Kind::Float));
+    }
+
+    #[test]
+    fn generator_state_round_trips() {
+        let before = rng_state().unwrap();
+        let draw = || f64::try_from(Tensor::rand([], (Kind::Double, Device::Cpu))).unwrap();
+        let a = draw();
+        set_rng_state(&before).unwrap();
+        assert_eq!(a, draw());
+        assert!(set_rng_state(&[1, 2, 3]).is_err());
+    }
+
+    #[test]
+    fn finds_the_library_in_use() {
+        let _ = Tensor::zeros([1], (Kind::Float, Device::Cpu));
+        assert!(loaded_library("libtorch_cpu.so").is_some());
+        assert!(libtorch_version().starts_with("2.11"));
+    }
+}

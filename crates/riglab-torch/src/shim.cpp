@@ -1,0 +1,152 @@
+// What tch does not reach: ops over tensor lists in place, autocast on the CPU, and settings of the
+// global context. A tch tensor's pointer is an `at::Tensor*`. Each function returns 0, or 1 with the
+// message kept for `rl_error`.
+
+#include <ATen/ATen.h>
+#include <ATen/Context.h>
+#include <ATen/autocast_mode.h>
+#include <cmath>
+#include <torch/headeronly/version.h>
+#include <c10/util/Exception.h>
+
+#include <cstring>
+#include <string>
+#include <vector>
+
+namespace {
+
+thread_local std::string last_error;
+
+template <typename F>
+int guarded(F body) {
+  try {
+    body();
+    return 0;
+  } catch (const c10::Error& e) {
+    last_error = e.what_without_backtrace();
+  } catch (const std::exception& e) {
+    last_error = e.what();
+  } catch (...) {
+    last_error = "unknown C++ exception";
+  }
+  return 1;
+}
+
+std::vector<at::Tensor> list(at::Tensor* const* tensors, size_t n) {
+  std::vector<at::Tensor> out;
+  out.reserve(n);
+  for (size_t i = 0; i < n; ++i) out.push_back(*tensors[i]);
+  return out;
+}
+
+}  // namespace
+
+extern "C" {
+
+const char* rl_error() { return last_error.c_str(); }
+
+// One step of AdamW over all parameters; the caller has counted `steps` up. `grad_scale`, if given,
+// divides the gradients (a clip without a pass of its own).
+int rl_fused_adamw(at::Tensor* const* params, at::Tensor* const* grads, at::Tensor* const* m, at::Tensor* const* v,
+                   at::Tensor* const* steps, size_t n, double lr, double beta1, double beta2, double weight_decay,
+                   double eps, at::Tensor* grad_scale) {
+  return guarded([&] {
+    at::NoGradGuard no_grad;
+    std::optional<at::Tensor> scale;
+    if (grad_scale) scale = *grad_scale;
+    auto p = list(params, n), g = list(grads, n), em = list(m, n), ev = list(v, n), s = list(steps, n);
+    at::_fused_adamw_(p, g, em, ev, {}, s, lr, beta1, beta2, weight_decay, eps, false, false, scale, {});
+  });
+}
+
+int rl_foreach_mul(at::Tensor* const* self, size_t n, double factor) {
+  return guarded([&] {
+    at::NoGradGuard no_grad;
+    at::_foreach_mul_(list(self, n), at::Scalar(factor));
+  });
+}
+
+int rl_foreach_add_scalar(at::Tensor* const* self, size_t n, double value) {
+  return guarded([&] {
+    at::NoGradGuard no_grad;
+    at::_foreach_add_(list(self, n), at::Scalar(value));
+  });
+}
+
+// self += alpha * other
+int rl_foreach_add(at::Tensor* const* self, at::Tensor* const* other, size_t n, double alpha) {
+  return guarded([&] {
+    at::NoGradGuard no_grad;
+    at::_foreach_add_(list(self, n), list(other, n), at::Scalar(alpha));
+  });
+}
+
+// self += weight * (other - self)
+int rl_foreach_lerp(at::Tensor* const* self, at::Tensor* const* other, size_t n, double weight) {
+  return guarded([&] {
+    at::NoGradGuard no_grad;
+    at::_foreach_lerp_(list(self, n), list(other, n), at::Scalar(weight));
+  });
+}
+
+// The Euclidean norm over all tensors, summed in the order given: the same bits every time.
+int rl_global_norm(at::Tensor* const* tensors, size_t n, double* out) {
+  return guarded([&] {
+    at::NoGradGuard no_grad;
+    double sum = 0;
+    for (auto& t : at::_foreach_norm(list(tensors, n), 2)) {
+      double x = t.item<double>();
+      sum += x * x;
+    }
+    *out = std::sqrt(sum);
+  });
+}
+
+// Autocast of CPU ops to bfloat16 on this thread; gives back whether it was on.
+int rl_autocast_cpu(int enabled, int* before) {
+  return guarded([&] {
+    *before = at::autocast::is_autocast_enabled(at::kCPU);
+    at::autocast::set_autocast_enabled(at::kCPU, enabled != 0);
+    if (enabled) {
+      at::autocast::set_autocast_dtype(at::kCPU, at::kBFloat16);
+      at::autocast::increment_nesting();
+    } else if (at::autocast::decrement_nesting() == 0) {
+      at::autocast::clear_cache();
+    }
+  });
+}
+
+int rl_configure(int deterministic, int flush_denormal) {
+  return guarded([&] {
+    at::globalContext().setDeterministicAlgorithms(deterministic != 0, false);
+    at::globalContext().setFlushDenormal(flush_denormal != 0);
+  });
+}
+
+// The CPU generator's state: `rl_rng_size` bytes.
+int rl_rng_get(unsigned char* out, size_t room, size_t* size) {
+  return guarded([&] {
+    auto generator = at::globalContext().defaultGenerator(at::Device(at::kCPU));
+    auto state = generator.get_state();
+    *size = state.numel();
+    if (room >= *size) std::memcpy(out, state.data_ptr(), *size);
+  });
+}
+
+int rl_rng_set(const unsigned char* bytes, size_t size) {
+  return guarded([&] {
+    auto state = at::empty({static_cast<int64_t>(size)}, at::kByte);
+    std::memcpy(state.data_ptr(), bytes, size);
+    auto generator = at::globalContext().defaultGenerator(at::Device(at::kCPU));
+    generator.set_state(state);
+  });
+}
+
+const char* rl_cpu_capability() {
+  static const std::string text = at::get_cpu_capability();
+  return text.c_str();
+}
+
+const char* rl_version() { return TORCH_VERSION; }
+
+}  // extern "C"

@@ -1,0 +1,113 @@
+//! What the tests share: where reference data lies, and golden cases.
+//!
+//! Reference data is no part of the product. Tests look for it in the folders named by
+//! `RIGLAB_GOLDEN`, `RIGLAB_RIGS`, ..., by default beside the workspace, and say "skipped" where
+//! there is none.
+
+use std::cell::Cell;
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+use serde_json::Value;
+use tch::{Kind, Tensor};
+
+/// A folder of reference data, `None` (with a line that says so) when this machine has none.
+pub fn folder(variable: &str, default: &str) -> Option<PathBuf> {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).parent().expect("tests/ is in the workspace");
+    let path = std::env::var_os(variable).map_or_else(|| root.join("../shared").join(default), PathBuf::from);
+    if path.is_dir() {
+        return Some(path);
+    }
+    println!("skipped: no such folder: {} (set {variable})", path.display());
+    None
+}
+
+/// The golden cases of a folder whose names start with one of `kinds`; the longest fitting kind is
+/// the case's.
+pub fn golden(sub: &str, kinds: &[&'static str]) -> Vec<(&'static str, Golden)> {
+    let Some(dir) = folder("RIGLAB_GOLDEN", "golden").map(|d| d.join(sub)) else { return Vec::new() };
+    let mut names: Vec<String> = std::fs::read_dir(&dir)
+        .unwrap_or_else(|e| panic!("{}: {e}", dir.display()))
+        .filter_map(|entry| entry.ok()?.path().file_name()?.to_str()?.strip_suffix(".safetensors").map(String::from))
+        .collect();
+    names.sort();
+    let kind = |name: &str| kinds.iter().filter(|k| name.starts_with(**k)).max_by_key(|k| k.len()).copied();
+    names.iter().filter_map(|name| Some((kind(name)?, Golden::load(&dir, name)))).collect()
+}
+
+/// One case: inputs, weights and expected outputs, with the tolerance of each.
+pub struct Golden {
+    /// File name without ending.
+    pub name: String,
+    /// The side file.
+    pub json: Value,
+    /// All tensors by name.
+    pub tensors: BTreeMap<String, Tensor>,
+    checked: Cell<usize>,
+}
+
+impl Golden {
+    fn load(dir: &Path, name: &str) -> Self {
+        let json = std::fs::read_to_string(dir.join(format!("{name}.json"))).expect("a case has a side file");
+        let json = serde_json::from_str(&json).expect("side files are JSON");
+        let tensors = riglab_nn::io::read(&dir.join(format!("{name}.safetensors"))).expect("a readable case");
+        Self { name: name.into(), json, tensors, checked: Cell::new(0) }
+    }
+
+    /// A tensor that must be there.
+    pub fn get(&self, name: &str) -> Tensor {
+        self.tensors.get(name).unwrap_or_else(|| panic!("{}: no tensor `{name}`", self.name)).shallow_clone()
+    }
+
+    /// Names that start with `prefix`, without it.
+    pub fn names<'a>(&'a self, prefix: &'a str) -> impl Iterator<Item = &'a str> {
+        self.tensors.keys().filter_map(move |k| k.strip_prefix(prefix))
+    }
+
+    /// The tensors below `prefix`, by the rest of their names.
+    pub fn below(&self, prefix: &str) -> BTreeMap<String, Tensor> {
+        self.names(prefix).map(|n| (n.to_string(), self.get(&format!("{prefix}{n}")))).collect()
+    }
+
+    /// A number of the config.
+    pub fn number(&self, key: &str) -> f64 {
+        self.config(key).as_f64().unwrap_or_else(|| panic!("{}: `{key}` is no number", self.name))
+    }
+
+    /// A value of the config, by a path like `FSQ_dict.levels`.
+    pub fn config(&self, path: &str) -> &Value {
+        path.split('.').fold(&self.json["config"], |v, key| &v[key])
+    }
+
+    fn tolerance(&self, name: &str) -> (f64, f64) {
+        let table = self.json["tolerance"].as_object().expect("a case has tolerances");
+        let fits = |pattern: &str| match pattern.strip_suffix('*') {
+            Some(prefix) => name.starts_with(prefix),
+            None => name == pattern,
+        };
+        let best = table.iter().filter(|(p, _)| fits(p)).max_by_key(|(p, _)| p.len());
+        let (_, t) = best.unwrap_or_else(|| panic!("{}: no tolerance for `{name}`", self.name));
+        (t["abs"].as_f64().expect("abs"), t["rel"].as_f64().expect("rel"))
+    }
+
+    /// Compares with the expected tensor of that name: |got - want| <= abs + rel |want|, exact where
+    /// both are 0.
+    pub fn check(&self, name: &str, got: &Tensor) {
+        let want = self.get(name);
+        let (abs, rel) = self.tolerance(name);
+        assert_eq!(got.size(), want.size(), "{}: shape of `{name}`", self.name);
+        let (got, want) = (got.detach().to_kind(Kind::Double), want.to_kind(Kind::Double));
+        let excess = (&got - &want).abs() - (want.abs() * rel + abs);
+        if excess.numel() > 0 {
+            let worst = excess.max().double_value(&[]);
+            assert!(worst <= 0.0, "{}: `{name}` is off by {worst:.3e} beyond its tolerance", self.name);
+        }
+        self.checked.set(self.checked.get() + 1);
+    }
+
+    /// Ends a case: it must have compared something.
+    pub fn done(&self) {
+        assert!(self.checked.get() > 0, "{}: nothing was compared", self.name);
+        println!("{}: {} tensors agree", self.name, self.checked.get());
+    }
+}
