@@ -330,7 +330,7 @@ fn muon(case: &Golden) {
             let mut b = Builder::default();
             let w0 = case.get(&format!("in.w0.{name}"));
             let id = b.root().add(&name, Role::Attention, &w0.size(), Init::Constant(0.0));
-            let mut params = b.finish(0, Kind::Double, Device::Cpu).unwrap();
+            let params = b.finish(0, Kind::Double, Device::Cpu).unwrap();
             params.load(&BTreeMap::from([(name.clone(), w0)])).unwrap();
             let config = OptimConfig {
                 muon_lr: lr,
@@ -367,7 +367,7 @@ fn hybrid(case: &Golden) {
         let role = if muon.contains(name) { Role::Attention } else { Role::Projection };
         b.root().add(name, role, &t.size(), Init::Constant(0.0));
     }
-    let mut params = b.finish(0, Kind::Double, Device::Cpu).unwrap();
+    let params = b.finish(0, Kind::Double, Device::Cpu).unwrap();
     params.load(&start).unwrap();
     let lr = case.number("hybrid.lr");
     let config = OptimConfig {
@@ -410,7 +410,7 @@ fn hybrid(case: &Golden) {
 }
 
 fn loaded(b: Builder, case: &Golden, kind: Kind) -> Params {
-    let mut params = b.finish(0, kind, Device::Cpu).unwrap();
+    let params = b.finish(0, kind, Device::Cpu).unwrap();
     params.load(&case.below("w.")).unwrap_or_else(|e| panic!("{}: {e}", case.name));
     params
 }

@@ -20,6 +20,7 @@ mod error;
 mod mesh;
 mod pose;
 mod rig;
+mod rule;
 mod skeleton;
 mod weights;
 
@@ -29,6 +30,7 @@ pub use error::RigError;
 pub use mesh::Mesh;
 pub use pose::{Pose, lbs};
 pub use rig::{Bounds, Rig, Similarity};
+pub use rule::DecodeRule;
 pub use skeleton::{Joint, JointId, Skeleton};
 pub use weights::{SUM_TOLERANCE, SkinWeights};
 

@@ -83,7 +83,7 @@ impl Skeleton {
     }
 
     /// All joints, root first.
-    pub fn ids(&self) -> impl ExactSizeIterator<Item = JointId> + use<> {
+    pub fn ids(&self) -> impl ExactSizeIterator<Item = JointId> + DoubleEndedIterator + use<> {
         (0..self.len() as u16).map(JointId)
     }
 
@@ -128,6 +128,26 @@ impl Skeleton {
         children
     }
 
+    /// A number that is equal for equal trees, whatever the names, positions and order of children.
+    pub fn topology(&self) -> u64 {
+        let mut hashes = vec![Vec::new(); self.len()];
+        let mut root = 0;
+        // Children come after their parents: from the back, each is complete when it is reached.
+        for joint in self.ids().rev() {
+            let below: &mut Vec<u64> = &mut hashes[joint.index()];
+            below.sort_unstable();
+            // FNV-1a over the children's numbers.
+            let own = below.iter().fold(0xcbf2_9ce4_8422_2325u64, |h, &c| {
+                c.to_le_bytes().iter().fold(h, |h, &b| (h ^ u64::from(b)).wrapping_mul(0x0100_0000_01b3))
+            });
+            match self.parent(joint) {
+                Some(parent) => hashes[parent.index()].push(own),
+                None => root = own,
+            }
+        }
+        root
+    }
+
     /// The same tree with other positions.
     ///
     /// # Errors
@@ -155,6 +175,17 @@ mod tests {
     fn a_chain_is_valid() {
         let s = Skeleton::new(vec![joint("a", None, 0.0), joint("b", Some(0), 1.0), joint("c", Some(1), 2.0)]).unwrap();
         assert_eq!(s.children(), [vec![JointId(1)], vec![JointId(2)], vec![]]);
+    }
+
+    #[test]
+    fn topology_is_blind_to_order_and_names() {
+        // A root with a leaf and a chain of two, in both orders, and with two leaves and a chain of one.
+        let tree = |parents: &[u16]| {
+            let below = parents.iter().enumerate().map(|(i, &p)| joint(&format!("j{i}"), Some(p), 0.0));
+            Skeleton::new(std::iter::once(joint("root", None, 0.0)).chain(below).collect()).unwrap().topology()
+        };
+        assert_eq!(tree(&[0, 0, 2]), tree(&[0, 1, 0]));
+        assert_ne!(tree(&[0, 0, 2]), tree(&[0, 0, 0]));
     }
 
     #[test]

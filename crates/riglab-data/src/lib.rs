@@ -1,1 +1,27 @@
-//! HDF5 corpora of rigs, splits and the loader.
+//! Corpora of rigs in HDF5, and how they are split.
+//!
+//! The one idea: **packed arrays**. A corpus is one file with one dataset per field over all assets
+//! (all vertices of all assets in one table, and so on) and offsets that say where each asset
+//! begins. Opening costs a few reads whatever the number of assets, and one asset a few more. The
+//! fields are described in [`schema`].
+//!
+//! Holds: a corpus is written under a temporary name and renamed when it is complete; what is read
+//! back is a valid [`riglab_core::Asset`] or an error; [`Corpus::verify`] compares every asset with
+//! the digest it was written with.
+//!
+//! Leaves out: models, augmentation, curation.
+
+mod error;
+
+mod reader;
+pub mod schema;
+mod split;
+mod stats;
+mod writer;
+
+pub use error::DataError;
+
+pub use reader::{Corpus, Fault};
+pub use split::{SplitNames, Splitter};
+pub use stats::{Stats, stats};
+pub use writer::CorpusWriter;

@@ -224,7 +224,7 @@ impl Params {
     ///
     /// # Errors
     /// [`NnError::Mismatch`], naming what is missing, too many or of another shape.
-    pub fn load(&mut self, tensors: &BTreeMap<String, Tensor>) -> Result<(), NnError> {
+    pub fn load(&self, tensors: &BTreeMap<String, Tensor>) -> Result<(), NnError> {
         self.load_into(tensors, &self.weights)
     }
 
@@ -283,7 +283,7 @@ mod tests {
 
     #[test]
     fn loading_names_what_does_not_fit() {
-        let mut p = two(false);
+        let p = two(false);
         let tensors: BTreeMap<String, Tensor> = [
             ("a.weight".to_string(), Tensor::zeros([2, 3], (Kind::Float, Device::Cpu))),
             ("c".into(), Tensor::from(1.0)),

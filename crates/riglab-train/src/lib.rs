@@ -1,1 +1,41 @@
-//! The training loop: schedules, checkpoints, logs, exact resume.
+//! The training loop that every task shares.
+//!
+//! A [`Task`] says what a batch is, what its loss is and how to validate; [`train`] does the rest:
+//! optimizer steps, precision, schedules, checkpoints, logs, progress, interruption.
+//!
+//! The one idea: **seeds, not state.** A batch is a function of its number, and everything random in
+//! a step is drawn from a stream keyed by the run's seed and the step. So a run that was killed and
+//! resumed is the unbroken run, bit for bit, whatever the number of loader threads.
+//!
+//! Holds: `metrics.jsonl` has one line a step or validation and nothing that depends on the clock
+//! (times stand in `perf.jsonl`); checkpoints are complete or absent; what was written before an
+//! error stays.
+//!
+//! Leaves out: rigs, and what a loss means.
+
+mod atomic;
+mod checkpoint;
+mod config;
+mod error;
+mod interrupt;
+mod logs;
+mod prefetch;
+mod progress;
+mod run;
+mod schedule;
+mod task;
+mod tensorboard;
+mod trainer;
+
+pub use atomic::write_atomic;
+pub use checkpoint::{Checkpoint, State};
+pub use config::{Precision, ScheduleConfig, ScheduleKind, TrainConfig};
+pub use error::TrainError;
+pub use interrupt::Interrupt;
+pub use prefetch::{Prefetch, Source};
+pub use progress::Progress;
+pub use run::{Run, RunInfo};
+pub use schedule::factor;
+pub use task::{At, Better, Loss, Task, Validation};
+pub use tensorboard::TensorBoard;
+pub use trainer::{Ended, Outcome, train};

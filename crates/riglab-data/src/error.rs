@@ -1,0 +1,98 @@
+//! What can go wrong with a corpus.
+
+use std::path::{Path, PathBuf};
+
+use riglab_core::RigError;
+use thiserror::Error;
+
+/// Why a corpus cannot be written or read. Messages name the file and the remedy.
+#[derive(Debug, Error)]
+pub enum DataError {
+    /// No such file or folder.
+    #[error("{path}: no such {what}", path = .0.display(), what = .1)]
+    Missing(PathBuf, &'static str),
+    /// The file system refused.
+    #[error("{path}: {message}", path = path.display())]
+    Io {
+        /// File or folder.
+        path: PathBuf,
+        /// What happened.
+        message: String,
+    },
+    /// HDF5 refused to write.
+    #[error("{path}: the corpus cannot be written ({message}); is the disk full?", path = path.display())]
+    Write {
+        /// The corpus.
+        path: PathBuf,
+        /// HDF5's message.
+        message: String,
+    },
+    /// No HDF5 file, or one that was cut off.
+    #[error("{path}: no readable HDF5 file ({message}); it may be cut off: import it again", path = path.display())]
+    NotHdf5 {
+        /// The file.
+        path: PathBuf,
+        /// HDF5's message.
+        message: String,
+    },
+    /// An HDF5 file, but no corpus of ours.
+    #[error("{path}: an HDF5 file, but no corpus that this version reads ({message}); `riglab dataset import` makes one", path = path.display())]
+    NotCorpus {
+        /// The file.
+        path: PathBuf,
+        /// What is missing.
+        message: String,
+    },
+    /// An asset whose rows cannot be read or are no rig.
+    #[error("{path}: asset {index} (`{name}`) is damaged: {message}; import the corpus again", path = path.display())]
+    Damaged {
+        /// The corpus.
+        path: PathBuf,
+        /// The asset's number.
+        index: usize,
+        /// Its name.
+        name: String,
+        /// What is wrong.
+        message: String,
+    },
+    /// Two assets of one name.
+    #[error("two assets are named `{0}`")]
+    DuplicateName(String),
+    /// A folder without a file to import.
+    #[error("{path}: no .glb, .gltf or .vrm file in this folder or below it", path = .0.display())]
+    NothingToImport(PathBuf),
+    /// Every file was refused.
+    #[error("{path}: none of the {count} files could be imported; the first: {first}", path = path.display())]
+    AllRefused {
+        /// The folder.
+        path: PathBuf,
+        /// How many.
+        count: usize,
+        /// The first refusal.
+        first: String,
+    },
+    /// A split file that is no split file.
+    #[error("{path}: {message}; expected JSON like {{\"train\": [\"a.glb\", ...], \"val\": [...]}}", path = path.display())]
+    BadSplit {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong.
+        message: String,
+    },
+}
+
+impl DataError {
+    pub(crate) fn io(path: &Path, e: impl std::fmt::Display) -> Self {
+        Self::Io { path: path.into(), message: e.to_string() }
+    }
+
+    pub(crate) fn damaged(path: &Path, index: usize, name: &str, e: impl std::fmt::Display) -> Self {
+        Self::Damaged { path: path.into(), index, name: name.into(), message: e.to_string() }
+    }
+}
+
+impl From<(PathBuf, usize, String, RigError)> for DataError {
+    fn from((path, index, name, e): (PathBuf, usize, String, RigError)) -> Self {
+        Self::damaged(&path, index, &name, e)
+    }
+}

@@ -1,0 +1,365 @@
+//! Reading a corpus.
+
+use std::path::{Path, PathBuf};
+use std::sync::OnceLock;
+
+use hdf5::types::VarLenUnicode;
+use hdf5::{Dataset, H5Type};
+use riglab_core::{Asset, Joint, JointId, Mesh, Provenance, Rig, Skeleton, SkinWeights, Vec3};
+
+use crate::DataError;
+use crate::schema::{FORMAT, JOINT_NAMES, OFFSETS, SCHEMA, TEXTS};
+use crate::writer::{digest, short};
+
+/// An open corpus. Shared by threads; HDF5 serves one at a time.
+pub struct Corpus {
+    path: PathBuf,
+    file: hdf5::File,
+    tables: Tables,
+    offsets: [Vec<i64>; OFFSETS.len()],
+    names: OnceLock<Vec<String>>,
+}
+
+struct Tables {
+    vertices: Dataset,
+    faces: Dataset,
+    joints: Dataset,
+    parents: Dataset,
+    influences: Dataset,
+    weight_joints: Dataset,
+    weights: Dataset,
+    texts: Vec<Dataset>,
+    joint_names: Dataset,
+}
+
+/// What [`Corpus::verify`] found wrong with an asset.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Fault {
+    /// The asset's number.
+    pub index: usize,
+    /// What is wrong.
+    pub message: String,
+}
+
+impl Corpus {
+    /// Opens a corpus and reads its offsets.
+    ///
+    /// # Errors
+    /// When there is no such file, it is no HDF5 file or no corpus, or its parts do not fit together.
+    pub fn open(path: &Path) -> Result<Self, DataError> {
+        if !path.is_file() {
+            return Err(DataError::Missing(path.into(), "corpus"));
+        }
+        let file = hdf5::File::open(path).map_err(|e| DataError::NotHdf5 { path: path.into(), message: short(&e) })?;
+        let foreign = |message: String| DataError::NotCorpus { path: path.into(), message };
+        let format: Option<VarLenUnicode> = file.attr("format").and_then(|a| a.read_scalar()).ok();
+        if format.as_deref() != Some(FORMAT) {
+            return Err(foreign(format!("attribute `format` is not `{FORMAT}`")));
+        }
+        let schema: u32 =
+            file.attr("schema").and_then(|a| a.read_scalar()).map_err(|_| foreign("no attribute `schema`".into()))?;
+        if schema != SCHEMA {
+            return Err(foreign(format!("its schema is {schema}, this version reads {SCHEMA}")));
+        }
+        let tables = Tables::open(&file).map_err(|e| foreign(short(&e)))?;
+        let mut offsets: [Vec<i64>; OFFSETS.len()] = Default::default();
+        for (name, column) in OFFSETS.iter().zip(&mut offsets) {
+            *column = file.dataset(name).and_then(|d| d.read_raw()).map_err(|e| foreign(short(&e)))?;
+        }
+        let ends = [&tables.vertices, &tables.faces, &tables.joints, &tables.weights].map(|t| t.shape()[0] as i64);
+        let fits = offsets.iter().zip(ends).all(|(o, end)| {
+            o.len() == offsets[0].len()
+                && o.first() == Some(&0)
+                && o.last() == Some(&end)
+                && o.windows(2).all(|w| w[0] <= w[1])
+        });
+        let columns = tables.texts.iter().all(|t| t.shape()[0] + 1 == offsets[0].len());
+        if !fits || !columns {
+            return Err(foreign("offsets and tables do not fit together".into()));
+        }
+        Ok(Self { path: path.into(), file, tables, offsets, names: OnceLock::new() })
+    }
+
+    /// The file.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// How many assets.
+    pub fn len(&self) -> usize {
+        self.offsets[0].len() - 1
+    }
+
+    /// Whether there are none.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// Size of the file in bytes.
+    pub fn bytes(&self) -> u64 {
+        self.file.size()
+    }
+
+    /// Vertices, triangles, joints and non-zero weights of an asset, without reading it.
+    pub fn counts(&self, index: usize) -> [usize; 4] {
+        std::array::from_fn(|k| (self.offsets[k][index + 1] - self.offsets[k][index]) as usize)
+    }
+
+    /// A column of texts (see [`crate::schema`]): `name`, `split`, `category`, ...
+    ///
+    /// # Errors
+    /// When there is no such column, or it cannot be read.
+    pub fn texts(&self, column: &str) -> Result<Vec<String>, DataError> {
+        let table = TEXTS.iter().position(|t| *t == column).map(|k| &self.tables.texts[k]);
+        let table = table.ok_or_else(|| DataError::NotCorpus {
+            path: self.path.clone(),
+            message: format!("no column `{column}`"),
+        })?;
+        let read: hdf5::Result<Vec<VarLenUnicode>> = table.read_raw();
+        let texts = read.map_err(|e| DataError::NotHdf5 { path: self.path.clone(), message: short(&e) })?;
+        Ok(texts.iter().map(|t| t.as_str().to_string()).collect())
+    }
+
+    /// The assets' names.
+    ///
+    /// # Errors
+    /// When they cannot be read.
+    pub fn names(&self) -> Result<&[String], DataError> {
+        if let Some(names) = self.names.get() {
+            return Ok(names);
+        }
+        let names = self.texts("name")?;
+        Ok(self.names.get_or_init(|| names))
+    }
+
+    /// The assets of a split, in corpus order.
+    ///
+    /// # Errors
+    /// When the column cannot be read.
+    pub fn split(&self, split: &str) -> Result<Vec<usize>, DataError> {
+        Ok(self.texts("split")?.iter().enumerate().filter(|(_, s)| *s == split).map(|(i, _)| i).collect())
+    }
+
+    /// One asset.
+    ///
+    /// # Errors
+    /// [`DataError::Damaged`] when its rows cannot be read or are no rig.
+    pub fn asset(&self, index: usize) -> Result<Asset, DataError> {
+        let name = self.names()?.get(index).cloned().unwrap_or_default();
+        self.read(index).map_err(|message| DataError::damaged(&self.path, index, &name, message))
+    }
+
+    fn read(&self, index: usize) -> Result<Asset, String> {
+        if index >= self.len() {
+            return Err(format!("the corpus has {} assets", self.len()));
+        }
+        let hdf5 = |e: hdf5::Error| short(&e);
+        let span = |k: usize| self.offsets[k][index] as usize..self.offsets[k][index + 1] as usize;
+        let (v, f, j, w) = (span(0), span(1), span(2), span(3));
+        let t = &self.tables;
+        let text = |d: &Dataset| -> Result<String, String> {
+            let one = d.read_slice_1d::<VarLenUnicode, _>(index..index + 1).map_err(hdf5)?;
+            Ok(one[0].as_str().to_string())
+        };
+        let names = text(&t.joint_names)?;
+        let heads: Vec<Vec3> = rows3(&t.joints, j.clone()).map_err(hdf5)?;
+        let parents: Vec<i32> = rows(&t.parents, j).map_err(hdf5)?;
+        let names: Vec<&str> = names.split('\n').collect();
+        if names.len() != heads.len() {
+            return Err(format!("{} names for {} joints", names.len(), heads.len()));
+        }
+        let joints = names.iter().zip(parents).zip(heads).map(|((name, parent), head)| {
+            let parent = match parent {
+                -1 => None,
+                p => Some(JointId(u16::try_from(p).map_err(|_| format!("joint `{name}` has parent {p}"))?)),
+            };
+            Ok(Joint { name: (*name).to_string(), parent, head })
+        });
+        let skeleton = Skeleton::new(joints.collect::<Result<_, String>>()?).map_err(|e| e.to_string())?;
+        let mesh = Mesh::new(rows3(&t.vertices, v.clone()).map_err(hdf5)?, rows3(&t.faces, f).map_err(hdf5)?)
+            .map_err(|e| e.to_string())?;
+        let influences: Vec<u16> = rows(&t.influences, v).map_err(hdf5)?;
+        let mut offsets = Vec::with_capacity(influences.len() + 1);
+        offsets.push(0u32);
+        offsets.extend(influences.iter().scan(0u32, |sum, &n| {
+            *sum += u32::from(n);
+            Some(*sum)
+        }));
+        let weights = SkinWeights::new(
+            offsets,
+            rows(&t.weight_joints, w.clone()).map_err(hdf5)?,
+            rows(&t.weights, w).map_err(hdf5)?,
+        )
+        .map_err(|e| e.to_string())?;
+        let rig = Rig::new(skeleton, mesh, weights).map_err(|e| e.to_string())?;
+        let texts = t.texts.iter().map(text).collect::<Result<Vec<_>, _>>()?;
+        let provenance = Provenance {
+            source: texts[2].clone(),
+            licence: texts[3].clone(),
+            author: texts[4].clone(),
+            category: texts[5].clone(),
+            checksum: texts[6].clone(),
+            notes: texts[7].lines().map(String::from).collect(),
+        };
+        Ok(Asset { name: texts[0].clone(), rig, provenance })
+    }
+
+    /// Reads every asset and compares it with its digest.
+    ///
+    /// # Errors
+    /// When the columns of names or digests cannot be read; a damaged asset is a [`Fault`].
+    pub fn verify(&self, mut progress: impl FnMut(usize)) -> Result<Vec<Fault>, DataError> {
+        let digests = self.texts("digest")?;
+        let mut faults = Vec::new();
+        for (index, wanted) in digests.iter().enumerate() {
+            match self.asset(index) {
+                Err(e) => faults.push(Fault { index, message: e.to_string() }),
+                Ok(asset) if digest(&asset.rig) != *wanted => {
+                    faults.push(Fault { index, message: "its arrays are not those that were written".into() });
+                }
+                Ok(_) => {}
+            }
+            progress(index + 1);
+        }
+        Ok(faults)
+    }
+
+    /// One BLAKE3 sum for the whole corpus: over the assets' names, splits and digests.
+    ///
+    /// # Errors
+    /// When the columns cannot be read.
+    pub fn checksum(&self) -> Result<String, DataError> {
+        let mut hash = blake3::Hasher::new();
+        for column in ["name", "split", "digest"] {
+            for text in self.texts(column)? {
+                hash.update(text.as_bytes());
+                hash.update(b"\n");
+            }
+        }
+        Ok(hash.finalize().to_hex().to_string())
+    }
+}
+
+impl Tables {
+    fn open(file: &hdf5::File) -> hdf5::Result<Self> {
+        let columns = |name: &str, n: usize| {
+            let d = file.dataset(name)?;
+            let shape = d.shape();
+            let fits = if n == 1 { shape.len() == 1 } else { shape.len() == 2 && shape[1] == n };
+            if fits { Ok(d) } else { Err(hdf5::Error::Internal(format!("`{name}` has shape {shape:?}"))) }
+        };
+        Ok(Self {
+            vertices: columns("vertices", 3)?,
+            faces: columns("faces", 3)?,
+            joints: columns("joints", 3)?,
+            parents: columns("parents", 1)?,
+            influences: columns("influences", 1)?,
+            weight_joints: columns("weight_joints", 1)?,
+            weights: columns("weights", 1)?,
+            texts: TEXTS.iter().map(|t| columns(t, 1)).collect::<hdf5::Result<_>>()?,
+            joint_names: columns(JOINT_NAMES, 1)?,
+        })
+    }
+}
+
+fn rows<T: H5Type>(table: &Dataset, span: std::ops::Range<usize>) -> hdf5::Result<Vec<T>> {
+    Ok(table.read_slice_1d::<T, _>(span)?.into_raw_vec_and_offset().0)
+}
+
+fn rows3<T: H5Type + Copy>(table: &Dataset, span: std::ops::Range<usize>) -> hdf5::Result<Vec<[T; 3]>> {
+    let flat = table.read_slice_2d::<T, _>((span, ..))?.into_raw_vec_and_offset().0;
+    Ok(flat.chunks_exact(3).map(|c| [c[0], c[1], c[2]]).collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::CorpusWriter;
+
+    fn asset(name: &str, n: u16) -> Asset {
+        let joints = (0..n).map(|i| Joint {
+            name: format!("j{i}"),
+            parent: i.checked_sub(1).map(JointId),
+            head: [0.0, f32::from(i), 0.0],
+        });
+        let skeleton = Skeleton::new(joints.collect()).unwrap();
+        let mesh = Mesh::new((0..=n).map(|i| [f32::from(i), 1.0, 0.5]).collect(), vec![[0, 1, u32::from(n)]]).unwrap();
+        let weights = SkinWeights::normalized((0..=n).map(|i| vec![(i % n, 0.7), (0, 0.3)])).unwrap();
+        let provenance =
+            Provenance { licence: "CC0-1.0".into(), notes: vec!["a".into(), "b".into()], ..Default::default() };
+        Asset { name: name.into(), rig: Rig::new(skeleton, mesh, weights).unwrap(), provenance }
+    }
+
+    fn written(dir: &Path) -> PathBuf {
+        let path = dir.join("c.h5");
+        let mut writer = CorpusWriter::create(&path).unwrap();
+        writer.add(&asset("one", 3), "train").unwrap();
+        writer.add(&asset("two", 7), "val").unwrap();
+        assert!(matches!(writer.add(&asset("two", 2), "val"), Err(DataError::DuplicateName(_))));
+        assert!(!path.exists());
+        writer.finish().unwrap();
+        path
+    }
+
+    #[test]
+    fn assets_come_back_equal() {
+        let dir = tempfile::tempdir().unwrap();
+        let corpus = Corpus::open(&written(dir.path())).unwrap();
+        assert_eq!(corpus.asset(0).unwrap(), asset("one", 3));
+        assert_eq!(corpus.asset(1).unwrap(), asset("two", 7));
+        assert_eq!((corpus.len(), corpus.split("val").unwrap()), (2, vec![1]));
+        assert_eq!(corpus.verify(|_| ()).unwrap(), []);
+        assert!(corpus.asset(2).unwrap_err().to_string().contains("has 2 assets"));
+        // Nothing but the corpus is left.
+        assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 1);
+    }
+
+    #[test]
+    fn a_dropped_writer_leaves_nothing() {
+        let dir = tempfile::tempdir().unwrap();
+        let mut writer = CorpusWriter::create(&dir.path().join("c.h5")).unwrap();
+        writer.add(&asset("one", 3), "train").unwrap();
+        drop(writer);
+        assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 0);
+    }
+
+    #[test]
+    fn a_corpus_cut_anywhere_is_an_error_not_a_panic() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = written(dir.path());
+        let bytes = std::fs::read(&path).unwrap();
+        for cut in [0, 1, 7, 100, bytes.len() / 3, bytes.len() / 2, bytes.len() - 1] {
+            std::fs::write(&path, &bytes[..cut]).unwrap();
+            let message = match Corpus::open(&path) {
+                Err(e) => e.to_string(),
+                Ok(c) => c.verify(|_| ()).map(|f| f[0].message.clone()).unwrap_or_else(|e| e.to_string()),
+            };
+            assert!(message.contains("c.h5") && message.contains("import"), "{cut}: {message}");
+        }
+    }
+
+    #[test]
+    fn flipped_bits_are_found() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = written(dir.path());
+        let mut bytes = std::fs::read(&path).unwrap();
+        // A vertex coordinate: 1.0 followed by 0.5 occurs in no header.
+        let pattern: Vec<u8> = [1.0f32, 0.5].iter().flat_map(|x| x.to_le_bytes()).collect();
+        let at = bytes.windows(8).position(|w| w == pattern).unwrap();
+        bytes[at] ^= 1;
+        std::fs::write(&path, &bytes).unwrap();
+        let faults = Corpus::open(&path).unwrap().verify(|_| ()).unwrap();
+        assert_eq!(faults.len(), 1);
+    }
+
+    #[test]
+    fn other_hdf5_files_are_refused_politely() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("x.h5");
+        hdf5::File::create(&path).unwrap().close().unwrap();
+        assert!(matches!(Corpus::open(&path), Err(DataError::NotCorpus { .. })));
+        assert!(matches!(Corpus::open(&dir.path().join("y.h5")), Err(DataError::Missing(..))));
+        let here = dir.path().join("no/such/folder/c.h5");
+        assert!(matches!(CorpusWriter::create(&here), Err(DataError::Io { .. })));
+    }
+}

@@ -1,0 +1,49 @@
+//! The fields of a corpus file.
+//!
+//! Readable with any HDF5 library; with h5py for instance:
+//!
+//! ```python
+//! f = h5py.File("corpus.h5")
+//! i = list(f["name"].asstr()).index("fox.glb")
+//! v0, v1 = f["vertex_offsets"][i:i + 2]
+//! vertices = f["vertices"][v0:v1]
+//! w0, w1 = f["weight_offsets"][i:i + 2]
+//! rows = numpy.repeat(numpy.arange(v1 - v0), f["influences"][v0:v1])
+//! columns, weights = f["weight_joints"][w0:w1], f["weights"][w0:w1]
+//! ```
+//!
+//! n assets, V vertices, F triangles, J joints and W non-zero weights over all of them. Positions
+//! are in each source's own units and axes (glTF: y up).
+//!
+//! | dataset | shape, type | what |
+//! |---|---|---|
+//! | `name` | n, string | identifies the asset; unique |
+//! | `split` | n, string | `train`, `val`, `test_seen`, `test_new` or a name of the user's |
+//! | `source`, `licence`, `author`, `category` | n, string | provenance; empty where unknown |
+//! | `checksum` | n, string | BLAKE3 of the source file, hexadecimal |
+//! | `notes` | n, string | what the importer repaired or wants known, a line each |
+//! | `digest` | n, string | BLAKE3 of the asset's arrays, for `riglab dataset verify` |
+//! | `joint_names` | n, string | names in joint order, a line each |
+//! | `vertex_offsets`, `face_offsets`, `joint_offsets`, `weight_offsets` | n + 1, i64 | where each asset's rows begin in the tables below |
+//! | `vertices` | V × 3, f32 | positions at rest |
+//! | `faces` | F × 3, u32 | corners, counted within the asset |
+//! | `joints` | J × 3, f32 | heads at rest, parents before children |
+//! | `parents` | J, i32 | counted within the asset; -1 for the root |
+//! | `influences` | V, u16 | how many weights each vertex has |
+//! | `weight_joints` | W, u16 | their joints, rising within a vertex |
+//! | `weights` | W, f32 | their shares; each vertex' sum to 1 |
+//!
+//! Attributes of the file: `format` = `riglab-corpus`, `schema` = 1, `riglab_version`.
+
+/// The attribute `format`.
+pub const FORMAT: &str = "riglab-corpus";
+/// The attribute `schema` that this code writes and reads.
+pub const SCHEMA: u32 = 1;
+
+/// Columns of strings, one an asset.
+pub(crate) const TEXTS: [&str; 9] =
+    ["name", "split", "source", "licence", "author", "category", "checksum", "notes", "digest"];
+/// The other column of strings.
+pub(crate) const JOINT_NAMES: &str = "joint_names";
+/// Offsets, one more than assets.
+pub(crate) const OFFSETS: [&str; 4] = ["vertex_offsets", "face_offsets", "joint_offsets", "weight_offsets"];

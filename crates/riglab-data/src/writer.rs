@@ -1,0 +1,250 @@
+//! Writing a corpus.
+
+use std::collections::HashSet;
+use std::fs::File;
+use std::path::{Path, PathBuf};
+
+use hdf5::types::VarLenUnicode;
+use hdf5::{Dataset, H5Type};
+use ndarray::{ArrayView1, ArrayView2};
+use riglab_core::{Asset, Rig};
+
+use crate::DataError;
+use crate::schema::{FORMAT, JOINT_NAMES, OFFSETS, SCHEMA, TEXTS};
+
+/// Rows are kept in memory until they come to this many bytes.
+const BUFFER: usize = 8 << 20;
+/// Rows of a chunk on disk.
+const CHUNK: usize = 1 << 14;
+
+/// A corpus being written: add assets, then [`CorpusWriter::finish`]. Dropped before that, it leaves
+/// nothing behind.
+pub struct CorpusWriter {
+    path: PathBuf,
+    temp: tempfile::TempPath,
+    file: hdf5::File,
+    rows: Rows,
+    texts: [Vec<VarLenUnicode>; TEXTS.len()],
+    joint_names: Vec<VarLenUnicode>,
+    offsets: [Vec<i64>; OFFSETS.len()],
+    names: HashSet<String>,
+}
+
+/// Rows not yet on disk.
+#[derive(Default)]
+struct Rows {
+    vertices: Vec<[f32; 3]>,
+    faces: Vec<[u32; 3]>,
+    joints: Vec<[f32; 3]>,
+    parents: Vec<i32>,
+    influences: Vec<u16>,
+    weight_joints: Vec<u16>,
+    weights: Vec<f32>,
+}
+
+impl CorpusWriter {
+    /// Begins a corpus that will stand at `path`, in an existing folder.
+    ///
+    /// # Errors
+    /// When the folder cannot be written to.
+    pub fn create(path: &Path) -> Result<Self, DataError> {
+        let dir = path.parent().filter(|d| !d.as_os_str().is_empty()).unwrap_or(Path::new("."));
+        let temp = tempfile::Builder::new()
+            .prefix(".corpus-")
+            .suffix(".tmp")
+            .tempfile_in(dir)
+            .map_err(|e| DataError::io(dir, format!("cannot be written to ({e})")))?
+            .into_temp_path();
+        let file = hdf5::File::create(&temp).map_err(|e| write_error(path, &e))?;
+        let mut writer = Self {
+            path: path.into(),
+            temp,
+            file,
+            rows: Rows::default(),
+            texts: std::array::from_fn(|_| Vec::new()),
+            joint_names: Vec::new(),
+            offsets: std::array::from_fn(|_| vec![0]),
+            names: HashSet::new(),
+        };
+        writer.begin().map_err(|e| write_error(path, &e))?;
+        Ok(writer)
+    }
+
+    fn begin(&mut self) -> hdf5::Result<()> {
+        let text =
+            |name: &str, value: &str| self.file.new_attr::<VarLenUnicode>().create(name)?.write_scalar(&unicode(value));
+        text("format", FORMAT)?;
+        text("riglab_version", env!("CARGO_PKG_VERSION"))?;
+        self.file.new_attr::<u32>().create("schema")?.write_scalar(&SCHEMA)?;
+        for name in ["vertices", "joints"] {
+            self.table::<f32>(name, 3)?;
+        }
+        self.table::<u32>("faces", 3)?;
+        self.table::<i32>("parents", 1)?;
+        self.table::<u16>("influences", 1)?;
+        self.table::<u16>("weight_joints", 1)?;
+        self.table::<f32>("weights", 1)?;
+        Ok(())
+    }
+
+    fn table<T: H5Type>(&self, name: &str, columns: usize) -> hdf5::Result<Dataset> {
+        let builder = self.file.new_dataset::<T>();
+        match columns {
+            1 => builder.chunk((CHUNK,)).shape((0..,)).create(name),
+            _ => builder.chunk((CHUNK, columns)).shape((0.., columns)).create(name),
+        }
+    }
+
+    /// How many assets were added.
+    pub fn len(&self) -> usize {
+        self.joint_names.len()
+    }
+
+    /// Whether none was added yet.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// Adds an asset.
+    ///
+    /// # Errors
+    /// [`DataError::DuplicateName`], and when the disk refuses.
+    pub fn add(&mut self, asset: &Asset, split: &str) -> Result<(), DataError> {
+        if !self.names.insert(asset.name.clone()) {
+            return Err(DataError::DuplicateName(asset.name.clone()));
+        }
+        let (rig, from) = (&asset.rig, &asset.provenance);
+        let notes = from.notes.join("\n");
+        let digest = digest(rig);
+        let texts = [
+            &asset.name,
+            split,
+            &from.source,
+            &from.licence,
+            &from.author,
+            &from.category,
+            &from.checksum,
+            &notes,
+            &digest,
+        ];
+        for (column, text) in self.texts.iter_mut().zip(texts) {
+            column.push(unicode(text));
+        }
+        self.joint_names.push(unicode(&rig.skeleton().names().join("\n")));
+        let (mesh, skeleton, weights) = (rig.mesh(), rig.skeleton(), rig.weights());
+        let counts = [mesh.positions().len(), mesh.triangles().len(), skeleton.len(), weights.nonzero()];
+        for (offsets, n) in self.offsets.iter_mut().zip(counts) {
+            offsets.push(offsets[offsets.len() - 1] + n as i64);
+        }
+        let rows = &mut self.rows;
+        rows.vertices.extend(mesh.positions());
+        rows.faces.extend(mesh.triangles());
+        rows.joints.extend(skeleton.heads());
+        rows.parents.extend(skeleton.parents().iter().map(|p| p.map_or(-1, |p| i32::from(p.0))));
+        rows.influences.extend(weights.offsets().windows(2).map(|w| (w[1] - w[0]) as u16));
+        rows.weight_joints.extend(weights.joints());
+        rows.weights.extend(weights.weights());
+        let held = 12 * (rows.vertices.len() + rows.faces.len()) + 6 * rows.weights.len();
+        if held > BUFFER { self.flush() } else { Ok(()) }
+    }
+
+    /// Completes the corpus and puts it in its place.
+    ///
+    /// # Errors
+    /// When the disk refuses; an older corpus at the path is left alone.
+    pub fn finish(mut self) -> Result<(), DataError> {
+        self.flush()?;
+        let path = self.path.clone();
+        self.end().map_err(|e| write_error(&path, &e))?;
+        let Self { file, temp, .. } = self;
+        file.close().map_err(|e| write_error(&path, &e))?;
+        File::open(&temp).and_then(|f| f.sync_all()).map_err(|e| DataError::io(&path, e))?;
+        temp.persist(&path).map_err(|e| DataError::io(&path, e.error))?;
+        let dir = path.parent().filter(|d| !d.as_os_str().is_empty()).unwrap_or(Path::new("."));
+        File::open(dir).and_then(|d| d.sync_all()).map_err(|e| DataError::io(dir, e))
+    }
+
+    fn end(&self) -> hdf5::Result<()> {
+        for (name, column) in TEXTS.iter().zip(&self.texts).chain([(&JOINT_NAMES, &self.joint_names)]) {
+            self.file.new_dataset_builder().with_data(column.as_slice()).create(*name)?;
+        }
+        for (name, offsets) in OFFSETS.iter().zip(&self.offsets) {
+            self.file.new_dataset_builder().with_data(offsets.as_slice()).create(*name)?;
+        }
+        self.file.flush()
+    }
+
+    fn flush(&mut self) -> Result<(), DataError> {
+        let rows = std::mem::take(&mut self.rows);
+        let all = || -> hdf5::Result<()> {
+            self.append3("vertices", &rows.vertices)?;
+            self.append3("faces", &rows.faces)?;
+            self.append3("joints", &rows.joints)?;
+            self.append("parents", &rows.parents)?;
+            self.append("influences", &rows.influences)?;
+            self.append("weight_joints", &rows.weight_joints)?;
+            self.append("weights", &rows.weights)
+        };
+        all().map_err(|e| write_error(&self.path, &e))
+    }
+
+    fn append<T: H5Type>(&self, name: &str, rows: &[T]) -> hdf5::Result<()> {
+        let table = self.file.dataset(name)?;
+        let at = table.shape()[0];
+        table.resize((at + rows.len(),))?;
+        if rows.is_empty() {
+            return Ok(());
+        }
+        table.write_slice(ArrayView1::from(rows), at..at + rows.len())
+    }
+
+    fn append3<T: H5Type + Copy>(&self, name: &str, rows: &[[T; 3]]) -> hdf5::Result<()> {
+        let table = self.file.dataset(name)?;
+        let at = table.shape()[0];
+        table.resize((at + rows.len(), 3))?;
+        if rows.is_empty() {
+            return Ok(());
+        }
+        let view = ArrayView2::from_shape((rows.len(), 3), rows.as_flattened()).expect("three columns");
+        table.write_slice(view, (at..at + rows.len(), ..))
+    }
+}
+
+/// HDF5 strings end at a zero byte; names from files may hold one.
+fn unicode(text: &str) -> VarLenUnicode {
+    let clean: String = text.chars().filter(|c| *c != '\0').collect();
+    // Without zero bytes the conversion cannot fail.
+    clean.parse().unwrap_or_default()
+}
+
+fn write_error(path: &Path, e: &hdf5::Error) -> DataError {
+    DataError::Write { path: path.into(), message: short(e) }
+}
+
+/// The first sentence of an HDF5 error.
+pub(crate) fn short(e: &hdf5::Error) -> String {
+    e.to_string().lines().next().unwrap_or_default().chars().take(200).collect()
+}
+
+/// BLAKE3 over a rig's arrays and names.
+pub(crate) fn digest(rig: &Rig) -> String {
+    let mut hash = blake3::Hasher::new();
+    let mut part = |n: usize, bytes: &mut dyn Iterator<Item = [u8; 4]>| {
+        hash.update(&(n as u64).to_le_bytes());
+        let all: Vec<u8> = bytes.flatten().collect();
+        hash.update(&all);
+    };
+    let (mesh, skeleton, weights) = (rig.mesh(), rig.skeleton(), rig.weights());
+    part(mesh.positions().len(), &mut mesh.positions().as_flattened().iter().map(|x| x.to_le_bytes()));
+    part(mesh.triangles().len(), &mut mesh.triangles().as_flattened().iter().map(|x| x.to_le_bytes()));
+    part(skeleton.len(), &mut skeleton.heads().as_flattened().iter().map(|x| x.to_le_bytes()));
+    part(skeleton.len(), &mut skeleton.parents().iter().map(|p| p.map_or(-1, |p| i32::from(p.0)).to_le_bytes()));
+    part(weights.rows(), &mut weights.offsets().iter().map(|x| x.to_le_bytes()));
+    part(weights.nonzero(), &mut weights.joints().iter().map(|x| u32::from(*x).to_le_bytes()));
+    part(weights.nonzero(), &mut weights.weights().iter().map(|x| x.to_le_bytes()));
+    for name in skeleton.names() {
+        hash.update(name.as_bytes());
+        hash.update(b"\n");
+    }
+    hash.finalize().to_hex().to_string()
+}

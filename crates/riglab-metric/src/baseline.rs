@@ -1,0 +1,111 @@
+//! Weights without learning: by distance to the bones.
+
+use rayon::prelude::*;
+use riglab_core::{DecodeRule, JointId, Rig, Segment};
+
+/// A rule by which distances become weights.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Baseline {
+    /// All to the nearest bone.
+    Nearest,
+    /// 1 / dᵖ over all bones, divided by their sum.
+    Inverse {
+        /// p; sharp forms are the better ones.
+        power: i32,
+    },
+    /// The same, four largest kept, those below a cut dropped.
+    InverseCut {
+        /// p.
+        power: i32,
+        /// Shares at or below are dropped.
+        cut: f32,
+    },
+}
+
+impl Baseline {
+    /// Those that reports show: the nearest bone, and inverse distance in its sharp forms, as it is
+    /// and with the cuts that were best in validation.
+    pub const SHOWN: [Self; 6] = [
+        Self::Nearest,
+        Self::Inverse { power: 2 },
+        Self::Inverse { power: 8 },
+        Self::InverseCut { power: 2, cut: 0.15 },
+        Self::InverseCut { power: 4, cut: 0.15 },
+        Self::InverseCut { power: 16, cut: 0.05 },
+    ];
+
+    /// Its name in tables.
+    pub fn name(&self) -> String {
+        match self {
+            Self::Nearest => "nearest bone".into(),
+            Self::Inverse { power } => format!("1/d^{power}"),
+            Self::InverseCut { power, cut } => format!("1/d^{power}, top 4, cut {cut}"),
+        }
+    }
+
+    /// Dense weights, a row of `joints` shares a vertex, from [`bone_distances`].
+    pub fn weights(&self, distances: &[f32], joints: usize) -> Vec<f32> {
+        let mut out = vec![0.0; distances.len()];
+        out.par_chunks_exact_mut(joints).zip(distances.par_chunks_exact(joints)).for_each(|(row, d)| self.row(row, d));
+        out
+    }
+
+    fn row(&self, row: &mut [f32], distances: &[f32]) {
+        let nearest = (0..distances.len()).min_by(|&a, &b| distances[a].total_cmp(&distances[b]));
+        let Some(nearest) = nearest else { return };
+        match *self {
+            Self::Nearest => row[nearest] = 1.0,
+            Self::Inverse { power } => inverse(row, distances, distances[nearest], power),
+            Self::InverseCut { power, cut } => {
+                inverse(row, distances, distances[nearest], power);
+                DecodeRule { cut, influences: 4 }.apply(row);
+            }
+        }
+    }
+}
+
+/// (d_min / d)ᵖ divided by the sum: the ratio keeps large powers finite.
+fn inverse(row: &mut [f32], distances: &[f32], smallest: f32, power: i32) {
+    let smallest = smallest.max(1e-12);
+    for (w, d) in row.iter_mut().zip(distances) {
+        *w = (smallest / d.max(1e-12)).powi(power);
+    }
+    let sum: f32 = row.iter().sum();
+    row.iter_mut().for_each(|w| *w /= sum);
+}
+
+/// Distance of every vertex to the bones of `joints`, a row a vertex. A bone is a joint's segments to
+/// its children; see [`riglab_core::Skeleton::segments`].
+pub fn bone_distances(rig: &Rig, joints: &[JointId]) -> Vec<f32> {
+    let segments = rig.skeleton().segments();
+    let bones: Vec<&[Segment]> = joints.iter().map(|j| segments[j.index()].as_slice()).collect();
+    let mut out = vec![0.0; rig.mesh().positions().len() * joints.len()];
+    out.par_chunks_exact_mut(joints.len().max(1)).zip(rig.mesh().positions()).for_each(|(row, &p)| {
+        for (d, bone) in row.iter_mut().zip(&bones) {
+            *d = bone.iter().map(|s| s.distance(p)).fold(f32::INFINITY, f32::min);
+        }
+    });
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn weights_follow_distance() {
+        let d = [1.0, 2.0, 4.0];
+        assert_eq!(Baseline::Nearest.weights(&d, 3), [1.0, 0.0, 0.0]);
+        let w = Baseline::Inverse { power: 2 }.weights(&d, 3);
+        assert!((w[0] / w[1] - 4.0).abs() < 1e-5 && (w.iter().sum::<f32>() - 1.0).abs() < 1e-6);
+        assert_eq!(Baseline::InverseCut { power: 2, cut: 0.1 }.weights(&d, 3), [0.8, 0.2, 0.0]);
+    }
+
+    #[test]
+    fn a_vertex_on_a_bone_is_finite() {
+        for b in Baseline::SHOWN {
+            let w = b.weights(&[0.0, 0.0, 1.0], 3);
+            assert!((w.iter().sum::<f32>() - 1.0).abs() < 1e-6, "{}", b.name());
+        }
+    }
+}

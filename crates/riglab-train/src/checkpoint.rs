@@ -1,0 +1,225 @@
+//! Checkpoints: complete or absent.
+//!
+//! `checkpoints/step-N/` holds the weights, their moving average, the optimizer's state (each as
+//! safetensors) and `state.json`, after N steps. It is written under a temporary name, synced and
+//! renamed; `last` and `best` are links to such folders.
+
+use std::collections::BTreeMap;
+use std::fs::{self, File};
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+use riglab_nn::io;
+use riglab_nn::optim::{Ema, Optimizer};
+use riglab_nn::params::Params;
+use serde::{Deserialize, Serialize};
+use tch::Tensor;
+
+use crate::TrainError;
+use crate::atomic::sync_folder;
+
+/// What a run remembers besides tensors.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct State {
+    /// The task's name.
+    pub task: String,
+    /// Steps done.
+    pub step: u64,
+    /// The run's seed.
+    pub seed: u64,
+    /// Steps skipped so far because something was not finite.
+    pub skipped: u64,
+    /// Of those, the ones right before this checkpoint.
+    pub skipped_in_a_row: u64,
+    /// Step and value of the best validation.
+    pub best: Option<(u64, f64)>,
+}
+
+/// A complete checkpoint on disk.
+#[derive(Clone, Debug)]
+pub struct Checkpoint {
+    path: PathBuf,
+    state: State,
+}
+
+const MODEL: &str = "model.safetensors";
+const AVERAGE: &str = "ema.safetensors";
+const OPTIMIZER: &str = "optimizer.safetensors";
+const STATE: &str = "state.json";
+
+impl Checkpoint {
+    /// Opens a checkpoint folder: `step-N`, `best` or `last`.
+    ///
+    /// # Errors
+    /// When it is none, or of a version that is not understood.
+    pub fn open(path: &Path) -> Result<Self, TrainError> {
+        let fault = |message: String| TrainError::Checkpoint { path: path.into(), message };
+        let text =
+            fs::read_to_string(path.join(STATE)).map_err(|e| fault(format!("no checkpoint here ({STATE}: {e})")))?;
+        let state = serde_json::from_str(&text).map_err(|e| fault(format!("{STATE} cannot be understood ({e})")))?;
+        Ok(Self { path: path.into(), state })
+    }
+
+    /// What it remembers.
+    pub fn state(&self) -> &State {
+        &self.state
+    }
+
+    /// Its folder.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// Loads the weights to evaluate with: the moving average if there is one.
+    ///
+    /// # Errors
+    /// When they are damaged, or of another network.
+    pub fn load_weights(&self, params: &Params) -> Result<(), TrainError> {
+        let average = self.path.join(AVERAGE);
+        let file = if average.is_file() { average } else { self.path.join(MODEL) };
+        let tensors = io::read(&file)?;
+        params.load(&tensors).map_err(|e| self.foreign(&file, &e))
+    }
+
+    /// Loads everything a run goes on with.
+    ///
+    /// # Errors
+    /// When something is missing, damaged, or of another network or optimizer.
+    pub fn restore(&self, params: &Params, optimizer: &mut Optimizer, ema: Option<&Ema>) -> Result<(), TrainError> {
+        let file = |name: &str| self.path.join(name);
+        params.load(&io::read(&file(MODEL))?).map_err(|e| self.foreign(&file(MODEL), &e))?;
+        if let Some(ema) = ema {
+            let tensors = io::read(&file(AVERAGE))?;
+            params.load_into(&tensors, ema.weights()).map_err(|e| self.foreign(&file(AVERAGE), &e))?;
+        }
+        let state = io::read(&file(OPTIMIZER))?;
+        optimizer.load_state(params, &state).map_err(|e| self.foreign(&file(OPTIMIZER), &e))
+    }
+
+    fn foreign(&self, file: &Path, e: &riglab_nn::NnError) -> TrainError {
+        let message = format!(
+            "not of this network ({e}); it was written by task `{}` with another config: take the `config.toml` beside its checkpoints",
+            self.state.task
+        );
+        TrainError::Checkpoint { path: file.into(), message }
+    }
+}
+
+/// The folder `checkpoints` of a run.
+pub(crate) struct Store {
+    dir: PathBuf,
+}
+
+impl Store {
+    /// Opens or makes it, and clears what a killed run left half-written.
+    pub fn new(dir: PathBuf) -> Result<Self, TrainError> {
+        fs::create_dir_all(&dir).map_err(|e| TrainError::io(&dir, "be made", &e))?;
+        let store = Self { dir };
+        for name in store.entries() {
+            if name.starts_with(".tmp-") {
+                let _ = fs::remove_dir_all(store.dir.join(name));
+            }
+        }
+        Ok(store)
+    }
+
+    /// The newest complete checkpoint.
+    pub fn latest(&self) -> Option<Checkpoint> {
+        let mut steps = self.steps();
+        while let Some(step) = steps.pop() {
+            if let Ok(found) = Checkpoint::open(&self.dir.join(folder(step))) {
+                return Some(found);
+            }
+        }
+        None
+    }
+
+    /// Writes a checkpoint, links `last` (and `best`) to it and removes the oldest beyond `keep`.
+    pub fn save(
+        &self,
+        params: &Params,
+        optimizer: &Optimizer,
+        ema: Option<&Ema>,
+        state: &State,
+        keep: usize,
+    ) -> Result<(), TrainError> {
+        let target = self.dir.join(folder(state.step));
+        if !target.join(STATE).is_file() {
+            let temp = self.dir.join(format!(".tmp-{}-{}", folder(state.step), std::process::id()));
+            let written = self.write(&temp, params, optimizer, ema, state);
+            if let Err(e) = written.and_then(|()| self.put(&temp, &target)) {
+                let _ = fs::remove_dir_all(&temp);
+                return Err(e);
+            }
+        }
+        self.link("last", state.step)?;
+        self.prune(keep, state);
+        Ok(())
+    }
+
+    fn write(
+        &self,
+        dir: &Path,
+        params: &Params,
+        optimizer: &Optimizer,
+        ema: Option<&Ema>,
+        state: &State,
+    ) -> Result<(), TrainError> {
+        fs::create_dir_all(dir).map_err(|e| TrainError::io(dir, "be made", &e))?;
+        io::write(&dir.join(MODEL), params.named(params.weights()))?;
+        if let Some(ema) = ema {
+            io::write(&dir.join(AVERAGE), params.named(ema.weights()))?;
+        }
+        let tensors: BTreeMap<String, Tensor> = optimizer.state(params);
+        io::write(&dir.join(OPTIMIZER), tensors.iter().map(|(k, v)| (k.as_str(), v)))?;
+        let path = dir.join(STATE);
+        let text = serde_json::to_string_pretty(state).expect("plain data") + "\n";
+        let written = File::create(&path).and_then(|mut f| f.write_all(text.as_bytes()).and_then(|()| f.sync_all()));
+        written.and_then(|()| sync_folder(dir)).map_err(|e| TrainError::io(&path, "be written", &e))
+    }
+
+    fn put(&self, temp: &Path, target: &Path) -> Result<(), TrainError> {
+        if target.exists() {
+            // Left over without its state: never complete.
+            fs::remove_dir_all(target).map_err(|e| TrainError::io(target, "be replaced", &e))?;
+        }
+        fs::rename(temp, target)
+            .and_then(|()| sync_folder(&self.dir))
+            .map_err(|e| TrainError::io(target, "be put in place", &e))
+    }
+
+    /// Points a link (`last`, `best`) to the checkpoint of a step, in one move.
+    pub fn link(&self, name: &str, step: u64) -> Result<(), TrainError> {
+        let (link, temp) = (self.dir.join(name), self.dir.join(format!(".tmp-{name}-{}", std::process::id())));
+        let _ = fs::remove_file(&temp);
+        std::os::unix::fs::symlink(folder(step), &temp)
+            .and_then(|()| fs::rename(&temp, &link))
+            .map_err(|e| TrainError::io(&link, "be linked", &e))
+    }
+
+    fn prune(&self, keep: usize, state: &State) {
+        let best = state.best.map(|(step, _)| step);
+        let steps = self.steps();
+        for &step in &steps[..steps.len().saturating_sub(keep)] {
+            if Some(step) != best && step != state.step {
+                let _ = fs::remove_dir_all(self.dir.join(folder(step)));
+            }
+        }
+    }
+
+    /// Steps that have a folder, rising.
+    fn steps(&self) -> Vec<u64> {
+        let mut steps: Vec<u64> = self.entries().iter().filter_map(|n| n.strip_prefix("step-")?.parse().ok()).collect();
+        steps.sort_unstable();
+        steps
+    }
+
+    fn entries(&self) -> Vec<String> {
+        let Ok(entries) = fs::read_dir(&self.dir) else { return Vec::new() };
+        entries.filter_map(|e| e.ok()?.file_name().into_string().ok()).collect()
+    }
+}
+
+fn folder(step: u64) -> String {
+    format!("step-{step:08}")
+}

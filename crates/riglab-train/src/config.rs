@@ -1,0 +1,127 @@
+//! Settings of a training run.
+
+use riglab_nn::optim::OptimConfig;
+use serde::{Deserialize, Serialize};
+
+/// How a run trains. The defaults are sound for a small run.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct TrainConfig {
+    /// Seeds everything random.
+    pub seed: u64,
+    /// Optimizer steps of the run.
+    pub steps: u64,
+    /// Batches whose gradients are summed (as a mean) for one step.
+    pub accumulate: u64,
+    /// What is computed with; weights, optimizer and losses stay fp32.
+    pub precision: Precision,
+    /// Learning rate over the run.
+    pub schedule: ScheduleConfig,
+    /// Optimizers.
+    pub optim: OptimConfig,
+    /// Decay of the moving average of weights that is validated and kept; 0 for none.
+    pub ema: f64,
+    /// Threads that make batches. Any number gives the same run; 0 makes them between steps.
+    pub workers: usize,
+    /// Steps between validations; 0 for none but the last.
+    pub validate_every: u64,
+    /// Steps between checkpoints; 0 for none but the last.
+    pub save_every: u64,
+    /// Checkpoints kept, besides the best.
+    pub keep: usize,
+    /// Steps between points on TensorBoard and in `perf.jsonl`.
+    pub log_every: u64,
+    /// Steps between histograms of weights on TensorBoard; 0 for none.
+    pub histogram_every: u64,
+    /// Steps in a row that may be skipped because loss or gradient is not finite.
+    pub patience: u64,
+}
+
+/// What a step computes with.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Precision {
+    /// 32 bits.
+    Fp32,
+    /// bfloat16 with fp32 master weights: faster where the processor has it, for wide networks.
+    Bf16,
+}
+
+/// Learning rate over the run, as a factor of the peak.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct ScheduleConfig {
+    /// Shape after warm-up.
+    pub kind: ScheduleKind,
+    /// Steps of linear warm-up from 0.
+    pub warmup: u64,
+    /// Factor at the last step (not for `constant`).
+    pub end: f64,
+}
+
+/// Shapes of the schedule.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum ScheduleKind {
+    /// Half a cosine down to `end`.
+    Cosine,
+    /// A straight line down to `end`.
+    Linear,
+    /// The peak throughout.
+    Constant,
+}
+
+impl Default for ScheduleConfig {
+    fn default() -> Self {
+        Self { kind: ScheduleKind::Cosine, warmup: 100, end: 0.01 }
+    }
+}
+
+impl Default for TrainConfig {
+    fn default() -> Self {
+        Self {
+            seed: 0,
+            steps: 1000,
+            accumulate: 1,
+            precision: Precision::Fp32,
+            schedule: ScheduleConfig::default(),
+            optim: OptimConfig::default(),
+            ema: 0.998,
+            workers: 2,
+            validate_every: 500,
+            save_every: 500,
+            keep: 2,
+            log_every: 10,
+            histogram_every: 0,
+            patience: 20,
+        }
+    }
+}
+
+impl TrainConfig {
+    /// Checks ranges and relations.
+    ///
+    /// # Errors
+    /// (key, message) of the first fault.
+    pub fn validate(&self) -> Result<(), (String, String)> {
+        let fault = |key: &str, message: String| Err((key.to_string(), message));
+        for (key, value) in [("steps", self.steps), ("accumulate", self.accumulate), ("log_every", self.log_every)] {
+            if value == 0 {
+                return fault(key, format!("{key} must be at least 1"));
+            }
+        }
+        if self.keep == 0 {
+            return fault("keep", "keep must be at least 1: a run resumes from its last checkpoint".into());
+        }
+        if !(0.0..1.0).contains(&self.ema) {
+            return fault("ema", format!("ema = {} must be at least 0 and below 1", self.ema));
+        }
+        if !(0.0..=1.0).contains(&self.schedule.end) {
+            return fault("schedule.end", format!("end = {} must lie in [0, 1]", self.schedule.end));
+        }
+        if self.workers > 256 {
+            return fault("workers", format!("{} workers: at most 256", self.workers));
+        }
+        self.optim.validate().map_err(|(key, message)| (format!("optim.{key}"), message))
+    }
+}

@@ -1,0 +1,34 @@
+//! Ctrl-C: the first asks the run to save and leave, the second ends the process.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+/// A wish to stop, shared by whoever has it.
+#[derive(Clone, Default)]
+pub struct Interrupt(Arc<AtomicBool>);
+
+impl Interrupt {
+    /// Listens for SIGINT and SIGTERM. Only the first call of a process can; later ones give an
+    /// interrupt that nobody raises.
+    pub fn listening() -> Self {
+        let interrupt = Self::default();
+        let raised = interrupt.0.clone();
+        let _ = ctrlc::set_handler(move || {
+            if raised.swap(true, Ordering::SeqCst) {
+                std::process::exit(130);
+            }
+            eprintln!("\ninterrupted: saving after this step (once more to leave at once)");
+        });
+        interrupt
+    }
+
+    /// Raises it.
+    pub fn raise(&self) {
+        self.0.store(true, Ordering::SeqCst);
+    }
+
+    /// Whether it was raised.
+    pub fn raised(&self) -> bool {
+        self.0.load(Ordering::SeqCst)
+    }
+}

@@ -1,0 +1,119 @@
+//! Batches made ahead by threads, in order.
+
+use std::sync::Arc;
+use std::sync::mpsc::{Receiver, sync_channel};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+/// Gives batches by number. A batch depends on its number only, so it does not matter which thread
+/// makes it, or when.
+pub trait Source: Send + Sync {
+    /// What is made.
+    type Batch: Send;
+
+    /// The batch of that number.
+    ///
+    /// # Errors
+    /// A sentence; the run ends with it.
+    fn batch(&self, number: u64) -> Result<Self::Batch, String>;
+}
+
+/// Batches each thread may be ahead.
+const AHEAD: usize = 2;
+
+/// Batches `from..` in order, made by `workers` threads; each thread makes every n-th.
+pub struct Prefetch<B: Send + 'static> {
+    source: Arc<dyn Source<Batch = B>>,
+    queues: Vec<Receiver<Result<B, String>>>,
+    threads: Vec<JoinHandle<()>>,
+    next: u64,
+    from: u64,
+    waited: Duration,
+}
+
+impl<B: Send + 'static> Prefetch<B> {
+    /// Starts the threads. Without workers, batches are made when they are asked for.
+    pub fn new(source: Arc<dyn Source<Batch = B>>, from: u64, workers: usize) -> Self {
+        let mut queues = Vec::with_capacity(workers);
+        let mut threads = Vec::with_capacity(workers);
+        for w in 0..workers {
+            let (send, receive) = sync_channel(AHEAD);
+            let source = source.clone();
+            let work = move || {
+                let mut number = from + w as u64;
+                // The receiver is gone when the run ends.
+                while send.send(source.batch(number)).is_ok() {
+                    number += workers as u64;
+                }
+            };
+            threads.push(std::thread::spawn(work));
+            queues.push(receive);
+        }
+        Self { source, queues, threads, next: from, from, waited: Duration::ZERO }
+    }
+
+    /// The next batch.
+    ///
+    /// # Errors
+    /// The source's sentence.
+    pub fn next(&mut self) -> Result<B, String> {
+        let start = Instant::now();
+        let number = self.next;
+        self.next += 1;
+        let batch = match self.queues.len() {
+            0 => self.source.batch(number),
+            n => {
+                let queue = &self.queues[((number - self.from) % n as u64) as usize];
+                queue.recv().unwrap_or_else(|_| Err("a loader thread ended unexpectedly".into()))
+            }
+        };
+        self.waited += start.elapsed();
+        batch
+    }
+
+    /// Time spent in [`Self::next`] since the last call of this.
+    pub fn take_waited(&mut self) -> Duration {
+        std::mem::take(&mut self.waited)
+    }
+}
+
+impl<B: Send + 'static> Drop for Prefetch<B> {
+    fn drop(&mut self) {
+        self.queues.clear();
+        for thread in self.threads.drain(..) {
+            // A thread that panicked has said so; there is nothing to add.
+            let _ = thread.join();
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    struct Squares;
+    impl Source for Squares {
+        type Batch = u64;
+        fn batch(&self, number: u64) -> Result<u64, String> {
+            // Later batches are ready first.
+            std::thread::sleep(Duration::from_millis(10 - number % 10));
+            if number == 30 { Err("no thirty".into()) } else { Ok(number * number) }
+        }
+    }
+
+    #[test]
+    fn order_does_not_depend_on_workers() {
+        for workers in [0, 1, 3, 4] {
+            let mut batches = Prefetch::new(Arc::new(Squares), 5, workers);
+            let got: Vec<u64> = (0..10).map(|_| batches.next().unwrap()).collect();
+            assert_eq!(got, (5..15).map(|n| n * n).collect::<Vec<_>>());
+        }
+    }
+
+    #[test]
+    fn errors_arrive_in_order_too() {
+        let mut batches = Prefetch::new(Arc::new(Squares), 28, 2);
+        assert_eq!((batches.next(), batches.next()), (Ok(784), Ok(841)));
+        assert_eq!(batches.next(), Err("no thirty".to_string()));
+    }
+}

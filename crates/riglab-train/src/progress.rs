@@ -1,0 +1,87 @@
+//! Progress on standard error: a bar with the time left on a terminal, plain lines elsewhere.
+
+use std::io::IsTerminal;
+use std::time::{Duration, Instant};
+
+use indicatif::{HumanDuration, ProgressBar, ProgressStyle};
+
+/// Time between plain lines.
+const EVERY: Duration = Duration::from_secs(15);
+
+/// Progress of one job.
+pub struct Progress {
+    name: String,
+    total: u64,
+    begun_at: u64,
+    at: u64,
+    start: Instant,
+    last: Instant,
+    bar: Option<ProgressBar>,
+}
+
+impl Progress {
+    /// A job of `total` parts, of which `done` are done already.
+    pub fn new(name: &str, total: u64, done: u64) -> Self {
+        let bar = std::io::stderr().is_terminal().then(|| {
+            let bar = ProgressBar::new(total).with_position(done);
+            let style = "{prefix:10} {wide_bar} {pos}/{len}  {elapsed} elapsed, {eta} left  {msg}";
+            bar.set_style(ProgressStyle::with_template(style).unwrap_or_else(|_| ProgressStyle::default_bar()));
+            bar.set_prefix(name.to_string());
+            bar.reset_eta();
+            bar
+        });
+        let now = Instant::now();
+        Self { name: name.into(), total, begun_at: done, at: done, start: now, last: now, bar }
+    }
+
+    /// `done` parts are done; `message` says how it goes.
+    pub fn set(&mut self, done: u64, message: impl FnOnce() -> String) {
+        self.at = done;
+        match &self.bar {
+            Some(bar) => {
+                bar.set_position(done);
+                bar.set_message(message());
+            }
+            None if self.last.elapsed() >= EVERY => {
+                self.last = Instant::now();
+                let (message, left) = (message(), self.left());
+                eprintln!("{}: {done}/{} ({left} left) {message}", self.name, self.total);
+            }
+            None => {}
+        }
+    }
+
+    /// Prints a line above the bar.
+    pub fn line(&self, text: &str) {
+        match &self.bar {
+            Some(bar) => bar.suspend(|| eprintln!("{text}")),
+            None => eprintln!("{text}"),
+        }
+    }
+
+    /// The job is done: the bar goes, a line with the time stays.
+    pub fn finish(&mut self) {
+        if let Some(bar) = self.bar.take() {
+            bar.finish_and_clear();
+        }
+        eprintln!("{}: {}/{} in {}", self.name, self.at, self.total, HumanDuration(self.start.elapsed()));
+    }
+
+    fn left(&self) -> String {
+        let done = self.at.saturating_sub(self.begun_at);
+        if done == 0 {
+            return "?".into();
+        }
+        let per = self.start.elapsed().as_secs_f64() / done as f64;
+        let left = per * self.total.saturating_sub(self.at) as f64;
+        HumanDuration(Duration::from_secs_f64(left.min(1e9))).to_string()
+    }
+}
+
+impl Drop for Progress {
+    fn drop(&mut self) {
+        if let Some(bar) = self.bar.take() {
+            bar.finish_and_clear();
+        }
+    }
+}

@@ -1,0 +1,176 @@
+//! The folder of a run.
+
+use std::fs::{self, File};
+use std::path::{Path, PathBuf};
+use std::time::SystemTime;
+
+use serde::{Deserialize, Serialize};
+
+use crate::TrainError;
+use crate::atomic::write_atomic;
+
+/// A run folder, held by this process.
+///
+/// ```text
+/// config.toml      the resolved config; training from it repeats the run
+/// metrics.jsonl    the truth: one line a step or validation
+/// perf.jsonl       what depends on the clock: speed, memory, time
+/// run.json         versions, machine, data, start, end, how it ended
+/// tensorboard/     a view
+/// checkpoints/     step-N/, last, best
+/// ```
+pub struct Run {
+    dir: PathBuf,
+    // Unlocked when the process ends, however it ends.
+    _lock: File,
+}
+
+/// `run.json`.
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
+pub struct RunInfo {
+    /// The task.
+    pub task: String,
+    /// The command line.
+    pub command: Vec<String>,
+    /// Version of riglab.
+    pub riglab: String,
+    /// Version of libtorch and the instruction set it chose.
+    pub libtorch: String,
+    /// Commit of the working folder, with `+` where it had changes; empty outside a repository.
+    pub commit: String,
+    /// Processor, cores and memory.
+    pub machine: String,
+    /// Threads of libtorch.
+    pub threads: usize,
+    /// Device the network ran on.
+    pub device: String,
+    /// Corpora: path, checksum and number of assets.
+    pub data: Vec<(String, String, usize)>,
+    /// Numbers in the network.
+    pub parameters: usize,
+    /// When it began, UTC.
+    pub started: String,
+    /// When it was last resumed, UTC.
+    pub resumed: Vec<String>,
+    /// When it ended, UTC; empty while it runs.
+    pub ended: String,
+    /// How it ended: `finished`, `interrupted`, or the error.
+    pub outcome: String,
+    /// Seconds of training in all, resumed parts included.
+    pub seconds: f64,
+}
+
+impl Run {
+    /// Makes the folder of a new run and writes its config.
+    ///
+    /// # Errors
+    /// When the folder holds a run already, or cannot be written.
+    pub fn create(dir: &Path, config: &str) -> Result<Self, TrainError> {
+        if dir.join("config.toml").exists() {
+            let message = "holds a run already; continue it with --resume, or choose another folder".into();
+            return Err(TrainError::Io { path: dir.into(), message });
+        }
+        fs::create_dir_all(dir.join("checkpoints")).map_err(|e| TrainError::io(dir, "be made", &e))?;
+        let run = Self::hold(dir)?;
+        let path = dir.join("config.toml");
+        write_atomic(&path, config.as_bytes()).map_err(|e| TrainError::io(&path, "be written", &e))?;
+        Ok(run)
+    }
+
+    /// Opens the folder of a run to go on with it.
+    ///
+    /// # Errors
+    /// When it is none, or another process is at it.
+    pub fn open(dir: &Path) -> Result<Self, TrainError> {
+        if !dir.join("config.toml").is_file() {
+            let message = "no run here (there is no config.toml)".into();
+            return Err(TrainError::Io { path: dir.into(), message });
+        }
+        Self::hold(dir)
+    }
+
+    fn hold(dir: &Path) -> Result<Self, TrainError> {
+        let path = dir.join(".lock");
+        let lock = File::create(&path).map_err(|e| TrainError::io(&path, "be written", &e))?;
+        if lock.try_lock().is_err() {
+            let message = "another process is training in this folder".into();
+            return Err(TrainError::Io { path: dir.into(), message });
+        }
+        Ok(Self { dir: dir.into(), _lock: lock })
+    }
+
+    /// The folder.
+    pub fn dir(&self) -> &Path {
+        &self.dir
+    }
+
+    /// A path inside.
+    pub fn path(&self, name: &str) -> PathBuf {
+        self.dir.join(name)
+    }
+
+    /// `run.json`, if it can be read.
+    pub fn info(&self) -> Option<RunInfo> {
+        serde_json::from_str(&fs::read_to_string(self.path("run.json")).ok()?).ok()
+    }
+
+    /// Writes `run.json`.
+    ///
+    /// # Errors
+    /// When the file system refuses.
+    pub fn write_info(&self, info: &RunInfo) -> Result<(), TrainError> {
+        let path = self.path("run.json");
+        let text = serde_json::to_string_pretty(info).expect("plain data") + "\n";
+        write_atomic(&path, text.as_bytes()).map_err(|e| TrainError::io(&path, "be written", &e))
+    }
+}
+
+impl RunInfo {
+    /// What can be known about program and machine, with the start set to now.
+    pub fn new(task: &str, threads: usize, device: &str) -> Self {
+        Self {
+            task: task.into(),
+            command: std::env::args().collect(),
+            riglab: env!("CARGO_PKG_VERSION").into(),
+            libtorch: format!("{} {}", riglab_torch::libtorch_version(), riglab_torch::cpu_capability()),
+            commit: commit(),
+            machine: machine(),
+            threads,
+            device: device.into(),
+            started: now(),
+            ..Self::default()
+        }
+    }
+
+    /// Now, UTC.
+    pub fn now() -> String {
+        now()
+    }
+}
+
+fn now() -> String {
+    humantime::format_rfc3339_seconds(SystemTime::now()).to_string()
+}
+
+fn commit() -> String {
+    let git = |args: &[&str]| {
+        let out = std::process::Command::new("git").args(args).output().ok()?;
+        out.status.success().then(|| String::from_utf8_lossy(&out.stdout).trim().to_string())
+    };
+    let Some(commit) = git(&["rev-parse", "--short=12", "HEAD"]) else { return String::new() };
+    let changed = git(&["status", "--porcelain", "--untracked-files=no"]).is_some_and(|s| !s.is_empty());
+    commit + if changed { "+" } else { "" }
+}
+
+fn machine() -> String {
+    let field = |file: &str, key: &str| {
+        let text = fs::read_to_string(file).ok()?;
+        let line = text.lines().find(|l| l.starts_with(key))?;
+        Some(line.split(':').nth(1)?.trim().to_string())
+    };
+    let cpu = field("/proc/cpuinfo", "model name").unwrap_or_else(|| std::env::consts::ARCH.into());
+    let cores = std::thread::available_parallelism().map_or(0, usize::from);
+    let kilobytes: f64 =
+        field("/proc/meminfo", "MemTotal").and_then(|t| t.split(' ').next()?.parse().ok()).unwrap_or(0.0);
+    format!("{cpu}, {cores} cores, {:.0} GB", kilobytes / 1e6)
+}

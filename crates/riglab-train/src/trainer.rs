@@ -1,0 +1,318 @@
+//! The loop.
+
+use std::time::{Duration, Instant};
+
+use riglab_nn::optim::{Ema, Optimizer};
+use riglab_nn::params::{Params, Weights};
+use tch::{Kind, Tensor};
+
+use crate::checkpoint::{State, Store};
+use crate::config::{Precision, TrainConfig};
+use crate::error::TrainError;
+use crate::interrupt::Interrupt;
+use crate::logs::Logs;
+use crate::prefetch::Prefetch;
+use crate::progress::Progress;
+use crate::run::Run;
+use crate::schedule;
+use crate::task::{At, Task, Validation};
+
+/// How a run ended without an error.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Ended {
+    /// All steps are done.
+    Finished,
+    /// Someone asked it to stop; it can be resumed.
+    Interrupted,
+}
+
+/// What a run came to.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Outcome {
+    /// How it ended.
+    pub ended: Ended,
+    /// Steps done in all.
+    pub step: u64,
+    /// Step and value of the best validation.
+    pub best: Option<(u64, f64)>,
+    /// Steps skipped because something was not finite.
+    pub skipped: u64,
+    /// Seconds of this part of the run.
+    pub seconds: f64,
+    /// Share of the time spent waiting for batches.
+    pub waiting: f64,
+}
+
+/// Trains a task in a run folder, from its last checkpoint if it has one.
+///
+/// # Errors
+/// See [`TrainError`]. Checkpoints and logs written before an error stay and can be resumed from.
+pub fn train<T: Task>(task: &T, config: &TrainConfig, run: &Run, interrupt: &Interrupt) -> Result<Outcome, TrainError> {
+    config.validate().map_err(|(key, message)| TrainError::Config { key, message })?;
+    let store = Store::new(run.path("checkpoints"))?;
+    let mut optimizer = Optimizer::new(task.params(), config.optim.clone());
+    let ema = (config.ema > 0.0).then(|| Ema::new(task.params(), config.ema));
+    let mut state =
+        State { task: task.name().into(), step: 0, seed: config.seed, skipped: 0, skipped_in_a_row: 0, best: None };
+    if let Some(last) = store.latest() {
+        last.restore(task.params(), &mut optimizer, ema.as_ref())?;
+        state = last.state().clone();
+        if state.task != task.name() || state.seed != config.seed {
+            let message = format!(
+                "is of task `{}` with seed {}, not of `{}` with {}",
+                state.task,
+                state.seed,
+                task.name(),
+                config.seed
+            );
+            return Err(TrainError::Checkpoint { path: last.path().into(), message });
+        }
+    }
+    let logs = Logs::open(run, state.step)?;
+    let mut trainer = Trainer { config, store, optimizer, ema, state, logs, window: Window::default() };
+    trainer.run(task, interrupt)
+}
+
+struct Trainer<'a> {
+    config: &'a TrainConfig,
+    store: Store,
+    optimizer: Optimizer,
+    ema: Option<Ema>,
+    state: State,
+    logs: Logs,
+    window: Window,
+}
+
+/// Times since the last line of `perf.jsonl`.
+struct Window {
+    start: Instant,
+    steps: u64,
+}
+
+impl Default for Window {
+    fn default() -> Self {
+        Self { start: Instant::now(), steps: 0 }
+    }
+}
+
+impl Trainer<'_> {
+    fn run<T: Task>(&mut self, task: &T, interrupt: &Interrupt) -> Result<Outcome, TrainError> {
+        let (config, start) = (self.config, Instant::now());
+        let mut batches = Prefetch::new(task.source(), self.state.step * config.accumulate, config.workers);
+        let mut progress = Progress::new("training", config.steps, self.state.step);
+        let (mut waited, mut ended) = (Duration::ZERO, Ended::Finished);
+        let mut objective: Option<f64> = None;
+        while self.state.step < config.steps {
+            let loss = self.step(task, &mut batches)?;
+            let step = self.state.step;
+            let last = step == config.steps;
+            if last || (config.validate_every > 0 && step % config.validate_every == 0) {
+                objective = self.validate(task, &mut progress)?.or(objective);
+            }
+            let stop = interrupt.raised() && !last;
+            if last || stop || (config.save_every > 0 && step % config.save_every == 0) || self.best_is_now() {
+                self.save(task)?;
+            }
+            if step % config.log_every == 0 || last {
+                let pause = batches.take_waited();
+                waited += pause;
+                self.perf(pause)?;
+            }
+            progress.set(step, || match objective {
+                Some(x) => format!("loss {loss:.4}  {} {x:.4}", task.objective().0),
+                None => format!("loss {loss:.4}"),
+            });
+            if stop {
+                ended = Ended::Interrupted;
+                break;
+            }
+        }
+        progress.finish();
+        let seconds = start.elapsed().as_secs_f64();
+        Ok(Outcome {
+            ended,
+            step: self.state.step,
+            best: self.state.best,
+            skipped: self.state.skipped,
+            seconds,
+            waiting: waited.as_secs_f64() / seconds.max(1e-9),
+        })
+    }
+
+    /// One optimizer step; gives the loss.
+    fn step<T: Task>(&mut self, task: &T, batches: &mut Prefetch<T::Batch>) -> Result<f64, TrainError> {
+        let (config, step) = (self.config, self.state.step);
+        let params = task.params();
+        let half = (config.precision == Precision::Bf16).then(|| params.weights().cast(Kind::BFloat16));
+        let weights = half.as_ref().unwrap_or(params.weights());
+        let (mut grads, mut values): (Vec<Tensor>, Vec<(String, f64)>) = Default::default();
+        let share = 1.0 / config.accumulate as f64;
+        let mut total = 0.0;
+        for micro in 0..config.accumulate {
+            let at = At { seed: config.seed, step, batch: step * config.accumulate + micro };
+            let batch = batches.next().map_err(TrainError::Task)?;
+            // libtorch's generator is seeded afresh: nothing random has to be saved.
+            tch::manual_seed((config.seed ^ at.batch.wrapping_mul(0x9e37_79b9_7f4a_7c15)) as i64);
+            let loss = task.loss(weights, &batch, at).map_err(TrainError::Task)?;
+            let sum = loss.total();
+            total += sum.double_value(&[]) * share;
+            add_values(&mut values, loss.values(), share);
+            add_grads(&mut grads, weights, &sum, share);
+        }
+        let factor = schedule::factor(&config.schedule, step, config.steps);
+        let stats = if total.is_finite() {
+            self.optimizer.step(params, grads, factor)?
+        } else {
+            riglab_nn::optim::StepStats { grad_norm: f64::NAN, taken: false }
+        };
+        self.state.step += 1;
+        values.insert(0, ("train/loss".into(), total));
+        values.push(("train/grad_norm".into(), stats.grad_norm));
+        values.push(("train/lr_factor".into(), factor));
+        if stats.taken {
+            self.state.skipped_in_a_row = 0;
+            if let Some(ema) = &mut self.ema {
+                ema.update(params, step)?;
+            }
+        } else {
+            self.state.skipped += 1;
+            self.state.skipped_in_a_row += 1;
+            values.push(("train/skipped".into(), 1.0));
+        }
+        self.logs.metrics(self.state.step, &values)?;
+        if self.state.step % config.log_every == 0 {
+            let step = self.state.step;
+            self.logs.board(|b| values.iter().try_for_each(|(name, value)| b.scalar(name, *value, step)));
+        }
+        if config.histogram_every > 0 && self.state.step % config.histogram_every == 0 {
+            self.histograms(params);
+        }
+        self.window.steps += 1;
+        if self.state.skipped_in_a_row > config.patience {
+            return Err(self.not_finite(&values));
+        }
+        Ok(total)
+    }
+
+    fn not_finite(&self, values: &[(String, f64)]) -> TrainError {
+        let parts: Vec<&str> = values.iter().filter(|(_, v)| !v.is_finite()).map(|(n, _)| n.as_str()).collect();
+        let kept = match self.store.latest() {
+            Some(c) => format!("the last checkpoint is {}", c.path().display()),
+            None => "no checkpoint was written yet".into(),
+        };
+        TrainError::NotFinite(format!(
+            "stopped at step {}: {} steps in a row gave no finite loss and gradient (not finite now: {}); {kept}. \
+             Lower train.optim.muon_lr and train.optim.adamw_lr, lengthen train.schedule.warmup, or try precision = \"fp32\"",
+            self.state.step,
+            self.state.skipped_in_a_row,
+            parts.join(", ")
+        ))
+    }
+
+    /// Validates the moving average, or the weights without one; gives the objective.
+    fn validate<T: Task>(&mut self, task: &T, progress: &mut Progress) -> Result<Option<f64>, TrainError> {
+        let step = self.state.step;
+        let weights = self.ema.as_ref().map_or(task.params().weights(), Ema::weights);
+        let at = At { seed: self.config.seed, step, batch: step * self.config.accumulate };
+        let found: Validation = {
+            let _no_grad = tch::no_grad_guard();
+            task.validate(weights, at).map_err(TrainError::Task)?
+        };
+        let values: Vec<(String, f64)> = found.metrics.iter().map(|(n, v)| (format!("eval/{n}"), *v)).collect();
+        self.logs.metrics(step, &values)?;
+        self.logs.board(|b| {
+            values.iter().try_for_each(|(name, value)| b.scalar(name, *value, step))?;
+            found.pictures.iter().try_for_each(|(tag, w, h, png)| b.picture(tag, *w, *h, png, step))?;
+            b.flush()
+        });
+        let (name, better) = task.objective();
+        let value = found.metrics.iter().find(|(n, _)| n == name).map(|(_, v)| *v);
+        if let Some(value) = value.filter(|v| v.is_finite()) {
+            if self.state.best.is_none_or(|(_, best)| better.than(value, best)) {
+                self.state.best = Some((step, value));
+            }
+            progress.line(&format!("step {step}: {name} {value:.4}"));
+        }
+        Ok(value)
+    }
+
+    fn best_is_now(&self) -> bool {
+        self.state.best.is_some_and(|(step, _)| step == self.state.step)
+    }
+
+    fn save<T: Task>(&mut self, task: &T) -> Result<(), TrainError> {
+        self.logs.sync()?;
+        self.store.save(task.params(), &self.optimizer, self.ema.as_ref(), &self.state, self.config.keep)?;
+        if self.best_is_now() {
+            self.store.link("best", self.state.step)?;
+        }
+        Ok(())
+    }
+
+    fn perf(&mut self, waited: Duration) -> Result<(), TrainError> {
+        let seconds = self.window.start.elapsed().as_secs_f64();
+        let values = [
+            ("perf/steps_per_s".to_string(), self.window.steps as f64 / seconds.max(1e-9)),
+            ("perf/waiting_share".into(), waited.as_secs_f64() / seconds.max(1e-9)),
+            ("perf/peak_memory_mb".into(), peak_memory_mb()),
+        ];
+        self.window = Window::default();
+        let step = self.state.step;
+        self.logs.perf(step, &values)?;
+        self.logs.board(|b| {
+            values.iter().try_for_each(|(name, value)| b.scalar(name, *value, step))?;
+            b.flush()
+        });
+        Ok(())
+    }
+
+    fn histograms(&mut self, params: &Params) {
+        let step = self.state.step;
+        self.logs.board(|b| {
+            for (name, tensor) in params.named(params.weights()) {
+                let values = Vec::<f32>::try_from(tensor.detach().flatten(0, -1)).unwrap_or_default();
+                b.histogram(&format!("weights/{name}"), &values, step)?;
+            }
+            Ok(())
+        });
+    }
+}
+
+fn add_values(sums: &mut Vec<(String, f64)>, values: impl Iterator<Item = (&'static str, f64)>, share: f64) {
+    for (k, (name, value)) in values.enumerate() {
+        match sums.get_mut(k) {
+            Some((_, sum)) => *sum += value * share,
+            None => sums.push((format!("train/{name}"), value * share)),
+        }
+    }
+}
+
+fn add_grads(sums: &mut Vec<Tensor>, weights: &Weights, loss: &Tensor, share: f64) {
+    let scaled = if share == 1.0 { loss.shallow_clone() } else { loss * share };
+    let inputs: Vec<&Tensor> = weights.tensors().iter().collect();
+    let mut grads = Tensor::run_backward(&[scaled], &inputs, false, false);
+    if share != 1.0 {
+        // Sums of bfloat16 gradients would lose what later batches add.
+        for g in grads.iter_mut().filter(|g| g.defined() && g.kind() == Kind::BFloat16) {
+            *g = g.to_kind(Kind::Float);
+        }
+    }
+    if sums.is_empty() {
+        *sums = grads;
+        return;
+    }
+    for (sum, grad) in sums.iter_mut().zip(grads) {
+        match (sum.defined(), grad.defined()) {
+            (true, true) => *sum = &*sum + grad,
+            (false, true) => *sum = grad,
+            _ => {}
+        }
+    }
+}
+
+/// Peak memory of this process so far, in MB.
+fn peak_memory_mb() -> f64 {
+    let text = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
+    let line = text.lines().find_map(|l| l.strip_prefix("VmHWM:"));
+    line.and_then(|l| l.trim().split(' ').next()?.parse::<f64>().ok()).map_or(f64::NAN, |kb| kb / 1e3)
+}
