@@ -7,4 +7,4 @@ mod farthest;
 mod surface;
 
 pub use farthest::farthest_points;
-pub use surface::{SurfacePoint, SurfaceSampler};
+pub use surface::{SurfacePoint, SurfaceSampler, barycentric};

@@ -1,5 +1,7 @@
 //! Points drawn from a mesh's surface, uniformly by area.
 
+use std::borrow::Cow;
+
 use glam::Vec3;
 use riglab_core::{Mesh, SkinWeights};
 use riglab_random::{Draw, Stream};
@@ -17,7 +19,16 @@ pub struct SurfacePoint {
 pub struct SurfaceSampler<'a> {
     mesh: &'a Mesh,
     /// Running sum of areas; the last one is the surface.
-    sums: Vec<f64>,
+    sums: Cow<'a, [f64]>,
+}
+
+/// Shares of a triangle's corners, uniform over its area. Takes two numbers from the stream.
+pub fn barycentric(random: &mut Stream) -> [f32; 3] {
+    let (mut u, mut v) = (random.unit(), random.unit());
+    if u + v > 1.0 {
+        (u, v) = (1.0 - u, 1.0 - v);
+    }
+    [1.0 - u - v, u, v]
 }
 
 impl<'a> SurfaceSampler<'a> {
@@ -34,19 +45,25 @@ impl<'a> SurfaceSampler<'a> {
         if !(sum > 0.0 && sum.is_finite()) {
             sums = (1..=n).map(|t| t as f64).collect();
         }
-        Self { mesh, sums }
+        Self { mesh, sums: sums.into() }
     }
 
-    /// One point. Takes three numbers from the stream.
+    /// With areas summed up before, by [`Self::into_sums`] on the same mesh.
+    pub fn with_sums(mesh: &'a Mesh, sums: &'a [f64]) -> Self {
+        Self { mesh, sums: sums.into() }
+    }
+
+    /// The running sums of areas.
+    pub fn into_sums(self) -> Vec<f64> {
+        self.sums.into_owned()
+    }
+
+    /// One point. Takes four numbers from the stream.
     pub fn draw(&self, random: &mut Stream) -> SurfacePoint {
         let total = self.sums[self.sums.len() - 1];
         let at = f64::from(random.unit()) * total + f64::from(random.unit()) * total * 2f64.powi(-24);
         let triangle = self.sums.partition_point(|&s| s <= at).min(self.sums.len() - 1) as u32;
-        let (mut u, mut v) = (random.unit(), random.unit());
-        if u + v > 1.0 {
-            (u, v) = (1.0 - u, 1.0 - v);
-        }
-        SurfacePoint { triangle, barycentric: [1.0 - u - v, u, v] }
+        SurfacePoint { triangle, barycentric: barycentric(random) }
     }
 
     /// Its position.

@@ -1,1 +1,8 @@
-//! The tasks: where data, network, loss and evaluation meet.
+//! The tasks: the only place where data, network, loss and evaluation meet.
+//!
+//! A task is one module; adding one touches that module and the registry of the command line.
+//!
+//! Leaves out: file formats, the training loop.
+
+pub mod assets;
+pub mod fsq_cvae;

@@ -1,0 +1,136 @@
+//! Rotation, mirroring and scale about the origin of normalised coordinates.
+
+use glam::{EulerRot, Mat3, Vec3};
+use riglab_random::{Draw, Stream};
+use serde::{Deserialize, Serialize};
+
+/// What is drawn. The default changes nothing.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct AffineConfig {
+    /// Deviation of the turn about the vertical axis, in radians.
+    pub yaw: f32,
+    /// Deviation of the turns about both other axes, in radians.
+    pub tilt: f32,
+    /// Probability of mirroring left and right.
+    pub mirror: f32,
+    /// Smallest and largest uniform scale.
+    pub scale: [f32; 2],
+    /// Largest relative change of each axis besides.
+    pub stretch: f32,
+    /// Deviation of noise on positions, in normalised units.
+    pub noise: f32,
+}
+
+impl Default for AffineConfig {
+    fn default() -> Self {
+        Self { yaw: 0.0, tilt: 0.0, mirror: 0.0, scale: [1.0, 1.0], stretch: 0.0, noise: 0.0 }
+    }
+}
+
+impl AffineConfig {
+    /// Checks ranges.
+    ///
+    /// # Errors
+    /// (key, message) of the first fault.
+    pub fn validate(&self) -> Result<(), (&'static str, String)> {
+        let [low, high] = self.scale;
+        if !(low > 0.0 && low <= high && high <= 100.0) {
+            return Err(("scale", format!("scale = [{low}, {high}] must rise from above 0 to at most 100")));
+        }
+        if !(0.0..1.0).contains(&self.stretch) {
+            return Err(("stretch", format!("stretch = {} must be at least 0 and below 1", self.stretch)));
+        }
+        if !(0.0..=1.0).contains(&self.mirror) {
+            return Err(("mirror", format!("mirror = {} is a probability", self.mirror)));
+        }
+        for (key, v) in [("yaw", self.yaw), ("tilt", self.tilt), ("noise", self.noise)] {
+            if !(v >= 0.0 && v.is_finite()) {
+                return Err((key, format!("{key} = {v} must not be negative")));
+            }
+        }
+        Ok(())
+    }
+
+    /// Draws a map. The same numbers are taken from the stream whatever the config.
+    pub fn draw(&self, random: &mut Stream) -> AffineMap {
+        let turns = [self.tilt, self.yaw, self.tilt].map(|s| s * random.normal());
+        let rotation = Mat3::from_euler(EulerRot::XYZ, turns[0], turns[1], turns[2]);
+        let scale = random.within(self.scale[0], self.scale[1]);
+        let mut axes =
+            Vec3::from_array(std::array::from_fn(|_| scale * (1.0 + random.within(-self.stretch, self.stretch))));
+        if random.chance(self.mirror) {
+            axes.x = -axes.x;
+        }
+        AffineMap::new(rotation * Mat3::from_diagonal(axes), self.noise)
+    }
+}
+
+/// A linear map with noise.
+#[derive(Clone, Copy, Debug)]
+pub struct AffineMap {
+    matrix: Mat3,
+    normals: Mat3,
+    noise: f32,
+}
+
+impl AffineMap {
+    fn new(matrix: Mat3, noise: f32) -> Self {
+        // Normals go with the inverse transpose; under a reflection the surface is turned inside
+        // out by its winding, not by its normals, so their side is kept.
+        Self { matrix, normals: matrix.inverse().transpose(), noise }
+    }
+
+    /// The image of a position, with noise from the stream.
+    pub fn position(&self, p: [f32; 3], random: &mut Stream) -> [f32; 3] {
+        let mut q = self.matrix * Vec3::from(p);
+        if self.noise > 0.0 {
+            q += self.noise * Vec3::new(random.normal(), random.normal(), random.normal());
+        }
+        q.into()
+    }
+
+    /// The image of a position without noise.
+    pub fn exact(&self, p: [f32; 3]) -> [f32; 3] {
+        (self.matrix * Vec3::from(p)).into()
+    }
+
+    /// The image of a unit normal.
+    pub fn normal(&self, n: [f32; 3]) -> [f32; 3] {
+        (self.normals * Vec3::from(n)).try_normalize().unwrap_or(Vec3::Y).into()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use riglab_random::stream;
+
+    use super::*;
+
+    fn wild() -> AffineConfig {
+        AffineConfig { yaw: 1.0, tilt: 0.5, mirror: 0.5, scale: [0.5, 2.0], stretch: 0.5, noise: 0.0 }
+    }
+
+    #[test]
+    fn normals_stay_perpendicular_to_their_surface() {
+        for seed in 0..50 {
+            let mut random = stream(seed, "test", &[]);
+            let map = wild().draw(&mut random);
+            // A tangent of the plane with normal (1, 2, 3) / √14.
+            let n = Vec3::new(1.0, 2.0, 3.0).normalize();
+            let tangent = map.matrix * Vec3::new(3.0, 0.0, -1.0);
+            assert!(tangent.dot(map.normal(n.into()).into()).abs() < 1e-4);
+            // Outwards stays outwards: the image of n lies on the normal's side.
+            assert!((map.matrix * n).dot(map.normal(n.into()).into()) > 0.0);
+        }
+    }
+
+    #[test]
+    fn the_default_changes_nothing() {
+        let mut random = stream(1, "test", &[]);
+        let map = AffineConfig::default().draw(&mut random);
+        assert_eq!(map.position([1.0, 2.0, 3.0], &mut random), [1.0, 2.0, 3.0]);
+        assert!(AffineConfig::default().validate().is_ok() && wild().validate().is_ok());
+        assert!(AffineConfig { scale: [2.0, 1.0], ..wild() }.validate().is_err());
+    }
+}

@@ -1,0 +1,174 @@
+//! Assets of one or several corpora, read when they are needed and kept up to a limit.
+
+use std::collections::{HashMap, VecDeque};
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex};
+
+use riglab_core::Asset;
+use riglab_data::{Corpus, DataError, SplitNames};
+use serde::{Deserialize, Serialize};
+
+/// Which corpora a task reads.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct DataConfig {
+    /// Corpus files, as `riglab dataset import` writes them.
+    pub corpora: Vec<PathBuf>,
+    /// Splits that are trained on.
+    pub train: Vec<String>,
+    /// The split that checkpoints and decode rules are chosen by.
+    pub validate: String,
+    /// Splits that `riglab eval` reports.
+    pub test: Vec<String>,
+    /// Assets with more joints are left out of training (not of evaluation).
+    pub max_joints: usize,
+    /// Memory for prepared assets, in MB.
+    pub cache_mb: usize,
+}
+
+impl Default for DataConfig {
+    fn default() -> Self {
+        Self {
+            corpora: Vec::new(),
+            train: vec![SplitNames::TRAIN.into()],
+            validate: SplitNames::VAL.into(),
+            test: vec![SplitNames::TEST_SEEN.into(), SplitNames::TEST_NEW.into()],
+            max_joints: 1024,
+            cache_mb: 4096,
+        }
+    }
+}
+
+/// An asset in all of a task's corpora.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub struct AssetId {
+    corpus: usize,
+    index: usize,
+}
+
+impl AssetId {
+    /// A number for streams of random numbers.
+    pub fn key(self) -> u64 {
+        (self.corpus as u64) << 40 | self.index as u64
+    }
+}
+
+/// Open corpora.
+pub struct Assets {
+    corpora: Vec<Corpus>,
+}
+
+impl Assets {
+    /// Opens corpora.
+    ///
+    /// # Errors
+    /// As [`Corpus::open`].
+    pub fn open(paths: &[PathBuf]) -> Result<Self, DataError> {
+        Ok(Self { corpora: paths.iter().map(|p| Corpus::open(p)).collect::<Result<_, _>>()? })
+    }
+
+    /// The corpora: path, checksum, number of assets.
+    ///
+    /// # Errors
+    /// When a column cannot be read.
+    pub fn summary(&self) -> Result<Vec<(String, String, usize)>, DataError> {
+        let each = |c: &Corpus| Ok((display(c.path()), c.checksum()?, c.len()));
+        self.corpora.iter().map(each).collect()
+    }
+
+    /// The assets of a split, over all corpora.
+    ///
+    /// # Errors
+    /// When a column cannot be read.
+    pub fn split(&self, split: &str) -> Result<Vec<AssetId>, DataError> {
+        let mut ids = Vec::new();
+        for (corpus, c) in self.corpora.iter().enumerate() {
+            ids.extend(c.split(split)?.into_iter().map(|index| AssetId { corpus, index }));
+        }
+        Ok(ids)
+    }
+
+    /// Vertices, triangles, joints, non-zero weights, without reading the asset.
+    pub fn counts(&self, id: AssetId) -> [usize; 4] {
+        self.corpora[id.corpus].counts(id.index)
+    }
+
+    /// Reads one.
+    ///
+    /// # Errors
+    /// When it is damaged.
+    pub fn read(&self, id: AssetId) -> Result<Asset, DataError> {
+        self.corpora[id.corpus].asset(id.index)
+    }
+}
+
+fn display(path: &Path) -> String {
+    path.display().to_string()
+}
+
+/// What a task made of assets, kept up to a number of bytes; the oldest go first.
+pub struct Cache<T> {
+    limit: usize,
+    held: Mutex<Held<T>>,
+}
+
+struct Held<T> {
+    of: HashMap<AssetId, (Arc<T>, usize)>,
+    order: VecDeque<AssetId>,
+    bytes: usize,
+}
+
+impl<T> Cache<T> {
+    /// Empty.
+    pub fn new(megabytes: usize) -> Self {
+        let held = Held { of: HashMap::new(), order: VecDeque::new(), bytes: 0 };
+        Self { limit: megabytes << 20, held: Mutex::new(held) }
+    }
+
+    /// What is kept of an asset, or what `make` makes of it, with its size in bytes. Two threads that
+    /// miss at once both make it; what they make is equal.
+    ///
+    /// # Errors
+    /// Those of `make`.
+    pub fn get<E>(&self, id: AssetId, make: impl FnOnce() -> Result<(T, usize), E>) -> Result<Arc<T>, E> {
+        if let Some((found, _)) = self.lock().of.get(&id) {
+            return Ok(found.clone());
+        }
+        let (made, bytes) = make()?;
+        let made = Arc::new(made);
+        let mut held = self.lock();
+        if held.of.insert(id, (made.clone(), bytes)).is_none() {
+            held.order.push_back(id);
+            held.bytes += bytes;
+        }
+        while held.bytes > self.limit && held.order.len() > 1 {
+            let Some(oldest) = held.order.pop_front() else { break };
+            if let Some((_, bytes)) = held.of.remove(&oldest) {
+                held.bytes -= bytes;
+            }
+        }
+        Ok(made)
+    }
+
+    fn lock(&self) -> std::sync::MutexGuard<'_, Held<T>> {
+        // A thread that panicked while it held the lock left a whole map behind.
+        self.held.lock().unwrap_or_else(std::sync::PoisonError::into_inner)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_cache_stays_within_its_limit() {
+        let cache = Cache::new(1);
+        let id = |index| AssetId { corpus: 0, index };
+        for i in 0..10 {
+            cache.get::<()>(id(i), || Ok((i, 300_000))).unwrap();
+        }
+        assert!(cache.lock().bytes <= 1 << 20);
+        assert_eq!(*cache.get::<()>(id(9), || panic!("is kept")).unwrap(), 9);
+        assert_eq!(*cache.get::<()>(id(0), || Ok((100, 1))).unwrap(), 100);
+    }
+}

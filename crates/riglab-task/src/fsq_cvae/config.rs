@@ -1,0 +1,227 @@
+//! Settings of the task.
+
+use riglab_augment::AffineConfig;
+use riglab_nn::fsq_cvae::{FsqCvaeConfig, SkinQueries};
+use riglab_train::TrainConfig;
+use serde::{Deserialize, Serialize};
+
+use crate::assets::DataConfig;
+
+/// Everything a run of the FSQ-CVAE is made of.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct FsqCvaeTaskConfig {
+    /// The task's name: `fsq_cvae`.
+    pub task: String,
+    /// Corpora and splits.
+    pub data: DataConfig,
+    /// The network.
+    pub model: FsqCvaeConfig,
+    /// What a batch is made of.
+    pub sampling: SamplingConfig,
+    /// How batches are varied.
+    pub augment: AffineConfig,
+    /// What is minimised.
+    pub loss: LossConfig,
+    /// How it is trained.
+    pub train: TrainConfig,
+    /// How it is evaluated.
+    pub eval: EvalConfig,
+}
+
+/// Points of a batch (SkinTokens 4.1.3, hybrid importance sampling): the condition encoder sees
+/// uniform points only; the skin encoder and the decoder also see points dense where a bone's
+/// weights are not zero.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct SamplingConfig {
+    /// Rigs of a batch.
+    pub rigs: usize,
+    /// Bones of each rig.
+    pub bones: usize,
+    /// Points of the condition encoder, uniform on the surface.
+    pub shape_points: usize,
+    /// Points of the skin encoder.
+    pub encoder: PointMix,
+    /// Points the decoder is asked at.
+    pub decoder: PointMix,
+    /// Share of the skin encoder's and decoder's points that are vertices rather than points of the
+    /// surface. Evaluation is on vertices.
+    pub vertex_share: f32,
+    /// How the number of codes given to the decoder is drawn, once a batch (nested dropout).
+    pub prefix: PrefixConfig,
+    /// Rigs are drawn by their number of skinned bones to this power: 0 all alike, 1 every bone alike.
+    pub bone_power: f32,
+}
+
+/// How many points of each kind, for each bone.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct PointMix {
+    /// Where the bone's weights are not zero.
+    pub active: usize,
+    /// Where they are, but near those (an extension).
+    pub near: usize,
+    /// Anywhere.
+    pub uniform: usize,
+}
+
+impl PointMix {
+    /// All of them.
+    pub fn total(&self) -> usize {
+        self.active + self.near + self.uniform
+    }
+}
+
+/// Nested dropout: how many of the codes a batch keeps.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct PrefixConfig {
+    /// Probability of all codes.
+    pub full: f32,
+    /// Else one of these, alike; empty: any number from 1 to all. Larger ones are cut to all.
+    pub lengths: Vec<usize>,
+}
+
+/// λ_BCE·BCE + λ_MSE·MSE + λ_Dice·Dice (SkinTokens 3.2.3; the λ are not published) and an extension.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct LossConfig {
+    /// Weight of the cross-entropy.
+    pub bce: f64,
+    /// Weight of the squared error.
+    pub mse: f64,
+    /// Weight of the Dice term, mean over bones.
+    pub dice: f64,
+    /// Weight of the cross-entropy of "passes the metric's threshold" (an extension).
+    pub support: f64,
+}
+
+/// Evaluation on whole meshes.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct EvalConfig {
+    /// Numbers of codes.
+    pub prefixes: Vec<usize>,
+    /// Vertices of each asset that validation looks at while training.
+    pub validation_vertices: usize,
+    /// Cuts among which the decode rule's is chosen, on the validation split.
+    pub cuts: Vec<f32>,
+    /// Pairs of bone and vertex decoded at once: bounds memory.
+    pub chunk: usize,
+    /// Seeds the points that the encoders see.
+    pub seed: u64,
+}
+
+impl Default for SamplingConfig {
+    fn default() -> Self {
+        Self {
+            rigs: 4,
+            bones: 4,
+            shape_points: 2048,
+            encoder: PointMix { active: 512, near: 0, uniform: 512 },
+            decoder: PointMix { active: 512, near: 0, uniform: 512 },
+            vertex_share: 0.0,
+            prefix: PrefixConfig::default(),
+            bone_power: 0.0,
+        }
+    }
+}
+
+impl Default for PrefixConfig {
+    fn default() -> Self {
+        Self { full: 0.0, lengths: Vec::new() }
+    }
+}
+
+impl Default for LossConfig {
+    fn default() -> Self {
+        Self { bce: 1.0, mse: 0.1, dice: 1.0, support: 0.0 }
+    }
+}
+
+impl Default for EvalConfig {
+    fn default() -> Self {
+        Self {
+            prefixes: vec![4, 8, 16, 32],
+            validation_vertices: 800,
+            cuts: vec![0.01, 0.02, 0.03, 0.05, 0.08, 0.12],
+            chunk: 1 << 16,
+            seed: 1,
+        }
+    }
+}
+
+impl FsqCvaeTaskConfig {
+    /// Checks sizes and their relations.
+    ///
+    /// # Errors
+    /// (key path, message) of the first fault.
+    pub fn validate(&self) -> Result<(), (String, String)> {
+        let at = |part: &str, e: (&str, String)| (format!("{part}.{}", e.0), e.1);
+        self.model.validate().map_err(|e| at("model", e))?;
+        self.augment.validate().map_err(|e| at("augment", e))?;
+        self.train.validate().map_err(|(k, m)| (format!("train.{k}"), m))?;
+        let s = &self.sampling;
+        let fault = |key: &str, message: String| Err((key.to_string(), message));
+        for (key, n) in [
+            ("sampling.rigs", s.rigs),
+            ("sampling.bones", s.bones),
+            ("sampling.encoder", s.encoder.total()),
+            ("sampling.decoder", s.decoder.total()),
+            ("eval.chunk", self.eval.chunk),
+            ("eval.validation_vertices", self.eval.validation_vertices),
+        ] {
+            if n == 0 {
+                return fault(key, format!("{key} must be at least 1"));
+            }
+        }
+        if s.shape_points < self.model.shape_tokens {
+            let (points, tokens) = (s.shape_points, self.model.shape_tokens);
+            return fault(
+                "sampling.shape_points",
+                format!("{points} shape points for model.shape_tokens = {tokens}: each token starts at a point"),
+            );
+        }
+        let needed = match self.model.skin_queries {
+            SkinQueries::Learned => 0,
+            SkinQueries::Farthest => s.encoder.total(),
+            SkinQueries::Active => s.encoder.active,
+        };
+        if self.model.skin_queries != SkinQueries::Learned && needed < self.model.skin_tokens {
+            let tokens = self.model.skin_tokens;
+            return fault(
+                "sampling.encoder",
+                format!("{needed} points for model.skin_tokens = {tokens} queries: each starts at a point"),
+            );
+        }
+        if !(0.0..=1.0).contains(&s.vertex_share) {
+            return fault("sampling.vertex_share", format!("vertex_share = {} must lie in [0, 1]", s.vertex_share));
+        }
+        if !(0.0..=1.0).contains(&s.prefix.full) {
+            return fault("sampling.prefix.full", format!("full = {} is a probability", s.prefix.full));
+        }
+        if s.prefix.lengths.contains(&0) {
+            return fault("sampling.prefix.lengths", "a prefix has at least 1 code".into());
+        }
+        let l = &self.loss;
+        for (key, v) in [("bce", l.bce), ("mse", l.mse), ("dice", l.dice), ("support", l.support)] {
+            if !(v >= 0.0 && v.is_finite()) {
+                return fault(&format!("loss.{key}"), format!("{key} = {v} must not be negative"));
+            }
+        }
+        if [l.bce, l.mse, l.dice, l.support].iter().all(|&v| v == 0.0) {
+            return fault("loss", "every part of the loss has weight 0".into());
+        }
+        if let Some(k) = self.eval.prefixes.iter().find(|&&k| k == 0 || k > self.model.skin_tokens) {
+            return fault(
+                "eval.prefixes",
+                format!("a prefix of {k} codes, the model has 1 to {}", self.model.skin_tokens),
+            );
+        }
+        if self.eval.prefixes.is_empty() || self.eval.cuts.is_empty() {
+            return fault("eval", "give at least one prefix and one cut".into());
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,390 @@
+//! Evaluation on whole meshes.
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+use riglab_core::{DecodeRule, JointId};
+use riglab_metric::{Baseline, Codebook, SkinMetrics, SkinTally, bone_distances, compression_ratio};
+use riglab_nn::params::Weights;
+use riglab_random::{Draw, stream};
+use serde::Serialize;
+use tch::{Kind, Tensor};
+
+use super::batch::{Batch, Maker, prepared};
+use super::prepare::{Point, Prepared};
+use super::{FsqCvaeTask, tensors};
+use crate::assets::AssetId;
+
+/// Metrics of one way to get weights, over a split.
+#[derive(Clone, Debug, Serialize)]
+pub struct Row {
+    /// The split.
+    pub split: String,
+    /// `raw` (the network's output), `rule` (after the decode rule) or a baseline's name.
+    pub method: String,
+    /// Codes kept; 0 for baselines.
+    pub tokens: usize,
+    /// Assets.
+    pub assets: usize,
+    /// Numerators and denominators summed over all assets.
+    pub pooled: SkinMetrics,
+    /// Mean of the assets' own metrics; undefined ones left out.
+    pub per_rig: SkinMetrics,
+}
+
+/// One asset's own metrics.
+#[derive(Clone, Debug, Serialize)]
+pub struct AssetRow {
+    /// The split.
+    pub split: String,
+    /// The asset's name.
+    pub name: String,
+    /// Vertices and skinned bones.
+    pub vertices: usize,
+    /// Bones that are encoded.
+    pub bones: usize,
+    /// After the decode rule, all codes kept.
+    pub iou: f64,
+    /// As above.
+    pub l1: f64,
+    /// All codes, no rule.
+    pub raw_iou: f64,
+}
+
+/// What an evaluation found.
+#[derive(Clone, Debug, Serialize)]
+pub struct Report {
+    /// Which formulas: SkinTokens' as `design` reads them, over the skinned bones of each asset.
+    pub convention: &'static str,
+    /// The decode rule's cut, chosen on the validation split by pooled IoU with all codes.
+    pub cut: f32,
+    /// Tables.
+    pub rows: Vec<Row>,
+    /// Assets.
+    pub assets: Vec<AssetRow>,
+    /// Codes of all tokens of each split: tokens, distinct codes, utilisation, perplexity.
+    pub codebook: BTreeMap<String, CodebookRow>,
+}
+
+/// How the codebook is used by a split.
+#[derive(Clone, Debug, Serialize)]
+pub struct CodebookRow {
+    /// Tokens counted: few of them cannot use many codes.
+    pub tokens: u64,
+    /// Different codes among them.
+    pub distinct: usize,
+    /// Of all codes.
+    pub utilisation: f64,
+    /// exp of the entropy.
+    pub perplexity: f64,
+    /// Mean over assets of dense 16-bit weights over codes of ⌈log2 C⌉ bits, all codes kept.
+    pub compression_ratio: f64,
+    /// The same with 2 bytes a code.
+    pub compression_ratio_16_bit: f64,
+}
+
+/// An asset encoded: what decoding needs.
+pub struct Encoded {
+    /// The asset.
+    pub rig: Arc<Prepared>,
+    /// [1, s, l]
+    pub cond: Tensor,
+    /// [m, t, axes]
+    pub codes: Tensor,
+    /// [m, t]
+    pub ids: Tensor,
+}
+
+/// Sums over a split of one method.
+#[derive(Default)]
+struct Sums {
+    pooled: SkinTally,
+    each: Vec<SkinMetrics>,
+}
+
+impl Sums {
+    fn add(&mut self, tally: &SkinTally) {
+        self.pooled.add(tally);
+        self.each.push(tally.metrics());
+    }
+
+    fn row(&self, split: &str, method: &str, tokens: usize) -> Row {
+        let mean = |f: fn(&SkinMetrics) -> f64| {
+            let defined: Vec<f64> = self.each.iter().map(f).filter(|v| !v.is_nan()).collect();
+            defined.iter().sum::<f64>() / defined.len() as f64
+        };
+        let per_rig = SkinMetrics {
+            l1: mean(|m| m.l1),
+            l1_var: mean(|m| m.l1_var),
+            precision: mean(|m| m.precision),
+            recall: mean(|m| m.recall),
+            iou: mean(|m| m.iou),
+            mask_cover_bone: mean(|m| m.mask_cover_bone),
+            mask_cover_vertex: mean(|m| m.mask_cover_vertex),
+            mask_entry: mean(|m| m.mask_entry),
+        };
+        let (assets, pooled) = (self.each.len(), self.pooled.metrics());
+        Row { split: split.into(), method: method.into(), tokens, assets, pooled, per_rig }
+    }
+}
+
+/// Vertices of an asset to look at, with the true weights of its bones there.
+pub struct Truth {
+    /// The points.
+    pub points: Vec<Point>,
+    /// A row of shares a point, a column a bone.
+    pub dense: Vec<f32>,
+}
+
+impl Truth {
+    /// All vertices, or at most `limit` of them drawn by a stream.
+    pub fn new(rig: &Prepared, limit: Option<(usize, u64)>) -> Self {
+        let n = rig.rig.mesh().positions().len();
+        let mut chosen: Vec<u32> = (0..n as u32).collect();
+        if let Some((limit, seed)) = limit.filter(|(limit, _)| *limit < n) {
+            stream(seed, "validation vertices", &[]).shuffled(&mut chosen);
+            chosen.truncate(limit);
+            chosen.sort_unstable();
+        }
+        let mut place = vec![u32::MAX; n];
+        for (k, &v) in chosen.iter().enumerate() {
+            place[v as usize] = k as u32;
+        }
+        let joints = rig.bones.len();
+        let mut dense = vec![0.0; chosen.len() * joints];
+        for (j, bone) in rig.bones.iter().enumerate() {
+            for &(v, w) in bone.weights() {
+                if let Some(k) = Some(place[v as usize]).filter(|&k| k != u32::MAX) {
+                    dense[k as usize * joints + j] = w;
+                }
+            }
+        }
+        Self { points: chosen.iter().map(|&v| rig.vertex(v)).collect(), dense }
+    }
+}
+
+/// Bones encoded at once.
+const BONES_AT_ONCE: usize = 64;
+
+impl FsqCvaeTask {
+    /// Encodes an asset: its shape, and all its bones with all codes. The points that the encoders
+    /// see are drawn by the evaluation seed and the asset's number.
+    ///
+    /// # Errors
+    /// When the asset cannot be read.
+    pub fn encode(&self, w: &Weights, id: AssetId) -> Result<Encoded, String> {
+        let _no_grad = tch::no_grad_guard();
+        let rig = prepared(&self.assets, &self.cache, id)?;
+        let mut random = stream(self.config.eval.seed, "evaluation", &[id.key()]);
+        let mut make = Maker { config: &self.config, rig: &rig, map: None, random: &mut random };
+        let mut batch = Batch::default();
+        make.shape(&mut batch);
+        let (cloud, queries) = tensors::shape(&self.config, &batch, self.device);
+        let cond = self.net.encode_shape(w, &cloud, &queries);
+        let mut codes = Vec::new();
+        let all: Vec<usize> = (0..rig.bones.len()).collect();
+        for chunk in all.chunks(BONES_AT_ONCE) {
+            let mut batch = Batch::default();
+            for &b in chunk {
+                make.skin(b, &mut batch);
+            }
+            let cloud = tensors::skin(&self.config, &batch, self.device);
+            let latent = self.net.encode_skin(w, &cloud, self.config.model.skin_tokens);
+            codes.push(self.net.quantize(w, &latent, &cloud));
+        }
+        let codes = Tensor::cat(&codes, 0);
+        let ids = self.net.fsq().ids(&codes);
+        Ok(Encoded { rig, cond, codes, ids })
+    }
+
+    /// Raw shares at points, a row a point, a column a bone, from the first `k` codes of each bone.
+    pub fn decode(&self, w: &Weights, encoded: &Encoded, codes: &Tensor, k: usize, points: &[Point]) -> Vec<f32> {
+        let _no_grad = tch::no_grad_guard();
+        let bones = encoded.rig.bones.len();
+        let z = self.net.dequantize(w, &codes.narrow(1, 0, k as i64));
+        let mut out = vec![0.0; points.len() * bones];
+        let geometry = self.config.model.extensions.bone_geometry;
+        let bones_at_once = (self.config.eval.chunk / 256).clamp(1, bones);
+        let points_at_once = (self.config.eval.chunk / bones_at_once).max(1);
+        let mut random = stream(0, "unused", &[]);
+        let make = Maker { config: &self.config, rig: &encoded.rig, map: None, random: &mut random };
+        let segments = make.segments();
+        let all: Vec<usize> = (0..bones).collect();
+        for (c, chunk) in points.chunks(points_at_once).enumerate() {
+            let flat: Vec<f32> = chunk.iter().flat_map(|p| p.position.into_iter().chain(p.normal)).collect();
+            let cloud = Tensor::from_slice(&flat).view([1, chunk.len() as i64, 6]).to_device(self.device);
+            for part in all.chunks(bones_at_once) {
+                let m = part.len();
+                let geometry = geometry.then(|| tensors::geometry(part, chunk, &segments, self.device));
+                let z = z.narrow(0, part[0] as i64, m as i64);
+                let raw = self.net.decode(w, &z, &encoded.cond, &cloud, geometry.as_ref()).sigmoid();
+                let raw = Vec::<f32>::try_from(raw.to_kind(Kind::Float).transpose(0, 1).contiguous().view([-1]))
+                    .unwrap_or_default();
+                for (row, values) in raw.chunks_exact(m).enumerate() {
+                    let at = (c * points_at_once + row) * bones + part[0];
+                    out[at..at + m].copy_from_slice(values);
+                }
+            }
+        }
+        out
+    }
+
+    /// Validation: pooled and per-rig IoU, raw and after the rule, on a sample of vertices.
+    pub(super) fn validation(&self, w: &Weights, seed: u64) -> Result<Vec<(String, f64)>, String> {
+        let split = self.config.data.validate.clone();
+        let limit = self.config.eval.validation_vertices;
+        let tokens = self.config.model.skin_tokens;
+        let mut raw = Sums::default();
+        let mut rules: Vec<Sums> = self.config.eval.cuts.iter().map(|_| Sums::default()).collect();
+        for &id in &self.validation_assets {
+            let encoded = self.encode(w, id)?;
+            let joints = encoded.rig.bones.len();
+            let truth = Truth::new(&encoded.rig, Some((limit, seed ^ id.key())));
+            let predicted = self.decode(w, &encoded, &encoded.codes, tokens, &truth.points);
+            raw.add(&SkinTally::of(&truth.dense, &predicted, joints));
+            for (sums, &cut) in rules.iter_mut().zip(&self.config.eval.cuts) {
+                sums.add(&SkinTally::of(&truth.dense, &ruled(&predicted, joints, cut), joints));
+            }
+        }
+        let raw = raw.row(&split, "raw", tokens);
+        let rule = best(&rules, &split, tokens);
+        Ok(vec![
+            ("iou_rule@val".into(), rule.pooled.iou),
+            ("iou_rule_per_rig@val".into(), rule.per_rig.iou),
+            ("l1_rule@val".into(), rule.pooled.l1),
+            ("iou_raw@val".into(), raw.pooled.iou),
+            ("precision_raw@val".into(), raw.pooled.precision),
+            ("recall_raw@val".into(), raw.pooled.recall),
+        ])
+    }
+
+    /// Evaluates on whole meshes: the test splits at every prefix, raw and after the decode rule,
+    /// beside the baselines, and with all bones' codes exchanged (what do the codes tell?).
+    /// `progress` is told how many assets are done.
+    ///
+    /// # Errors
+    /// When an asset cannot be read.
+    pub fn evaluate(&self, w: &Weights, mut progress: impl FnMut(usize)) -> Result<Report, String> {
+        let all = self.config.model.skin_tokens;
+        let mut done = 0;
+        let mut rules: Vec<Sums> = self.config.eval.cuts.iter().map(|_| Sums::default()).collect();
+        for &id in &self.validation_assets {
+            let encoded = self.encode(w, id)?;
+            let joints = encoded.rig.bones.len();
+            let truth = Truth::new(&encoded.rig, None);
+            let predicted = self.decode(w, &encoded, &encoded.codes, all, &truth.points);
+            for (sums, &cut) in rules.iter_mut().zip(&self.config.eval.cuts) {
+                sums.add(&SkinTally::of(&truth.dense, &ruled(&predicted, joints, cut), joints));
+            }
+            done += 1;
+            progress(done);
+        }
+        let cut = self.config.eval.cuts[best_index(&rules)];
+        let mut report =
+            Report { convention: "skintokens", cut, rows: Vec::new(), assets: Vec::new(), codebook: BTreeMap::new() };
+        for split in &self.config.data.test {
+            self.evaluate_split(w, split, &mut report, || {
+                done += 1;
+                progress(done);
+            })?;
+        }
+        Ok(report)
+    }
+
+    /// How many assets [`Self::evaluate`] goes over.
+    ///
+    /// # Errors
+    /// When a column of a corpus cannot be read.
+    pub fn evaluation_assets(&self) -> Result<usize, String> {
+        let tests = self.config.data.test.iter().map(|s| self.assets.split(s).map(|a| a.len()));
+        let tests: Result<Vec<usize>, _> = tests.collect();
+        Ok(self.validation_assets.len() + tests.map_err(|e| e.to_string())?.iter().sum::<usize>())
+    }
+
+    fn evaluate_split(
+        &self,
+        w: &Weights,
+        split: &str,
+        report: &mut Report,
+        mut progress: impl FnMut(),
+    ) -> Result<(), String> {
+        let all = self.config.model.skin_tokens;
+        let mut methods: BTreeMap<(usize, String), Sums> = BTreeMap::new();
+        let mut baselines: Vec<Sums> = Baseline::SHOWN.iter().map(|_| Sums::default()).collect();
+        let (mut codebook, mut ratios) = (Codebook::default(), Vec::new());
+        let size = self.net.fsq().size();
+        for id in self.assets.split(split).map_err(|e| e.to_string())? {
+            let encoded = self.encode(w, id)?;
+            let (rig, joints) = (encoded.rig.clone(), encoded.rig.bones.len());
+            let truth = Truth::new(&rig, None);
+            codebook.add(Vec::<i64>::try_from(encoded.ids.view([-1])).unwrap_or_default());
+            ratios.push([1 << 16, size].map(|c| compression_ratio(truth.points.len(), all, c)));
+            let mut tally = |key: (usize, &str), predicted: &[f32]| {
+                let t = SkinTally::of(&truth.dense, predicted, joints);
+                methods.entry((key.0, key.1.into())).or_default().add(&t);
+                t.metrics()
+            };
+            for &k in &self.config.eval.prefixes {
+                let predicted = self.decode(w, &encoded, &encoded.codes, k, &truth.points);
+                let raw = tally((k, "raw"), &predicted);
+                let rule = tally((k, "rule"), &ruled(&predicted, joints, report.cut));
+                if k == *self.config.eval.prefixes.iter().max().unwrap_or(&all) {
+                    report.assets.push(AssetRow {
+                        split: split.into(),
+                        name: rig.name.clone(),
+                        vertices: truth.points.len(),
+                        bones: joints,
+                        iou: rule.iou,
+                        l1: rule.l1,
+                        raw_iou: raw.iou,
+                    });
+                }
+            }
+            // Every bone decoded with the codes of the next: the difference is what codes tell.
+            let next = Tensor::from_slice(&(0..joints as i64).map(|j| (j + 1) % joints as i64).collect::<Vec<_>>());
+            let exchanged = encoded.codes.index_select(0, &next.to_device(self.device));
+            let predicted = self.decode(w, &encoded, &exchanged, all, &truth.points);
+            tally((all, "rule, codes exchanged"), &ruled(&predicted, joints, report.cut));
+
+            let joints_of: Vec<JointId> = rig.bones.iter().map(|b| b.joint).collect();
+            let distances = bone_distances(&rig.rig, &joints_of);
+            for (sums, baseline) in baselines.iter_mut().zip(Baseline::SHOWN) {
+                sums.add(&SkinTally::of(&truth.dense, &baseline.weights(&distances, joints), joints));
+            }
+            progress();
+        }
+        report.rows.extend(methods.iter().map(|((k, method), sums)| sums.row(split, method, *k)));
+        report.rows.extend(baselines.iter().zip(Baseline::SHOWN).map(|(sums, b)| sums.row(split, &b.name(), 0)));
+        let mean = |k: usize| ratios.iter().map(|r: &[f64; 2]| r[k]).sum::<f64>() / ratios.len().max(1) as f64;
+        report.codebook.insert(
+            split.into(),
+            CodebookRow {
+                tokens: codebook.tokens(),
+                distinct: codebook.distinct(),
+                utilisation: codebook.utilisation(size),
+                perplexity: codebook.perplexity(),
+                compression_ratio: mean(1),
+                compression_ratio_16_bit: mean(0),
+            },
+        );
+        Ok(())
+    }
+}
+
+/// The decode rule applied to every row.
+pub fn ruled(raw: &[f32], joints: usize, cut: f32) -> Vec<f32> {
+    use rayon::prelude::*;
+    let rule = DecodeRule { cut, influences: 4 };
+    let mut out = raw.to_vec();
+    out.par_chunks_exact_mut(joints).for_each(|row| rule.apply(row));
+    out
+}
+
+fn best_index(rules: &[Sums]) -> usize {
+    let iou = |s: &Sums| s.pooled.metrics().iou;
+    (0..rules.len()).max_by(|&a, &b| iou(&rules[a]).total_cmp(&iou(&rules[b])).then(b.cmp(&a))).unwrap_or(0)
+}
+
+fn best(rules: &[Sums], split: &str, tokens: usize) -> Row {
+    rules[best_index(rules)].row(split, "rule", tokens)
+}

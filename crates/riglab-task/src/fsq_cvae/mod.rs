@@ -1,0 +1,150 @@
+//! The FSQ-CVAE of skinning weights (SkinTokens 3.2): each bone's weights as a few codes.
+
+mod batch;
+mod config;
+mod evaluate;
+mod prepare;
+mod tensors;
+
+use std::sync::Arc;
+
+use riglab_nn::NnError;
+use riglab_nn::fsq_cvae::{ACTIVE, FsqCvae};
+use riglab_nn::loss;
+use riglab_nn::params::{Builder, Params, Weights};
+use riglab_train::{At, Better, Loss, Source, Task, Validation};
+use tch::{Device, Kind};
+
+pub use batch::{Batch, BatchSource};
+pub use config::{EvalConfig, FsqCvaeTaskConfig, LossConfig, PointMix, PrefixConfig, SamplingConfig};
+pub use evaluate::{AssetRow, CodebookRow, Encoded, Report, Row, Truth, ruled};
+pub use prepare::{Bone, Place, Point, Prepared};
+
+use crate::assets::{AssetId, Assets, Cache};
+
+/// The task, with its network and data.
+pub struct FsqCvaeTask {
+    config: FsqCvaeTaskConfig,
+    assets: Arc<Assets>,
+    cache: Arc<Cache<Prepared>>,
+    train_assets: Vec<AssetId>,
+    validation_assets: Vec<AssetId>,
+    net: FsqCvae,
+    params: Params,
+    device: Device,
+}
+
+impl FsqCvaeTask {
+    /// Opens the corpora and builds the network with its starting weights. The config was validated.
+    ///
+    /// # Errors
+    /// A sentence: a corpus that cannot be read, or a split without assets.
+    pub fn new(config: FsqCvaeTaskConfig, device: Device) -> Result<Self, String> {
+        if config.data.corpora.is_empty() {
+            return Err("data.corpora names no corpus; give one with --set data.corpora='[\"corpus.h5\"]' (`riglab dataset import` makes it)".into());
+        }
+        let assets = Assets::open(&config.data.corpora).map_err(|e| e.to_string())?;
+        let mut train_assets = Vec::new();
+        for split in &config.data.train {
+            let of = assets.split(split).map_err(|e| e.to_string())?;
+            train_assets.extend(of.into_iter().filter(|&id| assets.counts(id)[2] <= config.data.max_joints));
+        }
+        let validation_assets = assets.split(&config.data.validate).map_err(|e| e.to_string())?;
+        for (ids, key, split) in [
+            (&train_assets, "data.train", config.data.train.join(", ")),
+            (&validation_assets, "data.validate", config.data.validate.clone()),
+        ] {
+            if ids.is_empty() {
+                return Err(format!(
+                    "{key}: the corpora have no asset in `{split}`; `riglab dataset inspect` shows their splits"
+                ));
+            }
+        }
+        let (net, params) = Self::network(&config, device).map_err(|e| e.to_string())?;
+        let cache = Arc::new(Cache::new(config.data.cache_mb));
+        Ok(Self { assets: Arc::new(assets), cache, train_assets, validation_assets, net, params, device, config })
+    }
+
+    /// The network of a config, with its starting weights.
+    ///
+    /// # Errors
+    /// For impossible sizes.
+    pub fn network(config: &FsqCvaeTaskConfig, device: Device) -> Result<(FsqCvae, Params), NnError> {
+        let mut builder = Builder::default();
+        let net = FsqCvae::new(builder.root(), &config.model)?;
+        Ok((net, builder.finish(config.train.seed, Kind::Float, device)?))
+    }
+
+    /// Its settings.
+    pub fn config(&self) -> &FsqCvaeTaskConfig {
+        &self.config
+    }
+
+    /// Its corpora.
+    pub fn assets(&self) -> &Assets {
+        &self.assets
+    }
+
+    /// Where batches of the training split come from.
+    pub fn batches(&self) -> Arc<BatchSource> {
+        Arc::new(BatchSource::new(self.config.clone(), self.assets.clone(), self.cache.clone(), &self.train_assets))
+    }
+}
+
+impl Task for FsqCvaeTask {
+    type Batch = Batch;
+
+    fn name(&self) -> &'static str {
+        "fsq_cvae"
+    }
+
+    fn params(&self) -> &Params {
+        &self.params
+    }
+
+    fn source(&self) -> Arc<dyn Source<Batch = Batch>> {
+        self.batches()
+    }
+
+    fn loss(&self, w: &Weights, batch: &Batch, _at: At) -> Result<Loss, String> {
+        loss_of(&self.net, &self.config, w, batch, self.device)
+    }
+
+    fn validate(&self, w: &Weights, at: At) -> Result<Validation, String> {
+        Ok(Validation { metrics: self.validation(w, at.seed)?, pictures: Vec::new() })
+    }
+
+    fn objective(&self) -> (&'static str, Better) {
+        ("iou_rule@val", Better::Higher)
+    }
+}
+
+/// Encode once a rig and once a bone, keep a prefix of the codes, decode, compare.
+///
+/// # Errors
+/// None at present.
+pub fn loss_of(
+    net: &FsqCvae,
+    c: &FsqCvaeTaskConfig,
+    w: &Weights,
+    batch: &Batch,
+    device: Device,
+) -> Result<Loss, String> {
+    let (shape, shape_queries) = tensors::shape(c, batch, device);
+    let cloud = tensors::skin(c, batch, device);
+    let (points, targets, geometry) = tensors::asked(c, batch, device);
+    let cond = net.encode_shape(w, &shape, &shape_queries);
+    let latent = net.encode_skin(w, &cloud, batch.prefix);
+    let codes = net.quantize(w, &latent, &cloud);
+    let z = net.dequantize(w, &codes);
+    let logits = net.decode(w, &z, &cond, &points, geometry.as_ref());
+    let predicted = logits.sigmoid();
+    let mut loss = Loss::new()
+        .term("bce", c.loss.bce, loss::bce(&logits, &targets))
+        .term("mse", c.loss.mse, loss::mse(&predicted, &targets))
+        .term("dice", c.loss.dice, loss::dice(&predicted, &targets).mean(None::<Kind>));
+    if c.loss.support > 0.0 {
+        loss = loss.term("support", c.loss.support, loss::support(&logits, &targets, ACTIVE));
+    }
+    Ok(loss.note("prefix", batch.prefix as f64))
+}
