@@ -1,0 +1,284 @@
+//! Files to one tree: finding them, `extends`, `--set`.
+
+use std::collections::BTreeSet;
+use std::io;
+use std::path::{Component, Path, PathBuf};
+use std::sync::Arc;
+
+use crate::nearest::nearest;
+use crate::origin::{Source, SourceKind};
+use crate::tree::{Node, Table, Value};
+use crate::{Config, ConfigError, Fault, FaultKind, Origin, parse, set};
+
+/// Where configurations are looked for.
+///
+/// ```
+/// # use riglab_config::Loader;
+/// let presets = [("train/fast.toml", "steps = 100\n")];
+/// let config = Loader::new().built_in(&presets).parse("a.toml", "extends = 'train/fast.toml'", &[] as &[&str])?;
+/// assert_eq!(config.get_at::<u32>("steps")?, 100);
+/// # Ok::<(), riglab_config::ConfigError>(())
+/// ```
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Loader<'a> {
+    roots: &'a [PathBuf],
+    built_in: &'a [(&'a str, &'a str)],
+}
+
+impl<'a> Loader<'a> {
+    /// Looks beside the file that says `extends`, and nowhere else.
+    pub fn new() -> Self {
+        Self::default()
+    }
+
+    /// Looks in these folders too, in this order.
+    #[must_use]
+    pub fn search(mut self, roots: &'a [PathBuf]) -> Self {
+        self.roots = roots;
+        self
+    }
+
+    /// Looks among these texts last: pairs of a name with forward slashes, such as
+    /// `model/fsq_cvae/small.toml`, and TOML. They see each other by relative names too.
+    #[must_use]
+    pub fn built_in(mut self, files: &'a [(&'a str, &'a str)]) -> Self {
+        self.built_in = files;
+        self
+    }
+
+    /// Reads a file with all it extends, then applies `--set` arguments in order. A path that does
+    /// not exist as given is looked up like the names in `extends`.
+    ///
+    /// # Errors
+    /// A file that cannot be found, read or parsed, a cycle, or a bad argument, each with its place.
+    pub fn load(&self, path: impl AsRef<Path>, sets: &[impl AsRef<str>]) -> Result<Config, ConfigError> {
+        let name = path.as_ref().to_string_lossy();
+        let place = self.find(&name, None).map_err(|missing| {
+            Fault::new(FaultKind::Unreadable, format!("{name}: no such file"), None).hint(missing.hint(&name))
+        })?;
+        let source = self.read(&place, None)?;
+        self.finish(&source, &place, sets)
+    }
+
+    /// The same for a text already read. `name` is how messages call it; names in `extends` are
+    /// looked up as if it were built in.
+    ///
+    /// # Errors
+    /// As [`Loader::load`].
+    pub fn parse(&self, name: &str, text: &str, sets: &[impl AsRef<str>]) -> Result<Config, ConfigError> {
+        let source = Arc::new(Source { name: name.to_owned(), kind: SourceKind::File, text: text.to_owned() });
+        self.finish(&source, &Place::BuiltIn(cleaned(Path::new(name))), sets)
+    }
+
+    fn finish(&self, source: &Arc<Source>, place: &Place, sets: &[impl AsRef<str>]) -> Result<Config, ConfigError> {
+        let mut chain = Chain::default();
+        let mut root = self.layer(source, place, &mut chain)?;
+        for text in sets {
+            let mut layer = set::layer(text.as_ref())?;
+            set::check_path(&root, &layer)?;
+            self.resolve(&mut layer, None, &mut chain)?;
+            root.merge(layer);
+        }
+        Ok(Config::new(root, Origin::whole(source)))
+    }
+
+    /// A file's content with what it extends.
+    fn layer(&self, source: &Arc<Source>, place: &Place, chain: &mut Chain) -> Result<Table, ConfigError> {
+        chain.0.push((place.identity(), source.name.clone()));
+        let mut table = parse::document(source)?;
+        self.resolve(&mut table, Some(place), chain)?;
+        // A file as a whole adds to what it is merged into; only a table inside chooses anew.
+        table.anew = false;
+        chain.0.pop();
+        Ok(table)
+    }
+
+    /// Replaces `extends` in a table and all tables inside by what it names.
+    fn resolve(&self, table: &mut Table, from: Option<&Place>, chain: &mut Chain) -> Result<(), ConfigError> {
+        let extends = table.entries.remove("extends");
+        for entry in table.entries.values_mut() {
+            self.resolve_node(&mut entry.node, from, chain)?;
+        }
+        let Some(extends) = extends else { return Ok(()) };
+        let mut below = Table::default();
+        for (name, origin) in names(&extends.node)? {
+            below.merge(self.extended(name, origin, from, chain)?);
+        }
+        below.merge(std::mem::take(table));
+        *table = below;
+        table.anew = true;
+        Ok(())
+    }
+
+    fn resolve_node(&self, node: &mut Node, from: Option<&Place>, chain: &mut Chain) -> Result<(), ConfigError> {
+        match &mut node.value {
+            Value::Table(table) => self.resolve(table, from, chain),
+            Value::Array(nodes) => nodes.iter_mut().try_for_each(|node| self.resolve_node(node, from, chain)),
+            _ => Ok(()),
+        }
+    }
+
+    /// The content of one file named in `extends`.
+    fn extended(
+        &self,
+        name: &str,
+        origin: &Origin,
+        from: Option<&Place>,
+        chain: &mut Chain,
+    ) -> Result<Table, ConfigError> {
+        let place = self.find(name, from).map_err(|missing| {
+            Fault::at(FaultKind::BadExtends, origin, format!("`extends` names `{name}`, which does not exist"))
+                .hint(missing.hint(name))
+        })?;
+        chain.check(&place, origin)?;
+        let source = self.read(&place, Some(origin))?;
+        self.layer(&source, &place, chain)
+    }
+
+    /// Looks a name up: beside `from` (or in the working folder), in the roots, among the built-in.
+    fn find(&self, name: &str, from: Option<&Place>) -> Result<Place, Missing> {
+        let mut tried = Vec::new();
+        let beside = match from {
+            None => Some(PathBuf::from(name)),
+            Some(Place::Disk(path)) => Some(path.parent().unwrap_or(Path::new("")).join(name)),
+            Some(Place::BuiltIn(from)) => {
+                let sibling = cleaned(&Path::new(from).parent().unwrap_or(Path::new("")).join(name));
+                if self.text(&sibling).is_some() {
+                    return Ok(Place::BuiltIn(sibling));
+                }
+                None
+            }
+        };
+        for path in beside.into_iter().chain(self.roots.iter().map(|root| root.join(name))) {
+            if path.metadata().is_ok_and(|m| !m.is_dir()) {
+                return Ok(Place::Disk(path));
+            }
+            tried.push(path);
+        }
+        let name = cleaned(Path::new(name));
+        if self.text(&name).is_some() {
+            return Ok(Place::BuiltIn(name));
+        }
+        Err(Missing { known: self.built_in.iter().map(|(name, _)| name.to_string()).collect(), tried })
+    }
+
+    fn text(&self, name: &str) -> Option<&'a str> {
+        self.built_in.iter().find(|(n, _)| *n == name).map(|(_, text)| *text)
+    }
+
+    fn read(&self, place: &Place, said_at: Option<&Origin>) -> Result<Arc<Source>, ConfigError> {
+        let (kind, name, text) = match place {
+            Place::BuiltIn(name) => (SourceKind::BuiltIn, name.clone(), self.text(name).map(str::to_owned)),
+            Place::Disk(path) => {
+                let name = cleaned(path);
+                let text = std::fs::read(path)
+                    .and_then(|bytes| String::from_utf8(bytes).map_err(|e| io::Error::other(format!("not UTF-8: {e}"))))
+                    .map_err(|e| {
+                        Fault::new(FaultKind::Unreadable, format!("{name}: cannot be read: {e}"), said_at.cloned())
+                    })?;
+                (SourceKind::File, name, Some(text))
+            }
+        };
+        let text = text.expect("a built-in place was found by its name");
+        Ok(Arc::new(Source { name, kind, text }))
+    }
+}
+
+/// The paths in `extends`, with their places.
+fn names(node: &Node) -> Result<Vec<(&str, &Origin)>, ConfigError> {
+    match &node.value {
+        Value::Array(nodes) => nodes.iter().map(name).collect(),
+        _ => Ok(vec![name(node)?]),
+    }
+}
+
+fn name(node: &Node) -> Result<(&str, &Origin), ConfigError> {
+    match &node.value {
+        Value::String(name) => Ok((name, &node.origin)),
+        value => {
+            let message = format!("`extends` should be a path or an array of paths, but is {}", value.described());
+            Err(Fault::at(FaultKind::BadExtends, &node.origin, message).into())
+        }
+    }
+}
+
+/// A file that exists.
+#[derive(Clone, Debug)]
+enum Place {
+    Disk(PathBuf),
+    BuiltIn(String),
+}
+
+impl Place {
+    /// Equal for equal files.
+    fn identity(&self) -> PathBuf {
+        match self {
+            Self::Disk(path) => path.canonicalize().unwrap_or_else(|_| path.clone()),
+            Self::BuiltIn(name) => Path::new("built-in").join(name),
+        }
+    }
+}
+
+/// The files being read, outermost first: identity and name.
+#[derive(Debug, Default)]
+struct Chain(Vec<(PathBuf, String)>);
+
+impl Chain {
+    fn check(&self, place: &Place, origin: &Origin) -> Result<(), ConfigError> {
+        let identity = place.identity();
+        let Some(start) = self.0.iter().position(|(id, _)| *id == identity) else { return Ok(()) };
+        let mut names: Vec<&str> = self.0[start..].iter().map(|(_, name)| name.as_str()).collect();
+        names.push(names[0]);
+        let message = format!("`extends` goes in a circle: {}", names.join(" -> "));
+        Err(Fault::at(FaultKind::Cycle, origin, message).into())
+    }
+}
+
+/// Where a file was not found.
+struct Missing {
+    tried: Vec<PathBuf>,
+    known: Vec<String>,
+}
+
+impl Missing {
+    fn hint(&self, name: &str) -> String {
+        let mut known: BTreeSet<String> = self.known.iter().cloned().collect();
+        for path in &self.tried {
+            let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
+            let above = Path::new(name).parent().unwrap_or(Path::new(""));
+            for file in folder.read_dir().into_iter().flatten().flatten() {
+                known.insert(above.join(file.file_name()).to_string_lossy().into_owned());
+            }
+        }
+        if let Some(near) = nearest(name, known.iter().map(String::as_str)) {
+            return format!("did you mean `{near}`?");
+        }
+        let mut places: Vec<String> = self.tried.iter().map(|p| format!("`{}`", cleaned(p))).collect();
+        if !self.known.is_empty() {
+            places.push("the built-in files".into());
+        }
+        places.dedup();
+        if places.is_empty() {
+            "a text can only extend built-in files".into()
+        } else {
+            format!("looked for {}", places.join(", "))
+        }
+    }
+}
+
+/// A path without `.` and `a/..`, for showing and for built-in names; never opened, since `..` may
+/// cross a link.
+fn cleaned(path: &Path) -> String {
+    let mut parts: Vec<Component<'_>> = Vec::new();
+    for part in path.components() {
+        match (part, parts.last()) {
+            (Component::CurDir, _) => {}
+            (Component::ParentDir, Some(Component::Normal(_))) => {
+                parts.pop();
+            }
+            _ => parts.push(part),
+        }
+    }
+    let clean: PathBuf = parts.into_iter().collect();
+    clean.to_string_lossy().into_owned()
+}
