@@ -1,1 +1,45 @@
-fn main() {}
+//! The `riglab` command.
+//!
+//! Results go to standard output, progress and messages to standard error. Exit codes: 0 done, 1
+//! failed, 2 wrong use, 130 interrupted.
+
+mod commands;
+mod presets;
+mod registry;
+
+use std::process::ExitCode;
+
+use clap::{Parser, Subcommand};
+
+/// Training research for automatic rigging: corpora, models, evaluation, reports.
+#[derive(Parser)]
+#[command(version, about, propagate_version = true, max_term_width = 100)]
+struct Cli {
+    /// Threads of the numeric library; 0 takes all processors.
+    #[arg(long, global = true, default_value_t = 0, value_name = "N")]
+    threads: usize,
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Subcommand)]
+enum Command {
+    Train(commands::train::Args),
+    Eval(commands::eval::Args),
+}
+
+fn main() -> ExitCode {
+    let cli = Cli::parse();
+    let threads = cli.threads;
+    let done = match cli.command {
+        Command::Train(args) => commands::train::run(&args, threads),
+        Command::Eval(args) => commands::eval::run(&args, threads),
+    };
+    match done {
+        Ok(code) => code,
+        Err(e) => {
+            eprintln!("error: {e:#}");
+            ExitCode::FAILURE
+        }
+    }
+}

@@ -1,0 +1,85 @@
+//! `riglab eval`
+
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use anyhow::{Result, anyhow};
+use riglab_task::fsq_cvae::{Report, Row};
+use riglab_train::{Checkpoint, Progress, Task, write_atomic};
+use tch::Device;
+
+use crate::presets;
+use crate::registry::TaskConfig;
+
+/// Evaluate a run's checkpoint on whole meshes of the test splits.
+///
+/// Prints the table and writes eval.json into the run's folder.
+#[derive(clap::Args)]
+#[command(after_help = "\
+Examples:
+  riglab eval runs/fsq_cvae/001
+  riglab eval runs/fsq_cvae/001 --checkpoint last --set eval.prefixes='[4, 32]' --json")]
+pub struct Args {
+    /// The run's folder.
+    run: PathBuf,
+    /// Which checkpoint: best, last or step-N.
+    #[arg(long, default_value = "best")]
+    checkpoint: String,
+    /// Change a value of the run's config.
+    #[arg(long = "set", value_name = "KEY=VALUE")]
+    sets: Vec<String>,
+    /// Print eval.json instead of the table.
+    #[arg(long)]
+    json: bool,
+    /// Where to write the result [default: RUN/eval.json].
+    #[arg(long, short, value_name = "FILE")]
+    out: Option<PathBuf>,
+}
+
+pub fn run(args: &Args, threads: usize) -> Result<ExitCode> {
+    riglab_torch::init(riglab_torch::Settings { threads });
+    let config = TaskConfig::read(&presets::load(&args.run.join("config.toml").to_string_lossy(), &args.sets)?)?;
+    let task = config.open(Device::Cpu)?;
+    let checkpoint = Checkpoint::open(&args.run.join("checkpoints").join(&args.checkpoint))?;
+    checkpoint.load_weights(task.params())?;
+    let total = task.evaluation_assets().map_err(|e| anyhow!(e))? as u64;
+    let mut progress = Progress::new("evaluating", total, 0);
+    let report = task.evaluate(task.params().weights(), |done| progress.set(done as u64, String::new));
+    progress.finish();
+    let report = report.map_err(|e| anyhow!(e))?;
+    let value = serde_json::json!({ "checkpoint": checkpoint.state(), "report": report });
+    let text = serde_json::to_string_pretty(&value)? + "\n";
+    let path = args.out.clone().unwrap_or_else(|| args.run.join("eval.json"));
+    write_atomic(&path, text.as_bytes()).map_err(|e| anyhow!("{}: {e}", path.display()))?;
+    if args.json {
+        print!("{text}")
+    } else {
+        print(&report)
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+fn print(report: &Report) {
+    println!("convention {}, decode rule: cut {}, top 4", report.convention, report.cut);
+    for split in report.codebook.keys() {
+        let rows: Vec<&Row> = report.rows.iter().filter(|r| r.split == *split).collect();
+        println!("\n{split} ({} assets)", rows.first().map_or(0, |r| r.assets));
+        println!(
+            "{:28} {:>6} {:>7} {:>8} {:>8} {:>6} {:>6} {:>6}",
+            "method", "tokens", "IoU", "per rig", "L1", "prec.", "recall", "mask"
+        );
+        for r in rows {
+            let tokens = if r.tokens == 0 { String::new() } else { r.tokens.to_string() };
+            let p = &r.pooled;
+            println!(
+                "{:28} {tokens:>6} {:>7.4} {:>8.4} {:>8.5} {:>6.3} {:>6.3} {:>6.3}",
+                r.method, p.iou, r.per_rig.iou, p.l1, p.precision, p.recall, r.per_rig.mask_cover_bone
+            );
+        }
+        let c = &report.codebook[split];
+        println!(
+            "codes: {} of {} tokens differ, utilisation {:.4}, perplexity {:.0}",
+            c.distinct, c.tokens, c.utilisation, c.perplexity
+        );
+    }
+}

@@ -1,0 +1,112 @@
+//! `riglab train`
+
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+use anyhow::{Context, Result, bail};
+use riglab_train::{Ended, Interrupt, Run, RunInfo, Task, train};
+use tch::Device;
+
+use crate::presets;
+use crate::registry::TaskConfig;
+
+/// Train a model from a config, or continue a run.
+///
+/// A run folder is made with the resolved config, metrics and checkpoints; Ctrl-C saves and leaves,
+/// --resume goes on as if nothing had happened.
+#[derive(clap::Args)]
+#[command(after_help = "\
+Examples:
+  riglab train quickstart/fsq_cvae.toml --set data.corpora='[\"corpus.h5\"]'
+  riglab train my.toml --set train.seed=2 --run runs/mine/seed-2
+  riglab train --resume runs/mine/seed-2")]
+pub struct Args {
+    /// Config file, or the name of a built-in experiment.
+    #[arg(required_unless_present_any = ["resume", "list"])]
+    config: Option<String>,
+    /// Change a value of the config, as often as needed.
+    #[arg(long = "set", value_name = "KEY=VALUE")]
+    sets: Vec<String>,
+    /// The run's folder [default: the next free number below runs/<config>/].
+    #[arg(long, value_name = "DIR")]
+    run: Option<PathBuf>,
+    /// Continue the run in this folder.
+    #[arg(long, value_name = "DIR", conflicts_with_all = ["config", "run", "sets"])]
+    resume: Option<PathBuf>,
+    /// List the built-in experiments.
+    #[arg(long)]
+    list: bool,
+}
+
+pub fn run(args: &Args, threads: usize) -> Result<ExitCode> {
+    if args.list {
+        presets::experiments().iter().for_each(|name| println!("{name}"));
+        return Ok(ExitCode::SUCCESS);
+    }
+    let (config, run, resumed) = match (&args.resume, &args.config) {
+        (Some(dir), _) => {
+            let run = Run::open(dir)?;
+            (TaskConfig::read(&presets::load(&run.path("config.toml").to_string_lossy(), &[])?)?, run, true)
+        }
+        (None, Some(name)) => {
+            let config = TaskConfig::read(&presets::load(name, &args.sets)?)?;
+            let dir = args.run.clone().unwrap_or_else(|| next_free(name));
+            let run = Run::create(&dir, &config.to_toml()?)?;
+            (config, run, false)
+        }
+        (None, None) => bail!("give a config, or --resume RUN"),
+    };
+    let threads = riglab_torch::init(riglab_torch::Settings { threads });
+    let device = Device::Cpu;
+    let task = config.open(device)?;
+    let mut info = match run.info().filter(|_| resumed) {
+        Some(mut info) => {
+            info.resumed.push(RunInfo::now());
+            info
+        }
+        None => RunInfo::new(task.name(), threads, "cpu"),
+    };
+    info.data = task.assets().summary()?;
+    info.parameters = task.params().numel();
+    info.ended.clear();
+    run.write_info(&info)?;
+    let steps = config.train().steps;
+    eprintln!(
+        "{}: {:.2} M parameters, {steps} steps, {threads} threads, in {}",
+        task.name(),
+        info.parameters as f64 / 1e6,
+        run.dir().display()
+    );
+    let interrupt = Interrupt::listening();
+    let outcome = train(&task, config.train(), &run, &interrupt);
+    info.ended = RunInfo::now();
+    info.outcome = match &outcome {
+        Ok(o) if o.ended == Ended::Finished => "finished".into(),
+        Ok(_) => "interrupted".into(),
+        Err(e) => e.to_string(),
+    };
+    info.seconds += outcome.as_ref().map_or(0.0, |o| o.seconds);
+    run.write_info(&info)?;
+    let outcome = outcome.with_context(|| format!("in {}", run.dir().display()))?;
+    if outcome.skipped > 0 {
+        eprintln!("warning: {} steps were skipped because loss or gradient was not finite", outcome.skipped);
+    }
+    if outcome.ended == Ended::Interrupted {
+        eprintln!("interrupted after step {}; go on with: riglab train --resume {}", outcome.step, run.dir().display());
+        return Ok(ExitCode::from(130));
+    }
+    if let Some((step, value)) = outcome.best {
+        eprintln!("best: {} {value:.4} at step {step}", task.objective().0);
+    }
+    eprintln!("next: riglab eval {}", run.dir().display());
+    println!("{}", run.dir().display());
+    Ok(ExitCode::SUCCESS)
+}
+
+/// `runs/<config>/001` and on.
+fn next_free(config: &str) -> PathBuf {
+    let stem = Path::new(config).file_stem().map_or("run".into(), |s| s.to_string_lossy().into_owned());
+    let dir = Path::new("runs").join(stem);
+    let free = (1..).map(|n| dir.join(format!("{n:03}"))).find(|d| !d.exists());
+    free.unwrap_or(dir)
+}
