@@ -1,0 +1,178 @@
+//! Line charts as SVG.
+
+use plotters::prelude::*;
+use plotters::style::text_anchor::{HPos, Pos, VPos};
+
+use crate::ReportError;
+
+/// One line.
+#[derive(Clone, Debug)]
+pub struct Series {
+    /// What it is.
+    pub name: String,
+    /// Its points; non-finite ones are left out.
+    pub points: Vec<(f64, f64)>,
+}
+
+/// Lines over one axis.
+#[derive(Clone, Debug)]
+pub struct Chart {
+    /// What it shows.
+    pub title: String,
+    /// The horizontal axis.
+    pub x: String,
+    /// The lines.
+    pub series: Vec<Series>,
+    /// A vertical axis in powers of ten.
+    pub log: bool,
+}
+
+/// Distinct on white and on black, also for the colour-blind.
+const COLORS: [RGBColor; 6] = [
+    RGBColor(31, 119, 180),
+    RGBColor(225, 112, 0),
+    RGBColor(0, 145, 110),
+    RGBColor(205, 60, 95),
+    RGBColor(125, 95, 200),
+    RGBColor(130, 130, 130),
+];
+/// Points of a line at most; more are averaged.
+const POINTS: usize = 240;
+const SIZE: (u32, u32) = (560, 300);
+
+impl Chart {
+    /// An SVG element that takes its text colour from the page.
+    ///
+    /// # Errors
+    /// When the chart cannot be drawn.
+    pub fn to_svg(&self) -> Result<String, ReportError> {
+        let lines: Vec<(&str, Vec<(f64, f64)>)> =
+            self.series.iter().map(|s| (s.name.as_str(), thinned(&s.points, self.log))).collect();
+        let all = || lines.iter().flat_map(|(_, p)| p.iter());
+        let range = |f: fn(&(f64, f64)) -> f64| {
+            all().map(f).fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(v), h.max(v)))
+        };
+        let ((x0, x1), (y0, y1)) = (range(|p| p.0), range(|p| p.1));
+        if !(x0.is_finite() && y0.is_finite()) {
+            return Ok(String::new());
+        }
+        let (x1, pad) = (if x1 > x0 { x1 } else { x0 + 1.0 }, 0.05 * (y1 - y0).max(1e-9));
+        let mut svg = String::new();
+        {
+            let root = SVGBackend::with_string(&mut svg, SIZE).into_drawing_area();
+            let mut builder = ChartBuilder::on(&root);
+            builder.margin(8).x_label_area_size(34).y_label_area_size(52).caption(&self.title, ("sans-serif", 15));
+            if self.log {
+                let chart = builder.build_cartesian_2d(x0..x1, (y0 * 0.9..y1 * 1.1).log_scale());
+                self.draw(chart.map_err(fault)?, &lines)?;
+            } else {
+                let chart = builder.build_cartesian_2d(x0..x1, y0 - pad..y1 + pad);
+                self.draw(chart.map_err(fault)?, &lines)?;
+            }
+            root.present().map_err(fault)?;
+        }
+        Ok(svg.replace("#000000", "currentColor"))
+    }
+
+    fn draw<'a, Y>(
+        &self,
+        mut chart: ChartContext<'a, SVGBackend<'a>, Cartesian2d<plotters::coord::types::RangedCoordf64, Y>>,
+        lines: &[(&str, Vec<(f64, f64)>)],
+    ) -> Result<(), ReportError>
+    where
+        Y: plotters::coord::ranged1d::ValueFormatter<f64> + Ranged<ValueType = f64> + 'a,
+    {
+        let label = ("sans-serif", 11).into_text_style(&SIZE).color(&BLACK);
+        chart
+            .configure_mesh()
+            .bold_line_style(RGBColor(128, 128, 128).mix(0.25))
+            .light_line_style(TRANSPARENT)
+            .axis_style(RGBColor(128, 128, 128))
+            .x_desc(&self.x)
+            .x_labels(6)
+            .y_labels(6)
+            .x_label_style(label.clone())
+            .y_label_style(label.clone().pos(Pos::new(HPos::Right, VPos::Center)))
+            .x_label_formatter(&|v| short(*v))
+            .y_label_formatter(&|v| short(*v))
+            .draw()
+            .map_err(fault)?;
+        for (k, (name, points)) in lines.iter().enumerate() {
+            let color = COLORS[k % COLORS.len()];
+            let drawn =
+                chart.draw_series(LineSeries::new(points.iter().copied(), color.stroke_width(2))).map_err(fault)?;
+            drawn.label(*name).legend(move |(x, y)| PathElement::new(vec![(x, y), (x + 14, y)], color.stroke_width(2)));
+        }
+        if lines.len() > 1 {
+            chart
+                .configure_series_labels()
+                .label_font(("sans-serif", 11).into_text_style(&SIZE).color(&BLACK))
+                .border_style(TRANSPARENT)
+                .position(SeriesLabelPosition::UpperRight)
+                .draw()
+                .map_err(fault)?;
+        }
+        Ok(())
+    }
+}
+
+fn fault(e: impl std::fmt::Display) -> ReportError {
+    ReportError::Chart(e.to_string())
+}
+
+/// At most [`POINTS`] points, each the mean of its neighbours.
+fn thinned(points: &[(f64, f64)], log: bool) -> Vec<(f64, f64)> {
+    let good: Vec<(f64, f64)> =
+        points.iter().copied().filter(|(x, y)| x.is_finite() && y.is_finite() && (!log || *y > 0.0)).collect();
+    let group = good.len().div_ceil(POINTS).max(1);
+    let mean = |c: &[(f64, f64)]| {
+        let n = c.len() as f64;
+        (c.iter().map(|p| p.0).sum::<f64>() / n, c.iter().map(|p| p.1).sum::<f64>() / n)
+    };
+    good.chunks(group).map(mean).collect()
+}
+
+/// A number for an axis.
+fn short(v: f64) -> String {
+    let a = v.abs();
+    match a {
+        _ if a >= 10_000.0 => format!("{:.0}k", v / 1000.0),
+        _ if a >= 100.0 || v == 0.0 => format!("{v:.0}"),
+        _ if a >= 0.01 => {
+            let text = format!("{v:.3}");
+            text.trim_end_matches('0').trim_end_matches('.').to_string()
+        }
+        _ => format!("{v:.0e}"),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn many_points_are_averaged_and_holes_left_out() {
+        let points: Vec<(f64, f64)> = (0..1000).map(|i| (f64::from(i), if i == 7 { f64::NAN } else { 1.0 })).collect();
+        let thin = thinned(&points, false);
+        assert!(thin.len() <= POINTS && thin.iter().all(|p| p.1 == 1.0));
+    }
+
+    #[test]
+    fn empty_and_flat_charts_do_not_fail() {
+        let chart = |points| Chart {
+            title: "t".into(),
+            x: "step".into(),
+            series: vec![Series { name: "a".into(), points }],
+            log: false,
+        };
+        assert_eq!(chart(vec![]).to_svg().unwrap(), "");
+        assert!(chart(vec![(1.0, 2.0)]).to_svg().unwrap().starts_with("<svg"));
+        let log = Chart { log: true, ..chart(vec![(0.0, 0.0), (1.0, 1e-3), (2.0, 10.0)]) };
+        assert!(log.to_svg().unwrap().contains("currentColor"));
+    }
+
+    #[test]
+    fn axis_numbers_are_short() {
+        assert_eq!([0.0, 0.05, 1.5, 250.0, 14_000.0, 0.001].map(short), ["0", "0.05", "1.5", "250", "14k", "1e-3"]);
+    }
+}

@@ -1,0 +1,77 @@
+//! Tables of text and numbers.
+
+use serde::Serialize;
+
+/// One cell.
+#[derive(Clone, Debug, Serialize)]
+pub struct Cell {
+    /// What it shows.
+    pub text: String,
+    /// Numbers stand to the right.
+    pub number: bool,
+    /// The best of its column.
+    pub strong: bool,
+    /// Published by others, not measured here.
+    pub published: bool,
+}
+
+impl Cell {
+    /// A text.
+    pub fn text(text: impl Into<String>) -> Self {
+        Self { text: text.into(), number: false, strong: false, published: false }
+    }
+
+    /// A number with that many digits after the point; `–` where it is undefined.
+    pub fn number(value: f64, digits: usize) -> Self {
+        let text = if value.is_finite() { format!("{value:.digits$}") } else { "–".into() };
+        Self { text, number: true, strong: false, published: false }
+    }
+
+    /// A whole number.
+    pub fn count(value: usize) -> Self {
+        Self { number: true, ..Self::text(value.to_string()) }
+    }
+
+    /// An empty number.
+    pub fn none() -> Self {
+        Self { number: true, ..Self::text("") }
+    }
+
+    /// Marked as the best.
+    pub fn strong_if(mut self, strong: bool) -> Self {
+        self.strong = strong;
+        self
+    }
+}
+
+/// A table with a caption.
+#[derive(Clone, Debug, Default, Serialize)]
+pub struct Table {
+    /// What it shows.
+    pub caption: String,
+    /// Column heads.
+    pub head: Vec<String>,
+    /// Rows, each with a cell a column.
+    pub rows: Vec<Vec<Cell>>,
+    /// Rows before which a line is drawn.
+    pub breaks: Vec<usize>,
+    /// What has to be known to read it.
+    pub note: String,
+}
+
+impl Table {
+    /// Without rows.
+    pub fn new(caption: impl Into<String>, head: &[&str]) -> Self {
+        Self { caption: caption.into(), head: head.iter().map(|h| (*h).to_string()).collect(), ..Self::default() }
+    }
+
+    /// Adds a row.
+    pub fn row(&mut self, cells: Vec<Cell>) {
+        self.rows.push(cells);
+    }
+
+    /// Draws a line before the next row.
+    pub fn line(&mut self) {
+        self.breaks.push(self.rows.len());
+    }
+}
