@@ -31,17 +31,21 @@ const NS_STEPS: usize = 5;
 /// The orthogonal factor of each matrix of x [.., m, n], approximately: singular values end between
 /// 0.7 and 1.2.
 pub fn newton_schulz(x: &Tensor) -> Tensor {
-    let (m, n) = (x.size()[x.dim() - 2], x.size()[x.dim() - 1]);
-    let mut x = if m > n { x.transpose(-2, -1) } else { x.shallow_clone() };
-    let norm = x.square().sum_dim_intlist([-2i64, -1].as_slice(), true, None::<Kind>).sqrt();
+    let size = x.size();
+    let (m, n) = (size[size.len() - 2], size[size.len() - 1]);
+    // One batch axis, the wide way.
+    let x = x.reshape([-1, m, n]);
+    let mut x = if m > n { x.transpose(1, 2) } else { x };
+    let norm = x.square().sum_dim_intlist([1i64, 2].as_slice(), true, None::<Kind>).sqrt();
     x = &x / norm.clamp_min(1e-7);
     let (a, b, c) = NS;
     for _ in 0..NS_STEPS {
-        let gram = x.matmul(&x.transpose(-2, -1));
-        let poly = &gram * b + gram.matmul(&gram) * c;
-        x = &x * a + poly.matmul(&x);
+        let gram = x.bmm(&x.transpose(1, 2));
+        let poly = gram.baddbmm(&gram, &gram, b, c);
+        x = x.baddbmm(&poly, &x, a, 1.0);
     }
-    if m > n { x.transpose(-2, -1) } else { x }
+    let x = if m > n { x.transpose(1, 2) } else { x };
+    x.reshape(size)
 }
 
 /// Momenta of all matrices, one stack per shape.
