@@ -1,1 +1,164 @@
-//! Rigged files in and out.
+//! Rigged files in.
+//!
+//! [`import`] reads one file into an [`Imported`]: the [`Rig`] that everything downstream works on,
+//! its [`Provenance`], and the [`Reading`] it was made from.
+//!
+//! The one idea: **two steps with one type between them.** A module per format turns bytes into a
+//! [`Reading`] - joints possibly in several trees, meshes possibly unbound, numbered as in the file -
+//! and one builder, the same for all formats, turns a reading into a valid rig: one tree, parents
+//! first, weights that sum to 1. Whoever adds a format writes a module beside [`mod@gltf`] that ends
+//! in a reading, and an arm where [`import_bytes`] chooses.
+//!
+//! Holds: no input makes it panic, recurse without bound or allocate more than the file can fill;
+//! nothing outside the file's own folder is opened, and no connection made; nothing that is not
+//! finite reaches a rig; what was repaired or doubtful is told in a [`Warning`]. Units and axes stay
+//! those of the file (glTF: y up, right-handed).
+//!
+//! Leaves out: compressed geometry (Draco, meshopt), other formats, springs, humanoid maps,
+//! animation clips, and writing.
+
+mod assemble;
+mod error;
+mod format;
+pub mod gltf;
+mod inspect;
+mod names;
+mod nearest;
+mod reading;
+mod triangles;
+mod warning;
+
+use std::path::Path;
+
+use riglab_core::{Asset, Mesh, Provenance, Rig};
+
+pub use assemble::RootPolicy;
+pub use error::{Fault, ImportError, Place};
+pub use format::Format;
+pub use inspect::Inspection;
+pub use reading::{Binding, Part, ReadJoint, Reading, VertexSet};
+pub use warning::Warning;
+
+/// How to read.
+#[derive(Clone, Debug, Default)]
+pub struct ImportOptions {
+    /// What becomes of a skeleton with several roots.
+    pub roots: RootPolicy,
+}
+
+/// What a file holds.
+#[derive(Clone, Debug)]
+pub struct Imported {
+    /// The file's name without folder and ending.
+    pub name: String,
+    /// The rig, or the bare mesh of a file without skeleton.
+    pub content: Content,
+    /// Where it came from; its notes are the warnings as sentences.
+    pub provenance: Provenance,
+    /// What was read, before it became one tree.
+    pub reading: Reading,
+}
+
+/// What came out of a file.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Content {
+    /// A mesh bound to a skeleton.
+    Rigged(Rig),
+    /// A mesh in a file without skeleton: something to rig, nothing to learn from.
+    Bare(Mesh),
+}
+
+impl Imported {
+    /// The rig, if the file has one.
+    pub fn rig(&self) -> Option<&Rig> {
+        match &self.content {
+            Content::Rigged(rig) => Some(rig),
+            Content::Bare(_) => None,
+        }
+    }
+
+    /// The mesh, bound or not.
+    pub fn mesh(&self) -> &Mesh {
+        match &self.content {
+            Content::Rigged(rig) => rig.mesh(),
+            Content::Bare(mesh) => mesh,
+        }
+    }
+
+    /// What was repaired or is doubtful.
+    pub fn warnings(&self) -> &[Warning] {
+        &self.reading.warnings
+    }
+
+    /// As a corpus keeps it.
+    ///
+    /// # Errors
+    /// [`Fault::NoSkeleton`] for a bare mesh.
+    pub fn into_asset(self) -> Result<Asset, ImportError> {
+        let Self { name, content, provenance, .. } = self;
+        match content {
+            Content::Rigged(rig) => Ok(Asset { name, rig, provenance }),
+            Content::Bare(_) => Err(ImportError::new(&provenance.source, Fault::NoSkeleton)),
+        }
+    }
+}
+
+/// Reads the file at `path`, and external buffers from its folder or below.
+///
+/// ```no_run
+/// let imported = riglab_asset::import("fox.glb", &Default::default())?;
+/// for warning in imported.warnings() {
+///     eprintln!("fox.glb: {warning}");
+/// }
+/// println!("{} joints", imported.into_asset()?.rig.skeleton().len());
+/// # Ok::<(), riglab_asset::ImportError>(())
+/// ```
+///
+/// # Errors
+/// What is wrong with the file, with its path before it.
+pub fn import(path: impl AsRef<Path>, options: &ImportOptions) -> Result<Imported, ImportError> {
+    let path = path.as_ref();
+    let bytes =
+        std::fs::read(path).map_err(|e| ImportError::new(&path.to_string_lossy(), Fault::Unreadable(e.to_string())))?;
+    // The folder of a bare file name is "", which does not canonicalise.
+    let folder = path.parent().map(|f| if f.as_os_str().is_empty() { Path::new(".") } else { f });
+    read(path, &bytes, folder, options)
+}
+
+/// Reads bytes as if they were the file `name`, without touching the file system: what refers to
+/// other files is refused.
+///
+/// # Errors
+/// What is wrong with the bytes, with `name` before it.
+pub fn import_bytes(name: &str, bytes: &[u8], options: &ImportOptions) -> Result<Imported, ImportError> {
+    read(Path::new(name), bytes, None, options)
+}
+
+fn read(path: &Path, bytes: &[u8], folder: Option<&Path>, options: &ImportOptions) -> Result<Imported, ImportError> {
+    let source = path.to_string_lossy();
+    let fail = |fault| ImportError::new(&source, fault);
+    let (mut reading, origin) = match Format::of(path, bytes).map_err(fail)? {
+        Format::Gltf => gltf::read(bytes, folder).map_err(fail)?,
+        other => return Err(fail(Fault::OtherFormat(other))),
+    };
+    let content = assemble::content(&mut reading, options).map_err(fail)?;
+    let provenance = Provenance {
+        source: source.into_owned(),
+        checksum: blake3::hash(bytes).to_hex().to_string(),
+        notes: origin.notes.into_iter().chain(reading.warnings.iter().map(Warning::to_string)).collect(),
+        licence: origin.licence,
+        author: origin.author,
+        category: String::new(),
+    };
+    let name = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
+    Ok(Imported { name, content, provenance, reading })
+}
+
+/// What a file says of its rights; empty where it says nothing.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(crate) struct Rights {
+    pub licence: String,
+    pub author: String,
+    /// Where it was published and what else belongs in the provenance.
+    pub notes: Vec<String>,
+}

@@ -1,0 +1,246 @@
+//! From a reading to a rig: one tree, one mesh, weights for every vertex. The same for all formats.
+
+use std::ops::Range;
+
+use riglab_core::{Joint, JointId, Mesh, Rig, RigError, Skeleton, SkinWeights};
+
+use crate::names::Names;
+use crate::nearest::nearest_others;
+use crate::warning::MANY_JOINTS;
+use crate::{Binding, Content, Fault, ImportOptions, Part, Reading, VertexSet, Warning, triangles};
+
+/// What becomes of a skeleton with several roots, since a rig has one.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum RootPolicy {
+    /// Loose roots become children of the root of the largest tree (by joints; the first of equals).
+    #[default]
+    Reattach,
+    /// A new joint, `root`, stands above all, where the file's own transforms have their common origin.
+    Virtual,
+}
+
+/// The rig or the bare mesh of a reading. Adds warnings about the whole to the reading.
+pub(crate) fn content(reading: &mut Reading, options: &ImportOptions) -> Result<Content, Fault> {
+    let mut warnings = Vec::new();
+    let content = if reading.joints.is_empty() {
+        if reading.parts.is_empty() {
+            return Err(Fault::NoMesh);
+        }
+        warnings.push(Warning::NoSkeleton);
+        Content::Bare(mesh(reading, &mut warnings)?)
+    } else {
+        if reading.parts.is_empty() {
+            return Err(Fault::NothingBound);
+        }
+        let (skeleton, joint_of) = skeleton(reading, options.roots, &mut warnings)?;
+        let mesh = mesh(reading, &mut warnings)?;
+        Content::Rigged(Rig::new(skeleton, mesh, weights(reading, &joint_of)?)?)
+    };
+    reading.warnings.extend(warnings);
+    Ok(content)
+}
+
+/// The joints in one tree, and the number in it of each joint of the reading.
+fn skeleton(
+    reading: &Reading,
+    policy: RootPolicy,
+    warnings: &mut Vec<Warning>,
+) -> Result<(Skeleton, Vec<u16>), RigError> {
+    let joints = &reading.joints;
+    // The virtual root takes a number of its own.
+    if joints.len() >= usize::from(u16::MAX) {
+        return Err(RigError::TooManyJoints(joints.len()));
+    }
+    if joints.len() == 1 {
+        warnings.push(Warning::SingleJoint);
+    }
+    if joints.len() > MANY_JOINTS {
+        warnings.push(Warning::ManyJoints(joints.len()));
+    }
+    let mut trees = trees(reading);
+    let mut tree: Vec<Joint> = Vec::with_capacity(joints.len() + 1);
+    if trees.len() > 1 {
+        let roots: Vec<String> = trees.iter().map(|t| joints[t.start].name.clone()).collect();
+        let remedy = match policy {
+            RootPolicy::Reattach => {
+                // `rev`, because `max_by_key` takes the last of equals.
+                let largest = (0..trees.len()).rev().max_by_key(|&t| trees[t].len()).unwrap_or(0);
+                trees[..=largest].rotate_right(1);
+                format!("the others became children of `{}`", roots[largest])
+            }
+            RootPolicy::Virtual => {
+                let mut names = Names::default();
+                for joint in joints {
+                    names.unique(&joint.name, String::new);
+                }
+                let name = names.unique("root", String::new);
+                let remedy = format!("all became children of a new joint `{name}`");
+                tree.push(Joint { name, parent: None, head: reading.origin });
+                remedy
+            }
+        };
+        warnings.push(match reading.skeletons() {
+            1 => Warning::SeveralRoots { roots, remedy },
+            skeletons => Warning::SeparateSkeletons { skeletons, roots, remedy },
+        });
+    }
+    let mut joint_of = vec![0; joints.len()];
+    for old in trees.into_iter().flatten() {
+        let joint = &joints[old];
+        joint_of[old] = tree.len() as u16;
+        let parent = match joint.parent {
+            Some(parent) => Some(JointId(joint_of[parent])),
+            None if tree.is_empty() => None,
+            None => Some(JointId(0)),
+        };
+        tree.push(Joint { name: joint.name.clone(), parent, head: joint.head });
+    }
+    Ok((Skeleton::new(tree)?, joint_of))
+}
+
+/// The runs of joints that are one tree each.
+fn trees(reading: &Reading) -> Vec<Range<usize>> {
+    let roots = reading.roots();
+    let ends = roots.iter().skip(1).copied().chain([reading.joints.len()]);
+    roots.iter().zip(ends).map(|(&start, end)| start..end).collect()
+}
+
+/// The sets in the order of the rig's vertices: skinned ones first, then rigid parts.
+fn ordered_sets(reading: &Reading) -> Vec<(usize, &VertexSet)> {
+    let mut sets: Vec<_> = reading.vertex_sets.iter().enumerate().collect();
+    sets.sort_by_key(|(_, set)| set.binding == Binding::Rigid);
+    sets
+}
+
+fn mesh(reading: &Reading, warnings: &mut Vec<Warning>) -> Result<Mesh, RigError> {
+    let mut parts_of: Vec<Vec<&Part>> = vec![Vec::new(); reading.vertex_sets.len()];
+    for part in &reading.parts {
+        parts_of[part.vertex_set].push(part);
+    }
+    let mut positions = Vec::new();
+    let mut all = Vec::new();
+    let mut repeated = 0;
+    for (number, set) in ordered_sets(reading) {
+        let start = positions.len() as u32;
+        positions.extend_from_slice(&set.positions);
+        let mut own: Vec<[u32; 3]> = parts_of[number].iter().flat_map(|p| &p.triangles).copied().collect();
+        // Within a part they are unlike already; parts that share vertices may repeat each other, as
+        // outlines drawn by a second material do.
+        if parts_of[number].len() > 1 {
+            repeated += triangles::keep_proper(&mut own, set.positions.len()).repeated;
+        }
+        all.extend(own.into_iter().map(|t| t.map(|v| v + start)));
+    }
+    if repeated > 0 {
+        warnings.push(Warning::Degenerate { collapsed: 0, repeated });
+    }
+    // A tetrahedron is the least that encloses anything.
+    if all.len() < 4 {
+        warnings.push(Warning::FewTriangles(all.len()));
+    }
+    Mesh::new(positions, all)
+}
+
+/// The rows of all vertices, by joint of the rig; vertices without weight take those of the nearest
+/// vertex of their set.
+fn weights(reading: &Reading, joint_of: &[u16]) -> Result<SkinWeights, RigError> {
+    let mut offsets = vec![0];
+    let (mut joints, mut weights) = (Vec::new(), Vec::new());
+    let mut row = Vec::new();
+    for (_, set) in ordered_sets(reading) {
+        let Some(own) = &set.weights else { continue };
+        let mut lacking = set.unweighted.iter().zip(nearest_others(&set.positions, &set.unweighted)).peekable();
+        for v in 0..own.rows() {
+            let stand_in = lacking.next_if(|(u, _)| **u as usize == v).and_then(|(_, nearest)| nearest);
+            row.clear();
+            row.extend(own.row(stand_in.map_or(v, |w| w as usize)).map(|(j, w)| (joint_of[j.index()], w)));
+            row.sort_unstable_by_key(|(joint, _)| *joint);
+            joints.extend(row.iter().map(|(joint, _)| *joint));
+            weights.extend(row.iter().map(|(_, weight)| *weight));
+            offsets.push(joints.len() as u32);
+        }
+    }
+    SkinWeights::new(offsets, joints, weights)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::ReadJoint;
+
+    /// Joints by name, parent and skeleton, a triangle bound to the first.
+    fn reading(joints: &[(&str, Option<usize>, usize)]) -> Reading {
+        let joints = joints.iter().enumerate().map(|(node, &(name, parent, skeleton))| ReadJoint {
+            name: name.into(),
+            node,
+            parent,
+            head: [node as f32, 0.0, 0.0],
+            skeleton,
+        });
+        let set = VertexSet {
+            numbers: vec![0, 1, 2],
+            positions: vec![[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]],
+            weights: Some(SkinWeights::normalized(vec![vec![(0u16, 0.5), (1, 0.5)]; 3]).unwrap()),
+            unweighted: vec![],
+            stored: 3,
+            binding: Binding::Skinned,
+        };
+        let part =
+            Part { node: 0, primitive: 0, vertex_set: 0, used: vec![0, 1, 2], triangles: vec![[0, 1, 2]], stored: 1 };
+        Reading {
+            joints: joints.collect(),
+            vertex_sets: vec![set],
+            parts: vec![part],
+            origin: [9.0; 3],
+            ..Default::default()
+        }
+    }
+
+    fn names_and_parents(rig: &Rig) -> Vec<(&str, Option<usize>)> {
+        let s = rig.skeleton();
+        s.ids().map(|j| (s.name(j), s.parent(j).map(JointId::index))).collect()
+    }
+
+    fn rig(reading: &mut Reading, roots: RootPolicy) -> Rig {
+        match content(reading, &ImportOptions { roots }).unwrap() {
+            Content::Rigged(rig) => rig,
+            Content::Bare(_) => panic!("no rig"),
+        }
+    }
+
+    #[test]
+    fn loose_roots_go_below_the_root_of_the_largest_tree() {
+        let mut r = reading(&[("ik", None, 0), ("hips", None, 0), ("spine", Some(1), 0), ("pole", None, 0)]);
+        let rig = rig(&mut r, RootPolicy::Reattach);
+        assert_eq!(names_and_parents(&rig), [("hips", None), ("spine", Some(0)), ("ik", Some(0)), ("pole", Some(0))]);
+        // Bound to `ik` and `hips` before: rows follow their joints and rise.
+        assert_eq!(rig.weights().row(0).collect::<Vec<_>>(), [(JointId(0), 0.5), (JointId(2), 0.5)]);
+        assert!(matches!(r.warnings[..], [Warning::SeveralRoots { .. }, Warning::FewTriangles(1)]));
+    }
+
+    #[test]
+    fn of_equal_trees_the_first_is_the_largest() {
+        let mut r = reading(&[("a", None, 0), ("b", None, 0)]);
+        assert_eq!(names_and_parents(&rig(&mut r, RootPolicy::Reattach)), [("a", None), ("b", Some(0))]);
+    }
+
+    #[test]
+    fn a_virtual_root_has_a_name_of_its_own() {
+        let mut r = reading(&[("root", None, 0), ("x", Some(0), 0), ("b", None, 1)]);
+        let rig = rig(&mut r, RootPolicy::Virtual);
+        assert_eq!(names_and_parents(&rig), [("root.001", None), ("root", Some(0)), ("x", Some(1)), ("b", Some(0))]);
+        assert_eq!(rig.skeleton().heads()[0], [9.0; 3]);
+        assert!(matches!(r.warnings[0], Warning::SeparateSkeletons { skeletons: 2, .. }));
+    }
+
+    #[test]
+    fn a_vertex_without_weight_takes_those_of_the_nearest() {
+        let mut r = reading(&[("a", None, 0), ("b", Some(0), 0)]);
+        let rows = [vec![(0u16, 1.0)], vec![(0, 1.0)], vec![(1, 1.0)]];
+        r.vertex_sets[0].weights = Some(SkinWeights::normalized(rows).unwrap());
+        r.vertex_sets[0].positions[1] = [0.1, 0.9, 0.0];
+        r.vertex_sets[0].unweighted = vec![1];
+        let rig = rig(&mut r, RootPolicy::Reattach);
+        assert_eq!(rig.weights().row(1).collect::<Vec<_>>(), [(JointId(1), 1.0)]);
+    }
+}

@@ -1,0 +1,313 @@
+//! Accessors: typed elements in buffer views.
+//!
+//! Any component type, normalised or not, with gaps or without, sparse or dense. All bounds are
+//! checked before anything is allocated, so a claimed count costs nothing unless the bytes are there.
+
+use std::cell::RefCell;
+use std::collections::HashMap;
+use std::rc::Rc;
+
+use super::buffers::Buffers;
+use super::document::{Accessor, Document};
+use crate::Fault;
+
+/// Elements of one accessor: more than any rig has vertices.
+const MAX_COUNT: u64 = 1 << 24;
+
+/// Elements of an accessor without bytes of its own, which means zeros.
+const MAX_ZEROS: u64 = 1 << 20;
+
+/// The accessors of a file.
+pub(super) struct Accessors<'a> {
+    document: &'a Document,
+    buffers: Buffers<'a>,
+    floats3: Cache<[f32; 3]>,
+    floats4: Cache<[f32; 4]>,
+    integers4: Cache<[u32; 4]>,
+}
+
+/// Decoded accessors, as several primitives or nodes may share one.
+type Cache<T> = RefCell<HashMap<usize, Rc<[T]>>>;
+
+/// What an accessor is used as, and what it has to be for that.
+pub(super) struct Usage {
+    pub(super) name: &'static str,
+    shape: &'static str,
+    components: &'static [Component],
+    wanted: &'static str,
+}
+
+pub(super) const POSITION: Usage = Usage {
+    name: "POSITION",
+    shape: "VEC3",
+    components: &[Component::F32, Component::I16, Component::U16, Component::I8, Component::U8],
+    wanted: "VEC3 of floats or, quantised, of bytes or shorts",
+};
+pub(super) const JOINTS: Usage = Usage {
+    name: "JOINTS",
+    shape: "VEC4",
+    components: &[Component::U8, Component::U16],
+    wanted: "VEC4 of unsigned bytes or shorts",
+};
+pub(super) const WEIGHTS: Usage = Usage {
+    name: "WEIGHTS",
+    shape: "VEC4",
+    components: &[Component::F32, Component::U8, Component::U16],
+    wanted: "VEC4 of floats, unsigned bytes or shorts",
+};
+pub(super) const INDICES: Usage = Usage {
+    name: "indices",
+    shape: "SCALAR",
+    components: &[Component::U8, Component::U16, Component::U32],
+    wanted: "SCALAR of unsigned bytes, shorts or integers",
+};
+pub(super) const INVERSE_BIND: Usage =
+    Usage { name: "inverse bind matrices", shape: "MAT4", components: &[Component::F32], wanted: "MAT4 of floats" };
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Component {
+    I8,
+    U8,
+    I16,
+    U16,
+    U32,
+    F32,
+}
+
+impl Component {
+    fn of(accessor: usize, number: u32) -> Result<Self, Fault> {
+        Ok(match number {
+            5120 => Self::I8,
+            5121 => Self::U8,
+            5122 => Self::I16,
+            5123 => Self::U16,
+            5125 => Self::U32,
+            5126 => Self::F32,
+            found => return Err(Fault::ComponentType { accessor, found }),
+        })
+    }
+
+    fn size(self) -> usize {
+        match self {
+            Self::I8 | Self::U8 => 1,
+            Self::I16 | Self::U16 => 2,
+            Self::U32 | Self::F32 => 4,
+        }
+    }
+}
+
+/// An accessor whose bounds are checked: element `i` lies at `i * stride`.
+struct Elements<'b> {
+    component: Component,
+    normalized: bool,
+    count: usize,
+    stride: usize,
+    /// `None`: zeros.
+    bytes: Option<&'b [u8]>,
+    replaced: Option<Replaced<'b>>,
+}
+
+/// Elements of a sparse accessor that stand elsewhere: their numbers, and their bytes without gaps.
+type Replaced<'b> = (Vec<u32>, &'b [u8]);
+
+impl<'a> Accessors<'a> {
+    pub(super) fn new(document: &'a Document, buffers: Buffers<'a>) -> Self {
+        let (floats3, floats4, integers4) = Default::default();
+        Self { document, buffers, floats3, floats4, integers4 }
+    }
+
+    /// How many elements an accessor claims, within limits; whether the bytes are there is not checked.
+    pub(super) fn count(&self, number: usize) -> Result<usize, Fault> {
+        let accessor = self.get(number)?;
+        let limit = if accessor.buffer_view.is_some() { MAX_COUNT } else { MAX_ZEROS };
+        let too_large = || Fault::TooLarge { what: format!("accessor {number}"), count: accessor.count, limit };
+        usize::try_from(accessor.count).ok().filter(|_| accessor.count <= limit).ok_or_else(too_large)
+    }
+
+    /// Whether an accessor has bytes of its own.
+    pub(super) fn has_bytes(&self, number: usize) -> Result<bool, Fault> {
+        Ok(self.get(number)?.buffer_view.is_some())
+    }
+
+    pub(super) fn positions(&self, number: usize) -> Result<Rc<[[f32; 3]]>, Fault> {
+        cached(&self.floats3, number, || self.floats(number, &POSITION, usize::MAX))
+    }
+
+    pub(super) fn weights(&self, number: usize) -> Result<Rc<[[f32; 4]]>, Fault> {
+        cached(&self.floats4, number, || self.floats(number, &WEIGHTS, usize::MAX))
+    }
+
+    pub(super) fn joints(&self, number: usize) -> Result<Rc<[[u32; 4]]>, Fault> {
+        cached(&self.integers4, number, || self.integers(number, &JOINTS))
+    }
+
+    pub(super) fn indices(&self, number: usize) -> Result<Vec<u32>, Fault> {
+        Ok(self.integers::<1>(number, &INDICES)?.into_iter().map(|[index]| index).collect())
+    }
+
+    /// The first `wanted` matrices, column by column.
+    pub(super) fn matrices(&self, number: usize, wanted: usize) -> Result<Vec<[f32; 16]>, Fault> {
+        self.floats(number, &INVERSE_BIND, wanted)
+    }
+
+    fn get(&self, number: usize) -> Result<&'a Accessor, Fault> {
+        let accessors = &self.document.accessors;
+        // Who asks is told by the caller where it matters; a file seldom gets this far with it.
+        accessors.get(number).ok_or_else(|| Fault::Reference {
+            from: "an attribute, index list or skin".into(),
+            to: "accessor",
+            index: number,
+            count: accessors.len(),
+        })
+    }
+
+    fn floats<const N: usize>(&self, number: usize, usage: &Usage, most: usize) -> Result<Vec<[f32; N]>, Fault> {
+        let e = self.elements::<N>(number, usage)?;
+        let whole = |x: f32, largest: f32| if e.normalized { (x / largest).max(-1.0) } else { x };
+        Ok(match e.component {
+            Component::F32 => e.decode(most, f32::from_le_bytes),
+            Component::I8 => e.decode(most, |b| whole(i8::from_le_bytes(b).into(), 127.0)),
+            Component::U8 => e.decode(most, |[b]| whole(b.into(), 255.0)),
+            Component::I16 => e.decode(most, |b| whole(i16::from_le_bytes(b).into(), 32767.0)),
+            Component::U16 => e.decode(most, |b| whole(u16::from_le_bytes(b).into(), 65535.0)),
+            Component::U32 => e.decode(most, |b| u32::from_le_bytes(b) as f32),
+        })
+    }
+
+    fn integers<const N: usize>(&self, number: usize, usage: &Usage) -> Result<Vec<[u32; N]>, Fault> {
+        let e = self.elements::<N>(number, usage)?;
+        Ok(match e.component {
+            Component::U8 | Component::I8 => e.decode(usize::MAX, |[b]| b.into()),
+            Component::U16 | Component::I16 => e.decode(usize::MAX, |b| u16::from_le_bytes(b).into()),
+            Component::U32 | Component::F32 => e.decode(usize::MAX, u32::from_le_bytes),
+        })
+    }
+
+    /// Checks type and bounds.
+    fn elements<const N: usize>(&self, number: usize, usage: &Usage) -> Result<Elements<'_>, Fault> {
+        let accessor = self.get(number)?;
+        let count = self.count(number)?;
+        let component = Component::of(number, accessor.component_type)?;
+        if accessor.shape != usage.shape || !usage.components.contains(&component) {
+            let shape: String = accessor.shape.chars().take(20).collect();
+            let found = format!("{shape} of component type {}", accessor.component_type);
+            return Err(Fault::AccessorType { accessor: number, used: usage.name, found, wanted: usage.wanted });
+        }
+        let size = N * component.size();
+        let dense = match accessor.buffer_view {
+            Some(view) => Some(self.span(number, view, accessor.byte_offset, accessor.count, size, true)?),
+            None => None,
+        };
+        Ok(Elements {
+            component,
+            normalized: accessor.normalized,
+            count,
+            stride: dense.map_or(size, |(stride, _)| stride),
+            bytes: dense.map(|(_, bytes)| bytes),
+            replaced: self.replaced(number, accessor, count, size)?,
+        })
+    }
+
+    /// The numbers and bytes of a sparse accessor's replacements.
+    fn replaced(
+        &self,
+        number: usize,
+        accessor: &Accessor,
+        count: usize,
+        size: usize,
+    ) -> Result<Option<Replaced<'_>>, Fault> {
+        let Some(sparse) = &accessor.sparse else { return Ok(None) };
+        let component = Component::of(number, sparse.indices.component_type)?;
+        let (indices, values) = (&sparse.indices, &sparse.values);
+        let (_, bytes) =
+            self.span(number, indices.buffer_view, indices.byte_offset, sparse.count, component.size(), false)?;
+        let (_, values) = self.span(number, values.buffer_view, values.byte_offset, sparse.count, size, false)?;
+        let numbers: Vec<u32> = match component {
+            Component::U8 => bytes.iter().map(|b| (*b).into()).collect(),
+            Component::U16 => bytes.as_chunks().0.iter().map(|b| u16::from_le_bytes(*b).into()).collect(),
+            Component::U32 => bytes.as_chunks().0.iter().map(|b| u32::from_le_bytes(*b)).collect(),
+            _ => {
+                let found = format!("component type {}", sparse.indices.component_type);
+                let (used, wanted) = ("sparse indices", INDICES.wanted);
+                return Err(Fault::AccessorType { accessor: number, used, found, wanted });
+            }
+        };
+        match numbers.iter().find(|i| **i as usize >= count) {
+            Some(&index) => Err(Fault::SparseIndex { accessor: number, index: index as usize, count }),
+            None => Ok(Some((numbers, values))),
+        }
+    }
+
+    /// Stride and bytes of `count` elements of `size` bytes, from the first byte of the first to the
+    /// last byte of the last.
+    fn span(
+        &self,
+        accessor: usize,
+        view_number: usize,
+        offset: u64,
+        count: u64,
+        size: usize,
+        strided: bool,
+    ) -> Result<(usize, &[u8]), Fault> {
+        let view = self.buffers.view(view_number, || format!("accessor {accessor}"))?;
+        let stride = view.stride.filter(|_| strided).unwrap_or(size);
+        if stride < size {
+            return Err(Fault::Stride { accessor, stride, size });
+        }
+        let span = || {
+            let start = usize::try_from(offset).ok()?;
+            let gaps = usize::try_from(count.saturating_sub(1)).ok()?.checked_mul(stride)?;
+            let length = if count == 0 { 0 } else { gaps.checked_add(size)? };
+            view.bytes.get(start..start.checked_add(length)?)
+        };
+        let bytes = span().ok_or(Fault::AccessorBounds {
+            accessor,
+            count,
+            offset,
+            view: view_number,
+            found: view.bytes.len(),
+        })?;
+        Ok((stride, bytes))
+    }
+}
+
+impl Elements<'_> {
+    /// The first `most` elements at most; `SIZE` is that of the component.
+    fn decode<T: Copy + Default, const N: usize, const SIZE: usize>(
+        &self,
+        most: usize,
+        convert: impl Fn([u8; SIZE]) -> T,
+    ) -> Vec<[T; N]> {
+        debug_assert_eq!(self.component.size(), SIZE);
+        let element = |bytes: &[u8]| {
+            let (components, _) = bytes.as_chunks::<SIZE>();
+            std::array::from_fn(|k| convert(components[k]))
+        };
+        let count = self.count.min(most);
+        let mut elements: Vec<[T; N]> = match self.bytes {
+            Some(bytes) => (0..count).map(|i| element(&bytes[i * self.stride..][..N * SIZE])).collect(),
+            None => vec![[T::default(); N]; count],
+        };
+        if let Some((numbers, values)) = &self.replaced {
+            for (&i, value) in numbers.iter().zip(values.chunks_exact(N * SIZE)) {
+                if let Some(slot) = elements.get_mut(i as usize) {
+                    *slot = element(value);
+                }
+            }
+        }
+        elements
+    }
+}
+
+fn cached<T: Clone>(
+    cache: &Cache<T>,
+    number: usize,
+    read: impl FnOnce() -> Result<Vec<T>, Fault>,
+) -> Result<Rc<[T]>, Fault> {
+    if let Some(known) = cache.borrow().get(&number) {
+        return Ok(Rc::clone(known));
+    }
+    let elements: Rc<[T]> = read()?.into();
+    cache.borrow_mut().insert(number, Rc::clone(&elements));
+    Ok(elements)
+}

@@ -1,0 +1,188 @@
+//! The pose in which a mesh was bound to its joints.
+//!
+//! Where nodes and inverse bind matrices tell the same, any reading gives the same rig up to its
+//! place. Often they do not: the nodes stand in the pose of some animation. The bind pose is what a
+//! rig is about, so heads come from the inverse bind matrices as far as they are known, and from the
+//! nodes elsewhere, as in Blender's importer (with its option to guess the bind pose):
+//!
+//! 1. The *armature* of a skin is the deepest node above its joints. Nodes from a joint up to it are
+//!    *bones*, joints or not.
+//! 2. The bind pose of a bone is that of its parent bone times a local part without scale: from the
+//!    inverse bind matrices of both where both are known, else the node's own.
+//! 3. All is placed by the armature's transform. That of the node that holds the mesh plays no part.
+//! 4. Beyond Blender: bind pose times inverse bind matrix must be one map for all joints of a skin, or
+//!    the rest pose would bend the mesh. If it is not, that of the first top joint serves for all.
+
+use glam::{DAffine3, DVec3};
+
+use super::nodes::{Nodes, is_flat, rigid};
+use super::skins::{Skin, Skins};
+use crate::Warning;
+
+/// A transform that shrinks one direction to less than this share of another is left out.
+pub(super) const FLAT: f64 = 1e-6;
+
+/// How far apart two maps of a skin may take its bounding box, as a share of its size.
+const SAME: f64 = 1e-3;
+
+/// The box around the vertices of a skin in mesh space: smallest and largest corner.
+pub(super) type SkinBox = Option<(DVec3, DVec3)>;
+
+/// Where joints and vertices are at rest.
+pub(super) struct Binds {
+    /// For each skin and slot, from mesh space to the scene.
+    maps: Vec<Vec<DAffine3>>,
+    /// From joint space to the scene, by node; for bones only.
+    frames: Vec<Option<DAffine3>>,
+    origin: DVec3,
+}
+
+impl Binds {
+    pub(super) fn new(nodes: &Nodes, skins: &Skins, boxes: &[SkinBox], warnings: &mut Vec<Warning>) -> Self {
+        let bones = bones(nodes, skins);
+        let inverse_binds = known_inverse_binds(nodes, skins);
+        let mut frames = frames(nodes, &bones, &inverse_binds);
+        let common = nodes.common(skins.joint_nodes().iter().copied());
+        let origin = frames[common].unwrap_or(*nodes.global(common)).translation;
+        let origin = if origin.as_vec3().is_finite() { origin } else { DVec3::ZERO };
+
+        let mut maps: Vec<Vec<DAffine3>> = skins.iter().map(|skin| skin_maps(skin, &frames)).collect();
+        let (mut bent, mut posed) = (Vec::new(), Vec::new());
+        for (number, skin) in skins.iter().enumerate() {
+            let (Some(inverse), Some(corners)) = (&skin.inverse_binds, boxes[number].map(corners)) else { continue };
+            let maps = &mut maps[number];
+            let top = maps[top_joint(nodes, skin)];
+            let size = (top.transform_point3(corners[7]) - top.transform_point3(corners[0])).length();
+            let same = |a: &DAffine3, b: &DAffine3| {
+                let apart = |c: &DVec3| (a.transform_point3(*c) - b.transform_point3(*c)).abs().max_element();
+                size == 0.0 || corners.iter().all(|c| apart(c) <= SAME * size)
+            };
+            if !maps.iter().all(|map| same(map, &top)) {
+                bent.push(number);
+                maps.fill(top);
+                for (&node, inverse) in skin.joints.iter().zip(inverse) {
+                    frames[node] = Some(top * inverse.inverse());
+                }
+            }
+            let moved = |((&node, inverse), map): ((&usize, &DAffine3), &DAffine3)| {
+                let posed = *nodes.global(node) * *inverse;
+                // A hidden joint stands nowhere.
+                !is_flat(&posed.matrix3, FLAT) && !same(&posed, map)
+            };
+            if skin.joints.iter().zip(inverse).zip(maps.iter()).any(moved) {
+                posed.push(number);
+            }
+        }
+        if !bent.is_empty() {
+            warnings.push(Warning::Bent { skins: bent });
+        }
+        if !posed.is_empty() {
+            warnings.push(Warning::RestIsNotBind { skins: posed });
+        }
+        Self { maps, frames, origin }
+    }
+
+    /// From mesh space to the scene, by slot of a skin.
+    pub(super) fn maps(&self, skin: usize) -> &[DAffine3] {
+        &self.maps[skin]
+    }
+
+    /// From the space of a joint to the scene; the identity for nodes that are no bones.
+    pub(super) fn frame(&self, node: usize) -> DAffine3 {
+        self.frames[node].unwrap_or(DAffine3::IDENTITY)
+    }
+
+    /// Where a joint is at rest.
+    pub(super) fn head(&self, node: usize) -> DVec3 {
+        self.frame(node).translation
+    }
+
+    /// Where the deepest node above all joints is at rest.
+    pub(super) fn origin(&self) -> DVec3 {
+        self.origin
+    }
+}
+
+/// Which nodes are bones.
+fn bones(nodes: &Nodes, skins: &Skins) -> Vec<bool> {
+    let mut bones = vec![false; nodes.len() + 1];
+    // In which skin a node was last passed; ways up meet soon.
+    let mut passed = vec![usize::MAX; nodes.len() + 1];
+    for (number, skin) in skins.iter().enumerate() {
+        let common = nodes.common(skin.joints.iter().copied().chain(skin.skeleton));
+        let armature = if skin.joints.contains(&common) { nodes.parent(common) } else { common };
+        for &joint in &skin.joints {
+            let mut node = joint;
+            while node != armature && passed[node] != number {
+                passed[node] = number;
+                bones[node] = true;
+                node = nodes.parent(node);
+            }
+        }
+    }
+    bones
+}
+
+/// The inverse bind matrix of each node, where there is one. Of several skins the last counts; above
+/// everything, and where `skin.skeleton` points, it is the identity.
+fn known_inverse_binds(nodes: &Nodes, skins: &Skins) -> Vec<Option<DAffine3>> {
+    let mut known = vec![None; nodes.len() + 1];
+    known[nodes.top()] = Some(DAffine3::IDENTITY);
+    for skin in skins.iter() {
+        let Some(inverse_binds) = &skin.inverse_binds else { continue };
+        if let Some(skeleton) = skin.skeleton {
+            let space = if skin.joints.contains(&skeleton) { nodes.parent(skeleton) } else { skeleton };
+            known[space].get_or_insert(DAffine3::IDENTITY);
+        }
+        for (&node, inverse_bind) in skin.joints.iter().zip(inverse_binds) {
+            known[node] = Some(*inverse_bind);
+        }
+    }
+    known
+}
+
+/// The placed bind pose of every bone.
+fn frames(nodes: &Nodes, bones: &[bool], inverse_binds: &[Option<DAffine3>]) -> Vec<Option<DAffine3>> {
+    let mut frames: Vec<Option<DAffine3>> = vec![None; nodes.len() + 1];
+    for &node in nodes.order() {
+        if !bones[node] {
+            continue;
+        }
+        let parent = nodes.parent(node);
+        let above = frames[parent].unwrap_or_else(|| placement(nodes, parent));
+        let local = match (&inverse_binds[parent], &inverse_binds[node]) {
+            (Some(parent), Some(own)) => rigid(&(*parent * own.inverse())),
+            _ => *nodes.local_rigid(node),
+        };
+        frames[node] = Some(above * local);
+    }
+    frames
+}
+
+/// From an armature to the scene; the identity where that would flatten everything.
+fn placement(nodes: &Nodes, armature: usize) -> DAffine3 {
+    let global = nodes.global(armature);
+    if is_flat(&global.matrix3, FLAT) { DAffine3::IDENTITY } else { *global }
+}
+
+fn skin_maps(skin: &Skin, frames: &[Option<DAffine3>]) -> Vec<DAffine3> {
+    let frame = |node: usize| frames[node].unwrap_or(DAffine3::IDENTITY);
+    match &skin.inverse_binds {
+        Some(inverse) => skin.joints.iter().zip(inverse).map(|(&node, inverse)| frame(node) * *inverse).collect(),
+        // All are the identity, by the format: vertices are given in the space of their joints.
+        None => skin.joints.iter().map(|&node| frame(node)).collect(),
+    }
+}
+
+/// The slot of the first joint that no other of its skin lies above.
+fn top_joint(nodes: &Nodes, skin: &Skin) -> usize {
+    let top = nodes.topmost(&skin.joints);
+    skin.joints.iter().position(|node| top.contains(node)).unwrap_or(0)
+}
+
+fn corners((low, high): (DVec3, DVec3)) -> [DVec3; 8] {
+    std::array::from_fn(|i| {
+        let pick = |axis: usize| if i >> axis & 1 == 0 { low[axis] } else { high[axis] };
+        DVec3::new(pick(0), pick(1), pick(2))
+    })
+}

@@ -1,0 +1,218 @@
+//! The JSON of a glTF file, as far as rigs go.
+//!
+//! Plain structs instead of a complete model of the format: what does not touch a rig (materials,
+//! pictures, cameras) cannot stop an import, and errors say where they are.
+
+use std::collections::BTreeMap;
+
+use serde::Deserialize;
+use serde_json::Value;
+
+use crate::Fault;
+
+/// Brackets within brackets that are still read. Real files need a dozen.
+const MAX_DEPTH: usize = 100;
+
+#[derive(Debug, Default, Deserialize)]
+#[serde(rename_all = "camelCase", default)]
+pub(super) struct Document {
+    pub asset: AssetInfo,
+    pub extensions_required: Vec<String>,
+    /// Parts of files read here are loose in their types: VRM in the wild is.
+    pub extensions: Value,
+    pub buffers: Vec<Buffer>,
+    pub buffer_views: Vec<BufferView>,
+    pub accessors: Vec<Accessor>,
+    pub meshes: Vec<Mesh>,
+    pub nodes: Vec<Node>,
+    pub skins: Vec<Skin>,
+}
+
+#[derive(Debug, Default, Deserialize)]
+#[serde(default)]
+pub(super) struct AssetInfo {
+    pub version: String,
+    pub copyright: Value,
+    pub extras: Value,
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(rename_all = "camelCase")]
+pub(super) struct Buffer {
+    pub byte_length: u64,
+    pub uri: Option<String>,
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(rename_all = "camelCase")]
+pub(super) struct BufferView {
+    pub buffer: usize,
+    #[serde(default)]
+    pub byte_offset: u64,
+    pub byte_length: u64,
+    pub byte_stride: Option<u32>,
+    #[serde(default)]
+    pub extensions: BTreeMap<String, Value>,
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(rename_all = "camelCase")]
+pub(super) struct Accessor {
+    pub buffer_view: Option<usize>,
+    #[serde(default)]
+    pub byte_offset: u64,
+    pub component_type: u32,
+    #[serde(default)]
+    pub normalized: bool,
+    pub count: u64,
+    #[serde(rename = "type")]
+    pub shape: String,
+    pub sparse: Option<Sparse>,
+}
+
+#[derive(Debug, Deserialize)]
+pub(super) struct Sparse {
+    pub count: u64,
+    pub indices: SparseIndices,
+    pub values: SparseValues,
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(rename_all = "camelCase")]
+pub(super) struct SparseIndices {
+    pub buffer_view: usize,
+    #[serde(default)]
+    pub byte_offset: u64,
+    pub component_type: u32,
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(rename_all = "camelCase")]
+pub(super) struct SparseValues {
+    pub buffer_view: usize,
+    #[serde(default)]
+    pub byte_offset: u64,
+}
+
+#[derive(Debug, Deserialize)]
+pub(super) struct Mesh {
+    #[serde(default)]
+    pub primitives: Vec<Primitive>,
+}
+
+#[derive(Debug, Deserialize)]
+pub(super) struct Primitive {
+    #[serde(default)]
+    pub attributes: BTreeMap<String, usize>,
+    pub indices: Option<usize>,
+    pub mode: Option<u32>,
+    #[serde(default)]
+    pub extensions: BTreeMap<String, Value>,
+}
+
+#[derive(Debug, Default, Deserialize)]
+#[serde(default)]
+pub(super) struct Node {
+    pub name: Option<String>,
+    pub children: Vec<usize>,
+    pub mesh: Option<usize>,
+    pub skin: Option<usize>,
+    pub matrix: Option<[f64; 16]>,
+    pub translation: Option<[f64; 3]>,
+    pub rotation: Option<[f64; 4]>,
+    pub scale: Option<[f64; 3]>,
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(rename_all = "camelCase")]
+pub(super) struct Skin {
+    #[serde(default)]
+    pub joints: Vec<usize>,
+    pub inverse_bind_matrices: Option<usize>,
+    pub skeleton: Option<usize>,
+}
+
+impl Document {
+    /// Reads and checks the version; references are checked where they are followed.
+    pub(super) fn parse(json: &[u8]) -> Result<Self, Fault> {
+        // Some writers pad the chunk with zeros instead of blanks.
+        let json = json.strip_prefix(b"\xef\xbb\xbf").unwrap_or(json).trim_ascii_end();
+        let json = &json[..json.len() - json.iter().rev().take_while(|b| **b == 0).count()];
+        // Before serde, which skips what it does not need to any depth.
+        if depth(json) > MAX_DEPTH {
+            return Err(Fault::JsonDepth(MAX_DEPTH));
+        }
+        let document: Self = serde_json::from_slice(json).map_err(|_| explain(json))?;
+        match document.asset.version.split('.').next() {
+            Some("2") => Ok(document),
+            _ => Err(Fault::Version(document.asset.version)),
+        }
+    }
+}
+
+/// Reads once more, slower, keeping track of where it is.
+fn explain(json: &[u8]) -> Fault {
+    let mut reader = serde_json::Deserializer::from_slice(json);
+    match serde_path_to_error::deserialize::<_, Document>(&mut reader) {
+        Err(error) => {
+            let path = error.path().to_string();
+            let path = if path == "." { String::new() } else { path };
+            Fault::Json { path, reason: error.into_inner().to_string() }
+        }
+        // Sound but for what follows it.
+        Ok(_) => match reader.end() {
+            Err(error) => Fault::Json { path: String::new(), reason: error.to_string() },
+            Ok(()) => Fault::Json { path: String::new(), reason: "not readable".into() },
+        },
+    }
+}
+
+/// How deep brackets nest, strings left out.
+fn depth(json: &[u8]) -> usize {
+    let (mut depth, mut deepest) = (0usize, 0);
+    let mut bytes = json.iter();
+    while let Some(byte) = bytes.next() {
+        match byte {
+            b'[' | b'{' => {
+                depth += 1;
+                deepest = deepest.max(depth);
+            }
+            b']' | b'}' => depth = depth.saturating_sub(1),
+            b'"' => {
+                while let Some(byte) = bytes.next() {
+                    match byte {
+                        b'\\' => drop(bytes.next()),
+                        b'"' => break,
+                        _ => {}
+                    }
+                }
+            }
+            _ => {}
+        }
+    }
+    deepest
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn brackets_in_strings_do_not_nest() {
+        assert_eq!(depth(br#"{"a\"[[[":[1,[2]],"b":{}}"#), 3);
+        assert_eq!(depth(b"]]]][\"[[["), 1);
+    }
+
+    #[test]
+    fn errors_say_where() {
+        let fault = |json: &str| Document::parse(json.as_bytes()).unwrap_err().to_string();
+        let text = fault(r#"{"asset":{"version":"2.0"},"accessors":[{"bufferView":-1}]}"#);
+        assert!(text.starts_with("invalid JSON at accessors[0].bufferView: invalid value: integer `-1`"), "{text}");
+        assert!(fault("{} x").contains("trailing characters"), "{}", fault("{} x"));
+        assert!(fault("{\"nodes\":[").contains("EOF"), "{}", fault("{\"nodes\":["));
+        assert_eq!(fault(r#"{"asset":{"version":"1.0"}}"#), Fault::Version("1.0".into()).to_string());
+        assert_eq!(fault("{}"), Fault::Version(String::new()).to_string());
+        let deep = format!("{{\"extras\":{}", "[".repeat(10_000));
+        assert_eq!(fault(&deep), Fault::JsonDepth(MAX_DEPTH).to_string());
+    }
+}

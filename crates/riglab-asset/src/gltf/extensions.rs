@@ -1,0 +1,53 @@
+//! Which extensions a file may require, and which geometry needs a decoder.
+
+use std::collections::BTreeMap;
+
+use serde_json::Value;
+
+use super::document::Document;
+use crate::Fault;
+
+/// Extensions that compress geometry; each will have a decoder of its own.
+const COMPRESSIONS: [&str; 3] = ["KHR_draco_mesh_compression", "EXT_meshopt_compression", "KHR_meshopt_compression"];
+
+/// Extensions that are read, or that change nothing about joints, vertices and weights.
+const HARMLESS: [&str; 16] = [
+    "KHR_mesh_quantization",
+    "KHR_texture_basisu",
+    "KHR_texture_transform",
+    "KHR_lights_punctual",
+    "KHR_animation_pointer",
+    "KHR_node_visibility",
+    "KHR_node_hoverability",
+    "KHR_node_selectability",
+    "KHR_xmp",
+    "KHR_xmp_json_ld",
+    "EXT_texture_webp",
+    "EXT_texture_avif",
+    "MSFT_texture_dds",
+    "VRM",
+    "KHR_audio_emitter",
+    "KHR_techniques_webgl",
+];
+
+/// Families of which all are harmless.
+const HARMLESS_FAMILIES: [&str; 5] = ["KHR_materials_", "EXT_materials_", "ADOBE_materials_", "VRMC_", "EXT_lights_"];
+
+/// Refuses files that require what is not known: reading on would give a wrong rig silently.
+pub(super) fn check_required(document: &Document) -> Result<(), Fault> {
+    for name in &document.extensions_required {
+        if let Some(&compression) = COMPRESSIONS.iter().find(|c| *c == name) {
+            return Err(Fault::Compressed(compression));
+        }
+        let known = HARMLESS.contains(&name.as_str()) || HARMLESS_FAMILIES.iter().any(|f| name.starts_with(f));
+        if !known {
+            return Err(Fault::RequiredExtension(name.clone()));
+        }
+    }
+    Ok(())
+}
+
+/// The compression among the extensions of a primitive or a buffer view, if there is one.
+pub(super) fn compression(extensions: &BTreeMap<String, Value>) -> Option<&'static str> {
+    COMPRESSIONS.into_iter().find(|c| extensions.contains_key(*c))
+}

@@ -1,0 +1,62 @@
+//! glTF 2.0 as `.gltf`, `.glb` and `.vrm`.
+//!
+//! Read in this order: container and JSON ([`glb`], [`document`]), which node hangs where ([`nodes`]),
+//! skins and their bind pose ([`skins`], [`bind`]),
+//! primitives ([`primitives`]) and
+//! their vertices at rest ([`placing`], [`influences`]).
+//! Buffers are loaded when an accessor first needs them, so missing pictures do no harm.
+
+mod accessor;
+mod bind;
+mod buffers;
+mod document;
+mod extensions;
+mod glb;
+mod influences;
+mod nodes;
+mod placing;
+mod primitives;
+mod rights;
+mod skins;
+
+use std::path::Path;
+
+use crate::{Fault, Reading, Rights, Warning};
+use accessor::Accessors;
+use bind::Binds;
+use buffers::Buffers;
+use document::Document;
+use nodes::Nodes;
+use skins::Skins;
+
+/// Whether bytes may be the JSON of a glTF file: an opening brace, with or without a byte-order mark.
+pub(crate) fn looks_like_json(bytes: &[u8]) -> bool {
+    bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes).trim_ascii_start().starts_with(b"{")
+}
+
+/// Reads a file's bytes; `folder` is where buffers in files of their own are looked for, if at all.
+pub(crate) fn read(bytes: &[u8], folder: Option<&Path>) -> Result<(Reading, Rights), Fault> {
+    let mut warnings = Vec::new();
+    let chunks = if bytes.starts_with(b"glTF") {
+        let chunks = glb::chunks(bytes)?;
+        if chunks.trailing > 0 {
+            warnings.push(Warning::TrailingBytes(chunks.trailing));
+        }
+        chunks
+    } else {
+        glb::Chunks { json: bytes, binary: None, trailing: 0 }
+    };
+    let document = Document::parse(chunks.json)?;
+    extensions::check_required(&document)?;
+    let accessors = Accessors::new(&document, Buffers::new(&document, chunks.binary, folder));
+
+    let nodes = Nodes::new(&document)?;
+    let skins = Skins::read(&document, &nodes, &accessors, &mut warnings)?;
+    let sources = primitives::collect(&document, &accessors, &mut warnings)?;
+    let binds = Binds::new(&nodes, &skins, &sources.skin_boxes(skins.len()), &mut warnings);
+    let joints = skins.joints(&document, &binds, &mut warnings)?;
+    let scene = placing::Scene { accessors: &accessors, nodes: &nodes, skins: &skins, binds: &binds };
+    let (vertex_sets, parts) = scene.place(sources, &joints, &mut warnings)?;
+    let origin = binds.origin().as_vec3().into();
+    Ok((Reading { joints, vertex_sets, parts, origin, warnings }, rights::read(&document)))
+}

@@ -1,0 +1,163 @@
+//! Vertices at rest, in the scene.
+
+use std::collections::HashMap;
+
+use glam::{DAffine3, DVec3, Vec3};
+use riglab_core::SkinWeights;
+
+use super::accessor::{Accessors, POSITION};
+use super::bind::{Binds, FLAT};
+use super::influences::{self, Repairs};
+use super::nodes::{Nodes, is_flat};
+use super::primitives::{SourceSet, Sources};
+use super::skins::Skins;
+use crate::{Binding, Fault, Part, ReadJoint, VertexSet, Warning};
+
+/// All that is needed to place vertices.
+pub(super) struct Scene<'a> {
+    pub(super) accessors: &'a Accessors<'a>,
+    pub(super) nodes: &'a Nodes,
+    pub(super) skins: &'a Skins,
+    pub(super) binds: &'a Binds,
+}
+
+/// How an unskinned mesh goes into the scene.
+enum Hold {
+    /// With a joint of the reading.
+    Joint(u16, DAffine3),
+    /// By its node; there is no skeleton.
+    Free(DAffine3),
+    /// Not at all: on no joint, or flattened.
+    None,
+}
+
+impl Scene<'_> {
+    /// Places what hangs on the skeleton, or everything where there is none.
+    pub(super) fn place(
+        &self,
+        sources: Sources,
+        joints: &[ReadJoint],
+        warnings: &mut Vec<Warning>,
+    ) -> Result<(Vec<VertexSet>, Vec<Part>), Fault> {
+        let mut sets = Vec::with_capacity(sources.sets.len());
+        // The new number of each set that stays.
+        let mut kept: HashMap<usize, usize> = HashMap::new();
+        let mut repairs = Repairs::default();
+        let (mut rigid, mut left_out) = (Vec::new(), Vec::new());
+        for (number, source) in sources.sets.iter().enumerate() {
+            let node = source.place.node;
+            if source.numbers.is_empty() {
+                continue;
+            }
+            let set = match source.skin {
+                Some(skin) => self.skinned(source, skin, &mut repairs)?,
+                None => match self.hold(node) {
+                    Hold::Joint(joint, map) => {
+                        rigid.push((node, joint));
+                        let rows = source.numbers.iter().map(|_| [(joint, 1.0)]);
+                        let weights = Some(SkinWeights::normalized(rows)?);
+                        self.unskinned(source, &map, weights, Binding::Rigid)?
+                    }
+                    Hold::Free(map) => self.unskinned(source, &map, None, Binding::Free)?,
+                    Hold::None => {
+                        left_out.push(node);
+                        continue;
+                    }
+                },
+            };
+            kept.insert(number, sets.len());
+            sets.push(set);
+        }
+        let mut parts: Vec<Part> = Vec::with_capacity(sources.parts.len());
+        for part in sources.parts {
+            if let Some(&vertex_set) = kept.get(&part.vertex_set) {
+                parts.push(Part { vertex_set, ..part });
+            }
+        }
+        repairs.warn(warnings);
+        rigid.dedup();
+        left_out.dedup();
+        if !rigid.is_empty() {
+            let names = rigid.iter().map(|&(_, joint)| joints[usize::from(joint)].name.clone()).collect();
+            warnings.push(Warning::RigidParts { nodes: rigid.iter().map(|&(n, _)| n).collect(), joints: names });
+        }
+        if !left_out.is_empty() {
+            warnings.push(Warning::LeftOut { nodes: left_out });
+        }
+        Ok((sets, parts))
+    }
+
+    fn skinned(&self, source: &SourceSet, skin: usize, repairs: &mut Repairs) -> Result<VertexSet, Fault> {
+        let rows = influences::read(source, skin, self.accessors, self.skins, repairs)?;
+        let maps = self.binds.maps(skin);
+        let mut positions = Vec::with_capacity(source.numbers.len());
+        for (at, &v) in source.numbers.iter().enumerate() {
+            let p = point(source, v)?;
+            let row = rows.row(at);
+            let total: f64 = row.iter().map(|(_, w)| w).sum();
+            let sum =
+                row.iter().fold(DVec3::ZERO, |sum, &(slot, w)| sum + maps[usize::from(slot)].transform_point3(p) * w);
+            positions.push(placed(source, v, sum / total)?);
+        }
+        let (weights, unweighted) = rows.into_weights(skin, self.skins)?;
+        Ok(VertexSet {
+            numbers: source.numbers.clone(),
+            positions,
+            weights: Some(weights),
+            unweighted,
+            stored: source.positions.len(),
+            binding: Binding::Skinned,
+        })
+    }
+
+    fn unskinned(
+        &self,
+        source: &SourceSet,
+        map: &DAffine3,
+        weights: Option<SkinWeights>,
+        binding: Binding,
+    ) -> Result<VertexSet, Fault> {
+        let place = |&v: &u32| placed(source, v, map.transform_point3(point(source, v)?));
+        Ok(VertexSet {
+            numbers: source.numbers.clone(),
+            positions: source.numbers.iter().map(place).collect::<Result<_, _>>()?,
+            weights,
+            unweighted: Vec::new(),
+            stored: source.positions.len(),
+            binding,
+        })
+    }
+
+    /// Where the mesh of a node belongs: to the nearest joint at or above it.
+    ///
+    /// It goes with that joint into the bind pose: node transforms count below the joint only.
+    fn hold(&self, node: usize) -> Hold {
+        let nodes = self.nodes;
+        let mut below = DAffine3::IDENTITY;
+        let mut at = node;
+        while at != nodes.top() {
+            if let Some(joint) = self.skins.joint_of_node(at) {
+                let map = self.binds.frame(at) * below;
+                return if is_flat(&map.matrix3, FLAT) { Hold::None } else { Hold::Joint(joint, map) };
+            }
+            below = *nodes.local(at) * below;
+            at = nodes.parent(at);
+        }
+        if self.skins.len() == 0 && !is_flat(&below.matrix3, FLAT) { Hold::Free(below) } else { Hold::None }
+    }
+}
+
+/// A vertex in mesh space.
+fn point(source: &SourceSet, vertex: u32) -> Result<DVec3, Fault> {
+    let p = Vec3::from(source.positions[vertex as usize]);
+    if p.is_finite() {
+        return Ok(p.as_dvec3());
+    }
+    Err(Fault::NotFinite { accessor: source.position_accessor(), used: POSITION.name, element: vertex as usize })
+}
+
+/// A vertex in the scene, as far as f32 reaches.
+fn placed(source: &SourceSet, vertex: u32, at: DVec3) -> Result<[f32; 3], Fault> {
+    let at = at.as_vec3();
+    if at.is_finite() { Ok(at.into()) } else { Err(Fault::VertexNotFinite { place: source.place, vertex }) }
+}

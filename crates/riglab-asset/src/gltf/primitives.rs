@@ -1,0 +1,291 @@
+//! Primitives: triangles, and which vertices they draw from.
+//!
+//! Primitives of one node that name the same accessors share a set of vertices, as strips or
+//! materials over one surface do; each vertex is then read once. A decoder for compressed primitives
+//! (Draco) will give what [`collect`] takes from accessors here.
+
+use std::collections::HashMap;
+use std::rc::Rc;
+
+use glam::DVec3;
+
+use super::accessor::Accessors;
+use super::bind::SkinBox;
+use super::document::{Document, Primitive};
+use super::extensions;
+use crate::{Fault, Part, Place, Warning, triangles};
+
+/// Triangles and vertices of one file. Sharing lets a small file ask for any number.
+const MAX_TOTAL: usize = 1 << 24;
+
+/// What the primitives of a file ask for, before vertices are placed.
+#[derive(Default)]
+pub(super) struct Sources {
+    pub(super) sets: Vec<SourceSet>,
+    /// By node; their `vertex_set` counts in `sets`.
+    pub(super) parts: Vec<Part>,
+}
+
+/// Vertices that primitives of one node share.
+pub(super) struct SourceSet {
+    /// The first of the primitives.
+    pub(super) place: Place,
+    /// What binds the vertices, where the node has a skin and the primitive weights.
+    pub(super) skin: Option<usize>,
+    attributes: Attributes,
+    /// The vertices that are used, rising.
+    pub(super) numbers: Vec<u32>,
+    /// All vertices, in mesh space.
+    pub(super) positions: Rc<[[f32; 3]]>,
+}
+
+/// The accessors of a primitive that matter here.
+#[derive(Clone, PartialEq, Eq, Hash)]
+struct Attributes {
+    position: usize,
+    /// JOINTS_n and WEIGHTS_n; none for unskinned primitives.
+    influences: Vec<(usize, usize)>,
+}
+
+impl SourceSet {
+    /// The accessor of POSITION.
+    pub(super) fn position_accessor(&self) -> usize {
+        self.attributes.position
+    }
+
+    /// The accessors of JOINTS_n and WEIGHTS_n.
+    pub(super) fn influences(&self) -> &[(usize, usize)] {
+        &self.attributes.influences
+    }
+}
+
+impl Sources {
+    /// The boxes around the vertices each of `skins` skins binds.
+    pub(super) fn skin_boxes(&self, skins: usize) -> Vec<SkinBox> {
+        let mut boxes: Vec<SkinBox> = vec![None; skins];
+        for set in &self.sets {
+            let Some(skin) = set.skin else { continue };
+            for &v in &set.numbers {
+                let p = glam::Vec3::from(set.positions[v as usize]).as_dvec3();
+                let (low, high): &mut (DVec3, DVec3) = boxes[skin].get_or_insert((p, p));
+                *low = low.min(p);
+                *high = high.max(p);
+            }
+        }
+        boxes
+    }
+}
+
+/// Reads the triangles of all meshes on nodes, in the order of nodes.
+pub(super) fn collect(
+    document: &Document,
+    accessors: &Accessors<'_>,
+    warnings: &mut Vec<Warning>,
+) -> Result<Sources, Fault> {
+    let mut collector =
+        Collector { accessors, sources: Sources::default(), total: 0, without_surface: 0, dropped: (0, 0) };
+    for (number, node) in document.nodes.iter().enumerate() {
+        let Some(mesh) = node.mesh else { continue };
+        let reference = |to, index, count| Fault::Reference { from: format!("node {number}"), to, index, count };
+        let primitives =
+            &document.meshes.get(mesh).ok_or_else(|| reference("mesh", mesh, document.meshes.len()))?.primitives;
+        if let Some(skin) = node.skin.filter(|s| *s >= document.skins.len()) {
+            return Err(reference("skin", skin, document.skins.len()));
+        }
+        let place = Place { node: number, mesh, primitive: 0 };
+        collector.mesh(place, node.skin, primitives)?;
+    }
+    let Collector { sources, without_surface, dropped: (collapsed, repeated), .. } = collector;
+    if without_surface > 0 {
+        warnings.push(Warning::NoSurface { primitives: without_surface });
+    }
+    if collapsed + repeated > 0 {
+        warnings.push(Warning::Degenerate { collapsed, repeated });
+    }
+    Ok(sources)
+}
+
+struct Collector<'c, 'a> {
+    accessors: &'c Accessors<'a>,
+    sources: Sources,
+    /// Indices read so far.
+    total: usize,
+    without_surface: usize,
+    /// Triangles, collapsed and repeated.
+    dropped: (usize, usize),
+}
+
+impl Collector<'_, '_> {
+    /// Adds the primitives of one mesh on one node.
+    fn mesh(&mut self, mesh: Place, skin: Option<usize>, primitives: &[Primitive]) -> Result<(), Fault> {
+        let first_set = self.sources.sets.len();
+        let first_part = self.sources.parts.len();
+        let mut known: HashMap<Attributes, usize> = HashMap::new();
+        for (number, primitive) in primitives.iter().enumerate() {
+            let place = Place { primitive: number, ..mesh };
+            let Some(position) = self.surface(place, primitive)? else {
+                self.without_surface += 1;
+                continue;
+            };
+            let influences = match skin {
+                Some(_) => influences(place, primitive)?,
+                None => Vec::new(),
+            };
+            let attributes = Attributes { position, influences };
+            let set = match known.get(&attributes) {
+                Some(&set) => set,
+                None => {
+                    let set = self.sources.sets.len();
+                    known.insert(attributes.clone(), set);
+                    let positions = self.accessors.positions(position)?;
+                    let skin = skin.filter(|_| !attributes.influences.is_empty());
+                    self.sources.sets.push(SourceSet { place, skin, attributes, numbers: Vec::new(), positions });
+                    set
+                }
+            };
+            self.primitive(place, primitive, set)?;
+        }
+        self.number_vertices(first_set, first_part);
+        Ok(())
+    }
+
+    /// The accessor of the positions, where the primitive is a surface.
+    fn surface(&self, place: Place, primitive: &Primitive) -> Result<Option<usize>, Fault> {
+        let mode = primitive.mode.unwrap_or(4);
+        if mode > 6 {
+            return Err(Fault::Mode { place, mode });
+        }
+        let position = primitive.attributes.get("POSITION").copied().filter(|_| mode >= 4);
+        if let (Some(position), Some(name)) = (position, extensions::compression(&primitive.extensions)) {
+            // With a plain copy beside, the compressed one is not needed.
+            if !self.accessors.has_bytes(position)? {
+                return Err(Fault::Compressed(name));
+            }
+        }
+        Ok(position)
+    }
+
+    /// Adds one primitive: its triangles count in `used`, which still has the numbers of the file.
+    fn primitive(&mut self, place: Place, primitive: &Primitive, set: usize) -> Result<(), Fault> {
+        let count = self.sources.sets[set].positions.len();
+        let mode = primitive.mode.unwrap_or(4);
+        let corners = match primitive.indices {
+            Some(indices) => self.accessors.count(indices)?,
+            None => count,
+        };
+        self.total = self.total.saturating_add(corners);
+        if self.total > MAX_TOTAL * 3 {
+            let (count, limit) = (self.total as u64, MAX_TOTAL as u64 * 3);
+            return Err(Fault::TooLarge { what: "the triangle corners of all meshes".into(), count, limit });
+        }
+        let indices = match primitive.indices {
+            Some(indices) => self.accessors.indices(indices)?,
+            None => (0..count as u32).collect(),
+        };
+        let mut triangles = triangles::from_indices(&indices, mode);
+        if let Some(&vertex) = triangles.as_flattened().iter().find(|v| **v as usize >= count) {
+            return Err(Fault::VertexIndex { place, vertex, count });
+        }
+        let stored = triangles.len();
+        let used = renumber(&mut triangles, count);
+        let dropped = triangles::keep_proper(&mut triangles, used.len());
+        // Strips turn corners by collapsed triangles, so there they are no fault.
+        self.dropped.0 += if mode == 4 { dropped.collapsed } else { 0 };
+        self.dropped.1 += dropped.repeated;
+        let Place { node, primitive, .. } = place;
+        self.sources.parts.push(Part { node, primitive, vertex_set: set, used, triangles, stored });
+        Ok(())
+    }
+
+    /// Numbers the vertices of a mesh's sets from 0, leaving out those that no part uses.
+    fn number_vertices(&mut self, first_set: usize, first_part: usize) {
+        let Sources { sets, parts } = &mut self.sources;
+        let mut parts_of: Vec<Vec<&mut Part>> = sets[first_set..].iter().map(|_| Vec::new()).collect();
+        for part in &mut parts[first_part..] {
+            parts_of[part.vertex_set - first_set].push(part);
+        }
+        for (set, mut own) in sets[first_set..].iter_mut().zip(parts_of) {
+            let numbers = match &mut own[..] {
+                [part] => part.used.clone(),
+                own => {
+                    let mut all: Vec<u32> = own.iter().flat_map(|p| &p.used).copied().collect();
+                    all.sort_unstable();
+                    all.dedup();
+                    all
+                }
+            };
+            for part in own {
+                let index = |v: &u32| numbers.partition_point(|n| n < v) as u32;
+                let used: Vec<u32> = part.used.iter().map(index).collect();
+                for v in part.triangles.as_flattened_mut() {
+                    *v = used[*v as usize];
+                }
+                part.used = used;
+            }
+            set.numbers = numbers;
+        }
+    }
+}
+
+/// JOINTS_n and WEIGHTS_n from 0 as far as they go.
+fn influences(place: Place, primitive: &Primitive) -> Result<Vec<(usize, usize)>, Fault> {
+    let mut influences = Vec::new();
+    for set in 0.. {
+        let names = [format!("JOINTS_{set}"), format!("WEIGHTS_{set}")];
+        match names.each_ref().map(|name| primitive.attributes.get(name).copied()) {
+            [Some(joints), Some(weights)] => influences.push((joints, weights)),
+            [None, None] => break,
+            [found, _] => {
+                let [joints, weights] = names;
+                let missing = if found.is_some() { weights } else { joints };
+                return Err(Fault::AttributeMissing { place, missing });
+            }
+        }
+    }
+    Ok(influences)
+}
+
+/// Gives the vertices of triangles new numbers from 0 in the order of the old ones, which come back.
+/// All are below `count`.
+fn renumber(triangles: &mut [[u32; 3]], count: usize) -> Vec<u32> {
+    let corners = triangles.as_flattened_mut();
+    let mut used;
+    // A small part of a large set: the work must not grow with the set.
+    if corners.len() < count / 8 {
+        used = corners.to_vec();
+        used.sort_unstable();
+        used.dedup();
+        for v in corners {
+            *v = used.partition_point(|u| u < v) as u32;
+        }
+    } else {
+        let mut number = vec![0u32; count];
+        for v in corners.iter() {
+            number[*v as usize] = 1;
+        }
+        used = Vec::new();
+        for (v, number) in (0u32..).zip(&mut number).filter(|(_, n)| **n > 0) {
+            *number = used.len() as u32;
+            used.push(v);
+        }
+        for v in corners {
+            *v = number[*v as usize];
+        }
+    }
+    used
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn both_ways_to_renumber_agree() {
+        let triangles = [[7, 3, 5], [3, 7, 9]];
+        for count in [10, 1000] {
+            let mut renumbered = triangles;
+            assert_eq!(renumber(&mut renumbered, count), [3, 5, 7, 9]);
+            assert_eq!(renumbered, [[2, 0, 1], [0, 2, 3]]);
+        }
+    }
+}

@@ -1,0 +1,102 @@
+//! What a file says, before it becomes a rig.
+
+use riglab_core::{SkinWeights, Vec3};
+
+use crate::Warning;
+
+/// What was read from a file, in its own units and axes and numbered as in the file.
+///
+/// The skeleton may be several trees and meshes may be unbound; names are unique already. Joints come
+/// depth first, children in the order of the file, so that each tree is an unbroken run.
+#[derive(Clone, Debug, Default)]
+pub struct Reading {
+    /// Parents before children.
+    pub joints: Vec<ReadJoint>,
+    /// Vertices with their weights.
+    pub vertex_sets: Vec<VertexSet>,
+    /// Triangles over them, a part for each primitive, by node and primitive.
+    pub parts: Vec<Part>,
+    /// Where a root above all joints would stand.
+    pub origin: Vec3,
+    /// What was repaired or is doubtful.
+    pub warnings: Vec<Warning>,
+}
+
+/// A joint as read.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ReadJoint {
+    /// Unique, not empty.
+    pub name: String,
+    /// Its node's number in the file.
+    pub node: usize,
+    /// Index of its parent among the joints; before its own.
+    pub parent: Option<usize>,
+    /// Position at rest.
+    pub head: Vec3,
+    /// Which skeleton it belongs to, from 0: joints under one root and joints bound by one skin
+    /// are of one skeleton.
+    pub skeleton: usize,
+}
+
+/// Vertices that one or several parts draw from.
+#[derive(Clone, Debug)]
+pub struct VertexSet {
+    /// Their numbers in the file, rising; those no part uses are left out.
+    pub numbers: Vec<u32>,
+    /// Rest positions.
+    pub positions: Vec<Vec3>,
+    /// A row for each vertex, by joint of the reading. A vertex without weight in the file has
+    /// weight 1 on the joint of its first slot here.
+    pub weights: Option<SkinWeights>,
+    /// Vertices (indices into this set) that have no weight in the file.
+    pub unweighted: Vec<u32>,
+    /// How many vertices there are in the file, used or not.
+    pub stored: usize,
+    /// How they hang on the skeleton.
+    pub binding: Binding,
+}
+
+/// How vertices hang on the skeleton.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Binding {
+    /// By weights of the file.
+    Skinned,
+    /// Wholly on one joint, as an unskinned mesh below it does.
+    Rigid,
+    /// Not at all; the file has no skeleton.
+    Free,
+}
+
+/// The triangles of one primitive.
+#[derive(Clone, Debug)]
+pub struct Part {
+    /// Number of the node that holds the mesh.
+    pub node: usize,
+    /// Number of the primitive in its mesh.
+    pub primitive: usize,
+    /// Which [`VertexSet`] it draws from.
+    pub vertex_set: usize,
+    /// The vertices it uses, rising (indices into the set).
+    pub used: Vec<u32>,
+    /// Triangles that name three different vertices, each triple once (indices into the set).
+    pub triangles: Vec<[u32; 3]>,
+    /// How many triangles there are in the file.
+    pub stored: usize,
+}
+
+impl Reading {
+    /// How the vertices of a part hang on the skeleton.
+    pub fn binding(&self, part: &Part) -> Binding {
+        self.vertex_sets[part.vertex_set].binding
+    }
+
+    /// The roots in order: where each tree of the joints starts.
+    pub fn roots(&self) -> Vec<usize> {
+        (0..self.joints.len()).filter(|&j| self.joints[j].parent.is_none()).collect()
+    }
+
+    /// How many skeletons there are: several characters make several.
+    pub fn skeletons(&self) -> usize {
+        self.joints.iter().map(|j| j.skeleton + 1).max().unwrap_or(0)
+    }
+}

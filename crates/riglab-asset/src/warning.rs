@@ -1,0 +1,208 @@
+//! What an importer repaired or wants known.
+
+use std::fmt;
+
+/// Something a person or a curation rule may want to know about a file that was imported all the
+/// same. Its text is a sentence without a full stop.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Warning {
+    /// Bytes after the length in the GLB header were ignored.
+    TrailingBytes(usize),
+    /// The file has a mesh, but no skin.
+    NoSkeleton,
+    /// The nodes of some skins' joints stand in another pose than the bind pose, which was read.
+    RestIsNotBind {
+        /// Which skins.
+        skins: Vec<usize>,
+    },
+    /// Bind poses that contradict each other: moving the mesh by them would bend it, so the mesh was
+    /// left as it is stored and the joints moved to it.
+    Bent {
+        /// Which skins.
+        skins: Vec<usize>,
+    },
+    /// Joints or nodes above them have a scale of 0: what lies below stands nowhere, so the bind
+    /// pose alone was read.
+    ZeroScale {
+        /// Which nodes.
+        nodes: Vec<usize>,
+    },
+    /// Joints without a name, or with that of another, got a new one.
+    Renamed {
+        /// How many.
+        joints: usize,
+        /// The first one's node, name in the file, and new name.
+        first: (usize, String, String),
+    },
+    /// Several roots under one skin.
+    SeveralRoots {
+        /// Their names.
+        roots: Vec<String>,
+        /// What was done.
+        remedy: String,
+    },
+    /// Several skeletons that no skin connects: several characters, or parts bound one by one.
+    SeparateSkeletons {
+        /// How many.
+        skeletons: usize,
+        /// The names of all roots.
+        roots: Vec<String>,
+        /// What was done.
+        remedy: String,
+    },
+    /// A skeleton of one joint.
+    SingleJoint,
+    /// More joints than most methods take.
+    ManyJoints(usize),
+    /// Too few triangles to enclose anything.
+    FewTriangles(usize),
+    /// Unskinned meshes at or below a joint were bound to it with weight 1.
+    RigidParts {
+        /// The nodes that hold them.
+        nodes: Vec<usize>,
+        /// The joints they hang on, one a node.
+        joints: Vec<String>,
+    },
+    /// Unskinned meshes elsewhere, or flattened by a scale of 0, were left out.
+    LeftOut {
+        /// The nodes that hold them.
+        nodes: Vec<usize>,
+    },
+    /// Primitives of points or lines, or without positions, were left out.
+    NoSurface {
+        /// How many.
+        primitives: usize,
+    },
+    /// Triangles that name a vertex twice, or the same vertices as another, were dropped.
+    Degenerate {
+        /// Those that name a vertex twice.
+        collapsed: usize,
+        /// Those that repeat another.
+        repeated: usize,
+    },
+    /// Vertices without weight took the weights of the nearest that has some.
+    Unweighted {
+        /// How many.
+        vertices: usize,
+    },
+    /// Weights were divided by their sum.
+    NotNormalised {
+        /// How many vertices.
+        vertices: usize,
+        /// Smallest and largest sum.
+        sums: (f64, f64),
+    },
+    /// Negative weights were set to 0.
+    NegativeWeights {
+        /// How many vertices.
+        vertices: usize,
+    },
+    /// Weights of a joint named twice in a vertex were added.
+    DuplicateInfluences {
+        /// How many vertices.
+        vertices: usize,
+    },
+    /// Joints out of range, but without weight, were ignored.
+    UnusedJointIndex {
+        /// How many vertices.
+        vertices: usize,
+    },
+}
+
+impl fmt::Display for Warning {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::TrailingBytes(n) => write!(f, "{n} trailing bytes after the length in the header were ignored"),
+            Self::NoSkeleton => f.write_str("the file has a mesh but no skin: there is no skeleton and no rig"),
+            Self::RestIsNotBind { skins } => write!(
+                f,
+                "the nodes stand in another pose than the bind pose ({}); the bind pose was read",
+                Some3(&numbered("skin", skins))
+            ),
+            Self::Bent { skins } => write!(
+                f,
+                "the rest pose would bend the mesh, as bind poses contradict each other ({}); \
+                 the mesh was left as stored and the joints put where it was bound",
+                Some3(&numbered("skin", skins))
+            ),
+            Self::ZeroScale { nodes } => write!(
+                f,
+                "joints, or nodes above them, have a scale of 0 ({}); only their bind pose was read",
+                Some3(&numbered("node", nodes))
+            ),
+            Self::Renamed { joints, first: (node, from, to) } => {
+                let more = if *joints > 1 { format!("; so had {} more", joints - 1) } else { String::new() };
+                write!(f, "the joint of node {node} had no name of its own: `{from}` became `{to}`{more}")
+            }
+            Self::SeveralRoots { roots, remedy } => {
+                write!(f, "the skeleton has {} roots ({}); {remedy}", roots.len(), Some3(roots))
+            }
+            Self::SeparateSkeletons { skeletons, roots, remedy } => {
+                write!(f, "{skeletons} separate skeletons in one file (roots {}); {remedy}", Some3(roots))
+            }
+            Self::SingleJoint => f.write_str("the skeleton has a single joint"),
+            Self::ManyJoints(n) => write!(f, "the skeleton has {n} joints, more than the usual limit of {MANY_JOINTS}"),
+            Self::FewTriangles(n) => write!(f, "the mesh has only {n} triangle{}", if *n == 1 { "" } else { "s" }),
+            Self::RigidParts { nodes, joints } => {
+                write!(
+                    f,
+                    "unskinned meshes became rigid parts of the joints they hang on: {}",
+                    Some3(&nodes.iter().zip(joints).map(|(n, j)| format!("node {n} on `{j}`")).collect::<Vec<_>>())
+                )
+            }
+            Self::LeftOut { nodes } => {
+                let nodes = numbered("node", nodes);
+                write!(f, "unskinned meshes not on a joint, or hidden, were left out: {}", Some3(&nodes))
+            }
+            Self::NoSurface { primitives } => {
+                write!(f, "{primitives} primitives of points or lines, or without positions, were left out")
+            }
+            Self::Degenerate { collapsed, repeated } => write!(
+                f,
+                "degenerate triangles were dropped: {collapsed} that name a vertex twice, {repeated} repeated ones"
+            ),
+            Self::Unweighted { vertices } => {
+                write!(f, "{vertices} vertices have no weight; they took those of the nearest vertex with weights")
+            }
+            Self::NotNormalised { vertices, sums: (low, high) } => {
+                write!(f, "weights of {vertices} vertices were normalised; they summed to {low:.4} up to {high:.4}")
+            }
+            Self::NegativeWeights { vertices } => write!(f, "negative weights of {vertices} vertices were set to 0"),
+            Self::DuplicateInfluences { vertices } => {
+                write!(f, "duplicate joints in {vertices} vertices: their weights were added")
+            }
+            Self::UnusedJointIndex { vertices } => {
+                write!(f, "joint indices out of range, but without weight, were ignored in {vertices} vertices")
+            }
+        }
+    }
+}
+
+/// What most published methods take as the most joints of a skeleton.
+pub(crate) const MANY_JOINTS: usize = 256;
+
+/// "a, b, c and 5 more".
+struct Some3<'a>(&'a [String]);
+
+impl fmt::Display for Some3<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let shown = self.0.len().min(3);
+        for (i, name) in self.0[..shown].iter().enumerate() {
+            if i > 0 {
+                f.write_str(", ")?;
+            }
+            // Names come from the file and may be of any length.
+            for c in name.chars().take(80) {
+                write!(f, "{c}")?;
+            }
+        }
+        match self.0.len() - shown {
+            0 => Ok(()),
+            more => write!(f, " and {more} more"),
+        }
+    }
+}
+
+fn numbered(kind: &str, numbers: &[usize]) -> Vec<String> {
+    numbers.iter().map(|n| format!("{kind} {n}")).collect()
+}
