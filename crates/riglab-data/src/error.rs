@@ -2,7 +2,6 @@
 
 use std::path::{Path, PathBuf};
 
-use riglab_core::RigError;
 use thiserror::Error;
 
 /// Why a corpus cannot be written or read. Messages name the file and the remedy.
@@ -88,11 +87,5 @@ impl DataError {
 
     pub(crate) fn damaged(path: &Path, index: usize, name: &str, e: impl std::fmt::Display) -> Self {
         Self::Damaged { path: path.into(), index, name: name.into(), message: e.to_string() }
-    }
-}
-
-impl From<(PathBuf, usize, String, RigError)> for DataError {
-    fn from((path, index, name, e): (PathBuf, usize, String, RigError)) -> Self {
-        Self::damaged(&path, index, &name, e)
     }
 }

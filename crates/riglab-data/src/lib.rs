@@ -12,7 +12,7 @@
 //! Leaves out: models, augmentation, curation.
 
 mod error;
-
+mod import;
 mod reader;
 pub mod schema;
 mod split;
@@ -20,8 +20,15 @@ mod stats;
 mod writer;
 
 pub use error::DataError;
+pub use import::{ImportReport, Refused, import_folder, rigged_files};
 
 pub use reader::{Corpus, Fault};
 pub use split::{SplitNames, Splitter};
 pub use stats::{Stats, stats};
 pub use writer::CorpusWriter;
+
+/// The version of the HDF5 library that is linked.
+pub fn hdf5_version() -> String {
+    let (major, minor, patch) = hdf5::library_version();
+    format!("{major}.{minor}.{patch}")
+}

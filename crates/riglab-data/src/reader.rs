@@ -293,11 +293,11 @@ mod tests {
     fn written(dir: &Path) -> PathBuf {
         let path = dir.join("c.h5");
         let mut writer = CorpusWriter::create(&path).unwrap();
-        writer.add(&asset("one", 3), "train").unwrap();
-        writer.add(&asset("two", 7), "val").unwrap();
-        assert!(matches!(writer.add(&asset("two", 2), "val"), Err(DataError::DuplicateName(_))));
+        writer.add(&asset("one", 3)).unwrap();
+        writer.add(&asset("two", 7)).unwrap();
+        assert!(matches!(writer.add(&asset("two", 2)), Err(DataError::DuplicateName(_))));
         assert!(!path.exists());
-        writer.finish().unwrap();
+        writer.finish(&["train", "val"]).unwrap();
         path
     }
 
@@ -318,7 +318,7 @@ mod tests {
     fn a_dropped_writer_leaves_nothing() {
         let dir = tempfile::tempdir().unwrap();
         let mut writer = CorpusWriter::create(&dir.path().join("c.h5")).unwrap();
-        writer.add(&asset("one", 3), "train").unwrap();
+        writer.add(&asset("one", 3)).unwrap();
         drop(writer);
         assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 0);
     }

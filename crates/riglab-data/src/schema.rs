@@ -43,6 +43,8 @@ pub const SCHEMA: u32 = 1;
 /// Columns of strings, one an asset.
 pub(crate) const TEXTS: [&str; 9] =
     ["name", "split", "source", "licence", "author", "category", "checksum", "notes", "digest"];
+/// Where `split` stands among them.
+pub(crate) const SPLIT: usize = 1;
 /// The other column of strings.
 pub(crate) const JOINT_NAMES: &str = "joint_names";
 /// Offsets, one more than assets.

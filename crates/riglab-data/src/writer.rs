@@ -10,7 +10,7 @@ use ndarray::{ArrayView1, ArrayView2};
 use riglab_core::{Asset, Rig};
 
 use crate::DataError;
-use crate::schema::{FORMAT, JOINT_NAMES, OFFSETS, SCHEMA, TEXTS};
+use crate::schema::{FORMAT, JOINT_NAMES, OFFSETS, SCHEMA, SPLIT, TEXTS};
 
 /// Rows are kept in memory until they come to this many bytes.
 const BUFFER: usize = 8 << 20;
@@ -105,11 +105,11 @@ impl CorpusWriter {
         self.len() == 0
     }
 
-    /// Adds an asset.
+    /// Adds an asset; its split is given to [`Self::finish`].
     ///
     /// # Errors
     /// [`DataError::DuplicateName`], and when the disk refuses.
-    pub fn add(&mut self, asset: &Asset, split: &str) -> Result<(), DataError> {
+    pub fn add(&mut self, asset: &Asset) -> Result<(), DataError> {
         if !self.names.insert(asset.name.clone()) {
             return Err(DataError::DuplicateName(asset.name.clone()));
         }
@@ -118,7 +118,7 @@ impl CorpusWriter {
         let digest = digest(rig);
         let texts = [
             &asset.name,
-            split,
+            "",
             &from.source,
             &from.licence,
             &from.author,
@@ -148,11 +148,14 @@ impl CorpusWriter {
         if held > BUFFER { self.flush() } else { Ok(()) }
     }
 
-    /// Completes the corpus and puts it in its place.
+    /// Completes the corpus with the split of each asset, in the order they were added, and puts it
+    /// in its place.
     ///
     /// # Errors
     /// When the disk refuses; an older corpus at the path is left alone.
-    pub fn finish(mut self) -> Result<(), DataError> {
+    pub fn finish<S: AsRef<str>>(mut self, splits: &[S]) -> Result<(), DataError> {
+        assert_eq!(splits.len(), self.len(), "a split for each asset");
+        self.texts[SPLIT] = splits.iter().map(|s| unicode(s.as_ref())).collect();
         self.flush()?;
         let path = self.path.clone();
         self.end().map_err(|e| write_error(&path, &e))?;

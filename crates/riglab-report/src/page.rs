@@ -70,7 +70,8 @@ impl Page {
         let mut env = Environment::new();
         env.add_template("page.html", include_str!("page.html")).map_err(fault)?;
         let page = env.get_template("page.html").map_err(fault)?;
-        page.render(context! { title => self.title.as_str(), subtitle => self.subtitle.as_str(), blocks }).map_err(fault)
+        page.render(context! { title => self.title.as_str(), subtitle => self.subtitle.as_str(), blocks })
+            .map_err(fault)
     }
 }
 

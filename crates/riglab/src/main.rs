@@ -24,14 +24,20 @@ struct Cli {
 
 #[derive(Subcommand)]
 enum Command {
+    Inspect(commands::inspect::Args),
+    Dataset(commands::dataset::Args),
     Train(commands::train::Args),
     Eval(commands::eval::Args),
+    Doctor(commands::doctor::Args),
 }
 
 fn main() -> ExitCode {
     let cli = Cli::parse();
     let threads = cli.threads;
     let done = match cli.command {
+        Command::Inspect(args) => commands::inspect::run(&args),
+        Command::Dataset(args) => commands::dataset::run(&args),
+        Command::Doctor(args) => commands::doctor::run(&args, threads),
         Command::Train(args) => commands::train::run(&args, threads),
         Command::Eval(args) => commands::eval::run(&args, threads),
     };

@@ -1,4 +1,7 @@
 //! One module a command.
 
+pub mod dataset;
+pub mod doctor;
 pub mod eval;
+pub mod inspect;
 pub mod train;

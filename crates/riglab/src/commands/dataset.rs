@@ -1,0 +1,245 @@
+//! `riglab dataset`
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+use std::sync::Mutex;
+
+use anyhow::{Context, Result};
+use clap::Subcommand;
+use riglab_asset::{ImportOptions, RootPolicy};
+use riglab_data::{Corpus, Splitter, Stats, import_folder, rigged_files, stats};
+use riglab_train::Progress;
+
+/// Make and look at corpora: HDF5 files of many rigs.
+#[derive(clap::Args)]
+pub struct Args {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Subcommand)]
+enum Command {
+    Import(Import),
+    Inspect(Inspect),
+    Stats(StatsArgs),
+    Verify(Verify),
+}
+
+/// Import a folder of GLB, glTF and VRM files into a corpus.
+///
+/// A `manifest.json` in the folder adds licences and authors, a `split.json` says which asset is
+/// trained on; without one, splits are made by skeleton topology. Files that give no rig are listed
+/// and left out.
+#[derive(clap::Args)]
+#[command(after_help = "Example: riglab dataset import models/ -o corpus.h5")]
+struct Import {
+    /// Folder of files, with those below it.
+    folder: PathBuf,
+    /// The corpus to write.
+    #[arg(long, short, value_name = "FILE")]
+    out: PathBuf,
+    /// JSON object of lists of file names by split [default: FOLDER/split.json if there is one].
+    #[arg(long, value_name = "FILE")]
+    split: Option<PathBuf>,
+    /// Seed of the splits made without a split file.
+    #[arg(long, default_value_t = 0)]
+    seed: u64,
+    /// What becomes of loose roots: children of the largest tree's root, or all below a new one.
+    #[arg(long, value_enum, default_value = "reattach")]
+    roots: Roots,
+    /// Print the result as JSON.
+    #[arg(long)]
+    json: bool,
+}
+
+#[derive(Clone, Copy, clap::ValueEnum)]
+enum Roots {
+    Reattach,
+    Virtual,
+}
+
+/// List a corpus' assets, or show one.
+#[derive(clap::Args)]
+#[command(after_help = "Examples:\n  riglab dataset inspect corpus.h5\n  riglab dataset inspect corpus.h5 fox.glb")]
+struct Inspect {
+    /// The corpus.
+    corpus: PathBuf,
+    /// Show this asset.
+    asset: Option<String>,
+    /// One JSON object an asset.
+    #[arg(long)]
+    json: bool,
+}
+
+/// Statistics by split: the columns of SkinTokens' Table 1.
+#[derive(clap::Args)]
+#[command(after_help = "Example: riglab dataset stats corpus.h5 --json")]
+struct StatsArgs {
+    /// The corpus.
+    corpus: PathBuf,
+    /// Print as JSON.
+    #[arg(long)]
+    json: bool,
+}
+
+/// Read every asset and compare it with the digest it was written with.
+#[derive(clap::Args)]
+#[command(after_help = "Example: riglab dataset verify corpus.h5")]
+struct Verify {
+    /// The corpus.
+    corpus: PathBuf,
+}
+
+pub fn run(args: &Args) -> Result<ExitCode> {
+    match &args.command {
+        Command::Import(a) => run_import(a),
+        Command::Inspect(a) => run_inspect(a),
+        Command::Stats(a) => run_stats(a),
+        Command::Verify(a) => run_verify(a),
+    }
+}
+
+fn run_import(args: &Import) -> Result<ExitCode> {
+    let beside = args.folder.join("split.json");
+    let file = args.split.clone().or_else(|| beside.is_file().then_some(beside));
+    let splitter = match &file {
+        Some(path) => Splitter::read(path)?,
+        None => Splitter::ByTopology(args.seed),
+    };
+    let roots = match args.roots {
+        Roots::Reattach => RootPolicy::Reattach,
+        Roots::Virtual => RootPolicy::Virtual,
+    };
+    let total = rigged_files(&args.folder)?.len() as u64;
+    let progress = Mutex::new(Progress::new("importing", total, 0));
+    let report = import_folder(&args.folder, &args.out, &splitter, &ImportOptions { roots }, |done| {
+        if let Ok(mut p) = progress.lock() {
+            p.set(done as u64, String::new);
+        }
+    })?;
+    if let Ok(mut p) = progress.lock() {
+        p.finish();
+    }
+    if args.json {
+        let refused: Vec<_> =
+            report.refused.iter().map(|r| serde_json::json!({"file": r.name, "reason": r.reason})).collect();
+        let notes: BTreeMap<_, _> = report.notes.iter().cloned().collect();
+        let value = serde_json::json!({"imported": report.imported, "refused": refused, "notes": notes, "splits": report.splits});
+        println!("{value}");
+        return Ok(ExitCode::SUCCESS);
+    }
+    for r in &report.refused {
+        eprintln!("left out: {}", r.reason);
+    }
+    if !report.notes.is_empty() {
+        eprintln!(
+            "{} files have notes (repairs, doubts); `riglab dataset inspect {} NAME` shows them",
+            report.notes.len(),
+            args.out.display()
+        );
+    }
+    let splits: Vec<String> =
+        report.splits.iter().map(|(name, n)| format!("{} {n}", if name.is_empty() { "none" } else { name })).collect();
+    println!(
+        "{}: {} assets ({}), {} files left out",
+        args.out.display(),
+        report.imported,
+        splits.join(", "),
+        report.refused.len()
+    );
+    Ok(ExitCode::SUCCESS)
+}
+
+fn run_inspect(args: &Inspect) -> Result<ExitCode> {
+    let corpus = Corpus::open(&args.corpus)?;
+    let names = corpus.names()?.to_vec();
+    let [splits, licences, categories] = ["split", "licence", "category"].map(|c| corpus.texts(c));
+    let (splits, licences, categories) = (splits?, licences?, categories?);
+    if let Some(wanted) = &args.asset {
+        let index = names.iter().position(|n| n == wanted);
+        let index = index.with_context(|| {
+            format!("{}: no asset `{wanted}`; without a name all are listed", args.corpus.display())
+        })?;
+        let asset = corpus.asset(index)?;
+        let from = &asset.provenance;
+        let [v, f, j, w] = corpus.counts(index);
+        if args.json {
+            let value = serde_json::json!({"name": asset.name, "split": splits[index], "vertices": v, "triangles": f, "joints": j,
+                "nonzero_weights": w, "source": from.source, "licence": from.licence, "author": from.author, "category": from.category,
+                "checksum": from.checksum, "notes": from.notes, "joint_names": asset.rig.skeleton().names()});
+            println!("{value}");
+            return Ok(ExitCode::SUCCESS);
+        }
+        println!("{}  ({v} vertices, {f} triangles, {j} joints, {w} weights, split `{}`)", asset.name, splits[index]);
+        for (key, value) in [
+            ("source", &from.source),
+            ("licence", &from.licence),
+            ("author", &from.author),
+            ("category", &from.category),
+            ("checksum", &from.checksum),
+        ] {
+            println!("  {key:9} {value}");
+        }
+        from.notes.iter().for_each(|n| println!("  note      {n}"));
+        return Ok(ExitCode::SUCCESS);
+    }
+    let width = names.iter().map(String::len).max().unwrap_or(0).min(60);
+    for (i, name) in names.iter().enumerate() {
+        let [v, f, j, w] = corpus.counts(i);
+        if args.json {
+            println!(
+                "{}",
+                serde_json::json!({"name": name, "split": splits[i], "vertices": v, "triangles": f, "joints": j, "nonzero_weights": w, "licence": licences[i], "category": categories[i]})
+            );
+        } else {
+            println!(
+                "{name:width$}  {:10} {v:>7} v {f:>7} t {j:>4} j  {:18} {}",
+                splits[i], categories[i], licences[i]
+            );
+        }
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+fn run_stats(args: &StatsArgs) -> Result<ExitCode> {
+    let corpus = Corpus::open(&args.corpus)?;
+    let mut of: BTreeMap<String, Vec<usize>> = BTreeMap::new();
+    for (i, split) in corpus.texts("split")?.into_iter().enumerate() {
+        of.entry(if split.is_empty() { "none".into() } else { split }).or_default().push(i);
+    }
+    let mut rows: Vec<(String, Stats)> = of.into_iter().map(|(name, of)| (name, stats(&corpus, of))).collect();
+    rows.push(("all".into(), stats(&corpus, 0..corpus.len())));
+    if args.json {
+        println!("{}", serde_json::to_string(&rows.into_iter().collect::<BTreeMap<_, _>>())?);
+        return Ok(ExitCode::SUCCESS);
+    }
+    println!(
+        "{:12} {:>7} {:>9} {:>9} {:>8} {:>10} {:>12}",
+        "split", "assets", "mean N", "mean tri", "mean J", "mean W > 0", "sparsity %"
+    );
+    for (name, s) in rows {
+        println!(
+            "{name:12} {:>7} {:>9.2} {:>9.2} {:>8.2} {:>10.2} {:>12.2}",
+            s.assets, s.vertices, s.triangles, s.joints, s.active, s.sparsity_percent
+        );
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+fn run_verify(args: &Verify) -> Result<ExitCode> {
+    let corpus = Corpus::open(&args.corpus)?;
+    let names = corpus.names()?.to_vec();
+    let mut progress = Progress::new("verifying", corpus.len() as u64, 0);
+    let faults = corpus.verify(|done| progress.set(done as u64, String::new))?;
+    progress.finish();
+    for fault in &faults {
+        eprintln!("damaged: {}: {}", names[fault.index], fault.message);
+    }
+    println!("{}: {} assets, {} damaged", shown(&args.corpus), corpus.len(), faults.len());
+    Ok(if faults.is_empty() { ExitCode::SUCCESS } else { ExitCode::FAILURE })
+}
+
+fn shown(path: &Path) -> String {
+    path.display().to_string()
+}

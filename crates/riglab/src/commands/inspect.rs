@@ -1,0 +1,83 @@
+//! `riglab inspect`
+
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use anyhow::Result;
+use riglab_asset::{Content, ImportOptions, Imported, import};
+
+/// Show what a rigged file holds: joints, mesh, weights, repairs.
+#[derive(clap::Args)]
+#[command(after_help = "\
+Examples:
+  riglab inspect fox.glb
+  riglab inspect fox.glb --json --all-vertices > fox.json")]
+pub struct Args {
+    /// GLB, glTF or VRM files.
+    #[arg(required = true)]
+    files: Vec<PathBuf>,
+    /// One JSON object a line, in the file's own units and glTF's axes.
+    #[arg(long)]
+    json: bool,
+    /// With --json, every vertex as a sample.
+    #[arg(long, requires = "json")]
+    all_vertices: bool,
+}
+
+pub fn run(args: &Args) -> Result<ExitCode> {
+    let mut failed = false;
+    for file in &args.files {
+        match import(file, &ImportOptions::default()) {
+            Ok(imported) if args.json => println!("{}", serde_json::to_string(&imported.inspect(args.all_vertices))?),
+            Ok(imported) => print(&imported),
+            Err(e) => {
+                eprintln!("error: {e}");
+                failed = true;
+            }
+        }
+    }
+    Ok(if failed { ExitCode::FAILURE } else { ExitCode::SUCCESS })
+}
+
+fn print(imported: &Imported) {
+    let from = &imported.provenance;
+    let (mesh, reading) = (imported.mesh(), &imported.reading);
+    println!("{}", from.source);
+    let size = riglab_core::Bounds::of(mesh.positions().iter().copied()).map_or([0.0; 3], |b| b.size());
+    println!(
+        "  mesh      {} vertices, {} triangles, {:.4} x {:.4} x {:.4} units",
+        mesh.positions().len(),
+        mesh.triangles().len(),
+        size[0],
+        size[1],
+        size[2]
+    );
+    if let Content::Rigged(rig) = &imported.content {
+        let weights = rig.weights();
+        let most = weights.offsets().windows(2).map(|w| w[1] - w[0]).max().unwrap_or(0);
+        println!(
+            "  skeleton  {} joints, {} of them hold vertices",
+            rig.skeleton().len(),
+            rig.skinned_joints(0.0).len()
+        );
+        println!("  weights   {} not zero, at most {most} a vertex", weights.nonzero());
+        println!("  tree");
+        let children = rig.skeleton().children();
+        let mut open = vec![(riglab_core::JointId(0), 0)];
+        while let Some((joint, depth)) = open.pop() {
+            let [x, y, z] = rig.skeleton().head(joint);
+            println!("    {:indent$}{}  ({x:.4}, {y:.4}, {z:.4})", "", rig.skeleton().name(joint), indent = 2 * depth);
+            open.extend(children[joint.index()].iter().rev().map(|&c| (c, depth + 1)));
+        }
+    } else {
+        println!("  skeleton  none: {} joints", reading.joints.len());
+    }
+    for (name, value) in [("licence", &from.licence), ("author", &from.author)] {
+        if !value.is_empty() {
+            println!("  {name:9} {value}");
+        }
+    }
+    for warning in imported.warnings() {
+        println!("  warning   {warning}");
+    }
+}
