@@ -51,25 +51,17 @@ impl Binds {
         for (number, skin) in skins.iter().enumerate() {
             let (Some(inverse), Some(corners)) = (&skin.inverse_binds, boxes[number].map(corners)) else { continue };
             let maps = &mut maps[number];
-            let top = maps[top_joint(nodes, skin)];
-            let size = (top.transform_point3(corners[7]) - top.transform_point3(corners[0])).length();
-            let same = |a: &DAffine3, b: &DAffine3| {
-                let apart = |c: &DVec3| (a.transform_point3(*c) - b.transform_point3(*c)).abs().max_element();
-                size == 0.0 || corners.iter().all(|c| apart(c) <= SAME * size)
-            };
-            if !maps.iter().all(|map| same(map, &top)) {
+            let slot = top_joint(nodes, skin);
+            let top = maps[slot];
+            let like = Likeness::under(&top, corners);
+            if !maps.iter().all(|map| like.same(map, &top)) {
                 bent.push(number);
                 maps.fill(top);
                 for (&node, inverse) in skin.joints.iter().zip(inverse) {
                     frames[node] = Some(top * inverse.inverse());
                 }
             }
-            let moved = |((&node, inverse), map): ((&usize, &DAffine3), &DAffine3)| {
-                let posed = *nodes.global(node) * *inverse;
-                // A hidden joint stands nowhere.
-                !is_flat(&posed.matrix3, FLAT) && !same(&posed, map)
-            };
-            if skin.joints.iter().zip(inverse).zip(maps.iter()).any(moved) {
+            if stands_elsewhere(nodes, skin, inverse, slot, &top, &like) {
                 posed.push(number);
             }
         }
@@ -178,6 +170,54 @@ fn skin_maps(skin: &Skin, frames: &[Option<DAffine3>]) -> Vec<DAffine3> {
 fn top_joint(nodes: &Nodes, skin: &Skin) -> usize {
     let top = nodes.topmost(&skin.joints);
     skin.joints.iter().position(|node| top.contains(node)).unwrap_or(0)
+}
+
+/// Whether the nodes of a skin's joints stand in another pose than the bind pose, in which `top` maps
+/// the mesh to the scene.
+fn stands_elsewhere(
+    nodes: &Nodes,
+    skin: &Skin,
+    inverse: &[DAffine3],
+    slot: usize,
+    top: &DAffine3,
+    like: &Likeness,
+) -> bool {
+    let posed = |slot: usize| *nodes.global(skin.joints[slot]) * inverse[slot];
+    // Inverse bind matrices may carry a scale, as those of quantised meshes do. It is taken out bone by
+    // bone, which shifts the whole rig: no matter of pose.
+    let scaled = (inverse[slot].matrix3.determinant().abs().cbrt() - 1.0).abs() > SAME;
+    let shift = match scaled && !is_flat(&posed(slot).matrix3, FLAT) {
+        true => like.shift(&posed(slot), top),
+        false => DVec3::ZERO,
+    };
+    let expected = DAffine3::from_translation(shift) * *top;
+    // A hidden joint stands nowhere.
+    (0..inverse.len()).map(posed).any(|posed| !is_flat(&posed.matrix3, FLAT) && !like.same(&posed, &expected))
+}
+
+/// Tells whether two maps do the same to a mesh, as far as its bounding box shows.
+struct Likeness {
+    corners: [DVec3; 8],
+    /// Of the box in the scene.
+    size: f64,
+}
+
+impl Likeness {
+    fn under(map: &DAffine3, corners: [DVec3; 8]) -> Self {
+        let size = (map.transform_point3(corners[7]) - map.transform_point3(corners[0])).length();
+        Self { corners, size }
+    }
+
+    fn same(&self, a: &DAffine3, b: &DAffine3) -> bool {
+        let apart = |c: &DVec3| (a.transform_point3(*c) - b.transform_point3(*c)).abs().max_element();
+        // In a box without size nothing can bend.
+        self.size == 0.0 || self.corners.iter().all(|c| apart(c) <= SAME * self.size)
+    }
+
+    /// How far `a` takes the first corner from where `b` takes it.
+    fn shift(&self, a: &DAffine3, b: &DAffine3) -> DVec3 {
+        a.transform_point3(self.corners[0]) - b.transform_point3(self.corners[0])
+    }
 }
 
 fn corners((low, high): (DVec3, DVec3)) -> [DVec3; 8] {

@@ -138,11 +138,13 @@ impl Document {
         // Some writers pad the chunk with zeros instead of blanks.
         let json = json.strip_prefix(b"\xef\xbb\xbf").unwrap_or(json).trim_ascii_end();
         let json = &json[..json.len() - json.iter().rev().take_while(|b| **b == 0).count()];
-        // Before serde, which skips what it does not need to any depth.
-        if depth(json) > MAX_DEPTH {
+        // Before serde, which does not look at what it skips.
+        let json = std::str::from_utf8(json)
+            .map_err(|error| Fault::Json { path: String::new(), reason: format!("not UTF-8: {error}") })?;
+        if depth(json.as_bytes()) > MAX_DEPTH {
             return Err(Fault::JsonDepth(MAX_DEPTH));
         }
-        let document: Self = serde_json::from_slice(json).map_err(|_| explain(json))?;
+        let document: Self = serde_json::from_str(json).map_err(|_| explain(json))?;
         match document.asset.version.split('.').next() {
             Some("2") => Ok(document),
             _ => Err(Fault::Version(document.asset.version)),
@@ -151,8 +153,8 @@ impl Document {
 }
 
 /// Reads once more, slower, keeping track of where it is.
-fn explain(json: &[u8]) -> Fault {
-    let mut reader = serde_json::Deserializer::from_slice(json);
+fn explain(json: &str) -> Fault {
+    let mut reader = serde_json::Deserializer::from_str(json);
     match serde_path_to_error::deserialize::<_, Document>(&mut reader) {
         Err(error) => {
             let path = error.path().to_string();

@@ -1,0 +1,195 @@
+//! Broken bytes end in an error or a rig, never in a panic, and soon.
+//!
+//! Mutations come from a counter, so that a failure can be repeated from its number alone.
+
+mod common;
+
+use std::panic::catch_unwind;
+use std::time::{Duration, Instant};
+
+use common::Tiny;
+use riglab_asset::{Content, ImportOptions, import_bytes};
+use serde_json::json;
+
+/// Mutations of each kind and seed.
+const ROUNDS: u64 = 1500;
+
+/// One file of a few kilobytes, in a debug build on a busy machine.
+const LIMIT: Duration = Duration::from_secs(2);
+
+/// Numbers that have broken readers before.
+const NUMBERS: [&str; 14] = [
+    "0",
+    "1",
+    "2",
+    "3",
+    "-1",
+    "255",
+    "65536",
+    "4294967295",
+    "4294967296",
+    "18446744073709551608",
+    "1e999",
+    "1e38",
+    "-0.0",
+    "null",
+];
+
+/// Random numbers by position: SplitMix64 of seed and counter.
+struct Numbers {
+    seed: u64,
+    counter: u64,
+}
+
+impl Numbers {
+    fn below(&mut self, limit: usize) -> usize {
+        self.counter += 1;
+        let mut x = (self.seed << 20 ^ self.counter).wrapping_mul(0x9e37_79b9_7f4a_7c15);
+        x = (x ^ x >> 30).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        x = (x ^ x >> 27).wrapping_mul(0x94d0_49bb_1331_11eb);
+        ((x ^ x >> 31) % limit.max(1) as u64) as usize
+    }
+}
+
+/// Seeds: the tiny rig in several forms, and the small hard files where they are.
+fn seeds() -> Vec<(String, Vec<u8>)> {
+    let tiny = Tiny::new();
+    let sparse = Tiny::new().with_accessor(5121, "SCALAR", 1, &[2, 0, 0, 0]).with(
+        "/accessors/0/sparse",
+        json!({"count": 1, "indices": {"bufferView": 5, "componentType": 5121}, "values": {"bufferView": 0}}),
+    );
+    let data = {
+        use base64::Engine;
+        let uri = base64::engine::general_purpose::STANDARD.encode(&tiny.binary);
+        let uri = format!("data:application/octet-stream;base64,{uri}");
+        Tiny::new().with("/buffers/0/uri", json!(uri)).document.to_string().into_bytes()
+    };
+    let vrm = json!({"VRM": {"meta": {"licenseName": "CC_BY", "author": "A"}}});
+    let rigid = Tiny::new()
+        .with("/extensions", vrm)
+        .with("/nodes/2/children", json!([3]))
+        .with("/nodes/-", json!({"mesh": 1, "matrix": [1, 0, 0, 0, 0, 2, 0, 0, 0, 0, 3, 0, 4, 5, 6, 1]}))
+        .with("/meshes/-", json!({"primitives": [{"attributes": {"POSITION": 0}, "mode": 5}]}));
+    let mut seeds = vec![
+        ("tiny.glb".to_owned(), tiny.glb()),
+        ("sparse.glb".to_owned(), sparse.glb()),
+        ("data.gltf".to_owned(), data),
+        ("rigid.vrm".to_owned(), rigid.glb()),
+    ];
+    if let Some(folder) = common::data("RIGLAB_RIGS_HARD", "rigs_hard") {
+        let names = ["ok_tube.glb", "ok_quantized.glb", "ok_strips_and_fans.glb", "warn_two_characters.glb"];
+        seeds.extend(names.map(|name| (name.to_owned(), std::fs::read(folder.join(name)).unwrap())));
+    }
+    seeds
+}
+
+/// Imports, looks at everything, and gives whether a rig came out.
+fn survives(what: &str, bytes: &[u8]) -> bool {
+    let start = Instant::now();
+    let result = catch_unwind(|| {
+        let imported = import_bytes(what, bytes, &ImportOptions::default());
+        imported.map(|i| {
+            let shown = i.inspect(true);
+            assert!(shown.samples.iter().all(|s| s.position.iter().all(|x| x.is_finite())));
+            matches!(i.content, Content::Rigged(_))
+        })
+    });
+    assert!(start.elapsed() < LIMIT, "{what} took {:?}", start.elapsed());
+    match result {
+        Ok(Ok(rigged)) => rigged,
+        Ok(Err(error)) => {
+            let text = error.to_string();
+            assert!(text.starts_with(what) && text.len() < 1000, "{text}");
+            false
+        }
+        Err(_) => panic!("{what} made the importer panic"),
+    }
+}
+
+#[test]
+fn files_cut_anywhere_survive() {
+    for (name, bytes) in seeds() {
+        let step = (bytes.len() / 1000).max(1);
+        for cut in (0..bytes.len()).step_by(step) {
+            survives(&format!("{name} cut at {cut}"), &bytes[..cut]);
+            // The same with a header that tells the new length, so that the cut hits chunks.
+            let mut mended = bytes[..cut].to_vec();
+            if let Some(length) = mended.get_mut(8..12).filter(|_| bytes.starts_with(b"glTF")) {
+                length.copy_from_slice(&(cut as u32).to_le_bytes());
+                survives(&format!("{name} mended after a cut at {cut}"), &mended);
+            }
+        }
+    }
+}
+
+#[test]
+fn files_with_changed_bytes_survive() {
+    let mut rigs = 0;
+    for (number, (name, bytes)) in (0u64..).zip(seeds()) {
+        for round in 0..ROUNDS {
+            let mut n = Numbers { seed: number << 32 | round, counter: 0 };
+            let mut changed = bytes.clone();
+            for _ in 0..1 + n.below(8) {
+                let at = n.below(changed.len());
+                changed[at] = match n.below(4) {
+                    0 => changed[at] ^ 1 << n.below(8),
+                    1 => [0, 0x7f, 0x80, 0xff][n.below(4)],
+                    2 => b"[]{},:\"0-e"[n.below(10)],
+                    _ => n.below(256) as u8,
+                };
+            }
+            rigs += usize::from(survives(&format!("{name} round {round}"), &changed));
+        }
+    }
+    println!("{rigs} mutants still made a rig");
+    assert!(rigs > 0);
+}
+
+/// Numbers of the JSON exchanged, chunk lengths kept right: this reaches the checks behind the parser.
+#[test]
+fn files_with_changed_numbers_survive() {
+    let mut rigs = 0;
+    for (number, (name, bytes)) in (0u64..).zip(seeds()) {
+        let (json, binary) = match bytes.starts_with(b"glTF") {
+            true => {
+                let length = u32::from_le_bytes(bytes[12..16].try_into().unwrap()) as usize;
+                (&bytes[20..20 + length], &bytes[20 + length + 8..])
+            }
+            false => (&bytes[..], &[][..]),
+        };
+        let text = std::str::from_utf8(json).unwrap();
+        for round in 0..ROUNDS {
+            let mut n = Numbers { seed: number << 32 | round, counter: 1 << 16 };
+            let mut changed = text.to_owned();
+            for _ in 0..1 + n.below(3) {
+                exchange_number(&mut changed, &mut n);
+            }
+            let changed =
+                if binary.is_empty() { changed.into_bytes() } else { common::glb(changed.as_bytes(), binary) };
+            rigs += usize::from(survives(&format!("{name} number round {round}"), &changed));
+        }
+    }
+    println!("{rigs} mutants still made a rig");
+    assert!(rigs > 0);
+}
+
+/// Exchanges one run of digits outside of strings.
+fn exchange_number(text: &mut String, n: &mut Numbers) {
+    let mut runs = Vec::new();
+    let (mut quoted, mut start) = (false, None);
+    for (at, c) in text.char_indices() {
+        quoted ^= c == '"';
+        match (c.is_ascii_digit() && !quoted, start) {
+            (true, None) => start = Some(at),
+            (false, Some(from)) => {
+                runs.push(from..at);
+                start = None;
+            }
+            _ => {}
+        }
+    }
+    if !runs.is_empty() {
+        let run = runs.swap_remove(n.below(runs.len()));
+        text.replace_range(run, NUMBERS[n.below(NUMBERS.len())]);
+    }
+}

@@ -1,0 +1,138 @@
+//! What the tiny rig comes to when it is told in other ways.
+
+mod common;
+
+use common::{JOINTS, POSITION, Tiny, WEIGHTS};
+use riglab_asset::{Binding, ImportOptions, Imported, RootPolicy, Warning, import, import_bytes};
+use riglab_core::JointId;
+use serde_json::json;
+
+fn read(tiny: &Tiny) -> Imported {
+    import_bytes("folder/tiny.glb", &tiny.glb(), &ImportOptions::default()).unwrap()
+}
+
+#[test]
+fn provenance_names_file_checksum_and_rights() {
+    let extras = json!({"license": "CC-BY-4.0 (http://creativecommons.org/licenses/by/4.0/)", "source": "https://x.y"});
+    let tiny = Tiny::new().with("/asset/extras", extras).with("/asset/copyright", json!("Jane"));
+    let asset = read(&tiny).into_asset().unwrap();
+    assert_eq!(asset.name, "tiny");
+    let p = asset.provenance;
+    assert_eq!((p.source.as_str(), p.licence.as_str(), p.author.as_str()), ("folder/tiny.glb", "CC-BY-4.0", "Jane"));
+    assert_eq!(p.checksum, blake3::hash(&tiny.glb()).to_hex().to_string());
+    assert_eq!(p.notes, ["published at https://x.y"]);
+}
+
+#[test]
+fn vrm_meta_comes_before_other_rights() {
+    let meta = json!({"meta": {"authors": ["A", "B"], "licenseUrl": "https://vrm.dev/licenses/1.0/"}});
+    let tiny = Tiny::new().with("/asset/copyright", json!("Jane")).with("/extensions", json!({"VRMC_vrm": meta}));
+    let provenance = read(&tiny).provenance;
+    assert_eq!((provenance.author.as_str(), provenance.licence.as_str()), ("A, B", "https://vrm.dev/licenses/1.0/"));
+}
+
+#[test]
+fn all_sets_of_influences_count() {
+    let joints: Vec<u8> = [[1, 0, 0, 0]; 4].concat();
+    let weights: Vec<u8> = [[1.0f32, 0.0, 0.0, 0.0]; 4].concat().iter().flat_map(|w| w.to_le_bytes()).collect();
+    let tiny = Tiny::new().with_accessor(5121, "VEC4", 4, &joints).with_accessor(5126, "VEC4", 4, &weights);
+    let tiny = tiny.with("/meshes/0/primitives/0/attributes/JOINTS_1", json!(5));
+    let imported = read(&tiny.with("/meshes/0/primitives/0/attributes/WEIGHTS_1", json!(6)));
+    let row = |v| imported.rig().unwrap().weights().row(v).collect::<Vec<_>>();
+    assert_eq!(row(0), [(JointId(0), 0.5), (JointId(1), 0.5)]);
+    assert_eq!(row(1), [(JointId(0), 0.25), (JointId(1), 0.75)]);
+    assert!(imported.warnings().contains(&Warning::NotNormalised { vertices: 4, sums: (2.0, 2.0) }));
+    assert!(imported.warnings().contains(&Warning::DuplicateInfluences { vertices: 3 }));
+}
+
+#[test]
+fn primitives_that_share_accessors_share_vertices() {
+    let attributes = json!({"POSITION": POSITION, "JOINTS_0": JOINTS, "WEIGHTS_0": WEIGHTS});
+    let outline = json!({"attributes": attributes, "indices": 3});
+    let imported = read(&Tiny::new().with("/meshes/0/primitives/-", outline));
+    let mesh = imported.mesh();
+    assert_eq!((mesh.positions().len(), mesh.triangles().len()), (4, 4));
+    assert_eq!(imported.warnings(), [Warning::Degenerate { collapsed: 0, repeated: 4 }]);
+    let shown = imported.inspect(true);
+    assert_eq!((shown.vertices, shown.samples.len(), shown.triangles), (8, 8, 8));
+    assert_eq!((shown.file_vertices, shown.file_triangles), (4, 8));
+}
+
+#[test]
+fn loose_roots_can_go_below_a_virtual_one() {
+    let mut tiny =
+        Tiny::new().with("/nodes/2/translation", json!([0, 2, 0])).with("/nodes/-", json!({"children": [1, 2]}));
+    tiny.document["nodes"][1].as_object_mut().unwrap().remove("children");
+    let tiny = tiny.with("/nodes/3/translation", json!([0, 0, 0]));
+    let options = ImportOptions { roots: RootPolicy::Virtual };
+    let imported = import_bytes("a.glb", &tiny.glb(), &options).unwrap();
+    assert_eq!(imported.reading.roots(), [0, 1]);
+    let skeleton = imported.rig().unwrap().skeleton();
+    assert_eq!(skeleton.names(), ["root", "hips", "tip"]);
+    assert_eq!(skeleton.heads(), [[0.0; 3], [0.0, 1.0, 0.0], [0.0, 2.0, 0.0]]);
+    assert!(matches!(&imported.warnings()[0], Warning::SeveralRoots { roots, .. } if roots == &["hips", "tip"]));
+    assert_eq!(read(&tiny).rig().unwrap().skeleton().names(), ["hips", "tip"]);
+}
+
+#[test]
+fn rigid_parts_go_into_the_bind_pose_with_their_joint() {
+    // The tip is bent and turned over in the nodes; a mesh hangs on it, one up.
+    let tiny = Tiny::new()
+        .with("/nodes/2", json!({"name": "tip", "translation": [5, 1, 0], "rotation": [1, 0, 0, 0], "children": [3]}))
+        .with("/nodes/-", json!({"mesh": 1, "translation": [0, 1, 0]}))
+        .with("/nodes/-", json!({"mesh": 1}))
+        .with("/meshes/-", json!({"primitives": [{"attributes": {"POSITION": POSITION}, "indices": 3}]}));
+    let imported = read(&tiny);
+    let rig = imported.rig().unwrap();
+    assert_eq!(rig.mesh().positions()[4..6], [[0.0, 3.0, 0.0], [1.0, 3.0, 0.0]]);
+    assert_eq!(rig.weights().row(4).collect::<Vec<_>>(), [(JointId(1), 1.0)]);
+    assert_eq!(imported.reading.vertex_sets[1].binding, Binding::Rigid);
+    assert_eq!(
+        imported.warnings(),
+        [
+            Warning::RestIsNotBind { skins: vec![0] },
+            Warning::RigidParts { nodes: vec![3], joints: vec!["tip".into()] },
+            Warning::LeftOut { nodes: vec![4] },
+        ]
+    );
+}
+
+#[test]
+fn buffers_beside_the_file_are_found_and_links_out_of_the_folder_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let own = folder.path().join("own");
+    std::fs::create_dir_all(own.join("sub folder")).unwrap();
+    let tiny = Tiny::new();
+    let write = |uri: &str| {
+        let text = json!({"byteLength": tiny.binary.len(), "uri": uri});
+        let document = Tiny::new().with("/buffers/0", text).document;
+        std::fs::write(own.join("a.gltf"), document.to_string()).unwrap();
+        import(own.join("a.gltf"), &ImportOptions::default())
+    };
+    std::fs::write(own.join("sub folder/a.bin"), &tiny.binary).unwrap();
+    std::fs::write(folder.path().join("outside.bin"), &tiny.binary).unwrap();
+    assert_eq!(write("sub%20folder/a.bin").unwrap().rig(), read(&tiny).rig());
+    for uri in ["../outside.bin", "no.bin", "sub%20folder", ""] {
+        assert!(write(uri).is_err(), "{uri}");
+    }
+    #[cfg(unix)]
+    {
+        std::os::unix::fs::symlink(folder.path().join("outside.bin"), own.join("link.bin")).unwrap();
+        let error = write("link.bin").unwrap_err().to_string();
+        assert!(error.contains("outside the folder"), "{error}");
+    }
+}
+
+#[test]
+fn json_of_inspect_has_what_scripts_read() {
+    let imported = read(&Tiny::new());
+    let json = serde_json::to_value(imported.inspect(false)).unwrap();
+    assert_eq!(json["file"], "folder/tiny.glb");
+    assert_eq!(json["joints"][1], json!({"name": "tip", "node": 2, "parent": 0, "head": [0.0, 2.0, 0.0]}));
+    assert_eq!(json["joints"][0]["parent"], json!(null));
+    assert_eq!((&json["vertices"], &json["triangles"]), (&json!(4), &json!(4)));
+    assert_eq!(json["weight_totals"], json!({"hips": 1.75, "tip": 2.25}));
+    let sample = json!({"node": 0, "primitive": 0, "vertex": 1, "position": [1.0, 0.0, 0.0], "weights": {"hips": 0.5, "tip": 0.5}});
+    assert_eq!(json["samples"][1], sample);
+    assert_eq!(json["warnings"], json!([]));
+}
