@@ -6,7 +6,7 @@
 //! The one idea: **two steps with one type between them.** A module per format turns bytes into a
 //! [`Reading`] - joints possibly in several trees, meshes possibly unbound, numbered as in the file -
 //! and one builder, the same for all formats, turns a reading into a valid rig: one tree, parents
-//! first, weights that sum to 1. Whoever adds a format writes a module beside [`mod@gltf`] that ends
+//! first, weights that sum to 1. Whoever adds a format writes a module beside `gltf` that ends
 //! in a reading, and an arm where [`import_bytes`] chooses.
 //!
 //! Holds: no input makes it panic, recurse without bound or allocate more than the file can fill;
@@ -20,7 +20,7 @@
 mod assemble;
 mod error;
 mod format;
-pub mod gltf;
+mod gltf;
 mod inspect;
 mod names;
 mod nearest;

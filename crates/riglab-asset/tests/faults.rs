@@ -86,7 +86,10 @@ fn numbers_that_name_nothing() {
         let list = pointer.ends_with("children") || pointer.ends_with("joints");
         let fault = fault(pointer, if list { json!([77]) } else { json!(77) });
         match &fault {
-            Fault::Reference { to, index: 77, .. } => assert_eq!(*to, what, "{pointer}"),
+            Fault::Reference { from, to, index: 77, .. } => {
+                assert_eq!(*to, what, "{pointer}");
+                assert!(from.contains(|c: char| c.is_ascii_digit()), "{pointer}: {from}");
+            }
             _ => panic!("{pointer}: {fault:?}"),
         }
     }

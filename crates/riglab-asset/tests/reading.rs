@@ -75,6 +75,21 @@ fn loose_roots_can_go_below_a_virtual_one() {
 }
 
 #[test]
+fn bind_poses_that_contradict_each_other_leave_the_mesh_as_stored() {
+    // Below a common node the pose of both roots is the nodes' own: for the tip not where it was bound.
+    let mut tiny =
+        Tiny::new().with("/nodes/2/translation", json!([0, 5, 0])).with("/nodes/-", json!({"children": [1, 2]}));
+    tiny.document["nodes"][1].as_object_mut().unwrap().remove("children");
+    let imported = read(&tiny);
+    let rig = imported.rig().unwrap();
+    assert_eq!(rig.skeleton().heads(), [[0.0, 1.0, 0.0], [0.0, 2.0, 0.0]]);
+    assert_eq!(rig.mesh().positions()[2], [0.0, 2.5, 0.0]);
+    let [bent, posed, roots] = imported.warnings() else { panic!("{:?}", imported.warnings()) };
+    assert_eq!((bent, posed), (&Warning::Bent { skins: vec![0] }, &Warning::RestIsNotBind { skins: vec![0] }));
+    assert!(matches!(roots, Warning::SeveralRoots { .. }));
+}
+
+#[test]
 fn rigid_parts_go_into_the_bind_pose_with_their_joint() {
     // The tip is bent and turned over in the nodes; a mesh hangs on it, one up.
     let tiny = Tiny::new()

@@ -3,7 +3,7 @@
 //! Any component type, normalised or not, with gaps or without, sparse or dense. All bounds are
 //! checked before anything is allocated, so a claimed count costs nothing unless the bytes are there.
 
-use std::cell::RefCell;
+use std::cell::{Cell, RefCell};
 use std::collections::HashMap;
 use std::rc::Rc;
 
@@ -13,6 +13,9 @@ use crate::Fault;
 
 /// Elements of one accessor: more than any rig has vertices.
 const MAX_COUNT: u64 = 1 << 24;
+
+/// Elements of all accessors of a file: several may show the same bytes.
+const MAX_DECODED: usize = 1 << 25;
 
 /// Elements of an accessor without bytes of its own, which means zeros.
 const MAX_ZEROS: u64 = 1 << 20;
@@ -24,6 +27,8 @@ pub(super) struct Accessors<'a> {
     floats3: Cache<[f32; 3]>,
     floats4: Cache<[f32; 4]>,
     integers4: Cache<[u32; 4]>,
+    /// Elements decoded so far.
+    decoded: Cell<usize>,
 }
 
 /// Decoded accessors, as several primitives or nodes may share one.
@@ -112,8 +117,8 @@ type Replaced<'b> = (Vec<u32>, &'b [u8]);
 
 impl<'a> Accessors<'a> {
     pub(super) fn new(document: &'a Document, buffers: Buffers<'a>) -> Self {
-        let (floats3, floats4, integers4) = Default::default();
-        Self { document, buffers, floats3, floats4, integers4 }
+        let (floats3, floats4, integers4, decoded) = Default::default();
+        Self { document, buffers, floats3, floats4, integers4, decoded }
     }
 
     /// How many elements an accessor claims, within limits; whether the bytes are there is not checked.
@@ -150,19 +155,33 @@ impl<'a> Accessors<'a> {
         self.floats(number, &INVERSE_BIND, wanted)
     }
 
+    /// Whether there is such an accessor; `from` says who names it.
+    pub(super) fn check(&self, number: usize, from: impl FnOnce() -> String) -> Result<(), Fault> {
+        let count = self.document.accessors.len();
+        if number < count {
+            return Ok(());
+        }
+        Err(Fault::Reference { from: from(), to: "accessor", index: number, count })
+    }
+
     fn get(&self, number: usize) -> Result<&'a Accessor, Fault> {
-        let accessors = &self.document.accessors;
-        // Who asks is told by the caller where it matters; a file seldom gets this far with it.
-        accessors.get(number).ok_or_else(|| Fault::Reference {
-            from: "an attribute, index list or skin".into(),
-            to: "accessor",
-            index: number,
-            count: accessors.len(),
-        })
+        self.check(number, || "something".into())?;
+        Ok(&self.document.accessors[number])
+    }
+
+    fn spend(&self, elements: usize) -> Result<(), Fault> {
+        let total = self.decoded.get().saturating_add(elements);
+        self.decoded.set(total);
+        if total <= MAX_DECODED {
+            return Ok(());
+        }
+        let (count, limit) = (total as u64, MAX_DECODED as u64);
+        Err(Fault::TooLarge { what: "the elements of all accessors".into(), count, limit })
     }
 
     fn floats<const N: usize>(&self, number: usize, usage: &Usage, most: usize) -> Result<Vec<[f32; N]>, Fault> {
         let e = self.elements::<N>(number, usage)?;
+        self.spend(e.count.min(most))?;
         let whole = |x: f32, largest: f32| if e.normalized { (x / largest).max(-1.0) } else { x };
         Ok(match e.component {
             Component::F32 => e.decode(most, f32::from_le_bytes),
@@ -176,6 +195,7 @@ impl<'a> Accessors<'a> {
 
     fn integers<const N: usize>(&self, number: usize, usage: &Usage) -> Result<Vec<[u32; N]>, Fault> {
         let e = self.elements::<N>(number, usage)?;
+        self.spend(e.count)?;
         Ok(match e.component {
             Component::U8 | Component::I8 => e.decode(usize::MAX, |[b]| b.into()),
             Component::U16 | Component::I16 => e.decode(usize::MAX, |b| u16::from_le_bytes(b).into()),

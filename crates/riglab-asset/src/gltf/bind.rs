@@ -13,6 +13,8 @@
 //! 4. Beyond Blender: bind pose times inverse bind matrix must be one map for all joints of a skin, or
 //!    the rest pose would bend the mesh. If it is not, that of the first top joint serves for all.
 
+use std::collections::HashSet;
+
 use glam::{DAffine3, DVec3};
 
 use super::nodes::{Nodes, is_flat, rigid};
@@ -97,16 +99,18 @@ impl Binds {
 
 /// Which nodes are bones.
 fn bones(nodes: &Nodes, skins: &Skins) -> Vec<bool> {
-    let mut bones = vec![false; nodes.len() + 1];
-    // In which skin a node was last passed; ways up meet soon.
-    let mut passed = vec![usize::MAX; nodes.len() + 1];
-    for (number, skin) in skins.iter().enumerate() {
+    let armature = |skin: &Skin| {
         let common = nodes.common(skin.joints.iter().copied().chain(skin.skeleton));
-        let armature = if skin.joints.contains(&common) { nodes.parent(common) } else { common };
+        if skin.joints.contains(&common) { nodes.parent(common) } else { common }
+    };
+    let mut ways: Vec<(usize, &Skin)> = skins.iter().map(|skin| (armature(skin), skin)).collect();
+    // The highest armatures first: then whoever meets a bone on the way up may stop there.
+    ways.sort_by_key(|(armature, _)| nodes.depth(*armature));
+    let mut bones = vec![false; nodes.len() + 1];
+    for (armature, skin) in ways {
         for &joint in &skin.joints {
             let mut node = joint;
-            while node != armature && passed[node] != number {
-                passed[node] = number;
+            while node != armature && !bones[node] {
                 bones[node] = true;
                 node = nodes.parent(node);
             }
@@ -168,7 +172,7 @@ fn skin_maps(skin: &Skin, frames: &[Option<DAffine3>]) -> Vec<DAffine3> {
 
 /// The slot of the first joint that no other of its skin lies above.
 fn top_joint(nodes: &Nodes, skin: &Skin) -> usize {
-    let top = nodes.topmost(&skin.joints);
+    let top: HashSet<usize> = nodes.topmost(&skin.joints).into_iter().collect();
     skin.joints.iter().position(|node| top.contains(node)).unwrap_or(0)
 }
 

@@ -122,8 +122,7 @@ impl Rows {
 
     /// The rows by joint of the reading, normalised, and those without weight in the file.
     pub(super) fn into_weights(self, skin: usize, skins: &Skins) -> Result<(SkinWeights, Vec<u32>), Fault> {
-        let nodes = skins.get(skin).map_or(&[][..], |s| &s.joints);
-        let joint: Vec<u16> = nodes.iter().map(|&node| skins.joint_of_node(node).unwrap_or_default()).collect();
+        let joint = skins.get(skin).map_or(&[][..], |s| &s.numbers);
         let rows = (0..self.offsets.len() - 1)
             .map(|row| self.row(row).iter().map(|&(slot, weight)| (joint[usize::from(slot)], weight)));
         let weights = SkinWeights::normalized(rows)?;

@@ -19,6 +19,9 @@ pub(super) struct Nodes {
     end: Vec<usize>,
     /// How many nodes lie above; 0 for the top alone.
     depth: Vec<usize>,
+    /// Some node further above, so that a way up takes a number of steps like the logarithm of its
+    /// length (skew-binary jump pointers).
+    jump: Vec<usize>,
     /// Node to parent.
     local: Vec<DAffine3>,
     /// The same without scale.
@@ -70,12 +73,16 @@ impl Nodes {
         let local: Vec<_> = nodes.iter().map(local).collect();
         let local_rigid = nodes.iter().zip(&local).map(|(node, local)| local_rigid(node, local)).collect();
         let mut depth = vec![0; count + 1];
+        let mut jump = vec![top; count + 1];
         let mut global = vec![DAffine3::IDENTITY; count + 1];
         for &node in &order {
-            depth[node] = depth[parent[node]] + 1;
-            global[node] = global[parent[node]] * local[node];
+            let above = parent[node];
+            depth[node] = depth[above] + 1;
+            let (near, far) = (jump[above], jump[jump[above]]);
+            jump[node] = if depth[above] - depth[near] == depth[near] - depth[far] { far } else { above };
+            global[node] = global[above] * local[node];
         }
-        Ok(Self { parent, order, rank, end, depth, local, local_rigid, global })
+        Ok(Self { parent, order, rank, end, depth, jump, local, local_rigid, global })
     }
 
     /// The node above everything; one more than the last.
@@ -90,6 +97,11 @@ impl Nodes {
 
     pub(super) fn parent(&self, node: usize) -> usize {
         self.parent[node]
+    }
+
+    /// How many nodes lie above, the top counted.
+    pub(super) fn depth(&self, node: usize) -> usize {
+        self.depth[node]
     }
 
     /// All nodes, parents first, depth first.
@@ -130,17 +142,15 @@ impl Nodes {
     /// In depth-first order the first and the last of them have the same common ancestor as all.
     pub(super) fn common(&self, nodes: impl Iterator<Item = usize> + Clone) -> usize {
         let by_rank = |n: &usize| self.rank[*n];
-        let (Some(mut a), Some(mut b)) = (nodes.clone().min_by_key(by_rank), nodes.max_by_key(by_rank)) else {
+        let (Some(mut node), Some(last)) = (nodes.clone().min_by_key(by_rank), nodes.max_by_key(by_rank)) else {
             return self.top();
         };
-        while a != b {
-            if self.depth[a] >= self.depth[b] {
-                a = self.parent[a];
-            } else {
-                b = self.parent[b];
-            }
+        let above_last = |node: usize| node == self.top() || self.end[node] > self.rank[last];
+        while !above_last(node) {
+            let jump = self.jump[node];
+            node = if above_last(jump) { self.parent[node] } else { jump };
         }
-        a
+        node
     }
 }
 
@@ -262,7 +272,8 @@ mod tests {
         let nodes = (1..=100_000).map(|n| Node { children: vec![n], ..Default::default() });
         let nodes = nodes.chain([Node::default()]).collect();
         let nodes = Nodes::new(&Document { nodes, ..Default::default() }).unwrap();
-        assert_eq!(nodes.depth[100_000], 100_001);
+        assert_eq!(nodes.depth(100_000), 100_001);
+        assert_eq!(nodes.common([70_000, 99_999].into_iter()), 70_000);
     }
 
     #[test]

@@ -18,6 +18,9 @@ use crate::{Fault, Part, Place, Warning, triangles};
 /// Triangles and vertices of one file. Sharing lets a small file ask for any number.
 const MAX_TOTAL: usize = 1 << 24;
 
+/// Sets of four influences on a vertex. The most seen is two.
+const MAX_SETS: u64 = 32;
+
 /// What the primitives of a file ask for, before vertices are placed.
 #[derive(Default)]
 pub(super) struct Sources {
@@ -128,7 +131,7 @@ impl Collector<'_, '_> {
                 continue;
             };
             let influences = match skin {
-                Some(_) => influences(place, primitive)?,
+                Some(_) => influences(place, primitive, self.accessors)?,
                 None => Vec::new(),
             };
             let attributes = Attributes { position, influences };
@@ -156,6 +159,9 @@ impl Collector<'_, '_> {
             return Err(Fault::Mode { place, mode });
         }
         let position = primitive.attributes.get("POSITION").copied().filter(|_| mode >= 4);
+        for accessor in position.iter().chain(&primitive.indices) {
+            self.accessors.check(*accessor, || place.to_string())?;
+        }
         if let (Some(position), Some(name)) = (position, extensions::compression(&primitive.extensions)) {
             // With a plain copy beside, the compressed one is not needed.
             if !self.accessors.has_bytes(position)? {
@@ -228,12 +234,15 @@ impl Collector<'_, '_> {
 }
 
 /// JOINTS_n and WEIGHTS_n from 0 as far as they go.
-fn influences(place: Place, primitive: &Primitive) -> Result<Vec<(usize, usize)>, Fault> {
+fn influences(place: Place, primitive: &Primitive, accessors: &Accessors<'_>) -> Result<Vec<(usize, usize)>, Fault> {
     let mut influences = Vec::new();
     for set in 0.. {
         let names = [format!("JOINTS_{set}"), format!("WEIGHTS_{set}")];
         match names.each_ref().map(|name| primitive.attributes.get(name).copied()) {
-            [Some(joints), Some(weights)] => influences.push((joints, weights)),
+            [Some(joints), Some(weights)] => {
+                accessors.check(joints.max(weights), || place.to_string())?;
+                influences.push((joints, weights));
+            }
             [None, None] => break,
             [found, _] => {
                 let [joints, weights] = names;
@@ -241,6 +250,10 @@ fn influences(place: Place, primitive: &Primitive) -> Result<Vec<(usize, usize)>
                 return Err(Fault::AttributeMissing { place, missing });
             }
         }
+    }
+    let (count, limit) = (influences.len() as u64, MAX_SETS);
+    if count > limit {
+        return Err(Fault::TooLarge { what: format!("{place}: JOINTS and WEIGHTS"), count, limit });
     }
     Ok(influences)
 }

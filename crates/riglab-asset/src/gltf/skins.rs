@@ -29,6 +29,8 @@ pub(super) struct Skins {
 pub(super) struct Skin {
     /// Nodes by slot; each once.
     pub(super) joints: Vec<usize>,
+    /// The same as joints of the reading.
+    pub(super) numbers: Vec<u16>,
     /// Mesh to joint at rest, by slot, where the file has them.
     pub(super) inverse_binds: Option<Vec<DAffine3>>,
     /// The node that `skin.skeleton` names.
@@ -63,6 +65,7 @@ impl Skins {
             }
             skins.push(Skin {
                 joints: skin.joints.clone(),
+                numbers: Vec::new(),
                 inverse_binds: inverse_binds(number, skin, accessors)?,
                 skeleton: skin.skeleton,
             });
@@ -72,6 +75,9 @@ impl Skins {
         let mut number = vec![None; nodes.len()];
         for (at, &node) in joints.iter().enumerate() {
             number[node] = Some(u16::try_from(at).map_err(|_| too_many())?);
+        }
+        for skin in &mut skins {
+            skin.numbers = skin.joints.iter().filter_map(|&node| number[node]).collect();
         }
         let parents = parents(nodes, &joints, &number);
         warn_of_zero_scales(nodes, &joints, warnings);
@@ -137,7 +143,7 @@ impl Skins {
         }
         let mut group: Vec<usize> = (0..self.joints.len()).collect();
         for skin in &self.skins {
-            let mut trees = skin.joints.iter().filter_map(|&n| self.number[n]).map(|j| tree[usize::from(j)]);
+            let mut trees = skin.numbers.iter().map(|&j| tree[usize::from(j)]);
             let Some(first) = trees.next().map(|t| leader(&mut group, t)) else { continue };
             for t in trees {
                 let other = leader(&mut group, t);
@@ -172,6 +178,7 @@ fn inverse_binds(
     accessors: &Accessors<'_>,
 ) -> Result<Option<Vec<DAffine3>>, Fault> {
     let Some(accessor) = skin.inverse_bind_matrices else { return Ok(None) };
+    accessors.check(accessor, || format!("skin {number}"))?;
     let matrices = accessors.matrices(accessor, skin.joints.len())?;
     if matrices.len() < skin.joints.len() {
         return Err(Fault::InverseBindCount { skin: number, found: matrices.len(), wanted: skin.joints.len() });

@@ -1,0 +1,120 @@
+//! Small files that ask for much get an answer soon, in little memory.
+
+mod common;
+
+use std::fmt::Write;
+use std::time::{Duration, Instant};
+
+use common::{JOINTS, POSITION, Tiny, WEIGHTS};
+use riglab_asset::{Fault, ImportError, ImportOptions, Imported, import_bytes};
+use serde_json::{Value, json};
+
+/// In a debug build on a busy machine; what grows with the square of the file would take minutes.
+const LIMIT: Duration = Duration::from_secs(10);
+
+/// Nodes, skins or primitives asked for.
+const MANY: usize = 20_000;
+
+fn soon(what: &str, bytes: &[u8]) -> Result<Imported, ImportError> {
+    let start = Instant::now();
+    let result = import_bytes(what, bytes, &ImportOptions::default());
+    println!("{what}: {:?}, {} bytes", start.elapsed(), bytes.len());
+    assert!(start.elapsed() < LIMIT, "{what} took {:?}", start.elapsed());
+    result
+}
+
+fn skinned(position: usize) -> Value {
+    json!({"POSITION": position, "JOINTS_0": JOINTS, "WEIGHTS_0": WEIGHTS})
+}
+
+#[test]
+fn many_nodes_with_one_mesh() {
+    let mut tiny = Tiny::new();
+    tiny.document["nodes"].as_array_mut().unwrap().extend(vec![json!({"mesh": 0, "skin": 0}); MANY]);
+    assert_eq!(soon("nodes", &tiny.glb()).unwrap().mesh().positions().len(), 4 * (MANY + 1));
+}
+
+#[test]
+fn many_primitives_over_the_same_or_over_other_vertices() {
+    let same = vec![json!({"attributes": skinned(POSITION), "indices": 3}); MANY];
+    let rig = soon("same", &Tiny::new().with("/meshes/0/primitives", json!(same)).glb()).unwrap();
+    assert_eq!(rig.mesh().triangles().len(), 4);
+
+    let mut tiny = Tiny::new();
+    let accessor = tiny.document["accessors"][POSITION].clone();
+    tiny.document["accessors"].as_array_mut().unwrap().extend(vec![accessor; MANY]);
+    let other: Vec<_> = (0..MANY).map(|i| json!({"attributes": skinned(5 + i), "indices": 3})).collect();
+    let rig = soon("other", &tiny.with("/meshes/0/primitives", json!(other)).glb()).unwrap();
+    assert_eq!(rig.mesh().positions().len(), 4 * MANY);
+}
+
+#[test]
+fn a_chain_of_joints_under_many_skins() {
+    let mut nodes = String::new();
+    for n in 1..MANY {
+        write!(nodes, r#"{{"children":[{n}]}},"#).unwrap();
+    }
+    // Each skin spans the whole chain, or begins one joint below the one before.
+    for span in ["the root", "all over"] {
+        let mut skins = String::new();
+        for n in 1..MANY {
+            let first = if span == "the root" { 0 } else { n - 1 };
+            write!(skins, r#"{{"joints":[{},{first}]}},"#, MANY - 1).unwrap();
+        }
+        let json = format!(
+            r#"{{"asset":{{"version":"2.0"}},"nodes":[{nodes}{{}}],"skins":[{}]}}"#,
+            skins.trim_end_matches(',')
+        );
+        let result = soon(&format!("skins from {span}"), json.as_bytes());
+        assert_eq!(result.unwrap_err().fault, Fault::NothingBound);
+    }
+}
+
+#[test]
+fn claims_without_bytes_behind_them() {
+    // Zeros without end, again and again.
+    let zeros = json!({"componentType": 5126, "type": "VEC3", "count": 1 << 20});
+    let mut tiny = Tiny::new();
+    tiny.document["accessors"].as_array_mut().unwrap().extend(vec![zeros; MANY]);
+    let many: Vec<_> = (0..MANY).map(|i| json!({"attributes": {"POSITION": 5 + i}, "indices": 3})).collect();
+    let result = soon("zeros", &tiny.with("/meshes/0/primitives", json!(many)).glb());
+    assert!(matches!(result.unwrap_err().fault, Fault::TooLarge { .. }));
+
+    // The same many corners, again and again.
+    let indices = vec![0u8; 100_000];
+    let tiny = Tiny::new().with_accessor(5121, "SCALAR", indices.len(), &indices);
+    let many = vec![json!({"attributes": skinned(POSITION), "indices": 5}); MANY];
+    let result = soon("corners", &tiny.with("/meshes/0/primitives", json!(many)).glb());
+    assert!(matches!(result.unwrap_err().fault, Fault::TooLarge { .. }));
+
+    let many: serde_json::Map<_, _> = (0..MANY)
+        .flat_map(|i| [(format!("JOINTS_{i}"), json!(JOINTS)), (format!("WEIGHTS_{i}"), json!(WEIGHTS))])
+        .chain([("POSITION".to_owned(), json!(POSITION))])
+        .collect();
+    let result = soon("sets", &Tiny::new().with("/meshes/0/primitives/0/attributes", json!(many)).glb());
+    assert!(matches!(result.unwrap_err().fault, Fault::TooLarge { .. }));
+}
+
+#[test]
+fn equal_names_and_vertices_without_weights() {
+    let mut tiny = Tiny::new();
+    let nodes = tiny.document["nodes"].as_array_mut().unwrap();
+    nodes.extend(vec![json!({"name": "bone"}); MANY]);
+    let joints: Vec<_> = (3..MANY + 3).collect();
+    tiny.document["skins"] = json!([{"joints": joints}]);
+    let rig = soon("names", &tiny.glb()).unwrap().into_asset().unwrap().rig;
+    assert_eq!(rig.skeleton().name(riglab_core::JointId(MANY as u16 - 1)), format!("bone.{}", MANY - 1));
+
+    // A flat fan of which every second vertex has no weight.
+    let count = 2 * MANY;
+    let positions: Vec<u8> =
+        (0..count).flat_map(|i| [0.0, i as f32, (i * i % 7) as f32]).flat_map(f32::to_le_bytes).collect();
+    let weights: Vec<u8> = (0..count).flat_map(|i| [(i % 2) as u8 * 255, 0, 0, 0]).collect();
+    let tiny = Tiny::new()
+        .with_accessor(5126, "VEC3", count, &positions)
+        .with_accessor(5121, "VEC4", count, &vec![0; 4 * count])
+        .with_accessor(5121, "VEC4", count, &weights)
+        .with("/accessors/7/normalized", json!(true));
+    let primitive = json!({"attributes": {"POSITION": 5, "JOINTS_0": 6, "WEIGHTS_0": 7}, "mode": 6});
+    assert!(soon("weights", &tiny.with("/meshes/0/primitives/0", primitive).glb()).is_ok());
+}
