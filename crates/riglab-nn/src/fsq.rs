@@ -95,6 +95,21 @@ impl Fsq {
         (levels - &halves) / halves
     }
 
+    /// z that would give these codes [.., axes], of the first `axes` axes: the inverse of bounding,
+    /// kept off the ends where it is infinite.
+    pub fn unbound(&self, codes: &Tensor, axes: usize) -> Tensor {
+        let codes = codes.narrow(-1, 0, axes as i64);
+        let values = |f: &dyn Fn(f64) -> f64| {
+            let v: Vec<f64> = self.levels[..axes].iter().map(|&l| f(l as f64)).collect();
+            Tensor::from_slice(&v).to_kind(codes.kind()).to_device(codes.device())
+        };
+        let half = values(&|l| (l - 1.0) * (1.0 + EPS) / 2.0);
+        let off = |l: f64| if l % 2.0 == 0.0 { 0.5 } else { 0.0 };
+        let shift = values(&|l| (off(l) / ((l - 1.0) * (1.0 + EPS) / 2.0)).atanh());
+        let bounded = (&codes * values(&|l| (l / 2.0).floor()) + values(&off)) / half;
+        bounded.clamp(-0.97, 0.97).atanh() - shift
+    }
+
     fn halves(&self, like: &Tensor) -> Tensor {
         self.per_axis(like, |l| (l / 2) as f64)
     }
@@ -132,12 +147,16 @@ impl ProjectedFsq {
         &self.fsq
     }
 
-    /// latent [.., l] to codes [.., axes]. `bias` is added before rounding, where given [.., axes].
+    /// latent [.., l] to codes [.., axes]. Before rounding, `keep` multiplies what was projected and
+    /// `bias` is added, where given [.., axes].
     /// Computes in at least f32.
-    pub fn encode(&self, w: &Weights, latent: &Tensor, bias: Option<&Tensor>) -> Tensor {
+    pub fn encode(&self, w: &Weights, latent: &Tensor, bias: Option<&Tensor>, keep: Option<&Tensor>) -> Tensor {
         let mut z = self.project_in.forward(w, latent);
         if z.kind() != Kind::Double {
             z = z.to_kind(Kind::Float);
+        }
+        if let Some(keep) = keep {
+            z = z * keep;
         }
         if let Some(bias) = bias {
             z += bias;

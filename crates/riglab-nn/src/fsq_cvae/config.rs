@@ -73,6 +73,12 @@ pub struct Extensions {
     pub point_mlp_ratio: f64,
     /// The skin encoder is also told which points' weights pass the metric's threshold.
     pub active_bit: bool,
+    /// Attention scores fall with the squared distance between what attends and what is attended to,
+    /// each head by a learned slope. Skin tokens stand where `anchor_skip` lets their codes say
+    /// (needs it).
+    pub distance_bias: bool,
+    /// The first three axes hold the anchor alone, nothing learned: codes say exactly where they are.
+    pub anchor_only: bool,
     /// This times a query point's position is added to the first three quantised axes (needs
     /// `skin_queries = "active"` or `"farthest"`). 0 is off.
     pub anchor_skip: f64,
@@ -116,6 +122,8 @@ impl Default for Extensions {
             point_layers: 1,
             point_mlp_ratio: 0.0,
             active_bit: false,
+            distance_bias: false,
+            anchor_only: false,
             anchor_skip: 0.0,
             code_octaves: 0,
             dot_head: false,
@@ -169,6 +177,11 @@ impl FsqCvaeConfig {
                 "extensions.anchor_skip",
                 "anchor_skip writes to three axes: give at least three levels".into(),
             ));
+        }
+        for (key, on) in [("extensions.distance_bias", x.distance_bias), ("extensions.anchor_only", x.anchor_only)] {
+            if on && x.anchor_skip == 0.0 {
+                return Err((key, format!("{key} needs anchor_skip: without it codes do not say where they are")));
+            }
         }
         if !(0.0..=64.0).contains(&x.point_mlp_ratio) {
             return Err((

@@ -3,7 +3,7 @@
 use tch::{Kind, Tensor};
 
 use super::config::FsqCvaeConfig;
-use crate::layers::{Block, BlockConfig, Context, LayerNorm, Linear};
+use crate::layers::{Block, BlockConfig, Context, Distances, LayerNorm, Linear, squared_distances};
 use crate::params::{Role, Scope, Weights};
 
 /// Numbers per bone of [`BoneGeometry::bones`].
@@ -38,8 +38,14 @@ impl Decoder {
     pub fn new(mut at: Scope, c: &FsqCvaeConfig, input: usize) -> Self {
         let width = c.decoder_width;
         let x = &c.extensions;
-        let block =
-            BlockConfig { width, context_width: width, heads: c.heads, mlp_ratio: c.mlp_ratio, split: c.head_split };
+        let block = BlockConfig {
+            width,
+            context_width: width,
+            heads: c.heads,
+            mlp_ratio: c.mlp_ratio,
+            split: c.head_split,
+            distance: x.distance_bias,
+        };
         let point_block =
             BlockConfig { mlp_ratio: if x.point_mlp_ratio > 0.0 { x.point_mlp_ratio } else { c.mlp_ratio }, ..block };
         let own = if x.cross_condition { Context::Both } else { Context::Itself };
@@ -78,30 +84,40 @@ impl Decoder {
         cond: &Tensor,
         features: &Tensor,
         geometry: Option<&BoneGeometry>,
+        sites: Option<&Sites>,
     ) -> Tensor {
-        let (m, r) = (z.size()[0], cond.size()[0]);
+        let m = z.size()[0];
         let mut tokens = z.shallow_clone();
+        let mut at = sites.map(|s| s.tokens.shallow_clone());
         if let (Some(layer), Some(geometry)) = (&self.bone_token, geometry) {
             tokens = Tensor::cat(&[tokens, layer.forward(w, &geometry.bones.to_kind(w.kind())).unsqueeze(1)], 1);
+            at = at.map(|at| Tensor::cat(&[at, geometry.bones.narrow(1, 0, 3).unsqueeze(1)], 1));
         }
         if self.concat {
-            let repeated = cond.unsqueeze(1).expand([-1, m / r, -1, -1], false).flatten(0, 1);
-            tokens = Tensor::cat(&[tokens, repeated], 1);
+            tokens = Tensor::cat(&[tokens, per_bone(cond, m)], 1);
+            at = at.zip(sites).map(|(at, s)| Tensor::cat(&[at, per_bone(&s.shape, m)], 1));
         }
+        let own = at.as_ref().map(|at| squared_distances(at, at));
+        let to_shape = at.as_ref().zip(sites).map(|(at, s)| folded_distances(at, &s.shape));
+        let distances = Distances { own: own.as_ref(), other: to_shape.as_ref() };
         for block in &self.blocks {
             let keys = (!self.concat).then(|| block.keys(w, cond));
-            tokens = block.forward(w, &tokens, keys.as_ref());
+            tokens = block.forward(w, &tokens, keys.as_ref(), distances);
         }
 
         let mut x = self.proj_query.forward(w, features);
+        let to_shape = sites.map(|s| folded_distances(&s.points, &s.shape));
         for block in &self.shape_points {
-            x = block.forward(w, &x, Some(&block.keys(w, cond)));
+            let distances = Distances { own: None, other: to_shape.as_ref() };
+            x = block.forward(w, &x, Some(&block.keys(w, cond)), distances);
         }
         if let (Some(layer), Some(geometry)) = (&self.bone_points, geometry) {
-            x = self.per_bone(&x, m) + layer.forward(w, &geometry.points.to_kind(w.kind()));
+            x = per_bone(&x, m) + layer.forward(w, &geometry.points.to_kind(w.kind()));
         }
+        let to_tokens = at.as_ref().zip(sites).map(|(at, s)| squared_distances(&per_bone(&s.points, m), at));
         for block in &self.points {
-            x = block.forward(w, &x, Some(&block.keys(w, &tokens)));
+            let distances = Distances { own: None, other: to_tokens.as_ref() };
+            x = block.forward(w, &x, Some(&block.keys(w, &tokens)), distances);
         }
         let x = self.norm_out.forward(w, &x);
         let logits = self.proj_out.forward(w, &x).squeeze_dim(-1).to_kind(float(w));
@@ -113,12 +129,29 @@ impl Decoder {
             }
         }
     }
+}
 
-    /// [r, p, d] to [m, p, d]: each rig's points for each of its bones.
-    fn per_bone(&self, x: &Tensor, m: i64) -> Tensor {
-        let r = x.size()[0];
-        if r == m { x.shallow_clone() } else { x.unsqueeze(1).expand([-1, m / r, -1, -1], false).flatten(0, 1) }
-    }
+/// Where things stand, for attention that falls with distance.
+pub struct Sites {
+    /// [m, k, 3]
+    pub tokens: Tensor,
+    /// [r, s, 3]
+    pub shape: Tensor,
+    /// Like the features: [m, p, 3] or [r, p, 3].
+    pub points: Tensor,
+}
+
+/// [r, t, d] to [m, t, d]: what a rig's bones share, for each of them.
+fn per_bone(x: &Tensor, m: i64) -> Tensor {
+    let r = x.size()[0];
+    if r == m { x.shallow_clone() } else { x.unsqueeze(1).expand([-1, m / r, -1, -1], false).flatten(0, 1) }
+}
+
+/// Squared distances of points [b, t, 3] and the sites [r, s, 3] of their rigs, as [b, t, s].
+fn folded_distances(points: &Tensor, sites: &Tensor) -> Tensor {
+    let (b, t, _) = points.size3().expect("three axes");
+    let r = sites.size()[0];
+    squared_distances(&points.reshape([r, b * t / r, 3]), sites).view([b, t, -1])
 }
 
 /// Losses and metrics see at least f32.

@@ -2,7 +2,7 @@
 
 use tch::Tensor;
 
-use crate::layers::{Block, BlockConfig, Context, LayerNorm, Linear};
+use crate::layers::{Block, BlockConfig, Context, Distances, LayerNorm, Linear, squared_distances};
 use crate::params::{Init, ParamId, Role, Scope, Weights};
 
 /// What the queries start from.
@@ -20,7 +20,6 @@ pub struct Encoder {
     cross: Block,
     own: Vec<Block>,
     norm_out: LayerNorm,
-    width: i64,
 }
 
 impl Encoder {
@@ -42,25 +41,25 @@ impl Encoder {
             cross: Block::new(at.sub("blocks").sub(0), block, Context::Other),
             own: (1..=layers).map(|i| Block::new(at.sub("blocks").sub(i), block, Context::Itself)).collect(),
             norm_out: LayerNorm::new(at.sub("norm_out"), width),
-            width: width as i64,
         }
     }
 
-    /// features [b, n, input] to tokens [b, t, width].
+    /// features [b, n, input] to tokens [b, t, width]. `positions` [b, n, 3] are those of the points,
+    /// where the blocks know distances and the queries are points.
     ///
     /// Queries that are points share the input projection with the keys; if there is a table of
     /// learned vectors besides, each slot's is added.
-    pub fn forward(&self, w: &Weights, features_bnc: &Tensor, queries: &Queries) -> Tensor {
+    pub fn forward(&self, w: &Weights, features_bnc: &Tensor, queries: &Queries, positions: Option<&Tensor>) -> Tensor {
         let x = self.proj_in.forward(w, features_bnc);
         let batch = x.size()[0];
         let learned = |t: i64| self.learned_queries.map(|id| w[id].narrow(0, 0, t));
         let start = match queries {
             Queries::Points(index_bt) => {
                 let t = index_bt.size()[1];
-                let picked = x.gather(1, &index_bt.unsqueeze(-1).expand([-1, -1, self.width], false), false);
+                let points = picked(&x, index_bt);
                 match learned(t) {
-                    Some(slots) => picked + slots,
-                    None => picked,
+                    Some(slots) => points + slots,
+                    None => points,
                 }
             }
             Queries::Learned(t) => {
@@ -68,10 +67,23 @@ impl Encoder {
                 table.unsqueeze(0).expand([batch, -1, -1], false)
             }
         };
-        let mut tokens = self.cross.forward(w, &start, Some(&self.cross.keys(w, &x)));
+        let at = match (queries, positions) {
+            (Queries::Points(index), Some(p)) => Some((picked(p, index), p)),
+            _ => None,
+        };
+        let other = at.as_ref().map(|(q, p)| squared_distances(q, p));
+        let own = at.as_ref().map(|(q, _)| squared_distances(q, q));
+        let distances = Distances { own: own.as_ref(), other: other.as_ref() };
+        let mut tokens = self.cross.forward(w, &start, Some(&self.cross.keys(w, &x)), distances);
         for block in &self.own {
-            tokens = block.forward(w, &tokens, None);
+            tokens = block.forward(w, &tokens, None, distances);
         }
         self.norm_out.forward(w, &tokens)
     }
+}
+
+/// Rows of x [b, n, c] by index [b, t], as [b, t, c].
+pub fn picked(x: &Tensor, index: &Tensor) -> Tensor {
+    let c = x.size()[2];
+    x.gather(1, &index.unsqueeze(-1).expand([-1, -1, c], false), false)
 }

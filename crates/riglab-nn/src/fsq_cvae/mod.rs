@@ -22,8 +22,8 @@ use crate::embed::Embedding;
 use crate::fsq::{Fsq, ProjectedFsq};
 use crate::layers::{BlockConfig, Linear};
 use crate::params::{Role, Scope, Weights};
-use decoder::Decoder;
-use encoder::{Encoder, Queries};
+use decoder::{Decoder, Sites};
+use encoder::{Encoder, Queries, picked};
 
 /// Weights above this count as held by the bone (SkinTokens' metric threshold).
 pub const ACTIVE: f64 = 0.01;
@@ -39,6 +39,14 @@ pub struct FsqCvae {
     fsq: ProjectedFsq,
     post_quant: Linear,
     decoder: Decoder,
+}
+
+/// A rig's shape, encoded.
+pub struct Shape {
+    /// [r, s, l]
+    pub tokens: Tensor,
+    /// [r, s, 3]: the points they started from.
+    pub positions: Tensor,
 }
 
 /// Points with the weights of one bone each.
@@ -66,6 +74,7 @@ impl FsqCvae {
             heads: c.heads,
             mlp_ratio: c.mlp_ratio,
             split: c.head_split,
+            distance: c.extensions.distance_bias,
         };
         let learned = if c.skin_queries == SkinQueries::Farthest { 0 } else { c.skin_tokens };
         let skin_input = point + 1 + usize::from(c.extensions.active_bit);
@@ -102,11 +111,13 @@ impl FsqCvae {
         self.fsq.fsq()
     }
 
-    /// The shape tokens [r, s, l] of clouds [r, n, 6]; `queries` [r, s] are farthest points among
-    /// them.
-    pub fn encode_shape(&self, w: &Weights, cloud: &Tensor, queries: &Tensor) -> Tensor {
-        let tokens = self.cond_encoder.forward(w, &self.features(w, cloud, &[]), &Queries::Points(queries));
-        self.cond_quant.forward(w, &tokens)
+    /// The shape tokens of clouds [r, n, 6]; `queries` [r, s] are farthest points among them.
+    pub fn encode_shape(&self, w: &Weights, cloud: &Tensor, queries: &Tensor) -> Shape {
+        let positions = cloud.narrow(-1, 0, 3);
+        let known = self.config.extensions.distance_bias.then_some(&positions);
+        let features = self.features(w, cloud, &[]);
+        let tokens = self.cond_encoder.forward(w, &features, &Queries::Points(queries), known);
+        Shape { tokens: self.cond_quant.forward(w, &tokens), positions: picked(&positions, queries) }
     }
 
     /// The first `k` skin tokens before quantisation, [m, k, l].
@@ -119,9 +130,11 @@ impl FsqCvae {
         let extra: Vec<&Tensor> = std::iter::once(&weights).chain(&bit).collect();
         let features = self.features(w, &cloud.points, &extra);
         let k = k as i64;
+        let positions = cloud.points.narrow(-1, 0, 3);
+        let known = self.config.extensions.distance_bias.then_some(&positions);
         let tokens = match (self.config.skin_queries, &cloud.queries) {
-            (SkinQueries::Learned, _) => self.encoder.forward(w, &features, &Queries::Learned(k)),
-            (_, Some(index)) => self.encoder.forward(w, &features, &Queries::Points(&index.narrow(1, 0, k))),
+            (SkinQueries::Learned, _) => self.encoder.forward(w, &features, &Queries::Learned(k), None),
+            (_, Some(index)) => self.encoder.forward(w, &features, &Queries::Points(&index.narrow(1, 0, k)), known),
             (_, None) => panic!("queries that are points were not given"),
         };
         self.quant.forward(w, &tokens)
@@ -130,26 +143,38 @@ impl FsqCvae {
     /// Latents [m, k, l] to codes [m, k, axes] in [-1, 1], gradients straight through.
     pub fn quantize(&self, w: &Weights, latent: &Tensor, cloud: &SkinCloud) -> Tensor {
         let anchors = self.anchors(cloud, latent.size()[1]);
-        self.fsq.encode(w, latent, anchors.as_ref())
+        let keep = self.config.extensions.anchor_only.then(|| {
+            let axes = self.config.levels.len();
+            let keep: Vec<f32> = (0..axes).map(|i| if i < 3 { 0.0 } else { 1.0 }).collect();
+            Tensor::from_slice(&keep).to_device(latent.device())
+        });
+        self.fsq.encode(w, latent, anchors.as_ref(), keep.as_ref())
     }
 
-    /// Codes to what the decoder reads, [m, k, l].
+    /// Codes to latents [m, k, l], as the decoder's first layer reads them.
     pub fn dequantize(&self, w: &Weights, codes: &Tensor) -> Tensor {
         self.fsq.decode(w, codes)
     }
 
     /// Logits [m, p] of the weight at points [m, p, 6] (each bone's own) or [r, p, 6] (shared by a
-    /// rig's bones), from latents [m, k, l] and shape tokens [r, s, l]. The weight is their sigmoid.
+    /// rig's bones), from codes [m, k, axes] and the shape. The weight is their sigmoid.
     pub fn decode(
         &self,
         w: &Weights,
-        z: &Tensor,
-        cond: &Tensor,
+        codes: &Tensor,
+        shape: &Shape,
         points: &Tensor,
         geometry: Option<&BoneGeometry>,
     ) -> Tensor {
-        let (z, cond) = (self.post_quant.forward(w, z), self.post_quant.forward(w, cond));
-        self.decoder.forward(w, &z, &cond, &self.features(w, points, &[]), geometry)
+        let z = self.post_quant.forward(w, &self.dequantize(w, codes));
+        let cond = self.post_quant.forward(w, &shape.tokens);
+        let sites = self.config.extensions.distance_bias.then(|| Sites {
+            // Where codes stand is told, not learned: no gradient.
+            tokens: self.fsq().unbound(&codes.detach(), 3) / self.config.extensions.anchor_skip,
+            shape: shape.positions.shallow_clone(),
+            points: points.narrow(-1, 0, 3),
+        });
+        self.decoder.forward(w, &z, &cond, &self.features(w, points, &[]), geometry, sites.as_ref())
     }
 
     /// Encoded positions, normals and further columns, in the weights' kind.
@@ -165,7 +190,7 @@ impl FsqCvae {
     fn anchors(&self, cloud: &SkinCloud, k: i64) -> Option<Tensor> {
         let factor = self.config.extensions.anchor_skip;
         let index = cloud.queries.as_ref().filter(|_| factor != 0.0)?.narrow(1, 0, k);
-        let picked = cloud.points.gather(1, &index.unsqueeze(-1).expand([-1, -1, 3], false), false);
+        let picked = picked(&cloud.points.narrow(-1, 0, 3), &index);
         let axes = self.config.levels.len() as i64;
         Some((&picked * factor).constant_pad_nd([0, axes - 3]).to_kind(if picked.kind() == Kind::Double {
             Kind::Double

@@ -5,6 +5,7 @@ use std::sync::Arc;
 
 use riglab_core::{DecodeRule, JointId};
 use riglab_metric::{Baseline, Codebook, SkinMetrics, SkinTally, bone_distances, compression_ratio};
+use riglab_nn::fsq_cvae::Shape;
 use riglab_nn::params::Weights;
 use riglab_random::{Draw, stream};
 use serde::Serialize;
@@ -87,8 +88,8 @@ pub struct CodebookRow {
 pub struct Encoded {
     /// The asset.
     pub rig: Arc<Prepared>,
-    /// [1, s, l]
-    pub cond: Tensor,
+    /// Its shape.
+    pub cond: Shape,
     /// [m, t, axes]
     pub codes: Tensor,
     /// [m, t]
@@ -201,7 +202,7 @@ impl FsqCvaeTask {
     pub fn decode(&self, w: &Weights, encoded: &Encoded, codes: &Tensor, k: usize, points: &[Point]) -> Vec<f32> {
         let _no_grad = tch::no_grad_guard();
         let bones = encoded.rig.bones.len();
-        let z = self.net.dequantize(w, &codes.narrow(1, 0, k as i64));
+        let codes = codes.narrow(1, 0, k as i64);
         let mut out = vec![0.0; points.len() * bones];
         let geometry = self.config.model.extensions.bone_geometry;
         let bones_at_once = (self.config.eval.chunk / 256).clamp(1, bones);
@@ -216,8 +217,8 @@ impl FsqCvaeTask {
             for part in all.chunks(bones_at_once) {
                 let m = part.len();
                 let geometry = geometry.then(|| tensors::geometry(part, chunk, &segments, self.device));
-                let z = z.narrow(0, part[0] as i64, m as i64);
-                let raw = self.net.decode(w, &z, &encoded.cond, &cloud, geometry.as_ref()).sigmoid();
+                let codes = codes.narrow(0, part[0] as i64, m as i64);
+                let raw = self.net.decode(w, &codes, &encoded.cond, &cloud, geometry.as_ref()).sigmoid();
                 let raw = Vec::<f32>::try_from(raw.to_kind(Kind::Float).transpose(0, 1).contiguous().view([-1]))
                     .unwrap_or_default();
                 for (row, values) in raw.chunks_exact(m).enumerate() {

@@ -136,8 +136,7 @@ pub fn loss_of(
     let cond = net.encode_shape(w, &shape, &shape_queries);
     let latent = net.encode_skin(w, &cloud, batch.prefix);
     let codes = net.quantize(w, &latent, &cloud);
-    let z = net.dequantize(w, &codes);
-    let logits = net.decode(w, &z, &cond, &points, geometry.as_ref());
+    let logits = net.decode(w, &codes, &cond, &points, geometry.as_ref());
     let predicted = logits.sigmoid();
     let mut loss = Loss::new()
         .term("bce", c.loss.bce, loss::bce(&logits, &targets))
