@@ -1,4 +1,4 @@
-//! Rigged files in.
+//! Rigged files in, and GLB out.
 //!
 //! [`import`] reads one file into an [`Imported`]: the [`Rig`] that everything downstream works on,
 //! its [`Provenance`], and the [`Reading`] it was made from.
@@ -15,7 +15,7 @@
 //! those of the file (glTF: y up, right-handed).
 //!
 //! Leaves out: compressed geometry (Draco, meshopt), other formats, springs, humanoid maps,
-//! animation clips, and writing.
+//! animation clips, and writing other formats than GLB ([`to_glb`]).
 
 mod assemble;
 mod error;
@@ -35,6 +35,7 @@ use riglab_core::{Asset, Mesh, Provenance, Rig};
 pub use assemble::RootPolicy;
 pub use error::{Fault, ImportError, Place};
 pub use format::Format;
+pub use gltf::to_glb;
 pub use inspect::Inspection;
 pub use reading::{Binding, Part, ReadJoint, Reading, VertexSet};
 pub use warning::Warning;

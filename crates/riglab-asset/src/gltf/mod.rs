@@ -18,6 +18,7 @@ mod placing;
 mod primitives;
 mod rights;
 mod skins;
+mod write;
 
 use std::path::Path;
 
@@ -28,6 +29,7 @@ use buffers::Buffers;
 use document::Document;
 use nodes::Nodes;
 use skins::Skins;
+pub use write::to_glb;
 
 /// Whether bytes may be the JSON of a glTF file: an opening brace, with or without a byte-order mark.
 pub(crate) fn looks_like_json(bytes: &[u8]) -> bool {
