@@ -34,6 +34,8 @@ pub struct Batch {
     pub points: Vec<f32>,
     /// [m, p]
     pub targets: Vec<f32>,
+    /// [m, p]: how much each counts in the loss, with `loss.importance`.
+    pub mass: Vec<f32>,
     /// [m, 7], with bone geometry.
     pub bone_features: Vec<f32>,
     /// [m, p, 10], with bone geometry.
@@ -125,8 +127,8 @@ impl Source for BatchSource {
             make.shape(&mut batch);
             let segments = make.segments();
             for b in chosen(rig.bones.len(), s.bones, make.random) {
-                let active = make.skin(b, &mut batch);
-                let points = make.mix(&rig.bones[b], &s.decoder, &active);
+                make.skin(b, &mut batch);
+                let points = make.mix(&rig.bones[b], &s.decoder);
                 make.ask(b, &points, &segments, &mut batch);
             }
         }
@@ -144,11 +146,6 @@ fn chosen(n: usize, count: usize, random: &mut Stream) -> Vec<usize> {
     }
     out
 }
-
-/// Candidates drawn for each point that has to be near.
-const NEAR_CANDIDATES: usize = 6;
-/// Active points that nearness is measured to.
-const NEAR_TO: usize = 32;
 
 /// Fills arrays from one rig, under one map.
 pub struct Maker<'a> {
@@ -175,11 +172,11 @@ impl Maker<'_> {
         batch.rigs += 1;
     }
 
-    /// Adds a bone's cloud for the skin encoder, with weights and queries; gives its active points.
-    pub fn skin(&mut self, b: usize, batch: &mut Batch) -> Vec<Point> {
+    /// Adds a bone's cloud for the skin encoder, with weights and queries.
+    pub fn skin(&mut self, b: usize, batch: &mut Batch) {
         let (bone, model) = (&self.rig.bones[b], &self.config.model);
         let mix = &self.config.sampling.encoder;
-        let points = self.mix(bone, mix, &[]);
+        let points = self.mix(bone, mix);
         let mut positions = Vec::with_capacity(points.len());
         let mut weights = Vec::with_capacity(points.len());
         for point in &points {
@@ -197,47 +194,21 @@ impl Maker<'_> {
         batch.skin_queries.extend(picks.into_iter().map(|i| i as i64));
         batch.skin_weights.extend(weights);
         batch.bones += 1;
-        points[..mix.active].to_vec()
     }
 
-    /// Points of a mix. Nearness is to `anchors`, or to the mix's own active points without any.
-    pub fn mix(&mut self, bone: &Bone, mix: &PointMix, anchors: &[Point]) -> Vec<Point> {
-        let share = self.config.sampling.vertex_share;
+    /// Points of a mix: where the bone holds the mesh, around that, and anywhere. A bone that holds
+    /// everything has nothing around it; those points lie anywhere.
+    pub fn mix(&mut self, bone: &Bone, mix: &PointMix) -> Vec<Point> {
+        let (share, rig) = (self.config.sampling.vertex_share, self.rig);
         let mut points: Vec<Point> = Vec::with_capacity(mix.total());
-        for _ in 0..mix.active {
-            points.push(self.rig.held(bone, share, self.random));
-        }
-        if mix.near > 0 {
-            let anchors: Vec<Vec3> =
-                if anchors.is_empty() { &points } else { anchors }.iter().map(|p| p.position).collect();
-            let near = self.near(bone, mix.near, &anchors[..anchors.len().min(NEAR_TO)]);
-            points.extend(near);
-        }
-        for _ in 0..mix.uniform {
-            points.push(self.rig.anywhere(share, self.random));
-        }
-        points
-    }
-
-    /// Points that the bone does not hold, but near `anchors`: the nearest of several times as many.
-    fn near(&mut self, bone: &Bone, count: usize, anchors: &[Vec3]) -> Vec<Point> {
-        let share = self.config.sampling.vertex_share;
-        let mut found: Vec<(f32, Point)> = Vec::with_capacity(count * NEAR_CANDIDATES);
-        for _ in 0..count * NEAR_CANDIDATES {
-            let point = self.rig.anywhere(share, self.random);
-            if self.rig.weight(bone, &point) <= riglab_metric::ACTIVE {
-                let d = |a: &Vec3| (0..3).map(|k| (a[k] - point.position[k]).powi(2)).sum::<f32>();
-                found.push((anchors.iter().map(d).fold(f32::INFINITY, f32::min), point));
+        for (patch, count) in [(&bone.held, mix.active), (&bone.shell, mix.near)] {
+            for _ in 0..count {
+                let point = rig.within(patch, share, self.random);
+                points.push(point.unwrap_or_else(|| rig.anywhere(share, self.random)));
             }
         }
-        if found.len() > count {
-            found.select_nth_unstable_by(count - 1, |a, b| a.0.total_cmp(&b.0));
-            found.truncate(count);
-        }
-        let mut points: Vec<Point> = found.into_iter().map(|(_, p)| p).collect();
-        // A bone that holds (nearly) everything has too few.
-        while points.len() < count {
-            points.push(self.rig.anywhere(share, self.random));
+        for _ in 0..mix.uniform {
+            points.push(rig.anywhere(share, self.random));
         }
         points
     }
@@ -249,6 +220,7 @@ impl Maker<'_> {
         if geometry {
             bone_features(&segments[b], &mut batch.bone_features);
         }
+        self.weigh(bone, points, batch);
         for point in points {
             let position = self.push(point, &mut batch.points);
             batch.targets.push(self.rig.weight(bone, point));
@@ -257,6 +229,21 @@ impl Maker<'_> {
                 point_features(position, b, &segments[b], &distances, &mut batch.bone_points);
             }
         }
+    }
+
+    /// Adds how much each of the decoder's points counts.
+    fn weigh(&self, bone: &Bone, points: &[Point], batch: &mut Batch) {
+        let (power, mix) = (self.config.loss.importance, &self.config.sampling.decoder);
+        if power == 0.0 {
+            return;
+        }
+        let parts = [mix.active, mix.near, mix.uniform].map(|n| n as f32 / mix.total() as f32);
+        let ratios = points.iter().map(|p| self.rig.rarity(bone, p, parts).powf(power));
+        let first = batch.mass.len();
+        batch.mass.extend(ratios);
+        let own = &mut batch.mass[first..];
+        let mean = own.iter().sum::<f32>() / own.len() as f32;
+        own.iter_mut().for_each(|m| *m /= mean);
     }
 
     /// The segments of all bones, under the map.

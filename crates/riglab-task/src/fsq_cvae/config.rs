@@ -60,7 +60,7 @@ pub struct SamplingConfig {
 pub struct PointMix {
     /// Where the bone's weights are not zero.
     pub active: usize,
-    /// Where they are, but near those (an extension).
+    /// Where they are, but right beside those: the vertices that are easiest to get wrong (an extension).
     pub near: usize,
     /// Anywhere.
     pub uniform: usize,
@@ -95,6 +95,10 @@ pub struct LossConfig {
     pub dice: f64,
     /// Weight of the cross-entropy of "passes the metric's threshold" (an extension).
     pub support: f64,
+    /// How far sampling is made up for (an extension). At 0 all sampled points count alike; at 1 each
+    /// counts by how much rarer it is among the samples than on the mesh, so that the loss is that of
+    /// the whole mesh; between, by that ratio to this power.
+    pub importance: f32,
 }
 
 /// Evaluation on whole meshes.
@@ -136,7 +140,7 @@ impl Default for PrefixConfig {
 
 impl Default for LossConfig {
     fn default() -> Self {
-        Self { bce: 1.0, mse: 0.1, dice: 1.0, support: 0.0 }
+        Self { bce: 1.0, mse: 0.1, dice: 1.0, support: 0.0, importance: 0.0 }
     }
 }
 
@@ -209,6 +213,9 @@ impl FsqCvaeTaskConfig {
             if !(v >= 0.0 && v.is_finite()) {
                 return fault(&format!("loss.{key}"), format!("{key} = {v} must not be negative"));
             }
+        }
+        if !(0.0..=1.0).contains(&l.importance) {
+            return fault("loss.importance", format!("importance = {} must lie in [0, 1]", l.importance));
         }
         if [l.bce, l.mse, l.dice, l.support].iter().all(|&v| v == 0.0) {
             return fault("loss", "every part of the loss has weight 0".into());

@@ -1,7 +1,7 @@
 //! An asset made ready for sampling.
 
 use riglab_core::{Asset, JointId, Rig, Segment, Vec3};
-use riglab_geom::{SurfacePoint, SurfaceSampler};
+use riglab_geom::{SurfacePoint, SurfaceSampler, farthest_points};
 use riglab_metric::ACTIVE;
 use riglab_random::{Draw, Stream};
 
@@ -25,13 +25,27 @@ pub struct Bone {
     pub joint: JointId,
     /// Its segments.
     pub segments: Vec<Segment>,
-    /// The vertices it holds (above the threshold).
-    pub vertices: Vec<u32>,
-    /// Triangles with such a vertex, and running sums of their areas.
-    triangles: Vec<(u32, f32)>,
+    /// Where it holds the mesh: its weights pass the threshold.
+    pub held: Patch,
+    /// Around it: the vertices it does not hold that lie nearest to those it holds, as many as those
+    /// but at least [`SHELL`].
+    pub shell: Patch,
     /// All its non-zero weights, by vertex.
     weights: Vec<(u32, f32)>,
 }
+
+/// Vertices and the triangles that have one of them.
+pub struct Patch {
+    /// By number.
+    pub vertices: Vec<u32>,
+    /// By number, with running sums of their areas.
+    triangles: Vec<(u32, f32)>,
+}
+
+/// Vertices that a shell has at least, where the mesh has them.
+pub const SHELL: usize = 128;
+/// Vertices of a bone that nearness is measured to: spread over all it holds.
+const LANDMARKS: usize = 64;
 
 /// A point with what networks are told of it.
 #[derive(Clone, Copy, Debug)]
@@ -68,21 +82,30 @@ impl Prepared {
                 around[v as usize].push(t as u32);
             }
         }
+        let positions = rig.mesh().positions();
         let area = |t: u32| length(rig.mesh().area_vector(t as usize));
-        let bones = rig.skeleton().ids().zip(columns).zip(segments).filter_map(|((joint, weights), segments)| {
-            let vertices: Vec<u32> = weights.iter().filter(|(_, w)| *w > ACTIVE).map(|(v, _)| *v).collect();
-            if vertices.is_empty() {
-                return None;
-            }
+        let patch = |vertices: Vec<u32>, of: &dyn Fn(u32) -> bool| {
             let mut triangles: Vec<u32> = vertices.iter().flat_map(|&v| around[v as usize].iter().copied()).collect();
             triangles.sort_unstable();
             triangles.dedup();
+            triangles.retain(|&t| of(t));
             let mut sum = 0.0;
             let triangles = triangles.into_iter().map(|t| {
                 sum += area(t);
                 (t, sum)
             });
-            Some(Bone { joint, segments, vertices, triangles: triangles.collect(), weights })
+            Patch { triangles: triangles.collect(), vertices }
+        };
+        let bones = rig.skeleton().ids().zip(columns).zip(segments).filter_map(|((joint, weights), segments)| {
+            let held: Vec<u32> = weights.iter().filter(|(_, w)| *w > ACTIVE).map(|(v, _)| *v).collect();
+            if held.is_empty() {
+                return None;
+            }
+            let holds = |v: &u32| held.binary_search(v).is_ok();
+            let shell = shell(positions, &held);
+            let shell = patch(shell, &|t| !rig.mesh().triangles()[t as usize].iter().any(holds));
+            let held = patch(held, &|_| true);
+            Some(Bone { joint, segments, held, shell, weights })
         });
         Self { name: asset.name, bones: bones.collect(), normals, areas, rig }
     }
@@ -90,8 +113,7 @@ impl Prepared {
     /// About how many bytes it takes.
     pub fn bytes(&self) -> usize {
         let mesh = self.rig.mesh();
-        let bones: usize =
-            self.bones.iter().map(|b| 8 * (b.vertices.len() + b.triangles.len() + b.weights.len())).sum();
+        let bones: usize = self.bones.iter().map(|b| b.held.bytes() + b.shell.bytes() + 8 * b.weights.len()).sum();
         24 * mesh.positions().len() + 20 * mesh.triangles().len() + 8 * self.rig.weights().nonzero() + bones
     }
 
@@ -115,21 +137,40 @@ impl Prepared {
         self.surface(random)
     }
 
-    /// A point where a bone holds the mesh: one of its vertices with the given probability, else on
-    /// a triangle with such a vertex.
-    pub fn held(&self, bone: &Bone, vertex_share: f32, random: &mut Stream) -> Point {
-        let total = bone.triangles.last().map_or(0.0, |(_, sum)| *sum);
+    /// A point of a patch: one of its vertices with the given probability, else on its triangles.
+    /// `None` where the patch is empty.
+    pub fn within(&self, patch: &Patch, vertex_share: f32, random: &mut Stream) -> Option<Point> {
+        let total = patch.triangles.last().map_or(0.0, |(_, sum)| *sum);
         if total <= 0.0 || random.chance(vertex_share) {
-            return self.vertex(bone.vertices[random.below(bone.vertices.len())]);
+            let n = patch.vertices.len();
+            return (n > 0).then(|| self.vertex(patch.vertices[random.below(n)]));
         }
         let at = random.unit() * total;
-        let k = bone.triangles.partition_point(|(_, sum)| *sum <= at).min(bone.triangles.len() - 1);
-        self.on(SurfacePoint { triangle: bone.triangles[k].0, barycentric: riglab_geom::barycentric(random) })
+        let k = patch.triangles.partition_point(|(_, sum)| *sum <= at).min(patch.triangles.len() - 1);
+        Some(self.on(SurfacePoint { triangle: patch.triangles[k].0, barycentric: riglab_geom::barycentric(random) }))
     }
 
     fn on(&self, p: SurfacePoint) -> Point {
         let sampler = SurfaceSampler::with_sums(self.rig.mesh(), &self.areas);
         Point { position: sampler.position(&p), normal: sampler.normal(&p), at: Place::Surface(p) }
+    }
+
+    /// How much rarer a point is among samples than on the mesh, if those are drawn in these shares
+    /// where the bone holds the mesh, around that, and anywhere. Vertices are compared with vertices,
+    /// points of the surface with area.
+    pub fn rarity(&self, bone: &Bone, point: &Point, [held, shell, anywhere]: [f32; 3]) -> f32 {
+        // How much denser draws from a patch are than draws from anywhere, where the patch is.
+        let density = |patch: &Patch| match point.at {
+            Place::Vertex(v) if patch.vertices.binary_search(&v).is_ok() => {
+                self.normals.len() as f32 / patch.vertices.len() as f32
+            }
+            Place::Surface(p) if patch.triangles.binary_search_by_key(&p.triangle, |(t, _)| *t).is_ok() => {
+                let all = self.areas.last().copied().unwrap_or(0.0) as f32;
+                all / patch.triangles.last().map_or(f32::INFINITY, |(_, sum)| *sum).max(f32::MIN_POSITIVE)
+            }
+            _ => 0.0,
+        };
+        1.0 / (held * density(&bone.held) + shell * density(&bone.shell) + anywhere).max(1e-3)
     }
 
     /// A bone's weight at a point.
@@ -141,6 +182,12 @@ impl Prepared {
                 corners.iter().zip(p.barycentric).map(|(&v, share)| share * bone.weight(v)).sum()
             }
         }
+    }
+}
+
+impl Patch {
+    fn bytes(&self) -> usize {
+        4 * self.vertices.len() + 8 * self.triangles.len()
     }
 }
 
@@ -156,6 +203,46 @@ impl Bone {
     }
 }
 
+/// The vertices not in `held` (ascending) that lie nearest to it.
+fn shell(positions: &[Vec3], held: &[u32]) -> Vec<u32> {
+    let own: Vec<Vec3> = held.iter().map(|&v| positions[v as usize]).collect();
+    let landmarks: Vec<Vec3> = farthest_points(&own, LANDMARKS.min(own.len()), 0).into_iter().map(|k| own[k]).collect();
+    let distance = |p: &Vec3| {
+        let square = |a: &Vec3| (0..3).map(|k| (a[k] - p[k]).powi(2)).sum::<f32>();
+        landmarks.iter().map(square).fold(f32::INFINITY, f32::min)
+    };
+    let mut others: Vec<(f32, u32)> = Vec::with_capacity(positions.len() - held.len());
+    let mut next = held.iter().copied().peekable();
+    for (v, p) in positions.iter().enumerate() {
+        if next.next_if_eq(&(v as u32)).is_none() {
+            others.push((distance(p), v as u32));
+        }
+    }
+    let count = held.len().max(SHELL);
+    if others.len() > count {
+        others.select_nth_unstable_by(count - 1, |a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+        others.truncate(count);
+    }
+    let mut shell: Vec<u32> = others.into_iter().map(|(_, v)| v).collect();
+    shell.sort_unstable();
+    shell
+}
+
 fn length(v: Vec3) -> f32 {
     v.iter().map(|x| x * x).sum::<f32>().sqrt()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_shell_lies_around_what_is_held_and_never_in_it() {
+        let line: Vec<Vec3> = (0..1000).map(|i| [i as f32, 0.0, 0.0]).collect();
+        let held: Vec<u32> = (300..400).collect();
+        let found = shell(&line, &held);
+        assert_eq!(found, (236..300).chain(400..464).collect::<Vec<u32>>());
+        assert_eq!(shell(&line[..310], &held[..10]).len(), SHELL);
+        assert!(shell(&line[300..400], &(0..100).collect::<Vec<u32>>()).is_empty());
+    }
 }
