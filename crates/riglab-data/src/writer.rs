@@ -50,6 +50,7 @@ impl CorpusWriter {
     pub fn create(path: &Path) -> Result<Self, DataError> {
         let dir = path.parent().filter(|d| !d.as_os_str().is_empty()).unwrap_or(Path::new("."));
         let temp = tempfile::Builder::new()
+            .permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666))
             .prefix(".corpus-")
             .suffix(".tmp")
             .tempfile_in(dir)

@@ -11,7 +11,7 @@
 //! mask_entry         share of entries with |w - ŵ| < 0.01
 //! ```
 
-use serde::Serialize;
+use serde::{Deserialize, Deserializer, Serialize};
 
 /// Weights above this are active (SkinTokens 4.2.1).
 pub const ACTIVE: f32 = 0.01;
@@ -19,17 +19,31 @@ pub const ACTIVE: f32 = 0.01;
 const CLOSE: f64 = 0.01;
 
 /// The metrics of one asset, or of several pooled.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+///
+/// A ratio over nothing is NaN; JSON has it as null.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[allow(missing_docs)] // see the module's formulas
 pub struct SkinMetrics {
+    #[serde(deserialize_with = "nan_for_null")]
     pub l1: f64,
+    #[serde(deserialize_with = "nan_for_null")]
     pub l1_var: f64,
+    #[serde(deserialize_with = "nan_for_null")]
     pub precision: f64,
+    #[serde(deserialize_with = "nan_for_null")]
     pub recall: f64,
+    #[serde(deserialize_with = "nan_for_null")]
     pub iou: f64,
+    #[serde(deserialize_with = "nan_for_null")]
     pub mask_cover_bone: f64,
+    #[serde(deserialize_with = "nan_for_null")]
     pub mask_cover_vertex: f64,
+    #[serde(deserialize_with = "nan_for_null")]
     pub mask_entry: f64,
+}
+
+fn nan_for_null<'de, D: Deserializer<'de>>(from: D) -> Result<f64, D::Error> {
+    Ok(Option::<f64>::deserialize(from)?.unwrap_or(f64::NAN))
 }
 
 impl SkinMetrics {

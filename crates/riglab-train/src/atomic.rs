@@ -10,11 +10,19 @@ use std::path::Path;
 /// The file system's; an older file at the path is left alone.
 pub fn write_atomic(path: &Path, bytes: &[u8]) -> io::Result<()> {
     let dir = folder(path);
-    let mut temp = tempfile::Builder::new().prefix(".riglab-").suffix(".tmp").tempfile_in(dir)?;
+    let mut temp =
+        tempfile::Builder::new().permissions(ordinary()).prefix(".riglab-").suffix(".tmp").tempfile_in(dir)?;
     temp.write_all(bytes)?;
     temp.as_file().sync_all()?;
     temp.persist(path).map_err(|e| e.error)?;
     sync_folder(dir)
+}
+
+/// As any program's files: readable for others unless the user's mask says otherwise. Temporary
+/// files are private by default.
+fn ordinary() -> std::fs::Permissions {
+    use std::os::unix::fs::PermissionsExt;
+    std::fs::Permissions::from_mode(0o666)
 }
 
 /// Makes renames in a folder durable.

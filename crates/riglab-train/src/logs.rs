@@ -1,5 +1,6 @@
 //! What a run writes down.
 
+use std::collections::BTreeMap;
 use std::fs::{File, OpenOptions};
 use std::io::{BufRead, BufReader, Write};
 use std::path::{Path, PathBuf};
@@ -43,6 +44,18 @@ impl Logs {
         self.perf.add(step, values)
     }
 
+    /// The run's settings, for TensorBoard: as a text, and as a row of the table of runs, whose result
+    /// is the curve `objective`.
+    pub fn settings(&mut self, config: &str, objective: &str) {
+        let table: toml::Table = toml::from_str(config).unwrap_or_default();
+        let mut flat = BTreeMap::new();
+        flatten("", &table, &mut flat);
+        self.board(|b| {
+            b.text("config", &format!("```toml\n{config}\n```"), 0)?;
+            b.hparams(&flat, &[objective])
+        });
+    }
+
     /// Something for TensorBoard. A view that cannot be written is given up with a warning: it is not
     /// worth a run.
     pub fn board(&mut self, write: impl FnOnce(&mut TensorBoard) -> std::io::Result<()>) {
@@ -60,6 +73,18 @@ impl Logs {
         self.perf.sync()?;
         self.board(TensorBoard::flush);
         Ok(())
+    }
+}
+
+/// Values by their path, `a.b.c`.
+fn flatten(path: &str, table: &toml::Table, out: &mut BTreeMap<String, String>) {
+    for (key, value) in table {
+        let path = if path.is_empty() { key.clone() } else { format!("{path}.{key}") };
+        match value {
+            toml::Value::Table(inner) => flatten(&path, inner, out),
+            toml::Value::String(text) => drop(out.insert(path, text.clone())),
+            other => drop(out.insert(path, other.to_string())),
+        }
     }
 }
 

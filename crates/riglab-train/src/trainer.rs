@@ -68,7 +68,11 @@ pub fn train<T: Task>(task: &T, config: &TrainConfig, run: &Run, interrupt: &Int
             return Err(TrainError::Checkpoint { path: last.path().into(), message });
         }
     }
-    let logs = Logs::open(run, state.step)?;
+    let mut logs = Logs::open(run, state.step)?;
+    if state.step == 0 {
+        let text = std::fs::read_to_string(run.path("config.toml")).unwrap_or_default();
+        logs.settings(&text, &format!("eval/{}", task.objective().0));
+    }
     let mut trainer = Trainer { config, store, optimizer, ema, state, logs, window: Window::default() };
     trainer.run(task, interrupt)
 }

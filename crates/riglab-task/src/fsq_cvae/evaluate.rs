@@ -8,7 +8,7 @@ use riglab_metric::{Baseline, Codebook, SkinMetrics, SkinTally, bone_distances, 
 use riglab_nn::fsq_cvae::Shape;
 use riglab_nn::params::Weights;
 use riglab_random::{Draw, stream};
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use tch::{Kind, Tensor};
 
 use super::batch::{Batch, Maker, prepared};
@@ -17,7 +17,7 @@ use super::{FsqCvaeTask, tensors};
 use crate::assets::AssetId;
 
 /// Metrics of one way to get weights, over a split.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Row {
     /// The split.
     pub split: String,
@@ -34,7 +34,7 @@ pub struct Row {
 }
 
 /// One asset's own metrics.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct AssetRow {
     /// The split.
     pub split: String,
@@ -53,10 +53,10 @@ pub struct AssetRow {
 }
 
 /// What an evaluation found.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Report {
     /// Which formulas: SkinTokens' as `design` reads them, over the skinned bones of each asset.
-    pub convention: &'static str,
+    pub convention: String,
     /// The decode rule's cut, chosen on the validation split by pooled IoU with all codes.
     pub cut: f32,
     /// Tables.
@@ -68,7 +68,7 @@ pub struct Report {
 }
 
 /// How the codebook is used by a split.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct CodebookRow {
     /// Tokens counted: few of them cannot use many codes.
     pub tokens: u64,
@@ -281,8 +281,13 @@ impl FsqCvaeTask {
             progress(done);
         }
         let cut = self.config.eval.cuts[best_index(&rules)];
-        let mut report =
-            Report { convention: "skintokens", cut, rows: Vec::new(), assets: Vec::new(), codebook: BTreeMap::new() };
+        let mut report = Report {
+            convention: "skintokens".into(),
+            cut,
+            rows: Vec::new(),
+            assets: Vec::new(),
+            codebook: BTreeMap::new(),
+        };
         for split in &self.config.data.test {
             self.evaluate_split(w, split, &mut report, || {
                 done += 1;

@@ -3,7 +3,9 @@
 mod batch;
 mod config;
 mod evaluate;
+mod gallery;
 mod prepare;
+mod report;
 mod tensors;
 
 use std::sync::Arc;
@@ -18,7 +20,9 @@ use tch::{Device, Kind};
 pub use batch::{Batch, BatchSource};
 pub use config::{EvalConfig, FsqCvaeTaskConfig, LossConfig, PointMix, PrefixConfig, SamplingConfig};
 pub use evaluate::{AssetRow, CodebookRow, Encoded, Report, Row, Truth, ruled};
-pub use prepare::{Bone, Place, Point, Prepared};
+pub use gallery::Shown;
+pub use prepare::{Bone, Patch, Place, Point, Prepared};
+pub use report::Evaluation;
 
 use crate::assets::{AssetId, Assets, Cache};
 
@@ -111,7 +115,11 @@ impl Task for FsqCvaeTask {
     }
 
     fn validate(&self, w: &Weights, at: At) -> Result<Validation, String> {
-        Ok(Validation { metrics: self.validation(w, at.seed)?, pictures: Vec::new() })
+        let metrics = self.validation(w, at.seed)?;
+        let encoded = self.encode(w, self.validation_assets[0])?;
+        let (_, sheet) = self.sheet(w, &encoded, self.config.eval.cuts[0])?;
+        let pictures = vec![("validation/first".into(), sheet.width() as u32, sheet.height() as u32, sheet.to_png())];
+        Ok(Validation { metrics, pictures })
     }
 
     fn objective(&self) -> (&'static str, Better) {
@@ -138,12 +146,14 @@ pub fn loss_of(
     let codes = net.quantize(w, &latent, &cloud);
     let logits = net.decode(w, &codes, &cond, &points, geometry.as_ref());
     let predicted = logits.sigmoid();
+    let mass = tensors::mass(c, batch, device);
+    let mass = mass.as_ref();
     let mut loss = Loss::new()
-        .term("bce", c.loss.bce, loss::bce(&logits, &targets))
-        .term("mse", c.loss.mse, loss::mse(&predicted, &targets))
-        .term("dice", c.loss.dice, loss::dice(&predicted, &targets).mean(None::<Kind>));
+        .term("bce", c.loss.bce, loss::bce(&logits, &targets, mass))
+        .term("mse", c.loss.mse, loss::mse(&predicted, &targets, mass))
+        .term("dice", c.loss.dice, loss::dice(&predicted, &targets, mass).mean(None::<Kind>));
     if c.loss.support > 0.0 {
-        loss = loss.term("support", c.loss.support, loss::support(&logits, &targets, ACTIVE));
+        loss = loss.term("support", c.loss.support, loss::support(&logits, &targets, ACTIVE, mass));
     }
     Ok(loss.note("prefix", batch.prefix as f64))
 }

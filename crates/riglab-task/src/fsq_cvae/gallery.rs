@@ -1,0 +1,156 @@
+//! Pictures of what an evaluation saw: true and predicted weights of single assets.
+
+use riglab_core::{JointId, SkinWeights};
+use riglab_nn::params::Weights;
+use riglab_render::{
+    Palette, Picture, Theme, View, contact_sheet, joint_weights, misplaced_weight, render_errors, render_parts,
+    render_skeleton, render_weights,
+};
+use serde::{Deserialize, Serialize};
+
+use super::FsqCvaeTask;
+use super::evaluate::{Encoded, Report, Truth, ruled};
+use super::prepare::Prepared;
+use crate::assets::AssetId;
+
+/// Side of one picture of a sheet, in pixels.
+const SIDE: u32 = 280;
+/// Misplaced weight at the end of the colour scale.
+const ERROR_SHOWN: f32 = 0.5;
+
+/// One asset's sheet.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct Shown {
+    /// The PNG file, in the folder of the evaluation's pictures.
+    pub file: String,
+    /// The split.
+    pub split: String,
+    /// The asset.
+    pub name: String,
+    /// Why it is shown: `best`, `median` or `worst` of its split by IoU after the decode rule.
+    pub why: String,
+    /// That IoU.
+    pub iou: f64,
+    /// The bone in the second row: the one whose weights are off by most.
+    pub bone: String,
+}
+
+impl FsqCvaeTask {
+    /// Sheets of a few assets of each test split: `best` and `worst` of each, one in the middle.
+    ///
+    /// # Errors
+    /// When an asset cannot be read.
+    pub fn gallery(&self, w: &Weights, report: &Report, each: usize) -> Result<Vec<(Shown, Vec<u8>)>, String> {
+        let mut out: Vec<(Shown, Vec<u8>)> = Vec::new();
+        for split in &self.config.data.test {
+            let ids = self.assets.split(split).map_err(|e| e.to_string())?;
+            let rows = report.assets.iter().filter(|a| a.split == *split);
+            let mut ranked: Vec<(AssetId, f64)> = ids.into_iter().zip(rows.map(|a| a.iou)).collect();
+            ranked.retain(|(_, iou)| iou.is_finite());
+            ranked.sort_by(|a, b| b.1.total_cmp(&a.1));
+            for (why, k) in places(ranked.len(), each) {
+                let (id, iou) = ranked[k];
+                let encoded = self.encode(w, id)?;
+                let (bone, picture) = self.sheet(w, &encoded, report.cut)?;
+                let name = encoded.rig.name.clone();
+                let file = format!("{:02}-{split}-{why}.png", out.len() + 1);
+                let shown = Shown { file, split: split.clone(), name, why: why.into(), iou, bone };
+                out.push((shown, picture.to_png()));
+            }
+        }
+        Ok(out)
+    }
+
+    /// The sheet of one asset: above, skeleton, true parts, predicted parts and misplaced weight;
+    /// below, the worst bone, true, from the fewest codes, from all codes, and its error.
+    pub(super) fn sheet(&self, w: &Weights, encoded: &Encoded, cut: f32) -> Result<(String, Picture), String> {
+        let (rig, joints) = (&encoded.rig, encoded.rig.bones.len());
+        let truth = Truth::new(rig, None);
+        let all = self.config.model.skin_tokens;
+        let few = self.config.eval.prefixes.iter().copied().min().unwrap_or(all);
+        let weights = |k: usize| {
+            let raw = self.decode(w, encoded, &encoded.codes, k, &truth.points);
+            let dense = ruled(&raw, joints, cut);
+            sparse(rig, &dense).map(|sparse| (dense, sparse))
+        };
+        let ((dense, predicted), (_, rough)) = (weights(all)?, weights(few)?);
+        let worst = worst_bone(&truth.dense, &dense, joints);
+        let joint = rig.bones[worst].joint;
+        let name = rig.rig.skeleton().name(joint).to_string();
+
+        let view = View::square(SIDE).framed(rig.rig.bounds());
+        let mesh = rig.rig.mesh();
+        let shown = rig.rig.with_weights(predicted.clone()).map_err(|e| e.to_string())?;
+        let of = |weights: &SkinWeights| joint_weights(weights, joint);
+        let (t, p) = (of(rig.rig.weights()), of(&predicted));
+        let errors: Vec<f32> = t.iter().zip(&p).map(|(a, b)| (a - b).abs()).collect();
+        let misplaced = misplaced_weight(rig.rig.weights(), &predicted);
+        let column = |values: &[f32]| render_weights(mesh, values, &view, Palette::Dusk);
+        let cells = [
+            ("skeleton".to_string(), render_skeleton(&rig.rig, &view)),
+            ("true parts".into(), render_parts(&rig.rig, &view)),
+            (format!("predicted, {all} codes"), render_parts(&shown, &view)),
+            ("misplaced weight".into(), render_errors(mesh, &misplaced, ERROR_SHOWN, &view)),
+            (format!("true: {name}"), column(&t)),
+            (format!("{few} codes"), column(&of(&rough))),
+            (format!("{all} codes"), column(&p)),
+            ("error".into(), render_errors(mesh, &errors, ERROR_SHOWN, &view)),
+        ];
+        Ok((name, contact_sheet(&cells, 4, Theme::Light)))
+    }
+}
+
+/// Which places of a ranking of `n` are shown, and why: the first `each`, the middle, the last
+/// `each`, none twice.
+fn places(n: usize, each: usize) -> Vec<(&'static str, usize)> {
+    let each = each.min(n.saturating_sub(1).div_ceil(2)).max(n.min(1));
+    let worst = n - each.min(n);
+    let mut out: Vec<(&str, usize)> = (0..each.min(n)).map(|k| ("best", k)).collect();
+    if n / 2 >= each && n / 2 < worst {
+        out.push(("median", n / 2));
+    }
+    out.extend((worst.max(each)..n).map(|k| ("worst", k)));
+    out
+}
+
+/// The bone whose weights are off by most, summed over vertices; the first of equals.
+fn worst_bone(truth: &[f32], predicted: &[f32], joints: usize) -> usize {
+    let mut errors = vec![0.0f64; joints];
+    for (t, p) in truth.chunks_exact(joints).zip(predicted.chunks_exact(joints)) {
+        for (error, (t, p)) in errors.iter_mut().zip(t.iter().zip(p)) {
+            *error += f64::from((t - p).abs());
+        }
+    }
+    (0..joints).max_by(|&a, &b| errors[a].total_cmp(&errors[b]).then(b.cmp(&a))).unwrap_or(0)
+}
+
+/// Dense shares, a column a bone, as weights of the rig's joints.
+fn sparse(rig: &Prepared, dense: &[f32]) -> Result<SkinWeights, String> {
+    let joints: Vec<JointId> = rig.bones.iter().map(|b| b.joint).collect();
+    let rows = dense
+        .chunks_exact(joints.len())
+        .map(|row| row.iter().zip(&joints).filter(|(w, _)| **w > 0.0).map(|(&w, j)| (j.index() as u16, f64::from(w))));
+    SkinWeights::normalized(rows).map_err(|e| format!("{}: predicted weights are not weights: {e}", rig.name))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn best_median_and_worst_are_shown_once_each() {
+        assert_eq!(places(0, 2), []);
+        assert_eq!(places(1, 2), [("best", 0)]);
+        assert_eq!(places(2, 2), [("best", 0), ("worst", 1)]);
+        assert_eq!(places(3, 2), [("best", 0), ("median", 1), ("worst", 2)]);
+        assert_eq!(places(9, 2), [("best", 0), ("best", 1), ("median", 4), ("worst", 7), ("worst", 8)]);
+    }
+
+    #[test]
+    fn the_worst_bone_is_found() {
+        // Two vertices, three bones: what the third should hold, the first half holds.
+        let (truth, predicted) = ([0.5, 0.5, 0.0, 0.0, 0.2, 0.8], [0.5, 0.5, 0.0, 0.3, 0.2, 0.5]);
+        assert_eq!(worst_bone(&truth, &predicted, 3), 0);
+        assert_eq!(worst_bone(&truth, &[0.5, 0.5, 0.0, 0.2, 0.4, 0.4], 3), 2);
+    }
+}

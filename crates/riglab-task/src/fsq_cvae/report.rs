@@ -1,0 +1,156 @@
+//! An evaluation as a file, and as a part of a report.
+
+use riglab_report::{Block, Cell, Chart, Picture, Series, Table};
+use riglab_train::State;
+use serde::{Deserialize, Serialize};
+
+use super::evaluate::{Report, Row};
+use super::gallery::Shown;
+
+/// What `riglab eval` writes.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct Evaluation {
+    /// The checkpoint that was evaluated.
+    pub checkpoint: State,
+    /// The numbers.
+    pub report: Report,
+    /// The pictures, in the folder beside the file.
+    pub gallery: Vec<Shown>,
+}
+
+impl Evaluation {
+    /// Its part of a report; `picture` finds the bytes of a file of the gallery.
+    pub fn blocks(&self, picture: impl Fn(&str) -> Option<Vec<u8>>) -> Vec<Block> {
+        let report = &self.report;
+        let mut blocks = vec![Block::Heading("Skin weights of unseen assets".into())];
+        blocks.extend(self.splits().map(|split| Block::Text(verdict(report, split))));
+        blocks.extend(self.splits().map(|split| Block::Table(table(report, split))));
+        blocks.push(Block::Charts(self.splits().map(|split| by_tokens(report, split)).collect()));
+        blocks.push(Block::Heading("Codes".into()));
+        blocks.push(Block::Table(self.codes()));
+        if !self.gallery.is_empty() {
+            blocks.push(Block::Heading("Pictures".into()));
+            blocks.push(Block::Text(
+                "Above: skeleton, the artist's weights as coloured parts, ours, and the share of each vertex's weight \
+                 that is on a wrong bone. Below: the bone whose weights are off by most."
+                    .into(),
+            ));
+            let shown = |s: &Shown| {
+                let caption = format!("{} of {}: {}, IoU {:.3}; bone {}", s.why, s.split, s.name, s.iou, s.bone);
+                picture(&s.file).map(|png| Picture { caption, png })
+            };
+            blocks.push(Block::Pictures(self.gallery.iter().filter_map(shown).collect()));
+        }
+        blocks.push(Block::Folded("Every asset".into(), self.assets()));
+        blocks
+    }
+
+    fn splits(&self) -> impl Iterator<Item = &str> {
+        self.report.codebook.keys().map(String::as_str)
+    }
+
+    fn codes(&self) -> Table {
+        let head = ["split", "tokens", "distinct", "utilisation", "perplexity", "compression", "(2 bytes a code)"];
+        let mut table = Table::new("How the codebook is used, all codes kept", &head);
+        for (split, c) in &self.report.codebook {
+            table.row(vec![
+                Cell::text(split),
+                Cell::count(c.tokens as usize),
+                Cell::count(c.distinct),
+                Cell::number(c.utilisation, 4),
+                Cell::number(c.perplexity, 0),
+                Cell::number(c.compression_ratio, 1),
+                Cell::number(c.compression_ratio_16_bit, 1),
+            ]);
+        }
+        table.note = "Compression: 16-bit weights of every vertex over the bits of the codes, mean over assets. Few \
+                      tokens cannot use many codes: read utilisation beside the number of tokens."
+            .into();
+        table
+    }
+
+    fn assets(&self) -> String {
+        let mut text =
+            format!("{:12} {:>7} {:>8} {:>7} {:>8} {:>6}  name\n", "split", "IoU", "L1", "raw", "vertices", "bones");
+        for a in &self.report.assets {
+            text += &format!(
+                "{:12} {:>7.4} {:>8.5} {:>7.4} {:>8} {:>6}  {}\n",
+                a.split, a.iou, a.l1, a.raw_iou, a.vertices, a.bones, a.name
+            );
+        }
+        text
+    }
+}
+
+/// The sentence that says how good it is.
+fn verdict(report: &Report, split: &str) -> String {
+    let rows = || report.rows.iter().filter(move |r| r.split == split);
+    let ours = rows().filter(|r| r.method == "rule").max_by_key(|r| r.tokens);
+    let other = rows().filter(|r| r.tokens == 0).max_by(|a, b| a.pooled.iou.total_cmp(&b.pooled.iou));
+    let Some(ours) = ours else { return format!("{split}: nothing was evaluated.") };
+    let said = format!(
+        "{split}: over {} assets, {} codes a bone give IoU {:.3} ({:.3} as the mean of assets) and L1 {:.4}",
+        ours.assets, ours.tokens, ours.pooled.iou, ours.per_rig.iou, ours.pooled.l1
+    );
+    match other {
+        Some(b) => {
+            let than = if ours.pooled.iou > b.pooled.iou { "above" } else { "not above" };
+            format!("{said}: {than} the best rule without learning ({}, {:.3}).", b.method, b.pooled.iou)
+        }
+        None => said + ".",
+    }
+}
+
+fn table(report: &Report, split: &str) -> Table {
+    let rows: Vec<&Row> = report.rows.iter().filter(|r| r.split == split).collect();
+    let assets = rows.first().map_or(0, |r| r.assets);
+    let head = ["method", "tokens", "IoU", "IoU per rig", "L1", "precision", "recall", "mask"];
+    let mut table = Table::new(format!("{split}: {assets} assets, all vertices"), &head);
+    let most = rows.iter().map(|r| r.pooled.iou).fold(f64::NAN, f64::max);
+    let most_each = rows.iter().map(|r| r.per_rig.iou).fold(f64::NAN, f64::max);
+    let least = rows.iter().map(|r| r.pooled.l1).fold(f64::NAN, f64::min);
+    let mut learned = true;
+    for r in rows {
+        if learned && r.tokens == 0 {
+            table.line();
+        }
+        learned = r.tokens > 0;
+        let p = &r.pooled;
+        table.row(vec![
+            Cell::text(&r.method),
+            if r.tokens == 0 { Cell::none() } else { Cell::count(r.tokens) },
+            Cell::number(p.iou, 4).strong_if(p.iou == most),
+            Cell::number(r.per_rig.iou, 4).strong_if(r.per_rig.iou == most_each),
+            Cell::number(p.l1, 5).strong_if(p.l1 == least),
+            Cell::number(p.precision, 3),
+            Cell::number(p.recall, 3),
+            Cell::number(r.per_rig.mask_cover_bone, 3),
+        ]);
+    }
+    table.note = format!(
+        "Convention {}: weights above 0.01 are active; IoU and L1 pool all vertex-bone pairs of the split, bones that \
+         move nothing left out. raw: the network's output; rule: cut at {}, the four largest kept, rows made to sum to \
+         1. codes exchanged: each bone decoded from the codes of the next one, so the lower, the more the codes tell. \
+         Below the line: no learning, weights from distances to the bones.",
+        report.convention, report.cut
+    );
+    table
+}
+
+fn by_tokens(report: &Report, split: &str) -> Chart {
+    let line = |method: &str| Series {
+        name: method.into(),
+        points: report
+            .rows
+            .iter()
+            .filter(|r| r.split == split && r.method == method)
+            .map(|r| (r.tokens as f64, r.pooled.iou))
+            .collect(),
+    };
+    Chart {
+        title: format!("IoU by codes kept, {split}"),
+        x: "codes".into(),
+        series: vec![line("rule"), line("raw")],
+        log: false,
+    }
+}
