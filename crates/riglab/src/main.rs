@@ -25,9 +25,11 @@ struct Cli {
 #[derive(Subcommand)]
 enum Command {
     Inspect(commands::inspect::Args),
+    Synth(commands::synth::Args),
     Dataset(commands::dataset::Args),
     Train(commands::train::Args),
     Eval(commands::eval::Args),
+    Report(commands::report::Args),
     Doctor(commands::doctor::Args),
 }
 
@@ -36,6 +38,8 @@ fn main() -> ExitCode {
     let threads = cli.threads;
     let done = match cli.command {
         Command::Inspect(args) => commands::inspect::run(&args),
+        Command::Synth(args) => commands::synth::run(&args),
+        Command::Report(args) => commands::report::run(&args),
         Command::Dataset(args) => commands::dataset::run(&args),
         Command::Doctor(args) => commands::doctor::run(&args, threads),
         Command::Train(args) => commands::train::run(&args, threads),

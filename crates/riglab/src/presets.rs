@@ -9,12 +9,12 @@ static CONFIGS: Dir = include_dir!("$CARGO_MANIFEST_DIR/../../configs");
 static EXPERIMENTS: Dir = include_dir!("$CARGO_MANIFEST_DIR/../../experiments");
 
 /// Loads a config: a file, or an experiment that is compiled in by its name
-/// (`quickstart/fsq_cvae.toml`). What it extends is looked up beside it, in `configs/` of the
-/// working folder, then among the compiled-in ones.
+/// (`quickstart/fsq_cvae.toml`). What it extends is looked up beside it, in `configs/` and
+/// `experiments/` of the working folder, then among the compiled-in ones.
 pub fn load(name: &str, sets: &[String]) -> Result<Config, ConfigError> {
-    let configs = texts(&CONFIGS);
-    let search = [PathBuf::from("configs")];
-    let loader = Loader::new().search(&search).built_in(&configs);
+    let built_in = [texts(&CONFIGS), texts(&EXPERIMENTS)].concat();
+    let search = [PathBuf::from("configs"), PathBuf::from("experiments")];
+    let loader = Loader::new().search(&search).built_in(&built_in);
     let wanted = name.strip_prefix("experiments/").unwrap_or(name);
     match EXPERIMENTS.get_file(wanted).and_then(|f| f.contents_utf8()) {
         Some(text) if !PathBuf::from(name).is_file() => loader.parse(&format!("built-in {name}"), text, sets),

@@ -1,8 +1,11 @@
 //! The tasks by name: the one place that knows them all.
 
-use anyhow::{Result, anyhow, bail};
+use std::path::Path;
+
+use anyhow::{Context, Result, anyhow, bail};
 use riglab_config::Config;
-use riglab_task::fsq_cvae::{FsqCvaeTask, FsqCvaeTaskConfig};
+use riglab_report::Block;
+use riglab_task::fsq_cvae::{Evaluation, FsqCvaeTask, FsqCvaeTaskConfig};
 use riglab_train::TrainConfig;
 use tch::Device;
 
@@ -52,5 +55,23 @@ impl TaskConfig {
         match self {
             Self::FsqCvae(c) => FsqCvaeTask::new(c.as_ref().clone(), device).map_err(|e| anyhow!(e)),
         }
+    }
+}
+
+/// The part of a run's report that its task knows how to show; empty before the first evaluation.
+pub fn evaluation_blocks(task: &str, run: &Path) -> Result<Vec<Block>> {
+    let path = run.join("eval.json");
+    if !path.exists() {
+        return Ok(Vec::new());
+    }
+    let shown = || path.display();
+    let text = std::fs::read_to_string(&path).with_context(|| format!("{} cannot be read", shown()))?;
+    match task {
+        "fsq_cvae" => {
+            let evaluation: Evaluation = serde_json::from_str(&text)
+                .with_context(|| format!("{} cannot be understood; make it anew with `riglab eval`", shown()))?;
+            Ok(evaluation.blocks(|file| std::fs::read(run.join("eval").join(file)).ok()))
+        }
+        _ => bail!("{}: run.json names no known task (`{task}`)", run.display()),
     }
 }

@@ -1,10 +1,11 @@
 //! `riglab eval`
 
-use std::path::PathBuf;
+use std::fs;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
-use anyhow::{Result, anyhow};
-use riglab_task::fsq_cvae::{Report, Row};
+use anyhow::{Context, Result, anyhow};
+use riglab_task::fsq_cvae::{Evaluation, Report, Row};
 use riglab_train::{Checkpoint, Progress, Task, write_atomic};
 use tch::Device;
 
@@ -13,7 +14,7 @@ use crate::registry::TaskConfig;
 
 /// Evaluate a run's checkpoint on whole meshes of the test splits.
 ///
-/// Prints the table and writes eval.json into the run's folder.
+/// Prints the table; writes eval.json and pictures of the best and the worst into the run's folder.
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:
@@ -31,9 +32,12 @@ pub struct Args {
     /// Print eval.json instead of the table.
     #[arg(long)]
     json: bool,
-    /// Where to write the result [default: RUN/eval.json].
+    /// Where to write the result [default: RUN/eval.json]; pictures stand beside, in FILE without ending.
     #[arg(long, short, value_name = "FILE")]
     out: Option<PathBuf>,
+    /// Best and worst assets of each split to draw.
+    #[arg(long, default_value_t = 2, value_name = "N")]
+    pictures: usize,
 }
 
 pub fn run(args: &Args, threads: usize) -> Result<ExitCode> {
@@ -42,21 +46,37 @@ pub fn run(args: &Args, threads: usize) -> Result<ExitCode> {
     let task = config.open(Device::Cpu)?;
     let checkpoint = Checkpoint::open(&args.run.join("checkpoints").join(&args.checkpoint))?;
     checkpoint.load_weights(task.params())?;
+    let weights = task.params().weights();
     let total = task.evaluation_assets().map_err(|e| anyhow!(e))? as u64;
     let mut progress = Progress::new("evaluating", total, 0);
-    let report = task.evaluate(task.params().weights(), |done| progress.set(done as u64, String::new));
+    let report = task.evaluate(weights, |done| progress.set(done as u64, String::new));
     progress.finish();
     let report = report.map_err(|e| anyhow!(e))?;
-    let value = serde_json::json!({ "checkpoint": checkpoint.state(), "report": report });
-    let text = serde_json::to_string_pretty(&value)? + "\n";
+    let sheets = match args.pictures {
+        0 => Vec::new(),
+        each => task.gallery(weights, &report, each).map_err(|e| anyhow!(e))?,
+    };
     let path = args.out.clone().unwrap_or_else(|| args.run.join("eval.json"));
-    write_atomic(&path, text.as_bytes()).map_err(|e| anyhow!("{}: {e}", path.display()))?;
+    let folder = path.with_extension("");
+    for (shown, png) in &sheets {
+        fs::create_dir_all(&folder).with_context(|| format!("{} cannot be made", folder.display()))?;
+        write(&folder.join(&shown.file), png)?;
+    }
+    let gallery = sheets.into_iter().map(|(shown, _)| shown).collect();
+    let evaluation = Evaluation { checkpoint: checkpoint.state().clone(), report, gallery };
+    let text = serde_json::to_string_pretty(&evaluation)? + "\n";
+    write(&path, text.as_bytes())?;
     if args.json {
         print!("{text}")
     } else {
-        print(&report)
+        print(&evaluation.report);
+        eprintln!("next: riglab report {}", args.run.display());
     }
     Ok(ExitCode::SUCCESS)
+}
+
+fn write(path: &Path, bytes: &[u8]) -> Result<()> {
+    write_atomic(path, bytes).with_context(|| format!("{} cannot be written", path.display()))
 }
 
 fn print(report: &Report) {

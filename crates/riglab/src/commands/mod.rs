@@ -4,4 +4,6 @@ pub mod dataset;
 pub mod doctor;
 pub mod eval;
 pub mod inspect;
+pub mod report;
+pub mod synth;
 pub mod train;

@@ -1,0 +1,105 @@
+//! From a body to a rig with about as many triangles as were asked for.
+
+use std::ops::RangeInclusive;
+
+use riglab_core::{Mesh, Rig, SkinWeights};
+
+use crate::body::Body;
+use crate::cells::{Cells, Sizes};
+use crate::field::Field;
+use crate::net::{Polygon, polygons};
+use crate::piece::PieceMesh;
+use crate::skin::{self, Row};
+use crate::surface::Surface;
+use crate::turn::pow;
+
+/// How a body is meshed and skinned.
+#[derive(Clone, Debug)]
+pub(crate) struct Finish {
+    /// Triangles to aim at.
+    pub target: u32,
+    /// Triangles that are accepted.
+    pub accepted: RangeInclusive<u32>,
+    /// How far cell sizes follow thickness: 0 gives one size everywhere, 1 as many triangles
+    /// around a finger as around the chest.
+    pub adaption: f32,
+    /// Reach of a joint's weights along a limb, in radii.
+    pub softness: f32,
+}
+
+/// How often the cell size is corrected. Triangles go with its inverse square, so few will do.
+const CORRECTIONS: usize = 6;
+
+/// Share of the target that need not be corrected.
+const NEAR_ENOUGH: f32 = 0.03;
+
+/// Mesh and weights of a body.
+pub(crate) fn assemble(body: &Body, finish: &Finish) -> PieceMesh {
+    let field = Field::new(body);
+    let target = finish.target as f32;
+    let mut scale = first_scale(body, finish);
+    let mut best: Option<(f32, Cells, Vec<Polygon>, f32)> = None;
+    let mut last = 0.0;
+    for _ in 0..CORRECTIONS {
+        let cells = Cells::new(&field, &sizes(body, finish, scale));
+        let polygons = polygons(&cells);
+        let skin: usize = polygons.iter().map(|p| p.sides() - 2).sum();
+        let apart: usize = pieces(body, finish, scale).map(|p| p.triangles.len()).sum();
+        let count = (skin + apart) as f32;
+        let miss = (count / target).max(target / count);
+        let tried = scale;
+        scale *= (count / target).sqrt();
+        if best.as_ref().is_none_or(|(least, ..)| miss < *least) {
+            best = Some((miss, cells, polygons, tried));
+        }
+        let near = miss < 1.0 + NEAR_ENOUGH && finish.accepted.contains(&(count as u32));
+        // Thin parts may need small cells whatever the scale: then nothing changes any more.
+        if near || (count - last).abs() < 0.02 * count {
+            break;
+        }
+        last = count;
+    }
+    let (_, cells, polygons, scale) = best.expect("at least one try");
+    let surface = Surface::new(&field, &cells, &polygons);
+    let rows = skin::weights(body, &surface, if body.rigid { 0.0 } else { finish.softness });
+    joined(surface, rows, pieces(body, finish, scale))
+}
+
+/// The rig of an assembled body.
+pub(crate) fn rig(body: &Body, assembled: PieceMesh) -> Rig {
+    let PieceMesh { positions, triangles, weights } = assembled;
+    let mesh = Mesh::new(positions.into_iter().map(Into::into).collect(), triangles).expect("finite and in range");
+    let rows = weights.into_iter().map(|row| row.into_iter().map(|(j, w)| (j, f64::from(w))).collect::<Vec<_>>());
+    let weights = SkinWeights::normalized(rows).expect("every vertex has a joint");
+    Rig::new(body.skeleton(), mesh, weights).expect("one row a vertex, joints of the body")
+}
+
+/// Cell size per metre of thickness to the power of the adaption, from the area to cover.
+fn first_scale(body: &Body, finish: &Finish) -> f32 {
+    let skin = body.parts.iter().map(|p| (p.area(), p.mean()));
+    let apart = body.pieces.iter().map(|p| (p.area(), p.scale()));
+    // Two triangles a cell; cells are on average three quarters of the wanted size.
+    let wanted: f32 = skin.chain(apart).map(|(area, r)| area / pow(r, 2.0 * finish.adaption)).sum();
+    (2.0 * wanted / (0.56 * finish.target as f32)).sqrt()
+}
+
+fn sizes(body: &Body, finish: &Finish, scale: f32) -> Sizes {
+    let at_part = body.parts.iter().map(|part| part.visible_at().min(scale * pow(part.mean(), finish.adaption)));
+    Sizes { unit: scale, at_part: at_part.collect() }
+}
+
+fn pieces<'a>(body: &'a Body, finish: &'a Finish, scale: f32) -> impl Iterator<Item = PieceMesh> + 'a {
+    body.pieces.iter().map(move |p| p.mesh(0.75 * scale * pow(p.scale(), finish.adaption)))
+}
+
+/// The skin's vertices and triangles come first.
+fn joined(surface: Surface, rows: Vec<Row>, pieces: impl Iterator<Item = PieceMesh>) -> PieceMesh {
+    let mut mesh = PieceMesh { positions: surface.positions, triangles: surface.triangles, weights: rows };
+    for piece in pieces {
+        let first = mesh.positions.len() as u32;
+        mesh.positions.extend(piece.positions);
+        mesh.weights.extend(piece.weights);
+        mesh.triangles.extend(piece.triangles.into_iter().map(|t| t.map(|v| v + first)));
+    }
+    mesh
+}

@@ -1,0 +1,60 @@
+//! Body plans: what kinds of creature there are.
+
+use crate::body::Body;
+use crate::dice::Dice;
+use crate::plans;
+
+/// A kind of creature.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Plan {
+    /// Two legs, two arms, upright: 22 joints with Mixamo's names, up to 52 with fingers.
+    Biped,
+    /// Four legs, a neck and mostly a tail: from mouse to horse.
+    Quadruped,
+    /// Fins and a tail that swings sideways or, for dolphins and their like, up and down.
+    Fish,
+}
+
+impl Plan {
+    /// Every plan.
+    pub const ALL: [Self; 3] = [Self::Biped, Self::Quadruped, Self::Fish];
+
+    /// Its name in lower case, as in asset names and options.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Biped => "biped",
+            Self::Quadruped => "quadruped",
+            Self::Fish => "fish",
+        }
+    }
+
+    /// The category of its creatures, for [`riglab_core::Provenance::category`].
+    pub fn category(self) -> &'static str {
+        match self {
+            Self::Biped => "humanoid",
+            Self::Quadruped => "quadruped",
+            Self::Fish => "aquatic",
+        }
+    }
+
+    /// A creature of this plan, with as much detail as `triangles` can show.
+    pub(crate) fn body(self, dice: &mut Dice, triangles: u32) -> Body {
+        match self {
+            Self::Biped => plans::biped::body(dice, triangles),
+            Self::Quadruped => plans::quadruped::body(dice, triangles),
+            Self::Fish => plans::fish::body(dice, triangles),
+        }
+    }
+}
+
+impl std::str::FromStr for Plan {
+    type Err = String;
+
+    /// From a [`Plan::name`]; the error lists them.
+    fn from_str(name: &str) -> Result<Self, String> {
+        Self::ALL.into_iter().find(|plan| plan.name() == name).ok_or_else(|| {
+            let names = Self::ALL.map(Self::name).join(", ");
+            format!("no body plan is called `{name}`; there are {names}")
+        })
+    }
+}

@@ -1,0 +1,5 @@
+//! One module a body plan.
+
+pub(crate) mod biped;
+pub(crate) mod fish;
+pub(crate) mod quadruped;

@@ -1,0 +1,92 @@
+//! `riglab synth`
+
+use std::fs;
+use std::ops::RangeInclusive;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+use anyhow::{Context, Result, bail};
+use rayon::prelude::*;
+use riglab_asset::to_glb;
+use riglab_core::Asset;
+use riglab_synth::{Options, Plan, creature};
+use riglab_train::{Progress, write_atomic};
+
+/// Make rigged creatures: files to try everything on, without any of your own.
+///
+/// Each is drawn by seed and number, so the same command makes the same files. A manifest.json
+/// beside them states plan and licence (CC0).
+#[derive(clap::Args)]
+#[command(after_help = "\
+Examples:
+  riglab synth -o creatures --count 120
+  riglab synth -o fish --plans fish --seed 7 --triangles 500..2000")]
+pub struct Args {
+    /// Folder to write GLB files into; made if there is none, else it must be empty.
+    #[arg(long, short, value_name = "DIR")]
+    out: PathBuf,
+    /// How many.
+    #[arg(long, default_value_t = 60, value_name = "N")]
+    count: u64,
+    /// Seed.
+    #[arg(long, default_value_t = 0)]
+    seed: u64,
+    /// Body plans, taken in turn.
+    #[arg(long, value_delimiter = ',', value_name = "PLAN,..", default_values_t = Plan::ALL.map(|p| p.name().to_string()))]
+    plans: Vec<String>,
+    /// Triangles of a creature, at least and at most.
+    #[arg(long, default_value = "2000..8000", value_name = "MIN..MAX", value_parser = range)]
+    triangles: RangeInclusive<u32>,
+}
+
+fn range(text: &str) -> Result<RangeInclusive<u32>, String> {
+    let parts: Option<Vec<u32>> = text.split("..").map(|n| n.trim_start_matches('=').trim().parse().ok()).collect();
+    match parts.as_deref() {
+        Some(&[least, most]) if (100..=most).contains(&least) && most <= 1_000_000 => Ok(least..=most),
+        _ => Err("give two numbers from 100 to 1000000, as 2000..8000".into()),
+    }
+}
+
+/// Creatures made before they are written: bounds memory.
+const AT_ONCE: usize = 64;
+
+pub fn run(args: &Args) -> Result<ExitCode> {
+    let plans: Result<Vec<Plan>, String> = args.plans.iter().map(|p| p.parse()).collect();
+    let options = Options { plans: plans.map_err(anyhow::Error::msg)?, triangles: args.triangles.clone() };
+    if options.plans.is_empty() || args.count == 0 {
+        bail!("nothing to make: give at least one plan and --count 1");
+    }
+    let out = &args.out;
+    fs::create_dir_all(out).with_context(|| format!("{} cannot be made", out.display()))?;
+    let mut entries = fs::read_dir(out).with_context(|| format!("{} cannot be read", out.display()))?;
+    if entries.next().is_some() {
+        bail!("{} is not empty; give another folder, so that nothing is overwritten", out.display());
+    }
+    let mut progress = Progress::new("making creatures", args.count, 0);
+    let numbers: Vec<u64> = (0..args.count).collect();
+    let mut manifest = Vec::new();
+    for chunk in numbers.chunks(AT_ONCE) {
+        let made: Result<Vec<serde_json::Value>> =
+            chunk.par_iter().map(|&k| write(out, &creature(args.seed, k, &options))).collect();
+        manifest.extend(made?);
+        progress.set(manifest.len() as u64, String::new);
+    }
+    progress.finish();
+    // Written last: a folder with a manifest is complete.
+    put(&out.join("manifest.json"), (serde_json::to_string_pretty(&manifest)? + "\n").as_bytes())?;
+    eprintln!("next: riglab dataset import {} -o corpus.h5", out.display());
+    println!("{}: {} creatures", out.display(), manifest.len());
+    Ok(ExitCode::SUCCESS)
+}
+
+/// Writes one creature; gives its entry of the manifest.
+fn write(out: &Path, asset: &Asset) -> Result<serde_json::Value> {
+    let file = format!("{}.glb", asset.name);
+    put(&out.join(&file), &to_glb(asset))?;
+    let from = &asset.provenance;
+    Ok(serde_json::json!({"file": file, "source": from.source, "licence": from.licence, "category": from.category}))
+}
+
+fn put(path: &Path, bytes: &[u8]) -> Result<()> {
+    write_atomic(path, bytes).with_context(|| format!("{} cannot be written", path.display()))
+}

@@ -1,0 +1,197 @@
+//! What goes wrong ends in a sentence that names the file and the remedy, with earlier work intact.
+
+mod binary;
+
+use std::fs;
+use std::os::unix::fs::PermissionsExt;
+use std::path::Path;
+use std::process::Command;
+use std::sync::OnceLock;
+
+use binary::{config, corpus, must, refusal, riglab, text};
+
+/// One corpus and one short run for all tests.
+fn ready() -> &'static Path {
+    static READY: OnceLock<tempfile::TempDir> = OnceLock::new();
+    let dir = READY.get_or_init(|| {
+        let dir = tempfile::tempdir().unwrap();
+        let corpus = corpus(dir.path(), 12);
+        let config = config(dir.path(), &corpus, "[train]\nsteps = 3\n[eval]\nvalidation_vertices = 20\n");
+        must(&["train", text(&config), "--run", text(&dir.path().join("run"))]);
+        dir
+    });
+    dir.path()
+}
+
+/// Trains the shared config with one more setting; gives what was said.
+fn with(set: &str) -> String {
+    let temp = tempfile::tempdir().unwrap();
+    let run = temp.path().join("run");
+    let said = refusal(&mut riglab(&["train", text(&ready().join("config.toml")), "--run", text(&run), "--set", set]));
+    assert!(!run.join("checkpoints/last").exists());
+    said
+}
+
+#[test]
+fn settings_that_cannot_be_are_refused_by_key() {
+    for (set, parts) in [
+        ("model.encoder_width=65", &["encoder_width", "heads"][..]),
+        ("model.levels=[1, 8]", &["levels"]),
+        ("train.steps=0", &["train.steps", "at least 1"]),
+        ("train.stpes=10", &["train.stpes", "steps"]),
+        ("train.steps='ten'", &["train.steps"]),
+        ("sampling.shape_points=4", &["shape_points"]),
+        ("data.train=['nowhere']", &["data.train", "nowhere"]),
+        ("task='fsq_vae'", &["fsq_vae", "fsq_cvae"]),
+    ] {
+        let said = with(set);
+        for part in parts {
+            assert!(said.contains(part), "{set}: {said}");
+        }
+    }
+}
+
+#[test]
+fn a_corpus_that_is_missing_cut_off_or_something_else_is_named() {
+    let dir = tempfile::tempdir().unwrap();
+    let whole = fs::read(ready().join("corpus.h5")).unwrap();
+    let cut = dir.path().join("cut.h5");
+    for share in [0, 10, 50, 99] {
+        fs::write(&cut, &whole[..whole.len() * share / 100]).unwrap();
+        for args in [&["dataset", "stats", text(&cut)][..], &["dataset", "verify", text(&cut)]] {
+            let said = refusal(&mut riglab(args));
+            assert!(said.contains("cut.h5"), "{share} %: {said}");
+        }
+    }
+    for corpus in [dir.path().join("nowhere.h5"), cut] {
+        let said = with(&format!("data.corpora=['{}']", text(&corpus)));
+        assert!(said.contains(text(&corpus)), "{said}");
+    }
+    let text_file = dir.path().join("notes.h5");
+    fs::write(&text_file, "not a corpus").unwrap();
+    assert!(refusal(&mut riglab(&["dataset", "inspect", text(&text_file)])).contains("notes.h5"));
+}
+
+#[test]
+fn a_changed_byte_is_found_by_verify() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("changed.h5");
+    let mut bytes = fs::read(ready().join("corpus.h5")).unwrap();
+    // In the largest block of data there is: vertices, faces or weights.
+    let middle = bytes.len() / 2;
+    bytes[middle] ^= 0x40;
+    fs::write(&path, bytes).unwrap();
+    let said = refusal(&mut riglab(&["dataset", "verify", text(&path)]));
+    assert!(said.contains("damaged") || said.contains("changed.h5"), "{said}");
+}
+
+#[test]
+fn folders_and_files_without_rigs_are_refused() {
+    let dir = tempfile::tempdir().unwrap();
+    let out = dir.path().join("c.h5");
+    let empty = dir.path().join("empty");
+    fs::create_dir(&empty).unwrap();
+    let import = |folder: &Path| refusal(&mut riglab(&["dataset", "import", text(folder), "-o", text(&out)]));
+    assert!(import(&empty).contains("empty"));
+    assert!(import(&dir.path().join("nowhere")).contains("nowhere"));
+    let (broken, cut) = (empty.join("broken.glb"), empty.join("cut.glb"));
+    fs::write(&broken, b"").unwrap();
+    let creature = fs::read_dir(ready().join("files")).unwrap().map(|e| e.unwrap().path());
+    let creature = creature.into_iter().find(|p| p.extension().is_some_and(|e| e == "glb")).unwrap();
+    let bytes = fs::read(creature).unwrap();
+    fs::write(&cut, &bytes[..bytes.len() / 2]).unwrap();
+    assert!(import(&empty).contains("none of the 2 files"));
+    for file in [&broken, &cut] {
+        let said = refusal(&mut riglab(&["inspect", text(file)]));
+        assert!(said.contains(text(file)), "{said}");
+    }
+    assert!(!out.exists());
+    // One good file among them is enough, and the others are told.
+    fs::write(empty.join("good.glb"), &bytes).unwrap();
+    let told = must(&["dataset", "import", text(&empty), "-o", text(&out)]);
+    let told = String::from_utf8_lossy(&told.stderr).into_owned();
+    assert!(told.contains("broken.glb") && told.contains("cut.glb"), "{told}");
+}
+
+#[test]
+fn a_checkpoint_of_another_model_is_refused_and_kept() {
+    let dir = tempfile::tempdir().unwrap();
+    copy(&ready().join("run"), &dir.path().join("run"));
+    let run = dir.path().join("run");
+    let path = run.join("config.toml");
+    let text_of = fs::read_to_string(&path).unwrap();
+    assert!(text_of.contains("decoder_width = 64"));
+    fs::write(&path, text_of.replace("decoder_width = 64", "decoder_width = 32")).unwrap();
+    let before = fs::read(run.join("checkpoints/step-3/model.safetensors")).unwrap();
+    for args in [&["eval", text(&run)][..], &["train", "--resume", text(&run)]] {
+        let said = refusal(&mut riglab(args));
+        assert!(said.contains("step-3") || said.contains("best"), "{said}");
+    }
+    assert_eq!(fs::read(run.join("checkpoints/step-3/model.safetensors")).unwrap(), before);
+    assert!(refusal(&mut riglab(&["eval", text(&dir.path().join("none"))])).contains("none"));
+}
+
+#[test]
+fn a_full_disk_ends_the_run_and_leaves_its_last_checkpoint() {
+    let dir = tempfile::tempdir().unwrap();
+    copy(&ready().join("run"), &dir.path().join("run"));
+    let run = dir.path().join("run");
+    let path = run.join("config.toml");
+    let longer = fs::read_to_string(&path).unwrap().replace("steps = 3\n", "steps = 6\n");
+    fs::write(&path, longer).unwrap();
+    // Files may not grow beyond 64 KB: smaller than a checkpoint's weights.
+    let said = refusal(&mut limited(&["train", "--resume", text(&run)], 128));
+    assert!(said.contains("checkpoints"), "{said}");
+    must(&["eval", text(&run), "--checkpoint", "last", "--pictures", "0"]);
+    must(&["train", "--resume", text(&run)]);
+    assert!(run.join("checkpoints/step-6").is_dir());
+
+    let out = dir.path().join("c.h5");
+    let said = refusal(&mut limited(&["dataset", "import", text(&ready().join("files")), "-o", text(&out)], 128));
+    assert!(said.contains("c.h5") || said.contains(text(dir.path())), "{said}");
+    assert!(!out.exists());
+    let left: Vec<_> = fs::read_dir(dir.path()).unwrap().map(|e| e.unwrap().file_name()).collect();
+    assert_eq!(left.len(), 1, "only the run is left: {left:?}");
+}
+
+/// A call whose files may have so many blocks of 512 bytes; writing beyond fails as on a full disk.
+fn limited(args: &[&str], blocks: u32) -> Command {
+    let mut command = Command::new("sh");
+    let script = format!("trap '' XFSZ; ulimit -f {blocks}; exec \"$0\" \"$@\"");
+    command.args(["-c", &script, env!("CARGO_BIN_EXE_riglab"), "--threads", "1"]).args(args);
+    command
+}
+
+#[test]
+fn a_folder_without_permission_is_named() {
+    let dir = tempfile::tempdir().unwrap();
+    let closed = dir.path().join("closed");
+    fs::create_dir(&closed).unwrap();
+    fs::set_permissions(&closed, fs::Permissions::from_mode(0o500)).unwrap();
+    if fs::write(closed.join("probe"), b"").is_ok() {
+        println!("skipped: this user may write everywhere");
+        return;
+    }
+    let run = closed.join("run");
+    let config = ready().join("config.toml");
+    assert!(refusal(&mut riglab(&["train", text(&config), "--run", text(&run)])).contains("closed"));
+    let out = closed.join("c.h5");
+    let files = ready().join("files");
+    assert!(refusal(&mut riglab(&["dataset", "import", text(&files), "-o", text(&out)])).contains("closed"));
+    assert!(refusal(&mut riglab(&["synth", "-o", text(&closed.join("s"))])).contains("closed"));
+}
+
+#[test]
+fn what_is_there_is_not_overwritten() {
+    let run = ready().join("run");
+    let said = refusal(&mut riglab(&["train", text(&ready().join("config.toml")), "--run", text(&run)]));
+    assert!(said.contains("--resume"), "{said}");
+    let said = refusal(&mut riglab(&["synth", "-o", text(&ready().join("files"))]));
+    assert!(said.contains("not empty"), "{said}");
+}
+
+/// A folder with what is in it; links stay links.
+fn copy(from: &Path, to: &Path) {
+    let status = Command::new("cp").arg("-a").args([from, to]).status().unwrap();
+    assert!(status.success());
+}

@@ -1,0 +1,75 @@
+//! The whole way by the product's commands, at the smallest scale that still learns something.
+
+mod binary;
+
+use std::fs;
+
+use binary::{config, corpus, must, text};
+use serde_json::Value;
+
+#[test]
+fn from_files_to_a_report() {
+    let dir = tempfile::tempdir().unwrap();
+    let corpus = corpus(dir.path(), 24);
+    let stats = String::from_utf8(must(&["dataset", "stats", text(&corpus), "--json"]).stdout).unwrap();
+    let stats: Value = serde_json::from_str(&stats).unwrap();
+    assert_eq!(stats["all"]["assets"], 24);
+    must(&["dataset", "verify", text(&corpus)]);
+
+    let settings =
+        "[train]\nsteps = 120\nvalidate_every = 40\n[train.schedule]\nwarmup = 10\n[eval]\nprefixes = [2, 16]\n";
+    let config = config(dir.path(), &corpus, settings);
+    let run = dir.path().join("run");
+    must(&["train", text(&config), "--run", text(&run)]);
+    let metrics: Vec<Value> = fs::read_to_string(run.join("metrics.jsonl"))
+        .unwrap()
+        .lines()
+        .map(|l| serde_json::from_str(l).expect("each line is JSON"))
+        .collect();
+    let losses: Vec<f64> = metrics.iter().filter_map(|l| l["train/loss"].as_f64()).collect();
+    assert_eq!(losses.len(), 120);
+    let mean = |part: &[f64]| part.iter().sum::<f64>() / part.len() as f64;
+    assert!(mean(&losses[100..]) < 0.8 * mean(&losses[..20]), "it learns: {:?}", &losses[..20]);
+    let ious: Vec<f64> = metrics.iter().filter_map(|l| l["eval/iou_rule@val"].as_f64()).collect();
+    assert_eq!(ious.len(), 3);
+    assert!(ious[2] > ious[0] && ious[2] > 0.2, "{ious:?}");
+    let info: Value = serde_json::from_str(&fs::read_to_string(run.join("run.json")).unwrap()).unwrap();
+    assert_eq!(info["outcome"], "finished");
+    let board: Vec<_> = fs::read_dir(run.join("tensorboard")).unwrap().collect();
+    assert_eq!(board.len(), 1);
+
+    let report = dir.path().join("report.html");
+    must(&["report", text(&run), "-o", text(&report)]);
+    assert!(fs::read_to_string(&report).unwrap().contains("Not evaluated yet"));
+    let said = String::from_utf8(must(&["eval", text(&run), "--json", "--pictures", "1"]).stdout).unwrap();
+    let evaluation: Value = serde_json::from_str(&said).unwrap();
+    let rows = evaluation["report"]["rows"].as_array().unwrap();
+    for method in ["raw", "rule", "rule, codes exchanged", "nearest bone", "1/d^2, top 4, cut 0.15"] {
+        assert!(rows.iter().any(|r| r["method"] == method), "no row {method}");
+    }
+    must(&["report", text(&run), "-o", text(&report)]);
+    let html = fs::read_to_string(&report).unwrap();
+    assert!(html.matches("data:image/png").count() >= 2 && html.contains("<svg") && html.contains("config.toml"));
+
+    // The resolved config repeats the run.
+    let again = dir.path().join("again");
+    must(&["train", text(&run.join("config.toml")), "--run", text(&again)]);
+    let read = |run: &std::path::Path| fs::read(run.join("checkpoints/step-120/model.safetensors")).unwrap();
+    assert!(read(&run) == read(&again));
+}
+
+#[test]
+fn creatures_are_the_same_for_the_same_seed() {
+    let dir = tempfile::tempdir().unwrap();
+    let make = |name: &str, seed: &str| {
+        let out = dir.path().join(name);
+        must(&["synth", "-o", text(&out), "--count", "3", "--seed", seed, "--triangles", "400..600"]);
+        let mut files: Vec<_> = fs::read_dir(out).unwrap().map(|e| e.unwrap().path()).collect();
+        files.sort();
+        files.iter().map(|f| fs::read(f).unwrap()).collect::<Vec<_>>()
+    };
+    let first = make("a", "1");
+    assert_eq!(first.len(), 4);
+    assert!(first == make("b", "1"));
+    assert!(first != make("c", "2"));
+}

@@ -1,0 +1,128 @@
+//! A run that was killed and resumed is the unbroken run, bit for bit.
+
+mod binary;
+
+use std::collections::BTreeMap;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::Stdio;
+use std::time::{Duration, Instant};
+
+use binary::{config, corpus, must, riglab, text};
+
+const STEPS: u64 = 90;
+/// Kills of each broken run: 21 in all.
+const KILLS: usize = 7;
+
+#[test]
+fn a_killed_run_goes_on_as_if_nothing_had_happened() {
+    let dir = tempfile::tempdir().unwrap();
+    let corpus = corpus(dir.path(), 12);
+    let settings = format!(
+        "[train]\nsteps = {STEPS}\nsave_every = 4\nvalidate_every = 30\naccumulate = 2\n[eval]\nvalidation_vertices = 50\n"
+    );
+    let config = config(dir.path(), &corpus, &settings);
+
+    let whole = dir.path().join("whole");
+    let start = Instant::now();
+    must(&["train", text(&config), "--run", text(&whole), "--set", "train.workers=2"]);
+    let took = start.elapsed();
+    let expected = result(&whole);
+
+    for workers in [1, 2, 4] {
+        let run = dir.path().join(format!("broken-{workers}"));
+        let workers = format!("train.workers={workers}");
+        let mut args = vec!["train", text(&config), "--run", text(&run), "--set", &workers];
+        let mut kills = 0;
+        loop {
+            // From before the first step to almost the end of a whole run.
+            let delay = took.mul_f64(0.05 + 0.5 * random());
+            if kills < KILLS && killed_after(&args, delay) {
+                kills += 1;
+            } else {
+                must(&args);
+                break;
+            }
+            if run.join("config.toml").exists() {
+                args = vec!["train", "--resume", text(&run)];
+            }
+        }
+        assert!(kills > 0, "the run was too short to be killed");
+        let found = result(&run);
+        assert_eq!(found.keys().collect::<Vec<_>>(), expected.keys().collect::<Vec<_>>());
+        for (file, bytes) in &expected {
+            assert!(found[file] == *bytes, "{workers}, {kills} kills: {file} differs from the unbroken run's");
+        }
+    }
+
+    // Without the optimizer's state the result differs: the comparison above can fail.
+    let (half, other) = (dir.path().join("half"), dir.path().join("other"));
+    must(&["train", text(&config), "--run", text(&half), "--set", "train.keep=100"]);
+    must(&["train", text(&config), "--run", text(&other), "--set", "train.keep=100"]);
+    for run in [&half, &other] {
+        for entry in fs::read_dir(run.join("checkpoints")).unwrap() {
+            let path = entry.unwrap().path();
+            let step =
+                path.file_name().unwrap().to_str().unwrap().strip_prefix("step-").and_then(|n| n.parse::<u64>().ok());
+            match step {
+                Some(step) if step <= 40 => {}
+                Some(_) => fs::remove_dir_all(path).unwrap(),
+                None => fs::remove_file(path).unwrap(),
+            }
+        }
+    }
+    let state = other.join("checkpoints/step-40/optimizer.safetensors");
+    forget(&state);
+    for run in [&half, &other] {
+        must(&["train", "--resume", text(run)]);
+    }
+    let weights = format!("step-{STEPS}/model.safetensors");
+    let read = |run: &Path| fs::read(run.join("checkpoints").join(&weights)).unwrap();
+    assert!(read(&half) == expected[&weights], "a resume from step 40 is exact");
+    assert!(read(&other) != expected[&weights], "a resume without the optimizer's state cannot be");
+}
+
+/// What must be equal: the metrics, and every file of the last checkpoint.
+fn result(run: &Path) -> BTreeMap<String, Vec<u8>> {
+    let mut files = BTreeMap::from([("metrics.jsonl".to_string(), fs::read(run.join("metrics.jsonl")).unwrap())]);
+    let last = format!("step-{STEPS}");
+    for entry in fs::read_dir(run.join("checkpoints").join(&last)).expect("the run came to its end") {
+        let path: PathBuf = entry.unwrap().path();
+        let name = format!("{last}/{}", path.file_name().unwrap().to_str().unwrap());
+        files.insert(name, fs::read(path).unwrap());
+    }
+    files
+}
+
+/// Starts it and kills it after a while; false when it was done before.
+fn killed_after(args: &[&str], delay: Duration) -> bool {
+    let mut child = riglab(args).stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap();
+    let start = Instant::now();
+    while start.elapsed() < delay {
+        if let Some(status) = child.try_wait().unwrap() {
+            assert!(status.success(), "it failed by itself");
+            return false;
+        }
+        std::thread::sleep(Duration::from_millis(2));
+    }
+    // SIGKILL: nothing can be saved.
+    let running = child.try_wait().unwrap().is_none();
+    child.kill().unwrap();
+    child.wait().unwrap();
+    running
+}
+
+/// Moments of kills differ from test to test on purpose: any moment must do.
+fn random() -> f64 {
+    use std::hash::{BuildHasher, Hasher};
+    let bits = std::hash::RandomState::new().build_hasher().finish();
+    bits as f64 / u64::MAX as f64
+}
+
+/// Sets every number in a file of tensors to 0.
+fn forget(path: &Path) {
+    let mut bytes = fs::read(path).unwrap();
+    let header = 8 + u64::from_le_bytes(bytes[..8].try_into().unwrap()) as usize;
+    bytes[header..].fill(0);
+    fs::write(path, bytes).unwrap();
+}
