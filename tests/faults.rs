@@ -122,12 +122,12 @@ fn a_checkpoint_of_another_model_is_refused_and_kept() {
     let text_of = fs::read_to_string(&path).unwrap();
     assert!(text_of.contains("decoder_width = 64"));
     fs::write(&path, text_of.replace("decoder_width = 64", "decoder_width = 32")).unwrap();
-    let before = fs::read(run.join("checkpoints/step-3/model.safetensors")).unwrap();
+    let before = fs::read(run.join("checkpoints/step-00000003/model.safetensors")).unwrap();
     for args in [&["eval", text(&run)][..], &["train", "--resume", text(&run)]] {
         let said = refusal(&mut riglab(args));
-        assert!(said.contains("step-3") || said.contains("best"), "{said}");
+        assert!(said.contains("step-00000003") || said.contains("best"), "{said}");
     }
-    assert_eq!(fs::read(run.join("checkpoints/step-3/model.safetensors")).unwrap(), before);
+    assert_eq!(fs::read(run.join("checkpoints/step-00000003/model.safetensors")).unwrap(), before);
     assert!(refusal(&mut riglab(&["eval", text(&dir.path().join("none"))])).contains("none"));
 }
 
@@ -144,7 +144,7 @@ fn a_full_disk_ends_the_run_and_leaves_its_last_checkpoint() {
     assert!(said.contains("checkpoints"), "{said}");
     must(&["eval", text(&run), "--checkpoint", "last", "--pictures", "0"]);
     must(&["train", "--resume", text(&run)]);
-    assert!(run.join("checkpoints/step-6").is_dir());
+    assert!(run.join("checkpoints/step-00000006").is_dir());
 
     let out = dir.path().join("c.h5");
     let said = refusal(&mut limited(&["dataset", "import", text(&ready().join("files")), "-o", text(&out)], 128));

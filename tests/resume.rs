@@ -71,12 +71,12 @@ fn a_killed_run_goes_on_as_if_nothing_had_happened() {
             }
         }
     }
-    let state = other.join("checkpoints/step-40/optimizer.safetensors");
+    let state = other.join("checkpoints/step-00000040/optimizer.safetensors");
     forget(&state);
     for run in [&half, &other] {
         must(&["train", "--resume", text(run)]);
     }
-    let weights = format!("step-{STEPS}/model.safetensors");
+    let weights = format!("step-{STEPS:08}/model.safetensors");
     let read = |run: &Path| fs::read(run.join("checkpoints").join(&weights)).unwrap();
     assert!(read(&half) == expected[&weights], "a resume from step 40 is exact");
     assert!(read(&other) != expected[&weights], "a resume without the optimizer's state cannot be");
@@ -85,7 +85,7 @@ fn a_killed_run_goes_on_as_if_nothing_had_happened() {
 /// What must be equal: the metrics, and every file of the last checkpoint.
 fn result(run: &Path) -> BTreeMap<String, Vec<u8>> {
     let mut files = BTreeMap::from([("metrics.jsonl".to_string(), fs::read(run.join("metrics.jsonl")).unwrap())]);
-    let last = format!("step-{STEPS}");
+    let last = format!("step-{STEPS:08}");
     for entry in fs::read_dir(run.join("checkpoints").join(&last)).expect("the run came to its end") {
         let path: PathBuf = entry.unwrap().path();
         let name = format!("{last}/{}", path.file_name().unwrap().to_str().unwrap());

@@ -14,6 +14,7 @@
 mod error;
 mod import;
 mod reader;
+mod room;
 pub mod schema;
 mod split;
 mod stats;

@@ -10,12 +10,15 @@ use ndarray::{ArrayView1, ArrayView2};
 use riglab_core::{Asset, Rig};
 
 use crate::DataError;
+use crate::room::{release, reserve};
 use crate::schema::{FORMAT, JOINT_NAMES, OFFSETS, SCHEMA, SPLIT, TEXTS};
 
 /// Rows are kept in memory until they come to this many bytes.
 const BUFFER: usize = 8 << 20;
 /// Rows of a chunk on disk.
 const CHUNK: usize = 1 << 14;
+/// Room for what is not rows: headers, indices, and the last chunk of each table, which is whole.
+const OVERHEAD: u64 = 4 << 20;
 
 /// A corpus being written: add assets, then [`CorpusWriter::finish`]. Dropped before that, it leaves
 /// nothing behind.
@@ -26,6 +29,8 @@ pub struct CorpusWriter {
     rows: Rows,
     texts: [Vec<VarLenUnicode>; TEXTS.len()],
     joint_names: Vec<VarLenUnicode>,
+    /// Bytes on disk that the corpus may have come to.
+    room: u64,
     offsets: [Vec<i64>; OFFSETS.len()],
     names: HashSet<String>,
 }
@@ -40,6 +45,14 @@ struct Rows {
     influences: Vec<u16>,
     weight_joints: Vec<u16>,
     weights: Vec<f32>,
+}
+
+impl Rows {
+    fn bytes(&self) -> usize {
+        12 * (self.vertices.len() + self.faces.len() + self.joints.len())
+            + 4 * (self.parents.len() + self.weights.len())
+            + 2 * (self.influences.len() + self.weight_joints.len())
+    }
 }
 
 impl CorpusWriter {
@@ -64,11 +77,21 @@ impl CorpusWriter {
             rows: Rows::default(),
             texts: std::array::from_fn(|_| Vec::new()),
             joint_names: Vec::new(),
+            room: OVERHEAD,
             offsets: std::array::from_fn(|_| vec![0]),
             names: HashSet::new(),
         };
+        writer.reserve(0)?;
         writer.begin().map_err(|e| write_error(path, &e))?;
         Ok(writer)
+    }
+
+    /// Takes room for so many more bytes, before HDF5 writes them.
+    fn reserve(&mut self, bytes: usize) -> Result<(), DataError> {
+        // Indices of chunks and heaps of strings: some hundredths.
+        self.room += bytes as u64 + bytes as u64 / 16;
+        reserve(&self.temp, self.room)
+            .map_err(|e| DataError::Write { path: self.path.clone(), message: e.to_string() })
     }
 
     fn begin(&mut self) -> hdf5::Result<()> {
@@ -145,8 +168,7 @@ impl CorpusWriter {
         rows.influences.extend(weights.offsets().windows(2).map(|w| (w[1] - w[0]) as u16));
         rows.weight_joints.extend(weights.joints());
         rows.weights.extend(weights.weights());
-        let held = 12 * (rows.vertices.len() + rows.faces.len()) + 6 * rows.weights.len();
-        if held > BUFFER { self.flush() } else { Ok(()) }
+        if self.rows.bytes() > BUFFER { self.flush() } else { Ok(()) }
     }
 
     /// Completes the corpus with the split of each asset, in the order they were added, and puts it
@@ -158,11 +180,15 @@ impl CorpusWriter {
         assert_eq!(splits.len(), self.len(), "a split for each asset");
         self.texts[SPLIT] = splits.iter().map(|s| unicode(s.as_ref())).collect();
         self.flush()?;
+        // A string takes its bytes, a reference, and its share of a heap's block.
+        let strings = self.texts.iter().chain([&self.joint_names]).flatten().map(|t| t.len() + 64).sum::<usize>();
+        self.reserve(2 * strings + 8 * OFFSETS.len() * (self.len() + 1))?;
         let path = self.path.clone();
         self.end().map_err(|e| write_error(&path, &e))?;
         let Self { file, temp, .. } = self;
         file.close().map_err(|e| write_error(&path, &e))?;
-        File::open(&temp).and_then(|f| f.sync_all()).map_err(|e| DataError::io(&path, e))?;
+        let written = File::options().write(true).open(&temp);
+        written.and_then(|f| release(&f).and_then(|()| f.sync_all())).map_err(|e| DataError::io(&path, e))?;
         temp.persist(&path).map_err(|e| DataError::io(&path, e.error))?;
         let dir = path.parent().filter(|d| !d.as_os_str().is_empty()).unwrap_or(Path::new("."));
         File::open(dir).and_then(|d| d.sync_all()).map_err(|e| DataError::io(dir, e))
@@ -180,6 +206,7 @@ impl CorpusWriter {
 
     fn flush(&mut self) -> Result<(), DataError> {
         let rows = std::mem::take(&mut self.rows);
+        self.reserve(rows.bytes())?;
         let all = || -> hdf5::Result<()> {
             self.append3("vertices", &rows.vertices)?;
             self.append3("faces", &rows.faces)?;

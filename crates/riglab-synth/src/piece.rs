@@ -151,7 +151,10 @@ impl Sheet {
         for j in 0..nv {
             for i in 0..nu {
                 let (a, b, c, d) = (at(i, j), at(i + 1, j), at(i + 1, j + 1), at(i, j + 1));
-                out.triangles.extend([[a, b, c], [a, c, d]]);
+                // At every corner of the sheet one end of the diagonal is inside: a triangle whose
+                // corners all lie on the rim would be the same in both layers.
+                let other = (i + 1 == nu && j == 0) || (i == 0 && j + 1 == nv);
+                out.triangles.extend(if other { [[a, b, d], [b, c, d]] } else { [[a, b, c], [a, c, d]] });
             }
         }
         if self.thickness > 0.0 {

@@ -44,11 +44,13 @@ pub fn to_glb(asset: &Asset) -> Vec<u8> {
     let mesh_node = nodes.len();
     nodes.push(json!({"name": asset.name, "mesh": 0, "skin": 0}));
     let from = &asset.provenance;
-    let rights: Vec<&str> =
-        [from.author.as_str(), from.licence.as_str()].into_iter().filter(|s| !s.is_empty()).collect();
     let mut header = json!({"version": "2.0", "generator": concat!("riglab ", env!("CARGO_PKG_VERSION"))});
-    if !rights.is_empty() {
-        header["copyright"] = json!(rights.join(", "));
+    if !from.author.is_empty() {
+        header["copyright"] = json!(from.author);
+    }
+    // Where model portals write it, too.
+    if !from.licence.is_empty() {
+        header["extras"] = json!({"license": from.licence, "author": from.author});
     }
     let document = json!({
         "asset": header,
@@ -173,6 +175,7 @@ mod tests {
         let provenance = Provenance { licence: "CC0-1.0".into(), ..Provenance::default() };
         let asset = Asset { name: "test".into(), rig, provenance };
         let back = import_bytes("test.glb", &to_glb(&asset), &ImportOptions::default()).unwrap();
+        assert_eq!(back.provenance.licence, "CC0-1.0");
         assert!(matches!(back.warnings(), [Warning::FewTriangles(1)]));
         let rig = back.rig().unwrap();
         assert_eq!((rig.skeleton(), rig.mesh()), (asset.rig.skeleton(), asset.rig.mesh()));
