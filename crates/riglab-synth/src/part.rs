@@ -81,6 +81,8 @@ pub(crate) struct Part {
     /// How far the rounded ends reach beyond `a` and `b`.
     caps: [f32; 2],
     thinnest: f32,
+    /// The smaller half extent midway.
+    slim: f32,
     mean: f32,
     reach: f32,
 }
@@ -117,6 +119,7 @@ impl Part {
             height,
             caps: ends.map(Ring::min),
             thinnest: ends[0].min().min(ends[1].min()),
+            slim: middle.min(),
             mean,
             reach: 0.0,
         };
@@ -150,15 +153,19 @@ impl Part {
             profile.0.iter_mut().for_each(|c| *c *= by);
         }
         self.caps.iter_mut().for_each(|c| *c *= by);
-        for length in [&mut self.blend, &mut self.length, &mut self.thinnest, &mut self.mean, &mut self.reach] {
+        for length in
+            [&mut self.blend, &mut self.length, &mut self.thinnest, &mut self.slim, &mut self.mean, &mut self.reach]
+        {
             *length *= by;
         }
     }
 
-    /// Size in metres of the largest cells that show the part unbroken. A limb must not break; an
-    /// ellipsoid is a bump on something else, and may get lost.
+    /// Size in metres of the largest cells that mostly show the part unbroken. A lattice has a point
+    /// inside every circle of radius r if its step is at most r times the root of two; a limb's end
+    /// may be thinner, and then its tip can come off. An ellipsoid is a bump on something else, and
+    /// may get lost.
     pub fn visible_at(&self) -> f32 {
-        if self.length > 0.0 { self.thinnest.max(0.4 * self.mean) } else { 1.5 * self.mean }
+        if self.length > 0.0 { 1.4 * self.slim } else { 3.0 * self.mean }
     }
 
     /// Typical half extent, in metres.

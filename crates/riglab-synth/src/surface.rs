@@ -42,8 +42,8 @@ impl Surface {
         let mut scratch = Scratch::new();
         let mut normals = vec![Vec3::Y; n];
         for round in 0..=SPREADS {
-            for v in 0..n {
-                normals[v] = project(field, &mut self.positions[v], &self.near[v], &mut scratch);
+            for (normal, (p, near)) in normals.iter_mut().zip(self.positions.iter_mut().zip(&self.near)) {
+                *normal = project(field, p, near, &mut scratch);
             }
             if round == SPREADS {
                 break;
@@ -121,9 +121,9 @@ impl Surface {
         let keep = |v: usize| sizes[component[v] as usize] * 50 >= largest;
         let mut moved = vec![u32::MAX; self.positions.len()];
         let mut out = Self::default();
-        for v in 0..self.positions.len() {
+        for (v, moved) in moved.iter_mut().enumerate() {
             if keep(v) {
-                moved[v] = out.positions.len() as u32;
+                *moved = out.positions.len() as u32;
                 out.positions.push(self.positions[v]);
                 out.near.push(self.near[v].clone());
             }

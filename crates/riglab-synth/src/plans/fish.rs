@@ -123,6 +123,9 @@ const ARCHETYPES: [Shape; 5] = [
 /// Where the body hangs on its root, behind the gills.
 const START: f32 = 0.32;
 
+/// Where the head begins.
+const GILLS: f32 = 0.25;
+
 pub(crate) fn body(dice: &mut Dice, _triangles: u32) -> Body {
     let shape = Shape::draw(&ARCHETYPES, 0.12, dice);
     let flat_tail = shape.pelvic < 0.03;
@@ -134,7 +137,7 @@ pub(crate) fn body(dice: &mut Dice, _triangles: u32) -> Body {
         fin_joints,
         jaw: dice.chance(0.6),
         shape,
-        body: Body::new("root", Vec3::ZERO),
+        body: Body::new("spine_1", Vec3::ZERO),
     };
     builder.build(dice)
 }
@@ -218,10 +221,15 @@ impl Builder {
         let start = START;
         let nodes: Vec<Node> = (0..=n).map(|k| self.node(start + (1.0 - start) * k as f32 / n as f32)).collect();
         self.body.joints[0].head = nodes[0].at.into();
-        let chain = self.body.chain(Body::ROOT, (1..=n).map(|k| format!("spine_{k}")), &nodes, Vec3::X);
-        let head = self.body.joint(Body::ROOT, "head", self.axis(start));
-        let nodes = [self.node(start), self.node(0.16), self.node(0.02)];
-        self.body.flesh(&[head, head], &nodes, Vec3::X);
+        let mut chain = vec![Body::ROOT];
+        for (k, node) in nodes[..n].iter().enumerate().skip(1) {
+            chain.push(self.body.joint(chain[k - 1], format!("spine_{}", k + 1), node.at));
+        }
+        self.body.flesh(&chain, &nodes, Vec3::X);
+        // The head hangs on the root but not at its place: two joints in one are hard to tell apart.
+        let head = self.body.joint(Body::ROOT, "head", self.axis(GILLS));
+        let nodes = [self.node(start), self.node(GILLS), self.node(0.16), self.node(0.02)];
+        self.body.flesh(&[Body::ROOT, head, head], &nodes, Vec3::X);
         let (h, w) = (self.half_height(0.12), self.half_width(0.12));
         if self.jaw {
             let hinge = self.axis(0.15) - Vec3::Y * (0.55 * h);

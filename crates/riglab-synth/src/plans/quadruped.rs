@@ -225,7 +225,7 @@ pub(crate) fn body(dice: &mut Dice, triangles: u32) -> Body {
     let neck = if shape.neck > 0.35 { dice.count(2, 3) } else { dice.count(1, 2) };
     let tail = if shape.tail < 0.2 { 1 } else { dice.count(2, 6) };
     let ears = dice.chance(0.8) && triangles > 1_000;
-    Builder { shape, stance, spine, neck, tail, ears, body: Body::new("root", Vec3::ZERO) }.build(dice)
+    Builder { shape, stance, spine, neck, tail, ears, body: Body::new("hips", Vec3::ZERO) }.build(dice)
 }
 
 /// How the rest pose differs from standing straight.
@@ -292,8 +292,12 @@ impl Builder {
         let node = |t: f32| Node::new(self.spine_at(t), self.ring_at(t).scaled(if t > 0.95 { 0.92 } else { 1.0 }));
         let nodes: Vec<Node> = (0..=n).map(|k| node(k as f32 / n as f32)).collect();
         self.body.joints[0].head = nodes[0].at.into();
-        let names = (0..n).map(|k| if k == 0 { "hips".into() } else { format!("spine_{k}") });
-        self.body.chain(Body::ROOT, names, &nodes, Vec3::X)
+        let mut chain = vec![Body::ROOT];
+        for (k, node) in nodes[..n].iter().enumerate().skip(1) {
+            chain.push(self.body.joint(chain[k - 1], format!("spine_{k}"), node.at));
+        }
+        self.body.flesh(&chain, &nodes, Vec3::X);
+        chain
     }
 
     /// Neck joints; gives the last and leaves the skull to the head.
