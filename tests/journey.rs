@@ -16,8 +16,7 @@ fn from_files_to_a_report() {
     assert_eq!(stats["all"]["assets"], 24);
     must(&["dataset", "verify", text(&corpus)]);
 
-    let settings =
-        "[train]\nsteps = 120\nema = 0.9\nvalidate_every = 40\n[train.schedule]\nwarmup = 10\n[eval]\nprefixes = [2, 16]\n";
+    let settings = "[train]\nsteps = 120\nema = 0.9\nvalidate_every = 40\n[train.schedule]\nwarmup = 10\n[eval]\nprefixes = [2, 16]\n";
     let config = config(dir.path(), &corpus, settings);
     let run = dir.path().join("run");
     must(&["train", text(&config), "--run", text(&run)]);

@@ -90,8 +90,7 @@ impl CorpusWriter {
     fn reserve(&mut self, bytes: usize) -> Result<(), DataError> {
         // Indices of chunks and heaps of strings: some hundredths.
         self.room += bytes as u64 + bytes as u64 / 16;
-        reserve(&self.temp, self.room)
-            .map_err(|e| DataError::Write { path: self.path.clone(), message: e.to_string() })
+        reserve(&self.temp, self.room).map_err(|e| DataError::Write { path: self.path.clone(), message: e.to_string() })
     }
 
     fn begin(&mut self) -> hdf5::Result<()> {

@@ -36,6 +36,9 @@ enum Command {
 fn main() -> ExitCode {
     let cli = Cli::parse();
     let threads = cli.threads;
+    if threads != 1 && matches!(cli.command, Command::Train(_) | Command::Eval(_)) {
+        riglab_torch::wait_patiently();
+    }
     let done = match cli.command {
         Command::Inspect(args) => commands::inspect::run(&args),
         Command::Synth(args) => commands::synth::run(&args),

@@ -54,7 +54,7 @@ pub fn run(options: &Options) -> Result<()> {
         println!("{} is there already. Remove {} to run the demo again.", shown(&report), shown(out));
         return Ok(());
     }
-    shell::cargo(&["build", "--release", "--package", "riglab"])?;
+    shell::cargo(&["build", "--release", "--bin", "riglab"])?;
     std::fs::create_dir_all(out).with_context(|| format!("{} cannot be made", shown(out)))?;
     // Ctrl-C goes to the running command, which saves its work and ends.
     ctrlc::set_handler(|| ()).context("cannot listen to Ctrl-C")?;
@@ -84,10 +84,11 @@ pub fn run(options: &Options) -> Result<()> {
     let run = out.join("run");
     say("3/5", "training: a tiny skin auto-encoder (FSQ-CVAE)");
     if run.join("config.toml").exists() {
-        riglab(&["train", "--resume", &shown(&run)])?;
+        riglab(&["--threads", "1", "train", "--resume", &shown(&run)])?;
     } else {
         let corpora = format!("data.corpora=[{:?}]", shown(&corpus));
-        riglab(&["train", "quickstart/demo.toml", "--set", &corpora, "--run", &shown(&run)])?;
+        // A network this small gains nothing from a second thread.
+        riglab(&["--threads", "1", "train", "quickstart/demo.toml", "--set", &corpora, "--run", &shown(&run)])?;
     }
     say("4/5", "evaluation on whole meshes that training has not seen");
     riglab(&["eval", &shown(&run)])?;
@@ -105,11 +106,11 @@ fn ending(report: &Path, corpus: &Path, took: Duration, own: bool) {
         println!("  cargo xtask demo --input DIR          the same on your own GLB, glTF and VRM files");
     }
     println!(
-        "  cargo run --release -p riglab -- train quickstart/fsq_cvae.toml --set data.corpora='[{:?}]'",
+        "  cargo run --release --bin riglab -- train quickstart/fsq_cvae.toml --set data.corpora='[{:?}]'",
         shown(corpus)
     );
     println!("                                        half an hour, a better model");
-    println!("  cargo run --release -p riglab -- help what else there is");
+    println!("  cargo run --release --bin riglab -- help what else there is");
 }
 
 fn say(step: &str, what: &str) {
@@ -120,13 +121,13 @@ fn say(step: &str, what: &str) {
 fn riglab(args: &[&str]) -> Result<()> {
     println!("$ riglab {}", args.iter().map(|a| quoted(a)).collect::<Vec<_>>().join(" "));
     let cargo = std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into());
-    let mut all: Vec<OsString> = ["run", "--quiet", "--release", "--package", "riglab", "--"].map(Into::into).into();
+    let mut all: Vec<OsString> = ["run", "--quiet", "--release", "--bin", "riglab", "--"].map(Into::into).into();
     all.extend(args.iter().map(Into::into));
     let status = Command::new(cargo).args(all).current_dir(shell::root()).status().context("cannot start cargo")?;
     match status.code() {
         Some(0) => Ok(()),
         Some(130) => bail!("stopped; the same command goes on from here"),
-        _ => bail!("`riglab {}` failed; its message is above", args[0]),
+        _ => bail!("`riglab {}` failed; its message is above", args.join(" ")),
     }
 }
 
