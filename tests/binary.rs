@@ -1,5 +1,7 @@
 //! Running the `riglab` binary on a corpus of creatures: shared by the tests that do.
 
+#![allow(dead_code)] // each test takes what it needs
+
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 

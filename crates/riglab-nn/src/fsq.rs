@@ -156,7 +156,7 @@ impl ProjectedFsq {
             z = z.to_kind(Kind::Float);
         }
         if let Some(keep) = keep {
-            z = z * keep;
+            z *= keep;
         }
         if let Some(bias) = bias {
             z += bias;

@@ -16,6 +16,7 @@ mod tensors;
 
 pub use error::{TorchError, first_line};
 pub use settings::{
-    Autocast, Settings, cpu_capability, init, libtorch_version, load_cuda, rng_state, set_rng_state, wait_patiently,
+    Autocast, Settings, bf16_is_faster, cpu_capability, init, libtorch_version, load_cuda, rng_state, set_rng_state,
+    wait_patiently,
 };
 pub use tensors::{AdamwStep, foreach_add, foreach_add_scalar, foreach_lerp, foreach_mul, fused_adamw, global_norm};

@@ -18,16 +18,10 @@ unsafe extern "C" {
 }
 
 /// What [`init`] sets.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Default)]
 pub struct Settings {
     /// Threads within an op; 0 for the number of processors this process may use.
     pub threads: usize,
-}
-
-impl Default for Settings {
-    fn default() -> Self {
-        Self { threads: 0 }
-    }
 }
 
 /// Prepares libtorch; only the first call counts. Call it before any tensor is made and before any
@@ -75,6 +69,25 @@ pub fn wait_patiently() {
         let failed = std::process::Command::new(program).args(std::env::args_os().skip(1)).env(SPIN, "1000").exec();
         drop(failed);
     }
+}
+
+/// Whether products of matrices are clearly faster in bfloat16 here: by timing some.
+pub fn bf16_is_faster() -> bool {
+    let time = |kind: tch::Kind| {
+        let a = tch::Tensor::ones([512, 512], (kind, tch::Device::Cpu));
+        let mut least = f64::INFINITY;
+        // The first product of a size prepares kernels.
+        for round in 0..6 {
+            let start = std::time::Instant::now();
+            let _ = a.matmul(&a);
+            if round > 0 {
+                least = least.min(start.elapsed().as_secs_f64());
+            }
+        }
+        least
+    };
+    // Casts eat some of the gain.
+    time(tch::Kind::Float) > 1.4 * time(tch::Kind::BFloat16)
 }
 
 /// While it lives, CPU ops of this thread compute in bfloat16 where libtorch thinks it safe.

@@ -43,8 +43,23 @@ pub struct TrainConfig {
 pub enum Precision {
     /// 32 bits.
     Fp32,
-    /// bfloat16 with fp32 master weights: faster where the processor has it, for wide networks.
+    /// bfloat16 with fp32 master weights: faster where the processor has it.
     Bf16,
+    /// The faster of the two here, by a quick timing when the run is made. The run's config has what
+    /// was chosen, so that resuming elsewhere changes nothing.
+    Auto,
+}
+
+impl Precision {
+    /// What [`Precision::Auto`] comes to on this machine; the others stay.
+    #[must_use]
+    pub fn resolved(self) -> Self {
+        match self {
+            Self::Auto if riglab_torch::bf16_is_faster() => Self::Bf16,
+            Self::Auto => Self::Fp32,
+            chosen => chosen,
+        }
+    }
 }
 
 /// Learning rate over the run, as a factor of the peak.

@@ -59,11 +59,11 @@ impl Logs {
     /// Something for TensorBoard. A view that cannot be written is given up with a warning: it is not
     /// worth a run.
     pub fn board(&mut self, write: impl FnOnce(&mut TensorBoard) -> std::io::Result<()>) {
-        if let Some(board) = &mut self.board {
-            if let Err(e) = write(board) {
-                eprintln!("warning: TensorBoard's view ends here ({e})");
-                self.board = None;
-            }
+        if let Some(board) = &mut self.board
+            && let Err(e) = write(board)
+        {
+            eprintln!("warning: TensorBoard's view ends here ({e})");
+            self.board = None;
         }
     }
 

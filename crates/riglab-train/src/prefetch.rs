@@ -56,7 +56,7 @@ impl<B: Send + 'static> Prefetch<B> {
     ///
     /// # Errors
     /// The source's sentence.
-    pub fn next(&mut self) -> Result<B, String> {
+    pub fn take(&mut self) -> Result<B, String> {
         let start = Instant::now();
         let number = self.next;
         self.next += 1;
@@ -71,7 +71,7 @@ impl<B: Send + 'static> Prefetch<B> {
         batch
     }
 
-    /// Time spent in [`Self::next`] since the last call of this.
+    /// Time spent in [`Self::take`] since the last call of this.
     pub fn take_waited(&mut self) -> Duration {
         std::mem::take(&mut self.waited)
     }
@@ -105,7 +105,7 @@ mod tests {
     fn order_does_not_depend_on_workers() {
         for workers in [0, 1, 3, 4] {
             let mut batches = Prefetch::new(Arc::new(Squares), 5, workers);
-            let got: Vec<u64> = (0..10).map(|_| batches.next().unwrap()).collect();
+            let got: Vec<u64> = (0..10).map(|_| batches.take().unwrap()).collect();
             assert_eq!(got, (5..15).map(|n| n * n).collect::<Vec<_>>());
         }
     }
@@ -113,7 +113,7 @@ mod tests {
     #[test]
     fn errors_arrive_in_order_too() {
         let mut batches = Prefetch::new(Arc::new(Squares), 28, 2);
-        assert_eq!((batches.next(), batches.next()), (Ok(784), Ok(841)));
-        assert_eq!(batches.next(), Err("no thirty".to_string()));
+        assert_eq!((batches.take(), batches.take()), (Ok(784), Ok(841)));
+        assert_eq!(batches.take(), Err("no thirty".to_string()));
     }
 }

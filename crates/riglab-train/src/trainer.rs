@@ -110,14 +110,14 @@ impl Trainer<'_> {
             let loss = self.step(task, &mut batches)?;
             let step = self.state.step;
             let last = step == config.steps;
-            if last || (config.validate_every > 0 && step % config.validate_every == 0) {
+            if last || (config.validate_every > 0 && step.is_multiple_of(config.validate_every)) {
                 objective = self.validate(task, &mut progress)?.or(objective);
             }
             let stop = interrupt.raised() && !last;
-            if last || stop || (config.save_every > 0 && step % config.save_every == 0) || self.best_is_now() {
+            if last || stop || (config.save_every > 0 && step.is_multiple_of(config.save_every)) || self.best_is_now() {
                 self.save(task)?;
             }
-            if step % config.log_every == 0 || last {
+            if step.is_multiple_of(config.log_every) || last {
                 let pause = batches.take_waited();
                 waited += pause;
                 self.perf(pause)?;
@@ -154,7 +154,7 @@ impl Trainer<'_> {
         let mut total = 0.0;
         for micro in 0..config.accumulate {
             let at = At { seed: config.seed, step, batch: step * config.accumulate + micro };
-            let batch = batches.next().map_err(TrainError::Task)?;
+            let batch = batches.take().map_err(TrainError::Task)?;
             // libtorch's generator is seeded afresh: nothing random has to be saved.
             tch::manual_seed((config.seed ^ at.batch.wrapping_mul(0x9e37_79b9_7f4a_7c15)) as i64);
             let loss = task.loss(weights, &batch, at).map_err(TrainError::Task)?;
@@ -184,11 +184,11 @@ impl Trainer<'_> {
             values.push(("train/skipped".into(), 1.0));
         }
         self.logs.metrics(self.state.step, &values)?;
-        if self.state.step % config.log_every == 0 {
+        if self.state.step.is_multiple_of(config.log_every) {
             let step = self.state.step;
             self.logs.board(|b| values.iter().try_for_each(|(name, value)| b.scalar(name, *value, step)));
         }
-        if config.histogram_every > 0 && self.state.step % config.histogram_every == 0 {
+        if config.histogram_every > 0 && self.state.step.is_multiple_of(config.histogram_every) {
             self.histograms(params);
         }
         self.window.steps += 1;

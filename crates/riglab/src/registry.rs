@@ -43,6 +43,14 @@ impl TaskConfig {
         }
     }
 
+    /// The same with what is left to this machine decided: the precision.
+    pub fn settled(mut self) -> Self {
+        match &mut self {
+            Self::FsqCvae(c) => c.train.precision = c.train.precision.resolved(),
+        }
+        self
+    }
+
     /// Everything, defaults included, as TOML: reading it back gives the same run.
     pub fn to_toml(&self) -> Result<String> {
         match self {

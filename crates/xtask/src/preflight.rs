@@ -17,15 +17,13 @@ pub struct Found {
 /// Checks the compiler; Python is checked only when something has to be fetched.
 pub fn check() -> Result<Found> {
     let arch = std::env::consts::ARCH;
-    if std::env::consts::OS != "linux" || arch != "x86_64" {
-        if std::env::var_os("LIBTORCH").is_none() {
-            bail!(
-                "set-up knows libtorch for Linux on x86_64 only, this is {} on {arch}; \
+    if (std::env::consts::OS != "linux" || arch != "x86_64") && std::env::var_os("LIBTORCH").is_none() {
+        bail!(
+            "set-up knows libtorch for Linux on x86_64 only, this is {} on {arch}; \
                  point LIBTORCH at a libtorch {} of your own",
-                std::env::consts::OS,
-                crate::libtorch::VERSION
-            );
-        }
+            std::env::consts::OS,
+            crate::libtorch::VERSION
+        );
     }
     compiler()?;
     Ok(Found { make: shell::output("make", &["--version"]).is_some() })

