@@ -1,1 +1,124 @@
-fn main() {}
+//! riglab against what a user would use instead.
+//!
+//! The one idea: **both sides in one run.** Each side of a case is a process of its own that answers
+//! requests; the two are asked in turn, over several rounds, and medians are compared. So what else
+//! the machine does meets both, and peak memory is each side's own.
+//!
+//! Holds: both sides get the same files, batches, weights and threads; where both compute the same,
+//! the results are compared before times are. What the other side needs is installed once into the
+//! user's cache.
+//!
+//! Leaves out: single operations; benchmarks of those stand beside their code.
+
+mod cases;
+mod json;
+mod python;
+mod recipe;
+mod rounds;
+mod row;
+mod side;
+
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use anyhow::{Result, bail};
+use clap::Parser;
+
+use cases::{CASES, Case, Context};
+use row::Row;
+
+/// riglab against what it replaces, both sides in turn.
+///
+/// A ratio above 1 means that riglab is better. Exit code 0 when everything was measured (the table
+/// says which bars were missed), 1 when a case failed, 2 for wrong use. A case without its data is
+/// skipped with a message.
+#[derive(Parser)]
+#[command(
+    name = "cargo xtask bench",
+    bin_name = "cargo xtask bench",
+    max_term_width = 100,
+    after_help = "\
+Examples:
+  cargo xtask bench --list
+  cargo xtask bench step --json step.json
+
+Environment: RIGLAB_RIGS           folder of rigged files (default: ../shared/rigs)
+             RIGLAB_BENCH_PYTHON   a Python that has what the other side needs, instead of an
+                                   environment of our own in ~/.cache/riglab"
+)]
+struct Cli {
+    /// Cases, or beginnings of their names; all without.
+    names: Vec<String>,
+    /// List the cases.
+    #[arg(long)]
+    list: bool,
+    /// Write the rows to a file.
+    #[arg(long, value_name = "FILE")]
+    json: Option<PathBuf>,
+    /// Threads of both sides; 0 takes all processors.
+    #[arg(long, default_value_t = 0, value_name = "N")]
+    threads: usize,
+    /// How often each side is asked; 0 takes the case's own number.
+    #[arg(long, default_value_t = 0, value_name = "N")]
+    rounds: usize,
+    /// `import`: every file, not a sample of 60.
+    #[arg(long)]
+    all: bool,
+    /// `step`: leave out `torch.compile`, which takes minutes.
+    #[arg(long)]
+    no_compile: bool,
+    /// Answer requests as riglab's side of a case.
+    #[arg(long, hide = true, value_name = "CASE")]
+    side: Option<String>,
+}
+
+fn main() -> ExitCode {
+    match run(&Cli::parse()) {
+        Ok(code) => code,
+        Err(e) => {
+            eprintln!("error: {e:#}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+fn run(cli: &Cli) -> Result<ExitCode> {
+    if let Some(case) = &cli.side {
+        cases::serve(case)?;
+        return Ok(ExitCode::SUCCESS);
+    }
+    if cli.list {
+        CASES.iter().for_each(|c| println!("{:<24}{}", c.name, c.about));
+        return Ok(ExitCode::SUCCESS);
+    }
+    if let Some(unknown) = cli.names.iter().find(|n| !CASES.iter().any(|c| c.is_wanted(n))) {
+        let names: Vec<_> = CASES.iter().map(|c| c.name).collect();
+        eprintln!("error: no case `{unknown}`; there is: {}", names.join(", "));
+        return Ok(ExitCode::from(2));
+    }
+    let wanted = |c: &&Case| cli.names.is_empty() || cli.names.iter().any(|n| c.is_wanted(n));
+    let mut context = Context::new(cli.threads, cli.rounds, cli.all, !cli.no_compile)?;
+    let (mut rows, mut failed): (Vec<Row>, Vec<&str>) = Default::default();
+    for case in CASES.iter().filter(wanted) {
+        eprintln!("{}: {}", case.name, case.about);
+        match (case.run)(&mut context) {
+            Ok(found) => rows.extend(found),
+            Err(e) => {
+                let text = format!("{e:#}");
+                eprintln!("error: {}: {text}", case.name);
+                failed.push(case.name);
+                // The first line is the sentence; what a side printed follows.
+                rows.push(Row::failed(case.name, text.lines().next().unwrap_or_default().into()));
+            }
+        }
+        // After every case: what was measured stays, whatever comes next.
+        if let Some(path) = &cli.json {
+            json::write(path, &rows)?;
+        }
+    }
+    print!("{}", row::table(&rows));
+    if !failed.is_empty() {
+        bail!("{} of the cases failed: {}", failed.len(), failed.join(", "));
+    }
+    Ok(ExitCode::SUCCESS)
+}

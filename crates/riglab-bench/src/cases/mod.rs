@@ -1,0 +1,125 @@
+//! The cases by name: the one place that knows them all.
+
+mod epoch;
+mod import;
+mod matmul_share;
+mod step;
+
+use std::path::PathBuf;
+
+use anyhow::{Result, bail};
+use riglab_train::Precision;
+
+use crate::recipe;
+use crate::row::Row;
+
+/// A benchmark.
+pub struct Case {
+    /// Its name, and the beginning of its rows' names.
+    pub name: &'static str,
+    /// What is compared, in a line.
+    pub about: &'static str,
+    /// Measures.
+    pub run: fn(&mut Context) -> Result<Vec<Row>>,
+}
+
+/// All of them, in the order they run.
+pub const CASES: [Case; 5] = [
+    Case { name: "import", about: "rigged files read, against Blender's glTF importer", run: import::run },
+    Case {
+        name: "step/fsq_cvae/fp32",
+        about: "a training step, against the same network in PyTorch",
+        run: |c| step::run(c, Precision::Fp32),
+    },
+    Case {
+        name: "step/fsq_cvae/bf16",
+        about: "the same in bfloat16, against autocast",
+        run: |c| step::run(c, Precision::Bf16),
+    },
+    Case {
+        name: "epoch/fsq_cvae",
+        about: "an epoch with its loading and sampling, against DataLoader and numpy",
+        run: epoch::run,
+    },
+    Case {
+        name: "matmul_share/fsq_cvae",
+        about: "the step's matrix products over the fastest ones of this machine",
+        run: matmul_share::run,
+    },
+];
+
+impl Case {
+    /// Whether a name of the command line asks for it: a beginning of its name, or one of its rows.
+    pub fn is_wanted(&self, name: &str) -> bool {
+        self.name.starts_with(name) || name.strip_prefix(self.name).is_some_and(|rest| rest.starts_with('/'))
+    }
+}
+
+/// riglab's side of a case.
+pub fn serve(case: &str) -> Result<()> {
+    match case {
+        "import" => import::serve(),
+        "step" => step::serve(),
+        "epoch" => epoch::serve(),
+        _ => bail!("no side `{case}`"),
+    }
+}
+
+/// What cases share.
+pub struct Context {
+    /// Threads of both sides.
+    pub threads: usize,
+    /// `import`: every file.
+    pub all: bool,
+    /// `step`: measure `torch.compile` too.
+    pub compile: bool,
+    rounds: usize,
+    folder: tempfile::TempDir,
+    corpus: Option<PathBuf>,
+    /// Step times by precision, measured once.
+    steps: Vec<(Precision, step::Times)>,
+}
+
+impl Context {
+    /// With the options of the command line.
+    pub fn new(threads: usize, rounds: usize, all: bool, compile: bool) -> Result<Self> {
+        let threads = if threads > 0 { threads } else { std::thread::available_parallelism()?.get() };
+        let folder = tempfile::Builder::new().prefix("riglab-bench-").tempdir()?;
+        Ok(Self { threads, all, compile, rounds, folder, corpus: None, steps: Vec::new() })
+    }
+
+    /// How often each side is asked, where the case would ask `usual` times.
+    pub fn rounds(&self, usual: usize) -> usize {
+        if self.rounds > 0 { self.rounds } else { usual }
+    }
+
+    /// A path for a file of this run.
+    pub fn path(&self, name: &str) -> PathBuf {
+        self.folder.path().join(name)
+    }
+
+    /// The corpus of the rigs, made the first time; `None` without rigs.
+    pub fn corpus(&mut self) -> Result<Option<PathBuf>> {
+        if self.corpus.is_none() {
+            let Some(rigs) = recipe::rigs() else { return Ok(None) };
+            let out = self.path("rigs.h5");
+            recipe::corpus(&rigs, &out)?;
+            self.corpus = Some(out);
+        }
+        Ok(self.corpus.clone())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_are_found_by_their_beginning_and_by_their_rows() {
+        let of = |name| CASES.iter().filter(|c| c.is_wanted(name)).count();
+        assert_eq!(
+            (of("step"), of("step/fsq_cvae/fp32"), of("step/fsq_cvae/fp32/compile"), of("imports")),
+            (2, 1, 1, 0)
+        );
+    }
+}

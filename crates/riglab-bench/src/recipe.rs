@@ -1,0 +1,56 @@
+//! The recipe that is measured, and its data.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result, anyhow};
+use riglab_asset::ImportOptions;
+use riglab_config::Loader;
+use riglab_data::{Splitter, import_folder};
+use riglab_task::fsq_cvae::FsqCvaeTaskConfig;
+use riglab_train::Precision;
+
+/// The experiment whose network, sampling and training are measured.
+const EXPERIMENT: &str = "experiments/quickstart/fsq_cvae.toml";
+
+/// The root of the workspace.
+pub fn root() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).ancestors().nth(2).expect("two ancestors").to_path_buf()
+}
+
+/// The folder of rigged files, if there is one.
+pub fn rigs() -> Option<PathBuf> {
+    let given = std::env::var_os("RIGLAB_RIGS").filter(|v| !v.is_empty()).map(PathBuf::from);
+    Some(given.unwrap_or_else(|| root().join("../shared/rigs"))).filter(|f| f.is_dir())
+}
+
+/// What is said where there is none.
+pub const NO_RIGS: &str =
+    "skipped: no folder of rigged files (glb, gltf, vrm); point RIGLAB_RIGS at one, or put it at ../shared/rigs";
+
+/// Imports the rigs into a corpus at `out`, as `riglab dataset import` does.
+pub fn corpus(rigs: &Path, out: &Path) -> Result<()> {
+    let split = rigs.join("split.json");
+    let splitter = if split.is_file() { Splitter::read(&split)? } else { Splitter::ByTopology(0) };
+    import_folder(rigs, out, &splitter, &ImportOptions::default(), |_| ())?;
+    Ok(())
+}
+
+/// The experiment's settings over a corpus, in a given precision.
+pub fn config(corpus: &Path, precision: Precision) -> Result<FsqCvaeTaskConfig> {
+    let mut c = read()?;
+    c.data.corpora = vec![corpus.into()];
+    c.train.precision = precision;
+    c.validate().map_err(|(key, message)| anyhow!("{key}: {message}")).context(EXPERIMENT)?;
+    Ok(c)
+}
+
+/// The precision that the experiment asks for.
+pub fn precision() -> Result<Precision> {
+    Ok(read()?.train.precision)
+}
+
+fn read() -> Result<FsqCvaeTaskConfig> {
+    let search = [root().join("configs")];
+    let none: [&str; 0] = [];
+    Ok(Loader::new().search(&search).load(root().join(EXPERIMENT), &none)?.get()?)
+}

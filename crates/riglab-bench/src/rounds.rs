@@ -1,0 +1,82 @@
+//! Asking both sides in turn.
+
+use anyhow::Result;
+
+/// What each side took, a value a round.
+pub struct Rounds {
+    /// riglab's values.
+    pub ours: Vec<f64>,
+    /// The other side's.
+    pub theirs: Vec<f64>,
+}
+
+impl Rounds {
+    /// The medians.
+    pub fn medians(&self) -> (f64, f64) {
+        (median(&self.ours), median(&self.theirs))
+    }
+
+    /// The spread, for a note: smallest to largest value of each side.
+    pub fn spread(&self) -> String {
+        let range = |v: &[f64]| {
+            let (low, high) = v.iter().fold((f64::INFINITY, 0.0f64), |(l, h), &x| (l.min(x), h.max(x)));
+            format!("{low:.3} to {high:.3}")
+        };
+        format!("{} rounds, ours {}, theirs {}", self.ours.len(), range(&self.ours), range(&self.theirs))
+    }
+}
+
+/// Asks both sides in turn; who is first changes from round to round.
+pub fn in_turn(
+    rounds: usize,
+    mut ours: impl FnMut() -> Result<f64>,
+    mut theirs: impl FnMut() -> Result<f64>,
+) -> Result<Rounds> {
+    let mut found = Rounds { ours: Vec::new(), theirs: Vec::new() };
+    for round in 0..rounds {
+        if round % 2 == 0 {
+            found.ours.push(ours()?);
+            found.theirs.push(theirs()?);
+        } else {
+            found.theirs.push(theirs()?);
+            found.ours.push(ours()?);
+        }
+    }
+    Ok(found)
+}
+
+/// The middle value, or the mean of both; NaN of none.
+pub fn median(values: &[f64]) -> f64 {
+    let mut v = values.to_vec();
+    v.sort_by(f64::total_cmp);
+    match v.len() {
+        0 => f64::NAN,
+        n if n % 2 == 1 => v[n / 2],
+        n => 0.5 * (v[n / 2 - 1] + v[n / 2]),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_median_ignores_an_outlier() {
+        assert_eq!(median(&[1.0, 50.0, 2.0]), 2.0);
+        assert_eq!(median(&[1.0, 2.0, 4.0, 90.0]), 3.0);
+    }
+
+    #[test]
+    fn sides_alternate() {
+        let order = std::cell::RefCell::new(String::new());
+        let side = |name: char| {
+            let order = &order;
+            move || {
+                order.borrow_mut().push(name);
+                Ok(1.0)
+            }
+        };
+        in_turn(3, side('o'), side('t')).unwrap();
+        assert_eq!(*order.borrow(), "ottoot");
+    }
+}
