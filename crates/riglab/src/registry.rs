@@ -83,3 +83,25 @@ pub fn evaluation_blocks(task: &str, run: &Path) -> Result<Vec<Block>> {
         _ => bail!("{}: run.json names no known task (`{task}`)", run.display()),
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::presets;
+
+    #[test]
+    fn every_built_in_experiment_is_sound_and_survives_being_resolved() {
+        let names = presets::experiments();
+        assert!(names.len() >= 6, "{names:?}");
+        for name in names {
+            let config = presets::load(&name, &[]).unwrap_or_else(|e| panic!("{name}: {e}"));
+            let read = TaskConfig::read(&config).unwrap_or_else(|e| panic!("{name}: {e}"));
+            let text = read.to_toml().unwrap();
+            let dir = tempfile::tempdir().unwrap();
+            let path = dir.path().join("config.toml");
+            std::fs::write(&path, &text).unwrap();
+            let again = TaskConfig::read(&presets::load(path.to_str().unwrap(), &[]).unwrap()).unwrap();
+            assert_eq!(again.to_toml().unwrap(), text, "{name}");
+        }
+    }
+}
