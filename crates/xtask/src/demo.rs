@@ -93,7 +93,8 @@ pub fn run(options: &Options) -> Result<()> {
     say("4/5", "evaluation on whole meshes that training has not seen");
     riglab(&["eval", &shown(&run)])?;
     say("5/5", "the report");
-    let title = format!("riglab demo on {}", folder.file_name().map_or("files".into(), |n| n.to_string_lossy()));
+    let name = input.as_deref().and_then(Path::file_name).map_or("creatures".into(), |n| n.to_string_lossy());
+    let title = format!("riglab demo on {name}");
     riglab(&["report", &shown(&run), "-o", &shown(&report), "--title", &title])?;
     ending(&report, &corpus, start.elapsed(), input.is_some());
     Ok(())
