@@ -89,15 +89,19 @@ impl FsqCvaeTask {
         let cells = [
             ("skeleton".to_string(), render_skeleton(&rig.rig, &view)),
             ("true parts".into(), render_parts(&rig.rig, &view)),
-            (format!("predicted, {all} codes"), render_parts(&shown, &view)),
+            (format!("predicted, {}", codes(all)), render_parts(&shown, &view)),
             ("misplaced weight".into(), render_errors(mesh, &misplaced, ERROR_SHOWN, &view)),
             (format!("true: {name}"), column(&t)),
-            (format!("{few} codes"), column(&of(&rough))),
-            (format!("{all} codes"), column(&p)),
+            (codes(few), column(&of(&rough))),
+            (codes(all), column(&p)),
             ("error".into(), render_errors(mesh, &errors, ERROR_SHOWN, &view)),
         ];
         Ok((name, contact_sheet(&cells, 4, Theme::Light)))
     }
+}
+
+fn codes(n: usize) -> String {
+    format!("{n} code{}", if n == 1 { "" } else { "s" })
 }
 
 /// Which places of a ranking of `n` are shown, and why: the first `each`, the middle, the last
