@@ -4,8 +4,8 @@ use std::collections::BTreeMap;
 
 use riglab_nn::embed::{EmbedConfig, EmbedKind, Embedding};
 use riglab_nn::fsq::{Fsq, ProjectedFsq};
-use riglab_nn::fsq_cvae::{FsqCvae, FsqCvaeConfig, Shape, SkinCloud, SkinQueries};
-use riglab_nn::layers::{Block, BlockConfig, Context, Distances, HeadSplit};
+use riglab_nn::fsq_cvae::{FsqCvae, FsqCvaeConfig, SkinCloud, SkinQueries};
+use riglab_nn::layers::{Block, BlockConfig, Context, HeadSplit};
 use riglab_nn::loss;
 use riglab_nn::optim::{MuonScale, OptimConfig, Optimizer, newton_schulz};
 use riglab_nn::params::{Builder, Init, ParamId, Params, Role};
@@ -69,7 +69,7 @@ fn fsq_projected(case: &Golden) {
     let params = loaded(b, case, Kind::Float);
     let w = params.weights();
     let z = case.get("in.z").set_requires_grad(true);
-    let codes = fsq.encode(w, &z, None, None);
+    let codes = fsq.encode(w, &z, None);
     let out = fsq.decode(w, &codes);
     case.check("out.index", &fsq.fsq().ids(&codes));
     case.check("out.out", &out);
@@ -115,7 +115,7 @@ fn pmpe(case: &Golden) {
 fn dit_block(case: &Golden) {
     let (width, heads) = (case.number("dim") as usize, case.number("heads") as usize);
     let mlp_ratio = case.number("ff") / case.number("dim");
-    let block = BlockConfig { width, context_width: width, heads, mlp_ratio, split: HeadSplit::Fused, distance: false };
+    let block = BlockConfig { width, context_width: width, heads, mlp_ratio, split: HeadSplit::Fused };
     let mut b = Builder::default();
     let own = Block::new(b.root().sub("self"), block, Context::Itself);
     let cross = Block::new(b.root().sub("cross"), block, Context::Other);
@@ -125,7 +125,7 @@ fn dit_block(case: &Golden) {
     let (x, y, g) =
         (case.get("in.x").set_requires_grad(true), case.get("in.y").set_requires_grad(true), case.get("in.g"));
 
-    let out = own.forward(w, &x, None, Distances::default());
+    let out = own.forward(w, &x, None);
     case.check("out.self", &out);
     let (q, k) = (find("self.attn1.to_q.weight"), find("self.attn1.to_k.weight"));
     let grads = pull(&out, &g, &[&x, &w[q], &w[k]]);
@@ -133,7 +133,7 @@ fn dit_block(case: &Golden) {
         case.check(name, grad);
     }
 
-    let out = cross.forward(w, &x, Some(&cross.keys(w, &y)), Distances::default());
+    let out = cross.forward(w, &x, Some(&cross.keys(w, &y)));
     case.check("out.cross", &out);
     let grads = pull(&out, &g, &[&x, &y, &w[find("cross.attn2.to_k.weight")]]);
     for (name, grad) in ["grad.cross_x", "grad.cross_y", "grad.cross_to_k"].iter().zip(&grads) {
@@ -193,7 +193,7 @@ impl Vae {
         Self { net, params, uniform, all, weights, shape_queries, skin_queries, lambda }
     }
 
-    fn cond(&self) -> Shape {
+    fn cond(&self) -> Tensor {
         self.net.encode_shape(self.params.weights(), &self.uniform, &self.shape_queries)
     }
 
@@ -206,12 +206,12 @@ impl Vae {
     }
 
     /// Logits for a prefix of codes, and [bce, mse, dice mean, total].
-    fn losses(&self, codes: &Tensor, cond: &Shape, k: i64) -> (Tensor, [Tensor; 4]) {
+    fn losses(&self, codes: &Tensor, cond: &Tensor, k: i64) -> (Tensor, [Tensor; 4]) {
         let w = self.params.weights();
         let logits = self.net.decode(w, &codes.narrow(1, 0, k), cond, &self.all, None);
         let pred = logits.sigmoid();
-        let (bce, mse) = (loss::bce(&logits, &self.weights, None), loss::mse(&pred, &self.weights, None));
-        let dice = loss::dice(&pred, &self.weights, None).mean(None::<Kind>);
+        let (bce, mse) = (loss::bce(&logits, &self.weights), loss::mse(&pred, &self.weights));
+        let dice = loss::dice(&pred, &self.weights).mean(None::<Kind>);
         let total = &bce * self.lambda[0] + &mse * self.lambda[1] + &dice * self.lambda[2];
         (logits, [bce, mse, dice, total])
     }
@@ -241,7 +241,7 @@ fn vae(case: &Golden) {
     let vae = Vae::new(case, Kind::Float);
     let (net, w) = (&vae.net, vae.params.weights());
     let cond = vae.cond();
-    case.check("out.cond", &cond.tokens);
+    case.check("out.cond", &cond);
     let tokens = net.config().skin_tokens;
     let latent = net.encode_skin(w, &vae.cloud(), tokens);
     case.check("out.latent", &latent);
@@ -252,7 +252,7 @@ fn vae(case: &Golden) {
     case.check("out.pred", &logits.sigmoid());
     case.check("out.bce", &bce);
     case.check("out.mse", &mse);
-    case.check("out.dice_per_bone", &loss::dice(&logits.sigmoid(), &vae.weights, None));
+    case.check("out.dice_per_bone", &loss::dice(&logits.sigmoid(), &vae.weights));
     case.check("out.total", &total);
     for k in case.names("out.pred_prefix_").map(|k| k.parse::<i64>().unwrap()).collect::<Vec<_>>() {
         let (logits, [bce, mse, dice, _]) = vae.losses(&codes, &cond, k);

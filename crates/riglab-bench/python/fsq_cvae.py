@@ -110,6 +110,79 @@ class Encoder(nn.Module):
         return self.norm_out(tokens)
 
 
+class Frames(nn.Module):
+    """Where bones are and how large, on the first three axes of their codes."""
+
+    SLOTS, REACH, SPAN, FAR = 4, 1.5, 2.2, 8.0
+    SMALL, LARGE = 0.004, 0.6
+    PLACE = 3 + 3 * 2 * 6
+    POINT, TOKEN = PLACE + 2, 2 * PLACE + 3
+
+    def __init__(self, levels):
+        super().__init__()
+        table = lambda name, x: self.register_buffer(name, torch.tensor(x), persistent=False)
+        table("levels", [float(l) for l in levels[:3]])
+        table("halves", [float(l // 2) for l in levels[:3]])
+        table("octaves_local", [math.pi / self.FAR * 2**k for k in range(6)])
+        table("octaves_center", [math.pi / 2 * 2**k for k in range(6)])
+
+    @torch.no_grad()
+    def encode(self, positions, weights):
+        w = weights.unsqueeze(-1)
+        total = w.sum(1, keepdim=True).clamp_min(1e-6)
+        center = (positions * w).sum(1, keepdim=True) / total
+        size = (((positions - center).square() * w).sum(1, keepdim=True) / total).sqrt()
+        rest = ((center + self.REACH) / (2 * self.REACH)).clamp(0, 1 - 1e-6) * self.levels
+        digits = []
+        for _ in range(3):
+            digits.append(rest.floor())
+            rest = (rest - digits[-1]) * self.levels
+        size = size.clamp(self.SMALL, self.LARGE).log() - math.log(self.SMALL)
+        size = (size / math.log(self.LARGE / self.SMALL) * (self.levels - 1)).round()
+        return (torch.cat([digits[0], size, *digits[1:]], 1) - self.halves) / self.halves
+
+    @torch.no_grad()
+    def tell(self, positions, weights, places):
+        frame = self.encode(positions, weights)
+        center, size, _ = self.hear(frame)
+        local = ((places[:, self.SLOTS :] - center) / size).clamp(-self.SPAN, self.SPAN)
+        digits = ((local / self.SPAN + 1) / 2 * (self.levels - 1)).round()
+        return torch.cat([frame[:, : places.shape[1]], (digits - self.halves) / self.halves], 1)
+
+    @torch.no_grad()
+    def hear(self, codes):
+        digits = (codes[..., :3] * self.halves + self.halves).round()
+        count = digits.shape[1]
+        cell = 1 / self.levels
+        share = digits[:, :1] * cell
+        for k in range(2, min(count, self.SLOTS)):
+            cell = cell / self.levels
+            share = share + digits[:, k : k + 1] * cell
+        share = share + cell / 2
+        size = digits[:, 1:2] / (self.levels - 1) if count > 1 else torch.full_like(share, 0.5)
+        places = (digits[:, self.SLOTS :] / (self.levels - 1) * 2 - 1) * self.SPAN
+        size = self.SMALL * (size * math.log(self.LARGE / self.SMALL)).exp()
+        return share * (2 * self.REACH) - self.REACH, size, places
+
+    def place(self, local):
+        local = local.clamp(-self.FAR, self.FAR)
+        angle = (local.unsqueeze(-1) * self.octaves_local).flatten(-2)
+        return torch.cat([angle.sin(), angle.cos(), local / 2], -1)
+
+    def point(self, positions, frame):
+        away = positions - frame[0]
+        local = away / frame[1]
+        far = local.square().sum(-1, keepdim=True).log1p() / 2
+        return torch.cat([self.place(local), far, away.norm(dim=-1, keepdim=True)], -1)
+
+    def token(self, frame, count):
+        center, size, places = frame
+        angle = (center.unsqueeze(-1) * self.octaves_center).flatten(-2)
+        shared = torch.cat([angle.sin(), angle.cos(), center, size.log() / 2], -1)
+        placed = F.pad(self.place(places), (0, 0, count - places.shape[1], 0))
+        return torch.cat([shared.expand(-1, count, -1), placed], -1)
+
+
 class Decoder(nn.Module):
     def __init__(self, c, channels):
         super().__init__()
@@ -126,13 +199,17 @@ class Decoder(nn.Module):
         self.proj_query = nn.Linear(channels, width)
         self.norm_out, self.proj_out = nn.LayerNorm(width), nn.Linear(width, 1)
         self.dot = nn.Linear(width, width)
+        self.frame_tokens = nn.Linear(Frames.TOKEN, width)
+        self.frame_points = nn.Linear(Frames.POINT, width)
 
-    def forward(self, tokens, cond, features):
+    def forward(self, tokens, cond, features, told_tokens, told_points):
+        tokens = tokens + self.frame_tokens(told_tokens)
         for block in self.blocks[: self.layers]:
             tokens = block(tokens, cond)
         x = self.proj_query(features)
         for block in self.shape_points:
             x = block(x, cond)
+        x = x + self.frame_points(told_points)
         for block in self.blocks[self.layers :]:
             x = block(x, tokens)
         x = self.norm_out(x)
@@ -154,8 +231,10 @@ class Fsq(nn.Module):
         table("shift", [math.atanh(o / h) for o, h in zip(off, half)])
         table("levels", [float(l // 2) for l in levels])
 
-    def encode(self, latent, anchors):
-        z = self.project_in(latent).float() + anchors
+    def project(self, latent):
+        return self.project_in(latent).float()
+
+    def encode(self, z):
         bound = (z + self.shift).tanh() * self.reach - self.off
         return (bound + (bound.round() - bound).detach()) / self.levels
 
@@ -171,22 +250,22 @@ class FsqCvae(nn.Module):
     def __init__(self, c):
         super().__init__()
         x = c["extensions"]
-        known = {"cross_condition": True, "active_bit": True, "dot_head": True, "distance_bias": False,
-                 "anchor_only": False, "bone_geometry": False}  # fmt: skip
+        known = {"cross_condition": True, "active_bit": True, "dot_head": True, "frame": True,
+                 "bone_geometry": False}  # fmt: skip
         other = [k for k, v in known.items() if x[k] != v]
         if other or c["skin_queries"] != "active" or c["embed"]["kind"] != "fourier":
             raise ValueError(f"the twin is written for small.toml, whose {other or 'queries or encoding'} differ")
         frequencies = [c["embed"]["base"] * 2**k for k in range(c["embed"]["frequencies"])]
         self.register_buffer("frequencies", torch.tensor(frequencies), persistent=False)
         point = 3 + 6 * len(frequencies) + 3
-        self.encoder = Encoder(c, point + 2, c["skin_tokens"])
+        self.encoder = Encoder(c, point + 2 + Frames.POINT, c["skin_tokens"])
         self.cond_encoder = Encoder(c, point, 0)
         self.decoder = Decoder(c, point)
         self.cond_quant = nn.Linear(c["encoder_width"], c["latent"])
         self.quant = nn.Linear(c["encoder_width"], c["latent"])
         self.post_quant = nn.Linear(c["latent"], c["decoder_width"])
         self.FSQ = Fsq(c)
-        self.anchor_skip, self.axes = x["anchor_skip"], len(c["levels"])
+        self.frames = Frames(c["levels"])
 
     def features(self, cloud, *extra):
         x, normals = cloud.split(3, -1)
@@ -194,18 +273,23 @@ class FsqCvae(nn.Module):
         return torch.cat([x, angle.sin(), angle.cos(), normals, *extra], -1)
 
     def forward(self, b, prefix):
-        """Logits [m, p] from the first `prefix` codes."""
+        """Logits [m, p] from the first `prefix` codes, and what was rounded of the learned axes."""
         cond = self.cond_quant(self.cond_encoder(self.features(b["shape"]), b["shape_queries"]))
         weights, queries = b["skin_weights"].unsqueeze(-1), b["skin_queries"][:, :prefix]
-        skin = self.features(b["skin"], weights, (weights > ACTIVE).float())
+        positions = b["skin"][..., :3]
+        told = self.frames.tell(positions, b["skin_weights"], picked(positions, queries))
+        own = self.frames.hear(self.frames.encode(positions, b["skin_weights"]))
+        skin = self.features(b["skin"], weights, (weights > ACTIVE).float(), self.frames.point(positions, own))
         latent = self.quant(self.encoder(skin, queries))
-        anchors = picked(b["skin"][..., :3], queries) * self.anchor_skip
-        codes = self.FSQ.encode(latent, F.pad(anchors, (0, self.axes - 3)))
+        unrounded = self.FSQ.project(latent)
+        codes = torch.cat([told, self.FSQ.encode(unrounded)[..., 3:]], -1)
         z = self.post_quant(self.FSQ.decode(codes))
-        return self.decoder(z, self.post_quant(cond), self.features(b["points"]))
+        heard = self.frames.hear(codes)
+        seen = self.frames.token(heard, prefix), self.frames.point(b["points"][..., :3], heard)
+        return self.decoder(z, self.post_quant(cond), self.features(b["points"]), *seen), unrounded[..., 3:]
 
 
-def loss_of(logits, targets, c):
+def loss_of(logits, unrounded, targets, c):
     predicted = logits.sigmoid()
     both = 2 * (predicted * targets).sum(-1) + 1e-4
     every = predicted.square().sum(-1) + targets.square().sum(-1) + 1e-4
@@ -214,7 +298,10 @@ def loss_of(logits, targets, c):
     loss = loss + c["dice"] * (1 - both / every).mean()
     passes = (targets > ACTIVE).float()
     shift = math.log((1 - ACTIVE) / ACTIVE)
-    return loss + c["support"] * F.binary_cross_entropy_with_logits(logits + shift, passes)
+    loss = loss + c["support"] * F.binary_cross_entropy_with_logits(logits + shift, passes)
+    variance, mean = torch.var_mean(unrounded.flatten(0, 1), 0, correction=0)
+    variance = variance + 1e-6
+    return loss + c["spread"] * ((mean.square() + variance - 1 - variance.log()) / 2).mean()
 
 
 class Muon(torch.optim.Optimizer):
@@ -287,8 +374,8 @@ class Trainer:
 
     def loss(self, batch, prefix):
         with torch.autocast("cpu", torch.bfloat16, enabled=self.bf16):
-            logits = self.forward(batch, prefix)
-        return loss_of(logits, batch["targets"], self.config["loss"])
+            logits, unrounded = self.forward(batch, prefix)
+        return loss_of(logits, unrounded, batch["targets"], self.config["loss"])
 
     def step(self, batch, prefix):
         """One optimizer step; gives the loss."""

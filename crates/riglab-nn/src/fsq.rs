@@ -95,21 +95,6 @@ impl Fsq {
         (levels - &halves) / halves
     }
 
-    /// z that would give these codes [.., axes], of the first `axes` axes: the inverse of bounding,
-    /// kept off the ends where it is infinite.
-    pub fn unbound(&self, codes: &Tensor, axes: usize) -> Tensor {
-        let codes = codes.narrow(-1, 0, axes as i64);
-        let values = |f: &dyn Fn(f64) -> f64| {
-            let v: Vec<f64> = self.levels[..axes].iter().map(|&l| f(l as f64)).collect();
-            Tensor::from_slice(&v).to_kind(codes.kind()).to_device(codes.device())
-        };
-        let half = values(&|l| (l - 1.0) * (1.0 + EPS) / 2.0);
-        let off = |l: f64| if l % 2.0 == 0.0 { 0.5 } else { 0.0 };
-        let shift = values(&|l| (off(l) / ((l - 1.0) * (1.0 + EPS) / 2.0)).atanh());
-        let bounded = (&codes * values(&|l| (l / 2.0).floor()) + values(&off)) / half;
-        bounded.clamp(-0.97, 0.97).atanh() - shift
-    }
-
     fn halves(&self, like: &Tensor) -> Tensor {
         self.per_axis(like, |l| (l / 2) as f64)
     }
@@ -147,17 +132,16 @@ impl ProjectedFsq {
         &self.fsq
     }
 
-    /// latent [.., l] to codes [.., axes]. Before rounding, `keep` multiplies what was projected and
-    /// `bias` is added, where given [.., axes].
-    /// Computes in at least f32.
-    pub fn encode(&self, w: &Weights, latent: &Tensor, bias: Option<&Tensor>, keep: Option<&Tensor>) -> Tensor {
-        let mut z = self.project_in.forward(w, latent);
-        if z.kind() != Kind::Double {
-            z = z.to_kind(Kind::Float);
-        }
-        if let Some(keep) = keep {
-            z *= keep;
-        }
+    /// latent [.., l] to what is rounded, [.., axes], in at least f32.
+    pub fn project(&self, w: &Weights, latent: &Tensor) -> Tensor {
+        let z = self.project_in.forward(w, latent);
+        if z.kind() == Kind::Double { z } else { z.to_kind(Kind::Float) }
+    }
+
+    /// latent [.., l] to codes [.., axes]. `bias` [.., axes], where given, is
+    /// added before rounding. Computes in at least f32.
+    pub fn encode(&self, w: &Weights, latent: &Tensor, bias: Option<&Tensor>) -> Tensor {
+        let mut z = self.project(w, latent);
         if let Some(bias) = bias {
             z += bias;
         }

@@ -50,13 +50,6 @@ pub enum Init {
         /// Standard deviation.
         std: f64,
     },
-    /// Evenly from one value to another.
-    Ramp {
-        /// The first value.
-        from: f64,
-        /// The last value.
-        to: f64,
-    },
     /// Uniform in [-bound, bound].
     Uniform {
         /// Half the width.
@@ -156,10 +149,6 @@ fn draw(seed: u64, e: &Entry) -> Vec<f32> {
     let mut random = stream(seed, &format!("init/{}", e.name), &[]);
     match e.init {
         Init::Constant(c) => vec![c as f32; n],
-        Init::Ramp { from, to } => {
-            let share = |i: usize| i as f64 / (n.max(2) - 1) as f64;
-            (0..n).map(|i| (from + (to - from) * share(i)) as f32).collect()
-        }
         Init::Normal { std } => (0..n).map(|_| random.normal() * std as f32).collect(),
         Init::Uniform { bound } => (0..n).map(|_| random.within(-bound as f32, bound as f32)).collect(),
     }

@@ -73,14 +73,12 @@ pub struct Extensions {
     pub point_mlp_ratio: f64,
     /// The skin encoder is also told which points' weights pass the metric's threshold.
     pub active_bit: bool,
-    /// Attention scores fall with the squared distance between what attends and what is attended to,
-    /// each head by a learned slope. Skin tokens stand where `anchor_skip` lets their codes say
-    /// (needs it).
-    pub distance_bias: bool,
-    /// The first three axes hold the anchor alone, nothing learned: codes say exactly where they are.
-    pub anchor_only: bool,
-    /// This times a query point's position is added to the first three quantised axes (needs
-    /// `skin_queries = "active"` or `"farthest"`). 0 is off.
+    /// The first three axes are told, not learned (needs `skin_queries = "active"` or `"farthest"`):
+    /// of the first four codes, where the bone is and how large; of the others, where in that frame
+    /// their query point lies. All points are also seen in the frame: a finger then looks like an arm.
+    pub frame: bool,
+    /// A weaker form of `frame`, and without it only: this times a query point's position is added to
+    /// the first three quantised axes. 0 is off.
     pub anchor_skip: f64,
     /// Octaves of Fourier features with which codes enter the decoder. 0 is off.
     pub code_octaves: usize,
@@ -122,8 +120,7 @@ impl Default for Extensions {
             point_layers: 1,
             point_mlp_ratio: 0.0,
             active_bit: false,
-            distance_bias: false,
-            anchor_only: false,
+            frame: false,
             anchor_skip: 0.0,
             code_octaves: 0,
             dot_head: false,
@@ -166,11 +163,11 @@ impl FsqCvaeConfig {
             return Err(("levels", e.to_string()));
         }
         let x = &self.extensions;
-        if x.anchor_skip != 0.0 && self.skin_queries == SkinQueries::Learned {
-            return Err((
-                "extensions.anchor_skip",
-                "anchor_skip needs queries that are points: skin_queries = \"active\" or \"farthest\"".into(),
-            ));
+        for (key, on) in [("extensions.frame", x.frame), ("extensions.anchor_skip", x.anchor_skip != 0.0)] {
+            if on && self.skin_queries == SkinQueries::Learned {
+                let message = format!("{key} needs queries that are points: skin_queries = \"active\" or \"farthest\"");
+                return Err((key, message));
+            }
         }
         if x.anchor_skip != 0.0 && self.levels.len() < 3 {
             return Err((
@@ -178,10 +175,13 @@ impl FsqCvaeConfig {
                 "anchor_skip writes to three axes: give at least three levels".into(),
             ));
         }
-        for (key, on) in [("extensions.distance_bias", x.distance_bias), ("extensions.anchor_only", x.anchor_only)] {
-            if on && x.anchor_skip == 0.0 {
-                return Err((key, format!("{key} needs anchor_skip: without it codes do not say where they are")));
-            }
+        if x.frame && x.anchor_skip != 0.0 {
+            let message = "frame already tells where query points are: set anchor_skip = 0".into();
+            return Err(("extensions.anchor_skip", message));
+        }
+        if x.frame && self.levels.len() < 4 {
+            let message = "frame takes three axes: give at least four levels, so that something is learned".into();
+            return Err(("extensions.frame", message));
         }
         if !(0.0..=64.0).contains(&x.point_mlp_ratio) {
             return Err((

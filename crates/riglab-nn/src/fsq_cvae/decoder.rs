@@ -3,7 +3,8 @@
 use tch::{Kind, Tensor};
 
 use super::config::FsqCvaeConfig;
-use crate::layers::{Block, BlockConfig, Context, Distances, LayerNorm, Linear, squared_distances};
+use super::frame::{self, Frame};
+use crate::layers::{Block, BlockConfig, Context, LayerNorm, Linear};
 use crate::params::{Role, Scope, Weights};
 
 /// Numbers per bone of [`BoneGeometry::bones`].
@@ -31,6 +32,8 @@ pub struct Decoder {
     dot: Option<Linear>,
     bone_token: Option<Linear>,
     bone_points: Option<Linear>,
+    frame_tokens: Option<Linear>,
+    frame_points: Option<Linear>,
 }
 
 impl Decoder {
@@ -38,14 +41,8 @@ impl Decoder {
     pub fn new(mut at: Scope, c: &FsqCvaeConfig, input: usize) -> Self {
         let width = c.decoder_width;
         let x = &c.extensions;
-        let block = BlockConfig {
-            width,
-            context_width: width,
-            heads: c.heads,
-            mlp_ratio: c.mlp_ratio,
-            split: c.head_split,
-            distance: x.distance_bias,
-        };
+        let block =
+            BlockConfig { width, context_width: width, heads: c.heads, mlp_ratio: c.mlp_ratio, split: c.head_split };
         let point_block =
             BlockConfig { mlp_ratio: if x.point_mlp_ratio > 0.0 { x.point_mlp_ratio } else { c.mlp_ratio }, ..block };
         let own = if x.cross_condition { Context::Both } else { Context::Itself };
@@ -69,55 +66,58 @@ impl Decoder {
             bone_points: x
                 .bone_geometry
                 .then(|| Linear::new(at.sub("bone_points"), Role::Projection, BONE_POINT_FEATURES, width, true)),
+            frame_tokens: x
+                .frame
+                .then(|| Linear::new(at.sub("frame_tokens"), Role::Projection, frame::TOKEN, width, true)),
+            frame_points: x
+                .frame
+                .then(|| Linear::new(at.sub("frame_points"), Role::Projection, frame::POINT, width, true)),
         }
     }
 
     /// Logits [m, p] of m bones at p points each.
     ///
     /// `z` [m, k, d] and `cond` [r, s, d] are the bones' and the rigs' tokens, in decoder width; rig
-    /// i owns the bones from i m / r on. `features` are those of the points: [m, p, c] for points of
-    /// each bone's own, [r, p, c] for points that all bones of a rig share.
+    /// i owns the bones from i m / r on. `points` are positions and more with their features: [m, p, c]
+    /// for points of each bone's own, [r, p, c] for points that all bones of a rig share.
     pub fn forward(
         &self,
         w: &Weights,
         z: &Tensor,
         cond: &Tensor,
-        features: &Tensor,
+        (points, features): (&Tensor, &Tensor),
+        frame: Option<&Frame>,
         geometry: Option<&BoneGeometry>,
-        sites: Option<&Sites>,
     ) -> Tensor {
         let m = z.size()[0];
-        let mut tokens = z.shallow_clone();
-        let mut at = sites.map(|s| s.tokens.shallow_clone());
+        let mut tokens = match (&self.frame_tokens, frame) {
+            (Some(layer), Some(frame)) => z + layer.forward(w, &frame.token_features().to_kind(w.kind())),
+            _ => z.shallow_clone(),
+        };
         if let (Some(layer), Some(geometry)) = (&self.bone_token, geometry) {
             tokens = Tensor::cat(&[tokens, layer.forward(w, &geometry.bones.to_kind(w.kind())).unsqueeze(1)], 1);
-            at = at.map(|at| Tensor::cat(&[at, geometry.bones.narrow(1, 0, 3).unsqueeze(1)], 1));
         }
         if self.concat {
             tokens = Tensor::cat(&[tokens, per_bone(cond, m)], 1);
-            at = at.zip(sites).map(|(at, s)| Tensor::cat(&[at, per_bone(&s.shape, m)], 1));
         }
-        let own = at.as_ref().map(|at| squared_distances(at, at));
-        let to_shape = at.as_ref().zip(sites).map(|(at, s)| folded_distances(at, &s.shape));
-        let distances = Distances { own: own.as_ref(), other: to_shape.as_ref() };
         for block in &self.blocks {
             let keys = (!self.concat).then(|| block.keys(w, cond));
-            tokens = block.forward(w, &tokens, keys.as_ref(), distances);
+            tokens = block.forward(w, &tokens, keys.as_ref());
         }
 
         let mut x = self.proj_query.forward(w, features);
-        let to_shape = sites.map(|s| folded_distances(&s.points, &s.shape));
         for block in &self.shape_points {
-            let distances = Distances { own: None, other: to_shape.as_ref() };
-            x = block.forward(w, &x, Some(&block.keys(w, cond)), distances);
+            x = block.forward(w, &x, Some(&block.keys(w, cond)));
         }
         if let (Some(layer), Some(geometry)) = (&self.bone_points, geometry) {
             x = per_bone(&x, m) + layer.forward(w, &geometry.points.to_kind(w.kind()));
         }
-        let to_tokens = at.as_ref().zip(sites).map(|(at, s)| squared_distances(&per_bone(&s.points, m), at));
+        if let (Some(layer), Some(frame)) = (&self.frame_points, frame) {
+            let seen = frame.point_features(&per_bone(&points.narrow(-1, 0, 3), m));
+            x = per_bone(&x, m) + layer.forward(w, &seen.to_kind(w.kind()));
+        }
         for block in &self.points {
-            let distances = Distances { own: None, other: to_tokens.as_ref() };
-            x = block.forward(w, &x, Some(&block.keys(w, &tokens)), distances);
+            x = block.forward(w, &x, Some(&block.keys(w, &tokens)));
         }
         let x = self.norm_out.forward(w, &x);
         let logits = self.proj_out.forward(w, &x).squeeze_dim(-1).to_kind(float(w));
@@ -131,27 +131,10 @@ impl Decoder {
     }
 }
 
-/// Where things stand, for attention that falls with distance.
-pub struct Sites {
-    /// [m, k, 3]
-    pub tokens: Tensor,
-    /// [r, s, 3]
-    pub shape: Tensor,
-    /// Like the features: [m, p, 3] or [r, p, 3].
-    pub points: Tensor,
-}
-
 /// [r, t, d] to [m, t, d]: what a rig's bones share, for each of them.
 fn per_bone(x: &Tensor, m: i64) -> Tensor {
     let r = x.size()[0];
     if r == m { x.shallow_clone() } else { x.unsqueeze(1).expand([-1, m / r, -1, -1], false).flatten(0, 1) }
-}
-
-/// Squared distances of points [b, t, 3] and the sites [r, s, 3] of their rigs, as [b, t, s].
-fn folded_distances(points: &Tensor, sites: &Tensor) -> Tensor {
-    let (b, t, _) = points.size3().expect("three axes");
-    let r = sites.size()[0];
-    squared_distances(&points.reshape([r, b * t / r, 3]), sites).view([b, t, -1])
 }
 
 /// Losses and metrics see at least f32.

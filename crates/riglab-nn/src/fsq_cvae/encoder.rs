@@ -2,7 +2,7 @@
 
 use tch::Tensor;
 
-use crate::layers::{Block, BlockConfig, Context, Distances, LayerNorm, Linear, squared_distances};
+use crate::layers::{Block, BlockConfig, Context, LayerNorm, Linear};
 use crate::params::{Init, ParamId, Role, Scope, Weights};
 
 /// What the queries start from.
@@ -44,12 +44,11 @@ impl Encoder {
         }
     }
 
-    /// features [b, n, input] to tokens [b, t, width]. `positions` [b, n, 3] are those of the points,
-    /// where the blocks know distances and the queries are points.
+    /// features [b, n, input] to tokens [b, t, width].
     ///
     /// Queries that are points share the input projection with the keys; if there is a table of
     /// learned vectors besides, each slot's is added.
-    pub fn forward(&self, w: &Weights, features_bnc: &Tensor, queries: &Queries, positions: Option<&Tensor>) -> Tensor {
+    pub fn forward(&self, w: &Weights, features_bnc: &Tensor, queries: &Queries) -> Tensor {
         let x = self.proj_in.forward(w, features_bnc);
         let batch = x.size()[0];
         let learned = |t: i64| self.learned_queries.map(|id| w[id].narrow(0, 0, t));
@@ -67,16 +66,9 @@ impl Encoder {
                 table.unsqueeze(0).expand([batch, -1, -1], false)
             }
         };
-        let at = match (queries, positions) {
-            (Queries::Points(index), Some(p)) => Some((picked(p, index), p)),
-            _ => None,
-        };
-        let other = at.as_ref().map(|(q, p)| squared_distances(q, p));
-        let own = at.as_ref().map(|(q, _)| squared_distances(q, q));
-        let distances = Distances { own: own.as_ref(), other: other.as_ref() };
-        let mut tokens = self.cross.forward(w, &start, Some(&self.cross.keys(w, &x)), distances);
+        let mut tokens = self.cross.forward(w, &start, Some(&self.cross.keys(w, &x)));
         for block in &self.own {
-            tokens = block.forward(w, &tokens, None, distances);
+            tokens = block.forward(w, &tokens, None);
         }
         self.norm_out.forward(w, &tokens)
     }

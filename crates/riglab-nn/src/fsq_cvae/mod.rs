@@ -11,6 +11,7 @@
 mod config;
 mod decoder;
 mod encoder;
+mod frame;
 
 use tch::{Kind, Tensor};
 
@@ -22,8 +23,9 @@ use crate::embed::Embedding;
 use crate::fsq::{Fsq, ProjectedFsq};
 use crate::layers::{BlockConfig, Linear};
 use crate::params::{Role, Scope, Weights};
-use decoder::{Decoder, Sites};
+use decoder::Decoder;
 use encoder::{Encoder, Queries, picked};
+use frame::FrameCoder;
 
 /// Weights above this count as held by the bone (SkinTokens' metric threshold).
 pub const ACTIVE: f64 = 0.01;
@@ -37,16 +39,9 @@ pub struct FsqCvae {
     encoder: Encoder,
     quant: Linear,
     fsq: ProjectedFsq,
+    frame: Option<FrameCoder>,
     post_quant: Linear,
     decoder: Decoder,
-}
-
-/// A rig's shape, encoded.
-pub struct Shape {
-    /// [r, s, l]
-    pub tokens: Tensor,
-    /// [r, s, 3]: the points they started from.
-    pub positions: Tensor,
 }
 
 /// Points with the weights of one bone each.
@@ -57,6 +52,19 @@ pub struct SkinCloud {
     pub weights: Tensor,
     /// [m, t]: which points are queries, in token order; unused with learned queries.
     pub queries: Option<Tensor>,
+}
+
+impl SkinCloud {
+    /// [m, n, 3]
+    fn positions(&self) -> Tensor {
+        self.points.narrow(-1, 0, 3)
+    }
+
+    /// Where the first `k` queries are, [m, k, 3]; the config was checked to have queries that are points.
+    fn places(&self, k: i64) -> Tensor {
+        let queries = self.queries.as_ref().expect("queries that are points");
+        picked(&self.positions(), &queries.narrow(1, 0, k))
+    }
 }
 
 impl FsqCvae {
@@ -74,10 +82,10 @@ impl FsqCvae {
             heads: c.heads,
             mlp_ratio: c.mlp_ratio,
             split: c.head_split,
-            distance: c.extensions.distance_bias,
         };
         let learned = if c.skin_queries == SkinQueries::Farthest { 0 } else { c.skin_tokens };
-        let skin_input = point + 1 + usize::from(c.extensions.active_bit);
+        let framed = if c.extensions.frame { frame::POINT } else { 0 };
+        let skin_input = point + 1 + usize::from(c.extensions.active_bit) + framed;
         let to_latent = |at: Scope| {
             Linear::normal(at, Role::Projection, c.encoder_width, c.latent, 0.25 / (c.encoder_width as f64).sqrt(), 0.0)
         };
@@ -96,6 +104,7 @@ impl FsqCvae {
                 0.0,
             ),
             fsq: ProjectedFsq::new(at.sub("FSQ"), &c.levels, c.latent, c.extensions.code_octaves)?,
+            frame: c.extensions.frame.then(|| FrameCoder::new(&c.levels)),
             embedding,
             config: c.clone(),
         })
@@ -111,13 +120,10 @@ impl FsqCvae {
         self.fsq.fsq()
     }
 
-    /// The shape tokens of clouds [r, n, 6]; `queries` [r, s] are farthest points among them.
-    pub fn encode_shape(&self, w: &Weights, cloud: &Tensor, queries: &Tensor) -> Shape {
-        let positions = cloud.narrow(-1, 0, 3);
-        let known = self.config.extensions.distance_bias.then_some(&positions);
-        let features = self.features(w, cloud, &[]);
-        let tokens = self.cond_encoder.forward(w, &features, &Queries::Points(queries), known);
-        Shape { tokens: self.cond_quant.forward(w, &tokens), positions: picked(&positions, queries) }
+    /// The shape tokens [r, s, l] of clouds [r, n, 6]; `queries` [r, s] are farthest points among them.
+    pub fn encode_shape(&self, w: &Weights, cloud: &Tensor, queries: &Tensor) -> Tensor {
+        let tokens = self.cond_encoder.forward(w, &self.features(w, cloud, &[]), &Queries::Points(queries));
+        self.cond_quant.forward(w, &tokens)
     }
 
     /// The first `k` skin tokens before quantisation, [m, k, l].
@@ -127,14 +133,14 @@ impl FsqCvae {
     pub fn encode_skin(&self, w: &Weights, cloud: &SkinCloud, k: usize) -> Tensor {
         let weights = cloud.weights.unsqueeze(-1);
         let bit = self.config.extensions.active_bit.then(|| weights.gt(ACTIVE).to_kind(weights.kind()));
-        let extra: Vec<&Tensor> = std::iter::once(&weights).chain(&bit).collect();
+        let frame = self.frame.as_ref().map(|coder| coder.of(&cloud.positions(), &cloud.weights));
+        let frame = frame.map(|f| f.point_features(&cloud.positions()));
+        let extra: Vec<&Tensor> = std::iter::once(&weights).chain(&bit).chain(&frame).collect();
         let features = self.features(w, &cloud.points, &extra);
         let k = k as i64;
-        let positions = cloud.points.narrow(-1, 0, 3);
-        let known = self.config.extensions.distance_bias.then_some(&positions);
         let tokens = match (self.config.skin_queries, &cloud.queries) {
-            (SkinQueries::Learned, _) => self.encoder.forward(w, &features, &Queries::Learned(k), None),
-            (_, Some(index)) => self.encoder.forward(w, &features, &Queries::Points(&index.narrow(1, 0, k)), known),
+            (SkinQueries::Learned, _) => self.encoder.forward(w, &features, &Queries::Learned(k)),
+            (_, Some(index)) => self.encoder.forward(w, &features, &Queries::Points(&index.narrow(1, 0, k))),
             (_, None) => panic!("queries that are points were not given"),
         };
         self.quant.forward(w, &tokens)
@@ -142,13 +148,17 @@ impl FsqCvae {
 
     /// Latents [m, k, l] to codes [m, k, axes] in [-1, 1], gradients straight through.
     pub fn quantize(&self, w: &Weights, latent: &Tensor, cloud: &SkinCloud) -> Tensor {
-        let anchors = self.anchors(cloud, latent.size()[1]);
-        let keep = self.config.extensions.anchor_only.then(|| {
-            let axes = self.config.levels.len();
-            let keep: Vec<f32> = (0..axes).map(|i| if i < 3 { 0.0 } else { 1.0 }).collect();
-            Tensor::from_slice(&keep).to_device(latent.device())
-        });
-        self.fsq.encode(w, latent, anchors.as_ref(), keep.as_ref())
+        let k = latent.size()[1];
+        let Some(coder) = &self.frame else { return self.fsq.encode(w, latent, self.anchors(cloud, k).as_ref()) };
+        let codes = self.fsq.encode(w, latent, None);
+        let told = coder.tell(&cloud.positions(), &cloud.weights, &cloud.places(k));
+        Tensor::cat(&[told, codes.narrow(2, 3, codes.size()[2] - 3)], 2)
+    }
+
+    /// Of the learned axes, what is rounded, without anchors [m, k, axes]: for [`crate::loss::spread`].
+    pub fn unrounded(&self, w: &Weights, latent: &Tensor) -> Tensor {
+        let z = self.fsq.project(w, latent);
+        if self.frame.is_some() { z.narrow(-1, 3, z.size()[2] - 3) } else { z }
     }
 
     /// Codes to latents [m, k, l], as the decoder's first layer reads them.
@@ -157,24 +167,19 @@ impl FsqCvae {
     }
 
     /// Logits [m, p] of the weight at points [m, p, 6] (each bone's own) or [r, p, 6] (shared by a
-    /// rig's bones), from codes [m, k, axes] and the shape. The weight is their sigmoid.
+    /// rig's bones), from codes [m, k, axes] and shape tokens [r, s, l]. The weight is their sigmoid.
     pub fn decode(
         &self,
         w: &Weights,
         codes: &Tensor,
-        shape: &Shape,
+        shape: &Tensor,
         points: &Tensor,
         geometry: Option<&BoneGeometry>,
     ) -> Tensor {
         let z = self.post_quant.forward(w, &self.dequantize(w, codes));
-        let cond = self.post_quant.forward(w, &shape.tokens);
-        let sites = self.config.extensions.distance_bias.then(|| Sites {
-            // Where codes stand is told, not learned: no gradient.
-            tokens: self.fsq().unbound(&codes.detach(), 3) / self.config.extensions.anchor_skip,
-            shape: shape.positions.shallow_clone(),
-            points: points.narrow(-1, 0, 3),
-        });
-        self.decoder.forward(w, &z, &cond, &self.features(w, points, &[]), geometry, sites.as_ref())
+        let cond = self.post_quant.forward(w, shape);
+        let frame = self.frame.as_ref().map(|coder| coder.hear(codes));
+        self.decoder.forward(w, &z, &cond, (points, &self.features(w, points, &[])), frame.as_ref(), geometry)
     }
 
     /// Encoded positions, normals and further columns, in the weights' kind.
@@ -189,8 +194,10 @@ impl FsqCvae {
     /// What `anchor_skip` adds before rounding: the queries' positions on the first three axes.
     fn anchors(&self, cloud: &SkinCloud, k: i64) -> Option<Tensor> {
         let factor = self.config.extensions.anchor_skip;
-        let index = cloud.queries.as_ref().filter(|_| factor != 0.0)?.narrow(1, 0, k);
-        let picked = picked(&cloud.points.narrow(-1, 0, 3), &index);
+        if factor == 0.0 || cloud.queries.is_none() {
+            return None;
+        }
+        let picked = cloud.places(k);
         let axes = self.config.levels.len() as i64;
         Some((&picked * factor).constant_pad_nd([0, axes - 3]).to_kind(if picked.kind() == Kind::Double {
             Kind::Double

@@ -4,7 +4,7 @@ use serde::{Deserialize, Serialize};
 use tch::{Device, Kind, Tensor};
 
 use super::Linear;
-use crate::params::{Init, ParamId, Role, Scope, Weights};
+use crate::params::{Role, Scope, Weights};
 
 /// How projected channels are dealt to heads.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -28,7 +28,6 @@ pub struct Attention {
     to_out: Linear,
     heads: i64,
     split: HeadSplit,
-    slopes: Option<ParamId>,
 }
 
 /// Keys and values, each [b, h, s, d / h].
@@ -45,9 +44,8 @@ impl KeyValue {
 }
 
 impl Attention {
-    /// `context` is the width of y. With `distance`, scores fall with the squared distance between
-    /// query and key, each head by a learned slope (an extension).
-    pub fn new(mut at: Scope, width: usize, context: usize, heads: usize, split: HeadSplit, distance: bool) -> Self {
+    /// `context` is the width of y.
+    pub fn new(mut at: Scope, width: usize, context: usize, heads: usize, split: HeadSplit) -> Self {
         assert!(width.is_multiple_of(heads), "width {width} is not divisible by {heads} heads: check the config first");
         let role = Role::Attention;
         Self {
@@ -55,20 +53,17 @@ impl Attention {
             to_k: Linear::new(at.sub("to_k"), role, context, width, false),
             to_v: Linear::new(at.sub("to_v"), role, context, width, false),
             to_out: Linear::new(at.sub("to_out").sub(0), role, width, width, true),
-            slopes: distance.then(|| {
-                at.add("log_slopes", Role::Vector, &[heads as i64], Init::Ramp { from: SLOPES.0, to: SLOPES.1 })
-            }),
             heads: heads as i64,
             split,
         }
     }
 
-    /// x [b, t, d] over itself. `distances` [b, t, t] are squared.
-    pub fn over_itself(&self, w: &Weights, x_btd: &Tensor, distances: Option<&Tensor>) -> Tensor {
+    /// x [b, t, d] over itself.
+    pub fn over_itself(&self, w: &Weights, x_btd: &Tensor) -> Tensor {
         // One product for all three: the weights are small beside the activations.
         let all = Tensor::cat(&[&w[self.to_q.weight()], &w[self.to_k.weight()], &w[self.to_v.weight()]], 0);
         let parts = self.heads_of(&x_btd.linear(&all, None::<&Tensor>), 3);
-        self.attend(w, &parts[0], &parts[1], &parts[2], distances)
+        self.attend(w, &parts[0], &parts[1], &parts[2])
     }
 
     /// Keys and values of y [b, s, c]: computed once where several queries share them.
@@ -82,23 +77,21 @@ impl Attention {
     }
 
     /// x [b, t, d] over keys made by [`Self::keys`], to [b', t, d]; see `Block::forward` for keys with
-    /// other than b rows. `distances` [b'', t, s] are squared; like x where the keys have fewer rows,
-    /// like the keys where they have more.
-    pub fn over(&self, w: &Weights, x_btd: &Tensor, y: &KeyValue, distances: Option<&Tensor>) -> Tensor {
+    /// other than b rows.
+    pub fn over(&self, w: &Weights, x_btd: &Tensor, y: &KeyValue) -> Tensor {
         let (b, t, d) = x_btd.size3().expect("three axes");
         let rows = y.rows();
         let q = self.to_q.forward(w, x_btd);
         let heads = |q: Tensor, b: i64, t: i64| q.view([b, t, self.heads, d / self.heads]).transpose(1, 2);
         if rows < b {
             let q = heads(q, rows, b * t / rows);
-            let distances = distances.map(|x| x.view([rows, b * t / rows, -1]));
-            return self.attend(w, &q, &y.k, &y.v, distances.as_ref()).view([b, t, d]);
+            return self.attend(w, &q, &y.k, &y.v).view([b, t, d]);
         }
         let mut q = heads(q, b, t);
         if rows > b {
             q = q.unsqueeze(1).expand([-1, rows / b, -1, -1, -1], false).flatten(0, 1);
         }
-        self.attend(w, &q, &y.k, &y.v, distances)
+        self.attend(w, &q, &y.k, &y.v)
     }
 
     /// [b, t, n * d] to n tensors [b, h, t, d / h].
@@ -111,42 +104,24 @@ impl Attention {
         }
     }
 
-    fn attend(&self, w: &Weights, q: &Tensor, k: &Tensor, v: &Tensor, distances: Option<&Tensor>) -> Tensor {
-        let bias = self.slopes.zip(distances).map(|(slopes, distances)| {
-            let slopes = w[slopes].exp().view([1, self.heads, 1, 1]);
-            -(distances.unsqueeze(1).to_kind(q.kind()) * slopes)
-        });
-        let mixed = mix(q, k, v, bias.as_ref());
+    fn attend(&self, w: &Weights, q: &Tensor, k: &Tensor, v: &Tensor) -> Tensor {
+        let mixed = mix(q, k, v);
         let size = q.size();
         let (b, t) = (size[0], size[2]);
         self.to_out.forward(w, &mixed.transpose(1, 2).reshape([b, t, size[1] * size[3]]))
     }
 }
 
-/// The slopes with which heads start, from far-sighted to near-sighted: in [-1, 1]³, a score of -1 at
-/// distances of 2 and 1/8.
-const SLOPES: (f64, f64) = (-1.386, 4.159);
-
-/// softmax(q kᵀ / √d + bias) v, each [b, h, t, d].
+/// softmax(q kᵀ / √d) v, each [b, h, t, d].
 ///
 /// libtorch's fused kernel is the fastest in fp32 on the CPU, but its bfloat16 backward pass is up to
-/// ten times slower than the plain products, and it takes no bias with a gradient. The products need
-/// memory for all scores, which the sequences here have room for.
-fn mix(q: &Tensor, k: &Tensor, v: &Tensor, bias: Option<&Tensor>) -> Tensor {
-    let plain = bias.is_some() || (q.kind() == Kind::BFloat16 && q.device() == Device::Cpu);
-    if !plain {
+/// ten times slower than the plain products. The products need memory for all scores, which the
+/// sequences here have room for.
+fn mix(q: &Tensor, k: &Tensor, v: &Tensor) -> Tensor {
+    if !(q.kind() == Kind::BFloat16 && q.device() == Device::Cpu) {
         return Tensor::scaled_dot_product_attention(q, k, v, None::<&Tensor>, 0.0, false, None, false);
     }
     let scale = 1.0 / (q.size()[3] as f64).sqrt();
-    let mut scores = (q * scale).matmul(&k.transpose(-2, -1));
-    if let Some(bias) = bias {
-        scores += bias;
-    }
+    let scores = (q * scale).matmul(&k.transpose(-2, -1));
     scores.softmax(-1, None::<Kind>).matmul(v)
-}
-
-/// Squared distances of points a [b, t, 3] and b [b, s, 3], as [b, t, s].
-pub fn squared_distances(a: &Tensor, b: &Tensor) -> Tensor {
-    let norm = |x: &Tensor| x.square().sum_dim_intlist([-1i64].as_slice(), true, None::<Kind>);
-    (norm(a) + norm(b).transpose(1, 2) - a.matmul(&b.transpose(1, 2)) * 2.0).clamp_min(0.0)
 }

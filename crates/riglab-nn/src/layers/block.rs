@@ -53,17 +53,6 @@ pub struct BlockConfig {
     pub mlp_ratio: f64,
     /// How channels are dealt to heads.
     pub split: HeadSplit,
-    /// Whether scores fall with distance.
-    pub distance: bool,
-}
-
-/// Squared distances for the attentions of a block, where it was built with them.
-#[derive(Clone, Copy, Default)]
-pub struct Distances<'a> {
-    /// Between its own tokens, [b, t, t].
-    pub own: Option<&'a Tensor>,
-    /// To the other tokens; see [`Attention::over`].
-    pub other: Option<&'a Tensor>,
 }
 
 /// x += Attn(LN(x)) for each attention, then x += FF(LN(x)).
@@ -80,13 +69,13 @@ impl Block {
         let own = (context != Context::Other).then(|| {
             (
                 LayerNorm::new(at.sub("norm1"), c.width),
-                Attention::new(at.sub("attn1"), c.width, c.width, c.heads, c.split, c.distance),
+                Attention::new(at.sub("attn1"), c.width, c.width, c.heads, c.split),
             )
         });
         let other = (context != Context::Itself).then(|| {
             let norm = LayerNorm::new(at.sub("norm2"), c.width);
             let norm_cross = LayerNorm::new(at.sub("attn2").sub("norm_cross"), c.context_width);
-            (norm, norm_cross, Attention::new(at.sub("attn2"), c.width, c.context_width, c.heads, c.split, c.distance))
+            (norm, norm_cross, Attention::new(at.sub("attn2"), c.width, c.context_width, c.heads, c.split))
         });
         Self {
             own,
@@ -109,14 +98,14 @@ impl Block {
     /// tokens of each bone, read by points that the rig's bones share), each row of x is read by as
     /// many rows of keys, and the result has the keys' rows; norm and query projection are still
     /// computed once.
-    pub fn forward(&self, w: &Weights, x_btd: &Tensor, keys: Option<&KeyValue>, distances: Distances) -> Tensor {
+    pub fn forward(&self, w: &Weights, x_btd: &Tensor, keys: Option<&KeyValue>) -> Tensor {
         let mut x = x_btd.shallow_clone();
         if let Some((norm, attention)) = &self.own {
-            x = &x + attention.over_itself(w, &norm.forward(w, &x), distances.own);
+            x = &x + attention.over_itself(w, &norm.forward(w, &x));
         }
         if let Some((norm, _, attention)) = &self.other {
             let keys = keys.expect("a block that attends to other tokens is given their keys");
-            let read = attention.over(w, &norm.forward(w, &x), keys, distances.other);
+            let read = attention.over(w, &norm.forward(w, &x), keys);
             x = if read.size()[0] == x.size()[0] { x + read } else { repeated(&x, read.size()[0]) + read };
         }
         &x + self.ff.forward(w, &self.norm3.forward(w, &x))

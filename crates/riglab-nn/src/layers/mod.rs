@@ -6,6 +6,6 @@ mod attention;
 mod block;
 mod linear;
 
-pub use attention::{Attention, HeadSplit, KeyValue, squared_distances};
-pub use block::{Block, BlockConfig, Context, Distances, FeedForward};
+pub use attention::{Attention, HeadSplit, KeyValue};
+pub use block::{Block, BlockConfig, Context, FeedForward};
 pub use linear::{LayerNorm, Linear};

@@ -34,8 +34,6 @@ pub struct Batch {
     pub points: Vec<f32>,
     /// [m, p]
     pub targets: Vec<f32>,
-    /// [m, p]: how much each counts in the loss, with `loss.importance`.
-    pub mass: Vec<f32>,
     /// [m, 7], with bone geometry.
     pub bone_features: Vec<f32>,
     /// [m, p, 10], with bone geometry.
@@ -220,7 +218,6 @@ impl Maker<'_> {
         if geometry {
             bone_features(&segments[b], &mut batch.bone_features);
         }
-        self.weigh(bone, points, batch);
         for point in points {
             let position = self.push(point, &mut batch.points);
             batch.targets.push(self.rig.weight(bone, point));
@@ -229,21 +226,6 @@ impl Maker<'_> {
                 point_features(position, b, &segments[b], &distances, &mut batch.bone_points);
             }
         }
-    }
-
-    /// Adds how much each of the decoder's points counts.
-    fn weigh(&self, bone: &Bone, points: &[Point], batch: &mut Batch) {
-        let (power, mix) = (self.config.loss.importance, &self.config.sampling.decoder);
-        if power == 0.0 {
-            return;
-        }
-        let parts = [mix.active, mix.near, mix.uniform].map(|n| n as f32 / mix.total() as f32);
-        let ratios = points.iter().map(|p| self.rig.rarity(bone, p, parts).powf(power));
-        let first = batch.mass.len();
-        batch.mass.extend(ratios);
-        let own = &mut batch.mass[first..];
-        let mean = own.iter().sum::<f32>() / own.len() as f32;
-        own.iter_mut().for_each(|m| *m /= mean);
     }
 
     /// The segments of all bones, under the map.

@@ -95,10 +95,8 @@ pub struct LossConfig {
     pub dice: f64,
     /// Weight of the cross-entropy of "passes the metric's threshold" (an extension).
     pub support: f64,
-    /// How far sampling is made up for (an extension). At 0 all sampled points count alike; at 1 each
-    /// counts by how much rarer it is among the samples than on the mesh, so that the loss is that of
-    /// the whole mesh; between, by that ratio to this power.
-    pub importance: f32,
+    /// Weight of how far codes are from filling their codebook (an extension).
+    pub spread: f64,
 }
 
 /// Evaluation on whole meshes.
@@ -140,7 +138,7 @@ impl Default for PrefixConfig {
 
 impl Default for LossConfig {
     fn default() -> Self {
-        Self { bce: 1.0, mse: 0.1, dice: 1.0, support: 0.0, importance: 0.0 }
+        Self { bce: 1.0, mse: 0.1, dice: 1.0, support: 0.0, spread: 0.0 }
     }
 }
 
@@ -209,13 +207,11 @@ impl FsqCvaeTaskConfig {
             return fault("sampling.prefix.lengths", "a prefix has at least 1 code".into());
         }
         let l = &self.loss;
-        for (key, v) in [("bce", l.bce), ("mse", l.mse), ("dice", l.dice), ("support", l.support)] {
+        for (key, v) in [("bce", l.bce), ("mse", l.mse), ("dice", l.dice), ("support", l.support), ("spread", l.spread)]
+        {
             if !(v >= 0.0 && v.is_finite()) {
                 return fault(&format!("loss.{key}"), format!("{key} = {v} must not be negative"));
             }
-        }
-        if !(0.0..=1.0).contains(&l.importance) {
-            return fault("loss.importance", format!("importance = {} must lie in [0, 1]", l.importance));
         }
         if [l.bce, l.mse, l.dice, l.support].iter().all(|&v| v == 0.0) {
             return fault("loss", "every part of the loss has weight 0".into());

@@ -5,7 +5,6 @@ use std::sync::Arc;
 
 use riglab_core::{DecodeRule, JointId};
 use riglab_metric::{Baseline, Codebook, SkinMetrics, SkinTally, bone_distances, compression_ratio};
-use riglab_nn::fsq_cvae::Shape;
 use riglab_nn::params::Weights;
 use riglab_random::{Draw, stream};
 use serde::{Deserialize, Serialize};
@@ -88,8 +87,8 @@ pub struct CodebookRow {
 pub struct Encoded {
     /// The asset.
     pub rig: Arc<Prepared>,
-    /// Its shape.
-    pub cond: Shape,
+    /// Its shape tokens, [1, s, l].
+    pub cond: Tensor,
     /// [m, t, axes]
     pub codes: Tensor,
     /// [m, t]

@@ -146,14 +146,15 @@ pub fn loss_of(
     let codes = net.quantize(w, &latent, &cloud);
     let logits = net.decode(w, &codes, &cond, &points, geometry.as_ref());
     let predicted = logits.sigmoid();
-    let mass = tensors::mass(c, batch, device);
-    let mass = mass.as_ref();
     let mut loss = Loss::new()
-        .term("bce", c.loss.bce, loss::bce(&logits, &targets, mass))
-        .term("mse", c.loss.mse, loss::mse(&predicted, &targets, mass))
-        .term("dice", c.loss.dice, loss::dice(&predicted, &targets, mass).mean(None::<Kind>));
+        .term("bce", c.loss.bce, loss::bce(&logits, &targets))
+        .term("mse", c.loss.mse, loss::mse(&predicted, &targets))
+        .term("dice", c.loss.dice, loss::dice(&predicted, &targets).mean(None::<Kind>));
     if c.loss.support > 0.0 {
-        loss = loss.term("support", c.loss.support, loss::support(&logits, &targets, ACTIVE, mass));
+        loss = loss.term("support", c.loss.support, loss::support(&logits, &targets, ACTIVE));
+    }
+    if c.loss.spread > 0.0 {
+        loss = loss.term("spread", c.loss.spread, loss::spread(&net.unrounded(w, &latent)));
     }
     Ok(loss.note("prefix", batch.prefix as f64))
 }

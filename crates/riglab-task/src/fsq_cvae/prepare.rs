@@ -155,24 +155,6 @@ impl Prepared {
         Point { position: sampler.position(&p), normal: sampler.normal(&p), at: Place::Surface(p) }
     }
 
-    /// How much rarer a point is among samples than on the mesh, if those are drawn in these shares
-    /// where the bone holds the mesh, around that, and anywhere. Vertices are compared with vertices,
-    /// points of the surface with area.
-    pub fn rarity(&self, bone: &Bone, point: &Point, [held, shell, anywhere]: [f32; 3]) -> f32 {
-        // How much denser draws from a patch are than draws from anywhere, where the patch is.
-        let density = |patch: &Patch| match point.at {
-            Place::Vertex(v) if patch.vertices.binary_search(&v).is_ok() => {
-                self.normals.len() as f32 / patch.vertices.len() as f32
-            }
-            Place::Surface(p) if patch.triangles.binary_search_by_key(&p.triangle, |(t, _)| *t).is_ok() => {
-                let all = self.areas.last().copied().unwrap_or(0.0) as f32;
-                all / patch.triangles.last().map_or(f32::INFINITY, |(_, sum)| *sum).max(f32::MIN_POSITIVE)
-            }
-            _ => 0.0,
-        };
-        1.0 / (held * density(&bone.held) + shell * density(&bone.shell) + anywhere).max(1e-3)
-    }
-
     /// A bone's weight at a point.
     pub fn weight(&self, bone: &Bone, point: &Point) -> f32 {
         match point.at {

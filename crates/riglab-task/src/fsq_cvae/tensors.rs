@@ -42,11 +42,6 @@ pub fn asked(c: &FsqCvaeTaskConfig, b: &Batch, device: Device) -> (Tensor, Tenso
     (tensor(&b.points, &[b.bones, p, 6], device), tensor(&b.targets, &[b.bones, p], device), geometry)
 }
 
-/// How much each of the decoder's points counts in the loss [m, p]; `None` where all count alike.
-pub fn mass(c: &FsqCvaeTaskConfig, b: &Batch, device: Device) -> Option<Tensor> {
-    (!b.mass.is_empty()).then(|| tensor(&b.mass, &[b.bones, c.sampling.decoder.total()], device))
-}
-
 /// The geometry of some bones at points that they share.
 pub fn geometry(bones: &[usize], points: &[Point], segments: &[Vec<Segment>], device: Device) -> BoneGeometry {
     use rayon::prelude::*;
