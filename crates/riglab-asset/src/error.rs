@@ -101,9 +101,16 @@ pub enum Fault {
     /// The file cannot be read rightly without it.
     #[error("requires the extension {0}, which is not known; export the file without it")]
     RequiredExtension(String),
-    /// Geometry that needs a decoder.
-    #[error("the geometry is compressed with {0}, which is not decoded; export without compression")]
-    Compressed(&'static str),
+    /// Compressed geometry that is not what its extension defines.
+    #[error("{what} cannot be decoded: {extension}: {reason}; export without compression")]
+    Compressed {
+        /// Which buffer view or primitive.
+        what: String,
+        /// What compressed it.
+        extension: &'static str,
+        /// What is wrong.
+        reason: String,
+    },
 
     /// A number that names nothing.
     #[error("{from} names {to} {index}, which is out of range: there are {count}")]

@@ -14,8 +14,8 @@
 //! finite reaches a rig; what was repaired or doubtful is told in a [`Warning`]. Units and axes stay
 //! those of the file (glTF: y up, right-handed).
 //!
-//! Leaves out: compressed geometry (Draco, meshopt), other formats, springs, humanoid maps,
-//! animation clips, and writing other formats than GLB ([`to_glb`]).
+//! Leaves out: other formats, springs, humanoid maps, animation clips, and writing other formats than
+//! GLB ([`to_glb`]).
 
 mod assemble;
 mod error;

@@ -77,7 +77,14 @@ fn seeds() -> Vec<(String, Vec<u8>)> {
         ("rigid.vrm".to_owned(), rigid.glb()),
     ];
     if let Some(folder) = common::data("RIGLAB_RIGS_HARD", "rigs_hard") {
-        let names = ["ok_tube.glb", "ok_quantized.glb", "ok_strips_and_fans.glb", "warn_two_characters.glb"];
+        let names = [
+            "ok_tube.glb",
+            "ok_quantized.glb",
+            "ok_strips_and_fans.glb",
+            "warn_two_characters.glb",
+            "reject_draco.glb",
+            "reject_meshopt.glb",
+        ];
         seeds.extend(names.map(|name| (name.to_owned(), std::fs::read(folder.join(name)).unwrap())));
     }
     seeds

@@ -2,12 +2,13 @@
 //!
 //! Any component type, normalised or not, with gaps or without, sparse or dense. All bounds are
 //! checked before anything is allocated, so a claimed count costs nothing unless the bytes are there.
+//! What Draco compressed is put in place of what the accessors claim.
 
 use std::cell::{Cell, RefCell};
 use std::collections::HashMap;
 use std::rc::Rc;
 
-use super::buffers::Buffers;
+use super::buffers::{Buffers, View};
 use super::document::{Accessor, Document};
 use crate::Fault;
 
@@ -27,6 +28,8 @@ pub(super) struct Accessors<'a> {
     floats3: Cache<[f32; 3]>,
     floats4: Cache<[f32; 4]>,
     integers4: Cache<[u32; 4]>,
+    /// Indices that [`Self::put_indices`] put in place.
+    corners: Cache<u32>,
     /// Elements decoded so far.
     decoded: Cell<usize>,
 }
@@ -117,12 +120,15 @@ type Replaced<'b> = (Vec<u32>, &'b [u8]);
 
 impl<'a> Accessors<'a> {
     pub(super) fn new(document: &'a Document, buffers: Buffers<'a>) -> Self {
-        let (floats3, floats4, integers4, decoded) = Default::default();
-        Self { document, buffers, floats3, floats4, integers4, decoded }
+        let (floats3, floats4, integers4, corners, decoded) = Default::default();
+        Self { document, buffers, floats3, floats4, integers4, corners, decoded }
     }
 
     /// How many elements an accessor claims, within limits; whether the bytes are there is not checked.
     pub(super) fn count(&self, number: usize) -> Result<usize, Fault> {
+        if let Some(corners) = self.corners.borrow().get(&number) {
+            return Ok(corners.len());
+        }
         let accessor = self.get(number)?;
         let limit = if accessor.buffer_view.is_some() { MAX_COUNT } else { MAX_ZEROS };
         let too_large = || Fault::TooLarge { what: format!("accessor {number}"), count: accessor.count, limit };
@@ -147,12 +153,54 @@ impl<'a> Accessors<'a> {
     }
 
     pub(super) fn indices(&self, number: usize) -> Result<Vec<u32>, Fault> {
+        if let Some(corners) = self.corners.borrow().get(&number) {
+            return Ok(corners.to_vec());
+        }
         Ok(self.integers::<1>(number, &INDICES)?.into_iter().map(|[index]| index).collect())
     }
 
     /// The first `wanted` matrices, column by column.
     pub(super) fn matrices(&self, number: usize, wanted: usize) -> Result<Vec<[f32; 16]>, Fault> {
         self.floats(number, &INVERSE_BIND, wanted)
+    }
+
+    /// A buffer view as it is; `from` says who asks for it.
+    pub(super) fn view(&self, number: usize, from: impl Fn() -> String) -> Result<View<'_>, Fault> {
+        self.buffers.view(number, from)
+    }
+
+    /// Whether an accessor's integers mean shares of the largest.
+    pub(super) fn normalized(&self, number: usize) -> Result<bool, Fault> {
+        Ok(self.get(number)?.normalized)
+    }
+
+    /// Puts decoded positions in the place of an accessor's; false where there are some already.
+    pub(super) fn put_positions(&self, number: usize, values: Vec<[f32; 3]>) -> Result<bool, Fault> {
+        self.put(&self.floats3, number, values)
+    }
+
+    /// As above, of WEIGHTS.
+    pub(super) fn put_weights(&self, number: usize, values: Vec<[f32; 4]>) -> Result<bool, Fault> {
+        self.put(&self.floats4, number, values)
+    }
+
+    /// As above, of JOINTS.
+    pub(super) fn put_joints(&self, number: usize, values: Vec<[u32; 4]>) -> Result<bool, Fault> {
+        self.put(&self.integers4, number, values)
+    }
+
+    /// As above, of indices.
+    pub(super) fn put_indices(&self, number: usize, values: Vec<u32>) -> Result<bool, Fault> {
+        self.put(&self.corners, number, values)
+    }
+
+    fn put<T>(&self, cache: &Cache<T>, number: usize, values: Vec<T>) -> Result<bool, Fault> {
+        self.spend(values.len())?;
+        let new = !cache.borrow().contains_key(&number);
+        if new {
+            cache.borrow_mut().insert(number, values.into());
+        }
+        Ok(new)
     }
 
     /// Whether there is such an accessor; `from` says who names it.

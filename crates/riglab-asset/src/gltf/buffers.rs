@@ -1,7 +1,6 @@
 //! Buffers and the views into them.
 //!
-//! Whatever replaces the bytes of a view by decoded ones (meshopt) belongs in [`Buffers::view`]: the
-//! accessor reader above sees views only.
+//! Views that meshopt compressed are decoded here, once: the accessor reader above sees plain ones.
 
 use std::borrow::Cow;
 use std::cell::OnceCell;
@@ -12,8 +11,8 @@ use std::path::{Path, PathBuf};
 use base64::Engine;
 use base64::engine::{DecodePaddingMode, GeneralPurpose, GeneralPurposeConfig};
 
-use super::document::Document;
-use super::extensions;
+use super::document::{BufferView, Document};
+use super::{extensions, meshopt};
 use crate::Fault;
 
 /// Writers disagree on padding, and nothing hangs on it.
@@ -30,6 +29,8 @@ pub(super) struct Buffers<'a> {
     binary: Option<&'a [u8]>,
     folder: Option<&'a Path>,
     loaded: Vec<OnceCell<Cow<'a, [u8]>>>,
+    /// By view.
+    decoded: Vec<OnceCell<Vec<u8>>>,
 }
 
 /// A run of bytes that accessors draw from.
@@ -42,7 +43,9 @@ pub(super) struct View<'b> {
 
 impl<'a> Buffers<'a> {
     pub(super) fn new(document: &'a Document, binary: Option<&'a [u8]>, folder: Option<&'a Path>) -> Self {
-        Self { document, binary, folder, loaded: document.buffers.iter().map(|_| OnceCell::new()).collect() }
+        let loaded = document.buffers.iter().map(|_| OnceCell::new()).collect();
+        let decoded = document.buffer_views.iter().map(|_| OnceCell::new()).collect();
+        Self { document, binary, folder, loaded, decoded }
     }
 
     /// A buffer view; `from` says who asks for it.
@@ -54,28 +57,36 @@ impl<'a> Buffers<'a> {
             index: number,
             count: views.len(),
         })?;
-        let buffer = self.bytes(view.buffer, number).map_err(|fault| {
-            // A compressed view's buffer is a mere claim, unless the file brings plain bytes as well.
-            match (fault, extensions::compression(&view.extensions)) {
-                (Fault::NoBinaryChunk(_), Some(name)) => Fault::Compressed(name),
-                (fault, _) => fault,
-            }
-        })?;
-        let span = || {
-            let start = usize::try_from(view.byte_offset).ok()?;
-            let end = start.checked_add(usize::try_from(view.byte_length).ok()?)?;
-            buffer.get(start..end)
-        };
-        let bytes = span().ok_or(Fault::ViewBounds {
-            view: number,
-            offset: view.byte_offset,
-            length: view.byte_length,
-            buffer: view.buffer,
-            found: buffer.len(),
-        })?;
+        let bytes = self.decoded(number, view)?.map_or_else(
+            || self.run(number, view.buffer, view.byte_offset, view.byte_length),
+            |decoded| Ok(decoded.as_slice()),
+        )?;
         // A stride of 0 is not allowed, and written by some to say that there is none.
         let stride = view.byte_stride.filter(|s| *s > 0).map(|s| s as usize);
         Ok(View { bytes, stride })
+    }
+
+    /// The bytes of a compressed view; its own buffer is then a mere claim, whether there or not.
+    fn decoded(&self, number: usize, view: &BufferView) -> Result<Option<&Vec<u8>>, Fault> {
+        let Some((extension, settings)) = extensions::meshopt(&view.extensions) else { return Ok(None) };
+        if let Some(known) = self.decoded[number].get() {
+            return Ok(Some(known));
+        }
+        let failed = |reason| Fault::Compressed { what: format!("buffer view {number}"), extension, reason };
+        let settings = meshopt::Settings::read(settings).map_err(failed)?;
+        let bytes = self.run(number, settings.buffer, settings.byte_offset, settings.byte_length)?;
+        let decoded = settings.decode(bytes).map_err(failed)?;
+        Ok(Some(self.decoded[number].get_or_init(|| decoded)))
+    }
+
+    /// A run of bytes of a buffer, for a view.
+    fn run(&self, view: usize, buffer: usize, offset: u64, length: u64) -> Result<&[u8], Fault> {
+        let bytes = self.bytes(buffer, view)?;
+        let span = || {
+            let start = usize::try_from(offset).ok()?;
+            bytes.get(start..start.checked_add(usize::try_from(length).ok()?)?)
+        };
+        span().ok_or(Fault::ViewBounds { view, offset, length, buffer, found: bytes.len() })
     }
 
     fn bytes(&self, number: usize, view: usize) -> Result<&[u8], Fault> {

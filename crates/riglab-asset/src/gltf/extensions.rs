@@ -1,4 +1,4 @@
-//! Which extensions a file may require, and which geometry needs a decoder.
+//! Which extensions a file may require, and those that compress geometry.
 
 use std::collections::BTreeMap;
 
@@ -7,8 +7,10 @@ use serde_json::Value;
 use super::document::Document;
 use crate::Fault;
 
-/// Extensions that compress geometry; each will have a decoder of its own.
-const COMPRESSIONS: [&str; 3] = ["KHR_draco_mesh_compression", "EXT_meshopt_compression", "KHR_meshopt_compression"];
+/// Compressed primitives.
+pub(super) const DRACO: &str = "KHR_draco_mesh_compression";
+/// Compressed buffer views; the second is the first with a newer codec, which is read as well.
+const MESHOPT: [&str; 2] = ["EXT_meshopt_compression", "KHR_meshopt_compression"];
 
 /// Extensions that are read, or that change nothing about joints, vertices and weights.
 const HARMLESS: [&str; 16] = [
@@ -36,10 +38,11 @@ const HARMLESS_FAMILIES: [&str; 5] = ["KHR_materials_", "EXT_materials_", "ADOBE
 /// Refuses files that require what is not known: reading on would give a wrong rig silently.
 pub(super) fn check_required(document: &Document) -> Result<(), Fault> {
     for name in &document.extensions_required {
-        if let Some(&compression) = COMPRESSIONS.iter().find(|c| *c == name) {
-            return Err(Fault::Compressed(compression));
-        }
-        let known = HARMLESS.contains(&name.as_str()) || HARMLESS_FAMILIES.iter().any(|f| name.starts_with(f));
+        let name_is = |known: &[&str]| known.contains(&name.as_str());
+        let known = name_is(&[DRACO])
+            || name_is(&MESHOPT)
+            || name_is(&HARMLESS)
+            || HARMLESS_FAMILIES.iter().any(|f| name.starts_with(f));
         if !known {
             return Err(Fault::RequiredExtension(name.clone()));
         }
@@ -47,7 +50,7 @@ pub(super) fn check_required(document: &Document) -> Result<(), Fault> {
     Ok(())
 }
 
-/// The compression among the extensions of a primitive or a buffer view, if there is one.
-pub(super) fn compression(extensions: &BTreeMap<String, Value>) -> Option<&'static str> {
-    COMPRESSIONS.into_iter().find(|c| extensions.contains_key(*c))
+/// The compression of a buffer view and its settings, if there is one.
+pub(super) fn meshopt(extensions: &BTreeMap<String, Value>) -> Option<(&'static str, &Value)> {
+    MESHOPT.into_iter().find_map(|name| Some((name, extensions.get(name)?)))
 }

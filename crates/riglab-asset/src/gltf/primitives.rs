@@ -1,10 +1,10 @@
 //! Primitives: triangles, and which vertices they draw from.
 //!
 //! Primitives of one node that name the same accessors share a set of vertices, as strips or
-//! materials over one surface do; each vertex is then read once. A decoder for compressed primitives
-//! (Draco) will give what [`collect`] takes from accessors here.
+//! materials over one surface do; each vertex is then read once. What a primitive has compressed (Draco)
+//! takes the place of what its accessors claim, before they are asked.
 
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 use std::rc::Rc;
 
 use glam::DVec3;
@@ -12,7 +12,7 @@ use glam::DVec3;
 use super::accessor::Accessors;
 use super::bind::SkinBox;
 use super::document::{Document, Primitive};
-use super::extensions;
+use super::{draco, extensions};
 use crate::{Fault, Part, Place, Warning, triangles};
 
 /// Triangles and vertices of one file. Sharing lets a small file ask for any number.
@@ -85,8 +85,14 @@ pub(super) fn collect(
     accessors: &Accessors<'_>,
     warnings: &mut Vec<Warning>,
 ) -> Result<Sources, Fault> {
-    let mut collector =
-        Collector { accessors, sources: Sources::default(), total: 0, without_surface: 0, dropped: (0, 0) };
+    let mut collector = Collector {
+        accessors,
+        sources: Sources::default(),
+        total: 0,
+        without_surface: 0,
+        dropped: (0, 0),
+        decoded: HashSet::new(),
+    };
     for (number, node) in document.nodes.iter().enumerate() {
         let Some(mesh) = node.mesh else { continue };
         let reference = |to, index, count| Fault::Reference { from: format!("node {number}"), to, index, count };
@@ -116,6 +122,8 @@ struct Collector<'c, 'a> {
     without_surface: usize,
     /// Triangles, collapsed and repeated.
     dropped: (usize, usize),
+    /// Compressed primitives in place already, by view and accessors.
+    decoded: HashSet<(usize, Vec<usize>)>,
 }
 
 impl Collector<'_, '_> {
@@ -130,6 +138,7 @@ impl Collector<'_, '_> {
                 self.without_surface += 1;
                 continue;
             };
+            let one_by_one = self.decode(place, primitive, position)?;
             let influences = match skin {
                 Some(_) => influences(place, primitive, self.accessors)?,
                 None => Vec::new(),
@@ -146,10 +155,54 @@ impl Collector<'_, '_> {
                     set
                 }
             };
-            self.primitive(place, primitive, set)?;
+            let mode = if one_by_one { 4 } else { primitive.mode.unwrap_or(4) };
+            self.primitive(place, primitive, mode, set)?;
         }
         self.number_vertices(first_set, first_part);
         Ok(())
+    }
+
+    /// Decodes a compressed primitive. True where its triangles stand one by one, whatever its mode.
+    fn decode(&mut self, place: Place, primitive: &Primitive, position: usize) -> Result<bool, Fault> {
+        let Some(settings) = primitive.extensions.get(extensions::DRACO) else { return Ok(false) };
+        // With a plain copy beside, the compressed one is not needed.
+        if self.accessors.has_bytes(position)? {
+            return Ok(false);
+        }
+        let failed = |reason| Fault::Compressed { what: place.to_string(), extension: extensions::DRACO, reason };
+        let settings = draco::Settings::read(settings).map_err(failed)?;
+        let Some(indices) = primitive.indices else { return Err(failed("the primitive has no indices".into())) };
+        let mut own: Vec<usize> =
+            settings.attributes.keys().filter_map(|name| primitive.attributes.get(name).copied()).collect();
+        own.push(indices);
+        // The same mesh on a second node.
+        if !self.decoded.insert((settings.buffer_view, own)) {
+            return Ok(true);
+        }
+        let bytes = self.accessors.view(settings.buffer_view, || place.to_string())?.bytes;
+        let mesh = draco::Decoded::new(bytes).map_err(failed)?;
+        let mut put = self.accessors.put_indices(indices, mesh.corners())?;
+        for (name, &number) in &settings.attributes {
+            let Some(&accessor) = primitive.attributes.get(name) else { continue };
+            self.accessors.check(accessor, || place.to_string())?;
+            let normalized = self.accessors.normalized(accessor)?;
+            put &= if name == "POSITION" {
+                let values = mesh.attribute(number, normalized).map_err(failed)?;
+                self.accessors.put_positions(accessor, values)?
+            } else if name.starts_with("WEIGHTS_") {
+                let values = mesh.attribute(number, normalized).map_err(failed)?;
+                self.accessors.put_weights(accessor, values)?
+            } else if name.starts_with("JOINTS_") {
+                let values = mesh.attribute::<4>(number, false).map_err(failed)?;
+                self.accessors.put_joints(accessor, values.iter().map(|v| v.map(|x| x as u32)).collect())?
+            } else {
+                true
+            };
+        }
+        if !put {
+            return Err(failed("another primitive's geometry is for the same accessors".into()));
+        }
+        Ok(true)
     }
 
     /// The accessor of the positions, where the primitive is a surface.
@@ -162,19 +215,12 @@ impl Collector<'_, '_> {
         for accessor in position.iter().chain(&primitive.indices) {
             self.accessors.check(*accessor, || place.to_string())?;
         }
-        if let (Some(position), Some(name)) = (position, extensions::compression(&primitive.extensions)) {
-            // With a plain copy beside, the compressed one is not needed.
-            if !self.accessors.has_bytes(position)? {
-                return Err(Fault::Compressed(name));
-            }
-        }
         Ok(position)
     }
 
     /// Adds one primitive: its triangles count in `used`, which still has the numbers of the file.
-    fn primitive(&mut self, place: Place, primitive: &Primitive, set: usize) -> Result<(), Fault> {
+    fn primitive(&mut self, place: Place, primitive: &Primitive, mode: u32, set: usize) -> Result<(), Fault> {
         let count = self.sources.sets[set].positions.len();
-        let mode = primitive.mode.unwrap_or(4);
         let corners = match primitive.indices {
             Some(indices) => self.accessors.count(indices)?,
             None => count,

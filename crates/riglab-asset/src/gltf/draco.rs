@@ -1,0 +1,68 @@
+//! `KHR_draco_mesh_compression`: a primitive's triangles and attributes in one run of bytes.
+
+use std::collections::BTreeMap;
+
+use draco_core::{DataType, DecodeLimits, DecoderBuffer, Mesh, MeshDecoder};
+use serde::Deserialize;
+use serde_json::Value;
+
+/// Points and faces of a primitive: more than any rig has.
+const MOST: u64 = 1 << 22;
+
+/// What a compressed primitive says of itself.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(rename_all = "camelCase")]
+pub(super) struct Settings {
+    pub(super) buffer_view: usize,
+    /// The attribute's number in the compressed mesh, by its name in glTF.
+    pub(super) attributes: BTreeMap<String, u32>,
+}
+
+impl Settings {
+    pub(super) fn read(value: &Value) -> Result<Self, String> {
+        Self::deserialize(value).map_err(|e| e.to_string())
+    }
+}
+
+/// A decoded primitive.
+pub(super) struct Decoded(Mesh);
+
+impl Decoded {
+    pub(super) fn new(bytes: &[u8]) -> Result<Self, String> {
+        let limits = DecodeLimits::default().with_max_points(MOST).with_max_faces(MOST);
+        let mut mesh = Mesh::new();
+        MeshDecoder::new()
+            .decode(&mut DecoderBuffer::new(bytes).with_limits(limits), &mut mesh)
+            .map_err(|e| e.to_string())?;
+        Ok(Self(mesh))
+    }
+
+    pub(super) fn points(&self) -> usize {
+        self.0.num_points()
+    }
+
+    /// Corners of triangles, three each.
+    pub(super) fn corners(&self) -> Vec<u32> {
+        self.0.faces().iter().flat_map(|face| face.map(|point| point.0)).collect()
+    }
+
+    /// `N` components of every point, as they are stored; whole numbers up to 65535 are exact.
+    pub(super) fn attribute<const N: usize>(&self, number: u32, normalized: bool) -> Result<Vec<[f32; N]>, String> {
+        let attribute = self.0.attribute_by_unique_id(number).ok_or(format!("it has no attribute {number}"))?;
+        if usize::from(attribute.num_components()) != N {
+            return Err(format!("attribute {number} has {} components, not {N}", attribute.num_components()));
+        }
+        let mut values = attribute.read_f32s(self.points(), N);
+        let largest = match attribute.data_type() {
+            DataType::Int8 => 127.0,
+            DataType::Uint8 => 255.0,
+            DataType::Int16 => 32767.0,
+            DataType::Uint16 => 65535.0,
+            _ => 1.0,
+        };
+        if normalized && largest > 1.0 {
+            values.iter_mut().for_each(|v| *v = (*v / largest).max(-1.0));
+        }
+        Ok(values.as_chunks::<N>().0.to_vec())
+    }
+}
