@@ -57,6 +57,10 @@ pub enum Fault {
     #[error("{0} is a format that is not read; convert the file to GLB, in Blender for example")]
     OtherFormat(Format),
 
+    /// A line of an OBJ file.
+    #[error("cannot be read as OBJ: {0}")]
+    Obj(String),
+
     /// A GLB shorter than its header.
     #[error("the GLB header is cut short: {0} bytes of 12")]
     ShortHeader(usize),

@@ -14,7 +14,7 @@
 //! finite reaches a rig; what was repaired or doubtful is told in a [`Warning`]. Units and axes stay
 //! those of the file (glTF: y up, right-handed).
 //!
-//! Leaves out: other formats, springs, humanoid maps, animation clips, and writing other formats than
+//! Leaves out: further formats, springs, humanoid maps, animation clips, and writing other formats than
 //! GLB ([`to_glb`]).
 
 mod assemble;
@@ -24,6 +24,7 @@ mod gltf;
 mod inspect;
 mod names;
 mod nearest;
+mod obj;
 mod reading;
 mod triangles;
 mod warning;
@@ -140,6 +141,7 @@ fn read(path: &Path, bytes: &[u8], folder: Option<&Path>, options: &ImportOption
     let fail = |fault| ImportError::new(&source, fault);
     let (mut reading, origin) = match Format::of(path, bytes).map_err(fail)? {
         Format::Gltf => gltf::read(bytes, folder).map_err(fail)?,
+        Format::Obj => (obj::read(bytes).map_err(fail)?, Rights::default()),
         other => return Err(fail(Fault::OtherFormat(other))),
     };
     let content = assemble::content(&mut reading, options).map_err(fail)?;

@@ -37,7 +37,8 @@ fn files_that_are_no_gltf() {
     assert_fault!(of("a.glb", b""), Fault::Empty);
     assert_fault!(of("a.glb", b"\x89PNG"), Fault::NotAModel("a PNG picture"));
     assert_fault!(of("a.glb", b"Kaydara FBX Binary  \0"), Fault::OtherFormat(_));
-    assert_fault!(of("a.obj", b"v 0 0 0"), Fault::OtherFormat(_));
+    assert_fault!(of("a.obj", b"v 0 0 0"), Fault::NoMesh);
+    assert_fault!(of("a.obj", b"v 0 0 zero"), Fault::Obj(_));
     assert_fault!(of("a.gltf", b"{"), Fault::Json { .. });
     assert_fault!(import("no such file.glb", &ImportOptions::default()).unwrap_err().fault, Fault::Unreadable(_));
     let text = import("no such file.glb", &ImportOptions::default()).unwrap_err().to_string();

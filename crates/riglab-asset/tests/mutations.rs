@@ -84,6 +84,7 @@ fn seeds() -> Vec<(String, Vec<u8>)> {
             "warn_two_characters.glb",
             "reject_draco.glb",
             "reject_meshopt.glb",
+            "warn_no_rig.obj",
         ];
         seeds.extend(names.map(|name| (name.to_owned(), std::fs::read(folder.join(name)).unwrap())));
     }
@@ -118,12 +119,12 @@ fn files_cut_anywhere_survive() {
     for (name, bytes) in seeds() {
         let step = (bytes.len() / 1000).max(1);
         for cut in (0..bytes.len()).step_by(step) {
-            survives(&format!("{name} cut at {cut}"), &bytes[..cut]);
+            survives(&format!("cut at {cut} of {name}"), &bytes[..cut]);
             // The same with a header that tells the new length, so that the cut hits chunks.
             let mut mended = bytes[..cut].to_vec();
             if let Some(length) = mended.get_mut(8..12).filter(|_| bytes.starts_with(b"glTF")) {
                 length.copy_from_slice(&(cut as u32).to_le_bytes());
-                survives(&format!("{name} mended after a cut at {cut}"), &mended);
+                survives(&format!("mended after a cut at {cut} of {name}"), &mended);
             }
         }
     }
@@ -145,7 +146,7 @@ fn files_with_changed_bytes_survive() {
                     _ => n.below(256) as u8,
                 };
             }
-            rigs += usize::from(survives(&format!("{name} round {round}"), &changed));
+            rigs += usize::from(survives(&format!("round {round} of {name}"), &changed));
         }
     }
     println!("{rigs} mutants still made a rig");
@@ -173,7 +174,7 @@ fn files_with_changed_numbers_survive() {
             }
             let changed =
                 if binary.is_empty() { changed.into_bytes() } else { common::glb(changed.as_bytes(), binary) };
-            rigs += usize::from(survives(&format!("{name} number round {round}"), &changed));
+            rigs += usize::from(survives(&format!("number round {round} of {name}"), &changed));
         }
     }
     println!("{rigs} mutants still made a rig");

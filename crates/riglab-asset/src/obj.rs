@@ -1,0 +1,70 @@
+//! Wavefront OBJ: plain meshes, as input of inference. Polygons become triangles; materials, normals
+//! and texture coordinates are not looked at, and nothing beside the file is opened.
+//!
+//! Vertices come in the order in which the faces of each object first name them. RigNet's pairs of
+//! OBJ and `rig.txt`, whose weights count vertices of the file, need a reader of their own.
+
+use tobj::{LoadError, LoadOptions};
+
+use crate::{Binding, Fault, Part, Reading, VertexSet, triangles};
+
+pub(crate) fn read(bytes: &[u8]) -> Result<Reading, Fault> {
+    let options = LoadOptions { triangulate: true, ignore_points: true, ignore_lines: true, ..Default::default() };
+    // What a material library holds does not matter.
+    let (models, _) = tobj::load_obj_buf(&mut &bytes[..], &options, |_| Err(LoadError::OpenFileFailed))
+        .map_err(|e| Fault::Obj(e.to_string()))?;
+    let mut reading = Reading::default();
+    for (node, model) in models.into_iter().enumerate() {
+        let positions: Vec<[f32; 3]> = model.mesh.positions.as_chunks().0.to_vec();
+        if positions.as_flattened().iter().any(|x| !x.is_finite()) {
+            return Err(Fault::Obj(format!("object `{}` has a coordinate that is not finite", model.name)));
+        }
+        let count = positions.len() as u32;
+        if let Some(v) = model.mesh.indices.iter().find(|v| **v >= count) {
+            return Err(Fault::Obj(format!("object `{}` names vertex {v} of {count}", model.name)));
+        }
+        let mut triangles = triangles::from_indices(&model.mesh.indices, 4);
+        if triangles.is_empty() {
+            continue;
+        }
+        let stored = triangles.len();
+        let mut used = model.mesh.indices;
+        used.sort_unstable();
+        used.dedup();
+        triangles::keep_proper(&mut triangles, positions.len());
+        reading.parts.push(Part { node, primitive: 0, vertex_set: reading.vertex_sets.len(), used, triangles, stored });
+        reading.vertex_sets.push(VertexSet {
+            numbers: (0..count).collect(),
+            stored: positions.len(),
+            positions,
+            weights: None,
+            unweighted: Vec::new(),
+            binding: Binding::Free,
+        });
+    }
+    Ok(reading)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn polygons_become_triangles_and_relative_numbers_count_back() {
+        let text = "mtllib none.mtl\no a\nv 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nf 1 2 3 4\nf -4//1 -2 -1\nl 1 2\n";
+        let reading = read(text.as_bytes()).unwrap();
+        assert_eq!(reading.parts.len(), 1);
+        assert_eq!(reading.vertex_sets[0].positions.len(), 4);
+        assert_eq!(reading.parts[0].stored, 3);
+        assert!(read(b"v 0 0 0\n").unwrap().parts.is_empty());
+    }
+
+    #[test]
+    fn broken_lines_are_errors() {
+        for text in
+            ["v 0 0\n", "v 0 0 nan\nv 0 0 0\nv 1 0 0\nf 1 2 3\n", "v 0 0 0\nf 1 2 3\n", "f 0 0 0\n", "v a b c\n"]
+        {
+            assert!(matches!(read(text.as_bytes()), Err(Fault::Obj(_))), "{text}");
+        }
+    }
+}
