@@ -110,7 +110,7 @@ fn ending(report: &Path, corpus: &Path, took: Duration, own: bool) {
         "  cargo run --release --bin riglab -- train quickstart/fsq_cvae.toml --set data.corpora='[{:?}]'",
         shown(corpus)
     );
-    println!("                                        half an hour, a better model");
+    println!("                                        a quarter of an hour, a much better model");
     println!("  cargo run --release --bin riglab -- help what else there is");
 }
 
