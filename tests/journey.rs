@@ -31,7 +31,7 @@ fn from_files_to_a_report() {
     assert!(mean(&losses[100..]) < 0.9 * mean(&losses[..20]), "it learns: {losses:?}");
     let ious: Vec<f64> = metrics.iter().filter_map(|l| l["eval/iou_rule@val"].as_f64()).collect();
     assert_eq!(ious.len(), 3);
-    assert!(ious[2] > 1.2 * ious[0], "{ious:?}");
+    assert!(ious[2] > 0.63 && ious[2] > 1.05 * ious[0], "{ious:?}");
     let info: Value = serde_json::from_str(&fs::read_to_string(run.join("run.json")).unwrap()).unwrap();
     assert_eq!(info["outcome"], "finished");
     let board: Vec<_> = fs::read_dir(run.join("tensorboard")).unwrap().collect();
