@@ -5,7 +5,7 @@ mod binary;
 use std::fs;
 use std::os::unix::fs::PermissionsExt;
 use std::path::Path;
-use std::process::Command;
+use std::process::{Command, Stdio};
 use std::sync::OnceLock;
 
 use binary::{config, corpus, must, refusal, riglab, text};
@@ -49,6 +49,24 @@ fn settings_that_cannot_be_are_refused_by_key() {
             assert!(said.contains(part), "{set}: {said}");
         }
     }
+}
+
+#[test]
+fn a_reader_that_leaves_early_ends_the_command_quietly() {
+    let dir = tempfile::tempdir().unwrap();
+    must(&["synth", "-o", text(dir.path()), "--count", "1"]);
+    let names = fs::read_dir(dir.path()).unwrap().map(|entry| entry.unwrap().path());
+    let file = names.into_iter().find(|p| p.extension().is_some_and(|e| e == "glb")).unwrap();
+    // More than a pipe holds, into a pipe that nobody reads.
+    let mut child = riglab(&["inspect", "--json", "--all-vertices", text(&file)])
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    drop(child.stdout.take());
+    let ended = child.wait_with_output().unwrap();
+    assert!(!ended.status.success());
+    assert_eq!(String::from_utf8_lossy(&ended.stderr), "");
 }
 
 #[test]

@@ -34,6 +34,8 @@ enum Command {
 }
 
 fn main() -> ExitCode {
+    // `riglab inspect FILE | head` ends quietly when `head` has enough.
+    sigpipe::reset();
     let cli = Cli::parse();
     let threads = cli.threads;
     if threads != 1 && matches!(cli.command, Command::Train(_) | Command::Eval(_)) {

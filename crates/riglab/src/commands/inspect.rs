@@ -13,7 +13,7 @@ Examples:
   riglab inspect fox.glb
   riglab inspect fox.glb --json --all-vertices > fox.json")]
 pub struct Args {
-    /// GLB, glTF or VRM files.
+    /// GLB, glTF, VRM or OBJ files.
     #[arg(required = true)]
     files: Vec<PathBuf>,
     /// One JSON object a line, in the file's own units and glTF's axes.
