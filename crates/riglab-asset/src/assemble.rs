@@ -2,12 +2,12 @@
 
 use std::ops::Range;
 
-use riglab_core::{Joint, JointId, Mesh, Rig, RigError, Skeleton, SkinWeights};
+use riglab_core::{Humanoid, Joint, JointId, Mesh, Rig, RigError, Skeleton, SkinWeights, Springs};
 
 use crate::names::Names;
 use crate::nearest::nearest_others;
 use crate::warning::MANY_JOINTS;
-use crate::{Binding, Content, Fault, ImportOptions, Part, Reading, VertexSet, Warning, triangles};
+use crate::{Binding, Body, Content, Fault, ImportOptions, Part, Reading, VertexSet, Warning, triangles};
 
 /// What becomes of a skeleton with several roots, since a rig has one.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -34,7 +34,9 @@ pub(crate) fn content(reading: &mut Reading, options: &ImportOptions) -> Result<
         }
         let (skeleton, joint_of) = skeleton(reading, options.roots, &mut warnings)?;
         let mesh = mesh(reading, &mut warnings)?;
-        Content::Rigged(Rig::new(skeleton, mesh, weights(reading, &joint_of)?)?)
+        let rig = Rig::new(skeleton, mesh, weights(reading, &joint_of)?)?;
+        let (humanoid, springs) = body(&reading.body, &joint_of);
+        Content::Rigged(rig.with_humanoid(humanoid)?.with_springs(springs)?)
     };
     reading.warnings.extend(warnings);
     Ok(content)
@@ -161,6 +163,16 @@ fn weights(reading: &Reading, joint_of: &[u16]) -> Result<SkinWeights, RigError>
         }
     }
     SkinWeights::new(offsets, joints, weights)
+}
+
+/// The body by joint of the rig.
+fn body(body: &Body, joint_of: &[u16]) -> (Humanoid, Springs) {
+    let new = |joint: JointId| JointId(joint_of[joint.index()]);
+    let mut humanoid = Humanoid::default();
+    for (bone, joint) in body.humanoid.iter() {
+        humanoid.insert(bone, new(joint));
+    }
+    (humanoid, body.springs.clone().renumbered(new))
 }
 
 #[cfg(test)]

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use riglab_core::Vec3;
+use riglab_core::{Humanoid, Springs, Vec3};
 use serde::Serialize;
 
 use crate::{Binding, Imported, Part, Reading};
@@ -38,6 +38,11 @@ pub struct Inspection<'a> {
     pub rigid_vertices: usize,
     /// Stored triangles of unskinned meshes that became rigid parts.
     pub rigid_triangles: usize,
+    /// The joint of each human bone, by index in the list.
+    pub humanoid: &'a Humanoid,
+    /// Springs, colliders and groups of colliders.
+    #[serde(flatten)]
+    pub springs: &'a Springs,
     /// Licence, as an SPDX name where known.
     pub licence: &'a str,
     /// Who is to be credited.
@@ -97,6 +102,8 @@ impl Imported {
             file_triangles,
             rigid_vertices,
             rigid_triangles,
+            humanoid: &reading.body.humanoid,
+            springs: &reading.body.springs,
             licence: &self.provenance.licence,
             author: &self.provenance.author,
         }

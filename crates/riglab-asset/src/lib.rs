@@ -31,14 +31,14 @@ mod warning;
 
 use std::path::Path;
 
-use riglab_core::{Asset, Mesh, Provenance, Rig};
+use riglab_core::{Asset, Clip, Mesh, Provenance, Rig};
 
 pub use assemble::RootPolicy;
 pub use error::{Fault, ImportError, Place};
 pub use format::Format;
 pub use gltf::to_glb;
 pub use inspect::Inspection;
-pub use reading::{Binding, Part, ReadJoint, Reading, VertexSet};
+pub use reading::{Binding, Body, Part, ReadJoint, Reading, VertexSet};
 pub use warning::Warning;
 
 /// How to read.
@@ -55,6 +55,8 @@ pub struct Imported {
     pub name: String,
     /// The rig, or the bare mesh of a file without skeleton.
     pub content: Content,
+    /// Motions of the rig, if [`ImportOptions::clips`] asks for them; each has the rig's joints.
+    pub clips: Vec<Clip>,
     /// Where it came from; its notes are the warnings as sentences.
     pub provenance: Provenance,
     /// What was read, before it became one tree.
@@ -63,6 +65,7 @@ pub struct Imported {
 
 /// What came out of a file.
 #[derive(Clone, Debug, PartialEq)]
+#[allow(clippy::large_enum_variant)] // one a file
 pub enum Content {
     /// A mesh bound to a skeleton.
     Rigged(Rig),
@@ -97,9 +100,9 @@ impl Imported {
     /// # Errors
     /// [`Fault::NoSkeleton`] for a bare mesh.
     pub fn into_asset(self) -> Result<Asset, ImportError> {
-        let Self { name, content, provenance, .. } = self;
+        let Self { name, content, clips, provenance, .. } = self;
         match content {
-            Content::Rigged(rig) => Ok(Asset { name, rig, provenance }),
+            Content::Rigged(rig) => Ok(Asset { name, rig, clips, provenance }),
             Content::Bare(_) => Err(ImportError::new(&provenance.source, Fault::NoSkeleton)),
         }
     }
@@ -154,7 +157,7 @@ fn read(path: &Path, bytes: &[u8], folder: Option<&Path>, options: &ImportOption
         category: String::new(),
     };
     let name = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
-    Ok(Imported { name, content, provenance, reading })
+    Ok(Imported { name, content, clips: vec![], provenance, reading })
 }
 
 /// What a file says of its rights; empty where it says nothing.

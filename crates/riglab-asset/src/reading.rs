@@ -1,6 +1,6 @@
 //! What a file says, before it becomes a rig.
 
-use riglab_core::{SkinWeights, Vec3};
+use riglab_core::{Humanoid, SkinWeights, Springs, Vec3};
 
 use crate::Warning;
 
@@ -16,10 +16,21 @@ pub struct Reading {
     pub vertex_sets: Vec<VertexSet>,
     /// Triangles over them, a part for each primitive, by node and primitive.
     pub parts: Vec<Part>,
+    /// Human bones and springs.
+    pub body: Body,
     /// Where a root above all joints would stand.
     pub origin: Vec3,
     /// What was repaired or is doubtful.
     pub warnings: Vec<Warning>,
+}
+
+/// What a file says of the joints beyond their places, by joint of the reading.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Body {
+    /// Which are human bones.
+    pub humanoid: Humanoid,
+    /// What swings.
+    pub springs: Springs,
 }
 
 /// A joint as read.

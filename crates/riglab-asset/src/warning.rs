@@ -107,6 +107,13 @@ pub enum Warning {
         /// How many vertices.
         vertices: usize,
     },
+    /// Parts of a VRM extension that are broken were left out or brought into range.
+    Vrm {
+        /// `humanoid` or `springs`.
+        part: &'static str,
+        /// A phrase for each.
+        dropped: Vec<String>,
+    },
 }
 
 impl fmt::Display for Warning {
@@ -170,6 +177,9 @@ impl fmt::Display for Warning {
             Self::NegativeWeights { vertices } => write!(f, "negative weights of {vertices} vertices were set to 0"),
             Self::DuplicateInfluences { vertices } => {
                 write!(f, "duplicate joints in {vertices} vertices: their weights were added")
+            }
+            Self::Vrm { part, dropped } => {
+                write!(f, "what is broken in the VRM {part} was left out: {}", Some3(dropped))
             }
             Self::UnusedJointIndex { vertices } => {
                 write!(f, "joint indices out of range, but without weight, were ignored in {vertices} vertices")

@@ -1,6 +1,6 @@
 //! A rig with its name and where it came from.
 
-use crate::Rig;
+use crate::{Clip, Rig};
 
 /// A rig as a corpus keeps it.
 #[derive(Clone, Debug, PartialEq)]
@@ -9,6 +9,8 @@ pub struct Asset {
     pub name: String,
     /// The rig.
     pub rig: Rig,
+    /// Motions of it, where they were asked for; each has the rig's joints.
+    pub clips: Vec<Clip>,
     /// Where it came from and what was done to it.
     pub provenance: Provenance,
 }

@@ -123,4 +123,41 @@ pub enum RigError {
         /// Joints of the skeleton.
         joints: usize,
     },
+    /// A human bone is a joint of the skeleton.
+    #[error("the human bone {bone} is joint {joint}, the skeleton has {joints}")]
+    HumanBoneOutOfRange {
+        /// The bone.
+        bone: crate::HumanBone,
+        /// Its joint.
+        joint: u16,
+        /// How many there are.
+        joints: usize,
+    },
+    /// Something about a spring.
+    #[error("spring {spring} has {what}")]
+    BadSpring {
+        /// Its number.
+        spring: usize,
+        /// What is wrong.
+        what: &'static str,
+    },
+    /// Something about a collider.
+    #[error("collider {collider} has {what}")]
+    BadCollider {
+        /// Its number.
+        collider: usize,
+        /// What is wrong.
+        what: &'static str,
+    },
+    /// A group names colliders that exist, each once.
+    #[error("collider group {0} names a collider that does not exist, or one twice")]
+    BadColliderGroup(usize),
+    /// A clip has whole frames, finite maps and a rate above 0.
+    #[error("the clip `{name}` has {what}")]
+    BadClip {
+        /// Its name.
+        name: String,
+        /// What is wrong.
+        what: &'static str,
+    },
 }

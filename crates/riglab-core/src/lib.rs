@@ -12,26 +12,34 @@
 //!
 //! Axes and units are those of the source unless a rig went through [`Rig::normalized`].
 //!
-//! Leaves out: files (`riglab-asset`), tensors, spring bones and animation clips.
+//! Also: what a rig may have besides, humanoid map and spring bones, and the clips that move it.
+//!
+//! Leaves out: files (`riglab-asset`), tensors, the simulation of springs.
 
 mod asset;
 mod bones;
+mod clip;
 mod error;
+mod humanoid;
 mod mesh;
 mod pose;
 mod rig;
 mod rule;
 mod skeleton;
+mod springs;
 mod weights;
 
 pub use asset::{Asset, Provenance};
 pub use bones::Segment;
+pub use clip::{Clip, JointMap};
 pub use error::RigError;
+pub use humanoid::{HumanBone, Humanoid};
 pub use mesh::Mesh;
-pub use pose::{Pose, lbs};
+pub use pose::{Pose, lbs, skin};
 pub use rig::{Bounds, Rig, Similarity};
 pub use rule::DecodeRule;
 pub use skeleton::{Joint, JointId, Skeleton};
+pub use springs::{Collider, Shape, Spring, SpringJoint, Springs, Swing};
 pub use weights::{SUM_TOLERANCE, SkinWeights};
 
 /// A point or direction: x, y, z.

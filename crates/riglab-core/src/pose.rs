@@ -64,7 +64,18 @@ impl Pose {
 /// # Errors
 /// [`RigError::PoseLength`] when the pose is of another skeleton.
 pub fn lbs(rig: &Rig, pose: &Pose) -> Result<Vec<Vec3>, RigError> {
-    let maps = pose.transforms(rig.skeleton())?;
+    skin(rig, &pose.transforms(rig.skeleton())?)
+}
+
+/// Linear blend skinning by the map of each joint from rest to pose, as [`Pose::transforms`] and
+/// [`crate::Clip::frame`] give them.
+///
+/// # Errors
+/// [`RigError::PoseLength`] unless there is a map for each joint.
+pub fn skin(rig: &Rig, maps: &[Affine3A]) -> Result<Vec<Vec3>, RigError> {
+    if maps.len() != rig.skeleton().len() {
+        return Err(RigError::PoseLength { pose: maps.len(), joints: rig.skeleton().len() });
+    }
     let posed = |(v, &p): (usize, &Vec3)| {
         let p = Vec3A::from(p);
         let (sum, total) = rig.weights().row(v).fold((Vec3A::ZERO, 0.0), |(sum, total), (joint, w)| {

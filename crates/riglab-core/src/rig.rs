@@ -1,6 +1,6 @@
 //! A mesh bound to a skeleton.
 
-use crate::{Mesh, RigError, Skeleton, SkinWeights, Vec3};
+use crate::{Humanoid, Mesh, RigError, Skeleton, SkinWeights, Springs, Vec3};
 
 /// A mesh bound to a skeleton at rest: the only thing that crosses between files, corpora, tokens,
 /// metrics and rewards.
@@ -9,10 +9,12 @@ pub struct Rig {
     skeleton: Skeleton,
     mesh: Mesh,
     weights: SkinWeights,
+    humanoid: Humanoid,
+    springs: Springs,
 }
 
 impl Rig {
-    /// Checks that the parts fit together.
+    /// Checks that the parts fit together. The rig has no humanoid map and no springs yet.
     ///
     /// # Errors
     /// [`RigError::RowCount`] unless there is a row of weights for each vertex,
@@ -26,7 +28,29 @@ impl Rig {
             let vertex = weights.offsets().partition_point(|&o| o as usize <= at) - 1;
             return Err(RigError::JointOutOfRange { vertex, joint: weights.joints()[at], joints });
         }
-        Ok(Self { skeleton, mesh, weights })
+        Ok(Self { skeleton, mesh, weights, humanoid: Humanoid::default(), springs: Springs::default() })
+    }
+
+    /// The same rig with another humanoid map.
+    ///
+    /// # Errors
+    /// [`RigError::HumanBoneOutOfRange`] for a joint that does not exist.
+    pub fn with_humanoid(self, humanoid: Humanoid) -> Result<Self, RigError> {
+        let joints = self.skeleton.len();
+        if let Some((bone, joint)) = humanoid.iter().find(|(_, joint)| joint.index() >= joints) {
+            return Err(RigError::HumanBoneOutOfRange { bone, joint: joint.0, joints });
+        }
+        Ok(Self { humanoid, ..self })
+    }
+
+    /// The same rig with other springs.
+    ///
+    /// # Errors
+    /// [`RigError::BadSpring`] or [`RigError::BadCollider`] for joints that do not exist or are out of
+    /// order.
+    pub fn with_springs(self, springs: Springs) -> Result<Self, RigError> {
+        springs.check(&self.skeleton)?;
+        Ok(Self { springs, ..self })
     }
 
     /// The skeleton.
@@ -44,7 +68,17 @@ impl Rig {
         &self.weights
     }
 
-    /// The parts.
+    /// Which joints are human bones.
+    pub fn humanoid(&self) -> &Humanoid {
+        &self.humanoid
+    }
+
+    /// What swings, and what stops it.
+    pub fn springs(&self) -> &Springs {
+        &self.springs
+    }
+
+    /// The parts every rig has.
     pub fn into_parts(self) -> (Skeleton, Mesh, SkinWeights) {
         (self.skeleton, self.mesh, self.weights)
     }
@@ -67,15 +101,17 @@ impl Rig {
         let all = |points: &[Vec3]| points.iter().map(|&p| map.apply(p)).collect::<Vec<_>>();
         let skeleton = self.skeleton.with_heads(all(self.skeleton.heads())).expect("finite stays finite");
         let mesh = self.mesh.with_positions(all(self.mesh.positions())).expect("finite stays finite");
-        Self { skeleton, mesh, weights: self.weights.clone() }
+        let springs = self.springs.transformed(map);
+        Self { skeleton, mesh, weights: self.weights.clone(), humanoid: self.humanoid.clone(), springs }
     }
 
-    /// The same skeleton and mesh with other weights.
+    /// The same rig with other weights.
     ///
     /// # Errors
     /// As [`Rig::new`].
     pub fn with_weights(&self, weights: SkinWeights) -> Result<Self, RigError> {
-        Self::new(self.skeleton.clone(), self.mesh.clone(), weights)
+        let plain = Self::new(self.skeleton.clone(), self.mesh.clone(), weights)?;
+        Ok(Self { humanoid: self.humanoid.clone(), springs: self.springs.clone(), ..plain })
     }
 
     /// The joints that carry a weight above `threshold` on some vertex.

@@ -201,7 +201,7 @@ impl Corpus {
             checksum: texts[6].clone(),
             notes: texts[7].lines().map(String::from).collect(),
         };
-        Ok(Asset { name: texts[0].clone(), rig, provenance })
+        Ok(Asset { name: texts[0].clone(), rig, clips: vec![], provenance })
     }
 
     /// Reads every asset and compares it with its digest.
@@ -287,7 +287,7 @@ mod tests {
         let weights = SkinWeights::normalized((0..=n).map(|i| vec![(i % n, 0.7), (0, 0.3)])).unwrap();
         let provenance =
             Provenance { licence: "CC0-1.0".into(), notes: vec!["a".into(), "b".into()], ..Default::default() };
-        Asset { name: name.into(), rig: Rig::new(skeleton, mesh, weights).unwrap(), provenance }
+        Asset { name: name.into(), rig: Rig::new(skeleton, mesh, weights).unwrap(), clips: vec![], provenance }
     }
 
     fn written(dir: &Path) -> PathBuf {

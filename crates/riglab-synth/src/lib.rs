@@ -74,6 +74,7 @@ pub fn creature(seed: u64, index: u64, options: &Options) -> Asset {
     Asset {
         name: format!("{}-{seed}-{index:06}", plan.name()),
         rig: rig(&body, assemble(&body, &finish)),
+        clips: vec![],
         provenance: Provenance {
             source: format!("riglab synth seed {seed} index {index}"),
             licence: "CC0-1.0".into(),

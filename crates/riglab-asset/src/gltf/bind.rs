@@ -86,6 +86,15 @@ impl Binds {
         self.frames[node].unwrap_or(DAffine3::IDENTITY)
     }
 
+    /// From the space of every node to the scene at rest: what is no bone goes with the node above it.
+    pub(super) fn rests(&self, nodes: &Nodes) -> Vec<DAffine3> {
+        let mut rests = vec![DAffine3::IDENTITY; nodes.len() + 1];
+        for &node in nodes.order() {
+            rests[node] = self.frames[node].unwrap_or_else(|| rests[nodes.parent(node)] * *nodes.local(node));
+        }
+        rests
+    }
+
     /// Where a joint is at rest.
     pub(super) fn head(&self, node: usize) -> DVec3 {
         self.frame(node).translation

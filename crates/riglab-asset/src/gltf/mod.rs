@@ -3,7 +3,7 @@
 //! Read in this order: container and JSON ([`glb`], [`document`]), which node hangs where ([`nodes`]),
 //! skins and their bind pose ([`skins`], [`bind`]),
 //! primitives ([`primitives`]) and
-//! their vertices at rest ([`placing`], [`influences`]).
+//! their vertices at rest ([`placing`], [`influences`]), then what VRM adds ([`vrm`]).
 //! Buffers are loaded when an accessor first needs them, so missing pictures do no harm.
 
 mod accessor;
@@ -20,6 +20,7 @@ mod placing;
 mod primitives;
 mod rights;
 mod skins;
+mod vrm;
 mod write;
 
 use std::path::Path;
@@ -61,6 +62,7 @@ pub(crate) fn read(bytes: &[u8], folder: Option<&Path>) -> Result<(Reading, Righ
     let joints = skins.joints(&document, &binds, &mut warnings)?;
     let scene = placing::Scene { accessors: &accessors, nodes: &nodes, skins: &skins, binds: &binds };
     let (vertex_sets, parts) = scene.place(sources, &joints, &mut warnings)?;
+    let body = vrm::read(&document, &nodes, &skins, &binds, &mut warnings);
     let origin = binds.origin().as_vec3().into();
-    Ok((Reading { joints, vertex_sets, parts, origin, warnings }, rights::read(&document)))
+    Ok((Reading { joints, vertex_sets, parts, body, origin, warnings }, rights::read(&document)))
 }

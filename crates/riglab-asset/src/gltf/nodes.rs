@@ -109,6 +109,16 @@ impl Nodes {
         &self.order
     }
 
+    /// Whether a node lies below another.
+    pub(super) fn is_below(&self, node: usize, above: usize) -> bool {
+        self.rank[above] < self.rank[node] && self.rank[node] < self.end[above]
+    }
+
+    /// A node and all below it, depth first.
+    pub(super) fn subtree(&self, node: usize) -> &[usize] {
+        &self.order[self.rank[node]..self.end[node]]
+    }
+
     pub(super) fn local(&self, node: usize) -> &DAffine3 {
         &self.local[node]
     }

@@ -173,7 +173,7 @@ mod tests {
             vec![vec![(0, 0.5), (1, 0.2), (2, 0.1), (3, 0.1), (4, 0.1)], vec![(1, 1.0)], vec![(2, 0.25), (3, 0.75)]];
         let rig = Rig::new(skeleton, mesh, SkinWeights::normalized(rows).unwrap()).unwrap();
         let provenance = Provenance { licence: "CC0-1.0".into(), ..Provenance::default() };
-        let asset = Asset { name: "test".into(), rig, provenance };
+        let asset = Asset { name: "test".into(), rig, clips: vec![], provenance };
         let back = import_bytes("test.glb", &to_glb(&asset), &ImportOptions::default()).unwrap();
         assert_eq!(back.provenance.licence, "CC0-1.0");
         assert!(matches!(back.warnings(), [Warning::FewTriangles(1)]));

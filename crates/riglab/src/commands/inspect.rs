@@ -61,6 +61,15 @@ fn print(imported: &Imported) {
             rig.skinned_joints(0.0).len()
         );
         println!("  weights   {} not zero, at most {most} a vertex", weights.nonzero());
+        if !rig.humanoid().is_empty() {
+            println!("  humanoid  {} bones", rig.humanoid().len());
+        }
+        let springs = rig.springs();
+        if !springs.is_empty() {
+            let swinging = springs.by_joint(rig.skeleton().len()).iter().flatten().count();
+            let (count, colliders) = (springs.springs().len(), springs.colliders().len());
+            println!("  springs   {count} that swing {swinging} joints, {colliders} colliders");
+        }
         println!("  tree");
         let children = rig.skeleton().children();
         let mut open = vec![(riglab_core::JointId(0), 0)];
