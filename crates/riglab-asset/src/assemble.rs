@@ -2,7 +2,7 @@
 
 use std::ops::Range;
 
-use riglab_core::{Humanoid, Joint, JointId, Mesh, Rig, RigError, Skeleton, SkinWeights, Springs};
+use riglab_core::{Clip, Humanoid, Joint, JointId, JointMap, Mesh, Rig, RigError, Skeleton, SkinWeights, Springs};
 
 use crate::names::Names;
 use crate::nearest::nearest_others;
@@ -19,9 +19,11 @@ pub enum RootPolicy {
     Virtual,
 }
 
-/// The rig or the bare mesh of a reading. Adds warnings about the whole to the reading.
-pub(crate) fn content(reading: &mut Reading, options: &ImportOptions) -> Result<Content, Fault> {
+/// The rig or the bare mesh of a reading, and the rig's motions. Adds warnings about the whole to the
+/// reading.
+pub(crate) fn content(reading: &mut Reading, options: &ImportOptions) -> Result<(Content, Vec<Clip>), Fault> {
     let mut warnings = Vec::new();
+    let mut clips = Vec::new();
     let content = if reading.joints.is_empty() {
         if reading.parts.is_empty() {
             return Err(Fault::NoMesh);
@@ -35,11 +37,12 @@ pub(crate) fn content(reading: &mut Reading, options: &ImportOptions) -> Result<
         let (skeleton, joint_of) = skeleton(reading, options.roots, &mut warnings)?;
         let mesh = mesh(reading, &mut warnings)?;
         let rig = Rig::new(skeleton, mesh, weights(reading, &joint_of)?)?;
+        clips = reading.clips.iter().map(|clip| of_rig(clip, &joint_of, &rig)).collect::<Result<_, _>>()?;
         let (humanoid, springs) = body(&reading.body, &joint_of);
         Content::Rigged(rig.with_humanoid(humanoid)?.with_springs(springs)?)
     };
     reading.warnings.extend(warnings);
-    Ok(content)
+    Ok((content, clips))
 }
 
 /// The joints in one tree, and the number in it of each joint of the reading.
@@ -165,6 +168,19 @@ fn weights(reading: &Reading, joint_of: &[u16]) -> Result<SkinWeights, RigError>
     SkinWeights::new(offsets, joints, weights)
 }
 
+/// A clip by joint of the rig; a joint that the file does not have stands still.
+fn of_rig(clip: &Clip, joint_of: &[u16], rig: &Rig) -> Result<Clip, RigError> {
+    const STILL: JointMap = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [0.0; 3]];
+    let joints = rig.skeleton().len();
+    let mut maps = vec![STILL; joints * clip.frames()];
+    for (to, from) in maps.chunks_mut(joints).zip(clip.maps().chunks(clip.joints())) {
+        for (&joint, map) in joint_of.iter().zip(from) {
+            to[usize::from(joint)] = *map;
+        }
+    }
+    Clip::new(clip.name().to_owned(), clip.rate(), joints, maps)
+}
+
 /// The body by joint of the rig.
 fn body(body: &Body, joint_of: &[u16]) -> (Humanoid, Springs) {
     let new = |joint: JointId| JointId(joint_of[joint.index()]);
@@ -214,7 +230,7 @@ mod tests {
     }
 
     fn rig(reading: &mut Reading, roots: RootPolicy) -> Rig {
-        match content(reading, &ImportOptions { roots }).unwrap() {
+        match content(reading, &ImportOptions { roots, ..Default::default() }).unwrap().0 {
             Content::Rigged(rig) => rig,
             Content::Bare(_) => panic!("no rig"),
         }

@@ -46,6 +46,23 @@ pub use warning::Warning;
 pub struct ImportOptions {
     /// What becomes of a skeleton with several roots.
     pub roots: RootPolicy,
+    /// Whether motions are read, and how they are sampled.
+    pub clips: Option<Resample>,
+}
+
+/// How motions are sampled.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Resample {
+    /// Frames a second; above 0.
+    pub rate: f32,
+    /// Frames of a clip at most; what follows is cut off.
+    pub frames: usize,
+}
+
+impl Default for Resample {
+    fn default() -> Self {
+        Self { rate: 30.0, frames: 1024 }
+    }
 }
 
 /// What a file holds.
@@ -143,11 +160,11 @@ fn read(path: &Path, bytes: &[u8], folder: Option<&Path>, options: &ImportOption
     let source = path.to_string_lossy();
     let fail = |fault| ImportError::new(&source, fault);
     let (mut reading, origin) = match Format::of(path, bytes).map_err(fail)? {
-        Format::Gltf => gltf::read(bytes, folder).map_err(fail)?,
+        Format::Gltf => gltf::read(bytes, folder, options).map_err(fail)?,
         Format::Obj => (obj::read(bytes).map_err(fail)?, Rights::default()),
         other => return Err(fail(Fault::OtherFormat(other))),
     };
-    let content = assemble::content(&mut reading, options).map_err(fail)?;
+    let (content, clips) = assemble::content(&mut reading, options).map_err(fail)?;
     let provenance = Provenance {
         source: source.into_owned(),
         checksum: blake3::hash(bytes).to_hex().to_string(),
@@ -157,7 +174,7 @@ fn read(path: &Path, bytes: &[u8], folder: Option<&Path>, options: &ImportOption
         category: String::new(),
     };
     let name = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
-    Ok(Imported { name, content, clips: vec![], provenance, reading })
+    Ok(Imported { name, content, clips, provenance, reading })
 }
 
 /// What a file says of its rights; empty where it says nothing.

@@ -1,6 +1,6 @@
 //! What a file says, before it becomes a rig.
 
-use riglab_core::{Humanoid, SkinWeights, Springs, Vec3};
+use riglab_core::{Clip, Humanoid, SkinWeights, Springs, Vec3};
 
 use crate::Warning;
 
@@ -18,6 +18,8 @@ pub struct Reading {
     pub parts: Vec<Part>,
     /// Human bones and springs.
     pub body: Body,
+    /// Motions, where they were asked for.
+    pub clips: Vec<Clip>,
     /// Where a root above all joints would stand.
     pub origin: Vec3,
     /// What was repaired or is doubtful.

@@ -107,6 +107,11 @@ pub enum Warning {
         /// How many vertices.
         vertices: usize,
     },
+    /// Animations that cannot be read were left out.
+    ClipsLeftOut {
+        /// Name and reason of each.
+        clips: Vec<String>,
+    },
     /// Parts of a VRM extension that are broken were left out or brought into range.
     Vrm {
         /// `humanoid` or `springs`.
@@ -178,6 +183,7 @@ impl fmt::Display for Warning {
             Self::DuplicateInfluences { vertices } => {
                 write!(f, "duplicate joints in {vertices} vertices: their weights were added")
             }
+            Self::ClipsLeftOut { clips } => write!(f, "animations were left out: {}", Some3(clips)),
             Self::Vrm { part, dropped } => {
                 write!(f, "what is broken in the VRM {part} was left out: {}", Some3(dropped))
             }

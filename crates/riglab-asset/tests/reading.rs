@@ -64,7 +64,7 @@ fn loose_roots_can_go_below_a_virtual_one() {
         Tiny::new().with("/nodes/2/translation", json!([0, 2, 0])).with("/nodes/-", json!({"children": [1, 2]}));
     tiny.document["nodes"][1].as_object_mut().unwrap().remove("children");
     let tiny = tiny.with("/nodes/3/translation", json!([0, 0, 0]));
-    let options = ImportOptions { roots: RootPolicy::Virtual };
+    let options = ImportOptions { roots: RootPolicy::Virtual, ..Default::default() };
     let imported = import_bytes("a.glb", &tiny.glb(), &options).unwrap();
     assert_eq!(imported.reading.roots(), [0, 1]);
     let skeleton = imported.rig().unwrap().skeleton();

@@ -72,6 +72,17 @@ pub(super) const INDICES: Usage = Usage {
 pub(super) const INVERSE_BIND: Usage =
     Usage { name: "inverse bind matrices", shape: "MAT4", components: &[Component::F32], wanted: "MAT4 of floats" };
 
+const TIMES: Usage =
+    Usage { name: "key times", shape: "SCALAR", components: &[Component::F32], wanted: "SCALAR of floats" };
+const VECTORS: Usage =
+    Usage { name: "animation values", shape: "VEC3", components: &[Component::F32], wanted: "VEC3 of floats" };
+const ROTATIONS: Usage = Usage {
+    name: "animation rotations",
+    shape: "VEC4",
+    components: &[Component::F32, Component::I8, Component::U8, Component::I16, Component::U16],
+    wanted: "VEC4 of floats, or of normalised bytes or shorts",
+};
+
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Component {
     I8,
@@ -162,6 +173,21 @@ impl<'a> Accessors<'a> {
     /// The first `wanted` matrices, column by column.
     pub(super) fn matrices(&self, number: usize, wanted: usize) -> Result<Vec<[f32; 16]>, Fault> {
         self.floats(number, &INVERSE_BIND, wanted)
+    }
+
+    /// The times of an animation's keys.
+    pub(super) fn times(&self, number: usize) -> Result<Vec<f32>, Fault> {
+        Ok(self.floats::<1>(number, &TIMES, usize::MAX)?.into_iter().flatten().collect())
+    }
+
+    /// Translations or scales of an animation.
+    pub(super) fn vectors(&self, number: usize) -> Result<Vec<[f32; 3]>, Fault> {
+        self.floats(number, &VECTORS, usize::MAX)
+    }
+
+    /// Rotations of an animation.
+    pub(super) fn rotations(&self, number: usize) -> Result<Vec<[f32; 4]>, Fault> {
+        self.floats(number, &ROTATIONS, usize::MAX)
     }
 
     /// A buffer view as it is; `from` says who asks for it.

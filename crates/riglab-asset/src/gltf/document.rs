@@ -135,9 +135,7 @@ pub(super) struct Skin {
 impl Document {
     /// Reads and checks the version; references are checked where they are followed.
     pub(super) fn parse(json: &[u8]) -> Result<Self, Fault> {
-        // Some writers pad the chunk with zeros instead of blanks.
-        let json = json.strip_prefix(b"\xef\xbb\xbf").unwrap_or(json).trim_ascii_end();
-        let json = &json[..json.len() - json.iter().rev().take_while(|b| **b == 0).count()];
+        let json = body(json);
         // Before serde, which does not look at what it skips.
         let json = std::str::from_utf8(json)
             .map_err(|error| Fault::Json { path: String::new(), reason: format!("not UTF-8: {error}") })?;
@@ -150,6 +148,12 @@ impl Document {
             _ => Err(Fault::Version(document.asset.version)),
         }
     }
+}
+
+/// The JSON without what writers put around it: a byte-order mark, and zeros instead of blanks.
+pub(super) fn body(json: &[u8]) -> &[u8] {
+    let json = json.strip_prefix(b"\xef\xbb\xbf").unwrap_or(json).trim_ascii_end();
+    &json[..json.len() - json.iter().rev().take_while(|b| **b == 0).count()]
 }
 
 /// Reads once more, slower, keeping track of where it is.

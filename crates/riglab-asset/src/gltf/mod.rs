@@ -3,12 +3,14 @@
 //! Read in this order: container and JSON ([`glb`], [`document`]), which node hangs where ([`nodes`]),
 //! skins and their bind pose ([`skins`], [`bind`]),
 //! primitives ([`primitives`]) and
-//! their vertices at rest ([`placing`], [`influences`]), then what VRM adds ([`vrm`]).
+//! their vertices at rest ([`placing`], [`influences`]), then what VRM adds ([`vrm`])
+//! and, where asked for, motions ([`clips`]).
 //! Buffers are loaded when an accessor first needs them, so missing pictures do no harm.
 
 mod accessor;
 mod bind;
 mod buffers;
+mod clips;
 mod document;
 mod draco;
 mod extensions;
@@ -25,7 +27,7 @@ mod write;
 
 use std::path::Path;
 
-use crate::{Fault, Reading, Rights, Warning};
+use crate::{Fault, ImportOptions, Reading, Rights, Warning};
 use accessor::Accessors;
 use bind::Binds;
 use buffers::Buffers;
@@ -40,7 +42,7 @@ pub(crate) fn looks_like_json(bytes: &[u8]) -> bool {
 }
 
 /// Reads a file's bytes; `folder` is where buffers in files of their own are looked for, if at all.
-pub(crate) fn read(bytes: &[u8], folder: Option<&Path>) -> Result<(Reading, Rights), Fault> {
+pub(crate) fn read(bytes: &[u8], folder: Option<&Path>, options: &ImportOptions) -> Result<(Reading, Rights), Fault> {
     let mut warnings = Vec::new();
     let chunks = if bytes.starts_with(b"glTF") {
         let chunks = glb::chunks(bytes)?;
@@ -62,7 +64,9 @@ pub(crate) fn read(bytes: &[u8], folder: Option<&Path>) -> Result<(Reading, Righ
     let joints = skins.joints(&document, &binds, &mut warnings)?;
     let scene = placing::Scene { accessors: &accessors, nodes: &nodes, skins: &skins, binds: &binds };
     let (vertex_sets, parts) = scene.place(sources, &joints, &mut warnings)?;
-    let body = vrm::read(&document, &nodes, &skins, &binds, &mut warnings);
+    let body = vrm::read(&document, &scene, &mut warnings);
+    let clips = options.clips.map(|resample| clips::read(chunks.json, &document, &scene, resample, &mut warnings));
+    let clips = clips.unwrap_or_default();
     let origin = binds.origin().as_vec3().into();
-    Ok((Reading { joints, vertex_sets, parts, body, origin, warnings }, rights::read(&document)))
+    Ok((Reading { joints, vertex_sets, parts, body, clips, origin, warnings }, rights::read(&document)))
 }

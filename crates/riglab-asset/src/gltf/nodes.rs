@@ -164,6 +164,24 @@ impl Nodes {
     }
 }
 
+/// A node's scale, rotation and translation. Those of a matrix are as good as it allows.
+pub(super) fn parts(node: &Node) -> (DVec3, DQuat, DVec3) {
+    match node.matrix {
+        Some(_) => {
+            let (own, rigid) = (local(node), rigid(&local(node)));
+            let mirrored = if own.matrix3.determinant() < 0.0 { -1.0 } else { 1.0 };
+            let lengths =
+                [own.matrix3.x_axis, own.matrix3.y_axis, own.matrix3.z_axis].map(|axis| mirrored * axis.length());
+            (lengths.into(), DQuat::from_mat3(&rigid.matrix3), own.translation)
+        }
+        None => (
+            node.scale.map_or(DVec3::ONE, DVec3::from),
+            rotation(node),
+            node.translation.map_or(DVec3::ZERO, DVec3::from),
+        ),
+    }
+}
+
 fn local(node: &Node) -> DAffine3 {
     match &node.matrix {
         Some(m) => DAffine3::from_cols_array_2d(&[
@@ -172,11 +190,10 @@ fn local(node: &Node) -> DAffine3 {
             [m[8], m[9], m[10]],
             [m[12], m[13], m[14]],
         ]),
-        None => DAffine3::from_scale_rotation_translation(
-            node.scale.map_or(DVec3::ONE, DVec3::from),
-            rotation(node),
-            node.translation.map_or(DVec3::ZERO, DVec3::from),
-        ),
+        None => {
+            let (scale, rotation, translation) = parts(node);
+            DAffine3::from_scale_rotation_translation(scale, rotation, translation)
+        }
     }
 }
 
@@ -284,6 +301,19 @@ mod tests {
         let nodes = Nodes::new(&Document { nodes, ..Default::default() }).unwrap();
         assert_eq!(nodes.depth(100_000), 100_001);
         assert_eq!(nodes.common([70_000, 99_999].into_iter()), 70_000);
+    }
+
+    #[test]
+    fn parts_of_a_matrix_make_it_again() {
+        let turn = DQuat::from_axis_angle(DVec3::new(0.6, 0.0, -0.8), 2.0);
+        for scale in [DVec3::new(1.0, 5.0, 2.0), DVec3::new(-1.0, -5.0, -2.0)] {
+            let m = DAffine3::from_scale_rotation_translation(scale, turn, DVec3::new(1.0, 2.0, 3.0));
+            let [x, y, z, t] = [m.matrix3.x_axis, m.matrix3.y_axis, m.matrix3.z_axis, m.translation];
+            let matrix = [x.extend(0.0), y.extend(0.0), z.extend(0.0), t.extend(1.0)].map(|c| c.to_array());
+            let matrix = std::array::from_fn(|i| matrix[i / 4][i % 4]);
+            let (s, r, t) = parts(&Node { matrix: Some(matrix), ..Default::default() });
+            assert!(DAffine3::from_scale_rotation_translation(s, r, t).abs_diff_eq(m, 1e-12));
+        }
     }
 
     #[test]

@@ -10,9 +10,9 @@ use glam::DAffine3;
 use riglab_core::{HumanBone, Humanoid, JointId};
 use serde_json::Value;
 
-use super::bind::Binds;
 use super::document::Document;
 use super::nodes::Nodes;
+use super::placing;
 use super::skins::Skins;
 use crate::{Body, Warning};
 
@@ -35,13 +35,8 @@ struct Scene<'a> {
 }
 
 /// The body of a VRM file, by joints of the reading; empty for other files.
-pub(super) fn read(
-    document: &Document,
-    nodes: &Nodes,
-    skins: &Skins,
-    binds: &Binds,
-    warnings: &mut Vec<Warning>,
-) -> Body {
+pub(super) fn read(document: &Document, file: &placing::Scene<'_>, warnings: &mut Vec<Warning>) -> Body {
+    let &placing::Scene { nodes, skins, binds, .. } = file;
     let [one, springs, zero] = ["VRMC_vrm", "VRMC_springBone", "VRM"].map(|name| &document.extensions[name]);
     if [one, springs, zero].iter().all(|e| e.is_null()) {
         return Body::default();
