@@ -11,9 +11,10 @@ pub(crate) struct Names {
 }
 
 impl Names {
-    /// `wanted`, or `fallback` where that is empty, with a number if it is taken.
+    /// `wanted`, or `fallback` where that is empty, with a number if it is taken. Line breaks and their
+    /// like become `_`: names are a line each in many formats.
     pub(crate) fn unique(&mut self, wanted: &str, fallback: impl FnOnce() -> String) -> String {
-        let base = if wanted.is_empty() { fallback() } else { wanted.to_owned() };
+        let base = if wanted.is_empty() { fallback() } else { wanted.replace(char::is_control, "_") };
         let mut name = base.clone();
         if self.taken.contains(&name) {
             let last = self.last.entry(base.clone()).or_insert(0);
@@ -37,5 +38,6 @@ mod tests {
         let given = ["a", "a", "", "a.001", "a", ""];
         let got: Vec<_> = given.iter().enumerate().map(|(i, n)| names.unique(n, || format!("joint_{i}"))).collect();
         assert_eq!(got, ["a", "a.001", "joint_2", "a.001.001", "a.002", "joint_5"]);
+        assert_eq!(names.unique("two\nlines", String::new), "two_lines");
     }
 }

@@ -5,10 +5,10 @@ use std::sync::OnceLock;
 
 use hdf5::types::VarLenUnicode;
 use hdf5::{Dataset, H5Type};
-use riglab_core::{Asset, Joint, JointId, Mesh, Provenance, Rig, Skeleton, SkinWeights, Vec3};
+use riglab_core::{Asset, Clip, Joint, JointId, JointMap, Mesh, Provenance, Rig, Skeleton, SkinWeights, Vec3};
 
 use crate::DataError;
-use crate::schema::{FORMAT, JOINT_NAMES, OFFSETS, SCHEMA, TEXTS};
+use crate::schema::{CLIP_NAMES, FORMAT, JOINT_NAMES, OFFSETS, SCHEMA, TEXTS};
 use crate::writer::{digest, short};
 
 /// An open corpus. Shared by threads; HDF5 serves one at a time.
@@ -30,6 +30,10 @@ struct Tables {
     weights: Dataset,
     texts: Vec<Dataset>,
     joint_names: Dataset,
+    clip_names: Dataset,
+    clip_rates: Dataset,
+    clip_frames: Dataset,
+    clip_maps: Dataset,
 }
 
 /// What [`Corpus::verify`] found wrong with an asset.
@@ -66,7 +70,9 @@ impl Corpus {
         for (name, column) in OFFSETS.iter().zip(&mut offsets) {
             *column = file.dataset(name).and_then(|d| d.read_raw()).map_err(|e| foreign(short(&e)))?;
         }
-        let ends = [&tables.vertices, &tables.faces, &tables.joints, &tables.weights].map(|t| t.shape()[0] as i64);
+        let t = &tables;
+        let ends = [&t.vertices, &t.faces, &t.joints, &t.weights, &t.clip_rates, &t.clip_maps];
+        let ends = ends.map(|t| t.shape()[0] as i64);
         let fits = offsets.iter().zip(ends).all(|(o, end)| {
             o.len() == offsets[0].len()
                 && o.first() == Some(&0)
@@ -162,7 +168,7 @@ impl Corpus {
             Ok(one[0].as_str().to_string())
         };
         let names = text(&t.joint_names)?;
-        let heads: Vec<Vec3> = rows3(&t.joints, j.clone()).map_err(hdf5)?;
+        let heads: Vec<Vec3> = rows_of(&t.joints, j.clone()).map_err(hdf5)?;
         let parents: Vec<i32> = rows(&t.parents, j).map_err(hdf5)?;
         let names: Vec<&str> = names.split('\n').collect();
         if names.len() != heads.len() {
@@ -176,7 +182,7 @@ impl Corpus {
             Ok(Joint { name: (*name).to_string(), parent, head })
         });
         let skeleton = Skeleton::new(joints.collect::<Result<_, String>>()?).map_err(|e| e.to_string())?;
-        let mesh = Mesh::new(rows3(&t.vertices, v.clone()).map_err(hdf5)?, rows3(&t.faces, f).map_err(hdf5)?)
+        let mesh = Mesh::new(rows_of(&t.vertices, v.clone()).map_err(hdf5)?, rows_of(&t.faces, f).map_err(hdf5)?)
             .map_err(|e| e.to_string())?;
         let influences: Vec<u16> = rows(&t.influences, v).map_err(hdf5)?;
         let mut offsets = Vec::with_capacity(influences.len() + 1);
@@ -192,6 +198,7 @@ impl Corpus {
         )
         .map_err(|e| e.to_string())?;
         let rig = Rig::new(skeleton, mesh, weights).map_err(|e| e.to_string())?;
+        let clips = self.read_clips(index, rig.skeleton().len())?;
         let texts = t.texts.iter().map(text).collect::<Result<Vec<_>, _>>()?;
         let provenance = Provenance {
             source: texts[2].clone(),
@@ -201,7 +208,33 @@ impl Corpus {
             checksum: texts[6].clone(),
             notes: texts[7].lines().map(String::from).collect(),
         };
-        Ok(Asset { name: texts[0].clone(), rig, clips: vec![], provenance })
+        let (humanoid, springs) = (parsed(&texts[9])?, parsed(&texts[10])?);
+        let rig = rig.with_humanoid(humanoid).and_then(|rig| rig.with_springs(springs)).map_err(|e| e.to_string())?;
+        Ok(Asset { name: texts[0].clone(), rig, clips, provenance })
+    }
+
+    fn read_clips(&self, index: usize, joints: usize) -> Result<Vec<Clip>, String> {
+        let hdf5 = |e: hdf5::Error| short(&e);
+        let [c, m] = [4, 5].map(|k| self.offsets[k][index] as usize..self.offsets[k][index + 1] as usize);
+        if c.is_empty() {
+            return Ok(Vec::new());
+        }
+        let t = &self.tables;
+        let names: Vec<VarLenUnicode> = rows(&t.clip_names, c.clone()).map_err(hdf5)?;
+        let rates: Vec<f32> = rows(&t.clip_rates, c.clone()).map_err(hdf5)?;
+        let frames: Vec<u32> = rows(&t.clip_frames, c).map_err(hdf5)?;
+        let mut maps = rows_of::<f32, 12>(&t.clip_maps, m).map_err(hdf5)?.into_iter();
+        let mut clips = Vec::with_capacity(names.len());
+        for ((name, rate), frames) in names.iter().zip(rates).zip(frames) {
+            let own = maps.by_ref().take((frames as usize).saturating_mul(joints));
+            let own = own.map(|m| -> JointMap { std::array::from_fn(|k| [m[3 * k], m[3 * k + 1], m[3 * k + 2]]) });
+            let clip = Clip::new(name.as_str().to_owned(), rate, joints, own.collect()).map_err(|e| e.to_string())?;
+            if clip.frames() != frames as usize {
+                return Err(format!("the clip `{}` has {} of {frames} frames", clip.name(), clip.frames()));
+            }
+            clips.push(clip);
+        }
+        Ok(clips)
     }
 
     /// Reads every asset and compares it with its digest.
@@ -214,7 +247,7 @@ impl Corpus {
         for (index, wanted) in digests.iter().enumerate() {
             match self.asset(index) {
                 Err(e) => faults.push(Fault { index, message: e.to_string() }),
-                Ok(asset) if digest(&asset.rig) != *wanted => {
+                Ok(asset) if digest(&asset) != *wanted => {
                     faults.push(Fault { index, message: "its arrays are not those that were written".into() });
                 }
                 Ok(_) => {}
@@ -258,6 +291,10 @@ impl Tables {
             weights: columns("weights", 1)?,
             texts: TEXTS.iter().map(|t| columns(t, 1)).collect::<hdf5::Result<_>>()?,
             joint_names: columns(JOINT_NAMES, 1)?,
+            clip_names: columns(CLIP_NAMES, 1)?,
+            clip_rates: columns("clip_rates", 1)?,
+            clip_frames: columns("clip_frames", 1)?,
+            clip_maps: columns("clip_maps", 12)?,
         })
     }
 }
@@ -266,13 +303,23 @@ fn rows<T: H5Type>(table: &Dataset, span: std::ops::Range<usize>) -> hdf5::Resul
     Ok(table.read_slice_1d::<T, _>(span)?.into_raw_vec_and_offset().0)
 }
 
-fn rows3<T: H5Type + Copy>(table: &Dataset, span: std::ops::Range<usize>) -> hdf5::Result<Vec<[T; 3]>> {
+fn rows_of<T: H5Type + Copy, const N: usize>(
+    table: &Dataset,
+    span: std::ops::Range<usize>,
+) -> hdf5::Result<Vec<[T; N]>> {
     let flat = table.read_slice_2d::<T, _>((span, ..))?.into_raw_vec_and_offset().0;
-    Ok(flat.chunks_exact(3).map(|c| [c[0], c[1], c[2]]).collect())
+    Ok(flat.as_chunks().0.to_vec())
+}
+
+/// What a JSON column says; the default where it is empty.
+fn parsed<T: Default + serde::de::DeserializeOwned>(text: &str) -> Result<T, String> {
+    if text.is_empty() { Ok(T::default()) } else { serde_json::from_str(text).map_err(|e| e.to_string()) }
 }
 
 #[cfg(test)]
 mod tests {
+    use riglab_core::{Humanoid, Spring, SpringJoint, Springs, Swing};
+
     use super::*;
     use crate::CorpusWriter;
 
@@ -287,7 +334,17 @@ mod tests {
         let weights = SkinWeights::normalized((0..=n).map(|i| vec![(i % n, 0.7), (0, 0.3)])).unwrap();
         let provenance =
             Provenance { licence: "CC0-1.0".into(), notes: vec!["a".into(), "b".into()], ..Default::default() };
-        Asset { name: name.into(), rig: Rig::new(skeleton, mesh, weights).unwrap(), clips: vec![], provenance }
+        let mut humanoid = Humanoid::default();
+        humanoid.insert("head".parse().unwrap(), JointId(n - 1));
+        let joint = SpringJoint { joint: JointId(n - 1), tail: Some([0.1, 0.2, 0.3]), swing: Swing::default() };
+        let spring = Spring { name: "hair".into(), joints: vec![joint], groups: vec![], center: None };
+        let rig = Rig::new(skeleton, mesh, weights).unwrap().with_humanoid(humanoid).unwrap();
+        let rig = rig.with_springs(Springs::new(vec![spring], vec![], vec![]).unwrap()).unwrap();
+        let map = |x: usize| [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [x as f32, 0.0, 0.25]];
+        let clip = |name: &str, frames: usize| {
+            Clip::new(name.into(), 24.0, n.into(), (0..frames * usize::from(n)).map(map).collect()).unwrap()
+        };
+        Asset { name: name.into(), rig, clips: vec![clip("walk", 3), clip("idle", 1)], provenance }
     }
 
     fn written(dir: &Path) -> PathBuf {

@@ -7,11 +7,11 @@ use std::path::{Path, PathBuf};
 use hdf5::types::VarLenUnicode;
 use hdf5::{Dataset, H5Type};
 use ndarray::{ArrayView1, ArrayView2};
-use riglab_core::{Asset, Rig};
+use riglab_core::{Asset, JointMap};
 
 use crate::DataError;
 use crate::room::{release, reserve};
-use crate::schema::{FORMAT, JOINT_NAMES, OFFSETS, SCHEMA, SPLIT, TEXTS};
+use crate::schema::{CLIP_NAMES, FORMAT, JOINT_NAMES, OFFSETS, SCHEMA, SPLIT, TEXTS};
 
 /// Rows are kept in memory until they come to this many bytes.
 const BUFFER: usize = 8 << 20;
@@ -29,6 +29,7 @@ pub struct CorpusWriter {
     rows: Rows,
     texts: [Vec<VarLenUnicode>; TEXTS.len()],
     joint_names: Vec<VarLenUnicode>,
+    clip_names: Vec<VarLenUnicode>,
     /// Bytes on disk that the corpus may have come to.
     room: u64,
     offsets: [Vec<i64>; OFFSETS.len()],
@@ -45,12 +46,16 @@ struct Rows {
     influences: Vec<u16>,
     weight_joints: Vec<u16>,
     weights: Vec<f32>,
+    clip_rates: Vec<f32>,
+    clip_frames: Vec<u32>,
+    clip_maps: Vec<JointMap>,
 }
 
 impl Rows {
     fn bytes(&self) -> usize {
         12 * (self.vertices.len() + self.faces.len() + self.joints.len())
-            + 4 * (self.parents.len() + self.weights.len())
+            + 4 * (self.parents.len() + self.weights.len() + 2 * self.clip_rates.len())
+            + 48 * self.clip_maps.len()
             + 2 * (self.influences.len() + self.weight_joints.len())
     }
 }
@@ -77,6 +82,7 @@ impl CorpusWriter {
             rows: Rows::default(),
             texts: std::array::from_fn(|_| Vec::new()),
             joint_names: Vec::new(),
+            clip_names: Vec::new(),
             room: OVERHEAD,
             offsets: std::array::from_fn(|_| vec![0]),
             names: HashSet::new(),
@@ -107,6 +113,9 @@ impl CorpusWriter {
         self.table::<u16>("influences", 1)?;
         self.table::<u16>("weight_joints", 1)?;
         self.table::<f32>("weights", 1)?;
+        self.table::<f32>("clip_rates", 1)?;
+        self.table::<u32>("clip_frames", 1)?;
+        self.table::<f32>("clip_maps", 12)?;
         Ok(())
     }
 
@@ -138,7 +147,8 @@ impl CorpusWriter {
         }
         let (rig, from) = (&asset.rig, &asset.provenance);
         let notes = from.notes.join("\n");
-        let digest = digest(rig);
+        let digest = digest(asset);
+        let (humanoid, springs) = body(asset);
         let texts = [
             &asset.name,
             "",
@@ -149,13 +159,23 @@ impl CorpusWriter {
             &from.checksum,
             &notes,
             &digest,
+            &humanoid,
+            &springs,
         ];
         for (column, text) in self.texts.iter_mut().zip(texts) {
             column.push(unicode(text));
         }
         self.joint_names.push(unicode(&rig.skeleton().names().join("\n")));
         let (mesh, skeleton, weights) = (rig.mesh(), rig.skeleton(), rig.weights());
-        let counts = [mesh.positions().len(), mesh.triangles().len(), skeleton.len(), weights.nonzero()];
+        let maps = asset.clips.iter().map(|c| c.maps().len()).sum();
+        let counts = [
+            mesh.positions().len(),
+            mesh.triangles().len(),
+            skeleton.len(),
+            weights.nonzero(),
+            asset.clips.len(),
+            maps,
+        ];
         for (offsets, n) in self.offsets.iter_mut().zip(counts) {
             offsets.push(offsets[offsets.len() - 1] + n as i64);
         }
@@ -167,6 +187,12 @@ impl CorpusWriter {
         rows.influences.extend(weights.offsets().windows(2).map(|w| (w[1] - w[0]) as u16));
         rows.weight_joints.extend(weights.joints());
         rows.weights.extend(weights.weights());
+        for clip in &asset.clips {
+            self.clip_names.push(unicode(clip.name()));
+            rows.clip_rates.push(clip.rate());
+            rows.clip_frames.push(clip.frames() as u32);
+            rows.clip_maps.extend(clip.maps());
+        }
         if self.rows.bytes() > BUFFER { self.flush() } else { Ok(()) }
     }
 
@@ -180,7 +206,13 @@ impl CorpusWriter {
         self.texts[SPLIT] = splits.iter().map(|s| unicode(s.as_ref())).collect();
         self.flush()?;
         // A string takes its bytes, a reference, and its share of a heap's block.
-        let strings = self.texts.iter().chain([&self.joint_names]).flatten().map(|t| t.len() + 64).sum::<usize>();
+        let strings = self
+            .texts
+            .iter()
+            .chain([&self.joint_names, &self.clip_names])
+            .flatten()
+            .map(|t| t.len() + 64)
+            .sum::<usize>();
         self.reserve(2 * strings + 8 * OFFSETS.len() * (self.len() + 1))?;
         let path = self.path.clone();
         self.end().map_err(|e| write_error(&path, &e))?;
@@ -194,7 +226,8 @@ impl CorpusWriter {
     }
 
     fn end(&self) -> hdf5::Result<()> {
-        for (name, column) in TEXTS.iter().zip(&self.texts).chain([(&JOINT_NAMES, &self.joint_names)]) {
+        let others = [(&JOINT_NAMES, &self.joint_names), (&CLIP_NAMES, &self.clip_names)];
+        for (name, column) in TEXTS.iter().zip(&self.texts).chain(others) {
             self.file.new_dataset_builder().with_data(column.as_slice()).create(*name)?;
         }
         for (name, offsets) in OFFSETS.iter().zip(&self.offsets) {
@@ -207,13 +240,17 @@ impl CorpusWriter {
         let rows = std::mem::take(&mut self.rows);
         self.reserve(rows.bytes())?;
         let all = || -> hdf5::Result<()> {
-            self.append3("vertices", &rows.vertices)?;
-            self.append3("faces", &rows.faces)?;
-            self.append3("joints", &rows.joints)?;
+            self.append_rows("vertices", &rows.vertices)?;
+            self.append_rows("faces", &rows.faces)?;
+            self.append_rows("joints", &rows.joints)?;
             self.append("parents", &rows.parents)?;
             self.append("influences", &rows.influences)?;
             self.append("weight_joints", &rows.weight_joints)?;
-            self.append("weights", &rows.weights)
+            self.append("weights", &rows.weights)?;
+            self.append("clip_rates", &rows.clip_rates)?;
+            self.append("clip_frames", &rows.clip_frames)?;
+            let (maps, _) = rows.clip_maps.as_flattened().as_flattened().as_chunks::<12>();
+            self.append_rows("clip_maps", maps)
         };
         all().map_err(|e| write_error(&self.path, &e))
     }
@@ -228,14 +265,14 @@ impl CorpusWriter {
         table.write_slice(ArrayView1::from(rows), at..at + rows.len())
     }
 
-    fn append3<T: H5Type + Copy>(&self, name: &str, rows: &[[T; 3]]) -> hdf5::Result<()> {
+    fn append_rows<T: H5Type + Copy, const N: usize>(&self, name: &str, rows: &[[T; N]]) -> hdf5::Result<()> {
         let table = self.file.dataset(name)?;
         let at = table.shape()[0];
-        table.resize((at + rows.len(), 3))?;
+        table.resize((at + rows.len(), N))?;
         if rows.is_empty() {
             return Ok(());
         }
-        let view = ArrayView2::from_shape((rows.len(), 3), rows.as_flattened()).expect("three columns");
+        let view = ArrayView2::from_shape((rows.len(), N), rows.as_flattened()).expect("N columns");
         table.write_slice(view, (at..at + rows.len(), ..))
     }
 }
@@ -256,8 +293,18 @@ pub(crate) fn short(e: &hdf5::Error) -> String {
     e.to_string().lines().next().unwrap_or_default().chars().take(200).collect()
 }
 
-/// BLAKE3 over a rig's arrays and names.
-pub(crate) fn digest(rig: &Rig) -> String {
+/// Human bones and springs as JSON; empty where there are none.
+fn body(asset: &Asset) -> (String, String) {
+    let (humanoid, springs) = (asset.rig.humanoid(), asset.rig.springs());
+    // Numbers and names: nothing that JSON cannot hold.
+    let humanoid = (!humanoid.is_empty()).then(|| serde_json::to_string(humanoid).unwrap_or_default());
+    let springs = (!springs.is_empty()).then(|| serde_json::to_string(springs).unwrap_or_default());
+    (humanoid.unwrap_or_default(), springs.unwrap_or_default())
+}
+
+/// BLAKE3 over an asset's arrays, names, human bones, springs and clips.
+pub(crate) fn digest(asset: &Asset) -> String {
+    let rig = &asset.rig;
     let mut hash = blake3::Hasher::new();
     let mut part = |n: usize, bytes: &mut dyn Iterator<Item = [u8; 4]>| {
         hash.update(&(n as u64).to_le_bytes());
@@ -272,8 +319,14 @@ pub(crate) fn digest(rig: &Rig) -> String {
     part(weights.rows(), &mut weights.offsets().iter().map(|x| x.to_le_bytes()));
     part(weights.nonzero(), &mut weights.joints().iter().map(|x| u32::from(*x).to_le_bytes()));
     part(weights.nonzero(), &mut weights.weights().iter().map(|x| x.to_le_bytes()));
-    for name in skeleton.names() {
-        hash.update(name.as_bytes());
+    for clip in &asset.clips {
+        part(clip.frames(), &mut clip.maps().as_flattened().as_flattened().iter().map(|x| x.to_le_bytes()));
+        part(1, &mut [clip.rate().to_le_bytes()].into_iter());
+    }
+    let (humanoid, springs) = body(asset);
+    let clips = asset.clips.iter().map(|c| c.name());
+    for text in skeleton.names().iter().map(String::as_str).chain([humanoid.as_str(), &springs]).chain(clips) {
+        hash.update(text.as_bytes());
         hash.update(b"\n");
     }
     hash.finalize().to_hex().to_string()

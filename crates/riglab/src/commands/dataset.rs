@@ -7,7 +7,7 @@ use std::sync::Mutex;
 
 use anyhow::{Context, Result};
 use clap::Subcommand;
-use riglab_asset::{ImportOptions, RootPolicy};
+use riglab_asset::{ImportOptions, Resample, RootPolicy};
 use riglab_data::{Corpus, Splitter, Stats, import_folder, rigged_files, stats};
 use riglab_train::Progress;
 
@@ -48,9 +48,17 @@ struct Import {
     /// What becomes of loose roots: children of the largest tree's root, or all below a new one.
     #[arg(long, value_enum, default_value = "reattach")]
     roots: Roots,
+    /// Keep the files' motions, sampled at so many frames a second [default rate: 30].
+    #[arg(long, value_name = "RATE", num_args = 0..=1, default_missing_value = "30", value_parser = rate)]
+    clips: Option<f32>,
     /// Print the result as JSON.
     #[arg(long)]
     json: bool,
+}
+
+fn rate(text: &str) -> Result<f32, String> {
+    let rate = text.parse::<f32>().ok().filter(|r| (0.01..=1000.0).contains(r));
+    rate.ok_or_else(|| "a rate is between 0.01 and 1000 frames a second".into())
 }
 
 #[derive(Clone, Copy, clap::ValueEnum)]
@@ -113,7 +121,8 @@ fn run_import(args: &Import) -> Result<ExitCode> {
     };
     let total = rigged_files(&args.folder)?.len() as u64;
     let progress = Mutex::new(Progress::new("importing", total, 0));
-    let report = import_folder(&args.folder, &args.out, &splitter, &ImportOptions { roots }, |done| {
+    let options = ImportOptions { roots, clips: args.clips.map(|rate| Resample { rate, ..Resample::default() }) };
+    let report = import_folder(&args.folder, &args.out, &splitter, &options, |done| {
         if let Ok(mut p) = progress.lock() {
             p.set(done as u64, String::new);
         }
@@ -167,7 +176,8 @@ fn run_inspect(args: &Inspect) -> Result<ExitCode> {
         if args.json {
             let value = serde_json::json!({"name": asset.name, "split": splits[index], "vertices": v, "triangles": f, "joints": j,
                 "nonzero_weights": w, "source": from.source, "licence": from.licence, "author": from.author, "category": from.category,
-                "checksum": from.checksum, "notes": from.notes, "joint_names": asset.rig.skeleton().names()});
+                "checksum": from.checksum, "notes": from.notes, "joint_names": asset.rig.skeleton().names(),
+                "humanoid": asset.rig.humanoid(), "springs": asset.rig.springs(), "clips": clips(&asset)});
             println!("{value}");
             return Ok(ExitCode::SUCCESS);
         }
@@ -180,6 +190,13 @@ fn run_inspect(args: &Inspect) -> Result<ExitCode> {
             ("checksum", &from.checksum),
         ] {
             println!("  {key:9} {value}");
+        }
+        for line in crate::commands::inspect::body(&asset.rig) {
+            println!("  {line}");
+        }
+        for clip in &asset.clips {
+            let seconds = clip.frames() as f32 / clip.rate();
+            println!("  clip      {} ({} frames, {seconds:.1} s)", clip.name(), clip.frames());
         }
         from.notes.iter().for_each(|n| println!("  note      {n}"));
         return Ok(ExitCode::SUCCESS);
@@ -200,6 +217,11 @@ fn run_inspect(args: &Inspect) -> Result<ExitCode> {
         }
     }
     Ok(ExitCode::SUCCESS)
+}
+
+fn clips(asset: &riglab_core::Asset) -> Vec<serde_json::Value> {
+    let shown = |c: &riglab_core::Clip| serde_json::json!({"name": c.name(), "rate": c.rate(), "frames": c.frames()});
+    asset.clips.iter().map(shown).collect()
 }
 
 fn run_stats(args: &StatsArgs) -> Result<ExitCode> {

@@ -5,6 +5,7 @@ use std::process::ExitCode;
 
 use anyhow::Result;
 use riglab_asset::{Content, ImportOptions, Imported, import};
+use riglab_core::Rig;
 
 /// Show what a rigged file holds: joints, mesh, weights, repairs.
 #[derive(clap::Args)]
@@ -39,6 +40,21 @@ pub fn run(args: &Args) -> Result<ExitCode> {
     Ok(if failed { ExitCode::FAILURE } else { ExitCode::SUCCESS })
 }
 
+/// What there is of human bones and springs, a line each.
+pub fn body(rig: &Rig) -> Vec<String> {
+    let mut lines = Vec::new();
+    if !rig.humanoid().is_empty() {
+        lines.push(format!("humanoid  {} bones", rig.humanoid().len()));
+    }
+    let springs = rig.springs();
+    if !springs.is_empty() {
+        let swinging = springs.by_joint(rig.skeleton().len()).iter().flatten().count();
+        let (count, colliders) = (springs.springs().len(), springs.colliders().len());
+        lines.push(format!("springs   {count} that swing {swinging} joints, {colliders} colliders"));
+    }
+    lines
+}
+
 fn print(imported: &Imported) {
     let from = &imported.provenance;
     let (mesh, reading) = (imported.mesh(), &imported.reading);
@@ -61,14 +77,8 @@ fn print(imported: &Imported) {
             rig.skinned_joints(0.0).len()
         );
         println!("  weights   {} not zero, at most {most} a vertex", weights.nonzero());
-        if !rig.humanoid().is_empty() {
-            println!("  humanoid  {} bones", rig.humanoid().len());
-        }
-        let springs = rig.springs();
-        if !springs.is_empty() {
-            let swinging = springs.by_joint(rig.skeleton().len()).iter().flatten().count();
-            let (count, colliders) = (springs.springs().len(), springs.colliders().len());
-            println!("  springs   {count} that swing {swinging} joints, {colliders} colliders");
+        for line in body(rig) {
+            println!("  {line}");
         }
         println!("  tree");
         let children = rig.skeleton().children();
