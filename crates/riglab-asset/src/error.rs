@@ -57,6 +57,15 @@ pub enum Fault {
     #[error("{0} is a format that is not read; convert the file to GLB, in Blender for example")]
     OtherFormat(Format),
 
+    /// A character that the file does not have.
+    #[error("no character {wanted}; the file has {}", listed(found))]
+    NoSuchCharacter {
+        /// Which was asked for.
+        wanted: String,
+        /// The names of those there are.
+        found: Vec<String>,
+    },
+
     /// A line of an OBJ file.
     #[error("cannot be read as OBJ: {0}")]
     Obj(String),
@@ -383,4 +392,14 @@ pub enum Fault {
     /// What was read does not make a rig.
     #[error("no valid rig: {0}")]
     Rig(#[from] RigError),
+}
+/// Some names with their numbers.
+fn listed(names: &[String]) -> String {
+    const SHOWN: usize = 10;
+    if names.is_empty() {
+        return "none".into();
+    }
+    let shown: Vec<_> = names.iter().take(SHOWN).enumerate().map(|(i, name)| format!("{i} (`{name}`)")).collect();
+    let more = names.len().saturating_sub(SHOWN);
+    shown.join(", ") + &if more > 0 { format!(" and {more} more") } else { String::new() }
 }

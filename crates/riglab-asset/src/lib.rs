@@ -18,6 +18,7 @@
 //! GLB ([`to_glb`]).
 
 mod assemble;
+mod character;
 mod error;
 mod format;
 mod gltf;
@@ -34,6 +35,7 @@ use std::path::Path;
 use riglab_core::{Asset, Clip, Mesh, Provenance, Rig};
 
 pub use assemble::RootPolicy;
+pub use character::Character;
 pub use error::{Fault, ImportError, Place};
 pub use format::Format;
 pub use gltf::to_glb;
@@ -46,6 +48,8 @@ pub use warning::Warning;
 pub struct ImportOptions {
     /// What becomes of a skeleton with several roots.
     pub roots: RootPolicy,
+    /// Which character of a file with several; `None` reads all as one.
+    pub character: Option<Character>,
     /// Whether motions are read, and how they are sampled.
     pub clips: Option<Resample>,
 }
@@ -164,6 +168,9 @@ fn read(path: &Path, bytes: &[u8], folder: Option<&Path>, options: &ImportOption
         Format::Obj => (obj::read(bytes).map_err(fail)?, Rights::default()),
         other => return Err(fail(Fault::OtherFormat(other))),
     };
+    if let Some(character) = &options.character {
+        reading.keep(character).map_err(fail)?;
+    }
     let (content, clips) = assemble::content(&mut reading, options).map_err(fail)?;
     let provenance = Provenance {
         source: source.into_owned(),

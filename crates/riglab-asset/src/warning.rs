@@ -150,7 +150,11 @@ impl fmt::Display for Warning {
                 write!(f, "the skeleton has {} roots ({}); {remedy}", roots.len(), Some3(roots))
             }
             Self::SeparateSkeletons { skeletons, roots, remedy } => {
-                write!(f, "{skeletons} separate skeletons in one file (roots {}); {remedy}", Some3(roots))
+                write!(
+                    f,
+                    "{skeletons} separate skeletons in one file (roots {}); {remedy}; `--character` reads one alone",
+                    Some3(roots)
+                )
             }
             Self::SingleJoint => f.write_str("the skeleton has a single joint"),
             Self::ManyJoints(n) => write!(f, "the skeleton has {n} joints, more than the usual limit of {MANY_JOINTS}"),

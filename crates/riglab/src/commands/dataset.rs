@@ -121,7 +121,8 @@ fn run_import(args: &Import) -> Result<ExitCode> {
     };
     let total = rigged_files(&args.folder)?.len() as u64;
     let progress = Mutex::new(Progress::new("importing", total, 0));
-    let options = ImportOptions { roots, clips: args.clips.map(|rate| Resample { rate, ..Resample::default() }) };
+    let clips = args.clips.map(|rate| Resample { rate, ..Resample::default() });
+    let options = ImportOptions { roots, clips, ..ImportOptions::default() };
     let report = import_folder(&args.folder, &args.out, &splitter, &options, |done| {
         if let Ok(mut p) = progress.lock() {
             p.set(done as u64, String::new);

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 use anyhow::Result;
-use riglab_asset::{Content, ImportOptions, Imported, import};
+use riglab_asset::{Character, Content, ImportOptions, Imported, import};
 use riglab_core::Rig;
 
 /// Show what a rigged file holds: joints, mesh, weights, repairs.
@@ -17,6 +17,9 @@ pub struct Args {
     /// GLB, glTF, VRM or OBJ files.
     #[arg(required = true)]
     files: Vec<PathBuf>,
+    /// Read one of several characters in a file: its number, from 0, or the name of its root.
+    #[arg(long, value_name = "WHICH")]
+    character: Option<Character>,
     /// One JSON object a line, in the file's own units and glTF's axes.
     #[arg(long)]
     json: bool,
@@ -27,8 +30,9 @@ pub struct Args {
 
 pub fn run(args: &Args) -> Result<ExitCode> {
     let mut failed = false;
+    let options = ImportOptions { character: args.character.clone(), ..ImportOptions::default() };
     for file in &args.files {
-        match import(file, &ImportOptions::default()) {
+        match import(file, &options) {
             Ok(imported) if args.json => println!("{}", serde_json::to_string(&imported.inspect(args.all_vertices))?),
             Ok(imported) => print(&imported),
             Err(e) => {

@@ -1,0 +1,78 @@
+//! Several characters in one file.
+
+mod common;
+
+use common::{INDICES, INVERSE_BIND, JOINTS, POSITION, Tiny, WEIGHTS};
+use riglab_asset::{Character, ImportOptions, Imported, Resample, Warning, import_bytes};
+use serde_json::json;
+
+/// The tiny rig, and five units beside it another one of the same vertices, which has springs and moves.
+fn two() -> Tiny {
+    let primitive =
+        json!({"attributes": {"POSITION": POSITION, "JOINTS_0": JOINTS, "WEIGHTS_0": WEIGHTS}, "indices": INDICES});
+    Tiny::new()
+        .with("/nodes/-", json!({"name": "other", "translation": [5, 0, 0], "children": [4, 6]}))
+        .with("/nodes/-", json!({"name": "pelvis", "translation": [0, 1, 0], "children": [5]}))
+        .with("/nodes/-", json!({"name": "top", "translation": [0, 1, 0]}))
+        .with("/nodes/-", json!({"name": "body2", "mesh": 1, "skin": 1}))
+        .with("/meshes/-", json!({"primitives": [primitive]}))
+        .with("/skins/-", json!({"joints": [4, 5], "inverseBindMatrices": INVERSE_BIND}))
+        .with_accessor(5126, "SCALAR", 1, &[0; 4])
+        .with_accessor(5126, "VEC3", 1, &[1f32, 2.0, 3.0].map(f32::to_le_bytes).concat())
+        .with(
+            "/animations",
+            json!([{"name": "hop", "samplers": [{"input": 5, "output": 6}],
+                "channels": [{"sampler": 0, "target": {"node": 4, "path": "translation"}}]}]),
+        )
+        .with(
+            "/extensions",
+            json!({"VRMC_springBone": {
+                "colliders": [{"node": 1, "shape": {"sphere": {}}}, {"node": 4, "shape": {"sphere": {"radius": 2}}}],
+                "colliderGroups": [{"colliders": [0, 1]}],
+                "springs": [{"joints": [{"node": 4}, {"node": 5}], "colliderGroups": [0]}],
+            }}),
+        )
+}
+
+fn read(character: Option<&str>) -> Result<Imported, String> {
+    let character = character.map(|c| c.parse::<Character>().unwrap());
+    let options = ImportOptions { character, clips: Some(Resample::default()), ..ImportOptions::default() };
+    import_bytes("two.glb", &two().glb(), &options).map_err(|e| e.to_string())
+}
+
+#[test]
+fn without_a_choice_all_are_read_and_it_is_told() {
+    let imported = read(None).unwrap();
+    assert_eq!(imported.reading.characters(), ["hips", "pelvis"]);
+    assert_eq!(imported.rig().unwrap().skeleton().len(), 4);
+    let separate = |w: &&Warning| matches!(w, Warning::SeparateSkeletons { skeletons: 2, .. });
+    assert!(imported.warnings().iter().find(separate).unwrap().to_string().contains("--character"));
+}
+
+#[test]
+fn one_is_read_with_all_that_is_its_own() {
+    let (second, first) = (read(Some("1")).unwrap(), read(Some("hips")).unwrap());
+    let [a, b] = [&first, &second].map(|i| i.rig().unwrap());
+    assert_eq!(
+        (a.skeleton().names(), b.skeleton().names()),
+        (&["hips", "tip"].map(String::from)[..], &["pelvis", "top"].map(String::from)[..])
+    );
+    assert_eq!((a.mesh().triangles().len(), b.mesh().triangles().len()), (4, 4));
+    assert_eq!(b.mesh().positions()[0], [5.0, 0.0, 0.0]);
+    assert_eq!(a.weights(), b.weights());
+    assert!(a.springs().springs().is_empty());
+    assert_eq!((a.springs().colliders().len(), b.springs().stops(0).count()), (1, 1));
+    // To (1, 2, 3) of its parent from (0, 1, 0).
+    let maps = second.clips[0].maps();
+    assert_eq!((second.clips[0].joints(), maps[1][3]), (2, [1.0, 1.0, 3.0]));
+    assert!(!second.warnings().iter().any(|w| matches!(w, Warning::SeparateSkeletons { .. })));
+    assert_eq!(second.inspect(false).joints.len(), 2);
+}
+
+#[test]
+fn what_is_not_there_is_refused_with_what_is() {
+    for wanted in ["2", "top", "nobody"] {
+        let error = read(Some(wanted)).unwrap_err();
+        assert!(error.contains("two.glb: no character") && error.contains("1 (`pelvis`)"), "{error}");
+    }
+}
