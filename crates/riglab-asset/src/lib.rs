@@ -22,11 +22,14 @@ mod character;
 mod error;
 mod format;
 mod gltf;
+mod influences;
 mod inspect;
+mod maps;
 mod names;
 mod nearest;
 mod obj;
 mod reading;
+mod skeletons;
 mod triangles;
 mod warning;
 

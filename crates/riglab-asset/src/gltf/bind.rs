@@ -17,18 +17,10 @@ use std::collections::HashSet;
 
 use glam::{DAffine3, DVec3};
 
-use super::nodes::{Nodes, is_flat, rigid};
+use super::nodes::{Nodes, rigid};
 use super::skins::{Skin, Skins};
 use crate::Warning;
-
-/// A transform that shrinks one direction to less than this share of another is left out.
-pub(super) const FLAT: f64 = 1e-6;
-
-/// How far apart two maps of a skin may take its bounding box, as a share of its size.
-const SAME: f64 = 1e-3;
-
-/// The box around the vertices of a skin in mesh space: smallest and largest corner.
-pub(super) type SkinBox = Option<(DVec3, DVec3)>;
+use crate::maps::{FLAT, Likeness, SAME, SkinBox, corners, is_flat};
 
 /// Where joints and vertices are at rest.
 pub(super) struct Binds {
@@ -206,36 +198,4 @@ fn stands_elsewhere(
     let expected = DAffine3::from_translation(shift) * *top;
     // A hidden joint stands nowhere.
     (0..inverse.len()).map(posed).any(|posed| !is_flat(&posed.matrix3, FLAT) && !like.same(&posed, &expected))
-}
-
-/// Tells whether two maps do the same to a mesh, as far as its bounding box shows.
-struct Likeness {
-    corners: [DVec3; 8],
-    /// Of the box in the scene.
-    size: f64,
-}
-
-impl Likeness {
-    fn under(map: &DAffine3, corners: [DVec3; 8]) -> Self {
-        let size = (map.transform_point3(corners[7]) - map.transform_point3(corners[0])).length();
-        Self { corners, size }
-    }
-
-    fn same(&self, a: &DAffine3, b: &DAffine3) -> bool {
-        let apart = |c: &DVec3| (a.transform_point3(*c) - b.transform_point3(*c)).abs().max_element();
-        // In a box without size nothing can bend.
-        self.size == 0.0 || self.corners.iter().all(|c| apart(c) <= SAME * self.size)
-    }
-
-    /// How far `a` takes the first corner from where `b` takes it.
-    fn shift(&self, a: &DAffine3, b: &DAffine3) -> DVec3 {
-        a.transform_point3(self.corners[0]) - b.transform_point3(self.corners[0])
-    }
-}
-
-fn corners((low, high): (DVec3, DVec3)) -> [DVec3; 8] {
-    std::array::from_fn(|i| {
-        let pick = |axis: usize| if i >> axis & 1 == 0 { low[axis] } else { high[axis] };
-        DVec3::new(pick(0), pick(1), pick(2))
-    })
 }

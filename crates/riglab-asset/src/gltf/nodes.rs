@@ -252,18 +252,6 @@ fn as_quaternion(m: &DMat3) -> DQuat {
     DQuat::from_array(q)
 }
 
-/// Whether a matrix maps space to a plane, a line or a point: its smallest stretch is less than
-/// `share` of its largest, or it is not finite.
-pub(super) fn is_flat(m: &DMat3, share: f64) -> bool {
-    // |det| / |adjugate| is the smallest stretch within a factor of 3; no unit of length enters.
-    let [x, y, z] = [m.x_axis, m.y_axis, m.z_axis];
-    let squared = |a: DVec3, b: DVec3, c: DVec3| a.length_squared() + b.length_squared() + c.length_squared();
-    let adjugate = squared(x.cross(y), y.cross(z), z.cross(x)).sqrt();
-    let largest = squared(x, y, z).sqrt();
-    let enough = m.determinant().abs() > share * adjugate * largest;
-    !enough || !largest.is_finite()
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -329,18 +317,5 @@ mod tests {
             }
         }
         assert_eq!(rigid(&DAffine3::from_scale(DVec3::ZERO)), DAffine3::IDENTITY);
-    }
-
-    #[test]
-    fn flatness_does_not_hang_on_units() {
-        for unit in [1e-30, 1.0, 1e30] {
-            assert!(!is_flat(&DMat3::from_diagonal(DVec3::new(1.0, 1e-3, 1.0) * unit), 1e-6));
-            assert!(is_flat(&DMat3::from_diagonal(DVec3::new(1.0, 1e-7, 1.0) * unit), 1e-6));
-        }
-        assert!(
-            is_flat(&DMat3::ZERO, 1e-6)
-                && is_flat(&DMat3::NAN, 1e-6)
-                && is_flat(&(DMat3::IDENTITY * f64::INFINITY), 1e-6)
-        );
     }
 }

@@ -6,11 +6,13 @@ use glam::{DAffine3, DVec3, Vec3};
 use riglab_core::SkinWeights;
 
 use super::accessor::{Accessors, POSITION};
-use super::bind::{Binds, FLAT};
-use super::influences::{self, Repairs};
-use super::nodes::{Nodes, is_flat};
+use super::bind::Binds;
+use super::influences;
+use super::nodes::Nodes;
 use super::primitives::{SourceSet, Sources};
 use super::skins::Skins;
+use crate::influences::Repairs;
+use crate::maps::{FLAT, is_flat};
 use crate::{Binding, Fault, Part, ReadJoint, VertexSet, Warning};
 
 /// All that is needed to place vertices.
@@ -99,7 +101,8 @@ impl Scene<'_> {
                 row.iter().fold(DVec3::ZERO, |sum, &(slot, w)| sum + maps[usize::from(slot)].transform_point3(p) * w);
             positions.push(placed(source, v, sum / total)?);
         }
-        let (weights, unweighted) = rows.into_weights(skin, self.skins)?;
+        let joints = self.skins.get(skin).map_or(&[][..], |s| &s.numbers);
+        let (weights, unweighted) = rows.into_weights(|slot| joints[usize::from(slot)])?;
         Ok(VertexSet {
             numbers: source.numbers.clone(),
             positions,

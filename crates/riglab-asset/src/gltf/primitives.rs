@@ -10,9 +10,9 @@ use std::rc::Rc;
 use glam::DVec3;
 
 use super::accessor::Accessors;
-use super::bind::SkinBox;
 use super::document::{Document, Primitive};
 use super::{draco, extensions};
+use crate::maps::SkinBox;
 use crate::{Fault, Part, Place, Warning, triangles};
 
 /// Triangles and vertices of one file. Sharing lets a small file ask for any number.

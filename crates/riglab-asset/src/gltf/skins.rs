@@ -6,9 +6,10 @@ use riglab_core::RigError;
 use super::accessor::{Accessors, INVERSE_BIND};
 use super::bind::Binds;
 use super::document::{self, Document};
-use super::nodes::{Nodes, is_flat};
+use super::nodes::Nodes;
+use crate::maps::{FLAT, is_flat};
 use crate::names::Names;
-use crate::{Fault, ReadJoint, Warning};
+use crate::{Fault, ReadJoint, Warning, skeletons};
 
 /// A matrix is taken for singular when its smallest stretch is less than this share of its largest:
 /// what f32 cannot tell from 0.
@@ -115,7 +116,7 @@ impl Skins {
     ) -> Result<Vec<ReadJoint>, Fault> {
         let mut names = Names::default();
         let mut renamed: Option<(usize, (usize, String, String))> = None;
-        let skeletons = self.skeletons();
+        let skeletons = skeletons::group(&self.parents, self.skins.iter().map(|skin| &skin.numbers[..]));
         let mut joints = Vec::with_capacity(self.joints.len());
         for (i, &node) in self.joints.iter().enumerate() {
             let wanted = document.nodes[node].name.as_deref().unwrap_or_default();
@@ -133,43 +134,6 @@ impl Skins {
         warnings.extend(renamed.map(|(joints, first)| Warning::Renamed { joints, first }));
         Ok(joints)
     }
-
-    /// Which skeleton each joint belongs to: trees are joined by the skins that bind them together.
-    fn skeletons(&self) -> Vec<usize> {
-        // The tree of each joint as the joint that is its root.
-        let mut tree: Vec<usize> = Vec::with_capacity(self.joints.len());
-        for (i, parent) in self.parents.iter().enumerate() {
-            tree.push(parent.map_or(i, |p| tree[usize::from(p)]));
-        }
-        let mut group: Vec<usize> = (0..self.joints.len()).collect();
-        for skin in &self.skins {
-            let mut trees = skin.numbers.iter().map(|&j| tree[usize::from(j)]);
-            let Some(first) = trees.next().map(|t| leader(&mut group, t)) else { continue };
-            for t in trees {
-                let other = leader(&mut group, t);
-                group[other.max(first)] = other.min(first);
-            }
-        }
-        let mut numbers: Vec<Option<usize>> = vec![None; self.joints.len()];
-        let mut next = 0;
-        tree.iter()
-            .map(|&t| {
-                *numbers[leader(&mut group, t)].get_or_insert_with(|| {
-                    next += 1;
-                    next - 1
-                })
-            })
-            .collect()
-    }
-}
-
-/// The lowest of a group; shortens the way there.
-fn leader(group: &mut [usize], mut at: usize) -> usize {
-    while group[at] != at {
-        group[at] = group[group[at]];
-        at = group[at];
-    }
-    at
 }
 
 fn inverse_binds(
@@ -218,7 +182,7 @@ fn warn_of_zero_scales(nodes: &Nodes, joints: &[usize], warnings: &mut Vec<Warni
         let mut node = joint;
         while !visited[node] {
             visited[node] = true;
-            if is_flat(&nodes.local(node).matrix3, super::bind::FLAT) {
+            if is_flat(&nodes.local(node).matrix3, FLAT) {
                 flat.push(node);
             }
             node = nodes.parent(node);
