@@ -54,7 +54,8 @@ pub enum Fault {
     #[error("not a glTF, GLB or VRM file: no magic `glTF` and no JSON at its start; it looks like {0}")]
     NotAModel(&'static str),
     /// A format that is known but not read.
-    #[error("{0} is a format that is not read; convert the file to GLB, in Blender for example")]
+    #[error("{format} is a format that is not read{hint}; convert the file to GLB, in Blender for example",
+            format = .0, hint = without_feature(.0))]
     OtherFormat(Format),
 
     /// A character that the file does not have.
@@ -65,6 +66,10 @@ pub enum Fault {
         /// The names of those there are.
         found: Vec<String>,
     },
+
+    /// Bytes that are no FBX, or an FBX that makes no rig.
+    #[error("cannot be read as FBX: {0}; export the file again, or convert it to GLB, in Blender for example")]
+    Fbx(String),
 
     /// A line of an OBJ file.
     #[error("cannot be read as OBJ: {0}")]
@@ -393,6 +398,7 @@ pub enum Fault {
     #[error("no valid rig: {0}")]
     Rig(#[from] RigError),
 }
+
 /// Some names with their numbers.
 fn listed(names: &[String]) -> String {
     const SHOWN: usize = 10;
@@ -402,4 +408,9 @@ fn listed(names: &[String]) -> String {
     let shown: Vec<_> = names.iter().take(SHOWN).enumerate().map(|(i, name)| format!("{i} (`{name}`)")).collect();
     let more = names.len().saturating_sub(SHOWN);
     shown.join(", ") + &if more > 0 { format!(" and {more} more") } else { String::new() }
+}
+
+/// What a build may lack for a format.
+fn without_feature(format: &Format) -> &'static str {
+    if *format == Format::Fbx { " without the feature `fbx` (build with `--features fbx`)" } else { "" }
 }

@@ -29,7 +29,8 @@ impl Format {
         if bytes.starts_with(b"glTF") {
             return Ok(Self::Gltf);
         }
-        if bytes.starts_with(b"Kaydara FBX Binary") || ending == "fbx" {
+        // In binary, or as text with the comment that all exporters begin with.
+        if bytes.starts_with(b"Kaydara FBX Binary") || bytes.starts_with(b"; FBX") || ending == "fbx" {
             return Ok(Self::Fbx);
         }
         if ending == "obj" {

@@ -20,6 +20,8 @@
 mod assemble;
 mod character;
 mod error;
+#[cfg(feature = "fbx")]
+mod fbx;
 mod format;
 mod gltf;
 mod influences;
@@ -169,6 +171,9 @@ fn read(path: &Path, bytes: &[u8], folder: Option<&Path>, options: &ImportOption
     let (mut reading, origin) = match Format::of(path, bytes).map_err(fail)? {
         Format::Gltf => gltf::read(bytes, folder, options).map_err(fail)?,
         Format::Obj => (obj::read(bytes).map_err(fail)?, Rights::default()),
+        #[cfg(feature = "fbx")]
+        Format::Fbx => (fbx::read(bytes).map_err(fail)?, Rights::default()),
+        #[cfg(not(feature = "fbx"))]
         other => return Err(fail(Fault::OtherFormat(other))),
     };
     if let Some(character) = &options.character {

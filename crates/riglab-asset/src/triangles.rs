@@ -73,6 +73,36 @@ pub(crate) fn keep_proper(triangles: &mut Vec<[u32; 3]>, vertices: usize) -> Dro
     Dropped { collapsed, repeated: repeats.len() }
 }
 
+/// Gives the vertices of triangles new numbers from 0 in the order of the old ones, which come back.
+/// All are below `count`.
+pub(crate) fn renumber(triangles: &mut [[u32; 3]], count: usize) -> Vec<u32> {
+    let corners = triangles.as_flattened_mut();
+    let mut used;
+    // A small part of a large set: the work must not grow with the set.
+    if corners.len() < count / 8 {
+        used = corners.to_vec();
+        used.sort_unstable();
+        used.dedup();
+        for v in corners {
+            *v = used.partition_point(|u| u < v) as u32;
+        }
+    } else {
+        let mut number = vec![0u32; count];
+        for v in corners.iter() {
+            number[*v as usize] = 1;
+        }
+        used = Vec::new();
+        for (v, number) in (0u32..).zip(&mut number).filter(|(_, n)| **n > 0) {
+            *number = used.len() as u32;
+            used.push(v);
+        }
+        for v in corners {
+            *v = number[*v as usize];
+        }
+    }
+    used
+}
+
 fn lowest(t: &[u32; 3]) -> usize {
     t[0].min(t[1]).min(t[2]) as usize
 }
@@ -102,5 +132,15 @@ mod tests {
         assert_eq!(t, [[0, 1, 2], [1, 2, 3], [0, 2, 3]]);
         assert_eq!(keep_proper(&mut t, 4), Dropped::default());
         assert_eq!(keep_proper(&mut Vec::new(), 0), Dropped::default());
+    }
+
+    #[test]
+    fn both_ways_to_renumber_agree() {
+        let triangles = [[7, 3, 5], [3, 7, 9]];
+        for count in [10, 1000] {
+            let mut renumbered = triangles;
+            assert_eq!(renumber(&mut renumbered, count), [3, 5, 7, 9]);
+            assert_eq!(renumbered, [[2, 0, 1], [0, 2, 3]]);
+        }
     }
 }

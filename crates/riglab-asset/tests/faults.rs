@@ -36,7 +36,15 @@ fn files_that_are_no_gltf() {
     let of = |name: &str, bytes: &[u8]| import_bytes(name, bytes, &ImportOptions::default()).unwrap_err().fault;
     assert_fault!(of("a.glb", b""), Fault::Empty);
     assert_fault!(of("a.glb", b"\x89PNG"), Fault::NotAModel("a PNG picture"));
-    assert_fault!(of("a.glb", b"Kaydara FBX Binary  \0"), Fault::OtherFormat(_));
+    for fbx in [&b"Kaydara FBX Binary  \0"[..], b"; FBX 7.3.0 project file"] {
+        let fault = of("a.glb", fbx);
+        let read = cfg!(feature = "fbx");
+        assert!(
+            if read { matches!(fault, Fault::Fbx(_)) } else { matches!(fault, Fault::OtherFormat(_)) },
+            "{fault:?}"
+        );
+        assert!(fault.to_string().contains("FBX") && fault.to_string().contains("GLB"), "{fault}");
+    }
     assert_fault!(of("a.obj", b"v 0 0 0"), Fault::NoMesh);
     assert_fault!(of("a.obj", b"v 0 0 zero"), Fault::Obj(_));
     assert_fault!(of("a.gltf", b"{"), Fault::Json { .. });

@@ -239,7 +239,7 @@ impl Collector<'_, '_> {
             return Err(Fault::VertexIndex { place, vertex, count });
         }
         let stored = triangles.len();
-        let used = renumber(&mut triangles, count);
+        let used = triangles::renumber(&mut triangles, count);
         let dropped = triangles::keep_proper(&mut triangles, used.len());
         // Strips turn corners by collapsed triangles, so there they are no fault.
         self.dropped.0 += if mode == 4 { dropped.collapsed } else { 0 };
@@ -302,49 +302,4 @@ fn influences(place: Place, primitive: &Primitive, accessors: &Accessors<'_>) ->
         return Err(Fault::TooLarge { what: format!("{place}: JOINTS and WEIGHTS"), count, limit });
     }
     Ok(influences)
-}
-
-/// Gives the vertices of triangles new numbers from 0 in the order of the old ones, which come back.
-/// All are below `count`.
-fn renumber(triangles: &mut [[u32; 3]], count: usize) -> Vec<u32> {
-    let corners = triangles.as_flattened_mut();
-    let mut used;
-    // A small part of a large set: the work must not grow with the set.
-    if corners.len() < count / 8 {
-        used = corners.to_vec();
-        used.sort_unstable();
-        used.dedup();
-        for v in corners {
-            *v = used.partition_point(|u| u < v) as u32;
-        }
-    } else {
-        let mut number = vec![0u32; count];
-        for v in corners.iter() {
-            number[*v as usize] = 1;
-        }
-        used = Vec::new();
-        for (v, number) in (0u32..).zip(&mut number).filter(|(_, n)| **n > 0) {
-            *number = used.len() as u32;
-            used.push(v);
-        }
-        for v in corners {
-            *v = number[*v as usize];
-        }
-    }
-    used
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn both_ways_to_renumber_agree() {
-        let triangles = [[7, 3, 5], [3, 7, 9]];
-        for count in [10, 1000] {
-            let mut renumbered = triangles;
-            assert_eq!(renumber(&mut renumbered, count), [3, 5, 7, 9]);
-            assert_eq!(renumbered, [[2, 0, 1], [0, 2, 3]]);
-        }
-    }
 }

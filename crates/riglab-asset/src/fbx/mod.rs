@@ -1,0 +1,73 @@
+//! Autodesk FBX, binary and as text, versions 3 to 8; reading is by ufbx.
+//!
+//! Read in this order: the scene with its nodes ([`scene`]), which nodes are joints and where they were
+//! bound ([`joints`]), and the meshes at rest ([`meshes`]).
+//!
+//! Rest is where the skin was bound, as in glTF: a cluster's `TransformLink` is the place of its bone in the
+//! world when it was bound, and that times its `Transform` the place of the mesh, whatever the pose in which
+//! the file was saved. Vertices are the control points, numbered as in the file; the corners of polygons, which
+//! may have normals and texture coordinates of their own, do not split them. Positions come out in metres,
+//! right-handed and y up, as the axes and the unit in the file's settings say.
+//!
+//! Not read: blend shapes, animation, materials. Files that this one refers to are not opened.
+
+mod joints;
+mod meshes;
+mod scene;
+
+use ufbx::{AllocatorOpts, FileFormat, IndexErrorHandling, LoadOpts, SceneRoot};
+
+use crate::{Fault, Reading};
+use joints::Joints;
+use scene::Nodes;
+
+/// What ufbx may allocate for a file, before and after it is linked up: so many times its bytes.
+const MEMORY: usize = 10;
+
+/// And as much as this for small ones, since arrays are compressed.
+const SMALL: usize = 32 << 20;
+
+pub(crate) fn read(bytes: &[u8]) -> Result<Reading, Fault> {
+    let scene = load(bytes)?;
+    let nodes = Nodes::new(&scene);
+    let mut warnings = Vec::new();
+    let joints = Joints::read(&scene, &nodes, &mut warnings)?;
+    let read_joints = joints.reading(&nodes, &mut warnings)?;
+    let (vertex_sets, parts) = meshes::read(&nodes, &joints, &read_joints, &mut warnings)?;
+    let origin = joints.origin(&nodes).as_vec3();
+    let origin = if origin.is_finite() { origin.into() } else { [0.0; 3] };
+    Ok(Reading { joints: read_joints, vertex_sets, parts, origin, warnings, ..Reading::default() })
+}
+
+/// The scene of a file's bytes.
+fn load(bytes: &[u8]) -> Result<SceneRoot, Fault> {
+    let allocator = || AllocatorOpts {
+        memory_limit: bytes.len().saturating_mul(MEMORY).max(SMALL),
+        // Else ufbx takes chunks of 16 MiB where a few KiB are wanted.
+        huge_threshold: 1 << 16,
+        max_chunk_size: 1 << 20,
+        ..Default::default()
+    };
+    let options = LoadOpts {
+        temp_allocator: allocator(),
+        result_allocator: allocator(),
+        file_format: FileFormat::Fbx,
+        ignore_animation: true,
+        ignore_embedded: true,
+        load_external_files: false,
+        skip_mesh_parts: true,
+        // Numbers of what is not there: told here for vertices, of no matter elsewhere.
+        index_error_handling: IndexErrorHandling::NoIndex,
+        ..Default::default()
+    };
+    ufbx::load_memory(bytes, options).map_err(|error| {
+        let description = error.description.to_string();
+        // What it concerns, cut by ufbx to 256 bytes and perhaps inside a letter, so not asked for by `info`.
+        Fault::Fbx(if description.is_empty() { "it is broken".into() } else { description })
+    })
+}
+
+/// A name short enough for a message.
+fn shown(name: &str) -> String {
+    name.chars().take(80).collect()
+}
