@@ -42,6 +42,8 @@ use riglab_core::{Asset, Clip, Mesh, Provenance, Rig};
 pub use assemble::RootPolicy;
 pub use character::Character;
 pub use error::{Fault, ImportError, Place};
+#[cfg(feature = "fbx")]
+pub use fbx::to_fbx;
 pub use format::Format;
 pub use gltf::to_glb;
 pub use inspect::Inspection;

@@ -14,12 +14,14 @@
 mod joints;
 mod meshes;
 mod scene;
+mod write;
 
-use ufbx::{AllocatorOpts, FileFormat, IndexErrorHandling, LoadOpts, SceneRoot};
+use ufbx::{AllocatorOpts, ErrorType, FileFormat, IndexErrorHandling, LoadOpts, SceneRoot};
 
 use crate::{Fault, Reading};
 use joints::Joints;
 use scene::Nodes;
+pub use write::to_fbx;
 
 /// What ufbx may allocate for a file, before and after it is linked up: so many times its bytes.
 const MEMORY: usize = 10;
@@ -61,9 +63,12 @@ fn load(bytes: &[u8]) -> Result<SceneRoot, Fault> {
         ..Default::default()
     };
     ufbx::load_memory(bytes, options).map_err(|error| {
-        let description = error.description.to_string();
-        // What it concerns, cut by ufbx to 256 bytes and perhaps inside a letter, so not asked for by `info`.
-        Fault::Fbx(if description.is_empty() { "it is broken".into() } else { description })
+        Fault::Fbx(match error.type_ {
+            // It says no more.
+            ErrorType::Unknown => "it is damaged: cut short, or with numbers out of range".into(),
+            // Not `info` as well: ufbx cuts that at 256 bytes, perhaps inside a letter, and its Rust side panics.
+            _ => error.description.to_string(),
+        })
     })
 }
 

@@ -1,0 +1,285 @@
+//! FBX in and out: files as text for what a reader must get right, and the corpus for the way there and back.
+#![cfg(feature = "fbx")]
+
+#[path = "common/ascii_fbx.rs"]
+mod ascii_fbx;
+mod common;
+
+use ascii_fbx::{Ascii, Cluster, SIDES, TETRAHEDRON, moved, scaled_and_moved, tiny};
+use riglab_asset::{Fault, ImportOptions, Imported, Warning, import, import_bytes, to_fbx};
+use riglab_core::{Rig, Vec3};
+
+fn read(file: &Ascii) -> Result<Imported, Fault> {
+    import_bytes("test.fbx", &file.bytes(), &ImportOptions::default()).map_err(|e| e.fault)
+}
+
+fn rig(file: &Ascii) -> (Rig, Vec<Warning>) {
+    let imported = read(file).unwrap();
+    (imported.rig().unwrap().clone(), imported.warnings().to_vec())
+}
+
+/// Joints by name, parent and head.
+fn joints(rig: &Rig) -> Vec<(&str, Option<&str>, Vec3)> {
+    let s = rig.skeleton();
+    s.ids().map(|j| (s.name(j), s.parent(j).map(|p| s.name(p)), s.head(j))).collect()
+}
+
+fn assert_near(found: &[Vec3], wanted: &[Vec3]) {
+    assert_eq!(found.len(), wanted.len());
+    let far = |(a, b): (&Vec3, &Vec3)| (0..3).any(|k| (a[k] - b[k]).abs() > 1e-6);
+    assert!(!found.iter().zip(wanted).any(far), "{found:?}, not {wanted:?}");
+}
+
+const CORNERS: [Vec3; 4] = [[0.0; 3], [0.1, 0.0, 0.0], [0.0, 0.25, 0.0], [0.0, 0.0, 0.1]];
+
+/// Six times the volume, which is above 0 where sides face outwards.
+fn volume(rig: &Rig) -> f32 {
+    let p = rig.mesh().positions();
+    let term = |[a, b, c]: [Vec3; 3]| {
+        a[0] * (b[1] * c[2] - b[2] * c[1]) + a[1] * (b[2] * c[0] - b[0] * c[2]) + a[2] * (b[0] * c[1] - b[1] * c[0])
+    };
+    rig.mesh().triangles().iter().map(|t| term(t.map(|v| p[v as usize]))).sum()
+}
+
+#[test]
+fn a_file_in_centimetres_comes_out_in_metres() {
+    let (rig, warnings) = rig(&tiny(Ascii::new()));
+    assert_eq!(warnings, []);
+    assert_eq!(joints(&rig), [("hips", None, [0.0, 0.1, 0.0]), ("tip", Some("hips"), [0.0, 0.2, 0.0])]);
+    assert_near(rig.mesh().positions(), &CORNERS);
+    let row: Vec<f32> = rig.weights().row(3).map(|(_, w)| w).collect();
+    assert_eq!(row, [0.25, 0.75]);
+}
+
+#[test]
+fn other_axes_and_units_are_undone() {
+    // Z up, looking along y, in metres: what was (x, y, z) is (x, z, -y).
+    let (turned, _) = rig(&tiny(Ascii::with_space([(2, 1), (1, -1), (0, 1)], 100.0)));
+    assert_near(turned.skeleton().heads(), &[[0.0, 0.0, -10.0], [0.0, 0.0, -20.0]]);
+    assert_near(&turned.mesh().positions()[3..], &[[0.0, 10.0, 0.0]]);
+    assert!(volume(&turned) > 0.0);
+    // Left-handed: mirrored, and the sides turned over so that they still face outwards.
+    let (mirrored, _) = rig(&tiny(Ascii::with_space([(1, 1), (2, -1), (0, 1)], 1.0)));
+    assert_near(&mirrored.mesh().positions()[3..], &[[0.0, 0.0, -0.1]]);
+    assert!(volume(&mirrored) > 0.0);
+    // Axes that are no space, and a unit that is none, are left out.
+    let (odd, _) = rig(&tiny(Ascii::with_space([(1, 1), (1, 1), (0, 1)], 1.0)));
+    assert_near(odd.mesh().positions(), &CORNERS);
+}
+
+#[test]
+fn rest_is_where_the_skin_was_bound() {
+    // The bones stand elsewhere now, under a scaled and moved empty.
+    let scaled = "P: \"Lcl Scaling\", \"Lcl Scaling\", \"\", \"A\",3,3,3";
+    let clusters = |place: [f64; 3]| {
+        [(1, 10.0), (2, 20.0)].map(|(bone, y)| Cluster {
+            bone,
+            weights: if bone == 1 { &[(0, 1.0), (1, 1.0)] } else { &[(2, 1.0), (3, 1.0)] },
+            transform: scaled_and_moved(0.5, [0.0, -0.5 * y, 0.0]),
+            link: scaled_and_moved(2.0, [place[0], place[1] + y, place[2]]),
+        })
+    };
+    let file = |place| {
+        Ascii::new()
+            .node(5, "Armature", "Null", 0, [7.0, 0.0, 0.0], scaled)
+            .bone(1, "hips", 5, [0.0, 10.0, 0.0])
+            .bone(2, "tip", 1, [0.0, 30.0, 0.0])
+            .mesh(10, 0, &TETRAHEDRON, &SIDES, "")
+            .skin(10, &clusters(place))
+    };
+    let (rig, warnings) = rig(&file([0.0; 3]));
+    assert!(matches!(warnings[..], [Warning::RestIsNotBind { .. }]), "{warnings:?}");
+    assert_near(rig.skeleton().heads(), &[[0.0, 0.1, 0.0], [0.0, 0.2, 0.0]]);
+    assert_near(rig.mesh().positions(), &CORNERS);
+}
+
+#[test]
+fn bind_matrices_that_contradict_each_other_do_not_bend_the_mesh() {
+    let file = Ascii::new()
+        .bone(1, "hips", 0, [0.0, 10.0, 0.0])
+        .bone(2, "tip", 1, [0.0, 10.0, 0.0])
+        .mesh(10, 0, &TETRAHEDRON, &SIDES, "")
+        .skin(
+            10,
+            &[
+                Cluster {
+                    bone: 1,
+                    weights: &[(0, 1.0), (1, 1.0)],
+                    transform: moved([0.0, -10.0, 0.0]),
+                    link: moved([0.0, 10.0, 0.0]),
+                },
+                // Bound at 20, says that it was at 50.
+                Cluster {
+                    bone: 2,
+                    weights: &[(2, 1.0), (3, 1.0)],
+                    transform: moved([0.0, -20.0, 0.0]),
+                    link: moved([0.0, 50.0, 0.0]),
+                },
+            ],
+        );
+    let (rig, warnings) = rig(&file);
+    assert!(matches!(warnings[..], [Warning::Bent { .. }]), "{warnings:?}");
+    assert_near(rig.skeleton().heads(), &[[0.0, 0.1, 0.0], [0.0, 0.2, 0.0]]);
+    assert_near(rig.mesh().positions(), &CORNERS);
+}
+
+#[test]
+fn bones_above_joints_are_joints_and_ends_are_not() {
+    let file = Ascii::new()
+        .node(5, "Armature", "Null", 0, [0.0; 3], "")
+        .bone(1, "root", 5, [0.0, 0.0, 0.0])
+        .bone(2, "hips", 1, [0.0, 10.0, 0.0])
+        .bone(3, "hips", 2, [0.0, 10.0, 0.0])
+        .bone(4, "end", 3, [0.0, 10.0, 0.0])
+        .mesh(10, 0, &TETRAHEDRON, &SIDES, "")
+        .skin(
+            10,
+            &[Cluster {
+                bone: 3,
+                weights: &[(0, 1.0), (1, 1.0), (2, 1.0), (3, 1.0)],
+                // Bound a step to the side of where the bones stand: those without cluster go with it.
+                transform: moved([0.0, -20.0, 0.0]),
+                link: moved([100.0, 20.0, 0.0]),
+            }],
+        );
+    let (rig, warnings) = rig(&file);
+    let wanted = [
+        ("root", None, [1.0, 0.0, 0.0]),
+        ("hips", Some("root"), [1.0, 0.1, 0.0]),
+        ("hips.001", Some("hips"), [1.0, 0.2, 0.0]),
+    ];
+    assert_eq!(joints(&rig), wanted);
+    assert!(
+        matches!(warnings[..], [Warning::RestIsNotBind { .. }, Warning::Renamed { joints: 1, .. }]),
+        "{warnings:?}"
+    );
+}
+
+#[test]
+fn unskinned_meshes_hang_on_bones() {
+    // A geometric translation moves the mesh, not what hangs below its node.
+    let geometric = "P: \"GeometricTranslation\", \"Vector3D\", \"Vector\", \"\",0,0,5";
+    let file = |parent| tiny(Ascii::new()).mesh(20, parent, &TETRAHEDRON, &SIDES, geometric);
+    let (held, warnings) = rig(&file(2));
+    assert!(matches!(&warnings[..], [Warning::RigidParts { joints, .. }] if joints == &["tip"]), "{warnings:?}");
+    assert_near(&held.mesh().positions()[4..5], &[[0.0, 0.2, 0.05]]);
+    let (free, warnings) = rig(&file(0));
+    assert!(matches!(warnings[..], [Warning::LeftOut { .. }]), "{warnings:?}");
+    assert_eq!(free.mesh().positions().len(), 4);
+    // Without any skin: bones that hold meshes are the skeleton.
+    let file = Ascii::new()
+        .bone(1, "hips", 0, [0.0, 10.0, 0.0])
+        .bone(2, "tip", 1, [0.0, 10.0, 0.0])
+        .bone(3, "end", 2, [0.0, 10.0, 0.0])
+        .mesh(20, 2, &TETRAHEDRON, &SIDES, "");
+    let (robot, _) = rig(&file);
+    assert_eq!(joints(&robot), [("hips", None, [0.0, 0.1, 0.0]), ("tip", Some("hips"), [0.0, 0.2, 0.0])]);
+    // And without bones a mesh is a mesh.
+    let bare = read(&Ascii::new().mesh(20, 0, &TETRAHEDRON, &SIDES, "")).unwrap();
+    assert!(bare.rig().is_none());
+    assert_near(bare.mesh().positions(), &CORNERS);
+}
+
+#[test]
+fn polygons_become_triangles_over_their_control_points() {
+    let points = [[0.0; 3], [9.0; 3], [10.0, 0.0, 0.0], [10.0, 10.0, 0.0], [0.0, 10.0, 0.0], [5.0, 20.0, 0.0]];
+    // A quad, a line, and a pentagon with a corner that points inwards; vertex 1 is in none.
+    let file = Ascii::new().mesh(20, 0, &points, &[&[0, 2, 3, 4], &[0, 2], &[0, 2, 3, 5, 4]], "");
+    let imported = read(&file).unwrap();
+    assert_eq!(imported.reading.vertex_sets[0].numbers, [0, 2, 3, 4, 5]);
+    assert_eq!(imported.reading.parts[0].stored, 2 + 3);
+    // A polygon beyond any use comes soon, too.
+    let round: Vec<[f64; 3]> = (0..20_000).map(|i| [f64::from(i).sin(), f64::from(i % 7), f64::from(i)]).collect();
+    let corners: Vec<i32> = (0..20_000).collect();
+    let imported = read(&Ascii::new().mesh(20, 0, &round, &[&corners], "")).unwrap();
+    assert_eq!(imported.reading.parts[0].stored, 20_000 - 2);
+}
+
+#[test]
+fn any_number_of_influences_up_to_a_limit() {
+    let count = |bones: u32| {
+        let mut file = Ascii::new().mesh(10_000, 0, &TETRAHEDRON, &SIDES, "");
+        let mut clusters = Vec::new();
+        for bone in 1..=bones {
+            file = file.bone(bone, &format!("b{bone}"), bone - 1, [0.0, 1.0, 0.0]);
+            let y = f64::from(bone);
+            let (transform, link) = (moved([0.0, -y, 0.0]), moved([0.0, y, 0.0]));
+            clusters.push(Cluster { bone, weights: &[(0, 0.125), (1, 1.0), (2, 1.0), (3, 1.0)], transform, link });
+        }
+        read(&file.skin(10_000, &clusters))
+    };
+    let eight = count(8).unwrap();
+    assert_eq!(eight.rig().unwrap().weights().row(0).count(), 8);
+    assert!(matches!(count(300).unwrap_err(), Fault::TooLarge { count: 300, limit: 256, .. }));
+}
+
+#[test]
+fn what_makes_no_rig_is_told() {
+    let reason = |file: &Ascii| match read(file).unwrap_err() {
+        Fault::Fbx(reason) => reason,
+        other => panic!("{other:?}"),
+    };
+    let text = reason(&Ascii::new().mesh(20, 0, &TETRAHEDRON, &[&[0, 1, 2], &[0, 1, 9]], ""));
+    assert!(text.contains("out of range"), "{text}");
+    let skinned = |transform, weights| {
+        let cluster = Cluster { bone: 1, weights, transform, link: moved([0.0; 3]) };
+        Ascii::new().bone(1, "hips", 0, [0.0; 3]).mesh(10, 0, &TETRAHEDRON, &SIDES, "").skin(10, &[cluster])
+    };
+    let text = reason(&skinned(scaled_and_moved(0.0, [0.0, 1.0, 0.0]), &[(0, 1.0)]));
+    assert!(text.contains("singular"), "{text}");
+    // What f64 or f32 cannot hold.
+    let with = |file: &Ascii, from: &str, to: &str| {
+        let text = String::from_utf8(file.bytes()).unwrap().replace(from, to);
+        import_bytes("test.fbx", text.as_bytes(), &ImportOptions::default()).unwrap_err().fault
+    };
+    let fault = with(&skinned(moved([0.0; 3]), &[(0, 77.0)]), "77", "1e999").to_string();
+    assert!(fault.contains("weight of vertex 0 is not finite"), "{fault}");
+    let far = with(&Ascii::new().mesh(20, 0, &TETRAHEDRON, &SIDES, ""), "25", "1e60");
+    assert!(matches!(far, Fault::VertexNotFinite { vertex: 2, .. }));
+    let binary = to_fbx(&rig(&tiny(Ascii::new())).0).unwrap();
+    let cut = import_bytes("test.fbx", &binary[..binary.len() / 2], &ImportOptions::default());
+    assert!(matches!(cut.unwrap_err().fault, Fault::Fbx(_)));
+    assert_eq!(read(&Ascii::new()).unwrap_err(), Fault::NoMesh);
+}
+
+/// Skeleton and geometry to the bit, weights but for another division by their sum.
+fn assert_same(name: &str, back: &Rig, rig: &Rig) {
+    assert_eq!(back.skeleton(), rig.skeleton(), "{name}");
+    assert_eq!(back.mesh(), rig.mesh(), "{name}");
+    assert_eq!(back.weights().joints(), rig.weights().joints(), "{name}");
+    let apart = back.weights().weights().iter().zip(rig.weights().weights()).map(|(a, b)| (a - b).abs());
+    assert!(apart.fold(0.0, f32::max) <= 1e-6, "{name}");
+}
+
+fn there_and_back(name: &str, rig: &Rig) -> Rig {
+    let bytes = to_fbx(rig).unwrap();
+    assert_eq!(bytes, to_fbx(rig).unwrap(), "{name}: other bytes");
+    let back = import_bytes("back.fbx", &bytes, &ImportOptions::default()).unwrap();
+    back.rig().unwrap().clone()
+}
+
+#[test]
+fn what_is_written_is_read_back() {
+    let (rig, _) = rig(&tiny(Ascii::new()));
+    assert_same("tiny", &there_and_back("tiny", &rig), &rig);
+}
+
+#[test]
+fn the_corpus_comes_back_as_it_was() {
+    let Some(folder) = common::data("RIGLAB_RIGS", "rigs") else { return };
+    let mut compared = 0;
+    for path in common::files(&folder, &["glb", "vrm"]) {
+        let name = path.display().to_string();
+        let imported = import(&path, &ImportOptions::default()).unwrap();
+        let Some(rig) = imported.rig() else { continue };
+        let used: std::collections::HashSet<u32> = rig.mesh().triangles().iter().flatten().copied().collect();
+        // Vertices of triangles that were dropped are not read again.
+        if used.len() < rig.mesh().positions().len() {
+            continue;
+        }
+        assert_same(&name, &there_and_back(&name, rig), rig);
+        compared += 1;
+    }
+    println!("{compared} rigs are the same after FBX");
+    assert!(compared > 0);
+}
