@@ -5,6 +5,8 @@
 //! their warnings). FBX may be refused by the manifest; it is read where the crate is built with the feature.
 
 mod common;
+#[path = "common/peak.rs"]
+mod peak;
 
 use std::collections::{HashMap, HashSet};
 use std::path::Path;
@@ -37,6 +39,9 @@ struct Case {
 /// Times in a debug build on a busy machine are several times those of a release build.
 const LIMIT: Duration = Duration::from_secs(2);
 
+/// Bytes that a file may take.
+const MEMORY: usize = 200 << 20;
+
 #[test]
 fn every_hard_file_ends_as_its_manifest_says() {
     let Some(folder) = common::data("RIGLAB_RIGS_HARD", "rigs_hard") else { return };
@@ -46,10 +51,13 @@ fn every_hard_file_ends_as_its_manifest_says() {
     for case in &cases {
         checked += 1;
         let start = Instant::now();
-        let result = import(folder.join(&case.file), &ImportOptions::default());
+        let (result, peak) = peak::of(|| import(folder.join(&case.file), &ImportOptions::default()));
         let mut faults = check(case, &result, &folder);
         if start.elapsed() > LIMIT {
             faults.push(format!("took {:?}", start.elapsed()));
+        }
+        if peak > MEMORY {
+            faults.push(format!("took {peak} bytes"));
         }
         wrong.extend(faults.into_iter().map(|fault| format!("{}: {fault}", case.file)));
     }

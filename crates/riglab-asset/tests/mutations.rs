@@ -1,8 +1,13 @@
-//! Broken bytes end in an error or a rig, never in a panic, and soon.
+//! Broken bytes end in an error or a rig, never in a panic, soon, and within memory that the file may ask for.
 //!
 //! Mutations come from a counter, so that a failure can be repeated from its number alone.
 
+#[cfg(feature = "fbx")]
+#[path = "common/ascii_fbx.rs"]
+mod ascii_fbx;
 mod common;
+#[path = "common/peak.rs"]
+mod peak;
 
 use std::panic::catch_unwind;
 use std::time::{Duration, Instant};
@@ -76,6 +81,13 @@ fn seeds() -> Vec<(String, Vec<u8>)> {
         ("data.gltf".to_owned(), data),
         ("rigid.vrm".to_owned(), rigid.glb()),
     ];
+    #[cfg(feature = "fbx")]
+    {
+        let text = ascii_fbx::tiny(ascii_fbx::Ascii::new()).bytes();
+        let imported = import_bytes("tiny.fbx", &text, &ImportOptions::default()).unwrap();
+        let binary = riglab_asset::to_fbx(imported.rig().unwrap()).unwrap();
+        seeds.extend([("text.fbx".to_owned(), text), ("binary.fbx".to_owned(), binary)]);
+    }
     if let Some(folder) = common::data("RIGLAB_RIGS_HARD", "rigs_hard") {
         let names = [
             "ok_tube.glb",
@@ -94,14 +106,16 @@ fn seeds() -> Vec<(String, Vec<u8>)> {
 /// Imports, looks at everything, and gives whether a rig came out.
 fn survives(what: &str, bytes: &[u8]) -> bool {
     let start = Instant::now();
-    let result = catch_unwind(|| {
+    let work = || {
         let imported = import_bytes(what, bytes, &ImportOptions::default());
         imported.map(|i| {
             let shown = i.inspect(true);
             assert!(shown.samples.iter().all(|s| s.position.iter().all(|x| x.is_finite())));
             matches!(i.content, Content::Rigged(_))
         })
-    });
+    };
+    let (result, peak) = peak::of(|| catch_unwind(work));
+    assert!(peak <= peak::allowed(bytes.len()), "{what}: {peak} bytes for a file of {}", bytes.len());
     assert!(start.elapsed() < LIMIT, "{what} took {:?}", start.elapsed());
     match result {
         Ok(Ok(rigged)) => rigged,
@@ -153,7 +167,7 @@ fn files_with_changed_bytes_survive() {
     assert!(rigs > 0);
 }
 
-/// Numbers of the JSON exchanged, chunk lengths kept right: this reaches the checks behind the parser.
+/// Numbers of the text exchanged, chunk lengths kept right: this reaches the checks behind the parser.
 #[test]
 fn files_with_changed_numbers_survive() {
     let mut rigs = 0;
@@ -165,7 +179,8 @@ fn files_with_changed_numbers_survive() {
             }
             false => (&bytes[..], &[][..]),
         };
-        let text = std::str::from_utf8(json).unwrap();
+        // Binary FBX has no text.
+        let Ok(text) = std::str::from_utf8(json) else { continue };
         for round in 0..ROUNDS {
             let mut n = Numbers { seed: number << 32 | round, counter: 1 << 16 };
             let mut changed = text.to_owned();

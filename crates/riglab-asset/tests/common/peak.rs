@@ -1,4 +1,5 @@
 //! How much memory a piece of work takes at most.
+#![allow(dead_code)] // each test uses a part
 
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
