@@ -1,6 +1,8 @@
 //! Small files that ask for much get an answer soon, in little memory.
 
 mod common;
+#[path = "common/peak.rs"]
+mod peak;
 
 use std::fmt::Write;
 use std::time::{Duration, Instant};
@@ -17,8 +19,9 @@ const MANY: usize = 20_000;
 
 fn soon(what: &str, bytes: &[u8]) -> Result<Imported, ImportError> {
     let start = Instant::now();
-    let result = import_bytes(what, bytes, &ImportOptions::default());
-    println!("{what}: {:?}, {} bytes", start.elapsed(), bytes.len());
+    let (result, peak) = peak::of(|| import_bytes(what, bytes, &ImportOptions::default()));
+    println!("{what}: {:?}, {} bytes, {peak:?}", start.elapsed(), bytes.len());
+    assert!(peak.is_fair(bytes.len()), "{what}: {peak:?} for a file of {}", bytes.len());
     assert!(start.elapsed() < LIMIT, "{what} took {:?}", start.elapsed());
     result
 }
@@ -117,4 +120,21 @@ fn equal_names_and_vertices_without_weights() {
         .with("/accessors/7/normalized", json!(true));
     let primitive = json!({"attributes": {"POSITION": 5, "JOINTS_0": 6, "WEIGHTS_0": 7}, "mode": 6});
     assert!(soon("weights", &tiny.with("/meshes/0/primitives/0", primitive).glb()).is_ok());
+}
+
+#[test]
+fn small_files_that_stand_for_large_ones() {
+    // A sheet of triangles on many nodes.
+    let corners = 30_000u32;
+    let indices: Vec<u8> = (0..corners).flat_map(|i| [i % 4, (i + 1) % 4]).map(|i| i as u8).collect();
+    let mut tiny = Tiny::new().with_accessor(5121, "SCALAR", indices.len(), &indices);
+    tiny.document["meshes"][0]["primitives"][0]["indices"] = json!(5);
+    tiny.document["nodes"].as_array_mut().unwrap().extend(vec![json!({"mesh": 0, "skin": 0}); MANY]);
+    assert!(matches!(soon("sheets", &tiny.glb()).unwrap_err().fault, Fault::TooLarge { .. }));
+
+    // JSON that takes many times its bytes in memory: more nodes than joints can be, and values without sense.
+    let nodes = format!(r#"{{"asset":{{"version":"2.0"}},"nodes":[{}{{}}]}}"#, "{},".repeat(70_000));
+    assert!(matches!(soon("empty nodes", nodes.as_bytes()).unwrap_err().fault, Fault::TooLarge { .. }));
+    let values = format!(r#"{{"asset":{{"version":"2.0"}},"extensions":[{}0]}}"#, "0,".repeat(1 << 21));
+    assert!(matches!(soon("values", values.as_bytes()).unwrap_err().fault, Fault::TooLarge { .. }));
 }

@@ -23,7 +23,7 @@ pub fn asset(name: &str, bytes: &[u8]) {
             assert!(text.starts_with(name) && text.len() < 1000, "{text}");
         }
     });
-    assert!(peak <= peak::allowed(bytes.len()), "{peak} bytes for a file of {}", bytes.len());
+    assert!(peak.is_fair(bytes.len()), "{peak:?} for a file of {}", bytes.len());
 }
 
 /// Text as a configuration: read, written with the places of its values, and read again.

@@ -4,19 +4,17 @@
 //! checked before anything is allocated, so a claimed count costs nothing unless the bytes are there.
 //! What Draco compressed is put in place of what the accessors claim.
 
-use std::cell::{Cell, RefCell};
+use std::cell::RefCell;
 use std::collections::HashMap;
 use std::rc::Rc;
 
+use super::budget::Budget;
 use super::buffers::{Buffers, View};
 use super::document::{Accessor, Document};
 use crate::Fault;
 
 /// Elements of one accessor: more than any rig has vertices.
 const MAX_COUNT: u64 = 1 << 24;
-
-/// Elements of all accessors of a file: several may show the same bytes.
-const MAX_DECODED: usize = 1 << 25;
 
 /// Elements of an accessor without bytes of its own, which means zeros.
 const MAX_ZEROS: u64 = 1 << 20;
@@ -30,8 +28,6 @@ pub(super) struct Accessors<'a> {
     integers4: Cache<[u32; 4]>,
     /// Indices that [`Self::put_indices`] put in place.
     corners: Cache<u32>,
-    /// Elements decoded so far.
-    decoded: Cell<usize>,
 }
 
 /// Decoded accessors, as several primitives or nodes may share one.
@@ -131,8 +127,13 @@ type Replaced<'b> = (Vec<u32>, &'b [u8]);
 
 impl<'a> Accessors<'a> {
     pub(super) fn new(document: &'a Document, buffers: Buffers<'a>) -> Self {
-        let (floats3, floats4, integers4, corners, decoded) = Default::default();
-        Self { document, buffers, floats3, floats4, integers4, corners, decoded }
+        let (floats3, floats4, integers4, corners) = Default::default();
+        Self { document, buffers, floats3, floats4, integers4, corners }
+    }
+
+    /// What the file may still ask for.
+    pub(super) fn budget(&self) -> &Budget {
+        self.buffers.budget()
     }
 
     /// How many elements an accessor claims, within limits; whether the bytes are there is not checked.
@@ -221,7 +222,7 @@ impl<'a> Accessors<'a> {
     }
 
     fn put<T>(&self, cache: &Cache<T>, number: usize, values: Vec<T>) -> Result<bool, Fault> {
-        self.spend(values.len())?;
+        self.budget().spend(values.len(), size_of::<T>())?;
         let new = !cache.borrow().contains_key(&number);
         if new {
             cache.borrow_mut().insert(number, values.into());
@@ -243,19 +244,9 @@ impl<'a> Accessors<'a> {
         Ok(&self.document.accessors[number])
     }
 
-    fn spend(&self, elements: usize) -> Result<(), Fault> {
-        let total = self.decoded.get().saturating_add(elements);
-        self.decoded.set(total);
-        if total <= MAX_DECODED {
-            return Ok(());
-        }
-        let (count, limit) = (total as u64, MAX_DECODED as u64);
-        Err(Fault::TooLarge { what: "the elements of all accessors".into(), count, limit })
-    }
-
     fn floats<const N: usize>(&self, number: usize, usage: &Usage, most: usize) -> Result<Vec<[f32; N]>, Fault> {
         let e = self.elements::<N>(number, usage)?;
-        self.spend(e.count.min(most))?;
+        self.budget().spend(e.count.min(most), size_of::<[f32; N]>())?;
         let whole = |x: f32, largest: f32| if e.normalized { (x / largest).max(-1.0) } else { x };
         Ok(match e.component {
             Component::F32 => e.decode(most, f32::from_le_bytes),
@@ -269,7 +260,7 @@ impl<'a> Accessors<'a> {
 
     fn integers<const N: usize>(&self, number: usize, usage: &Usage) -> Result<Vec<[u32; N]>, Fault> {
         let e = self.elements::<N>(number, usage)?;
-        self.spend(e.count)?;
+        self.budget().spend(e.count, size_of::<[u32; N]>())?;
         Ok(match e.component {
             Component::U8 | Component::I8 => e.decode(usize::MAX, |[b]| b.into()),
             Component::U16 | Component::I16 => e.decode(usize::MAX, |b| u16::from_le_bytes(b).into()),

@@ -11,6 +11,7 @@ use std::path::{Path, PathBuf};
 use base64::Engine;
 use base64::engine::{DecodePaddingMode, GeneralPurpose, GeneralPurposeConfig};
 
+use super::budget::Budget;
 use super::document::{BufferView, Document};
 use super::{extensions, meshopt};
 use crate::Fault;
@@ -31,6 +32,7 @@ pub(super) struct Buffers<'a> {
     loaded: Vec<OnceCell<Cow<'a, [u8]>>>,
     /// By view.
     decoded: Vec<OnceCell<Vec<u8>>>,
+    budget: Budget,
 }
 
 /// A run of bytes that accessors draw from.
@@ -42,10 +44,20 @@ pub(super) struct View<'b> {
 }
 
 impl<'a> Buffers<'a> {
-    pub(super) fn new(document: &'a Document, binary: Option<&'a [u8]>, folder: Option<&'a Path>) -> Self {
+    pub(super) fn new(
+        document: &'a Document,
+        binary: Option<&'a [u8]>,
+        folder: Option<&'a Path>,
+        budget: Budget,
+    ) -> Self {
         let loaded = document.buffers.iter().map(|_| OnceCell::new()).collect();
         let decoded = document.buffer_views.iter().map(|_| OnceCell::new()).collect();
-        Self { document, binary, folder, loaded, decoded }
+        Self { document, binary, folder, loaded, decoded, budget }
+    }
+
+    /// What the file may still ask for.
+    pub(super) fn budget(&self) -> &Budget {
+        &self.budget
     }
 
     /// A buffer view; `from` says who asks for it.
@@ -75,6 +87,7 @@ impl<'a> Buffers<'a> {
         let failed = |reason| Fault::Compressed { what: format!("buffer view {number}"), extension, reason };
         let settings = meshopt::Settings::read(settings).map_err(failed)?;
         let bytes = self.run(number, settings.buffer, settings.byte_offset, settings.byte_length)?;
+        self.budget.spend(settings.size(bytes).map_err(failed)?, 1)?;
         let decoded = settings.decode(bytes).map_err(failed)?;
         Ok(Some(self.decoded[number].get_or_init(|| decoded)))
     }
@@ -113,7 +126,11 @@ impl<'a> Buffers<'a> {
         };
         let mut bytes = match uri.strip_prefix("data:") {
             Some(data) => from_data(data).map_err(|reason| Fault::Base64 { buffer: number, reason })?,
-            None => self.external(number, uri, buffer.byte_length)?,
+            None => {
+                let bytes = self.external(number, uri, buffer.byte_length)?;
+                self.budget.add_buffer(bytes.len());
+                bytes
+            }
         };
         bytes.truncate(claimed);
         Ok(Cow::Owned(bytes))

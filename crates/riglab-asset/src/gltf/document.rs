@@ -13,6 +13,14 @@ use crate::Fault;
 /// Brackets within brackets that are still read. Real files need a dozen.
 const MAX_DEPTH: usize = 100;
 
+/// Values of the JSON in small files; larger ones may have one for every [`VALUE`] bytes. Two bytes of JSON can take
+/// thirty of memory.
+const MAX_VALUES: usize = 1 << 20;
+const VALUE: usize = 8;
+
+/// Nodes, which take hundreds of bytes each: more than any rig has joints.
+const MAX_NODES: usize = 1 << 16;
+
 #[derive(Debug, Default, Deserialize)]
 #[serde(rename_all = "camelCase", default)]
 pub(super) struct Document {
@@ -139,10 +147,24 @@ impl Document {
         // Before serde, which does not look at what it skips.
         let json = std::str::from_utf8(json)
             .map_err(|error| Fault::Json { path: String::new(), reason: format!("not UTF-8: {error}") })?;
-        if depth(json.as_bytes()) > MAX_DEPTH {
+        let (depth, values) = extent(json.as_bytes());
+        if depth > MAX_DEPTH {
             return Err(Fault::JsonDepth(MAX_DEPTH));
         }
+        let too_large = |what: &str, count: usize, limit: usize| Fault::TooLarge {
+            what: what.into(),
+            count: count as u64,
+            limit: limit as u64,
+        };
+        let limit = MAX_VALUES.max(json.len() / VALUE);
+        if values > limit {
+            return Err(too_large("the values of the JSON", values, limit));
+        }
         let document: Self = serde_json::from_str(json).map_err(|_| explain(json))?;
+        let nodes = document.nodes.len();
+        if nodes > MAX_NODES {
+            return Err(too_large("the nodes", nodes, MAX_NODES));
+        }
         match document.asset.version.split('.').next() {
             Some("2") => Ok(document),
             _ => Err(Fault::Version(document.asset.version)),
@@ -173,17 +195,19 @@ fn explain(json: &str) -> Fault {
     }
 }
 
-/// How deep brackets nest, strings left out.
-fn depth(json: &[u8]) -> usize {
-    let (mut depth, mut deepest) = (0usize, 0);
+/// How deep brackets nest, and about how many values there are; strings left out.
+fn extent(json: &[u8]) -> (usize, usize) {
+    let (mut depth, mut deepest, mut values) = (0usize, 0, 1);
     let mut bytes = json.iter();
     while let Some(byte) = bytes.next() {
         match byte {
             b'[' | b'{' => {
                 depth += 1;
+                values += 1;
                 deepest = deepest.max(depth);
             }
             b']' | b'}' => depth = depth.saturating_sub(1),
+            b',' => values += 1,
             b'"' => {
                 while let Some(byte) = bytes.next() {
                     match byte {
@@ -196,7 +220,7 @@ fn depth(json: &[u8]) -> usize {
             _ => {}
         }
     }
-    deepest
+    (deepest, values)
 }
 
 #[cfg(test)]
@@ -205,8 +229,8 @@ mod tests {
 
     #[test]
     fn brackets_in_strings_do_not_nest() {
-        assert_eq!(depth(br#"{"a\"[[[":[1,[2]],"b":{}}"#), 3);
-        assert_eq!(depth(b"]]]][\"[[["), 1);
+        assert_eq!(extent(br#"{"a\"[,[[":[1,[2]],"b":{}}"#), (3, 7));
+        assert_eq!(extent(b"]]]][\"[[["), (1, 2));
     }
 
     #[test]

@@ -28,8 +28,10 @@ impl Settings {
 pub(super) struct Decoded(Mesh);
 
 impl Decoded {
-    pub(super) fn new(bytes: &[u8]) -> Result<Self, String> {
-        let limits = DecodeLimits::default().with_max_points(MOST).with_max_faces(MOST);
+    /// `most` points and faces are decoded, and never more than any rig has.
+    pub(super) fn new(bytes: &[u8], most: u64) -> Result<Self, String> {
+        let most = most.min(MOST);
+        let limits = DecodeLimits::default().with_max_points(most).with_max_faces(most);
         let mut mesh = Mesh::new();
         MeshDecoder::new()
             .decode(&mut DecoderBuffer::new(bytes).with_limits(limits), &mut mesh)

@@ -50,17 +50,18 @@ impl Settings {
         Self::deserialize(value).map_err(|e| e.to_string())
     }
 
+    /// How many bytes come out of `bytes`, as far as that can be.
+    pub(super) fn size(&self, bytes: &[u8]) -> Result<usize, String> {
+        let size = (self.byte_stride as u64).saturating_mul(self.count);
+        let most = MOST.saturating_mul(bytes.len() as u64);
+        usize::try_from(size).ok().filter(|_| size <= most).ok_or_else(|| {
+            format!("{} elements of {} bytes cannot come from {} bytes", self.count, self.byte_stride, bytes.len())
+        })
+    }
+
     /// The view's bytes, elements without gaps.
     pub(super) fn decode(&self, bytes: &[u8]) -> Result<Vec<u8>, String> {
-        let size = (self.byte_stride as u64).saturating_mul(self.count);
-        if size > MOST * bytes.len() as u64 {
-            return Err(format!(
-                "{} elements of {} bytes cannot come from {} bytes",
-                self.count,
-                self.byte_stride,
-                bytes.len()
-            ));
-        }
+        self.size(bytes)?;
         let count = self.count as usize;
         if self.mode == Mode::Attributes {
             let mut decoded = vertices(bytes, self.byte_stride, count)?;

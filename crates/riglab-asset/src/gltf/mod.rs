@@ -9,6 +9,7 @@
 
 mod accessor;
 mod bind;
+mod budget;
 mod buffers;
 mod clips;
 mod document;
@@ -30,6 +31,7 @@ use std::path::Path;
 use crate::{Fault, ImportOptions, Reading, Rights, Warning};
 use accessor::Accessors;
 use bind::Binds;
+use budget::Budget;
 use buffers::Buffers;
 use document::Document;
 use nodes::Nodes;
@@ -55,7 +57,7 @@ pub(crate) fn read(bytes: &[u8], folder: Option<&Path>, options: &ImportOptions)
     };
     let document = Document::parse(chunks.json)?;
     extensions::check_required(&document)?;
-    let accessors = Accessors::new(&document, Buffers::new(&document, chunks.binary, folder));
+    let accessors = Accessors::new(&document, Buffers::new(&document, chunks.binary, folder, Budget::new(bytes.len())));
 
     let nodes = Nodes::new(&document)?;
     let skins = Skins::read(&document, &nodes, &accessors, &mut warnings)?;

@@ -51,6 +51,9 @@ impl Scene<'_> {
             if source.numbers.is_empty() {
                 continue;
             }
+            // A number and a position, and a slot and a weight for each influence.
+            let size = 16 + 4 * 16 * source.influences().len();
+            self.accessors.budget().spend(source.numbers.len(), size)?;
             let set = match source.skin {
                 Some(skin) => self.skinned(source, skin, &mut repairs)?,
                 None => match self.hold(node) {

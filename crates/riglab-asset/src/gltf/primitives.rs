@@ -180,7 +180,8 @@ impl Collector<'_, '_> {
             return Ok(true);
         }
         let bytes = self.accessors.view(settings.buffer_view, || place.to_string())?.bytes;
-        let mesh = draco::Decoded::new(bytes).map_err(failed)?;
+        // Each has three numbers of four bytes.
+        let mesh = draco::Decoded::new(bytes, self.accessors.budget().left(12)).map_err(failed)?;
         let mut put = self.accessors.put_indices(indices, mesh.corners())?;
         for (name, &number) in &settings.attributes {
             let Some(&accessor) = primitive.attributes.get(name) else { continue };
@@ -230,6 +231,7 @@ impl Collector<'_, '_> {
             let (count, limit) = (self.total as u64, MAX_TOTAL as u64 * 3);
             return Err(Fault::TooLarge { what: "the triangle corners of all meshes".into(), count, limit });
         }
+        self.accessors.budget().spend(corners, size_of::<u32>())?;
         let indices = match primitive.indices {
             Some(indices) => self.accessors.indices(indices)?,
             None => (0..count as u32).collect(),

@@ -8,6 +8,8 @@ thread_local! {
     /// Bytes this thread holds; those it frees for others count as less than none.
     static HELD: Cell<isize> = const { Cell::new(0) };
     static PEAK: Cell<isize> = const { Cell::new(0) };
+    /// The largest piece asked for.
+    static LARGEST: Cell<usize> = const { Cell::new(0) };
 }
 
 /// The system's allocator, counting by thread. Memory that C code takes for itself is not seen.
@@ -16,8 +18,10 @@ struct Counting;
 #[global_allocator]
 static COUNTING: Counting = Counting;
 
-fn count(bytes: isize) {
-    let held = HELD.get() + bytes;
+/// `size` bytes are asked for where `before` were held.
+fn count(size: usize, before: usize) {
+    let held = HELD.get() + size as isize - before as isize;
+    LARGEST.set(LARGEST.get().max(size));
     HELD.set(held);
     PEAK.set(PEAK.get().max(held));
 }
@@ -25,35 +29,49 @@ fn count(bytes: isize) {
 // SAFETY: all is done by the system's allocator; the counters have no destructor and allocate nothing.
 unsafe impl GlobalAlloc for Counting {
     unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
-        count(layout.size() as isize);
+        count(layout.size(), 0);
         unsafe { System.alloc(layout) }
     }
 
     unsafe fn alloc_zeroed(&self, layout: Layout) -> *mut u8 {
-        count(layout.size() as isize);
+        count(layout.size(), 0);
         unsafe { System.alloc_zeroed(layout) }
     }
 
     unsafe fn dealloc(&self, pointer: *mut u8, layout: Layout) {
-        count(-(layout.size() as isize));
+        count(0, layout.size());
         unsafe { System.dealloc(pointer, layout) }
     }
 
     unsafe fn realloc(&self, pointer: *mut u8, layout: Layout, size: usize) -> *mut u8 {
-        count(size as isize - layout.size() as isize);
+        count(size, layout.size());
         unsafe { System.realloc(pointer, layout, size) }
     }
 }
 
-/// What `work` gives, and the most bytes that it held at once.
-pub fn of<T>(work: impl FnOnce() -> T) -> (T, usize) {
-    let before = HELD.get();
-    PEAK.set(before);
-    let result = work();
-    (result, (PEAK.get() - before) as usize)
+/// Bytes that work took.
+#[derive(Clone, Copy, Debug)]
+pub struct Peak {
+    /// The most it held at once.
+    pub total: usize,
+    /// The most it asked for in one piece.
+    pub largest: usize,
 }
 
-/// What a file of so many bytes may take.
-pub fn allowed(bytes: usize) -> usize {
-    (20 * bytes).max(64 << 20)
+impl Peak {
+    /// Whether a file of so many bytes may take this: in one piece 20 times its bytes, in all 64 times (a compressed
+    /// file comes to 58), and 64 MiB if it is small.
+    pub fn is_fair(&self, file: usize) -> bool {
+        let small = 64 << 20;
+        self.largest <= small.max(20 * file) && self.total <= small.max(64 * file)
+    }
+}
+
+/// What `work` gives, and the memory it took.
+pub fn of<T>(work: impl FnOnce() -> T) -> (T, Peak) {
+    let before = HELD.get();
+    PEAK.set(before);
+    LARGEST.set(0);
+    let result = work();
+    (result, Peak { total: (PEAK.get() - before) as usize, largest: LARGEST.get() })
 }
