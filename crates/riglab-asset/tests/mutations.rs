@@ -13,7 +13,7 @@ use std::panic::catch_unwind;
 use std::time::{Duration, Instant};
 
 use common::Tiny;
-use riglab_asset::{Content, ImportOptions, import_bytes};
+use riglab_asset::{Content, ImportOptions, Resample, import_bytes};
 use serde_json::json;
 
 /// Mutations of each kind and seed.
@@ -75,7 +75,17 @@ fn seeds() -> Vec<(String, Vec<u8>)> {
         .with("/nodes/2/children", json!([3]))
         .with("/nodes/-", json!({"mesh": 1, "matrix": [1, 0, 0, 0, 0, 2, 0, 0, 0, 0, 3, 0, 4, 5, 6, 1]}))
         .with("/meshes/-", json!({"primitives": [{"attributes": {"POSITION": 0}, "mode": 5}]}));
+    let floats = |all: &[f32]| all.iter().flat_map(|x| x.to_le_bytes()).collect::<Vec<u8>>();
+    let moving = Tiny::new()
+        .with_accessor(5126, "SCALAR", 2, &floats(&[0.0, 1.5]))
+        .with_accessor(5126, "VEC4", 2, &floats(&[0.0, 0.0, 0.0, 1.0, 0.6, 0.0, 0.0, 0.8]))
+        .with(
+            "/animations",
+            json!([{"name": "nod", "samplers": [{"input": 5, "output": 6, "interpolation": "LINEAR"}],
+                    "channels": [{"sampler": 0, "target": {"node": 2, "path": "rotation"}}]}]),
+        );
     let mut seeds = vec![
+        ("moving.glb".to_owned(), moving.glb()),
         ("tiny.glb".to_owned(), tiny.glb()),
         ("sparse.glb".to_owned(), sparse.glb()),
         ("data.gltf".to_owned(), data),
@@ -107,7 +117,8 @@ fn seeds() -> Vec<(String, Vec<u8>)> {
 fn survives(what: &str, bytes: &[u8]) -> bool {
     let start = Instant::now();
     let work = || {
-        let imported = import_bytes(what, bytes, &ImportOptions::default());
+        let options = ImportOptions { clips: Some(Resample::default()), ..ImportOptions::default() };
+        let imported = import_bytes(what, bytes, &options);
         imported.map(|i| {
             let shown = i.inspect(true);
             assert!(shown.samples.iter().all(|s| s.position.iter().all(|x| x.is_finite())));

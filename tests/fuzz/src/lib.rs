@@ -3,16 +3,17 @@
 #[path = "../../../crates/riglab-asset/tests/common/peak.rs"]
 mod peak;
 
-use riglab_asset::{ImportOptions, import_bytes};
+use riglab_asset::{ImportOptions, Resample, import_bytes};
 
 /// The targets, each with the endings of the files it starts from.
 pub const TARGETS: [(&str, &[&str]); 4] =
     [("gltf", &["glb", "gltf", "vrm"]), ("obj", &["obj"]), ("fbx", &["fbx"]), ("config_toml", &["toml"])];
 
-/// Bytes as if they were a file of this name: imported and looked at. What comes out is finite, what does not is
+/// Bytes as if they were a file of this name: imported with all there is to it, and looked at. What comes out is finite, what does not is
 /// told in a sentence of some length, and memory keeps within what the file may ask for.
 pub fn asset(name: &str, bytes: &[u8]) {
-    let ((), peak) = peak::of(|| match import_bytes(name, bytes, &ImportOptions::default()) {
+    let options = ImportOptions { clips: Some(Resample::default()), ..ImportOptions::default() };
+    let ((), peak) = peak::of(|| match import_bytes(name, bytes, &options) {
         Ok(imported) => {
             let shown = imported.inspect(true);
             assert!(shown.samples.iter().all(|s| s.position.iter().all(|x| x.is_finite())));
