@@ -45,7 +45,7 @@ pub use error::{Fault, ImportError, Place};
 #[cfg(feature = "fbx")]
 pub use fbx::to_fbx;
 pub use format::Format;
-pub use gltf::to_glb;
+pub use gltf::{decode_draco, decode_meshopt, to_glb};
 pub use inspect::Inspection;
 pub use reading::{Binding, Body, Part, ReadJoint, Reading, VertexSet};
 pub use warning::Warning;

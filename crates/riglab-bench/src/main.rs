@@ -12,6 +12,7 @@
 
 mod cases;
 mod json;
+mod node;
 mod python;
 mod recipe;
 mod rounds;

@@ -35,6 +35,16 @@ pub static BLENDER: Environment = Environment {
     found: OnceLock::new(),
 };
 
+/// What Python users read glTF with.
+pub static ARRAYS: Environment = Environment {
+    name: "trimesh and pygltflib",
+    requirements: &["trimesh==5.2.0", "pygltflib==1.16.5", "numpy==2.4.6"],
+    version: None,
+    gigabytes: 0.1,
+    probe: "trimesh, pygltflib",
+    found: OnceLock::new(),
+};
+
 /// What the twins of networks need.
 pub static TORCH: Environment = Environment {
     name: "PyTorch 2.11.0",
@@ -99,11 +109,7 @@ impl Environment {
         if !imports(&made.join("bin/python"), self.probe) {
             bail!("{} was installed, but `import {}` fails with {}", self.name, self.probe, base.program.display());
         }
-        match fs::rename(&made, home) {
-            Err(e) if !home.join("bin/python").is_file() => Err(e).context("cannot put the environment in place"),
-            // Put there, or someone else was faster.
-            _ => Ok(()),
-        }
+        put_in_place(&made, home, "bin/python")
     }
 
     /// A Python with pip that the packages have wheels for.
@@ -175,8 +181,17 @@ fn run(command: &mut Command) -> Result<()> {
     Ok(())
 }
 
+/// Moves a finished environment to where it is looked for; `within` tells whether one is there.
+pub fn put_in_place(made: &Path, home: &Path, within: &str) -> Result<()> {
+    match fs::rename(made, home) {
+        Err(e) if !home.join(within).exists() => Err(e).context("cannot put the environment in place"),
+        // Put there, or someone else was faster.
+        _ => Ok(()),
+    }
+}
+
 /// The cache that set-up uses too.
-fn cache() -> Result<PathBuf> {
+pub fn cache() -> Result<PathBuf> {
     let set = |name: &str| std::env::var_os(name).filter(|v| !v.is_empty()).map(PathBuf::from);
     let base = set("XDG_CACHE_HOME").or_else(|| Some(set("HOME")?.join(".cache")));
     let dir = base.context("neither XDG_CACHE_HOME nor HOME is set")?.join("riglab");

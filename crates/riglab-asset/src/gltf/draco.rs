@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use draco_core::{DataType, DecodeLimits, DecoderBuffer, Mesh, MeshDecoder};
+use draco_core::{DataType, DecodeLimits, DecoderBuffer, Mesh, MeshDecoder, PointAttribute};
 use serde::Deserialize;
 use serde_json::Value;
 
@@ -22,6 +22,17 @@ impl Settings {
     pub(super) fn read(value: &Value) -> Result<Self, String> {
         Self::deserialize(value).map_err(|e| e.to_string())
     }
+}
+
+/// Decodes a primitive as `KHR_draco_mesh_compression` holds it: corners, three a triangle, and the
+/// components of all points for each of some attributes, by their numbers in the compressed mesh.
+///
+/// # Errors
+/// What is wrong with the bytes, or an attribute that is not there.
+pub fn decode_draco(bytes: &[u8], attributes: &[u32]) -> Result<(Vec<u32>, Vec<Vec<f32>>), String> {
+    let mesh = Decoded::new(bytes, MOST)?;
+    let part = |&number: &u32| mesh.components(number).map(|(values, _)| values);
+    Ok((mesh.corners(), attributes.iter().map(part).collect::<Result<_, _>>()?))
 }
 
 /// A decoded primitive.
@@ -50,11 +61,10 @@ impl Decoded {
 
     /// `N` components of every point, as they are stored; whole numbers up to 65535 are exact.
     pub(super) fn attribute<const N: usize>(&self, number: u32, normalized: bool) -> Result<Vec<[f32; N]>, String> {
-        let attribute = self.0.attribute_by_unique_id(number).ok_or(format!("it has no attribute {number}"))?;
+        let (mut values, attribute) = self.components(number)?;
         if usize::from(attribute.num_components()) != N {
             return Err(format!("attribute {number} has {} components, not {N}", attribute.num_components()));
         }
-        let mut values = attribute.read_f32s(self.points(), N);
         let largest = match attribute.data_type() {
             DataType::Int8 => 127.0,
             DataType::Uint8 => 255.0,
@@ -66,5 +76,11 @@ impl Decoded {
             values.iter_mut().for_each(|v| *v = (*v / largest).max(-1.0));
         }
         Ok(values.as_chunks::<N>().0.to_vec())
+    }
+
+    /// All components of every point of an attribute, as they are stored.
+    fn components(&self, number: u32) -> Result<(Vec<f32>, &PointAttribute), String> {
+        let attribute = self.0.attribute_by_unique_id(number).ok_or(format!("it has no attribute {number}"))?;
+        Ok((attribute.read_f32s(self.points(), attribute.num_components().into()), attribute))
     }
 }

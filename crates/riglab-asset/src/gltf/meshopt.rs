@@ -45,6 +45,15 @@ enum Filter {
 /// for each of a vertex's at least, an index a byte for three of four.
 const MOST: u64 = 1024;
 
+/// Decodes a buffer view as `EXT_meshopt_compression` holds it, by the extension's settings: elements
+/// without gaps.
+///
+/// # Errors
+/// Settings or bytes that are not what the extension defines.
+pub fn decode_meshopt(settings: &Value, bytes: &[u8]) -> Result<Vec<u8>, String> {
+    Settings::read(settings)?.decode(bytes)
+}
+
 impl Settings {
     pub(super) fn read(value: &Value) -> Result<Self, String> {
         Self::deserialize(value).map_err(|e| e.to_string())

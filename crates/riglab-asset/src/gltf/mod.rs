@@ -34,6 +34,8 @@ use bind::Binds;
 use budget::Budget;
 use buffers::Buffers;
 use document::Document;
+pub use draco::decode_draco;
+pub use meshopt::decode_meshopt;
 use nodes::Nodes;
 use skins::Skins;
 pub use write::to_glb;

@@ -23,10 +23,13 @@ use crate::side::{self, Side};
 /// Files unless all are asked for: Blender takes a minute for a few hundred.
 const SAMPLE: usize = 60;
 
+/// What a side says of reading files.
 #[derive(Deserialize)]
-struct Read {
-    seconds: f64,
-    refused: Vec<PathBuf>,
+pub(super) struct Read {
+    /// For all of them.
+    pub(super) seconds: f64,
+    /// Files that gave nothing.
+    pub(super) refused: Vec<PathBuf>,
     memory_mb: f64,
 }
 

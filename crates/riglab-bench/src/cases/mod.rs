@@ -1,13 +1,16 @@
 //! The cases by name: the one place that knows them all.
 
+mod decode;
 mod epoch;
 mod import;
+mod import_arrays;
 mod matmul_share;
 mod step;
 
 use std::path::PathBuf;
 
 use anyhow::{Result, bail};
+use decode::Codec;
 use riglab_train::Precision;
 
 use crate::recipe;
@@ -24,8 +27,23 @@ pub struct Case {
 }
 
 /// All of them, in the order they run.
-pub const CASES: [Case; 5] = [
+pub const CASES: [Case; 8] = [
     Case { name: "import", about: "rigged files read, against Blender's glTF importer", run: import::run },
+    Case {
+        name: "import/trimesh",
+        about: "the same, against trimesh, and against pygltflib with numpy",
+        run: import_arrays::run,
+    },
+    Case {
+        name: "decode/draco",
+        about: "Draco primitives decoded, against the reference decoder in Node",
+        run: |c| decode::run(c, Codec::Draco),
+    },
+    Case {
+        name: "decode/meshopt",
+        about: "meshopt buffer views decoded, against the reference decoder in Node",
+        run: |c| decode::run(c, Codec::Meshopt),
+    },
     Case {
         name: "step/fsq_cvae/fp32",
         about: "a training step, against the same network in PyTorch",
@@ -59,6 +77,7 @@ impl Case {
 pub fn serve(case: &str) -> Result<()> {
     match case {
         "import" => import::serve(),
+        "decode" => decode::serve(),
         "step" => step::serve(),
         "epoch" => epoch::serve(),
         _ => bail!("no side `{case}`"),
