@@ -11,7 +11,8 @@ use crate::{Binding, Fault, Part, Reading, VertexSet, triangles};
 pub(crate) fn read(bytes: &[u8]) -> Result<Reading, Fault> {
     let options = LoadOptions { triangulate: true, ignore_points: true, ignore_lines: true, ..Default::default() };
     // What a material library holds does not matter.
-    let (models, _) = tobj::load_obj_buf(&mut &bytes[..], &options, |_| Err(LoadError::OpenFileFailed))
+    let lines = needed(bytes);
+    let (models, _) = tobj::load_obj_buf(&mut &lines[..], &options, |_| Err(LoadError::OpenFileFailed))
         .map_err(|e| Fault::Obj(e.to_string()))?;
     let mut reading = Reading::default();
     for (node, model) in models.into_iter().enumerate() {
@@ -45,6 +46,19 @@ pub(crate) fn read(bytes: &[u8]) -> Result<Reading, Fault> {
     Ok(reading)
 }
 
+/// The lines that matter: without texture coordinates and normals, of which tobj expects more numbers than there may
+/// be, and without comments, which may be in any encoding.
+fn needed(bytes: &[u8]) -> Vec<u8> {
+    let mut lines = Vec::with_capacity(bytes.len());
+    for line in bytes.split_inclusive(|b| *b == b'\n') {
+        let word = line.trim_ascii_start().split(u8::is_ascii_whitespace).next().unwrap_or_default();
+        if !(word == b"vt" || word == b"vn" || word.starts_with(b"#")) {
+            lines.extend_from_slice(line);
+        }
+    }
+    lines
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -57,6 +71,13 @@ mod tests {
         assert_eq!(reading.vertex_sets[0].positions.len(), 4);
         assert_eq!(reading.parts[0].stored, 3);
         assert!(read(b"v 0 0 0\n").unwrap().parts.is_empty());
+    }
+
+    #[test]
+    fn texture_coordinates_and_comments_are_of_no_matter() {
+        let text = b"# \xe9t\xe9\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0.5\n  vn 1\nf 1 2 3\nf -1/-1/-1 -2/7/7 -3/9/9\n";
+        let reading = read(text).unwrap();
+        assert_eq!((reading.parts[0].stored, reading.parts[0].triangles.len()), (2, 1));
     }
 
     #[test]

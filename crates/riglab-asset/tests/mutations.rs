@@ -227,3 +227,14 @@ fn exchange_number(text: &mut String, n: &mut Numbers) {
         text.replace_range(run, NUMBERS[n.below(NUMBERS.len())]);
     }
 }
+
+/// What fuzzing found, each kept under what was wrong.
+#[test]
+fn files_that_once_did_not_survive() {
+    let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/regressions");
+    let files = common::files(&folder, &["glb", "gltf", "vrm", "obj", "fbx"]);
+    assert!(!files.is_empty());
+    for path in files {
+        survives(&path.file_name().unwrap().to_string_lossy(), &std::fs::read(&path).unwrap());
+    }
+}
