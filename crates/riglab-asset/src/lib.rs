@@ -1,4 +1,4 @@
-//! Rigged files in, and GLB out.
+//! Rigged files in, and GLB and FBX out.
 //!
 //! [`import`] reads one file into an [`Imported`]: the [`Rig`] that everything downstream works on,
 //! its [`Provenance`], and the [`Reading`] it was made from.
@@ -12,10 +12,11 @@
 //! Holds: no input makes it panic, recurse without bound or allocate more than the file can fill;
 //! nothing outside the file's own folder is opened, and no connection made; nothing that is not
 //! finite reaches a rig; what was repaired or doubtful is told in a [`Warning`]. Units and axes stay
-//! those of the file (glTF: y up, right-handed).
+//! those of the file (glTF: y up, right-handed), but for FBX, which says what they are: it comes out in
+//! metres, y up, right-handed.
 //!
 //! Leaves out: further formats, springs, humanoid maps, animation clips, and writing other formats than
-//! GLB ([`to_glb`]).
+//! GLB ([`to_glb`]) and FBX (`to_fbx`). All of FBX takes the feature `fbx`, as it builds a C library.
 
 mod assemble;
 mod character;
