@@ -19,6 +19,7 @@
 //! GLB ([`to_glb`]) and FBX (`to_fbx`). All of FBX takes the feature `fbx`, as it builds a C library.
 
 mod assemble;
+mod budget;
 mod character;
 mod error;
 #[cfg(feature = "fbx")]

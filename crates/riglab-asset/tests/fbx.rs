@@ -4,9 +4,11 @@
 #[path = "common/ascii_fbx.rs"]
 mod ascii_fbx;
 mod common;
+#[path = "common/peak.rs"]
+mod peak;
 
 use ascii_fbx::{Ascii, Cluster, SIDES, TETRAHEDRON, moved, scaled_and_moved, tiny};
-use riglab_asset::{Fault, ImportOptions, Imported, Warning, import, import_bytes, to_fbx};
+use riglab_asset::{Character, Fault, ImportOptions, Imported, Warning, import, import_bytes, to_fbx};
 use riglab_core::{Rig, Vec3};
 
 fn read(file: &Ascii) -> Result<Imported, Fault> {
@@ -181,6 +183,31 @@ fn unskinned_meshes_hang_on_bones() {
 }
 
 #[test]
+fn several_characters_are_told_apart() {
+    // The second stands a metre aside, bound there.
+    let (hips, tip) = ([100.0, 10.0, 0.0], [100.0, 20.0, 0.0]);
+    let cluster = |bone, head: [f64; 3], weights| Cluster {
+        bone,
+        weights,
+        transform: moved([0.0, -head[1], 0.0]),
+        link: moved(head),
+    };
+    let file = tiny(Ascii::new())
+        .bone(3, "hips", 0, hips)
+        .bone(4, "tip", 3, [0.0, 10.0, 0.0])
+        .mesh(20, 0, &TETRAHEDRON, &SIDES, "")
+        .skin(20, &[cluster(3, hips, &[(0, 1.0), (1, 1.0)]), cluster(4, tip, &[(2, 1.0), (3, 1.0)])]);
+    let all = read(&file).unwrap();
+    assert_eq!(all.reading.joints.iter().map(|j| j.skeleton).collect::<Vec<_>>(), [0, 0, 1, 1]);
+    assert!(all.warnings().iter().any(|w| matches!(w, Warning::SeparateSkeletons { skeletons: 2, .. })));
+    let options = ImportOptions { character: Some(Character::Number(1)), ..ImportOptions::default() };
+    let second = import_bytes("test.fbx", &file.bytes(), &options).unwrap();
+    let rig = second.rig().unwrap();
+    assert_near(rig.skeleton().heads(), &[[1.0, 0.1, 0.0], [1.0, 0.2, 0.0]]);
+    assert_near(rig.mesh().positions(), &CORNERS.map(|[x, y, z]| [x + 1.0, y, z]));
+}
+
+#[test]
 fn polygons_become_triangles_over_their_control_points() {
     let points = [[0.0; 3], [9.0; 3], [10.0, 0.0, 0.0], [10.0, 10.0, 0.0], [0.0, 10.0, 0.0], [5.0, 20.0, 0.0]];
     // A quad, a line, and a pentagon with a corner that points inwards; vertex 1 is in none.
@@ -282,4 +309,17 @@ fn the_corpus_comes_back_as_it_was() {
     }
     println!("{compared} rigs are the same after FBX");
     assert!(compared > 0);
+}
+
+#[test]
+fn a_mesh_on_many_nodes_keeps_within_memory() {
+    let sides: Vec<&[i32]> = (0..20_000).map(|i| SIDES[i % 4]).collect();
+    let mut file = Ascii::new().mesh(20, 0, &TETRAHEDRON, &sides, "");
+    for node in 100..2_000 {
+        file = file.node(node, "more", "Null", 0, [0.0; 3], "").connect(21, node);
+    }
+    let bytes = file.bytes();
+    let (result, peak) = peak::of(|| import_bytes("test.fbx", &bytes, &ImportOptions::default()));
+    assert!(matches!(result.unwrap_err().fault, Fault::TooLarge { .. }));
+    assert!(peak.is_fair(bytes.len()), "{peak:?} for {}", bytes.len());
 }

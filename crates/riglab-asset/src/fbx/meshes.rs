@@ -9,13 +9,11 @@ use ufbx::{Face, Mesh};
 use super::joints::{Joints, Skin};
 use super::scene::{Nodes, affine};
 use super::shown;
+use crate::budget::Budget;
 use crate::influences::{Repairs, Rows};
 use crate::maps::{FLAT, is_flat};
 use crate::triangles::{self, Dropped};
 use crate::{Binding, Fault, Part, Place, ReadJoint, VertexSet, Warning};
-
-/// Corners of the triangles of all meshes on all nodes. A small file may put a mesh on any number of nodes.
-const MAX_CORNERS: usize = 3 << 24;
 
 /// Influences on a vertex: as many as most methods take joints. The search for repeated ones grows with the square.
 const MAX_INFLUENCES: u32 = 256;
@@ -37,19 +35,21 @@ pub(super) fn read(
     nodes: &Nodes<'_>,
     joints: &Joints,
     read_joints: &[ReadJoint],
+    budget: &Budget,
     warnings: &mut Vec<Warning>,
 ) -> Result<(Vec<VertexSet>, Vec<Part>), Fault> {
     let (mut sets, mut parts) = (Vec::new(), Vec::new());
     let mut repairs = Repairs::default();
     let mut dropped = Dropped::default();
-    let (mut rigid, mut left_out, mut without_surface, mut total) = (Vec::new(), Vec::new(), 0, 0usize);
+    let (mut rigid, mut left_out, mut without_surface) = (Vec::new(), Vec::new(), 0);
     for (number, node) in nodes.all.iter().enumerate() {
         let Some(mesh) = node.mesh.as_deref() else { continue };
-        total = total.saturating_add(mesh.num_triangles.saturating_mul(3));
-        if total > MAX_CORNERS {
-            let (count, limit) = (total as u64, MAX_CORNERS as u64);
-            return Err(Fault::TooLarge { what: "the triangle corners of all meshes".into(), count, limit });
-        }
+        // Once for each node, as any number may show one mesh. Corners as numbers; a number and a position for each
+        // vertex, and a slot and a weight for each influence.
+        budget.spend(mesh.num_triangles.saturating_mul(3), size_of::<u32>())?;
+        budget.spend(mesh.num_vertices.min(mesh.num_indices), 16)?;
+        let weights = (&mesh.skin_deformers).into_iter().map(|skin| skin.weights.len()).sum();
+        budget.spend(weights, 16)?;
         let mut triangles = triangles_of(mesh)?;
         if triangles.is_empty() {
             without_surface += 1;

@@ -18,6 +18,7 @@ mod write;
 
 use ufbx::{AllocatorOpts, ErrorType, FileFormat, IndexErrorHandling, LoadOpts, SceneRoot};
 
+use crate::budget::Budget;
 use crate::{Fault, Reading};
 use joints::Joints;
 use scene::Nodes;
@@ -27,7 +28,7 @@ pub use write::to_fbx;
 const MEMORY: usize = 10;
 
 /// And as much as this for small ones, since arrays are compressed.
-const SMALL: usize = 32 << 20;
+const SMALL: usize = 16 << 20;
 
 pub(crate) fn read(bytes: &[u8]) -> Result<Reading, Fault> {
     let scene = load(bytes)?;
@@ -35,7 +36,7 @@ pub(crate) fn read(bytes: &[u8]) -> Result<Reading, Fault> {
     let mut warnings = Vec::new();
     let joints = Joints::read(&scene, &nodes, &mut warnings)?;
     let read_joints = joints.reading(&nodes, &mut warnings)?;
-    let (vertex_sets, parts) = meshes::read(&nodes, &joints, &read_joints, &mut warnings)?;
+    let (vertex_sets, parts) = meshes::read(&nodes, &joints, &read_joints, &Budget::new(bytes.len()), &mut warnings)?;
     let origin = joints.origin(&nodes).as_vec3();
     let origin = if origin.is_finite() { origin.into() } else { [0.0; 3] };
     Ok(Reading { joints: read_joints, vertex_sets, parts, origin, warnings, ..Reading::default() })

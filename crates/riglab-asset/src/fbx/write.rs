@@ -3,7 +3,7 @@
 use std::io::{self, Cursor};
 
 use fbxcel::low::FbxVersion;
-use fbxcel::low::v7400::ArrayAttributeEncoding::Zlib;
+use fbxcel::low::v7400::ArrayAttributeEncoding;
 use fbxcel::writer::v7400::binary::{Error, FbxFooter, Writer};
 use riglab_core::{Rig, SkinWeights, Vec3};
 
@@ -114,8 +114,8 @@ impl File {
                 Flag(v) => writer.append_bool(v),
                 Text(v) => writer.append_string_direct(v),
                 Bytes(v) => writer.append_binary_direct(v),
-                Ints(v) => writer.append_arr_i32_from_iter(Zlib, v.iter().copied()),
-                Doubles(v) => writer.append_arr_f64_from_iter(Zlib, v.iter().copied()),
+                Ints(v) => writer.append_arr_i32_from_iter(encoding(v.len()), v.iter().copied()),
+                Doubles(v) => writer.append_arr_f64_from_iter(encoding(v.len()), v.iter().copied()),
             }?;
         }
         inner(self)?;
@@ -259,6 +259,11 @@ impl File {
         }
         Ok(())
     }
+}
+
+/// Matrices and the like do not get smaller.
+fn encoding(values: usize) -> Option<ArrayAttributeEncoding> {
+    (values > 64).then_some(ArrayAttributeEncoding::Zlib)
 }
 
 /// An object's name with its class.

@@ -8,10 +8,10 @@ use std::cell::RefCell;
 use std::collections::HashMap;
 use std::rc::Rc;
 
-use super::budget::Budget;
 use super::buffers::{Buffers, View};
 use super::document::{Accessor, Document};
 use crate::Fault;
+use crate::budget::Budget;
 
 /// Elements of one accessor: more than any rig has vertices.
 const MAX_COUNT: u64 = 1 << 24;

@@ -11,10 +11,10 @@ use std::path::{Path, PathBuf};
 use base64::Engine;
 use base64::engine::{DecodePaddingMode, GeneralPurpose, GeneralPurposeConfig};
 
-use super::budget::Budget;
 use super::document::{BufferView, Document};
 use super::{extensions, meshopt};
 use crate::Fault;
+use crate::budget::Budget;
 
 /// Writers disagree on padding, and nothing hangs on it.
 const BASE64: GeneralPurpose = GeneralPurpose::new(

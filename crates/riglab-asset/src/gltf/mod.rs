@@ -9,7 +9,6 @@
 
 mod accessor;
 mod bind;
-mod budget;
 mod buffers;
 mod clips;
 mod document;
@@ -28,10 +27,10 @@ mod write;
 
 use std::path::Path;
 
+use crate::budget::Budget;
 use crate::{Fault, ImportOptions, Reading, Rights, Warning};
 use accessor::Accessors;
 use bind::Binds;
-use budget::Budget;
 use buffers::Buffers;
 use document::Document;
 pub use draco::decode_draco;

@@ -99,7 +99,7 @@ impl Ascii {
         self
     }
 
-    fn connect(mut self, what: u32, to: u32) -> Self {
+    pub fn connect(mut self, what: u32, to: u32) -> Self {
         writeln!(self.connections, "C: \"OO\",{what},{to}").unwrap();
         self
     }

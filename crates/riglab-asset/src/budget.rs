@@ -1,6 +1,6 @@
 //! How much one file may ask for.
 //!
-//! A few bytes of glTF can stand for many: accessors and meshes are shared, constant data compresses to next to
+//! A few bytes of a scene can stand for many: accessors and meshes are shared, constant data compresses to next to
 //! nothing, missing data means zeros. So what reading makes of the bytes is counted as it is asked for, before it is
 //! allocated, over the whole file. Of the corpus' rigs none asks for more than 5 times its file, but for those
 //! that are compressed: up to 31 times.
@@ -17,7 +17,7 @@ const ALL: u64 = 40;
 const SMALL: u64 = 32 << 20;
 
 /// What is left of a file's allowance.
-pub(super) struct Budget {
+pub(crate) struct Budget {
     spent: Cell<u64>,
     /// Bytes of the file and of buffers beside it.
     file: Cell<u64>,
@@ -25,12 +25,12 @@ pub(super) struct Budget {
 
 impl Budget {
     /// For a file of so many bytes.
-    pub(super) fn new(file: usize) -> Self {
+    pub(crate) fn new(file: usize) -> Self {
         Self { spent: Cell::new(0), file: Cell::new(file as u64) }
     }
 
     /// Adds a buffer in a file of its own.
-    pub(super) fn add_buffer(&self, bytes: usize) {
+    pub(crate) fn add_buffer(&self, bytes: usize) {
         self.file.set(self.file.get() + bytes as u64);
     }
 
@@ -39,12 +39,12 @@ impl Budget {
     }
 
     /// How many elements of a size may still be asked for.
-    pub(super) fn left(&self, size: usize) -> u64 {
+    pub(crate) fn left(&self, size: usize) -> u64 {
         self.limit(ALL).saturating_sub(self.spent.get()).min(self.limit(PIECE)) / size as u64
     }
 
     /// Before so many elements of a size are made.
-    pub(super) fn spend(&self, count: usize, size: usize) -> Result<(), Fault> {
+    pub(crate) fn spend(&self, count: usize, size: usize) -> Result<(), Fault> {
         let bytes = (count as u64).saturating_mul(size as u64);
         self.spent.set(self.spent.get().saturating_add(bytes));
         let found = [(bytes, PIECE, "a part of the geometry"), (self.spent.get(), ALL, "the geometry of all meshes")];
