@@ -185,7 +185,8 @@ fn explain(json: &str) -> Fault {
         Err(error) => {
             let path = error.path().to_string();
             let path = if path == "." { String::new() } else { path };
-            Fault::Json { path, reason: error.into_inner().to_string() }
+            // Keys and texts come from the file and may be of any length.
+            Fault::Json { path: cut(&path), reason: cut(&error.into_inner().to_string()) }
         }
         // Sound but for what follows it.
         Ok(_) => match reader.end() {
@@ -193,6 +194,17 @@ fn explain(json: &str) -> Fault {
             Ok(()) => Fault::Json { path: String::new(), reason: "not readable".into() },
         },
     }
+}
+
+/// A text short enough for a message, with its end, which says where.
+fn cut(text: &str) -> String {
+    const HALF: usize = 150;
+    let length = text.chars().count();
+    if length <= 2 * HALF {
+        return text.to_owned();
+    }
+    let (start, end) = (text.chars().take(HALF), text.chars().skip(length - HALF));
+    start.chain("...".chars()).chain(end).collect()
 }
 
 /// How deep brackets nest, and about how many values there are; strings left out.
@@ -242,6 +254,11 @@ mod tests {
         assert!(fault("{\"nodes\":[").contains("EOF"), "{}", fault("{\"nodes\":["));
         assert_eq!(fault(r#"{"asset":{"version":"1.0"}}"#), Fault::Version("1.0".into()).to_string());
         assert_eq!(fault("{}"), Fault::Version(String::new()).to_string());
+        let long = "é".repeat(1000);
+        for json in [format!(r#"{{"{long}":1"#), format!(r#"{{"accessors":[{{"componentType":"{long}"}}]}}"#)] {
+            let text = fault(&json);
+            assert!(text.chars().count() < 500 && text.ends_with(|c: char| c.is_ascii_digit()), "{text}");
+        }
         let deep = format!("{{\"extras\":{}", "[".repeat(10_000));
         assert_eq!(fault(&deep), Fault::JsonDepth(MAX_DEPTH).to_string());
     }
