@@ -7,7 +7,7 @@ use riglab_core::{Clip, Humanoid, Joint, JointId, JointMap, Mesh, Rig, RigError,
 use crate::names::Names;
 use crate::nearest::nearest_others;
 use crate::warning::MANY_JOINTS;
-use crate::{Binding, Body, Content, Fault, ImportOptions, Part, Reading, VertexSet, Warning, triangles};
+use crate::{Binding, Body, Content, Fault, ImportOptions, Part, Reading, Up, VertexSet, Warning, triangles};
 
 /// What becomes of a skeleton with several roots, since a rig has one.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -24,6 +24,9 @@ pub enum RootPolicy {
 pub(crate) fn content(reading: &mut Reading, options: &ImportOptions) -> Result<(Content, Vec<Clip>), Fault> {
     let mut warnings = Vec::new();
     let mut clips = Vec::new();
+    if reading.up != Up::Y {
+        warnings.push(Warning::TurnedUp);
+    }
     let content = if reading.joints.is_empty() {
         if reading.parts.is_empty() {
             return Err(Fault::NoMesh);
@@ -80,7 +83,7 @@ fn skeleton(
                 }
                 let name = names.unique("root", String::new);
                 let remedy = format!("all became children of a new joint `{name}`");
-                tree.push(Joint { name, parent: None, head: reading.origin });
+                tree.push(Joint { name, parent: None, head: reading.up.to_y(reading.origin) });
                 remedy
             }
         };
@@ -98,7 +101,7 @@ fn skeleton(
             None if tree.is_empty() => None,
             None => Some(JointId(0)),
         };
-        tree.push(Joint { name: joint.name.clone(), parent, head: joint.head });
+        tree.push(Joint { name: joint.name.clone(), parent, head: reading.up.to_y(joint.head) });
     }
     Ok((Skeleton::new(tree)?, joint_of))
 }
@@ -127,7 +130,7 @@ fn mesh(reading: &Reading, warnings: &mut Vec<Warning>) -> Result<Mesh, RigError
     let mut repeated = 0;
     for (number, set) in ordered_sets(reading) {
         let start = positions.len() as u32;
-        positions.extend_from_slice(&set.positions);
+        positions.extend(set.positions.iter().map(|p| reading.up.to_y(*p)));
         let mut own: Vec<[u32; 3]> = parts_of[number].iter().flat_map(|p| &p.triangles).copied().collect();
         // Within a part they are unlike already; parts that share vertices may repeat each other, as
         // outlines drawn by a second material do.

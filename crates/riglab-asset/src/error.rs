@@ -5,7 +5,7 @@ use std::fmt;
 use riglab_core::RigError;
 use thiserror::Error;
 
-use crate::Format;
+use crate::{Format, PeerFault};
 
 /// A file that cannot be imported, and why.
 #[derive(Clone, Debug, Error, PartialEq)]
@@ -394,6 +394,9 @@ pub enum Fault {
     /// Asked for a rig, found a mesh.
     #[error("the file has a mesh but no skin, so there is no rig; it can only serve as input of `riglab rig`")]
     NoSkeleton,
+    /// A text, npz, h5 or pt file.
+    #[error(transparent)]
+    Peer(#[from] PeerFault),
     /// What was read does not make a rig.
     #[error("no valid rig: {0}")]
     Rig(#[from] RigError),

@@ -14,10 +14,18 @@ pub enum Format {
     Fbx,
     /// Wavefront OBJ.
     Obj,
+    /// Text of joints and weights (RigNet, Puppeteer), or a list of folders (UniRig).
+    RigText,
+    /// Arrays of numpy (Articulation-XL, UniRig, SkinTokens).
+    Npz,
+    /// HDF5 (Puppeteer).
+    Hdf5,
+    /// What torch saves (Anymate).
+    TorchZip,
 }
 
 impl Format {
-    /// The format of a file of this name with these bytes.
+    /// The format of a file of this name that starts with these bytes.
     ///
     /// # Errors
     /// [`Fault::Empty`], or [`Fault::NotAModel`] with what the file seems to be instead.
@@ -33,8 +41,16 @@ impl Format {
         if bytes.starts_with(b"Kaydara FBX Binary") || bytes.starts_with(b"; FBX") || ending == "fbx" {
             return Ok(Self::Fbx);
         }
-        if ending == "obj" {
-            return Ok(Self::Obj);
+        if bytes.starts_with(b"\x89HDF\r\n\x1a\n") {
+            return Ok(Self::Hdf5);
+        }
+        match ending.as_str() {
+            "obj" => return Ok(Self::Obj),
+            "txt" => return Ok(Self::RigText),
+            "npz" => return Ok(Self::Npz),
+            "h5" | "hdf5" => return Ok(Self::Hdf5),
+            "pt" | "pth" => return Ok(Self::TorchZip),
+            _ => {}
         }
         if crate::gltf::looks_like_json(bytes) {
             return Ok(Self::Gltf);
@@ -49,6 +65,10 @@ impl fmt::Display for Format {
             Self::Gltf => "glTF",
             Self::Fbx => "FBX",
             Self::Obj => "OBJ",
+            Self::RigText => "rig text",
+            Self::Npz => "npz",
+            Self::Hdf5 => "HDF5",
+            Self::TorchZip => "torch",
         })
     }
 }

@@ -32,12 +32,14 @@ mod maps;
 mod names;
 mod nearest;
 mod obj;
+mod peers;
 mod reading;
 mod skeletons;
 mod triangles;
 mod warning;
 
-use std::path::Path;
+use std::ops::ControlFlow;
+use std::path::{Path, PathBuf};
 
 use riglab_core::{Asset, Clip, Mesh, Provenance, Rig};
 
@@ -49,6 +51,7 @@ pub use fbx::to_fbx;
 pub use format::Format;
 pub use gltf::{decode_draco, decode_meshopt, to_glb};
 pub use inspect::Inspection;
+pub use peers::{Array, ArrayRig, PeerFault, SparseRows, Up};
 pub use reading::{Binding, Body, Part, ReadJoint, Reading, VertexSet};
 pub use warning::Warning;
 
@@ -57,6 +60,8 @@ pub use warning::Warning;
 pub struct ImportOptions {
     /// What becomes of a skeleton with several roots.
     pub roots: RootPolicy,
+    /// Which asset of a file of several, counted from 0; without it [`import`] refuses such a file.
+    pub item: Option<usize>,
     /// Which character of a file with several; `None` reads all as one.
     pub character: Option<Character>,
     /// Whether motions are read, and how they are sampled.
@@ -138,7 +143,8 @@ impl Imported {
     }
 }
 
-/// Reads the file at `path`, and external buffers from its folder or below.
+/// Reads the file at `path`, and external buffers from its folder or below, or the mesh beside a rig
+/// text.
 ///
 /// ```no_run
 /// let imported = riglab_asset::import("fox.glb", &Default::default())?;
@@ -150,14 +156,61 @@ impl Imported {
 /// ```
 ///
 /// # Errors
-/// What is wrong with the file, with its path before it.
+/// What is wrong with the file, with its path before it; [`PeerFault::Several`] for a file of several
+/// assets unless the options choose one.
 pub fn import(path: impl AsRef<Path>, options: &ImportOptions) -> Result<Imported, ImportError> {
     let path = path.as_ref();
-    let bytes =
-        std::fs::read(path).map_err(|e| ImportError::new(&path.to_string_lossy(), Fault::Unreadable(e.to_string())))?;
-    // The folder of a bare file name is "", which does not canonicalise.
-    let folder = path.parent().map(|f| if f.as_os_str().is_empty() { Path::new(".") } else { f });
-    read(path, &bytes, folder, options)
+    let (format, folder) = look(path)?;
+    match format {
+        Some(format) => peers::one(&source(path, format, folder.as_deref()), options),
+        None => read(path, &contents(path)?, folder.as_deref(), options),
+    }
+}
+
+/// Reads every asset of the file at `path`, one at a time, as data sets hold thousands: `each` is given
+/// an asset or what is wrong with it, and may end the reading. A GLB gives one.
+///
+/// ```no_run
+/// use std::ops::ControlFlow;
+/// riglab_asset::import_each("articulation_xlv2_test.npz", &Default::default(), |asset| {
+///     match asset {
+///         Ok(asset) => println!("{}", asset.name),
+///         Err(e) => eprintln!("{e}"),
+///     }
+///     ControlFlow::Continue(())
+/// });
+/// ```
+pub fn import_each(
+    path: impl AsRef<Path>,
+    options: &ImportOptions,
+    mut each: impl FnMut(Result<Imported, ImportError>) -> ControlFlow<()>,
+) {
+    let path = path.as_ref();
+    match look(path) {
+        Ok((Some(format), folder)) => {
+            peers::each(&source(path, format, folder.as_deref()), options, false, &mut each);
+        }
+        Ok((None, folder)) => {
+            let _ = each(contents(path).and_then(|bytes| read(path, &bytes, folder.as_deref(), options)));
+        }
+        Err(e) => {
+            let _ = each(Err(e));
+        }
+    }
+}
+
+/// Reads the arrays of a text, npz, h5 or pt file (or of an OBJ with a rig text) as they are, in the
+/// file's axes, scale and order, a rig or not: what comparisons with other readers need.
+///
+/// # Errors
+/// What is wrong with the file, and for each asset what is wrong with it.
+pub fn read_arrays(path: impl AsRef<Path>) -> Result<Vec<Result<ArrayRig, ImportError>>, ImportError> {
+    let path = path.as_ref();
+    let fail = |fault| ImportError::new(&path.to_string_lossy(), fault);
+    let (format, folder) = look(path)?;
+    let format = format.ok_or_else(|| fail(PeerFault::UnknownMembers("those of another format".into()).into()))?;
+    let all = peers::read_arrays(&source(path, format, folder.as_deref())).map_err(fail)?;
+    Ok(all.into_iter().map(|rig| rig.map_err(fail)).collect())
 }
 
 /// Reads bytes as if they were the file `name`, without touching the file system: what refers to
@@ -166,7 +219,40 @@ pub fn import(path: impl AsRef<Path>, options: &ImportOptions) -> Result<Importe
 /// # Errors
 /// What is wrong with the bytes, with `name` before it.
 pub fn import_bytes(name: &str, bytes: &[u8], options: &ImportOptions) -> Result<Imported, ImportError> {
-    read(Path::new(name), bytes, None, options)
+    let path = Path::new(name);
+    let format = Format::of(path, bytes).map_err(|fault| ImportError::new(name, fault))?;
+    match format {
+        Format::RigText | Format::Npz | Format::Hdf5 | Format::TorchZip => {
+            peers::one(&peers::Source { path, format, input: peers::Input::Bytes(bytes), folder: None }, options)
+        }
+        Format::Gltf | Format::Fbx | Format::Obj => read(path, bytes, None, options),
+    }
+}
+
+/// The format of the file at `path`, if it is a peer's, and the file's folder.
+fn look(path: &Path) -> Result<(Option<Format>, Option<PathBuf>), ImportError> {
+    use std::io::Read;
+    let fail = |fault| ImportError::new(&path.to_string_lossy(), fault);
+    // The folder of a bare file name is "", which does not canonicalise.
+    let folder = path.parent().map(|f| if f.as_os_str().is_empty() { Path::new(".") } else { f }.to_path_buf());
+    let mut start = Vec::new();
+    let read = std::fs::File::open(path).and_then(|f| f.take(4096).read_to_end(&mut start));
+    read.map_err(|e| fail(Fault::Unreadable(e.to_string())))?;
+    let peer = match Format::of(path, &start).map_err(fail)? {
+        Format::Gltf | Format::Fbx => None,
+        // Without a rig text beside it, it is a mesh alone.
+        Format::Obj => folder.as_deref().and_then(|f| peers::beside_obj(path, f)).map(|_| Format::Obj),
+        peer => Some(peer),
+    };
+    Ok((peer, folder))
+}
+
+fn source<'a>(path: &'a Path, format: Format, folder: Option<&'a Path>) -> peers::Source<'a> {
+    peers::Source { path, format, input: peers::Input::File(path), folder }
+}
+
+fn contents(path: &Path) -> Result<Vec<u8>, ImportError> {
+    std::fs::read(path).map_err(|e| ImportError::new(&path.to_string_lossy(), Fault::Unreadable(e.to_string())))
 }
 
 fn read(path: &Path, bytes: &[u8], folder: Option<&Path>, options: &ImportOptions) -> Result<Imported, ImportError> {
@@ -177,7 +263,6 @@ fn read(path: &Path, bytes: &[u8], folder: Option<&Path>, options: &ImportOption
         Format::Obj => (obj::read(bytes).map_err(fail)?, Rights::default()),
         #[cfg(feature = "fbx")]
         Format::Fbx => (fbx::read(bytes).map_err(fail)?, Rights::default()),
-        #[cfg(not(feature = "fbx"))]
         other => return Err(fail(Fault::OtherFormat(other))),
     };
     if let Some(character) = &options.character {

@@ -2,7 +2,7 @@
 
 use riglab_core::{Clip, Humanoid, SkinWeights, Springs, Vec3};
 
-use crate::Warning;
+use crate::{Up, Warning};
 
 /// What was read from a file, in its own units and axes and numbered as in the file.
 ///
@@ -22,6 +22,8 @@ pub struct Reading {
     pub clips: Vec<Clip>,
     /// Where a root above all joints would stand.
     pub origin: Vec3,
+    /// Which axis of the file points up; rigs have y up.
+    pub up: Up,
     /// What was repaired or is doubtful.
     pub warnings: Vec<Warning>,
 }
@@ -54,7 +56,7 @@ pub struct ReadJoint {
 /// Vertices that one or several parts draw from.
 #[derive(Clone, Debug)]
 pub struct VertexSet {
-    /// Their numbers in the file, rising; those no part uses are left out.
+    /// Their numbers in the file, rising; those of glTF that no part uses are left out.
     pub numbers: Vec<u32>,
     /// Rest positions.
     pub positions: Vec<Vec3>,

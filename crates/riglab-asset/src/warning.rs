@@ -102,6 +102,20 @@ pub enum Warning {
         /// How many vertices.
         vertices: usize,
     },
+    /// The file has z up; the rig has y up, as all rigs.
+    TurnedUp,
+    /// Joints lie outside the mesh.
+    JointsOutside {
+        /// How many.
+        outside: usize,
+        /// Of how many.
+        joints: usize,
+    },
+    /// Weights are on joints far from their vertices.
+    FarWeights {
+        /// Mean distance to the heaviest bone over that to the nearest.
+        ratio: f64,
+    },
     /// Joints out of range, but without weight, were ignored.
     UnusedJointIndex {
         /// How many vertices.
@@ -191,6 +205,17 @@ impl fmt::Display for Warning {
             Self::Vrm { part, dropped } => {
                 write!(f, "what is broken in the VRM {part} was left out: {}", Some3(dropped))
             }
+            Self::TurnedUp => f.write_str("the file has z up; it was turned so that y is up"),
+            Self::JointsOutside { outside, joints } => write!(
+                f,
+                "{outside} of {joints} joints lie outside the mesh's box by more than a tenth of it; \
+                 skeleton and mesh may be misaligned"
+            ),
+            Self::FarWeights { ratio } => write!(
+                f,
+                "vertices lie {ratio:.1} times as far from the bone of their largest weight as from the nearest; \
+                 the weights may be those of other vertices"
+            ),
             Self::UnusedJointIndex { vertices } => {
                 write!(f, "joint indices out of range, but without weight, were ignored in {vertices} vertices")
             }

@@ -71,5 +71,8 @@ pub(crate) fn read(bytes: &[u8], folder: Option<&Path>, options: &ImportOptions)
     let clips = options.clips.map(|resample| clips::read(chunks.json, &document, &scene, resample, &mut warnings));
     let clips = clips.unwrap_or_default();
     let origin = binds.origin().as_vec3().into();
-    Ok((Reading { joints, vertex_sets, parts, body, clips, origin, warnings }, rights::read(&document)))
+    Ok((
+        Reading { joints, vertex_sets, parts, body, clips, origin, warnings, ..Reading::default() },
+        rights::read(&document),
+    ))
 }

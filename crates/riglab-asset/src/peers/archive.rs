@@ -1,0 +1,176 @@
+//! Zip archives of arrays (npz) and of torch (pt).
+
+use std::fs::File;
+use std::io::{BufReader, Cursor, Read, Seek};
+use std::path::Path;
+
+use zip::ZipArchive;
+use zip::result::ZipError;
+
+use super::array_rig::SparseRows;
+use super::budget::Budget;
+use super::fault::{PeerFault, shown};
+use super::npy::{self, Header};
+use super::numbers::Numbers;
+use super::pickle;
+
+/// Members of an archive that are listed; honest ones have a few, those of torch some ten per asset.
+const MEMBERS: usize = 5_000_000;
+
+/// Where a file's bytes are.
+#[derive(Clone, Copy)]
+pub(crate) enum Input<'a> {
+    /// In memory.
+    Bytes(&'a [u8]),
+    /// On disk: data sets are larger than memory.
+    File(&'a Path),
+}
+
+/// What an archive is read from.
+pub(crate) trait Seekable: Read + Seek {}
+impl<T: Read + Seek> Seekable for T {}
+
+impl<'a> Input<'a> {
+    /// From the start.
+    pub(crate) fn open(self) -> std::io::Result<Box<dyn Seekable + 'a>> {
+        Ok(match self {
+            Self::Bytes(bytes) => Box::new(Cursor::new(bytes)),
+            Self::File(path) => Box::new(BufReader::new(File::open(path)?)),
+        })
+    }
+
+    /// How many bytes.
+    pub(crate) fn len(self) -> std::io::Result<u64> {
+        match self {
+            Self::Bytes(bytes) => Ok(bytes.len() as u64),
+            Self::File(path) => Ok(std::fs::metadata(path)?.len()),
+        }
+    }
+}
+
+/// An open archive, and what its reader may hold.
+pub(crate) struct Archive<'a> {
+    zip: ZipArchive<Box<dyn Seekable + 'a>>,
+    /// What may be held.
+    pub budget: Budget,
+    /// What may pass through.
+    pub passing: Budget,
+}
+
+fn unreadable(e: impl std::fmt::Display) -> PeerFault {
+    PeerFault::Zip(shown(&e.to_string()))
+}
+
+impl<'a> Archive<'a> {
+    pub(crate) fn open(input: Input<'a>) -> Result<Self, PeerFault> {
+        let length = input.len().map_err(unreadable)?;
+        let zip = ZipArchive::new(input.open().map_err(unreadable)?).map_err(unreadable)?;
+        if zip.len() > MEMBERS {
+            return Err(unreadable(format!("it lists {} members", zip.len())));
+        }
+        Ok(Self { zip, budget: Budget::of(length), passing: Budget::passing(length) })
+    }
+
+    /// Names of the members.
+    pub(crate) fn members(&self) -> impl Iterator<Item = &str> {
+        self.zip.file_names()
+    }
+
+    /// Whether there is an array of this name.
+    pub(crate) fn has(&self, field: &str) -> bool {
+        self.zip.index_for_name(&format!("{field}.npy")).is_some()
+    }
+
+    /// The names of members, for messages.
+    pub(crate) fn listed(&self) -> String {
+        let mut names: Vec<&str> = self.members().collect();
+        names.sort_unstable();
+        let more = names.len().saturating_sub(8);
+        names.truncate(8);
+        let names: Vec<_> = names.into_iter().map(|n| format!("`{}`", shown(n))).collect();
+        format!("{}{}", names.join(", "), if more > 0 { format!(" and {more} more") } else { String::new() })
+    }
+
+    /// Reads a member with `read`.
+    fn member<T>(
+        &mut self,
+        name: &str,
+        read: impl FnOnce(&mut dyn Read, &mut Budget, &mut Budget) -> Result<T, PeerFault>,
+    ) -> Result<T, PeerFault> {
+        let file = self.zip.by_name(name).map_err(|e| match e {
+            ZipError::FileNotFound => PeerFault::field(name, "is missing"),
+            e => unreadable(e),
+        })?;
+        read(&mut BufReader::new(file), &mut self.budget, &mut self.passing)
+    }
+
+    /// The bytes of a member.
+    pub(crate) fn bytes(&mut self, name: &str) -> Result<Vec<u8>, PeerFault> {
+        self.member(name, |input, budget, _| {
+            let mut out = Vec::new();
+            let mut block = [0; 1 << 13];
+            loop {
+                match input.read(&mut block).map_err(unreadable)? {
+                    0 => return Ok(out),
+                    n => {
+                        budget.take(n as u64, name)?;
+                        out.extend_from_slice(&block[..n]);
+                    }
+                }
+            }
+        })
+    }
+
+    /// An array of numbers or text; `None` where it is missing or a pickled `None`.
+    pub(crate) fn numbers(&mut self, field: &str) -> Result<Option<Numbers<'static>>, PeerFault> {
+        if !self.has(field) {
+            return Ok(None);
+        }
+        self.member(&format!("{field}.npy"), |input, budget, _| {
+            let header = npy::header(field, input)?;
+            match header.dtype.kind {
+                b'O' => no_object(field, input, budget).map(|()| None),
+                _ => npy::numbers(field, header, input, budget).map(Some),
+            }
+        })
+    }
+
+    /// As [`Self::numbers`], where the array must be there.
+    pub(crate) fn required(&mut self, field: &str) -> Result<Numbers<'static>, PeerFault> {
+        self.numbers(field)?.ok_or_else(|| PeerFault::field(field, "is missing"))
+    }
+
+    /// A dense matrix without its zeros, and its columns; `None` as in [`Self::numbers`].
+    pub(crate) fn sparse(&mut self, field: &str) -> Result<Option<(usize, SparseRows)>, PeerFault> {
+        if !self.has(field) {
+            return Ok(None);
+        }
+        self.member(&format!("{field}.npy"), |input, budget, passing| {
+            let header = npy::header(field, input)?;
+            match header.dtype.kind {
+                b'O' => no_object(field, input, budget).map(|()| None),
+                _ => npy::sparse(field, header, input, budget, passing).map(Some),
+            }
+        })
+    }
+
+    /// Reads an array of objects with `read`, which is given the count in its header.
+    pub(crate) fn objects<T>(
+        &mut self,
+        field: &str,
+        read: impl FnOnce(&Header, &mut dyn Read, &mut Budget) -> Result<T, PeerFault>,
+    ) -> Result<T, PeerFault> {
+        self.member(&format!("{field}.npy"), |input, budget, _| read(&npy::header(field, input)?, input, budget))
+    }
+}
+
+/// A pickled `None`, which stands for an array that is not there; any other object is refused.
+fn no_object(field: &str, input: &mut dyn Read, budget: &mut Budget) -> Result<(), PeerFault> {
+    let read = pickle::read(field, input, budget, None)?;
+    let alone = read.as_ref().is_some_and(|(nodes, id)| {
+        let view = pickle::View { nodes, id: *id };
+        let mut members = view.members().into_iter().flatten();
+        view.is_none() || members.next().is_some_and(pickle::View::is_none) && members.next().is_none()
+    });
+    if alone { Ok(()) } else { Err(PeerFault::field(field, "holds objects where numbers should be")) }
+}

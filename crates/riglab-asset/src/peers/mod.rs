@@ -1,0 +1,27 @@
+//! The formats of other research code: RigNet's and Puppeteer's texts, Articulation-XL, UniRig,
+//! SkinTokens, Puppeteer's HDF5, Anymate.
+//!
+//! Read in this order: what all of them come down to ([`array_rig`], [`fault`]), the containers they
+//! lie in ([`archive`], [`npy`], [`pickle`]; arrays as stored are [`numbers`]), a module a format
+//! ([`read`]), and what makes a [`crate::Reading`] of it ([`reading`], by the rules of [`fields`]).
+//!
+//! Nothing a file says is executed; what it makes its reader hold is claimed from a [`budget`] first.
+
+mod archive;
+mod array_rig;
+mod budget;
+mod doubts;
+mod fault;
+mod fields;
+mod import;
+mod npy;
+mod numbers;
+mod pickle;
+mod read;
+mod reading;
+
+pub(crate) use archive::Input;
+pub use array_rig::{Array, ArrayRig, SparseRows, Up};
+pub use fault::PeerFault;
+pub(crate) use import::{Source, each, one, read_arrays};
+pub(crate) use read::beside_obj;

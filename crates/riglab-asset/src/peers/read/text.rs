@@ -1,0 +1,109 @@
+//! Texts of rigs, and the OBJ files that belong to them.
+
+use std::path::{Path, PathBuf};
+
+use super::super::array_rig::ArrayRig;
+use super::super::fault::PeerFault;
+use super::{obj, rig_text, skeleton_text};
+use crate::Fault;
+
+/// What is put between the common part of a pair's names and `.txt`; the one with weights comes before
+/// the one without.
+const SUFFIXES: [&str; 4] = ["_rig", "_skin", "", "_skel"];
+
+/// A rig text and the OBJ beside it. A text without OBJ is read without mesh.
+pub(super) fn read(path: &Path, bytes: &[u8], folder: Option<&Path>) -> Result<ArrayRig, Fault> {
+    let text = utf8(bytes)?;
+    if !rig_text::is_one(text) {
+        if skeleton_text::is_one(text) {
+            return Ok(skeleton_text::read(text)?);
+        }
+        return Err(PeerFault::NoRigText.into());
+    }
+    let Some(folder) = folder else { return Ok(rig_text::read(text, None)?) };
+    match obj_names(path).iter().map(|name| folder.join(name)).find(|p| p.is_file()) {
+        Some(mesh) => joined(text, &read_file(&mesh)?),
+        None => {
+            let rig = rig_text::read(text, None)?;
+            // Weights count vertices, and there is no telling of which mesh.
+            if rig.weights.is_some() {
+                let names: Vec<_> = obj_names(path).iter().map(|n| format!("`{n}`")).collect();
+                return Err(PeerFault::NoObjBeside(names.join(", ")).into());
+            }
+            Ok(rig)
+        }
+    }
+}
+
+/// An OBJ and the rig text beside it.
+pub(super) fn with_obj(path: &Path, bytes: &[u8], folder: Option<&Path>) -> Result<ArrayRig, Fault> {
+    let text = match folder.and_then(|folder| beside_obj(path, folder)) {
+        Some(text) => read_file(&text)?,
+        None => return Err(PeerFault::NoRigText.into()),
+    };
+    joined(utf8(&text)?, bytes)
+}
+
+/// The rig text that belongs to an OBJ: the same name, with or without `_rig` or `_skin`.
+pub(crate) fn beside_obj(path: &Path, folder: &Path) -> Option<PathBuf> {
+    let stem = path.file_stem()?.to_string_lossy().into_owned();
+    let candidates = SUFFIXES.iter().map(|suffix| folder.join(format!("{stem}{suffix}.txt")));
+    // Any text may have the name of a mesh: a note about it, for example.
+    candidates.into_iter().find(|p| p.is_file() && starts_as_rig(p))
+}
+
+fn starts_as_rig(path: &Path) -> bool {
+    use std::io::Read;
+    let mut start = Vec::new();
+    let read = std::fs::File::open(path).and_then(|f| f.take(4096).read_to_end(&mut start));
+    read.is_ok() && rig_text::is_one(&String::from_utf8_lossy(&start))
+}
+
+/// Names that the OBJ of a rig text may have.
+fn obj_names(path: &Path) -> Vec<String> {
+    let stem = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
+    let bases = SUFFIXES.iter().filter_map(|suffix| stem.strip_suffix(suffix));
+    let mut names: Vec<String> = bases.map(|base| format!("{base}.obj")).collect();
+    names.sort();
+    names.dedup();
+    // The same name first.
+    names.sort_by_key(|name| *name != format!("{stem}.obj"));
+    names
+}
+
+fn joined(text: &str, mesh: &[u8]) -> Result<ArrayRig, Fault> {
+    let (vertices, faces) = obj::read(utf8(mesh)?).map_err(|e| Fault::Obj(e.to_string()))?;
+    let mut rig = rig_text::read(text, Some(vertices.len()))?;
+    (rig.vertices, rig.faces) = (vertices, faces);
+    Ok(rig)
+}
+
+fn read_file(path: &Path) -> Result<Vec<u8>, Fault> {
+    std::fs::read(path).map_err(|e| Fault::Unreadable(format!("{}: {e}", path.display())))
+}
+
+fn utf8(bytes: &[u8]) -> Result<&str, PeerFault> {
+    let bytes = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes);
+    std::str::from_utf8(bytes).map_err(|e| PeerFault::NotUtf8(e.valid_up_to()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn either_half_of_a_pair_finds_the_other() {
+        assert_eq!(obj_names(Path::new("x/7_rig.txt")), ["7_rig.obj", "7.obj"]);
+        assert_eq!(obj_names(Path::new("7.txt")), ["7.obj"]);
+        let dir = tempfile::tempdir().unwrap();
+        let write = |name: &str, text: &str| std::fs::write(dir.path().join(name), text).unwrap();
+        write("a.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n");
+        write("a.txt", "made by hand\n");
+        assert_eq!(beside_obj(&dir.path().join("a.obj"), dir.path()), None);
+        write("a_rig.txt", "joints a 0 0 0\nroot a\nskin 0 a 1\n");
+        let found = beside_obj(&dir.path().join("a.obj"), dir.path()).unwrap();
+        assert_eq!(found, dir.path().join("a_rig.txt"));
+        let rig = read(&found, &std::fs::read(&found).unwrap(), Some(dir.path())).unwrap();
+        assert_eq!((rig.vertices.len(), rig.weights.unwrap().rows()), (3, 3));
+    }
+}

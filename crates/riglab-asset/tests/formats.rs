@@ -1,0 +1,303 @@
+//! The peers' formats against golden samples: every array as other readers have it, every refusal in a
+//! sentence.
+
+mod common;
+
+use std::collections::BTreeMap;
+use std::ops::ControlFlow;
+use std::path::{Path, PathBuf};
+
+use riglab_asset::{ArrayRig, ImportError, ImportOptions, import, import_each, read_arrays};
+use safetensors::{Dtype, SafeTensors};
+use serde_json::Value;
+
+const TOLERANCE: f32 = 1e-6;
+
+/// All files below a folder, sorted.
+fn below(folder: &Path) -> Vec<PathBuf> {
+    let (mut files, mut open) = (Vec::new(), vec![folder.to_path_buf()]);
+    while let Some(dir) = open.pop() {
+        for entry in std::fs::read_dir(&dir).unwrap().map(|e| e.unwrap().path()) {
+            if entry.is_dir() { open.push(entry) } else { files.push(entry) }
+        }
+    }
+    files.sort();
+    files
+}
+
+fn name(path: &Path) -> String {
+    path.file_name().unwrap().to_string_lossy().into_owned()
+}
+
+/// The arrays of an asset under the names the expectations have.
+fn arrays(rig: &ArrayRig) -> BTreeMap<String, (Vec<usize>, Vec<f32>)> {
+    let rows = |points: &[[f32; 3]]| (vec![points.len(), 3], points.as_flattened().to_vec());
+    let mut out = BTreeMap::from([
+        ("vertices".to_owned(), rows(&rig.vertices)),
+        ("joints".to_owned(), rows(&rig.joints)),
+        ("tails".to_owned(), rows(&rig.tails)),
+        ("bone_heads".to_owned(), rows(&rig.joints)),
+        ("bone_tails".to_owned(), rows(&rig.tails)),
+    ]);
+    let faces = rig.faces.as_flattened().iter().map(|v| *v as f32).collect();
+    out.insert("faces".into(), (vec![rig.faces.len(), 3], faces));
+    let parents: Vec<f32> = rig.parents.iter().map(|p| p.map_or(-1.0, |p| p as f32)).collect();
+    out.insert("parents".into(), (vec![parents.len()], parents.clone()));
+    out.insert("bone_parents".into(), (vec![parents.len()], parents));
+    if let Some(weights) = &rig.weights {
+        let joints = rig.joints.len();
+        let mut dense = vec![0.0; weights.rows() * joints];
+        for vertex in 0..weights.rows() {
+            for (joint, weight) in weights.row(vertex) {
+                dense[vertex * joints + *joint as usize] += weight;
+            }
+        }
+        out.insert("weights".into(), (vec![weights.rows(), joints], dense));
+    }
+    // Extra arrays of the file go last: Anymate has joints of its own beside its bones.
+    out.extend(rig.extras.iter().map(|(name, array)| (name.clone(), (array.shape.clone(), array.data.clone()))));
+    out
+}
+
+fn floats(tensor: &safetensors::tensor::TensorView<'_>) -> Vec<f32> {
+    match tensor.dtype() {
+        Dtype::F32 => tensor.data().as_chunks().0.iter().map(|b| f32::from_le_bytes(*b)).collect(),
+        Dtype::I64 => tensor.data().as_chunks().0.iter().map(|b| i64::from_le_bytes(*b) as f32).collect(),
+        other => panic!("{other:?}"),
+    }
+}
+
+fn strings(value: &Value) -> Vec<String> {
+    value.as_array().unwrap().iter().map(|v| v.as_str().unwrap().to_owned()).collect()
+}
+
+/// Compares an asset with the expectations that start with `prefix`.
+fn compare(what: &str, rig: &ArrayRig, expected: &SafeTensors<'_>, prefix: &str) -> usize {
+    let arrays = arrays(rig);
+    let mut compared = 0;
+    for (key, tensor) in expected.iter() {
+        let Some(key) = key.strip_prefix(prefix) else { continue };
+        let (shape, found) = arrays.get(key).unwrap_or_else(|| panic!("{what}: nothing read as {key}"));
+        let wanted = floats(&tensor);
+        // Points of which the expectations hold the first only.
+        let cut = ["points", "point_weights"].contains(&key);
+        assert!(shape[..] == *tensor.shape() || cut && shape[1..] == tensor.shape()[1..], "{what}: {key} {shape:?}");
+        let exact = tensor.dtype() == Dtype::I64;
+        for (at, (found, wanted)) in found.iter().zip(&wanted).enumerate() {
+            let near = if exact { found == wanted } else { (found - wanted).abs() <= TOLERANCE };
+            assert!(near, "{what}: {key}[{at}] is {found}, not {wanted}");
+        }
+        assert!(found.len() >= wanted.len(), "{what}: {key}");
+        compared += 1;
+    }
+    compared
+}
+
+/// Which file of the list is to be opened for the whole: a rig text rather than its OBJ.
+fn opened(folder: &Path, files: &[String]) -> PathBuf {
+    let text = files.iter().find(|f| f.ends_with(".txt")).unwrap_or(&files[0]);
+    folder.join(text)
+}
+
+#[test]
+fn every_sample_is_read_as_expected() {
+    let Some(root) = common::data("RIGLAB_GOLDEN", "golden") else { return };
+    let (mut samples, mut assets) = (0, 0);
+    for path in below(&root.join("formats")).into_iter().filter(|p| name(p).ends_with(".expected.safetensors")) {
+        let folder = path.parent().unwrap();
+        let json = path.to_string_lossy().replace(".safetensors", ".json");
+        let notes: Value = serde_json::from_slice(&std::fs::read(json).unwrap()).unwrap();
+        let bytes = std::fs::read(&path).unwrap();
+        let expected = SafeTensors::deserialize(&bytes).unwrap();
+        let files = strings(&notes["files"]);
+        let file = opened(folder, &files);
+        let what = file.display().to_string();
+        let read: Vec<ArrayRig> = read_arrays(&file).unwrap().into_iter().map(|rig| rig.unwrap()).collect();
+        assert_eq!(read.len() as u64, notes["count"].as_u64().unwrap_or(1), "{what}");
+        for (item, rig) in read.iter().enumerate() {
+            let prefixes = [format!("item_{item}."), format!("sample_{item}."), String::new()];
+            let prefix = prefixes.iter().find(|p| expected.names().iter().any(|n| n.starts_with(p.as_str()))).unwrap();
+            let compared = compare(&format!("{what}#{item}"), rig, &expected, prefix);
+            assert!(compared >= 2, "{what}: {compared} arrays");
+            let names = &notes["names"];
+            let names = if names[0].is_array() { &names[item] } else { names };
+            if names.is_array() {
+                assert_eq!(rig.names, strings(names), "{what}#{item}");
+            }
+            for key in ["uuid", "file_name", "name"] {
+                if let Some(wanted) = notes[key][item].as_str() {
+                    assert_eq!(rig.name, wanted, "{what}");
+                }
+            }
+            assert_eq!(rig.up == riglab_asset::Up::Z, is_z_up(&path), "{what}");
+            assets += 1;
+        }
+        // A pair is found from either half.
+        if let [obj, _] = &files[..] {
+            let other = read_arrays(folder.join(obj)).unwrap().remove(0).unwrap();
+            assert_eq!(other, read[0], "{what}");
+        }
+        samples += 1;
+    }
+    println!("{samples} samples, {assets} assets");
+    assert!(samples >= 14 && assets > samples);
+}
+
+fn is_z_up(path: &Path) -> bool {
+    ["unirig", "skintokens"].contains(&name(path.parent().unwrap()).as_str())
+}
+
+/// Positions, names, parents and weights of the rig are those of the arrays, under the new numbers.
+#[test]
+fn rigs_are_those_of_the_arrays() {
+    let Some(root) = common::data("RIGLAB_GOLDEN", "golden") else { return };
+    let mut rigs = 0;
+    for path in below(&root.join("formats")) {
+        let ending = path.extension().unwrap_or_default().to_string_lossy().into_owned();
+        let is_asset =
+            ["npz", "h5", "pt"].contains(&ending.as_str()) || ending == "txt" && !name(&path).contains("datalist");
+        if !is_asset || path.to_string_lossy().contains("refuse") {
+            continue;
+        }
+        let arrays: Vec<ArrayRig> = read_arrays(&path).unwrap().into_iter().map(Result::unwrap).collect();
+        let mut item = 0;
+        import_each(&path, &ImportOptions::default(), |imported| {
+            let array = &arrays[item];
+            item += 1;
+            let imported = match imported {
+                Ok(imported) => imported,
+                Err(e) => {
+                    let whole = !array.faces.is_empty() && array.weights.is_some();
+                    assert!(!whole, "{e}");
+                    assert!(e.to_string().contains("skeleton") || e.to_string().contains("no faces"), "{e}");
+                    return ControlFlow::Continue(());
+                }
+            };
+            assert_eq!(imported.mesh().positions().len(), array.vertices.len());
+            let turned: Vec<_> = array.vertices.iter().map(|p| array.up.to_y(*p)).collect();
+            assert_eq!(imported.mesh().positions(), turned);
+            let Some(rig) = imported.rig() else {
+                assert!(array.joints.is_empty());
+                return ControlFlow::Continue(());
+            };
+            let joints = &imported.reading.joints;
+            assert_eq!(joints.len(), array.joints.len());
+            for (number, joint) in joints.iter().enumerate() {
+                assert_eq!(rig.skeleton().heads()[number], array.up.to_y(array.joints[joint.node]));
+                assert_eq!(joint.parent.map(|p| joints[p].node), array.parents[joint.node]);
+                if let Some(name) = array.names.get(joint.node) {
+                    assert_eq!(&joint.name, name);
+                }
+            }
+            let rows = array.weights.as_ref().unwrap();
+            for vertex in 0..rows.rows() {
+                let mut wanted = vec![0.0f64; joints.len()];
+                for (joint, weight) in rows.row(vertex) {
+                    wanted[*joint as usize] += f64::from(*weight);
+                }
+                let sum: f64 = wanted.iter().sum();
+                for (joint, weight) in rig.weights().row(vertex).filter(|_| sum > 0.0) {
+                    let wanted = wanted[joints[joint.index()].node] / sum;
+                    assert!((f64::from(weight) - wanted).abs() < 1e-6, "{}: vertex {vertex}", path.display());
+                }
+            }
+            rigs += 1;
+            ControlFlow::Continue(())
+        });
+        assert_eq!(item, arrays.len(), "{}", path.display());
+    }
+    println!("{rigs} rigs");
+    assert!(rigs >= 17);
+}
+
+/// The words of a refusal that its expectation names.
+fn refusal(path: &Path) -> ImportError {
+    let mut found = None;
+    import_each(path, &ImportOptions::default(), |imported| {
+        found = Some(imported);
+        ControlFlow::Continue(())
+    });
+    match found.unwrap() {
+        Ok(_) => panic!("{} was read", path.display()),
+        Err(e) => e,
+    }
+}
+
+#[test]
+fn hostile_and_broken_samples_are_refused_in_a_sentence() {
+    let Some(root) = common::data("RIGLAB_GOLDEN", "golden") else { return };
+    let root = root.join("formats");
+    let words = [
+        ("dup_joint_rig.txt", "duplicate joint name `a`"),
+        ("no_root_rig.txt", "no line names the root"),
+        ("cycle_rig.txt", "joint `b` is not reachable"),
+        ("two_parents_rig.txt", "joint `c` has two parents"),
+        ("unknown_joint_rig.txt", "unknown joint `z`"),
+        ("unknown_hier_rig.txt", "unknown joint `z`"),
+        ("odd_tokens_rig.txt", "the weight after `a` is missing"),
+        ("bad_number_rig.txt", "`zero` is not a number"),
+        ("nan_rig.txt", "`nan` is not finite"),
+        ("negative_weight_rig.txt", "negative weight `-0.2`"),
+        // The joint is put below one of its own children.
+        ("parent_after_child.npz", "joint `spine` is not reachable from a root: it lies in a cycle"),
+        ("refuse_call.npz", "`builtins.print`"),
+        ("refuse_call.pt", "`builtins.print`"),
+        ("refuse_index.npz", "face 0 names vertex 9, which is out of range: there are 3"),
+        ("refuse_truncated.npz", "zip archive"),
+        ("refuse_legacy.pt", "save it again"),
+        ("refuse_nan.pt", "not finite"),
+    ];
+    let mut refused = 0;
+    for path in below(&root) {
+        let name = name(&path);
+        if !path.to_string_lossy().contains("refuse") || name.ends_with("json") {
+            continue;
+        }
+        // Its mesh lies elsewhere; below.
+        if name == "vertex_out_of_range_rig.txt" {
+            continue;
+        }
+        let error = refusal(&path);
+        let text = error.to_string();
+        assert!(text.contains(&name) && !text.contains('\n') && text.len() < 1000, "{text}");
+        if let Some((_, wanted)) = words.iter().find(|(file, _)| *file == name) {
+            assert!(text.contains(wanted), "{text} / {wanted}");
+        }
+        refused += 1;
+    }
+    assert!(refused >= words.len());
+    let dir = tempfile::tempdir().unwrap();
+    let text = dir.path().join("odd_rig.txt");
+    std::fs::copy(root.join("rignet/odd.obj"), dir.path().join("odd.obj")).unwrap();
+    std::fs::copy(root.join("rignet/refuse/vertex_out_of_range_rig.txt"), &text).unwrap();
+    let error = refusal(&text).to_string();
+    assert!(error.contains("vertex 99 is out of range, the OBJ has 5 vertices"), "{error}");
+}
+
+#[test]
+fn lists_of_folders_give_an_asset_each() {
+    let Some(root) = common::data("RIGLAB_GOLDEN", "golden") else { return };
+    let mut seen = Vec::new();
+    import_each(root.join("formats/unirig/datalist.txt"), &ImportOptions::default(), |asset| {
+        seen.push(asset.map(|a| a.name).map_err(|e| e.to_string()));
+        ControlFlow::Continue(())
+    });
+    assert_eq!(seen[..2], [Ok("biped_f32".into()), Ok("tail_f16".into())]);
+    assert!(seen[2].as_ref().unwrap_err().contains("`missing/asset` is listed"), "{seen:?}");
+}
+
+#[test]
+fn one_of_several_is_chosen_by_number() {
+    let Some(root) = common::data("RIGLAB_GOLDEN", "golden") else { return };
+    let files = ["articulation_xl/row_numpy2.npz", "puppeteer/articulation_test.h5", "anymate/Anymate_test.pt"];
+    for file in files {
+        let path = root.join("formats").join(file);
+        let item = |item| import(&path, &ImportOptions { item, ..Default::default() });
+        let error = item(None).unwrap_err().to_string();
+        assert!(error.contains(" assets; choose one") && error.contains("--item"), "{error}");
+        let (first, second) = (item(Some(0)).unwrap(), item(Some(1)).unwrap());
+        assert_ne!(first.name, second.name);
+        assert_ne!(first.content, second.content);
+        assert!(item(Some(9)).unwrap_err().to_string().contains("there is no asset 9"));
+    }
+}
