@@ -51,7 +51,7 @@ pub use fbx::to_fbx;
 pub use format::Format;
 pub use gltf::{decode_draco, decode_meshopt, to_glb};
 pub use inspect::Inspection;
-pub use peers::{Array, ArrayRig, PeerFault, SparseRows, Up};
+pub use peers::{Array, ArrayRig, PeerFault, SparseRows, Target, Up, WriteError, write, write_mesh};
 pub use reading::{Binding, Body, Part, ReadJoint, Reading, VertexSet};
 pub use warning::Warning;
 

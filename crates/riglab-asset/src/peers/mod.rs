@@ -5,6 +5,8 @@
 //! lie in ([`archive`], [`npy`], [`pickle`]; arrays as stored are [`numbers`]), a module a format
 //! ([`read`]), and what makes a [`crate::Reading`] of it ([`reading`], by the rules of [`fields`]).
 //!
+//! The way back is a module a format, too ([`mod@write`]).
+//!
 //! Nothing a file says is executed; what it makes its reader hold is claimed from a [`budget`] first.
 
 mod archive;
@@ -19,9 +21,11 @@ mod numbers;
 mod pickle;
 mod read;
 mod reading;
+mod write;
 
 pub(crate) use archive::Input;
 pub use array_rig::{Array, ArrayRig, SparseRows, Up};
 pub use fault::PeerFault;
 pub(crate) use import::{Source, each, one, read_arrays};
 pub(crate) use read::beside_obj;
+pub use write::{Target, WriteError, write, write_mesh};

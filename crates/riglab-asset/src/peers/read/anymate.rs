@@ -199,7 +199,12 @@ impl Record<'_, '_> {
 /// The bone above each bone: the one whose tail is its head; where no tail is, the one whose tail is
 /// the nearest joint above its head that a tail is at (branching bones get a tail that no bone starts
 /// from).
-fn bone_parents(heads: &[Vec3], tails: &[Vec3], joints: &[Vec3], above: &[Option<usize>]) -> Vec<Option<usize>> {
+pub(crate) fn bone_parents(
+    heads: &[Vec3],
+    tails: &[Vec3],
+    joints: &[Vec3],
+    above: &[Option<usize>],
+) -> Vec<Option<usize>> {
     use std::collections::HashMap;
     let key = |p: &Vec3| p.map(|x| (x + 0.0).to_bits());
     let mut ending: HashMap<[u32; 3], usize> = HashMap::new();

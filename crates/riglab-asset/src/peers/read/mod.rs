@@ -90,6 +90,7 @@ pub(crate) fn open<'a>(
     })
 }
 
+pub(crate) use anymate::bone_parents;
 /// A rig text beside an OBJ, if there is one.
 pub(crate) use text::beside_obj;
 

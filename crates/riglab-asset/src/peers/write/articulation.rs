@@ -1,0 +1,62 @@
+//! Articulation-XL's npz: a pickled list of dictionaries, keys as in the released data.
+
+use riglab_core::Asset;
+
+use super::npz::{Npz, corners, f16s, f32s, i64s};
+use super::pickle::Pickle;
+use super::surface;
+
+/// Points of the sampled surface, as the format has it.
+const POINTS: usize = 8192;
+
+/// Their largest coordinate.
+const REACH: f32 = 0.9995;
+
+pub(super) fn file(assets: &[Asset]) -> Vec<u8> {
+    let mut npz = Npz::new(true);
+    npz.objects("arr_0", &[assets.len()], |pickle| assets.iter().for_each(|asset| dictionary(asset, pickle)));
+    npz.end()
+}
+
+fn dictionary(asset: &Asset, out: &mut Pickle) {
+    let rig = &asset.rig;
+    let (mesh, skeleton) = (rig.mesh(), rig.skeleton());
+    let (vertices, joints) = (mesh.positions().len(), skeleton.len());
+    let bones: Vec<i64> =
+        skeleton.ids().filter_map(|j| Some([skeleton.parent(j)?.0.into(), i64::from(j.0)])).flatten().collect();
+    let normals = mesh.vertex_normals();
+    let weights = rig.weights();
+    let row = |v: usize| weights.row(v).map(move |_| v as i32);
+    let rows: Vec<u8> = (0..vertices).flat_map(row).flat_map(i32::to_le_bytes).collect();
+    let columns: Vec<u8> = weights.joints().iter().flat_map(|j| i32::from(*j).to_le_bytes()).collect();
+    let count = [weights.nonzero()];
+    out.op(b"}(");
+    out.text("vertices").array("f4", &[vertices, 3], &f32s(mesh.positions().as_flattened()));
+    out.text("faces").array("i8", &[mesh.triangles().len(), 3], &i64s(corners(rig)));
+    out.text("normals").array("f4", &[vertices, 3], &f32s(normals.as_flattened()));
+    out.text("joints").array("f4", &[joints, 3], &f32s(skeleton.heads().as_flattened()));
+    out.text("bones").array("i8", &[bones.len() / 2, 2], &i64s(bones.iter().copied()));
+    out.text("root_index").int(0);
+    out.text("uuid").text(&asset.name);
+    out.text("pc_w_norm").array("f2", &[POINTS, 6], &f16s(&cloud(rig)));
+    out.text("joint_names").op(b"](");
+    for name in skeleton.names() {
+        out.text(name);
+    }
+    out.op(b"e");
+    out.text("skinning_weights_value").array("f4", &count, &f32s(weights.weights()));
+    out.text("skinning_weights_row").array("i4", &count, &rows);
+    out.text("skinning_weights_col").array("i4", &count, &columns);
+    out.text("skinning_weights_shape").ints(&[vertices, joints]);
+    out.op(b"u");
+}
+
+/// Points with normals, moved and scaled into their own cube, as the format has them.
+pub(super) fn cloud(rig: &riglab_core::Rig) -> Vec<f32> {
+    let mut points = surface::points(rig.mesh(), POINTS);
+    if let Some(bounds) = riglab_core::Bounds::of(points.iter().map(|p| p.position)) {
+        let map = riglab_core::Similarity::into_cube(bounds);
+        points.iter_mut().for_each(|p| p.position = map.apply(p.position).map(|x| REACH * x));
+    }
+    surface::six(&points)
+}

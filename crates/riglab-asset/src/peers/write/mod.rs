@@ -1,0 +1,128 @@
+//! Rigs as files of the peers' formats.
+//!
+//! Coordinates are written as they are, turned where the format has z up; scale is kept, though a
+//! peer's networks may want their own. What a format cannot hold is told, not dropped in silence.
+
+mod anymate;
+mod articulation;
+mod npz;
+mod pickle;
+mod puppeteer;
+mod skintokens;
+mod surface;
+mod tails;
+mod target;
+mod text;
+mod unirig;
+
+use std::fs::File;
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+use riglab_core::{Asset, Mesh};
+use thiserror::Error;
+
+pub use target::Target;
+
+use crate::to_glb;
+
+/// Why something cannot be written.
+#[derive(Debug, Error)]
+pub enum WriteError {
+    /// No format has this ending, or several.
+    #[error("{0}: the ending does not tell the format; say which of {names} it is (`--to`)", names = Target::names())]
+    WhichFormat(String),
+    /// No format has this name.
+    #[error("there is no format `{0}`; there are {names}", names = Target::names())]
+    NoFormat(String),
+    /// A format of one asset a file.
+    #[error("{format} holds one asset a file, not {count}; give a folder")]
+    One {
+        /// The format.
+        format: Target,
+        /// How many there are.
+        count: usize,
+    },
+    /// The format cannot say it.
+    #[error("`{asset}` cannot be written as {format}: {reason}")]
+    Cannot {
+        /// Which asset.
+        asset: String,
+        /// The format.
+        format: Target,
+        /// Why.
+        reason: String,
+    },
+    /// The file system refused.
+    #[error("{path}: {message}", path = path.display())]
+    Io {
+        /// Which file.
+        path: PathBuf,
+        /// What happened.
+        message: String,
+    },
+}
+
+/// Writes assets to `path`, and tells in sentences what the format does not hold. Nothing is left
+/// half-written: a file is complete or absent.
+///
+/// A rig text has its mesh beside it: `x_rig.txt` and `x.obj`.
+///
+/// # Errors
+/// [`WriteError::One`] for several assets in a format of one, [`WriteError::Cannot`] for a rig that the
+/// format has no form for, [`WriteError::Io`] when the file system refuses.
+pub fn write(assets: &[Asset], path: impl AsRef<Path>, target: Target) -> Result<Vec<String>, WriteError> {
+    let path = path.as_ref();
+    if !target.holds_several() && assets.len() != 1 {
+        return Err(WriteError::One { format: target, count: assets.len() });
+    }
+    let mut notes = Vec::new();
+    let bytes = match target {
+        Target::Glb => assets.iter().flat_map(to_glb).collect(),
+        Target::Obj => {
+            notes.push("an OBJ holds the mesh alone: skeleton and weights are not in it".to_owned());
+            assets.iter().flat_map(|a| text::obj(a.rig.mesh()).into_bytes()).collect()
+        }
+        Target::RigNet | Target::Puppeteer => {
+            for asset in assets {
+                store(&text::mesh_path(path), text::obj(asset.rig.mesh()).as_bytes())?;
+            }
+            assets.iter().flat_map(|a| text::rig(&a.rig, target, &mut notes).into_bytes()).collect()
+        }
+        Target::ArticulationXl => articulation::file(assets),
+        Target::UniRig => unirig::file(&assets[0].rig),
+        Target::SkinTokens => skintokens::file(&assets[0]),
+        Target::PuppeteerH5 => puppeteer::file(assets, &mut notes)?,
+        Target::Anymate => anymate::file(assets, &mut notes)?,
+    };
+    store(path, &bytes)?;
+    Ok(notes)
+}
+
+/// Writes a mesh without skeleton as OBJ.
+///
+/// # Errors
+/// [`WriteError::Io`] when the file system refuses.
+pub fn write_mesh(mesh: &Mesh, path: impl AsRef<Path>) -> Result<(), WriteError> {
+    store(path.as_ref(), text::obj(mesh).as_bytes())
+}
+
+/// Writes under a temporary name in the same folder, syncs and renames.
+fn store(path: &Path, bytes: &[u8]) -> Result<(), WriteError> {
+    let folder = path.parent().filter(|f| !f.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let stored = || -> std::io::Result<()> {
+        let mut builder = tempfile::Builder::new();
+        #[cfg(unix)]
+        {
+            use std::os::unix::fs::PermissionsExt;
+            // Temporary files are private by default; this one is to be as any other.
+            builder.permissions(std::fs::Permissions::from_mode(0o666));
+        }
+        let mut temp = builder.prefix(".riglab-").suffix(".tmp").tempfile_in(folder)?;
+        temp.write_all(bytes)?;
+        temp.as_file().sync_all()?;
+        temp.persist(path).map_err(|e| e.error)?;
+        File::open(folder)?.sync_all()
+    };
+    stored().map_err(|e| WriteError::Io { path: path.into(), message: e.to_string() })
+}

@@ -1,0 +1,112 @@
+//! Npz archives.
+
+use std::io::{Cursor, Write};
+
+use riglab_core::{Rig, Vec3};
+use zip::write::SimpleFileOptions;
+use zip::{CompressionMethod, ZipWriter};
+
+use super::super::array_rig::Up;
+use super::pickle::Pickle;
+
+/// An archive being filled. The same content gives the same bytes.
+pub(super) struct Npz {
+    zip: ZipWriter<Cursor<Vec<u8>>>,
+    options: SimpleFileOptions,
+}
+
+impl Npz {
+    pub(super) fn new(compressed: bool) -> Self {
+        let method = if compressed { CompressionMethod::Deflated } else { CompressionMethod::Stored };
+        Self {
+            zip: ZipWriter::new(Cursor::new(Vec::new())),
+            options: SimpleFileOptions::default().compression_method(method).large_file(true),
+        }
+    }
+
+    /// A member of any name.
+    pub(super) fn member(&mut self, name: &str, bytes: &[u8]) {
+        let written = self.zip.start_file(name, self.options).is_ok_and(|()| self.zip.write_all(bytes).is_ok());
+        // Into memory: there is nothing that could refuse.
+        debug_assert!(written, "{name}");
+    }
+
+    fn array(&mut self, name: &str, descr: &str, shape: &[usize], data: &[u8]) {
+        let lengths: String = shape.iter().map(|n| format!("{n},")).collect();
+        let mut header = format!("{{'descr': '{descr}', 'fortran_order': False, 'shape': ({lengths}), }}");
+        // The data begin at a multiple of 64.
+        let length = (10 + header.len() + 1).next_multiple_of(64) - 10;
+        header.extend(std::iter::repeat_n(' ', length - 1 - header.len()));
+        header.push('\n');
+        let mut bytes = b"\x93NUMPY\x01\0".to_vec();
+        bytes.extend((length as u16).to_le_bytes());
+        bytes.extend(header.as_bytes());
+        bytes.extend(data);
+        self.member(&format!("{name}.npy"), &bytes);
+    }
+
+    pub(super) fn floats(&mut self, name: &str, shape: &[usize], data: &[f32]) {
+        self.array(name, "<f4", shape, &f32s(data));
+    }
+
+    pub(super) fn points(&mut self, name: &str, points: &[Vec3]) {
+        self.floats(name, &[points.len(), 3], points.as_flattened());
+    }
+
+    pub(super) fn ints(&mut self, name: &str, shape: &[usize], data: impl IntoIterator<Item = i64>) {
+        self.array(name, "<i8", shape, &i64s(data));
+    }
+
+    /// Text in UTF-32, padded to the longest.
+    pub(super) fn texts(&mut self, name: &str, shape: &[usize], texts: &[String]) {
+        let longest = texts.iter().map(|t| t.chars().count()).max().unwrap_or(0).max(1);
+        let pad = |t: &String| t.chars().map(u32::from).chain(std::iter::repeat(0)).take(longest).collect::<Vec<_>>();
+        let data: Vec<u8> = texts.iter().flat_map(pad).flat_map(u32::to_le_bytes).collect();
+        self.array(name, &format!("<U{longest}"), shape, &data);
+    }
+
+    /// An array of objects, pickled.
+    pub(super) fn objects(&mut self, name: &str, shape: &[usize], members: impl FnOnce(&mut Pickle)) {
+        let mut pickle = Pickle::new(3);
+        pickle.objects(shape, members);
+        self.array(name, "|O", shape, &pickle.end());
+    }
+
+    pub(super) fn end(self) -> Vec<u8> {
+        self.zip.finish().map(Cursor::into_inner).unwrap_or_default()
+    }
+}
+
+pub(super) fn f32s(data: &[f32]) -> Vec<u8> {
+    data.iter().flat_map(|x| x.to_le_bytes()).collect()
+}
+
+pub(super) fn i64s(data: impl IntoIterator<Item = i64>) -> Vec<u8> {
+    data.into_iter().flat_map(i64::to_le_bytes).collect()
+}
+
+pub(super) fn f16s(data: &[f32]) -> Vec<u8> {
+    data.iter().flat_map(|x| half::f16::from_f32(*x).to_le_bytes()).collect()
+}
+
+/// Corners of all triangles.
+pub(super) fn corners(rig: &Rig) -> impl Iterator<Item = i64> + '_ {
+    rig.mesh().triangles().iter().flatten().map(|v| i64::from(*v))
+}
+
+/// Points turned from y up.
+pub(super) fn turned(up: Up, points: &[Vec3]) -> Vec<Vec3> {
+    points.iter().map(|p| up.from_y(*p)).collect()
+}
+
+/// The weights as a dense matrix [vertices, joints].
+pub(super) fn dense(rig: &Rig) -> Vec<f32> {
+    let joints = rig.skeleton().len();
+    let mut out = vec![0.0; rig.weights().rows() * joints];
+    for (vertex, row) in out.chunks_exact_mut(joints).enumerate() {
+        for (joint, weight) in rig.weights().row(vertex) {
+            row[joint.index()] = weight;
+        }
+    }
+    out
+}

@@ -1,0 +1,121 @@
+//! Puppeteer's HDF5: a group a sample.
+
+use std::collections::BTreeSet;
+
+use hdf5_pure::{AttrValue, Datatype, DatatypeByteOrder, FileBuilder, FloatingPointLayout, GroupBuilder};
+use riglab_core::{Asset, Rig, Skeleton};
+
+use super::articulation::cloud;
+use super::npz::{corners, dense, f16s};
+use super::{Target, WriteError};
+
+/// Joints the peer's own networks take.
+const JOINTS: usize = 70;
+
+pub(super) fn file(assets: &[Asset], notes: &mut Vec<String>) -> Result<Vec<u8>, WriteError> {
+    let mut file = FileBuilder::new();
+    file.set_attr("num_samples", AttrValue::I64(assets.len() as i64));
+    file.set_attr("version", AttrValue::String("1.0".into()));
+    notes.push("joint names are not in it: the format has no place for them".to_owned());
+    for (number, asset) in assets.iter().enumerate() {
+        let joints = asset.rig.skeleton().len();
+        if joints > JOINTS {
+            notes.push(format!("`{}` has {joints} joints, the format's own readers take up to {JOINTS}", asset.name));
+        }
+        let mut group = file.create_group(&format!("sample_{number}"));
+        sample(asset, &mut group);
+        file.add_group(group.finish());
+    }
+    file.finish().map_err(|e| WriteError::Cannot {
+        asset: assets.first().map(|a| a.name.clone()).unwrap_or_default(),
+        format: Target::PuppeteerH5,
+        reason: e.to_string(),
+    })
+}
+
+fn sample(asset: &Asset, group: &mut GroupBuilder) {
+    let rig = &asset.rig;
+    let (mesh, skeleton) = (rig.mesh(), rig.skeleton());
+    let (vertices, joints) = (mesh.positions().len(), skeleton.len());
+    let doubles = |all: &[f32]| all.iter().map(|x| f64::from(*x)).collect::<Vec<_>>();
+    let bones: Vec<i64> =
+        skeleton.ids().filter_map(|j| Some([skeleton.parent(j)?.0.into(), i64::from(j.0)])).flatten().collect();
+    let edges = edges(rig);
+    let mut floats = |name: &str, rows: usize, columns: usize, all: &[f32]| {
+        let data = group.create_dataset(name).with_f64_data(&doubles(all)).with_shape(&[rows as u64, columns as u64]);
+        if rows > 0 {
+            data.with_chunks(&[rows.min(4096) as u64, columns as u64]).with_deflate(4);
+        }
+    };
+    floats("vertices", vertices, 3, mesh.positions().as_flattened());
+    floats("joints", joints, 3, skeleton.heads().as_flattened());
+    floats("skin", vertices, joints, &dense(rig));
+    let mut ints = |name: &str, columns: usize, all: &[i64]| {
+        let rows = all.len() / columns;
+        let data = group.create_dataset(name).with_i64_data(all).with_shape(&[rows as u64, columns as u64]);
+        if rows > 0 {
+            data.with_chunks(&[rows.min(4096) as u64, columns as u64]).with_deflate(4);
+        }
+    };
+    ints("bones", 2, &bones);
+    ints("faces", 3, &corners(rig).collect::<Vec<_>>());
+    ints("edges", 2, &edges);
+    let square = [joints as u64; 2];
+    group
+        .create_dataset("graph_dist")
+        .with_f32_data(&hops(skeleton))
+        .with_shape(&square)
+        .with_chunks(&square)
+        .with_deflate(4);
+    group.create_dataset("root_index").with_i32_data(&[0]).with_shape(&[]);
+    let points = cloud(rig);
+    let shape = [points.len() as u64 / 6, 6];
+    group
+        .create_dataset("pc_w_norm")
+        .with_raw_data(half_type(), f16s(&points), points.len() as u64)
+        .with_shape(&shape)
+        .with_chunks(&shape)
+        .with_deflate(4);
+    group.create_dataset("file_name").with_vlen_strings(&[&asset.name]).with_shape(&[]);
+}
+
+/// Pairs of vertices that triangles connect, each once.
+fn edges(rig: &Rig) -> Vec<i64> {
+    let sides = |t: &[u32; 3]| [(t[0], t[1]), (t[1], t[2]), (t[2], t[0])];
+    let pairs: BTreeSet<(u32, u32)> =
+        rig.mesh().triangles().iter().flat_map(sides).map(|(a, b)| (a.min(b), a.max(b))).collect();
+    pairs.into_iter().flat_map(|(a, b)| [i64::from(a), i64::from(b)]).collect()
+}
+
+/// Steps from each joint to each other along the tree, [joints, joints].
+fn hops(skeleton: &Skeleton) -> Vec<f32> {
+    let count = skeleton.len();
+    let mut out = vec![0.0; count * count];
+    // Parents come first: a joint is one step farther from every earlier joint than its parent is.
+    for (joint, parent) in skeleton.parents().iter().enumerate() {
+        let Some(parent) = parent else { continue };
+        for other in 0..joint {
+            let steps = out[parent.index() * count + other] + 1.0;
+            out[joint * count + other] = steps;
+            out[other * count + joint] = steps;
+        }
+    }
+    out
+}
+
+/// IEEE's 16-bit float.
+fn half_type() -> Datatype {
+    Datatype::FloatingPoint {
+        size: 2,
+        byte_order: DatatypeByteOrder::LittleEndian,
+        layout: FloatingPointLayout {
+            bit_offset: 0,
+            bit_precision: 16,
+            exponent_location: 10,
+            exponent_size: 5,
+            mantissa_location: 0,
+            mantissa_size: 10,
+            exponent_bias: 15,
+        },
+    }
+}

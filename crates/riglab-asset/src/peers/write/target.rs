@@ -1,0 +1,134 @@
+//! The formats that are written, by name and by ending.
+
+use std::fmt;
+use std::path::Path;
+use std::str::FromStr;
+
+use super::WriteError;
+
+/// A format to write.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Target {
+    /// glTF in one file.
+    Glb,
+    /// A mesh alone.
+    Obj,
+    /// RigNet's text, `_rig.txt`, with an OBJ.
+    RigNet,
+    /// Puppeteer's text with an OBJ.
+    Puppeteer,
+    /// Puppeteer's HDF5.
+    PuppeteerH5,
+    /// Articulation-XL's npz.
+    ArticulationXl,
+    /// UniRig's `raw_data.npz`.
+    UniRig,
+    /// SkinTokens' npz.
+    SkinTokens,
+    /// Anymate's pt.
+    Anymate,
+}
+
+impl Target {
+    /// All of them.
+    pub const ALL: [Self; 9] = [
+        Self::Glb,
+        Self::Obj,
+        Self::RigNet,
+        Self::Puppeteer,
+        Self::PuppeteerH5,
+        Self::ArticulationXl,
+        Self::UniRig,
+        Self::SkinTokens,
+        Self::Anymate,
+    ];
+
+    /// Its name on the command line.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Glb => "glb",
+            Self::Obj => "obj",
+            Self::RigNet => "rignet",
+            Self::Puppeteer => "puppeteer",
+            Self::PuppeteerH5 => "puppeteer-h5",
+            Self::ArticulationXl => "articulation-xl",
+            Self::UniRig => "unirig",
+            Self::SkinTokens => "skintokens",
+            Self::Anymate => "anymate",
+        }
+    }
+
+    pub(super) fn names() -> String {
+        Self::ALL.map(Self::name).join(", ")
+    }
+
+    /// What a file of one asset is called: `NAME` and this.
+    pub fn suffix(self) -> &'static str {
+        match self {
+            Self::Glb => ".glb",
+            Self::Obj => ".obj",
+            Self::RigNet => "_rig.txt",
+            Self::Puppeteer => ".txt",
+            Self::PuppeteerH5 => ".h5",
+            Self::ArticulationXl | Self::UniRig | Self::SkinTokens => ".npz",
+            Self::Anymate => ".pt",
+        }
+    }
+
+    /// Whether a file may hold several assets.
+    pub fn holds_several(self) -> bool {
+        matches!(self, Self::PuppeteerH5 | Self::ArticulationXl | Self::Anymate)
+    }
+
+    /// The format that a file's name tells.
+    ///
+    /// # Errors
+    /// [`WriteError::WhichFormat`] for npz and txt, which three and two formats have, unless the whole
+    /// name tells, and for unknown endings.
+    pub fn of(path: &Path) -> Result<Self, WriteError> {
+        let name = path.file_name().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
+        if name == "raw_data.npz" {
+            return Ok(Self::UniRig);
+        }
+        if name.ends_with(Self::RigNet.suffix()) {
+            return Ok(Self::RigNet);
+        }
+        let clear = [Self::Glb, Self::Obj, Self::PuppeteerH5, Self::Anymate];
+        let found = clear.into_iter().find(|t| name.ends_with(t.suffix()));
+        found.ok_or_else(|| WriteError::WhichFormat(path.display().to_string()))
+    }
+}
+
+impl fmt::Display for Target {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.name())
+    }
+}
+
+impl FromStr for Target {
+    type Err = WriteError;
+
+    fn from_str(name: &str) -> Result<Self, WriteError> {
+        Self::ALL.into_iter().find(|t| t.name() == name).ok_or_else(|| WriteError::NoFormat(name.to_owned()))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_and_endings_tell_the_format() {
+        for target in Target::ALL {
+            assert_eq!(target.name().parse::<Target>().unwrap(), target);
+        }
+        for (path, target) in
+            [("a/B.GLB", Target::Glb), ("raw_data.npz", Target::UniRig), ("7_rig.txt", Target::RigNet)]
+        {
+            assert_eq!(Target::of(Path::new(path)).unwrap(), target);
+        }
+        for path in ["a.npz", "a.txt", "a", "a.fbx"] {
+            assert!(Target::of(Path::new(path)).unwrap_err().to_string().contains("articulation-xl, unirig"), "{path}");
+        }
+    }
+}

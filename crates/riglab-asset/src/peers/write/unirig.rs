@@ -1,0 +1,44 @@
+//! UniRig's `raw_data.npz`: exactly the thirteen members its loader knows, z up.
+
+use riglab_core::{Mesh, Rig, Vec3};
+
+use super::super::array_rig::Up;
+use super::npz::{Npz, corners, dense, turned};
+use super::tails;
+
+pub(super) fn file(rig: &Rig) -> Vec<u8> {
+    let (mesh, skeleton) = (rig.mesh(), rig.skeleton());
+    let heads = turned(Up::Z, skeleton.heads());
+    let ends = turned(Up::Z, &tails::tails(skeleton));
+    let rest: Vec<f32> = heads.iter().zip(&ends).flat_map(|(h, t)| tails::rest(*h, *t)).collect();
+    let joints = skeleton.len();
+    let mut npz = Npz::new(false);
+    npz.points("vertices", &turned(Up::Z, mesh.positions()));
+    npz.points("vertex_normals", &turned(Up::Z, &mesh.vertex_normals()));
+    npz.ints("faces", &[mesh.triangles().len(), 3], corners(rig));
+    npz.points("face_normals", &turned(Up::Z, &face_normals(mesh)));
+    npz.points("joints", &heads);
+    npz.floats("skin", &[mesh.positions().len(), joints], &dense(rig));
+    npz.objects("parents", &[joints], |out| {
+        for parent in skeleton.parents() {
+            match parent {
+                Some(parent) => out.int(parent.index()),
+                None => out.op(b"N"),
+            };
+        }
+    });
+    npz.texts("names", &[joints], skeleton.names());
+    npz.floats("matrix_local", &[joints, 4, 4], &rest);
+    npz.points("tails", &ends);
+    for name in ["no_skin", "path", "cls"] {
+        npz.objects(name, &[], |out| {
+            out.op(b"N");
+        });
+    }
+    npz.end()
+}
+
+fn face_normals(mesh: &Mesh) -> Vec<Vec3> {
+    let normal = |t| glam::Vec3::from(mesh.area_vector(t)).try_normalize().unwrap_or(glam::Vec3::Y).into();
+    (0..mesh.triangles().len()).map(normal).collect()
+}

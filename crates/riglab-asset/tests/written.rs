@@ -1,0 +1,140 @@
+//! What is written reads back equal, here and in Python's own readers.
+
+mod common;
+
+use std::ops::ControlFlow;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+use riglab_asset::{ImportOptions, Target, import, import_each, write};
+use riglab_core::{Asset, JointId};
+
+/// All rigs of the golden samples, one of each name.
+fn rigs() -> Option<Vec<Asset>> {
+    let root = common::data("RIGLAB_GOLDEN", "golden")?.join("formats");
+    let mut out: Vec<Asset> = Vec::new();
+    let files = [
+        "rignet/biped_rig.txt",
+        "rignet/single_rig.txt",
+        "rignet/odd_rig.txt",
+        "puppeteer/articulation_test.h5",
+        "articulation_xl/row_numpy2.npz",
+        "unirig/tail_f16/raw_data.npz",
+        "skintokens/tail.npz",
+        "anymate/Anymate_test.pt",
+    ];
+    for file in files {
+        import_each(root.join(file), &ImportOptions::default(), |asset| {
+            let mut asset = asset.unwrap().into_asset().unwrap();
+            asset.name = format!("{}-{}", out.len(), asset.name);
+            out.push(asset);
+            ControlFlow::Continue(())
+        });
+    }
+    Some(out)
+}
+
+/// Compares up to `weights` in each weight; names where the format has them.
+fn assert_same(what: &str, found: &Asset, wanted: &Asset, names: bool, tolerance: f32) {
+    let (a, b) = (&found.rig, &wanted.rig);
+    // Zeros may change their sign when axes turn, which equality does not see.
+    assert_eq!(a.mesh(), b.mesh(), "{what}");
+    assert_eq!(a.skeleton().heads(), b.skeleton().heads(), "{what}");
+    assert_eq!(a.skeleton().parents(), b.skeleton().parents(), "{what}");
+    if names {
+        assert_eq!(a.skeleton().names(), b.skeleton().names(), "{what}");
+    }
+    for vertex in 0..b.weights().rows() {
+        let dense = |asset: &Asset| {
+            let mut row = vec![0.0; b.skeleton().len()];
+            asset.rig.weights().row(vertex).for_each(|(JointId(j), w)| row[usize::from(j)] = w);
+            row
+        };
+        for (found, wanted) in dense(found).into_iter().zip(dense(wanted)) {
+            assert!((found - wanted).abs() <= tolerance, "{what}: vertex {vertex}: {found} {wanted}");
+        }
+    }
+}
+
+fn path(folder: &Path, asset: &Asset, target: Target) -> PathBuf {
+    folder.join(format!("{}{}", asset.name.replace('/', "_"), target.suffix()))
+}
+
+#[test]
+fn every_format_reads_back_equal() {
+    let Some(rigs) = rigs() else { return };
+    let dir = tempfile::tempdir().unwrap();
+    for target in Target::ALL.into_iter().filter(|t| !matches!(t, Target::Obj)) {
+        let named = !matches!(target, Target::PuppeteerH5 | Target::Anymate);
+        // Weights of Anymate have sixteen bits.
+        let tolerance = if target == Target::Anymate { 1e-3 } else { 1e-6 };
+        for asset in &rigs {
+            let path = path(dir.path(), asset, target);
+            let what = format!("{target} {}", asset.name);
+            write(std::slice::from_ref(asset), &path, target).unwrap_or_else(|e| panic!("{what}: {e}"));
+            let read = import(&path, &ImportOptions::default()).unwrap_or_else(|e| panic!("{what}: {e}"));
+            assert_same(&what, &read.into_asset().unwrap(), asset, named, tolerance);
+            // The same rig, the same bytes.
+            let bytes = std::fs::read(&path).unwrap();
+            write(std::slice::from_ref(asset), &path, target).unwrap();
+            assert!(bytes == std::fs::read(&path).unwrap(), "{what}");
+        }
+    }
+    assert!(rigs.len() >= 11);
+}
+
+#[test]
+fn several_assets_go_into_one_file_and_come_out_in_order() {
+    let Some(rigs) = rigs() else { return };
+    let dir = tempfile::tempdir().unwrap();
+    for target in Target::ALL {
+        let path = dir.path().join(format!("all{}", target.suffix()));
+        let written = write(&rigs, &path, target);
+        if !target.holds_several() {
+            assert!(written.unwrap_err().to_string().contains("holds one asset a file, not"));
+            continue;
+        }
+        written.unwrap();
+        let mut seen = 0;
+        import_each(&path, &ImportOptions::default(), |asset| {
+            let asset = asset.unwrap().into_asset().unwrap();
+            assert_eq!(asset.name, rigs[seen].name);
+            assert_same(&format!("{target}#{seen}"), &asset, &rigs[seen], false, 1e-3);
+            seen += 1;
+            ControlFlow::Continue(())
+        });
+        assert_eq!(seen, rigs.len());
+    }
+}
+
+/// Numpy, torch and h5py as the peers use them, where a Python with them is.
+#[test]
+fn python_reads_what_is_written() {
+    let Some(rigs) = rigs() else { return };
+    let python = std::env::var("RIGLAB_PYTHON").unwrap_or_else(|_| "python3".into());
+    let has = Command::new(&python).args(["-c", "import numpy, torch, h5py"]).output();
+    if !has.is_ok_and(|o| o.status.success()) {
+        println!("skipped: {python} has not numpy, torch and h5py (set RIGLAB_PYTHON)");
+        return;
+    }
+    let dir = tempfile::tempdir().unwrap();
+    let asset = rigs.iter().find(|a| a.name.contains("biped")).unwrap();
+    for target in Target::ALL {
+        write(std::slice::from_ref(asset), dir.path().join(format!("{target}{}", target.suffix())), target).unwrap();
+    }
+    let skeleton = asset.rig.skeleton();
+    let expected = serde_json::json!({
+        "vertices": asset.rig.mesh().positions(),
+        "faces": asset.rig.mesh().triangles(),
+        "joints": skeleton.heads(),
+        "names": skeleton.names(),
+        "parents": skeleton.parents().iter().map(|p| p.map_or(-1, |p| i64::from(p.0))).collect::<Vec<_>>(),
+        "weights": (0..asset.rig.weights().rows())
+            .map(|v| asset.rig.weights().row(v).map(|(j, w)| (j.0, w)).collect::<Vec<_>>())
+            .collect::<Vec<_>>(),
+    });
+    std::fs::write(dir.path().join("expected.json"), expected.to_string()).unwrap();
+    let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/python/read_written.py");
+    let out = Command::new(python).arg(script).arg(dir.path()).output().unwrap();
+    assert!(out.status.success(), "{}", String::from_utf8_lossy(&out.stderr));
+}
