@@ -199,6 +199,38 @@ pub fn import_each(
     }
 }
 
+/// How many assets the file at `path` holds, by its own word; 1 for formats of one.
+///
+/// # Errors
+/// What is wrong with the file.
+pub fn count_assets(path: impl AsRef<Path>) -> Result<usize, ImportError> {
+    let path = path.as_ref();
+    let (format, folder) = look(path)?;
+    match format {
+        Some(format @ (Format::Npz | Format::Hdf5 | Format::TorchZip)) => {
+            let counted = peers::count(&source(path, format, folder.as_deref()));
+            counted.map_err(|fault| ImportError::new(&path.to_string_lossy(), fault))
+        }
+        _ => Ok(1),
+    }
+}
+
+/// Whether a file found in a folder is one to import as a rig: by its ending, and of texts those that
+/// are rig texts. A pair of text and OBJ counts once, as its text; of two texts for one OBJ, the one
+/// with weights.
+pub fn is_rig_file(path: &Path) -> bool {
+    let ending = path.extension().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
+    match ending.as_str() {
+        "glb" | "gltf" | "vrm" | "npz" | "h5" | "hdf5" | "pt" | "pth" => true,
+        "txt" if peers::starts_as_rig(path) => {
+            let mesh = path.parent().and_then(|folder| peers::mesh_of(path, folder));
+            let chosen = mesh.and_then(|mesh| peers::beside_obj(&mesh, mesh.parent()?));
+            chosen.is_none_or(|chosen| chosen == path)
+        }
+        _ => false,
+    }
+}
+
 /// Reads the arrays of a text, npz, h5 or pt file (or of an OBJ with a rig text) as they are, in the
 /// file's axes, scale and order, a rig or not: what comparisons with other readers need.
 ///

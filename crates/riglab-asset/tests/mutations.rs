@@ -13,7 +13,7 @@ use std::panic::catch_unwind;
 use std::time::{Duration, Instant};
 
 use common::Tiny;
-use riglab_asset::{Content, ImportOptions, Resample, import_bytes};
+use riglab_asset::{Content, ImportOptions, Resample, Target, import_bytes};
 use serde_json::json;
 
 /// Mutations of each kind and seed.
@@ -110,14 +110,64 @@ fn seeds() -> Vec<(String, Vec<u8>)> {
         ];
         seeds.extend(names.map(|name| (name.to_owned(), std::fs::read(folder.join(name)).unwrap())));
     }
+    seeds.extend(peers());
     seeds
+}
+
+/// The tiny rig in the peers' formats, and their own samples where they are.
+fn peers() -> Vec<(String, Vec<u8>)> {
+    let tiny = import_bytes("tiny.glb", &Tiny::new().glb(), &ImportOptions::default()).unwrap().into_asset().unwrap();
+    let dir = tempfile::tempdir().unwrap();
+    let mut seeds = Vec::new();
+    for target in Target::ALL.into_iter().filter(|t| *t != Target::Glb) {
+        let name = format!("{target}{}", target.suffix());
+        let path = dir.path().join(&name);
+        riglab_asset::write(std::slice::from_ref(&tiny), &path, target).unwrap();
+        seeds.push((name, std::fs::read(path).unwrap()));
+    }
+    seeds.push(("skeleton.txt".to_owned(), b"0 hips 0 1 0 None\n1 tip 0 2 0 hips 0\n".to_vec()));
+    if let Some(folder) = common::data("RIGLAB_GOLDEN", "golden") {
+        let names = ["articulation_xl/row_scalars.npz", "unirig/tail_f16/raw_data.npz", "rignet/odd_rig.txt"];
+        seeds.extend(names.map(|name| (name.to_owned(), std::fs::read(folder.join("formats").join(name)).unwrap())));
+    }
+    seeds
+}
+
+/// Members of an archive, in order.
+fn members(bytes: &[u8]) -> Vec<(String, Vec<u8>)> {
+    use std::io::Read;
+    let mut zip = zip::ZipArchive::new(std::io::Cursor::new(bytes)).unwrap();
+    let mut member = |at| {
+        let mut file = zip.by_index(at).unwrap();
+        let mut content = Vec::new();
+        file.read_to_end(&mut content).unwrap();
+        (file.name().to_owned(), content)
+    };
+    (0..zip_len(bytes)).map(&mut member).collect()
+}
+
+fn zip_len(bytes: &[u8]) -> usize {
+    zip::ZipArchive::new(std::io::Cursor::new(bytes)).unwrap().len()
+}
+
+/// An archive of these members.
+fn zipped(members: &[(String, Vec<u8>)]) -> Vec<u8> {
+    use std::io::Write;
+    let mut zip = zip::ZipWriter::new(std::io::Cursor::new(Vec::new()));
+    let stored = zip::write::SimpleFileOptions::default().compression_method(zip::CompressionMethod::Stored);
+    for (name, content) in members {
+        zip.start_file(name.as_str(), stored).unwrap();
+        zip.write_all(content).unwrap();
+    }
+    zip.finish().unwrap().into_inner()
 }
 
 /// Imports, looks at everything, and gives whether a rig came out.
 fn survives(what: &str, bytes: &[u8]) -> bool {
     let start = Instant::now();
     let work = || {
-        let options = ImportOptions { clips: Some(Resample::default()), ..ImportOptions::default() };
+        // Of files of several assets the first, which asks for more than their number.
+        let options = ImportOptions { item: Some(0), clips: Some(Resample::default()), ..ImportOptions::default() };
         let imported = import_bytes(what, bytes, &options);
         imported.map(|i| {
             let shown = i.inspect(true);
@@ -190,7 +240,7 @@ fn files_with_changed_numbers_survive() {
             }
             false => (&bytes[..], &[][..]),
         };
-        // Binary FBX has no text.
+        // Binary formats have no text.
         let Ok(text) = std::str::from_utf8(json) else { continue };
         for round in 0..ROUNDS {
             let mut n = Numbers { seed: number << 32 | round, counter: 1 << 16 };
@@ -201,6 +251,36 @@ fn files_with_changed_numbers_survive() {
             let changed =
                 if binary.is_empty() { changed.into_bytes() } else { common::glb(changed.as_bytes(), binary) };
             rigs += usize::from(survives(&format!("number round {round} of {name}"), &changed));
+        }
+    }
+    println!("{rigs} mutants still made a rig");
+    assert!(rigs > 0);
+}
+
+/// Bytes of one member exchanged, sums of the archive kept right: this reaches arrays and pickles.
+#[test]
+fn archives_with_changed_members_survive() {
+    let mut rigs = 0;
+    let seeds = peers().into_iter().filter(|(name, _)| name.ends_with(".npz") || name.ends_with(".pt"));
+    for (number, (name, bytes)) in (0u64..).zip(seeds) {
+        let members = members(&bytes);
+        for round in 0..ROUNDS {
+            let mut n = Numbers { seed: number << 32 | round, counter: 1 << 17 };
+            let mut changed = members.clone();
+            let one = n.below(changed.len());
+            // Large arrays are all data; what says what they are stands at their start, or is small.
+            let content = &mut changed[one].1;
+            let reach = if n.below(2) == 0 { content.len().min(200) } else { content.len() };
+            for _ in 0..1 + n.below(4) {
+                let at = n.below(reach);
+                content[at] = match n.below(4) {
+                    0 => content[at] ^ 1 << n.below(8),
+                    1 => [0, 0x7f, 0x80, 0xff][n.below(4)],
+                    2 => b"().,'<8]}NRbtuh"[n.below(15)],
+                    _ => n.below(256) as u8,
+                };
+            }
+            rigs += usize::from(survives(&format!("member round {round} of {name}"), &zipped(&changed)));
         }
     }
     println!("{rigs} mutants still made a rig");

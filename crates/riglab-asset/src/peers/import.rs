@@ -86,6 +86,11 @@ fn try_each(
     if ended { Ok(()) } else { Ok(done?) }
 }
 
+/// How many assets there are.
+pub(crate) fn count(source: &Source<'_>) -> Result<usize, Fault> {
+    Ok(read::open(source.format, source.path, source.input, source.folder, false)?.count())
+}
+
 /// Reads arrays as they are in the file, every asset of it; the second of each pair is what is wrong.
 pub(crate) fn read_arrays(source: &Source<'_>) -> Result<Vec<Result<ArrayRig, Fault>>, Fault> {
     let mut out = Vec::new();

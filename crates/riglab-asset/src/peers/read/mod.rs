@@ -91,8 +91,8 @@ pub(crate) fn open<'a>(
 }
 
 pub(crate) use anymate::bone_parents;
-/// A rig text beside an OBJ, if there is one.
-pub(crate) use text::beside_obj;
+/// Which files are two halves of a rig.
+pub(crate) use text::{beside_obj, mesh_of, starts_as_rig};
 
 fn open_npz<'a>(mut archive: Archive<'a>, extras: bool) -> Result<Box<dyn Assets + 'a>, PeerFault> {
     if archive.has("arr_0") {

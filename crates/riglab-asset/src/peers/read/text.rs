@@ -21,7 +21,7 @@ pub(super) fn read(path: &Path, bytes: &[u8], folder: Option<&Path>) -> Result<A
         return Err(PeerFault::NoRigText.into());
     }
     let Some(folder) = folder else { return Ok(rig_text::read(text, None)?) };
-    match obj_names(path).iter().map(|name| folder.join(name)).find(|p| p.is_file()) {
+    match mesh_of(path, folder) {
         Some(mesh) => joined(text, &read_file(&mesh)?),
         None => {
             let rig = rig_text::read(text, None)?;
@@ -33,6 +33,19 @@ pub(super) fn read(path: &Path, bytes: &[u8], folder: Option<&Path>) -> Result<A
             Ok(rig)
         }
     }
+}
+
+/// The OBJ of a rig text: beside it or, as RigNet's data set has it, in `obj` beside `rig_info` and in
+/// `obj_remesh` beside `rig_info_remesh`.
+pub(crate) fn mesh_of(path: &Path, folder: &Path) -> Option<PathBuf> {
+    let name = folder.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
+    let other = name.strip_prefix("rig_info").map(|rest| folder.with_file_name(format!("obj{rest}")));
+    let names = obj_names(path);
+    let places = std::iter::once(folder.to_path_buf()).chain(other);
+    places
+        .into_iter()
+        .flat_map(|place| names.iter().map(move |n| place.join(n)).collect::<Vec<_>>())
+        .find(|p| p.is_file())
 }
 
 /// An OBJ and the rig text beside it.
@@ -52,7 +65,8 @@ pub(crate) fn beside_obj(path: &Path, folder: &Path) -> Option<PathBuf> {
     candidates.into_iter().find(|p| p.is_file() && starts_as_rig(p))
 }
 
-fn starts_as_rig(path: &Path) -> bool {
+/// Whether a file is a rig text, by its start.
+pub(crate) fn starts_as_rig(path: &Path) -> bool {
     use std::io::Read;
     let mut start = Vec::new();
     let read = std::fs::File::open(path).and_then(|f| f.take(4096).read_to_end(&mut start));
@@ -105,5 +119,16 @@ mod tests {
         assert_eq!(found, dir.path().join("a_rig.txt"));
         let rig = read(&found, &std::fs::read(&found).unwrap(), Some(dir.path())).unwrap();
         assert_eq!((rig.vertices.len(), rig.weights.unwrap().rows()), (3, 3));
+    }
+
+    #[test]
+    fn meshes_of_the_data_set_lie_in_a_folder_of_their_own() {
+        let dir = tempfile::tempdir().unwrap();
+        let (texts, meshes) = (dir.path().join("rig_info_remesh"), dir.path().join("obj_remesh"));
+        std::fs::create_dir(&texts).unwrap();
+        std::fs::create_dir(&meshes).unwrap();
+        assert_eq!(mesh_of(&texts.join("7.txt"), &texts), None);
+        std::fs::write(meshes.join("7.obj"), "").unwrap();
+        assert_eq!(mesh_of(&texts.join("7.txt"), &texts), Some(meshes.join("7.obj")));
     }
 }
