@@ -58,7 +58,7 @@ pub enum DataError {
     #[error("two assets are named `{0}`")]
     DuplicateName(String),
     /// A folder without a file to import.
-    #[error("{path}: no .glb, .gltf or .vrm file in this folder or below it", path = .0.display())]
+    #[error("{path}: no rigged file (GLB, glTF, VRM, rig text with OBJ, npz, h5, pt) in this folder or below it", path = .0.display())]
     NothingToImport(PathBuf),
     /// Every file was refused.
     #[error("{path}: none of the {count} files could be imported; the first: {first}", path = path.display())]

@@ -1,11 +1,12 @@
 //! A folder of rigged files to a corpus.
 
 use std::collections::{BTreeMap, HashMap};
+use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use rayon::prelude::*;
-use riglab_asset::{ImportOptions, import};
+use riglab_asset::{ImportError, ImportOptions, Imported, count_assets, import, import_each, is_rig_file};
 use riglab_core::Asset;
 use serde::Deserialize;
 
@@ -34,9 +35,6 @@ pub struct Refused {
     pub reason: String,
 }
 
-/// Endings that are imported.
-const ENDINGS: [&str; 3] = ["glb", "gltf", "vrm"];
-
 /// Files imported before their assets are written: bounds memory.
 const AT_ONCE: usize = 64;
 
@@ -64,10 +62,9 @@ pub fn rigged_files(folder: &Path) -> Result<Vec<PathBuf>, DataError> {
         for entry in std::fs::read_dir(&dir).map_err(|e| DataError::io(&dir, e))? {
             let entry = entry.map_err(|e| DataError::io(&dir, e))?;
             let (path, kind) = (entry.path(), entry.file_type().map_err(|e| DataError::io(&dir, e))?);
-            let ending = path.extension().and_then(|e| e.to_str()).map(str::to_ascii_lowercase);
             if kind.is_dir() {
                 open.push(path);
-            } else if ending.is_some_and(|e| ENDINGS.contains(&e.as_str())) {
+            } else if is_rig_file(&path) {
                 files.push(path);
             }
         }
@@ -76,7 +73,8 @@ pub fn rigged_files(folder: &Path) -> Result<Vec<PathBuf>, DataError> {
     if files.is_empty() { Err(DataError::NothingToImport(folder.into())) } else { Ok(files) }
 }
 
-/// Imports a folder into a corpus at `out`. Assets are named by their path below the folder.
+/// Imports a folder into a corpus at `out`. Assets are named by their path below the folder; those of
+/// a file of several, by that and their own name: `set.npz#name`.
 ///
 /// `manifest.json` in the folder adds provenance (a list of objects with `file`, `source`,
 /// `licence`, `author`, `category`). A file that gives no rig is a row of the report. `progress` is
@@ -91,7 +89,9 @@ pub fn import_folder(
     options: &ImportOptions,
     progress: impl Fn(usize) + Sync,
 ) -> Result<ImportReport, DataError> {
-    let files = rigged_files(folder)?;
+    let mut files = rigged_files(folder)?;
+    // An earlier corpus at the same place is not part of the data.
+    files.retain(|file| file != out);
     let manifest = manifest(folder);
     let mut writer = CorpusWriter::create(out)?;
     let mut report = ImportReport::default();
@@ -104,17 +104,26 @@ pub fn import_folder(
             progress(done.fetch_add(1, Ordering::Relaxed) + 1);
             asset
         };
-        let assets: Vec<Result<Asset, Refused>> = chunk.par_iter().map(read).collect();
-        for asset in assets {
-            match asset {
-                Ok(asset) => {
-                    writer.add(&asset)?;
-                    keys.push(Splitter::key(&asset));
-                    if !asset.provenance.notes.is_empty() {
-                        report.notes.push((asset.name, asset.provenance.notes));
+        let read: Vec<Result<Found, Refused>> = chunk.par_iter().map(read).collect();
+        for (path, found) in chunk.iter().zip(read) {
+            let mut add = |asset: Result<Asset, Refused>| -> Result<(), DataError> {
+                match asset {
+                    Ok(asset) => {
+                        writer.add(&asset)?;
+                        keys.push(Splitter::key(&asset));
+                        if !asset.provenance.notes.is_empty() {
+                            report.notes.push((asset.name, asset.provenance.notes));
+                        }
                     }
+                    Err(refused) => report.refused.push(refused),
                 }
-                Err(refused) => report.refused.push(refused),
+                Ok(())
+            };
+            match found {
+                Ok(Found::One(asset)) => add(Ok(*asset))?,
+                // Written as they are read: there may be more than memory holds.
+                Ok(Found::Several) => several(folder, path, &manifest, options, &mut add)?,
+                Err(refused) => add(Err(refused))?,
             }
         }
     }
@@ -131,17 +140,57 @@ pub fn import_folder(
     Ok(report)
 }
 
+/// What a file holds.
+enum Found {
+    One(Box<Asset>),
+    Several,
+}
+
 fn one(
     folder: &Path,
     path: &Path,
     manifest: &HashMap<String, Entry>,
     options: &ImportOptions,
-) -> Result<Asset, Refused> {
-    let name = path.strip_prefix(folder).unwrap_or(path).to_string_lossy().into_owned();
-    let refused = |e: riglab_asset::ImportError| Refused { name: name.clone(), reason: e.to_string() };
+) -> Result<Found, Refused> {
+    let name = name(folder, path);
+    let refused = |e: ImportError| Refused { name: name.clone(), reason: e.to_string() };
+    if count_assets(path).map_err(refused)? > 1 {
+        return Ok(Found::Several);
+    }
     let imported = import(path, options).map_err(refused)?;
-    let mut asset = imported.into_asset().map_err(refused)?;
-    if let Some(entry) = manifest.get(&name) {
+    let asset = asset(imported, &name, manifest.get(&name)).map_err(refused)?;
+    Ok(Found::One(Box::new(asset)))
+}
+
+fn several(
+    folder: &Path,
+    path: &Path,
+    manifest: &HashMap<String, Entry>,
+    options: &ImportOptions,
+    add: &mut impl FnMut(Result<Asset, Refused>) -> Result<(), DataError>,
+) -> Result<(), DataError> {
+    let name = name(folder, path);
+    let mut done = Ok(());
+    import_each(path, options, |imported| {
+        let found = imported.and_then(|i| {
+            let own = format!("{name}#{}", i.name);
+            asset(i, &own, manifest.get(&own).or(manifest.get(&name)))
+        });
+        done = add(found.map_err(|e| Refused { name: name.clone(), reason: e.to_string() }));
+        if done.is_err() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+    });
+    done
+}
+
+/// The file, below the folder.
+fn name(folder: &Path, path: &Path) -> String {
+    path.strip_prefix(folder).unwrap_or(path).to_string_lossy().into_owned()
+}
+
+/// The asset under a name, with what the manifest says of it.
+fn asset(imported: Imported, name: &str, entry: Option<&Entry>) -> Result<Asset, ImportError> {
+    let mut asset = imported.into_asset()?;
+    if let Some(entry) = entry {
         let from = &mut asset.provenance;
         for (to, value) in [
             (&mut from.source, &entry.source),
@@ -154,7 +203,7 @@ fn one(
             }
         }
     }
-    asset.name = name;
+    asset.name = name.to_owned();
     Ok(asset)
 }
 
@@ -181,11 +230,43 @@ mod tests {
             let options = ImportOptions::default();
             import_folder(folder, &out, &Splitter::ByTopology(0), &options, |_| ()).unwrap_err().to_string()
         };
-        assert!(import(dir.path()).contains("no .glb, .gltf or .vrm file"));
+        std::fs::write(dir.path().join("readme.txt"), b"no rig").unwrap();
+        assert!(import(dir.path()).contains("no rigged file"));
         assert!(import(&dir.path().join("nowhere")).contains("no such folder"));
         std::fs::write(dir.path().join("a.glb"), b"glTF").unwrap();
         std::fs::write(dir.path().join("b.GLB"), b"").unwrap();
         assert!(import(dir.path()).contains("none of the 2 files"));
         assert!(!out.exists());
+    }
+
+    /// A tetrahedron on one joint, as a pair of text and OBJ.
+    fn pair(folder: &Path, name: &str) {
+        let mesh = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n";
+        let text = "joints a 0 0 0\nroot a\nskin 0 a 1\nskin 1 a 1\nskin 2 a 1\nskin 3 a 1\n";
+        std::fs::write(folder.join(format!("{name}.obj")), mesh).unwrap();
+        std::fs::write(folder.join(format!("{name}_rig.txt")), text).unwrap();
+    }
+
+    #[test]
+    fn a_pair_counts_once_and_a_file_of_several_gives_each() {
+        let dir = tempfile::tempdir().unwrap();
+        pair(dir.path(), "a");
+        pair(dir.path(), "b");
+        // Of the same mesh, without weights: the stage before.
+        std::fs::write(dir.path().join("b.txt"), "joints a 0 0 0\nroot a\n").unwrap();
+        let options = ImportOptions::default();
+        let read = |name: &str| import(dir.path().join(name), &options).unwrap().into_asset().unwrap();
+        let both = [read("a_rig.txt"), read("b_rig.txt")];
+        let set = dir.path().join("set.npz");
+        riglab_asset::write(&both, &set, riglab_asset::Target::ArticulationXl).unwrap();
+        let names: Vec<_> = rigged_files(dir.path()).unwrap().iter().map(|p| name(dir.path(), p)).collect();
+        assert_eq!(names, ["a_rig.txt", "b_rig.txt", "set.npz"]);
+        let out = dir.path().join("c.h5");
+        for _ in 0..2 {
+            let report = import_folder(dir.path(), &out, &Splitter::ByTopology(0), &options, |_| ()).unwrap();
+            assert_eq!((report.imported, report.refused), (4, vec![]));
+        }
+        let corpus = crate::Corpus::open(&out).unwrap();
+        assert_eq!(corpus.names().unwrap(), ["a_rig.txt", "b_rig.txt", "set.npz#a_rig", "set.npz#b_rig"]);
     }
 }

@@ -25,6 +25,7 @@ struct Cli {
 #[derive(Subcommand)]
 enum Command {
     Inspect(commands::inspect::Args),
+    Convert(commands::convert::Args),
     Synth(commands::synth::Args),
     Dataset(commands::dataset::Args),
     Train(commands::train::Args),
@@ -43,6 +44,7 @@ fn main() -> ExitCode {
     }
     let done = match cli.command {
         Command::Inspect(args) => commands::inspect::run(&args),
+        Command::Convert(args) => commands::convert::run(&args),
         Command::Synth(args) => commands::synth::run(&args),
         Command::Report(args) => commands::report::run(&args),
         Command::Dataset(args) => commands::dataset::run(&args),

@@ -26,7 +26,9 @@ enum Command {
     Verify(Verify),
 }
 
-/// Import a folder of GLB, glTF and VRM files into a corpus.
+/// Import a folder of GLB, glTF and VRM files, and of the peers' formats, into a corpus.
+///
+/// Rig texts are read with the OBJ beside them, and each asset of an npz, h5 or pt file of several.
 ///
 /// A `manifest.json` in the folder adds licences and authors, a `split.json` says which asset is
 /// trained on; without one, splits are made by skeleton topology. Files that give no rig are listed

@@ -1,10 +1,11 @@
 //! `riglab inspect`
 
+use std::ops::ControlFlow;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
 use anyhow::Result;
-use riglab_asset::{Character, Content, ImportOptions, Imported, import};
+use riglab_asset::{Character, Content, ImportOptions, Imported, import_each};
 use riglab_core::Rig;
 
 /// Show what a rigged file holds: joints, mesh, weights, repairs.
@@ -12,9 +13,10 @@ use riglab_core::Rig;
 #[command(after_help = "\
 Examples:
   riglab inspect fox.glb
-  riglab inspect fox.glb --json --all-vertices > fox.json")]
+  riglab inspect fox.glb --json --all-vertices > fox.json
+  riglab inspect articulation_xlv2_test.npz --item 12")]
 pub struct Args {
-    /// GLB, glTF, VRM or OBJ files.
+    /// GLB, glTF, VRM, OBJ, rig text, npz, h5 or pt files.
     #[arg(required = true)]
     files: Vec<PathBuf>,
     /// Read one of several characters in a file: its number, from 0, or the name of its root.
@@ -26,21 +28,35 @@ pub struct Args {
     /// With --json, every vertex as a sample.
     #[arg(long, requires = "json")]
     all_vertices: bool,
+    /// Of a file of several assets this one, counted from 0.
+    #[arg(long, value_name = "N")]
+    item: Option<usize>,
 }
 
 pub fn run(args: &Args) -> Result<ExitCode> {
     let mut failed = false;
-    let options = ImportOptions { character: args.character.clone(), ..ImportOptions::default() };
+    let mut broken = Ok(());
+    let options = ImportOptions { item: args.item, character: args.character.clone(), ..Default::default() };
     for file in &args.files {
-        match import(file, &options) {
-            Ok(imported) if args.json => println!("{}", serde_json::to_string(&imported.inspect(args.all_vertices))?),
-            Ok(imported) => print(&imported),
-            Err(e) => {
-                eprintln!("error: {e}");
-                failed = true;
+        import_each(file, &options, |imported| {
+            match imported {
+                Ok(imported) if args.json => match serde_json::to_string(&imported.inspect(args.all_vertices)) {
+                    Ok(line) => println!("{line}"),
+                    Err(e) => {
+                        broken = Err(e);
+                        return ControlFlow::Break(());
+                    }
+                },
+                Ok(imported) => print(&imported),
+                Err(e) => {
+                    eprintln!("error: {e}");
+                    failed = true;
+                }
             }
-        }
+            ControlFlow::Continue(())
+        });
     }
+    broken?;
     Ok(if failed { ExitCode::FAILURE } else { ExitCode::SUCCESS })
 }
 

@@ -1,5 +1,6 @@
 //! One module a command.
 
+pub mod convert;
 pub mod dataset;
 pub mod doctor;
 pub mod eval;

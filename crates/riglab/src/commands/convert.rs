@@ -1,0 +1,205 @@
+//! `riglab convert`
+
+use std::collections::HashSet;
+use std::ops::ControlFlow;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+use anyhow::{Context, Result, bail};
+use riglab_asset::{
+    Content, ImportOptions, Imported, Target, count_assets, import, import_each, is_rig_file, write, write_mesh,
+};
+use riglab_core::Asset;
+
+/// Turn rigged files of any format that is read into any that is written.
+///
+/// Written are glb, obj (the mesh alone), rignet (text and OBJ), puppeteer (text and OBJ),
+/// puppeteer-h5, articulation-xl, unirig (raw_data.npz), skintokens and anymate. The ending of OUT tells
+/// which; npz and txt need --to. A folder or a file of several assets goes into a folder, a file an
+/// asset, or into one file of a format that holds several. Z up becomes Y up and back by the formats.
+/// What a format cannot hold is told on standard error.
+#[derive(clap::Args)]
+#[command(after_help = "\
+Examples:
+  riglab convert fox.glb fox/raw_data.npz
+  riglab convert fox_rig.txt fox.glb
+  riglab convert articulation_xlv2_test.npz rigs/ --to glb
+  riglab convert rigs/ rigs.npz --to articulation-xl
+  riglab convert Anymate_test.pt horse.glb --item 12")]
+pub struct Args {
+    /// A file, or a folder of files with those below it.
+    input: PathBuf,
+    /// The file or folder to write.
+    out: PathBuf,
+    /// The format to write, where the ending of OUT does not tell.
+    #[arg(long, value_name = "FORMAT")]
+    to: Option<Target>,
+    /// Of a file of several assets this one, counted from 0.
+    #[arg(long, value_name = "N")]
+    item: Option<usize>,
+}
+
+pub fn run(args: &Args) -> Result<ExitCode> {
+    let options = ImportOptions { item: args.item, ..Default::default() };
+    let files = if args.input.is_dir() { below(&args.input)? } else { vec![args.input.clone()] };
+    let several = args.input.is_dir() || args.item.is_none() && count_assets(&args.input)? > 1;
+    let into_folder = args.out.is_dir() || args.out.as_os_str().to_string_lossy().ends_with('/');
+    let target = match args.to {
+        Some(target) => target,
+        None if into_folder => bail!("{} is a folder; say with --to which format to write", args.out.display()),
+        None => Target::of(&args.out)?,
+    };
+    // A name without an ending is a folder's where a file cannot be meant.
+    if several && (into_folder || !target.holds_several()) {
+        if !into_folder && args.out.extension().is_some() {
+            bail!(
+                "{} is a file, but {target} holds one asset a file; give a folder, or choose one with --item",
+                args.out.display()
+            );
+        }
+        return into(&args.out, &args.input, &files, target, &options);
+    }
+    if several {
+        return together(&args.out, &files, target, &options);
+    }
+    let imported = import(&args.input, &options)?;
+    let out = if into_folder { args.out.join(file_name(&imported.name, target)) } else { args.out.clone() };
+    store(imported, &out, target)?;
+    println!("{}", out.display());
+    Ok(ExitCode::SUCCESS)
+}
+
+/// Every asset into a file of its own.
+fn into(out: &Path, input: &Path, files: &[PathBuf], target: Target, options: &ImportOptions) -> Result<ExitCode> {
+    let (mut written, mut failed) = (0, 0);
+    let mut taken = HashSet::new();
+    let mut broken = Ok(());
+    for file in files {
+        // Folders below the input come again below the output.
+        let folder = file.parent().and_then(|f| f.strip_prefix(input).ok()).map_or(out.to_path_buf(), |f| out.join(f));
+        import_each(file, options, |imported| {
+            let imported = match imported {
+                Ok(imported) => imported,
+                Err(e) => {
+                    eprintln!("left out: {e}");
+                    failed += 1;
+                    return ControlFlow::Continue(());
+                }
+            };
+            let mut name = file_name(&imported.name, target);
+            // Two assets of one name, as a.glb and a.vrm make, do not overwrite each other.
+            let mut again = 1;
+            while !taken.insert(folder.join(&name)) {
+                again += 1;
+                name = file_name(&format!("{}-{again}", imported.name), target);
+            }
+            let stored = std::fs::create_dir_all(&folder)
+                .with_context(|| format!("{}", folder.display()))
+                .and_then(|()| store(imported, &folder.join(&name), target));
+            match stored {
+                Ok(()) => written += 1,
+                Err(e) if e.downcast_ref::<riglab_asset::WriteError>().is_some_and(|e| !is_io(e)) => {
+                    eprintln!("left out: {e:#}");
+                    failed += 1;
+                }
+                // The disk: the next will not go either.
+                Err(e) => {
+                    broken = Err(e);
+                    return ControlFlow::Break(());
+                }
+            }
+            ControlFlow::Continue(())
+        });
+        if broken.is_err() {
+            break;
+        }
+    }
+    broken?;
+    println!("{written} written to {}, {failed} left out", out.display());
+    Ok(if written == 0 { ExitCode::FAILURE } else { ExitCode::SUCCESS })
+}
+
+fn is_io(e: &riglab_asset::WriteError) -> bool {
+    matches!(e, riglab_asset::WriteError::Io { .. })
+}
+
+/// All assets into one file.
+fn together(out: &Path, files: &[PathBuf], target: Target, options: &ImportOptions) -> Result<ExitCode> {
+    let (mut assets, mut failed): (Vec<Asset>, usize) = (Vec::new(), 0);
+    for file in files {
+        import_each(file, options, |imported| {
+            match imported.and_then(Imported::into_asset) {
+                Ok(asset) => assets.push(asset),
+                Err(e) => {
+                    eprintln!("left out: {e}");
+                    failed += 1;
+                }
+            }
+            ControlFlow::Continue(())
+        });
+    }
+    if assets.is_empty() {
+        bail!("none of {} files gave a rig", files.len());
+    }
+    for note in write(&assets, out, target)? {
+        eprintln!("note: {note}");
+    }
+    println!("{}: {} assets, {failed} left out", out.display(), assets.len());
+    Ok(ExitCode::SUCCESS)
+}
+
+fn store(imported: Imported, out: &Path, target: Target) -> Result<()> {
+    for warning in imported.warnings() {
+        eprintln!("warning: {}: {warning}", imported.provenance.source);
+    }
+    if let (Content::Bare(mesh), Target::Obj) = (&imported.content, target) {
+        return Ok(write_mesh(mesh, out)?);
+    }
+    let source = imported.provenance.source.clone();
+    for note in write(&[imported.into_asset()?], out, target)? {
+        eprintln!("note: {source}: {note}");
+    }
+    Ok(())
+}
+
+/// A file name for an asset: names come from files and may lead anywhere.
+fn file_name(name: &str, target: Target) -> String {
+    let plain = |c: char| if c.is_control() || "/\\:*?\"<>|".contains(c) { '_' } else { c };
+    let mut plain: String = name.chars().map(plain).take(100).collect();
+    if plain.is_empty() || plain.starts_with('.') {
+        plain.insert(0, '_');
+    }
+    format!("{plain}{}", target.suffix())
+}
+
+/// Rigged files of a folder and those below it.
+fn below(folder: &Path) -> Result<Vec<PathBuf>> {
+    let (mut files, mut open) = (Vec::new(), vec![folder.to_path_buf()]);
+    while let Some(dir) = open.pop() {
+        for entry in std::fs::read_dir(&dir).with_context(|| format!("{}", dir.display()))? {
+            let entry = entry?;
+            if entry.file_type()?.is_dir() {
+                open.push(entry.path());
+            } else if is_rig_file(&entry.path()) {
+                files.push(entry.path());
+            }
+        }
+    }
+    files.sort();
+    if files.is_empty() {
+        bail!("{}: no rigged file in this folder or below it", folder.display());
+    }
+    Ok(files)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_from_files_stay_in_their_folder() {
+        assert_eq!(file_name("ab/../biped", Target::Glb), "ab_.._biped.glb");
+        assert_eq!(file_name("..", Target::RigNet), "_.._rig.txt");
+        assert_eq!(file_name("", Target::Anymate), "_.pt");
+    }
+}
