@@ -1,7 +1,8 @@
-//! Rigged files in, and GLB and FBX out.
+//! Rigged files in and out.
 //!
 //! [`import`] reads one file into an [`Imported`]: the [`Rig`] that everything downstream works on,
-//! its [`Provenance`], and the [`Reading`] it was made from.
+//! its [`Provenance`], and the [`Reading`] it was made from. [`import_each`] does so for every asset of
+//! a file of several, as data sets are; [`write`] goes the other way, to a [`Target`].
 //!
 //! The one idea: **two steps with one type between them.** A module per format turns bytes into a
 //! [`Reading`] - joints possibly in several trees, meshes possibly unbound, numbered as in the file -
@@ -12,11 +13,13 @@
 //! Holds: no input makes it panic, recurse without bound or allocate more than the file can fill;
 //! nothing outside the file's own folder is opened, and no connection made; nothing that is not
 //! finite reaches a rig; what was repaired or doubtful is told in a [`Warning`]. Units and axes stay
-//! those of the file (glTF: y up, right-handed), but for FBX, which says what they are: it comes out in
-//! metres, y up, right-handed.
+//! those of the file, but that rigs have y up (formats with z up are turned) and that FBX, which says
+//! what its units are, comes out in metres. All of FBX takes the feature `fbx`, as it builds a C library.
 //!
-//! Leaves out: further formats, springs, humanoid maps, animation clips, and writing other formats than
-//! GLB ([`to_glb`]) and FBX (`to_fbx`). All of FBX takes the feature `fbx`, as it builds a C library.
+//! The formats of other research code come down to plain arrays first ([`ArrayRig`], by
+//! [`read_arrays`]), which comparisons with other readers need.
+//!
+//! Leaves out: pictures and materials of what is read.
 
 mod assemble;
 mod budget;

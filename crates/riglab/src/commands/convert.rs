@@ -64,6 +64,9 @@ pub fn run(args: &Args) -> Result<ExitCode> {
     }
     let imported = import(&args.input, &options)?;
     let out = if into_folder { args.out.join(file_name(&imported.name, target)) } else { args.out.clone() };
+    if let Some(folder) = out.parent().filter(|f| !f.as_os_str().is_empty()) {
+        std::fs::create_dir_all(folder).with_context(|| format!("{}", folder.display()))?;
+    }
     store(imported, &out, target)?;
     println!("{}", out.display());
     Ok(ExitCode::SUCCESS)

@@ -124,5 +124,6 @@ fn store(path: &Path, bytes: &[u8]) -> Result<(), WriteError> {
         temp.persist(path).map_err(|e| e.error)?;
         File::open(folder)?.sync_all()
     };
-    stored().map_err(|e| WriteError::Io { path: path.into(), message: e.to_string() })
+    // The kind alone: the rest names the temporary file.
+    stored().map_err(|e| WriteError::Io { path: path.into(), message: e.kind().to_string() })
 }
