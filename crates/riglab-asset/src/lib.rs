@@ -225,6 +225,7 @@ pub fn is_rig_file(path: &Path) -> bool {
     let ending = path.extension().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
     match ending.as_str() {
         "glb" | "gltf" | "vrm" | "npz" | "h5" | "hdf5" | "pt" | "pth" => true,
+        "fbx" => cfg!(feature = "fbx"),
         "txt" if peers::starts_as_rig(path) => {
             let mesh = path.parent().and_then(|folder| peers::mesh_of(path, folder));
             let chosen = mesh.and_then(|mesh| peers::beside_obj(&mesh, mesh.parent()?));

@@ -64,7 +64,7 @@ fn path(folder: &Path, asset: &Asset, target: Target) -> PathBuf {
 fn every_format_reads_back_equal() {
     let Some(rigs) = rigs() else { return };
     let dir = tempfile::tempdir().unwrap();
-    for target in Target::ALL.into_iter().filter(|t| !matches!(t, Target::Obj)) {
+    for target in Target::ALL.iter().copied().filter(|t| !matches!(t, Target::Obj)) {
         let named = !matches!(target, Target::PuppeteerH5 | Target::Anymate);
         // Weights of Anymate have sixteen bits.
         let tolerance = if target == Target::Anymate { 1e-3 } else { 1e-6 };
@@ -87,7 +87,7 @@ fn every_format_reads_back_equal() {
 fn several_assets_go_into_one_file_and_come_out_in_order() {
     let Some(rigs) = rigs() else { return };
     let dir = tempfile::tempdir().unwrap();
-    for target in Target::ALL {
+    for &target in Target::ALL {
         let path = dir.path().join(format!("all{}", target.suffix()));
         let written = write(&rigs, &path, target);
         if !target.holds_several() {
@@ -119,7 +119,7 @@ fn python_reads_what_is_written() {
     }
     let dir = tempfile::tempdir().unwrap();
     let asset = rigs.iter().find(|a| a.name.contains("biped")).unwrap();
-    for target in Target::ALL {
+    for &target in Target::ALL {
         write(std::slice::from_ref(asset), dir.path().join(format!("{target}{}", target.suffix())), target).unwrap();
     }
     let skeleton = asset.rig.skeleton();

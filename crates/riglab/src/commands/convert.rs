@@ -14,7 +14,7 @@ use riglab_core::Asset;
 /// Turn rigged files of any format that is read into any that is written.
 ///
 /// Written are glb, obj (the mesh alone), rignet (text and OBJ), puppeteer (text and OBJ),
-/// puppeteer-h5, articulation-xl, unirig (raw_data.npz), skintokens and anymate. The ending of OUT tells
+/// puppeteer-h5, articulation-xl, unirig (raw_data.npz), skintokens, anymate and fbx. The ending of OUT tells
 /// which; npz and txt need --to. A folder or a file of several assets goes into a folder, a file an
 /// asset, or into one file of a format that holds several. Z up becomes Y up and back by the formats.
 /// What a format cannot hold is told on standard error.

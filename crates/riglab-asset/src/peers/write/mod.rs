@@ -94,6 +94,10 @@ pub fn write(assets: &[Asset], path: impl AsRef<Path>, target: Target) -> Result
         Target::SkinTokens => skintokens::file(&assets[0]),
         Target::PuppeteerH5 => puppeteer::file(assets, &mut notes)?,
         Target::Anymate => anymate::file(assets, &mut notes)?,
+        #[cfg(feature = "fbx")]
+        Target::Fbx => {
+            crate::to_fbx(&assets[0].rig).map_err(|e| WriteError::Io { path: path.into(), message: e.to_string() })?
+        }
     };
     store(path, &bytes)?;
     Ok(notes)

@@ -27,11 +27,14 @@ pub enum Target {
     SkinTokens,
     /// Anymate's pt.
     Anymate,
+    /// Autodesk FBX 7.5, binary.
+    #[cfg(feature = "fbx")]
+    Fbx,
 }
 
 impl Target {
     /// All of them.
-    pub const ALL: [Self; 9] = [
+    pub const ALL: &[Self] = &[
         Self::Glb,
         Self::Obj,
         Self::RigNet,
@@ -41,6 +44,8 @@ impl Target {
         Self::UniRig,
         Self::SkinTokens,
         Self::Anymate,
+        #[cfg(feature = "fbx")]
+        Self::Fbx,
     ];
 
     /// Its name on the command line.
@@ -55,11 +60,13 @@ impl Target {
             Self::UniRig => "unirig",
             Self::SkinTokens => "skintokens",
             Self::Anymate => "anymate",
+            #[cfg(feature = "fbx")]
+            Self::Fbx => "fbx",
         }
     }
 
     pub(super) fn names() -> String {
-        Self::ALL.map(Self::name).join(", ")
+        Self::ALL.iter().map(|t| t.name()).collect::<Vec<_>>().join(", ")
     }
 
     /// What a file of one asset is called: `NAME` and this.
@@ -72,6 +79,8 @@ impl Target {
             Self::PuppeteerH5 => ".h5",
             Self::ArticulationXl | Self::UniRig | Self::SkinTokens => ".npz",
             Self::Anymate => ".pt",
+            #[cfg(feature = "fbx")]
+            Self::Fbx => ".fbx",
         }
     }
 
@@ -93,7 +102,14 @@ impl Target {
         if name.ends_with(Self::RigNet.suffix()) {
             return Ok(Self::RigNet);
         }
-        let clear = [Self::Glb, Self::Obj, Self::PuppeteerH5, Self::Anymate];
+        let clear = [
+            Self::Glb,
+            Self::Obj,
+            Self::PuppeteerH5,
+            Self::Anymate,
+            #[cfg(feature = "fbx")]
+            Self::Fbx,
+        ];
         let found = clear.into_iter().find(|t| name.ends_with(t.suffix()));
         found.ok_or_else(|| WriteError::WhichFormat(path.display().to_string()))
     }
@@ -109,7 +125,7 @@ impl FromStr for Target {
     type Err = WriteError;
 
     fn from_str(name: &str) -> Result<Self, WriteError> {
-        Self::ALL.into_iter().find(|t| t.name() == name).ok_or_else(|| WriteError::NoFormat(name.to_owned()))
+        Self::ALL.iter().copied().find(|t| t.name() == name).ok_or_else(|| WriteError::NoFormat(name.to_owned()))
     }
 }
 
@@ -119,7 +135,7 @@ mod tests {
 
     #[test]
     fn names_and_endings_tell_the_format() {
-        for target in Target::ALL {
+        for &target in Target::ALL {
             assert_eq!(target.name().parse::<Target>().unwrap(), target);
         }
         for (path, target) in
@@ -127,7 +143,7 @@ mod tests {
         {
             assert_eq!(Target::of(Path::new(path)).unwrap(), target);
         }
-        for path in ["a.npz", "a.txt", "a", "a.fbx"] {
+        for path in ["a.npz", "a.txt", "a", "a.blend"] {
             assert!(Target::of(Path::new(path)).unwrap_err().to_string().contains("articulation-xl, unirig"), "{path}");
         }
     }
