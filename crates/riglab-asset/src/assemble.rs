@@ -114,7 +114,7 @@ fn trees(reading: &Reading) -> Vec<Range<usize>> {
 }
 
 /// The sets in the order of the rig's vertices: skinned ones first, then rigid parts.
-fn ordered_sets(reading: &Reading) -> Vec<(usize, &VertexSet)> {
+pub(crate) fn ordered_sets(reading: &Reading) -> Vec<(usize, &VertexSet)> {
     let mut sets: Vec<_> = reading.vertex_sets.iter().enumerate().collect();
     sets.sort_by_key(|(_, set)| set.binding == Binding::Rigid);
     sets

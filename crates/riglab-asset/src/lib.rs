@@ -19,12 +19,16 @@
 //! The formats of other research code come down to plain arrays first ([`ArrayRig`], by
 //! [`read_arrays`]), which comparisons with other readers need.
 //!
-//! Leaves out: pictures and materials of what is read.
+//! What was read can be written: with another rig onto its own document, without its rig, or a rig alone
+//! ([`mod@export`]); and in any [`Target`] ([`write`]).
+//!
+//! Leaves out: what pictures and materials look like.
 
 mod assemble;
 mod budget;
 mod character;
 mod error;
+pub mod export;
 #[cfg(feature = "fbx")]
 mod fbx;
 mod format;
@@ -49,6 +53,7 @@ use riglab_core::{Asset, Clip, Mesh, Provenance, Rig};
 pub use assemble::RootPolicy;
 pub use character::Character;
 pub use error::{Fault, ImportError, Place};
+use export::{ExportFault, ExportNote, ExportOptions, Exported, Influences, JointFrames};
 #[cfg(feature = "fbx")]
 pub use fbx::to_fbx;
 pub use format::Format;
@@ -166,7 +171,7 @@ pub fn import(path: impl AsRef<Path>, options: &ImportOptions) -> Result<Importe
     let (format, folder) = look(path)?;
     match format {
         Some(format) => peers::one(&source(path, format, folder.as_deref()), options),
-        None => read(path, &contents(path)?, folder.as_deref(), options),
+        None => import_from(path, &contents(path)?, folder.as_deref(), options),
     }
 }
 
@@ -194,7 +199,7 @@ pub fn import_each(
             peers::each(&source(path, format, folder.as_deref()), options, false, &mut each);
         }
         Ok((None, folder)) => {
-            let _ = each(contents(path).and_then(|bytes| read(path, &bytes, folder.as_deref(), options)));
+            let _ = each(contents(path).and_then(|bytes| import_from(path, &bytes, folder.as_deref(), options)));
         }
         Err(e) => {
             let _ = each(Err(e));
@@ -261,7 +266,7 @@ pub fn import_bytes(name: &str, bytes: &[u8], options: &ImportOptions) -> Result
         Format::RigText | Format::Npz | Format::Hdf5 | Format::TorchZip => {
             peers::one(&peers::Source { path, format, input: peers::Input::Bytes(bytes), folder: None }, options)
         }
-        Format::Gltf | Format::Fbx | Format::Obj => read(path, bytes, None, options),
+        Format::Gltf | Format::Fbx | Format::Obj => import_from(path, bytes, None, options),
     }
 }
 
@@ -291,7 +296,13 @@ fn contents(path: &Path) -> Result<Vec<u8>, ImportError> {
     std::fs::read(path).map_err(|e| ImportError::new(&path.to_string_lossy(), Fault::Unreadable(e.to_string())))
 }
 
-fn read(path: &Path, bytes: &[u8], folder: Option<&Path>, options: &ImportOptions) -> Result<Imported, ImportError> {
+/// Reads bytes as if they were the file `path`; `folder` is where what belongs to it is looked for, if at all.
+fn import_from(
+    path: &Path,
+    bytes: &[u8],
+    folder: Option<&Path>,
+    options: &ImportOptions,
+) -> Result<Imported, ImportError> {
     let source = path.to_string_lossy();
     let fail = |fault| ImportError::new(&source, fault);
     let (mut reading, origin) = match Format::of(path, bytes).map_err(fail)? {

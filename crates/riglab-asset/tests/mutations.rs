@@ -13,7 +13,8 @@ use std::panic::catch_unwind;
 use std::time::{Duration, Instant};
 
 use common::Tiny;
-use riglab_asset::{Content, ImportOptions, Resample, Target, import_bytes};
+use riglab_asset::export::{self, ExportOptions};
+use riglab_asset::{Content, ImportOptions, Imported, Resample, Target, import_bytes};
 use serde_json::json;
 
 /// Mutations of each kind and seed.
@@ -172,6 +173,7 @@ fn survives(what: &str, bytes: &[u8]) -> bool {
         imported.map(|i| {
             let shown = i.inspect(true);
             assert!(shown.samples.iter().all(|s| s.position.iter().all(|x| x.is_finite())));
+            written(what, bytes, &i);
             matches!(i.content, Content::Rigged(_))
         })
     };
@@ -186,6 +188,24 @@ fn survives(what: &str, bytes: &[u8]) -> bool {
             false
         }
         Err(_) => panic!("{what} made the importer panic"),
+    }
+}
+
+/// What was imported is written, or refused; what is written reads back.
+fn written(what: &str, bytes: &[u8], imported: &Imported) {
+    let bare = export::strip_bytes(what, bytes, None, &ImportOptions::default());
+    let mut all = vec![bare];
+    for rig in imported.rig().into_iter().flat_map(|rig| [rig.clone(), common::renamed(rig)]) {
+        all.push(export::onto_bytes(what, bytes, None, imported, &rig, &ExportOptions::default()));
+    }
+    for exported in all {
+        match exported {
+            Ok(exported) => {
+                let back = import_bytes("back.glb", &exported.bytes, &ImportOptions::default());
+                assert!(back.is_ok(), "{what}: what was written: {}", back.unwrap_err());
+            }
+            Err(error) => assert!(error.to_string().starts_with(what)),
+        }
     }
 }
 

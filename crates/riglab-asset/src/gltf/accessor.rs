@@ -78,6 +78,8 @@ const ROTATIONS: Usage = Usage {
     components: &[Component::F32, Component::I8, Component::U8, Component::I16, Component::U16],
     wanted: "VEC4 of floats, or of normalised bytes or shorts",
 };
+const DIRECTION: Usage = Usage { name: "NORMAL or a morph target", ..POSITION };
+const TANGENT: Usage = Usage { name: "TANGENT", shape: "VEC4", ..POSITION };
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Component {
@@ -154,6 +156,16 @@ impl<'a> Accessors<'a> {
 
     pub(super) fn positions(&self, number: usize) -> Result<Rc<[[f32; 3]]>, Fault> {
         cached(&self.floats3, number, || self.floats(number, &POSITION, usize::MAX))
+    }
+
+    /// Normals, or what morph targets add to them or to positions; not kept.
+    pub(super) fn directions(&self, number: usize) -> Result<Vec<[f32; 3]>, Fault> {
+        self.floats(number, &DIRECTION, usize::MAX)
+    }
+
+    /// Tangents, the fourth component the side; not kept.
+    pub(super) fn tangents(&self, number: usize) -> Result<Vec<[f32; 4]>, Fault> {
+        self.floats(number, &TANGENT, usize::MAX)
     }
 
     pub(super) fn weights(&self, number: usize) -> Result<Rc<[[f32; 4]]>, Fault> {

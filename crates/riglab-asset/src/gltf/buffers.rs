@@ -43,6 +43,13 @@ pub(super) struct View<'b> {
     pub(super) stride: Option<usize>,
 }
 
+/// What a uri stands for.
+pub(super) struct Outside {
+    pub(super) bytes: Vec<u8>,
+    /// Its media type, where the uri says it.
+    pub(super) kind: Option<String>,
+}
+
 impl<'a> Buffers<'a> {
     pub(super) fn new(
         document: &'a Document,
@@ -102,7 +109,8 @@ impl<'a> Buffers<'a> {
         span().ok_or(Fault::ViewBounds { view, offset, length, buffer, found: bytes.len() })
     }
 
-    fn bytes(&self, number: usize, view: usize) -> Result<&[u8], Fault> {
+    /// A whole buffer, for a view.
+    pub(super) fn bytes(&self, number: usize, view: usize) -> Result<&[u8], Fault> {
         let cell = self.loaded.get(number).ok_or_else(|| Fault::Reference {
             from: format!("buffer view {view}"),
             to: "buffer",
@@ -134,6 +142,19 @@ impl<'a> Buffers<'a> {
         };
         bytes.truncate(claimed);
         Ok(Cow::Owned(bytes))
+    }
+
+    /// What a picture's uri stands for: the data in it, or a file in the folder of at most `limit` bytes.
+    pub(super) fn outside(&self, picture: usize, uri: &str, limit: u64) -> Result<Outside, Fault> {
+        let Some(data) = uri.strip_prefix("data:") else {
+            let bytes = self.external(picture, uri, limit.saturating_add(1))?;
+            let count = bytes.len() as u64;
+            let too_large = || Fault::TooLarge { what: format!("image {picture}"), count, limit };
+            return if count > limit { Err(too_large()) } else { Ok(Outside { bytes, kind: None }) };
+        };
+        let bytes = from_data(data).map_err(|reason| Fault::Base64 { buffer: picture, reason })?;
+        let kind = data.split([';', ',']).next().map(str::to_ascii_lowercase);
+        Ok(Outside { bytes, kind })
     }
 
     /// Nothing is opened before it is sure to lie in the folder.

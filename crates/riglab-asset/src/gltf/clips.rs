@@ -63,7 +63,7 @@ struct Scene<'a> {
 pub(super) fn read(
     json: &[u8],
     document: &Document,
-    file: &placing::Scene<'_>,
+    file: &placing::Scene<'_, '_>,
     resample: Resample,
     warnings: &mut Vec<Warning>,
 ) -> Vec<Clip> {

@@ -143,10 +143,7 @@ pub(super) struct Skin {
 impl Document {
     /// Reads and checks the version; references are checked where they are followed.
     pub(super) fn parse(json: &[u8]) -> Result<Self, Fault> {
-        let json = body(json);
-        // Before serde, which does not look at what it skips.
-        let json = std::str::from_utf8(json)
-            .map_err(|error| Fault::Json { path: String::new(), reason: format!("not UTF-8: {error}") })?;
+        let json = text(json)?;
         let (depth, values) = extent(json.as_bytes());
         if depth > MAX_DEPTH {
             return Err(Fault::JsonDepth(MAX_DEPTH));
@@ -176,6 +173,13 @@ impl Document {
 pub(super) fn body(json: &[u8]) -> &[u8] {
     let json = json.strip_prefix(b"\xef\xbb\xbf").unwrap_or(json).trim_ascii_end();
     &json[..json.len() - json.iter().rev().take_while(|b| **b == 0).count()]
+}
+
+/// The same as text.
+pub(super) fn text(json: &[u8]) -> Result<&str, Fault> {
+    // Before serde, which does not look at what it skips.
+    std::str::from_utf8(body(json))
+        .map_err(|error| Fault::Json { path: String::new(), reason: format!("not UTF-8: {error}") })
 }
 
 /// Reads once more, slower, keeping track of where it is.

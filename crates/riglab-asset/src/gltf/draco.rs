@@ -59,6 +59,22 @@ impl Decoded {
         self.0.faces().iter().flat_map(|face| face.map(|point| point.0)).collect()
     }
 
+    /// All components of an attribute, which has as many as an accessor of a shape, as they are stored.
+    pub(super) fn values(&self, number: u32, shape: &str) -> Result<Vec<f32>, String> {
+        let attribute = self.0.attribute_by_unique_id(number).ok_or(format!("it has no attribute {number}"))?;
+        let components = match shape {
+            "SCALAR" => 1,
+            "VEC2" => 2,
+            "VEC3" => 3,
+            "VEC4" => 4,
+            _ => return Err(format!("an attribute cannot be {}", shape.chars().take(20).collect::<String>())),
+        };
+        if usize::from(attribute.num_components()) != components {
+            return Err(format!("attribute {number} has {} components, not {components}", attribute.num_components()));
+        }
+        Ok(attribute.read_f32s(self.points(), components))
+    }
+
     /// `N` components of every point, as they are stored; whole numbers up to 65535 are exact.
     pub(super) fn attribute<const N: usize>(&self, number: u32, normalized: bool) -> Result<Vec<[f32; N]>, String> {
         let (mut values, attribute) = self.components(number)?;
@@ -82,5 +98,45 @@ impl Decoded {
     fn components(&self, number: u32) -> Result<(Vec<f32>, &PointAttribute), String> {
         let attribute = self.0.attribute_by_unique_id(number).ok_or(format!("it has no attribute {number}"))?;
         Ok((attribute.read_f32s(self.points(), attribute.num_components().into()), attribute))
+    }
+}
+
+/// Values as the bytes of an accessor of a component type, and their stride where elements have gaps:
+/// vertices start at multiples of 4.
+pub(super) fn element_bytes(values: &[f32], components: usize, component_type: u32) -> (Vec<u8>, Option<usize>) {
+    let width = match component_type {
+        5120 | 5121 => 1,
+        5122 | 5123 => 2,
+        _ => 4,
+    };
+    let stride = (components * width).next_multiple_of(4);
+    let mut bytes = Vec::with_capacity(values.len() * 4);
+    for element in values.chunks(components.max(1)) {
+        for &value in element {
+            match component_type {
+                5120 => bytes.extend((value as i8).to_le_bytes()),
+                5121 => bytes.extend((value as u8).to_le_bytes()),
+                5122 => bytes.extend((value as i16).to_le_bytes()),
+                5123 => bytes.extend((value as u16).to_le_bytes()),
+                5125 => bytes.extend((value as u32).to_le_bytes()),
+                _ => bytes.extend(value.to_le_bytes()),
+            }
+        }
+        bytes.resize(bytes.len().next_multiple_of(4), 0);
+    }
+    (bytes, (stride != components * width).then_some(stride))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn elements_start_at_multiples_of_4() {
+        assert_eq!(
+            element_bytes(&[1.0, 2.0, 255.0, 4.0, 5.0, 6.0], 3, 5121),
+            (vec![1, 2, 255, 0, 4, 5, 6, 0], Some(4))
+        );
+        assert_eq!(element_bytes(&[1.0, 2.0], 2, 5123), (vec![1, 0, 2, 0], None));
     }
 }

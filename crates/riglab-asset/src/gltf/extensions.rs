@@ -10,7 +10,7 @@ use crate::Fault;
 /// Compressed primitives.
 pub(super) const DRACO: &str = "KHR_draco_mesh_compression";
 /// Compressed buffer views; the second is the first with a newer codec, which is read as well.
-const MESHOPT: [&str; 2] = ["EXT_meshopt_compression", "KHR_meshopt_compression"];
+pub(super) const MESHOPT: [&str; 2] = ["EXT_meshopt_compression", "KHR_meshopt_compression"];
 
 /// Extensions that are read, or that change nothing about joints, vertices and weights.
 const HARMLESS: [&str; 16] = [
@@ -38,16 +38,19 @@ const HARMLESS_FAMILIES: [&str; 5] = ["KHR_materials_", "EXT_materials_", "ADOBE
 /// Refuses files that require what is not known: reading on would give a wrong rig silently.
 pub(super) fn check_required(document: &Document) -> Result<(), Fault> {
     for name in &document.extensions_required {
-        let name_is = |known: &[&str]| known.contains(&name.as_str());
-        let known = name_is(&[DRACO])
-            || name_is(&MESHOPT)
-            || name_is(&HARMLESS)
-            || HARMLESS_FAMILIES.iter().any(|f| name.starts_with(f));
-        if !known {
+        if !is_known(name) {
             return Err(Fault::RequiredExtension(name.clone()));
         }
     }
     Ok(())
+}
+
+/// Whether an extension is read, or changes nothing about rigs.
+pub(super) fn is_known(name: &str) -> bool {
+    name == DRACO
+        || MESHOPT.contains(&name)
+        || HARMLESS.contains(&name)
+        || HARMLESS_FAMILIES.iter().any(|family| name.starts_with(family))
 }
 
 /// The compression of a buffer view and its settings, if there is one.

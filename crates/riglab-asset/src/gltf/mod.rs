@@ -13,6 +13,7 @@ mod buffers;
 mod clips;
 mod document;
 mod draco;
+pub(crate) mod export;
 mod extensions;
 mod glb;
 mod influences;
@@ -47,15 +48,10 @@ pub(crate) fn looks_like_json(bytes: &[u8]) -> bool {
 /// Reads a file's bytes; `folder` is where buffers in files of their own are looked for, if at all.
 pub(crate) fn read(bytes: &[u8], folder: Option<&Path>, options: &ImportOptions) -> Result<(Reading, Rights), Fault> {
     let mut warnings = Vec::new();
-    let chunks = if bytes.starts_with(b"glTF") {
-        let chunks = glb::chunks(bytes)?;
-        if chunks.trailing > 0 {
-            warnings.push(Warning::TrailingBytes(chunks.trailing));
-        }
-        chunks
-    } else {
-        glb::Chunks { json: bytes, binary: None, trailing: 0 }
-    };
+    let chunks = split(bytes)?;
+    if chunks.trailing > 0 {
+        warnings.push(Warning::TrailingBytes(chunks.trailing));
+    }
     let document = Document::parse(chunks.json)?;
     extensions::check_required(&document)?;
     let accessors = Accessors::new(&document, Buffers::new(&document, chunks.binary, folder, Budget::new(bytes.len())));
@@ -75,4 +71,12 @@ pub(crate) fn read(bytes: &[u8], folder: Option<&Path>, options: &ImportOptions)
         Reading { joints, vertex_sets, parts, body, clips, origin, warnings, ..Reading::default() },
         rights::read(&document),
     ))
+}
+
+/// The JSON of a file and the bytes that come with it.
+fn split(bytes: &[u8]) -> Result<glb::Chunks<'_>, Fault> {
+    if bytes.starts_with(b"glTF") {
+        return glb::chunks(bytes);
+    }
+    Ok(glb::Chunks { json: bytes, binary: None, trailing: 0 })
 }

@@ -16,8 +16,8 @@ use crate::maps::{FLAT, is_flat};
 use crate::{Binding, Fault, Part, ReadJoint, VertexSet, Warning};
 
 /// All that is needed to place vertices.
-pub(super) struct Scene<'a> {
-    pub(super) accessors: &'a Accessors<'a>,
+pub(super) struct Scene<'a, 'd> {
+    pub(super) accessors: &'a Accessors<'d>,
     pub(super) nodes: &'a Nodes,
     pub(super) skins: &'a Skins,
     pub(super) binds: &'a Binds,
@@ -33,7 +33,7 @@ enum Hold {
     None,
 }
 
-impl Scene<'_> {
+impl Scene<'_, '_> {
     /// Places what hangs on the skeleton, or everything where there is none.
     pub(super) fn place(
         &self,
@@ -114,6 +114,16 @@ impl Scene<'_> {
             stored: source.positions.len(),
             binding: Binding::Skinned,
         })
+    }
+
+    /// From the space of a set's mesh to the scene, where it hangs on the skeleton or is free. The joints of
+    /// a skin may have maps that differ a little: then that of the first.
+    pub(super) fn map(&self, source: &SourceSet) -> Option<DAffine3> {
+        match (source.skin, self.hold(source.place.node)) {
+            (Some(skin), _) => self.binds.maps(skin).first().copied(),
+            (None, Hold::Joint(_, map) | Hold::Free(map)) => Some(map),
+            (None, Hold::None) => None,
+        }
     }
 
     fn unskinned(

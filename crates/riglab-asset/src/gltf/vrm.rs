@@ -35,7 +35,7 @@ struct Scene<'a> {
 }
 
 /// The body of a VRM file, by joints of the reading; empty for other files.
-pub(super) fn read(document: &Document, file: &placing::Scene<'_>, warnings: &mut Vec<Warning>) -> Body {
+pub(super) fn read(document: &Document, file: &placing::Scene<'_, '_>, warnings: &mut Vec<Warning>) -> Body {
     let &placing::Scene { nodes, skins, binds, .. } = file;
     let [one, springs, zero] = ["VRMC_vrm", "VRMC_springBone", "VRM"].map(|name| &document.extensions[name]);
     if [one, springs, zero].iter().all(|e| e.is_null()) {

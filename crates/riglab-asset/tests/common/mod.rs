@@ -3,6 +3,7 @@
 
 use std::path::{Path, PathBuf};
 
+use riglab_core::{Joint, Rig, Skeleton};
 use serde_json::{Value, json};
 
 /// The folder that the environment variable names, else `../shared/DEFAULT` beside the workspace;
@@ -24,6 +25,17 @@ pub fn files(folder: &Path, endings: &[&str]) -> Vec<PathBuf> {
         entries.filter(|p| p.extension().is_some_and(|e| endings.iter().any(|w| e == *w))).collect();
     files.sort();
     files
+}
+
+/// The rig with other joint names: another skeleton.
+pub fn renamed(rig: &Rig) -> Rig {
+    let skeleton = rig.skeleton();
+    let joints = skeleton.ids().map(|joint| Joint {
+        name: format!("new {}", skeleton.name(joint)),
+        parent: skeleton.parent(joint),
+        head: skeleton.head(joint),
+    });
+    Rig::new(Skeleton::new(joints.collect()).unwrap(), rig.mesh().clone(), rig.weights().clone()).unwrap()
 }
 
 /// A tetrahedron on two joints, `hips` at (0, 1, 0) and `tip` at (0, 2, 0).

@@ -1,0 +1,295 @@
+//! Files out: a rig put into the document its mesh came from, a rig alone, a document without its rig.
+//!
+//! [`onto`] writes the source again with another rig: materials, pictures, morph targets, names, extras,
+//! extensions and the nodes stay. A skeleton that is the source's own keeps its nodes and skins, and only
+//! weights that differ are written. Any other skeleton comes as a new armature beside the meshes, whose
+//! joints take the place of the old ones: nodes that were for the old joints alone go, and so does motion
+//! of them. [`strip`] takes the rig out and leaves the meshes where the rest pose shows them.
+//!
+//! Holds: what is written reads back with the same joints, heads and triangles, positions equal bit for
+//! bit, weights within 1e-6 unless they were cut; the same input gives the same bytes; pictures are copied
+//! byte for byte. With [`JointFrames::AlongBone`] heads and positions are equal within rounding of f32.
+//!
+//! Two things look different: geometry that was compressed (Draco, meshopt) is written plain, and the file
+//! is one GLB, with everything in it that lay beside it. A mesh that was mirrored by its node, when a skin
+//! binds it or its node goes, gets its triangles turned round so that they face as before.
+
+use std::fmt;
+use std::fs::File;
+use std::io::{self, Write};
+use std::path::Path;
+
+use riglab_core::{Provenance, Rig};
+use thiserror::Error;
+
+use crate::{Fault, Format, ImportOptions, Imported, gltf, import_from};
+
+/// How to write.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct ExportOptions {
+    /// How many influences a vertex may have.
+    pub influences: Influences,
+    /// How joints of a new skeleton are turned at rest.
+    pub frames: JointFrames,
+}
+
+/// How many influences a vertex may have. The largest stay, and their sum is made 1 again.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Influences {
+    /// Four: what every engine reads.
+    #[default]
+    Four,
+    /// Eight: two sets, JOINTS_1 and WEIGHTS_1 where they are needed.
+    Eight,
+    /// As many as the rig has.
+    All,
+}
+
+/// How joints of a new skeleton are turned at rest. Where they are is the same.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum JointFrames {
+    /// All axes as those of the scene: no turns, and every number exact.
+    #[default]
+    Parallel,
+    /// y from the joint to its child with the most joints below, as Blender's bones; without children as
+    /// the parent. The turn from the scene's y is the shortest.
+    AlongBone,
+}
+
+/// A file that was written, and what to know about it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Exported {
+    /// A GLB.
+    pub bytes: Vec<u8>,
+    /// What is not as it was.
+    pub notes: Vec<ExportNote>,
+}
+
+/// Something about a written file that a person may want to know. Its text is a sentence without a full
+/// stop.
+#[derive(Clone, Debug, PartialEq)]
+pub enum ExportNote {
+    /// Vertices lost influences.
+    InfluencesCut {
+        /// How many.
+        vertices: usize,
+        /// As many influences as they may have.
+        most: usize,
+        /// The largest share that one lost.
+        lost: f32,
+    },
+    /// A picture is not in the file: it could not be read, or nothing says what it is.
+    PictureLeft {
+        /// Its number.
+        image: usize,
+        /// What the source says, cut to a readable length.
+        uri: String,
+    },
+    /// Animations of the old rig do not apply any more.
+    MotionDropped {
+        /// Channels dropped.
+        channels: usize,
+    },
+    /// Mirrored meshes without skin had their triangles turned round.
+    TrianglesTurned {
+        /// How many.
+        surfaces: usize,
+    },
+}
+
+impl fmt::Display for ExportNote {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::InfluencesCut { vertices, most, lost } => write!(
+                f,
+                "{vertices} vertices have more than {most} influences; the smallest were left out, \
+                 at most a share of {lost:.4}"
+            ),
+            Self::PictureLeft { image, uri } => {
+                write!(f, "image {image} is not in the file: `{uri}` cannot be read or is no known kind of picture")
+            }
+            Self::MotionDropped { channels } => {
+                write!(f, "{channels} animation channels that moved the old rig were dropped")
+            }
+            Self::TrianglesTurned { surfaces } => {
+                write!(f, "the triangles of {surfaces} mirrored meshes were turned round, so that they face as before")
+            }
+        }
+    }
+}
+
+/// A file that cannot be written again, and why.
+#[derive(Clone, Debug, Error, PartialEq)]
+#[error("{file}: {fault}")]
+pub struct ExportError {
+    /// Path of the source, as given.
+    pub file: String,
+    /// What is wrong.
+    pub fault: ExportFault,
+}
+
+/// One way in which an export can fail.
+#[derive(Clone, Debug, Error, PartialEq)]
+pub enum ExportFault {
+    /// The source itself.
+    #[error(transparent)]
+    Source(#[from] Fault),
+    /// The rig is of another mesh.
+    #[error(
+        "the rig has another mesh than the file: {found} vertices and {wanted} in the file, or other places; \
+         export it alone, or import the file again"
+    )]
+    OtherMesh {
+        /// In the rig.
+        found: usize,
+        /// In the file.
+        wanted: usize,
+    },
+    /// The bytes changed since they were imported.
+    #[error("the file is not the one that was imported; import it again")]
+    OtherSource,
+    /// Not glTF.
+    #[error("only glTF, GLB and VRM files can be stripped; convert the file to GLB first")]
+    NotADocument,
+    /// A GLB counts its bytes with 32 bits.
+    #[error("the GLB would have {0} bytes, more than the format can say (4 GiB); leave out pictures or meshes")]
+    TooLong(usize),
+}
+
+/// Writes the file at `path` again with `rig`, which has the mesh that `imported`, read from it, has: the
+/// same vertices in the same order.
+///
+/// A source without a document (OBJ and the like) gives what [`alone`] gives.
+///
+/// ```no_run
+/// use riglab_asset::export::{self, ExportOptions};
+///
+/// let imported = riglab_asset::import("fox.glb", &Default::default())?;
+/// let rig = imported.rig().unwrap().clone(); // or one predicted on `imported.mesh()`
+/// let exported = export::onto("fox.glb", &imported, &rig, &ExportOptions::default())?;
+/// export::write("rigged.glb", &exported.bytes)?;
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+///
+/// # Errors
+/// What is wrong with the file, or that rig, file and import do not belong together.
+pub fn onto(
+    path: impl AsRef<Path>,
+    imported: &Imported,
+    rig: &Rig,
+    options: &ExportOptions,
+) -> Result<Exported, ExportError> {
+    let path = path.as_ref();
+    let bytes = read(path)?;
+    onto_bytes(path, &bytes, Some(folder(path)), imported, rig, options)
+}
+
+/// As [`onto`], with the bytes of the file; `folder` is where what belongs to it is looked for, if at all.
+///
+/// # Errors
+/// As [`onto`].
+pub fn onto_bytes(
+    path: impl AsRef<Path>,
+    bytes: &[u8],
+    folder: Option<&Path>,
+    imported: &Imported,
+    rig: &Rig,
+    options: &ExportOptions,
+) -> Result<Exported, ExportError> {
+    let path = path.as_ref();
+    let fail = |fault| ExportError { file: path.to_string_lossy().into_owned(), fault };
+    if rig.mesh() != imported.mesh() {
+        let (found, wanted) = (rig.mesh().positions().len(), imported.mesh().positions().len());
+        return Err(fail(ExportFault::OtherMesh { found, wanted }));
+    }
+    if blake3::hash(bytes).to_hex().to_string() != imported.provenance.checksum {
+        return Err(fail(ExportFault::OtherSource));
+    }
+    match Format::of(path, bytes).map_err(|f| fail(f.into()))? {
+        Format::Gltf => gltf::export::onto(bytes, folder, imported, rig, options).map_err(fail),
+        _ => gltf::export::alone(&imported.name, rig, &imported.provenance, options).map_err(fail),
+    }
+}
+
+/// A rig as a GLB of its own: one mesh with normals and a plain material, one skin, a node a joint.
+///
+/// # Errors
+/// [`ExportFault::TooLong`].
+pub fn alone(name: &str, rig: &Rig, provenance: &Provenance, options: &ExportOptions) -> Result<Exported, ExportError> {
+    gltf::export::alone(name, rig, provenance, options).map_err(|fault| ExportError { file: name.into(), fault })
+}
+
+/// The file at `path` without its rig: no skins, no weights, no nodes that were for joints alone, no motion
+/// of them, no humanoid or springs of VRM. Meshes stand where the rest pose shows them, as the importer reads
+/// it. A file without a rig comes back as it is, but for being one GLB.
+///
+/// # Errors
+/// What is wrong with the file; [`ExportFault::NotADocument`] for other formats than glTF.
+pub fn strip(path: impl AsRef<Path>, options: &ImportOptions) -> Result<Exported, ExportError> {
+    let path = path.as_ref();
+    strip_bytes(path, &read(path)?, Some(folder(path)), options)
+}
+
+/// As [`strip`], with the bytes of the file; `folder` is where what belongs to it is looked for, if at all.
+///
+/// # Errors
+/// As [`strip`].
+pub fn strip_bytes(
+    path: impl AsRef<Path>,
+    bytes: &[u8],
+    folder: Option<&Path>,
+    options: &ImportOptions,
+) -> Result<Exported, ExportError> {
+    let path = path.as_ref();
+    let fail = |fault| ExportError { file: path.to_string_lossy().into_owned(), fault };
+    if Format::of(path, bytes).map_err(|f| fail(f.into()))? != Format::Gltf {
+        return Err(fail(ExportFault::NotADocument));
+    }
+    // All characters go, and nothing is looked at that does not stand somewhere.
+    let options = ImportOptions { character: None, clips: None, ..options.clone() };
+    let imported = import_from(path, bytes, folder, &options).map_err(|e| fail(e.fault.into()))?;
+    gltf::export::strip(bytes, folder, &imported.reading).map_err(fail)
+}
+
+/// Writes a file whole or not at all: under a temporary name in the same folder, synced, then renamed. A kill
+/// at any moment leaves what was there.
+///
+/// # Errors
+/// What the system says; nothing stays behind then.
+pub fn write(path: impl AsRef<Path>, bytes: &[u8]) -> io::Result<()> {
+    let path = path.as_ref();
+    let name = path.file_name().ok_or_else(|| io::Error::other("not the name of a file"))?;
+    let mut hidden = std::ffi::OsString::from(".");
+    hidden.push(name);
+    hidden.push(format!(".{}.part", std::process::id()));
+    let part = path.with_file_name(hidden);
+    let written = (|| {
+        let mut file = File::create(&part)?;
+        file.write_all(bytes)?;
+        file.sync_all()?;
+        std::fs::rename(&part, path)
+    })();
+    if written.is_err() {
+        let _ = std::fs::remove_file(&part);
+    }
+    written
+}
+
+/// Whether two paths lead to one file, by whatever names or links. False where one of them is not there.
+pub fn same_file(a: impl AsRef<Path>, b: impl AsRef<Path>) -> bool {
+    let real = |path: &Path| path.canonicalize().ok();
+    match (real(a.as_ref()), real(b.as_ref())) {
+        (Some(a), Some(b)) => a == b,
+        _ => false,
+    }
+}
+
+fn read(path: &Path) -> Result<Vec<u8>, ExportError> {
+    let fault = |e: io::Error| ExportFault::Source(Fault::Unreadable(e.to_string()));
+    std::fs::read(path).map_err(|e| ExportError { file: path.to_string_lossy().into_owned(), fault: fault(e) })
+}
+
+/// The folder of a bare file name is "", which does not canonicalise.
+pub(crate) fn folder(path: &Path) -> &Path {
+    path.parent().filter(|f| !f.as_os_str().is_empty()).unwrap_or(Path::new("."))
+}

@@ -1,0 +1,83 @@
+//! Animations, when nodes lose their motion.
+
+use serde_json::{Value, json};
+
+use super::draft::{Draft, index, remove};
+use super::references::{items, node_in_pointer};
+
+/// Drops the channels that move a node `moved` says yes to, then animations without channels and samplers
+/// without use; gives how many channels went. Morph weights follow their mesh to the node `mesh_at` says.
+pub(super) fn drop_motion(
+    draft: &mut Draft,
+    moved: impl Fn(usize) -> bool,
+    mesh_at: impl Fn(usize) -> Option<usize>,
+) -> usize {
+    let mut dropped = 0;
+    for animation in draft.list_mut("animations") {
+        let Some(channels) = animation.get_mut("channels").and_then(Value::as_array_mut) else { continue };
+        channels.retain_mut(|channel| {
+            let (mut stays, mut weights) = (true, channel["target"]["path"] == "weights");
+            let pointer = channel.pointer_mut("/target/extensions/KHR_animation_pointer/pointer");
+            weights |= pointer.as_ref().is_some_and(|p| p.as_str().is_some_and(|p| p.contains("/weights")));
+            let mut follow = |node: &mut Value| {
+                let Some(number) = index(node) else { return };
+                match weights {
+                    true => *node = json!(mesh_at(number).unwrap_or(number)),
+                    false => stays = !moved(number),
+                }
+            };
+            node_in_pointer(pointer, &mut follow);
+            channel.pointer_mut("/target/node").map(follow);
+            dropped += usize::from(!stays);
+            stays
+        });
+        drop_samplers(animation);
+    }
+    if dropped > 0 {
+        let Some(animations) = draft.json.get_mut("animations").and_then(Value::as_array_mut) else { return dropped };
+        animations.retain(|a| a["channels"].as_array().is_none_or(|channels| !channels.is_empty()));
+        if animations.is_empty() {
+            remove(&mut draft.json, "animations");
+        }
+    }
+    dropped
+}
+
+/// Drops the samplers that no channel uses.
+fn drop_samplers(animation: &mut Value) {
+    let mut used: Vec<usize> = items(animation.get_mut("channels")).filter_map(|c| index(&c["sampler"])).collect();
+    used.sort_unstable();
+    used.dedup();
+    let Some(samplers) = animation.get_mut("samplers").and_then(Value::as_array_mut) else { return };
+    if used.len() == samplers.len() || used.last().is_some_and(|last| *last >= samplers.len()) {
+        return;
+    }
+    let kept: Vec<Value> = used.iter().map(|&n| samplers[n].take()).collect();
+    *samplers = kept;
+    for channel in items(animation.get_mut("channels")) {
+        if let Some(new) = index(&channel["sampler"]).and_then(|n| used.binary_search(&n).ok()) {
+            channel["sampler"] = json!(new);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn motion_of_a_joint_goes_and_morphs_follow_their_mesh() {
+        let channel = |sampler: usize, node: usize, path: &str| json!({"sampler": sampler, "target": {"node": node, "path": path}});
+        let mut draft = Draft::new(json!({"animations": [
+            {"channels": [channel(0, 1, "rotation"), channel(1, 2, "weights"), channel(2, 3, "translation")], "samplers": ["a", "b", "c"]},
+            {"channels": [channel(0, 1, "scale")], "samplers": ["d"]},
+        ]}));
+        assert_eq!(drop_motion(&mut draft, |n| n < 3, |n| (n == 2).then_some(9)), 2);
+        assert_eq!(
+            draft.json["animations"],
+            json!([
+                {"channels": [channel(0, 9, "weights"), channel(1, 3, "translation")], "samplers": ["b", "c"]},
+            ])
+        );
+    }
+}

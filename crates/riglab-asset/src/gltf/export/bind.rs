@@ -1,0 +1,252 @@
+//! A rig put into a document.
+
+use std::collections::{BTreeMap, HashMap};
+
+use glam::DAffine3;
+use riglab_core::Rig;
+use serde_json::{Value, json};
+
+use super::super::accessor::Accessors;
+use super::bake::Baker;
+use super::draft::{ARRAY, Draft, MAT4, index};
+use super::frames;
+use super::meshes::Meshes;
+use super::place::{self, Moved};
+use super::remove::{self, Successors};
+use super::rows::Rows;
+use super::scene::{Same, Scene, Surface, Weights};
+use crate::nearest::nearest_others;
+use crate::{ExportNote, ExportOptions, Fault, Influences, Reading};
+
+/// How far a vertex may move for the sake of animations, as a share of the rig's diagonal.
+const SMALL: f64 = 1e-6;
+
+/// What is written, and to what.
+pub(super) struct Binder<'a, 'd> {
+    pub(super) draft: &'a mut Draft,
+    pub(super) accessors: &'a Accessors<'d>,
+    pub(super) scene: &'a Scene,
+    pub(super) options: &'a ExportOptions,
+    pub(super) notes: &'a mut Vec<ExportNote>,
+}
+
+/// Surfaces by the node that holds them.
+pub(super) fn by_node<'s>(surfaces: impl Iterator<Item = &'s Surface>) -> BTreeMap<usize, Vec<&'s Surface>> {
+    let mut nodes: BTreeMap<usize, Vec<&Surface>> = BTreeMap::new();
+    for surface in surfaces {
+        nodes.entry(surface.node).or_default().push(surface);
+    }
+    nodes
+}
+
+impl Binder<'_, '_> {
+    /// Writes the weights of the rig on the joints that are there already, with their skins; what fits is left
+    /// as it is. False, and nothing done, where they cannot all be told so, or where vertices would move and
+    /// no animation is lost by a skeleton that keeps them in place.
+    pub(super) fn keep_skeleton(&mut self, same: &Same<'_>, reading: &Reading) -> Result<bool, Fault> {
+        let weights = same.rig.weights();
+        let most = self.options.influences.most();
+        let changed: Vec<&Surface> = self
+            .scene
+            .surfaces
+            .iter()
+            .filter(|s| s.weights != Weights::Fit || s.vertices.clone().any(|v| weights.row(v).len() > most))
+            .collect();
+        let mut most_shift: f64 = 0.0;
+        for surface in &changed {
+            match surface.weights {
+                Weights::Fit if surface.skin.is_some() => {}
+                Weights::Change { shift } => most_shift = most_shift.max(shift),
+                _ => return Ok(false),
+            }
+        }
+        let unseen = SMALL * f64::from(same.rig.bounds().diagonal());
+        let animated = !self.draft.list("animations").is_empty();
+        if most_shift > 0.0 && !(animated && most_shift <= unseen) {
+            return Ok(false);
+        }
+        // The slot of each of the rig's joints, by skin.
+        let mut slots: HashMap<usize, HashMap<u16, u16>> = HashMap::new();
+        for (skin, joints) in self.scene.skins.iter().enumerate() {
+            let slot_of: HashMap<usize, u16> = joints.iter().copied().zip(0..).collect();
+            let by_joint = reading.joints.iter().zip(&same.joint_of);
+            slots.insert(skin, by_joint.filter_map(|(j, &new)| Some((new, *slot_of.get(&j.node)?))).collect());
+        }
+        let mut meshes = Meshes::new(self.draft);
+        let (mut cut, mut lost) = (0, 0.0f32);
+        for (node, surfaces) in by_node(changed.into_iter()) {
+            let Some(mesh) = meshes.own(self.draft, node) else { continue };
+            for surface in surfaces {
+                let skin = surface.skin.unwrap_or(0);
+                let rows = self.rows(surface, same.rig, |joint| slots[&skin][&joint]);
+                let attributes = rows.write(self.draft, self.scene.skins[skin].len());
+                for &primitive in &surface.primitives {
+                    place::set_influences(self.draft, (mesh, primitive), &attributes);
+                }
+                (cut, lost) = (cut + rows.cut, lost.max(rows.lost));
+            }
+        }
+        self.tell_cut(cut, lost);
+        Ok(true)
+    }
+
+    /// Puts a skeleton of its own beside the meshes, and binds all of them to it. Old skins and joints go.
+    pub(super) fn new_skeleton(&mut self, rig: &Rig, reading: &Reading) -> Result<(), Fault> {
+        let (draft, scene) = (&mut *self.draft, self.scene);
+        let skeleton = rig.skeleton();
+        let turned = frames::of(skeleton, self.options.frames);
+        let root = frames::add_joints(draft, skeleton, &turned);
+        let armature = draft.push("nodes", json!({"name": "Armature", "children": [root]}));
+        let holders: Vec<usize> = scene.surfaces.iter().map(|s| s.node).collect();
+        place::add_to_scenes(draft, &scene.nodes, &holders, armature);
+        let binds = draft.accessor(&frames::inverse_binds(&turned), MAT4, None);
+        let joints: Vec<usize> = (root..root + skeleton.len()).collect();
+        let skin = draft.push("skins", json!({"joints": joints, "inverseBindMatrices": binds}));
+
+        let mut meshes = Meshes::new(self.draft);
+        let mut moved = Moved::new();
+        let (mut cut, mut lost, mut turned) = (0, 0.0f32, 0);
+        for (node, surfaces) in by_node(scene.surfaces.iter()) {
+            let Some(mesh) = meshes.own(self.draft, node) else { continue };
+            for surface in &surfaces {
+                let placed = &rig.mesh().positions()[surface.vertices.clone()];
+                if !place::stands(surface, placed, |p| p) {
+                    let mut baker = Baker::new(self.accessors, surface.map);
+                    let turn = place::bake(self.draft, self.accessors, &mut baker, mesh, surface, placed)?;
+                    turned += usize::from(turn);
+                }
+                let rows = self.rows(surface, rig, |joint| joint);
+                let attributes = rows.write(self.draft, skeleton.len());
+                for &primitive in &surface.primitives {
+                    place::set_influences(self.draft, (mesh, primitive), &attributes);
+                }
+                (cut, lost) = (cut + rows.cut, lost.max(rows.lost));
+            }
+            self.others(rig, mesh, &surfaces)?;
+            self.draft.list_mut("nodes")[node]["skin"] = json!(skin);
+            if scene.below_joint(node) {
+                place::to_top(self.draft, &scene.nodes, node, &mut moved);
+            }
+        }
+        self.tell_cut(cut, lost);
+        if turned > 0 {
+            self.notes.push(ExportNote::TrianglesTurned { surfaces: turned });
+        }
+        let names: HashMap<&str, usize> = skeleton.names().iter().map(String::as_str).zip(root..).collect();
+        let new = reading.joints.iter().filter_map(|j| Some((j.node, *names.get(j.name.as_str())?)));
+        let successors = Successors { joints: new.collect(), meshes: moved };
+        remove::old_rig(self.draft, scene, &successors, self.notes);
+        Ok(())
+    }
+
+    /// The rows of all stored vertices of a surface. Those no triangle uses hang on the first joint.
+    fn rows(&self, surface: &Surface, rig: &Rig, slot: impl Fn(u16) -> u16) -> Rows {
+        let mut rows = Rows::new(self.options.influences);
+        let mut used = surface.numbers.iter().zip(surface.vertices.clone()).peekable();
+        for stored in 0..surface.stored.len() as u32 {
+            rows.push(match used.next_if(|(number, _)| **number == stored) {
+                Some((_, v)) => rig.weights().row(v).map(|(joint, weight)| (slot(joint.0), weight)).collect(),
+                None => vec![(0, 1.0)],
+            });
+        }
+        rows
+    }
+
+    /// Lines, points and empty primitives of a mesh that is bound now: each of their vertices goes with the
+    /// nearest of the mesh.
+    fn others(&mut self, rig: &Rig, mesh: usize, surfaces: &[&Surface]) -> Result<(), Fault> {
+        let primitives = self.draft.list("meshes")[mesh]["primitives"].as_array().map_or(0, Vec::len);
+        let first = surfaces[0];
+        let as_stored = place::stands(first, &rig.mesh().positions()[first.vertices.clone()], |p| p);
+        let map = if as_stored { DAffine3::IDENTITY } else { first.map };
+        let mut baker = Baker::new(self.accessors, map);
+        for primitive in (0..primitives).filter(|p| !surfaces.iter().any(|s| s.primitives.contains(p))) {
+            let position = &self.draft.list("meshes")[mesh]["primitives"][primitive]["attributes"]["POSITION"];
+            let Some(position) = index(position) else { continue };
+            self.accessors.check(position, || format!("mesh {mesh}, primitive {primitive}"))?;
+            let own: Vec<[f32; 3]> = self
+                .accessors
+                .positions(position)?
+                .iter()
+                .map(|p| map.transform_point3(glam::Vec3::from(*p).as_dvec3()).as_vec3().to_array())
+                .collect();
+            if !as_stored {
+                baker.primitive(self.draft, (mesh, primitive), None)?;
+            }
+            let vertices: Vec<usize> = surfaces.iter().flat_map(|s| s.vertices.clone()).collect();
+            let mut all: Vec<[f32; 3]> = vertices.iter().map(|&v| rig.mesh().positions()[v]).collect();
+            let start = all.len() as u32;
+            all.extend(own);
+            let lacking: Vec<u32> = (start..all.len() as u32).collect();
+            let mut rows = Rows::new(self.options.influences);
+            for nearest in nearest_others(&all, &lacking) {
+                let row = nearest.map(|n| rig.weights().row(vertices[n as usize]).map(|(j, w)| (j.0, w)).collect());
+                rows.push(row.unwrap_or_else(|| vec![(0, 1.0)]));
+            }
+            let attributes = rows.write(self.draft, rig.skeleton().len());
+            place::set_influences(self.draft, (mesh, primitive), &attributes);
+        }
+        Ok(())
+    }
+
+    fn tell_cut(&mut self, vertices: usize, lost: f32) {
+        if vertices > 0 {
+            let most = self.options.influences.most();
+            self.notes.push(ExportNote::InfluencesCut { vertices, most, lost });
+        }
+    }
+}
+
+/// A document of a rig alone: one mesh with normals and a plain material, one skin.
+pub(super) fn alone(
+    rig: &Rig,
+    name: &str,
+    header: Value,
+    options: &ExportOptions,
+    notes: &mut Vec<ExportNote>,
+) -> Draft {
+    let mut draft = Draft::new(json!({"asset": header, "scene": 0}));
+    let (mesh, skeleton) = (rig.mesh(), rig.skeleton());
+    let positions = draft.vectors(mesh.positions(), true, Some(ARRAY));
+    let normals = draft.vectors(&mesh.vertex_normals(), false, Some(ARRAY));
+    let mut attributes = json!({"POSITION": positions, "NORMAL": normals});
+    let rows = Rows::of(rig.weights(), options.influences);
+    for (name, accessor) in rows.write(&mut draft, skeleton.len()) {
+        attributes[name] = accessor;
+    }
+    if rows.cut > 0 {
+        let most = options.influences.most();
+        notes.push(ExportNote::InfluencesCut { vertices: rows.cut, most, lost: rows.lost });
+    }
+    // What collapsed triangles alone used is told by such a triangle, so that no vertex changes its number.
+    let mut lone = vec![true; mesh.positions().len()];
+    mesh.triangles().iter().flatten().for_each(|v| lone[*v as usize] = false);
+    let lone = (0u32..).zip(&lone).filter(|(_, lone)| **lone).map(|(v, _)| [v; 3]);
+    let corners = mesh.triangles().iter().copied().chain(lone).flatten();
+    let corners: Vec<u8> = corners.flat_map(u32::to_le_bytes).collect();
+    let layout = super::draft::Layout { component: super::draft::U32, shape: "SCALAR", size: 4 };
+    let indices = draft.accessor(&corners, layout, Some(super::draft::ELEMENTS));
+    let turned = frames::of(skeleton, options.frames);
+    let binds = draft.accessor(&frames::inverse_binds(&turned), MAT4, None);
+    let root = frames::add_joints(&mut draft, skeleton, &turned);
+    let body = draft.push("nodes", json!({"name": name, "mesh": 0, "skin": 0}));
+    draft.json["scenes"] = json!([{"nodes": [root, body]}]);
+    let joints: Vec<usize> = (root..root + skeleton.len()).collect();
+    draft.json["skins"] = json!([{"joints": joints, "inverseBindMatrices": binds, "skeleton": root}]);
+    let primitive = json!({"attributes": attributes, "indices": indices, "material": 0});
+    draft.json["meshes"] = json!([{"name": name, "primitives": [primitive]}]);
+    let look = json!({"baseColorFactor": [0.8, 0.8, 0.8, 1.0], "metallicFactor": 0.0, "roughnessFactor": 0.8});
+    draft.json["materials"] = json!([{"name": "default", "pbrMetallicRoughness": look}]);
+    draft
+}
+
+impl Influences {
+    /// How many a vertex may have.
+    pub fn most(self) -> usize {
+        match self {
+            Self::Four => 4,
+            Self::Eight => 8,
+            Self::All => usize::MAX,
+        }
+    }
+}

@@ -1,0 +1,120 @@
+//! Documents with another rig, or without one.
+//!
+//! A file is packed into one run of bytes ([`packed`]), looked at as the importer does ([`scene`]), and
+//! altered as JSON ([`draft`]): a rig is put in ([`bind`]) or taken out ([`strip`], [`remove`]), geometry
+//! moved into the scene only where the nodes would not leave it in its place ([`bake`], [`place`]). At
+//! the end goes what nothing names any more ([`finish`]). All else stays as it was read.
+
+mod animations;
+mod bake;
+mod bind;
+mod draft;
+mod finish;
+mod frames;
+mod meshes;
+mod packed;
+mod place;
+mod references;
+mod remove;
+mod rows;
+mod scene;
+mod strip;
+mod vrm;
+
+use std::collections::HashSet;
+use std::path::Path;
+
+use riglab_core::{Provenance, Rig};
+use serde::Deserialize;
+use serde_json::json;
+
+use super::accessor::Accessors;
+use super::buffers::Buffers;
+use super::document::Document;
+use crate::budget::Budget;
+use crate::{ExportFault, ExportNote, ExportOptions, Exported, Imported, Reading};
+use bind::Binder;
+use draft::Draft;
+use scene::{Same, Scene};
+
+/// See [`crate::export_onto`].
+pub(crate) fn onto(
+    bytes: &[u8],
+    folder: Option<&Path>,
+    imported: &Imported,
+    rig: &Rig,
+    options: &ExportOptions,
+) -> Result<Exported, ExportFault> {
+    edit(bytes, folder, |draft, source, notes| {
+        let reading = &imported.reading;
+        let before = imported.rig().filter(|before| before.skeleton() == rig.skeleton());
+        let same = before.and_then(|_| Same::new(rig, reading));
+        let scene = Scene::new(&source, reading, same.as_ref())?.ok_or(ExportFault::OtherSource)?;
+        let mut binder = Binder { draft, accessors: source.accessors, scene: &scene, options, notes };
+        let kept = match &same {
+            Some(same) => binder.keep_skeleton(same, reading)?,
+            None => false,
+        };
+        if !kept {
+            binder.new_skeleton(rig, reading)?;
+        }
+        Ok(())
+    })
+}
+
+/// See [`crate::strip`].
+pub(crate) fn strip(bytes: &[u8], folder: Option<&Path>, reading: &Reading) -> Result<Exported, ExportFault> {
+    edit(bytes, folder, |draft, source, notes| {
+        let scene = Scene::new(&source, reading, None)?.ok_or(ExportFault::OtherSource)?;
+        strip::strip(draft, source.accessors, &scene, reading, notes)?;
+        Ok(())
+    })
+}
+
+/// A packed file as the importer reads it.
+struct Source<'a, 'd> {
+    document: &'a Document,
+    accessors: &'a Accessors<'d>,
+    /// Accessors of weights that compression rounded, so that their sums are not 1 by more than f32 makes them.
+    rounded: &'a HashSet<usize>,
+}
+
+/// Packs a file, has it altered, and tidies up.
+fn edit(
+    bytes: &[u8],
+    folder: Option<&Path>,
+    alter: impl FnOnce(&mut Draft, Source<'_, '_>, &mut Vec<ExportNote>) -> Result<(), ExportFault>,
+) -> Result<Exported, ExportFault> {
+    let mut notes = Vec::new();
+    let (mut draft, rounded) = packed::open(bytes, folder, &mut notes)?;
+    let base = draft.freeze();
+    draft.json["buffers"][0]["byteLength"] = json!(base.len());
+    let document = Document::deserialize(&draft.json)
+        .map_err(|e| crate::Fault::Json { path: String::new(), reason: e.to_string() })?;
+    let accessors = Accessors::new(&document, Buffers::new(&document, Some(&base), None, Budget::new(base.len())));
+    alter(&mut draft, Source { document: &document, accessors: &accessors, rounded: &rounded }, &mut notes)?;
+    let draft = finish::finish(draft, &base)?;
+    let bytes = draft.into_glb().map_err(ExportFault::TooLong)?;
+    Ok(Exported { bytes, notes })
+}
+
+/// See [`crate::export_alone`].
+pub(crate) fn alone(
+    name: &str,
+    rig: &Rig,
+    from: &Provenance,
+    options: &ExportOptions,
+) -> Result<Exported, ExportFault> {
+    let mut notes = Vec::new();
+    let mut header = json!({"version": "2.0", "generator": concat!("riglab ", env!("CARGO_PKG_VERSION"))});
+    if !from.author.is_empty() {
+        header["copyright"] = json!(from.author);
+    }
+    // Where model portals write it, too.
+    if !from.licence.is_empty() {
+        header["extras"] = json!({"license": from.licence, "author": from.author});
+    }
+    let draft = bind::alone(rig, name, header, options, &mut notes);
+    let bytes = draft.into_glb().map_err(ExportFault::TooLong)?;
+    Ok(Exported { bytes, notes })
+}

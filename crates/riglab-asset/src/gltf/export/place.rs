@@ -1,0 +1,149 @@
+//! Meshes where the rest pose shows them: geometry in the scene, on nodes at its top.
+
+use std::collections::HashMap;
+
+use serde_json::{Value, json};
+
+use super::super::accessor::Accessors;
+use super::super::nodes::Nodes;
+use super::bake::Baker;
+use super::draft::{Draft, ELEMENTS, Layout, U16, U32, index, remove};
+use super::scene::Surface;
+use crate::{Fault, triangles};
+
+/// Whether the positions of a surface, as stored, are those of the rig bit for bit.
+pub(super) fn stands(surface: &Surface, placed: &[[f32; 3]], through: impl Fn([f32; 3]) -> [f32; 3]) -> bool {
+    let same =
+        |(&v, at): (&u32, &[f32; 3])| through(surface.stored[v as usize]).map(f32::to_bits) == at.map(f32::to_bits);
+    surface.numbers.iter().zip(placed).all(same)
+}
+
+/// Moves a surface to where the rig has it.
+///
+/// Vertices of the rig take its positions; those that no triangle uses go by the map. Mirrored meshes that
+/// no skin bound have their triangles turned, as their node did when they were drawn; true for those.
+pub(super) fn bake(
+    draft: &mut Draft,
+    accessors: &Accessors<'_>,
+    baker: &mut Baker<'_, '_>,
+    mesh: usize,
+    surface: &Surface,
+    placed: &[[f32; 3]],
+) -> Result<bool, Fault> {
+    let moved = |p: &[f32; 3]| {
+        let at = surface.map.transform_point3(glam::Vec3::from(*p).as_dvec3()).as_vec3();
+        if at.is_finite() { at.to_array() } else { [0.0; 3] }
+    };
+    let mut positions: Vec<[f32; 3]> = surface.stored.iter().map(moved).collect();
+    for (&v, at) in surface.numbers.iter().zip(placed) {
+        positions[v as usize] = *at;
+    }
+    let positions = draft.vectors(&positions, true, Some(super::draft::ARRAY));
+    let mirrored = surface.skin.is_none() && surface.map.matrix3.determinant() < 0.0;
+    for &primitive in &surface.primitives {
+        baker.primitive(draft, (mesh, primitive), Some(positions))?;
+        if mirrored {
+            turn(draft, accessors, (mesh, primitive), surface.stored.len())?;
+        }
+    }
+    Ok(mirrored)
+}
+
+/// Makes the triangles of a primitive face the other way.
+fn turn(
+    draft: &mut Draft,
+    accessors: &Accessors<'_>,
+    (mesh, primitive): (usize, usize),
+    vertices: usize,
+) -> Result<(), Fault> {
+    let own = &draft.list("meshes")[mesh]["primitives"][primitive];
+    let mode = own.get("mode").and_then(Value::as_u64).unwrap_or(4);
+    let indices = match own.get("indices").and_then(index) {
+        Some(indices) => accessors.indices(indices)?,
+        None => (0..vertices as u32).collect(),
+    };
+    let corners = triangles::from_indices(&indices, mode as u32).into_iter().flat_map(|[a, b, c]| [a, c, b]);
+    let (bytes, layout): (Vec<u8>, _) = match vertices <= 1 << 16 {
+        true => (
+            corners.flat_map(|v| (v as u16).to_le_bytes()).collect(),
+            Layout { component: U16, shape: "SCALAR", size: 2 },
+        ),
+        false => (corners.flat_map(u32::to_le_bytes).collect(), Layout { component: U32, shape: "SCALAR", size: 4 }),
+    };
+    let indices = draft.accessor(&bytes, layout, Some(ELEMENTS));
+    let own = &mut draft.list_mut("meshes")[mesh]["primitives"][primitive];
+    own["indices"] = json!(indices);
+    own["mode"] = json!(4);
+    Ok(())
+}
+
+/// Nodes whose mesh was put at the top of the scene: the node that holds it now, by the one that did.
+pub(super) type Moved = HashMap<usize, usize>;
+
+/// Puts the mesh of a node at the top of the scene, with nothing moving it. A node that others hang on stays
+/// where it is, without the mesh.
+pub(super) fn to_top(draft: &mut Draft, nodes: &Nodes, node: usize, moved: &mut Moved) {
+    let own = &mut draft.list_mut("nodes")[node];
+    let holds_others = own.get("children").and_then(Value::as_array).is_some_and(|c| !c.is_empty());
+    let at = if holds_others {
+        let mut new = json!({});
+        for key in ["mesh", "skin", "weights"] {
+            if let Some(value) = remove(own, key) {
+                new[key] = value;
+            }
+        }
+        if let Some(name) = own.get("name") {
+            new["name"] = name.clone();
+        }
+        draft.push("nodes", new)
+    } else {
+        for key in ["matrix", "translation", "rotation", "scale"] {
+            remove(own, key);
+        }
+        if nodes.parent(node) == nodes.top() {
+            moved.insert(node, node);
+            return;
+        }
+        let above = &mut draft.list_mut("nodes")[nodes.parent(node)];
+        drop_from(above, "children", |child| child == node);
+        node
+    };
+    moved.insert(node, at);
+    add_to_scenes(draft, nodes, &[node], at);
+}
+
+/// Lists a node in every scene that shows one of `beside`.
+pub(super) fn add_to_scenes(draft: &mut Draft, nodes: &Nodes, beside: &[usize], node: usize) {
+    let roots: Vec<usize> = beside.iter().map(|&n| root(nodes, n)).collect();
+    for scene in draft.list_mut("scenes") {
+        let Some(listed) = scene.get_mut("nodes").and_then(Value::as_array_mut) else { continue };
+        let shown = listed.iter().filter_map(index).any(|n| roots.contains(&n));
+        if shown && !listed.iter().any(|n| index(n) == Some(node)) {
+            listed.push(json!(node));
+        }
+    }
+}
+
+fn root(nodes: &Nodes, mut node: usize) -> usize {
+    while nodes.parent(node) != nodes.top() {
+        node = nodes.parent(node);
+    }
+    node
+}
+
+/// Drops numbers from a list, and the list when it is empty, as the format asks for.
+pub(super) fn drop_from(of: &mut Value, key: &str, mut gone: impl FnMut(usize) -> bool) {
+    let Some(list) = of.get_mut(key).and_then(Value::as_array_mut) else { return };
+    list.retain(|value| !index(value).is_some_and(&mut gone));
+    if list.is_empty() {
+        remove(of, key);
+    }
+}
+
+/// Takes JOINTS_n and WEIGHTS_n away from a primitive, and gives it others.
+pub(super) fn set_influences(draft: &mut Draft, (mesh, primitive): (usize, usize), new: &[(String, Value)]) {
+    let own = &mut draft.list_mut("meshes")[mesh]["primitives"][primitive];
+    let Some(attributes) = own.get_mut("attributes").and_then(Value::as_object_mut) else { return };
+    attributes.retain(|name, _| !name.starts_with("JOINTS_") && !name.starts_with("WEIGHTS_"));
+    attributes.extend(new.iter().cloned());
+}

@@ -1,0 +1,251 @@
+//! What of a document a rig is about: the primitives its vertices come from, and the joints.
+
+use std::collections::{HashMap, HashSet};
+use std::ops::Range;
+use std::rc::Rc;
+
+use glam::{DAffine3, DVec3};
+use riglab_core::{Rig, SkinWeights};
+
+use super::super::accessor::Accessors;
+use super::super::bind::Binds;
+use super::super::influences;
+use super::super::nodes::Nodes;
+use super::super::placing;
+use super::super::primitives::{self, SourceSet};
+use super::super::skins::Skins;
+use super::{Source, rows};
+use crate::assemble::ordered_sets;
+use crate::influences::Repairs;
+use crate::{Fault, Reading, Warning};
+
+/// How far from 1 a sum of rounded weights may be.
+const EXACT: f64 = 1e-7;
+
+/// Vertices of a rig and where they are in the document.
+pub(super) struct Surface {
+    pub(super) node: usize,
+    /// Numbers of the primitives that draw from them.
+    pub(super) primitives: Vec<usize>,
+    pub(super) skin: Option<usize>,
+    /// All positions as stored, used or not.
+    pub(super) stored: Rc<[[f32; 3]]>,
+    /// Which of them the rig has, rising.
+    pub(super) numbers: Vec<u32>,
+    /// Which set of the reading they are.
+    pub(super) set: usize,
+    /// Which vertices of the rig they are.
+    pub(super) vertices: Range<usize>,
+    /// From the mesh to the scene.
+    pub(super) map: DAffine3,
+    /// What weights of a rig on the file's own joints mean for it.
+    pub(super) weights: Weights,
+}
+
+/// What comes of writing a rig's weights on the joints and skin that are there.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum Weights {
+    /// The file has them already.
+    Fit,
+    /// They can be written. Where the maps of joints differ a little, vertices move: at most so far.
+    Change { shift: f64 },
+    /// They cannot: a joint is not of the skin, or there is no skin.
+    Foreign,
+}
+
+/// A document, looked at as the importer does.
+pub(super) struct Scene {
+    pub(super) nodes: Nodes,
+    /// By node.
+    pub(super) is_joint: Vec<bool>,
+    /// The joints of each skin, as nodes, by slot.
+    pub(super) skins: Vec<Vec<usize>>,
+    /// In the order of the rig's vertices.
+    pub(super) surfaces: Vec<Surface>,
+}
+
+/// A rig on the joints of the reading.
+pub(super) struct Same<'a> {
+    pub(super) rig: &'a Rig,
+    /// The rig's joint of each of the reading's.
+    pub(super) joint_of: Vec<u16>,
+    /// The same by node. Joints of characters that were not read are in none.
+    by_node: HashMap<usize, u16>,
+}
+
+impl<'a> Same<'a> {
+    /// Joints have the same names in both.
+    pub(super) fn new(rig: &'a Rig, reading: &Reading) -> Option<Self> {
+        let names: HashMap<&str, u16> = rig.skeleton().names().iter().map(String::as_str).zip(0..).collect();
+        let joint_of = reading.joints.iter().map(|joint| names.get(joint.name.as_str()).copied());
+        let joint_of: Vec<u16> = joint_of.collect::<Option<_>>()?;
+        let by_node = reading.joints.iter().map(|joint| joint.node).zip(joint_of.iter().copied()).collect();
+        Some(Self { rig, joint_of, by_node })
+    }
+}
+
+impl Scene {
+    /// Looks at a document whose reading is known. `None` where the document is not what was read.
+    pub(super) fn new(
+        source: &Source<'_, '_>,
+        reading: &Reading,
+        same: Option<&Same<'_>>,
+    ) -> Result<Option<Self>, Fault> {
+        let Source { document, accessors, rounded } = *source;
+        // What is to be said of the file was said when it was read.
+        let mut warnings = Vec::new();
+        let nodes = Nodes::new(document)?;
+        let skins = Skins::read(document, &nodes, accessors, &mut warnings)?;
+        let sources = primitives::collect(document, accessors, &mut warnings)?;
+        let binds = Binds::new(&nodes, &skins, &sources.skin_boxes(skins.len()), &mut warnings);
+        let scene = placing::Scene { accessors, nodes: &nodes, skins: &skins, binds: &binds };
+
+        let source_of: HashMap<(usize, usize), usize> =
+            sources.parts.iter().map(|part| ((part.node, part.primitive), part.vertex_set)).collect();
+        let mut primitives_of: Vec<Vec<(usize, usize)>> = vec![Vec::new(); reading.vertex_sets.len()];
+        for part in &reading.parts {
+            primitives_of[part.vertex_set].push((part.node, part.primitive));
+        }
+        let mut surfaces = Vec::new();
+        let mut start = 0;
+        for (number, set) in ordered_sets(reading) {
+            let vertices = start..start + set.positions.len();
+            start = vertices.end;
+            let own = &primitives_of[number];
+            let Some(source) = own.first().and_then(|at| source_of.get(at)).map(|&s| &sources.sets[s]) else {
+                return Ok(None);
+            };
+            let Some(map) = scene.map(source).filter(|_| source.numbers == set.numbers) else { return Ok(None) };
+            let weights = match (same, source.skin) {
+                (Some(same), Some(skin)) => {
+                    let rows = Stored { source, skin, maps: binds.maps(skin), placed: &set.positions };
+                    rows.compare(accessors, rounded, &skins, same, vertices.clone())?
+                }
+                // A rigid part hangs on its joint and nothing else.
+                (Some(same), None)
+                    if set.weights.as_ref().is_some_and(|w| {
+                        equal(w, |joint| same.joint_of[usize::from(joint)], same.rig, vertices.clone())
+                    }) =>
+                {
+                    Weights::Fit
+                }
+                _ => Weights::Foreign,
+            };
+            surfaces.push(Surface {
+                node: source.place.node,
+                primitives: own.iter().map(|&(_, primitive)| primitive).collect(),
+                skin: source.skin,
+                stored: Rc::clone(&source.positions),
+                numbers: source.numbers.clone(),
+                set: number,
+                vertices,
+                map,
+                weights,
+            });
+        }
+        let is_joint = (0..nodes.len()).map(|node| skins.joint_of_node(node).is_some()).collect();
+        let skins = skins.iter().map(|skin| skin.joints.clone()).collect();
+        Ok(Some(Self { nodes, is_joint, skins, surfaces }))
+    }
+
+    /// Whether a node is, or hangs below, a joint.
+    pub(super) fn below_joint(&self, mut node: usize) -> bool {
+        while node != self.nodes.top() {
+            if self.is_joint[node] {
+                return true;
+            }
+            node = self.nodes.parent(node);
+        }
+        false
+    }
+}
+
+/// A skinned surface as the file has it.
+struct Stored<'a> {
+    source: &'a SourceSet,
+    skin: usize,
+    /// From the mesh to the scene, by slot.
+    maps: &'a [DAffine3],
+    /// Where the vertices are.
+    placed: &'a [[f32; 3]],
+}
+
+impl Stored<'_> {
+    /// The rows of the file against those of the rig.
+    fn compare(
+        &self,
+        accessors: &Accessors<'_>,
+        rounded: &HashSet<usize>,
+        skins: &Skins,
+        same: &Same<'_>,
+        vertices: Range<usize>,
+    ) -> Result<Weights, Fault> {
+        let mut repairs = Repairs::default();
+        let rows = influences::read(self.source, self.skin, accessors, skins, &mut repairs)?;
+        let mut mended = Vec::new();
+        repairs.warn(&mut mended);
+        let nodes = skins.get(self.skin).map_or(&[][..], |skin| &skin.joints);
+        // The rig's joint of each slot.
+        let joints: Vec<Option<u16>> = nodes.iter().map(|node| same.by_node.get(node).copied()).collect();
+        let all = (0..self.source.numbers.len()).map(|row| rows.row(row));
+        let is_rounded = self.source.influences().iter().any(|(_, weights)| rounded.contains(weights));
+        let off = |row: &[(u16, f64)]| (row.iter().map(|(_, w)| w).sum::<f64>() - 1.0).abs() > EXACT;
+        if mended.is_empty() && is_rounded && all.clone().any(off) {
+            mended.push(Warning::NotNormalised { vertices: 0, sums: (1.0, 1.0) });
+        }
+        if all.clone().flatten().any(|&(slot, _)| joints[usize::from(slot)].is_none()) {
+            return Ok(Weights::Foreign);
+        }
+        let joint = |slot: u16| joints[usize::from(slot)].unwrap_or_default();
+        let by_joint = all.map(|row| row.iter().map(|&(slot, weight)| (joint(slot), weight)));
+        let equal = equal(&SkinWeights::normalized(by_joint)?, |joint| joint, same.rig, vertices.clone());
+        if equal && mended.is_empty() {
+            return Ok(Weights::Fit);
+        }
+        let slots: HashMap<u16, u16> = joints.iter().zip(0..).filter_map(|(j, slot)| Some(((*j)?, slot))).collect();
+        Ok(match self.shift(&slots, same.rig, vertices) {
+            // Sums other than 1 are mended, unless that would move a vertex.
+            Some(shift) if equal && shift > 0.0 && matches!(mended[..], [Warning::NotNormalised { .. }]) => {
+                Weights::Fit
+            }
+            Some(shift) => Weights::Change { shift },
+            None => Weights::Foreign,
+        })
+    }
+
+    /// How far vertices move at most when the rig's weights are written; `None` where a joint is not of the
+    /// skin.
+    fn shift(&self, slots: &HashMap<u16, u16>, rig: &Rig, vertices: Range<usize>) -> Option<f64> {
+        let mut most: f64 = 0.0;
+        let mut row: Vec<(u16, f32)> = Vec::new();
+        for (vertex, (&number, placed)) in vertices.zip(self.source.numbers.iter().zip(self.placed)) {
+            row.clear();
+            for (joint, weight) in rig.weights().row(vertex) {
+                row.push((*slots.get(&joint.0)?, weight));
+            }
+            rows::normalise(&mut row);
+            let p = glam::Vec3::from(self.source.positions[number as usize]).as_dvec3();
+            let total: f64 = row.iter().map(|(_, w)| f64::from(*w)).sum();
+            let sum = row.iter().fold(DVec3::ZERO, |sum, &(slot, w)| {
+                sum + self.maps[usize::from(slot)].transform_point3(p) * f64::from(w)
+            });
+            let at = (sum / total).as_vec3();
+            if at.to_array().map(f32::to_bits) != placed.map(f32::to_bits) {
+                most = most.max((at - glam::Vec3::from(*placed)).as_dvec3().length()).max(f64::MIN_POSITIVE);
+            }
+        }
+        Some(most)
+    }
+}
+
+/// Whether weights, by joints that `joint` takes to those of the rig, are those of some vertices of the rig.
+fn equal(weights: &SkinWeights, joint: impl Fn(u16) -> u16, rig: &Rig, vertices: Range<usize>) -> bool {
+    let mut row: Vec<(u16, f32)> = Vec::new();
+    weights.rows() == vertices.len()
+        && vertices.enumerate().all(|(v, vertex)| {
+            row.clear();
+            row.extend(weights.row(v).map(|(own, weight)| (joint(own.0), weight)));
+            row.sort_unstable_by_key(|(joint, _)| *joint);
+            rig.weights().row(vertex).map(|(joint, weight)| (joint.0, weight)).eq(row.iter().copied())
+        })
+}

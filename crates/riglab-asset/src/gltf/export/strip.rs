@@ -1,0 +1,60 @@
+//! A document without its rig.
+
+use super::super::accessor::Accessors;
+use super::bake::Baker;
+use super::bind::by_node;
+use super::draft::{Draft, remove};
+use super::meshes::Meshes;
+use super::place::{self, Moved};
+use super::remove::{self, Successors};
+use super::scene::{Scene, Surface};
+use super::vrm;
+use crate::{ExportNote, Fault, Reading};
+
+/// Takes the rig out; what it moved stays where the rest pose shows it.
+pub(super) fn strip(
+    draft: &mut Draft,
+    accessors: &Accessors<'_>,
+    scene: &Scene,
+    reading: &Reading,
+    notes: &mut Vec<ExportNote>,
+) -> Result<(), Fault> {
+    let mut meshes = Meshes::new(draft);
+    let mut moved = Moved::new();
+    let mut turned = 0;
+    let at = |surface: &Surface| &reading.vertex_sets[surface.set].positions[..];
+    for (node, surfaces) in by_node(scene.surfaces.iter()) {
+        let global = *scene.nodes.global(node);
+        let by_node = |p: [f32; 3]| global.transform_point3(glam::Vec3::from(p).as_dvec3()).as_vec3().to_array();
+        if !scene.below_joint(node) && surfaces.iter().all(|s| place::stands(s, at(s), by_node)) {
+            continue;
+        }
+        let Some(mesh) = meshes.own(draft, node) else { continue };
+        for surface in &surfaces {
+            if !place::stands(surface, at(surface), |p| p) {
+                let mut baker = Baker::new(accessors, surface.map);
+                turned += usize::from(place::bake(draft, accessors, &mut baker, mesh, surface, at(surface))?);
+            }
+        }
+        let first = surfaces[0];
+        if !place::stands(first, at(first), |p| p) {
+            let primitives = draft.list("meshes")[mesh]["primitives"].as_array().map_or(0, Vec::len);
+            let mut baker = Baker::new(accessors, first.map);
+            for primitive in (0..primitives).filter(|p| !surfaces.iter().any(|s| s.primitives.contains(p))) {
+                baker.primitive(draft, (mesh, primitive), None)?;
+            }
+        }
+        place::to_top(draft, &scene.nodes, node, &mut moved);
+    }
+    if turned > 0 {
+        notes.push(ExportNote::TrianglesTurned { surfaces: turned });
+    }
+    for node in draft.list_mut("nodes") {
+        remove(node, "skin");
+    }
+    remove::influences(draft);
+    vrm::strip(draft);
+    let successors = Successors { meshes: moved, ..Successors::default() };
+    remove::old_rig(draft, scene, &successors, notes);
+    Ok(())
+}

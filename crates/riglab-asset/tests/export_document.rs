@@ -1,0 +1,337 @@
+//! What a document has beside its rig is in what is written.
+
+mod common;
+
+use common::{INDICES, POSITION, Tiny, renamed};
+use riglab_asset::export::{self, ExportNote, ExportOptions, Exported, Influences, JointFrames};
+use riglab_asset::{ImportOptions, Imported, Warning, import, import_bytes};
+use riglab_core::{Rig, SkinWeights};
+use serde_json::{Value, json};
+
+/// The smallest PNG header there is; nothing looks further.
+const PICTURE: &[u8] = b"\x89PNG\r\n\x1a\nnot a picture, but its bytes";
+
+fn read(bytes: &[u8]) -> Imported {
+    import_bytes("tiny.glb", bytes, &ImportOptions::default()).unwrap()
+}
+
+/// The file written with another rig; its mesh is that of the file.
+fn onto(bytes: &[u8], rig: impl FnOnce(&Rig) -> Rig, options: ExportOptions) -> Exported {
+    let imported = read(bytes);
+    let rig = rig(imported.rig().unwrap());
+    export::onto_bytes("tiny.glb", bytes, None, &imported, &rig, &options).unwrap()
+}
+
+fn strip(bytes: &[u8]) -> Exported {
+    export::strip_bytes("tiny.glb", bytes, None, &ImportOptions::default()).unwrap()
+}
+
+/// JSON and binary chunk.
+fn parts(bytes: &[u8]) -> (Value, Vec<u8>) {
+    let length = |at: usize| u32::from_le_bytes(bytes[at..at + 4].try_into().unwrap()) as usize;
+    let json = serde_json::from_slice(&bytes[20..20 + length(12)]).unwrap();
+    (json, bytes.get(28 + length(12)..).unwrap_or_default().to_vec())
+}
+
+/// The bytes of a view.
+fn view((json, binary): &(Value, Vec<u8>), number: &Value) -> Vec<u8> {
+    let view = &json["bufferViews"][number.as_u64().unwrap() as usize];
+    let at = |key: &str| view.get(key).map_or(0, |v| v.as_u64().unwrap() as usize);
+    binary[at("byteOffset")..at("byteOffset") + at("byteLength")].to_vec()
+}
+
+/// Pictures by number, where they are in the file.
+fn pictures(of: &(Value, Vec<u8>)) -> Vec<Vec<u8>> {
+    let images = of.0["images"].as_array().into_iter().flatten();
+    images.filter(|i| i.get("bufferView").is_some()).map(|i| view(of, &i["bufferView"])).collect()
+}
+
+#[test]
+fn looks_and_pictures_of_all_rigs_stay_byte_for_byte() {
+    let Some(folder) = common::data("RIGLAB_RIGS", "rigs") else { return };
+    for path in common::files(&folder, &["glb", "vrm"]) {
+        let before = parts(&std::fs::read(&path).unwrap());
+        let imported = import(&path, &ImportOptions::default()).unwrap();
+        let Some(rig) = imported.rig() else { continue };
+        let options = ExportOptions::default();
+        let written = [
+            export::onto(&path, &imported, rig, &options),
+            export::onto(&path, &imported, &renamed(rig), &options),
+            export::strip(&path, &ImportOptions::default()),
+        ];
+        for exported in written {
+            let after = parts(&exported.unwrap().bytes);
+            for key in ["materials", "textures", "samplers", "asset", "cameras", "extras"] {
+                assert_eq!(before.0.get(key), after.0.get(key), "{key} of {}", path.display());
+            }
+            assert_eq!(pictures(&before), pictures(&after), "pictures of {}", path.display());
+            let names = |json: &Value| -> Vec<Value> {
+                json["meshes"].as_array().unwrap().iter().map(|m| m["name"].clone()).collect()
+            };
+            assert_eq!(names(&before.0), names(&after.0)[..names(&before.0).len()]);
+        }
+    }
+}
+
+#[test]
+fn the_same_input_gives_the_same_bytes() {
+    let bytes = Tiny::new().glb();
+    for options in [ExportOptions::default(), ExportOptions { frames: JointFrames::AlongBone, ..Default::default() }] {
+        assert_eq!(onto(&bytes, renamed, options), onto(&bytes, renamed, options));
+    }
+    assert_eq!(strip(&bytes), strip(&bytes));
+    // Once written, nothing is left to change.
+    let once = onto(&bytes, Rig::clone, ExportOptions::default()).bytes;
+    assert_eq!(onto(&once, Rig::clone, ExportOptions::default()).bytes, once);
+}
+
+#[test]
+fn what_lies_beside_a_file_comes_into_it() {
+    use base64::Engine;
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    let tiny = Tiny::new();
+    std::fs::write(at("a buffer.bin"), &tiny.binary).unwrap();
+    std::fs::write(at("a.png"), PICTURE).unwrap();
+    let data = base64::engine::general_purpose::STANDARD.encode(PICTURE);
+    let images =
+        json!([{"uri": "a.png", "name": "p"}, {"uri": format!("data:image/png;base64,{data}")}, {"uri": "none.png"}]);
+    let document = Tiny::new().with("/buffers/0/uri", json!("a%20buffer.bin")).with("/images", images).document;
+    std::fs::write(at("a.gltf"), document.to_string()).unwrap();
+
+    let imported = import(at("a.gltf"), &ImportOptions::default()).unwrap();
+    let rig = imported.rig().unwrap();
+    let exported = export::onto(at("a.gltf"), &imported, rig, &ExportOptions::default()).unwrap();
+    assert_eq!(exported.notes, [ExportNote::PictureLeft { image: 2, uri: "none.png".into() }]);
+    let after = parts(&exported.bytes);
+    assert_eq!(pictures(&after), [PICTURE, PICTURE]);
+    assert_eq!((&after.0["images"][0]["name"], &after.0["images"][0]["mimeType"]), (&json!("p"), &json!("image/png")));
+    assert_eq!(after.0["images"][2], json!({"uri": "none.png"}));
+    assert_eq!(read(&exported.bytes).rig(), Some(rig));
+}
+
+#[test]
+fn only_weights_that_differ_are_written() {
+    let bytes = Tiny::new().glb();
+    let changed = onto(
+        &bytes,
+        |rig| {
+            let rows = [vec![(0, 0.5), (1, 0.5)], vec![(1, 1.0)], vec![(0, 1.0)], vec![(1, 1.0)]];
+            rig.with_weights(SkinWeights::normalized(rows).unwrap()).unwrap()
+        },
+        ExportOptions::default(),
+    );
+    let (before, after) = (parts(&bytes), parts(&changed.bytes));
+    assert_eq!(
+        (&before.0["nodes"], &before.0["skins"][0]["joints"]),
+        (&after.0["nodes"], &after.0["skins"][0]["joints"])
+    );
+    let position = |of: &(Value, Vec<u8>)| {
+        let accessor = &of.0["meshes"][0]["primitives"][0]["attributes"]["POSITION"];
+        view(of, &of.0["accessors"][accessor.as_u64().unwrap() as usize]["bufferView"])
+    };
+    assert_eq!(position(&before), position(&after));
+    let rig = read(&changed.bytes);
+    let row = |v| rig.rig().unwrap().weights().row(v).map(|(j, w)| (j.0, w)).collect::<Vec<_>>();
+    assert_eq!([row(0), row(1), row(2)], [vec![(0, 0.5), (1, 0.5)], vec![(1, 1.0)], vec![(0, 1.0)]]);
+    // The old weights are gone, not just unnamed.
+    assert_eq!(after.0["accessors"].as_array().unwrap().len(), 5);
+}
+
+#[test]
+fn a_new_skeleton_takes_the_place_of_the_old_one() {
+    let joint = |path: &str, node: usize| json!({"sampler": 0, "target": {"node": node, "path": path}});
+    let animations =
+        json!([{"channels": [joint("rotation", 2), joint("translation", 4)], "samplers": [{"input": 2, "output": 0}]}]);
+    // Below the tip hangs a camera, so the way to it stays.
+    let bytes = Tiny::new()
+        .with("/nodes/2/children", json!([3]))
+        .with("/nodes/-", json!({"camera": 0}))
+        .with("/nodes/-", json!({"name": "lamp"}))
+        .with("/scenes", json!([{"nodes": [0, 1, 4]}]))
+        .with("/cameras", json!([{"type": "perspective", "perspective": {"yfov": 1, "znear": 1}}]))
+        .with("/animations", animations)
+        .glb();
+    let exported = onto(&bytes, renamed, ExportOptions::default());
+    assert_eq!(exported.notes, [ExportNote::MotionDropped { channels: 1 }]);
+    let after = parts(&exported.bytes).0;
+    let names: Vec<&str> =
+        after["nodes"].as_array().unwrap().iter().map(|n| n["name"].as_str().unwrap_or("")).collect();
+    assert_eq!(names, ["body", "hips", "tip", "", "lamp", "new hips", "new tip", "Armature"]);
+    assert_eq!(after["scenes"], json!([{"nodes": [0, 1, 4, 7]}]));
+    assert_eq!(after["animations"][0]["channels"], json!([joint("translation", 4)]));
+    assert_eq!((&after["skins"][0]["joints"], after["skins"].as_array().unwrap().len()), (&json!([5, 6]), 1));
+
+    let bare = parts(&onto(&Tiny::new().glb(), renamed, ExportOptions::default()).bytes).0;
+    assert_eq!(bare["nodes"].as_array().unwrap().len(), 4);
+}
+
+#[test]
+fn stripped_files_have_nothing_of_a_rig() {
+    let stripped = strip(&Tiny::new().with("/nodes/0/extras", json!({"kept": 1})).glb());
+    let (json, binary) = parts(&stripped.bytes);
+    assert_eq!(json["nodes"], json!([{"name": "body", "mesh": 0, "extras": {"kept": 1}}]));
+    assert_eq!(json["meshes"][0]["primitives"][0]["attributes"], json!({"POSITION": 0}));
+    assert_eq!((json.get("skins"), json["accessors"].as_array().unwrap().len(), binary.len()), (None, 2, 48 + 24));
+    let back = read(&stripped.bytes);
+    assert_eq!(back.mesh(), read(&Tiny::new().glb()).mesh());
+    // Nothing is left to strip.
+    assert_eq!(strip(&stripped.bytes).bytes, stripped.bytes);
+}
+
+#[test]
+fn a_mesh_on_two_nodes_becomes_two() {
+    let bytes = Tiny::new()
+        .with("/nodes/-", json!({"mesh": 0, "skin": 1, "scale": [1, 1, -1]}))
+        .with("/nodes/-", json!({"name": "other", "translation": [5, 0, 0]}))
+        .with("/skins/-", json!({"joints": [4]}))
+        .with("/meshes/0/name", json!("twins"));
+    let joints: Vec<u8> = [[0u8; 4]; 4].concat();
+    let weights: Vec<u8> = [1.0f32, 0.0, 0.0, 0.0].repeat(4).iter().flat_map(|w| w.to_le_bytes()).collect();
+    let bytes = bytes.with_accessor(5121, "VEC4", 4, &joints).with_accessor(5126, "VEC4", 4, &weights);
+    let bytes = bytes
+        .with("/meshes/0/primitives/0/attributes/JOINTS_0", json!(5))
+        .with("/meshes/0/primitives/0/attributes/WEIGHTS_0", json!(6))
+        .glb();
+    let imported = read(&bytes);
+    let exported = onto(&bytes, renamed, ExportOptions::default());
+    let back = read(&exported.bytes);
+    assert_eq!(back.mesh(), imported.mesh());
+    assert_eq!(back.rig().unwrap().weights(), imported.rig().unwrap().weights());
+    assert_eq!(parts(&exported.bytes).0["meshes"].as_array().unwrap().len(), 2);
+}
+
+#[test]
+fn mirrored_meshes_face_as_before_when_they_are_bound() {
+    let bare = json!({"primitives": [{"attributes": {"POSITION": POSITION}, "indices": INDICES}]});
+    let bytes = Tiny::new()
+        .with("/nodes/2/children", json!([3]))
+        .with("/nodes/-", json!({"mesh": 1, "scale": [-1, 1, 1]}))
+        .with("/meshes/-", bare)
+        .glb();
+    let before = read(&bytes);
+    assert_eq!(before.mesh().triangles()[4..6], [[4, 6, 5], [4, 5, 7]]);
+    let exported = onto(&bytes, renamed, ExportOptions::default());
+    assert_eq!(exported.notes, [ExportNote::TrianglesTurned { surfaces: 1 }]);
+    let back = read(&exported.bytes);
+    assert_eq!(back.mesh().positions(), before.mesh().positions());
+    assert_eq!(back.mesh().triangles()[4..6], [[4, 5, 6], [4, 7, 5]]);
+}
+
+#[test]
+fn lines_go_with_the_mesh_they_are_on() {
+    let line = json!({"attributes": {"POSITION": POSITION}, "mode": 3});
+    let bytes = Tiny::new().with("/meshes/0/primitives/-", line).glb();
+    let exported = onto(&bytes, renamed, ExportOptions::default());
+    let after = parts(&exported.bytes);
+    let weights = &after.0["meshes"][0]["primitives"][1]["attributes"]["WEIGHTS_0"];
+    let accessor = &after.0["accessors"][weights.as_u64().unwrap() as usize];
+    let shares: Vec<f32> =
+        view(&after, &accessor["bufferView"]).as_chunks().0.iter().map(|b| f32::from_le_bytes(*b)).collect();
+    assert_eq!(shares[12..14], [0.75, 0.25]);
+    assert_eq!(read(&exported.bytes).warnings(), [Warning::NoSurface { primitives: 1 }]);
+}
+
+#[test]
+fn influences_are_cut_to_what_is_asked_for() {
+    let rig = |rig: &Rig| {
+        let joints = (0..6u16).map(|j| riglab_core::Joint {
+            name: format!("j{j}"),
+            parent: j.checked_sub(1).map(riglab_core::JointId),
+            head: [0.0, f32::from(j), 0.0],
+        });
+        let skeleton = riglab_core::Skeleton::new(joints.collect()).unwrap();
+        let row: Vec<(u16, f64)> = (0..6).map(|j| (j, f64::from(j) + 1.0)).collect();
+        Rig::new(skeleton, rig.mesh().clone(), SkinWeights::normalized(vec![row; 4]).unwrap()).unwrap()
+    };
+    let most = |influences| {
+        let exported = onto(&Tiny::new().glb(), rig, ExportOptions { influences, ..Default::default() });
+        let row: Vec<f32> = read(&exported.bytes).rig().unwrap().weights().row(0).map(|(_, w)| w).collect();
+        (row, exported.notes)
+    };
+    let (row, notes) = most(Influences::Four);
+    let near = |(row, wanted): (&f32, f32)| (row - wanted / 18.0).abs() < 1e-6;
+    assert!(row.len() == 4 && row.iter().zip([3.0, 4.0, 5.0, 6.0]).all(near), "{row:?}");
+    assert!(
+        matches!(notes[..], [ExportNote::InfluencesCut { vertices: 4, most: 4, lost }] if (lost - 3.0 / 21.0).abs() < 1e-6)
+    );
+    let (row, notes) = most(Influences::Eight);
+    assert_eq!((row.len(), notes.len()), (6, 0));
+}
+
+#[test]
+fn turned_joints_stand_where_straight_ones_do() {
+    let bytes = Tiny::new().with("/nodes/1/translation", json!([0.3, 1, 0.2])).glb();
+    let imported = read(&bytes);
+    let exported = onto(&bytes, renamed, ExportOptions { frames: JointFrames::AlongBone, ..Default::default() });
+    let back = read(&exported.bytes);
+    let (a, b) = (back.rig().unwrap(), imported.rig().unwrap());
+    let near = |a: &[[f32; 3]], b: &[[f32; 3]]| {
+        a.as_flattened().iter().zip(b.as_flattened()).all(|(a, b)| (a - b).abs() < 1e-6)
+    };
+    assert!(near(a.skeleton().heads(), b.skeleton().heads()), "{:?}", a.skeleton().heads());
+    assert!(near(a.mesh().positions(), b.mesh().positions()));
+}
+
+#[test]
+fn rigs_of_other_meshes_and_changed_files_are_refused() {
+    let bytes = Tiny::new().glb();
+    let imported = read(&bytes);
+    let rig = imported.rig().unwrap();
+    let moved = rig.mesh().with_positions(rig.mesh().positions().iter().map(|p| p.map(|x| x + 1.0)).collect()).unwrap();
+    let other = Rig::new(rig.skeleton().clone(), moved, rig.weights().clone()).unwrap();
+    let options = ExportOptions::default();
+    let error = export::onto_bytes("tiny.glb", &bytes, None, &imported, &other, &options).unwrap_err().to_string();
+    assert!(error.starts_with("tiny.glb: the rig has another mesh"), "{error}");
+    let changed = Tiny::new().with("/asset/copyright", json!("x")).glb();
+    let error = export::onto_bytes("tiny.glb", &changed, None, &imported, rig, &options).unwrap_err().to_string();
+    assert!(error.contains("not the one that was imported"), "{error}");
+    let error = export::strip_bytes("a.obj", b"v 0 0 0\n", None, &ImportOptions::default()).unwrap_err().to_string();
+    assert!(error.contains("only glTF, GLB and VRM"), "{error}");
+}
+
+#[test]
+fn a_source_without_document_gives_a_plain_one() {
+    let text = b"v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 1\nf 1 2 3\nf 1 3 4\nf 1 4 2\nf 2 4 3\n";
+    let imported = import_bytes("a.obj", text, &ImportOptions::default()).unwrap();
+    let tiny = read(&Tiny::new().glb());
+    let rig = Rig::new(
+        tiny.rig().unwrap().skeleton().clone(),
+        imported.mesh().clone(),
+        tiny.rig().unwrap().weights().clone(),
+    );
+    let rig = rig.unwrap();
+    let exported = export::onto_bytes("a.obj", text, None, &imported, &rig, &ExportOptions::default()).unwrap();
+    assert_eq!(read(&exported.bytes).rig(), Some(&rig));
+    assert_eq!(parts(&exported.bytes).0["materials"].as_array().unwrap().len(), 1);
+}
+
+#[test]
+fn documents_with_unknown_extensions_keep_their_numbers() {
+    let bytes = Tiny::new()
+        .with("/extensionsUsed", json!(["ACME_rope"]))
+        .with("/extensions", json!({"ACME_rope": {"node": 2}}))
+        .glb();
+    let stripped = parts(&strip(&bytes).bytes).0;
+    assert_eq!(stripped["nodes"].as_array().unwrap().len(), 3);
+    assert_eq!(
+        (&stripped["nodes"][2]["name"], &stripped["extensions"]["ACME_rope"]["node"]),
+        (&json!("tip"), &json!(2))
+    );
+}
+
+#[test]
+fn files_are_written_whole_or_not_at_all() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.glb");
+    export::write(&path, b"old").unwrap();
+    export::write(&path, b"new").unwrap();
+    assert_eq!(std::fs::read(&path).unwrap(), b"new");
+    assert!(export::write(folder.path().join("none/a.glb"), b"x").is_err());
+    // A folder cannot be replaced by a file; nothing stays behind.
+    std::fs::create_dir(folder.path().join("taken")).unwrap();
+    assert!(export::write(folder.path().join("taken"), b"x").is_err());
+    assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 2);
+    assert!(export::same_file(&path, folder.path().join("taken/../a.glb")));
+    assert!(!export::same_file(&path, folder.path().join("b.glb")));
+}
