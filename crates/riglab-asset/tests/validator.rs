@@ -1,0 +1,57 @@
+//! What is written against Khronos' validator: no error that the source does not have.
+//!
+//! Needs Node and `gltf-validator`: `npm install --prefix FOLDER gltf-validator`, then
+//! `RIGLAB_GLTF_VALIDATOR=FOLDER cargo test --release -p riglab-asset --test validator`.
+
+mod common;
+
+use std::fmt::Write;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+use riglab_asset::export::{self, ExportOptions, Influences, JointFrames};
+use riglab_asset::{ImportOptions, import};
+
+#[test]
+fn exports_have_no_errors_that_their_sources_do_not_have() {
+    let Some(validator) = std::env::var_os("RIGLAB_GLTF_VALIDATOR") else {
+        println!("skipped: set RIGLAB_GLTF_VALIDATOR to a folder where `npm install gltf-validator` was run");
+        return;
+    };
+    let mut files: Vec<PathBuf> = Vec::new();
+    if let Some(folder) = common::data("RIGLAB_RIGS_ORIGINAL", "rigs_original") {
+        files.extend(common::files(&folder, &["glb", "gltf", "vrm"]));
+    }
+    if let Some(folder) = common::data("RIGLAB_RIGS", "rigs") {
+        files.extend(common::files(&folder, &["glb", "gltf", "vrm"]).into_iter().step_by(5));
+    }
+    let temp = tempfile::tempdir().unwrap();
+    let mut pairs = String::new();
+    for (number, file) in files.iter().enumerate() {
+        // Some are there to be refused.
+        let Ok(imported) = import(file, &ImportOptions::default()) else { continue };
+        let Some(rig) = imported.rig() else { continue };
+        let all = ExportOptions { influences: Influences::All, frames: JointFrames::Parallel };
+        let four = ExportOptions { influences: Influences::Four, frames: JointFrames::AlongBone };
+        let written = [
+            export::onto(file, &imported, rig, &all),
+            export::onto(file, &imported, rig, &four),
+            export::onto(file, &imported, &common::renamed(rig), &four),
+            export::alone("alone", rig, &imported.provenance, &four),
+            export::strip(file, &ImportOptions::default()),
+        ];
+        for (way, exported) in written.into_iter().enumerate() {
+            let path = temp.path().join(format!("{number}_{way}.glb"));
+            export::write(&path, &exported.unwrap().bytes).unwrap();
+            writeln!(pairs, "{}\t{}", file.display(), path.display()).unwrap();
+        }
+    }
+    let list = temp.path().join("pairs.txt");
+    std::fs::write(&list, &pairs).unwrap();
+    let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/validator.mjs");
+    let output = Command::new("node").arg(script).arg(validator).arg(list).output().expect("node runs");
+    let said = String::from_utf8_lossy(&output.stdout);
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    assert!(said.is_empty(), "{said}");
+    println!("{} files as good as their sources", pairs.lines().count());
+}
