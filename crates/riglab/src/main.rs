@@ -26,6 +26,7 @@ struct Cli {
 enum Command {
     Inspect(commands::inspect::Args),
     Convert(commands::convert::Args),
+    Strip(commands::strip::Args),
     Synth(commands::synth::Args),
     Dataset(commands::dataset::Args),
     Train(commands::train::Args),
@@ -45,6 +46,7 @@ fn main() -> ExitCode {
     let done = match cli.command {
         Command::Inspect(args) => commands::inspect::run(&args),
         Command::Convert(args) => commands::convert::run(&args),
+        Command::Strip(args) => commands::strip::run(&args),
         Command::Synth(args) => commands::synth::run(&args),
         Command::Report(args) => commands::report::run(&args),
         Command::Dataset(args) => commands::dataset::run(&args),

@@ -6,5 +6,6 @@ pub mod doctor;
 pub mod eval;
 pub mod inspect;
 pub mod report;
+pub mod strip;
 pub mod synth;
 pub mod train;

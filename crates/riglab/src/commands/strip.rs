@@ -1,0 +1,45 @@
+//! `riglab strip`
+
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use anyhow::{Context, Result, bail};
+use riglab_asset::{ImportOptions, export};
+
+/// Take the rig out of a file: skins, weights, joints, their animations, humanoid and springs of VRM.
+///
+/// The mesh stands where the rest pose shows it; materials, pictures, morph targets and names stay.
+#[derive(clap::Args)]
+#[command(after_help = "\
+Examples:
+  riglab strip fox.glb bare.glb
+  riglab strip avatar.vrm avatar.glb
+  riglab strip --in-place fox.glb fox.glb")]
+pub struct Args {
+    /// GLB, glTF or VRM.
+    input: PathBuf,
+    /// The GLB to write; one that exists is replaced when the new one is whole.
+    output: PathBuf,
+    /// Let the output take the place of the input.
+    #[arg(long)]
+    in_place: bool,
+}
+
+pub fn run(args: &Args) -> Result<ExitCode> {
+    let Args { input, output, in_place } = args;
+    if output.extension().is_some_and(|e| e.eq_ignore_ascii_case("gltf")) {
+        bail!("{}: only GLB is written, with all that belongs to it inside; name it .glb", output.display());
+    }
+    if !in_place && export::same_file(input, output) {
+        bail!(
+            "{} is the input itself\n\nhint: give another name, or --in-place to replace it by the stripped file",
+            output.display()
+        );
+    }
+    let stripped = export::strip(input, &ImportOptions::default())?;
+    export::write(output, &stripped.bytes).with_context(|| format!("{} cannot be written", output.display()))?;
+    for note in &stripped.notes {
+        eprintln!("note: {note}");
+    }
+    Ok(ExitCode::SUCCESS)
+}
