@@ -5,7 +5,7 @@ mod common;
 use common::{INDICES, POSITION, Tiny, renamed};
 use riglab_asset::export::{self, ExportNote, ExportOptions, Exported, Influences, JointFrames};
 use riglab_asset::{ImportOptions, Imported, Warning, import, import_bytes};
-use riglab_core::{Rig, SkinWeights};
+use riglab_core::{HumanBone, Humanoid, JointId, Rig, SkinWeights};
 use serde_json::{Value, json};
 
 /// The smallest PNG header there is; nothing looks further.
@@ -334,4 +334,31 @@ fn files_are_written_whole_or_not_at_all() {
     assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 2);
     assert!(export::same_file(&path, folder.path().join("taken/../a.glb")));
     assert!(!export::same_file(&path, folder.path().join("b.glb")));
+}
+
+#[test]
+fn human_bones_of_a_new_rig_are_written_in_the_words_of_the_version() {
+    let bone = |name: &str| name.parse::<HumanBone>().unwrap();
+    let body = |rig: &Rig| {
+        let mut humanoid = Humanoid::default();
+        humanoid.insert(bone("hips"), JointId(0));
+        humanoid.insert(bone("leftThumbMetacarpal"), JointId(1));
+        renamed(rig).with_humanoid(humanoid).unwrap()
+    };
+    let old = json!({"humanBones": [{"bone": "hips", "node": 2}], "armStretch": 0.05});
+    let one = json!({"VRMC_vrm": {"specVersion": "1.0", "humanoid": {"humanBones": {"hips": {"node": 2}}}}});
+    for extensions in [json!({"VRM": {"humanoid": old}}), one] {
+        let bytes = Tiny::new().with("/extensions", extensions).glb();
+        let exported = onto(&bytes, body, ExportOptions::default());
+        let back = read(&exported.bytes);
+        let bones: Vec<_> = back.rig().unwrap().humanoid().iter().collect();
+        assert_eq!(bones, [(bone("hips"), JointId(0)), (bone("leftThumbMetacarpal"), JointId(1))]);
+    }
+    let zero = Tiny::new().with("/extensions", json!({"VRM": {"humanoid": {"humanBones": [], "armStretch": 0.05}}}));
+    let after = parts(&onto(&zero.glb(), body, ExportOptions::default()).bytes).0;
+    assert_eq!(after["extensions"]["VRM"]["humanoid"]["armStretch"], 0.05);
+    assert_eq!(after["extensions"]["VRM"]["humanoid"]["humanBones"][1]["bone"], "leftThumbProximal");
+    // A rig that knows of no body: bones of joints that are gone go.
+    let after = parts(&onto(&zero.glb(), renamed, ExportOptions::default()).bytes).0;
+    assert_eq!(after["extensions"]["VRM"]["humanoid"]["humanBones"], json!([]));
 }

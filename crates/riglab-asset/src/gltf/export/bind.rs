@@ -9,12 +9,12 @@ use serde_json::{Value, json};
 use super::super::accessor::Accessors;
 use super::bake::Baker;
 use super::draft::{ARRAY, Draft, MAT4, index};
-use super::frames;
 use super::meshes::Meshes;
 use super::place::{self, Moved};
 use super::remove::{self, Successors};
 use super::rows::Rows;
 use super::scene::{Same, Scene, Surface, Weights};
+use super::{frames, vrm};
 use crate::nearest::nearest_others;
 use crate::{ExportNote, ExportOptions, Fault, Influences, Reading};
 
@@ -135,6 +135,7 @@ impl Binder<'_, '_> {
         let names: HashMap<&str, usize> = skeleton.names().iter().map(String::as_str).zip(root..).collect();
         let new = reading.joints.iter().filter_map(|j| Some((j.node, *names.get(j.name.as_str())?)));
         let successors = Successors { joints: new.collect(), meshes: moved };
+        vrm::set_humanoid(self.draft, rig.humanoid(), |joint| root + joint.index());
         remove::old_rig(self.draft, scene, &successors, self.notes);
         Ok(())
     }
