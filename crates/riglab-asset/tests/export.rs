@@ -21,11 +21,13 @@ type Check = fn(&Path, &Imported, &Rig) -> Result<(), String>;
 
 /// Runs a check over all rigs, on all cores.
 fn over_all_rigs(check: Check) {
-    let folders = [("RIGLAB_RIGS", "rigs"), ("RIGLAB_RIGS_ORIGINAL", "rigs_original")];
+    let folders =
+        [("RIGLAB_RIGS", "rigs"), ("RIGLAB_RIGS_ORIGINAL", "rigs_original"), ("RIGLAB_RIGS_HARD", "rigs_hard")];
     let folders = folders.into_iter().filter_map(|(variable, name)| common::data(variable, name));
     let mut files: Vec<PathBuf> = folders.flat_map(|folder| common::files(&folder, &["glb", "gltf", "vrm"])).collect();
     // Made to be refused.
-    files.retain(|f| !f.file_name().is_some_and(|name| name.to_string_lossy().starts_with("malformed_")));
+    let refused = |name: &str| name.starts_with("malformed_") || name.starts_with("reject_");
+    files.retain(|f| !f.file_name().is_some_and(|name| refused(&name.to_string_lossy())));
     let next = AtomicUsize::new(0);
     let wrong = Mutex::new(BTreeMap::new());
     let work = || {
