@@ -5,6 +5,9 @@ use std::borrow::Cow;
 use super::array_rig::{Array, SparseRows};
 use super::fault::PeerFault;
 
+/// Texts in an array, at most: they are names of joints.
+const TEXTS: usize = 1 << 16;
+
 /// How an element is stored.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Dtype {
@@ -30,9 +33,9 @@ impl Dtype {
         let size: usize = if kind == b'O' { 8 } else { size.parse().ok()? };
         let size = match (kind, size) {
             (b'f', 2 | 4 | 8) | (b'i' | b'u', 1 | 2 | 4 | 8) | (b'b', 1) | (b'O', _) => size,
-            // Text of length 0 has no bytes; four per letter.
-            (b'U', n) if n < 1 << 20 => 4 * n,
-            (b'S', n) if n < 1 << 20 => n,
+            // Four bytes a letter. Elements without bytes would come in any number.
+            (b'U', 1..0x10_0000) => 4 * size,
+            (b'S', 1..0x10_0000) => size,
             _ => return None,
         };
         Some(Self { kind, size, big })
@@ -113,6 +116,9 @@ impl<'a> Numbers<'a> {
     ) -> Result<Self, String> {
         let data = data.into();
         let wanted = elements(&shape).and_then(|n| n.checked_mul(dtype.size));
+        if dtype.size == 0 {
+            return Err("has elements without bytes, of which there could be any number".to_owned());
+        }
         if wanted != Some(data.len()) {
             return Err(format!("has {} bytes, its shape {shape:?} takes another number", data.len()));
         }
@@ -201,6 +207,9 @@ impl<'a> Numbers<'a> {
         if !matches!(self.dtype.kind, b'U' | b'S') {
             return Err(PeerFault::field(field, "holds no text"));
         }
+        if self.len() > TEXTS {
+            return Err(PeerFault::TooLarge(field.to_owned()));
+        }
         Ok(self.each().map(|b| self.dtype.text(b)).collect())
     }
 
@@ -274,7 +283,7 @@ mod tests {
             assert_eq!(Dtype::parse(name).unwrap().float(bytes), value, "{name}");
         }
         assert_eq!(Dtype::parse("<U2").unwrap().text(&[0x65, 0x51, 0, 0, 0, 0, 0, 0]), "\u{5165}");
-        for bad in ["", "<", "<f3", "<c8", "|V4", "<i", "é", "<U99999999999"] {
+        for bad in ["", "<", "<f3", "<c8", "|V4", "<i", "é", "<U99999999999", "<U0"] {
             assert_eq!(Dtype::parse(bad), None, "{bad}");
         }
     }
@@ -299,5 +308,6 @@ mod tests {
         assert!(Numbers::strided(vec![2], vec![usize::MAX], f4, vec![0; 4]).is_err());
         assert!(Numbers::new(vec![usize::MAX, usize::MAX, 0], f4, false, vec![]).is_err());
         assert!(Numbers::strided(vec![3], vec![], f4, vec![]).is_err());
+        assert!(Numbers::new(vec![1 << 40], Dtype { kind: b'U', size: 0, big: false }, false, vec![]).is_err());
     }
 }

@@ -21,7 +21,9 @@ impl Machine<'_, '_> {
             Global::Reconstruct => Ok(Node::Array(None)),
             Global::Dtype => {
                 let name = self.argument(arguments, 0)?.text().unwrap_or_default();
-                let dtype = Dtype::parse(name);
+                // The type of an empty text, which arrays never have.
+                let empty = (name == "U0").then_some(Dtype { kind: b'U', size: 0, big: false });
+                let dtype = Dtype::parse(name).or(empty);
                 dtype.map(Node::Dtype).ok_or_else(|| self.fault(format!("the type `{}` is not read", short(name))))
             }
             Global::Scalar => self.scalar(arguments),

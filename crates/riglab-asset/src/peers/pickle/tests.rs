@@ -38,6 +38,13 @@ fn names_beyond_the_list_are_refused_and_told() {
 }
 
 #[test]
+fn an_empty_text_of_numpy_is_one() {
+    let bytes = b"cnumpy.core.multiarray\nscalar\ncnumpy\ndtype\n\x8c\x02U0\x89\x88\x87R(K\x03\x8c\x01<NNNK\0K\x04K\x08tbC\0\x86R.";
+    let (nodes, id) = whole(bytes).unwrap();
+    assert_eq!(View { nodes: &nodes, id }.text(), Some(""));
+}
+
+#[test]
 fn broken_pickles_end_in_words() {
     let cases: [(&[u8], &str); 11] = [
         (b"", "ends early"),
