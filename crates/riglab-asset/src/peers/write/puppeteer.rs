@@ -44,7 +44,7 @@ fn sample(asset: &Asset, group: &mut GroupBuilder) {
     let mut floats = |name: &str, rows: usize, columns: usize, all: &[f32]| {
         let data = group.create_dataset(name).with_f64_data(&doubles(all)).with_shape(&[rows as u64, columns as u64]);
         if rows > 0 {
-            data.with_chunks(&[rows.min(4096) as u64, columns as u64]).with_deflate(4);
+            data.with_chunks(&[rows_at_once(rows, columns), columns as u64]).with_deflate(4);
         }
     };
     floats("vertices", vertices, 3, mesh.positions().as_flattened());
@@ -54,7 +54,7 @@ fn sample(asset: &Asset, group: &mut GroupBuilder) {
         let rows = all.len() / columns;
         let data = group.create_dataset(name).with_i64_data(all).with_shape(&[rows as u64, columns as u64]);
         if rows > 0 {
-            data.with_chunks(&[rows.min(4096) as u64, columns as u64]).with_deflate(4);
+            data.with_chunks(&[rows_at_once(rows, columns), columns as u64]).with_deflate(4);
         }
     };
     ints("bones", 2, &bones);
@@ -77,6 +77,11 @@ fn sample(asset: &Asset, group: &mut GroupBuilder) {
         .with_chunks(&shape)
         .with_deflate(4);
     group.create_dataset("file_name").with_vlen_strings(&[&asset.name]).with_shape(&[]);
+}
+
+/// Rows of a chunk of some 256 KB: what readers hold at a time.
+fn rows_at_once(rows: usize, columns: usize) -> u64 {
+    rows.min((1 << 15) / columns).max(1) as u64
 }
 
 /// Pairs of vertices that triangles connect, each once.
