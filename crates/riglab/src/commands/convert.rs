@@ -6,8 +6,10 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use anyhow::{Context, Result, bail};
+use riglab_asset::export::{self, ExportOptions, Influences, JointFrames};
 use riglab_asset::{
-    Content, ImportOptions, Imported, Target, count_assets, import, import_each, is_rig_file, write, write_mesh,
+    Character, Content, ImportOptions, Imported, Target, count_assets, import, import_each, is_rig_file, write,
+    write_mesh,
 };
 use riglab_core::Asset;
 
@@ -17,12 +19,14 @@ use riglab_core::Asset;
 /// puppeteer-h5, articulation-xl, unirig (raw_data.npz), skintokens, anymate and fbx. The ending of OUT tells
 /// which; npz and txt need --to. A folder or a file of several assets goes into a folder, a file an
 /// asset, or into one file of a format that holds several. Z up becomes Y up and back by the formats.
+/// glTF and VRM become a GLB with all they had: materials, pictures, morph targets, motions, extensions.
 /// What a format cannot hold is told on standard error.
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:
   riglab convert fox.glb fox/raw_data.npz
   riglab convert fox_rig.txt fox.glb
+  riglab convert fox.gltf fox.glb --influences 4
   riglab convert articulation_xlv2_test.npz rigs/ --to glb
   riglab convert rigs/ rigs.npz --to articulation-xl
   riglab convert Anymate_test.pt horse.glb --item 12")]
@@ -37,10 +41,54 @@ pub struct Args {
     /// Of a file of several assets this one, counted from 0.
     #[arg(long, value_name = "N")]
     item: Option<usize>,
+    /// Of a file of several characters this one: its number, from 0, or the name of its root.
+    #[arg(long, value_name = "WHICH")]
+    character: Option<Character>,
+    /// For GLB: how many joints may hold a vertex; the largest weights stay.
+    #[arg(long, value_enum, default_value = "all")]
+    influences: Most,
+    /// For GLB from other formats: how joints are turned at rest.
+    #[arg(long, value_enum, default_value = "parallel")]
+    frames: Frames,
+}
+
+#[derive(Clone, Copy, clap::ValueEnum)]
+enum Most {
+    /// What every engine reads.
+    #[value(name = "4")]
+    Four,
+    /// Two sets of four.
+    #[value(name = "8")]
+    Eight,
+    /// As many as there are.
+    All,
+}
+
+#[derive(Clone, Copy, clap::ValueEnum)]
+enum Frames {
+    /// As the scene: no turns, every number exact.
+    Parallel,
+    /// Y along the bone, as Blender and engines show bones.
+    Bone,
+}
+
+impl Args {
+    fn export(&self) -> ExportOptions {
+        let influences = match self.influences {
+            Most::Four => Influences::Four,
+            Most::Eight => Influences::Eight,
+            Most::All => Influences::All,
+        };
+        let frames = match self.frames {
+            Frames::Parallel => JointFrames::Parallel,
+            Frames::Bone => JointFrames::AlongBone,
+        };
+        ExportOptions { influences, frames }
+    }
 }
 
 pub fn run(args: &Args) -> Result<ExitCode> {
-    let options = ImportOptions { item: args.item, ..Default::default() };
+    let options = ImportOptions { item: args.item, character: args.character.clone(), ..Default::default() };
     let files = if args.input.is_dir() { below(&args.input)? } else { vec![args.input.clone()] };
     let several = args.input.is_dir() || args.item.is_none() && count_assets(&args.input)? > 1;
     let into_folder = args.out.is_dir() || args.out.as_os_str().to_string_lossy().ends_with('/');
@@ -57,7 +105,7 @@ pub fn run(args: &Args) -> Result<ExitCode> {
                 args.out.display()
             );
         }
-        return into(&args.out, &args.input, &files, target, &options);
+        return into(args, &files, target, &options);
     }
     if several {
         return together(&args.out, &files, target, &options);
@@ -67,19 +115,20 @@ pub fn run(args: &Args) -> Result<ExitCode> {
     if let Some(folder) = out.parent().filter(|f| !f.as_os_str().is_empty()) {
         std::fs::create_dir_all(folder).with_context(|| format!("{}", folder.display()))?;
     }
-    store(imported, &out, target)?;
+    store(imported, &out, target, args)?;
     println!("{}", out.display());
     Ok(ExitCode::SUCCESS)
 }
 
 /// Every asset into a file of its own.
-fn into(out: &Path, input: &Path, files: &[PathBuf], target: Target, options: &ImportOptions) -> Result<ExitCode> {
+fn into(args: &Args, files: &[PathBuf], target: Target, options: &ImportOptions) -> Result<ExitCode> {
+    let (out, input) = (&args.out, &args.input);
     let (mut written, mut failed) = (0, 0);
     let mut taken = HashSet::new();
     let mut broken = Ok(());
     for file in files {
         // Folders below the input come again below the output.
-        let folder = file.parent().and_then(|f| f.strip_prefix(input).ok()).map_or(out.to_path_buf(), |f| out.join(f));
+        let folder = file.parent().and_then(|f| f.strip_prefix(input).ok()).map_or(out.clone(), |f| out.join(f));
         import_each(file, options, |imported| {
             let imported = match imported {
                 Ok(imported) => imported,
@@ -98,17 +147,17 @@ fn into(out: &Path, input: &Path, files: &[PathBuf], target: Target, options: &I
             }
             let stored = std::fs::create_dir_all(&folder)
                 .with_context(|| format!("{}", folder.display()))
-                .and_then(|()| store(imported, &folder.join(&name), target));
+                .and_then(|()| store(imported, &folder.join(&name), target, args));
             match stored {
                 Ok(()) => written += 1,
-                Err(e) if e.downcast_ref::<riglab_asset::WriteError>().is_some_and(|e| !is_io(e)) => {
-                    eprintln!("left out: {e:#}");
-                    failed += 1;
-                }
                 // The disk: the next will not go either.
-                Err(e) => {
+                Err(e) if is_io(&e) => {
                     broken = Err(e);
                     return ControlFlow::Break(());
+                }
+                Err(e) => {
+                    eprintln!("left out: {e:#}");
+                    failed += 1;
                 }
             }
             ControlFlow::Continue(())
@@ -122,8 +171,10 @@ fn into(out: &Path, input: &Path, files: &[PathBuf], target: Target, options: &I
     Ok(if written == 0 { ExitCode::FAILURE } else { ExitCode::SUCCESS })
 }
 
-fn is_io(e: &riglab_asset::WriteError) -> bool {
-    matches!(e, riglab_asset::WriteError::Io { .. })
+fn is_io(e: &anyhow::Error) -> bool {
+    e.chain().any(|cause| {
+        cause.is::<std::io::Error>() || matches!(cause.downcast_ref(), Some(riglab_asset::WriteError::Io { .. }))
+    })
 }
 
 /// All assets into one file.
@@ -151,9 +202,12 @@ fn together(out: &Path, files: &[PathBuf], target: Target, options: &ImportOptio
     Ok(ExitCode::SUCCESS)
 }
 
-fn store(imported: Imported, out: &Path, target: Target) -> Result<()> {
+fn store(imported: Imported, out: &Path, target: Target, args: &Args) -> Result<()> {
     for warning in imported.warnings() {
         eprintln!("warning: {}: {warning}", imported.provenance.source);
+    }
+    if target == Target::Glb {
+        return store_glb(&imported, out, args);
     }
     if let (Content::Bare(mesh), Target::Obj) = (&imported.content, target) {
         return Ok(write_mesh(mesh, out)?);
@@ -163,6 +217,27 @@ fn store(imported: Imported, out: &Path, target: Target) -> Result<()> {
         eprintln!("note: {source}: {note}");
     }
     Ok(())
+}
+
+/// With all that its document has, where there is one.
+fn store_glb(imported: &Imported, out: &Path, args: &Args) -> Result<()> {
+    let source = &imported.provenance.source;
+    let ending = Path::new(source).extension().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
+    let document = matches!(ending.as_str(), "glb" | "gltf" | "vrm");
+    if export::same_file(source, out) {
+        bail!("{} is what is read; give another file to write", out.display());
+    }
+    let exported = match imported.rig() {
+        Some(rig) if document && args.character.is_none() => export::onto(source, imported, rig, &args.export())?,
+        Some(rig) => export::alone(&imported.name, rig, &imported.provenance, &args.export())?,
+        // Nothing to take out: the document as one file.
+        None if document => export::strip(source, &ImportOptions::default())?,
+        None => bail!("{source}: the file has a mesh but no skeleton, which is written as obj only"),
+    };
+    for note in &exported.notes {
+        eprintln!("note: {source}: {note}");
+    }
+    export::write(out, &exported.bytes).with_context(|| format!("{}", out.display()))
 }
 
 /// A file name for an asset: names come from files and may lead anywhere.

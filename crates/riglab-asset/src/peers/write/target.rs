@@ -102,6 +102,10 @@ impl Target {
         if name.ends_with(Self::RigNet.suffix()) {
             return Ok(Self::RigNet);
         }
+        // A VRM is a GLB with extensions, which come along from a VRM.
+        if name.ends_with(".vrm") {
+            return Ok(Self::Glb);
+        }
         let clear = [
             Self::Glb,
             Self::Obj,
@@ -138,9 +142,12 @@ mod tests {
         for &target in Target::ALL {
             assert_eq!(target.name().parse::<Target>().unwrap(), target);
         }
-        for (path, target) in
-            [("a/B.GLB", Target::Glb), ("raw_data.npz", Target::UniRig), ("7_rig.txt", Target::RigNet)]
-        {
+        for (path, target) in [
+            ("a/B.GLB", Target::Glb),
+            ("a.vrm", Target::Glb),
+            ("raw_data.npz", Target::UniRig),
+            ("7_rig.txt", Target::RigNet),
+        ] {
             assert_eq!(Target::of(Path::new(path)).unwrap(), target);
         }
         for path in ["a.npz", "a.txt", "a", "a.blend"] {
