@@ -72,6 +72,8 @@ pub struct ImportOptions {
     pub item: Option<usize>,
     /// Which character of a file with several; `None` reads all as one.
     pub character: Option<Character>,
+    /// Whether [`import_each`] gives every character of a file with several by itself.
+    pub split: bool,
     /// Whether motions are read, and how they are sampled.
     pub clips: Option<Resample>,
 }
@@ -198,11 +200,42 @@ pub fn import_each(
         Ok((Some(format), folder)) => {
             peers::each(&source(path, format, folder.as_deref()), options, false, &mut each);
         }
-        Ok((None, folder)) => {
-            let _ = each(contents(path).and_then(|bytes| import_from(path, &bytes, folder.as_deref(), options)));
-        }
+        Ok((None, folder)) => match contents(path) {
+            Ok(bytes) => each_character(path, &bytes, folder.as_deref(), options, &mut each),
+            Err(e) => {
+                let _ = each(Err(e));
+            }
+        },
         Err(e) => {
             let _ = each(Err(e));
+        }
+    }
+}
+
+/// The file as one asset, or, where the options split it, each character by itself.
+fn each_character(
+    path: &Path,
+    bytes: &[u8],
+    folder: Option<&Path>,
+    options: &ImportOptions,
+    each: &mut dyn FnMut(Result<Imported, ImportError>) -> ControlFlow<()>,
+) {
+    let whole = import_from(path, bytes, folder, options);
+    let roots: Vec<String> = match &whole {
+        Ok(imported) if options.split => imported.reading.characters().into_iter().map(String::from).collect(),
+        _ => Vec::new(),
+    };
+    if roots.len() < 2 {
+        let _ = each(whole);
+        return;
+    }
+    drop(whole);
+    for (number, root) in roots.iter().enumerate() {
+        let options = ImportOptions { character: Some(Character::Number(number)), ..options.clone() };
+        let one = import_from(path, bytes, folder, &options)
+            .map(|imported| Imported { name: format!("{}-{root}", imported.name), ..imported });
+        if each(one).is_break() {
+            return;
         }
     }
 }

@@ -2,8 +2,10 @@
 
 mod common;
 
+use std::ops::ControlFlow;
+
 use common::{INDICES, INVERSE_BIND, JOINTS, POSITION, Tiny, WEIGHTS};
-use riglab_asset::{Character, ImportOptions, Imported, Resample, Warning, import_bytes};
+use riglab_asset::{Character, ImportOptions, Imported, Resample, Warning, import_bytes, import_each};
 use serde_json::json;
 
 /// The tiny rig, and five units beside it another one of the same vertices, which has springs and moves.
@@ -67,6 +69,21 @@ fn one_is_read_with_all_that_is_its_own() {
     assert_eq!((second.clips[0].joints(), maps[1][3]), (2, [1.0, 1.0, 3.0]));
     assert!(!second.warnings().iter().any(|w| matches!(w, Warning::SeparateSkeletons { .. })));
     assert_eq!(second.inspect(false).joints.len(), 2);
+}
+
+#[test]
+fn a_file_can_be_split() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("two.glb");
+    std::fs::write(&path, two().glb()).unwrap();
+    for (split, wanted) in [(false, vec!["two"]), (true, vec!["two-hips", "two-pelvis"])] {
+        let mut names = Vec::new();
+        import_each(&path, &ImportOptions { split, ..ImportOptions::default() }, |imported| {
+            names.push(imported.unwrap().name);
+            ControlFlow::Continue(())
+        });
+        assert_eq!(names, wanted);
+    }
 }
 
 #[test]

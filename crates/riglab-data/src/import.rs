@@ -158,6 +158,9 @@ fn one(
         return Ok(Found::Several);
     }
     let imported = import(path, options).map_err(refused)?;
+    if options.split && imported.reading.characters().len() > 1 {
+        return Ok(Found::Several);
+    }
     let asset = asset(imported, &name, manifest.get(&name)).map_err(refused)?;
     Ok(Found::One(Box::new(asset)))
 }

@@ -50,6 +50,9 @@ struct Import {
     /// What becomes of loose roots: children of the largest tree's root, or all below a new one.
     #[arg(long, value_enum, default_value = "reattach")]
     roots: Roots,
+    /// Take each of several characters in a file as an asset of its own.
+    #[arg(long)]
+    split_characters: bool,
     /// Keep the files' motions, sampled at so many frames a second [default rate: 30].
     #[arg(long, value_name = "RATE", num_args = 0..=1, default_missing_value = "30", value_parser = rate)]
     clips: Option<f32>,
@@ -124,7 +127,7 @@ fn run_import(args: &Import) -> Result<ExitCode> {
     let total = rigged_files(&args.folder)?.len() as u64;
     let progress = Mutex::new(Progress::new("importing", total, 0));
     let clips = args.clips.map(|rate| Resample { rate, ..Resample::default() });
-    let options = ImportOptions { roots, clips, ..ImportOptions::default() };
+    let options = ImportOptions { roots, clips, split: args.split_characters, ..ImportOptions::default() };
     let report = import_folder(&args.folder, &args.out, &splitter, &options, |done| {
         if let Ok(mut p) = progress.lock() {
             p.set(done as u64, String::new);
