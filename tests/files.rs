@@ -1,0 +1,115 @@
+//! Files in and out by the commands: inspect, convert, strip, and back into a corpus.
+
+mod binary;
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use binary::{must, refusal, riglab, text};
+use serde_json::Value;
+
+/// Every format that is written, by its name and the name of a file.
+const FORMATS: [(&str, &str); 9] = [
+    ("glb", "a.glb"),
+    ("fbx", "a.fbx"),
+    ("rignet", "a_rig.txt"),
+    ("puppeteer", "p/a.txt"),
+    ("puppeteer-h5", "a.h5"),
+    ("articulation-xl", "a_axl.npz"),
+    ("unirig", "raw_data.npz"),
+    ("skintokens", "a_st.npz"),
+    ("anymate", "a.pt"),
+];
+
+fn creatures(dir: &Path, count: u32) -> Vec<PathBuf> {
+    must(&["synth", "-o", text(dir), "--count", &count.to_string(), "--triangles", "400..800"]);
+    let names = fs::read_dir(dir).unwrap().map(|entry| entry.unwrap().path());
+    let mut files: Vec<_> = names.filter(|p| p.extension().is_some_and(|e| e == "glb")).collect();
+    files.sort();
+    files
+}
+
+fn inspected(file: &Path) -> Value {
+    let out = must(&["inspect", "--json", text(file)]);
+    serde_json::from_slice(&out.stdout).unwrap()
+}
+
+#[test]
+fn a_creature_goes_through_every_format_and_back() {
+    let dir = tempfile::tempdir().unwrap();
+    let creature = &creatures(&dir.path().join("made"), 1)[0];
+    let was = inspected(creature);
+    for (format, name) in FORMATS {
+        let file = dir.path().join(name);
+        must(&["convert", text(creature), text(&file), "--to", format]);
+        let back = dir.path().join(format!("{format}.glb"));
+        must(&["convert", text(&file), text(&back)]);
+        let is = inspected(&back);
+        assert_eq!(is["joints"].as_array().map(Vec::len), was["joints"].as_array().map(Vec::len), "{format}");
+        assert_eq!((&is["vertices"], &is["triangles"]), (&was["vertices"], &was["triangles"]), "{format}");
+        let sum = |v: &Value| v["weight_totals"].as_object().unwrap().values().filter_map(Value::as_f64).sum::<f64>();
+        assert!((sum(&is) - sum(&was)).abs() < 1e-2, "{format}");
+    }
+}
+
+#[test]
+fn many_files_become_one_and_a_corpus() {
+    let dir = tempfile::tempdir().unwrap();
+    let made = dir.path().join("made");
+    let count = creatures(&made, 4).len();
+    let one = dir.path().join("set").join("all.npz");
+    fs::create_dir(one.parent().unwrap()).unwrap();
+    must(&["convert", text(&made), text(&one), "--to", "articulation-xl"]);
+    let lines = |args: &[&str]| String::from_utf8_lossy(&must(args).stdout).lines().count();
+    assert_eq!(lines(&["inspect", "--json", text(&one)]), count);
+    assert_eq!(lines(&["inspect", "--json", text(&one), "--item", "3"]), 1);
+    let said = refusal(&mut riglab(&["convert", text(&one), text(&dir.path().join("one.glb"))]));
+    assert!(said.contains("one.glb") && said.contains("--item"), "{said}");
+    let corpus = dir.path().join("c.h5");
+    must(&["dataset", "import", text(one.parent().unwrap()), "-o", text(&corpus)]);
+    let listed = must(&["dataset", "inspect", text(&corpus), "--json"]).stdout;
+    assert_eq!(String::from_utf8_lossy(&listed).lines().count(), count);
+    // And apart again.
+    let apart = dir.path().join("apart");
+    must(&["convert", text(&one), text(&apart), "--to", "glb"]);
+    assert_eq!(fs::read_dir(apart).unwrap().count(), count);
+}
+
+#[test]
+fn a_rig_is_taken_out() {
+    let dir = tempfile::tempdir().unwrap();
+    let creature = &creatures(&dir.path().join("made"), 1)[0];
+    let bare = dir.path().join("bare.glb");
+    must(&["strip", text(creature), text(&bare)]);
+    let (was, is) = (inspected(creature), inspected(&bare));
+    assert_eq!((&is["vertices"], &is["triangles"]), (&was["vertices"], &was["triangles"]));
+    assert_eq!(is["joints"], Value::Array(vec![]));
+    // A rig is needed for what holds rigs.
+    let said = refusal(&mut riglab(&["convert", text(&bare), text(&dir.path().join("bare_rig.txt"))]));
+    assert!(said.contains("bare.glb") && said.contains("skeleton"), "{said}");
+    must(&["convert", text(&bare), text(&dir.path().join("bare.obj"))]);
+}
+
+#[test]
+fn the_source_is_never_written_over_and_faults_are_named() {
+    let dir = tempfile::tempdir().unwrap();
+    let creature = &creatures(&dir.path().join("made"), 1)[0];
+    let before = fs::read(creature).unwrap();
+    for args in [&["convert", text(creature), text(creature)][..], &["strip", text(creature), text(creature)]] {
+        let said = refusal(&mut riglab(args));
+        assert!(said.contains(text(creature)), "{said}");
+        assert_eq!(fs::read(creature).unwrap(), before);
+    }
+    let nowhere = dir.path().join("nowhere.glb");
+    let out = dir.path().join("out.glb");
+    for args in [
+        &["convert", text(&nowhere), text(&out)][..],
+        &["strip", text(&nowhere), text(&out)],
+        &["convert", text(creature), text(&nowhere), "--character", "9"],
+    ] {
+        let said = refusal(&mut riglab(args));
+        assert!(said.contains("glb") && !out.exists() && !nowhere.exists(), "{said}");
+    }
+    let unclear = refusal(&mut riglab(&["convert", text(creature), text(&dir.path().join("x.npz"))]));
+    assert!(unclear.contains("--to") && unclear.contains("unirig"), "{unclear}");
+}
