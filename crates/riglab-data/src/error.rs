@@ -55,7 +55,7 @@ pub enum DataError {
         message: String,
     },
     /// Two assets of one name.
-    #[error("two assets are named `{0}`")]
+    #[error("two assets are named `{0}`; `riglab dataset merge --prefix` tells corpora apart by their names")]
     DuplicateName(String),
     /// A folder without a file to import.
     #[error("{path}: no rigged file (GLB, glTF, VRM, rig text with OBJ, npz, h5, pt) in this folder or below it", path = .0.display())]

@@ -271,5 +271,10 @@ mod tests {
         }
         let corpus = crate::Corpus::open(&out).unwrap();
         assert_eq!(corpus.names().unwrap(), ["a_rig.txt", "b_rig.txt", "set.npz#a_rig", "set.npz#b_rig"]);
+        // One that is in its set twice gets a name of its own.
+        let [a, b] = both;
+        riglab_asset::write(&[a.clone(), a, b], &set, riglab_asset::Target::ArticulationXl).unwrap();
+        let report = import_folder(dir.path(), &out, &Splitter::ByTopology(0), &options, |_| ()).unwrap();
+        assert_eq!((report.imported, report.refused), (5, vec![]));
     }
 }

@@ -13,6 +13,7 @@
 
 mod error;
 mod import;
+mod merge;
 mod reader;
 mod room;
 pub mod schema;
@@ -23,6 +24,7 @@ mod writer;
 pub use error::DataError;
 pub use import::{ImportReport, Refused, import_folder, rigged_files};
 
+pub use merge::{MergeReport, merge};
 pub use reader::{Corpus, Fault};
 pub use split::{SplitNames, Splitter};
 pub use stats::{Stats, stats};

@@ -8,7 +8,7 @@ use std::sync::Mutex;
 use anyhow::{Context, Result};
 use clap::Subcommand;
 use riglab_asset::{ImportOptions, Resample, RootPolicy};
-use riglab_data::{Corpus, Splitter, Stats, import_folder, rigged_files, stats};
+use riglab_data::{Corpus, Splitter, Stats, import_folder, merge, rigged_files, stats};
 use riglab_train::Progress;
 
 /// Make and look at corpora: HDF5 files of many rigs.
@@ -21,6 +21,7 @@ pub struct Args {
 #[derive(Subcommand)]
 enum Command {
     Import(Import),
+    Merge(Merge),
     Inspect(Inspect),
     Stats(StatsArgs),
     Verify(Verify),
@@ -72,6 +73,32 @@ enum Roots {
     Virtual,
 }
 
+/// Write the assets of several corpora to one.
+///
+/// Assets keep their splits unless --split or --seed splits them anew; equal ones come once.
+#[derive(clap::Args)]
+#[command(after_help = "\
+Examples:
+  riglab dataset merge part-*.h5 -o all.h5 --seed 0
+  riglab dataset merge rigs.h5 creatures.h5 -o mixed.h5 --prefix")]
+struct Merge {
+    /// The corpora.
+    #[arg(required = true)]
+    corpora: Vec<PathBuf>,
+    /// The corpus to write.
+    #[arg(long, short, value_name = "FILE")]
+    out: PathBuf,
+    /// Put the name of its corpus before each asset's.
+    #[arg(long)]
+    prefix: bool,
+    /// Split all assets by this file, as import does.
+    #[arg(long, value_name = "FILE", conflicts_with = "seed")]
+    split: Option<PathBuf>,
+    /// Split all assets by topology, with this seed.
+    #[arg(long)]
+    seed: Option<u64>,
+}
+
 /// List a corpus' assets, or show one.
 #[derive(clap::Args)]
 #[command(after_help = "Examples:\n  riglab dataset inspect corpus.h5\n  riglab dataset inspect corpus.h5 fox.glb")]
@@ -107,6 +134,7 @@ struct Verify {
 pub fn run(args: &Args) -> Result<ExitCode> {
     match &args.command {
         Command::Import(a) => run_import(a),
+        Command::Merge(a) => run_merge(a),
         Command::Inspect(a) => run_inspect(a),
         Command::Stats(a) => run_stats(a),
         Command::Verify(a) => run_verify(a),
@@ -163,6 +191,27 @@ fn run_import(args: &Import) -> Result<ExitCode> {
         splits.join(", "),
         report.refused.len()
     );
+    Ok(ExitCode::SUCCESS)
+}
+
+fn run_merge(args: &Merge) -> Result<ExitCode> {
+    let splitter = match (&args.split, args.seed) {
+        (Some(path), _) => Some(Splitter::read(path)?),
+        (None, seed) => seed.map(Splitter::ByTopology),
+    };
+    let mut total = 0;
+    for path in &args.corpora {
+        total += Corpus::open(path)?.len();
+    }
+    let mut progress = Progress::new("merging", total as u64, 0);
+    let report = merge(&args.corpora, &args.out, args.prefix, splitter.as_ref(), |done| {
+        progress.set(done as u64, String::new);
+    })?;
+    progress.finish();
+    for (name, other) in &report.repeated {
+        eprintln!("left out: `{name}` is equal to `{other}`");
+    }
+    println!("{}: {} assets, {} repeated ones left out", shown(&args.out), report.assets, report.repeated.len());
     Ok(ExitCode::SUCCESS)
 }
 

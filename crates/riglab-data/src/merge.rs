@@ -1,0 +1,126 @@
+//! Several corpora as one.
+
+use std::collections::HashMap;
+use std::path::{Path, PathBuf};
+
+use crate::{Corpus, CorpusWriter, DataError, Splitter};
+
+/// What became of several corpora.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct MergeReport {
+    /// Assets written.
+    pub assets: usize,
+    /// Assets left out, as one with the same arrays, bones and motions was there already: name, and
+    /// that of the other.
+    pub repeated: Vec<(String, String)>,
+}
+
+/// Writes the assets of several corpora to one at `out`, in their order, an asset at a time. Each asset
+/// keeps its split unless a splitter is given, which then splits all of them anew.
+///
+/// Assets that are equal by their digest are written once. With `prefix`, the name of each corpus' file,
+/// without ending, and `/` is put before the names of its assets.
+///
+/// # Errors
+/// [`DataError::DuplicateName`] for unlike assets of one name, what is wrong with a corpus, and when the
+/// disk refuses; an older corpus at `out` is left alone then.
+pub fn merge(
+    corpora: &[PathBuf],
+    out: &Path,
+    prefix: bool,
+    splitter: Option<&Splitter>,
+    mut progress: impl FnMut(usize),
+) -> Result<MergeReport, DataError> {
+    let open: Vec<Corpus> = corpora.iter().map(|path| Corpus::open(path)).collect::<Result<_, _>>()?;
+    let mut writer = CorpusWriter::create(out)?;
+    let mut report = MergeReport::default();
+    let (mut splits, mut keys) = (Vec::new(), Vec::new());
+    let mut seen: HashMap<String, String> = HashMap::new();
+    let mut done = 0;
+    for (corpus, path) in open.iter().zip(corpora) {
+        let before = match prefix {
+            true => format!("{}/", path.file_stem().unwrap_or_default().to_string_lossy()),
+            false => String::new(),
+        };
+        let (digests, own) = (corpus.texts("digest")?, corpus.texts("split")?);
+        for (index, (digest, split)) in digests.into_iter().zip(own).enumerate() {
+            done += 1;
+            progress(done);
+            let name = format!("{before}{}", corpus.names()?[index]);
+            if let Some(other) = seen.get(&digest) {
+                report.repeated.push((name, other.clone()));
+                continue;
+            }
+            let mut asset = corpus.asset(index)?;
+            asset.name.clone_from(&name);
+            writer.add(&asset)?;
+            keys.extend(splitter.map(|_| Splitter::key(&asset)));
+            splits.push(split);
+            seen.insert(digest, name);
+        }
+    }
+    report.assets = writer.len();
+    if let Some(splitter) = splitter {
+        splits = splitter.assign(&keys);
+    }
+    writer.finish(&splits)?;
+    Ok(report)
+}
+
+#[cfg(test)]
+mod tests {
+    use riglab_core::{Asset, Joint, Mesh, Provenance, Rig, Skeleton, SkinWeights};
+
+    use super::*;
+
+    /// A rig that differs by where its joint is.
+    fn asset(name: &str, place: f32) -> Asset {
+        let joint = Joint { name: "root".into(), parent: None, head: [place, 0.0, 0.0] };
+        let mesh = Mesh::new(vec![[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]], vec![[0, 1, 2]]).unwrap();
+        let weights = SkinWeights::normalized(vec![vec![(0u16, 1.0)]; 3]).unwrap();
+        let rig = Rig::new(Skeleton::new(vec![joint]).unwrap(), mesh, weights).unwrap();
+        Asset { name: name.into(), rig, clips: vec![], provenance: Provenance::default() }
+    }
+
+    fn written(path: PathBuf, assets: &[(&str, f32, &str)]) -> PathBuf {
+        let mut writer = CorpusWriter::create(&path).unwrap();
+        assets.iter().for_each(|(name, place, _)| writer.add(&asset(name, *place)).unwrap());
+        writer.finish(&assets.iter().map(|a| a.2).collect::<Vec<_>>()).unwrap();
+        path
+    }
+
+    #[test]
+    fn assets_keep_their_splits_and_equal_ones_come_once() {
+        let dir = tempfile::tempdir().unwrap();
+        let a = written(dir.path().join("a.h5"), &[("x", 0.0, "train"), ("y", 1.0, "val")]);
+        let b = written(dir.path().join("b.h5"), &[("z", 2.0, "test_new"), ("again", 1.0, "train")]);
+        let out = dir.path().join("all.h5");
+        let report = merge(&[a.clone(), b.clone()], &out, false, None, |_| ()).unwrap();
+        assert_eq!((report.assets, report.repeated), (3, vec![("again".into(), "y".into())]));
+        let all = Corpus::open(&out).unwrap();
+        assert_eq!(all.names().unwrap(), ["x", "y", "z"]);
+        assert_eq!(all.texts("split").unwrap(), ["train", "val", "test_new"]);
+        assert_eq!(all.asset(2).unwrap(), asset("z", 2.0));
+        assert_eq!(all.verify(|_| ()).unwrap(), []);
+        // Split anew, and named by where they are from.
+        let report = merge(&[a, b], &out, true, Some(&Splitter::ByTopology(0)), |_| ()).unwrap();
+        assert_eq!(report.assets, 3);
+        let all = Corpus::open(&out).unwrap();
+        assert_eq!(all.names().unwrap(), ["a/x", "a/y", "b/z"]);
+        // All have one topology.
+        let splits = all.texts("split").unwrap();
+        assert!(splits.iter().all(|s| s == "test_new") || splits.iter().all(|s| s != "test_new"), "{splits:?}");
+    }
+
+    #[test]
+    fn unlike_assets_of_one_name_are_refused_and_the_old_corpus_stays() {
+        let dir = tempfile::tempdir().unwrap();
+        let a = written(dir.path().join("a.h5"), &[("x", 0.0, "train")]);
+        let b = written(dir.path().join("b.h5"), &[("x", 2.0, "train")]);
+        let out = written(dir.path().join("all.h5"), &[("old", 9.0, "val")]);
+        let error = merge(&[a.clone(), b.clone()], &out, false, None, |_| ()).unwrap_err();
+        assert!(matches!(error, DataError::DuplicateName(name) if name == "x"));
+        assert_eq!(Corpus::open(&out).unwrap().names().unwrap(), ["old"]);
+        assert_eq!(merge(&[a, b], &out, true, None, |_| ()).unwrap().assets, 2);
+    }
+}
