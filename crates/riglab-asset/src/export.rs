@@ -6,6 +6,10 @@
 //! joints take the place of the old ones: nodes that were for the old joints alone go, and so does motion
 //! of them. [`strip`] takes the rig out and leaves the meshes where the rest pose shows them.
 //!
+//! Human bones and springs go along: into a VRM in the words of its version, and from a rig that has none
+//! what the source says stays, as far as its joints do. Any other file gets `VRMC_springBone`, and the human
+//! bones in `extras` of nodes; [`alone`] makes a VRM 1.0 where licence and author are known.
+//!
 //! Holds: what is written reads back with the same joints, heads and triangles, positions equal bit for
 //! bit, weights within 1e-6 unless they were cut; the same input gives the same bytes; pictures are copied
 //! byte for byte. With [`JointFrames::AlongBone`] heads and positions are equal within rounding of f32.
@@ -95,6 +99,20 @@ pub enum ExportNote {
         /// How many.
         surfaces: usize,
     },
+    /// The human bones of a rig alone are in the `extras` of nodes: it cannot become a VRM 1.0.
+    NoVrm {
+        /// Why.
+        lacking: &'static str,
+    },
+    /// A VRM 0.x cannot say all that the springs of the rig are.
+    SpringsChanged {
+        /// Joints that swing, because one above them does.
+        joints: usize,
+        /// Capsules that became spheres.
+        capsules: usize,
+    },
+    /// Human bones and springs are those of the source: the rig has a root that the source has not.
+    BodyLeft,
 }
 
 impl fmt::Display for ExportNote {
@@ -114,6 +132,17 @@ impl fmt::Display for ExportNote {
             Self::TrianglesTurned { surfaces } => {
                 write!(f, "the triangles of {surfaces} mirrored meshes were turned round, so that they face as before")
             }
+            Self::NoVrm { lacking } => {
+                write!(f, "human bones are in the extras of nodes, and the file is no VRM: {lacking}")
+            }
+            Self::SpringsChanged { joints, capsules } => write!(
+                f,
+                "VRM 0.x cannot say all of the springs: {joints} joints swing with one above them, \
+                 {capsules} capsules became rows of spheres"
+            ),
+            Self::BodyLeft => f.write_str(
+                "human bones and springs are those of the source, for the rig has a root that the source has not",
+            ),
         }
     }
 }
@@ -212,6 +241,11 @@ pub fn onto_bytes(
 }
 
 /// A rig as a GLB of its own: one mesh with normals and a plain material, one skin, a node a joint.
+///
+/// Springs are those of VRM 1.0 (`VRMC_springBone`). The whole becomes a VRM 1.0 where the rig has all human
+/// bones that it asks for and looks along +z, and the provenance an author and a licence that is an address or
+/// one of Creative Commons. Else each human bone is told by the member `riglabHumanBone` of the `extras` of its
+/// node, which [`crate::import`] reads.
 ///
 /// # Errors
 /// [`ExportFault::TooLong`].

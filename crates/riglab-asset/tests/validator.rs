@@ -37,6 +37,7 @@ fn exports_have_no_errors_that_their_sources_do_not_have() {
             export::onto(file, &imported, rig, &all),
             export::onto(file, &imported, rig, &four),
             export::onto(file, &imported, &common::renamed(rig), &four),
+            export::onto(file, &imported, &common::reborn(rig), &four),
             export::alone("alone", rig, &imported.provenance, &four),
             export::strip(file, &ImportOptions::default()),
         ];

@@ -129,6 +129,7 @@ pub(super) struct Node {
     pub translation: Option<[f64; 3]>,
     pub rotation: Option<[f64; 4]>,
     pub scale: Option<[f64; 3]>,
+    pub extras: Value,
 }
 
 #[derive(Debug, Deserialize)]

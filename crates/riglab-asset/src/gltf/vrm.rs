@@ -3,6 +3,8 @@
 //! VRM in the wild is loose in its types and references: what is broken is left out, one by one, and
 //! told. References to nodes that are no joints of a skin have no place in a rig: a human bone or a
 //! swinging node of that kind is left out, the tail of a spring stays as a point.
+//!
+//! Files that are no VRM may tell human bones by the `extras` of nodes, as [`crate::export`] writes them.
 
 mod springs;
 
@@ -15,6 +17,10 @@ use super::nodes::Nodes;
 use super::placing;
 use super::skins::Skins;
 use crate::{Body, Warning};
+pub(super) use springs::LEAF;
+
+/// The member of a node's `extras` that tells which human bone it is, in files that are no VRM.
+pub(super) const BONE_EXTRA: &str = "riglabHumanBone";
 
 /// The spelling of bones in VRM 0.x where VRM 1.0 has another: thumbs count from the palm there.
 const THUMBS: [(&str, &str); 4] = [
@@ -38,7 +44,9 @@ struct Scene<'a> {
 pub(super) fn read(document: &Document, file: &placing::Scene<'_, '_>, warnings: &mut Vec<Warning>) -> Body {
     let &placing::Scene { nodes, skins, binds, .. } = file;
     let [one, springs, zero] = ["VRMC_vrm", "VRMC_springBone", "VRM"].map(|name| &document.extensions[name]);
-    if [one, springs, zero].iter().all(|e| e.is_null()) {
+    let extras = |node: usize| &document.nodes[node].extras[BONE_EXTRA];
+    let bare = [one, zero].iter().all(|e| e.is_null());
+    if bare && springs.is_null() && (0..nodes.len()).all(|node| extras(node).is_null()) {
         return Body::default();
     }
     let mut above = vec![None; nodes.len() + 1];
@@ -47,9 +55,10 @@ pub(super) fn read(document: &Document, file: &placing::Scene<'_, '_>, warnings:
     }
     let scene = Scene { nodes, skins, rests: binds.rests(nodes), above };
     let (mut human, mut spring) = (Dropped::default(), Dropped::default());
-    let humanoid = match one.is_null() {
-        false => scene.humanoid1(one, &mut human),
-        true => scene.humanoid0(zero, &mut human),
+    let humanoid = match (one.is_null(), zero.is_null()) {
+        (false, _) => scene.humanoid1(one, &mut human),
+        (true, false) => scene.humanoid0(zero, &mut human),
+        (true, true) => scene.humanoid_of_extras(extras, &mut human),
     };
     let springs = match springs.is_null() && one.is_null() {
         false => scene.springs1(springs, &mut spring),
@@ -77,6 +86,17 @@ impl Scene<'_> {
             let name = entry["bone"].as_str().unwrap_or_default();
             let own = THUMBS.iter().find(|(old, _)| *old == name).map_or(name, |(_, new)| new);
             self.human_bone(own, name, &entry["node"], &mut humanoid, dropped);
+        }
+        humanoid
+    }
+
+    /// What [`crate::export`] writes where the file is no VRM.
+    fn humanoid_of_extras<'v>(&self, extras: impl Fn(usize) -> &'v Value, dropped: &mut Dropped) -> Humanoid {
+        let mut humanoid = Humanoid::default();
+        for node in 0..self.nodes.len() {
+            if let Some(name) = extras(node).as_str() {
+                self.human_bone(name, name, &node.into(), &mut humanoid, dropped);
+            }
         }
         humanoid
     }

@@ -38,6 +38,11 @@ pub fn renamed(rig: &Rig) -> Rig {
     Rig::new(Skeleton::new(joints.collect()).unwrap(), rig.mesh().clone(), rig.weights().clone()).unwrap()
 }
 
+/// The same with human bones and springs.
+pub fn reborn(rig: &Rig) -> Rig {
+    renamed(rig).with_humanoid(rig.humanoid().clone()).unwrap().with_springs(rig.springs().clone()).unwrap()
+}
+
 /// A tetrahedron on two joints, `hips` at (0, 1, 0) and `tip` at (0, 2, 0).
 pub struct Tiny {
     pub document: Value,

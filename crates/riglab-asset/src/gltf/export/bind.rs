@@ -3,7 +3,7 @@
 use std::collections::{BTreeMap, HashMap};
 
 use glam::DAffine3;
-use riglab_core::Rig;
+use riglab_core::{Provenance, Rig};
 use serde_json::{Value, json};
 
 use super::super::accessor::Accessors;
@@ -14,7 +14,8 @@ use super::place::{self, Moved};
 use super::remove::{self, Successors};
 use super::rows::Rows;
 use super::scene::{Same, Scene, Surface, Weights};
-use super::{frames, vrm};
+use super::springs::{self, Joints};
+use super::{frames, humanoid};
 use crate::nearest::nearest_others;
 use crate::{ExportNote, ExportOptions, Fault, Influences, Reading};
 
@@ -90,6 +91,33 @@ impl Binder<'_, '_> {
         Ok(true)
     }
 
+    /// Writes the human bones and springs of the rig on the joints that are there, where they are not those
+    /// that were read.
+    pub(super) fn change_body(&mut self, same: &Same<'_>, before: &Rig, reading: &Reading) {
+        let (rig, skeleton) = (same.rig, same.rig.skeleton());
+        let changed = [rig.humanoid() != before.humanoid(), rig.springs() != before.springs()];
+        if changed == [false; 2] {
+            return;
+        }
+        // A root that was put above several is in no file.
+        if reading.joints.len() < skeleton.len() {
+            self.notes.push(ExportNote::BodyLeft);
+            return;
+        }
+        let mut nodes = vec![0; skeleton.len()];
+        for (joint, &new) in reading.joints.iter().zip(&same.joint_of) {
+            nodes[usize::from(new)] = joint.node;
+        }
+        let frames = nodes.iter().map(|&node| self.scene.rests[node]).collect();
+        let joints = Joints { skeleton, nodes, frames };
+        if changed[0] {
+            humanoid::set(self.draft, rig.humanoid(), |joint| joints.node(joint));
+        }
+        if changed[1] {
+            springs::set(self.draft, rig, &joints, self.notes);
+        }
+    }
+
     /// Puts a skeleton of its own beside the meshes, and binds all of them to it. Old skins and joints go.
     pub(super) fn new_skeleton(&mut self, rig: &Rig, reading: &Reading) -> Result<(), Fault> {
         let (draft, scene) = (&mut *self.draft, self.scene);
@@ -105,7 +133,7 @@ impl Binder<'_, '_> {
 
         let mut meshes = Meshes::new(self.draft);
         let mut moved = Moved::new();
-        let (mut cut, mut lost, mut turned) = (0, 0.0f32, 0);
+        let (mut cut, mut lost, mut mirrored) = (0, 0.0f32, 0);
         for (node, surfaces) in by_node(scene.surfaces.iter()) {
             let Some(mesh) = meshes.own(self.draft, node) else { continue };
             for surface in &surfaces {
@@ -113,7 +141,7 @@ impl Binder<'_, '_> {
                 if !place::stands(surface, placed, |p| p) {
                     let mut baker = Baker::new(self.accessors, surface.map);
                     let turn = place::bake(self.draft, self.accessors, &mut baker, mesh, surface, placed)?;
-                    turned += usize::from(turn);
+                    mirrored += usize::from(turn);
                 }
                 let rows = self.rows(surface, rig, |joint| joint);
                 let attributes = rows.write(self.draft, skeleton.len());
@@ -129,13 +157,15 @@ impl Binder<'_, '_> {
             }
         }
         self.tell_cut(cut, lost);
-        if turned > 0 {
-            self.notes.push(ExportNote::TrianglesTurned { surfaces: turned });
+        if mirrored > 0 {
+            self.notes.push(ExportNote::TrianglesTurned { surfaces: mirrored });
         }
         let names: HashMap<&str, usize> = skeleton.names().iter().map(String::as_str).zip(root..).collect();
         let new = reading.joints.iter().filter_map(|j| Some((j.node, *names.get(j.name.as_str())?)));
         let successors = Successors { joints: new.collect(), meshes: moved };
-        vrm::set_humanoid(self.draft, rig.humanoid(), |joint| root + joint.index());
+        let joints = Joints { skeleton, nodes: joints, frames: turned };
+        humanoid::set(self.draft, rig.humanoid(), |joint| joints.node(joint));
+        springs::set(self.draft, rig, &joints, self.notes);
         remove::old_rig(self.draft, scene, &successors, self.notes);
         Ok(())
     }
@@ -203,6 +233,7 @@ pub(super) fn alone(
     rig: &Rig,
     name: &str,
     header: Value,
+    from: &Provenance,
     options: &ExportOptions,
     notes: &mut Vec<ExportNote>,
 ) -> Draft {
@@ -238,6 +269,9 @@ pub(super) fn alone(
     draft.json["meshes"] = json!([{"name": name, "primitives": [primitive]}]);
     let look = json!({"baseColorFactor": [0.8, 0.8, 0.8, 1.0], "metallicFactor": 0.0, "roughnessFactor": 0.8});
     draft.json["materials"] = json!([{"name": "default", "pbrMetallicRoughness": look}]);
+    let joints = Joints { skeleton, nodes: joints, frames: turned };
+    humanoid::set_alone(&mut draft, name, rig, from, |joint| joints.node(joint), notes);
+    springs::set(&mut draft, rig, &joints, notes);
     draft
 }
 

@@ -69,6 +69,26 @@ impl Draft {
         list.len() - 1
     }
 
+    /// Sets an extension of the document, and lists it as used.
+    pub(super) fn extend_with(&mut self, name: &str, value: Value) {
+        if !self.json.get("extensions").is_some_and(Value::is_object) {
+            self.json["extensions"] = json!({});
+        }
+        self.json["extensions"][name] = value;
+        if !self.list("extensionsUsed").iter().any(|used| used == name) {
+            self.push("extensionsUsed", json!(name));
+        }
+    }
+
+    /// Hangs a node on another, before its other children or behind them.
+    pub(super) fn add_child(&mut self, parent: usize, child: usize, first: bool) {
+        let Some(parent) = self.list_mut("nodes").get_mut(parent) else { return };
+        match parent.get_mut("children").and_then(Value::as_array_mut) {
+            Some(children) => children.insert(if first { 0 } else { children.len() }, json!(child)),
+            None => parent["children"] = json!([child]),
+        }
+    }
+
     /// Adds bytes as a view; gives its number.
     pub(super) fn view(&mut self, bytes: &[u8], target: Option<u32>, stride: Option<usize>) -> usize {
         self.binary.resize(self.binary.len().next_multiple_of(4), 0);

@@ -1,9 +1,10 @@
 //! Documents with another rig, or without one.
 //!
 //! A file is packed into one run of bytes ([`packed`]), looked at as the importer does ([`scene`]), and
-//! altered as JSON ([`draft`]): a rig is put in ([`bind`]) or taken out ([`strip`], [`remove`]), geometry
-//! moved into the scene only where the nodes would not leave it in its place ([`bake`], [`place`]). At
-//! the end goes what nothing names any more ([`finish`]). All else stays as it was read.
+//! altered as JSON ([`draft`]): a rig is put in ([`bind`]), with its human bones ([`humanoid`]) and springs
+//! ([`springs`]), or taken out ([`strip`], [`remove`]). Geometry is moved into the scene only where the nodes
+//! would not leave it in its place ([`bake`], [`place`]). At the end goes what nothing names any more
+//! ([`finish`]). All else stays as it was read.
 
 mod animations;
 mod bake;
@@ -11,6 +12,7 @@ mod bind;
 mod draft;
 mod finish;
 mod frames;
+mod humanoid;
 mod meshes;
 mod packed;
 mod place;
@@ -18,6 +20,8 @@ mod references;
 mod remove;
 mod rows;
 mod scene;
+mod springs;
+mod springs0;
 mod strip;
 mod vrm;
 
@@ -51,12 +55,11 @@ pub(crate) fn onto(
         let same = before.and_then(|_| Same::new(rig, reading));
         let scene = Scene::new(&source, reading, same.as_ref())?.ok_or(ExportFault::OtherSource)?;
         let mut binder = Binder { draft, accessors: source.accessors, scene: &scene, options, notes };
-        let kept = match &same {
-            Some(same) => binder.keep_skeleton(same, reading)?,
-            None => false,
-        };
-        if !kept {
-            binder.new_skeleton(rig, reading)?;
+        match (&same, before) {
+            (Some(same), Some(before)) if binder.keep_skeleton(same, reading)? => {
+                binder.change_body(same, before, reading);
+            }
+            _ => binder.new_skeleton(rig, reading)?,
         }
         Ok(())
     })
@@ -114,7 +117,7 @@ pub(crate) fn alone(
     if !from.licence.is_empty() {
         header["extras"] = json!({"license": from.licence, "author": from.author});
     }
-    let draft = bind::alone(rig, name, header, options, &mut notes);
+    let draft = bind::alone(rig, name, header, from, options, &mut notes);
     let bytes = draft.into_glb().map_err(ExportFault::TooLong)?;
     Ok(Exported { bytes, notes })
 }

@@ -56,6 +56,8 @@ pub(super) enum Weights {
 /// A document, looked at as the importer does.
 pub(super) struct Scene {
     pub(super) nodes: Nodes,
+    /// From each node to the scene at rest.
+    pub(super) rests: Vec<DAffine3>,
     /// By node.
     pub(super) is_joint: Vec<bool>,
     /// The joints of each skin, as nodes, by slot.
@@ -145,7 +147,8 @@ impl Scene {
         }
         let is_joint = (0..nodes.len()).map(|node| skins.joint_of_node(node).is_some()).collect();
         let skins = skins.iter().map(|skin| skin.joints.clone()).collect();
-        Ok(Some(Self { nodes, is_joint, skins, surfaces }))
+        let rests = binds.rests(&nodes);
+        Ok(Some(Self { nodes, rests, is_joint, skins, surfaces }))
     }
 
     /// Whether a node is, or hangs below, a joint.

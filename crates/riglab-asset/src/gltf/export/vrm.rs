@@ -1,14 +1,14 @@
 //! What VRM 0.x and 1.0 say of nodes, when nodes go or get another number.
 
-use riglab_core::{Humanoid, JointId};
 use serde_json::{Value, json};
 
 use super::draft::{Draft, index, remove};
+use super::humanoid;
 use super::packed::{forget_extension, forget_member_extension};
 use super::references::{items, values};
 
-const VRM1: &str = "VRMC_vrm";
-const SPRINGS: &str = "VRMC_springBone";
+pub(super) const VRM1: &str = "VRMC_vrm";
+pub(super) const SPRINGS: &str = "VRMC_springBone";
 const CONSTRAINT: &str = "VRMC_node_constraint";
 
 /// Calls `each` with every number that names a node, -1 and the like left out.
@@ -78,6 +78,7 @@ pub(super) fn strip(draft: &mut Draft) {
     for node in draft.list_mut("nodes") {
         forget_member_extension(node, &[CONSTRAINT]);
     }
+    humanoid::forget_extras(draft);
     forget_member_extension(&mut draft.json, &[SPRINGS]);
     for name in [SPRINGS, CONSTRAINT] {
         forget_extension(&mut draft.json, name);
@@ -143,39 +144,6 @@ pub(super) fn follow_joints(draft: &mut Draft, to: &dyn Fn(usize) -> Option<usiz
         if lost {
             forget_member_extension(node, &[CONSTRAINT]);
         }
-    }
-}
-
-/// Writes the human bones of a rig into a document that is a VRM, in the words of its version. A rig without
-/// any leaves those that the document has. `node` gives the node of a joint.
-pub(super) fn set_humanoid(draft: &mut Draft, humanoid: &Humanoid, node: impl Fn(JointId) -> usize) {
-    let mut bones = humanoid.iter().map(|(bone, joint)| (bone.name(), node(joint))).peekable();
-    if bones.peek().is_none() {
-        return;
-    }
-    let Some(extensions) = draft.json.get_mut("extensions") else { return };
-    if let Some(vrm) = extensions.get_mut(VRM1).filter(|vrm| vrm.is_object()) {
-        let all: serde_json::Map<String, Value> =
-            bones.map(|(name, node)| (name.to_owned(), json!({"node": node}))).collect();
-        vrm["humanoid"] = json!({"humanBones": all});
-    } else if let Some(vrm) = extensions.get_mut("VRM").filter(|vrm| vrm.is_object()) {
-        // What else it says of the body, such as the stretch of arms, stays.
-        if !vrm["humanoid"].is_object() {
-            vrm["humanoid"] = json!({});
-        }
-        let bone = |(name, node)| json!({"bone": name_in_0(name), "node": node, "useDefaultValues": true});
-        vrm["humanoid"]["humanBones"] = bones.map(bone).collect();
-    }
-}
-
-/// VRM 1.0 moved the names of the thumb's bones by one.
-fn name_in_0(name: &str) -> &str {
-    match name {
-        "leftThumbMetacarpal" => "leftThumbProximal",
-        "leftThumbProximal" => "leftThumbIntermediate",
-        "rightThumbMetacarpal" => "rightThumbProximal",
-        "rightThumbProximal" => "rightThumbIntermediate",
-        same => same,
     }
 }
 

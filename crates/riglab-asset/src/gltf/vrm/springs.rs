@@ -9,7 +9,7 @@ use serde_json::Value;
 use super::{Dropped, Scene, shown};
 
 /// How far the tail of a leaf stands from its head in VRM 0.x, in metres.
-const LEAF: f64 = 0.07;
+pub(in crate::gltf) const LEAF: f64 = 0.07;
 
 /// What VRM 0.x takes for absent values.
 const SWING0: Swing =

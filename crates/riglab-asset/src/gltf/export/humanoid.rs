@@ -1,0 +1,119 @@
+//! The human bones of a rig, written where they are looked for.
+//!
+//! A VRM has a place for them. A rig alone becomes a VRM 1.0 when what that format insists on is known:
+//! all bones that a humanoid must have, a body that looks along +z, an author, and a licence with an
+//! address. Permissions that the format knows are not stated, so that its strictest apply. Nothing of this
+//! is ever made up: else, and in other documents, each bone is told by the `extras` of its node, which
+//! programs that know nothing of it keep.
+
+use glam::Vec3;
+use riglab_core::{Humanoid, JointId, Provenance, Rig};
+use serde_json::{Map, Value, json};
+
+use super::super::rights;
+use super::super::vrm::BONE_EXTRA;
+use super::draft::{Draft, remove};
+use super::vrm::VRM1;
+use crate::ExportNote;
+
+/// Writes the human bones of a rig in the words of the document. A rig without any leaves those that the
+/// document has. `node` gives the node of a joint.
+pub(super) fn set(draft: &mut Draft, humanoid: &Humanoid, node: impl Fn(JointId) -> usize) {
+    let bones: Vec<(&str, usize)> = humanoid.iter().map(|(bone, joint)| (bone.name(), node(joint))).collect();
+    if bones.is_empty() {
+        return;
+    }
+    forget_extras(draft);
+    let is_vrm = |draft: &Draft, name: &str| draft.json["extensions"][name].is_object();
+    if is_vrm(draft, VRM1) {
+        draft.json["extensions"][VRM1]["humanoid"] = in_1(&bones);
+    } else if is_vrm(draft, "VRM") {
+        let own = &mut draft.json["extensions"]["VRM"]["humanoid"];
+        // What else it says of the body, such as the stretch of arms, stays.
+        if !own.is_object() {
+            *own = json!({});
+        }
+        let bone = |&(name, node)| json!({"bone": name_in_0(name), "node": node, "useDefaultValues": true});
+        own["humanBones"] = bones.iter().map(bone).collect();
+    } else {
+        set_extras(draft, &bones);
+    }
+}
+
+/// Writes the human bones of a rig that stands alone.
+pub(super) fn set_alone(
+    draft: &mut Draft,
+    name: &str,
+    rig: &Rig,
+    from: &Provenance,
+    node: impl Fn(JointId) -> usize,
+    notes: &mut Vec<ExportNote>,
+) {
+    let bones: Vec<(&str, usize)> = rig.humanoid().iter().map(|(bone, joint)| (bone.name(), node(joint))).collect();
+    if bones.is_empty() {
+        return;
+    }
+    match licence(rig, from) {
+        Ok(address) => {
+            let meta = json!({"name": name, "authors": [from.author], "licenseUrl": address});
+            draft.extend_with(VRM1, json!({"specVersion": "1.0", "meta": meta, "humanoid": in_1(&bones)}));
+        }
+        Err(lacking) => {
+            notes.push(ExportNote::NoVrm { lacking });
+            set_extras(draft, &bones);
+        }
+    }
+}
+
+/// The address of the licence of a rig that may become a VRM 1.0, or what it lacks.
+fn licence(rig: &Rig, from: &Provenance) -> Result<String, &'static str> {
+    let head = |name: &str| {
+        let joint = name.parse().ok().and_then(|bone| rig.humanoid().joint(bone));
+        joint.map_or(Vec3::ZERO, |joint| rig.skeleton().head(joint).into())
+    };
+    let to_left = head("leftUpperLeg") - head("rightUpperLeg");
+    match rights::address(&from.licence) {
+        _ if !rig.humanoid().is_complete() => Err("not all human bones that it asks for are there"),
+        // VRM 0.x looks the other way.
+        _ if to_left.x <= to_left.y.abs().max(to_left.z.abs()) => Err("the body does not look along +z"),
+        _ if from.author.is_empty() => Err("no author is known"),
+        None => Err("no licence with an address is known"),
+        Some(address) => Ok(address),
+    }
+}
+
+fn in_1(bones: &[(&str, usize)]) -> Value {
+    let all: Map<String, Value> = bones.iter().map(|&(name, node)| (name.to_owned(), json!({"node": node}))).collect();
+    json!({"humanBones": all})
+}
+
+fn set_extras(draft: &mut Draft, bones: &[(&str, usize)]) {
+    for &(name, node) in bones {
+        let Some(node) = draft.list_mut("nodes").get_mut(node) else { continue };
+        if !node["extras"].is_object() {
+            node["extras"] = json!({});
+        }
+        node["extras"][BONE_EXTRA] = json!(name);
+    }
+}
+
+/// Takes the bones away that `extras` tell.
+pub(super) fn forget_extras(draft: &mut Draft) {
+    for node in draft.list_mut("nodes") {
+        let Some(extras) = node.get_mut("extras") else { continue };
+        if remove(extras, BONE_EXTRA).is_some() && extras.as_object().is_some_and(Map::is_empty) {
+            remove(node, "extras");
+        }
+    }
+}
+
+/// VRM 1.0 moved the names of the thumb's bones by one.
+fn name_in_0(name: &str) -> &str {
+    match name {
+        "leftThumbMetacarpal" => "leftThumbProximal",
+        "leftThumbProximal" => "leftThumbIntermediate",
+        "rightThumbMetacarpal" => "rightThumbProximal",
+        "rightThumbProximal" => "rightThumbIntermediate",
+        same => same,
+    }
+}
