@@ -2,6 +2,7 @@
 
 mod decode;
 mod epoch;
+mod export;
 mod import;
 mod import_arrays;
 mod matmul_share;
@@ -27,12 +28,17 @@ pub struct Case {
 }
 
 /// All of them, in the order they run.
-pub const CASES: [Case; 8] = [
+pub const CASES: [Case; 9] = [
     Case { name: "import", about: "rigged files read, against Blender's glTF importer", run: import::run },
     Case {
         name: "import/trimesh",
         about: "the same, against trimesh, and against pygltflib with numpy",
         run: import_arrays::run,
+    },
+    Case {
+        name: "export",
+        about: "rigs written as GLB, against pygltflib with numpy, and against trimesh",
+        run: export::run,
     },
     Case {
         name: "decode/draco",
@@ -78,6 +84,7 @@ pub fn serve(case: &str) -> Result<()> {
     match case {
         "import" => import::serve(),
         "decode" => decode::serve(),
+        "export" => export::serve(),
         "step" => step::serve(),
         "epoch" => epoch::serve(),
         _ => bail!("no side `{case}`"),
