@@ -300,7 +300,11 @@ fn archives_with_changed_members_survive() {
                     _ => n.below(256) as u8,
                 };
             }
-            rigs += usize::from(survives(&format!("member round {round} of {name}"), &zipped(&changed)));
+            let (what, changed) = (format!("member round {round} of {name}"), zipped(&changed));
+            rigs += usize::from(survives(&what, &changed));
+            let options = ImportOptions { item: Some(0), ..ImportOptions::default() };
+            let (_, peak) = peak::of(|| import_bytes(&what, &changed, &options));
+            assert!(peak.is_lean(changed.len()), "{what}: {peak:?} for a file of {}", changed.len());
         }
     }
     println!("{rigs} mutants still made a rig");
@@ -332,9 +336,23 @@ fn exchange_number(text: &mut String, n: &mut Numbers) {
 #[test]
 fn files_that_once_did_not_survive() {
     let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/regressions");
-    let files = common::files(&folder, &["glb", "gltf", "vrm", "obj", "fbx"]);
+    let files = common::files(&folder, &["glb", "gltf", "vrm", "obj", "fbx", "npz", "pt", "h5", "txt"]);
     assert!(!files.is_empty());
     for path in files {
         survives(&path.file_name().unwrap().to_string_lossy(), &std::fs::read(&path).unwrap());
+    }
+}
+
+/// Reading plain arrays takes less than the rest may.
+#[test]
+fn peers_files_that_once_took_too_much_memory() {
+    let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/regressions");
+    let files = common::files(&folder, &["npz", "pt", "h5", "txt"]);
+    assert!(!files.is_empty());
+    for path in files {
+        let (name, bytes) = (path.file_name().unwrap().to_string_lossy(), std::fs::read(&path).unwrap());
+        let options = ImportOptions { item: Some(0), ..ImportOptions::default() };
+        let (_, peak) = peak::of(|| import_bytes(&name, &bytes, &options));
+        assert!(peak.is_lean(bytes.len()), "{name}: {peak:?} for a file of {}", bytes.len());
     }
 }

@@ -2,18 +2,56 @@
 
 #[path = "../../../crates/riglab-asset/tests/common/peak.rs"]
 mod peak;
+mod zipped;
 
-use riglab_asset::{ImportOptions, Resample, import_bytes};
+use riglab_asset::{ImportError, ImportOptions, Imported, Resample, import, import_bytes};
+pub use zipped::mutate as mutate_archive;
 
 /// The targets, each with the endings of the files it starts from.
-pub const TARGETS: [(&str, &[&str]); 4] =
-    [("gltf", &["glb", "gltf", "vrm"]), ("obj", &["obj"]), ("fbx", &["fbx"]), ("config_toml", &["toml"])];
+pub const TARGETS: [(&str, &[&str]); 8] = [
+    ("gltf", &["glb", "gltf", "vrm"]),
+    ("obj", &["obj"]),
+    ("fbx", &["fbx"]),
+    ("npz", &["npz"]),
+    ("pt", &["pt"]),
+    ("h5", &["h5"]),
+    ("rig_txt", &["txt", "pair"]),
+    ("config_toml", &["toml"]),
+];
 
-/// Bytes as if they were a file of this name: imported with all there is to it, and looked at. What comes out is finite, what does not is
-/// told in a sentence of some length, and memory keeps within what the file may ask for.
+/// Bytes as if they were a file of this name: imported with all there is to it, and looked at. What
+/// comes out is finite, what does not is told in a sentence of some length, and memory keeps within
+/// what the file may ask for.
 pub fn asset(name: &str, bytes: &[u8]) {
     let options = ImportOptions { clips: Some(Resample::default()), ..ImportOptions::default() };
-    let ((), peak) = peak::of(|| match import_bytes(name, bytes, &options) {
+    let ((), peak) = peak::of(|| looked_at(name, import_bytes(name, bytes, &options)));
+    assert!(peak.is_fair(bytes.len()), "{peak:?} for a file of {}", bytes.len());
+}
+
+/// As [`asset`], for the peers' formats, whose readers may hold less. Of files of several assets the
+/// first is read, which asks for more than their number does.
+pub fn peer(name: &str, bytes: &[u8]) {
+    let options = ImportOptions { item: Some(0), ..ImportOptions::default() };
+    let (imported, peak) = peak::of(|| import_bytes(name, bytes, &options));
+    assert!(peak.is_lean(bytes.len()), "{peak:?} for a file of {}", bytes.len());
+    looked_at(name, imported);
+}
+
+/// A rig text alone or, with a byte 0 and an OBJ behind it, beside that OBJ in a folder.
+pub fn rig_text(bytes: &[u8]) {
+    let Some(end) = bytes.iter().position(|b| *b == 0) else { return peer("fuzz.txt", bytes) };
+    static FOLDER: std::sync::LazyLock<tempfile::TempDir> =
+        std::sync::LazyLock::new(|| tempfile::tempdir().expect("a folder for the pair"));
+    let (text, mesh) = (FOLDER.path().join("fuzz_rig.txt"), FOLDER.path().join("fuzz.obj"));
+    std::fs::write(&text, &bytes[..end]).expect("room for the text");
+    std::fs::write(mesh, &bytes[end + 1..]).expect("room for the mesh");
+    let (imported, peak) = peak::of(|| import(&text, &ImportOptions::default()));
+    assert!(peak.is_lean(bytes.len()), "{peak:?} for a file of {}", bytes.len());
+    looked_at(&text.to_string_lossy(), imported);
+}
+
+fn looked_at(name: &str, imported: Result<Imported, ImportError>) {
+    match imported {
         Ok(imported) => {
             let shown = imported.inspect(true);
             assert!(shown.samples.iter().all(|s| s.position.iter().all(|x| x.is_finite())));
@@ -23,8 +61,7 @@ pub fn asset(name: &str, bytes: &[u8]) {
             let text = error.to_string();
             assert!(text.starts_with(name) && text.len() < 1000, "{text}");
         }
-    });
-    assert!(peak.is_fair(bytes.len()), "{peak:?} for a file of {}", bytes.len());
+    }
 }
 
 /// Text as a configuration: read, written with the places of its values, and read again.

@@ -12,7 +12,7 @@ use super::budget::Budget;
 use super::fault::{PeerFault, shown};
 use super::npy::{self, Header};
 use super::numbers::Numbers;
-use super::pickle;
+use super::{pickle, zip_claims};
 
 /// Members of an archive that are listed; honest ones have a few, those of torch some ten per asset.
 const MEMBERS: usize = 5_000_000;
@@ -61,9 +61,17 @@ fn unreadable(e: impl std::fmt::Display) -> PeerFault {
     PeerFault::Zip(shown(&e.to_string()))
 }
 
+fn found<T>(file: Result<T, ZipError>, name: &str) -> Result<T, PeerFault> {
+    file.map_err(|e| match e {
+        ZipError::FileNotFound => PeerFault::field(&shown(name), "is missing"),
+        e => unreadable(e),
+    })
+}
+
 impl<'a> Archive<'a> {
     pub(crate) fn open(input: Input<'a>) -> Result<Self, PeerFault> {
         let length = input.len().map_err(unreadable)?;
+        zip_claims::check(input)?;
         let zip = ZipArchive::new(input.open().map_err(unreadable)?).map_err(unreadable)?;
         if zip.len() > MEMBERS {
             return Err(unreadable(format!("it lists {} members", zip.len())));
@@ -97,28 +105,22 @@ impl<'a> Archive<'a> {
         name: &str,
         read: impl FnOnce(&mut dyn Read, &mut Budget, &mut Budget) -> Result<T, PeerFault>,
     ) -> Result<T, PeerFault> {
-        let file = self.zip.by_name(name).map_err(|e| match e {
-            ZipError::FileNotFound => PeerFault::field(name, "is missing"),
-            e => unreadable(e),
-        })?;
+        let file = found(self.zip.by_name(name), name)?;
         read(&mut BufReader::new(file), &mut self.budget, &mut self.passing)
     }
 
     /// The bytes of a member.
     pub(crate) fn bytes(&mut self, name: &str) -> Result<Vec<u8>, PeerFault> {
-        self.member(name, |input, budget, _| {
-            let mut out = Vec::new();
-            let mut block = [0; 1 << 13];
-            loop {
-                match input.read(&mut block).map_err(unreadable)? {
-                    0 => return Ok(out),
-                    n => {
-                        budget.take(n as u64, name)?;
-                        out.extend_from_slice(&block[..n]);
-                    }
-                }
-            }
-        })
+        let mut file = found(self.zip.by_name(name), name)?;
+        let size = file.size();
+        self.budget.take(size, name)?;
+        let mut out = Vec::with_capacity(size as usize);
+        (&mut file).take(size).read_to_end(&mut out).map_err(unreadable)?;
+        // At its end the sum is compared.
+        match file.read(&mut [0]).map_err(unreadable)? {
+            0 if out.len() as u64 == size => Ok(out),
+            _ => Err(unreadable(format!("`{}` has not the {size} bytes it is said to have", shown(name)))),
+        }
     }
 
     /// An array of numbers or text; `None` where it is missing or a pickled `None`.

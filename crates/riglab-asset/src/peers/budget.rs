@@ -3,8 +3,9 @@
 use super::fault::PeerFault;
 
 /// What a reader may hold for each byte of the file. Compressed data and lists of small objects
-/// grow; what honest files come to is well below.
-const GROWTH: u64 = 12;
+/// grow; what honest files come to is well below. Numbers count by what they are read into
+/// ([`super::numbers::Dtype::unpacked`]), so that no piece of memory exceeds this either.
+const GROWTH: u64 = 16;
 
 /// What it may hold however small the file is.
 const FLOOR: u64 = 1 << 16;

@@ -7,11 +7,15 @@ use riglab_core::Provenance;
 
 use super::archive::Input;
 use super::array_rig::ArrayRig;
+use super::budget::Budget;
 use super::fault::PeerFault;
 use super::read::{self, Wanted};
 use super::{fields, reading};
 use crate::names::Names;
 use crate::{Fault, Format, ImportError, ImportOptions, Imported, Warning, assemble};
+
+/// Bytes that a joint takes in a reading and a rig, with its names.
+const JOINT: u64 = 256;
 
 /// Takes an asset or its fault.
 pub(crate) type Each<'a> = &'a mut dyn FnMut(Result<Imported, ImportError>) -> ControlFlow<()>;
@@ -65,6 +69,7 @@ fn try_each(
         return Err(fault.into());
     }
     let stem = stem(source.path);
+    let budget = Budget::of(source.input.len().map_err(|e| Fault::Unreadable(e.to_string()))?);
     let mut names = Names::default();
     let mut ended = false;
     let wanted = Wanted { item: options.item, extras: false };
@@ -72,6 +77,7 @@ fn try_each(
         // The path with the asset's number, where there are several.
         let place = if count > 1 { format!("{path}#{item}") } else { path.to_owned() };
         let imported = rig.map_err(Fault::from).and_then(|rig| {
+            budget.clone().take(JOINT * rig.joints.len() as u64, "the skeleton")?;
             let name = match (count, rig.name.trim()) {
                 (1, _) => stem.clone(),
                 (_, "") => format!("{stem}-{item:06}"),

@@ -22,6 +22,7 @@ mod pickle;
 mod read;
 mod reading;
 mod write;
+mod zip_claims;
 
 pub(crate) use archive::Input;
 pub use array_rig::{Array, ArrayRig, SparseRows, Up};

@@ -71,9 +71,10 @@ pub(crate) fn numbers(
     budget: &mut Budget,
 ) -> Result<Numbers<'static>, PeerFault> {
     let length = bytes_of(member, &header)?;
-    budget.take(length as u64, member)?;
-    let mut data = Vec::new();
+    budget.take(header.dtype.unpacked(length), member)?;
+    let mut data = Vec::with_capacity(length);
     input.take(length as u64).read_to_end(&mut data).map_err(|e| damaged(member, e.to_string()))?;
+    finish(member, input)?;
     Numbers::new(header.shape, header.dtype, header.fortran, data).map_err(|reason| damaged(member, reason))
 }
 
@@ -109,10 +110,21 @@ pub(crate) fn sparse(
         let (pairs, offsets) = (out.pairs.len(), out.offsets.len());
         let part = Numbers::new(vec![count, columns], header.dtype, false, &block[..]);
         part.map_err(|reason| damaged(member, reason))?.append_sparse(member, &mut out)?;
-        budget.take((8 * (out.pairs.len() - pairs) + 8 * (out.offsets.len() - offsets)) as u64, member)?;
+        budget.take(held(out.pairs.len() - pairs, out.offsets.len() - offsets), member)?;
         left -= count;
     }
+    finish(member, input)?;
     Ok((columns, out))
+}
+
+/// What rows cost: twice their bytes, as lists double when they grow.
+pub(crate) fn held(pairs: usize, rows: usize) -> u64 {
+    16 * (pairs + rows) as u64
+}
+
+/// Reads to the end of a member, which is where an archive compares its sum.
+fn finish(member: &str, input: &mut dyn Read) -> Result<(), PeerFault> {
+    input.read(&mut [0]).map(drop).map_err(|e| damaged(member, e.to_string()))
 }
 
 fn bytes_of(member: &str, header: &Header) -> Result<usize, PeerFault> {

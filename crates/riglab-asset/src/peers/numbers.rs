@@ -46,6 +46,12 @@ impl Dtype {
         matches!(self.kind, b'f' | b'i' | b'u' | b'b' | b'g')
     }
 
+    /// What so many stored bytes take once they are read: numbers become f32 or i64, texts strings.
+    pub(crate) fn unpacked(self, stored: usize) -> u64 {
+        let element = self.size.max(if self.is_number() { 8 } else { 32 });
+        ((stored / self.size.max(1)) as u64).saturating_mul(element as u64)
+    }
+
     fn bits(self, bytes: &[u8]) -> u64 {
         let add = |bits: u64, b: &u8| bits << 8 | u64::from(*b);
         if self.big { bytes.iter().fold(0, add) } else { bytes.iter().rev().fold(0, add) }

@@ -65,6 +65,13 @@ impl Peak {
         let small = 64 << 20;
         self.largest <= small.max(20 * file) && self.total <= small.max(64 * file)
     }
+
+    /// The same for formats of plain arrays: in one piece 20 times its bytes, in all 40 times, and half a
+    /// MiB if it is small, for the tables of what unpacks it.
+    pub fn is_lean(&self, file: usize) -> bool {
+        let small = 512 << 10;
+        self.largest <= small.max(20 * file) && self.total <= small.max(40 * file)
+    }
 }
 
 /// What `work` gives, and the memory it took.

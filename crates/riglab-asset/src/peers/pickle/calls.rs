@@ -66,10 +66,7 @@ impl Machine<'_, '_> {
             Node::Array(_) => Node::Array(Some(Box::new(self.stored(state)?))),
             other => return Err(self.fault(format!("it sets the state of {}", kind(other)))),
         };
-        if let Some(node) = self.nodes.get_mut(target as usize) {
-            *node = built;
-        }
-        Ok(())
+        self.replace(target, built)
     }
 
     /// (version, byte order, ..., element size at 5, ...)
@@ -90,10 +87,12 @@ impl Machine<'_, '_> {
         };
         let fortran = self.argument(state, 3)?.int() == Some(1);
         let data = self.argument(state, 4)?;
-        if !matches!(data.node(), Node::Bytes(_) | Node::List(_)) {
-            return Err(self.fault("an array has no data"));
-        }
-        Ok(Stored { shape, dtype, fortran, data: data.id })
+        let beside = match data.node() {
+            Node::Bytes(bytes) => dtype.unpacked(bytes.len()),
+            Node::List(_) => 0,
+            _ => return Err(self.fault("an array has no data")),
+        };
+        Ok(Stored { shape, dtype, fortran, data: data.id, beside })
     }
 
     fn lengths(&self, tuple: View<'_>) -> Result<Vec<usize>, PeerFault> {

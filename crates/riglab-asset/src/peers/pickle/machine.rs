@@ -6,13 +6,14 @@ use std::rc::Rc;
 
 use super::super::budget::Budget;
 use super::super::fault::{PeerFault, shown};
+use super::members::heavy;
 use super::nodes::{Global, Id, Node, View, kind};
 
 /// What each value costs beside its text or bytes: the node, its places on the stack and in the memo.
 const NODE: u64 = 56;
 
 /// Values that every pickle shares, so that a byte that stands for one costs no node.
-const NONE: Id = 0;
+pub(super) const NONE: Id = 0;
 const TRUE: Id = 1;
 const FALSE: Id = 2;
 const EMPTY: Id = 3;
@@ -54,25 +55,25 @@ pub(crate) fn read(
 }
 
 pub(super) struct Machine<'a, 'b> {
-    member: &'a str,
-    input: &'a mut dyn Read,
-    budget: &'a mut Budget,
+    pub(super) member: &'a str,
+    pub(super) input: &'a mut dyn Read,
+    pub(super) budget: &'a mut Budget,
     pub(super) nodes: Vec<Node>,
-    stack: Vec<Id>,
+    pub(super) stack: Vec<Id>,
     /// Where on the stack the open marks stand.
-    marks: Vec<usize>,
-    memo: Vec<Option<Id>>,
-    each: Option<Handed<'b>>,
+    pub(super) marks: Vec<usize>,
+    pub(super) memo: Vec<Option<Id>>,
+    pub(super) each: Option<Handed<'b>>,
     /// The list whose members are handed out.
-    list: Option<Id>,
+    pub(super) list: Option<Id>,
     /// Nodes below are kept when a member is let go.
-    base: usize,
+    pub(super) base: usize,
     /// Nodes between there and here were looked through for what is heavy.
-    released: usize,
+    pub(super) released: usize,
     /// Memo entries from here on may name nodes above `base`.
-    memo_base: usize,
+    pub(super) memo_base: usize,
     /// What nodes from `base` on cost.
-    held: u64,
+    pub(super) held: u64,
 }
 
 impl Machine<'_, '_> {
@@ -197,82 +198,6 @@ impl Machine<'_, '_> {
         Ok(done)
     }
 
-    /// A member of the first list is complete when the next one begins.
-    fn hand_out_finished(&mut self) -> Result<ControlFlow<()>, PeerFault> {
-        let Some(&mark) = self.marks.last() else { return Ok(ControlFlow::Continue(())) };
-        let below = mark.checked_sub(1).and_then(|at| self.stack.get(at));
-        if self.list.is_none() || below != self.list.as_ref() || self.stack.len() != mark + 1 {
-            return Ok(ControlFlow::Continue(()));
-        }
-        match self.node(self.stack[mark]) {
-            Node::Dict(pairs) if !pairs.is_empty() => {
-                let id = self.stack.pop().unwrap_or(NONE);
-                // The value about to be pushed is a node already.
-                self.hand_out(&[id], 1)
-            }
-            _ => Ok(ControlFlow::Continue(())),
-        }
-    }
-
-    /// Hands out members and lets go of them; the last `keep` nodes belong to what follows.
-    fn hand_out(&mut self, members: &[Id], keep: usize) -> Result<ControlFlow<()>, PeerFault> {
-        let Some(each) = self.each.as_mut() else { return Ok(ControlFlow::Continue(())) };
-        for &id in members {
-            if each(View { nodes: &self.nodes, id }).is_break() {
-                return Ok(ControlFlow::Break(()));
-            }
-            // A member comes once, or a few bytes could ask for any amount of work.
-            if let Some(node) = self.nodes.get_mut(id as usize).filter(|node| matches!(node, Node::Dict(_))) {
-                *node = Node::Gone;
-            }
-        }
-        if keep == 0 {
-            self.let_go();
-        } else {
-            self.release_heavy(keep);
-        }
-        Ok(ControlFlow::Continue(()))
-    }
-
-    /// Empties the nodes of finished members, but for the last `keep`: their numbers stay taken until
-    /// the batch of members ends.
-    fn release_heavy(&mut self, keep: usize) {
-        let end = self.nodes.len().saturating_sub(keep);
-        for at in self.released.min(end)..end {
-            if let Some(bytes) = heavy(&self.nodes[at]) {
-                self.nodes[at] = Node::Gone;
-                self.budget.give_back(bytes);
-                self.held = self.held.saturating_sub(bytes);
-            }
-        }
-        self.released = end;
-    }
-
-    /// Drops the nodes of finished members. Text, types and names are kept where the memo holds them:
-    /// later members refer to them. A hostile pickle may still hold numbers of dropped nodes, which is
-    /// why every look-up bears with numbers that name nothing or something else.
-    fn let_go(&mut self) {
-        let finished = self.nodes.split_off(self.base);
-        self.budget.give_back(self.held);
-        self.held = 0;
-        let mut moved = vec![None; finished.len()];
-        for slot in &mut self.memo[self.memo_base..] {
-            let at = slot.and_then(|id| (id as usize).checked_sub(self.base)).filter(|at| *at < finished.len());
-            let Some(at) = at else { continue };
-            let light = matches!(&finished[at], Node::Text(_) | Node::Dtype(_) | Node::Global(_))
-                || matches!(&finished[at], Node::Bytes(b) if b.len() < 64);
-            *slot = light.then(|| {
-                *moved[at].get_or_insert_with(|| {
-                    self.nodes.push(finished[at].clone());
-                    self.nodes.len() as Id - 1
-                })
-            });
-        }
-        self.base = self.nodes.len();
-        self.released = self.base;
-        self.memo_base = self.memo.len();
-    }
-
     fn append_one(&mut self) -> Result<ControlFlow<()>, PeerFault> {
         let (item, list) = (self.pop()?, self.top()?);
         self.extend(list, &[item])
@@ -363,6 +288,17 @@ impl Machine<'_, '_> {
         Id::try_from(self.nodes.len() - 1).map_err(|_| self.fault("it has too many values"))
     }
 
+    /// Puts an array's or a type's state in its place.
+    pub(super) fn replace(&mut self, target: Id, built: Node) -> Result<(), PeerFault> {
+        let more = heavy(&built).unwrap_or(0);
+        self.budget.take(more, self.member)?;
+        self.held += more;
+        if let Some(node) = self.nodes.get_mut(target as usize) {
+            *node = built;
+        }
+        Ok(())
+    }
+
     fn pop(&mut self) -> Result<Id, PeerFault> {
         let from = self.depth(1)?;
         Ok(self.stack.split_off(from)[0])
@@ -382,74 +318,5 @@ impl Machine<'_, '_> {
     fn pop_mark(&mut self) -> Result<Vec<Id>, PeerFault> {
         let mark = self.marks.pop().ok_or_else(|| self.fault("it ends a group that was not begun"))?;
         Ok(self.stack.split_off(mark))
-    }
-
-    fn bytes<const N: usize>(&mut self) -> Result<[u8; N], PeerFault> {
-        let mut out = [0; N];
-        self.input.read_exact(&mut out).map_err(|e| self.fault(format!("it ends early ({e})")))?;
-        Ok(out)
-    }
-
-    fn length(&mut self, width: usize) -> Result<u64, PeerFault> {
-        let mut all = [0; 8];
-        for byte in &mut all[..width] {
-            *byte = self.bytes::<1>()?[0];
-        }
-        Ok(u64::from_le_bytes(all))
-    }
-
-    /// Bytes of a claimed length, allocated only as they come.
-    fn take(&mut self, length: u64) -> Result<Vec<u8>, PeerFault> {
-        self.budget.take(length, self.member)?;
-        let mut out = Vec::new();
-        let got = (&mut *self.input).take(length).read_to_end(&mut out);
-        match got {
-            Ok(n) if n as u64 == length => Ok(out),
-            Ok(_) => Err(self.fault("it ends early")),
-            Err(e) => Err(self.fault(e.to_string())),
-        }
-    }
-
-    fn text(&mut self, op: u8) -> Result<Id, PeerFault> {
-        let length = self.length(match op {
-            0x8c => 1,
-            b'X' => 4,
-            _ => 8,
-        })?;
-        let bytes = self.take(length)?;
-        let text = String::from_utf8(bytes).map_err(|_| self.fault("a text in it is not UTF-8"))?;
-        self.add(Node::Text(text.into()))
-    }
-
-    /// A whole number of any length; of more than 64 bits none is needed.
-    fn long(&mut self) -> Result<Node, PeerFault> {
-        let length = self.length(1)?;
-        let bytes = self.take(length)?;
-        if bytes.len() > 8 {
-            return Err(self.fault("a number in it has more than 64 bits"));
-        }
-        let fill = if bytes.last().is_some_and(|b| *b >= 0x80) { 0xff } else { 0 };
-        Ok(Node::Int(i64::from_le_bytes(std::array::from_fn(|k| bytes.get(k).copied().unwrap_or(fill)))))
-    }
-
-    /// A line of the two that name something.
-    fn line(&mut self) -> Result<String, PeerFault> {
-        let mut out = Vec::new();
-        loop {
-            match self.bytes::<1>()?[0] {
-                b'\n' => break,
-                byte if out.len() < 256 => out.push(byte),
-                _ => return Err(self.fault("a name in it is too long")),
-            }
-        }
-        String::from_utf8(out).map_err(|_| self.fault("a name in it is not UTF-8"))
-    }
-}
-
-/// What a node holds beside itself, if letting go of it is worth while.
-fn heavy(node: &Node) -> Option<u64> {
-    match node {
-        Node::Bytes(bytes) if bytes.len() >= 64 => Some(bytes.len() as u64),
-        _ => None,
     }
 }

@@ -9,7 +9,9 @@
 //! each member of the first list as soon as it is complete and lets it go.
 
 mod calls;
+mod input;
 mod machine;
+mod members;
 mod nodes;
 
 pub(crate) use machine::read;

@@ -81,6 +81,8 @@ pub(crate) struct Stored {
     pub fortran: bool,
     /// Bytes, or a list for an array of objects.
     pub data: Id,
+    /// Bytes that reading it takes beside those of `data`.
+    pub beside: u64,
 }
 
 /// A tensor of torch: where its elements lie in a storage.

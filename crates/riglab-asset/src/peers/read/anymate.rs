@@ -137,9 +137,11 @@ impl Record<'_, '_> {
             Some(from) => drop(bytes.drain(..from)),
             None => return Err(fault("starts beyond its storage".into())),
         }
-        Numbers::strided(tensor.shape.clone(), tensor.strides.clone(), dtype, Cow::Owned(bytes))
-            .map(Some)
-            .map_err(fault)
+        let (shape, strides) = (tensor.shape.clone(), tensor.strides.clone());
+        let numbers = Numbers::strided(shape, strides, dtype, Cow::Owned(bytes)).map_err(fault)?;
+        // Beside its bytes, which the archive counts.
+        self.archive.budget.take(dtype.unpacked(numbers.len() * dtype.size), field)?;
+        Ok(Some(numbers))
     }
 
     fn required(&mut self, field: &str) -> Result<Numbers<'static>, PeerFault> {

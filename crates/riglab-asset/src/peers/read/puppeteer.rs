@@ -6,8 +6,8 @@ use super::super::archive::Input;
 use super::super::array_rig::{ArrayRig, SparseRows};
 use super::super::budget::Budget;
 use super::super::fault::{PeerFault, shown};
-use super::super::fields;
 use super::super::numbers::{Dtype, Numbers, elements};
+use super::super::{fields, npy};
 use super::{Assets, Give, Wanted};
 
 /// Elements of a dense matrix read in one go.
@@ -71,7 +71,7 @@ struct Claim {
     dtype: Dtype,
     shape: Vec<usize>,
     /// All elements, unpacked.
-    bytes: u64,
+    bytes: usize,
 }
 
 fn dtype(stored: &Datatype) -> Option<Dtype> {
@@ -133,7 +133,7 @@ impl Sample {
     /// A data set of numbers; `None` where there is none of the name.
     fn numbers(&mut self, field: &str) -> Result<Option<Numbers<'static>>, PeerFault> {
         let Some(Claim { data, dtype, shape, bytes }) = self.open(field)? else { return Ok(None) };
-        self.budget.take(bytes, field)?;
+        self.budget.take(dtype.unpacked(bytes), field)?;
         let stored = data.read_raw().map_err(fault)?;
         Numbers::new(shape, dtype, false, stored).map(Some).map_err(|reason| PeerFault::field(field, reason))
     }
@@ -164,7 +164,7 @@ impl Sample {
                 if chunk as u64 > CHUNK {
                     self.budget.clone().take(chunk as u64, field)?;
                 }
-                Ok(Some(Claim { data, dtype, shape, bytes: size as u64 }))
+                Ok(Some(Claim { data, dtype, shape, bytes: size }))
             }
             _ => Err(PeerFault::TooLarge(shown(field))),
         }
@@ -180,7 +180,7 @@ impl Sample {
         if columns != joints || columns == 0 {
             return Err(PeerFault::field(FIELD, format!("has {columns} columns for {joints} joints")));
         }
-        self.passing.take(bytes, FIELD)?;
+        self.passing.take(bytes as u64, FIELD)?;
         let at_once = (BLOCK / columns).max(1);
         let mut out = SparseRows::default();
         for start in (0..rows).step_by(at_once) {
@@ -189,7 +189,7 @@ impl Sample {
             let before = out.pairs.len();
             let part = Numbers::new(vec![count, columns], dtype, false, block);
             part.map_err(|reason| PeerFault::field(FIELD, reason))?.append_sparse(FIELD, &mut out)?;
-            self.budget.take(8 * (out.pairs.len() - before + count) as u64, FIELD)?;
+            self.budget.take(npy::held(out.pairs.len() - before, count), FIELD)?;
         }
         Ok(Some(out))
     }

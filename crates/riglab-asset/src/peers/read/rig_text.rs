@@ -157,7 +157,7 @@ fn weights(
         Some(count) => count,
         None => {
             let last = seen.keys().max().map_or(0, |v| *v as usize + 1);
-            if last > 64 * skin.len() + 1024 {
+            if last > 16 * skin.len() + 1024 {
                 return Err(PeerFault::TooLarge(format!("vertex {}", last - 1)));
             }
             last
