@@ -76,6 +76,9 @@ pub struct ImportOptions {
     pub split: bool,
     /// Whether motions are read, and how they are sampled.
     pub clips: Option<Resample>,
+    /// Whether to repair what takes a guess: joints of a rig text beside its tree go below the root,
+    /// which is refused otherwise, and `NAME_dup_K` joints of RigNet's predictions back into NAME.
+    pub repair: bool,
 }
 
 /// How motions are sampled.

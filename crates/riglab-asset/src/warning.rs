@@ -50,6 +50,18 @@ pub enum Warning {
         /// What was done.
         remedy: String,
     },
+    /// Joints that nothing connects to the root became its children, as was asked for.
+    Attached {
+        /// Their names.
+        joints: Vec<String>,
+        /// The root's name.
+        root: String,
+    },
+    /// Copies of branching joints, as RigNet's predictions have them, were folded back, as was asked for.
+    FoldedCopies {
+        /// Their names.
+        joints: Vec<String>,
+    },
     /// A skeleton of one joint.
     SingleJoint,
     /// More joints than most methods take.
@@ -170,6 +182,17 @@ impl fmt::Display for Warning {
                     Some3(roots)
                 )
             }
+            Self::Attached { joints, root } => write!(
+                f,
+                "joints that nothing connects to the root ({}) became children of {}",
+                Some3(&quoted(joints)),
+                Some3(&quoted(std::slice::from_ref(root)))
+            ),
+            Self::FoldedCopies { joints } => write!(
+                f,
+                "copies of branching joints ({}) were folded back into the joints that they copy",
+                Some3(&quoted(joints))
+            ),
             Self::SingleJoint => f.write_str("the skeleton has a single joint"),
             Self::ManyJoints(n) => write!(f, "the skeleton has {n} joints, more than the usual limit of {MANY_JOINTS}"),
             Self::FewTriangles(n) => write!(f, "the mesh has only {n} triangle{}", if *n == 1 { "" } else { "s" }),
@@ -246,6 +269,10 @@ impl fmt::Display for Some3<'_> {
             more => write!(f, " and {more} more"),
         }
     }
+}
+
+fn quoted(names: &[String]) -> Vec<String> {
+    names.iter().map(|name| format!("`{name}`")).collect()
 }
 
 fn numbered(kind: &str, numbers: &[usize]) -> Vec<String> {

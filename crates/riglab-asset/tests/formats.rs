@@ -301,3 +301,28 @@ fn one_of_several_is_chosen_by_number() {
         assert!(item(Some(9)).unwrap_err().to_string().contains("there is no asset 9"));
     }
 }
+
+/// A pair of rig text and OBJ, imported with and without repair.
+#[test]
+fn joints_beside_the_tree_are_refused_or_repaired() {
+    let dir = tempfile::tempdir().unwrap();
+    let text = dir.path().join("x_rig.txt");
+    let joints = "joints hips 0 0 0\njoints hips_dup_0 0 0.03 0\njoints leg 0 1 0\njoints ik 1 0 0\nroot hips\n";
+    let rows = "skin 0 hips 1\nskin 1 hips_dup_0 0.5 hips 0.5\nskin 2 leg 1\nskin 3 ik 1\n";
+    std::fs::write(&text, format!("{joints}hier hips hips_dup_0\nhier hips_dup_0 leg\n{rows}")).unwrap();
+    let mesh = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n";
+    std::fs::write(dir.path().join("x.obj"), mesh).unwrap();
+
+    let refused = import(&text, &ImportOptions::default()).unwrap_err().to_string();
+    assert!(refused.contains("joint `ik` is not reachable") && refused.contains("--repair"), "{refused}");
+    let repaired = import(&text, &ImportOptions { repair: true, ..ImportOptions::default() }).unwrap();
+    let told: Vec<String> = repaired.warnings().iter().map(ToString::to_string).collect();
+    assert!(told[0].contains("(`ik`) became children of `hips`"), "{told:?}");
+    assert!(told[1].contains("copies of branching joints (`hips_dup_0`)"), "{told:?}");
+    assert!(!told.iter().any(|t| t.contains("duplicate joints")), "{told:?}");
+    let rig = repaired.rig().unwrap();
+    let skeleton = rig.skeleton();
+    assert_eq!(skeleton.ids().map(|j| skeleton.name(j)).collect::<Vec<_>>(), ["hips", "leg", "ik"]);
+    assert_eq!(rig.weights().row(1).map(|(j, w)| (j.index(), w)).collect::<Vec<_>>(), [(0, 1.0)]);
+    assert_eq!(repaired.provenance.notes, told);
+}

@@ -304,7 +304,7 @@ fn archives_with_changed_members_survive() {
             rigs += usize::from(survives(&what, &changed));
             let options = ImportOptions { item: Some(0), ..ImportOptions::default() };
             let (_, peak) = peak::of(|| import_bytes(&what, &changed, &options));
-            assert!(peak.is_lean(changed.len()), "{what}: {peak:?} for a file of {}", changed.len());
+            assert!(peak.is_lean(&name, changed.len()), "{what}: {peak:?} for a file of {}", changed.len());
         }
     }
     println!("{rigs} mutants still made a rig");
@@ -353,6 +353,6 @@ fn peers_files_that_once_took_too_much_memory() {
         let (name, bytes) = (path.file_name().unwrap().to_string_lossy(), std::fs::read(&path).unwrap());
         let options = ImportOptions { item: Some(0), ..ImportOptions::default() };
         let (_, peak) = peak::of(|| import_bytes(&name, &bytes, &options));
-        assert!(peak.is_lean(bytes.len()), "{name}: {peak:?} for a file of {}", bytes.len());
+        assert!(peak.is_lean(&name, bytes.len()), "{name}: {peak:?} for a file of {}", bytes.len());
     }
 }

@@ -46,6 +46,8 @@ pub struct ArrayRig {
     pub joints: Vec<Vec3>,
     /// Parents of the joints in any order; empty where the file holds positions alone.
     pub parents: Vec<Option<usize>>,
+    /// The joint that the file names as the root of all, where it names one.
+    pub root: Option<usize>,
     /// Ends of the bones; empty, or one a joint.
     pub tails: Vec<Vec3>,
     /// Positions of the vertices, or of points where there are no faces.

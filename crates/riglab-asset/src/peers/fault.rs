@@ -117,7 +117,7 @@ pub enum PeerFault {
         parent: String,
     },
     /// A joint beside the tree.
-    #[error("joint {0} is not reachable from the root: no `hier` line leads there")]
+    #[error("joint {0} is not reachable from the root: no `hier` line leads there; `--repair` puts it below the root")]
     Unreachable(String),
     /// No weights at all.
     #[error("there is a skeleton, but no weight on any vertex: the file is the output of a skeleton stage, not a rig")]

@@ -89,6 +89,10 @@ pub(crate) fn check(rig: &ArrayRig) -> Result<(), PeerFault> {
         }
     }
     depth_first(&rig.parents, &rig.names)?;
+    // The peers' readers drop such joints silently; their weights are lost then.
+    if let Some(joint) = loose(rig).next() {
+        return Err(PeerFault::Unreachable(named(joint, &rig.names)));
+    }
     if u32::try_from(rig.vertices.len()).is_err() {
         return Err(PeerFault::field("vertices", "has more than 4,294,967,295 rows"));
     }
@@ -106,6 +110,12 @@ pub(crate) fn check(rig: &ArrayRig) -> Result<(), PeerFault> {
         }
     }
     Ok(())
+}
+
+/// Joints without parent beside the root that the file names.
+pub(crate) fn loose(rig: &ArrayRig) -> impl Iterator<Item = usize> {
+    let of_root = rig.root.map(|root| rig.parents.iter().enumerate().filter(move |(j, p)| p.is_none() && *j != root));
+    of_root.into_iter().flatten().map(|(joint, _)| joint)
 }
 
 fn finite(points: &[Vec3], what: &str) -> Result<(), PeerFault> {

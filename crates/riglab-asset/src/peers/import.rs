@@ -10,7 +10,7 @@ use super::array_rig::ArrayRig;
 use super::budget::Budget;
 use super::fault::PeerFault;
 use super::read::{self, Wanted};
-use super::{fields, reading};
+use super::{fields, reading, repair};
 use crate::names::Names;
 use crate::{Fault, Format, ImportError, ImportOptions, Imported, Warning, assemble};
 
@@ -83,7 +83,7 @@ fn try_each(
                 (_, "") => format!("{stem}-{item:06}"),
                 (_, own) => own.to_owned(),
             };
-            import(&rig, names.unique(&name, String::new), &place, &checksum, options)
+            import(rig, names.unique(&name, String::new), &place, &checksum, options)
         });
         let done = each(imported.map_err(|fault| ImportError::new(&place, fault)));
         ended = done.is_break();
@@ -110,13 +110,15 @@ pub(crate) fn read_arrays(source: &Source<'_>) -> Result<Vec<Result<ArrayRig, Fa
 }
 
 fn import(
-    rig: &ArrayRig,
+    mut rig: ArrayRig,
     name: String,
     source: &str,
     checksum: &str,
     options: &ImportOptions,
 ) -> Result<Imported, Fault> {
-    let mut reading = reading::reading(rig)?;
+    let repaired = if options.repair { repair::repair(&mut rig)? } else { Vec::new() };
+    let mut reading = reading::reading(&rig)?;
+    reading.warnings.splice(0..0, repaired);
     if let Some(character) = &options.character {
         reading.keep(character)?;
     }

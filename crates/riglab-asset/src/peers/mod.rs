@@ -21,6 +21,7 @@ mod numbers;
 mod pickle;
 mod read;
 mod reading;
+mod repair;
 mod write;
 mod zip_claims;
 

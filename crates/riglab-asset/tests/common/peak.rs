@@ -66,10 +66,11 @@ impl Peak {
         self.largest <= small.max(20 * file) && self.total <= small.max(64 * file)
     }
 
-    /// The same for formats of plain arrays: in one piece 20 times its bytes, in all 40 times, and half a
-    /// MiB if it is small, for the tables of what unpacks it.
-    pub fn is_lean(&self, file: usize) -> bool {
-        let small = 512 << 10;
+    /// The same for formats of plain arrays: in one piece 20 times its bytes, in all 40 times. If it is
+    /// small, half a MiB for the tables of what unpacks it, and 8 MiB for an h5, whose chunks of up to 2 MiB
+    /// are unpacked whole.
+    pub fn is_lean(&self, name: &str, file: usize) -> bool {
+        let small = if name.ends_with(".h5") { 8 << 20 } else { 512 << 10 };
         self.largest <= small.max(20 * file) && self.total <= small.max(40 * file)
     }
 }

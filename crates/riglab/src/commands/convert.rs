@@ -44,6 +44,10 @@ pub struct Args {
     /// Of a file of several characters this one: its number, from 0, or the name of its root.
     #[arg(long, value_name = "WHICH")]
     character: Option<Character>,
+    /// Repair what takes a guess: joints of a rig text beside its tree go below the root, `NAME_dup_K`
+    /// joints of RigNet's predictions back into NAME.
+    #[arg(long)]
+    repair: bool,
     /// For GLB: how many joints may hold a vertex; the largest weights stay.
     #[arg(long, value_enum, default_value = "all")]
     influences: Most,
@@ -88,7 +92,8 @@ impl Args {
 }
 
 pub fn run(args: &Args) -> Result<ExitCode> {
-    let options = ImportOptions { item: args.item, character: args.character.clone(), ..Default::default() };
+    let (item, character, repair) = (args.item, args.character.clone(), args.repair);
+    let options = ImportOptions { item, character, repair, ..Default::default() };
     let files = if args.input.is_dir() { below(&args.input)? } else { vec![args.input.clone()] };
     let several = args.input.is_dir() || args.item.is_none() && count_assets(&args.input)? > 1;
     let into_folder = args.out.is_dir() || args.out.as_os_str().to_string_lossy().ends_with('/');

@@ -57,6 +57,10 @@ struct Import {
     /// Keep the files' motions, sampled at so many frames a second [default rate: 30].
     #[arg(long, value_name = "RATE", num_args = 0..=1, default_missing_value = "30", value_parser = rate)]
     clips: Option<f32>,
+    /// Repair what takes a guess: joints of a rig text beside its tree go below the root, `NAME_dup_K`
+    /// joints of RigNet's predictions back into NAME.
+    #[arg(long)]
+    repair: bool,
     /// Print the result as JSON.
     #[arg(long)]
     json: bool,
@@ -155,7 +159,8 @@ fn run_import(args: &Import) -> Result<ExitCode> {
     let total = rigged_files(&args.folder)?.len() as u64;
     let progress = Mutex::new(Progress::new("importing", total, 0));
     let clips = args.clips.map(|rate| Resample { rate, ..Resample::default() });
-    let options = ImportOptions { roots, clips, split: args.split_characters, ..ImportOptions::default() };
+    let (split, repair) = (args.split_characters, args.repair);
+    let options = ImportOptions { roots, clips, split, repair, ..ImportOptions::default() };
     let report = import_folder(&args.folder, &args.out, &splitter, &options, |done| {
         if let Ok(mut p) = progress.lock() {
             p.set(done as u64, String::new);

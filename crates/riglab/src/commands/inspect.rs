@@ -31,12 +31,17 @@ pub struct Args {
     /// Of a file of several assets this one, counted from 0.
     #[arg(long, value_name = "N")]
     item: Option<usize>,
+    /// Repair what takes a guess: joints of a rig text beside its tree go below the root, `NAME_dup_K`
+    /// joints of RigNet's predictions back into NAME.
+    #[arg(long)]
+    repair: bool,
 }
 
 pub fn run(args: &Args) -> Result<ExitCode> {
     let mut failed = false;
     let mut broken = Ok(());
-    let options = ImportOptions { item: args.item, character: args.character.clone(), ..Default::default() };
+    let (item, character, repair) = (args.item, args.character.clone(), args.repair);
+    let options = ImportOptions { item, character, repair, ..Default::default() };
     for file in &args.files {
         import_each(file, &options, |imported| {
             match imported {

@@ -81,17 +81,18 @@ pub(super) fn read(text: &str, vertices: Option<usize>) -> Result<ArrayRig, Peer
             .copied()
             .ok_or_else(|| PeerFault::Line { line, reason: format!("unknown joint `{}`", shown(name)) })
     };
-    rig.parents = parents(&rig.names, root, &hier, find)?;
+    (rig.parents, rig.root) = parents(&rig.names, root, &hier, find)?;
     rig.weights = weights(&skin, vertices, find)?;
     Ok(rig)
 }
 
+/// The parent of each joint, and the root.
 fn parents<'a>(
     names: &[String],
     root: Option<(&'a str, usize)>,
     hier: &[(&'a str, &'a str, usize)],
     find: impl Fn(&str, usize) -> Result<usize, PeerFault>,
-) -> Result<Vec<Option<usize>>, PeerFault> {
+) -> Result<(Vec<Option<usize>>, Option<usize>), PeerFault> {
     let mut parents: Vec<Option<usize>> = vec![None; names.len()];
     for &(parent, child, line) in hier {
         let (p, c) = (find(parent, line)?, find(child, line)?);
@@ -114,11 +115,7 @@ fn parents<'a>(
         let quoted = |joint: usize| format!("`{}`", shown(&names[joint]));
         return Err(PeerFault::RootHasParent { root: quoted(root), parent: quoted(parent) });
     }
-    // The peers' readers drop such joints silently; their weights are lost then.
-    if let Some(loose) = (0..names.len()).find(|&j| parents[j].is_none() && j != root) {
-        return Err(PeerFault::Unreachable(format!("`{}`", shown(&names[loose]))));
-    }
-    Ok(parents)
+    Ok((parents, Some(root)))
 }
 
 fn weights(
@@ -186,7 +183,6 @@ mod tests {
             ("", "neither a rig text"),
             ("joints a 0 0 0\njoints a 0 0 0\nroot a", "line 2: duplicate joint name `a`"),
             ("joints a 0 0 0", "no line names the root"),
-            (tree, "joint `b` is not reachable"),
             (&format!("{tree}root b"), "line 4: a second root"),
             (&format!("{tree}hier b a"), "joint `b` is its parent"),
             (&format!("{tree}hier a b\nskin 0 a 1\nskin 0 a 1"), "line 6: vertex 0 has a skin line already"),
