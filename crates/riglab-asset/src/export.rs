@@ -8,7 +8,7 @@
 //!
 //! Human bones and springs go along: into a VRM in the words of its version, and from a rig that has none
 //! what the source says stays, as far as its joints do. Any other file gets `VRMC_springBone`, and the human
-//! bones in `extras` of nodes; [`alone`] makes a VRM 1.0 where licence and author are known.
+//! bones in `extras` of nodes; [`alone`] makes a VRM 1.0 where the author is known to have chosen its licence.
 //!
 //! Holds: what is written reads back with the same joints, heads and triangles, positions equal bit for
 //! bit, weights within 1e-6 unless they were cut; the same input gives the same bytes; pictures are copied
@@ -243,9 +243,9 @@ pub fn onto_bytes(
 /// A rig as a GLB of its own: one mesh with normals and a plain material, one skin, a node a joint.
 ///
 /// Springs are those of VRM 1.0 (`VRMC_springBone`). The whole becomes a VRM 1.0 where the rig has all human
-/// bones that it asks for and looks along +z, and the provenance an author and a licence that is an address or
-/// one of Creative Commons. Else each human bone is told by the member `riglabHumanBone` of the `extras` of its
-/// node, which [`crate::import`] reads.
+/// bones that it asks for and looks along +z, and the provenance an author and the licence
+/// <https://vrm.dev/licenses/1.0/>. Else each human bone is told by the member `riglabHumanBone` of the
+/// `extras` of its node, which [`crate::import`] reads.
 ///
 /// # Errors
 /// [`ExportFault::TooLong`].

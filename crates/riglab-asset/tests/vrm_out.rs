@@ -350,26 +350,26 @@ fn human(left: f32) -> Rig {
 }
 
 #[test]
-fn a_body_alone_becomes_a_vrm_where_its_rights_are_known() {
-    let known = Provenance { licence: "CC-BY-4.0".into(), author: "Ann".into(), ..Provenance::default() };
+fn a_body_alone_becomes_a_vrm_where_its_author_chose_that_licence() {
+    let licence = "https://vrm.dev/licenses/1.0/";
+    let known = Provenance { licence: licence.into(), author: "Ann".into(), ..Provenance::default() };
     let put = |rig: &Rig, from: &Provenance| export::alone("body", rig, from, &ALL).unwrap();
     let exported = put(&human(1.0), &known);
     assert_eq!(exported.notes, []);
     let written = document(&exported.bytes);
-    let meta =
-        json!({"name": "body", "authors": ["Ann"], "licenseUrl": "https://creativecommons.org/licenses/by/4.0/"});
+    let meta = json!({"name": "body", "authors": ["Ann"], "licenseUrl": licence});
     assert_eq!(written["extensions"]["VRMC_vrm"]["meta"], meta);
     assert_eq!(written["extensionsUsed"], json!(["VRMC_vrm"]));
     let back = read(&exported.bytes);
     assert_eq!(back.rig().unwrap().humanoid(), human(1.0).humanoid());
-    assert_eq!((back.provenance.licence.as_str(), back.provenance.author.as_str()), ("CC-BY-4.0", "Ann"));
+    assert_eq!((back.provenance.licence.as_str(), back.provenance.author.as_str()), (licence, "Ann"));
 
     let mut part = Humanoid::default();
     part.insert("hips".parse().unwrap(), JointId(0));
     for (rig, from, why) in [
         (human(-1.0), known.clone(), "look along +z"),
         (human(1.0), Provenance { author: String::new(), ..known.clone() }, "no author"),
-        (human(1.0), Provenance { licence: "mine".into(), ..known.clone() }, "no licence"),
+        (human(1.0), Provenance { licence: "CC-BY-4.0".into(), ..known.clone() }, "its licence is not"),
         (human(1.0).with_humanoid(part).unwrap(), known, "not all human bones"),
     ] {
         let exported = put(&rig, &from);
@@ -379,4 +379,18 @@ fn a_body_alone_becomes_a_vrm_where_its_rights_are_known() {
         assert_eq!(back.rig().unwrap().humanoid(), rig.humanoid());
         assert_eq!(back.provenance.licence, from.licence);
     }
+}
+
+#[test]
+fn bones_that_extras_misname_are_left_out_and_told() {
+    let extra = |name: Value| json!({"riglabHumanBone": name});
+    let tiny = Tiny::new()
+        .with("/nodes/0/extras", extra(json!("head")))
+        .with("/nodes/1/extras", extra(json!("tail")))
+        .with("/nodes/2/extras", extra(json!(7)));
+    let imported = read(&tiny.glb());
+    // The first is no joint, the last no name.
+    assert!(imported.rig().unwrap().humanoid().is_empty());
+    let told: Vec<String> = imported.warnings().iter().map(ToString::to_string).collect();
+    assert!(told.len() == 1 && told[0].contains("`tail` is no human bone"), "{told:?}");
 }

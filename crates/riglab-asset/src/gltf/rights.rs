@@ -72,24 +72,6 @@ fn spdx(stated: &str) -> String {
     }
 }
 
-/// The address of a licence as [`Rights`] has it: of the SPDX names those of Creative Commons have one that
-/// follows from the name; what is an address already stays. `None` for all else.
-pub(super) fn address(licence: &str) -> Option<String> {
-    const TERMS: [&str; 6] = ["BY", "BY-SA", "BY-NC", "BY-ND", "BY-NC-SA", "BY-NC-ND"];
-    let is_version = |text: &str| text.split('.').all(|part| part.parse::<u8>().is_ok());
-    if licence.starts_with("https://") || licence.starts_with("http://") {
-        return Some(licence.to_owned());
-    }
-    let (terms, version) = licence.rsplit_once('-').filter(|(_, version)| is_version(version))?;
-    match terms.strip_prefix("CC-") {
-        Some(terms) if TERMS.contains(&terms) => {
-            Some(format!("https://creativecommons.org/licenses/{}/{version}/", terms.to_lowercase()))
-        }
-        None if terms == "CC0" => Some(format!("https://creativecommons.org/publicdomain/zero/{version}/")),
-        _ => None,
-    }
-}
-
 /// A string, trimmed; empty for anything else.
 fn text(value: &Value) -> String {
     value.as_str().unwrap_or_default().trim().to_owned()
@@ -114,16 +96,6 @@ mod tests {
         assert_eq!(vrm0(&json!({"licenseName": "CC_BY_NC", "author": " me "})).licence, "CC-BY-NC-4.0");
         assert_eq!(vrm0(&json!({"licenseName": "Redistribution_Prohibited"})).licence, "Redistribution_Prohibited");
         assert_eq!(vrm1(&json!({"authors": ["a", 3, "b"], "licenseUrl": "x"})).author, "a, b");
-    }
-
-    #[test]
-    fn an_address_is_that_of_the_name_or_none() {
-        for licence in ["CC-BY-4.0", "CC-BY-NC-SA-3.0", "CC0-1.0", "https://vrm.dev/licenses/1.0/"] {
-            assert_eq!(spdx(&address(licence).unwrap()), licence);
-        }
-        for licence in ["", "CC-4.0", "CC-BY", "CC-BY-new", "MIT", "Redistribution_Prohibited", "CC-BY-XX-4.0"] {
-            assert_eq!(address(licence), None, "{licence}");
-        }
     }
 
     #[test]

@@ -1,20 +1,22 @@
 //! The human bones of a rig, written where they are looked for.
 //!
 //! A VRM has a place for them. A rig alone becomes a VRM 1.0 when what that format insists on is known:
-//! all bones that a humanoid must have, a body that looks along +z, an author, and a licence with an
-//! address. Permissions that the format knows are not stated, so that its strictest apply. Nothing of this
-//! is ever made up: else, and in other documents, each bone is told by the `extras` of its node, which
-//! programs that know nothing of it keep.
+//! all bones that a humanoid must have, a body that looks along +z, an author, and that the author chose the
+//! licence of VRM, the only one that viewers open. Its permissions are not stated, so that the strictest
+//! apply. Nothing of this is ever made up: else, and in other documents, each bone is told by the `extras` of
+//! its node, which programs that know nothing of it keep.
 
 use glam::Vec3;
 use riglab_core::{Humanoid, JointId, Provenance, Rig};
 use serde_json::{Map, Value, json};
 
-use super::super::rights;
 use super::super::vrm::BONE_EXTRA;
 use super::draft::{Draft, remove};
 use super::vrm::VRM1;
 use crate::ExportNote;
+
+/// The licence whose terms the fields of VRM 1.0 fill in.
+const LICENCE: &str = "https://vrm.dev/licenses/1.0/";
 
 /// Writes the human bones of a rig in the words of the document. A rig without any leaves those that the
 /// document has. `node` gives the node of a joint.
@@ -53,32 +55,36 @@ pub(super) fn set_alone(
     if bones.is_empty() {
         return;
     }
-    match licence(rig, from) {
-        Ok(address) => {
-            let meta = json!({"name": name, "authors": [from.author], "licenseUrl": address});
+    match lacking(rig, from) {
+        None => {
+            let meta = json!({"name": name, "authors": [from.author], "licenseUrl": LICENCE});
             draft.extend_with(VRM1, json!({"specVersion": "1.0", "meta": meta, "humanoid": in_1(&bones)}));
         }
-        Err(lacking) => {
+        Some(lacking) => {
             notes.push(ExportNote::NoVrm { lacking });
             set_extras(draft, &bones);
         }
     }
 }
 
-/// The address of the licence of a rig that may become a VRM 1.0, or what it lacks.
-fn licence(rig: &Rig, from: &Provenance) -> Result<String, &'static str> {
+/// What keeps a rig from being a VRM 1.0.
+fn lacking(rig: &Rig, from: &Provenance) -> Option<&'static str> {
     let head = |name: &str| {
         let joint = name.parse().ok().and_then(|bone| rig.humanoid().joint(bone));
         joint.map_or(Vec3::ZERO, |joint| rig.skeleton().head(joint).into())
     };
     let to_left = head("leftUpperLeg") - head("rightUpperLeg");
-    match rights::address(&from.licence) {
-        _ if !rig.humanoid().is_complete() => Err("not all human bones that it asks for are there"),
+    if !rig.humanoid().is_complete() {
+        Some("not all human bones that it asks for are there")
+    } else if to_left.x <= to_left.y.abs().max(to_left.z.abs()) {
         // VRM 0.x looks the other way.
-        _ if to_left.x <= to_left.y.abs().max(to_left.z.abs()) => Err("the body does not look along +z"),
-        _ if from.author.is_empty() => Err("no author is known"),
-        None => Err("no licence with an address is known"),
-        Some(address) => Ok(address),
+        Some("the body does not look along +z")
+    } else if from.author.is_empty() {
+        Some("no author is known")
+    } else if from.licence.trim_end_matches('/') != LICENCE.trim_end_matches('/') {
+        Some("its licence is not https://vrm.dev/licenses/1.0/")
+    } else {
+        None
     }
 }
 
