@@ -254,8 +254,10 @@ pub(super) fn alone(
     let mut lone = vec![true; mesh.positions().len()];
     mesh.triangles().iter().flatten().for_each(|v| lone[*v as usize] = false);
     let lone = (0u32..).zip(&lone).filter(|(_, lone)| **lone).map(|(v, _)| [v; 3]);
-    let corners = mesh.triangles().iter().copied().chain(lone).flatten();
-    let corners: Vec<u8> = corners.flat_map(u32::to_le_bytes).collect();
+    let mut corners = Vec::with_capacity(12 * mesh.triangles().len());
+    for triangle in mesh.triangles().iter().copied().chain(lone) {
+        triangle.iter().for_each(|v| corners.extend_from_slice(&v.to_le_bytes()));
+    }
     let layout = super::draft::Layout { component: super::draft::U32, shape: "SCALAR", size: 4 };
     let indices = draft.accessor(&corners, layout, Some(super::draft::ELEMENTS));
     let turned = frames::of(skeleton, options.frames);
