@@ -113,3 +113,53 @@ fn the_source_is_never_written_over_and_faults_are_named() {
     let unclear = refusal(&mut riglab(&["convert", text(creature), text(&dir.path().join("x.npz"))]));
     assert!(unclear.contains("--to") && unclear.contains("unirig"), "{unclear}");
 }
+
+#[test]
+fn what_is_read_is_spared_in_every_format() {
+    let dir = tempfile::tempdir().unwrap();
+    let creature = &creatures(&dir.path().join("made"), 1)[0];
+    let path = |name: &str| dir.path().join(name);
+    for (format, name) in [("rignet", "a_rig.txt"), ("anymate", "a.pt"), ("articulation-xl", "a.npz")] {
+        must(&["convert", text(creature), text(&path(name)), "--to", format]);
+        let before = fs::read(path(name)).unwrap();
+        let said = refusal(&mut riglab(&["convert", text(&path(name)), text(&path(name)), "--to", format]));
+        assert!(said.contains(name) && said.contains("what is read"), "{said}");
+        assert_eq!(fs::read(path(name)).unwrap(), before);
+    }
+    // The other half of a pair, too.
+    let mesh = fs::read(path("a.obj")).unwrap();
+    let said = refusal(&mut riglab(&["convert", text(&path("a_rig.txt")), text(&path("a.obj"))]));
+    assert!(said.contains("a.obj"), "{said}");
+    assert_eq!(fs::read(path("a.obj")).unwrap(), mesh);
+    // A corpus takes no other file's place.
+    let made = path("made");
+    let said = refusal(&mut riglab(&["dataset", "import", text(&made), "-o", text(&path("a.npz"))]));
+    assert!(said.contains("a.npz") && said.contains("no corpus"), "{said}");
+    assert!(fs::read(path("a.npz")).unwrap().starts_with(b"PK"));
+}
+
+#[cfg(unix)]
+#[test]
+fn links_are_followed_and_pairs_of_one_mesh_kept_apart() {
+    let dir = tempfile::tempdir().unwrap();
+    let made = dir.path().join("made");
+    let creature = &creatures(&made, 1)[0];
+    let link = dir.path().join("link.glb");
+    let real = dir.path().join("real.glb");
+    fs::copy(creature, &real).unwrap();
+    std::os::unix::fs::symlink(&real, &link).unwrap();
+    must(&["strip", "--in-place", text(&link), text(&link)]);
+    assert!(fs::symlink_metadata(&link).unwrap().is_symlink());
+    assert_eq!(inspected(&real)["joints"], Value::Array(vec![]));
+    // `x.glb` and `x_rig.txt` would both have `x.obj` as their mesh.
+    let pairs = dir.path().join("in");
+    fs::create_dir(&pairs).unwrap();
+    fs::copy(creature, pairs.join("x.glb")).unwrap();
+    must(&["convert", text(creature), text(&pairs.join("x_rig.txt"))]);
+    let out = dir.path().join("out");
+    must(&["convert", text(&pairs), text(&out), "--to", "puppeteer"]);
+    let texts = fs::read_dir(&out).unwrap().map(|e| e.unwrap().path());
+    let texts: Vec<_> = texts.filter(|p| p.extension().is_some_and(|e| e == "txt")).collect();
+    assert_eq!(texts.len(), 2);
+    texts.iter().for_each(|text_file| drop(must(&["inspect", text(text_file)])));
+}

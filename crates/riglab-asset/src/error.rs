@@ -392,7 +392,9 @@ pub enum Fault {
     #[error("the file has a skeleton, but no mesh with triangles is bound to it")]
     NothingBound,
     /// Asked for a rig, found a mesh.
-    #[error("the file has a mesh but no skin, so there is no rig; it can only serve as input of `riglab rig`")]
+    #[error(
+        "the file has a mesh but no skin, so there is no rig: there is nothing to learn from or to convert but the mesh"
+    )]
     NoSkeleton,
     /// A text, npz, h5 or pt file.
     #[error(transparent)]

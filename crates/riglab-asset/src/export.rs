@@ -19,13 +19,13 @@
 //! binds it or its node goes, gets its triangles turned round so that they face as before.
 
 use std::fmt;
-use std::fs::File;
-use std::io::{self, Write};
+use std::io;
 use std::path::Path;
 
 use riglab_core::{Provenance, Rig};
 use thiserror::Error;
 
+use crate::store::store;
 use crate::{Fault, Format, ImportOptions, Imported, gltf, import_from};
 
 /// How to write.
@@ -286,27 +286,12 @@ pub fn strip_bytes(
 }
 
 /// Writes a file whole or not at all: under a temporary name in the same folder, synced, then renamed. A kill
-/// at any moment leaves what was there.
+/// at any moment leaves what was there. A link is followed; a device or folder is not replaced.
 ///
 /// # Errors
 /// What the system says; nothing stays behind then.
 pub fn write(path: impl AsRef<Path>, bytes: &[u8]) -> io::Result<()> {
-    let path = path.as_ref();
-    let name = path.file_name().ok_or_else(|| io::Error::other("not the name of a file"))?;
-    let mut hidden = std::ffi::OsString::from(".");
-    hidden.push(name);
-    hidden.push(format!(".{}.part", std::process::id()));
-    let part = path.with_file_name(hidden);
-    let written = (|| {
-        let mut file = File::create(&part)?;
-        file.write_all(bytes)?;
-        file.sync_all()?;
-        std::fs::rename(&part, path)
-    })();
-    if written.is_err() {
-        let _ = std::fs::remove_file(&part);
-    }
-    written
+    store(path.as_ref(), bytes)
 }
 
 /// Whether two paths lead to one file, by whatever names or links. False where one of them is not there.

@@ -91,7 +91,12 @@ impl Imported {
             joints: reading
                 .joints
                 .iter()
-                .map(|j| InspectedJoint { name: &j.name, node: j.node, parent: j.parent, head: j.head })
+                .map(|j| InspectedJoint {
+                    name: &j.name,
+                    node: j.node,
+                    parent: j.parent,
+                    head: reading.up.to_y(j.head),
+                })
                 .collect(),
             vertices,
             triangles: parts.iter().map(|p| p.triangles.len()).sum(),
@@ -146,7 +151,7 @@ fn samples<'a>(reading: &'a Reading, parts: &[&Part], vertices: usize, wanted: u
                 node: part.node,
                 primitive: part.primitive,
                 vertex: set.numbers[v],
-                position: set.positions[v],
+                position: reading.up.to_y(set.positions[v]),
                 weights: row.map(|(joint, weight)| (reading.joints[joint.index()].name.as_str(), weight)).collect(),
             });
         }

@@ -42,6 +42,7 @@ mod obj;
 mod peers;
 mod reading;
 mod skeletons;
+mod store;
 mod triangles;
 mod warning;
 
@@ -59,7 +60,7 @@ pub use fbx::to_fbx;
 pub use format::Format;
 pub use gltf::{decode_draco, decode_meshopt, to_glb};
 pub use inspect::Inspection;
-pub use peers::{Array, ArrayRig, PeerFault, SparseRows, Target, Up, WriteError, write, write_mesh};
+pub use peers::{Array, ArrayRig, PeerFault, SparseRows, Target, Up, WriteError, write, write_mesh, written_paths};
 pub use reading::{Binding, Body, Part, ReadJoint, Reading, VertexSet};
 pub use warning::Warning;
 
@@ -274,6 +275,26 @@ pub fn is_rig_file(path: &Path) -> bool {
         }
         _ => false,
     }
+}
+
+/// The files that importing `path` reads: itself, and the other half of a pair of rig text and OBJ.
+pub fn files_read(path: &Path) -> Vec<PathBuf> {
+    let folder = path.parent().map(|f| if f.as_os_str().is_empty() { Path::new(".") } else { f });
+    let ending = path.extension().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
+    let other = folder.and_then(|folder| match ending.as_str() {
+        "txt" => peers::mesh_of(path, folder),
+        "obj" => peers::beside_obj(path, folder),
+        _ => None,
+    });
+    std::iter::once(path.to_path_buf()).chain(other).collect()
+}
+
+/// Whether the file at `path` is a glTF document, by its bytes.
+pub fn is_gltf(path: &Path) -> bool {
+    use std::io::Read;
+    let mut start = Vec::new();
+    let read = std::fs::File::open(path).and_then(|f| f.take(4096).read_to_end(&mut start));
+    read.is_ok() && matches!(Format::of(path, &start), Ok(Format::Gltf))
 }
 
 /// Reads the arrays of a text, npz, h5 or pt file (or of an OBJ with a rig text) as they are, in the

@@ -138,6 +138,13 @@ pub enum Warning {
         /// Name and reason of each.
         clips: Vec<String>,
     },
+    /// Animations were longer than is kept; their beginning was read.
+    ClipsCut {
+        /// The name of each.
+        clips: Vec<String>,
+        /// Frames kept.
+        frames: usize,
+    },
     /// Parts of a VRM extension that are broken were left out or brought into range.
     Vrm {
         /// `humanoid` or `springs`.
@@ -225,6 +232,9 @@ impl fmt::Display for Warning {
                 write!(f, "duplicate joints in {vertices} vertices: their weights were added")
             }
             Self::ClipsLeftOut { clips } => write!(f, "animations were left out: {}", Some3(clips)),
+            Self::ClipsCut { clips, frames } => {
+                write!(f, "animations were cut after {frames} frames: {}", Some3(clips))
+            }
             Self::Vrm { part, dropped } => {
                 write!(f, "what is broken in the VRM {part} was left out: {}", Some3(dropped))
             }

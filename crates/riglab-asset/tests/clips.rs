@@ -96,7 +96,9 @@ fn a_clip_that_cannot_be_read_is_left_out() {
 fn long_times_are_cut() {
     let channels = json!([{"sampler": 0, "target": {"node": 1, "path": "scale"}}]);
     let tiny = animated(&[0.0, 1e30], "VEC3", &[1.0; 6], channels, json!([{"input": 5, "output": 6}]));
-    assert_eq!(read(&tiny, 30.0).clips[0].frames(), Resample::default().frames);
+    let imported = read(&tiny, 30.0);
+    assert_eq!(imported.clips[0].frames(), Resample::default().frames);
+    assert!(imported.warnings().iter().any(|w| w.to_string().contains("cut after 1024 frames: wave")));
 }
 
 /// Posed as their makers meant, characters stay together.

@@ -35,7 +35,8 @@ impl SkinWeights {
             if let Some(&weight) = weights[span.clone()].iter().find(|w| !(w.is_finite() && **w > 0.0)) {
                 return Err(RigError::BadWeight { vertex, weight });
             }
-            let sum: f32 = weights[span].iter().sum();
+            // In double precision: a vertex may have thousands of influences.
+            let sum = weights[span].iter().map(|w| f64::from(*w)).sum::<f64>() as f32;
             if (sum - 1.0).abs() > SUM_TOLERANCE {
                 return Err(RigError::BadSum { vertex, sum });
             }

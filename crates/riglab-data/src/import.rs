@@ -270,7 +270,7 @@ mod tests {
             assert_eq!((report.imported, report.refused), (4, vec![]));
         }
         let corpus = crate::Corpus::open(&out).unwrap();
-        assert_eq!(corpus.names().unwrap(), ["a_rig.txt", "b_rig.txt", "set.npz#a_rig", "set.npz#b_rig"]);
+        assert_eq!(corpus.names().unwrap(), ["a_rig.txt", "b_rig.txt", "set.npz#a", "set.npz#b"]);
         // One that is in its set twice gets a name of its own.
         let [a, b] = both;
         riglab_asset::write(&[a.clone(), a, b], &set, riglab_asset::Target::ArticulationXl).unwrap();

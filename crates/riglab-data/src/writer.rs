@@ -66,6 +66,10 @@ impl CorpusWriter {
     /// # Errors
     /// When the folder cannot be written to.
     pub fn create(path: &Path) -> Result<Self, DataError> {
+        // A folder, a device, or somebody's own file is not replaced; an earlier corpus is, sound or broken.
+        if path.exists() && !replaceable(path) {
+            return Err(DataError::io(path, "is there already and no corpus; give another name"));
+        }
         let dir = path.parent().filter(|d| !d.as_os_str().is_empty()).unwrap_or(Path::new("."));
         let temp = tempfile::Builder::new()
             .permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666))
@@ -275,6 +279,19 @@ impl CorpusWriter {
         let view = ArrayView2::from_shape((rows.len(), N), rows.as_flattened()).expect("N columns");
         table.write_slice(view, (at..at + rows.len(), ..))
     }
+}
+
+/// Whether a file is empty, a corpus, or HDF5 that was cut off.
+fn replaceable(path: &Path) -> bool {
+    use std::io::Read;
+    if !path.is_file() {
+        return false;
+    }
+    let mut start = Vec::new();
+    let read = File::open(path).and_then(|f| f.take(8).read_to_end(&mut start));
+    let hdf5 = start.is_empty() || start == b"\x89HDF\r\n\x1a\n";
+    let foreign = || hdf5::File::open(path).is_ok_and(|file| file.attr("format").is_err());
+    read.is_ok() && hdf5 && (start.is_empty() || !foreign())
 }
 
 /// HDF5 strings end at a zero byte; names from files may hold one.

@@ -87,14 +87,21 @@ pub(super) fn read(
         joints: skins.joint_nodes().iter().map(|&node| (node, binds.frame(node).inverse())).collect(),
         chain: nodes.order().iter().copied().filter(|&node| held[node]).collect(),
     };
-    let (mut clips, mut left_out) = (Vec::new(), Vec::new());
+    let (mut clips, mut left_out, mut cut) = (Vec::new(), Vec::new(), Vec::new());
     let mut room = MAX_MAPS;
     for (number, animation) in motions.animations.into_iter().enumerate() {
         let name = if animation.name.is_empty() { format!("animation {number}") } else { animation.name.clone() };
         match scene.clip(animation, name.clone(), &held, accessors, resample, &mut room) {
-            Ok(clip) => clips.extend(clip),
+            Ok(Some((clip, whole))) => {
+                cut.extend((!whole).then_some(name));
+                clips.push(clip);
+            }
+            Ok(None) => {}
             Err(reason) => left_out.push(format!("`{name}` ({reason})")),
         }
+    }
+    if !cut.is_empty() {
+        warnings.push(Warning::ClipsCut { clips: cut, frames: resample.frames });
     }
     if !left_out.is_empty() {
         warnings.push(Warning::ClipsLeftOut { clips: left_out });
@@ -103,7 +110,7 @@ pub(super) fn read(
 }
 
 impl Scene<'_> {
-    /// `None` for a clip that moves no joint.
+    /// A clip, and whether it is whole; `None` for one that moves no joint.
     fn clip(
         &self,
         animation: Animation,
@@ -112,7 +119,7 @@ impl Scene<'_> {
         accessors: &Accessors<'_>,
         resample: Resample,
         room: &mut usize,
-    ) -> Result<Option<Clip>, String> {
+    ) -> Result<Option<(Clip, bool)>, String> {
         let mut tracks = Vec::new();
         for (number, channel) in animation.channels.iter().enumerate() {
             let Some(node) = channel.target.node else { continue };
@@ -169,7 +176,8 @@ impl Scene<'_> {
                     .map(|v| v.as_vec3().into())
             }));
         }
-        Clip::new(name, resample.rate, self.joints.len(), out).map(Some).map_err(|e| e.to_string())
+        let clip = Clip::new(name, resample.rate, self.joints.len(), out).map_err(|e| e.to_string())?;
+        Ok(Some((clip, whole < frames as f64)))
     }
 }
 

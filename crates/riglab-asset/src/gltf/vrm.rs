@@ -64,6 +64,9 @@ pub(super) fn read(document: &Document, file: &placing::Scene<'_, '_>, warnings:
         false => scene.springs1(springs, &mut spring),
         true => scene.springs0(&zero["secondaryAnimation"], &mut spring),
     };
+    if humanoid.is_empty() && human.elsewhere > 0 {
+        human.add(format!("none of its {} bones is a joint of a skin", human.elsewhere));
+    }
     warnings.extend(human.warning("humanoid"));
     warnings.extend(spring.warning("springs"));
     Body { humanoid, springs }
@@ -110,7 +113,10 @@ impl Scene<'_> {
             return dropped.add(format!("`{stated}` names no node ({})", shown(node)));
         };
         // Eyes and the like may be nodes that no skin moves.
-        let Some(joint) = self.joint(node) else { return };
+        let Some(joint) = self.joint(node) else {
+            dropped.elsewhere += 1;
+            return;
+        };
         if humanoid.joint(bone).is_some() {
             dropped.add(format!("`{stated}` comes twice"));
         } else if !humanoid.insert(bone, joint) {
@@ -144,11 +150,15 @@ fn bones<'a, T>(extension: &'a Value, cast: fn(&'a Value) -> Option<&'a T>, drop
 
 /// What was left out, a phrase each.
 #[derive(Default)]
-struct Dropped(Vec<String>);
+struct Dropped {
+    phrases: Vec<String>,
+    /// Human bones on nodes that are no joints.
+    elsewhere: usize,
+}
 
 impl Dropped {
     fn add(&mut self, what: String) {
-        self.0.push(what);
+        self.phrases.push(what);
     }
 
     /// Something else stands where `what` should. What is absent is not told.
@@ -159,7 +169,7 @@ impl Dropped {
     }
 
     fn warning(self, part: &'static str) -> Option<Warning> {
-        (!self.0.is_empty()).then_some(Warning::Vrm { part, dropped: self.0 })
+        (!self.phrases.is_empty()).then_some(Warning::Vrm { part, dropped: self.phrases })
     }
 }
 

@@ -137,7 +137,7 @@ fn stem(path: &Path) -> String {
     let stem = path.file_stem().unwrap_or_default().to_string_lossy();
     match (&*stem, path.parent().and_then(Path::file_name)) {
         ("raw_data" | "predict_skeleton" | "predict_skin", Some(folder)) => folder.to_string_lossy().into_owned(),
-        _ => stem.into_owned(),
+        _ => stem.strip_suffix("_rig").filter(|s| !s.is_empty()).unwrap_or(&stem).to_owned(),
     }
 }
 

@@ -30,4 +30,4 @@ pub use array_rig::{Array, ArrayRig, SparseRows, Up};
 pub use fault::PeerFault;
 pub(crate) use import::{Source, count, each, one, read_arrays};
 pub(crate) use read::{beside_obj, mesh_of, starts_as_rig};
-pub use write::{Target, WriteError, write, write_mesh};
+pub use write::{Target, WriteError, write, write_mesh, written_paths};

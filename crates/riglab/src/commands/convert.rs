@@ -8,8 +8,8 @@ use std::process::ExitCode;
 use anyhow::{Context, Result, bail};
 use riglab_asset::export::{self, ExportOptions, Influences, JointFrames};
 use riglab_asset::{
-    Character, Content, ImportOptions, Imported, Target, count_assets, import, import_each, is_rig_file, write,
-    write_mesh,
+    Character, Content, ImportOptions, Imported, Target, count_assets, files_read, import, import_each, is_gltf,
+    is_rig_file, write, write_mesh, written_paths,
 };
 use riglab_core::Asset;
 
@@ -102,6 +102,9 @@ pub fn run(args: &Args) -> Result<ExitCode> {
         None if into_folder => bail!("{} is a folder; say with --to which format to write", args.out.display()),
         None => Target::of(&args.out)?,
     };
+    // What is read is never written over, nor the other half of a pair.
+    let inputs: HashSet<PathBuf> =
+        files.iter().flat_map(|file| files_read(file)).filter_map(|file| file.canonicalize().ok()).collect();
     // A name without an ending is a folder's where a file cannot be meant.
     if several && (into_folder || !target.holds_several()) {
         if !into_folder && args.out.extension().is_some() {
@@ -110,26 +113,32 @@ pub fn run(args: &Args) -> Result<ExitCode> {
                 args.out.display()
             );
         }
-        return into(args, &files, target, &options);
+        return into(args, &files, target, &options, &inputs);
     }
     if several {
-        return together(&args.out, &files, target, &options);
+        return together(&args.out, &files, target, &options, &inputs);
     }
     let imported = import(&args.input, &options)?;
     let out = if into_folder { args.out.join(file_name(&imported.name, target)) } else { args.out.clone() };
     if let Some(folder) = out.parent().filter(|f| !f.as_os_str().is_empty()) {
         std::fs::create_dir_all(folder).with_context(|| format!("{}", folder.display()))?;
     }
-    store(imported, &out, target, args)?;
+    store(imported, &out, target, args, &inputs)?;
     println!("{}", out.display());
     Ok(ExitCode::SUCCESS)
 }
 
 /// Every asset into a file of its own.
-fn into(args: &Args, files: &[PathBuf], target: Target, options: &ImportOptions) -> Result<ExitCode> {
+fn into(
+    args: &Args,
+    files: &[PathBuf],
+    target: Target,
+    options: &ImportOptions,
+    inputs: &HashSet<PathBuf>,
+) -> Result<ExitCode> {
     let (out, input) = (&args.out, &args.input);
     let (mut written, mut failed) = (0, 0);
-    let mut taken = HashSet::new();
+    let mut taken: HashSet<PathBuf> = HashSet::new();
     let mut broken = Ok(());
     for file in files {
         // Folders below the input come again below the output.
@@ -146,13 +155,14 @@ fn into(args: &Args, files: &[PathBuf], target: Target, options: &ImportOptions)
             let mut name = file_name(&imported.name, target);
             // Two assets of one name, as a.glb and a.vrm make, do not overwrite each other.
             let mut again = 1;
-            while !taken.insert(folder.join(&name)) {
+            while written_paths(folder.join(&name), target).iter().any(|path| taken.contains(path)) {
                 again += 1;
                 name = file_name(&format!("{}-{again}", imported.name), target);
             }
+            taken.extend(written_paths(folder.join(&name), target));
             let stored = std::fs::create_dir_all(&folder)
                 .with_context(|| format!("{}", folder.display()))
-                .and_then(|()| store(imported, &folder.join(&name), target, args));
+                .and_then(|()| store(imported, &folder.join(&name), target, args, inputs));
             match stored {
                 Ok(()) => written += 1,
                 // The disk: the next will not go either.
@@ -183,12 +193,30 @@ fn is_io(e: &anyhow::Error) -> bool {
 }
 
 /// All assets into one file.
-fn together(out: &Path, files: &[PathBuf], target: Target, options: &ImportOptions) -> Result<ExitCode> {
+fn together(
+    out: &Path,
+    files: &[PathBuf],
+    target: Target,
+    options: &ImportOptions,
+    inputs: &HashSet<PathBuf>,
+) -> Result<ExitCode> {
+    spare(inputs, out, target)?;
     let (mut assets, mut failed): (Vec<Asset>, usize) = (Vec::new(), 0);
+    let mut names = HashSet::new();
     for file in files {
         import_each(file, options, |imported| {
+            if let Ok(imported) = &imported {
+                warn(imported);
+            }
             match imported.and_then(Imported::into_asset) {
-                Ok(asset) => assets.push(asset),
+                Ok(mut asset) => {
+                    let (own, mut again) = (asset.name.clone(), 1);
+                    while !names.insert(asset.name.clone()) {
+                        again += 1;
+                        asset.name = format!("{own}-{again}");
+                    }
+                    assets.push(asset);
+                }
                 Err(e) => {
                     eprintln!("left out: {e}");
                     failed += 1;
@@ -207,10 +235,25 @@ fn together(out: &Path, files: &[PathBuf], target: Target, options: &ImportOptio
     Ok(ExitCode::SUCCESS)
 }
 
-fn store(imported: Imported, out: &Path, target: Target, args: &Args) -> Result<()> {
+fn warn(imported: &Imported) {
     for warning in imported.warnings() {
         eprintln!("warning: {}: {warning}", imported.provenance.source);
     }
+}
+
+/// Refuses to write over what is read.
+fn spare(inputs: &HashSet<PathBuf>, out: &Path, target: Target) -> Result<()> {
+    for path in written_paths(out, target) {
+        if path.canonicalize().is_ok_and(|real| inputs.contains(&real)) {
+            bail!("{} is what is read; give another name or folder to write", path.display());
+        }
+    }
+    Ok(())
+}
+
+fn store(imported: Imported, out: &Path, target: Target, args: &Args, inputs: &HashSet<PathBuf>) -> Result<()> {
+    spare(inputs, out, target)?;
+    warn(&imported);
     if target == Target::Glb {
         return store_glb(&imported, out, args);
     }
@@ -227,13 +270,19 @@ fn store(imported: Imported, out: &Path, target: Target, args: &Args) -> Result<
 /// With all that its document has, where there is one.
 fn store_glb(imported: &Imported, out: &Path, args: &Args) -> Result<()> {
     let source = &imported.provenance.source;
-    let ending = Path::new(source).extension().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
-    let document = matches!(ending.as_str(), "glb" | "gltf" | "vrm");
-    if export::same_file(source, out) {
-        bail!("{} is what is read; give another file to write", out.display());
+    let document = is_gltf(Path::new(source));
+    // A choice among one is none.
+    let whole = match &args.character {
+        Some(_) if document => Some(import(source, &ImportOptions::default())?),
+        _ => None,
+    };
+    let imported = whole.as_ref().filter(|all| all.reading.characters().len() == 1).unwrap_or(imported);
+    let one_of_several = whole.as_ref().is_some_and(|all| all.reading.characters().len() > 1);
+    if one_of_several {
+        eprintln!("note: {source}: of one character the rig is written; materials, pictures and motions are left out");
     }
     let exported = match imported.rig() {
-        Some(rig) if document && args.character.is_none() => export::onto(source, imported, rig, &args.export())?,
+        Some(rig) if document && !one_of_several => export::onto(source, imported, rig, &args.export())?,
         Some(rig) => export::alone(&imported.name, rig, &imported.provenance, &args.export())?,
         // Nothing to take out: the document as one file.
         None if document => export::strip(source, &ImportOptions::default())?,
@@ -248,7 +297,9 @@ fn store_glb(imported: &Imported, out: &Path, args: &Args) -> Result<()> {
 /// A file name for an asset: names come from files and may lead anywhere.
 fn file_name(name: &str, target: Target) -> String {
     let plain = |c: char| if c.is_control() || "/\\:*?\"<>|".contains(c) { '_' } else { c };
-    let mut plain: String = name.chars().map(plain).take(100).collect();
+    let mut plain: String = name.chars().map(plain).collect();
+    // File systems take 255 bytes.
+    plain.truncate((0..=150.min(plain.len())).rev().find(|at| plain.is_char_boundary(*at)).unwrap_or(0));
     if plain.is_empty() || plain.starts_with('.') {
         plain.insert(0, '_');
     }
@@ -284,5 +335,6 @@ mod tests {
         assert_eq!(file_name("ab/../biped", Target::Glb), "ab_.._biped.glb");
         assert_eq!(file_name("..", Target::RigNet), "_.._rig.txt");
         assert_eq!(file_name("", Target::Anymate), "_.pt");
+        assert_eq!(file_name(&"骨".repeat(100), Target::Glb).len(), 154);
     }
 }

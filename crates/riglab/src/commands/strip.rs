@@ -4,11 +4,11 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 use anyhow::{Context, Result, bail};
-use riglab_asset::{ImportOptions, export};
+use riglab_asset::{ImportOptions, Warning, export, import};
 
 /// Take the rig out of a file: skins, weights, joints, their animations, humanoid and springs of VRM.
 ///
-/// The mesh stands where the rest pose shows it; materials, pictures, morph targets and names stay.
+/// The mesh stands where it was bound, as `riglab inspect` reads it; materials, pictures, morph targets and names stay.
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:
@@ -35,6 +35,11 @@ pub fn run(args: &Args) -> Result<ExitCode> {
             "{} is the input itself\n\nhint: give another name, or --in-place to replace it by the stripped file",
             output.display()
         );
+    }
+    for warning in import(input, &ImportOptions::default())?.warnings() {
+        if matches!(warning, Warning::RestIsNotBind { .. } | Warning::Bent { .. }) {
+            eprintln!("warning: {}: {warning}", input.display());
+        }
     }
     let stripped = export::strip(input, &ImportOptions::default())?;
     export::write(output, &stripped.bytes).with_context(|| format!("{} cannot be written", output.display()))?;

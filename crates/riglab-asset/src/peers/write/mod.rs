@@ -15,8 +15,6 @@ mod target;
 mod text;
 mod unirig;
 
-use std::fs::File;
-use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use riglab_core::{Asset, Mesh};
@@ -61,6 +59,15 @@ pub enum WriteError {
         /// What happened.
         message: String,
     },
+}
+
+/// The files that [`write()`] makes at a path: the file, and the mesh beside a rig text.
+pub fn written_paths(path: impl AsRef<Path>, target: Target) -> Vec<PathBuf> {
+    let path = path.as_ref();
+    match target {
+        Target::RigNet | Target::Puppeteer => vec![path.to_path_buf(), text::mesh_path(path)],
+        _ => vec![path.to_path_buf()],
+    }
 }
 
 /// Writes assets to `path`, and tells in sentences what the format does not hold. Nothing is left
@@ -113,21 +120,5 @@ pub fn write_mesh(mesh: &Mesh, path: impl AsRef<Path>) -> Result<(), WriteError>
 
 /// Writes under a temporary name in the same folder, syncs and renames.
 fn store(path: &Path, bytes: &[u8]) -> Result<(), WriteError> {
-    let folder = path.parent().filter(|f| !f.as_os_str().is_empty()).unwrap_or(Path::new("."));
-    let stored = || -> std::io::Result<()> {
-        let mut builder = tempfile::Builder::new();
-        #[cfg(unix)]
-        {
-            use std::os::unix::fs::PermissionsExt;
-            // Temporary files are private by default; this one is to be as any other.
-            builder.permissions(std::fs::Permissions::from_mode(0o666));
-        }
-        let mut temp = builder.prefix(".riglab-").suffix(".tmp").tempfile_in(folder)?;
-        temp.write_all(bytes)?;
-        temp.as_file().sync_all()?;
-        temp.persist(path).map_err(|e| e.error)?;
-        File::open(folder)?.sync_all()
-    };
-    // The kind alone: the rest names the temporary file.
-    stored().map_err(|e| WriteError::Io { path: path.into(), message: e.kind().to_string() })
+    crate::store::store(path, bytes).map_err(|e| WriteError::Io { path: path.into(), message: e.to_string() })
 }

@@ -12,6 +12,9 @@ use super::{Target, WriteError};
 /// Joints the peer's own networks take.
 const JOINTS: usize = 70;
 
+/// Joints whose table of steps between each two, and whose dense weights, are still written.
+const MOST_JOINTS: usize = 4096;
+
 pub(super) fn file(assets: &[Asset], notes: &mut Vec<String>) -> Result<Vec<u8>, WriteError> {
     let mut file = FileBuilder::new();
     file.set_attr("num_samples", AttrValue::I64(assets.len() as i64));
@@ -21,6 +24,15 @@ pub(super) fn file(assets: &[Asset], notes: &mut Vec<String>) -> Result<Vec<u8>,
         let joints = asset.rig.skeleton().len();
         if joints > JOINTS {
             notes.push(format!("`{}` has {joints} joints, the format's own readers take up to {JOINTS}", asset.name));
+        }
+        if joints > MOST_JOINTS {
+            return Err(WriteError::Cannot {
+                asset: asset.name.clone(),
+                format: Target::PuppeteerH5,
+                reason: format!(
+                    "{joints} joints; the format has a table of each with each, so {MOST_JOINTS} is the most"
+                ),
+            });
         }
         let mut group = file.create_group(&format!("sample_{number}"));
         sample(asset, &mut group);
