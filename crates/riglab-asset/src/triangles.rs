@@ -28,6 +28,9 @@ pub(crate) struct Dropped {
     pub repeated: usize,
 }
 
+/// Triangles of a bucket that are compared each with each.
+const SMALL: usize = 12;
+
 /// Drops triangles that name a vertex twice and repeated ones; the rest keep their order. All
 /// vertices are below `vertices`.
 ///
@@ -47,19 +50,23 @@ pub(crate) fn keep_proper(triangles: &mut Vec<[u32; 3]>, vertices: usize) -> Dro
         start[v] += start[v - 1];
     }
     // One step behind: filling a bucket moves its start to where the next begins.
-    let mut bucketed = vec![(0u32, 0u32, 0u32); triangles.len()];
+    let mut bucketed = vec![(0u64, 0u32); triangles.len()];
     for (i, t) in (0u32..).zip(triangles.iter()) {
         let slot = &mut start[lowest(t) + 1];
         let [_, middle, high] = sorted(t);
-        bucketed[*slot as usize] = (middle, high, i);
+        bucketed[*slot as usize] = (u64::from(middle) << 32 | u64::from(high), i);
         *slot += 1;
     }
     let mut repeats = Vec::new();
     for v in 0..vertices {
         let bucket = &mut bucketed[start[v] as usize..start[v + 1] as usize];
+        // Nearly all are small and without repeats, which is seen faster than they are sorted.
+        let repeated = |(at, (key, _)): (usize, &(u64, u32))| bucket[..at].iter().any(|(other, _)| other == key);
+        if bucket.len() <= SMALL && !bucket.iter().enumerate().any(repeated) {
+            continue;
+        }
         bucket.sort_unstable();
-        let pairs = bucket.windows(2).filter(|w| (w[0].0, w[0].1) == (w[1].0, w[1].1));
-        repeats.extend(pairs.map(|w| w[1].2));
+        repeats.extend(bucket.windows(2).filter(|w| w[0].0 == w[1].0).map(|w| w[1].1));
     }
     if !repeats.is_empty() {
         repeats.sort_unstable();
