@@ -41,7 +41,7 @@ use bind::Binder;
 use draft::Draft;
 use scene::{Same, Scene};
 
-/// See [`crate::export_onto`].
+/// See [`crate::export::onto`].
 pub(crate) fn onto(
     bytes: &[u8],
     folder: Option<&Path>,
@@ -65,7 +65,7 @@ pub(crate) fn onto(
     })
 }
 
-/// See [`crate::strip`].
+/// See [`crate::export::strip`].
 pub(crate) fn strip(bytes: &[u8], folder: Option<&Path>, reading: &Reading) -> Result<Exported, ExportFault> {
     edit(bytes, folder, |draft, source, notes| {
         let scene = Scene::new(&source, reading, None)?.ok_or(ExportFault::OtherSource)?;
@@ -101,7 +101,7 @@ fn edit(
     Ok(Exported { bytes, notes })
 }
 
-/// See [`crate::export_alone`].
+/// See [`crate::export::alone`].
 pub(crate) fn alone(
     name: &str,
     rig: &Rig,
