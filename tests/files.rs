@@ -115,6 +115,95 @@ fn the_source_is_never_written_over_and_faults_are_named() {
 }
 
 #[test]
+fn a_corpus_becomes_files_again() {
+    let dir = tempfile::tempdir().unwrap();
+    let made = dir.path().join("made");
+    let was: Vec<Value> = creatures(&made, 3).iter().map(|f| inspected(f)).collect();
+    let (corpus, apart) = (dir.path().join("new/c.h5"), dir.path().join("apart"));
+    must(&["dataset", "import", text(&made), "-o", text(&corpus)]);
+    must(&["convert", text(&corpus), text(&apart), "--to", "glb"]);
+    let mut files: Vec<_> = fs::read_dir(&apart).unwrap().map(|entry| entry.unwrap().path()).collect();
+    files.sort();
+    let is: Vec<Value> = files.iter().map(|f| inspected(f)).collect();
+    for (is, was) in is.iter().zip(&was) {
+        for part in ["vertices", "triangles", "weight_totals"] {
+            assert_eq!(is[part], was[part], "{part}");
+        }
+        // Nodes of the document may have other numbers.
+        let joints = |v: &Value| -> Vec<Value> {
+            let all = v["joints"].as_array().unwrap();
+            all.iter().map(|j| serde_json::json!([j["name"], j["parent"], j["head"]])).collect()
+        };
+        assert_eq!(joints(is), joints(was));
+    }
+    assert_eq!(is.len(), was.len());
+    must(&["convert", text(&corpus), text(&dir.path().join("second.obj")), "--item", "1"]);
+    must(&["convert", text(&corpus), text(&dir.path().join("all.pt"))]);
+    let said = refusal(&mut riglab(&["convert", text(&corpus), text(&dir.path().join("x.glb")), "--item", "3"]));
+    assert!(said.contains("c.h5") && said.contains('3'), "{said}");
+    let said = refusal(&mut riglab(&["inspect", text(&corpus)]));
+    assert!(said.contains("dataset inspect"), "{said}");
+}
+
+#[test]
+fn options_that_cannot_hold_are_refused() {
+    let dir = tempfile::tempdir().unwrap();
+    let creature = &creatures(&dir.path().join("made"), 1)[0];
+    let to = |name: &str| dir.path().join(name);
+    let wrong = |args: &[&str], word: &str| {
+        let said = refusal(&mut riglab(args));
+        assert!(said.contains(word), "{said}");
+    };
+    wrong(&["convert", text(creature), text(&to("a.glb")), "--item", "1"], "no asset 1");
+    wrong(&["convert", text(creature), text(&to("a.fbx")), "--influences", "4"], "--influences");
+    wrong(&["strip", text(creature), text(&to("a.fbx"))], "only GLB");
+    wrong(&["dataset", "import", text(creature), "-o", text(&to("a.h5"))], "a file; give the folder");
+    assert_eq!(fs::read_dir(dir.path()).unwrap().count(), 1);
+    // A split file that names nothing of the folder leaves every asset without a split: told.
+    fs::write(to("split.json"), r#"{"train": ["other.glb"]}"#).unwrap();
+    let made = to("made");
+    let out = must(&["dataset", "import", text(&made), "-o", text(&to("a.h5")), "--split", text(&to("split.json"))]);
+    assert!(String::from_utf8_lossy(&out.stderr).contains("names none of the assets"));
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+fn an_output_that_takes_no_more_is_an_error() {
+    let dir = tempfile::tempdir().unwrap();
+    let creature = &creatures(&dir.path().join("made"), 1)[0];
+    let full = fs::File::options().write(true).open("/dev/full").unwrap();
+    let out = riglab(&["inspect", text(creature)]).stdout(full).output().unwrap();
+    let said = String::from_utf8_lossy(&out.stderr);
+    assert_eq!(out.status.code(), Some(1), "{said}");
+    assert!(said.contains("takes no more") && !said.contains("panicked"), "{said}");
+}
+
+#[cfg(unix)]
+#[test]
+fn an_interrupted_import_leaves_nothing_behind() {
+    use std::time::{Duration, Instant};
+    let dir = tempfile::tempdir().unwrap();
+    let made = dir.path().join("made");
+    creatures(&made, 40);
+    let out = dir.path().join("out");
+    fs::create_dir(&out).unwrap();
+    let mut import = riglab(&["dataset", "import", text(&made), "-o", text(&out.join("c.h5"))]).spawn().unwrap();
+    let start = Instant::now();
+    // As soon as the corpus has been begun.
+    while fs::read_dir(&out).unwrap().count() == 0 && start.elapsed() < Duration::from_secs(60) {
+        std::thread::sleep(Duration::from_millis(1));
+    }
+    rustix::process::kill_process(rustix::process::Pid::from_child(&import), rustix::process::Signal::INT).unwrap();
+    let code = import.wait().unwrap().code();
+    let left: Vec<_> = fs::read_dir(&out).unwrap().map(|e| e.unwrap().file_name()).collect();
+    match code {
+        Some(130) => assert!(left.is_empty(), "{left:?}"),
+        // It was done before the signal came.
+        code => assert_eq!((code, left), (Some(0), vec!["c.h5".into()])),
+    }
+}
+
+#[test]
 fn what_is_read_is_spared_in_every_format() {
     let dir = tempfile::tempdir().unwrap();
     let creature = &creatures(&dir.path().join("made"), 1)[0];

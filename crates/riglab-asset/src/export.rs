@@ -25,7 +25,6 @@ use std::path::Path;
 use riglab_core::{Provenance, Rig};
 use thiserror::Error;
 
-use crate::store::store;
 use crate::{Fault, Format, ImportOptions, Imported, gltf, import_from};
 
 /// How to write.
@@ -291,7 +290,7 @@ pub fn strip_bytes(
 /// # Errors
 /// What the system says; nothing stays behind then.
 pub fn write(path: impl AsRef<Path>, bytes: &[u8]) -> io::Result<()> {
-    store(path.as_ref(), bytes)
+    riglab_files::write(path.as_ref(), bytes)
 }
 
 /// Whether two paths lead to one file, by whatever names or links. False where one of them is not there.

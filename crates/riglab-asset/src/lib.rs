@@ -42,7 +42,6 @@ mod obj;
 mod peers;
 mod reading;
 mod skeletons;
-mod store;
 mod triangles;
 mod warning;
 
@@ -369,6 +368,9 @@ fn import_from(
         Format::Fbx => (fbx::read(bytes).map_err(fail)?, Rights::default()),
         other => return Err(fail(Fault::OtherFormat(other))),
     };
+    if let Some(item) = options.item.filter(|&item| item > 0) {
+        return Err(fail(PeerFault::NoSuchItem { item, count: 1 }.into()));
+    }
     if let Some(character) = &options.character {
         reading.keep(character).map_err(fail)?;
     }

@@ -10,5 +10,5 @@ use crate::row::Row;
 pub fn write(path: &Path, rows: &[Row]) -> Result<()> {
     let lines: Result<Vec<String>, _> = rows.iter().map(serde_json::to_string).collect();
     let text = format!("[\n{}\n]\n", lines?.join(",\n"));
-    riglab_train::write_atomic(path, text.as_bytes()).with_context(|| format!("cannot write {}", path.display()))
+    riglab_files::write(path, text.as_bytes()).with_context(|| format!("cannot write {}", path.display()))
 }

@@ -10,6 +10,9 @@ pub enum DataError {
     /// No such file or folder.
     #[error("{path}: no such {what}", path = .0.display(), what = .1)]
     Missing(PathBuf, &'static str),
+    /// A file where a folder is asked for.
+    #[error("{path}: a file; give the folder it is in", path = .0.display())]
+    NoFolder(PathBuf),
     /// The file system refused.
     #[error("{path}: {message}", path = path.display())]
     Io {

@@ -8,6 +8,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use rayon::prelude::*;
 use riglab_asset::{ImportError, ImportOptions, Imported, count_assets, import, import_each, is_rig_file};
 use riglab_core::Asset;
+use riglab_files::{Below, make_folder_of};
 use serde::Deserialize;
 
 use crate::split::Splitter;
@@ -54,23 +55,22 @@ struct Entry {
 /// # Errors
 /// When there is no such folder, or no file in it.
 pub fn rigged_files(folder: &Path) -> Result<Vec<PathBuf>, DataError> {
+    rigged_below(folder).map(|found| found.files)
+}
+
+fn rigged_below(folder: &Path) -> Result<Below, DataError> {
+    if folder.is_file() {
+        return Err(DataError::NoFolder(folder.into()));
+    }
     if !folder.is_dir() {
         return Err(DataError::Missing(folder.into(), "folder"));
     }
-    let (mut files, mut open) = (Vec::new(), vec![folder.to_path_buf()]);
-    while let Some(dir) = open.pop() {
-        for entry in std::fs::read_dir(&dir).map_err(|e| DataError::io(&dir, e))? {
-            let entry = entry.map_err(|e| DataError::io(&dir, e))?;
-            let (path, kind) = (entry.path(), entry.file_type().map_err(|e| DataError::io(&dir, e))?);
-            if kind.is_dir() {
-                open.push(path);
-            } else if is_rig_file(&path) {
-                files.push(path);
-            }
-        }
+    let found = riglab_files::below(folder, is_rig_file);
+    match (found.files.is_empty(), found.unread.first()) {
+        (false, _) => Ok(found),
+        (true, None) => Err(DataError::NothingToImport(folder.into())),
+        (true, Some((path, reason))) => Err(DataError::io(path, reason)),
     }
-    files.sort();
-    if files.is_empty() { Err(DataError::NothingToImport(folder.into())) } else { Ok(files) }
 }
 
 /// Imports a folder into a corpus at `out`. Assets are named by their path below the folder; those of
@@ -89,12 +89,18 @@ pub fn import_folder(
     options: &ImportOptions,
     progress: impl Fn(usize) + Sync,
 ) -> Result<ImportReport, DataError> {
-    let mut files = rigged_files(folder)?;
+    let Below { mut files, unread } = rigged_below(folder)?;
     // An earlier corpus at the same place is not part of the data.
     files.retain(|file| file != out);
+    make_folder_of(out).map_err(|e| DataError::io(out, e))?;
     let manifest = manifest(folder);
     let mut writer = CorpusWriter::create(out)?;
     let mut report = ImportReport::default();
+    let refused = |(path, reason): (PathBuf, String)| Refused {
+        reason: format!("{}: {reason}", path.display()),
+        name: name(folder, &path),
+    };
+    report.refused = unread.into_iter().map(refused).collect();
     let done = AtomicUsize::new(0);
     // Splits may depend on all topologies, so assets are written without and it is filled in last.
     let mut keys = Vec::with_capacity(files.len());

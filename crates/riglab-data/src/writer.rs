@@ -8,6 +8,7 @@ use hdf5::types::VarLenUnicode;
 use hdf5::{Dataset, H5Type};
 use ndarray::{ArrayView1, ArrayView2};
 use riglab_core::{Asset, JointMap};
+use riglab_files::Unfinished;
 
 use crate::DataError;
 use crate::room::{release, reserve};
@@ -24,7 +25,7 @@ const OVERHEAD: u64 = 4 << 20;
 /// nothing behind.
 pub struct CorpusWriter {
     path: PathBuf,
-    temp: tempfile::TempPath,
+    unfinished: Unfinished,
     file: hdf5::File,
     rows: Rows,
     texts: [Vec<VarLenUnicode>; TEXTS.len()],
@@ -71,17 +72,12 @@ impl CorpusWriter {
             return Err(DataError::io(path, "is there already and no corpus; give another name"));
         }
         let dir = path.parent().filter(|d| !d.as_os_str().is_empty()).unwrap_or(Path::new("."));
-        let temp = tempfile::Builder::new()
-            .permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666))
-            .prefix(".corpus-")
-            .suffix(".tmp")
-            .tempfile_in(dir)
-            .map_err(|e| DataError::io(dir, format!("cannot be written to ({e})")))?
-            .into_temp_path();
-        let file = hdf5::File::create(&temp).map_err(|e| write_error(path, &e))?;
+        let (_, unfinished) =
+            Unfinished::beside(path).map_err(|e| DataError::io(dir, format!("cannot be written to ({e})")))?;
+        let file = hdf5::File::create(unfinished.path()).map_err(|e| write_error(path, &e))?;
         let mut writer = Self {
             path: path.into(),
-            temp,
+            unfinished,
             file,
             rows: Rows::default(),
             texts: std::array::from_fn(|_| Vec::new()),
@@ -100,7 +96,8 @@ impl CorpusWriter {
     fn reserve(&mut self, bytes: usize) -> Result<(), DataError> {
         // Indices of chunks and heaps of strings: some hundredths.
         self.room += bytes as u64 + bytes as u64 / 16;
-        reserve(&self.temp, self.room).map_err(|e| DataError::Write { path: self.path.clone(), message: e.to_string() })
+        reserve(self.unfinished.path(), self.room)
+            .map_err(|e| DataError::Write { path: self.path.clone(), message: e.to_string() })
     }
 
     fn begin(&mut self) -> hdf5::Result<()> {
@@ -220,13 +217,11 @@ impl CorpusWriter {
         self.reserve(2 * strings + 8 * OFFSETS.len() * (self.len() + 1))?;
         let path = self.path.clone();
         self.end().map_err(|e| write_error(&path, &e))?;
-        let Self { file, temp, .. } = self;
+        let Self { file, unfinished, .. } = self;
         file.close().map_err(|e| write_error(&path, &e))?;
-        let written = File::options().write(true).open(&temp);
+        let written = File::options().write(true).open(unfinished.path());
         written.and_then(|f| release(&f).and_then(|()| f.sync_all())).map_err(|e| DataError::io(&path, e))?;
-        temp.persist(&path).map_err(|e| DataError::io(&path, e.error))?;
-        let dir = path.parent().filter(|d| !d.as_os_str().is_empty()).unwrap_or(Path::new("."));
-        File::open(dir).and_then(|d| d.sync_all()).map_err(|e| DataError::io(dir, e))
+        unfinished.finish().map_err(|e| DataError::io(&path, e))
     }
 
     fn end(&self) -> hdf5::Result<()> {

@@ -16,7 +16,7 @@ use serde::{Deserialize, Serialize};
 use tch::Tensor;
 
 use crate::TrainError;
-use crate::atomic::sync_folder;
+use riglab_files::sync_folder;
 
 /// What a run remembers besides tensors.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

@@ -15,7 +15,7 @@ impl Interrupt {
         let raised = interrupt.0.clone();
         let _ = ctrlc::set_handler(move || {
             if raised.swap(true, Ordering::SeqCst) {
-                std::process::exit(130);
+                riglab_files::leave(130);
             }
             eprintln!("\ninterrupted: saving after this step (once more to leave at once)");
         });

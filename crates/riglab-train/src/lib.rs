@@ -13,7 +13,6 @@
 //!
 //! Leaves out: rigs, and what a loss means.
 
-mod atomic;
 mod checkpoint;
 mod config;
 mod error;
@@ -27,7 +26,6 @@ mod task;
 mod tensorboard;
 mod trainer;
 
-pub use atomic::write_atomic;
 pub use checkpoint::{Checkpoint, State};
 pub use config::{Precision, ScheduleConfig, ScheduleKind, TrainConfig};
 pub use error::TrainError;

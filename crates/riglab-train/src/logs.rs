@@ -8,7 +8,6 @@ use std::path::{Path, PathBuf};
 use serde_json::{Map, Value, json};
 
 use crate::TrainError;
-use crate::atomic::write_atomic;
 use crate::run::Run;
 use crate::tensorboard::TensorBoard;
 
@@ -131,7 +130,7 @@ fn cut(path: &Path, step: u64) -> std::io::Result<()> {
             kept.push(b'\n');
         }
     }
-    write_atomic(path, &kept)
+    riglab_files::write(path, &kept)
 }
 
 #[cfg(test)]

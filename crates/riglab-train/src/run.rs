@@ -7,7 +7,6 @@ use std::time::SystemTime;
 use serde::{Deserialize, Serialize};
 
 use crate::TrainError;
-use crate::atomic::write_atomic;
 
 /// A run folder, held by this process.
 ///
@@ -73,7 +72,7 @@ impl Run {
         fs::create_dir_all(dir.join("checkpoints")).map_err(|e| TrainError::io(dir, "be made", &e))?;
         let run = Self::hold(dir)?;
         let path = dir.join("config.toml");
-        write_atomic(&path, config.as_bytes()).map_err(|e| TrainError::io(&path, "be written", &e))?;
+        riglab_files::write(&path, config.as_bytes()).map_err(|e| TrainError::io(&path, "be written", &e))?;
         Ok(run)
     }
 
@@ -121,7 +120,7 @@ impl Run {
     pub fn write_info(&self, info: &RunInfo) -> Result<(), TrainError> {
         let path = self.path("run.json");
         let text = serde_json::to_string_pretty(info).expect("plain data") + "\n";
-        write_atomic(&path, text.as_bytes()).map_err(|e| TrainError::io(&path, "be written", &e))
+        riglab_files::write(&path, text.as_bytes()).map_err(|e| TrainError::io(&path, "be written", &e))
     }
 }
 

@@ -3,6 +3,9 @@
 //! Results go to standard output, progress and messages to standard error. Exit codes: 0 done, 1
 //! failed, 2 wrong use, 130 interrupted.
 
+#[macro_use]
+mod say;
+
 mod commands;
 mod presets;
 mod registry;
@@ -35,10 +38,20 @@ enum Command {
     Doctor(commands::doctor::Args),
 }
 
+/// Takes files that are half-written along when the process is asked to leave.
+fn leave_clean() {
+    // Where signals cannot be listened to, the default ends the process all the same.
+    let _ = ctrlc::set_handler(|| riglab_files::leave(130));
+}
+
 fn main() -> ExitCode {
     // `riglab inspect FILE | head` ends quietly when `head` has enough.
     sigpipe::reset();
     let cli = Cli::parse();
+    // Training saves and leaves by its own rule.
+    if !matches!(cli.command, Command::Train(_)) {
+        leave_clean();
+    }
     let threads = cli.threads;
     if threads != 1 && matches!(cli.command, Command::Train(_) | Command::Eval(_)) {
         riglab_torch::wait_patiently();

@@ -174,8 +174,15 @@ fn run_import(args: &Import) -> Result<ExitCode> {
             report.refused.iter().map(|r| serde_json::json!({"file": r.name, "reason": r.reason})).collect();
         let notes: BTreeMap<_, _> = report.notes.iter().cloned().collect();
         let value = serde_json::json!({"imported": report.imported, "refused": refused, "notes": notes, "splits": report.splits});
-        println!("{value}");
+        say!("{value}");
         return Ok(ExitCode::SUCCESS);
+    }
+    if let (Some(path), true) = (&file, report.splits.keys().all(String::is_empty)) {
+        eprintln!(
+            "warning: {} names none of the assets, so none has a split; it names files by their path below {}",
+            path.display(),
+            args.folder.display()
+        );
     }
     for r in &report.refused {
         eprintln!("left out: {}", r.reason);
@@ -189,7 +196,7 @@ fn run_import(args: &Import) -> Result<ExitCode> {
     }
     let splits: Vec<String> =
         report.splits.iter().map(|(name, n)| format!("{} {n}", if name.is_empty() { "none" } else { name })).collect();
-    println!(
+    say!(
         "{}: {} assets ({}), {} files left out",
         args.out.display(),
         report.imported,
@@ -216,7 +223,7 @@ fn run_merge(args: &Merge) -> Result<ExitCode> {
     for (name, other) in &report.repeated {
         eprintln!("left out: `{name}` is equal to `{other}`");
     }
-    println!("{}: {} assets, {} repeated ones left out", shown(&args.out), report.assets, report.repeated.len());
+    say!("{}: {} assets, {} repeated ones left out", shown(&args.out), report.assets, report.repeated.len());
     Ok(ExitCode::SUCCESS)
 }
 
@@ -238,10 +245,10 @@ fn run_inspect(args: &Inspect) -> Result<ExitCode> {
                 "nonzero_weights": w, "source": from.source, "licence": from.licence, "author": from.author, "category": from.category,
                 "checksum": from.checksum, "notes": from.notes, "joint_names": asset.rig.skeleton().names(),
                 "humanoid": asset.rig.humanoid(), "springs": asset.rig.springs(), "clips": clips(&asset)});
-            println!("{value}");
+            say!("{value}");
             return Ok(ExitCode::SUCCESS);
         }
-        println!("{}  ({v} vertices, {f} triangles, {j} joints, {w} weights, split `{}`)", asset.name, splits[index]);
+        say!("{}  ({v} vertices, {f} triangles, {j} joints, {w} weights, split `{}`)", asset.name, splits[index]);
         for (key, value) in [
             ("source", &from.source),
             ("licence", &from.licence),
@@ -249,31 +256,28 @@ fn run_inspect(args: &Inspect) -> Result<ExitCode> {
             ("category", &from.category),
             ("checksum", &from.checksum),
         ] {
-            println!("  {key:9} {value}");
+            say!("  {key:9} {value}");
         }
         for line in crate::commands::inspect::body(&asset.rig) {
-            println!("  {line}");
+            say!("  {line}");
         }
         for clip in &asset.clips {
             let seconds = clip.frames() as f32 / clip.rate();
-            println!("  clip      {} ({} frames, {seconds:.1} s)", clip.name(), clip.frames());
+            say!("  clip      {} ({} frames, {seconds:.1} s)", clip.name(), clip.frames());
         }
-        from.notes.iter().for_each(|n| println!("  note      {n}"));
+        from.notes.iter().for_each(|n| say!("  note      {n}"));
         return Ok(ExitCode::SUCCESS);
     }
     let width = names.iter().map(String::len).max().unwrap_or(0).min(60);
     for (i, name) in names.iter().enumerate() {
         let [v, f, j, w] = corpus.counts(i);
         if args.json {
-            println!(
+            say!(
                 "{}",
                 serde_json::json!({"name": name, "split": splits[i], "vertices": v, "triangles": f, "joints": j, "nonzero_weights": w, "licence": licences[i], "category": categories[i]})
             );
         } else {
-            println!(
-                "{name:width$}  {:10} {v:>7} v {f:>7} t {j:>4} j  {:18} {}",
-                splits[i], categories[i], licences[i]
-            );
+            say!("{name:width$}  {:10} {v:>7} v {f:>7} t {j:>4} j  {:18} {}", splits[i], categories[i], licences[i]);
         }
     }
     Ok(ExitCode::SUCCESS)
@@ -293,17 +297,28 @@ fn run_stats(args: &StatsArgs) -> Result<ExitCode> {
     let mut rows: Vec<(String, Stats)> = of.into_iter().map(|(name, of)| (name, stats(&corpus, of))).collect();
     rows.push(("all".into(), stats(&corpus, 0..corpus.len())));
     if args.json {
-        println!("{}", serde_json::to_string(&rows.into_iter().collect::<BTreeMap<_, _>>())?);
+        say!("{}", serde_json::to_string(&rows.into_iter().collect::<BTreeMap<_, _>>())?);
         return Ok(ExitCode::SUCCESS);
     }
-    println!(
+    say!(
         "{:12} {:>7} {:>9} {:>9} {:>8} {:>10} {:>12}",
-        "split", "assets", "mean N", "mean tri", "mean J", "mean W > 0", "sparsity %"
+        "split",
+        "assets",
+        "mean N",
+        "mean tri",
+        "mean J",
+        "mean W > 0",
+        "sparsity %"
     );
     for (name, s) in rows {
-        println!(
+        say!(
             "{name:12} {:>7} {:>9.2} {:>9.2} {:>8.2} {:>10.2} {:>12.2}",
-            s.assets, s.vertices, s.triangles, s.joints, s.active, s.sparsity_percent
+            s.assets,
+            s.vertices,
+            s.triangles,
+            s.joints,
+            s.active,
+            s.sparsity_percent
         );
     }
     Ok(ExitCode::SUCCESS)
@@ -318,7 +333,7 @@ fn run_verify(args: &Verify) -> Result<ExitCode> {
     for fault in &faults {
         eprintln!("damaged: {}: {}", names[fault.index], fault.message);
     }
-    println!("{}: {} assets, {} damaged", shown(&args.corpus), corpus.len(), faults.len());
+    say!("{}: {} assets, {} damaged", shown(&args.corpus), corpus.len(), faults.len());
     Ok(if faults.is_empty() { ExitCode::SUCCESS } else { ExitCode::FAILURE })
 }
 

@@ -57,21 +57,21 @@ pub fn run(args: &Args, threads: usize) -> Result<ExitCode> {
         "missing": missing,
     });
     if args.json {
-        println!("{value}");
+        say!("{value}");
         return Ok(ExitCode::SUCCESS);
     }
     let yes = |b: bool| if b { "yes" } else { "no" };
-    println!("riglab     {}", env!("CARGO_PKG_VERSION"));
-    println!("libtorch   {}, {}, {threads} threads", riglab_torch::libtorch_version(), riglab_torch::cpu_capability());
-    println!(
+    say!("riglab     {}", env!("CARGO_PKG_VERSION"));
+    say!("libtorch   {}, {}, {threads} threads", riglab_torch::libtorch_version(), riglab_torch::cpu_capability());
+    say!(
         "matmul     fp32 {fp32:.0} GFLOP/s, bf16 {bf16:.0} GFLOP/s (avx512_bf16: {}, amx: {})",
         yes(avx512_bf16),
         yes(amx)
     );
-    println!("cuda       {cuda} devices");
-    println!("hdf5       {}", riglab_data::hdf5_version());
-    println!("memory     {:.0} GB, {:.0} GB free", gigabytes("MemTotal:"), gigabytes("MemAvailable:"));
-    missing.iter().for_each(|m| println!("note       {m}"));
+    say!("cuda       {cuda} devices");
+    say!("hdf5       {}", riglab_data::hdf5_version());
+    say!("memory     {:.0} GB, {:.0} GB free", gigabytes("MemTotal:"), gigabytes("MemAvailable:"));
+    missing.iter().for_each(|m| say!("note       {m}"));
     Ok(ExitCode::SUCCESS)
 }
 

@@ -6,7 +6,7 @@ use std::process::ExitCode;
 
 use anyhow::{Context, Result, anyhow};
 use riglab_task::fsq_cvae::{Evaluation, Report, Row};
-use riglab_train::{Checkpoint, Progress, Task, write_atomic};
+use riglab_train::{Checkpoint, Progress, Task};
 use tch::Device;
 
 use crate::presets;
@@ -76,30 +76,46 @@ pub fn run(args: &Args, threads: usize) -> Result<ExitCode> {
 }
 
 fn write(path: &Path, bytes: &[u8]) -> Result<()> {
-    write_atomic(path, bytes).with_context(|| format!("{} cannot be written", path.display()))
+    riglab_files::write(path, bytes).with_context(|| format!("{} cannot be written", path.display()))
 }
 
 fn print(report: &Report) {
-    println!("convention {}, decode rule: cut {}, top 4", report.convention, report.cut);
+    say!("convention {}, decode rule: cut {}, top 4", report.convention, report.cut);
     for split in report.codebook.keys() {
         let rows: Vec<&Row> = report.rows.iter().filter(|r| r.split == *split).collect();
-        println!("\n{split} ({} assets)", rows.first().map_or(0, |r| r.assets));
-        println!(
+        say!("\n{split} ({} assets)", rows.first().map_or(0, |r| r.assets));
+        say!(
             "{:28} {:>6} {:>7} {:>8} {:>8} {:>6} {:>6} {:>6}",
-            "method", "tokens", "IoU", "per rig", "L1", "prec.", "recall", "mask"
+            "method",
+            "tokens",
+            "IoU",
+            "per rig",
+            "L1",
+            "prec.",
+            "recall",
+            "mask"
         );
         for r in rows {
             let tokens = if r.tokens == 0 { String::new() } else { r.tokens.to_string() };
             let p = &r.pooled;
-            println!(
+            say!(
                 "{:28} {tokens:>6} {:>7.4} {:>8.4} {:>8.5} {:>6.3} {:>6.3} {:>6.3}",
-                r.method, p.iou, r.per_rig.iou, p.l1, p.precision, p.recall, r.per_rig.mask_cover_bone
+                r.method,
+                p.iou,
+                r.per_rig.iou,
+                p.l1,
+                p.precision,
+                p.recall,
+                r.per_rig.mask_cover_bone
             );
         }
         let c = &report.codebook[split];
-        println!(
+        say!(
             "codes: {} of {} tokens differ, utilisation {:.4}, perplexity {:.0}",
-            c.distinct, c.tokens, c.utilisation, c.perplexity
+            c.distinct,
+            c.tokens,
+            c.utilisation,
+            c.perplexity
         );
     }
 }

@@ -46,7 +46,7 @@ pub fn run(args: &Args) -> Result<ExitCode> {
         import_each(file, &options, |imported| {
             match imported {
                 Ok(imported) if args.json => match serde_json::to_string(&imported.inspect(args.all_vertices)) {
-                    Ok(line) => println!("{line}"),
+                    Ok(line) => say!("{line}"),
                     Err(e) => {
                         broken = Err(e);
                         return ControlFlow::Break(());
@@ -83,9 +83,9 @@ pub fn body(rig: &Rig) -> Vec<String> {
 fn print(imported: &Imported) {
     let from = &imported.provenance;
     let (mesh, reading) = (imported.mesh(), &imported.reading);
-    println!("{}", from.source);
+    say!("{}", from.source);
     let size = riglab_core::Bounds::of(mesh.positions().iter().copied()).map_or([0.0; 3], |b| b.size());
-    println!(
+    say!(
         "  mesh      {} vertices, {} triangles, {:.4} x {:.4} x {:.4} units",
         mesh.positions().len(),
         mesh.triangles().len(),
@@ -96,32 +96,28 @@ fn print(imported: &Imported) {
     if let Content::Rigged(rig) = &imported.content {
         let weights = rig.weights();
         let most = weights.offsets().windows(2).map(|w| w[1] - w[0]).max().unwrap_or(0);
-        println!(
-            "  skeleton  {} joints, {} of them hold vertices",
-            rig.skeleton().len(),
-            rig.skinned_joints(0.0).len()
-        );
-        println!("  weights   {} not zero, at most {most} a vertex", weights.nonzero());
+        say!("  skeleton  {} joints, {} of them hold vertices", rig.skeleton().len(), rig.skinned_joints(0.0).len());
+        say!("  weights   {} not zero, at most {most} a vertex", weights.nonzero());
         for line in body(rig) {
-            println!("  {line}");
+            say!("  {line}");
         }
-        println!("  tree");
+        say!("  tree");
         let children = rig.skeleton().children();
         let mut open = vec![(riglab_core::JointId(0), 0)];
         while let Some((joint, depth)) = open.pop() {
             let [x, y, z] = rig.skeleton().head(joint);
-            println!("    {:indent$}{}  ({x:.4}, {y:.4}, {z:.4})", "", rig.skeleton().name(joint), indent = 2 * depth);
+            say!("    {:indent$}{}  ({x:.4}, {y:.4}, {z:.4})", "", rig.skeleton().name(joint), indent = 2 * depth);
             open.extend(children[joint.index()].iter().rev().map(|&c| (c, depth + 1)));
         }
     } else {
-        println!("  skeleton  none: {} joints", reading.joints.len());
+        say!("  skeleton  none: {} joints", reading.joints.len());
     }
     for (name, value) in [("licence", &from.licence), ("author", &from.author)] {
         if !value.is_empty() {
-            println!("  {name:9} {value}");
+            say!("  {name:9} {value}");
         }
     }
     for warning in imported.warnings() {
-        println!("  warning   {warning}");
+        say!("  warning   {warning}");
     }
 }

@@ -5,7 +5,6 @@ use std::process::ExitCode;
 
 use anyhow::{Context, Result, bail};
 use riglab_report::{Block, Page, RunView};
-use riglab_train::write_atomic;
 
 use crate::registry;
 
@@ -44,7 +43,7 @@ pub fn run(args: &Args) -> Result<ExitCode> {
     let title = args.title.clone().unwrap_or_else(|| args.run.display().to_string());
     let html = Page { title, subtitle: view.subtitle(), blocks }.to_html()?;
     let path = args.out.clone().unwrap_or_else(|| args.run.join("report.html"));
-    write_atomic(&path, html.as_bytes()).with_context(|| format!("{} cannot be written", path.display()))?;
-    println!("{}", path.display());
+    riglab_files::write(&path, html.as_bytes()).with_context(|| format!("{} cannot be written", path.display()))?;
+    say!("{}", path.display());
     Ok(ExitCode::SUCCESS)
 }

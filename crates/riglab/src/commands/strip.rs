@@ -27,7 +27,7 @@ pub struct Args {
 
 pub fn run(args: &Args) -> Result<ExitCode> {
     let Args { input, output, in_place } = args;
-    if output.extension().is_some_and(|e| e.eq_ignore_ascii_case("gltf")) {
+    if !output.extension().is_some_and(|e| e.eq_ignore_ascii_case("glb")) {
         bail!("{}: only GLB is written, with all that belongs to it inside; name it .glb", output.display());
     }
     if !in_place && export::same_file(input, output) {
@@ -41,6 +41,7 @@ pub fn run(args: &Args) -> Result<ExitCode> {
             eprintln!("warning: {}: {warning}", input.display());
         }
     }
+    riglab_files::make_folder_of(output)?;
     let stripped = export::strip(input, &ImportOptions::default())?;
     export::write(output, &stripped.bytes).with_context(|| format!("{} cannot be written", output.display()))?;
     for note in &stripped.notes {

@@ -10,7 +10,7 @@ use rayon::prelude::*;
 use riglab_asset::to_glb;
 use riglab_core::Asset;
 use riglab_synth::{Options, Plan, creature};
-use riglab_train::{Progress, write_atomic};
+use riglab_train::Progress;
 
 /// Make rigged creatures: files to try everything on, without any of your own.
 ///
@@ -75,7 +75,7 @@ pub fn run(args: &Args) -> Result<ExitCode> {
     // Written last: a folder with a manifest is complete.
     put(&out.join("manifest.json"), (serde_json::to_string_pretty(&manifest)? + "\n").as_bytes())?;
     eprintln!("next: riglab dataset import {} -o corpus.h5", out.display());
-    println!("{}: {} creatures", out.display(), manifest.len());
+    say!("{}: {} creatures", out.display(), manifest.len());
     Ok(ExitCode::SUCCESS)
 }
 
@@ -88,5 +88,5 @@ fn write(out: &Path, asset: &Asset) -> Result<serde_json::Value> {
 }
 
 fn put(path: &Path, bytes: &[u8]) -> Result<()> {
-    write_atomic(path, bytes).with_context(|| format!("{} cannot be written", path.display()))
+    riglab_files::write(path, bytes).with_context(|| format!("{} cannot be written", path.display()))
 }

@@ -40,7 +40,7 @@ pub struct Args {
 
 pub fn run(args: &Args, threads: usize) -> Result<ExitCode> {
     if args.list {
-        presets::experiments().iter().for_each(|name| println!("{name}"));
+        presets::experiments().iter().for_each(|name| say!("{name}"));
         return Ok(ExitCode::SUCCESS);
     }
     let threads = riglab_torch::init(riglab_torch::Settings { threads });
@@ -99,7 +99,7 @@ pub fn run(args: &Args, threads: usize) -> Result<ExitCode> {
         eprintln!("best: {} {value:.4} at step {step}", task.objective().0);
     }
     eprintln!("next: riglab eval {}", run.dir().display());
-    println!("{}", run.dir().display());
+    say!("{}", run.dir().display());
     Ok(ExitCode::SUCCESS)
 }
 

@@ -120,5 +120,5 @@ pub fn write_mesh(mesh: &Mesh, path: impl AsRef<Path>) -> Result<(), WriteError>
 
 /// Writes under a temporary name in the same folder, syncs and renames.
 fn store(path: &Path, bytes: &[u8]) -> Result<(), WriteError> {
-    crate::store::store(path, bytes).map_err(|e| WriteError::Io { path: path.into(), message: e.to_string() })
+    riglab_files::write(path, bytes).map_err(|e| WriteError::Io { path: path.into(), message: e.to_string() })
 }

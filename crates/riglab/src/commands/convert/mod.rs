@@ -1,5 +1,7 @@
 //! `riglab convert`
 
+mod corpus;
+
 use std::collections::HashSet;
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
@@ -12,6 +14,7 @@ use riglab_asset::{
     is_rig_file, write, write_mesh, written_paths,
 };
 use riglab_core::Asset;
+use riglab_files::make_folder_of;
 
 /// Turn rigged files of any format that is read into any that is written.
 ///
@@ -20,7 +23,7 @@ use riglab_core::Asset;
 /// which; npz and txt need --to. A folder or a file of several assets goes into a folder, a file an
 /// asset, or into one file of a format that holds several. Z up becomes Y up and back by the formats.
 /// glTF and VRM become a GLB with all they had: materials, pictures, morph targets, motions, extensions.
-/// What a format cannot hold is told on standard error.
+/// What a format cannot hold is told on standard error. A corpus is written as its assets.
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:
@@ -29,16 +32,17 @@ Examples:
   riglab convert fox.gltf fox.glb --influences 4
   riglab convert articulation_xlv2_test.npz rigs/ --to glb
   riglab convert rigs/ rigs.npz --to articulation-xl
-  riglab convert Anymate_test.pt horse.glb --item 12")]
+  riglab convert Anymate_test.pt horse.glb --item 12
+  riglab convert corpus.h5 rigs/ --to glb")]
 pub struct Args {
-    /// A file, or a folder of files with those below it.
+    /// A file, a folder of files with those below it, or a corpus.
     input: PathBuf,
     /// The file or folder to write.
     out: PathBuf,
     /// The format to write, where the ending of OUT does not tell.
     #[arg(long, value_name = "FORMAT")]
     to: Option<Target>,
-    /// Of a file of several assets this one, counted from 0.
+    /// Of a corpus or a file of several assets this one, counted from 0.
     #[arg(long, value_name = "N")]
     item: Option<usize>,
     /// Of a file of several characters this one: its number, from 0, or the name of its root.
@@ -48,12 +52,12 @@ pub struct Args {
     /// joints of RigNet's predictions back into NAME.
     #[arg(long)]
     repair: bool,
-    /// For GLB: how many joints may hold a vertex; the largest weights stay.
-    #[arg(long, value_enum, default_value = "all")]
-    influences: Most,
-    /// For GLB from other formats: how joints are turned at rest.
-    #[arg(long, value_enum, default_value = "parallel")]
-    frames: Frames,
+    /// For GLB: how many joints may hold a vertex; the largest weights stay [default: all].
+    #[arg(long, value_enum)]
+    influences: Option<Most>,
+    /// For GLB from other formats: how joints are turned at rest [default: parallel].
+    #[arg(long, value_enum)]
+    frames: Option<Frames>,
 }
 
 #[derive(Clone, Copy, clap::ValueEnum)]
@@ -79,13 +83,13 @@ enum Frames {
 impl Args {
     fn export(&self) -> ExportOptions {
         let influences = match self.influences {
-            Most::Four => Influences::Four,
-            Most::Eight => Influences::Eight,
-            Most::All => Influences::All,
+            Some(Most::Four) => Influences::Four,
+            Some(Most::Eight) => Influences::Eight,
+            Some(Most::All) | None => Influences::All,
         };
         let frames = match self.frames {
-            Frames::Parallel => JointFrames::Parallel,
-            Frames::Bone => JointFrames::AlongBone,
+            Some(Frames::Parallel) | None => JointFrames::Parallel,
+            Some(Frames::Bone) => JointFrames::AlongBone,
         };
         ExportOptions { influences, frames }
     }
@@ -94,14 +98,23 @@ impl Args {
 pub fn run(args: &Args) -> Result<ExitCode> {
     let (item, character, repair) = (args.item, args.character.clone(), args.repair);
     let options = ImportOptions { item, character, repair, ..Default::default() };
-    let files = if args.input.is_dir() { below(&args.input)? } else { vec![args.input.clone()] };
-    let several = args.input.is_dir() || args.item.is_none() && count_assets(&args.input)? > 1;
+    let corpus = corpus::open(&args.input);
+    let files = if args.input.is_dir() { rigged(&args.input)? } else { vec![args.input.clone()] };
+    let several = args.input.is_dir()
+        || args.item.is_none()
+            && match &corpus {
+                Some(corpus) => corpus.len() > 1,
+                None => count_assets(&args.input)? > 1,
+            };
     let into_folder = args.out.is_dir() || args.out.as_os_str().to_string_lossy().ends_with('/');
     let target = match args.to {
         Some(target) => target,
         None if into_folder => bail!("{} is a folder; say with --to which format to write", args.out.display()),
         None => Target::of(&args.out)?,
     };
+    if target != Target::Glb && (args.influences.is_some() || args.frames.is_some()) {
+        bail!("--influences and --frames are for GLB; {target} is written as the rig is");
+    }
     // What is read is never written over, nor the other half of a pair.
     let inputs: HashSet<PathBuf> =
         files.iter().flat_map(|file| files_read(file)).filter_map(|file| file.canonicalize().ok()).collect();
@@ -113,18 +126,23 @@ pub fn run(args: &Args) -> Result<ExitCode> {
                 args.out.display()
             );
         }
-        return into(args, &files, target, &options, &inputs);
+        return match &corpus {
+            Some(corpus) => corpus::into(corpus, args, target),
+            None => into(args, &files, target, &options, &inputs),
+        };
+    }
+    if let Some(corpus) = &corpus {
+        spare(&inputs, &args.out, target)?;
+        return corpus::to(corpus, args, into_folder, target);
     }
     if several {
         return together(&args.out, &files, target, &options, &inputs);
     }
     let imported = import(&args.input, &options)?;
     let out = if into_folder { args.out.join(file_name(&imported.name, target)) } else { args.out.clone() };
-    if let Some(folder) = out.parent().filter(|f| !f.as_os_str().is_empty()) {
-        std::fs::create_dir_all(folder).with_context(|| format!("{}", folder.display()))?;
-    }
+    make_folder_of(&out)?;
     store(imported, &out, target, args, &inputs)?;
-    println!("{}", out.display());
+    say!("{}", out.display());
     Ok(ExitCode::SUCCESS)
 }
 
@@ -160,9 +178,10 @@ fn into(
                 name = file_name(&format!("{}-{again}", imported.name), target);
             }
             taken.extend(written_paths(folder.join(&name), target));
-            let stored = std::fs::create_dir_all(&folder)
-                .with_context(|| format!("{}", folder.display()))
-                .and_then(|()| store(imported, &folder.join(&name), target, args, inputs));
+            let place = folder.join(&name);
+            let stored = make_folder_of(&place)
+                .map_err(anyhow::Error::from)
+                .and_then(|()| store(imported, &place, target, args, inputs));
             match stored {
                 Ok(()) => written += 1,
                 // The disk: the next will not go either.
@@ -182,7 +201,7 @@ fn into(
         }
     }
     broken?;
-    println!("{written} written to {}, {failed} left out", out.display());
+    say!("{written} written to {}, {failed} left out", out.display());
     Ok(if written == 0 { ExitCode::FAILURE } else { ExitCode::SUCCESS })
 }
 
@@ -201,6 +220,7 @@ fn together(
     inputs: &HashSet<PathBuf>,
 ) -> Result<ExitCode> {
     spare(inputs, out, target)?;
+    make_folder_of(out)?;
     let (mut assets, mut failed): (Vec<Asset>, usize) = (Vec::new(), 0);
     let mut names = HashSet::new();
     for file in files {
@@ -231,7 +251,7 @@ fn together(
     for note in write(&assets, out, target)? {
         eprintln!("note: {note}");
     }
-    println!("{}: {} assets, {failed} left out", out.display(), assets.len());
+    say!("{}: {} assets, {failed} left out", out.display(), assets.len());
     Ok(ExitCode::SUCCESS)
 }
 
@@ -307,23 +327,15 @@ fn file_name(name: &str, target: Target) -> String {
 }
 
 /// Rigged files of a folder and those below it.
-fn below(folder: &Path) -> Result<Vec<PathBuf>> {
-    let (mut files, mut open) = (Vec::new(), vec![folder.to_path_buf()]);
-    while let Some(dir) = open.pop() {
-        for entry in std::fs::read_dir(&dir).with_context(|| format!("{}", dir.display()))? {
-            let entry = entry?;
-            if entry.file_type()?.is_dir() {
-                open.push(entry.path());
-            } else if is_rig_file(&entry.path()) {
-                files.push(entry.path());
-            }
-        }
+fn rigged(folder: &Path) -> Result<Vec<PathBuf>> {
+    let found = riglab_files::below(folder, is_rig_file);
+    for (path, reason) in &found.unread {
+        eprintln!("left out: {}: {reason}", path.display());
     }
-    files.sort();
-    if files.is_empty() {
+    if found.files.is_empty() {
         bail!("{}: no rigged file in this folder or below it", folder.display());
     }
-    Ok(files)
+    Ok(found.files)
 }
 
 #[cfg(test)]

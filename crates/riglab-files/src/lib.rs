@@ -1,0 +1,15 @@
+//! Files written whole or not at all, and folders walked to their end.
+//!
+//! The one idea: **what is unfinished has another name.** A file is written under a temporary name in
+//! its own folder, synced and renamed, so a kill at any moment leaves what was there; the names of
+//! unfinished files are known, so a process that is asked to leave takes them with it.
+//!
+//! Leaves out: what is in the files.
+
+mod unfinished;
+mod walk;
+mod write;
+
+pub use unfinished::{Unfinished, leave};
+pub use walk::{Below, below};
+pub use write::{make_folder_of, sync_folder, write};

@@ -1,0 +1,121 @@
+//! Files under a temporary name.
+
+use std::fs::{self, File};
+use std::io;
+use std::path::{Path, PathBuf};
+use std::sync::Mutex;
+
+use tempfile::TempPath;
+
+/// Temporary files of this process that have not got their name yet.
+static OPEN: Mutex<Vec<PathBuf>> = Mutex::new(Vec::new());
+
+/// A file beside the place where it will stand. Dropped before [`Unfinished::finish`], it is gone.
+#[derive(Debug)]
+pub struct Unfinished {
+    temp: TempPath,
+    /// Of a link the file it leads to.
+    place: PathBuf,
+}
+
+impl Unfinished {
+    /// An empty file in the folder of `path`, readable for others as the user's mask has it. A link is
+    /// followed; what is there and no plain file, a device for example, is never replaced.
+    ///
+    /// # Errors
+    /// Those of the file system, without the temporary name, which says nothing to a user.
+    pub fn beside(path: &Path) -> io::Result<(File, Self)> {
+        let place = match fs::canonicalize(path) {
+            Ok(real) if !fs::metadata(&real)?.is_file() => {
+                return Err(io::Error::other("it is there, and no plain file"));
+            }
+            Ok(real) => real,
+            // Nothing is there yet.
+            Err(_) => path.to_path_buf(),
+        };
+        let mut builder = tempfile::Builder::new();
+        #[cfg(unix)]
+        {
+            use std::os::unix::fs::PermissionsExt;
+            // Temporary files are private by default; this one is to be as any other.
+            builder.permissions(fs::Permissions::from_mode(0o666));
+        }
+        let made = builder.prefix(".riglab-").suffix(".tmp").tempfile_in(folder(&place)).map_err(|e| plain(&e))?;
+        let (file, temp) = made.into_parts();
+        open().push(temp.to_path_buf());
+        Ok((file, Self { temp, place }))
+    }
+
+    /// Its temporary name.
+    pub fn path(&self) -> &Path {
+        &self.temp
+    }
+
+    /// Gives the file its name, in place of what was there, and makes that durable. What was written must
+    /// have been synced before.
+    ///
+    /// # Errors
+    /// Those of the file system; what was there still is.
+    pub fn finish(self) -> io::Result<()> {
+        let kept = fs::rename(&self.temp, &self.place);
+        kept.and_then(|()| crate::sync_folder(folder(&self.place)))
+    }
+}
+
+impl Drop for Unfinished {
+    fn drop(&mut self) {
+        open().retain(|path| path != &*self.temp);
+    }
+}
+
+fn open() -> std::sync::MutexGuard<'static, Vec<PathBuf>> {
+    OPEN.lock().unwrap_or_else(std::sync::PoisonError::into_inner)
+}
+
+/// Ends the process with this code, and takes its unfinished files along.
+///
+/// Nothing is torn down: threads are still at work, and libraries' destructors under them crash. What
+/// fails while this goes on is not told either.
+pub fn leave(code: i32) -> ! {
+    let _silence = io::stderr().lock();
+    remove_unfinished();
+    // SAFETY: `_exit` ends the process and touches no memory of it.
+    unsafe { libc::_exit(code) }
+}
+
+fn remove_unfinished() {
+    for path in open().drain(..) {
+        // It may be gone already; there is nobody left to tell.
+        let _ = fs::remove_file(path);
+    }
+}
+
+pub(crate) fn folder(path: &Path) -> &Path {
+    path.parent().filter(|f| !f.as_os_str().is_empty()).unwrap_or(Path::new("."))
+}
+
+pub(crate) fn plain(e: &io::Error) -> io::Error {
+    io::Error::new(e.kind(), e.kind().to_string())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn whoever_leaves_takes_the_unfinished_with_him() {
+        let dir = tempfile::tempdir().unwrap();
+        let count = || fs::read_dir(dir.path()).unwrap().count();
+        let (_file, dropped) = Unfinished::beside(&dir.path().join("a")).unwrap();
+        drop(dropped);
+        assert_eq!(count(), 0);
+        let (_file, done) = Unfinished::beside(&dir.path().join("b")).unwrap();
+        done.finish().unwrap();
+        let (_file, left) = Unfinished::beside(&dir.path().join("b")).unwrap();
+        assert_eq!(count(), 2);
+        remove_unfinished();
+        assert_eq!(count(), 1);
+        assert!(left.finish().is_err());
+        assert!(dir.path().join("b").exists());
+    }
+}

@@ -1,0 +1,122 @@
+//! The assets of a corpus as files.
+
+use std::collections::HashSet;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+use anyhow::{Context, Result, bail};
+use riglab_asset::{Target, export, write, written_paths};
+use riglab_core::Asset;
+use riglab_data::Corpus;
+use riglab_files::make_folder_of;
+use riglab_train::Progress;
+
+use super::{Args, file_name, is_io};
+
+/// The corpus at `path`, if it is one.
+pub fn open(path: &Path) -> Option<Corpus> {
+    Corpus::open(path).ok()
+}
+
+/// Every asset into a file of its own, named as the asset without the ending that its file had.
+pub fn into(corpus: &Corpus, args: &Args, target: Target) -> Result<ExitCode> {
+    let (mut written, mut failed) = (0, 0);
+    let mut taken: HashSet<PathBuf> = HashSet::new();
+    let mut progress = Progress::new("writing", corpus.len() as u64, 0);
+    for index in 0..corpus.len() {
+        let stored = corpus.asset(index).map_err(anyhow::Error::from).and_then(|asset| {
+            let (folder, own) = place(&asset.name);
+            let named = |again: usize| {
+                let name = if again == 1 { own.clone() } else { format!("{own}-{again}") };
+                args.out.join(&folder).join(file_name(&name, target))
+            };
+            let free = |path: &PathBuf| !written_paths(path, target).iter().any(|p| taken.contains(p));
+            let path = (1..).map(named).find(free).context("no name is left")?;
+            taken.extend(written_paths(&path, target));
+            make_folder_of(&path)?;
+            store(asset, &path, target, args)
+        });
+        match stored {
+            Ok(()) => written += 1,
+            // The disk: the next will not go either.
+            Err(e) if is_io(&e) => return Err(e),
+            Err(e) => {
+                eprintln!("left out: {e:#}");
+                failed += 1;
+            }
+        }
+        progress.set(index as u64 + 1, String::new);
+    }
+    progress.finish();
+    say!("{written} written to {}, {failed} left out", args.out.display());
+    Ok(if written == 0 { ExitCode::FAILURE } else { ExitCode::SUCCESS })
+}
+
+/// One asset, or all in a format that holds several.
+pub fn to(corpus: &Corpus, args: &Args, into_folder: bool, target: Target) -> Result<ExitCode> {
+    let numbers = match args.item {
+        Some(item) if item >= corpus.len() => {
+            bail!("{}: there is no asset {item}: the corpus has {}", args.input.display(), corpus.len())
+        }
+        Some(item) => item..item + 1,
+        None => 0..corpus.len(),
+    };
+    let mut assets = numbers.map(|index| corpus.asset(index)).collect::<Result<Vec<Asset>, _>>()?;
+    let out = match &assets[..] {
+        [only] if into_folder => args.out.join(file_name(&place(&only.name).1, target)),
+        _ => args.out.clone(),
+    };
+    make_folder_of(&out)?;
+    match assets.pop() {
+        Some(only) if assets.is_empty() => store(only, &out, target, args)?,
+        Some(last) => {
+            assets.push(last);
+            for note in write(&assets, &out, target)? {
+                eprintln!("note: {note}");
+            }
+        }
+        None => bail!("{}: the corpus has no asset", args.input.display()),
+    }
+    say!("{}", out.display());
+    Ok(ExitCode::SUCCESS)
+}
+
+fn store(asset: Asset, out: &Path, target: Target, args: &Args) -> Result<()> {
+    let notes = match target {
+        Target::Glb => {
+            let exported = export::alone(&asset.name, &asset.rig, &asset.provenance, &args.export())?;
+            riglab_files::write(out, &exported.bytes).with_context(|| format!("{}", out.display()))?;
+            exported.notes.iter().map(ToString::to_string).collect()
+        }
+        _ => write(std::slice::from_ref(&asset), out, target)?,
+    };
+    for note in notes {
+        eprintln!("note: {}: {note}", asset.name);
+    }
+    Ok(())
+}
+
+/// Folders and name of an asset: those of the file it was imported from, without the file's ending.
+/// Steps that lead out of the folder are dropped.
+fn place(name: &str) -> (PathBuf, String) {
+    let mut steps: Vec<&str> = name.split('/').filter(|s| !["", ".", ".."].contains(s)).collect();
+    let own = steps.pop().unwrap_or("asset");
+    let known =
+        |ending: &str| ["glb", "gltf", "vrm", "fbx", "obj", "txt"].contains(&ending.to_ascii_lowercase().as_str());
+    let own =
+        own.rsplit_once('.').filter(|(stem, ending)| !stem.is_empty() && known(ending)).map_or(own, |(stem, _)| stem);
+    (steps.into_iter().collect(), own.to_owned())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_become_places_below_the_folder() {
+        assert_eq!(place("a/b.v2.glb"), ("a".into(), "b.v2".into()));
+        assert_eq!(place("../../etc/x"), ("etc".into(), "x".into()));
+        assert_eq!(place("set.npz#horse"), ("".into(), "set.npz#horse".into()));
+        assert_eq!(place(""), ("".into(), "asset".into()));
+    }
+}
