@@ -1,0 +1,89 @@
+//! In which order joints are written.
+
+use std::collections::HashMap;
+
+use crate::template::Part;
+use crate::{Bones, EncodeFault, Siblings};
+
+/// An order of joints, with the parts of a template in it.
+#[derive(Debug, Default)]
+pub(crate) struct Order {
+    /// At each place, the joint as given.
+    pub joints: Vec<usize>,
+    /// Parts by the place of their first joint: the number in the vocabulary.
+    pub parts: Vec<(usize, usize)>,
+    /// Joints of parts: the place where the others begin.
+    pub others: usize,
+}
+
+/// Depth first with sorted siblings, or as given.
+pub(crate) fn walk(bones: &Bones<'_>, siblings: Siblings) -> Vec<usize> {
+    let count = bones.joints.len();
+    let axes = match siblings {
+        Siblings::AsGiven => return (0..count).collect(),
+        Siblings::YUp => [1, 2, 0],
+        Siblings::ZUp => [2, 1, 0],
+    };
+    let mut children = vec![Vec::new(); count];
+    for (joint, parent) in bones.parents.iter().enumerate() {
+        if let Some(parent) = parent {
+            children[*parent].push(joint);
+        }
+    }
+    let key = |joint: usize| axes.map(|axis| bones.joints[joint][axis]);
+    for of in &mut children {
+        // The last comes off the stack first; joints at one place keep their order.
+        of.sort_by(|&a, &b| {
+            let places = key(a).iter().zip(&key(b)).map(|(x, y)| x.total_cmp(y)).find(|o| o.is_ne());
+            places.unwrap_or_else(|| a.cmp(&b)).reverse()
+        });
+    }
+    let (mut order, mut open) = (Vec::with_capacity(count), vec![0]);
+    while let Some(joint) = open.pop() {
+        order.push(joint);
+        open.extend(&children[joint]);
+    }
+    order
+}
+
+/// Puts the joints of a template's parts first, in the template's order. A part that lacks a joint is passed
+/// over; one that hangs on a joint of no part ends the search (UniRig's order step).
+///
+/// # Errors
+/// Where two joints have one name, or a template's joint stands before its parent.
+pub(crate) fn parts_first(
+    bones: &Bones<'_>,
+    order: Vec<usize>,
+    parts: &[(usize, &'static Part)],
+) -> Result<Order, EncodeFault> {
+    let mut by_name = HashMap::with_capacity(bones.names.len());
+    for (joint, name) in bones.names.iter().enumerate() {
+        if by_name.insert(name.as_str(), joint).is_some() {
+            return Err(EncodeFault::TwoOfOneName(name.clone()));
+        }
+    }
+    let mut placed = vec![false; bones.joints.len()];
+    let mut new = Order::default();
+    for (number, part) in parts {
+        let Some(joints) = part.joints.iter().map(|name| by_name.get(name).copied()).collect::<Option<Vec<_>>>() else {
+            continue;
+        };
+        joints.iter().for_each(|&j| placed[j] = true);
+        if joints.iter().any(|&j| bones.parents[j].is_some_and(|p| !placed[p])) {
+            joints.iter().for_each(|&j| placed[j] = false);
+            break;
+        }
+        new.parts.push((new.joints.len(), *number));
+        new.joints.extend(joints);
+    }
+    new.others = new.joints.len();
+    new.joints.extend(order.into_iter().filter(|&j| !placed[j]));
+    let mut seen = vec![false; bones.joints.len()];
+    for (place, &joint) in new.joints.iter().enumerate() {
+        if bones.parents[joint].map_or(place > 0, |p| !seen[p]) {
+            return Err(EncodeFault::TemplateOutOfOrder(bones.names[joint].clone()));
+        }
+        seen[joint] = true;
+    }
+    Ok(new)
+}

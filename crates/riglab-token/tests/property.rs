@@ -1,0 +1,148 @@
+//! What must hold for any skeleton and any sequence.
+
+use riglab_random::{Draw, Stream, stream};
+use riglab_token::{Bones, Grammar, Limits, Mask, Parents, Preset, Template, Tokenizer};
+
+/// A random tree whose joints often share a cell, some outside the range.
+struct Tree {
+    joints: Vec<[f64; 3]>,
+    parents: Vec<Option<usize>>,
+    names: Vec<String>,
+}
+
+impl Tree {
+    fn new(random: &mut Stream) -> Self {
+        let count = 1 + random.below(90);
+        let coarse = [4.0, 30.0, 1e6][random.below(3)];
+        let coordinate = |random: &mut Stream| {
+            let x = 2.2 * f64::from(random.unit()) - 1.1;
+            (x * coarse).round() / coarse
+        };
+        let joints = (0..count).map(|_| std::array::from_fn(|_| coordinate(random))).collect();
+        let parents =
+            (0..count).map(|j| (j > 0).then(|| if random.unit() < 0.6 { j - 1 } else { random.below(j) })).collect();
+        let mut tree = Self { joints, parents, names: (0..count).map(|j| format!("j{j}")).collect() };
+        if random.unit() < 0.3 {
+            tree.as_made(&Template::ALL[random.below(2)], random);
+        }
+        tree
+    }
+
+    /// A body of a template, sometimes hands, and some joints more.
+    fn as_made(&mut self, template: &Template, random: &mut Stream) {
+        let parts = 1 + random.below(2);
+        let named: Vec<_> = template.parts[..parts].iter().flat_map(|p| p.joints).map(|n| (*n).to_owned()).collect();
+        let missing = usize::from(random.unit() < 0.2);
+        self.names = named.into_iter().skip(missing).chain((0..random.below(5)).map(|k| format!("x{k}"))).collect();
+        let count = self.names.len();
+        self.parents = (0..count).map(|j| (j > 0).then(|| random.below(j))).collect();
+        self.joints = (0..count).map(|_| std::array::from_fn(|_| f64::from(2.0 * random.unit() - 1.0))).collect();
+    }
+
+    fn bones(&self) -> Bones<'_> {
+        Bones { joints: &self.joints, parents: &self.parents, names: &self.names }
+    }
+}
+
+#[test]
+fn any_tree_comes_back_and_the_grammar_takes_it() {
+    let tokenizer = Tokenizer::new(Preset::Riglab.config());
+    let limits = Limits { joints: 256, tokens: 2048 };
+    let half = 1.0 / 256.0 + 1e-6;
+    for case in 0..3_000 {
+        let mut random = stream(5, "trees", &[case]);
+        let tree = Tree::new(&mut random);
+        let encoded = tokenizer.encode_bones(&tree.bones(), None).unwrap();
+        let decoded = tokenizer.decode(&encoded.ids).unwrap();
+        let mut place = vec![0; tree.joints.len()];
+        encoded.order.iter().enumerate().for_each(|(at, &j)| place[j] = at);
+        for (at, &joint) in encoded.order.iter().enumerate() {
+            assert_eq!(decoded.parents[at], tree.parents[joint].map(|p| place[p]), "{case}: joint {joint}");
+            if encoded.moved == 0 {
+                for k in 0..3 {
+                    let wanted = tree.joints[joint][k].clamp(-1.0, 1.0);
+                    assert!((f64::from(decoded.joints[at][k]) - wanted).abs() <= half, "{case}");
+                }
+            }
+            // What has a template's name keeps it.
+            if decoded.class.is_some() && !decoded.names[at].starts_with("bone_") {
+                assert_eq!(decoded.names[at], tree.names[joint]);
+            }
+        }
+        let mut grammar = Grammar::new(&tokenizer, limits, Parents::Existing);
+        for &id in &encoded.ids {
+            grammar.advance(id).unwrap_or_else(|e| panic!("{case}: {e}"));
+        }
+        assert!(grammar.is_done());
+        assert_eq!(grammar.joints(), tree.joints.len());
+    }
+}
+
+#[test]
+fn the_order_of_joints_does_not_matter() {
+    let tokenizer = Tokenizer::new(Preset::Riglab.config());
+    let joints = [[0.0, 0.0, 0.0], [0.5, 0.1, 0.0], [-0.5, 0.2, 0.0], [0.0, 0.9, 0.0]];
+    let parents = [None, Some(0), Some(0), Some(1)];
+    let swapped = [0, 2, 1, 3];
+    let other: Vec<_> = swapped.iter().map(|&j: &usize| joints[j]).collect();
+    let names: Vec<_> = (0..4).map(|j| format!("j{j}")).collect();
+    let ids = |joints: &[[f64; 3]], parents: &[Option<usize>]| {
+        tokenizer.encode_bones(&Bones { joints, parents, names: &names }, None).unwrap().ids
+    };
+    assert_eq!(ids(&joints, &parents), ids(&other, &[None, Some(0), Some(0), Some(2)]));
+}
+
+#[test]
+fn whoever_follows_the_grammar_ends_with_a_skeleton() {
+    for (preset, parents, limits) in [
+        (Preset::Riglab, Parents::Existing, Limits { joints: 60, tokens: 300 }),
+        (Preset::Riglab, Parents::Anywhere, Limits { joints: 8, tokens: 1000 }),
+        (Preset::Paper, Parents::Existing, Limits { joints: 100, tokens: 90 }),
+        (Preset::UnirigReleased, Parents::Existing, Limits { joints: 40, tokens: 200 }),
+        (Preset::SkintokensReleased, Parents::Existing, Limits { joints: 1, tokens: 6 }),
+    ] {
+        let mut config = preset.config();
+        config.lenient = false;
+        config.least_joints = 1;
+        let tokenizer = Tokenizer::new(config);
+        let mut mask = Mask::none(tokenizer.vocabulary().len());
+        for case in 0..2_000 {
+            let mut random = stream(7, "policy", &[case]);
+            let mut grammar = Grammar::new(&tokenizer, limits, parents);
+            let mut ids = Vec::new();
+            while !grammar.is_done() {
+                grammar.allowed(&mut mask);
+                let id = mask.iter().nth(random.below(mask.count())).expect("a way on");
+                grammar.accept(id);
+                ids.push(id);
+            }
+            let found = tokenizer.decode(&ids).unwrap_or_else(|e| panic!("{preset:?} {case}: {e}: {ids:?}"));
+            found.skeleton().unwrap();
+            assert!(found.joints.len() <= limits.joints && ids.len() <= limits.tokens, "{preset:?} {case}");
+            assert_eq!(found.joints.len(), grammar.joints());
+        }
+    }
+}
+
+#[test]
+fn sequences_from_strangers_are_refused_without_a_panic() {
+    let tokenizers = [Preset::Riglab, Preset::Paper, Preset::UnirigReleased, Preset::SkintokensReleased]
+        .map(|preset| Tokenizer::new(preset.config()));
+    for case in 0..20_000 {
+        let mut random = stream(9, "noise", &[case]);
+        let length = random.below(40);
+        let mut ids: Vec<u32> = (0..length)
+            .map(|_| if random.unit() < 0.7 { random.below(256) as u32 } else { 256 + random.below(20) as u32 })
+            .collect();
+        if random.unit() < 0.9 {
+            ids.insert(0, 257);
+            ids.push(258);
+        }
+        for tokenizer in &tokenizers {
+            if let Ok(found) = tokenizer.decode(&ids) {
+                found.skeleton().unwrap();
+                found.tails();
+            }
+        }
+    }
+}
