@@ -32,6 +32,7 @@ enum Command {
     Strip(commands::strip::Args),
     Synth(commands::synth::Args),
     Dataset(commands::dataset::Args),
+    Tokens(commands::tokens::Args),
     Train(commands::train::Args),
     Eval(commands::eval::Args),
     Report(commands::report::Args),
@@ -64,6 +65,7 @@ fn main() -> ExitCode {
         Command::Report(args) => commands::report::run(&args),
         Command::Dataset(args) => commands::dataset::run(&args),
         Command::Doctor(args) => commands::doctor::run(&args, threads),
+        Command::Tokens(args) => commands::tokens::run(&args),
         Command::Train(args) => commands::train::run(&args, threads),
         Command::Eval(args) => commands::eval::run(&args, threads),
     };

@@ -8,4 +8,5 @@ pub mod inspect;
 pub mod report;
 pub mod strip;
 pub mod synth;
+pub mod tokens;
 pub mod train;

@@ -1,0 +1,271 @@
+//! `riglab tokens`
+
+use std::collections::BTreeMap;
+use std::ops::ControlFlow;
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use anyhow::{Result, bail};
+use rayon::prelude::*;
+use riglab_asset::{ImportOptions, import_each};
+use riglab_core::Asset;
+use riglab_data::Corpus;
+use riglab_token::{Encoded, Grammar, Limits, Parents, Preset, Tokenizer, naive_length};
+use serde_json::json;
+
+/// Show skeletons as tokens: the sequence in words, what it saves, and what a round trip costs.
+///
+/// Of a file, the sequence. Of a corpus, a table by category as UniRig has it: tokens of the plain format
+/// (every joint with its parent's coordinates), tokens of this one, how far joints come back from where
+/// they were. Assets are set into the cube from -1 to 1 first.
+#[derive(clap::Args)]
+#[command(after_help = "\
+Examples:
+  riglab tokens fox.glb
+  riglab tokens corpus.h5
+  riglab tokens corpus.h5 --preset unirig-released --json")]
+pub struct Args {
+    /// Rigged files or corpora.
+    #[arg(required = true)]
+    inputs: Vec<PathBuf>,
+    /// How skeletons become tokens.
+    #[arg(long, value_enum, default_value = "riglab")]
+    preset: Tokens,
+    /// The class to write, for files; by the joints' names where it is left out.
+    #[arg(long, value_name = "NAME")]
+    class: Option<String>,
+    /// Print as JSON, a line an asset and one for the whole of each corpus.
+    #[arg(long)]
+    json: bool,
+}
+
+#[derive(Clone, Copy, clap::ValueEnum)]
+enum Tokens {
+    /// Unbiased, every tree told apart.
+    Riglab,
+    /// UniRig's paper.
+    Paper,
+    /// UniRig's release.
+    UnirigReleased,
+    /// SkinTokens' release.
+    SkintokensReleased,
+}
+
+impl Tokens {
+    fn preset(self) -> Preset {
+        match self {
+            Self::Riglab => Preset::Riglab,
+            Self::Paper => Preset::Paper,
+            Self::UnirigReleased => Preset::UnirigReleased,
+            Self::SkintokensReleased => Preset::SkintokensReleased,
+        }
+    }
+}
+
+/// What a round trip of an asset shows.
+struct Trip {
+    joints: usize,
+    tokens: usize,
+    /// Mean distance of joints from where they were, in the cube.
+    error: f64,
+    /// Joints that came back below another parent.
+    astray: usize,
+    moved: usize,
+    /// Whether the strict grammar takes the sequence.
+    strict: bool,
+}
+
+pub fn run(args: &Args) -> Result<ExitCode> {
+    let tokenizer = Tokenizer::new(args.preset.preset().config());
+    let mut failed = false;
+    for input in &args.inputs {
+        if let Ok(corpus) = Corpus::open(input) {
+            of_corpus(&corpus, &tokenizer, args)?;
+            continue;
+        }
+        let mut broken = Ok(());
+        import_each(input, &ImportOptions::default(), |imported| {
+            match imported.and_then(riglab_asset::Imported::into_asset) {
+                Ok(asset) => broken = show(&asset, &tokenizer, args),
+                Err(e) => {
+                    eprintln!("error: {e}");
+                    failed = true;
+                }
+            }
+            if broken.is_err() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+        });
+        broken?;
+    }
+    Ok(if failed { ExitCode::FAILURE } else { ExitCode::SUCCESS })
+}
+
+fn trip(asset: &Asset, tokenizer: &Tokenizer, class: Option<&str>) -> Result<(Encoded, Trip)> {
+    let (rig, _) = asset.rig.normalized();
+    let skeleton = rig.skeleton();
+    let encoded = tokenizer.encode(skeleton, class)?;
+    let decoded = tokenizer.decode(&encoded.ids)?;
+    let mut place = vec![0; encoded.order.len()];
+    encoded.order.iter().enumerate().for_each(|(at, &j)| place[j] = at);
+    let (mut error, mut astray) = (0.0, 0);
+    for (at, &joint) in encoded.order.iter().enumerate() {
+        let (was, is) = (skeleton.heads()[joint], decoded.joints[at]);
+        error += (0..3).map(|k| f64::from(is[k] - was[k]).powi(2)).sum::<f64>().sqrt();
+        astray += usize::from(decoded.parents[at] != skeleton.parents()[joint].map(|p| place[p.index()]));
+    }
+    let joints = skeleton.len();
+    let limits = Limits { joints, tokens: encoded.ids.len() };
+    let mut grammar = Grammar::new(tokenizer, limits, Parents::Anywhere);
+    let strict = encoded.ids.iter().all(|&id| grammar.advance(id).is_ok()) && grammar.is_done();
+    let trip =
+        Trip { joints, tokens: encoded.ids.len(), error: error / joints as f64, astray, moved: encoded.moved, strict };
+    Ok((encoded, trip))
+}
+
+fn show(asset: &Asset, tokenizer: &Tokenizer, args: &Args) -> Result<()> {
+    let (encoded, trip) = trip(asset, tokenizer, args.class.as_deref())?;
+    let words: Vec<String> = encoded.ids.iter().map(|&id| tokenizer.vocabulary().word(id)).collect();
+    let plain = naive_length(trip.joints);
+    let saved = 100.0 * (1.0 - trip.tokens as f64 / plain as f64);
+    if args.json {
+        say!(
+            "{}",
+            json!({"name": asset.name, "joints": trip.joints, "ids": encoded.ids, "words": words, "order": encoded.order,
+            "plain": plain, "saved_percent": saved, "joint_error": trip.error, "astray": trip.astray, "moved": trip.moved})
+        );
+        return Ok(());
+    }
+    say!("{}  ({} joints, {} tokens; plain {plain}, {saved:.1} % saved)", asset.name, trip.joints, trip.tokens);
+    say!("  {}", lines(&words).join("\n  "));
+    say!(
+        "  comes back {:.5} from its place on average, {} joints below another parent, {} moved to a free cell",
+        trip.error,
+        trip.astray,
+        trip.moved
+    );
+    Ok(())
+}
+
+/// A line a joint.
+fn lines(words: &[String]) -> Vec<String> {
+    let mut lines: Vec<String> = vec![String::new()];
+    let mut numbers = 0;
+    let mut width = 3;
+    for word in words {
+        let number = !word.starts_with('<');
+        if number && numbers == width || !number && numbers > 0 {
+            lines.push(String::new());
+            (numbers, width) = (0, 3);
+        }
+        if word == "<branch>" {
+            width = 6;
+        }
+        numbers += usize::from(number);
+        let line = lines.last_mut().expect("there is a line");
+        if !line.is_empty() {
+            line.push_str(if number && numbers == 4 { " > " } else { " " });
+        }
+        line.push_str(word);
+    }
+    lines
+}
+
+/// Sums over assets of a category.
+#[derive(Default)]
+struct Sum {
+    assets: usize,
+    plain: usize,
+    tokens: usize,
+    error: f64,
+    astray: usize,
+    moved: usize,
+    loose: usize,
+}
+
+impl Sum {
+    fn add(&mut self, trip: &Trip) {
+        self.assets += 1;
+        self.plain += naive_length(trip.joints);
+        self.tokens += trip.tokens;
+        self.error += trip.error;
+        self.astray += usize::from(trip.astray > 0);
+        self.moved += trip.moved;
+        self.loose += usize::from(!trip.strict);
+    }
+}
+
+fn of_corpus(corpus: &Corpus, tokenizer: &Tokenizer, args: &Args) -> Result<()> {
+    let categories = corpus.texts("category")?;
+    let trips: Vec<(usize, Result<Trip>)> = (0..corpus.len())
+        .into_par_iter()
+        .map(|index| {
+            let found = corpus.asset(index).map_err(anyhow::Error::from);
+            (index, found.and_then(|asset| trip(&asset, tokenizer, args.class.as_deref())).map(|(_, trip)| trip))
+        })
+        .collect();
+    let (mut sums, mut all, names) = (BTreeMap::<&str, Sum>::new(), Sum::default(), corpus.names()?);
+    for (index, found) in &trips {
+        match found {
+            Ok(trip) => {
+                sums.entry(&categories[*index]).or_default().add(trip);
+                all.add(trip);
+            }
+            Err(e) => eprintln!("left out: {}: {e:#}", names[*index]),
+        }
+    }
+    if all.assets == 0 {
+        bail!("{}: no asset has a sequence", args.inputs[0].display());
+    }
+    if !args.json {
+        say!(
+            "{:20} {:>7} {:>9} {:>9} {:>8} {:>12} {:>7} {:>6} {:>7}",
+            "category",
+            "assets",
+            "plain",
+            "tokens",
+            "saved %",
+            "joint error",
+            "astray",
+            "moved",
+            "refused"
+        );
+    }
+    for (name, sum) in
+        sums.iter().map(|(name, sum)| (if name.is_empty() { "none" } else { name }, sum)).chain([("all", &all)])
+    {
+        let n = sum.assets as f64;
+        let (plain, tokens, error) = (sum.plain as f64 / n, sum.tokens as f64 / n, sum.error / n);
+        let saved = 100.0 * (1.0 - tokens / plain);
+        if args.json {
+            say!(
+                "{}",
+                json!({"corpus": args.inputs[0], "category": name, "assets": sum.assets, "plain": plain, "tokens": tokens, "saved_percent": saved,
+                "joint_error": error, "astray_assets": sum.astray, "moved_joints": sum.moved, "refused_by_grammar": sum.loose})
+            );
+        } else {
+            say!(
+                "{name:20} {:>7} {plain:>9.2} {tokens:>9.2} {saved:>8.2} {error:>12.6} {:>7} {:>6} {:>7}",
+                sum.assets,
+                sum.astray,
+                sum.moved,
+                sum.loose
+            );
+        }
+    }
+    if !args.json {
+        say!("astray: assets with another topology after the round trip; refused: by the strict grammar");
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_line_a_joint() {
+        let words = "<bos> <mixamo> <body> 1 2 3 4 5 6 <branch> 1 2 3 7 8 9 <spring> 1 1 1 <eos>";
+        let words: Vec<String> = words.split(' ').map(str::to_owned).collect();
+        let wanted = ["<bos> <mixamo> <body> 1 2 3", "4 5 6", "<branch> 1 2 3 > 7 8 9", "<spring> 1 1 1", "<eos>"];
+        assert_eq!(lines(&words), wanted);
+    }
+}
