@@ -14,6 +14,7 @@
 mod error;
 mod import;
 mod merge;
+mod mixture;
 mod reader;
 mod room;
 pub mod schema;
@@ -25,6 +26,7 @@ pub use error::DataError;
 pub use import::{ImportReport, Refused, import_folder, rigged_files};
 
 pub use merge::{MergeReport, merge};
+pub use mixture::Mixture;
 pub use reader::{Corpus, Fault};
 pub use split::{SplitNames, Splitter};
 pub use stats::{Stats, stats};

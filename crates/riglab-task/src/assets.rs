@@ -14,6 +14,8 @@ use serde::{Deserialize, Serialize};
 pub struct DataConfig {
     /// Corpus files, as `riglab dataset import` writes them.
     pub corpora: Vec<PathBuf>,
+    /// How much of the training comes from each corpus, one weight each; by their size where it is empty.
+    pub weights: Vec<f32>,
     /// Splits that are trained on.
     pub train: Vec<String>,
     /// The split that checkpoints and decode rules are chosen by.
@@ -30,6 +32,7 @@ impl Default for DataConfig {
     fn default() -> Self {
         Self {
             corpora: Vec::new(),
+            weights: Vec::new(),
             train: vec![SplitNames::TRAIN.into()],
             validate: SplitNames::VAL.into(),
             test: vec![SplitNames::TEST_SEEN.into(), SplitNames::TEST_NEW.into()],
@@ -86,6 +89,39 @@ impl Assets {
             ids.extend(c.split(split)?.into_iter().map(|index| AssetId { corpus, index }));
         }
         Ok(ids)
+    }
+
+    /// The assets of the splits trained on, apart by corpus where the corpora have weights.
+    ///
+    /// # Errors
+    /// A sentence: weights that do not fit the corpora, or a column that cannot be read.
+    pub fn training(&self, config: &DataConfig) -> Result<Vec<(f32, Vec<AssetId>)>, String> {
+        let (weights, corpora) = (&config.weights, self.corpora.len());
+        if !weights.is_empty() && weights.len() != corpora {
+            return Err(format!("data.weights has {} numbers for {corpora} corpora", weights.len()));
+        }
+        if weights.iter().any(|w| !(w.is_finite() && *w >= 0.0))
+            || !weights.is_empty() && weights.iter().all(|w| *w == 0.0)
+        {
+            return Err("data.weights must be numbers from 0 on, and one of them above it".into());
+        }
+        let mut ids = Vec::new();
+        for split in &config.train {
+            let of = self.split(split).map_err(|e| e.to_string())?;
+            ids.extend(of.into_iter().filter(|&id| self.counts(id)[2] <= config.max_joints));
+        }
+        if weights.is_empty() {
+            return Ok(vec![(1.0, ids)]);
+        }
+        let of = |corpus: usize| ids.iter().copied().filter(|id| id.corpus == corpus).collect();
+        let parts: Vec<(f32, Vec<AssetId>)> = weights.iter().enumerate().map(|(k, &weight)| (weight, of(k))).collect();
+        match parts.iter().position(|(weight, of)| *weight > 0.0 && of.is_empty()) {
+            Some(k) => Err(format!(
+                "{}: no asset of data.train, but a weight in data.weights; `riglab dataset inspect` shows its splits",
+                config.corpora[k].display()
+            )),
+            None => Ok(parts),
+        }
     }
 
     /// Vertices, triangles, joints, non-zero weights, without reading the asset.

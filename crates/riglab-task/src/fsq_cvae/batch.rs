@@ -1,9 +1,10 @@
 //! Batches: points, weights and queries of a few bones of a few rigs.
 
-use std::sync::{Arc, Mutex};
+use std::sync::Arc;
 
 use riglab_augment::AffineMap;
 use riglab_core::{Segment, Vec3};
+use riglab_data::Mixture;
 use riglab_geom::farthest_points;
 use riglab_nn::fsq_cvae::{BONE_FEATURES, BONE_POINT_FEATURES, SkinQueries};
 use riglab_random::{Draw, Stream, stream};
@@ -47,43 +48,35 @@ pub struct BatchSource {
     config: FsqCvaeTaskConfig,
     assets: Arc<Assets>,
     cache: Arc<Cache<Prepared>>,
-    /// Rigs of an epoch, before they are put in order; one may occur several times.
-    epoch: Vec<AssetId>,
-    /// The order of the epoch last asked for.
-    order: Mutex<(u64, Arc<Vec<u32>>)>,
+    /// Rigs by place; one may occur several times in an epoch.
+    rigs: Mixture<AssetId>,
 }
 
 impl BatchSource {
-    /// Batches of the assets `of`; not empty.
-    pub fn new(config: FsqCvaeTaskConfig, assets: Arc<Assets>, cache: Arc<Cache<Prepared>>, of: &[AssetId]) -> Self {
+    /// Batches of assets with the weights of their corpora; not empty.
+    pub fn new(
+        config: FsqCvaeTaskConfig,
+        assets: Arc<Assets>,
+        cache: Arc<Cache<Prepared>>,
+        parts: &[(f32, Vec<AssetId>)],
+    ) -> Self {
+        let rigs = parts.iter().map(|(weight, of)| (*weight, Self::epoch(&config, &assets, of))).collect();
+        Self { rigs: Mixture::new(config.train.seed, rigs), config, assets, cache }
+    }
+
+    /// The rigs of an epoch, before they are put in order.
+    fn epoch(config: &FsqCvaeTaskConfig, assets: &Assets, of: &[AssetId]) -> Vec<AssetId> {
         let power = config.sampling.bone_power;
         let shares: Vec<f32> = of.iter().map(|&id| (assets.counts(id)[2] as f32).powf(power)).collect();
         let mean = shares.iter().sum::<f32>() / shares.len().max(1) as f32;
         // At power 0 each once; else by their share, to a quarter of the mean, at least once.
         let times = |share: f32| if power == 0.0 { 1 } else { (4.0 * share / mean).round().max(1.0) as usize };
-        let epoch = of.iter().zip(&shares).flat_map(|(&id, &s)| std::iter::repeat_n(id, times(s))).collect();
-        Self { config, assets, cache, epoch, order: Mutex::new((u64::MAX, Arc::default())) }
+        of.iter().zip(&shares).flat_map(|(&id, &s)| std::iter::repeat_n(id, times(s))).collect()
     }
 
     /// Batches that go over every rig of an epoch once.
     pub fn epoch_batches(&self) -> u64 {
-        (self.epoch.len() as u64).div_ceil(self.config.sampling.rigs as u64)
-    }
-
-    /// The rig at a place of the endless sequence of epochs, each in an order of its own.
-    fn rig_at(&self, place: u64) -> AssetId {
-        let n = self.epoch.len() as u64;
-        let (epoch, within) = (place / n, (place % n) as usize);
-        let order = {
-            let mut held = self.order.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
-            if held.0 != epoch {
-                let mut order: Vec<u32> = (0..n as u32).collect();
-                stream(self.config.train.seed, "rig order", &[epoch]).shuffled(&mut order);
-                *held = (epoch, Arc::new(order));
-            }
-            held.1.clone()
-        };
-        self.epoch[order[within] as usize]
+        (self.rigs.len() as u64).div_ceil(self.config.sampling.rigs as u64)
     }
 
     fn prepared(&self, id: AssetId) -> Result<Arc<Prepared>, String> {
@@ -119,7 +112,7 @@ impl Source for BatchSource {
         let mut random = stream(c.train.seed, "batch", &[number]);
         let mut batch = Batch { prefix: self.prefix(&mut random), ..Batch::default() };
         for k in 0..s.rigs as u64 {
-            let rig = self.prepared(self.rig_at(number * s.rigs as u64 + k))?;
+            let rig = self.prepared(self.rigs.at(number * s.rigs as u64 + k))?;
             let map = c.augment.draw(&mut random);
             let mut make = Maker { config: c, rig: &rig, map: Some(map), random: &mut random };
             make.shape(&mut batch);

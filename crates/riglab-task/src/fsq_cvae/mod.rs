@@ -31,7 +31,7 @@ pub struct FsqCvaeTask {
     config: FsqCvaeTaskConfig,
     assets: Arc<Assets>,
     cache: Arc<Cache<Prepared>>,
-    train_assets: Vec<AssetId>,
+    train_assets: Vec<(f32, Vec<AssetId>)>,
     validation_assets: Vec<AssetId>,
     net: FsqCvae,
     params: Params,
@@ -48,17 +48,13 @@ impl FsqCvaeTask {
             return Err("data.corpora names no corpus; give one with --set data.corpora='[\"corpus.h5\"]' (`riglab dataset import` makes it)".into());
         }
         let assets = Assets::open(&config.data.corpora).map_err(|e| e.to_string())?;
-        let mut train_assets = Vec::new();
-        for split in &config.data.train {
-            let of = assets.split(split).map_err(|e| e.to_string())?;
-            train_assets.extend(of.into_iter().filter(|&id| assets.counts(id)[2] <= config.data.max_joints));
-        }
+        let train_assets = assets.training(&config.data)?;
         let validation_assets = assets.split(&config.data.validate).map_err(|e| e.to_string())?;
-        for (ids, key, split) in [
-            (&train_assets, "data.train", config.data.train.join(", ")),
-            (&validation_assets, "data.validate", config.data.validate.clone()),
+        for (empty, key, split) in [
+            (train_assets.iter().all(|(_, ids)| ids.is_empty()), "data.train", config.data.train.join(", ")),
+            (validation_assets.is_empty(), "data.validate", config.data.validate.clone()),
         ] {
-            if ids.is_empty() {
+            if empty {
                 return Err(format!(
                     "{key}: the corpora have no asset in `{split}`; `riglab dataset inspect` shows their splits"
                 ));
