@@ -12,6 +12,7 @@
 //!
 //! Leaves out: rigs, files of training data, the training loop.
 
+pub mod decoder;
 pub mod embed;
 mod error;
 pub mod fsq;
@@ -21,5 +22,7 @@ pub mod layers;
 pub mod loss;
 pub mod optim;
 pub mod params;
+pub mod perceiver;
+pub mod skeleton;
 
 pub use error::NnError;

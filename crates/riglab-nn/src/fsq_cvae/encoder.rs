@@ -2,7 +2,7 @@
 
 use tch::Tensor;
 
-use crate::layers::{Block, BlockConfig, Context, LayerNorm, Linear};
+use crate::layers::{Block, BlockConfig, Context, LayerNorm, Linear, picked};
 use crate::params::{Init, ParamId, Role, Scope, Weights};
 
 /// What the queries start from.
@@ -72,10 +72,4 @@ impl Encoder {
         }
         self.norm_out.forward(w, &tokens)
     }
-}
-
-/// Rows of x [b, n, c] by index [b, t], as [b, t, c].
-pub fn picked(x: &Tensor, index: &Tensor) -> Tensor {
-    let c = x.size()[2];
-    x.gather(1, &index.unsqueeze(-1).expand([-1, -1, c], false), false)
 }

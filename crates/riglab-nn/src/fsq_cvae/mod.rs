@@ -21,10 +21,10 @@ pub use decoder::{BONE_FEATURES, BONE_POINT_FEATURES, BoneGeometry};
 use crate::NnError;
 use crate::embed::Embedding;
 use crate::fsq::{Fsq, ProjectedFsq};
-use crate::layers::{BlockConfig, Linear};
+use crate::layers::{BlockConfig, Linear, picked};
 use crate::params::{Role, Scope, Weights};
 use decoder::Decoder;
-use encoder::{Encoder, Queries, picked};
+use encoder::{Encoder, Queries};
 use frame::FrameCoder;
 
 /// Weights above this count as held by the bone (SkinTokens' metric threshold).

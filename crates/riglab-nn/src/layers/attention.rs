@@ -105,23 +105,34 @@ impl Attention {
     }
 
     fn attend(&self, w: &Weights, q: &Tensor, k: &Tensor, v: &Tensor) -> Tensor {
-        let mixed = mix(q, k, v);
+        let mixed = mix(q, k, v, false);
         let size = q.size();
         let (b, t) = (size[0], size[2]);
         self.to_out.forward(w, &mixed.transpose(1, 2).reshape([b, t, size[1] * size[3]]))
     }
 }
 
-/// softmax(q kᵀ / √d) v, each [b, h, t, d].
+/// softmax(q kᵀ / √d) v, each [b, h, t, d]; `causal`: the last query sees all keys, the one before it all
+/// but the last, and so on.
 ///
 /// libtorch's fused kernel is the fastest in fp32 on the CPU, but its bfloat16 backward pass is up to
 /// ten times slower than the plain products. The products need memory for all scores, which the
 /// sequences here have room for.
-fn mix(q: &Tensor, k: &Tensor, v: &Tensor) -> Tensor {
+pub(crate) fn mix(q: &Tensor, k: &Tensor, v: &Tensor, causal: bool) -> Tensor {
+    let (t, s) = (q.size()[2], k.size()[2]);
+    let hidden = |causal: bool| {
+        // Keys after a query's own place.
+        causal.then(|| Tensor::ones([t, s], (Kind::Bool, q.device())).triu(s - t + 1))
+    };
     if !(q.kind() == Kind::BFloat16 && q.device() == Device::Cpu) {
-        return Tensor::scaled_dot_product_attention(q, k, v, None::<&Tensor>, 0.0, false, None, false);
+        // The kernel's own rule counts places from the first key, so it fits where there are as many.
+        let seen = hidden(causal && s != t).map(|h| h.logical_not());
+        return Tensor::scaled_dot_product_attention(q, k, v, seen.as_ref(), 0.0, causal && s == t, None, false);
     }
     let scale = 1.0 / (q.size()[3] as f64).sqrt();
-    let scores = (q * scale).matmul(&k.transpose(-2, -1));
+    let mut scores = (q * scale).matmul(&k.transpose(-2, -1));
+    if let Some(hidden) = hidden(causal) {
+        scores = scores.masked_fill(&hidden, f64::NEG_INFINITY);
+    }
     scores.softmax(-1, None::<Kind>).matmul(v)
 }

@@ -26,6 +26,11 @@ impl Linear {
         Self { weight, bias }
     }
 
+    /// With a normal start of the given deviation and no bias.
+    pub fn plain(mut at: Scope, role: Role, input: usize, output: usize, std: f64) -> Self {
+        Self { weight: at.add("weight", role, &[output as i64, input as i64], Init::Normal { std }), bias: None }
+    }
+
     /// x [.., in] to [.., out].
     pub fn forward(&self, w: &Weights, x: &Tensor) -> Tensor {
         x.linear(&w[self.weight], self.bias.map(|b| &w[b]))
@@ -33,6 +38,10 @@ impl Linear {
 
     pub(crate) fn weight(&self) -> ParamId {
         self.weight
+    }
+
+    pub(crate) fn bias(&self) -> Option<ParamId> {
+        self.bias
     }
 }
 

@@ -1,0 +1,209 @@
+//! OPT: pre-norm decoder with learned positions and ReLU, by the names of its released weights.
+
+use serde::{Deserialize, Serialize};
+use tch::{Device, Kind, Tensor};
+
+use super::{Cache, Packed};
+use crate::layers::{LayerNorm, Linear, mix};
+use crate::params::{Init, ParamId, Role, Scope, Weights};
+
+/// Positions start at this row of their table.
+const OFFSET: i64 = 2;
+
+/// Sizes of the decoder.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct OptConfig {
+    /// Width of the tokens.
+    pub width: usize,
+    /// Layers.
+    pub layers: usize,
+    /// Heads.
+    pub heads: usize,
+    /// Inner width of the feed-forward layers.
+    pub ffn: usize,
+    /// Longest sequence, with what conditions it.
+    pub positions: usize,
+    /// Share of activations dropped in training, after attention and feed-forward layer.
+    pub dropout: f64,
+    /// Standard deviation of weights at the start.
+    pub init_std: f64,
+    /// A token whose input embedding is not trained: 1 in the released models, which take it for the
+    /// padding of OPT though it is a coordinate.
+    pub frozen_token: Option<u32>,
+}
+
+impl Default for OptConfig {
+    /// UniRig's release for Articulation-XL: the shape of OPT-350M, before its norms.
+    fn default() -> Self {
+        Self {
+            width: 1024,
+            layers: 24,
+            heads: 16,
+            ffn: 4096,
+            positions: 3076,
+            dropout: 0.1,
+            init_std: 0.02,
+            frozen_token: None,
+        }
+    }
+}
+
+impl OptConfig {
+    /// Checks sizes and their relations.
+    ///
+    /// # Errors
+    /// (key, message) of the first fault.
+    pub fn validate(&self) -> Result<(), (&'static str, String)> {
+        let bad = |key: &'static str, why: String| Err((key, format!("{key} {why}")));
+        if self.heads == 0 || self.width == 0 || !self.width.is_multiple_of(self.heads.max(1)) {
+            return bad("width", format!("({}) must be a multiple of heads ({})", self.width, self.heads));
+        }
+        if self.ffn == 0 || self.positions == 0 {
+            return bad("ffn", "and positions must be at least 1".into());
+        }
+        if !(0.0..1.0).contains(&self.dropout) {
+            return bad("dropout", format!("({}) must be at least 0 and less than 1", self.dropout));
+        }
+        Ok(())
+    }
+}
+
+struct Layer {
+    q: Linear,
+    k: Linear,
+    v: Linear,
+    out: Linear,
+    norm: LayerNorm,
+    up: Linear,
+    down: Linear,
+    norm_out: LayerNorm,
+}
+
+/// The decoder.
+pub struct Opt {
+    tokens: ParamId,
+    positions: ParamId,
+    layers: Vec<Layer>,
+    norm: LayerNorm,
+    heads: i64,
+    frozen: i64,
+    dropout: f64,
+    longest: i64,
+}
+
+impl Opt {
+    /// Of a vocabulary; the config was validated.
+    pub fn new(mut at: Scope, c: &OptConfig, vocabulary: usize) -> Self {
+        let (d, std) = (c.width, c.init_std);
+        let init = Init::Normal { std };
+        let tokens = at.sub("embed_tokens").add("weight", Role::Embedding, &[vocabulary as i64, d as i64], init);
+        let rows = c.positions as i64 + OFFSET;
+        let positions = at.sub("embed_positions").add("weight", Role::Embedding, &[rows, d as i64], init);
+        let mut layers = at.sub("layers");
+        let layer = |mut at: Scope| {
+            let mut attn = at.sub("self_attn");
+            let of = |at: Scope, role, input, output| Linear::normal(at, role, input, output, std, 0.0);
+            Layer {
+                q: of(attn.sub("q_proj"), Role::Attention, d, d),
+                k: of(attn.sub("k_proj"), Role::Attention, d, d),
+                v: of(attn.sub("v_proj"), Role::Attention, d, d),
+                out: of(attn.sub("out_proj"), Role::Attention, d, d),
+                norm: LayerNorm::new(at.sub("self_attn_layer_norm"), d),
+                up: of(at.sub("fc1"), Role::FeedForward, d, c.ffn),
+                down: of(at.sub("fc2"), Role::FeedForward, c.ffn, d),
+                norm_out: LayerNorm::new(at.sub("final_layer_norm"), d),
+            }
+        };
+        let layers = (0..c.layers).map(|k| layer(layers.sub(k))).collect();
+        Self {
+            tokens,
+            positions,
+            layers,
+            norm: LayerNorm::new(at.sub("final_layer_norm"), d),
+            heads: c.heads as i64,
+            frozen: c.frozen_token.map_or(-1, i64::from),
+            dropout: c.dropout,
+            longest: c.positions as i64,
+        }
+    }
+
+    /// The longest sequence.
+    pub fn longest(&self) -> i64 {
+        self.longest
+    }
+
+    /// Token ids [..] to vectors [.., d].
+    pub fn embed(&self, w: &Weights, ids: &Tensor) -> Tensor {
+        Tensor::embedding(&w[self.tokens], ids, self.frozen, false, false)
+    }
+
+    /// Vectors [.., d] to scores of all tokens [.., v].
+    pub fn logits(&self, w: &Weights, x: &Tensor) -> Tensor {
+        x.linear(&w[self.tokens], None::<&Tensor>)
+    }
+
+    /// Packed vectors [T, d] of whole sequences, each read from its first place on, to what the last norm
+    /// gives [T, d]. In training, activations are dropped by libtorch's generator.
+    pub fn forward(&self, w: &Weights, x: &Tensor, packed: &Packed, training: bool) -> Tensor {
+        let places = Tensor::from_slice(&packed.places()).to_device(x.device()) + OFFSET;
+        let mut x = x + w[self.positions].index_select(0, &places);
+        for layer in &self.layers {
+            let (q, k, v) = self.project(w, layer, &x);
+            let apart = |t: &Tensor| packed.apart(t);
+            let parts = apart(&q).into_iter().zip(apart(&k)).zip(apart(&v)).map(|((q, k), v)| {
+                // [t, h, e] as one batch row of heads.
+                let [q, k, v] = [q, k, v].map(|t| t.transpose(0, 1).unsqueeze(0));
+                mix(&q, &k, &v, true).squeeze_dim(0).transpose(0, 1)
+            });
+            let read = Tensor::cat(&parts.collect::<Vec<_>>(), 0).flatten(1, 2);
+            x = self.rest(w, layer, &x, &read, training);
+        }
+        self.norm.forward(w, &x)
+    }
+
+    /// A cache for so many rows and tokens.
+    pub fn cache(&self, w: &Weights, rows: i64, room: i64) -> Cache {
+        let table = &w[self.tokens];
+        let width = table.size()[1] / self.heads;
+        Cache::new(self.layers.len(), rows, self.heads, room.min(self.longest), width, table.kind(), table.device())
+    }
+
+    /// Vectors [rows, t, d] that follow what the cache holds, to what the last norm gives [rows, t, d].
+    pub fn read(&self, w: &Weights, x: &Tensor, cache: &mut Cache) -> Tensor {
+        let (rows, t, d) = x.size3().expect("three axes");
+        let before = cache.len();
+        let places = Tensor::arange_start(before, before + t, (Kind::Int64, Device::Cpu)).to_device(x.device());
+        let mut x = (x + w[self.positions].index_select(0, &(places + OFFSET))).view([rows * t, d]);
+        for (number, layer) in self.layers.iter().enumerate() {
+            let (q, k, v) = self.project(w, layer, &x);
+            let [q, k, v] = [q, k, v].map(|p| p.view([rows, t, self.heads, d / self.heads]).transpose(1, 2));
+            let (k, v) = cache.extend(number, &k, &v);
+            // Several tokens are read at once only at the beginning, one sees all before it.
+            let read = mix(&q, &k, &v, t > 1).transpose(1, 2).reshape([rows * t, d]);
+            x = self.rest(w, layer, &x, &read, false);
+        }
+        cache.advance(t);
+        self.norm.forward(w, &x).view([rows, t, d])
+    }
+
+    /// Queries, keys and values of x [T, d], each [T, h, e].
+    fn project(&self, w: &Weights, layer: &Layer, x: &Tensor) -> (Tensor, Tensor, Tensor) {
+        let x = layer.norm.forward(w, x);
+        let all = [&layer.q, &layer.k, &layer.v];
+        // One product for all three: the weights are small beside the activations.
+        let weight = Tensor::cat(&all.map(|l| &w[l.weight()]), 0);
+        let bias = Tensor::cat(&all.map(|l| &w[l.bias().expect("OPT has biases")]), 0);
+        let mut parts = x.linear(&weight, Some(&bias)).view([x.size()[0], 3, self.heads, -1]).unbind(1).into_iter();
+        let mut next = || parts.next().expect("three parts");
+        (next(), next(), next())
+    }
+
+    /// The output projection and the feed-forward layer.
+    fn rest(&self, w: &Weights, layer: &Layer, x: &Tensor, read: &Tensor, training: bool) -> Tensor {
+        let drop = |t: Tensor| if training && self.dropout > 0.0 { t.dropout(self.dropout, true) } else { t };
+        let x = x + drop(layer.out.forward(w, read));
+        let inner = layer.up.forward(w, &layer.norm_out.forward(w, &x)).relu();
+        &x + drop(layer.down.forward(w, &inner))
+    }
+}

@@ -1,0 +1,222 @@
+//! UniRig's released skeleton model, against values recorded from the public code.
+
+use std::collections::BTreeMap;
+
+use riglab_geom::farthest_points;
+use riglab_nn::decoder::{OptConfig, Packed};
+use riglab_nn::embed::{EmbedConfig, EmbedKind, Embedding};
+use riglab_nn::params::{Builder, Params};
+use riglab_nn::perceiver::{Perceiver, PerceiverConfig};
+use riglab_nn::skeleton::{SkeletonModel, SkeletonModelConfig, coordinate_distance, cross_entropy};
+use riglab_tests::{Golden, golden};
+use tch::{Device, Kind, Tensor};
+
+#[test]
+fn released_skeleton_model() {
+    riglab_torch::init(riglab_torch::Settings { threads: 1 });
+    for (kind, case) in golden("unirig", &["fourier", "perceiver", "ar_loss", "ar_loss_"]) {
+        match kind {
+            "fourier" => fourier(&case),
+            "perceiver" => perceiver(&case),
+            _ => loss(&case),
+        }
+        case.done();
+    }
+}
+
+#[test]
+fn released_mesh_condition_of_tokenrig() {
+    riglab_torch::init(riglab_torch::Settings { threads: 1 });
+    for (_, case) in golden("skintokens", &["mesh_condition"]) {
+        mesh_condition(&case);
+        case.done();
+    }
+}
+
+fn fourier(case: &Golden) {
+    let x = case.get("in.x");
+    let of =
+        |frequencies, base| Embedding::new(&EmbedConfig { kind: EmbedKind::Fourier, frequencies, base }).forward(&x);
+    for frequencies in [6, 8] {
+        for (name, base) in [("pi0", 1.0), ("pi1", std::f64::consts::PI)] {
+            let name = format!("out.f{frequencies}_{name}_log1");
+            if case.tensors.contains_key(&name) {
+                case.check(&name, &of(frequencies, base));
+            }
+        }
+    }
+}
+
+fn perceiver_config(of: impl Fn(&str) -> f64, qkv_bias: bool) -> PerceiverConfig {
+    PerceiverConfig {
+        tokens: of("token_num") as usize,
+        drawn: 4,
+        width: of("width") as usize,
+        heads: of("heads") as usize,
+        layers: of("num_encoder_layers") as usize,
+        frequencies: of("num_freqs") as usize,
+        qkv_bias,
+        init_scale: of("init_scale"),
+    }
+}
+
+fn loaded(builder: Builder, tensors: &BTreeMap<String, Tensor>) -> Params {
+    let params = builder.finish(0, Kind::Float, Device::Cpu).unwrap();
+    params.load(tensors).unwrap();
+    params
+}
+
+/// Of each cloud, the points that are picked: the farthest among the rows drawn, the first of them first.
+fn picks(cloud: &Tensor, rows: &[i64], tokens: usize) -> Tensor {
+    let clouds = cloud.size()[0];
+    let of = |b: i64| {
+        let drawn: Vec<[f32; 3]> =
+            rows.iter().map(|&r| std::array::from_fn(|k| cloud.double_value(&[b, r, k as i64]) as f32)).collect();
+        farthest_points(&drawn, tokens, 0).into_iter().map(|i| rows[i]).collect::<Vec<_>>()
+    };
+    let all: Vec<i64> = (0..clouds).flat_map(of).collect();
+    Tensor::from_slice(&all).view([clouds, tokens as i64])
+}
+
+fn rows(t: &Tensor) -> Vec<i64> {
+    Vec::<i64>::try_from(t).unwrap()
+}
+
+fn perceiver(case: &Golden) {
+    let config = perceiver_config(|key| case.number(key), case.config("qkv_bias") == true);
+    let mut builder = Builder::default();
+    let net = Perceiver::new(builder.root().sub("encoder"), &config);
+    let params = loaded(builder, &case.below("w."));
+    let cloud = Tensor::cat(&[&case.get("in.pc"), &case.get("in.normals")], -1);
+    let drawn = rows(&case.get("in.rows"));
+    let picks = picks(&cloud, &drawn, config.tokens);
+    // The goldens count the picks over the rows drawn of all clouds.
+    let in_drawn = |b: i64, p: i64| {
+        let row = picks.int64_value(&[b, p]);
+        b * drawn.len() as i64 + drawn.iter().position(|r| *r == row).unwrap() as i64
+    };
+    let found: Vec<i64> = (0..picks.size()[0])
+        .flat_map(|b| (0..picks.size()[1]).map(move |p| (b, p)))
+        .map(|(b, p)| in_drawn(b, p))
+        .collect();
+    case.check("out.fps", &Tensor::from_slice(&found));
+    let latents = net.forward(params.weights(), &cloud, &picks);
+    case.check("out.latents", &latents);
+    gradients(case, &params, &(latents * case.get("in.grad_out")).sum(None::<Kind>));
+}
+
+/// Compares the gradients of a loss by all parameters that the case has.
+fn gradients(case: &Golden, params: &Params, loss: &Tensor) {
+    let wanted: Vec<_> =
+        params.ids().filter(|&id| case.tensors.contains_key(&format!("grad.{}", params.name(id)))).collect();
+    assert!(!wanted.is_empty(), "{}: no gradient is recorded", case.name);
+    let inputs: Vec<&Tensor> = wanted.iter().map(|&id| &params.weights()[id]).collect();
+    for (id, grad) in wanted.iter().zip(Tensor::run_backward(&[loss], &inputs, false, false)) {
+        case.check(&format!("grad.{}", params.name(*id)), &grad);
+    }
+}
+
+fn mesh_condition(case: &Golden) {
+    let config = perceiver_config(|key| case.number(key), false);
+    let mut builder = Builder::default();
+    let net = Perceiver::new(builder.root().sub("encoder"), &config);
+    let mut own = case.below("w.");
+    own.retain(|name, _| name.starts_with("encoder."));
+    let params = loaded(builder, &own);
+    let cloud = case.get("in.cloud");
+    let latents = net.forward(params.weights(), &cloud, &picks(&cloud, &rows(&case.get("in.choice")), config.tokens));
+    case.check("out.latent", &latents);
+    case.check("out.query", &picks(&cloud, &rows(&case.get("in.choice")), config.tokens));
+}
+
+/// The released model of a case, with its weights.
+fn model(case: &Golden) -> (SkeletonModel, Params) {
+    let of = |key: &str| case.number(&format!("llm.{key}"));
+    let decoder = OptConfig {
+        width: of("hidden_size") as usize,
+        layers: of("num_hidden_layers") as usize,
+        heads: of("num_attention_heads") as usize,
+        ffn: of("ffn_dim") as usize,
+        positions: of("max_position_embeddings") as usize,
+        dropout: of("dropout"),
+        init_std: of("init_std"),
+        frozen_token: Some(of("pad_token_id") as u32),
+    };
+    let shape = perceiver_config(
+        |key| case.number(&format!("mesh_encoder.{key}")),
+        case.config("mesh_encoder.qkv_bias") == true,
+    );
+    let mut builder = Builder::default();
+    let net = SkeletonModel::new(builder.root(), &SkeletonModelConfig { shape, decoder }, of("vocab_size") as usize);
+    let params = loaded(builder, &case.below("w."));
+    (net, params)
+}
+
+fn loss(case: &Golden) {
+    let (net, params) = model(case);
+    let w = params.weights();
+    let cloud = Tensor::cat(&[&case.get("in.vertices"), &case.get("in.normals")], -1);
+    let tokens = case.number("cond_tokens") as i64;
+    let picks = picks(&cloud, &rows(&case.get("in.rows")), tokens as usize);
+    let prefix = net.condition(w, &cloud, &picks);
+    // Sequences without their padding, one after another.
+    let mask = case.get("in.attention_mask").to_kind(Kind::Int64);
+    let lengths = rows(&mask.sum_dim_intlist(-1, false, Kind::Int64));
+    let padded = case.get("in.input_ids");
+    let sequences: Vec<Tensor> =
+        lengths.iter().enumerate().map(|(b, n)| padded.get(b as i64).narrow(0, 0, *n)).collect();
+    let ids = Tensor::cat(&sequences, 0);
+    // All rows, the prefix' too, in the places where the padded ones stand.
+    let embedded = net.decoder().embed(w, &ids).split_with_sizes(&lengths, 0);
+    let parts: Vec<Tensor> = embedded.into_iter().enumerate().flat_map(|(b, t)| [prefix.get(b as i64), t]).collect();
+    let packed = Packed::new(lengths.iter().map(|n| n + tokens).collect());
+    let all = net.decoder().logits(w, &net.decoder().forward(w, &Tensor::cat(&parts, 0), &packed, false));
+    let wanted = case.get("out.logits");
+    let filled: Vec<Tensor> = packed
+        .apart(&all)
+        .into_iter()
+        .enumerate()
+        .map(|(b, own)| {
+            let n = own.size()[0];
+            let rest = wanted.get(b as i64).narrow(0, n, wanted.size()[1] - n);
+            Tensor::cat(&[own, rest], 0)
+        })
+        .collect();
+    case.check("out.logits", &Tensor::stack(&filled, 0));
+    let logits = net.logits(w, &prefix, &ids, &lengths, false);
+    let targets = Tensor::cat(&sequences.iter().map(|s| s.narrow(0, 1, s.size()[0] - 1)).collect::<Vec<_>>(), 0);
+    let ce = cross_entropy(&logits, &targets);
+    case.check("out.ce_loss", &ce.view([1]));
+    case.check("out.dis_loss", &coordinate_distance(&logits, &targets, 256).view([1]));
+    gradients(case, &params, &ce);
+}
+
+#[test]
+fn the_cache_reads_as_the_whole_sequence() {
+    riglab_torch::init(riglab_torch::Settings { threads: 1 });
+    for (_, case) in golden("unirig", &["ar_loss"]) {
+        let (net, params) = model(&case);
+        let w = params.weights();
+        tch::no_grad(|| {
+            tch::manual_seed(1);
+            let prefix = Tensor::randn([2, 6, 32], (Kind::Float, Device::Cpu));
+            let ids = Tensor::randint(267, [2, 9], (Kind::Int64, Device::Cpu));
+            let whole = net.logits(w, &prefix, &ids.flatten(0, 1), &[9, 9], false).view([2, 8, 267]);
+            let mut cache = net.start(w, &prefix, 9);
+            // Two at once, then one by one; then the second row alone.
+            let mut found = vec![net.next(w, &ids.narrow(1, 0, 2), &mut cache)];
+            for at in 2..6 {
+                found.push(net.next(w, &ids.narrow(1, at, 1), &mut cache));
+            }
+            cache.select(&[1]);
+            for at in 6..8 {
+                let next = net.next(w, &ids.narrow(0, 1, 1).narrow(1, at, 1), &mut cache);
+                found.push(Tensor::cat(&[whole.get(0).narrow(0, at, 1), next], 0));
+            }
+            for (k, next) in found.iter().enumerate() {
+                let off = (next - whole.select(1, k as i64 + 1)).abs().max().double_value(&[]);
+                assert!(off < 1e-5, "step {k}: {off}");
+            }
+        });
+    }
+}
