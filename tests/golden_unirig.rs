@@ -3,12 +3,14 @@
 use std::collections::BTreeMap;
 
 use riglab_geom::farthest_points;
-use riglab_nn::decoder::{OptConfig, Packed};
+use riglab_nn::decoder::{Cache, OptConfig, Packed};
 use riglab_nn::embed::{EmbedConfig, EmbedKind, Embedding};
-use riglab_nn::params::{Builder, Params};
+use riglab_nn::generate::{Decoder, GenerateConfig, Grammar, argmax, best, log_softmax, process};
+use riglab_nn::params::{Builder, Params, Weights};
 use riglab_nn::perceiver::{Perceiver, PerceiverConfig};
 use riglab_nn::skeleton::{SkeletonModel, SkeletonModelConfig, coordinate_distance, cross_entropy};
 use riglab_tests::{Golden, golden};
+use riglab_token::{Mask, Preset, Tokenizer, Walk};
 use tch::{Device, Kind, Tensor};
 
 #[test]
@@ -78,7 +80,7 @@ fn picks(cloud: &Tensor, rows: &[i64], tokens: usize) -> Tensor {
     Tensor::from_slice(&all).view([clouds, tokens as i64])
 }
 
-fn rows(t: &Tensor) -> Vec<i64> {
+fn rows_of(t: &Tensor) -> Vec<i64> {
     Vec::<i64>::try_from(t).unwrap()
 }
 
@@ -88,7 +90,7 @@ fn perceiver(case: &Golden) {
     let net = Perceiver::new(builder.root().sub("encoder"), &config);
     let params = loaded(builder, &case.below("w."));
     let cloud = Tensor::cat(&[&case.get("in.pc"), &case.get("in.normals")], -1);
-    let drawn = rows(&case.get("in.rows"));
+    let drawn = rows_of(&case.get("in.rows"));
     let picks = picks(&cloud, &drawn, config.tokens);
     // The goldens count the picks over the rows drawn of all clouds.
     let in_drawn = |b: i64, p: i64| {
@@ -124,9 +126,10 @@ fn mesh_condition(case: &Golden) {
     own.retain(|name, _| name.starts_with("encoder."));
     let params = loaded(builder, &own);
     let cloud = case.get("in.cloud");
-    let latents = net.forward(params.weights(), &cloud, &picks(&cloud, &rows(&case.get("in.choice")), config.tokens));
+    let latents =
+        net.forward(params.weights(), &cloud, &picks(&cloud, &rows_of(&case.get("in.choice")), config.tokens));
     case.check("out.latent", &latents);
-    case.check("out.query", &picks(&cloud, &rows(&case.get("in.choice")), config.tokens));
+    case.check("out.query", &picks(&cloud, &rows_of(&case.get("in.choice")), config.tokens));
 }
 
 /// The released model of a case, with its weights.
@@ -157,11 +160,11 @@ fn loss(case: &Golden) {
     let w = params.weights();
     let cloud = Tensor::cat(&[&case.get("in.vertices"), &case.get("in.normals")], -1);
     let tokens = case.number("cond_tokens") as i64;
-    let picks = picks(&cloud, &rows(&case.get("in.rows")), tokens as usize);
+    let picks = picks(&cloud, &rows_of(&case.get("in.rows")), tokens as usize);
     let prefix = net.condition(w, &cloud, &picks);
     // Sequences without their padding, one after another.
     let mask = case.get("in.attention_mask").to_kind(Kind::Int64);
-    let lengths = rows(&mask.sum_dim_intlist(-1, false, Kind::Int64));
+    let lengths = rows_of(&mask.sum_dim_intlist(-1, false, Kind::Int64));
     let padded = case.get("in.input_ids");
     let sequences: Vec<Tensor> =
         lengths.iter().enumerate().map(|(b, n)| padded.get(b as i64).narrow(0, 0, *n)).collect();
@@ -189,6 +192,188 @@ fn loss(case: &Golden) {
     case.check("out.ce_loss", &ce.view([1]));
     case.check("out.dis_loss", &coordinate_distance(&logits, &targets, 256).view([1]));
     gradients(case, &params, &ce);
+}
+
+/// The released grammar.
+#[derive(Clone)]
+struct Released(Walk, u32);
+
+impl Grammar for Released {
+    fn allowed(&self) -> Vec<u64> {
+        let mut mask = Mask::none(267);
+        self.0.allowed(&mut mask);
+        mask.words().to_vec()
+    }
+
+    fn accept(&mut self, id: u32) {
+        self.0.advance(id).unwrap();
+    }
+
+    fn ends(&self, id: u32) -> bool {
+        id == self.1
+    }
+}
+
+/// The model after a prompt.
+struct Reader<'a> {
+    net: &'a SkeletonModel,
+    weights: &'a Weights,
+    cache: Cache,
+    /// Raw scores of every step.
+    raw: Vec<Vec<f32>>,
+}
+
+fn floats(t: &Tensor) -> Vec<f32> {
+    Vec::<f32>::try_from(t.contiguous().view([-1])).unwrap()
+}
+
+impl Decoder for Reader<'_> {
+    fn next(&mut self, ids: &[u32]) -> Vec<Vec<f32>> {
+        let ids: Vec<i64> = ids.iter().map(|&id| i64::from(id)).collect();
+        let ids = Tensor::from_slice(&ids).view([ids.len() as i64, 1]);
+        let scores = self.net.next(self.weights, &ids, &mut self.cache);
+        let rows: Vec<Vec<f32>> = scores.unbind(0).iter().map(floats).collect();
+        self.raw.push(rows[0].clone());
+        rows
+    }
+
+    fn select(&mut self, rows: &[usize]) {
+        self.cache.select(&rows.iter().map(|&r| r as i64).collect::<Vec<_>>());
+    }
+}
+
+#[test]
+fn released_generation() {
+    riglab_torch::init(riglab_torch::Settings { threads: 1 });
+    let all = golden("unirig", &["ar_loss", "ar_generate"]);
+    for (_, case) in all.iter().filter(|(kind, _)| *kind == "ar_generate") {
+        let (_, of) = all.iter().find(|(kind, c)| *kind == "ar_loss" && c.name == "ar_loss").unwrap();
+        let (net, params) = model(of);
+        tch::no_grad(|| generate(case, of, &net, params.weights()));
+        case.done();
+    }
+}
+
+fn generate(case: &Golden, of: &Golden, net: &SkeletonModel, w: &Weights) {
+    let tokenizer = Tokenizer::new(Preset::UnirigReleased.config());
+    let ids = tokenizer.vocabulary();
+    let cloud = Tensor::cat(&[&case.get("in.vertices"), &case.get("in.normals")], -1);
+    let tokens = of.number("cond_tokens") as usize;
+    let prefix = net.condition(w, &cloud, &picks(&cloud, &rows_of(&of.get("in.rows")), tokens));
+    for run in case.config("runs").as_array().unwrap() {
+        let name = run["name"].as_str().unwrap();
+        let kwargs = &run["kwargs"];
+        let number = |key: &str, usual: f64| kwargs[key].as_f64().unwrap_or(usual);
+        let config = GenerateConfig {
+            tokens: number("max_new_tokens", 0.0) as usize,
+            sample: kwargs["do_sample"] == true,
+            beams: number("num_beams", 1.0) as usize,
+            temperature: number("temperature", 1.0) as f32,
+            top_k: number("top_k", 0.0) as usize,
+            top_p: number("top_p", 1.0) as f32,
+            repetition_penalty: number("repetition_penalty", 1.0) as f32,
+        };
+        let class = run["cls"].as_str().map(|c| ids.class(ids.class_named(c).unwrap()));
+        let prompt: Vec<u32> = std::iter::once(ids.bos()).chain(class).collect();
+        let mut grammar = Released(Walk::new(ids), ids.eos());
+        prompt.iter().for_each(|&id| grammar.accept(id));
+        let item = run["item"].as_i64().unwrap();
+        let beams = config.beams as i64;
+        let own = prefix.narrow(0, item, 1).expand([beams, -1, -1], false);
+        let cache = net.start(w, &own, (prompt.len() + config.tokens) as i64);
+        let mut reader = Reader { net, weights: w, cache, raw: vec![] };
+        let first_ids: Vec<i64> = prompt.iter().map(|&id| i64::from(id)).collect();
+        let first = Tensor::from_slice(&first_ids).unsqueeze(0).expand([beams, -1], false);
+        let first = floats(&net.next(w, &first, &mut reader.cache).get(0));
+        reader.raw.push(first.clone());
+        let draws = case.tensors.get(&format!("in.{name}.draws"));
+        let draw = |step: usize| rows_of(&draws.unwrap().get(step as i64));
+        let mut processed = Vec::new();
+        let found = if config.beams > 1 {
+            let all = riglab_nn::generate::beams(&mut reader, &first, &grammar, &config, |step, sums| match draws {
+                Some(_) => draw(step).into_iter().map(|place| place as usize).collect(),
+                None => best(sums, 2 * config.beams),
+            });
+            all[0].ids.clone()
+        } else {
+            let mut all =
+                riglab_nn::generate::rows(&mut reader, vec![first], vec![grammar], &config, |_, step, scores| {
+                    processed.push(scores.to_vec());
+                    if draws.is_some() { draw(step)[0] as u32 } else { argmax(scores) }
+                });
+            all.remove(0)
+        };
+        let whole: Vec<i64> = prompt.iter().chain(&found).map(|&id| i64::from(id)).collect();
+        case.check(&format!("out.{name}.ids"), &Tensor::from_slice(&whole));
+        for (kind, mine) in [("raw", &reader.raw), ("processed", &processed)] {
+            let name = format!("out.{name}.{kind}");
+            if let Some(wanted) = case.tensors.get(&name) {
+                compare(&name, mine, wanted);
+            }
+        }
+    }
+}
+
+/// Within the goldens' 1e-3, and impossible where they say so.
+fn compare(name: &str, mine: &[Vec<f32>], wanted: &Tensor) {
+    for (step, mine) in mine.iter().enumerate().take(wanted.size()[0] as usize) {
+        for (id, (a, b)) in mine.iter().zip(floats(&wanted.get(step as i64))).enumerate() {
+            assert!(a.is_finite() == b.is_finite(), "{name} step {step} id {id}: {a} {b}");
+            assert!(!b.is_finite() || (a - b).abs() <= 1e-3, "{name} step {step} id {id}: {a} {b}");
+        }
+    }
+}
+
+#[test]
+fn released_processors() {
+    for (_, case) in golden("unirig", &["logits_processors"]) {
+        let (scores, ids) = (case.get("in.scores"), case.get("in.ids"));
+        let usual = GenerateConfig { sample: true, ..GenerateConfig::default() };
+        let with = |change: &dyn Fn(&mut GenerateConfig)| {
+            let mut config = usual.clone();
+            change(&mut config);
+            config
+        };
+        for (name, log, keep, config) in [
+            ("repetition3", false, 1, with(&|c| c.repetition_penalty = 3.0)),
+            ("temperature1.5", false, 1, with(&|c| c.temperature = 1.5)),
+            ("top_k5", false, 1, with(&|c| c.top_k = 5)),
+            ("top_k1_keep2", false, 2, with(&|c| c.top_k = 1)),
+            ("top_p0.95", false, 1, with(&|c| c.top_p = 0.95)),
+            ("top_p0.3", false, 1, with(&|c| c.top_p = 0.3)),
+            ("top_p0.3_keep2", false, 2, with(&|c| c.top_p = 0.3)),
+            ("chain_rep_temp_k_p", false, 1, with(&chain)),
+            ("chain_beam", true, 2, with(&chain)),
+        ] {
+            let wanted = case.get(&format!("out.{name}"));
+            for row in 0..scores.size()[0] {
+                let mut mine = floats(&scores.get(row));
+                if log {
+                    log_softmax(&mut mine);
+                }
+                let before: Vec<u32> = rows_of(&ids.get(row)).into_iter().map(|id| id as u32).collect();
+                process(&mut mine, &before, None, &config, keep);
+                let wanted = floats(&wanted.get(row));
+                // Which of tied scores survives is the sort's affair: the kept ones are compared as sets.
+                let sorted = |v: &[f32]| {
+                    let mut v = v.to_vec();
+                    v.sort_by(f32::total_cmp);
+                    v
+                };
+                for (a, b) in sorted(&mine).iter().zip(sorted(&wanted)) {
+                    assert!(a == &b || (a - b).abs() <= 1e-5, "{name} row {row}: {a} {b}");
+                }
+                if row != 3 {
+                    let differ = mine.iter().zip(&wanted).position(|(a, b)| a.is_finite() != b.is_finite());
+                    assert_eq!(differ, None, "{name} row {row}");
+                }
+            }
+        }
+    }
+}
+
+fn chain(c: &mut GenerateConfig) {
+    (c.repetition_penalty, c.temperature, c.top_k, c.top_p) = (3.0, 1.5, 5, 0.95);
 }
 
 #[test]

@@ -81,8 +81,8 @@ impl Golden {
 
     fn tolerance(&self, name: &str) -> (f64, f64) {
         let table = self.json["tolerance"].as_object().expect("a case has tolerances");
-        let fits = |pattern: &str| match pattern.strip_suffix('*') {
-            Some(prefix) => name.starts_with(prefix),
+        let fits = |pattern: &str| match pattern.split_once('*') {
+            Some((start, end)) => name.len() + 1 >= pattern.len() && name.starts_with(start) && name.ends_with(end),
             None => name == pattern,
         };
         let best = table.iter().filter(|(p, _)| fits(p)).max_by_key(|(p, _)| p.len());

@@ -17,6 +17,7 @@ pub mod embed;
 mod error;
 pub mod fsq;
 pub mod fsq_cvae;
+pub mod generate;
 pub mod io;
 pub mod layers;
 pub mod loss;

@@ -1,0 +1,86 @@
+//! Sequences drawn from a decoder: greedy, by sampling, by beams, with the semantics of the field's
+//! standard library (transformers), under a grammar.
+//!
+//! A [`Decoder`] gives scores, a [`Grammar`] says what may follow, and everything between is plain
+//! arithmetic on the CPU: a row's result depends on its own scores and its own draws, so a batch equals
+//! its members.
+
+mod beams;
+mod processors;
+mod rows;
+
+use serde::{Deserialize, Serialize};
+
+pub use beams::{BeamDraw, beams, best, chooser as beam_chooser, draws};
+pub use processors::{log_softmax, process, softmax};
+pub use rows::{argmax, chooser, draw, rows};
+
+/// How sequences are drawn.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct GenerateConfig {
+    /// Tokens that are drawn at most, after the prompt.
+    pub tokens: usize,
+    /// Whether tokens are drawn, or the likeliest taken.
+    pub sample: bool,
+    /// Sequences kept beside each other; 1 is none.
+    pub beams: usize,
+    /// Scores are divided by it.
+    pub temperature: f32,
+    /// Only the so many likeliest tokens are drawn from; 0 takes all.
+    pub top_k: usize,
+    /// Only the likeliest tokens that together reach this probability are drawn from; 1 takes all.
+    pub top_p: f32,
+    /// Scores of tokens that were drawn before are divided by it where positive, multiplied where negative.
+    pub repetition_penalty: f32,
+}
+
+impl Default for GenerateConfig {
+    /// Greedy.
+    fn default() -> Self {
+        Self { tokens: 2048, sample: false, beams: 1, temperature: 1.0, top_k: 0, top_p: 1.0, repetition_penalty: 1.0 }
+    }
+}
+
+impl GenerateConfig {
+    /// Checks ranges.
+    ///
+    /// # Errors
+    /// (key, message) of the first fault.
+    pub fn validate(&self) -> Result<(), (&'static str, String)> {
+        if self.tokens == 0 || self.beams == 0 {
+            return Err(("tokens", "tokens and beams must be at least 1".into()));
+        }
+        if !(self.temperature > 0.0 && self.temperature.is_finite()) {
+            return Err(("temperature", format!("temperature = {} must be above 0", self.temperature)));
+        }
+        if !(self.top_p > 0.0 && self.top_p <= 1.0) {
+            return Err(("top_p", format!("top_p = {} must lie in (0, 1]", self.top_p)));
+        }
+        if !(self.repetition_penalty > 0.0 && self.repetition_penalty.is_finite()) {
+            return Err(("repetition_penalty", format!("{} must be above 0", self.repetition_penalty)));
+        }
+        Ok(())
+    }
+}
+
+/// Gives scores of what follows, for rows that go on together.
+pub trait Decoder {
+    /// Reads one token a row; gives each row's scores of the next.
+    fn next(&mut self, ids: &[u32]) -> Vec<Vec<f32>>;
+
+    /// Goes on with these rows, in this order; one may come several times.
+    fn select(&mut self, rows: &[usize]);
+}
+
+/// Says what may follow in one row.
+pub trait Grammar: Clone {
+    /// The allowed ids, a bit each from the lowest on.
+    fn allowed(&self) -> Vec<u64>;
+
+    /// Takes the next token.
+    fn accept(&mut self, id: u32);
+
+    /// Whether this token ends a sequence.
+    fn ends(&self, id: u32) -> bool;
+}
