@@ -2,7 +2,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use riglab_metric::{Codebook, SkinTally, compression_ratio};
+use riglab_metric::{Codebook, Joints, SkeletonConvention, SkinTally, compression_ratio};
 use riglab_tests::{Golden, golden};
 use tch::Kind;
 
@@ -31,6 +31,30 @@ fn skin_metrics() {
             of.into_iter().for_each(|t| pooled.add(t));
             let m = pooled.metrics();
             close(&case, "aggregate.out.pooled", &[m.l1, m.l1_var, m.precision, m.recall, m.iou]);
+        }
+    }
+}
+
+#[test]
+fn skeleton_distances() {
+    for (_, case) in golden("metrics", &["skeleton"]) {
+        let ids: BTreeSet<&str> = case.names("").filter_map(|n| n.split_once(".in.").map(|(id, _)| id)).collect();
+        assert!(!ids.is_empty());
+        for id in ids {
+            let joints = |side: &str| {
+                let flat = case.get(&format!("{id}.in.joints_{side}")).to_kind(Kind::Double).view([-1]);
+                let flat = Vec::<f64>::try_from(flat).unwrap();
+                let parents = Vec::<i64>::try_from(case.get(&format!("{id}.in.parents_{side}"))).unwrap();
+                Joints {
+                    positions: flat.as_chunks().0.to_vec(),
+                    parents: parents.into_iter().map(|p| usize::try_from(p).ok()).collect(),
+                }
+            };
+            let (a, b) = (joints("a"), joints("b"));
+            for (name, convention) in [("unirig", SkeletonConvention::Unirig), ("rignet", SkeletonConvention::Rignet)] {
+                let d = convention.distances(&a, &b);
+                close(&case, &format!("{id}.out.{name}"), &[d.j2j, d.j2b, d.b2b]);
+            }
         }
     }
 }

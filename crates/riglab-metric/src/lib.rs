@@ -1,8 +1,9 @@
 //! Metrics under named conventions, and baselines without learning.
 //!
 //! Peers compute metrics of one name by different formulas, so a number here names its convention.
-//! This crate has SkinTokens' skin metrics so far ([`SkinMetrics`], convention `skintokens`) with
-//! the readings of its paper that riglab takes, its codebook figures, and distance baselines.
+//! This crate has SkinTokens' skin metrics ([`SkinMetrics`], convention `skintokens`) with the readings of
+//! its paper that riglab takes, its codebook figures, distances between skeletons ([`SkeletonConvention`]),
+//! and distance baselines.
 //!
 //! Holds: sums are in f64 and in fixed order; thresholds are compared in f32; an empty denominator
 //! gives NaN, which means over assets leave out and count.
@@ -11,8 +12,10 @@
 
 mod baseline;
 mod codebook;
+mod skeleton;
 mod skin;
 
 pub use baseline::{Baseline, bone_distances};
 pub use codebook::{Codebook, compression_ratio};
+pub use skeleton::{Joints, SkeletonConvention, SkeletonDistances};
 pub use skin::{ACTIVE, SkinMetrics, SkinTally};
