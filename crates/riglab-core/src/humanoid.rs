@@ -101,6 +101,17 @@ impl HumanBone {
         NAMES[usize::from(self.0)]
     }
 
+    /// The bone of the other side; itself in the middle.
+    pub fn mirrored(self) -> Self {
+        let name = self.name();
+        let other = match (name.strip_prefix("left"), name.strip_prefix("right")) {
+            (Some(rest), _) => format!("right{rest}"),
+            (_, Some(rest)) => format!("left{rest}"),
+            _ => return self,
+        };
+        other.parse().unwrap_or(self)
+    }
+
     /// Whether VRM 1.0 asks every humanoid for it.
     pub fn is_required(self) -> bool {
         REQUIRED.contains(&self.name())
@@ -196,6 +207,9 @@ mod tests {
         for bone in HumanBone::all() {
             assert_eq!(bone.name().parse(), Ok(bone));
         }
+        let sides: Vec<_> = HumanBone::all().filter(|b| b.mirrored() != *b).collect();
+        assert_eq!(sides.len(), NAMES.len() - 7);
+        assert!(sides.into_iter().all(|b| b.mirrored().mirrored() == b));
         assert_eq!("tail".parse::<HumanBone>(), Err(()));
         assert_eq!(HumanBone::all().filter(|b| b.is_required()).count(), REQUIRED.len());
     }

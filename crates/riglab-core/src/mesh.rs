@@ -72,6 +72,11 @@ impl Mesh {
         sums.into_iter().map(|n| n.try_normalize().unwrap_or(glam::Vec3::Y).into()).collect()
     }
 
+    /// Vertex positions and triangles.
+    pub fn into_parts(self) -> (Vec<Vec3>, Vec<[u32; 3]>) {
+        (self.positions, self.triangles)
+    }
+
     /// The same triangles over other positions.
     ///
     /// # Errors

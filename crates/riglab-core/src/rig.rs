@@ -83,6 +83,11 @@ impl Rig {
         (self.skeleton, self.mesh, self.weights)
     }
 
+    /// All parts.
+    pub fn into_all(self) -> (Skeleton, Mesh, SkinWeights, Humanoid, Springs) {
+        (self.skeleton, self.mesh, self.weights, self.humanoid, self.springs)
+    }
+
     /// The box around vertices and joints.
     pub fn bounds(&self) -> Bounds {
         let points = self.mesh.positions().iter().chain(self.skeleton.heads());

@@ -150,6 +150,11 @@ impl Skeleton {
         root
     }
 
+    /// Names, parents and positions at rest, in joint order.
+    pub fn into_parts(self) -> (Vec<String>, Vec<Option<JointId>>, Vec<Vec3>) {
+        (self.names, self.parents, self.heads)
+    }
+
     /// The same tree with other positions.
     ///
     /// # Errors

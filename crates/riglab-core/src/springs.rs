@@ -158,6 +158,11 @@ impl Springs {
         self.springs[spring].groups.iter().flat_map(|&g| &self.groups[g]).map(|&c| &self.colliders[c])
     }
 
+    /// Springs, colliders and their groups, as [`Self::new`] takes them.
+    pub fn into_parts(self) -> (Vec<Spring>, Vec<Collider>, Vec<Vec<usize>>) {
+        (self.springs, self.colliders, self.groups)
+    }
+
     /// The same over joints that got new numbers, `joint_of` by old number.
     ///
     /// # Panics

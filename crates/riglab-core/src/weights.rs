@@ -119,6 +119,11 @@ impl SkinWeights {
         &self.weights
     }
 
+    /// Offsets, joints and weights, as [`Self::new`] takes them.
+    pub fn into_parts(self) -> (Vec<u32>, Vec<u16>, Vec<f32>) {
+        (self.offsets, self.joints, self.weights)
+    }
+
     /// One list of (vertex, weight) per joint: the same matrix by columns.
     pub fn columns(&self, joints: usize) -> Vec<Vec<(u32, f32)>> {
         let mut columns = vec![Vec::new(); joints];
