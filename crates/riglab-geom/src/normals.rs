@@ -1,0 +1,60 @@
+//! Normals of triangles and vertices.
+
+use glam::Vec3;
+use riglab_core::Mesh;
+
+/// Unit normals of the triangles, by the right-hand rule; +y for those without area.
+pub fn triangle_normals(mesh: &Mesh) -> Vec<[f32; 3]> {
+    (0..mesh.triangles().len()).map(|t| unit(mesh.area_vector(t).into()).into()).collect()
+}
+
+/// Unit normals at the vertices: the mean of the triangles around each, weighted by their angle there,
+/// so that it does not matter how a flat side is cut into triangles. This is what trimesh gives, and so
+/// what the public code of UniRig and SkinTokens learns from; [`Mesh::vertex_normals`] weights by area.
+/// A vertex without triangles of some area gets +y.
+pub fn normals_by_angle(mesh: &Mesh) -> Vec<[f32; 3]> {
+    let mut sums = vec![Vec3::ZERO; mesh.positions().len()];
+    for (t, corners) in mesh.triangles().iter().enumerate() {
+        let Some(normal) = Vec3::from(mesh.area_vector(t)).try_normalize() else { continue };
+        let [a, b, c] = mesh.corners(t).map(Vec3::from);
+        let [ab, bc, ca] = [b - a, c - b, a - c].map(Vec3::normalize_or_zero);
+        let first = angle(-ab.dot(ca));
+        let second = angle(-ab.dot(bc));
+        // The angles of a triangle make a half turn.
+        let third = std::f32::consts::PI - first - second;
+        for (corner, angle) in corners.iter().zip([first, second, third]) {
+            sums[*corner as usize] += normal * angle;
+        }
+    }
+    sums.into_iter().map(|n| unit(n).into()).collect()
+}
+
+/// The angle of a cosine, the same on every machine.
+fn angle(cos: f32) -> f32 {
+    libm::acosf(cos.clamp(-1.0, 1.0))
+}
+
+fn unit(v: Vec3) -> Vec3 {
+    v.try_normalize().unwrap_or(Vec3::Y)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_side_counts_once_however_it_is_cut() {
+        // The corner of a cube at the origin, one of its sides cut in two there.
+        let p = vec![[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 1.0, 0.0]];
+        let mesh = Mesh::new(p, vec![[0, 1, 4], [0, 4, 2], [0, 2, 3], [0, 3, 1]]).unwrap();
+        let third = 1.0 / 3f32.sqrt();
+        assert!(normals_by_angle(&mesh)[0].iter().all(|x| (x - third).abs() < 1e-6));
+        assert_eq!(triangle_normals(&mesh)[0], [0.0, 0.0, 1.0]);
+    }
+
+    #[test]
+    fn triangles_without_area_say_nothing() {
+        let mesh = Mesh::new(vec![[1.0; 3]; 3], vec![[0, 1, 2], [0, 0, 0]]).unwrap();
+        assert_eq!(normals_by_angle(&mesh), [[0.0, 1.0, 0.0]; 3]);
+    }
+}
