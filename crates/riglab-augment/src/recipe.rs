@@ -1,0 +1,210 @@
+//! All augmentations in their order, and the orders and values of papers and public code.
+
+use riglab_core::{Rig, RigError};
+use riglab_random::stream;
+use serde::{Deserialize, Serialize};
+
+use crate::cube::{CubeConfig, Shift};
+use crate::delete::DeleteConfig;
+use crate::discretise::DiscretiseConfig;
+use crate::draft::{Augmented, Draft};
+use crate::jitter::{JitterConfig, JointNoiseConfig};
+use crate::linear::{AxesConfig, FlipConfig, LinearParts, RotateConfig, ScaleConfig, TurnConfig, linear};
+use crate::part::PartConfig;
+use crate::pose::PoseConfig;
+use crate::reconnect::ReconnectConfig;
+use crate::rules::Fault;
+use crate::trim::TrimConfig;
+
+/// What is done to a rig before it is sampled, in the order of the fields. Each has a probability of
+/// its own and draws from a stream of its own, so that switching one does not change what another
+/// draws. The default only normalises.
+///
+/// In a config this is a table, usually `[augment]`:
+///
+/// ```toml
+/// [augment]
+/// extends = "augment/skintokens_vae.toml"
+/// pose = { probability = 1.0, degrees = 45.0 }
+/// ```
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Recipe {
+    /// Joints that hold nothing.
+    pub trim: TrimConfig,
+    /// Joints with their vertices, or subtrees.
+    pub delete: DeleteConfig,
+    /// All but a random part.
+    pub part: PartConfig,
+    /// Joints in between.
+    pub reconnect: ReconnectConfig,
+    /// A pose as the new rest.
+    pub pose: PoseConfig,
+    /// By axis; first of the parts of one matrix, which is about the origin.
+    pub scale: ScaleConfig,
+    /// By given angles about x, y and z.
+    pub turn_x: TurnConfig,
+    /// See `turn_x`.
+    pub turn_y: TurnConfig,
+    /// See `turn_x`.
+    pub turn_z: TurnConfig,
+    /// Mirroring.
+    pub flip: FlipConfig,
+    /// By a random vector.
+    pub rotate: RotateConfig,
+    /// Exchange of axes; last of the parts of one matrix.
+    pub axes: AxesConfig,
+    /// Into the cube.
+    pub cube: CubeConfig,
+    /// Noise on vertices and normals.
+    pub jitter: JitterConfig,
+    /// Noise on joints.
+    pub joint_noise: JointNoiseConfig,
+    /// Joints to the middle of their cells.
+    pub discretise: DiscretiseConfig,
+}
+
+impl Recipe {
+    /// Checks ranges.
+    ///
+    /// # Errors
+    /// (key, message) of the first fault; keys as in the config, such as `pose.degrees`.
+    pub fn validate(&self) -> Result<(), (String, String)> {
+        let at = |part: &'static str| move |(key, message): Fault| (format!("{part}.{key}"), message);
+        self.delete.validate().map_err(at("delete"))?;
+        self.part.validate().map_err(at("part"))?;
+        self.reconnect.validate().map_err(at("reconnect"))?;
+        self.pose.validate().map_err(at("pose"))?;
+        self.scale.validate().map_err(at("scale"))?;
+        self.turn_x.validate().map_err(at("turn_x"))?;
+        self.turn_y.validate().map_err(at("turn_y"))?;
+        self.turn_z.validate().map_err(at("turn_z"))?;
+        self.flip.validate().map_err(at("flip"))?;
+        self.rotate.validate().map_err(at("rotate"))?;
+        self.axes.validate().map_err(at("axes"))?;
+        self.cube.validate().map_err(at("cube"))?;
+        self.jitter.validate().map_err(at("jitter"))?;
+        self.joint_noise.validate().map_err(at("joint_noise"))?;
+        self.discretise.validate().map_err(at("discretise"))
+    }
+
+    /// Augments a rig by the draws of a seed and an index, say a step and an asset: same numbers, same
+    /// bytes.
+    ///
+    /// # Errors
+    /// None that a valid rig and a validated recipe can give; kept so that a fault of this crate costs
+    /// a sample and not a run.
+    pub fn apply(&self, rig: Rig, seed: u64, index: &[u64]) -> Result<Augmented, RigError> {
+        let mut draft = Draft::open(rig);
+        let of = |purpose: &str| stream(seed, purpose, index);
+        self.trim.apply(&mut draft);
+        self.delete.apply(&mut draft, &mut of("augment delete"));
+        self.part.apply(&mut draft, &mut of("augment part"));
+        self.reconnect.apply(&mut draft, &mut of("augment reconnect"));
+        self.pose.apply(&mut draft, &mut of("augment pose"));
+        let mut turn = of("augment turn");
+        let parts = LinearParts {
+            scale: self.scale.draw(&mut of("augment scale")),
+            turns: [self.turn_x.draw(0, &mut turn), self.turn_y.draw(1, &mut turn), self.turn_z.draw(2, &mut turn)],
+            flip: self.flip.draw(&mut of("augment flip")),
+            rotate: self.rotate.draw(&mut of("augment rotate")),
+            axes: self.axes.draw(&mut of("augment axes")),
+        };
+        linear(&mut draft, parts.matrix(), self.flip.keep_winding);
+        self.cube.apply(&mut draft, &mut of("augment cube"));
+        self.jitter.apply(&mut draft, &mut of("augment jitter"))?;
+        self.joint_noise.apply(&mut draft, &mut of("augment joint noise"));
+        self.discretise.apply(&mut draft, &mut of("augment discretise"));
+        draft.close()
+    }
+
+    /// SkinTokens' skeleton model (paper, 4.1.2). The paper gives no range of the scale; this is the
+    /// public code's.
+    pub fn skintokens_ar() -> Self {
+        Self {
+            trim: TrimConfig { enabled: true },
+            delete: DeleteConfig { probability: 0.5, up_to: 0.5, subtrees: 0.5 },
+            pose: PoseConfig { probability: 0.5, degrees: 30.0, scale: [1.0, 1.0] },
+            scale: ScaleConfig { probability: 0.5, range: [0.7, 1.3], uniform: false },
+            rotate: RotateConfig { probability: 0.2, degrees: 15.0 },
+            jitter: JitterConfig { probability: 1.0, sigma: 1e-3, ..JitterConfig::default() },
+            joint_noise: JointNoiseConfig { probability: 1.0, sigma: 1e-2, clip: 0.0 },
+            ..Self::default()
+        }
+    }
+
+    /// SkinTokens' auto-encoder: as [`Self::skintokens_ar`], with joints connected to new parents.
+    pub fn skintokens_vae() -> Self {
+        Self { reconnect: ReconnectConfig { probability: 0.5, share: 0.3, up_to: true }, ..Self::skintokens_ar() }
+    }
+
+    /// What UniRig's public code trains its skeleton model with.
+    pub fn unirig_ar() -> Self {
+        Self {
+            part: PartConfig { probability: 0.5, keep: 0.5, at_least: 0.25 },
+            pose: PoseConfig { probability: 0.5, degrees: 60.0, scale: [1.0, 1.0] },
+            scale: ScaleConfig { probability: 0.5, range: [0.33, 3.33], uniform: false },
+            turn_z: TurnConfig { probability: 0.75, degrees: vec![90.0, 180.0, 270.0] },
+            rotate: RotateConfig { probability: 0.5, degrees: 90.0 },
+            cube: CubeConfig {
+                scale_probability: 0.5,
+                scale: [0.5, 1.0],
+                shift_probability: 0.5,
+                shift: Shift::UpTo(0.1),
+                ..CubeConfig::default()
+            },
+            jitter: JitterConfig {
+                probability: 0.5,
+                sigma: 0.005,
+                clip: 0.01,
+                normal_sigma: 0.02,
+                normal_clip: 0.04,
+                strength: [0.0, 1.0],
+            },
+            ..Self::default()
+        }
+    }
+
+    /// What UniRig's public code trains its skin model with.
+    pub fn unirig_skin() -> Self {
+        Self {
+            reconnect: ReconnectConfig { probability: 0.05, share: 0.5, up_to: false },
+            pose: PoseConfig { probability: 0.05, degrees: 30.0, scale: [1.0, 1.0] },
+            turn_z: TurnConfig { probability: 0.05, degrees: vec![90.0, 180.0, 270.0] },
+            cube: CubeConfig { scale_probability: 0.05, scale: [0.85, 1.0], ..CubeConfig::default() },
+            jitter: JitterConfig {
+                probability: 0.5,
+                sigma: 1e-4,
+                clip: 2e-4,
+                normal_sigma: 0.01,
+                normal_clip: 0.02,
+                strength: [0.0, 1.0],
+            },
+            joint_noise: JointNoiseConfig { probability: 0.5, sigma: 1.0 / 128.0, clip: 1.0 / 128.0 },
+            discretise: DiscretiseConfig { probability: 0.5, ..DiscretiseConfig::default() },
+            ..Self::default()
+        }
+    }
+
+    /// UniRig's test sets with a star: random rotation, scale and motion of rigs that are not trained
+    /// on, nothing else.
+    pub fn unirig_starred() -> Self {
+        Self {
+            pose: PoseConfig { probability: 1.0, degrees: 60.0, scale: [1.0, 1.0] },
+            scale: ScaleConfig { probability: 1.0, range: [0.33, 3.33], uniform: false },
+            rotate: RotateConfig { probability: 1.0, degrees: 90.0 },
+            ..Self::default()
+        }
+    }
+
+    /// The presets by the names that configs extend, as `augment/NAME.toml`.
+    pub fn presets() -> [(&'static str, Self); 5] {
+        [
+            ("skintokens_ar", Self::skintokens_ar()),
+            ("skintokens_vae", Self::skintokens_vae()),
+            ("unirig_ar", Self::unirig_ar()),
+            ("unirig_skin", Self::unirig_skin()),
+            ("unirig_starred", Self::unirig_starred()),
+        ]
+    }
+}
