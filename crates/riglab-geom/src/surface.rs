@@ -24,7 +24,12 @@ pub struct SurfaceSampler<'a> {
 
 /// Shares of a triangle's corners, uniform over its area. Takes two numbers from the stream.
 pub fn barycentric(random: &mut Stream) -> [f32; 3] {
-    let (mut u, mut v) = (random.unit(), random.unit());
+    folded([random.unit(), random.unit()])
+}
+
+/// Shares of a triangle's corners from two numbers in [0, 1); those of the parallelogram's other half
+/// are turned over.
+pub(crate) fn folded([mut u, mut v]: [f32; 2]) -> [f32; 3] {
     if u + v > 1.0 {
         (u, v) = (1.0 - u, 1.0 - v);
     }

@@ -16,6 +16,9 @@
 //! the same key gives the same values on every machine.
 //! Leaves out: libtorch's generator, which is seeded from a stream where a network needs it.
 
+mod numpy;
+
+pub use numpy::numpy_choice;
 use rand::seq::SliceRandom;
 use rand::{Rng, RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -42,6 +45,11 @@ pub fn stream(seed: u64, purpose: &str, index: &[u64]) -> Stream {
 pub trait Draw: Rng {
     /// Uniform in [0, 1).
     fn unit(&mut self) -> f32 {
+        self.random()
+    }
+
+    /// Uniform in [0, 1), in steps of 2⁻⁵³.
+    fn unit64(&mut self) -> f64 {
         self.random()
     }
 

@@ -62,6 +62,12 @@ impl Golden {
         outputs.map(|rest| rest.split('.').next().expect("one part").to_string()).collect()
     }
 
+    /// The full names of the outputs that start so.
+    pub fn outputs(&self, start: &str) -> Vec<String> {
+        let start = format!("out.{start}");
+        self.arrays.keys().filter(|k| k.starts_with(&start)).cloned().collect()
+    }
+
     pub fn has(&self, name: &str) -> bool {
         self.arrays.contains_key(name)
     }
@@ -102,17 +108,12 @@ impl Golden {
 
     /// Compares with the expected array: |got - want| <= abs + rel |want|. Counts as compared.
     pub fn check(&self, name: &str, got: impl IntoIterator<Item = f64>) {
-        self.check_close(name, got, 0.0);
-    }
-
-    /// The same with room for single precision, where the recorded values are doubles.
-    pub fn check_close(&self, name: &str, got: impl IntoIterator<Item = f64>, room: f64) {
         let got: Vec<f64> = got.into_iter().collect();
         let want = self.values(name);
         let (abs, rel) = self.tolerance(name);
         assert_eq!(got.len(), want.len(), "{}: size of `{name}`", self.name);
         for (at, (g, w)) in got.iter().zip(want).enumerate() {
-            let most = abs.max(room) + rel * w.abs();
+            let most = abs + rel * w.abs();
             assert!((g - w).abs() <= most, "{}: `{name}`[{at}] is {g}, not {w}", self.name);
         }
         self.checked.borrow_mut().insert(name.into());

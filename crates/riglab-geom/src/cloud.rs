@@ -1,0 +1,340 @@
+//! Many points of a surface at once: what networks see of a mesh.
+
+use std::borrow::Cow;
+
+use glam::Vec3;
+use riglab_core::{Mesh, RigError, SkinWeights};
+use riglab_random::{Draw, Stream};
+use serde::{Deserialize, Serialize};
+
+use crate::picker::Picker;
+use crate::surface::{SurfacePoint, folded};
+use crate::{normals_by_angle, triangle_normals};
+
+/// How many points, and where. The default is UniRig's number, spread evenly.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct CloudConfig {
+    /// Points in all.
+    pub points: usize,
+    /// So many of them are vertices, no two the same and as far as there are any; they come first.
+    pub vertices: usize,
+    /// How likely triangles are.
+    pub by: By,
+}
+
+/// What triangles are weighted by.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum By {
+    /// Their area: points are spread evenly.
+    #[default]
+    Area,
+    /// The square of it, as in UniRig's public code: large triangles get more than their share.
+    SquaredArea,
+}
+
+impl Default for CloudConfig {
+    fn default() -> Self {
+        Self { points: 65_536, vertices: 0, by: By::Area }
+    }
+}
+
+impl CloudConfig {
+    /// SkinTokens: 54,000 points of the surface. The public code names a number of vertices, too, but
+    /// does not pass it on.
+    pub fn skintokens() -> Self {
+        Self { points: 54_000, vertices: 0, by: By::Area }
+    }
+
+    /// UniRig's skeleton model where it is trained.
+    pub fn unirig_ar_training() -> Self {
+        Self { points: 65_536, vertices: 4_096, by: By::SquaredArea }
+    }
+
+    /// UniRig's skeleton model where it is used.
+    pub fn unirig_ar() -> Self {
+        Self { points: 65_536, vertices: 8_192, by: By::SquaredArea }
+    }
+
+    /// UniRig's skin model where it is trained.
+    pub fn unirig_skin_training() -> Self {
+        Self { points: 16_384, vertices: 8_192, by: By::SquaredArea }
+    }
+
+    /// UniRig's skin model where it is used.
+    pub fn unirig_skin() -> Self {
+        Self { points: 32_768, vertices: 8_192, by: By::SquaredArea }
+    }
+}
+
+/// Points with their normals.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Cloud {
+    /// Where they are.
+    pub positions: Vec<[f32; 3]>,
+    /// Unit normals: of the triangle, or of the vertex, weighted by angle.
+    pub normals: Vec<[f32; 3]>,
+    /// Where on the mesh.
+    pub places: Vec<Place>,
+}
+
+/// A place on a mesh.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Place {
+    /// At a vertex.
+    Vertex(u32),
+    /// On a triangle.
+    Surface(SurfacePoint),
+}
+
+/// Draws clouds of one mesh.
+pub struct CloudSampler<'a> {
+    mesh: &'a Mesh,
+    config: CloudConfig,
+    /// Empty where none are asked for.
+    vertex_normals: Cow<'a, [[f32; 3]]>,
+    triangle_normals: Cow<'a, [[f32; 3]]>,
+    picker: Picker,
+}
+
+impl<'a> CloudSampler<'a> {
+    /// With the normals of the mesh.
+    pub fn new(mesh: &'a Mesh, config: &CloudConfig) -> Self {
+        let vertex_normals = if config.vertices > 0 { normals_by_angle(mesh) } else { Vec::new() };
+        let picker = Picker::new(weights(mesh, config.by));
+        let triangle_normals = triangle_normals(mesh).into();
+        Self { mesh, config: config.clone(), vertex_normals: vertex_normals.into(), triangle_normals, picker }
+    }
+
+    /// With other normals, one a vertex and one a triangle: such as carry noise.
+    ///
+    /// # Panics
+    /// When their numbers are not those of the mesh.
+    pub fn with_normals(
+        mesh: &'a Mesh,
+        config: &CloudConfig,
+        vertex_normals: &'a [[f32; 3]],
+        triangle_normals: &'a [[f32; 3]],
+    ) -> Self {
+        assert_eq!(vertex_normals.len(), mesh.positions().len(), "a normal a vertex");
+        assert_eq!(triangle_normals.len(), mesh.triangles().len(), "a normal a triangle");
+        let picker = Picker::new(weights(mesh, config.by));
+        let (vertex_normals, triangle_normals) = (vertex_normals.into(), triangle_normals.into());
+        Self { mesh, config: config.clone(), vertex_normals, triangle_normals, picker }
+    }
+
+    /// A cloud.
+    pub fn draw(&self, random: &mut Stream) -> Cloud {
+        let vertices = some_of(self.mesh.positions().len(), self.config.vertices.min(self.config.points), random);
+        let mut places: Vec<Place> = Vec::with_capacity(self.config.points);
+        places.extend(vertices.into_iter().map(Place::Vertex));
+        let rest = self.config.points - places.len();
+        places.extend((0..rest).map(|_| {
+            let share = random.unit64();
+            self.place(share, [random.unit(), random.unit()])
+        }));
+        self.at(places)
+    }
+
+    /// The place of given draws in [0, 1): one for the triangle, two for the place on it.
+    pub fn place(&self, share: f64, on_it: [f32; 2]) -> Place {
+        Place::Surface(SurfacePoint { triangle: self.picker.at(share), barycentric: folded(on_it) })
+    }
+
+    /// The cloud of given places. Vertices among them need a config with vertices.
+    pub fn at(&self, places: Vec<Place>) -> Cloud {
+        let mut positions = Vec::with_capacity(places.len());
+        let mut normals = Vec::with_capacity(places.len());
+        for place in &places {
+            match *place {
+                Place::Vertex(v) => {
+                    positions.push(self.mesh.positions()[v as usize]);
+                    normals.push(self.vertex_normals.get(v as usize).copied().unwrap_or([0.0, 1.0, 0.0]));
+                }
+                Place::Surface(SurfacePoint { triangle, barycentric: [u, v, w] }) => {
+                    let [a, b, c] = self.mesh.corners(triangle as usize).map(Vec3::from);
+                    positions.push((a * u + b * v + c * w).into());
+                    normals.push(self.triangle_normals[triangle as usize]);
+                }
+            }
+        }
+        Cloud { positions, normals, places }
+    }
+}
+
+impl Cloud {
+    /// The weights at its points: those of the corners by their shares.
+    ///
+    /// # Errors
+    /// None for the weights of the mesh's rig; see [`SkinWeights::new`].
+    pub fn weights(&self, mesh: &Mesh, weights: &SkinWeights) -> Result<SkinWeights, RigError> {
+        let mut rows = Corners::new(mesh, weights);
+        let mut offsets = Vec::with_capacity(self.places.len() + 1);
+        let room = self.places.len() * (1 + 2 * weights.nonzero() / weights.rows());
+        let (mut joints, mut values) = (Vec::with_capacity(room), Vec::with_capacity(room));
+        offsets.push(0);
+        for place in &self.places {
+            match *place {
+                Place::Vertex(v) => weights.row(v as usize).for_each(|(joint, w)| {
+                    joints.push(joint.0);
+                    values.push(w);
+                }),
+                Place::Surface(SurfacePoint { triangle, barycentric: [u, v, w] }) => {
+                    for &(joint, [a, b, c]) in rows.of(triangle) {
+                        let value = u * a + v * b + w * c;
+                        // A corner of no share gives none.
+                        if value > 0.0 {
+                            joints.push(joint);
+                            values.push(value);
+                        }
+                    }
+                }
+            }
+            offsets.push(joints.len() as u32);
+        }
+        SkinWeights::new(offsets, joints, values)
+    }
+}
+
+/// The weights of triangles' corners joint by joint, put together the first time each is asked for.
+struct Corners<'a> {
+    mesh: &'a Mesh,
+    weights: &'a SkinWeights,
+    /// Where each triangle's part begins and ends; `u32::MAX` before it is put together.
+    spans: Vec<[u32; 2]>,
+    rows: Vec<(u16, [f32; 3])>,
+}
+
+impl<'a> Corners<'a> {
+    fn new(mesh: &'a Mesh, weights: &'a SkinWeights) -> Self {
+        Self { mesh, weights, spans: vec![[u32::MAX; 2]; mesh.triangles().len()], rows: Vec::new() }
+    }
+
+    /// Joints of a triangle, rising, with their weights at its corners.
+    fn of(&mut self, triangle: u32) -> &[(u16, [f32; 3])] {
+        let [mut from, mut to] = self.spans[triangle as usize];
+        if from == u32::MAX {
+            from = self.rows.len() as u32;
+            for (corner, &vertex) in self.mesh.triangles()[triangle as usize].iter().enumerate() {
+                for (joint, w) in self.weights.row(vertex as usize) {
+                    let own = &mut self.rows[from as usize..];
+                    match own.iter_mut().find(|(j, _)| *j == joint.0) {
+                        Some((_, at)) => at[corner] = w,
+                        None => {
+                            let mut at = [0.0; 3];
+                            at[corner] = w;
+                            self.rows.push((joint.0, at));
+                        }
+                    }
+                }
+            }
+            self.rows[from as usize..].sort_unstable_by_key(|(joint, _)| *joint);
+            to = self.rows.len() as u32;
+            self.spans[triangle as usize] = [from, to];
+        }
+        &self.rows[from as usize..to as usize]
+    }
+}
+
+/// Weights of all triangles.
+pub(crate) fn weights(mesh: &Mesh, by: By) -> impl Iterator<Item = f64> + '_ {
+    (0..mesh.triangles().len()).map(move |t| match (f64::from(Vec3::from(mesh.area_vector(t)).length()), by) {
+        (area, By::Area) => area,
+        (area, By::SquaredArea) => area * area,
+    })
+}
+
+/// `count` of the numbers below `n`, no two the same, all where there are no more; in random order.
+pub(crate) fn some_of(n: usize, count: usize, random: &mut Stream) -> Vec<u32> {
+    if count == 0 {
+        return Vec::new();
+    }
+    let mut all: Vec<u32> = (0..n as u32).collect();
+    let count = count.min(n);
+    for k in 0..count {
+        let other = k + random.below(n - k);
+        all.swap(k, other);
+    }
+    all.truncate(count);
+    all
+}
+
+#[cfg(test)]
+mod tests {
+    use riglab_core::JointId;
+    use riglab_random::stream;
+
+    use super::*;
+
+    /// Areas 1/2 and 3/2.
+    fn mesh() -> Mesh {
+        let p =
+            vec![[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [3.0, 0.0, 1.0], [0.0, 1.0, 1.0]];
+        Mesh::new(p, vec![[0, 1, 2], [3, 4, 5]]).unwrap()
+    }
+
+    fn on_second(cloud: &Cloud) -> usize {
+        cloud.places.iter().filter(|p| matches!(p, Place::Surface(s) if s.triangle == 1)).count()
+    }
+
+    #[test]
+    fn triangles_are_hit_by_their_area_or_its_square() {
+        let mesh = mesh();
+        for (by, wanted) in [(By::Area, 0.75), (By::SquaredArea, 0.9)] {
+            let config = CloudConfig { points: 20_000, vertices: 0, by };
+            let cloud = CloudSampler::new(&mesh, &config).draw(&mut stream(1, "test", &[]));
+            let share = on_second(&cloud) as f64 / 20_000.0;
+            assert!((share - wanted).abs() < 0.01, "{share}");
+            for ([x, y, z], n) in cloud.positions.iter().zip(&cloud.normals) {
+                let side = if *z == 0.0 { x + y } else { x / 3.0 + y };
+                assert!(*x >= 0.0 && *y >= 0.0 && side < 1.00001 && *n == [0.0, 0.0, 1.0]);
+            }
+            // The middle of a triangle is the mean of its points.
+            let x: f32 = cloud.positions.iter().filter(|p| p[2] == 1.0).map(|p| p[0]).sum();
+            assert!((x / on_second(&cloud) as f32 - 1.0).abs() < 0.02);
+        }
+    }
+
+    #[test]
+    fn vertices_come_first_each_once_and_as_far_as_there_are_any() {
+        let mesh = mesh();
+        let config = CloudConfig { points: 20, vertices: 10, by: By::Area };
+        let cloud = CloudSampler::new(&mesh, &config).draw(&mut stream(1, "test", &[]));
+        let mut vertices: Vec<u32> = cloud.places[..6]
+            .iter()
+            .map(|p| match p {
+                Place::Vertex(v) => *v,
+                Place::Surface(_) => panic!("a point of the surface among the vertices"),
+            })
+            .collect();
+        vertices.sort_unstable();
+        assert_eq!((vertices, cloud.positions.len()), ((0..6).collect(), 20));
+        let few = CloudConfig { points: 2, ..config };
+        assert_eq!(CloudSampler::new(&mesh, &few).draw(&mut stream(1, "test", &[])).positions.len(), 2);
+    }
+
+    #[test]
+    fn weights_are_those_of_the_corners_by_their_shares() {
+        let mesh = mesh();
+        let weights = SkinWeights::normalized((0..6).map(|v| vec![(v as u16 % 2, 1.0), (5, 1.0)])).unwrap();
+        let at = |barycentric| Place::Surface(SurfacePoint { triangle: 0, barycentric });
+        let places = vec![at([0.5, 0.25, 0.25]), Place::Vertex(3), at([1.0, 0.0, 0.0])];
+        let cloud = CloudSampler::new(&mesh, &CloudConfig::default()).at(places);
+        let found = cloud.weights(&mesh, &weights).unwrap();
+        let row = |p: usize| found.row(p).collect::<Vec<_>>();
+        assert_eq!(row(0), [(JointId(0), 0.375), (JointId(1), 0.125), (JointId(5), 0.5)]);
+        assert_eq!(row(1), [(JointId(1), 0.5), (JointId(5), 0.5)]);
+        assert_eq!(row(2), [(JointId(0), 0.5), (JointId(5), 0.5)]);
+    }
+
+    #[test]
+    fn same_seed_same_cloud_and_a_mesh_without_area_still_gives_one() {
+        let flat = Mesh::new(vec![[1.0; 3]; 3], vec![[0, 1, 2], [0, 0, 0]]).unwrap();
+        let config = CloudConfig { points: 100, vertices: 2, by: By::SquaredArea };
+        let draw = |mesh: &Mesh, seed| CloudSampler::new(mesh, &config).draw(&mut stream(seed, "test", &[]));
+        assert!(draw(&flat, 1).positions.iter().all(|p| (p[0] - 1.0).abs() < 1e-6));
+        assert_eq!(draw(&mesh(), 1), draw(&mesh(), 1));
+        assert_ne!(draw(&mesh(), 1), draw(&mesh(), 2));
+    }
+}

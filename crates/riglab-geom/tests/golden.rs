@@ -1,0 +1,130 @@
+//! Samplers against values recorded from the public code of SkinTokens and UniRig, with the recorded
+//! draws.
+
+#[path = "common/golden.rs"]
+mod golden;
+
+use golden::{Golden, golden, table};
+use riglab_core::SkinWeights;
+use riglab_geom::{Cloud, CloudConfig, CloudSampler, DenseConfig, DenseSampler, Place, farthest_points, near_bone};
+use riglab_random::numpy_choice;
+
+#[test]
+fn skintokens() {
+    for case in golden("skintokens", "sampler") {
+        for group in case.groups() {
+            match group.as_str() {
+                "face_mask" => masks(&case),
+                "uniform" => uniform(&case),
+                "dense" => dense(&case),
+                "fps" => farthest(&case),
+                "transfer_k8" => case.elsewhere("out.transfer_k8", "from points back to vertices is decoding"),
+                other => panic!("{}: unknown output `{other}`", case.name),
+            }
+        }
+        case.done();
+    }
+}
+
+/// Of every joint, for the two limits in the output's name.
+fn masks(case: &Golden) {
+    let (mesh, weights) = (case.mesh(), case.weights("in.skin"));
+    let columns = weights.columns(case.shape("in.skin")[1]);
+    for name in case.outputs("face_mask.") {
+        let (reach, share) = name.rsplit_once('_').expect("two limits");
+        let reach = reach.rsplit_once("mask.").expect("a limit").1;
+        let config = DenseConfig {
+            reach: reach.parse().expect("a number"),
+            reach_share: share.parse().expect("a number"),
+            ..DenseConfig::default()
+        };
+        let marked = columns.iter().flat_map(|column| near_bone(&mesh, column, &config));
+        case.check(&name, marked.map(|m| f64::from(u8::from(m))));
+    }
+}
+
+/// Triangles and places on them by the recorded draws.
+fn drawn(case: &Golden, which: &str, place: impl Fn(f64, [f32; 2]) -> Place) -> Vec<Place> {
+    let on_it = case.floats(&format!("in.{which}.bary_draws"));
+    let faces = case.values(&format!("in.{which}.face_draws"));
+    faces.iter().zip(on_it.as_chunks::<2>().0).map(|(share, on_it)| place(*share, *on_it)).collect()
+}
+
+fn uniform(case: &Golden) {
+    let (mesh, weights) = (case.mesh(), case.weights("in.skin"));
+    let sampler = CloudSampler::new(&mesh, &CloudConfig::skintokens());
+    let cloud = sampler.at(drawn(case, "uniform", |share, on_it| sampler.place(share, on_it)));
+    case.check_points("out.uniform.vertices", &cloud.positions);
+    case.check_points("out.uniform.normals", &cloud.normals);
+    let found = cloud.weights(&mesh, &weights).unwrap();
+    case.check("out.uniform.skin", table(&found, case.shape("in.skin")[1]));
+}
+
+fn dense(case: &Golden) {
+    let (mesh, weights) = (case.mesh(), case.weights("in.skin"));
+    let marked: Vec<bool> = case.values("in.dense.mask").iter().map(|m| *m > 0.0).collect();
+    let order: Vec<u32> = case.indices("in.dense.permutation").iter().map(|k| *k as u32).collect();
+    let vertices = (case.number("num_vertex_samples") as usize).min(order.len());
+    let points = case.number("num_skin_samples") as usize;
+    let config = DenseConfig { points, vertices, ..DenseConfig::default() };
+    let sampler = DenseSampler::new(&mesh, &marked, &config);
+    let mut places = sampler.vertices(&order[..vertices]);
+    places.extend(drawn(case, "dense", |share, on_it| sampler.place(share, on_it)));
+    let cloud = sampler.at(places);
+    case.check_points("out.dense.vertices", &cloud.positions);
+    case.check_points("out.dense.normals", &cloud.normals);
+    let bone = case.number("dense_joint") as usize;
+    case.check("out.dense.skin", column(&cloud.weights(&mesh, &weights).unwrap(), bone));
+}
+
+fn column(weights: &SkinWeights, joint: usize) -> Vec<f64> {
+    let of = |p| weights.row(p).find(|(j, _)| j.index() == joint).map_or(0.0, |(_, w)| f64::from(w));
+    (0..weights.rows()).map(of).collect()
+}
+
+fn farthest(case: &Golden) {
+    let (points, count) = (case.points("in.fps.points"), case.shape("in.fps.points")[1]);
+    for name in case.outputs("fps.") {
+        let ratio = match name.as_str() {
+            "out.fps.half" => 0.5,
+            "out.fps.quarter" => 0.25,
+            other => panic!("{}: unknown output `{other}`", case.name),
+        };
+        let picks = (count as f64 * ratio).round_ties_even() as usize;
+        let all = points.chunks(count).flat_map(|cloud| farthest_points(cloud, picks, 0));
+        case.check(&name, all.map(|k| k as f64));
+    }
+}
+
+#[test]
+fn unirig() {
+    for case in golden("unirig", "transforms") {
+        let (mesh, weights) = (case.mesh(), case.weights("in.skin"));
+        let sampler = CloudSampler::new(&mesh, &CloudConfig::unirig_ar());
+        let on_it = case.floats("in.sample.uv");
+        let draws = case.values("in.sample.u").iter().zip(on_it.as_chunks::<2>().0);
+        let cloud: Cloud = sampler.at(draws.map(|(share, on_it)| sampler.place(*share, *on_it)).collect());
+        let faces = cloud.places.iter().map(|p| match p {
+            Place::Surface(s) => f64::from(s.triangle),
+            Place::Vertex(_) => panic!("a vertex"),
+        });
+        case.check("out.sample.face", faces);
+        case.check_points("out.sample.points", &cloud.positions);
+        case.check_points("out.sample.normals", &cloud.normals);
+        case.check("out.sample.skin", table(&cloud.weights(&mesh, &weights).unwrap(), case.shape("in.skin")[1]));
+        let area = |t| glam::Vec3::from(mesh.area_vector(t)).length_squared();
+        case.check("out.sample.face_weight", (0..mesh.triangles().len()).map(|t| f64::from(area(t))));
+    }
+}
+
+#[test]
+fn rows_of_the_shape_encoder() {
+    for case in golden("unirig", "rng_choice") {
+        for name in case.outputs("") {
+            let (n, count) = name.strip_prefix("out.n").and_then(|s| s.split_once("_k")).expect("two numbers");
+            let rows = numpy_choice(0, n.parse().expect("a number"), count.parse().expect("a number"));
+            case.check(&name, rows.into_iter().map(f64::from));
+        }
+        case.done();
+    }
+}
