@@ -1,6 +1,7 @@
 //! Many points of a surface at once: what networks see of a mesh.
 
 use std::borrow::Cow;
+use std::sync::OnceLock;
 
 use glam::Vec3;
 use riglab_core::{Mesh, RigError, SkinWeights};
@@ -92,8 +93,8 @@ pub enum Place {
 pub struct CloudSampler<'a> {
     mesh: &'a Mesh,
     config: CloudConfig,
-    /// Empty where none are asked for.
-    vertex_normals: Cow<'a, [[f32; 3]]>,
+    /// Computed when the first vertex is asked for.
+    vertex_normals: OnceLock<Cow<'a, [[f32; 3]]>>,
     triangle_normals: Cow<'a, [[f32; 3]]>,
     picker: Picker,
 }
@@ -101,10 +102,8 @@ pub struct CloudSampler<'a> {
 impl<'a> CloudSampler<'a> {
     /// With the normals of the mesh.
     pub fn new(mesh: &'a Mesh, config: &CloudConfig) -> Self {
-        let vertex_normals = if config.vertices > 0 { normals_by_angle(mesh) } else { Vec::new() };
-        let picker = Picker::new(weights(mesh, config.by));
         let triangle_normals = triangle_normals(mesh).into();
-        Self { mesh, config: config.clone(), vertex_normals: vertex_normals.into(), triangle_normals, picker }
+        Self::of(mesh, config, OnceLock::new(), triangle_normals)
     }
 
     /// With other normals, one a vertex and one a triangle: such as carry noise.
@@ -119,9 +118,22 @@ impl<'a> CloudSampler<'a> {
     ) -> Self {
         assert_eq!(vertex_normals.len(), mesh.positions().len(), "a normal a vertex");
         assert_eq!(triangle_normals.len(), mesh.triangles().len(), "a normal a triangle");
-        let picker = Picker::new(weights(mesh, config.by));
-        let (vertex_normals, triangle_normals) = (vertex_normals.into(), triangle_normals.into());
-        Self { mesh, config: config.clone(), vertex_normals, triangle_normals, picker }
+        Self::of(mesh, config, OnceLock::from(Cow::from(vertex_normals)), triangle_normals.into())
+    }
+
+    fn of(
+        mesh: &'a Mesh,
+        config: &CloudConfig,
+        vertex_normals: OnceLock<Cow<'a, [[f32; 3]]>>,
+        triangle_normals: Cow<'a, [[f32; 3]]>,
+    ) -> Self {
+        let weights = (0..mesh.triangles().len()).map(|t| config.by.weight(mesh, t));
+        Self { mesh, config: config.clone(), vertex_normals, triangle_normals, picker: Picker::new(weights) }
+    }
+
+    /// The mesh.
+    pub fn mesh(&self) -> &'a Mesh {
+        self.mesh
     }
 
     /// A cloud.
@@ -142,7 +154,7 @@ impl<'a> CloudSampler<'a> {
         Place::Surface(SurfacePoint { triangle: self.picker.at(share), barycentric: folded(on_it) })
     }
 
-    /// The cloud of given places. Vertices among them need a config with vertices.
+    /// The cloud of given places.
     pub fn at(&self, places: Vec<Place>) -> Cloud {
         let mut positions = Vec::with_capacity(places.len());
         let mut normals = Vec::with_capacity(places.len());
@@ -150,7 +162,8 @@ impl<'a> CloudSampler<'a> {
             match *place {
                 Place::Vertex(v) => {
                     positions.push(self.mesh.positions()[v as usize]);
-                    normals.push(self.vertex_normals.get(v as usize).copied().unwrap_or([0.0, 1.0, 0.0]));
+                    let all = self.vertex_normals.get_or_init(|| normals_by_angle(self.mesh).into());
+                    normals.push(all[v as usize]);
                 }
                 Place::Surface(SurfacePoint { triangle, barycentric: [u, v, w] }) => {
                     let [a, b, c] = self.mesh.corners(triangle as usize).map(Vec3::from);
@@ -237,12 +250,15 @@ impl<'a> Corners<'a> {
     }
 }
 
-/// Weights of all triangles.
-pub(crate) fn weights(mesh: &Mesh, by: By) -> impl Iterator<Item = f64> + '_ {
-    (0..mesh.triangles().len()).map(move |t| match (f64::from(Vec3::from(mesh.area_vector(t)).length()), by) {
-        (area, By::Area) => area,
-        (area, By::SquaredArea) => area * area,
-    })
+impl By {
+    /// What a triangle weighs.
+    pub(crate) fn weight(self, mesh: &Mesh, triangle: usize) -> f64 {
+        let area = f64::from(Vec3::from(mesh.area_vector(triangle)).length());
+        match self {
+            Self::Area => area,
+            Self::SquaredArea => area * area,
+        }
+    }
 }
 
 /// `count` of the numbers below `n`, no two the same, all where there are no more; in random order.

@@ -5,7 +5,7 @@ use riglab_core::{Bounds, Mesh};
 use riglab_random::{Draw, Stream};
 use serde::{Deserialize, Serialize};
 
-use crate::cloud::{By, Cloud, CloudConfig, CloudSampler, Place, some_of, weights};
+use crate::cloud::{By, Cloud, CloudSampler, Place, some_of};
 use crate::picker::Picker;
 use crate::surface::{SurfacePoint, folded};
 
@@ -67,27 +67,29 @@ pub fn near_bone(mesh: &Mesh, column: &[(u32, f32)], config: &DenseConfig) -> Ve
 
 /// Draws clouds of one bone's part of a mesh.
 pub struct DenseSampler<'a> {
-    whole: CloudSampler<'a>,
+    whole: &'a CloudSampler<'a>,
     config: DenseConfig,
     /// Vertices of the part, rising.
     vertices: Vec<u32>,
+    /// Its triangles, rising; never empty.
+    triangles: Vec<u32>,
     picker: Picker,
 }
 
 impl<'a> DenseSampler<'a> {
-    /// Of the triangles that are marked, at least one; [`near_bone`] marks them.
-    pub fn new(mesh: &'a Mesh, marked: &[bool], config: &DenseConfig) -> Self {
-        let mut vertices: Vec<u32> =
-            mesh.triangles().iter().zip(marked).filter(|(_, m)| **m).flat_map(|(t, _)| *t).collect();
+    /// Of the triangles that are marked, as by [`near_bone`]; of all where none is. The sampler of the
+    /// whole mesh lends its normals.
+    pub fn new(whole: &'a CloudSampler<'a>, marked: &[bool], config: &DenseConfig) -> Self {
+        let mesh = whole.mesh();
+        let mut triangles: Vec<u32> = (0..mesh.triangles().len() as u32).collect();
+        if marked.contains(&true) {
+            triangles.retain(|&t| marked[t as usize]);
+        }
+        let mut vertices: Vec<u32> = triangles.iter().flat_map(|&t| mesh.triangles()[t as usize]).collect();
         vertices.sort_unstable();
         vertices.dedup();
-        let areas = weights(mesh, By::Area).zip(marked).map(|(area, m)| if *m { area } else { 0.0 });
-        let mut picker = Picker::new(areas);
-        if !marked.iter().zip(weights(mesh, By::Area)).any(|(m, area)| *m && area > 0.0) {
-            picker = Picker::new(marked.iter().map(|m| f64::from(u8::from(*m))));
-        }
-        let cloud = CloudConfig { points: config.points, vertices: config.vertices, by: By::Area };
-        Self { whole: CloudSampler::new(mesh, &cloud), config: config.clone(), vertices, picker }
+        let picker = Picker::new(triangles.iter().map(|&t| By::Area.weight(mesh, t as usize)));
+        Self { whole, config: config.clone(), vertices, triangles, picker }
     }
 
     /// A cloud.
@@ -108,7 +110,10 @@ impl<'a> DenseSampler<'a> {
 
     /// The place of given draws in [0, 1): one for the triangle, two for the place on it.
     pub fn place(&self, share: f64, on_it: [f32; 2]) -> Place {
-        Place::Surface(SurfacePoint { triangle: self.picker.at(share), barycentric: folded(on_it) })
+        Place::Surface(SurfacePoint {
+            triangle: self.triangles[self.picker.at(share) as usize],
+            barycentric: folded(on_it),
+        })
     }
 
     /// The cloud of given places.
@@ -126,6 +131,7 @@ mod tests {
     use riglab_random::stream;
 
     use super::*;
+    use crate::CloudConfig;
 
     /// A strip along x, a triangle a unit and vertices at x = 0, 1, 2, ...
     fn strip(n: u32) -> Mesh {
@@ -157,13 +163,15 @@ mod tests {
         let mut marked = vec![false; 20];
         marked[3..6].fill(true);
         let config = DenseConfig { points: 200, vertices: 3, ..DenseConfig::default() };
-        let cloud = DenseSampler::new(&mesh, &marked, &config).draw(&mut stream(1, "test", &[]));
+        let whole = CloudSampler::new(&mesh, &CloudConfig::default());
+        let cloud = DenseSampler::new(&whole, &marked, &config).draw(&mut stream(1, "test", &[]));
         assert_eq!(cloud.positions.len(), 200);
         assert!(cloud.positions.iter().all(|p| (3.0..=7.0).contains(&p[0])));
         assert!(cloud.places[..3].iter().all(|p| matches!(p, Place::Vertex(3..=7))));
         // A part without area.
         let flat = Mesh::new(vec![[0.0; 3], [1.0; 3]], vec![[0, 0, 0], [0, 1, 1]]).unwrap();
-        let cloud = DenseSampler::new(&flat, &[true, false], &config).draw(&mut stream(1, "test", &[]));
+        let whole = CloudSampler::new(&flat, &CloudConfig::default());
+        let cloud = DenseSampler::new(&whole, &[true, false], &config).draw(&mut stream(1, "test", &[]));
         assert!(cloud.positions.iter().all(|p| *p == [0.0; 3]));
     }
 }

@@ -67,7 +67,8 @@ fn dense(case: &Golden) {
     let vertices = (case.number("num_vertex_samples") as usize).min(order.len());
     let points = case.number("num_skin_samples") as usize;
     let config = DenseConfig { points, vertices, ..DenseConfig::default() };
-    let sampler = DenseSampler::new(&mesh, &marked, &config);
+    let whole = CloudSampler::new(&mesh, &CloudConfig::skintokens());
+    let sampler = DenseSampler::new(&whole, &marked, &config);
     let mut places = sampler.vertices(&order[..vertices]);
     places.extend(drawn(case, "dense", |share, on_it| sampler.place(share, on_it)));
     let cloud = sampler.at(places);
