@@ -138,13 +138,14 @@ impl Recipe {
         Self { reconnect: ReconnectConfig { probability: 0.5, share: 0.3, up_to: true }, ..Self::skintokens_ar() }
     }
 
-    /// What UniRig's public code trains its skeleton model with.
+    /// What UniRig's public code trains its skeleton model with; its quarter turns are about the vertical
+    /// axis, which is z there.
     pub fn unirig_ar() -> Self {
         Self {
             part: PartConfig { probability: 0.5, keep: 0.5, at_least: 0.25 },
             pose: PoseConfig { probability: 0.5, degrees: 60.0, scale: [1.0, 1.0] },
             scale: ScaleConfig { probability: 0.5, range: [0.33, 3.33], uniform: false },
-            turn_z: TurnConfig { probability: 0.75, degrees: vec![90.0, 180.0, 270.0] },
+            turn_y: TurnConfig { probability: 0.75, degrees: vec![90.0, 180.0, 270.0] },
             rotate: RotateConfig { probability: 0.5, degrees: 90.0 },
             cube: CubeConfig {
                 scale_probability: 0.5,
@@ -170,7 +171,7 @@ impl Recipe {
         Self {
             reconnect: ReconnectConfig { probability: 0.05, share: 0.5, up_to: false },
             pose: PoseConfig { probability: 0.05, degrees: 30.0, scale: [1.0, 1.0] },
-            turn_z: TurnConfig { probability: 0.05, degrees: vec![90.0, 180.0, 270.0] },
+            turn_y: TurnConfig { probability: 0.05, degrees: vec![90.0, 180.0, 270.0] },
             cube: CubeConfig { scale_probability: 0.05, scale: [0.85, 1.0], ..CubeConfig::default() },
             jitter: JitterConfig {
                 probability: 0.5,

@@ -3,14 +3,14 @@
 use std::borrow::Cow;
 use std::sync::OnceLock;
 
-use glam::Vec3;
+use glam::Vec3A;
 use riglab_core::{Mesh, RigError, SkinWeights};
 use riglab_random::{Draw, Stream};
 use serde::{Deserialize, Serialize};
 
-use crate::picker::Picker;
+use crate::alias::Alias;
+use crate::normals_by_angle;
 use crate::surface::{SurfacePoint, folded};
-use crate::{normals_by_angle, triangle_normals};
 
 /// How many points, and where. The default is UniRig's number, spread evenly.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -95,15 +95,24 @@ pub struct CloudSampler<'a> {
     config: CloudConfig,
     /// Computed when the first vertex is asked for.
     vertex_normals: OnceLock<Cow<'a, [[f32; 3]]>>,
-    triangle_normals: Cow<'a, [[f32; 3]]>,
-    picker: Picker,
+    faces: Vec<Face>,
+    alias: Alias,
+}
+
+/// What a point of a triangle needs: in one line of the cache, since triangles are picked all over the mesh.
+#[derive(Clone, Copy)]
+#[repr(align(64))]
+struct Face {
+    corner: Vec3A,
+    along: Vec3A,
+    across: Vec3A,
+    normal: Vec3A,
 }
 
 impl<'a> CloudSampler<'a> {
     /// With the normals of the mesh.
     pub fn new(mesh: &'a Mesh, config: &CloudConfig) -> Self {
-        let triangle_normals = triangle_normals(mesh).into();
-        Self::of(mesh, config, OnceLock::new(), triangle_normals)
+        Self::of(mesh, config, OnceLock::new(), None)
     }
 
     /// With other normals, one a vertex and one a triangle: such as carry noise.
@@ -114,21 +123,31 @@ impl<'a> CloudSampler<'a> {
         mesh: &'a Mesh,
         config: &CloudConfig,
         vertex_normals: &'a [[f32; 3]],
-        triangle_normals: &'a [[f32; 3]],
+        triangle_normals: &[[f32; 3]],
     ) -> Self {
         assert_eq!(vertex_normals.len(), mesh.positions().len(), "a normal a vertex");
         assert_eq!(triangle_normals.len(), mesh.triangles().len(), "a normal a triangle");
-        Self::of(mesh, config, OnceLock::from(Cow::from(vertex_normals)), triangle_normals.into())
+        Self::of(mesh, config, OnceLock::from(Cow::from(vertex_normals)), Some(triangle_normals))
     }
 
     fn of(
         mesh: &'a Mesh,
         config: &CloudConfig,
         vertex_normals: OnceLock<Cow<'a, [[f32; 3]]>>,
-        triangle_normals: Cow<'a, [[f32; 3]]>,
+        triangle_normals: Option<&[[f32; 3]]>,
     ) -> Self {
-        let weights = (0..mesh.triangles().len()).map(|t| config.by.weight(mesh, t));
-        Self { mesh, config: config.clone(), vertex_normals, triangle_normals, picker: Picker::new(weights) }
+        let mut weights = Vec::with_capacity(mesh.triangles().len());
+        let face = |t| {
+            let [corner, b, c] = mesh.corners(t).map(Vec3A::from);
+            let (along, across) = (b - corner, c - corner);
+            let area = along.cross(across);
+            weights.push(config.by.weight(area));
+            let own = || area.try_normalize().unwrap_or(Vec3A::Y);
+            let normal = triangle_normals.map_or_else(own, |all| all[t].into());
+            Face { corner, along, across, normal }
+        };
+        let faces = (0..mesh.triangles().len()).map(face).collect();
+        Self { mesh, config: config.clone(), vertex_normals, faces, alias: Alias::new(&weights) }
     }
 
     /// The mesh.
@@ -138,41 +157,74 @@ impl<'a> CloudSampler<'a> {
 
     /// A cloud.
     pub fn draw(&self, random: &mut Stream) -> Cloud {
-        let vertices = some_of(self.mesh.positions().len(), self.config.vertices.min(self.config.points), random);
-        let mut places: Vec<Place> = Vec::with_capacity(self.config.points);
-        places.extend(vertices.into_iter().map(Place::Vertex));
-        let rest = self.config.points - places.len();
-        places.extend((0..rest).map(|_| {
-            let share = random.unit64();
-            self.place(share, [random.unit(), random.unit()])
-        }));
-        self.at(places)
+        let n = self.config.points;
+        let mut cloud =
+            Cloud { positions: Vec::with_capacity(n), normals: Vec::with_capacity(n), places: Vec::with_capacity(n) };
+        self.each(random, |position, normal, place| {
+            cloud.positions.push(position);
+            cloud.normals.push(normal);
+            cloud.places.push(place);
+        });
+        cloud
     }
 
-    /// The place of given draws in [0, 1): one for the triangle, two for the place on it.
-    pub fn place(&self, share: f64, on_it: [f32; 2]) -> Place {
-        Place::Surface(SurfacePoint { triangle: self.picker.at(share), barycentric: folded(on_it) })
+    /// The points of a cloud one by one, with position, normal and place: for who has an array of their
+    /// own to put them in.
+    #[inline]
+    pub fn each(&self, random: &mut Stream, mut take: impl FnMut([f32; 3], [f32; 3], Place)) {
+        let CloudConfig { points, vertices, .. } = self.config;
+        let vertices = some_of(self.mesh.positions().len(), vertices.min(points), random);
+        for &v in &vertices {
+            take(self.mesh.positions()[v as usize], self.vertex_normals()[v as usize], Place::Vertex(v));
+        }
+        draws(points - vertices.len(), random, |bits, on_it| {
+            let point = SurfacePoint { triangle: self.alias.pick(bits), barycentric: folded(on_it) };
+            let (position, normal) = self.on(&point);
+            take(position, normal, Place::Surface(point));
+        });
     }
 
     /// The cloud of given places.
     pub fn at(&self, places: Vec<Place>) -> Cloud {
-        let mut positions = Vec::with_capacity(places.len());
-        let mut normals = Vec::with_capacity(places.len());
-        for place in &places {
-            match *place {
-                Place::Vertex(v) => {
-                    positions.push(self.mesh.positions()[v as usize]);
-                    let all = self.vertex_normals.get_or_init(|| normals_by_angle(self.mesh).into());
-                    normals.push(all[v as usize]);
-                }
-                Place::Surface(SurfacePoint { triangle, barycentric: [u, v, w] }) => {
-                    let [a, b, c] = self.mesh.corners(triangle as usize).map(Vec3::from);
-                    positions.push((a * u + b * v + c * w).into());
-                    normals.push(self.triangle_normals[triangle as usize]);
-                }
-            }
-        }
+        let point = |place: &Place| match place {
+            Place::Vertex(v) => (self.mesh.positions()[*v as usize], self.vertex_normals()[*v as usize]),
+            Place::Surface(point) => self.on(point),
+        };
+        let (positions, normals) = places.iter().map(point).unzip();
         Cloud { positions, normals, places }
+    }
+
+    fn vertex_normals(&self) -> &[[f32; 3]] {
+        self.vertex_normals.get_or_init(|| normals_by_angle(self.mesh).into())
+    }
+
+    #[inline]
+    fn on(&self, point: &SurfacePoint) -> ([f32; 3], [f32; 3]) {
+        let Face { corner, along, across, normal } = self.faces[point.triangle as usize];
+        let [_, u, v] = point.barycentric;
+        ((corner + along * u + across * v).into(), normal.into())
+    }
+}
+
+/// Random numbers for points: 48 bits for the triangle, two of 24 in [0, 1) for the place on it. Taken
+/// from the stream in blocks, which costs a third of taking them one by one.
+#[inline]
+pub(crate) fn draws(count: usize, random: &mut Stream, mut take: impl FnMut(u64, [f32; 2])) {
+    const WORDS: usize = 3;
+    let mut block = [0u8; 4 * WORDS * 128];
+    let mut left = count;
+    while left > 0 {
+        let now = left.min(128);
+        let bytes = &mut block[..4 * WORDS * now];
+        random.bytes(bytes);
+        for words in bytes.as_chunks::<4>().0.as_chunks::<WORDS>().0 {
+            let [a, b, c] = words.map(u32::from_le_bytes);
+            // The last bits of the numbers that need but 24.
+            let bits = u64::from(a) << 16 | u64::from(b & 0xff) << 8 | u64::from(c & 0xff);
+            let unit = |word: u32| (word >> 8) as f32 * (1.0 / 16_777_216.0);
+            take(bits, [unit(b), unit(c)]);
+        }
+        left -= now;
     }
 }
 
@@ -251,12 +303,11 @@ impl<'a> Corners<'a> {
 }
 
 impl By {
-    /// What a triangle weighs.
-    pub(crate) fn weight(self, mesh: &Mesh, triangle: usize) -> f64 {
-        let area = f64::from(Vec3::from(mesh.area_vector(triangle)).length());
+    /// What a triangle weighs, by its doubled area along its normal.
+    pub(crate) fn weight(self, area: Vec3A) -> f64 {
         match self {
-            Self::Area => area,
-            Self::SquaredArea => area * area,
+            Self::Area => f64::from(area.length()),
+            Self::SquaredArea => f64::from(area.length()).powi(2),
         }
     }
 }

@@ -2,11 +2,11 @@
 
 use glam::DVec3;
 use riglab_core::{Bounds, Mesh};
-use riglab_random::{Draw, Stream};
+use riglab_random::Stream;
 use serde::{Deserialize, Serialize};
 
-use crate::cloud::{By, Cloud, CloudSampler, Place, some_of};
-use crate::picker::Picker;
+use crate::alias::Alias;
+use crate::cloud::{By, Cloud, CloudSampler, Place, draws, some_of};
 use crate::surface::{SurfacePoint, folded};
 
 /// How many points of a bone's part of the mesh, and how far around it. The defaults are those of
@@ -73,7 +73,7 @@ pub struct DenseSampler<'a> {
     vertices: Vec<u32>,
     /// Its triangles, rising; never empty.
     triangles: Vec<u32>,
-    picker: Picker,
+    alias: Alias,
 }
 
 impl<'a> DenseSampler<'a> {
@@ -88,37 +88,25 @@ impl<'a> DenseSampler<'a> {
         let mut vertices: Vec<u32> = triangles.iter().flat_map(|&t| mesh.triangles()[t as usize]).collect();
         vertices.sort_unstable();
         vertices.dedup();
-        let picker = Picker::new(triangles.iter().map(|&t| By::Area.weight(mesh, t as usize)));
-        Self { whole, config: config.clone(), vertices, triangles, picker }
+        let weight = |&t: &u32| By::Area.weight(mesh.area_vector(t as usize).into());
+        let alias = Alias::new(&triangles.iter().map(weight).collect::<Vec<_>>());
+        Self { whole, config: config.clone(), vertices, triangles, alias }
     }
 
     /// A cloud.
     pub fn draw(&self, random: &mut Stream) -> Cloud {
         let order = some_of(self.vertices.len(), self.config.vertices.min(self.config.points), random);
         let mut places = self.vertices(&order);
-        places.extend((places.len()..self.config.points).map(|_| {
-            let share = random.unit64();
-            self.place(share, [random.unit(), random.unit()])
-        }));
-        self.at(places)
+        draws(self.config.points - places.len(), random, |bits, on_it| {
+            let triangle = self.triangles[self.alias.pick(bits) as usize];
+            places.push(Place::Surface(SurfacePoint { triangle, barycentric: folded(on_it) }));
+        });
+        self.whole.at(places)
     }
 
     /// The vertices of the part by their place among them.
     pub fn vertices(&self, order: &[u32]) -> Vec<Place> {
         order.iter().map(|&k| Place::Vertex(self.vertices[k as usize])).collect()
-    }
-
-    /// The place of given draws in [0, 1): one for the triangle, two for the place on it.
-    pub fn place(&self, share: f64, on_it: [f32; 2]) -> Place {
-        Place::Surface(SurfacePoint {
-            triangle: self.triangles[self.picker.at(share) as usize],
-            barycentric: folded(on_it),
-        })
-    }
-
-    /// The cloud of given places.
-    pub fn at(&self, places: Vec<Place>) -> Cloud {
-        self.whole.at(places)
     }
 }
 

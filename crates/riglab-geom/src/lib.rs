@@ -6,16 +6,15 @@
 //! Holds: everything is deterministic; what is random takes a stream.
 //! Leaves out: what skeletons mean, tensors.
 
+mod alias;
 mod cloud;
 mod dense;
 mod farthest;
 mod normals;
-mod picker;
 mod surface;
 
 pub use cloud::{By, Cloud, CloudConfig, CloudSampler, Place};
 pub use dense::{DenseConfig, DenseSampler, near_bone};
 pub use farthest::farthest_points;
 pub use normals::{normals_by_angle, triangle_normals};
-pub use picker::Picker;
 pub use surface::{SurfacePoint, SurfaceSampler, barycentric};

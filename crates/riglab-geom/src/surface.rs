@@ -29,10 +29,12 @@ pub fn barycentric(random: &mut Stream) -> [f32; 3] {
 
 /// Shares of a triangle's corners from two numbers in [0, 1); those of the parallelogram's other half
 /// are turned over.
-pub(crate) fn folded([mut u, mut v]: [f32; 2]) -> [f32; 3] {
-    if u + v > 1.0 {
-        (u, v) = (1.0 - u, 1.0 - v);
-    }
+#[inline]
+pub(crate) fn folded([u, v]: [f32; 2]) -> [f32; 3] {
+    // Without a branch, which would be foreseen wrongly half of the time.
+    let over = u32::from(u + v > 1.0).wrapping_neg();
+    let chosen = |x: f32| f32::from_bits(x.to_bits() ^ ((x.to_bits() ^ (1.0 - x).to_bits()) & over));
+    let (u, v) = (chosen(u), chosen(v));
     [1.0 - u - v, u, v]
 }
 
@@ -69,6 +71,14 @@ impl<'a> SurfaceSampler<'a> {
         let at = f64::from(random.unit()) * total + f64::from(random.unit()) * total * 2f64.powi(-24);
         let triangle = self.sums.partition_point(|&s| s <= at).min(self.sums.len() - 1) as u32;
         SurfacePoint { triangle, barycentric: barycentric(random) }
+    }
+
+    /// The point of given draws in [0, 1): a share of the surface, and two numbers for the place on the
+    /// triangle there.
+    pub fn at(&self, share: f64, on_it: [f32; 2]) -> SurfacePoint {
+        let at = share * self.sums[self.sums.len() - 1];
+        let triangle = self.sums.partition_point(|&s| s <= at).min(self.sums.len() - 1) as u32;
+        SurfacePoint { triangle, barycentric: folded(on_it) }
     }
 
     /// Its position.

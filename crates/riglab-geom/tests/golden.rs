@@ -5,8 +5,10 @@
 mod golden;
 
 use golden::{Golden, golden, table};
-use riglab_core::SkinWeights;
-use riglab_geom::{Cloud, CloudConfig, CloudSampler, DenseConfig, DenseSampler, Place, farthest_points, near_bone};
+use riglab_core::{Mesh, SkinWeights};
+use riglab_geom::{
+    CloudConfig, CloudSampler, DenseConfig, DenseSampler, Place, SurfaceSampler, farthest_points, near_bone,
+};
 use riglab_random::numpy_choice;
 
 #[test]
@@ -43,17 +45,26 @@ fn masks(case: &Golden) {
     }
 }
 
-/// Triangles and places on them by the recorded draws.
-fn drawn(case: &Golden, which: &str, place: impl Fn(f64, [f32; 2]) -> Place) -> Vec<Place> {
-    let on_it = case.floats(&format!("in.{which}.bary_draws"));
-    let faces = case.values(&format!("in.{which}.face_draws"));
-    faces.iter().zip(on_it.as_chunks::<2>().0).map(|(share, on_it)| place(*share, *on_it)).collect()
+/// Places by the recorded draws, of triangles by their weight.
+fn drawn(case: &Golden, mesh: &Mesh, draws: [&str; 2], weight: impl Fn(usize, f64) -> f64) -> Vec<Place> {
+    let area = |t| f64::from(glam::Vec3::from(mesh.area_vector(t)).length());
+    let mut sum = 0.0;
+    let sums = (0..mesh.triangles().len()).map(|t| {
+        sum += weight(t, area(t));
+        sum
+    });
+    let sums: Vec<f64> = sums.collect();
+    let sampler = SurfaceSampler::with_sums(mesh, &sums);
+    let on_it = case.floats(draws[1]);
+    let both = case.values(draws[0]).iter().zip(on_it.as_chunks::<2>().0);
+    both.map(|(share, on_it)| Place::Surface(sampler.at(*share, *on_it))).collect()
 }
 
 fn uniform(case: &Golden) {
     let (mesh, weights) = (case.mesh(), case.weights("in.skin"));
     let sampler = CloudSampler::new(&mesh, &CloudConfig::skintokens());
-    let cloud = sampler.at(drawn(case, "uniform", |share, on_it| sampler.place(share, on_it)));
+    let places = drawn(case, &mesh, ["in.uniform.face_draws", "in.uniform.bary_draws"], |_, area| area);
+    let cloud = sampler.at(places);
     case.check_points("out.uniform.vertices", &cloud.positions);
     case.check_points("out.uniform.normals", &cloud.normals);
     let found = cloud.weights(&mesh, &weights).unwrap();
@@ -65,13 +76,14 @@ fn dense(case: &Golden) {
     let marked: Vec<bool> = case.values("in.dense.mask").iter().map(|m| *m > 0.0).collect();
     let order: Vec<u32> = case.indices("in.dense.permutation").iter().map(|k| *k as u32).collect();
     let vertices = (case.number("num_vertex_samples") as usize).min(order.len());
-    let points = case.number("num_skin_samples") as usize;
-    let config = DenseConfig { points, vertices, ..DenseConfig::default() };
+    let config = DenseConfig { vertices, ..DenseConfig::default() };
     let whole = CloudSampler::new(&mesh, &CloudConfig::skintokens());
     let sampler = DenseSampler::new(&whole, &marked, &config);
     let mut places = sampler.vertices(&order[..vertices]);
-    places.extend(drawn(case, "dense", |share, on_it| sampler.place(share, on_it)));
-    let cloud = sampler.at(places);
+    let within = |t: usize, area: f64| if marked[t] { area } else { 0.0 };
+    places.extend(drawn(case, &mesh, ["in.dense.face_draws", "in.dense.bary_draws"], within));
+    assert_eq!(places.len(), case.number("num_skin_samples") as usize);
+    let cloud = whole.at(places);
     case.check_points("out.dense.vertices", &cloud.positions);
     case.check_points("out.dense.normals", &cloud.normals);
     let bone = case.number("dense_joint") as usize;
@@ -102,9 +114,8 @@ fn unirig() {
     for case in golden("unirig", "transforms") {
         let (mesh, weights) = (case.mesh(), case.weights("in.skin"));
         let sampler = CloudSampler::new(&mesh, &CloudConfig::unirig_ar());
-        let on_it = case.floats("in.sample.uv");
-        let draws = case.values("in.sample.u").iter().zip(on_it.as_chunks::<2>().0);
-        let cloud: Cloud = sampler.at(draws.map(|(share, on_it)| sampler.place(*share, *on_it)).collect());
+        let squares = |_, area: f64| area * area;
+        let cloud = sampler.at(drawn(&case, &mesh, ["in.sample.u", "in.sample.uv"], squares));
         let faces = cloud.places.iter().map(|p| match p {
             Place::Surface(s) => f64::from(s.triangle),
             Place::Vertex(_) => panic!("a vertex"),

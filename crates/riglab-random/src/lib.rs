@@ -48,9 +48,9 @@ pub trait Draw: Rng {
         self.random()
     }
 
-    /// Uniform in [0, 1), in steps of 2⁻⁵³.
-    fn unit64(&mut self) -> f64 {
-        self.random()
+    /// Fills with random bytes: many numbers at once, for who makes them of bits.
+    fn bytes(&mut self, out: &mut [u8]) {
+        self.fill_bytes(out);
     }
 
     /// Uniform in [low, high); `low` when the range is empty.
