@@ -6,6 +6,7 @@ mod export;
 mod import;
 mod import_arrays;
 mod matmul_share;
+mod sample;
 mod step;
 
 use std::path::PathBuf;
@@ -28,7 +29,7 @@ pub struct Case {
 }
 
 /// All of them, in the order they run.
-pub const CASES: [Case; 9] = [
+pub const CASES: [Case; 10] = [
     Case { name: "import", about: "rigged files read, against Blender's glTF importer", run: import::run },
     Case {
         name: "import/trimesh",
@@ -49,6 +50,11 @@ pub const CASES: [Case; 9] = [
         name: "decode/meshopt",
         about: "meshopt buffer views decoded, against the reference decoder in Node",
         run: |c| decode::run(c, Codec::Meshopt),
+    },
+    Case {
+        name: "sample/65536",
+        about: "points of a surface with normals and weights, against trimesh, and against numpy",
+        run: sample::run,
     },
     Case {
         name: "step/fsq_cvae/fp32",
@@ -85,6 +91,7 @@ pub fn serve(case: &str) -> Result<()> {
         "import" => import::serve(),
         "decode" => decode::serve(),
         "export" => export::serve(),
+        "sample" => sample::serve(),
         "step" => step::serve(),
         "epoch" => epoch::serve(),
         _ => bail!("no side `{case}`"),
