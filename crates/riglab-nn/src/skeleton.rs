@@ -103,6 +103,24 @@ pub fn cross_entropy(logits: &Tensor, targets: &Tensor) -> Tensor {
     logits.to_kind(Kind::Float).cross_entropy_for_logits(targets)
 }
 
+/// As [`cross_entropy`], with each coordinate's target spread over the cells around it: a normal distribution
+/// of `sigma` cells, cut at twice that and at the ends of the range (an extension).
+pub fn spread_cross_entropy(logits: &Tensor, targets: &Tensor, bins: i64, sigma: f64) -> Tensor {
+    let likely = logits.to_kind(Kind::Float).log_softmax(-1, Kind::Float);
+    let reach = (2.0 * sigma).ceil() as i64;
+    let coordinates = targets.lt(bins);
+    let weights: Vec<f64> = (-reach..=reach).map(|k| (-0.5 * (k as f64 / sigma).powi(2)).exp()).collect();
+    let total: f64 = weights.iter().sum();
+    let mut sum = Tensor::zeros([targets.size()[0]], (Kind::Float, logits.device()));
+    for (offset, weight) in (-reach..=reach).zip(weights) {
+        // A cell beyond the end is the last one; what is no coordinate is not spread.
+        let beside = (targets + offset).clamp(0, bins - 1);
+        let at = beside.where_self(&coordinates, targets);
+        sum += likely.gather(1, &at.unsqueeze(1), false).squeeze_dim(1) * (weight / total);
+    }
+    -sum.mean(None::<Kind>)
+}
+
 /// How far off coordinates are expected to be: over targets that are coordinates, the probability of
 /// each cell times its distance in shares of the range, summed and divided by 50 as released.
 pub fn coordinate_distance(logits: &Tensor, targets: &Tensor, bins: i64) -> Tensor {

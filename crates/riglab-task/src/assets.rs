@@ -70,6 +70,32 @@ impl Assets {
         Ok(Self { corpora: paths.iter().map(|p| Corpus::open(p)).collect::<Result<_, _>>()? })
     }
 
+    /// Opens the corpora of a config; gives them with the assets trained on and those validated on, neither
+    /// empty.
+    ///
+    /// # Errors
+    /// A sentence: no corpus, one that cannot be read, or a split without assets.
+    #[allow(clippy::type_complexity)] // two lists, each named where it goes
+    pub fn for_training(config: &DataConfig) -> Result<(Self, Vec<(f32, Vec<AssetId>)>, Vec<AssetId>), String> {
+        if config.corpora.is_empty() {
+            return Err("data.corpora names no corpus; give one with --set data.corpora='[\"corpus.h5\"]' (`riglab dataset import` makes it)".into());
+        }
+        let assets = Self::open(&config.corpora).map_err(|e| e.to_string())?;
+        let training = assets.training(config)?;
+        let validation = assets.split(&config.validate).map_err(|e| e.to_string())?;
+        for (empty, key, split) in [
+            (training.iter().all(|(_, ids)| ids.is_empty()), "data.train", config.train.join(", ")),
+            (validation.is_empty(), "data.validate", config.validate.clone()),
+        ] {
+            if empty {
+                return Err(format!(
+                    "{key}: the corpora have no asset in `{split}`; `riglab dataset inspect` shows their splits"
+                ));
+            }
+        }
+        Ok((assets, training, validation))
+    }
+
     /// The corpora: path, checksum, number of assets.
     ///
     /// # Errors

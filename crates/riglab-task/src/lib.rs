@@ -5,4 +5,8 @@
 //! Leaves out: file formats, the training loop.
 
 pub mod assets;
+mod experiment;
 pub mod fsq_cvae;
+pub mod unirig_skeleton;
+
+pub use experiment::{Examined, Experiment};

@@ -5,7 +5,9 @@ use std::path::Path;
 use anyhow::{Context, Result, anyhow, bail};
 use riglab_config::Config;
 use riglab_report::Block;
-use riglab_task::fsq_cvae::{Evaluation, FsqCvaeTask, FsqCvaeTaskConfig};
+use riglab_task::Experiment;
+use riglab_task::fsq_cvae::{self, FsqCvaeTask, FsqCvaeTaskConfig};
+use riglab_task::unirig_skeleton::{self, SkeletonTask, SkeletonTaskConfig};
 use riglab_train::TrainConfig;
 use tch::Device;
 
@@ -13,9 +15,30 @@ use tch::Device;
 pub enum TaskConfig {
     /// `fsq_cvae`
     FsqCvae(Box<FsqCvaeTaskConfig>),
+    /// `unirig_skeleton`
+    UnirigSkeleton(Box<SkeletonTaskConfig>),
 }
 
-const NAMES: [&str; 1] = ["fsq_cvae"];
+const NAMES: [&str; 2] = ["fsq_cvae", "unirig_skeleton"];
+
+/// Something done with a task, whichever it is.
+pub trait Visitor {
+    /// What comes of it.
+    type Out;
+
+    /// Does it.
+    fn visit<T: Experiment>(self, task: T) -> Result<Self::Out>;
+}
+
+/// The same for every task's settings.
+macro_rules! each {
+    ($config:expr, $c:ident => $what:expr) => {
+        match $config {
+            TaskConfig::FsqCvae($c) => $what,
+            TaskConfig::UnirigSkeleton($c) => $what,
+        }
+    };
+}
 
 impl TaskConfig {
     /// Reads and checks a config; faults name the line that set the value.
@@ -24,44 +47,47 @@ impl TaskConfig {
             true => config.get_at("task")?,
             false => bail!("the config says no `task`; add for instance task = \"fsq_cvae\""),
         };
+        let invalid = |(key, message): (String, String)| config.invalid(&key, message);
         match name.as_str() {
             "fsq_cvae" => {
                 let c: FsqCvaeTaskConfig = config.get()?;
-                c.validate().map_err(|(key, message)| config.invalid(&key, message))?;
+                c.validate().map_err(invalid)?;
                 Ok(Self::FsqCvae(Box::new(c)))
             }
-            _ => {
-                Err(config.invalid("task", format!("there is no task `{name}`; there is: {}", NAMES.join(", "))).into())
+            "unirig_skeleton" => {
+                let c: SkeletonTaskConfig = config.get()?;
+                c.validate().map_err(invalid)?;
+                Ok(Self::UnirigSkeleton(Box::new(c)))
             }
+            _ => Err(config
+                .invalid("task", format!("there is no task `{name}`; there are: {}", NAMES.join(", ")))
+                .into()),
         }
     }
 
     /// How it trains.
     pub fn train(&self) -> &TrainConfig {
-        match self {
-            Self::FsqCvae(c) => &c.train,
-        }
+        each!(self, c => &c.train)
     }
 
     /// The same with what is left to this machine decided: the precision.
     pub fn settled(mut self) -> Self {
-        match &mut self {
-            Self::FsqCvae(c) => c.train.precision = c.train.precision.resolved(),
-        }
+        each!(&mut self, c => c.train.precision = c.train.precision.resolved());
         self
     }
 
     /// Everything, defaults included, as TOML: reading it back gives the same run.
     pub fn to_toml(&self) -> Result<String> {
-        match self {
-            Self::FsqCvae(c) => Ok(toml::to_string(c.as_ref())?),
-        }
+        each!(self, c => Ok(toml::to_string(c.as_ref())?))
     }
 
-    /// Opens data and network.
-    pub fn open(&self, device: Device) -> Result<FsqCvaeTask> {
+    /// Opens data and network, and hands the task on.
+    pub fn with<V: Visitor>(&self, device: Device, visitor: V) -> Result<V::Out> {
         match self {
-            Self::FsqCvae(c) => FsqCvaeTask::new(c.as_ref().clone(), device).map_err(|e| anyhow!(e)),
+            Self::FsqCvae(c) => visitor.visit(FsqCvaeTask::new(c.as_ref().clone(), device).map_err(|e| anyhow!(e))?),
+            Self::UnirigSkeleton(c) => {
+                visitor.visit(SkeletonTask::new(c.as_ref().clone(), device).map_err(|e| anyhow!(e))?)
+            }
         }
     }
 }
@@ -74,11 +100,16 @@ pub fn evaluation_blocks(task: &str, run: &Path) -> Result<Vec<Block>> {
     }
     let shown = || path.display();
     let text = std::fs::read_to_string(&path).with_context(|| format!("{} cannot be read", shown()))?;
+    let picture = |file: &str| std::fs::read(run.join("eval").join(file)).ok();
+    let unclear = || format!("{} cannot be understood; make it anew with `riglab eval`", shown());
     match task {
         "fsq_cvae" => {
-            let evaluation: Evaluation = serde_json::from_str(&text)
-                .with_context(|| format!("{} cannot be understood; make it anew with `riglab eval`", shown()))?;
-            Ok(evaluation.blocks(|file| std::fs::read(run.join("eval").join(file)).ok()))
+            let evaluation: fsq_cvae::Evaluation = serde_json::from_str(&text).with_context(unclear)?;
+            Ok(evaluation.blocks(picture))
+        }
+        "unirig_skeleton" => {
+            let evaluation: unirig_skeleton::Evaluation = serde_json::from_str(&text).with_context(unclear)?;
+            Ok(evaluation.blocks(picture))
         }
         _ => bail!("{}: run.json names no known task (`{task}`)", run.display()),
     }

@@ -12,6 +12,7 @@ use super::FsqCvaeTask;
 use super::evaluate::{Encoded, Report, Truth, ruled};
 use super::prepare::Prepared;
 use crate::assets::AssetId;
+use crate::experiment::places;
 
 /// Side of one picture of a sheet, in pixels.
 const SIDE: u32 = 280;
@@ -104,19 +105,6 @@ fn codes(n: usize) -> String {
     format!("{n} code{}", if n == 1 { "" } else { "s" })
 }
 
-/// Which places of a ranking of `n` are shown, and why: the first `each`, the middle, the last
-/// `each`, none twice.
-fn places(n: usize, each: usize) -> Vec<(&'static str, usize)> {
-    let each = each.min(n.saturating_sub(1).div_ceil(2)).max(n.min(1));
-    let worst = n - each.min(n);
-    let mut out: Vec<(&str, usize)> = (0..each.min(n)).map(|k| ("best", k)).collect();
-    if n / 2 >= each && n / 2 < worst {
-        out.push(("median", n / 2));
-    }
-    out.extend((worst.max(each)..n).map(|k| ("worst", k)));
-    out
-}
-
 /// The bone whose weights are off by most, summed over vertices; the first of equals.
 fn worst_bone(truth: &[f32], predicted: &[f32], joints: usize) -> usize {
     let mut errors = vec![0.0f64; joints];
@@ -140,15 +128,6 @@ fn sparse(rig: &Prepared, dense: &[f32]) -> Result<SkinWeights, String> {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn best_median_and_worst_are_shown_once_each() {
-        assert_eq!(places(0, 2), []);
-        assert_eq!(places(1, 2), [("best", 0)]);
-        assert_eq!(places(2, 2), [("best", 0), ("worst", 1)]);
-        assert_eq!(places(3, 2), [("best", 0), ("median", 1), ("worst", 2)]);
-        assert_eq!(places(9, 2), [("best", 0), ("best", 1), ("median", 4), ("worst", 7), ("worst", 8)]);
-    }
 
     #[test]
     fn the_worst_bone_is_found() {

@@ -6,6 +6,7 @@ mod evaluate;
 mod gallery;
 mod prepare;
 mod report;
+mod table;
 mod tensors;
 
 use std::sync::Arc;
@@ -14,7 +15,7 @@ use riglab_nn::NnError;
 use riglab_nn::fsq_cvae::{ACTIVE, FsqCvae};
 use riglab_nn::loss;
 use riglab_nn::params::{Builder, Params, Weights};
-use riglab_train::{At, Better, Loss, Source, Task, Validation};
+use riglab_train::{At, Better, Loss, Source, State, Task, Validation};
 use tch::{Device, Kind};
 
 pub use batch::{Batch, BatchSource};
@@ -25,6 +26,7 @@ pub use prepare::{Bone, Patch, Place, Point, Prepared};
 pub use report::Evaluation;
 
 use crate::assets::{AssetId, Assets, Cache};
+use crate::experiment::{Examined, Experiment};
 
 /// The task, with its network and data.
 pub struct FsqCvaeTask {
@@ -44,22 +46,7 @@ impl FsqCvaeTask {
     /// # Errors
     /// A sentence: a corpus that cannot be read, or a split without assets.
     pub fn new(config: FsqCvaeTaskConfig, device: Device) -> Result<Self, String> {
-        if config.data.corpora.is_empty() {
-            return Err("data.corpora names no corpus; give one with --set data.corpora='[\"corpus.h5\"]' (`riglab dataset import` makes it)".into());
-        }
-        let assets = Assets::open(&config.data.corpora).map_err(|e| e.to_string())?;
-        let train_assets = assets.training(&config.data)?;
-        let validation_assets = assets.split(&config.data.validate).map_err(|e| e.to_string())?;
-        for (empty, key, split) in [
-            (train_assets.iter().all(|(_, ids)| ids.is_empty()), "data.train", config.data.train.join(", ")),
-            (validation_assets.is_empty(), "data.validate", config.data.validate.clone()),
-        ] {
-            if empty {
-                return Err(format!(
-                    "{key}: the corpora have no asset in `{split}`; `riglab dataset inspect` shows their splits"
-                ));
-            }
-        }
+        let (assets, train_assets, validation_assets) = Assets::for_training(&config.data)?;
         let (net, params) = Self::network(&config, device).map_err(|e| e.to_string())?;
         let cache = Arc::new(Cache::new(config.data.cache_mb));
         Ok(Self { assets: Arc::new(assets), cache, train_assets, validation_assets, net, params, device, config })
@@ -78,11 +65,6 @@ impl FsqCvaeTask {
     /// Its settings.
     pub fn config(&self) -> &FsqCvaeTaskConfig {
         &self.config
-    }
-
-    /// Its corpora.
-    pub fn assets(&self) -> &Assets {
-        &self.assets
     }
 
     /// Where batches of the training split come from.
@@ -120,6 +102,32 @@ impl Task for FsqCvaeTask {
 
     fn objective(&self) -> (&'static str, Better) {
         ("iou_rule@val", Better::Higher)
+    }
+}
+
+impl Experiment for FsqCvaeTask {
+    fn assets(&self) -> &Assets {
+        &self.assets
+    }
+
+    fn examination_steps(&self) -> Result<usize, String> {
+        self.evaluation_assets()
+    }
+
+    fn examine(
+        &self,
+        weights: &Weights,
+        checkpoint: &State,
+        pictures: usize,
+        progress: &mut dyn FnMut(usize),
+    ) -> Result<Examined, String> {
+        let report = self.evaluate(weights, progress)?;
+        let sheets = if pictures == 0 { Vec::new() } else { self.gallery(weights, &report, pictures)? };
+        let text = table::lines(&report);
+        let (gallery, pictures) = sheets.into_iter().map(|(s, png)| (s.clone(), (s.file, png))).unzip();
+        let evaluation = Evaluation { checkpoint: checkpoint.clone(), report, gallery };
+        let json = serde_json::to_string_pretty(&evaluation).map_err(|e| e.to_string())? + "\n";
+        Ok(Examined { json, text, pictures })
     }
 }
 

@@ -5,12 +5,12 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use anyhow::{Context, Result, anyhow};
-use riglab_task::fsq_cvae::{Evaluation, Report, Row};
-use riglab_train::{Checkpoint, Progress, Task};
+use riglab_task::Experiment;
+use riglab_train::{Checkpoint, Progress};
 use tch::Device;
 
 use crate::presets;
-use crate::registry::TaskConfig;
+use crate::registry::{TaskConfig, Visitor};
 
 /// Evaluate a run's checkpoint on whole meshes of the test splits.
 ///
@@ -43,79 +43,46 @@ pub struct Args {
 pub fn run(args: &Args, threads: usize) -> Result<ExitCode> {
     riglab_torch::init(riglab_torch::Settings { threads });
     let config = TaskConfig::read(&presets::load(&args.run.join("config.toml").to_string_lossy(), &args.sets)?)?;
-    let task = config.open(Device::Cpu)?;
-    let checkpoint = Checkpoint::open(&args.run.join("checkpoints").join(&args.checkpoint))?;
-    checkpoint.load_weights(task.params())?;
-    let weights = task.params().weights();
-    let total = task.evaluation_assets().map_err(|e| anyhow!(e))? as u64;
-    let mut progress = Progress::new("evaluating", total, 0);
-    let report = task.evaluate(weights, |done| progress.set(done as u64, String::new));
-    progress.finish();
-    let report = report.map_err(|e| anyhow!(e))?;
-    let sheets = match args.pictures {
-        0 => Vec::new(),
-        each => task.gallery(weights, &report, each).map_err(|e| anyhow!(e))?,
-    };
-    let path = args.out.clone().unwrap_or_else(|| args.run.join("eval.json"));
-    let folder = path.with_extension("");
-    for (shown, png) in &sheets {
-        fs::create_dir_all(&folder).with_context(|| format!("{} cannot be made", folder.display()))?;
-        write(&folder.join(&shown.file), png)?;
+    config.with(Device::Cpu, Examination { args })
+}
+
+/// An evaluation of a run's checkpoint.
+struct Examination<'a> {
+    args: &'a Args,
+}
+
+impl Visitor for Examination<'_> {
+    type Out = ExitCode;
+
+    fn visit<T: Experiment>(self, task: T) -> Result<ExitCode> {
+        let args = self.args;
+        let checkpoint = Checkpoint::open(&args.run.join("checkpoints").join(&args.checkpoint))?;
+        checkpoint.load_weights(task.params())?;
+        let total = task.examination_steps().map_err(|e| anyhow!(e))? as u64;
+        let mut progress = Progress::new("evaluating", total, 0);
+        let weights = task.params().weights();
+        let examined = task.examine(weights, checkpoint.state(), args.pictures, &mut |done| {
+            progress.set(done as u64, String::new);
+        });
+        progress.finish();
+        let examined = examined.map_err(|e| anyhow!(e))?;
+        let path = args.out.clone().unwrap_or_else(|| args.run.join("eval.json"));
+        let folder = path.with_extension("");
+        for (file, png) in &examined.pictures {
+            fs::create_dir_all(&folder).with_context(|| format!("{} cannot be made", folder.display()))?;
+            write(&folder.join(file), png)?;
+        }
+        write(&path, examined.json.as_bytes())?;
+        if args.json {
+            say!("{}", examined.json.trim_end());
+        } else {
+            examined.text.iter().for_each(|line| say!("{line}"));
+            eprintln!("next: riglab report {}", args.run.display());
+        }
+        Ok(ExitCode::SUCCESS)
     }
-    let gallery = sheets.into_iter().map(|(shown, _)| shown).collect();
-    let evaluation = Evaluation { checkpoint: checkpoint.state().clone(), report, gallery };
-    let text = serde_json::to_string_pretty(&evaluation)? + "\n";
-    write(&path, text.as_bytes())?;
-    if args.json {
-        print!("{text}")
-    } else {
-        print(&evaluation.report);
-        eprintln!("next: riglab report {}", args.run.display());
-    }
-    Ok(ExitCode::SUCCESS)
 }
 
 fn write(path: &Path, bytes: &[u8]) -> Result<()> {
     riglab_files::write(path, bytes).with_context(|| format!("{} cannot be written", path.display()))
-}
-
-fn print(report: &Report) {
-    say!("convention {}, decode rule: cut {}, top 4", report.convention, report.cut);
-    for split in report.codebook.keys() {
-        let rows: Vec<&Row> = report.rows.iter().filter(|r| r.split == *split).collect();
-        say!("\n{split} ({} assets)", rows.first().map_or(0, |r| r.assets));
-        say!(
-            "{:28} {:>6} {:>7} {:>8} {:>8} {:>6} {:>6} {:>6}",
-            "method",
-            "tokens",
-            "IoU",
-            "per rig",
-            "L1",
-            "prec.",
-            "recall",
-            "mask"
-        );
-        for r in rows {
-            let tokens = if r.tokens == 0 { String::new() } else { r.tokens.to_string() };
-            let p = &r.pooled;
-            say!(
-                "{:28} {tokens:>6} {:>7.4} {:>8.4} {:>8.5} {:>6.3} {:>6.3} {:>6.3}",
-                r.method,
-                p.iou,
-                r.per_rig.iou,
-                p.l1,
-                p.precision,
-                p.recall,
-                r.per_rig.mask_cover_bone
-            );
-        }
-        let c = &report.codebook[split];
-        say!(
-            "codes: {} of {} tokens differ, utilisation {:.4}, perplexity {:.0}",
-            c.distinct,
-            c.tokens,
-            c.utilisation,
-            c.perplexity
-        );
-    }
 }

@@ -4,11 +4,12 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use anyhow::{Context, Result, bail};
-use riglab_train::{Ended, Interrupt, Run, RunInfo, Task, train};
+use riglab_task::Experiment;
+use riglab_train::{Ended, Interrupt, Run, RunInfo, train};
 use tch::Device;
 
 use crate::presets;
-use crate::registry::TaskConfig;
+use crate::registry::{TaskConfig, Visitor};
 
 /// Train a model from a config, or continue a run.
 ///
@@ -57,50 +58,70 @@ pub fn run(args: &Args, threads: usize) -> Result<ExitCode> {
         }
         (None, None) => bail!("give a config, or --resume RUN"),
     };
-    let device = Device::Cpu;
-    let task = config.open(device)?;
-    let mut info = match run.info().filter(|_| resumed) {
-        Some(mut info) => {
-            info.resumed.push(RunInfo::now());
-            info
+    let session = Session { config: &config, run: &run, resumed, threads };
+    config.with(Device::Cpu, session)
+}
+
+/// A run in its folder.
+struct Session<'a> {
+    config: &'a TaskConfig,
+    run: &'a Run,
+    resumed: bool,
+    threads: usize,
+}
+
+impl Visitor for Session<'_> {
+    type Out = ExitCode;
+
+    fn visit<T: Experiment>(self, task: T) -> Result<ExitCode> {
+        let Self { config, run, resumed, threads } = self;
+        let mut info = match run.info().filter(|_| resumed) {
+            Some(mut info) => {
+                info.resumed.push(RunInfo::now());
+                info
+            }
+            None => RunInfo::new(task.name(), threads, "cpu"),
+        };
+        info.data = task.assets().summary()?;
+        info.parameters = task.params().numel();
+        info.ended.clear();
+        run.write_info(&info)?;
+        let steps = config.train().steps;
+        eprintln!(
+            "{}: {:.2} M parameters, {steps} steps, {threads} threads, in {}",
+            task.name(),
+            info.parameters as f64 / 1e6,
+            run.dir().display()
+        );
+        let interrupt = Interrupt::listening();
+        let outcome = train(&task, config.train(), run, &interrupt);
+        info.ended = RunInfo::now();
+        info.outcome = match &outcome {
+            Ok(o) if o.ended == Ended::Finished => "finished".into(),
+            Ok(_) => "interrupted".into(),
+            Err(e) => e.to_string(),
+        };
+        info.seconds += outcome.as_ref().map_or(0.0, |o| o.seconds);
+        run.write_info(&info)?;
+        let outcome = outcome.with_context(|| format!("in {}", run.dir().display()))?;
+        if outcome.skipped > 0 {
+            eprintln!("warning: {} steps were skipped because loss or gradient was not finite", outcome.skipped);
         }
-        None => RunInfo::new(task.name(), threads, "cpu"),
-    };
-    info.data = task.assets().summary()?;
-    info.parameters = task.params().numel();
-    info.ended.clear();
-    run.write_info(&info)?;
-    let steps = config.train().steps;
-    eprintln!(
-        "{}: {:.2} M parameters, {steps} steps, {threads} threads, in {}",
-        task.name(),
-        info.parameters as f64 / 1e6,
-        run.dir().display()
-    );
-    let interrupt = Interrupt::listening();
-    let outcome = train(&task, config.train(), &run, &interrupt);
-    info.ended = RunInfo::now();
-    info.outcome = match &outcome {
-        Ok(o) if o.ended == Ended::Finished => "finished".into(),
-        Ok(_) => "interrupted".into(),
-        Err(e) => e.to_string(),
-    };
-    info.seconds += outcome.as_ref().map_or(0.0, |o| o.seconds);
-    run.write_info(&info)?;
-    let outcome = outcome.with_context(|| format!("in {}", run.dir().display()))?;
-    if outcome.skipped > 0 {
-        eprintln!("warning: {} steps were skipped because loss or gradient was not finite", outcome.skipped);
+        if outcome.ended == Ended::Interrupted {
+            eprintln!(
+                "interrupted after step {}; go on with: riglab train --resume {}",
+                outcome.step,
+                run.dir().display()
+            );
+            return Ok(ExitCode::from(130));
+        }
+        if let Some((step, value)) = outcome.best {
+            eprintln!("best: {} {value:.4} at step {step}", task.objective().0);
+        }
+        eprintln!("next: riglab eval {}", run.dir().display());
+        say!("{}", run.dir().display());
+        Ok(ExitCode::SUCCESS)
     }
-    if outcome.ended == Ended::Interrupted {
-        eprintln!("interrupted after step {}; go on with: riglab train --resume {}", outcome.step, run.dir().display());
-        return Ok(ExitCode::from(130));
-    }
-    if let Some((step, value)) = outcome.best {
-        eprintln!("best: {} {value:.4} at step {step}", task.objective().0);
-    }
-    eprintln!("next: riglab eval {}", run.dir().display());
-    say!("{}", run.dir().display());
-    Ok(ExitCode::SUCCESS)
 }
 
 /// `runs/<config>/001` and on.

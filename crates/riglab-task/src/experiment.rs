@@ -1,0 +1,67 @@
+//! What commands need of a task besides training it.
+
+use riglab_nn::params::Weights;
+use riglab_train::{State, Task};
+
+use crate::assets::Assets;
+
+/// A task that is evaluated.
+pub trait Experiment: Task {
+    /// Its corpora.
+    fn assets(&self) -> &Assets;
+
+    /// How many steps [`Self::examine`] tells of.
+    ///
+    /// # Errors
+    /// A sentence.
+    fn examination_steps(&self) -> Result<usize, String>;
+
+    /// Evaluates weights on the test splits, with so many of the best and of the worst assets as pictures.
+    ///
+    /// # Errors
+    /// A sentence.
+    fn examine(
+        &self,
+        weights: &Weights,
+        checkpoint: &State,
+        pictures: usize,
+        progress: &mut dyn FnMut(usize),
+    ) -> Result<Examined, String>;
+}
+
+/// What an evaluation gives.
+pub struct Examined {
+    /// The file that reports are made from.
+    pub json: String,
+    /// Lines for a terminal.
+    pub text: Vec<String>,
+    /// File names and PNG files.
+    pub pictures: Vec<(String, Vec<u8>)>,
+}
+
+/// Which places of a ranking of `n` are shown, and why: the first `each`, the middle, the last
+/// `each`, none twice.
+pub(crate) fn places(n: usize, each: usize) -> Vec<(&'static str, usize)> {
+    let each = each.min(n.saturating_sub(1).div_ceil(2)).max(n.min(1));
+    let worst = n - each.min(n);
+    let mut out: Vec<(&str, usize)> = (0..each.min(n)).map(|k| ("best", k)).collect();
+    if n / 2 >= each && n / 2 < worst {
+        out.push(("median", n / 2));
+    }
+    out.extend((worst.max(each)..n).map(|k| ("worst", k)));
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn best_median_and_worst_are_shown_once_each() {
+        assert_eq!(places(0, 2), []);
+        assert_eq!(places(1, 2), [("best", 0)]);
+        assert_eq!(places(2, 2), [("best", 0), ("worst", 1)]);
+        assert_eq!(places(3, 2), [("best", 0), ("median", 1), ("worst", 2)]);
+        assert_eq!(places(9, 2), [("best", 0), ("best", 1), ("median", 4), ("worst", 7), ("worst", 8)]);
+    }
+}

@@ -1,0 +1,154 @@
+//! Batches: points of a few rigs, and their skeletons' tokens.
+
+use std::sync::Arc;
+
+use riglab_core::{Rig, Skeleton};
+use riglab_data::Mixture;
+use riglab_geom::{Cloud, CloudSampler, farthest_points};
+use riglab_random::{Draw, Stream, stream};
+use riglab_token::{Bones, EncodeFault, Encoded, Tokenizer};
+use riglab_train::Source;
+
+use super::config::SkeletonTaskConfig;
+use crate::assets::{AssetId, Assets, Cache};
+
+/// Plain arrays: b rigs, n points, p picked ones.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Batch {
+    /// Rigs.
+    pub rigs: usize,
+    /// [b, n, 6]: position and normal.
+    pub cloud: Vec<f32>,
+    /// [b, p]: the points that queries start from.
+    pub picks: Vec<i64>,
+    /// The tokens of all rigs, one after another.
+    pub ids: Vec<i64>,
+    /// How many of each.
+    pub lengths: Vec<i64>,
+}
+
+/// Makes batches by number.
+pub struct BatchSource {
+    config: SkeletonTaskConfig,
+    tokenizer: Tokenizer,
+    assets: Arc<Assets>,
+    cache: Arc<Cache<Rig>>,
+    rigs: Mixture<AssetId>,
+}
+
+/// How often another asset is tried in place of one whose sequence is too long.
+const TRIES: u64 = 16;
+/// Far beyond the places of any run.
+const ELSEWHERE: u64 = 1 << 40;
+
+impl BatchSource {
+    /// Batches of assets with the weights of their corpora; not empty.
+    pub fn new(
+        config: SkeletonTaskConfig,
+        tokenizer: Tokenizer,
+        assets: Arc<Assets>,
+        cache: Arc<Cache<Rig>>,
+        parts: Vec<(f32, Vec<AssetId>)>,
+    ) -> Self {
+        Self { rigs: Mixture::new(config.train.seed, parts), config, tokenizer, assets, cache }
+    }
+
+    /// Batches that go over every rig once.
+    pub fn epoch_batches(&self) -> u64 {
+        (self.rigs.len() as u64).div_ceil(self.config.sampling.rigs as u64)
+    }
+
+    /// Adds the rig at a place of the endless training sequence, augmented; false where its sequence is too
+    /// long.
+    fn add(&self, place: u64, batch: &mut Batch) -> Result<bool, String> {
+        let c = &self.config;
+        let id = self.rigs.at(place);
+        let rig = normalized(&self.assets, &self.cache, id)?;
+        let augmented = c.augment.apply((*rig).clone(), c.train.seed, &[place]).map_err(|e| e.to_string())?;
+        let (rig, _) = augmented.rig.normalized();
+        let mut random = stream(c.train.seed, "skeleton sample", &[place]);
+        let told = !random.chance(c.sampling.class_dropout);
+        let Ok(encoded) = encode(&self.tokenizer, rig.skeleton(), told) else { return Ok(false) };
+        if encoded.ids.len() > c.limits.tokens || rig.skeleton().len() > c.limits.joints {
+            return Ok(false);
+        }
+        let normals = augmented.normals.as_ref();
+        let sampler = match normals {
+            Some(n) => CloudSampler::with_normals(rig.mesh(), &c.sampling.cloud, &n.vertices, &n.triangles),
+            None => CloudSampler::new(rig.mesh(), &c.sampling.cloud),
+        };
+        shape(c, &sampler.draw(&mut random), &mut random, batch);
+        batch.ids.extend(encoded.ids.iter().map(|&id| i64::from(id)));
+        batch.lengths.push(encoded.ids.len() as i64);
+        Ok(true)
+    }
+}
+
+impl Source for BatchSource {
+    type Batch = Batch;
+
+    fn batch(&self, number: u64) -> Result<Batch, String> {
+        let rigs = self.config.sampling.rigs as u64;
+        let mut batch = Batch::default();
+        for k in 0..rigs {
+            let place = number * rigs + k;
+            let mut tries = (0..TRIES).map(|t| if t == 0 { place } else { t * ELSEWHERE + place });
+            let mut found = false;
+            while let (false, Some(place)) = (found, tries.next()) {
+                found = self.add(place, &mut batch)?;
+            }
+            if !found {
+                return Err(format!(
+                    "of {TRIES} assets none has a sequence within limits.tokens = {} and limits.joints = {}; raise them",
+                    self.config.limits.tokens, self.config.limits.joints
+                ));
+            }
+        }
+        Ok(batch)
+    }
+}
+
+/// A skeleton's tokens; `told`: with its class, where it has one.
+pub fn encode(tokenizer: &Tokenizer, skeleton: &Skeleton, told: bool) -> Result<Encoded, EncodeFault> {
+    if told {
+        return tokenizer.encode(skeleton, None);
+    }
+    let joints: Vec<_> = skeleton.heads().iter().map(|p| p.map(f64::from)).collect();
+    let parents: Vec<_> = skeleton.parents().iter().map(|p| p.map(riglab_core::JointId::index)).collect();
+    // Without names it is of no known make.
+    tokenizer.encode_bones(&Bones { joints: &joints, parents: &parents, names: &[] }, None)
+}
+
+/// Adds a cloud and what is picked from it.
+pub fn shape(config: &SkeletonTaskConfig, cloud: &Cloud, random: &mut Stream, batch: &mut Batch) {
+    let model = &config.model.shape;
+    let drawn = some_of(cloud.positions.len(), model.tokens * model.drawn, random);
+    let positions: Vec<_> = drawn.iter().map(|&i| cloud.positions[i]).collect();
+    let picks = farthest_points(&positions, model.tokens, 0);
+    batch.picks.extend(picks.into_iter().map(|i| drawn[i] as i64));
+    for (p, n) in cloud.positions.iter().zip(&cloud.normals) {
+        batch.cloud.extend(p.iter().chain(n));
+    }
+    batch.rigs += 1;
+}
+
+/// `count` of the numbers below `n`, no two the same.
+fn some_of(n: usize, count: usize, random: &mut Stream) -> Vec<usize> {
+    let mut all: Vec<usize> = (0..n).collect();
+    for k in 0..count.min(n) {
+        let other = k + random.below(n - k);
+        all.swap(k, other);
+    }
+    all.truncate(count);
+    all
+}
+
+/// An asset's rig in the cube, from the cache or the corpus.
+pub fn normalized(assets: &Assets, cache: &Cache<Rig>, id: AssetId) -> Result<Arc<Rig>, String> {
+    cache.get(id, || {
+        let asset = assets.read(id).map_err(|e| e.to_string())?;
+        let (rig, _) = asset.rig.normalized();
+        let bytes = 24 * rig.mesh().positions().len() + 12 * rig.mesh().triangles().len() + 8 * rig.weights().nonzero();
+        Ok((rig, bytes))
+    })
+}

@@ -1,0 +1,228 @@
+//! Evaluation by generating skeletons for whole meshes.
+
+use riglab_metric::{Joints, SkeletonConvention, SkeletonDistances};
+use riglab_nn::params::Weights;
+use riglab_token::Decoded;
+use riglab_train::Validation;
+use serde::{Deserialize, Serialize};
+
+use super::batch::{Batch, encode, normalized, shape};
+use super::generate::Drawn;
+use super::retrieval::Retrieval;
+use super::{SkeletonTask, loss_of};
+use crate::assets::AssetId;
+
+/// Metrics of one way to get skeletons, over a split.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct Row {
+    /// The split.
+    pub split: String,
+    /// `model`, or a baseline's name.
+    pub method: String,
+    /// Assets.
+    pub assets: usize,
+    /// Of them, those whose skeleton can be compared: decoded, with at least a bone on both sides.
+    pub compared: usize,
+    /// Mean over the compared, in shares of the cube's edge.
+    pub j2j: f64,
+    /// As above.
+    pub j2b: f64,
+    /// As above.
+    pub b2b: f64,
+    /// Share of sequences that are skeletons.
+    pub valid: f64,
+    /// Mean number of joints.
+    pub joints: f64,
+    /// Mean number of joints of the truth.
+    pub true_joints: f64,
+    /// Mean of |joints - true joints| / true joints.
+    pub joints_off: f64,
+}
+
+/// One asset's own metrics.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct AssetRow {
+    /// The split.
+    pub split: String,
+    /// The asset's name.
+    pub name: String,
+    /// Its joints.
+    pub true_joints: usize,
+    /// Joints of the model's skeleton.
+    pub joints: usize,
+    /// The model's distances.
+    pub model: SkeletonDistances,
+    /// The baseline's.
+    pub retrieval: SkeletonDistances,
+}
+
+/// What an evaluation found.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct Report {
+    /// Which formulas.
+    pub convention: String,
+    /// Tables.
+    pub rows: Vec<Row>,
+    /// Assets.
+    pub assets: Vec<AssetRow>,
+}
+
+/// Sums over a split of one method.
+#[derive(Default)]
+struct Sums {
+    assets: usize,
+    valid: usize,
+    distances: Vec<SkeletonDistances>,
+    joints: usize,
+    true_joints: usize,
+    off: f64,
+}
+
+impl Sums {
+    fn add(&mut self, found: Option<&Joints>, truth: &Joints) -> SkeletonDistances {
+        let none = SkeletonDistances { j2j: f64::NAN, j2b: f64::NAN, b2b: f64::NAN };
+        let own = found.map_or(none, |found| SkeletonConvention::Unirig.distances(found, truth));
+        let (count, wanted) = (found.map_or(0, |f| f.positions.len()), truth.positions.len());
+        self.assets += 1;
+        self.valid += usize::from(found.is_some());
+        self.joints += count;
+        self.true_joints += wanted;
+        self.off += count.abs_diff(wanted) as f64 / wanted as f64;
+        if own.j2j.is_finite() {
+            self.distances.push(own);
+        }
+        own
+    }
+
+    fn row(&self, split: &str, method: &str) -> Row {
+        let mean =
+            |f: fn(&SkeletonDistances) -> f64| self.distances.iter().map(f).sum::<f64>() / self.distances.len() as f64;
+        let n = self.assets as f64;
+        Row {
+            split: split.into(),
+            method: method.into(),
+            assets: self.assets,
+            compared: self.distances.len(),
+            j2j: mean(|d| d.j2j),
+            j2b: mean(|d| d.j2b),
+            b2b: mean(|d| d.b2b),
+            valid: self.valid as f64 / n,
+            joints: self.joints as f64 / n,
+            true_joints: self.true_joints as f64 / n,
+            joints_off: self.off / n,
+        }
+    }
+}
+
+fn joints(decoded: &Decoded) -> Joints {
+    Joints { positions: decoded.joints.iter().map(|p| p.map(f64::from)).collect(), parents: decoded.parents.clone() }
+}
+
+impl SkeletonTask {
+    /// Assets of the test splits.
+    pub(super) fn examined_assets(&self) -> Result<usize, String> {
+        let mut count = 0;
+        for split in &self.config.data.test {
+            count += self.assets.split(split).map_err(|e| e.to_string())?.len();
+        }
+        Ok(count)
+    }
+
+    /// Loss of what follows, and distances of what is generated, on the validation split.
+    pub(super) fn validation(&self, w: &Weights) -> Result<Validation, String> {
+        let _no_grad = tch::no_grad_guard();
+        let limit = match self.config.eval.validation_assets {
+            0 => usize::MAX,
+            n => n,
+        };
+        let (mut sums, mut loss, mut tokens) = (Sums::default(), 0.0, 0.0);
+        let assets: Vec<AssetId> = self.validation_assets.iter().copied().take(limit).collect();
+        let mut plain = self.config.clone();
+        (plain.loss.spread, plain.loss.distance, plain.loss.next) = (0.0, 0.0, 1.0);
+        for ids in assets.chunks(self.config.eval.rows) {
+            let rigs =
+                ids.iter().map(|&id| normalized(&self.assets, &self.cache, id)).collect::<Result<Vec<_>, _>>()?;
+            let mut batch = Batch::default();
+            for (rig, id) in rigs.iter().zip(ids) {
+                let Ok(encoded) = encode(&self.tokenizer, rig.skeleton(), true) else { continue };
+                if encoded.ids.len() > self.config.limits.tokens {
+                    continue;
+                }
+                let mut random = riglab_random::stream(self.config.eval.seed, "skeleton evaluation", &[id.key()]);
+                let cloud = riglab_geom::CloudSampler::new(rig.mesh(), &self.config.sampling.cloud).draw(&mut random);
+                shape(&self.config, &cloud, &mut random, &mut batch);
+                batch.lengths.push(encoded.ids.len() as i64);
+                batch.ids.extend(encoded.ids.iter().map(|&id| i64::from(id)));
+            }
+            if batch.rigs > 0 {
+                let count = (batch.ids.len() - batch.rigs) as f64;
+                let own = loss_of(&self.net, &plain, w, &batch, self.device, false)?;
+                loss += own.total().double_value(&[]) * count;
+                tokens += count;
+            }
+            let asked: Vec<_> = rigs.iter().zip(ids).map(|(rig, id)| (&**rig, id.key())).collect();
+            for (drawn, rig) in self.draw(w, &asked).iter().zip(&rigs) {
+                let found = drawn.decoded.as_ref().ok().map(joints);
+                sums.add(found.as_ref(), &Joints::of(rig.skeleton()));
+            }
+        }
+        let row = sums.row("val", "model");
+        // One that cannot be compared is as wrong as can be.
+        let missing = (row.assets - row.compared) as f64;
+        let all = (if row.compared == 0 { 0.0 } else { row.j2j * row.compared as f64 } + missing) / row.assets as f64;
+        let metrics = vec![
+            ("j2j_all@val".into(), all),
+            ("j2j@val".into(), row.j2j),
+            ("j2b@val".into(), row.j2b),
+            ("b2b@val".into(), row.b2b),
+            ("next@val".into(), loss / tokens),
+            ("valid@val".into(), row.valid),
+            ("joints_off@val".into(), row.joints_off),
+        ];
+        Ok(Validation { metrics, pictures: Vec::new() })
+    }
+
+    /// Generates a skeleton for each asset of the test splits. Gives the report, and the skeletons in the order
+    /// of its assets.
+    ///
+    /// # Errors
+    /// When an asset cannot be read.
+    pub fn evaluate(
+        &self,
+        w: &Weights,
+        mut progress: impl FnMut(usize),
+    ) -> Result<(Report, Vec<(AssetId, Drawn)>), String> {
+        let retrieval = Retrieval::new(self)?;
+        let (mut rows, mut assets, mut skeletons) = (Vec::new(), Vec::new(), Vec::new());
+        for split in &self.config.data.test {
+            let ids = self.assets.split(split).map_err(|e| e.to_string())?;
+            let (mut model, mut rival) = (Sums::default(), Sums::default());
+            for ids in ids.chunks(self.config.eval.rows) {
+                let each = ids.iter().map(|&id| self.assets.read(id).map(|a| a.name).map_err(|e| e.to_string()));
+                let names = each.collect::<Result<Vec<_>, _>>()?;
+                let rigs =
+                    ids.iter().map(|&id| normalized(&self.assets, &self.cache, id)).collect::<Result<Vec<_>, _>>()?;
+                let asked: Vec<_> = rigs.iter().zip(ids).map(|(rig, id)| (&**rig, id.key())).collect();
+                let drawn = self.draw(w, &asked);
+                for (((drawn, rig), name), &id) in drawn.into_iter().zip(&rigs).zip(names).zip(ids) {
+                    let truth = Joints::of(rig.skeleton());
+                    let found = drawn.decoded.as_ref().ok().map(joints);
+                    assets.push(AssetRow {
+                        split: split.clone(),
+                        name,
+                        true_joints: truth.positions.len(),
+                        joints: found.as_ref().map_or(0, |f| f.positions.len()),
+                        model: model.add(found.as_ref(), &truth),
+                        retrieval: rival.add(retrieval.nearest(rig, id.key()), &truth),
+                    });
+                    skeletons.push((id, drawn));
+                    progress(assets.len());
+                }
+            }
+            if !ids.is_empty() {
+                rows.extend([model.row(split, "model"), rival.row(split, "retrieval")]);
+            }
+        }
+        Ok((Report { convention: "unirig".into(), rows, assets }, skeletons))
+    }
+}

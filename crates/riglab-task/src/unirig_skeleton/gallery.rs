@@ -1,0 +1,74 @@
+//! Pictures of what an evaluation saw: true and generated skeletons of single assets.
+
+use riglab_render::{Theme, View, contact_sheet, render_skeleton};
+use serde::{Deserialize, Serialize};
+
+use super::SkeletonTask;
+use super::batch::normalized;
+use super::evaluate::Report;
+use super::generate::Drawn;
+use crate::assets::AssetId;
+use crate::experiment::places;
+
+/// Side of one picture of a sheet, in pixels.
+const SIDE: u32 = 280;
+
+/// One asset's sheet.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct Shown {
+    /// The PNG file, in the folder of the evaluation's pictures.
+    pub file: String,
+    /// The split.
+    pub split: String,
+    /// The asset.
+    pub name: String,
+    /// Why it is shown: `best`, `median` or `worst` of its split by J2J.
+    pub why: String,
+    /// That J2J.
+    pub j2j: f64,
+}
+
+impl SkeletonTask {
+    /// Sheets of a few assets of each test split: the true skeleton and the generated one, from two sides.
+    pub(super) fn gallery(
+        &self,
+        report: &Report,
+        skeletons: &[(AssetId, Drawn)],
+        each: usize,
+    ) -> Result<Vec<(Shown, Vec<u8>)>, String> {
+        let mut out: Vec<(Shown, Vec<u8>)> = Vec::new();
+        if each == 0 {
+            return Ok(out);
+        }
+        for split in &self.config.data.test {
+            let rows =
+                report.assets.iter().zip(skeletons).filter(|(a, _)| a.split == *split && a.model.j2j.is_finite());
+            let mut ranked: Vec<_> = rows.collect();
+            ranked.sort_by(|(a, _), (b, _)| a.model.j2j.total_cmp(&b.model.j2j));
+            for (why, k) in places(ranked.len(), each) {
+                let (row, (id, drawn)) = ranked[k];
+                let rig = normalized(&self.assets, &self.cache, *id)?;
+                let Ok(decoded) = &drawn.decoded else { continue };
+                let skeleton = decoded.skeleton().map_err(|e| e.to_string())?;
+                let view = View::square(SIDE).framed(rig.bounds());
+                let side = view.clone().turned(90.0, 0.0);
+                let over = |view: &View, skeleton| {
+                    riglab_render::Scene::of(rig.mesh())
+                        .skeleton(skeleton, riglab_render::BoneColors::default())
+                        .draw(view)
+                };
+                let cells = [
+                    (format!("true, {} joints", row.true_joints), render_skeleton(&rig, &view)),
+                    (format!("generated, {}", row.joints), over(&view, &skeleton)),
+                    ("true, from the side".to_owned(), over(&side, rig.skeleton())),
+                    ("generated".to_owned(), over(&side, &skeleton)),
+                ];
+                let file = format!("{:02}-{split}-{why}.png", out.len() + 1);
+                let shown =
+                    Shown { file, split: split.clone(), name: row.name.clone(), why: why.into(), j2j: row.model.j2j };
+                out.push((shown, contact_sheet(&cells, 4, Theme::Light).to_png()));
+            }
+        }
+        Ok(out)
+    }
+}

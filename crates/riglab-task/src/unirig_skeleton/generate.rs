@@ -1,0 +1,105 @@
+//! Skeletons drawn from the model.
+
+use riglab_core::Rig;
+use riglab_geom::CloudSampler;
+use riglab_nn::decoder::Cache;
+use riglab_nn::generate::{Decoder, Grammar as Rules, chooser, rows};
+use riglab_nn::params::Weights;
+use riglab_nn::skeleton::SkeletonModel;
+use riglab_random::stream;
+use riglab_token::{DecodeFault, Decoded, Grammar, Mask};
+use tch::{Kind, Tensor};
+
+use super::batch::{Batch, shape};
+use super::{SkeletonTask, shape_of};
+
+/// The strict grammar, for a decoder.
+#[derive(Clone)]
+struct Strict {
+    grammar: Grammar,
+    ids: usize,
+    end: u32,
+}
+
+impl Rules for Strict {
+    fn allowed(&self) -> Vec<u64> {
+        let mut mask = Mask::none(self.ids);
+        self.grammar.allowed(&mut mask);
+        mask.words().to_vec()
+    }
+
+    fn accept(&mut self, id: u32) {
+        self.grammar.accept(id);
+    }
+
+    fn ends(&self, id: u32) -> bool {
+        id == self.end
+    }
+}
+
+/// The model after a prompt.
+struct Reader<'a> {
+    net: &'a SkeletonModel,
+    weights: &'a Weights,
+    cache: Cache,
+}
+
+fn floats(scores: &Tensor) -> Vec<Vec<f32>> {
+    let width = scores.size()[1] as usize;
+    let flat = Vec::<f32>::try_from(scores.to_kind(Kind::Float).contiguous().view([-1])).unwrap_or_default();
+    flat.chunks(width).map(<[f32]>::to_vec).collect()
+}
+
+impl Decoder for Reader<'_> {
+    fn next(&mut self, ids: &[u32]) -> Vec<Vec<f32>> {
+        let ids: Vec<i64> = ids.iter().map(|&id| i64::from(id)).collect();
+        let device = self.weights.tensors()[0].device();
+        let ids = Tensor::from_slice(&ids).view([ids.len() as i64, 1]).to_device(device);
+        floats(&self.net.next(self.weights, &ids, &mut self.cache))
+    }
+
+    fn select(&mut self, rows: &[usize]) {
+        self.cache.select(&rows.iter().map(|&r| r as i64).collect::<Vec<_>>());
+    }
+}
+
+/// A skeleton that was drawn.
+pub struct Drawn {
+    /// The sequence.
+    pub ids: Vec<u32>,
+    /// What it says, in the cube.
+    pub decoded: Result<Decoded, DecodeFault>,
+}
+
+impl SkeletonTask {
+    /// Draws a skeleton for each rig's mesh; `keys` seed its points and its draws, so that a rig's skeleton does
+    /// not depend on those beside it.
+    pub fn draw(&self, w: &Weights, rigs: &[(&Rig, u64)]) -> Vec<Drawn> {
+        let _no_grad = tch::no_grad_guard();
+        let c = &self.config;
+        let mut batch = Batch::default();
+        for (rig, key) in rigs {
+            let mut random = stream(c.eval.seed, "skeleton evaluation", &[*key]);
+            let cloud = CloudSampler::new(rig.mesh(), &c.sampling.cloud).draw(&mut random);
+            shape(c, &cloud, &mut random, &mut batch);
+        }
+        let (cloud, picks) = shape_of(c, &batch, self.device);
+        let prefix = self.net.condition(w, &cloud, &picks);
+        let vocabulary = self.tokenizer.vocabulary();
+        let mut grammar = Grammar::new(&self.tokenizer, c.limits, c.eval.parents);
+        grammar.accept(vocabulary.bos());
+        let strict = Strict { grammar, ids: vocabulary.len(), end: vocabulary.eos() };
+        let mut config = c.eval.generate.clone();
+        config.tokens = config.tokens.min(c.limits.tokens - 1);
+        let cache = self.net.start(w, &prefix, config.tokens as i64 + 1);
+        let mut reader = Reader { net: &self.net, weights: w, cache };
+        let first = reader.next(&vec![vocabulary.bos(); rigs.len()]);
+        let mut streams: Vec<_> = rigs.iter().map(|(_, key)| stream(c.eval.seed, "skeleton draws", &[*key])).collect();
+        let all = rows(&mut reader, first, vec![strict; rigs.len()], &config, chooser(&config, &mut streams));
+        let whole = |own: Vec<u32>| {
+            let ids: Vec<u32> = std::iter::once(vocabulary.bos()).chain(own).collect();
+            Drawn { decoded: self.tokenizer.decode(&ids), ids }
+        };
+        all.into_iter().map(whole).collect()
+    }
+}

@@ -1,0 +1,181 @@
+//! UniRig's skeleton stage (3.1, 4.1): a shape comes in, the tokens of its skeleton come out.
+
+mod batch;
+mod config;
+mod evaluate;
+mod gallery;
+mod generate;
+mod report;
+mod retrieval;
+
+use std::sync::Arc;
+
+use riglab_core::Rig;
+use riglab_nn::NnError;
+use riglab_nn::params::{Builder, Params, Weights};
+use riglab_nn::skeleton::{SkeletonModel, coordinate_distance, cross_entropy, spread_cross_entropy};
+use riglab_token::Tokenizer;
+use riglab_train::{At, Better, Loss, Source, State, Task, Validation};
+use tch::{Device, Kind, Tensor};
+
+pub use batch::{Batch, BatchSource};
+pub use config::{EvalConfig, LossConfig, SamplingConfig, SkeletonTaskConfig};
+pub use evaluate::{AssetRow, Report, Row};
+pub use gallery::Shown;
+pub use report::Evaluation;
+
+use crate::assets::{AssetId, Assets, Cache};
+use crate::experiment::{Examined, Experiment};
+
+/// The task, with its network and data.
+pub struct SkeletonTask {
+    config: SkeletonTaskConfig,
+    tokenizer: Tokenizer,
+    assets: Arc<Assets>,
+    cache: Arc<Cache<Rig>>,
+    train_assets: Vec<(f32, Vec<AssetId>)>,
+    validation_assets: Vec<AssetId>,
+    net: SkeletonModel,
+    params: Params,
+    device: Device,
+}
+
+impl SkeletonTask {
+    /// Opens the corpora and builds the network with its starting weights. The config was validated.
+    ///
+    /// # Errors
+    /// A sentence: a corpus that cannot be read, or a split without assets.
+    pub fn new(config: SkeletonTaskConfig, device: Device) -> Result<Self, String> {
+        let (assets, train_assets, validation_assets) = Assets::for_training(&config.data)?;
+        let tokenizer = Tokenizer::new(config.tokenizer.clone());
+        let (net, params) = Self::network(&config, device).map_err(|e| e.to_string())?;
+        let cache = Arc::new(Cache::new(config.data.cache_mb));
+        Ok(Self {
+            assets: Arc::new(assets),
+            cache,
+            train_assets,
+            validation_assets,
+            net,
+            params,
+            device,
+            tokenizer,
+            config,
+        })
+    }
+
+    /// The network of a config, with its starting weights.
+    ///
+    /// # Errors
+    /// For impossible sizes.
+    pub fn network(config: &SkeletonTaskConfig, device: Device) -> Result<(SkeletonModel, Params), NnError> {
+        let vocabulary = Tokenizer::new(config.tokenizer.clone()).vocabulary().len();
+        let mut builder = Builder::default();
+        let net = SkeletonModel::new(builder.root(), &config.model, vocabulary);
+        Ok((net, builder.finish(config.train.seed, Kind::Float, device)?))
+    }
+
+    /// Its settings.
+    pub fn config(&self) -> &SkeletonTaskConfig {
+        &self.config
+    }
+
+    /// Where batches of the training split come from.
+    pub fn batches(&self) -> Arc<BatchSource> {
+        let (config, tokenizer) = (self.config.clone(), self.tokenizer.clone());
+        let (assets, cache) = (self.assets.clone(), self.cache.clone());
+        Arc::new(BatchSource::new(config, tokenizer, assets, cache, self.train_assets.clone()))
+    }
+}
+
+impl Task for SkeletonTask {
+    type Batch = Batch;
+
+    fn name(&self) -> &'static str {
+        "unirig_skeleton"
+    }
+
+    fn params(&self) -> &Params {
+        &self.params
+    }
+
+    fn source(&self) -> Arc<dyn Source<Batch = Batch>> {
+        self.batches()
+    }
+
+    fn loss(&self, w: &Weights, batch: &Batch, _at: At) -> Result<Loss, String> {
+        loss_of(&self.net, &self.config, w, batch, self.device, true)
+    }
+
+    fn validate(&self, w: &Weights, _at: At) -> Result<Validation, String> {
+        self.validation(w)
+    }
+
+    fn objective(&self) -> (&'static str, Better) {
+        ("j2j_all@val", Better::Lower)
+    }
+}
+
+impl Experiment for SkeletonTask {
+    fn assets(&self) -> &Assets {
+        &self.assets
+    }
+
+    fn examination_steps(&self) -> Result<usize, String> {
+        self.examined_assets()
+    }
+
+    fn examine(
+        &self,
+        weights: &Weights,
+        checkpoint: &State,
+        pictures: usize,
+        progress: &mut dyn FnMut(usize),
+    ) -> Result<Examined, String> {
+        let (report, skeletons) = self.evaluate(weights, progress)?;
+        let sheets = self.gallery(&report, &skeletons, pictures)?;
+        let text = report::lines(&report);
+        let (gallery, pictures) = sheets.into_iter().map(|(s, png)| (s.clone(), (s.file, png))).unzip();
+        let evaluation = Evaluation { checkpoint: checkpoint.clone(), report, gallery };
+        let json = serde_json::to_string_pretty(&evaluation).map_err(|e| e.to_string())? + "\n";
+        Ok(Examined { json, text, pictures })
+    }
+}
+
+/// The cloud [b, n, 6] and the picks [b, p] of a batch.
+pub(crate) fn shape_of(c: &SkeletonTaskConfig, batch: &Batch, device: Device) -> (Tensor, Tensor) {
+    let (rigs, points) = (batch.rigs as i64, c.sampling.cloud.points as i64);
+    let cloud = Tensor::from_slice(&batch.cloud).view([rigs, points, 6]).to_device(device);
+    (cloud, Tensor::from_slice(&batch.picks).view([rigs, c.model.shape.tokens as i64]).to_device(device))
+}
+
+/// Read the shape, read the tokens, compare what should follow each.
+///
+/// # Errors
+/// None at present.
+pub fn loss_of(
+    net: &SkeletonModel,
+    c: &SkeletonTaskConfig,
+    w: &Weights,
+    batch: &Batch,
+    device: Device,
+    training: bool,
+) -> Result<Loss, String> {
+    let (cloud, picks) = shape_of(c, batch, device);
+    let prefix = net.condition(w, &cloud, &picks);
+    let ids = Tensor::from_slice(&batch.ids).to_device(device);
+    let logits = net.logits(w, &prefix, &ids, &batch.lengths, training);
+    let targets: Vec<Tensor> =
+        ids.split_with_sizes(&batch.lengths, 0).iter().map(|own| own.narrow(0, 1, own.size()[0] - 1)).collect();
+    let targets = Tensor::cat(&targets, 0);
+    let bins = i64::from(c.tokenizer.bins);
+    let next = if c.loss.spread > 0.0 {
+        spread_cross_entropy(&logits, &targets, bins, c.loss.spread)
+    } else {
+        cross_entropy(&logits, &targets)
+    };
+    let mut loss = Loss::new().term("next", c.loss.next, next);
+    if c.loss.distance > 0.0 {
+        loss = loss.term("distance", c.loss.distance, coordinate_distance(&logits, &targets, bins));
+    }
+    Ok(loss.note("tokens", batch.ids.len() as f64))
+}

@@ -1,0 +1,123 @@
+//! An evaluation as a file, as lines, and as a part of a report.
+
+use riglab_report::{Block, Cell, Picture, Table};
+use riglab_train::State;
+use serde::{Deserialize, Serialize};
+
+use super::evaluate::{Report, Row};
+use super::gallery::Shown;
+
+/// What `riglab eval` writes.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct Evaluation {
+    /// The checkpoint that was evaluated.
+    pub checkpoint: State,
+    /// The numbers.
+    pub report: Report,
+    /// The pictures, in the folder beside the file.
+    pub gallery: Vec<Shown>,
+}
+
+const HEAD: [&str; 9] = ["split", "method", "assets", "compared", "J2J", "J2B", "B2B", "valid %", "joints off %"];
+
+fn splits(report: &Report) -> Vec<&str> {
+    let mut splits: Vec<&str> = report.rows.iter().map(|r| r.split.as_str()).collect();
+    splits.dedup();
+    splits
+}
+
+/// The tables of all splits.
+pub fn lines(report: &Report) -> Vec<String> {
+    let mut out = vec![format!("convention {}, distances × 100", report.convention)];
+    for split in splits(report) {
+        let rows: Vec<&Row> = report.rows.iter().filter(|r| r.split == split).collect();
+        out.push(format!("\n{split} ({} assets)", rows.first().map_or(0, |r| r.assets)));
+        out.push(format!(
+            "{:12} {:>8} {:>7} {:>7} {:>7} {:>7} {:>9} {:>9}",
+            "method", "compared", "J2J", "J2B", "B2B", "valid", "joints", "off"
+        ));
+        for r in rows {
+            out.push(format!(
+                "{:12} {:>8} {:>7.2} {:>7.2} {:>7.2} {:>6.1}% {:>9.1} {:>8.1}%",
+                r.method,
+                r.compared,
+                100.0 * r.j2j,
+                100.0 * r.j2b,
+                100.0 * r.b2b,
+                100.0 * r.valid,
+                r.joints,
+                100.0 * r.joints_off
+            ));
+        }
+    }
+    out
+}
+
+impl Evaluation {
+    /// Its part of a report; `picture` finds the bytes of a file of the gallery.
+    pub fn blocks(&self, picture: impl Fn(&str) -> Option<Vec<u8>>) -> Vec<Block> {
+        let mut blocks = vec![Block::Heading("Skeletons of unseen assets".into())];
+        blocks.extend(splits(&self.report).into_iter().filter_map(|s| self.verdict(s)).map(Block::Text));
+        blocks.push(Block::Table(self.table()));
+        if !self.gallery.is_empty() {
+            blocks.push(Block::Heading("Pictures".into()));
+            let shown = |s: &Shown| {
+                let caption = format!("{} of {}: {}, J2J × 100 {:.2}", s.why, s.split, s.name, 100.0 * s.j2j);
+                picture(&s.file).map(|png| Picture { caption, png })
+            };
+            blocks.push(Block::Pictures(self.gallery.iter().filter_map(shown).collect()));
+        }
+        blocks.push(Block::Folded("Every asset".into(), self.assets()));
+        blocks
+    }
+
+    fn verdict(&self, split: &str) -> Option<String> {
+        let of = |method: &str| self.report.rows.iter().find(|r| r.split == split && r.method == method);
+        let (model, rival) = (of("model")?, of("retrieval")?);
+        let better = [(model.j2j, rival.j2j), (model.j2b, rival.j2b), (model.b2b, rival.b2b)];
+        let better = better.iter().filter(|(a, b)| a < b).count();
+        Some(format!(
+            "{split}: J2J × 100 is {:.2}; the skeleton of the nearest training shape gives {:.2}. The model is better in \
+             {better} of the three distances.",
+            100.0 * model.j2j,
+            100.0 * rival.j2j
+        ))
+    }
+
+    fn table(&self) -> Table {
+        let mut table = Table::new("Distances × 100, convention unirig", &HEAD);
+        for r in &self.report.rows {
+            table.row(vec![
+                Cell::text(&r.split),
+                Cell::text(&r.method),
+                Cell::count(r.assets),
+                Cell::count(r.compared),
+                Cell::number(100.0 * r.j2j, 2),
+                Cell::number(100.0 * r.j2b, 2),
+                Cell::number(100.0 * r.b2b, 2),
+                Cell::number(100.0 * r.valid, 1),
+                Cell::number(100.0 * r.joints_off, 1),
+            ]);
+        }
+        table.note = "Means over the assets that can be compared: those with at least a bone on both sides. \
+                      retrieval: the skeleton of the nearest training shape, by chamfer distance of points."
+            .into();
+        table
+    }
+
+    fn assets(&self) -> String {
+        let mut text = format!("{:12} {:>7} {:>9} {:>7} {:>7}  name\n", "split", "J2J", "retrieval", "joints", "true");
+        for a in &self.report.assets {
+            text += &format!(
+                "{:12} {:>7.2} {:>9.2} {:>7} {:>7}  {}\n",
+                a.split,
+                100.0 * a.model.j2j,
+                100.0 * a.retrieval.j2j,
+                a.joints,
+                a.true_joints,
+                a.name
+            );
+        }
+        text
+    }
+}
