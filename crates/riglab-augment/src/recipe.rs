@@ -188,7 +188,7 @@ impl Recipe {
     }
 
     /// UniRig's test sets with a star: random rotation, scale and motion of rigs that are not trained
-    /// on, nothing else.
+    /// on, nothing else. Their ranges were not published; these are those of the training.
     pub fn unirig_starred() -> Self {
         Self {
             pose: PoseConfig { probability: 1.0, degrees: 60.0, scale: [1.0, 1.0] },

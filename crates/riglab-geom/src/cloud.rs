@@ -168,12 +168,28 @@ impl<'a> CloudSampler<'a> {
         cloud
     }
 
+    /// Position and normal of the points of a cloud, a row each: what networks take. Rows beyond the
+    /// config's points stay as they are, points beyond the rows are not drawn.
+    pub fn fill(&self, random: &mut Stream, rows: &mut [[f32; 6]]) {
+        let points = self.config.points.min(rows.len());
+        let mut rows = rows.iter_mut();
+        self.some(points, random, |[x, y, z], [a, b, c], _| {
+            if let Some(row) = rows.next() {
+                *row = [x, y, z, a, b, c];
+            }
+        });
+    }
+
     /// The points of a cloud one by one, with position, normal and place: for who has an array of their
     /// own to put them in.
     #[inline]
-    pub fn each(&self, random: &mut Stream, mut take: impl FnMut([f32; 3], [f32; 3], Place)) {
-        let CloudConfig { points, vertices, .. } = self.config;
-        let vertices = some_of(self.mesh.positions().len(), vertices.min(points), random);
+    pub fn each(&self, random: &mut Stream, take: impl FnMut([f32; 3], [f32; 3], Place)) {
+        self.some(self.config.points, random, take);
+    }
+
+    #[inline]
+    fn some(&self, points: usize, random: &mut Stream, mut take: impl FnMut([f32; 3], [f32; 3], Place)) {
+        let vertices = some_of(self.mesh.positions().len(), self.config.vertices.min(points), random);
         for &v in &vertices {
             take(self.mesh.positions()[v as usize], self.vertex_normals()[v as usize], Place::Vertex(v));
         }
@@ -401,7 +417,13 @@ mod tests {
         let config = CloudConfig { points: 100, vertices: 2, by: By::SquaredArea };
         let draw = |mesh: &Mesh, seed| CloudSampler::new(mesh, &config).draw(&mut stream(seed, "test", &[]));
         assert!(draw(&flat, 1).positions.iter().all(|p| (p[0] - 1.0).abs() < 1e-6));
-        assert_eq!(draw(&mesh(), 1), draw(&mesh(), 1));
-        assert_ne!(draw(&mesh(), 1), draw(&mesh(), 2));
+        let cloud = draw(&mesh(), 1);
+        assert_eq!(cloud, draw(&mesh(), 1));
+        assert_ne!(cloud, draw(&mesh(), 2));
+        let mut rows = vec![[7.0; 6]; 101];
+        CloudSampler::new(&mesh(), &config).fill(&mut stream(1, "test", &[]), &mut rows);
+        let same =
+            rows.iter().zip(cloud.positions.iter().zip(&cloud.normals)).all(|(r, (p, n))| r[..3] == *p && r[3..] == *n);
+        assert!(same && rows[100] == [7.0; 6]);
     }
 }
