@@ -1,5 +1,5 @@
 """Samples for UniRig's skeleton model as a Python user would make them: a corpus through h5py, the
-augmentation of UniRig's public code in numpy, normals and 65,536 points by trimesh.
+augmentation of UniRig's public code in numpy, normals and 65,536 points by trimesh, tokens.
 
 What `configs/augment/unirig_ar.toml` and `CloudConfig::unirig_ar_training` say, vectorised over vertices,
 points and joints. Needs numpy, scipy, trimesh and h5py. Samples stay in the processes that make them:
@@ -34,10 +34,16 @@ class Corpus:
 
     def __init__(self, path):
         self.file = h5py.File(path)
+        self.kept = {}
         self.offsets = {k: self.file[f"{k}_offsets"][:] for k in ("vertex", "face", "joint", "weight")}
 
     def rig(self, index):
-        """Vertices, faces, joints, parents and a table of weights."""
+        """Vertices, faces, joints, parents and a table of weights; kept once it was read."""
+        if index not in self.kept:
+            self.kept[index] = self.read(index)
+        return self.kept[index]
+
+    def read(self, index):
         f, rows = self.file, {k: slice(*o[index : index + 2]) for k, o in self.offsets.items()}
         vertices, joints = f["vertices"][rows["vertex"]], f["joints"][rows["joint"]]
         weights = np.zeros((len(vertices), len(joints)), np.float32)
@@ -128,8 +134,30 @@ def sample(mesh, vertex_normals, face_normals, random):
     return np.float32(points), np.concatenate([vertex_normals[own], face_normals[at]])
 
 
+def tokens(joints, parents):
+    """The skeleton as UniRig's ids: depth first, siblings from low to high, a branch with its parent's place."""
+    children = [[] for _ in joints]
+    for j in range(1, len(joints)):
+        children[parents[j]].append(j)
+    for of in children:
+        of.sort(key=lambda j: (joints[j][1], joints[j][2], joints[j][0]), reverse=True)
+    order, open_ = [], [0]
+    while open_:
+        j = open_.pop()
+        order.append(j)
+        open_.extend(children[j])
+    cells = np.clip(((joints + 1) / 2 * 256).astype(np.int64), 0, 255).tolist()
+    ids, previous = [257, 263], -1
+    for j in order:
+        if parents[j] != previous:
+            ids += [256, *cells[parents[j]]]
+        ids += cells[j]
+        previous = j
+    return ids + [258]
+
+
 def make(index, seed):
-    """Points, normals, joints and parents of one sample."""
+    """Points, normals and tokens of one sample."""
     random = np.random.default_rng(seed)
     vertices, faces, joints, parents, weights = corpus.rig(index)
     if random.random() < 0.5:
@@ -147,7 +175,7 @@ def make(index, seed):
         face_normals = unit(noisy(face_normals, NORMAL_SIGMA, NORMAL_CLIP, of_normals, random))
         mesh = trimesh.Trimesh(vertices, faces, process=False)
     points, normals = sample(mesh, vertex_normals, face_normals, random)
-    return points, normals, joints, parents
+    return points, normals, tokens(joints, parents)
 
 
 def opened(path):
@@ -157,8 +185,8 @@ def opened(path):
 
 
 def one(task):
-    points, normals, joints, _ = make(*task)
-    return [len(points), len(joints), bool(np.isfinite(points).all() and np.isfinite(normals).all())]
+    points, normals, ids = make(*task)
+    return [len(points), len(ids), bool(np.isfinite(points).all() and np.isfinite(normals).all())]
 
 
 pool = None
@@ -179,7 +207,7 @@ def run(assets, seed):
     made = list(pool.imap(one, tasks) if pool else map(one, tasks))
     seconds = time.perf_counter() - start
     faults = [assets[k] for k, (points, _, finite) in enumerate(made) if points != POINTS or not finite]
-    return {"seconds": seconds, "faults": faults, "joints": sum(m[1] for m in made), "memory_mb": peak_memory_mb()}
+    return {"seconds": seconds, "faults": faults, "tokens": sum(m[1] for m in made), "memory_mb": peak_memory_mb()}
 
 
 if __name__ == "__main__":

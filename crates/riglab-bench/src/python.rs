@@ -45,6 +45,16 @@ pub static ARRAYS: Environment = Environment {
     found: OnceLock::new(),
 };
 
+/// What Python users make training samples with.
+pub static SAMPLES: Environment = Environment {
+    name: "trimesh, scipy and h5py",
+    requirements: &["trimesh==5.2.0", "numpy==2.4.6", "scipy==1.17.1", "h5py==3.16.0"],
+    version: None,
+    gigabytes: 0.3,
+    probe: "trimesh, numpy, scipy, h5py",
+    found: OnceLock::new(),
+};
+
 /// What the twins of networks need.
 pub static TORCH: Environment = Environment {
     name: "PyTorch 2.11.0",

@@ -1,5 +1,7 @@
 //! Cells that tell every parent.
 
+use std::sync::LazyLock;
+
 use crate::EncodeFault;
 
 /// How far a free cell is looked for, in cells.
@@ -35,13 +37,18 @@ pub(crate) fn tell_apart(cells: &mut [[u16; 3]], parents: &[Option<usize>], bins
     Ok(moved)
 }
 
-/// The cells around one, nearest first; of equally near ones in a fixed order.
-fn around(cell: [u16; 3], bins: u16) -> impl Iterator<Item = [u16; 3]> {
+/// Ways to cells around, nearest first; of equally near ones in a fixed order.
+static STEPS: LazyLock<Vec<[i32; 3]>> = LazyLock::new(|| {
     let span = -REACH..=REACH;
     let mut steps: Vec<[i32; 3]> =
         span.clone().flat_map(|x| span.clone().flat_map(move |y| (-REACH..=REACH).map(move |z| [x, y, z]))).collect();
     steps.sort_by_key(|s| (s.iter().map(|x| x * x).sum::<i32>(), *s));
-    steps.into_iter().filter_map(move |step| {
+    steps
+});
+
+/// The cells around one, nearest first.
+fn around(cell: [u16; 3], bins: u16) -> impl Iterator<Item = [u16; 3]> {
+    STEPS.iter().filter_map(move |step| {
         let mut to = cell;
         for axis in 0..3 {
             let x = i32::from(cell[axis]) + step[axis];

@@ -5,6 +5,7 @@ mod epoch;
 mod export;
 mod import;
 mod import_arrays;
+mod loader_ar;
 mod matmul_share;
 mod sample;
 mod step;
@@ -29,7 +30,7 @@ pub struct Case {
 }
 
 /// All of them, in the order they run.
-pub const CASES: [Case; 10] = [
+pub const CASES: [Case; 11] = [
     Case { name: "import", about: "rigged files read, against Blender's glTF importer", run: import::run },
     Case {
         name: "import/trimesh",
@@ -55,6 +56,11 @@ pub const CASES: [Case; 10] = [
         name: "sample/65536",
         about: "points of a surface with normals and weights, against trimesh, and against numpy",
         run: sample::run,
+    },
+    Case {
+        name: "loader/ar",
+        about: "samples for UniRig's skeleton model, against numpy and trimesh",
+        run: loader_ar::run,
     },
     Case {
         name: "step/fsq_cvae/fp32",
@@ -91,6 +97,7 @@ pub fn serve(case: &str) -> Result<()> {
         "import" => import::serve(),
         "decode" => decode::serve(),
         "export" => export::serve(),
+        "loader_ar" => loader_ar::serve(),
         "sample" => sample::serve(),
         "step" => step::serve(),
         "epoch" => epoch::serve(),

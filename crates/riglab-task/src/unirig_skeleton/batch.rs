@@ -2,9 +2,9 @@
 
 use std::sync::Arc;
 
-use riglab_core::{Rig, Skeleton};
+use riglab_core::{Rig, Skeleton, Vec3};
 use riglab_data::Mixture;
-use riglab_geom::{Cloud, CloudSampler, farthest_points};
+use riglab_geom::{CloudSampler, farthest_points};
 use riglab_random::{Draw, Stream, stream};
 use riglab_token::{Bones, EncodeFault, Encoded, Tokenizer};
 use riglab_train::Source;
@@ -77,7 +77,7 @@ impl BatchSource {
             Some(n) => CloudSampler::with_normals(rig.mesh(), &c.sampling.cloud, &n.vertices, &n.triangles),
             None => CloudSampler::new(rig.mesh(), &c.sampling.cloud),
         };
-        shape(c, &sampler.draw(&mut random), &mut random, batch);
+        shape(c, &sampler, &mut random, batch);
         batch.ids.extend(encoded.ids.iter().map(|&id| i64::from(id)));
         batch.lengths.push(encoded.ids.len() as i64);
         Ok(true)
@@ -89,7 +89,8 @@ impl Source for BatchSource {
 
     fn batch(&self, number: u64) -> Result<Batch, String> {
         let rigs = self.config.sampling.rigs as u64;
-        let mut batch = Batch::default();
+        let points = 6 * self.config.sampling.cloud.points * self.config.sampling.rigs;
+        let mut batch = Batch { cloud: Vec::with_capacity(points), ..Batch::default() };
         for k in 0..rigs {
             let place = number * rigs + k;
             let mut tries = (0..TRIES).map(|t| if t == 0 { place } else { t * ELSEWHERE + place });
@@ -120,15 +121,16 @@ pub fn encode(tokenizer: &Tokenizer, skeleton: &Skeleton, told: bool) -> Result<
 }
 
 /// Adds a cloud and what is picked from it.
-pub fn shape(config: &SkeletonTaskConfig, cloud: &Cloud, random: &mut Stream, batch: &mut Batch) {
+pub fn shape(config: &SkeletonTaskConfig, sampler: &CloudSampler<'_>, random: &mut Stream, batch: &mut Batch) {
     let model = &config.model.shape;
-    let drawn = some_of(cloud.positions.len(), model.tokens * model.drawn, random);
-    let positions: Vec<_> = drawn.iter().map(|&i| cloud.positions[i]).collect();
+    let before = batch.cloud.len();
+    batch.cloud.resize(before + 6 * config.sampling.cloud.points, 0.0);
+    let (rows, _) = batch.cloud[before..].as_chunks_mut::<6>();
+    sampler.fill(random, rows);
+    let drawn = some_of(rows.len(), model.tokens * model.drawn, random);
+    let positions: Vec<Vec3> = drawn.iter().map(|&i| [rows[i][0], rows[i][1], rows[i][2]]).collect();
     let picks = farthest_points(&positions, model.tokens, 0);
     batch.picks.extend(picks.into_iter().map(|i| drawn[i] as i64));
-    for (p, n) in cloud.positions.iter().zip(&cloud.normals) {
-        batch.cloud.extend(p.iter().chain(n));
-    }
     batch.rigs += 1;
 }
 

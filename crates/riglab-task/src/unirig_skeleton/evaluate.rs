@@ -1,7 +1,9 @@
 //! Evaluation by generating skeletons for whole meshes.
 
+use riglab_geom::CloudSampler;
 use riglab_metric::{Joints, SkeletonConvention, SkeletonDistances};
 use riglab_nn::params::Weights;
+use riglab_random::stream;
 use riglab_token::Decoded;
 use riglab_train::Validation;
 use serde::{Deserialize, Serialize};
@@ -148,9 +150,9 @@ impl SkeletonTask {
                 if encoded.ids.len() > self.config.limits.tokens {
                     continue;
                 }
-                let mut random = riglab_random::stream(self.config.eval.seed, "skeleton evaluation", &[id.key()]);
-                let cloud = riglab_geom::CloudSampler::new(rig.mesh(), &self.config.sampling.cloud).draw(&mut random);
-                shape(&self.config, &cloud, &mut random, &mut batch);
+                let mut random = stream(self.config.eval.seed, "skeleton evaluation", &[id.key()]);
+                let sampler = CloudSampler::new(rig.mesh(), &self.config.sampling.cloud);
+                shape(&self.config, &sampler, &mut random, &mut batch);
                 batch.lengths.push(encoded.ids.len() as i64);
                 batch.ids.extend(encoded.ids.iter().map(|&id| i64::from(id)));
             }

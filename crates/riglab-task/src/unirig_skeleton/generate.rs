@@ -80,8 +80,8 @@ impl SkeletonTask {
         let mut batch = Batch::default();
         for (rig, key) in rigs {
             let mut random = stream(c.eval.seed, "skeleton evaluation", &[*key]);
-            let cloud = CloudSampler::new(rig.mesh(), &c.sampling.cloud).draw(&mut random);
-            shape(c, &cloud, &mut random, &mut batch);
+            let sampler = CloudSampler::new(rig.mesh(), &c.sampling.cloud);
+            shape(c, &sampler, &mut random, &mut batch);
         }
         let (cloud, picks) = shape_of(c, &batch, self.device);
         let prefix = self.net.condition(w, &cloud, &picks);
