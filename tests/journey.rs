@@ -72,3 +72,47 @@ fn creatures_are_the_same_for_the_same_seed() {
     assert!(first == make("b", "1"));
     assert!(first != make("c", "2"));
 }
+
+#[test]
+fn from_files_to_skeletons() {
+    let dir = tempfile::tempdir().unwrap();
+    let corpus = corpus(dir.path(), 18);
+    let config = dir.path().join("config.toml");
+    let text_of = format!(
+        "extends = 'quickstart/unirig_skeleton.toml'\n[data]\ncorpora = ['{}']\nweights = [1.0]\n\
+         [model]\nextends = 'model/unirig_skeleton/tiny.toml'\n[limits]\njoints = 60\ntokens = 400\n\
+         [sampling]\nrigs = 4\ncloud = {{ points = 256 }}\n\
+         [train]\nsteps = 60\nema = 0.9\nvalidate_every = 30\nprecision = 'fp32'\n[train.schedule]\nwarmup = 5\n\
+         [eval]\nvalidation_assets = 2\nretrieval_points = 64\n",
+        corpus.display()
+    );
+    fs::write(&config, text_of).unwrap();
+    let run = dir.path().join("run");
+    must(&["train", text(&config), "--run", text(&run)]);
+    let lines = fs::read_to_string(run.join("metrics.jsonl")).unwrap();
+    let metrics: Vec<Value> = lines.lines().map(|l| serde_json::from_str(l).unwrap()).collect();
+    let losses: Vec<f64> = metrics.iter().filter_map(|l| l["train/loss"].as_f64()).collect();
+    let mean = |part: &[f64]| part.iter().sum::<f64>() / part.len() as f64;
+    assert_eq!(losses.len(), 60);
+    assert!(mean(&losses[50..]) < 0.95 * mean(&losses[..10]), "it learns: {losses:?}");
+    let last = metrics.iter().rev().find(|l| l["eval/j2j_all@val"].is_number()).unwrap();
+    // The grammar lets nothing through that is no tree, however little was learned.
+    assert_eq!(last["eval/valid@val"], 1.0);
+    let said = String::from_utf8(must(&["eval", text(&run), "--json", "--pictures", "1"]).stdout).unwrap();
+    let evaluation: Value = serde_json::from_str(&said).unwrap();
+    let rows = evaluation["report"]["rows"].as_array().unwrap();
+    for method in ["model", "retrieval"] {
+        let row = rows.iter().find(|r| r["method"] == method).unwrap();
+        assert!(row["valid"] == 1.0 && row["j2j"].as_f64().unwrap() > 0.0, "{row}");
+    }
+    let report = dir.path().join("report.html");
+    must(&["report", text(&run), "-o", text(&report)]);
+    let html = fs::read_to_string(&report).unwrap();
+    assert!(html.contains("retrieval") && html.contains("data:image/png"));
+
+    // The resolved config repeats the run, with another number of workers.
+    let again = dir.path().join("again");
+    must(&["train", text(&run.join("config.toml")), "--run", text(&again), "--set", "train.workers=3"]);
+    let read = |run: &std::path::Path| fs::read(run.join("checkpoints/step-00000060/model.safetensors")).unwrap();
+    assert!(read(&run) == read(&again));
+}
