@@ -92,6 +92,11 @@ fn the_order_of_joints_does_not_matter() {
     assert_eq!(ids(&joints, &parents), ids(&other, &[None, Some(0), Some(0), Some(2)]));
 }
 
+/// Sequences of each kind; `RIGLAB_SEQUENCES` asks for more than a quick test draws.
+fn sequences() -> u64 {
+    std::env::var("RIGLAB_SEQUENCES").ok().and_then(|n| n.parse().ok()).unwrap_or(2_000)
+}
+
 #[test]
 fn whoever_follows_the_grammar_ends_with_a_skeleton() {
     for (preset, parents, limits) in [
@@ -106,7 +111,7 @@ fn whoever_follows_the_grammar_ends_with_a_skeleton() {
         config.least_joints = 1;
         let tokenizer = Tokenizer::new(config);
         let mut mask = Mask::none(tokenizer.vocabulary().len());
-        for case in 0..2_000 {
+        for case in 0..sequences() {
             let mut random = stream(7, "policy", &[case]);
             let mut grammar = Grammar::new(&tokenizer, limits, parents);
             let mut ids = Vec::new();
