@@ -49,11 +49,13 @@ impl Mesh {
     }
 
     /// The corners of a triangle.
+    #[inline]
     pub fn corners(&self, triangle: usize) -> [Vec3; 3] {
         self.triangles[triangle].map(|v| self.positions[v as usize])
     }
 
     /// Twice the area of a triangle along its normal, by the right-hand rule.
+    #[inline]
     pub fn area_vector(&self, triangle: usize) -> Vec3 {
         let [a, b, c] = self.corners(triangle).map(glam::Vec3::from);
         (b - a).cross(c - a).into()
