@@ -2,7 +2,7 @@
 
 use std::ops::RangeInclusive;
 
-use riglab_core::{Mesh, Rig, SkinWeights};
+use riglab_core::{Humanoid, JointId, Mesh, Rig, SkinWeights};
 
 use crate::body::Body;
 use crate::cells::{Cells, Sizes};
@@ -10,6 +10,7 @@ use crate::field::Field;
 use crate::net::{Polygon, polygons};
 use crate::piece::PieceMesh;
 use crate::skin::{self, Row};
+use crate::springs::springs;
 use crate::surface::Surface;
 use crate::turn::pow;
 
@@ -65,19 +66,50 @@ pub(crate) fn assemble(body: &Body, finish: &Finish) -> PieceMesh {
         }
         last = Some((tried, count));
     }
-    let (_, cells, polygons, scale) = best.expect("at least one try");
-    let surface = Surface::new(&field, &cells, &polygons);
-    let rows = skin::weights(body, &surface, if body.rigid { 0.0 } else { finish.softness });
-    joined(surface, rows, pieces(body, finish, scale))
+    let (_, mut cells, mut polygons, mut scale) = best.expect("at least one try");
+    let softness = if body.rigid { 0.0 } else { finish.softness };
+    for refined in 0.. {
+        let surface = if polygons.is_empty() { Surface::default() } else { Surface::new(&field, &cells, &polygons) };
+        let rows = skin::weights(body, &surface, softness);
+        if refined == REFINEMENTS || every_part_shows(body, &rows) {
+            return joined(surface, rows, pieces(body, finish, scale));
+        }
+        scale *= 0.8;
+        let fine = Sizes {
+            at_part: sizes(body, finish, scale).at_part.iter().map(|s| s * pow(0.8, 1.0 + refined as f32)).collect(),
+            unit: scale,
+        };
+        cells = Cells::new(&field, &fine);
+        polygons = crate::net::polygons(&cells);
+    }
+    unreachable!("the last refinement returns")
+}
+
+/// How often cells are made smaller where a joint's flesh fell through them.
+const REFINEMENTS: usize = 3;
+
+/// Whether every joint that has flesh holds some vertex.
+fn every_part_shows(body: &Body, rows: &[Row]) -> bool {
+    let mut shown = vec![false; body.joints.len()];
+    rows.iter().flatten().for_each(|(joint, _)| shown[usize::from(*joint)] = true);
+    body.parts.iter().all(|part| shown[usize::from(part.joint)])
 }
 
 /// The rig of an assembled body.
 pub(crate) fn rig(body: &Body, assembled: PieceMesh) -> Rig {
     let PieceMesh { positions, triangles, weights } = assembled;
     let mesh = Mesh::new(positions.into_iter().map(Into::into).collect(), triangles).expect("finite and in range");
-    let rows = weights.into_iter().map(|row| row.into_iter().map(|(j, w)| (j, f64::from(w))).collect::<Vec<_>>());
+    let number = |joint: u16| body.numbered(JointId(joint));
+    let rows =
+        weights.into_iter().map(|row| row.into_iter().map(|(j, w)| (number(j).0, f64::from(w))).collect::<Vec<_>>());
     let weights = SkinWeights::normalized(rows).expect("every vertex has a joint");
-    Rig::new(body.skeleton(), mesh, weights).expect("one row a vertex, joints of the body")
+    let rig = Rig::new(body.skeleton(), mesh, weights).expect("one row a vertex, joints of the body");
+    let mut humanoid = Humanoid::default();
+    for &(bone, joint) in &body.human {
+        humanoid.insert(bone, body.numbered(joint));
+    }
+    let rig = rig.with_humanoid(humanoid).expect("joints of the body");
+    rig.with_springs(springs(body).renumbered(|joint| body.numbered(joint))).expect("chains in the order of joints")
 }
 
 /// Cell size per metre of thickness to the power of the adaption, from the area to cover.
@@ -112,10 +144,32 @@ fn joined(surface: Surface, rows: Vec<Row>, pieces: impl Iterator<Item = PieceMe
 
 #[cfg(test)]
 mod tests {
+    use std::collections::HashMap;
+
     use super::*;
     use crate::dice::Dice;
     use crate::plan::Plan;
     use crate::surface::components;
+
+    #[test]
+    fn skins_are_closed() {
+        for plan in Plan::ALL {
+            for index in 0..4 {
+                let mut dice = Dice::new(riglab_random::stream(2, "skins", &[index]));
+                let mut body = plan.body(&mut dice, 3_000);
+                body.pieces.clear();
+                let finish = Finish { target: 3_000, accepted: 2_000..=8_000, adaption: 0.6, softness: 0.6 };
+                let mut edges: HashMap<(u32, u32), i32> = HashMap::new();
+                for t in assemble(&body, &finish).triangles {
+                    for k in 0..3 {
+                        let (a, b) = (t[k], t[(k + 1) % 3]);
+                        *edges.entry((a.min(b), a.max(b))).or_default() += if a < b { 1 } else { -1 };
+                    }
+                }
+                assert!(edges.values().all(|&n| n == 0), "{} {index}: an edge with one side", plan.name());
+            }
+        }
+    }
 
     #[test]
     fn limbs_seldom_come_off() {

@@ -4,10 +4,11 @@
 //! its business. Axes: y up, facing +z, the creature's left at +x. Units: metres.
 
 use glam::Vec3;
-use riglab_core::{Joint, JointId, Skeleton};
+use riglab_core::{HumanBone, Joint, JointId, Skeleton};
 
 use crate::part::{Part, Profile, Ring};
-use crate::piece::Piece;
+use crate::piece::{Ball, Loft, Piece};
+use crate::springs::{Bumper, Swinging};
 
 /// One side of a creature that has two.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -30,6 +31,16 @@ impl Side {
     /// A vector given for the left side, on this side.
     pub fn of(self, v: Vec3) -> Vec3 {
         Vec3::new(self.sign() * v.x, v.y, v.z)
+    }
+
+    /// A human bone of this side, as VRM 1.0 names it.
+    pub fn bone(self, part: &str) -> String {
+        format!("{}{part}", self.word().to_lowercase())
+    }
+
+    /// "L" or "R", for names.
+    pub fn letter(self) -> &'static str {
+        &self.word()[..1]
     }
 
     /// "Left" or "Right", for names.
@@ -70,8 +81,21 @@ pub(crate) struct Body {
     pub joints: Vec<Joint>,
     pub parts: Vec<Part>,
     pub pieces: Vec<Piece>,
-    /// Whether each vertex follows one joint only, as on machines.
+    /// Whether each vertex of the skin follows one joint only, as on machines.
     pub rigid: bool,
+    /// Joints whose flesh grows from that of another joint than their parent: a forearm from the
+    /// twist joint of the upper arm, say.
+    pub grown: Vec<(JointId, JointId)>,
+    /// Joints whose weights reach further towards their parent than usual, and how many times as far.
+    pub soft: Vec<(JointId, f32)>,
+    /// Which joints are which human bones; empty for all but humanoid avatars.
+    pub human: Vec<(HumanBone, JointId)>,
+    /// Whether the skeleton has a joint on the ground, above the root, that holds nothing.
+    pub rooted: bool,
+    /// Chains that swing.
+    pub swinging: Vec<Swinging>,
+    /// Balls that stop them.
+    pub bumpers: Vec<Bumper>,
 }
 
 impl Body {
@@ -92,6 +116,11 @@ impl Body {
     /// Where a joint is.
     pub fn at(&self, joint: JointId) -> Vec3 {
         self.joints[joint.index()].head.into()
+    }
+
+    /// The joint of a name.
+    pub fn named(&self, name: &str) -> Option<JointId> {
+        self.joints.iter().position(|joint| joint.name == name).map(|k| JointId(k as u16))
     }
 
     /// Adds a chain of joints at all nodes but the last, which is the tip, and a limb along it whose
@@ -138,21 +167,71 @@ impl Body {
         self.parts.push(Part::ellipsoid(joint.0, center, axis, Vec3::X, radii));
     }
 
+    /// Adds a sphere apart from the skin, such as an eye.
+    pub fn ball(&mut self, joint: JointId, center: Vec3, radius: f32) {
+        self.pieces.push(Piece::Ball(Ball::new(joint.0, center, radius)));
+    }
+
+    /// Adds an ellipsoid apart from the skin: half extents to the side, up and along `axis`.
+    pub fn oval(&mut self, joint: JointId, center: Vec3, axis: Vec3, radii: Vec3) {
+        self.pieces.push(Piece::Ball(Ball::oval(joint.0, center, axis, radii)));
+    }
+
+    /// Adds a loft apart from the skin.
+    pub fn loft(&mut self, loft: Loft) {
+        self.pieces.push(Piece::Loft(loft));
+    }
+
+    /// Adds joints at all nodes but the last, and a loft along them apart from the skin: a strand of
+    /// hair, a tentacle, a thin leg.
+    pub fn strand(
+        &mut self,
+        parent: JointId,
+        names: impl IntoIterator<Item = String>,
+        nodes: &[Node],
+        hint: Vec3,
+    ) -> Vec<JointId> {
+        let mut above = parent;
+        let mut chain = Vec::with_capacity(nodes.len() - 1);
+        for (name, node) in names.into_iter().zip(&nodes[..nodes.len() - 1]) {
+            above = self.joint(above, name, node.at);
+            chain.push(above);
+        }
+        assert_eq!(chain.len() + 1, nodes.len(), "one name a joint");
+        let points: Vec<_> =
+            (nodes.iter().enumerate()).map(|(k, node)| (node.at, node.ring, chain[k.min(chain.len() - 1)].0)).collect();
+        self.loft(Loft::through(&points, hint));
+        chain
+    }
+
     /// Everything `by` times as large, about the origin. Plans think in shares of a creature's size.
     pub fn scaled(mut self, by: f32) -> Self {
         self.joints.iter_mut().for_each(|joint| joint.head = joint.head.map(|x| by * x));
         self.parts.iter_mut().for_each(|part| part.scale(by));
         self.pieces.iter_mut().for_each(|piece| piece.scale_by(by));
+        self.bumpers.iter_mut().for_each(|bumper| bumper.scale(by));
         self
     }
 
-    /// The joints as a tree.
+    /// The joints as a tree. Where the body is rooted their numbers are one higher than here.
     pub fn skeleton(&self) -> Skeleton {
-        Skeleton::new(self.joints.clone()).expect("plans name their joints apart and add parents first")
+        let ground = self.rooted.then(|| Joint { name: "root".into(), parent: None, head: [0.0; 3] });
+        let below = self.rooted.then_some(JointId(0));
+        let own = self.joints.iter().map(|joint| {
+            let parent = joint.parent.map(|p| self.numbered(p)).or(below);
+            Joint { parent, ..joint.clone() }
+        });
+        let joints = ground.into_iter().chain(own).collect();
+        Skeleton::new(joints).expect("plans name their joints apart and add parents first")
     }
 
-    /// For each joint the nearest joint above it that has parts: weights and fillets pass over
-    /// joints without flesh.
+    /// The number of a joint in the skeleton.
+    pub fn numbered(&self, joint: JointId) -> JointId {
+        JointId(joint.0 + u16::from(self.rooted))
+    }
+
+    /// For each joint the joint its flesh grows from: the nearest above it that has parts, as weights
+    /// and fillets pass over joints without flesh, unless [`Body::grown`] says otherwise.
     pub fn fleshy_parents(&self) -> Vec<Option<u16>> {
         let mut fleshy = vec![false; self.joints.len()];
         for part in &self.parts {
@@ -162,6 +241,9 @@ impl Body {
         for joint in &self.joints {
             let parent = joint.parent.map(|p| p.index());
             above.push(parent.and_then(|p| if fleshy[p] { Some(p as u16) } else { above[p] }));
+        }
+        for &(joint, from) in &self.grown {
+            above[joint.index()] = Some(from.0);
         }
         above
     }

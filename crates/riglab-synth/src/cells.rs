@@ -90,6 +90,10 @@ impl<'a> Builder<'a> {
             let (a, b) = part.bounds();
             (low, high) = (low.min(a), high.max(b));
         }
+        if field.parts().is_empty() {
+            // All pieces and no skin: one cell, outside.
+            (low, high) = (Vec3::ZERO, Vec3::ZERO);
+        }
         // A root whose cells halve to the unit, centred on x = 0 so that cells come in mirrored
         // pairs and a symmetric creature gets a symmetric mesh.
         let center = (low + high) * Vec3::new(0.0, 0.5, 0.5);

@@ -46,12 +46,12 @@ macro_rules! proportions {
     ($(#[$meta:meta])* $name:ident { $($(#[$doc:meta])* $field:ident),+ $(,)? }) => {
         $(#[$meta])*
         #[derive(Clone, Copy, Debug)]
-        struct $name { $($(#[$doc])* $field: f32),+ }
+        pub(crate) struct $name { $($(#[$doc])* pub $field: f32),+ }
 
         impl $name {
             /// A creature between two archetypes, nearer to the first, each trait varied by at most
             /// the share `spread`.
-            fn draw(archetypes: &[Self], spread: f32, dice: &mut $crate::dice::Dice) -> Self {
+            pub fn draw(archetypes: &[Self], spread: f32, dice: &mut $crate::dice::Dice) -> Self {
                 let a = archetypes[dice.below(archetypes.len())];
                 let b = archetypes[dice.below(archetypes.len())];
                 // Squared: most creatures are mainly one kind.

@@ -2,7 +2,7 @@
 
 use glam::Vec3;
 
-use crate::turn::across;
+use crate::turn::{across, turned};
 
 /// Half extents of a cross-section, in metres: along the part's side and its up direction.
 #[derive(Clone, Copy, Debug)]
@@ -160,12 +160,37 @@ impl Part {
         }
     }
 
+    /// Turns the part about a line through `center`.
+    pub fn turn(&mut self, center: Vec3, axis: Vec3, degrees: f32) {
+        for p in [&mut self.a, &mut self.b] {
+            *p = center + turned(*p - center, axis, degrees);
+        }
+        for v in [&mut self.axis, &mut self.side, &mut self.up] {
+            *v = turned(*v, axis, degrees);
+        }
+    }
+
+    /// The cross-section at the part's start and end.
+    pub fn rings(&self) -> [Ring; 2] {
+        [0.0, 1.0].map(|t| Ring::oval(self.width.at(t), self.height.at(t)))
+    }
+
+    /// The directions of side and axis.
+    pub fn frame(&self) -> (Vec3, Vec3) {
+        (self.side, self.axis)
+    }
+
+    /// How far the rounded ends reach beyond `a` and `b`.
+    pub fn caps(&self) -> [f32; 2] {
+        self.caps
+    }
+
     /// Size in metres of the largest cells that mostly show the part unbroken. A lattice has a point
     /// inside every circle of radius r if its step is at most r times the root of two; a limb's end
-    /// may be thinner, and then its tip can come off. An ellipsoid is a bump on something else, and
+    /// may be somewhat thinner, and then its tip can come off. An ellipsoid is a bump on something else, and
     /// may get lost.
     pub fn visible_at(&self) -> f32 {
-        if self.length > 0.0 { 1.4 * self.slim } else { 3.0 * self.mean }
+        if self.length > 0.0 { 1.3 * self.slim.min(1.5 * self.thinnest) } else { 3.0 * self.mean }
     }
 
     /// Typical half extent, in metres.

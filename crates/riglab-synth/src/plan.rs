@@ -9,6 +9,8 @@ use crate::plans;
 pub enum Plan {
     /// Two legs, two arms, upright: 22 joints with Mixamo's names, up to 52 with fingers.
     Biped,
+    /// An avatar as VRoid makes them: hair, skirt and the like on spring bones, bones mapped for VRM.
+    Anime,
     /// Four legs, a neck and mostly a tail: from mouse to horse.
     Quadruped,
     /// Fins and a tail that swings sideways or, for dolphins and their like, up and down.
@@ -17,12 +19,13 @@ pub enum Plan {
 
 impl Plan {
     /// Every plan.
-    pub const ALL: [Self; 3] = [Self::Biped, Self::Quadruped, Self::Fish];
+    pub const ALL: [Self; 4] = [Self::Biped, Self::Anime, Self::Quadruped, Self::Fish];
 
     /// Its name in lower case, as in asset names and options.
     pub fn name(self) -> &'static str {
         match self {
             Self::Biped => "biped",
+            Self::Anime => "anime",
             Self::Quadruped => "quadruped",
             Self::Fish => "fish",
         }
@@ -32,6 +35,7 @@ impl Plan {
     pub fn category(self) -> &'static str {
         match self {
             Self::Biped => "humanoid",
+            Self::Anime => "anime_vrm",
             Self::Quadruped => "quadruped",
             Self::Fish => "aquatic",
         }
@@ -41,6 +45,7 @@ impl Plan {
     pub(crate) fn body(self, dice: &mut Dice, triangles: u32) -> Body {
         match self {
             Self::Biped => plans::biped::body(dice, triangles),
+            Self::Anime => plans::anime::body(dice, triangles),
             Self::Quadruped => plans::quadruped::body(dice, triangles),
             Self::Fish => plans::fish::body(dice, triangles),
         }

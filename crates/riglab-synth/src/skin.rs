@@ -65,7 +65,8 @@ impl<'a> Tree<'a> {
             let (own, other) = (main(own), main(of_joint[usize::from(parent)][0]));
             // A thick short bone must leave its neighbours room.
             let width = |part: &Part| part.mean().min((part.b - part.a).length().max(0.7 * part.mean()));
-            let fade = softness * width(own).min(width(other));
+            let soft = body.soft.iter().find(|(joint, _)| joint.index() == child).map_or(1.0, |(_, by)| *by);
+            let fade = softness * soft * width(own).min(width(other));
             next[child].push((parent, fade));
             next[usize::from(parent)].push((child as u16, fade));
         }

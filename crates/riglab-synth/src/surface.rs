@@ -25,6 +25,9 @@ pub(crate) struct Surface {
 /// How often vertices are spread along the surface and put back onto it.
 const SPREADS: usize = 4;
 
+/// Components of fewer vertices are dropped.
+const CRUMB: usize = 16;
+
 impl Surface {
     /// The surface of a field whose cells made these polygons.
     pub fn new(field: &Field, cells: &Cells, polygons: &[Polygon]) -> Self {
@@ -109,8 +112,7 @@ impl Surface {
         }
     }
 
-    /// Drops components that are crumbs beside the largest: where a part gets thinner than a cell
-    /// its tip can come off.
+    /// Drops components that are crumbs: where a part gets thinner than a cell its tip can come off.
     fn without_crumbs(self) -> Self {
         let component = components(self.positions.len(), &self.triangles);
         let mut sizes = vec![0usize; self.positions.len()];
@@ -118,7 +120,7 @@ impl Surface {
             sizes[root as usize] += 1;
         }
         let largest = sizes.iter().copied().max().unwrap_or(0);
-        let keep = |v: usize| sizes[component[v] as usize] * 50 >= largest;
+        let keep = |v: usize| sizes[component[v] as usize] >= CRUMB.min(largest);
         let mut moved = vec![u32::MAX; self.positions.len()];
         let mut out = Self::default();
         for (v, moved) in moved.iter_mut().enumerate() {

@@ -6,7 +6,7 @@ use riglab_core::JointId;
 use crate::body::{Body, Node, Side};
 use crate::dice::{Dice, proportions};
 use crate::part::Ring;
-use crate::piece::{Ball, Control, Piece, Sheet};
+use crate::piece::{Control, Piece, Sheet};
 use crate::turn::{direction, pow};
 
 proportions! {
@@ -242,7 +242,7 @@ impl Builder {
             for side in Side::BOTH {
                 let center = self.axis(0.11) + side.of(Vec3::new(0.90 * w, 0.28 * h, 0.0));
                 let radius = dice.between(0.16, 0.26) * w.min(h);
-                self.body.pieces.push(Piece::Ball(Ball { joint: head.0, center, radius }));
+                self.body.ball(head, center, radius);
             }
         }
         chain
@@ -284,6 +284,6 @@ impl Builder {
             (0..=n).map(|k| Control { at: point(k), joint: joints[k].0 }).collect::<Vec<_>>()
         };
         let ribs = (0..4).map(|r| rib(r as f32 / 3.0)).collect();
-        self.body.pieces.push(Piece::Sheet(Sheet { ribs, thickness: 0.05 * chord }));
+        self.body.pieces.push(Piece::Sheet(Sheet { ribs, thickness: 0.05 * chord, round: false }));
     }
 }

@@ -6,7 +6,6 @@ use riglab_core::JointId;
 use crate::body::{Body, Node, Side};
 use crate::dice::{Dice, proportions};
 use crate::part::Ring;
-use crate::piece::{Ball, Piece};
 use crate::turn::{direction, turned};
 
 proportions! {
@@ -360,7 +359,7 @@ impl Builder {
             self.body.flesh(&[joint], &nodes, out);
             if dice.chance(0.7) {
                 let center = crown + out * (0.80 * w) + look * (0.24 * h) + up * (0.12 * w);
-                self.body.pieces.push(Piece::Ball(Ball { joint: head.0, center, radius: 0.19 * w }));
+                self.body.ball(head, center, 0.19 * w);
             }
         }
     }

@@ -1,0 +1,3 @@
+//! What plans are built from: figures, legs, wings, heads, things worn.
+
+pub(crate) mod human;

@@ -1,0 +1,60 @@
+//! What any creature may have, whatever its plan: a bent rest pose, blocks for limbs, joints without
+//! flesh.
+
+use glam::Vec3;
+use riglab_core::JointId;
+
+use crate::body::Body;
+use crate::dice::Dice;
+use crate::part::Ring;
+use crate::piece::{Loft, Piece};
+
+impl Body {
+    /// The body as one creature of its plan among many.
+    pub fn varied(self, dice: &mut Dice, triangles: u32) -> Self {
+        let bent = if dice.chance(0.35) { dice.between(3.0, 14.0) } else { 0.0 };
+        // Models of few triangles are mostly put together from simple solids.
+        let blocks = dice.chance(if triangles < 1_300 { 0.5 } else { 0.08 });
+        let (ends, root) = (dice.chance(0.25), dice.chance(0.25));
+        let square = if dice.chance(0.6) { 1.0 } else { 0.0 };
+        let bevel = if dice.chance(0.5) { dice.between(0.1, 0.45) } else { 0.0 };
+        let mut body = if bent > 0.0 { self.posed(bent, dice) } else { self };
+        if blocks {
+            body = body.in_blocks(bevel, square);
+        }
+        if ends {
+            body.add_ends();
+        }
+        body.rooted = root;
+        body
+    }
+
+    /// Each part as a box or barrel that follows its joint alone, as in games made of cubes.
+    fn in_blocks(mut self, bevel: f32, square: f32) -> Self {
+        for part in std::mem::take(&mut self.parts) {
+            let ((side, axis), rings, caps) = (part.frame(), part.rings(), part.caps());
+            // A box as large as the round part would look fatter.
+            let slim = |ring: Ring| ring.scaled(0.88);
+            let (a, b) = (part.a - axis * (0.6 * caps[0]), part.b + axis * (0.6 * caps[1]));
+            let loft = Loft::tapered(part.joint, a, b, side, rings.map(slim), bevel);
+            self.pieces.push(Piece::Loft(loft.squared(square)));
+        }
+        Self { rigid: true, ..self }
+    }
+
+    /// Gives each joint without children one at the tip of what it holds, as exporters that write
+    /// bones' tails do.
+    fn add_ends(&mut self) {
+        let mut is_leaf = vec![true; self.joints.len()];
+        self.joints.iter().filter_map(|joint| joint.parent).for_each(|p| is_leaf[p.index()] = false);
+        let size =
+            self.joints.iter().map(|j| Vec3::from(j.head)).fold(Vec3::ZERO, |most, p| most.max(p.abs())).max_element();
+        for leaf in (0..is_leaf.len()).filter(|&j| is_leaf[j]).map(|j| JointId(j as u16)) {
+            let Some((tip, _)) = self.tip(leaf) else { continue };
+            if tip.distance(self.at(leaf)) > 0.01 * size {
+                let name = format!("{}_end", self.joints[leaf.index()].name);
+                self.joint(leaf, name, tip);
+            }
+        }
+    }
+}
