@@ -75,10 +75,8 @@ pub(crate) fn assemble(body: &Body, finish: &Finish) -> PieceMesh {
             return joined(surface, rows, pieces(body, finish, scale));
         }
         scale *= 0.8;
-        let fine = Sizes {
-            at_part: sizes(body, finish, scale).at_part.iter().map(|s| s * pow(0.8, 1.0 + refined as f32)).collect(),
-            unit: scale,
-        };
+        let finer = pow(0.8, 1.0 + refined as f32);
+        let fine = Sizes::new(sizes(body, finish, scale).at_part.iter().map(|size| size * finer).collect());
         cells = Cells::new(&field, &fine);
         polygons = crate::net::polygons(&cells);
     }
@@ -123,7 +121,7 @@ fn first_scale(body: &Body, finish: &Finish) -> f32 {
 
 fn sizes(body: &Body, finish: &Finish, scale: f32) -> Sizes {
     let at_part = body.parts.iter().map(|part| part.visible_at().min(scale * pow(part.mean(), finish.adaption)));
-    Sizes { unit: scale, at_part: at_part.collect() }
+    Sizes::new(at_part.collect())
 }
 
 fn pieces<'a>(body: &'a Body, finish: &'a Finish, scale: f32) -> impl Iterator<Item = PieceMesh> + 'a {

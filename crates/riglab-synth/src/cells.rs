@@ -15,10 +15,17 @@ use crate::field::{Field, Scratch};
 /// How large cells should be.
 #[derive(Clone, Debug)]
 pub(crate) struct Sizes {
-    /// Size of a cell of level 0 in metres; level `l` has this times 2^-l.
-    pub unit: f32,
+    /// The largest wanted size in metres; cells are this times a power of two.
+    unit: f32,
     /// Wanted size next to each part, in metres.
     pub at_part: Vec<f32>,
+}
+
+impl Sizes {
+    /// Sizes wanted next to each part, in metres.
+    pub fn new(at_part: Vec<f32>) -> Self {
+        Self { unit: at_part.iter().copied().fold(1e-3, f32::max), at_part }
+    }
 }
 
 /// Index of a cell in [`Cells::cells`].

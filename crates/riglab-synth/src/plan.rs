@@ -13,13 +13,33 @@ pub enum Plan {
     Anime,
     /// Four legs, a neck and mostly a tail: from mouse to horse.
     Quadruped,
+    /// Two legs and feathered wings, spread or folded: from humming bird to flamingo.
+    Bird,
     /// Fins and a tail that swings sideways or, for dolphins and their like, up and down.
     Fish,
+    /// One long chain with a head.
+    Snake,
+    /// Legs beside the body and a long tail: lizards, crocodiles, tortoises.
+    Lizard,
+    /// On two legs or four, with plates, horns or crests.
+    Dinosaur,
+    /// A beast with wings of skin.
+    Dragon,
 }
 
 impl Plan {
     /// Every plan.
-    pub const ALL: [Self; 4] = [Self::Biped, Self::Anime, Self::Quadruped, Self::Fish];
+    pub const ALL: [Self; 9] = [
+        Self::Biped,
+        Self::Anime,
+        Self::Quadruped,
+        Self::Bird,
+        Self::Fish,
+        Self::Snake,
+        Self::Lizard,
+        Self::Dinosaur,
+        Self::Dragon,
+    ];
 
     /// Its name in lower case, as in asset names and options.
     pub fn name(self) -> &'static str {
@@ -27,7 +47,12 @@ impl Plan {
             Self::Biped => "biped",
             Self::Anime => "anime",
             Self::Quadruped => "quadruped",
+            Self::Bird => "bird",
             Self::Fish => "fish",
+            Self::Snake => "snake",
+            Self::Lizard => "lizard",
+            Self::Dinosaur => "dinosaur",
+            Self::Dragon => "dragon",
         }
     }
 
@@ -37,7 +62,12 @@ impl Plan {
             Self::Biped => "humanoid",
             Self::Anime => "anime_vrm",
             Self::Quadruped => "quadruped",
+            Self::Bird => "bird_flying",
             Self::Fish => "aquatic",
+            Self::Snake => "reptile",
+            Self::Lizard => "reptile",
+            Self::Dinosaur => "reptile",
+            Self::Dragon => "reptile",
         }
     }
 
@@ -47,7 +77,12 @@ impl Plan {
             Self::Biped => plans::biped::body(dice, triangles),
             Self::Anime => plans::anime::body(dice, triangles),
             Self::Quadruped => plans::quadruped::body(dice, triangles),
+            Self::Bird => plans::bird::body(dice, triangles),
             Self::Fish => plans::fish::body(dice, triangles),
+            Self::Snake => plans::snake::body(dice, triangles),
+            Self::Lizard => plans::lizard::body(dice, triangles),
+            Self::Dinosaur => plans::dinosaur::body(dice, triangles),
+            Self::Dragon => plans::dragon::body(dice, triangles),
         }
     }
 }

@@ -14,7 +14,11 @@ impl Body {
     pub fn varied(self, dice: &mut Dice, triangles: u32) -> Self {
         let bent = if dice.chance(0.35) { dice.between(3.0, 14.0) } else { 0.0 };
         // Models of few triangles are mostly put together from simple solids.
-        let blocks = dice.chance(if triangles < 1_300 { 0.5 } else { 0.08 });
+        let blocks = dice.chance(match triangles {
+            0..800 => 1.0,
+            800..1_500 => 0.4,
+            _ => 0.08,
+        });
         let (ends, root) = (dice.chance(0.25), dice.chance(0.25));
         let square = if dice.chance(0.6) { 1.0 } else { 0.0 };
         let bevel = if dice.chance(0.5) { dice.between(0.1, 0.45) } else { 0.0 };

@@ -108,8 +108,9 @@ impl Loft {
     pub fn mesh(&self, edge: f32) -> PieceMesh {
         let widest = self.sections.iter().map(|s| s.ring.mean()).fold(0.0, f32::max);
         let quarters = ((0.5 * std::f32::consts::PI * widest / edge + 0.3) as u32).clamp(1, 12);
-        // A box may do with its corners; what is round needs six sides to look so.
-        let around = if self.square < 0.5 && quarters == 1 { 6 } else { 4 * quarters };
+        // A box may do with its corners; what is round and not tiny needs six sides to look so.
+        let round = self.square < 0.5 && widest > 0.3 * edge;
+        let around = if round && quarters == 1 { 6 } else { 4 * quarters };
         let mut out = PieceMesh::default();
         let spans = self.sections.len() - 1;
         let mut rows = 0;

@@ -2,5 +2,10 @@
 
 pub(crate) mod anime;
 pub(crate) mod biped;
+pub(crate) mod bird;
+pub(crate) mod dinosaur;
+pub(crate) mod dragon;
 pub(crate) mod fish;
+pub(crate) mod lizard;
 pub(crate) mod quadruped;
+pub(crate) mod snake;
