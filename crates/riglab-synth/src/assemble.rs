@@ -66,25 +66,25 @@ pub(crate) fn assemble(body: &Body, finish: &Finish) -> PieceMesh {
         }
         last = Some((tried, count));
     }
-    let (_, mut cells, mut polygons, mut scale) = best.expect("at least one try");
+    let (_, mut cells, mut polygons, scale) = best.expect("at least one try");
     let softness = if body.rigid { 0.0 } else { finish.softness };
-    for refined in 0.. {
+    let mut finer = 1.0;
+    loop {
         let surface = if polygons.is_empty() { Surface::default() } else { Surface::new(&field, &cells, &polygons) };
         let rows = skin::weights(body, &surface, softness);
-        if refined == REFINEMENTS || every_part_shows(body, &rows) {
+        if finer < FINEST || every_part_shows(body, &rows) {
             return joined(surface, rows, pieces(body, finish, scale));
         }
-        scale *= 0.8;
-        let finer = pow(0.8, 1.0 + refined as f32);
-        let fine = Sizes::new(sizes(body, finish, scale).at_part.iter().map(|size| size * finer).collect());
-        cells = Cells::new(&field, &fine);
+        finer *= 0.75;
+        let sizes = sizes(body, finish, scale).at_part.iter().map(|size| size * finer).collect();
+        cells = Cells::new(&field, &Sizes::new(sizes));
         polygons = crate::net::polygons(&cells);
     }
-    unreachable!("the last refinement returns")
 }
 
-/// How often cells are made smaller where a joint's flesh fell through them.
-const REFINEMENTS: usize = 3;
+/// Cells are not made smaller than this share of what was wanted where a joint's flesh falls through
+/// them.
+const FINEST: f32 = 0.6;
 
 /// Whether every joint that has flesh holds some vertex.
 fn every_part_shows(body: &Body, rows: &[Row]) -> bool {

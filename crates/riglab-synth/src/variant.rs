@@ -12,7 +12,8 @@ use crate::piece::{Loft, Piece};
 impl Body {
     /// The body as one creature of its plan among many.
     pub fn varied(self, dice: &mut Dice, triangles: u32) -> Self {
-        let bent = if dice.chance(0.35) { dice.between(3.0, 14.0) } else { 0.0 };
+        // Machines stay straight and are put together from solids anyway.
+        let bent = if dice.chance(0.35) && !self.rigid { dice.between(3.0, 14.0) } else { 0.0 };
         // Models of few triangles are mostly put together from simple solids.
         let blocks = dice.chance(match triangles {
             0..800 => 1.0,
@@ -29,7 +30,8 @@ impl Body {
         if ends {
             body.add_ends();
         }
-        body.rooted = root;
+        // Two joints in one place are hard to tell apart.
+        body.rooted = root && body.at(Self::ROOT).length() > 0.05 * body.size();
         body
     }
 
@@ -51,8 +53,7 @@ impl Body {
     fn add_ends(&mut self) {
         let mut is_leaf = vec![true; self.joints.len()];
         self.joints.iter().filter_map(|joint| joint.parent).for_each(|p| is_leaf[p.index()] = false);
-        let size =
-            self.joints.iter().map(|j| Vec3::from(j.head)).fold(Vec3::ZERO, |most, p| most.max(p.abs())).max_element();
+        let size = self.size();
         for leaf in (0..is_leaf.len()).filter(|&j| is_leaf[j]).map(|j| JointId(j as u16)) {
             let Some((tip, _)) = self.tip(leaf) else { continue };
             if tip.distance(self.at(leaf)) > 0.01 * size {
@@ -60,5 +61,10 @@ impl Body {
                 self.joint(leaf, name, tip);
             }
         }
+    }
+
+    /// The largest coordinate of a joint.
+    fn size(&self) -> f32 {
+        self.joints.iter().map(|joint| Vec3::from(joint.head).abs().max_element()).fold(0.0, f32::max)
     }
 }

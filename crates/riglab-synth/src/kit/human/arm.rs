@@ -13,7 +13,7 @@ impl Figure {
     pub fn arm(&mut self, chest: JointId, side: Side) -> JointId {
         let s = self.shape;
         let x = s.shoulders;
-        let shoulder_y = self.neck_y() - 0.022;
+        let shoulder_y = self.neck_y() - 0.022 - self.lower;
         let z = -0.008;
         let r = s.arm_radius;
         let shoulder = Vec3::new(x, shoulder_y, z);
@@ -134,7 +134,7 @@ impl Figure {
             Node::new(0.5 * (a.at + b.at), Ring::oval(ring(a.ring.side, b.ring.side), ring(a.ring.up, b.ring.up)))
         };
         let bare = |node: Node| Node { belly: 0.0, ..node };
-        let twist = |bone: &str| self.names.twist(&side.bone(bone));
+        let twist = |bone: &str| self.names.twist(&side.bone(bone)) + &self.suffix;
         let (first, second) = (twist(bones[0]), twist(bones[1]));
         let upper_twist = self.body.joint(upper, first, half(0).at);
         let lower = self.bone(upper, &side.bone(bones[1]), nodes[1].at);

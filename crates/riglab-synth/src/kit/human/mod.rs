@@ -106,6 +106,9 @@ pub(crate) struct Figure {
     /// Joints from hips to chest, the hips not counted: 1 to 3.
     pub spine: usize,
     pub names: Names,
+    /// Added to names and to how far below the usual place arms grow: for a second pair.
+    pub suffix: String,
+    pub lower: f32,
     /// Whether joints are noted as human bones.
     pub mapped: bool,
     pub body: Body,
@@ -117,12 +120,24 @@ impl Figure {
         let lopsided = if dice.chance(0.3) { dice.between(0.0, 0.05) } else { 0.0 };
         let stance = Stance::draw(dice);
         let body = Body::new(&names.of("hips"), Vec3::ZERO);
-        Self { shape, stance, hand: Hand::Mitten, lopsided, twists: false, spine: 3, names, mapped: false, body }
+        Self {
+            shape,
+            stance,
+            hand: Hand::Mitten,
+            lopsided,
+            twists: false,
+            spine: 3,
+            names,
+            suffix: String::new(),
+            lower: 0.0,
+            mapped: false,
+            body,
+        }
     }
 
     /// Adds the joint of a human bone.
     pub fn bone(&mut self, parent: JointId, bone: &str, at: Vec3) -> JointId {
-        let joint = self.body.joint(parent, self.names.of(bone), at);
+        let joint = self.body.joint(parent, self.names.of(bone) + &self.suffix, at);
         self.note(bone, joint);
         joint
     }
