@@ -8,10 +8,11 @@ use crate::body::Body;
 use crate::cells::{Cells, Sizes};
 use crate::field::Field;
 use crate::net::{Polygon, polygons};
+use crate::part::Part;
 use crate::piece::PieceMesh;
 use crate::skin::{self, Row};
 use crate::springs::springs;
-use crate::surface::Surface;
+use crate::surface::{Surface, components};
 use crate::turn::pow;
 
 /// How a body is meshed and skinned.
@@ -40,12 +41,13 @@ const CLOSE: f32 = 0.03;
 /// Mesh and weights of a body.
 pub(crate) fn assemble(body: &Body, finish: &Finish) -> PieceMesh {
     let field = Field::new(body);
+    let mut care = vec![1.0; body.joints.len()];
     let target = finish.target as f32;
     let mut scale = first_scale(body, finish);
     let mut best: Option<(f32, Cells, Vec<Polygon>, f32)> = None;
     let mut last: Option<(f32, f32)> = None;
     for _ in 0..CORRECTIONS {
-        let cells = Cells::new(&field, &sizes(body, finish, scale));
+        let cells = Cells::new(&field, &sizes(body, finish, scale, &care));
         let polygons = polygons(&cells);
         let skin: usize = polygons.iter().map(|p| p.sides() - 2).sum();
         let apart: usize = pieces(body, finish, scale).map(|p| p.triangles.len()).sum();
@@ -68,29 +70,56 @@ pub(crate) fn assemble(body: &Body, finish: &Finish) -> PieceMesh {
     }
     let (_, mut cells, mut polygons, scale) = best.expect("at least one try");
     let softness = if body.rigid { 0.0 } else { finish.softness };
-    let mut finer = 1.0;
-    loop {
+    let mut broken = usize::MAX;
+    for tries in 0.. {
         let surface = if polygons.is_empty() { Surface::default() } else { Surface::new(&field, &cells, &polygons) };
         let rows = skin::weights(body, &surface, softness);
-        if finer < FINEST || every_part_shows(body, &rows) {
+        let faults = Faults::of(body, &surface, &rows);
+        // What smaller cells do not mend is no fault of the cells.
+        if faults.count == 0 || faults.count >= broken || tries == CARES {
             return joined(surface, rows, pieces(body, finish, scale));
         }
-        finer *= 0.75;
-        let sizes = sizes(body, finish, scale).at_part.iter().map(|size| size * finer).collect();
-        cells = Cells::new(&field, &Sizes::new(sizes));
+        broken = faults.count;
+        (care.iter_mut().zip(faults.joints)).filter(|(_, fault)| *fault).for_each(|(care, _)| *care *= 0.7);
+        cells = Cells::new(&field, &sizes(body, finish, scale, &care));
         polygons = crate::net::polygons(&cells);
     }
+    unreachable!("the last try returns")
 }
 
-/// Cells are not made smaller than this share of what was wanted where a joint's flesh falls through
-/// them.
-const FINEST: f32 = 0.6;
+/// How often cells are made smaller where flesh fell through them.
+const CARES: usize = 3;
 
-/// Whether every joint that has flesh holds some vertex.
-fn every_part_shows(body: &Body, rows: &[Row]) -> bool {
-    let mut shown = vec![false; body.joints.len()];
-    rows.iter().flatten().for_each(|(joint, _)| shown[usize::from(*joint)] = true);
-    body.parts.iter().all(|part| shown[usize::from(part.joint)])
+/// Where the skin fell to pieces because its cells are too large for it.
+struct Faults {
+    /// Gaps in the skin, and joints whose flesh is not to be seen.
+    count: usize,
+    /// The joints it happened at.
+    joints: Vec<bool>,
+}
+
+impl Faults {
+    fn of(body: &Body, surface: &Surface, rows: &[Row]) -> Self {
+        let roots = components(surface.positions.len(), &surface.triangles);
+        let gaps = roots.iter().enumerate().filter(|&(v, &root)| v as u32 == root).count().saturating_sub(1);
+        // A joint whose vertices are in two pieces has the gap in its midst.
+        let mut piece: Vec<Option<u32>> = vec![None; body.joints.len()];
+        let mut joints = vec![false; body.joints.len()];
+        for (row, &root) in rows.iter().zip(&roots) {
+            let most = row.iter().copied().reduce(|a, b| if b.1 > a.1 { b } else { a });
+            let Some((joint, _)) = most else { continue };
+            let joint = usize::from(joint);
+            joints[joint] |= *piece[joint].get_or_insert(root) != root;
+        }
+        let hidden = body.parts.iter().map(|part| usize::from(part.joint)).filter(|&joint| piece[joint].is_none());
+        let hidden: Vec<usize> = hidden.collect();
+        hidden.iter().for_each(|&joint| joints[joint] = true);
+        // A gap just between two joints is nobody's: all take care.
+        if !joints.contains(&true) {
+            joints.fill(true);
+        }
+        Self { count: gaps + hidden.len(), joints }
+    }
 }
 
 /// The rig of an assembled body.
@@ -119,8 +148,11 @@ fn first_scale(body: &Body, finish: &Finish) -> f32 {
     (2.0 * wanted / (0.40 * finish.target as f32)).sqrt()
 }
 
-fn sizes(body: &Body, finish: &Finish, scale: f32) -> Sizes {
-    let at_part = body.parts.iter().map(|part| part.visible_at().min(scale * pow(part.mean(), finish.adaption)));
+/// Cell sizes for a scale; `care` by joint, below 1, makes those smaller that show parts which are thin
+/// for them.
+fn sizes(body: &Body, finish: &Finish, scale: f32, care: &[f32]) -> Sizes {
+    let shown_at = |part: &Part| care[usize::from(part.joint)] * part.visible_at();
+    let at_part = body.parts.iter().map(|p| shown_at(p).min(scale * pow(p.mean(), finish.adaption)));
     Sizes::new(at_part.collect())
 }
 
@@ -147,7 +179,6 @@ mod tests {
     use super::*;
     use crate::dice::Dice;
     use crate::plan::Plan;
-    use crate::surface::components;
 
     #[test]
     fn skins_are_closed() {

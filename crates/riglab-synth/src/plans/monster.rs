@@ -39,13 +39,13 @@ pub(crate) fn body(dice: &mut Dice, triangles: u32) -> Body {
             figure.leg(side);
         });
     } else {
-        tentacles(&mut figure, dice);
+        tentacles(&mut figure, triangles, dice);
     }
     for k in 0..dice.below(3) {
         tail(&mut figure, k, dice);
     }
     horns_and_eyes(&mut figure, head, dice);
-    if dice.chance(0.3) {
+    if triangles > 2_500 && dice.chance(0.3) {
         wings(&mut figure, chest, dice);
     }
     if dice.chance(0.4) {
@@ -77,9 +77,10 @@ fn deformed(shape: Shape, dice: &mut Dice) -> Shape {
 }
 
 /// Arms of an octopus instead of legs.
-fn tentacles(figure: &mut Figure, dice: &mut Dice) {
+fn tentacles(figure: &mut Figure, triangles: u32, dice: &mut Dice) {
     let s = figure.shape;
-    let (count, joints) = (dice.count(4, 8), dice.count(3, 6));
+    let more = if triangles < 5_000 { 0 } else { 3 };
+    let (count, joints) = (dice.count(3, 5 + more), dice.count(3, 3 + more));
     let root = figure.body.at(Body::ROOT);
     for k in 0..count {
         let (sin, cos) = sin_cos(360.0 * (k as f32 + 0.5) / count as f32);
