@@ -37,7 +37,7 @@ proportions! {
     }
 }
 
-const ARCHETYPES: [Shape; 5] = [
+const ARCHETYPES: [Shape; 6] = [
     // A carp.
     Shape {
         length: 0.45,
@@ -118,6 +118,22 @@ const ARCHETYPES: [Shape; 5] = [
         pelvic: 0.07,
         chord: 0.60,
     },
+    // A fat one, as in games.
+    Shape {
+        length: 0.30,
+        height: 0.34,
+        width: 0.27,
+        deepest: 0.36,
+        stalk: 0.075,
+        snout: 0.50,
+        tail_span: 0.30,
+        tail_sweep: 46.0,
+        dorsal: 0.20,
+        dorsal_at: 0.55,
+        pectoral: 0.20,
+        pelvic: 0.10,
+        chord: 0.60,
+    },
 ];
 
 /// Where the body hangs on its root, behind the gills.
@@ -129,9 +145,11 @@ const GILLS: f32 = 0.25;
 pub(crate) fn body(dice: &mut Dice, _triangles: u32) -> Body {
     let shape = Shape::draw(&ARCHETYPES, 0.12, dice);
     let flat_tail = shape.pelvic < 0.03;
-    let fin_joints = dice.count(1, 2);
+    // Many rigs of fish are one chain, their fins stiff on it.
+    let plain = dice.chance(0.4);
+    let fin_joints = if plain { 0 } else { dice.count(1, 2) };
     let builder = Builder {
-        spine: dice.count(4, 8),
+        spine: if plain { dice.count(2, 4) } else { dice.count(4, 8) },
         swing: 0.05 * dice.bell(),
         flat_tail,
         fin_joints,
@@ -238,10 +256,11 @@ impl Builder {
             let nodes = [Node::round(hinge, 0.42 * w.min(h)), Node::round(chin, 0.26 * w.min(h))];
             self.body.flesh(&[jaw], &nodes, Vec3::X);
         }
-        if dice.chance(0.8) {
+        if dice.chance(0.85) {
+            let eye = if dice.chance(0.3) { dice.between(0.3, 0.55) } else { dice.between(0.16, 0.26) };
             for side in Side::BOTH {
                 let center = self.axis(0.11) + side.of(Vec3::new(0.90 * w, 0.28 * h, 0.0));
-                let radius = dice.between(0.16, 0.26) * w.min(h);
+                let radius = eye * w.min(h);
                 self.body.ball(head, center, radius);
             }
         }
@@ -278,10 +297,10 @@ impl Builder {
         let rib = |across: f32| {
             let length = span * (1.0 - 0.55 * across * across);
             // The first point is sunk in the body and held by it.
-            let along = |k: usize| if k == 0 { -0.08 } else { k as f32 / n as f32 };
+            let along = |k: usize| if k == 0 { -0.08 } else { k as f32 / n.max(1) as f32 };
             let lean = |t: f32| chord * (across - 0.35) * (1.0 - 0.45 * t.max(0.0));
             let point = |k: usize| root + out * (length * along(k)) - Vec3::Z * lean(along(k));
-            (0..=n).map(|k| Control { at: point(k), joint: joints[k].0 }).collect::<Vec<_>>()
+            (0..=n.max(1)).map(|k| Control { at: point(k), joint: joints[k.min(n)].0 }).collect::<Vec<_>>()
         };
         let ribs = (0..4).map(|r| rib(r as f32 / 3.0)).collect();
         self.body.pieces.push(Piece::Sheet(Sheet { ribs, thickness: 0.05 * chord, round: false }));

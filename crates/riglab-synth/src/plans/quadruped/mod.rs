@@ -1,216 +1,18 @@
 //! Quadrupeds: from mouse to horse, with a neck, four legs and mostly a tail.
 
+mod shape;
+
 use glam::Vec3;
 use riglab_core::JointId;
 
 use crate::body::{Body, Node, Side};
-use crate::dice::{Dice, proportions};
+use crate::dice::Dice;
+use crate::kit::limbs::horn;
 use crate::part::Ring;
+use crate::springs::Kind;
 use crate::turn::{direction, turned};
 
-proportions! {
-    /// Lengths and radii in shares of the trunk's length unless said otherwise.
-    Shape {
-        /// Trunk from hips to shoulders, in metres.
-        trunk,
-        /// Height of the back above the ground.
-        stand,
-        /// Half widths and half heights of the trunk at chest, waist and hips.
-        chest,
-        chest_height,
-        waist,
-        waist_height,
-        hips,
-        hips_height,
-        /// How far the back sags (below 0) or arches in the middle.
-        arch,
-        neck,
-        /// Degrees of the neck above the horizontal.
-        neck_rise,
-        neck_thick,
-        head,
-        /// Half width of the skull in shares of the head.
-        skull,
-        /// Length and half width of the muzzle in shares of the head.
-        muzzle,
-        muzzle_thick,
-        /// Ear length in shares of the head.
-        ear,
-        tail,
-        tail_thick,
-        /// Degrees of the tail above the horizontal.
-        tail_rise,
-        thigh,
-        shin,
-        ankle,
-        paw,
-    }
-}
-
-const ARCHETYPES: [Shape; 6] = [
-    // A wolf.
-    Shape {
-        trunk: 0.72,
-        stand: 0.92,
-        chest: 0.17,
-        chest_height: 0.25,
-        waist: 0.12,
-        waist_height: 0.17,
-        hips: 0.14,
-        hips_height: 0.19,
-        arch: 0.01,
-        neck: 0.30,
-        neck_rise: 38.0,
-        neck_thick: 0.125,
-        head: 0.34,
-        skull: 0.33,
-        muzzle: 0.55,
-        muzzle_thick: 0.17,
-        ear: 0.34,
-        tail: 0.55,
-        tail_thick: 0.050,
-        tail_rise: -32.0,
-        thigh: 0.105,
-        shin: 0.050,
-        ankle: 0.032,
-        paw: 0.105,
-    },
-    // A horse.
-    Shape {
-        trunk: 1.45,
-        stand: 1.08,
-        chest: 0.19,
-        chest_height: 0.26,
-        waist: 0.18,
-        waist_height: 0.23,
-        hips: 0.19,
-        hips_height: 0.23,
-        arch: -0.02,
-        neck: 0.52,
-        neck_rise: 48.0,
-        neck_thick: 0.120,
-        head: 0.42,
-        skull: 0.24,
-        muzzle: 0.60,
-        muzzle_thick: 0.16,
-        ear: 0.22,
-        tail: 0.62,
-        tail_thick: 0.045,
-        tail_rise: -68.0,
-        thigh: 0.115,
-        shin: 0.052,
-        ankle: 0.034,
-        paw: 0.080,
-    },
-    // A cat.
-    Shape {
-        trunk: 0.34,
-        stand: 0.76,
-        chest: 0.16,
-        chest_height: 0.20,
-        waist: 0.14,
-        waist_height: 0.17,
-        hips: 0.14,
-        hips_height: 0.18,
-        arch: 0.03,
-        neck: 0.16,
-        neck_rise: 34.0,
-        neck_thick: 0.115,
-        head: 0.27,
-        skull: 0.42,
-        muzzle: 0.26,
-        muzzle_thick: 0.19,
-        ear: 0.40,
-        tail: 0.85,
-        tail_thick: 0.036,
-        tail_rise: 18.0,
-        thigh: 0.090,
-        shin: 0.046,
-        ankle: 0.034,
-        paw: 0.085,
-    },
-    // A mouse.
-    Shape {
-        trunk: 0.075,
-        stand: 0.52,
-        chest: 0.19,
-        chest_height: 0.20,
-        waist: 0.24,
-        waist_height: 0.25,
-        hips: 0.25,
-        hips_height: 0.27,
-        arch: 0.09,
-        neck: 0.10,
-        neck_rise: 10.0,
-        neck_thick: 0.15,
-        head: 0.40,
-        skull: 0.36,
-        muzzle: 0.48,
-        muzzle_thick: 0.15,
-        ear: 0.46,
-        tail: 1.15,
-        tail_thick: 0.030,
-        tail_rise: -8.0,
-        thigh: 0.095,
-        shin: 0.050,
-        ankle: 0.034,
-        paw: 0.100,
-    },
-    // A bear.
-    Shape {
-        trunk: 1.10,
-        stand: 0.88,
-        chest: 0.25,
-        chest_height: 0.32,
-        waist: 0.26,
-        waist_height: 0.31,
-        hips: 0.25,
-        hips_height: 0.28,
-        arch: 0.05,
-        neck: 0.20,
-        neck_rise: 16.0,
-        neck_thick: 0.180,
-        head: 0.34,
-        skull: 0.42,
-        muzzle: 0.42,
-        muzzle_thick: 0.20,
-        ear: 0.20,
-        tail: 0.09,
-        tail_thick: 0.050,
-        tail_rise: -40.0,
-        thigh: 0.140,
-        shin: 0.085,
-        ankle: 0.064,
-        paw: 0.150,
-    },
-    // A deer.
-    Shape {
-        trunk: 0.95,
-        stand: 1.12,
-        chest: 0.15,
-        chest_height: 0.23,
-        waist: 0.14,
-        waist_height: 0.20,
-        hips: 0.15,
-        hips_height: 0.20,
-        arch: 0.0,
-        neck: 0.46,
-        neck_rise: 60.0,
-        neck_thick: 0.085,
-        head: 0.32,
-        skull: 0.28,
-        muzzle: 0.58,
-        muzzle_thick: 0.15,
-        ear: 0.46,
-        tail: 0.14,
-        tail_thick: 0.035,
-        tail_rise: 10.0,
-        thigh: 0.095,
-        shin: 0.038,
-        ankle: 0.024,
-        paw: 0.065,
-    },
-];
+use shape::{ARCHETYPES, Shape};
 
 pub(crate) fn body(dice: &mut Dice, triangles: u32) -> Body {
     let shape = Shape::draw(&ARCHETYPES, 0.10, dice);
@@ -257,7 +59,10 @@ impl Builder {
         let (hips, chest) = (spine[0], spine[self.spine - 1]);
         let skull = self.neck(chest);
         self.head(skull, dice);
-        self.tail(hips);
+        let tail = self.tail(hips);
+        if dice.chance(0.5) {
+            self.body.swings("tail", &tail, Kind::Tail, dice);
+        }
         for (k, side) in Side::BOTH.into_iter().enumerate() {
             self.fore_leg(chest, side, self.stance.swing[k]);
             self.hind_leg(hips, side, self.stance.swing[2 + k]);
@@ -345,8 +150,12 @@ impl Builder {
             self.body.flesh(&[jaw], &nodes, side);
         }
         let ear = s.ear * h;
+        let antlers = dice.chance(0.25).then(|| (dice.below(3), dice.between(0.4, 1.4) * h));
         for of in Side::BOTH {
             let out = side * of.sign() * side.x.signum();
+            if let Some((kind, length)) = antlers {
+                self.horns(head, crown, out, up, look, kind, length);
+            }
             let root = crown + out * (0.62 * w) + up * (0.62 * w);
             let lean = (up + out * dice.between(0.2, 0.5) - look * 0.15).normalize();
             let tip = root + lean * ear;
@@ -357,6 +166,9 @@ impl Builder {
             };
             let nodes = [Node::new(root, flat), Node::new(tip, flat.scaled(0.45))];
             self.body.flesh(&[joint], &nodes, out);
+            if joint != head && s.ear > 0.3 && dice.chance(0.5) {
+                self.body.swings("ear", &[joint], Kind::Ear, dice);
+            }
             if dice.chance(0.7) {
                 let center = crown + out * (0.80 * w) + look * (0.24 * h) + up * (0.12 * w);
                 self.body.ball(head, center, 0.19 * w);
@@ -364,7 +176,27 @@ impl Builder {
         }
     }
 
-    fn tail(&mut self, hips: JointId) {
+    /// A horn of a bull, a goat or a stag, on the head's joint.
+    #[allow(clippy::too_many_arguments)]
+    fn horns(&mut self, head: JointId, crown: Vec3, out: Vec3, up: Vec3, look: Vec3, kind: usize, length: f32) {
+        let w = self.shape.skull * self.shape.head;
+        let root = crown + out * (0.4 * w) + up * (0.75 * w);
+        let (along, bend) = match kind {
+            0 => ((out + up * 0.3).normalize(), up * 0.7),
+            1 => ((up - look * 0.5).normalize(), -look * 0.7 - up * 0.4),
+            _ => ((up + out * 0.5 - look * 0.2).normalize(), out * 0.1),
+        };
+        horn(&mut self.body, head, root, along, bend, length, 0.16 * w);
+        if kind == 2 {
+            for (t, side) in [(0.35, 0.7), (0.6, 0.5)] {
+                let fork = root + along * (t * length);
+                let branch = (look * 0.7 + up * 0.6 + out * (0.3 * side)).normalize();
+                horn(&mut self.body, head, fork, branch, up * 0.3, side * 0.6 * length, 0.10 * w);
+            }
+        }
+    }
+
+    fn tail(&mut self, hips: JointId) -> Vec<JointId> {
         let (s, n) = (self.shape, self.tail);
         let mut at = self.spine_at(0.0) + Vec3::new(0.0, 0.55 * s.hips_height, -0.55 * s.hips);
         let mut rise = s.tail_rise;
@@ -374,7 +206,7 @@ impl Builder {
             rise += self.stance.curl;
             nodes.push(Node::round(at, s.tail_thick * (1.15 - 0.55 * k as f32 / n as f32)));
         }
-        self.body.chain(hips, (1..=n).map(|k| format!("tail_{k}")), &nodes, Vec3::X);
+        self.body.chain(hips, (1..=n).map(|k| format!("tail_{k}")), &nodes, Vec3::X)
     }
 
     /// Shoulder blade, upper arm, forearm, paw.
