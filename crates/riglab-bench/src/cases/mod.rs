@@ -9,6 +9,7 @@ mod loader_ar;
 mod matmul_share;
 mod sample;
 mod step;
+mod synth;
 
 use std::path::PathBuf;
 
@@ -82,6 +83,7 @@ pub const CASES: [Case; 11] = [
         about: "the step's matrix products over the fastest ones of this machine",
         run: matmul_share::run,
     },
+    Case { name: "synth/1000", about: "a thousand creatures made, against the time asked for", run: synth::run },
 ];
 
 impl Case {

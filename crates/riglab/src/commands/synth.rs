@@ -14,8 +14,10 @@ use riglab_train::Progress;
 
 /// Make rigged creatures: files to try everything on, without any of your own.
 ///
-/// Each is drawn by seed and number, so the same command makes the same files. A manifest.json
-/// beside them states plan and licence (CC0).
+/// Each is drawn by seed and number, so the same command makes the same files. Plans are people,
+/// avatars with spring bones, animals of many kinds, monsters, machines and props; unless some are
+/// given, they come about as often as in corpora of real rigs. A manifest.json beside the files states
+/// source, licence (CC0) and category.
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:
@@ -31,12 +33,16 @@ pub struct Args {
     /// Seed.
     #[arg(long, default_value_t = 0)]
     seed: u64,
-    /// Body plans, taken in turn.
-    #[arg(long, value_delimiter = ',', value_name = "PLAN,..", default_values_t = Plan::ALL.map(|p| p.name().to_string()))]
+    #[arg(long, value_delimiter = ',', value_name = "PLAN,..", help = plans_help())]
     plans: Vec<String>,
-    /// Triangles of a creature, at least and at most.
-    #[arg(long, default_value = "2000..8000", value_name = "MIN..MAX", value_parser = range)]
+    /// Triangles of a creature, at least and at most; 500 to 50000 make sense.
+    #[arg(long, default_value = "1000..14000", value_name = "MIN..MAX", value_parser = range)]
     triangles: RangeInclusive<u32>,
+}
+
+fn plans_help() -> String {
+    let names = Plan::ALL.map(Plan::name).join(", ");
+    format!("Body plans, taken in turn, one perhaps more than once [default: a mixture of all: {names}]")
 }
 
 fn range(text: &str) -> Result<RangeInclusive<u32>, String> {
@@ -52,9 +58,11 @@ const AT_ONCE: usize = 64;
 
 pub fn run(args: &Args) -> Result<ExitCode> {
     let plans: Result<Vec<Plan>, String> = args.plans.iter().map(|p| p.parse()).collect();
-    let options = Options { plans: plans.map_err(anyhow::Error::msg)?, triangles: args.triangles.clone() };
-    if options.plans.is_empty() || args.count == 0 {
-        bail!("nothing to make: give at least one plan and --count 1");
+    let plans = plans.map_err(anyhow::Error::msg)?;
+    let plans = if plans.is_empty() { Plan::MIXTURE.to_vec() } else { plans };
+    let options = Options { plans, triangles: args.triangles.clone() };
+    if args.count == 0 {
+        bail!("nothing to make: give --count 1 or more");
     }
     let out = &args.out;
     fs::create_dir_all(out).with_context(|| format!("{} cannot be made", out.display()))?;
