@@ -17,7 +17,8 @@
 //! sines); any index can be made alone; at most four influences a vertex; every joint holds some,
 //! but for those that a quarter of the creatures have as exporters add them: `root` on the ground
 //! and an `.._end` at the tip of each last bone. No two joints but lobes of a fin share a place.
-//! Not held: in a few creatures of a hundred the tip of a thin limb is a component of its own.
+//! Not promised: that skin is whole. Smaller cells mend gaps in limbs that are thin for their cells, to
+//! a point; parts that are meant to be apart (eyes, clothes, toes) are apart.
 //! Leaves out: files, textures, how well creatures stand in for real rigs.
 
 mod assemble;

@@ -78,7 +78,12 @@ impl Body {
 
     /// The far end of what a joint holds, and how thick that is.
     pub fn tip(&self, joint: JointId) -> Option<(Vec3, f32)> {
-        let limbs = self.parts.iter().filter(|part| part.joint == joint.0).map(|part| (part.b, part.mean()));
+        let head = self.at(joint);
+        let limbs = self.parts.iter().filter(|part| part.joint == joint.0).map(|part| {
+            // The far side of an ellipsoid, the far joint of a limb.
+            let beyond = if part.a == part.b { (part.b - head).normalize_or_zero() * part.mean() } else { Vec3::ZERO };
+            (part.b + beyond, part.mean())
+        });
         let lofts = self.pieces.iter().filter_map(|piece| match piece {
             Piece::Loft(loft) => loft.sections.last().filter(|s| s.joint == joint.0).map(|s| (s.at, s.ring.mean())),
             Piece::Sheet(sheet) => {
@@ -88,7 +93,6 @@ impl Body {
             }
             Piece::Ball(ball) => (ball.joint == joint.0).then(|| (ball.center, ball.mean())),
         });
-        let head = self.at(joint);
         limbs.chain(lofts).max_by(|a, b| head.distance_squared(a.0).total_cmp(&head.distance_squared(b.0)))
     }
 }

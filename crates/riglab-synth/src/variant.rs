@@ -20,7 +20,7 @@ impl Body {
             800..1_500 => 0.4,
             _ => 0.08,
         });
-        let (ends, root) = (dice.chance(0.25), dice.chance(0.25));
+        let (ends, root) = (dice.chance(0.3), dice.chance(0.3));
         let square = if dice.chance(0.6) { 1.0 } else { 0.0 };
         let bevel = if dice.chance(0.5) { dice.between(0.1, 0.45) } else { 0.0 };
         let mut body = if bent > 0.0 { self.posed(bent, dice) } else { self };

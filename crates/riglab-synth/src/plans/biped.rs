@@ -4,7 +4,7 @@ use crate::body::{Body, Side};
 use crate::dice::Dice;
 use crate::kit::human::{Figure, Hand, Names, Shape};
 
-pub(super) const ARCHETYPES: [Shape; 5] = [
+pub(super) const ARCHETYPES: [Shape; 6] = [
     // A woman.
     Shape {
         height: 1.67,
@@ -145,6 +145,34 @@ pub(super) const ARCHETYPES: [Shape; 5] = [
         ankle: 0.0320,
         foot: 0.165,
     },
+    // A toy: all head.
+    Shape {
+        height: 0.90,
+        head: 0.450,
+        head_width: 0.95,
+        head_depth: 0.90,
+        neck: 0.004,
+        neck_radius: 0.050,
+        crotch: 0.170,
+        shoulders: 0.115,
+        chest_depth: 0.090,
+        waist: 0.110,
+        waist_depth: 0.095,
+        hips: 0.112,
+        hip_joint: 0.062,
+        belly: 0.3,
+        upper_arm: 0.110,
+        forearm: 0.100,
+        hand: 0.110,
+        arm_radius: 0.042,
+        elbow: 0.040,
+        wrist: 0.0380,
+        thigh: 0.058,
+        knee: 0.052,
+        calf: 0.0020,
+        ankle: 0.0480,
+        foot: 0.150,
+    },
 ];
 
 pub(crate) fn body(dice: &mut Dice, triangles: u32) -> Body {
@@ -158,7 +186,14 @@ pub(crate) fn body(dice: &mut Dice, triangles: u32) -> Body {
         _ => Hand::Fingers(4),
     };
     figure.twists = triangles >= 2_500 && dice.chance(0.3);
-    figure.spine = if names == Names::Mixamo { 3 } else { dice.count(1, 3) };
+    if names == Names::Blender {
+        // Skeletons made by hand are often simpler.
+        figure.spine = dice.count(1, 3);
+        (figure.clavicles, figure.toes) = (dice.chance(0.6), dice.chance(0.5));
+        if dice.chance(0.4) {
+            figure.hand = Hand::Mitten;
+        }
+    }
     let chest = figure.torso();
     let head = figure.head(chest, dice);
     let mut hands = Vec::new();

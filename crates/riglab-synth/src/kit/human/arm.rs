@@ -18,13 +18,14 @@ impl Figure {
         let r = s.arm_radius;
         let shoulder = Vec3::new(x, shoulder_y, z);
         let root = Vec3::new(0.22 * x, shoulder_y + 0.10 * r, z);
-        let clavicle = self.bone(chest, &side.bone("Shoulder"), side.of(root));
+        let clavicle = if self.clavicles { self.bone(chest, &side.bone("Shoulder"), side.of(root)) } else { chest };
         let out = direction(90.0 - self.stance.arms_forward, -self.stance.arms_down);
         let bent = turned(out, Vec3::Y, -self.stance.elbow);
         let elbow = shoulder + out * self.limb(s.upper_arm, side);
         let wrist = elbow + bent * self.limb(s.forearm, side);
         let top = 0.95 * r;
-        self.body.bone(clavicle, side.of(shoulder), Ring::oval(1.1 * top, top), Ring::round(1.02 * r), Vec3::Z);
+        let ends = [Node::new(side.of(root), Ring::oval(1.1 * top, top)), Node::round(side.of(shoulder), 1.02 * r)];
+        self.body.flesh(&[clavicle], &ends, Vec3::Z);
         let nodes = [
             Node::round(side.of(shoulder), 1.04 * r).belly(0.10 * r),
             Node::round(side.of(elbow), s.elbow).belly(0.20 * s.elbow),
@@ -32,7 +33,9 @@ impl Figure {
         ];
         let forearm = self.twisted(clavicle, side, ["UpperArm", "LowerArm"], &nodes, Vec3::Y, true);
         // Painters let the shoulder follow the arm far into the chest.
-        self.body.soft.push((clavicle, 1.6));
+        if self.clavicles {
+            self.body.soft.push((clavicle, 1.6));
+        }
         self.hand(forearm, side, wrist, bent)
     }
 

@@ -42,7 +42,7 @@ impl Figure {
             Node::new(side.of(tip), Ring::oval(0.17 * size, 0.095 * size)),
         ];
         let foot = self.bone(shin, &side.bone("Foot"), nodes[0].at);
-        let toe = self.bone(foot, &side.bone("Toes"), nodes[1].at);
+        let toe = if self.toes { self.bone(foot, &side.bone("Toes"), nodes[1].at) } else { foot };
         self.body.flesh(&[foot, toe], &nodes, Vec3::X);
         let heel = Vec3::new(ankle.x, sole + 0.14 * size, ankle.z) - toes * (0.06 * size);
         self.body.mass(foot, side.of(heel), side.of(toes), Vec3::new(0.15 * size, 0.14 * size, 0.21 * size));

@@ -105,6 +105,9 @@ pub(crate) struct Figure {
     pub twists: bool,
     /// Joints from hips to chest, the hips not counted: 1 to 3.
     pub spine: usize,
+    /// Whether shoulders and toes have joints of their own.
+    pub clavicles: bool,
+    pub toes: bool,
     pub names: Names,
     /// Added to names and to how far below the usual place arms grow: for a second pair.
     pub suffix: String,
@@ -127,6 +130,8 @@ impl Figure {
             lopsided,
             twists: false,
             spine: 3,
+            clavicles: true,
+            toes: true,
             names,
             suffix: String::new(),
             lower: 0.0,
