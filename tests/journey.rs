@@ -71,6 +71,22 @@ fn creatures_are_the_same_for_the_same_seed() {
     assert_eq!(first.len(), 4);
     assert!(first == make("b", "1"));
     assert!(first != make("c", "2"));
+    // At once as a corpus, they are the same.
+    let (one, other) = (dir.path().join("d.h5"), dir.path().join("e.h5"));
+    must(&["synth", "-o", text(&one), "--count", "3", "--seed", "1", "--triangles", "400..600"]);
+    must(&["dataset", "import", text(&dir.path().join("a")), "-o", text(&other)]);
+    let shown = |corpus: &std::path::Path| {
+        let out = must(&["dataset", "inspect", text(corpus), "--json"]).stdout;
+        let each = String::from_utf8(out).unwrap();
+        let counts = |l: &str| {
+            let v: Value = serde_json::from_str(l).unwrap();
+            ["vertices", "triangles", "joints", "nonzero_weights", "category", "licence"].map(|k| v[k].clone())
+        };
+        let mut all: Vec<_> = each.lines().map(|l| format!("{:?}", counts(l))).collect();
+        all.sort();
+        all
+    };
+    assert_eq!(shown(&one), shown(&other));
 }
 
 #[test]

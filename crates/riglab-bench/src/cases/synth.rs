@@ -32,9 +32,8 @@ pub fn run(context: &mut Context) -> Result<Vec<Row>> {
             let asset = creature(round as u64, index, &options);
             (asset.rig.mesh().triangles().len(), riglab_asset::to_glb(&asset).len())
         };
-        (triangles, bytes) = pool.install(|| {
-            (0..COUNT).into_par_iter().map(made).reduce(|| (0, 0), |a, b| (a.0 + b.0, a.1 + b.1))
-        });
+        (triangles, bytes) =
+            pool.install(|| (0..COUNT).into_par_iter().map(made).reduce(|| (0, 0), |a, b| (a.0 + b.0, a.1 + b.1)));
         seconds.push(start.elapsed().as_secs_f64());
     }
     let mean = triangles as f64 / COUNT as f64;

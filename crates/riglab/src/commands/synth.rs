@@ -9,6 +9,8 @@ use anyhow::{Context, Result, bail};
 use rayon::prelude::*;
 use riglab_asset::to_glb;
 use riglab_core::Asset;
+use riglab_data::{CorpusWriter, Splitter};
+use riglab_files::make_folder_of;
 use riglab_synth::{Options, Plan, creature};
 use riglab_train::Progress;
 
@@ -16,16 +18,17 @@ use riglab_train::Progress;
 ///
 /// Each is drawn by seed and number, so the same command makes the same files. Plans are people,
 /// avatars with spring bones, animals of many kinds, monsters, machines and props; unless some are
-/// given, they come about as often as in corpora of real rigs. A manifest.json beside the files states
-/// source, licence (CC0) and category.
+/// given, they come about as often as in corpora of real rigs. They become GLB files in a folder, with a
+/// manifest.json that states source, licence (CC0) and category, or at once a corpus, split by topology.
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:
   riglab synth -o creatures --count 120
+  riglab synth -o creatures.h5 --count 10000
   riglab synth -o fish --plans fish --seed 7 --triangles 500..2000")]
 pub struct Args {
-    /// Folder to write GLB files into; made if there is none, else it must be empty.
-    #[arg(long, short, value_name = "DIR")]
+    /// Folder to write GLB files into, made if there is none, else it must be empty; or a corpus (.h5).
+    #[arg(long, short, value_name = "DIR|FILE.h5")]
     out: PathBuf,
     /// How many.
     #[arg(long, default_value_t = 60, value_name = "N")]
@@ -65,6 +68,9 @@ pub fn run(args: &Args) -> Result<ExitCode> {
         bail!("nothing to make: give --count 1 or more");
     }
     let out = &args.out;
+    if out.extension().is_some_and(|e| e.eq_ignore_ascii_case("h5") || e.eq_ignore_ascii_case("hdf5")) {
+        return corpus(args, &options);
+    }
     fs::create_dir_all(out).with_context(|| format!("{} cannot be made", out.display()))?;
     let mut entries = fs::read_dir(out).with_context(|| format!("{} cannot be read", out.display()))?;
     if entries.next().is_some() {
@@ -84,6 +90,30 @@ pub fn run(args: &Args) -> Result<ExitCode> {
     put(&out.join("manifest.json"), (serde_json::to_string_pretty(&manifest)? + "\n").as_bytes())?;
     eprintln!("next: riglab dataset import {} -o corpus.h5", out.display());
     say!("{}: {} creatures", out.display(), manifest.len());
+    Ok(ExitCode::SUCCESS)
+}
+
+/// Writes the creatures to a corpus as they are made.
+fn corpus(args: &Args, options: &Options) -> Result<ExitCode> {
+    make_folder_of(&args.out)?;
+    let mut writer = CorpusWriter::create(&args.out)?;
+    let mut progress = Progress::new("making creatures", args.count, 0);
+    let mut keys = Vec::new();
+    let mut from = 0;
+    while from < args.count {
+        let to = args.count.min(from + AT_ONCE as u64);
+        let made: Vec<Asset> = (from..to).into_par_iter().map(|k| creature(args.seed, k, options)).collect();
+        for asset in &made {
+            writer.add(asset)?;
+            keys.push(Splitter::key(asset));
+        }
+        from = to;
+        progress.set(from, String::new);
+    }
+    writer.finish(&Splitter::ByTopology(args.seed).assign(&keys))?;
+    progress.finish();
+    eprintln!("next: riglab train quickstart/fsq_cvae.toml --set data.corpora='[\"{}\"]'", args.out.display());
+    say!("{}: {} creatures", args.out.display(), keys.len());
     Ok(ExitCode::SUCCESS)
 }
 
