@@ -7,7 +7,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 
 use rayon::prelude::*;
 use riglab_asset::{ImportError, ImportOptions, Imported, count_assets, import, import_each, is_rig_file};
-use riglab_core::Asset;
+use riglab_core::{Asset, Provenance};
 use riglab_files::{Below, make_folder_of};
 use serde::Deserialize;
 
@@ -48,6 +48,40 @@ struct Entry {
     licence: String,
     author: String,
     category: String,
+}
+
+/// What `manifest.json` beside the files says of them: a list of objects with `file`, `source`, `licence`,
+/// `author`, `category`; nothing where there is none.
+pub struct Manifest(HashMap<String, Entry>);
+
+impl Manifest {
+    /// Reads that of a folder. One that is no such list is told on standard error and left out.
+    pub fn read(folder: &Path) -> Self {
+        let Ok(text) = std::fs::read_to_string(folder.join("manifest.json")) else { return Self(HashMap::new()) };
+        match serde_json::from_str::<Vec<Entry>>(&text) {
+            Ok(entries) => Self(entries.into_iter().map(|e| (e.file.clone(), e)).collect()),
+            Err(e) => {
+                let folder = folder.display();
+                eprintln!("warning: {folder}/manifest.json is left out ({e}): no licences or authors from it");
+                Self(HashMap::new())
+            }
+        }
+    }
+
+    /// Adds what is said of an asset, by its own name or by that of its file.
+    pub fn describe(&self, asset: &str, file: &str, from: &mut Provenance) {
+        let Some(entry) = self.0.get(asset).or(self.0.get(file)) else { return };
+        for (to, value) in [
+            (&mut from.source, &entry.source),
+            (&mut from.licence, &entry.licence),
+            (&mut from.author, &entry.author),
+            (&mut from.category, &entry.category),
+        ] {
+            if !value.is_empty() {
+                to.clone_from(value);
+            }
+        }
+    }
 }
 
 /// The rigged files of a folder and those below it, by name.
@@ -93,12 +127,12 @@ pub fn import_folder(
     // An earlier corpus at the same place is not part of the data.
     files.retain(|file| file != out);
     make_folder_of(out).map_err(|e| DataError::io(out, e))?;
-    let manifest = manifest(folder);
+    let manifest = Manifest::read(folder);
     let mut writer = CorpusWriter::create(out)?;
     let mut report = ImportReport::default();
     let refused = |(path, reason): (PathBuf, String)| Refused {
         reason: format!("{}: {reason}", path.display()),
-        name: name(folder, &path),
+        name: name_below(folder, &path),
     };
     report.refused = unread.into_iter().map(refused).collect();
     let done = AtomicUsize::new(0);
@@ -152,13 +186,8 @@ enum Found {
     Several,
 }
 
-fn one(
-    folder: &Path,
-    path: &Path,
-    manifest: &HashMap<String, Entry>,
-    options: &ImportOptions,
-) -> Result<Found, Refused> {
-    let name = name(folder, path);
+fn one(folder: &Path, path: &Path, manifest: &Manifest, options: &ImportOptions) -> Result<Found, Refused> {
+    let name = name_below(folder, path);
     let refused = |e: ImportError| Refused { name: name.clone(), reason: e.to_string() };
     if count_assets(path).map_err(refused)? > 1 {
         return Ok(Found::Several);
@@ -167,23 +196,23 @@ fn one(
     if options.split && imported.reading.characters().len() > 1 {
         return Ok(Found::Several);
     }
-    let asset = asset(imported, &name, manifest.get(&name)).map_err(refused)?;
+    let asset = asset(imported, &name, &name, manifest).map_err(refused)?;
     Ok(Found::One(Box::new(asset)))
 }
 
 fn several(
     folder: &Path,
     path: &Path,
-    manifest: &HashMap<String, Entry>,
+    manifest: &Manifest,
     options: &ImportOptions,
     add: &mut impl FnMut(Result<Asset, Refused>) -> Result<(), DataError>,
 ) -> Result<(), DataError> {
-    let name = name(folder, path);
+    let name = name_below(folder, path);
     let mut done = Ok(());
     import_each(path, options, |imported| {
         let found = imported.and_then(|i| {
             let own = format!("{name}#{}", i.name);
-            asset(i, &own, manifest.get(&own).or(manifest.get(&name)))
+            asset(i, &own, &name, manifest)
         });
         done = add(found.map_err(|e| Refused { name: name.clone(), reason: e.to_string() }));
         if done.is_err() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
@@ -191,40 +220,17 @@ fn several(
     done
 }
 
-/// The file, below the folder.
-fn name(folder: &Path, path: &Path) -> String {
+/// What a file is called: its path below the folder.
+pub fn name_below(folder: &Path, path: &Path) -> String {
     path.strip_prefix(folder).unwrap_or(path).to_string_lossy().into_owned()
 }
 
-/// The asset under a name, with what the manifest says of it.
-fn asset(imported: Imported, name: &str, entry: Option<&Entry>) -> Result<Asset, ImportError> {
+/// The asset under a name, with what the manifest says of it or its file.
+fn asset(imported: Imported, name: &str, file: &str, manifest: &Manifest) -> Result<Asset, ImportError> {
     let mut asset = imported.into_asset()?;
-    if let Some(entry) = entry {
-        let from = &mut asset.provenance;
-        for (to, value) in [
-            (&mut from.source, &entry.source),
-            (&mut from.licence, &entry.licence),
-            (&mut from.author, &entry.author),
-            (&mut from.category, &entry.category),
-        ] {
-            if !value.is_empty() {
-                to.clone_from(value);
-            }
-        }
-    }
+    manifest.describe(name, file, &mut asset.provenance);
     asset.name = name.to_owned();
     Ok(asset)
-}
-
-fn manifest(folder: &Path) -> HashMap<String, Entry> {
-    let Ok(text) = std::fs::read_to_string(folder.join("manifest.json")) else { return HashMap::new() };
-    match serde_json::from_str::<Vec<Entry>>(&text) {
-        Ok(entries) => entries.into_iter().map(|e| (e.file.clone(), e)).collect(),
-        Err(e) => {
-            eprintln!("warning: {}/manifest.json is left out ({e}): no licences or authors from it", folder.display());
-            HashMap::new()
-        }
-    }
 }
 
 #[cfg(test)]
@@ -268,7 +274,7 @@ mod tests {
         let both = [read("a_rig.txt"), read("b_rig.txt")];
         let set = dir.path().join("set.npz");
         riglab_asset::write(&both, &set, riglab_asset::Target::ArticulationXl).unwrap();
-        let names: Vec<_> = rigged_files(dir.path()).unwrap().iter().map(|p| name(dir.path(), p)).collect();
+        let names: Vec<_> = rigged_files(dir.path()).unwrap().iter().map(|p| name_below(dir.path(), p)).collect();
         assert_eq!(names, ["a_rig.txt", "b_rig.txt", "set.npz"]);
         let out = dir.path().join("c.h5");
         for _ in 0..2 {
