@@ -8,11 +8,13 @@
 //! Holds: no network request, no script; every text is escaped.
 //! Leaves out: what the numbers mean, where they come from.
 
+mod bars;
 mod chart;
 mod page;
 mod run;
 mod table;
 
+pub use bars::Bars;
 pub use chart::{Chart, Series};
 pub use page::{Block, Page, Picture, ReportError};
 pub use run::RunView;

@@ -5,6 +5,7 @@ use minijinja::value::Serde;
 use minijinja::{Environment, Value, context};
 use thiserror::Error;
 
+use crate::bars::Bars;
 use crate::chart::Chart;
 use crate::table::Table;
 
@@ -41,6 +42,8 @@ pub enum Block {
     Table(Table),
     /// Charts side by side.
     Charts(Vec<Chart>),
+    /// Bars side by side.
+    Bars(Vec<Bars>),
     /// Pictures below each other, full width.
     Pictures(Vec<Picture>),
     /// Commands to copy.
@@ -85,6 +88,10 @@ fn block(block: &Block) -> Result<Value, ReportError> {
             let drawn = charts.iter().map(Chart::to_svg).collect::<Result<Vec<_>, _>>()?;
             let drawn: Vec<Value> = drawn.into_iter().filter(|s| !s.is_empty()).map(Value::from_safe_string).collect();
             context! { kind => "charts", charts => drawn }
+        }
+        Block::Bars(bars) => {
+            let drawn = bars.iter().map(Bars::to_svg).filter(|s| !s.is_empty()).map(Value::from_safe_string);
+            context! { kind => "charts", charts => drawn.collect::<Vec<_>>() }
         }
         Block::Pictures(pictures) => {
             let encode = |p: &Picture| {
