@@ -1,0 +1,64 @@
+//! What can go wrong with a curation as a whole; what is wrong with one asset is a line of the report.
+
+use std::path::{Path, PathBuf};
+
+use riglab_data::DataError;
+use thiserror::Error;
+
+/// Why a curation cannot go on. Messages name the file and the remedy.
+#[derive(Debug, Error)]
+pub enum CurateError {
+    /// Files or corpora.
+    #[error(transparent)]
+    Data(#[from] DataError),
+    /// The file system refused.
+    #[error("{path}: {message}", path = path.display())]
+    Io {
+        /// File or folder.
+        path: PathBuf,
+        /// What happened.
+        message: String,
+    },
+    /// The disk is full, or the like: what is finished is kept.
+    #[error("{path}: cannot be written ({message}); what is finished is kept, so make room and run the same command again", path = path.display())]
+    Write {
+        /// The file.
+        path: PathBuf,
+        /// What happened.
+        message: String,
+    },
+    /// A file of decisions with a line that is none.
+    #[error("{path}:{line}: {message}", path = path.display())]
+    Decision {
+        /// The file.
+        path: PathBuf,
+        /// The line, from 1.
+        line: usize,
+        /// What is wrong.
+        message: String,
+    },
+    /// Another run works in the folder.
+    #[error("{path}: another curation is at work here; wait for it, or give another --out", path = .0.display())]
+    Busy(PathBuf),
+    /// Nothing passed all stages.
+    #[error("none of the {assets} assets passed; {report} says why", report = report.display())]
+    NothingLeft {
+        /// How many there were.
+        assets: usize,
+        /// The report.
+        report: PathBuf,
+    },
+    /// The report cannot be made.
+    #[error(transparent)]
+    Report(#[from] riglab_report::ReportError),
+}
+
+impl CurateError {
+    pub(crate) fn io(path: &Path, e: impl std::fmt::Display) -> Self {
+        Self::Io { path: path.into(), message: e.to_string() }
+    }
+
+    pub(crate) fn write(path: &Path, e: impl std::fmt::Display) -> Self {
+        Self::Write { path: path.into(), message: e.to_string() }
+    }
+}

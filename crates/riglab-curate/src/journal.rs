@@ -1,0 +1,270 @@
+//! The journal of a curation: a line for each asset that has been looked at, so that a run that was broken
+//! off goes on where it was.
+//!
+//! JSON lines: a head with what the results depend on, then records, then, after those of a file, a line
+//! that the file is done. Lines are appended whole; one that was cut off is cut away when the journal is
+//! opened. A file that has changed since, by size or time, is looked at again, and a journal of another
+//! config starts anew.
+//!
+//! What is kept is what was found, not the assets: these are read again when the corpus is written, which
+//! takes a second reading but no second copy of the data.
+
+use std::collections::HashMap;
+use std::fs::{File, OpenOptions};
+use std::io::{BufRead, BufReader, Seek, SeekFrom, Write};
+use std::path::{Path, PathBuf};
+use std::time::UNIX_EPOCH;
+
+use serde::{Deserialize, Serialize};
+
+use crate::record::Record;
+use crate::{CurateConfig, CurateError};
+
+/// Raised when what a record means changes.
+const VERSION: u32 = 1;
+/// Appends between two syncs: what a loss of power may cost. A kill costs nothing that was appended.
+const SYNC_EVERY: usize = 256;
+
+#[derive(Clone, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+enum Line {
+    Head {
+        version: u32,
+        config: String,
+    },
+    Asset(Box<Record>),
+    /// What was begun of a file does not hold any more.
+    Again {
+        file: String,
+    },
+    Done {
+        file: String,
+        stamp: Stamp,
+    },
+}
+
+/// When a file is the same: its size and time. Buffers that a glTF keeps in other files are not asked.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Stamp {
+    bytes: u64,
+    modified_ns: u64,
+}
+
+impl Stamp {
+    /// Of a file, with the other half of a pair of rig text and OBJ; zeros for one that cannot be asked.
+    pub fn of(path: &Path) -> Self {
+        let mut stamp = Self { bytes: 0, modified_ns: 0 };
+        for meta in riglab_asset::files_read(path).iter().filter_map(|file| std::fs::metadata(file).ok()) {
+            stamp.bytes += meta.len();
+            let since = meta.modified().ok().and_then(|m| m.duration_since(UNIX_EPOCH).ok());
+            stamp.modified_ns = stamp.modified_ns.max(since.map_or(0, |d| d.as_nanos() as u64));
+        }
+        stamp
+    }
+}
+
+/// An open journal.
+pub struct Journal {
+    path: PathBuf,
+    file: File,
+    appended: usize,
+}
+
+/// What a journal holds.
+#[derive(Default)]
+pub struct Held {
+    /// Files that are done, with their records.
+    pub done: HashMap<String, (Stamp, Vec<Record>)>,
+    /// Records of files that are not: some of many assets, broken off.
+    pub begun: HashMap<String, Vec<Record>>,
+    /// Whether there was a journal of another config, which was put away.
+    pub of_another: bool,
+}
+
+impl Journal {
+    /// Opens the journal at a path, or begins it.
+    ///
+    /// # Errors
+    /// When it cannot be read or written, or another run has it.
+    pub fn open(path: &Path, config: &CurateConfig) -> Result<(Self, Held), CurateError> {
+        let mut file = OpenOptions::new()
+            .read(true)
+            .write(true)
+            .create(true)
+            .truncate(false)
+            .open(path)
+            .map_err(|e| CurateError::io(path, e))?;
+        // Freed when the process ends, however it ends.
+        if matches!(file.try_lock(), Err(std::fs::TryLockError::WouldBlock)) {
+            return Err(CurateError::Busy(path.into()));
+        }
+        let key = key(config);
+        let (mut held, sound) = read(&mut file, Some(&key)).map_err(|e| CurateError::io(path, e))?;
+        file.set_len(sound).and_then(|()| file.seek(SeekFrom::End(0))).map_err(|e| CurateError::write(path, e))?;
+        let mut journal = Self { path: path.into(), file, appended: 0 };
+        if sound == 0 {
+            held = Held { of_another: held.of_another, ..Held::default() };
+            journal.append(&[Line::Head { version: VERSION, config: key }])?;
+        }
+        Ok((journal, held))
+    }
+
+    /// Adds a file's records and that it is done.
+    ///
+    /// # Errors
+    /// When the disk is full; the records before stay.
+    pub fn add(&mut self, file: &str, stamp: Stamp, records: &[Record]) -> Result<(), CurateError> {
+        let lines: Vec<Line> = records.iter().map(|r| Line::Asset(Box::new(r.clone()))).collect();
+        self.append(&lines)?;
+        self.done(file, stamp)
+    }
+
+    /// Adds one record of a file of many.
+    ///
+    /// # Errors
+    /// As [`Self::add`].
+    pub fn add_one(&mut self, record: &Record) -> Result<(), CurateError> {
+        self.append(&[Line::Asset(Box::new(record.clone()))])
+    }
+
+    /// Says that what was added of a file does not hold, and adds what does.
+    ///
+    /// # Errors
+    /// As [`Self::add`].
+    pub fn replace(&mut self, file: &str, records: &[Record]) -> Result<(), CurateError> {
+        let again = Line::Again { file: file.into() };
+        let lines: Vec<Line> = records.iter().map(|r| Line::Asset(Box::new(r.clone()))).collect();
+        self.append(&[vec![again], lines].concat())
+    }
+
+    /// Says that a file is done.
+    ///
+    /// # Errors
+    /// As [`Self::add`].
+    pub fn done(&mut self, file: &str, stamp: Stamp) -> Result<(), CurateError> {
+        self.append(&[Line::Done { file: file.into(), stamp }])
+    }
+
+    fn append(&mut self, lines: &[Line]) -> Result<(), CurateError> {
+        let mut text = String::new();
+        for line in lines {
+            // Records are numbers and texts: nothing that JSON cannot hold.
+            text += &serde_json::to_string(line).unwrap_or_default();
+            text.push('\n');
+        }
+        self.appended += 1;
+        let mut put = || -> std::io::Result<()> {
+            self.file.write_all(text.as_bytes())?;
+            if self.appended.is_multiple_of(SYNC_EVERY) { self.file.sync_data() } else { Ok(()) }
+        };
+        put().map_err(|e| CurateError::write(&self.path, e.kind()))
+    }
+
+    /// Makes all of it durable.
+    ///
+    /// # Errors
+    /// The file system's.
+    pub fn sync(&self) -> Result<(), CurateError> {
+        self.file.sync_all().map_err(|e| CurateError::write(&self.path, e.kind()))
+    }
+}
+
+/// All records of the files that are done by a journal of whatever config, for merging shards.
+///
+/// # Errors
+/// When it cannot be read.
+pub fn records(path: &Path) -> Result<Vec<Record>, CurateError> {
+    let mut file = File::open(path).map_err(|e| CurateError::io(path, e))?;
+    let (held, _) = read(&mut file, None).map_err(|e| CurateError::io(path, e))?;
+    Ok(held.done.into_values().flat_map(|(_, records)| records).collect())
+}
+
+/// What is held, and how many bytes of it are sound: 0 for a journal of another config.
+fn read(file: &mut File, key: Option<&str>) -> std::io::Result<(Held, u64)> {
+    let mut held = Held::default();
+    let mut reader = BufReader::new(file);
+    let mut line = Vec::new();
+    let mut sound = 0;
+    loop {
+        line.clear();
+        let n = reader.read_until(b'\n', &mut line)?;
+        if n == 0 || line.last() != Some(&b'\n') {
+            return Ok((held, sound));
+        }
+        match serde_json::from_slice(&line) {
+            Ok(Line::Head { version, config })
+                if sound == 0 && version == VERSION && key.is_none_or(|k| k == config) => {}
+            Ok(Line::Asset(record)) if sound > 0 => held.begun.entry(record.file.clone()).or_default().push(*record),
+            Ok(Line::Again { file }) if sound > 0 => drop(held.begun.remove(&file)),
+            Ok(Line::Done { file, stamp }) if sound > 0 => {
+                let records = held.begun.remove(&file).unwrap_or_default();
+                held.done.insert(file, (stamp, records));
+            }
+            _ if sound == 0 => {
+                held.of_another = true;
+                return Ok((held, 0));
+            }
+            // A line that is none: a disk that was full in its middle. What follows is looked at again.
+            _ => return Ok((held, sound)),
+        }
+        sound += n as u64;
+    }
+}
+
+/// What records depend on.
+fn key(config: &CurateConfig) -> String {
+    let c = config;
+    let parts = (&c.import, &c.repair, &c.stages, &c.bones, &c.tree, &c.weights, &c.size, &c.objects);
+    let all = (parts, &c.outside, &c.humanoid, env!("CARGO_PKG_VERSION"));
+    blake3::hash(serde_json::to_string(&all).unwrap_or_default().as_bytes()).to_hex()[..32].into()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn record(name: &str, file: &str) -> Record {
+        Record::refused(name.into(), file.into(), "no rig".into())
+    }
+
+    #[test]
+    fn what_was_added_is_held_and_a_torn_line_is_cut_away() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("journal.jsonl");
+        let config = CurateConfig::default();
+        let stamp = Stamp { bytes: 3, modified_ns: 4 };
+        let (mut journal, held) = Journal::open(&path, &config).unwrap();
+        assert!(held.done.is_empty() && !held.of_another);
+        assert!(matches!(Journal::open(&path, &config), Err(CurateError::Busy(_))));
+        journal.add("a.glb", stamp, &[record("a.glb", "a.glb")]).unwrap();
+        journal.add_one(&record("set.npz#1", "set.npz")).unwrap();
+        drop(journal);
+        let whole = std::fs::read(&path).unwrap();
+        for cut in 0..=whole.len() {
+            std::fs::write(&path, &whole[..cut]).unwrap();
+            let (mut journal, held) = Journal::open(&path, &config).unwrap();
+            let all: usize = held.done.values().map(|d| d.1.len()).chain(held.begun.values().map(Vec::len)).sum();
+            // A head, a record, that its file is done, another record.
+            let lines = whole[..cut].iter().filter(|b| **b == b'\n').count();
+            assert_eq!(all, [0, 0, 1, 1, 2][lines]);
+            journal.add("b.glb", stamp, &[record("b.glb", "b.glb")]).unwrap();
+            drop(journal);
+            assert_eq!(Journal::open(&path, &config).unwrap().1.done["b.glb"].0, stamp);
+        }
+        assert_eq!(records(&path).unwrap().len(), 2);
+    }
+
+    #[test]
+    fn a_journal_of_another_config_starts_anew() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("journal.jsonl");
+        let mut config = CurateConfig::default();
+        Journal::open(&path, &config).unwrap().0.add("a", Stamp::of(&path), &[record("a", "a")]).unwrap();
+        // What records do not depend on changes nothing.
+        config.duplicates.tolerance = 0.01;
+        assert_eq!(Journal::open(&path, &config).unwrap().1.done.len(), 1);
+        config.bones.min = 5;
+        let (_, held) = Journal::open(&path, &config).unwrap();
+        assert!(held.of_another && held.done.is_empty());
+    }
+}

@@ -1,0 +1,99 @@
+//! What is known of an asset once it has been looked at.
+
+use riglab_core::Rig;
+use serde::{Deserialize, Serialize};
+
+use crate::Category;
+use crate::categories::{Guess, by_rules};
+use crate::config::CurateConfig;
+use crate::read::Read;
+use crate::repair::repair;
+use crate::shape::Shape;
+use crate::stages::dropped;
+
+/// The stage of what cannot be read.
+pub const READ: &str = "read";
+
+/// An asset that has been looked at.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Record {
+    /// Its name in the folder.
+    pub name: String,
+    /// The file it is in.
+    pub file: String,
+    /// The stage that dropped it and why; `None` if it passed those that look at one asset.
+    pub dropped: Option<(String, String)>,
+    /// What the importer and the repairs say of it.
+    pub notes: Vec<String>,
+    /// What was measured; `None` for what could not be read.
+    pub facts: Option<Facts>,
+}
+
+/// What was measured of an asset that could be read, after its repair.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Facts {
+    /// BLAKE3 of its file, in hexadecimal.
+    pub checksum: String,
+    /// Joints.
+    pub joints: usize,
+    /// Vertices.
+    pub vertices: usize,
+    /// Triangles.
+    pub triangles: usize,
+    /// Weights that are not 0.
+    pub weights: usize,
+    /// The tree of joints: see [`riglab_core::Skeleton::topology`].
+    pub topology: u64,
+    /// Repairs made here.
+    pub repairs: usize,
+    /// Where it came from.
+    pub source: String,
+    /// The category its source states; may be empty, or none of the eight.
+    pub stated: String,
+    /// The category by rules.
+    pub rules: Category,
+    /// What spoke for it.
+    pub because: String,
+    /// Its description, for duplicates.
+    pub shape: Shape,
+}
+
+impl Record {
+    /// Of what could not be read.
+    pub fn refused(name: String, file: String, reason: String) -> Self {
+        Self { name, file, dropped: Some((READ.into(), reason)), notes: Vec::new(), facts: None }
+    }
+
+    /// Looks at an asset: repairs it, asks the stages, describes it.
+    pub fn of(mut read: Read, file: String, config: &CurateConfig) -> Self {
+        let name = read.asset.name.clone();
+        let repairs = match repair(&mut read.asset, &config.repair) {
+            Ok(repairs) => repairs.len(),
+            Err(e) => return Self::refused(name, file, format!("its repair failed: {e}")),
+        };
+        let rig: &Rig = &read.asset.rig;
+        let Guess { category, because } = by_rules(rig);
+        let from = &read.asset.provenance;
+        let facts = Facts {
+            checksum: from.checksum.clone(),
+            joints: rig.skeleton().len(),
+            vertices: rig.mesh().positions().len(),
+            triangles: rig.mesh().triangles().len(),
+            weights: rig.weights().nonzero(),
+            topology: rig.skeleton().topology(),
+            repairs,
+            source: from.source.clone(),
+            stated: from.category.clone(),
+            rules: category,
+            because: because.into(),
+            shape: Shape::of(rig),
+        };
+        let dropped = dropped(rig, &read.seen, config).map(|(stage, why)| (stage.name().to_owned(), why));
+        Self { name, file, dropped, notes: from.notes.clone(), facts: Some(facts) }
+    }
+
+    /// What decisions know it by: the first 16 digits of its file's checksum; empty for what cannot be read.
+    pub fn digest(&self) -> &str {
+        self.facts.as_ref().map_or("", |f| f.checksum.get(..16).unwrap_or(&f.checksum))
+    }
+}

@@ -1,0 +1,334 @@
+//! A curation from a folder, or from the corpora of its shards, to a corpus and its report.
+
+use std::collections::{BTreeMap, HashMap, HashSet};
+use std::ops::ControlFlow;
+use std::path::{Path, PathBuf};
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+use rayon::prelude::*;
+use riglab_data::{Corpus, CorpusWriter, Splitter};
+
+use crate::config::{CurateConfig, SplitBy};
+use crate::decisions::Decisions;
+use crate::funnel::Funnel;
+use crate::journal::{Journal, Stamp, records};
+use crate::judge::{Judged, judge};
+use crate::label::label;
+use crate::pictures::Pictures;
+use crate::read::{Folder, Found};
+use crate::record::Record;
+use crate::source::Source;
+use crate::store::store;
+use crate::{CurateError, report};
+
+/// A part of the files, 1 to `of`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Shard {
+    /// Which.
+    pub number: u64,
+    /// Of how many.
+    pub of: u64,
+}
+
+impl Shard {
+    /// Whether a file is in this part: by its name alone, so that files may come and go.
+    pub fn has(&self, file: &str) -> bool {
+        let hash = blake3::hash(file.as_bytes());
+        let first = hash.as_bytes().first_chunk::<8>().copied().unwrap_or_default();
+        u64::from_le_bytes(first) % self.of.max(1) == self.number.saturating_sub(1)
+    }
+}
+
+/// Where results go.
+#[derive(Clone, Debug)]
+pub struct Places {
+    /// The corpus.
+    pub out: PathBuf,
+    /// The folder of journal, report and answers.
+    pub work: PathBuf,
+}
+
+impl Places {
+    /// For a corpus `rigs.h5`, the folder `rigs.curation` beside it.
+    pub fn of(out: &Path) -> Self {
+        Self { out: out.into(), work: out.with_extension("curation") }
+    }
+
+    /// The journal.
+    pub fn journal(&self) -> PathBuf {
+        self.work.join("journal.jsonl")
+    }
+
+    /// The page.
+    pub fn report(&self) -> PathBuf {
+        self.work.join("report.html")
+    }
+
+    /// The same for machines.
+    pub fn funnel(&self) -> PathBuf {
+        self.work.join("funnel.json")
+    }
+
+    /// A line an asset, for machines.
+    pub fn assets(&self) -> PathBuf {
+        self.work.join("assets.jsonl")
+    }
+}
+
+/// What a run tells while it goes: what it does, how much of it is done, and of how much.
+pub type Tell<'a> = &'a (dyn Fn(&str, usize, usize) + Sync);
+
+/// Curates a folder.
+///
+/// # Errors
+/// When files cannot be listed, results not be written, or nothing passes.
+pub fn curate(
+    folder: &Path,
+    places: &Places,
+    shard: Option<Shard>,
+    config: &CurateConfig,
+    tell: Tell,
+) -> Result<Funnel, CurateError> {
+    std::fs::create_dir_all(&places.work).map_err(|e| CurateError::write(&places.work, e.kind()))?;
+    let mut files = Folder::open(folder, &[&places.out, &places.work], &config.import)?;
+    if let Some(shard) = shard {
+        files.retain(|name| shard.has(name));
+    }
+    let (records, _journal) = look(&files, places, config, tell)?;
+    finish(&Source::Folder(&files, config), records, places, config, tell)
+}
+
+/// Makes one corpus of the corpora that the shards of a folder gave, without the duplicates between them.
+///
+/// # Errors
+/// As [`curate`], and when a corpus has no journal beside it.
+pub fn merge_shards(
+    corpora: &[PathBuf],
+    places: &Places,
+    config: &CurateConfig,
+    tell: Tell,
+) -> Result<Funnel, CurateError> {
+    std::fs::create_dir_all(&places.work).map_err(|e| CurateError::write(&places.work, e.kind()))?;
+    let (mut all, mut open) = (BTreeMap::new(), Vec::new());
+    for path in corpora {
+        let corpus = Corpus::open(path)?;
+        for record in records(&Places::of(path).journal())? {
+            all.insert(record.name.clone(), record);
+        }
+        open.push(corpus);
+        take_answers(&Places::of(path).work.join("answers"), &places.work.join("answers"))?;
+    }
+    finish(&Source::Corpora(&open), all.into_values().collect(), places, config, tell)
+}
+
+/// Takes over answers that shards have paid for.
+fn take_answers(from: &Path, to: &Path) -> Result<(), CurateError> {
+    let Ok(entries) = std::fs::read_dir(from) else { return Ok(()) };
+    std::fs::create_dir_all(to).map_err(|e| CurateError::write(to, e.kind()))?;
+    for entry in entries.flatten().filter(|e| e.path().extension().is_some_and(|e| e == "json")) {
+        let bytes = std::fs::read(entry.path()).map_err(|e| CurateError::io(&entry.path(), e))?;
+        store(&to.join(entry.file_name()), &bytes)?;
+    }
+    Ok(())
+}
+
+/// Looks at all files, those of the journal excepted.
+fn look(
+    files: &Folder,
+    places: &Places,
+    config: &CurateConfig,
+    tell: Tell,
+) -> Result<(Vec<Record>, Mutex<Journal>), CurateError> {
+    let (journal, mut held) = Journal::open(&places.journal(), config)?;
+    if held.of_another {
+        tell("the journal is of other settings: all files are looked at again", 0, 0);
+    }
+    let mut all: Vec<Record> = Vec::new();
+    let mut open: Vec<(&PathBuf, String, Stamp, HashMap<String, Record>)> = Vec::new();
+    for path in files.files() {
+        let (name, stamp) = (files.name(path), Stamp::of(path));
+        match held.done.remove(&name) {
+            Some((then, records)) if then == stamp => all.extend(records),
+            _ => {
+                // Whether a file that was broken off is still the same, its assets' checksums say.
+                let begun = held.begun.remove(&name).unwrap_or_default();
+                open.push((path, name, stamp, begun.into_iter().map(|r| (r.name.clone(), r)).collect()));
+            }
+        }
+    }
+    let total = files.files().len();
+    let done = AtomicUsize::new(total - open.len());
+    tell("looking", total - open.len(), total);
+    let journal = Mutex::new(journal);
+    let found = open
+        .into_par_iter()
+        .map(|(path, name, stamp, begun)| {
+            let records = look_at(files, path, &name, stamp, &begun, config, &journal);
+            tell("looking", done.fetch_add(1, Ordering::Relaxed) + 1, total);
+            records
+        })
+        .collect::<Result<Vec<_>, CurateError>>()?;
+    all.extend(found.into_iter().flatten());
+    locked(&journal).sync()?;
+    all.sort_by(|a, b| a.name.cmp(&b.name));
+    Ok((all, journal))
+}
+
+fn locked(journal: &Mutex<Journal>) -> std::sync::MutexGuard<'_, Journal> {
+    journal.lock().unwrap_or_else(std::sync::PoisonError::into_inner)
+}
+
+/// Looks at one file's assets, adding each to the journal.
+fn look_at(
+    files: &Folder,
+    path: &Path,
+    file: &str,
+    stamp: Stamp,
+    begun: &HashMap<String, Record>,
+    config: &CurateConfig,
+    journal: &Mutex<Journal>,
+) -> Result<Vec<Record>, CurateError> {
+    let mut records: Vec<Record> = Vec::new();
+    let mut names = HashSet::new();
+    let (mut done, mut taken_over) = (Ok(()), 0);
+    files.each(path, |found| {
+        let mut record = match found {
+            Found::Asset(read) => {
+                let same = |known: &&Record| {
+                    known.facts.as_ref().is_some_and(|f| f.checksum == read.asset.provenance.checksum)
+                };
+                match begun.get(&read.asset.name).filter(same) {
+                    Some(known) => {
+                        taken_over += 1;
+                        records.push(known.clone());
+                        names.insert(known.name.clone());
+                        return ControlFlow::Continue(());
+                    }
+                    None => Record::of(*read, file.to_owned(), config),
+                }
+            }
+            Found::Refused(name, reason) => Record::refused(name, file.to_owned(), reason),
+        };
+        // Refusals within a file share its name.
+        while !names.insert(record.name.clone()) {
+            record.name = format!("{}#{}", record.file, records.len() + 1);
+        }
+        done = locked(journal).add_one(&record);
+        records.push(record);
+        if done.is_err() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+    });
+    done?;
+    let mut journal = locked(journal);
+    if taken_over < begun.len() {
+        // The file has changed since it was begun, or begins with what could not be read.
+        journal.replace(file, &records)?;
+    }
+    journal.done(file, stamp)?;
+    Ok(records)
+}
+
+/// From records to corpus and report.
+fn finish(
+    source: &Source,
+    records: Vec<Record>,
+    places: &Places,
+    config: &CurateConfig,
+    tell: Tell,
+) -> Result<Funnel, CurateError> {
+    let decisions = match config.decisions.as_str() {
+        "" => Decisions::default(),
+        path => Decisions::read(Path::new(path))?,
+    };
+    tell("comparing", 0, records.len());
+    let mut judged: Judged = judge(&records, &decisions, config);
+    let kept: Vec<&Record> = judged.kept().map(|i| &records[i]).collect();
+    let labels = label(&records, &mut judged, config, &places.work, |wanted, each| {
+        let done = AtomicUsize::new(0);
+        source.each_chunk(wanted, |assets| {
+            let n = assets.len();
+            each(assets)?;
+            tell("asking", done.fetch_add(n, Ordering::Relaxed) + n, wanted.len());
+            Ok(())
+        })
+    })?;
+    drop(kept);
+    let kept: Vec<&Record> = judged.kept().map(|i| &records[i]).collect();
+    let mut pictures = Pictures::choose(&records, &judged, &config.report);
+    let mut splits = Vec::new();
+    if !kept.is_empty() {
+        splits = assign(&kept, config)?;
+        write(source, &kept, &judged, &splits, &mut pictures, places, tell)?;
+    }
+    let others = pictures.missing(&records);
+    source.each_chunk(&others, |assets| {
+        assets.iter().for_each(|a| pictures.draw(a));
+        Ok(())
+    })?;
+    let funnel = Funnel::of(&records, &judged, labels, &splits, config);
+    store(&places.assets(), judged.lines(&records, &splits).as_bytes())?;
+    store(&places.funnel(), &serde_json::to_vec_pretty(&funnel).unwrap_or_default())?;
+    store(&places.report(), report::page(&funnel, &pictures, config).to_html()?.as_bytes())?;
+    if kept.is_empty() {
+        return Err(CurateError::NothingLeft { assets: records.len(), report: places.report() });
+    }
+    Ok(funnel)
+}
+
+/// The split of each kept asset.
+fn assign(kept: &[&Record], config: &CurateConfig) -> Result<Vec<String>, CurateError> {
+    let of = |key: fn(&Record) -> u64| kept.iter().map(|r| (r.name.clone(), key(r))).collect::<Vec<_>>();
+    let by_topology = of(|r| r.facts.as_ref().map_or(0, |f| f.topology));
+    Ok(match config.split.by {
+        SplitBy::Topology => Splitter::ByTopology(config.split.seed).assign(&by_topology),
+        SplitBy::Source => {
+            let by_source = of(|r| {
+                let hash = blake3::hash(r.facts.as_ref().map_or("", |f| f.source.as_str()).as_bytes());
+                u64::from_le_bytes(hash.as_bytes().first_chunk::<8>().copied().unwrap_or_default())
+            });
+            Splitter::ByTopology(config.split.seed).assign(&by_source)
+        }
+        SplitBy::List => Splitter::read(Path::new(&config.split.file))?.assign(&by_topology),
+    })
+}
+
+/// Writes the corpus. A file that has vanished since it was looked at is left out, with its split.
+fn write(
+    source: &Source,
+    kept: &[&Record],
+    judged: &Judged,
+    splits: &[String],
+    pictures: &mut Pictures,
+    places: &Places,
+    tell: Tell,
+) -> Result<(), CurateError> {
+    let split_of: HashMap<&str, &String> = kept.iter().map(|r| r.name.as_str()).zip(splits.iter()).collect();
+    let mut writer = CorpusWriter::create(&places.out)?;
+    let mut written: Vec<String> = Vec::with_capacity(kept.len());
+    source.each_chunk(kept, |assets| {
+        for mut asset in assets {
+            pictures.draw(&asset);
+            judged.describe(&mut asset);
+            writer.add(&asset)?;
+            written.push(asset.name);
+        }
+        tell("writing", written.len(), kept.len());
+        Ok(())
+    })?;
+    if written.len() < kept.len() {
+        let there: HashSet<&str> = written.iter().map(String::as_str).collect();
+        let gone = kept.iter().find(|r| !there.contains(r.name.as_str())).map_or("", |r| r.name.as_str());
+        let n = kept.len() - written.len();
+        let message = match source {
+            Source::Folder(..) => format!("{n} files changed while they were curated, `{gone}` for one; run again"),
+            Source::Corpora(_) => format!(
+                "{n} assets are in none of the corpora, `{gone}` for one; merge with the settings and decisions that the shards had"
+            ),
+        };
+        return Err(CurateError::Io { path: places.out.clone(), message });
+    }
+    let of: Vec<String> =
+        written.iter().map(|name| split_of.get(name.as_str()).map_or(String::new(), |s| (*s).clone())).collect();
+    writer.finish(&of)?;
+    Ok(())
+}

@@ -1,0 +1,100 @@
+//! Assets read a second time, for those that are kept.
+
+use std::collections::{HashMap, HashSet};
+use std::ops::ControlFlow;
+
+use rayon::prelude::*;
+use riglab_core::Asset;
+use riglab_data::Corpus;
+
+use crate::CurateError;
+use crate::config::CurateConfig;
+use crate::read::{Folder, Found};
+use crate::record::Record;
+use crate::repair::repair;
+
+/// Assets read before they are written: bounds memory.
+const AT_ONCE: usize = 64;
+
+/// Where assets are read again from.
+pub(crate) enum Source<'a> {
+    /// The folder's files, repaired as by these settings.
+    Folder(&'a Folder, &'a CurateConfig),
+    /// The corpora of its shards.
+    Corpora(&'a [Corpus]),
+}
+
+impl Source<'_> {
+    /// Gives the wanted assets, repaired, in the order of the records, a chunk at a time.
+    pub(crate) fn each_chunk(
+        &self,
+        wanted: &[&Record],
+        mut each: impl FnMut(Vec<Asset>) -> Result<(), CurateError>,
+    ) -> Result<(), CurateError> {
+        match self {
+            Self::Corpora(corpora) => {
+                let mut at = HashMap::new();
+                for (c, corpus) in corpora.iter().enumerate() {
+                    for (i, name) in corpus.names()?.iter().enumerate() {
+                        at.entry(name.clone()).or_insert((c, i));
+                    }
+                }
+                for chunk in wanted.chunks(AT_ONCE) {
+                    let places = chunk.iter().filter_map(|r| at.get(&r.name));
+                    each(places.map(|&(c, i)| corpora[c].asset(i)).collect::<Result<_, _>>()?)?;
+                }
+                Ok(())
+            }
+            Self::Folder(folder, config) => {
+                let again = |file: &str, names: &HashSet<&str>, give: &mut dyn FnMut(Asset) -> ControlFlow<()>| {
+                    folder.each(&folder.path(file), |found| match found {
+                        Found::Asset(mut read) if names.contains(read.asset.name.as_str()) => {
+                            // It was repaired before, so it can be.
+                            let _ = repair(&mut read.asset, &config.repair);
+                            give(read.asset)
+                        }
+                        _ => ControlFlow::Continue(()),
+                    });
+                };
+                // Runs of records of one file, and runs of files of one record.
+                let mut files: Vec<(&str, HashSet<&str>)> = Vec::new();
+                for record in wanted {
+                    match files.last_mut().filter(|(file, _)| *file == record.file) {
+                        Some((_, names)) => drop(names.insert(&record.name)),
+                        None => files.push((&record.file, HashSet::from([record.name.as_str()]))),
+                    }
+                }
+                let mut rest = files.as_slice();
+                while let Some((first, names)) = rest.first() {
+                    if names.len() > 1 {
+                        // More than memory may hold: streamed.
+                        let (mut chunk, mut done) = (Vec::new(), Ok(()));
+                        again(first, names, &mut |asset| {
+                            chunk.push(asset);
+                            if chunk.len() == AT_ONCE {
+                                done = each(std::mem::take(&mut chunk));
+                            }
+                            if done.is_err() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+                        });
+                        done?;
+                        each(chunk)?;
+                        rest = &rest[1..];
+                        continue;
+                    }
+                    let run = rest.iter().take(AT_ONCE).take_while(|(_, names)| names.len() == 1).count();
+                    let read = |(file, names): &(&str, HashSet<&str>)| {
+                        let mut own = Vec::new();
+                        again(file, names, &mut |asset| {
+                            own.push(asset);
+                            ControlFlow::Break(())
+                        });
+                        own
+                    };
+                    each(rest[..run].par_iter().flat_map_iter(read).collect())?;
+                    rest = &rest[run..];
+                }
+                Ok(())
+            }
+        }
+    }
+}

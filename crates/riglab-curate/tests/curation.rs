@@ -1,0 +1,225 @@
+//! Whole curations of small folders.
+
+mod common;
+
+use common::{copy, creatures, dropped, plain, run, run_shard, write};
+use riglab_curate::decisions::{Decision, Decisions, Verdict};
+use riglab_curate::record::Record;
+use riglab_curate::{Category, CurateError, Places, Shard, SplitBy, merge_shards};
+use riglab_data::Corpus;
+
+#[test]
+fn a_folder_becomes_a_corpus_and_a_report() {
+    let dir = tempfile::tempdir().unwrap();
+    let mut all = creatures(6);
+    all.push(copy(&all[1], "copy"));
+    write(dir.path(), &all);
+    std::fs::write(dir.path().join("broken.glb"), b"glTF").unwrap();
+    let mut config = plain();
+    config.report.kept = 4;
+    config.report.dropped = 4;
+    config.bones.min = 8;
+    let out = tempfile::tempdir().unwrap();
+    let funnel = run(dir.path(), out.path(), &config).unwrap();
+    assert_eq!(dropped(&funnel, "read"), ["broken.glb"]);
+    assert_eq!(dropped(&funnel, "duplicates").len(), 1);
+    let kept = 8 - 2 - dropped(&funnel, "bones").len();
+    assert_eq!((funnel.assets, funnel.kept), (8, kept));
+    let left: usize = funnel.stages.iter().map(|s| s.dropped.len()).sum();
+    assert_eq!(left + funnel.kept, funnel.assets);
+    assert_eq!(funnel.categories.values().sum::<usize>(), kept);
+    let corpus = Corpus::open(&out.path().join("corpus.h5")).unwrap();
+    assert_eq!(corpus.len(), kept);
+    assert!(corpus.verify(|_| ()).unwrap().is_empty());
+    assert!(corpus.texts("category").unwrap().iter().all(|c| c.parse::<Category>().is_ok()));
+    let places = Places::of(&out.path().join("corpus.h5"));
+    let page = std::fs::read_to_string(places.report()).unwrap();
+    assert!(page.contains("The funnel") && page.contains("data:image/png") && !page.contains("http://127"));
+    assert_eq!(std::fs::read_to_string(places.assets()).unwrap().lines().count(), 8);
+    let again: riglab_curate::Funnel = serde_json::from_slice(&std::fs::read(places.funnel()).unwrap()).unwrap();
+    assert_eq!(again, funnel);
+}
+
+#[test]
+fn a_run_goes_on_where_it_was_broken_off_and_gives_the_same_bytes() {
+    let dir = tempfile::tempdir().unwrap();
+    write(dir.path(), &creatures(8));
+    let (one, two) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
+    let funnel = run(dir.path(), one.path(), &plain()).unwrap();
+    let places = |of: &tempfile::TempDir| Places::of(&of.path().join("corpus.h5"));
+    let journal = std::fs::read_to_string(places(&one).journal()).unwrap();
+    // Killed after some lines, in the middle of one.
+    std::fs::create_dir_all(places(&two).work).unwrap();
+    let cut = journal.lines().take(7).map(|l| l.len() + 1).sum::<usize>() + 30;
+    // What was looked at is not looked at again: a mark in a record comes through.
+    let marked = journal[..cut].replacen("\"notes\":[]", "\"notes\":[\"seen before\"]", 1);
+    std::fs::write(places(&two).journal(), marked).unwrap();
+    let resumed = run(dir.path(), two.path(), &plain()).unwrap();
+    assert_eq!(resumed, funnel);
+    assert!(std::fs::read_to_string(places(&two).assets()).unwrap().contains("seen before"));
+    let sum = |of: &tempfile::TempDir| Corpus::open(&places(of).out).unwrap().checksum().unwrap();
+    assert_eq!(sum(&one), sum(&two));
+    // A file that has changed since is looked at again, one that has gone is forgotten.
+    write(dir.path(), &[copy(&creatures(9)[8], &creatures(1)[0].name)]);
+    std::fs::remove_file(dir.path().join(format!("{}.glb", creatures(2)[1].name))).unwrap();
+    let changed = run(dir.path(), two.path(), &plain()).unwrap();
+    assert_eq!(changed.assets, 7);
+    assert_ne!(sum(&one), sum(&two));
+}
+
+#[test]
+fn files_of_many_assets_give_each_and_go_on_too() {
+    let dir = tempfile::tempdir().unwrap();
+    let all = creatures(5);
+    riglab_asset::write(&all, dir.path().join("set.npz"), riglab_asset::Target::ArticulationXl).unwrap();
+    let out = tempfile::tempdir().unwrap();
+    let funnel = run(dir.path(), out.path(), &plain()).unwrap();
+    assert_eq!((funnel.assets, funnel.kept), (5, 5));
+    let places = Places::of(&out.path().join("corpus.h5"));
+    let whole = std::fs::read_to_string(places.journal()).unwrap();
+    let cut = whole.lines().take(4).map(|l| l.len() + 1).sum::<usize>();
+    std::fs::write(places.journal(), &whole[..cut]).unwrap();
+    assert_eq!(run(dir.path(), out.path(), &plain()).unwrap(), funnel);
+    // The set is another now: what was begun of it does not count.
+    std::fs::write(places.journal(), &whole[..cut]).unwrap();
+    riglab_asset::write(&all[2..], dir.path().join("set.npz"), riglab_asset::Target::ArticulationXl).unwrap();
+    assert_eq!(run(dir.path(), out.path(), &plain()).unwrap().assets, 3);
+    assert_eq!(run(dir.path(), out.path(), &plain()).unwrap().assets, 3);
+}
+
+#[test]
+fn shards_merge_to_what_one_run_gives() {
+    let dir = tempfile::tempdir().unwrap();
+    let mut all = creatures(8);
+    let copies: Vec<_> = (0..6).map(|k| copy(&all[k], &format!("copy_{k}"))).collect();
+    all.extend(copies);
+    write(dir.path(), &all);
+    let out = tempfile::tempdir().unwrap();
+    let whole = run(dir.path(), out.path(), &plain()).unwrap();
+    let parts: Vec<_> = (1..=3)
+        .map(|number| {
+            let path = out.path().join(format!("part{number}.h5"));
+            run_shard(dir.path(), &path, Some(Shard { number, of: 3 }), &plain()).unwrap();
+            path
+        })
+        .collect();
+    let merged = out.path().join("merged.h5");
+    let funnel = merge_shards(&parts, &Places::of(&merged), &plain(), &|_, _, _| ()).unwrap();
+    assert_eq!(funnel, whole);
+    assert_eq!(dropped(&funnel, "duplicates").len(), 6);
+    let sum = |path| Corpus::open(path).unwrap().checksum().unwrap();
+    assert_eq!(sum(&merged), sum(&out.path().join("corpus.h5")));
+}
+
+#[test]
+fn decisions_of_a_person_count() {
+    let dir = tempfile::tempdir().unwrap();
+    let all = creatures(4);
+    write(dir.path(), &[all.clone(), vec![copy(&all[0], "copy")]].concat());
+    let out = tempfile::tempdir().unwrap();
+    let mut config = plain();
+    run(dir.path(), out.path(), &config).unwrap();
+    let places = Places::of(&out.path().join("corpus.h5"));
+    let lines = std::fs::read_to_string(places.assets()).unwrap();
+    let assets: Vec<serde_json::Value> = lines.lines().map(|l| serde_json::from_str(l).unwrap()).collect();
+    let digest = |name: &str| assets.iter().find(|a| a["name"] == name).unwrap()["digest"].as_str().unwrap().to_owned();
+    let file = |k: usize| format!("{}.glb", all[k].name);
+    let mut decisions = Decisions::default();
+    let mut set = |name: &str, verdict, category| {
+        decisions.set(name, &digest(name), Decision { verdict, category, ..Decision::default() });
+    };
+    set(&file(1), Verdict::Reject, None);
+    set(&file(2), Verdict::Open, Some(Category::Reptile));
+    set("copy.glb", Verdict::Accept, None);
+    decisions.set("lost.glb", "00", Decision { verdict: Verdict::Accept, ..Decision::default() });
+    let path = out.path().join("decisions.tsv");
+    decisions.write(&path).unwrap();
+    config.decisions = path.display().to_string();
+    let funnel = run(dir.path(), out.path(), &config).unwrap();
+    assert_eq!(dropped(&funnel, "decision"), [file(1)]);
+    // The copy that was accepted stays; the other of the pair goes.
+    assert_eq!(dropped(&funnel, "duplicates"), [file(0)]);
+    assert_eq!(funnel.decisions, 3);
+    assert!(funnel.warnings[0].contains("`lost.glb`"));
+    let corpus = Corpus::open(&places.out).unwrap();
+    let at = corpus.names().unwrap().iter().position(|n| *n == file(2)).unwrap();
+    assert_eq!(corpus.texts("category").unwrap()[at], "reptile");
+    assert!(corpus.asset(at).unwrap().provenance.notes.contains(&"category by decision".to_string()));
+}
+
+#[test]
+fn splits_by_source_and_by_list() {
+    let dir = tempfile::tempdir().unwrap();
+    let all = creatures(12);
+    write(dir.path(), &all);
+    let entry = |k: usize| serde_json::json!({"file": format!("{}.glb", all[k].name), "source": format!("s{}", k % 4)});
+    std::fs::write(
+        dir.path().join("manifest.json"),
+        serde_json::to_vec(&(0..12).map(entry).collect::<Vec<_>>()).unwrap(),
+    )
+    .unwrap();
+    let out = tempfile::tempdir().unwrap();
+    let mut config = plain();
+    config.split.by = SplitBy::Source;
+    run(dir.path(), out.path(), &config).unwrap();
+    let corpus = Corpus::open(&out.path().join("corpus.h5")).unwrap();
+    let of = |split: &str| -> std::collections::BTreeSet<String> {
+        let (splits, sources) = (corpus.texts("split").unwrap(), corpus.texts("source").unwrap());
+        splits.into_iter().zip(sources).filter(|(s, _)| s == split).map(|(_, s)| s).collect()
+    };
+    assert!(of("test_new").len() == 1 && of("test_new").is_disjoint(&of("train")));
+    drop(corpus);
+    let list = out.path().join("split.json");
+    std::fs::write(&list, format!(r#"{{"mine": ["{}.glb"]}}"#, all[3].name)).unwrap();
+    config.split.by = SplitBy::List;
+    config.split.file = list.display().to_string();
+    let funnel = run(dir.path(), out.path(), &config).unwrap();
+    assert_eq!((funnel.splits["mine"], funnel.splits[""]), (1, 11));
+}
+
+#[test]
+fn nothing_left_is_an_error_with_a_report() {
+    let dir = tempfile::tempdir().unwrap();
+    write(dir.path(), &creatures(2));
+    let out = tempfile::tempdir().unwrap();
+    let mut config = plain();
+    config.bones.min = 5000;
+    let error = run(dir.path(), out.path(), &config).unwrap_err();
+    assert!(matches!(error, CurateError::NothingLeft { assets: 2, .. }), "{error}");
+    assert!(Places::of(&out.path().join("corpus.h5")).report().is_file());
+    assert!(!out.path().join("corpus.h5").exists());
+}
+
+#[test]
+fn an_endpoint_that_is_down_leaves_rules_and_says_so() {
+    let dir = tempfile::tempdir().unwrap();
+    let mut all = creatures(3);
+    all.iter_mut().for_each(|a| a.provenance.category = String::new());
+    write(dir.path(), &all);
+    let port = std::net::TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
+    let out = tempfile::tempdir().unwrap();
+    let mut config = plain();
+    config.categories.by = riglab_curate::Labeller::Vlm;
+    config.categories.vlm.model = "seer".into();
+    config.categories.vlm.url = format!("http://127.0.0.1:{port}/v1");
+    config.categories.vlm.wait_s = 0.01;
+    let funnel = run(dir.path(), out.path(), &config).unwrap();
+    assert_eq!(funnel.labelled_by["rules (no answer)"], 3);
+    assert!(funnel.vlm.unwrap().gave_up);
+    let corpus = Corpus::open(&out.path().join("corpus.h5")).unwrap();
+    let notes = corpus.asset(0).unwrap().provenance.notes;
+    assert!(notes.iter().any(|n| n.starts_with("category by rules (no answer): ")), "{notes:?}");
+}
+
+#[test]
+fn records_are_small() {
+    let dir = tempfile::tempdir().unwrap();
+    write(dir.path(), &creatures(1));
+    let out = tempfile::tempdir().unwrap();
+    run(dir.path(), out.path(), &plain()).unwrap();
+    let journal = std::fs::read_to_string(Places::of(&out.path().join("corpus.h5")).journal()).unwrap();
+    let line = journal.lines().nth(1).unwrap();
+    let record: serde_json::Value = serde_json::from_str(line).unwrap();
+    let record: Record = serde_json::from_value(record["asset"].clone()).unwrap();
+    assert!(line.len() < 4096 && record.facts.is_some(), "{}", line.len());
+}
