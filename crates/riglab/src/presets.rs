@@ -22,6 +22,19 @@ pub fn load(name: &str, sets: &[String]) -> Result<Config, ConfigError> {
     }
 }
 
+/// Loads a building block by itself: a file, or one of `configs/` that is compiled in by its name
+/// (`curation/rig_xl.toml`).
+pub fn load_block(name: &str, sets: &[String]) -> Result<Config, ConfigError> {
+    let built_in = texts(&CONFIGS);
+    let search = [PathBuf::from("configs")];
+    let loader = Loader::new().search(&search).built_in(&built_in);
+    let wanted = name.strip_prefix("configs/").unwrap_or(name);
+    match CONFIGS.get_file(wanted).and_then(|f| f.contents_utf8()) {
+        Some(text) if !PathBuf::from(name).is_file() => loader.parse(&format!("built-in {name}"), text, sets),
+        _ => loader.load(name, sets),
+    }
+}
+
 /// The experiments that are compiled in.
 pub fn experiments() -> Vec<String> {
     let mut names: Vec<String> = texts(&EXPERIMENTS).into_iter().map(|(n, _)| n.to_string()).collect();

@@ -1,6 +1,7 @@
 //! One module a command.
 
 pub mod convert;
+pub mod curate;
 pub mod dataset;
 pub mod doctor;
 pub mod eval;

@@ -1,0 +1,146 @@
+//! `riglab curate`
+
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+use std::sync::Mutex;
+
+use anyhow::{Context, Result, bail};
+use riglab_curate::{CurateConfig, CurateError, Funnel, Places, Shard, Tell, curate, merge_shards};
+use riglab_train::Progress;
+
+use crate::presets;
+
+/// Make a clean corpus of files of mixed quality: repaired, filtered, without duplicates, labelled.
+///
+/// Beside the corpus, OUT.curation/ holds the funnel report (report.html, funnel.json), a line an asset
+/// (assets.jsonl), and the journal by which a run that was broken off goes on. A file that cannot be read
+/// is a line of the report.
+#[derive(clap::Args)]
+#[command(after_help = "\
+Examples:
+  riglab curate models/ -o corpus.h5
+  riglab curate avatars/ -o avatars.h5 --config curation/vroid.toml --set bones.max=500
+  riglab curate models/ -o part1.h5 --shard 1/8
+  riglab curate --merge part*.h5 -o corpus.h5
+
+Shards find the duplicates within themselves. `--merge` finds those between them too, by the journals beside
+the corpora; `riglab dataset merge` leaves out what is equal byte by byte.")]
+pub struct Args {
+    /// Folder of files, with those below it; with --merge the corpora of its shards.
+    #[arg(required = true, value_name = "FOLDER")]
+    inputs: Vec<PathBuf>,
+    /// The corpus to write.
+    #[arg(long, short, value_name = "FILE")]
+    out: PathBuf,
+    /// Settings: a file, or one of those built in: curation/rig_xl.toml, curation/vroid.toml,
+    /// curation/any.toml.
+    #[arg(long, default_value = "curation/rig_xl.toml", value_name = "TOML")]
+    config: String,
+    /// Change a setting: `--set bones.min=4`.
+    #[arg(long = "set", value_name = "KEY=VALUE")]
+    sets: Vec<String>,
+    /// A file of decisions, applied to what it names.
+    #[arg(long, value_name = "FILE")]
+    decisions: Option<PathBuf>,
+    /// Look at one of several parts of the files, the first of eight as 1/8.
+    #[arg(long, value_name = "I/N", value_parser = shard, conflicts_with = "merge")]
+    shard: Option<Shard>,
+    /// Make one corpus of those that shards gave.
+    #[arg(long)]
+    merge: bool,
+    /// Print the funnel as JSON.
+    #[arg(long)]
+    json: bool,
+}
+
+fn shard(text: &str) -> Result<Shard, String> {
+    let parts = text.split_once('/').and_then(|(i, n)| Some((i.parse().ok()?, n.parse().ok()?)));
+    match parts {
+        Some((number, of)) if (1..=of).contains(&number) => Ok(Shard { number, of }),
+        _ => Err("give the number of the part and how many there are, as 1/8".into()),
+    }
+}
+
+pub fn run(args: &Args) -> Result<ExitCode> {
+    let mut config = settings(&args.config, &args.sets)?;
+    if let Some(path) = &args.decisions {
+        if !path.is_file() {
+            bail!("{}: no such file of decisions", path.display());
+        }
+        config.decisions = path.display().to_string();
+    }
+    let places = Places::of(&args.out);
+    let bar: Mutex<Option<(String, Progress)>> = Mutex::new(None);
+    let tell: Tell = &|what, done, total| progress(&bar, what, done, total);
+    let done = if args.merge {
+        merge_shards(&args.inputs, &places, &config, tell)
+    } else {
+        let [folder] = args.inputs.as_slice() else {
+            bail!("give one folder, or --merge with the corpora of shards");
+        };
+        curate(folder, &places, args.shard, &config, tell)
+    };
+    if let Some((_, mut bar)) = bar.lock().ok().and_then(|mut b| b.take()) {
+        bar.finish();
+    }
+    match done {
+        Ok(funnel) => {
+            show(&funnel, &places, args.json)?;
+            Ok(ExitCode::SUCCESS)
+        }
+        Err(e @ CurateError::NothingLeft { .. }) => {
+            eprintln!("error: {e}");
+            Ok(ExitCode::FAILURE)
+        }
+        Err(e) => Err(e.into()),
+    }
+}
+
+fn settings(name: &str, sets: &[String]) -> Result<CurateConfig> {
+    let loaded = presets::load_block(name, sets)?;
+    let config: CurateConfig = loaded.get()?;
+    config.validate().map_err(|(path, message)| loaded.invalid(path, message))?;
+    Ok(config)
+}
+
+/// Shows how far a phase is; another phase ends the bar of the one before.
+fn progress(bar: &Mutex<Option<(String, Progress)>>, what: &str, done: usize, total: usize) {
+    let Ok(mut bar) = bar.lock() else { return };
+    if total == 0 {
+        eprintln!("note: {what}");
+        return;
+    }
+    if bar.as_ref().is_none_or(|(name, _)| name != what) {
+        if let Some((_, mut old)) = bar.take() {
+            old.finish();
+        }
+        *bar = Some((what.to_owned(), Progress::new(what, total as u64, done as u64)));
+    }
+    if let Some((_, bar)) = bar.as_mut() {
+        bar.set(done as u64, String::new);
+    }
+}
+
+fn show(funnel: &Funnel, places: &Places, json: bool) -> Result<()> {
+    if json {
+        println!("{}", serde_json::to_string(funnel).context("the funnel cannot be printed")?);
+        return Ok(());
+    }
+    for warning in &funnel.warnings {
+        eprintln!("warning: {warning}");
+    }
+    println!("{:12} {:>8} {:>8} {:>8}", "stage", "came", "dropped", "left");
+    for stage in &funnel.stages {
+        let dropped = stage.dropped.len();
+        println!("{:12} {:>8} {:>8} {:>8}", stage.stage, stage.came, dropped, stage.came - dropped);
+    }
+    let splits: Vec<String> =
+        funnel.splits.iter().map(|(name, n)| format!("{} {n}", if name.is_empty() { "none" } else { name })).collect();
+    println!("{}: {} of {} assets ({})", shown(&places.out), funnel.kept, funnel.assets, splits.join(", "));
+    println!("{}", shown(&places.report()));
+    Ok(())
+}
+
+fn shown(path: &Path) -> String {
+    path.display().to_string()
+}

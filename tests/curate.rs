@@ -1,0 +1,124 @@
+//! Curation by the command: killed and continued, on a full disk, in parts.
+
+mod binary;
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+use std::time::{Duration, Instant};
+
+use binary::{must, refusal, riglab, text};
+use serde_json::Value;
+
+/// Settings that keep every creature.
+const ANY: [&str; 4] = ["--config", "curation/any.toml", "--set", "report.kept=4"];
+
+fn creatures(dir: &Path, count: u32) -> PathBuf {
+    let files = dir.join("files");
+    must(&["synth", "-o", text(&files), "--count", &count.to_string(), "--triangles", "400..800"]);
+    files
+}
+
+fn curate<'a>(files: &'a Path, out: &'a Path) -> Vec<&'a str> {
+    [&["curate", text(files), "-o", text(out)], ANY.as_slice()].concat()
+}
+
+/// Names, splits and digests, which `dataset inspect` shows.
+fn content(corpus: &Path) -> Vec<u8> {
+    must(&["dataset", "verify", text(corpus)]);
+    must(&["dataset", "inspect", text(corpus), "--json"]).stdout
+}
+
+fn lines(journal: &Path) -> usize {
+    fs::read(journal).map_or(0, |b| b.iter().filter(|b| **b == b'\n').count())
+}
+
+#[test]
+fn a_killed_curation_goes_on_and_gives_what_the_unbroken_one_gives() {
+    let dir = tempfile::tempdir().unwrap();
+    let files = creatures(dir.path(), 150);
+    let (whole, broken) = (dir.path().join("whole.h5"), dir.path().join("broken.h5"));
+    must(&curate(&files, &whole));
+    let journal = dir.path().join("broken.curation/journal.jsonl");
+    let mut kills = 0;
+    for wanted in [20, 90, 180, 260] {
+        let mut child = riglab(&curate(&files, &broken)).stderr(std::process::Stdio::null()).spawn().unwrap();
+        let begun = Instant::now();
+        while lines(&journal) < wanted && child.try_wait().unwrap().is_none() {
+            assert!(begun.elapsed() < Duration::from_secs(120));
+            std::thread::sleep(Duration::from_millis(1));
+        }
+        // What is in the journal is finished; a kill loses none of it.
+        kills += usize::from(child.try_wait().unwrap().is_none());
+        let _ = child.kill();
+        child.wait().unwrap();
+        assert!(lines(&journal) >= wanted);
+    }
+    assert!(kills > 0, "the run was too short to be killed");
+    must(&curate(&files, &broken));
+    // A head, and two lines a file: none was looked at twice.
+    assert_eq!(lines(&journal), 1 + 2 * 150);
+    assert_eq!(content(&broken), content(&whole));
+}
+
+#[test]
+fn a_full_disk_is_a_sentence_and_what_is_finished_stays() {
+    let dir = tempfile::tempdir().unwrap();
+    let files = creatures(dir.path(), 40);
+    let out = dir.path().join("c.h5");
+    // 20 kB, then writing fails as on a full disk: room for some lines of the journal.
+    let script = "trap '' XFSZ; ulimit -f 40; exec \"$0\" \"$@\"";
+    let mut limited = Command::new("sh");
+    limited.args(["-c", script, env!("CARGO_BIN_EXE_riglab"), "--threads", "1"]).args(curate(&files, &out));
+    let said = refusal(&mut limited);
+    assert!(said.contains("cannot be written") && said.contains("run the same command again"), "{said}");
+    let journal = dir.path().join("c.curation/journal.jsonl");
+    let kept = lines(&journal);
+    assert!(kept > 2 && !out.exists());
+    must(&curate(&files, &out));
+    assert!(lines(&journal) >= 81);
+    assert!(must(&["dataset", "verify", text(&out)]).status.success());
+}
+
+#[test]
+fn parts_merge_and_the_report_says_what_became_of_each() {
+    let dir = tempfile::tempdir().unwrap();
+    let files = creatures(dir.path(), 9);
+    let first =
+        fs::read_dir(&files).unwrap().map(|e| e.unwrap().path()).find(|p| p.extension().unwrap() == "glb").unwrap();
+    fs::copy(&first, files.join("same.glb")).unwrap();
+    fs::write(files.join("broken.glb"), b"glTF").unwrap();
+    let whole = dir.path().join("whole.h5");
+    let told = must(&[curate(&files, &whole), vec!["--json"]].concat()).stdout;
+    let funnel: Value = serde_json::from_slice(&told).unwrap();
+    assert_eq!((&funnel["assets"], &funnel["kept"]), (&11.into(), &9.into()));
+    let parts: Vec<PathBuf> = (1..=2)
+        .map(|k| {
+            let part = dir.path().join(format!("part{k}.h5"));
+            must(&[curate(&files, &part), vec!["--shard", &format!("{k}/2")]].concat());
+            part
+        })
+        .collect();
+    let merged = dir.path().join("merged.h5");
+    must(&[&["curate", "--merge", text(&parts[0]), text(&parts[1]), "-o", text(&merged)], ANY.as_slice()].concat());
+    assert_eq!(content(&merged), content(&whole));
+    let report = fs::read_to_string(dir.path().join("merged.curation/report.html")).unwrap();
+    assert!(report.contains("broken.glb") && report.contains("same.glb") && report.contains("data:image/png"));
+}
+
+#[test]
+fn wrong_use_is_told() {
+    let dir = tempfile::tempdir().unwrap();
+    let files = creatures(dir.path(), 2);
+    let out = dir.path().join("c.h5");
+    let told = |args: &[&str]| refusal(&mut riglab(args));
+    let base = ["curate", text(&files), "-o", text(&out)];
+    let with = |more: &[&str]| told(&[&base, more].concat());
+    assert!(with(&["--set", "bones.mim=3"]).contains("did you mean `min`?"));
+    assert!(with(&["--set", "bones.min=9", "--set", "bones.max=3"]).contains("bones.min"));
+    assert!(with(&["--shard", "3/2"]).contains("1/8"));
+    assert!(with(&["--decisions", "nowhere.tsv"]).contains("no such file"));
+    assert!(told(&["curate", "nowhere", "-o", text(&out)]).contains("no such folder"));
+    // Nothing passes: an error that names the report.
+    assert!(with(&["--set", "bones.min=5000", "--set", "bones.max=6000"]).contains("report.html"));
+}
