@@ -1,6 +1,7 @@
 //! The cases by name: the one place that knows them all.
 
 mod decode;
+mod dedup;
 mod epoch;
 mod export;
 mod import;
@@ -31,7 +32,7 @@ pub struct Case {
 }
 
 /// All of them, in the order they run.
-pub const CASES: [Case; 11] = [
+pub const CASES: [Case; 12] = [
     Case { name: "import", about: "rigged files read, against Blender's glTF importer", run: import::run },
     Case {
         name: "import/trimesh",
@@ -62,6 +63,11 @@ pub const CASES: [Case; 11] = [
         name: "loader/ar",
         about: "samples for UniRig's skeleton model, against numpy and trimesh",
         run: loader_ar::run,
+    },
+    Case {
+        name: "curate/dedup",
+        about: "near-duplicates among descriptions of rigs, against all pairs by numpy",
+        run: dedup::run,
     },
     Case {
         name: "step/fsq_cvae/fp32",
@@ -98,6 +104,7 @@ pub fn serve(case: &str) -> Result<()> {
     match case {
         "import" => import::serve(),
         "decode" => decode::serve(),
+        "dedup" => dedup::serve(),
         "export" => export::serve(),
         "loader_ar" => loader_ar::serve(),
         "sample" => sample::serve(),
