@@ -10,7 +10,9 @@ use std::time::{Duration, Instant};
 use binary::{must, refusal, riglab, text};
 use serde_json::Value;
 
-/// Settings that keep every creature.
+/// Settings that keep every creature, those that are there twice too.
+const ALL: [&str; 4] = ["--config", "curation/any.toml", "--set", "stages=[]"];
+/// Settings that keep each creature once.
 const ANY: [&str; 4] = ["--config", "curation/any.toml", "--set", "report.kept=4"];
 
 fn creatures(dir: &Path, count: u32) -> PathBuf {
@@ -19,8 +21,18 @@ fn creatures(dir: &Path, count: u32) -> PathBuf {
     files
 }
 
-fn curate<'a>(files: &'a Path, out: &'a Path) -> Vec<&'a str> {
-    [&["curate", text(files), "-o", text(out)], ANY.as_slice()].concat()
+/// Copies every file so many times: making creatures takes longer than curating them.
+fn multiply(files: &Path, times: usize) {
+    let names: Vec<PathBuf> = fs::read_dir(files).unwrap().map(|e| e.unwrap().path()).collect();
+    for file in names.iter().filter(|p| p.extension().unwrap() == "glb") {
+        for k in 1..times {
+            fs::copy(file, file.with_extension(format!("{k}.glb"))).unwrap();
+        }
+    }
+}
+
+fn curate<'a>(files: &'a Path, out: &'a Path, settings: &[&'a str]) -> Vec<&'a str> {
+    [&["curate", text(files), "-o", text(out)], settings].concat()
 }
 
 /// Names, splits and digests, which `dataset inspect` shows.
@@ -36,13 +48,14 @@ fn lines(journal: &Path) -> usize {
 #[test]
 fn a_killed_curation_goes_on_and_gives_what_the_unbroken_one_gives() {
     let dir = tempfile::tempdir().unwrap();
-    let files = creatures(dir.path(), 150);
+    let files = creatures(dir.path(), 3);
+    multiply(&files, 50);
     let (whole, broken) = (dir.path().join("whole.h5"), dir.path().join("broken.h5"));
-    must(&curate(&files, &whole));
+    must(&curate(&files, &whole, &ALL));
     let journal = dir.path().join("broken.curation/journal.jsonl");
     let mut kills = 0;
     for wanted in [20, 90, 180, 260] {
-        let mut child = riglab(&curate(&files, &broken)).stderr(std::process::Stdio::null()).spawn().unwrap();
+        let mut child = riglab(&curate(&files, &broken, &ALL)).stderr(std::process::Stdio::null()).spawn().unwrap();
         let begun = Instant::now();
         while lines(&journal) < wanted && child.try_wait().unwrap().is_none() {
             assert!(begun.elapsed() < Duration::from_secs(120));
@@ -55,7 +68,7 @@ fn a_killed_curation_goes_on_and_gives_what_the_unbroken_one_gives() {
         assert!(lines(&journal) >= wanted);
     }
     assert!(kills > 0, "the run was too short to be killed");
-    must(&curate(&files, &broken));
+    must(&curate(&files, &broken, &ALL));
     // A head, and two lines a file: none was looked at twice.
     assert_eq!(lines(&journal), 1 + 2 * 150);
     assert_eq!(content(&broken), content(&whole));
@@ -64,18 +77,19 @@ fn a_killed_curation_goes_on_and_gives_what_the_unbroken_one_gives() {
 #[test]
 fn a_full_disk_is_a_sentence_and_what_is_finished_stays() {
     let dir = tempfile::tempdir().unwrap();
-    let files = creatures(dir.path(), 40);
+    let files = creatures(dir.path(), 2);
+    multiply(&files, 20);
     let out = dir.path().join("c.h5");
     // 20 kB, then writing fails as on a full disk: room for some lines of the journal.
     let script = "trap '' XFSZ; ulimit -f 40; exec \"$0\" \"$@\"";
     let mut limited = Command::new("sh");
-    limited.args(["-c", script, env!("CARGO_BIN_EXE_riglab"), "--threads", "1"]).args(curate(&files, &out));
+    limited.args(["-c", script, env!("CARGO_BIN_EXE_riglab"), "--threads", "1"]).args(curate(&files, &out, &ALL));
     let said = refusal(&mut limited);
     assert!(said.contains("cannot be written") && said.contains("run the same command again"), "{said}");
     let journal = dir.path().join("c.curation/journal.jsonl");
     let kept = lines(&journal);
     assert!(kept > 2 && !out.exists());
-    must(&curate(&files, &out));
+    must(&curate(&files, &out, &ALL));
     assert!(lines(&journal) >= 81);
     assert!(must(&["dataset", "verify", text(&out)]).status.success());
 }
@@ -83,19 +97,19 @@ fn a_full_disk_is_a_sentence_and_what_is_finished_stays() {
 #[test]
 fn parts_merge_and_the_report_says_what_became_of_each() {
     let dir = tempfile::tempdir().unwrap();
-    let files = creatures(dir.path(), 9);
+    let files = creatures(dir.path(), 5);
     let first =
         fs::read_dir(&files).unwrap().map(|e| e.unwrap().path()).find(|p| p.extension().unwrap() == "glb").unwrap();
     fs::copy(&first, files.join("same.glb")).unwrap();
     fs::write(files.join("broken.glb"), b"glTF").unwrap();
     let whole = dir.path().join("whole.h5");
-    let told = must(&[curate(&files, &whole), vec!["--json"]].concat()).stdout;
+    let told = must(&[curate(&files, &whole, &ANY), vec!["--json"]].concat()).stdout;
     let funnel: Value = serde_json::from_slice(&told).unwrap();
-    assert_eq!((&funnel["assets"], &funnel["kept"]), (&11.into(), &9.into()));
+    assert_eq!((&funnel["assets"], &funnel["kept"]), (&7.into(), &5.into()));
     let parts: Vec<PathBuf> = (1..=2)
         .map(|k| {
             let part = dir.path().join(format!("part{k}.h5"));
-            must(&[curate(&files, &part), vec!["--shard", &format!("{k}/2")]].concat());
+            must(&[curate(&files, &part, &ANY), vec!["--shard", &format!("{k}/2")]].concat());
             part
         })
         .collect();
@@ -109,7 +123,7 @@ fn parts_merge_and_the_report_says_what_became_of_each() {
 #[test]
 fn wrong_use_is_told() {
     let dir = tempfile::tempdir().unwrap();
-    let files = creatures(dir.path(), 2);
+    let files = creatures(dir.path(), 1);
     let out = dir.path().join("c.h5");
     let told = |args: &[&str]| refusal(&mut riglab(args));
     let base = ["curate", text(&files), "-o", text(&out)];
