@@ -6,7 +6,8 @@ use std::path::{Path, PathBuf};
 
 use riglab_asset::{ImportOptions, Imported, Resample, RootPolicy, Warning, count_assets, import_each};
 use riglab_core::Asset;
-use riglab_data::{DataError, Manifest, name_below, rigged_files};
+use riglab_data::{DataError, Manifest, name_below, rigged_below};
+use riglab_files::Below;
 
 use crate::config::ImportConfig;
 
@@ -14,6 +15,7 @@ use crate::config::ImportConfig;
 pub struct Folder {
     root: PathBuf,
     files: Vec<PathBuf>,
+    unread: Vec<(String, String)>,
     manifest: Manifest,
     options: ImportOptions,
 }
@@ -61,13 +63,14 @@ impl Folder {
     /// # Errors
     /// When there is no such folder, or no file in it.
     pub fn open(root: &Path, without: &[&Path], import: &ImportConfig) -> Result<Self, DataError> {
-        let mut files = rigged_files(root)?;
+        let Below { mut files, unread } = rigged_below(root)?;
         files.retain(|file| !without.iter().any(|other| file.starts_with(other)));
         let roots = if import.virtual_root { RootPolicy::Virtual } else { RootPolicy::Reattach };
         let clips = (import.clips > 0.0).then(|| Resample { rate: import.clips, ..Resample::default() });
         let (split, repair) = (import.split_characters, import.repair);
         let options = ImportOptions { roots, clips, split, repair, ..ImportOptions::default() };
-        Ok(Self { root: root.into(), files, manifest: Manifest::read(root), options })
+        let unread = unread.into_iter().map(|(path, why)| (name_below(root, &path), why)).collect();
+        Ok(Self { root: root.into(), files, unread, manifest: Manifest::read(root), options })
     }
 
     /// The files, by name.
@@ -75,9 +78,15 @@ impl Folder {
         &self.files
     }
 
+    /// Folders and links that could not be followed: their names, and why.
+    pub fn unread(&self) -> &[(String, String)] {
+        &self.unread
+    }
+
     /// Leaves the files that `keep` wants, by their names.
     pub fn retain(&mut self, mut keep: impl FnMut(&str) -> bool) {
         let root = self.root.clone();
+        self.unread.retain(|(name, _)| keep(name));
         self.files.retain(|file| keep(&name_below(&root, file)));
     }
 

@@ -91,6 +91,8 @@ pub fn curate(
     tell: Tell,
 ) -> Result<Funnel, CurateError> {
     std::fs::create_dir_all(&places.work).map_err(|e| CurateError::write(&places.work, e.kind()))?;
+    // Before hours of work, not after them.
+    riglab_files::make_folder_of(&places.out).map_err(|e| CurateError::write(&places.out, e))?;
     let mut files = Folder::open(folder, &[&places.out, &places.work], &config.import)?;
     if let Some(shard) = shard {
         files.retain(|name| shard.has(name));
@@ -144,7 +146,8 @@ fn look(
     if held.of_another {
         tell("the journal is of other settings: all files are looked at again", 0, 0);
     }
-    let mut all: Vec<Record> = Vec::new();
+    let refused = |(name, why): &(String, String)| Record::refused(name.clone(), name.clone(), why.clone());
+    let mut all: Vec<Record> = files.unread().iter().map(refused).collect();
     let mut open: Vec<(&PathBuf, String, Stamp, HashMap<String, Record>)> = Vec::new();
     for path in files.files() {
         let (name, stamp) = (files.name(path), Stamp::of(path));

@@ -211,6 +211,17 @@ fn an_endpoint_that_is_down_leaves_rules_and_says_so() {
     assert!(notes.iter().any(|n| n.starts_with("category by rules (no answer): ")), "{notes:?}");
 }
 
+#[cfg(unix)]
+#[test]
+fn a_link_that_leads_in_a_circle_is_a_line() {
+    let dir = tempfile::tempdir().unwrap();
+    write(dir.path(), &creatures(2));
+    std::os::unix::fs::symlink(dir.path(), dir.path().join("again")).unwrap();
+    let out = tempfile::tempdir().unwrap();
+    let funnel = run(dir.path(), out.path(), &plain()).unwrap();
+    assert_eq!((dropped(&funnel, "read"), funnel.kept), (vec!["again"], 2));
+}
+
 #[test]
 fn records_are_small() {
     let dir = tempfile::tempdir().unwrap();

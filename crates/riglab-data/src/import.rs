@@ -92,7 +92,11 @@ pub fn rigged_files(folder: &Path) -> Result<Vec<PathBuf>, DataError> {
     rigged_below(folder).map(|found| found.files)
 }
 
-fn rigged_below(folder: &Path) -> Result<Below, DataError> {
+/// The same, with the folders and links below that could not be followed.
+///
+/// # Errors
+/// As [`rigged_files`].
+pub fn rigged_below(folder: &Path) -> Result<Below, DataError> {
     if folder.is_file() {
         return Err(DataError::NoFolder(folder.into()));
     }
