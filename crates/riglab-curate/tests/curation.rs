@@ -2,6 +2,11 @@
 
 mod common;
 
+use std::io::{Read, Write};
+use std::net::TcpListener;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
+
 use common::{copy, creatures, dropped, plain, run, run_shard, write};
 use riglab_curate::decisions::{Decision, Decisions, Verdict};
 use riglab_curate::record::Record;
@@ -196,7 +201,7 @@ fn an_endpoint_that_is_down_leaves_rules_and_says_so() {
     let mut all = creatures(3);
     all.iter_mut().for_each(|a| a.provenance.category = String::new());
     write(dir.path(), &all);
-    let port = std::net::TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
+    let port = TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
     let out = tempfile::tempdir().unwrap();
     let mut config = plain();
     config.categories.by = riglab_curate::Labeller::Vlm;
@@ -209,6 +214,53 @@ fn an_endpoint_that_is_down_leaves_rules_and_says_so() {
     let corpus = Corpus::open(&out.path().join("corpus.h5")).unwrap();
     let notes = corpus.asset(0).unwrap().provenance.notes;
     assert!(notes.iter().any(|n| n.starts_with("category by rules (no answer): ")), "{notes:?}");
+}
+
+/// A server on this machine that says the same to everyone, and how often it was asked.
+fn oracle(answer: &'static str) -> (String, Arc<AtomicUsize>) {
+    let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+    let (url, asked) = (format!("http://{}/v1", listener.local_addr().unwrap()), Arc::new(AtomicUsize::new(0)));
+    let count = asked.clone();
+    std::thread::spawn(move || {
+        for mut stream in listener.incoming().flatten() {
+            let (mut text, mut buffer) = (String::new(), [0; 1 << 16]);
+            // The body is JSON on one line, and ends with its last bracket.
+            while !text.ends_with('}') {
+                let n = stream.read(&mut buffer).unwrap();
+                text += &String::from_utf8_lossy(&buffer[..n]);
+            }
+            count.fetch_add(1, Ordering::SeqCst);
+            let body = serde_json::json!({"choices": [{"message": {"content": answer}}]}).to_string();
+            let head = format!("HTTP/1.1 200 OK\r\nContent-Length: {}\r\nConnection: close\r\n\r\n", body.len());
+            let _ = stream.write_all((head + &body).as_bytes());
+        }
+    });
+    (url, asked)
+}
+
+#[test]
+fn a_model_names_what_no_source_names_and_is_asked_once() {
+    let dir = tempfile::tempdir().unwrap();
+    let all = creatures(4);
+    write(dir.path(), &all);
+    let entry = serde_json::json!([{"file": format!("{}.glb", all[0].name), "category": "aquatic"}]);
+    std::fs::write(dir.path().join("manifest.json"), entry.to_string()).unwrap();
+    let (url, asked) = oracle("Arthropod");
+    let out = tempfile::tempdir().unwrap();
+    let mut config = plain();
+    config.categories.by = riglab_curate::Labeller::Vlm;
+    config.categories.vlm.model = "seer".into();
+    config.categories.vlm.url = url;
+    config.categories.vlm.pixels = 32;
+    let funnel = run(dir.path(), out.path(), &config).unwrap();
+    assert_eq!((funnel.labelled_by["vlm"], funnel.labelled_by["source"]), (3, 1));
+    assert_eq!((funnel.categories["arthropod"], funnel.categories["aquatic"]), (3, 1));
+    assert_eq!(asked.load(Ordering::SeqCst), 3);
+    // Again, with what is wanted narrowed down: nothing is asked twice.
+    config.categories.keep = vec![Category::Arthropod];
+    let again = run(dir.path(), out.path(), &config).unwrap();
+    assert_eq!((again.kept, dropped(&again, "category").len()), (3, 1));
+    assert_eq!((asked.load(Ordering::SeqCst), again.vlm.unwrap().cached), (3, 3));
 }
 
 #[cfg(unix)]
