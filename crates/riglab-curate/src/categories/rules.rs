@@ -30,7 +30,7 @@ fn on_all_fours(t: &Traits) -> bool {
 
 /// A tail as dinosaurs have: long, and a good part of the body.
 fn heavy_tail(t: &Traits) -> bool {
-    t.tails >= 4 && t.tail_share >= 0.14 && t.ears == 0
+    t.tails >= 4 && t.tail_share >= 0.08 && t.ears == 0
 }
 
 fn named_after(t: &Traits) -> Verdict {
@@ -95,8 +95,8 @@ fn two_legs_and_arms(t: &Traits) -> Verdict {
         }
     } else if t.tails >= 4 && t.lying > 0.0 && t.ears == 0 {
         (Category::Reptile, "arms, legs and a long tail on a lying body")
-    } else if t.rigidity >= 0.955 && t.skinned >= 12 {
-        (Category::MechanicalOther, "arms and legs of rigid pieces")
+    } else if t.rigidity >= 0.955 && t.skinned >= 12 && t.spines <= 2 {
+        (Category::MechanicalOther, "arms and legs of rigid pieces on a short spine")
     } else {
         (Category::Humanoid, "arms and legs")
     })
@@ -139,10 +139,15 @@ fn limbless(t: &Traits) -> Verdict {
     if t.ears >= 2 && t.tails > 0 {
         return Some((Category::Quadruped, "ears and a tail"));
     }
-    if t.rigidity >= RIGID {
+    let axis = t.heads + t.spines + t.tails;
+    if axis >= 10 {
+        return Some((Category::Reptile, "a long spine without limbs"));
+    }
+    let named = t.heads > 0 && t.spines >= 2;
+    if t.rigidity >= RIGID && !named {
         return None;
     }
-    if t.lying > 0.5 && !thin(t) {
+    if t.lying > 0.5 && (named || !thin(t)) {
         return Some((Category::Aquatic, "a lying body without limbs"));
     }
     (t.tails >= 3 || (thin(t) && t.lying > 0.5)).then_some((Category::Reptile, "a long body without limbs"))
@@ -195,7 +200,7 @@ fn limbs(t: &Traits) -> Verdict {
 
 /// By one long chain.
 fn chain(t: &Traits) -> Verdict {
-    if t.chain >= 0.3 && t.lying > 0.6 && t.joints >= 4 {
+    if t.chain >= 0.3 && t.lying > 0.6 && (4..=12).contains(&t.joints) {
         return Some(if thin(t) {
             (Category::Reptile, "a thin lying chain")
         } else {

@@ -111,9 +111,20 @@ impl Traits {
             own.into_iter().for_each(|c| *creatures.entry(c).or_default() += 1);
             nameless += usize::from(parts.is_empty());
             // A joint counts once, as the last part that its name says: `leftHandIndex1` is a finger.
-            // `LeftToeBase` and `neck_base` are no machines.
-            let living = parts.iter().rev().find(|p| **p != Part::Machine);
-            let Some(part) = parts.iter().find(|p| **p == Part::Finger).or(living).or(parts.last()) else { continue };
+            let names = |part: Part| parts.contains(&part);
+            // The last part that a name says, but: the end of a wing is no hand (`wing_hand_left`), a leg in
+            // the middle no finger, and `LeftToeBase` no machine.
+            let leg = names(Part::Leg) || names(Part::Foot);
+            let part = if names(Part::Wing) {
+                Some(Part::Wing)
+            } else if names(Part::Finger) && !leg {
+                Some(Part::Finger)
+            } else {
+                let last = |p: &&Part| **p != Part::Machine && (**p != Part::Finger || !leg);
+                parts.iter().rev().find(last).or(parts.last()).copied()
+            };
+            let Some(part) = part else { continue };
+            let is_end = words.last().is_some_and(|w| w == "end" || w == "nub");
             match part {
                 Part::Head => self.heads += 1,
                 Part::Spine => self.spines += 1,
@@ -122,7 +133,7 @@ impl Traits {
                 Part::Finger => self.fingers += 1,
                 Part::Leg => legs.extend(side.map(|side| (pair(&words), side))),
                 Part::Foot => feet.extend(side),
-                Part::Tail => self.tails += 1,
+                Part::Tail => self.tails += usize::from(!is_end),
                 Part::Feather => self.feathers += 1,
                 Part::Wing => {
                     wings += 1;
@@ -134,7 +145,9 @@ impl Traits {
                 Part::Machine => machine += 1,
             }
         }
-        self.legs = legs_of(legs).max(feet.len());
+        // Legs that are told apart by numbers alone, as spiders' may be, are counted where they begin.
+        let numbered = if legs.iter().all(|(pair, _)| pair.is_empty()) { rooted_legs(rig) } else { 0 };
+        self.legs = legs_of(legs).max(feet.len()).max(numbered);
         let n = names.len() as f64;
         let count = |what: &str| sides.get(what).map_or(0, BTreeSet::len);
         self.arms = count("arm");
@@ -281,6 +294,27 @@ fn fan(children: &[Vec<riglab_core::JointId>]) -> (usize, f64) {
         |joint: usize| children[joint].iter().filter_map(|c| length[c.index()]).filter(|l| (2..=5).contains(l));
     let most = (0..children.len()).map(|j| (fingers(j).count(), fingers(j).sum::<usize>())).max().unwrap_or((0, 0));
     (most.0, most.1 as f64 / children.len() as f64)
+}
+
+/// How many legs begin: joints named after legs, of one side, below a joint that is not, with a leg below
+/// them. Those that begin in one place, as the controls of a leg do, are one.
+fn rooted_legs(rig: &Rig) -> usize {
+    let skeleton = rig.skeleton();
+    let is_leg: Vec<bool> =
+        skeleton.names().iter().map(|n| words(n).iter().any(|w| part(w) == Some(Part::Leg))).collect();
+    let near = 0.03 * rig.bounds().diagonal();
+    let children = skeleton.children();
+    let mut begins: Vec<glam::Vec3> = Vec::new();
+    for joint in skeleton.ids().filter(|j| is_leg[j.index()]) {
+        let below_leg = skeleton.parent(joint).is_some_and(|p| is_leg[p.index()]);
+        let at = glam::Vec3::from(skeleton.head(joint));
+        let has_side = side(&words(skeleton.name(joint))).is_some();
+        let goes_on = children[joint.index()].iter().any(|c| is_leg[c.index()]);
+        if !below_leg && goes_on && has_side && begins.iter().all(|b| b.distance(at) > near) {
+            begins.push(at);
+        }
+    }
+    begins.len()
 }
 
 /// How many legs their pairs and sides come to.
