@@ -214,6 +214,19 @@ mod tests {
     }
 
     #[test]
+    fn outsides_are_outside() {
+        for asset in some() {
+            let mesh = asset.rig.mesh();
+            let middle = glam::Vec3::from(asset.rig.bounds().center());
+            let six = mesh.triangles().iter().map(|t| {
+                let [a, b, c] = t.map(|v| glam::Vec3::from(mesh.positions()[v as usize]) - middle);
+                a.dot(b.cross(c))
+            });
+            assert!(six.sum::<f32>() > 0.0 || asset.name.starts_with("prop"), "{} is inside out", asset.name);
+        }
+    }
+
+    #[test]
     fn avatars_have_springs_and_a_map_of_bones() {
         for asset in creatures(4, 0..6, &Options { plans: vec![Plan::Anime], ..Options::default() }) {
             assert!(asset.rig.humanoid().is_complete(), "{}", asset.name);

@@ -151,7 +151,8 @@ impl Figure {
         let mut swinging = Vec::new();
         let ribs: Vec<Vec<Control>> = (0..ribs)
             .map(|rib| {
-                let angle = 360.0 * (rib as f32 + 0.5) / ribs as f32;
+                // Clockwise from above, so that the outside is outside.
+                let angle = -360.0 * (rib as f32 + 0.5) / ribs as f32;
                 let (sin, cos) = sin_cos(angle);
                 let at = |t: f32| {
                     let r = waist + (hem - waist) * t * (1.6 - 0.6 * t);
