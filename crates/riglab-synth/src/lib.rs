@@ -1,21 +1,24 @@
 //! Procedural rigged creatures: training data without files, and ground truth for tests.
 //!
 //! A [`Plan`] describes a body as joints, limbs with elliptical cross-sections and pieces apart
-//! (eyes, fins). The one idea: **one function gives surface and weights.** The limbs' distances,
-//! joined with fillets to the limbs they grow from, are the implicit function whose zero set is
-//! meshed; the same distances, added up along the tree, say how far a joint's weights reach. So
-//! weights follow limbs and never jump the air between two of them.
+//! (eyes, fins, clothes, parts of machines). The one idea: **one function gives surface and
+//! weights.** The limbs' distances, joined with fillets to the limbs they grow from, are the implicit
+//! function whose zero set is meshed; the same distances, added up along the tree, say how far a
+//! joint's weights reach. So weights follow limbs and never jump the air between two of them.
 //!
 //! The mesh is a dual contour of an octree whose cells follow the thickness of parts, closed and
 //! manifold also where two sheets of skin pass through one cell; surface nets on a regular grid, as
 //! libraries have them, would need millions of cells to show a finger.
 //!
-//! A creature of a plan is then varied as any may be ([`variant`]): bent into another rest pose, put
-//! together from blocks, given the joints without flesh that exporters write.
+//! A creature of a plan is then varied as any may be: bent into another rest pose, put together from
+//! blocks, given the joints without flesh that exporters write. Avatars have VRM's map of bones; hair,
+//! cloth, tails and ears are on spring bones.
+//! `cargo run --release -p riglab-synth --example gallery -- FOLDER` draws creatures of each plan,
+//! writes their files and prints what they are like.
 //!
 //! Holds: the same seed, index and options give the same bytes on every machine (no platform
 //! sines); any index can be made alone; at most four influences a vertex; every joint holds some,
-//! but for those that a quarter of the creatures have as exporters add them: `root` on the ground
+//! but for those that some of the creatures have as exporters add them: `root` on the ground
 //! and an `.._end` at the tip of each last bone. No two joints but lobes of a fin share a place.
 //! Not promised: that skin is whole. Smaller cells mend gaps in limbs that are thin for their cells, to
 //! a point; parts that are meant to be apart (eyes, clothes, toes) are apart.
