@@ -33,7 +33,8 @@ pub fn refusal(command: &mut Command) -> String {
 /// Makes a corpus of small creatures in `dir`.
 pub fn corpus(dir: &Path, count: u32) -> PathBuf {
     let (files, corpus) = (dir.join("files"), dir.join("corpus.h5"));
-    must(&["synth", "-o", text(&files), "--count", &count.to_string(), "--triangles", "400..800"]);
+    let plans = "biped,quadruped,fish";
+    must(&["synth", "-o", text(&files), "--count", &count.to_string(), "--plans", plans, "--triangles", "400..800"]);
     must(&["dataset", "import", text(&files), "-o", text(&corpus)]);
     corpus
 }
