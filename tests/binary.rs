@@ -32,9 +32,25 @@ pub fn refusal(command: &mut Command) -> String {
 
 /// Makes a corpus of small creatures in `dir`.
 pub fn corpus(dir: &Path, count: u32) -> PathBuf {
+    corpus_of(dir, count, "400..800")
+}
+
+/// As [`corpus`], with so many triangles: below a thousand, creatures are of blocks that each follow one
+/// joint.
+pub fn corpus_of(dir: &Path, count: u32, triangles: &str) -> PathBuf {
     let (files, corpus) = (dir.join("files"), dir.join("corpus.h5"));
-    let plans = "biped,quadruped,fish";
-    must(&["synth", "-o", text(&files), "--count", &count.to_string(), "--plans", plans, "--triangles", "400..800"]);
+    let count = count.to_string();
+    must(&[
+        "synth",
+        "-o",
+        text(&files),
+        "--count",
+        &count,
+        "--plans",
+        "biped,quadruped,fish",
+        "--triangles",
+        triangles,
+    ]);
     must(&["dataset", "import", text(&files), "-o", text(&corpus)]);
     corpus
 }

@@ -4,13 +4,13 @@ mod binary;
 
 use std::fs;
 
-use binary::{config, corpus, must, text};
+use binary::{config, corpus, corpus_of, must, text};
 use serde_json::Value;
 
 #[test]
 fn from_files_to_a_report() {
     let dir = tempfile::tempdir().unwrap();
-    let corpus = corpus(dir.path(), 24);
+    let corpus = corpus_of(dir.path(), 24, "1500..2500");
     let stats = String::from_utf8(must(&["dataset", "stats", text(&corpus), "--json"]).stdout).unwrap();
     let stats: Value = serde_json::from_str(&stats).unwrap();
     assert_eq!(stats["all"]["assets"], 24);
