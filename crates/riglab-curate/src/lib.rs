@@ -54,6 +54,7 @@ pub use error::CurateError;
 pub use funnel::{Agreement, Funnel, Row, StageCount};
 pub use journal::{Journal, Stamp};
 pub use judge::{Judged, judge};
+pub use read::{Folder, Found, Read, Seen};
 pub use repair::repair;
 pub use run::{Places, Shard, Tell, curate, merge_shards};
 pub use shape::{Shape, TOLERANCE};

@@ -1,0 +1,96 @@
+// The asset that is looked at, at the side of the sheet.
+
+import { picture } from "./server.js";
+import { current, undoable, view } from "./model.js";
+import { element } from "./sheet.js";
+
+const $ = (id) => document.getElementById(id);
+let shown = null;
+
+// Whose comment is in the field.
+export const commented = () => shown;
+
+// Puts the buttons of categories and faults there, once.
+export function prepare(categories, faults, act) {
+  $("categories").replaceChildren(...categories.map((category, index) => {
+    const button = choice(String(index + 1), category);
+    button.dataset.category = category;
+    button.addEventListener("click", () => act.category(category));
+    return button;
+  }));
+  $("faults-list").replaceChildren(...faults.map((fault, index) => {
+    const button = choice(String(index + 1), fault);
+    button.dataset.fault = fault;
+    button.addEventListener("click", () => act.fault(fault));
+    return button;
+  }));
+}
+
+function choice(key, text) {
+  const button = element("button");
+  button.type = "button";
+  button.append(element("kbd", "", key), ` ${text}`);
+  return button;
+}
+
+export function draw(act) {
+  const asset = current();
+  $("detail").hidden = !asset;
+  if (!asset) return;
+  if (shown !== asset) {
+    shown = asset;
+    $("name").textContent = asset.name;
+    $("large").parentElement.hidden = !asset.picture;
+    if (asset.picture) {
+      $("large").src = picture(asset.index, "large");
+      $("large").alt = `Skeleton and parts of ${asset.name}`;
+    }
+    $("detail").scrollTop = 0;
+    facts(asset);
+    // The next one is drawn while this one is looked at.
+    const next = view.list[view.at + 1];
+    if (next?.picture) new Image().src = picture(next.index, "large");
+  }
+  const { verdict, category, faults, comment } = asset.decision;
+  fate(asset);
+  for (const button of document.querySelectorAll(".row [data-verdict]")) {
+    button.setAttribute("aria-pressed", String(button.dataset.verdict === verdict));
+  }
+  for (const button of $("categories").children) {
+    const own = button.dataset.category;
+    button.setAttribute("aria-pressed", String(own === category));
+    button.classList.toggle("guess", own === asset.category);
+  }
+  for (const button of $("faults-list").children) {
+    button.setAttribute("aria-pressed", String(faults.includes(button.dataset.fault)));
+  }
+  $("faults").replaceChildren(...faults.map((fault) => {
+    const chip = element("button", "tag fault", `${fault} \u00d7`);
+    chip.type = "button";
+    chip.title = "Take this mark away";
+    chip.addEventListener("click", () => act.fault(fault));
+    return chip;
+  }));
+  if (document.activeElement !== $("comment")) $("comment").value = comment;
+  $("undo").disabled = undoable() === 0;
+}
+
+// What the next build does with it.
+function fate(asset) {
+  const { verdict } = asset.decision;
+  const was = asset.stage ? `Dropped by curation (${asset.stage}): ${asset.reason}.` : "Kept.";
+  const will = {
+    accept: asset.stage ? " The next build keeps it." : "",
+    reject: asset.stage ? "" : " The next build drops it.",
+    "-": "",
+  };
+  $("fate").textContent = was + will[verdict];
+  $("fate").classList.toggle("dropped", Boolean(asset.stage));
+}
+
+function facts(asset) {
+  const [joints, vertices, triangles] = asset.counts.map((n) => n.toLocaleString("en"));
+  const label = asset.category ? ` \u00b7 ${asset.category} by ${asset.by || "the corpus"}` : "";
+  $("facts").textContent = `${joints} joints \u00b7 ${vertices} vertices \u00b7 ${triangles} triangles${label}`;
+  $("notes").replaceChildren(...asset.notes.map((note) => element("li", "", note)));
+}

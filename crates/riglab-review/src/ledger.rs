@@ -1,0 +1,178 @@
+//! The file of decisions, and which card each is about.
+
+use std::collections::HashSet;
+use std::path::{Path, PathBuf};
+use std::sync::{Mutex, MutexGuard, PoisonError};
+
+use riglab_curate::CurateError;
+use riglab_curate::decisions::{Decision, Decisions, Verdict};
+
+use crate::deck::Card;
+
+/// Decisions about cards.
+pub struct Ledger {
+    path: PathBuf,
+    state: Mutex<State>,
+}
+
+/// What the file said when it was last read or written.
+#[derive(Clone, Default)]
+pub struct State {
+    /// The decision about each card; empty where there is none.
+    pub of: Vec<Decision>,
+    /// Sentences on decisions that are about no card.
+    pub told: Vec<String>,
+}
+
+impl State {
+    /// How many cards have a verdict.
+    pub fn decided(&self) -> usize {
+        self.of.iter().filter(|d| d.verdict != Verdict::Open).count()
+    }
+}
+
+impl Ledger {
+    /// Reads the file; one that is not there yet holds no decisions.
+    ///
+    /// # Errors
+    /// When it cannot be read, or with the first line that is no decision.
+    pub fn open(path: &Path, cards: &[Card]) -> Result<Self, CurateError> {
+        let state = matched(&Decisions::read(path)?, cards);
+        Ok(Self { path: path.into(), state: Mutex::new(state) })
+    }
+
+    /// The file.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// What was decided, read anew: the file may have been edited.
+    ///
+    /// # Errors
+    /// As [`Self::open`].
+    pub fn read(&self, cards: &[Card]) -> Result<State, CurateError> {
+        let mut state = self.locked();
+        *state = matched(&Decisions::read(&self.path)?, cards);
+        Ok(state.clone())
+    }
+
+    /// What was decided when the file was last read or written.
+    pub fn state(&self) -> State {
+        self.locked().clone()
+    }
+
+    /// Decides about a card and writes the file. What was decided about it under an earlier name, or about
+    /// an earlier state of its file, goes: a person has looked at it again.
+    ///
+    /// Gives how many cards have a verdict now.
+    ///
+    /// # Errors
+    /// When the file cannot be read or written, or is in conflict; it stays as it was.
+    pub fn decide(&self, cards: &[Card], index: usize, decision: Decision) -> Result<usize, CurateError> {
+        let mut state = self.locked();
+        let mut all = Decisions::read(&self.path)?;
+        let card = &cards[index];
+        for (name, digest) in superseded(&all, cards, card) {
+            all.set(&name, &digest, Decision::default());
+        }
+        all.set(&card.name, &card.digest, decision);
+        all.write(&self.path)?;
+        *state = matched(&all, cards);
+        Ok(state.decided())
+    }
+
+    fn locked(&self) -> MutexGuard<'_, State> {
+        self.state.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+fn matched(decisions: &Decisions, cards: &[Card]) -> State {
+    let keys: Vec<(&str, &str)> = cards.iter().map(|c| (c.name.as_str(), c.digest.as_str())).collect();
+    let (found, told) = decisions.applied(&keys);
+    let mut of = vec![Decision::default(); cards.len()];
+    for (index, (decision, _)) in found {
+        of[index] = decision.clone();
+    }
+    State { of, told }
+}
+
+/// Decisions that one about this card takes the place of: about its file as it was, and under names that no
+/// asset has any more.
+fn superseded(all: &Decisions, cards: &[Card], card: &Card) -> Vec<(String, String)> {
+    let names: HashSet<&str> = cards.iter().map(|c| c.name.as_str()).collect();
+    let twins = cards.iter().filter(|c| c.digest == card.digest && item(&c.name) == item(&card.name)).count();
+    let before = |name: &str, digest: &str| match name == card.name {
+        true => digest != card.digest,
+        false => twins == 1 && digest == card.digest && item(name) == item(&card.name) && !names.contains(name),
+    };
+    let old = all.iter().filter(|(name, digest, _)| before(name, digest));
+    old.map(|(name, digest, _)| (name.to_owned(), digest.to_owned())).collect()
+}
+
+/// Which asset of a file of several a name means.
+fn item(name: &str) -> &str {
+    name.split_once('#').map_or("", |(_, item)| item)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::deck::Place;
+
+    fn card(name: &str, digest: &str) -> Card {
+        Card {
+            name: name.into(),
+            digest: digest.into(),
+            stage: None,
+            reason: String::new(),
+            category: String::new(),
+            by: String::new(),
+            counts: [0; 3],
+            notes: Vec::new(),
+            place: Place::Corpus(0),
+        }
+    }
+
+    fn verdict(verdict: Verdict) -> Decision {
+        Decision { verdict, ..Decision::default() }
+    }
+
+    #[test]
+    fn a_decision_takes_the_place_of_those_about_what_the_asset_was() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("d.tsv");
+        let mut old = Decisions::default();
+        old.set("a.glb", "11", verdict(Verdict::Reject)); // as it was before it changed
+        old.set("was_b.glb", "22", verdict(Verdict::Reject)); // b under another name
+        old.set("elsewhere.glb", "99", verdict(Verdict::Reject)); // of another corpus
+        old.write(&path).unwrap();
+        let cards = [card("a.glb", "12"), card("b.glb", "22")];
+        let ledger = Ledger::open(&path, &cards).unwrap();
+        let state = ledger.state();
+        assert_eq!((state.of[0].verdict, state.of[1].verdict), (Verdict::Open, Verdict::Reject));
+        assert_eq!(state.told.len(), 2);
+        assert_eq!(ledger.decide(&cards, 0, verdict(Verdict::Accept)).unwrap(), 2);
+        // Taking b's decision back leaves nothing of the old name either.
+        assert_eq!(ledger.decide(&cards, 1, Decision::default()).unwrap(), 1);
+        let now = Decisions::read(&path).unwrap();
+        let left: Vec<_> = now.iter().map(|(name, digest, _)| (name, digest)).collect();
+        assert_eq!(left, [("a.glb", "12"), ("elsewhere.glb", "99")]);
+    }
+
+    #[test]
+    fn what_others_write_meanwhile_stays_and_a_conflict_is_told() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("d.tsv");
+        let cards = [card("a", "1"), card("b", "2")];
+        let ledger = Ledger::open(&path, &cards).unwrap();
+        let mut other = Decisions::default();
+        other.set("b", "2", verdict(Verdict::Reject));
+        other.write(&path).unwrap();
+        assert_eq!(ledger.decide(&cards, 0, verdict(Verdict::Accept)).unwrap(), 2);
+        let text = std::fs::read_to_string(&path).unwrap() + "<<<<<<< ours\n";
+        std::fs::write(&path, &text).unwrap();
+        let said = ledger.decide(&cards, 0, Decision::default()).unwrap_err().to_string();
+        assert!(said.contains("d.tsv:5") && said.contains("conflict"), "{said}");
+        assert_eq!(std::fs::read_to_string(&path).unwrap(), text);
+    }
+}

@@ -1,0 +1,64 @@
+//! A review: what is looked at, what was decided, and pictures.
+
+use std::path::{Path, PathBuf};
+
+use riglab_data::Corpus;
+
+use crate::ReviewError;
+use crate::deck::Deck;
+use crate::ledger::Ledger;
+use crate::pictures::Pictures;
+
+/// All that the page shows.
+pub struct Review {
+    /// The name of the corpus, without its folder.
+    pub(crate) title: String,
+    pub(crate) deck: Deck,
+    pub(crate) ledger: Ledger,
+    pub(crate) pictures: Pictures,
+}
+
+/// How far a review is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Tally {
+    /// Assets with a verdict.
+    pub decided: usize,
+    /// Assets.
+    pub of: usize,
+}
+
+impl Review {
+    /// Opens a corpus with what a curation wrote beside it, and the file of decisions, which may not be
+    /// there yet. `files` is the folder that was curated: what it dropped is drawn from there.
+    ///
+    /// # Errors
+    /// When there is neither corpus nor curation, or something cannot be read.
+    pub fn open(corpus: &Path, files: Option<&Path>, decisions: &Path) -> Result<Self, ReviewError> {
+        let stored = if corpus.is_file() { Some(Corpus::open(corpus)?) } else { None };
+        let deck = Deck::open(corpus, stored.as_ref())?;
+        let ledger = Ledger::open(decisions, &deck.cards)?;
+        let pictures = Pictures::new(stored, files)?;
+        let title = corpus.file_name().unwrap_or(corpus.as_os_str()).to_string_lossy().into_owned();
+        Ok(Self { title, deck, ledger, pictures })
+    }
+
+    /// How far it is, by the last that was read or written.
+    pub fn tally(&self) -> Tally {
+        Tally { decided: self.ledger.state().decided(), of: self.deck.cards.len() }
+    }
+
+    /// Files that could not be read, about which nothing can be decided.
+    pub fn unreadable(&self) -> usize {
+        self.deck.unreadable
+    }
+
+    /// Sentences on decisions that are about none of the assets.
+    pub fn told(&self) -> Vec<String> {
+        self.ledger.state().told
+    }
+
+    /// Where decisions are kept if nothing else is said: `rigs.decisions.tsv` beside `rigs.h5`.
+    pub fn decisions_of(corpus: &Path) -> PathBuf {
+        corpus.with_extension("decisions.tsv")
+    }
+}
