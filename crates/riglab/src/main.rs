@@ -32,6 +32,7 @@ enum Command {
     Strip(commands::strip::Args),
     Synth(commands::synth::Args),
     Curate(commands::curate::Args),
+    Review(commands::review::Args),
     Dataset(commands::dataset::Args),
     Tokens(commands::tokens::Args),
     Train(commands::train::Args),
@@ -50,8 +51,8 @@ fn main() -> ExitCode {
     // `riglab inspect FILE | head` ends quietly when `head` has enough.
     sigpipe::reset();
     let cli = Cli::parse();
-    // Training saves and leaves by its own rule.
-    if !matches!(cli.command, Command::Train(_)) {
+    // Training and reviews leave by their own rules.
+    if !matches!(cli.command, Command::Train(_) | Command::Review(_)) {
         leave_clean();
     }
     let threads = cli.threads;
@@ -65,6 +66,7 @@ fn main() -> ExitCode {
         Command::Synth(args) => commands::synth::run(&args),
         Command::Report(args) => commands::report::run(&args),
         Command::Curate(args) => commands::curate::run(&args),
+        Command::Review(args) => commands::review::run(&args),
         Command::Dataset(args) => commands::dataset::run(&args),
         Command::Doctor(args) => commands::doctor::run(&args, threads),
         Command::Tokens(args) => commands::tokens::run(&args),

@@ -7,6 +7,7 @@ pub mod doctor;
 pub mod eval;
 pub mod inspect;
 pub mod report;
+pub mod review;
 pub mod strip;
 pub mod synth;
 pub mod tokens;
