@@ -6,6 +6,7 @@ import { element } from "./sheet.js";
 
 const $ = (id) => document.getElementById(id);
 let shown = null;
+let later;
 
 // Whose comment is in the field.
 export const commented = () => shown;
@@ -41,15 +42,12 @@ export function draw(act) {
     shown = asset;
     $("name").textContent = asset.name;
     $("large").parentElement.hidden = !asset.picture;
-    if (asset.picture) {
-      $("large").src = picture(asset.index, "large");
-      $("large").alt = `Skeleton and parts of ${asset.name}`;
-    }
+    $("large").removeAttribute("src");
+    clearTimeout(later);
+    // Whoever walks on at once needs no picture.
+    later = setTimeout(enlarge, 80, asset, view.list[view.at + 1]);
     $("detail").scrollTop = 0;
     facts(asset);
-    // The next one is drawn while this one is looked at.
-    const next = view.list[view.at + 1];
-    if (next?.picture) new Image().src = picture(next.index, "large");
   }
   const { verdict, category, faults, comment } = asset.decision;
   fate(asset);
@@ -73,6 +71,14 @@ export function draw(act) {
   }));
   if (document.activeElement !== $("comment")) $("comment").value = comment;
   $("undo").disabled = undoable() === 0;
+}
+
+function enlarge(asset, next) {
+  if (!asset.picture) return;
+  $("large").alt = `Skeleton and parts of ${asset.name}`;
+  $("large").src = picture(asset.index, "large");
+  // The next one is drawn while this one is looked at.
+  if (next?.picture) new Image().src = picture(next.index, "large");
 }
 
 // What the next build does with it.
