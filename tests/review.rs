@@ -12,12 +12,12 @@ use std::process::{Child, Command, Stdio};
 use binary::{must, refusal, riglab, text};
 use browser::{Browser, DOWN, ENTER, ESCAPE, PAGE_DOWN, RIGHT};
 
-/// A corpus of creatures, of which one was dropped as a duplicate.
+/// A corpus of creatures, and one more that was dropped as the first's copy.
 fn curated(dir: &Path, count: u32) -> (PathBuf, PathBuf) {
     let (files, corpus) = (dir.join("files"), dir.join("c.h5"));
     must(&["synth", "-o", text(&files), "--count", &count.to_string(), "--triangles", "400..800"]);
-    let first =
-        fs::read_dir(&files).unwrap().map(|e| e.unwrap().path()).find(|p| p.extension().is_some_and(|e| e == "glb"));
+    let made = fs::read_dir(&files).unwrap().map(|e| e.unwrap().path());
+    let first = made.filter(|p| p.extension().is_some_and(|e| e == "glb")).min();
     fs::copy(first.unwrap(), files.join("zz <b>copy.glb")).unwrap();
     must(&["curate", text(&files), "-o", text(&corpus), "--config", "curation/any.toml"]);
     (files, corpus)
