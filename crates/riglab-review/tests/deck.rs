@@ -45,6 +45,8 @@ fn what_was_dropped_has_a_card_without_a_corpus() {
     assert!(review.told()[0].contains("gone"));
     std::fs::write(&decisions, "a\t1\tmaybe\t\t\t\n").unwrap();
     assert!(matches!(Review::open(&corpus, None, &decisions), Err(ReviewError::Decisions(_))));
+    let deep = Review::open(&corpus, None, &dir.path().join("no/where.tsv"));
+    assert!(deep.is_err_and(|e| e.to_string().contains("no such folder")));
     let folder = Review::open(&corpus, Some(&dir.path().join("nowhere")), &dir.path().join("e.tsv"));
     assert!(matches!(folder, Err(ReviewError::Data(_))));
 }
