@@ -46,6 +46,7 @@ pub(crate) fn read(
         base: shared,
         released: shared,
         memo_base: 0,
+        tuples: 0,
         held: 0,
     };
     Ok(match machine.run()? {
@@ -72,6 +73,8 @@ pub(super) struct Machine<'a, 'b> {
     pub(super) released: usize,
     /// Memo entries from here on may name nodes above `base`.
     pub(super) memo_base: usize,
+    /// Tuples kept for later members.
+    pub(super) tuples: usize,
     /// What nodes from `base` on cost.
     pub(super) held: u64,
 }

@@ -69,6 +69,23 @@ impl Machine<'_, '_> {
         for slot in &mut self.memo[self.memo_base..] {
             let at = slot.and_then(|id| (id as usize).checked_sub(self.base)).filter(|at| *at < finished.len());
             let Some(at) = at else { continue };
+            if let (Node::Tuple(parts), None) = (&finished[at], moved[at]) {
+                // Such as the shape that equal assets share; its numbers come with it.
+                if let Some(plain) = plain_parts(parts, &finished, self.base).filter(|_| self.tuples < TUPLES) {
+                    let first = self.nodes.len() as Id;
+                    let ids = (first..).take(plain.len()).collect();
+                    self.nodes.extend(plain);
+                    self.nodes.push(Node::Tuple(ids));
+                    moved[at] = Some(self.nodes.len() as Id - 1);
+                    self.tuples += 1;
+                }
+                *slot = moved[at];
+                continue;
+            }
+            if moved[at].is_some() {
+                *slot = moved[at];
+                continue;
+            }
             let light = matches!(&finished[at], Node::Text(_) | Node::Dtype(_) | Node::Global(_))
                 || matches!(&finished[at], Node::Bytes(b) if b.len() < 64);
             *slot = light.then(|| {
@@ -82,6 +99,23 @@ impl Machine<'_, '_> {
         self.released = self.base;
         self.memo_base = self.memo.len();
     }
+}
+
+/// Tuples that are kept at most: no data has more that its assets share.
+const TUPLES: usize = 4096;
+/// Parts of a tuple that is kept.
+const PARTS: usize = 8;
+
+/// The parts of a small tuple of numbers and words, where it is one.
+fn plain_parts(parts: &[Id], finished: &[Node], base: usize) -> Option<Vec<Node>> {
+    if parts.len() > PARTS {
+        return None;
+    }
+    let plain = |id: &Id| {
+        let node = finished.get((*id as usize).checked_sub(base)?)?;
+        matches!(node, Node::None | Node::Bool(_) | Node::Int(_) | Node::Float(_) | Node::Text(_)).then(|| node.clone())
+    };
+    parts.iter().map(plain).collect()
 }
 
 /// What a node holds beside itself, if letting go of it is worth while.

@@ -102,6 +102,20 @@ fn members_come_one_by_one_and_keys_are_remembered() {
 }
 
 #[test]
+fn a_small_tuple_that_members_share_is_remembered() {
+    // [{"a": (5, 6)}] and, added by another batch, {"a": the same tuple}.
+    let bytes = b"\x80\x04]\x94(}\x94\x8c\x01a\x94K\x05K\x06\x86\x94se(}\x94h\x02h\x03se.";
+    let mut seen = Vec::new();
+    let mut each = |v: View<'_>| {
+        let shape = v.get("a").and_then(View::members).map(|m| m.filter_map(View::int).collect::<Vec<_>>());
+        seen.push(shape);
+        ControlFlow::Continue(())
+    };
+    read("x", &mut &bytes[..], &mut Budget::of(bytes.len() as u64), Some(&mut each)).unwrap();
+    assert_eq!(seen, [Some(vec![5, 6]), Some(vec![5, 6])]);
+}
+
+#[test]
 fn a_member_that_comes_again_is_not_handed_out_again() {
     // The same dictionary thrice, by reference.
     let bytes = b"\x80\x04]\x94(}\x94(\x8c\x01a\x94K\x01\x8c\x01b\x94K\x02uh\x01h\x01e.";
