@@ -98,12 +98,17 @@ pub(crate) fn plain(e: &io::Error) -> io::Error {
     io::Error::new(e.kind(), e.kind().to_string())
 }
 
+/// Tests of this crate take turns: one of them removes what is unfinished, whosever it is.
+#[cfg(test)]
+pub(crate) static TURN: Mutex<()> = Mutex::new(());
+
 #[cfg(test)]
 mod tests {
     use super::*;
 
     #[test]
     fn whoever_leaves_takes_the_unfinished_with_him() {
+        let _turn = TURN.lock().unwrap();
         let dir = tempfile::tempdir().unwrap();
         let count = || fs::read_dir(dir.path()).unwrap().count();
         let (_file, dropped) = Unfinished::beside(&dir.path().join("a")).unwrap();

@@ -42,6 +42,7 @@ mod tests {
 
     #[test]
     fn links_are_followed_and_devices_left_alone() {
+        let _turn = crate::unfinished::TURN.lock().unwrap();
         let dir = tempfile::tempdir().unwrap();
         let (file, link) = (dir.path().join("a.glb"), dir.path().join("link.glb"));
         write(&file, b"one").unwrap();

@@ -18,4 +18,5 @@ mod skin;
 pub use baseline::{Baseline, bone_distances};
 pub use codebook::{Codebook, compression_ratio};
 pub use skeleton::{Joints, SkeletonConvention, SkeletonDistances};
+pub use skin::nan_for_null;
 pub use skin::{ACTIVE, SkinMetrics, SkinTally};

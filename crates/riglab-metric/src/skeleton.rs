@@ -43,10 +43,13 @@ impl Joints {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct SkeletonDistances {
     /// Joints to joints.
+    #[serde(deserialize_with = "crate::nan_for_null")]
     pub j2j: f64,
     /// Joints to bones.
+    #[serde(deserialize_with = "crate::nan_for_null")]
     pub j2b: f64,
     /// Bones to bones.
+    #[serde(deserialize_with = "crate::nan_for_null")]
     pub b2b: f64,
 }
 
@@ -126,6 +129,13 @@ fn mean_nearest(from: &[[f64; 3]], to: &[[f64; 3]]) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn what_cannot_be_compared_survives_a_file() {
+        let none = SkeletonDistances { j2j: f64::NAN, j2b: f64::NAN, b2b: f64::NAN };
+        let back: SkeletonDistances = serde_json::from_str(&serde_json::to_string(&none).unwrap()).unwrap();
+        assert!(back.j2j.is_nan() && back.j2b.is_nan() && back.b2b.is_nan());
+    }
 
     #[test]
     fn a_shifted_chain_is_off_by_its_shift() {

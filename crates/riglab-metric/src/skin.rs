@@ -42,7 +42,11 @@ pub struct SkinMetrics {
     pub mask_entry: f64,
 }
 
-fn nan_for_null<'de, D: Deserializer<'de>>(from: D) -> Result<f64, D::Error> {
+/// Reads a number that JSON could not hold, which it wrote as null.
+///
+/// # Errors
+/// When there is neither.
+pub fn nan_for_null<'de, D: Deserializer<'de>>(from: D) -> Result<f64, D::Error> {
     Ok(Option::<f64>::deserialize(from)?.unwrap_or(f64::NAN))
 }
 

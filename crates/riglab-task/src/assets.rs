@@ -88,8 +88,10 @@ impl Assets {
             (validation.is_empty(), "data.validate", config.validate.clone()),
         ] {
             if empty {
+                let most = config.max_joints;
                 return Err(format!(
-                    "{key}: the corpora have no asset in `{split}`; `riglab dataset inspect` shows their splits"
+                    "{key}: the corpora have no asset in `{split}` (of at most data.max_joints = {most}, to train on); \
+                     `riglab dataset inspect` shows their splits"
                 ));
             }
         }
@@ -139,6 +141,9 @@ impl Assets {
         if weights.is_empty() {
             return Ok(vec![(1.0, ids)]);
         }
+        if ids.is_empty() {
+            return Ok(vec![(1.0, ids)]);
+        }
         let of = |corpus: usize| ids.iter().copied().filter(|id| id.corpus == corpus).collect();
         let parts: Vec<(f32, Vec<AssetId>)> = weights.iter().enumerate().map(|(k, &weight)| (weight, of(k))).collect();
         match parts.iter().position(|(weight, of)| *weight > 0.0 && of.is_empty()) {
@@ -146,7 +151,8 @@ impl Assets {
                 "{}: no asset of data.train, but a weight in data.weights; `riglab dataset inspect` shows its splits",
                 config.corpora[k].display()
             )),
-            None => Ok(parts),
+            // What has no weight is not trained on, nor compared with.
+            None => Ok(parts.into_iter().filter(|(weight, _)| *weight > 0.0).collect()),
         }
     }
 

@@ -107,8 +107,13 @@ impl Tokenizer {
     fn order(&self, bones: &Bones<'_>, class: Option<&str>) -> Result<Order, EncodeFault> {
         let joints = walk(bones, self.config.siblings);
         let parts: Vec<_> = match class.and_then(Template::of) {
-            // The released order step knows every template, also where the class has no token.
-            Some(template) if self.config.templates => self.vocabulary.parts_of(template.class),
+            // The released order step knows every template, also where the class has no token: names are lost then.
+            Some(template)
+                if self.config.templates
+                    && (self.config.lenient || self.vocabulary.class_named(template.class).is_some()) =>
+            {
+                self.vocabulary.parts_of(template.class)
+            }
             _ => Vec::new(),
         };
         if parts.is_empty() {

@@ -60,6 +60,7 @@ pub struct Grammar {
     spring: Spring,
     by_parts: bool,
     templates: bool,
+    least: usize,
     state: State,
     tokens: usize,
     cells: Vec<[u16; 3]>,
@@ -86,6 +87,7 @@ impl Grammar {
             spring: config.spring,
             by_parts: config.class == Classes::ByParts,
             templates: config.templates,
+            least: config.least_joints,
             state: State::Start,
             tokens: 0,
             cells: Vec::new(),
@@ -170,7 +172,9 @@ impl Grammar {
             return;
         }
         self.starts(mask);
-        mask.allow(ids.eos());
+        if self.cells.len() >= self.least {
+            mask.allow(ids.eos());
+        }
     }
 
     /// Parts, and the spring token.
@@ -267,6 +271,10 @@ impl Grammar {
                         self.parts.clear();
                     }
                     self.lacking = self.lacking.saturating_sub(1);
+                    // Without a token for them, other joints follow a part at once.
+                    if self.lacking == 0 && self.spring == Spring::Never {
+                        self.free = true;
+                    }
                     self.owing = false;
                     State::Between
                 }

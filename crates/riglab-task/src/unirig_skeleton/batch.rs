@@ -6,7 +6,7 @@ use riglab_core::{Rig, Skeleton, Vec3};
 use riglab_data::Mixture;
 use riglab_geom::{CloudSampler, farthest_points};
 use riglab_random::{Draw, Stream, stream};
-use riglab_token::{Bones, EncodeFault, Encoded, Tokenizer};
+use riglab_token::{Bones, EncodeFault, Encoded, Template, Tokenizer};
 use riglab_train::Source;
 
 use super::config::SkeletonTaskConfig;
@@ -37,7 +37,7 @@ pub struct BatchSource {
 }
 
 /// How often another asset is tried in place of one whose sequence is too long.
-const TRIES: u64 = 16;
+const TRIES: u64 = 256;
 /// Far beyond the places of any run.
 const ELSEWHERE: u64 = 1 << 40;
 
@@ -67,7 +67,9 @@ impl BatchSource {
         let augmented = c.augment.apply((*rig).clone(), c.train.seed, &[place]).map_err(|e| e.to_string())?;
         let (rig, _) = augmented.rig.normalized();
         let mut random = stream(c.train.seed, "skeleton sample", &[place]);
-        let told = !random.chance(c.sampling.class_dropout);
+        // Where left and right are exchanged, the names of known makes are no longer true.
+        let mirrored = augmented.motion.world.matrix3.determinant() < 0.0;
+        let told = !random.chance(c.sampling.class_dropout) && !mirrored;
         let Ok(encoded) = encode(&self.tokenizer, rig.skeleton(), told) else { return Ok(false) };
         if encoded.ids.len() > c.limits.tokens || rig.skeleton().len() > c.limits.joints {
             return Ok(false);
@@ -100,7 +102,8 @@ impl Source for BatchSource {
             }
             if !found {
                 return Err(format!(
-                    "of {TRIES} assets none has a sequence within limits.tokens = {} and limits.joints = {}; raise them",
+                    "of {TRIES} assets none has a sequence within limits.tokens = {} and limits.joints = {}; raise them, or \
+                     lower data.max_joints",
                     self.config.limits.tokens, self.config.limits.joints
                 ));
             }
@@ -112,7 +115,7 @@ impl Source for BatchSource {
 /// A skeleton's tokens; `told`: with its class, where it has one.
 pub fn encode(tokenizer: &Tokenizer, skeleton: &Skeleton, told: bool) -> Result<Encoded, EncodeFault> {
     if told {
-        return tokenizer.encode(skeleton, None);
+        return tokenizer.encode(skeleton, Template::detect(skeleton.names()).map(|t| t.class));
     }
     let joints: Vec<_> = skeleton.heads().iter().map(|p| p.map(f64::from)).collect();
     let parents: Vec<_> = skeleton.parents().iter().map(|p| p.map(riglab_core::JointId::index)).collect();

@@ -4,7 +4,7 @@ use riglab_augment::Recipe;
 use riglab_geom::CloudConfig;
 use riglab_nn::generate::GenerateConfig;
 use riglab_nn::skeleton::SkeletonModelConfig;
-use riglab_token::{Limits, Parents, TokenizerConfig};
+use riglab_token::{Limits, Merge, Parents, TokenizerConfig};
 use riglab_train::TrainConfig;
 use serde::{Deserialize, Serialize};
 
@@ -128,11 +128,34 @@ impl SkeletonTaskConfig {
             let of = format!("{} tokens × {} drawn", self.model.shape.tokens, self.model.shape.drawn);
             return bad("sampling.cloud.points", format!("{points} points for model.shape's {of}"));
         }
-        if self.tokenizer.bins < 2 || self.tokenizer.range[0] >= self.tokenizer.range[1] {
-            return bad("tokenizer.range", "give a range from low to high, and at least 2 bins".into());
+        let [low, high] = self.tokenizer.range;
+        if self.tokenizer.bins < 2 || !(low <= -1.0 && high >= 1.0 && low.is_finite() && high.is_finite()) {
+            return bad(
+                "tokenizer.range",
+                "rigs are set between -1 and 1: the range must hold that, with 2 bins or more".into(),
+            );
         }
-        if self.limits.tokens < 6 || self.limits.joints == 0 {
-            return bad("limits.tokens", "a skeleton takes at least 6 tokens and a joint".into());
+        let least = self.tokenizer.least_joints.max(1);
+        // Start, class, a spring token, joints, end.
+        let shortest = 3 * least + 4;
+        if self.limits.tokens < shortest || self.limits.joints < least {
+            return bad(
+                "limits.tokens",
+                format!("a skeleton takes at least {shortest} tokens and limits.joints = {least}"),
+            );
+        }
+        if self.eval.generate.tokens < shortest {
+            return bad("eval.generate.tokens", format!("a skeleton takes at least {shortest} tokens"));
+        }
+        if self.eval.retrieval_points == 0 {
+            return bad("eval.retrieval_points", "shapes are compared by at least 1 point".into());
+        }
+        if self.eval.parents == Parents::Anywhere && matches!(self.tokenizer.merge, Merge::Within(_)) {
+            return bad("eval.parents", "`anywhere` needs tokenizer.merge = \"nearest\"".into());
+        }
+        let weights = [self.loss.next, self.loss.distance];
+        if !weights.iter().all(|w| w.is_finite() && *w >= 0.0) || weights == [0.0, 0.0] {
+            return bad("loss.next", "next and distance are weights from 0 on, and one of them is above".into());
         }
         let longest = self.limits.tokens + self.model.shape.tokens;
         if longest > self.model.decoder.positions {

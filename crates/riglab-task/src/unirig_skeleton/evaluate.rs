@@ -1,9 +1,9 @@
 //! Evaluation by generating skeletons for whole meshes.
 
 use riglab_geom::CloudSampler;
-use riglab_metric::{Joints, SkeletonConvention, SkeletonDistances};
+use riglab_metric::{Joints, SkeletonConvention, SkeletonDistances, nan_for_null};
 use riglab_nn::params::Weights;
-use riglab_random::stream;
+use riglab_random::{Draw, stream};
 use riglab_token::Decoded;
 use riglab_train::Validation;
 use serde::{Deserialize, Serialize};
@@ -23,21 +23,28 @@ pub struct Row {
     pub method: String,
     /// Assets.
     pub assets: usize,
-    /// Of them, those whose skeleton can be compared: decoded, with at least a bone on both sides.
+    /// Of them, those that can be compared by every method: decoded, with at least a bone on both sides.
     pub compared: usize,
     /// Mean over the compared, in shares of the cube's edge.
+    #[serde(deserialize_with = "nan_for_null")]
     pub j2j: f64,
     /// As above.
+    #[serde(deserialize_with = "nan_for_null")]
     pub j2b: f64,
     /// As above.
+    #[serde(deserialize_with = "nan_for_null")]
     pub b2b: f64,
     /// Share of sequences that are skeletons.
+    #[serde(deserialize_with = "nan_for_null")]
     pub valid: f64,
     /// Mean number of joints.
+    #[serde(deserialize_with = "nan_for_null")]
     pub joints: f64,
     /// Mean number of joints of the truth.
+    #[serde(deserialize_with = "nan_for_null")]
     pub true_joints: f64,
     /// Mean of |joints - true joints| / true joints.
+    #[serde(deserialize_with = "nan_for_null")]
     pub joints_off: f64,
 }
 
@@ -90,10 +97,14 @@ impl Sums {
         self.joints += count;
         self.true_joints += wanted;
         self.off += count.abs_diff(wanted) as f64 / wanted as f64;
-        if own.j2j.is_finite() {
+        own
+    }
+
+    /// Counts what two ways gave for one asset, where both can be compared: means are over the same assets.
+    fn count(&mut self, own: SkeletonDistances, other: SkeletonDistances) {
+        if own.j2j.is_finite() && other.j2j.is_finite() {
             self.distances.push(own);
         }
-        own
     }
 
     fn row(&self, split: &str, method: &str) -> Row {
@@ -138,7 +149,10 @@ impl SkeletonTask {
             n => n,
         };
         let (mut sums, mut loss, mut tokens) = (Sums::default(), 0.0, 0.0);
-        let assets: Vec<AssetId> = self.validation_assets.iter().copied().take(limit).collect();
+        // Some of all corpora and kinds, the same ones each time.
+        let mut assets = self.validation_assets.clone();
+        stream(self.config.eval.seed, "validation assets", &[]).shuffled(&mut assets);
+        assets.truncate(limit);
         let mut plain = self.config.clone();
         (plain.loss.spread, plain.loss.distance, plain.loss.next) = (0.0, 0.0, 1.0);
         for ids in assets.chunks(self.config.eval.rows) {
@@ -165,7 +179,8 @@ impl SkeletonTask {
             let asked: Vec<_> = rigs.iter().zip(ids).map(|(rig, id)| (&**rig, id.key())).collect();
             for (drawn, rig) in self.draw(w, &asked).iter().zip(&rigs) {
                 let found = drawn.decoded.as_ref().ok().map(joints);
-                sums.add(found.as_ref(), &Joints::of(rig.skeleton()));
+                let own = sums.add(found.as_ref(), &Joints::of(rig.skeleton()));
+                sums.count(own, own);
             }
         }
         let row = sums.row("val", "model");
@@ -209,13 +224,17 @@ impl SkeletonTask {
                 for (((drawn, rig), name), &id) in drawn.into_iter().zip(&rigs).zip(names).zip(ids) {
                     let truth = Joints::of(rig.skeleton());
                     let found = drawn.decoded.as_ref().ok().map(joints);
+                    let own = model.add(found.as_ref(), &truth);
+                    let nearest = rival.add(retrieval.nearest(rig, id.key()), &truth);
+                    model.count(own, nearest);
+                    rival.count(nearest, own);
                     assets.push(AssetRow {
                         split: split.clone(),
                         name,
                         true_joints: truth.positions.len(),
                         joints: found.as_ref().map_or(0, |f| f.positions.len()),
-                        model: model.add(found.as_ref(), &truth),
-                        retrieval: rival.add(retrieval.nearest(rig, id.key()), &truth),
+                        model: own,
+                        retrieval: nearest,
                     });
                     skeletons.push((id, drawn));
                     progress(assets.len());
@@ -224,6 +243,12 @@ impl SkeletonTask {
             if !ids.is_empty() {
                 rows.extend([model.row(split, "model"), rival.row(split, "retrieval")]);
             }
+        }
+        if assets.is_empty() {
+            let splits = self.config.data.test.join(", ");
+            return Err(format!(
+                "data.test: the corpora have no asset in `{splits}`; `riglab dataset inspect` shows their splits"
+            ));
         }
         Ok((Report { convention: "unirig".into(), rows, assets }, skeletons))
     }

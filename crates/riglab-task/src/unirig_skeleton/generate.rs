@@ -7,7 +7,7 @@ use riglab_nn::generate::{Decoder, Grammar as Rules, chooser, rows};
 use riglab_nn::params::Weights;
 use riglab_nn::skeleton::SkeletonModel;
 use riglab_random::stream;
-use riglab_token::{DecodeFault, Decoded, Grammar, Mask};
+use riglab_token::{DecodeFault, Decoded, Grammar, Limits, Mask};
 use tch::{Kind, Tensor};
 
 use super::batch::{Batch, shape};
@@ -86,11 +86,13 @@ impl SkeletonTask {
         let (cloud, picks) = shape_of(c, &batch, self.device);
         let prefix = self.net.condition(w, &cloud, &picks);
         let vocabulary = self.tokenizer.vocabulary();
-        let mut grammar = Grammar::new(&self.tokenizer, c.limits, c.eval.parents);
+        // The grammar ends each sequence before the tokens do.
+        let tokens = c.limits.tokens.min(c.eval.generate.tokens + 1);
+        let mut grammar = Grammar::new(&self.tokenizer, Limits { tokens, ..c.limits }, c.eval.parents);
         grammar.accept(vocabulary.bos());
         let strict = Strict { grammar, ids: vocabulary.len(), end: vocabulary.eos() };
         let mut config = c.eval.generate.clone();
-        config.tokens = config.tokens.min(c.limits.tokens - 1);
+        config.tokens = tokens - 1;
         let cache = self.net.start(w, &prefix, config.tokens as i64 + 1);
         let mut reader = Reader { net: &self.net, weights: w, cache };
         let first = reader.next(&vec![vocabulary.bos(); rigs.len()]);

@@ -14,7 +14,7 @@ use riglab_core::Rig;
 use riglab_nn::NnError;
 use riglab_nn::params::{Builder, Params, Weights};
 use riglab_nn::skeleton::{SkeletonModel, coordinate_distance, cross_entropy, spread_cross_entropy};
-use riglab_token::Tokenizer;
+use riglab_token::{Limits, Tokenizer};
 use riglab_train::{At, Better, Loss, Source, State, Task, Validation};
 use tch::{Device, Kind, Tensor};
 
@@ -46,7 +46,19 @@ impl SkeletonTask {
     /// # Errors
     /// A sentence: a corpus that cannot be read, or a split without assets.
     pub fn new(config: SkeletonTaskConfig, device: Device) -> Result<Self, String> {
-        let (assets, train_assets, validation_assets) = Assets::for_training(&config.data)?;
+        let (assets, mut train_assets, validation_assets) = Assets::for_training(&config.data)?;
+        // What cannot fit, whatever is done to it; augmentation may still make others too long.
+        let fits = |id: &AssetId| {
+            let joints = assets.counts(*id)[2];
+            joints <= config.limits.joints && 3 * joints + 3 <= config.limits.tokens
+        };
+        train_assets.iter_mut().for_each(|(_, ids)| ids.retain(fits));
+        if train_assets.iter().any(|(_, ids)| ids.is_empty()) {
+            let Limits { joints, tokens } = config.limits;
+            return Err(format!(
+                "no asset of a corpus fits limits.joints = {joints} and limits.tokens = {tokens}; raise them"
+            ));
+        }
         let tokenizer = Tokenizer::new(config.tokenizer.clone());
         let (net, params) = Self::network(&config, device).map_err(|e| e.to_string())?;
         let cache = Arc::new(Cache::new(config.data.cache_mb));

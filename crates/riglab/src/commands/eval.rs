@@ -32,7 +32,7 @@ pub struct Args {
     /// Print eval.json instead of the table.
     #[arg(long)]
     json: bool,
-    /// Where to write the result [default: RUN/eval.json]; pictures stand beside, in FILE without ending.
+    /// Where to write the result [default: RUN/eval.json]; pictures stand beside, in FILE without ending (or FILE.pictures).
     #[arg(long, short, value_name = "FILE")]
     out: Option<PathBuf>,
     /// Best and worst assets of each split to draw.
@@ -67,7 +67,11 @@ impl Visitor for Examination<'_> {
         progress.finish();
         let examined = examined.map_err(|e| anyhow!(e))?;
         let path = args.out.clone().unwrap_or_else(|| args.run.join("eval.json"));
-        let folder = path.with_extension("");
+        let folder = match path.with_extension("") {
+            // A name without an ending is the file's.
+            same if same == path => path.with_extension("pictures"),
+            folder => folder,
+        };
         for (file, png) in &examined.pictures {
             fs::create_dir_all(&folder).with_context(|| format!("{} cannot be made", folder.display()))?;
             write(&folder.join(file), png)?;

@@ -34,7 +34,7 @@ pub struct Args {
     /// The class to write, for files; by the joints' names where it is left out.
     #[arg(long, value_name = "NAME")]
     class: Option<String>,
-    /// Print as JSON, a line an asset and one for the whole of each corpus.
+    /// Print as JSON: a line an asset of a file, a line a category of a corpus.
     #[arg(long)]
     json: bool,
 }
@@ -77,24 +77,33 @@ struct Trip {
 
 pub fn run(args: &Args) -> Result<ExitCode> {
     let tokenizer = Tokenizer::new(args.preset.preset().config());
+    if let Some(class) = args.class.as_deref().filter(|c| tokenizer.vocabulary().class_named(c).is_none()) {
+        bail!("--class {class}: this preset has the classes {}", tokenizer.vocabulary().classes().join(", "));
+    }
     let mut failed = false;
     for input in &args.inputs {
         if let Ok(corpus) = Corpus::open(input) {
-            of_corpus(&corpus, &tokenizer, args)?;
+            if let Err(e) = of_corpus(&corpus, &tokenizer, args) {
+                eprintln!("error: {e:#}");
+                failed = true;
+            }
             continue;
         }
-        let mut broken = Ok(());
         import_each(input, &ImportOptions::default(), |imported| {
             match imported.and_then(riglab_asset::Imported::into_asset) {
-                Ok(asset) => broken = show(&asset, &tokenizer, args),
+                Ok(asset) => {
+                    if let Err(e) = show(&asset, &tokenizer, args) {
+                        eprintln!("error: {}: {e:#}", asset.provenance.source);
+                        failed = true;
+                    }
+                }
                 Err(e) => {
                     eprintln!("error: {e}");
                     failed = true;
                 }
             }
-            if broken.is_err() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+            ControlFlow::Continue(())
         });
-        broken?;
     }
     Ok(if failed { ExitCode::FAILURE } else { ExitCode::SUCCESS })
 }
@@ -213,9 +222,10 @@ fn of_corpus(corpus: &Corpus, tokenizer: &Tokenizer, args: &Args) -> Result<()> 
         }
     }
     if all.assets == 0 {
-        bail!("{}: no asset has a sequence", args.inputs[0].display());
+        bail!("{}: no asset has a sequence", corpus.path().display());
     }
     if !args.json {
+        say!("{}", corpus.path().display());
         say!(
             "{:20} {:>7} {:>9} {:>9} {:>8} {:>12} {:>7} {:>6} {:>7}",
             "category",
@@ -238,7 +248,7 @@ fn of_corpus(corpus: &Corpus, tokenizer: &Tokenizer, args: &Args) -> Result<()> 
         if args.json {
             say!(
                 "{}",
-                json!({"corpus": args.inputs[0], "category": name, "assets": sum.assets, "plain": plain, "tokens": tokens, "saved_percent": saved,
+                json!({"corpus": corpus.path(), "category": name, "assets": sum.assets, "plain": plain, "tokens": tokens, "saved_percent": saved,
                 "joint_error": error, "astray_assets": sum.astray, "moved_joints": sum.moved, "refused_by_grammar": sum.loose})
             );
         } else {

@@ -45,28 +45,32 @@ pub fn run(args: &Args, threads: usize) -> Result<ExitCode> {
         return Ok(ExitCode::SUCCESS);
     }
     let threads = riglab_torch::init(riglab_torch::Settings { threads });
-    let (config, run, resumed) = match (&args.resume, &args.config) {
+    let (config, place) = match (&args.resume, &args.config) {
         (Some(dir), _) => {
             let run = Run::open(dir)?;
-            (TaskConfig::read(&presets::load(&run.path("config.toml").to_string_lossy(), &[])?)?, run, true)
+            (TaskConfig::read(&presets::load(&run.path("config.toml").to_string_lossy(), &[])?)?, Place::There(run))
         }
         (None, Some(name)) => {
             let config = TaskConfig::read(&presets::load(name, &args.sets)?)?.settled();
             let dir = args.run.clone().unwrap_or_else(|| next_free(name));
-            let run = Run::create(&dir, &config.to_toml()?)?;
-            (config, run, false)
+            (config, Place::New(dir))
         }
         (None, None) => bail!("give a config, or --resume RUN"),
     };
-    let session = Session { config: &config, run: &run, resumed, threads };
+    let session = Session { config: &config, place, threads };
     config.with(Device::Cpu, session)
 }
 
-/// A run in its folder.
+/// A run's folder, which is made when the task has been opened: a corpus that is missing leaves none behind.
+enum Place {
+    There(Run),
+    New(PathBuf),
+}
+
+/// A run to be made or continued.
 struct Session<'a> {
     config: &'a TaskConfig,
-    run: &'a Run,
-    resumed: bool,
+    place: Place,
     threads: usize,
 }
 
@@ -74,7 +78,11 @@ impl Visitor for Session<'_> {
     type Out = ExitCode;
 
     fn visit<T: Experiment>(self, task: T) -> Result<ExitCode> {
-        let Self { config, run, resumed, threads } = self;
+        let Self { config, place, threads } = self;
+        let (run, resumed) = match place {
+            Place::There(run) => (run, true),
+            Place::New(dir) => (Run::create(&dir, &config.to_toml()?)?, false),
+        };
         let mut info = match run.info().filter(|_| resumed) {
             Some(mut info) => {
                 info.resumed.push(RunInfo::now());
@@ -94,7 +102,7 @@ impl Visitor for Session<'_> {
             run.dir().display()
         );
         let interrupt = Interrupt::listening();
-        let outcome = train(&task, config.train(), run, &interrupt);
+        let outcome = train(&task, config.train(), &run, &interrupt);
         info.ended = RunInfo::now();
         info.outcome = match &outcome {
             Ok(o) if o.ended == Ended::Finished => "finished".into(),
