@@ -135,13 +135,7 @@ impl Body {
         nodes: &[Node],
         hint: Vec3,
     ) -> Vec<JointId> {
-        let mut above = parent;
-        let mut chain = Vec::with_capacity(nodes.len() - 1);
-        for (name, node) in names.into_iter().zip(&nodes[..nodes.len() - 1]) {
-            above = self.joint(above, name, node.at);
-            chain.push(above);
-        }
-        assert_eq!(chain.len() + 1, nodes.len(), "one name a joint");
+        let chain = self.joints_along(parent, names, nodes);
         self.flesh(&chain, nodes, hint);
         chain
     }
@@ -182,6 +176,23 @@ impl Body {
         self.pieces.push(Piece::Loft(loft));
     }
 
+    /// Joints at all nodes but the last, each below the one before.
+    fn joints_along(
+        &mut self,
+        parent: JointId,
+        names: impl IntoIterator<Item = String>,
+        nodes: &[Node],
+    ) -> Vec<JointId> {
+        let mut above = parent;
+        let mut chain = Vec::with_capacity(nodes.len() - 1);
+        for (name, node) in names.into_iter().zip(&nodes[..nodes.len() - 1]) {
+            above = self.joint(above, name, node.at);
+            chain.push(above);
+        }
+        assert_eq!(chain.len() + 1, nodes.len(), "one name a joint");
+        chain
+    }
+
     /// Adds joints at all nodes but the last, and a loft along them apart from the skin: a strand of
     /// hair, a tentacle, a thin leg.
     pub fn strand(
@@ -191,13 +202,7 @@ impl Body {
         nodes: &[Node],
         hint: Vec3,
     ) -> Vec<JointId> {
-        let mut above = parent;
-        let mut chain = Vec::with_capacity(nodes.len() - 1);
-        for (name, node) in names.into_iter().zip(&nodes[..nodes.len() - 1]) {
-            above = self.joint(above, name, node.at);
-            chain.push(above);
-        }
-        assert_eq!(chain.len() + 1, nodes.len(), "one name a joint");
+        let chain = self.joints_along(parent, names, nodes);
         let points: Vec<_> =
             (nodes.iter().enumerate()).map(|(k, node)| (node.at, node.ring, chain[k.min(chain.len() - 1)].0)).collect();
         self.loft(Loft::through(&points, hint));

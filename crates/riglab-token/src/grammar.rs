@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use crate::encode::Tokenizer;
-use crate::template::{Part, Template};
+use crate::template::Part;
 use crate::vocabulary::Meaning;
 use crate::{Classes, GrammarFault, Mask, Spring, Vocabulary};
 
@@ -286,10 +286,5 @@ impl Grammar {
             // The end, and what is not allowed.
             _ => State::Done,
         };
-    }
-
-    /// The template of a class, for whoever prompts with one.
-    pub fn template(class: &str) -> Option<&'static Template> {
-        Template::of(class)
     }
 }
