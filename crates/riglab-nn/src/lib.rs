@@ -25,5 +25,6 @@ pub mod optim;
 pub mod params;
 pub mod perceiver;
 pub mod skeleton;
+pub mod tokenrig;
 
 pub use error::NnError;

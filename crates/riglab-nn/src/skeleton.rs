@@ -107,18 +107,25 @@ pub fn cross_entropy(logits: &Tensor, targets: &Tensor) -> Tensor {
 /// of `sigma` cells, cut at twice that and at the ends of the range (an extension).
 pub fn spread_cross_entropy(logits: &Tensor, targets: &Tensor, bins: i64, sigma: f64) -> Tensor {
     let likely = logits.to_kind(Kind::Float).log_softmax(-1, Kind::Float);
+    spread_likelihood(&likely, targets, bins, sigma).mean(None::<Kind>)
+}
+
+/// Minus the log-likelihood of each target [M], from those of all ids [M, v], spread as
+/// [`spread_cross_entropy`] does; `sigma` 0: of the target alone.
+pub fn spread_likelihood(likely: &Tensor, targets: &Tensor, bins: i64, sigma: f64) -> Tensor {
     let reach = (2.0 * sigma).ceil() as i64;
     let coordinates = targets.lt(bins);
-    let weights: Vec<f64> = (-reach..=reach).map(|k| (-0.5 * (k as f64 / sigma).powi(2)).exp()).collect();
+    let weights: Vec<f64> =
+        (-reach..=reach).map(|k| if k == 0 { 1.0 } else { (-0.5 * (k as f64 / sigma).powi(2)).exp() }).collect();
     let total: f64 = weights.iter().sum();
-    let mut sum = Tensor::zeros([targets.size()[0]], (Kind::Float, logits.device()));
+    let mut sum = Tensor::zeros([targets.size()[0]], (likely.kind(), likely.device()));
     for (offset, weight) in (-reach..=reach).zip(weights) {
         // A cell beyond the end is the last one; what is no coordinate is not spread.
         let beside = (targets + offset).clamp(0, bins - 1);
         let at = beside.where_self(&coordinates, targets);
         sum += likely.gather(1, &at.unsqueeze(1), false).squeeze_dim(1) * (weight / total);
     }
-    -sum.mean(None::<Kind>)
+    -sum
 }
 
 /// How far off coordinates are expected to be: over targets that are coordinates, the probability of

@@ -3,7 +3,10 @@
 mod cache;
 mod opt;
 mod packed;
+mod qwen;
+mod rotary;
 
 pub use cache::Cache;
 pub use opt::{Opt, OptConfig};
 pub use packed::Packed;
+pub use qwen::{Qwen, QwenConfig};

@@ -71,6 +71,12 @@ pub trait Decoder {
 
     /// Goes on with these rows, in this order; one may come several times.
     fn select(&mut self, rows: &[usize]);
+
+    /// Scores of what follows a token of one row where that is known without reading it: the further parts of a
+    /// token that is drawn in parts. `None` where the token has to be read, by [`Self::next`].
+    fn within(&mut self, _row: usize, _id: u32) -> Option<Vec<f32>> {
+        None
+    }
 }
 
 /// Says what may follow in one row.

@@ -34,7 +34,8 @@ pub fn draw(probabilities: &[f32], random: &mut Stream) -> u32 {
 /// Draws a sequence for each row, without the prompt and with the token that ends it.
 ///
 /// `first`: each row's scores of the first token, after its prompt. `choose` is given row, step and processed
-/// scores. Rows that have ended leave the batch.
+/// scores. Rows that have ended leave the batch. A step is a token that is read, which may be drawn in several
+/// parts.
 pub fn rows<G: Grammar>(
     decoder: &mut dyn Decoder,
     first: Vec<Vec<f32>>,
@@ -50,15 +51,21 @@ pub fn rows<G: Grammar>(
         let mut ids = Vec::with_capacity(live.len());
         let mut go_on = Vec::with_capacity(live.len());
         for (at, &row) in live.iter().enumerate() {
-            let own = &mut scores[at];
-            process(own, &drawn[row], Some(&grammars[row].allowed()), config, 1);
-            let id = choose(row, step, own);
-            drawn[row].push(id);
+            let mut own = std::mem::take(&mut scores[at]);
+            let id = loop {
+                process(&mut own, &drawn[row], Some(&grammars[row].allowed()), config, 1);
+                let id = choose(row, step, &own);
+                drawn[row].push(id);
+                grammars[row].accept(id);
+                match decoder.within(at, id) {
+                    Some(next) => own = next,
+                    None => break id,
+                }
+            };
             if !grammars[row].ends(id) {
                 ids.push(id);
                 go_on.push(at);
             }
-            grammars[row].accept(id);
         }
         if go_on.is_empty() || step + 1 == config.tokens {
             break;

@@ -1,6 +1,6 @@
-//! Affine maps and layer norms.
+//! Affine maps and norms.
 
-use tch::Tensor;
+use tch::{Kind, Tensor};
 
 use crate::params::{Init, ParamId, Role, Scope, Weights};
 
@@ -64,5 +64,27 @@ impl LayerNorm {
     /// x [.., width], same shape out.
     pub fn forward(&self, w: &Weights, x: &Tensor) -> Tensor {
         x.layer_norm([self.width], Some(&w[self.weight]), Some(&w[self.bias]), 1e-5, false)
+    }
+}
+
+/// Root-mean-square norm over the last axis with a gain: x / √(mean x² + eps) · g, computed in at least f32.
+pub struct RmsNorm {
+    weight: ParamId,
+    eps: f64,
+}
+
+impl RmsNorm {
+    /// Starts as the plain norm.
+    pub fn new(mut at: Scope, width: usize, eps: f64) -> Self {
+        Self { weight: at.add("weight", Role::Vector, &[width as i64], Init::Constant(1.0)), eps }
+    }
+
+    /// x [.., width], same shape out.
+    pub fn forward(&self, w: &Weights, x: &Tensor) -> Tensor {
+        let (gain, width) = (&w[self.weight], x.size().last().copied().unwrap_or(1));
+        if x.kind() == Kind::BFloat16 {
+            return x.to_kind(Kind::Float).rms_norm([width], None::<&Tensor>, self.eps).to_kind(x.kind()) * gain;
+        }
+        x.rms_norm([width], Some(gain), self.eps)
     }
 }

@@ -10,7 +10,7 @@ mod linear;
 pub use attention::{Attention, HeadSplit, KeyValue};
 pub use block::{Block, BlockConfig, Context, FeedForward};
 pub use fused::{FusedBlock, FusedConfig};
-pub use linear::{LayerNorm, Linear};
+pub use linear::{LayerNorm, Linear, RmsNorm};
 
 pub(crate) use attention::mix;
 

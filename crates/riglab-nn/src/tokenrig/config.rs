@@ -1,0 +1,46 @@
+//! Sizes of TokenRig.
+
+use serde::{Deserialize, Serialize};
+
+use super::Head;
+use crate::decoder::QwenConfig;
+use crate::perceiver::PerceiverConfig;
+
+/// The unified model of SkinTokens 3.3. The default is the release's; what goes beyond it is off there.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct TokenRigConfig {
+    /// The shape encoder.
+    pub shape: PerceiverConfig,
+    /// The decoder.
+    pub decoder: QwenConfig,
+    /// How skin codes are scored.
+    pub head: Head,
+    /// Each code's place is told which joint it belongs to: where that and its parent are, and which of the
+    /// bone's codes it is (an extension). Otherwise the network counts.
+    pub tell_joint: bool,
+}
+
+impl Default for TokenRigConfig {
+    fn default() -> Self {
+        let shape = PerceiverConfig { tokens: 512, layers: 8, ..PerceiverConfig::default() };
+        Self { shape, decoder: QwenConfig::default(), head: Head::Flat, tell_joint: false }
+    }
+}
+
+impl TokenRigConfig {
+    /// Checks sizes and their relations.
+    ///
+    /// # Errors
+    /// (key, message) of the first fault.
+    pub fn validate(&self) -> Result<(), (String, String)> {
+        self.shape.validate().map_err(|(key, text)| (format!("shape.{key}"), text))?;
+        self.decoder.validate().map_err(|(key, text)| (format!("decoder.{key}"), text))?;
+        if self.decoder.positions <= self.shape.tokens {
+            let (positions, tokens) = (self.decoder.positions, self.shape.tokens);
+            let text = format!("positions ({positions}) must be more than the {tokens} tokens of the shape");
+            return Err(("decoder.positions".into(), text));
+        }
+        Ok(())
+    }
+}

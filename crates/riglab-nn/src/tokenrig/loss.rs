@@ -1,0 +1,107 @@
+//! Next-token loss of both parts of a sequence.
+
+use tch::{Kind, Tensor};
+
+use super::TokenRig;
+use crate::params::Weights;
+use crate::skeleton::spread_likelihood;
+
+/// Vectors and what should follow them.
+pub struct Asked<'a> {
+    /// [M, d], as [`TokenRig::forward`] gives them.
+    pub hidden: &'a Tensor,
+    /// Ids [M].
+    pub targets: &'a Tensor,
+    /// Ids below this are cells.
+    pub bins: i64,
+    /// Standard deviation, in cells, by which targets that are cells are spread; 0: not at all.
+    pub spread: f64,
+}
+
+/// Sums of cross-entropies, and over how many tokens.
+pub struct Parts {
+    /// Of the skeleton, from after `bos` to its end.
+    pub skeleton: Tensor,
+    /// Tokens of it.
+    pub skeleton_tokens: i64,
+    /// Of the skin codes.
+    pub skin: Tensor,
+    /// Tokens of it, the end counted where it is scored.
+    pub skin_tokens: i64,
+}
+
+impl Parts {
+    /// Means of each part, the skeleton's first; 0 for a part without tokens.
+    pub fn means(&self) -> [Tensor; 2] {
+        [(&self.skeleton, self.skeleton_tokens), (&self.skin, self.skin_tokens)].map(|(sum, n)| sum / n.max(1) as f64)
+    }
+}
+
+impl TokenRig {
+    /// Scores of all skeleton ids and codes [M, v] with one softmax, in f32: of [`super::Head::Flat`].
+    pub fn logits(&self, w: &Weights, hidden: &Tensor) -> Tensor {
+        float(&self.decoder.logits(w, hidden))
+    }
+
+    /// The cross-entropies of both parts.
+    pub fn losses(&self, w: &Weights, asked: &Asked) -> Parts {
+        let first = self.layout.skeleton();
+        let in_skeleton = asked.targets.lt(first);
+        let places = |mask: &Tensor| mask.nonzero().squeeze_dim(1);
+        let (of_skeleton, mut of_skin) = (places(&in_skeleton), places(&in_skeleton.logical_not()));
+        let pick = |t: &Tensor, rows: &Tensor| t.index_select(0, rows);
+        let skeleton_targets = pick(asked.targets, &of_skeleton);
+        let (skeleton, skin) = match &self.levels {
+            None => {
+                let likely = self.logits(w, asked.hidden).log_softmax(-1, None::<Kind>);
+                let skin = pick(&likely, &of_skin).gather(1, &pick(asked.targets, &of_skin).unsqueeze(1), false);
+                (spread_likelihood(&pick(&likely, &of_skeleton), &skeleton_targets, asked.bins, asked.spread), -skin)
+            }
+            Some(levels) => {
+                let table = w[self.decoder.table()].narrow(0, 0, first);
+                let scores = float(&pick(asked.hidden, &of_skeleton).linear(&table, None::<&Tensor>));
+                let likely = scores.log_softmax(-1, None::<Kind>);
+                // The end follows by the grammar alone.
+                of_skin = places(&in_skeleton.logical_or(&asked.targets.eq(self.layout.end())).logical_not());
+                let ids = pick(asked.targets, &of_skin);
+                let sum = self.level_loss(w, levels, &pick(asked.hidden, &of_skin), &ids);
+                (spread_likelihood(&likely, &skeleton_targets, asked.bins, asked.spread), sum)
+            }
+        };
+        Parts {
+            skeleton: skeleton.sum(None::<Kind>),
+            skeleton_tokens: of_skeleton.size()[0],
+            skin: skin.sum(None::<Kind>),
+            skin_tokens: of_skin.size()[0],
+        }
+    }
+
+    /// Sums over levels, [m], of codes or empty bones `ids` [m] after `hidden` [m, d].
+    fn level_loss(&self, w: &Weights, tables: &super::Levels, hidden: &Tensor, ids: &Tensor) -> Tensor {
+        let (offsets, all) = self.layout.offsets();
+        let empty = ids.eq(self.layout.empty());
+        let rows = self.rows_of(ids);
+        let (score, mut hidden) = (&w[tables.score], hidden.shallow_clone());
+        let mut sum = Tensor::zeros([ids.size()[0]], (Kind::Float, ids.device()));
+        let present = empty.logical_not().to_kind(Kind::Float);
+        for (k, (&at, &l)) in offsets.iter().zip(self.layout.levels()).enumerate() {
+            let own = rows.select(-1, k as i64);
+            let mut table = score.narrow(0, at, l);
+            let mut target = &own - at;
+            if k == 0 {
+                table = Tensor::cat(&[&table, &score.narrow(0, all, 1)], 0);
+                target = target.masked_fill(&empty, l);
+            }
+            let likely = float(&hidden.linear(&table, None::<&Tensor>)).log_softmax(-1, None::<Kind>);
+            let own_loss = -likely.gather(1, &target.unsqueeze(1), false).squeeze_dim(1).to_kind(Kind::Float);
+            sum += if k == 0 { own_loss } else { own_loss * &present };
+            hidden = hidden + Tensor::embedding(&w[tables.chain], &own, -1, false, false);
+        }
+        sum
+    }
+}
+
+/// Losses are computed in at least f32.
+pub(super) fn float(x: &Tensor) -> Tensor {
+    if x.kind() == Kind::Double { x.shallow_clone() } else { x.to_kind(Kind::Float) }
+}
