@@ -175,18 +175,18 @@ fn display(path: &Path) -> String {
 }
 
 /// What a task made of assets, kept up to a number of bytes; the oldest go first.
-pub struct Cache<T> {
+pub struct Cache<T, K = AssetId> {
     limit: usize,
-    held: Mutex<Held<T>>,
+    held: Mutex<Held<T, K>>,
 }
 
-struct Held<T> {
-    of: HashMap<AssetId, (Arc<T>, usize)>,
-    order: VecDeque<AssetId>,
+struct Held<T, K> {
+    of: HashMap<K, (Arc<T>, usize)>,
+    order: VecDeque<K>,
     bytes: usize,
 }
 
-impl<T> Cache<T> {
+impl<T, K: Copy + Eq + std::hash::Hash> Cache<T, K> {
     /// Empty.
     pub fn new(megabytes: usize) -> Self {
         let held = Held { of: HashMap::new(), order: VecDeque::new(), bytes: 0 };
@@ -198,7 +198,7 @@ impl<T> Cache<T> {
     ///
     /// # Errors
     /// Those of `make`.
-    pub fn get<E>(&self, id: AssetId, make: impl FnOnce() -> Result<(T, usize), E>) -> Result<Arc<T>, E> {
+    pub fn get<E>(&self, id: K, make: impl FnOnce() -> Result<(T, usize), E>) -> Result<Arc<T>, E> {
         if let Some((found, _)) = self.lock().of.get(&id) {
             return Ok(found.clone());
         }
@@ -218,7 +218,7 @@ impl<T> Cache<T> {
         Ok(made)
     }
 
-    fn lock(&self) -> std::sync::MutexGuard<'_, Held<T>> {
+    fn lock(&self) -> std::sync::MutexGuard<'_, Held<T, K>> {
         // A thread that panicked while it held the lock left a whole map behind.
         self.held.lock().unwrap_or_else(std::sync::PoisonError::into_inner)
     }

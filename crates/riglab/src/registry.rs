@@ -7,6 +7,7 @@ use riglab_config::Config;
 use riglab_report::Block;
 use riglab_task::Experiment;
 use riglab_task::fsq_cvae::{self, FsqCvaeTask, FsqCvaeTaskConfig};
+use riglab_task::tokenrig::{self, TokenRigTask, TokenRigTaskConfig};
 use riglab_task::unirig_skeleton::{self, SkeletonTask, SkeletonTaskConfig};
 use riglab_train::TrainConfig;
 use tch::Device;
@@ -15,11 +16,13 @@ use tch::Device;
 pub enum TaskConfig {
     /// `fsq_cvae`
     FsqCvae(Box<FsqCvaeTaskConfig>),
+    /// `tokenrig`
+    TokenRig(Box<TokenRigTaskConfig>),
     /// `unirig_skeleton`
     UnirigSkeleton(Box<SkeletonTaskConfig>),
 }
 
-const NAMES: [&str; 2] = ["fsq_cvae", "unirig_skeleton"];
+const NAMES: [&str; 3] = ["fsq_cvae", "tokenrig", "unirig_skeleton"];
 
 /// Something done with a task, whichever it is.
 pub trait Visitor {
@@ -35,6 +38,7 @@ macro_rules! each {
     ($config:expr, $c:ident => $what:expr) => {
         match $config {
             TaskConfig::FsqCvae($c) => $what,
+            TaskConfig::TokenRig($c) => $what,
             TaskConfig::UnirigSkeleton($c) => $what,
         }
     };
@@ -53,6 +57,11 @@ impl TaskConfig {
                 let c: FsqCvaeTaskConfig = config.get()?;
                 c.validate().map_err(invalid)?;
                 Ok(Self::FsqCvae(Box::new(c)))
+            }
+            "tokenrig" => {
+                let c: TokenRigTaskConfig = config.get()?;
+                c.validate().map_err(invalid)?;
+                Ok(Self::TokenRig(Box::new(c)))
             }
             "unirig_skeleton" => {
                 let c: SkeletonTaskConfig = config.get()?;
@@ -85,6 +94,7 @@ impl TaskConfig {
     pub fn with<V: Visitor>(&self, device: Device, visitor: V) -> Result<V::Out> {
         match self {
             Self::FsqCvae(c) => visitor.visit(FsqCvaeTask::new(c.as_ref().clone(), device).map_err(|e| anyhow!(e))?),
+            Self::TokenRig(c) => visitor.visit(TokenRigTask::new(c.as_ref().clone(), device).map_err(|e| anyhow!(e))?),
             Self::UnirigSkeleton(c) => {
                 visitor.visit(SkeletonTask::new(c.as_ref().clone(), device).map_err(|e| anyhow!(e))?)
             }
@@ -105,6 +115,10 @@ pub fn evaluation_blocks(task: &str, run: &Path) -> Result<Vec<Block>> {
     match task {
         "fsq_cvae" => {
             let evaluation: fsq_cvae::Evaluation = serde_json::from_str(&text).with_context(unclear)?;
+            Ok(evaluation.blocks(picture))
+        }
+        "tokenrig" => {
+            let evaluation: tokenrig::Evaluation = serde_json::from_str(&text).with_context(unclear)?;
             Ok(evaluation.blocks(picture))
         }
         "unirig_skeleton" => {

@@ -242,9 +242,11 @@ impl Qwen {
         let weight = Tensor::cat(&[&layer.q, &layer.k, &layer.v].map(|l| &w[l.weight()]), 0);
         let all = x.linear(&weight, None::<&Tensor>).view([x.size()[0], -1, c.head_width as i64]);
         let (heads, kv) = (c.heads as i64, c.kv_heads as i64);
-        let q = layer.norm_q.forward(w, &all.narrow(1, 0, heads));
-        let k = layer.norm_k.forward(w, &all.narrow(1, heads, kv));
-        (angles.turn(&q), angles.turn(&k), all.narrow(1, heads + kv, kv))
+        // Queries and keys are normed and turned as one, each head with its own gain.
+        let gain = |norm: &RmsNorm, heads: i64| norm.gain(w).unsqueeze(0).expand([heads, -1], false);
+        let gains = Tensor::cat(&[gain(&layer.norm_q, heads), gain(&layer.norm_k, kv)], 0);
+        let both = angles.turn(&(layer.norm_q.plain(&all.narrow(1, 0, heads + kv)) * gains));
+        (both.narrow(1, 0, heads), both.narrow(1, heads, kv), all.narrow(1, heads + kv, kv))
     }
 
     /// The output projection and the feed-forward layer.

@@ -81,10 +81,17 @@ impl RmsNorm {
 
     /// x [.., width], same shape out.
     pub fn forward(&self, w: &Weights, x: &Tensor) -> Tensor {
-        let (gain, width) = (&w[self.weight], x.size().last().copied().unwrap_or(1));
-        if x.kind() == Kind::BFloat16 {
-            return x.to_kind(Kind::Float).rms_norm([width], None::<&Tensor>, self.eps).to_kind(x.kind()) * gain;
-        }
-        x.rms_norm([width], Some(gain), self.eps)
+        self.plain(x) * &w[self.weight]
+    }
+
+    /// The same before the gain.
+    pub(crate) fn plain(&self, x: &Tensor) -> Tensor {
+        let wide = if x.kind() == Kind::BFloat16 { x.to_kind(Kind::Float) } else { x.shallow_clone() };
+        let mean = wide.square().mean_dim([-1i64].as_slice(), true, None::<Kind>);
+        (&wide * (mean + self.eps).rsqrt()).to_kind(x.kind())
+    }
+
+    pub(crate) fn gain<'a>(&self, w: &'a Weights) -> &'a Tensor {
+        &w[self.weight]
     }
 }

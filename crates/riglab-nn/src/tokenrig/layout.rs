@@ -83,7 +83,7 @@ impl Layout {
     pub fn ranges(&self) -> Vec<Range<u32>> {
         let first = self.skeleton as u32;
         match self.head {
-            Head::Flat => vec![first..first + self.codes() as u32],
+            Head::Flat => std::iter::once(first..first + self.codes() as u32).collect(),
             Head::Levels => {
                 let each = self.offsets().0.into_iter().zip(&self.levels);
                 each.map(|(at, l)| first + at as u32..first + (at + l) as u32).collect()

@@ -95,7 +95,7 @@ impl TokenRig {
             let likely = float(&hidden.linear(&table, None::<&Tensor>)).log_softmax(-1, None::<Kind>);
             let own_loss = -likely.gather(1, &target.unsqueeze(1), false).squeeze_dim(1).to_kind(Kind::Float);
             sum += if k == 0 { own_loss } else { own_loss * &present };
-            hidden = hidden + Tensor::embedding(&w[tables.chain], &own, -1, false, false);
+            hidden = &hidden + Tensor::embedding(&w[tables.chain], &own, -1, false, false);
         }
         sum
     }

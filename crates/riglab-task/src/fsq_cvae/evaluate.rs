@@ -8,11 +8,12 @@ use riglab_metric::{Baseline, Codebook, SkinMetrics, SkinTally, bone_distances, 
 use riglab_nn::params::Weights;
 use riglab_random::{Draw, stream};
 use serde::{Deserialize, Serialize};
-use tch::{Kind, Tensor};
+use tch::Tensor;
 
-use super::batch::{Batch, Maker, prepared};
+use super::FsqCvaeTask;
+use super::batch::prepared;
+use super::coder::Coder;
 use super::prepare::{Point, Prepared};
-use super::{FsqCvaeTask, tensors};
 use crate::assets::AssetId;
 
 /// Metrics of one way to get weights, over a split.
@@ -97,18 +98,18 @@ pub struct Encoded {
 
 /// Sums over a split of one method.
 #[derive(Default)]
-struct Sums {
+pub(crate) struct Sums {
     pooled: SkinTally,
     each: Vec<SkinMetrics>,
 }
 
 impl Sums {
-    fn add(&mut self, tally: &SkinTally) {
+    pub(crate) fn add(&mut self, tally: &SkinTally) {
         self.pooled.add(tally);
         self.each.push(tally.metrics());
     }
 
-    fn row(&self, split: &str, method: &str, tokens: usize) -> Row {
+    pub(crate) fn row(&self, split: &str, method: &str, tokens: usize) -> Row {
         let mean = |f: fn(&SkinMetrics) -> f64| {
             let defined: Vec<f64> = self.each.iter().map(f).filter(|v| !v.is_nan()).collect();
             defined.iter().sum::<f64>() / defined.len() as f64
@@ -163,9 +164,6 @@ impl Truth {
     }
 }
 
-/// Bones encoded at once.
-const BONES_AT_ONCE: usize = 64;
-
 impl FsqCvaeTask {
     /// Encodes an asset: its shape, and all its bones with all codes. The points that the encoders
     /// see are drawn by the evaluation seed and the asset's number.
@@ -173,60 +171,23 @@ impl FsqCvaeTask {
     /// # Errors
     /// When the asset cannot be read.
     pub fn encode(&self, w: &Weights, id: AssetId) -> Result<Encoded, String> {
-        let _no_grad = tch::no_grad_guard();
         let rig = prepared(&self.assets, &self.cache, id)?;
         let mut random = stream(self.config.eval.seed, "evaluation", &[id.key()]);
-        let mut make = Maker { config: &self.config, rig: &rig, map: None, random: &mut random };
-        let mut batch = Batch::default();
-        make.shape(&mut batch);
-        let (cloud, queries) = tensors::shape(&self.config, &batch, self.device);
-        let cond = self.net.encode_shape(w, &cloud, &queries);
-        let mut codes = Vec::new();
-        let all: Vec<usize> = (0..rig.bones.len()).collect();
-        for chunk in all.chunks(BONES_AT_ONCE) {
-            let mut batch = Batch::default();
-            for &b in chunk {
-                make.skin(b, &mut batch);
-            }
-            let cloud = tensors::skin(&self.config, &batch, self.device);
-            let latent = self.net.encode_skin(w, &cloud, self.config.model.skin_tokens);
-            codes.push(self.net.quantize(w, &latent, &cloud));
-        }
-        let codes = Tensor::cat(&codes, 0);
+        let coder = self.coder(w);
+        let cond = coder.shape(&rig, &mut random);
+        let codes = coder.encode(&rig, self.config.model.skin_tokens, &mut random);
         let ids = self.net.fsq().ids(&codes);
         Ok(Encoded { rig, cond, codes, ids })
     }
 
     /// Raw shares at points, a row a point, a column a bone, from the first `k` codes of each bone.
     pub fn decode(&self, w: &Weights, encoded: &Encoded, codes: &Tensor, k: usize, points: &[Point]) -> Vec<f32> {
-        let _no_grad = tch::no_grad_guard();
-        let bones = encoded.rig.bones.len();
-        let codes = codes.narrow(1, 0, k as i64);
-        let mut out = vec![0.0; points.len() * bones];
-        let geometry = self.config.model.extensions.bone_geometry;
-        let bones_at_once = (self.config.eval.chunk / 256).clamp(1, bones);
-        let points_at_once = (self.config.eval.chunk / bones_at_once).max(1);
-        let mut random = stream(0, "unused", &[]);
-        let make = Maker { config: &self.config, rig: &encoded.rig, map: None, random: &mut random };
-        let segments = make.segments();
-        let all: Vec<usize> = (0..bones).collect();
-        for (c, chunk) in points.chunks(points_at_once).enumerate() {
-            let flat: Vec<f32> = chunk.iter().flat_map(|p| p.position.into_iter().chain(p.normal)).collect();
-            let cloud = Tensor::from_slice(&flat).view([1, chunk.len() as i64, 6]).to_device(self.device);
-            for part in all.chunks(bones_at_once) {
-                let m = part.len();
-                let geometry = geometry.then(|| tensors::geometry(part, chunk, &segments, self.device));
-                let codes = codes.narrow(0, part[0] as i64, m as i64);
-                let raw = self.net.decode(w, &codes, &encoded.cond, &cloud, geometry.as_ref()).sigmoid();
-                let raw = Vec::<f32>::try_from(raw.to_kind(Kind::Float).transpose(0, 1).contiguous().view([-1]))
-                    .unwrap_or_default();
-                for (row, values) in raw.chunks_exact(m).enumerate() {
-                    let at = (c * points_at_once + row) * bones + part[0];
-                    out[at..at + m].copy_from_slice(values);
-                }
-            }
-        }
-        out
+        let segments: Vec<_> = encoded.rig.bones.iter().map(|b| b.segments.clone()).collect();
+        self.coder(w).decode(&encoded.cond, &codes.narrow(1, 0, k as i64), points, &segments)
+    }
+
+    fn coder<'a>(&'a self, weights: &'a Weights) -> Coder<'a> {
+        Coder { config: &self.config, net: &self.net, weights, device: self.device }
     }
 
     /// Validation: pooled and per-rig IoU, raw and after the rule, on a sample of vertices.

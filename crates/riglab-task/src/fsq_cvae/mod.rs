@@ -1,8 +1,10 @@
 //! The FSQ-CVAE of skinning weights (SkinTokens 3.2): each bone's weights as a few codes.
 
 mod batch;
+mod coder;
 mod config;
-mod evaluate;
+pub(crate) mod evaluate;
+mod frozen;
 mod gallery;
 mod prepare;
 mod report;
@@ -19,8 +21,10 @@ use riglab_train::{At, Better, Loss, Source, State, Task, Validation};
 use tch::{Device, Kind};
 
 pub use batch::{Batch, BatchSource};
+pub use coder::Coder;
 pub use config::{EvalConfig, FsqCvaeTaskConfig, LossConfig, PointMix, PrefixConfig, SamplingConfig};
 pub use evaluate::{AssetRow, CodebookRow, Encoded, Report, Row, Truth, ruled};
+pub use frozen::Frozen;
 pub use gallery::Shown;
 pub use prepare::{Bone, Patch, Place, Point, Prepared};
 pub use report::Evaluation;

@@ -71,6 +71,11 @@ impl Prepared {
     /// Prepares an asset.
     pub fn new(asset: Asset) -> Self {
         let (rig, _) = asset.rig.normalized();
+        Self::of(asset.name, rig, false)
+    }
+
+    /// Prepares a rig that lies in [-1, 1]³; `all`: joints that hold nothing are bones too.
+    pub fn of(name: String, rig: Rig, all: bool) -> Self {
         let normals = rig.mesh().vertex_normals();
         let areas = SurfaceSampler::new(rig.mesh()).into_sums();
         let columns = rig.weights().columns(rig.skeleton().len());
@@ -98,7 +103,7 @@ impl Prepared {
         };
         let bones = rig.skeleton().ids().zip(columns).zip(segments).filter_map(|((joint, weights), segments)| {
             let held: Vec<u32> = weights.iter().filter(|(_, w)| *w > ACTIVE).map(|(v, _)| *v).collect();
-            if held.is_empty() {
+            if held.is_empty() && !all {
                 return None;
             }
             let holds = |v: &u32| held.binary_search(v).is_ok();
@@ -107,7 +112,7 @@ impl Prepared {
             let held = patch(held, &|_| true);
             Some(Bone { joint, segments, held, shell, weights })
         });
-        Self { name: asset.name, bones: bones.collect(), normals, areas, rig }
+        Self { name, bones: bones.collect(), normals, areas, rig }
     }
 
     /// About how many bytes it takes.
@@ -187,6 +192,9 @@ impl Bone {
 
 /// The vertices not in `held` (ascending) that lie nearest to it.
 fn shell(positions: &[Vec3], held: &[u32]) -> Vec<u32> {
+    if held.is_empty() {
+        return Vec::new();
+    }
     let own: Vec<Vec3> = held.iter().map(|&v| positions[v as usize]).collect();
     let landmarks: Vec<Vec3> = farthest_points(&own, LANDMARKS.min(own.len()), 0).into_iter().map(|k| own[k]).collect();
     let distance = |p: &Vec3| {

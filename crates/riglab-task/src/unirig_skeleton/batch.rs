@@ -4,7 +4,8 @@ use std::sync::Arc;
 
 use riglab_core::{Rig, Skeleton, Vec3};
 use riglab_data::Mixture;
-use riglab_geom::{CloudSampler, farthest_points};
+use riglab_geom::{CloudConfig, CloudSampler, farthest_points};
+use riglab_nn::perceiver::PerceiverConfig;
 use riglab_random::{Draw, Stream, stream};
 use riglab_token::{Bones, EncodeFault, Encoded, Template, Tokenizer};
 use riglab_train::Source;
@@ -79,7 +80,7 @@ impl BatchSource {
             Some(n) => CloudSampler::with_normals(rig.mesh(), &c.sampling.cloud, &n.vertices, &n.triangles),
             None => CloudSampler::new(rig.mesh(), &c.sampling.cloud),
         };
-        shape(c, &sampler, &mut random, batch);
+        shape(&c.sampling.cloud, &c.model.shape, &sampler, &mut random, batch);
         batch.ids.extend(encoded.ids.iter().map(|&id| i64::from(id)));
         batch.lengths.push(encoded.ids.len() as i64);
         Ok(true)
@@ -113,7 +114,7 @@ impl Source for BatchSource {
 }
 
 /// A skeleton's tokens; `told`: with its class, where it has one.
-pub fn encode(tokenizer: &Tokenizer, skeleton: &Skeleton, told: bool) -> Result<Encoded, EncodeFault> {
+pub(crate) fn encode(tokenizer: &Tokenizer, skeleton: &Skeleton, told: bool) -> Result<Encoded, EncodeFault> {
     if told {
         return tokenizer.encode(skeleton, Template::detect(skeleton.names()).map(|t| t.class));
     }
@@ -123,11 +124,16 @@ pub fn encode(tokenizer: &Tokenizer, skeleton: &Skeleton, told: bool) -> Result<
     tokenizer.encode_bones(&Bones { joints: &joints, parents: &parents, names: &[] }, None)
 }
 
-/// Adds a cloud and what is picked from it.
-pub fn shape(config: &SkeletonTaskConfig, sampler: &CloudSampler<'_>, random: &mut Stream, batch: &mut Batch) {
-    let model = &config.model.shape;
+/// Adds a cloud and what is picked from it for a shape encoder.
+pub(crate) fn shape(
+    cloud: &CloudConfig,
+    model: &PerceiverConfig,
+    sampler: &CloudSampler<'_>,
+    random: &mut Stream,
+    batch: &mut Batch,
+) {
     let before = batch.cloud.len();
-    batch.cloud.resize(before + 6 * config.sampling.cloud.points, 0.0);
+    batch.cloud.resize(before + 6 * cloud.points, 0.0);
     let (rows, _) = batch.cloud[before..].as_chunks_mut::<6>();
     sampler.fill(random, rows);
     let drawn = some_of(rows.len(), model.tokens * model.drawn, random);
@@ -149,7 +155,7 @@ fn some_of(n: usize, count: usize, random: &mut Stream) -> Vec<usize> {
 }
 
 /// An asset's rig in the cube, from the cache or the corpus.
-pub fn normalized(assets: &Assets, cache: &Cache<Rig>, id: AssetId) -> Result<Arc<Rig>, String> {
+pub(crate) fn normalized(assets: &Assets, cache: &Cache<Rig>, id: AssetId) -> Result<Arc<Rig>, String> {
     cache.get(id, || {
         let asset = assets.read(id).map_err(|e| e.to_string())?;
         let (rig, _) = asset.rig.normalized();

@@ -78,7 +78,7 @@ pub struct Report {
 
 /// Sums over a split of one method.
 #[derive(Default)]
-struct Sums {
+pub(crate) struct Sums {
     assets: usize,
     valid: usize,
     distances: Vec<SkeletonDistances>,
@@ -88,7 +88,7 @@ struct Sums {
 }
 
 impl Sums {
-    fn add(&mut self, found: Option<&Joints>, truth: &Joints) -> SkeletonDistances {
+    pub(crate) fn add(&mut self, found: Option<&Joints>, truth: &Joints) -> SkeletonDistances {
         let none = SkeletonDistances { j2j: f64::NAN, j2b: f64::NAN, b2b: f64::NAN };
         let own = found.map_or(none, |found| SkeletonConvention::Unirig.distances(found, truth));
         let (count, wanted) = (found.map_or(0, |f| f.positions.len()), truth.positions.len());
@@ -101,13 +101,13 @@ impl Sums {
     }
 
     /// Counts what two ways gave for one asset, where both can be compared: means are over the same assets.
-    fn count(&mut self, own: SkeletonDistances, other: SkeletonDistances) {
+    pub(crate) fn count(&mut self, own: SkeletonDistances, other: SkeletonDistances) {
         if own.j2j.is_finite() && other.j2j.is_finite() {
             self.distances.push(own);
         }
     }
 
-    fn row(&self, split: &str, method: &str) -> Row {
+    pub(crate) fn row(&self, split: &str, method: &str) -> Row {
         let mean =
             |f: fn(&SkeletonDistances) -> f64| self.distances.iter().map(f).sum::<f64>() / self.distances.len() as f64;
         let n = self.assets as f64;
@@ -127,7 +127,7 @@ impl Sums {
     }
 }
 
-fn joints(decoded: &Decoded) -> Joints {
+pub(crate) fn joints(decoded: &Decoded) -> Joints {
     Joints { positions: decoded.joints.iter().map(|p| p.map(f64::from)).collect(), parents: decoded.parents.clone() }
 }
 
@@ -166,7 +166,8 @@ impl SkeletonTask {
                 }
                 let mut random = stream(self.config.eval.seed, "skeleton evaluation", &[id.key()]);
                 let sampler = CloudSampler::new(rig.mesh(), &self.config.sampling.cloud);
-                shape(&self.config, &sampler, &mut random, &mut batch);
+                let c = &self.config;
+                shape(&c.sampling.cloud, &c.model.shape, &sampler, &mut random, &mut batch);
                 batch.lengths.push(encoded.ids.len() as i64);
                 batch.ids.extend(encoded.ids.iter().map(|&id| i64::from(id)));
             }
@@ -209,7 +210,9 @@ impl SkeletonTask {
         w: &Weights,
         mut progress: impl FnMut(usize),
     ) -> Result<(Report, Vec<(AssetId, Drawn)>), String> {
-        let retrieval = Retrieval::new(self)?;
+        let ids: Vec<_> = self.train_assets.iter().flat_map(|(_, ids)| ids).copied().collect();
+        let (points, seed) = (self.config.eval.retrieval_points, self.config.eval.seed);
+        let retrieval = Retrieval::new(&self.assets, &self.cache, &ids, points, seed)?;
         let (mut rows, mut assets, mut skeletons) = (Vec::new(), Vec::new(), Vec::new());
         for split in &self.config.data.test {
             let ids = self.assets.split(split).map_err(|e| e.to_string())?;

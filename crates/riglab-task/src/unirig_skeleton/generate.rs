@@ -81,7 +81,7 @@ impl SkeletonTask {
         for (rig, key) in rigs {
             let mut random = stream(c.eval.seed, "skeleton evaluation", &[*key]);
             let sampler = CloudSampler::new(rig.mesh(), &c.sampling.cloud);
-            shape(c, &sampler, &mut random, &mut batch);
+            shape(&c.sampling.cloud, &c.model.shape, &sampler, &mut random, &mut batch);
         }
         let (cloud, picks) = shape_of(c, &batch, self.device);
         let prefix = self.net.condition(w, &cloud, &picks);

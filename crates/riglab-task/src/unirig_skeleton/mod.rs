@@ -1,12 +1,12 @@
 //! UniRig's skeleton stage (3.1, 4.1): a shape comes in, the tokens of its skeleton come out.
 
-mod batch;
+pub(crate) mod batch;
 mod config;
-mod evaluate;
+pub(crate) mod evaluate;
 mod gallery;
 mod generate;
 mod report;
-mod retrieval;
+pub(crate) mod retrieval;
 
 use std::sync::Arc;
 
@@ -22,7 +22,7 @@ pub use batch::{Batch, BatchSource};
 pub use config::{EvalConfig, LossConfig, SamplingConfig, SkeletonTaskConfig};
 pub use evaluate::{AssetRow, Report, Row};
 pub use gallery::Shown;
-pub use report::Evaluation;
+pub use report::{Evaluation, lines};
 
 use crate::assets::{AssetId, Assets, Cache};
 use crate::experiment::{Examined, Experiment};
@@ -155,9 +155,14 @@ impl Experiment for SkeletonTask {
 
 /// The cloud [b, n, 6] and the picks [b, p] of a batch.
 pub(crate) fn shape_of(c: &SkeletonTaskConfig, batch: &Batch, device: Device) -> (Tensor, Tensor) {
-    let (rigs, points) = (batch.rigs as i64, c.sampling.cloud.points as i64);
-    let cloud = Tensor::from_slice(&batch.cloud).view([rigs, points, 6]).to_device(device);
-    (cloud, Tensor::from_slice(&batch.picks).view([rigs, c.model.shape.tokens as i64]).to_device(device))
+    shape_tensors(batch, c.sampling.cloud.points, c.model.shape.tokens, device)
+}
+
+/// As [`shape_of`], of so many points and picks.
+pub(crate) fn shape_tensors(batch: &Batch, points: usize, picks: usize, device: Device) -> (Tensor, Tensor) {
+    let rigs = batch.rigs as i64;
+    let cloud = Tensor::from_slice(&batch.cloud).view([rigs, points as i64, 6]).to_device(device);
+    (cloud, Tensor::from_slice(&batch.picks).view([rigs, picks as i64]).to_device(device))
 }
 
 /// Read the shape, read the tokens, compare what should follow each.

@@ -6,8 +6,8 @@ use riglab_geom::{By, CloudConfig, CloudSampler};
 use riglab_metric::Joints;
 use riglab_random::stream;
 
-use super::SkeletonTask;
 use super::batch::normalized;
+use crate::assets::{AssetId, Assets, Cache};
 
 /// Training shapes as points, with their skeletons.
 pub struct Retrieval {
@@ -17,14 +17,11 @@ pub struct Retrieval {
 }
 
 impl Retrieval {
-    /// Reads the training split.
+    /// Reads the training assets; shapes are compared by so many points.
     ///
     /// # Errors
     /// When an asset cannot be read.
-    pub fn new(task: &SkeletonTask) -> Result<Self, String> {
-        let (points, seed) = (task.config.eval.retrieval_points, task.config.eval.seed);
-        let ids: Vec<_> = task.train_assets.iter().flat_map(|(_, ids)| ids).copied().collect();
-        let (assets, cache) = (&*task.assets, &*task.cache);
+    pub fn new(assets: &Assets, cache: &Cache<Rig>, ids: &[AssetId], points: usize, seed: u64) -> Result<Self, String> {
         let shapes = ids.par_iter().map(|&id| {
             let rig = normalized(assets, cache, id)?;
             Ok((cloud(&rig, points, seed, id.key()), Joints::of(rig.skeleton())))

@@ -1,0 +1,90 @@
+//! A trained auto-encoder at work: bones to codes, codes to weights.
+
+use riglab_core::Segment;
+use riglab_nn::fsq_cvae::FsqCvae;
+use riglab_nn::params::Weights;
+use riglab_random::Stream;
+use tch::{Device, Kind, Tensor};
+
+use super::batch::{Batch, Maker};
+use super::config::FsqCvaeTaskConfig;
+use super::prepare::{Point, Prepared};
+use super::tensors;
+
+/// Bones encoded at once.
+const BONES_AT_ONCE: usize = 64;
+
+/// A network with the weights it computes with.
+#[derive(Clone, Copy)]
+pub struct Coder<'a> {
+    /// The settings it was trained with.
+    pub config: &'a FsqCvaeTaskConfig,
+    /// The network.
+    pub net: &'a FsqCvae,
+    /// Its weights.
+    pub weights: &'a Weights,
+    /// Where they lie.
+    pub device: Device,
+}
+
+impl Coder<'_> {
+    /// The shape tokens of a mesh, [1, s, l].
+    pub fn shape(&self, rig: &Prepared, random: &mut Stream) -> Tensor {
+        let _no_grad = tch::no_grad_guard();
+        let mut batch = Batch::default();
+        Maker { config: self.config, rig, map: None, random }.shape(&mut batch);
+        let (cloud, queries) = tensors::shape(self.config, &batch, self.device);
+        self.net.encode_shape(self.weights, &cloud, &queries)
+    }
+
+    /// The first `k` codes of every bone, [m, k, axes]. The k first of all are not the same as the k first alone:
+    /// see `FsqCvae::encode_skin`.
+    pub fn encode(&self, rig: &Prepared, k: usize, random: &mut Stream) -> Tensor {
+        let _no_grad = tch::no_grad_guard();
+        let mut make = Maker { config: self.config, rig, map: None, random };
+        let mut codes = Vec::new();
+        let all: Vec<usize> = (0..rig.bones.len()).collect();
+        for chunk in all.chunks(BONES_AT_ONCE) {
+            let mut batch = Batch::default();
+            for &b in chunk {
+                make.skin(b, &mut batch);
+            }
+            let cloud = tensors::skin(self.config, &batch, self.device);
+            let latent = self.net.encode_skin(self.weights, &cloud, k);
+            codes.push(self.net.quantize(self.weights, &latent, &cloud));
+        }
+        Tensor::cat(&codes, 0)
+    }
+
+    /// Raw shares at points, a row a point, a column a bone, from codes [m, k, axes] and the mesh's shape tokens.
+    /// `segments`: those of each bone.
+    pub fn decode(&self, shape: &Tensor, codes: &Tensor, points: &[Point], segments: &[Vec<Segment>]) -> Vec<f32> {
+        let _no_grad = tch::no_grad_guard();
+        let bones = segments.len();
+        let mut out = vec![0.0; points.len() * bones];
+        if bones == 0 {
+            return out;
+        }
+        let geometry = self.config.model.extensions.bone_geometry;
+        let bones_at_once = (self.config.eval.chunk / 256).clamp(1, bones);
+        let points_at_once = (self.config.eval.chunk / bones_at_once).max(1);
+        let all: Vec<usize> = (0..bones).collect();
+        for (c, chunk) in points.chunks(points_at_once).enumerate() {
+            let flat: Vec<f32> = chunk.iter().flat_map(|p| p.position.into_iter().chain(p.normal)).collect();
+            let cloud = Tensor::from_slice(&flat).view([1, chunk.len() as i64, 6]).to_device(self.device);
+            for part in all.chunks(bones_at_once) {
+                let m = part.len();
+                let geometry = geometry.then(|| tensors::geometry(part, chunk, segments, self.device));
+                let codes = codes.narrow(0, part[0] as i64, m as i64);
+                let raw = self.net.decode(self.weights, &codes, shape, &cloud, geometry.as_ref()).sigmoid();
+                let raw = Vec::<f32>::try_from(raw.to_kind(Kind::Float).transpose(0, 1).contiguous().view([-1]))
+                    .unwrap_or_default();
+                for (row, values) in raw.chunks_exact(m).enumerate() {
+                    let at = (c * points_at_once + row) * bones + part[0];
+                    out[at..at + m].copy_from_slice(values);
+                }
+            }
+        }
+        out
+    }
+}

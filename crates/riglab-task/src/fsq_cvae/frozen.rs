@@ -1,0 +1,73 @@
+//! A trained auto-encoder that other tasks use, unchanged.
+
+use std::path::Path;
+use std::sync::Mutex;
+
+use riglab_nn::fsq_cvae::FsqCvae;
+use riglab_nn::params::{Params, Weights};
+use riglab_train::Checkpoint;
+use tch::Device;
+
+use super::coder::Coder;
+use super::{FsqCvaeTask, FsqCvaeTaskConfig};
+
+/// Network, settings and weights; shared by threads.
+pub struct Frozen {
+    config: FsqCvaeTaskConfig,
+    net: FsqCvae,
+    params: Mutex<Params>,
+    device: Device,
+}
+
+impl Frozen {
+    /// With these weights.
+    pub fn new(config: FsqCvaeTaskConfig, net: FsqCvae, params: Params, device: Device) -> Self {
+        Self { config, net, params: Mutex::new(params), device }
+    }
+
+    /// Of a run's folder: its config, and its best checkpoint.
+    ///
+    /// # Errors
+    /// A sentence: what is missing there, or not of this task.
+    pub fn open(run: &Path, device: Device) -> Result<Self, String> {
+        let path = run.join("config.toml");
+        let text = std::fs::read_to_string(&path).map_err(|e| {
+            format!(
+                "{}: no run of an auto-encoder ({e}); train one with `riglab train quickstart/fsq_cvae.toml`",
+                path.display()
+            )
+        })?;
+        let config = riglab_config::Config::from_toml_str(&path.to_string_lossy(), &text)
+            .and_then(|c| c.get::<FsqCvaeTaskConfig>())
+            .map_err(|e| format!("{}: no config of task fsq_cvae ({e})", path.display()))?;
+        config.validate().map_err(|(key, message)| format!("{}: {key}: {message}", path.display()))?;
+        let (net, params) = FsqCvaeTask::network(&config, device).map_err(|e| format!("{}: {e}", path.display()))?;
+        let checkpoint = Checkpoint::open(&run.join("checkpoints").join("best")).map_err(|e| e.to_string())?;
+        checkpoint.load_weights(&params).map_err(|e| e.to_string())?;
+        Ok(Self::new(config, net, params, device))
+    }
+
+    /// Its settings.
+    pub fn config(&self) -> &FsqCvaeTaskConfig {
+        &self.config
+    }
+
+    /// The levels of its codes.
+    pub fn levels(&self) -> &[i64] {
+        self.net.fsq().levels()
+    }
+
+    /// Works with it, one thread at a time.
+    pub fn with<T>(&self, work: impl FnOnce(Coder<'_>) -> T) -> T {
+        // Weights are only read: a thread that panicked left them whole.
+        let params = self.params.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
+        let weights: &Weights = params.weights();
+        work(Coder { config: &self.config, net: &self.net, weights, device: self.device })
+    }
+
+    /// Its parameters by name, copied: to be written into another file.
+    pub fn tensors(&self) -> Vec<(String, tch::Tensor)> {
+        let params = self.params.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
+        params.named(params.weights()).map(|(n, t)| (n.to_string(), t.detach().copy())).collect()
+    }
+}

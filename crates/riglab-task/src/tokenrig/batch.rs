@@ -1,0 +1,124 @@
+//! Batches: points of a few rigs, and their whole sequences.
+
+use std::sync::Arc;
+
+use riglab_core::Rig;
+use riglab_data::Mixture;
+use riglab_geom::CloudSampler;
+use riglab_nn::tokenrig::Layout;
+use riglab_random::{Draw, stream};
+use riglab_token::Tokenizer;
+use riglab_train::Source;
+
+use super::config::TokenRigTaskConfig;
+use super::sample::{Sample, sample};
+use crate::assets::{AssetId, Assets, Cache};
+use crate::fsq_cvae::Frozen;
+use crate::unirig_skeleton::Batch as Shapes;
+use crate::unirig_skeleton::batch::{normalized, shape};
+
+/// Plain arrays: points and ids as the skeleton task has them, and what is told of codes' joints.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Batch {
+    /// Clouds, picks, ids of all rigs one after another, and their lengths.
+    pub shapes: Shapes,
+    /// [T, 7]: see [`riglab_nn::tokenrig::Sequences::told`].
+    pub told: Vec<f32>,
+}
+
+impl Batch {
+    /// Adds a sequence; its shape is added apart.
+    pub fn push(&mut self, sample: &Sample) {
+        self.shapes.ids.extend(&sample.ids);
+        self.shapes.lengths.push(sample.ids.len() as i64);
+        self.told.extend(sample.told.iter().flatten());
+    }
+}
+
+/// Makes batches by number.
+pub struct BatchSource {
+    pub(super) config: TokenRigTaskConfig,
+    pub(super) tokenizer: Tokenizer,
+    pub(super) layout: Layout,
+    pub(super) vae: Arc<Frozen>,
+    pub(super) assets: Arc<Assets>,
+    pub(super) cache: Arc<Cache<Rig>>,
+    pub(super) samples: Arc<Cache<Option<Sample>, (AssetId, u64)>>,
+    pub(super) rigs: Mixture<AssetId>,
+}
+
+/// How often another asset is tried in place of one whose sequence is too long.
+const TRIES: u64 = 256;
+/// Far beyond the places of any run.
+const ELSEWHERE: u64 = 1 << 40;
+
+impl BatchSource {
+    /// Adds the rig at a place of the endless training sequence, augmented; false where its sequence is too
+    /// long.
+    fn add(&self, place: u64, batch: &mut Batch) -> Result<bool, String> {
+        let (c, seed) = (&self.config, self.config.train.seed);
+        let id = self.rigs.at(place);
+        let mut random = stream(seed, "rig sample", &[place]);
+        let variant = match c.sampling.variants {
+            0 => place,
+            n => random.below(n as usize) as u64,
+        };
+        let key = [id.key(), variant];
+        let rig = normalized(&self.assets, &self.cache, id)?;
+        if rig.skeleton().len() > c.limits.joints {
+            return Ok(false);
+        }
+        let augmented = c.augment.apply((*rig).clone(), seed, &key).map_err(|e| e.to_string())?;
+        let (rig, _) = augmented.rig.normalized();
+        let make = || {
+            let mut random = stream(seed, "rig variant", &key);
+            // Where left and right are exchanged, the names of known makes are no longer true.
+            let mirrored = augmented.motion.world.matrix3.determinant() < 0.0;
+            let class = !random.chance(c.sampling.class_dropout) && !mirrored;
+            let own = sample(&self.tokenizer, (&self.layout, &c.skin), &self.vae, &rig, class, &mut random);
+            let own = own.filter(|s| s.ids.len() <= c.longest());
+            let bytes = own.as_ref().map_or(0, Sample::bytes);
+            Ok::<_, String>((own, bytes))
+        };
+        let found =
+            if c.sampling.variants == 0 { Arc::new(make()?.0) } else { self.samples.get((id, variant), make)? };
+        let Some(sample) = &*found else { return Ok(false) };
+        let eos = i64::from(self.tokenizer.vocabulary().eos());
+        let skeleton = sample.ids.iter().position(|&id| id == eos).map_or(0, |at| at + 1);
+        if skeleton > c.limits.tokens {
+            return Ok(false);
+        }
+        let sampler = match augmented.normals.as_ref() {
+            Some(n) => CloudSampler::with_normals(rig.mesh(), &c.sampling.cloud, &n.vertices, &n.triangles),
+            None => CloudSampler::new(rig.mesh(), &c.sampling.cloud),
+        };
+        shape(&c.sampling.cloud, &c.model.shape, &sampler, &mut random, &mut batch.shapes);
+        batch.push(sample);
+        Ok(true)
+    }
+}
+
+impl Source for BatchSource {
+    type Batch = Batch;
+
+    fn batch(&self, number: u64) -> Result<Batch, String> {
+        let rigs = self.config.sampling.rigs as u64;
+        let mut batch = Batch::default();
+        for k in 0..rigs {
+            let place = number * rigs + k;
+            let mut tries = (0..TRIES).map(|t| if t == 0 { place } else { t * ELSEWHERE + place });
+            let mut found = false;
+            while let (false, Some(place)) = (found, tries.next()) {
+                found = self.add(place, &mut batch)?;
+            }
+            if !found {
+                return Err(format!(
+                    "of {TRIES} assets none has a sequence within limits.tokens = {} and limits.joints = {}; raise them, or \
+                     lower data.max_joints",
+                    self.config.limits.tokens, self.config.limits.joints
+                ));
+            }
+        }
+        Ok(batch)
+    }
+}

@@ -1,0 +1,246 @@
+//! Settings of the task.
+
+use std::path::PathBuf;
+
+use riglab_augment::Recipe;
+use riglab_geom::CloudConfig;
+use riglab_nn::generate::GenerateConfig;
+use riglab_nn::tokenrig::{Head, TokenRigConfig};
+use riglab_token::{Limits, Merge, Parents, TokenizerConfig};
+use riglab_train::TrainConfig;
+use serde::{Deserialize, Serialize};
+
+use crate::assets::DataConfig;
+
+/// Everything a run of TokenRig is made of.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct TokenRigTaskConfig {
+    /// The task's name: `tokenrig`.
+    pub task: String,
+    /// Corpora and splits.
+    pub data: DataConfig,
+    /// How skeletons become tokens.
+    pub tokenizer: TokenizerConfig,
+    /// Longest skeletons: assets beyond are not trained on, and none is generated.
+    pub limits: Limits,
+    /// How skin weights become codes.
+    pub skin: SkinConfig,
+    /// The network.
+    pub model: TokenRigConfig,
+    /// What a batch is made of.
+    pub sampling: SamplingConfig,
+    /// How rigs are varied. The result is set into the cube from -1 to 1.
+    pub augment: Recipe,
+    /// What is minimised.
+    pub loss: LossConfig,
+    /// How it is trained.
+    pub train: TrainConfig,
+    /// How it is evaluated.
+    pub eval: EvalConfig,
+}
+
+/// The auto-encoder of skin weights, which stays as it is.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct SkinConfig {
+    /// The folder of its run (task `fsq_cvae`).
+    pub run: PathBuf,
+    /// Codes of a bone, T_D: the first so many of those it was trained with. The paper: 4.
+    pub codes: usize,
+    /// A joint that holds no vertex has one token in place of its codes (an extension, with
+    /// `model.head = "levels"`); otherwise it has codes of a bone without weights.
+    pub empty: bool,
+}
+
+impl Default for SkinConfig {
+    fn default() -> Self {
+        Self { run: PathBuf::new(), codes: 4, empty: false }
+    }
+}
+
+/// What a batch is made of.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct SamplingConfig {
+    /// Rigs of a batch.
+    pub rigs: usize,
+    /// The points of each.
+    pub cloud: CloudConfig,
+    /// How often a rig's class is not told: its joints are then written as any other's.
+    pub class_dropout: f32,
+    /// Ways in which each rig is varied; the codes of each are made once, from points that stay the same, and kept. 0
+    /// varies every rig anew each time.
+    pub variants: u64,
+}
+
+impl Default for SamplingConfig {
+    fn default() -> Self {
+        Self { rigs: 12, cloud: CloudConfig::default(), class_dropout: 0.0, variants: 16 }
+    }
+}
+
+/// Cross-entropy of the next token (SkinTokens 3.3), in both parts.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct LossConfig {
+    /// Weight of the skeleton's tokens.
+    pub skeleton: f64,
+    /// Weight of the skin codes.
+    pub skin: f64,
+    /// The skin's weight is 0 up to the first of these shares of the steps, grows as a half cosine, and is whole from
+    /// the second on.
+    pub skin_warmup: [f64; 2],
+    /// Standard deviation, in cells, of what a coordinate's target is spread by (an extension).
+    pub spread: f64,
+}
+
+impl Default for LossConfig {
+    fn default() -> Self {
+        Self { skeleton: 1.0, skin: 1.0, skin_warmup: [0.0, 0.0], spread: 0.0 }
+    }
+}
+
+impl LossConfig {
+    /// The factor of the skin's weight at a share of the steps.
+    pub fn skin_factor(&self, done: f64) -> f64 {
+        let [from, to] = self.skin_warmup;
+        if done >= to {
+            return 1.0;
+        }
+        let along = ((done - from) / (to - from)).clamp(0.0, 1.0);
+        (1.0 - (std::f64::consts::PI * along).cos()) / 2.0
+    }
+}
+
+/// Evaluation by generating.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct EvalConfig {
+    /// How sequences are drawn.
+    pub generate: GenerateConfig,
+    /// Where branches may come from.
+    pub parents: Parents,
+    /// Meshes at once.
+    pub rows: usize,
+    /// Assets of the validation split that are generated while training; 0 takes all.
+    pub validation_assets: usize,
+    /// Points that the baseline compares shapes by.
+    pub retrieval_points: usize,
+    /// Shares below it are cut from the weights that codes say, then the four largest of a vertex are kept.
+    pub cut: f32,
+    /// Seeds the points that the encoders see, and the draws.
+    pub seed: u64,
+}
+
+impl Default for EvalConfig {
+    fn default() -> Self {
+        Self {
+            generate: GenerateConfig::default(),
+            parents: Parents::default(),
+            rows: 16,
+            validation_assets: 32,
+            retrieval_points: 512,
+            cut: 0.05,
+            seed: 0,
+        }
+    }
+}
+
+impl TokenRigTaskConfig {
+    /// Tokens of a whole sequence at most, from `bos` to the last end.
+    pub fn longest(&self) -> usize {
+        self.limits.tokens + self.skin.codes * self.limits.joints + 1
+    }
+
+    /// Checks sizes and their relations.
+    ///
+    /// # Errors
+    /// (key, message) of the first fault.
+    pub fn validate(&self) -> Result<(), (String, String)> {
+        let bad = |key: &str, message: String| Err((key.to_owned(), message));
+        self.model.validate().map_err(|(key, message)| (format!("model.{key}"), message))?;
+        self.augment.validate().map_err(|(key, message)| (format!("augment.{key}"), message))?;
+        self.train.validate().map_err(|(key, message)| (format!("train.{key}"), message))?;
+        self.eval.generate.validate().map_err(|(key, message)| (format!("eval.generate.{key}"), message))?;
+        if self.eval.generate.beams > 1 {
+            return bad("eval.generate.beams", "evaluation draws without beams: give 1".into());
+        }
+        if self.skin.codes == 0 {
+            return bad("skin.codes", "a bone has at least 1 code".into());
+        }
+        if self.skin.empty && self.model.head != Head::Levels {
+            return bad("skin.empty", "bones without codes need model.head = \"levels\"".into());
+        }
+        if self.sampling.rigs == 0 || self.eval.rows == 0 {
+            return bad("sampling.rigs", "rigs of a batch and eval.rows must be at least 1".into());
+        }
+        if !(0.0..=1.0).contains(&self.sampling.class_dropout) {
+            return bad("sampling.class_dropout", format!("{} must lie in [0, 1]", self.sampling.class_dropout));
+        }
+        let (points, asked) = (self.sampling.cloud.points, self.model.shape.tokens * self.model.shape.drawn);
+        if points < asked {
+            let of = format!("{} tokens × {} drawn", self.model.shape.tokens, self.model.shape.drawn);
+            return bad("sampling.cloud.points", format!("{points} points for model.shape's {of}"));
+        }
+        let [low, high] = self.tokenizer.range;
+        if self.tokenizer.bins < 2 || !(low <= -1.0 && high >= 1.0 && low.is_finite() && high.is_finite()) {
+            let message = "rigs are set between -1 and 1: the range must hold that, with 2 bins or more";
+            return bad("tokenizer.range", message.into());
+        }
+        let least = self.tokenizer.least_joints.max(1);
+        let shortest = 3 * least + 4;
+        if self.limits.tokens < shortest || self.limits.joints < least {
+            let message = format!("a skeleton takes at least {shortest} tokens and limits.joints = {least}");
+            return bad("limits.tokens", message);
+        }
+        if self.eval.retrieval_points == 0 {
+            return bad("eval.retrieval_points", "shapes are compared by at least 1 point".into());
+        }
+        if self.eval.parents == Parents::Anywhere && matches!(self.tokenizer.merge, Merge::Within(_)) {
+            return bad("eval.parents", "`anywhere` needs tokenizer.merge = \"nearest\"".into());
+        }
+        if !(0.0..1.0).contains(&self.eval.cut) {
+            return bad("eval.cut", format!("cut = {} must lie in [0, 1)", self.eval.cut));
+        }
+        let l = &self.loss;
+        let weights = [l.skeleton, l.skin];
+        if !weights.iter().all(|w| w.is_finite() && *w >= 0.0) || weights == [0.0, 0.0] {
+            return bad("loss.skeleton", "skeleton and skin are weights from 0 on, and one of them is above".into());
+        }
+        if !(l.spread >= 0.0 && l.spread.is_finite()) {
+            return bad("loss.spread", format!("spread = {} must not be negative", l.spread));
+        }
+        let [from, to] = l.skin_warmup;
+        if !(0.0 <= from && from <= to && to <= 1.0) {
+            return bad("loss.skin_warmup", "give two shares of the steps, the first not above the second".into());
+        }
+        let longest = self.longest() + self.model.shape.tokens;
+        if longest > self.model.decoder.positions {
+            let positions = self.model.decoder.positions;
+            return bad(
+                "model.decoder.positions",
+                format!(
+                    "{positions} positions for up to {longest}: model.shape.tokens, limits.tokens, skin.codes × \
+                     limits.joints and the end"
+                ),
+            );
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_skin_part_warms_up_as_a_half_cosine() {
+        let loss = LossConfig { skin_warmup: [0.2, 0.6], ..LossConfig::default() };
+        let near = |a: f64, b: f64| assert!((a - b).abs() < 1e-12, "{a} {b}");
+        near(loss.skin_factor(0.1), 0.0);
+        near(loss.skin_factor(0.4), 0.5);
+        near(loss.skin_factor(0.6), 1.0);
+        near(LossConfig::default().skin_factor(0.0), 1.0);
+    }
+}

@@ -1,0 +1,307 @@
+//! Evaluation by generating whole rigs.
+
+use std::sync::Arc;
+
+use riglab_core::{JointId, Mesh, Rig, Skeleton, SkinWeights};
+use riglab_metric::{Baseline, Joints, SkinTally, bone_distances};
+use riglab_nn::params::Weights;
+use riglab_random::{Draw, stream};
+use riglab_token::Decoded;
+use riglab_train::Validation;
+use serde::{Deserialize, Serialize};
+
+use super::sample::{codes, sample};
+use super::{Batch, Drawn, TokenRigTask, loss_of};
+use crate::assets::AssetId;
+use crate::fsq_cvae::Row as SkinRow;
+use crate::fsq_cvae::evaluate::Sums as SkinSums;
+use crate::unirig_skeleton::batch::{encode, normalized, shape};
+use crate::unirig_skeleton::evaluate::{Sums, joints};
+use crate::unirig_skeleton::retrieval::Retrieval;
+use crate::unirig_skeleton::{AssetRow, Report as SkeletonReport};
+
+/// What an evaluation found.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct Report {
+    /// The skeletons.
+    pub skeletons: SkeletonReport,
+    /// The weights. `generated`: on the model's own skeleton, against the true weights, each joint's given to the
+    /// generated joint nearest to it. `given`: on the true skeleton.
+    pub skin: Vec<SkinRow>,
+    /// Which formulas, of the weights.
+    pub convention: String,
+}
+
+/// A generated rig of an asset.
+pub(super) struct Rigged {
+    /// The asset.
+    pub id: AssetId,
+    /// The generated skeleton and weights; `None` where no skeleton came out.
+    pub rig: Option<Rig>,
+}
+
+/// Sums of every way to get weights, in the order they are shown.
+#[derive(Default)]
+struct Ways(Vec<(String, SkinSums)>);
+
+impl Ways {
+    fn add(&mut self, name: String, tally: &SkinTally) {
+        match self.0.iter_mut().find(|(n, _)| *n == name) {
+            Some((_, sums)) => sums.add(tally),
+            None => {
+                let mut sums = SkinSums::default();
+                sums.add(tally);
+                self.0.push((name, sums));
+            }
+        }
+    }
+
+    /// Adds weights, and what the baselines make of the same skeleton and the same joints.
+    fn all(&mut self, mode: &str, rig: &Rig, truth: &[f32], claimed: &[JointId]) {
+        let joints = rig.skeleton().len();
+        self.add(format!("{mode}: model"), &SkinTally::of(truth, &dense(rig.weights(), joints), joints));
+        if claimed.is_empty() {
+            return;
+        }
+        let distances = bone_distances(rig, claimed);
+        for baseline in Baseline::SHOWN {
+            let own = baseline.weights(&distances, claimed.len());
+            let mut wide = vec![0.0; truth.len()];
+            for (wide, own) in wide.chunks_exact_mut(joints).zip(own.chunks_exact(claimed.len())) {
+                for (joint, w) in claimed.iter().zip(own) {
+                    wide[joint.index()] = *w;
+                }
+            }
+            self.add(format!("{mode}: {}", baseline.name()), &SkinTally::of(truth, &wide, joints));
+        }
+    }
+}
+
+/// A row of `joints` shares a vertex.
+fn dense(weights: &SkinWeights, joints: usize) -> Vec<f32> {
+    let mut out = vec![0.0; weights.rows() * joints];
+    for (v, row) in out.chunks_exact_mut(joints).enumerate() {
+        for (joint, w) in weights.row(v) {
+            row[joint.index()] = w;
+        }
+    }
+    out
+}
+
+/// The true weights on another skeleton: each joint's are given to the joint nearest to it.
+fn moved(truth: &Rig, to: &Skeleton) -> Vec<f32> {
+    let nearest = |p: [f32; 3]| {
+        let square = |q: &[f32; 3]| (0..3).map(|k| (p[k] - q[k]).powi(2)).sum::<f32>();
+        let heads = to.heads();
+        (0..heads.len()).min_by(|&a, &b| square(&heads[a]).total_cmp(&square(&heads[b]))).unwrap_or(0)
+    };
+    let place: Vec<usize> = truth.skeleton().heads().iter().map(|&p| nearest(p)).collect();
+    let mut out = vec![0.0; truth.weights().rows() * to.len()];
+    for (v, row) in out.chunks_exact_mut(to.len()).enumerate() {
+        for (joint, w) in truth.weights().row(v) {
+            row[place[joint.index()]] += w;
+        }
+    }
+    out
+}
+
+fn claimed(codes: &[Option<Vec<i64>>]) -> Vec<JointId> {
+    (0..codes.len()).filter(|&j| codes[j].is_some()).map(|j| JointId(j as u16)).collect()
+}
+
+impl TokenRigTask {
+    /// Loss of what follows, and distances of what is generated, on the validation split.
+    pub(super) fn validation(&self, w: &Weights) -> Result<Validation, String> {
+        let _no_grad = tch::no_grad_guard();
+        let (rigger, c) = (&self.rigger, &self.rigger.config);
+        let limit = match c.eval.validation_assets {
+            0 => usize::MAX,
+            n => n,
+        };
+        // Some of all corpora and kinds, the same ones each time.
+        let mut assets: Vec<AssetId> = self.validation_assets.clone();
+        stream(c.eval.seed, "validation assets", &[]).shuffled(&mut assets);
+        assets.truncate(limit);
+        let (mut sums, mut losses, mut counts) = (Sums::default(), [0.0; 2], [0.0; 2]);
+        for ids in assets.chunks(c.eval.rows) {
+            let rigs =
+                ids.iter().map(|&id| normalized(&self.assets, &self.cache, id)).collect::<Result<Vec<_>, _>>()?;
+            let mut batch = Batch::default();
+            for (rig, id) in rigs.iter().zip(ids) {
+                let mut random = stream(c.eval.seed, "rig variant", &[id.key()]);
+                let (layout, vae) = (rigger.net.layout(), &rigger.vae);
+                let Some(sample) = sample(&rigger.tokenizer, (layout, &c.skin), vae, rig, true, &mut random) else {
+                    continue;
+                };
+                if sample.ids.len() > c.longest() {
+                    continue;
+                }
+                let mut random = stream(c.eval.seed, "skeleton evaluation", &[id.key()]);
+                let sampler = riglab_geom::CloudSampler::new(rig.mesh(), &c.sampling.cloud);
+                shape(&c.sampling.cloud, &c.model.shape, &sampler, &mut random, &mut batch.shapes);
+                batch.push(&sample);
+            }
+            if batch.shapes.rigs > 0 {
+                let own = loss_of(&rigger.net, c, w, &batch, rigger.device, None)?;
+                for (name, value) in own.values() {
+                    let part = match name {
+                        "skeleton" => 0,
+                        "skin" => 1,
+                        _ => continue,
+                    };
+                    losses[part] += value * batch.shapes.rigs as f64;
+                    counts[part] += batch.shapes.rigs as f64;
+                }
+            }
+            let meshes: Vec<_> = rigs.iter().zip(ids).map(|(rig, id)| (rig.mesh(), id.key())).collect();
+            let prefix = rigger.condition(w, &meshes);
+            let mut streams: Vec<_> = ids.iter().map(|id| stream(c.eval.seed, "skeleton draws", &[id.key()])).collect();
+            let prompts = vec![rigger.free(); ids.len()];
+            let drawn = rigger.draw(w, &prefix, &prompts, &c.eval.generate, &mut streams)?;
+            for (drawn, rig) in drawn.iter().zip(&rigs) {
+                let found = drawn.decoded.as_ref().ok().map(joints);
+                let own = sums.add(found.as_ref(), &Joints::of(rig.skeleton()));
+                sums.count(own, own);
+            }
+        }
+        let row = sums.row("val", "model");
+        // One that cannot be compared is as wrong as can be.
+        let missing = (row.assets - row.compared) as f64;
+        let all = (if row.compared == 0 { 0.0 } else { row.j2j * row.compared as f64 } + missing) / row.assets as f64;
+        let metrics = vec![
+            ("j2j_all@val".into(), all),
+            ("j2j@val".into(), row.j2j),
+            ("j2b@val".into(), row.j2b),
+            ("b2b@val".into(), row.b2b),
+            ("skeleton@val".into(), losses[0] / counts[0]),
+            ("skin@val".into(), losses[1] / counts[1]),
+            ("valid@val".into(), row.valid),
+            ("joints_off@val".into(), row.joints_off),
+        ];
+        Ok(Validation { metrics, pictures: Vec::new() })
+    }
+
+    /// The rig that was drawn for a mesh.
+    fn rigged(&self, mesh: &Mesh, decoded: &Decoded, codes: &[Option<Vec<i64>>], key: u64) -> Result<Rig, String> {
+        let skeleton = decoded.skeleton().map_err(|e| e.to_string())?;
+        let weights = self.rigger.skin(mesh, &skeleton, codes, key)?;
+        Rig::new(skeleton, mesh.clone(), weights).map_err(|e| e.to_string())
+    }
+
+    /// Codes of an asset's joints, in their order, drawn for its true skeleton; `None` where the skeleton cannot be
+    /// written within the limits.
+    fn given(&self, w: &Weights, rig: &Rig, key: u64) -> Result<Option<Vec<Option<Vec<i64>>>>, String> {
+        let (rigger, c) = (&self.rigger, &self.rigger.config);
+        let Ok(encoded) = encode(&rigger.tokenizer, rig.skeleton(), true) else { return Ok(None) };
+        if encoded.ids.len() > c.limits.tokens || rig.skeleton().len() > c.limits.joints {
+            return Ok(None);
+        }
+        let prefix = rigger.condition(w, &[(rig.mesh(), key)]);
+        let mut streams = [stream(c.eval.seed, "skin draws", &[key])];
+        let drawn = rigger.draw(w, &prefix, std::slice::from_ref(&encoded.ids), &c.eval.generate, &mut streams)?;
+        let mut codes = vec![None; rig.skeleton().len()];
+        for (own, &joint) in drawn.into_iter().flat_map(|d: Drawn| d.codes).zip(&encoded.order) {
+            codes[joint] = own;
+        }
+        Ok(Some(codes))
+    }
+
+    /// How many assets [`Self::evaluate`] goes over.
+    pub(super) fn examined_assets(&self) -> Result<usize, String> {
+        let of = |split: &String| self.assets.split(split).map(|ids| ids.len()).map_err(|e| e.to_string());
+        self.rigger.config.data.test.iter().map(of).sum()
+    }
+
+    /// Generates a rig for each asset of the test splits, and weights for its true skeleton. Gives the report, and the
+    /// rigs in the order of its assets.
+    ///
+    /// # Errors
+    /// When an asset cannot be read.
+    pub(super) fn evaluate(
+        &self,
+        w: &Weights,
+        progress: &mut dyn FnMut(usize),
+    ) -> Result<(Report, Vec<Rigged>), String> {
+        let (rigger, c) = (&self.rigger, &self.rigger.config);
+        let training: Vec<_> = self.train_assets.iter().flat_map(|(_, ids)| ids).copied().collect();
+        let (points, seed) = (c.eval.retrieval_points, c.eval.seed);
+        let retrieval = Retrieval::new(&self.assets, &self.cache, &training, points, seed)?;
+        let (mut rows, mut skin, mut assets, mut rigs) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
+        for split in &c.data.test {
+            let ids = self.assets.split(split).map_err(|e| e.to_string())?;
+            let (mut model, mut rival, mut ways) = (Sums::default(), Sums::default(), Ways::default());
+            for ids in ids.chunks(c.eval.rows) {
+                let each = ids.iter().map(|&id| normalized(&self.assets, &self.cache, id));
+                let truths: Vec<Arc<Rig>> = each.collect::<Result<_, _>>()?;
+                let meshes: Vec<_> = truths.iter().zip(ids).map(|(rig, id)| (rig.mesh(), id.key())).collect();
+                let prefix = rigger.condition(w, &meshes);
+                let mut streams: Vec<_> = ids.iter().map(|id| stream(seed, "skeleton draws", &[id.key()])).collect();
+                let prompts = vec![rigger.free(); ids.len()];
+                let drawn = rigger.draw(w, &prefix, &prompts, &c.eval.generate, &mut streams)?;
+                for ((drawn, truth), &id) in drawn.into_iter().zip(&truths).zip(ids) {
+                    let own = Joints::of(truth.skeleton());
+                    let found = drawn.decoded.as_ref().ok().map(joints);
+                    let distances = model.add(found.as_ref(), &own);
+                    let nearest = rival.add(retrieval.nearest(truth, id.key()), &own);
+                    model.count(distances, nearest);
+                    rival.count(nearest, distances);
+                    assets.push(AssetRow {
+                        split: split.clone(),
+                        name: self.assets.read(id).map_err(|e| e.to_string())?.name,
+                        true_joints: own.positions.len(),
+                        joints: found.as_ref().map_or(0, |f| f.positions.len()),
+                        model: distances,
+                        retrieval: nearest,
+                    });
+                    let rig = match &drawn.decoded {
+                        Ok(decoded) => Some(self.rigged(truth.mesh(), decoded, &drawn.codes, id.key())?),
+                        Err(_) => None,
+                    };
+                    if let Some(rig) = &rig {
+                        ways.all("generated", rig, &moved(truth, rig.skeleton()), &claimed(&drawn.codes));
+                    }
+                    if let Some(codes) = self.given(w, truth, id.key())? {
+                        self.on_the_true_skeleton(truth, &codes, id.key(), &mut ways)?;
+                    }
+                    rigs.push(Rigged { id, rig });
+                    progress(assets.len());
+                }
+            }
+            if !ids.is_empty() {
+                rows.extend([model.row(split, "model"), rival.row(split, "retrieval")]);
+                skin.extend(ways.0.iter().map(|(name, sums)| {
+                    let learned = name.ends_with(": model") || name.ends_with(": auto-encoder");
+                    sums.row(split, name, if learned { c.skin.codes } else { 0 })
+                }));
+            }
+        }
+        if assets.is_empty() {
+            let splits = c.data.test.join(", ");
+            return Err(format!(
+                "data.test: the corpora have no asset in `{splits}`; `riglab dataset inspect` shows their splits"
+            ));
+        }
+        let skeletons = SkeletonReport { convention: "unirig".into(), rows, assets };
+        Ok((Report { skeletons, skin, convention: "skintokens".into() }, rigs))
+    }
+
+    /// Counts the weights of codes drawn for the true skeleton, and those that the auto-encoder makes of its own codes.
+    fn on_the_true_skeleton(
+        &self,
+        truth: &Rig,
+        drawn: &[Option<Vec<i64>>],
+        key: u64,
+        ways: &mut Ways,
+    ) -> Result<(), String> {
+        let (rigger, joints) = (&self.rigger, truth.skeleton().len());
+        let true_weights = dense(truth.weights(), joints);
+        let weights = rigger.skin(truth.mesh(), truth.skeleton(), drawn, key)?;
+        let rig = truth.with_weights(weights).map_err(|e| e.to_string())?;
+        ways.all("given", &rig, &true_weights, &claimed(drawn));
+        let mut random = stream(rigger.config.eval.seed, "rig variant", &[key]);
+        let own = codes(&rigger.vae, &rigger.config.skin, truth, &mut random);
+        let weights = rigger.skin(truth.mesh(), truth.skeleton(), &own, key)?;
+        ways.add("given: auto-encoder".into(), &SkinTally::of(&true_weights, &dense(&weights, joints), joints));
+        Ok(())
+    }
+}

@@ -1,0 +1,50 @@
+//! Pictures of what an evaluation saw: true and generated rigs of single assets.
+
+use riglab_render::{Theme, View, contact_sheet, render_parts, render_skeleton};
+
+use super::TokenRigTask;
+use super::evaluate::{Report, Rigged};
+use crate::experiment::places;
+use crate::unirig_skeleton::Shown;
+use crate::unirig_skeleton::batch::normalized;
+
+/// Side of one picture of a sheet, in pixels.
+const SIDE: u32 = 280;
+
+impl TokenRigTask {
+    /// Sheets of a few assets of each test split: the true rig and the generated one, skeleton and weights as parts.
+    pub(super) fn gallery(
+        &self,
+        report: &Report,
+        rigs: &[Rigged],
+        each: usize,
+    ) -> Result<Vec<(Shown, Vec<u8>)>, String> {
+        let mut out: Vec<(Shown, Vec<u8>)> = Vec::new();
+        if each == 0 {
+            return Ok(out);
+        }
+        for split in &self.rigger.config.data.test {
+            let rows = report.skeletons.assets.iter().zip(rigs);
+            let rows = rows.filter(|(a, r)| a.split == *split && a.model.j2j.is_finite() && r.rig.is_some());
+            let mut ranked: Vec<_> = rows.collect();
+            ranked.sort_by(|(a, _), (b, _)| a.model.j2j.total_cmp(&b.model.j2j));
+            for (why, k) in places(ranked.len(), each) {
+                let (row, rigged) = ranked[k];
+                let Some(rig) = &rigged.rig else { continue };
+                let truth = normalized(&self.assets, &self.cache, rigged.id)?;
+                let view = View::square(SIDE).framed(truth.bounds());
+                let cells = [
+                    (format!("true, {} joints", row.true_joints), render_skeleton(&truth, &view)),
+                    (format!("generated, {}", row.joints), render_skeleton(rig, &view)),
+                    ("true parts".to_owned(), render_parts(&truth, &view)),
+                    ("generated parts".to_owned(), render_parts(rig, &view)),
+                ];
+                let file = format!("{:02}-{split}-{why}.png", out.len() + 1);
+                let shown =
+                    Shown { file, split: split.clone(), name: row.name.clone(), why: why.into(), j2j: row.model.j2j };
+                out.push((shown, contact_sheet(&cells, 4, Theme::Light).to_png()));
+            }
+        }
+        Ok(out)
+    }
+}

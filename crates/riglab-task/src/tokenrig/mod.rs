@@ -1,0 +1,169 @@
+//! TokenRig (SkinTokens 3.3): a shape comes in; the tokens of its skeleton and the codes of its skin come out, as one
+//! sequence.
+
+mod batch;
+mod config;
+mod evaluate;
+mod gallery;
+mod report;
+mod rigger;
+mod sample;
+
+use std::sync::Arc;
+
+use riglab_core::Rig;
+use riglab_nn::params::{Params, Weights};
+use riglab_nn::tokenrig::{Asked, Sequences, TokenRig};
+use riglab_train::{At, Better, Loss, Source, State, Task, Validation};
+use tch::{Device, Tensor};
+
+pub use batch::{Batch, BatchSource};
+pub use config::{EvalConfig, LossConfig, SamplingConfig, SkinConfig, TokenRigTaskConfig};
+pub use evaluate::Report;
+pub use report::Evaluation;
+pub use rigger::{Drawn, Rigger};
+pub use sample::Sample;
+
+use crate::assets::{AssetId, Assets, Cache};
+use crate::experiment::{Examined, Experiment};
+use crate::unirig_skeleton::shape_tensors;
+
+/// The task, with its network and data.
+pub struct TokenRigTask {
+    rigger: Rigger,
+    assets: Arc<Assets>,
+    cache: Arc<Cache<Rig>>,
+    samples: Arc<Cache<Option<Sample>, (AssetId, u64)>>,
+    train_assets: Vec<(f32, Vec<AssetId>)>,
+    validation_assets: Vec<AssetId>,
+}
+
+impl TokenRigTask {
+    /// Opens the corpora and the auto-encoder, and builds the network with its starting weights. The config was
+    /// validated.
+    ///
+    /// # Errors
+    /// A sentence: a corpus or an auto-encoder that cannot be read, or a split without assets.
+    pub fn new(config: TokenRigTaskConfig, device: Device) -> Result<Self, String> {
+        let (assets, train_assets, validation_assets) = Assets::for_training(&config.data)?;
+        let vae = Rigger::auto_encoder(&config, device)?;
+        let (cache, samples) = (Arc::new(Cache::new(config.data.cache_mb)), Arc::new(Cache::new(config.data.cache_mb)));
+        let rigger = Rigger::new(config, vae, device)?;
+        Ok(Self { rigger, assets: Arc::new(assets), cache, samples, train_assets, validation_assets })
+    }
+
+    /// Its model.
+    pub fn rigger(&self) -> &Rigger {
+        &self.rigger
+    }
+
+    /// Where batches of the training split come from.
+    pub fn batches(&self) -> Arc<BatchSource> {
+        let config = self.rigger.config.clone();
+        Arc::new(BatchSource {
+            rigs: riglab_data::Mixture::new(config.train.seed, self.train_assets.clone()),
+            tokenizer: self.rigger.tokenizer.clone(),
+            layout: self.rigger.net.layout().clone(),
+            vae: self.rigger.vae.clone(),
+            assets: self.assets.clone(),
+            cache: self.cache.clone(),
+            samples: self.samples.clone(),
+            config,
+        })
+    }
+}
+
+impl Task for TokenRigTask {
+    type Batch = Batch;
+
+    fn name(&self) -> &'static str {
+        "tokenrig"
+    }
+
+    fn params(&self) -> &Params {
+        &self.rigger.params
+    }
+
+    fn source(&self) -> Arc<dyn Source<Batch = Batch>> {
+        self.batches()
+    }
+
+    fn loss(&self, w: &Weights, batch: &Batch, at: At) -> Result<Loss, String> {
+        let c = &self.rigger.config;
+        let done = at.step as f64 / c.train.steps.max(1) as f64;
+        loss_of(&self.rigger.net, c, w, batch, self.rigger.device, Some(done))
+    }
+
+    fn validate(&self, w: &Weights, _at: At) -> Result<Validation, String> {
+        self.validation(w)
+    }
+
+    fn objective(&self) -> (&'static str, Better) {
+        ("j2j_all@val", Better::Lower)
+    }
+}
+
+impl Experiment for TokenRigTask {
+    fn assets(&self) -> &Assets {
+        &self.assets
+    }
+
+    fn examination_steps(&self) -> Result<usize, String> {
+        self.examined_assets()
+    }
+
+    fn examine(
+        &self,
+        weights: &Weights,
+        checkpoint: &State,
+        pictures: usize,
+        progress: &mut dyn FnMut(usize),
+    ) -> Result<Examined, String> {
+        let (report, rigs) = self.evaluate(weights, progress)?;
+        let sheets = self.gallery(&report, &rigs, pictures)?;
+        let text = report::lines(&report);
+        let (gallery, pictures) = sheets.into_iter().map(|(s, png)| (s.clone(), (s.file, png))).unzip();
+        let evaluation = Evaluation { checkpoint: checkpoint.clone(), report, gallery };
+        let json = serde_json::to_string_pretty(&evaluation).map_err(|e| e.to_string())? + "\n";
+        Ok(Examined { json, text, pictures })
+    }
+}
+
+/// Read the shape, read the sequence, compare what should follow each token. `training`: the share of the steps that
+/// is done; `None` validates, without what training adds.
+///
+/// # Errors
+/// None at present.
+pub fn loss_of(
+    net: &TokenRig,
+    c: &TokenRigTaskConfig,
+    w: &Weights,
+    batch: &Batch,
+    device: Device,
+    training: Option<f64>,
+) -> Result<Loss, String> {
+    let (shapes, p) = (&batch.shapes, c.model.shape.tokens);
+    let (cloud, picks) = shape_tensors(shapes, c.sampling.cloud.points, p, device);
+    let prefix = net.condition(w, &cloud, &picks);
+    let ids = Tensor::from_slice(&shapes.ids).to_device(device);
+    let told = c.model.tell_joint.then(|| Tensor::from_slice(&batch.told).view([-1, 7]).to_device(device));
+    let sequences = Sequences { ids: &ids, lengths: &shapes.lengths, told: told.as_ref() };
+    let hidden = net.forward(w, &prefix, &sequences, training.is_some());
+    let each = ids.split_with_sizes(&shapes.lengths, 0);
+    let targets: Vec<Tensor> = each.iter().map(|own| own.narrow(0, 1, own.size()[0] - 1)).collect();
+    let targets = Tensor::cat(&targets, 0);
+    let spread = if training.is_some() { c.loss.spread } else { 0.0 };
+    let asked = Asked { hidden: &hidden, targets: &targets, bins: i64::from(c.tokenizer.bins), spread };
+    let parts = net.losses(w, &asked);
+    // One mean over all tokens, each part with its weight.
+    let all = (parts.skeleton_tokens + parts.skin_tokens).max(1) as f64;
+    let (skeleton, skin) = match training {
+        Some(done) => (c.loss.skeleton, c.loss.skin * c.loss.skin_factor(done)),
+        None => (1.0, 1.0),
+    };
+    let [of_skeleton, of_skin] = parts.means();
+    Ok(Loss::new()
+        .term("skeleton", skeleton * parts.skeleton_tokens as f64 / all, of_skeleton)
+        .term("skin", skin * parts.skin_tokens as f64 / all, of_skin)
+        .note("tokens", shapes.ids.len() as f64))
+}

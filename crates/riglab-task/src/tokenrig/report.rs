@@ -1,0 +1,105 @@
+//! An evaluation as a file, as lines, and as a part of a report.
+
+use riglab_report::{Block, Cell, Table};
+use riglab_train::State;
+use serde::{Deserialize, Serialize};
+
+use super::evaluate::Report;
+use crate::fsq_cvae::Row;
+use crate::unirig_skeleton::{Evaluation as SkeletonEvaluation, Shown, lines as skeleton_lines};
+
+/// What `riglab eval` writes.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct Evaluation {
+    /// The checkpoint that was evaluated.
+    pub checkpoint: State,
+    /// The numbers.
+    pub report: Report,
+    /// The pictures, in the folder beside the file.
+    pub gallery: Vec<Shown>,
+}
+
+fn splits(report: &Report) -> Vec<&str> {
+    let mut splits: Vec<&str> = report.skin.iter().map(|r| r.split.as_str()).collect();
+    splits.dedup();
+    splits
+}
+
+fn rows<'a>(report: &'a Report, split: &str) -> Vec<&'a Row> {
+    report.skin.iter().filter(|r| r.split == split).collect()
+}
+
+/// The tables of all splits.
+pub fn lines(report: &Report) -> Vec<String> {
+    let mut out = skeleton_lines(&report.skeletons);
+    out.push(format!("\nskin weights, convention {}", report.convention));
+    for split in splits(report) {
+        out.push(format!("\n{split}"));
+        let head = ("method", "assets", "IoU", "per rig", "L1", "prec.", "recall");
+        let (method, assets, iou, per_rig, l1, precision, recall) = head;
+        out.push(format!("{method:38} {assets:>6} {iou:>7} {per_rig:>8} {l1:>8} {precision:>6} {recall:>6}"));
+        for r in rows(report, split) {
+            let p = &r.pooled;
+            out.push(format!(
+                "{:38} {:>6} {:>7.4} {:>8.4} {:>8.5} {:>6.3} {:>6.3}",
+                r.method, r.assets, p.iou, r.per_rig.iou, p.l1, p.precision, p.recall
+            ));
+        }
+    }
+    out
+}
+
+impl Evaluation {
+    /// Its part of a report; `picture` finds the bytes of a file of the gallery.
+    pub fn blocks(&self, picture: impl Fn(&str) -> Option<Vec<u8>>) -> Vec<Block> {
+        let skeletons = SkeletonEvaluation {
+            checkpoint: self.checkpoint.clone(),
+            report: self.report.skeletons.clone(),
+            gallery: self.gallery.clone(),
+        };
+        let mut blocks = skeletons.blocks(picture);
+        blocks.push(Block::Heading("Skin weights".into()));
+        blocks.extend(splits(&self.report).into_iter().filter_map(|s| self.verdict(s)).map(Block::Text));
+        blocks.extend(splits(&self.report).into_iter().map(|s| Block::Table(self.table(s))));
+        blocks
+    }
+
+    fn verdict(&self, split: &str) -> Option<String> {
+        let rows = rows(&self.report, split);
+        let of = |method: &str| rows.iter().find(|r| r.method == method).map(|r| r.pooled.iou);
+        let (given, own) = (of("given: model")?, of("given: auto-encoder")?);
+        Some(format!(
+            "{split}: for the true skeleton the model's codes give IoU {given:.3}, {:.0} % of the {own:.3} that the \
+             auto-encoder reaches with the codes of the true weights.",
+            100.0 * given / own
+        ))
+    }
+
+    fn table(&self, split: &str) -> Table {
+        let head = ["method", "assets", "IoU", "IoU per rig", "L1", "precision", "recall"];
+        let mut table = Table::new(format!("{split}: all vertices, convention {}", self.report.convention), &head);
+        let mut mode = "";
+        for r in rows(&self.report, split) {
+            let own = r.method.split(':').next().unwrap_or_default();
+            if !mode.is_empty() && own != mode {
+                table.line();
+            }
+            mode = own;
+            let p = &r.pooled;
+            table.row(vec![
+                Cell::text(&r.method),
+                Cell::count(r.assets),
+                Cell::number(p.iou, 4),
+                Cell::number(r.per_rig.iou, 4),
+                Cell::number(p.l1, 5),
+                Cell::number(p.precision, 3),
+                Cell::number(p.recall, 3),
+            ]);
+        }
+        table.note = "generated: on the model's own skeleton, against the true weights with each joint's given to the \
+                      generated joint nearest to it; the rules see the same skeleton and the joints that the model \
+                      gave codes. given: on the true skeleton; the auto-encoder's row has the codes of the true weights."
+            .into();
+        table
+    }
+}

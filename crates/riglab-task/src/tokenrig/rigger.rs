@@ -1,0 +1,287 @@
+//! The model at work: a mesh comes in, a skeleton and weights come out.
+
+use std::path::Path;
+use std::sync::Arc;
+
+use riglab_core::{DecodeRule, Mesh, Rig, Segment, Skeleton, SkinWeights};
+use riglab_geom::CloudSampler;
+use riglab_nn::generate::{GenerateConfig, Grammar as Rules, argmax, draw, log_softmax, rows, softmax};
+use riglab_nn::params::{Builder, Params, Weights};
+use riglab_nn::tokenrig::{Layout, Reader, TokenRig};
+use riglab_random::{Stream, stream};
+use riglab_token::{DecodeFault, Decoded, Grammar, Limits, Mask, RigGrammar, SkinIds, SkinRule, Tokenizer};
+use tch::{Device, Kind, Tensor};
+
+use super::config::TokenRigTaskConfig;
+use super::sample::joints_told;
+use crate::fsq_cvae::{Frozen, Point, Prepared};
+use crate::unirig_skeleton::Batch as Shapes;
+use crate::unirig_skeleton::batch::shape;
+use crate::unirig_skeleton::shape_tensors;
+
+/// Network, tokenizer and frozen auto-encoder.
+pub struct Rigger {
+    pub(super) config: TokenRigTaskConfig,
+    pub(super) tokenizer: Tokenizer,
+    pub(super) net: TokenRig,
+    pub(super) params: Params,
+    pub(super) vae: Arc<Frozen>,
+    pub(super) device: Device,
+}
+
+/// A rig as it was drawn, in the cube.
+#[derive(Clone, Debug)]
+pub struct Drawn {
+    /// Ids of the skeleton, with its end.
+    pub skeleton: Vec<u32>,
+    /// What they say.
+    pub decoded: Result<Decoded, DecodeFault>,
+    /// Of each joint its codes; `None` where it moves nothing.
+    pub codes: Vec<Option<Vec<i64>>>,
+    /// The sum of log-probabilities of what was drawn, and of how many tokens.
+    pub likelihood: (f64, usize),
+}
+
+/// The grammar of whole rigs, for a decoder.
+#[derive(Clone)]
+struct Strict {
+    grammar: RigGrammar<Grammar>,
+    end: u32,
+}
+
+impl Rules for Strict {
+    fn allowed(&self) -> Vec<u64> {
+        let mut mask = Mask::none(self.grammar.len());
+        self.grammar.allowed(&mut mask);
+        mask.words().to_vec()
+    }
+
+    fn accept(&mut self, id: u32) {
+        self.grammar.accept(id);
+    }
+
+    fn ends(&self, id: u32) -> bool {
+        id == self.end
+    }
+}
+
+impl Rigger {
+    /// With the network's starting weights; the config was validated.
+    ///
+    /// # Errors
+    /// A sentence: impossible sizes, or an auto-encoder with too few codes.
+    pub fn new(config: TokenRigTaskConfig, vae: Arc<Frozen>, device: Device) -> Result<Self, String> {
+        let most = vae.config().model.skin_tokens;
+        if config.skin.codes > most {
+            let codes = config.skin.codes;
+            return Err(format!("skin.codes = {codes}, but the auto-encoder was trained with {most} at most"));
+        }
+        let tokenizer = Tokenizer::new(config.tokenizer.clone());
+        let layout = Layout::new(tokenizer.vocabulary().len(), vae.levels(), config.model.head);
+        let mut builder = Builder::default();
+        let net = TokenRig::new(builder.root(), &config.model, &layout, config.skin.codes);
+        let params = builder.finish(config.train.seed, Kind::Float, device).map_err(|e| e.to_string())?;
+        Ok(Self { config, tokenizer, net, params, vae, device })
+    }
+
+    /// The auto-encoder of a config.
+    ///
+    /// # Errors
+    /// As [`Frozen::open`].
+    pub fn auto_encoder(config: &TokenRigTaskConfig, device: Device) -> Result<Arc<Frozen>, String> {
+        if config.skin.run.as_os_str().is_empty() {
+            return Err(
+                "skin.run names no auto-encoder; train one with `riglab train quickstart/fsq_cvae.toml` and give its \
+                        folder with --set skin.run=runs/fsq_cvae/001"
+                    .into(),
+            );
+        }
+        Frozen::open(Path::new(&config.skin.run), device).map(Arc::new)
+    }
+
+    /// Its settings.
+    pub fn config(&self) -> &TokenRigTaskConfig {
+        &self.config
+    }
+
+    /// Its parameters.
+    pub fn params(&self) -> &Params {
+        &self.params
+    }
+
+    /// The tokenizer of its skeletons.
+    pub fn tokenizer(&self) -> &Tokenizer {
+        &self.tokenizer
+    }
+
+    /// The auto-encoder.
+    pub fn vae(&self) -> &Frozen {
+        &self.vae
+    }
+
+    /// Reads the shapes of meshes in the cube, [b, p, d]; `keys` seed the points.
+    pub fn condition(&self, w: &Weights, meshes: &[(&Mesh, u64)]) -> Tensor {
+        let _no_grad = tch::no_grad_guard();
+        let (c, mut batch) = (&self.config, Shapes::default());
+        for (mesh, key) in meshes {
+            let mut random = stream(c.eval.seed, "skeleton evaluation", &[*key]);
+            let sampler = CloudSampler::new(mesh, &c.sampling.cloud);
+            shape(&c.sampling.cloud, &c.model.shape, &sampler, &mut random, &mut batch);
+        }
+        let (cloud, picks) = shape_tensors(&batch, c.sampling.cloud.points, c.model.shape.tokens, self.device);
+        self.net.condition(w, &cloud, &picks)
+    }
+
+    /// Draws a sequence after each prompt; all prompts are of one length, and `prefix` [b, p, d] is of one shape or of
+    /// as many as there are prompts. `streams`: one a prompt.
+    ///
+    /// # Errors
+    /// When a prompt is no beginning of a sequence.
+    pub fn draw(
+        &self,
+        w: &Weights,
+        prefix: &Tensor,
+        prompts: &[Vec<u32>],
+        how: &GenerateConfig,
+        streams: &mut [Stream],
+    ) -> Result<Vec<Drawn>, String> {
+        let _no_grad = tch::no_grad_guard();
+        let (c, layout, vocabulary) = (&self.config, self.net.layout(), self.tokenizer.vocabulary());
+        let tokens = c.limits.tokens.min(how.tokens.saturating_add(1)).max(prompts.first().map_or(0, Vec::len));
+        let grammar = Grammar::new(&self.tokenizer, Limits { tokens, ..c.limits }, c.eval.parents);
+        let skin = SkinIds {
+            parts: layout.ranges(),
+            end: layout.drawn_end(),
+            empty: c.skin.empty.then(|| layout.drawn_empty()),
+            codes: c.skin.codes,
+            len: layout.drawn(),
+        };
+        let strict = Strict {
+            grammar: RigGrammar::new(grammar, vocabulary.eos(), skin, SkinRule::Exact),
+            end: layout.drawn_end(),
+        };
+        let grammars: Vec<Strict> = prompts
+            .iter()
+            .map(|prompt| {
+                let mut own = strict.clone();
+                let mut mask = Mask::none(layout.drawn());
+                for &id in prompt {
+                    own.grammar.allowed(&mut mask);
+                    if !mask.allows(id) {
+                        return Err("the given skeleton is no beginning of a sequence of this model".to_string());
+                    }
+                    own.grammar.accept(id);
+                }
+                Ok(own)
+            })
+            .collect::<Result<_, _>>()?;
+        let joints = |ids: &[u32]| match self.tokenizer.decode(ids) {
+            Ok(d) => joints_told(&d.joints, &d.parents),
+            Err(_) => Vec::new(),
+        };
+        let room = c.longest();
+        let started = Reader::start(&self.net, w, prefix, prompts, (room, vocabulary.eos()), &joints);
+        let (mut reader, first) = started.ok_or("a prompt ends within a code")?;
+        let config = GenerateConfig { tokens: room, ..how.clone() };
+        let mut likelihood = vec![(0.0, 0); prompts.len()];
+        let all = rows(&mut reader, first, grammars, &config, |row, _, scores| {
+            let id = if config.sample { draw(&softmax(scores), &mut streams[row]) } else { argmax(scores) };
+            let mut own = scores.to_vec();
+            log_softmax(&mut own);
+            likelihood[row].0 += f64::from(own[id as usize]);
+            likelihood[row].1 += 1;
+            id
+        });
+        let whole = all.into_iter().zip(prompts).zip(likelihood).map(|((own, prompt), likelihood)| {
+            let drawn: Vec<u32> = prompt.iter().copied().chain(own).collect();
+            self.said(&drawn, likelihood)
+        });
+        Ok(whole.collect())
+    }
+
+    /// What a whole sequence says.
+    fn said(&self, drawn: &[u32], likelihood: (f64, usize)) -> Drawn {
+        let (layout, c) = (self.net.layout(), &self.config);
+        let eos = self.tokenizer.vocabulary().eos();
+        let end = drawn.iter().position(|&id| id == eos).map_or(drawn.len(), |at| at + 1);
+        let (skeleton, skin) = drawn.split_at(end);
+        let decoded = self.tokenizer.decode(skeleton);
+        let ids = layout.ids(skin).unwrap_or_default();
+        let mut codes = Vec::new();
+        let mut left = ids.as_slice();
+        for _ in 0..decoded.as_ref().map_or(0, |d| d.joints.len()) {
+            codes.push(match left.split_first() {
+                Some((&first, rest)) if first == layout.empty() => {
+                    left = rest;
+                    None
+                }
+                _ => left.split_at_checked(c.skin.codes).map(|(own, rest)| {
+                    left = rest;
+                    own.iter().map(|id| id - layout.code(0)).collect()
+                }),
+            });
+        }
+        Drawn { skeleton: skeleton.to_vec(), decoded, codes, likelihood }
+    }
+
+    /// The prompt from which a skeleton is drawn freely.
+    pub fn free(&self) -> Vec<u32> {
+        vec![self.tokenizer.vocabulary().bos()]
+    }
+
+    /// Weights of a mesh in the cube by the codes of a skeleton's joints: cut, the four largest kept, normalised. A
+    /// vertex that no joint claims goes to the nearest bone. `key` seeds the points of its shape.
+    ///
+    /// # Errors
+    /// When mesh and skeleton make no rig.
+    pub fn skin(
+        &self,
+        mesh: &Mesh,
+        skeleton: &Skeleton,
+        codes: &[Option<Vec<i64>>],
+        key: u64,
+    ) -> Result<SkinWeights, String> {
+        let _no_grad = tch::no_grad_guard();
+        let n = mesh.positions().len();
+        let at_root = SkinWeights::normalized((0..n).map(|_| [(0, 1.0)]));
+        let bare = at_root.and_then(|w| Rig::new(skeleton.clone(), mesh.clone(), w)).map_err(|e| e.to_string())?;
+        let prepared = Prepared::of(String::new(), bare, false);
+        let all = skeleton.segments();
+        let claimed: Vec<usize> = (0..skeleton.len()).filter(|&j| codes.get(j).is_some_and(Option::is_some)).collect();
+        let segments: Vec<Vec<Segment>> = claimed.iter().map(|&j| all[j].clone()).collect();
+        let points: Vec<Point> = (0..n as u32).map(|v| prepared.vertex(v)).collect();
+        let mut raw = self.vae.with(|coder| {
+            let mut random = stream(self.config.eval.seed, "skin evaluation", &[key]);
+            let shape = coder.shape(&prepared, &mut random);
+            let ids: Vec<i64> = claimed.iter().flat_map(|&j| codes[j].iter().flatten().copied()).collect();
+            if ids.is_empty() {
+                return Vec::new();
+            }
+            let ids = Tensor::from_slice(&ids).view([claimed.len() as i64, -1]).to_device(self.device);
+            let values = coder.net.fsq().codes(&ids, Kind::Float);
+            coder.decode(&shape, &values, &points, &segments)
+        });
+        let rule = DecodeRule { cut: self.config.eval.cut, influences: 4 };
+        let m = claimed.len();
+        if m > 0 {
+            raw.chunks_exact_mut(m).for_each(|row| rule.apply(row));
+        }
+        let rows = (0..n).map(|v| {
+            let row = if m > 0 { &raw[v * m..(v + 1) * m] } else { &[] };
+            let held = row.iter().zip(&claimed).filter(|(w, _)| **w > 0.0);
+            let mut own: Vec<(u16, f64)> = held.map(|(w, &j)| (j as u16, f64::from(*w))).collect();
+            if own.is_empty() {
+                own.push((nearest(&all, mesh.positions()[v]) as u16, 1.0));
+            }
+            own
+        });
+        SkinWeights::normalized(rows).map_err(|e| e.to_string())
+    }
+}
+
+/// The joint whose bones are nearest to a point.
+fn nearest(segments: &[Vec<Segment>], p: riglab_core::Vec3) -> usize {
+    let distance = |s: &Vec<Segment>| s.iter().map(|s| s.distance(p)).fold(f32::INFINITY, f32::min);
+    let best = (0..segments.len()).min_by(|&a, &b| distance(&segments[a]).total_cmp(&distance(&segments[b])));
+    best.unwrap_or(0)
+}
