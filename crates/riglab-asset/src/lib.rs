@@ -41,6 +41,7 @@ mod nearest;
 mod obj;
 mod peers;
 mod reading;
+pub mod rigging;
 mod skeletons;
 mod triangles;
 mod warning;

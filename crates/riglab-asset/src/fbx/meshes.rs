@@ -19,10 +19,10 @@ use crate::{Binding, Fault, Part, Place, ReadJoint, VertexSet, Warning};
 const MAX_INFLUENCES: u32 = 256;
 
 /// Polygons of more corners are cut as fans: cutting them well takes time that grows with the square.
-const MAX_POLYGON: u32 = 1 << 12;
+pub(super) const MAX_POLYGON: u32 = 1 << 12;
 
 /// How a mesh hangs on the skeleton.
-enum Hold<'a> {
+pub(super) enum Hold<'a> {
     Skin(&'a Skin),
     Joint(u16, DAffine3),
     Free(DAffine3),
@@ -117,7 +117,7 @@ pub(super) fn read(
     Ok((sets, parts))
 }
 
-fn hold<'a>(nodes: &Nodes<'_>, joints: &'a Joints, node: usize, mesh: &Mesh) -> Hold<'a> {
+pub(super) fn hold<'a>(nodes: &Nodes<'_>, joints: &'a Joints, node: usize, mesh: &Mesh) -> Hold<'a> {
     if let Some(skin) = joints.skin(mesh.element.typed_id as usize) {
         return Hold::Skin(skin);
     }
@@ -161,7 +161,7 @@ fn triangles_of(mesh: &Mesh) -> Result<Vec<[u32; 3]>, Fault> {
     Ok(triangles)
 }
 
-fn span(face: &Face) -> Range<usize> {
+pub(super) fn span(face: &Face) -> Range<usize> {
     let start = face.index_begin as usize;
     start..start.saturating_add(face.num_indices as usize)
 }
@@ -199,7 +199,7 @@ fn rows(mesh: &Mesh, skin: &Skin, used: &[u32], repairs: &mut Repairs) -> Result
 }
 
 /// A control point at rest.
-fn point(mesh: &Mesh, place: Place, vertex: u32, map: &DAffine3) -> Result<[f32; 3], Fault> {
+pub(super) fn point(mesh: &Mesh, place: Place, vertex: u32, map: &DAffine3) -> Result<[f32; 3], Fault> {
     let p = mesh.vertices[vertex as usize];
     let at = map.transform_point3(DVec3::new(p.x, p.y, p.z)).as_vec3();
     if at.is_finite() { Ok(at.into()) } else { Err(Fault::VertexNotFinite { place, vertex }) }

@@ -9,10 +9,11 @@
 //! may have normals and texture coordinates of their own, do not split them. Positions come out in metres,
 //! right-handed and y up, as the axes and the unit in the file's settings say.
 //!
-//! Not read: blend shapes, animation, materials. Files that this one refers to are not opened.
+//! Not read: blend shapes and animation, and materials only where a model is to be rigged ([`model`]). Files that this one refers to are not opened.
 
 mod joints;
 mod meshes;
+mod model;
 mod scene;
 mod write;
 
@@ -21,6 +22,7 @@ use ufbx::{AllocatorOpts, ErrorType, FileFormat, IndexErrorHandling, LoadOpts, S
 use crate::budget::Budget;
 use crate::{Fault, Reading};
 use joints::Joints;
+pub(crate) use model::model;
 use scene::Nodes;
 pub use write::to_fbx;
 
@@ -31,7 +33,7 @@ const MEMORY: usize = 10;
 const SMALL: usize = 16 << 20;
 
 pub(crate) fn read(bytes: &[u8]) -> Result<Reading, Fault> {
-    let scene = load(bytes)?;
+    let scene = load(bytes, true)?;
     let nodes = Nodes::new(&scene);
     let mut warnings = Vec::new();
     let joints = Joints::read(&scene, &nodes, &mut warnings)?;
@@ -42,8 +44,8 @@ pub(crate) fn read(bytes: &[u8]) -> Result<Reading, Fault> {
     Ok(Reading { joints: read_joints, vertex_sets, parts, origin, warnings, ..Reading::default() })
 }
 
-/// The scene of a file's bytes.
-fn load(bytes: &[u8]) -> Result<SceneRoot, Fault> {
+/// The scene of a file's bytes, with the pictures in it unless they are bare.
+fn load(bytes: &[u8], bare: bool) -> Result<SceneRoot, Fault> {
     let allocator = || AllocatorOpts {
         memory_limit: bytes.len().saturating_mul(MEMORY).max(SMALL),
         // Else ufbx takes chunks of 16 MiB where a few KiB are wanted.
@@ -56,7 +58,7 @@ fn load(bytes: &[u8]) -> Result<SceneRoot, Fault> {
         result_allocator: allocator(),
         file_format: FileFormat::Fbx,
         ignore_animation: true,
-        ignore_embedded: true,
+        ignore_embedded: bare,
         load_external_files: false,
         skip_mesh_parts: true,
         // Numbers of what is not there: told here for vertices, of no matter elsewhere.

@@ -14,6 +14,7 @@ mod finish;
 mod frames;
 mod humanoid;
 mod meshes;
+pub(crate) mod model;
 mod packed;
 mod place;
 mod references;

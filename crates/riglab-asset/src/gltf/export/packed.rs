@@ -203,7 +203,7 @@ fn pictures(draft: &mut Draft, buffers: &Buffers<'_>, notes: &mut Vec<ExportNote
 }
 
 /// By the first bytes.
-fn picture_type(bytes: &[u8]) -> Option<&'static str> {
+pub(super) fn picture_type(bytes: &[u8]) -> Option<&'static str> {
     if bytes.starts_with(b"RIFF") && bytes.get(8..12) == Some(b"WEBP") {
         return Some("image/webp");
     }

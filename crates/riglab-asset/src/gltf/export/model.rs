@@ -1,0 +1,160 @@
+//! A document of a model that comes from another format: surfaces with their looks, and no rig.
+
+use serde_json::{Value, json};
+
+use super::draft::{ARRAY, Draft, ELEMENTS, F32, Layout, U32, VEC4};
+use super::packed::picture_type;
+
+/// What other formats say of a model.
+#[derive(Debug, Default)]
+pub(crate) struct Model {
+    pub(crate) name: String,
+    pub(crate) objects: Vec<Object>,
+    pub(crate) looks: Vec<Look>,
+    pub(crate) pictures: Vec<Picture>,
+}
+
+/// A mesh on a node of its own, in the scene's space.
+#[derive(Debug)]
+pub(crate) struct Object {
+    pub(crate) name: String,
+    pub(crate) patches: Vec<Patch>,
+}
+
+/// Triangles of one look. Lists other than positions are empty or as long as those.
+#[derive(Debug, Default)]
+pub(crate) struct Patch {
+    pub(crate) positions: Vec<[f32; 3]>,
+    /// Of unit length.
+    pub(crate) normals: Vec<[f32; 3]>,
+    /// From the upper left corner of the picture.
+    pub(crate) coordinates: Vec<[f32; 2]>,
+    pub(crate) colours: Vec<[f32; 4]>,
+    pub(crate) indices: Vec<u32>,
+    pub(crate) look: Option<usize>,
+}
+
+/// A material.
+#[derive(Clone, Debug)]
+pub(crate) struct Look {
+    pub(crate) name: String,
+    /// Linear, with alpha.
+    pub(crate) colour: [f32; 4],
+    /// Pictures, by number.
+    pub(crate) picture: Option<usize>,
+    pub(crate) normals: Option<usize>,
+    pub(crate) glow: [f32; 3],
+    pub(crate) metallic: f32,
+    pub(crate) roughness: f32,
+    /// Whether the alpha of colour and picture is to be seen.
+    pub(crate) transparent: bool,
+}
+
+impl Look {
+    /// Grey and rough.
+    pub(crate) fn plain(name: &str) -> Self {
+        Self {
+            name: name.into(),
+            colour: [0.8, 0.8, 0.8, 1.0],
+            picture: None,
+            normals: None,
+            glow: [0.0; 3],
+            metallic: 0.0,
+            roughness: 0.8,
+            transparent: false,
+        }
+    }
+}
+
+/// A picture's file, of a kind that glTF knows.
+#[derive(Debug)]
+pub(crate) struct Picture {
+    pub(crate) name: String,
+    pub(crate) bytes: Vec<u8>,
+}
+
+/// Whether glTF without extensions can hold a picture.
+pub(crate) fn is_picture(bytes: &[u8]) -> bool {
+    matches!(picture_type(bytes), Some("image/png" | "image/jpeg"))
+}
+
+impl Model {
+    /// As a GLB; its length where that is more than the format can say.
+    pub(crate) fn into_glb(self) -> Result<Vec<u8>, usize> {
+        let generator = concat!("riglab ", env!("CARGO_PKG_VERSION"));
+        let mut draft = Draft::new(json!({"asset": {"version": "2.0", "generator": generator}, "scene": 0}));
+        for picture in &self.pictures {
+            let view = draft.view(&picture.bytes, None, None);
+            let kind = picture_type(&picture.bytes);
+            let image = draft.push("images", json!({"name": picture.name, "bufferView": view, "mimeType": kind}));
+            draft.push("textures", json!({"source": image, "sampler": 0}));
+        }
+        if !self.pictures.is_empty() {
+            // Repeated, with mipmaps: what OBJ and FBX mean where they say nothing.
+            draft.push("samplers", json!({"wrapS": 10497, "wrapT": 10497, "minFilter": 9987, "magFilter": 9729}));
+        }
+        for look in &self.looks {
+            draft.push("materials", material(look));
+        }
+        let mut roots = Vec::with_capacity(self.objects.len());
+        for object in &self.objects {
+            let patches: Vec<Value> = object.patches.iter().map(|patch| primitive(&mut draft, patch)).collect();
+            let mesh = draft.push("meshes", json!({"name": object.name, "primitives": patches}));
+            roots.push(draft.push("nodes", json!({"name": object.name, "mesh": mesh})));
+        }
+        let mut scene = json!({"nodes": roots});
+        if !self.name.is_empty() {
+            scene["name"] = json!(self.name);
+        }
+        draft.push("scenes", scene);
+        draft.into_glb()
+    }
+}
+
+fn primitive(draft: &mut Draft, patch: &Patch) -> Value {
+    let mut attributes = json!({"POSITION": draft.vectors(&patch.positions, true, Some(ARRAY))});
+    if !patch.normals.is_empty() {
+        attributes["NORMAL"] = json!(draft.vectors(&patch.normals, false, Some(ARRAY)));
+    }
+    if !patch.coordinates.is_empty() {
+        let layout = Layout { component: F32, shape: "VEC2", size: 8 };
+        attributes["TEXCOORD_0"] = json!(floats(draft, patch.coordinates.as_flattened(), layout));
+    }
+    if !patch.colours.is_empty() {
+        attributes["COLOR_0"] = json!(floats(draft, patch.colours.as_flattened(), VEC4));
+    }
+    let corners: Vec<u8> = patch.indices.iter().flat_map(|v| v.to_le_bytes()).collect();
+    let layout = Layout { component: U32, shape: "SCALAR", size: 4 };
+    let mut own = json!({"attributes": attributes, "indices": draft.accessor(&corners, layout, Some(ELEMENTS))});
+    if let Some(look) = patch.look {
+        own["material"] = json!(look);
+    }
+    own
+}
+
+fn floats(draft: &mut Draft, all: &[f32], layout: Layout) -> usize {
+    let bytes: Vec<u8> = all.iter().flat_map(|x| x.to_le_bytes()).collect();
+    draft.accessor(&bytes, layout, Some(ARRAY))
+}
+
+fn material(look: &Look) -> Value {
+    let mut surface = json!({
+        "baseColorFactor": look.colour,
+        "metallicFactor": look.metallic,
+        "roughnessFactor": look.roughness,
+    });
+    if let Some(picture) = look.picture {
+        surface["baseColorTexture"] = json!({"index": picture});
+    }
+    let mut all = json!({"name": look.name, "pbrMetallicRoughness": surface});
+    if let Some(picture) = look.normals {
+        all["normalTexture"] = json!({"index": picture});
+    }
+    if look.glow != [0.0; 3] {
+        all["emissiveFactor"] = json!(look.glow);
+    }
+    if look.transparent {
+        all["alphaMode"] = json!("BLEND");
+    }
+    all
+}

@@ -1,0 +1,161 @@
+//! What looks wrong with a model: told, not mended, but for the facing of what is looked at.
+
+use glam::DVec3;
+use riglab_core::Mesh;
+
+use super::pieces::{Piece, corners};
+use super::{SubjectNote, UpAxis};
+
+/// From this share of the largest area on, a group of pieces may be a character.
+const LARGE: f64 = 0.3;
+/// Gaps wider than this share of the whole part characters.
+const GAP: f64 = 0.05;
+/// A model that stands on something has its lowest point this near to 0, as a share of its height.
+const STANDS: f64 = 0.02;
+
+/// What may be doubted of a model that should have y up.
+pub(super) fn doubts(mesh: &Mesh, pieces: &[Piece], notes: &mut Vec<SubjectNote>) {
+    let flat = (0..mesh.triangles().len() as u32).filter(|&t| {
+        let [a, b, c] = corners(mesh, t);
+        (b - a).cross(c - a) == DVec3::ZERO
+    });
+    let flat = flat.count();
+    if flat > 0 {
+        notes.push(SubjectNote::Flat { triangles: flat });
+    }
+    let (low, high) = bounds(pieces);
+    if let Some(axis) = lies(mesh, low, high) {
+        notes.push(SubjectNote::LiesDown { axis });
+    }
+    let groups = characters(pieces, (high - low).length());
+    if groups > 1 {
+        notes.push(SubjectNote::StandApart { groups });
+    }
+}
+
+fn bounds(pieces: &[Piece]) -> (DVec3, DVec3) {
+    pieces.iter().fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(low, high), p| (low.min(p.low), high.max(p.high)))
+}
+
+/// The axis that seems to point up, where that is not y.
+///
+/// A symmetric body says nothing of what is up: both y and z lie in its plane. What says something is where
+/// models stand: on their origin, with most of the body above it. A model that stands so along z, is taller than it is
+/// deep that way, and lies in the middle of y, was hardly made with y up. Models that float, and those that
+/// were centred, are not told.
+fn lies(mesh: &Mesh, low: DVec3, high: DVec3) -> Option<UpAxis> {
+    let size = high - low;
+    let on_origin = |axis: usize| low[axis].abs() <= STANDS * size[axis] && size[axis] > 0.0;
+    let about_origin = |axis: usize| (low[axis] + high[axis]).abs() <= 0.5 * size[axis];
+    let tall = size[2] > 1.3 * size[1];
+    if !(on_origin(2) && tall && about_origin(1) && about_origin(0) && !on_origin(1)) {
+        return None;
+    }
+    // Feet: what touches the ground is less than a body that lies on its side shows.
+    let near = mesh.positions().iter().filter(|p| f64::from(p[2]) - low.z <= STANDS * size.z).count();
+    (near >= 3).then_some(UpAxis::Z)
+}
+
+/// How many large groups of pieces stand apart. Pieces whose boxes are nearer than a gap are of one group.
+fn characters(pieces: &[Piece], diagonal: f64) -> usize {
+    let gap = DVec3::splat(0.5 * GAP * diagonal);
+    let mut groups: Vec<(DVec3, DVec3, f64)> = pieces.iter().map(|p| (p.low - gap, p.high + gap, p.area)).collect();
+    // Most files have few pieces; of those with thousands, small ones are left to the large.
+    groups.sort_by(|a, b| b.2.total_cmp(&a.2));
+    groups.truncate(256);
+    loop {
+        let touch = |a: &(DVec3, DVec3, f64), b: &(DVec3, DVec3, f64)| a.0.cmple(b.1).all() && b.0.cmple(a.1).all();
+        let pair = (0..groups.len())
+            .find_map(|i| (i + 1..groups.len()).find(|&j| touch(&groups[i], &groups[j])).map(|j| (i, j)));
+        let Some((i, j)) = pair else { break };
+        let (low, high, area) = groups.remove(j);
+        let own = &mut groups[i];
+        *own = (own.0.min(low), own.1.max(high), own.2 + area);
+    }
+    let most = groups.iter().map(|g| g.2).fold(0.0, f64::max);
+    groups.iter().filter(|g| g.2 >= LARGE * most && most > 0.0).count()
+}
+
+/// The mesh with closed surfaces that face inwards turned round; tells how many triangles, if any.
+///
+/// Pieces inside others, as the inside of a mouth is, face inwards for good reason and are left: turned is what
+/// is at least half as large as the largest closed piece.
+pub(super) fn facing_out(mesh: Mesh, pieces: &[Piece], notes: &mut Vec<SubjectNote>) -> Mesh {
+    let largest = pieces.iter().filter_map(|p| p.volume).map(f64::abs).fold(0.0, f64::max);
+    let turned: Vec<u32> = pieces
+        .iter()
+        .filter(|p| p.volume.is_some_and(|v| v < -0.5 * largest))
+        .flat_map(|p| p.triangles.iter().copied())
+        .collect();
+    if turned.is_empty() {
+        return mesh;
+    }
+    notes.push(SubjectNote::InsideOut { triangles: turned.len(), of: mesh.triangles().len() });
+    let (positions, mut triangles) = mesh.clone().into_parts();
+    for t in turned {
+        triangles[t as usize].swap(1, 2);
+    }
+    Mesh::new(positions, triangles).unwrap_or(mesh)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::pieces::{pieces, tests::tetrahedron};
+    use super::super::twins;
+    use super::*;
+
+    fn notes(mesh: &Mesh) -> Vec<SubjectNote> {
+        let mut notes = Vec::new();
+        let pieces = pieces(mesh, &twins(mesh.positions()));
+        doubts(mesh, &pieces, &mut notes);
+        facing_out(mesh.clone(), &pieces, &mut notes);
+        notes
+    }
+
+    fn both(a: (Vec<[f32; 3]>, Vec<[u32; 3]>), b: (Vec<[f32; 3]>, Vec<[u32; 3]>)) -> Mesh {
+        let from = a.0.len() as u32;
+        let triangles = a.1.into_iter().chain(b.1.into_iter().map(|t| t.map(|v| v + from))).collect();
+        Mesh::new([a.0, b.0].concat(), triangles).unwrap()
+    }
+
+    #[test]
+    fn two_that_stand_apart_are_told_and_a_hat_is_not() {
+        let of = |x: f32, size: f32| notes(&both(tetrahedron([0.0; 3], 1.0), tetrahedron([x, 0.0, 0.0], size)));
+        assert_eq!(of(3.0, 1.0), [SubjectNote::StandApart { groups: 2 }]);
+        assert!(of(3.0, 0.2).is_empty() && of(1.01, 1.0).is_empty());
+    }
+
+    #[test]
+    fn what_faces_inwards_is_turned_and_an_inner_shell_is_not() {
+        let inwards = |mut of: (Vec<[f32; 3]>, Vec<[u32; 3]>)| {
+            of.1.iter_mut().for_each(|t| t.swap(1, 2));
+            of
+        };
+        let out = both(inwards(tetrahedron([0.0; 3], 1.0)), tetrahedron([0.1; 3], 0.1));
+        assert_eq!(notes(&out), [SubjectNote::InsideOut { triangles: 4, of: 8 }]);
+        assert!(notes(&both(tetrahedron([0.0; 3], 1.0), inwards(tetrahedron([0.1; 3], 0.1)))).is_empty());
+    }
+
+    #[test]
+    fn a_figure_that_stands_on_z_is_told_and_one_on_y_is_not() {
+        // Two legs of four corners each on the ground and a head, thin across.
+        let mut points = Vec::new();
+        for x in [-0.5, -0.2, 0.2, 0.5] {
+            points.extend([[x, -0.1, 0.0], [x, 0.1, 0.0]]);
+        }
+        points.extend([[0.0, 0.0, 2.0], [0.1, 0.1, 2.0]]);
+        let triangles = vec![[0, 1, 8], [2, 3, 8], [4, 5, 9], [6, 7, 9]];
+        let standing = |axis: UpAxis| {
+            let at = points.iter().map(|p| axis.to_y(*p)).collect();
+            notes(&Mesh::new(at, triangles.clone()).unwrap())
+        };
+        assert!(standing(UpAxis::Y).contains(&SubjectNote::LiesDown { axis: UpAxis::Z }));
+        assert!(!standing(UpAxis::Z).iter().any(|n| matches!(n, SubjectNote::LiesDown { .. })));
+    }
+
+    #[test]
+    fn triangles_without_area_are_counted() {
+        let mesh = Mesh::new(vec![[0.0; 3], [1.0; 3], [2.0; 3], [0.0, 1.0, 0.0]], vec![[0, 1, 2], [0, 1, 3]]).unwrap();
+        assert_eq!(notes(&mesh), [SubjectNote::Flat { triangles: 1 }]);
+    }
+}

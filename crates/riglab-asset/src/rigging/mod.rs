@@ -1,0 +1,34 @@
+//! A model in, the same model with a rig out: all of rigging that is not the making of the rig.
+//!
+//! [`Subject`] reads a model, rigged or not, of any format: one mesh with y up, and the document it came from. Whoever
+//! makes a skeleton and weights for that mesh (a network, a template, a person) hands them to
+//! [`Subject::attach`], which writes the document again with them; [`preview`](crate::export::preview) adds a
+//! motion that bends every joint, to see whether the rig works.
+//!
+//! The one idea: **every model is a document first.** A glTF is one. A rig that is in it is taken out, an OBJ or FBX
+//! is made into one, and from there on there is one way: import, attach.
+//!
+//! Holds: the input file is never changed; the mesh is in the file's own units, so that whoever normalises it
+//! loses nothing; a turn of axes rounds nothing; what was written reads back with the joints and weights that were
+//! attached.
+//!
+//! Leaves out: what a good rig is.
+
+mod beside;
+mod doubts;
+#[cfg(feature = "fbx")]
+mod fbx;
+mod normals;
+mod note;
+mod obj;
+mod pieces;
+mod seams;
+mod subject;
+mod up;
+
+#[cfg(feature = "fbx")]
+pub(crate) use normals::complete as complete_normals;
+pub use note::SubjectNote;
+pub use seams::{agreed, twins};
+pub use subject::{Origin, Subject, SubjectOptions};
+pub use up::UpAxis;

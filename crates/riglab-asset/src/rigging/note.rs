@@ -1,0 +1,75 @@
+//! What to know of a model before it is rigged.
+
+use std::fmt;
+
+use super::UpAxis;
+use crate::{ExportNote, Warning};
+
+/// Something about a model that a person may want to know. Its text is a sentence without a full stop.
+#[derive(Clone, Debug, PartialEq)]
+pub enum SubjectNote {
+    /// What the importer says.
+    Read(Warning),
+    /// What taking the old rig out says.
+    Stripped(ExportNote),
+    /// The rig of the file is not looked at.
+    RigIgnored {
+        /// How many joints it has.
+        joints: usize,
+    },
+    /// The model stands as if another axis than y were up.
+    LiesDown {
+        /// Which.
+        axis: UpAxis,
+    },
+    /// Large parts stand apart, as those of several characters do.
+    StandApart {
+        /// How many.
+        groups: usize,
+    },
+    /// Closed surfaces face inwards.
+    InsideOut {
+        /// Triangles of those.
+        triangles: usize,
+        /// Of how many.
+        of: usize,
+    },
+    /// Triangles without area.
+    Flat {
+        /// How many.
+        triangles: usize,
+    },
+    /// A file that the model names is not there, or is no PNG or JPEG picture.
+    FileMissing(String),
+}
+
+impl fmt::Display for SubjectNote {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Read(warning) => warning.fmt(f),
+            Self::Stripped(note) => note.fmt(f),
+            Self::RigIgnored { joints } => {
+                write!(f, "the file has a rig of {joints} joints already, which was taken out")
+            }
+            Self::LiesDown { axis } => write!(
+                f,
+                "the model seems to stand along {axis}, not y; if so, `--up {axis}` rigs it as it should stand"
+            ),
+            Self::StandApart { groups } => write!(
+                f,
+                "{groups} large parts stand apart, as several characters do; one skeleton is made for all: \
+                 rig them one by one if they are not one"
+            ),
+            Self::InsideOut { triangles, of } => write!(
+                f,
+                "closed surfaces face inwards ({triangles} of {of} triangles); they were turned round to be looked at, \
+                 and are written as they were"
+            ),
+            Self::Flat { triangles } => write!(f, "{triangles} triangles have no area; they stay, and say nothing"),
+            Self::FileMissing(name) => {
+                let shown: String = name.chars().take(120).collect();
+                write!(f, "`{shown}` is not beside the file, or no PNG or JPEG picture; the model is rigged without it")
+            }
+        }
+    }
+}

@@ -1,0 +1,218 @@
+//! OBJ with its materials, as a document.
+
+use std::cell::RefCell;
+use std::collections::HashMap;
+use std::path::Path;
+
+use tobj::{LoadError, LoadOptions};
+
+use super::{SubjectNote, beside};
+use crate::Fault;
+use crate::gltf::export::model::{Look, Model, Object, Patch, Picture, is_picture};
+
+/// Reads an OBJ; material libraries and pictures are looked for in `folder`, if at all. Positions stay bit
+/// for bit. Normals that are missing are the mean of the triangles around each place.
+pub(super) fn read(
+    name: &str,
+    bytes: &[u8],
+    folder: Option<&Path>,
+    notes: &mut Vec<SubjectNote>,
+) -> Result<Model, Fault> {
+    let options = LoadOptions { triangulate: true, single_index: true, ignore_points: true, ignore_lines: true };
+    let missing = RefCell::new(Vec::new());
+    let load = |lines: Vec<u8>| {
+        missing.borrow_mut().clear();
+        tobj::load_obj_buf(&mut &lines[..], &options, |library| {
+            let library = library.to_string_lossy();
+            let Some(bytes) = beside::read(folder, &library) else {
+                missing.borrow_mut().push(library.into_owned());
+                return Err(LoadError::OpenFileFailed);
+            };
+            tobj::load_mtl_buf(&mut String::from_utf8_lossy(&bytes).as_bytes())
+        })
+    };
+    // Texture coordinates and normals that do not fit are no reason to refuse the surface.
+    let loaded = load(lines(bytes, true)).or_else(|_| load(lines(bytes, false)));
+    let (models, materials) = loaded.map_err(|e| Fault::Obj(e.to_string()))?;
+    notes.extend(missing.take().into_iter().map(SubjectNote::FileMissing));
+    let mut model = Model { name: name.into(), ..Model::default() };
+    let mut pictures = Pictures { folder, known: HashMap::new(), found: Vec::new(), notes };
+    model.looks = materials.unwrap_or_default().iter().map(|material| look(material, &mut pictures)).collect();
+    model.pictures = pictures.found;
+    for part in models {
+        let patch = patch(&part)?;
+        if patch.indices.is_empty() {
+            continue;
+        }
+        // A change of material makes a part of its own, under the same name.
+        match model.objects.last_mut().filter(|object| object.name == part.name) {
+            Some(object) => object.patches.push(patch),
+            None => model.objects.push(Object { name: part.name, patches: vec![patch] }),
+        }
+    }
+    Ok(model)
+}
+
+/// The lines for tobj: valid UTF-8, without comments, and of texture coordinates the two numbers it asks for.
+fn lines(bytes: &[u8], all: bool) -> Vec<u8> {
+    let mut out = String::with_capacity(bytes.len());
+    for line in String::from_utf8_lossy(bytes).lines() {
+        let mut words = line.split_whitespace();
+        match words.next() {
+            None => {}
+            Some("vt" | "vn") if !all => {}
+            Some("vt") => {
+                let mut number = || words.next().filter(|w| w.parse::<f32>().is_ok_and(f32::is_finite)).unwrap_or("0");
+                out.push_str(&format!("vt {} {}", number(), number()));
+            }
+            Some(word) if word.starts_with('#') => {}
+            Some(_) => out.push_str(line),
+        }
+        out.push('\n');
+    }
+    out.into_bytes()
+}
+
+fn patch(part: &tobj::Model) -> Result<Patch, Fault> {
+    let mesh = &part.mesh;
+    let positions: Vec<[f32; 3]> = mesh.positions.as_chunks().0.to_vec();
+    if positions.as_flattened().iter().any(|x| !x.is_finite()) {
+        return Err(Fault::Obj(format!("object `{}` has a coordinate that is not finite", part.name)));
+    }
+    let mut indices = mesh.indices.clone();
+    indices.truncate(indices.len() / 3 * 3);
+    let count = positions.len();
+    if let Some(v) = indices.iter().find(|v| **v as usize >= count) {
+        return Err(Fault::Obj(format!("object `{}` names vertex {v} of {count}", part.name)));
+    }
+    // Where a face leaves them out, there are fewer than vertices, and whose they are is not known.
+    let whole = |list: &[f32], per: usize| list.len() == per * count && list.iter().all(|x| x.is_finite());
+    let mut coordinates: Vec<[f32; 2]> = Vec::new();
+    if whole(&mesh.texcoords, 2) {
+        coordinates.extend(mesh.texcoords.as_chunks().0.iter().map(|&[u, v]| [u, 1.0 - v]));
+    }
+    let mut colours: Vec<[f32; 4]> = Vec::new();
+    if whole(&mesh.vertex_color, 3) {
+        let one = |c: f32| c.clamp(0.0, 1.0);
+        colours.extend(mesh.vertex_color.as_chunks().0.iter().map(|&[r, g, b]| [one(r), one(g), one(b), 1.0]));
+    }
+    let own: &[f32] = if whole(&mesh.normals, 3) { &mesh.normals } else { &[] };
+    let normals = super::normals::complete(own.as_chunks().0, &positions, indices.as_chunks().0);
+    Ok(Patch { positions, normals, coordinates, colours, indices, look: mesh.material_id })
+}
+
+/// Pictures by the name that materials give them.
+struct Pictures<'a> {
+    folder: Option<&'a Path>,
+    known: HashMap<String, Option<usize>>,
+    found: Vec<Picture>,
+    notes: &'a mut Vec<SubjectNote>,
+}
+
+impl Pictures<'_> {
+    fn number(&mut self, named: Option<&String>) -> Option<usize> {
+        let named = named?;
+        if let Some(known) = self.known.get(named) {
+            return *known;
+        }
+        // Options such as `-s 2 2 2` stand before the name, which may have blanks itself.
+        let tail = |from: usize| named.split_whitespace().skip(from).collect::<Vec<_>>().join(" ");
+        let words = named.split_whitespace().count();
+        let options = if named.trim_start().starts_with('-') { 1 } else { words };
+        let bytes = beside::read(self.folder, named)
+            .or_else(|| (options..words).find_map(|from| beside::read(self.folder, &tail(from))));
+        let number = bytes.filter(|bytes| is_picture(bytes)).map(|bytes| {
+            self.found.push(Picture { name: stem(named), bytes });
+            self.found.len() - 1
+        });
+        if number.is_none() {
+            self.notes.push(SubjectNote::FileMissing(named.clone()));
+        }
+        self.known.insert(named.clone(), number);
+        number
+    }
+}
+
+/// The name of a file without folder and ending.
+pub(super) fn stem(path: &str) -> String {
+    let name = path.rsplit(['/', '\\']).next().unwrap_or_default();
+    name.rsplit_once('.').map_or(name, |(stem, _)| stem).to_owned()
+}
+
+fn look(material: &tobj::Material, pictures: &mut Pictures<'_>) -> Look {
+    let unit = |x: f32| if x.is_finite() { x.clamp(0.0, 1.0) } else { 0.0 };
+    let extra = |name: &str| material.unknown_param.get(name).and_then(|v| v.parse::<f32>().ok()).map(unit);
+    let plain = Look::plain(&material.name);
+    let picture = pictures.number(material.diffuse_texture.as_ref());
+    let normals = pictures.number(material.unknown_param.get("norm"));
+    let [r, g, b] = match (material.diffuse, picture) {
+        // Black under a picture is what exporters write that know of no factor.
+        (Some([0.0, 0.0, 0.0]) | None, Some(_)) => [1.0; 3],
+        (Some(colour), _) => colour.map(unit),
+        (None, None) => [0.8; 3],
+    };
+    // As is a file that says 0 of everything.
+    let alpha = material.dissolve.map(unit).filter(|d| *d > 0.0).unwrap_or(1.0);
+    // The width of the highlight that the exponent `Ns` stands for.
+    let shininess = material.shininess.filter(|s| s.is_finite() && *s >= 0.0);
+    let roughness = shininess.map_or(plain.roughness, |s| (2.0 / (s + 2.0)).sqrt().sqrt());
+    Look {
+        colour: [r, g, b, alpha],
+        picture,
+        normals,
+        glow: material.emissive.map_or([0.0; 3], |e| e.map(unit)),
+        metallic: extra("Pm").unwrap_or(0.0),
+        roughness: extra("Pr").unwrap_or(roughness),
+        transparent: alpha < 1.0
+            || (material.dissolve_texture.is_some() && material.dissolve_texture == material.diffuse_texture),
+        ..plain
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const QUAD: &str = "o a\nv 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nvt 0 0\nvt 1 0.25\nvt 1\nvt 0 1 0\n";
+
+    #[test]
+    fn materials_pictures_and_coordinates_are_read() {
+        let folder = tempfile::tempdir().unwrap();
+        let png = b"\x89PNG\r\n\x1a\n and so on";
+        std::fs::write(folder.path().join("skin one.png"), png).unwrap();
+        let library = "newmtl cloth\nKd 0.2 0.4 2\nNs 0\nd 0.5\nnewmtl skin\nKd 0 0 0\nmap_Kd -s 1 1 1 C:\\x\\skin one.png\n\
+            map_Bump none.png\nnorm gone.png\n";
+        std::fs::write(folder.path().join("a.mtl"), library).unwrap();
+        let text = format!("mtllib a.mtl\n{QUAD}usemtl cloth\nf 1/1 2/2 3/3\nusemtl skin\nf 1/1 3/3 4/4\n");
+        let mut notes = Vec::new();
+        let model = read("m", text.as_bytes(), Some(folder.path()), &mut notes).unwrap();
+        assert_eq!((model.objects.len(), model.objects[0].patches.len(), model.looks.len()), (1, 2, 2));
+        let [cloth, skin] = [&model.looks[0], &model.looks[1]];
+        assert_eq!((cloth.colour, cloth.roughness, cloth.transparent), ([0.2, 0.4, 1.0, 0.5], 1.0, true));
+        assert_eq!((skin.colour, skin.picture, skin.normals), ([1.0; 4], Some(0), None));
+        assert_eq!(model.pictures[0].bytes, png);
+        assert_eq!(notes, [SubjectNote::FileMissing("gone.png".into())]);
+        let first = &model.objects[0].patches[0];
+        assert_eq!(first.coordinates, [[0.0, 1.0], [1.0, 0.75], [1.0, 1.0]]);
+        assert_eq!((first.normals.as_slice(), first.look), (&[[0.0, 0.0, 1.0]; 3][..], Some(0)));
+    }
+
+    #[test]
+    fn what_does_not_fit_the_surface_is_left_out() {
+        let text = format!("mtllib none.mtl\n{QUAD}usemtl x\nf 1/1 2/99 3/3\n");
+        let mut notes = Vec::new();
+        let model = read("m", text.as_bytes(), None, &mut notes).unwrap();
+        let patch = &model.objects[0].patches[0];
+        assert!(patch.coordinates.is_empty() && patch.normals.len() == 3 && patch.look.is_none());
+        assert_eq!(notes, [SubjectNote::FileMissing("none.mtl".into())]);
+        // Colours behind positions, names in another encoding, some faces without coordinates.
+        let text = b"o caf\xe9\nv 0 0 0 1 0 0\nv 1 0 0 0 2 0\nv 0 1 0 0 0 1\nvt 0 0\nf 1 2/1 3\nf 1/1 2/1 3/1\n";
+        let model = read("m", text, None, &mut Vec::new()).unwrap();
+        let patch = &model.objects[0].patches[0];
+        assert_eq!(patch.colours[1], [0.0, 1.0, 0.0, 1.0]);
+        assert!(patch.coordinates.is_empty() || patch.coordinates.len() == patch.positions.len());
+        for broken in ["v 0 0\n", "v 0 0 nan\nv 0 0 0\nv 1 0 0\nf 1 2 3\n", "v 0 0 0\nf 1 2 3\n", "f 0 0 0\n"] {
+            assert!(matches!(read("m", broken.as_bytes(), None, &mut Vec::new()), Err(Fault::Obj(_))), "{broken}");
+        }
+    }
+}

@@ -1,0 +1,388 @@
+//! A model as input of rigging.
+
+use std::borrow::Cow;
+use std::path::{Path, PathBuf};
+
+use riglab_core::{Mesh, Rig, RigError, Skeleton, SkinWeights, Springs};
+
+use super::pieces::pieces;
+use super::{SubjectNote, UpAxis, doubts, obj, seams};
+use crate::assemble::ordered_sets;
+use crate::export::{self, ExportError, ExportOptions, Exported};
+use crate::gltf::export::model::Model;
+use crate::{Content, Fault, Format, ImportError, ImportOptions, Imported, gltf, import, import_from};
+
+/// How a model is read.
+#[derive(Clone, Debug)]
+pub struct SubjectOptions {
+    /// Whether a rig that is there stays. Then the mesh is what that rig binds, and [`Subject::rig`] gives the
+    /// rig. Else all surfaces of the file are the mesh, standing where the rest pose shows them.
+    pub keep_rig: bool,
+    /// The axis that points up.
+    pub up: UpAxis,
+    /// The most triangles.
+    pub max_triangles: usize,
+    /// How the file is read; motions are not.
+    pub import: ImportOptions,
+}
+
+impl Default for SubjectOptions {
+    fn default() -> Self {
+        let import = ImportOptions::default();
+        Self { keep_rig: false, up: UpAxis::Y, max_triangles: 5_000_000, import }
+    }
+}
+
+/// A model to be rigged: a mesh in riglab's axes (y up, as glTF), and all it takes to write the file again with a
+/// rig for that mesh.
+///
+/// Units are those of the file. Vertices that no triangle uses are left out, and so are triangles that name
+/// a vertex twice; triangles without area stay.
+#[derive(Clone, Debug)]
+pub struct Subject {
+    file: PathBuf,
+    name: String,
+    mesh: Mesh,
+    rig: Option<Rig>,
+    twins: Vec<u32>,
+    notes: Vec<SubjectNote>,
+    source: Source,
+    /// From the document's axes to the mesh's.
+    turn: UpAxis,
+}
+
+/// What is written again.
+#[derive(Clone, Debug)]
+struct Source {
+    /// A document, and the folder of what lies beside it; `None` for formats of arrays, which have no looks.
+    document: Option<(Vec<u8>, Option<PathBuf>)>,
+    /// What the importer reads of that.
+    imported: Imported,
+}
+
+/// Where a vertex of a subject comes from: numbers in the document that [`Subject::attach`] starts from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Origin {
+    /// The node that holds the mesh.
+    pub node: usize,
+    /// The first primitive of that mesh that uses the vertex.
+    pub primitive: usize,
+    /// Its number in the accessor of positions.
+    pub vertex: u32,
+}
+
+impl Subject {
+    /// Reads the model at `path`: anything riglab imports, rigged or not.
+    ///
+    /// glTF and VRM keep their document; OBJ (with its materials) and FBX become one. Formats of arrays have a
+    /// mesh and nothing else.
+    ///
+    /// ```no_run
+    /// use riglab_asset::rigging::Subject;
+    ///
+    /// let subject = Subject::read("statue.obj", &Default::default())?;
+    /// for note in subject.notes() {
+    ///     eprintln!("statue.obj: {note}");
+    /// }
+    /// println!("{} vertices", subject.mesh().positions().len());
+    /// # Ok::<(), riglab_asset::ImportError>(())
+    /// ```
+    ///
+    /// # Errors
+    /// What is wrong with the file, with its path before it; [`Fault::NoMesh`] without triangles,
+    /// [`Fault::TooLarge`] for more of them than asked for.
+    pub fn read(path: impl AsRef<Path>, options: &SubjectOptions) -> Result<Self, ImportError> {
+        let path = path.as_ref();
+        let fail = |fault| ImportError::new(&path.to_string_lossy(), fault);
+        let format = format(path).map_err(fail)?;
+        if !matches!(format, Format::Gltf | Format::Fbx | Format::Obj) {
+            return Self::of_arrays(path, options);
+        }
+        let bytes = std::fs::read(path).map_err(|e| fail(Fault::Unreadable(e.to_string())))?;
+        Self::from_bytes(path, &bytes, Some(export::folder(path)), options)
+    }
+
+    /// As [`Self::read`], with the bytes of a glTF, FBX or OBJ file; `folder` is where what belongs to it is looked
+    /// for, if at all.
+    ///
+    /// # Errors
+    /// As [`Self::read`].
+    pub fn from_bytes(
+        path: impl AsRef<Path>,
+        bytes: &[u8],
+        folder: Option<&Path>,
+        options: &SubjectOptions,
+    ) -> Result<Self, ImportError> {
+        let path = path.as_ref();
+        let fail = |fault| ImportError::new(&path.to_string_lossy(), fault);
+        let mut notes = Vec::new();
+        let mut keeps = options.import.clone();
+        keeps.clips = None;
+        let mut turn = options.up;
+        let mut rig = None;
+        let (document, beside) = match Format::of(path, bytes).map_err(fail)? {
+            Format::Gltf if options.keep_rig => (Cow::Borrowed(bytes), folder),
+            Format::Gltf => {
+                let (reading, _) = gltf::read(bytes, folder, &keeps).map_err(fail)?;
+                if reading.joints.is_empty() {
+                    (Cow::Borrowed(bytes), folder)
+                } else {
+                    notes.push(SubjectNote::RigIgnored { joints: reading.joints.len() });
+                    let bare = gltf::export::strip(bytes, folder, &reading).map_err(|e| fail(fault(e)))?;
+                    notes.extend(bare.notes.into_iter().map(SubjectNote::Stripped));
+                    (Cow::Owned(bare.bytes), None)
+                }
+            }
+            format => {
+                let mut model = match format {
+                    Format::Obj => obj::read(&stem(path), bytes, folder, &mut notes).map_err(fail)?,
+                    #[cfg(feature = "fbx")]
+                    Format::Fbx => {
+                        rig = old_fbx_rig(path, bytes, options, &mut notes)?;
+                        super::fbx::read(&stem(path), bytes, folder, &mut notes).map_err(fail)?
+                    }
+                    other => return Err(fail(Fault::OtherFormat(other))),
+                };
+                stand(&mut model, options.up);
+                turn = UpAxis::Y;
+                let document = model.into_glb();
+                let too_long = |found: usize| too_large("bytes of the file as GLB", found, u32::MAX as usize);
+                (Cow::Owned(document.map_err(|found| fail(too_long(found)))?), None)
+            }
+        };
+        // All of the model, whoever it was that the old rig moved.
+        if !options.keep_rig {
+            keeps.character = None;
+        }
+        let imported = import_from(path, &document, beside, &keeps)?;
+        if let (true, Some(own)) = (options.keep_rig, imported.rig()) {
+            rig = Some(own.clone());
+        }
+        let source = Source { document: Some((document.into_owned(), beside.map(Path::to_path_buf))), imported };
+        Self::new(path, source, rig, turn, notes, options)
+    }
+
+    /// A model of a format that has no looks.
+    fn of_arrays(path: &Path, options: &SubjectOptions) -> Result<Self, ImportError> {
+        let imported = import(path, &ImportOptions { clips: None, ..options.import.clone() })?;
+        let mut notes = Vec::new();
+        let mut rig = imported.rig().cloned();
+        if let (Some(own), false) = (&rig, options.keep_rig) {
+            notes.push(SubjectNote::RigIgnored { joints: own.skeleton().len() });
+            rig = None;
+        }
+        Self::new(path, Source { document: None, imported }, rig, options.up, notes, options)
+    }
+
+    fn new(
+        path: &Path,
+        source: Source,
+        rig: Option<Rig>,
+        turn: UpAxis,
+        mut notes: Vec<SubjectNote>,
+        options: &SubjectOptions,
+    ) -> Result<Self, ImportError> {
+        let fail = |fault| ImportError::new(&path.to_string_lossy(), fault);
+        let own = source.imported.mesh();
+        let count = own.triangles().len();
+        if count > options.max_triangles {
+            return Err(fail(too_large("triangles", count, options.max_triangles)));
+        }
+        let warnings = source.imported.warnings().iter();
+        notes.extend(warnings.filter(|w| !matches!(w, crate::Warning::NoSkeleton)).cloned().map(SubjectNote::Read));
+        let mesh = turned_mesh(own, turn).map_err(|e| fail(e.into()))?;
+        let rig = match rig {
+            Some(rig) => Some(turned_rig(&rig, turn, UpAxis::to_y).map_err(|e| fail(e.into()))?),
+            None => None,
+        };
+        let twins = seams::twins(mesh.positions());
+        let pieces = pieces(&mesh, &twins);
+        doubts::doubts(&mesh, &pieces, &mut notes);
+        let mesh = doubts::facing_out(mesh, &pieces, &mut notes);
+        let name = stem(path);
+        Ok(Self { file: path.to_path_buf(), name, mesh, rig, twins, notes, source, turn })
+    }
+
+    /// The file's name without folder and ending.
+    pub fn name(&self) -> &str {
+        &self.name
+    }
+
+    /// What is to be rigged: y up, closed surfaces facing outwards.
+    pub fn mesh(&self) -> &Mesh {
+        &self.mesh
+    }
+
+    /// The rig that the file has, where it is kept. Its skeleton is in the space of [`Self::mesh`]; its mesh may
+    /// be numbered otherwise, where the file is no glTF.
+    pub fn old_rig(&self) -> Option<&Rig> {
+        self.rig.as_ref()
+    }
+
+    /// What a person may want to know before and after.
+    pub fn notes(&self) -> &[SubjectNote] {
+        &self.notes
+    }
+
+    /// See [`super::twins`]: for each vertex the first one in the same place.
+    pub fn twins(&self) -> &[u32] {
+        &self.twins
+    }
+
+    /// The weights with those of vertices in one place made one, so that no seam opens.
+    pub fn agreed(&self, weights: &SkinWeights) -> SkinWeights {
+        seams::agreed(weights, &self.twins)
+    }
+
+    /// Where each vertex comes from, by vertex of [`Self::mesh`]. Empty for formats of arrays.
+    pub fn origins(&self) -> Vec<Origin> {
+        if self.source.document.is_none() {
+            return Vec::new();
+        }
+        let reading = &self.source.imported.reading;
+        let mut all = Vec::with_capacity(self.mesh.positions().len());
+        for (number, set) in ordered_sets(reading) {
+            let parts: Vec<_> = reading.parts.iter().filter(|part| part.vertex_set == number).collect();
+            for (at, &vertex) in (0u32..).zip(&set.numbers) {
+                let uses = |part: &&&crate::Part| part.used.binary_search(&at).is_ok();
+                let part = parts.iter().find(uses).or(parts.first());
+                let (node, primitive) = part.map_or((0, 0), |part| (part.node, part.primitive));
+                all.push(Origin { node, primitive, vertex });
+            }
+        }
+        all
+    }
+
+    /// The document that a rig is attached to, where the format has looks: the file itself, or the GLB that it was
+    /// made into.
+    pub fn document(&self) -> Option<&[u8]> {
+        self.source.document.as_ref().map(|(bytes, _)| bytes.as_slice())
+    }
+
+    /// A skeleton and weights for this mesh as a rig.
+    ///
+    /// # Errors
+    /// As [`Rig::new`].
+    pub fn rigged(&self, skeleton: Skeleton, weights: SkinWeights) -> Result<Rig, RigError> {
+        Rig::new(skeleton, self.mesh.clone(), weights)
+    }
+
+    /// The model as a GLB with `rig`, which has the mesh of this subject.
+    ///
+    /// Meshes, materials, pictures, morph targets, placement and names of nodes, extras and motions of what is no
+    /// joint stay as they are, and so do the file's axes. An armature (`Armature`, with a node a joint) and one
+    /// skin are added, JOINTS_0 and WEIGHTS_0 on every primitive; points and lines go with the nearest vertex. With
+    /// the skeleton that a kept rig has (by names, tree and heads) the file's own nodes and skins stay and only weights
+    /// are written, as far as each mesh has a skin with the joints that it needs. The same subject, rig and options
+    /// give the same bytes.
+    ///
+    /// glTF ignores the transform of a node whose mesh is skinned: a mesh that its nodes do not leave where it
+    /// is stored has its vertices moved to where they were shown.
+    ///
+    /// # Errors
+    /// [`crate::ExportFault::OtherMesh`] for a rig of another mesh; what [`export::onto`] says.
+    pub fn attach(&self, rig: &Rig, options: &ExportOptions) -> Result<Exported, ExportError> {
+        let Source { document, imported } = &self.source;
+        let fail = |fault| ExportError { file: self.file.to_string_lossy().into_owned(), fault };
+        if rig.mesh() != &self.mesh {
+            let (found, wanted) = (rig.mesh().positions().len(), self.mesh.positions().len());
+            return Err(fail(crate::ExportFault::OtherMesh { found, wanted }));
+        }
+        let invalid = |e: RigError| fail(crate::ExportFault::Source(e.into()));
+        // The mesh as the document has it, and heads in its axes.
+        let back = Rig::new(
+            turned_skeleton(rig.skeleton(), self.turn, UpAxis::from_y).map_err(invalid)?,
+            imported.mesh().clone(),
+            rig.weights().clone(),
+        );
+        let back = back.and_then(|r| r.with_humanoid(rig.humanoid().clone())).map_err(invalid)?;
+        let springs = if self.turn == UpAxis::Y { rig.springs().clone() } else { Springs::default() };
+        let back = back.with_springs(springs).map_err(invalid)?;
+        match document {
+            Some((bytes, folder)) => {
+                gltf::export::onto(bytes, folder.as_deref(), imported, &back, options).map_err(fail)
+            }
+            None => gltf::export::alone(&self.name, &back, &imported.provenance, options).map_err(fail),
+        }
+    }
+}
+
+/// The format of the file at `path`.
+fn format(path: &Path) -> Result<Format, Fault> {
+    use std::io::Read;
+    let mut start = Vec::new();
+    let read = std::fs::File::open(path).and_then(|f| f.take(4096).read_to_end(&mut start));
+    read.map_err(|e| Fault::Unreadable(e.to_string()))?;
+    Format::of(path, &start)
+}
+
+fn stem(path: &Path) -> String {
+    path.file_stem().unwrap_or_default().to_string_lossy().into_owned()
+}
+
+fn too_large(what: &str, count: usize, limit: usize) -> Fault {
+    Fault::TooLarge { what: what.into(), count: count as u64, limit: limit as u64 }
+}
+
+/// What may fail where a rig is taken out, as a fault of the file.
+fn fault(of: crate::ExportFault) -> Fault {
+    match of {
+        crate::ExportFault::Source(fault) => fault,
+        crate::ExportFault::TooLong(found) => too_large("bytes of the file as GLB", found, u32::MAX as usize),
+        other => Fault::Unreadable(other.to_string()),
+    }
+}
+
+/// Turns a model that is made into a document, since a document of ours has y up.
+fn stand(model: &mut Model, up: UpAxis) {
+    for patch in model.objects.iter_mut().flat_map(|object| &mut object.patches) {
+        patch.positions.iter_mut().chain(&mut patch.normals).for_each(|v| *v = up.to_y(*v));
+    }
+}
+
+fn turned_mesh(mesh: &Mesh, up: UpAxis) -> Result<Mesh, RigError> {
+    mesh.with_positions(mesh.positions().iter().map(|p| up.to_y(*p)).collect())
+}
+
+fn turned_skeleton(
+    skeleton: &Skeleton,
+    up: UpAxis,
+    turn: fn(UpAxis, [f32; 3]) -> [f32; 3],
+) -> Result<Skeleton, RigError> {
+    skeleton.with_heads(skeleton.heads().iter().map(|p| turn(up, *p)).collect())
+}
+
+/// A rig in other axes. Springs, whose directions are told in more ways than one, go along only where nothing turns;
+/// the document keeps its own.
+fn turned_rig(rig: &Rig, up: UpAxis, turn: fn(UpAxis, [f32; 3]) -> [f32; 3]) -> Result<Rig, RigError> {
+    if up == UpAxis::Y {
+        return Ok(rig.clone());
+    }
+    let mesh = rig.mesh().with_positions(rig.mesh().positions().iter().map(|p| turn(up, *p)).collect())?;
+    let skeleton = turned_skeleton(rig.skeleton(), up, turn)?;
+    Rig::new(skeleton, mesh, rig.weights().clone())?.with_humanoid(rig.humanoid().clone())
+}
+
+/// The rig of an FBX, if it has one: kept, or told that it is not.
+#[cfg(feature = "fbx")]
+fn old_fbx_rig(
+    path: &Path,
+    bytes: &[u8],
+    options: &SubjectOptions,
+    notes: &mut Vec<SubjectNote>,
+) -> Result<Option<Rig>, ImportError> {
+    match import_from(path, bytes, None, &ImportOptions { clips: None, ..options.import.clone() }) {
+        Ok(Imported { content: Content::Rigged(rig), .. }) if options.keep_rig => Ok(Some(
+            turned_rig(&rig, options.up, UpAxis::to_y)
+                .map_err(|e| ImportError::new(&path.to_string_lossy(), e.into()))?,
+        )),
+        Ok(Imported { content: Content::Rigged(rig), .. }) => {
+            notes.push(SubjectNote::RigIgnored { joints: rig.skeleton().len() });
+            Ok(None)
+        }
+        // A rig that cannot be read is of no matter where it is not kept.
+        Ok(_) => Ok(None),
+        Err(e) if options.keep_rig => Err(e),
+        Err(_) => Ok(None),
+    }
+}

@@ -1,0 +1,279 @@
+//! Models in, the same models with a rig out: the true skeleton and weights attached to what is left when
+//! they were taken out.
+
+mod common;
+
+use std::collections::HashMap;
+use std::path::{Path, PathBuf};
+
+use riglab_asset::export::{self, ExportOptions, Influences};
+use riglab_asset::rigging::{Subject, SubjectNote, SubjectOptions, UpAxis};
+use riglab_asset::{Fault, ImportOptions, import, import_bytes};
+use riglab_core::{Rig, SkinWeights};
+use serde_json::Value;
+
+/// JSON and binary chunk.
+fn parts(bytes: &[u8]) -> (Value, Vec<u8>) {
+    let length = |at: usize| u32::from_le_bytes(bytes[at..at + 4].try_into().unwrap()) as usize;
+    let json = serde_json::from_slice(&bytes[20..20 + length(12)]).unwrap();
+    (json, bytes.get(28 + length(12)..).unwrap_or_default().to_vec())
+}
+
+/// Pictures by number, where they are in the file.
+fn pictures((json, binary): &(Value, Vec<u8>)) -> Vec<Vec<u8>> {
+    let images = json["images"].as_array().into_iter().flatten();
+    let view = |number: u64| {
+        let view = &json["bufferViews"][number as usize];
+        let at = |key: &str| view.get(key).map_or(0, |v| v.as_u64().unwrap() as usize);
+        binary[at("byteOffset")..at("byteOffset") + at("byteLength")].to_vec()
+    };
+    images.filter_map(|i| Some(view(i.get("bufferView")?.as_u64()?))).collect()
+}
+
+/// The rows of a rig for the mesh of a subject: those of a vertex in the same place, else the root's.
+fn true_rig(subject: &Subject, rig: &Rig) -> Rig {
+    let key = |p: &[f32; 3]| p.map(|x| (x + 0.0).to_bits());
+    let at: HashMap<_, _> = rig.mesh().positions().iter().enumerate().map(|(v, p)| (key(p), v)).collect();
+    let rows = subject.mesh().positions().iter().map(|p| match at.get(&key(p)) {
+        Some(&v) => rig.weights().row(v).map(|(j, w)| (j.0, f64::from(w))).collect(),
+        None => vec![(0, 1.0)],
+    });
+    let weights = SkinWeights::normalized(rows).unwrap();
+    subject.rigged(rig.skeleton().clone(), weights).unwrap().with_humanoid(rig.humanoid().clone()).unwrap()
+}
+
+/// That what was written reads back as the rig that was attached. Vertices whose weights change move by less than is
+/// seen where the joints of the file have maps that differ a little.
+fn reads_back(name: &str, bytes: &[u8], rig: &Rig, kept: bool) {
+    let back = import_bytes("back.glb", bytes, &ImportOptions::default()).unwrap();
+    let own = back.rig().unwrap_or_else(|| panic!("{name}: no rig"));
+    assert_eq!(own.skeleton(), rig.skeleton(), "{name}");
+    let unseen = 1e-6 * rig.bounds().diagonal();
+    let apart = |(a, b): (&[f32; 3], &[f32; 3])| (0..3).map(|k| (a[k] - b[k]).abs()).fold(0.0, f32::max);
+    assert_eq!(own.mesh().positions().len(), rig.mesh().positions().len(), "{name}");
+    let most = own.mesh().positions().iter().zip(rig.mesh().positions()).map(apart).fold(0.0, f32::max);
+    assert!(most <= if kept { unseen } else { 0.0 }, "{name}: {most}");
+    for v in 0..own.mesh().positions().len() {
+        let rows = [own, rig].map(|r| r.weights().row(v).map(|(j, w)| (j.0, w)).collect::<Vec<_>>());
+        let near = rows[0].iter().zip(&rows[1]).all(|(a, b)| a.0 == b.0 && (a.1 - b.1).abs() < 1e-6);
+        assert!(near && rows[0].len() == rows[1].len(), "{name}, vertex {v}: {rows:?}");
+    }
+}
+
+/// That each mesh that a node shows is skinned, and has weights wherever it has positions.
+fn every_shown_primitive_is_bound(name: &str, json: &Value) {
+    for node in json["nodes"].as_array().unwrap().iter().filter(|node| node.get("mesh").is_some()) {
+        let mesh = &json["meshes"][node["mesh"].as_u64().unwrap() as usize];
+        for attributes in mesh["primitives"].as_array().unwrap().iter().map(|p| &p["attributes"]) {
+            let count =
+                |key: &str| Some(json["accessors"][attributes[key].as_u64()? as usize]["count"].as_u64().unwrap());
+            assert!(node.get("skin").is_some(), "{name}: {node}");
+            assert_eq!(count("POSITION"), count("WEIGHTS_0"), "{name}");
+            assert_eq!(count("POSITION"), count("JOINTS_0"), "{name}");
+        }
+    }
+}
+
+fn all_influences() -> ExportOptions {
+    ExportOptions { influences: Influences::All, ..ExportOptions::default() }
+}
+
+#[test]
+fn true_rigs_of_bare_models_read_back_and_looks_stay() {
+    let mut files: Vec<PathBuf> = Vec::new();
+    if let Some(folder) = common::data("RIGLAB_RIGS", "rigs") {
+        files.extend(common::files(&folder, &["glb", "vrm"]).into_iter().step_by(4));
+    }
+    if let Some(folder) = common::data("RIGLAB_RIGS_ORIGINAL", "rigs_original") {
+        files.extend(common::files(&folder, &["glb", "vrm"]));
+    }
+    if let Some(folder) = common::data("RIGLAB_RIGS_HARD", "rigs_hard") {
+        files.extend(common::files(&folder, &["glb", "gltf", "vrm"]));
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let mut done = 0;
+    for path in files {
+        let Ok(imported) = import(&path, &ImportOptions::default()) else { continue };
+        let Some(rig) = imported.rig() else { continue };
+        let name = path.display().to_string();
+        // Bare beforehand, and with the old rig that is to be ignored.
+        let bare = folder.path().join("bare.glb");
+        let stripped = export::strip(&path, &ImportOptions::default()).unwrap();
+        std::fs::write(&bare, &stripped.bytes).unwrap();
+        for input in [&bare, &path] {
+            let before = std::fs::read(input).unwrap();
+            let subject = Subject::read(input, &SubjectOptions::default()).unwrap();
+            let rig = true_rig(&subject, rig);
+            let exported = subject.attach(&rig, &all_influences()).unwrap();
+            assert_eq!(exported, subject.attach(&rig, &all_influences()).unwrap(), "{name}");
+            reads_back(&name, &exported.bytes, &rig, false);
+            assert_eq!(std::fs::read(input).unwrap(), before, "{name}: the input is as it was");
+            if before.starts_with(b"glTF") {
+                let [before, after] = [parts(&stripped.bytes), parts(&exported.bytes)];
+                for key in ["materials", "textures", "samplers", "asset", "cameras", "extras"] {
+                    assert_eq!(before.0.get(key), after.0.get(key), "{key} of {name}");
+                }
+                assert_eq!(pictures(&before), pictures(&after), "pictures of {name}");
+            }
+            every_shown_primitive_is_bound(&name, &parts(&exported.bytes).0);
+        }
+        done += 1;
+    }
+    println!("{done} files");
+}
+
+#[test]
+fn a_kept_skeleton_stays_with_its_nodes() {
+    let Some(folder) = common::data("RIGLAB_RIGS", "rigs") else { return };
+    let file = "khronos_fox.glb";
+    let path = folder.join(file);
+    let subject = Subject::read(&path, &SubjectOptions { keep_rig: true, ..Default::default() }).unwrap();
+    let old = subject.old_rig().unwrap();
+    let rows = (0..subject.mesh().positions().len()).map(|v| [((v % 3) as u16, 1.0)]);
+    let rig = subject.rigged(old.skeleton().clone(), SkinWeights::normalized(rows).unwrap()).unwrap();
+    let exported = subject.attach(&rig, &ExportOptions::default()).unwrap();
+    reads_back(file, &exported.bytes, &rig, true);
+    let [before, after] = [std::fs::read(&path).unwrap(), exported.bytes].map(|bytes| parts(&bytes).0);
+    for key in ["nodes", "animations", "scenes"] {
+        let count = |json: &Value| json[key].as_array().map(Vec::len);
+        assert_eq!(count(&before), count(&after), "{key} of {file}");
+    }
+    assert_eq!(before["nodes"], after["nodes"], "{file}");
+}
+
+#[test]
+fn a_model_that_lies_is_rigged_as_it_stands_and_written_as_it_lies() {
+    let Some(folder) = common::data("RIGLAB_RIGS", "rigs") else { return };
+    let upright = import(folder.join("khronos_fox.glb"), &ImportOptions::default()).unwrap();
+    let rig = upright.rig().unwrap();
+    for up in UpAxis::ALL {
+        let lying = rig.mesh().positions().iter().map(|p| up.from_y(*p)).collect();
+        let lying = rig.mesh().with_positions(lying).unwrap();
+        let lying = Rig::new(rig.skeleton().clone(), lying, rig.weights().clone()).unwrap();
+        let bytes = export::alone("fox", &lying, &upright.provenance, &all_influences()).unwrap().bytes;
+        let options = SubjectOptions { up, ..SubjectOptions::default() };
+        let subject = Subject::from_bytes("fox.glb", &bytes, None, &options).unwrap();
+        assert_eq!(subject.mesh().positions(), rig.mesh().positions());
+        let attached = subject.rigged(rig.skeleton().clone(), rig.weights().clone()).unwrap();
+        let exported = subject.attach(&attached, &all_influences()).unwrap();
+        let back = import_bytes("back.glb", &exported.bytes, &ImportOptions::default()).unwrap();
+        assert_eq!(back.mesh(), lying.mesh());
+        let heads: Vec<_> = back.rig().unwrap().skeleton().heads().iter().map(|p| up.to_y(*p)).collect();
+        assert_eq!(heads, rig.skeleton().heads());
+    }
+}
+
+/// An OBJ of a rig's mesh, with coordinates, normals and two materials, in a folder.
+fn write_obj(folder: &Path, rig: &Rig) -> PathBuf {
+    use std::fmt::Write;
+    let mut text = String::from("mtllib fox.mtl\no fox\n");
+    for [x, y, z] in rig.mesh().positions() {
+        writeln!(text, "v {x} {y} {z}\nvt {x} {y}").unwrap();
+    }
+    for [x, y, z] in rig.mesh().vertex_normals() {
+        writeln!(text, "vn {x} {y} {z}").unwrap();
+    }
+    for (t, [a, b, c]) in rig.mesh().triangles().iter().map(|t| t.map(|v| v + 1)).enumerate() {
+        if t == 0 || t == rig.mesh().triangles().len() / 2 {
+            writeln!(text, "usemtl m{}", usize::from(t > 0)).unwrap();
+        }
+        writeln!(text, "f {a}/{a}/{a} {b}/{b}/{b} {c}/{c}/{c}").unwrap();
+    }
+    std::fs::write(folder.join("fox.mtl"), "newmtl m0\nKd 1 0 0\nnewmtl m1\nmap_Kd fur.png\n").unwrap();
+    std::fs::write(folder.join("fur.png"), b"\x89PNG\r\n\x1a\nfur").unwrap();
+    let path = folder.join("fox.obj");
+    std::fs::write(&path, text).unwrap();
+    path
+}
+
+#[test]
+fn an_obj_takes_its_materials_along() {
+    let Some(folder) = common::data("RIGLAB_RIGS", "rigs") else { return };
+    let fox = import(folder.join("khronos_fox.glb"), &ImportOptions::default()).unwrap();
+    let temp = tempfile::tempdir().unwrap();
+    let path = write_obj(temp.path(), fox.rig().unwrap());
+    let subject = Subject::read(&path, &SubjectOptions::default()).unwrap();
+    assert!(subject.notes().iter().all(|n| !matches!(n, SubjectNote::FileMissing(_))), "{:?}", subject.notes());
+    let rig = true_rig(&subject, fox.rig().unwrap());
+    let exported = subject.attach(&rig, &all_influences()).unwrap();
+    reads_back("fox.obj", &exported.bytes, &rig, false);
+    let after = parts(&exported.bytes);
+    assert_eq!(pictures(&after), [b"\x89PNG\r\n\x1a\nfur"]);
+    let primitives = after.0["meshes"][0]["primitives"].as_array().unwrap();
+    let looks: Vec<_> = primitives.iter().map(|p| p["material"].as_u64()).collect();
+    assert_eq!(looks, [Some(0), Some(1)]);
+    for primitive in primitives {
+        for attribute in ["POSITION", "NORMAL", "TEXCOORD_0", "JOINTS_0", "WEIGHTS_0"] {
+            assert!(primitive["attributes"][attribute].is_u64(), "{attribute}");
+        }
+    }
+    // Seams between the materials are copies of one place, and agree.
+    let twins = subject.twins();
+    let seams = twins.iter().zip(0..).filter(|(first, v)| *first != v).count();
+    assert!(seams > 0);
+    let agreed = subject.agreed(rig.weights());
+    let row = |v: usize| agreed.row(v).collect::<Vec<_>>();
+    assert!(twins.iter().enumerate().all(|(v, first)| row(v) == row(*first as usize)));
+    let origins = subject.origins();
+    assert_eq!(origins.len(), subject.mesh().positions().len());
+    assert_eq!((origins[0].node, origins[0].primitive, origins[0].vertex), (0, 0, 0));
+    assert_eq!(origins.last().unwrap().primitive, 1);
+    // z up becomes y up, in the file too.
+    let options = SubjectOptions { up: UpAxis::Z, ..SubjectOptions::default() };
+    let turned = Subject::read(&path, &options).unwrap();
+    let stood: Vec<_> = subject.mesh().positions().iter().map(|p| UpAxis::Z.to_y(*p)).collect();
+    assert_eq!(turned.mesh().positions(), stood);
+    let rig = turned.rigged(rig.skeleton().clone(), rig.weights().clone()).unwrap();
+    reads_back("turned", &turned.attach(&rig, &all_influences()).unwrap().bytes, &rig, false);
+}
+
+#[test]
+fn what_cannot_be_rigged_is_told_in_a_sentence() {
+    let fault = |name: &str, bytes: &[u8], options: &SubjectOptions| {
+        Subject::from_bytes(name, bytes, None, options).unwrap_err().fault
+    };
+    let all = SubjectOptions::default();
+    assert_eq!(fault("a.obj", b"v 0 0 0\n", &all), Fault::NoMesh);
+    assert_eq!(fault("a.gltf", br#"{"asset":{"version":"2.0"}}"#, &all), Fault::NoMesh);
+    let two = b"v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 2 3\nf 1 2 4\n";
+    let few = SubjectOptions { max_triangles: 1, ..SubjectOptions::default() };
+    assert_eq!(fault("a.obj", two, &few).to_string(), "triangles: a count of 2 is too large, the limit is 1");
+    assert!(matches!(fault("a.obj", b"", &all), Fault::Empty));
+    assert!(matches!(fault("a.png", b"\x89PNG", &all), Fault::NotAModel(_)));
+    let Some(folder) = common::data("RIGLAB_RIGS_HARD", "rigs_hard") else { return };
+    for path in common::files(&folder, &["glb", "gltf", "vrm", "obj", "fbx"]) {
+        // What is broken beyond its rig is refused, and nothing panics.
+        match Subject::read(&path, &all) {
+            Ok(subject) => assert!(!subject.mesh().triangles().is_empty()),
+            Err(e) => assert!(e.to_string().starts_with(&path.display().to_string()), "{e}"),
+        }
+    }
+    let subject = Subject::read(folder.join("warn_no_rig.obj"), &all).unwrap();
+    let other = Subject::from_bytes("a.obj", two, None, &all).unwrap();
+    let joint = riglab_core::Joint { name: "root".into(), parent: None, head: [0.0; 3] };
+    let skeleton = riglab_core::Skeleton::new(vec![joint]).unwrap();
+    let rig = other.rigged(skeleton, SkinWeights::normalized(vec![[(0, 1.0)]; 4]).unwrap()).unwrap();
+    assert!(subject.attach(&rig, &ExportOptions::default()).unwrap_err().to_string().contains("another mesh"));
+    // A rig of which nothing is bound is no hindrance.
+    let bare = Subject::read(folder.join("reject_skeleton_without_mesh.glb"), &all);
+    println!("{:?}", bare.map(|s| s.notes().to_vec()));
+}
+
+#[cfg(feature = "fbx")]
+#[test]
+fn an_fbx_is_rigged_anew_or_keeps_its_skeleton() {
+    let Some(folder) = common::data("RIGLAB_RIGS", "rigs") else { return };
+    let fox = import(folder.join("khronos_fox.glb"), &ImportOptions::default()).unwrap().into_asset().unwrap();
+    let bytes = riglab_asset::to_fbx(&fox.rig).unwrap();
+    let keep = SubjectOptions { keep_rig: true, ..SubjectOptions::default() };
+    for options in [SubjectOptions::default(), keep] {
+        let subject = Subject::from_bytes("fox.fbx", &bytes, None, &options).unwrap();
+        assert_eq!(subject.old_rig().is_some(), options.keep_rig);
+        assert_eq!(subject.mesh().triangles().len(), fox.rig.mesh().triangles().len());
+        let read = import_bytes("fox.fbx", &bytes, &ImportOptions::default()).unwrap();
+        let rig = true_rig(&subject, read.rig().unwrap());
+        let bound = (0..rig.mesh().positions().len()).filter(|&v| rig.weights().row(v).any(|(j, _)| j.0 > 0));
+        assert!(10 * bound.count() > 9 * rig.mesh().positions().len(), "vertices stand where the importer has them");
+        reads_back("fox.fbx", &subject.attach(&rig, &all_influences()).unwrap().bytes, &rig, false);
+    }
+}
