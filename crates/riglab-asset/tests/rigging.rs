@@ -6,7 +6,7 @@ mod common;
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
-use riglab_asset::export::{self, ExportOptions, Influences};
+use riglab_asset::export::{self, ExportOptions, Influences, JointFrames};
 use riglab_asset::rigging::{Subject, SubjectNote, SubjectOptions, UpAxis};
 use riglab_asset::{Fault, ImportOptions, import, import_bytes};
 use riglab_core::{Rig, SkinWeights};
@@ -257,6 +257,38 @@ fn what_cannot_be_rigged_is_told_in_a_sentence() {
     // A rig of which nothing is bound is no hindrance.
     let bare = Subject::read(folder.join("reject_skeleton_without_mesh.glb"), &all);
     println!("{:?}", bare.map(|s| s.notes().to_vec()));
+}
+
+#[test]
+fn the_preview_bends_every_joint_and_changes_nothing_else() {
+    use riglab_asset::Resample;
+    let Some(folder) = common::data("RIGLAB_RIGS", "rigs") else { return };
+    let clips = ImportOptions { clips: Some(Resample::default()), ..ImportOptions::default() };
+    for file in ["khronos_fox.glb", "quaternius_rts_archer.glb"] {
+        let subject = Subject::read(folder.join(file), &SubjectOptions::default()).unwrap();
+        let rig = import(folder.join(file), &ImportOptions::default()).unwrap();
+        let rig = true_rig(&subject, rig.rig().unwrap());
+        for frames in [JointFrames::Parallel, JointFrames::AlongBone] {
+            let options = ExportOptions { frames, ..all_influences() };
+            let bare = subject.attach(&rig, &options).unwrap().bytes;
+            let moved = export::preview(&bare).unwrap().bytes;
+            assert_eq!(moved, export::preview(&bare).unwrap().bytes);
+            let [before, after] = [&bare, &moved].map(|b| import_bytes("x.glb", b, &clips).unwrap());
+            assert_eq!(before.content, after.content);
+            let clip = after.clips.last().unwrap();
+            assert_eq!((clip.name(), after.clips.len()), ("riglab preview", before.clips.len() + 1));
+            for joint in 0..clip.joints() {
+                let turned = |frame: usize| {
+                    clip.maps()[frame * clip.joints() + joint][0][0] < 0.999
+                        || clip.maps()[frame * clip.joints() + joint][1][1] < 0.999
+                };
+                assert!((0..clip.frames()).any(turned), "joint {joint} of {file} stands still");
+            }
+        }
+    }
+    // Nothing to bend.
+    let bare = export::strip(folder.join("khronos_fox.glb"), &ImportOptions::default()).unwrap().bytes;
+    assert!(parts(&export::preview(&bare).unwrap().bytes).0.get("animations").is_none());
 }
 
 #[cfg(feature = "fbx")]

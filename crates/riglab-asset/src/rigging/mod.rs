@@ -18,6 +18,7 @@ mod beside;
 mod doubts;
 #[cfg(feature = "fbx")]
 mod fbx;
+mod names;
 mod normals;
 mod note;
 mod obj;
@@ -26,6 +27,7 @@ mod seams;
 mod subject;
 mod up;
 
+pub use names::{NameStyle, humanoid, name_joints};
 #[cfg(feature = "fbx")]
 pub(crate) use normals::complete as complete_normals;
 pub use note::SubjectNote;

@@ -10,7 +10,7 @@ use super::{SubjectNote, UpAxis, doubts, obj, seams};
 use crate::assemble::ordered_sets;
 use crate::export::{self, ExportError, ExportOptions, Exported};
 use crate::gltf::export::model::Model;
-use crate::{Content, Fault, Format, ImportError, ImportOptions, Imported, gltf, import, import_from};
+use crate::{Fault, Format, ImportError, ImportOptions, Imported, gltf, import, import_from};
 
 /// How a model is read.
 #[derive(Clone, Debug)]
@@ -372,11 +372,11 @@ fn old_fbx_rig(
     notes: &mut Vec<SubjectNote>,
 ) -> Result<Option<Rig>, ImportError> {
     match import_from(path, bytes, None, &ImportOptions { clips: None, ..options.import.clone() }) {
-        Ok(Imported { content: Content::Rigged(rig), .. }) if options.keep_rig => Ok(Some(
+        Ok(Imported { content: crate::Content::Rigged(rig), .. }) if options.keep_rig => Ok(Some(
             turned_rig(&rig, options.up, UpAxis::to_y)
                 .map_err(|e| ImportError::new(&path.to_string_lossy(), e.into()))?,
         )),
-        Ok(Imported { content: Content::Rigged(rig), .. }) => {
+        Ok(Imported { content: crate::Content::Rigged(rig), .. }) => {
             notes.push(SubjectNote::RigIgnored { joints: rig.skeleton().len() });
             Ok(None)
         }

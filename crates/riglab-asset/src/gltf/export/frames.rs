@@ -1,6 +1,6 @@
 //! How joints are turned at rest.
 
-use glam::{DAffine3, DQuat, DVec3};
+use glam::{DAffine3, DMat3, DQuat, DVec3};
 use riglab_core::Skeleton;
 
 use super::draft::Draft;
@@ -28,13 +28,24 @@ pub(super) fn of(skeleton: &Skeleton, frames: JointFrames) -> Vec<DAffine3> {
     let mut rotations: Vec<DQuat> = Vec::with_capacity(skeleton.len());
     for (joint, parent) in skeleton.parents().iter().enumerate() {
         let along = main[joint].and_then(|child| (head(child) - head(joint)).try_normalize());
-        rotations.push(match (along, parent) {
-            (Some(along), _) => DQuat::from_rotation_arc(DVec3::Y, along),
-            (None, Some(parent)) => rotations[parent.index()],
-            (None, None) => DQuat::IDENTITY,
-        });
+        let above = parent.map_or(DQuat::IDENTITY, |parent| rotations[parent.index()]);
+        rotations.push(along.map_or(above, |along| turned(along, above)));
     }
     rotations.iter().enumerate().map(|(j, q)| DAffine3::from_rotation_translation(*q, head(j))).collect()
+}
+
+/// The rotation of a bone that points along a unit vector.
+///
+/// z looks along the scene's z as far as it can: then bones that point down, as legs do, have no freedom that rounding
+/// decides, as the shortest turn from y would give them, and left and right are mirror images. Bones within 25 degrees
+/// of the scene's z go on from their parent by the shortest turn.
+fn turned(along: DVec3, above: DQuat) -> DQuat {
+    const NEAR_Z: f64 = 0.9;
+    if along.z.abs() > NEAR_Z {
+        return (DQuat::from_rotation_arc(above * DVec3::Y, along) * above).normalize();
+    }
+    let z = DVec3::Z.reject_from_normalized(along).normalize();
+    DQuat::from_mat3(&DMat3::from_cols(along.cross(z), along, z)).normalize()
 }
 
 /// Adds a node for each joint, named after it; gives the number of the first, the root's.
@@ -46,8 +57,8 @@ pub(super) fn add_joints(draft: &mut Draft, skeleton: &Skeleton, frames: &[DAffi
         let above = skeleton.parent(joint).map(|p| frames[p.index()]);
         let local = above.map_or(frame, |above| above.inverse() * frame);
         // Without turns the difference of two f32 needs no inverse, and is exact to the last bit.
-        let translation = match (skeleton.parent(joint), frame.matrix3 == glam::DMat3::IDENTITY) {
-            (Some(parent), true) if above.is_some_and(|a| a.matrix3 == glam::DMat3::IDENTITY) => {
+        let translation = match (skeleton.parent(joint), frame.matrix3 == DMat3::IDENTITY) {
+            (Some(parent), true) if above.is_some_and(|a| a.matrix3 == DMat3::IDENTITY) => {
                 let (from, to) = (skeleton.head(parent), skeleton.head(joint));
                 std::array::from_fn(|k| to[k] - from[k])
             }
@@ -90,6 +101,23 @@ pub(super) fn inverse_binds(frames: &[DAffine3]) -> Vec<u8> {
 mod tests {
     use super::*;
     use riglab_core::{Joint, JointId};
+
+    #[test]
+    fn rolls_are_steady_and_mirror_each_other() {
+        // Legs that point down but for rounding.
+        for off in [[1e-9, 0.0], [-1e-9, 1e-9], [0.0, -1e-9], [0.0, 0.0]] {
+            let z = turned(DVec3::new(off[0], -1.0, off[1]).normalize(), DQuat::IDENTITY) * DVec3::Z;
+            assert!((z - DVec3::Z).length() < 1e-6, "{z}");
+        }
+        let arm = DVec3::new(0.8, -0.6, 0.1).normalize();
+        let mirror = DVec3::new(-1.0, 1.0, 1.0);
+        let [left, right] = [arm, mirror * arm].map(|along| turned(along, DQuat::IDENTITY));
+        assert!((left * DVec3::Z * mirror - right * DVec3::Z).length() < 1e-12);
+        // A foot goes on from its shin.
+        let shin = turned(DVec3::NEG_Y, DQuat::IDENTITY);
+        let foot = turned(DVec3::new(0.0, -0.1, 1.0).normalize(), shin);
+        assert!((foot * DVec3::X - shin * DVec3::X).length() < 1e-9);
+    }
 
     #[test]
     fn bones_point_to_the_child_with_most_joints_below() {

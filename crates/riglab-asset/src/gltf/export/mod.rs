@@ -3,7 +3,7 @@
 //! A file is packed into one run of bytes ([`packed`]), looked at as the importer does ([`scene`]), and
 //! altered as JSON ([`draft`]): a rig is put in ([`bind`]), with its human bones ([`humanoid`]) and springs
 //! ([`springs`]), or taken out ([`strip`], [`remove`]). Geometry is moved into the scene only where the nodes
-//! would not leave it in its place ([`bake`], [`place`]). At the end goes what nothing names any more
+//! would not leave it in its place ([`bake`], [`place`]); a motion may be added ([`mod@preview`]). At the end goes what nothing names any more
 //! ([`finish`]). All else stays as it was read.
 
 mod animations;
@@ -17,6 +17,7 @@ mod meshes;
 pub(crate) mod model;
 mod packed;
 mod place;
+mod preview;
 mod references;
 mod remove;
 mod rows;
@@ -71,6 +72,14 @@ pub(crate) fn strip(bytes: &[u8], folder: Option<&Path>, reading: &Reading) -> R
     edit(bytes, folder, |draft, source, notes| {
         let scene = Scene::new(&source, reading, None)?.ok_or(ExportFault::OtherSource)?;
         strip::strip(draft, source.accessors, &scene, reading, notes)?;
+        Ok(())
+    })
+}
+
+/// See [`crate::export::preview`].
+pub(crate) fn preview(bytes: &[u8], folder: Option<&Path>) -> Result<Exported, ExportFault> {
+    edit(bytes, folder, |draft, source, _| {
+        preview::add(draft, source.document)?;
         Ok(())
     })
 }

@@ -1,0 +1,255 @@
+//! Which joints are the bones of a human body, by the tree and by places alone.
+
+use glam::DVec3;
+use riglab_core::{Bounds, Humanoid, JointId, Skeleton};
+
+use super::hands;
+use super::tree::Tree;
+
+/// The human bones of a skeleton with y up; `None` for what is no upright body with legs, arms and a head.
+///
+/// Names of joints are not looked at. `mesh` is the box around the mesh, which tells where the ground and the top of
+/// the head are. Which side is left is told by the feet; without toes, a body is taken to look along +z (or, where its
+/// legs stand along z, along +x).
+pub fn humanoid(skeleton: &Skeleton, mesh: Option<Bounds>) -> Option<Humanoid> {
+    let tree = Tree::new(skeleton);
+    if !(tree.size > 0.0 && tree.size.is_finite()) {
+        return None;
+    }
+    // Left and right are along x but for models that look along it.
+    [DVec3::X, DVec3::Z].into_iter().find_map(|side| Body::find(&tree, side, mesh)).map(|body| body.humanoid())
+}
+
+/// A body as found.
+struct Body {
+    bones: Vec<(String, usize)>,
+}
+
+/// A leg or an arm: joints by their names without the side.
+type Limb = Vec<(&'static str, usize)>;
+
+impl Body {
+    fn find(tree: &Tree, side: DVec3, mesh: Option<Bounds>) -> Option<Self> {
+        let lowest = tree.heads.iter().map(|h| h.y).fold(f64::INFINITY, f64::min);
+        let highest = tree.heads.iter().map(|h| h.y).fold(f64::NEG_INFINITY, f64::max);
+        let (ground, top) = mesh.map_or((lowest, highest), |b| (f64::from(b.min[1]), f64::from(b.max[1])));
+        let height = (top.max(highest) - ground.min(lowest)).max(f64::MIN_POSITIVE);
+
+        let (fork, legs) = legs(tree, side, ground.min(lowest), height)?;
+        let (chest, arms) = arms(tree, side, fork, &legs, height)?;
+        // Where the legs hang on a bone of their own beside the spine, the joint above both is the hips.
+        let hips = std::iter::successors(Some(fork), |&j| tree.parents[j]).find(|&j| tree.is_below(chest, j))?;
+        let hips = if hips == chest { return None } else { hips };
+        let spine = tree.path(hips, chest);
+
+        let mut bones: Vec<(String, usize)> = vec![("hips".into(), hips)];
+        let torso: &[usize] = &spine;
+        let names: Vec<(&str, usize)> = match *torso {
+            [] => return None,
+            [a] => vec![("spine", a)],
+            [a, b] => vec![("spine", a), ("chest", b)],
+            [a, b, .., c] => vec![("spine", a), ("chest", b), ("upperChest", c)],
+        };
+        bones.extend(names.into_iter().map(|(name, joint)| (name.to_owned(), joint)));
+        bones.extend(head(tree, side, chest, &arms, top)?.into_iter().map(|(name, joint)| (name.to_owned(), joint)));
+
+        let limbs = [legs.0, legs.1].map(|leg| leg_bones(tree, leg, ground.min(lowest)));
+        let left = left(tree, side, &limbs);
+        let is_left = |a: usize, b: usize| (tree.branches[a].end - tree.branches[b].end).dot(left) > 0.0;
+        let sides = |a: usize, b: usize| if is_left(a, b) { ["left", "right"] } else { ["right", "left"] };
+        for (prefix, limb) in sides(legs.0, legs.1).into_iter().zip(limbs) {
+            bones.extend(limb?.into_iter().map(|(name, joint)| (format!("{prefix}{name}"), joint)));
+        }
+        for (prefix, start) in sides(arms.0, arms.1).into_iter().zip([arms.0, arms.1]) {
+            bones.extend(arm_bones(tree, start)?.into_iter().map(|(name, joint)| (format!("{prefix}{name}"), joint)));
+        }
+        Some(Self { bones })
+    }
+
+    fn humanoid(self) -> Humanoid {
+        let mut humanoid = Humanoid::default();
+        for (name, joint) in self.bones {
+            if let (Ok(bone), Ok(joint)) = (name.parse(), u16::try_from(joint)) {
+                humanoid.insert(bone, JointId(joint));
+            }
+        }
+        humanoid
+    }
+}
+
+/// The joint that legs hang on, and the legs: the pair that goes down the most, of those that reach the ground.
+fn legs(tree: &Tree, side: DVec3, ground: f64, height: f64) -> Option<(usize, (usize, usize))> {
+    let mut best: Option<(f64, usize, (usize, usize))> = None;
+    for joint in 0..tree.heads.len() {
+        for (a, b) in tree.pairs(joint, side) {
+            let end = tree.branches[a].end.y.max(tree.branches[b].end.y);
+            let down = tree.heads[joint].y - end;
+            let slim = tree.branches[a].joints >= 2 && tree.branches[b].joints >= 2;
+            if slim
+                && end - ground < 0.2 * height
+                && down > 0.15 * height
+                && best.is_none_or(|(most, _, _)| down > most)
+            {
+                best = Some((down, joint, (a, b)));
+            }
+        }
+    }
+    best.map(|(_, joint, pair)| (joint, pair))
+}
+
+/// The joint that arms hang on, and the arms: a pair above the legs, of a body that stands.
+fn arms(tree: &Tree, side: DVec3, fork: usize, legs: &(usize, usize), height: f64) -> Option<(usize, (usize, usize))> {
+    let mut best: Option<(f64, usize, (usize, usize))> = None;
+    for joint in 0..tree.heads.len() {
+        if tree.is_below(joint, legs.0) || tree.is_below(joint, legs.1) {
+            continue;
+        }
+        let up = tree.heads[joint] - tree.heads[fork];
+        let along = (up - DVec3::Y * up.y).length();
+        // A body that lies has front legs there.
+        if up.y < 0.05 * height || along > up.y {
+            continue;
+        }
+        for (a, b) in tree.pairs(joint, side) {
+            if tree.branches[a].joints.min(tree.branches[b].joints) < 2 || [a, b].contains(&fork) {
+                continue;
+            }
+            let arm = tree.reach(a).min(tree.reach(b));
+            // Hands have fingers; wings, ears and hair have none.
+            let hands = tree.chain(a).iter().any(|&j| tree.is_fan(j));
+            let score = arm * if hands { 1.5 } else { 1.0 };
+            if arm > 0.12 * height && best.is_none_or(|(most, _, _)| score > most) {
+                best = Some((score, joint, (a, b)));
+            }
+        }
+    }
+    best.map(|(_, joint, pair)| (joint, pair))
+}
+
+/// Neck, head and eyes.
+fn head(tree: &Tree, side: DVec3, chest: usize, arms: &(usize, usize), top: f64) -> Option<Limb> {
+    let (at, middle) = (tree.heads[chest], tree.size * 0.08);
+    let beside = |c: usize| (tree.heads[c] - at).dot(side).abs();
+    let upward = |c: usize| tree.branches[c].end.y.max(tree.heads[c].y) - at.y;
+    // Not hair or a cape, which may have more joints: what rises, in the middle.
+    let others = tree.children[chest].iter().copied().filter(|&c| c != arms.0 && c != arms.1 && beside(c) < middle);
+    let start = others.filter(|&c| tree.heads[c].y >= at.y - 1e-3 * tree.size).max_by(|&a, &b| {
+        let key = |c: usize| upward(c).max(tree.heads[c].y - at.y);
+        key(a).total_cmp(&key(b)).then(b.cmp(&a))
+    })?;
+    let mut chain = vec![start];
+    while let [.., last] = chain[..] {
+        let own = &tree.children[last];
+        let rises = |c: &usize| tree.heads[*c].y > tree.heads[last].y && beside(*c) < middle;
+        match own.iter().copied().filter(rises).collect::<Vec<_>>()[..] {
+            // A head has much on it; below that, a neck may have a hood or a beard, but one way up.
+            [one] if own.len() == 1 || (chain.len() == 1 && tree.branches[one].joints > 1) => chain.push(one),
+            _ => break,
+        }
+    }
+    let share = |j: usize| (tree.heads[j].y - at.y) / (top - at.y).max(f64::MIN_POSITIVE);
+    // The end of the head, for those who look for its size.
+    while let [.., before, last] = chain[..] {
+        let bare = tree.children[last].is_empty();
+        if bare && (chain.len() > 2 || share(last) > 0.7 && share(before) < 0.6) && chain.len() > 1 {
+            chain.pop();
+            break;
+        }
+        break;
+    }
+    let &head = chain.last()?;
+    let mut found: Limb = vec![("head", head)];
+    if chain.len() > 1 {
+        found.push(("neck", chain[0]));
+    }
+    Some(found)
+}
+
+/// Thigh, shin, foot and toes.
+fn leg_bones(tree: &Tree, start: usize, ground: f64) -> Option<Limb> {
+    let chain = tree.chain(start);
+    let hip = tree.heads[start].y - ground;
+    let low = |j: usize| tree.heads[j].y - ground < 0.27 * hip;
+    let foot = (1..chain.len()).find(|&at| low(chain[at]));
+    let last = match foot {
+        Some(at) if at >= 2 => at,
+        // A foot at the knee's place, or none: two joints make a thigh and a shin.
+        _ => return (chain.len() >= 2).then(|| vec![("UpperLeg", chain[0]), ("LowerLeg", chain[1])]),
+    };
+    let (upper, lower) = bend(tree, &chain[..=last])?;
+    let mut found = vec![("UpperLeg", upper), ("LowerLeg", lower), ("Foot", chain[last])];
+    if let Some(&toes) = chain.get(last + 1) {
+        found.push(("Toes", toes));
+    }
+    Some(found)
+}
+
+/// Collar, arm and hand with its fingers.
+fn arm_bones(tree: &Tree, start: usize) -> Option<Limb> {
+    let mut chain = tree.chain(start);
+    if let Some(palm) = (2..chain.len()).find(|&at| tree.is_fan(chain[at])) {
+        chain.truncate(palm + 1);
+    }
+    let between = |a: usize, b: usize| tree.heads[a].distance(tree.heads[b]);
+    // Without fingers, the last joint may be no more than the end of the hand.
+    while let [.., a, b, c] = chain[..] {
+        if chain.len() < 4 || tree.is_fan(c) || between(b, c) > 0.45 * between(a, b) {
+            break;
+        }
+        chain.pop();
+    }
+    let (upper, lower) = bend(tree, &chain)?;
+    let &hand = chain.last()?;
+    let even = between(upper, lower).min(between(lower, hand)) / between(upper, lower).max(between(lower, hand));
+    // Three joints are a collar and an arm without a hand where the first bone is short.
+    let (shoulder, upper, lower, hand) = match chain[..] {
+        [a, b, c] if even < 0.5 && between(a, b) < between(b, c) => (Some(a), b, c, None),
+        [a, b] => (None, a, b, None),
+        _ => (Some(chain[0]).filter(|&first| first != upper), upper, lower, Some(hand)),
+    };
+    let mut found = vec![("UpperArm", upper), ("LowerArm", lower)];
+    found.extend(shoulder.map(|joint| ("Shoulder", joint)));
+    if let Some(hand) = hand {
+        found.push(("Hand", hand));
+        found.extend(hands::fingers(tree, hand, lower));
+    }
+    Some(found)
+}
+
+/// Where a limb begins and where it bends: of a chain to its last joint the two others that part it most evenly,
+/// with little left before.
+fn bend(tree: &Tree, chain: &[usize]) -> Option<(usize, usize)> {
+    let &last = chain.last()?;
+    if let [a, b] = chain {
+        return Some((*a, *b));
+    }
+    let between = |a: usize, b: usize| tree.heads[a].distance(tree.heads[b]);
+    let whole: f64 = chain.windows(2).map(|w| between(w[0], w[1])).sum();
+    let mut best: Option<(f64, (usize, usize))> = None;
+    for (i, &upper) in chain[..chain.len() - 1].iter().enumerate() {
+        for &lower in &chain[i + 1..chain.len() - 1] {
+            let (a, b) = (between(upper, lower), between(lower, last));
+            let score = a.min(b) / a.max(b).max(f64::MIN_POSITIVE) * (a + b) / whole.max(f64::MIN_POSITIVE);
+            if best.is_none_or(|(most, _)| score > most) {
+                best = Some((score, (upper, lower)));
+            }
+        }
+    }
+    best.map(|(_, found)| found)
+}
+
+/// The direction to the body's left.
+fn left(tree: &Tree, side: DVec3, legs: &[Option<Limb>; 2]) -> DVec3 {
+    let ahead = if side == DVec3::X { DVec3::Z } else { DVec3::X };
+    let step = |leg: &Limb| {
+        let at = |name: &str| leg.iter().find(|(n, _)| *n == name).map(|(_, j)| *j);
+        let foot = at("Foot")?;
+        // From the heel, as far as the longest way goes on.
+        let tip = if at("Toes").is_some() { tree.branches[foot].end } else { return None };
+        Some((tip - tree.heads[foot]).dot(ahead))
+    };
+    let forward: f64 = legs.iter().flatten().filter_map(step).sum();
+    // Up times forward.
+    let ahead = if forward < -0.005 * tree.size { -ahead } else { ahead };
+    DVec3::Y.cross(ahead)
+}

@@ -1,0 +1,60 @@
+//! Fingers.
+
+use glam::DVec3;
+
+use super::tree::Tree;
+
+const THUMB: [&str; 3] = ["ThumbMetacarpal", "ThumbProximal", "ThumbDistal"];
+const FINGERS: [[&str; 3]; 4] = [
+    ["IndexProximal", "IndexIntermediate", "IndexDistal"],
+    ["MiddleProximal", "MiddleIntermediate", "MiddleDistal"],
+    ["RingProximal", "RingIntermediate", "RingDistal"],
+    ["LittleProximal", "LittleIntermediate", "LittleDistal"],
+];
+
+/// The fingers of a hand: chains of two joints or more that hang on it. The thumb is the one that points away from
+/// the others; those count from it.
+pub(super) fn fingers(tree: &Tree, hand: usize, elbow: usize) -> Vec<(&'static str, usize)> {
+    let mut chains: Vec<Vec<usize>> = Vec::new();
+    for &child in &tree.children[hand] {
+        // Fingers may share a bone of the palm.
+        let starts = if tree.is_fan(child) { tree.children[child].clone() } else { vec![child] };
+        chains.extend(starts.into_iter().map(|start| tree.chain(start)).filter(|chain| chain.len() >= 2));
+    }
+    if !(2..=6).contains(&chains.len()) {
+        return Vec::new();
+    }
+    let way = |chain: &[usize]| (tree.heads[chain[chain.len() - 1]] - tree.heads[chain[0]]).normalize_or_zero();
+    let arm = (tree.heads[hand] - tree.heads[elbow]).normalize_or_zero();
+    let along = |chain: &[usize]| (tree.heads[chain[0]] - tree.heads[hand]).dot(arm);
+    let reach = chains.iter().map(|c| along(c)).fold(f64::MIN_POSITIVE, f64::max);
+    // Nearer to the wrist than others, and turned away from them.
+    let odd = |at: usize| {
+        let others: DVec3 = (0..chains.len()).filter(|&o| o != at).map(|o| way(&chains[o])).sum();
+        let turned = 1.0 - way(&chains[at]).dot(others.normalize_or_zero());
+        turned + 0.7 * (1.0 - along(&chains[at]) / reach)
+    };
+    let thumb = (0..chains.len()).map(|at| (at, odd(at))).reduce(|a, b| if b.1 > a.1 { b } else { a });
+    let Some((thumb, _)) = thumb else { return Vec::new() };
+    let thumb = chains.remove(thumb);
+    // Across the palm, from the side of the thumb.
+    let mut palm: Vec<DVec3> = chains.iter().map(|c| tree.heads[c[0]]).collect();
+    let middle = palm.iter().sum::<DVec3>() / palm.len() as f64;
+    let far = |p: &DVec3| p.distance(tree.heads[thumb[0]]);
+    let last = palm.iter().copied().reduce(|a, b| if far(&b) > far(&a) { b } else { a }).unwrap_or(middle);
+    let across = (last - tree.heads[thumb[0]]).reject_from_normalized(arm);
+    palm.clear();
+    chains.sort_by(|a, b| tree.heads[a[0]].dot(across).total_cmp(&tree.heads[b[0]].dot(across)));
+
+    let mut found = name(&thumb, &THUMB);
+    for (chain, names) in chains.iter().zip(&FINGERS) {
+        found.extend(name(chain, names));
+    }
+    found
+}
+
+/// The joints of a finger. The fifth, and the fourth where there are no bones of the palm, is its end.
+fn name(chain: &[usize], names: &[&'static str; 3]) -> Vec<(&'static str, usize)> {
+    let skip = usize::from(chain.len() >= 5);
+    names.iter().copied().zip(chain.iter().skip(skip).copied()).collect()
+}
