@@ -64,7 +64,7 @@ fn bone(own: &str) -> Option<String> {
 #[test]
 fn human_bones_by_structure_are_those_that_rigs_name() {
     let Some(folder) = common::data("RIGLAB_RIGS", "rigs") else { return };
-    // Bodies, and limbs of the body and fingers apart: right, wrong, missed.
+    // Fingers and the rest of the body apart: right, wrong, missed.
     let mut counts: BTreeMap<bool, [usize; 3]> = BTreeMap::new();
     let (mut bodies, mut found_bodies, mut wrong_bodies) = (0, 0, Vec::new());
     for path in common::files(&folder, &["glb", "vrm"]) {
@@ -107,11 +107,40 @@ fn human_bones_by_structure_are_those_that_rigs_name() {
         }
     }
     let share = |of: &[usize; 3]| of[0] as f64 / of.iter().sum::<usize>().max(1) as f64;
-    println!(
-        "{bodies} bodies, {found_bodies} complete, {} with a wrong bone that VRM asks for: {wrong_bodies:?}",
-        wrong_bodies.len()
-    );
+    println!("{bodies} bodies, {found_bodies} found whole, with a wrong bone that VRM asks for: {wrong_bodies:?}");
     for (fingers, count) in &counts {
         println!("fingers {fingers}: right, wrong, missed {count:?}, {:.3}", share(count));
+    }
+    // Those that sit or lie are no upright bodies.
+    assert!(bodies > 30 && 5 * found_bodies >= 4 * bodies, "{found_bodies} of {bodies}");
+    let [body, fingers] = [counts[&false], counts[&true]];
+    assert!(100 * body[1] <= body[0], "{body:?}");
+    assert!(50 * fingers[1] <= fingers[0] && share(&fingers) > 0.7, "{fingers:?}");
+}
+
+#[test]
+fn animals_and_machines_are_no_humanoids() {
+    let Some(folder) = common::data("RIGLAB_RIGS", "rigs") else { return };
+    let manifest = std::fs::read_to_string(folder.join("manifest.json")).unwrap();
+    let manifest: Vec<serde_json::Value> = serde_json::from_str(&manifest).unwrap();
+    let mut taken: BTreeMap<String, (usize, Vec<String>)> = BTreeMap::new();
+    for entry in &manifest {
+        let [file, category] = ["file", "category"].map(|key| entry[key].as_str().unwrap());
+        let Ok(imported) = import(folder.join(file), &ImportOptions::default()) else { continue };
+        let Some(rig) = imported.rig() else { continue };
+        let mesh = Bounds::of(rig.mesh().positions().iter().copied());
+        let of = taken.entry(category.into()).or_default();
+        of.0 += 1;
+        of.1.extend(humanoid(rig.skeleton(), mesh).map(|_| file.to_owned()));
+    }
+    for (category, (all, found)) in &taken {
+        println!("{category}: {} of {all}", found.len());
+        if !matches!(category.as_str(), "humanoid" | "anime_vrm") {
+            println!("  {found:?}");
+        }
+    }
+    for category in ["quadruped", "aquatic", "arthropod"] {
+        let (all, found) = &taken[category];
+        assert!(20 * found.len() <= *all, "{category}: {found:?}");
     }
 }

@@ -9,8 +9,35 @@ use std::fmt::Write;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use riglab_asset::export::{self, ExportOptions, Influences, JointFrames};
+use riglab_asset::export::{self, ExportOptions, Exported, Influences, JointFrames};
+use riglab_asset::rigging::{NameStyle, Subject, SubjectOptions, name_joints};
 use riglab_asset::{ImportOptions, import};
+use riglab_core::{Bounds, Rig, SkinWeights};
+
+/// The model and its bare mesh as OBJ, rigged anew, with the motion that shows it.
+fn rigged(folder: &Path, file: &Path, rig: &Rig) -> Vec<Exported> {
+    let obj = folder.join("mesh.obj");
+    let mut text = String::from("v 0 0 0\nvt 0 0\n");
+    for [x, y, z] in rig.mesh().positions() {
+        writeln!(text, "v {x} {y} {z}").unwrap();
+    }
+    for [a, b, c] in rig.mesh().triangles().iter().map(|t| t.map(|v| v + 2)) {
+        writeln!(text, "f {a}/1 {b}/1 {c}/1").unwrap();
+    }
+    std::fs::write(&obj, text).unwrap();
+    let of = |path: &Path| {
+        let subject = Subject::read(path, &SubjectOptions::default()).unwrap();
+        let bounds = Bounds::of(subject.mesh().positions().iter().copied());
+        let (skeleton, humanoid) = name_joints(rig.skeleton(), bounds, NameStyle::Mixamo).unwrap();
+        let joints = skeleton.len();
+        let rows = (0..subject.mesh().positions().len()).map(|v| (0..5).map(move |k| (((v + k) % joints) as u16, 0.2)));
+        let weights = SkinWeights::normalized(rows).unwrap();
+        let rig = subject.rigged(skeleton, weights).unwrap().with_humanoid(humanoid).unwrap();
+        let frames = ExportOptions { frames: JointFrames::AlongBone, ..ExportOptions::default() };
+        export::preview(&subject.attach(&rig, &frames).unwrap().bytes).unwrap()
+    };
+    vec![of(file), of(&obj)]
+}
 
 #[test]
 fn exports_have_no_errors_that_their_sources_do_not_have() {
@@ -41,9 +68,10 @@ fn exports_have_no_errors_that_their_sources_do_not_have() {
             export::alone("alone", rig, &imported.provenance, &four),
             export::strip(file, &ImportOptions::default()),
         ];
-        for (way, exported) in written.into_iter().enumerate() {
+        let written = written.into_iter().map(Result::unwrap).chain(rigged(temp.path(), file, rig));
+        for (way, exported) in written.enumerate() {
             let path = temp.path().join(format!("{number}_{way}.glb"));
-            export::write(&path, &exported.unwrap().bytes).unwrap();
+            export::write(&path, &exported.bytes).unwrap();
             writeln!(pairs, "{}\t{}", file.display(), path.display()).unwrap();
         }
     }

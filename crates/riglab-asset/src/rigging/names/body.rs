@@ -16,8 +16,10 @@ pub fn humanoid(skeleton: &Skeleton, mesh: Option<Bounds>) -> Option<Humanoid> {
     if !(tree.size > 0.0 && tree.size.is_finite()) {
         return None;
     }
-    // Left and right are along x but for models that look along it.
-    [DVec3::X, DVec3::Z].into_iter().find_map(|side| Body::find(&tree, side, mesh)).map(|body| body.humanoid())
+    // Left and right are along x but for models that look along it, or between.
+    let half = 0.5f64.sqrt();
+    let sides = [DVec3::X, DVec3::NEG_Z, DVec3::new(half, 0.0, -half), DVec3::new(half, 0.0, half)];
+    sides.into_iter().find_map(|side| Body::find(&tree, side, mesh)).map(|body| body.humanoid())
 }
 
 /// A body as found.
@@ -33,9 +35,13 @@ impl Body {
         let lowest = tree.heads.iter().map(|h| h.y).fold(f64::INFINITY, f64::min);
         let highest = tree.heads.iter().map(|h| h.y).fold(f64::NEG_INFINITY, f64::max);
         let (ground, top) = mesh.map_or((lowest, highest), |b| (f64::from(b.min[1]), f64::from(b.max[1])));
-        let height = (top.max(highest) - ground.min(lowest)).max(f64::MIN_POSITIVE);
+        let height = (top - ground).max(f64::MIN_POSITIVE);
 
-        let (fork, legs) = legs(tree, side, ground.min(lowest), height)?;
+        let (fork, legs) = legs(tree, side, ground, height)?;
+        let apart = tree.heads[legs.0] - tree.heads[legs.1];
+        if apart.dot(side).abs() < 0.85 * apart.x.hypot(apart.z) {
+            return None;
+        }
         let (chest, arms) = arms(tree, side, fork, &legs, height)?;
         // Where the legs hang on a bone of their own beside the spine, the joint above both is the hips.
         let hips = std::iter::successors(Some(fork), |&j| tree.parents[j]).find(|&j| tree.is_below(chest, j))?;
@@ -53,15 +59,18 @@ impl Body {
         bones.extend(names.into_iter().map(|(name, joint)| (name.to_owned(), joint)));
         bones.extend(head(tree, side, chest, &arms, top)?.into_iter().map(|(name, joint)| (name.to_owned(), joint)));
 
-        let limbs = [legs.0, legs.1].map(|leg| leg_bones(tree, leg, ground.min(lowest)));
-        let left = left(tree, side, &limbs);
+        let limbs = [legs.0, legs.1].map(|leg| leg_bones(tree, leg));
+        let ahead = ahead(tree, side, &limbs);
+        let left = DVec3::Y.cross(ahead);
         let is_left = |a: usize, b: usize| (tree.branches[a].end - tree.branches[b].end).dot(left) > 0.0;
         let sides = |a: usize, b: usize| if is_left(a, b) { ["left", "right"] } else { ["right", "left"] };
         for (prefix, limb) in sides(legs.0, legs.1).into_iter().zip(limbs) {
             bones.extend(limb?.into_iter().map(|(name, joint)| (format!("{prefix}{name}"), joint)));
         }
         for (prefix, start) in sides(arms.0, arms.1).into_iter().zip([arms.0, arms.1]) {
-            bones.extend(arm_bones(tree, start)?.into_iter().map(|(name, joint)| (format!("{prefix}{name}"), joint)));
+            bones.extend(
+                arm_bones(tree, start, ahead)?.into_iter().map(|(name, joint)| (format!("{prefix}{name}"), joint)),
+            );
         }
         Some(Self { bones })
     }
@@ -77,20 +86,22 @@ impl Body {
     }
 }
 
-/// The joint that legs hang on, and the legs: the pair that goes down the most, of those that reach the ground.
+/// The joint that legs hang on, and the legs: the pair that goes down the most, of those that reach the ground. Arms
+/// that hang down may nearly do so.
 fn legs(tree: &Tree, side: DVec3, ground: f64, height: f64) -> Option<(usize, (usize, usize))> {
     let mut best: Option<(f64, usize, (usize, usize))> = None;
     for joint in 0..tree.heads.len() {
         for (a, b) in tree.pairs(joint, side) {
             let end = tree.branches[a].end.y.max(tree.branches[b].end.y);
             let down = tree.heads[joint].y - end;
+            let score = down - 3.0 * (end - ground).max(0.0);
             let slim = tree.branches[a].joints >= 2 && tree.branches[b].joints >= 2;
             if slim
                 && end - ground < 0.2 * height
                 && down > 0.15 * height
-                && best.is_none_or(|(most, _, _)| down > most)
+                && best.is_none_or(|(most, _, _)| score > most)
             {
-                best = Some((down, joint, (a, b)));
+                best = Some((score, joint, (a, b)));
             }
         }
     }
@@ -149,13 +160,11 @@ fn head(tree: &Tree, side: DVec3, chest: usize, arms: &(usize, usize), top: f64)
     }
     let share = |j: usize| (tree.heads[j].y - at.y) / (top - at.y).max(f64::MIN_POSITIVE);
     // The end of the head, for those who look for its size.
-    while let [.., before, last] = chain[..] {
-        let bare = tree.children[last].is_empty();
-        if bare && (chain.len() > 2 || share(last) > 0.7 && share(before) < 0.6) && chain.len() > 1 {
-            chain.pop();
-            break;
-        }
-        break;
+    if let [.., before, last] = chain[..]
+        && tree.children[last].is_empty()
+        && (chain.len() > 2 || share(last) > 0.7 && share(before) < 0.6)
+    {
+        chain.pop();
     }
     let &head = chain.last()?;
     let mut found: Limb = vec![("head", head)];
@@ -166,8 +175,9 @@ fn head(tree: &Tree, side: DVec3, chest: usize, arms: &(usize, usize), top: f64)
 }
 
 /// Thigh, shin, foot and toes.
-fn leg_bones(tree: &Tree, start: usize, ground: f64) -> Option<Limb> {
+fn leg_bones(tree: &Tree, start: usize) -> Option<Limb> {
     let chain = tree.chain(start);
+    let ground = chain.iter().map(|&j| tree.heads[j].y).fold(f64::INFINITY, f64::min);
     let hip = tree.heads[start].y - ground;
     let low = |j: usize| tree.heads[j].y - ground < 0.27 * hip;
     let foot = (1..chain.len()).find(|&at| low(chain[at]));
@@ -185,34 +195,37 @@ fn leg_bones(tree: &Tree, start: usize, ground: f64) -> Option<Limb> {
 }
 
 /// Collar, arm and hand with its fingers.
-fn arm_bones(tree: &Tree, start: usize) -> Option<Limb> {
+fn arm_bones(tree: &Tree, start: usize, ahead: DVec3) -> Option<Limb> {
+    let between = |a: usize, b: usize| tree.heads[a].distance(tree.heads[b]);
+    let even = |a: usize, b: usize, c: usize| {
+        between(a, b).min(between(b, c)) / between(a, b).max(between(b, c)).max(f64::MIN_POSITIVE)
+    };
     let mut chain = tree.chain(start);
     if let Some(palm) = (2..chain.len()).find(|&at| tree.is_fan(chain[at])) {
         chain.truncate(palm + 1);
-    }
-    let between = |a: usize, b: usize| tree.heads[a].distance(tree.heads[b]);
-    // Without fingers, the last joint may be no more than the end of the hand.
-    while let [.., a, b, c] = chain[..] {
-        if chain.len() < 4 || tree.is_fan(c) || between(b, c) > 0.45 * between(a, b) {
-            break;
+    } else {
+        // Without a palm, what goes on behind the hand is one finger or the end.
+        match chain[..] {
+            [a, b, c, d, ..] => {
+                let collar = between(a, b) < 0.8 * between(b, c) || even(b, c, d) > even(a, b, c);
+                let end = between(c, d) < 0.45 * between(b, c);
+                chain.truncate(if collar && !(end && even(a, b, c) > 0.6) { 4 } else { 3 });
+            }
+            // Three joints are a collar and an arm without a hand where the first bone is short.
+            [a, b, c] if even(a, b, c) < 0.5 && between(a, b) < between(b, c) => {
+                return Some(vec![("Shoulder", a), ("UpperArm", b), ("LowerArm", c)]);
+            }
+            [a, b] => return Some(vec![("UpperArm", a), ("LowerArm", b)]),
+            _ => {}
         }
-        chain.pop();
     }
-    let (upper, lower) = bend(tree, &chain)?;
+    // Four joints to the hand begin with a collar, however long it is drawn.
+    let (shoulder, arm) = if chain.len() >= 4 { (Some(chain[0]), &chain[1..]) } else { (None, &chain[..]) };
+    let (upper, lower) = bend(tree, arm)?;
     let &hand = chain.last()?;
-    let even = between(upper, lower).min(between(lower, hand)) / between(upper, lower).max(between(lower, hand));
-    // Three joints are a collar and an arm without a hand where the first bone is short.
-    let (shoulder, upper, lower, hand) = match chain[..] {
-        [a, b, c] if even < 0.5 && between(a, b) < between(b, c) => (Some(a), b, c, None),
-        [a, b] => (None, a, b, None),
-        _ => (Some(chain[0]).filter(|&first| first != upper), upper, lower, Some(hand)),
-    };
-    let mut found = vec![("UpperArm", upper), ("LowerArm", lower)];
+    let mut found = vec![("UpperArm", upper), ("LowerArm", lower), ("Hand", hand)];
     found.extend(shoulder.map(|joint| ("Shoulder", joint)));
-    if let Some(hand) = hand {
-        found.push(("Hand", hand));
-        found.extend(hands::fingers(tree, hand, lower));
-    }
+    found.extend(hands::fingers(tree, hand, lower, ahead));
     Some(found)
 }
 
@@ -238,18 +251,15 @@ fn bend(tree: &Tree, chain: &[usize]) -> Option<(usize, usize)> {
     best.map(|(_, found)| found)
 }
 
-/// The direction to the body's left.
-fn left(tree: &Tree, side: DVec3, legs: &[Option<Limb>; 2]) -> DVec3 {
-    let ahead = if side == DVec3::X { DVec3::Z } else { DVec3::X };
+/// The direction in which a body looks.
+fn ahead(tree: &Tree, side: DVec3, legs: &[Option<Limb>; 2]) -> DVec3 {
+    let ahead = side.cross(DVec3::Y);
     let step = |leg: &Limb| {
         let at = |name: &str| leg.iter().find(|(n, _)| *n == name).map(|(_, j)| *j);
-        let foot = at("Foot")?;
         // From the heel, as far as the longest way goes on.
-        let tip = if at("Toes").is_some() { tree.branches[foot].end } else { return None };
-        Some((tip - tree.heads[foot]).dot(ahead))
+        let foot = at("Toes").and(at("Foot"))?;
+        Some((tree.branches[foot].end - tree.heads[foot]).dot(ahead))
     };
     let forward: f64 = legs.iter().flatten().filter_map(step).sum();
-    // Up times forward.
-    let ahead = if forward < -0.005 * tree.size { -ahead } else { ahead };
-    DVec3::Y.cross(ahead)
+    if forward < -0.005 * tree.size { -ahead } else { ahead }
 }

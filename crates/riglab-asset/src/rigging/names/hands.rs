@@ -14,7 +14,7 @@ const FINGERS: [[&str; 3]; 4] = [
 
 /// The fingers of a hand: chains of two joints or more that hang on it. The thumb is the one that points away from
 /// the others; those count from it.
-pub(super) fn fingers(tree: &Tree, hand: usize, elbow: usize) -> Vec<(&'static str, usize)> {
+pub(super) fn fingers(tree: &Tree, hand: usize, elbow: usize, ahead: DVec3) -> Vec<(&'static str, usize)> {
     let mut chains: Vec<Vec<usize>> = Vec::new();
     for &child in &tree.children[hand] {
         // Fingers may share a bone of the palm.
@@ -25,25 +25,29 @@ pub(super) fn fingers(tree: &Tree, hand: usize, elbow: usize) -> Vec<(&'static s
         return Vec::new();
     }
     let way = |chain: &[usize]| (tree.heads[chain[chain.len() - 1]] - tree.heads[chain[0]]).normalize_or_zero();
-    let arm = (tree.heads[hand] - tree.heads[elbow]).normalize_or_zero();
+    let Some(arm) = (tree.heads[hand] - tree.heads[elbow]).try_normalize() else { return Vec::new() };
     let along = |chain: &[usize]| (tree.heads[chain[0]] - tree.heads[hand]).dot(arm);
     let reach = chains.iter().map(|c| along(c)).fold(f64::MIN_POSITIVE, f64::max);
-    // Nearer to the wrist than others, and turned away from them.
+    let forward = |chain: &[usize]| tree.heads[chain[0]].dot(ahead);
+    let (back, front) =
+        chains.iter().map(|c| forward(c)).fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), x| (l.min(x), h.max(x)));
+    // Nearer to the wrist than others, turned away from them, and where palms look down or in, the foremost.
     let odd = |at: usize| {
         let others: DVec3 = (0..chains.len()).filter(|&o| o != at).map(|o| way(&chains[o])).sum();
         let turned = 1.0 - way(&chains[at]).dot(others.normalize_or_zero());
-        turned + 0.7 * (1.0 - along(&chains[at]) / reach)
+        let foremost = (forward(&chains[at]) - back) / (front - back).max(f64::MIN_POSITIVE);
+        turned + 0.7 * (1.0 - along(&chains[at]) / reach) + 0.3 * foremost
     };
     let thumb = (0..chains.len()).map(|at| (at, odd(at))).reduce(|a, b| if b.1 > a.1 { b } else { a });
     let Some((thumb, _)) = thumb else { return Vec::new() };
     let thumb = chains.remove(thumb);
     // Across the palm, from the side of the thumb.
-    let mut palm: Vec<DVec3> = chains.iter().map(|c| tree.heads[c[0]]).collect();
-    let middle = palm.iter().sum::<DVec3>() / palm.len() as f64;
-    let far = |p: &DVec3| p.distance(tree.heads[thumb[0]]);
-    let last = palm.iter().copied().reduce(|a, b| if far(&b) > far(&a) { b } else { a }).unwrap_or(middle);
-    let across = (last - tree.heads[thumb[0]]).reject_from_normalized(arm);
-    palm.clear();
+    let from = tree.heads[thumb[0]];
+    let bases = chains.iter().map(|c| tree.heads[c[0]]);
+    let Some(last) = bases.reduce(|a, b| if b.distance(from) > a.distance(from) { b } else { a }) else {
+        return Vec::new();
+    };
+    let across = (last - from).reject_from_normalized(arm);
     chains.sort_by(|a, b| tree.heads[a[0]].dot(across).total_cmp(&tree.heads[b[0]].dot(across)));
 
     let mut found = name(&thumb, &THUMB);
