@@ -1,17 +1,22 @@
-//! Geometry on plain arrays: surface sampling, normals and farthest points.
+//! Geometry on plain arrays: surface sampling, normals, farthest points, voxels and the distances within.
 //!
 //! Whole clouds come from a [`CloudSampler`], or a [`DenseSampler`] for the part that one bone holds;
-//! single points from a [`SurfaceSampler`].
+//! single points from a [`SurfaceSampler`]. The body under a surface is [`voxel::solid`], distances through it
+//! are [`geodesic`].
 //!
-//! Holds: everything is deterministic; what is random takes a stream.
-//! Leaves out: what skeletons mean, tensors.
+//! Holds: everything is deterministic, whatever the number of threads; what is random takes a stream.
+//! Leaves out: tensors, and of skeletons all but where their bones lie.
 
 mod alias;
+#[cfg(test)]
+mod bodies;
 mod cloud;
 mod dense;
 mod farthest;
+pub mod geodesic;
 mod normals;
 mod surface;
+pub mod voxel;
 
 pub use cloud::{By, Cloud, CloudConfig, CloudSampler, Place};
 pub use dense::{DenseConfig, DenseSampler, near_bone};

@@ -1,0 +1,246 @@
+//! The shortest ways from one bone to every cell.
+
+use glam::Vec3A;
+use riglab_core::Segment;
+
+use super::body::Body;
+use super::bridges::Bridges;
+
+/// Ways are settled in layers of this length, in edges of a cell.
+const LAYER: f32 = 0.25;
+/// Seen from here: the bone itself. Other values are a cell's number and 1.
+const BONE: u32 = 0;
+const NOWHERE: u32 = u32::MAX;
+
+/// Segments, in the body's units.
+pub(super) struct Bone(Vec<(Vec3A, Vec3A, f32)>);
+
+impl Bone {
+    pub(super) fn new(segments: &[Segment], body: &Body) -> Self {
+        let inner = |s: &Segment| {
+            let (a, b) = (body.inner(s.a), body.inner(s.b));
+            let squared = (b - a).length_squared();
+            (a, b - a, if squared > 0.0 { 1.0 / squared } else { 0.0 })
+        };
+        Self(segments.iter().map(inner).collect())
+    }
+
+    /// The point nearest to another.
+    #[inline]
+    fn nearest(&self, p: Vec3A) -> Vec3A {
+        let mut best = (f32::INFINITY, p);
+        for &(a, along, inverse) in &self.0 {
+            let q = a + along * ((p - a).dot(along) * inverse).clamp(0.0, 1.0);
+            let d = (q - p).length_squared();
+            if d < best.0 {
+                best = (d, q);
+            }
+        }
+        best.1
+    }
+
+    /// The straight distance of a point.
+    pub(super) fn distance(&self, p: Vec3A) -> f32 {
+        if self.0.is_empty() { f32::INFINITY } else { (self.nearest(p) - p).length() }
+    }
+
+    /// Occupied places that it runs through.
+    fn cells(&self, body: &Body) -> Vec<u32> {
+        let mut cells = Vec::new();
+        for (a, along, _) in &self.0 {
+            let steps = (2.0 * along.length()).ceil().max(1.0);
+            let at = |k: i32| body.at(*a + *along * (k as f32 / steps));
+            // Points outside of the lattice are brought to its border; those do not count.
+            let inside = |k: &i32| {
+                (*a + *along * (*k as f32 / steps) - Vec3A::from(at(*k).map(|x| x as f32))).abs().max_element()
+                    <= 0.5001
+            };
+            cells.extend((0..=steps.min(1e4) as i32).filter(inside).filter_map(|k| body.number(at(k))));
+        }
+        cells.sort_unstable();
+        cells.dedup();
+        cells
+    }
+}
+
+/// What a search needs; kept from bone to bone.
+#[derive(Default)]
+pub(super) struct Search {
+    /// The way's length to each cell.
+    lengths: Vec<f32>,
+    /// From where the cell is seen straight: the last corner of its way.
+    corners: Vec<u32>,
+    /// Whether that is sure.
+    settled: Vec<u64>,
+    layers: Vec<Vec<u32>>,
+}
+
+impl Search {
+    /// Finds the ways from a bone to all cells.
+    ///
+    /// As Theta* finds ways on a grid that turn at any angle (Daniel et al. 2010), the lazy form: a cell first
+    /// takes the corner of the cell it was reached from, and when its turn comes looks whether it sees it;
+    /// if not, the best of its neighbours, or of their corners, is its corner. A bone is a corner of its own: its
+    /// point nearest to each cell.
+    pub(super) fn run(&mut self, body: &Body, bridges: &Bridges, bone: &Bone) {
+        self.reset(body.len());
+        self.start(body, bone);
+        let mut layer = 0;
+        while layer < self.layers.len() {
+            // Cells of the layer may add others to it.
+            let mut next = 0;
+            while let Some(&cell) = self.layers[layer].get(next) {
+                next += 1;
+                if !self.is_settled(cell) && layer_of(self.lengths[cell as usize]) == layer {
+                    self.settle(body, bridges, bone, cell, layer);
+                }
+            }
+            self.layers[layer].clear();
+            layer += 1;
+        }
+    }
+
+    /// The way's length to a point near the middle of a cell.
+    pub(super) fn length(&self, body: &Body, bone: &Bone, cell: u32, p: Vec3A) -> f32 {
+        match self.corners[cell as usize] {
+            NOWHERE => f32::INFINITY,
+            corner => self.through(body, bone, corner, p),
+        }
+    }
+
+    fn reset(&mut self, cells: usize) {
+        self.lengths.clear();
+        self.lengths.resize(cells, f32::INFINITY);
+        self.corners.clear();
+        self.corners.resize(cells, NOWHERE);
+        self.settled.clear();
+        self.settled.resize(cells.div_ceil(64), 0);
+    }
+
+    /// From the cells that the bone runs through; from the cell nearest to a bone that runs through none.
+    fn start(&mut self, body: &Body, bone: &Bone) {
+        if bone.0.is_empty() {
+            return;
+        }
+        let inside = bone.cells(body);
+        let far = |cell: u32| {
+            let middle = body.middle(cell);
+            (bone.nearest(middle) - middle).length()
+        };
+        for &cell in &inside {
+            self.offer(cell, far(cell), BONE);
+        }
+        if inside.is_empty() {
+            let all = (0..body.len() as u32).map(|cell| (far(cell), cell));
+            if let Some((length, cell)) = all.min_by(|a, b| a.0.total_cmp(&b.0)) {
+                // A corner of its own.
+                self.offer(cell, length, cell + 1);
+            }
+        }
+    }
+
+    fn is_settled(&self, cell: u32) -> bool {
+        self.settled[cell as usize / 64] >> (cell % 64) & 1 == 1
+    }
+
+    /// The length of the way to `p` whose last corner is given.
+    #[inline]
+    fn through(&self, body: &Body, bone: &Bone, corner: u32, p: Vec3A) -> f32 {
+        match corner {
+            BONE => (bone.nearest(p) - p).length(),
+            _ => self.lengths[corner as usize - 1] + (body.middle(corner - 1) - p).length(),
+        }
+    }
+
+    /// Takes a way to a cell if it is shorter.
+    #[inline]
+    fn offer(&mut self, cell: u32, length: f32, corner: u32) {
+        let best = &mut self.lengths[cell as usize];
+        if length < *best {
+            *best = length;
+            self.corners[cell as usize] = corner;
+            self.queue(cell, length);
+        }
+    }
+
+    fn queue(&mut self, cell: u32, length: f32) {
+        let layer = layer_of(length);
+        if layer >= self.layers.len() {
+            self.layers.resize_with(layer + 1, Vec::new);
+        }
+        self.layers[layer].push(cell);
+    }
+
+    fn settle(&mut self, body: &Body, bridges: &Bridges, bone: &Bone, cell: u32, layer: usize) {
+        let place = body.place(cell);
+        let middle = body.middle(cell);
+        if !self.sees(body, bone, place, middle, self.corners[cell as usize]) {
+            let (length, corner) = self.around(body, bone, place, middle);
+            self.lengths[cell as usize] = length;
+            self.corners[cell as usize] = corner;
+            if layer_of(length) > layer {
+                self.queue(cell, length);
+                return;
+            }
+        }
+        self.settled[cell as usize / 64] |= 1 << (cell % 64);
+        let corner = self.corners[cell as usize];
+        // Where the way came from: for a corner the same for all neighbours.
+        let (base, at) = match corner {
+            BONE => (0.0, None),
+            _ => (self.lengths[corner as usize - 1], Some(body.middle(corner - 1))),
+        };
+        for other in body.beside(place).into_iter().flatten() {
+            if !self.is_settled(other) {
+                let p = body.middle(other);
+                let length = base + (at.unwrap_or_else(|| bone.nearest(p)) - p).length();
+                self.offer(other, length, corner);
+            }
+        }
+        for &(_, other, gap) in bridges.from(cell) {
+            if !self.is_settled(other) {
+                self.offer(other, self.lengths[cell as usize] + gap, other + 1);
+            }
+        }
+    }
+
+    fn sees(&self, body: &Body, bone: &Bone, place: [u32; 3], middle: Vec3A, corner: u32) -> bool {
+        let to = match corner {
+            BONE => bone.nearest(middle),
+            _ => body.middle(corner - 1),
+        };
+        body.sees(place, to)
+    }
+
+    /// The shortest way through settled neighbours: by their corners where those are seen, else by
+    /// themselves.
+    fn around(&self, body: &Body, bone: &Bone, place: [u32; 3], middle: Vec3A) -> (f32, u32) {
+        let mut best = (f32::INFINITY, NOWHERE);
+        let mut hidden = [NOWHERE; 4];
+        let mut count = 0;
+        for other in body.around(place).filter(|other| self.is_settled(*other)) {
+            let by_itself = self.lengths[other as usize] + (body.middle(other) - middle).length();
+            if by_itself < best.0 {
+                best = (by_itself, other + 1);
+            }
+            let corner = self.corners[other as usize];
+            if corner == best.1 || hidden.contains(&corner) {
+                continue;
+            }
+            let length = self.through(body, bone, corner, middle);
+            if length < best.0 {
+                if self.sees(body, bone, place, middle, corner) {
+                    best = (length, corner);
+                } else {
+                    hidden[count % hidden.len()] = corner;
+                    count += 1;
+                }
+            }
+        }
+        best
+    }
+}
+
+fn layer_of(length: f32) -> usize {
+    (length / LAYER) as usize
+}
