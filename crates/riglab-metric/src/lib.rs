@@ -3,7 +3,8 @@
 //! Peers compute metrics of one name by different formulas, so a number here names its convention.
 //! This crate has SkinTokens' skin metrics ([`SkinMetrics`], convention `skintokens`) with the readings of
 //! its paper that riglab takes, its codebook figures, distances between skeletons ([`SkeletonConvention`]),
-//! and distance baselines.
+//! and baselines by
+//! distance, straight or through the body.
 //!
 //! Holds: sums are in f64 and in fixed order; thresholds are compared in f32; an empty denominator
 //! gives NaN, which means over assets leave out and count.
@@ -12,11 +13,13 @@
 
 mod baseline;
 mod codebook;
+mod geodesic;
 mod skeleton;
 mod skin;
 
 pub use baseline::{Baseline, bone_distances};
 pub use codebook::{Codebook, compression_ratio};
+pub use geodesic::{geodesic_distances, geodesic_weights};
 pub use skeleton::{Joints, SkeletonConvention, SkeletonDistances};
 pub use skin::nan_for_null;
 pub use skin::{ACTIVE, SkinMetrics, SkinTally};

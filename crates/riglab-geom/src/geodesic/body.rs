@@ -14,6 +14,8 @@ pub(super) struct Body {
     before: Vec<u32>,
     /// Where each cell is, counted from the margin's corner.
     cells: Vec<[u16; 3]>,
+    /// How many layers of cells around each are occupied, and 1.
+    depths: Vec<u8>,
 }
 
 impl Body {
@@ -26,6 +28,7 @@ impl Body {
             words: vec![0; bricks.iter().product()],
             before: Vec::new(),
             cells: Vec::with_capacity(voxels.count()),
+            depths: Vec::new(),
         };
         for place in voxels.places() {
             let (brick, bit) = body.bit(place.map(|x| (x + MARGIN) as u32));
@@ -42,6 +45,9 @@ impl Body {
                 body.cells.push(std::array::from_fn(|k| (4 * corner[k] + within[k]) as u16));
             }
         }
+        let depths = depths(voxels);
+        let depth = |cell: &[u16; 3]| depths[lattice.index(cell.map(|x| usize::from(x) - MARGIN))];
+        body.depths = body.cells.iter().map(depth).collect();
         body
     }
 
@@ -123,25 +129,28 @@ impl Body {
     /// On each layer of cells along its longest axis one of the four cells that surround the way there must be
     /// occupied: what is thinner than a cell does not end a sight, a gap of two cells does.
     pub(super) fn sees(&self, place: [u32; 3], to: glam::Vec3A) -> bool {
-        let from = glam::Vec3A::from(place.map(|x| x as f32));
-        let way = to - from;
+        let way = to - glam::Vec3A::from(place.map(|x| x as f32));
         let most = way.abs().max_element();
         // The layers between, without those of both ends.
         let layers = most.ceil() as i32 - 1;
         if layers <= 0 {
             return true;
         }
-        let step = way / most;
-        let mut p = from;
-        for _ in 0..layers {
-            p += step;
-            let near = (p + 0.5).as_uvec3().to_array();
-            if self.has(near) {
+        // In whole numbers, 2¹⁶ a cell: the way stays in the lattice and its margin, as it ends where nothing
+        // around it is occupied.
+        let step = (way * (65536.0 / most)).to_array().map(|x| x as i32);
+        let mut layer = 1;
+        while layer <= layers {
+            let p: [i32; 3] = std::array::from_fn(|k| ((place[k] as i32) << 16) + layer * step[k]);
+            let near = p.map(|x| ((x + 0x8000) >> 16) as u32);
+            if let Some(cell) = self.number(near) {
+                // All that surrounds the way on the next layers is occupied.
+                layer += i32::from(self.depths[cell as usize]);
                 continue;
             }
-            let (low, high) = (p.floor().as_uvec3(), p.ceil().as_uvec3());
+            layer += 1;
             let one = |mask: u32| {
-                let pick = |k: usize| if mask >> k & 1 == 1 { high[k] } else { low[k] };
+                let pick = |k: usize| ((p[k] + if mask >> k & 1 == 1 { 0xffff } else { 0 }) >> 16) as u32;
                 self.has([pick(0), pick(1), pick(2)])
             };
             if !(0..8).any(one) {
@@ -152,9 +161,55 @@ impl Body {
     }
 }
 
+/// For each occupied cell of the lattice how many layers around it are occupied, and 1, at most 255; 0 for
+/// the others. Two sweeps, as steps along sides, edges and corners count the same.
+fn depths(voxels: &Voxels) -> Vec<u8> {
+    let lattice = voxels.lattice();
+    let mut depths = vec![0u8; lattice.cells()];
+    let [sx, sy] = [lattice.size[1] * lattice.size[2], lattice.size[2]];
+    let cells: Vec<usize> = voxels.indices().collect();
+    let border = |place: [usize; 3]| (0..3).any(|k| place[k] == 0 || place[k] + 1 == lattice.size[k]);
+    for &cell in &cells {
+        let place = lattice.place(cell);
+        let least = if border(place) {
+            0
+        } else {
+            // Those that come before: the layer below, the row before, the cell before.
+            let below = cell - sx;
+            let row = |c: usize| depths[c - 1].min(depths[c]).min(depths[c + 1]);
+            row(below - sy).min(row(below)).min(row(below + sy)).min(row(cell - sy)).min(depths[cell - 1])
+        };
+        depths[cell] = least.saturating_add(1);
+    }
+    for &cell in cells.iter().rev() {
+        if depths[cell] > 1 {
+            let above = cell + sx;
+            let row = |c: usize| depths[c - 1].min(depths[c]).min(depths[c + 1]);
+            let least = row(above - sy).min(row(above)).min(row(above + sy)).min(row(cell + sy)).min(depths[cell + 1]);
+            depths[cell] = depths[cell].min(least.saturating_add(1));
+        }
+    }
+    depths
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_cell_is_as_deep_as_layers_around_it_are_full() {
+        let lattice = Lattice { origin: [0.0; 3], cell: 1.0, size: [9, 9, 11] };
+        let holes = [[4, 4, 2], [1, 8, 8]];
+        let all = (0..lattice.cells()).map(|i| lattice.place(i));
+        let voxels = Voxels::new(lattice, all.filter(|p| !holes.contains(p)));
+        for (index, depth) in depths(&voxels).into_iter().enumerate() {
+            let p = lattice.place(index).map(|x| x as i32);
+            let ends = (0..3).map(|k| p[k].min(lattice.size[k] as i32 - 1 - p[k]) + 1).min().unwrap();
+            let hole = |h: &[usize; 3]| (0..3).map(|k| (p[k] - h[k] as i32).abs()).max().unwrap();
+            let wanted = holes.iter().map(hole).min().unwrap().min(ends);
+            assert_eq!(i32::from(depth), wanted, "{p:?}");
+        }
+    }
 
     fn body(cells: impl IntoIterator<Item = [usize; 3]>) -> Body {
         Body::new(&Voxels::new(Lattice { origin: [0.0; 3], cell: 0.5, size: [9, 7, 30] }, cells))

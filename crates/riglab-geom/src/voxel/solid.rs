@@ -30,10 +30,15 @@ pub enum Shell {
     Whole,
 }
 
-impl Default for SolidConfig {
+impl SolidConfig {
     /// 196 cells as in UniRig and SkinTokens, inside from more than half of the directions, thin parts kept.
+    pub const DEFAULT: Self = Self { resolution: 196, inside: 0.5, shell: Shell::Thin };
+}
+
+impl Default for SolidConfig {
+    /// [`Self::DEFAULT`].
     fn default() -> Self {
-        Self { resolution: 196, inside: 0.5, shell: Shell::Thin }
+        Self::DEFAULT
     }
 }
 
