@@ -1,0 +1,157 @@
+//! All rewards of many candidates of one mesh.
+
+use rayon::prelude::*;
+use riglab_core::{Mesh, Similarity};
+use riglab_geom::voxel::{SolidConfig, Voxels, solid};
+use serde::{Deserialize, Serialize};
+
+use crate::coverage::Coverage;
+use crate::motion::stretches_by;
+use crate::{Candidate, containment, maps, random_poses, skinning};
+
+/// How rewards are taken and added up. Defaults are the paper's where it gives a value, else chosen on true,
+/// perturbed and broken rigs (see `experiments/README.md`).
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct RewardConfig {
+    /// Cells along the mesh's longest side, r. The paper's 196.
+    pub resolution: usize,
+    /// α of coverage, by edges of a cell. The paper's 0.05.
+    pub alpha: f64,
+    /// s of containment: a bone has one more point. Not published.
+    pub bone_steps: usize,
+    /// β: weights above hold. The paper's 0.1.
+    pub beta: f64,
+    /// α_z, of the share of vertices that nothing holds. Not published.
+    pub unbound_exponent: f64,
+    /// α_m, of the share of vertices that more than four bones hold. Not published.
+    pub crowded_exponent: f64,
+    /// s of motion. Not published.
+    pub stretch_scale: f64,
+    /// Poses of motion. The paper's 5.
+    pub poses: usize,
+    /// Components of a pose's rotation vectors lie within so many degrees. Not published; those of SkinTokens'
+    /// augmentation by poses.
+    pub pose_degrees: f64,
+    /// Seed of the poses.
+    pub seed: u64,
+    /// Weights of coverage, containment, skinning and motion in the total. The paper's 5, 1, 1, 1.
+    pub weights: [f64; 4],
+}
+
+impl Default for RewardConfig {
+    fn default() -> Self {
+        Self {
+            resolution: 196,
+            alpha: 0.05,
+            bone_steps: 10,
+            beta: 0.1,
+            unbound_exponent: 0.5,
+            crowded_exponent: 0.5,
+            stretch_scale: 0.1,
+            poses: 5,
+            pose_degrees: 30.0,
+            seed: 0,
+            weights: [5.0, 1.0, 1.0, 1.0],
+        }
+    }
+}
+
+/// The rewards of a candidate.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Rewards {
+    /// R_vj, see [`crate::coverage`].
+    pub coverage: f64,
+    /// R_vk, see [`crate::containment`].
+    pub containment: f64,
+    /// R_sc, see [`crate::skinning`].
+    pub skinning: f64,
+    /// R_mo, see [`crate::motion`].
+    pub motion: f64,
+    /// R = 5 R_vj + R_vk + R_sc + R_mo, by the config's weights.
+    pub total: f64,
+}
+
+/// A mesh prepared for scoring: voxels and edges are made once.
+pub struct Scorer {
+    config: RewardConfig,
+    voxels: Voxels,
+    cells: Coverage,
+    /// Into the cube of side 2.
+    map: Similarity,
+    positions: Vec<[f64; 3]>,
+    edges: Vec<[u32; 2]>,
+    /// 1 / (l + 1e-6)² by edge.
+    inverse: Vec<f64>,
+}
+
+impl Scorer {
+    /// Voxelises the mesh. Its units do not matter; candidates are in the same.
+    pub fn new(mesh: &Mesh, config: &RewardConfig) -> Self {
+        let solid_config = SolidConfig { resolution: config.resolution, ..SolidConfig::DEFAULT };
+        Self::with_voxels(mesh, solid(mesh, &solid_config), config)
+    }
+
+    /// With voxels made otherwise.
+    pub fn with_voxels(mesh: &Mesh, voxels: Voxels, config: &RewardConfig) -> Self {
+        let bounds = riglab_core::Bounds::of(mesh.positions().iter().copied());
+        let map = bounds.map_or(Similarity { scale: 1.0, shift: [0.0; 3] }, Similarity::into_cube);
+        let positions: Vec<[f64; 3]> = mesh.positions().iter().map(|p| apply(&map, p.map(f64::from))).collect();
+        let mut edges: Vec<[u32; 2]> =
+            mesh.triangles().iter().flat_map(|[a, b, c]| [[*a, *b], [*b, *c], [*c, *a]]).collect();
+        edges.iter_mut().for_each(|e| e.sort_unstable());
+        edges.par_sort_unstable();
+        edges.dedup();
+        let length = |e: &[u32; 2]| {
+            let [a, b] = e.map(|v| glam::DVec3::from(positions[v as usize]));
+            a.distance(b)
+        };
+        // Edges so short would be stretched a million times by nothing anyone sees.
+        edges.retain(|e| length(e) > SHORTEST);
+        let inverse = edges.iter().map(|e| (1.0 / (length(e) + 1e-6)).powi(2)).collect();
+        let cells = Coverage::new(&voxels);
+        Self { config: config.clone(), voxels, cells, map, positions, edges, inverse }
+    }
+
+    /// The body's cells.
+    pub fn voxels(&self) -> &Voxels {
+        &self.voxels
+    }
+
+    /// The rewards of one candidate; all 0 where its rows of weights are not those of the mesh.
+    pub fn score(&self, candidate: &Candidate) -> Rewards {
+        if candidate.weights().rows() != self.positions.len() {
+            return Rewards::default();
+        }
+        let c = &self.config;
+        let (heads, parents) = (candidate.heads(), candidate.parents());
+        let inner: Vec<[f64; 3]> = heads.iter().map(|p| apply(&self.map, *p)).collect();
+        let poses: Vec<_> = random_poses(heads.len(), c.poses, c.pose_degrees, c.seed)
+            .iter()
+            .map(|turns| maps(&inner, parents, turns))
+            .collect();
+        let stretch = stretches_by(&self.positions, &self.edges, &self.inverse, candidate.weights(), &poses);
+        let mean = stretch.iter().sum::<f64>() / stretch.len().max(1) as f64;
+        let parts = [
+            self.cells.of(heads, c.alpha),
+            containment(&self.voxels, heads, parents, c.bone_steps, true),
+            skinning(candidate.weights(), c.beta, [c.unbound_exponent, c.crowded_exponent]),
+            if stretch.is_empty() { 0.0 } else { 1.0 / (1.0 + c.stretch_scale * mean) },
+        ];
+        let [coverage, containment, skinning, motion] = parts.map(|r| if r.is_finite() { r } else { 0.0 });
+        let total = [coverage, containment, skinning, motion].iter().zip(c.weights).map(|(r, w)| r * w).sum();
+        Rewards { coverage, containment, skinning, motion, total }
+    }
+
+    /// The rewards of a group, scored in parallel. `None` is a sequence that could not be decoded: 0.
+    pub fn score_group(&self, candidates: &[Option<Candidate>]) -> Vec<Rewards> {
+        candidates.par_iter().map(|c| c.as_ref().map_or_else(Rewards::default, |c| self.score(c))).collect()
+    }
+}
+
+/// Shortest edge of motion, in the cube of side 2.
+const SHORTEST: f64 = 1e-5;
+
+fn apply(map: &Similarity, p: [f64; 3]) -> [f64; 3] {
+    std::array::from_fn(|k| f64::from(map.scale) * p[k] + f64::from(map.shift[k]))
+}
