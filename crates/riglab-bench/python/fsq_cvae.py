@@ -342,6 +342,15 @@ class Muon(torch.optim.Optimizer):
         return x.mT if tall else x
 
 
+def factor(train, step):
+    """The learning rate at a step, as a factor of the peak."""
+    s, steps = train["schedule"], train["steps"]
+    if step < s["warmup"]:
+        return (step + 1) / s["warmup"]
+    done = min((step - s["warmup"]) / max(steps - s["warmup"] - 1, 1), 1.0)
+    return s["end"] + (1 - s["end"]) * 0.5 * (1 + math.cos(math.pi * done))
+
+
 class Trainer:
     """Network, optimizers, moving average and schedule of a config."""
 
@@ -361,16 +370,10 @@ class Trainer:
         self.adamw = torch.optim.AdamW([p for n, p in named if not is_muon(n, p)], optim["adamw_lr"],
                                        tuple(optim["adamw_betas"]), optim["adamw_eps"], weight_decay=0.0,
                                        fused=True)  # fmt: skip
-        self.schedules = [torch.optim.lr_scheduler.LambdaLR(o, self.factor) for o in (self.muon, self.adamw)]
+        rate = lambda step: factor(self.train, step)
+        self.schedules = [torch.optim.lr_scheduler.LambdaLR(o, rate) for o in (self.muon, self.adamw)]
         self.average = [p.detach().clone() for p in self.params]
         self.bf16, self.forward, self.steps = precision == "bf16", self.net, 0
-
-    def factor(self, step):
-        s, steps = self.train["schedule"], self.train["steps"]
-        if step < s["warmup"]:
-            return (step + 1) / s["warmup"]
-        done = min((step - s["warmup"]) / max(steps - s["warmup"] - 1, 1), 1.0)
-        return s["end"] + (1 - s["end"]) * 0.5 * (1 + math.cos(math.pi * done))
 
     def loss(self, batch, prefix):
         with torch.autocast("cpu", torch.bfloat16, enabled=self.bf16):

@@ -66,6 +66,16 @@ pub static TORCH: Environment = Environment {
     found: OnceLock::new(),
 };
 
+/// What the twins of language models need.
+pub static TRANSFORMERS: Environment = Environment {
+    name: "PyTorch 2.11.0 and transformers 5.23.0",
+    requirements: &["torch==2.11.0", "transformers==5.23.0", "numpy==2.4.6"],
+    version: None,
+    gigabytes: 5.2,
+    probe: "torch, transformers, numpy",
+    found: OnceLock::new(),
+};
+
 /// The oldest Python that all of these have wheels for.
 const OLDEST: (u32, u32) = (3, 11);
 

@@ -7,10 +7,14 @@ use riglab_asset::ImportOptions;
 use riglab_config::Loader;
 use riglab_data::{Splitter, import_folder};
 use riglab_task::fsq_cvae::FsqCvaeTaskConfig;
+use riglab_task::unirig_skeleton::SkeletonTaskConfig;
 use riglab_train::Precision;
+use serde::de::DeserializeOwned;
 
 /// The experiment whose network, sampling and training are measured.
 const EXPERIMENT: &str = "experiments/quickstart/fsq_cvae.toml";
+/// The same of the skeleton model.
+const SKELETON: &str = "experiments/quickstart/unirig_skeleton.toml";
 
 /// The root of the workspace.
 pub fn root() -> PathBuf {
@@ -37,20 +41,34 @@ pub fn corpus(rigs: &Path, out: &Path) -> Result<()> {
 
 /// The experiment's settings over a corpus, in a given precision.
 pub fn config(corpus: &Path, precision: Precision) -> Result<FsqCvaeTaskConfig> {
-    let mut c = read()?;
+    let mut c: FsqCvaeTaskConfig = read(EXPERIMENT)?;
     c.data.corpora = vec![corpus.into()];
     c.train.precision = precision;
     c.validate().map_err(|(key, message)| anyhow!("{key}: {message}")).context(EXPERIMENT)?;
     Ok(c)
 }
 
-/// The precision that the experiment asks for.
-pub fn precision() -> Result<Precision> {
-    Ok(read()?.train.precision)
+/// The skeleton experiment's settings over a corpus, in a given precision.
+pub fn skeleton(corpus: &Path, precision: Precision) -> Result<SkeletonTaskConfig> {
+    let mut c: SkeletonTaskConfig = read(SKELETON)?;
+    c.data.corpora = vec![corpus.into()];
+    c.train.precision = precision;
+    c.validate().map_err(|(key, message)| anyhow!("{key}: {message}")).context(SKELETON)?;
+    Ok(c)
 }
 
-fn read() -> Result<FsqCvaeTaskConfig> {
+/// The precision that the experiment asks for.
+pub fn precision() -> Result<Precision> {
+    Ok(read::<FsqCvaeTaskConfig>(EXPERIMENT)?.train.precision)
+}
+
+/// The precision that the skeleton experiment asks for.
+pub fn skeleton_precision() -> Result<Precision> {
+    Ok(read::<SkeletonTaskConfig>(SKELETON)?.train.precision)
+}
+
+fn read<C: DeserializeOwned>(experiment: &str) -> Result<C> {
     let search = [root().join("configs")];
     let none: [&str; 0] = [];
-    Ok(Loader::new().search(&search).load(root().join(EXPERIMENT), &none)?.get()?)
+    Ok(Loader::new().search(&search).load(root().join(experiment), &none)?.get()?)
 }

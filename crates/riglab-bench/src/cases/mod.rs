@@ -4,19 +4,24 @@ mod decode;
 mod dedup;
 mod epoch;
 mod export;
+mod generate;
 mod import;
 mod import_arrays;
 mod loader_ar;
 mod matmul_share;
 mod sample;
+mod skeleton_step;
 mod step;
 mod synth;
+mod tokenise;
+mod training;
 
 use std::path::PathBuf;
 
 use anyhow::{Result, bail};
 use decode::Codec;
 use riglab_train::Precision;
+use skeleton_step::Kind;
 
 use crate::recipe;
 use crate::row::Row;
@@ -32,7 +37,7 @@ pub struct Case {
 }
 
 /// All of them, in the order they run.
-pub const CASES: [Case; 13] = [
+pub const CASES: [Case; 19] = [
     Case { name: "import", about: "rigged files read, against Blender's glTF importer", run: import::run },
     Case {
         name: "import/trimesh",
@@ -80,6 +85,32 @@ pub const CASES: [Case; 13] = [
         run: |c| step::run(c, Precision::Bf16),
     },
     Case {
+        name: "step/unirig_skeleton/fp32",
+        about: "a training step of the skeleton model, against transformers' OPT, no sequence padded",
+        run: |c| skeleton_step::run(c, Kind::Even(Precision::Fp32)),
+    },
+    Case {
+        name: "step/unirig_skeleton/bf16",
+        about: "the same in bfloat16, against autocast",
+        run: |c| skeleton_step::run(c, Kind::Even(Precision::Bf16)),
+    },
+    Case {
+        name: "packed/unirig_skeleton",
+        about: "tokens a second over sequences of all lengths, against the same padded to the longest",
+        run: |c| skeleton_step::run(c, Kind::Mixed),
+    },
+    Case {
+        name: "generate/unirig_skeleton/b1",
+        about: "skeletons drawn under the grammar, against transformers' generate",
+        run: |c| generate::run(c, 1),
+    },
+    Case { name: "generate/unirig_skeleton/b24", about: "the same, 24 at once", run: |c| generate::run(c, 24) },
+    Case {
+        name: "tokenise",
+        about: "skeletons as tokens and back, against the released algorithm in Python",
+        run: tokenise::run,
+    },
+    Case {
         name: "epoch/fsq_cvae",
         about: "an epoch with its loading and sampling, against DataLoader and numpy",
         run: epoch::run,
@@ -102,13 +133,16 @@ impl Case {
 /// riglab's side of a case.
 pub fn serve(case: &str) -> Result<()> {
     match case {
+        "generate" => generate::serve(),
         "import" => import::serve(),
         "decode" => decode::serve(),
         "dedup" => dedup::serve(),
         "export" => export::serve(),
         "loader_ar" => loader_ar::serve(),
         "sample" => sample::serve(),
+        "skeleton_step" => skeleton_step::serve(),
         "step" => step::serve(),
+        "tokenise" => tokenise::serve(),
         "epoch" => epoch::serve(),
         _ => bail!("no side `{case}`"),
     }
@@ -168,7 +202,7 @@ mod tests {
         let of = |name| CASES.iter().filter(|c| c.is_wanted(name)).count();
         assert_eq!(
             (of("step"), of("step/fsq_cvae/fp32"), of("step/fsq_cvae/fp32/compile"), of("imports")),
-            (2, 1, 1, 0)
+            (4, 1, 1, 0)
         );
     }
 }

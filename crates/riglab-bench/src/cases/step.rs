@@ -9,24 +9,21 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use anyhow::{Context as _, Result, anyhow, ensure};
-use riglab_nn::optim::{Ema, Optimizer};
-use riglab_task::fsq_cvae::{Batch, FsqCvaeTask};
-use riglab_train::{At, Precision, Source, Task};
+use riglab_task::fsq_cvae::FsqCvaeTask;
+use riglab_train::{Precision, Source, Task};
 use serde::Deserialize;
 use serde_json::{Value, json};
 use tch::{Device, Kind, Tensor};
 
 use super::Context;
+use super::training::{Plan, Training, lockstep};
 use crate::python::TORCH;
 use crate::recipe;
-use crate::rounds::{Rounds, in_turn};
 use crate::row::{Better, Row};
 use crate::side::{self, PATIENCE, Side};
 
 /// Batches that steps go through in turn; their prefix lengths differ.
 const BATCHES: usize = 8;
-/// Passes over them before times count.
-const WARM_UP: usize = 2;
 /// Timed passes after which losses are compared. Later the few batches are known by heart and rounding
 /// has grown: either side with one thread is 3 to 5 % from itself with two after 88 steps (ours 1.93
 /// and 1.84, theirs 1.66 and 1.61), while after 40 all four lie within 1 %.
@@ -53,14 +50,8 @@ pub struct Times {
     rows: Vec<Row>,
 }
 
-#[derive(Deserialize)]
-struct Ran {
-    seconds: f64,
-    cpu_seconds: f64,
-    losses: Vec<f64>,
-}
-
-fn name(precision: Precision) -> &'static str {
+/// What rows call a precision.
+pub fn name(precision: Precision) -> &'static str {
     match precision {
         Precision::Fp32 => "fp32",
         Precision::Bf16 => "bf16",
@@ -110,9 +101,10 @@ fn measure(context: &Context, corpus: &Path, precision: Precision) -> Result<Tim
 
     let mut theirs = TORCH.start("step.py")?;
     let _: Vec<f64> = theirs.ask(&open_theirs(fused, None))?;
-    let found = lockstep(&mut ours, &mut theirs, context.rounds(9), PATIENCE)?;
+    let plan = |rounds| Plan { batches: BATCHES, rounds: context.rounds(rounds), compared: COMPARED };
+    let found = lockstep(&mut ours, &mut theirs, plan(9), PATIENCE)?;
     let [la, lb] = found.compared;
-    let steps = (WARM_UP + COMPARED.min(context.rounds(9))) * BATCHES;
+    let steps = plan(9).steps_compared();
     eprintln!("  mean loss of {BATCHES} steps, after {steps}: {la:.4} and {lb:.4}");
     ensure!((la / lb - 1.0).abs() <= NEAR_AT_END, "the two trainings drift apart: {la} and {lb} after {steps} steps");
     let (milliseconds, reference) = found.wall.medians();
@@ -141,52 +133,14 @@ fn measure(context: &Context, corpus: &Path, precision: Precision) -> Result<Tim
     Ok(Times { ours: milliseconds, theirs: reference, flops, peak, rows })
 }
 
-/// Both sides' times of a step, and their losses.
-struct Lockstep {
-    wall: Rounds,
-    cpu: Rounds,
-    /// Mean losses, ours and theirs, of the pass after [`COMPARED`] timed ones.
-    compared: [f64; 2],
-    steps: usize,
-}
-
-/// Lets both sides take steps in turn, one at a time, over `rounds` passes after the warm-up. Values
-/// are means over the batches, one a pass. The other side's warm-up may take `limit`.
-fn lockstep(ours: &mut Side, theirs: &mut Side, rounds: usize, limit: Duration) -> Result<Lockstep> {
-    let start = Instant::now();
-    for _ in 0..WARM_UP {
-        let _: Ran = ours.ask(&json!({"do": "run", "steps": BATCHES}))?;
-        let left = limit.saturating_sub(start.elapsed());
-        let _: Ran = theirs.ask_within(left, &json!({"do": "run", "steps": BATCHES}))?;
-    }
-    let one = json!({"do": "run", "steps": 1});
-    let (mut a, mut b): (Vec<Ran>, Vec<Ran>) = Default::default();
-    let ask = |side: &mut Side, all: &mut Vec<Ran>| -> Result<f64> {
-        all.push(side.ask(&one)?);
-        Ok(0.0)
-    };
-    in_turn(rounds * BATCHES, || ask(ours, &mut a), || ask(theirs, &mut b))?;
-    let passes = |all: &[Ran], value: fn(&Ran) -> f64| -> Vec<f64> {
-        all.chunks(BATCHES).map(|pass| pass.iter().map(value).sum::<f64>() / BATCHES as f64).collect()
-    };
-    let both = |value| Rounds { ours: passes(&a, value), theirs: passes(&b, value) };
-    let losses = both(|r| r.losses[0]);
-    Ok(Lockstep {
-        wall: both(|r| 1e3 * r.seconds),
-        cpu: both(|r| 1e3 * r.cpu_seconds),
-        compared: [&losses.ours, &losses.theirs]
-            .map(|l| l.iter().take(COMPARED).next_back().copied().unwrap_or(f64::NAN)),
-        steps: (WARM_UP + rounds) * BATCHES,
-    })
-}
-
 /// Against `torch.compile`, which needs a compiler and patience.
 fn compiled(context: &Context, label: &str, ours: &mut Side, open: &Value) -> Row {
     let mut measure = || -> Result<Row> {
         let mut theirs = TORCH.start("step.py")?;
         let _: Vec<f64> = theirs.ask(open)?;
         let start = Instant::now();
-        let found = lockstep(ours, &mut theirs, context.rounds(5), COMPILE_LIMIT).context("torch.compile")?;
+        let plan = Plan { batches: BATCHES, rounds: context.rounds(5), compared: COMPARED };
+        let found = lockstep(ours, &mut theirs, plan, COMPILE_LIMIT).context("torch.compile")?;
         let (a, b) = found.wall.medians();
         let compiling = start.elapsed().as_secs_f64() - 1e-3 * (a + b) * found.steps as f64;
         let note =
@@ -217,106 +171,56 @@ enum Request {
 
 /// riglab's side.
 pub fn serve() -> Result<()> {
-    let mut training: Option<Training> = None;
+    let mut training: Option<Training<FsqCvaeTask>> = None;
     side::serve(|request| match (request, &mut training) {
         (Request::Open { file, corpus, precision, threads }, training) => {
             riglab_torch::init(riglab_torch::Settings { threads });
-            let made = training.insert(Training::new(&corpus, precision)?);
-            made.dump(&file)?;
-            Ok(json!(made.losses()?))
+            let made = training.insert(self::training(&corpus, precision)?);
+            dump(made, &file)?;
+            Ok(json!(losses(made)?))
         }
-        (Request::Run { steps }, Some(training)) => {
-            let (start, cpu) = (Instant::now(), side::cpu_seconds());
-            let losses: Vec<f64> = (0..steps).map(|_| training.step()).collect::<Result<_>>()?;
-            let (seconds, cpu) = (start.elapsed().as_secs_f64(), side::cpu_seconds() - cpu);
-            Ok(json!({"seconds": seconds, "cpu_seconds": cpu, "losses": losses}))
-        }
+        (Request::Run { steps }, Some(training)) => training.run(steps),
         (Request::Memory, _) => Ok(json!(side::peak_memory_mb())),
         (Request::Peak { precision }, _) => Ok(json!(peak(precision))),
         (Request::Run { .. }, None) => Err(anyhow!("open first")),
     })
 }
 
-/// What `riglab_train` does in a step, on batches made before.
-struct Training {
-    task: FsqCvaeTask,
-    batches: Vec<Batch>,
-    optimizer: Optimizer,
-    ema: Ema,
-    step: u64,
+/// The task with its batches.
+fn training(corpus: &Path, precision: Precision) -> Result<Training<FsqCvaeTask>> {
+    let task = FsqCvaeTask::new(recipe::config(corpus, precision)?, Device::Cpu).map_err(|e| anyhow!(e))?;
+    let source = task.batches();
+    let batches: Result<_, String> = (0..BATCHES as u64).map(|n| source.batch(n)).collect();
+    let train = task.config().train.clone();
+    Ok(Training::new(task, train, batches.map_err(|e| anyhow!(e))?))
 }
 
-impl Training {
-    fn new(corpus: &Path, precision: Precision) -> Result<Self> {
-        let config = recipe::config(corpus, precision)?;
-        let task = FsqCvaeTask::new(config, Device::Cpu).map_err(|e| anyhow!(e))?;
-        let source = task.batches();
-        let batches: Result<_, String> = (0..BATCHES as u64).map(|n| source.batch(n)).collect();
-        let train = &task.config().train;
-        let optimizer = Optimizer::new(task.params(), train.optim.clone());
-        let ema = Ema::new(task.params(), train.ema);
-        Ok(Self { batches: batches.map_err(|e| anyhow!(e))?, optimizer, ema, step: 0, task })
+/// Weights and batches for the other side.
+fn dump(training: &Training<FsqCvaeTask>, file: &Path) -> Result<()> {
+    let c = training.task.config();
+    let mut tensors = training.weights();
+    for (n, b) in training.batches.iter().enumerate() {
+        let floats = |v: &[f32], size: &[i64]| Tensor::from_slice(v).view(size);
+        let (r, m) = (b.rigs as i64, b.bones as i64);
+        let each = [
+            ("shape", floats(&b.shape, &[r, -1, 6])),
+            ("shape_queries", Tensor::from_slice(&b.shape_queries).view([r, -1])),
+            ("skin", floats(&b.skin, &[m, -1, 6])),
+            ("skin_weights", floats(&b.skin_weights, &[m, -1])),
+            ("skin_queries", Tensor::from_slice(&b.skin_queries).view([m, c.model.skin_tokens as i64])),
+            ("points", floats(&b.points, &[m, -1, 6])),
+            ("targets", floats(&b.targets, &[m, -1])),
+            ("prefix", Tensor::from_slice(&[b.prefix as i64])),
+        ];
+        tensors.extend(each.into_iter().map(|(name, t)| (format!("{n}/{name}"), t)));
     }
+    riglab_nn::io::write(file, tensors.iter().map(|(n, t)| (n.as_str(), t)))?;
+    Ok(())
+}
 
-    /// Weights and batches for the other side.
-    fn dump(&self, file: &Path) -> Result<()> {
-        let c = self.task.config();
-        let mut tensors: Vec<(String, Tensor)> = Vec::new();
-        for (name, t) in self.task.params().named(self.task.params().weights()) {
-            tensors.push((format!("w/{name}"), t.detach()));
-        }
-        for (n, b) in self.batches.iter().enumerate() {
-            let floats = |v: &[f32], size: &[i64]| Tensor::from_slice(v).view(size);
-            let (r, m) = (b.rigs as i64, b.bones as i64);
-            let each = [
-                ("shape", floats(&b.shape, &[r, -1, 6])),
-                ("shape_queries", Tensor::from_slice(&b.shape_queries).view([r, -1])),
-                ("skin", floats(&b.skin, &[m, -1, 6])),
-                ("skin_weights", floats(&b.skin_weights, &[m, -1])),
-                ("skin_queries", Tensor::from_slice(&b.skin_queries).view([m, c.model.skin_tokens as i64])),
-                ("points", floats(&b.points, &[m, -1, 6])),
-                ("targets", floats(&b.targets, &[m, -1])),
-                ("prefix", Tensor::from_slice(&[b.prefix as i64])),
-            ];
-            tensors.extend(each.into_iter().map(|(name, t)| (format!("{n}/{name}"), t)));
-        }
-        riglab_nn::io::write(file, tensors.iter().map(|(n, t)| (n.as_str(), t)))?;
-        Ok(())
-    }
-
-    /// The loss of each batch under the present weights.
-    fn losses(&self) -> Result<Vec<f64>> {
-        let _no_grad = tch::no_grad_guard();
-        let half = self.half();
-        let weights = half.as_ref().unwrap_or(self.task.params().weights());
-        let loss = |b: &Batch| self.task.loss(weights, b, self.at()).map(|l| l.total().double_value(&[]));
-        self.batches.iter().map(loss).collect::<Result<_, String>>().map_err(|e| anyhow!(e))
-    }
-
-    fn at(&self) -> At {
-        At { seed: self.task.config().train.seed, step: self.step, batch: self.step }
-    }
-
-    fn half(&self) -> Option<riglab_nn::params::Weights> {
-        let bf16 = self.task.config().train.precision == Precision::Bf16;
-        bf16.then(|| self.task.params().weights().cast(Kind::BFloat16))
-    }
-
-    fn step(&mut self) -> Result<f64> {
-        let (train, params) = (&self.task.config().train, self.task.params());
-        let half = self.half();
-        let weights = half.as_ref().unwrap_or(params.weights());
-        let batch = &self.batches[self.step as usize % self.batches.len()];
-        let loss = self.task.loss(weights, batch, self.at()).map_err(|e| anyhow!(e))?.total();
-        let value = loss.double_value(&[]);
-        let inputs: Vec<&Tensor> = weights.tensors().iter().collect();
-        let grads = Tensor::run_backward(&[loss], &inputs, false, false);
-        let factor = riglab_train::factor(&train.schedule, self.step, train.steps);
-        self.optimizer.step(params, grads, factor)?;
-        self.ema.update(params, self.step)?;
-        self.step += 1;
-        Ok(value)
-    }
+/// The loss of each batch under the present weights.
+fn losses(training: &Training<FsqCvaeTask>) -> Result<Vec<f64>> {
+    training.each(|weights, batch, at| Ok(training.task.loss(weights, batch, at)?.total()))
 }
 
 /// Operations a second of large matrix products, the best of several sizes and rounds.

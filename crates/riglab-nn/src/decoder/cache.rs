@@ -4,16 +4,20 @@ use tch::{Kind, Tensor};
 
 /// Keys and values of rows that go on together, made once for the longest sequence.
 pub struct Cache {
-    /// Of each layer, [rows, heads, room, head width].
-    layers: Vec<(Tensor, Tensor)>,
+    /// Of each layer, keys and values [2, rows, heads, room, head width].
+    layers: Vec<Tensor>,
+    /// Rows that go on: the first ones of those there is room for.
+    rows: i64,
     len: i64,
+    /// Weights and biases that a decoder has put together for the steps to come, by layer.
+    pub(super) fused: Vec<(Tensor, Tensor)>,
 }
 
 impl Cache {
     /// Room for so many tokens.
     pub fn new(layers: usize, rows: i64, heads: i64, room: i64, width: i64, kind: Kind, device: tch::Device) -> Self {
-        let empty = || Tensor::empty([rows, heads, room, width], (kind, device));
-        Self { layers: (0..layers).map(|_| (empty(), empty())).collect(), len: 0 }
+        let empty = || Tensor::empty([2, rows, heads, room, width], (kind, device));
+        Self { layers: (0..layers).map(|_| empty()).collect(), rows, len: 0, fused: Vec::new() }
     }
 
     /// Tokens of each row so far.
@@ -28,12 +32,28 @@ impl Cache {
 
     /// Writes keys and values [rows, heads, t, width] of a layer behind those before, and gives all.
     pub(crate) fn extend(&mut self, layer: usize, k: &Tensor, v: &Tensor) -> (Tensor, Tensor) {
-        let (keys, values) = &self.layers[layer];
-        let new = k.size()[2];
-        keys.narrow(2, self.len, new).copy_(k);
-        values.narrow(2, self.len, new).copy_(v);
-        let all = self.len + new;
-        (keys.narrow(2, 0, all), values.narrow(2, 0, all))
+        let own = self.own(layer);
+        let new = own.narrow(3, self.len, k.size()[2]);
+        new.select(0, 0).copy_(k);
+        new.select(0, 1).copy_(v);
+        self.all(&own, k.size()[2])
+    }
+
+    /// As [`Self::extend`], of both in one tensor [2, rows, heads, t, width].
+    pub(crate) fn extend_both(&mut self, layer: usize, both: &Tensor) -> (Tensor, Tensor) {
+        let own = self.own(layer);
+        let new = both.size()[3];
+        own.narrow(3, self.len, new).copy_(both);
+        self.all(&own, new)
+    }
+
+    fn own(&self, layer: usize) -> Tensor {
+        self.layers[layer].narrow(1, 0, self.rows)
+    }
+
+    fn all(&self, own: &Tensor, new: i64) -> (Tensor, Tensor) {
+        let all = own.narrow(3, 0, self.len + new);
+        (all.select(0, 0), all.select(0, 1))
     }
 
     /// After all layers have read `tokens` more.
@@ -43,10 +63,54 @@ impl Cache {
 
     /// Goes on with these rows, in this order; one may come several times.
     pub fn select(&mut self, rows: &[i64]) {
-        let index = Tensor::from_slice(rows).to_device(self.layers.first().map_or(tch::Device::Cpu, |l| l.0.device()));
-        for (k, v) in &mut self.layers {
-            *k = k.index_select(0, &index);
-            *v = v.index_select(0, &index);
+        // No row moves to behind where it stands: each can be moved by itself, without one being lost.
+        let forward = rows.iter().enumerate().all(|(to, &from)| from >= to as i64);
+        let index = (!forward)
+            .then(|| Tensor::from_slice(rows).to_device(self.layers.first().map_or(tch::Device::Cpu, Tensor::device)));
+        for layer in &mut self.layers {
+            // What is not written yet need not move.
+            let written = layer.narrow(3, 0, self.len);
+            match &index {
+                None => {
+                    for (to, &from) in rows.iter().enumerate().filter(|(to, from)| *to as i64 != **from) {
+                        written.select(1, to as i64).copy_(&written.select(1, from));
+                    }
+                }
+                Some(index) => {
+                    let mut size = layer.size();
+                    size[1] = rows.len() as i64;
+                    let other = Tensor::empty(size, (layer.kind(), layer.device()));
+                    other.narrow(3, 0, self.len).copy_(&written.index_select(1, index));
+                    *layer = other;
+                }
+            }
+        }
+        self.rows = rows.len() as i64;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use tch::Device;
+
+    use super::*;
+
+    #[test]
+    fn rows_move_as_they_are_asked_to() {
+        let mut cache = Cache::new(1, 4, 1, 3, 1, Kind::Float, Device::Cpu);
+        let column = |values: [f32; 4]| Tensor::from_slice(&values).view([4, 1, 1, 1]);
+        let keys = column([0.0, 1.0, 2.0, 3.0]);
+        let _ = cache.extend(0, &keys, &(&keys + 10.0));
+        cache.advance(1);
+        let mut now: Vec<i64> = vec![0, 1, 2, 3];
+        // Leaving, moving forward, changing places, doubling.
+        for rows in [vec![0, 3, 2], vec![2, 1], vec![1, 0, 1], vec![1, 1]] {
+            cache.select(&rows);
+            now = rows.iter().map(|&r| now[r as usize]).collect();
+            let (keys, values) = cache.all(&cache.own(0), 0);
+            let flat = |t: Tensor| Vec::<f32>::try_from(t.contiguous().view([-1])).unwrap();
+            assert_eq!(flat(keys), now.iter().map(|&r| r as f32).collect::<Vec<_>>());
+            assert_eq!(flat(values), now.iter().map(|&r| r as f32 + 10.0).collect::<Vec<_>>());
         }
     }
 }

@@ -166,7 +166,11 @@ impl Opt {
     pub fn cache(&self, w: &Weights, rows: i64, room: i64) -> Cache {
         let table = &w[self.tokens];
         let width = table.size()[1] / self.heads;
-        Cache::new(self.layers.len(), rows, self.heads, room.min(self.longest), width, table.kind(), table.device())
+        let room = room.min(self.longest);
+        let mut cache = Cache::new(self.layers.len(), rows, self.heads, room, width, table.kind(), table.device());
+        // Once for all tokens to come: put together at each, they cost as much as the products.
+        cache.fused = self.layers.iter().map(|layer| self.fused(w, layer)).collect();
+        cache
     }
 
     /// Vectors [rows, t, d] that follow what the cache holds, to what the last norm gives [rows, t, d].
@@ -176,9 +180,12 @@ impl Opt {
         let places = Tensor::arange_start(before, before + t, (Kind::Int64, Device::Cpu)).to_device(x.device());
         let mut x = (x + w[self.positions].index_select(0, &(places + OFFSET))).view([rows * t, d]);
         for (number, layer) in self.layers.iter().enumerate() {
-            let (q, k, v) = self.project(w, layer, &x);
-            let [q, k, v] = [q, k, v].map(|p| p.view([rows, t, self.heads, d / self.heads]).transpose(1, 2));
-            let (k, v) = cache.extend(number, &k, &v);
+            let (weight, bias) = &cache.fused[number];
+            let all = layer.norm.forward(w, &x).linear(weight, Some(bias));
+            // [3, rows, h, t, e]
+            let all = all.view([rows, t, 3, self.heads, d / self.heads]).permute([2, 0, 3, 1, 4]);
+            let q = all.select(0, 0);
+            let (k, v) = cache.extend_both(number, &all.narrow(0, 1, 2));
             // Several tokens are read at once only at the beginning, one sees all before it.
             let read = mix(&q, &k, &v, t > 1).transpose(1, 2).reshape([rows * t, d]);
             x = self.rest(w, layer, &x, &read, false);
@@ -190,13 +197,18 @@ impl Opt {
     /// Queries, keys and values of x [T, d], each [T, h, e].
     fn project(&self, w: &Weights, layer: &Layer, x: &Tensor) -> (Tensor, Tensor, Tensor) {
         let x = layer.norm.forward(w, x);
-        let all = [&layer.q, &layer.k, &layer.v];
         // One product for all three: the weights are small beside the activations.
-        let weight = Tensor::cat(&all.map(|l| &w[l.weight()]), 0);
-        let bias = Tensor::cat(&all.map(|l| &w[l.bias().expect("OPT has biases")]), 0);
+        let (weight, bias) = self.fused(w, layer);
         let mut parts = x.linear(&weight, Some(&bias)).view([x.size()[0], 3, self.heads, -1]).unbind(1).into_iter();
         let mut next = || parts.next().expect("three parts");
         (next(), next(), next())
+    }
+
+    /// Weights and biases of query, key and value as one.
+    fn fused(&self, w: &Weights, layer: &Layer) -> (Tensor, Tensor) {
+        let all = [&layer.q, &layer.k, &layer.v];
+        let weight = Tensor::cat(&all.map(|l| &w[l.weight()]), 0);
+        (weight, Tensor::cat(&all.map(|l| &w[l.bias().expect("OPT has biases")]), 0))
     }
 
     /// The output projection and the feed-forward layer.

@@ -16,7 +16,9 @@ pub fn softmax(scores: &[f32]) -> Vec<f32> {
     if most == f32::NEG_INFINITY {
         return vec![0.0; scores.len()];
     }
-    let mut p: Vec<f32> = scores.iter().map(|s| (s - most).exp()).collect();
+    // Where few are possible, most exponentials need not be taken.
+    let share = |s: &f32| if *s == f32::NEG_INFINITY { 0.0 } else { (s - most).exp() };
+    let mut p: Vec<f32> = scores.iter().map(share).collect();
     let sum: f32 = p.iter().sum();
     p.iter_mut().for_each(|x| *x /= sum);
     p
@@ -51,36 +53,44 @@ fn repetition(scores: &mut [f32], before: &[u32], penalty: f32) {
     if penalty == 1.0 {
         return;
     }
-    let mut seen = before.to_vec();
-    seen.sort_unstable();
-    seen.dedup();
-    for score in seen.into_iter().filter_map(|id| Some(id as usize).filter(|&id| id < scores.len())).collect::<Vec<_>>()
-    {
-        let score = &mut scores[score];
-        *score = if *score < 0.0 { *score * penalty } else { *score / penalty };
+    // A bit an id: each is punished once.
+    let mut seen = vec![0u64; scores.len().div_ceil(64)];
+    for &id in before {
+        let id = id as usize;
+        let Some(score) = scores.get_mut(id) else { continue };
+        let (word, bit) = (&mut seen[id / 64], 1 << (id % 64));
+        if *word & bit == 0 {
+            *word |= bit;
+            *score = if *score < 0.0 { *score * penalty } else { *score / penalty };
+        }
     }
 }
 
 /// Keeps the `k` best, and whatever ties with the last of them.
 fn top_k(scores: &mut [f32], k: usize) {
-    if k >= scores.len() {
+    // What is impossible is among the best only where fewer than k are possible.
+    let mut possible: Vec<f32> = scores.iter().copied().filter(|s| *s > f32::NEG_INFINITY).collect();
+    if k >= possible.len() {
         return;
     }
-    let mut sorted = scores.to_vec();
-    sorted.sort_by(|a, b| b.total_cmp(a));
-    let least = sorted[k - 1];
+    let (_, least, _) = possible.select_nth_unstable_by(k - 1, |a, b| b.total_cmp(a));
+    let least = *least;
     scores.iter_mut().filter(|s| **s < least).for_each(|s| *s = f32::NEG_INFINITY);
 }
 
 /// From the least likely on, drops tokens while their probabilities sum to at most 1 - p.
 fn top_p(scores: &mut [f32], p: f32, keep: usize) {
-    let mut order: Vec<usize> = (0..scores.len()).collect();
+    // What is impossible adds nothing to the sum.
+    let mut order: Vec<usize> = (0..scores.len()).filter(|&id| scores[id] > f32::NEG_INFINITY).collect();
     order.sort_by(|&a, &b| scores[a].total_cmp(&scores[b]));
-    let likely = softmax(scores);
-    let mut sum = 0.0;
-    for &id in &order[..order.len().saturating_sub(keep)] {
-        sum += likely[id];
-        if sum > 1.0 - p {
+    let own: Vec<f32> = order.iter().map(|&id| scores[id]).collect();
+    let most = own.last().copied().unwrap_or(f32::NEG_INFINITY);
+    // The sum in the order of ids, as over all scores.
+    let sum: f32 = scores.iter().filter(|s| **s > f32::NEG_INFINITY).map(|s| (s - most).exp()).sum();
+    let mut dropped = 0.0;
+    for (&id, score) in order.iter().zip(&own).take(order.len().saturating_sub(keep)) {
+        dropped += (score - most).exp() / sum;
+        if dropped > 1.0 - p {
             break;
         }
         scores[id] = f32::NEG_INFINITY;

@@ -34,8 +34,8 @@ pub fn draw(probabilities: &[f32], random: &mut Stream) -> u32 {
 /// Draws a sequence for each row, without the prompt and with the token that ends it.
 ///
 /// `first`: each row's scores of the first token, after its prompt. `choose` is given row, step and processed
-/// scores. Rows that have ended leave the batch. A step is a token that is read, which may be drawn in several
-/// parts.
+/// scores. Rows that have ended leave the batch, and the last ones take their places. A step is a token that is
+/// read, which may be drawn in several parts.
 pub fn rows<G: Grammar>(
     decoder: &mut dyn Decoder,
     first: Vec<Vec<f32>>,
@@ -48,23 +48,30 @@ pub fn rows<G: Grammar>(
     let mut live: Vec<usize> = (0..grammars.len()).collect();
     let mut scores = first;
     for step in 0..config.tokens {
-        let mut ids = Vec::with_capacity(live.len());
-        let mut go_on = Vec::with_capacity(live.len());
+        // Of each row of the batch, its next token where it goes on.
+        let mut next: Vec<Option<u32>> = Vec::with_capacity(live.len());
         for (at, &row) in live.iter().enumerate() {
             let mut own = std::mem::take(&mut scores[at]);
             let id = loop {
                 process(&mut own, &drawn[row], Some(&grammars[row].allowed()), config, 1);
                 let id = choose(row, step, &own);
                 drawn[row].push(id);
+                let ends = grammars[row].ends(id);
                 grammars[row].accept(id);
                 match decoder.within(at, id) {
                     Some(next) => own = next,
-                    None => break id,
+                    None => break Some(id).filter(|_| !ends),
                 }
             };
-            if !grammars[row].ends(id) {
-                ids.push(id);
-                go_on.push(at);
+            next.push(id);
+        }
+        let mut go_on: Vec<usize> = (0..live.len()).collect();
+        let mut at = 0;
+        while at < go_on.len() {
+            if next[go_on[at]].is_some() {
+                at += 1;
+            } else {
+                go_on.swap_remove(at);
             }
         }
         if go_on.is_empty() || step + 1 == config.tokens {
@@ -74,6 +81,7 @@ pub fn rows<G: Grammar>(
             decoder.select(&go_on);
             live = go_on.iter().map(|&at| live[at]).collect();
         }
+        let ids: Vec<u32> = go_on.iter().filter_map(|&at| next[at]).collect();
         scores = decoder.next(&ids);
     }
     drawn

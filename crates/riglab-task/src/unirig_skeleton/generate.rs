@@ -3,7 +3,7 @@
 use riglab_core::Rig;
 use riglab_geom::CloudSampler;
 use riglab_nn::decoder::Cache;
-use riglab_nn::generate::{Decoder, Grammar as Rules, chooser, rows};
+use riglab_nn::generate::{Decoder, GenerateConfig, Grammar as Rules, chooser, rows};
 use riglab_nn::params::Weights;
 use riglab_nn::skeleton::SkeletonModel;
 use riglab_random::stream;
@@ -75,7 +75,7 @@ impl SkeletonTask {
     /// Draws a skeleton for each rig's mesh; `keys` seed its points and its draws, so that a rig's skeleton does
     /// not depend on those beside it.
     pub fn draw(&self, w: &Weights, rigs: &[(&Rig, u64)]) -> Vec<Drawn> {
-        let _no_grad = tch::no_grad_guard();
+        let keys: Vec<u64> = rigs.iter().map(|(_, key)| *key).collect();
         let c = &self.config;
         let mut batch = Batch::default();
         for (rig, key) in rigs {
@@ -83,21 +83,33 @@ impl SkeletonTask {
             let sampler = CloudSampler::new(rig.mesh(), &c.sampling.cloud);
             shape(&c.sampling.cloud, &c.model.shape, &sampler, &mut random, &mut batch);
         }
-        let (cloud, picks) = shape_of(c, &batch, self.device);
-        let prefix = self.net.condition(w, &cloud, &picks);
+        self.draw_with(w, &self.prefix_of(w, &batch), &keys, &c.eval.generate)
+    }
+
+    /// What the decoder reads of each shape of a batch before its skeleton [b, p, d].
+    pub fn prefix_of(&self, w: &Weights, batch: &Batch) -> Tensor {
+        let _no_grad = tch::no_grad_guard();
+        let (cloud, picks) = shape_of(&self.config, batch, self.device);
+        self.net.condition(w, &cloud, &picks)
+    }
+
+    /// Draws a skeleton after each prefix [b, p, d]; `keys` seed the draws.
+    pub fn draw_with(&self, w: &Weights, prefix: &Tensor, keys: &[u64], generate: &GenerateConfig) -> Vec<Drawn> {
+        let _no_grad = tch::no_grad_guard();
+        let c = &self.config;
         let vocabulary = self.tokenizer.vocabulary();
         // The grammar ends each sequence before the tokens do.
-        let tokens = c.limits.tokens.min(c.eval.generate.tokens + 1);
+        let tokens = c.limits.tokens.min(generate.tokens + 1);
         let mut grammar = Grammar::new(&self.tokenizer, Limits { tokens, ..c.limits }, c.eval.parents);
         grammar.accept(vocabulary.bos());
         let strict = Strict { grammar, ids: vocabulary.len(), end: vocabulary.eos() };
-        let mut config = c.eval.generate.clone();
+        let mut config = generate.clone();
         config.tokens = tokens - 1;
-        let cache = self.net.start(w, &prefix, config.tokens as i64 + 1);
+        let cache = self.net.start(w, prefix, config.tokens as i64 + 1);
         let mut reader = Reader { net: &self.net, weights: w, cache };
-        let first = reader.next(&vec![vocabulary.bos(); rigs.len()]);
-        let mut streams: Vec<_> = rigs.iter().map(|(_, key)| stream(c.eval.seed, "skeleton draws", &[*key])).collect();
-        let all = rows(&mut reader, first, vec![strict; rigs.len()], &config, chooser(&config, &mut streams));
+        let first = reader.next(&vec![vocabulary.bos(); keys.len()]);
+        let mut streams: Vec<_> = keys.iter().map(|key| stream(c.eval.seed, "skeleton draws", &[*key])).collect();
+        let all = rows(&mut reader, first, vec![strict; keys.len()], &config, chooser(&config, &mut streams));
         let whole = |own: Vec<u32>| {
             let ids: Vec<u32> = std::iter::once(vocabulary.bos()).chain(own).collect();
             Drawn { decoded: self.tokenizer.decode(&ids), ids }

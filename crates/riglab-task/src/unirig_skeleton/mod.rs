@@ -91,6 +91,11 @@ impl SkeletonTask {
         &self.config
     }
 
+    /// Its network.
+    pub fn net(&self) -> &SkeletonModel {
+        &self.net
+    }
+
     /// Where batches of the training split come from.
     pub fn batches(&self) -> Arc<BatchSource> {
         let (config, tokenizer) = (self.config.clone(), self.tokenizer.clone());
