@@ -6,11 +6,13 @@ use riglab_geom::farthest_points;
 use riglab_nn::decoder::{Cache, OptConfig, Packed};
 use riglab_nn::embed::{EmbedConfig, EmbedKind, Embedding};
 use riglab_nn::generate::{Decoder, GenerateConfig, Grammar, argmax, best, log_softmax, process};
-use riglab_nn::params::{Builder, Params, Weights};
+use riglab_nn::optim::{OptimConfig, Optimizer, Pace};
+use riglab_nn::params::{Builder, Init, Params, Role, Weights};
 use riglab_nn::perceiver::{Perceiver, PerceiverConfig};
 use riglab_nn::skeleton::{SkeletonModel, SkeletonModelConfig, coordinate_distance, cross_entropy};
 use riglab_tests::{Golden, golden};
 use riglab_token::{Mask, Preset, Tokenizer, Walk};
+use riglab_train::{OneCycleConfig, ScheduleConfig, ScheduleKind, beta1, factor};
 use tch::{Device, Kind, Tensor};
 
 #[test]
@@ -369,6 +371,63 @@ fn released_processors() {
                 }
             }
         }
+    }
+}
+
+/// Both set-ups: the schedule over all steps, and weights, momentum and clipping over the first.
+#[test]
+fn released_schedule_and_optimizer() {
+    riglab_torch::init(riglab_torch::Settings { threads: 1 });
+    for (_, case) in golden("unirig", &["schedule"]) {
+        let steps = (case.number("epochs") * case.number("steps_per_epoch")) as u64;
+        let setups: Vec<String> =
+            case.names("in.").filter_map(|name| name.strip_suffix(".p0")).map(String::from).collect();
+        for setup in &setups {
+            let of = |key: &str| case.number(&format!("{setup}.{key}"));
+            let (start, peak) = (1.0 / of("div_factor"), of("max_lr"));
+            let one_cycle = OneCycleConfig { rise: of("pct_start"), start, ..OneCycleConfig::default() };
+            let end = start / of("final_div_factor");
+            let schedule = ScheduleConfig { kind: ScheduleKind::OneCycle, warmup: 0, end, one_cycle };
+            let pace =
+                |step: u64| Pace { factor: factor(&schedule, step, steps), beta1: beta1(&schedule, step, steps) };
+            let rates: Vec<f64> = (0..steps).map(|step| peak * pace(step).factor).collect();
+            let betas: Vec<f64> = (0..steps).filter_map(|step| pace(step).beta1).collect();
+            case.check(&format!("out.{setup}.lr"), &Tensor::from_slice(&rates));
+            case.check(&format!("out.{setup}.beta1"), &Tensor::from_slice(&betas));
+            optimizer_steps(&case, setup, peak, pace);
+        }
+        case.done();
+    }
+}
+
+fn optimizer_steps(case: &Golden, setup: &str, peak: f64, pace: impl Fn(u64) -> Pace) {
+    let mut builder = Builder::default();
+    for name in ["p", "b"] {
+        let shape = case.get(&format!("in.{setup}.{name}0")).size();
+        builder.root().add(name, Role::Projection, &shape, Init::Constant(0.0));
+    }
+    let params = builder.finish(0, Kind::Float, Device::Cpu).unwrap();
+    params.load(&["p", "b"].map(|name| (name.to_string(), case.get(&format!("in.{setup}.{name}0")))).into()).unwrap();
+    let config = OptimConfig {
+        muon: vec![],
+        adamw_lr: peak,
+        adamw_betas: [0.9, 0.999],
+        weight_decay: case.number(&format!("{setup}.weight_decay")),
+        clip: 1.0,
+        ..OptimConfig::default()
+    };
+    let mut optimizer = Optimizer::new(&params, config);
+    let [p, b] = ["p", "b"].map(|name| case.get(&format!("in.{setup}.grad_{name}")));
+    let (mut norms, mut seen) = (vec![], [vec![], vec![]]);
+    for step in 0..p.size()[0] {
+        let stats =
+            optimizer.step_at(&params, vec![p.get(step).copy(), b.get(step).copy()], pace(step as u64)).unwrap();
+        norms.push(stats.grad_norm);
+        params.weights().tensors().iter().zip(&mut seen).for_each(|(t, all)| all.push(t.detach().copy()));
+    }
+    case.check(&format!("out.{setup}.grad_norm"), &Tensor::from_slice(&norms));
+    for (name, all) in ["p", "b"].iter().zip(seen) {
+        case.check(&format!("out.{setup}.{name}"), &Tensor::stack(&all, 0));
     }
 }
 

@@ -68,10 +68,31 @@ impl Precision {
 pub struct ScheduleConfig {
     /// Shape after warm-up.
     pub kind: ScheduleKind,
-    /// Steps of linear warm-up from 0.
+    /// Steps of linear warm-up from 0 (not for `one_cycle`).
     pub warmup: u64,
     /// Factor at the last step (not for `constant`).
     pub end: f64,
+    /// The rise of `one_cycle`.
+    pub one_cycle: OneCycleConfig,
+}
+
+/// How `one_cycle` rises, and what it does to momentum. The defaults are those of UniRig's public code.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct OneCycleConfig {
+    /// Share of the run's steps in which the rate rises to its peak.
+    pub rise: f64,
+    /// Factor at the first step.
+    pub start: f64,
+    /// AdamW's decay of first moments at the ends of the run, and at the peak of the rate: it goes down while the
+    /// rate goes up, in place of the optimizer's own.
+    pub beta1: [f64; 2],
+}
+
+impl Default for OneCycleConfig {
+    fn default() -> Self {
+        Self { rise: 0.1, start: 0.2, beta1: [0.95, 0.85] }
+    }
 }
 
 /// Shapes of the schedule.
@@ -84,11 +105,15 @@ pub enum ScheduleKind {
     Linear,
     /// The peak throughout.
     Constant,
+    /// Half a cosine up to the peak and half a cosine down to `end`, with momentum the other way (PyTorch's
+    /// `OneCycleLR`, which UniRig trains with).
+    #[serde(rename = "one_cycle")]
+    OneCycle,
 }
 
 impl Default for ScheduleConfig {
     fn default() -> Self {
-        Self { kind: ScheduleKind::Cosine, warmup: 100, end: 0.01 }
+        Self { kind: ScheduleKind::Cosine, warmup: 100, end: 0.01, one_cycle: OneCycleConfig::default() }
     }
 }
 
@@ -133,6 +158,16 @@ impl TrainConfig {
         }
         if !(0.0..=1.0).contains(&self.schedule.end) {
             return fault("schedule.end", format!("end = {} must lie in [0, 1]", self.schedule.end));
+        }
+        let OneCycleConfig { rise, start, beta1 } = self.schedule.one_cycle;
+        if !(0.0..1.0).contains(&rise) {
+            return fault("schedule.one_cycle.rise", format!("rise = {rise} must be at least 0 and below 1"));
+        }
+        if !(0.0..=1.0).contains(&start) {
+            return fault("schedule.one_cycle.start", format!("start = {start} must lie in [0, 1]"));
+        }
+        if let Some(beta) = beta1.iter().find(|b| !(0.0..1.0).contains(*b)) {
+            return fault("schedule.one_cycle.beta1", format!("{beta} must be at least 0 and below 1"));
         }
         if self.workers > 256 {
             return fault("workers", format!("{} workers: at most 256", self.workers));

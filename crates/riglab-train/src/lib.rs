@@ -27,13 +27,13 @@ mod tensorboard;
 mod trainer;
 
 pub use checkpoint::{Checkpoint, State};
-pub use config::{Precision, ScheduleConfig, ScheduleKind, TrainConfig};
+pub use config::{OneCycleConfig, Precision, ScheduleConfig, ScheduleKind, TrainConfig};
 pub use error::TrainError;
 pub use interrupt::Interrupt;
 pub use prefetch::{Prefetch, Source};
 pub use progress::Progress;
 pub use run::{Run, RunInfo};
-pub use schedule::factor;
+pub use schedule::{beta1, factor};
 pub use task::{At, Better, Loss, Task, Validation};
 pub use tensorboard::TensorBoard;
 pub use trainer::{Ended, Outcome, train};

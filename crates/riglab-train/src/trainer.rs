@@ -2,7 +2,7 @@
 
 use std::time::{Duration, Instant};
 
-use riglab_nn::optim::{Ema, Optimizer};
+use riglab_nn::optim::{Ema, Optimizer, Pace};
 use riglab_nn::params::{Params, Weights};
 use tch::{Kind, Tensor};
 
@@ -165,7 +165,8 @@ impl Trainer<'_> {
         }
         let factor = schedule::factor(&config.schedule, step, config.steps);
         let stats = if total.is_finite() {
-            self.optimizer.step(params, grads, factor)?
+            let pace = Pace { factor, beta1: schedule::beta1(&config.schedule, step, config.steps) };
+            self.optimizer.step_at(params, grads, pace)?
         } else {
             riglab_nn::optim::StepStats { grad_norm: f64::NAN, taken: false }
         };

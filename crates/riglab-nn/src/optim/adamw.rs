@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use riglab_torch::{AdamwStep, fused_adamw};
 use tch::{Kind, Tensor};
 
-use super::OptimConfig;
+use super::{OptimConfig, Pace};
 use crate::NnError;
 use crate::params::{ParamId, Params};
 
@@ -42,7 +42,7 @@ impl Adamw {
         params: &Params,
         grads: &[Tensor],
         c: &OptimConfig,
-        factor: f64,
+        pace: Pace,
         shrink: f64,
     ) -> Result<(), NnError> {
         for (group, weight_decay) in self.groups.iter_mut().zip([c.weight_decay, 0.0]) {
@@ -64,8 +64,8 @@ impl Adamw {
                 m: &pick(&group.m),
                 v: &pick(&group.v),
                 steps: &steps,
-                lr: c.adamw_lr * factor,
-                betas: (c.adamw_betas[0], c.adamw_betas[1]),
+                lr: c.adamw_lr * pace.factor,
+                betas: (pace.beta1.unwrap_or(c.adamw_betas[0]), c.adamw_betas[1]),
                 weight_decay,
                 eps: c.adamw_eps,
                 grad_scale: grad_scale.as_ref().filter(|_| kind != Kind::Double),

@@ -103,6 +103,15 @@ impl OptimConfig {
     }
 }
 
+/// Where a run stands in its schedule.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Pace {
+    /// Of the peak learning rates.
+    pub factor: f64,
+    /// AdamW's decay of first moments, in place of the config's.
+    pub beta1: Option<f64>,
+}
+
 /// What a step found and did.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct StepStats {
@@ -134,7 +143,15 @@ impl Optimizer {
     ///
     /// # Errors
     /// libtorch's message.
-    pub fn step(&mut self, params: &Params, mut grads: Vec<Tensor>, lr_factor: f64) -> Result<StepStats, NnError> {
+    pub fn step(&mut self, params: &Params, grads: Vec<Tensor>, lr_factor: f64) -> Result<StepStats, NnError> {
+        self.step_at(params, grads, Pace { factor: lr_factor, beta1: None })
+    }
+
+    /// As [`Self::step`], with a momentum that is the schedule's too.
+    ///
+    /// # Errors
+    /// libtorch's message.
+    pub fn step_at(&mut self, params: &Params, mut grads: Vec<Tensor>, pace: Pace) -> Result<StepStats, NnError> {
         let _no_grad = tch::no_grad_guard();
         let kind = params.weights().kind();
         for g in &mut grads {
@@ -149,8 +166,8 @@ impl Optimizer {
         }
         let c = &self.config;
         let shrink = if c.clip > 0.0 && grad_norm > c.clip { c.clip / (grad_norm + 1e-6) } else { 1.0 };
-        self.muon.step(params, &grads, c, lr_factor, shrink)?;
-        self.adamw.step(params, &grads, c, lr_factor, shrink)?;
+        self.muon.step(params, &grads, c, pace.factor, shrink)?;
+        self.adamw.step(params, &grads, c, pace, shrink)?;
         Ok(StepStats { grad_norm, taken: true })
     }
 
