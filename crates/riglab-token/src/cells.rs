@@ -10,15 +10,16 @@ const REACH: i32 = 12;
 /// Moves joints to free cells where their own would give another tree, and tells how many.
 ///
 /// A branch names its parent by a cell, and the latest joint with that cell is taken. So no joint may have
-/// the cell of an earlier one that a later branch still names.
+/// the cell of an earlier one that a later branch still names. `branches` has the parents of those joints that
+/// are written as branches.
 ///
 /// # Errors
 /// [`EncodeFault::NoCell`] where too many joints are at one place.
-pub(crate) fn tell_apart(cells: &mut [[u16; 3]], parents: &[Option<usize>], bins: u16) -> Result<usize, EncodeFault> {
+pub(crate) fn tell_apart(cells: &mut [[u16; 3]], branches: &[Option<usize>], bins: u16) -> Result<usize, EncodeFault> {
     // For each joint, the last branch that names it.
     let mut named_until = vec![0; cells.len()];
-    for (joint, parent) in parents.iter().enumerate() {
-        if let Some(parent) = parent.filter(|p| p + 1 != joint) {
+    for (joint, parent) in branches.iter().enumerate() {
+        if let Some(parent) = *parent {
             named_until[parent] = joint;
         }
     }
@@ -65,20 +66,20 @@ mod tests {
     #[test]
     fn only_joints_that_hide_a_named_one_move() {
         // 0 - 1 - 2 and 0 - 3, 1 - 4: all in one cell.
-        let parents = [None, Some(0), Some(1), Some(0), Some(1)];
+        let branches = [None, None, None, Some(0), Some(1)];
         let mut cells = [[7; 3]; 5];
-        assert_eq!(tell_apart(&mut cells, &parents, 256).unwrap(), 2);
+        assert_eq!(tell_apart(&mut cells, &branches, 256).unwrap(), 2);
         let latest = |cell: [u16; 3], before: usize| (0..before).rev().find(|&j| cells[j] == cell);
         assert_eq!((latest(cells[0], 3), latest(cells[1], 4)), (Some(0), Some(1)));
         // A chain names nobody.
         let mut chain = [[7; 3]; 4];
-        assert_eq!(tell_apart(&mut chain, &[None, Some(0), Some(1), Some(2)], 256).unwrap(), 0);
+        assert_eq!(tell_apart(&mut chain, &[None; 4], 256).unwrap(), 0);
         // A star of more joints than cells.
         let mut star = vec![[0; 3]; 20];
-        let parents: Vec<_> = (0..20).map(|j| if j == 0 { None } else { Some(0) }).collect();
-        assert_eq!(tell_apart(&mut star.clone(), &parents, 2).unwrap(), 18);
+        let branches: Vec<_> = (0..20).map(|j| if j < 2 { None } else { Some(0) }).collect();
+        assert_eq!(tell_apart(&mut star.clone(), &branches, 2).unwrap(), 18);
         // A chain of ten, and a branch from each of it: ten cells are needed at once.
-        let comb: Vec<_> = (0..20usize).map(|j| if j < 10 { j.checked_sub(1) } else { Some(j - 10) }).collect();
+        let comb: Vec<_> = (0..20usize).map(|j| j.checked_sub(10)).collect();
         assert!(matches!(tell_apart(&mut star, &comb, 2), Err(EncodeFault::NoCell { .. })));
     }
 }

@@ -86,6 +86,9 @@ pub struct TokenizerConfig {
     pub class: Classes,
     /// Whether joints of a template come first, in the template's order.
     pub templates: bool,
+    /// Whether a joint of a template's part that hangs where the template has it is written without its
+    /// parent: what everyone knows needs no token.
+    pub known_parents: bool,
     /// When `spring` is written.
     pub spring: Spring,
     /// The order of siblings.
@@ -119,6 +122,7 @@ impl Preset {
             classes: names(&["vroid", "mixamo"]),
             class: Classes::ByParts,
             templates: true,
+            known_parents: true,
             spring: Spring::AfterParts,
             siblings: Siblings::YUp,
             distinct: true,
@@ -133,6 +137,7 @@ impl Preset {
                 own_parts: true,
                 classes: names(&["vroid", "mixamo", "rig-xl"]),
                 class: Classes::AsGiven,
+                known_parents: false,
                 siblings: Siblings::ZUp,
                 distinct: false,
                 // A cell and a half: what rounding may set apart, and no more.
@@ -143,6 +148,7 @@ impl Preset {
                 rule: Rule::RoundF32,
                 classes: names(&["vroid", "mixamo", "articulationxl"]),
                 class: Classes::AsGiven,
+                known_parents: false,
                 spring: Spring::Always,
                 siblings: Siblings::AsGiven,
                 distinct: false,
@@ -155,6 +161,7 @@ impl Preset {
                 classes: names(&["rignet", "vroid", "articulation"]),
                 class: Classes::AsGiven,
                 templates: false,
+                known_parents: false,
                 spring: Spring::Never,
                 siblings: Siblings::AsGiven,
                 distinct: false,

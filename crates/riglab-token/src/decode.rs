@@ -4,6 +4,7 @@ use riglab_core::{Joint, JointId, RigError, Skeleton};
 
 use crate::encode::Tokenizer;
 use crate::tails::tails;
+use crate::template::usual_parents;
 use crate::vocabulary::Meaning;
 use crate::{DecodeFault, Merge};
 
@@ -43,6 +44,8 @@ impl Decoded {
 struct Found {
     head: [f32; 3],
     parent: [f32; 3],
+    /// Whether the parent was written.
+    branch: bool,
 }
 
 impl Tokenizer {
@@ -73,7 +76,7 @@ impl Tokenizer {
                     }
                     let head = self.point(ids, at + width - 3)?;
                     let parent = if branch { self.point(ids, at)? } else { previous.unwrap_or(head) };
-                    found.push(Found { head, parent });
+                    found.push(Found { head, parent, branch });
                     (previous, branch) = (Some(head), false);
                     at += width;
                     continue;
@@ -97,7 +100,8 @@ impl Tokenizer {
         }
         let class = class.map(|c| vocabulary.classes()[c].clone());
         let names = self.names(class.as_deref(), &parts, found.len())?;
-        let parents = self.parents(&found)?;
+        let usual = if self.config.known_parents { self.usual(class.as_deref(), &parts, found.len()) } else { vec![] };
+        let parents = self.parents(&found, &usual)?;
         let named =
             |part: Option<usize>| part.map(|p| vocabulary.word(vocabulary.part(p)).trim_matches(['<', '>']).to_owned());
         let joints = found.into_iter().map(|f| f.head).collect();
@@ -129,11 +133,28 @@ impl Tokenizer {
         Ok(names)
     }
 
+    /// The parents of joints that are written without one, as [`Self::names`] has the parts: one after another.
+    fn usual(&self, class: Option<&str>, parts: &[Option<usize>], count: usize) -> Vec<Option<usize>> {
+        let mut start = 0;
+        let named = parts.iter().flatten().filter_map(|p| self.vocabulary.part_named(class, *p));
+        let placed: Vec<_> = named
+            .map(|part| {
+                start += part.joints.len();
+                (start - part.joints.len(), part)
+            })
+            .collect();
+        usual_parents(&placed, count)
+    }
+
     /// Each joint's parent: the nearest joint before it to where its parent should be, the latest of
-    /// equally near ones.
-    fn parents(&self, found: &[Found]) -> Result<Vec<Option<usize>>, DecodeFault> {
+    /// equally near ones. `usual` has those of joints without a parent, where they are told.
+    fn parents(&self, found: &[Found], usual: &[Option<usize>]) -> Result<Vec<Option<usize>>, DecodeFault> {
         let mut parents = vec![None];
-        for (joint, Found { parent, .. }) in found.iter().enumerate().skip(1) {
+        for (joint, Found { parent, branch, .. }) in found.iter().enumerate().skip(1) {
+            if let Some(known) = usual.get(joint).filter(|_| !branch) {
+                parents.push(*known);
+                continue;
+            }
             let (mut best, mut least) = (joint - 1, f32::INFINITY);
             for earlier in (0..joint).rev() {
                 let head = found[earlier].head;

@@ -3,7 +3,7 @@
 use riglab_core::Skeleton;
 
 use crate::order::{Order, parts_first, walk};
-use crate::template::Template;
+use crate::template::{Part, Template, usual_parents};
 use crate::{Classes, EncodeFault, Quantiser, Spring, TokenizerConfig, Vocabulary, cells};
 
 /// Joints as arrays: what files and tests have.
@@ -97,10 +97,13 @@ impl Tokenizer {
         let parents: Vec<Option<usize>> = order.joints.iter().map(|&j| bones.parents[j].map(|p| place[p])).collect();
         let point = |&j: &usize| bones.joints[j].map(|x| self.quantiser.cell(x));
         let mut of: Vec<[u16; 3]> = order.joints.iter().map(point).collect();
-        let moved = if self.config.distinct { cells::tell_apart(&mut of, &parents, self.config.bins)? } else { 0 };
+        let usual = usual_parents(&self.known(&order, class), count);
+        let branches: Vec<Option<usize>> =
+            parents.iter().zip(&usual).map(|(own, usual)| own.filter(|_| own != usual)).collect();
+        let moved = if self.config.distinct { cells::tell_apart(&mut of, &branches, self.config.bins)? } else { 0 };
         let outside = |p: &&[f64; 3]| p.iter().any(|x| !self.quantiser.holds(*x as f32));
         let named = class.filter(|_| !bones.names.is_empty());
-        let ids = self.sequence(&order, &of, &parents, class, named.is_some());
+        let ids = self.sequence(&order, &of, &branches, class, named.is_some());
         Ok(Encoded { ids, order: order.joints, clamped: bones.joints.iter().filter(outside).count(), moved })
     }
 
@@ -128,11 +131,20 @@ impl Tokenizer {
         }
     }
 
+    /// The parts whose joints need no parents, by the place of their first joint.
+    fn known(&self, order: &Order, class: Option<&str>) -> Vec<(usize, &'static Part)> {
+        if !self.config.known_parents {
+            return Vec::new();
+        }
+        let part = |&(first, number): &(usize, usize)| Some((first, self.vocabulary.part_named(class, number)?));
+        order.parts.iter().filter_map(part).collect()
+    }
+
     fn sequence(
         &self,
         order: &Order,
         of: &[[u16; 3]],
-        parents: &[Option<usize>],
+        branches: &[Option<usize>],
         class: Option<&str>,
         named: bool,
     ) -> Vec<u32> {
@@ -153,7 +165,7 @@ impl Tokenizer {
             } else if at == order.others && spring {
                 out.push(ids.spring());
             }
-            if let Some(parent) = parents[at].filter(|p| p + 1 != at) {
+            if let Some(parent) = branches[at] {
                 out.push(ids.branch());
                 out.extend(of[parent].map(u32::from));
             }

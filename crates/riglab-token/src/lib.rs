@@ -2,7 +2,8 @@
 //!
 //! A sequence is `bos class joints… eos`. A joint that hangs on the one before it costs three
 //! coordinate tokens; any other is a `branch` with the coordinates of its parent and its own. Skeletons
-//! of known make (Mixamo, VRoid) begin with named parts, so a model learns which joint is the left hand.
+//! of known make (Mixamo, VRoid) begin with named parts, so a model learns which joint is the left hand; what
+//! hangs where the template has it needs no branch.
 //!
 //! The one idea: **a sequence names joints by where they are.** That is what makes it learnable, and what
 //! makes it ambiguous where two joints fall into one cell. [`Tokenizer::encode`] of the default preset

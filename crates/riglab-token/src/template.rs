@@ -5,8 +5,12 @@
 pub struct Part {
     /// `body` or `hand`.
     pub name: &'static str,
+    /// The place of its first joint in the template.
+    pub first: usize,
     /// Its joints, in order.
     pub joints: &'static [&'static str],
+    /// On which joint of the template each hangs, by its place; none of the root.
+    pub parents: &'static [Option<u8>],
 }
 
 /// A skeleton of known make.
@@ -35,9 +39,49 @@ impl Template {
     }
 }
 
+/// The trees of both templates: hips, spine to head, arms from the upper chest, legs from the hips.
+const BODY: [Option<u8>; 22] = parents([-1, 0, 1, 2, 3, 4, 3, 6, 7, 8, 3, 10, 11, 12, 0, 14, 15, 16, 0, 18, 19, 20]);
+/// Five fingers of three joints from each hand.
+const HAND: [Option<u8>; 30] = parents([
+    9, 22, 23, 9, 25, 26, 9, 28, 29, 9, 31, 32, 9, 34, 35, 13, 37, 38, 13, 40, 41, 13, 43, 44, 13, 46, 47, 13, 49, 50,
+]);
+
+const fn parents<const N: usize>(places: [i8; N]) -> [Option<u8>; N] {
+    let (mut out, mut k) = ([None; N], 0);
+    while k < N {
+        if places[k] >= 0 {
+            out[k] = Some(places[k] as u8);
+        }
+        k += 1;
+    }
+    out
+}
+
+/// For each place of a sequence, the joint that one written without a parent hangs on: where parts stand, by
+/// the place of their first joint, that of the template; else the one before it.
+pub(crate) fn usual_parents(parts: &[(usize, &Part)], count: usize) -> Vec<Option<usize>> {
+    let mut usual: Vec<Option<usize>> = (0..count).map(|at| at.checked_sub(1)).collect();
+    // Where each joint of the template stands.
+    let mut places = Vec::new();
+    for (start, part) in parts {
+        places.resize(places.len().max(part.first + part.joints.len()), None);
+        (0..part.joints.len()).for_each(|k| places[part.first + k] = Some(start + k));
+        for (k, parent) in part.parents.iter().enumerate() {
+            let parent = parent.and_then(|p| places.get(usize::from(p)).copied().flatten());
+            if let (Some(parent), Some(own)) = (parent.filter(|p| *p < start + k), usual.get_mut(start + k)) {
+                *own = Some(parent);
+            }
+        }
+    }
+    usual
+}
+
 const VROID: Template = Template {
     class: "vroid",
-    parts: &[Part { name: "body", joints: &VROID_BODY }, Part { name: "hand", joints: &VROID_HAND }],
+    parts: &[
+        Part { name: "body", first: 0, joints: &VROID_BODY, parents: &BODY },
+        Part { name: "hand", first: 22, joints: &VROID_HAND, parents: &HAND },
+    ],
 };
 
 const VROID_BODY: [&str; 22] = [
@@ -100,7 +144,10 @@ const VROID_HAND: [&str; 30] = [
 
 const MIXAMO: Template = Template {
     class: "mixamo",
-    parts: &[Part { name: "body", joints: &MIXAMO_BODY }, Part { name: "hand", joints: &MIXAMO_HAND }],
+    parts: &[
+        Part { name: "body", first: 0, joints: &MIXAMO_BODY, parents: &BODY },
+        Part { name: "hand", first: 22, joints: &MIXAMO_HAND, parents: &HAND },
+    ],
 };
 
 const MIXAMO_BODY: [&str; 22] = [
@@ -160,3 +207,53 @@ const MIXAMO_HAND: [&str; 30] = [
     "mixamorig:RightHandPinky2",
     "mixamorig:RightHandPinky3",
 ];
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn joints_of_templates_hang_on_the_joints_of_their_limb() {
+        for template in &Template::ALL {
+            let names: Vec<&str> = template.parts.iter().flat_map(|p| p.joints).copied().collect();
+            let parents: Vec<Option<u8>> = template.parts.iter().flat_map(|p| p.parents).copied().collect();
+            assert_eq!((names.len(), parents.len()), (52, 52));
+            let of = |name: &str| {
+                let at = names.iter().position(|n| n.ends_with(name)).unwrap_or_else(|| panic!("{name}"));
+                parents[at].map_or("", |p| names[usize::from(p)])
+            };
+            let pairs: &[(&str, &str)] = match template.class {
+                "vroid" => &[
+                    ("L_Shoulder", "C_UpperChest"),
+                    ("R_UpperLeg", "C_Hips"),
+                    ("R_ToeBase", "R_Foot"),
+                    ("L_Little1", "L_Hand"),
+                    ("R_Thumb1", "R_Hand"),
+                    ("R_Thumb3", "R_Thumb2"),
+                ],
+                _ => &[
+                    ("LeftShoulder", "Spine2"),
+                    ("RightUpLeg", "Hips"),
+                    ("RightToeBase", "RightFoot"),
+                    ("LeftHandPinky1", "LeftHand"),
+                    ("RightHandThumb1", "RightHand"),
+                    ("RightHandThumb3", "RightHandThumb2"),
+                ],
+            };
+            assert_eq!(parents[0], None);
+            for (joint, parent) in pairs {
+                assert!(of(joint).ends_with(parent), "{joint} hangs on {}", of(joint));
+            }
+            // Parents come first, and limbs do not cross.
+            let side = |name: &str| {
+                (name.contains("Left") || name.contains("_L_"), name.contains("Right") || name.contains("_R_"))
+            };
+            for (at, parent) in parents.iter().enumerate() {
+                let Some(parent) = parent.map(usize::from) else { continue };
+                assert!(parent < at);
+                let (a, b) = (side(names[at]), side(names[parent]));
+                assert!(b == (false, false) || a == b, "{} hangs on {}", names[at], names[parent]);
+            }
+        }
+    }
+}

@@ -181,3 +181,31 @@ fn sequences_from_strangers_are_refused_without_a_panic() {
         }
     }
 }
+
+#[test]
+fn joints_of_a_template_need_no_parents() {
+    let tokenizer = Tokenizer::new(Preset::Riglab.config());
+    for template in &Template::ALL {
+        let names: Vec<String> = template.parts.iter().flat_map(|p| p.joints).map(|n| (*n).to_owned()).collect();
+        let usual: Vec<Option<usize>> =
+            template.parts.iter().flat_map(|p| p.parents).map(|p| p.map(usize::from)).collect();
+        let mut random = stream(11, "template", &[]);
+        let joints: Vec<[f64; 3]> =
+            names.iter().map(|_| std::array::from_fn(|_| f64::from(2.0 * random.unit() - 1.0))).collect();
+        let bones = Bones { joints: &joints, parents: &usual, names: &names };
+        let encoded = tokenizer.encode_bones(&bones, None).unwrap();
+        // Start, class, two parts, three coordinates a joint, end.
+        assert_eq!(encoded.ids.len(), 5 + 3 * 52);
+        assert_eq!(tokenizer.decode(&encoded.ids).unwrap().parents, usual);
+        // One that hangs elsewhere is told, and one that is not there leaves the body alone.
+        let mut other = usual.clone();
+        other[6] = Some(2);
+        let encoded = tokenizer.encode_bones(&Bones { parents: &other, ..bones }, None).unwrap();
+        assert_eq!(encoded.ids.len(), 5 + 3 * 52 + 4);
+        assert_eq!(tokenizer.decode(&encoded.ids).unwrap().parents, other);
+        let bones = Bones { joints: &joints[..51], parents: &usual[..51], names: &names[..51] };
+        let encoded = tokenizer.encode_bones(&bones, None).unwrap();
+        let decoded = tokenizer.decode(&encoded.ids).unwrap();
+        assert_eq!((decoded.parts.len(), decoded.joints.len()), (2, 51));
+    }
+}
