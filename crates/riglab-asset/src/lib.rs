@@ -22,7 +22,9 @@
 //! What was read can be written: with another rig onto its own document, without its rig, or a rig alone
 //! ([`mod@export`]); and in any [`Target`] ([`write`]).
 //!
-//! Leaves out: what pictures and materials look like.
+//! A model without a rig is a [`rigging::Subject`]: one mesh to be rigged, and the way back into its document.
+//!
+//! Leaves out: what pictures and materials look like, but to take them from OBJ and FBX into a glTF.
 
 mod assemble;
 mod budget;

@@ -291,6 +291,34 @@ fn the_preview_bends_every_joint_and_changes_nothing_else() {
     assert!(parts(&export::preview(&bare).unwrap().bytes).0.get("animations").is_none());
 }
 
+#[test]
+fn doubts_are_rare_where_there_is_nothing_to_doubt() {
+    let Some(folder) = common::data("RIGLAB_RIGS", "rigs") else { return };
+    // As they are, and put down as if z were up.
+    let mut told: [HashMap<&str, usize>; 2] = Default::default();
+    let mut files = 0;
+    for path in common::files(&folder, &["glb", "vrm"]).into_iter().step_by(2) {
+        files += 1;
+        for (up, told) in [UpAxis::Y, UpAxis::MinusZ].into_iter().zip(&mut told) {
+            let Ok(subject) = Subject::read(&path, &SubjectOptions { up, ..Default::default() }) else { continue };
+            for note in subject.notes() {
+                let kind = match note {
+                    SubjectNote::LiesDown { axis: UpAxis::Z } => "lies",
+                    SubjectNote::StandApart { .. } => "apart",
+                    SubjectNote::InsideOut { .. } => "inside out",
+                    _ => continue,
+                };
+                *told.entry(kind).or_default() += 1;
+                println!("{} {up}: {note}", path.file_name().unwrap().display());
+            }
+        }
+    }
+    println!("{files} files: {told:?}");
+    let share = |of: &HashMap<&str, usize>, kind: &str| of.get(kind).copied().unwrap_or(0) as f64 / files as f64;
+    assert!(share(&told[0], "lies") < 0.03 && share(&told[1], "lies") > 0.2);
+    assert!(share(&told[0], "apart") < 0.1 && share(&told[0], "inside out") < 0.1);
+}
+
 #[cfg(feature = "fbx")]
 #[test]
 fn an_fbx_is_rigged_anew_or_keeps_its_skeleton() {

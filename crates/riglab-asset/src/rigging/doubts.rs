@@ -10,6 +10,8 @@ use super::{SubjectNote, UpAxis};
 const LARGE: f64 = 0.3;
 /// Gaps wider than this share of the whole part characters.
 const GAP: f64 = 0.05;
+/// What is less than this share of the surface does not matter.
+const MUCH: f64 = 0.25;
 /// A model that stands on something has its lowest point this near to 0, as a share of its height.
 const STANDS: f64 = 0.02;
 
@@ -79,17 +81,15 @@ fn characters(pieces: &[Piece], diagonal: f64) -> usize {
 /// The mesh with closed surfaces that face inwards turned round; tells how many triangles, if any.
 ///
 /// Pieces inside others, as the inside of a mouth is, face inwards for good reason and are left: turned is what
-/// is at least half as large as the largest closed piece.
+/// is at least half as large as the largest closed piece, where that makes a good part of the surface.
 pub(super) fn facing_out(mesh: Mesh, pieces: &[Piece], notes: &mut Vec<SubjectNote>) -> Mesh {
     let largest = pieces.iter().filter_map(|p| p.volume).map(f64::abs).fold(0.0, f64::max);
-    let turned: Vec<u32> = pieces
-        .iter()
-        .filter(|p| p.volume.is_some_and(|v| v < -0.5 * largest))
-        .flat_map(|p| p.triangles.iter().copied())
-        .collect();
-    if turned.is_empty() {
+    let inwards = || pieces.iter().filter(|p| p.volume.is_some_and(|v| v < -0.5 * largest));
+    let area: f64 = inwards().map(|p| p.area).sum();
+    if area < MUCH * pieces.iter().map(|p| p.area).sum::<f64>() || area == 0.0 {
         return mesh;
     }
+    let turned: Vec<u32> = inwards().flat_map(|p| p.triangles.iter().copied()).collect();
     notes.push(SubjectNote::InsideOut { triangles: turned.len(), of: mesh.triangles().len() });
     let (positions, mut triangles) = mesh.clone().into_parts();
     for t in turned {

@@ -15,7 +15,7 @@ const GROUND: f64 = 0.15;
 /// A name for each joint: `root`, then `spine_1`, `leg_2_l_1`, `tail_3` and so on: what the chain it is on seems to
 /// be, which of several such (from front to back), the side, the number in the chain.
 ///
-/// Chains are read off the tree: each joint goes on to the child with the most joints below. A chain in the
+/// Chains are read off the tree: each joint goes on to the child with the most joints below, pairs of limbs apart. A chain in the
 /// middle that holds others is `spine`, one that ends there in front `head`, behind `tail`; one beside it that ends on
 /// the ground `leg`, above it `arm`; short ones are `part`. Sides are those of a model with y up that looks along +z.
 /// The same tree and places give the same names.
@@ -30,13 +30,13 @@ pub(super) fn names(skeleton: &Skeleton, mesh: Option<Bounds>) -> Vec<String> {
     // By part and side: the chains, front to back.
     let mut chains: BTreeMap<(&'static str, &'static str), Vec<Vec<usize>>> = BTreeMap::new();
     // The trunk goes on from the root; every other chain starts at a joint that is not its parent's main child.
-    let mut starts: Vec<usize> = tree.main_child(0).into_iter().collect();
-    for joint in 0..tree.heads.len() {
-        let main = tree.main_child(joint);
-        starts.extend(tree.children[joint].iter().copied().filter(|&c| Some(c) != main));
+    let next: Vec<Option<usize>> = (0..tree.heads.len()).map(|joint| goes_on(&tree, joint)).collect();
+    let mut starts: Vec<usize> = next[0].into_iter().collect();
+    for (joint, next) in next.iter().enumerate() {
+        starts.extend(tree.children[joint].iter().copied().filter(|c| Some(*c) != *next));
     }
     for start in starts {
-        let chain = tree.chain(start);
+        let chain: Vec<usize> = std::iter::successors(Some(start), |&joint| next[joint]).collect();
         chains.entry(frame.kind(&tree, &chain)).or_default().push(chain);
     }
     for ((part, side), mut all) in chains {
@@ -51,6 +51,13 @@ pub(super) fn names(skeleton: &Skeleton, mesh: Option<Bounds>) -> Vec<String> {
         }
     }
     names
+}
+
+/// The joint in which a chain goes on: of those that are no pair of limbs, the one with the most joints below.
+fn goes_on(tree: &Tree, joint: usize) -> Option<usize> {
+    let limbs: Vec<usize> = tree.pairs(joint, DVec3::X).into_iter().flat_map(|(a, b)| [a, b]).collect();
+    let others: Vec<usize> = tree.children[joint].iter().copied().filter(|c| !limbs.contains(c)).collect();
+    others.into_iter().reduce(|best, c| if tree.branches[c].joints > tree.branches[best].joints { c } else { best })
 }
 
 /// Where a model is.
