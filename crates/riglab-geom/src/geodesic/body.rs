@@ -1,54 +1,114 @@
-//! Occupied cells with their neighbours, in an order that keeps near ones together.
+//! Occupied cells, and the blocks of them that ways lead over.
 
 use crate::voxel::{Lattice, Voxels};
 
 /// Empty cells around the lattice, so that neighbours and sights need no look at its limits.
 const MARGIN: usize = 4;
 
-/// Occupied cells in bricks of 4³, a word of bits each.
+/// No node.
+const NONE: u32 = u32::MAX;
+
+/// Occupied cells in bricks of 4³, a word of bits each, for sights; and nodes, for ways: the occupied cells of
+/// a block of 2³. Blocks are neighbours where a cell of one and a cell of the other share a face, so a gap of a
+/// single cell parts them. A way's corners are nodes, an eighth as many as cells.
 pub(super) struct Body {
     lattice: Lattice,
     bricks: [usize; 3],
     words: Vec<u64>,
     /// Occupied cells of the bricks before.
     before: Vec<u32>,
-    /// Where each cell is, counted from the margin's corner.
-    cells: Vec<[u16; 3]>,
-    /// How many layers of cells around each are occupied, and 1.
+    /// How many layers of cells around each occupied cell are occupied, and 1.
     depths: Vec<u8>,
+    /// Blocks along each axis, and the node of each.
+    blocks: [usize; 3],
+    nodes: Vec<u32>,
+    /// The cell that stands for a node: the one with the fewest layers around it, since ways turn at walls.
+    places: Vec<[u16; 3]>,
+    /// The nodes across each face.
+    beside: Vec<[u32; 6]>,
 }
 
 impl Body {
     pub(super) fn new(voxels: &Voxels) -> Self {
         let lattice = *voxels.lattice();
         let bricks = lattice.size.map(|n| (n + 2 * MARGIN).div_ceil(4));
+        let blocks = bricks.map(|n| 2 * n);
         let mut body = Self {
             lattice,
             bricks,
             words: vec![0; bricks.iter().product()],
             before: Vec::new(),
-            cells: Vec::with_capacity(voxels.count()),
-            depths: Vec::new(),
+            depths: Vec::with_capacity(voxels.count()),
+            blocks,
+            nodes: vec![NONE; blocks.iter().product()],
+            places: Vec::new(),
+            beside: Vec::new(),
         };
         for place in voxels.places() {
             let (brick, bit) = body.bit(place.map(|x| (x + MARGIN) as u32));
             body.words[brick] |= 1 << bit;
         }
-        for (brick, &word) in body.words.iter().enumerate() {
-            body.before.push(body.cells.len() as u32);
+        let depths = depths(voxels);
+        for brick in 0..body.words.len() {
+            body.before.push(body.depths.len() as u32);
             let corner = [brick / bricks[2] / bricks[1], brick / bricks[2] % bricks[1], brick % bricks[2]];
-            let mut left = word;
+            let mut left = body.words[brick];
             while left != 0 {
                 let bit = left.trailing_zeros() as usize;
                 left &= left - 1;
                 let within = [bit >> 4, bit >> 2 & 3, bit & 3];
-                body.cells.push(std::array::from_fn(|k| (4 * corner[k] + within[k]) as u16));
+                let place: [usize; 3] = std::array::from_fn(|k| 4 * corner[k] + within[k]);
+                let depth = depths[lattice.index(place.map(|x| x - MARGIN))];
+                body.depths.push(depth);
+                body.add(place, depth, &depths);
             }
         }
-        let depths = depths(voxels);
-        let depth = |cell: &[u16; 3]| depths[lattice.index(cell.map(|x| usize::from(x) - MARGIN))];
-        body.depths = body.cells.iter().map(depth).collect();
+        body.beside = (0..body.len() as u32).map(|node| body.neighbours(node)).collect();
         body
+    }
+
+    /// Adds a cell to the node of its block.
+    fn add(&mut self, place: [usize; 3], depth: u8, depths: &[u8]) {
+        let block = self.block(place.map(|x| x as u32));
+        let place = place.map(|x| x as u16);
+        match self.nodes[block] {
+            NONE => {
+                self.nodes[block] = self.places.len() as u32;
+                self.places.push(place);
+            }
+            node => {
+                let old = self.places[node as usize];
+                if depth < depths[self.lattice.index(old.map(|x| usize::from(x) - MARGIN))] {
+                    self.places[node as usize] = place;
+                }
+            }
+        }
+    }
+
+    /// The nodes whose cells share faces with those of a node.
+    fn neighbours(&self, node: u32) -> [u32; 6] {
+        let corner = self.place(node).map(|x| x & !1);
+        let mut found = [NONE; 6];
+        for (face, found) in found.iter_mut().enumerate() {
+            let (axis, up) = (face / 2, face % 2 == 1);
+            for i in 0..4 {
+                let mut inner = corner;
+                inner[(axis + 1) % 3] += i & 1;
+                inner[(axis + 2) % 3] += i >> 1;
+                inner[axis] += u32::from(up);
+                let mut outer = inner;
+                outer[axis] = if up { outer[axis] + 1 } else { outer[axis] - 1 };
+                if self.has(inner) && self.has(outer) {
+                    *found = self.nodes[self.block(outer)];
+                }
+            }
+        }
+        found
+    }
+
+    #[inline]
+    fn block(&self, [x, y, z]: [u32; 3]) -> usize {
+        ((x >> 1) as usize * self.blocks[1] + (y >> 1) as usize) * self.blocks[2] + (z >> 1) as usize
     }
 
     /// Where the cells lie.
@@ -56,21 +116,21 @@ impl Body {
         &self.lattice
     }
 
-    /// How many cells.
+    /// How many nodes.
     pub(super) fn len(&self) -> usize {
-        self.cells.len()
+        self.places.len()
     }
 
-    /// Where a cell is.
+    /// Where a node's cell is.
     #[inline]
-    pub(super) fn place(&self, cell: u32) -> [u32; 3] {
-        self.cells[cell as usize].map(u32::from)
+    pub(super) fn place(&self, node: u32) -> [u32; 3] {
+        self.places[node as usize].map(u32::from)
     }
 
-    /// A cell's middle, in edges of a cell from the margin's corner less half an edge: its place.
+    /// Its middle, in edges of a cell from the margin's corner less half an edge: its place.
     #[inline]
-    pub(super) fn middle(&self, cell: u32) -> glam::Vec3A {
-        glam::Vec3A::from(self.cells[cell as usize].map(f32::from))
+    pub(super) fn middle(&self, node: u32) -> glam::Vec3A {
+        glam::Vec3A::from(self.places[node as usize].map(f32::from))
     }
 
     /// A point of the mesh's space in the units of [`Self::middle`].
@@ -103,25 +163,46 @@ impl Body {
         self.words[brick] >> bit & 1 == 1
     }
 
-    /// The cell at a place.
+    /// The number of an occupied place's cell.
     #[inline]
-    pub(super) fn number(&self, place: [u32; 3]) -> Option<u32> {
+    fn number(&self, place: [u32; 3]) -> Option<u32> {
         let (brick, bit) = self.bit(place);
         let word = self.words[brick];
         (word >> bit & 1 == 1).then(|| self.before[brick] + (word & ((1 << bit) - 1)).count_ones())
     }
 
-    /// The cells across the six faces of a place.
+    /// The node of an occupied place.
     #[inline]
-    pub(super) fn beside(&self, [x, y, z]: [u32; 3]) -> [Option<u32>; 6] {
-        [[x - 1, y, z], [x + 1, y, z], [x, y - 1, z], [x, y + 1, z], [x, y, z - 1], [x, y, z + 1]]
-            .map(|place| self.number(place))
+    pub(super) fn node(&self, place: [u32; 3]) -> Option<u32> {
+        self.has(place).then(|| self.nodes[self.block(place)])
     }
 
-    /// The cells across the faces, edges and corners of a place.
-    pub(super) fn around(&self, [x, y, z]: [u32; 3]) -> impl Iterator<Item = u32> + '_ {
-        let steps = (0..27).filter(|s| *s != 13);
-        steps.filter_map(move |s: u32| self.number([x + s / 9 - 1, y + s / 3 % 3 - 1, z + s % 3 - 1]))
+    /// The nodes across the faces of a node.
+    #[inline]
+    pub(super) fn beside(&self, node: u32) -> impl Iterator<Item = u32> + use<> {
+        self.beside[node as usize].into_iter().filter(|n| *n != NONE)
+    }
+
+    /// The nodes across the faces of a node, and those across theirs as far as their blocks touch its own.
+    pub(super) fn around(&self, node: u32) -> impl Iterator<Item = u32> + '_ {
+        let block = self.place(node).map(|x| x >> 1);
+        let touches = move |other: u32| {
+            let place = self.place(other);
+            other != node && (0..3).all(|k| (place[k] >> 1).abs_diff(block[k]) <= 1)
+        };
+        self.beside(node).flat_map(move |first| {
+            std::iter::once(first).chain(self.beside(first).filter(move |second| touches(*second)))
+        })
+    }
+
+    /// All occupied places.
+    pub(super) fn occupied(&self) -> impl Iterator<Item = [u32; 3]> + '_ {
+        let [_, ny, nz] = self.bricks;
+        let set = |word: u64| (0..64u32).filter(move |bit| word >> bit & 1 == 1);
+        self.words.iter().enumerate().filter(|(_, word)| **word != 0).flat_map(move |(brick, word)| {
+            let corner = [brick / nz / ny, brick / nz % ny, brick % nz].map(|x| 4 * x as u32);
+            set(*word).map(move |bit| [corner[0] + (bit >> 4), corner[1] + (bit >> 2 & 3), corner[2] + (bit & 3)])
+        })
     }
 
     /// Whether a way from the middle of a cell straight to a point runs through the body.
@@ -216,27 +297,32 @@ mod tests {
     }
 
     #[test]
-    fn numbers_places_and_neighbours_agree() {
+    fn nodes_are_neighbours_where_their_cells_are() {
         let b = body((0..9 * 7 * 30).filter(|i| i % 3 != 0).map(|i| [i / 210, i / 30 % 7, i % 30]));
-        for cell in 0..b.len() as u32 {
-            let place = b.place(cell);
-            assert_eq!(b.number(place), Some(cell));
-            let beside: Vec<_> = b.beside(place).into_iter().flatten().collect();
-            assert!(beside.iter().all(|c| (b.middle(*c) - b.middle(cell)).length() == 1.0));
-            assert_eq!(
-                b.around(place).filter(|c| (b.middle(*c) - b.middle(cell)).length() == 1.0).count(),
-                beside.len()
-            );
+        assert_eq!(b.occupied().count(), 9 * 7 * 20);
+        for place in b.occupied() {
+            let node = b.node(place).unwrap();
+            assert!((0..3).all(|k| b.place(node)[k] >> 1 == place[k] >> 1));
+            for axis in 0..3 {
+                let mut next = place;
+                next[axis] += 1;
+                if let Some(other) = b.node(next).filter(|other| *other != node) {
+                    assert!(b.beside(node).any(|n| n == other) && b.beside(other).any(|n| n == node));
+                    assert!(b.around(node).any(|n| n == other));
+                }
+            }
         }
         assert_eq!(b.at(b.inner([0.6, 0.0, 0.3])), [5, 4, 4]);
+        // A gap of a cell parts blocks.
+        let parted = body([[0, 0, 0], [2, 0, 0], [4, 0, 0], [5, 0, 0], [6, 0, 0]]);
+        assert_eq!((0..4).map(|n| parted.beside(n).count()).collect::<Vec<_>>(), [0, 0, 1, 1]);
     }
 
     #[test]
     fn a_gap_of_two_cells_ends_a_sight() {
         for (gap, seen) in [(0, true), (1, true), (2, false), (3, false)] {
             let b = body((0..30).filter(|z| !(10..10 + gap).contains(z)).flat_map(|z| [[4, 3, z], [5, 3, z]]));
-            let from = b.number([8, 7, 4]).unwrap();
-            let straight = b.sees(b.place(from), glam::Vec3A::new(8.0, 7.0, 30.0));
+            let straight = b.sees([8, 7, 4], glam::Vec3A::new(8.0, 7.0, 30.0));
             // Along the layers there is nothing beside a gap.
             assert_eq!(straight, seen && gap == 0, "{gap}");
         }

@@ -2,11 +2,11 @@
 
 use super::body::Body;
 
-/// Pairs of cells of different pieces and how far they are apart, in edges of a cell; by the first cell, each
-/// pair from both sides.
+/// Pairs of nodes of different pieces and how far they are apart, in edges of a cell; by the first, each pair from
+/// both sides.
 pub(super) struct Bridges {
     ways: Vec<(u32, u32, f32)>,
-    /// Whether a cell has any, a bit each.
+    /// Whether a node has any, a bit each.
     marked: Vec<u64>,
 }
 
@@ -26,17 +26,19 @@ impl Bridges {
         }
         let mut meetings = meetings(body, &pieces, count);
         // By their length; ties by the cells, so that the result is always the same.
-        meetings.sort_unstable_by(|a, b| a.2.total_cmp(&b.2).then((a.0, a.1).cmp(&(b.0, b.1))));
+        meetings.sort_unstable_by(|a, b| (a.0, a.1).cmp(&(b.0, b.1)).then(a.2.total_cmp(&b.2)));
         meetings.dedup_by(|a, b| (a.0, a.1) == (b.0, b.1));
+        meetings.sort_by(|a, b| a.2.total_cmp(&b.2));
         let mut groups = Groups::new(count);
         let mut joined: std::collections::HashMap<(u32, u32), f32> = std::collections::HashMap::new();
-        for &(a, b, length) in &meetings {
+        for &(a, b, gap) in &meetings {
             let pair = (pieces[a as usize], pieces[b as usize]);
             if groups.join(pair.0, pair.1) {
-                joined.insert(pair, length);
+                joined.insert(pair, gap);
             }
             let shortest = joined.get(&pair).or_else(|| joined.get(&(pair.1, pair.0)));
-            if shortest.is_some_and(|s| length <= s + SLACK) {
+            if shortest.is_some_and(|s| gap <= s + SLACK) {
+                let length = (body.middle(a) - body.middle(b)).length();
                 bridges.ways.extend([(a, b, length), (b, a, length)]);
             }
         }
@@ -47,7 +49,7 @@ impl Bridges {
         bridges
     }
 
-    /// The ways from a cell: to which, and how long.
+    /// The ways from a node: to which, and how long.
     #[inline]
     pub(super) fn from(&self, cell: u32) -> &[(u32, u32, f32)] {
         if self.marked[cell as usize / 64] >> (cell % 64) & 1 == 0 {
@@ -59,7 +61,7 @@ impl Bridges {
     }
 }
 
-/// The piece of each cell, and how many there are. Cells of a piece are reached across faces.
+/// The piece of each node, and how many there are. Nodes of a piece are reached across faces.
 fn pieces(body: &Body) -> (Vec<u32>, usize) {
     let mut pieces = vec![u32::MAX; body.len()];
     let (mut count, mut left) = (0, Vec::new());
@@ -70,7 +72,7 @@ fn pieces(body: &Body) -> (Vec<u32>, usize) {
         pieces[first as usize] = count;
         left.push(first);
         while let Some(cell) = left.pop() {
-            for other in body.beside(body.place(cell)).into_iter().flatten() {
+            for other in body.beside(cell) {
                 if pieces[other as usize] == u32::MAX {
                     pieces[other as usize] = count;
                     left.push(other);
@@ -82,39 +84,49 @@ fn pieces(body: &Body) -> (Vec<u32>, usize) {
     (pieces, count as usize)
 }
 
-/// Where pieces meet that grow by layers: the cells they grew from, the lower piece's first.
+/// Where pieces meet that grow by layers: the nodes of the cells they grew from, the lower piece's first, and how far
+/// those cells are apart.
 fn meetings(body: &Body, pieces: &[u32], count: usize) -> Vec<(u32, u32, f32)> {
     let lattice = body.lattice();
     let low = body.at(glam::Vec3A::splat(f32::MIN));
     let index = |place: [u32; 3]| lattice.index(std::array::from_fn(|k| (place[k] - low[k]) as usize));
+    let place = |index: u32| -> [u32; 3] {
+        let place = lattice.place(index as usize);
+        std::array::from_fn(|k| place[k] as u32 + low[k])
+    };
+    // The cell that each grew from.
     let mut source = vec![u32::MAX; lattice.cells()];
-    let mut front: Vec<[u32; 3]> = (0..body.len() as u32).map(|c| body.place(c)).collect();
-    for (cell, place) in front.iter().enumerate() {
-        source[index(*place)] = cell as u32;
+    let mut front: Vec<[u32; 3]> = body.occupied().collect();
+    for place in &front {
+        source[index(*place)] = index(*place) as u32;
     }
     let mut groups = Groups::new(count);
     let (mut apart, mut more) = (count - 1, SLACK as usize);
     let mut found = Vec::new();
     while !front.is_empty() {
         let mut next = Vec::new();
-        for place in &front {
-            let here = source[index(*place)];
+        for at in &front {
+            let here = source[index(*at)];
             for (axis, up) in [(0, false), (0, true), (1, false), (1, true), (2, false), (2, true)] {
                 let end = if up { low[axis] + lattice.size[axis] as u32 - 1 } else { low[axis] };
-                if place[axis] == end {
+                if at[axis] == end {
                     continue;
                 }
-                let mut beside = *place;
+                let mut beside = *at;
                 beside[axis] = if up { beside[axis] + 1 } else { beside[axis] - 1 };
                 let there = &mut source[index(beside)];
                 if *there == u32::MAX {
                     *there = here;
                     next.push(beside);
-                } else if pieces[*there as usize] != pieces[here as usize] {
-                    let ordered = pieces[*there as usize] < pieces[here as usize];
-                    let (a, b) = if ordered { (*there, here) } else { (here, *there) };
-                    found.push((a, b, (body.middle(a) - body.middle(b)).length()));
-                    apart -= usize::from(groups.join(pieces[a as usize], pieces[b as usize]));
+                } else if *there != here {
+                    let [p, q] = [here, *there].map(place);
+                    let [Some(a), Some(b)] = [p, q].map(|p| body.node(p)) else { continue };
+                    if pieces[a as usize] != pieces[b as usize] {
+                        let gap = (0..3).map(|k| p[k].abs_diff(q[k]).pow(2)).sum::<u32>() as f32;
+                        let (low, high) = if pieces[a as usize] < pieces[b as usize] { (a, b) } else { (b, a) };
+                        found.push((low, high, gap.sqrt()));
+                        apart -= usize::from(groups.join(pieces[a as usize], pieces[b as usize]));
+                    }
                 }
             }
         }
@@ -165,10 +177,14 @@ mod tests {
         let lattice = Lattice { origin: [0.0; 3], cell: 1.0, size: [9, 1, 5] };
         let body = Body::new(&Voxels::new(lattice, (0..5).flat_map(|z| [0, 3, 8].map(|x| [x, 0, z]))));
         let bridges = Bridges::new(&body);
-        let lengths: Vec<f32> = (0..body.len() as u32).flat_map(|c| bridges.from(c).iter().map(|w| w.2)).collect();
-        assert!(lengths.iter().all(|l| (3.0..=7.0).contains(l)), "{lengths:?}");
-        assert_eq!(lengths.iter().filter(|l| **l == 3.0).count(), 10);
-        assert_eq!(lengths.iter().filter(|l| **l == 5.0).count(), 10);
+        let ways = |x: u32, y: u32| {
+            let of = |c: u32| body.place(c)[0] - body.place(0)[0];
+            let from = (0..body.len() as u32).filter(|c| of(*c) == x);
+            from.flat_map(|c| bridges.from(c)).filter(|w| of(w.1) == y).count()
+        };
+        // Each bar is three nodes; ways lead across and aslant.
+        assert!(ways(0, 3) >= 3 && ways(3, 0) == ways(0, 3) && ways(3, 8) >= 3);
+        assert_eq!((ways(0, 8), ways(8, 0)), (0, 0));
     }
 
     #[test]

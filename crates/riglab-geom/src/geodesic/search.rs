@@ -55,7 +55,7 @@ impl Bone {
                 (*a + *along * (*k as f32 / steps) - Vec3A::from(at(*k).map(|x| x as f32))).abs().max_element()
                     <= 0.5001
             };
-            cells.extend((0..=steps.min(1e4) as i32).filter(inside).filter_map(|k| body.number(at(k))));
+            cells.extend((0..=steps.min(1e4) as i32).filter(inside).filter_map(|k| body.node(at(k))));
         }
         cells.sort_unstable();
         cells.dedup();
@@ -108,13 +108,13 @@ impl Search {
         }
     }
 
-    fn reset(&mut self, cells: usize) {
+    fn reset(&mut self, nodes: usize) {
         self.lengths.clear();
-        self.lengths.resize(cells, f32::INFINITY);
+        self.lengths.resize(nodes, f32::INFINITY);
         self.corners.clear();
-        self.corners.resize(cells, NOWHERE);
+        self.corners.resize(nodes, NOWHERE);
         self.settled.clear();
-        self.settled.resize(cells.div_ceil(64), 0);
+        self.settled.resize(nodes.div_ceil(64), 0);
     }
 
     /// From the cells that the bone runs through; from the cell nearest to a bone that runs through none.
@@ -175,7 +175,7 @@ impl Search {
         let place = body.place(cell);
         let middle = body.middle(cell);
         if !self.sees(body, bone, place, middle, self.corners[cell as usize]) {
-            let (length, corner) = self.around(body, bone, place, middle);
+            let (length, corner) = self.around(body, bone, cell, place, middle);
             self.lengths[cell as usize] = length;
             self.corners[cell as usize] = corner;
             if layer_of(length) > layer {
@@ -190,7 +190,7 @@ impl Search {
             BONE => (0.0, None),
             _ => (self.lengths[corner as usize - 1], Some(body.middle(corner - 1))),
         };
-        for other in body.beside(place).into_iter().flatten() {
+        for other in body.beside(cell) {
             if !self.is_settled(other) {
                 let p = body.middle(other);
                 let length = base + (at.unwrap_or_else(|| bone.nearest(p)) - p).length();
@@ -214,11 +214,11 @@ impl Search {
 
     /// The shortest way through settled neighbours: by their corners where those are seen, else by
     /// themselves.
-    fn around(&self, body: &Body, bone: &Bone, place: [u32; 3], middle: Vec3A) -> (f32, u32) {
+    fn around(&self, body: &Body, bone: &Bone, node: u32, place: [u32; 3], middle: Vec3A) -> (f32, u32) {
         let mut best = (f32::INFINITY, NOWHERE);
         let mut hidden = [NOWHERE; 4];
         let mut count = 0;
-        for other in body.around(place).filter(|other| self.is_settled(*other)) {
+        for other in body.around(node).filter(|other| self.is_settled(*other)) {
             let by_itself = self.lengths[other as usize] + (body.middle(other) - middle).length();
             if by_itself < best.0 {
                 best = (by_itself, other + 1);

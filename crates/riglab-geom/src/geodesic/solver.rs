@@ -59,20 +59,23 @@ impl GeodesicSolver {
         out
     }
 
-    /// The cell of a point, or the one nearest to it.
+    /// The node of a point's cell, or the one nearest to it.
     fn home(&self, p: Vec3) -> (Option<u32>, glam::Vec3A) {
         let inner = self.body.inner(p);
         let place = self.body.at(inner);
-        if let Some(cell) = self.body.number(place).or_else(|| self.nearby(place, inner)) {
-            return (Some(cell), inner);
+        if let Some(node) = self.body.node(place).or_else(|| self.nearby(place, inner)) {
+            return (Some(node), inner);
         }
-        let far = |c: &u32| (self.body.middle(*c) - inner).length_squared();
+        let far = |n: &u32| (self.body.middle(*n) - inner).length_squared();
         let nearest = (0..self.body.len() as u32).min_by(|a, b| far(a).total_cmp(&far(b)));
         (nearest, inner)
     }
 
-    fn nearby(&self, place: [u32; 3], p: glam::Vec3A) -> Option<u32> {
-        let far = |c: &u32| (self.body.middle(*c) - p).length_squared();
-        self.body.around(place).min_by(|a, b| far(a).total_cmp(&far(b)))
+    /// The node of the nearest occupied cell among those around an empty one.
+    fn nearby(&self, [x, y, z]: [u32; 3], p: glam::Vec3A) -> Option<u32> {
+        let places = (0..27).map(|s: u32| [x + s / 9 - 1, y + s / 3 % 3 - 1, z + s % 3 - 1]);
+        let far = |q: &[u32; 3]| (glam::Vec3A::from(q.map(|x| x as f32)) - p).length_squared();
+        let occupied = places.filter(|q| self.body.has(*q));
+        occupied.min_by(|a, b| far(a).total_cmp(&far(b))).and_then(|q| self.body.node(q))
     }
 }
