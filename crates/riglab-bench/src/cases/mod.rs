@@ -5,10 +5,12 @@ mod dedup;
 mod epoch;
 mod export;
 mod generate;
+mod geodesic;
 mod import;
 mod import_arrays;
 mod loader_ar;
 mod matmul_share;
+mod rewards;
 mod sample;
 mod skeleton_step;
 mod step;
@@ -37,7 +39,7 @@ pub struct Case {
 }
 
 /// All of them, in the order they run.
-pub const CASES: [Case; 19] = [
+pub const CASES: [Case; 21] = [
     Case { name: "import", about: "rigged files read, against Blender's glTF importer", run: import::run },
     Case {
         name: "import/trimesh",
@@ -69,6 +71,12 @@ pub const CASES: [Case; 19] = [
         about: "samples for UniRig's skeleton model, against numpy and trimesh",
         run: loader_ar::run,
     },
+    Case {
+        name: "geodesic",
+        about: "distances from bones to vertices through a body, against scipy's search over the released graph",
+        run: geodesic::run,
+    },
+    Case { name: "rewards/24", about: "rewards of a group of rigs of one mesh, against numpy", run: rewards::run },
     Case {
         name: "curate/dedup",
         about: "near-duplicates among descriptions of rigs, against all pairs by numpy",
@@ -138,7 +146,9 @@ pub fn serve(case: &str) -> Result<()> {
         "decode" => decode::serve(),
         "dedup" => dedup::serve(),
         "export" => export::serve(),
+        "geodesic" => geodesic::serve(),
         "loader_ar" => loader_ar::serve(),
+        "rewards" => rewards::serve(),
         "sample" => sample::serve(),
         "skeleton_step" => skeleton_step::serve(),
         "step" => step::serve(),

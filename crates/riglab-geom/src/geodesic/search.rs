@@ -1,4 +1,4 @@
-//! The shortest ways from one bone to every cell.
+//! The shortest ways from one bone to every node of a body.
 
 use glam::Vec3A;
 use riglab_core::Segment;
@@ -8,7 +8,7 @@ use super::bridges::Bridges;
 
 /// Ways are settled in layers of this length, in edges of a cell.
 const LAYER: f32 = 0.25;
-/// Seen from here: the bone itself. Other values are a cell's number and 1.
+/// Seen from here: the bone itself. Other values are a node's number and 1.
 const BONE: u32 = 0;
 const NOWHERE: u32 = u32::MAX;
 

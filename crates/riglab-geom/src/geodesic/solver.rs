@@ -10,8 +10,9 @@ use crate::voxel::{SolidConfig, Voxels, solid};
 
 /// A body prepared for distances along ways through its inside.
 ///
-/// A way goes straight where it can and turns at cells, so that it is as long as in the body itself but for
-/// about a cell; distances along edges of a lattice's graph are up to three quarters longer. What is not
+/// A way goes straight where it can and turns at cells, one for each block of 2³, so that it is as long as in the
+/// body itself but for less than two cells; distances along edges of a lattice's graph are up to three quarters
+/// longer. What is not
 /// connected hangs together by bridges from piece to piece, the nearest first: eyes, hair and buttons are
 /// as far as where they sit, with the gap. A bone that runs through no cell starts at the cell
 /// nearest to it, with the way there.
