@@ -24,10 +24,14 @@ pub(crate) fn tell_apart(cells: &mut [[u16; 3]], branches: &[Option<usize>], bin
         }
     }
     let mut moved = 0;
+    // Earlier joints that are named later: few, where chains are long.
+    let mut open: Vec<usize> = Vec::new();
     for joint in 1..cells.len() {
-        let taken = |cells: &[[u16; 3]], cell: [u16; 3]| {
-            (0..joint).any(|earlier| cells[earlier] == cell && named_until[earlier] > joint)
-        };
+        if named_until[joint - 1] > 0 {
+            open.push(joint - 1);
+        }
+        open.retain(|&earlier| named_until[earlier] > joint);
+        let taken = |cells: &[[u16; 3]], cell: [u16; 3]| open.iter().any(|&earlier| cells[earlier] == cell);
         if !taken(cells, cells[joint]) {
             continue;
         }

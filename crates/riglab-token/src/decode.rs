@@ -155,15 +155,17 @@ impl Tokenizer {
                 parents.push(*known);
                 continue;
             }
+            // Mostly one stands there.
+            if let Some(there) = found[..joint].iter().rposition(|f| f.head == *parent) {
+                parents.push(Some(there));
+                continue;
+            }
             let (mut best, mut least) = (joint - 1, f32::INFINITY);
             for earlier in (0..joint).rev() {
                 let head = found[earlier].head;
                 let distance = (0..3).map(|k| (head[k] - parent[k]).powi(2)).sum::<f32>();
                 if distance < least {
                     (best, least) = (earlier, distance);
-                }
-                if distance == 0.0 {
-                    break;
                 }
             }
             match self.config.merge {

@@ -2,6 +2,8 @@
 
 use tch::{Kind, Tensor};
 
+use super::steps::Steps;
+
 /// Keys and values of rows that go on together, made once for the longest sequence.
 pub struct Cache {
     /// Of each layer, keys and values [2, rows, heads, room, head width].
@@ -11,13 +13,15 @@ pub struct Cache {
     len: i64,
     /// Weights and biases that a decoder has put together for the steps to come, by layer.
     pub(super) fused: Vec<(Tensor, Tensor)>,
+    /// What has taken over the rows, where one token is read at a time on the CPU.
+    pub(super) steps: Option<Steps>,
 }
 
 impl Cache {
     /// Room for so many tokens.
     pub fn new(layers: usize, rows: i64, heads: i64, room: i64, width: i64, kind: Kind, device: tch::Device) -> Self {
         let empty = || Tensor::empty([2, rows, heads, room, width], (kind, device));
-        Self { layers: (0..layers).map(|_| empty()).collect(), rows, len: 0, fused: Vec::new() }
+        Self { layers: (0..layers).map(|_| empty()).collect(), rows, len: 0, fused: Vec::new(), steps: None }
     }
 
     /// Tokens of each row so far.
@@ -28,6 +32,13 @@ impl Cache {
     /// Whether nothing was read yet.
     pub fn is_empty(&self) -> bool {
         self.len == 0
+    }
+
+    /// The keys and values [rows, heads, len, width] of each layer, which are given away.
+    pub(super) fn take(&mut self) -> impl Iterator<Item = (Tensor, Tensor)> {
+        let all: Vec<_> = (0..self.layers.len()).map(|layer| self.all(&self.own(layer), 0)).collect();
+        self.layers.clear();
+        all.into_iter()
     }
 
     /// Writes keys and values [rows, heads, t, width] of a layer behind those before, and gives all.
@@ -47,6 +58,11 @@ impl Cache {
         self.all(&own, new)
     }
 
+    /// Tokens that there is room for.
+    pub(super) fn room(&self) -> i64 {
+        self.layers.first().map_or(0, |layer| layer.size()[3])
+    }
+
     fn own(&self, layer: usize) -> Tensor {
         self.layers[layer].narrow(1, 0, self.rows)
     }
@@ -63,6 +79,9 @@ impl Cache {
 
     /// Goes on with these rows, in this order; one may come several times.
     pub fn select(&mut self, rows: &[i64]) {
+        if let Some(steps) = &mut self.steps {
+            steps.select(rows, self.len as usize);
+        }
         // No row moves to behind where it stands: each can be moved by itself, without one being lost.
         let forward = rows.iter().enumerate().all(|(to, &from)| from >= to as i64);
         let index = (!forward)

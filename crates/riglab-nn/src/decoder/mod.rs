@@ -1,10 +1,12 @@
 //! Causal decoders of token sequences.
 
 mod cache;
+mod kernels;
 mod opt;
 mod packed;
 mod qwen;
 mod rotary;
+mod steps;
 
 pub use cache::Cache;
 pub use opt::{Opt, OptConfig};

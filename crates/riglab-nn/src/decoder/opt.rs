@@ -3,6 +3,8 @@
 use serde::{Deserialize, Serialize};
 use tch::{Device, Kind, Tensor};
 
+use super::kernels::Panels;
+use super::steps::{LayerWeights, Steps};
 use super::{Cache, Packed};
 use crate::layers::{LayerNorm, Linear, mix};
 use crate::params::{Init, ParamId, Role, Scope, Weights};
@@ -178,7 +180,21 @@ impl Opt {
         let (rows, t, d) = x.size3().expect("three axes");
         let before = cache.len();
         let places = Tensor::arange_start(before, before + t, (Kind::Int64, Device::Cpu)).to_device(x.device());
-        let mut x = (x + w[self.positions].index_select(0, &(places + OFFSET))).view([rows * t, d]);
+        let x = x + w[self.positions].index_select(0, &(places + OFFSET));
+        if cache.steps.is_none() && t == 1 && before > 0 && self.has_steps(w) {
+            cache.steps = Some(self.steps(w, cache, rows));
+        }
+        if let Some(steps) = &mut cache.steps {
+            let mut all = Vec::with_capacity(t as usize);
+            for at in 0..t {
+                let mut own = floats(&x.select(1, at));
+                steps.step(&mut own, (before + at) as usize);
+                all.push(Tensor::from_slice(&own).view([rows, 1, d]));
+            }
+            cache.advance(t);
+            return Tensor::cat(&all, 1);
+        }
+        let mut x = x.view([rows * t, d]);
         for (number, layer) in self.layers.iter().enumerate() {
             let (weight, bias) = &cache.fused[number];
             let all = layer.norm.forward(w, &x).linear(weight, Some(bias));
@@ -192,6 +208,39 @@ impl Opt {
         }
         cache.advance(t);
         self.norm.forward(w, &x).view([rows, t, d])
+    }
+
+    /// Whether single tokens are read by [`Steps`].
+    fn has_steps(&self, w: &Weights) -> bool {
+        let table = &w[self.tokens];
+        let d = table.size()[1];
+        table.kind() == Kind::Float
+            && table.device() == Device::Cpu
+            && Steps::serve(d as usize, (d / self.heads) as usize)
+    }
+
+    /// Hands over what the cache holds.
+    fn steps(&self, w: &Weights, cache: &mut Cache, rows: i64) -> Steps {
+        let panels =
+            |weight: &Tensor, bias: &Tensor| Panels::new(&floats(weight), &floats(bias), weight.size()[1] as usize);
+        let linear = |l: &Linear| panels(&w[l.weight()], &w[l.bias().expect("OPT has biases")]);
+        let norm = |n: &LayerNorm| n.floats(w);
+        let layers = self.layers.iter().zip(&cache.fused).map(|(layer, (weight, bias))| LayerWeights {
+            norm: norm(&layer.norm),
+            qkv: panels(weight, bias),
+            out: linear(&layer.out),
+            norm_out: norm(&layer.norm_out),
+            up: linear(&layer.up),
+            down: linear(&layer.down),
+        });
+        let width = w[self.tokens].size()[1] / self.heads;
+        let sizes = [rows, self.heads, cache.room(), width].map(|n| n as usize);
+        let mut steps = Steps::new(layers.collect(), norm(&self.norm), sizes, tch::get_num_threads() > 1);
+        for (layer, (keys, values)) in cache.take().enumerate() {
+            steps.write(layer, &floats(&keys), &floats(&values));
+        }
+        cache.fused.clear();
+        steps
     }
 
     /// Queries, keys and values of x [T, d], each [T, h, e].
@@ -218,4 +267,8 @@ impl Opt {
         let inner = layer.up.forward(w, &layer.norm_out.forward(w, &x)).relu();
         &x + drop(layer.down.forward(w, &inner))
     }
+}
+
+fn floats(t: &Tensor) -> Vec<f32> {
+    Vec::<f32>::try_from(t.detach().contiguous().view([-1])).expect("floats on the CPU")
 }

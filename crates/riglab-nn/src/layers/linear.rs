@@ -61,6 +61,12 @@ impl LayerNorm {
         Self { weight, bias, width: width as i64 }
     }
 
+    /// Gain and bias as numbers.
+    pub(crate) fn floats(&self, w: &Weights) -> (Vec<f32>, Vec<f32>) {
+        let own = |id| Vec::<f32>::try_from(w[id].detach().contiguous()).expect("floats on the CPU");
+        (own(self.weight), own(self.bias))
+    }
+
     /// x [.., width], same shape out.
     pub fn forward(&self, w: &Weights, x: &Tensor) -> Tensor {
         x.layer_norm([self.width], Some(&w[self.weight]), Some(&w[self.bias]), 1e-5, false)

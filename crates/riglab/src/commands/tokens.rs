@@ -71,6 +71,8 @@ struct Trip {
     /// Joints that came back below another parent.
     astray: usize,
     moved: usize,
+    /// Joints outside the range, written at its border.
+    clamped: usize,
     /// Whether the strict grammar takes the sequence.
     strict: bool,
 }
@@ -125,8 +127,8 @@ fn trip(asset: &Asset, tokenizer: &Tokenizer, class: Option<&str>) -> Result<(En
     let limits = Limits { joints, tokens: encoded.ids.len() };
     let mut grammar = Grammar::new(tokenizer, limits, Parents::Anywhere);
     let strict = encoded.ids.iter().all(|&id| grammar.advance(id).is_ok()) && grammar.is_done();
-    let trip =
-        Trip { joints, tokens: encoded.ids.len(), error: error / joints as f64, astray, moved: encoded.moved, strict };
+    let (tokens, moved, clamped) = (encoded.ids.len(), encoded.moved, encoded.clamped);
+    let trip = Trip { joints, tokens, error: error / joints as f64, astray, moved, clamped, strict };
     Ok((encoded, trip))
 }
 
@@ -139,17 +141,20 @@ fn show(asset: &Asset, tokenizer: &Tokenizer, args: &Args) -> Result<()> {
         say!(
             "{}",
             json!({"name": asset.name, "joints": trip.joints, "ids": encoded.ids, "words": words, "order": encoded.order,
-            "plain": plain, "saved_percent": saved, "joint_error": trip.error, "astray": trip.astray, "moved": trip.moved})
+            "plain": plain, "saved_percent": saved, "joint_error": trip.error, "astray": trip.astray, "moved": trip.moved,
+            "clamped": trip.clamped})
         );
         return Ok(());
     }
     say!("{}  ({} joints, {} tokens; plain {plain}, {saved:.1} % saved)", asset.name, trip.joints, trip.tokens);
     say!("  {}", lines(&words).join("\n  "));
     say!(
-        "  comes back {:.5} from its place on average, {} joints below another parent, {} moved to a free cell",
+        "  comes back {:.5} from its place on average, {} joints below another parent, {} moved to a free cell, {} set to \
+         the border",
         trip.error,
         trip.astray,
-        trip.moved
+        trip.moved,
+        trip.clamped
     );
     Ok(())
 }
@@ -187,6 +192,7 @@ struct Sum {
     error: f64,
     astray: usize,
     moved: usize,
+    clamped: usize,
     loose: usize,
 }
 
@@ -198,6 +204,7 @@ impl Sum {
         self.error += trip.error;
         self.astray += usize::from(trip.astray > 0);
         self.moved += trip.moved;
+        self.clamped += trip.clamped;
         self.loose += usize::from(!trip.strict);
     }
 }
@@ -227,7 +234,7 @@ fn of_corpus(corpus: &Corpus, tokenizer: &Tokenizer, args: &Args) -> Result<()> 
     if !args.json {
         say!("{}", corpus.path().display());
         say!(
-            "{:20} {:>7} {:>9} {:>9} {:>8} {:>12} {:>7} {:>6} {:>7}",
+            "{:20} {:>7} {:>9} {:>9} {:>8} {:>12} {:>7} {:>6} {:>7} {:>7}",
             "category",
             "assets",
             "plain",
@@ -236,6 +243,7 @@ fn of_corpus(corpus: &Corpus, tokenizer: &Tokenizer, args: &Args) -> Result<()> 
             "joint error",
             "astray",
             "moved",
+            "clamped",
             "refused"
         );
     }
@@ -249,20 +257,28 @@ fn of_corpus(corpus: &Corpus, tokenizer: &Tokenizer, args: &Args) -> Result<()> 
             say!(
                 "{}",
                 json!({"corpus": corpus.path(), "category": name, "assets": sum.assets, "plain": plain, "tokens": tokens, "saved_percent": saved,
-                "joint_error": error, "astray_assets": sum.astray, "moved_joints": sum.moved, "refused_by_grammar": sum.loose})
+                "joint_error": error, "astray_assets": sum.astray, "moved_joints": sum.moved, "clamped_joints": sum.clamped, "refused_by_grammar": sum.loose})
             );
         } else {
             say!(
-                "{name:20} {:>7} {plain:>9.2} {tokens:>9.2} {saved:>8.2} {error:>12.6} {:>7} {:>6} {:>7}",
+                "{name:20} {:>7} {plain:>9.2} {tokens:>9.2} {saved:>8.2} {error:>12.6} {:>7} {:>6} {:>7} {:>7}",
                 sum.assets,
                 sum.astray,
                 sum.moved,
+                sum.clamped,
                 sum.loose
             );
         }
     }
     if !args.json {
-        say!("astray: assets with another topology after the round trip; refused: by the strict grammar");
+        say!(
+            "astray: assets with another topology after the round trip; moved and clamped: joints set to a free cell, or \
+             to the border of the range; refused: by the strict grammar"
+        );
+    }
+    let refused = trips.iter().filter(|(_, found)| found.is_err()).count();
+    if refused > 0 {
+        eprintln!("warning: {refused} of {} assets have no sequence, for the reasons above", trips.len());
     }
     Ok(())
 }
