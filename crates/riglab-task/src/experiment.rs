@@ -10,6 +10,11 @@ pub trait Experiment: Task {
     /// Its corpora.
     fn assets(&self) -> &Assets;
 
+    /// Sentences that someone who trains should read first, such as what is left out.
+    fn notes(&self) -> Vec<String> {
+        Vec::new()
+    }
+
     /// How many steps [`Self::examine`] tells of.
     ///
     /// # Errors

@@ -80,6 +80,10 @@ impl Tokenizer {
         if count == 0 {
             return Err(EncodeFault::Empty);
         }
+        let (parents, names) = (bones.parents.len(), bones.names.len());
+        if parents != count || names != count && names != 0 {
+            return Err(EncodeFault::Lengths { joints: count, parents, names });
+        }
         if let Some(joint) =
             (0..count).find(|&j| bones.parents[j].is_some_and(|p| p >= j) || bones.parents[j].is_none() != (j == 0))
         {

@@ -8,6 +8,16 @@ pub enum EncodeFault {
     /// Nothing to write.
     #[error("the skeleton has no joint")]
     Empty,
+    /// Arrays of several lengths.
+    #[error("{joints} joints, {parents} parents and {names} names: give one of each for every joint, or no names")]
+    Lengths {
+        /// Joints.
+        joints: usize,
+        /// Parents.
+        parents: usize,
+        /// Names.
+        names: usize,
+    },
     /// Two roots, or a parent after its child.
     #[error("joint {joint} has no parent before it: the joints are no tree with parents first")]
     NotATree {

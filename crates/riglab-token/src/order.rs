@@ -24,24 +24,28 @@ pub(crate) fn walk(bones: &Bones<'_>, siblings: Siblings) -> Vec<usize> {
         Siblings::YUp => [1, 2, 0],
         Siblings::ZUp => [2, 1, 0],
     };
-    let mut children = vec![Vec::new(); count];
+    // The children of each joint, one joint's after another's.
+    let mut starts = vec![0; count + 1];
+    bones.parents.iter().flatten().for_each(|&p| starts[p + 1] += 1);
+    (0..count).for_each(|joint| starts[joint + 1] += starts[joint]);
+    let (mut next, mut children) = (starts.clone(), vec![0; starts[count]]);
     for (joint, parent) in bones.parents.iter().enumerate() {
-        if let Some(parent) = parent {
-            children[*parent].push(joint);
+        if let Some(parent) = *parent {
+            children[next[parent]] = joint;
+            next[parent] += 1;
         }
     }
     let key = |joint: usize| axes.map(|axis| bones.joints[joint][axis]);
-    for of in &mut children {
+    let (mut order, mut open) = (Vec::with_capacity(count), vec![0]);
+    while let Some(joint) = open.pop() {
+        order.push(joint);
+        let of = &mut children[starts[joint]..starts[joint + 1]];
         // The last comes off the stack first; joints at one place keep their order.
         of.sort_by(|&a, &b| {
             let places = key(a).iter().zip(&key(b)).map(|(x, y)| x.total_cmp(y)).find(|o| o.is_ne());
             places.unwrap_or_else(|| a.cmp(&b)).reverse()
         });
-    }
-    let (mut order, mut open) = (Vec::with_capacity(count), vec![0]);
-    while let Some(joint) = open.pop() {
-        order.push(joint);
-        open.extend(&children[joint]);
+        open.extend_from_slice(of);
     }
     order
 }

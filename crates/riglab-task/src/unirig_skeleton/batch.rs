@@ -26,6 +26,10 @@ pub struct Batch {
     pub ids: Vec<i64>,
     /// How many of each.
     pub lengths: Vec<i64>,
+    /// Assets that were passed over, as their sequences are too long after augmentation.
+    pub skipped: usize,
+    /// Joints outside the range, written at its border.
+    pub clamped: usize,
 }
 
 /// Makes batches by number.
@@ -83,6 +87,7 @@ impl BatchSource {
         shape(&c.sampling.cloud, &c.model.shape, &sampler, &mut random, batch);
         batch.ids.extend(encoded.ids.iter().map(|&id| i64::from(id)));
         batch.lengths.push(encoded.ids.len() as i64);
+        batch.clamped += encoded.clamped;
         Ok(true)
     }
 }
@@ -100,6 +105,7 @@ impl Source for BatchSource {
             let mut found = false;
             while let (false, Some(place)) = (found, tries.next()) {
                 found = self.add(place, &mut batch)?;
+                batch.skipped += usize::from(!found);
             }
             if !found {
                 return Err(format!(

@@ -35,6 +35,8 @@ pub struct SkeletonTask {
     cache: Arc<Cache<Rig>>,
     train_assets: Vec<(f32, Vec<AssetId>)>,
     validation_assets: Vec<AssetId>,
+    /// Assets of the training splits that have too many joints, of how many.
+    left_out: (usize, usize),
     net: SkeletonModel,
     params: Params,
     device: Device,
@@ -53,6 +55,11 @@ impl SkeletonTask {
             joints <= config.limits.joints && 3 * joints + 3 <= config.limits.tokens
         };
         train_assets.iter_mut().for_each(|(_, ids)| ids.retain(fits));
+        let mut all = 0;
+        for split in &config.data.train {
+            all += assets.split(split).map_err(|e| e.to_string())?.len();
+        }
+        let left_out = (all - train_assets.iter().map(|(_, ids)| ids.len()).sum::<usize>().min(all), all);
         if train_assets.iter().any(|(_, ids)| ids.is_empty()) {
             let Limits { joints, tokens } = config.limits;
             return Err(format!(
@@ -67,6 +74,7 @@ impl SkeletonTask {
             cache,
             train_assets,
             validation_assets,
+            left_out,
             net,
             params,
             device,
@@ -137,6 +145,18 @@ impl Experiment for SkeletonTask {
         &self.assets
     }
 
+    fn notes(&self) -> Vec<String> {
+        let (out, all) = self.left_out;
+        let (data, limits) = (&self.config.data, self.config.limits);
+        let note = format!(
+            "{out} of {all} training assets are left out: they have more joints than data.max_joints = {} or than fit \
+             limits.joints = {} and limits.tokens = {}; those that only augmentation makes too long are counted in \
+             train/skipped_assets",
+            data.max_joints, limits.joints, limits.tokens
+        );
+        if out > 0 { vec![note] } else { Vec::new() }
+    }
+
     fn examination_steps(&self) -> Result<usize, String> {
         self.examined_assets()
     }
@@ -199,5 +219,6 @@ pub fn loss_of(
     if c.loss.distance > 0.0 {
         loss = loss.term("distance", c.loss.distance, coordinate_distance(&logits, &targets, bins));
     }
-    Ok(loss.note("tokens", batch.ids.len() as f64))
+    let loss = loss.note("tokens", batch.ids.len() as f64);
+    Ok(loss.note("skipped_assets", batch.skipped as f64).note("clamped_joints", batch.clamped as f64))
 }

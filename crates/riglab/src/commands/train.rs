@@ -101,6 +101,7 @@ impl Visitor for Session<'_> {
             info.parameters as f64 / 1e6,
             run.dir().display()
         );
+        task.notes().iter().for_each(|note| eprintln!("note: {note}"));
         let interrupt = Interrupt::listening();
         let outcome = train(&task, config.train(), &run, &interrupt);
         info.ended = RunInfo::now();
