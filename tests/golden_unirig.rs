@@ -37,17 +37,28 @@ fn released_mesh_condition_of_tokenrig() {
     }
 }
 
+/// Every variant that is recorded: octaves or even steps, with π or without, with the input or without.
 fn fourier(case: &Golden) {
     let x = case.get("in.x");
-    let of =
-        |frequencies, base| Embedding::new(&EmbedConfig { kind: EmbedKind::Fourier, frequencies, base }).forward(&x);
-    for frequencies in [6, 8] {
-        for (name, base) in [("pi0", 1.0), ("pi1", std::f64::consts::PI)] {
-            let name = format!("out.f{frequencies}_{name}_log1");
-            if case.tensors.contains_key(&name) {
-                case.check(&name, &of(frequencies, base));
-            }
+    let of = |frequencies, base| Embedding::new(&EmbedConfig { kind: EmbedKind::Fourier, frequencies, base });
+    for variant in case.names("out.f") {
+        let parts: Vec<&str> = variant.split('_').collect();
+        let frequencies: usize = parts[0].parse().unwrap();
+        let base = if parts[1] == "pi1" { std::f64::consts::PI } else { 1.0 };
+        let embedding = of(frequencies, base);
+        let mut found = embedding.forward(&x);
+        if parts[2] == "log0" {
+            let steps =
+                Tensor::linspace(1, 2i64.pow(frequencies as u32 - 1), frequencies as i64, (Kind::Float, Device::Cpu));
+            found = embedding.with_tables(&x, &(steps * base), &Tensor::from_slice::<f32>(&[]));
         }
+        if parts.get(3) == Some(&"noinput") {
+            found = found.narrow(-1, 3, found.size().last().unwrap() - 3);
+        }
+        case.check(&format!("out.f{variant}"), &found);
+    }
+    if case.tensors.contains_key("out.skin_default") {
+        case.check("out.skin_default", &of(6, std::f64::consts::PI).forward(&x));
     }
 }
 

@@ -35,6 +35,7 @@ pub use encode::{Bones, Encoded, Tokenizer, naive_length};
 pub use error::{DecodeFault, EncodeFault, GrammarFault};
 pub use grammar::{Grammar, Limits, Parents};
 pub use mask::Mask;
+pub use order::extraction_order;
 pub use quantise::{Quantiser, Rule};
 pub use rig::{RigGrammar, SkeletonGrammar, SkinIds, SkinRule};
 pub use template::{Part, Template};

@@ -91,3 +91,29 @@ pub(crate) fn parts_first(
     }
     Ok(new)
 }
+
+/// The order in which UniRig's public code takes the bones of an armature: from the bone that is listed `first` up
+/// to its root, then depth first with children as the arrays have them. Bones of other roots are left out, as
+/// there; what that code sorts siblings by has one value for all of them. `None` where a parent or `first` is no
+/// bone, or parents lead around in a circle.
+pub fn extraction_order(parents: &[Option<usize>], first: usize) -> Option<Vec<usize>> {
+    let mut children = vec![Vec::new(); parents.len()];
+    for (bone, parent) in parents.iter().enumerate() {
+        if let Some(parent) = parent {
+            children.get_mut(*parent)?.push(bone);
+        }
+    }
+    let (mut root, mut steps) = (first, 0);
+    while let Some(parent) = *parents.get(root)? {
+        (root, steps) = (parent, steps + 1);
+        if steps > parents.len() {
+            return None;
+        }
+    }
+    let (mut order, mut open) = (Vec::new(), vec![root]);
+    while let Some(bone) = open.pop() {
+        order.push(bone);
+        open.extend(children[bone].iter().rev());
+    }
+    Some(order)
+}

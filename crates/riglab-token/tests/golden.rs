@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use riglab_token::{
     Bones, DecodeFault, Mask, Preset, Quantiser, Rule, Siblings, Spring, Tokenizer, TokenizerConfig, Walk,
+    extraction_order,
 };
 use safetensors::SafeTensors;
 use serde_json::Value;
@@ -122,6 +123,24 @@ fn unirig_tokenizes_and_reads_as_released() {
         assert_eq!(first.map(|at| at as u64), wanted["grammar_violation_at"].as_u64(), "{what}");
         assert_eq!(Some(count as u64), wanted["bones_in_sequence"].as_u64(), "{what}");
     }
+}
+
+#[test]
+fn bones_are_taken_in_the_order_of_the_release() {
+    let Some(cases) = json("unirig/bone_order.json") else { return };
+    for case in cases["cases"].as_array().unwrap() {
+        let what = case["id"].as_str().unwrap();
+        let bones = case["bones"].as_array().unwrap();
+        let names: Vec<&str> = bones.iter().map(|b| b[0].as_str().unwrap()).collect();
+        let place = |name: &Value| names.iter().position(|n| Some(*n) == name.as_str());
+        let parents: Vec<Option<usize>> = bones.iter().map(|b| place(&b[1])).collect();
+        let first = place(&case["first_listed"]).unwrap();
+        let order = extraction_order(&parents, first).unwrap();
+        assert_eq!(order.iter().map(|&b| names[b].to_owned()).collect::<Vec<_>>(), strings(&case["order"]), "{what}");
+    }
+    assert_eq!(extraction_order(&[Some(1), Some(0)], 0), None);
+    assert_eq!(extraction_order(&[None, Some(7)], 0), None);
+    assert_eq!(extraction_order(&[], 0), None);
 }
 
 /// The first id that may not follow, and the points.
