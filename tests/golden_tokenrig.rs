@@ -113,7 +113,7 @@ fn forward(case: &Golden) {
     let logits = net.logits(w, &hidden);
     // Where a token follows; the places of pads are taken from the case.
     let (all, ce) = (case.get("out.logits"), case.get("out.token_ce"));
-    let own = logits.split_with_sizes(&lengths.iter().map(|n| n - 1).collect::<Vec<_>>(), 0);
+    let own = logits.split_with_sizes(lengths.iter().map(|n| n - 1).collect::<Vec<_>>(), 0);
     let filled: Vec<Tensor> = own
         .iter()
         .enumerate()

@@ -16,6 +16,7 @@ mod farthest;
 pub mod geodesic;
 mod normals;
 mod surface;
+mod transfer;
 pub mod voxel;
 
 pub use cloud::{By, Cloud, CloudConfig, CloudSampler, Place};
@@ -23,3 +24,4 @@ pub use dense::{DenseConfig, DenseSampler, near_bone};
 pub use farthest::farthest_points;
 pub use normals::{normals_by_angle, triangle_normals};
 pub use surface::{SurfacePoint, SurfaceSampler, barycentric};
+pub use transfer::Transfer;

@@ -7,7 +7,7 @@ mod golden;
 use golden::{Golden, golden, table};
 use riglab_core::{Mesh, SkinWeights};
 use riglab_geom::{
-    CloudConfig, CloudSampler, DenseConfig, DenseSampler, Place, SurfaceSampler, farthest_points, near_bone,
+    CloudConfig, CloudSampler, DenseConfig, DenseSampler, Place, SurfaceSampler, Transfer, farthest_points, near_bone,
 };
 use riglab_random::numpy_choice;
 
@@ -20,7 +20,7 @@ fn skintokens() {
                 "uniform" => uniform(&case),
                 "dense" => dense(&case),
                 "fps" => farthest(&case),
-                "transfer_k8" => case.elsewhere("out.transfer_k8", "from points back to vertices is decoding"),
+                "transfer_k8" => transfer(&case),
                 other => panic!("{}: unknown output `{other}`", case.name),
             }
         }
@@ -69,6 +69,21 @@ fn uniform(case: &Golden) {
     case.check_points("out.uniform.normals", &cloud.normals);
     let found = cloud.weights(&mesh, &weights).unwrap();
     case.check("out.uniform.skin", table(&found, case.shape("in.skin")[1]));
+}
+
+/// Weights of the uniform cloud, told for the vertices.
+fn transfer(case: &Golden) {
+    let (mesh, weights) = (case.mesh(), case.weights("in.skin"));
+    let sampler = CloudSampler::new(&mesh, &CloudConfig::skintokens());
+    let places = drawn(case, &mesh, ["in.uniform.face_draws", "in.uniform.bary_draws"], |_, area| area);
+    let cloud = sampler.at(places);
+    let joints = case.shape("in.skin")[1];
+    let known = table(&cloud.weights(&mesh, &weights).unwrap(), joints);
+    let shares = Transfer::new(&cloud.positions, 8).shares(mesh.positions());
+    let told = shares.iter().flat_map(|shares| {
+        (0..joints).map(|j| shares.iter().map(|&(k, w)| f64::from(w) * known[k as usize * joints + j]).sum::<f64>())
+    });
+    case.check("out.transfer_k8", told.collect::<Vec<_>>());
 }
 
 fn dense(case: &Golden) {

@@ -1,6 +1,6 @@
 //! Tensors in safetensors files.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, HashMap};
 use std::fs::File;
 use std::io::Write;
 use std::path::Path;
@@ -43,6 +43,17 @@ fn kind(dtype: Dtype) -> Option<Kind> {
 /// # Errors
 /// [`NnError::Config`] for a kind that the format has no name for.
 pub fn to_bytes<'a>(tensors: impl IntoIterator<Item = (&'a str, &'a Tensor)>) -> Result<Vec<u8>, NnError> {
+    to_bytes_with(tensors, None)
+}
+
+/// As [`to_bytes`], with texts by name in the file's head.
+///
+/// # Errors
+/// As [`to_bytes`].
+pub fn to_bytes_with<'a>(
+    tensors: impl IntoIterator<Item = (&'a str, &'a Tensor)>,
+    texts: Option<HashMap<String, String>>,
+) -> Result<Vec<u8>, NnError> {
     let mut data: BTreeMap<String, (Dtype, Vec<usize>, Vec<u8>)> = BTreeMap::new();
     for (name, t) in tensors {
         let t = t.detach().to_device(Device::Cpu).contiguous();
@@ -57,7 +68,7 @@ pub fn to_bytes<'a>(tensors: impl IntoIterator<Item = (&'a str, &'a Tensor)>) ->
     let views = data.iter().map(|(name, (dtype, shape, bytes))| {
         (name.as_str(), TensorView::new(*dtype, shape.clone(), bytes).expect("shape and bytes agree"))
     });
-    serialize(views, None).map_err(|e| NnError::Config(e.to_string()))
+    serialize(views, texts).map_err(|e| NnError::Config(e.to_string()))
 }
 
 /// Writes a safetensors file; use a temporary name and rename it where the path matters.
@@ -80,14 +91,29 @@ pub fn read(path: &Path) -> Result<BTreeMap<String, Tensor>, NnError> {
     // SAFETY: the file is not expected to change while it is read; a truncation would end in SIGBUS,
     // as for every memory-mapped checkpoint.
     let map = unsafe { memmap2::Mmap::map(&file) }.map_err(|e| fault(format!("cannot be read: {e}")))?;
-    let tensors = SafeTensors::deserialize(&map).map_err(|e| fault(format!("is no safetensors file ({e})")))?;
+    of_bytes(&map).map_err(fault)
+}
+
+/// Tensors by name, and the texts in a file's head.
+pub type Held = (BTreeMap<String, Tensor>, HashMap<String, String>);
+
+/// All tensors of a safetensors file in memory, and the texts in its head.
+///
+/// # Errors
+/// A sentence without a subject: what is wrong with it.
+pub fn from_bytes(bytes: &[u8]) -> Result<Held, String> {
+    let (_, head) = SafeTensors::read_metadata(bytes).map_err(|e| format!("is no safetensors file ({e})"))?;
+    Ok((of_bytes(bytes)?, head.metadata().clone().unwrap_or_default()))
+}
+
+fn of_bytes(bytes: &[u8]) -> Result<BTreeMap<String, Tensor>, String> {
+    let tensors = SafeTensors::deserialize(bytes).map_err(|e| format!("is no safetensors file ({e})"))?;
     let mut out = BTreeMap::new();
     for (name, view) in tensors.iter() {
-        let kind =
-            kind(view.dtype()).ok_or_else(|| fault(format!("tensor `{name}` has the type {:?}", view.dtype())))?;
+        let kind = kind(view.dtype()).ok_or_else(|| format!("tensor `{name}` has the type {:?}", view.dtype()))?;
         let shape: Vec<i64> = view.shape().iter().map(|&s| s as i64).collect();
         let tensor =
-            Tensor::f_from_data_size(view.data(), &shape, kind).map_err(|e| fault(format!("tensor `{name}`: {e}")))?;
+            Tensor::f_from_data_size(view.data(), &shape, kind).map_err(|e| format!("tensor `{name}`: {e}"))?;
         out.insert(name.to_string(), tensor);
     }
     Ok(out)

@@ -9,6 +9,7 @@ mod say;
 mod commands;
 mod presets;
 mod registry;
+mod shipped;
 
 use std::process::ExitCode;
 
@@ -27,6 +28,8 @@ struct Cli {
 
 #[derive(Subcommand)]
 enum Command {
+    Rig(commands::rig::RigArgs),
+    Skin(commands::rig::SkinArgs),
     Inspect(commands::inspect::Args),
     Convert(commands::convert::Args),
     Strip(commands::strip::Args),
@@ -38,6 +41,7 @@ enum Command {
     Train(commands::train::Args),
     Eval(commands::eval::Args),
     Report(commands::report::Args),
+    Checkpoint(commands::checkpoint::Args),
     Doctor(commands::doctor::Args),
 }
 
@@ -60,6 +64,9 @@ fn main() -> ExitCode {
         riglab_torch::wait_patiently();
     }
     let done = match cli.command {
+        Command::Rig(args) => commands::rig::rig(&args, threads),
+        Command::Skin(args) => commands::rig::skin(&args, threads),
+        Command::Checkpoint(args) => commands::checkpoint::run(&args),
         Command::Inspect(args) => commands::inspect::run(&args),
         Command::Convert(args) => commands::convert::run(&args),
         Command::Strip(args) => commands::strip::run(&args),

@@ -103,6 +103,8 @@ pub fn run(options: &Options) -> Result<()> {
 fn ending(report: &Path, corpus: &Path, took: Duration, own: bool) {
     println!("\nDone in {:.1} minutes. The report: {}", took.as_secs_f64() / 60.0, shown(report));
     println!("\nTry next:");
+    println!("  cargo run --release --bin riglab -- rig MODEL -o rigged.glb --preview");
+    println!("                                        rig a GLB, FBX or OBJ of yours with the model that comes along");
     if !own {
         println!("  cargo xtask demo --input DIR          the same on your own GLB, glTF and VRM files");
     }

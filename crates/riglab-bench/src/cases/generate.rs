@@ -89,7 +89,8 @@ pub fn run(context: &mut Context, rows: usize) -> Result<Vec<Row>> {
     let (mut a, mut b) = (requests.iter(), requests.iter());
     // The first ones warm up.
     let one = a.next().context("a request")?;
-    (rate(ours.ask(one)?, own)?, rate(theirs.ask(b.next().context("a request")?)?, other)?);
+    rate(ours.ask(one)?, own)?;
+    rate(theirs.ask(b.next().context("a request")?)?, other)?;
     let found = in_turn(
         requests.len() - 1,
         || rate(ours.ask(a.next().context("a request")?)?, own),

@@ -129,6 +129,9 @@ pub struct EvalConfig {
     pub retrieval_points: usize,
     /// Shares below it are cut from the weights that codes say, then the four largest of a vertex are kept.
     pub cut: f32,
+    /// Codes are asked for weights at so many vertices at most; the others of a larger mesh are told by the eight
+    /// nearest of those, as released.
+    pub vertices: usize,
     /// Seeds the points that the encoders see, and the draws.
     pub seed: u64,
 }
@@ -142,6 +145,7 @@ impl Default for EvalConfig {
             validation_assets: 32,
             retrieval_points: 512,
             cut: 0.05,
+            vertices: 32_768,
             seed: 0,
         }
     }
@@ -199,6 +203,9 @@ impl TokenRigTaskConfig {
         }
         if self.eval.parents == Parents::Anywhere && matches!(self.tokenizer.merge, Merge::Within(_)) {
             return bad("eval.parents", "`anywhere` needs tokenizer.merge = \"nearest\"".into());
+        }
+        if self.eval.vertices == 0 {
+            return bad("eval.vertices", "weights are made at 1 vertex or more".into());
         }
         if !(0.0..1.0).contains(&self.eval.cut) {
             return bad("eval.cut", format!("cut = {} must lie in [0, 1)", self.eval.cut));

@@ -2,9 +2,11 @@
 //! sequence.
 
 mod batch;
+mod bundle;
 mod config;
 mod evaluate;
 mod gallery;
+mod make;
 mod report;
 mod rigger;
 mod sample;
@@ -18,8 +20,10 @@ use riglab_train::{At, Better, Loss, Source, State, Task, Validation};
 use tch::{Device, Tensor};
 
 pub use batch::{Batch, BatchSource};
+pub use bundle::Card;
 pub use config::{EvalConfig, LossConfig, SamplingConfig, SkinConfig, TokenRigTaskConfig};
 pub use evaluate::Report;
+pub use make::{Made, Wish};
 pub use report::Evaluation;
 pub use rigger::{Drawn, Rigger};
 pub use sample::Sample;

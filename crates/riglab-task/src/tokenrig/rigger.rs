@@ -4,11 +4,11 @@ use std::path::Path;
 use std::sync::Arc;
 
 use riglab_core::{DecodeRule, Mesh, Rig, Segment, Skeleton, SkinWeights};
-use riglab_geom::CloudSampler;
+use riglab_geom::{CloudSampler, Transfer};
 use riglab_nn::generate::{GenerateConfig, Grammar as Rules, argmax, draw, log_softmax, rows, softmax};
 use riglab_nn::params::{Builder, Params, Weights};
 use riglab_nn::tokenrig::{Layout, Reader, TokenRig};
-use riglab_random::{Stream, stream};
+use riglab_random::{Draw, Stream, stream};
 use riglab_token::{DecodeFault, Decoded, Grammar, Limits, Mask, RigGrammar, SkinIds, SkinRule, Tokenizer};
 use tch::{Device, Kind, Tensor};
 
@@ -18,6 +18,9 @@ use crate::fsq_cvae::{Frozen, Point, Prepared};
 use crate::unirig_skeleton::Batch as Shapes;
 use crate::unirig_skeleton::batch::shape;
 use crate::unirig_skeleton::shape_tensors;
+
+/// Vertices that tell one at which no weights were asked.
+const NEIGHBOURS: usize = 8;
 
 /// Network, tokenizer and frozen auto-encoder.
 pub struct Rigger {
@@ -249,9 +252,15 @@ impl Rigger {
         let all = skeleton.segments();
         let claimed: Vec<usize> = (0..skeleton.len()).filter(|&j| codes.get(j).is_some_and(Option::is_some)).collect();
         let segments: Vec<Vec<Segment>> = claimed.iter().map(|&j| all[j].clone()).collect();
-        let points: Vec<Point> = (0..n as u32).map(|v| prepared.vertex(v)).collect();
-        let mut raw = self.vae.with(|coder| {
-            let mut random = stream(self.config.eval.seed, "skin evaluation", &[key]);
+        let mut random = stream(self.config.eval.seed, "skin evaluation", &[key]);
+        let some = self.config.eval.vertices;
+        let mut asked: Vec<u32> = (0..n as u32).collect();
+        if n > some {
+            random.shuffled(&mut asked);
+            asked.truncate(some);
+        }
+        let points: Vec<Point> = asked.iter().map(|&v| prepared.vertex(v)).collect();
+        let raw = self.vae.with(|coder| {
             let shape = coder.shape(&prepared, &mut random);
             let ids: Vec<i64> = claimed.iter().flat_map(|&j| codes[j].iter().flatten().copied()).collect();
             if ids.is_empty() {
@@ -263,11 +272,24 @@ impl Rigger {
         });
         let rule = DecodeRule { cut: self.config.eval.cut, influences: 4 };
         let m = claimed.len();
-        if m > 0 {
-            raw.chunks_exact_mut(m).for_each(|row| rule.apply(row));
-        }
+        let shares = (n > some && m > 0).then(|| {
+            let places: Vec<_> = points.iter().map(|p| p.position).collect();
+            Transfer::new(&places, NEIGHBOURS).shares(mesh.positions())
+        });
+        let mut row = vec![0.0; m];
         let rows = (0..n).map(|v| {
-            let row = if m > 0 { &raw[v * m..(v + 1) * m] } else { &[] };
+            match &shares {
+                None if m > 0 => row.copy_from_slice(&raw[v * m..(v + 1) * m]),
+                None => {}
+                Some(shares) => {
+                    row.fill(0.0);
+                    for &(k, share) in &shares[v] {
+                        let known = &raw[k as usize * m..(k as usize + 1) * m];
+                        row.iter_mut().zip(known).for_each(|(w, known)| *w += share * known);
+                    }
+                }
+            }
+            rule.apply(&mut row);
             let held = row.iter().zip(&claimed).filter(|(w, _)| **w > 0.0);
             let mut own: Vec<(u16, f64)> = held.map(|(w, &j)| (j as u16, f64::from(*w))).collect();
             if own.is_empty() {
@@ -284,4 +306,110 @@ fn nearest(segments: &[Vec<Segment>], p: riglab_core::Vec3) -> usize {
     let distance = |s: &Vec<Segment>| s.iter().map(|s| s.distance(p)).fold(f32::INFINITY, f32::min);
     let best = (0..segments.len()).min_by(|&a, &b| distance(&segments[a]).total_cmp(&distance(&segments[b])));
     best.unwrap_or(0)
+}
+
+#[cfg(test)]
+mod tests {
+    use riglab_nn::fsq_cvae::{FsqCvaeConfig, SkinQueries};
+    use riglab_nn::tokenrig::{Head, TokenRigConfig};
+
+    use super::*;
+    use crate::fsq_cvae::{FsqCvaeTask, FsqCvaeTaskConfig};
+
+    /// A model that has learnt nothing, of the smallest sizes.
+    fn untrained(head: Head, empty: bool) -> Rigger {
+        let model = FsqCvaeConfig {
+            encoder_width: 16,
+            decoder_width: 16,
+            heads: 2,
+            encoder_layers: 1,
+            decoder_layers: 1,
+            latent: 8,
+            levels: vec![4, 3],
+            shape_tokens: 4,
+            skin_tokens: 4,
+            skin_queries: SkinQueries::Learned,
+            ..FsqCvaeConfig::default()
+        };
+        let mut auto = FsqCvaeTaskConfig { model, ..FsqCvaeTaskConfig::default() };
+        auto.sampling.shape_points = 32;
+        let (net, params) = FsqCvaeTask::network(&auto, Device::Cpu).unwrap();
+        let vae = Arc::new(Frozen::new(auto, net, params, Device::Cpu));
+        let model = TokenRigConfig { head, tell_joint: head == Head::Levels, ..TokenRigConfig::default() };
+        let mut config = TokenRigTaskConfig { model, ..TokenRigTaskConfig::default() };
+        config.model.shape.tokens = 4;
+        config.model.shape.layers = 1;
+        (config.model.shape.width, config.model.shape.heads) = (16, 2);
+        let d = &mut config.model.decoder;
+        (d.width, d.layers, d.heads, d.kv_heads, d.head_width, d.ffn) = (16, 2, 2, 1, 8, 32);
+        config.sampling.cloud.points = 64;
+        config.limits = Limits { joints: 6, tokens: 48 };
+        (config.skin.codes, config.skin.empty) = (2, empty);
+        config.validate().unwrap();
+        Rigger::new(config, vae, Device::Cpu).unwrap()
+    }
+
+    fn tetrahedron() -> Mesh {
+        let corners = vec![[-1.0, -1.0, -1.0], [1.0, 1.0, -1.0], [1.0, -1.0, 1.0], [-1.0, 1.0, 1.0]];
+        Mesh::new(corners, vec![[0, 1, 2], [0, 3, 1], [0, 2, 3], [1, 3, 2]]).unwrap()
+    }
+
+    #[test]
+    fn a_thousand_draws_of_untrained_models_are_rigs() {
+        let mesh = tetrahedron();
+        for (head, empty) in [(Head::Flat, false), (Head::Levels, true)] {
+            let rigger = untrained(head, empty);
+            let w = rigger.params().weights();
+            let prefix = rigger.condition(w, &[(&mesh, 0)]);
+            let how = GenerateConfig { sample: true, ..GenerateConfig::default() };
+            for batch in 0..5 {
+                let mut streams: Vec<_> = (0..100).map(|k| stream(batch, "test", &[k])).collect();
+                let drawn = rigger.draw(w, &prefix, &vec![rigger.free(); 100], &how, &mut streams).unwrap();
+                for drawn in &drawn {
+                    let decoded = drawn.decoded.as_ref().unwrap();
+                    assert!((1..=6).contains(&decoded.joints.len()));
+                    assert_eq!(drawn.codes.len(), decoded.joints.len());
+                    assert!(
+                        drawn.codes.iter().flatten().all(|c| c.len() == 2 && c.iter().all(|c| (0..12).contains(c)))
+                    );
+                    assert!(empty || drawn.codes.iter().all(Option::is_some));
+                    assert!(drawn.likelihood.0 < 0.0 && drawn.likelihood.0.is_finite());
+                }
+                // Some become weights: finite ones that sum to 1.
+                let skeleton = drawn[0].decoded.as_ref().unwrap().skeleton().unwrap();
+                let weights = rigger.skin(&mesh, &skeleton, &drawn[0].codes, 0).unwrap();
+                assert_eq!(weights.rows(), 4);
+            }
+        }
+    }
+
+    #[test]
+    fn a_batch_equals_its_members() {
+        let mesh = tetrahedron();
+        let rigger = untrained(Head::Levels, true);
+        let w = rigger.params().weights();
+        let prefix = rigger.condition(w, &[(&mesh, 0)]);
+        let how = GenerateConfig { sample: true, ..GenerateConfig::default() };
+        let draw = |keys: &[u64]| {
+            let mut streams: Vec<_> = keys.iter().map(|&k| stream(3, "test", &[k])).collect();
+            rigger.draw(w, &prefix, &vec![rigger.free(); keys.len()], &how, &mut streams).unwrap()
+        };
+        let all = draw(&[0, 1, 2, 3, 4, 5]);
+        for (key, whole) in all.iter().enumerate() {
+            let alone = &draw(&[key as u64])[0];
+            assert_eq!((&alone.skeleton, &alone.codes), (&whole.skeleton, &whole.codes));
+        }
+    }
+
+    #[test]
+    fn vertices_beyond_the_limit_are_told_by_their_neighbours() {
+        let mesh = tetrahedron();
+        let mut rigger = untrained(Head::Levels, true);
+        let skeleton =
+            riglab_core::Skeleton::new(vec![riglab_core::Joint { name: "root".into(), parent: None, head: [0.0; 3] }])
+                .unwrap();
+        rigger.config.eval.vertices = 2;
+        let weights = rigger.skin(&mesh, &skeleton, &[Some(vec![3, 5])], 0).unwrap();
+        assert_eq!((weights.rows(), weights.nonzero()), (4, 4));
+    }
 }

@@ -1,5 +1,6 @@
 //! One module a command.
 
+pub mod checkpoint;
 pub mod convert;
 pub mod curate;
 pub mod dataset;
@@ -8,6 +9,7 @@ pub mod eval;
 pub mod inspect;
 pub mod report;
 pub mod review;
+pub mod rig;
 pub mod strip;
 pub mod synth;
 pub mod tokens;

@@ -1,0 +1,148 @@
+//! A trained model in one file: network, auto-encoder, settings, and what to know about it.
+
+use std::collections::{BTreeMap, HashMap};
+use std::path::Path;
+use std::sync::Arc;
+
+use riglab_config::Config;
+use riglab_nn::io;
+use riglab_train::{Checkpoint, State};
+use serde::{Deserialize, Serialize};
+use tch::{Device, Kind, Tensor};
+
+use super::{Rigger, TokenRigTaskConfig};
+use crate::fsq_cvae::{Frozen, FsqCvaeTask, FsqCvaeTaskConfig};
+
+/// The text of a file's head that says what it is.
+const ABOUT: &str = "riglab";
+/// Networks' places among the tensors' names.
+const RIG: &str = "rig.";
+const SKIN: &str = "skin.";
+
+/// What to know about a trained model.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Card {
+    /// A short name.
+    pub name: String,
+    /// Where in its training it stood.
+    pub state: State,
+    /// What it learned from, how good it is, its licence: Markdown.
+    pub text: String,
+}
+
+#[derive(Serialize, Deserialize)]
+struct About {
+    format: u32,
+    kind: String,
+    card: Card,
+    /// Settings as TOML.
+    rig: String,
+    skin: String,
+}
+
+/// A bundle starts like this, whatever else it says.
+const KIND: &str = "tokenrig";
+const FORMAT: u32 = 1;
+
+impl Rigger {
+    /// Reads a run's folder, or a file that [`Self::bundle`] made.
+    ///
+    /// # Errors
+    /// A sentence: what it is instead, or what is wrong with it.
+    pub fn open(path: &Path, device: Device) -> Result<(Self, Card), String> {
+        if path.is_dir() {
+            return Self::of_run(path, "best", device);
+        }
+        let bytes = std::fs::read(path).map_err(|e| format!("{}: cannot be read ({e})", path.display()))?;
+        Self::of_bundle(&bytes, &path.display().to_string(), device)
+    }
+
+    /// Of a run's checkpoint: `best`, `last` or `step-N`.
+    ///
+    /// # Errors
+    /// A sentence.
+    pub fn of_run(run: &Path, checkpoint: &str, device: Device) -> Result<(Self, Card), String> {
+        let path = run.join("config.toml");
+        let text = std::fs::read_to_string(&path).map_err(|e| format!("{}: no run ({e})", path.display()))?;
+        let config = rig_config(&path.to_string_lossy(), &text)?;
+        let vae = Self::auto_encoder(&config, device)?;
+        let rigger = Self::new(config, vae, device)?;
+        let checkpoint = Checkpoint::open(&run.join("checkpoints").join(checkpoint)).map_err(|e| e.to_string())?;
+        checkpoint.load_weights(&rigger.params).map_err(|e| e.to_string())?;
+        let name = run.display().to_string();
+        let card = Card { text: format!("The run {name}."), name, state: checkpoint.state().clone() };
+        Ok((rigger, card))
+    }
+
+    /// One file with everything, numbers as `kind`.
+    ///
+    /// # Errors
+    /// When settings or tensors cannot be written.
+    pub fn bundle(&self, card: &Card, kind: Kind) -> Result<Vec<u8>, String> {
+        // Where it learned from is of no use elsewhere, and says more of a machine than it should.
+        let (mut rig, mut skin) = (self.config.clone(), self.vae.config().clone());
+        (rig.data.corpora, rig.data.weights, rig.skin.run) = (Vec::new(), Vec::new(), std::path::PathBuf::new());
+        (skin.data.corpora, skin.data.weights) = (Vec::new(), Vec::new());
+        let toml = |e: toml::ser::Error| e.to_string();
+        let about = About {
+            format: FORMAT,
+            kind: KIND.into(),
+            card: card.clone(),
+            rig: toml::to_string(&rig).map_err(toml)?,
+            skin: toml::to_string(&skin).map_err(toml)?,
+        };
+        let own = self.params.named(self.params.weights()).map(|(n, t)| (format!("{RIG}{n}"), t.detach()));
+        let skin = self.vae.tensors().into_iter().map(|(n, t)| (format!("{SKIN}{n}"), t));
+        let tensors: Vec<(String, Tensor)> = own.chain(skin).map(|(n, t)| (n, t.to_kind(kind))).collect();
+        let about = serde_json::to_string(&about).map_err(|e| e.to_string())?;
+        let texts = HashMap::from([(ABOUT.to_string(), about)]);
+        io::to_bytes_with(tensors.iter().map(|(n, t)| (n.as_str(), t)), Some(texts)).map_err(|e| e.to_string())
+    }
+
+    /// What [`Self::bundle`] made; `name` stands in messages.
+    ///
+    /// # Errors
+    /// A sentence: what it is instead, or what is wrong with it.
+    pub fn of_bundle(bytes: &[u8], name: &str, device: Device) -> Result<(Self, Card), String> {
+        let fault = |e: String| format!("{name}: {e}");
+        let other = || {
+            fault(
+                "no model that rigs: give a folder that `riglab train` made for task tokenrig, or a file made by \
+                   `riglab checkpoint export`"
+                    .into(),
+            )
+        };
+        let (tensors, texts) = io::from_bytes(bytes).map_err(|_| other())?;
+        let about: About = texts.get(ABOUT).and_then(|t| serde_json::from_str(t).ok()).ok_or_else(other)?;
+        if about.format != FORMAT || about.kind != KIND {
+            return Err(fault(format!(
+                "format {} of `{}`, this program reads format {FORMAT}",
+                about.format, about.kind
+            )));
+        }
+        let below = |prefix: &str| -> BTreeMap<String, Tensor> {
+            let own = tensors.iter().filter_map(|(n, t)| Some((n.strip_prefix(prefix)?, t)));
+            own.map(|(n, t)| (n.to_string(), t.to_kind(Kind::Float))).collect()
+        };
+        let config = rig_config(name, &about.rig)?;
+        let skin = Config::from_toml_str(name, &about.skin).and_then(|c| c.get::<FsqCvaeTaskConfig>());
+        let skin = skin.map_err(|e| fault(e.to_string()))?;
+        skin.validate().map_err(|(key, message)| fault(format!("{key}: {message}")))?;
+        let (net, params) = FsqCvaeTask::network(&skin, device).map_err(|e| fault(e.to_string()))?;
+        params.load(&below(SKIN)).map_err(|e| fault(e.to_string()))?;
+        let rigger = Self::new(config, Arc::new(Frozen::new(skin, net, params, device)), device).map_err(fault)?;
+        rigger.params.load(&below(RIG)).map_err(|e| fault(e.to_string()))?;
+        Ok((rigger, about.card))
+    }
+}
+
+fn rig_config(name: &str, text: &str) -> Result<TokenRigTaskConfig, String> {
+    let config = Config::from_toml_str(name, text).map_err(|e| e.to_string())?;
+    let task: String = config.get_at("task").unwrap_or_default();
+    if task != KIND {
+        return Err(format!("{name}: a run of task `{task}`, but only `tokenrig` makes rigs"));
+    }
+    let config: TokenRigTaskConfig = config.get().map_err(|e| e.to_string())?;
+    config.validate().map_err(|(key, message)| format!("{name}: {key}: {message}"))?;
+    Ok(config)
+}

@@ -1,0 +1,125 @@
+//! A rig for a mesh: the whole way, in the mesh's own units.
+
+use riglab_core::{Bounds, Mesh, Similarity, Skeleton, SkinWeights};
+use riglab_random::stream;
+use riglab_token::Bones;
+
+use super::{Drawn, Rigger};
+
+/// What is wanted.
+#[derive(Clone, Debug, Default)]
+pub struct Wish<'a> {
+    /// A skeleton that stays as it is: only its weights are made.
+    pub skeleton: Option<&'a Skeleton>,
+    /// A class of skeletons to begin with, by its name: its named parts then come first.
+    pub class: Option<&'a str>,
+    /// How many are drawn, of which the likeliest is taken; 1 takes the likeliest token each time.
+    pub samples: usize,
+    /// Temperature of the draws, where there are several.
+    pub temperature: f32,
+    /// Seeds the points that the encoders see, and the draws.
+    pub seed: u64,
+}
+
+/// What came of it, in the mesh's units.
+#[derive(Clone, Debug)]
+pub struct Made {
+    /// The joints.
+    pub skeleton: Skeleton,
+    /// Weights of every vertex.
+    pub weights: SkinWeights,
+    /// Mean log-probability of what was drawn, a token.
+    pub likelihood: f64,
+    /// Which of the draws it is.
+    pub sample: usize,
+}
+
+impl Rigger {
+    /// Makes a skeleton and weights for a mesh.
+    ///
+    /// # Errors
+    /// A sentence: a skeleton that the model cannot write, a class that it does not know.
+    pub fn make(&self, mesh: &Mesh, wish: &Wish<'_>) -> Result<Made, String> {
+        let points = mesh.positions().iter().copied();
+        let heads = wish.skeleton.into_iter().flat_map(|s| s.heads().iter().copied());
+        let bounds = Bounds::of(points.chain(heads)).ok_or("a mesh without vertices")?;
+        let map = Similarity::into_cube(bounds);
+        let moved = |p: &[[f32; 3]], map: Similarity| p.iter().map(|&p| map.apply(p)).collect::<Vec<_>>();
+        let cube = mesh.with_positions(moved(mesh.positions(), map)).map_err(|e| e.to_string())?;
+        let w = self.params.weights();
+        let prefix = self.condition(w, &[(&cube, wish.seed)]);
+        let samples = wish.samples.max(1);
+        let how = riglab_nn::generate::GenerateConfig {
+            sample: samples > 1,
+            temperature: wish.temperature,
+            tokens: self.config.limits.tokens,
+            ..Default::default()
+        };
+        let given = match wish.skeleton {
+            Some(skeleton) => Some((skeleton, self.given(skeleton, map)?)),
+            None => None,
+        };
+        let prompt = match (&given, wish.class) {
+            (Some((_, encoded)), _) => encoded.ids.clone(),
+            (None, Some(class)) => self.of_class(class)?,
+            (None, None) => self.free(),
+        };
+        let mut streams: Vec<_> = (0..samples as u64).map(|k| stream(wish.seed, "rig draws", &[k])).collect();
+        let drawn = self.draw(w, &prefix, &vec![prompt; samples], &how, &mut streams)?;
+        let mean = |d: &Drawn| d.likelihood.0 / d.likelihood.1.max(1) as f64;
+        let whole = drawn.iter().enumerate().filter(|(_, d)| d.decoded.is_ok());
+        // The first of equals.
+        let best = whole.min_by(|(_, a), (_, b)| mean(b).total_cmp(&mean(a)));
+        let (sample, drawn) = best.ok_or("no skeleton came out; try --samples 8, or another --seed")?;
+        let (skeleton, in_cube, codes) = match given {
+            Some((skeleton, encoded)) => {
+                let mut codes = vec![None; skeleton.len()];
+                for (own, &joint) in drawn.codes.iter().zip(&encoded.order) {
+                    codes[joint].clone_from(own);
+                }
+                let in_cube = skeleton.with_heads(moved(skeleton.heads(), map)).map_err(|e| e.to_string())?;
+                (skeleton.clone(), in_cube, codes)
+            }
+            None => {
+                let decoded = drawn.decoded.as_ref().map_err(ToString::to_string)?;
+                let in_cube = decoded.skeleton().map_err(|e| e.to_string())?;
+                let heads = moved(in_cube.heads(), map.inverse());
+                (in_cube.with_heads(heads).map_err(|e| e.to_string())?, in_cube, drawn.codes.clone())
+            }
+        };
+        let weights = self.skin(&cube, &in_cube, &codes, wish.seed)?;
+        Ok(Made { skeleton, weights, likelihood: mean(drawn), sample })
+    }
+
+    /// A skeleton's sequence.
+    fn given(&self, skeleton: &Skeleton, map: Similarity) -> Result<riglab_token::Encoded, String> {
+        let c = &self.config.limits;
+        let joints: Vec<_> = skeleton.heads().iter().map(|&p| map.apply(p).map(f64::from)).collect();
+        let parents: Vec<_> = skeleton.parents().iter().map(|p| p.map(riglab_core::JointId::index)).collect();
+        let names = skeleton.names();
+        let class = riglab_token::Template::detect(names).map(|t| t.class);
+        let bones = Bones { joints: &joints, parents: &parents, names };
+        let encoded = self.tokenizer.encode_bones(&bones, class);
+        let encoded = encoded.map_err(|e| format!("the given skeleton cannot be written as tokens: {e}"))?;
+        if joints.len() > c.joints || encoded.ids.len() > c.tokens {
+            return Err(format!(
+                "the given skeleton has {} joints and takes {} tokens; this model reads at most {} joints and {} tokens. \
+                 Remove joints that move nothing, or use a model with larger limits",
+                joints.len(),
+                encoded.ids.len(),
+                c.joints,
+                c.tokens
+            ));
+        }
+        Ok(encoded)
+    }
+
+    /// The beginning of sequences of a class.
+    fn of_class(&self, class: &str) -> Result<Vec<u32>, String> {
+        let ids = self.tokenizer.vocabulary();
+        match ids.class_named(class) {
+            Some(number) => Ok(vec![ids.bos(), ids.class(number)]),
+            None => Err(format!("there is no template `{class}`; there are: {}", ids.classes().join(", "))),
+        }
+    }
+}

@@ -1,0 +1,103 @@
+//! `riglab checkpoint`
+
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use anyhow::{Context, Result, anyhow};
+use riglab_files::make_folder_of;
+use riglab_task::tokenrig::{Card, Rigger};
+use tch::{Device, Kind};
+
+use crate::shipped;
+
+/// Trained models as single files: make one, look at one.
+#[derive(clap::Args)]
+pub struct Args {
+    #[command(subcommand)]
+    what: What,
+}
+
+#[derive(clap::Subcommand)]
+enum What {
+    Export(ExportArgs),
+    Show(ShowArgs),
+}
+
+/// Put a run's checkpoint, its auto-encoder and their settings into one file for `riglab rig`.
+#[derive(clap::Args)]
+#[command(after_help = "\
+Examples:
+  riglab checkpoint export runs/tokenrig/001 -o model.safetensors
+  riglab checkpoint export runs/tokenrig/001 -o model.safetensors --half --name ours --card card.md")]
+struct ExportArgs {
+    /// The folder of a run of task tokenrig.
+    run: PathBuf,
+    /// The file to write.
+    #[arg(long, short, value_name = "FILE")]
+    out: PathBuf,
+    /// Which checkpoint: best, last or step-N.
+    #[arg(long, default_value = "best")]
+    checkpoint: String,
+    /// Numbers of 16 bits: half the size.
+    #[arg(long)]
+    half: bool,
+    /// Its name [default: the run's folder].
+    #[arg(long)]
+    name: Option<String>,
+    /// Markdown that says what it learned from, how good it is, and its licence.
+    #[arg(long, value_name = "FILE")]
+    card: Option<PathBuf>,
+}
+
+/// Show what is known about a model: its card, sizes and limits.
+#[derive(clap::Args)]
+#[command(after_help = "\
+Examples:
+  riglab checkpoint show
+  riglab checkpoint show model.safetensors")]
+struct ShowArgs {
+    /// A file of `riglab checkpoint export`, or a run's folder [default: the model that comes with riglab].
+    file: Option<PathBuf>,
+}
+
+pub fn run(args: &Args) -> Result<ExitCode> {
+    riglab_torch::init(riglab_torch::Settings { threads: 1 });
+    match &args.what {
+        What::Export(args) => export(args),
+        What::Show(args) => show(args),
+    }
+}
+
+fn export(args: &ExportArgs) -> Result<ExitCode> {
+    let opened = Rigger::of_run(&args.run, &args.checkpoint, Device::Cpu);
+    let (rigger, found) = opened.map_err(|e| anyhow!(e))?;
+    let text = match &args.card {
+        Some(path) => std::fs::read_to_string(path).with_context(|| format!("{} cannot be read", path.display()))?,
+        None => "No card was written for this model.".into(),
+    };
+    // A folder's path is of use on one machine only.
+    let own = args.run.file_name().map_or("tokenrig".into(), |n| n.to_string_lossy().into_owned());
+    let card = Card { name: args.name.clone().unwrap_or(own), text, state: found.state };
+    let kind = if args.half { Kind::Half } else { Kind::Float };
+    let bytes = rigger.bundle(&card, kind).map_err(|e| anyhow!(e))?;
+    make_folder_of(&args.out)?;
+    riglab_files::write(&args.out, &bytes).with_context(|| format!("{} cannot be written", args.out.display()))?;
+    say!("{}: {:.1} MB", args.out.display(), bytes.len() as f64 / 1e6);
+    Ok(ExitCode::SUCCESS)
+}
+
+fn show(args: &ShowArgs) -> Result<ExitCode> {
+    let opened = match &args.file {
+        Some(path) => Rigger::open(path, Device::Cpu),
+        None => shipped::rigger(Device::Cpu),
+    };
+    let (rigger, card) = opened.map_err(|e| anyhow!(e))?;
+    let (c, skin) = (rigger.config(), rigger.vae());
+    let millions = |n: usize| n as f64 / 1e6;
+    let own: usize = skin.tensors().iter().map(|(_, t)| t.numel()).sum();
+    say!("{}", card.name);
+    say!("{:.2} M parameters, {:.2} M of its auto-encoder", millions(rigger.params().numel()), millions(own));
+    say!("{} steps, up to {} joints, {} codes a bone", card.state.step, c.limits.joints, c.skin.codes);
+    say!("\n{}", card.text.trim_end());
+    Ok(ExitCode::SUCCESS)
+}

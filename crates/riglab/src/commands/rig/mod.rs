@@ -1,0 +1,289 @@
+//! `riglab rig` and `riglab skin`
+
+mod one;
+
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+use anyhow::{Context, Result, anyhow, bail};
+use riglab_asset::export::{ExportOptions, Influences, JointFrames};
+use riglab_asset::rigging::{NameStyle, UpAxis};
+use riglab_task::tokenrig::{Card, Rigger};
+use riglab_train::Progress;
+use tch::Device;
+
+use crate::shipped;
+
+/// Rig a model: a skeleton and skin weights for a mesh.
+///
+/// Reads GLB, glTF, VRM, FBX and OBJ, and writes a GLB: meshes, materials, pictures, placement and names stay; an
+/// armature, a skin and weights are added. A rig that the file has is taken out first. The model that does it is
+/// the small one that comes with riglab, or another (--checkpoint). The input is never changed.
+#[derive(clap::Args)]
+#[command(after_help = "\
+Examples:
+  riglab rig creature.obj -o creature.glb
+  riglab rig avatar.glb -o rigged.glb --preview
+  riglab rig avatar.glb -o rigged.glb --samples 8 --seed 1
+  riglab rig avatar.glb -o rigged.glb --skeleton bones_of.glb
+  riglab rig models/ -o rigged/
+  riglab rig fox.obj -o fox.glb --checkpoint runs/tokenrig/001")]
+pub struct RigArgs {
+    #[command(flatten)]
+    common: Common,
+    /// Where the skeleton comes from: `predict`, `keep` (the file's own), or a rigged file in the same space.
+    #[arg(long, default_value = "predict", value_name = "predict|keep|FILE")]
+    skeleton: String,
+    /// Begin with the named joints of a known make: `mixamo` or `vroid`.
+    #[arg(long, value_name = "NAME")]
+    template: Option<String>,
+    /// How joints of a predicted skeleton are called: `mixamo` and `vrm` name human bones as those do, by their place in
+    /// the body, and others by where they are; `plain` names all by where they are; `keep` as the model wrote them.
+    #[arg(long, default_value = "mixamo", value_name = "mixamo|vrm|plain|keep")]
+    names: NameStyle,
+}
+
+/// Make new weights for the skeleton that a model has.
+///
+/// As `riglab rig --skeleton keep`: joints stay as they are.
+#[derive(clap::Args)]
+#[command(after_help = "\
+Examples:
+  riglab skin avatar.glb -o again.glb
+  riglab skin mesh.obj -o rigged.glb --skeleton bones_of.glb")]
+pub struct SkinArgs {
+    #[command(flatten)]
+    common: Common,
+    /// Where the skeleton comes from: `keep` (the file's own), or a rigged file in the same space.
+    #[arg(long, default_value = "keep", value_name = "keep|FILE")]
+    skeleton: String,
+}
+
+#[derive(clap::Args)]
+struct Common {
+    /// A model, or a folder of models with those below it.
+    input: PathBuf,
+    /// The GLB to write, or the folder for those of a folder.
+    #[arg(long, short, value_name = "OUT")]
+    out: PathBuf,
+    /// A run's folder (task tokenrig), or a file of `riglab checkpoint export` [default: the model that comes with
+    /// riglab].
+    #[arg(long, value_name = "PATH")]
+    checkpoint: Option<PathBuf>,
+    /// Rigs that are drawn, of which the likeliest is taken. 1 takes the likeliest token each time.
+    #[arg(long, default_value_t = 1, value_name = "N")]
+    samples: usize,
+    /// How freely several are drawn.
+    #[arg(long, default_value_t = 1.0, value_name = "T")]
+    temperature: f32,
+    /// Seeds the points that are looked at and the draws: same seed, same file.
+    #[arg(long, default_value_t = 0)]
+    seed: u64,
+    /// How many joints may hold a vertex.
+    #[arg(long, value_enum, default_value = "4")]
+    influences: Most,
+    /// How joints are turned at rest.
+    #[arg(long, value_enum, default_value = "bone")]
+    frames: Frames,
+    /// The axis that points up in the file.
+    #[arg(long, default_value = "y", value_name = "AXIS", allow_hyphen_values = true)]
+    up: UpAxis,
+    /// Refuse models with more triangles.
+    #[arg(long, default_value_t = 5_000_000, value_name = "N")]
+    max_triangles: usize,
+    /// Add a short motion that bends every joint, to see whether the rig works.
+    #[arg(long)]
+    preview: bool,
+    /// Say on standard output what was made, as a line of JSON a model.
+    #[arg(long)]
+    json: bool,
+    /// Where to compute: `cpu`, or `cuda:0` and so on.
+    #[arg(long, default_value = "cpu")]
+    device: String,
+}
+
+#[derive(Clone, Copy, clap::ValueEnum)]
+enum Most {
+    /// What every engine reads.
+    #[value(name = "4")]
+    Four,
+    /// Two sets of four.
+    #[value(name = "8")]
+    Eight,
+    /// As many as there are.
+    All,
+}
+
+#[derive(Clone, Copy, clap::ValueEnum)]
+enum Frames {
+    /// As the scene: no turns, every number exact.
+    Parallel,
+    /// Y along the bone, as Blender and engines show bones.
+    Bone,
+}
+
+/// Which skeleton a rig gets.
+enum Bones {
+    Predicted { template: Option<String>, names: NameStyle },
+    Kept,
+    Of(PathBuf),
+}
+
+pub fn rig(args: &RigArgs, threads: usize) -> Result<ExitCode> {
+    let bones = match args.skeleton.as_str() {
+        "predict" => Bones::Predicted { template: args.template.clone(), names: args.names },
+        _ if args.template.is_some() => bail!("--template begins a predicted skeleton; leave --skeleton out"),
+        "keep" => Bones::Kept,
+        file => Bones::Of(file.into()),
+    };
+    run(&args.common, &bones, threads)
+}
+
+pub fn skin(args: &SkinArgs, threads: usize) -> Result<ExitCode> {
+    let bones = match args.skeleton.as_str() {
+        "keep" => Bones::Kept,
+        file => Bones::Of(file.into()),
+    };
+    run(&args.common, &bones, threads)
+}
+
+impl Common {
+    fn export(&self) -> ExportOptions {
+        let influences = match self.influences {
+            Most::Four => Influences::Four,
+            Most::Eight => Influences::Eight,
+            Most::All => Influences::All,
+        };
+        let frames = match self.frames {
+            Frames::Parallel => JointFrames::Parallel,
+            Frames::Bone => JointFrames::AlongBone,
+        };
+        ExportOptions { influences, frames }
+    }
+
+    fn model(&self, device: Device) -> Result<(Rigger, Card)> {
+        let opened = match &self.checkpoint {
+            Some(path) => Rigger::open(path, device),
+            None => shipped::rigger(device),
+        };
+        opened.map_err(|e| anyhow!(e))
+    }
+}
+
+/// `cpu`, or a GPU that is there.
+fn device(name: &str) -> Result<Device> {
+    match name.split_once(':').unwrap_or((name, "0")) {
+        ("cpu", "0") => Ok(Device::Cpu),
+        ("cuda", number) => match number.parse() {
+            Ok(number) if (number as i64) < tch::Cuda::device_count() => Ok(Device::Cuda(number)),
+            _ => bail!("--device {name}: this machine has {} GPUs that libtorch can use", tch::Cuda::device_count()),
+        },
+        _ => bail!("--device {name}: give `cpu`, or `cuda:0` and so on"),
+    }
+}
+
+fn run(args: &Common, bones: &Bones, threads: usize) -> Result<ExitCode> {
+    if args.samples == 0 || !(args.temperature > 0.0 && args.temperature.is_finite()) {
+        bail!("--samples must be at least 1, and --temperature above 0");
+    }
+    let jobs = jobs(&args.input, &args.out)?;
+    riglab_torch::init(riglab_torch::Settings { threads });
+    let (rigger, card) = args.model(device(&args.device)?)?;
+    eprintln!("model: {}, {} steps; `riglab checkpoint show` says how far to trust it", card.name, card.state.step);
+    if !args.input.is_dir() {
+        let (from, to) = &jobs[0];
+        one::rig(args, bones, &rigger, &card, from, to)?;
+        return Ok(ExitCode::SUCCESS);
+    }
+    let mut progress = Progress::new("rigging", jobs.len() as u64, 0);
+    let mut failed = 0;
+    for (done, (from, to)) in jobs.iter().enumerate() {
+        if let Err(e) = one::rig(args, bones, &rigger, &card, from, to) {
+            progress.line(&format!("left out: {e:#}"));
+            failed += 1;
+        }
+        progress.set(done as u64 + 1, String::new);
+    }
+    progress.finish();
+    say!("{} rigged in {}, {failed} left out", jobs.len() - failed, args.out.display());
+    Ok(if failed == jobs.len() { ExitCode::FAILURE } else { ExitCode::SUCCESS })
+}
+
+/// Endings of models that are rigged, where a folder is given.
+const MODELS: [&str; 5] = ["glb", "gltf", "vrm", "fbx", "obj"];
+
+/// What is read, and where each is written.
+fn jobs(input: &Path, out: &Path) -> Result<Vec<(PathBuf, PathBuf)>> {
+    let same = |a: &Path, b: &Path| a.canonicalize().is_ok_and(|a| b.canonicalize().is_ok_and(|b| a == b));
+    if !input.is_dir() {
+        let into = out.is_dir() || out.as_os_str().to_string_lossy().ends_with('/');
+        let name = Path::new(input.file_stem().unwrap_or_default()).with_extension("glb");
+        let to = if into { out.join(name) } else { out.to_path_buf() };
+        if !to.extension().is_some_and(|e| e.eq_ignore_ascii_case("glb")) {
+            bail!("{}: only GLB is written; name it .glb (`riglab convert` makes FBX and others of it)", to.display());
+        }
+        if same(input, &to) {
+            bail!("{} is the input itself, which is never changed; give another name", to.display());
+        }
+        return Ok(vec![(input.to_path_buf(), to)]);
+    }
+    if out.is_file() {
+        bail!("{} is a file; for a folder of models give a folder", out.display());
+    }
+    if same(input, out) {
+        bail!("{} is the folder of the inputs, which are never changed; give another", out.display());
+    }
+    let known = |path: &Path| {
+        let ending = path.extension().unwrap_or_default().to_string_lossy().to_lowercase();
+        MODELS.contains(&ending.as_str())
+    };
+    // What an earlier call wrote is no input.
+    let within = out.canonicalize().ok();
+    let own = |path: &Path| match (&within, path.canonicalize()) {
+        (Some(out), Ok(path)) => path.starts_with(out),
+        _ => false,
+    };
+    let found = riglab_files::below(input, |path| known(path) && !own(path));
+    for (path, why) in &found.unread {
+        eprintln!("left out: {}: {why}", path.display());
+    }
+    if found.files.is_empty() {
+        bail!("{}: no model with the ending {}", input.display(), MODELS.join(", "));
+    }
+    let mut jobs: Vec<(PathBuf, PathBuf)> = Vec::new();
+    for file in found.files {
+        let below = file.strip_prefix(input).context("a file below its folder")?;
+        let mut to = out.join(below.with_extension("glb"));
+        // a.obj and a.fbx do not overwrite each other.
+        if jobs.iter().any(|(_, taken)| *taken == to) {
+            to = out.join(format!("{}.glb", below.display()));
+        }
+        jobs.push((file, to));
+    }
+    Ok(jobs)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn outputs_never_meet_inputs_or_each_other() {
+        let dir = tempfile::tempdir().unwrap();
+        for name in ["a.obj", "a.glb", "sub/b.FBX", "notes.txt", "out/a.glb"] {
+            let path = dir.path().join(name);
+            std::fs::create_dir_all(path.parent().unwrap()).unwrap();
+            std::fs::write(path, b"x").unwrap();
+        }
+        let out = dir.path().join("out");
+        let all = jobs(dir.path(), &out).unwrap();
+        let mut to: Vec<_> = all.iter().map(|(_, to)| to.strip_prefix(&out).unwrap().to_str().unwrap()).collect();
+        to.sort_unstable();
+        assert!(to == ["a.glb", "a.glb.glb", "sub/b.glb"] || to == ["a.glb", "a.obj.glb", "sub/b.glb"], "{to:?}");
+        let a = dir.path().join("a.glb");
+        assert!(jobs(&a, &a).unwrap_err().to_string().contains("never changed"));
+        assert!(jobs(&a, &dir.path().join("a.fbx")).unwrap_err().to_string().contains("only GLB"));
+        assert_eq!(jobs(&dir.path().join("a.obj"), dir.path()).unwrap()[0].1, a);
+        assert!(jobs(dir.path(), dir.path()).unwrap_err().to_string().contains("give another"));
+    }
+}

@@ -1,0 +1,99 @@
+//! One model rigged.
+
+use std::path::Path;
+use std::time::Instant;
+
+use anyhow::{Context, Result, anyhow};
+use riglab_asset::export::{self, ExportNote};
+use riglab_asset::rigging::{Subject, SubjectOptions, name_joints};
+use riglab_asset::{ImportOptions, import};
+use riglab_core::{Bounds, Skeleton};
+use riglab_files::make_folder_of;
+use riglab_task::tokenrig::{Card, Rigger, Wish};
+
+use super::{Bones, Common};
+
+/// Reads `from`, rigs it, writes `to`.
+pub fn rig(args: &Common, bones: &Bones, rigger: &Rigger, card: &Card, from: &Path, to: &Path) -> Result<()> {
+    let start = Instant::now();
+    let options = SubjectOptions {
+        keep_rig: matches!(bones, Bones::Kept),
+        up: args.up,
+        max_triangles: args.max_triangles,
+        import: ImportOptions::default(),
+    };
+    let subject = Subject::read(from, &options)?;
+    for note in subject.notes() {
+        eprintln!("note: {}: {note}", from.display());
+    }
+    let given = given(bones, &subject, from)?;
+    let class = match bones {
+        Bones::Predicted { template, .. } => template.as_deref(),
+        _ => None,
+    };
+    let wish =
+        Wish { skeleton: given.as_ref(), class, samples: args.samples, temperature: args.temperature, seed: args.seed };
+    let made = rigger.make(subject.mesh(), &wish).map_err(|e| anyhow!("{}: {e}", from.display()))?;
+    let weights = subject.agreed(&made.weights);
+    // Weights that agree over seams are of more joints there; that those are cut again is no news.
+    let said = |note: &&ExportNote| !matches!(note, ExportNote::InfluencesCut { .. });
+    let joints = made.skeleton.len();
+    let about = || from.display().to_string();
+    let rig = match bones {
+        Bones::Predicted { names, .. } => {
+            let bounds = Bounds::of(subject.mesh().positions().iter().copied());
+            let (skeleton, human) = name_joints(&made.skeleton, bounds, *names).with_context(about)?;
+            subject.rigged(skeleton, weights).and_then(|rig| rig.with_humanoid(human))
+        }
+        Bones::Kept | Bones::Of(_) => subject.rigged(made.skeleton, weights),
+    };
+    let rig = rig.with_context(about)?;
+    let exported = subject.attach(&rig, &args.export())?;
+    for note in exported.notes.iter().filter(said) {
+        eprintln!("note: {}: {note}", from.display());
+    }
+    let preview = if args.preview { Some(preview(&exported.bytes, from)?) } else { None };
+    let bytes = preview.as_ref().unwrap_or(&exported.bytes);
+    make_folder_of(to)?;
+    export::write(to, bytes).with_context(|| format!("{} cannot be written", to.display()))?;
+    let mesh = rig.mesh();
+    if args.json {
+        let of_export = exported.notes.iter().filter(said).map(ToString::to_string);
+        let notes: Vec<String> = subject.notes().iter().map(ToString::to_string).chain(of_export).collect();
+        let line = serde_json::json!({
+            "file": from, "out": to, "joints": joints, "vertices": mesh.positions().len(),
+            "triangles": mesh.triangles().len(), "checkpoint": card.name, "steps": card.state.step,
+            "likelihood": made.likelihood, "sample": made.sample, "seconds": start.elapsed().as_secs_f64(),
+            "notes": notes,
+        });
+        say!("{line}");
+    } else {
+        say!("{}: {joints} joints, {:.1} s", to.display(), start.elapsed().as_secs_f64());
+    }
+    Ok(())
+}
+
+/// With the motion that bends every joint.
+fn preview(bytes: &[u8], from: &Path) -> Result<Vec<u8>> {
+    let made = export::preview(bytes).map_err(|e| anyhow!("{}: {e}", from.display()))?;
+    Ok(made.bytes)
+}
+
+/// The skeleton that stays, in the mesh's space.
+fn given(bones: &Bones, subject: &Subject, from: &Path) -> Result<Option<Skeleton>> {
+    let shown = from.display();
+    match bones {
+        Bones::Predicted { .. } => Ok(None),
+        Bones::Kept => {
+            let rig = subject.old_rig().with_context(|| {
+                format!("{shown} has no skeleton to keep; `riglab rig {shown} -o OUT.glb` makes one, --skeleton FILE takes one")
+            })?;
+            Ok(Some(rig.skeleton().clone()))
+        }
+        Bones::Of(file) => {
+            let imported = import(file, &ImportOptions::default())?;
+            let rig = imported.rig().with_context(|| format!("{}: there is no skeleton in it", file.display()))?;
+            Ok(Some(rig.skeleton().clone()))
+        }
+    }
+}

@@ -1,0 +1,225 @@
+//! `riglab rig` and `riglab skin`: models in, rigged models out.
+
+mod binary;
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use binary::{must, refusal, riglab, text};
+use serde_json::Value;
+
+/// Rigged creatures, and the same without their rigs.
+fn creatures(dir: &Path, count: &str) -> Vec<(PathBuf, PathBuf)> {
+    let files = dir.join("rigged");
+    must(&["synth", "-o", text(&files), "--count", count, "--plans", "biped,quadruped", "--triangles", "1500..2500"]);
+    fs::create_dir_all(dir.join("bare")).unwrap();
+    let mut all: Vec<PathBuf> = fs::read_dir(&files).unwrap().map(|e| e.unwrap().path()).collect();
+    all.retain(|p| p.extension().is_some_and(|e| e == "glb"));
+    all.sort();
+    all.into_iter()
+        .map(|file| {
+            let bare = dir.join("bare").join(file.file_name().unwrap());
+            must(&["strip", text(&file), text(&bare)]);
+            (file, bare)
+        })
+        .collect()
+}
+
+fn inspect(file: &Path) -> Value {
+    serde_json::from_slice(&must(&["inspect", text(file), "--json", "--all-vertices"]).stdout).unwrap()
+}
+
+/// Heads of all joints by name, in the file's units.
+fn joints(v: &Value) -> Vec<(String, [f64; 3])> {
+    let joint = |j: &Value| {
+        let head = j["head"].as_array().unwrap();
+        (j["name"].as_str().unwrap().to_string(), std::array::from_fn(|k| head[k].as_f64().unwrap()))
+    };
+    v["joints"].as_array().unwrap().iter().map(joint).collect()
+}
+
+/// It is a rig: a tree with one root, and weights that sum to 1 at every vertex.
+fn sound(file: &Path) -> Value {
+    let v = inspect(file);
+    let all = v["joints"].as_array().unwrap();
+    assert!(!all.is_empty());
+    assert_eq!(all.iter().filter(|j| j["parent"].is_null()).count(), 1, "{}", file.display());
+    let samples = v["samples"].as_array().unwrap();
+    assert_eq!(samples.len() as u64, v["vertices"].as_u64().unwrap());
+    for sample in samples {
+        let weights: Vec<f64> = sample["weights"].as_object().unwrap().values().map(|w| w.as_f64().unwrap()).collect();
+        assert!((weights.iter().sum::<f64>() - 1.0).abs() < 1e-3 && weights.len() <= 4, "{sample}");
+    }
+    v
+}
+
+#[test]
+fn a_model_is_rigged_by_what_comes_with_the_program() {
+    let dir = tempfile::tempdir().unwrap();
+    let bare = &creatures(dir.path(), "2")[0].1;
+    let before = fs::read(bare).unwrap();
+    let make = |name: &str, more: &[&str]| {
+        let out = dir.path().join(name);
+        let said = must(&[&["rig", text(bare), "-o", text(&out), "--json"], more].concat()).stdout;
+        let said: Value = serde_json::from_slice(&said).unwrap();
+        assert_eq!(said["joints"], sound(&out)["joints"].as_array().unwrap().len());
+        assert_eq!(said["out"], text(&out));
+        fs::read(out).unwrap()
+    };
+    let first = make("a.glb", &[]);
+    assert!(first == make("b.glb", &[]), "same seed, same bytes");
+    let drawn = make("c.glb", &["--samples", "4", "--seed", "3"]);
+    assert!(drawn == make("d.glb", &["--samples", "4", "--seed", "3"]));
+    assert!(drawn != make("e.glb", &["--samples", "4", "--seed", "4"]));
+    assert!(fs::read(bare).unwrap() == before, "the input stays");
+    let card = String::from_utf8(must(&["checkpoint", "show"]).stdout).unwrap();
+    assert!(card.contains("Licence") && card.contains("parameters"), "{card}");
+}
+
+#[test]
+fn a_given_skeleton_stays_as_it_is() {
+    let dir = tempfile::tempdir().unwrap();
+    for (rigged, bare) in creatures(dir.path(), "4") {
+        let truth = joints(&inspect(&rigged));
+        let out = dir.path().join("out.glb");
+        for args in [
+            vec!["skin", text(&rigged), "-o", text(&out)],
+            vec!["rig", text(&rigged), "-o", text(&out), "--skeleton", "keep"],
+            vec!["rig", text(&bare), "-o", text(&out), "--skeleton", text(&rigged)],
+        ] {
+            must(&args);
+            let made = joints(&sound(&out));
+            assert_eq!(made.len(), truth.len());
+            for (name, head) in &truth {
+                let (_, own) = made.iter().find(|(n, _)| n == name).expect("every joint is there");
+                assert!((0..3).all(|k| (own[k] - head[k]).abs() < 1e-4), "{name}: {own:?} {head:?}");
+            }
+        }
+    }
+}
+
+#[test]
+fn a_folder_is_rigged_file_by_file() {
+    let dir = tempfile::tempdir().unwrap();
+    creatures(dir.path(), "2");
+    let (input, out) = (dir.path().join("bare"), dir.path().join("out"));
+    fs::write(input.join("broken.obj"), "f 1 2 3\n").unwrap();
+    let output = must(&["rig", text(&input), "-o", text(&out)]);
+    let said = String::from_utf8(output.stdout).unwrap();
+    assert!(said.contains("2 rigged") && said.contains("1 left out"), "{said}");
+    assert!(String::from_utf8_lossy(&output.stderr).contains("broken.obj"));
+    let made: Vec<PathBuf> = fs::read_dir(&out).unwrap().map(|e| e.unwrap().path()).collect();
+    assert_eq!(made.len(), 2);
+    made.iter().for_each(|file| drop(sound(file)));
+}
+
+#[test]
+fn what_cannot_be_rigged_is_told() {
+    let dir = tempfile::tempdir().unwrap();
+    let (rigged, bare) = creatures(dir.path(), "1").remove(0);
+    let path = |name: &str| dir.path().join(name);
+    fs::write(path("points.obj"), "v 0 0 0\nv 1 0 0\nv 0 1 0\n").unwrap();
+    fs::write(path("no.safetensors"), b"no checkpoint").unwrap();
+    let out = path("out.glb");
+    for (args, wanted) in [
+        (vec!["rig", text(&path("points.obj")), "-o", text(&out)], "points.obj"),
+        (vec!["rig", text(&path("none.glb")), "-o", text(&out)], "none.glb"),
+        (vec!["rig", text(&bare), "-o", text(&bare)], "never changed"),
+        (vec!["rig", text(&bare), "-o", "out.fbx"], "only GLB"),
+        (vec!["skin", text(&bare), "-o", text(&out)], "no skeleton to keep"),
+        (vec!["rig", text(&bare), "-o", text(&out), "--template", "cat"], "there is no template `cat`"),
+        (
+            vec!["rig", text(&bare), "-o", text(&out), "--checkpoint", text(&path("no.safetensors"))],
+            "no model that rigs",
+        ),
+        (vec!["rig", text(&bare), "-o", text(&out), "--checkpoint", text(&rigged)], "no model that rigs"),
+        (vec!["rig", text(&bare), "-o", text(&out), "--device", "cuda:9"], "GPUs"),
+        (vec!["rig", text(&bare), "-o", text(&out), "--samples", "0"], "at least 1"),
+        (vec!["rig", text(&bare), "-o", text(&out), "--max-triangles", "10"], "triangles"),
+    ] {
+        let said = refusal(&mut riglab(&args));
+        assert!(said.contains(wanted), "{args:?}: {said}");
+        assert!(!out.exists());
+    }
+}
+
+/// From files to a model of one's own, at the smallest scale that still learns something.
+#[test]
+fn tokenrig_is_trained_evaluated_and_exported() {
+    let dir = tempfile::tempdir().unwrap();
+    let corpus = binary::corpus_of(dir.path(), 16, "400..800");
+    let path = |name: &str| dir.path().join(name);
+    let set = |key: &str, value: &str| format!("{key}={value}");
+    let corpora = set("data.corpora", &format!("[{:?}]", text(&corpus)));
+    let auto = path("auto");
+    must(&[
+        "train",
+        "skintokens/fsq_cvae_for_tokenrig.toml",
+        "--run",
+        text(&auto),
+        "--set",
+        &corpora,
+        "--set",
+        "model={ extends = \"model/fsq_cvae/tiny.toml\" }",
+        "--set",
+        "train.steps=8",
+        "--set",
+        "train.validate_every=8",
+        "--set",
+        "eval.prefixes=[4]",
+    ]);
+    let run = path("run");
+    let skin = set("skin.run", &format!("{:?}", text(&auto)));
+    let mut all = vec!["train", "quickstart/tokenrig.toml", "--run", text(&run)];
+    for value in [
+        corpora.as_str(),
+        &skin,
+        "model={ extends = \"model/tokenrig/tiny.toml\" }",
+        "train.steps=60",
+        "train.ema=0.8",
+        "train.schedule.warmup=5",
+        "train.validate_every=60",
+        "sampling.rigs=4",
+        "sampling.cloud.points=128",
+        "sampling.variants=2",
+        "eval.validation_assets=2",
+    ] {
+        all.extend(["--set", value]);
+    }
+    must(&all);
+    let metrics: Vec<Value> = fs::read_to_string(run.join("metrics.jsonl"))
+        .unwrap()
+        .lines()
+        .map(|l| serde_json::from_str(l).expect("each line is JSON"))
+        .collect();
+    for (part, share) in [("train/skeleton", 0.95), ("train/skin", 0.9)] {
+        let losses: Vec<f64> = metrics.iter().filter_map(|l| l[part].as_f64()).collect();
+        let mean = |part: &[f64]| part.iter().sum::<f64>() / part.len() as f64;
+        assert_eq!(losses.len(), 60);
+        assert!(mean(&losses[50..]) < share * mean(&losses[..10]), "{part} learns: {losses:?}");
+    }
+    let said = String::from_utf8(must(&["eval", text(&run), "--json", "--pictures", "1"]).stdout).unwrap();
+    let evaluation: Value = serde_json::from_str(&said).unwrap();
+    let skeletons = evaluation["report"]["skeletons"]["rows"].as_array().unwrap();
+    assert!(skeletons.iter().filter(|r| r["method"] == "model").all(|r| r["valid"] == 1.0), "{skeletons:?}");
+    let skin = evaluation["report"]["skin"].as_array().unwrap();
+    for method in ["generated: model", "generated: nearest bone", "given: model", "given: auto-encoder"] {
+        assert!(skin.iter().any(|r| r["method"] == method), "no row {method}");
+    }
+    let report = path("report.html");
+    must(&["report", text(&run), "-o", text(&report)]);
+    assert!(fs::read_to_string(&report).unwrap().contains("generated: model"));
+
+    // As one file it says the same as the run.
+    let file = path("model.safetensors");
+    must(&["checkpoint", "export", text(&run), "-o", text(&file), "--name", "mine"]);
+    let bare = &creatures(dir.path(), "1")[0].1;
+    let made = |checkpoint: &Path, name: &str| {
+        must(&["rig", text(bare), "-o", text(&path(name)), "--checkpoint", text(checkpoint)]);
+        sound(&path(name));
+        fs::read(path(name)).unwrap()
+    };
+    assert!(made(&run, "a.glb") == made(&file, "b.glb"));
+    let said = String::from_utf8(must(&["checkpoint", "show", text(&file)]).stdout).unwrap();
+    assert!(said.starts_with("mine\n"), "{said}");
+}
