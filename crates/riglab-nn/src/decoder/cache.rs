@@ -2,6 +2,7 @@
 
 use tch::{Kind, Tensor};
 
+use super::rotary::Angles;
 use super::steps::Steps;
 
 /// Keys and values of rows that go on together, made once for the longest sequence.
@@ -11,8 +12,12 @@ pub struct Cache {
     /// Rows that go on: the first ones of those there is room for.
     rows: i64,
     len: i64,
-    /// Weights and biases that a decoder has put together for the steps to come, by layer.
-    pub(super) fused: Vec<(Tensor, Tensor)>,
+    /// The first tokens, which all rows have from one.
+    pub(super) same: i64,
+    /// Tensors of weights that a decoder has put together for the steps to come, by layer.
+    pub(super) fused: Vec<Vec<Tensor>>,
+    /// Of every place that there is room for, where positions are angles.
+    pub(super) angles: Option<Angles>,
     /// What has taken over the rows, where one token is read at a time on the CPU.
     pub(super) steps: Option<Steps>,
 }
@@ -21,7 +26,8 @@ impl Cache {
     /// Room for so many tokens.
     pub fn new(layers: usize, rows: i64, heads: i64, room: i64, width: i64, kind: Kind, device: tch::Device) -> Self {
         let empty = || Tensor::empty([2, rows, heads, room, width], (kind, device));
-        Self { layers: (0..layers).map(|_| empty()).collect(), rows, len: 0, fused: Vec::new(), steps: None }
+        let layers = (0..layers).map(|_| empty()).collect();
+        Self { layers, rows, len: 0, same: 0, fused: Vec::new(), angles: None, steps: None }
     }
 
     /// Tokens of each row so far.
@@ -79,6 +85,9 @@ impl Cache {
 
     /// Goes on with these rows, in this order; one may come several times.
     pub fn select(&mut self, rows: &[i64]) {
+        if self.rows == 1 && rows.len() > 1 {
+            self.same = self.len;
+        }
         if let Some(steps) = &mut self.steps {
             steps.select(rows, self.len as usize);
         }

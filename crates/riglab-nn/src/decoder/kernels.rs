@@ -128,6 +128,25 @@ pub(super) fn norm(x: &[f32], (gain, bias): &(Vec<f32>, Vec<f32>), y: &mut [f32]
     }
 }
 
+/// The root-mean-square norm of each row of x.
+pub(super) fn rms(x: &[f32], gain: &[f32], eps: f32, y: &mut [f32]) {
+    let d = gain.len();
+    for (x, y) in x.chunks_exact(d).zip(y.chunks_exact_mut(d)) {
+        let scale = 1.0 / (sum(x.iter().map(|x| x * x)) / d as f32 + eps).sqrt();
+        y.iter_mut().zip(x).zip(gain).for_each(|((y, x), g)| *y = x * scale * g);
+    }
+}
+
+/// silu(gates) · held, of as many numbers as fill registers.
+pub(super) fn gate(gates: &[f32], held: &[f32], out: &mut [f32]) {
+    assert!(gates.len() == held.len() && gates.len() == out.len() && gates.len().is_multiple_of(8) && is_fast());
+    #[cfg(target_arch = "x86_64")]
+    // SAFETY: sizes and processor were checked.
+    unsafe {
+        x86::gate(gates, held, out);
+    }
+}
+
 /// In eight parts, as registers add.
 fn sum(values: impl ExactSizeIterator<Item = f32>) -> f32 {
     let mut parts = [0.0f32; 8];
@@ -144,15 +163,32 @@ pub(super) fn key_at(place: usize, c: usize, e: usize) -> usize {
     place / BLOCK * BLOCK * e + c * BLOCK + place % BLOCK
 }
 
-/// One query [e] over the first `len` keys, which lie by [`key_at`], and values [room, e].
-pub(super) fn attend(q: &[f32], keys: &[f32], values: &[f32], len: usize, out: &mut [f32]) {
-    let (e, room) = (q.len(), keys.len() / q.len());
-    assert!(e.is_multiple_of(8) && room.is_multiple_of(BLOCK) && len > 0 && len <= room && is_fast());
-    assert!(keys.len() == e * room && values.len() == e * room && out.len() == e);
+/// Keys of a head, which lie by [`key_at`], and values [room, e].
+#[derive(Clone, Copy)]
+pub(super) struct Heard<'a> {
+    pub keys: &'a [f32],
+    pub values: &'a [f32],
+}
+
+/// Queries [n, e] over the first `len` places: those of `before`, which are whole blocks, then those of `own`.
+pub(super) fn attend(q: &[f32], e: usize, before: Heard<'_>, own: Heard<'_>, len: usize, out: &mut [f32]) {
+    let room = |h: &Heard<'_>| h.keys.len() / e;
+    assert!(e.is_multiple_of(8) && q.len().is_multiple_of(e) && out.len() == q.len() && is_fast());
+    for h in [&before, &own] {
+        assert!(room(h).is_multiple_of(BLOCK) && h.keys.len() == e * room(h) && h.values.len() == h.keys.len());
+    }
+    assert!(len > room(&before) && len <= room(&before) + room(&own));
     #[cfg(target_arch = "x86_64")]
-    // SAFETY: sizes and processor were checked.
-    unsafe {
-        x86::attend(q, keys, values, len, out);
+    for (q, out) in q.chunks(2 * e).zip(out.chunks_mut(2 * e)) {
+        // SAFETY: sizes and processor were checked.
+        unsafe {
+            // Two queries meet a key, or a value, once it is in a register; one alone takes two places at a time.
+            if q.len() == e {
+                x86::attend::<1, 2>(q, before, own, len, out);
+            } else {
+                x86::attend::<2, 1>(q, before, own, len, out);
+            }
+        }
     }
 }
 
@@ -160,7 +196,7 @@ pub(super) fn attend(q: &[f32], keys: &[f32], values: &[f32], len: usize, out: &
 mod x86 {
     use std::arch::x86_64::*;
 
-    use super::{BLOCK, PANEL, Panels};
+    use super::{BLOCK, Heard, PANEL, Panels};
 
     /// R rows from `row` on, P panels from `panel` on.
     #[target_feature(enable = "avx2,fma")]
@@ -212,56 +248,137 @@ mod x86 {
         }
     }
 
-    /// See [`super::attend`].
+    /// See [`super::attend`]; Q queries, of values U places at a time.
     #[target_feature(enable = "avx2,fma")]
-    pub(super) unsafe fn attend(q: &[f32], keys: &[f32], values: &[f32], len: usize, out: &mut [f32]) {
-        let e = q.len();
+    pub(super) unsafe fn attend<const Q: usize, const U: usize>(
+        q: &[f32],
+        before: Heard<'_>,
+        own: Heard<'_>,
+        len: usize,
+        out: &mut [f32],
+    ) {
+        let (e, first) = (q.len() / Q, before.keys.len() / (q.len() / Q));
         let count = len.next_multiple_of(BLOCK);
-        let mut scores = vec![0.0f32; count];
+        let mut scores = vec![0.0f32; Q * count];
         let scale = 1.0 / (e as f32).sqrt();
-        // SAFETY: `count` is at most the room, which is whole blocks.
+        // SAFETY: `count` is at most the room of both, which are whole blocks; channels are whole registers.
         unsafe {
-            let mut most = f32::NEG_INFINITY;
+            let scores = scores.as_mut_ptr();
             for at in (0..count).step_by(BLOCK) {
-                let mut sums = [_mm256_setzero_ps(); BLOCK / 8];
-                for (c, q) in q.iter().enumerate() {
-                    let (q, key) = (_mm256_set1_ps(q * scale), keys.as_ptr().add(at * e + c * BLOCK));
-                    for (b, sum) in sums.iter_mut().enumerate() {
-                        *sum = _mm256_fmadd_ps(q, _mm256_loadu_ps(key.add(8 * b)), *sum);
+                let block =
+                    if at < first { before.keys.as_ptr().add(at * e) } else { own.keys.as_ptr().add((at - first) * e) };
+                let mut sums = [[_mm256_setzero_ps(); BLOCK / 8]; Q];
+                for c in 0..e {
+                    let key = block.add(c * BLOCK);
+                    let asked: [__m256; Q] = std::array::from_fn(|k| _mm256_set1_ps(q[k * e + c] * scale));
+                    let key: [__m256; BLOCK / 8] = std::array::from_fn(|b| _mm256_loadu_ps(key.add(8 * b)));
+                    for (asked, sums) in asked.iter().zip(&mut sums) {
+                        for (key, sum) in key.iter().zip(sums) {
+                            *sum = _mm256_fmadd_ps(*asked, *key, *sum);
+                        }
                     }
                 }
-                for (b, sum) in sums.iter().enumerate() {
-                    _mm256_storeu_ps(scores.as_mut_ptr().add(at + 8 * b), *sum);
+                for (k, sums) in sums.iter().enumerate() {
+                    for (b, sum) in sums.iter().enumerate() {
+                        _mm256_storeu_ps(scores.add(k * count + at + 8 * b), *sum);
+                    }
                 }
             }
-            scores[len..].fill(f32::NEG_INFINITY);
-            scores.iter().for_each(|s| most = most.max(*s));
+            let mut share = [0.0f32; Q];
+            for (k, share) in share.iter_mut().enumerate() {
+                let own = std::slice::from_raw_parts_mut(scores.add(k * count), count);
+                own[len..].fill(f32::NEG_INFINITY);
+                *share = 1.0 / exponentials(own);
+            }
+            let spans = [(before.values.as_ptr(), 0..first), (own.values.as_ptr(), first..len)];
+            let mut c = 0;
+            while c < e {
+                let (spans, to) = (spans.each_ref().map(|(v, s)| (v.add(c), s.clone())), out.as_mut_ptr().add(c));
+                if c + 32 <= e {
+                    weigh::<Q, U, 4>(scores, count, spans, e, share, to);
+                    c += 32;
+                } else {
+                    weigh::<Q, U, 1>(scores, count, spans, e, share, to);
+                    c += 8;
+                }
+            }
+        }
+    }
+
+    /// Scores, of whole blocks, to e^(score - the highest); gives their sum.
+    #[target_feature(enable = "avx2,fma")]
+    unsafe fn exponentials(scores: &mut [f32]) -> f32 {
+        let mut parts = [0.0f32; 8];
+        // SAFETY: chunks are whole registers.
+        unsafe {
+            let mut most = _mm256_set1_ps(f32::NEG_INFINITY);
+            for s in scores.chunks_exact(8) {
+                most = _mm256_max_ps(most, _mm256_loadu_ps(s.as_ptr()));
+            }
+            _mm256_storeu_ps(parts.as_mut_ptr(), most);
+            let shift = _mm256_set1_ps(parts.iter().copied().fold(f32::NEG_INFINITY, f32::max));
             let mut total = _mm256_setzero_ps();
-            let shift = _mm256_set1_ps(most);
             for s in scores.chunks_exact_mut(8) {
                 let p = exp(_mm256_sub_ps(_mm256_loadu_ps(s.as_ptr()), shift));
                 total = _mm256_add_ps(total, p);
                 _mm256_storeu_ps(s.as_mut_ptr(), p);
             }
-            let mut parts = [0.0f32; 8];
             _mm256_storeu_ps(parts.as_mut_ptr(), total);
-            let share = _mm256_set1_ps(1.0 / parts.iter().sum::<f32>());
-            for c in (0..e).step_by(8) {
-                let value = |at: usize| _mm256_loadu_ps(values.as_ptr().add(at * e + c));
-                let mut sums = [_mm256_setzero_ps(); 4];
-                let mut at = 0;
-                while at + 4 <= len {
-                    for (b, sum) in sums.iter_mut().enumerate() {
-                        *sum = _mm256_fmadd_ps(_mm256_set1_ps(scores[at + b]), value(at + b), *sum);
+        }
+        parts.iter().sum()
+    }
+
+    /// N registers of the sum of values by weights [Q, count], each query's times its share. `spans`: values, and the
+    /// places that they are of.
+    #[target_feature(enable = "avx2,fma")]
+    unsafe fn weigh<const Q: usize, const U: usize, const N: usize>(
+        weights: *const f32,
+        count: usize,
+        spans: [(*const f32, std::ops::Range<usize>); 2],
+        e: usize,
+        share: [f32; Q],
+        out: *mut f32,
+    ) {
+        // SAFETY: the places are there, by the caller.
+        unsafe {
+            let mut sums = [[[_mm256_setzero_ps(); N]; Q]; U];
+            for (values, places) in spans {
+                for at in places.clone().step_by(U) {
+                    // Behind the last place, up to the end of its block, weights are 0.
+                    for (u, sums) in sums.iter_mut().enumerate() {
+                        let from = values.add((at - places.start + u) * e);
+                        let value: [__m256; N] = std::array::from_fn(|n| _mm256_loadu_ps(from.add(8 * n)));
+                        for (k, sums) in sums.iter_mut().enumerate() {
+                            let weight = _mm256_broadcast_ss(&*weights.add(k * count + at + u));
+                            for (value, sum) in value.iter().zip(sums) {
+                                *sum = _mm256_fmadd_ps(weight, *value, *sum);
+                            }
+                        }
                     }
-                    at += 4;
                 }
-                while at < len {
-                    sums[0] = _mm256_fmadd_ps(_mm256_set1_ps(scores[at]), value(at), sums[0]);
-                    at += 1;
+            }
+            for (k, share) in share.iter().enumerate() {
+                for (n, first) in sums[0][k].iter().enumerate() {
+                    let sum = sums[1..].iter().fold(*first, |sum, more| _mm256_add_ps(sum, more[k][n]));
+                    _mm256_storeu_ps(out.add(k * e + 8 * n), _mm256_mul_ps(sum, _mm256_set1_ps(*share)));
                 }
-                let sum = _mm256_add_ps(_mm256_add_ps(sums[0], sums[1]), _mm256_add_ps(sums[2], sums[3]));
-                _mm256_storeu_ps(out.as_mut_ptr().add(c), _mm256_mul_ps(sum, share));
+            }
+        }
+    }
+
+    /// See [`super::gate`].
+    #[target_feature(enable = "avx2,fma")]
+    pub(super) unsafe fn gate(gates: &[f32], held: &[f32], out: &mut [f32]) {
+        let (one, sign) = (_mm256_set1_ps(1.0), _mm256_set1_ps(-0.0));
+        for at in (0..gates.len()).step_by(8) {
+            // SAFETY: the caller has checked the sizes.
+            unsafe {
+                let g = _mm256_loadu_ps(gates.as_ptr().add(at));
+                // e^-|g| / (1 + e^-|g|) below zero, 1 / (1 + e^-|g|) above.
+                let e = exp(_mm256_or_ps(g, sign));
+                let share = _mm256_div_ps(_mm256_blendv_ps(one, e, g), _mm256_add_ps(one, e));
+                let held = _mm256_loadu_ps(held.as_ptr().add(at));
+                _mm256_storeu_ps(out.as_mut_ptr().add(at), _mm256_mul_ps(_mm256_mul_ps(g, share), held));
             }
         }
     }
@@ -328,21 +445,56 @@ mod tests {
     }
 
     #[test]
+    fn gates_and_norms_are_those_of_the_formulas() {
+        let (g, held) = (numbers("gates", 64), numbers("held", 64));
+        let g: Vec<f32> = g.iter().enumerate().map(|(k, x)| x * [0.1, 1.0, 10.0, 100.0][k % 4]).collect();
+        let mut out = vec![0.0; 64];
+        if is_fast() {
+            gate(&g, &held, &mut out);
+            for ((g, held), out) in g.iter().zip(&held).zip(&out) {
+                let (g, held) = (f64::from(*g), f64::from(*held));
+                let wanted = g / (1.0 + (-g).exp()) * held;
+                assert!((f64::from(*out) - wanted).abs() < 1e-5 * wanted.abs().max(1.0), "{out} {wanted}");
+            }
+        }
+        let gain = numbers("gain", 16);
+        rms(&g, &gain, 1e-6, &mut out);
+        for (x, y) in g.chunks(16).zip(out.chunks(16)) {
+            let mean = x.iter().map(|x| f64::from(*x).powi(2)).sum::<f64>() / 16.0;
+            for ((x, y), gain) in x.iter().zip(y).zip(&gain) {
+                let wanted = f64::from(*x) / (mean + 1e-6).sqrt() * f64::from(*gain);
+                assert!((f64::from(*y) - wanted).abs() < 1e-5, "{y} {wanted}");
+            }
+        }
+    }
+
+    #[test]
     fn attention_is_that_of_the_formula() {
         if !is_fast() {
             return;
         }
-        for (e, room, len) in [(8, 32, 1), (32, 64, 37), (64, 96, 96), (16, 64, 33)] {
-            let (q, keys, values) = (numbers("q", e), numbers("keys", e * room), numbers("values", e * room));
-            let mut out = vec![0.0; e];
-            attend(&q, &keys, &values, len, &mut out);
-            let score = |t: usize| -> f64 {
-                (0..e).map(|c| f64::from(q[c]) * f64::from(keys[key_at(t, c, e)])).sum::<f64>() / (e as f64).sqrt()
-            };
-            let total: f64 = (0..len).map(|t| score(t).exp()).sum();
-            for (c, out) in out.iter().enumerate() {
-                let wanted: f64 = (0..len).map(|t| score(t).exp() / total * f64::from(values[t * e + c])).sum();
-                assert!((f64::from(*out) - wanted).abs() < 1e-5, "{out} {wanted}");
+        for (n, e, room, len) in [(1, 8, 32, 1), (2, 32, 64, 37), (3, 64, 96, 96), (1, 16, 64, 33), (4, 40, 64, 34)] {
+            let (q, keys, values) = (numbers("q", n * e), numbers("keys", e * room), numbers("values", e * room));
+            let mut out = vec![0.0; n * e];
+            // The first block may lie elsewhere, where another follows.
+            for first in [0, BLOCK].into_iter().filter(|first| *first < len) {
+                let mut again = vec![0.0; n * e];
+                let [before, own] = [0..first * e, first * e..room * e]
+                    .map(|span| Heard { keys: &keys[span.clone()], values: &values[span] });
+                attend(&q, e, before, own, len, &mut again);
+                assert!(first == 0 || again == out);
+                out = again;
+            }
+            for (q, out) in q.chunks(e).zip(out.chunks(e)) {
+                let product = |t: usize| -> f64 {
+                    (0..e).map(|c| f64::from(q[c]) * f64::from(keys[key_at(t, c, e)])).sum::<f64>()
+                };
+                let share = |t: usize| (product(t) / (e as f64).sqrt()).exp();
+                let total: f64 = (0..len).map(share).sum();
+                for (c, out) in out.iter().enumerate() {
+                    let wanted: f64 = (0..len).map(|t| share(t) / total * f64::from(values[t * e + c])).sum();
+                    assert!((f64::from(*out) - wanted).abs() < 1e-5, "{out} {wanted}");
+                }
             }
         }
         // One place takes all where the others are far behind.
@@ -350,7 +502,8 @@ mod tests {
         keys[key_at(3, 0, 8)] = 1e4;
         let values: Vec<f32> = (0..256).map(|k| k as f32).collect();
         let mut out = vec![0.0; 8];
-        attend(&[1.0; 8], &keys, &values, 8, &mut out);
+        let none = Heard { keys: &[], values: &[] };
+        attend(&[1.0; 8], 8, none, Heard { keys: &keys, values: &values }, 8, &mut out);
         assert_eq!(out, values[24..32]);
     }
 }

@@ -4,7 +4,7 @@ use serde::{Deserialize, Serialize};
 use tch::{Device, Kind, Tensor};
 
 use super::kernels::Panels;
-use super::steps::{LayerWeights, Steps};
+use super::steps::{LayerWeights, Norm, Sizes, Steps, floats};
 use super::{Cache, Packed};
 use crate::layers::{LayerNorm, Linear, mix};
 use crate::params::{Init, ParamId, Role, Scope, Weights};
@@ -185,19 +185,14 @@ impl Opt {
             cache.steps = Some(self.steps(w, cache, rows));
         }
         if let Some(steps) = &mut cache.steps {
-            let mut all = Vec::with_capacity(t as usize);
-            for at in 0..t {
-                let mut own = floats(&x.select(1, at));
-                steps.step(&mut own, (before + at) as usize);
-                all.push(Tensor::from_slice(&own).view([rows, 1, d]));
-            }
+            let out = steps.read(&x, before as usize);
             cache.advance(t);
-            return Tensor::cat(&all, 1);
+            return out;
         }
         let mut x = x.view([rows * t, d]);
         for (number, layer) in self.layers.iter().enumerate() {
-            let (weight, bias) = &cache.fused[number];
-            let all = layer.norm.forward(w, &x).linear(weight, Some(bias));
+            let fused = &cache.fused[number];
+            let all = layer.norm.forward(w, &x).linear(&fused[0], Some(&fused[1]));
             // [3, rows, h, t, e]
             let all = all.view([rows, t, 3, self.heads, d / self.heads]).permute([2, 0, 3, 1, 4]);
             let q = all.select(0, 0);
@@ -216,7 +211,7 @@ impl Opt {
         let d = table.size()[1];
         table.kind() == Kind::Float
             && table.device() == Device::Cpu
-            && Steps::serve(d as usize, (d / self.heads) as usize)
+            && Steps::serve((d / self.heads) as usize, &[d as usize])
     }
 
     /// Hands over what the cache holds.
@@ -224,18 +219,23 @@ impl Opt {
         let panels =
             |weight: &Tensor, bias: &Tensor| Panels::new(&floats(weight), &floats(bias), weight.size()[1] as usize);
         let linear = |l: &Linear| panels(&w[l.weight()], &w[l.bias().expect("OPT has biases")]);
-        let norm = |n: &LayerNorm| n.floats(w);
-        let layers = self.layers.iter().zip(&cache.fused).map(|(layer, (weight, bias))| LayerWeights {
+        let norm = |n: &LayerNorm| Norm::Layer(n.floats(w));
+        let layers = self.layers.iter().zip(&cache.fused).map(|(layer, fused)| LayerWeights {
             norm: norm(&layer.norm),
-            qkv: panels(weight, bias),
+            qkv: panels(&fused[0], &fused[1]),
+            norm_heads: None,
             out: linear(&layer.out),
             norm_out: norm(&layer.norm_out),
             up: linear(&layer.up),
+            gated: false,
             down: linear(&layer.down),
         });
         let width = w[self.tokens].size()[1] / self.heads;
-        let sizes = [rows, self.heads, cache.room(), width].map(|n| n as usize);
-        let mut steps = Steps::new(layers.collect(), norm(&self.norm), sizes, tch::get_num_threads() > 1);
+        let sizes = [rows, self.heads, cache.room(), cache.same, width];
+        let [rows, heads, room, same, width] = sizes.map(|n| n as usize);
+        let sizes = Sizes { rows, heads, kv_heads: heads, room, same, width };
+        let threads = tch::get_num_threads() > 1;
+        let mut steps = Steps::new(layers.collect(), norm(&self.norm), Default::default(), sizes, threads);
         for (layer, (keys, values)) in cache.take().enumerate() {
             steps.write(layer, &floats(&keys), &floats(&values));
         }
@@ -247,17 +247,18 @@ impl Opt {
     fn project(&self, w: &Weights, layer: &Layer, x: &Tensor) -> (Tensor, Tensor, Tensor) {
         let x = layer.norm.forward(w, x);
         // One product for all three: the weights are small beside the activations.
-        let (weight, bias) = self.fused(w, layer);
-        let mut parts = x.linear(&weight, Some(&bias)).view([x.size()[0], 3, self.heads, -1]).unbind(1).into_iter();
+        let fused = self.fused(w, layer);
+        let mut parts =
+            x.linear(&fused[0], Some(&fused[1])).view([x.size()[0], 3, self.heads, -1]).unbind(1).into_iter();
         let mut next = || parts.next().expect("three parts");
         (next(), next(), next())
     }
 
     /// Weights and biases of query, key and value as one.
-    fn fused(&self, w: &Weights, layer: &Layer) -> (Tensor, Tensor) {
+    fn fused(&self, w: &Weights, layer: &Layer) -> Vec<Tensor> {
         let all = [&layer.q, &layer.k, &layer.v];
         let weight = Tensor::cat(&all.map(|l| &w[l.weight()]), 0);
-        (weight, Tensor::cat(&all.map(|l| &w[l.bias().expect("OPT has biases")]), 0))
+        vec![weight, Tensor::cat(&all.map(|l| &w[l.bias().expect("OPT has biases")]), 0)]
     }
 
     /// The output projection and the feed-forward layer.
@@ -267,8 +268,4 @@ impl Opt {
         let inner = layer.up.forward(w, &layer.norm_out.forward(w, &x)).relu();
         &x + drop(layer.down.forward(w, &inner))
     }
-}
-
-fn floats(t: &Tensor) -> Vec<f32> {
-    Vec::<f32>::try_from(t.detach().contiguous().view([-1])).expect("floats on the CPU")
 }

@@ -2,9 +2,11 @@
 //! feed-forward layer, by the names of its released weights.
 
 use serde::{Deserialize, Serialize};
-use tch::Tensor;
+use tch::{Device, Kind, Tensor};
 
+use super::kernels::Panels;
 use super::rotary::Angles;
+use super::steps::{LayerWeights, Norm, Sizes, Steps, floats};
 use super::{Cache, Packed};
 use crate::layers::{Linear, RmsNorm, mix};
 use crate::params::{Init, ParamId, Role, Scope, Weights};
@@ -91,6 +93,13 @@ impl QwenConfig {
     }
 }
 
+/// Of what is put together: weights of query, key and value.
+const QKV: usize = 0;
+/// Gains of the norms of every head of queries and keys [h + kv, e].
+const GAINS: usize = 1;
+/// Weights of the feed-forward layer's gates and of what they let through.
+const GATE_UP: usize = 2;
+
 struct Layer {
     q: Linear,
     k: Linear,
@@ -174,7 +183,8 @@ impl Qwen {
         let angles = self.angles(&packed.places(), x);
         let mut x = x.shallow_clone();
         for layer in &self.layers {
-            let (q, k, v) = self.project(w, layer, &x, &angles);
+            let fused = self.fused(w, layer);
+            let (q, k, v) = self.project(w, layer, &fused, &x, &angles);
             let apart = |t: &Tensor| packed.apart(t);
             let parts = apart(&q).into_iter().zip(apart(&k)).zip(apart(&v)).map(|((q, k), v)| {
                 // [t, h, e] as one batch row of heads.
@@ -182,7 +192,7 @@ impl Qwen {
                 mix(&q, &self.shared(&k), &self.shared(&v), true).squeeze_dim(0).transpose(0, 1)
             });
             let read = Tensor::cat(&parts.collect::<Vec<_>>(), 0).flatten(1, 2);
-            x = self.rest(w, layer, &x, &read, training);
+            x = self.rest(w, layer, &fused, &x, &read, training);
         }
         self.norm.forward(w, &x)
     }
@@ -192,36 +202,80 @@ impl Qwen {
         let (table, c) = (&w[self.tokens], &self.config);
         let room = room.min(c.positions as i64);
         let (heads, width) = (c.kv_heads as i64, c.head_width as i64);
-        Cache::new(self.layers.len(), rows, heads, room, width, table.kind(), table.device())
+        let mut cache = Cache::new(self.layers.len(), rows, heads, room, width, table.kind(), table.device());
+        // Once for all tokens to come: put together at each, they cost as much as the products.
+        cache.fused = self.layers.iter().map(|layer| self.fused(w, layer)).collect();
+        cache.angles = Some(self.angles(&(0..room).collect::<Vec<_>>(), table));
+        cache
     }
 
     /// Vectors [rows, t, d] that follow what the cache holds, to what the last norm gives [rows, t, d].
     pub fn read(&self, w: &Weights, x: &Tensor, cache: &mut Cache) -> Tensor {
         let (rows, t, d) = x.size3().expect("three axes");
         let (c, before) = (&self.config, cache.len());
-        let places: Vec<i64> = (0..rows).flat_map(|_| before..before + t).collect();
-        let angles = self.angles(&places, x);
-        let mut x = x.reshape([rows * t, d]);
+        if cache.steps.is_none() && t == 1 && before > 0 && self.has_steps(w) {
+            cache.steps = Some(self.steps(w, cache, rows));
+        }
+        if let Some(steps) = &mut cache.steps {
+            let out = steps.read(x, before as usize);
+            cache.advance(t);
+            return out;
+        }
+        let angles = cache.angles.as_ref().expect("made with the cache").of(before, t);
+        let mut x = x.shallow_clone();
         let (kv, group) = (c.kv_heads as i64, (c.heads / c.kv_heads) as i64);
         for (number, layer) in self.layers.iter().enumerate() {
-            let (q, k, v) = self.project(w, layer, &x, &angles);
-            let [q, k, v] = [q, k, v].map(|p| {
-                let size = p.size();
-                p.view([rows, t, size[1], size[2]]).transpose(1, 2)
-            });
+            let (q, k, v) = self.project(w, layer, &cache.fused[number], &x, &angles);
+            let [q, k, v] = [q, k, v].map(|p| p.transpose(1, 2));
             let (k, v) = cache.extend(number, &k, &v);
             let read = if t == 1 {
                 // The queries that share a head of keys stand in for as many tokens.
                 let q = q.reshape([rows, kv, group, -1]);
-                mix(&q, &k, &v, false).reshape([rows, -1])
+                mix(&q, &k, &v, false).reshape([rows, 1, -1])
             } else {
                 let read = mix(&q, &self.shared(&k), &self.shared(&v), true);
-                read.transpose(1, 2).reshape([rows * t, -1])
+                read.transpose(1, 2).reshape([rows, t, -1])
             };
-            x = self.rest(w, layer, &x, &read, false);
+            x = self.rest(w, layer, &cache.fused[number], &x, &read, false);
         }
         cache.advance(t);
         self.norm.forward(w, &x).view([rows, t, d])
+    }
+
+    /// Whether single tokens are read by [`Steps`].
+    fn has_steps(&self, w: &Weights) -> bool {
+        let (table, c) = (&w[self.tokens], &self.config);
+        let plain = table.kind() == Kind::Float && table.device() == Device::Cpu;
+        plain && Steps::serve(c.head_width, &[c.width, c.heads * c.head_width, c.kv_heads * c.head_width, c.ffn])
+    }
+
+    /// Hands over what the cache holds.
+    fn steps(&self, w: &Weights, cache: &mut Cache, rows: i64) -> Steps {
+        let c = &self.config;
+        let panels = |weight: &Tensor| {
+            let (outputs, inputs) = weight.size2().expect("a matrix");
+            Panels::new(&floats(weight), &vec![0.0; outputs as usize], inputs as usize)
+        };
+        let norm = |n: &RmsNorm| Norm::Rms(floats(n.gain(w)), c.rms_eps as f32);
+        let layers = self.layers.iter().zip(&cache.fused).map(|(layer, fused)| LayerWeights {
+            norm: norm(&layer.norm),
+            qkv: panels(&fused[QKV]),
+            norm_heads: Some([norm(&layer.norm_q), norm(&layer.norm_k)]),
+            out: panels(&w[layer.out.weight()]),
+            norm_out: norm(&layer.norm_mlp),
+            up: panels(&fused[GATE_UP]),
+            gated: true,
+            down: panels(&w[layer.down.weight()]),
+        });
+        let [rows, room, same] = [rows, cache.room(), cache.same].map(|n| n as usize);
+        let sizes = Sizes { rows, heads: c.heads, kv_heads: c.kv_heads, room, same, width: c.head_width };
+        let angles = cache.angles.as_ref().map(Angles::floats).unwrap_or_default();
+        let mut steps = Steps::new(layers.collect(), norm(&self.norm), angles, sizes, tch::get_num_threads() > 1);
+        for (layer, (keys, values)) in cache.take().enumerate() {
+            steps.write(layer, &floats(&keys), &floats(&values));
+        }
+        cache.fused.clear();
+        steps
     }
 
     fn angles(&self, places: &[i64], x: &Tensor) -> Angles {
@@ -234,29 +288,45 @@ impl Qwen {
         if group == 1 { x.shallow_clone() } else { x.repeat_interleave_self_int(group, 1, None::<i64>) }
     }
 
-    /// Queries [T, h, e], keys and values [T, kv, e] of x [T, d], turned by their places.
-    fn project(&self, w: &Weights, layer: &Layer, x: &Tensor, angles: &Angles) -> (Tensor, Tensor, Tensor) {
+    /// Weights of a layer as few: see [`QKV`], [`GAINS`], [`GATE_UP`].
+    fn fused(&self, w: &Weights, layer: &Layer) -> Vec<Tensor> {
+        let weights = |all: &[&Linear]| Tensor::cat(&all.iter().map(|l| &w[l.weight()]).collect::<Vec<_>>(), 0);
+        let gain = |norm: &RmsNorm, heads: usize| norm.gain(w).unsqueeze(0).expand([heads as i64, -1], false);
+        let gains =
+            Tensor::cat(&[gain(&layer.norm_q, self.config.heads), gain(&layer.norm_k, self.config.kv_heads)], 0);
+        vec![weights(&[&layer.q, &layer.k, &layer.v]), gains, weights(&[&layer.gate, &layer.up])]
+    }
+
+    /// Queries [.., h, e], keys and values [.., kv, e] of x [.., d], turned by their places.
+    fn project(
+        &self,
+        w: &Weights,
+        layer: &Layer,
+        fused: &[Tensor],
+        x: &Tensor,
+        angles: &Angles,
+    ) -> (Tensor, Tensor, Tensor) {
         let c = &self.config;
         let x = layer.norm.forward(w, x);
         // One product for all three: the weights are small beside the activations.
-        let weight = Tensor::cat(&[&layer.q, &layer.k, &layer.v].map(|l| &w[l.weight()]), 0);
-        let all = x.linear(&weight, None::<&Tensor>).view([x.size()[0], -1, c.head_width as i64]);
+        let all = x.linear(&fused[QKV], None::<&Tensor>);
+        let mut size = all.size();
+        size.pop();
+        size.extend([-1, c.head_width as i64]);
+        let all = all.view(size.as_slice());
         let (heads, kv) = (c.heads as i64, c.kv_heads as i64);
         // Queries and keys are normed and turned as one, each head with its own gain.
-        let gain = |norm: &RmsNorm, heads: i64| norm.gain(w).unsqueeze(0).expand([heads, -1], false);
-        let gains = Tensor::cat(&[gain(&layer.norm_q, heads), gain(&layer.norm_k, kv)], 0);
-        let both = angles.turn(&(layer.norm_q.plain(&all.narrow(1, 0, heads + kv)) * gains));
-        (both.narrow(1, 0, heads), both.narrow(1, heads, kv), all.narrow(1, heads + kv, kv))
+        let both = angles.turn(&(layer.norm_q.plain(&all.narrow(-2, 0, heads + kv)) * &fused[GAINS]));
+        (both.narrow(-2, 0, heads), both.narrow(-2, heads, kv), all.narrow(-2, heads + kv, kv))
     }
 
     /// The output projection and the feed-forward layer.
-    fn rest(&self, w: &Weights, layer: &Layer, x: &Tensor, read: &Tensor, training: bool) -> Tensor {
+    fn rest(&self, w: &Weights, layer: &Layer, fused: &[Tensor], x: &Tensor, read: &Tensor, training: bool) -> Tensor {
         let p = self.config.dropout;
         let drop = |t: Tensor| if training && p > 0.0 { t.dropout(p, true) } else { t };
         let x = x + drop(layer.out.forward(w, read));
         let inner = layer.norm_mlp.forward(w, &x);
-        let both = Tensor::cat(&[&w[layer.gate.weight()], &w[layer.up.weight()]], 0);
-        let halves = inner.linear(&both, None::<&Tensor>).chunk(2, -1);
+        let halves = inner.linear(&fused[GATE_UP], None::<&Tensor>).chunk(2, -1);
         &x + drop(layer.down.forward(w, &(halves[0].silu() * &halves[1])))
     }
 }

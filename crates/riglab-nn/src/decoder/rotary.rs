@@ -2,6 +2,8 @@
 
 use tch::{Device, Kind, Tensor};
 
+use super::steps::floats;
+
 /// cos and sin of every place and channel, each [t, 1, e]: channel k turns with k + e / 2 (Qwen's pairing).
 pub struct Angles {
     cos: Tensor,
@@ -20,7 +22,17 @@ impl Angles {
         Self { cos: of(both.cos()), sin: of(both.sin()) }
     }
 
-    /// x [t, h, e] turned.
+    /// Those of `count` places from `start` on.
+    pub fn of(&self, start: i64, count: i64) -> Self {
+        Self { cos: self.cos.narrow(0, start, count), sin: self.sin.narrow(0, start, count) }
+    }
+
+    /// Cosines and sines as plain numbers, [t, e] each.
+    pub fn floats(&self) -> [Vec<f32>; 2] {
+        [&self.cos, &self.sin].map(floats)
+    }
+
+    /// x [.., t, h, e] turned.
     pub fn turn(&self, x: &Tensor) -> Tensor {
         let halves = x.chunk(2, -1);
         let across = Tensor::cat(&[&halves[1].neg(), &halves[0]], -1);

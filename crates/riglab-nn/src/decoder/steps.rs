@@ -6,21 +6,56 @@
 //! how many rows there are. Measured by `cargo xtask bench generate`.
 
 use rayon::prelude::*;
+use tch::Tensor;
 
-use super::kernels::{BLOCK, PANEL, Panels, attend, is_fast, key_at, norm};
+use super::kernels::{BLOCK, Heard, PANEL, Panels, attend, gate, is_fast, key_at, norm, rms};
 
-/// A norm: gain and bias.
-pub(super) type Norm = (Vec<f32>, Vec<f32>);
+/// A norm of rows.
+pub(super) enum Norm {
+    /// Gain and bias.
+    Layer((Vec<f32>, Vec<f32>)),
+    /// Gain and eps.
+    Rms(Vec<f32>, f32),
+}
+
+impl Norm {
+    fn apply(&self, x: &[f32], y: &mut [f32]) {
+        match self {
+            Self::Layer(own) => norm(x, own, y),
+            Self::Rms(gain, eps) => rms(x, gain, *eps, y),
+        }
+    }
+}
 
 /// The packed weights of a layer.
 pub(super) struct LayerWeights {
     pub norm: Norm,
     /// Query, key and value.
     pub qkv: Panels,
+    /// Of heads of queries and of keys, before they are turned.
+    pub norm_heads: Option<[Norm; 2]>,
     pub out: Panels,
     pub norm_out: Norm,
+    /// What is cut at zero; or gates, then what they let through.
     pub up: Panels,
+    pub gated: bool,
     pub down: Panels,
+}
+
+/// Numbers of a decoder.
+#[derive(Clone, Copy)]
+pub(super) struct Sizes {
+    pub rows: usize,
+    /// Heads of queries.
+    pub heads: usize,
+    /// Heads of keys and values.
+    pub kv_heads: usize,
+    /// Tokens that there is room for, in all.
+    pub room: usize,
+    /// The first ones, which are the same in all rows: they are kept once.
+    pub same: usize,
+    /// Width of a head.
+    pub width: usize,
 }
 
 /// Keys (of each row and head by [`key_at`]) and values [row, head, room, e] of a layer.
@@ -29,16 +64,28 @@ struct Memory {
     values: Vec<f32>,
 }
 
+impl Memory {
+    fn new(size: usize) -> Self {
+        Self { keys: vec![0.0; size], values: vec![0.0; size] }
+    }
+
+    /// Those of a head, of one row.
+    fn heard(&self, head: usize, size: usize) -> Heard<'_> {
+        let span = head * size..(head + 1) * size;
+        Heard { keys: &self.keys[span.clone()], values: &self.values[span] }
+    }
+}
+
 /// Weights, and keys and values of rows that go on together.
 pub(super) struct Steps {
     layers: Vec<LayerWeights>,
     norm: Norm,
-    memory: Vec<Memory>,
-    rows: usize,
-    heads: usize,
-    /// Width of a head.
-    width: usize,
-    room: usize,
+    /// Cosines and sines of every place, [room, e] each; empty where positions are learned.
+    angles: [Vec<f32>; 2],
+    /// Of each layer, what is the same in all rows, and then each row's own.
+    memory: Vec<(Memory, Memory)>,
+    /// `room` is here that of a row's own.
+    sizes: Sizes,
     /// Whether work is dealt to threads where there is enough of it.
     threads: bool,
 }
@@ -47,92 +94,138 @@ pub(super) struct Steps {
 const MUCH: usize = 1 << 20;
 
 impl Steps {
-    /// Whether this processor and such heads are served.
-    pub fn serve(width: usize, head: usize) -> bool {
-        is_fast() && head.is_multiple_of(8) && width.is_multiple_of(PANEL)
+    /// Whether this processor and such heads and widths of layers are served.
+    pub fn serve(head: usize, widths: &[usize]) -> bool {
+        is_fast() && head.is_multiple_of(8) && widths.iter().all(|w| w.is_multiple_of(PANEL))
     }
 
-    /// With room for so many tokens, none of them written.
-    pub fn new(layers: Vec<LayerWeights>, norm: Norm, [rows, heads, room, width]: [usize; 4], threads: bool) -> Self {
+    /// Nothing is written yet. `angles`: see [`super::rotary::Angles::floats`].
+    pub fn new(layers: Vec<LayerWeights>, norm: Norm, angles: [Vec<f32>; 2], sizes: Sizes, threads: bool) -> Self {
         // Keys are read a block at a time.
-        let room = room.next_multiple_of(BLOCK);
-        let size = rows * heads * room * width;
-        let memory = layers.iter().map(|_| Memory { keys: vec![0.0; size], values: vec![0.0; size] }).collect();
-        Self { layers, norm, memory, rows, heads, width, room, threads }
+        let same = sizes.same / BLOCK * BLOCK;
+        let sizes = Sizes { room: sizes.room.next_multiple_of(BLOCK) - same, same, ..sizes };
+        let one = sizes.kv_heads * sizes.width;
+        let both = || (Memory::new(one * same), Memory::new(one * sizes.room * sizes.rows));
+        let memory = layers.iter().map(|_| both()).collect();
+        Self { layers, norm, angles, memory, sizes, threads }
     }
 
     /// Takes the keys and values [rows, heads, len, e] that a layer has read so far.
     pub fn write(&mut self, layer: usize, keys: &[f32], values: &[f32]) {
-        let (room, e) = (self.room, self.width);
-        let len = keys.len() / (self.rows * self.heads * e);
-        let memory = &mut self.memory[layer];
-        for part in 0..self.rows * self.heads {
-            let (from, to) = (part * len * e, part * room * e);
-            memory.values[to..to + len * e].copy_from_slice(&values[from..from + len * e]);
-            for (at, key) in keys[from..from + len * e].chunks_exact(e).enumerate() {
-                key.iter().enumerate().for_each(|(c, x)| memory.keys[to + key_at(at, c, e)] = *x);
+        let Sizes { rows, kv_heads, room, same, width: e, .. } = self.sizes;
+        let len = keys.len() / (rows * kv_heads * e);
+        let (shared, own) = &mut self.memory[layer];
+        for part in 0..rows * kv_heads {
+            let put = |to: &mut Memory, start: usize, span: std::ops::Range<usize>| {
+                for (at, place) in span.enumerate() {
+                    let from = (part * len + place) * e..(part * len + place + 1) * e;
+                    to.values[start + at * e..start + (at + 1) * e].copy_from_slice(&values[from.clone()]);
+                    keys[from].iter().enumerate().for_each(|(c, x)| to.keys[start + key_at(at, c, e)] = *x);
+                }
+            };
+            if part < kv_heads {
+                put(shared, part * same * e, 0..same);
             }
+            put(own, part * room * e, same..len);
         }
     }
 
+    /// Vectors [rows, t, d] from place `at` on to what the last norm gives [rows, t, d].
+    pub fn read(&mut self, x: &Tensor, at: usize) -> Tensor {
+        let (rows, t, d) = x.size3().expect("three axes");
+        let each = (0..t).map(|k| {
+            let mut own = floats(&x.select(1, k));
+            self.step(&mut own, at + k as usize);
+            Tensor::from_slice(&own).view([rows, 1, d])
+        });
+        Tensor::cat(&each.collect::<Vec<_>>(), 1)
+    }
+
     /// Vectors x [rows, d] at place `at` to what the last norm gives.
-    pub fn step(&mut self, x: &mut [f32], at: usize) {
-        let (rows, heads, e, room, threads) = (self.rows, self.heads, self.width, self.room, self.threads);
-        let d = heads * e;
+    fn step(&mut self, x: &mut [f32], at: usize) {
+        let Sizes { rows, heads, kv_heads, room, same, width: e } = self.sizes;
+        let (threads, d) = (self.threads, x.len() / rows);
+        let (wide, kv, group) = (heads * e, kv_heads * e, heads / kv_heads);
+        let each = wide + 2 * kv;
+        let place = at - same;
         let mut own = vec![0.0; rows * d];
-        let mut qkv = vec![0.0; rows * 3 * d];
-        let mut inner = Vec::new();
-        for (layer, memory) in self.layers.iter().zip(&mut self.memory) {
-            norm(x, &layer.norm, &mut own);
+        let mut qkv = vec![0.0; rows * each];
+        let mut heard = vec![0.0; rows * wide];
+        let mut read = vec![0.0; rows * d];
+        let (mut inner, mut passed) = (Vec::new(), Vec::new());
+        for (layer, (shared, memory)) in self.layers.iter().zip(&mut self.memory) {
+            layer.norm.apply(x, &mut own);
             product(&layer.qkv, &own, &mut qkv, threads);
+            if let Some([of_queries, of_keys]) = &layer.norm_heads {
+                let [cos, sin] = self.angles.each_ref().map(|all| &all[at * e..(at + 1) * e]);
+                let mut turned = vec![0.0; wide + kv];
+                for row in qkv.chunks_exact_mut(each) {
+                    of_queries.apply(&row[..wide], &mut turned[..wide]);
+                    of_keys.apply(&row[wide..wide + kv], &mut turned[wide..]);
+                    turn(&turned, cos, sin, &mut row[..wide + kv]);
+                }
+            }
             let one = |row: usize, keys: &mut [f32], values: &mut [f32], out: &mut [f32]| {
-                let (q, kv) = qkv[3 * row * d..3 * (row + 1) * d].split_at(d);
-                let (k, v) = kv.split_at(d);
-                for head in 0..heads {
+                let (q, others) = qkv[row * each..(row + 1) * each].split_at(wide);
+                let (k, v) = others.split_at(kv);
+                for head in 0..kv_heads {
                     let keys = &mut keys[head * room * e..(head + 1) * room * e];
                     let values = &mut values[head * room * e..(head + 1) * room * e];
                     let span = head * e..(head + 1) * e;
-                    k[span.clone()].iter().enumerate().for_each(|(c, x)| keys[key_at(at, c, e)] = *x);
-                    values[at * e..(at + 1) * e].copy_from_slice(&v[span.clone()]);
-                    attend(&q[span.clone()], keys, values, at + 1, &mut out[span]);
+                    k[span.clone()].iter().enumerate().for_each(|(c, x)| keys[key_at(place, c, e)] = *x);
+                    values[place * e..(place + 1) * e].copy_from_slice(&v[span.clone()]);
+                    let span = group * span.start..group * span.end;
+                    let heard = Heard { keys, values };
+                    attend(&q[span.clone()], e, shared.heard(head, same * e), heard, at + 1, &mut out[span]);
                 }
             };
-            let size = heads * room * e;
-            if threads && rows * at * d > MUCH / 4 {
+            let size = kv_heads * room * e;
+            if threads && rows * at * wide > MUCH / 4 {
                 let keys = memory.keys.par_chunks_mut(size);
-                let parts = keys.zip(memory.values.par_chunks_mut(size)).zip(own.par_chunks_mut(d));
+                let parts = keys.zip(memory.values.par_chunks_mut(size)).zip(heard.par_chunks_mut(wide));
                 parts.enumerate().for_each(|(row, ((keys, values), out))| one(row, keys, values, out));
             } else {
                 let keys = memory.keys.chunks_mut(size);
-                let parts = keys.zip(memory.values.chunks_mut(size)).zip(own.chunks_mut(d));
+                let parts = keys.zip(memory.values.chunks_mut(size)).zip(heard.chunks_mut(wide));
                 parts.enumerate().for_each(|(row, ((keys, values), out))| one(row, keys, values, out));
             }
-            let mut read = vec![0.0; rows * d];
-            product(&layer.out, &own, &mut read, threads);
+            product(&layer.out, &heard, &mut read, threads);
             x.iter_mut().zip(&read).for_each(|(x, y)| *x += y);
-            norm(x, &layer.norm_out, &mut own);
+            layer.norm_out.apply(x, &mut own);
             inner.resize(rows * layer.up.outputs(), 0.0);
             product(&layer.up, &own, &mut inner, threads);
-            inner.iter_mut().for_each(|y| *y = y.max(0.0));
-            product(&layer.down, &inner, &mut read, threads);
+            let through = if layer.gated {
+                let half = layer.up.outputs() / 2;
+                passed.resize(rows * half, 0.0);
+                inner.chunks_exact(2 * half).zip(passed.chunks_exact_mut(half)).for_each(|(all, out)| {
+                    let (gates, held) = all.split_at(half);
+                    gate(gates, held, out);
+                });
+                &passed
+            } else {
+                inner.iter_mut().for_each(|y| *y = y.max(0.0));
+                &inner
+            };
+            product(&layer.down, through, &mut read, threads);
             x.iter_mut().zip(&read).for_each(|(x, y)| *x += y);
         }
-        norm(x, &self.norm, &mut own);
+        self.norm.apply(x, &mut own);
         x.copy_from_slice(&own);
     }
 
     /// Goes on with these rows, in this order, of which `len` places are written.
     pub fn select(&mut self, rows: &[i64], len: usize) {
-        let one = self.room * self.width;
-        let size = self.heads * one;
+        let Sizes { kv_heads: heads, room, same, width, .. } = self.sizes;
+        let one = room * width;
+        let size = heads * one;
         // What is not written yet need not move; of keys, blocks are written.
-        let written = len.next_multiple_of(BLOCK) * self.width;
+        let written = (len - same).next_multiple_of(BLOCK) * width;
         // As in the tensors: no row moves to behind where it stands.
         let forward = rows.iter().enumerate().all(|(to, &from)| from >= to as i64);
-        for all in self.memory.iter_mut().flat_map(|m| [&mut m.keys, &mut m.values]) {
+        for all in self.memory.iter_mut().flat_map(|(_, own)| [&mut own.keys, &mut own.values]) {
             if forward {
                 for (to, &from) in rows.iter().enumerate().filter(|(to, from)| *to as i64 != **from) {
-                    for head in 0..self.heads {
+                    for head in 0..heads {
                         let start = from as usize * size + head * one;
                         all.copy_within(start..start + written, to * size + head * one);
                     }
@@ -142,14 +235,14 @@ impl Steps {
             }
             let mut other = vec![0.0; rows.len() * size];
             for (to, &from) in rows.iter().enumerate() {
-                for head in 0..self.heads {
+                for head in 0..heads {
                     let (from, to) = (from as usize * size + head * one, to * size + head * one);
                     other[to..to + written].copy_from_slice(&all[from..from + written]);
                 }
             }
             *all = other;
         }
-        self.rows = rows.len();
+        self.sizes.rows = rows.len();
     }
 }
 
@@ -161,4 +254,20 @@ fn product(panels: &Panels, x: &[f32], y: &mut [f32], threads: bool) {
     } else {
         panels.apply(x, y, rows);
     }
+}
+
+/// Heads of x, each turned as [`super::rotary::Angles::turn`] does.
+fn turn(x: &[f32], cos: &[f32], sin: &[f32], y: &mut [f32]) {
+    let (e, half) = (cos.len(), cos.len() / 2);
+    for (x, y) in x.chunks_exact(e).zip(y.chunks_exact_mut(e)) {
+        for c in 0..half {
+            y[c] = x[c] * cos[c] - x[c + half] * sin[c];
+            y[c + half] = x[c + half] * cos[c + half] + x[c] * sin[c + half];
+        }
+    }
+}
+
+/// A tensor's numbers.
+pub(super) fn floats(t: &Tensor) -> Vec<f32> {
+    Vec::<f32>::try_from(t.detach().contiguous().view([-1])).expect("floats on the CPU")
 }
