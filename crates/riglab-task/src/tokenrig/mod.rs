@@ -30,6 +30,7 @@ pub use sample::Sample;
 
 use crate::assets::{AssetId, Assets, Cache};
 use crate::experiment::{Examined, Experiment};
+use crate::fsq_cvae::Frozen;
 use crate::unirig_skeleton::shape_tensors;
 
 /// The task, with its network and data.
@@ -49,8 +50,16 @@ impl TokenRigTask {
     /// # Errors
     /// A sentence: a corpus or an auto-encoder that cannot be read, or a split without assets.
     pub fn new(config: TokenRigTaskConfig, device: Device) -> Result<Self, String> {
-        let (assets, train_assets, validation_assets) = Assets::for_training(&config.data)?;
         let vae = Rigger::auto_encoder(&config, device)?;
+        Self::with(config, vae, device)
+    }
+
+    /// As [`Self::new`], with an auto-encoder.
+    ///
+    /// # Errors
+    /// As [`Self::new`].
+    pub fn with(config: TokenRigTaskConfig, vae: Arc<Frozen>, device: Device) -> Result<Self, String> {
+        let (assets, train_assets, validation_assets) = Assets::for_training(&config.data)?;
         let (cache, samples) = (Arc::new(Cache::new(config.data.cache_mb)), Arc::new(Cache::new(config.data.cache_mb)));
         let rigger = Rigger::new(config, vae, device)?;
         Ok(Self { rigger, assets: Arc::new(assets), cache, samples, train_assets, validation_assets })

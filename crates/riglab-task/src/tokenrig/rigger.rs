@@ -131,7 +131,13 @@ impl Rigger {
             let sampler = CloudSampler::new(mesh, &c.sampling.cloud);
             shape(&c.sampling.cloud, &c.model.shape, &sampler, &mut random, &mut batch);
         }
-        let (cloud, picks) = shape_tensors(&batch, c.sampling.cloud.points, c.model.shape.tokens, self.device);
+        self.prefix(w, &batch)
+    }
+
+    /// What the decoder reads of shapes, [b, p, d].
+    pub fn prefix(&self, w: &Weights, shapes: &Shapes) -> Tensor {
+        let c = &self.config;
+        let (cloud, picks) = shape_tensors(shapes, c.sampling.cloud.points, c.model.shape.tokens, self.device);
         self.net.condition(w, &cloud, &picks)
     }
 
