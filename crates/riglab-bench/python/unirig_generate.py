@@ -111,8 +111,10 @@ class Grammar:
 class Strict(LogitsProcessor):
     """The grammars of a batch."""
 
+    grammar = Grammar
+
     def __init__(self, ids, limits, rows, masks):
-        self.grammars = [Grammar(ids, limits, masks) for _ in range(rows)]
+        self.grammars = [self.grammar(ids, limits, masks) for _ in range(rows)]
 
     def __call__(self, input_ids, scores):
         if input_ids.shape[1]:
@@ -123,6 +125,8 @@ class Strict(LogitsProcessor):
 
 
 class Side:
+    model, strict = SkeletonModel, Strict
+
     def open(self, file, config, threads, vocabulary):
         """Reads weights and prefixes; `vocabulary` names the tokens."""
         prepare(threads)
@@ -130,7 +134,7 @@ class Side:
         self.ids = vocabulary
         self.ids["classes"] = {int(c): [tuple(part) for part in parts] for c, parts in vocabulary["classes"].items()}
         self.limits, self.masks = config["limits"], {}
-        self.net = SkeletonModel(config["model"], vocabulary["count"]).eval()
+        self.net = self.model(config["model"], vocabulary["count"]).eval()
         self.net.load({k[2:]: v for k, v in tensors.items() if k.startswith("w/")})
         self.prefix = tensors["prefix"]
 
@@ -149,18 +153,19 @@ class Side:
         out = self.net.transformer.generate(
             inputs_embeds=prompt,
             attention_mask=torch.ones(prompt.shape[:2], dtype=torch.long),
-            logits_processor=LogitsProcessorList([Strict(self.ids, self.limits, rows, self.masks)]),
-            max_new_tokens=self.limits["tokens"] - 1,
+            logits_processor=LogitsProcessorList([self.strict(self.ids, self.limits, rows, self.masks)]),
+            max_new_tokens=self.ids["longest"] - 1,
             do_sample=generate["sample"],
             repetition_penalty=generate["repetition_penalty"],
-            eos_token_id=self.ids["eos"],
+            eos_token_id=self.ids["end"],
             pad_token_id=self.ids["pad"],
             **(sampling if generate["sample"] else {}),
         )
         seconds = time.perf_counter() - start
-        eos = self.ids["eos"]
+        eos = self.ids["end"]
         return {"seconds": seconds, "ids": [r[: r.index(eos) + 1] if eos in r else r for r in out.tolist()]}
 
 
-side = Side()
-serve({name: getattr(side, name) for name in ("open", "attend", "draw")})
+if __name__ == "__main__":
+    side = Side()
+    serve({name: getattr(side, name) for name in ("open", "attend", "draw")})

@@ -93,7 +93,36 @@ class Perceiver(nn.Module):
         return self.ln_post(x)
 
 
-class SkeletonModel(nn.Module):
+class PrefixModel(nn.Module):
+    """A decoder behind the tokens of a shape; transformers has the decoder, as `self.transformer`."""
+
+    def load(self, weights):
+        missing, unknown = self.load_state_dict(weights, strict=False)
+        if unknown or missing not in ([], ["transformer.lm_head.weight"]):
+            raise ValueError(f"other weights: missing {missing}, unknown {unknown}")
+        self.transformer.tie_weights()
+
+    def attend(self, fused):
+        """Takes the fused attention kernel, or its formula, everywhere."""
+        Attention.fused = fused
+        self.transformer.config._attn_implementation = "sdpa" if fused else "eager"
+
+    def condition(self, cloud, picks):
+        return self.output_proj(self.mesh_encoder.encoder(cloud, picks))
+
+    def forward(self, b):
+        """Scores of what follows each token that has a successor, [m, v]."""
+        prefix = self.condition(b["cloud"], b["picks"])
+        tokens = self.transformer.get_input_embeddings()(b["ids"]).to(prefix.dtype)
+        # Where nothing is padded, transformers leaves the mask to the kernel.
+        out = self.decoder()(
+            inputs_embeds=torch.cat([prefix, tokens], 1), attention_mask=b.get("mask"), use_cache=False
+        ).last_hidden_state
+        # Only what is scored goes through the head.
+        return self.transformer.lm_head(out[:, prefix.shape[1] : -1][b["scored"]])
+
+
+class SkeletonModel(PrefixModel):
     def __init__(self, c, vocabulary):
         super().__init__()
         d = c["decoder"]
@@ -121,30 +150,14 @@ class SkeletonModel(nn.Module):
         )
         self.transformer = OPTForCausalLM(config)
 
-    def load(self, weights):
-        missing, unknown = self.load_state_dict(weights, strict=False)
-        if unknown or missing not in ([], ["transformer.lm_head.weight"]):
-            raise ValueError(f"other weights: missing {missing}, unknown {unknown}")
-        self.transformer.tie_weights()
+    def decoder(self):
+        return self.transformer.model.decoder
 
-    def attend(self, fused):
-        """Takes the fused attention kernel, or its formula, everywhere."""
-        Attention.fused = fused
-        self.transformer.config._attn_implementation = "sdpa" if fused else "eager"
-
-    def condition(self, cloud, picks):
-        return self.output_proj(self.mesh_encoder.encoder(cloud, picks))
-
-    def forward(self, b):
-        """Scores of what follows each token that has a successor, [m, v]."""
-        prefix = self.condition(b["cloud"], b["picks"])
-        tokens = self.transformer.model.decoder.embed_tokens(b["ids"]).to(prefix.dtype)
-        # Where nothing is padded, transformers leaves the mask to the kernel.
-        out = self.transformer.model.decoder(
-            inputs_embeds=torch.cat([prefix, tokens], 1), attention_mask=b.get("mask"), use_cache=False
-        ).last_hidden_state
-        # Only what is scored goes through the head.
-        return self.transformer.lm_head(out[:, prefix.shape[1] : -1][b["scored"]])
+    @staticmethod
+    def loss_of(config, logits, targets):
+        if config["loss"]["distance"] or config["loss"]["next"] != 1:
+            raise ValueError("the twin is written for cross-entropy alone")
+        return each_loss(logits, targets, config["tokenizer"]["bins"], config["loss"]["spread"]).mean()
 
 
 def padded(ids, lengths, cloud, picks):
@@ -159,37 +172,36 @@ def padded(ids, lengths, cloud, picks):
     return batch
 
 
-def loss_of(logits, targets, bins, sigma):
-    """Cross-entropy, with coordinates' targets spread over the cells around them."""
+def each_loss(logits, targets, bins, sigma):
+    """Cross-entropies [m], with coordinates' targets spread over the cells around them."""
     logits = logits.float()
     if sigma == 0:
-        return F.cross_entropy(logits, targets)
+        return F.cross_entropy(logits, targets, reduction="none")
     reach = int(-(-2 * sigma // 1))
     offsets = torch.arange(-reach, reach + 1)
     weights = torch.exp(-0.5 * (offsets / sigma).square())
     beside = (targets.unsqueeze(1) + offsets).clamp(0, bins - 1)
     at = torch.where((targets < bins).unsqueeze(1), beside, targets.unsqueeze(1))
-    return -(logits.log_softmax(-1).gather(1, at) @ (weights / weights.sum())).mean()
+    return -(logits.log_softmax(-1).gather(1, at) @ (weights / weights.sum()))
 
 
-ROLES = {"attention": r"\.attn\.c_|\.self_attn\.(q|k|v|out)_proj", "feed_forward": r"\.mlp\.c_|\.fc[12]\."}
+ROLES = {"attention": r"\.attn\.c_|\.self_attn\.(q|k|v|o|out)_proj",
+         "feed_forward": r"\.mlp\.(c_|gate_|up_|down_)|\.fc[12]\."}  # fmt: skip
 
 
 class Trainer:
     """Network, optimizers, moving average and schedule of a config."""
 
-    def __init__(self, config, weights, precision, vocabulary):
+    def __init__(self, config, net, weights, precision):
         self.config, self.train, optim = config, config["train"], config["train"]["optim"]
-        self.net = SkeletonModel(config["model"], vocabulary)
+        self.net = net
         self.net.load(weights)
         wanted = re.compile("|".join(ROLES[role] for role in optim["muon"]) or "(?!)")
         is_muon = lambda name, p: p.dim() == 2 and bool(wanted.search(name))
         named = list(self.net.named_parameters())
         self.params = [p for _, p in named]
         if optim["weight_decay"] or not optim["muon_bf16"] or optim["muon_scale"] != "match_adamw":
-            raise ValueError("the twin is written for the optimizer of unirig_skeleton_small.toml, which differs")
-        if config["loss"]["distance"] or config["loss"]["next"] != 1:
-            raise ValueError("the twin is written for cross-entropy alone")
+            raise ValueError("the twin is written for the optimizer of the small experiments, which differs")
         self.muon = None
         muon = [p for n, p in named if is_muon(n, p)]
         if muon:
@@ -205,7 +217,7 @@ class Trainer:
     def loss(self, batch):
         with torch.autocast("cpu", torch.bfloat16, enabled=self.bf16):
             logits = self.net(batch)
-        return loss_of(logits, batch["targets"], self.config["tokenizer"]["bins"], self.config["loss"]["spread"])
+        return self.net.loss_of(self.config, logits, batch["targets"])
 
     def step(self, batch):
         """One optimizer step; gives the loss."""

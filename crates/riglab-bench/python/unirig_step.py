@@ -1,4 +1,4 @@
-"""Training steps of the skeleton model's twin on batches and weights given in a file."""
+"""Training steps of the twins of the skeleton model and of TokenRig on batches and weights given in a file."""
 
 import time
 
@@ -6,11 +6,14 @@ import torch
 
 from fsq_cvae import prepare, read_tensors
 from serve import peak_memory_mb, serve
-from unirig_skeleton import Trainer, padded
+from tokenrig import TokenRig
+from unirig_skeleton import SkeletonModel, Trainer, padded
+
+MODELS = {"unirig_skeleton": SkeletonModel, "tokenrig": TokenRig}
 
 
 class Side:
-    def open(self, file, config, precision, threads, fused, vocabulary):
+    def open(self, model, file, config, precision, threads, fused, vocabulary):
         """Reads weights and batches; gives the loss of each batch, nothing dropped."""
         prepare(threads)
         tensors = read_tensors(file)
@@ -18,7 +21,7 @@ class Side:
         self.batches, names = [], ("ids", "lengths", "cloud", "picks")
         while f"{len(self.batches)}/ids" in tensors:
             self.batches.append(padded(*(tensors[f"{len(self.batches)}/{name}"] for name in names)))
-        self.trainer = Trainer(config, weights, precision, vocabulary)
+        self.trainer = Trainer(config, MODELS[model](config["model"], vocabulary), weights, precision)
         self.trainer.net.attend(fused)
         self.trainer.net.eval()
         with torch.no_grad():

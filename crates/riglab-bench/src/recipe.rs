@@ -7,6 +7,7 @@ use riglab_asset::ImportOptions;
 use riglab_config::Loader;
 use riglab_data::{Splitter, import_folder};
 use riglab_task::fsq_cvae::FsqCvaeTaskConfig;
+use riglab_task::tokenrig::TokenRigTaskConfig;
 use riglab_task::unirig_skeleton::SkeletonTaskConfig;
 use riglab_train::Precision;
 use serde::de::DeserializeOwned;
@@ -15,6 +16,10 @@ use serde::de::DeserializeOwned;
 const EXPERIMENT: &str = "experiments/quickstart/fsq_cvae.toml";
 /// The same of the skeleton model.
 const SKELETON: &str = "experiments/quickstart/unirig_skeleton.toml";
+
+/// The same of TokenRig, and of the auto-encoder that it stands on.
+const TOKENRIG: [&str; 2] =
+    ["experiments/quickstart/tokenrig.toml", "experiments/skintokens/fsq_cvae_for_tokenrig.toml"];
 
 /// The root of the workspace.
 pub fn root() -> PathBuf {
@@ -57,6 +62,25 @@ pub fn skeleton(corpus: &Path, precision: Precision) -> Result<SkeletonTaskConfi
     Ok(c)
 }
 
+/// TokenRig's settings over a corpus, in a given precision.
+pub fn tokenrig(corpus: &Path, precision: Precision) -> Result<TokenRigTaskConfig> {
+    let mut c: TokenRigTaskConfig = read(TOKENRIG[0])?;
+    c.data.corpora = vec![corpus.into()];
+    c.train.precision = precision;
+    c.validate().map_err(|(key, message)| anyhow!("{key}: {message}")).context(TOKENRIG[0])?;
+    Ok(c)
+}
+
+/// Settings of TokenRig's auto-encoder, with 512 codes: one softmax over them is of a size that suits the small network.
+pub fn skin(corpus: &Path) -> Result<FsqCvaeTaskConfig> {
+    let mut c: FsqCvaeTaskConfig = read(TOKENRIG[1])?;
+    c.data.corpora = vec![corpus.into()];
+    c.model.levels = vec![8, 8, 8];
+    c.model.extensions.frame = false;
+    c.validate().map_err(|(key, message)| anyhow!("{key}: {message}")).context(TOKENRIG[1])?;
+    Ok(c)
+}
+
 /// The precision that the experiment asks for.
 pub fn precision() -> Result<Precision> {
     Ok(read::<FsqCvaeTaskConfig>(EXPERIMENT)?.train.precision)
@@ -68,7 +92,7 @@ pub fn skeleton_precision() -> Result<Precision> {
 }
 
 fn read<C: DeserializeOwned>(experiment: &str) -> Result<C> {
-    let search = [root().join("configs")];
+    let search = ["configs", "experiments"].map(|f| root().join(f));
     let none: [&str; 0] = [];
     Ok(Loader::new().search(&search).load(root().join(experiment), &none)?.get()?)
 }

@@ -1,4 +1,5 @@
-//! Skeletons drawn by the skeleton model, against transformers' `generate` with the same weights.
+//! Sequences drawn by a decoder behind a shape's tokens (UniRig's skeleton model, TokenRig), against transformers'
+//! `generate` with the same weights.
 //!
 //! Both sides start from what the decoder reads of a mesh, draw under the strict grammar with UniRig's sampling
 //! (temperature 1.5, top-k 5, top-p 0.95, repetition penalty 3), in fp32 with a cache, and stop where all
@@ -11,22 +12,20 @@ use std::time::Instant;
 
 use anyhow::{Context as _, Result, anyhow, ensure};
 use riglab_nn::generate::GenerateConfig;
-use riglab_task::unirig_skeleton::{SkeletonTask, SkeletonTaskConfig};
-use riglab_token::{Grammar, Limits, Parents, Tokenizer, Vocabulary};
-use riglab_train::{Precision, Source, Task};
+use riglab_token::{Tokenizer, TokenizerConfig, Vocabulary};
+use riglab_train::Precision;
 use serde::{Deserialize, Serialize};
-use serde_json::{Value, json};
-use tch::{Device, Tensor};
+use serde_json::{Map, Value, json};
+use tch::Tensor;
 
 use super::Context;
+use super::subject::Subject;
 use crate::python::TRANSFORMERS;
 use crate::recipe;
 use crate::rounds::in_turn;
 use crate::row::{Better, Row};
 use crate::side::{self, Side};
 
-/// The rigs' mean is 155 tokens.
-const LIMITS: Limits = Limits { joints: 48, tokens: 200 };
 /// Likeliest tokens that are compared: further on, scores that are equal but for rounding may change places.
 const COMPARED: usize = 60;
 
@@ -36,10 +35,17 @@ struct Drawn {
     ids: Vec<Vec<u32>>,
 }
 
+#[derive(Deserialize, Serialize)]
+struct Opened {
+    settings: Value,
+    tokenizer: TokenizerConfig,
+    ends: Map<String, Value>,
+}
+
 /// UniRig's settings at inference, without its beams.
-fn sampling() -> GenerateConfig {
+fn sampling(tokens: usize) -> GenerateConfig {
     GenerateConfig {
-        tokens: LIMITS.tokens,
+        tokens,
         sample: true,
         temperature: 1.5,
         top_k: 5,
@@ -49,16 +55,18 @@ fn sampling() -> GenerateConfig {
     }
 }
 
-pub fn run(context: &mut Context, rows: usize) -> Result<Vec<Row>> {
-    let label = format!("generate/unirig_skeleton/b{rows}");
+pub fn run<S: Subject>(context: &mut Context, rows: usize) -> Result<Vec<Row>> {
+    let label = format!("generate/{}/b{rows}", S::NAME);
     let Some(corpus) = context.corpus()? else { return Ok(vec![Row::failed(label, recipe::NO_RIGS.into())]) };
-    let file = context.path(&format!("generate-{rows}.safetensors"));
-    let (mut ours, mut theirs) = (Side::ours("generate")?, TRANSFORMERS.start("unirig_generate.py")?);
+    let file = context.path(&format!("generate-{}-{rows}.safetensors", S::NAME));
+    let (mut ours, mut theirs) = (Side::ours(S::SIDES[1])?, TRANSFORMERS.start(S::DRAWS)?);
     let open = json!({"do": "open", "file": file, "corpus": corpus, "rows": rows, "threads": context.threads});
-    let config: SkeletonTaskConfig = ours.ask(&open)?;
-    let tokenizer = Tokenizer::new(config.tokenizer.clone());
-    let vocabulary = named(tokenizer.vocabulary());
-    let open = json!({"do": "open", "file": file, "config": config, "threads": context.threads,
+    let known: Opened = ours.ask(&open)?;
+    let tokenizer = Tokenizer::new(known.tokenizer);
+    let mut vocabulary = named(tokenizer.vocabulary());
+    vocabulary.extend(known.ends);
+    let sampling = || sampling(S::LIMITS.tokens);
+    let open = json!({"do": "open", "file": file, "config": known.settings, "threads": context.threads,
                       "vocabulary": vocabulary});
     theirs.ask::<Value>(&open)?;
     let ask =
@@ -73,10 +81,7 @@ pub fn run(context: &mut Context, rows: usize) -> Result<Vec<Row>> {
         let tokens: usize = drawn.ids.iter().map(Vec::len).sum();
         *lengths = (lengths.0 + tokens, lengths.1 + drawn.ids.len());
         for ids in &drawn.ids {
-            let mut grammar = Grammar::new(&tokenizer, config.limits, Parents::Existing);
-            grammar.advance(tokenizer.vocabulary().bos())?;
-            ids.iter().try_for_each(|id| grammar.advance(*id)).context("under the strict grammar")?;
-            ensure!(grammar.is_done(), "a sequence without an end");
+            S::check(&known.settings, &tokenizer, ids)?;
         }
         Ok(tokens as f64 / drawn.seconds)
     };
@@ -125,14 +130,15 @@ fn fused_is_faster(theirs: &mut Side, request: &Value) -> Result<bool> {
 }
 
 /// The tokens as the other side's grammar knows them.
-fn named(ids: &Vocabulary) -> Value {
+fn named(ids: &Vocabulary) -> Map<String, Value> {
     let parts = |class: &str| -> Vec<(u32, usize)> {
         ids.parts_of(class).into_iter().map(|(number, part)| (ids.part(number), part.joints.len())).collect()
     };
-    let classes: serde_json::Map<String, Value> =
+    let classes: Map<String, Value> =
         ids.classes().iter().enumerate().map(|(k, name)| (ids.class(k).to_string(), json!(parts(name)))).collect();
-    json!({"count": ids.len(), "bins": ids.branch(), "branch": ids.branch(), "bos": ids.bos(), "eos": ids.eos(),
-           "pad": ids.pad(), "spring": ids.spring(), "none": ids.no_class(), "classes": classes})
+    let all = json!({"bins": ids.branch(), "branch": ids.branch(), "bos": ids.bos(), "eos": ids.eos(),
+           "pad": ids.pad(), "spring": ids.spring(), "none": ids.no_class(), "classes": classes});
+    all.as_object().cloned().unwrap_or_default()
 }
 
 #[derive(Deserialize)]
@@ -143,33 +149,30 @@ enum Request {
 }
 
 /// riglab's side.
-pub fn serve() -> Result<()> {
-    let mut loaded: Option<(SkeletonTask, Tensor)> = None;
+pub fn serve<S: Subject>() -> Result<()> {
+    let mut loaded: Option<(S, Tensor)> = None;
     side::serve(|request| match (request, &mut loaded) {
         (Request::Open { file, corpus, rows, threads }, loaded) => {
             riglab_torch::init(riglab_torch::Settings { threads });
-            let mut config = recipe::skeleton(&corpus, Precision::Fp32)?;
-            config.limits = LIMITS;
-            config.sampling.rigs = rows;
-            let task = SkeletonTask::new(config, Device::Cpu).map_err(|e| anyhow!(e))?;
-            let batch = task.batches().batch(0).map_err(|e| anyhow!(e))?;
-            let prefix = task.prefix_of(task.params().weights(), &batch);
+            let task = S::open(&corpus, Precision::Fp32, Some(rows))?;
+            let batch = task.source().batch(0).map_err(|e| anyhow!(e))?;
+            let _no_grad = tch::no_grad_guard();
+            let prefix = task.prefix(&batch);
             let params = task.params();
             let mut tensors: Vec<(String, Tensor)> =
                 params.named(params.weights()).map(|(name, t)| (format!("w/{name}"), t.detach())).collect();
             tensors.push(("prefix".into(), prefix.copy()));
             riglab_nn::io::write(&file, tensors.iter().map(|(n, t)| (n.as_str(), t)))?;
-            let answer = json!(task.config());
+            let ends = task.ends().as_object().cloned().unwrap_or_default();
+            let answer = json!(Opened { settings: task.settings(), tokenizer: task.tokenizer().clone(), ends });
             *loaded = Some((task, prefix));
             Ok(answer)
         }
         (Request::Draw { rows, generate, seed }, Some((task, prefix))) => {
             let keys: Vec<u64> = (0..rows as u64).map(|row| seed << 32 | row).collect();
             let start = Instant::now();
-            let drawn = task.draw_with(task.params().weights(), prefix, &keys, &generate);
-            let seconds = start.elapsed().as_secs_f64();
-            // What is drawn begins with the start, which theirs is given.
-            Ok(json!(Drawn { seconds, ids: drawn.into_iter().map(|d| d.ids[1..].to_vec()).collect() }))
+            let ids = task.draw(prefix, &keys, &generate).map_err(|e| anyhow!(e))?;
+            Ok(json!(Drawn { seconds: start.elapsed().as_secs_f64(), ids }))
         }
         (Request::Draw { .. }, None) => Err(anyhow!("open first")),
     })

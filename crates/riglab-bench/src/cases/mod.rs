@@ -6,14 +6,16 @@ mod epoch;
 mod export;
 mod generate;
 mod geodesic;
+mod group;
 mod import;
 mod import_arrays;
 mod loader_ar;
 mod matmul_share;
+mod prefix_step;
 mod rewards;
 mod sample;
-mod skeleton_step;
 mod step;
+mod subject;
 mod synth;
 mod tokenise;
 mod training;
@@ -22,8 +24,10 @@ use std::path::PathBuf;
 
 use anyhow::{Result, bail};
 use decode::Codec;
+use prefix_step::Kind;
+use riglab_task::tokenrig::TokenRigTask;
+use riglab_task::unirig_skeleton::SkeletonTask;
 use riglab_train::Precision;
-use skeleton_step::Kind;
 
 use crate::recipe;
 use crate::row::Row;
@@ -39,7 +43,7 @@ pub struct Case {
 }
 
 /// All of them, in the order they run.
-pub const CASES: [Case; 21] = [
+pub const CASES: [Case; 27] = [
     Case { name: "import", about: "rigged files read, against Blender's glTF importer", run: import::run },
     Case {
         name: "import/trimesh",
@@ -95,24 +99,54 @@ pub const CASES: [Case; 21] = [
     Case {
         name: "step/unirig_skeleton/fp32",
         about: "a training step of the skeleton model, against transformers' OPT, no sequence padded",
-        run: |c| skeleton_step::run(c, Kind::Even(Precision::Fp32)),
+        run: |c| prefix_step::run::<SkeletonTask>(c, Kind::Even(Precision::Fp32)),
     },
     Case {
         name: "step/unirig_skeleton/bf16",
         about: "the same in bfloat16, against autocast",
-        run: |c| skeleton_step::run(c, Kind::Even(Precision::Bf16)),
+        run: |c| prefix_step::run::<SkeletonTask>(c, Kind::Even(Precision::Bf16)),
     },
     Case {
         name: "packed/unirig_skeleton",
         about: "tokens a second over sequences of all lengths, against the same padded to the longest",
-        run: |c| skeleton_step::run(c, Kind::Mixed),
+        run: |c| prefix_step::run::<SkeletonTask>(c, Kind::Mixed),
     },
     Case {
         name: "generate/unirig_skeleton/b1",
         about: "skeletons drawn under the grammar, against transformers' generate",
-        run: |c| generate::run(c, 1),
+        run: |c| generate::run::<SkeletonTask>(c, 1),
     },
-    Case { name: "generate/unirig_skeleton/b24", about: "the same, 24 at once", run: |c| generate::run(c, 24) },
+    Case {
+        name: "generate/unirig_skeleton/b24",
+        about: "the same, 24 at once",
+        run: |c| generate::run::<SkeletonTask>(c, 24),
+    },
+    Case {
+        name: "step/tokenrig/fp32",
+        about: "a training step of TokenRig, against transformers' Qwen3, no sequence padded",
+        run: |c| prefix_step::run::<TokenRigTask>(c, Kind::Even(Precision::Fp32)),
+    },
+    Case {
+        name: "step/tokenrig/bf16",
+        about: "the same in bfloat16, against autocast",
+        run: |c| prefix_step::run::<TokenRigTask>(c, Kind::Even(Precision::Bf16)),
+    },
+    Case {
+        name: "packed/tokenrig",
+        about: "tokens a second over sequences of all lengths, against the same padded to the longest",
+        run: |c| prefix_step::run::<TokenRigTask>(c, Kind::Mixed),
+    },
+    Case {
+        name: "generate/tokenrig/b1",
+        about: "skeletons and skin codes drawn under the grammar, against transformers' generate",
+        run: |c| generate::run::<TokenRigTask>(c, 1),
+    },
+    Case {
+        name: "generate/tokenrig/b24",
+        about: "the same, 24 at once",
+        run: |c| generate::run::<TokenRigTask>(c, 24),
+    },
+    Case { name: "group24/tokenrig", about: "24 sequences of one mesh, against the time of one", run: group::run },
     Case {
         name: "tokenise",
         about: "skeletons as tokens and back, against the released algorithm in Python",
@@ -141,7 +175,9 @@ impl Case {
 /// riglab's side of a case.
 pub fn serve(case: &str) -> Result<()> {
     match case {
-        "generate" => generate::serve(),
+        "generate" => generate::serve::<SkeletonTask>(),
+        "tokenrig_generate" => generate::serve::<TokenRigTask>(),
+        "group" => group::serve(),
         "import" => import::serve(),
         "decode" => decode::serve(),
         "dedup" => dedup::serve(),
@@ -150,7 +186,8 @@ pub fn serve(case: &str) -> Result<()> {
         "loader_ar" => loader_ar::serve(),
         "rewards" => rewards::serve(),
         "sample" => sample::serve(),
-        "skeleton_step" => skeleton_step::serve(),
+        "skeleton_step" => prefix_step::serve::<SkeletonTask>(),
+        "tokenrig_step" => prefix_step::serve::<TokenRigTask>(),
         "step" => step::serve(),
         "tokenise" => tokenise::serve(),
         "epoch" => epoch::serve(),
@@ -212,7 +249,7 @@ mod tests {
         let of = |name| CASES.iter().filter(|c| c.is_wanted(name)).count();
         assert_eq!(
             (of("step"), of("step/fsq_cvae/fp32"), of("step/fsq_cvae/fp32/compile"), of("imports")),
-            (4, 1, 1, 0)
+            (6, 1, 1, 0)
         );
     }
 }

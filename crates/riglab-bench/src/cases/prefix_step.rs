@@ -1,4 +1,5 @@
-//! A training step of UniRig's skeleton model, against the same in PyTorch with transformers' OPT.
+//! A training step of a decoder behind a shape's tokens (UniRig's skeleton model, TokenRig), against the same in
+//! PyTorch with transformers' OPT or Qwen3.
 //!
 //! Both sides start from the same weights, take the same batches in the same order and share the recipe:
 //! forward pass, loss, backward pass, clipping, Muon and AdamW, moving average. `step` has sequences of one
@@ -9,15 +10,15 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::{Result, anyhow, ensure};
-use riglab_task::unirig_skeleton::{Batch, SkeletonTask, loss_of};
-use riglab_token::Tokenizer;
-use riglab_train::{Precision, Source};
+use riglab_task::unirig_skeleton::Batch;
+use riglab_train::Precision;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
-use tch::{Device, Tensor};
+use tch::Tensor;
 
 use super::Context;
 use super::step::name;
+use super::subject::Subject;
 use super::training::{Plan, Training, lockstep};
 use crate::python::TRANSFORMERS;
 use crate::recipe;
@@ -26,8 +27,6 @@ use crate::side::{self, PATIENCE, Side};
 
 /// Batches that steps go through in turn: about an epoch of the rigs.
 const BATCHES: usize = 16;
-/// Tokens of each sequence where all are of one length: about the mean of the rigs'.
-const EVEN: usize = 128;
 /// How far losses of equal weights and batches may be apart.
 const NEAR: [(Precision, f64); 2] = [(Precision::Fp32, 1e-3), (Precision::Bf16, 5e-2)];
 /// How far the losses after some steps may be apart, as a share: what is dropped differs.
@@ -51,22 +50,22 @@ struct Opened {
     padded: usize,
     vocabulary: usize,
     rigs: usize,
+    settings: Value,
 }
 
-pub fn run(context: &mut Context, kind: Kind) -> Result<Vec<Row>> {
+pub fn run<S: Subject>(context: &mut Context, kind: Kind) -> Result<Vec<Row>> {
     let (label, precision) = match kind {
-        Kind::Even(precision) => (format!("step/unirig_skeleton/{}", name(precision)), precision),
-        Kind::Mixed => ("packed/unirig_skeleton".into(), recipe::skeleton_precision()?.resolved()),
+        Kind::Even(precision) => (format!("step/{}/{}", S::NAME, name(precision)), precision),
+        Kind::Mixed => (format!("packed/{}", S::NAME), recipe::skeleton_precision()?.resolved()),
     };
     let Some(corpus) = context.corpus()? else { return Ok(vec![Row::failed(label, recipe::NO_RIGS.into())]) };
     let file = context.path(&format!("{}.safetensors", label.replace('/', "-")));
-    let mut ours = Side::ours("skeleton_step")?;
+    let mut ours = Side::ours(S::SIDES[0])?;
     let open = json!({"do": "open", "file": file, "corpus": corpus, "precision": precision, "kind": kind,
                       "threads": context.threads});
     let a: Opened = ours.ask(&open)?;
-    let config = recipe::skeleton(&corpus, precision)?;
     let open = |fused: bool| {
-        json!({"do": "open", "file": file, "config": config, "precision": name(precision),
+        json!({"do": "open", "model": S::NAME, "file": file, "config": a.settings, "precision": name(precision),
                "threads": context.threads, "fused": fused, "vocabulary": a.vocabulary})
     };
     // What only has to be known once is found out by a process whose memory does not count.
@@ -132,8 +131,8 @@ enum Request {
 }
 
 /// riglab's side.
-pub fn serve() -> Result<()> {
-    let mut training: Option<Training<SkeletonTask>> = None;
+pub fn serve<S: Subject>() -> Result<()> {
+    let mut training: Option<Training<S>> = None;
     side::serve(|request| match (request, &mut training) {
         (Request::Open { file, corpus, precision, kind, threads }, training) => {
             riglab_torch::init(riglab_torch::Settings { threads });
@@ -147,31 +146,32 @@ pub fn serve() -> Result<()> {
     })
 }
 
-fn training(corpus: &Path, precision: Precision, kind: Kind) -> Result<Training<SkeletonTask>> {
-    let task = SkeletonTask::new(recipe::skeleton(corpus, precision)?, Device::Cpu).map_err(|e| anyhow!(e))?;
-    let source = task.batches();
+fn training<S: Subject>(corpus: &Path, precision: Precision, kind: Kind) -> Result<Training<S>> {
+    let task = S::open(corpus, precision, None)?;
+    let source = task.source();
     let batch = |n: usize| source.batch(n as u64).map_err(|e| anyhow!(e));
     let batches = match kind {
         Kind::Mixed => (0..BATCHES).map(batch).collect::<Result<_>>()?,
         Kind::Even(_) => {
-            let mut even = Even { rigs: task.config().sampling.rigs, full: Vec::new(), next: Batch::default() };
+            let mut even = Even { rigs: task.rigs(), length: S::EVEN, full: Vec::new(), next: Batch::default() };
             let mut number = 0;
             while even.full.len() < BATCHES {
-                even.add(&batch(number)?);
+                even.add(S::shapes(&batch(number)?));
                 number += 1;
-                ensure!(number < 100 * BATCHES, "too few sequences of {EVEN} tokens");
+                ensure!(number < 100 * BATCHES, "too few sequences of {} tokens", S::EVEN);
             }
             even.full.truncate(BATCHES);
-            even.full
+            even.full.into_iter().map(S::batch).collect()
         }
     };
-    let train = task.config().train.clone();
+    let train = task.train().clone();
     Ok(Training::new(task, train, batches))
 }
 
-/// Batches of sequences cut to [`EVEN`] tokens, from those that are so long.
+/// Batches of sequences cut to so many tokens, from those that are so long.
 struct Even {
     rigs: usize,
+    length: usize,
     full: Vec<Batch>,
     next: Batch,
 }
@@ -181,13 +181,13 @@ impl Even {
         let (cloud, picks) = (from.cloud.len() / from.rigs, from.picks.len() / from.rigs);
         let mut start = 0;
         for (rig, &length) in from.lengths.iter().enumerate() {
-            if length as usize >= EVEN {
+            if length as usize >= self.length {
                 let next = &mut self.next;
                 next.rigs += 1;
                 next.cloud.extend(&from.cloud[rig * cloud..(rig + 1) * cloud]);
                 next.picks.extend(&from.picks[rig * picks..(rig + 1) * picks]);
-                next.ids.extend(&from.ids[start..start + EVEN]);
-                next.lengths.push(EVEN as i64);
+                next.ids.extend(&from.ids[start..start + self.length]);
+                next.lengths.push(self.length as i64);
             }
             if self.next.rigs == self.rigs {
                 self.full.push(std::mem::take(&mut self.next));
@@ -198,9 +198,9 @@ impl Even {
 }
 
 /// Weights and batches for the other side.
-fn dump(training: &Training<SkeletonTask>, file: &Path) -> Result<()> {
+fn dump<S: Subject>(training: &Training<S>, file: &Path) -> Result<()> {
     let mut tensors = training.weights();
-    for (n, b) in training.batches.iter().enumerate() {
+    for (n, b) in training.batches.iter().map(S::shapes).enumerate() {
         let rigs = b.rigs as i64;
         let each = [
             ("cloud", Tensor::from_slice(&b.cloud).view([rigs, -1, 6])),
@@ -214,15 +214,17 @@ fn dump(training: &Training<SkeletonTask>, file: &Path) -> Result<()> {
     Ok(())
 }
 
-fn opened(training: &Training<SkeletonTask>) -> Result<Value> {
-    let (task, c) = (&training.task, training.task.config());
-    let losses = training.each(|w, b, _| Ok(loss_of(task.net(), c, w, b, Device::Cpu, false)?.total()))?;
+fn opened<S: Subject>(training: &Training<S>) -> Result<Value> {
+    let task = &training.task;
+    let losses = training.each(|w, b, at| task.first_loss(w, b, at))?;
+    let shapes = || training.batches.iter().map(S::shapes);
     let padded = |b: &Batch| b.rigs * b.lengths.iter().max().map_or(0, |n| *n as usize);
     Ok(json!(Opened {
         losses,
-        tokens: training.batches.iter().map(|b| b.ids.len()).sum(),
-        padded: training.batches.iter().map(padded).sum(),
-        vocabulary: Tokenizer::new(c.tokenizer.clone()).vocabulary().len(),
-        rigs: c.sampling.rigs,
+        tokens: shapes().map(|b| b.ids.len()).sum(),
+        padded: shapes().map(padded).sum(),
+        vocabulary: task.vocabulary(),
+        rigs: task.rigs(),
+        settings: task.settings(),
     }))
 }

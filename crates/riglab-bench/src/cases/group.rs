@@ -1,0 +1,104 @@
+//! Many sequences of one mesh against one: what a group for GRPO, or `riglab rig --samples`, costs.
+//!
+//! Ours against ours: the mesh is read once and its keys and values serve all rows, rows go through the decoder
+//! together, and those that end leave. The other side's column holds so many times one sequence as a group may take.
+//! The network is the experiment's own, with a softmax for each level of a code, and starting weights.
+
+use std::path::PathBuf;
+use std::time::Instant;
+
+use anyhow::{Result, anyhow, ensure};
+use riglab_nn::generate::GenerateConfig;
+use riglab_random::stream;
+use riglab_task::tokenrig::TokenRigTask;
+use riglab_train::{Precision, Task};
+use serde::{Deserialize, Serialize};
+use serde_json::json;
+
+use super::Context;
+use super::subject::{Subject, open_tokenrig};
+use crate::recipe;
+use crate::rounds::in_turn;
+use crate::row::{Better, Row};
+use crate::side::{self, Side};
+
+/// Sequences of a group, and how many times one it may take.
+const GROUP: (usize, f64) = (24, 6.0);
+
+#[derive(Deserialize, Serialize)]
+struct Drawn {
+    seconds: f64,
+    tokens: usize,
+}
+
+pub fn run(context: &mut Context) -> Result<Vec<Row>> {
+    let (count, times) = GROUP;
+    let label = format!("group{count}/tokenrig");
+    let Some(corpus) = context.corpus()? else { return Ok(vec![Row::failed(label, recipe::NO_RIGS.into())]) };
+    let mut ours = Side::ours("group")?;
+    let _: usize = ours.ask(&json!({"do": "open", "corpus": corpus, "threads": context.threads}))?;
+    let (mut seed, mut tokens) = (0, [0usize; 2]);
+    let mut draw = |samples: usize| -> Result<f64> {
+        seed += 1;
+        let drawn: Drawn = ours.ask(&json!({"do": "draw", "samples": samples, "seed": seed}))?;
+        ensure!(drawn.tokens > samples, "sequences without tokens");
+        tokens[usize::from(samples > 1)] += drawn.tokens;
+        Ok(drawn.seconds)
+    };
+    // The first ones warm up.
+    draw(count)?;
+    draw(1)?;
+    let rounds = context.rounds(9);
+    let draw = std::cell::RefCell::new(draw);
+    let found = in_turn(rounds, || (draw.borrow_mut())(count), || Ok(times * (draw.borrow_mut())(1)?))?;
+    let (x, y) = found.medians();
+    let note = format!(
+        "{} threads; theirs is {times} times our time of one sequence; {:.0} tokens a sequence in groups, {:.0} alone, \
+         starting weights, reading of the mesh counted; {}",
+        context.threads,
+        tokens[1] as f64 / (count * (rounds + 1)) as f64,
+        tokens[0] as f64 / (rounds + 1) as f64,
+        found.spread()
+    );
+    Ok(vec![Row::new(label, x, y, "s", Better::Lower).bar(1.0).note(note)])
+}
+
+#[derive(Deserialize)]
+#[serde(tag = "do", rename_all = "snake_case")]
+enum Request {
+    Open { corpus: PathBuf, threads: usize },
+    Draw { samples: usize, seed: u64 },
+}
+
+/// riglab's side.
+pub fn serve() -> Result<()> {
+    let mut loaded: Option<(TokenRigTask, <TokenRigTask as Task>::Batch)> = None;
+    side::serve(|request| match (request, &mut loaded) {
+        (Request::Open { corpus, threads }, loaded) => {
+            riglab_torch::init(riglab_torch::Settings { threads });
+            let mut config = recipe::tokenrig(&corpus, Precision::Fp32)?;
+            (config.limits, config.sampling.rigs) = (TokenRigTask::LIMITS, 1);
+            let task = open_tokenrig(config, &corpus)?;
+            let batch = task.source().batch(0).map_err(|e| anyhow!(e))?;
+            *loaded = Some((task, batch));
+            Ok(json!(1))
+        }
+        (Request::Draw { samples, seed }, Some((task, batch))) => {
+            let _no_grad = tch::no_grad_guard();
+            let start = Instant::now();
+            let (rigger, w) = (task.rigger(), task.params().weights());
+            let prefix = task.prefix(batch);
+            let mut streams: Vec<_> = (0..samples as u64).map(|row| stream(seed, "bench group", &[row])).collect();
+            let how =
+                GenerateConfig { sample: true, tokens: task.rigger().config().limits.tokens, ..Default::default() };
+            let drawn = rigger.draw(w, &prefix, &vec![rigger.free(); samples], &how, &mut streams);
+            let drawn = drawn.map_err(|e| anyhow!(e))?;
+            let seconds = start.elapsed().as_secs_f64();
+            // An empty bone has one token.
+            let codes = |own: &Option<Vec<i64>>| own.as_ref().map_or(1, Vec::len);
+            let tokens = drawn.iter().map(|d| d.skeleton.len() + d.codes.iter().map(codes).sum::<usize>()).sum();
+            Ok(json!(Drawn { seconds, tokens }))
+        }
+        (Request::Draw { .. }, None) => Err(anyhow!("open first")),
+    })
+}
