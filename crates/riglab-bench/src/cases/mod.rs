@@ -13,6 +13,7 @@ mod loader_ar;
 mod matmul_share;
 mod prefix_step;
 mod rewards;
+mod rig;
 mod sample;
 mod step;
 mod subject;
@@ -43,7 +44,7 @@ pub struct Case {
 }
 
 /// All of them, in the order they run.
-pub const CASES: [Case; 27] = [
+pub const CASES: [Case; 28] = [
     Case { name: "import", about: "rigged files read, against Blender's glTF importer", run: import::run },
     Case {
         name: "import/trimesh",
@@ -147,6 +148,11 @@ pub const CASES: [Case; 27] = [
         run: |c| generate::run::<TokenRigTask>(c, 24),
     },
     Case { name: "group24/tokenrig", about: "24 sequences of one mesh, against the time of one", run: group::run },
+    Case {
+        name: "rig/20k",
+        about: "`riglab rig` on a mesh of 20,000 vertices, against the time asked for",
+        run: rig::run,
+    },
     Case {
         name: "tokenise",
         about: "skeletons as tokens and back, against the released algorithm in Python",
