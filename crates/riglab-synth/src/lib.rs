@@ -13,7 +13,7 @@
 //! A creature of a plan is then varied as any may be: bent into another rest pose, put together from
 //! blocks, given the joints without flesh that exporters write. Avatars have VRM's map of bones; hair,
 //! cloth, tails and ears are on spring bones.
-//! `cargo run --release -p riglab-synth --example gallery -- FOLDER` draws creatures of each plan,
+//! `cargo run --release -p riglab-synth --example creatures -- FOLDER` draws creatures of each plan,
 //! writes their files and prints what they are like.
 //!
 //! Holds: the same seed, index and options give the same bytes on every machine (no platform

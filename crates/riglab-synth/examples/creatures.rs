@@ -1,6 +1,6 @@
 //! Makes creatures of each plan, prints what they are like, and draws them.
 //!
-//! `cargo run --release -p riglab-synth --example gallery -- FOLDER [SEED [COUNT [PLAN,..]]]` draws COUNT
+//! `cargo run --release -p riglab-synth --example creatures -- FOLDER [SEED [COUNT [PLAN,..]]]` draws COUNT
 //! creatures of each plan onto one sheet a plan and writes their GLB files beside it; with COUNT 0 it
 //! only times and counts 1,000 creatures of the default mixture.
 
