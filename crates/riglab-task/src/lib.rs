@@ -7,6 +7,7 @@
 pub mod assets;
 mod experiment;
 pub mod fsq_cvae;
+mod sequences;
 pub mod tokenrig;
 pub mod unirig_skeleton;
 

@@ -6,11 +6,12 @@ use riglab_augment::Recipe;
 use riglab_geom::CloudConfig;
 use riglab_nn::generate::GenerateConfig;
 use riglab_nn::tokenrig::{Head, TokenRigConfig};
-use riglab_token::{Limits, Merge, Parents, TokenizerConfig};
+use riglab_token::{Limits, Parents, TokenizerConfig};
 use riglab_train::TrainConfig;
 use serde::{Deserialize, Serialize};
 
 use crate::assets::DataConfig;
+use crate::sequences::Sequences;
 
 /// Everything a run of TokenRig is made of.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -166,43 +167,25 @@ impl TokenRigTaskConfig {
         self.model.validate().map_err(|(key, message)| (format!("model.{key}"), message))?;
         self.augment.validate().map_err(|(key, message)| (format!("augment.{key}"), message))?;
         self.train.validate().map_err(|(key, message)| (format!("train.{key}"), message))?;
-        self.eval.generate.validate().map_err(|(key, message)| (format!("eval.generate.{key}"), message))?;
-        if self.eval.generate.beams > 1 {
-            return bad("eval.generate.beams", "evaluation draws without beams: give 1".into());
+        Sequences {
+            tokenizer: &self.tokenizer,
+            limits: self.limits,
+            shape: &self.model.shape,
+            cloud: &self.sampling.cloud,
+            rigs: self.sampling.rigs,
+            class_dropout: self.sampling.class_dropout,
+            generate: &self.eval.generate,
+            parents: self.eval.parents,
+            rows: self.eval.rows,
+            retrieval_points: self.eval.retrieval_points,
+            spread: self.loss.spread,
         }
+        .validate()?;
         if self.skin.codes == 0 {
             return bad("skin.codes", "a bone has at least 1 code".into());
         }
         if self.skin.empty && self.model.head != Head::Levels {
             return bad("skin.empty", "bones without codes need model.head = \"levels\"".into());
-        }
-        if self.sampling.rigs == 0 || self.eval.rows == 0 {
-            return bad("sampling.rigs", "rigs of a batch and eval.rows must be at least 1".into());
-        }
-        if !(0.0..=1.0).contains(&self.sampling.class_dropout) {
-            return bad("sampling.class_dropout", format!("{} must lie in [0, 1]", self.sampling.class_dropout));
-        }
-        let (points, asked) = (self.sampling.cloud.points, self.model.shape.tokens * self.model.shape.drawn);
-        if points < asked {
-            let of = format!("{} tokens × {} drawn", self.model.shape.tokens, self.model.shape.drawn);
-            return bad("sampling.cloud.points", format!("{points} points for model.shape's {of}"));
-        }
-        let [low, high] = self.tokenizer.range;
-        if self.tokenizer.bins < 2 || !(low <= -1.0 && high >= 1.0 && low.is_finite() && high.is_finite()) {
-            let message = "rigs are set between -1 and 1: the range must hold that, with 2 bins or more";
-            return bad("tokenizer.range", message.into());
-        }
-        let least = self.tokenizer.least_joints.max(1);
-        let shortest = 3 * least + 4;
-        if self.limits.tokens < shortest || self.limits.joints < least {
-            let message = format!("a skeleton takes at least {shortest} tokens and limits.joints = {least}");
-            return bad("limits.tokens", message);
-        }
-        if self.eval.retrieval_points == 0 {
-            return bad("eval.retrieval_points", "shapes are compared by at least 1 point".into());
-        }
-        if self.eval.parents == Parents::Anywhere && matches!(self.tokenizer.merge, Merge::Within(_)) {
-            return bad("eval.parents", "`anywhere` needs tokenizer.merge = \"nearest\"".into());
         }
         if self.eval.vertices == 0 {
             return bad("eval.vertices", "weights are made at 1 vertex or more".into());
@@ -214,9 +197,6 @@ impl TokenRigTaskConfig {
         let weights = [l.skeleton, l.skin];
         if !weights.iter().all(|w| w.is_finite() && *w >= 0.0) || weights == [0.0, 0.0] {
             return bad("loss.skeleton", "skeleton and skin are weights from 0 on, and one of them is above".into());
-        }
-        if !(l.spread >= 0.0 && l.spread.is_finite()) {
-            return bad("loss.spread", format!("spread = {} must not be negative", l.spread));
         }
         let [from, to] = l.skin_warmup;
         if !(0.0 <= from && from <= to && to <= 1.0) {

@@ -6,6 +6,7 @@ pub mod curate;
 pub mod dataset;
 pub mod doctor;
 pub mod eval;
+mod glb;
 pub mod inspect;
 pub mod report;
 pub mod review;

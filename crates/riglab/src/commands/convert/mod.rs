@@ -16,6 +16,8 @@ use riglab_asset::{
 use riglab_core::Asset;
 use riglab_files::make_folder_of;
 
+use super::glb::{Frames, Most};
+
 /// Turn rigged files of any format that is read into any that is written.
 ///
 /// Written are glb, obj (the mesh alone), rignet (text and OBJ), puppeteer (text and OBJ),
@@ -60,37 +62,10 @@ pub struct Args {
     frames: Option<Frames>,
 }
 
-#[derive(Clone, Copy, clap::ValueEnum)]
-enum Most {
-    /// What every engine reads.
-    #[value(name = "4")]
-    Four,
-    /// Two sets of four.
-    #[value(name = "8")]
-    Eight,
-    /// As many as there are.
-    All,
-}
-
-#[derive(Clone, Copy, clap::ValueEnum)]
-enum Frames {
-    /// As the scene: no turns, every number exact.
-    Parallel,
-    /// Y along the bone, as Blender and engines show bones.
-    Bone,
-}
-
 impl Args {
     fn export(&self) -> ExportOptions {
-        let influences = match self.influences {
-            Some(Most::Four) => Influences::Four,
-            Some(Most::Eight) => Influences::Eight,
-            Some(Most::All) | None => Influences::All,
-        };
-        let frames = match self.frames {
-            Some(Frames::Parallel) | None => JointFrames::Parallel,
-            Some(Frames::Bone) => JointFrames::AlongBone,
-        };
+        let influences = self.influences.map_or(Influences::All, Into::into);
+        let frames = self.frames.map_or(JointFrames::Parallel, Into::into);
         ExportOptions { influences, frames }
     }
 }

@@ -6,12 +6,13 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use anyhow::{Context, Result, anyhow, bail};
-use riglab_asset::export::{ExportOptions, Influences, JointFrames};
+use riglab_asset::export::ExportOptions;
 use riglab_asset::rigging::{NameStyle, UpAxis};
 use riglab_task::tokenrig::{Card, Rigger};
 use riglab_train::Progress;
 use tch::Device;
 
+use super::glb::{Frames, Most};
 use crate::shipped;
 
 /// Rig a model: a skeleton and skin weights for a mesh.
@@ -102,26 +103,6 @@ struct Common {
     device: String,
 }
 
-#[derive(Clone, Copy, clap::ValueEnum)]
-enum Most {
-    /// What every engine reads.
-    #[value(name = "4")]
-    Four,
-    /// Two sets of four.
-    #[value(name = "8")]
-    Eight,
-    /// As many as there are.
-    All,
-}
-
-#[derive(Clone, Copy, clap::ValueEnum)]
-enum Frames {
-    /// As the scene: no turns, every number exact.
-    Parallel,
-    /// Y along the bone, as Blender and engines show bones.
-    Bone,
-}
-
 /// Which skeleton a rig gets.
 enum Bones {
     Predicted { template: Option<String>, names: NameStyle },
@@ -149,16 +130,7 @@ pub fn skin(args: &SkinArgs, threads: usize) -> Result<ExitCode> {
 
 impl Common {
     fn export(&self) -> ExportOptions {
-        let influences = match self.influences {
-            Most::Four => Influences::Four,
-            Most::Eight => Influences::Eight,
-            Most::All => Influences::All,
-        };
-        let frames = match self.frames {
-            Frames::Parallel => JointFrames::Parallel,
-            Frames::Bone => JointFrames::AlongBone,
-        };
-        ExportOptions { influences, frames }
+        ExportOptions { influences: self.influences.into(), frames: self.frames.into() }
     }
 
     fn model(&self, device: Device) -> Result<(Rigger, Card)> {

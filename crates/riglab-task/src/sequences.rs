@@ -1,0 +1,71 @@
+//! What the settings of every task that writes skeletons as tokens must hold.
+
+use riglab_geom::CloudConfig;
+use riglab_nn::generate::GenerateConfig;
+use riglab_nn::perceiver::PerceiverConfig;
+use riglab_token::{Limits, Merge, Parents, TokenizerConfig};
+
+/// The settings that such tasks share, by the keys they have in all of them.
+pub(crate) struct Sequences<'a> {
+    pub tokenizer: &'a TokenizerConfig,
+    pub limits: Limits,
+    pub shape: &'a PerceiverConfig,
+    pub cloud: &'a CloudConfig,
+    pub rigs: usize,
+    pub class_dropout: f32,
+    pub generate: &'a GenerateConfig,
+    pub parents: Parents,
+    pub rows: usize,
+    pub retrieval_points: usize,
+    pub spread: f64,
+}
+
+impl Sequences<'_> {
+    /// Checks ranges and relations.
+    ///
+    /// # Errors
+    /// (key, message) of the first fault.
+    pub fn validate(&self) -> Result<(), (String, String)> {
+        let bad = |key: &str, message: String| Err((key.to_owned(), message));
+        self.generate.validate().map_err(|(key, message)| (format!("eval.generate.{key}"), message))?;
+        if self.generate.beams > 1 {
+            return bad("eval.generate.beams", "evaluation draws without beams: give 1".into());
+        }
+        if self.rigs == 0 || self.rows == 0 {
+            return bad("sampling.rigs", "rigs of a batch and eval.rows must be at least 1".into());
+        }
+        if !(0.0..=1.0).contains(&self.class_dropout) {
+            return bad("sampling.class_dropout", format!("{} must lie in [0, 1]", self.class_dropout));
+        }
+        let (points, asked) = (self.cloud.points, self.shape.tokens * self.shape.drawn);
+        if points < asked {
+            let of = format!("{} tokens × {} drawn", self.shape.tokens, self.shape.drawn);
+            return bad("sampling.cloud.points", format!("{points} points for model.shape's {of}"));
+        }
+        let [low, high] = self.tokenizer.range;
+        if self.tokenizer.bins < 2 || !(low <= -1.0 && high >= 1.0 && low.is_finite() && high.is_finite()) {
+            let message = "rigs are set between -1 and 1: the range must hold that, with 2 bins or more";
+            return bad("tokenizer.range", message.into());
+        }
+        let least = self.tokenizer.least_joints.max(1);
+        // Start, class, a spring token, joints, end.
+        let shortest = 3 * least + 4;
+        if self.limits.tokens < shortest || self.limits.joints < least {
+            let message = format!("a skeleton takes at least {shortest} tokens and limits.joints = {least}");
+            return bad("limits.tokens", message);
+        }
+        if self.generate.tokens < shortest {
+            return bad("eval.generate.tokens", format!("a skeleton takes at least {shortest} tokens"));
+        }
+        if self.retrieval_points == 0 {
+            return bad("eval.retrieval_points", "shapes are compared by at least 1 point".into());
+        }
+        if self.parents == Parents::Anywhere && matches!(self.tokenizer.merge, Merge::Within(_)) {
+            return bad("eval.parents", "`anywhere` needs tokenizer.merge = \"nearest\"".into());
+        }
+        if !(self.spread >= 0.0 && self.spread < 64.0) {
+            return bad("loss.spread", format!("{} must lie in [0, 64)", self.spread));
+        }
+        Ok(())
+    }
+}
