@@ -5,6 +5,8 @@ use riglab_nn::generate::GenerateConfig;
 use riglab_nn::perceiver::PerceiverConfig;
 use riglab_token::{Limits, Merge, Parents, TokenizerConfig};
 
+use crate::assets::{AssetId, Assets, DataConfig};
+
 /// The settings that such tasks share, by the keys they have in all of them.
 pub(crate) struct Sequences<'a> {
     pub tokenizer: &'a TokenizerConfig,
@@ -67,5 +69,54 @@ impl Sequences<'_> {
             return bad("loss.spread", format!("{} must lie in [0, 64)", self.spread));
         }
         Ok(())
+    }
+}
+
+/// Assets of the training splits that cannot be trained on.
+#[derive(Clone, Copy)]
+pub(crate) struct LeftOut {
+    out: usize,
+    all: usize,
+}
+
+impl LeftOut {
+    /// Takes out of `training` what cannot fit, whatever is done to it; augmentation may still make others too long.
+    ///
+    /// # Errors
+    /// A sentence: when nothing of a corpus fits, or a column cannot be read.
+    pub fn take(
+        assets: &Assets,
+        data: &DataConfig,
+        limits: Limits,
+        training: &mut [(f32, Vec<AssetId>)],
+    ) -> Result<Self, String> {
+        let fits = |id: &AssetId| {
+            let joints = assets.counts(*id)[2];
+            joints <= limits.joints && 3 * joints + 3 <= limits.tokens
+        };
+        training.iter_mut().for_each(|(_, ids)| ids.retain(fits));
+        let mut all = 0;
+        for split in &data.train {
+            all += assets.split(split).map_err(|e| e.to_string())?.len();
+        }
+        if training.iter().any(|(_, ids)| ids.is_empty()) {
+            let Limits { joints, tokens } = limits;
+            return Err(format!(
+                "no asset of a corpus fits limits.joints = {joints} and limits.tokens = {tokens}; raise them"
+            ));
+        }
+        Ok(Self { out: all - training.iter().map(|(_, ids)| ids.len()).sum::<usize>().min(all), all })
+    }
+
+    /// What someone who trains should know of it.
+    pub fn notes(self, data: &DataConfig, limits: Limits) -> Vec<String> {
+        let Self { out, all } = self;
+        let note = format!(
+            "{out} of {all} training assets are left out: they have more joints than data.max_joints = {} or than fit \
+             limits.joints = {} and limits.tokens = {}; those that only augmentation makes too long are counted in \
+             train/skipped_assets",
+            data.max_joints, limits.joints, limits.tokens
+        );
+        if out > 0 { vec![note] } else { Vec::new() }
     }
 }

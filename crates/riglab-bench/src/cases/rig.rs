@@ -85,12 +85,13 @@ fn measure(context: &Context, program: &Path, mesh: &Path, model: Option<&Path>)
 fn program() -> Result<PathBuf> {
     if let Some(cargo) = std::env::var_os("CARGO") {
         let mut build = Command::new(cargo);
-        build.args(["build", "--quiet", "--release", "--package", "riglab"]).current_dir(recipe::root());
+        // Of the workspace, as this program was: by the package alone others of its dependencies would be built anew.
+        build.args(["build", "--quiet", "--release", "--bin", "riglab"]).current_dir(recipe::root());
         ensure!(build.status()?.success(), "riglab cannot be built");
     }
     let beside = std::env::current_exe()?.with_file_name(format!("riglab{}", std::env::consts::EXE_SUFFIX));
     if !beside.is_file() {
-        bail!("{} is missing; build it with `cargo build --release -p riglab`", beside.display());
+        bail!("{} is missing; build it with `cargo build --release --bin riglab`", beside.display());
     }
     Ok(beside)
 }

@@ -11,7 +11,8 @@ use crate::params::Weights;
 /// and its parent.
 pub type Joints<'a> = dyn Fn(&[u32]) -> Vec<[f32; 6]> + 'a;
 
-/// The model after the shapes and prompts of some rows, as what [`crate::generate`] draws from.
+/// The model after the shapes and prompts of some rows, as what [`crate::generate`] draws from. Beams need
+/// [`super::Head::Flat`]: they read tokens whole.
 pub struct Reader<'a> {
     net: &'a TokenRig,
     weights: &'a Weights,

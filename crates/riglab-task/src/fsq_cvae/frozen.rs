@@ -33,7 +33,7 @@ impl Frozen {
         let path = run.join("config.toml");
         let text = std::fs::read_to_string(&path).map_err(|e| {
             format!(
-                "{}: no run of an auto-encoder ({e}); train one with `riglab train quickstart/fsq_cvae.toml`",
+                "{}: no run of an auto-encoder ({e}); train one with `riglab train skintokens/fsq_cvae_for_tokenrig.toml`",
                 path.display()
             )
         })?;

@@ -31,6 +31,7 @@ impl Batch {
     pub fn push(&mut self, sample: &Sample) {
         self.shapes.ids.extend(&sample.ids);
         self.shapes.lengths.push(sample.ids.len() as i64);
+        self.shapes.clamped += sample.clamped;
         self.told.extend(sample.told.iter().flatten());
     }
 }
@@ -76,18 +77,13 @@ impl BatchSource {
             let mirrored = augmented.motion.world.matrix3.determinant() < 0.0;
             let class = !random.chance(c.sampling.class_dropout) && !mirrored;
             let own = sample(&self.tokenizer, (&self.layout, &c.skin), &self.vae, &rig, class, &mut random);
-            let own = own.filter(|s| s.ids.len() <= c.longest());
+            let own = own.filter(|s| s.ids.len() <= c.longest() && s.skeleton <= c.limits.tokens);
             let bytes = own.as_ref().map_or(0, Sample::bytes);
             Ok::<_, String>((own, bytes))
         };
         let found =
             if c.sampling.variants == 0 { Arc::new(make()?.0) } else { self.samples.get((id, variant), make)? };
         let Some(sample) = &*found else { return Ok(false) };
-        let eos = i64::from(self.tokenizer.vocabulary().eos());
-        let skeleton = sample.ids.iter().position(|&id| id == eos).map_or(0, |at| at + 1);
-        if skeleton > c.limits.tokens {
-            return Ok(false);
-        }
         let sampler = match augmented.normals.as_ref() {
             Some(n) => CloudSampler::with_normals(rig.mesh(), &c.sampling.cloud, &n.vertices, &n.triangles),
             None => CloudSampler::new(rig.mesh(), &c.sampling.cloud),
@@ -110,6 +106,7 @@ impl Source for BatchSource {
             let mut found = false;
             while let (false, Some(place)) = (found, tries.next()) {
                 found = self.add(place, &mut batch)?;
+                batch.shapes.skipped += usize::from(!found);
             }
             if !found {
                 return Err(format!(

@@ -11,7 +11,7 @@ use riglab_train::Validation;
 use serde::{Deserialize, Serialize};
 
 use super::sample::{codes, sample};
-use super::{Batch, Drawn, TokenRigTask, loss_of};
+use super::{Batch, Drawn, TokenRigTask, parts_of};
 use crate::assets::AssetId;
 use crate::fsq_cvae::Row as SkinRow;
 use crate::fsq_cvae::evaluate::Sums as SkinSums;
@@ -122,7 +122,7 @@ impl TokenRigTask {
         let mut assets: Vec<AssetId> = self.validation_assets.clone();
         stream(c.eval.seed, "validation assets", &[]).shuffled(&mut assets);
         assets.truncate(limit);
-        let (mut sums, mut losses, mut counts) = (Sums::default(), [0.0; 2], [0.0; 2]);
+        let (mut sums, mut losses, mut counts) = (Sums::default(), [0.0; 2], [0i64; 2]);
         for ids in assets.chunks(c.eval.rows) {
             let rigs =
                 ids.iter().map(|&id| normalized(&self.assets, &self.cache, id)).collect::<Result<Vec<_>, _>>()?;
@@ -142,15 +142,11 @@ impl TokenRigTask {
                 batch.push(&sample);
             }
             if batch.shapes.rigs > 0 {
-                let own = loss_of(&rigger.net, c, w, &batch, rigger.device, None)?;
-                for (name, value) in own.values() {
-                    let part = match name {
-                        "skeleton" => 0,
-                        "skin" => 1,
-                        _ => continue,
-                    };
-                    losses[part] += value * batch.shapes.rigs as f64;
-                    counts[part] += batch.shapes.rigs as f64;
+                let parts = parts_of(&rigger.net, c, w, &batch, rigger.device, false);
+                let both = [(parts.skeleton, parts.skeleton_tokens), (parts.skin, parts.skin_tokens)];
+                for (k, (sum, tokens)) in both.into_iter().enumerate() {
+                    losses[k] += sum.double_value(&[]);
+                    counts[k] += tokens;
                 }
             }
             let meshes: Vec<_> = rigs.iter().zip(ids).map(|(rig, id)| (rig.mesh(), id.key())).collect();
@@ -164,20 +160,9 @@ impl TokenRigTask {
                 sums.count(own, own);
             }
         }
-        let row = sums.row("val", "model");
-        // One that cannot be compared is as wrong as can be.
-        let missing = (row.assets - row.compared) as f64;
-        let all = (if row.compared == 0 { 0.0 } else { row.j2j * row.compared as f64 } + missing) / row.assets as f64;
-        let metrics = vec![
-            ("j2j_all@val".into(), all),
-            ("j2j@val".into(), row.j2j),
-            ("j2b@val".into(), row.j2b),
-            ("b2b@val".into(), row.b2b),
-            ("skeleton@val".into(), losses[0] / counts[0]),
-            ("skin@val".into(), losses[1] / counts[1]),
-            ("valid@val".into(), row.valid),
-            ("joints_off@val".into(), row.joints_off),
-        ];
+        let mut metrics = sums.row("val", "model").validation();
+        metrics.push(("skeleton@val".into(), losses[0] / counts[0] as f64));
+        metrics.push(("skin@val".into(), losses[1] / counts[1] as f64));
         Ok(Validation { metrics, pictures: Vec::new() })
     }
 

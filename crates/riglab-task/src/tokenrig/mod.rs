@@ -15,7 +15,7 @@ use std::sync::Arc;
 
 use riglab_core::Rig;
 use riglab_nn::params::{Params, Weights};
-use riglab_nn::tokenrig::{Asked, Sequences, TokenRig};
+use riglab_nn::tokenrig::{Asked, Parts, Sequences, TokenRig};
 use riglab_train::{At, Better, Loss, Source, State, Task, Validation};
 use tch::{Device, Tensor};
 
@@ -31,6 +31,7 @@ pub use sample::Sample;
 use crate::assets::{AssetId, Assets, Cache};
 use crate::experiment::{Examined, Experiment};
 use crate::fsq_cvae::Frozen;
+use crate::sequences::LeftOut;
 use crate::unirig_skeleton::shape_tensors;
 
 /// The task, with its network and data.
@@ -41,6 +42,7 @@ pub struct TokenRigTask {
     samples: Arc<Cache<Option<Sample>, (AssetId, u64)>>,
     train_assets: Vec<(f32, Vec<AssetId>)>,
     validation_assets: Vec<AssetId>,
+    left_out: LeftOut,
 }
 
 impl TokenRigTask {
@@ -59,10 +61,11 @@ impl TokenRigTask {
     /// # Errors
     /// As [`Self::new`].
     pub fn with(config: TokenRigTaskConfig, vae: Arc<Frozen>, device: Device) -> Result<Self, String> {
-        let (assets, train_assets, validation_assets) = Assets::for_training(&config.data)?;
+        let (assets, mut train_assets, validation_assets) = Assets::for_training(&config.data)?;
+        let left_out = LeftOut::take(&assets, &config.data, config.limits, &mut train_assets)?;
         let (cache, samples) = (Arc::new(Cache::new(config.data.cache_mb)), Arc::new(Cache::new(config.data.cache_mb)));
         let rigger = Rigger::new(config, vae, device)?;
-        Ok(Self { rigger, assets: Arc::new(assets), cache, samples, train_assets, validation_assets })
+        Ok(Self { rigger, assets: Arc::new(assets), cache, samples, train_assets, validation_assets, left_out })
     }
 
     /// Its model.
@@ -121,6 +124,11 @@ impl Experiment for TokenRigTask {
         &self.assets
     }
 
+    fn notes(&self) -> Vec<String> {
+        let c = &self.rigger.config;
+        self.left_out.notes(&c.data, c.limits)
+    }
+
     fn examination_steps(&self) -> Result<usize, String> {
         self.examined_assets()
     }
@@ -143,7 +151,7 @@ impl Experiment for TokenRigTask {
 }
 
 /// Read the shape, read the sequence, compare what should follow each token. `training`: the share of the steps that
-/// is done; `None` validates, without what training adds.
+/// is done; `None` is without what training adds.
 ///
 /// # Errors
 /// None at present.
@@ -155,19 +163,7 @@ pub fn loss_of(
     device: Device,
     training: Option<f64>,
 ) -> Result<Loss, String> {
-    let (shapes, p) = (&batch.shapes, c.model.shape.tokens);
-    let (cloud, picks) = shape_tensors(shapes, c.sampling.cloud.points, p, device);
-    let prefix = net.condition(w, &cloud, &picks);
-    let ids = Tensor::from_slice(&shapes.ids).to_device(device);
-    let told = c.model.tell_joint.then(|| Tensor::from_slice(&batch.told).view([-1, 7]).to_device(device));
-    let sequences = Sequences { ids: &ids, lengths: &shapes.lengths, told: told.as_ref() };
-    let hidden = net.forward(w, &prefix, &sequences, training.is_some());
-    let each = ids.split_with_sizes(&shapes.lengths, 0);
-    let targets: Vec<Tensor> = each.iter().map(|own| own.narrow(0, 1, own.size()[0] - 1)).collect();
-    let targets = Tensor::cat(&targets, 0);
-    let spread = if training.is_some() { c.loss.spread } else { 0.0 };
-    let asked = Asked { hidden: &hidden, targets: &targets, bins: i64::from(c.tokenizer.bins), spread };
-    let parts = net.losses(w, &asked);
+    let parts = parts_of(net, c, w, batch, device, training.is_some());
     // One mean over all tokens, each part with its weight.
     let all = (parts.skeleton_tokens + parts.skin_tokens).max(1) as f64;
     let (skeleton, skin) = match training {
@@ -178,5 +174,31 @@ pub fn loss_of(
     Ok(Loss::new()
         .term("skeleton", skeleton * parts.skeleton_tokens as f64 / all, of_skeleton)
         .term("skin", skin * parts.skin_tokens as f64 / all, of_skin)
-        .note("tokens", shapes.ids.len() as f64))
+        .note("tokens", batch.shapes.ids.len() as f64)
+        .note("skipped_assets", batch.shapes.skipped as f64)
+        .note("clamped_joints", batch.shapes.clamped as f64))
+}
+
+/// The sums of both parts' losses, and over how many tokens.
+fn parts_of(
+    net: &TokenRig,
+    c: &TokenRigTaskConfig,
+    w: &Weights,
+    batch: &Batch,
+    device: Device,
+    training: bool,
+) -> Parts {
+    let (shapes, p) = (&batch.shapes, c.model.shape.tokens);
+    let (cloud, picks) = shape_tensors(shapes, c.sampling.cloud.points, p, device);
+    let prefix = net.condition(w, &cloud, &picks);
+    let ids = Tensor::from_slice(&shapes.ids).to_device(device);
+    let told = c.model.tell_joint.then(|| Tensor::from_slice(&batch.told).view([-1, 7]).to_device(device));
+    let sequences = Sequences { ids: &ids, lengths: &shapes.lengths, told: told.as_ref() };
+    let hidden = net.forward(w, &prefix, &sequences, training);
+    let each = ids.split_with_sizes(&shapes.lengths, 0);
+    let targets: Vec<Tensor> = each.iter().map(|own| own.narrow(0, 1, own.size()[0] - 1)).collect();
+    let targets = Tensor::cat(&targets, 0);
+    let spread = if training { c.loss.spread } else { 0.0 };
+    let asked = Asked { hidden: &hidden, targets: &targets, bins: i64::from(c.tokenizer.bins), spread };
+    net.losses(w, &asked)
 }

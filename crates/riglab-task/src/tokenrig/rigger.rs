@@ -93,11 +93,9 @@ impl Rigger {
     /// As [`Frozen::open`].
     pub fn auto_encoder(config: &TokenRigTaskConfig, device: Device) -> Result<Arc<Frozen>, String> {
         if config.skin.run.as_os_str().is_empty() {
-            return Err(
-                "skin.run names no auto-encoder; train one with `riglab train quickstart/fsq_cvae.toml` and give its \
-                        folder with --set skin.run=runs/fsq_cvae/001"
-                    .into(),
-            );
+            let made = "riglab train skintokens/fsq_cvae_for_tokenrig.toml";
+            let given = "--set skin.run='\"runs/fsq_cvae_for_tokenrig/001\"'";
+            return Err(format!("skin.run names no auto-encoder; `{made}` trains one, then give its folder: {given}"));
         }
         Frozen::open(Path::new(&config.skin.run), device).map(Arc::new)
     }

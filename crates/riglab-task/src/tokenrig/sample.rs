@@ -17,6 +17,10 @@ pub struct Sample {
     pub ids: Vec<i64>,
     /// Of each, what [`riglab_nn::tokenrig::Sequences::told`] is.
     pub told: Vec<[f32; 7]>,
+    /// Tokens of the skeleton, its end with them.
+    pub skeleton: usize,
+    /// Joints outside the range, written at its border.
+    pub clamped: usize,
 }
 
 impl Sample {
@@ -77,7 +81,7 @@ pub fn sample(
     let decoded = tokenizer.decode(&encoded.ids).ok()?;
     let joints = joints_told(&decoded.joints, &decoded.parents);
     let told = told(layout, &ids, skeleton, &joints, skin.codes);
-    Some(Sample { ids, told })
+    Some(Sample { ids, told, skeleton, clamped: encoded.clamped })
 }
 
 /// Of every joint of a rig in the cube, its codes; `None` for those that have none.

@@ -48,6 +48,24 @@ pub struct Row {
     pub joints_off: f64,
 }
 
+impl Row {
+    /// As what a validation logs; `j2j_all@val` counts one that cannot be compared as wrong as can be.
+    pub(crate) fn validation(&self) -> Vec<(String, f64)> {
+        let missing = (self.assets - self.compared) as f64;
+        let of_compared = if self.compared == 0 { 0.0 } else { self.j2j * self.compared as f64 };
+        let all = (of_compared + missing) / self.assets as f64;
+        let named = [
+            ("j2j_all@val", all),
+            ("j2j@val", self.j2j),
+            ("j2b@val", self.j2b),
+            ("b2b@val", self.b2b),
+            ("valid@val", self.valid),
+            ("joints_off@val", self.joints_off),
+        ];
+        named.map(|(name, value)| (name.to_string(), value)).to_vec()
+    }
+}
+
 /// One asset's own metrics.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct AssetRow {
@@ -185,18 +203,8 @@ impl SkeletonTask {
             }
         }
         let row = sums.row("val", "model");
-        // One that cannot be compared is as wrong as can be.
-        let missing = (row.assets - row.compared) as f64;
-        let all = (if row.compared == 0 { 0.0 } else { row.j2j * row.compared as f64 } + missing) / row.assets as f64;
-        let metrics = vec![
-            ("j2j_all@val".into(), all),
-            ("j2j@val".into(), row.j2j),
-            ("j2b@val".into(), row.j2b),
-            ("b2b@val".into(), row.b2b),
-            ("next@val".into(), loss / tokens),
-            ("valid@val".into(), row.valid),
-            ("joints_off@val".into(), row.joints_off),
-        ];
+        let mut metrics = row.validation();
+        metrics.push(("next@val".into(), loss / tokens));
         Ok(Validation { metrics, pictures: Vec::new() })
     }
 

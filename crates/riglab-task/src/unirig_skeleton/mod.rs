@@ -14,7 +14,7 @@ use riglab_core::Rig;
 use riglab_nn::NnError;
 use riglab_nn::params::{Builder, Params, Weights};
 use riglab_nn::skeleton::{SkeletonModel, coordinate_distance, cross_entropy, spread_cross_entropy};
-use riglab_token::{Limits, Tokenizer};
+use riglab_token::Tokenizer;
 use riglab_train::{At, Better, Loss, Source, State, Task, Validation};
 use tch::{Device, Kind, Tensor};
 
@@ -26,6 +26,7 @@ pub use report::{Evaluation, lines};
 
 use crate::assets::{AssetId, Assets, Cache};
 use crate::experiment::{Examined, Experiment};
+use crate::sequences::LeftOut;
 
 /// The task, with its network and data.
 pub struct SkeletonTask {
@@ -35,8 +36,7 @@ pub struct SkeletonTask {
     cache: Arc<Cache<Rig>>,
     train_assets: Vec<(f32, Vec<AssetId>)>,
     validation_assets: Vec<AssetId>,
-    /// Assets of the training splits that have too many joints, of how many.
-    left_out: (usize, usize),
+    left_out: LeftOut,
     net: SkeletonModel,
     params: Params,
     device: Device,
@@ -49,23 +49,7 @@ impl SkeletonTask {
     /// A sentence: a corpus that cannot be read, or a split without assets.
     pub fn new(config: SkeletonTaskConfig, device: Device) -> Result<Self, String> {
         let (assets, mut train_assets, validation_assets) = Assets::for_training(&config.data)?;
-        // What cannot fit, whatever is done to it; augmentation may still make others too long.
-        let fits = |id: &AssetId| {
-            let joints = assets.counts(*id)[2];
-            joints <= config.limits.joints && 3 * joints + 3 <= config.limits.tokens
-        };
-        train_assets.iter_mut().for_each(|(_, ids)| ids.retain(fits));
-        let mut all = 0;
-        for split in &config.data.train {
-            all += assets.split(split).map_err(|e| e.to_string())?.len();
-        }
-        let left_out = (all - train_assets.iter().map(|(_, ids)| ids.len()).sum::<usize>().min(all), all);
-        if train_assets.iter().any(|(_, ids)| ids.is_empty()) {
-            let Limits { joints, tokens } = config.limits;
-            return Err(format!(
-                "no asset of a corpus fits limits.joints = {joints} and limits.tokens = {tokens}; raise them"
-            ));
-        }
+        let left_out = LeftOut::take(&assets, &config.data, config.limits, &mut train_assets)?;
         let tokenizer = Tokenizer::new(config.tokenizer.clone());
         let (net, params) = Self::network(&config, device).map_err(|e| e.to_string())?;
         let cache = Arc::new(Cache::new(config.data.cache_mb));
@@ -146,15 +130,7 @@ impl Experiment for SkeletonTask {
     }
 
     fn notes(&self) -> Vec<String> {
-        let (out, all) = self.left_out;
-        let (data, limits) = (&self.config.data, self.config.limits);
-        let note = format!(
-            "{out} of {all} training assets are left out: they have more joints than data.max_joints = {} or than fit \
-             limits.joints = {} and limits.tokens = {}; those that only augmentation makes too long are counted in \
-             train/skipped_assets",
-            data.max_joints, limits.joints, limits.tokens
-        );
-        if out > 0 { vec![note] } else { Vec::new() }
+        self.left_out.notes(&self.config.data, self.config.limits)
     }
 
     fn examination_steps(&self) -> Result<usize, String> {
