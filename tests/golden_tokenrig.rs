@@ -2,16 +2,14 @@
 
 use std::collections::BTreeMap;
 
-use riglab_nn::decoder::QwenConfig;
 use riglab_nn::embed::{EmbedConfig, EmbedKind};
 use riglab_nn::fsq_cvae::{FsqCvae, FsqCvaeConfig};
 use riglab_nn::generate::{GenerateConfig, Grammar, argmax, beams, best, process, rows};
 use riglab_nn::layers::{HeadSplit, Linear, RmsNorm};
 use riglab_nn::optim::{OptimConfig, Optimizer};
-use riglab_nn::params::{Builder, Params, Role};
-use riglab_nn::perceiver::PerceiverConfig;
-use riglab_nn::tokenrig::{Asked, Head, Layout, Reader, Sequences, TokenRig, TokenRigConfig};
-use riglab_tests::{Golden, golden};
+use riglab_nn::params::{Builder, Role};
+use riglab_nn::tokenrig::{Asked, Layout, Reader, Sequences};
+use riglab_tests::{Golden, golden, tiny_tokenrig};
 use riglab_token::{Mask, Preset, RigGrammar, SkinIds, SkinRule, Tokenizer, Walk};
 use tch::{Device, Kind, Tensor};
 
@@ -19,40 +17,6 @@ const END: i64 = 258;
 
 fn tokenizer() -> Tokenizer {
     Tokenizer::new(Preset::SkintokensReleased.config())
-}
-
-/// The tiny network of a case, with its weights; the shape encoder is not part of it.
-fn model(case: &Golden, of: &Golden, kind: Kind) -> (TokenRig, Params) {
-    let n = |key: &str| of.number(key) as usize;
-    let decoder = QwenConfig {
-        width: n("hidden"),
-        layers: n("layers"),
-        heads: n("heads"),
-        kv_heads: n("kv_heads"),
-        head_width: n("head_dim"),
-        ffn: n("intermediate"),
-        rope_theta: of.number("rope_theta"),
-        rms_eps: of.number("rms_eps"),
-        positions: 256,
-        dropout: 0.0,
-        init_std: 0.02,
-    };
-    let shape = PerceiverConfig { tokens: 4, width: 8, heads: 2, layers: 1, ..PerceiverConfig::default() };
-    let config = TokenRigConfig { shape, decoder, head: Head::Flat, tell_joint: false };
-    config.validate().unwrap();
-    let layout = Layout::new(n("skeleton_vocab"), &[n("skin_codes") as i64], Head::Flat);
-    assert_eq!(layout.end(), of.number("eos") as i64);
-    let mut b = Builder::default();
-    let net = TokenRig::new(b.root(), &config, &layout, n("tokens_per_skin"));
-    let params = b.finish(0, kind, Device::Cpu).unwrap();
-    let mut all: BTreeMap<String, Tensor> =
-        params.named(params.weights()).map(|(n, t)| (n.to_string(), t.detach().copy())).collect();
-    for (name, t) in case.below("w.model.") {
-        let name = format!("transformer.model.{name}");
-        assert!(all.insert(name.clone(), t.to_kind(kind)).is_some(), "{}: {name} is unknown", case.name);
-    }
-    params.load(&all).unwrap();
-    (net, params)
 }
 
 fn ids_of(t: &Tensor) -> Vec<i64> {
@@ -97,7 +61,7 @@ fn sequences(case: &Golden, layout: &Layout) -> (Vec<i64>, Vec<i64>) {
 }
 
 fn forward(case: &Golden) {
-    let (net, params) = model(case, case, Kind::Float);
+    let (net, params) = tiny_tokenrig(case, case, Kind::Float);
     let w = params.weights();
     let prefix = case.get("in.cond").set_requires_grad(true);
     let (ids, lengths) = sequences(case, net.layout());
@@ -154,7 +118,7 @@ fn forward(case: &Golden) {
 }
 
 fn train(case: &Golden, start: &Golden) {
-    let (net, params) = model(start, start, Kind::Double);
+    let (net, params) = tiny_tokenrig(start, start, Kind::Double);
     let config = OptimConfig {
         muon_lr: case.number("lr"),
         adamw_lr: case.number("lr"),
@@ -247,7 +211,7 @@ fn rules(layout: &Layout, codes: usize, rule: SkinRule) -> Rules {
 }
 
 fn generate(case: &Golden, of: &Golden) {
-    let (net, params) = model(case, of, Kind::Float);
+    let (net, params) = tiny_tokenrig(case, of, Kind::Float);
     let (w, layout) = (params.weights(), net.layout().clone());
     let codes = case.number("tokens_per_skin") as usize;
     for (name, run) in case.config("runs").as_object().unwrap() {

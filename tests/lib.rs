@@ -8,8 +8,12 @@ use std::cell::Cell;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
+use riglab_nn::decoder::QwenConfig;
+use riglab_nn::params::{Builder, Params};
+use riglab_nn::perceiver::PerceiverConfig;
+use riglab_nn::tokenrig::{Head, Layout, TokenRig, TokenRigConfig};
 use serde_json::Value;
-use tch::{Kind, Tensor};
+use tch::{Device, Kind, Tensor};
 
 /// A folder of reference data, `None` (with a line that says so) when this machine has none.
 pub fn folder(variable: &str, default: &str) -> Option<PathBuf> {
@@ -111,4 +115,39 @@ impl Golden {
         assert!(self.checked.get() > 0, "{}: nothing was compared", self.name);
         println!("{}: {} tensors agree", self.name, self.checked.get());
     }
+}
+
+/// TokenRig's network as a golden case has it, with the case's weights and the sizes that `of` tells; the shape encoder
+/// is not part of it.
+pub fn tiny_tokenrig(case: &Golden, of: &Golden, kind: Kind) -> (TokenRig, Params) {
+    let n = |key: &str| of.number(key) as usize;
+    let decoder = QwenConfig {
+        width: n("hidden"),
+        layers: n("layers"),
+        heads: n("heads"),
+        kv_heads: n("kv_heads"),
+        head_width: n("head_dim"),
+        ffn: n("intermediate"),
+        rope_theta: of.number("rope_theta"),
+        rms_eps: of.number("rms_eps"),
+        positions: 256,
+        dropout: 0.0,
+        init_std: 0.02,
+    };
+    let shape = PerceiverConfig { tokens: 4, width: 8, heads: 2, layers: 1, ..PerceiverConfig::default() };
+    let config = TokenRigConfig { shape, decoder, head: Head::Flat, tell_joint: false };
+    config.validate().unwrap();
+    let layout = Layout::new(n("skeleton_vocab"), &[n("skin_codes") as i64], Head::Flat);
+    assert_eq!(layout.end(), of.number("eos") as i64);
+    let mut b = Builder::default();
+    let net = TokenRig::new(b.root(), &config, &layout, n("tokens_per_skin"));
+    let params = b.finish(0, kind, Device::Cpu).unwrap();
+    let mut all: BTreeMap<String, Tensor> =
+        params.named(params.weights()).map(|(n, t)| (n.to_string(), t.detach().copy())).collect();
+    for (name, t) in case.below("w.model.") {
+        let name = format!("transformer.model.{name}");
+        assert!(all.insert(name.clone(), t.to_kind(kind)).is_some(), "{}: {name} is unknown", case.name);
+    }
+    params.load(&all).unwrap();
+    (net, params)
 }

@@ -18,6 +18,7 @@ mod error;
 pub mod fsq;
 pub mod fsq_cvae;
 pub mod generate;
+pub mod grpo;
 pub mod io;
 pub mod layers;
 pub mod loss;

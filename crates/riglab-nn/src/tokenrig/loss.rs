@@ -3,6 +3,7 @@
 use tch::{Kind, Tensor};
 
 use super::TokenRig;
+use crate::grpo::{entropy, log_softmax_within};
 use crate::params::Weights;
 use crate::skeleton::spread_likelihood;
 
@@ -78,26 +79,71 @@ impl TokenRig {
 
     /// Sums over levels, [m], of codes or empty bones `ids` [m] after `hidden` [m, d].
     fn level_loss(&self, w: &Weights, tables: &super::Levels, hidden: &Tensor, ids: &Tensor) -> Tensor {
+        self.level_likelihood(w, tables, hidden, ids, &Freely::default()).0.neg()
+    }
+
+    /// Sums over levels of the log-probabilities of codes or empty bones `ids` [m] after `hidden` [m, d], [m]; and of
+    /// the entropies, where they are asked for.
+    pub(super) fn level_likelihood(
+        &self,
+        w: &Weights,
+        tables: &super::Levels,
+        hidden: &Tensor,
+        ids: &Tensor,
+        freely: &Freely,
+    ) -> (Tensor, Option<Tensor>) {
         let (offsets, all) = self.layout.offsets();
         let empty = ids.eq(self.layout.empty());
         let rows = self.rows_of(ids);
         let (score, mut hidden) = (&w[tables.score], hidden.shallow_clone());
-        let mut sum = Tensor::zeros([ids.size()[0]], (Kind::Float, ids.device()));
-        let present = empty.logical_not().to_kind(Kind::Float);
+        let (mut sum, mut entropies): (Option<Tensor>, Option<Tensor>) = (None, None);
         for (k, (&at, &l)) in offsets.iter().zip(self.layout.levels()).enumerate() {
             let own = rows.select(-1, k as i64);
             let mut table = score.narrow(0, at, l);
             let mut target = &own - at;
+            let mut allowed = None;
             if k == 0 {
                 table = Tensor::cat(&[&table, &score.narrow(0, all, 1)], 0);
                 target = target.masked_fill(&empty, l);
+                allowed = freely.empty.map(|empty| {
+                    let codes = Tensor::ones([ids.size()[0], l], (Kind::Bool, ids.device()));
+                    Tensor::cat(&[codes, empty.unsqueeze(1)], 1)
+                });
             }
-            let likely = float(&hidden.linear(&table, None::<&Tensor>)).log_softmax(-1, None::<Kind>);
-            let own_loss = -likely.gather(1, &target.unsqueeze(1), false).squeeze_dim(1).to_kind(Kind::Float);
-            sum += if k == 0 { own_loss } else { own_loss * &present };
+            let scores = float(&hidden.linear(&table, None::<&Tensor>));
+            let likely = log_softmax_within(&scores, allowed.as_ref(), freely.temperature);
+            let mut own_sum = likely.gather(1, &target.unsqueeze(1), false).squeeze_dim(1);
+            let mut own_entropy = freely.entropies.then(|| entropy(&likely));
+            if k > 0 {
+                // An empty bone has no further levels.
+                let present = empty.logical_not().to_kind(own_sum.kind());
+                own_sum *= &present;
+                own_entropy = own_entropy.map(|e| e * &present);
+            }
+            sum = Some(sum.map_or_else(|| own_sum.shallow_clone(), |sum| sum + &own_sum));
+            entropies = match (entropies, own_entropy) {
+                (Some(all), Some(own)) => Some(all + own),
+                (_, own) => own,
+            };
             hidden = &hidden + Tensor::embedding(&w[tables.chain], &own, -1, false, false);
         }
-        sum
+        (sum.unwrap_or_else(|| Tensor::zeros([ids.size()[0]], (Kind::Float, ids.device()))), entropies)
+    }
+}
+
+/// How codes are drawn.
+pub(super) struct Freely<'a> {
+    /// Whether an empty bone may stand in a place, [m]; `None`: anywhere.
+    pub empty: Option<&'a Tensor>,
+    /// Scores are divided by it.
+    pub temperature: f64,
+    /// Whether entropies are asked for.
+    pub entropies: bool,
+}
+
+impl Default for Freely<'_> {
+    fn default() -> Self {
+        Self { empty: None, temperature: 1.0, entropies: false }
     }
 }
 

@@ -5,6 +5,7 @@
 
 mod config;
 mod layout;
+mod likelihood;
 mod loss;
 mod reader;
 
@@ -12,6 +13,7 @@ use tch::{Kind, Tensor};
 
 pub use config::TokenRigConfig;
 pub use layout::{Head, Layout};
+pub use likelihood::{Choices, Likelihood};
 pub use loss::{Asked, Parts};
 pub use reader::{Joints as JointsOf, Reader};
 
