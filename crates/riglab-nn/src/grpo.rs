@@ -91,7 +91,7 @@ pub fn advantages(rewards: &[f64], groups: &[usize], scale: Scale) -> Vec<f64> {
     let mut left = vec![0.0; rewards.len()];
     let mut spreads = vec![0.0; count];
     let (mut squares, mut freedom) = (0.0, 0.0);
-    for group in 0..count {
+    for (group, spread) in spreads.iter_mut().enumerate() {
         let n = of(group).count() as f64;
         let (least, most) = of(group).fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), r| (a.min(r), b.max(r)));
         if n < 2.0 || least == most {
@@ -99,7 +99,7 @@ pub fn advantages(rewards: &[f64], groups: &[usize], scale: Scale) -> Vec<f64> {
         }
         let mean = of(group).sum::<f64>() / n;
         let sum: f64 = of(group).map(|r| (r - mean).powi(2)).sum();
-        spreads[group] = (sum / (n - 1.0)).sqrt();
+        *spread = (sum / (n - 1.0)).sqrt();
         squares += sum;
         freedom += n - 1.0;
         for ((left, r), _) in left.iter_mut().zip(rewards).zip(groups).filter(|(_, g)| **g == group) {
@@ -159,9 +159,14 @@ pub struct Objective {
     pub clip_fraction: f64,
 }
 
-/// - mean over groups of the mean over sequences of 1/|o| Σ_t [min(r A, clip(r, 1 - ε, 1 + ε) A) - β k3], with
-/// r = exp(now - old) and k3 = exp(ref - now) - (ref - now) - 1. `lengths`, `groups`, `advantages`: of each sequence.
-/// A sequence without tokens adds 0, and counts in its group.
+/// Less the mean over groups of the mean over sequences of
+///
+/// ```text
+/// 1/|o| Σ_t [ min(r A, clip(r, 1 - ε, 1 + ε) A) - β k3 ],
+/// r = exp(now - old),   k3 = exp(ref - now) - (ref - now) - 1
+/// ```
+///
+/// `lengths`, `groups`, `advantages`: of each sequence. A sequence without tokens adds 0, and counts in its group.
 pub fn objective(
     policies: &Policies,
     lengths: &[i64],

@@ -57,6 +57,42 @@ impl Default for RewardConfig {
     }
 }
 
+impl RewardConfig {
+    /// Checks ranges.
+    ///
+    /// # Errors
+    /// (key, message) of the first fault.
+    pub fn validate(&self) -> Result<(), (&'static str, String)> {
+        if !(4..=1024).contains(&self.resolution) {
+            return Err(("resolution", format!("resolution = {} must lie between 4 and 1024 cells", self.resolution)));
+        }
+        if self.bone_steps == 0 {
+            return Err(("bone_steps", "a bone has at least 1 step".into()));
+        }
+        if !(self.beta > 0.0 && self.beta < 1.0) {
+            return Err(("beta", format!("beta = {} must lie between 0 and 1", self.beta)));
+        }
+        if !(0.0..=180.0).contains(&self.pose_degrees) {
+            return Err(("pose_degrees", format!("pose_degrees = {} must lie between 0 and 180", self.pose_degrees)));
+        }
+        let positive = [
+            ("alpha", self.alpha),
+            ("unbound_exponent", self.unbound_exponent),
+            ("crowded_exponent", self.crowded_exponent),
+            ("stretch_scale", self.stretch_scale),
+        ];
+        for (key, value) in positive {
+            if !(value > 0.0 && value.is_finite()) {
+                return Err((key, format!("{key} = {value} must be above 0")));
+            }
+        }
+        if !self.weights.iter().all(|w| w.is_finite() && *w >= 0.0) || self.weights == [0.0; 4] {
+            return Err(("weights", "weights are from 0 on, and one of them is above".into()));
+        }
+        Ok(())
+    }
+}
+
 /// The rewards of a candidate.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Rewards {

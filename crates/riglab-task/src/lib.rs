@@ -7,6 +7,7 @@
 pub mod assets;
 mod experiment;
 pub mod fsq_cvae;
+pub mod grpo;
 mod sequences;
 pub mod tokenrig;
 pub mod unirig_skeleton;

@@ -1,8 +1,8 @@
 //! Checkpoints: complete or absent.
 //!
-//! `checkpoints/step-N/` holds the weights, their moving average, the optimizer's state (each as
-//! safetensors) and `state.json`, after N steps. It is written under a temporary name, synced and
-//! renamed; `last` and `best` are links to such folders.
+//! `checkpoints/step-N/` holds the weights, their moving average, the optimizer's state, what the task keeps besides
+//! (each as safetensors) and `state.json`, after N steps. It is written under a temporary name, synced and renamed;
+//! `last` and `best` are links to such folders.
 
 use std::collections::BTreeMap;
 use std::fs::{self, File};
@@ -45,6 +45,7 @@ pub struct Checkpoint {
 const MODEL: &str = "model.safetensors";
 const AVERAGE: &str = "ema.safetensors";
 const OPTIMIZER: &str = "optimizer.safetensors";
+const KEPT: &str = "task.safetensors";
 const STATE: &str = "state.json";
 
 impl Checkpoint {
@@ -96,6 +97,15 @@ impl Checkpoint {
         optimizer.load_state(params, &state).map_err(|e| self.foreign(&file(OPTIMIZER), &e))
     }
 
+    /// What the task kept; nothing where it keeps nothing.
+    ///
+    /// # Errors
+    /// When it is damaged.
+    pub fn kept(&self) -> Result<BTreeMap<String, Tensor>, TrainError> {
+        let file = self.path.join(KEPT);
+        if file.is_file() { Ok(io::read(&file)?) } else { Ok(BTreeMap::new()) }
+    }
+
     fn foreign(&self, file: &Path, e: &riglab_nn::NnError) -> TrainError {
         let message = format!(
             "not of this network ({e}); it was written by task `{}` with another config: take the `config.toml` beside its checkpoints",
@@ -141,12 +151,13 @@ impl Store {
         optimizer: &Optimizer,
         ema: Option<&Ema>,
         state: &State,
+        kept: &BTreeMap<String, Tensor>,
         keep: usize,
     ) -> Result<(), TrainError> {
         let target = self.dir.join(folder(state.step));
         if !target.join(STATE).is_file() {
             let temp = self.dir.join(format!(".tmp-{}-{}", folder(state.step), std::process::id()));
-            let written = self.write(&temp, params, optimizer, ema, state);
+            let written = self.write(&temp, params, optimizer, ema, state, kept);
             if let Err(e) = written.and_then(|()| self.put(&temp, &target)) {
                 let _ = fs::remove_dir_all(&temp);
                 return Err(e);
@@ -164,6 +175,7 @@ impl Store {
         optimizer: &Optimizer,
         ema: Option<&Ema>,
         state: &State,
+        kept: &BTreeMap<String, Tensor>,
     ) -> Result<(), TrainError> {
         fs::create_dir_all(dir).map_err(|e| TrainError::io(dir, "be made", &e))?;
         io::write(&dir.join(MODEL), params.named(params.weights()))?;
@@ -172,6 +184,9 @@ impl Store {
         }
         let tensors: BTreeMap<String, Tensor> = optimizer.state(params);
         io::write(&dir.join(OPTIMIZER), tensors.iter().map(|(k, v)| (k.as_str(), v)))?;
+        if !kept.is_empty() {
+            io::write(&dir.join(KEPT), kept.iter().map(|(k, v)| (k.as_str(), v)))?;
+        }
         let path = dir.join(STATE);
         let text = serde_json::to_string_pretty(state).expect("plain data") + "\n";
         let written = File::create(&path).and_then(|mut f| f.write_all(text.as_bytes()).and_then(|()| f.sync_all()));

@@ -1,5 +1,6 @@
 //! What a task is.
 
+use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use riglab_nn::params::{Params, Weights};
@@ -89,6 +90,8 @@ pub struct Validation {
     pub metrics: Vec<(String, f64)>,
     /// Pictures for TensorBoard: tag, width, height and a PNG file.
     pub pictures: Vec<(String, u32, u32, Vec<u8>)>,
+    /// Sentences that someone who watches should read now.
+    pub warnings: Vec<String>,
 }
 
 /// Something to train: the only thing the loop knows about rigs, networks and losses.
@@ -119,4 +122,17 @@ pub trait Task {
 
     /// The metric of [`Self::validate`] by which the best checkpoint is chosen.
     fn objective(&self) -> (&'static str, Better);
+
+    /// What it keeps from one step to the next besides its parameters, for checkpoints. Most keep nothing.
+    fn kept(&self) -> BTreeMap<String, Tensor> {
+        BTreeMap::new()
+    }
+
+    /// Goes on with what [`Self::kept`] gave.
+    ///
+    /// # Errors
+    /// A sentence: what is missing or of another task.
+    fn resume(&self, _kept: &BTreeMap<String, Tensor>) -> Result<(), String> {
+        Ok(())
+    }
 }

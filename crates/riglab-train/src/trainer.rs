@@ -67,6 +67,8 @@ pub fn train<T: Task>(task: &T, config: &TrainConfig, run: &Run, interrupt: &Int
             );
             return Err(TrainError::Checkpoint { path: last.path().into(), message });
         }
+        let path = last.path().to_path_buf();
+        task.resume(&last.kept()?).map_err(|message| TrainError::Checkpoint { path, message })?;
     }
     let mut logs = Logs::open(run, state.step)?;
     if state.step == 0 {
@@ -230,6 +232,7 @@ impl Trainer<'_> {
             found.pictures.iter().try_for_each(|(tag, w, h, png)| b.picture(tag, *w, *h, png, step))?;
             b.flush()
         });
+        found.warnings.iter().for_each(|warning| progress.line(&format!("warning: step {step}: {warning}")));
         let (name, better) = task.objective();
         let value = found.metrics.iter().find(|(n, _)| n == name).map(|(_, v)| *v);
         if let Some(value) = value.filter(|v| v.is_finite()) {
@@ -247,7 +250,8 @@ impl Trainer<'_> {
 
     fn save<T: Task>(&mut self, task: &T) -> Result<(), TrainError> {
         self.logs.sync()?;
-        self.store.save(task.params(), &self.optimizer, self.ema.as_ref(), &self.state, self.config.keep)?;
+        let ema = self.ema.as_ref();
+        self.store.save(task.params(), &self.optimizer, ema, &self.state, &task.kept(), self.config.keep)?;
         if self.best_is_now() {
             self.store.link("best", self.state.step)?;
         }

@@ -9,7 +9,6 @@ mod say;
 mod commands;
 mod presets;
 mod registry;
-mod shipped;
 
 use std::process::ExitCode;
 

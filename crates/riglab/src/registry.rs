@@ -7,6 +7,7 @@ use riglab_config::Config;
 use riglab_report::Block;
 use riglab_task::Experiment;
 use riglab_task::fsq_cvae::{self, FsqCvaeTask, FsqCvaeTaskConfig};
+use riglab_task::grpo::{self, GrpoTask, GrpoTaskConfig};
 use riglab_task::tokenrig::{self, TokenRigTask, TokenRigTaskConfig};
 use riglab_task::unirig_skeleton::{self, SkeletonTask, SkeletonTaskConfig};
 use riglab_train::TrainConfig;
@@ -16,13 +17,15 @@ use tch::Device;
 pub enum TaskConfig {
     /// `fsq_cvae`
     FsqCvae(Box<FsqCvaeTaskConfig>),
+    /// `grpo`
+    Grpo(Box<GrpoTaskConfig>),
     /// `tokenrig`
     TokenRig(Box<TokenRigTaskConfig>),
     /// `unirig_skeleton`
     UnirigSkeleton(Box<SkeletonTaskConfig>),
 }
 
-const NAMES: [&str; 3] = ["fsq_cvae", "tokenrig", "unirig_skeleton"];
+const NAMES: [&str; 4] = ["fsq_cvae", "grpo", "tokenrig", "unirig_skeleton"];
 
 /// Something done with a task, whichever it is.
 pub trait Visitor {
@@ -38,6 +41,7 @@ macro_rules! each {
     ($config:expr, $c:ident => $what:expr) => {
         match $config {
             TaskConfig::FsqCvae($c) => $what,
+            TaskConfig::Grpo($c) => $what,
             TaskConfig::TokenRig($c) => $what,
             TaskConfig::UnirigSkeleton($c) => $what,
         }
@@ -57,6 +61,11 @@ impl TaskConfig {
                 let c: FsqCvaeTaskConfig = config.get()?;
                 c.validate().map_err(invalid)?;
                 Ok(Self::FsqCvae(Box::new(c)))
+            }
+            "grpo" => {
+                let c: GrpoTaskConfig = config.get()?;
+                c.validate().map_err(invalid)?;
+                Ok(Self::Grpo(Box::new(c)))
             }
             "tokenrig" => {
                 let c: TokenRigTaskConfig = config.get()?;
@@ -94,6 +103,7 @@ impl TaskConfig {
     pub fn with<V: Visitor>(&self, device: Device, visitor: V) -> Result<V::Out> {
         match self {
             Self::FsqCvae(c) => visitor.visit(FsqCvaeTask::new(c.as_ref().clone(), device).map_err(|e| anyhow!(e))?),
+            Self::Grpo(c) => visitor.visit(GrpoTask::new(c.as_ref().clone(), device).map_err(|e| anyhow!(e))?),
             Self::TokenRig(c) => visitor.visit(TokenRigTask::new(c.as_ref().clone(), device).map_err(|e| anyhow!(e))?),
             Self::UnirigSkeleton(c) => {
                 visitor.visit(SkeletonTask::new(c.as_ref().clone(), device).map_err(|e| anyhow!(e))?)
@@ -115,6 +125,10 @@ pub fn evaluation_blocks(task: &str, run: &Path) -> Result<Vec<Block>> {
     match task {
         "fsq_cvae" => {
             let evaluation: fsq_cvae::Evaluation = serde_json::from_str(&text).with_context(unclear)?;
+            Ok(evaluation.blocks(picture))
+        }
+        "grpo" => {
+            let evaluation: grpo::Evaluation = serde_json::from_str(&text).with_context(unclear)?;
             Ok(evaluation.blocks(picture))
         }
         "tokenrig" => {

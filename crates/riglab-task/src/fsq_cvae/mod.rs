@@ -101,7 +101,7 @@ impl Task for FsqCvaeTask {
         let encoded = self.encode(w, self.validation_assets[0])?;
         let (_, sheet) = self.sheet(w, &encoded, self.config.eval.cuts[0])?;
         let pictures = vec![("validation/first".into(), sheet.width() as u32, sheet.height() as u32, sheet.to_png())];
-        Ok(Validation { metrics, pictures })
+        Ok(Validation { metrics, pictures, ..Validation::default() })
     }
 
     fn objective(&self) -> (&'static str, Better) {

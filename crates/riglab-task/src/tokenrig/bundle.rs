@@ -64,7 +64,11 @@ impl Rigger {
     pub fn of_run(run: &Path, checkpoint: &str, device: Device) -> Result<(Self, Card), String> {
         let path = run.join("config.toml");
         let text = std::fs::read_to_string(&path).map_err(|e| format!("{}: no run ({e})", path.display()))?;
-        let config = rig_config(&path.to_string_lossy(), &text)?;
+        let name = path.to_string_lossy();
+        if task_of(&name, &text)? == "grpo" {
+            return crate::grpo::of_run(run, &name, &text, checkpoint, device);
+        }
+        let config = rig_config(&name, &text)?;
         let vae = Self::auto_encoder(&config, device)?;
         let rigger = Self::new(config, vae, device)?;
         let checkpoint = Checkpoint::open(&run.join("checkpoints").join(checkpoint)).map_err(|e| e.to_string())?;
@@ -136,12 +140,17 @@ impl Rigger {
     }
 }
 
-fn rig_config(name: &str, text: &str) -> Result<TokenRigTaskConfig, String> {
+fn task_of(name: &str, text: &str) -> Result<String, String> {
     let config = Config::from_toml_str(name, text).map_err(|e| e.to_string())?;
-    let task: String = config.get_at("task").unwrap_or_default();
+    Ok(config.get_at("task").unwrap_or_default())
+}
+
+fn rig_config(name: &str, text: &str) -> Result<TokenRigTaskConfig, String> {
+    let task = task_of(name, text)?;
     if task != KIND {
-        return Err(format!("{name}: a run of task `{task}`, but only `tokenrig` makes rigs"));
+        return Err(format!("{name}: a run of task `{task}`, but only `tokenrig` and `grpo` make rigs"));
     }
+    let config = Config::from_toml_str(name, text).map_err(|e| e.to_string())?;
     let config: TokenRigTaskConfig = config.get().map_err(|e| e.to_string())?;
     config.validate().map_err(|(key, message)| format!("{name}: {key}: {message}"))?;
     Ok(config)

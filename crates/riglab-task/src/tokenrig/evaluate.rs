@@ -163,11 +163,17 @@ impl TokenRigTask {
         let mut metrics = sums.row("val", "model").validation();
         metrics.push(("skeleton@val".into(), losses[0] / counts[0] as f64));
         metrics.push(("skin@val".into(), losses[1] / counts[1] as f64));
-        Ok(Validation { metrics, pictures: Vec::new() })
+        Ok(Validation { metrics, ..Validation::default() })
     }
 
     /// The rig that was drawn for a mesh.
-    fn rigged(&self, mesh: &Mesh, decoded: &Decoded, codes: &[Option<Vec<i64>>], key: u64) -> Result<Rig, String> {
+    pub(crate) fn rigged(
+        &self,
+        mesh: &Mesh,
+        decoded: &Decoded,
+        codes: &[Option<Vec<i64>>],
+        key: u64,
+    ) -> Result<Rig, String> {
         let skeleton = decoded.skeleton().map_err(|e| e.to_string())?;
         let weights = self.rigger.skin(mesh, &skeleton, codes, key)?;
         Rig::new(skeleton, mesh.clone(), weights).map_err(|e| e.to_string())

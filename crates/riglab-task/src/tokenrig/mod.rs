@@ -10,6 +10,8 @@ mod make;
 mod report;
 mod rigger;
 mod sample;
+mod shipped;
+mod skinner;
 
 use std::sync::Arc;
 
@@ -27,6 +29,8 @@ pub use make::{Made, Wish};
 pub use report::Evaluation;
 pub use rigger::{Drawn, Rigger};
 pub use sample::Sample;
+pub(crate) use sample::{joints_told, told};
+pub use skinner::Skinner;
 
 use crate::assets::{AssetId, Assets, Cache};
 use crate::experiment::{Examined, Experiment};
@@ -37,11 +41,11 @@ use crate::unirig_skeleton::shape_tensors;
 /// The task, with its network and data.
 pub struct TokenRigTask {
     rigger: Rigger,
-    assets: Arc<Assets>,
-    cache: Arc<Cache<Rig>>,
+    pub(crate) assets: Arc<Assets>,
+    pub(crate) cache: Arc<Cache<Rig>>,
     samples: Arc<Cache<Option<Sample>, (AssetId, u64)>>,
-    train_assets: Vec<(f32, Vec<AssetId>)>,
-    validation_assets: Vec<AssetId>,
+    pub(crate) train_assets: Vec<(f32, Vec<AssetId>)>,
+    pub(crate) validation_assets: Vec<AssetId>,
     left_out: LeftOut,
 }
 

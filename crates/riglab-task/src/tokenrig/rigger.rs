@@ -3,24 +3,22 @@
 use std::path::Path;
 use std::sync::Arc;
 
-use riglab_core::{DecodeRule, Mesh, Rig, Segment, Skeleton, SkinWeights};
-use riglab_geom::{CloudSampler, Transfer};
+use riglab_core::{DecodeRule, Mesh, Segment, Skeleton, SkinWeights};
+use riglab_geom::CloudSampler;
 use riglab_nn::generate::{GenerateConfig, Grammar as Rules, argmax, draw, log_softmax, rows, softmax};
 use riglab_nn::params::{Builder, Params, Weights};
 use riglab_nn::tokenrig::{Layout, Reader, TokenRig};
-use riglab_random::{Draw, Stream, stream};
+use riglab_random::{Stream, stream};
 use riglab_token::{DecodeFault, Decoded, Grammar, Limits, Mask, RigGrammar, SkinIds, SkinRule, Tokenizer};
 use tch::{Device, Kind, Tensor};
 
+use super::Skinner;
 use super::config::TokenRigTaskConfig;
 use super::sample::joints_told;
-use crate::fsq_cvae::{Frozen, Point, Prepared};
+use crate::fsq_cvae::Frozen;
 use crate::unirig_skeleton::Batch as Shapes;
 use crate::unirig_skeleton::batch::shape;
 use crate::unirig_skeleton::shape_tensors;
-
-/// Vertices that tell one at which no weights were asked.
-const NEIGHBOURS: usize = 8;
 
 /// Network, tokenizer and frozen auto-encoder.
 pub struct Rigger {
@@ -41,15 +39,29 @@ pub struct Drawn {
     pub decoded: Result<Decoded, DecodeFault>,
     /// Of each joint its codes; `None` where it moves nothing.
     pub codes: Vec<Option<Vec<i64>>>,
-    /// The sum of log-probabilities of what was drawn, and of how many tokens.
+    /// The whole sequence, prompt and end with it, in ids of the network.
+    pub ids: Vec<i64>,
+    /// The sum of log-probabilities of what was drawn, and of how many numbers.
     pub likelihood: (f64, usize),
 }
 
 /// The grammar of whole rigs, for a decoder.
 #[derive(Clone)]
-struct Strict {
+pub(crate) struct Strict {
     grammar: RigGrammar<Grammar>,
     end: u32,
+}
+
+impl Strict {
+    /// Writes which numbers may follow.
+    pub fn write_allowed(&self, mask: &mut Mask) {
+        self.grammar.allowed(mask);
+    }
+
+    /// Takes a number that may follow.
+    pub fn take(&mut self, number: u32) {
+        self.grammar.accept(number);
+    }
 }
 
 impl Rules for Strict {
@@ -120,6 +132,26 @@ impl Rigger {
         &self.vae
     }
 
+    /// The auto-encoder, to be used beside it.
+    pub fn shared_vae(&self) -> Arc<Frozen> {
+        self.vae.clone()
+    }
+
+    /// The ids of its sequences.
+    pub fn layout(&self) -> &Layout {
+        self.net.layout()
+    }
+
+    /// Its network.
+    pub fn net(&self) -> &TokenRig {
+        &self.net
+    }
+
+    /// Where it computes.
+    pub fn device(&self) -> Device {
+        self.device
+    }
+
     /// Reads the shapes of meshes in the cube, [b, p, d]; `keys` seed the points.
     pub fn condition(&self, w: &Weights, meshes: &[(&Mesh, u64)]) -> Tensor {
         let _no_grad = tch::no_grad_guard();
@@ -155,18 +187,7 @@ impl Rigger {
         let _no_grad = tch::no_grad_guard();
         let (c, layout, vocabulary) = (&self.config, self.net.layout(), self.tokenizer.vocabulary());
         let tokens = c.limits.tokens.min(how.tokens.saturating_add(1)).max(prompts.first().map_or(0, Vec::len));
-        let grammar = Grammar::new(&self.tokenizer, Limits { tokens, ..c.limits }, c.eval.parents);
-        let skin = SkinIds {
-            parts: layout.ranges(),
-            end: layout.drawn_end(),
-            empty: c.skin.empty.then(|| layout.drawn_empty()),
-            codes: c.skin.codes,
-            len: layout.drawn(),
-        };
-        let strict = Strict {
-            grammar: RigGrammar::new(grammar, vocabulary.eos(), skin, SkinRule::Exact),
-            end: layout.drawn_end(),
-        };
+        let strict = self.grammar(tokens);
         let grammars: Vec<Strict> = prompts
             .iter()
             .map(|prompt| {
@@ -206,6 +227,21 @@ impl Rigger {
         Ok(whole.collect())
     }
 
+    /// The grammar of whole rigs whose skeletons have so many tokens at most.
+    pub(crate) fn grammar(&self, tokens: usize) -> Strict {
+        let (c, layout) = (&self.config, self.net.layout());
+        let grammar = Grammar::new(&self.tokenizer, Limits { tokens, ..c.limits }, c.eval.parents);
+        let skin = SkinIds {
+            parts: layout.ranges(),
+            end: layout.drawn_end(),
+            empty: c.skin.empty.then(|| layout.drawn_empty()),
+            codes: c.skin.codes,
+            len: layout.drawn(),
+        };
+        let eos = self.tokenizer.vocabulary().eos();
+        Strict { grammar: RigGrammar::new(grammar, eos, skin, SkinRule::Exact), end: layout.drawn_end() }
+    }
+
     /// What a whole sequence says.
     fn said(&self, drawn: &[u32], likelihood: (f64, usize)) -> Drawn {
         let (layout, c) = (self.net.layout(), &self.config);
@@ -213,9 +249,9 @@ impl Rigger {
         let end = drawn.iter().position(|&id| id == eos).map_or(drawn.len(), |at| at + 1);
         let (skeleton, skin) = drawn.split_at(end);
         let decoded = self.tokenizer.decode(skeleton);
-        let ids = layout.ids(skin).unwrap_or_default();
+        let skin = layout.ids(skin).unwrap_or_default();
         let mut codes = Vec::new();
-        let mut left = ids.as_slice();
+        let mut left = skin.as_slice();
         for _ in 0..decoded.as_ref().map_or(0, |d| d.joints.len()) {
             codes.push(match left.split_first() {
                 Some((&first, rest)) if first == layout.empty() => {
@@ -228,7 +264,8 @@ impl Rigger {
                 }),
             });
         }
-        Drawn { skeleton: skeleton.to_vec(), decoded, codes, likelihood }
+        let ids = skeleton.iter().map(|&id| i64::from(id)).chain(skin).collect();
+        Drawn { skeleton: skeleton.to_vec(), decoded, codes, ids, likelihood }
     }
 
     /// The prompt from which a skeleton is drawn freely.
@@ -248,50 +285,19 @@ impl Rigger {
         codes: &[Option<Vec<i64>>],
         key: u64,
     ) -> Result<SkinWeights, String> {
-        let _no_grad = tch::no_grad_guard();
-        let n = mesh.positions().len();
-        let at_root = SkinWeights::normalized((0..n).map(|_| [(0, 1.0)]));
-        let bare = at_root.and_then(|w| Rig::new(skeleton.clone(), mesh.clone(), w)).map_err(|e| e.to_string())?;
-        let prepared = Prepared::of(String::new(), bare, false);
+        let mut random = stream(self.config.eval.seed, "skin evaluation", &[key]);
+        let skinner = Skinner::new(&self.vae, mesh, self.config.eval.vertices, &mut random)?;
         let all = skeleton.segments();
         let claimed: Vec<usize> = (0..skeleton.len()).filter(|&j| codes.get(j).is_some_and(Option::is_some)).collect();
         let segments: Vec<Vec<Segment>> = claimed.iter().map(|&j| all[j].clone()).collect();
-        let mut random = stream(self.config.eval.seed, "skin evaluation", &[key]);
-        let some = self.config.eval.vertices;
-        let mut asked: Vec<u32> = (0..n as u32).collect();
-        if n > some {
-            random.shuffled(&mut asked);
-            asked.truncate(some);
-        }
-        let points: Vec<Point> = asked.iter().map(|&v| prepared.vertex(v)).collect();
-        let raw = self.vae.with(|coder| {
-            let shape = coder.shape(&prepared, &mut random);
-            let ids: Vec<i64> = claimed.iter().flat_map(|&j| codes[j].iter().flatten().copied()).collect();
-            if ids.is_empty() {
-                return Vec::new();
-            }
-            let ids = Tensor::from_slice(&ids).view([claimed.len() as i64, -1]).to_device(self.device);
-            let values = coder.net.fsq().codes(&ids, Kind::Float);
-            coder.decode(&shape, &values, &points, &segments)
-        });
+        let own: Vec<&[i64]> = claimed.iter().filter_map(|&j| codes[j].as_deref()).collect();
+        let raw = skinner.raw(&segments, &own);
         let rule = DecodeRule { cut: self.config.eval.cut, influences: 4 };
         let m = claimed.len();
-        let shares = (n > some && m > 0).then(|| {
-            let places: Vec<_> = points.iter().map(|p| p.position).collect();
-            Transfer::new(&places, NEIGHBOURS).shares(mesh.positions())
-        });
         let mut row = vec![0.0; m];
-        let rows = (0..n).map(|v| {
-            match &shares {
-                None if m > 0 => row.copy_from_slice(&raw[v * m..(v + 1) * m]),
-                None => {}
-                Some(shares) => {
-                    row.fill(0.0);
-                    for &(k, share) in &shares[v] {
-                        let known = &raw[k as usize * m..(k as usize + 1) * m];
-                        row.iter_mut().zip(known).for_each(|(w, known)| *w += share * known);
-                    }
-                }
+        let rows = (0..mesh.positions().len()).map(|v| {
+            if !raw.is_empty() {
+                row.copy_from_slice(&raw[v * m..(v + 1) * m]);
             }
             rule.apply(&mut row);
             let held = row.iter().zip(&claimed).filter(|(w, _)| **w > 0.0);

@@ -205,7 +205,7 @@ impl SkeletonTask {
         let row = sums.row("val", "model");
         let mut metrics = row.validation();
         metrics.push(("next@val".into(), loss / tokens));
-        Ok(Validation { metrics, pictures: Vec::new() })
+        Ok(Validation { metrics, ..Validation::default() })
     }
 
     /// Generates a skeleton for each asset of the test splits. Gives the report, and the skeletons in the order

@@ -8,8 +8,6 @@ use riglab_files::make_folder_of;
 use riglab_task::tokenrig::{Card, Rigger};
 use tch::{Device, Kind};
 
-use crate::shipped;
-
 /// Trained models as single files: make one, look at one.
 #[derive(clap::Args)]
 pub struct Args {
@@ -89,7 +87,7 @@ fn export(args: &ExportArgs) -> Result<ExitCode> {
 fn show(args: &ShowArgs) -> Result<ExitCode> {
     let opened = match &args.file {
         Some(path) => Rigger::open(path, Device::Cpu),
-        None => shipped::rigger(Device::Cpu),
+        None => Rigger::shipped(Device::Cpu),
     };
     let (rigger, card) = opened.map_err(|e| anyhow!(e))?;
     let (c, skin) = (rigger.config(), rigger.vae());

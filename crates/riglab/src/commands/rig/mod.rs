@@ -13,7 +13,6 @@ use riglab_train::Progress;
 use tch::Device;
 
 use super::glb::{Frames, Most};
-use crate::shipped;
 
 /// Rig a model: a skeleton and skin weights for a mesh.
 ///
@@ -136,7 +135,7 @@ impl Common {
     fn model(&self, device: Device) -> Result<(Rigger, Card)> {
         let opened = match &self.checkpoint {
             Some(path) => Rigger::open(path, device),
-            None => shipped::rigger(device),
+            None => Rigger::shipped(device),
         };
         opened.map_err(|e| anyhow!(e))
     }

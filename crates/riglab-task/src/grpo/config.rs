@@ -1,0 +1,193 @@
+//! Settings of the task.
+
+use std::path::PathBuf;
+
+use riglab_augment::Recipe;
+use riglab_nn::generate::GenerateConfig;
+use riglab_nn::grpo::ObjectiveConfig;
+use riglab_reward::RewardConfig;
+use riglab_train::TrainConfig;
+use serde::{Deserialize, Serialize};
+
+use crate::assets::DataConfig;
+use crate::tokenrig::EvalConfig;
+
+/// Everything a run of GRPO is made of (SkinTokens 3.4).
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct GrpoTaskConfig {
+    /// The task's name: `grpo`.
+    pub task: String,
+    /// Where the policy starts; it is also what the policy is held to.
+    pub start: StartConfig,
+    /// Corpora and splits. Rigs of the training split are not looked at, only their meshes.
+    pub data: DataConfig,
+    /// How meshes are varied.
+    pub augment: Recipe,
+    /// How rigs are drawn.
+    pub rollout: RolloutConfig,
+    /// What they are worth.
+    pub reward: RewardConfig,
+    /// What is minimised.
+    pub objective: ObjectiveConfig,
+    /// When a run stops or warns.
+    pub guard: GuardConfig,
+    /// How it is trained.
+    pub train: TrainConfig,
+    /// How it is evaluated.
+    pub eval: EvalConfig,
+}
+
+/// Where the policy starts.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct StartConfig {
+    /// The folder of a run of task `tokenrig`, or a file made by `riglab checkpoint export`; empty: the model that comes
+    /// with riglab.
+    pub model: PathBuf,
+}
+
+/// What is done with a group whose rewards are equal: it has nothing to teach.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Dead {
+    /// It stays: the divergence alone pulls (the paper's, which says nothing else).
+    #[default]
+    Keep,
+    /// It is left out of the loss.
+    Mask,
+    /// It is drawn anew, three times at most.
+    Resample,
+}
+
+/// How rigs are drawn: by sampling within the grammar, at a temperature, and by nothing else. Filters such as top-k would
+/// make what was drawn another distribution than what is trained.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct RolloutConfig {
+    /// Meshes of a rollout.
+    pub meshes: usize,
+    /// Rigs of a mesh, G. The paper's 24.
+    pub group: usize,
+    /// Scores are divided by it, when drawing and when training.
+    pub temperature: f32,
+    /// How often the rigs of a rollout are gone over.
+    pub epochs: usize,
+    /// Into how many steps the rigs of a rollout are dealt, each time.
+    pub minibatches: usize,
+    /// What is done with groups without spread.
+    pub dead: Dead,
+    /// Codes are asked for weights at so many vertices of a mesh at most; the others are told by their neighbours.
+    pub vertices: usize,
+}
+
+impl Default for RolloutConfig {
+    fn default() -> Self {
+        Self { meshes: 1, group: 24, temperature: 1.0, epochs: 1, minibatches: 1, dead: Dead::Keep, vertices: 1024 }
+    }
+}
+
+impl RolloutConfig {
+    /// Steps of a rollout.
+    pub fn updates(&self) -> u64 {
+        (self.epochs * self.minibatches) as u64
+    }
+}
+
+/// When a run stops or warns.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct GuardConfig {
+    /// A step whose mean divergence from the start passes this ends the run with an explanation.
+    pub divergence: f64,
+    /// A checkpoint whose J2J on the validation split passes that of the start by this factor cannot become the best,
+    /// whatever its reward.
+    pub worse: f64,
+}
+
+impl Default for GuardConfig {
+    fn default() -> Self {
+        Self { divergence: 4.0, worse: 1.05 }
+    }
+}
+
+impl GrpoTaskConfig {
+    /// How rigs are drawn.
+    pub fn draws(&self) -> GenerateConfig {
+        GenerateConfig {
+            tokens: usize::MAX,
+            sample: true,
+            temperature: self.rollout.temperature,
+            ..GenerateConfig::default()
+        }
+    }
+
+    /// Checks sizes and their relations.
+    ///
+    /// # Errors
+    /// (key, message) of the first fault.
+    pub fn validate(&self) -> Result<(), (String, String)> {
+        let bad = |key: &str, message: String| Err((key.to_owned(), message));
+        self.augment.validate().map_err(|(key, message)| (format!("augment.{key}"), message))?;
+        self.train.validate().map_err(|(key, message)| (format!("train.{key}"), message))?;
+        self.reward.validate().map_err(|(key, message)| (format!("reward.{key}"), message))?;
+        self.objective.validate().map_err(|(key, message)| (format!("objective.{key}"), message))?;
+        let generate = self.eval.generate.validate();
+        generate.map_err(|(key, message)| (format!("eval.generate.{key}"), message))?;
+        let r = &self.rollout;
+        for (key, value) in [
+            ("rollout.meshes", r.meshes),
+            ("rollout.epochs", r.epochs),
+            ("rollout.minibatches", r.minibatches),
+            ("rollout.vertices", r.vertices),
+            ("eval.rows", self.eval.rows),
+            ("eval.vertices", self.eval.vertices),
+        ] {
+            if value == 0 {
+                return bad(key, "must be at least 1".into());
+            }
+        }
+        if r.group < 2 {
+            return bad("rollout.group", "rigs are compared within a group: give 2 or more".into());
+        }
+        if r.minibatches > r.meshes * r.group {
+            let all = r.meshes * r.group;
+            return bad("rollout.minibatches", format!("{all} rigs cannot be dealt into {} steps", r.minibatches));
+        }
+        if !(r.temperature > 0.0 && r.temperature.is_finite()) {
+            return bad("rollout.temperature", format!("temperature = {} must be above 0", r.temperature));
+        }
+        if self.train.accumulate != 1 {
+            return bad(
+                "train.accumulate",
+                "a step of GRPO is one rollout: give rollout.meshes for more rigs, rollout.minibatches for less memory"
+                    .into(),
+            );
+        }
+        if !(self.guard.divergence > 0.0 && self.guard.worse >= 1.0) {
+            return bad("guard.divergence", "divergence must be above 0, and worse 1 or more".into());
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn faults_name_their_key() {
+        let of = |change: fn(&mut GrpoTaskConfig)| {
+            let mut c = GrpoTaskConfig::default();
+            change(&mut c);
+            c.validate().map_err(|(key, _)| key)
+        };
+        assert_eq!(of(|_| ()), Ok(()));
+        assert_eq!(of(|c| c.rollout.group = 1), Err("rollout.group".into()));
+        assert_eq!(of(|c| c.rollout.minibatches = 25), Err("rollout.minibatches".into()));
+        assert_eq!(of(|c| c.train.accumulate = 2), Err("train.accumulate".into()));
+        assert_eq!(of(|c| c.reward.weights[1] = -1.0), Err("reward.weights".into()));
+        assert_eq!(of(|c| c.objective.clip = 0.0), Err("objective.clip".into()));
+        assert_eq!(of(|c| c.guard.worse = 0.5), Err("guard.divergence".into()));
+    }
+}

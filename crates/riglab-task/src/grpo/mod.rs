@@ -1,0 +1,279 @@
+//! GRPO (SkinTokens 3.4): a trained TokenRig draws groups of rigs for meshes, geometric rewards say which of a group are
+//! better, and the policy learns to draw those, held to where it started.
+//!
+//! The one idea: **the trainer's own likelihood is the only one that counts.** Rigs are drawn by the fast sampler, then
+//! asked again with [`riglab_nn::tokenrig::TokenRig::likelihood`], which also gives the gradient, so that the ratio
+//! between new and old policy is 1 before the first update; how far the sampler's own differs is logged.
+//!
+//! Holds: true rigs of the training split are never looked at; a run resumes exactly, in the middle of a rollout too; the
+//! reward alone never makes a checkpoint the best one (see [`GuardConfig`]).
+
+mod batch;
+mod config;
+mod evaluate;
+mod report;
+mod rollout;
+mod score;
+
+use std::cell::{Cell, RefCell};
+use std::collections::BTreeMap;
+use std::path::Path;
+use std::sync::Arc;
+
+use riglab_data::Mixture;
+use riglab_nn::grpo::{Policies, objective};
+use riglab_nn::params::{Params, Weights};
+use riglab_random::{Draw, stream};
+use riglab_train::{At, Better, Checkpoint, Loss, Source, State, Task, Validation};
+use tch::{Device, Kind, Tensor};
+
+pub use batch::{Batch, BatchSource, Subject};
+pub use config::{Dead, GrpoTaskConfig, GuardConfig, RolloutConfig, StartConfig};
+pub use report::{Evaluation, Report, Row};
+pub use rollout::{NOTES, Rollout, Sequence};
+pub use score::{Judged, rewards};
+
+use crate::assets::Assets;
+use crate::experiment::{Examined, Experiment};
+use crate::tokenrig::{Card, Rigger, TokenRigTask, TokenRigTaskConfig};
+
+/// The task, with its policy and data.
+pub struct GrpoTask {
+    config: GrpoTaskConfig,
+    /// The policy, as a model that rigs.
+    inner: TokenRigTask,
+    /// Where it started, and what it is held to.
+    start: Weights,
+    /// What is gone over.
+    rollout: RefCell<Option<Rollout>>,
+    /// J2J of the start on the validation split, once it is known.
+    first: Cell<Option<f64>>,
+    /// The meshes of the validation split, prepared when they are first asked for.
+    held: RefCell<Option<Vec<Arc<evaluate::Held>>>>,
+}
+
+impl GrpoTask {
+    /// Opens the corpora and the model to start from. The config was validated.
+    ///
+    /// # Errors
+    /// A sentence: a model or a corpus that cannot be read, or a split without assets.
+    pub fn new(config: GrpoTaskConfig, device: Device) -> Result<Self, String> {
+        let (start, _) = open_start(&config, device)?;
+        Self::with(config, &start, device)
+    }
+
+    /// As [`Self::new`], with the model to start from.
+    ///
+    /// # Errors
+    /// As [`Self::new`].
+    pub fn with(config: GrpoTaskConfig, start: &Rigger, device: Device) -> Result<Self, String> {
+        let inner = TokenRigTask::with(policy_config(&config, start), start.shared_vae(), device)?;
+        let weights = start.params();
+        let named = weights.named(weights.weights()).map(|(n, t)| (n.to_string(), t.detach().copy())).collect();
+        inner.params().load(&named).map_err(|e| e.to_string())?;
+        let start = inner.params().weights().detached_copy();
+        let (rollout, held) = (RefCell::default(), RefCell::default());
+        Ok(Self { config, inner, start, rollout, first: Cell::new(None), held })
+    }
+
+    /// The policy.
+    pub fn rigger(&self) -> &Rigger {
+        self.inner.rigger()
+    }
+
+    /// The sequences of a step: all of the rollout, or a part of them in an order of its own each time they are gone
+    /// over.
+    fn dealt<'a>(&self, rollout: &'a Rollout, at: At) -> Vec<&'a Sequence> {
+        let parts = self.config.rollout.minibatches;
+        let all: Vec<&Sequence> = rollout.sequences.iter().collect();
+        if parts == 1 {
+            return all;
+        }
+        let mut order: Vec<usize> = (0..all.len()).collect();
+        stream(at.seed, "rollout order", &[at.batch / parts as u64]).shuffled(&mut order);
+        let part = (at.batch % parts as u64) as usize;
+        let (from, to) = (part * all.len() / parts, (part + 1) * all.len() / parts);
+        order[from..to].iter().map(|&k| all[k]).collect()
+    }
+
+    /// The loss of some sequences of a rollout.
+    fn loss_of(&self, w: &Weights, rollout: &Rollout, sequences: &[&Sequence]) -> Result<Loss, String> {
+        let (c, device) = (&self.config, self.rigger().device());
+        let (likely, lengths) = self.likely(w, &rollout.shapes, sequences);
+        let known = |of: fn(&Sequence) -> &Vec<f32>| {
+            let flat: Vec<f32> = sequences.iter().flat_map(|s| of(s)).copied().collect();
+            Tensor::from_slice(&flat).to_kind(likely.log.kind()).to_device(device)
+        };
+        let (old, reference) = (known(|s| &s.old), known(|s| &s.reference));
+        if old.size() != likely.log.size() {
+            return Err("the rollout that was kept is of another model or grammar".into());
+        }
+        let policies = Policies { now: &likely.log, old: &old, reference: &reference };
+        // What does not count keeps its place in the tensors and adds nothing.
+        let counted: Vec<usize> = (0..sequences.len()).filter(|&k| sequences[k].counts).collect();
+        let own = if counted.len() == sequences.len() {
+            let groups: Vec<usize> = sequences.iter().map(|s| s.mesh).collect();
+            let advantages: Vec<f64> = sequences.iter().map(|s| s.advantage).collect();
+            objective(&policies, &lengths, &groups, &advantages, &c.objective)
+        } else {
+            let parts = |t: &Tensor| {
+                let each = t.split_with_sizes(&lengths, 0);
+                let some: Vec<&Tensor> = counted.iter().map(|&k| &each[k]).collect();
+                if some.is_empty() { t.narrow(0, 0, 0) } else { Tensor::cat(&some, 0) }
+            };
+            let (now, old, reference) = (parts(policies.now), parts(&old), parts(&reference));
+            let lengths: Vec<i64> = counted.iter().map(|&k| lengths[k]).collect();
+            let groups: Vec<usize> = counted.iter().map(|&k| sequences[k].mesh).collect();
+            let advantages: Vec<f64> = counted.iter().map(|&k| sequences[k].advantage).collect();
+            let policies = Policies { now: &now, old: &old, reference: &reference };
+            objective(&policies, &lengths, &groups, &advantages, &c.objective)
+        };
+        let mean = |t: &Tensor| if t.numel() == 0 { 0.0 } else { t.mean(Kind::Double).double_value(&[]) };
+        let divergence = mean(&own.k3);
+        if divergence > c.guard.divergence {
+            return Err(format!(
+                "the policy has left the model it started from: the divergence of this step is {divergence:.3} nats a \
+                 token, guard.divergence = {}. Lower train.optim.adamw_lr and muon_lr, or raise objective.beta; the \
+                 checkpoints so far are whole",
+                c.guard.divergence
+            ));
+        }
+        let rest = &own.loss - &own.policy;
+        // Nothing to learn from is a loss of 0 with a gradient of 0.
+        let policy = if counted.is_empty() { likely.log.sum(None::<Kind>) * 0.0 } else { own.policy };
+        let mut loss = Loss::new()
+            .term("policy", 1.0, policy)
+            .term("held", 1.0, rest)
+            .note("divergence", divergence)
+            .note("clip_fraction", own.clip_fraction)
+            .note("ratio", if own.ratio.numel() == 0 { 1.0 } else { mean(&own.ratio) })
+            .note("entropy", mean(&likely.entropy));
+        for (name, value) in NOTES.iter().zip(&rollout.notes) {
+            loss = loss.note(name, *value);
+        }
+        Ok(loss)
+    }
+}
+
+/// The model that a config starts from.
+fn open_start(config: &GrpoTaskConfig, device: Device) -> Result<(Rigger, Card), String> {
+    let path = &config.start.model;
+    if path.as_os_str().is_empty() { Rigger::shipped(device) } else { Rigger::open(path, device) }
+}
+
+/// The settings of the policy: its model as it started, on this run's data.
+fn policy_config(config: &GrpoTaskConfig, start: &Rigger) -> TokenRigTaskConfig {
+    TokenRigTaskConfig {
+        data: config.data.clone(),
+        augment: config.augment.clone(),
+        train: config.train.clone(),
+        eval: config.eval.clone(),
+        ..start.config().clone()
+    }
+}
+
+/// The model of a run of this task, at a checkpoint: `best`, `last` or `step-N`.
+///
+/// # Errors
+/// A sentence: what cannot be read.
+pub(crate) fn of_run(
+    run: &Path,
+    name: &str,
+    text: &str,
+    checkpoint: &str,
+    device: Device,
+) -> Result<(Rigger, Card), String> {
+    let config = riglab_config::Config::from_toml_str(name, text).and_then(|c| c.get::<GrpoTaskConfig>());
+    let config = config.map_err(|e| e.to_string())?;
+    config.validate().map_err(|(key, message)| format!("{name}: {key}: {message}"))?;
+    let (start, card) = open_start(&config, device)?;
+    let rigger = Rigger::new(policy_config(&config, &start), start.shared_vae(), device)?;
+    let checkpoint = Checkpoint::open(&run.join("checkpoints").join(checkpoint)).map_err(|e| e.to_string())?;
+    checkpoint.load_weights(rigger.params()).map_err(|e| e.to_string())?;
+    let name = run.display().to_string();
+    let text = format!("The run {name}: {}, refined by rewards.\n\n{}", card.name, card.text);
+    Ok((rigger, Card { name, state: checkpoint.state().clone(), text }))
+}
+
+impl Task for GrpoTask {
+    type Batch = Batch;
+
+    fn name(&self) -> &'static str {
+        "grpo"
+    }
+
+    fn params(&self) -> &Params {
+        self.inner.params()
+    }
+
+    fn source(&self) -> Arc<dyn Source<Batch = Batch>> {
+        let model = self.rigger().config();
+        Arc::new(BatchSource {
+            config: self.config.clone(),
+            cloud: model.sampling.cloud.clone(),
+            model: model.model.shape.clone(),
+            assets: self.inner.assets.clone(),
+            cache: self.inner.cache.clone(),
+            meshes: Mixture::new(self.config.train.seed, self.inner.train_assets.clone()),
+        })
+    }
+
+    fn loss(&self, w: &Weights, batch: &Batch, at: At) -> Result<Loss, String> {
+        if !batch.subjects.is_empty() {
+            let made = self.roll(w, batch, at.batch / self.config.rollout.updates())?;
+            self.rollout.replace(Some(made));
+        }
+        let rollout = self.rollout.borrow();
+        let rollout = rollout.as_ref().ok_or("the checkpoint lacks the rollout that this step goes over")?;
+        self.loss_of(w, rollout, &self.dealt(rollout, at))
+    }
+
+    fn validate(&self, w: &Weights, at: At) -> Result<Validation, String> {
+        self.validation(w, at)
+    }
+
+    fn objective(&self) -> (&'static str, Better) {
+        ("guarded_reward@val", Better::Higher)
+    }
+
+    fn kept(&self) -> BTreeMap<String, Tensor> {
+        let mut all = self.rollout.borrow().as_ref().map(Rollout::tensors).unwrap_or_default();
+        all.extend(self.first.get().map(|first| ("first.j2j".to_string(), Tensor::from(first))));
+        all
+    }
+
+    fn resume(&self, kept: &BTreeMap<String, Tensor>) -> Result<(), String> {
+        self.first.set(kept.get("first.j2j").map(|t| t.double_value(&[])));
+        self.rollout.replace(Rollout::of(kept));
+        Ok(())
+    }
+}
+
+impl Experiment for GrpoTask {
+    fn assets(&self) -> &Assets {
+        &self.inner.assets
+    }
+
+    fn notes(&self) -> Vec<String> {
+        self.inner.notes()
+    }
+
+    fn examination_steps(&self) -> Result<usize, String> {
+        self.examined()
+    }
+
+    fn examine(
+        &self,
+        weights: &Weights,
+        checkpoint: &State,
+        pictures: usize,
+        progress: &mut dyn FnMut(usize),
+    ) -> Result<Examined, String> {
+        let (report, sheets) = self.compare(weights, pictures, progress)?;
+        let text = report::lines(&report);
+        let (gallery, pictures) = sheets.into_iter().map(|(s, png)| (s.clone(), (s.file, png))).unzip();
+        let evaluation = Evaluation { checkpoint: checkpoint.clone(), report, gallery };
+        let json = serde_json::to_string_pretty(&evaluation).map_err(|e| e.to_string())? + "\n";
+        Ok(Examined { json, text, pictures })
+    }
+}

@@ -1,0 +1,142 @@
+//! An evaluation as a file, as lines, and as a part of a report.
+
+use riglab_report::{Block, Cell, Picture, Table};
+use riglab_reward::Rewards;
+use riglab_train::State;
+use serde::{Deserialize, Serialize};
+
+use crate::unirig_skeleton::Row as SkeletonRow;
+
+/// Means of a model on a split.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct Row {
+    /// Of the rewards; a rig that cannot be decoded counts as 0.
+    pub rewards: Rewards,
+    /// Of the skeletons; `method` is `before` or `after`.
+    pub skeletons: SkeletonRow,
+}
+
+/// What an evaluation found.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct Report {
+    /// Which formulas, of the distances.
+    pub convention: String,
+    /// Two of each split.
+    pub rows: Vec<Row>,
+}
+
+/// A sheet of pictures of an asset.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct Shown {
+    /// File name in the run's folder `eval`.
+    pub file: String,
+    /// The split.
+    pub split: String,
+    /// The asset.
+    pub name: String,
+    /// Its place between the most gained and the most lost: best, median or worst.
+    pub why: String,
+    /// What the reward gained.
+    pub gain: f64,
+    /// What J2J gained: above 0 it is worse.
+    pub j2j: f64,
+}
+
+/// What `riglab eval` writes.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct Evaluation {
+    /// The checkpoint that was evaluated.
+    pub checkpoint: State,
+    /// The numbers.
+    pub report: Report,
+    /// The pictures, in the folder beside the file.
+    pub gallery: Vec<Shown>,
+}
+
+/// The table of all splits.
+pub fn lines(report: &Report) -> Vec<String> {
+    let mut out = vec![format!(
+        "{:12} {:8} {:>6} {:>7} {:>7} {:>7} {:>7} {:>7} {:>6} {:>7} {:>7} {:>7}",
+        "split", "model", "assets", "reward", "cover", "inside", "skin", "motion", "valid", "J2J", "J2B", "B2B"
+    )];
+    for Row { rewards: r, skeletons: s } in &report.rows {
+        out.push(format!(
+            "{:12} {:8} {:>6} {:>7.4} {:>7.4} {:>7.4} {:>7.4} {:>7.4} {:>6.3} {:>7.3} {:>7.3} {:>7.3}",
+            s.split,
+            s.method,
+            s.assets,
+            r.total,
+            r.coverage,
+            r.containment,
+            r.skinning,
+            r.motion,
+            s.valid,
+            100.0 * s.j2j,
+            100.0 * s.j2b,
+            100.0 * s.b2b
+        ));
+    }
+    out.push(format!("distances x 100, convention {}", report.convention));
+    out
+}
+
+impl Evaluation {
+    /// Its part of a report; `picture` finds the bytes of a file of the gallery.
+    pub fn blocks(&self, picture: impl Fn(&str) -> Option<Vec<u8>>) -> Vec<Block> {
+        let mut blocks = vec![Block::Heading("Before and after".into())];
+        blocks.extend(self.report.rows.chunks_exact(2).map(|pair| Block::Text(verdict(&pair[0], &pair[1]))));
+        blocks.push(Block::Table(self.table()));
+        if !self.gallery.is_empty() {
+            blocks.push(Block::Heading("Rigs before and after, from the most gained to the most lost".into()));
+        }
+        let shown = |shown: &Shown| {
+            let caption = format!(
+                "{} ({}, {}): reward {:+.3}, J2J x 100 {:+.2}",
+                shown.name,
+                shown.split,
+                shown.why,
+                shown.gain,
+                100.0 * shown.j2j
+            );
+            Some(Picture { caption, png: picture(&shown.file)? })
+        };
+        blocks.push(Block::Pictures(self.gallery.iter().filter_map(shown).collect()));
+        blocks
+    }
+
+    fn table(&self) -> Table {
+        let head = ["split", "model", "assets", "reward", "R_vj", "R_vk", "R_sc", "R_mo", "valid", "J2J", "J2B", "B2B"];
+        let title = format!("Rewards, and distances x 100 (convention {})", self.report.convention);
+        let mut table = Table::new(title, &head);
+        for (k, Row { rewards: r, skeletons: s }) in self.report.rows.iter().enumerate() {
+            if k > 0 && k % 2 == 0 {
+                table.line();
+            }
+            let mut cells = vec![Cell::text(&s.split), Cell::text(&s.method), Cell::count(s.assets)];
+            let rewards = [r.total, r.coverage, r.containment, r.skinning, r.motion];
+            cells.extend(rewards.map(|x| Cell::number(x, 4)));
+            cells.push(Cell::number(s.valid, 3));
+            cells.extend([s.j2j, s.j2b, s.b2b].map(|x| Cell::number(100.0 * x, 3)));
+            table.row(cells);
+        }
+        table.note =
+            "before: the model that the run started from; after: this checkpoint. Both rig the same meshes, with \
+                      the same points and draws. The reward is higher, the distances are lower for a better rig; a rig \
+                      that cannot be decoded has reward 0."
+                .into();
+        table
+    }
+}
+
+fn verdict(before: &Row, after: &Row) -> String {
+    let (was, is) = (before.rewards.total, after.rewards.total);
+    let moved = |was: f64, is: f64| if is <= was { "did not worsen" } else { "worsened" };
+    let (s, t) = (&before.skeletons, &after.skeletons);
+    format!(
+        "{}: the mean reward went from {was:.4} to {is:.4}; J2J {}, J2B {}, B2B {}.",
+        s.split,
+        moved(s.j2j, t.j2j),
+        moved(s.j2b, t.j2b),
+        moved(s.b2b, t.b2b)
+    )
+}

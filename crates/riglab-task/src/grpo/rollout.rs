@@ -1,0 +1,343 @@
+//! Rigs drawn by the policy, with what they are worth and how likely they were.
+
+use std::collections::BTreeMap;
+
+use riglab_nn::grpo::advantages;
+use riglab_nn::params::Weights;
+use riglab_nn::tokenrig::{Asked, Choices, Likelihood, Sequences};
+use riglab_random::stream;
+use riglab_reward::Rewards;
+use riglab_token::Mask;
+use tch::{Kind, Tensor};
+
+use super::GrpoTask;
+use super::batch::{Batch, Subject};
+use super::config::Dead;
+use super::score::{Judged, rewards};
+use crate::tokenrig::{Drawn, Rigger, joints_told, told};
+use crate::unirig_skeleton::Batch as Shapes;
+
+/// A drawn rig.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Sequence {
+    /// Its mesh among those of the rollout.
+    pub mesh: usize,
+    /// Its tokens, the prompt with them.
+    pub ids: Vec<i64>,
+    /// Of each, what [`riglab_nn::tokenrig::Sequences::told`] is.
+    pub told: Vec<[f32; 7]>,
+    /// What it is worth beside the others of its mesh.
+    pub advantage: f64,
+    /// Whether the loss looks at it.
+    pub counts: bool,
+    /// Log-probabilities of its free tokens to the policy that drew it.
+    pub old: Vec<f32>,
+    /// The same to the policy that it is held to.
+    pub reference: Vec<f32>,
+}
+
+/// All that is drawn at once.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Rollout {
+    /// Clouds and picks of the meshes.
+    pub shapes: Shapes,
+    /// The rigs.
+    pub sequences: Vec<Sequence>,
+    /// What is logged of it, in the order of [`NOTES`].
+    pub notes: Vec<f64>,
+}
+
+/// What is logged of a rollout: means over its rigs, but for `spread`, the mean deviation within groups, `dead`, the
+/// share of groups without any, and `sampler_gap`, how far the log-probability of a token differs between the sampler
+/// and the trainer.
+pub const NOTES: [&str; 12] = [
+    "reward",
+    "coverage",
+    "containment",
+    "skinning",
+    "motion",
+    "valid",
+    "spread",
+    "dead",
+    "distinct",
+    "length",
+    "joints",
+    "sampler_gap",
+];
+
+/// How often a dead group is drawn anew.
+const TRIES: u64 = 3;
+
+/// Which of a sequence's targets could have been others, and what they could have been.
+#[derive(Default)]
+pub(super) struct Free {
+    /// See [`Choices::skeleton`].
+    skeleton: Vec<bool>,
+    /// See [`Choices::empty`].
+    empty: Vec<bool>,
+    /// Of each target, whether it was chosen.
+    chosen: Vec<bool>,
+}
+
+/// Walks the grammar along sequences; the first `prompt` tokens were given.
+pub(super) fn free(rigger: &Rigger, ids: &[i64], prompt: usize, out: &mut Free) {
+    let layout = rigger.layout();
+    let first = layout.skeleton();
+    let mut grammar = rigger.grammar(rigger.config().limits.tokens);
+    let mut mask = Mask::none(layout.drawn());
+    for (at, &id) in ids.iter().enumerate() {
+        grammar.write_allowed(&mut mask);
+        if at > 0 {
+            let mut chosen = at >= prompt && id != layout.end();
+            if id < first {
+                let allowed = (0..first as u32).map(|k| mask.allows(k));
+                let before = out.skeleton.len();
+                out.skeleton.extend(allowed);
+                chosen &= out.skeleton[before..].iter().filter(|a| **a).count() > 1;
+            } else if id != layout.end() {
+                out.empty.push(mask.allows(layout.drawn_empty()));
+            }
+            out.chosen.push(chosen);
+        }
+        layout.drawn_of(&[id]).into_iter().for_each(|number| grammar.take(number));
+    }
+}
+
+impl GrpoTask {
+    /// Log-probabilities and entropies of the free tokens of sequences, one after another, and how many each has.
+    pub(super) fn likely(&self, w: &Weights, shapes: &Shapes, all: &[&Sequence]) -> (Likelihood, Vec<i64>) {
+        let rigger = self.inner.rigger();
+        let device = rigger.device();
+        let prefix = rigger.prefix(w, shapes);
+        let rows: Vec<i64> = all.iter().map(|s| s.mesh as i64).collect();
+        let prefix = prefix.index_select(0, &Tensor::from_slice(&rows).to_device(device));
+        let lengths: Vec<i64> = all.iter().map(|s| s.ids.len() as i64).collect();
+        let flat: Vec<i64> = all.iter().flat_map(|s| &s.ids).copied().collect();
+        let ids = Tensor::from_slice(&flat).to_device(device);
+        let told = rigger.config().model.tell_joint.then(|| {
+            let flat: Vec<f32> = all.iter().flat_map(|s| s.told.iter().flatten()).copied().collect();
+            Tensor::from_slice(&flat).view([-1, 7]).to_device(device)
+        });
+        let sequences = Sequences { ids: &ids, lengths: &lengths, told: told.as_ref() };
+        // Without dropout: the policy is what draws.
+        let hidden = rigger.net().forward(w, &prefix, &sequences, false);
+        let targets: Vec<i64> = all.iter().flat_map(|s| &s.ids[1..]).copied().collect();
+        let targets = Tensor::from_slice(&targets).to_device(device);
+        let (mut found, mut counts, mut before) = (Free::default(), Vec::with_capacity(all.len()), 0);
+        for own in all {
+            free(rigger, &own.ids, 1, &mut found);
+            let chosen = found.chosen.iter().filter(|c| **c).count();
+            counts.push((chosen - before) as i64);
+            before = chosen;
+        }
+        let bits = |bits: &[bool]| Tensor::from_slice(bits).to_device(device);
+        let skeleton = bits(&found.skeleton).view([-1, rigger.layout().skeleton()]);
+        let empty = bits(&found.empty);
+        let asked =
+            Asked { hidden: &hidden, targets: &targets, bins: i64::from(rigger.config().tokenizer.bins), spread: 0.0 };
+        let choices = Choices { skeleton: &skeleton, empty: &empty };
+        let temperature = f64::from(self.config.rollout.temperature);
+        let Likelihood { log, entropy } = rigger.net().likelihood(w, &asked, Some(&choices), temperature);
+        let chosen = bits(&found.chosen).nonzero().squeeze_dim(1);
+        let pick = |t: Tensor| t.index_select(0, &chosen);
+        (Likelihood { log: pick(log), entropy: pick(entropy) }, counts)
+    }
+
+    /// Draws a group of rigs for each mesh and judges them; one mesh's rigs are judged while those of the next are
+    /// drawn. `w`: the policy as the trainer computes with it.
+    pub(super) fn roll(&self, w: &Weights, batch: &Batch, number: u64) -> Result<Rollout, String> {
+        let _no_grad = tch::no_grad_guard();
+        let (c, rigger) = (&self.config, self.inner.rigger());
+        // The sampler takes the master weights: it computes in single precision.
+        let prefix = rigger.prefix(rigger.params().weights(), &batch.shapes);
+        let (vae, judged) = (rigger.vae(), self.judged(c.rollout.vertices, c.train.seed));
+        let groups: Vec<(Vec<Drawn>, Vec<Rewards>)> = std::thread::scope(|scope| {
+            let mut waiting = Vec::new();
+            for (k, subject) in batch.subjects.iter().enumerate() {
+                let draw = |attempt: u64| self.group(&prefix.narrow(0, k as i64, 1), subject, number, attempt);
+                let drawn = draw(0)?;
+                let judge = move || {
+                    let own = rewards(vae, subject, &drawn, &judged);
+                    own.map(|rewards| (drawn, rewards))
+                };
+                if c.rollout.dead == Dead::Resample {
+                    let mut found = judge()?;
+                    for attempt in 1..=TRIES {
+                        if !is_dead(&found.1) {
+                            break;
+                        }
+                        let drawn = draw(attempt)?;
+                        let own = rewards(vae, subject, &drawn, &judged)?;
+                        found = (drawn, own);
+                    }
+                    waiting.push(scope.spawn(move || Ok(found)));
+                } else {
+                    waiting.push(scope.spawn(judge));
+                }
+            }
+            let join = |handle: std::thread::ScopedJoinHandle<_>| {
+                handle.join().unwrap_or_else(|_| Err("judging a rollout failed".to_string()))
+            };
+            waiting.into_iter().map(join).collect::<Result<Vec<_>, String>>()
+        })?;
+        Ok(self.rollout_of(w, batch, &groups))
+    }
+
+    /// What is kept of drawn groups.
+    fn rollout_of(&self, w: &Weights, batch: &Batch, groups: &[(Vec<Drawn>, Vec<Rewards>)]) -> Rollout {
+        let (c, layout) = (&self.config, self.inner.rigger().layout());
+        let codes = self.inner.rigger().config().skin.codes;
+        let (mut sequences, mut totals, mut mesh_of, mut parts) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
+        let (mut sampler, mut spread, mut dead, mut distinct) = (Vec::new(), 0.0, 0usize, 0usize);
+        let (mut valid, mut joints) = (0usize, 0usize);
+        for (mesh, (drawn, rewards)) in groups.iter().enumerate() {
+            let still = is_dead(rewards);
+            dead += usize::from(still);
+            let mean = rewards.iter().map(|r| r.total).sum::<f64>() / rewards.len() as f64;
+            let sum: f64 = rewards.iter().map(|r| (r.total - mean).powi(2)).sum();
+            spread += (sum / (rewards.len() as f64 - 1.0)).sqrt();
+            distinct += drawn.iter().map(|d| &d.ids).collect::<std::collections::HashSet<_>>().len();
+            for (own, reward) in drawn.iter().zip(rewards) {
+                let all = match &own.decoded {
+                    Ok(d) => joints_told(&d.joints, &d.parents),
+                    Err(_) => Vec::new(),
+                };
+                (valid, joints) = (valid + usize::from(own.decoded.is_ok()), joints + all.len());
+                let told = told(layout, &own.ids, own.skeleton.len(), &all, codes);
+                let counts = !(still && c.rollout.dead == Dead::Mask);
+                sequences.push(Sequence { mesh, ids: own.ids.clone(), told, counts, ..Sequence::default() });
+                totals.push(reward.total);
+                parts.push(*reward);
+                mesh_of.push(mesh);
+                sampler.push(own.likelihood.0);
+            }
+        }
+        for (own, a) in sequences.iter_mut().zip(advantages(&totals, &mesh_of, c.objective.scale)) {
+            own.advantage = a;
+        }
+        let gap = self.remember(w, &batch.shapes, &mut sequences, &sampler);
+        let n = sequences.len().max(1) as f64;
+        let mean = |of: fn(&Rewards) -> f64| parts.iter().map(of).sum::<f64>() / n;
+        let tokens: usize = sequences.iter().map(|s| s.ids.len()).sum();
+        let (groups, joints) = (groups.len().max(1) as f64, joints as f64 / n);
+        let notes = vec![
+            mean(|r| r.total),
+            mean(|r| r.coverage),
+            mean(|r| r.containment),
+            mean(|r| r.skinning),
+            mean(|r| r.motion),
+            valid as f64 / n,
+            spread / groups,
+            dead as f64 / groups,
+            distinct as f64 / n,
+            tokens as f64 / n,
+            joints,
+            gap,
+        ];
+        Rollout { shapes: batch.shapes.clone(), sequences, notes }
+    }
+
+    /// Asks both policies how likely the sequences were; gives how far the sampler and the trainer differ by token.
+    fn remember(&self, w: &Weights, shapes: &Shapes, sequences: &mut [Sequence], sampler: &[f64]) -> f64 {
+        let numbers = |t: &Tensor| Vec::<f32>::try_from(t.to_kind(Kind::Float).contiguous()).unwrap_or_default();
+        let (old, counts, reference) = {
+            let all: Vec<&Sequence> = sequences.iter().collect();
+            let (old, counts) = self.likely(w, shapes, &all);
+            (numbers(&old.log), counts, numbers(&self.likely(&self.start, shapes, &all).0.log))
+        };
+        let (mut at, mut gap, mut tokens) = (0, 0.0, 0i64);
+        for ((own, &n), said) in sequences.iter_mut().zip(&counts).zip(sampler) {
+            let span = at..at + n as usize;
+            own.old = old[span.clone()].to_vec();
+            own.reference = reference[span].to_vec();
+            at += n as usize;
+            gap += (own.old.iter().map(|x| f64::from(*x)).sum::<f64>() - said).abs();
+            tokens += n;
+        }
+        gap / tokens.max(1) as f64
+    }
+
+    /// A mesh's group.
+    fn group(&self, prefix: &Tensor, subject: &Subject, number: u64, attempt: u64) -> Result<Vec<Drawn>, String> {
+        let (c, rigger) = (&self.config, self.inner.rigger());
+        let seed = c.train.seed;
+        let each = 0..c.rollout.group as u64;
+        let mut streams: Vec<_> =
+            each.map(|k| stream(seed, "rollout draws", &[number, subject.key, attempt, k])).collect();
+        let prompts = vec![rigger.free(); c.rollout.group];
+        rigger.draw(rigger.params().weights(), prefix, &prompts, &c.draws(), &mut streams)
+    }
+
+    pub(super) fn judged(&self, vertices: usize, seed: u64) -> Judged {
+        Judged { vertices, cut: self.config.eval.cut, seed }
+    }
+}
+
+/// Whether nothing can be learnt from a group.
+fn is_dead(rewards: &[Rewards]) -> bool {
+    rewards.windows(2).all(|pair| pair[0].total == pair[1].total)
+}
+
+impl Rollout {
+    /// As tensors, for a checkpoint.
+    pub(super) fn tensors(&self) -> BTreeMap<String, Tensor> {
+        let s = &self.sequences;
+        let ids: Vec<i64> = s.iter().flat_map(|s| &s.ids).copied().collect();
+        let told: Vec<f32> = s.iter().flat_map(|s| s.told.iter().flatten()).copied().collect();
+        let old: Vec<f32> = s.iter().flat_map(|s| &s.old).copied().collect();
+        let reference: Vec<f32> = s.iter().flat_map(|s| &s.reference).copied().collect();
+        let heads: Vec<i64> = s
+            .iter()
+            .flat_map(|s| [s.mesh as i64, s.ids.len() as i64, s.old.len() as i64, i64::from(s.counts)])
+            .collect();
+        let advantages: Vec<f64> = s.iter().map(|s| s.advantage).collect();
+        let all = [
+            ("cloud", Tensor::from_slice(&self.shapes.cloud)),
+            ("picks", Tensor::from_slice(&self.shapes.picks)),
+            ("meshes", Tensor::from(self.shapes.rigs as i64)),
+            ("heads", Tensor::from_slice(&heads)),
+            ("ids", Tensor::from_slice(&ids)),
+            ("told", Tensor::from_slice(&told)),
+            ("advantages", Tensor::from_slice(&advantages)),
+            ("old", Tensor::from_slice(&old)),
+            ("reference", Tensor::from_slice(&reference)),
+            ("notes", Tensor::from_slice(&self.notes)),
+        ];
+        all.into_iter().map(|(name, t)| (format!("rollout.{name}"), t)).collect()
+    }
+
+    /// What [`Self::tensors`] gave; `None` where it was none.
+    pub(super) fn of(kept: &BTreeMap<String, Tensor>) -> Option<Self> {
+        let get = |name: &str| kept.get(&format!("rollout.{name}")).map(|t| t.contiguous().view([-1]));
+        let whole = |name: &str| Vec::<i64>::try_from(get(name)?.to_kind(Kind::Int64)).ok();
+        let single = |name: &str| Vec::<f32>::try_from(get(name)?.to_kind(Kind::Float)).ok();
+        let double = |name: &str| Vec::<f64>::try_from(get(name)?.to_kind(Kind::Double)).ok();
+        let (heads, ids, told) = (whole("heads")?, whole("ids")?, single("told")?);
+        let (old, reference, advantages) = (single("old")?, single("reference")?, double("advantages")?);
+        let (mut token, mut free) = (0usize, 0usize);
+        let mut sequences = Vec::new();
+        for (head, &advantage) in heads.chunks_exact(4).zip(&advantages) {
+            let &[mesh, tokens, chosen, counts] = head else { return None };
+            let (tokens, chosen) =
+                (token..token + usize::try_from(tokens).ok()?, free..free + usize::try_from(chosen).ok()?);
+            (token, free) = (tokens.end, chosen.end);
+            let told = told.get(7 * tokens.start..7 * tokens.end)?.chunks_exact(7);
+            sequences.push(Sequence {
+                mesh: usize::try_from(mesh).ok()?,
+                told: told.map(|row| std::array::from_fn(|k| row[k])).collect(),
+                ids: ids.get(tokens)?.to_vec(),
+                advantage,
+                counts: counts != 0,
+                old: old.get(chosen.clone())?.to_vec(),
+                reference: reference.get(chosen)?.to_vec(),
+            });
+        }
+        let shapes = Shapes {
+            rigs: usize::try_from(*whole("meshes")?.first()?).ok()?,
+            cloud: single("cloud")?,
+            picks: whole("picks")?,
+            ..Shapes::default()
+        };
+        Some(Self { shapes, sequences, notes: double("notes")? })
+    }
+}

@@ -1,0 +1,71 @@
+//! From codes to weights, on one mesh.
+
+use riglab_core::{Mesh, Rig, Segment, Skeleton, SkinWeights};
+use riglab_geom::Transfer;
+use riglab_nn::fsq_cvae::FsqCvae;
+use riglab_random::{Draw, Stream};
+use tch::{Kind, Tensor};
+
+use crate::fsq_cvae::{Frozen, Point, Prepared};
+
+/// Vertices that tell one at which no weights were asked.
+const NEIGHBOURS: usize = 8;
+
+/// A mesh in the cube, its shape read once, ready for the weights of any codes.
+pub struct Skinner<'a> {
+    vae: &'a Frozen,
+    points: Vec<Point>,
+    shape: Tensor,
+    /// Of each vertex, where not all were asked, the points that tell it.
+    shares: Option<Vec<Vec<(u32, f32)>>>,
+}
+
+impl<'a> Skinner<'a> {
+    /// Codes are asked for weights at `most` vertices; the others are told by the eight nearest of those, as released.
+    /// `random` draws which, and the points that the shape is read by.
+    ///
+    /// # Errors
+    /// When the mesh makes no rig.
+    pub fn new(vae: &'a Frozen, mesh: &Mesh, most: usize, random: &mut Stream) -> Result<Self, String> {
+        let n = mesh.positions().len();
+        let at_root = SkinWeights::normalized((0..n).map(|_| [(0, 1.0)])).map_err(|e| e.to_string())?;
+        let root = riglab_core::Joint { name: "root".into(), parent: None, head: [0.0; 3] };
+        let skeleton = Skeleton::new(vec![root]).map_err(|e| e.to_string())?;
+        let bare = Rig::new(skeleton, mesh.clone(), at_root).map_err(|e| e.to_string())?;
+        let prepared = Prepared::of(String::new(), bare, false);
+        let mut asked: Vec<u32> = (0..n as u32).collect();
+        if n > most {
+            random.shuffled(&mut asked);
+            asked.truncate(most);
+        }
+        let points: Vec<Point> = asked.iter().map(|&v| prepared.vertex(v)).collect();
+        let shape = vae.with(|coder| coder.shape(&prepared, random));
+        let shares = (n > most).then(|| {
+            let places: Vec<_> = points.iter().map(|p| p.position).collect();
+            Transfer::new(&places, NEIGHBOURS).shares(mesh.positions())
+        });
+        Ok(Self { vae, points, shape, shares })
+    }
+
+    /// Raw shares of each vertex, a row a vertex, a column a bone: `segments` and `codes` are those of each.
+    pub fn raw(&self, segments: &[Vec<Segment>], codes: &[&[i64]]) -> Vec<f32> {
+        let m = segments.len();
+        if m == 0 || codes.iter().all(|c| c.is_empty()) {
+            return Vec::new();
+        }
+        let known = self.vae.with(|coder| {
+            let ids = Tensor::from_slice(&codes.concat()).view([m as i64, -1]).to_device(coder.device);
+            let net: &FsqCvae = coder.net;
+            coder.decode(&self.shape, &net.fsq().codes(&ids, Kind::Float), &self.points, segments)
+        });
+        let Some(shares) = &self.shares else { return known };
+        let mut out = vec![0.0; shares.len() * m];
+        for (row, shares) in out.chunks_exact_mut(m).zip(shares) {
+            for &(k, share) in shares {
+                let known = &known[k as usize * m..(k as usize + 1) * m];
+                row.iter_mut().zip(known).for_each(|(w, known)| *w += share * known);
+            }
+        }
+        out
+    }
+}
