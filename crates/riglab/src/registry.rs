@@ -91,6 +91,9 @@ impl TaskConfig {
     /// The same with what is left to this machine decided: the precision.
     pub fn settled(mut self) -> Self {
         each!(&mut self, c => c.train.precision = c.train.precision.resolved());
+        if let Self::Grpo(c) = &mut self {
+            c.rollout.precision = c.rollout.precision.resolved();
+        }
         self
     }
 

@@ -16,13 +16,15 @@ pub struct Frozen {
     config: FsqCvaeTaskConfig,
     net: FsqCvae,
     params: Mutex<Params>,
+    /// Its weights in bfloat16, once they were asked for.
+    half: Mutex<Option<Weights>>,
     device: Device,
 }
 
 impl Frozen {
     /// With these weights.
     pub fn new(config: FsqCvaeTaskConfig, net: FsqCvae, params: Params, device: Device) -> Self {
-        Self { config, net, params: Mutex::new(params), device }
+        Self { config, net, params: Mutex::new(params), half: Mutex::default(), device }
     }
 
     /// Of a run's folder: its config, and its best checkpoint.
@@ -62,6 +64,16 @@ impl Frozen {
         // Weights are only read: a thread that panicked left them whole.
         let params = self.params.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
         let weights: &Weights = params.weights();
+        work(Coder { config: &self.config, net: &self.net, weights, device: self.device })
+    }
+
+    /// As [`Self::with`], computing in bfloat16: twice as fast where the processor has it, shares off by some thousandths.
+    pub fn with_half<T>(&self, work: impl FnOnce(Coder<'_>) -> T) -> T {
+        let mut half = self.half.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
+        let weights = half.get_or_insert_with(|| {
+            let params = self.params.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
+            tch::no_grad(|| params.weights().cast(tch::Kind::BFloat16))
+        });
         work(Coder { config: &self.config, net: &self.net, weights, device: self.device })
     }
 

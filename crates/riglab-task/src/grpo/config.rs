@@ -6,7 +6,7 @@ use riglab_augment::Recipe;
 use riglab_nn::generate::GenerateConfig;
 use riglab_nn::grpo::ObjectiveConfig;
 use riglab_reward::RewardConfig;
-use riglab_train::TrainConfig;
+use riglab_train::{Precision, TrainConfig};
 use serde::{Deserialize, Serialize};
 
 use crate::assets::DataConfig;
@@ -79,11 +79,22 @@ pub struct RolloutConfig {
     pub dead: Dead,
     /// Codes are asked for weights at so many vertices of a mesh at most; the others are told by their neighbours.
     pub vertices: usize,
+    /// What the auto-encoder computes with when rigs are judged.
+    pub precision: Precision,
 }
 
 impl Default for RolloutConfig {
     fn default() -> Self {
-        Self { meshes: 1, group: 24, temperature: 1.0, epochs: 1, minibatches: 1, dead: Dead::Keep, vertices: 1024 }
+        Self {
+            meshes: 1,
+            group: 24,
+            temperature: 1.0,
+            epochs: 1,
+            minibatches: 1,
+            dead: Dead::Keep,
+            vertices: 1024,
+            precision: Precision::Auto,
+        }
     }
 }
 

@@ -8,6 +8,7 @@ use riglab_nn::tokenrig::{Asked, Choices, Likelihood, Sequences};
 use riglab_random::stream;
 use riglab_reward::Rewards;
 use riglab_token::Mask;
+use riglab_train::Precision;
 use tch::{Kind, Tensor};
 
 use super::GrpoTask;
@@ -269,7 +270,8 @@ impl GrpoTask {
     }
 
     pub(super) fn judged(&self, vertices: usize, seed: u64) -> Judged {
-        Judged { vertices, cut: self.config.eval.cut, seed }
+        let half = self.config.rollout.precision.resolved() == Precision::Bf16;
+        Judged { vertices, cut: self.config.eval.cut, half, seed }
     }
 }
 
@@ -339,5 +341,57 @@ impl Rollout {
             ..Shapes::default()
         };
         Some(Self { shapes, sequences, notes: double("notes")? })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use riglab_nn::generate::GenerateConfig;
+    use riglab_nn::tokenrig::Head;
+
+    use super::*;
+    use crate::tokenrig::testing::{tetrahedron, untrained};
+
+    #[test]
+    fn what_was_drawn_was_allowed_and_what_was_forced_was_no_choice() {
+        for (head, empty) in [(Head::Levels, true), (Head::Flat, false)] {
+            let rigger = untrained(head, empty);
+            let (mesh, w) = (tetrahedron(), rigger.params().weights());
+            let prefix = rigger.condition(w, &[(&mesh, 0)]);
+            let how = GenerateConfig { sample: true, ..GenerateConfig::default() };
+            let mut streams: Vec<_> = (0..4).map(|k| stream(1, "test", &[k])).collect();
+            let drawn = rigger.draw(w, &prefix, &vec![rigger.free(); 4], &how, &mut streams).unwrap();
+            let first = rigger.layout().skeleton();
+            for own in drawn {
+                let mut found = Free::default();
+                free(&rigger, &own.ids, 1, &mut found);
+                let targets = &own.ids[1..];
+                assert_eq!(found.chosen.len(), targets.len());
+                let of_skeleton: Vec<i64> = targets.iter().copied().filter(|&id| id < first).collect();
+                let masks: Vec<&[bool]> = found.skeleton.chunks_exact(first as usize).collect();
+                assert_eq!(masks.len(), of_skeleton.len());
+                assert!(masks.iter().zip(&of_skeleton).all(|(mask, &id)| mask[id as usize]));
+                assert!(found.empty.iter().all(|&may| empty || !may), "flat sequences have no empty bones");
+                assert_eq!(found.chosen.last(), Some(&false), "the end is forced");
+                assert!(found.chosen.iter().filter(|c| **c).count() > 3);
+            }
+        }
+    }
+
+    #[test]
+    fn a_rollout_comes_back_from_a_checkpoint() {
+        let own = |mesh: usize, n: usize| Sequence {
+            mesh,
+            ids: (0..n as i64).collect(),
+            told: (0..n).map(|k| [k as f32; 7]).collect(),
+            advantage: 0.1 * n as f64,
+            counts: mesh == 0,
+            old: vec![-0.5; n - 2],
+            reference: vec![-0.25; n - 2],
+        };
+        let shapes = Shapes { rigs: 2, cloud: vec![0.5; 24], picks: vec![1, 0], ..Shapes::default() };
+        let all = Rollout { shapes, sequences: vec![own(0, 5), own(1, 2), own(1, 4)], notes: vec![1.0 / 3.0; 12] };
+        assert_eq!(Rollout::of(&all.tensors()), Some(all));
+        assert_eq!(Rollout::of(&BTreeMap::new()), None);
     }
 }

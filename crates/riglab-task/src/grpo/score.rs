@@ -17,6 +17,8 @@ pub struct Judged {
     pub vertices: usize,
     /// Raw shares below it are dropped, as they are from a rig.
     pub cut: f32,
+    /// Whether the auto-encoder computes in bfloat16.
+    pub half: bool,
     /// Seeds the points that the mesh's shape is read by.
     pub seed: u64,
 }
@@ -29,6 +31,7 @@ pub struct Judged {
 pub fn rewards(vae: &Frozen, subject: &Subject, drawn: &[Drawn], how: &Judged) -> Result<Vec<Rewards>, String> {
     let mut random = stream(how.seed, "skin rewards", &[subject.key]);
     let skinner = Skinner::new(vae, &subject.mesh, how.vertices, &mut random)?;
+    let skinner = if how.half { skinner.half() } else { skinner };
     let (mut first, mut place): (HashMap<&[i64], usize>, Vec<usize>) = Default::default();
     let mut candidates = Vec::new();
     for own in drawn {

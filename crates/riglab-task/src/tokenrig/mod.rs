@@ -12,6 +12,8 @@ mod rigger;
 mod sample;
 mod shipped;
 mod skinner;
+#[cfg(test)]
+pub(crate) mod testing;
 
 use std::sync::Arc;
 

@@ -2,11 +2,10 @@
 
 use riglab_core::{Mesh, Rig, Segment, Skeleton, SkinWeights};
 use riglab_geom::Transfer;
-use riglab_nn::fsq_cvae::FsqCvae;
 use riglab_random::{Draw, Stream};
 use tch::{Kind, Tensor};
 
-use crate::fsq_cvae::{Frozen, Point, Prepared};
+use crate::fsq_cvae::{Coder, Frozen, Point, Prepared};
 
 /// Vertices that tell one at which no weights were asked.
 const NEIGHBOURS: usize = 8;
@@ -16,6 +15,7 @@ pub struct Skinner<'a> {
     vae: &'a Frozen,
     points: Vec<Point>,
     shape: Tensor,
+    half: bool,
     /// Of each vertex, where not all were asked, the points that tell it.
     shares: Option<Vec<Vec<(u32, f32)>>>,
 }
@@ -44,7 +44,13 @@ impl<'a> Skinner<'a> {
             let places: Vec<_> = points.iter().map(|p| p.position).collect();
             Transfer::new(&places, NEIGHBOURS).shares(mesh.positions())
         });
-        Ok(Self { vae, points, shape, shares })
+        Ok(Self { vae, points, shape, half: false, shares })
+    }
+
+    /// Weights are computed in bfloat16, see [`Frozen::with_half`].
+    #[must_use]
+    pub fn half(self) -> Self {
+        Self { shape: self.shape.to_kind(Kind::BFloat16), half: true, ..self }
     }
 
     /// Raw shares of each vertex, a row a vertex, a column a bone: `segments` and `codes` are those of each.
@@ -53,11 +59,12 @@ impl<'a> Skinner<'a> {
         if m == 0 || codes.iter().all(|c| c.is_empty()) {
             return Vec::new();
         }
-        let known = self.vae.with(|coder| {
+        let decode = |coder: Coder<'_>| {
             let ids = Tensor::from_slice(&codes.concat()).view([m as i64, -1]).to_device(coder.device);
-            let net: &FsqCvae = coder.net;
-            coder.decode(&self.shape, &net.fsq().codes(&ids, Kind::Float), &self.points, segments)
-        });
+            let codes = coder.net.fsq().codes(&ids, Kind::Float).to_kind(coder.weights.kind());
+            coder.decode(&self.shape, &codes, &self.points, segments)
+        };
+        let known = if self.half { self.vae.with_half(decode) } else { self.vae.with(decode) };
         let Some(shares) = &self.shares else { return known };
         let mut out = vec![0.0; shares.len() * m];
         for (row, shares) in out.chunks_exact_mut(m).zip(shares) {

@@ -1,0 +1,121 @@
+//! GRPO from the shipped model by the product's commands: first steps, a kill in the middle of a rollout, and the refined
+//! model at work.
+
+mod binary;
+
+use std::fs;
+use std::path::Path;
+
+use binary::{corpus, must, refusal, riglab, text};
+use serde_json::Value;
+
+const SETTINGS: &str = "\
+extends = 'skintokens/grpo_quick.toml'
+[rollout]
+meshes = 1
+group = 4
+epochs = 2
+minibatches = 2
+vertices = 48
+precision = 'fp32'
+[reward]
+resolution = 32
+[train]
+steps = 8
+save_every = 3
+validate_every = 4
+[train.schedule]
+warmup = 1
+[eval]
+validation_assets = 2
+vertices = 64
+";
+
+fn lines(run: &Path) -> Vec<Value> {
+    let text = fs::read_to_string(run.join("metrics.jsonl")).unwrap();
+    text.lines().map(|l| serde_json::from_str(l).expect("each line is JSON")).collect()
+}
+
+#[test]
+fn rewards_refine_a_model() {
+    let dir = tempfile::tempdir().unwrap();
+    let corpus = corpus(dir.path(), 14);
+    let config = dir.path().join("grpo.toml");
+    fs::write(&config, format!("{SETTINGS}[data]\ncorpora = ['{}']\n", corpus.display())).unwrap();
+
+    let whole = dir.path().join("whole");
+    must(&["train", text(&config), "--run", text(&whole)]);
+    let all = lines(&whole);
+    let steps: Vec<&Value> = all.iter().filter(|l| l["train/loss"].is_number()).collect();
+    assert_eq!(steps.len(), 8);
+    let of = |step: usize, name: &str| steps[step][&format!("train/{name}")].as_f64().unwrap_or(f64::NAN);
+    for step in [0, 4] {
+        // Before the first update on a rollout, new and old policy are one; the sampler and the trainer agree.
+        assert!((of(step, "ratio") - 1.0).abs() < 1e-5, "{}", steps[step]);
+        assert!(of(step, "clip_fraction") == 0.0 && of(step, "sampler_gap") < 1e-4, "{}", steps[step]);
+        assert_eq!(of(step, "valid"), 1.0);
+        assert!(of(step, "spread") > 0.0 && of(step, "entropy") > 0.0);
+        let total = 5.0 * of(step, "coverage") + of(step, "containment") + of(step, "skinning") + of(step, "motion");
+        assert!((of(step, "reward") - total).abs() < 1e-9);
+    }
+    assert_eq!(of(0, "divergence"), 0.0);
+    assert!((1..8).all(|step| of(step, "divergence") > 0.0), "the policy moves");
+    assert!(of(3, "reward") == of(0, "reward") && of(4, "reward") != of(0, "reward"), "four steps a rollout");
+
+    // Stopped after 3 steps, in the middle of the first rollout.
+    let broken = dir.path().join("broken");
+    must(&["train", text(&config), "--run", text(&broken), "--set", "train.keep=9"]);
+    let checkpoints = broken.join("checkpoints");
+    for name in ["step-00000004", "step-00000006", "step-00000008"] {
+        let _ = fs::remove_dir_all(checkpoints.join(name));
+    }
+    for name in ["best", "last"] {
+        fs::remove_file(checkpoints.join(name)).unwrap();
+    }
+    must(&["train", "--resume", text(&broken)]);
+    assert_eq!(fs::read(whole.join("metrics.jsonl")).unwrap(), fs::read(broken.join("metrics.jsonl")).unwrap());
+    let weights = |run: &Path| fs::read(run.join("checkpoints/step-00000008/model.safetensors")).unwrap();
+    assert!(weights(&whole) == weights(&broken), "a resumed run is the unbroken run");
+    // Without the rollout it cannot be.
+    fs::remove_dir_all(checkpoints.join("step-00000008")).unwrap();
+    fs::remove_dir_all(checkpoints.join("step-00000006")).unwrap();
+    fs::remove_dir_all(checkpoints.join("step-00000004")).unwrap();
+    fs::remove_file(checkpoints.join("step-00000003/task.safetensors")).unwrap();
+    let said = refusal(&mut riglab(&["train", "--resume", text(&broken)]));
+    assert!(said.contains("rollout"), "{said}");
+
+    let said = String::from_utf8(must(&["eval", text(&whole), "--json", "--pictures", "1"]).stdout).unwrap();
+    let evaluation: Value = serde_json::from_str(&said).unwrap();
+    let rows = evaluation["report"]["rows"].as_array().unwrap();
+    assert!(rows.len() >= 2 && rows[0]["skeletons"]["method"] == "before" && rows[1]["skeletons"]["method"] == "after");
+    assert_eq!(rows[1]["skeletons"]["valid"], 1.0);
+    let report = dir.path().join("report.html");
+    must(&["report", text(&whole), "-o", text(&report)]);
+    let html = fs::read_to_string(&report).unwrap();
+    assert!(html.contains("Before and after") && html.contains("data:image/png"));
+
+    // What was refined rigs, and can be handed on.
+    let mesh = fs::read_dir(dir.path().join("files")).unwrap().map(|e| e.unwrap().path());
+    let mesh = mesh.filter(|p| p.extension().is_some_and(|e| e == "glb")).min().unwrap();
+    let (rigged, again) = (dir.path().join("a.glb"), dir.path().join("b.glb"));
+    must(&["rig", text(&mesh), "-o", text(&rigged), "--skeleton", "predict", "--checkpoint", text(&whole)]);
+    let file = dir.path().join("model.safetensors");
+    must(&["checkpoint", "export", text(&whole), "-o", text(&file)]);
+    assert!(fs::metadata(&file).unwrap().len() > 1_000_000);
+    must(&["rig", text(&mesh), "-o", text(&again), "--skeleton", "predict", "--checkpoint", text(&file)]);
+}
+
+#[test]
+fn a_policy_that_runs_away_is_stopped() {
+    let dir = tempfile::tempdir().unwrap();
+    let corpus = corpus(dir.path(), 14);
+    let config = dir.path().join("grpo.toml");
+    let more = "[guard]\ndivergence = 1e-6\n";
+    fs::write(&config, format!("{SETTINGS}{more}[data]\ncorpora = ['{}']\n", corpus.display())).unwrap();
+    let run = dir.path().join("run");
+    let said = refusal(&mut riglab(&["train", text(&config), "--run", text(&run)]));
+    assert!(said.contains("guard.divergence") && said.contains("objective.beta"), "{said}");
+    let start = "start.model='no such model'";
+    let said = refusal(&mut riglab(&["train", text(&config), "--set", start]));
+    assert!(said.contains("no such model"), "{said}");
+}
