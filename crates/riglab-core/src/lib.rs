@@ -14,7 +14,7 @@
 //!
 //! Also: what a rig may have besides, humanoid map and spring bones, and the clips that move it.
 //!
-//! Leaves out: files (`riglab-asset`), tensors, the simulation of springs.
+//! Leaves out: files (`riglab-asset`), tensors, the simulation of springs (`riglab-simulate`).
 
 mod asset;
 mod bones;
