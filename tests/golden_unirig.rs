@@ -9,6 +9,9 @@ use riglab_nn::generate::{Decoder, GenerateConfig, Grammar, argmax, best, log_so
 use riglab_nn::optim::{OptimConfig, Optimizer, Pace};
 use riglab_nn::params::{Builder, Init, Params, Role, Weights};
 use riglab_nn::perceiver::{Perceiver, PerceiverConfig};
+use riglab_nn::simulate::{
+    Maps, Tree, quaternions_of_rotations, quaternions_of_vectors, rotations_of_quaternions, rotations_of_vectors, skin,
+};
 use riglab_nn::skeleton::{SkeletonModel, SkeletonModelConfig, coordinate_distance, cross_entropy};
 use riglab_tests::{Golden, golden};
 use riglab_token::{Mask, Preset, Tokenizer, Walk};
@@ -29,12 +32,59 @@ fn released_skeleton_model() {
 }
 
 #[test]
+fn released_poses_and_skinning() {
+    riglab_torch::init(riglab_torch::Settings { threads: 1 });
+    for (_, case) in golden("unirig", &["lbs_fk"]) {
+        poses(&case);
+        case.done();
+    }
+}
+
+#[test]
 fn released_mesh_condition_of_tokenrig() {
     riglab_torch::init(riglab_torch::Settings { threads: 1 });
     for (_, case) in golden("skintokens", &["mesh_condition"]) {
         mesh_condition(&case);
         case.done();
     }
+}
+
+/// Forward kinematics with and without turns at rest, skinning with its gradients, rotations as others.
+fn poses(case: &Golden) {
+    let parents: Vec<Option<usize>> =
+        rows_of(&case.get("in.parents")).iter().map(|p| usize::try_from(*p).ok()).collect();
+    let (tree, heads, points) = (Tree::new(&parents), case.get("in.joints"), case.get("in.vertices"));
+    let basis = Maps::of(&case.get("in.matrix_basis"));
+    let turned = Maps::of(&case.get("in.matrix_local"));
+    let still =
+        Maps { matrix: Tensor::eye(3, (Kind::Float, Device::Cpu)).expand_as(&turned.matrix), shift: heads.copy() };
+    let mut maps = Vec::new();
+    for (frames, suffix) in [(turned, ""), (still, "_no_rest_rotation")] {
+        // A basis is within the frame of its joint.
+        let found = tree.compose(&frames.after(&basis).after(&frames.inverse()));
+        let posed = found.after(&frames).rows();
+        let last = Tensor::from_slice(&[0f32, 0.0, 0.0, 1.0]).expand([posed.size()[0], 1, 4], false);
+        case.check(&format!("out.pose_matrix{suffix}"), &Tensor::cat(&[&posed, &last], 1));
+        case.check(&format!("out.posed{suffix}.vertices"), &skin(&points, &case.get("in.skin"), &found));
+        case.check(&format!("out.posed{suffix}.joints"), &found.apply(&heads));
+        case.check(&format!("out.posed{suffix}.tails"), &found.apply(&case.get("in.tails")));
+        maps.push(found);
+    }
+    let weights = case.get("in.skin_unnormalised").set_requires_grad(true);
+    let places = points.copy().set_requires_grad(true);
+    let found = skin(&places, &weights, &maps[0]);
+    case.check("out.lbs_unnormalised", &found);
+    let loss = (found * case.get("in.grad_out")).sum(None::<Kind>);
+    let gradients = Tensor::run_backward(&[loss], &[&weights, &places], false, false);
+    case.check("grad.skin", &gradients[0]);
+    case.check("grad.vertices", &gradients[1]);
+
+    let quaternions = quaternions_of_vectors(&case.get("in.axis_angle"));
+    case.check("out.quaternion_wxyz", &quaternions);
+    let rotations = rotations_of_quaternions(&quaternions);
+    case.check("out.quaternion_matrix", &rotations);
+    case.check("out.matrix_quaternion_wxyz", &quaternions_of_rotations(&rotations));
+    case.check("out.basis_rotation", &rotations_of_vectors(&case.get("in.rotvec")));
 }
 
 /// Every variant that is recorded: octaves or even steps, with π or without, with the input or without.

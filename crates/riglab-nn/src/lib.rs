@@ -25,6 +25,7 @@ pub mod loss;
 pub mod optim;
 pub mod params;
 pub mod perceiver;
+pub mod simulate;
 pub mod skeleton;
 pub mod tokenrig;
 
