@@ -22,7 +22,7 @@ use std::fmt;
 use std::io;
 use std::path::Path;
 
-use riglab_core::{Provenance, Rig};
+use riglab_core::{Clip, Provenance, Rig, Skeleton};
 use thiserror::Error;
 
 use crate::{Fault, Format, ImportOptions, Imported, gltf, import_from};
@@ -177,8 +177,11 @@ pub enum ExportFault {
     /// The bytes changed since they were imported.
     #[error("the file is not the one that was imported; import it again")]
     OtherSource,
+    /// The clip is of another skeleton.
+    #[error("the motion is of another skeleton ({0}); import the file again")]
+    OtherMotion(String),
     /// Not glTF.
-    #[error("only glTF, GLB and VRM files can be stripped; convert the file to GLB first")]
+    #[error("only glTF, GLB and VRM files can be stripped or animated; convert the file to GLB first")]
     NotADocument,
     /// A GLB counts its bytes with 32 bits.
     #[error("the GLB would have {0} bytes, more than the format can say (4 GiB); leave out pictures or meshes")]
@@ -294,6 +297,32 @@ pub fn strip_bytes(
 /// What is wrong with the file.
 pub fn preview(bytes: &[u8]) -> Result<Exported, ExportFault> {
     gltf::export::preview(bytes, None)
+}
+
+/// A glTF with one motion more, which comes first: `clip`, with a key a frame for each joint that it moves. The joints
+/// of the clip are those of `skeleton`, by whose names the file's are found; `imported` was read from these very
+/// bytes. `folder` is where what belongs to the file is looked for, if at all. All else stays as it is.
+///
+/// Turns, shifts and scales of joints are kept; sheared ones, as uneven scales of turned joints make, come near.
+///
+/// # Errors
+/// What is wrong with the file; that it is no glTF, or file, import, skeleton and clip do not belong together.
+pub fn animate(
+    bytes: &[u8],
+    folder: Option<&Path>,
+    imported: &Imported,
+    skeleton: &Skeleton,
+    clip: &Clip,
+) -> Result<Exported, ExportError> {
+    let file = &imported.provenance.source;
+    let fail = |fault| ExportError { file: file.clone(), fault };
+    if blake3::hash(bytes).to_hex().to_string() != imported.provenance.checksum {
+        return Err(fail(ExportFault::OtherSource));
+    }
+    if Format::of(Path::new(file), bytes).map_err(|f| fail(f.into()))? != Format::Gltf {
+        return Err(fail(ExportFault::NotADocument));
+    }
+    gltf::export::animate(bytes, folder, &imported.reading, skeleton, clip).map_err(fail)
 }
 
 /// Writes a file whole or not at all: under a temporary name in the same folder, synced, then renamed. A kill

@@ -69,7 +69,7 @@ pub fn generate(rig: &Rig, motion: &Motion) -> Clip {
                 let angle = std::f64::consts::TAU * way;
                 let (along, across) = (wave(time, slow), 0.4 * wave(time, fast));
                 let (sin, cos) = (libm::sin(angle), libm::cos(angle));
-                shift = 0.15
+                shift = 0.08
                     * far
                     * size
                     * strength

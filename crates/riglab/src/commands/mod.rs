@@ -11,6 +11,7 @@ pub mod inspect;
 pub mod report;
 pub mod review;
 pub mod rig;
+pub mod simulate;
 pub mod strip;
 pub mod synth;
 pub mod tokens;

@@ -3,7 +3,7 @@
 //! A file is packed into one run of bytes ([`packed`]), looked at as the importer does ([`scene`]), and
 //! altered as JSON ([`draft`]): a rig is put in ([`bind`]), with its human bones ([`humanoid`]) and springs
 //! ([`springs`]), or taken out ([`strip`], [`remove`]). Geometry is moved into the scene only where the nodes
-//! would not leave it in its place ([`bake`], [`place`]); a motion may be added ([`mod@preview`]). At the end goes what nothing names any more
+//! would not leave it in its place ([`bake`], [`place`]); a motion may be added ([`mod@preview`], [`motion`]). At the end goes what nothing names any more
 //! ([`finish`]). All else stays as it was read.
 
 mod animations;
@@ -15,6 +15,7 @@ mod frames;
 mod humanoid;
 mod meshes;
 pub(crate) mod model;
+mod motion;
 mod packed;
 mod place;
 mod preview;
@@ -30,7 +31,7 @@ mod vrm;
 use std::collections::HashSet;
 use std::path::Path;
 
-use riglab_core::{Provenance, Rig};
+use riglab_core::{Clip, Provenance, Rig, Skeleton};
 use serde::Deserialize;
 use serde_json::json;
 
@@ -81,6 +82,20 @@ pub(crate) fn preview(bytes: &[u8], folder: Option<&Path>) -> Result<Exported, E
     edit(bytes, folder, |draft, source, _| {
         preview::add(draft, source.document)?;
         Ok(())
+    })
+}
+
+/// See [`crate::export::animate`].
+pub(crate) fn animate(
+    bytes: &[u8],
+    folder: Option<&Path>,
+    reading: &Reading,
+    skeleton: &Skeleton,
+    clip: &Clip,
+) -> Result<Exported, ExportFault> {
+    edit(bytes, folder, |draft, source, _| {
+        let scene = Scene::new(&source, reading, None)?.ok_or(ExportFault::OtherSource)?;
+        motion::add(draft, source.document, &scene, reading, skeleton, clip)
     })
 }
 

@@ -1,0 +1,142 @@
+//! Motions written as animations: what is read again is what was written.
+
+mod common;
+
+use common::{Tiny, data, files};
+use riglab_asset::export::{ExportFault, animate};
+use riglab_asset::{ImportOptions, Imported, Resample, import, import_bytes};
+use riglab_core::{Clip, Pose, Rig};
+use riglab_random::{Draw, stream};
+use serde_json::{Value, json};
+
+const RATE: f32 = 20.0;
+
+fn reading() -> ImportOptions {
+    ImportOptions { clips: Some(Resample { rate: RATE, ..Resample::default() }), ..ImportOptions::default() }
+}
+
+/// Every joint turns, and the root goes somewhere.
+fn dance(rig: &Rig, frames: u64) -> Clip {
+    let size = rig.bounds().diagonal();
+    let skeleton = rig.skeleton();
+    let pose = |frame: u64| {
+        let mut draw = stream(2, "dance", &[frame]);
+        let mut pose = Pose::rest(skeleton.len());
+        for joint in skeleton.ids() {
+            pose.rotate(joint, std::array::from_fn(|_| 0.3 * draw.normal()));
+        }
+        pose.shift_root(std::array::from_fn(|_| 0.1 * size * draw.normal()));
+        pose.transforms(skeleton)
+            .unwrap()
+            .into_iter()
+            .map(|m| [m.matrix3.x_axis, m.matrix3.y_axis, m.matrix3.z_axis, m.translation].map(Into::into))
+    };
+    Clip::new("dance".into(), RATE, skeleton.len(), (0..frames).flat_map(pose).collect()).unwrap()
+}
+
+/// How far maps of the first clip read are from those written, in sizes of the rig.
+fn off(read: &Imported, rig: &Rig, clip: &Clip) -> f32 {
+    let found = &read.clips[0];
+    assert_eq!((found.name(), found.frames(), found.joints()), (clip.name(), clip.frames(), clip.joints()));
+    assert_eq!(read.rig().unwrap(), rig);
+    let size = rig.bounds().diagonal();
+    let apart = |frame: usize| {
+        let pairs = found.frame(frame).into_iter().zip(clip.frame(frame)).zip(rig.skeleton().heads());
+        let ends = pairs.flat_map(|((a, b), head)| {
+            let head = glam::Vec3::from(*head);
+            [head, head + size * glam::Vec3::X, head + size * glam::Vec3::Y]
+                .map(|p| (a.transform_point3(p) - b.transform_point3(p)).length())
+        });
+        ends.fold(0.0, f32::max) / size
+    };
+    (0..clip.frames()).map(apart).fold(0.0, f32::max)
+}
+
+#[test]
+fn motions_of_real_rigs_come_back() {
+    let Some(folder) = data("RIGLAB_RIGS", "rigs") else { return };
+    let mut checked = 0;
+    for file in files(&folder, &["glb", "gltf", "vrm"]).into_iter().step_by(7) {
+        let imported = import(&file, &reading()).unwrap();
+        let Some(rig) = imported.rig() else { continue };
+        let clip = dance(rig, 6);
+        let bytes = std::fs::read(&file).unwrap();
+        let out = animate(&bytes, file.parent(), &imported, rig.skeleton(), &clip).unwrap();
+        let again = import_bytes("again.glb", &out.bytes, &reading()).unwrap();
+        let off = off(&again, rig, &clip);
+        // Uneven scales, rounding of scales included, shear what turns below them.
+        let limit = 3e-4 + 20.0 * uneven(&document(&out.bytes));
+        assert!(off < limit, "{}: {off}, and {limit} is allowed", file.display());
+        // Those without a name are called by their number, which is one more.
+        let others = again.clips[1..].iter().map(Clip::maps);
+        assert!(others.eq(imported.clips.iter().map(Clip::maps)), "{}", file.display());
+        assert!(out == animate(&bytes, file.parent(), &imported, rig.skeleton(), &clip).unwrap());
+        checked += 1;
+    }
+    assert!(checked > 10);
+}
+
+/// The tiny rig, whose parts the tests change.
+fn tiny(change: impl FnOnce(Tiny) -> Tiny) -> (Vec<u8>, Imported) {
+    let bytes = change(Tiny::new()).glb();
+    let imported = import_bytes("tiny.glb", &bytes, &reading()).unwrap();
+    (bytes, imported)
+}
+
+fn document(glb: &[u8]) -> Value {
+    let length = u32::from_le_bytes(glb[12..16].try_into().unwrap()) as usize;
+    serde_json::from_slice(&glb[20..20 + length]).unwrap()
+}
+
+/// By which share scales of a node differ most.
+fn uneven(document: &Value) -> f32 {
+    let scales = document["nodes"].as_array().unwrap().iter().filter_map(|n| n["scale"].as_array());
+    let of = |scale: &Vec<Value>| {
+        let all = scale.iter().map(|s| s.as_f64().unwrap().abs() as f32);
+        all.clone().fold(0.0, f32::max) / all.fold(f32::MAX, f32::min) - 1.0
+    };
+    scales.map(of).fold(0.0, f32::max)
+}
+
+#[test]
+fn nodes_with_matrices_and_poses_are_moved_too() {
+    let matrix = json!([1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 1, 0, 1]);
+    let (bytes, imported) = tiny(|t| t.with("/nodes/2", json!({"name": "tip", "matrix": matrix})));
+    let rig = imported.rig().unwrap();
+    let clip = dance(rig, 5);
+    let out = animate(&bytes, None, &imported, rig.skeleton(), &clip).unwrap();
+    assert!(off(&import_bytes("again.glb", &out.bytes, &reading()).unwrap(), rig, &clip) < 1e-5);
+    let nodes = &document(&out.bytes)["nodes"];
+    assert!(nodes[2].get("matrix").is_none() && nodes[2]["translation"] == json!([0.0, 1.0, 0.0]), "{nodes}");
+}
+
+#[test]
+fn a_rig_that_stands_still_has_one_channel() {
+    let (bytes, imported) = tiny(|t| t);
+    let rig = imported.rig().unwrap();
+    let rest = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [0.0; 3]];
+    let clip = Clip::new("still".into(), RATE, 2, vec![rest; 2]).unwrap();
+    let out = animate(&bytes, None, &imported, rig.skeleton(), &clip).unwrap();
+    let animation = &document(&out.bytes)["animations"][0];
+    assert_eq!(animation["channels"].as_array().unwrap().len(), 1, "{animation}");
+}
+
+#[test]
+fn what_does_not_belong_together_is_refused() {
+    let (bytes, imported) = tiny(|t| t);
+    let rig = imported.rig().unwrap();
+    let (names, parents, heads) = rig.skeleton().clone().into_parts();
+    let joint =
+        |((name, parent), head): ((String, _), _)| riglab_core::Joint { name: format!("{name}2"), parent, head };
+    let other = names.into_iter().zip(parents).zip(heads).map(joint).collect();
+    let other = riglab_core::Skeleton::new(other).unwrap();
+    let clip = dance(rig, 2);
+    let fault = |e: Result<_, riglab_asset::export::ExportError>| {
+        e.map(|_: riglab_asset::export::Exported| ()).unwrap_err().fault
+    };
+    assert!(matches!(fault(animate(&bytes, None, &imported, &other, &clip)), ExportFault::OtherMotion(_)));
+    let rest = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [0.0; 3]];
+    let short = Clip::new("c".into(), RATE, 1, vec![rest]).unwrap();
+    assert!(matches!(fault(animate(&bytes, None, &imported, rig.skeleton(), &short)), ExportFault::OtherMotion(_)));
+    assert_eq!(fault(animate(&bytes[1..], None, &imported, rig.skeleton(), &clip)), ExportFault::OtherSource);
+}

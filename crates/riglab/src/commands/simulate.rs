@@ -1,0 +1,267 @@
+//! `riglab simulate`
+
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+use anyhow::{Context, Result, bail};
+use clap::ValueEnum;
+use riglab_asset::export::{self, ExportOptions};
+use riglab_asset::{ImportOptions, Imported, Resample, import, import_bytes, is_gltf};
+use riglab_core::{Bounds, Clip, Rig, skin};
+use riglab_render::{Theme, View, contact_sheet, render_parts};
+use riglab_simulate::{Lengths, Motion, MotionKind, generate, guess, play};
+
+/// Play a motion with spring bones: hair, tails and clothes swing behind the body.
+///
+/// Writes the file again with one motion more, a key a frame, which comes first; meshes, materials and other
+/// motions stay. Spring bones are those of the file (VRM 0.x or 1.0, or creatures of `riglab synth`) and follow VRM's rule,
+/// in which stiffness and gravity are lengths a second in the file's units. A motion is one of the file, or one of
+/// `shake`, `turn` and `hop`, in which the whole body moves and then stands. The input is never changed.
+#[derive(clap::Args)]
+#[command(after_help = "\
+Examples:
+  riglab simulate avatar.vrm -o swinging.glb --png sheet.png
+  riglab simulate avatar.vrm -o walk.glb --motion Walk
+  riglab simulate dog.glb -o dog-swings.glb --springs guess --motion hop --seed 3")]
+pub struct Args {
+    /// A rigged model.
+    input: PathBuf,
+    /// The GLB to write.
+    #[arg(long, short, value_name = "OUT.glb")]
+    out: PathBuf,
+    /// A motion of the file by its name, or `shake`, `turn` or `hop` [default: the file's first, or `shake`].
+    #[arg(long, value_name = "NAME")]
+    motion: Option<String>,
+    /// Which spring bones.
+    #[arg(long, value_enum, default_value = "file")]
+    springs: Source,
+    /// Frames a second, and steps of the simulation.
+    #[arg(long, default_value_t = 60.0, value_name = "N")]
+    fps: f32,
+    /// For how long; motions of the file are cut there [default: 4, or the whole motion].
+    #[arg(long, value_name = "S")]
+    seconds: Option<f64>,
+    /// Seeds how fast, how far and which way `shake`, `turn` and `hop` go: same seed, same file.
+    #[arg(long, default_value_t = 0)]
+    seed: u64,
+    /// Which length bones have while they move.
+    #[arg(long, value_enum, default_value = "rest")]
+    lengths: Length,
+    /// A picture of frames in a row.
+    #[arg(long, value_name = "FILE.png")]
+    png: Option<PathBuf>,
+    /// Say on standard output what was made, as a line of JSON.
+    #[arg(long)]
+    json: bool,
+}
+
+#[derive(Clone, Copy, PartialEq, ValueEnum)]
+enum Source {
+    /// Those of the file.
+    File,
+    /// By names of joints: hair, skirt, tail, ear and the like swing as artists set them. They are written, too.
+    Guess,
+}
+
+#[derive(Clone, Copy, ValueEnum)]
+enum Length {
+    /// That at rest, as VRM says.
+    Rest,
+    /// To where the tail was a frame before, as three-vrm measures; to compare with it.
+    Lagging,
+}
+
+/// Frames of a second at most, seconds at most, and joints times frames at most.
+const MOST_FPS: f32 = 1000.0;
+const MOST_SECONDS: f64 = 600.0;
+const MOST_KEYS: f64 = 4e6;
+/// Pictures of a sheet.
+const PICTURES: usize = 12;
+
+pub fn run(args: &Args) -> Result<ExitCode> {
+    check(args)?;
+    let shown = args.input.display();
+    let imported = import(&args.input, &reading(args))?;
+    for warning in imported.warnings() {
+        eprintln!("warning: {shown}: {warning}");
+    }
+    let rig = with_springs(args, &imported)?;
+    let (bytes, source) = document(args, imported, &rig)?;
+    let clip = motion(args, &source, &rig)?;
+    let lengths = match args.lengths {
+        Length::Rest => Lengths::Rest,
+        Length::Lagging => Lengths::Lagging,
+    };
+    let played = play(&rig, &clip, lengths).with_context(|| format!("{shown}, motion `{}`", clip.name()))?;
+    let played = named(&played, &format!("{} with springs", clip.name()))?;
+    let folder = args.input.parent();
+    let out = export::animate(&bytes, folder, &source, rig.skeleton(), &played)?;
+    for note in &out.notes {
+        eprintln!("note: {shown}: {note}");
+    }
+    let sheet = args.png.as_ref().map(|_| sheet(&rig, &played)).transpose()?;
+    riglab_files::make_folder_of(&args.out)?;
+    export::write(&args.out, &out.bytes).with_context(|| format!("{} cannot be written", args.out.display()))?;
+    if let (Some(path), Some(sheet)) = (&args.png, sheet) {
+        riglab_files::make_folder_of(path)?;
+        riglab_files::write(path, &sheet).with_context(|| format!("{} cannot be written", path.display()))?;
+    }
+    say_what(args, &rig, &clip, &played);
+    Ok(ExitCode::SUCCESS)
+}
+
+fn check(args: &Args) -> Result<()> {
+    let (out, input) = (&args.out, &args.input);
+    if !out.extension().is_some_and(|e| e.eq_ignore_ascii_case("glb")) {
+        bail!("{}: only GLB is written; name it .glb", out.display());
+    }
+    for path in [Some(out), args.png.as_ref()].into_iter().flatten() {
+        if export::same_file(input, path) {
+            bail!("{} is the input itself, which is never changed; give another name", path.display());
+        }
+    }
+    if !(args.fps > 0.0 && args.fps <= MOST_FPS) {
+        bail!("--fps {}: give a number above 0, up to {MOST_FPS}", args.fps);
+    }
+    match args.seconds {
+        Some(s) if !(s > 0.0 && s <= MOST_SECONDS) => {
+            bail!("--seconds {s}: give a number above 0, up to {MOST_SECONDS}")
+        }
+        _ => Ok(()),
+    }
+}
+
+/// With motions, as far as they are asked for.
+fn reading(args: &Args) -> ImportOptions {
+    let seconds = args.seconds.unwrap_or(MOST_SECONDS);
+    let frames = (seconds * f64::from(args.fps)).round() as usize + 1;
+    ImportOptions { clips: Some(Resample { rate: args.fps, frames }), ..ImportOptions::default() }
+}
+
+fn with_springs(args: &Args, imported: &Imported) -> Result<Rig> {
+    let shown = args.input.display();
+    let rig = imported
+        .rig()
+        .with_context(|| format!("{shown} has no skeleton; `riglab rig {shown} -o RIGGED.glb` makes one"))?;
+    let swing = |rig: &Rig| rig.springs().by_joint(rig.skeleton().len()).iter().any(Option::is_some);
+    match args.springs {
+        Source::File if swing(rig) => Ok(rig.clone()),
+        Source::File => {
+            bail!("{shown} has no spring bones\n\nhint: `--springs guess` makes some by the names of joints")
+        }
+        Source::Guess => {
+            let springs = guess(rig);
+            if springs.is_empty() {
+                bail!(
+                    "{shown}: no joint is named as what swings (hair, skirt, tail, ear ..)\n\nhint: name some, or take a \
+                     file with spring bones"
+                );
+            }
+            Ok(rig.clone().with_springs(springs)?)
+        }
+    }
+}
+
+/// The glTF that gets the motion, and what is read from it.
+fn document(args: &Args, imported: Imported, rig: &Rig) -> Result<(Vec<u8>, Imported)> {
+    let path = &args.input;
+    let gltf = is_gltf(path);
+    if gltf && args.springs == Source::File {
+        let bytes = std::fs::read(path).with_context(|| format!("{} cannot be read", path.display()))?;
+        return Ok((bytes, imported));
+    }
+    let made = match gltf {
+        true => export::onto(path, &imported, rig, &ExportOptions::default())?,
+        false => export::alone(&imported.name, rig, &imported.provenance, &ExportOptions::default())?,
+    };
+    for note in &made.notes {
+        eprintln!("note: {}: {note}", path.display());
+    }
+    let mut again = import_bytes(&path.with_extension("glb").to_string_lossy(), &made.bytes, &reading(args))?;
+    if !gltf {
+        again.clips = imported.clips;
+    }
+    Ok((made.bytes, again))
+}
+
+/// The motion that is asked for, by joints of the rig.
+fn motion(args: &Args, source: &Imported, rig: &Rig) -> Result<Clip> {
+    let shown = args.input.display();
+    let made = |kind: MotionKind| {
+        let seconds = args.seconds.unwrap_or(4.0);
+        if seconds * f64::from(args.fps) * rig.skeleton().len() as f64 > MOST_KEYS {
+            bail!(
+                "{shown} has {} joints, too many for {seconds} s at {} frames a second; give less of either",
+                rig.skeleton().len(),
+                args.fps
+            );
+        }
+        Ok(generate(rig, &Motion { kind, seconds, rate: args.fps, seed: args.seed }))
+    };
+    let Some(wanted) = &args.motion else {
+        return source.clips.first().map_or_else(|| made(MotionKind::Shake), |clip| Ok(clip.clone()));
+    };
+    if let Some(clip) = source.clips.iter().find(|c| c.name() == wanted) {
+        return Ok(clip.clone());
+    }
+    match MotionKind::ALL.iter().find(|(name, _)| name == wanted) {
+        Some((_, kind)) => made(*kind),
+        None => {
+            let own: Vec<String> = source.clips.iter().map(|c| format!("`{}`", c.name())).collect();
+            let own = if own.is_empty() { "none".into() } else { own.join(", ") };
+            bail!("{shown} has no motion `{wanted}`; it has {own}, and there are `shake`, `turn` and `hop`")
+        }
+    }
+}
+
+fn named(clip: &Clip, name: &str) -> Result<Clip> {
+    Ok(Clip::new(name.into(), clip.rate(), clip.joints(), clip.maps().to_vec())?)
+}
+
+/// Frames in a row, evenly apart, all in one frame.
+fn sheet(rig: &Rig, clip: &Clip) -> Result<Vec<u8>> {
+    let count = clip.frames().min(PICTURES);
+    let frames: Vec<usize> = (0..count).map(|k| k * (clip.frames() - 1) / (count - 1).max(1)).collect();
+    let poses = frames.iter().map(|&f| {
+        let mesh = rig.mesh().with_positions(skin(rig, &clip.frame(f))?)?;
+        Ok(Rig::new(rig.skeleton().clone(), mesh, rig.weights().clone())?)
+    });
+    let poses: Vec<Rig> = poses.collect::<Result<_>>()?;
+    let bounds = Bounds::of(poses.iter().flat_map(|p| p.mesh().positions()).copied()).context("a rig has a vertex")?;
+    let view = View::square(256).framed(bounds);
+    let cell =
+        |(frame, pose): (&usize, &Rig)| (format!("{:.2} s", *frame as f32 / clip.rate()), render_parts(pose, &view));
+    let cells: Vec<_> = frames.iter().zip(&poses).map(cell).collect();
+    Ok(contact_sheet(&cells, 4, Theme::Light).to_png())
+}
+
+fn say_what(args: &Args, rig: &Rig, before: &Clip, after: &Clip) {
+    let swings = rig.springs().by_joint(rig.skeleton().len());
+    let count = swings.iter().flatten().count();
+    // How far a tail is from where the body alone would take it.
+    let tails: Vec<_> = swings.iter().flatten().filter_map(|s| Some((s.joint.index(), s.tail?))).collect();
+    let most = (0..after.frames()).flat_map(|frame| {
+        let (body, moved) = (before.frame(frame), after.frame(frame));
+        tails
+            .iter()
+            .map(|&(j, tail)| moved[j].transform_point3(tail.into()).distance(body[j].transform_point3(tail.into())))
+            .collect::<Vec<f32>>()
+    });
+    let most = most.fold(0.0, f32::max);
+    let seconds = (after.frames() - 1) as f32 / after.rate();
+    let out = Path::new(&args.out).display();
+    if args.json {
+        let line = serde_json::json!({
+            "file": args.input, "out": args.out, "png": args.png, "motion": before.name(), "frames": after.frames(),
+            "fps": after.rate(), "seconds": seconds, "joints": rig.skeleton().len(), "swinging": count,
+            "springs": rig.springs().springs().len(), "colliders": rig.springs().colliders().len(), "farthest": most,
+        });
+        say!("{line}");
+    } else {
+        say!(
+            "{out}: `{}` for {seconds:.1} s, {count} of {} joints swing, up to {most:.3} from the body's motion",
+            before.name(),
+            rig.skeleton().len()
+        );
+    }
+}
