@@ -9,7 +9,8 @@ use crate::python::{cache, put_in_place};
 use crate::side::Side;
 
 /// Packages, as npm takes them.
-const PACKAGES: [&str; 2] = ["draco3d@1.5.9", "meshoptimizer@1.3.0"];
+const PACKAGES: [&str; 4] =
+    ["draco3d@1.5.9", "meshoptimizer@1.3.0", "three@0.187.0", "@pixiv/three-vrm-springbone@3.5.5"];
 
 /// Starts a program of `node/` that answers requests.
 pub fn start(name: &str, script: &str) -> Result<Side> {
@@ -23,14 +24,14 @@ pub fn start(name: &str, script: &str) -> Result<Side> {
 /// The folder with the packages; installs them the first time.
 fn packages() -> Result<PathBuf> {
     let cache = cache()?;
-    let home = cache.join(format!("bench-node-{}", PACKAGES.join("-").replace(['@', '.'], "_")));
+    let home = cache.join(format!("bench-node-{}", PACKAGES.join("-").replace(['@', '.', '/'], "_")));
     if home.join("node_modules").is_dir() {
         return Ok(home);
     }
     for tool in ["node", "npm"] {
         let found = Command::new(tool).arg("--version").stdout(Stdio::null()).stderr(Stdio::null()).status();
         if !found.is_ok_and(|s| s.success()) {
-            bail!("the reference decoders need Node with npm, and `{tool}` is not on the path");
+            bail!("the other side needs Node with npm, and `{tool}` is not on the path");
         }
     }
     eprintln!("installing {} in {} (once)", PACKAGES.join(" and "), home.display());

@@ -15,6 +15,7 @@ mod prefix_step;
 mod rewards;
 mod rig;
 mod sample;
+mod simulate;
 mod step;
 mod subject;
 mod synth;
@@ -44,7 +45,7 @@ pub struct Case {
 }
 
 /// All of them, in the order they run.
-pub const CASES: [Case; 28] = [
+pub const CASES: [Case; 29] = [
     Case { name: "import", about: "rigged files read, against Blender's glTF importer", run: import::run },
     Case {
         name: "import/trimesh",
@@ -82,6 +83,7 @@ pub const CASES: [Case; 28] = [
         run: geodesic::run,
     },
     Case { name: "rewards/24", about: "rewards of a group of rigs of one mesh, against numpy", run: rewards::run },
+    Case { name: "simulate", about: "300 frames of spring bones, against three-vrm in Node", run: simulate::run },
     Case {
         name: "curate/dedup",
         about: "near-duplicates among descriptions of rigs, against all pairs by numpy",
@@ -192,6 +194,7 @@ pub fn serve(case: &str) -> Result<()> {
         "loader_ar" => loader_ar::serve(),
         "rewards" => rewards::serve(),
         "sample" => sample::serve(),
+        "simulate" => simulate::serve(),
         "skeleton_step" => prefix_step::serve::<SkeletonTask>(),
         "tokenrig_step" => prefix_step::serve::<TokenRigTask>(),
         "step" => step::serve(),
