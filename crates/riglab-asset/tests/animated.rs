@@ -2,36 +2,16 @@
 
 mod common;
 
-use common::{Tiny, data, files};
+use common::{Tiny, dance, data, files};
 use riglab_asset::export::{ExportFault, animate};
 use riglab_asset::{ImportOptions, Imported, Resample, import, import_bytes};
-use riglab_core::{Clip, Pose, Rig};
-use riglab_random::{Draw, stream};
+use riglab_core::{Clip, Rig};
 use serde_json::{Value, json};
 
 const RATE: f32 = 20.0;
 
 fn reading() -> ImportOptions {
     ImportOptions { clips: Some(Resample { rate: RATE, ..Resample::default() }), ..ImportOptions::default() }
-}
-
-/// Every joint turns, and the root goes somewhere.
-fn dance(rig: &Rig, frames: u64) -> Clip {
-    let size = rig.bounds().diagonal();
-    let skeleton = rig.skeleton();
-    let pose = |frame: u64| {
-        let mut draw = stream(2, "dance", &[frame]);
-        let mut pose = Pose::rest(skeleton.len());
-        for joint in skeleton.ids() {
-            pose.rotate(joint, std::array::from_fn(|_| 0.3 * draw.normal()));
-        }
-        pose.shift_root(std::array::from_fn(|_| 0.1 * size * draw.normal()));
-        pose.transforms(skeleton)
-            .unwrap()
-            .into_iter()
-            .map(|m| [m.matrix3.x_axis, m.matrix3.y_axis, m.matrix3.z_axis, m.translation].map(Into::into))
-    };
-    Clip::new("dance".into(), RATE, skeleton.len(), (0..frames).flat_map(pose).collect()).unwrap()
 }
 
 /// How far maps of the first clip read are from those written, in sizes of the rig.
@@ -59,7 +39,7 @@ fn motions_of_real_rigs_come_back() {
     for file in files(&folder, &["glb", "gltf", "vrm"]).into_iter().step_by(7) {
         let imported = import(&file, &reading()).unwrap();
         let Some(rig) = imported.rig() else { continue };
-        let clip = dance(rig, 6);
+        let clip = dance(rig, 6, RATE);
         let bytes = std::fs::read(&file).unwrap();
         let out = animate(&bytes, file.parent(), &imported, rig.skeleton(), &clip).unwrap();
         let again = import_bytes("again.glb", &out.bytes, &reading()).unwrap();
@@ -103,7 +83,7 @@ fn nodes_with_matrices_and_poses_are_moved_too() {
     let matrix = json!([1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 1, 0, 1]);
     let (bytes, imported) = tiny(|t| t.with("/nodes/2", json!({"name": "tip", "matrix": matrix})));
     let rig = imported.rig().unwrap();
-    let clip = dance(rig, 5);
+    let clip = dance(rig, 5, RATE);
     let out = animate(&bytes, None, &imported, rig.skeleton(), &clip).unwrap();
     assert!(off(&import_bytes("again.glb", &out.bytes, &reading()).unwrap(), rig, &clip) < 1e-5);
     let nodes = &document(&out.bytes)["nodes"];
@@ -130,7 +110,7 @@ fn what_does_not_belong_together_is_refused() {
         |((name, parent), head): ((String, _), _)| riglab_core::Joint { name: format!("{name}2"), parent, head };
     let other = names.into_iter().zip(parents).zip(heads).map(joint).collect();
     let other = riglab_core::Skeleton::new(other).unwrap();
-    let clip = dance(rig, 2);
+    let clip = dance(rig, 2, RATE);
     let fault = |e: Result<_, riglab_asset::export::ExportError>| {
         e.map(|_: riglab_asset::export::Exported| ()).unwrap_err().fault
     };

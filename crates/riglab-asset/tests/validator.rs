@@ -68,7 +68,10 @@ fn exports_have_no_errors_that_their_sources_do_not_have() {
             export::alone("alone", rig, &imported.provenance, &four),
             export::strip(file, &ImportOptions::default()),
         ];
-        let written = written.into_iter().map(Result::unwrap).chain(rigged(temp.path(), file, rig));
+        let clip = common::dance(rig, 9, 30.0);
+        let moved = export::animate(&std::fs::read(file).unwrap(), file.parent(), &imported, rig.skeleton(), &clip);
+        let written = written.into_iter().chain([moved]).map(Result::unwrap);
+        let written = written.chain(rigged(temp.path(), file, rig));
         for (way, exported) in written.enumerate() {
             let path = temp.path().join(format!("{number}_{way}.glb"));
             export::write(&path, &exported.bytes).unwrap();

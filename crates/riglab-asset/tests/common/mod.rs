@@ -3,7 +3,8 @@
 
 use std::path::{Path, PathBuf};
 
-use riglab_core::{Joint, Rig, Skeleton};
+use riglab_core::{Clip, Joint, Pose, Rig, Skeleton};
+use riglab_random::{Draw, stream};
 use serde_json::{Value, json};
 
 /// The folder that the environment variable names, else `../shared/DEFAULT` beside the workspace;
@@ -25,6 +26,25 @@ pub fn files(folder: &Path, endings: &[&str]) -> Vec<PathBuf> {
         entries.filter(|p| p.extension().is_some_and(|e| endings.iter().any(|w| e == *w))).collect();
     files.sort();
     files
+}
+
+/// Every joint turns, and the root goes somewhere.
+pub fn dance(rig: &Rig, frames: u64, rate: f32) -> Clip {
+    let size = rig.bounds().diagonal();
+    let skeleton = rig.skeleton();
+    let pose = |frame: u64| {
+        let mut draw = stream(2, "dance", &[frame]);
+        let mut pose = Pose::rest(skeleton.len());
+        for joint in skeleton.ids() {
+            pose.rotate(joint, std::array::from_fn(|_| 0.3 * draw.normal()));
+        }
+        pose.shift_root(std::array::from_fn(|_| 0.1 * size * draw.normal()));
+        pose.transforms(skeleton)
+            .unwrap()
+            .into_iter()
+            .map(|m| [m.matrix3.x_axis, m.matrix3.y_axis, m.matrix3.z_axis, m.translation].map(Into::into))
+    };
+    Clip::new("dance".into(), rate, skeleton.len(), (0..frames).flat_map(pose).collect()).unwrap()
 }
 
 /// The rig with other joint names: another skeleton.

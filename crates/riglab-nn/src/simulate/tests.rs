@@ -145,6 +145,23 @@ fn springs_move_as_without_tensors() {
     assert!(swung > 0.1, "{swung}");
 }
 
+#[test]
+fn a_batch_is_a_forest() {
+    let heads = table(&HEADS);
+    let rows = attributes();
+    let alone = Springs::new(Tree::new(&PARENTS), &heads, &table(&tails()), &SWINGS).run(&motion(4), &rows, SECONDS);
+    // Two of them, one behind the other, of which one has other attributes.
+    let parents: Vec<Option<usize>> =
+        PARENTS.iter().copied().chain(PARENTS.iter().map(|p| p.map(|p| p + 10))).collect();
+    let twice = |t: &Tensor, dim: i64| Tensor::cat(&[t, t], dim);
+    let swings = [SWINGS, SWINGS].concat();
+    let springs = Springs::new(Tree::new(&parents), &twice(&heads, 0), &twice(&table(&tails()), 0), &swings);
+    let motion = Maps { matrix: twice(&motion(4).matrix, 1), shift: twice(&motion(4).shift, 1) };
+    let both = springs.run(&motion, &Tensor::cat(&[&(&rows * 0.5), &rows], 0), SECONDS);
+    let off = |from: i64| (both.shift.narrow(1, from, 10) - &alone.shift).abs().max().double_value(&[]);
+    assert!(off(10) < 1e-12 && off(0) > 1e-3, "{} {}", off(10), off(0));
+}
+
 /// The loss of some weights and attributes against others, over T = 3.
 fn loss(weights: &Tensor, rows: &Tensor, heads: &Tensor) -> Tensor {
     let points = random("points", &[POINTS, 3], 0.5);
