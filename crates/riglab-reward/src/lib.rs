@@ -3,7 +3,8 @@
 //! The one idea: **a mesh is prepared once, its candidates are scored many at a time.** [`Scorer::new`] makes
 //! the voxels and edges of a mesh, [`Scorer::score`] and [`Scorer::score_group`] give the four rewards of
 //! candidates ([`Candidate`]) and their weighted total. Each reward is a pure function as well: [`coverage`],
-//! [`containment`], [`skinning`] and [`motion`], with the paper's equation in its docs.
+//! [`containment`], [`skinning`] and [`motion`], with the paper's equation in its docs. [`physics()`], of spring bones,
+//! is an extension and in no total.
 //!
 //! Holds: rewards lie in [0, 1], the better the larger; a candidate that could not be decoded has 0 in all; the
 //! same input gives the same bits whatever the number of threads and the machine. Rigid motions of mesh and
@@ -17,6 +18,7 @@ mod containment;
 mod coverage;
 mod exp;
 mod motion;
+mod physics;
 mod poses;
 mod scorer;
 mod skinning;
@@ -25,6 +27,7 @@ pub use candidate::{Candidate, CandidateError, RawWeights};
 pub use containment::containment;
 pub use coverage::{Coverage, coverage};
 pub use motion::{motion, skinned, stretches};
+pub use physics::physics;
 pub use poses::{maps, random_poses};
 pub use scorer::{RewardConfig, Rewards, Scorer};
 pub use skinning::{Faults, skinning};
