@@ -74,7 +74,7 @@ enum Length {
 /// Frames of a second at most, seconds at most, and joints times frames at most.
 const MOST_FPS: f32 = 1000.0;
 const MOST_SECONDS: f64 = 600.0;
-const MOST_KEYS: f64 = 4e6;
+const MOST_KEYS: f64 = 2e6;
 /// Pictures of a sheet.
 const PICTURES: usize = 12;
 
