@@ -5,7 +5,7 @@
 //! there is none.
 
 use std::cell::Cell;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 use riglab_nn::decoder::QwenConfig;
@@ -108,6 +108,26 @@ impl Golden {
             assert!(worst <= 0.0, "{}: `{name}` is off by {worst:.3e} beyond its tolerance", self.name);
         }
         self.checked.set(self.checked.get() + 1);
+    }
+
+    /// As [`Self::check`] of plain numbers, in files of many cases (`case001.out.x`), whose tolerances are told for
+    /// `out.x`. NaN is equal to NaN.
+    pub fn check_numbers(&self, name: &str, got: &[f64]) {
+        let want = Vec::<f64>::try_from(self.get(name).to_kind(Kind::Double).view([-1])).expect("numbers");
+        let output = name.find("out.").map_or("out.", |at| &name[at..]);
+        let (abs, rel) = self.tolerance(output);
+        assert_eq!(got.len(), want.len(), "{}: length of `{name}`", self.name);
+        for (k, (g, w)) in got.iter().zip(&want).enumerate() {
+            let fits = (g.is_nan() && w.is_nan()) || (g - w).abs() <= abs + rel * w.abs();
+            assert!(fits, "{} `{name}` column {k}: {g}, expected {w} within {abs} and {rel} of it", self.name);
+        }
+        self.checked.set(self.checked.get() + 1);
+    }
+
+    /// The cases of a file of many: the parts of tensors' names before `.in.` and `.out`.
+    pub fn ids(&self) -> BTreeSet<String> {
+        let id = |name: &str| name.split_once(".in.").or(name.split_once(".out")).map(|(id, _)| id.to_string());
+        self.tensors.keys().filter_map(|name| id(name)).collect()
     }
 
     /// Ends a case: it must have compared something.

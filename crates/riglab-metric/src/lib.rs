@@ -1,25 +1,35 @@
 //! Metrics under named conventions, and baselines without learning.
 //!
-//! Peers compute metrics of one name by different formulas, so a number here names its convention.
-//! This crate has SkinTokens' skin metrics ([`SkinMetrics`], convention `skintokens`) with the readings of
-//! its paper that riglab takes, its codebook figures, distances between skeletons ([`SkeletonConvention`]),
-//! and baselines by
-//! distance, straight or through the body.
+//! Peers compute metrics of one name by different formulas, so a number here names its convention: distances
+//! between skeletons ([`SkeletonConvention`]), figures of skin weights ([`SkinConvention`]), with the readings of
+//! the papers that riglab takes where no code is public. Beside them stand joints matched one to one, tree edit
+//! distance, connectivity, motion, the use of a codebook, and baselines by distance, straight or through the body.
+//! [`Score`] gives all of them for one asset, [`Summary`] over assets with what is undefined and what failed
+//! counted; [`statistics`] says how sure a mean is.
 //!
-//! Holds: sums are in f64 and in fixed order; thresholds are compared in f32; an empty denominator
-//! gives NaN, which means over assets leave out and count.
+//! Holds: sums are in f64 and in fixed order; thresholds are compared in f32 unless the convention's code does
+//! otherwise; an empty denominator gives NaN, which means over assets leave out and count.
 //!
 //! Leaves out: models, training, files.
 
 mod baseline;
 mod codebook;
 mod geodesic;
+mod motion;
+mod rows;
 mod skeleton;
 mod skin;
 
 pub use baseline::{Baseline, bone_distances};
 pub use codebook::{Codebook, compression_ratio};
 pub use geodesic::{geodesic_distances, geodesic_weights};
-pub use skeleton::{Joints, SkeletonConvention, SkeletonDistances};
-pub use skin::nan_for_null;
-pub use skin::{ACTIVE, SkinMetrics, SkinTally};
+pub use motion::{Motion, Poses, motion, motion_poses, posed};
+pub use rows::Rows;
+pub use skeleton::{
+    Connectivity, Graph, Joints, Matched, SkeletonConvention, SkeletonDistances, connectivity, local_shape_diameters,
+    match_joints, nearest_shares, ordered_by_position, tree_edit_distance,
+};
+pub use skin::{ACTIVE, SkinConvention, SkinMetrics, SkinTally, Skins, edges_of, nan_for_null};
+
+/// Names and values of one asset, in the order of a table's columns.
+pub type Figures = Vec<(&'static str, f64)>;

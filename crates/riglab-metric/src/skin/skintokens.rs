@@ -13,6 +13,9 @@
 
 use serde::{Deserialize, Deserializer, Serialize};
 
+use crate::Rows;
+use crate::rows::both;
+
 /// Weights above this are active (SkinTokens 4.2.1).
 pub const ACTIVE: f32 = 0.01;
 /// Entries closer than this count for `mask_entry`.
@@ -83,16 +86,19 @@ pub struct SkinTally {
 impl SkinTally {
     /// One asset: dense rows of `joints` shares a vertex.
     pub fn of(truth: &[f32], predicted: &[f32], joints: usize) -> Self {
-        let mut t = Self { entries: truth.len() as u64, ..Self::default() };
+        Self::of_rows(&Rows::dense(truth, joints), &Rows::dense(predicted, joints))
+    }
+
+    /// One asset: as many rows of as many bones on both sides.
+    pub fn of_rows(truth: &Rows, predicted: &Rows) -> Self {
+        let size = truth.size() as u64;
+        let (mut t, mut stored) = (Self { entries: size, ..Self::default() }, 0);
         // For each bone: whether it has an active entry, and whether one of them was missed.
-        let (mut any, mut missed) = (vec![false; joints], vec![false; joints]);
-        for (w, p) in truth.chunks_exact(joints).zip(predicted.chunks_exact(joints)) {
+        let (mut any, mut missed) = (vec![false; truth.columns()], vec![false; truth.columns()]);
+        for (w, p) in truth.iter().zip(predicted.iter()) {
             let (mut any_here, mut missed_here) = (false, false);
-            for (j, (&w, &p)) in w.iter().zip(p).enumerate() {
-                if w == 0.0 && p == 0.0 {
-                    t.close += 1;
-                    continue;
-                }
+            both(w, p, |j, w, p| {
+                stored += 1;
                 let d = (f64::from(w) - f64::from(p)).abs();
                 t.abs += d;
                 t.abs2 += d * d;
@@ -105,10 +111,12 @@ impl SkinTally {
                 missed_here |= a && !b;
                 any[j] |= a;
                 missed[j] |= a && !b;
-            }
+            });
             t.vertices[0] += u64::from(any_here);
             t.vertices[1] += u64::from(any_here && !missed_here);
         }
+        // Entries that are 0 on both sides.
+        t.close += size - stored;
         for (any, missed) in any.into_iter().zip(missed) {
             t.bones[0] += u64::from(any);
             t.bones[1] += u64::from(any && !missed);

@@ -1,0 +1,15 @@
+//! Predicted skeletons against true ones, by the formulas of each peer.
+
+mod connectivity;
+mod diameter;
+mod distances;
+mod matching;
+mod merge;
+mod tree_edit;
+
+pub use connectivity::{Connectivity, connectivity};
+pub use diameter::local_shape_diameters;
+pub use distances::{Joints, SkeletonConvention, SkeletonDistances};
+pub use matching::{Matched, match_joints, nearest_shares};
+pub use merge::Graph;
+pub use tree_edit::{ordered_by_position, tree_edit_distance};
