@@ -4,8 +4,7 @@
 //! between skeletons ([`SkeletonConvention`]), figures of skin weights ([`SkinConvention`]), with the readings of
 //! the papers that riglab takes where no code is public. Beside them stand joints matched one to one, tree edit
 //! distance, connectivity, motion, the use of a codebook, and baselines by distance, straight or through the body.
-//! [`Score`] gives all of them for one asset, [`Summary`] over assets with what is undefined and what failed
-//! counted; [`statistics`] says how sure a mean is.
+//! [`Truth`] gives all of them for one asset, [`statistics`] says how sure a mean over assets is.
 //!
 //! Holds: sums are in f64 and in fixed order; thresholds are compared in f32 unless the convention's code does
 //! otherwise; an empty denominator gives NaN, which means over assets leave out and count.
@@ -17,14 +16,17 @@ mod codebook;
 mod geodesic;
 mod motion;
 mod rows;
+mod score;
 mod skeleton;
 mod skin;
+pub mod statistics;
 
 pub use baseline::{Baseline, bone_distances};
 pub use codebook::{Codebook, compression_ratio};
 pub use geodesic::{geodesic_distances, geodesic_weights};
 pub use motion::{Motion, Poses, motion, motion_poses, posed};
 pub use rows::Rows;
+pub use score::{Measure, Preset, Truth, lower_is_better};
 pub use skeleton::{
     Connectivity, Graph, Joints, Matched, SkeletonConvention, SkeletonDistances, connectivity, local_shape_diameters,
     match_joints, nearest_shares, ordered_by_position, tree_edit_distance,

@@ -15,8 +15,7 @@ const NEAREST: f64 = 1e-6;
 /// riglab's.
 ///
 /// The first ray is d × e, d the bone's direction from the parent and e the axis with the least |d|, the others
-/// follow by 20 degrees. Triangles are tried one by one: for hundreds of joints and tens of thousands of triangles
-/// that is a second.
+/// follow by 20 degrees. Only triangles that reach across the plane of a bone's rays are tried.
 pub fn local_shape_diameters(positions: &[[f64; 3]], triangles: &[[u32; 3]], joints: &Joints) -> Vec<f64> {
     let corner = |v: u32| positions.get(v as usize).copied();
     let triangles: Vec<[[f64; 3]; 3]> =
@@ -27,8 +26,9 @@ pub fn local_shape_diameters(positions: &[[f64; 3]], triangles: &[[u32; 3]], joi
         let (mut sum, mut hits) = (0.0, 0u32);
         for &(parent, child) in bones.iter().filter(|(p, c)| *p == joint || *c == joint) {
             let Some(d) = unit(minus(joints.positions[child], joints.positions[parent])) else { continue };
+            let across = across(joints.positions[joint], d, &triangles);
             for ray in rays(d) {
-                if let Some(t) = first_hit(joints.positions[joint], ray, &triangles) {
+                if let Some(t) = first_hit(joints.positions[joint], ray, &across) {
                     sum += t;
                     hits += 1;
                 }
@@ -50,6 +50,16 @@ fn rays(d: [f64; 3]) -> impl Iterator<Item = [f64; 3]> {
         let (sin, cos) = libm::sincos(std::f64::consts::TAU * k as f64 / RAYS as f64);
         std::array::from_fn(|i| cos * u[i] + sin * v[i])
     })
+}
+
+/// The triangles that the plane through `from` with normal `d` meets, and those that nearly touch it.
+fn across(from: [f64; 3], d: [f64; 3], triangles: &[[[f64; 3]; 3]]) -> Vec<[[f64; 3]; 3]> {
+    let met = |t: &&[[f64; 3]; 3]| {
+        let side = t.map(|corner| dot(minus(corner, from), d));
+        let slack = 1e-9 * side.iter().fold(1.0, |most: f64, s| most.max(s.abs()));
+        side.iter().any(|s| *s <= slack) && side.iter().any(|s| *s >= -slack)
+    };
+    triangles.iter().filter(met).copied().collect()
 }
 
 /// Möller and Trumbore's test against every triangle, from both sides.

@@ -73,6 +73,9 @@ impl Graph {
     fn connect(&mut self) {
         loop {
             let part = self.parts();
+            if part.windows(2).all(|p| p[0] == p[1]) {
+                return;
+            }
             let mut best: Option<(f64, usize, usize)> = None;
             for a in 0..self.joints.len() {
                 for b in a + 1..self.joints.len() {

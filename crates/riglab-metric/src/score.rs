@@ -1,0 +1,372 @@
+//! All metrics of one asset: the one place that knows which a table has.
+
+use riglab_core::{Mesh, Rig, Vec3};
+
+use crate::{
+    Joints, Poses, Rows, SkeletonConvention, SkinConvention, Skins, connectivity, edges_of, local_shape_diameters,
+    match_joints, motion, motion_poses, nearest_shares, ordered_by_position, tree_edit_distance,
+};
+
+/// Anymate's tolerance for joints, in [-1, 1]³.
+const NEAR: f64 = 0.1;
+/// Joints up to which they are matched and trees compared, which takes their cube; beyond, those figures are
+/// undefined. Rigs have hundreds.
+const MOST_JOINTS: usize = 1_500;
+
+/// Whose table a number is for: what stands behind the `@` of a metric's name.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Preset {
+    /// SkinTokens' tables: distances as RigNet's in percent of the longest side, weights as riglab reads the paper.
+    Skintokens,
+    /// UniRig's logged figures.
+    Unirig,
+    /// RigNet: with joints matched within half the local shape diameter, and tree edit distance.
+    Rignet,
+    /// MagicArticulate, after its merge.
+    Magicarticulate,
+    /// Puppeteer: skeletons as MagicArticulate, and its own figures of weights.
+    Puppeteer,
+    /// Anymate.
+    Anymate,
+    /// What no peer prints: exact distances, the true IoU of joints, trees compared without regard to the file's order.
+    Riglab,
+}
+
+impl Preset {
+    /// All, the default one first.
+    pub const ALL: [Self; 7] = [
+        Self::Skintokens,
+        Self::Unirig,
+        Self::Rignet,
+        Self::Magicarticulate,
+        Self::Puppeteer,
+        Self::Anymate,
+        Self::Riglab,
+    ];
+
+    /// Its name.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Skintokens => "skintokens",
+            Self::Unirig => "unirig",
+            Self::Rignet => "rignet",
+            Self::Magicarticulate => "magicarticulate",
+            Self::Puppeteer => "puppeteer",
+            Self::Anymate => "anymate",
+            Self::Riglab => "riglab",
+        }
+    }
+
+    /// The preset of that name.
+    pub fn named(name: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|p| p.name() == name)
+    }
+}
+
+/// A number with its metric and preset.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Measure {
+    /// Such as `j2j`.
+    pub metric: &'static str,
+    /// Whose formula.
+    pub preset: Preset,
+    /// NaN where it is undefined.
+    pub value: f64,
+}
+
+impl Measure {
+    /// `j2j@rignet`.
+    pub fn name(&self) -> String {
+        format!("{}@{}", self.metric, self.preset.name())
+    }
+}
+
+/// Whether small or large values of a metric are the good ones; `None` for counts that are neither.
+pub fn lower_is_better(metric: &str) -> Option<bool> {
+    let base = metric.split('@').next().unwrap_or(metric);
+    let starts = |all: &[&str]| all.iter().any(|s| base.starts_with(s));
+    if matches!(base, "rows" | "joints" | "true_joints") {
+        None
+    } else {
+        Some(!starts(&["joint_", "precision", "recall", "iou", "mask", "nearest", "connectivity", "dice"]))
+    }
+}
+
+/// The truth of one asset, prepared once for all that is measured against it.
+#[derive(Clone, Debug)]
+pub struct Truth {
+    /// Joints where the box of the mesh is [-1, 1] along its longest side.
+    joints: Joints,
+    to_mesh_cube: Map,
+    /// The same for UniRig's box, of mesh and joints.
+    whole: Joints,
+    to_whole_cube: Map,
+    vertices: Vec<[f64; 3]>,
+    edges: Vec<[u32; 2]>,
+    /// Half the local shape diameter at each joint; `NEAR` where no ray hits.
+    tolerances: Vec<f64>,
+    weights: Rows,
+    poses: Poses,
+}
+
+/// p -> scale · (p - center)
+#[derive(Clone, Copy, Debug)]
+struct Map {
+    center: [f64; 3],
+    scale: f64,
+}
+
+impl Map {
+    fn into_cube(points: impl Iterator<Item = Vec3>) -> Self {
+        let (mut low, mut high) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);
+        for p in points {
+            for k in 0..3 {
+                low[k] = low[k].min(f64::from(p[k]));
+                high[k] = high[k].max(f64::from(p[k]));
+            }
+        }
+        let longest = (0..3).map(|k| high[k] - low[k]).fold(0.0, f64::max);
+        let scale = if longest > 0.0 { 2.0 / longest } else { 1.0 };
+        Self { center: std::array::from_fn(|k| (low[k] + high[k]) / 2.0), scale }
+    }
+
+    fn apply(&self, p: &[f64; 3]) -> [f64; 3] {
+        std::array::from_fn(|k| (p[k] - self.center[k]) * self.scale)
+    }
+
+    fn joints(&self, joints: &Joints) -> Joints {
+        Joints { positions: joints.positions.iter().map(|p| self.apply(p)).collect(), parents: joints.parents.clone() }
+    }
+}
+
+impl Truth {
+    /// Of the asset `name`, whose poses hang on the name.
+    pub fn new(name: &str, rig: &Rig) -> Self {
+        let mesh = rig.mesh();
+        let to_mesh_cube = Map::into_cube(mesh.positions().iter().copied());
+        let to_whole_cube = Map::into_cube(mesh.positions().iter().chain(rig.skeleton().heads()).copied());
+        let own = Joints::of(rig.skeleton());
+        let joints = to_mesh_cube.joints(&own);
+        let vertices: Vec<[f64; 3]> = wide(mesh).map(|p| to_mesh_cube.apply(&p)).collect();
+        let half = |d: f64| if d.is_nan() { NEAR } else { d / 2.0 };
+        let tolerances = local_shape_diameters(&vertices, mesh.triangles(), &joints).into_iter().map(half).collect();
+        Self {
+            whole: to_whole_cube.joints(&own),
+            to_mesh_cube,
+            to_whole_cube,
+            edges: edges_of(mesh.triangles()),
+            tolerances,
+            weights: Rows::of(rig.weights(), rig.skeleton().len()),
+            poses: motion_poses(name, &joints.parents),
+            vertices,
+            joints,
+        }
+    }
+
+    /// How many joints.
+    pub fn joints(&self) -> usize {
+        self.joints.positions.len()
+    }
+
+    /// The figures of a predicted skeleton, given in the rig's own units.
+    pub fn skeleton(&self, predicted: &Joints) -> Vec<Measure> {
+        let (p, g) = (self.to_mesh_cube.joints(predicted), &self.joints);
+        let few = p.positions.len().max(g.positions.len()) <= MOST_JOINTS;
+        let matched = |tolerances: &[f64]| {
+            let unknown = [f64::NAN; 4];
+            let of = |m: crate::Matched| [m.dice(), m.precision(), m.recall(), m.iou()];
+            if few { of(match_joints(&p.positions, &g.positions, tolerances)) } else { unknown }
+        };
+        let ted = |a: &[Option<usize>], b: &[Option<usize>]| {
+            if few { tree_edit_distance(a, b) as f64 } else { f64::NAN }
+        };
+        let mut out = Vec::new();
+        let mut add = |preset, figures: &[(&'static str, f64)]| {
+            out.extend(figures.iter().map(|&(metric, value)| Measure { metric, preset, value }));
+        };
+        let distances = |convention: SkeletonConvention, scale: f64| {
+            let d = match convention {
+                SkeletonConvention::Unirig => convention.distances(&self.to_whole_cube.joints(predicted), &self.whole),
+                _ => convention.distances(&p, g),
+            };
+            [("j2j", scale * d.j2j), ("j2b", scale * d.j2b), ("b2b", scale * d.b2b)]
+        };
+        let rignet = distances(SkeletonConvention::Rignet, 1.0);
+        add(Preset::Skintokens, &rignet.map(|(name, d)| (name, 100.0 * d)));
+        add(Preset::Unirig, &distances(SkeletonConvention::Unirig, 1.0));
+        add(Preset::Rignet, &rignet);
+        let [dice, precision, recall, iou] = matched(&self.tolerances);
+        add(
+            Preset::Rignet,
+            &[
+                ("joint_dice", dice),
+                ("joint_precision", precision),
+                ("joint_recall", recall),
+                ("ted", ted(&p.parents, &g.parents)),
+            ],
+        );
+        let merged = distances(SkeletonConvention::Magicarticulate, 1.0);
+        add(Preset::Magicarticulate, &merged);
+        add(Preset::Puppeteer, &merged);
+        add(Preset::Anymate, &distances(SkeletonConvention::Anymate, 1.0));
+        let [dice, precision, recall, iou_010] = matched(&[NEAR]);
+        let [nearest_precision, nearest_recall] = nearest_shares(&p.positions, &g.positions, NEAR);
+        add(
+            Preset::Anymate,
+            &[
+                ("joint_dice", dice),
+                ("joint_precision", precision),
+                ("joint_recall", recall),
+                ("nearest_precision", nearest_precision),
+                ("nearest_recall", nearest_recall),
+            ],
+        );
+        add(Preset::Riglab, &distances(SkeletonConvention::Exact, 1.0));
+        let sorted = ted(&ordered_by_position(&p), &ordered_by_position(g));
+        let (count, wanted) = (p.positions.len() as f64, g.positions.len() as f64);
+        add(
+            Preset::Riglab,
+            &[
+                ("joint_iou", iou),
+                ("joint_iou_010", iou_010),
+                ("ted", sorted),
+                ("joints_off", (count - wanted).abs() / wanted),
+            ],
+        );
+        out
+    }
+
+    /// The figures of parents predicted for the true joints.
+    pub fn parents(&self, predicted: &[Option<usize>]) -> Vec<Measure> {
+        let c = connectivity(predicted, &self.joints.parents);
+        let measure = |(metric, value)| Measure { metric, preset: Preset::Anymate, value };
+        [("connectivity_precision", c.precision), ("connectivity_recall", c.recall)].map(measure).to_vec()
+    }
+
+    /// The figures of weights predicted for the true vertices and joints; `None` if they are not as many.
+    pub fn skin(&self, predicted: &Rows) -> Option<Vec<Measure>> {
+        let (truth, edges) = (&self.weights, &self.edges);
+        if (predicted.len(), predicted.columns()) != (truth.len(), truth.columns()) {
+            return None;
+        }
+        let skins = Skins { truth, predicted, edges };
+        let moved = motion(&self.vertices, &self.joints, &self.poses, truth, predicted);
+        let mut out = Vec::new();
+        let mut add = |preset, figures: crate::Figures| {
+            out.extend(figures.into_iter().map(|(metric, value)| Measure { metric, preset, value }));
+        };
+        add(Preset::Skintokens, SkinConvention::Skintokens.figures(&skins));
+        add(Preset::Skintokens, vec![("motion", moved.mean)]);
+        add(Preset::Unirig, SkinConvention::Unirig.figures(&skins));
+        add(Preset::Unirig, vec![("motion_mse", moved.mse)]);
+        add(Preset::Rignet, SkinConvention::Rignet.figures(&skins));
+        add(Preset::Rignet, vec![("motion", moved.mean), ("motion_mean_max", moved.mean_max)]);
+        add(Preset::Puppeteer, SkinConvention::Puppeteer.figures(&skins));
+        let renamed = |convention: SkinConvention, names: [&'static str; 4]| {
+            names.into_iter().zip(convention.figures(&skins)).map(|(name, (_, v))| (name, v)).take(3).collect()
+        };
+        add(
+            Preset::Puppeteer,
+            renamed(SkinConvention::PuppeteerModelsresource, ["precision_035", "recall_035", "l1_035", ""]),
+        );
+        add(
+            Preset::Puppeteer,
+            renamed(SkinConvention::PuppeteerOneRing, ["precision_ring", "recall_ring", "l1_ring", ""]),
+        );
+        add(Preset::Anymate, SkinConvention::Anymate.figures(&skins));
+        add(Preset::Riglab, vec![("motion_max", moved.max), ("motion_rms", moved.rms)]);
+        Some(out)
+    }
+
+    /// What an asset is given that failed, where failures are to count: one joint at the centre of the box, without
+    /// weights.
+    pub fn worst(&self) -> Vec<Measure> {
+        let one = Joints { positions: vec![self.to_mesh_cube.center], parents: vec![None] };
+        let none = Rows::new((0..self.weights.len()).map(|_| []), self.weights.columns());
+        [self.skeleton(&one), self.skin(&none).unwrap_or_default()].concat()
+    }
+}
+
+fn wide(mesh: &Mesh) -> impl Iterator<Item = [f64; 3]> + '_ {
+    mesh.positions().iter().map(|p| p.map(f64::from))
+}
+
+#[cfg(test)]
+mod tests {
+    use riglab_core::{Joint, JointId, Skeleton, SkinWeights};
+
+    use super::*;
+
+    /// A bar along y of length 10, held by a chain of three joints.
+    fn bar() -> Rig {
+        let joint = |k: u16| Joint {
+            name: format!("{k}"),
+            parent: k.checked_sub(1).map(JointId),
+            head: [0.5, 1.0 + 4.0 * f32::from(k), 0.5],
+        };
+        let skeleton = Skeleton::new((0..3).map(joint).collect()).unwrap();
+        let ring = |y: f32| [[0.0, y, 0.0], [1.0, y, 0.0], [1.0, y, 1.0], [0.0, y, 1.0]];
+        let positions: Vec<Vec3> = (0..=10).flat_map(|y| ring(y as f32)).collect();
+        let side = |r: u32, k: u32| {
+            let (a, b) = (4 * r + k, 4 * r + (k + 1) % 4);
+            [[a, b, a + 4], [b, b + 4, a + 4]]
+        };
+        let triangles = (0..10).flat_map(|r| (0..4).flat_map(move |k| side(r, k))).collect();
+        let rows = (0..=10u16).flat_map(|y| [(); 4].map(|()| vec![(y / 4, 1.0), ((y / 4 + 1).min(2), 0.5)]));
+        let mesh = Mesh::new(positions, triangles).unwrap();
+        Rig::new(skeleton, mesh, SkinWeights::normalized(rows).unwrap()).unwrap()
+    }
+
+    fn value(of: &[Measure], name: &str) -> f64 {
+        of.iter().find(|m| m.name() == name).unwrap_or_else(|| panic!("{name}")).value
+    }
+
+    #[test]
+    fn the_truth_scores_best() {
+        let (rig, truth) = (bar(), Truth::new("bar", &bar()));
+        let mut own = truth.skeleton(&Joints::of(rig.skeleton()));
+        own.extend(truth.parents(&Joints::of(rig.skeleton()).parents));
+        own.extend(truth.skin(&Rows::of(rig.weights(), 3)).unwrap());
+        for m in own {
+            let best = match lower_is_better(m.metric) {
+                Some(true) => 0.0,
+                Some(false) => 1.0,
+                None => continue,
+            };
+            let room = match m.name().as_str() {
+                name if name.contains("_ring") => 0.5, // a mean over neighbours
+                // UniRig misses the parents' ends; these two are logarithms of weights, not of their difference.
+                "j2b@unirig" => 0.01,
+                "bce@unirig" | "cross_entropy@anymate" => 1.0,
+                _ => 1e-4,
+            };
+            assert!((m.value - best).abs() < room, "{} {}", m.name(), m.value);
+        }
+    }
+
+    #[test]
+    fn units_are_those_of_each_table() {
+        let (rig, truth) = (bar(), Truth::new("bar", &bar()));
+        // Shifted by a tenth of the longest side.
+        let mut shifted = Joints::of(rig.skeleton());
+        shifted.positions.iter_mut().for_each(|p| p[0] += 1.0);
+        let m = truth.skeleton(&shifted);
+        let close =
+            |name: &str, want: f64| assert!((value(&m, name) - want).abs() < 1e-6, "{name} {}", value(&m, name));
+        close("j2j@skintokens", 10.0);
+        close("j2j@rignet", 0.1);
+        close("j2j@unirig", 0.1);
+        close("j2j@anymate", 0.2);
+        close("j2b@riglab", 0.1);
+        // The bar is 0.2 thick in this cube: half of its diameter is about 0.12, less than the shift of 0.2.
+        close("joint_dice@rignet", 0.0);
+    }
+
+    #[test]
+    fn a_failure_that_counts_is_bad_but_finite_where_it_can_be() {
+        let worst = Truth::new("bar", &bar()).worst();
+        assert!(value(&worst, "j2j@skintokens") > 10.0 && value(&worst, "recall@skintokens") == 0.0);
+        assert!(value(&worst, "j2b@skintokens").is_nan());
+        assert!(Truth::new("bar", &bar()).skin(&Rows::dense(&[1.0], 1)).is_none());
+    }
+}
