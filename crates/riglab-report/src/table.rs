@@ -37,6 +37,12 @@ impl Cell {
         Self { number: true, ..Self::text("") }
     }
 
+    /// The same with another text.
+    pub fn with_text(mut self, text: impl Into<String>) -> Self {
+        self.text = text.into();
+        self
+    }
+
     /// Marked as the best.
     pub fn strong_if(mut self, strong: bool) -> Self {
         self.strong = strong;

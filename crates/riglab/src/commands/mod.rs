@@ -1,6 +1,7 @@
 //! One module a command.
 
 pub mod checkpoint;
+pub mod compare;
 pub mod convert;
 pub mod curate;
 pub mod dataset;

@@ -1,0 +1,43 @@
+//! Why nothing can be compared.
+
+use std::path::PathBuf;
+
+use riglab_data::DataError;
+use thiserror::Error;
+
+/// Why a comparison cannot begin.
+#[derive(Debug, Error)]
+pub enum CompareError {
+    /// The corpus, or the folder of true rigs.
+    #[error(transparent)]
+    Data(#[from] DataError),
+    /// The folder of predictions.
+    #[error("{0}: no such folder or file of predictions")]
+    NoPredictions(PathBuf),
+    /// A folder without a file of the kind asked for.
+    #[error("{folder}: no {kind} file below it; --format auto takes glb, gltf, vrm, fbx, rig texts, npz, h5 and pt")]
+    NothingOfKind {
+        /// The folder.
+        folder: PathBuf,
+        /// The kind.
+        kind: &'static str,
+    },
+    /// No true rig.
+    #[error("{0}: no true rig to compare with{1}")]
+    NoTruth(PathBuf, String),
+    /// Not one name of the truth among the predictions.
+    #[error(
+        "{folder}: none of its {found} predictions is named as a true asset: for instance `{theirs}`, \
+         where the truth has `{ours}`; files are matched by their path without ending, or by their name alone"
+    )]
+    NothingMatches {
+        /// The folder.
+        folder: PathBuf,
+        /// How many predictions there are.
+        found: usize,
+        /// One of them.
+        theirs: String,
+        /// A true asset.
+        ours: String,
+    },
+}

@@ -1,0 +1,59 @@
+//! What predictions and true assets are called when they are matched.
+
+/// Endings of files that hold rigs.
+const ENDINGS: [&str; 13] =
+    ["glb", "gltf", "vrm", "fbx", "obj", "txt", "npz", "h5", "hdf5", "pt", "pth", "json", "ply"];
+/// What systems add to the name of what they were given.
+const ADDED: [&str; 10] =
+    ["_rig", "_skin", "_skel", "_skeleton", "_pred", "_predict", "_rigged", "_skinned", "_results", "_ori"];
+/// Names that every asset of a set has: the folder is the asset's name.
+const COMMON: [&str; 3] = ["raw_data", "predict_skeleton", "predict_skin"];
+
+/// The key of an asset: its path below the folder, without the file's ending and what systems add to names; for
+/// an asset of a file of several, what stands behind the `#`.
+///
+/// ```
+/// use riglab_compare::key;
+/// assert_eq!(key("cats/tom.v2.glb"), key("cats/tom.v2_rig.txt"));
+/// assert_eq!(key("set.npz#tom"), "tom");
+/// assert_eq!(key("cats/tom/predict_skin.npz"), "cats/tom");
+/// ```
+pub fn key(name: &str) -> String {
+    if let Some((_, own)) = name.rsplit_once('#').filter(|(_, own)| !own.is_empty()) {
+        return own.to_owned();
+    }
+    let name = name.replace('\\', "/");
+    let (folder, file) = name.rsplit_once('/').unwrap_or(("", &name));
+    let mut file = match file.rsplit_once('.') {
+        Some((stem, ending)) if !stem.is_empty() && ENDINGS.contains(&ending.to_ascii_lowercase().as_str()) => stem,
+        _ => file,
+    };
+    if COMMON.contains(&file) && !folder.is_empty() {
+        return folder.to_owned();
+    }
+    for added in ADDED {
+        file = file.strip_suffix(added).filter(|rest| !rest.is_empty()).unwrap_or(file);
+    }
+    if folder.is_empty() { file.to_owned() } else { format!("{folder}/{file}") }
+}
+
+/// The last step of a key.
+pub(crate) fn own_name(key: &str) -> &str {
+    key.rsplit('/').next().unwrap_or(key)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_systems_add_is_taken_off() {
+        assert_eq!(key("a/b_skin.txt"), "a/b");
+        assert_eq!(key("b_pred_skeleton.txt"), "b");
+        assert_eq!(key("a\\b.FBX"), "a/b");
+        // Nothing is taken off that would leave nothing.
+        assert_eq!((key("_rig.txt"), key("raw_data.npz")), ("_rig".into(), "raw_data".into()));
+        assert_eq!((key("v1.5"), key("set.npz#")), ("v1.5".into(), "set.npz#".into()));
+        assert_eq!(own_name("a/b"), "b");
+    }
+}

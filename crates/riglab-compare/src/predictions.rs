@@ -1,0 +1,293 @@
+//! What a system wrote: found, named and read.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use riglab_asset::{ArrayRig, ImportOptions, import, is_rig_file, read_arrays};
+use riglab_core::Vec3;
+use riglab_metric::{Joints, Rows};
+
+use crate::CompareError;
+use crate::keys::{key, own_name};
+
+/// Which files are predictions.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Kind {
+    /// All that hold rigs.
+    #[default]
+    Auto,
+    /// GLB, glTF and VRM.
+    Glb,
+    /// FBX.
+    Fbx,
+    /// Texts of RigNet and Puppeteer, with or without an OBJ.
+    Rignet,
+    /// UniRig's, SkinTokens' and Articulation-XL's archives.
+    Npz,
+    /// Puppeteer's HDF5.
+    H5,
+    /// Anymate's archives.
+    Pt,
+}
+
+impl Kind {
+    /// All with their names.
+    pub const ALL: [(&'static str, Self); 7] = [
+        ("auto", Self::Auto),
+        ("glb", Self::Glb),
+        ("fbx", Self::Fbx),
+        ("rignet", Self::Rignet),
+        ("npz", Self::Npz),
+        ("h5", Self::H5),
+        ("pt", Self::Pt),
+    ];
+
+    fn name(self) -> &'static str {
+        Self::ALL.iter().find(|(_, k)| *k == self).map_or("auto", |(name, _)| name)
+    }
+
+    fn takes(self, ending: &str) -> bool {
+        match self {
+            Self::Auto => true,
+            Self::Glb => ["glb", "gltf", "vrm"].contains(&ending),
+            Self::Fbx => ending == "fbx",
+            Self::Rignet => ending == "txt",
+            Self::Npz => ending == "npz",
+            Self::H5 => ["h5", "hdf5"].contains(&ending),
+            Self::Pt => ["pt", "pth"].contains(&ending),
+        }
+    }
+}
+
+/// A rig as a system wrote it, y up, in its own coordinates and order; what it did not write is empty.
+#[derive(Clone, Debug, Default)]
+pub struct Prediction {
+    /// Files it is from.
+    pub files: Vec<PathBuf>,
+    /// Joints; of a system's second stage alone there are none.
+    pub joints: Joints,
+    /// Their names, or none.
+    pub names: Vec<String>,
+    /// Vertices, or points of the surface.
+    pub vertices: Vec<Vec3>,
+    /// Whether there are triangles: points are else.
+    pub is_mesh: bool,
+    /// Weights of the vertices on the joints.
+    pub weights: Option<Rows>,
+}
+
+/// Where the prediction of an asset lies.
+#[derive(Clone, Debug)]
+struct Place {
+    file: PathBuf,
+    /// Of a file of several, which is read once.
+    read: Option<Arc<Result<Prediction, String>>>,
+}
+
+/// The predictions below a folder, by key.
+#[derive(Clone, Debug)]
+pub struct Predictions {
+    folder: PathBuf,
+    places: BTreeMap<String, Vec<Place>>,
+    /// Keys by their last step, where no two share it.
+    by_name: BTreeMap<String, Option<String>>,
+    /// Files that could not be looked into, with the reason.
+    pub unread: Vec<(PathBuf, String)>,
+}
+
+impl Predictions {
+    /// Finds what lies below `folder`, or in a file of several assets.
+    ///
+    /// # Errors
+    /// When there is no such folder, or no file of the kind in it.
+    pub fn find(folder: &Path, kind: Kind) -> Result<Self, CompareError> {
+        let ending = |path: &Path| path.extension().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
+        let wanted = |path: &Path| kind.takes(&ending(path)) && is_rig_file(path);
+        let (files, unread) = if folder.is_file() {
+            (vec![folder.to_path_buf()], Vec::new())
+        } else if folder.is_dir() {
+            let below = riglab_files::below(folder, wanted);
+            (below.files, below.unread)
+        } else {
+            return Err(CompareError::NoPredictions(folder.into()));
+        };
+        let mut found = Self { folder: folder.into(), places: BTreeMap::new(), by_name: BTreeMap::new(), unread };
+        for file in files {
+            found.add(file, folder);
+        }
+        found.prefer_stages();
+        if found.places.is_empty() && found.unread.is_empty() {
+            return Err(CompareError::NothingOfKind { folder: folder.into(), kind: kind.name() });
+        }
+        for key in found.places.keys() {
+            let own = own_name(key).to_owned();
+            found.by_name.entry(own).and_modify(|k| *k = None).or_insert_with(|| Some(key.clone()));
+        }
+        Ok(found)
+    }
+
+    fn add(&mut self, file: PathBuf, folder: &Path) {
+        let name = file.strip_prefix(folder).unwrap_or(&file).to_string_lossy().into_owned();
+        let name = if name.is_empty() { file.to_string_lossy().into_owned() } else { name };
+        // One that cannot be counted keeps its key: reading it will say what is wrong, in its row.
+        if riglab_asset::count_assets(&file).unwrap_or(1) <= 1 {
+            self.places.entry(key(&name)).or_default().push(Place { file, read: None });
+            return;
+        }
+        let all = match read_arrays(&file) {
+            Ok(all) => all,
+            Err(e) => return self.unread.push((file, e.fault.to_string())),
+        };
+        let stem = file.file_stem().unwrap_or_default().to_string_lossy().into_owned();
+        for (item, rig) in all.into_iter().enumerate() {
+            let own = rig.as_ref().map_or("", |r| r.name.trim());
+            let own = if own.is_empty() { format!("{stem}-{item:06}") } else { key(own) };
+            let files = vec![file.clone()];
+            let read = rig.map(|rig| Prediction { files, ..of_arrays(&rig) }).map_err(|e| e.to_string());
+            self.places.entry(own).or_default().push(Place { file: file.clone(), read: Some(Arc::new(read)) });
+        }
+    }
+
+    /// Where UniRig's two stages lie beside what they were given, they are the prediction.
+    fn prefer_stages(&mut self) {
+        for places in self.places.values_mut() {
+            if places.iter().any(is_stage) {
+                places.retain(is_stage);
+            }
+        }
+    }
+
+    /// How many there are.
+    pub fn len(&self) -> usize {
+        self.places.len()
+    }
+
+    /// Whether there is none.
+    pub fn is_empty(&self) -> bool {
+        self.places.is_empty()
+    }
+
+    /// The folder they are from.
+    pub fn folder(&self) -> &Path {
+        &self.folder
+    }
+
+    /// Their keys.
+    pub fn keys(&self) -> impl Iterator<Item = &str> {
+        self.places.keys().map(String::as_str)
+    }
+
+    /// The key of the prediction for a true asset: its own, or the only one of that name in any folder.
+    pub fn key_of(&self, asset: &str) -> Option<&str> {
+        let key = key(asset);
+        match self.places.get_key_value(&key) {
+            Some((key, _)) => Some(key),
+            None => self.by_name.get(own_name(&key))?.as_deref(),
+        }
+    }
+
+    /// Reads the prediction of a key; what is wrong with it is a sentence.
+    ///
+    /// # Errors
+    /// When a file cannot be read, or several could be meant.
+    pub fn read(&self, key: &str) -> Result<Prediction, String> {
+        let places = self.places.get(key).map_or(&[][..], Vec::as_slice);
+        match places {
+            [] => Err("there is no prediction".into()),
+            [one] => read(one),
+            [a, b] if is_stage(a) && is_stage(b) => Ok(together(read(a)?, read(b)?)),
+            _ => {
+                let files: Vec<String> = places.iter().map(|p| p.file.display().to_string()).collect();
+                Err(format!("several files could be its prediction: {}; choose with --format", files.join(", ")))
+            }
+        }
+    }
+}
+
+/// Whether it is what one of UniRig's stages predicts.
+fn is_stage(place: &Place) -> bool {
+    place.file.file_stem().is_some_and(|s| s.to_string_lossy().starts_with("predict_"))
+}
+
+fn read(place: &Place) -> Result<Prediction, String> {
+    if let Some(read) = &place.read {
+        return read.as_ref().clone();
+    }
+    let ending = place.file.extension().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
+    let files = vec![place.file.clone()];
+    if ["glb", "gltf", "vrm", "fbx"].contains(&ending.as_str()) {
+        let imported = import(&place.file, &ImportOptions::default()).map_err(|e| e.to_string())?;
+        let rig = imported.rig().ok_or_else(|| format!("{}: it holds no skeleton", place.file.display()))?;
+        return Ok(Prediction {
+            files,
+            joints: Joints::of(rig.skeleton()),
+            names: rig.skeleton().names().to_vec(),
+            vertices: rig.mesh().positions().to_vec(),
+            is_mesh: true,
+            weights: Some(Rows::of(rig.weights(), rig.skeleton().len())),
+        });
+    }
+    let mut all = read_arrays(&place.file).map_err(|e| e.to_string())?;
+    if all.is_empty() {
+        return Err(format!("{}: it holds no asset", place.file.display()));
+    }
+    let rig = all.swap_remove(0).map_err(|e| e.to_string())?;
+    Ok(Prediction { files, ..of_arrays(&rig) })
+}
+
+/// Arrays with y up, joints with their parents first.
+fn of_arrays(rig: &ArrayRig) -> Prediction {
+    let count = rig.joints.len();
+    let parents = if rig.parents.len() == count { rig.parents.clone() } else { vec![None; count] };
+    // Parents first: files may have them in any order. What is in a circle was refused by the reader.
+    let mut order: Vec<usize> = Vec::with_capacity(count);
+    let mut children = vec![Vec::new(); count];
+    for (joint, parent) in parents.iter().enumerate() {
+        if let Some(p) = parent {
+            children[*p].push(joint);
+        }
+    }
+    let mut open: Vec<usize> = (0..count).rev().filter(|j| parents[*j].is_none()).collect();
+    while let Some(joint) = open.pop() {
+        order.push(joint);
+        open.extend(children[joint].iter().rev());
+    }
+    let mut place = vec![0; count];
+    order.iter().enumerate().for_each(|(at, j)| place[*j] = at);
+    let weights = rig.weights.as_ref().filter(|w| w.rows() == rig.vertices.len()).map(|w| {
+        let row = |v: usize| w.row(v).iter().map(|(j, w)| (place[*j as usize] as u32, *w)).collect::<Vec<_>>();
+        Rows::new((0..w.rows()).map(row), count)
+    });
+    let at = |p: &Vec3| rig.up.to_y(*p);
+    Prediction {
+        files: Vec::new(),
+        joints: Joints {
+            positions: order.iter().map(|&j| at(&rig.joints[j]).map(f64::from)).collect(),
+            parents: order.iter().map(|&j| parents[j].map(|p| place[p])).collect(),
+        },
+        names: if rig.names.len() == count {
+            order.iter().map(|&j| rig.names[j].clone()).collect()
+        } else {
+            Vec::new()
+        },
+        vertices: rig.vertices.iter().map(at).collect(),
+        is_mesh: !rig.faces.is_empty(),
+        weights,
+    }
+}
+
+/// UniRig's two stages: the skeleton of one, points and weights of the other, which has the joints in the same order
+/// but no parents.
+fn together(a: Prediction, b: Prediction) -> Prediction {
+    let (mut skeleton, skin) = if a.weights.is_some() { (b, a) } else { (a, b) };
+    skeleton.files.extend(skin.files);
+    skeleton.files.sort();
+    let near = |(a, b): (&[f64; 3], &[f64; 3])| (0..3).all(|k| (a[k] - b[k]).abs() < 1e-4);
+    // The stage of weights was given this skeleton, or its weights are of another one.
+    let same = skin.joints.positions.len() == skeleton.joints.positions.len();
+    if same && skin.joints.positions.iter().zip(&skeleton.joints.positions).all(near) {
+        (skeleton.vertices, skeleton.is_mesh, skeleton.weights) = (skin.vertices, skin.is_mesh, skin.weights);
+    }
+    skeleton
+}

@@ -1,0 +1,198 @@
+//! A row for every true asset.
+
+use rayon::prelude::*;
+use riglab_core::Rig;
+use riglab_metric::{Measure, Truth};
+use serde::{Serialize, Serializer};
+
+use crate::{CompareError, Predictions, Truths, fit};
+
+/// How assets count for which there is nothing to measure.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Failures {
+    /// Apart: counted beside the means.
+    #[default]
+    Apart,
+    /// As if one joint had been predicted at the centre of the box, without weights.
+    Worst,
+}
+
+/// Files that could not be read, with the reason.
+pub type Unread = Vec<(String, String)>;
+
+/// What became of an asset.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[serde(tag = "status", content = "reason", rename_all = "lowercase")]
+pub enum Status {
+    /// It was measured.
+    Scored,
+    /// There is a prediction, but it cannot be read or is of another mesh.
+    Failed(String),
+    /// There is no prediction.
+    Missing,
+}
+
+/// One asset of one system.
+#[derive(Clone, Debug, Serialize)]
+pub struct Row {
+    /// The true asset's name.
+    pub asset: String,
+    /// What became of it.
+    #[serde(flatten)]
+    pub status: Status,
+    /// Predicted joints.
+    pub joints: usize,
+    /// Joints of the truth.
+    pub true_joints: usize,
+    /// Why there are no figures of weights; empty where there are.
+    pub without_weights: String,
+    /// What was moved, scaled or matched by position.
+    pub notes: Vec<String>,
+    /// The figures.
+    #[serde(serialize_with = "by_name")]
+    pub measures: Vec<Measure>,
+}
+
+/// A system with its rows.
+#[derive(Clone, Debug, Serialize)]
+pub struct System {
+    /// Its name in tables.
+    pub name: String,
+    /// Where its predictions are.
+    pub folder: String,
+    /// A row for each true asset.
+    pub rows: Vec<Row>,
+    /// Predictions of no true asset.
+    pub unmatched: Vec<String>,
+    /// Files that could not be looked into, with the reason.
+    pub unread: Unread,
+}
+
+/// Scores systems against the true rigs; also gives true files that could not be read. `progress` is told how many
+/// assets are done.
+///
+/// # Errors
+/// When no true rig can be read, or a system has no prediction named as one.
+pub fn score(
+    truths: &Truths,
+    systems: &[(String, Predictions)],
+    failures: Failures,
+    mut progress: impl FnMut(usize),
+) -> Result<(Vec<System>, Unread), CompareError> {
+    let mut out: Vec<System> = systems.iter().map(|(name, p)| System::empty(name, p)).collect();
+    let (mut broken, mut done) = (Vec::new(), 0);
+    let mut used: Vec<std::collections::BTreeSet<String>> = vec![Default::default(); systems.len()];
+    let mut example = String::new();
+    truths.each(|some| {
+        let rows: Vec<Result<Vec<Row>, (String, String)>> = some
+            .par_iter()
+            .map(|(name, rig)| match rig {
+                Ok(rig) => Ok(rows(name, rig, systems, failures)),
+                Err(e) => Err((name.clone(), e.clone())),
+            })
+            .collect();
+        for ((name, _), rows) in some.iter().zip(rows) {
+            done += 1;
+            match rows {
+                Ok(rows) => {
+                    example.clone_from(name);
+                    for (k, row) in rows.into_iter().enumerate() {
+                        used[k].extend(systems[k].1.key_of(name).map(String::from));
+                        out[k].rows.push(row);
+                    }
+                }
+                Err(fault) => broken.push(fault),
+            }
+        }
+        progress(done);
+    });
+    for ((system, (_, predictions)), used) in out.iter_mut().zip(systems).zip(used) {
+        system.unmatched = predictions.keys().filter(|k| !used.contains(*k)).map(String::from).collect();
+        if let (true, Some(theirs)) = (used.is_empty() && !system.rows.is_empty(), system.unmatched.first()) {
+            return Err(CompareError::NothingMatches {
+                folder: predictions.folder().into(),
+                found: predictions.len(),
+                theirs: theirs.clone(),
+                ours: crate::key(&example),
+            });
+        }
+    }
+    if out.iter().any(|s| s.rows.is_empty()) {
+        let first = broken.first().map(|(name, e)| format!(": {name}: {e}")).unwrap_or_default();
+        return Err(CompareError::NoTruth(truths.path().into(), first));
+    }
+    Ok((out, broken))
+}
+
+impl System {
+    fn empty(name: &str, predictions: &Predictions) -> Self {
+        let unread = predictions.unread.iter().map(|(file, why)| (file.display().to_string(), why.clone())).collect();
+        Self {
+            name: name.into(),
+            folder: predictions.folder().display().to_string(),
+            rows: Vec::new(),
+            unmatched: Vec::new(),
+            unread,
+        }
+    }
+
+    /// Scored, failed and missing assets.
+    pub fn counts(&self) -> [usize; 3] {
+        let count = |f: fn(&Status) -> bool| self.rows.iter().filter(|r| f(&r.status)).count();
+        [count(|s| *s == Status::Scored), count(|s| matches!(s, Status::Failed(_))), count(|s| *s == Status::Missing)]
+    }
+
+    /// The values of a metric, a value an asset; NaN where there is none.
+    pub fn values(&self, name: &str) -> Vec<f64> {
+        let of = |row: &Row| row.measures.iter().find(|m| m.name() == name).map_or(f64::NAN, |m| m.value);
+        self.rows.iter().map(of).collect()
+    }
+}
+
+/// The rows of one asset, one a system.
+fn rows(name: &str, rig: &Rig, systems: &[(String, Predictions)], failures: Failures) -> Vec<Row> {
+    // Preparing the truth takes most of the time: not where there is nothing to measure.
+    let mut prepared: Option<Truth> = None;
+    let mut row = |predictions: &Predictions| {
+        let mut row = Row {
+            asset: name.into(),
+            status: Status::Missing,
+            joints: 0,
+            true_joints: rig.skeleton().len(),
+            without_weights: String::new(),
+            notes: Vec::new(),
+            measures: Vec::new(),
+        };
+        let read = predictions.key_of(name).map(|key| predictions.read(key).and_then(|p| fit(&p, rig)));
+        match read {
+            None if failures == Failures::Apart => return row,
+            None => {}
+            Some(Err(reason)) => row.status = Status::Failed(reason),
+            Some(Ok(fitted)) => {
+                let truth = prepared.get_or_insert_with(|| Truth::new(name, rig));
+                row.status = Status::Scored;
+                row.joints = fitted.joints.positions.len();
+                row.measures = truth.skeleton(&fitted.joints);
+                if let Some(parents) = &fitted.parents {
+                    row.measures.extend(truth.parents(parents));
+                }
+                match fitted.weights {
+                    Ok(weights) => row.measures.extend(truth.skin(&weights).unwrap_or_default()),
+                    Err(reason) => row.without_weights = reason,
+                }
+                row.notes = fitted.notes;
+                return row;
+            }
+        }
+        if failures == Failures::Worst {
+            row.measures = prepared.get_or_insert_with(|| Truth::new(name, rig)).worst();
+        }
+        row
+    };
+    systems.iter().map(|(_, predictions)| row(predictions)).collect()
+}
+
+fn by_name<S: Serializer>(measures: &[Measure], serializer: S) -> Result<S::Ok, S::Error> {
+    serializer.collect_map(measures.iter().map(|m| (m.name(), m.value)))
+}

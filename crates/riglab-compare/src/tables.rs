@@ -1,0 +1,254 @@
+//! What a comparison found, as tables.
+
+use riglab_metric::statistics::{Mean, Paired};
+use riglab_metric::{Measure, Preset, lower_is_better};
+use riglab_report::{Cell, Table};
+use serde::Serialize;
+use serde_json::{Value, json};
+
+use crate::{Failures, Status, System, Unread};
+
+/// Systems over the same assets.
+#[derive(Clone, Debug, Serialize)]
+pub struct Comparison {
+    /// The corpus or folder of true rigs.
+    pub truth: String,
+    /// How failures count.
+    pub failures: Failures,
+    /// True files that could not be read, with the reason: they are in no mean.
+    pub unread_truth: Unread,
+    /// The systems.
+    pub systems: Vec<System>,
+}
+
+impl Comparison {
+    /// Metrics of some presets in the order of tables, by name.
+    pub fn metrics(&self, presets: &[Preset]) -> Vec<String> {
+        let mut names: Vec<String> = Vec::new();
+        for preset in presets {
+            let of = |m: &&Measure| m.preset == *preset;
+            for m in self.systems.iter().flat_map(|s| &s.rows).flat_map(|r| &r.measures).filter(of) {
+                let name = m.name();
+                if !names.contains(&name) {
+                    names.push(name);
+                }
+            }
+        }
+        names
+    }
+
+    /// What became of the assets, a row a system.
+    pub fn counts(&self) -> Table {
+        let head = ["system", "assets", "scored", "with weights", "failed", "missing", "predictions without truth"];
+        let mut table = Table::new(format!("Assets of {}", self.truth), &head);
+        for system in &self.systems {
+            let [scored, failed, missing] = system.counts();
+            let weights = |r: &&crate::Row| r.status == Status::Scored && r.without_weights.is_empty();
+            let skinned = system.rows.iter().filter(weights).count();
+            let counts = [system.rows.len(), scored, skinned, failed, missing, system.unmatched.len()];
+            let cells = counts.map(Cell::count);
+            table.row([vec![Cell::text(&system.name)], cells.to_vec()].concat());
+        }
+        table.note = match self.failures {
+            Failures::Apart => "Means below are over the assets scored; failed and missing ones count here alone.",
+            Failures::Worst => {
+                "Failed and missing assets count in the means as one joint at the centre of the box, without weights."
+            }
+        }
+        .into();
+        table
+    }
+
+    /// A table a preset: a row a metric, for each system the mean, its 95 % interval and the assets it is of; of two
+    /// systems also their difference.
+    pub fn tables(&self, presets: &[Preset]) -> Vec<Table> {
+        let mut tables = Vec::new();
+        for preset in presets {
+            let names = self.metrics(&[*preset]);
+            if names.is_empty() {
+                continue;
+            }
+            let mut head = vec![format!("metric @{}", preset.name()), "better".into()];
+            for system in &self.systems {
+                head.extend([system.name.clone(), "95 % interval".into(), "n".into()]);
+            }
+            let pair = self.systems.len() == 2;
+            if pair {
+                head.extend(["difference".into(), "95 % interval".into(), "p".into()]);
+            }
+            let mut table = Table { caption: format!("Convention {}", preset.name()), head, ..Table::default() };
+            for name in &names {
+                table.row(self.line(name, pair));
+            }
+            if pair {
+                let [a, b] = [&self.systems[0].name, &self.systems[1].name];
+                table.note = format!(
+                    "difference: mean of {a} - {b} over assets where both are defined; p: share of sign flips over \
+                     assets with a mean as far from 0"
+                );
+            }
+            tables.push(table);
+        }
+        tables
+    }
+
+    fn line(&self, name: &str, pair: bool) -> Vec<Cell> {
+        let lower = lower_is_better(name);
+        let values: Vec<Vec<f64>> = self.systems.iter().map(|s| s.values(name)).collect();
+        let means: Vec<Mean> = values.iter().map(|v| Mean::of(v)).collect();
+        let best = |m: &Mean| {
+            let others = means.iter().map(|o| o.mean).filter(|x| x.is_finite());
+            let best = if lower == Some(true) { others.reduce(f64::min) } else { others.reduce(f64::max) };
+            lower.is_some() && means.len() > 1 && best == Some(m.mean)
+        };
+        let arrow = match lower {
+            Some(true) => "lower",
+            Some(false) => "higher",
+            None => "",
+        };
+        let metric = name.split('@').next().unwrap_or(name);
+        let mut cells = vec![Cell::text(metric), Cell::text(arrow)];
+        for m in &means {
+            cells.extend([number(m.mean).strong_if(best(m)), interval(m.low, m.high), Cell::count(m.n)]);
+        }
+        if pair {
+            let p = Paired::of(&values[0], &values[1]);
+            cells.extend([number(p.difference), interval(p.low, p.high), number(p.p)]);
+        }
+        cells
+    }
+
+    /// A row an asset and system, with all figures of some presets; with all their digits, if `whole`.
+    pub fn assets(&self, presets: &[Preset], whole: bool) -> Table {
+        let names = self.metrics(presets);
+        let mut head: Vec<String> =
+            ["system", "asset", "status", "joints", "true joints", "notes"].map(String::from).to_vec();
+        head.extend(names.iter().cloned());
+        let mut table = Table { caption: "Assets".into(), head, ..Table::default() };
+        for system in &self.systems {
+            for row in &system.rows {
+                let (status, reason) = match &row.status {
+                    Status::Scored => ("scored", row.without_weights.clone()),
+                    Status::Failed(reason) => ("failed", reason.clone()),
+                    Status::Missing => ("missing", String::new()),
+                };
+                let told = std::iter::once(reason).chain(row.notes.iter().cloned()).filter(|s| !s.is_empty());
+                let mut cells = vec![
+                    Cell::text(&system.name),
+                    Cell::text(&row.asset),
+                    Cell::text(status),
+                    Cell::count(row.joints),
+                    Cell::count(row.true_joints),
+                    Cell::text(told.collect::<Vec<_>>().join("; ")),
+                ];
+                let of = |name: &String| row.measures.iter().find(|m| m.name() == *name).map_or(f64::NAN, |m| m.value);
+                let cell = |value: f64| match whole && value.is_finite() {
+                    true => number(value).with_text(value.to_string()),
+                    false => number(value),
+                };
+                cells.extend(names.iter().map(|name| cell(of(name))));
+                table.row(cells);
+            }
+        }
+        table
+    }
+
+    /// Everything: rows, means, and the differences of two systems.
+    pub fn to_json(&self, presets: &[Preset]) -> Value {
+        let names = self.metrics(presets);
+        let means = |s: &System| {
+            let of = |name: &String| (name.clone(), json!(Mean::of(&s.values(name))));
+            json!({"system": s.name, "means": names.iter().map(of).collect::<serde_json::Map<_, _>>()})
+        };
+        let mut out = json!(self);
+        out["means"] = self.systems.iter().map(means).collect();
+        if let [a, b] = &self.systems[..] {
+            let of = |name: &String| (name.clone(), json!(Paired::of(&a.values(name), &b.values(name))));
+            out["paired"] = names.iter().map(of).collect::<serde_json::Map<_, _>>().into();
+        }
+        out
+    }
+}
+
+fn number(value: f64) -> Cell {
+    Cell::number(value, 0).with_text(shown(value))
+}
+
+fn interval(low: f64, high: f64) -> Cell {
+    let text = if low.is_finite() { format!("{} .. {}", shown(low), shown(high)) } else { "–".into() };
+    Cell::none().with_text(text)
+}
+
+/// Four digits that count; powers of ten below a thousandth.
+fn shown(value: f64) -> String {
+    match value.abs() {
+        a if !a.is_finite() => "–".into(),
+        0.0 => "0".into(),
+        a if a < 1e-3 => format!("{value:.2e}"),
+        a if a < 1.0 => format!("{value:.4}"),
+        a if a < 10.0 => format!("{value:.3}"),
+        a if a < 100.0 => format!("{value:.2}"),
+        _ => format!("{value:.1}"),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::Row;
+
+    fn system(name: &str, values: &[Option<f64>]) -> System {
+        let row = |(k, value): (usize, &Option<f64>)| Row {
+            asset: format!("a{k}"),
+            status: if value.is_some() { Status::Scored } else { Status::Missing },
+            joints: 3,
+            true_joints: 3,
+            without_weights: String::new(),
+            notes: Vec::new(),
+            measures: value.map(|value| Measure { metric: "j2j", preset: Preset::Rignet, value }).into_iter().collect(),
+        };
+        System {
+            name: name.into(),
+            folder: name.into(),
+            rows: values.iter().enumerate().map(row).collect(),
+            unmatched: Vec::new(),
+            unread: Vec::new(),
+        }
+    }
+
+    #[test]
+    fn the_better_mean_is_marked_and_missing_assets_are_counted() {
+        let comparison = Comparison {
+            truth: "t".into(),
+            failures: Failures::Apart,
+            unread_truth: Vec::new(),
+            systems: vec![
+                system("one", &[Some(0.1), Some(0.2), None]),
+                system("two", &[Some(0.3), Some(f64::NAN), Some(0.5)]),
+            ],
+        };
+        let tables = comparison.tables(&Preset::ALL);
+        assert_eq!(tables.len(), 1);
+        let cells = &tables[0].rows[0];
+        let texts: Vec<&str> = cells.iter().map(|c| c.text.as_str()).collect();
+        assert_eq!((texts[0], texts[2], texts[4], texts[5], texts[7]), ("j2j", "0.1500", "2", "0.4000", "2"));
+        assert!(cells[2].strong && !cells[5].strong);
+        // Both are defined on the first asset alone.
+        assert_eq!(texts[8], "-0.2000");
+        assert_eq!(comparison.counts().rows[0][5].text, "1");
+        let json = comparison.to_json(&Preset::ALL);
+        assert_eq!(
+            (json["paired"]["j2j@rignet"]["n"].as_u64(), json["means"][0]["means"]["j2j@rignet"]["n"].as_u64()),
+            (Some(1), Some(2))
+        );
+        assert_eq!(json["systems"][1]["rows"][1]["measures"]["j2j@rignet"], Value::Null);
+    }
+
+    #[test]
+    fn numbers_have_four_digits_that_count() {
+        assert_eq!(
+            [0.0, 4.83e-5, 0.15, 2.857, 12.3456, 512.34].map(shown),
+            ["0", "4.83e-5", "0.1500", "2.857", "12.35", "512.3"]
+        );
+    }
+}

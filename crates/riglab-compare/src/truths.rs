@@ -1,0 +1,143 @@
+//! The true rigs.
+
+use std::ops::ControlFlow;
+use std::path::{Path, PathBuf};
+
+use rayon::prelude::*;
+use riglab_asset::{ImportOptions, count_assets, import, import_each, is_rig_file};
+use riglab_core::Rig;
+use riglab_data::{Corpus, name_below};
+
+use crate::CompareError;
+
+/// Rigs held at a time.
+const AT_ONCE: usize = 64;
+
+/// A name, and the rig or what is wrong with its file.
+pub type Named = (String, Result<Rig, String>);
+
+/// Where true rigs are from.
+pub enum TruthSource {
+    /// Assets of a corpus, by number.
+    Corpus(Box<Corpus>, Vec<usize>),
+    /// Files of one asset each or of several.
+    Files(Vec<PathBuf>),
+}
+
+/// The true rigs, one after another.
+pub struct Truths {
+    path: PathBuf,
+    /// Where they are from.
+    pub source: TruthSource,
+}
+
+impl Truths {
+    /// A corpus (a split of it, if one is named), a folder of rigged files, or a file.
+    ///
+    /// # Errors
+    /// When there is none, or no such split.
+    pub fn open(path: &Path, split: Option<&str>) -> Result<Self, CompareError> {
+        let at = |source| Self { path: path.into(), source };
+        let ending = path.extension().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
+        // Puppeteer's files have the same ending as corpora.
+        let corpus = if path.is_file() && ["h5", "hdf5"].contains(&ending.as_str()) {
+            Corpus::open(path)
+        } else {
+            Err(riglab_data::DataError::Missing(path.into(), "corpus or folder"))
+        };
+        match corpus {
+            Ok(corpus) => {
+                let assets = match split {
+                    Some(split) => corpus.split(split)?,
+                    None => (0..corpus.len()).collect(),
+                };
+                if assets.is_empty() {
+                    let of = split.map(|s| format!(" in its split `{s}`")).unwrap_or_default();
+                    return Err(CompareError::NoTruth(path.into(), of));
+                }
+                Ok(at(TruthSource::Corpus(Box::new(corpus), assets)))
+            }
+            Err(_) if path.is_file() => Ok(at(TruthSource::Files(vec![path.into()]))),
+            Err(e) if !path.is_dir() => Err(e.into()),
+            Err(_) => {
+                let wanted = |path: &Path| {
+                    let stem = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
+                    is_rig_file(path) && !stem.starts_with("predict_")
+                };
+                let files = riglab_files::below(path, wanted).files;
+                if files.is_empty() {
+                    return Err(CompareError::NoTruth(path.into(), ": no rigged file below it".into()));
+                }
+                Ok(at(TruthSource::Files(files)))
+            }
+        }
+    }
+
+    /// The corpus or folder.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// How many assets there are, as far as can be told without reading them: files of several count once.
+    pub fn len(&self) -> usize {
+        match &self.source {
+            TruthSource::Corpus(_, assets) => assets.len(),
+            TruthSource::Files(files) => files.len(),
+        }
+    }
+
+    /// Whether there is none; there never is.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// Gives all of them, some at a time: a name, and the rig or what is wrong with its file.
+    pub fn each(&self, mut give: impl FnMut(Vec<Named>)) {
+        match &self.source {
+            TruthSource::Corpus(corpus, assets) => {
+                for some in assets.chunks(AT_ONCE) {
+                    let read = |&index: &usize| match corpus.asset(index) {
+                        Ok(asset) => (asset.name, Ok(asset.rig)),
+                        Err(e) => (format!("asset {index}"), Err(e.to_string())),
+                    };
+                    give(some.iter().map(read).collect());
+                }
+            }
+            TruthSource::Files(files) => {
+                let folder = if self.path.is_file() { self.path.parent().unwrap_or(Path::new("")) } else { &self.path };
+                for some in files.chunks(AT_ONCE) {
+                    let one = |path: &PathBuf| (count_assets(path).unwrap_or(1) <= 1).then(|| single(folder, path));
+                    let read: Vec<Option<Named>> = some.par_iter().map(one).collect();
+                    let several: Vec<&PathBuf> =
+                        some.iter().zip(&read).filter(|(_, r)| r.is_none()).map(|(f, _)| f).collect();
+                    give(read.into_iter().flatten().collect());
+                    several.into_iter().for_each(|path| each_of(folder, path, &mut give));
+                }
+            }
+        }
+    }
+}
+
+fn single(folder: &Path, path: &Path) -> Named {
+    let rig = import(path, &ImportOptions::default()).and_then(riglab_asset::Imported::into_asset);
+    (name_below(folder, path), rig.map(|asset| asset.rig).map_err(|e| e.to_string()))
+}
+
+fn each_of(folder: &Path, path: &Path, give: &mut dyn FnMut(Vec<Named>)) {
+    let file = name_below(folder, path);
+    let mut held = Vec::new();
+    let mut number = 0;
+    import_each(path, &ImportOptions::default(), |imported| {
+        let rig = imported.and_then(riglab_asset::Imported::into_asset);
+        held.push(match rig {
+            Ok(asset) => (format!("{file}#{}", asset.name), Ok(asset.rig)),
+            Err(e) => (format!("{file}#{number}"), Err(e.to_string())),
+        });
+        number += 1;
+        if held.len() == AT_ONCE {
+            give(std::mem::take(&mut held));
+        }
+        ControlFlow::Continue(())
+    });
+    give(held);
+}

@@ -1,0 +1,119 @@
+//! Peers' prediction files, scored end to end: each golden sample against the same rig in another format.
+
+use std::path::{Path, PathBuf};
+
+use riglab_compare::{CompareError, Failures, Kind, Predictions, Row, Status, System, Truths, score};
+
+fn golden() -> Option<PathBuf> {
+    let shared = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/golden");
+    let folder = std::env::var_os("RIGLAB_GOLDEN").map_or(shared, PathBuf::from).join("formats");
+    if folder.is_dir() {
+        return Some(folder);
+    }
+    println!("skipped: no such folder {} (set RIGLAB_GOLDEN)", folder.display());
+    None
+}
+
+fn scored(predictions: &Path, truth: &Path, kind: Kind, failures: Failures) -> Result<System, CompareError> {
+    let truths = Truths::open(truth, None)?;
+    let systems = [("system".to_owned(), Predictions::find(predictions, kind)?)];
+    let (mut systems, _) = score(&truths, &systems, failures, |_| ())?;
+    Ok(systems.remove(0))
+}
+
+fn row<'a>(system: &'a System, asset: &str) -> &'a Row {
+    system.rows.iter().find(|r| r.asset == asset).unwrap_or_else(|| panic!("{asset}: {:?}", system.rows))
+}
+
+fn value(row: &Row, name: &str) -> f64 {
+    row.measures.iter().find(|m| m.name() == name).unwrap_or_else(|| panic!("{}: no {name}", row.asset)).value
+}
+
+/// The same rig but for what 16-bit numbers and printed decimals do to it.
+fn same(row: &Row) {
+    assert_eq!(row.status, Status::Scored, "{row:?}");
+    assert_eq!(row.without_weights, "", "{}", row.asset);
+    for (name, want, room) in [
+        ("j2j@rignet", 0.0, 5e-4),
+        ("b2b@magicarticulate", 0.0, 1e-3),
+        ("ted@riglab", 0.0, 0.0),
+        ("l1@rignet", 0.0, 1e-3),
+        ("iou@skintokens", 1.0, 1e-2),
+        ("precision@puppeteer", 1.0, 1e-2),
+        ("motion@skintokens", 0.0, 1e-3),
+        ("connectivity_recall@anymate", 1.0, 0.0),
+    ] {
+        let found = value(row, name);
+        assert!((found - want).abs() <= room, "{} {name}: {found}", row.asset);
+    }
+}
+
+#[test]
+fn every_format_is_the_rig_that_it_is() {
+    let Some(formats) = golden() else { return };
+    let of = |system: &str, truth: &str| {
+        scored(&formats.join(system), &formats.join(truth), Kind::Auto, Failures::Apart).unwrap()
+    };
+    let puppeteer = of("puppeteer", "rignet");
+    same(row(&puppeteer, "biped_rig.txt"));
+    assert_eq!(row(&puppeteer, "single_rig.txt").status, Status::Missing);
+    let anymate = of("anymate", "rignet");
+    same(row(&anymate, "biped_rig.txt"));
+    assert!(row(&anymate, "biped_rig.txt").notes[0].contains("scaled by 0.500"));
+    let set = of("articulation_xl/row_numpy2.npz", "puppeteer/articulation_test.h5");
+    same(row(&set, "articulation_test.h5#b1p3d"));
+    assert_eq!(set.counts(), [1, 0, 1]);
+    assert_eq!(set.unmatched.len(), 2);
+    // UniRig's stages, points and all, against what they were given; and its own file where there are none.
+    let unirig = of("unirig", "unirig");
+    same(row(&unirig, "biped_f32/raw_data.npz"));
+    assert!(row(&unirig, "biped_f32/raw_data.npz").joints == 19);
+    same(row(&unirig, "tail_f16/raw_data.npz"));
+    let dir = tempfile::tempdir().unwrap();
+    std::fs::create_dir(dir.path().join("tail")).unwrap();
+    std::fs::copy(formats.join("unirig/tail_f16/raw_data.npz"), dir.path().join("tail/raw_data.npz")).unwrap();
+    let tail = scored(&formats.join("skintokens"), dir.path(), Kind::Npz, Failures::Apart).unwrap();
+    same(row(&tail, "tail/raw_data.npz"));
+}
+
+#[test]
+fn broken_predictions_are_rows_with_a_reason() {
+    let Some(formats) = golden() else { return };
+    let (truth, theirs) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
+    for name in ["whole", "cut", "hostile", "gone"] {
+        let copy = |from: &str, to: String| std::fs::copy(formats.join(from), truth.path().join(to)).unwrap();
+        copy("rignet/biped_rig.txt", format!("{name}_rig.txt"));
+        copy("rignet/biped.obj", format!("{name}.obj"));
+    }
+    std::fs::copy(formats.join("anymate/refuse_call.pt"), theirs.path().join("hostile.pt")).unwrap();
+    let bytes = std::fs::read(formats.join("unirig/biped_f32/predict_skeleton.npz")).unwrap();
+    std::fs::write(theirs.path().join("cut.npz"), &bytes[..bytes.len() / 2]).unwrap();
+    // A skeleton alone: joints, but no weights.
+    std::fs::write(theirs.path().join("whole.npz"), &bytes).unwrap();
+    for failures in [Failures::Apart, Failures::Worst] {
+        let found = scored(theirs.path(), truth.path(), Kind::Auto, failures).unwrap();
+        assert_eq!(found.counts(), [1, 2, 1], "{found:?}");
+        for name in ["cut", "hostile"] {
+            let Status::Failed(reason) = &row(&found, &format!("{name}_rig.txt")).status else { panic!("{found:?}") };
+            assert!(reason.contains(name), "{reason}");
+        }
+        let whole = row(&found, "whole_rig.txt");
+        assert!(value(whole, "j2j@skintokens") < 0.1, "{whole:?}");
+        assert!(whole.without_weights.contains("no vertices") && whole.notes[0].contains("no mesh"), "{whole:?}");
+        let defined = found.values("j2j@skintokens").iter().filter(|v| v.is_finite()).count();
+        assert_eq!(defined, if failures == Failures::Worst { 4 } else { 1 });
+    }
+}
+
+#[test]
+fn what_cannot_begin_says_why() {
+    let Some(formats) = golden() else { return };
+    let fails = |theirs: &str, truth: &str, kind| {
+        scored(&formats.join(theirs), &formats.join(truth), kind, Failures::Apart).unwrap_err().to_string()
+    };
+    assert!(fails("nowhere", "rignet", Kind::Auto).contains("no such folder or file of predictions"));
+    assert!(fails("rignet", "nowhere", Kind::Auto).contains("no such corpus or folder"));
+    assert!(fails("rignet", "unirig", Kind::Glb).contains("no glb file below it"));
+    let other = fails("skintokens", "rignet", Kind::Auto);
+    assert!(other.contains("`tail`") && other.contains("matched by their path"), "{other}");
+}

@@ -1,0 +1,159 @@
+//! Tables outside of pages: for the terminal, Markdown, LaTeX and spreadsheets.
+
+use crate::{Cell, Table};
+
+impl Table {
+    /// For a terminal: columns aligned by blanks, the best of a column with `*`.
+    pub fn to_text(&self) -> String {
+        let mark = |cell: &Cell| format!("{}{}", cell.text, if cell.strong { "*" } else { "" });
+        let lines: Vec<Vec<String>> = self.rows.iter().map(|row| row.iter().map(mark).collect()).collect();
+        let all = || std::iter::once(&self.head).chain(&lines);
+        let width = |k: usize| all().filter_map(|l| l.get(k)).map(|t| t.chars().count()).max().unwrap_or(0);
+        let widths: Vec<usize> = (0..self.head.len()).map(width).collect();
+        let mut out = format!("{}\n", self.caption);
+        for (n, line) in all().enumerate() {
+            if n > 0 && self.breaks.contains(&(n - 1)) {
+                out.push('\n');
+            }
+            let mut text = String::new();
+            for (k, (cell, &width)) in line.iter().zip(&widths).enumerate() {
+                let gap = " ".repeat(width - cell.chars().count().min(width));
+                let right = self.is_number(k);
+                text += &if right { format!("{gap}{cell}  ") } else { format!("{cell}{gap}  ") };
+            }
+            out += &format!("  {}\n", text.trim_end());
+        }
+        if !self.note.is_empty() {
+            out += &format!("  {}\n", self.note);
+        }
+        out
+    }
+
+    /// GitHub's Markdown: the best of a column bold, published numbers in italics.
+    pub fn to_markdown(&self) -> String {
+        let plain = |text: &str| text.replace('\\', "\\\\").replace('|', "\\|").replace('\n', " ");
+        let cell = |c: &Cell| match (c.strong, c.published, plain(&c.text)) {
+            (_, _, text) if text.is_empty() => text,
+            (true, _, text) => format!("**{text}**"),
+            (_, true, text) => format!("*{text}*"),
+            (.., text) => text,
+        };
+        let line = |cells: Vec<String>| format!("| {} |\n", cells.join(" | "));
+        let mut out = format!("**{}**\n\n", plain(&self.caption));
+        out += &line(self.head.iter().map(|h| plain(h)).collect());
+        let side = |k: usize| if self.is_number(k) { "--:" } else { ":--" };
+        out += &line((0..self.head.len()).map(|k| side(k).to_owned()).collect());
+        self.rows.iter().for_each(|row| out += &line(row.iter().map(cell).collect()));
+        if !self.note.is_empty() {
+            out += &format!("\n{}\n", plain(&self.note));
+        }
+        out
+    }
+
+    /// LaTeX with the package booktabs: the best of a column bold, published numbers in italics.
+    pub fn to_latex(&self) -> String {
+        let cell = |c: &Cell| match (c.strong, c.published, latex(&c.text)) {
+            (_, _, text) if text.is_empty() => text,
+            (true, _, text) => format!("\\textbf{{{text}}}"),
+            (_, true, text) => format!("\\textit{{{text}}}"),
+            (.., text) => text,
+        };
+        let line = |cells: Vec<String>| format!("  {} \\\\\n", cells.join(" & "));
+        let sides: String = (0..self.head.len()).map(|k| if self.is_number(k) { 'r' } else { 'l' }).collect();
+        let mut out = format!("\\begin{{table}}\n\\centering\n\\caption{{{}}}\n", latex(&self.caption));
+        out += &format!("\\begin{{tabular}}{{{sides}}}\n  \\toprule\n");
+        out += &line(self.head.iter().map(|h| latex(h)).collect());
+        out += "  \\midrule\n";
+        for (n, row) in self.rows.iter().enumerate() {
+            if n > 0 && self.breaks.contains(&n) {
+                out += "  \\midrule\n";
+            }
+            out += &line(row.iter().map(cell).collect());
+        }
+        out += "  \\bottomrule\n\\end{tabular}\n";
+        if !self.note.is_empty() {
+            out += &format!("\n\\smallskip\\footnotesize {}\n", latex(&self.note));
+        }
+        out + "\\end{table}\n"
+    }
+
+    /// Comma-separated values as RFC 4180 has them, the heads first.
+    pub fn to_csv(&self) -> String {
+        let field = |text: &str| -> String {
+            if text.contains(['"', ',', '\n', '\r']) {
+                format!("\"{}\"", text.replace('"', "\"\""))
+            } else {
+                text.into()
+            }
+        };
+        let undefined = |c: &Cell| if c.number && c.text == "–" { String::new() } else { field(&c.text) };
+        let mut out = self.head.iter().map(|h| field(h)).collect::<Vec<_>>().join(",") + "\r\n";
+        for row in &self.rows {
+            out += &(row.iter().map(undefined).collect::<Vec<_>>().join(",") + "\r\n");
+        }
+        out
+    }
+
+    /// Whether a column's cells are numbers, all but the empty ones.
+    fn is_number(&self, column: usize) -> bool {
+        let mut cells = self.rows.iter().filter_map(|row| row.get(column)).peekable();
+        cells.peek().is_some() && cells.all(|c| c.number)
+    }
+}
+
+fn latex(text: &str) -> String {
+    let mut out = String::with_capacity(text.len());
+    for c in text.chars() {
+        match c {
+            '&' | '%' | '$' | '#' | '_' | '{' | '}' => out.extend(['\\', c]),
+            '\\' => out += "\\textbackslash{}",
+            '~' => out += "\\textasciitilde{}",
+            '^' => out += "\\textasciicircum{}",
+            '<' | '>' | '|' => out += &format!("${c}$"),
+            '±' => out += "$\\pm$",
+            '–' => out += "--",
+            '\n' => out.push(' '),
+            c => out.push(c),
+        }
+    }
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn table() -> Table {
+        let mut t = Table::new("A & B", &["name", "x_1"]);
+        t.row(vec![Cell::text("a|b, \"c\""), Cell::number(0.5, 2).strong_if(true)]);
+        t.line();
+        t.row(vec![Cell::text("ours"), Cell::number(f64::NAN, 2)]);
+        t.row(vec![Cell::text("theirs"), Cell { published: true, ..Cell::number(12.0, 2) }]);
+        t.note = "100 %".into();
+        t
+    }
+
+    #[test]
+    fn text_is_aligned() {
+        let text = table().to_text();
+        assert_eq!(
+            text,
+            "A & B\n  name        x_1\n  a|b, \"c\"  0.50*\n\n  ours          –\n  theirs    12.00\n  100 %\n"
+        );
+    }
+
+    #[test]
+    fn markdown_and_latex_escape_what_would_break_them() {
+        let (markdown, latex) = (table().to_markdown(), table().to_latex());
+        assert!(markdown.contains("| a\\|b, \"c\" | **0.50** |\n") && markdown.contains("| :-- | --: |"));
+        assert!(markdown.contains("| theirs | *12.00* |"));
+        assert!(latex.contains("\\caption{A \\& B}") && latex.contains("{lr}") && latex.contains("x\\_1"));
+        assert!(latex.contains("a$|$b, \"c\" & \\textbf{0.50} \\\\\n  \\midrule\n") && latex.contains("100 \\%"));
+        assert!(latex.contains("\\textit{12.00}"));
+    }
+
+    #[test]
+    fn spreadsheets_get_numbers_and_nothing_where_there_is_none() {
+        assert_eq!(table().to_csv(), "name,x_1\r\n\"a|b, \"\"c\"\"\",0.50\r\nours,\r\ntheirs,12.00\r\n");
+    }
+}

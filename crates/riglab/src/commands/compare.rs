@@ -1,0 +1,217 @@
+//! `riglab compare`
+
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+use anyhow::{Context, Result, bail};
+use riglab_compare::{Comparison, Failures, Kind, Predictions, Status, Truths, score};
+use riglab_metric::Preset;
+use riglab_report::{Block, Page, Table};
+use riglab_train::Progress;
+
+/// Score rigs that other systems wrote against true ones.
+///
+/// Files are matched to true assets by their path without ending, or by their name alone. Every true asset is
+/// counted: scored, failed (with the reason) or missing. Metrics follow the formulas of each peer; the preset stands
+/// beside the number. Weights are compared where a prediction has the truth's joints.
+#[derive(clap::Args)]
+#[command(after_help = "\
+Examples:
+  riglab compare predictions/ --truth rigs.h5 --split test_new
+  riglab compare unirig=out/unirig puppeteer=out/puppeteer --truth rigs/ --preset skintokens --markdown
+  riglab compare out/ --truth rigs/ --assets --csv -o scores.csv")]
+pub struct Args {
+    /// Folders of predictions, or files of several assets; NAME=DIR names a system in the tables.
+    #[arg(required = true, value_name = "[NAME=]DIR")]
+    systems: Vec<String>,
+    /// True rigs: a corpus, a folder of rigged files, or a file.
+    #[arg(long, value_name = "CORPUS_OR_DIR")]
+    truth: PathBuf,
+    /// Of a corpus, this split alone.
+    #[arg(long)]
+    split: Option<String>,
+    /// Which files are predictions: auto, glb (also gltf, vrm), fbx, rignet (texts, Puppeteer's too), npz, h5 or pt.
+    #[arg(long, default_value = "auto", value_parser = kind)]
+    format: Kind,
+    /// Whose formulas, as often as needed [default: all]: skintokens, unirig, rignet, magicarticulate, puppeteer,
+    /// anymate or riglab.
+    #[arg(long = "preset", value_name = "NAME", value_parser = preset)]
+    presets: Vec<Preset>,
+    /// How failed and missing assets count: apart, or worst (one joint at the centre, without weights).
+    #[arg(long, default_value = "apart", value_parser = failures)]
+    failures: Failures,
+    /// Show published numbers below: the name of a table, or `list`.
+    #[arg(long, value_name = "TABLE")]
+    published: Vec<String>,
+    /// Show every asset instead of means.
+    #[arg(long)]
+    assets: bool,
+    /// Everything as JSON.
+    #[arg(long, group = "form")]
+    json: bool,
+    /// Comma-separated values: every asset.
+    #[arg(long, group = "form")]
+    csv: bool,
+    /// Tables in Markdown.
+    #[arg(long, group = "form")]
+    markdown: bool,
+    /// Tables in LaTeX, with booktabs.
+    #[arg(long, group = "form")]
+    latex: bool,
+    /// A page.
+    #[arg(long, group = "form")]
+    html: bool,
+    /// Write to a file instead of standard output.
+    #[arg(long, short, value_name = "FILE")]
+    out: Option<PathBuf>,
+}
+
+fn kind(name: &str) -> Result<Kind, String> {
+    let found = Kind::ALL.iter().find(|(n, _)| *n == name).map(|(_, kind)| *kind);
+    found.ok_or_else(|| format!("there are {}", Kind::ALL.map(|(n, _)| n).join(", ")))
+}
+
+fn preset(name: &str) -> Result<Preset, String> {
+    Preset::named(name).ok_or_else(|| format!("there are {}", Preset::ALL.map(Preset::name).join(", ")))
+}
+
+fn failures(name: &str) -> Result<Failures, String> {
+    match name {
+        "apart" => Ok(Failures::Apart),
+        "worst" => Ok(Failures::Worst),
+        _ => Err("there are apart and worst".into()),
+    }
+}
+
+pub fn run(args: &Args) -> Result<ExitCode> {
+    let published = published(&args.published)?;
+    let truths = Truths::open(&args.truth, args.split.as_deref())?;
+    let mut systems: Vec<(String, Predictions)> = Vec::new();
+    for text in &args.systems {
+        let (name, folder) = named(text);
+        if systems.iter().any(|(taken, _)| *taken == name) {
+            bail!("two systems are called `{name}`; name them: NAME=DIR");
+        }
+        systems.push((name, Predictions::find(&folder, args.format)?));
+    }
+    // A file may hold many.
+    let total = truths.len() as u64;
+    let mut progress = Progress::new("scoring", total, 0);
+    let scored = score(&truths, &systems, args.failures, |done| progress.set(total.min(done as u64), String::new));
+    progress.finish();
+    let (systems, unread_truth) = scored?;
+    let truth = match &args.split {
+        Some(split) => format!("{}, split {split}", args.truth.display()),
+        None => args.truth.display().to_string(),
+    };
+    let comparison = Comparison { truth, failures: args.failures, unread_truth, systems };
+    tell(&comparison);
+    let presets = if args.presets.is_empty() { &Preset::ALL[..] } else { &args.presets };
+    let text = text(args, &comparison, presets, published)?;
+    match &args.out {
+        Some(path) => {
+            riglab_files::write(path, text.as_bytes())
+                .with_context(|| format!("{} cannot be written", path.display()))?;
+            say!("{}", path.display());
+        }
+        None => say!("{}", text.trim_end()),
+    }
+    let any = comparison.systems.iter().any(|s| s.counts()[0] > 0);
+    Ok(if any { ExitCode::SUCCESS } else { ExitCode::FAILURE })
+}
+
+/// What was asked for, in the form that was asked for.
+fn text(args: &Args, comparison: &Comparison, presets: &[Preset], published: Vec<Table>) -> Result<String> {
+    if args.json {
+        return Ok(serde_json::to_string_pretty(&comparison.to_json(presets))? + "\n");
+    }
+    if args.csv {
+        return Ok(comparison.assets(presets, true).to_csv());
+    }
+    let mut tables = vec![comparison.counts()];
+    tables.extend(if args.assets { vec![comparison.assets(presets, false)] } else { comparison.tables(presets) });
+    tables.extend(published);
+    if args.html {
+        let title = "Comparison".to_owned();
+        let names: Vec<&str> = comparison.systems.iter().map(|s| s.name.as_str()).collect();
+        let subtitle = format!("{} against {}", names.join(", "), comparison.truth);
+        let blocks = tables.into_iter().map(Block::Table).collect();
+        return Ok(Page { title, subtitle, blocks }.to_html()?);
+    }
+    let form = match (args.markdown, args.latex) {
+        (true, _) => Table::to_markdown,
+        (_, true) => Table::to_latex,
+        _ => Table::to_text,
+    };
+    Ok(tables.iter().map(form).collect::<Vec<_>>().join("\n"))
+}
+
+/// The name of a system and its folder; without a name, that of the folder.
+fn named(text: &str) -> (String, PathBuf) {
+    match text.split_once('=') {
+        Some((name, folder)) if !name.is_empty() && !Path::new(text).exists() => (name.into(), folder.into()),
+        _ => {
+            let path = PathBuf::from(text);
+            let name = path.canonicalize().ok().and_then(|p| Some(p.file_name()?.to_string_lossy().into_owned()));
+            (name.unwrap_or_else(|| text.to_owned()), path)
+        }
+    }
+}
+
+/// The published tables asked for.
+fn published(names: &[String]) -> Result<Vec<Table>> {
+    let known = riglab_report::published::names();
+    let known = || known.join(", ");
+    let table = |name: &String| match riglab_report::published::table(name) {
+        Some(table) => Ok(table),
+        None if name == "list" => bail!("published tables: {}", known()),
+        None => bail!("there is no published table `{name}`; there are {}", known()),
+    };
+    names.iter().map(table).collect()
+}
+
+/// Reasons, on standard error.
+fn tell(comparison: &Comparison) {
+    for (file, why) in &comparison.unread_truth {
+        eprintln!("warning: not compared with, as it cannot be read: {file}: {why}");
+    }
+    for system in &comparison.systems {
+        for (file, why) in &system.unread {
+            eprintln!("warning: {}: {file}: {why}", system.name);
+        }
+        for row in &system.rows {
+            match &row.status {
+                Status::Failed(reason) => eprintln!("failed: {}: {}: {reason}", system.name, row.asset),
+                Status::Missing => eprintln!("missing: {}: {}", system.name, row.asset),
+                Status::Scored => {
+                    if !row.without_weights.is_empty() {
+                        eprintln!("note: {}: {}: {}", system.name, row.asset, row.without_weights);
+                    }
+                    row.notes.iter().for_each(|note| eprintln!("note: {}: {}: {note}", system.name, row.asset));
+                }
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn systems_have_names() {
+        assert_eq!(named("a=b/c"), ("a".into(), "b/c".into()));
+        assert_eq!(named("nowhere/x"), ("nowhere/x".into(), "nowhere/x".into()));
+        let dir = tempfile::tempdir().unwrap();
+        let odd = dir.path().join("k=1");
+        std::fs::create_dir(&odd).unwrap();
+        assert_eq!(named(odd.to_str().unwrap()), ("k=1".into(), odd));
+    }
+
+    #[test]
+    fn published_tables_are_found_or_listed() {
+        assert_eq!(published(&["skintokens.table3".into()]).unwrap().len(), 1);
+        let e = published(&["table3".into()]).unwrap_err().to_string();
+        assert!(e.contains("skintokens.table3"), "{e}");
+    }
+}
