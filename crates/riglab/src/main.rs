@@ -40,6 +40,7 @@ enum Command {
     Tokens(commands::tokens::Args),
     Train(commands::train::Args),
     Eval(commands::eval::Args),
+    Sweep(commands::sweep::Args),
     Compare(commands::compare::Args),
     Report(commands::report::Args),
     Checkpoint(commands::checkpoint::Args),
@@ -56,8 +57,8 @@ fn main() -> ExitCode {
     // `riglab inspect FILE | head` ends quietly when `head` has enough.
     sigpipe::reset();
     let cli = Cli::parse();
-    // Training and reviews leave by their own rules.
-    if !matches!(cli.command, Command::Train(_) | Command::Review(_)) {
+    // Training, sweeps and reviews leave by their own rules.
+    if !matches!(cli.command, Command::Train(_) | Command::Sweep(_) | Command::Review(_)) {
         leave_clean();
     }
     let threads = cli.threads;
@@ -81,6 +82,7 @@ fn main() -> ExitCode {
         Command::Doctor(args) => commands::doctor::run(&args, threads),
         Command::Tokens(args) => commands::tokens::run(&args),
         Command::Train(args) => commands::train::run(&args, threads),
+        Command::Sweep(args) => commands::sweep::run(&args),
         Command::Eval(args) => commands::eval::run(&args, threads),
     };
     match done {

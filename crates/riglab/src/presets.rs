@@ -35,11 +35,25 @@ pub fn load_block(name: &str, sets: &[String]) -> Result<Config, ConfigError> {
     }
 }
 
-/// The experiments that are compiled in.
+/// The experiments of one run that are compiled in.
 pub fn experiments() -> Vec<String> {
-    let mut names: Vec<String> = texts(&EXPERIMENTS).into_iter().map(|(n, _)| n.to_string()).collect();
+    named(|text| !is_sweep(text))
+}
+
+/// The sweeps that are compiled in.
+pub fn sweeps() -> Vec<String> {
+    named(is_sweep)
+}
+
+fn named(wanted: impl Fn(&str) -> bool) -> Vec<String> {
+    let all = texts(&EXPERIMENTS).into_iter().filter(|(_, text)| wanted(text));
+    let mut names: Vec<String> = all.map(|(name, _)| name.to_string()).collect();
     names.sort();
     names
+}
+
+fn is_sweep(text: &str) -> bool {
+    text.lines().any(|line| line.trim() == "[sweep]")
 }
 
 fn texts(dir: &'static Dir<'static>) -> Vec<(&'static str, &'static str)> {

@@ -14,6 +14,7 @@ pub mod review;
 pub mod rig;
 pub mod simulate;
 pub mod strip;
+pub mod sweep;
 pub mod synth;
 pub mod tokens;
 pub mod train;

@@ -1,0 +1,56 @@
+//! Attempts that failed: the one thing of a job that its run folder cannot tell.
+
+use std::fs::OpenOptions;
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+use serde::{Deserialize, Serialize};
+
+use crate::SweepError;
+
+/// An attempt that failed.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Attempt {
+    /// The job's number.
+    pub job: usize,
+    /// `train` or `eval`.
+    pub stage: String,
+    /// Why.
+    pub reason: String,
+}
+
+fn file(folder: &Path) -> PathBuf {
+    folder.join("attempts.jsonl")
+}
+
+/// Those of a sweep; a line that was cut off by a kill is left out, so that its attempt is made again.
+pub fn attempts(folder: &Path) -> Vec<Attempt> {
+    let text = std::fs::read_to_string(file(folder)).unwrap_or_default();
+    text.lines().filter_map(|line| serde_json::from_str(line).ok()).collect()
+}
+
+pub(crate) fn record(folder: &Path, attempt: &Attempt) -> Result<(), SweepError> {
+    let path = file(folder);
+    // A line that was cut off must not swallow this one.
+    let whole = std::fs::read(&path).map_or(true, |bytes| bytes.last().is_none_or(|b| *b == b'\n'));
+    let line = serde_json::to_string(attempt).map_err(|e| SweepError::Invalid(e.to_string()))?;
+    let line = format!("{}{line}\n", if whole { "" } else { "\n" });
+    let opened = OpenOptions::new().create(true).append(true).open(&path);
+    let written = opened.and_then(|mut f| f.write_all(line.as_bytes()).and_then(|()| f.sync_data()));
+    written.map_err(|e| SweepError::io(&path, "written", &e))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_line_that_was_cut_off_costs_nothing_but_itself() {
+        let dir = tempfile::tempdir().unwrap();
+        let attempt = |job| Attempt { job, stage: "train".into(), reason: "a \"b\"".into() };
+        record(dir.path(), &attempt(1)).unwrap();
+        std::fs::OpenOptions::new().append(true).open(file(dir.path())).unwrap().write_all(b"{\"job\":2").unwrap();
+        record(dir.path(), &attempt(3)).unwrap();
+        assert_eq!(attempts(dir.path()), [attempt(1), attempt(3)]);
+    }
+}

@@ -1,0 +1,133 @@
+//! The file of a sweep.
+
+use std::collections::BTreeMap;
+
+use serde::{Deserialize, Serialize};
+use toml::Value;
+
+/// The table `[sweep]` of a file.
+///
+/// ```toml
+/// [sweep]
+/// question = "Does the Dice loss raise IoU?"
+/// base = "quickstart/fsq_cvae.toml"
+/// seeds = [0, 1, 2]
+/// set = { "train.steps" = 400 }
+///
+/// [[sweep.arms]]
+/// name = "with"
+/// [[sweep.arms]]
+/// name = "without"
+/// set = { "loss.dice" = 0.0 }
+///
+/// [sweep.product]               # every combination
+/// "model.width" = [128, 256]
+/// [sweep.zip]                   # first with first, second with second
+/// "train.steps" = [400, 800]
+/// "train.schedule.lr" = [2e-3, 1e-3]
+///
+/// [[sweep.metrics]]
+/// of = "eval/iou_rule@val"
+/// ```
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SweepFile {
+    /// What is asked.
+    #[serde(default)]
+    pub question: String,
+    /// What is expected, and why.
+    #[serde(default)]
+    pub expected: String,
+    /// Config of all jobs: a file, or a built-in experiment.
+    pub base: String,
+    /// Seeds; each point of the sweep is run with each.
+    pub seeds: Vec<u64>,
+    /// The key that a seed is written to.
+    #[serde(default = "seed_key")]
+    pub seed_key: String,
+    /// Whether runs are evaluated on their test splits once they are trained.
+    #[serde(default)]
+    pub evaluate: bool,
+    /// Threads of a job; 0 takes the processors over the jobs that run at a time.
+    #[serde(default)]
+    pub threads: usize,
+    /// Memory of a job in GB; 0 where it is not known: then the most that one of the sweep's jobs has taken.
+    #[serde(default)]
+    pub memory_gb: f64,
+    /// Changes of all jobs.
+    #[serde(default)]
+    pub set: BTreeMap<String, Value>,
+    /// Named variants; none is one without a name.
+    #[serde(default)]
+    pub arms: Vec<Arm>,
+    /// Values of keys, of which every combination is run.
+    #[serde(default)]
+    pub product: BTreeMap<String, Vec<Value>>,
+    /// Values of keys that change together.
+    #[serde(default)]
+    pub zip: BTreeMap<String, Vec<Value>>,
+    /// Columns of the table; none takes everything that the last validation measured.
+    #[serde(default)]
+    pub metrics: Vec<MetricOf>,
+}
+
+/// A variant.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Arm {
+    /// Its name in tables.
+    pub name: String,
+    /// Another config than that of the sweep.
+    #[serde(default)]
+    pub base: Option<String>,
+    /// Its changes.
+    #[serde(default)]
+    pub set: BTreeMap<String, Value>,
+}
+
+/// A number of a run.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct MetricOf {
+    /// Where it is: a name of `metrics.jsonl`, of which the last value is taken, or `eval.json:` and a path with
+    /// conditions, such as `eval.json:report.rows[split=test_new,method=rule,tokens=16].pooled.iou`.
+    pub of: String,
+    /// Its name in tables; without one, `of`.
+    #[serde(default)]
+    pub name: String,
+    /// `higher` or `lower`; without it nothing is marked as the best.
+    #[serde(default)]
+    pub better: Option<Better>,
+    /// Digits after the point.
+    #[serde(default = "digits")]
+    pub digits: usize,
+}
+
+/// Which values are the good ones.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Better {
+    /// Large ones.
+    Higher,
+    /// Small ones.
+    Lower,
+}
+
+impl MetricOf {
+    /// What stands above its column.
+    pub fn head(&self) -> &str {
+        if self.name.is_empty() { &self.of } else { &self.name }
+    }
+
+    pub(crate) fn plain(of: &str) -> Self {
+        Self { of: of.into(), name: String::new(), better: None, digits: digits() }
+    }
+}
+
+fn seed_key() -> String {
+    "train.seed".into()
+}
+
+fn digits() -> usize {
+    4
+}

@@ -1,0 +1,31 @@
+//! Sweeps: many runs from one file, on one machine.
+//!
+//! The one idea: **the runs' folders are the state.** A [`Plan`] lists all jobs before the first begins, each with
+//! its resolved config; what a job has come to is read from its run folder ([`State`]) and from nothing else but the
+//! list of failed attempts. So a sweep that was killed at any moment goes on by looking again, and its table is
+//! the same.
+//!
+//! [`run`] keeps as many jobs running as processors and memory allow; one that fails is tried once more and never
+//! stops the rest; one that outlived a killed sweep is left to end. [`Results`] are the runs' own numbers, by seed,
+//! with tables of mean and spread.
+//!
+//! Holds: every job has a row in the results, failed ones with the reason.
+//! Leaves out: what a run does. Whoever calls says how a job's config is made and which commands train and evaluate.
+
+mod attempts;
+mod error;
+mod file;
+mod plan;
+mod pool;
+mod results;
+mod state;
+mod values;
+
+pub use attempts::{Attempt, attempts};
+pub use error::SweepError;
+pub use file::{Arm, Better, MetricOf, SweepFile};
+pub use plan::{Job, Plan};
+pub use pool::{Budget, Ended, Event, Stage, run};
+pub use results::{Outcome, Results};
+pub use state::State;
+pub use values::value;

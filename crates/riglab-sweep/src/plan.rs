@@ -1,0 +1,300 @@
+//! All jobs of a sweep, listed before the first begins.
+
+use std::collections::BTreeSet;
+use std::path::{Path, PathBuf};
+
+use serde::{Deserialize, Serialize};
+use toml::Value;
+
+use crate::{SweepError, SweepFile};
+
+/// One run.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Job {
+    /// Its number, from 0.
+    pub number: usize,
+    /// The point of the sweep, the same for all its seeds.
+    pub point: String,
+    /// Its seed.
+    pub seed: u64,
+    /// The config it starts from.
+    pub base: String,
+    /// Changes, as `--set` takes them.
+    pub sets: Vec<String>,
+    /// Its run folder, below the sweep's.
+    pub folder: String,
+}
+
+/// A sweep's file with its jobs.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Plan {
+    /// What was asked.
+    pub sweep: SweepFile,
+    /// The jobs, seeds of a point one after another.
+    pub jobs: Vec<Job>,
+}
+
+impl Plan {
+    /// Lists the jobs: arms, times combinations of `product`, times rows of `zip`, times seeds. `sets` come last, for
+    /// all of them.
+    ///
+    /// # Errors
+    /// When a list is empty or of another length, or two points have the same name.
+    pub fn new(sweep: SweepFile, sets: &[String]) -> Result<Self, SweepError> {
+        let invalid = |message: String| Err(SweepError::Invalid(message));
+        if sweep.seeds.is_empty() {
+            return invalid("`sweep.seeds` is empty; give at least one, three for a spread".into());
+        }
+        let different: BTreeSet<u64> = sweep.seeds.iter().copied().collect();
+        if different.len() != sweep.seeds.len() {
+            return invalid("`sweep.seeds` has a seed twice".into());
+        }
+        for (table, grid) in [("product", &sweep.product), ("zip", &sweep.zip)] {
+            if let Some((key, _)) = grid.iter().find(|(_, values)| values.is_empty()) {
+                return invalid(format!("`sweep.{table}.\"{key}\"` has no values"));
+            }
+        }
+        let mut lengths = sweep.zip.iter().map(|(key, values)| (key, values.len()));
+        if let Some((first, length)) = lengths.next()
+            && let Some((key, other)) = lengths.find(|(_, l)| *l != length)
+        {
+            return invalid(format!(
+                "`sweep.zip`: `{first}` has {length} values and `{key}` has {other}; they change together"
+            ));
+        }
+        let mut plan = Self { jobs: Vec::new(), sweep };
+        let points = plan.points();
+        let names: BTreeSet<&String> = points.iter().map(|p| &p.name).collect();
+        if names.len() != points.len() {
+            return invalid("two arms of the sweep have the same name".into());
+        }
+        let mut folders = BTreeSet::new();
+        for point in points {
+            let own = slug(&point.name);
+            // Names may differ in signs that folders do not have.
+            let named = |again: usize| if again == 1 { own.clone() } else { format!("{own}-{again}") };
+            let folder = (1..).map(named).find(|f| !folders.contains(f)).unwrap_or_default();
+            folders.insert(folder.clone());
+            for &seed in &plan.sweep.seeds {
+                let seeded = format!("{}={seed}", plan.sweep.seed_key);
+                plan.jobs.push(Job {
+                    number: plan.jobs.len(),
+                    point: point.name.clone(),
+                    seed,
+                    base: point.base.clone(),
+                    sets: point.sets.iter().chain(sets).cloned().chain([seeded]).collect(),
+                    folder: format!("jobs/{folder}/seed-{seed}"),
+                });
+            }
+        }
+        Ok(plan)
+    }
+
+    /// The points in order, without seeds.
+    fn points(&self) -> Vec<Point> {
+        let all = |set: &std::collections::BTreeMap<String, Value>| {
+            set.iter().map(|(key, value)| format!("{key}={value}")).collect::<Vec<String>>()
+        };
+        let common = all(&self.sweep.set);
+        let mut points: Vec<Point> = Vec::new();
+        let nothing = [crate::Arm { name: String::new(), base: None, set: Default::default() }];
+        let arms = if self.sweep.arms.is_empty() { &nothing[..] } else { &self.sweep.arms };
+        for arm in arms {
+            points.push(Point {
+                name: arm.name.clone(),
+                base: arm.base.clone().unwrap_or_else(|| self.sweep.base.clone()),
+                sets: [common.clone(), all(&arm.set)].concat(),
+            });
+        }
+        for (key, values) in &self.sweep.product {
+            points = points.iter().flat_map(|p| values.iter().map(|v| p.with(&[(key, v)]))).collect();
+        }
+        if let Some(rows) = self.sweep.zip.values().next().map(Vec::len) {
+            let row = |k: usize| self.sweep.zip.iter().map(|(key, values)| (key, &values[k])).collect::<Vec<_>>();
+            points = points.iter().flat_map(|p| (0..rows).map(|k| p.with(&row(k)))).collect();
+        }
+        for point in &mut points {
+            if point.name.is_empty() {
+                point.name = "base".into();
+            }
+        }
+        points
+    }
+
+    /// Names of the points, each once, in order.
+    pub fn names(&self) -> Vec<&str> {
+        let mut names: Vec<&str> = self.jobs.iter().map(|j| j.point.as_str()).collect();
+        names.dedup();
+        names
+    }
+
+    /// Reads the plan of a sweep's folder; `None` where there is none.
+    ///
+    /// # Errors
+    /// When there is a file that cannot be read or makes no sense.
+    pub fn read(folder: &Path) -> Result<Option<Self>, SweepError> {
+        let path = file_of(folder);
+        let text = match std::fs::read_to_string(&path) {
+            Ok(text) => text,
+            Err(e) if e.kind() == std::io::ErrorKind::NotFound => return Ok(None),
+            Err(e) => return Err(SweepError::io(&path, "read", &e)),
+        };
+        let plan = serde_json::from_str(&text);
+        plan.map(Some).map_err(|e| SweepError::Unclear { path, reason: e.to_string() })
+    }
+
+    /// Writes it, and for each job the config that it is trained from, unless the folder has this plan already. The
+    /// plan comes last: a folder with one has all configs.
+    ///
+    /// # Errors
+    /// When the folder has another sweep, or cannot be written, or a job has no sound config.
+    pub fn settle(&self, folder: &Path, config: impl Fn(&Job) -> Result<String, SweepError>) -> Result<(), SweepError> {
+        if let Some(there) = Self::read(folder)? {
+            return match there.difference(self) {
+                None => Ok(()),
+                Some(difference) => Err(SweepError::Another { folder: folder.into(), difference }),
+            };
+        }
+        // All are sound before one is written.
+        let configs = self.jobs.iter().map(&config).collect::<Result<Vec<String>, _>>()?;
+        for (job, text) in self.jobs.iter().zip(configs) {
+            write(&self.config(folder, job), &text)?;
+        }
+        let text = serde_json::to_string_pretty(self).map_err(|e| SweepError::Invalid(e.to_string()))?;
+        write(&file_of(folder), &(text + "\n"))
+    }
+
+    /// What differs first between this plan and a new one.
+    fn difference(&self, new: &Self) -> Option<String> {
+        if self.jobs.len() != new.jobs.len() {
+            return Some(format!("it has {} jobs, this one {}", self.jobs.len(), new.jobs.len()));
+        }
+        let changed = |(a, b): &(&Job, &Job)| a != b;
+        if let Some((a, b)) = self.jobs.iter().zip(&new.jobs).find(changed) {
+            let shown = |j: &Job| format!("`{}` seed {} ({} {})", j.point, j.seed, j.base, j.sets.join(" "));
+            return Some(format!("its job {} is {}, here {}", a.number, shown(a), shown(b)));
+        }
+        // What is asked and shown may change; what is run may not.
+        (self.sweep.evaluate != new.sweep.evaluate).then(|| "`evaluate` differs".into())
+    }
+
+    /// The file a job is trained from.
+    pub fn config(&self, folder: &Path, job: &Job) -> PathBuf {
+        folder.join(format!("{}.toml", job.folder.replacen("jobs/", "configs/", 1)))
+    }
+}
+
+pub(crate) fn file_of(folder: &Path) -> PathBuf {
+    folder.join("sweep.json")
+}
+
+pub(crate) fn write(path: &Path, text: &str) -> Result<(), SweepError> {
+    let written = riglab_files::make_folder_of(path).and_then(|()| riglab_files::write(path, text.as_bytes()));
+    written.map_err(|e| SweepError::io(path, "written", &e))
+}
+
+struct Point {
+    name: String,
+    base: String,
+    sets: Vec<String>,
+}
+
+impl Point {
+    /// The same with values added, named by the last step of each key.
+    fn with(&self, values: &[(&String, &Value)]) -> Self {
+        let (mut name, mut sets) = (self.name.clone(), self.sets.clone());
+        for (key, value) in values {
+            let own = key.rsplit('.').next().unwrap_or(key);
+            let gap = if name.is_empty() { "" } else { ", " };
+            name += &format!("{gap}{own}={}", shown(value));
+            sets.push(format!("{key}={value}"));
+        }
+        Self { name, base: self.base.clone(), sets }
+    }
+}
+
+fn shown(value: &Value) -> String {
+    value.as_str().map_or_else(|| value.to_string(), str::to_owned)
+}
+
+/// A folder's name.
+fn slug(name: &str) -> String {
+    let plain = |c: char| if c.is_ascii_alphanumeric() || c == '.' { c.to_ascii_lowercase() } else { '-' };
+    let mut out: String = name.chars().map(plain).take(80).collect();
+    while out.contains("--") {
+        out = out.replace("--", "-");
+    }
+    let out = out.trim_matches(['-', '.']);
+    if out.is_empty() { "point".into() } else { out.into() }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    pub(crate) fn file(text: &str) -> SweepFile {
+        let config = riglab_config::Config::from_toml_str("s.toml", text).unwrap();
+        config.get_at("sweep").unwrap_or_else(|e| panic!("{e}"))
+    }
+
+    #[test]
+    fn arms_products_zips_and_seeds_multiply() {
+        let text = "[sweep]\nbase = 'b.toml'\nseeds = [3, 4]\nset = { 'train.steps' = 9 }\n\
+            [[sweep.arms]]\nname = 'full'\n[[sweep.arms]]\nname = 'no Dice'\nset = { 'loss.dice' = 0.0 }\n\
+            [sweep.product]\n'model.width' = [64, 128]\n[sweep.zip]\n'a.x' = [1, 2, 3]\n'a.mode' = ['p', 'q', 'r']\n";
+        let plan = Plan::new(file(text), &["data.corpora=['c.h5']".into()]).unwrap();
+        assert_eq!((plan.jobs.len(), plan.names().len()), (2 * 2 * 3 * 2, 12));
+        let job = &plan.jobs[23];
+        assert_eq!(job.point, "no Dice, width=128, mode=r, x=3");
+        assert_eq!(job.folder, "jobs/no-dice-width-128-mode-r-x-3/seed-4");
+        let sets = [
+            "train.steps=9",
+            "loss.dice=0.0",
+            "model.width=128",
+            "a.mode=\"r\"",
+            "a.x=3",
+            "data.corpora=['c.h5']",
+            "train.seed=4",
+        ];
+        assert_eq!(job.sets, sets);
+    }
+
+    #[test]
+    fn faults_are_sentences() {
+        let fault = |more: &str| {
+            let text = format!("[sweep]\nbase = 'b.toml'\n{more}");
+            Plan::new(file(&text), &[]).unwrap_err().to_string()
+        };
+        assert!(fault("seeds = []").contains("is empty"));
+        assert!(fault("seeds = [1, 1]").contains("twice"));
+        assert!(fault("seeds = [1]\n[sweep.product]\nx = []").contains("no values"));
+        assert!(fault("seeds = [1]\n[sweep.zip]\nx = [1]\ny = [1, 2]").contains("`x` has 1 values and `y` has 2"));
+        assert!(fault("seeds = [1]\n[[sweep.arms]]\nname = 'a'\n[[sweep.arms]]\nname = 'a'").contains("same name"));
+    }
+
+    #[test]
+    fn a_folder_keeps_its_plan() {
+        let dir = tempfile::tempdir().unwrap();
+        let of = |seeds: &str| Plan::new(file(&format!("[sweep]\nbase = 'b.toml'\nseeds = {seeds}")), &[]).unwrap();
+        let config = |job: &Job| Ok(format!("seed = {}\n", job.seed));
+        of("[1, 2]").settle(dir.path(), config).unwrap();
+        of("[1, 2]").settle(dir.path(), |_| panic!("configs are there")).unwrap();
+        let plan = Plan::read(dir.path()).unwrap().unwrap();
+        assert_eq!(plan, of("[1, 2]"));
+        assert_eq!(std::fs::read_to_string(plan.config(dir.path(), &plan.jobs[1])).unwrap(), "seed = 2\n");
+        let other = of("[1, 3]").settle(dir.path(), config).unwrap_err().to_string();
+        assert!(other.contains("its job 1 is `base` seed 2") && other.contains("hint"), "{other}");
+        std::fs::write(file_of(dir.path()), "{").unwrap();
+        assert!(Plan::read(dir.path()).unwrap_err().to_string().contains("cannot be understood"));
+    }
+
+    #[test]
+    fn folders_have_plain_names() {
+        assert_eq!(slug("../A b/ c=[1, 2]"), "a-b-c-1-2");
+        assert_eq!(slug("ü"), "point");
+        // Two names that come to the same folder have two.
+        let text = "[sweep]\nbase = 'b'\nseeds = [1]\n[[sweep.arms]]\nname = 'a b'\n[[sweep.arms]]\nname = 'a-b'";
+        let plan = Plan::new(file(text), &[]).unwrap();
+        assert_eq!(plan.jobs[1].folder, "jobs/a-b-2/seed-1");
+    }
+}

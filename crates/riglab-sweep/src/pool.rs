@@ -1,0 +1,487 @@
+//! Jobs as processes of this machine.
+
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
+use std::fs::{File, OpenOptions};
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
+use std::time::Duration;
+
+use crate::attempts::record;
+use crate::state::{info, is_held};
+use crate::{Attempt, Job, Plan, State, SweepError, attempts};
+
+/// Between looks at the processes: short against the start of one.
+const PAUSE: Duration = Duration::from_millis(20);
+/// Looks between those at runs that another process is at.
+const LOOKS: u32 = 25;
+
+/// What of the machine a sweep may take.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Budget {
+    /// Jobs at a time.
+    pub jobs: usize,
+    /// Threads of each.
+    pub threads: usize,
+    /// Memory of all together in GB.
+    pub memory_gb: f64,
+}
+
+impl Budget {
+    /// For a sweep whose jobs have `threads` threads (0: what the processors give `jobs` of them) on `cores`
+    /// processors (0: all); `jobs` (0: as many as fit) at a time, within `memory_gb` (0: nine tenths of what is free
+    /// now).
+    pub fn new(jobs: usize, cores: usize, threads: usize, memory_gb: f64) -> Self {
+        let all = std::thread::available_parallelism().map_or(1, usize::from);
+        let cores = if cores == 0 { all } else { cores };
+        let jobs = match (jobs, threads) {
+            (0, 0) => cores,
+            (0, t) => (cores / t).max(1),
+            (j, _) => j,
+        };
+        let threads = if threads == 0 { (cores / jobs).max(1) } else { threads };
+        let memory_gb = if memory_gb > 0.0 { memory_gb } else { 0.9 * free_gb().unwrap_or(f64::INFINITY) };
+        Self { jobs, threads, memory_gb }
+    }
+}
+
+/// Memory that can be had, in GB; `None` where the system does not say.
+fn free_gb() -> Option<f64> {
+    let text = std::fs::read_to_string("/proc/meminfo").ok()?;
+    let line = text.lines().find_map(|l| l.strip_prefix("MemAvailable:"))?;
+    Some(line.trim().strip_suffix("kB")?.trim().parse::<f64>().ok()? / 1e6)
+}
+
+/// A step of a job.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Stage {
+    /// Train from the job's config.
+    Train,
+    /// Go on training in its folder.
+    Resume,
+    /// Evaluate on the test splits.
+    Evaluate,
+}
+
+impl Stage {
+    fn name(self) -> &'static str {
+        match self {
+            Self::Train | Self::Resume => "train",
+            Self::Evaluate => "eval",
+        }
+    }
+}
+
+/// What happens, for who shows it.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Event<'a> {
+    /// A stage of a job began.
+    Begun(&'a Job, Stage),
+    /// A job is all done.
+    Finished(&'a Job),
+    /// An attempt failed; whether the job is tried again.
+    Failed(&'a Job, String, bool),
+    /// A job of an earlier process of this sweep still runs: it is waited for.
+    Adopted(&'a Job),
+    /// Jobs done (finished or failed) and running.
+    Count(usize, usize),
+}
+
+/// How a pool ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Ended {
+    /// Every job finished or failed for good.
+    Done,
+    /// It was asked to stop; jobs saved and left.
+    Interrupted,
+}
+
+/// A stage that runs.
+struct Busy {
+    job: usize,
+    stage: Stage,
+    child: Child,
+}
+
+/// Runs what is left of a sweep. `command` gives the process of a stage (run folder, config, threads are its
+/// business); `stop` is asked all the time; `tell` hears what happens.
+///
+/// # Errors
+/// When the sweep's own files cannot be written. Whatever happens to a job is its own affair.
+pub fn run(
+    folder: &Path,
+    plan: &Plan,
+    budget: Budget,
+    command: impl Fn(&Job, Stage, &Path) -> Command,
+    stop: impl Fn() -> bool,
+    mut tell: impl FnMut(Event),
+) -> Result<Ended, SweepError> {
+    let mut pool = Pool {
+        folder,
+        plan,
+        waiting: plan.jobs.iter().map(|j| j.number).collect(),
+        busy: Vec::new(),
+        adopted: BTreeSet::new(),
+        done: 0,
+        failures: BTreeMap::new(),
+    };
+    for attempt in attempts(folder) {
+        *pool.failures.entry(attempt.job).or_default() += 1;
+    }
+    let (mut asked, mut looks) = (false, 0u32);
+    loop {
+        let before = (pool.done, pool.busy.len());
+        pool.reap(asked, &mut tell)?;
+        if looks.is_multiple_of(LOOKS) {
+            pool.look_at_adopted();
+        }
+        if stop() && !asked {
+            asked = true;
+            // Runs save and leave on this signal; a second one would make them leave at once.
+            pool.busy.iter().for_each(|b| ask_to_leave(&b.child));
+        }
+        if !asked {
+            pool.start(budget, &command, &mut tell)?;
+        }
+        if before != (pool.done, pool.busy.len()) || looks == 0 {
+            tell(Event::Count(pool.done, pool.busy.len() + pool.adopted.len()));
+        }
+        if pool.busy.is_empty() && (asked || (pool.waiting.is_empty() && pool.adopted.is_empty())) {
+            return Ok(if asked { Ended::Interrupted } else { Ended::Done });
+        }
+        looks = looks.wrapping_add(1);
+        std::thread::sleep(PAUSE);
+    }
+}
+
+struct Pool<'a> {
+    folder: &'a Path,
+    plan: &'a Plan,
+    waiting: VecDeque<usize>,
+    busy: Vec<Busy>,
+    /// Jobs that a process of an earlier call is at.
+    adopted: BTreeSet<usize>,
+    done: usize,
+    failures: BTreeMap<usize, usize>,
+}
+
+impl<'a> Pool<'a> {
+    fn job(&self, number: usize) -> &'a Job {
+        &self.plan.jobs[number]
+    }
+
+    fn run_of(&self, number: usize) -> PathBuf {
+        self.folder.join(&self.job(number).folder)
+    }
+
+    /// Takes note of processes that ended.
+    fn reap(&mut self, asked: bool, tell: &mut impl FnMut(Event)) -> Result<(), SweepError> {
+        let mut k = 0;
+        while k < self.busy.len() {
+            let status = match self.busy[k].child.try_wait() {
+                Ok(None) => {
+                    k += 1;
+                    continue;
+                }
+                Ok(Some(status)) => status,
+                Err(e) => return Err(SweepError::io(&self.run_of(self.busy[k].job), "waited for", &e)),
+            };
+            let Busy { job, stage, .. } = self.busy.swap_remove(k);
+            if status.success() {
+                // What comes next is seen from the folder; ahead of others, so that results come early.
+                let state = State::of(self.folder, self.plan, self.job(job), &[]);
+                let went_on = match stage {
+                    Stage::Evaluate => state == State::Finished,
+                    Stage::Train | Stage::Resume => matches!(state, State::Trained | State::Finished),
+                };
+                if went_on {
+                    self.waiting.push_front(job);
+                } else {
+                    self.fail(job, stage, "it ended well, but left no result".into(), tell)?;
+                }
+            } else if asked || status.code() == Some(130) {
+                // It was asked to leave: no fault of its own.
+                if !asked {
+                    self.waiting.push_back(job);
+                }
+            } else {
+                let reason = last_error(&log_of(&self.run_of(job))).unwrap_or_else(|| status.to_string());
+                self.fail(job, stage, reason, tell)?;
+            }
+        }
+        Ok(())
+    }
+
+    fn fail(
+        &mut self,
+        job: usize,
+        stage: Stage,
+        reason: String,
+        tell: &mut impl FnMut(Event),
+    ) -> Result<(), SweepError> {
+        record(self.folder, &Attempt { job, stage: stage.name().into(), reason: reason.clone() })?;
+        let count = self.failures.entry(job).or_default();
+        *count += 1;
+        let again = *count < crate::state::TRIES;
+        tell(Event::Failed(self.job(job), reason, again));
+        // At the end of the queue: whatever it was may have passed by then. Counted when it is looked at.
+        self.waiting.push_back(job);
+        Ok(())
+    }
+
+    fn look_at_adopted(&mut self) {
+        let free: Vec<usize> = self.adopted.iter().copied().filter(|j| !is_held(&self.run_of(*j))).collect();
+        for job in free {
+            self.adopted.remove(&job);
+            self.waiting.push_front(job);
+        }
+    }
+
+    /// Starts what fits.
+    fn start(
+        &mut self,
+        budget: Budget,
+        command: &impl Fn(&Job, Stage, &Path) -> Command,
+        tell: &mut impl FnMut(Event),
+    ) -> Result<(), SweepError> {
+        let mut all_attempts = None;
+        for _ in 0..self.waiting.len() {
+            let Some(number) = self.waiting.pop_front() else { break };
+            let (job, run) = (self.job(number), self.run_of(number));
+            let known = all_attempts.get_or_insert_with(|| attempts(self.folder));
+            let stage = match State::of(self.folder, self.plan, job, known) {
+                State::Finished => {
+                    self.done += 1;
+                    tell(Event::Finished(job));
+                    continue;
+                }
+                State::Failed(_) => {
+                    self.done += 1;
+                    continue;
+                }
+                State::Running(_) => {
+                    self.adopted.insert(number);
+                    tell(Event::Adopted(job));
+                    continue;
+                }
+                State::Waiting => Stage::Train,
+                State::Interrupted(_) => Stage::Resume,
+                State::Trained => Stage::Evaluate,
+            };
+            if !self.fits(budget) {
+                self.waiting.push_front(number);
+                break;
+            }
+            match spawn(command(job, stage, &run), &run) {
+                Ok(child) => {
+                    self.busy.push(Busy { job: number, stage, child });
+                    tell(Event::Begun(job, stage));
+                }
+                Err(e) => {
+                    let reason = format!("it cannot be started: {e}");
+                    self.fail(number, stage, reason, tell)?;
+                    all_attempts = None;
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// Whether another job may run: always one, and more within the budget.
+    fn fits(&self, budget: Budget) -> bool {
+        let running = self.busy.len() + self.adopted.len();
+        if running == 0 {
+            return true;
+        }
+        if running >= budget.jobs {
+            return false;
+        }
+        let each = match self.plan.sweep.memory_gb {
+            told if told > 0.0 => told,
+            _ => self.plan.jobs.iter().map(|j| peak_gb(&self.folder.join(&j.folder))).fold(0.0, f64::max),
+        };
+        (running + 1) as f64 * each <= budget.memory_gb
+    }
+}
+
+/// The most memory a run has had so far.
+fn peak_gb(run: &Path) -> f64 {
+    if info(run)["outcome"] != "finished" {
+        return 0.0;
+    }
+    let text = std::fs::read_to_string(run.join("perf.jsonl")).unwrap_or_default();
+    let last = text.lines().rev().find_map(|l| serde_json::from_str::<serde_json::Value>(l).ok());
+    last.and_then(|l| l["perf/peak_memory_mb"].as_f64()).unwrap_or(0.0) / 1e3
+}
+
+/// Where a job's messages go: beside its run folder, which may not exist yet.
+fn log_of(run: &Path) -> PathBuf {
+    run.with_extension("log")
+}
+
+fn spawn(mut command: Command, run: &Path) -> std::io::Result<Child> {
+    let log = log_of(run);
+    riglab_files::make_folder_of(&log)?;
+    let errors: File = OpenOptions::new().create(true).append(true).open(&log)?;
+    command.stdin(Stdio::null()).stdout(Stdio::null()).stderr(errors);
+    #[cfg(unix)]
+    {
+        use std::os::unix::process::CommandExt;
+        // Ctrl-C is for the sweep, which tells its runs by itself.
+        command.process_group(0);
+    }
+    command.spawn()
+}
+
+#[cfg(unix)]
+fn ask_to_leave(child: &Child) {
+    let id = i32::try_from(child.id()).ok().and_then(rustix::process::Pid::from_raw);
+    if let Some(id) = id {
+        // One that has ended meanwhile needs no word.
+        let _ = rustix::process::kill_process(id, rustix::process::Signal::TERM);
+    }
+}
+
+#[cfg(not(unix))]
+fn ask_to_leave(_: &Child) {}
+
+/// The last `error:` that a job told.
+fn last_error(log: &Path) -> Option<String> {
+    let text = String::from_utf8_lossy(&std::fs::read(log).ok()?).into_owned();
+    text.lines().rev().find_map(|l| l.strip_prefix("error: ")).map(str::to_owned)
+}
+
+#[cfg(test)]
+mod tests {
+    use std::cell::Cell;
+    use std::time::Instant;
+
+    use super::*;
+
+    fn plan(more: &str) -> Plan {
+        let text = format!("[sweep]\nbase = 'b'\nseeds = [1, 2, 3]\n{more}");
+        let config = riglab_config::Config::from_toml_str("s.toml", &text).unwrap();
+        Plan::new(config.get_at("sweep").unwrap(), &[]).unwrap()
+    }
+
+    fn shell(script: String) -> Command {
+        let mut command = Command::new("sh");
+        command.args(["-c", &script]);
+        command
+    }
+
+    /// A process that leaves a finished run behind.
+    fn finishes(run: &Path, seconds: f64) -> Command {
+        let run = run.display();
+        let script =
+            format!("sleep {seconds}; mkdir -p '{run}'; echo '{{\"outcome\":\"finished\"}}' > '{run}/run.json'");
+        shell(script)
+    }
+
+    const BUDGET: Budget = Budget { jobs: 2, threads: 1, memory_gb: 1e3 };
+
+    #[test]
+    fn a_failing_job_is_tried_twice_and_the_rest_goes_on() {
+        let (dir, plan) = (tempfile::tempdir().unwrap(), plan(""));
+        let tried = Cell::new(0);
+        let command = |job: &Job, _: Stage, run: &Path| {
+            if job.seed == 2 {
+                tried.set(tried.get() + 1);
+                return shell("echo 'error: no room' >&2; exit 1".into());
+            }
+            finishes(run, 0.0)
+        };
+        for _ in 0..2 {
+            let ended = run(dir.path(), &plan, BUDGET, command, || false, |_| ()).unwrap();
+            // Called again, nothing is left to do.
+            assert_eq!((ended, tried.get()), (Ended::Done, 2));
+        }
+        let failed = attempts(dir.path());
+        assert_eq!(failed.len(), 2);
+        let states: Vec<State> = plan.jobs.iter().map(|j| State::of(dir.path(), &plan, j, &failed)).collect();
+        assert_eq!(states, [State::Finished, State::Failed("train: no room".into()), State::Finished]);
+    }
+
+    #[test]
+    fn a_job_that_leaves_nothing_behind_has_failed() {
+        let (dir, plan) = (tempfile::tempdir().unwrap(), plan(""));
+        run(dir.path(), &plan, BUDGET, |_, _, _| shell("true".into()), || false, |_| ()).unwrap();
+        assert_eq!(attempts(dir.path()).len(), 6);
+    }
+
+    #[test]
+    fn both_processors_are_kept_busy() {
+        // Nine jobs of a tenth of a second, two at a time: five rounds.
+        let (dir, plan) = (tempfile::tempdir().unwrap(), plan("[sweep.product]\nx = [1, 2, 3]\n"));
+        let (start, most) = (Instant::now(), Cell::new(0));
+        let tell = |event: Event| {
+            if let Event::Count(_, running) = event {
+                most.set(most.get().max(running));
+            }
+        };
+        run(dir.path(), &plan, BUDGET, |_, _, run| finishes(run, 0.1), || false, tell).unwrap();
+        assert_eq!(most.get(), 2);
+        // Alone, a process and a look take a few hundredths more; one at a time would take 0.9 at least.
+        assert!(start.elapsed().as_secs_f64() >= 0.5, "{:?}", start.elapsed());
+    }
+
+    #[test]
+    fn trained_runs_are_evaluated_and_begun_ones_resumed() {
+        let (dir, plan) = (tempfile::tempdir().unwrap(), plan("evaluate = true\n"));
+        let begun = dir.path().join(&plan.jobs[1].folder);
+        std::fs::create_dir_all(&begun).unwrap();
+        std::fs::write(begun.join("config.toml"), "").unwrap();
+        let stages = std::cell::RefCell::new(Vec::new());
+        let command = |job: &Job, stage: Stage, run: &Path| {
+            stages.borrow_mut().push((job.seed, stage));
+            match stage {
+                Stage::Evaluate => shell(format!("echo '{{}}' > '{}/eval.json'", run.display())),
+                _ => finishes(run, 0.0),
+            }
+        };
+        run(dir.path(), &plan, BUDGET, command, || false, |_| ()).unwrap();
+        let of = |seed: u64| stages.borrow().iter().filter(|s| s.0 == seed).map(|s| s.1).collect::<Vec<_>>();
+        assert_eq!(of(1), [Stage::Train, Stage::Evaluate]);
+        assert_eq!(of(2), [Stage::Resume, Stage::Evaluate]);
+    }
+
+    #[test]
+    fn a_run_that_outlived_its_sweep_is_waited_for() {
+        let (dir, plan) = (tempfile::tempdir().unwrap(), plan(""));
+        let run_1 = dir.path().join(&plan.jobs[0].folder);
+        std::fs::create_dir_all(&run_1).unwrap();
+        let lock = File::create(run_1.join(".lock")).unwrap();
+        lock.try_lock().unwrap();
+        let ends = std::thread::spawn(move || {
+            std::thread::sleep(Duration::from_millis(150));
+            std::fs::write(run_1.join("run.json"), "{\"outcome\": \"finished\"}").unwrap();
+            drop(lock);
+        });
+        let adopted = Cell::new(0);
+        let command = |job: &Job, _: Stage, run: &Path| {
+            assert_ne!(job.seed, 1, "it was running already");
+            finishes(run, 0.0)
+        };
+        let tell = |event: Event| adopted.set(adopted.get() + u32::from(matches!(event, Event::Adopted(_))));
+        assert_eq!(run(dir.path(), &plan, BUDGET, command, || false, tell).unwrap(), Ended::Done);
+        assert_eq!(adopted.get(), 1);
+        ends.join().unwrap();
+    }
+
+    #[test]
+    fn asked_to_stop_it_asks_its_runs_and_counts_no_failure() {
+        let (dir, plan) = (tempfile::tempdir().unwrap(), plan(""));
+        let start = Instant::now();
+        let command = |_: &Job, _: Stage, _: &Path| shell("trap 'exit 130' TERM; sleep 30 & wait".into());
+        let stop = || start.elapsed() > Duration::from_millis(200);
+        assert_eq!(run(dir.path(), &plan, BUDGET, command, stop, |_| ()).unwrap(), Ended::Interrupted);
+        assert!(start.elapsed() < Duration::from_secs(20) && attempts(dir.path()).is_empty());
+    }
+
+    #[test]
+    fn budgets_follow_the_machine_and_the_wish() {
+        assert_eq!(Budget::new(0, 8, 2, 4.0), Budget { jobs: 4, threads: 2, memory_gb: 4.0 });
+        assert_eq!(Budget::new(3, 8, 0, 4.0), Budget { jobs: 3, threads: 2, memory_gb: 4.0 });
+        assert_eq!(Budget::new(0, 2, 0, 4.0), Budget { jobs: 2, threads: 1, memory_gb: 4.0 });
+        assert_eq!(Budget::new(5, 2, 0, 4.0).threads, 1);
+    }
+}

@@ -1,0 +1,254 @@
+//! What a sweep found.
+
+use std::path::Path;
+
+use riglab_metric::statistics::Mean;
+use riglab_report::{Block, Cell, Page, Table};
+use serde::{Deserialize, Serialize};
+
+use crate::plan::write;
+use crate::values::{last, value};
+use crate::{Better, Job, MetricOf, Plan, State, SweepError, attempts};
+
+/// A job with its numbers.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Outcome {
+    /// The point of the sweep.
+    pub point: String,
+    /// The seed.
+    pub seed: u64,
+    /// `finished`, `failed`, or how far it is.
+    pub state: String,
+    /// Why it failed; else empty.
+    pub reason: String,
+    /// A value for each column of the table; null where there is none.
+    pub values: Vec<Option<f64>>,
+}
+
+/// All jobs of a sweep with their numbers.
+#[derive(Clone, Debug)]
+pub struct Results {
+    plan: Plan,
+    metrics: Vec<MetricOf>,
+    /// In the order of the jobs.
+    pub outcomes: Vec<Outcome>,
+    /// Steps done of those that run.
+    states: Vec<State>,
+}
+
+impl Results {
+    /// Reads the runs of a sweep's folder as they are now. Only finished runs have numbers.
+    pub fn read(folder: &Path, plan: &Plan) -> Self {
+        let failed = attempts(folder);
+        let states: Vec<State> = plan.jobs.iter().map(|j| State::of(folder, plan, j, &failed)).collect();
+        let metrics = metrics(folder, plan, &states);
+        let outcome = |(job, state): (&Job, &State)| {
+            let run = folder.join(&job.folder);
+            let found = |m: &MetricOf| value(&run, &m.of).filter(|v| v.is_finite());
+            let values = metrics.iter().map(|m| (*state == State::Finished).then(|| found(m)).flatten()).collect();
+            let (state, reason) = match state {
+                State::Finished => ("finished", String::new()),
+                State::Failed(reason) => ("failed", reason.clone()),
+                State::Waiting => ("waiting", String::new()),
+                State::Running(_) => ("running", String::new()),
+                State::Interrupted(_) => ("interrupted", String::new()),
+                State::Trained => ("trained", String::new()),
+            };
+            Outcome { point: job.point.clone(), seed: job.seed, state: state.into(), reason, values }
+        };
+        let outcomes = plan.jobs.iter().zip(&states).map(outcome).collect();
+        Self { plan: plan.clone(), metrics, outcomes, states }
+    }
+
+    /// How many jobs are in a state of that name.
+    pub fn count(&self, state: &str) -> usize {
+        self.outcomes.iter().filter(|o| o.state == state).count()
+    }
+
+    /// A row a point: for each metric the mean over seeds and the standard deviation, and how many runs they are of.
+    pub fn table(&self) -> Table {
+        let mut head = vec!["point".to_owned(), "runs".into(), "failed".into()];
+        head.extend(self.metrics.iter().map(|m| m.head().to_owned()));
+        let caption = if self.plan.sweep.question.is_empty() { "Sweep" } else { &self.plan.sweep.question };
+        let mut table = Table { caption: caption.into(), head, ..Table::default() };
+        let means: Vec<Vec<Mean>> = self.plan.names().iter().map(|p| self.means(p)).collect();
+        for (point, own) in self.plan.names().iter().zip(&means) {
+            let of = |state: &str| self.outcomes.iter().filter(|o| o.point == *point && o.state == state).count();
+            let mut cells = vec![Cell::text(*point), Cell::count(of("finished")), Cell::count(of("failed"))];
+            for (k, (m, metric)) in own.iter().zip(&self.metrics).enumerate() {
+                let all = means.iter().map(|row| row[k].mean).filter(|v| v.is_finite());
+                let best = match metric.better {
+                    Some(Better::Higher) => all.reduce(f64::max),
+                    Some(Better::Lower) => all.reduce(f64::min),
+                    None => None,
+                };
+                let digits = metric.digits;
+                let text = match m.n {
+                    0 => "–".into(),
+                    1 => format!("{:.digits$}", m.mean),
+                    _ => format!("{:.digits$} ± {:.digits$}", m.mean, m.deviation),
+                };
+                cells.push(Cell::none().with_text(text).strong_if(means.len() > 1 && best == Some(m.mean)));
+            }
+            table.row(cells);
+        }
+        table.note = "Mean over seeds ± standard deviation (n - 1).".into();
+        table
+    }
+
+    /// For each other point and metric the difference from the first point, seed by seed: its mean and spread. `None`
+    /// with a single point.
+    pub fn differences(&self) -> Option<Table> {
+        let names = self.plan.names();
+        let (first, others) = names.split_first().filter(|(_, others)| !others.is_empty())?;
+        let mut head = vec![format!("difference from {first}")];
+        head.extend(self.metrics.iter().map(|m| m.head().to_owned()));
+        let mut table = Table { caption: "Differences, seed by seed".into(), head, ..Table::default() };
+        for point in others {
+            let mut cells = vec![Cell::text(*point)];
+            for (k, metric) in self.metrics.iter().enumerate() {
+                let of = |p: &str, seed| {
+                    self.outcomes.iter().find(|o| o.point == p && o.seed == seed).and_then(|o| o.values[k])
+                };
+                let apart = |seed: &u64| of(point, *seed).zip(of(first, *seed)).map(|(a, b)| a - b);
+                let pairs: Vec<f64> = self.plan.sweep.seeds.iter().filter_map(apart).collect();
+                let (m, digits) = (Mean::of(&pairs), metric.digits);
+                let text = match m.n {
+                    0 => "–".into(),
+                    1 => format!("{:+.digits$}", m.mean),
+                    _ => format!("{:+.digits$} ± {:.digits$}", m.mean, m.deviation),
+                };
+                cells.push(Cell::none().with_text(text));
+            }
+            table.row(cells);
+        }
+        Some(table)
+    }
+
+    /// A row a job: what it has come to.
+    pub fn status(&self) -> Table {
+        let mut table = Table::new("Jobs", &["point", "seed", "state", "step", "reason"]);
+        for (outcome, state) in self.outcomes.iter().zip(&self.states) {
+            let step = match state {
+                State::Running(step) | State::Interrupted(step) => Cell::count(*step as usize),
+                _ => Cell::none(),
+            };
+            let cells = [&outcome.state, &outcome.reason].map(Cell::text);
+            let [state, reason] = cells;
+            table.row(vec![
+                Cell::text(&outcome.point),
+                Cell::none().with_text(outcome.seed.to_string()),
+                state,
+                step,
+                reason,
+            ]);
+        }
+        table
+    }
+
+    fn means(&self, point: &str) -> Vec<Mean> {
+        let of = |k: usize| {
+            let own = self.outcomes.iter().filter(|o| o.point == point && o.state == "finished");
+            Mean::of(&own.map(|o| o.values[k].unwrap_or(f64::NAN)).collect::<Vec<_>>())
+        };
+        (0..self.metrics.len()).map(of).collect()
+    }
+
+    /// Writes `results.jsonl`, which is the truth, and the tables as `table.md`, `table.tex`, `table.csv` and
+    /// `report.html`.
+    ///
+    /// # Errors
+    /// When the folder cannot be written.
+    pub fn write(&self, folder: &Path) -> Result<(), SweepError> {
+        let names: Vec<&str> = self.metrics.iter().map(|m| m.of.as_str()).collect();
+        let line = |o: &Outcome| {
+            let values: serde_json::Map<String, serde_json::Value> =
+                names.iter().zip(&o.values).map(|(n, v)| ((*n).to_owned(), serde_json::json!(v))).collect();
+            let line = serde_json::json!({
+                "point": o.point, "seed": o.seed, "state": o.state, "reason": o.reason, "values": values,
+            });
+            line.to_string() + "\n"
+        };
+        write(&folder.join("results.jsonl"), &self.outcomes.iter().map(line).collect::<String>())?;
+        let tables: Vec<Table> = std::iter::once(self.table()).chain(self.differences()).collect();
+        let all = |form: fn(&Table) -> String| tables.iter().map(form).collect::<Vec<_>>().join("\n");
+        write(&folder.join("table.md"), &all(Table::to_markdown))?;
+        write(&folder.join("table.tex"), &all(Table::to_latex))?;
+        write(&folder.join("table.csv"), &self.table().to_csv())?;
+        let mut blocks = Vec::new();
+        for (name, text) in [("Question", &self.plan.sweep.question), ("Expected", &self.plan.sweep.expected)] {
+            if !text.is_empty() {
+                blocks.push(Block::Text(format!("{name}: {text}")));
+            }
+        }
+        blocks.extend(tables.into_iter().map(Block::Table));
+        if self.outcomes.iter().any(|o| o.state != "finished") {
+            blocks.push(Block::Table(self.status()));
+        }
+        blocks.push(Block::Heading("To repeat it".into()));
+        let changes = |j: &Job| {
+            format!("# {}, seed {}\nriglab train {} --set {}", j.point, j.seed, j.base, j.sets.join(" --set "))
+        };
+        blocks.push(Block::Folded("Jobs".into(), self.plan.jobs.iter().map(changes).collect::<Vec<_>>().join("\n")));
+        let subtitle = format!(
+            "{} jobs: {} finished, {} failed",
+            self.outcomes.len(),
+            self.count("finished"),
+            self.count("failed")
+        );
+        let page = Page { title: "Sweep".into(), subtitle, blocks };
+        let html = page.to_html().map_err(|e| SweepError::Invalid(e.to_string()))?;
+        write(&folder.join("report.html"), &html)
+    }
+}
+
+/// The columns: those asked for, or all that the finished runs' last validations have.
+fn metrics(folder: &Path, plan: &Plan, states: &[State]) -> Vec<MetricOf> {
+    if !plan.sweep.metrics.is_empty() {
+        return plan.sweep.metrics.clone();
+    }
+    let mut names = std::collections::BTreeSet::new();
+    for (job, _) in plan.jobs.iter().zip(states).filter(|(_, s)| **s == State::Finished) {
+        names.extend(last(&folder.join(&job.folder)).into_keys().filter(|n| n.starts_with("eval/")));
+    }
+    names.iter().map(|n| MetricOf::plain(n)).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn tables_have_spread_and_count_failures() {
+        let dir = tempfile::tempdir().unwrap();
+        let text = "[sweep]\nquestion = 'Does x help?'\nbase = 'b'\nseeds = [1, 2]\n\
+            [[sweep.arms]]\nname = 'with'\n[[sweep.arms]]\nname = 'without'\n\
+            [[sweep.metrics]]\nof = 'eval/iou@val'\nname = 'IoU'\nbetter = 'higher'\ndigits = 2\n";
+        let config = riglab_config::Config::from_toml_str("s.toml", text).unwrap();
+        let plan = Plan::new(config.get_at("sweep").unwrap(), &[]).unwrap();
+        for (k, iou) in [Some(0.5), Some(0.7), Some(0.4), None].into_iter().enumerate() {
+            let run = dir.path().join(&plan.jobs[k].folder);
+            std::fs::create_dir_all(&run).unwrap();
+            let Some(iou) = iou else { continue };
+            std::fs::write(run.join("metrics.jsonl"), format!("{{\"step\":1,\"eval/iou@val\":{iou}}}\n")).unwrap();
+            std::fs::write(run.join("run.json"), "{\"outcome\": \"finished\"}").unwrap();
+        }
+        for _ in 0..2 {
+            let failed = crate::Attempt { job: 3, stage: "train".into(), reason: "x".into() };
+            crate::attempts::record(dir.path(), &failed).unwrap();
+        }
+        let results = Results::read(dir.path(), &plan);
+        let table = results.table();
+        let row = |k: usize| table.rows[k].iter().map(|c| c.text.as_str()).collect::<Vec<_>>();
+        assert_eq!(row(0), ["with", "2", "0", "0.60 ± 0.14"]);
+        assert_eq!(row(1), ["without", "1", "1", "0.40"]);
+        assert!(table.rows[0][3].strong && !table.rows[1][3].strong);
+        assert_eq!(results.differences().unwrap().rows[0][1].text, "-0.10");
+        results.write(dir.path()).unwrap();
+        let lines = std::fs::read_to_string(dir.path().join("results.jsonl")).unwrap();
+        assert!(lines.contains("\"eval/iou@val\":0.5") && lines.contains("\"reason\":\"train: x\""), "{lines}");
+        let html = std::fs::read_to_string(dir.path().join("report.html")).unwrap();
+        assert!(html.contains("Does x help?") && html.contains("0.60 ± 0.14"));
+        assert!(std::fs::read_to_string(dir.path().join("table.md")).unwrap().contains("**0.60 ± 0.14**"));
+    }
+}

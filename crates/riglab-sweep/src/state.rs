@@ -1,0 +1,110 @@
+//! What a job has come to, read from its run folder.
+
+use std::fs::File;
+use std::io::{Read, Seek, SeekFrom};
+use std::path::Path;
+
+use serde_json::Value;
+
+use crate::{Attempt, Job, Plan};
+
+/// Attempts that a job has.
+pub(crate) const TRIES: usize = 2;
+
+/// What a job has come to.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum State {
+    /// Nothing yet.
+    Waiting,
+    /// A process is training in its folder; the last step of its log.
+    Running(u64),
+    /// It was begun, and no process is at it.
+    Interrupted(u64),
+    /// Trained, but not yet evaluated where that is asked for.
+    Trained,
+    /// All done.
+    Finished,
+    /// Every attempt failed, the last of them so.
+    Failed(String),
+}
+
+impl State {
+    /// Of one job of the sweep in `folder`.
+    pub fn of(folder: &Path, plan: &Plan, job: &Job, attempts: &[Attempt]) -> Self {
+        let run = folder.join(&job.folder);
+        let finished = info(&run)["outcome"] == "finished";
+        if finished && (!plan.sweep.evaluate || run.join("eval.json").is_file()) {
+            return Self::Finished;
+        }
+        if is_held(&run) {
+            return Self::Running(last_step(&run));
+        }
+        let failed: Vec<&Attempt> = attempts.iter().filter(|a| a.job == job.number).collect();
+        if let (true, Some(last)) = (failed.len() >= TRIES, failed.last()) {
+            return Self::Failed(format!("{}: {}", last.stage, last.reason));
+        }
+        if finished {
+            Self::Trained
+        } else if run.join("config.toml").is_file() {
+            Self::Interrupted(last_step(&run))
+        } else {
+            Self::Waiting
+        }
+    }
+}
+
+pub(crate) fn info(run: &Path) -> Value {
+    let text = std::fs::read_to_string(run.join("run.json")).unwrap_or_default();
+    serde_json::from_str(&text).unwrap_or_default()
+}
+
+/// Whether a process is training in the folder: it holds the lock as long as it lives.
+pub(crate) fn is_held(run: &Path) -> bool {
+    File::open(run.join(".lock")).is_ok_and(|lock| lock.try_lock().is_err())
+}
+
+/// The step of the last whole line of the log; 0 without one.
+fn last_step(run: &Path) -> u64 {
+    let tail = || {
+        let mut file = File::open(run.join("metrics.jsonl")).ok()?;
+        let length = file.metadata().ok()?.len();
+        file.seek(SeekFrom::Start(length.saturating_sub(1 << 16))).ok()?;
+        let mut bytes = Vec::new();
+        file.read_to_end(&mut bytes).ok()?;
+        let text = String::from_utf8_lossy(&bytes).into_owned();
+        let step = |line: &str| serde_json::from_str::<Value>(line).ok()?["step"].as_u64();
+        text.lines().rev().find_map(step)
+    };
+    tail().unwrap_or(0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_folder_tells_what_a_run_has_come_to() {
+        let dir = tempfile::tempdir().unwrap();
+        let text = "[sweep]\nbase = 'b'\nseeds = [1]\nevaluate = true\n";
+        let config = riglab_config::Config::from_toml_str("s.toml", text).unwrap();
+        let plan = Plan::new(config.get_at("sweep").unwrap(), &[]).unwrap();
+        let run = dir.path().join(&plan.jobs[0].folder);
+        let state = |attempts: &[Attempt]| State::of(dir.path(), &plan, &plan.jobs[0], attempts);
+        assert_eq!(state(&[]), State::Waiting);
+        std::fs::create_dir_all(&run).unwrap();
+        std::fs::write(run.join("config.toml"), "").unwrap();
+        std::fs::write(run.join("metrics.jsonl"), "{\"step\":3}\n{\"step\":4}\n{\"st").unwrap();
+        assert_eq!(state(&[]), State::Interrupted(4));
+        let lock = File::create(run.join(".lock")).unwrap();
+        lock.try_lock().unwrap();
+        assert_eq!(state(&[]), State::Running(4));
+        drop(lock);
+        let failed = Attempt { job: 0, stage: "train".into(), reason: "no room".into() };
+        assert_eq!(state(std::slice::from_ref(&failed)), State::Interrupted(4));
+        assert_eq!(state(&[failed.clone(), failed]), State::Failed("train: no room".into()));
+        std::fs::write(run.join("run.json"), "{\"outcome\": \"finished\"}").unwrap();
+        assert_eq!(state(&[]), State::Trained);
+        std::fs::write(run.join("eval.json"), "{}").unwrap();
+        assert_eq!(state(&[]), State::Finished);
+    }
+}

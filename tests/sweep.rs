@@ -1,0 +1,95 @@
+//! A sweep that is killed again and again ends with the table of the unbroken one, and a run that fails stops
+//! nothing.
+
+mod binary;
+
+use std::collections::BTreeMap;
+use std::fs;
+use std::path::Path;
+use std::process::Stdio;
+use std::time::{Duration, Instant};
+
+use binary::{config, corpus, must, refusal, riglab, text};
+
+/// Kills of the broken sweep.
+const KILLS: usize = 3;
+
+#[test]
+fn a_killed_sweep_goes_on_to_the_same_table() {
+    let dir = tempfile::tempdir().unwrap();
+    let corpus = corpus(dir.path(), 12);
+    let base = config(
+        dir.path(),
+        &corpus,
+        "[train]\nsteps = 8\nsave_every = 2\nvalidate_every = 4\n[eval]\nvalidation_vertices = 50\nprefixes = [4]\n",
+    );
+    let file = dir.path().join("toy.toml");
+    let lines = [
+        "[sweep]\nquestion = 'Does it go on?'\nseeds = [0, 1]\nevaluate = true",
+        &format!("base = '{}'", base.display()),
+        "[[sweep.arms]]\nname = 'with'\n[[sweep.arms]]\nname = 'without'\nset = { 'loss.dice' = 0.0 }",
+        // Sound as a config: it fails when the run begins.
+        "[[sweep.arms]]\nname = 'no corpus'\nset = { 'data.corpora' = ['nowhere.h5'] }",
+        "[[sweep.metrics]]\nof = 'eval/iou_raw@val'\nbetter = 'higher'",
+        "[[sweep.metrics]]\nof = 'eval.json:report.rows[split=test_new,method=raw,tokens=4].pooled.l1'\nname = 'L1'",
+    ];
+    fs::write(&file, lines.join("\n")).unwrap();
+
+    let (whole, broken) = (dir.path().join("whole"), dir.path().join("broken"));
+    let start = Instant::now();
+    must(&["sweep", text(&file), "-o", text(&whole)]);
+    let took = start.elapsed();
+    let expected = result(&whole);
+    let table = &expected["table.md"];
+    assert!(table.contains("| with | 2 | 0 | ") && table.contains("| no corpus | 0 | 2 | "), "{table}");
+    let failed = fs::read_to_string(whole.join("attempts.jsonl")).unwrap();
+    assert_eq!(failed.lines().count(), 4, "two runs, tried twice each: {failed}");
+    assert!(expected["results.jsonl"].contains("nowhere.h5"));
+
+    let mut kills = 0;
+    for part in 0..KILLS {
+        // A new call with the file, then by the folder alone.
+        let args =
+            if part == 0 { vec!["sweep", text(&file), "-o", text(&broken)] } else { vec!["sweep", text(&broken)] };
+        kills += usize::from(killed_after(&args, took.mul_f64(0.15 + 0.2 * part as f64 / KILLS as f64), &broken));
+    }
+    assert!(kills > 0, "the sweep was too short to be killed");
+    must(&["sweep", text(&broken)]);
+    assert_eq!(result(&broken), expected, "after {kills} kills");
+
+    let status = must(&["sweep", text(&broken), "--status"]);
+    let status = String::from_utf8_lossy(&status.stdout).into_owned();
+    assert!(status.contains("4 finished, 2 failed") && status.contains("no corpus"), "{status}");
+    // Another sweep is refused the folder, with what differs.
+    fs::write(&file, lines.join("\n").replace("seeds = [0, 1]", "seeds = [0, 2]")).unwrap();
+    let said = refusal(&mut riglab(&["sweep", text(&file), "-o", text(&broken)]));
+    assert!(said.contains("holds another sweep") && said.contains("seed 1") && said.contains("hint"), "{said}");
+    fs::write(&file, lines.join("\n").replace("loss.dice", "loss.dize")).unwrap();
+    let said = refusal(&mut riglab(&["sweep", text(&file), "-o", text(&dir.path().join("new"))]));
+    assert!(said.contains("without, seed 0") && said.contains("dize"), "{said}");
+    assert!(!dir.path().join("new").exists());
+}
+
+/// What must be equal.
+fn result(sweep: &Path) -> BTreeMap<&'static str, String> {
+    let read = |name: &'static str| (name, fs::read_to_string(sweep.join(name)).unwrap());
+    ["results.jsonl", "table.md", "table.tex", "table.csv"].into_iter().map(read).collect()
+}
+
+/// Starts it and kills it once it has begun its jobs and a while has passed; its runs live on. False when it was
+/// done before.
+fn killed_after(args: &[&str], delay: Duration, sweep: &Path) -> bool {
+    let mut child = riglab(args).stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap();
+    let start = Instant::now();
+    while start.elapsed() < delay || !sweep.join("jobs").exists() {
+        if let Some(status) = child.try_wait().unwrap() {
+            assert!(status.success(), "it failed by itself");
+            return false;
+        }
+        std::thread::sleep(Duration::from_millis(2));
+    }
+    let running = child.try_wait().unwrap().is_none();
+    child.kill().unwrap();
+    child.wait().unwrap();
+    running
+}
