@@ -2,7 +2,8 @@
 
 use rayon::prelude::*;
 use riglab_core::Rig;
-use riglab_metric::{Measure, Truth};
+use riglab_geom::voxel::SolidConfig;
+use riglab_metric::{Measure, Rows, SkinBaseline, Truth};
 use serde::{Serialize, Serializer};
 
 use crate::{CompareError, Predictions, Truths, fit};
@@ -69,18 +70,20 @@ pub struct System {
     pub unread: Unread,
 }
 
-/// Scores systems against the true rigs; also gives true files that could not be read. `progress` is told how many
-/// assets are done.
+/// Scores systems against the true rigs, and after them baselines, which bind the true skeletons and have figures of
+/// weights alone; also gives true files that could not be read. `progress` is told how many assets are done.
 ///
 /// # Errors
 /// When no true rig can be read, or a system has no prediction named as one.
 pub fn score(
     truths: &Truths,
     systems: &[(String, Predictions)],
+    baselines: &[SkinBaseline],
     failures: Failures,
     mut progress: impl FnMut(usize),
 ) -> Result<(Vec<System>, Unread), CompareError> {
     let mut out: Vec<System> = systems.iter().map(|(name, p)| System::empty(name, p)).collect();
+    out.extend(baselines.iter().map(System::of_baseline));
     let (mut broken, mut done) = (Vec::new(), 0);
     let mut used: Vec<std::collections::BTreeSet<String>> = vec![Default::default(); systems.len()];
     let mut example = String::new();
@@ -88,7 +91,7 @@ pub fn score(
         let rows: Vec<Result<Vec<Row>, (String, String)>> = some
             .par_iter()
             .map(|(name, rig)| match rig {
-                Ok(rig) => Ok(rows(name, rig, systems, failures)),
+                Ok(rig) => Ok(rows(name, rig, systems, baselines, failures)),
                 Err(e) => Err((name.clone(), e.clone())),
             })
             .collect();
@@ -98,7 +101,9 @@ pub fn score(
                 Ok(rows) => {
                     example.clone_from(name);
                     for (k, row) in rows.into_iter().enumerate() {
-                        used[k].extend(systems[k].1.key_of(name).map(String::from));
+                        if let Some((_, predictions)) = systems.get(k) {
+                            used[k].extend(predictions.key_of(name).map(String::from));
+                        }
                         out[k].rows.push(row);
                     }
                 }
@@ -137,6 +142,11 @@ impl System {
         }
     }
 
+    fn of_baseline(baseline: &SkinBaseline) -> Self {
+        let (name, folder) = (baseline.name(), "the true skeleton".to_owned());
+        Self { name, folder, rows: Vec::new(), unmatched: Vec::new(), unread: Vec::new() }
+    }
+
     /// Scored, failed and missing assets.
     pub fn counts(&self) -> [usize; 3] {
         let count = |f: fn(&Status) -> bool| self.rows.iter().filter(|r| f(&r.status)).count();
@@ -150,20 +160,27 @@ impl System {
     }
 }
 
-/// The rows of one asset, one a system.
-fn rows(name: &str, rig: &Rig, systems: &[(String, Predictions)], failures: Failures) -> Vec<Row> {
+/// The rows of one asset, one a system, then one a baseline.
+fn rows(
+    name: &str,
+    rig: &Rig,
+    systems: &[(String, Predictions)],
+    baselines: &[SkinBaseline],
+    failures: Failures,
+) -> Vec<Row> {
+    let empty = || Row {
+        asset: name.into(),
+        status: Status::Missing,
+        joints: 0,
+        true_joints: rig.skeleton().len(),
+        without_weights: String::new(),
+        notes: Vec::new(),
+        measures: Vec::new(),
+    };
     // Preparing the truth takes most of the time: not where there is nothing to measure.
     let mut prepared: Option<Truth> = None;
     let mut row = |predictions: &Predictions| {
-        let mut row = Row {
-            asset: name.into(),
-            status: Status::Missing,
-            joints: 0,
-            true_joints: rig.skeleton().len(),
-            without_weights: String::new(),
-            notes: Vec::new(),
-            measures: Vec::new(),
-        };
+        let mut row = empty();
         let read = predictions.key_of(name).map(|key| predictions.read(key).and_then(|p| fit(&p, rig)));
         match read {
             None if failures == Failures::Apart => return row,
@@ -190,7 +207,14 @@ fn rows(name: &str, rig: &Rig, systems: &[(String, Predictions)], failures: Fail
         }
         row
     };
-    systems.iter().map(|(_, predictions)| row(predictions)).collect()
+    let mut out: Vec<Row> = systems.iter().map(|(_, predictions)| row(predictions)).collect();
+    for baseline in baselines {
+        let truth = prepared.get_or_insert_with(|| Truth::new(name, rig));
+        let weights = Rows::of(&baseline.weights(rig, &SolidConfig::DEFAULT), rig.skeleton().len());
+        let measures = truth.skin(&weights).unwrap_or_default();
+        out.push(Row { status: Status::Scored, joints: rig.skeleton().len(), measures, ..empty() });
+    }
+    out
 }
 
 fn by_name<S: Serializer>(measures: &[Measure], serializer: S) -> Result<S::Ok, S::Error> {

@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use riglab_compare::{CompareError, Failures, Kind, Predictions, Row, Status, System, Truths, score};
+use riglab_metric::SkinBaseline;
 
 fn golden() -> Option<PathBuf> {
     let shared = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/golden");
@@ -17,7 +18,7 @@ fn golden() -> Option<PathBuf> {
 fn scored(predictions: &Path, truth: &Path, kind: Kind, failures: Failures) -> Result<System, CompareError> {
     let truths = Truths::open(truth, None)?;
     let systems = [("system".to_owned(), Predictions::find(predictions, kind)?)];
-    let (mut systems, _) = score(&truths, &systems, failures, |_| ())?;
+    let (mut systems, _) = score(&truths, &systems, &[], failures, |_| ())?;
     Ok(systems.remove(0))
 }
 
@@ -102,6 +103,23 @@ fn broken_predictions_are_rows_with_a_reason() {
         assert!(whole.without_weights.contains("no vertices") && whole.notes[0].contains("no mesh"), "{whole:?}");
         let defined = found.values("j2j@skintokens").iter().filter(|v| v.is_finite()).count();
         assert_eq!(defined, if failures == Failures::Worst { 4 } else { 1 });
+    }
+}
+
+#[test]
+fn baselines_stand_beside_systems() {
+    let Some(formats) = golden() else { return };
+    let truths = Truths::open(&formats.join("rignet"), None).unwrap();
+    let systems = [("puppeteer".to_owned(), Predictions::find(&formats.join("puppeteer"), Kind::Auto).unwrap())];
+    let baselines = [SkinBaseline::SHOWN[0], SkinBaseline::Heat];
+    let (found, _) = score(&truths, &systems, &baselines, Failures::Apart, |_| ()).unwrap();
+    assert_eq!(found.len(), 3);
+    for system in &found[1..] {
+        assert_eq!(system.counts(), [3, 0, 0], "{}", system.name);
+        let iou = value(row(system, "biped_rig.txt"), "iou@skintokens");
+        // Tubes around bones: any of them is a fair guess, and none is the truth.
+        assert!(iou > 0.2 && iou < 0.999, "{}: {iou}", system.name);
+        assert!(!row(system, "biped_rig.txt").measures.iter().any(|m| m.metric == "j2j"));
     }
 }
 

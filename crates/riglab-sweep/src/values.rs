@@ -40,7 +40,9 @@ fn at(value: &Value, path: &str) -> Option<f64> {
                 conditions.split(',').map(|c| c.split_once('=')).collect::<Option<Vec<_>>>()?;
             let is = |value: &Value, text: &str| match value {
                 Value::String(s) => s == text,
-                other => other.to_string() == text,
+                Value::Number(n) => n.to_string() == text,
+                Value::Bool(b) => text == if *b { "true" } else { "false" },
+                _ => false,
             };
             let fits =
                 |e: &&Value| wanted.iter().all(|(key, text)| e.get(key.trim()).is_some_and(|v| is(v, text.trim())));

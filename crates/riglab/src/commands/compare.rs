@@ -5,7 +5,7 @@ use std::process::ExitCode;
 
 use anyhow::{Context, Result, bail};
 use riglab_compare::{Comparison, Failures, Kind, Predictions, Status, Truths, score};
-use riglab_metric::Preset;
+use riglab_metric::{Preset, SkinBaseline};
 use riglab_report::{Block, Page, Table};
 use riglab_train::Progress;
 
@@ -40,6 +40,9 @@ pub struct Args {
     /// How failed and missing assets count: apart, or worst (one joint at the centre, without weights).
     #[arg(long, default_value = "apart", value_parser = failures)]
     failures: Failures,
+    /// Add what binds the true skeletons without learning: nearest bone, inverse distance, geodesic, heat diffusion.
+    #[arg(long)]
+    baselines: bool,
     /// Show published numbers below: the name of a table, or `list`.
     #[arg(long, value_name = "TABLE")]
     published: Vec<String>,
@@ -97,7 +100,9 @@ pub fn run(args: &Args) -> Result<ExitCode> {
     // A file may hold many.
     let total = truths.len() as u64;
     let mut progress = Progress::new("scoring", total, 0);
-    let scored = score(&truths, &systems, args.failures, |done| progress.set(total.min(done as u64), String::new));
+    let baselines = if args.baselines { &SkinBaseline::SHOWN[..] } else { &[] };
+    let scored =
+        score(&truths, &systems, baselines, args.failures, |done| progress.set(total.min(done as u64), String::new));
     progress.finish();
     let (systems, unread_truth) = scored?;
     let truth = match &args.split {
