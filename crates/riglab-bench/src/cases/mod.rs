@@ -11,6 +11,7 @@ mod import;
 mod import_arrays;
 mod loader_ar;
 mod matmul_share;
+mod metrics;
 mod prefix_step;
 mod rewards;
 mod rig;
@@ -84,6 +85,11 @@ pub const CASES: [Case; 29] = [
     },
     Case { name: "rewards/24", about: "rewards of a group of rigs of one mesh, against numpy", run: rewards::run },
     Case { name: "simulate", about: "300 frames of spring bones, against three-vrm in Node", run: simulate::run },
+    Case {
+        name: "metrics/270",
+        about: "skeletons and skins under all conventions, against the peers' formulas by numpy and scipy",
+        run: metrics::run,
+    },
     Case {
         name: "curate/dedup",
         about: "near-duplicates among descriptions of rigs, against all pairs by numpy",
@@ -192,6 +198,7 @@ pub fn serve(case: &str) -> Result<()> {
         "export" => export::serve(),
         "geodesic" => geodesic::serve(),
         "loader_ar" => loader_ar::serve(),
+        "metrics" => metrics::serve(),
         "rewards" => rewards::serve(),
         "sample" => sample::serve(),
         "simulate" => simulate::serve(),
