@@ -5,7 +5,7 @@ use std::f64::consts::PI;
 use riglab_core::{Mesh, Segment};
 use riglab_geom::geodesic::GeodesicSolver;
 use riglab_geom::voxel::SolidConfig;
-use riglab_random::{Draw, stream};
+use riglab_random::{Draw, Stream, stream};
 
 /// A torus around y.
 fn torus(major: f32, minor: f32, around: usize, across: usize) -> Mesh {
@@ -194,4 +194,22 @@ fn pieces_hang_on_the_body_and_strange_bones_are_finite() {
     let flat = Mesh::new(vec![[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]], vec![[0, 1, 2]]).unwrap();
     let got = GeodesicSolver::new(&flat, &config(32)).distances(&[point([0.0; 3])], flat.positions());
     assert!(got[0] < 0.05 && (got[1] - 1.0).abs() < 0.05 && (got[2] - 1.0).abs() < 0.05, "{got:?}");
+}
+
+/// Thin and torn bodies with bones of any kind: a bone's cell may be hidden from the bone by its own coarseness.
+#[test]
+fn bones_of_any_kind_in_any_body_have_finite_distances() {
+    for seed in 0..60 {
+        let mut random = stream(seed, "thin bodies", &[]);
+        let point =
+            |random: &mut Stream, side: f32| -> [f32; 3] { std::array::from_fn(|_| random.within(-side, side)) };
+        let positions: Vec<[f32; 3]> = (0..60).map(|_| point(&mut random, 1.0)).collect();
+        let triangles = (0..20).map(|t| [3 * t, 3 * t + 1, 3 * t + 2]).collect();
+        let mesh = Mesh::new(positions.clone(), triangles).unwrap();
+        let config = SolidConfig { resolution: 24 + seed as usize % 3 * 20, ..SolidConfig::DEFAULT };
+        let bones: Vec<[Segment; 1]> =
+            (0..40).map(|_| [Segment { a: point(&mut random, 1.1), b: point(&mut random, 1.1) }]).collect();
+        let found = GeodesicSolver::new(&mesh, &config).distances(&bones, &positions);
+        assert!(found.iter().all(|d| d.is_finite() && *d >= 0.0), "seed {seed}");
+    }
 }

@@ -175,7 +175,11 @@ impl Search {
         let place = body.place(cell);
         let middle = body.middle(cell);
         if !self.sees(body, bone, place, middle, self.corners[cell as usize]) {
-            let (length, corner) = self.around(body, bone, cell, place, middle);
+            let (length, corner) = match self.around(body, bone, cell, place, middle) {
+                // Nothing around is settled yet, as at the end of a bone in a thin part: the way offered turns here.
+                (length, _) if length.is_infinite() => (self.lengths[cell as usize], cell + 1),
+                found => found,
+            };
             self.lengths[cell as usize] = length;
             self.corners[cell as usize] = corner;
             if layer_of(length) > layer {
