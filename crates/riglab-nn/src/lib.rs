@@ -27,6 +27,7 @@ pub mod params;
 pub mod perceiver;
 pub mod simulate;
 pub mod skeleton;
+pub mod skin_stage;
 pub mod tokenrig;
 
 pub use error::NnError;

@@ -1,0 +1,179 @@
+//! Sizes and switches of the skin stage.
+
+use serde::{Deserialize, Serialize};
+
+use super::ptv3::Ptv3Config;
+use crate::perceiver::PerceiverConfig;
+
+/// UniRig's skin stage (4.2). The default is the paper's, with the sizes of the release, which is silent on
+/// none of them; [`Self::released`] is the public code.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct SkinModelConfig {
+    /// Width F of points, bones and latents.
+    pub width: usize,
+    /// Heads H, of all attentions here and of the weights.
+    pub heads: usize,
+    /// Inner width of the network that makes a logit of each pair of point and bone.
+    pub mlp: usize,
+    /// Its hidden layers.
+    pub mlp_layers: usize,
+    /// Numbers that are told of each pair of point and bone. The paper: 1, their distance.
+    pub pair: usize,
+    /// An extension: what is told of a pair also goes past the heads, through a layer of this width into the network
+    /// and by a linear map into the logit. 0 is off: it then passes a layer as wide as there are heads, with a norm.
+    pub pair_width: usize,
+    /// The shape as tokens that points and bones read.
+    pub shape: PerceiverConfig,
+    /// How bones become features.
+    pub bones: BoneConfig,
+    /// How points become features.
+    pub points: PointConfig,
+    /// Whether attributes of spring bones are predicted.
+    pub attributes: bool,
+    /// Weights are multiplied by the mask that comes with a prediction to this power (the release: 3). 0 is off.
+    pub mask_power: f64,
+}
+
+/// How bones become features.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct BoneConfig {
+    /// What of a bone is seen.
+    pub seen: Seen,
+    /// Whether positions count from the least corner of the cloud, as in the release, rather than from the
+    /// middle of the cube.
+    pub from_corner: bool,
+    /// Frequencies of their encoding, from π.
+    pub frequencies: usize,
+    /// Width of the first layer; the second is four times as wide.
+    pub embed: usize,
+    /// Blocks in which bones read each other and the shape.
+    pub layers: usize,
+}
+
+/// What the encoder sees of a bone.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Seen {
+    /// The joint (the release).
+    Joint,
+    /// The parent joint and the joint (the paper).
+    #[default]
+    ParentAndJoint,
+    /// An extension: both and the tail.
+    ParentJointAndTail,
+}
+
+impl Seen {
+    /// How many points that is.
+    pub fn points(self) -> usize {
+        match self {
+            Self::Joint => 1,
+            Self::ParentAndJoint => 2,
+            Self::ParentJointAndTail => 3,
+        }
+    }
+}
+
+/// How points become features.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct PointConfig {
+    /// What reads them first.
+    pub encoder: PointEncoder,
+    /// Frequencies of positions, from π, of the light encoder.
+    pub frequencies: usize,
+    /// Sizes of the backbone.
+    pub ptv3: Ptv3Config,
+    /// Blocks in which points read bones and shape.
+    pub layers: usize,
+}
+
+/// What reads points first.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum PointEncoder {
+    /// The backbone: points see those around them. Weights are then known at the cloud's points.
+    #[default]
+    Ptv3,
+    /// A layer for each point alone, which learns of the shape by reading its tokens. Weights are then known
+    /// wherever one asks.
+    Light,
+}
+
+impl Default for SkinModelConfig {
+    fn default() -> Self {
+        Self {
+            width: 768,
+            heads: 16,
+            mlp: 512,
+            mlp_layers: 4,
+            pair: 1,
+            pair_width: 0,
+            shape: PerceiverConfig::default(),
+            bones: BoneConfig::default(),
+            points: PointConfig::default(),
+            attributes: true,
+            mask_power: 0.0,
+        }
+    }
+}
+
+impl Default for BoneConfig {
+    fn default() -> Self {
+        Self { seen: Seen::default(), from_corner: false, frequencies: 6, embed: 1024, layers: 8 }
+    }
+}
+
+impl Default for PointConfig {
+    fn default() -> Self {
+        Self { encoder: PointEncoder::default(), frequencies: 6, ptv3: Ptv3Config::default(), layers: 16 }
+    }
+}
+
+impl SkinModelConfig {
+    /// UniRig's public code.
+    pub fn released() -> Self {
+        let bones = BoneConfig { seen: Seen::Joint, from_corner: true, ..BoneConfig::default() };
+        let ptv3 = Ptv3Config { norm: super::ptv3::Norm::Batch, ..Ptv3Config::default() };
+        let points = PointConfig { ptv3, ..PointConfig::default() };
+        Self { bones, points, attributes: false, mask_power: 3.0, ..Self::default() }
+    }
+
+    /// Checks sizes and their relations.
+    ///
+    /// # Errors
+    /// (key, message) of the first fault.
+    pub fn validate(&self) -> Result<(), (String, String)> {
+        let sizes = [
+            ("width", self.width),
+            ("heads", self.heads),
+            ("mlp", self.mlp),
+            ("mlp_layers", self.mlp_layers),
+            ("pair", self.pair),
+            ("bones.embed", self.bones.embed),
+        ];
+        if let Some((key, _)) = sizes.iter().find(|(_, n)| *n == 0) {
+            return Err((key.to_string(), format!("{key} must be at least 1")));
+        }
+        if !self.width.is_multiple_of(self.heads) {
+            let (width, heads) = (self.width, self.heads);
+            return Err(("width".into(), format!("width = {width} is not divisible by heads = {heads}")));
+        }
+        for (key, n) in [("bones.frequencies", self.bones.frequencies), ("points.frequencies", self.points.frequencies)]
+        {
+            if n > 24 {
+                return Err((key.into(), format!("{n} frequencies: give at most 24")));
+            }
+        }
+        if !(0.0..=64.0).contains(&self.mask_power) {
+            return Err(("mask_power".into(), format!("mask_power = {} must lie in [0, 64]", self.mask_power)));
+        }
+        self.shape.validate().map_err(|(key, message)| (format!("shape.{key}"), message))?;
+        if self.points.encoder == PointEncoder::Ptv3 {
+            self.points.ptv3.validate().map_err(|(key, message)| (format!("points.ptv3.{key}"), message))?;
+        }
+        Ok(())
+    }
+}
