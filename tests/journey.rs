@@ -132,3 +132,57 @@ fn from_files_to_skeletons() {
     let read = |run: &std::path::Path| fs::read(run.join("checkpoints/step-00000060/model.safetensors")).unwrap();
     assert!(read(&run) == read(&again));
 }
+
+#[test]
+fn from_files_to_weights_for_given_skeletons() {
+    let dir = tempfile::tempdir().unwrap();
+    let corpus = corpus(dir.path(), 18);
+    let run_with = |name: &str, points: &str, loss: &str, steps: usize| {
+        let config = dir.path().join(format!("{name}.toml"));
+        let text_of = format!(
+            "extends = 'quickstart/unirig_skin.toml'\n[data]\ncorpora = ['{}']\n\
+             [model]\nextends = 'model/unirig_skin/tiny.toml'\n{points}\n\
+             [sampling]\nrigs = 3\npoints = 192\nqueries = 96\npool = 256\nresolution = 32\n{loss}\n\
+             [train]\nsteps = {steps}\nema = 0.9\nvalidate_every = {}\n[train.schedule]\nwarmup = 5\n\
+             [eval]\nbaseline_resolution = 32\nvalidation_assets = 2\n",
+            corpus.display(),
+            steps / 2
+        );
+        fs::write(&config, text_of).unwrap();
+        let run = dir.path().join(name);
+        must(&["train", text(&config), "--run", text(&run)]);
+        let lines = fs::read_to_string(run.join("metrics.jsonl")).unwrap();
+        (run, lines.lines().map(|l| serde_json::from_str(l).unwrap()).collect::<Vec<Value>>())
+    };
+    let (run, metrics) = run_with("run", "", "", 80);
+    let losses: Vec<f64> = metrics.iter().filter_map(|l| l["train/skin"].as_f64()).collect();
+    let mean = |part: &[f64]| part.iter().sum::<f64>() / part.len() as f64;
+    assert_eq!(losses.len(), 80);
+    assert!(mean(&losses[60..]) < 0.8 * mean(&losses[..20]), "it learns: {losses:?}");
+    let said = String::from_utf8(must(&["eval", text(&run), "--json", "--pictures", "1"]).stdout).unwrap();
+    let evaluation: Value = serde_json::from_str(&said).unwrap();
+    let rows = evaluation["report"]["rows"].as_array().unwrap();
+    for method in ["raw", "rule", "nearest bone", "geodesic nearest bone", "geodesic 1/d^16, top 4, cut 0.15"] {
+        assert!(rows.iter().any(|r| r["method"] == method && r["pooled"]["l1"].is_number()), "no row {method}");
+    }
+    let report = dir.path().join("report.html");
+    must(&["report", text(&run), "-o", text(&report)]);
+    let html = fs::read_to_string(&report).unwrap();
+    assert!(html.contains("given their skeletons") && html.contains("data:image/png"));
+
+    // The resolved config repeats the run, with another number of workers.
+    let again = dir.path().join("again");
+    must(&["train", text(&run.join("config.toml")), "--run", text(&again), "--set", "train.workers=3"]);
+    let read = |run: &std::path::Path| fs::read(run.join("checkpoints/step-00000080/model.safetensors")).unwrap();
+    assert!(read(&run) == read(&again));
+
+    // The backbone, and the losses of the release.
+    let points = "[model.points]\nencoder = 'ptv3'\n[model.points.ptv3]\ngrid = 0.05\ndepths = [1, 1]\nchannels = [8, 16]\n\
+                  heads = [1, 2]\npatch = 64";
+    let loss = "[loss]\nskin = 0.0\nreleased = { vertex = 5.0, normalization = 10.0, l1 = 0.3, bce = 1.0, zero_l1 = 1.0, \
+                non_zero_l1 = 1.0, degrees = 30.0 }";
+    let (run, metrics) = run_with("released", points, loss, 20);
+    assert!(metrics.iter().all(|l| l["train/loss"].as_f64().is_none_or(f64::is_finite)));
+    assert!(metrics[0]["train/normalization"].as_f64().unwrap() > 0.0 && metrics[0]["train/skin"].is_null());
+    must(&["eval", text(&run), "--pictures", "0"]);
+}

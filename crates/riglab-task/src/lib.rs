@@ -11,5 +11,6 @@ pub mod grpo;
 mod sequences;
 pub mod tokenrig;
 pub mod unirig_skeleton;
+pub mod unirig_skin;
 
 pub use experiment::{Examined, Experiment};

@@ -10,6 +10,7 @@ use riglab_task::fsq_cvae::{self, FsqCvaeTask, FsqCvaeTaskConfig};
 use riglab_task::grpo::{self, GrpoTask, GrpoTaskConfig};
 use riglab_task::tokenrig::{self, TokenRigTask, TokenRigTaskConfig};
 use riglab_task::unirig_skeleton::{self, SkeletonTask, SkeletonTaskConfig};
+use riglab_task::unirig_skin::{self, SkinTask, SkinTaskConfig};
 use riglab_train::TrainConfig;
 use tch::Device;
 
@@ -23,9 +24,11 @@ pub enum TaskConfig {
     TokenRig(Box<TokenRigTaskConfig>),
     /// `unirig_skeleton`
     UnirigSkeleton(Box<SkeletonTaskConfig>),
+    /// `unirig_skin`
+    UnirigSkin(Box<SkinTaskConfig>),
 }
 
-const NAMES: [&str; 4] = ["fsq_cvae", "grpo", "tokenrig", "unirig_skeleton"];
+const NAMES: [&str; 5] = ["fsq_cvae", "grpo", "tokenrig", "unirig_skeleton", "unirig_skin"];
 
 /// Something done with a task, whichever it is.
 pub trait Visitor {
@@ -44,6 +47,7 @@ macro_rules! each {
             TaskConfig::Grpo($c) => $what,
             TaskConfig::TokenRig($c) => $what,
             TaskConfig::UnirigSkeleton($c) => $what,
+            TaskConfig::UnirigSkin($c) => $what,
         }
     };
 }
@@ -76,6 +80,11 @@ impl TaskConfig {
                 let c: SkeletonTaskConfig = config.get()?;
                 c.validate().map_err(invalid)?;
                 Ok(Self::UnirigSkeleton(Box::new(c)))
+            }
+            "unirig_skin" => {
+                let c: SkinTaskConfig = config.get()?;
+                c.validate().map_err(invalid)?;
+                Ok(Self::UnirigSkin(Box::new(c)))
             }
             _ => Err(config
                 .invalid("task", format!("there is no task `{name}`; there are: {}", NAMES.join(", ")))
@@ -111,6 +120,7 @@ impl TaskConfig {
             Self::UnirigSkeleton(c) => {
                 visitor.visit(SkeletonTask::new(c.as_ref().clone(), device).map_err(|e| anyhow!(e))?)
             }
+            Self::UnirigSkin(c) => visitor.visit(SkinTask::new(c.as_ref().clone(), device).map_err(|e| anyhow!(e))?),
         }
     }
 }
@@ -140,6 +150,10 @@ pub fn evaluation_blocks(task: &str, run: &Path) -> Result<Vec<Block>> {
         }
         "unirig_skeleton" => {
             let evaluation: unirig_skeleton::Evaluation = serde_json::from_str(&text).with_context(unclear)?;
+            Ok(evaluation.blocks(picture))
+        }
+        "unirig_skin" => {
+            let evaluation: unirig_skin::Evaluation = serde_json::from_str(&text).with_context(unclear)?;
             Ok(evaluation.blocks(picture))
         }
         _ => bail!("{}: run.json names no known task (`{task}`)", run.display()),

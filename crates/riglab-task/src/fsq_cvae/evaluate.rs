@@ -109,7 +109,8 @@ impl Sums {
         self.each.push(tally.metrics());
     }
 
-    pub(crate) fn row(&self, split: &str, method: &str, tokens: usize) -> Row {
+    /// Pooled metrics, and the mean of the assets' own.
+    pub(crate) fn metrics(&self) -> (SkinMetrics, SkinMetrics) {
         let mean = |f: fn(&SkinMetrics) -> f64| {
             let defined: Vec<f64> = self.each.iter().map(f).filter(|v| !v.is_nan()).collect();
             defined.iter().sum::<f64>() / defined.len() as f64
@@ -124,8 +125,12 @@ impl Sums {
             mask_cover_vertex: mean(|m| m.mask_cover_vertex),
             mask_entry: mean(|m| m.mask_entry),
         };
-        let (assets, pooled) = (self.each.len(), self.pooled.metrics());
-        Row { split: split.into(), method: method.into(), tokens, assets, pooled, per_rig }
+        (self.pooled.metrics(), per_rig)
+    }
+
+    pub(crate) fn row(&self, split: &str, method: &str, tokens: usize) -> Row {
+        let (pooled, per_rig) = self.metrics();
+        Row { split: split.into(), method: method.into(), tokens, assets: self.each.len(), pooled, per_rig }
     }
 }
 

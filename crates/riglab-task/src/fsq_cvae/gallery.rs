@@ -106,7 +106,7 @@ fn codes(n: usize) -> String {
 }
 
 /// The bone whose weights are off by most, summed over vertices; the first of equals.
-fn worst_bone(truth: &[f32], predicted: &[f32], joints: usize) -> usize {
+pub(crate) fn worst_bone(truth: &[f32], predicted: &[f32], joints: usize) -> usize {
     let mut errors = vec![0.0f64; joints];
     for (t, p) in truth.chunks_exact(joints).zip(predicted.chunks_exact(joints)) {
         for (error, (t, p)) in errors.iter_mut().zip(t.iter().zip(p)) {
@@ -117,7 +117,7 @@ fn worst_bone(truth: &[f32], predicted: &[f32], joints: usize) -> usize {
 }
 
 /// Dense shares, a column a bone, as weights of the rig's joints.
-fn sparse(rig: &Prepared, dense: &[f32]) -> Result<SkinWeights, String> {
+pub(crate) fn sparse(rig: &Prepared, dense: &[f32]) -> Result<SkinWeights, String> {
     let joints: Vec<JointId> = rig.bones.iter().map(|b| b.joint).collect();
     let rows = dense
         .chunks_exact(joints.len())

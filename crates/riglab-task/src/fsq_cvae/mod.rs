@@ -5,7 +5,7 @@ mod coder;
 mod config;
 pub(crate) mod evaluate;
 mod frozen;
-mod gallery;
+pub(crate) mod gallery;
 mod prepare;
 mod report;
 mod table;

@@ -1,0 +1,382 @@
+//! Batches: points, bones and true weights of a few rigs.
+
+use std::sync::Arc;
+
+use riglab_augment::AffineMap;
+use riglab_core::{JointId, Pose, Segment, Vec3};
+use riglab_data::Mixture;
+use riglab_geom::farthest_points;
+use riglab_nn::skin_stage::PointEncoder;
+use riglab_nn::skin_stage::ptv3::Layout;
+use riglab_random::{Draw, Stream, stream};
+use riglab_train::Source;
+
+use super::config::{MergeConfig, SkinTaskConfig};
+use super::ready::{Ready, row};
+use crate::assets::{AssetId, Assets, Cache};
+use crate::fsq_cvae::Prepared;
+
+/// The rigs of a batch. Each goes through the network by itself.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Batch {
+    /// One after another.
+    pub rigs: Vec<RigBatch>,
+}
+
+/// Plain arrays of a rig: n points, of which the first q are asked; j bones; p numbers told of a pair.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct RigBatch {
+    /// [n, 6]: positions and normals.
+    pub cloud: Vec<f32>,
+    /// The points that queries of the shape start from.
+    pub picks: Vec<i64>,
+    /// [j, 3 k]: the points seen of each bone.
+    pub bones: Vec<f32>,
+    /// How many bones, j.
+    pub count: usize,
+    /// How many points are asked, q.
+    pub queries: usize,
+    /// [q, j, p]
+    pub pairs: Vec<f32>,
+    /// [q, j]: rows sum to 1, or are 0 where nothing holds a point.
+    pub truth: Vec<f32>,
+    /// [j]: bones that keep their true weights; empty for none.
+    pub frozen: Vec<bool>,
+    /// [j, 7]: attributes.
+    pub swings: Vec<f32>,
+    /// [j]: bones that have some.
+    pub swinging: Vec<bool>,
+    /// [j, 3, 4]: maps of a random pose, where the release's losses want one.
+    pub maps: Vec<f32>,
+    /// Where the backbone finds points, and the turn of its orders.
+    pub layout: Option<(Layout, [usize; 4])>,
+}
+
+/// Makes batches by number.
+pub struct BatchSource {
+    config: SkinTaskConfig,
+    assets: Arc<Assets>,
+    cache: Arc<Cache<Ready>>,
+    rigs: Mixture<AssetId>,
+}
+
+impl BatchSource {
+    /// Batches of assets with the weights of their corpora; not empty.
+    pub fn new(
+        config: SkinTaskConfig,
+        assets: Arc<Assets>,
+        cache: Arc<Cache<Ready>>,
+        parts: Vec<(f32, Vec<AssetId>)>,
+    ) -> Self {
+        Self { rigs: Mixture::new(config.train.seed, parts), config, assets, cache }
+    }
+
+    fn ready(&self, id: AssetId) -> Result<Arc<Ready>, String> {
+        let s = &self.config.sampling;
+        self.cache.get(id, || {
+            let rig = Prepared::new(self.assets.read(id).map_err(|e| e.to_string())?);
+            let mut random = stream(self.config.train.seed, "skin pool", &[id.key()]);
+            let made = Ready::pooled(rig, s.pool, s.vertex_share, s.resolution, &mut random);
+            let bytes = made.bytes();
+            Ok((made, bytes))
+        })
+    }
+}
+
+impl Source for BatchSource {
+    type Batch = Batch;
+
+    fn batch(&self, number: u64) -> Result<Batch, String> {
+        let rigs = self.config.sampling.rigs as u64;
+        let each = (0..rigs).map(|k| {
+            let place = number * rigs + k;
+            let ready = self.ready(self.rigs.at(place))?;
+            sample(&self.config, &ready, &mut stream(self.config.train.seed, "skin sample", &[place]))
+        });
+        Ok(Batch { rigs: each.collect::<Result<_, _>>()? })
+    }
+}
+
+/// A rig's part of a batch, drawn by a stream.
+///
+/// # Errors
+/// For a skeleton that cannot be posed.
+pub fn sample(c: &SkinTaskConfig, ready: &Ready, random: &mut Stream) -> Result<RigBatch, String> {
+    let s = &c.sampling;
+    let map = c.augment.draw(random);
+    let owners = owners(ready, &s.merge, random);
+    let bones = Bones::new(ready, &owners, |p| map.exact(p));
+    let mut order: Vec<usize> = (0..ready.points.len()).collect();
+    random.shuffled(&mut order);
+    order.truncate(s.points);
+    let scale = scale(&map);
+    let mut out = RigBatch {
+        count: bones.of.len(),
+        queries: s.queries.min((s.pairs / bones.of.len()).max(1)),
+        ..RigBatch::default()
+    };
+    let mut positions = Vec::with_capacity(order.len());
+    for &k in &order {
+        let point = &ready.points[k];
+        let position = map.position(point.position, random);
+        positions.push(position);
+        out.cloud.extend(position);
+        out.cloud.extend(map.normal(point.normal));
+    }
+    for (&k, &position) in order.iter().zip(&positions).take(out.queries) {
+        let distances = bones.nearest(ready.row(k), scale);
+        s.told.tell(position, &bones.segments, &distances, &mut out.pairs);
+        out.truth.extend(bones.weights(ready, k));
+    }
+    out.picks = picks(c, &positions);
+    for own in &bones.of {
+        let seat = &ready.seats[own[0]];
+        seat.seen(c.model.bones.seen, |p| map.exact(p), &mut out.bones);
+        out.swinging.push(seat.swing.is_some());
+        let mut swing = seat.swing.unwrap_or_default();
+        swing.hit_radius *= scale;
+        swing.gravity_direction = turned(&map, swing.gravity_direction);
+        out.swings.extend(row(&swing));
+    }
+    out.frozen = frozen(c, out.count, random);
+    if c.loss.released.is_on() {
+        out.maps = maps(c, ready, &bones, &map, random)?;
+    }
+    if c.model.points.encoder == PointEncoder::Ptv3 {
+        let mut turns = [0, 1, 2, 3];
+        if c.model.points.ptv3.shuffle {
+            random.shuffled(&mut turns);
+        }
+        out.layout = Some((Layout::new(&positions, &[positions.len()], c.model.points.ptv3.grid), turns));
+    }
+    Ok(out)
+}
+
+/// Of points in random order, those that queries of the shape start from.
+pub fn picks(c: &SkinTaskConfig, positions: &[Vec3]) -> Vec<i64> {
+    let shape = &c.model.shape;
+    let drawn = &positions[..(shape.tokens * shape.drawn).min(positions.len())];
+    farthest_points(drawn, shape.tokens, 0).into_iter().map(|i| i as i64).collect()
+}
+
+/// The bone that each bone is part of: itself, or one above it.
+fn owners(ready: &Ready, merge: &MergeConfig, random: &mut Stream) -> Vec<usize> {
+    let mut owners: Vec<usize> = (0..ready.seats.len()).collect();
+    if !random.chance(merge.probability) {
+        return owners;
+    }
+    for (b, seat) in ready.seats.iter().enumerate() {
+        // Bones stand after those above them.
+        if let Some(above) = seat.above.filter(|_| random.chance(merge.share)) {
+            owners[b] = owners[above];
+        }
+    }
+    owners
+}
+
+/// Bones after merging, under a map.
+pub struct Bones {
+    /// The bones that each is made of; the first gives it its seat.
+    pub of: Vec<Vec<usize>>,
+    /// All of their segments.
+    pub segments: Vec<Vec<Segment>>,
+}
+
+impl Bones {
+    /// Of bones and those they are part of.
+    pub fn new(ready: &Ready, owners: &[usize], map: impl Fn(Vec3) -> Vec3) -> Self {
+        let mut of: Vec<Vec<usize>> = vec![Vec::new(); owners.len()];
+        owners.iter().enumerate().for_each(|(b, &owner)| of[owner].push(b));
+        of.retain(|own| !own.is_empty());
+        let moved = |s: &Segment| Segment { a: map(s.a), b: map(s.b) };
+        let segments = |own: &Vec<usize>| {
+            own.iter().flat_map(|&b| ready.rig.bones[b].segments.iter().map(moved)).collect::<Vec<_>>()
+        };
+        Self { segments: of.iter().map(segments).collect(), of }
+    }
+
+    /// All of a rig's as they are.
+    pub fn all(ready: &Ready) -> Self {
+        Self::new(ready, &(0..ready.seats.len()).collect::<Vec<_>>(), |p| p)
+    }
+
+    /// Distances of a point, of its distances from the bones that these are made of.
+    pub fn nearest(&self, row: &[f32], scale: f32) -> Vec<f32> {
+        self.of.iter().map(|own| scale * own.iter().map(|&b| row[b]).fold(f32::INFINITY, f32::min)).collect()
+    }
+
+    /// Weights of a point of the pool, with sum 1 unless nothing holds it.
+    fn weights(&self, ready: &Ready, k: usize) -> Vec<f32> {
+        let weight = |b: &usize| ready.rig.weight(&ready.rig.bones[*b], &ready.points[k]);
+        let mut row: Vec<f32> = self.of.iter().map(|own| own.iter().map(weight).sum()).collect();
+        let sum: f32 = row.iter().sum();
+        if sum > 0.0 {
+            row.iter_mut().for_each(|w| *w /= sum);
+        }
+        row
+    }
+}
+
+/// How much longer things are under a map, as the mean over directions.
+fn scale(map: &AffineMap) -> f32 {
+    let [x, y, z] = axes(map);
+    x.cross(y).dot(z).abs().cbrt()
+}
+
+fn axes(map: &AffineMap) -> [glam::Vec3; 3] {
+    let origin = glam::Vec3::from(map.exact([0.0; 3]));
+    [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]].map(|e| glam::Vec3::from(map.exact(e)) - origin)
+}
+
+/// A direction under a map, of length 1.
+fn turned(map: &AffineMap, d: Vec3) -> Vec3 {
+    let [x, y, z] = axes(map);
+    let moved = x * d[0] + y * d[1] + z * d[2];
+    moved.try_normalize().map_or(d, Into::into)
+}
+
+fn frozen(c: &SkinTaskConfig, bones: usize, random: &mut Stream) -> Vec<bool> {
+    let freeze = &c.loss.freeze;
+    if !random.chance(freeze.probability) {
+        return Vec::new();
+    }
+    let share = random.unit() * freeze.share;
+    let count = ((share * bones as f32).round() as usize).min(bones - 1);
+    let mut out: Vec<bool> = (0..bones).map(|b| b < count).collect();
+    random.shuffled(&mut out);
+    if count == 0 { Vec::new() } else { out }
+}
+
+/// Maps of a random pose of the rig as it lies under the map.
+fn maps(
+    c: &SkinTaskConfig,
+    ready: &Ready,
+    bones: &Bones,
+    map: &AffineMap,
+    random: &mut Stream,
+) -> Result<Vec<f32>, String> {
+    let skeleton = ready.rig.rig.skeleton();
+    let heads = skeleton.heads().iter().map(|&p| map.exact(p)).collect();
+    let skeleton = skeleton.with_heads(heads).map_err(|e| format!("{}: {e}", ready.rig.name))?;
+    let mut pose = Pose::rest(skeleton.len());
+    let most = c.loss.released.degrees.to_radians();
+    let ids: Vec<JointId> = skeleton.ids().collect();
+    for joint in ids {
+        pose.rotate(joint, std::array::from_fn(|_| random.within(-most, most)));
+    }
+    let all = pose.transforms(&skeleton).map_err(|e| format!("{}: {e}", ready.rig.name))?;
+    let rows = |own: &Vec<usize>| {
+        let m = all[ready.rig.bones[own[0]].joint.index()];
+        let (r, t) = (m.matrix3.transpose(), m.translation.to_array());
+        let rows = [r.x_axis.to_array(), r.y_axis.to_array(), r.z_axis.to_array()];
+        (0..3).flat_map(|k| [rows[k][0], rows[k][1], rows[k][2], t[k]]).collect::<Vec<f32>>()
+    };
+    Ok(bones.of.iter().flat_map(rows).collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use riglab_core::{Joint, Mesh, Rig, Skeleton, SkinWeights};
+    use riglab_nn::skin_stage::{Seen, SkinModelConfig};
+
+    use super::*;
+    use crate::unirig_skin::config::{FreezeConfig, ReleasedConfig};
+    use crate::unirig_skin::pairs::Told;
+
+    /// A box four long with joints at 0, 1, 2 and 3; the second holds nothing.
+    fn ready() -> Ready {
+        let corners: Vec<Vec3> = (0..40)
+            .map(|i| {
+                [i as f32 / 4.0 % 5.0 * 0.8, if i / 20 == 0 { 0.0 } else { 1.0 }, if i % 2 == 0 { 0.0 } else { 1.0 }]
+            })
+            .collect();
+        let triangles = (0..38).map(|i| [i, i + 1, i + 2]).collect();
+        let mesh = Mesh::new(corners.clone(), triangles).unwrap();
+        let joint = |k: u16| Joint {
+            name: format!("{k}"),
+            parent: (k > 0).then(|| JointId(k - 1)),
+            head: [f32::from(k), 0.5, 0.5],
+        };
+        let skeleton = Skeleton::new((0..4).map(joint).collect()).unwrap();
+        let holder = |p: &Vec3| {
+            if p[0] < 1.0 {
+                0u16
+            } else if p[0] < 2.5 {
+                2
+            } else {
+                3
+            }
+        };
+        let weights = SkinWeights::normalized(corners.iter().map(|p| [(holder(p), 1.0)])).unwrap();
+        let rig = Rig::new(skeleton, mesh, weights).unwrap();
+        let rig = Prepared::of("box".into(), rig.normalized().0, false);
+        Ready::pooled(rig, 64, 0.5, 24, &mut stream(1, "test", &[]))
+    }
+
+    fn config() -> SkinTaskConfig {
+        let mut c = SkinTaskConfig::default();
+        c.model = SkinModelConfig { pair: Told::Features.width(), ..c.model };
+        c.model.shape.tokens = 4;
+        c.model.bones.seen = Seen::ParentJointAndTail;
+        c.sampling.points = 48;
+        c.sampling.queries = 20;
+        c.sampling.pool = 64;
+        c.sampling.told = Told::Features;
+        c.validate().unwrap();
+        c
+    }
+
+    #[test]
+    fn a_sample_has_what_the_network_reads() {
+        let (ready, mut c) = (ready(), config());
+        assert_eq!(ready.seats.iter().map(|s| s.above).collect::<Vec<_>>(), [None, Some(0), Some(1)]);
+        c.loss.released = ReleasedConfig::unirig();
+        c.loss.freeze = FreezeConfig { probability: 1.0, share: 1.0 };
+        for seed in 0..20 {
+            let b = sample(&c, &ready, &mut stream(seed, "test", &[])).unwrap();
+            assert_eq!((b.count, b.queries, b.cloud.len(), b.picks.len()), (3, 20, 6 * 48, 4));
+            assert_eq!((b.bones.len(), b.pairs.len(), b.truth.len(), b.maps.len()), (27, 20 * 3 * 12, 60, 36));
+            assert!(b.truth.chunks_exact(3).all(|row| (row.iter().sum::<f32>() - 1.0).abs() < 1e-5));
+            assert!(b.frozen.is_empty() || b.frozen.len() == 3 && b.frozen.contains(&false), "one is always free");
+            assert!(b.layout.is_some());
+            assert_eq!(b, sample(&c, &ready, &mut stream(seed, "test", &[])).unwrap());
+        }
+        c.sampling.pairs = 30;
+        assert_eq!(sample(&c, &ready, &mut stream(1, "test", &[])).unwrap().queries, 10);
+    }
+
+    #[test]
+    fn merged_bones_keep_all_weight() {
+        let (ready, mut c) = (ready(), config());
+        c.sampling.merge = MergeConfig { probability: 1.0, share: 0.5 };
+        let mut counts = [0; 4];
+        for seed in 0..40 {
+            let b = sample(&c, &ready, &mut stream(seed, "test", &[])).unwrap();
+            counts[b.count] += 1;
+            assert!(b.truth.chunks_exact(b.count).all(|row| (row.iter().sum::<f32>() - 1.0).abs() < 1e-5));
+        }
+        assert!(counts[1] > 0 && counts[2] > 0 && counts[3] > 0, "{counts:?}");
+    }
+
+    #[test]
+    fn distances_grow_with_the_rig() {
+        let (ready, mut c) = (ready(), config());
+        c.augment = riglab_augment::AffineConfig {
+            yaw: 0.0,
+            tilt: 0.0,
+            mirror: 0.0,
+            scale: [2.0, 2.0],
+            stretch: 0.0,
+            noise: 0.0,
+        };
+        c.model.pair = 1;
+        c.sampling.told = Told::Distance;
+        let of = |c: &SkinTaskConfig| sample(c, &ready, &mut stream(3, "test", &[])).unwrap();
+        let large = of(&c);
+        c.augment.scale = [1.0, 1.0];
+        let own = of(&c);
+        for (a, b) in large.pairs.iter().zip(&own.pairs) {
+            assert!((a - 2.0 * b).abs() < 1e-4, "{a} {b}");
+        }
+    }
+}

@@ -1,0 +1,332 @@
+//! Settings of the task.
+
+use riglab_augment::AffineConfig;
+use riglab_nn::skin_stage::SkinModelConfig;
+use riglab_train::TrainConfig;
+use serde::{Deserialize, Serialize};
+
+use super::pairs::Told;
+use crate::assets::DataConfig;
+
+/// Everything a run of UniRig's skin stage is made of.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct SkinTaskConfig {
+    /// The task's name: `unirig_skin`.
+    pub task: String,
+    /// Corpora and splits.
+    pub data: DataConfig,
+    /// The network.
+    pub model: SkinModelConfig,
+    /// What a batch is made of.
+    pub sampling: SamplingConfig,
+    /// How batches are varied. Ways through the body are measured before, and change by the scale alone.
+    pub augment: AffineConfig,
+    /// What is minimised.
+    pub loss: LossConfig,
+    /// How it is trained.
+    pub train: TrainConfig,
+    /// How it is evaluated.
+    pub eval: EvalConfig,
+}
+
+/// What a batch is made of.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct SamplingConfig {
+    /// Rigs of a batch.
+    pub rigs: usize,
+    /// Points of each that the network sees.
+    pub points: usize,
+    /// So many of them have weights to be told.
+    pub queries: usize,
+    /// At most so many pairs of query and bone: of rigs with many bones there are fewer queries. Bounds memory.
+    pub pairs: usize,
+    /// Points that are kept of each asset, with their distances from bones; batches take theirs from them.
+    pub pool: usize,
+    /// Share of them that are vertices, as far as there are any, rather than points of the surface. Evaluation is on
+    /// vertices.
+    pub vertex_share: f32,
+    /// What the network is told of each pair of point and bone.
+    pub told: Told,
+    /// Cells along the longest side of the body that distances go through.
+    pub resolution: usize,
+    /// Bones become part of those above them, for other skeletons than the corpus has.
+    pub merge: MergeConfig,
+}
+
+/// How bones are merged.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct MergeConfig {
+    /// Probability that some of a rig's are.
+    pub probability: f32,
+    /// Probability of each bone then.
+    pub share: f32,
+}
+
+/// λ_W·KL(W ‖ Ŵ) + λ_A·(squared error of attributes) (UniRig 4.3), and the release's losses.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct LossConfig {
+    /// λ_W: weight of the divergence.
+    pub skin: f64,
+    /// λ_A: weight of the squared error of attributes, over bones that swing.
+    pub attributes: f64,
+    /// What each attribute is multiplied by before: stiffness, drag, power of gravity, its direction, hit radius.
+    pub attribute_scale: [f64; 7],
+    /// Whether every bone counts alike in the divergence, rather than every point.
+    pub bone_centric: bool,
+    /// Which bones keep their true weights.
+    pub freeze: FreezeConfig,
+    /// What the public code minimises instead.
+    pub released: ReleasedConfig,
+}
+
+/// Random freezing: some bones keep their true weights and have no gradient.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct FreezeConfig {
+    /// Probability that some of a rig's are.
+    pub probability: f32,
+    /// Up to this share of them, drawn evenly from 0; one is always free.
+    pub share: f32,
+}
+
+/// Weights of the release's losses; its own are [`ReleasedConfig::unirig`].
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct ReleasedConfig {
+    /// Squared error of positions in one random pose.
+    pub vertex: f64,
+    /// The same with every bone counting alike.
+    pub normalization: f64,
+    /// Absolute error of weights.
+    pub l1: f64,
+    /// Binary cross-entropy of weights.
+    pub bce: f64,
+    /// Absolute error where a bone holds nothing, every bone counting alike.
+    pub zero_l1: f64,
+    /// Absolute error where it holds something.
+    pub non_zero_l1: f64,
+    /// Largest turn of a joint about each axis in that pose, in degrees.
+    pub degrees: f32,
+}
+
+impl ReleasedConfig {
+    /// As the release trains for RigNet's data.
+    pub fn unirig() -> Self {
+        Self { vertex: 5.0, normalization: 10.0, l1: 0.3, bce: 1.0, zero_l1: 1.0, non_zero_l1: 1.0, degrees: 30.0 }
+    }
+
+    /// Names and weights.
+    pub fn weights(&self) -> [(&'static str, f64); 6] {
+        [
+            ("vertex", self.vertex),
+            ("normalization", self.normalization),
+            ("l1", self.l1),
+            ("bce", self.bce),
+            ("zero_l1", self.zero_l1),
+            ("non_zero_l1", self.non_zero_l1),
+        ]
+    }
+
+    /// Whether any of them counts.
+    pub fn is_on(&self) -> bool {
+        self.weights().iter().any(|(_, w)| *w > 0.0)
+    }
+}
+
+/// Evaluation on whole meshes, given the true skeletons.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct EvalConfig {
+    /// Points of each asset that the network sees; 0 takes as many as in training.
+    pub points: usize,
+    /// Vertices of each asset that validation looks at while training.
+    pub validation_vertices: usize,
+    /// Assets of the validation split that it looks at while training; 0 takes all.
+    pub validation_assets: usize,
+    /// Cuts among which the decode rule's is chosen, on the validation split.
+    pub cuts: Vec<f32>,
+    /// Pairs of bone and point at once: bounds memory.
+    pub chunk: usize,
+    /// Cells along the longest side of the body for the rules without learning.
+    pub baseline_resolution: usize,
+    /// Seeds the points that the network sees.
+    pub seed: u64,
+}
+
+impl Default for SamplingConfig {
+    /// The release's numbers of points; the paper tells a point and a bone their distance, at 196 cells.
+    fn default() -> Self {
+        Self {
+            rigs: 4,
+            points: 16_384,
+            queries: 512,
+            pairs: 1 << 16,
+            pool: 16_384,
+            vertex_share: 0.5,
+            told: Told::Distance,
+            resolution: 196,
+            merge: MergeConfig::default(),
+        }
+    }
+}
+
+impl Default for LossConfig {
+    /// The paper's terms; it does not tell the λ.
+    fn default() -> Self {
+        Self {
+            skin: 1.0,
+            attributes: 1.0,
+            attribute_scale: [1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 10.0],
+            bone_centric: true,
+            freeze: FreezeConfig { probability: 0.5, share: 0.5 },
+            released: ReleasedConfig::default(),
+        }
+    }
+}
+
+impl Default for FreezeConfig {
+    fn default() -> Self {
+        Self { probability: 0.0, share: 0.5 }
+    }
+}
+
+impl Default for EvalConfig {
+    fn default() -> Self {
+        Self {
+            points: 0,
+            validation_vertices: 800,
+            validation_assets: 0,
+            cuts: vec![0.01, 0.02, 0.03, 0.05, 0.08, 0.12, 0.16],
+            chunk: 1 << 16,
+            baseline_resolution: 128,
+            seed: 1,
+        }
+    }
+}
+
+impl SkinTaskConfig {
+    /// Checks sizes and their relations.
+    ///
+    /// # Errors
+    /// (key path, message) of the first fault.
+    pub fn validate(&self) -> Result<(), (String, String)> {
+        let fault = |key: &str, message: String| Err((key.to_string(), message));
+        self.model.validate().map_err(|(k, m)| (format!("model.{k}"), m))?;
+        self.augment.validate().map_err(|(k, m)| (format!("augment.{k}"), m))?;
+        self.train.validate().map_err(|(k, m)| (format!("train.{k}"), m))?;
+        let s = &self.sampling;
+        let sizes = [
+            ("sampling.rigs", s.rigs),
+            ("sampling.queries", s.queries),
+            ("sampling.pairs", s.pairs),
+            ("eval.chunk", self.eval.chunk),
+            ("eval.validation_vertices", self.eval.validation_vertices),
+        ];
+        if let Some((key, _)) = sizes.iter().find(|(_, n)| *n == 0) {
+            return fault(key, format!("{key} must be at least 1"));
+        }
+        let picked = self.model.shape.tokens * self.model.shape.drawn;
+        for (key, n) in [("sampling.points", s.points), ("eval.points", self.eval_points())] {
+            if n < picked {
+                return fault(key, format!("{n} points, and model.shape draws {picked} of them"));
+            }
+        }
+        if s.queries > s.points || s.points > s.pool {
+            let (q, n, p) = (s.queries, s.points, s.pool);
+            return fault("sampling.pool", format!("{q} queries of {n} points of a pool of {p}: each must have room"));
+        }
+        for (key, p) in [
+            ("sampling.vertex_share", s.vertex_share),
+            ("sampling.merge.probability", s.merge.probability),
+            ("sampling.merge.share", s.merge.share),
+            ("loss.freeze.probability", self.loss.freeze.probability),
+            ("loss.freeze.share", self.loss.freeze.share),
+        ] {
+            if !(0.0..=1.0).contains(&p) {
+                return fault(key, format!("{p} must lie in [0, 1]"));
+            }
+        }
+        for (key, n) in
+            [("sampling.resolution", s.resolution), ("eval.baseline_resolution", self.eval.baseline_resolution)]
+        {
+            if !(8..=512).contains(&n) {
+                return fault(key, format!("{n} cells: give 8 to 512"));
+            }
+        }
+        if s.told.width() != self.model.pair {
+            let (width, pair) = (s.told.width(), self.model.pair);
+            return fault(
+                "model.pair",
+                format!(
+                    "sampling.told tells {width} numbers of a pair and model.pair has room for {pair}: set it to {width}"
+                ),
+            );
+        }
+        self.validate_loss()?;
+        if self.eval.cuts.is_empty() {
+            return fault("eval.cuts", "give at least one cut".into());
+        }
+        Ok(())
+    }
+
+    fn validate_loss(&self) -> Result<(), (String, String)> {
+        let l = &self.loss;
+        let released = l.released.weights().map(|(k, v)| (format!("released.{k}"), v));
+        let scale = l.attribute_scale.map(|v| ("attribute_scale".to_string(), v));
+        let all = [("skin".to_string(), l.skin), ("attributes".into(), l.attributes)];
+        if let Some((k, v)) = all.into_iter().chain(released).chain(scale).find(|(_, v)| !(*v >= 0.0 && v.is_finite()))
+        {
+            return Err((format!("loss.{k}"), format!("{k} = {v} must not be negative")));
+        }
+        if !(0.0..=180.0).contains(&l.released.degrees) {
+            return Err(("loss.released.degrees".into(), "degrees must lie in [0, 180]".into()));
+        }
+        if l.skin == 0.0 && !l.released.is_on() {
+            return Err(("loss.skin".into(), "nothing that is minimised has to do with weights".into()));
+        }
+        if l.attributes > 0.0 && !self.model.attributes {
+            let message = "the network has no attributes: set model.attributes = true, or loss.attributes = 0";
+            return Err(("loss.attributes".into(), message.into()));
+        }
+        Ok(())
+    }
+
+    /// Points that the network sees in evaluation.
+    pub fn eval_points(&self) -> usize {
+        if self.eval.points == 0 { self.sampling.points } else { self.eval.points }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_papers_settings_are_sound_and_faults_name_their_key() {
+        SkinTaskConfig::default().validate().unwrap();
+        let fault = |change: fn(&mut SkinTaskConfig)| {
+            let mut c = SkinTaskConfig::default();
+            change(&mut c);
+            c.validate().unwrap_err().0
+        };
+        assert_eq!(fault(|c| c.sampling.told = Told::Features), "model.pair");
+        assert_eq!(fault(|c| c.sampling.points = 100), "sampling.points");
+        assert_eq!(fault(|c| c.sampling.pool = 5000), "sampling.pool");
+        assert_eq!(fault(|c| c.loss.skin = 0.0), "loss.skin");
+        assert_eq!(fault(|c| c.loss.released.l1 = f64::NAN), "loss.released.l1");
+        assert_eq!(fault(|c| c.model.attributes = false), "loss.attributes");
+        assert_eq!(fault(|c| c.loss.freeze.share = 1.5), "loss.freeze.share");
+    }
+
+    #[test]
+    fn the_releases_losses_alone_are_sound() {
+        let mut c = SkinTaskConfig { model: SkinModelConfig::released(), ..SkinTaskConfig::default() };
+        c.sampling.told = Told::Weight;
+        c.loss = LossConfig { skin: 0.0, attributes: 0.0, released: ReleasedConfig::unirig(), ..c.loss };
+        c.validate().unwrap();
+    }
+}

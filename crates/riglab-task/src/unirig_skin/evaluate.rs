@@ -1,0 +1,333 @@
+//! Evaluation on whole meshes, given the true skeletons.
+
+use std::collections::BTreeMap;
+
+use riglab_core::JointId;
+use riglab_geom::voxel::SolidConfig;
+use riglab_metric::{Baseline, SkinMetrics, SkinTally, bone_distances, geodesic_distances};
+use riglab_nn::params::Weights;
+use riglab_nn::skin_stage::ATTRIBUTES;
+use riglab_random::stream;
+use riglab_train::Validation;
+use serde::{Deserialize, Serialize};
+
+use super::SkinTask;
+use super::predict::{Predicted, Predictor};
+use super::ready::{Ready, pool, row};
+use crate::assets::AssetId;
+use crate::fsq_cvae::evaluate::{Sums, Truth};
+use crate::fsq_cvae::{Prepared, ruled};
+
+/// Metrics of one way to get weights, over a split.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct Row {
+    /// The split.
+    pub split: String,
+    /// `raw` (the network's output), `rule` (after the decode rule) or the name of a rule without learning.
+    pub method: String,
+    /// Whether it was learned.
+    pub learned: bool,
+    /// Assets.
+    pub assets: usize,
+    /// Numerators and denominators summed over all assets.
+    pub pooled: SkinMetrics,
+    /// Mean of the assets' own metrics; undefined ones left out.
+    pub per_rig: SkinMetrics,
+}
+
+/// How well an attribute of spring bones is told, over a split.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct AttributeRow {
+    /// The split.
+    pub split: String,
+    /// Its name, or `all`: each times its scale in the loss.
+    pub name: String,
+    /// Bones that swing.
+    pub bones: usize,
+    /// Root of the mean squared error of the network.
+    pub model: f64,
+    /// The same of the mean over these very bones: the best that one number can do.
+    pub mean: f64,
+}
+
+/// One asset's own metrics, after the decode rule.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct AssetRow {
+    /// The split.
+    pub split: String,
+    /// The asset's name.
+    pub name: String,
+    /// Vertices.
+    pub vertices: usize,
+    /// Bones that hold something.
+    pub bones: usize,
+    /// IoU.
+    pub iou: f64,
+    /// L1.
+    pub l1: f64,
+}
+
+/// What an evaluation found.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct Report {
+    /// Which formulas.
+    pub convention: String,
+    /// The decode rule's cut, chosen on the validation split by pooled L1.
+    pub cut: f32,
+    /// Tables.
+    pub rows: Vec<Row>,
+    /// Attributes of spring bones, where there are any.
+    pub attributes: Vec<AttributeRow>,
+    /// Assets.
+    pub assets: Vec<AssetRow>,
+}
+
+/// Names of attributes, in the order of their columns.
+const NAMES: [&str; ATTRIBUTES] =
+    ["stiffness", "drag", "gravity power", "gravity x", "gravity y", "gravity z", "hit radius"];
+
+/// An asset to be evaluated: what the network sees of it, and the vertices after.
+pub struct Subject {
+    /// The rig, its seen points and vertices.
+    pub ready: Ready,
+    /// How many points are seen.
+    pub seen: usize,
+    /// True weights of the vertices, a row each.
+    pub truth: Vec<f32>,
+}
+
+/// Squared errors of attributes, and sums for their mean.
+#[derive(Default)]
+struct Springs {
+    bones: usize,
+    errors: [f64; ATTRIBUTES],
+    sums: [f64; ATTRIBUTES],
+    squares: [f64; ATTRIBUTES],
+}
+
+impl Springs {
+    fn add(&mut self, ready: &Ready, predicted: &Predicted) {
+        for (seat, found) in ready.seats.iter().zip(&predicted.attributes) {
+            let Some(swing) = &seat.swing else { continue };
+            self.bones += 1;
+            for (k, (t, p)) in row(swing).into_iter().zip(found).enumerate() {
+                let (t, p) = (f64::from(t), f64::from(*p));
+                self.errors[k] += (t - p).powi(2);
+                self.sums[k] += t;
+                self.squares[k] += t * t;
+            }
+        }
+    }
+
+    fn rows(&self, split: &str, scale: &[f64; ATTRIBUTES]) -> Vec<AttributeRow> {
+        if self.bones == 0 {
+            return Vec::new();
+        }
+        let n = self.bones as f64;
+        let model: Vec<f64> = self.errors.iter().map(|e| e / n).collect();
+        let mean: Vec<f64> =
+            (0..ATTRIBUTES).map(|k| (self.squares[k] / n - (self.sums[k] / n).powi(2)).max(0.0)).collect();
+        let of = |name: &str, model: f64, mean: f64| AttributeRow {
+            split: split.into(),
+            name: name.into(),
+            bones: self.bones,
+            model: model.sqrt(),
+            mean: mean.sqrt(),
+        };
+        let mut rows: Vec<_> = (0..ATTRIBUTES).map(|k| of(NAMES[k], model[k], mean[k])).collect();
+        let all = |of: &[f64]| of.iter().zip(scale).map(|(e, s)| e * s * s).sum::<f64>() / ATTRIBUTES as f64;
+        rows.push(of("all", all(&model), all(&mean)));
+        rows
+    }
+}
+
+impl SkinTask {
+    fn predictor<'a>(&'a self, weights: &'a Weights) -> Predictor<'a> {
+        Predictor { config: &self.config, net: &self.net, weights, device: self.device }
+    }
+
+    /// An asset with all its vertices, or at most so many drawn by a seed.
+    pub(super) fn subject(&self, id: AssetId, limit: Option<(usize, u64)>) -> Result<Subject, String> {
+        let rig = Prepared::new(self.assets.read(id).map_err(|e| e.to_string())?);
+        let truth = Truth::new(&rig, limit);
+        let s = &self.config.sampling;
+        let seen = self.config.eval_points();
+        let mut random = stream(self.config.eval.seed, "skin evaluation", &[id.key()]);
+        let mut points = pool(&rig, seen, s.vertex_share, &mut random);
+        points.extend(truth.points);
+        Ok(Subject { ready: Ready::new(rig, points, s.resolution), seen, truth: truth.dense })
+    }
+
+    pub(super) fn predicted(&self, w: &Weights, subject: &Subject) -> Predicted {
+        self.predictor(w).predict(&subject.ready, subject.seen)
+    }
+
+    fn validation_ids(&self) -> &[AssetId] {
+        let all = &self.validation_assets;
+        match self.config.eval.validation_assets {
+            0 => all,
+            n => &all[..n.min(all.len())],
+        }
+    }
+
+    /// Validation: raw and after the rule, on a sample of vertices that is the same every time.
+    pub(super) fn validation(&self, w: &Weights) -> Result<Validation, String> {
+        let mut raw = Sums::default();
+        let mut rules: Vec<Sums> = self.config.eval.cuts.iter().map(|_| Sums::default()).collect();
+        let mut springs = Springs::default();
+        let limit = self.config.eval.validation_vertices;
+        for &id in self.validation_ids() {
+            let subject = self.validated.get(id, || {
+                let made = self.subject(id, Some((limit, self.config.eval.seed ^ id.key())))?;
+                let bytes = made.ready.bytes() + 4 * made.truth.len();
+                Ok::<_, String>((made, bytes))
+            })?;
+            let found = self.predicted(w, &subject);
+            springs.add(&subject.ready, &found);
+            self.tally(&subject, &found, &mut raw, &mut rules);
+        }
+        let (raw, rule) = (raw.metrics(), rules[best(&rules)].metrics());
+        let mut metrics = vec![
+            ("l1_rule@val".to_string(), rule.0.l1),
+            ("iou_rule@val".into(), rule.0.iou),
+            ("iou_rule_per_rig@val".into(), rule.1.iou),
+            ("precision_rule@val".into(), rule.0.precision),
+            ("recall_rule@val".into(), rule.0.recall),
+            ("l1_raw@val".into(), raw.0.l1),
+        ];
+        let rows = springs.rows("val", &self.config.loss.attribute_scale);
+        if let Some(all) = rows.iter().find(|r| r.name == "all" && r.mean > 0.0 && self.config.model.attributes) {
+            metrics.push(("attributes_vs_mean@val".into(), all.model / all.mean));
+        }
+        Ok(Validation { metrics, ..Validation::default() })
+    }
+
+    fn tally(&self, subject: &Subject, found: &Predicted, raw: &mut Sums, rules: &mut [Sums]) {
+        let joints = subject.ready.seats.len();
+        raw.add(&SkinTally::of(&subject.truth, &found.dense, joints));
+        for (sums, &cut) in rules.iter_mut().zip(&self.config.eval.cuts) {
+            sums.add(&SkinTally::of(&subject.truth, &ruled(&found.dense, joints, cut), joints));
+        }
+    }
+
+    /// How many assets [`Self::evaluate`] goes over.
+    pub(super) fn examined_assets(&self) -> Result<usize, String> {
+        let mut all = self.validation_assets.len();
+        for split in &self.config.data.test {
+            all += self.assets.split(split).map_err(|e| e.to_string())?.len();
+        }
+        Ok(all)
+    }
+
+    /// Evaluates on whole meshes of the test splits, raw and after the decode rule, beside rules by straight distances
+    /// and by those through the body. `progress` is told how many assets are done.
+    ///
+    /// # Errors
+    /// When an asset cannot be read.
+    pub fn evaluate(&self, w: &Weights, mut progress: impl FnMut(usize)) -> Result<Report, String> {
+        let mut raw = Sums::default();
+        let mut rules: Vec<Sums> = self.config.eval.cuts.iter().map(|_| Sums::default()).collect();
+        let mut done = 0;
+        for &id in &self.validation_assets {
+            let subject = self.subject(id, None)?;
+            self.tally(&subject, &self.predicted(w, &subject), &mut raw, &mut rules);
+            done += 1;
+            progress(done);
+        }
+        let cut = self.config.eval.cuts[best(&rules)];
+        let mut report = Report {
+            convention: "skintokens".into(),
+            cut,
+            rows: Vec::new(),
+            attributes: Vec::new(),
+            assets: Vec::new(),
+        };
+        for split in &self.config.data.test {
+            self.evaluate_split(w, split, &mut report, || {
+                done += 1;
+                progress(done);
+            })?;
+        }
+        Ok(report)
+    }
+
+    fn evaluate_split(
+        &self,
+        w: &Weights,
+        split: &str,
+        report: &mut Report,
+        mut progress: impl FnMut(),
+    ) -> Result<(), String> {
+        // By place in the table, so that the order is kept.
+        let mut methods: BTreeMap<usize, (String, Sums)> = BTreeMap::new();
+        let mut springs = Springs::default();
+        let ids = self.assets.split(split).map_err(|e| e.to_string())?;
+        for &id in &ids {
+            let subject = self.subject(id, None)?;
+            let (rig, joints) = (&subject.ready.rig, subject.ready.seats.len());
+            let mut place = 0;
+            let mut tally = |name: String, weights: &[f32]| {
+                let tally = SkinTally::of(&subject.truth, weights, joints);
+                methods.entry(place).or_insert_with(|| (name, Sums::default())).1.add(&tally);
+                place += 1;
+                tally.metrics()
+            };
+            let found = self.predicted(w, &subject);
+            springs.add(&subject.ready, &found);
+            tally("raw".into(), &found.dense);
+            let rule = tally("rule".into(), &ruled(&found.dense, joints, report.cut));
+            report.assets.push(AssetRow {
+                split: split.into(),
+                name: rig.name.clone(),
+                vertices: rig.rig.mesh().positions().len(),
+                bones: joints,
+                iou: rule.iou,
+                l1: rule.l1,
+            });
+            let ids: Vec<JointId> = rig.bones.iter().map(|b| b.joint).collect();
+            let straight = bone_distances(&rig.rig, &ids);
+            for rule in Baseline::SHOWN {
+                tally(rule.name(), &rule.weights(&straight, joints));
+            }
+            let config = SolidConfig { resolution: self.config.eval.baseline_resolution, ..SolidConfig::DEFAULT };
+            let ways = geodesic_distances(rig.rig.mesh(), rig.rig.skeleton(), &ids, &config);
+            for rule in Baseline::SHOWN_GEODESIC {
+                tally(rule.geodesic_name(), &rule.weights(&ways, joints));
+            }
+            progress();
+        }
+        report.rows.extend(methods.into_values().map(|(method, sums)| {
+            let (pooled, per_rig) = sums.metrics();
+            let learned = ["raw", "rule"].contains(&method.as_str());
+            Row { split: split.into(), learned, assets: ids.len(), pooled, per_rig, method }
+        }));
+        if self.config.model.attributes {
+            report.attributes.extend(springs.rows(split, &self.config.loss.attribute_scale));
+        }
+        Ok(())
+    }
+}
+
+/// The rule of least pooled L1, the first of equals.
+fn best(rules: &[Sums]) -> usize {
+    let l1 = |k: usize| rules[k].metrics().0.l1;
+    (0..rules.len()).min_by(|&a, &b| l1(a).total_cmp(&l1(b)).then(a.cmp(&b))).unwrap_or(0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_mean_is_the_best_of_one_number() {
+        // Two bones, stiffness 1 and 3, told as 1 and 2.
+        let mut s = Springs { bones: 2, ..Springs::default() };
+        (s.errors[0], s.sums[0], s.squares[0]) = (1.0, 4.0, 10.0);
+        let rows = s.rows("x", &[2.0; ATTRIBUTES]);
+        assert_eq!((rows[0].name.as_str(), rows[0].mean), ("stiffness", 1.0));
+        assert!((rows[0].model - 0.5f64.sqrt()).abs() < 1e-12);
+        let all = rows.last().unwrap();
+        assert!((all.model / all.mean - 0.5f64.sqrt()).abs() < 1e-12 && all.name == "all");
+        assert!(Springs::default().rows("x", &[1.0; ATTRIBUTES]).is_empty());
+    }
+}

@@ -1,0 +1,128 @@
+//! What the network is told of a pair of point and bone.
+
+use riglab_core::{Segment, Vec3};
+use serde::{Deserialize, Serialize};
+
+/// What is told.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Told {
+    /// Their distance through the body (the paper).
+    #[default]
+    Distance,
+    /// The weight that the release makes of it: (1 / ((1 - α) d + α d²))² with α = 1/2, made to sum to 1 over bones.
+    Weight,
+    /// An extension: that distance, its logarithm and its share among the bones' in soft and sharp forms; the straight
+    /// distance with its share; how far along the bone the nearest place is; the point as seen from the joint.
+    Features,
+}
+
+/// Nearer than this is as near as can be.
+const NEAR: f32 = 1e-4;
+
+impl Told {
+    /// Numbers of a pair.
+    pub fn width(self) -> usize {
+        match self {
+            Self::Distance | Self::Weight => 1,
+            Self::Features => 12,
+        }
+    }
+
+    /// Adds what is told of a point and each bone, given by segments and its distance from the point through the body.
+    pub fn tell(self, p: Vec3, bones: &[Vec<Segment>], distances: &[f32], out: &mut Vec<f32>) {
+        match self {
+            Self::Distance => out.extend_from_slice(distances),
+            Self::Weight => {
+                // Against the nearest bone's, so that no sum of far ones vanishes.
+                let closeness = |d: f32| {
+                    let d = f64::from(d.max(NEAR));
+                    (1.0 / (0.5 * d + 0.5 * d * d)).powi(2)
+                };
+                let most = closeness(distances.iter().copied().fold(f32::INFINITY, f32::min));
+                let share = |d: &f32| closeness(*d) / most;
+                let sum: f64 = distances.iter().map(share).sum();
+                out.extend(distances.iter().map(|d| (share(d) / sum) as f32));
+            }
+            Self::Features => features(p, bones, distances, out),
+        }
+    }
+}
+
+fn features(p: Vec3, bones: &[Vec<Segment>], distances: &[f32], out: &mut Vec<f32>) {
+    let straight: Vec<(f32, f32)> = bones.iter().map(|b| nearest(b, p)).collect();
+    let ways = Shares::new(distances.iter().copied());
+    let lines = Shares::new(straight.iter().map(|(_, d)| *d));
+    for (b, bone) in bones.iter().enumerate() {
+        let (d, (t, s)) = (distances[b].max(NEAR), straight[b]);
+        let sharp = ways.share8(d);
+        let head = bone.first().map_or([0.0; 3], |s| s.a);
+        out.extend([d, d.ln(), ways.least / d, ways.share2(d), sharp, sharp.max(1e-6).ln() / 4.0]);
+        out.extend([s, lines.share8(s.max(NEAR)), t]);
+        out.extend((0..3).map(|k| p[k] - head[k]));
+    }
+}
+
+/// Sums over bones of (least / d)ᵖ for p = 2 and 8.
+struct Shares {
+    least: f32,
+    sums: [f32; 2],
+}
+
+impl Shares {
+    fn new(distances: impl Iterator<Item = f32> + Clone) -> Self {
+        let least = distances.clone().fold(f32::INFINITY, f32::min).max(NEAR);
+        let mut sums = [0.0; 2];
+        for d in distances {
+            let square = (least / d.max(NEAR)).powi(2);
+            sums[0] += square;
+            sums[1] += square.powi(4);
+        }
+        Self { least, sums }
+    }
+
+    fn share2(&self, d: f32) -> f32 {
+        (self.least / d).powi(2) / self.sums[0]
+    }
+
+    fn share8(&self, d: f32) -> f32 {
+        (self.least / d).powi(8) / self.sums[1]
+    }
+}
+
+/// Parameter and distance of the nearest segment.
+fn nearest(segments: &[Segment], p: Vec3) -> (f32, f32) {
+    segments.iter().map(|s| s.nearest(p)).min_by(|a, b| a.1.total_cmp(&b.1)).unwrap_or((0.0, 0.0))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn bones() -> Vec<Vec<Segment>> {
+        let along = |y: f32| vec![Segment { a: [0.0, y, 0.0], b: [0.0, y + 1.0, 0.0] }];
+        vec![along(0.0), along(1.0), vec![Segment { a: [0.0; 3], b: [0.0; 3] }]]
+    }
+
+    #[test]
+    fn as_many_numbers_as_announced_all_finite() {
+        for told in [Told::Distance, Told::Weight, Told::Features] {
+            for (p, d) in [([0.1, 0.5, 0.0], [0.1, 0.6, 0.5]), ([0.0; 3], [0.0; 3]), ([1e18; 3], [1e18; 3])] {
+                let mut out = Vec::new();
+                told.tell(p, &bones(), &d, &mut out);
+                assert_eq!(out.len(), 3 * told.width());
+                assert!(out.iter().all(|x| x.is_finite()), "{told:?} {p:?}: {out:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn shares_tell_the_near_bone_from_the_far_one() {
+        let mut out = Vec::new();
+        Told::Features.tell([0.1, 0.5, 0.0], &bones(), &[0.1, 0.6, 0.5], &mut out);
+        assert!(out[4] > 0.99 && out[12 + 4] < 0.01);
+        let mut out = Vec::new();
+        Told::Weight.tell([0.1, 0.5, 0.0], &bones(), &[0.1, 0.6, 0.5], &mut out);
+        assert!((out.iter().sum::<f32>() - 1.0).abs() < 1e-6 && out[0] > out[2] && out[2] > out[1]);
+    }
+}

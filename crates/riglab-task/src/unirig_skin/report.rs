@@ -1,0 +1,167 @@
+//! An evaluation as a file, as lines, and as a part of a report.
+
+use riglab_report::{Block, Cell, Picture, Table};
+use riglab_train::State;
+use serde::{Deserialize, Serialize};
+
+use super::evaluate::{Report, Row};
+use super::gallery::Shown;
+
+/// What `riglab eval` writes.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct Evaluation {
+    /// The checkpoint that was evaluated.
+    pub checkpoint: State,
+    /// The numbers.
+    pub report: Report,
+    /// The pictures, in the folder beside the file.
+    pub gallery: Vec<Shown>,
+}
+
+fn splits(report: &Report) -> Vec<&str> {
+    let mut splits: Vec<&str> = report.rows.iter().map(|r| r.split.as_str()).collect();
+    splits.dedup();
+    splits
+}
+
+/// The tables of all splits.
+pub fn lines(report: &Report) -> Vec<String> {
+    let mut out = vec![format!(
+        "given the true skeletons; convention {}, decode rule: cut {}, top 4",
+        report.convention, report.cut
+    )];
+    for split in splits(report) {
+        let rows: Vec<&Row> = report.rows.iter().filter(|r| r.split == split).collect();
+        out.push(format!("\n{split} ({} assets)", rows.first().map_or(0, |r| r.assets)));
+        out.push(format!(
+            "{:34} {:>8} {:>8} {:>6} {:>6} {:>7} {:>8}",
+            "method", "L1", "per rig", "prec.", "recall", "IoU", "per rig"
+        ));
+        for r in rows {
+            let (p, e) = (&r.pooled, &r.per_rig);
+            out.push(format!(
+                "{:34} {:>8.5} {:>8.5} {:>6.3} {:>6.3} {:>7.4} {:>8.4}",
+                r.method, p.l1, e.l1, p.precision, p.recall, p.iou, e.iou
+            ));
+        }
+        for a in report.attributes.iter().filter(|a| a.split == split) {
+            out.push(format!(
+                "{:14} rms error {:>8.4}, of the mean {:>8.4} ({} bones that swing)",
+                a.name, a.model, a.mean, a.bones
+            ));
+        }
+    }
+    out
+}
+
+impl Evaluation {
+    /// Its part of a report; `picture` finds the bytes of a file of the gallery.
+    pub fn blocks(&self, picture: impl Fn(&str) -> Option<Vec<u8>>) -> Vec<Block> {
+        let report = &self.report;
+        let mut blocks = vec![Block::Heading("Skin weights of unseen assets, given their skeletons".into())];
+        blocks.extend(splits(report).into_iter().filter_map(|s| verdict(report, s)).map(Block::Text));
+        blocks.extend(splits(report).into_iter().map(|s| Block::Table(table(report, s))));
+        if !report.attributes.is_empty() {
+            blocks.push(Block::Heading("Attributes of spring bones".into()));
+            blocks.push(Block::Table(attributes(report)));
+        }
+        if !self.gallery.is_empty() {
+            blocks.push(Block::Heading("Pictures".into()));
+            blocks.push(Block::Text(
+                "Above: skeleton, the artist's weights as coloured parts, ours, and the share of each vertex's weight \
+                 that is on a wrong bone. Below: the bone whose weights are off by most."
+                    .into(),
+            ));
+            let shown = |s: &Shown| {
+                let caption = format!("{} of {}: {}, L1 {:.4}; bone {}", s.why, s.split, s.name, s.l1, s.bone);
+                picture(&s.file).map(|png| Picture { caption, png })
+            };
+            blocks.push(Block::Pictures(self.gallery.iter().filter_map(shown).collect()));
+        }
+        blocks.push(Block::Folded("Every asset".into(), self.assets()));
+        blocks
+    }
+
+    fn assets(&self) -> String {
+        let mut text = format!("{:12} {:>8} {:>7} {:>8} {:>6}  name\n", "split", "L1", "IoU", "vertices", "bones");
+        for a in &self.report.assets {
+            text +=
+                &format!("{:12} {:>8.5} {:>7.4} {:>8} {:>6}  {}\n", a.split, a.l1, a.iou, a.vertices, a.bones, a.name);
+        }
+        text
+    }
+}
+
+/// The sentence that says how good it is.
+fn verdict(report: &Report, split: &str) -> Option<String> {
+    let rows = || report.rows.iter().filter(move |r| r.split == split);
+    let ours = rows().find(|r| r.method == "rule")?;
+    let by_l1 = rows().filter(|r| !r.learned).min_by(|a, b| a.pooled.l1.total_cmp(&b.pooled.l1))?;
+    let by_iou = rows().filter(|r| !r.learned).max_by(|a, b| a.pooled.iou.total_cmp(&b.pooled.iou))?;
+    let than = |better: bool| if better { "better" } else { "not better" };
+    Some(format!(
+        "{split}: over {} assets, L1 {:.4}, {} than the best rule without learning ({}, {:.4}), and IoU {:.3}, {} than \
+         the best one there ({}, {:.3}).",
+        ours.assets,
+        ours.pooled.l1,
+        than(ours.pooled.l1 < by_l1.pooled.l1),
+        by_l1.method,
+        by_l1.pooled.l1,
+        ours.pooled.iou,
+        than(ours.pooled.iou > by_iou.pooled.iou),
+        by_iou.method,
+        by_iou.pooled.iou
+    ))
+}
+
+fn table(report: &Report, split: &str) -> Table {
+    let rows: Vec<&Row> = report.rows.iter().filter(|r| r.split == split).collect();
+    let assets = rows.first().map_or(0, |r| r.assets);
+    let head = ["method", "L1", "L1 per rig", "precision", "recall", "IoU", "IoU per rig"];
+    let mut table = Table::new(format!("{split}: {assets} assets, all vertices"), &head);
+    let least = |of: fn(&Row) -> f64| rows.iter().map(|r| of(r)).fold(f64::NAN, f64::min);
+    let most = |of: fn(&Row) -> f64| rows.iter().map(|r| of(r)).fold(f64::NAN, f64::max);
+    let columns: [(fn(&Row) -> f64, f64, usize); 6] = [
+        (|r| r.pooled.l1, least(|r| r.pooled.l1), 5),
+        (|r| r.per_rig.l1, least(|r| r.per_rig.l1), 5),
+        (|r| r.pooled.precision, most(|r| r.pooled.precision), 3),
+        (|r| r.pooled.recall, most(|r| r.pooled.recall), 3),
+        (|r| r.pooled.iou, most(|r| r.pooled.iou), 4),
+        (|r| r.per_rig.iou, most(|r| r.per_rig.iou), 4),
+    ];
+    let mut learned = true;
+    for r in &rows {
+        if learned && !r.learned {
+            table.line();
+        }
+        learned = r.learned;
+        let cells = columns.iter().map(|(of, best, digits)| Cell::number(of(r), *digits).strong_if(of(r) == *best));
+        table.row(std::iter::once(Cell::text(&r.method)).chain(cells).collect());
+    }
+    table.note = format!(
+        "Convention {}: weights above 0.01 are active; all but the columns per rig pool all vertex-bone pairs of the \
+         split, bones that move nothing left out. raw: the network's output; rule: cut at {}, the four largest kept, \
+         rows made to sum to 1. Below the line: no learning, weights from distances to the bones, straight or through \
+         the body.",
+        report.convention, report.cut
+    );
+    table
+}
+
+fn attributes(report: &Report) -> Table {
+    let mut table =
+        Table::new("Root of the mean squared error", &["split", "attribute", "bones", "model", "mean of these bones"]);
+    for a in &report.attributes {
+        table.row(vec![
+            Cell::text(&a.split),
+            Cell::text(&a.name),
+            Cell::count(a.bones),
+            Cell::number(a.model, 4).strong_if(a.model < a.mean),
+            Cell::number(a.mean, 4).strong_if(a.mean < a.model),
+        ]);
+    }
+    table.note = "all: over all attributes, each times its scale in the loss. The right column is what one number for \
+                  all bones could do at best. Hit radius in the normalised cube."
+        .into();
+    table
+}
