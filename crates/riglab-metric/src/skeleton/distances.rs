@@ -89,14 +89,17 @@ impl SkeletonConvention {
             }
             return out;
         }
-        let (sp, sg) = (self.samples(&p), self.samples(&g));
-        (out.j2b, out.b2b) = if self == Self::Exact {
-            let near = |from: &[[f64; 3]], to: &Graph| mean_to_bones(from, to);
-            (both(near(&p.joints, &g), near(&g.joints, &p)), both(near(&sp, &g), near(&sg, &p)))
-        } else {
-            let near = mean_nearest;
-            (both(near(&p.joints, &sg), near(&g.joints, &sp)), both(near(&sp, &sg), near(&sg, &sp)))
+        let (bp, bg) = (self.bones(&p), self.bones(&g));
+        let samples = |bones: &[Bone]| bones.iter().flat_map(|b| (0..=b.last).map(|i| b.point(i))).collect::<Vec<_>>();
+        let (sp, sg) = (samples(&bp), samples(&bg));
+        let near = |from: &[[f64; 3]], to: &[Bone]| {
+            let squared = |p: &[f64; 3]| {
+                let each = to.iter().map(|b| if self == Self::Exact { b.squared_exact(p) } else { b.squared(p) });
+                each.fold(f64::INFINITY, f64::min)
+            };
+            from.iter().map(|p| squared(p).sqrt()).sum::<f64>() / from.len() as f64
         };
+        (out.j2b, out.b2b) = (both(near(&p.joints, &bg), near(&g.joints, &bp)), both(near(&sp, &bg), near(&sg, &bp)));
         out
     }
 
@@ -114,37 +117,74 @@ impl SkeletonConvention {
         if self == Self::Magicarticulate { graph.merged(root.filter(|r| *r < joints.positions.len())) } else { graph }
     }
 
-    /// The points of all bones.
-    fn samples(self, graph: &Graph) -> Vec<[f64; 3]> {
-        let mut points = Vec::new();
-        for [parent, child] in graph.bones.iter().map(|b| b.map(|j| graph.joints[j])) {
-            let at = |share: f64| std::array::from_fn(|k| child[k] + (parent[k] - child[k]) * share);
-            if self == Self::Unirig {
-                points.extend((0..100).map(|i| at(f64::from(i) / 100.0)));
+    /// The bones with their points.
+    fn bones(self, graph: &Graph) -> Vec<Bone> {
+        let bone = |[parent, child]: [[f64; 3]; 2]| {
+            let along: [f64; 3] = std::array::from_fn(|k| parent[k] - child[k]);
+            let length2 = along.iter().map(|x| x * x).sum::<f64>();
+            let (steps, last, from_child) = if self == Self::Unirig {
+                (100, 99, true)
             } else {
-                let length = (0..3).map(|k| (child[k] - parent[k]).powi(2)).sum::<f64>().sqrt();
                 // No rig is so long in its cube; a broken one must not fill the memory.
-                let steps = (length / 0.005).round_ties_even().min(100_000.0) as usize;
-                points.extend((0..=steps).map(|i| at(1.0 - i as f64 / steps.max(1) as f64)));
-            }
-        }
-        points
+                let steps = (length2.sqrt() / 0.005).round_ties_even().min(100_000.0) as usize;
+                (steps, steps, false)
+            };
+            Bone { child, along, length2, steps, last, from_child }
+        };
+        graph.bones.iter().map(|b| bone(b.map(|j| graph.joints[j]))).collect()
     }
 }
 
-/// The mean distance of `from` to the nearest bone.
-fn mean_to_bones(from: &[[f64; 3]], to: &Graph) -> f64 {
-    let bones: Vec<[[f64; 3]; 2]> = to.bones.iter().map(|b| b.map(|j| to.joints[j])).collect();
-    let squared = |p: &[f64; 3], [a, b]: &[[f64; 3]; 2]| {
-        let (along, off): ([f64; 3], [f64; 3]) =
-            (std::array::from_fn(|k| b[k] - a[k]), std::array::from_fn(|k| p[k] - a[k]));
-        let dot = |x: &[f64; 3], y: &[f64; 3]| (0..3).map(|k| x[k] * y[k]).sum::<f64>();
-        let length2 = dot(&along, &along);
-        let t = if length2 > 0.0 { (dot(&off, &along) / length2).clamp(0.0, 1.0) } else { 0.0 };
-        (0..3).map(|k| (off[k] - t * along[k]).powi(2)).sum::<f64>()
-    };
-    let nearest = |p: &[f64; 3]| bones.iter().map(|b| squared(p, b)).fold(f64::INFINITY, f64::min).sqrt();
-    from.iter().map(nearest).sum::<f64>() / from.len() as f64
+/// A bone with points at equal steps along it.
+struct Bone {
+    child: [f64; 3],
+    /// To the parent.
+    along: [f64; 3],
+    length2: f64,
+    /// Steps of the whole bone.
+    steps: usize,
+    /// The number of the last point.
+    last: usize,
+    /// Whether points are counted from the child, else from the parent.
+    from_child: bool,
+}
+
+impl Bone {
+    /// Point `i`, which is at a share of the way from child to parent.
+    fn point(&self, i: usize) -> [f64; 3] {
+        let counted = i as f64 / self.steps.max(1) as f64;
+        self.at(if self.from_child { counted } else { 1.0 - counted })
+    }
+
+    fn at(&self, share: f64) -> [f64; 3] {
+        std::array::from_fn(|k| self.child[k] + self.along[k] * share)
+    }
+
+    /// The share of the way from child to parent that is nearest to `p`.
+    fn nearest(&self, p: &[f64; 3]) -> f64 {
+        let dot = (0..3).map(|k| (p[k] - self.child[k]) * self.along[k]).sum::<f64>();
+        if self.length2 > 0.0 { (dot / self.length2).clamp(0.0, 1.0) } else { 0.0 }
+    }
+
+    /// Squared distance to the nearest point: one of the two beside the foot of the perpendicular.
+    fn squared(&self, p: &[f64; 3]) -> f64 {
+        let share = self.nearest(p);
+        let counted = if self.from_child { share } else { 1.0 - share } * self.steps as f64;
+        let first = (counted as usize).min(self.last);
+        let to = |i: usize| apart2(p, &self.point(i));
+        let best = to(first).min(to((first + 1).min(self.last)));
+        // A foot that rounding put on the wrong side of a point.
+        if counted - (first as f64) < 1e-6 { best.min(to(first.saturating_sub(1))) } else { best }
+    }
+
+    /// Squared distance to the nearest place of the bone.
+    fn squared_exact(&self, p: &[f64; 3]) -> f64 {
+        apart2(p, &self.at(self.nearest(p)))
+    }
+}
+
+fn apart2(a: &[f64; 3], b: &[f64; 3]) -> f64 {
+    (0..3).map(|k| (a[k] - b[k]).powi(2)).sum()
 }
 
 /// The mean distance of `from` to the nearest of `to`.
@@ -202,6 +242,31 @@ mod tests {
         assert!(SkeletonConvention::Unirig.distances(&single, &chain(0.0)).j2j.is_nan());
         let anymate = SkeletonConvention::Anymate.distances(&chain(0.1), &chain(0.0));
         assert!([anymate.j2j, anymate.j2b, anymate.b2b].iter().all(|x| (x - 0.1).abs() < 1e-9), "{anymate:?}");
+    }
+
+    #[test]
+    fn the_nearest_of_a_bones_points_is_what_trying_all_finds() {
+        use riglab_random::{Draw, stream};
+        let mut random = stream(3, "test", &[]);
+        let mut tree = |joints: usize| {
+            let mut at = || [(); 3].map(|()| f64::from(random.unit()) - 0.5);
+            // One bone of no length, one shorter than a step.
+            let mut positions: Vec<[f64; 3]> = (0..joints).map(|_| at()).collect();
+            positions[2] = positions[1];
+            positions[3] = positions[2].map(|x| x + 0.001);
+            Joints { positions, parents: (0..joints).map(|j| j.checked_sub(1)).collect() }
+        };
+        let (a, b) = (tree(9), tree(7));
+        for convention in [SkeletonConvention::Rignet, SkeletonConvention::Unirig, SkeletonConvention::Anymate] {
+            let points = |j: &Joints| {
+                let bones = convention.bones(&convention.measured(j, None));
+                bones.iter().flat_map(|b| (0..=b.last).map(|i| b.point(i))).collect::<Vec<_>>()
+            };
+            let (pa, pb) = (points(&a), points(&b));
+            let scale = if convention == SkeletonConvention::Unirig { 0.5 } else { 1.0 };
+            let all = scale * (mean_nearest(&pa, &pb) + mean_nearest(&pb, &pa)) / 2.0;
+            assert!((convention.distances(&a, &b).b2b - all).abs() < 1e-14, "{convention:?}");
+        }
     }
 
     #[test]
