@@ -145,9 +145,13 @@ mod tests {
         let unused =
             Mesh::new([legs().positions(), &[[50.0; 3], [-1.0; 3]]].concat(), legs().triangles().to_vec()).unwrap();
         for mesh in [point, far, legs(), unused] {
-            for heads in
-                [&[[0.0; 3]][..], &[[0.2; 3]; 3], &[[-9e9; 3], [9e9, 0.0, 0.0]], &[[f32::MAX; 3], [-f32::MAX; 3]]]
-            {
+            for heads in [
+                &[[0.0; 3]][..],
+                &[[0.2; 3]; 3],
+                &[[-9e9; 3], [9e9, 0.0, 0.0]],
+                &[[1e25; 3]],
+                &[[f32::MAX; 3], [-f32::MAX; 3]],
+            ] {
                 for rule in Baseline::SHOWN_GEODESIC {
                     let weights = geodesic_weights(&mesh, &skeleton(heads), &[], rule, &COARSE);
                     assert_eq!(weights.rows(), mesh.positions().len());

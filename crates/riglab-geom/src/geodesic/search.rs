@@ -8,6 +8,8 @@ use super::bridges::Bridges;
 
 /// Ways are settled in layers of this length, in edges of a cell.
 const LAYER: f32 = 0.25;
+/// Longer than any way through a lattice.
+const LAST_LAYER: usize = 1 << 18;
 /// Seen from here: the bone itself. Other values are a node's number and 1.
 const BONE: u32 = 0;
 const NOWHERE: u32 = u32::MAX;
@@ -245,6 +247,7 @@ impl Search {
     }
 }
 
+/// Ways of bones far beyond any body share the last layer: there must not be one for each cell of the way there.
 fn layer_of(length: f32) -> usize {
-    (length / LAYER) as usize
+    ((length / LAYER) as usize).min(LAST_LAYER)
 }
