@@ -121,7 +121,9 @@ fn table(report: &Report, split: &str) -> Table {
     let mut table = Table::new(format!("{split}: {assets} assets, all vertices"), &head);
     let least = |of: fn(&Row) -> f64| rows.iter().map(|r| of(r)).fold(f64::NAN, f64::min);
     let most = |of: fn(&Row) -> f64| rows.iter().map(|r| of(r)).fold(f64::NAN, f64::max);
-    let columns: [(fn(&Row) -> f64, f64, usize); 6] = [
+    // Of a column: its value in a row, the best one, and how many digits are shown.
+    type Column = (fn(&Row) -> f64, f64, usize);
+    let columns: [Column; 6] = [
         (|r| r.pooled.l1, least(|r| r.pooled.l1), 5),
         (|r| r.per_rig.l1, least(|r| r.per_rig.l1), 5),
         (|r| r.pooled.precision, most(|r| r.pooled.precision), 3),
