@@ -301,7 +301,8 @@ pub fn preview(bytes: &[u8]) -> Result<Exported, ExportFault> {
 
 /// A glTF with one motion more, which comes first: `clip`, with a key a frame for each joint that it moves. The joints
 /// of the clip are those of `skeleton`, by whose names the file's are found; `imported` was read from these very
-/// bytes. `folder` is where what belongs to the file is looked for, if at all. All else stays as it is.
+/// bytes. `folder` is where what belongs to the file is looked for, if at all. All else stays as it is;
+/// weights that compression rounded too, which [`onto`] mends.
 ///
 /// Turns, shifts and scales of joints are kept; sheared ones, as uneven scales of turned joints make, come near.
 ///

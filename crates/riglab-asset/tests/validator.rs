@@ -69,7 +69,10 @@ fn exports_have_no_errors_that_their_sources_do_not_have() {
             export::strip(file, &ImportOptions::default()),
         ];
         let clip = common::dance(rig, 9, 30.0);
-        let moved = export::animate(&std::fs::read(file).unwrap(), file.parent(), &imported, rig.skeleton(), &clip);
+        // Weights that compression rounded are mended by `onto` alone.
+        let bytes = export::onto(file, &imported, rig, &all).unwrap().bytes;
+        let again = riglab_asset::import_bytes("again.glb", &bytes, &ImportOptions::default()).unwrap();
+        let moved = export::animate(&bytes, None, &again, rig.skeleton(), &clip);
         let written = written.into_iter().chain([moved]).map(Result::unwrap);
         let written = written.chain(rigged(temp.path(), file, rig));
         for (way, exported) in written.enumerate() {

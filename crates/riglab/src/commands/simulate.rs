@@ -5,7 +5,7 @@ use std::process::ExitCode;
 
 use anyhow::{Context, Result, bail};
 use clap::ValueEnum;
-use riglab_asset::export::{self, ExportOptions};
+use riglab_asset::export::{self, ExportOptions, Influences};
 use riglab_asset::{ImportOptions, Imported, Resample, import, import_bytes, is_gltf};
 use riglab_core::{Bounds, Clip, Rig, skin};
 use riglab_render::{Theme, View, contact_sheet, render_parts};
@@ -166,13 +166,11 @@ fn with_springs(args: &Args, imported: &Imported) -> Result<Rig> {
 fn document(args: &Args, imported: Imported, rig: &Rig) -> Result<(Vec<u8>, Imported)> {
     let path = &args.input;
     let gltf = is_gltf(path);
-    if gltf && args.springs == Source::File {
-        let bytes = std::fs::read(path).with_context(|| format!("{} cannot be read", path.display()))?;
-        return Ok((bytes, imported));
-    }
+    // A file with the rig that it has stays as it is, but that weights which compression rounded sum to 1.
+    let options = ExportOptions { influences: Influences::All, ..ExportOptions::default() };
     let made = match gltf {
-        true => export::onto(path, &imported, rig, &ExportOptions::default())?,
-        false => export::alone(&imported.name, rig, &imported.provenance, &ExportOptions::default())?,
+        true => export::onto(path, &imported, rig, &options)?,
+        false => export::alone(&imported.name, rig, &imported.provenance, &options)?,
     };
     for note in &made.notes {
         eprintln!("note: {}: {note}", path.display());
