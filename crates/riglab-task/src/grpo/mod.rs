@@ -99,6 +99,10 @@ impl GrpoTask {
     /// The loss of some sequences of a rollout.
     fn loss_of(&self, w: &Weights, rollout: &Rollout, sequences: &[&Sequence]) -> Result<Loss, String> {
         let (c, device) = (&self.config, self.rigger().device());
+        // Where nothing counts, a loss of 0 with a gradient of 0 is left of the whole.
+        let counted: Vec<&Sequence> = sequences.iter().copied().filter(|s| s.counts).collect();
+        let share = if counted.is_empty() { 0.0 } else { 1.0 };
+        let sequences = if counted.is_empty() { sequences } else { &counted };
         let (likely, lengths) = self.likely(w, &rollout.shapes, sequences);
         let known = |of: fn(&Sequence) -> &Vec<f32>| {
             let flat: Vec<f32> = sequences.iter().flat_map(|s| of(s)).copied().collect();
@@ -109,25 +113,9 @@ impl GrpoTask {
             return Err("the rollout that was kept is of another model or grammar".into());
         }
         let policies = Policies { now: &likely.log, old: &old, reference: &reference };
-        // What does not count keeps its place in the tensors and adds nothing.
-        let counted: Vec<usize> = (0..sequences.len()).filter(|&k| sequences[k].counts).collect();
-        let own = if counted.len() == sequences.len() {
-            let groups: Vec<usize> = sequences.iter().map(|s| s.mesh).collect();
-            let advantages: Vec<f64> = sequences.iter().map(|s| s.advantage).collect();
-            objective(&policies, &lengths, &groups, &advantages, &c.objective)
-        } else {
-            let parts = |t: &Tensor| {
-                let each = t.split_with_sizes(&lengths, 0);
-                let some: Vec<&Tensor> = counted.iter().map(|&k| &each[k]).collect();
-                if some.is_empty() { t.narrow(0, 0, 0) } else { Tensor::cat(&some, 0) }
-            };
-            let (now, old, reference) = (parts(policies.now), parts(&old), parts(&reference));
-            let lengths: Vec<i64> = counted.iter().map(|&k| lengths[k]).collect();
-            let groups: Vec<usize> = counted.iter().map(|&k| sequences[k].mesh).collect();
-            let advantages: Vec<f64> = counted.iter().map(|&k| sequences[k].advantage).collect();
-            let policies = Policies { now: &now, old: &old, reference: &reference };
-            objective(&policies, &lengths, &groups, &advantages, &c.objective)
-        };
+        let groups: Vec<usize> = sequences.iter().map(|s| s.mesh).collect();
+        let advantages: Vec<f64> = sequences.iter().map(|s| s.advantage).collect();
+        let own = objective(&policies, &lengths, &groups, &advantages, &c.objective);
         let mean = |t: &Tensor| if t.numel() == 0 { 0.0 } else { t.mean(Kind::Double).double_value(&[]) };
         let divergence = mean(&own.k3);
         if divergence > c.guard.divergence {
@@ -139,11 +127,9 @@ impl GrpoTask {
             ));
         }
         let rest = &own.loss - &own.policy;
-        // Nothing to learn from is a loss of 0 with a gradient of 0.
-        let policy = if counted.is_empty() { likely.log.sum(None::<Kind>) * 0.0 } else { own.policy };
         let mut loss = Loss::new()
-            .term("policy", 1.0, policy)
-            .term("held", 1.0, rest)
+            .term("policy", 1.0, own.policy * share)
+            .term("held", 1.0, rest * share)
             .note("divergence", divergence)
             .note("clip_fraction", own.clip_fraction)
             .note("ratio", if own.ratio.numel() == 0 { 1.0 } else { mean(&own.ratio) })
