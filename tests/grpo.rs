@@ -26,6 +26,8 @@ save_every = 3
 validate_every = 4
 [train.schedule]
 warmup = 1
+[held_out]
+draws = 2
 [eval]
 validation_assets = 2
 vertices = 64
@@ -87,7 +89,13 @@ fn rewards_refine_a_model() {
     let said = String::from_utf8(must(&["eval", text(&whole), "--json", "--pictures", "1"]).stdout).unwrap();
     let evaluation: Value = serde_json::from_str(&said).unwrap();
     let rows = evaluation["report"]["rows"].as_array().unwrap();
-    assert!(rows.len() >= 2 && rows[0]["skeletons"]["method"] == "before" && rows[1]["skeletons"]["method"] == "after");
+    let methods: Vec<&str> = rows.iter().take(4).map(|r| r["skeletons"]["method"].as_str().unwrap()).collect();
+    assert_eq!(methods, ["before", "after", "before, greedy", "after, greedy"]);
+    let assets = |k: usize| rows[k]["skeletons"]["assets"].as_u64().unwrap();
+    assert_eq!(assets(0), 2 * assets(2), "two draws a mesh");
+    let gain = &evaluation["report"]["gains"][0]["reward"];
+    let total = |k: usize| rows[k]["rewards"]["total"].as_f64().unwrap();
+    assert!((gain["difference"].as_f64().unwrap() - (total(1) - total(0))).abs() < 1e-9, "{gain}");
     assert_eq!(rows[1]["skeletons"]["valid"], 1.0);
     let report = dir.path().join("report.html");
     must(&["report", text(&whole), "-o", text(&report)]);
@@ -118,4 +126,30 @@ fn a_policy_that_runs_away_is_stopped() {
     let start = "start.model='no such model'";
     let said = refusal(&mut riglab(&["train", text(&config), "--set", start]));
     assert!(said.contains("no such model"), "{said}");
+}
+
+#[test]
+fn what_is_masked_teaches_nothing() {
+    let dir = tempfile::tempdir().unwrap();
+    let corpus = corpus(dir.path(), 14);
+    let config = dir.path().join("grpo.toml");
+    // Where stretching costs as good as nothing, all rigs have the same motion reward.
+    let more = format!("[data]\ncorpora = ['{}']\n", corpus.display());
+    fs::write(
+        &config,
+        format!("{SETTINGS}{more}")
+            .replace("[reward]", "[reward]\nweights = [0.0, 0.0, 0.0, 1.0]\nstretch_scale = 1e-30"),
+    )
+    .unwrap();
+    let weights = |run: &Path| fs::read(run.join("checkpoints/last/model.safetensors")).unwrap();
+    let trained = |name: &str, steps: usize| {
+        let run = dir.path().join(name);
+        let steps = format!("train.steps={steps}");
+        must(&["train", text(&config), "--run", text(&run), "--set", &steps, "--set", "rollout.dead='mask'"]);
+        run
+    };
+    let (short, long) = (trained("short", 1), trained("long", 3));
+    assert!(weights(&short) == weights(&long));
+    let steps: Vec<Value> = lines(&long).into_iter().filter(|l| l["train/loss"].is_number()).collect();
+    assert!(steps.iter().all(|s| s["train/loss"] == 0.0 && s["train/grad_norm"] == 0.0 && s["train/dead"] == 1.0));
 }

@@ -32,6 +32,8 @@ pub struct GrpoTaskConfig {
     pub objective: ObjectiveConfig,
     /// When a run stops or warns.
     pub guard: GuardConfig,
+    /// What is drawn of meshes that are not trained on.
+    pub held_out: HeldOutConfig,
     /// How it is trained.
     pub train: TrainConfig,
     /// How it is evaluated.
@@ -102,6 +104,21 @@ impl RolloutConfig {
     /// Steps of a rollout.
     pub fn updates(&self) -> u64 {
         (self.epochs * self.minibatches) as u64
+    }
+}
+
+/// What is drawn of meshes that are not trained on.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct HeldOutConfig {
+    /// So many rigs of each are drawn as in training, and their mean counts: it is what training raises, and one rig a
+    /// mesh is too few to see it. 0: one of each counts, made as `eval.generate` says.
+    pub draws: usize,
+}
+
+impl Default for HeldOutConfig {
+    fn default() -> Self {
+        Self { draws: 4 }
     }
 }
 

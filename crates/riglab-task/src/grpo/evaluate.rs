@@ -3,7 +3,9 @@
 use std::sync::Arc;
 
 use riglab_core::Rig;
+use riglab_metric::statistics::Paired;
 use riglab_metric::{Joints, SkeletonDistances};
+use riglab_nn::generate::GenerateConfig;
 use riglab_nn::params::Weights;
 use riglab_random::{Draw, stream};
 use riglab_render::{Picture, Theme, View, contact_sheet, render_parts, render_skeleton};
@@ -12,7 +14,7 @@ use riglab_train::{At, Validation};
 
 use super::GrpoTask;
 use super::batch::Subject;
-use super::report::{Report, Row, Shown};
+use super::report::{Gain, Report, Row, Shown};
 use super::score::rewards;
 use crate::assets::AssetId;
 use crate::experiment::places;
@@ -37,6 +39,34 @@ struct Found {
     drawn: Drawn,
     rewards: Rewards,
     distances: SkeletonDistances,
+}
+
+/// How rigs of a mesh are made.
+#[derive(Clone, Copy, PartialEq)]
+enum How {
+    /// So many, drawn as in training.
+    Draws(usize),
+    /// One, as `eval.generate` says.
+    Own,
+}
+
+impl How {
+    fn count(self) -> usize {
+        match self {
+            Self::Draws(count) => count,
+            Self::Own => 1,
+        }
+    }
+
+    /// What it is called, with what it adds to the name of a model.
+    fn name(self, generate: &GenerateConfig) -> &'static str {
+        match self {
+            Self::Draws(_) => "",
+            Self::Own if generate.sample => ", filtered",
+            Self::Own if generate.beams > 1 => ", beams",
+            Self::Own => ", greedy",
+        }
+    }
 }
 
 /// Sums of a split.
@@ -71,6 +101,35 @@ impl Tally {
     }
 }
 
+/// Rigs of the same meshes by one model.
+#[derive(Default)]
+struct Side {
+    tally: Tally,
+    found: Vec<Found>,
+}
+
+/// By both models.
+#[derive(Default)]
+struct Pair {
+    before: Side,
+    after: Side,
+}
+
+impl Pair {
+    /// Mesh by mesh, of which each has `count` rigs.
+    fn gain(&self, split: &str, count: usize) -> Gain {
+        let means = |side: &Side, of: fn(&Found) -> f64| -> Vec<f64> {
+            let mean = |own: &[Found]| {
+                let known: Vec<f64> = own.iter().map(of).filter(|x| x.is_finite()).collect();
+                known.iter().sum::<f64>() / known.len() as f64
+            };
+            side.found.chunks(count).map(mean).collect()
+        };
+        let paired = |of| Paired::of(&means(&self.after, of), &means(&self.before, of));
+        Gain { split: split.into(), reward: paired(|f| f.rewards.total), j2j: paired(|f| f.distances.j2j) }
+    }
+}
+
 impl GrpoTask {
     fn held_of(&self, id: AssetId) -> Result<Held, String> {
         let rig = normalized(&self.inner.assets, &self.inner.cache, id)?;
@@ -79,19 +138,36 @@ impl GrpoTask {
         Ok(Held { id, rig, subject })
     }
 
-    /// Draws a rig for each mesh as `eval.generate` says, and judges it.
-    fn judge(&self, w: &Weights, all: &[&Held], tally: &mut Tally) -> Result<Vec<Found>, String> {
+    /// Makes rigs of each mesh and judges them, those of a mesh one after another.
+    fn judge(&self, w: &Weights, all: &[&Held], how: How, tally: &mut Tally) -> Result<Vec<Found>, String> {
         let (c, rigger) = (&self.config, self.rigger());
-        let meshes: Vec<_> = all.iter().map(|h| (h.rig.mesh(), h.id.key())).collect();
-        let prefix = rigger.condition(w, &meshes);
-        let mut streams: Vec<_> = all.iter().map(|h| stream(c.eval.seed, "skeleton draws", &[h.id.key()])).collect();
-        let drawn = rigger.draw(w, &prefix, &vec![rigger.free(); all.len()], &c.eval.generate, &mut streams)?;
-        let judged = self.judged(c.eval.vertices.min(c.rollout.vertices), c.eval.seed);
-        let each = drawn.into_iter().zip(all).map(|(drawn, held)| {
-            let own = rewards(rigger.vae(), &held.subject, std::slice::from_ref(&drawn), &judged)?;
-            Ok(tally.add(held, drawn, own[0]))
-        });
-        each.collect()
+        let (count, generate) = match how {
+            How::Draws(count) => (count, c.draws()),
+            How::Own => (1, c.eval.generate.clone()),
+        };
+        let numbered: Vec<(&Held, u64)> = all.iter().flat_map(|h| (0..count as u64).map(move |k| (*h, k))).collect();
+        let mut out = Vec::with_capacity(numbered.len());
+        for part in numbered.chunks(c.eval.rows) {
+            let meshes: Vec<_> = part.iter().map(|(h, _)| (h.rig.mesh(), h.id.key())).collect();
+            let prefix = rigger.condition(w, &meshes);
+            let draws = |(h, k): &(&Held, u64)| stream(c.eval.seed, "skeleton draws", &[h.id.key(), *k]);
+            let mut streams: Vec<_> = part.iter().map(draws).collect();
+            let drawn = rigger.draw(w, &prefix, &vec![rigger.free(); part.len()], &generate, &mut streams)?;
+            let judged = self.judged(c.eval.vertices.min(c.rollout.vertices), c.eval.seed);
+            for (drawn, (held, _)) in drawn.into_iter().zip(part) {
+                let own = rewards(rigger.vae(), &held.subject, std::slice::from_ref(&drawn), &judged)?;
+                out.push(tally.add(held, drawn, own[0]));
+            }
+        }
+        Ok(out)
+    }
+
+    /// What counts while training.
+    fn counted(&self) -> How {
+        match self.config.held_out.draws {
+            0 => How::Own,
+            count => How::Draws(count),
+        }
     }
 
     /// Meshes of the validation split, the same ones each time.
@@ -110,9 +186,7 @@ impl GrpoTask {
 
     fn validation_row(&self, w: &Weights, all: &[Arc<Held>]) -> Result<Row, String> {
         let mut tally = Tally::default();
-        for part in all.chunks(self.config.eval.rows) {
-            self.judge(w, &part.iter().map(|h| &**h).collect::<Vec<_>>(), &mut tally)?;
-        }
+        self.judge(w, &all.iter().map(|h| &**h).collect::<Vec<_>>(), self.counted(), &mut tally)?;
         Ok(tally.row("val", "policy"))
     }
 
@@ -188,11 +262,18 @@ impl GrpoTask {
         self.inner.rigged(held.rig.mesh(), decoded, &drawn.codes, held.id.key()).map(Some)
     }
 
+    /// The ways in which [`Self::compare`] makes rigs, and how many it makes.
+    fn ways(&self) -> Vec<How> {
+        let mut ways = vec![self.counted(), How::Own];
+        ways.dedup();
+        ways
+    }
+
     /// How many rigs [`Self::compare`] makes.
     pub(super) fn examined(&self) -> Result<usize, String> {
         let of = |split: &String| self.inner.assets.split(split).map(|ids| ids.len()).map_err(|e| e.to_string());
         let all: usize = self.config.data.test.iter().map(of).sum::<Result<usize, String>>()?;
-        Ok(2 * all)
+        Ok(2 * all * self.ways().into_iter().map(How::count).sum::<usize>())
     }
 
     /// Rigs of the test splits before and after, with pictures of some.
@@ -204,26 +285,34 @@ impl GrpoTask {
         progress: &mut dyn FnMut(usize),
     ) -> Result<(Report, Vec<(Shown, Vec<u8>)>), String> {
         let _no_grad = tch::no_grad_guard();
-        let (mut rows, mut sheets, mut done) = (Vec::new(), Vec::new(), 0);
+        let ways = self.ways();
+        let (mut rows, mut gains, mut sheets, mut done) = (Vec::new(), Vec::new(), Vec::new(), 0);
         for split in &self.config.data.test {
             let ids = self.inner.assets.split(split).map_err(|e| e.to_string())?;
-            let (mut before, mut after) = (Tally::default(), Tally::default());
-            let mut found: Vec<(AssetId, Found, Found)> = Vec::new();
+            let mut all: Vec<Pair> = ways.iter().map(|_| Pair::default()).collect();
             for ids in ids.chunks(self.config.eval.rows) {
                 let held = ids.iter().map(|&id| self.held_of(id)).collect::<Result<Vec<_>, _>>()?;
                 let held: Vec<&Held> = held.iter().collect();
-                let was = self.judge(&self.start, &held, &mut before)?;
-                done += ids.len();
-                progress(done);
-                let is = self.judge(w, &held, &mut after)?;
-                done += ids.len();
-                progress(done);
-                found.extend(was.into_iter().zip(is).zip(ids).map(|((was, is), &id)| (id, was, is)));
+                for (how, pair) in ways.iter().zip(&mut all) {
+                    for (w, side) in [(&self.start, &mut pair.before), (w, &mut pair.after)] {
+                        let found = self.judge(w, &held, *how, &mut side.tally)?;
+                        done += found.len();
+                        side.found.extend(found);
+                        progress(done);
+                    }
+                }
             }
             if ids.is_empty() {
                 continue;
             }
-            rows.extend([before.row(split, "before"), after.row(split, "after")]);
+            for (how, pair) in ways.iter().zip(&all) {
+                let of = |when: &str| format!("{when}{}", how.name(&self.config.eval.generate));
+                rows.extend([pair.before.tally.row(split, &of("before")), pair.after.tally.row(split, &of("after"))]);
+                gains.push(pair.gain(split, how.count()));
+            }
+            let Some(Pair { before, after }) = all.pop() else { continue };
+            let mut found: Vec<(AssetId, Found, Found)> =
+                before.found.into_iter().zip(after.found).zip(&ids).map(|((was, is), &id)| (id, was, is)).collect();
             // From the most gained to the most lost.
             let gain = |(_, was, is): &(AssetId, Found, Found)| is.rewards.total - was.rewards.total;
             found.sort_by(|a, b| gain(b).total_cmp(&gain(a)));
@@ -243,7 +332,7 @@ impl GrpoTask {
                 "data.test: the corpora have no asset in `{splits}`; `riglab dataset inspect` shows their splits"
             ));
         }
-        Ok((Report { convention: "unirig".into(), rows }, sheets))
+        Ok((Report { convention: "unirig".into(), rows, gains }, sheets))
     }
 
     fn sheet(&self, id: AssetId, was: &Found, is: &Found) -> Result<Option<Vec<u8>>, String> {

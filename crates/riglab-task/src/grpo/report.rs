@@ -1,5 +1,6 @@
 //! An evaluation as a file, as lines, and as a part of a report.
 
+use riglab_metric::statistics::Paired;
 use riglab_report::{Block, Cell, Picture, Table};
 use riglab_reward::Rewards;
 use riglab_train::State;
@@ -12,7 +13,7 @@ use crate::unirig_skeleton::Row as SkeletonRow;
 pub struct Row {
     /// Of the rewards; a rig that cannot be decoded counts as 0.
     pub rewards: Rewards,
-    /// Of the skeletons; `method` is `before` or `after`.
+    /// Of the skeletons; `method` is `before` or `after`, with how rigs were made where that is not as in training.
     pub skeletons: SkeletonRow,
 }
 
@@ -21,8 +22,22 @@ pub struct Row {
 pub struct Report {
     /// Which formulas, of the distances.
     pub convention: String,
-    /// Two of each split.
+    /// Before and after, of each split and way to make rigs.
     pub rows: Vec<Row>,
+    /// What became of each such pair.
+    #[serde(default)]
+    pub gains: Vec<Gain>,
+}
+
+/// After minus before, mesh by mesh.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct Gain {
+    /// The split.
+    pub split: String,
+    /// Of the reward: above 0 is better.
+    pub reward: Paired,
+    /// Of J2J: below 0 is better.
+    pub j2j: Paired,
 }
 
 /// A sheet of pictures of an asset.
@@ -56,12 +71,12 @@ pub struct Evaluation {
 /// The table of all splits.
 pub fn lines(report: &Report) -> Vec<String> {
     let mut out = vec![format!(
-        "{:12} {:8} {:>6} {:>7} {:>7} {:>7} {:>7} {:>7} {:>6} {:>7} {:>7} {:>7}",
+        "{:12} {:15} {:>6} {:>7} {:>7} {:>7} {:>7} {:>7} {:>6} {:>7} {:>7} {:>7}",
         "split", "model", "assets", "reward", "cover", "inside", "skin", "motion", "valid", "J2J", "J2B", "B2B"
     )];
     for Row { rewards: r, skeletons: s } in &report.rows {
         out.push(format!(
-            "{:12} {:8} {:>6} {:>7.4} {:>7.4} {:>7.4} {:>7.4} {:>7.4} {:>6.3} {:>7.3} {:>7.3} {:>7.3}",
+            "{:12} {:15} {:>6} {:>7.4} {:>7.4} {:>7.4} {:>7.4} {:>7.4} {:>6.3} {:>7.3} {:>7.3} {:>7.3}",
             s.split,
             s.method,
             s.assets,
@@ -77,6 +92,7 @@ pub fn lines(report: &Report) -> Vec<String> {
         ));
     }
     out.push(format!("distances x 100, convention {}", report.convention));
+    out.extend(report.gains.iter().zip(report.rows.chunks_exact(2)).map(|(gain, pair)| verdict(gain, pair)));
     out
 }
 
@@ -84,7 +100,8 @@ impl Evaluation {
     /// Its part of a report; `picture` finds the bytes of a file of the gallery.
     pub fn blocks(&self, picture: impl Fn(&str) -> Option<Vec<u8>>) -> Vec<Block> {
         let mut blocks = vec![Block::Heading("Before and after".into())];
-        blocks.extend(self.report.rows.chunks_exact(2).map(|pair| Block::Text(verdict(&pair[0], &pair[1]))));
+        let pairs = self.report.gains.iter().zip(self.report.rows.chunks_exact(2));
+        blocks.extend(pairs.map(|(gain, pair)| Block::Text(verdict(gain, pair))));
         blocks.push(Block::Table(self.table()));
         if !self.gallery.is_empty() {
             blocks.push(Block::Heading("Rigs before and after, from the most gained to the most lost".into()));
@@ -121,21 +138,28 @@ impl Evaluation {
         }
         table.note =
             "before: the model that the run started from; after: this checkpoint. Both rig the same meshes, with \
-                      the same points and draws. The reward is higher, the distances are lower for a better rig; a rig \
-                      that cannot be decoded has reward 0."
+                      the same points and draws: several rigs a mesh drawn as in training, or one (greedy: always the \
+                      likeliest token). The reward is higher, the distances are lower for a better rig; a rig that \
+                      cannot be decoded has reward 0."
                 .into();
         table
     }
 }
 
-fn verdict(before: &Row, after: &Row) -> String {
-    let (was, is) = (before.rewards.total, after.rewards.total);
-    let moved = |was: f64, is: f64| if is <= was { "did not worsen" } else { "worsened" };
+fn verdict(gain: &Gain, pair: &[Row]) -> String {
+    let [before, after] = pair else { return String::new() };
+    let how = after.skeletons.method.strip_prefix("after").unwrap_or_default();
+    let change = |p: &Paired, by: f64| {
+        format!("{:+.3} (95 % interval {:+.3} to {:+.3})", by * p.difference, by * p.low, by * p.high)
+    };
+    let moved = |was: f64, is: f64| if is <= was { "not worse" } else { "worse" };
     let (s, t) = (&before.skeletons, &after.skeletons);
     format!(
-        "{}: the mean reward went from {was:.4} to {is:.4}; J2J {}, J2B {}, B2B {}.",
-        s.split,
-        moved(s.j2j, t.j2j),
+        "{}{how}: over {} meshes the mean reward changed by {}, J2J x 100 by {}; J2B is {}, B2B {}.",
+        gain.split,
+        gain.reward.n,
+        change(&gain.reward, 1.0),
+        change(&gain.j2j, 100.0),
         moved(s.j2b, t.j2b),
         moved(s.b2b, t.b2b)
     )
