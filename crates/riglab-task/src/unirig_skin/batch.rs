@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use riglab_augment::AffineMap;
-use riglab_core::{JointId, Pose, Segment, Vec3};
+use riglab_core::{JointId, Segment, Vec3};
 use riglab_data::Mixture;
 use riglab_geom::farthest_points;
 use riglab_nn::skin_stage::PointEncoder;
@@ -12,6 +12,7 @@ use riglab_random::{Draw, Stream, stream};
 use riglab_train::Source;
 
 use super::config::{MergeConfig, SkinTaskConfig};
+use super::motion::{Motion, poses};
 use super::ready::{Ready, row};
 use crate::assets::{AssetId, Assets, Cache};
 use crate::fsq_cvae::Prepared;
@@ -48,6 +49,8 @@ pub struct RigBatch {
     pub swinging: Vec<bool>,
     /// [j, 3, 4]: maps of a random pose, where the release's losses want one.
     pub maps: Vec<f32>,
+    /// A motion, where the loss of physics wants one.
+    pub motion: Option<Motion>,
     /// Where the backbone finds points, and the turn of its orders.
     pub layout: Option<(Layout, [usize; 4])>,
 }
@@ -140,7 +143,10 @@ pub fn sample(c: &SkinTaskConfig, ready: &Ready, random: &mut Stream) -> Result<
     }
     out.frozen = frozen(c, out.count, random);
     if c.loss.released.is_on() {
-        out.maps = maps(c, ready, &bones, &map, random)?;
+        out.maps = poses(ready, &bones, &map, [c.loss.released.degrees, 0.0], &[1.0], random)?;
+    }
+    if c.loss.physics.weight > 0.0 {
+        out.motion = Some(Motion::draw(&c.loss.physics, ready, &bones, &map, random)?);
     }
     if c.model.points.encoder == PointEncoder::Ptv3 {
         let mut turns = [0, 1, 2, 3];
@@ -200,6 +206,18 @@ impl Bones {
         Self::new(ready, &(0..ready.seats.len()).collect::<Vec<_>>(), |p| p)
     }
 
+    /// The joint that each has its seat from.
+    pub fn joints(&self, ready: &Ready) -> Vec<JointId> {
+        self.of.iter().map(|own| ready.rig.bones[own[0]].joint).collect()
+    }
+
+    /// The one above each; parents come first.
+    pub fn parents(&self, ready: &Ready) -> Vec<Option<usize>> {
+        let mut part = vec![0; ready.seats.len()];
+        self.of.iter().enumerate().for_each(|(b, own)| own.iter().for_each(|&k| part[k] = b));
+        self.of.iter().map(|own| ready.seats[own[0]].above.map(|k| part[k])).collect()
+    }
+
     /// Distances of a point, of its distances from the bones that these are made of.
     pub fn nearest(&self, row: &[f32], scale: f32) -> Vec<f32> {
         self.of.iter().map(|own| scale * own.iter().map(|&b| row[b]).fold(f32::INFINITY, f32::min)).collect()
@@ -218,7 +236,7 @@ impl Bones {
 }
 
 /// How much longer things are under a map, as the mean over directions.
-fn scale(map: &AffineMap) -> f32 {
+pub fn scale(map: &AffineMap) -> f32 {
     let [x, y, z] = axes(map);
     x.cross(y).dot(z).abs().cbrt()
 }
@@ -245,33 +263,6 @@ fn frozen(c: &SkinTaskConfig, bones: usize, random: &mut Stream) -> Vec<bool> {
     let mut out: Vec<bool> = (0..bones).map(|b| b < count).collect();
     random.shuffled(&mut out);
     if count == 0 { Vec::new() } else { out }
-}
-
-/// Maps of a random pose of the rig as it lies under the map.
-fn maps(
-    c: &SkinTaskConfig,
-    ready: &Ready,
-    bones: &Bones,
-    map: &AffineMap,
-    random: &mut Stream,
-) -> Result<Vec<f32>, String> {
-    let skeleton = ready.rig.rig.skeleton();
-    let heads = skeleton.heads().iter().map(|&p| map.exact(p)).collect();
-    let skeleton = skeleton.with_heads(heads).map_err(|e| format!("{}: {e}", ready.rig.name))?;
-    let mut pose = Pose::rest(skeleton.len());
-    let most = c.loss.released.degrees.to_radians();
-    let ids: Vec<JointId> = skeleton.ids().collect();
-    for joint in ids {
-        pose.rotate(joint, std::array::from_fn(|_| random.within(-most, most)));
-    }
-    let all = pose.transforms(&skeleton).map_err(|e| format!("{}: {e}", ready.rig.name))?;
-    let rows = |own: &Vec<usize>| {
-        let m = all[ready.rig.bones[own[0]].joint.index()];
-        let (r, t) = (m.matrix3.transpose(), m.translation.to_array());
-        let rows = [r.x_axis.to_array(), r.y_axis.to_array(), r.z_axis.to_array()];
-        (0..3).flat_map(|k| [rows[k][0], rows[k][1], rows[k][2], t[k]]).collect::<Vec<f32>>()
-    };
-    Ok(bones.of.iter().flat_map(rows).collect())
 }
 
 #[cfg(test)]

@@ -65,7 +65,8 @@ pub struct MergeConfig {
     pub share: f32,
 }
 
-/// λ_W·KL(W ‖ Ŵ) + λ_A·(squared error of attributes) (UniRig 4.3), and the release's losses.
+/// λ_W·KL(W ‖ Ŵ) + λ_A·(squared error of attributes) + λ_X·(squared error of a skin in motion) (UniRig 4.3), and the
+/// release's losses.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct LossConfig {
@@ -79,8 +80,26 @@ pub struct LossConfig {
     pub bone_centric: bool,
     /// Which bones keep their true weights.
     pub freeze: FreezeConfig,
+    /// The skin in motion.
+    pub physics: PhysicsConfig,
     /// What the public code minimises instead.
     pub released: ReleasedConfig,
+}
+
+/// λ_X·Σ_t ‖X_t - X̂_t‖², over the number of points: with spring bones simulated behind a random motion.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct PhysicsConfig {
+    /// λ_X; 0 does without.
+    pub weight: f64,
+    /// T: poses of the motion after that at rest.
+    pub frames: usize,
+    /// Between two of them.
+    pub seconds: f64,
+    /// Largest turn of a joint about each axis in the last, in degrees.
+    pub degrees: f32,
+    /// Largest way of the whole rig along each axis by then; the rig lies in a cube of side 2.
+    pub shift: f32,
 }
 
 /// Random freezing: some bones keep their true weights and have no gradient.
@@ -183,8 +202,16 @@ impl Default for LossConfig {
             attribute_scale: [1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 10.0],
             bone_centric: true,
             freeze: FreezeConfig { probability: 0.5, share: 0.5 },
+            physics: PhysicsConfig { weight: 1.0, ..PhysicsConfig::default() },
             released: ReleasedConfig::default(),
         }
+    }
+}
+
+impl Default for PhysicsConfig {
+    /// The paper's number of poses, left out. In a tenth of a second what swings falls behind visibly.
+    fn default() -> Self {
+        Self { weight: 0.0, frames: 3, seconds: 0.1, degrees: 30.0, shift: 0.1 }
     }
 }
 
@@ -277,7 +304,8 @@ impl SkinTaskConfig {
         let l = &self.loss;
         let released = l.released.weights().map(|(k, v)| (format!("released.{k}"), v));
         let scale = l.attribute_scale.map(|v| ("attribute_scale".to_string(), v));
-        let all = [("skin".to_string(), l.skin), ("attributes".into(), l.attributes)];
+        let physics = ("physics.weight".to_string(), l.physics.weight);
+        let all = [("skin".to_string(), l.skin), ("attributes".into(), l.attributes), physics];
         if let Some((k, v)) = all.into_iter().chain(released).chain(scale).find(|(_, v)| !(*v >= 0.0 && v.is_finite()))
         {
             return Err((format!("loss.{k}"), format!("{k} = {v} must not be negative")));
@@ -285,7 +313,19 @@ impl SkinTaskConfig {
         if !(0.0..=180.0).contains(&l.released.degrees) {
             return Err(("loss.released.degrees".into(), "degrees must lie in [0, 180]".into()));
         }
-        if l.skin == 0.0 && !l.released.is_on() {
+        let p = &l.physics;
+        for (key, value, most) in [
+            ("frames", p.frames as f64, 1000.0),
+            ("seconds", p.seconds, 1.0),
+            ("degrees", f64::from(p.degrees), 180.0),
+            ("shift", f64::from(p.shift), 10.0),
+        ] {
+            let least = if key == "frames" { 1.0 } else { 0.0 };
+            if !(least..=most).contains(&value) {
+                return Err((format!("loss.physics.{key}"), format!("{key} must lie in [{least}, {most}]")));
+            }
+        }
+        if l.skin == 0.0 && p.weight == 0.0 && !l.released.is_on() {
             return Err(("loss.skin".into(), "nothing that is minimised has to do with weights".into()));
         }
         if l.attributes > 0.0 && !self.model.attributes {
@@ -316,7 +356,9 @@ mod tests {
         assert_eq!(fault(|c| c.sampling.told = Told::Features), "model.pair");
         assert_eq!(fault(|c| c.sampling.points = 100), "sampling.points");
         assert_eq!(fault(|c| c.sampling.pool = 5000), "sampling.pool");
-        assert_eq!(fault(|c| c.loss.skin = 0.0), "loss.skin");
+        assert_eq!(fault(|c| (c.loss.skin, c.loss.physics.weight) = (0.0, 0.0)), "loss.skin");
+        assert_eq!(fault(|c| c.loss.physics.frames = 0), "loss.physics.frames");
+        assert_eq!(fault(|c| c.loss.physics.seconds = f64::NAN), "loss.physics.seconds");
         assert_eq!(fault(|c| c.loss.released.l1 = f64::NAN), "loss.released.l1");
         assert_eq!(fault(|c| c.model.attributes = false), "loss.attributes");
         assert_eq!(fault(|c| c.loss.freeze.share = 1.5), "loss.freeze.share");

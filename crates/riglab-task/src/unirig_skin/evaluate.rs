@@ -4,7 +4,9 @@ use std::collections::BTreeMap;
 
 use riglab_core::JointId;
 use riglab_geom::voxel::SolidConfig;
-use riglab_metric::{Baseline, SkinMetrics, SkinTally, bone_distances, geodesic_distances};
+use riglab_metric::{
+    Baseline, Joints, Poses, Rows, SkinMetrics, SkinTally, bone_distances, geodesic_distances, motion, motion_poses,
+};
 use riglab_nn::params::Weights;
 use riglab_nn::skin_stage::ATTRIBUTES;
 use riglab_random::stream;
@@ -33,6 +35,14 @@ pub struct Row {
     pub pooled: SkinMetrics,
     /// Mean of the assets' own metrics; undefined ones left out.
     pub per_rig: SkinMetrics,
+    /// Motion loss: how far vertices are off in ten random poses, in the cube of side 2; the mean of the assets' means.
+    #[serde(default = "unknown", deserialize_with = "riglab_metric::nan_for_null")]
+    pub motion: f64,
+}
+
+/// What files of evaluations from before a metric say of it.
+fn unknown() -> f64 {
+    f64::NAN
 }
 
 /// How well an attribute of spring bones is told, over a split.
@@ -259,16 +269,19 @@ impl SkinTask {
         mut progress: impl FnMut(),
     ) -> Result<(), String> {
         // By place in the table, so that the order is kept.
-        let mut methods: BTreeMap<usize, (String, Sums)> = BTreeMap::new();
+        let mut methods: BTreeMap<usize, (String, Sums, Vec<f64>)> = BTreeMap::new();
         let mut springs = Springs::default();
         let ids = self.assets.split(split).map_err(|e| e.to_string())?;
         for &id in &ids {
             let subject = self.subject(id, None)?;
             let (rig, joints) = (&subject.ready.rig, subject.ready.seats.len());
+            let in_motion = InMotion::new(&subject);
             let mut place = 0;
             let mut tally = |name: String, weights: &[f32]| {
                 let tally = SkinTally::of(&subject.truth, weights, joints);
-                methods.entry(place).or_insert_with(|| (name, Sums::default())).1.add(&tally);
+                let (_, sums, moved) = methods.entry(place).or_insert_with(|| (name, Sums::default(), Vec::new()));
+                sums.add(&tally);
+                moved.push(in_motion.off(weights));
                 place += 1;
                 tally.metrics()
             };
@@ -296,16 +309,56 @@ impl SkinTask {
             }
             progress();
         }
-        report.rows.extend(methods.into_values().map(|(method, sums)| {
+        report.rows.extend(methods.into_values().map(|(method, sums, moved)| {
             let (pooled, per_rig) = sums.metrics();
             let learned = ["raw", "rule"].contains(&method.as_str());
-            Row { split: split.into(), learned, assets: ids.len(), pooled, per_rig, method }
+            let known = moved.iter().filter(|m| !m.is_nan());
+            let motion = known.clone().sum::<f64>() / known.count() as f64;
+            Row { split: split.into(), learned, assets: ids.len(), pooled, per_rig, motion, method }
         }));
         if self.config.model.attributes {
             report.attributes.extend(springs.rows(split, &self.config.loss.attribute_scale));
         }
         Ok(())
     }
+}
+
+/// An asset's vertices in the poses of the motion loss.
+struct InMotion {
+    vertices: Vec<[f64; 3]>,
+    joints: Joints,
+    poses: Poses,
+    /// The joint of each bone.
+    columns: Vec<u32>,
+    truth: Rows,
+}
+
+impl InMotion {
+    fn new(subject: &Subject) -> Self {
+        let rig = &subject.ready.rig;
+        let joints = Joints::of(rig.rig.skeleton());
+        let columns: Vec<u32> = rig.bones.iter().map(|b| b.joint.index() as u32).collect();
+        let asked = &subject.ready.points[subject.seen..];
+        Self {
+            vertices: asked.iter().map(|p| p.position.map(f64::from)).collect(),
+            poses: motion_poses(&rig.name, &joints.parents),
+            truth: over_joints(&subject.truth, &columns, joints.positions.len()),
+            joints,
+            columns,
+        }
+    }
+
+    /// The mean distance from where they belong, of dense rows of weights on the bones.
+    fn off(&self, weights: &[f32]) -> f64 {
+        let rows = over_joints(weights, &self.columns, self.joints.positions.len());
+        motion(&self.vertices, &self.joints, &self.poses, &self.truth, &rows).mean
+    }
+}
+
+/// Dense rows over bones as rows over `joints` joints.
+fn over_joints(weights: &[f32], columns: &[u32], joints: usize) -> Rows {
+    let row = |row: &[f32]| columns.iter().copied().zip(row.to_vec()).filter(|(_, w)| *w > 0.0).collect::<Vec<_>>();
+    Rows::new(weights.chunks_exact(columns.len()).map(row), joints)
 }
 
 /// The rule of least pooled L1, the first of equals.

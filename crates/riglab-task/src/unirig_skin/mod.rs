@@ -1,12 +1,13 @@
 //! UniRig's skin stage (4.2, 4.3): weights and attributes of bones, given a mesh and its skeleton.
 //!
 //! What is predicted, what is frozen and what counts is put together in [`loss_of`]; each mechanism is a switch of
-//! the config. Left out: supervision through a simulation of the springs.
+//! the config.
 
 mod batch;
 mod config;
 pub(crate) mod evaluate;
 mod gallery;
+mod motion;
 mod pairs;
 mod predict;
 mod ready;
@@ -22,9 +23,12 @@ use riglab_train::{At, Better, Loss, Source, State, Task, Validation};
 use tch::{Device, Kind, Tensor};
 
 pub use batch::{Batch, BatchSource, RigBatch};
-pub use config::{EvalConfig, FreezeConfig, LossConfig, MergeConfig, ReleasedConfig, SamplingConfig, SkinTaskConfig};
+pub use config::{
+    EvalConfig, FreezeConfig, LossConfig, MergeConfig, PhysicsConfig, ReleasedConfig, SamplingConfig, SkinTaskConfig,
+};
 pub use evaluate::{AssetRow, AttributeRow, Report, Row};
 pub use gallery::Shown;
+pub use motion::{Motion, Moving};
 pub use pairs::Told;
 pub use ready::{Ready, Seat};
 pub use report::{Evaluation, lines};
@@ -178,7 +182,7 @@ fn forward(
 pub fn loss_of(net: &SkinModel, c: &SkinTaskConfig, w: &Weights, batch: &Batch, device: Device) -> Loss {
     let l = &c.loss;
     let scale = Tensor::from_slice(&l.attribute_scale.map(|s| s as f32)).to_device(device);
-    let (mut skin, mut released, mut springs) = (Vec::new(), Vec::new(), Vec::new());
+    let (mut skin, mut released, mut springs, mut physics) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
     let (mut frozen_bones, mut bones) = (0, 0);
     for rig in &batch.rigs {
         let (logits, attributes) = forward(net, c, w, rig, device);
@@ -195,14 +199,21 @@ pub fn loss_of(net: &SkinModel, c: &SkinTaskConfig, w: &Weights, batch: &Batch, 
                 each.mean(None::<Kind>)
             });
         }
+        let positions = Tensor::from_slice(&rig.cloud).view([-1, 6]).narrow(0, 0, q).narrow(1, 0, 3).to_device(device);
         if l.released.is_on() {
             let maps = Tensor::from_slice(&rig.maps).view([j, 3, 4]).to_device(device);
-            let positions =
-                Tensor::from_slice(&rig.cloud).view([-1, 6]).narrow(0, 0, q).narrow(1, 0, 3).to_device(device);
             released.push(loss::released(&shares.exp(), &truth, &maps, &positions));
         }
+        let true_rows = Tensor::from_slice(&rig.swings).view([j, ATTRIBUTES as i64]).to_device(device);
+        if let Some(motion) = &rig.motion {
+            // What nothing holds stays out: it goes to the origin with both.
+            let held = truth.sum_dim_intlist(-1, true, None::<Kind>);
+            let moving = |shares, rows| Moving { positions: &positions, shares, attributes: rows };
+            let (own, rows) = (shares.exp() * held, attributes.as_ref().map(|_| &true_rows));
+            let (found, wanted) = (moving(&own, attributes.as_ref()), moving(&truth, rows));
+            physics.push(motion.loss(&l.physics, found, wanted, &rig.swinging));
+        }
         if let Some(predicted) = attributes.filter(|_| l.attributes > 0.0 && rig.swinging.contains(&true)) {
-            let true_rows = Tensor::from_slice(&rig.swings).view([j, ATTRIBUTES as i64]).to_device(device);
             springs.push(loss::attributes(&predicted, &true_rows, &flags(&rig.swinging), &scale));
         }
         frozen_bones += rig.frozen.iter().filter(|f| **f).count();
@@ -214,6 +225,9 @@ pub fn loss_of(net: &SkinModel, c: &SkinTaskConfig, w: &Weights, batch: &Batch, 
     }
     if l.attributes > 0.0 {
         loss = loss.term("attributes", l.attributes, mean(springs));
+    }
+    if l.physics.weight > 0.0 {
+        loss = loss.term("physics", l.physics.weight, mean(physics));
     }
     for (k, (name, weight)) in l.released.weights().into_iter().enumerate().filter(|(_, (_, w))| *w > 0.0) {
         let part = |r: &loss::Released| {
