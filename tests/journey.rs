@@ -4,7 +4,7 @@ mod binary;
 
 use std::fs;
 
-use binary::{config, corpus, corpus_of, must, text};
+use binary::{config, corpus, corpus_of, must, refusal, riglab, text};
 use serde_json::Value;
 
 #[test]
@@ -159,11 +159,12 @@ fn from_files_to_weights_for_given_skeletons() {
     let mean = |part: &[f64]| part.iter().sum::<f64>() / part.len() as f64;
     assert_eq!(losses.len(), 80);
     assert!(mean(&losses[60..]) < 0.8 * mean(&losses[..20]), "it learns: {losses:?}");
+    assert!(metrics.iter().filter(|l| l["train/skin"].is_number()).all(|l| l["train/physics"].as_f64() > Some(0.0)));
     let said = String::from_utf8(must(&["eval", text(&run), "--json", "--pictures", "1"]).stdout).unwrap();
     let evaluation: Value = serde_json::from_str(&said).unwrap();
     let rows = evaluation["report"]["rows"].as_array().unwrap();
     for method in ["raw", "rule", "nearest bone", "geodesic nearest bone", "geodesic 1/d^16, top 4, cut 0.15"] {
-        assert!(rows.iter().any(|r| r["method"] == method && r["pooled"]["l1"].is_number()), "no row {method}");
+        assert!(rows.iter().any(|r| r["method"] == method && r["motion"].as_f64() > Some(0.0)), "no row {method}");
     }
     let report = dir.path().join("report.html");
     must(&["report", text(&run), "-o", text(&report)]);
@@ -175,6 +176,20 @@ fn from_files_to_weights_for_given_skeletons() {
     must(&["train", text(&run.join("config.toml")), "--run", text(&again), "--set", "train.workers=3"]);
     let read = |run: &std::path::Path| fs::read(run.join("checkpoints/step-00000080/model.safetensors")).unwrap();
     assert!(read(&run) == read(&again));
+
+    // How the hair of an avatar swings, as the run tells it.
+    let files = dir.path().join("avatars");
+    must(&["synth", "-o", text(&files), "--count", "1", "--plans", "anime", "--triangles", "800..1600"]);
+    let avatar = fs::read_dir(&files).unwrap().map(|e| e.unwrap().path()).find(|p| text(p).ends_with("glb")).unwrap();
+    let swings = |name: &str, more: &[&str]| {
+        let out = dir.path().join(name);
+        must(&[&["simulate", text(&avatar), "-o", text(&out), "--seconds", "1", "--fps", "30"], more].concat());
+        fs::read(out).unwrap()
+    };
+    let told = swings("told.glb", &["--attributes", text(&run)]);
+    assert!(told == swings("again.glb", &["--attributes", text(&run)]) && told != swings("own.glb", &[]));
+    let other = ["simulate", text(&avatar), "-o", "x.glb", "--attributes", text(dir.path())];
+    assert!(refusal(&mut riglab(&other)).contains("config.toml"));
 
     // The backbone, and the losses of the release.
     let points = "[model.points]\nencoder = 'ptv3'\n[model.points.ptv3]\ngrid = 0.05\ndepths = [1, 1]\nchannels = [8, 16]\n\

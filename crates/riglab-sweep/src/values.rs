@@ -29,7 +29,7 @@ pub(crate) fn last(run: &Path) -> BTreeMap<String, f64> {
 }
 
 /// Follows a path such as `report.rows[split=val,tokens=4].iou`; conditions choose the first element of a list that
-/// has all of these values.
+/// has all of these values; their keys may be paths, too.
 fn at(value: &Value, path: &str) -> Option<f64> {
     let mut here = value;
     let mut rest = path;
@@ -44,8 +44,10 @@ fn at(value: &Value, path: &str) -> Option<f64> {
                 Value::Bool(b) => text == if *b { "true" } else { "false" },
                 _ => false,
             };
-            let fits =
-                |e: &&Value| wanted.iter().all(|(key, text)| e.get(key.trim()).is_some_and(|v| is(v, text.trim())));
+            let own = |e: &Value, key: &str, text: &str| {
+                key.trim().split('.').try_fold(e, |e, part| e.get(part)).is_some_and(|v| is(v, text))
+            };
+            let fits = |e: &&Value| wanted.iter().all(|(key, text)| own(e, key, text.trim()));
             here = here.as_array()?.iter().find(fits)?;
             rest = after;
         } else {
@@ -69,6 +71,7 @@ mod tests {
             {"split": "b", "tokens": 4, "pooled": {"iou": 0.25}},
         ]}});
         assert_eq!(at(&json, "report.rows[split=b, tokens=4].pooled.iou"), Some(0.25));
+        assert_eq!(at(&json, "report.rows[pooled.iou=0.25].tokens"), Some(4.0));
         for wrong in ["report.rows[split=c].pooled.iou", "report.rows[split", "report.rows.iou", "report", "[x=1]"] {
             assert_eq!(at(&json, wrong), None, "{wrong}");
         }

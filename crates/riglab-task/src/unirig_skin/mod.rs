@@ -12,6 +12,7 @@ mod pairs;
 mod predict;
 mod ready;
 mod report;
+mod skinner;
 
 use std::sync::Arc;
 
@@ -32,6 +33,7 @@ pub use motion::{Motion, Moving};
 pub use pairs::Told;
 pub use ready::{Ready, Seat};
 pub use report::{Evaluation, lines};
+pub use skinner::{Holders, Skinner};
 
 use crate::assets::{AssetId, Assets, Cache};
 use crate::experiment::{Examined, Experiment};

@@ -3,13 +3,15 @@
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result, anyhow, bail};
 use clap::ValueEnum;
 use riglab_asset::export::{self, ExportOptions, Influences};
 use riglab_asset::{ImportOptions, Imported, Resample, import, import_bytes, is_gltf};
 use riglab_core::{Bounds, Clip, Rig, skin};
 use riglab_render::{Theme, View, contact_sheet, render_parts};
 use riglab_simulate::{Lengths, Motion, MotionKind, generate, guess, play};
+use riglab_task::unirig_skin::Skinner;
+use tch::Device;
 
 /// Play a motion with spring bones: hair, tails and clothes swing behind the body.
 ///
@@ -22,7 +24,8 @@ use riglab_simulate::{Lengths, Motion, MotionKind, generate, guess, play};
 Examples:
   riglab simulate avatar.vrm -o swinging.glb --png sheet.png
   riglab simulate avatar.vrm -o walk.glb --motion Walk
-  riglab simulate dog.glb -o dog-swings.glb --springs guess --motion hop --seed 3")]
+  riglab simulate dog.glb -o dog-swings.glb --springs guess --motion hop --seed 3
+  riglab simulate avatar.vrm -o learned.glb --attributes runs/unirig_skin/001")]
 pub struct Args {
     /// A rigged model.
     input: PathBuf,
@@ -35,6 +38,10 @@ pub struct Args {
     /// Which spring bones.
     #[arg(long, value_enum, default_value = "file")]
     springs: Source,
+    /// A run of task unirig_skin, which tells how they swing: stiffness, drag, gravity and hit radius are what it
+    /// makes of mesh and skeleton. Which joints swing stays. They are written, too.
+    #[arg(long, value_name = "RUN")]
+    attributes: Option<PathBuf>,
     /// Frames a second, and steps of the simulation.
     #[arg(long, default_value_t = 60.0, value_name = "N")]
     fps: f32,
@@ -85,7 +92,7 @@ pub fn run(args: &Args) -> Result<ExitCode> {
     for warning in imported.warnings() {
         eprintln!("warning: {shown}: {warning}");
     }
-    let rig = with_springs(args, &imported)?;
+    let rig = with_attributes(args, with_springs(args, &imported)?)?;
     let (bytes, source) = document(args, imported, &rig)?;
     let clip = motion(args, &source, &rig)?;
     let lengths = match args.lengths {
@@ -160,6 +167,15 @@ fn with_springs(args: &Args, imported: &Imported) -> Result<Rig> {
             Ok(rig.clone().with_springs(springs)?)
         }
     }
+}
+
+/// With attributes that a run tells.
+fn with_attributes(args: &Args, rig: Rig) -> Result<Rig> {
+    let Some(run) = &args.attributes else { return Ok(rig) };
+    let (skinner, state) = Skinner::of_run(run, "best", Device::Cpu).map_err(|e| anyhow!(e))?;
+    eprintln!("attributes: {}, {} steps", run.display(), state.step);
+    let springs = skinner.springs(&rig, args.seed).map_err(|e| anyhow!("{}: {e}", args.input.display()))?;
+    Ok(rig.with_springs(springs)?)
 }
 
 /// The glTF that gets the motion, and what is read from it.

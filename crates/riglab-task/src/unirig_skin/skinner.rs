@@ -1,0 +1,157 @@
+//! A trained run at work on rigs that are no part of a corpus.
+
+use std::path::Path;
+
+use riglab_config::Config;
+use riglab_core::{DecodeRule, Rig, SkinWeights, Springs, Swing};
+
+use riglab_nn::params::Params;
+use riglab_nn::skin_stage::SkinModel;
+use riglab_random::stream;
+use riglab_train::{Checkpoint, State};
+use tch::Device;
+
+use super::config::SkinTaskConfig;
+use super::predict::{Predicted, Predictor};
+use super::ready::{Ready, pool};
+use super::{Evaluation, SkinTask};
+use crate::fsq_cvae::Prepared;
+
+/// The decode rule's cut of a run that was not evaluated.
+const CUT: f32 = 0.05;
+
+/// The network of a run, with its weights.
+pub struct Skinner {
+    config: SkinTaskConfig,
+    net: SkinModel,
+    params: Params,
+    device: Device,
+    cut: f32,
+}
+
+/// Which joints may hold something.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Holders {
+    /// Those that hold something already.
+    Same,
+    /// All.
+    All,
+}
+
+impl Skinner {
+    /// Of a run's checkpoint: `best`, `last` or `step-N`. The decode rule cuts where the run's evaluation found it best.
+    ///
+    /// # Errors
+    /// A sentence: no run, or one of another task.
+    pub fn of_run(run: &Path, checkpoint: &str, device: Device) -> Result<(Self, State), String> {
+        let path = run.join("config.toml");
+        let name = path.to_string_lossy();
+        let text = std::fs::read_to_string(&path).map_err(|e| format!("{name}: no run ({e})"))?;
+        let config = Config::from_toml_str(&name, &text).map_err(|e| e.to_string())?;
+        let task: String = config.get_at("task").unwrap_or_default();
+        if task != "unirig_skin" {
+            return Err(format!("{name}: a run of task `{task}`; give one of `unirig_skin`"));
+        }
+        let config: SkinTaskConfig = config.get().map_err(|e| e.to_string())?;
+        config.validate().map_err(|(key, message)| format!("{name}: {key}: {message}"))?;
+        let (net, params) = SkinTask::network(&config, device).map_err(|e| e.to_string())?;
+        let checkpoint = Checkpoint::open(&run.join("checkpoints").join(checkpoint)).map_err(|e| e.to_string())?;
+        checkpoint.load_weights(&params).map_err(|e| e.to_string())?;
+        let evaluated = std::fs::read_to_string(run.join("eval.json")).ok();
+        let evaluated = evaluated.and_then(|text| serde_json::from_str::<Evaluation>(&text).ok());
+        let cut = evaluated.map_or(CUT, |e| e.report.cut);
+        Ok((Self { config, net, params, device, cut }, checkpoint.state().clone()))
+    }
+
+    /// Whether it tells attributes of spring bones.
+    pub fn has_attributes(&self) -> bool {
+        self.config.model.attributes
+    }
+
+    /// New weights for a rig's skeleton: at most four joints hold a vertex. `seed` draws the points that the network
+    /// sees.
+    ///
+    /// # Errors
+    /// When no joint may hold anything.
+    pub fn weights(&self, rig: &Rig, holders: Holders, seed: u64) -> Result<SkinWeights, String> {
+        let (ready, found) = self.predict(rig, holders, seed)?;
+        let bones = &ready.rig.bones;
+        let rule = DecodeRule { cut: self.cut, influences: 4 };
+        let rows = found.dense.chunks_exact(bones.len()).map(|row| {
+            let mut row = row.to_vec();
+            rule.apply(&mut row);
+            let held = row.into_iter().zip(bones).filter(|(w, _)| *w > 0.0);
+            held.map(|(w, bone)| (bone.joint.0, f64::from(w))).collect::<Vec<_>>()
+        });
+        SkinWeights::normalized(rows).map_err(|e| e.to_string())
+    }
+
+    /// The rig's springs with attributes as the network tells them. What swings, and what stops it, stays; so do the
+    /// attributes of joints that hold nothing, which the network does not know.
+    ///
+    /// # Errors
+    /// For a network without attributes, and for a rig without springs.
+    pub fn springs(&self, rig: &Rig, seed: u64) -> Result<Springs, String> {
+        if !self.has_attributes() {
+            return Err("the run has model.attributes = false: it tells weights alone".into());
+        }
+        if rig.springs().springs().is_empty() {
+            return Err("there are no spring bones whose attributes could be told".into());
+        }
+        let (ready, found) = self.predict(rig, Holders::Same, seed)?;
+        let (_, map) = rig.normalized();
+        let mut told: Vec<Option<Swing>> = vec![None; rig.skeleton().len()];
+        for (bone, row) in ready.rig.bones.iter().zip(&found.attributes) {
+            told[bone.joint.index()] = Some(swing(row, 1.0 / map.scale));
+        }
+        let (mut springs, colliders, groups) = rig.springs().clone().into_parts();
+        for joint in springs.iter_mut().flat_map(|s| &mut s.joints) {
+            joint.swing = told[joint.joint.index()].unwrap_or(joint.swing);
+        }
+        Springs::new(springs, colliders, groups).map_err(|e| e.to_string())
+    }
+
+    fn predict(&self, rig: &Rig, holders: Holders, seed: u64) -> Result<(Ready, Predicted), String> {
+        let (cube, _) = rig.normalized();
+        let prepared = Prepared::of(String::new(), cube, holders == Holders::All);
+        if prepared.bones.is_empty() {
+            return Err("no joint holds a vertex".into());
+        }
+        let (c, seen) = (&self.config, self.config.eval_points());
+        let mut points = pool(&prepared, seen, c.sampling.vertex_share, &mut stream(seed, "skin of a file", &[]));
+        points.extend((0..prepared.rig.mesh().positions().len() as u32).map(|v| prepared.vertex(v)));
+        let ready = Ready::new(prepared, points, c.sampling.resolution);
+        let weights = self.params.weights();
+        let predictor = Predictor { config: c, net: &self.net, weights, device: self.device };
+        let found = predictor.predict(&ready, seen);
+        Ok((ready, found))
+    }
+}
+
+/// A row of attributes as VRM may have them; `size` takes lengths of the cube to the rig's own.
+fn swing(row: &[f32; 7], size: f32) -> Swing {
+    let finite = |x: f32| if x.is_finite() { x } else { 0.0 };
+    let [stiffness, drag, power, x, y, z, radius] = row.map(finite);
+    let direction = glam::Vec3::new(x, y, z).try_normalize();
+    Swing {
+        stiffness: stiffness.max(0.0),
+        drag: drag.clamp(0.0, 1.0),
+        gravity_power: power.max(0.0),
+        gravity_direction: direction.map_or(Swing::default().gravity_direction, Into::into),
+        hit_radius: radius.max(0.0) * size,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn any_row_is_a_sound_swing() {
+        let told = swing(&[0.5, 0.25, 2.0, 0.0, -3.0, 4.0, 0.1], 2.0);
+        assert_eq!((told.stiffness, told.drag, told.gravity_power, told.hit_radius), (0.5, 0.25, 2.0, 0.2));
+        assert!((told.gravity_direction[1] + 0.6).abs() < 1e-6 && (told.gravity_direction[2] - 0.8).abs() < 1e-6);
+        let odd = swing(&[-1.0, 7.0, f32::NAN, 0.0, 0.0, 0.0, -2.0], 1.0);
+        assert_eq!(odd, Swing { stiffness: 0.0, drag: 1.0, ..Swing::default() });
+    }
+}
