@@ -19,7 +19,15 @@ fn from_files_to_a_report() {
     let settings = "[train]\nsteps = 120\nema = 0.9\nvalidate_every = 15\n[train.schedule]\nwarmup = 10\n[eval]\nprefixes = [2, 16]\n";
     let config = config(dir.path(), &corpus, settings);
     let run = dir.path().join("run");
+    let tried = must(&["train", text(&config), "--dry-run", "--json"]).stdout;
+    let tried: Value = serde_json::from_slice(&tried).unwrap();
     must(&["train", text(&config), "--run", text(&run)]);
+    let info: Value = serde_json::from_str(&fs::read_to_string(run.join("run.json")).unwrap()).unwrap();
+    assert_eq!(tried["parameters"], info["parameters"]);
+    let parts: u64 = tried["parts"].as_array().unwrap().iter().map(|p| p[1].as_u64().unwrap()).sum();
+    assert_eq!(Some(parts), tried["parameters"].as_u64());
+    // Each parameter that is a matrix takes part in three products at least.
+    assert!(tried["flops"].as_f64() > Some(6.0 * parts as f64) && tried["seconds"].as_f64() > Some(0.0), "{tried}");
     let metrics: Vec<Value> = fs::read_to_string(run.join("metrics.jsonl"))
         .unwrap()
         .lines()

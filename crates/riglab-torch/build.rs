@@ -13,6 +13,7 @@ fn main() {
         .cpp(true)
         .std("c++17")
         .warnings(false) // libtorch's headers have theirs
+        .define("NDEBUG", None) // as libtorch was built: some of its classes are larger without
         .include(&include)
         .include(include.join("torch/csrc/api/include"))
         .file("src/shim.cpp")

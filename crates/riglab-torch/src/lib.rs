@@ -11,10 +11,12 @@
 //! Leaves out: networks, optimizers' bookkeeping (`riglab-nn`).
 
 mod error;
+mod flops;
 mod settings;
 mod tensors;
 
 pub use error::{TorchError, first_line};
+pub use flops::count_flops;
 pub use settings::{
     Autocast, Settings, bf16_is_faster, cpu_capability, init, libtorch_version, load_cuda, rng_state, set_rng_state,
     wait_patiently,

@@ -8,8 +8,8 @@
 #include <cmath>
 #include <torch/headeronly/version.h>
 #include <c10/util/Exception.h>
-
-#include <torch/csrc/autograd/profiler_legacy.h>
+#include <ATen/record_function.h>
+#include <atomic>
 #include <cstring>
 #include <string>
 #include <vector>
@@ -38,6 +38,43 @@ std::vector<at::Tensor> list(at::Tensor* const* tensors, size_t n) {
   out.reserve(n);
   for (size_t i = 0; i < n; ++i) out.push_back(*tensors[i]);
   return out;
+}
+
+std::atomic<uint64_t> flops{0};
+
+// Shape of an input that is a tensor.
+std::vector<int64_t> sizes(const at::RecordFunction& fn, size_t k) {
+  const auto inputs = fn.inputs();
+  if (k >= inputs.size() || !inputs[k].isTensor() || !inputs[k].toTensor().defined()) return {};
+  return inputs[k].toTensor().sizes().vec();
+}
+
+// Operations of a product of [.., n, k] and [.., k, m].
+uint64_t product(const std::vector<int64_t>& a, const std::vector<int64_t>& b) {
+  if (a.size() < 2 || b.size() < 2) return 0;
+  uint64_t count = 2 * static_cast<uint64_t>(b.back());
+  for (int64_t n : a) count *= static_cast<uint64_t>(n);
+  return count;
+}
+
+// Products of matrices are all ops of networks that count; what is made of them is seen as them.
+std::unique_ptr<at::ObserverContext> count_flops(const at::RecordFunction& fn) {
+  const std::string name = fn.name();
+  uint64_t count = 0;
+  if (name == "aten::mm" || name == "aten::bmm") {
+    count = product(sizes(fn, 0), sizes(fn, 1));
+  } else if (name == "aten::addmm" || name == "aten::baddbmm") {
+    count = product(sizes(fn, 1), sizes(fn, 2));
+  } else if (name.rfind("aten::_scaled_dot_product_flash_attention_for_cpu", 0) == 0) {
+    // Scores and their mix are two products; backward there are five.
+    const bool backward = name.find("backward") != std::string::npos;
+    const auto q = sizes(fn, backward ? 1 : 0), k = sizes(fn, backward ? 2 : 1);
+    if (q.size() == 4 && k.size() == 4) {
+      count = (backward ? 10 : 4) * static_cast<uint64_t>(q[0] * q[1] * q[2]) * static_cast<uint64_t>(k[2] * q[3]);
+    }
+  }
+  flops += count;
+  return nullptr;
 }
 
 }  // namespace
@@ -150,8 +187,22 @@ const char* rl_cpu_capability() {
   return text.c_str();
 }
 
-static torch::autograd::profiler::RecordProfile* rec = nullptr;
-void rl_prof(const char* f) { if (f) rec = new torch::autograd::profiler::RecordProfile(std::string(f)); else { delete rec; rec = nullptr; } }
+// Counts the operations of products of matrices on all threads from here on; gives a handle.
+int rl_flops_begin(uint64_t* handle) {
+  return guarded([&] {
+    flops = 0;
+    *handle = at::addGlobalCallback(
+        at::RecordFunctionCallback(count_flops).needsInputs(true).scopes({at::RecordScope::FUNCTION}));
+  });
+}
+
+int rl_flops_end(uint64_t handle, uint64_t* count) {
+  return guarded([&] {
+    at::removeCallback(handle);
+    *count = flops;
+  });
+}
+
 const char* rl_version() { return TORCH_VERSION; }
 
 }  // extern "C"

@@ -2,19 +2,17 @@
 
 use std::time::{Duration, Instant};
 
-use riglab_nn::optim::{Ema, Optimizer, Pace};
-use riglab_nn::params::{Params, Weights};
-use tch::{Kind, Tensor};
+use riglab_nn::params::Params;
 
 use crate::checkpoint::{State, Store};
-use crate::config::{Precision, TrainConfig};
+use crate::config::TrainConfig;
 use crate::error::TrainError;
 use crate::interrupt::Interrupt;
 use crate::logs::Logs;
 use crate::prefetch::Prefetch;
 use crate::progress::Progress;
 use crate::run::Run;
-use crate::schedule;
+use crate::step::{Stepped, Stepper};
 use crate::task::{At, Task, Validation};
 
 /// How a run ended without an error.
@@ -50,12 +48,11 @@ pub struct Outcome {
 pub fn train<T: Task>(task: &T, config: &TrainConfig, run: &Run, interrupt: &Interrupt) -> Result<Outcome, TrainError> {
     config.validate().map_err(|(key, message)| TrainError::Config { key, message })?;
     let store = Store::new(run.path("checkpoints"))?;
-    let mut optimizer = Optimizer::new(task.params(), config.optim.clone());
-    let ema = (config.ema > 0.0).then(|| Ema::new(task.params(), config.ema));
+    let mut stepper = Stepper::new(task.params(), config);
     let mut state =
         State { task: task.name().into(), step: 0, seed: config.seed, skipped: 0, skipped_in_a_row: 0, best: None };
     if let Some(last) = store.latest() {
-        last.restore(task.params(), &mut optimizer, ema.as_ref())?;
+        last.restore(task.params(), &mut stepper.optimizer, stepper.ema.as_ref())?;
         state = last.state().clone();
         if state.task != task.name() || state.seed != config.seed {
             let message = format!(
@@ -75,15 +72,14 @@ pub fn train<T: Task>(task: &T, config: &TrainConfig, run: &Run, interrupt: &Int
         let text = std::fs::read_to_string(run.path("config.toml")).unwrap_or_default();
         logs.settings(&text, &format!("eval/{}", task.objective().0));
     }
-    let mut trainer = Trainer { config, store, optimizer, ema, state, logs, window: Window::default() };
+    let mut trainer = Trainer { config, store, stepper, state, logs, window: Window::default() };
     trainer.run(task, interrupt)
 }
 
 struct Trainer<'a> {
     config: &'a TrainConfig,
     store: Store,
-    optimizer: Optimizer,
-    ema: Option<Ema>,
+    stepper: Stepper<'a>,
     state: State,
     logs: Logs,
     window: Window,
@@ -113,7 +109,7 @@ impl Trainer<'_> {
             let step = self.state.step;
             let last = step == config.steps;
             if last || (config.validate_every > 0 && step.is_multiple_of(config.validate_every)) {
-                objective = self.validate(task, &mut progress)?.or(objective);
+                objective = self.validate(task, &mut progress)?.filter(|x| x.is_finite()).or(objective);
             }
             let stop = interrupt.raised() && !last;
             if last || stop || (config.save_every > 0 && step.is_multiple_of(config.save_every)) || self.best_is_now() {
@@ -147,44 +143,14 @@ impl Trainer<'_> {
 
     /// One optimizer step; gives the loss.
     fn step<T: Task>(&mut self, task: &T, batches: &mut Prefetch<T::Batch>) -> Result<f64, TrainError> {
-        let (config, step) = (self.config, self.state.step);
-        let params = task.params();
-        let half = (config.precision == Precision::Bf16).then(|| params.weights().cast(Kind::BFloat16));
-        let weights = half.as_ref().unwrap_or(params.weights());
-        let (mut grads, mut values): (Vec<Tensor>, Vec<(String, f64)>) = Default::default();
-        let share = 1.0 / config.accumulate as f64;
-        let mut total = 0.0;
-        for micro in 0..config.accumulate {
-            let at = At { seed: config.seed, step, batch: step * config.accumulate + micro };
-            let batch = batches.take().map_err(TrainError::Task)?;
-            // libtorch's generator is seeded afresh: nothing random has to be saved.
-            tch::manual_seed((config.seed ^ at.batch.wrapping_mul(0x9e37_79b9_7f4a_7c15)) as i64);
-            let loss = task.loss(weights, &batch, at).map_err(TrainError::Task)?;
-            let sum = loss.total();
-            total += sum.double_value(&[]) * share;
-            add_values(&mut values, loss.values(), share);
-            add_grads(&mut grads, weights, &sum, share);
-        }
-        let factor = schedule::factor(&config.schedule, step, config.steps);
-        let stats = if total.is_finite() {
-            let pace = Pace { factor, beta1: schedule::beta1(&config.schedule, step, config.steps) };
-            self.optimizer.step_at(params, grads, pace)?
-        } else {
-            riglab_nn::optim::StepStats { grad_norm: f64::NAN, taken: false }
-        };
+        let (config, params) = (self.config, task.params());
+        let Stepped { total, values, taken } = self.stepper.step(task, batches, self.state.step)?;
         self.state.step += 1;
-        values.insert(0, ("train/loss".into(), total));
-        values.push(("train/grad_norm".into(), stats.grad_norm));
-        values.push(("train/lr_factor".into(), factor));
-        if stats.taken {
+        if taken {
             self.state.skipped_in_a_row = 0;
-            if let Some(ema) = &mut self.ema {
-                ema.update(params, step)?;
-            }
         } else {
             self.state.skipped += 1;
             self.state.skipped_in_a_row += 1;
-            values.push(("train/skipped".into(), 1.0));
         }
         self.logs.metrics(self.state.step, &values)?;
         if self.state.step.is_multiple_of(config.log_every) {
@@ -219,7 +185,7 @@ impl Trainer<'_> {
     /// Validates the moving average, or the weights without one; gives the objective.
     fn validate<T: Task>(&mut self, task: &T, progress: &mut Progress) -> Result<Option<f64>, TrainError> {
         let step = self.state.step;
-        let weights = self.ema.as_ref().map_or(task.params().weights(), Ema::weights);
+        let weights = self.stepper.weights(task.params());
         let at = At { seed: self.config.seed, step, batch: step * self.config.accumulate };
         let found: Validation = {
             let _no_grad = tch::no_grad_guard();
@@ -250,8 +216,8 @@ impl Trainer<'_> {
 
     fn save<T: Task>(&mut self, task: &T) -> Result<(), TrainError> {
         self.logs.sync()?;
-        let ema = self.ema.as_ref();
-        self.store.save(task.params(), &self.optimizer, ema, &self.state, &task.kept(), self.config.keep)?;
+        let (optimizer, ema) = (&self.stepper.optimizer, self.stepper.ema.as_ref());
+        self.store.save(task.params(), optimizer, ema, &self.state, &task.kept(), self.config.keep)?;
         if self.best_is_now() {
             self.store.link("best", self.state.step)?;
         }
@@ -287,40 +253,8 @@ impl Trainer<'_> {
     }
 }
 
-fn add_values(sums: &mut Vec<(String, f64)>, values: impl Iterator<Item = (&'static str, f64)>, share: f64) {
-    for (k, (name, value)) in values.enumerate() {
-        match sums.get_mut(k) {
-            Some((_, sum)) => *sum += value * share,
-            None => sums.push((format!("train/{name}"), value * share)),
-        }
-    }
-}
-
-fn add_grads(sums: &mut Vec<Tensor>, weights: &Weights, loss: &Tensor, share: f64) {
-    let scaled = if share == 1.0 { loss.shallow_clone() } else { loss * share };
-    let inputs: Vec<&Tensor> = weights.tensors().iter().collect();
-    let mut grads = Tensor::run_backward(&[scaled], &inputs, false, false);
-    if share != 1.0 {
-        // Sums of bfloat16 gradients would lose what later batches add.
-        for g in grads.iter_mut().filter(|g| g.defined() && g.kind() == Kind::BFloat16) {
-            *g = g.to_kind(Kind::Float);
-        }
-    }
-    if sums.is_empty() {
-        *sums = grads;
-        return;
-    }
-    for (sum, grad) in sums.iter_mut().zip(grads) {
-        match (sum.defined(), grad.defined()) {
-            (true, true) => *sum = &*sum + grad,
-            (false, true) => *sum = grad,
-            _ => {}
-        }
-    }
-}
-
 /// Peak memory of this process so far, in MB.
-fn peak_memory_mb() -> f64 {
+pub(crate) fn peak_memory_mb() -> f64 {
     let text = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
     let line = text.lines().find_map(|l| l.strip_prefix("VmHWM:"));
     line.and_then(|l| l.trim().split(' ').next()?.parse::<f64>().ok()).map_or(f64::NAN, |kb| kb / 1e3)

@@ -69,7 +69,7 @@ pub fn run(options: &Options) -> Result<()> {
                     std::fs::remove_dir_all(&folder)
                         .with_context(|| format!("{} cannot be removed", shown(&folder)))?;
                 }
-                say("1/5", "rigged files: creatures that riglab makes itself");
+                say("1/6", "rigged files: creatures that riglab makes itself");
                 riglab(&["synth", "-o", &shown(&folder), "--count", CREATURES])?;
             }
             folder
@@ -77,12 +77,12 @@ pub fn run(options: &Options) -> Result<()> {
     };
     let corpus = out.join("corpus.h5");
     if !corpus.exists() {
-        say("2/5", "a corpus: one HDF5 file, checked, with splits");
+        say("2/6", "a corpus: one HDF5 file, checked, with splits");
         riglab(&["dataset", "import", &shown(&folder), "-o", &shown(&corpus)])?;
         riglab(&["dataset", "stats", &shown(&corpus)])?;
     }
     let run = out.join("run");
-    say("3/5", "training: a tiny skin auto-encoder (FSQ-CVAE)");
+    say("3/6", "training: a tiny skin auto-encoder (FSQ-CVAE)");
     if run.join("config.toml").exists() {
         riglab(&["--threads", "1", "train", "--resume", &shown(&run)])?;
     } else {
@@ -90,18 +90,39 @@ pub fn run(options: &Options) -> Result<()> {
         // A network this small gains nothing from a second thread.
         riglab(&["--threads", "1", "train", "quickstart/demo.toml", "--set", &corpora, "--run", &shown(&run)])?;
     }
-    say("4/5", "evaluation on whole meshes that training has not seen");
+    say("4/6", "evaluation on whole meshes that training has not seen");
     riglab(&["eval", &shown(&run)])?;
-    say("5/5", "the report");
+    say("5/6", "the report");
     let name = input.as_deref().and_then(Path::file_name).map_or("creatures".into(), |n| n.to_string_lossy());
     let title = format!("riglab demo on {name}");
-    riglab(&["report", &shown(&run), "-o", &shown(&report), "--title", &title])?;
-    ending(&report, &corpus, start.elapsed(), input.is_some());
+    let written = out.join("auto-encoder.html");
+    riglab(&["report", &shown(&run), "-o", &shown(&written), "--title", &title])?;
+    let (refined, gains) = (out.join("refined"), out.join("refined.html"));
+    say("6/6", "GRPO: the model that comes along, refined by geometric rewards on these meshes");
+    if refined.join("config.toml").exists() {
+        riglab(&["train", "--resume", &shown(&refined)])?;
+    } else {
+        let corpora = format!("data.corpora=[{:?}]", shown(&corpus));
+        riglab(&["train", "quickstart/grpo.toml", "--set", &corpora, "--run", &shown(&refined)])?;
+    }
+    riglab(&["eval", &shown(&refined), "--checkpoint", "last"])?;
+    riglab(&[
+        "report",
+        &shown(&refined),
+        "-o",
+        &shown(&gains),
+        "--title",
+        &format!("{title}: rigs refined by rewards"),
+    ])?;
+    // The report is there when all is.
+    std::fs::rename(&written, &report).with_context(|| format!("{} cannot be written", shown(&report)))?;
+    ending(&[&report, &gains], &corpus, start.elapsed(), input.is_some());
     Ok(())
 }
 
-fn ending(report: &Path, corpus: &Path, took: Duration, own: bool) {
+fn ending([report, gains]: &[&Path; 2], corpus: &Path, took: Duration, own: bool) {
     println!("\nDone in {:.1} minutes. The report: {}", took.as_secs_f64() / 60.0, shown(report));
+    println!("and of the rigs before and after rewards: {}", shown(gains));
     println!("\nTry next:");
     println!("  cargo run --release --bin riglab -- rig MODEL -o rigged.glb --preview");
     println!("                                        rig a GLB, FBX or OBJ of yours with the model that comes along");

@@ -5,7 +5,7 @@ use std::process::ExitCode;
 
 use anyhow::{Context, Result, bail};
 use riglab_task::Experiment;
-use riglab_train::{Ended, Interrupt, Run, RunInfo, train};
+use riglab_train::{Ended, Interrupt, Run, RunInfo, estimate, product_speed, train};
 use tch::Device;
 
 use crate::presets;
@@ -20,7 +20,8 @@ use crate::registry::{TaskConfig, Visitor};
 Examples:
   riglab train quickstart/fsq_cvae.toml --set data.corpora='[\"corpus.h5\"]'
   riglab train my.toml --set train.seed=2 --run runs/mine/seed-2
-  riglab train --resume runs/mine/seed-2")]
+  riglab train --resume runs/mine/seed-2
+  riglab train my.toml --dry-run")]
 pub struct Args {
     /// Config file, or the name of a built-in experiment.
     #[arg(required_unless_present_any = ["resume", "list"])]
@@ -34,6 +35,13 @@ pub struct Args {
     /// Continue the run in this folder.
     #[arg(long, value_name = "DIR", conflicts_with_all = ["config", "run", "sets"])]
     resume: Option<PathBuf>,
+    /// Write nothing: go through a few steps and a validation, and say what the run would take: parameters, memory,
+    /// operations and time.
+    #[arg(long, conflicts_with_all = ["resume", "run"])]
+    dry_run: bool,
+    /// Say it as a line of JSON.
+    #[arg(long, requires = "dry_run")]
+    json: bool,
     /// List the built-in experiments.
     #[arg(long)]
     list: bool,
@@ -52,6 +60,9 @@ pub fn run(args: &Args, threads: usize) -> Result<ExitCode> {
         }
         (None, Some(name)) => {
             let config = TaskConfig::read(&presets::load(name, &args.sets)?)?.settled();
+            if args.dry_run {
+                return config.with(Device::Cpu, DryRun { config: &config, threads, json: args.json });
+            }
             let dir = args.run.clone().unwrap_or_else(|| next_free(name));
             (config, Place::New(dir))
         }
@@ -130,6 +141,62 @@ impl Visitor for Session<'_> {
         eprintln!("next: riglab eval {}", run.dir().display());
         say!("{}", run.dir().display());
         Ok(ExitCode::SUCCESS)
+    }
+}
+
+/// A run that is only begun.
+struct DryRun<'a> {
+    config: &'a TaskConfig,
+    threads: usize,
+    json: bool,
+}
+
+impl Visitor for DryRun<'_> {
+    type Out = ExitCode;
+
+    fn visit<T: Experiment>(self, task: T) -> Result<ExitCode> {
+        let train = self.config.train();
+        eprintln!("{}: {:.2} M parameters; trying a few steps", task.name(), task.params().numel() as f64 / 1e6);
+        task.notes().iter().for_each(|note| eprintln!("note: {note}"));
+        let found = estimate(&task, train)?;
+        if self.json {
+            say!("{}", serde_json::to_string(&found)?);
+            return Ok(ExitCode::SUCCESS);
+        }
+        say!("parameters          {:>12}", found.parameters);
+        found.parts.iter().for_each(|(name, count)| say!("  {name:18}{count:>12}"));
+        say!("memory              {:>9.0} MB at most", found.peak_memory_mb);
+        found.memory_mb.iter().for_each(|(name, mb)| say!("  {name:18}{mb:>9.1} MB"));
+        let (speed, most) = (found.flops / found.step_seconds, product_speed(train.precision));
+        say!("a step              {:>9.3} s (mean of {})", found.step_seconds, found.timed);
+        say!(
+            "  products          {:>9.2} GFLOP, {:.0} GFLOP/s: {:.0} % of what large ones reach here with {} threads",
+            found.flops / 1e9,
+            speed / 1e9,
+            100.0 * speed / most,
+            self.threads
+        );
+        if let Some(seconds) = found.validation_seconds {
+            say!("a validation        {seconds:>9.1} s");
+        }
+        say!("the run             {:>9} for {} steps", time(found.seconds), train.steps);
+        if found.waiting > 0.05 {
+            say!(
+                "It waited for batches {:.0} % of the time, caches being empty; that is not counted.",
+                100.0 * found.waiting
+            );
+        }
+        Ok(ExitCode::SUCCESS)
+    }
+}
+
+/// Seconds in the unit that suits them.
+fn time(seconds: f64) -> String {
+    match seconds {
+        s if s < 120.0 => format!("{s:.0} s"),
+        s if s < 7200.0 => format!("{:.0} min", s / 60.0),
+        s if s < 172_800.0 => format!("{:.1} h", s / 3600.0),
+        s => format!("{:.1} days", s / 86_400.0),
     }
 }
 

@@ -1,0 +1,64 @@
+//! How much networks compute.
+
+use crate::error::{TorchError, check};
+
+unsafe extern "C" {
+    fn rl_flops_begin(handle: *mut u64) -> i32;
+    fn rl_flops_end(handle: u64, count: *mut u64) -> i32;
+}
+
+/// What `work` gives, and the operations of all products of matrices that libtorch did meanwhile, backward passes
+/// included: 2 n k m for a product of [n, k] and [k, m], those of attention as if nothing were masked. Ops that go over
+/// tensors element by element are not counted.
+///
+/// Counting goes over all threads; two at a time would count each other's.
+///
+/// # Errors
+/// libtorch's message, if it refuses.
+pub fn count_flops<R>(work: impl FnOnce() -> R) -> Result<(R, u64), TorchError> {
+    let (mut handle, mut count) = (0, 0);
+    // SAFETY: `handle` outlives the call.
+    check(unsafe { rl_flops_begin(&mut handle) })?;
+    let guard = Ending(handle);
+    let made = work();
+    std::mem::forget(guard);
+    // SAFETY: the handle is of the call above; `count` outlives this one.
+    check(unsafe { rl_flops_end(handle, &mut count) })?;
+    Ok((made, count))
+}
+
+/// Ends the counting where `work` panics.
+struct Ending(u64);
+
+impl Drop for Ending {
+    fn drop(&mut self) {
+        let mut count = 0;
+        // SAFETY: the handle is of the call that began.
+        unsafe { rl_flops_end(self.0, &mut count) };
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use tch::{Device, Kind, Tensor};
+
+    use super::*;
+
+    #[test]
+    fn products_are_counted_forward_and_backward() {
+        let of = |shape: &[i64]| Tensor::randn(shape, (Kind::Float, Device::Cpu)).set_requires_grad(true);
+        let (x, w, b) = (of(&[6, 8]), of(&[4, 8]), of(&[4]));
+        let (_, linear) = count_flops(|| x.linear(&w, Some(&b))).unwrap();
+        assert_eq!(linear, 2 * 6 * 8 * 4);
+        let leaves = [&x, &w];
+        let both = || Tensor::run_backward(&[x.linear(&w, Some(&b)).sum(Kind::Float)], &leaves, false, false);
+        let (_, both) = count_flops(both).unwrap();
+        assert_eq!(both, 3 * linear, "one product forward, two backward");
+        let (q, k) = (of(&[2, 3, 5, 16]), of(&[2, 3, 7, 16]));
+        let attention = || Tensor::scaled_dot_product_attention(&q, &k, &k, None::<&Tensor>, 0.0, false, None, false);
+        let (_, attention) = count_flops(attention).unwrap();
+        assert_eq!(attention, 4 * 2 * 3 * 5 * 7 * 16);
+        let _ = x.matmul(&w.transpose(0, 1));
+        assert_eq!(count_flops(|| &x + 1.0).unwrap().1, 0);
+    }
+}

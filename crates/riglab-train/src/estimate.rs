@@ -1,0 +1,150 @@
+//! What a run will take, found by beginning it without writing anything.
+
+use std::time::{Duration, Instant};
+
+use riglab_nn::params::Params;
+use serde::Serialize;
+use tch::Kind;
+
+use crate::config::{Precision, TrainConfig};
+use crate::error::TrainError;
+use crate::prefetch::Prefetch;
+use crate::step::Stepper;
+use crate::task::{At, Task};
+use crate::trainer::peak_memory_mb;
+
+/// Steps before any is timed: the first of a size prepare kernels and memory.
+const WARM: u64 = 2;
+/// Steps that are timed at least and at most, and how long they take together at least.
+const TIMED: std::ops::Range<u64> = 3..30;
+const SECONDS: f64 = 12.0;
+
+/// A run's needs.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Estimate {
+    /// Numbers that are learned.
+    pub parameters: usize,
+    /// The same by part of the network.
+    pub parts: Vec<(String, usize)>,
+    /// Megabytes by what they are for: what is there between steps.
+    pub memory_mb: Vec<(String, f64)>,
+    /// The most that the process had while it went through steps and a validation, batches and caches included.
+    pub peak_memory_mb: f64,
+    /// Operations of products of matrices in a step, backward included.
+    pub flops: f64,
+    /// Seconds of a step, without waiting for batches.
+    pub step_seconds: f64,
+    /// Share of the time that it waited for them, caches being empty.
+    pub waiting: f64,
+    /// Seconds of a validation, if there is any.
+    pub validation_seconds: Option<f64>,
+    /// Seconds of the whole run.
+    pub seconds: f64,
+    /// Steps that were timed.
+    pub timed: u64,
+}
+
+/// Goes through a few steps and a validation. Nothing is written; the task's weights are changed.
+///
+/// # Errors
+/// What [`crate::train`] would stop at.
+pub fn estimate<T: Task>(task: &T, config: &TrainConfig) -> Result<Estimate, TrainError> {
+    config.validate().map_err(|(key, message)| TrainError::Config { key, message })?;
+    forget_peak();
+    let params = task.params();
+    let mut stepper = Stepper::new(params, config);
+    let mut batches = Prefetch::new(task.source(), 0, config.workers);
+    let mut step = 0;
+    for _ in 0..WARM {
+        stepper.step(task, &mut batches, step)?;
+        step += 1;
+    }
+    // What is counted is slower: it is not timed.
+    let (counted, flops) = riglab_torch::count_flops(|| stepper.step(task, &mut batches, step))
+        .map_err(|e| TrainError::Task(e.to_string()))?;
+    counted?;
+    step += 1;
+    batches.take_waited();
+    let (start, mut waited, mut timed) = (Instant::now(), Duration::ZERO, 0);
+    while timed < TIMED.start || (timed < TIMED.end && start.elapsed().as_secs_f64() < SECONDS) {
+        stepper.step(task, &mut batches, step)?;
+        (step, timed) = (step + 1, timed + 1);
+        waited += batches.take_waited();
+    }
+    let took = start.elapsed();
+    drop(batches);
+    let step_seconds = took.saturating_sub(waited).as_secs_f64() / timed as f64;
+    let validations = if config.validate_every == 0 { 0 } else { config.steps.div_ceil(config.validate_every) };
+    let validation_seconds = if validations > 0 {
+        let start = Instant::now();
+        let _no_grad = tch::no_grad_guard();
+        let at = At { seed: config.seed, step, batch: step * config.accumulate };
+        task.validate(stepper.weights(params), at).map_err(TrainError::Task)?;
+        Some(start.elapsed().as_secs_f64())
+    } else {
+        None
+    };
+    let seconds = config.steps as f64 * step_seconds + validations as f64 * validation_seconds.unwrap_or(0.0);
+    Ok(Estimate {
+        parameters: params.numel(),
+        parts: parts(params),
+        memory_mb: memory(params, config, &stepper),
+        peak_memory_mb: peak_memory_mb(),
+        flops: flops as f64,
+        step_seconds,
+        waiting: waited.as_secs_f64() / took.as_secs_f64().max(1e-9),
+        validation_seconds,
+        seconds,
+        timed,
+    })
+}
+
+/// Parameters by the first part of their names, in order.
+fn parts(params: &Params) -> Vec<(String, usize)> {
+    let mut parts: Vec<(String, usize)> = Vec::new();
+    for (name, tensor) in params.named(params.weights()) {
+        let part = name.split('.').next().unwrap_or_default();
+        match parts.iter_mut().find(|(known, _)| known == part) {
+            Some((_, count)) => *count += tensor.numel(),
+            None => parts.push((part.into(), tensor.numel())),
+        }
+    }
+    parts
+}
+
+fn memory(params: &Params, config: &TrainConfig, stepper: &Stepper<'_>) -> Vec<(String, f64)> {
+    let mb = |bytes: usize| bytes as f64 / 1e6;
+    let all = params.numel();
+    let half = config.precision == Precision::Bf16;
+    let state = stepper.optimizer.state(params);
+    let kept: usize = state.values().map(|t| t.numel() * t.kind().elt_size_in_bytes()).sum();
+    let mut memory = vec![("weights".to_string(), mb(4 * all))];
+    if half {
+        memory.push(("weights in bfloat16".into(), mb(2 * all)));
+    }
+    memory.push(("gradients".into(), mb(if half && config.accumulate == 1 { 2 } else { 4 } * all)));
+    memory.push(("optimizer".into(), mb(kept)));
+    if stepper.ema.is_some() {
+        memory.push(("moving average".into(), mb(4 * all)));
+    }
+    memory
+}
+
+/// Operations a second of a large product of matrices, in single precision or bfloat16: what steps can be held against.
+pub fn product_speed(precision: Precision) -> f64 {
+    let kind = if precision == Precision::Bf16 { Kind::BFloat16 } else { Kind::Float };
+    let n = 1536i64;
+    let a = tch::Tensor::ones([n, n], (kind, tch::Device::Cpu));
+    let mut least = f64::INFINITY;
+    for _ in 0..5 {
+        let start = Instant::now();
+        let _ = a.matmul(&a);
+        least = least.min(start.elapsed().as_secs_f64());
+    }
+    2.0 * (n as f64).powi(3) / least
+}
+
+/// Lets the peak of memory begin anew, where the system can.
+fn forget_peak() {
+    let _ = std::fs::write("/proc/self/clear_refs", "5");
+}
