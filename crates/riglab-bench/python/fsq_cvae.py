@@ -320,7 +320,7 @@ class Muon(torch.optim.Optimizer):
     def step(self):
         group = self.param_groups[0]
         for shape, params in self.stacks.items():
-            g = torch.stack([p.grad for p in params])
+            g = torch.stack([torch.zeros_like(p) if p.grad is None else p.grad for p in params])
             state = self.state[params[0]]
             if not state:
                 state["momentum"] = torch.zeros_like(g)

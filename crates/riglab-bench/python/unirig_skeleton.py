@@ -196,7 +196,8 @@ class Trainer:
         self.config, self.train, optim = config, config["train"], config["train"]["optim"]
         self.net = net
         self.net.load(weights)
-        wanted = re.compile("|".join(ROLES[role] for role in optim["muon"]) or "(?!)")
+        roles = getattr(net, "ROLES", ROLES)
+        wanted = re.compile("|".join(roles[role] for role in optim["muon"]) or "(?!)")
         is_muon = lambda name, p: p.dim() == 2 and bool(wanted.search(name))
         named = list(self.net.named_parameters())
         self.params = [p for _, p in named]

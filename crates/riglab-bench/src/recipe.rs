@@ -9,6 +9,7 @@ use riglab_data::{Splitter, import_folder};
 use riglab_task::fsq_cvae::FsqCvaeTaskConfig;
 use riglab_task::tokenrig::TokenRigTaskConfig;
 use riglab_task::unirig_skeleton::SkeletonTaskConfig;
+use riglab_task::unirig_skin::SkinTaskConfig;
 use riglab_train::Precision;
 use serde::de::DeserializeOwned;
 
@@ -20,6 +21,9 @@ const SKELETON: &str = "experiments/quickstart/unirig_skeleton.toml";
 /// The same of TokenRig, and of the auto-encoder that it stands on.
 const TOKENRIG: [&str; 2] =
     ["experiments/quickstart/tokenrig.toml", "experiments/skintokens/fsq_cvae_for_tokenrig.toml"];
+
+/// UniRig's skin stage.
+const UNIRIG_SKIN: &str = "experiments/quickstart/unirig_skin.toml";
 
 /// The root of the workspace.
 pub fn root() -> PathBuf {
@@ -78,6 +82,16 @@ pub fn skin(corpus: &Path) -> Result<FsqCvaeTaskConfig> {
     c.model.levels = vec![8, 8, 8];
     c.model.extensions.frame = false;
     c.validate().map_err(|(key, message)| anyhow!("{key}: {message}")).context(TOKENRIG[1])?;
+    Ok(c)
+}
+
+/// The skin stage's settings over a corpus, without the simulation of springs.
+pub fn unirig_skin(corpus: &Path) -> Result<SkinTaskConfig> {
+    let mut c: SkinTaskConfig = read(UNIRIG_SKIN)?;
+    c.data.corpora = vec![corpus.into()];
+    c.train.precision = Precision::Fp32;
+    c.loss.physics.weight = 0.0;
+    c.validate().map_err(|(key, message)| anyhow!("{key}: {message}")).context(UNIRIG_SKIN)?;
     Ok(c)
 }
 

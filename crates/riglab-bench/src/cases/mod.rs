@@ -17,6 +17,7 @@ mod rewards;
 mod rig;
 mod sample;
 mod simulate;
+mod skin_step;
 mod step;
 mod subject;
 mod synth;
@@ -46,7 +47,7 @@ pub struct Case {
 }
 
 /// All of them, in the order they run.
-pub const CASES: [Case; 30] = [
+pub const CASES: [Case; 31] = [
     Case { name: "import", about: "rigged files read, against Blender's glTF importer", run: import::run },
     Case {
         name: "import/trimesh",
@@ -155,6 +156,11 @@ pub const CASES: [Case; 30] = [
         about: "the same, 24 at once",
         run: |c| generate::run::<TokenRigTask>(c, 24),
     },
+    Case {
+        name: "step/unirig_skin/fp32",
+        about: "a training step of UniRig's skin stage, against the same network in PyTorch",
+        run: skin_step::run,
+    },
     Case { name: "group24/tokenrig", about: "24 sequences of one mesh, against the time of one", run: group::run },
     Case {
         name: "rig/20k",
@@ -204,6 +210,7 @@ pub fn serve(case: &str) -> Result<()> {
         "simulate" => simulate::serve(),
         "skeleton_step" => prefix_step::serve::<SkeletonTask>(),
         "tokenrig_step" => prefix_step::serve::<TokenRigTask>(),
+        "skin_step" => skin_step::serve(),
         "step" => step::serve(),
         "tokenise" => tokenise::serve(),
         "epoch" => epoch::serve(),

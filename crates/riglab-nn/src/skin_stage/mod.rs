@@ -93,7 +93,17 @@ impl SkinModel {
     /// Reads shape and bones: a cloud [b, n, 6] of positions and normals, those picked [b, t], and the points that are
     /// seen of each bone [b, j, 3 k].
     pub fn read(&self, w: &Weights, cloud: &Tensor, picks: &Tensor, bones: &Tensor) -> Read {
-        let shape = self.to_width.forward(w, &self.shape.forward(w, cloud, picks));
+        self.read_shape(w, self.shape(w, cloud, picks), cloud, bones)
+    }
+
+    /// Shapes [b, t, d] of clouds [b, n, 6] with those picked [b, t].
+    pub fn shape(&self, w: &Weights, cloud: &Tensor, picks: &Tensor) -> Tensor {
+        self.to_width.forward(w, &self.shape.forward(w, cloud, picks))
+    }
+
+    /// As [`Self::read`], with the shape [b, t, d] as [`Self::shape`] gives it: of rigs that go on one by one, shapes can
+    /// be read together.
+    pub fn read_shape(&self, w: &Weights, shape: Tensor, cloud: &Tensor, bones: &Tensor) -> Read {
         let embedded = self.bones.embed(w, bones, cloud);
         let bones = self.bones.forward(w, &embedded, &shape);
         let context = Tensor::cat(&[&bones, &shape], 1);

@@ -155,19 +155,30 @@ impl Experiment for SkinTask {
     }
 }
 
-/// What the network makes of a rig of a batch: logits [q, j], and attributes [j, 7] where it has them.
+/// The shapes of a batch, a tensor [1, t, d] each. All rigs have as many points and picks.
+fn shapes(net: &SkinModel, w: &Weights, batch: &Batch, device: Device) -> Vec<Tensor> {
+    let rigs = batch.rigs.len() as i64;
+    let clouds: Vec<f32> = batch.rigs.iter().flat_map(|r| &r.cloud).copied().collect();
+    let picks: Vec<i64> = batch.rigs.iter().flat_map(|r| &r.picks).copied().collect();
+    let cloud = Tensor::from_slice(&clouds).view([rigs, -1, 6]).to_device(device);
+    let picks = Tensor::from_slice(&picks).view([rigs, -1]).to_device(device);
+    net.shape(w, &cloud, &picks).split(1, 0)
+}
+
+/// What the network makes of a rig of a batch, whose shape was read: logits [q, j], and attributes [j, 7] where it has
+/// them.
 fn forward(
     net: &SkinModel,
     c: &SkinTaskConfig,
     w: &Weights,
     rig: &RigBatch,
+    shape: Tensor,
     device: Device,
 ) -> (Tensor, Option<Tensor>) {
     let (j, q) = (rig.count as i64, rig.queries as i64);
     let of = |values: &[f32], size: &[i64]| Tensor::from_slice(values).view(size).to_device(device);
     let cloud = of(&rig.cloud, &[1, -1, 6]);
-    let picks = Tensor::from_slice(&rig.picks).unsqueeze(0).to_device(device);
-    let read = net.read(w, &cloud, &picks, &of(&rig.bones, &[1, j, 3 * c.model.bones.seen.points() as i64]));
+    let read = net.read_shape(w, shape, &cloud, &of(&rig.bones, &[1, j, 3 * c.model.bones.seen.points() as i64]));
     let places = rig.layout.as_ref().map(|(layout, turns)| Places::new(layout, &c.model.points.ptv3, *turns, device));
     let asked = |x: &Tensor| x.narrow(1, 0, q);
     // The backbone sees all points; each of the light encoder's is read alone.
@@ -186,8 +197,8 @@ pub fn loss_of(net: &SkinModel, c: &SkinTaskConfig, w: &Weights, batch: &Batch, 
     let scale = Tensor::from_slice(&l.attribute_scale.map(|s| s as f32)).to_device(device);
     let (mut skin, mut released, mut springs, mut physics) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
     let (mut frozen_bones, mut bones) = (0, 0);
-    for rig in &batch.rigs {
-        let (logits, attributes) = forward(net, c, w, rig, device);
+    for (rig, shape) in batch.rigs.iter().zip(shapes(net, w, batch, device)) {
+        let (logits, attributes) = forward(net, c, w, rig, shape, device);
         let (q, j) = (rig.queries as i64, rig.count as i64);
         let truth = Tensor::from_slice(&rig.truth).view([q, j]).to_device(device);
         let flags = |of: &[bool]| Tensor::from_slice(of).to_device(device);
