@@ -130,9 +130,9 @@ fn what_cannot_be_rigged_is_told() {
         (vec!["rig", text(&bare), "-o", text(&out), "--template", "cat"], "there is no template `cat`"),
         (
             vec!["rig", text(&bare), "-o", text(&out), "--checkpoint", text(&path("no.safetensors"))],
-            "no model that rigs",
+            "no model of riglab",
         ),
-        (vec!["rig", text(&bare), "-o", text(&out), "--checkpoint", text(&rigged)], "no model that rigs"),
+        (vec!["rig", text(&bare), "-o", text(&out), "--checkpoint", text(&rigged)], "no model of riglab"),
         (vec!["rig", text(&bare), "-o", text(&out), "--device", "cuda:9"], "GPUs"),
         (vec!["rig", text(&bare), "-o", text(&out), "--samples", "0"], "at least 1"),
         (vec!["rig", text(&bare), "-o", text(&out), "--max-triangles", "10"], "triangles"),

@@ -19,6 +19,8 @@
 //! The formats of other research code come down to plain arrays first ([`ArrayRig`], by
 //! [`read_arrays`]), which comparisons with other readers need.
 //!
+//! Weights that others trained are read by name ([`TensorFile`]), out of what torch saves.
+//!
 //! What was read can be written: with another rig onto its own document, without its rig, or a rig alone
 //! ([`mod@export`]); and in any [`Target`] ([`write`]).
 //!
@@ -62,7 +64,10 @@ pub use fbx::to_fbx;
 pub use format::Format;
 pub use gltf::{decode_draco, decode_meshopt, to_glb};
 pub use inspect::Inspection;
-pub use peers::{Array, ArrayRig, PeerFault, SparseRows, Target, Up, WriteError, write, write_mesh, written_paths};
+pub use peers::{
+    Array, ArrayRig, PeerFault, SparseRows, StoredKind, StoredTensor, Target, TensorFile, Up, WriteError, write,
+    write_mesh, written_paths,
+};
 pub use reading::{Binding, Body, Part, ReadJoint, Reading, VertexSet};
 pub use warning::Warning;
 

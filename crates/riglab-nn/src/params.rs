@@ -122,6 +122,11 @@ impl Builder {
         Scope { builder: self, prefix: String::new() }
     }
 
+    /// Names and shapes of what was added.
+    pub fn shapes(&self) -> impl Iterator<Item = (&str, &[i64])> {
+        self.entries.iter().map(|e| (e.name.as_str(), e.shape.as_slice()))
+    }
+
     /// Draws the starting values. Each parameter has a stream of its own, keyed by its name, so
     /// adding a layer leaves the others' values alone.
     ///

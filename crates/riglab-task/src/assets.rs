@@ -4,7 +4,7 @@ use std::collections::{HashMap, VecDeque};
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex};
 
-use riglab_core::Asset;
+use riglab_core::{Asset, Mesh, Rig, RigError, Skeleton, Vec3};
 use riglab_data::{Corpus, DataError, SplitNames};
 use serde::{Deserialize, Serialize};
 
@@ -26,6 +26,65 @@ pub struct DataConfig {
     pub max_joints: usize,
     /// Memory for prepared assets, in MB.
     pub cache_mb: usize,
+    /// The axis that points up in what the network sees: models that others trained in Blender's axes have `z`.
+    pub up: Up,
+}
+
+/// An axis that points up. Rigs have y up; a network may have learnt from others.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Up {
+    /// As riglab's rigs.
+    #[default]
+    Y,
+    /// As Blender's.
+    Z,
+}
+
+impl Up {
+    /// A point of a rig as the network sees it. Nothing is rounded or mirrored.
+    pub fn turn(self, [x, y, z]: Vec3) -> Vec3 {
+        match self {
+            Self::Y => [x, y, z],
+            Self::Z => [x, -z, y],
+        }
+    }
+
+    /// The turn back.
+    pub fn back(self, [x, y, z]: Vec3) -> Vec3 {
+        match self {
+            Self::Y => [x, y, z],
+            Self::Z => [x, z, -y],
+        }
+    }
+
+    /// A mesh as the network sees it.
+    ///
+    /// # Errors
+    /// None for the points of a mesh.
+    pub fn mesh(self, mesh: &Mesh) -> Result<Mesh, RigError> {
+        mesh.with_positions(mesh.positions().iter().map(|&p| self.turn(p)).collect())
+    }
+
+    /// A skeleton as the network sees it.
+    ///
+    /// # Errors
+    /// None for the joints of a skeleton.
+    pub fn skeleton(self, skeleton: &Skeleton) -> Result<Skeleton, RigError> {
+        skeleton.with_heads(skeleton.heads().iter().map(|&p| self.turn(p)).collect())
+    }
+
+    /// A rig as the network sees it. One that is turned loses its springs, whose directions no such network was told.
+    ///
+    /// # Errors
+    /// None for a rig.
+    pub fn rig(self, rig: &Rig) -> Result<Rig, RigError> {
+        if self == Self::Y {
+            return Ok(rig.clone());
+        }
+        let (skeleton, mesh) = (self.skeleton(rig.skeleton())?, self.mesh(rig.mesh())?);
+        Rig::new(skeleton, mesh, rig.weights().clone())?.with_humanoid(rig.humanoid().clone())
+    }
 }
 
 impl Default for DataConfig {
@@ -38,6 +97,7 @@ impl Default for DataConfig {
             test: vec![SplitNames::TEST_SEEN.into(), SplitNames::TEST_NEW.into()],
             max_joints: 1024,
             cache_mb: 4096,
+            up: Up::default(),
         }
     }
 }
@@ -59,6 +119,7 @@ impl AssetId {
 /// Open corpora.
 pub struct Assets {
     corpora: Vec<Corpus>,
+    up: Up,
 }
 
 impl Assets {
@@ -67,7 +128,7 @@ impl Assets {
     /// # Errors
     /// As [`Corpus::open`].
     pub fn open(paths: &[PathBuf]) -> Result<Self, DataError> {
-        Ok(Self { corpora: paths.iter().map(|p| Corpus::open(p)).collect::<Result<_, _>>()? })
+        Ok(Self { corpora: paths.iter().map(|p| Corpus::open(p)).collect::<Result<_, _>>()?, up: Up::default() })
     }
 
     /// Opens the corpora of a config; gives them with the assets trained on and those validated on, neither
@@ -80,7 +141,7 @@ impl Assets {
         if config.corpora.is_empty() {
             return Err("data.corpora names no corpus; give one with --set data.corpora='[\"corpus.h5\"]' (`riglab dataset import` makes it)".into());
         }
-        let assets = Self::open(&config.corpora).map_err(|e| e.to_string())?;
+        let assets = Self { up: config.up, ..Self::open(&config.corpora).map_err(|e| e.to_string())? };
         let training = assets.training(config)?;
         let validation = assets.split(&config.validate).map_err(|e| e.to_string())?;
         for (empty, key, split) in [
@@ -161,12 +222,17 @@ impl Assets {
         self.corpora[id.corpus].counts(id.index)
     }
 
-    /// Reads one.
+    /// Reads one, as [`DataConfig::up`] has it.
     ///
     /// # Errors
     /// When it is damaged.
     pub fn read(&self, id: AssetId) -> Result<Asset, DataError> {
-        self.corpora[id.corpus].asset(id.index)
+        let mut asset = self.corpora[id.corpus].asset(id.index)?;
+        // A rig that is turned stays a rig: no number becomes another.
+        if let (Up::Z, Ok(turned)) = (self.up, self.up.rig(&asset.rig)) {
+            asset.rig = turned;
+        }
+        Ok(asset)
     }
 }
 
@@ -227,6 +293,13 @@ impl<T, K: Copy + Eq + std::hash::Hash> Cache<T, K> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn what_is_up_comes_to_lie_along_z_and_back() {
+        assert_eq!(Up::Z.turn([1.0, 2.0, 3.0]), [1.0, -3.0, 2.0]);
+        assert_eq!(Up::Z.back(Up::Z.turn([1.0, 2.0, 3.0])), [1.0, 2.0, 3.0]);
+        assert_eq!(Up::Y.turn([1.0, 2.0, 3.0]), [1.0, 2.0, 3.0]);
+    }
 
     #[test]
     fn the_cache_stays_within_its_limit() {

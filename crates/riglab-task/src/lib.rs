@@ -5,9 +5,11 @@
 //! Leaves out: file formats, the training loop.
 
 pub mod assets;
+pub mod bundle;
 mod experiment;
 pub mod fsq_cvae;
 pub mod grpo;
+pub mod released;
 mod sequences;
 pub mod tokenrig;
 pub mod unirig_skeleton;

@@ -9,6 +9,7 @@ use crate::assets::{AssetId, Assets, DataConfig};
 
 /// The settings that such tasks share, by the keys they have in all of them.
 pub(crate) struct Sequences<'a> {
+    pub class: &'a str,
     pub tokenizer: &'a TokenizerConfig,
     pub limits: Limits,
     pub shape: &'a PerceiverConfig,
@@ -32,6 +33,10 @@ impl Sequences<'_> {
         self.generate.validate().map_err(|(key, message)| (format!("eval.generate.{key}"), message))?;
         if self.generate.beams > 1 {
             return bad("eval.generate.beams", "evaluation draws without beams: give 1".into());
+        }
+        if !self.class.is_empty() && !self.tokenizer.classes.iter().any(|c| c == self.class) {
+            let there = self.tokenizer.classes.join(", ");
+            return bad("class", format!("the tokenizer has no class `{}`; there are: {there}", self.class));
         }
         if self.rigs == 0 || self.rows == 0 {
             return bad("sampling.rigs", "rigs of a batch and eval.rows must be at least 1".into());

@@ -61,6 +61,23 @@ impl Checkpoint {
         Ok(Self { path: path.into(), state })
     }
 
+    /// Puts weights that were not trained here into a run's folder, as its best and last checkpoint. They can be
+    /// evaluated and started from, but not trained on as if nothing had happened: there is no optimizer's state.
+    ///
+    /// # Errors
+    /// When the folder cannot be written.
+    pub fn plant(run: &Path, params: &Params, state: &State) -> Result<(), TrainError> {
+        let store = Store::new(run.join("checkpoints"))?;
+        let temp = store.dir.join(format!(".tmp-{}-{}", folder(state.step), std::process::id()));
+        let written = store.write(&temp, params, None, None, state, &BTreeMap::new());
+        if let Err(e) = written.and_then(|()| store.put(&temp, &store.dir.join(folder(state.step)))) {
+            let _ = fs::remove_dir_all(&temp);
+            return Err(e);
+        }
+        store.link("last", state.step)?;
+        store.link("best", state.step)
+    }
+
     /// What it remembers.
     pub fn state(&self) -> &State {
         &self.state
@@ -157,7 +174,7 @@ impl Store {
         let target = self.dir.join(folder(state.step));
         if !target.join(STATE).is_file() {
             let temp = self.dir.join(format!(".tmp-{}-{}", folder(state.step), std::process::id()));
-            let written = self.write(&temp, params, optimizer, ema, state, kept);
+            let written = self.write(&temp, params, Some(optimizer), ema, state, kept);
             if let Err(e) = written.and_then(|()| self.put(&temp, &target)) {
                 let _ = fs::remove_dir_all(&temp);
                 return Err(e);
@@ -172,7 +189,7 @@ impl Store {
         &self,
         dir: &Path,
         params: &Params,
-        optimizer: &Optimizer,
+        optimizer: Option<&Optimizer>,
         ema: Option<&Ema>,
         state: &State,
         kept: &BTreeMap<String, Tensor>,
@@ -182,8 +199,10 @@ impl Store {
         if let Some(ema) = ema {
             io::write(&dir.join(AVERAGE), params.named(ema.weights()))?;
         }
-        let tensors: BTreeMap<String, Tensor> = optimizer.state(params);
-        io::write(&dir.join(OPTIMIZER), tensors.iter().map(|(k, v)| (k.as_str(), v)))?;
+        if let Some(optimizer) = optimizer {
+            let tensors: BTreeMap<String, Tensor> = optimizer.state(params);
+            io::write(&dir.join(OPTIMIZER), tensors.iter().map(|(k, v)| (k.as_str(), v)))?;
+        }
         if !kept.is_empty() {
             io::write(&dir.join(KEPT), kept.iter().map(|(k, v)| (k.as_str(), v)))?;
         }

@@ -4,16 +4,17 @@
 mod peak;
 mod zipped;
 
-use riglab_asset::{ImportError, ImportOptions, Imported, Resample, import, import_bytes};
+use riglab_asset::{ImportError, ImportOptions, Imported, Resample, TensorFile, import, import_bytes};
 pub use zipped::mutate as mutate_archive;
 
 /// The targets, each with the endings of the files it starts from.
-pub const TARGETS: [(&str, &[&str]); 8] = [
+pub const TARGETS: [(&str, &[&str]); 9] = [
     ("gltf", &["glb", "gltf", "vrm"]),
     ("obj", &["obj"]),
     ("fbx", &["fbx"]),
     ("npz", &["npz"]),
     ("pt", &["pt"]),
+    ("ckpt", &["ckpt"]),
     ("h5", &["h5"]),
     ("rig_txt", &["txt", "pair"]),
     ("config_toml", &["toml"]),
@@ -35,6 +36,21 @@ pub fn peer(name: &str, bytes: &[u8]) {
     let (imported, peak) = peak::of(|| import_bytes(name, bytes, &options));
     assert!(peak.is_lean(name, bytes.len()), "{peak:?} for a file of {}", bytes.len());
     looked_at(name, imported);
+}
+
+/// As [`peer`], of a checkpoint: every tensor is read.
+pub fn checkpoint(bytes: &[u8]) {
+    let work = || -> Result<(), ImportError> {
+        let mut file = TensorFile::from_bytes("fuzz.ckpt", bytes)?;
+        let names: Vec<String> = file.shapes().map(|(name, _)| name.to_owned()).collect();
+        names.iter().try_for_each(|name| file.read(name).map(drop))
+    };
+    let (read, peak) = peak::of(work);
+    assert!(peak.is_lean("fuzz.ckpt", bytes.len()), "{peak:?} for a file of {}", bytes.len());
+    if let Err(error) = read {
+        let text = error.to_string();
+        assert!(text.starts_with("fuzz.ckpt") && text.len() < 1000, "{text}");
+    }
 }
 
 /// A rig text alone or, with a byte 0 and an OBJ behind it, beside that OBJ in a folder.

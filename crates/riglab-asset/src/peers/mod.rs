@@ -5,7 +5,7 @@
 //! lie in ([`archive`], [`npy`], [`pickle`]; arrays as stored are [`numbers`]), a module a format
 //! ([`read`]), and what makes a [`crate::Reading`] of it ([`reading`], by the rules of [`fields`]).
 //!
-//! The way back is a module a format, too ([`mod@write`]).
+//! The way back is a module a format, too ([`mod@write`]). Trained weights come by the same containers ([`tensors`]).
 //!
 //! Nothing a file says is executed; what it makes its reader hold is claimed from a [`budget`] first.
 
@@ -22,6 +22,8 @@ mod pickle;
 mod read;
 mod reading;
 mod repair;
+mod tensors;
+mod torch;
 mod write;
 mod zip_claims;
 
@@ -30,4 +32,5 @@ pub use array_rig::{Array, ArrayRig, SparseRows, Up};
 pub use fault::PeerFault;
 pub(crate) use import::{Source, count, each, one, read_arrays};
 pub(crate) use read::{beside_obj, mesh_of, starts_as_rig};
+pub use tensors::{StoredKind, StoredTensor, TensorFile};
 pub use write::{Target, WriteError, write, write_mesh, written_paths};

@@ -192,6 +192,19 @@ impl<'a> Numbers<'a> {
         })
     }
 
+    /// The bytes of all elements one after another, last axis fastest, least significant first.
+    pub(crate) fn packed(&self) -> Vec<u8> {
+        let mut out = Vec::with_capacity(self.len() * self.dtype.size);
+        for element in self.each() {
+            let start = out.len();
+            out.extend_from_slice(element);
+            if self.dtype.big {
+                out[start..].reverse();
+            }
+        }
+        out
+    }
+
     fn number(&self, field: &str) -> Result<(), PeerFault> {
         if self.dtype.is_number() { Ok(()) } else { Err(PeerFault::field(field, "holds no numbers")) }
     }

@@ -3,13 +3,15 @@
 use std::path::Path;
 use std::sync::Mutex;
 
+use riglab_config::Config;
 use riglab_nn::fsq_cvae::FsqCvae;
 use riglab_nn::params::{Params, Weights};
-use riglab_train::Checkpoint;
+use riglab_train::{Checkpoint, State};
 use tch::Device;
 
 use super::coder::Coder;
 use super::{FsqCvaeTask, FsqCvaeTaskConfig};
+use crate::bundle::Bundle;
 
 /// Network, settings and weights; shared by threads.
 pub struct Frozen {
@@ -27,11 +29,14 @@ impl Frozen {
         Self { config, net, params: Mutex::new(params), half: Mutex::default(), device }
     }
 
-    /// Of a run's folder: its config, and its best checkpoint.
+    /// Of a run's folder: its config, and its best checkpoint; or of a file that `riglab checkpoint import` made.
     ///
     /// # Errors
     /// A sentence: what is missing there, or not of this task.
     pub fn open(run: &Path, device: Device) -> Result<Self, String> {
+        if run.is_file() {
+            return Self::of_file(run, device);
+        }
         let path = run.join("config.toml");
         let text = std::fs::read_to_string(&path).map_err(|e| {
             format!(
@@ -39,13 +44,29 @@ impl Frozen {
                 path.display()
             )
         })?;
-        let config = riglab_config::Config::from_toml_str(&path.to_string_lossy(), &text)
+        let config = Config::from_toml_str(&path.to_string_lossy(), &text)
             .and_then(|c| c.get::<FsqCvaeTaskConfig>())
             .map_err(|e| format!("{}: no config of task fsq_cvae ({e})", path.display()))?;
         config.validate().map_err(|(key, message)| format!("{}: {key}: {message}", path.display()))?;
         let (net, params) = FsqCvaeTask::network(&config, device).map_err(|e| format!("{}: {e}", path.display()))?;
         let checkpoint = Checkpoint::open(&run.join("checkpoints").join("best")).map_err(|e| e.to_string())?;
         checkpoint.load_weights(&params).map_err(|e| e.to_string())?;
+        Ok(Self::new(config, net, params, device))
+    }
+
+    fn of_file(path: &Path, device: Device) -> Result<Self, String> {
+        let name = path.to_string_lossy();
+        let fault = |e: String| format!("{name}: {e}");
+        let bytes = std::fs::read(path).map_err(|e| fault(format!("cannot be read ({e})")))?;
+        let Bundle { kind, settings, tensors, .. } = Bundle::of_bytes(&bytes, &name)?;
+        if kind != "fsq_cvae" {
+            return Err(fault(format!("a model of task `{kind}`, not an auto-encoder (task fsq_cvae)")));
+        }
+        let config = Config::from_toml_str(&name, &settings).and_then(|c| c.get::<FsqCvaeTaskConfig>());
+        let config = config.map_err(|e| fault(e.to_string()))?;
+        config.validate().map_err(|(key, message)| fault(format!("{key}: {message}")))?;
+        let (net, params) = FsqCvaeTask::network(&config, device).map_err(|e| fault(e.to_string()))?;
+        params.load(&tensors).map_err(|e| fault(e.to_string()))?;
         Ok(Self::new(config, net, params, device))
     }
 
@@ -75,6 +96,15 @@ impl Frozen {
             tch::no_grad(|| params.weights().cast(tch::Kind::BFloat16))
         });
         work(Coder { config: &self.config, net: &self.net, weights, device: self.device })
+    }
+
+    /// Puts it into a run's folder, as [`Checkpoint::plant`] does.
+    ///
+    /// # Errors
+    /// When the folder cannot be written.
+    pub fn plant(&self, run: &Path, state: &State) -> Result<(), String> {
+        let params = self.params.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
+        Checkpoint::plant(run, &params, state).map_err(|e| e.to_string())
     }
 
     /// Its parameters by name, copied: to be written into another file.

@@ -33,7 +33,7 @@ pub use report::{Evaluation, Report, Row};
 pub use rollout::{NOTES, Rollout, Sequence};
 pub use score::{Judged, rewards};
 
-use crate::assets::Assets;
+use crate::assets::{Assets, DataConfig};
 use crate::experiment::{Examined, Experiment};
 use crate::tokenrig::{Card, Rigger, TokenRigTask, TokenRigTaskConfig};
 
@@ -150,7 +150,7 @@ fn open_start(config: &GrpoTaskConfig, device: Device) -> Result<(Rigger, Card),
 /// The settings of the policy: its model as it started, on this run's data.
 fn policy_config(config: &GrpoTaskConfig, start: &Rigger) -> TokenRigTaskConfig {
     TokenRigTaskConfig {
-        data: config.data.clone(),
+        data: DataConfig { up: start.config().data.up, ..config.data.clone() },
         augment: config.augment.clone(),
         train: config.train.clone(),
         eval: config.eval.clone(),

@@ -1,48 +1,23 @@
 //! A trained model in one file: network, auto-encoder, settings, and what to know about it.
 
-use std::collections::{BTreeMap, HashMap};
+use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::Arc;
 
 use riglab_config::Config;
-use riglab_nn::io;
-use riglab_train::{Checkpoint, State};
-use serde::{Deserialize, Serialize};
+use riglab_train::Checkpoint;
 use tch::{Device, Kind, Tensor};
 
 use super::{Rigger, TokenRigTaskConfig};
+use crate::bundle::{Bundle, Card};
 use crate::fsq_cvae::{Frozen, FsqCvaeTask, FsqCvaeTaskConfig};
 
-/// The text of a file's head that says what it is.
-const ABOUT: &str = "riglab";
 /// Networks' places among the tensors' names.
-const RIG: &str = "rig.";
-const SKIN: &str = "skin.";
-
-/// What to know about a trained model.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Card {
-    /// A short name.
-    pub name: String,
-    /// Where in its training it stood.
-    pub state: State,
-    /// What it learned from, how good it is, its licence: Markdown.
-    pub text: String,
-}
-
-#[derive(Serialize, Deserialize)]
-struct About {
-    format: u32,
-    kind: String,
-    card: Card,
-    /// Settings as TOML.
-    rig: String,
-    skin: String,
-}
-
-/// A bundle starts like this, whatever else it says.
+pub(crate) const RIG: &str = "rig.";
+/// That of the auto-encoder.
+pub(crate) const SKIN: &str = "skin.";
+/// The task of models that rig.
 const KIND: &str = "tokenrig";
-const FORMAT: u32 = 1;
 
 impl Rigger {
     /// Reads a run's folder, or a file that [`Self::bundle`] made.
@@ -88,19 +63,16 @@ impl Rigger {
         (rig.data.corpora, rig.data.weights, rig.skin.run) = (Vec::new(), Vec::new(), std::path::PathBuf::new());
         (skin.data.corpora, skin.data.weights) = (Vec::new(), Vec::new());
         let toml = |e: toml::ser::Error| e.to_string();
-        let about = About {
-            format: FORMAT,
+        let own = self.params.named(self.params.weights()).map(|(n, t)| (format!("{RIG}{n}"), t.detach()));
+        let of_skin = self.vae.tensors().into_iter().map(|(n, t)| (format!("{SKIN}{n}"), t));
+        let bundle = Bundle {
             kind: KIND.into(),
             card: card.clone(),
-            rig: toml::to_string(&rig).map_err(toml)?,
+            settings: toml::to_string(&rig).map_err(toml)?,
             skin: toml::to_string(&skin).map_err(toml)?,
+            tensors: own.chain(of_skin).map(|(n, t)| (n, t.to_kind(kind))).collect(),
         };
-        let own = self.params.named(self.params.weights()).map(|(n, t)| (format!("{RIG}{n}"), t.detach()));
-        let skin = self.vae.tensors().into_iter().map(|(n, t)| (format!("{SKIN}{n}"), t));
-        let tensors: Vec<(String, Tensor)> = own.chain(skin).map(|(n, t)| (n, t.to_kind(kind))).collect();
-        let about = serde_json::to_string(&about).map_err(|e| e.to_string())?;
-        let texts = HashMap::from([(ABOUT.to_string(), about)]);
-        io::to_bytes_with(tensors.iter().map(|(n, t)| (n.as_str(), t)), Some(texts)).map_err(|e| e.to_string())
+        bundle.to_bytes()
     }
 
     /// What [`Self::bundle`] made; `name` stands in messages.
@@ -109,34 +81,23 @@ impl Rigger {
     /// A sentence: what it is instead, or what is wrong with it.
     pub fn of_bundle(bytes: &[u8], name: &str, device: Device) -> Result<(Self, Card), String> {
         let fault = |e: String| format!("{name}: {e}");
-        let other = || {
-            fault(
-                "no model that rigs: give a folder that `riglab train` made for task tokenrig, or a file made by \
-                   `riglab checkpoint export`"
-                    .into(),
-            )
-        };
-        let (tensors, texts) = io::from_bytes(bytes).map_err(|_| other())?;
-        let about: About = texts.get(ABOUT).and_then(|t| serde_json::from_str(t).ok()).ok_or_else(other)?;
-        if about.format != FORMAT || about.kind != KIND {
-            return Err(fault(format!(
-                "format {} of `{}`, this program reads format {FORMAT}",
-                about.format, about.kind
-            )));
+        let Bundle { kind, card, settings, skin, tensors } = Bundle::of_bytes(bytes, name)?;
+        if kind != KIND {
+            return Err(fault(format!("a model of task `{kind}`, but only `tokenrig` makes rigs")));
         }
         let below = |prefix: &str| -> BTreeMap<String, Tensor> {
             let own = tensors.iter().filter_map(|(n, t)| Some((n.strip_prefix(prefix)?, t)));
             own.map(|(n, t)| (n.to_string(), t.to_kind(Kind::Float))).collect()
         };
-        let config = rig_config(name, &about.rig)?;
-        let skin = Config::from_toml_str(name, &about.skin).and_then(|c| c.get::<FsqCvaeTaskConfig>());
+        let config = rig_config(name, &settings)?;
+        let skin = Config::from_toml_str(name, &skin).and_then(|c| c.get::<FsqCvaeTaskConfig>());
         let skin = skin.map_err(|e| fault(e.to_string()))?;
         skin.validate().map_err(|(key, message)| fault(format!("{key}: {message}")))?;
         let (net, params) = FsqCvaeTask::network(&skin, device).map_err(|e| fault(e.to_string()))?;
         params.load(&below(SKIN)).map_err(|e| fault(e.to_string()))?;
         let rigger = Self::new(config, Arc::new(Frozen::new(skin, net, params, device)), device).map_err(fault)?;
         rigger.params.load(&below(RIG)).map_err(|e| fault(e.to_string()))?;
-        Ok((rigger, about.card))
+        Ok((rigger, card))
     }
 }
 

@@ -19,6 +19,9 @@ use crate::sequences::Sequences;
 pub struct TokenRigTaskConfig {
     /// The task's name: `tokenrig`.
     pub task: String,
+    /// The class that skeletons drawn freely begin with; empty: none is told. Models that others trained with a class
+    /// always before them need one.
+    pub class: String,
     /// Corpora and splits.
     pub data: DataConfig,
     /// How skeletons become tokens.
@@ -168,6 +171,7 @@ impl TokenRigTaskConfig {
         self.augment.validate().map_err(|(key, message)| (format!("augment.{key}"), message))?;
         self.train.validate().map_err(|(key, message)| (format!("train.{key}"), message))?;
         Sequences {
+            class: &self.class,
             tokenizer: &self.tokenizer,
             limits: self.limits,
             shape: &self.model.shape,

@@ -40,8 +40,12 @@ impl Rigger {
     /// # Errors
     /// A sentence: a skeleton that the model cannot write, a class that it does not know.
     pub fn make(&self, mesh: &Mesh, wish: &Wish<'_>) -> Result<Made, String> {
+        // From here on in the network's axes.
+        let up = self.config.data.up;
+        let mesh = up.mesh(mesh).map_err(|e| e.to_string())?;
+        let turned = wish.skeleton.map(|s| up.skeleton(s)).transpose().map_err(|e| e.to_string())?;
         let points = mesh.positions().iter().copied();
-        let heads = wish.skeleton.into_iter().flat_map(|s| s.heads().iter().copied());
+        let heads = turned.iter().flat_map(|s| s.heads().iter().copied());
         let bounds = Bounds::of(points.chain(heads)).ok_or("a mesh without vertices")?;
         let map = Similarity::into_cube(bounds);
         let moved = |p: &[[f32; 3]], map: Similarity| p.iter().map(|&p| map.apply(p)).collect::<Vec<_>>();
@@ -55,7 +59,7 @@ impl Rigger {
             tokens: self.config.limits.tokens,
             ..Default::default()
         };
-        let given = match wish.skeleton {
+        let given = match &turned {
             Some(skeleton) => Some((skeleton, self.given(skeleton, map)?)),
             None => None,
         };
@@ -78,12 +82,12 @@ impl Rigger {
                     codes[joint].clone_from(own);
                 }
                 let in_cube = skeleton.with_heads(moved(skeleton.heads(), map)).map_err(|e| e.to_string())?;
-                (skeleton.clone(), in_cube, codes)
+                (wish.skeleton.unwrap_or(skeleton).clone(), in_cube, codes)
             }
             None => {
                 let decoded = drawn.decoded.as_ref().map_err(ToString::to_string)?;
                 let in_cube = decoded.skeleton().map_err(|e| e.to_string())?;
-                let heads = moved(in_cube.heads(), map.inverse());
+                let heads = moved(in_cube.heads(), map.inverse()).into_iter().map(|p| up.back(p)).collect();
                 (in_cube.with_heads(heads).map_err(|e| e.to_string())?, in_cube, drawn.codes.clone())
             }
         };

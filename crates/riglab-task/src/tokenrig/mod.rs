@@ -24,7 +24,6 @@ use riglab_train::{At, Better, Loss, Source, State, Task, Validation};
 use tch::{Device, Tensor};
 
 pub use batch::{Batch, BatchSource};
-pub use bundle::Card;
 pub use config::{EvalConfig, LossConfig, SamplingConfig, SkinConfig, TokenRigTaskConfig};
 pub use evaluate::Report;
 pub use make::{Made, Wish};
@@ -35,6 +34,7 @@ pub(crate) use sample::{joints_told, told};
 pub use skinner::Skinner;
 
 use crate::assets::{AssetId, Assets, Cache};
+pub use crate::bundle::Card;
 use crate::experiment::{Examined, Experiment};
 use crate::fsq_cvae::Frozen;
 use crate::sequences::LeftOut;

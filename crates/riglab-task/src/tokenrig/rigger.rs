@@ -270,7 +270,8 @@ impl Rigger {
 
     /// The prompt from which a skeleton is drawn freely.
     pub fn free(&self) -> Vec<u32> {
-        vec![self.tokenizer.vocabulary().bos()]
+        let ids = self.tokenizer.vocabulary();
+        std::iter::once(ids.bos()).chain(ids.class_named(&self.config.class).map(|number| ids.class(number))).collect()
     }
 
     /// Weights of a mesh in the cube by the codes of a skeleton's joints: cut, the four largest kept, normalised. A

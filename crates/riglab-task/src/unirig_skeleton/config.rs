@@ -17,6 +17,8 @@ use crate::sequences::Sequences;
 pub struct SkeletonTaskConfig {
     /// The task's name: `unirig_skeleton`.
     pub task: String,
+    /// The class that skeletons drawn freely begin with; empty: none is told.
+    pub class: String,
     /// Corpora and splits.
     pub data: DataConfig,
     /// How skeletons become tokens.
@@ -115,6 +117,7 @@ impl SkeletonTaskConfig {
         self.model.validate().map_err(|(key, message)| (format!("model.{key}"), message))?;
         self.augment.validate().map_err(|(key, message)| (format!("augment.{key}"), message))?;
         Sequences {
+            class: &self.class,
             tokenizer: &self.tokenizer,
             limits: self.limits,
             shape: &self.model.shape,

@@ -101,17 +101,23 @@ impl SkeletonTask {
         // The grammar ends each sequence before the tokens do.
         let tokens = c.limits.tokens.min(generate.tokens + 1);
         let mut grammar = Grammar::new(&self.tokenizer, Limits { tokens, ..c.limits }, c.eval.parents);
-        grammar.accept(vocabulary.bos());
+        // What every skeleton begins with.
+        let class = vocabulary.class_named(&c.class).map(|number| vocabulary.class(number));
+        let start: Vec<u32> = std::iter::once(vocabulary.bos()).chain(class).collect();
+        start.iter().for_each(|&id| grammar.accept(id));
         let strict = Strict { grammar, ids: vocabulary.len(), end: vocabulary.eos() };
         let mut config = generate.clone();
-        config.tokens = tokens - 1;
-        let cache = self.net.start(w, prefix, config.tokens as i64 + 1);
+        config.tokens = tokens - start.len();
+        let cache = self.net.start(w, prefix, tokens as i64);
         let mut reader = Reader { net: &self.net, weights: w, cache };
-        let first = reader.next(&vec![vocabulary.bos(); keys.len()]);
+        let mut first = Vec::new();
+        for &id in &start {
+            first = reader.next(&vec![id; keys.len()]);
+        }
         let mut streams: Vec<_> = keys.iter().map(|key| stream(c.eval.seed, "skeleton draws", &[*key])).collect();
         let all = rows(&mut reader, first, vec![strict; keys.len()], &config, chooser(&config, &mut streams));
         let whole = |own: Vec<u32>| {
-            let ids: Vec<u32> = std::iter::once(vocabulary.bos()).chain(own).collect();
+            let ids: Vec<u32> = start.iter().copied().chain(own).collect();
             Drawn { decoded: self.tokenizer.decode(&ids), ids }
         };
         all.into_iter().map(whole).collect()

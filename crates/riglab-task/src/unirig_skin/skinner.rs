@@ -112,7 +112,8 @@ impl Skinner {
     }
 
     fn predict(&self, rig: &Rig, holders: Holders, seed: u64) -> Result<(Ready, Predicted), String> {
-        let (cube, _) = rig.normalized();
+        // In the network's axes.
+        let (cube, _) = self.config.data.up.rig(rig).map_err(|e| e.to_string())?.normalized();
         let prepared = Prepared::of(String::new(), cube, holders == Holders::All);
         if prepared.bones.is_empty() {
             return Err("no joint holds a vertex".into());

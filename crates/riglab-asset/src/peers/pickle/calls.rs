@@ -29,11 +29,13 @@ impl Machine<'_, '_> {
             Global::Scalar => self.scalar(arguments),
             Global::OrderedDict => Ok(Node::Dict(Vec::new())),
             Global::RebuildTensor => self.tensor(arguments),
-            Global::Ndarray | Global::Storage(_) => Err(self.fault(format!("it calls the name {callable:?}"))),
+            Global::Ndarray | Global::RebuildParameter | Global::RebuildFromType | Global::Storage(_) => {
+                Err(self.fault(format!("it calls the name {callable:?}")))
+            }
         }
     }
 
-    fn argument(&self, arguments: &[Id], at: usize) -> Result<View<'_>, PeerFault> {
+    pub(super) fn argument(&self, arguments: &[Id], at: usize) -> Result<View<'_>, PeerFault> {
         let id = *arguments.get(at).ok_or_else(|| self.fault("a call has too few arguments"))?;
         Ok(View { nodes: &self.nodes, id })
     }
@@ -55,6 +57,10 @@ impl Machine<'_, '_> {
 
     /// Sets the state of an array or a type.
     pub(super) fn build(&mut self, target: Id, state: Id) -> Result<(), PeerFault> {
+        if self.open {
+            // The state of what is read over, or attributes of a dictionary.
+            return Ok(());
+        }
         let state = match (self.node(target), self.node(state)) {
             // The attributes of an ordered dictionary: none that matters.
             (Node::Dict(_), _) => return Ok(()),
@@ -105,6 +111,9 @@ impl Machine<'_, '_> {
     pub(super) fn storage(&self, id: Id) -> Result<Node, PeerFault> {
         let parts: Vec<View<'_>> = View { nodes: &self.nodes, id }.members().into_iter().flatten().take(3).collect();
         match parts[..] {
+            // A storage of a type that is not known, or something else that lies outside.
+            [_, kind, _] if self.open && !matches!(kind.node(), Node::Global(Global::Storage(_))) => Ok(Node::Foreign),
+            _ if self.open && parts.len() < 3 => Ok(Node::Foreign),
             [word, kind, key] if word.text() == Some("storage") => match (kind.node(), key.text()) {
                 (Node::Global(Global::Storage(dtype)), Some(key)) => {
                     Ok(Node::Storage { dtype: *dtype, key: key.into() })
@@ -116,7 +125,7 @@ impl Machine<'_, '_> {
     }
 
     /// (storage, offset, shape, strides, ...)
-    fn tensor(&self, arguments: &[Id]) -> Result<Node, PeerFault> {
+    pub(super) fn tensor(&self, arguments: &[Id]) -> Result<Node, PeerFault> {
         let Node::Storage { dtype, key } = self.argument(arguments, 0)?.node() else {
             return Err(self.fault("a tensor has no storage"));
         };

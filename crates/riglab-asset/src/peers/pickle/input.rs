@@ -44,10 +44,13 @@ impl Machine<'_, '_> {
         self.add(Node::Text(text.into()))
     }
 
-    /// A whole number of any length; of more than 64 bits none is needed.
-    pub(super) fn long(&mut self) -> Result<Node, PeerFault> {
-        let length = self.length(1)?;
+    /// A whole number of any length, which is told in `width` bytes; of more than 64 bits none is needed.
+    pub(super) fn long(&mut self, width: usize) -> Result<Node, PeerFault> {
+        let length = self.length(width)?;
         let bytes = self.take(length)?;
+        if bytes.len() > 8 && self.open {
+            return Ok(Node::Foreign);
+        }
         if bytes.len() > 8 {
             return Err(self.fault("a number in it has more than 64 bits"));
         }

@@ -31,6 +31,28 @@ pub(crate) fn read(
     budget: &mut Budget,
     each: Option<Handed<'_>>,
 ) -> Result<Option<(Vec<Node>, Id)>, PeerFault> {
+    start(member, input, budget, each, false)
+}
+
+/// Reads a pickle of tensors among anything else, as checkpoints are: what is no tensor, dictionary, list, text or
+/// number becomes [`Node::Foreign`], whatever its name.
+pub(crate) fn read_tensors(
+    member: &str,
+    input: &mut dyn Read,
+    budget: &mut Budget,
+) -> Result<(Vec<Node>, Id), PeerFault> {
+    let read = start(member, input, budget, None, true)?;
+    // Nothing is handed out, so nothing ends the reading early.
+    read.ok_or_else(|| PeerFault::Pickle { member: shown(member), reason: "it ends early".into() })
+}
+
+fn start(
+    member: &str,
+    input: &mut dyn Read,
+    budget: &mut Budget,
+    each: Option<Handed<'_>>,
+    open: bool,
+) -> Result<Option<(Vec<Node>, Id)>, PeerFault> {
     let nodes = vec![Node::None, Node::Bool(true), Node::Bool(false), Node::Tuple(Box::default())];
     let shared = nodes.len();
     let mut machine = Machine {
@@ -42,6 +64,7 @@ pub(crate) fn read(
         marks: Vec::new(),
         memo: Vec::new(),
         each,
+        open,
         list: None,
         base: shared,
         released: shared,
@@ -65,6 +88,8 @@ pub(super) struct Machine<'a, 'b> {
     pub(super) marks: Vec<usize>,
     pub(super) memo: Vec<Option<Id>>,
     pub(super) each: Option<Handed<'b>>,
+    /// Whether names beyond the list are read over.
+    pub(super) open: bool,
     /// The list whose members are handed out.
     pub(super) list: Option<Id>,
     /// Nodes below are kept when a member is let go.
@@ -126,7 +151,7 @@ impl Machine<'_, '_> {
             b'K' => self.bytes::<1>().map(|b| Node::Int(b[0].into())).and_then(|n| self.add(n))?,
             b'M' => self.bytes().map(|b| Node::Int(u16::from_le_bytes(b).into())).and_then(|n| self.add(n))?,
             b'G' => self.bytes().map(|b| Node::Float(f64::from_be_bytes(b))).and_then(|n| self.add(n))?,
-            0x8a => self.long().and_then(|n| self.add(n))?,
+            0x8a => self.long(1).and_then(|n| self.add(n))?,
             0x8c | b'X' | 0x8d => self.text(op)?,
             b'C' | b'B' | 0x8e => {
                 let length = self.length(match op {
@@ -180,7 +205,8 @@ impl Machine<'_, '_> {
             b'c' | 0x93 => self.global(op)?,
             b'R' => {
                 let (arguments, callable) = (self.pop()?, self.pop()?);
-                let node = self.call(callable, arguments)?;
+                let node =
+                    if self.open { self.call_any(callable, arguments)? } else { self.call(callable, arguments)? };
                 self.add(node)?
             }
             b'b' => {
@@ -194,6 +220,10 @@ impl Machine<'_, '_> {
                 let node = self.storage(id)?;
                 self.add(node)?
             }
+            _ if self.open => match self.step_beyond(op)? {
+                Some(id) => id,
+                None => return Ok(ControlFlow::Continue(())),
+            },
             _ => return Err(self.fault(format!("it has the instruction {op:#04x}, which data does not need"))),
         };
         let done = self.hand_out_finished()?;
@@ -206,7 +236,7 @@ impl Machine<'_, '_> {
         self.extend(list, &[item])
     }
 
-    fn append_all(&mut self) -> Result<ControlFlow<()>, PeerFault> {
+    pub(super) fn append_all(&mut self) -> Result<ControlFlow<()>, PeerFault> {
         let items = self.pop_mark()?;
         let list = self.top()?;
         self.extend(list, &items)
@@ -216,8 +246,11 @@ impl Machine<'_, '_> {
         if self.list == Some(list) {
             return self.hand_out(items, 0);
         }
+        self.become_of(list, || Node::List(Vec::new()));
         let Some(Node::List(ids)) = self.nodes.get_mut(list as usize) else {
-            return Err(self.fault("it appends to what is no list"));
+            // Of what is read over, one of both is enough.
+            let fault = self.fault("it appends to what is no list");
+            return if self.open { Ok(ControlFlow::Continue(())) } else { Err(fault) };
         };
         ids.extend_from_slice(items);
         Ok(ControlFlow::Continue(()))
@@ -231,8 +264,10 @@ impl Machine<'_, '_> {
             self.stack.split_off(from)
         };
         let dict = self.top()?;
+        self.become_of(dict, || Node::Dict(Vec::new()));
         let Some(Node::Dict(pairs)) = self.nodes.get_mut(dict as usize) else {
-            return Err(self.fault("it sets keys of what is no dictionary"));
+            let fault = self.fault("it sets keys of what is no dictionary");
+            return if self.open { Ok(()) } else { Err(fault) };
         };
         pairs.extend(items.as_chunks::<2>().0.iter().map(|[key, value]| (*key, *value)));
         Ok(())
@@ -264,6 +299,9 @@ impl Machine<'_, '_> {
             let (name, module) = (self.pop()?, self.pop()?);
             (self.text_of(module)?.to_string(), self.text_of(name)?.to_string())
         };
+        if self.open {
+            return self.add(Global::of_tensors(&module, &name).map_or(Node::Foreign, Node::Global));
+        }
         let known = Global::of(&module, &name).ok_or_else(|| {
             // The older protocols write the name that Python 2 had for it.
             let module = if module == "__builtin__" { "builtins" } else { &module };
@@ -279,7 +317,7 @@ impl Machine<'_, '_> {
         }
     }
 
-    fn tuple(&mut self, items: Vec<Id>) -> Result<Id, PeerFault> {
+    pub(super) fn tuple(&mut self, items: Vec<Id>) -> Result<Id, PeerFault> {
         self.budget.take(4 * items.len() as u64, self.member)?;
         self.add(Node::Tuple(items.into()))
     }
@@ -302,12 +340,12 @@ impl Machine<'_, '_> {
         Ok(())
     }
 
-    fn pop(&mut self) -> Result<Id, PeerFault> {
+    pub(super) fn pop(&mut self) -> Result<Id, PeerFault> {
         let from = self.depth(1)?;
         Ok(self.stack.split_off(from)[0])
     }
 
-    fn top(&self) -> Result<Id, PeerFault> {
+    pub(super) fn top(&self) -> Result<Id, PeerFault> {
         Ok(self.stack[self.depth(1)?])
     }
 
@@ -318,7 +356,7 @@ impl Machine<'_, '_> {
         from.ok_or_else(|| self.fault("it takes more values than there are"))
     }
 
-    fn pop_mark(&mut self) -> Result<Vec<Id>, PeerFault> {
+    pub(super) fn pop_mark(&mut self) -> Result<Vec<Id>, PeerFault> {
         let mark = self.marks.pop().ok_or_else(|| self.fault("it ends a group that was not begun"))?;
         Ok(self.stack.split_off(mark))
     }

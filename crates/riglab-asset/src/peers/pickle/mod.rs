@@ -5,17 +5,21 @@
 //! dictionaries out of a list of seven names, and every other name is refused with its text.
 //! What it may hold is counted before it is allocated.
 //!
+//! Checkpoints hold tensors among objects of any class: [`read_tensors`] reads those over, whatever their
+//! names, and never makes them.
+//!
 //! A data set is one list of dictionaries, possibly larger than memory. [`read`] hands out
 //! each member of the first list as soon as it is complete and lets it go.
 
+mod beyond;
 mod calls;
 mod input;
 mod machine;
 mod members;
 mod nodes;
 
-pub(crate) use machine::read;
-pub(crate) use nodes::{Id, Node, View};
+pub(crate) use machine::{read, read_tensors};
+pub(crate) use nodes::{Id, Node, Tensor, View};
 
 #[cfg(test)]
 mod tests;

@@ -31,6 +31,8 @@ pub(crate) enum Node {
         key: Rc<str>,
     },
     Tensor(Box<Tensor>),
+    /// Of a class or function that is not known, where such are read over.
+    Foreign,
     /// Part of an asset that was handed out already.
     Gone,
 }
@@ -44,6 +46,9 @@ pub(crate) enum Global {
     Dtype,
     OrderedDict,
     RebuildTensor,
+    /// Beside those, of checkpoints: a tensor that is a parameter, and one of another class.
+    RebuildParameter,
+    RebuildFromType,
     Storage(Dtype),
 }
 
@@ -68,6 +73,16 @@ impl Global {
             ("torch", "CharStorage") => storage(b'i', 1),
             ("torch", "ByteStorage") => storage(b'u', 1),
             ("torch", "BoolStorage") => storage(b'b', 1),
+            _ => None,
+        }
+    }
+
+    /// As [`Self::of`], of names that stand for tensors and dictionaries alone.
+    pub(crate) fn of_tensors(module: &str, name: &str) -> Option<Self> {
+        match (module, name) {
+            ("torch._utils", "_rebuild_parameter" | "_rebuild_parameter_with_state") => Some(Self::RebuildParameter),
+            ("torch._tensor", "_rebuild_from_type_v2") => Some(Self::RebuildFromType),
+            ("torch" | "torch._utils" | "collections", _) => Self::of(module, name),
             _ => None,
         }
     }
@@ -116,6 +131,12 @@ impl<'a> View<'a> {
         let Node::Dict(pairs) = self.node() else { return None };
         let found = pairs.iter().rev().find(|(k, _)| matches!(self.at(*k).node(), Node::Text(t) if **t == *key));
         found.map(|(_, value)| self.at(*value))
+    }
+
+    /// Keys that are text, with their values.
+    pub(crate) fn entries(self) -> impl Iterator<Item = (&'a str, Self)> {
+        let pairs: &'a [(Id, Id)] = if let Node::Dict(pairs) = self.node() { pairs } else { &[] };
+        pairs.iter().filter_map(move |&(key, value)| Some((self.at(key).text()?, self.at(value))))
     }
 
     pub(crate) fn is_dict(self) -> bool {
@@ -188,6 +209,8 @@ pub(crate) fn kind(node: &Node) -> String {
         Node::Tuple(_) | Node::List(_) => "a list".to_owned(),
         Node::Dict(_) => "a dictionary".to_owned(),
         Node::Gone => "part of an earlier asset".to_owned(),
+        Node::Tensor(_) => "a tensor".to_owned(),
+        Node::Foreign => "an object of Python".to_owned(),
         _ => "an array".to_owned(),
     }
 }

@@ -3,12 +3,13 @@
 use std::borrow::Cow;
 use std::collections::HashSet;
 
-use super::super::archive::{Archive, Input};
+use super::super::archive::Input;
 use super::super::array_rig::{Array, ArrayRig, SparseRows};
-use super::super::fault::{PeerFault, shown};
+use super::super::fault::PeerFault;
 use super::super::fields;
 use super::super::numbers::{Numbers, elements};
 use super::super::pickle::{self, Id, Node, View};
+use super::super::torch::TorchArchive;
 use super::{Assets, Give, Wanted};
 use riglab_core::Vec3;
 
@@ -19,37 +20,24 @@ const DEEP: usize = 1000;
 const BONES: usize = 1 << 15;
 
 pub(super) struct Anymate<'a> {
-    archive: Archive<'a>,
-    /// The archive's own folder, which all members lie in.
-    folder: String,
-    big: bool,
+    file: TorchArchive<'a>,
     nodes: Vec<Node>,
     assets: Vec<Id>,
 }
 
 pub(super) fn open(input: Input<'_>) -> Result<Anymate<'_>, PeerFault> {
-    let mut start = [0; 2];
-    let zipped = input.open().is_ok_and(|mut file| file.read_exact(&mut start).is_ok()) && start == *b"PK";
-    if !zipped {
-        return Err(PeerFault::LegacyTorch);
-    }
-    let mut archive = Archive::open(input)?;
-    let pickled = archive.members().find(|name| name.ends_with("/data.pkl")).map(str::to_owned);
-    let pickled = pickled.ok_or_else(|| PeerFault::UnknownMembers(archive.listed()))?;
-    let folder = pickled.trim_end_matches("data.pkl").to_owned();
-    let order = format!("{folder}byteorder");
-    let big = archive.members().any(|name| name == order) && archive.bytes(&order)?.starts_with(b"big");
-    let bytes = archive.bytes(&pickled)?;
-    let read = pickle::read("data.pkl", &mut &bytes[..], &mut archive.budget, None)?;
+    let mut file = TorchArchive::open(input)?;
+    let bytes = file.pickle()?;
+    let read = pickle::read("data.pkl", &mut &bytes[..], &mut file.archive.budget, None)?;
     let (nodes, id) = read.ok_or_else(|| PeerFault::field("data.pkl", "is empty"))?;
-    archive.budget.give_back(bytes.len() as u64);
+    file.archive.budget.give_back(bytes.len() as u64);
     let assets: Option<Vec<Id>> = View { nodes: &nodes, id }.members().map(|all| all.map(|v| v.id).collect());
     let assets = assets.ok_or_else(|| PeerFault::field("data.pkl", "is no list of assets"))?;
     let mut seen = HashSet::with_capacity(assets.len());
     if assets.iter().any(|id| !seen.insert(*id)) {
         return Err(PeerFault::field("data.pkl", "lists the same asset twice"));
     }
-    Ok(Anymate { archive, folder, big, nodes, assets })
+    Ok(Anymate { file, nodes, assets })
 }
 
 impl Assets for Anymate<'_> {
@@ -58,12 +46,12 @@ impl Assets for Anymate<'_> {
     }
 
     fn each(&mut self, wanted: Wanted, give: Give<'_>) -> Result<(), PeerFault> {
-        let Self { archive, folder, big, nodes, assets } = self;
+        let Self { file, nodes, assets } = self;
         for (item, &id) in assets.iter().enumerate().filter(|(item, _)| wanted.has(*item)) {
             let view = View { nodes, id };
-            let budget = archive.budget.clone();
-            let rig = Record { view, archive: &mut *archive, folder: folder.as_str(), big: *big }.read(wanted.extras);
-            archive.budget = budget;
+            let budget = file.archive.budget.clone();
+            let rig = Record { view, file: &mut *file }.read(wanted.extras);
+            file.archive.budget = budget;
             if give(item, rig).is_break() {
                 break;
             }
@@ -75,9 +63,7 @@ impl Assets for Anymate<'_> {
 /// One dictionary.
 struct Record<'r, 'a> {
     view: View<'r>,
-    archive: &'r mut Archive<'a>,
-    folder: &'r str,
-    big: bool,
+    file: &'r mut TorchArchive<'a>,
 }
 
 impl Record<'_, '_> {
@@ -130,9 +116,9 @@ impl Record<'_, '_> {
         };
         let fault = |reason: String| PeerFault::field(field, reason);
         let mut dtype = tensor.dtype;
-        dtype.big = self.big;
+        dtype.big = self.file.big;
         let from = tensor.offset.checked_mul(dtype.size);
-        let mut bytes = self.archive.bytes(&format!("{}data/{}", self.folder, shown(&tensor.key)))?;
+        let mut bytes = self.file.storage(&tensor.key)?;
         match from.filter(|from| *from <= bytes.len()) {
             Some(from) => drop(bytes.drain(..from)),
             None => return Err(fault("starts beyond its storage".into())),
@@ -140,7 +126,7 @@ impl Record<'_, '_> {
         let (shape, strides) = (tensor.shape.clone(), tensor.strides.clone());
         let numbers = Numbers::strided(shape, strides, dtype, Cow::Owned(bytes)).map_err(fault)?;
         // Beside its bytes, which the archive counts.
-        self.archive.budget.take(dtype.unpacked(numbers.len() * dtype.size), field)?;
+        self.file.archive.budget.take(dtype.unpacked(numbers.len() * dtype.size), field)?;
         Ok(Some(numbers))
     }
 

@@ -1,14 +1,17 @@
 //! `riglab checkpoint`
 
-use std::path::PathBuf;
+mod import;
+
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use anyhow::{Context, Result, anyhow};
 use riglab_files::make_folder_of;
+use riglab_task::bundle::Bundle;
 use riglab_task::tokenrig::{Card, Rigger};
 use tch::{Device, Kind};
 
-/// Trained models as single files: make one, look at one.
+/// Trained models as single files: make one, look at one, take over what others published.
 #[derive(clap::Args)]
 pub struct Args {
     #[command(subcommand)]
@@ -18,6 +21,7 @@ pub struct Args {
 #[derive(clap::Subcommand)]
 enum What {
     Export(ExportArgs),
+    Import(import::ImportArgs),
     Show(ShowArgs),
 }
 
@@ -54,7 +58,7 @@ Examples:
   riglab checkpoint show
   riglab checkpoint show model.safetensors")]
 struct ShowArgs {
-    /// A file of `riglab checkpoint export`, or a run's folder [default: the model that comes with riglab].
+    /// A file of `riglab checkpoint export` or `import`, or a run's folder [default: the model that comes with riglab].
     file: Option<PathBuf>,
 }
 
@@ -62,6 +66,7 @@ pub fn run(args: &Args) -> Result<ExitCode> {
     riglab_torch::init(riglab_torch::Settings { threads: 1 });
     match &args.what {
         What::Export(args) => export(args),
+        What::Import(args) => import::import(args),
         What::Show(args) => show(args),
     }
 }
@@ -85,6 +90,15 @@ fn export(args: &ExportArgs) -> Result<ExitCode> {
 }
 
 fn show(args: &ShowArgs) -> Result<ExitCode> {
+    let part = args.file.as_deref().filter(|file| file.is_file()).map(part).transpose()?.flatten();
+    if let Some(Bundle { kind, card, tensors, .. }) = part {
+        let numbers: usize = tensors.values().map(tch::Tensor::numel).sum();
+        say!("{}", card.name);
+        say!("{:.2} M parameters, of task {kind}: a part, which makes no rigs by itself", numbers as f64 / 1e6);
+        say!("{} steps", card.state.step);
+        say!("\n{}", card.text.trim_end());
+        return Ok(ExitCode::SUCCESS);
+    }
     let opened = match &args.file {
         Some(path) => Rigger::open(path, Device::Cpu),
         None => Rigger::shipped(Device::Cpu),
@@ -98,4 +112,12 @@ fn show(args: &ShowArgs) -> Result<ExitCode> {
     say!("{} steps, up to {} joints, {} codes a bone", card.state.step, c.limits.joints, c.skin.codes);
     say!("\n{}", card.text.trim_end());
     Ok(ExitCode::SUCCESS)
+}
+
+/// What a file holds, if that is a model that makes no rigs.
+fn part(file: &Path) -> Result<Option<Bundle>> {
+    let name = file.display().to_string();
+    let bytes = std::fs::read(file).with_context(|| format!("{name} cannot be read"))?;
+    let bundle = Bundle::of_bytes(&bytes, &name).map_err(|e| anyhow!(e))?;
+    Ok((bundle.kind != "tokenrig").then_some(bundle))
 }

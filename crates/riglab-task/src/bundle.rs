@@ -1,0 +1,92 @@
+//! Trained models as single files: tensors, settings, and what to know about them.
+
+use std::collections::{BTreeMap, HashMap};
+
+use riglab_nn::io;
+use riglab_train::State;
+use serde::{Deserialize, Serialize};
+use tch::Tensor;
+
+/// The text of a file's head that says what it is.
+const ABOUT: &str = "riglab";
+const FORMAT: u32 = 1;
+
+/// What to know about a trained model.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Card {
+    /// A short name.
+    pub name: String,
+    /// Where in its training it stood.
+    pub state: State,
+    /// What it learned from, how good it is, its licence: Markdown.
+    pub text: String,
+}
+
+#[derive(Serialize, Deserialize)]
+struct About {
+    format: u32,
+    kind: String,
+    card: Card,
+    /// Settings as TOML.
+    rig: String,
+    /// Those of the auto-encoder, where the model has one.
+    #[serde(default)]
+    skin: String,
+}
+
+/// What a file holds.
+pub struct Bundle {
+    /// The task that the model is of.
+    pub kind: String,
+    /// What to know.
+    pub card: Card,
+    /// The task's settings as TOML.
+    pub settings: String,
+    /// Those of task `fsq_cvae`, where its model is in the file, too.
+    pub skin: String,
+    /// All tensors by name.
+    pub tensors: BTreeMap<String, Tensor>,
+}
+
+impl Bundle {
+    /// As a file's bytes.
+    ///
+    /// # Errors
+    /// When a tensor is of a kind that files cannot hold.
+    pub fn to_bytes(&self) -> Result<Vec<u8>, String> {
+        let about = About {
+            format: FORMAT,
+            kind: self.kind.clone(),
+            card: self.card.clone(),
+            rig: self.settings.clone(),
+            skin: self.skin.clone(),
+        };
+        let about = serde_json::to_string(&about).map_err(|e| e.to_string())?;
+        let texts = HashMap::from([(ABOUT.to_string(), about)]);
+        io::to_bytes_with(self.tensors.iter().map(|(n, t)| (n.as_str(), t)), Some(texts)).map_err(|e| e.to_string())
+    }
+
+    /// What [`Self::to_bytes`] made; `name` stands in messages.
+    ///
+    /// # Errors
+    /// A sentence: what it is instead, or what is wrong with it.
+    pub fn of_bytes(bytes: &[u8], name: &str) -> Result<Self, String> {
+        let other = || {
+            format!(
+                "{name}: no model of riglab: give a folder that `riglab train` made, or a file made by `riglab checkpoint \
+                 export` or `import`"
+            )
+        };
+        let (tensors, texts) = io::from_bytes(bytes).map_err(|_| other())?;
+        let about: About = texts.get(ABOUT).and_then(|t| serde_json::from_str(t).ok()).ok_or_else(other)?;
+        if about.format != FORMAT {
+            return Err(format!("{name}: format {}, this program reads format {FORMAT}", about.format));
+        }
+        Ok(Self { kind: about.kind, card: about.card, settings: about.rig, skin: about.skin, tensors })
+    }
+
+    /// Numbers of tensors whose names start so, in all.
+    pub fn numbers(&self, prefix: &str) -> usize {
+        self.tensors.iter().filter(|(name, _)| name.starts_with(prefix)).map(|(_, t)| t.numel()).sum()
+    }
+}

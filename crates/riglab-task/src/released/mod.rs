@@ -1,0 +1,367 @@
+//! Weights that UniRig's and SkinTokens' authors published, as models of riglab.
+//!
+//! The networks here have the names of the published weights, so what is left to do is to find out which model a
+//! checkpoint holds and under which prefix ([`recognise`]), to take the sizes that the shapes tell ([`sizes`]), and to
+//! see that every parameter is there with its shape ([`Fit`]). What shapes do not tell (heads, levels of the codes) is
+//! the release's, or set.
+//!
+//! Holds: nothing is loaded unless everything fits; what is left over is told by name.
+//!
+//! Leaves out: how files hold tensors.
+
+mod fit;
+mod names;
+mod sizes;
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+use riglab_config::Config;
+use riglab_nn::NnError;
+use riglab_nn::fsq_cvae::FsqCvae;
+use riglab_nn::params::{Builder, Params};
+use riglab_nn::skeleton::SkeletonModel;
+use riglab_nn::skin_stage::SkinModel;
+use riglab_nn::tokenrig::{Layout, TokenRig};
+use riglab_token::Tokenizer;
+use serde::Serialize;
+use tch::{Device, Kind, Tensor};
+
+pub use fit::Fit;
+pub use names::{Found, Model, recognise};
+use names::{KnownAs, tied};
+
+use crate::bundle::{Bundle, Card};
+use crate::fsq_cvae::{Frozen, FsqCvaeTask, FsqCvaeTaskConfig};
+use crate::tokenrig::{Rigger, TokenRigTaskConfig};
+use crate::unirig_skeleton::{SkeletonTask, SkeletonTaskConfig};
+use crate::unirig_skin::{SkinTask, SkinTaskConfig};
+
+/// Reads a tensor by its name, or says in a sentence why not.
+pub type Reads<'a> = Box<dyn FnMut(&str) -> Result<Tensor, String> + 'a>;
+/// Tells whole numbers of a setting by its key.
+pub type Tells<'a> = Box<dyn Fn(&str) -> Option<Vec<i64>> + 'a>;
+
+/// A checkpoint as it is offered: what is in it, and how to get at it.
+pub struct Offered<'a> {
+    /// What it is called in messages.
+    pub file: String,
+    /// Names and shapes of its tensors.
+    pub shapes: BTreeMap<String, Vec<i64>>,
+    /// Steps it was trained, if it says.
+    pub step: Option<u64>,
+    /// Reads one of its tensors.
+    pub read: Reads<'a>,
+    /// Whole numbers of its settings, by their key, if it tells them.
+    pub setting: Tells<'a>,
+}
+
+/// A model with the weights of a checkpoint.
+pub enum Imported {
+    /// UniRig's skeleton stage.
+    Skeleton(Box<SkeletonTaskConfig>, Params),
+    /// UniRig's skin stage.
+    Skin(Box<SkinTaskConfig>, Params),
+    /// SkinTokens' auto-encoder.
+    FsqCvae(Box<FsqCvaeTaskConfig>, Params),
+    /// SkinTokens' whole model.
+    TokenRig(Box<Rigger>),
+}
+
+/// What came of a checkpoint.
+pub struct Outcome {
+    /// How its tensors fit; of a TokenRig its own part, then its auto-encoder's.
+    pub fits: Vec<Fit>,
+    /// The model, if all did.
+    pub model: Option<Imported>,
+    /// Whether its numbers have 16 bits, all of them.
+    pub half: bool,
+    /// Sizes that shapes tell and that are not the settings', as sentences.
+    pub sizes: Vec<String>,
+}
+
+/// By the networks' names.
+type Tensors = BTreeMap<String, Tensor>;
+
+/// A part of a checkpoint, with names as the networks have them.
+struct Part<'o, 'a> {
+    offered: &'o mut Offered<'a>,
+    found: Found,
+    /// By the networks' name the checkpoint's.
+    names: BTreeMap<String, String>,
+}
+
+impl<'o, 'a> Part<'o, 'a> {
+    fn of(offered: &'o mut Offered<'a>, found: Found) -> Self {
+        let names = found.names(offered.shapes.keys());
+        Self { offered, found, names }
+    }
+
+    fn sizes(&self) -> sizes::Shapes<'_> {
+        sizes::Shapes::new(self.names.iter().map(|(own, name)| (own.as_str(), self.offered.shapes[name].as_slice())))
+    }
+
+    /// Compares with a network that is being built. Its tensors, if all fit: a network as large as some shapes claim
+    /// is not made before they are there.
+    fn fit(&mut self, network: &Builder) -> Result<(Fit, Option<Tensors>), String> {
+        let mut fit = Fit::of(&self.found, network, &self.names, &self.offered.shapes);
+        for (own, as_what) in names::known(self.found.model, &self.names) {
+            let table = tied(self.found.model);
+            if as_what == KnownAs::Tied && self.names.contains_key(table) {
+                let (head, table) = (self.read(&own)?, self.read(table)?);
+                if !head.equal(&table) {
+                    fit.differs(&own, tied(self.found.model));
+                }
+            }
+        }
+        if !fit.is_whole() {
+            return Ok((fit, None));
+        }
+        let all = network.shapes().map(|(name, _)| Ok((name.to_string(), self.read(name)?)));
+        let all: Tensors = all.collect::<Result<_, String>>()?;
+        Ok((fit, Some(all)))
+    }
+
+    fn read(&mut self, own: &str) -> Result<Tensor, String> {
+        let name = self.names.get(own).ok_or_else(|| format!("no tensor `{own}`"))?;
+        (self.offered.read)(name)
+    }
+}
+
+/// Reads a checkpoint as the model that was found in it. `config` has the release's values, or other ones where
+/// shapes do not tell; for [`Model::TokenRig`], `skin` has the auto-encoder's, and `vae` is a checkpoint that it
+/// comes from, if not from the same.
+///
+/// # Errors
+/// A sentence: settings that are impossible, or tensors that cannot be read. That tensors do not fit is no error but
+/// told in [`Outcome::fits`].
+pub fn import(
+    offered: &mut Offered<'_>,
+    found: &Found,
+    config: &Config,
+    skin: Option<(&Config, Option<&mut Offered<'_>>)>,
+    device: Device,
+) -> Result<Outcome, String> {
+    let mut sizes_told = Vec::new();
+    let mut builder = Builder::default();
+    let mut half = false;
+    let (fits, model) = match found.model {
+        Model::UnirigSkeleton => {
+            let mut c: SkeletonTaskConfig = config.get().map_err(|e| e.to_string())?;
+            let mut part = Part::of(offered, found.clone());
+            let before = c.model.clone();
+            sizes::skeleton(&part.sizes(), &mut c);
+            sizes_told.extend(changed(found.model.title(), &before, &c.model));
+            c.validate().map_err(impossible)?;
+            SkeletonModel::new(builder.root(), &c.model, Tokenizer::new(c.tokenizer.clone()).vocabulary().len());
+            let (fit, tensors) = part.fit(&builder)?;
+            let model = tensors.map(|tensors| {
+                half = is_half(&tensors);
+                let (_, params) = SkeletonTask::network(&c, device)?;
+                params.load(&tensors)?;
+                Ok::<_, NnError>(Imported::Skeleton(Box::new(c), params))
+            });
+            (vec![fit], model.transpose().map_err(|e| e.to_string())?)
+        }
+        Model::UnirigSkin => {
+            let mut c: SkinTaskConfig = config.get().map_err(|e| e.to_string())?;
+            let mut part = Part::of(offered, found.clone());
+            let before = c.model.clone();
+            sizes::skin(&part.sizes(), &mut c);
+            sizes_told.extend(changed(found.model.title(), &before, &c.model));
+            c.validate().map_err(impossible)?;
+            SkinModel::new(builder.root(), &c.model);
+            let (fit, tensors) = part.fit(&builder)?;
+            let model = tensors.map(|tensors| {
+                half = is_half(&tensors);
+                let (_, params) = SkinTask::network(&c, device)?;
+                params.load(&tensors)?;
+                Ok::<_, NnError>(Imported::Skin(Box::new(c), params))
+            });
+            (vec![fit], model.transpose().map_err(|e| e.to_string())?)
+        }
+        Model::FsqCvae => {
+            let Encoder { fit, config, loaded, half: own, sizes } =
+                auto_encoder(offered, found.clone(), config, device)?;
+            half = own;
+            sizes_told.extend(sizes);
+            (vec![fit], loaded.map(|(_, params)| Imported::FsqCvae(Box::new(config), params)))
+        }
+        Model::TokenRig => {
+            let mut c: TokenRigTaskConfig = config.get().map_err(|e| e.to_string())?;
+            let (skin, other) = skin.ok_or("no settings of an auto-encoder")?;
+            let vae = match (other, recognise(offered.shapes.keys(), Some(Model::FsqCvae))) {
+                (Some(other), _) => {
+                    let found = recognise(other.shapes.keys(), Some(Model::FsqCvae))
+                        .ok_or_else(|| format!("{}: holds no auto-encoder of skin weights", other.file))?;
+                    auto_encoder(other, found, skin, device)?
+                }
+                (None, Some(found)) => auto_encoder(offered, found, skin, device)?,
+                (None, None) => {
+                    return Err(format!(
+                        "{}: holds no auto-encoder of skin weights, without which skin codes mean nothing; give its \
+                         checkpoint with --skin FILE",
+                        offered.file
+                    ));
+                }
+            };
+            sizes_told.extend(vae.sizes);
+            if let Some([codes]) = (offered.setting)("tokens_per_skin").as_deref() {
+                c.skin.codes = usize::try_from(*codes).unwrap_or(c.skin.codes);
+            }
+            let mut part = Part::of(offered, found.clone());
+            let before = c.model.clone();
+            sizes::tokenrig(&part.sizes(), &mut c);
+            sizes_told.extend(changed(found.model.title(), &before, &c.model));
+            c.validate().map_err(impossible)?;
+            let ids = Tokenizer::new(c.tokenizer.clone()).vocabulary().len();
+            let layout = Layout::new(ids, &vae.config.model.levels, c.model.head);
+            TokenRig::new(builder.root(), &c.model, &layout, c.skin.codes);
+            let (fit, tensors) = part.fit(&builder)?;
+            let model = match (tensors, vae.loaded) {
+                (Some(tensors), Some((net, params))) => {
+                    half = is_half(&tensors) && vae.half;
+                    let frozen = Frozen::new(vae.config, net, params, device);
+                    let rigger = Rigger::new(c, Arc::new(frozen), device)?;
+                    rigger.params().load(&tensors).map_err(|e| e.to_string())?;
+                    Some(Imported::TokenRig(Box::new(rigger)))
+                }
+                _ => None,
+            };
+            (vec![fit, vae.fit], model)
+        }
+    };
+    Ok(Outcome { fits, model, half, sizes: sizes_told })
+}
+
+/// Tells which settings became others.
+fn changed<T: Serialize>(what: &str, before: &T, after: &T) -> Option<String> {
+    fn flat(at: &str, value: &toml::Value, out: &mut BTreeMap<String, String>) {
+        match value {
+            toml::Value::Table(table) => table.iter().for_each(|(key, value)| flat(&format!("{at}.{key}"), value, out)),
+            other => drop(out.insert(at.to_string(), other.to_string())),
+        }
+    }
+    let all = |value: &T| {
+        let mut out = BTreeMap::new();
+        if let Ok(value) = toml::Value::try_from(value) {
+            flat("model", &value, &mut out);
+        }
+        out
+    };
+    let was = all(before);
+    let own = all(after).into_iter().filter(|(key, value)| was.get(key) != Some(value));
+    let each: Vec<String> = own
+        .map(|(key, value)| match was.get(&key) {
+            Some(was) => format!("{key} = {value} ({was})"),
+            None => format!("{key} = {value}"),
+        })
+        .collect();
+    (!each.is_empty()).then(|| format!("{what}: {}", each.join(", ")))
+}
+
+/// What is said where sizes and settings cannot go together.
+fn impossible((key, message): (String, String)) -> String {
+    format!(
+        "{key}: {message}; sizes are those of the tensors' shapes, what shapes do not tell is the release's unless it is \
+         set, as --set model.heads=8"
+    )
+}
+
+/// An auto-encoder of a checkpoint.
+struct Encoder {
+    fit: Fit,
+    config: FsqCvaeTaskConfig,
+    /// If all fitted.
+    loaded: Option<(FsqCvae, Params)>,
+    half: bool,
+    /// See [`Outcome::sizes`].
+    sizes: Option<String>,
+}
+
+fn auto_encoder(offered: &mut Offered<'_>, found: Found, config: &Config, device: Device) -> Result<Encoder, String> {
+    let mut config: FsqCvaeTaskConfig = config.get().map_err(|e| e.to_string())?;
+    if let Some(levels) = (offered.setting)("levels").filter(|l| !l.is_empty()) {
+        config.model.levels = levels;
+    }
+    let mut part = Part::of(offered, found);
+    let mut before = config.model.clone();
+    sizes::fsq_cvae(&part.sizes(), &mut config);
+    // Which queries the release has is not told anywhere else.
+    before.skin_queries = config.model.skin_queries;
+    let sizes = changed(Model::FsqCvae.title(), &before, &config.model);
+    config.validate().map_err(impossible)?;
+    let mut builder = Builder::default();
+    FsqCvae::new(builder.root(), &config.model).map_err(|e| e.to_string())?;
+    let (fit, tensors) = part.fit(&builder)?;
+    let half = tensors.as_ref().is_some_and(is_half);
+    let loaded = tensors.map(|tensors| {
+        let (net, params) = FsqCvaeTask::network(&config, device)?;
+        params.load(&tensors)?;
+        Ok::<_, NnError>((net, params))
+    });
+    let loaded = loaded.transpose().map_err(|e| e.to_string())?;
+    Ok(Encoder { fit, config, loaded, half, sizes })
+}
+
+/// Whether all numbers are of bfloat16.
+fn is_half(tensors: &Tensors) -> bool {
+    tensors.values().all(|t| t.kind() == Kind::BFloat16)
+}
+
+impl Imported {
+    /// The task that it is of.
+    pub fn task(&self) -> &'static str {
+        match self {
+            Self::Skeleton(..) => "unirig_skeleton",
+            Self::Skin(..) => "unirig_skin",
+            Self::FsqCvae(..) => "fsq_cvae",
+            Self::TokenRig(_) => "tokenrig",
+        }
+    }
+
+    /// Its parameters, without those of an auto-encoder.
+    pub fn params(&self) -> &Params {
+        match self {
+            Self::Skeleton(_, params) | Self::Skin(_, params) | Self::FsqCvae(_, params) => params,
+            Self::TokenRig(rigger) => rigger.params(),
+        }
+    }
+
+    /// Its settings as TOML.
+    ///
+    /// # Errors
+    /// When they cannot be written.
+    pub fn settings(&self) -> Result<String, String> {
+        match self {
+            Self::Skeleton(c, _) => toml_of(c),
+            Self::Skin(c, _) => toml_of(c),
+            Self::FsqCvae(c, _) => toml_of(c),
+            Self::TokenRig(rigger) => toml_of(rigger.config()),
+        }
+    }
+
+    /// As one file, numbers as `kind`.
+    ///
+    /// # Errors
+    /// When settings or tensors cannot be written.
+    pub fn bundle(&self, card: &Card, kind: Kind) -> Result<Vec<u8>, String> {
+        if let Self::TokenRig(rigger) = self {
+            return rigger.bundle(card, kind);
+        }
+        let params = self.params();
+        let tensors = params.named(params.weights()).map(|(n, t)| (n.to_string(), t.detach().to_kind(kind)));
+        let bundle = Bundle {
+            kind: self.task().into(),
+            card: card.clone(),
+            settings: self.settings()?,
+            skin: String::new(),
+            tensors: tensors.collect(),
+        };
+        bundle.to_bytes()
+    }
+}
+
+fn toml_of(config: &impl Serialize) -> Result<String, String> {
+    toml::to_string(config).map_err(|e| e.to_string())
+}

@@ -1,0 +1,253 @@
+//! `riglab checkpoint import`
+
+use std::collections::BTreeMap;
+use std::io::Read;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+use anyhow::{Context, Result, anyhow, bail};
+use riglab_asset::{StoredKind, StoredTensor, TensorFile};
+use riglab_config::Config;
+use riglab_files::make_folder_of;
+use riglab_task::bundle::Card;
+use riglab_task::released::{Fit, Found, Imported, Model, Offered, import as read, recognise};
+use riglab_train::{Checkpoint, Run, RunInfo, State};
+use tch::{Device, Kind, Tensor};
+
+use crate::presets;
+
+/// Take over weights that UniRig's or SkinTokens' authors published.
+///
+/// Reads checkpoints of torch and Lightning (nothing in them is run) and safetensors, finds out which model it is,
+/// compares every tensor's name and shape with riglab's network, and lists what fits, what is missing and what is left
+/// over. Sizes are taken from the shapes; what shapes do not tell is the release's.
+#[derive(clap::Args)]
+#[command(after_help = "\
+Examples:
+  riglab checkpoint import grpo_1400.ckpt
+  riglab checkpoint import grpo_1400.ckpt -o tokenrig.safetensors
+  riglab rig model.glb -o rigged.glb --checkpoint tokenrig.safetensors
+  riglab checkpoint import last.ckpt -o runs/released_vae
+  riglab eval runs/released_vae --set data.corpora='[\"corpus.h5\"]'")]
+pub struct ImportArgs {
+    /// The published file.
+    file: PathBuf,
+    /// What to write: a file (.safetensors) for `riglab rig`, `grpo` and `skin.run`, or a run's folder for `riglab eval`.
+    /// Without it, the file is only looked at.
+    #[arg(long, short, value_name = "OUT")]
+    out: Option<PathBuf>,
+    /// Which model it is: unirig_skeleton, unirig_skin, fsq_cvae or tokenrig [default: by its names].
+    #[arg(long = "as", value_name = "MODEL")]
+    model: Option<Model>,
+    /// For TokenRig: take its auto-encoder from this file [default: from the same].
+    #[arg(long, value_name = "FILE")]
+    skin: Option<PathBuf>,
+    /// Change a setting that shapes do not tell, as `model.heads=8`; `auto_encoder.` before it for TokenRig's
+    /// auto-encoder.
+    #[arg(long = "set", value_name = "KEY=VALUE")]
+    sets: Vec<String>,
+    /// Its name [default: the file's].
+    #[arg(long)]
+    name: Option<String>,
+    /// List every tensor that does not fit.
+    #[arg(long)]
+    all: bool,
+}
+
+/// Tensors of a kind that are listed, unless all are.
+const LISTED: usize = 12;
+
+pub fn import(args: &ImportArgs) -> Result<ExitCode> {
+    let shown = args.file.display();
+    let mut offered = open(&args.file)?;
+    let found = recognise(offered.shapes.keys(), args.model).ok_or_else(|| unknown(args, &offered))?;
+    let (config, skin) = settings(found.model, &args.sets)?;
+    let mut other = args.skin.as_deref().map(open).transpose()?;
+    let skin = skin.as_ref().map(|config| (config, other.as_mut()));
+    let outcome = read(&mut offered, &found, &config, skin, Device::Cpu).map_err(|e| anyhow!("{shown}: {e}"))?;
+    for fit in &outcome.fits {
+        fit.lines(if args.all { usize::MAX } else { LISTED }).iter().for_each(|line| say!("{line}"));
+    }
+    for sizes in &outcome.sizes {
+        eprintln!(
+            "note: other sizes than the release's. {sizes}. What shapes do not tell, as heads, stays: look at it"
+        );
+    }
+    let Some(model) = outcome.model else { bail!("{shown}: {}", refused(&found, &outcome.fits)) };
+    let Some(out) = &args.out else {
+        eprintln!("all that is needed is there; -o OUT.safetensors writes it");
+        return Ok(ExitCode::SUCCESS);
+    };
+    let state = State {
+        task: model.task().into(),
+        step: offered.step.unwrap_or(0),
+        seed: 0,
+        skipped: 0,
+        skipped_in_a_row: 0,
+        best: None,
+    };
+    let own = args.file.file_stem().map_or_else(|| model.task().into(), |n| n.to_string_lossy().into_owned());
+    let text = card(found.model, &args.file, &outcome.fits);
+    let card = Card { name: args.name.clone().unwrap_or(own), text, state };
+    if out.extension().is_some_and(|e| e == "safetensors") {
+        let kind = if outcome.half { Kind::BFloat16 } else { Kind::Float };
+        let bytes = model.bundle(&card, kind).map_err(|e| anyhow!(e))?;
+        make_folder_of(out)?;
+        riglab_files::write(out, &bytes).with_context(|| format!("{} cannot be written", out.display()))?;
+        say!("{}: {:.1} MB", out.display(), bytes.len() as f64 / 1e6);
+    } else {
+        folder(out, &model, &card)?;
+        say!("{}", out.display());
+    }
+    eprintln!("next: {}", next(&model, out));
+    Ok(ExitCode::SUCCESS)
+}
+
+/// A file's tensors, whichever of the formats it has.
+fn open(path: &Path) -> Result<Offered<'_>> {
+    let file = path.display().to_string();
+    let mut start = Vec::new();
+    if path.is_dir() {
+        bail!("{file} is a folder; give the checkpoint that lies in it");
+    }
+    let opened = std::fs::File::open(path).and_then(|f| f.take(64).read_to_end(&mut start));
+    opened.with_context(|| format!("{file} cannot be read"))?;
+    if start.starts_with(b"version https://git-lfs") {
+        bail!("{file} only says where the weights lie; fetch them with `git lfs pull`");
+    }
+    if start.get(8) == Some(&b'{') && !start.starts_with(b"PK") {
+        let tensors = riglab_nn::io::read(path)?;
+        let shapes = tensors.iter().map(|(n, t)| (n.clone(), t.size())).collect();
+        let read = move |name: &str| tensors.get(name).map(Tensor::shallow_clone).ok_or_else(|| format!("no `{name}`"));
+        return Ok(Offered { file, shapes, step: None, read: Box::new(read), setting: Box::new(|_| None) });
+    }
+    let mut tensors = TensorFile::open(path)?;
+    let length = |n: &usize| i64::try_from(*n).unwrap_or(i64::MAX);
+    let shapes: BTreeMap<String, Vec<i64>> =
+        tensors.shapes().map(|(n, s)| (n.to_owned(), s.iter().map(length).collect())).collect();
+    let step = tensors.step();
+    // The settings that are asked for.
+    let told: BTreeMap<&str, Vec<i64>> =
+        ["levels", "tokens_per_skin"].into_iter().filter_map(|key| Some((key, tensors.setting(key)?))).collect();
+    let read = move |name: &str| {
+        let stored = tensors.read(name).map_err(|e| e.to_string())?;
+        tensor(&stored.ok_or_else(|| format!("no `{name}`"))?).map_err(|e| format!("tensor `{name}`: {e}"))
+    };
+    Ok(Offered { file, shapes, step, read: Box::new(read), setting: Box::new(move |key| told.get(key).cloned()) })
+}
+
+fn tensor(stored: &StoredTensor) -> Result<Tensor, tch::TchError> {
+    let kind = match stored.kind {
+        StoredKind::F64 => Kind::Double,
+        StoredKind::F32 => Kind::Float,
+        StoredKind::F16 => Kind::Half,
+        StoredKind::Bf16 => Kind::BFloat16,
+        StoredKind::I64 => Kind::Int64,
+        StoredKind::I32 => Kind::Int,
+        StoredKind::I16 => Kind::Int16,
+        StoredKind::I8 => Kind::Int8,
+        StoredKind::U8 => Kind::Uint8,
+        StoredKind::Bool => Kind::Bool,
+    };
+    let shape: Vec<i64> = stored.shape.iter().map(|&n| n as i64).collect();
+    Tensor::f_from_data_size(&stored.bytes, &shape, kind)
+}
+
+/// The settings of a release, and for TokenRig those of its auto-encoder.
+fn settings(model: Model, sets: &[String]) -> Result<(Config, Option<Config>)> {
+    const WITHIN: &str = "auto_encoder.";
+    let of_skin: Vec<String> = sets.iter().filter_map(|s| s.strip_prefix(WITHIN)).map(String::from).collect();
+    let own: Vec<String> = sets.iter().filter(|s| !s.starts_with(WITHIN)).cloned().collect();
+    let name = match model {
+        Model::UnirigSkeleton => "unirig/skeleton_released.toml",
+        Model::UnirigSkin => "unirig/skin_released.toml",
+        Model::FsqCvae => "skintokens/fsq_cvae_released.toml",
+        Model::TokenRig => "skintokens/tokenrig_released.toml",
+    };
+    let config = presets::load(name, &own)?;
+    if model != Model::TokenRig {
+        if let Some(set) = of_skin.first() {
+            bail!("--set {WITHIN}{set}: only TokenRig has an auto-encoder beside its own network");
+        }
+        return Ok((config, None));
+    }
+    Ok((config, Some(presets::load("skintokens/fsq_cvae_released.toml", &of_skin)?)))
+}
+
+fn unknown(args: &ImportArgs, offered: &Offered<'_>) -> anyhow::Error {
+    let some: Vec<String> = offered.shapes.keys().take(3).map(|n| format!("`{n}`")).collect();
+    let what = match args.model {
+        Some(model) => format!("no {} is in it", model.title()),
+        None => "none of the published models is in it".into(),
+    };
+    anyhow!(
+        "{}: {what}; of its {} tensors the first are {}",
+        args.file.display(),
+        offered.shapes.len(),
+        some.join(", ")
+    )
+}
+
+fn refused(found: &Found, fits: &[Fit]) -> String {
+    let count = |of: fn(&Fit) -> usize| fits.iter().map(of).sum::<usize>();
+    let (missing, unlike, wrong) = (count(|f| f.missing.len()), count(|f| f.unlike.len()), count(|f| f.wrong.len()));
+    format!(
+        "not {} as published: {missing} tensors are missing, {unlike} have another shape, {wrong} are not what they \
+         should be (listed above). Settings that shapes do not tell can be given, as --set model.heads=8; --as takes it \
+         for another model",
+        found.model.title()
+    )
+}
+
+/// What is known about weights that others trained.
+fn card(model: Model, file: &Path, fits: &[Fit]) -> String {
+    let file = file.file_name().unwrap_or_default().to_string_lossy();
+    let lines: Vec<String> = fits.iter().flat_map(|fit| fit.lines(LISTED)).collect();
+    format!(
+        "{}, as its authors published it, read from `{file}` by `riglab checkpoint import`. riglab neither trained nor \
+         measured it. Its licence is that of the place where the file comes from.\n\n```\n{}\n```",
+        model.title(),
+        lines.join("\n")
+    )
+}
+
+/// A run's folder that holds the weights as its best checkpoint.
+fn folder(out: &Path, model: &Imported, card: &Card) -> Result<()> {
+    let settings = match model {
+        Imported::TokenRig(rigger) => {
+            let (skin, vae) = (out.join("auto_encoder"), rigger.vae());
+            let run = Run::create(&skin, &toml::to_string(vae.config())?)?;
+            let state = State { task: "fsq_cvae".into(), ..card.state.clone() };
+            vae.plant(run.dir(), &state).map_err(|e| anyhow!(e))?;
+            about(&run, "fsq_cvae", vae.tensors().iter().map(|(_, t)| t.numel()).sum())?;
+            let mut config = rigger.config().clone();
+            config.skin.run = skin;
+            toml::to_string(&config)?
+        }
+        other => other.settings().map_err(|e| anyhow!(e))?,
+    };
+    let run = Run::create(out, &settings)?;
+    Checkpoint::plant(run.dir(), model.params(), &card.state)?;
+    riglab_files::write(&run.path("card.md"), card.text.as_bytes())?;
+    about(&run, model.task(), model.params().numel())
+}
+
+fn about(run: &Run, task: &str, parameters: usize) -> Result<()> {
+    let mut info = RunInfo::new(task, 1, "cpu");
+    (info.parameters, info.ended, info.outcome) = (parameters, RunInfo::now(), "imported".into());
+    Ok(run.write_info(&info)?)
+}
+
+fn next(model: &Imported, out: &Path) -> String {
+    let shown = out.display();
+    match model {
+        Imported::TokenRig(_) => format!("riglab rig MODEL.glb -o RIGGED.glb --checkpoint {shown}"),
+        Imported::FsqCvae(..) if out.is_file() => {
+            format!(
+                "riglab checkpoint import TOKENRIG.ckpt --skin {shown}, or --set skin.run='\"{shown}\"' in training"
+            )
+        }
+        _ if out.is_file() => format!("riglab checkpoint show {shown}"),
+        _ => format!("riglab eval {shown} --set data.corpora='[\"corpus.h5\"]'"),
+    }
+}
