@@ -53,6 +53,52 @@ fn a_creature_goes_through_every_format_and_back() {
 }
 
 #[test]
+fn a_picture_is_drawn_of_any_file() {
+    let dir = tempfile::tempdir().unwrap();
+    let creature = &creatures(&dir.path().join("made"), 1)[0];
+    let size = |png: &Path| {
+        let bytes = fs::read(png).unwrap();
+        assert_eq!(&bytes[1..4], b"PNG");
+        let side = |at: usize| u32::from_be_bytes(bytes[at..at + 4].try_into().unwrap());
+        (bytes.len(), side(16), side(20))
+    };
+    let draw = |file: &Path, more: &[&str]| {
+        let png = dir.path().join("pictures").join("a.png");
+        let args = [&["view", text(file), "--png", text(&png), "--size", "64"], more].concat();
+        let said = String::from_utf8(must(&args).stdout).unwrap();
+        (size(&png), said)
+    };
+    let ((plain, width, height), said) = draw(creature, &[]);
+    assert!(said.contains("joints") && width.max(height) > 2 * 64 && width.min(height) > 48, "{said}");
+    let names: Vec<String> =
+        inspected(creature)["joints"].as_array().unwrap().iter().map(|j| j["name"].to_string()).collect();
+    let bone = names[1].trim_matches('"');
+    // A row of the skeleton and one of each bone.
+    let ((_, _, taller), _) = draw(creature, &["--bone", bone, "--bone", names[2].trim_matches('"')]);
+    assert!(taller > height);
+    assert_ne!(draw(creature, &["--up", "z"]).0.0, plain);
+    for (format, name) in FORMATS {
+        let file = dir.path().join(name);
+        must(&["convert", text(creature), text(&file), "--to", format]);
+        assert!(draw(&file, &[]).1.contains("joints"), "{format}");
+    }
+    let bare = dir.path().join("bare.glb");
+    must(&["strip", text(creature), text(&bare)]);
+    let ((_, _, low), said) = draw(&bare, &["--dark"]);
+    assert!(said.contains("no rig") && low < height, "{said}");
+    let png = dir.path().join("b.png");
+    for (args, wanted) in [
+        (vec!["view", text(creature), "--png", text(&png), "--bone", "nonesuch"], "no joint is called `nonesuch`"),
+        (vec!["view", text(&bare), "--png", text(&png), "--bone", bone], "no rig"),
+        (vec!["view", text(creature), "--png", text(creature)], "only PNG"),
+        (vec!["view", "nonesuch.glb", "--png", text(&png)], "nonesuch.glb"),
+    ] {
+        let said = refusal(&mut riglab(&args));
+        assert!(said.contains(wanted) && !png.exists(), "{said}");
+    }
+}
+
+#[test]
 fn many_files_become_one_and_a_corpus() {
     let dir = tempfile::tempdir().unwrap();
     let made = dir.path().join("made");
