@@ -99,6 +99,31 @@ fn a_given_skeleton_stays_as_it_is() {
 }
 
 #[test]
+fn the_best_of_several_is_told_by_likelihood_or_rewards() {
+    let dir = tempfile::tempdir().unwrap();
+    let bare = &creatures(dir.path(), "2")[0].1;
+    let out = dir.path().join("out.glb");
+    let rig = |more: &[&str]| {
+        let args = [&["rig", text(bare), "-o", text(&out), "--samples", "4", "--seed", "3"], more].concat();
+        String::from_utf8(must(&args).stdout).unwrap()
+    };
+    let line = |rank: &str| serde_json::from_str::<Value>(&rig(&["--rank", rank, "--json"])).unwrap();
+    let of = |v: &Value, key: &str| -> Vec<f64> {
+        let each = v["samples"].as_array().unwrap().iter();
+        each.map(|s| s.pointer(key).and_then(Value::as_f64).unwrap_or(f64::NAN)).collect()
+    };
+    let best = |all: &[f64]| (0..all.len()).max_by(|&a, &b| all[a].total_cmp(&all[b])).unwrap() as u64;
+    let (likely, worth) = (line("likelihood"), line("rewards"));
+    assert_eq!(likely["sample"].as_u64(), Some(best(&of(&likely, "/likelihood"))));
+    assert_eq!(worth["sample"].as_u64(), Some(best(&of(&worth, "/rewards/total"))));
+    assert_eq!(of(&worth, "/likelihood"), of(&likely, "/likelihood"));
+    assert!(likely["rewards"].is_null() && worth["rewards"]["coverage"].as_f64().unwrap() > 0.0);
+    sound(&out);
+    let said = rig(&["--rank", "rewards"]);
+    assert!(said.contains("of 4 by rewards: R = ") && said.contains("bones inside"), "{said}");
+}
+
+#[test]
 fn a_folder_is_rigged_file_by_file() {
     let dir = tempfile::tempdir().unwrap();
     creatures(dir.path(), "2");

@@ -2,9 +2,24 @@
 
 use riglab_core::{Bounds, Mesh, Similarity, Skeleton, SkinWeights};
 use riglab_random::stream;
+use riglab_reward::{RewardConfig, Rewards, Scorer};
 use riglab_token::Bones;
 
 use super::{Drawn, Rigger};
+use crate::grpo::{Judged, Subject, rewards};
+
+/// By what the best of several rigs is told.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Rank {
+    /// How likely the model holds it, a token.
+    #[default]
+    Likelihood,
+    /// The rewards of SkinTokens 3.4.1: by its geometry alone.
+    Rewards,
+}
+
+/// Vertices at which weights are asked to be judged, at most; the others are told by those around them.
+const JUDGED: usize = 4096;
 
 /// What is wanted.
 #[derive(Clone, Debug, Default)]
@@ -13,8 +28,10 @@ pub struct Wish<'a> {
     pub skeleton: Option<&'a Skeleton>,
     /// A class of skeletons to begin with, by its name: its named parts then come first.
     pub class: Option<&'a str>,
-    /// How many are drawn, of which the likeliest is taken; 1 takes the likeliest token each time.
+    /// How many are drawn, of which the best is taken; 1 takes the likeliest token each time.
     pub samples: usize,
+    /// Which is the best.
+    pub rank: Rank,
     /// Temperature of the draws, where there are several.
     pub temperature: f32,
     /// Seeds the points that the encoders see, and the draws.
@@ -28,10 +45,26 @@ pub struct Made {
     pub skeleton: Skeleton,
     /// Weights of every vertex.
     pub weights: SkinWeights,
-    /// Mean log-probability of what was drawn, a token.
-    pub likelihood: f64,
     /// Which of the draws it is.
     pub sample: usize,
+    /// All draws, in their order.
+    pub draws: Vec<Draw>,
+}
+
+/// What is known of a draw.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Draw {
+    /// Mean log-probability of what was drawn, a token.
+    pub likelihood: f64,
+    /// What it is worth, with [`Rank::Rewards`].
+    pub rewards: Option<Rewards>,
+}
+
+impl Made {
+    /// The draw that was taken.
+    pub fn taken(&self) -> &Draw {
+        &self.draws[self.sample]
+    }
 }
 
 impl Rigger {
@@ -70,10 +103,14 @@ impl Rigger {
         };
         let mut streams: Vec<_> = (0..samples as u64).map(|k| stream(wish.seed, "rig draws", &[k])).collect();
         let drawn = self.draw(w, &prefix, &vec![prompt; samples], &how, &mut streams)?;
-        let mean = |d: &Drawn| d.likelihood.0 / d.likelihood.1.max(1) as f64;
+        let draws = self.judged(&cube, &drawn, wish)?;
         let whole = drawn.iter().enumerate().filter(|(_, d)| d.decoded.is_ok());
+        let worth = |at: usize| match (wish.rank, draws[at].rewards) {
+            (Rank::Rewards, Some(rewards)) => rewards.total,
+            _ => draws[at].likelihood,
+        };
         // The first of equals.
-        let best = whole.min_by(|(_, a), (_, b)| mean(b).total_cmp(&mean(a)));
+        let best = whole.min_by(|(a, _), (b, _)| worth(*b).total_cmp(&worth(*a)));
         let (sample, drawn) = best.ok_or("no skeleton came out; try --samples 8, or another --seed")?;
         let (skeleton, in_cube, codes) = match given {
             Some((skeleton, encoded)) => {
@@ -92,7 +129,24 @@ impl Rigger {
             }
         };
         let weights = self.skin(&cube, &in_cube, &codes, wish.seed)?;
-        Ok(Made { skeleton, weights, likelihood: mean(drawn), sample })
+        Ok(Made { skeleton, weights, sample, draws })
+    }
+
+    /// What draws for a mesh in the cube are worth.
+    fn judged(&self, cube: &Mesh, drawn: &[Drawn], wish: &Wish<'_>) -> Result<Vec<Draw>, String> {
+        let worth = match wish.rank {
+            Rank::Likelihood => vec![None; drawn.len()],
+            Rank::Rewards => {
+                let scorer = Scorer::new(cube, &RewardConfig::default());
+                let subject = Subject { key: wish.seed, mesh: cube.clone(), scorer };
+                let eval = &self.config.eval;
+                let vertices = eval.vertices.min(JUDGED);
+                let how = Judged { vertices, cut: eval.cut, half: false, seed: eval.seed };
+                rewards(&self.vae, &subject, drawn, &how)?.into_iter().map(Some).collect()
+            }
+        };
+        let mean = |d: &Drawn| d.likelihood.0 / d.likelihood.1.max(1) as f64;
+        Ok(drawn.iter().zip(worth).map(|(d, rewards)| Draw { likelihood: mean(d), rewards }).collect())
     }
 
     /// A skeleton's sequence.
@@ -124,6 +178,53 @@ impl Rigger {
         match ids.class_named(class) {
             Some(number) => Ok(vec![ids.bos(), ids.class(number)]),
             None => Err(format!("there is no template `{class}`; there are: {}", ids.classes().join(", "))),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use riglab_nn::tokenrig::Head;
+
+    use super::*;
+    use crate::tokenrig::testing::{tetrahedron, untrained};
+
+    #[test]
+    fn the_best_by_rewards_has_the_largest_total() {
+        let (mesh, rigger) = (tetrahedron(), untrained(Head::Levels, true));
+        let wish = |rank| Wish { samples: 6, temperature: 1.0, rank, ..Wish::default() };
+        let by_rewards = rigger.make(&mesh, &wish(Rank::Rewards)).unwrap();
+        let totals: Vec<f64> = by_rewards.draws.iter().map(|d| d.rewards.unwrap().total).collect();
+        let best = totals.iter().copied().fold(f64::MIN, f64::max);
+        assert_eq!(totals[by_rewards.sample], best, "{totals:?}");
+        assert!(totals.iter().any(|t| *t < best) && totals.iter().all(|t| (0.0..=8.0).contains(t)), "{totals:?}");
+        // The same draws, ranked otherwise.
+        let likely = rigger.make(&mesh, &wish(Rank::Likelihood)).unwrap();
+        let of = |made: &Made| made.draws.iter().map(|d| d.likelihood).collect::<Vec<_>>();
+        assert_eq!(of(&likely), of(&by_rewards));
+        assert_eq!(likely.taken().likelihood, of(&likely).into_iter().fold(f64::MIN, f64::max));
+        assert!(likely.taken().rewards.is_none());
+    }
+
+    #[test]
+    fn a_skeleton_that_is_given_comes_back_and_its_weights_are_ranked() {
+        let (mesh, mut rigger) = (tetrahedron(), untrained(Head::Levels, true));
+        let joint = |name: &str, parent, head| riglab_core::Joint { name: name.into(), parent, head };
+        let joints =
+            vec![joint("a", None, [0.1, 0.2, 0.3]), joint("b", Some(riglab_core::JointId(0)), [0.1, 0.7, 0.3])];
+        let skeleton = Skeleton::new(joints).unwrap();
+        for up in [crate::assets::Up::Y, crate::assets::Up::Z] {
+            rigger.config.data.up = up;
+            let wish = Wish {
+                skeleton: Some(&skeleton),
+                samples: 3,
+                temperature: 1.0,
+                rank: Rank::Rewards,
+                ..Wish::default()
+            };
+            let made = rigger.make(&mesh, &wish).unwrap();
+            assert_eq!(made.skeleton, skeleton);
+            assert!(made.draws.len() == 3 && made.draws.iter().all(|d| d.rewards.is_some()));
         }
     }
 }

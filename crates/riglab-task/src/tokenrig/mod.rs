@@ -26,7 +26,7 @@ use tch::{Device, Tensor};
 pub use batch::{Batch, BatchSource};
 pub use config::{EvalConfig, LossConfig, SamplingConfig, SkinConfig, TokenRigTaskConfig};
 pub use evaluate::Report;
-pub use make::{Made, Wish};
+pub use make::{Draw, Made, Rank, Wish};
 pub use report::Evaluation;
 pub use rigger::{Drawn, Rigger};
 pub use sample::Sample;

@@ -8,7 +8,7 @@ use std::process::ExitCode;
 use anyhow::{Context, Result, anyhow, bail};
 use riglab_asset::export::ExportOptions;
 use riglab_asset::rigging::{NameStyle, UpAxis};
-use riglab_task::tokenrig::{Card, Rigger};
+use riglab_task::tokenrig::{Card, Rank, Rigger};
 use riglab_train::Progress;
 use tch::Device;
 
@@ -24,7 +24,7 @@ use super::glb::{Frames, Most};
 Examples:
   riglab rig creature.obj -o creature.glb
   riglab rig avatar.glb -o rigged.glb --preview
-  riglab rig avatar.glb -o rigged.glb --samples 8 --seed 1
+  riglab rig avatar.glb -o rigged.glb --samples 8 --rank rewards --seed 1
   riglab rig avatar.glb -o rigged.glb --skeleton bones_of.glb
   riglab rig models/ -o rigged/
   riglab rig fox.obj -o fox.glb --checkpoint runs/tokenrig/001")]
@@ -70,9 +70,13 @@ struct Common {
     /// riglab].
     #[arg(long, value_name = "PATH")]
     checkpoint: Option<PathBuf>,
-    /// Rigs that are drawn, of which the likeliest is taken. 1 takes the likeliest token each time.
+    /// Rigs that are drawn, of which the best is taken. 1 takes the likeliest token each time.
     #[arg(long, default_value_t = 1, value_name = "N")]
     samples: usize,
+    /// Which of several is the best: the likeliest, or the one with the highest geometric rewards (SkinTokens 3.4.1:
+    /// joints within the body, weights that hold every vertex, motions that tear nothing).
+    #[arg(long, value_enum, default_value = "likelihood")]
+    rank: Ranked,
     /// How freely several are drawn.
     #[arg(long, default_value_t = 1.0, value_name = "T")]
     temperature: f32,
@@ -100,6 +104,22 @@ struct Common {
     /// Where to compute: `cpu`, or `cuda:0` and so on.
     #[arg(long, default_value = "cpu")]
     device: String,
+}
+
+/// By what the best of several rigs is told.
+#[derive(Clone, Copy, clap::ValueEnum)]
+enum Ranked {
+    Likelihood,
+    Rewards,
+}
+
+impl From<Ranked> for Rank {
+    fn from(rank: Ranked) -> Self {
+        match rank {
+            Ranked::Likelihood => Self::Likelihood,
+            Ranked::Rewards => Self::Rewards,
+        }
+    }
 }
 
 /// Which skeleton a rig gets.

@@ -9,7 +9,8 @@ use riglab_asset::rigging::{Subject, SubjectOptions, name_joints};
 use riglab_asset::{ImportOptions, import};
 use riglab_core::{Bounds, Skeleton};
 use riglab_files::make_folder_of;
-use riglab_task::tokenrig::{Card, Rigger, Wish};
+use riglab_reward::Rewards;
+use riglab_task::tokenrig::{Card, Made, Rank, Rigger, Wish};
 
 use super::{Bones, Common};
 
@@ -31,9 +32,17 @@ pub fn rig(args: &Common, bones: &Bones, rigger: &Rigger, card: &Card, from: &Pa
         Bones::Predicted { template, .. } => template.as_deref(),
         _ => None,
     };
-    let wish =
-        Wish { skeleton: given.as_ref(), class, samples: args.samples, temperature: args.temperature, seed: args.seed };
+    let wish = Wish {
+        skeleton: given.as_ref(),
+        class,
+        samples: args.samples,
+        rank: args.rank.into(),
+        temperature: args.temperature,
+        seed: args.seed,
+    };
     let made = rigger.make(subject.mesh(), &wish).map_err(|e| anyhow!("{}: {e}", from.display()))?;
+    let draws = draws(&made, wish.rank);
+    let (sample, likelihood, rewards) = (made.sample, made.taken().likelihood, made.taken().rewards);
     let weights = subject.agreed(&made.weights);
     // Weights that agree over seams are of more joints there; that those are cut again is no news.
     let said = |note: &&ExportNote| !matches!(note, ExportNote::InfluencesCut { .. });
@@ -63,14 +72,40 @@ pub fn rig(args: &Common, bones: &Bones, rigger: &Rigger, card: &Card, from: &Pa
         let line = serde_json::json!({
             "file": from, "out": to, "joints": joints, "vertices": mesh.positions().len(),
             "triangles": mesh.triangles().len(), "checkpoint": card.name, "steps": card.state.step,
-            "likelihood": made.likelihood, "sample": made.sample, "seconds": start.elapsed().as_secs_f64(),
+            "likelihood": likelihood, "sample": sample, "rewards": rewards, "samples": draws, "seconds": start.elapsed().as_secs_f64(),
             "notes": notes,
         });
         say!("{line}");
     } else {
         say!("{}: {joints} joints, {:.1} s", to.display(), start.elapsed().as_secs_f64());
+        if draws.len() > 1 || rewards.is_some() {
+            say!("  {}", taken(sample, &draws, rewards));
+        }
     }
     Ok(())
+}
+
+/// What is known of each draw, for `--json`.
+fn draws(made: &Made, rank: Rank) -> Vec<serde_json::Value> {
+    let each = made.draws.iter().map(|draw| match rank {
+        Rank::Likelihood => serde_json::json!({ "likelihood": draw.likelihood }),
+        Rank::Rewards => serde_json::json!({ "likelihood": draw.likelihood, "rewards": draw.rewards }),
+    });
+    each.collect()
+}
+
+/// Which of several was taken, and why.
+fn taken(sample: usize, draws: &[serde_json::Value], rewards: Option<Rewards>) -> String {
+    let which = format!("sample {} of {}", sample + 1, draws.len());
+    let Some(r) = rewards else { return format!("{which}: the likeliest") };
+    let totals = draws.iter().filter_map(|d| d["rewards"]["total"].as_f64());
+    let least = totals.fold(r.total, f64::min);
+    let others = if draws.len() > 1 { format!(" (the worst: {least:.3})") } else { String::new() };
+    format!(
+        "{which} by rewards: R = {:.3} of 8{others}; joints throughout the body {:.3}, bones inside {:.3}, weights \
+         whole {:.3}, motion smooth {:.3}",
+        r.total, r.coverage, r.containment, r.skinning, r.motion
+    )
 }
 
 /// With the motion that bends every joint.
