@@ -124,6 +124,43 @@ fn the_best_of_several_is_told_by_likelihood_or_rewards() {
 }
 
 #[test]
+fn joints_of_another_file_land_in_a_model_that_lies() {
+    let dir = tempfile::tempdir().unwrap();
+    let (rigged, bare) = &creatures(dir.path(), "2")[0];
+    let truth = joints(&inspect(rigged));
+    // The model as a program with z up leaves it: as an OBJ, which is stood up, and as a GLB, which keeps its axes.
+    let up = inspect(bare);
+    let mut obj = String::new();
+    let lying = |p: [f64; 3]| [p[0], -p[2], p[1]];
+    for sample in up["samples"].as_array().unwrap() {
+        let p = sample["position"].as_array().unwrap();
+        let [x, y, z] = lying(std::array::from_fn(|k| p[k].as_f64().unwrap()));
+        obj += &format!("v {x} {y} {z}\n");
+    }
+    (1..up["vertices"].as_u64().unwrap() - 1).for_each(|v| obj += &format!("f {v} {} {}\n", v + 1, v + 2));
+    let (model, out) = (dir.path().join("lying.obj"), dir.path().join("out.glb"));
+    fs::write(&model, obj).unwrap();
+    let near = |wanted: &dyn Fn([f64; 3]) -> [f64; 3]| {
+        let made = joints(&inspect(&out));
+        for (name, head) in &truth {
+            let (_, own) = made.iter().find(|(n, _)| n == name).expect("every joint is there");
+            let head = wanted(*head);
+            assert!((0..3).all(|k| (own[k] - head[k]).abs() < 1e-4), "{name}: {own:?} {head:?}");
+        }
+    };
+    // The joints' file stands, the model's lies: the model is stood up, and they are where they belong.
+    must(&["skin", text(&model), "-o", text(&out), "--up", "z", "--skeleton", text(rigged)]);
+    near(&|p| p);
+    must(&["skin", text(&model), "-o", text(&out), "--up", "z", "--skeleton", text(rigged), "--skeleton-up", "y"]);
+    near(&|p| p);
+    // Both of one space, said to lie: turned alike, and back.
+    must(&["skin", text(bare), "-o", text(&out), "--up", "-y", "--skeleton", text(rigged)]);
+    near(&|p| p);
+    let mut wrong = riglab(&["skin", text(rigged), "-o", text(&out), "--skeleton-up", "y"]);
+    assert!(refusal(&mut wrong).contains("--skeleton"));
+}
+
+#[test]
 fn a_folder_is_rigged_file_by_file() {
     let dir = tempfile::tempdir().unwrap();
     creatures(dir.path(), "2");

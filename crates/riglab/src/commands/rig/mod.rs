@@ -1,5 +1,6 @@
 //! `riglab rig` and `riglab skin`
 
+mod given;
 mod one;
 
 use std::path::{Path, PathBuf};
@@ -92,6 +93,10 @@ struct Common {
     /// The axis that points up in the file.
     #[arg(long, default_value = "y", value_name = "AXIS", allow_hyphen_values = true)]
     up: UpAxis,
+    /// The axis that points up in the file of --skeleton [default: as --up, as long as its joints then lie within the
+    /// model; else y, where they lie within it so].
+    #[arg(long, value_name = "AXIS", allow_hyphen_values = true)]
+    skeleton_up: Option<UpAxis>,
     /// Refuse models with more triangles.
     #[arg(long, default_value_t = 5_000_000, value_name = "N")]
     max_triangles: usize,
@@ -176,6 +181,9 @@ fn device(name: &str) -> Result<Device> {
 fn run(args: &Common, bones: &Bones, threads: usize) -> Result<ExitCode> {
     if args.samples == 0 || !(args.temperature > 0.0 && args.temperature.is_finite()) {
         bail!("--samples must be at least 1, and --temperature above 0");
+    }
+    if args.skeleton_up.is_some() && !matches!(bones, Bones::Of(_)) {
+        bail!("--skeleton-up tells of the file of --skeleton; give one");
     }
     let jobs = jobs(&args.input, &args.out)?;
     riglab_torch::init(riglab_torch::Settings { threads });

@@ -12,7 +12,7 @@ use riglab_files::make_folder_of;
 use riglab_reward::Rewards;
 use riglab_task::tokenrig::{Card, Made, Rank, Rigger, Wish};
 
-use super::{Bones, Common};
+use super::{Bones, Common, given};
 
 /// Reads `from`, rigs it, writes `to`.
 pub fn rig(args: &Common, bones: &Bones, rigger: &Rigger, card: &Card, from: &Path, to: &Path) -> Result<()> {
@@ -27,7 +27,7 @@ pub fn rig(args: &Common, bones: &Bones, rigger: &Rigger, card: &Card, from: &Pa
     for note in subject.notes() {
         eprintln!("note: {}: {note}", from.display());
     }
-    let given = given(bones, &subject, from)?;
+    let given = skeleton(args, bones, &subject, from)?;
     let class = match bones {
         Bones::Predicted { template, .. } => template.as_deref(),
         _ => None,
@@ -115,7 +115,7 @@ fn preview(bytes: &[u8], from: &Path) -> Result<Vec<u8>> {
 }
 
 /// The skeleton that stays, in the mesh's space.
-fn given(bones: &Bones, subject: &Subject, from: &Path) -> Result<Option<Skeleton>> {
+fn skeleton(args: &Common, bones: &Bones, subject: &Subject, from: &Path) -> Result<Option<Skeleton>> {
     let shown = from.display();
     match bones {
         Bones::Predicted { .. } => Ok(None),
@@ -128,7 +128,11 @@ fn given(bones: &Bones, subject: &Subject, from: &Path) -> Result<Option<Skeleto
         Bones::Of(file) => {
             let imported = import(file, &ImportOptions::default())?;
             let rig = imported.rig().with_context(|| format!("{}: there is no skeleton in it", file.display()))?;
-            Ok(Some(rig.skeleton().clone()))
+            let stood = given::stood(rig.skeleton(), subject.mesh(), args.up, args.skeleton_up)?;
+            if let Some(note) = stood.note {
+                eprintln!("note: {}: {note}", file.display());
+            }
+            Ok(Some(stood.skeleton))
         }
     }
 }

@@ -1,0 +1,96 @@
+//! How the joints of another file stand in a model.
+
+use anyhow::Result;
+use riglab_asset::rigging::UpAxis;
+use riglab_core::{Bounds, Mesh, Skeleton, Vec3};
+
+/// Room around a model in which joints count as within it, as a share of its longest side: ends of bones stand out.
+const ROOM: f32 = 0.1;
+
+/// A skeleton in a model's axes.
+pub struct Stood {
+    pub skeleton: Skeleton,
+    /// What a person should know of it.
+    pub note: Option<String>,
+}
+
+/// Sets a skeleton upright as the model is. A file in the model's own space has the model's axis `up`; one that was made
+/// of the model when it stood (as `riglab rig` writes) has y up. Which it is is asked of the joints, unless it is told.
+pub fn stood(skeleton: &Skeleton, mesh: &Mesh, up: UpAxis, told: Option<UpAxis>) -> Result<Stood> {
+    let within = |axis: UpAxis| share_within(skeleton, mesh, axis);
+    let axis = told.unwrap_or(if within(UpAxis::Y) > within(up) { UpAxis::Y } else { up });
+    let turned = skeleton.with_heads(skeleton.heads().iter().map(|&p| axis.to_y(p)).collect())?;
+    let count = (within(axis) * skeleton.len() as f32).round() as usize;
+    let note = if count * 2 < skeleton.len() {
+        Some(format!(
+            "only {count} of its {} joints lie within the model; is it of the same space and unit? --skeleton-up tells \
+             which axis points up in it",
+            skeleton.len()
+        ))
+    } else if told.is_none() && axis != up {
+        Some(format!("its joints lie within the model with {axis} up, not with {up}; --skeleton-up says otherwise"))
+    } else {
+        None
+    };
+    Ok(Stood { skeleton: turned, note })
+}
+
+/// How many of the joints lie within a model's box, as a share.
+fn share_within(skeleton: &Skeleton, mesh: &Mesh, axis: UpAxis) -> f32 {
+    let Some(bounds) = Bounds::of(mesh.positions().iter().copied()) else { return 0.0 };
+    let room = ROOM * bounds.size().into_iter().fold(0.0, f32::max);
+    let inside = |p: Vec3| (0..3).all(|k| p[k] >= bounds.min[k] - room && p[k] <= bounds.max[k] + room);
+    let count = skeleton.heads().iter().filter(|p| inside(axis.to_y(**p))).count();
+    count as f32 / skeleton.len().max(1) as f32
+}
+
+#[cfg(test)]
+mod tests {
+    use riglab_core::{Joint, JointId};
+
+    use super::*;
+
+    /// A tower from the ground to a height of 4, and a chain up its middle.
+    fn tower() -> (Mesh, Skeleton) {
+        let corners = vec![[-0.5, 0.0, -0.5], [0.5, 0.0, -0.5], [0.0, 0.0, 0.5], [0.0, 4.0, 0.0]];
+        let mesh = Mesh::new(corners, vec![[0, 1, 2], [0, 3, 1], [1, 3, 2], [2, 3, 0]]).unwrap();
+        let joint = |k: u16| Joint {
+            name: format!("j{k}"),
+            parent: k.checked_sub(1).map(JointId),
+            head: [0.0, f32::from(k), 0.1],
+        };
+        (mesh, Skeleton::new((0..4).map(joint).collect()).unwrap())
+    }
+
+    /// The skeleton as a file has it whose `axis` points up.
+    fn lying(skeleton: &Skeleton, axis: UpAxis) -> Skeleton {
+        skeleton.with_heads(skeleton.heads().iter().map(|&p| axis.from_y(p)).collect()).unwrap()
+    }
+
+    #[test]
+    fn joints_come_to_stand_whichever_way_their_file_lies() {
+        let (mesh, skeleton) = tower();
+        for up in UpAxis::ALL {
+            // In the model's own space, and upright already.
+            for axis in [up, UpAxis::Y] {
+                let stood = stood(&lying(&skeleton, axis), &mesh, up, None).unwrap();
+                assert_eq!(stood.skeleton.heads(), skeleton.heads(), "{up} {axis}");
+                assert_eq!(stood.note.is_some(), axis != up, "{up} {axis}");
+            }
+        }
+        // Neither: it has to be told.
+        let odd = lying(&skeleton, UpAxis::MinusX);
+        assert!(stood(&odd, &mesh, UpAxis::Z, None).unwrap().note.unwrap().contains("--skeleton-up"));
+        let told = stood(&odd, &mesh, UpAxis::Z, Some(UpAxis::MinusX)).unwrap();
+        assert_eq!((told.skeleton.heads(), told.note), (skeleton.heads(), None));
+    }
+
+    #[test]
+    fn where_both_would_do_the_models_own_axis_counts() {
+        let (mesh, skeleton) = tower();
+        let low =
+            skeleton.with_heads(vec![[0.0, 0.1, 0.0], [0.0, 0.2, 0.0], [0.0, 0.3, 0.0], [0.1, 0.3, 0.0]]).unwrap();
+        let stood = stood(&lying(&low, UpAxis::Z), &mesh, UpAxis::Z, None).unwrap();
+        assert_eq!((stood.skeleton.heads(), stood.note), (low.heads(), None));
+    }
+}
