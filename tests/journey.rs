@@ -196,6 +196,16 @@ fn from_files_to_weights_for_given_skeletons() {
     };
     let told = swings("told.glb", &["--attributes", text(&run)]);
     assert!(told == swings("again.glb", &["--attributes", text(&run)]) && told != swings("own.glb", &[]));
+    // New weights for its skeleton, and none for a mesh without one.
+    let again = dir.path().join("skinned.glb");
+    must(&["skin", text(&avatar), "-o", text(&again), "--checkpoint", text(&run)]);
+    let joints = |file: &std::path::Path| {
+        let said: Value = serde_json::from_slice(&must(&["inspect", text(file), "--json"]).stdout).unwrap();
+        said["joints"].clone()
+    };
+    assert!(joints(&again) == joints(&avatar) && !joints(&again).is_null());
+    let predicted = ["rig", text(&avatar), "-o", "x.glb", "--checkpoint", text(&run)];
+    assert!(refusal(&mut riglab(&predicted)).contains("riglab skin"));
     let other = ["simulate", text(&avatar), "-o", "x.glb", "--attributes", text(dir.path())];
     assert!(refusal(&mut riglab(&other)).contains("config.toml"));
 

@@ -20,6 +20,9 @@ use crate::fsq_cvae::Prepared;
 /// The decode rule's cut of a run that was not evaluated.
 const CUT: f32 = 0.05;
 
+/// The task.
+const TASK: &str = "unirig_skin";
+
 /// The network of a run, with its weights.
 pub struct Skinner {
     config: SkinTaskConfig,
@@ -49,8 +52,8 @@ impl Skinner {
         let text = std::fs::read_to_string(&path).map_err(|e| format!("{name}: no run ({e})"))?;
         let config = Config::from_toml_str(&name, &text).map_err(|e| e.to_string())?;
         let task: String = config.get_at("task").unwrap_or_default();
-        if task != "unirig_skin" {
-            return Err(format!("{name}: a run of task `{task}`; give one of `unirig_skin`"));
+        if task != TASK {
+            return Err(format!("{name}: a run of task `{task}`; give one of `{TASK}`"));
         }
         let config: SkinTaskConfig = config.get().map_err(|e| e.to_string())?;
         config.validate().map_err(|(key, message)| format!("{name}: {key}: {message}"))?;
@@ -61,6 +64,13 @@ impl Skinner {
         let evaluated = evaluated.and_then(|text| serde_json::from_str::<Evaluation>(&text).ok());
         let cut = evaluated.map_or(CUT, |e| e.report.cut);
         Ok((Self { config, net, params, device, cut }, checkpoint.state().clone()))
+    }
+
+    /// Whether a folder holds a run of this task.
+    pub fn is_run(run: &Path) -> bool {
+        let Ok(text) = std::fs::read_to_string(run.join("config.toml")) else { return false };
+        let task = Config::from_toml_str("config.toml", &text).ok().and_then(|c| c.get_at::<String>("task").ok());
+        task.as_deref() == Some(TASK)
     }
 
     /// Whether it tells attributes of spring bones.
@@ -102,7 +112,9 @@ impl Skinner {
         let (_, map) = rig.normalized();
         let mut told: Vec<Option<Swing>> = vec![None; rig.skeleton().len()];
         for (bone, row) in ready.rig.bones.iter().zip(&found.attributes) {
-            told[bone.joint.index()] = Some(swing(row, 1.0 / map.scale));
+            let own = swing(row, 1.0 / map.scale);
+            let direction = self.config.data.up.back(own.gravity_direction);
+            told[bone.joint.index()] = Some(Swing { gravity_direction: direction, ..own });
         }
         let (mut springs, colliders, groups) = rig.springs().clone().into_parts();
         for joint in springs.iter_mut().flat_map(|s| &mut s.joints) {

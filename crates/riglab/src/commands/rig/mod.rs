@@ -1,19 +1,21 @@
 //! `riglab rig` and `riglab skin`
 
 mod given;
+mod model;
 mod one;
 
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
-use anyhow::{Context, Result, anyhow, bail};
+use anyhow::{Context, Result, bail};
 use riglab_asset::export::ExportOptions;
 use riglab_asset::rigging::{NameStyle, UpAxis};
-use riglab_task::tokenrig::{Card, Rank, Rigger};
+use riglab_task::tokenrig::Rank;
 use riglab_train::Progress;
 use tch::Device;
 
 use super::glb::{Frames, Most};
+use model::Model;
 
 /// Rig a model: a skeleton and skin weights for a mesh.
 ///
@@ -51,7 +53,8 @@ pub struct RigArgs {
 #[command(after_help = "\
 Examples:
   riglab skin avatar.glb -o again.glb
-  riglab skin mesh.obj -o rigged.glb --skeleton bones_of.glb")]
+  riglab skin mesh.obj -o rigged.glb --skeleton bones_of.glb
+  riglab skin avatar.glb -o again.glb --checkpoint runs/unirig_skin/001")]
 pub struct SkinArgs {
     #[command(flatten)]
     common: Common,
@@ -67,8 +70,8 @@ struct Common {
     /// The GLB to write, or the folder for those of a folder.
     #[arg(long, short, value_name = "OUT")]
     out: PathBuf,
-    /// A run's folder (task tokenrig), or a file of `riglab checkpoint export` [default: the model that comes with
-    /// riglab].
+    /// A run's folder (task tokenrig or grpo; where the skeleton is given, unirig_skin, too), or a file of `riglab
+    /// checkpoint export` [default: the model that comes with riglab].
     #[arg(long, value_name = "PATH")]
     checkpoint: Option<PathBuf>,
     /// Rigs that are drawn, of which the best is taken. 1 takes the likeliest token each time.
@@ -156,14 +159,6 @@ impl Common {
     fn export(&self) -> ExportOptions {
         ExportOptions { influences: self.influences.into(), frames: self.frames.into() }
     }
-
-    fn model(&self, device: Device) -> Result<(Rigger, Card)> {
-        let opened = match &self.checkpoint {
-            Some(path) => Rigger::open(path, device),
-            None => Rigger::shipped(device),
-        };
-        opened.map_err(|e| anyhow!(e))
-    }
 }
 
 /// `cpu`, or a GPU that is there.
@@ -187,17 +182,20 @@ fn run(args: &Common, bones: &Bones, threads: usize) -> Result<ExitCode> {
     }
     let jobs = jobs(&args.input, &args.out)?;
     riglab_torch::init(riglab_torch::Settings { threads });
-    let (rigger, card) = args.model(device(&args.device)?)?;
-    eprintln!("model: {}, {} steps; `riglab checkpoint show` says how far to trust it", card.name, card.state.step);
+    let model = Model::open(args.checkpoint.as_deref(), device(&args.device)?)?;
+    model.suits(args, bones)?;
+    let (card, hint) =
+        (&model.card, if model.draws() { "; `riglab checkpoint show` says how far to trust it" } else { "" });
+    eprintln!("model: {}, {} steps{hint}", card.name, card.state.step);
     if !args.input.is_dir() {
         let (from, to) = &jobs[0];
-        one::rig(args, bones, &rigger, &card, from, to)?;
+        one::rig(args, bones, &model, from, to)?;
         return Ok(ExitCode::SUCCESS);
     }
     let mut progress = Progress::new("rigging", jobs.len() as u64, 0);
     let mut failed = 0;
     for (done, (from, to)) in jobs.iter().enumerate() {
-        if let Err(e) = one::rig(args, bones, &rigger, &card, from, to) {
+        if let Err(e) = one::rig(args, bones, &model, from, to) {
             progress.line(&format!("left out: {e:#}"));
             failed += 1;
         }

@@ -10,12 +10,13 @@ use riglab_asset::{ImportOptions, import};
 use riglab_core::{Bounds, Skeleton};
 use riglab_files::make_folder_of;
 use riglab_reward::Rewards;
-use riglab_task::tokenrig::{Card, Made, Rank, Rigger, Wish};
+use riglab_task::tokenrig::{Made, Rank, Wish};
 
+use super::model::Model;
 use super::{Bones, Common, given};
 
 /// Reads `from`, rigs it, writes `to`.
-pub fn rig(args: &Common, bones: &Bones, rigger: &Rigger, card: &Card, from: &Path, to: &Path) -> Result<()> {
+pub fn rig(args: &Common, bones: &Bones, model: &Model, from: &Path, to: &Path) -> Result<()> {
     let start = Instant::now();
     let options = SubjectOptions {
         keep_rig: matches!(bones, Bones::Kept),
@@ -40,7 +41,8 @@ pub fn rig(args: &Common, bones: &Bones, rigger: &Rigger, card: &Card, from: &Pa
         temperature: args.temperature,
         seed: args.seed,
     };
-    let made = rigger.make(subject.mesh(), &wish).map_err(|e| anyhow!("{}: {e}", from.display()))?;
+    let made = model.make(&subject, &wish, matches!(bones, Bones::Kept));
+    let made = made.with_context(|| from.display().to_string())?;
     let draws = draws(&made, wish.rank);
     let (sample, likelihood, rewards) = (made.sample, made.taken().likelihood, made.taken().rewards);
     let weights = subject.agreed(&made.weights);
@@ -71,7 +73,7 @@ pub fn rig(args: &Common, bones: &Bones, rigger: &Rigger, card: &Card, from: &Pa
         let notes: Vec<String> = subject.notes().iter().map(ToString::to_string).chain(of_export).collect();
         let line = serde_json::json!({
             "file": from, "out": to, "joints": joints, "vertices": mesh.positions().len(),
-            "triangles": mesh.triangles().len(), "checkpoint": card.name, "steps": card.state.step,
+            "triangles": mesh.triangles().len(), "checkpoint": model.card.name, "steps": model.card.state.step,
             "likelihood": likelihood, "sample": sample, "rewards": rewards, "samples": draws, "seconds": start.elapsed().as_secs_f64(),
             "notes": notes,
         });

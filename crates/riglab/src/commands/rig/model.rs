@@ -1,0 +1,84 @@
+//! What rigs: a model that writes skeleton and weights, or one of weights alone.
+
+use std::path::Path;
+
+use anyhow::{Context, Result, anyhow, bail};
+use riglab_asset::rigging::Subject;
+use riglab_core::{Rig, SkinWeights};
+use riglab_task::tokenrig::{Card, Draw, Made, Rigger, Wish};
+use riglab_task::unirig_skin::{Holders, Skinner};
+use tch::Device;
+
+use super::{Bones, Common};
+
+/// A model with what to know about it.
+pub struct Model {
+    made_of: Kind,
+    pub card: Card,
+}
+
+enum Kind {
+    Whole(Box<Rigger>),
+    Weights(Box<Skinner>),
+}
+
+impl Model {
+    /// Of a run's folder or a file; without, the one that comes along.
+    pub fn open(path: Option<&Path>, device: Device) -> Result<Self> {
+        let whole = |(rigger, card)| Self { made_of: Kind::Whole(Box::new(rigger)), card };
+        match path {
+            None => Rigger::shipped(device).map(whole),
+            Some(run) if Skinner::is_run(run) => Skinner::of_run(run, "best", device).map(|(skinner, state)| {
+                let name = run.display().to_string();
+                let card = Card { text: format!("The run {name}."), name, state };
+                Self { made_of: Kind::Weights(Box::new(skinner)), card }
+            }),
+            Some(path) => Rigger::open(path, device).map(whole),
+        }
+        .map_err(|e| anyhow!(e))
+    }
+
+    /// Whether it draws what it makes.
+    pub fn draws(&self) -> bool {
+        matches!(self.made_of, Kind::Whole(_))
+    }
+
+    /// Refuses what it cannot do.
+    pub fn suits(&self, args: &Common, bones: &Bones) -> Result<()> {
+        if self.draws() {
+            return Ok(());
+        }
+        if matches!(bones, Bones::Predicted { .. }) {
+            bail!(
+                "{} is a run of task unirig_skin, which makes weights for a skeleton that is given: take `riglab skin`, or \
+                 --skeleton keep or FILE",
+                self.card.name
+            );
+        }
+        if args.samples > 1 {
+            bail!("{} is a run of task unirig_skin, which draws nothing: leave --samples out", self.card.name);
+        }
+        Ok(())
+    }
+
+    /// A skeleton and weights for a model.
+    pub fn make(&self, subject: &Subject, wish: &Wish<'_>, kept: bool) -> Result<Made> {
+        match &self.made_of {
+            Kind::Whole(rigger) => rigger.make(subject.mesh(), wish).map_err(|e| anyhow!(e)),
+            Kind::Weights(skinner) => {
+                let skeleton = wish.skeleton.context("no skeleton")?.clone();
+                let mesh = subject.mesh();
+                // Joints that hold nothing, such as ends and roots on the ground, go on so where they are known.
+                let known = subject.old_rig().filter(|old| kept && old.weights().rows() == mesh.positions().len());
+                let (weights, holders) = match known {
+                    Some(old) => (old.weights().clone(), Holders::Same),
+                    None => (SkinWeights::normalized(mesh.positions().iter().map(|_| [(0, 1.0)]))?, Holders::All),
+                };
+                let rig = Rig::new(skeleton.clone(), mesh.clone(), weights)?;
+                let weights = skinner.weights(&rig, holders, wish.seed).map_err(|e| anyhow!(e))?;
+                let draws = vec![Draw { likelihood: f64::NAN, rewards: None }];
+                Ok(Made { skeleton, weights, sample: 0, draws })
+            }
+        }
+    }
+}
