@@ -1,5 +1,7 @@
 //! A headless Chromium, driven over WebDriver by Debian's chromedriver: what a person's hands would do.
 
+#![allow(dead_code)] // each test takes what it needs
+
 use std::net::TcpListener;
 use std::path::PathBuf;
 use std::process::{Child, Command, Stdio};
@@ -10,6 +12,7 @@ use serde_json::{Value, json};
 /// Keys without a letter, as WebDriver writes them.
 pub const ENTER: &str = "\u{e007}";
 pub const ESCAPE: &str = "\u{e00c}";
+pub const TAB: &str = "\u{e004}";
 pub const RIGHT: &str = "\u{e014}";
 pub const DOWN: &str = "\u{e015}";
 pub const PAGE_DOWN: &str = "\u{e00f}";
@@ -65,8 +68,9 @@ impl Browser {
             &data,
         ];
         let options = json!({ "binary": chromium, "args": args });
-        let wanted =
-            json!({ "capabilities": { "alwaysMatch": { "browserName": "chrome", "goog:chromeOptions": options } } });
+        let logs = json!({ "browser": "ALL" });
+        let always = json!({ "browserName": "chrome", "goog:chromeOptions": options, "goog:loggingPrefs": logs });
+        let wanted = json!({ "capabilities": { "alwaysMatch": always } });
         let begun = this.call("POST", "/session", &wanted).expect("Chromium starts");
         this.session += &format!("/session/{}", begun["sessionId"].as_str().unwrap());
         Some(this)
@@ -113,13 +117,21 @@ impl Browser {
 
     /// Moves the mouse to the middle of what a selector finds first, and clicks.
     pub fn click(&self, selector: &str) {
+        self.drag(selector, [0, 0]);
+    }
+
+    /// Drags by so many pixels from the middle of what a selector finds first.
+    pub fn drag(&self, selector: &str, by: [i32; 2]) {
         let found = self.call("POST", "/element", &json!({ "using": "css selector", "value": selector }));
         let element = found.unwrap_or_else(|e| panic!("{selector}: {e}"));
-        let actions = json!([
-            { "type": "pointerMove", "origin": element, "x": 0, "y": 0 },
-            { "type": "pointerDown", "button": 0 },
-            { "type": "pointerUp", "button": 0 },
-        ]);
+        let mut actions = vec![
+            json!({ "type": "pointerMove", "origin": element, "x": 0, "y": 0 }),
+            json!({ "type": "pointerDown", "button": 0 }),
+        ];
+        if by != [0, 0] {
+            actions.push(json!({ "type": "pointerMove", "origin": "pointer", "x": by[0], "y": by[1] }));
+        }
+        actions.push(json!({ "type": "pointerUp", "button": 0 }));
         let mouse = json!({ "actions": [{ "type": "pointer", "id": "mouse", "actions": actions }] });
         self.call("POST", "/actions", &mouse).unwrap();
     }
@@ -128,6 +140,23 @@ impl Browser {
     pub fn script(&self, text: &str) -> Value {
         self.call("POST", "/execute/sync", &json!({ "script": text, "args": [] }))
             .unwrap_or_else(|e| panic!("{text}: {e}"))
+    }
+
+    /// What the console has said since it was asked last, warnings and errors.
+    pub fn complaints(&self) -> Vec<String> {
+        let said = self.call("POST", "/se/log", &json!({ "type": "browser" })).unwrap_or_default();
+        let bad = |line: &&Value| line["level"] == "SEVERE" || line["level"] == "WARNING";
+        said.as_array().into_iter().flatten().filter(bad).map(|line| line["message"].to_string()).collect()
+    }
+
+    /// The window's size, in pixels.
+    pub fn resize(&self, width: u32, height: u32) {
+        self.call("POST", "/window/rect", &json!({ "width": width, "height": height })).unwrap();
+    }
+
+    /// A picture of the window, as a PNG file in base64.
+    pub fn screenshot(&self) -> String {
+        self.call("GET", "/screenshot", &Value::Null).unwrap().as_str().unwrap_or_default().to_owned()
     }
 
     /// The text of what a selector finds first.

@@ -133,7 +133,7 @@ fn thinned(points: &[(f64, f64)], log: bool) -> Vec<(f64, f64)> {
 }
 
 /// A number for an axis.
-fn short(v: f64) -> String {
+pub(crate) fn short(v: f64) -> String {
     let a = v.abs();
     match a {
         _ if a >= 10_000.0 => format!("{:.0}k", v / 1000.0),

@@ -3,23 +3,32 @@
 //! A [`Page`] is a list of blocks that any command can fill; [`Page::to_html`] turns it into one
 //! HTML file that works offline, in light and dark, on a phone and on a wide screen.
 //!
-//! A [`Table`] alone can be text, Markdown, LaTeX and comma-separated values, too.
+//! The same page can be Markdown, LaTeX and comma-separated values; so can a [`Table`] alone, and text for a terminal.
 //!
-//! [`RunView`] reads what every run folder holds; what is special to a task, the task adds.
+//! [`RunView`] reads what every run folder holds; what is special to a task, the task adds. A task also fills
+//! [`Findings`], from which come spread, categories, published numbers, and the comparison of several runs
+//! ([`versus`]).
 //!
-//! Holds: no network request, no script; every text is escaped.
+//! Holds: no network request, and no script but that of [`Turntable`]s, rigs that a reader can turn; every text is escaped.
 //! Leaves out: what the numbers mean, where they come from.
 
 mod bars;
 mod chart;
+mod findings;
+mod forms;
 mod page;
 mod plain;
 pub mod published;
 mod run;
 mod table;
+mod versus;
+mod view;
 
 pub use bars::Bars;
 pub use chart::{Chart, Series};
-pub use page::{Block, Page, Picture, ReportError};
-pub use run::RunView;
+pub use findings::{Beside, Findings, Metric, Single, Total};
+pub use page::{Block, Page, Picture, ReportError, Turned};
+pub use run::{RunError, RunView};
 pub use table::{Cell, Table};
+pub use versus::{Compared, Refusal, versus};
+pub use view::Turntable;

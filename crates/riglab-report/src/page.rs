@@ -8,6 +8,7 @@ use thiserror::Error;
 use crate::bars::Bars;
 use crate::chart::Chart;
 use crate::table::Table;
+use crate::view::{Turntable, script};
 
 /// Why a page cannot be made.
 #[derive(Debug, Error)]
@@ -29,6 +30,18 @@ pub struct Picture {
     pub png: Vec<u8>,
 }
 
+/// A rig that a reader can turn, with a caption.
+#[derive(Clone, Debug)]
+pub struct Turned {
+    /// What it shows.
+    pub caption: String,
+    /// The rig, or several of one mesh.
+    pub view: Turntable,
+}
+
+/// Bytes of a page's views at most; those beyond are left out and counted.
+const VIEWS: usize = 9 << 20;
+
 /// A part of a page.
 #[derive(Clone, Debug)]
 pub enum Block {
@@ -46,6 +59,8 @@ pub enum Block {
     Bars(Vec<Bars>),
     /// Pictures below each other, full width.
     Pictures(Vec<Picture>),
+    /// Rigs to be turned, side by side where there is room.
+    Views(Vec<Turned>),
     /// Commands to copy.
     Code(String),
     /// Something long, folded away under a title.
@@ -69,16 +84,19 @@ impl Page {
     /// # Errors
     /// When a chart cannot be drawn.
     pub fn to_html(&self) -> Result<String, ReportError> {
-        let blocks = self.blocks.iter().map(block).collect::<Result<Vec<_>, _>>()?;
+        let mut room = VIEWS;
+        let blocks = self.blocks.iter().map(|b| block(b, &mut room)).collect::<Result<Vec<_>, _>>()?;
+        let script = if room < VIEWS { Value::from_safe_string(script()) } else { Value::from("") };
         let mut env = Environment::new();
         env.add_template("page.html", include_str!("page.html")).map_err(fault)?;
         let page = env.get_template("page.html").map_err(fault)?;
-        page.render(context! { title => self.title.as_str(), subtitle => self.subtitle.as_str(), blocks })
+        page.render(context! { title => self.title.as_str(), subtitle => self.subtitle.as_str(), blocks, script })
             .map_err(fault)
     }
 }
 
-fn block(block: &Block) -> Result<Value, ReportError> {
+/// A block for the template; `room` is how many bytes of views the page can still take.
+fn block(block: &Block, room: &mut usize) -> Result<Value, ReportError> {
     Ok(match block {
         Block::Heading(text) => context! { kind => "heading", text => text.as_str() },
         Block::Text(text) => context! { kind => "text", text => text.as_str() },
@@ -95,14 +113,35 @@ fn block(block: &Block) -> Result<Value, ReportError> {
         }
         Block::Pictures(pictures) => {
             let encode = |p: &Picture| {
-                let png = base64::engine::general_purpose::STANDARD.encode(&p.png);
-                context! { caption => p.caption.as_str(), png }
+                context! { caption => p.caption.as_str(), png => base64(&p.png) }
             };
             context! { kind => "pictures", pictures => pictures.iter().map(encode).collect::<Vec<_>>() }
+        }
+        Block::Views(views) => {
+            let mut shown = Vec::new();
+            for turned in views {
+                let data = base64(turned.view.to_bytes());
+                let titles: Vec<String> =
+                    turned.view.versions().unwrap_or_default().into_iter().map(|(title, _)| title).collect();
+                let bytes = data.len().unwrap_or(0);
+                if bytes > *room || titles.is_empty() {
+                    continue;
+                }
+                *room -= bytes;
+                let same = turned.view.same_joints();
+                shown.push(context! { caption => turned.caption.as_str(), titles, same, data });
+            }
+            let left_out = views.len() - shown.len();
+            context! { kind => "views", views => shown, left_out }
         }
         Block::Code(text) => context! { kind => "code", text => text.as_str() },
         Block::Folded(title, text) => context! { kind => "folded", title => title.as_str(), text => text.as_str() },
     })
+}
+
+/// Bytes as letters that need no escapes, neither in an attribute nor in a script.
+fn base64(bytes: &[u8]) -> Value {
+    Value::from_safe_string(base64::engine::general_purpose::STANDARD.encode(bytes))
 }
 
 fn fault(e: minijinja::Error) -> ReportError {
@@ -113,6 +152,22 @@ fn fault(e: minijinja::Error) -> ReportError {
 mod tests {
     use super::*;
     use crate::Cell;
+
+    #[test]
+    fn a_page_with_views_has_the_script_once_and_no_more_than_it_can_take() {
+        let view = crate::view::tests_rig();
+        let turned = |n: usize| Block::Views(vec![Turned { caption: "c <i>".into(), view: view.clone() }; n]);
+        let html = |blocks| Page { title: "t".into(), subtitle: "s".into(), blocks }.to_html().unwrap();
+        let page = html(vec![turned(1), turned(2)]);
+        assert_eq!((page.matches("<canvas").count(), page.matches("PALETTES = ").count()), (3, 1));
+        assert!(page.contains("c &lt;i&gt;") && page.contains("Misplaced weight"));
+        // The data cannot end its element, and what cannot be asked for is forbidden besides.
+        assert!(!page.contains("b </script>") && page.contains("default-src 'none'"));
+        assert!(!page.contains("http://") && !page.contains("https://"));
+        let mut room = 1000;
+        let taken = block(&turned(9), &mut room).unwrap().to_string();
+        assert!(room < 1000 && taken.contains("left_out") && !taken.contains("\"left_out\": 0"), "{taken}");
+    }
 
     #[test]
     fn a_page_is_self_contained_and_escapes_what_it_is_given() {

@@ -31,7 +31,7 @@ impl Table {
 
     /// GitHub's Markdown: the best of a column bold, published numbers in italics.
     pub fn to_markdown(&self) -> String {
-        let plain = |text: &str| text.replace('\\', "\\\\").replace('|', "\\|").replace('\n', " ");
+        let plain = markdown;
         let cell = |c: &Cell| match (c.strong, c.published, plain(&c.text)) {
             (_, _, text) if text.is_empty() => text,
             (true, _, text) => format!("**{text}**"),
@@ -79,19 +79,24 @@ impl Table {
 
     /// Comma-separated values as RFC 4180 has them, the heads first.
     pub fn to_csv(&self) -> String {
-        let field = |text: &str| -> String {
+        let mut out = Self::csv_line(&self.head.iter().map(String::as_str).collect::<Vec<_>>());
+        for row in &self.rows {
+            let defined = row.iter().map(|c| if c.number && c.text == "–" { "" } else { c.text.as_str() });
+            out += &Self::csv_line(&defined.collect::<Vec<_>>());
+        }
+        out
+    }
+
+    /// A line of comma-separated values.
+    pub(crate) fn csv_line(fields: &[&str]) -> String {
+        let field = |text: &&str| -> String {
             if text.contains(['"', ',', '\n', '\r']) {
                 format!("\"{}\"", text.replace('"', "\"\""))
             } else {
-                text.into()
+                (*text).into()
             }
         };
-        let undefined = |c: &Cell| if c.number && c.text == "–" { String::new() } else { field(&c.text) };
-        let mut out = self.head.iter().map(|h| field(h)).collect::<Vec<_>>().join(",") + "\r\n";
-        for row in &self.rows {
-            out += &(row.iter().map(undefined).collect::<Vec<_>>().join(",") + "\r\n");
-        }
-        out
+        fields.iter().map(field).collect::<Vec<_>>().join(",") + "\r\n"
     }
 
     /// Whether a column's cells are numbers, all but the empty ones.
@@ -101,7 +106,21 @@ impl Table {
     }
 }
 
-fn latex(text: &str) -> String {
+/// A text that Markdown shows as it is, in one line.
+pub(crate) fn markdown(text: &str) -> String {
+    let mut out = String::with_capacity(text.len());
+    for c in text.chars() {
+        match c {
+            '\\' | '|' | '`' | '<' | '*' | '[' => out.extend(['\\', c]),
+            '\n' | '\r' => out.push(' '),
+            c => out.push(c),
+        }
+    }
+    out
+}
+
+/// A text that LaTeX shows as it is.
+pub(crate) fn latex(text: &str) -> String {
     let mut out = String::with_capacity(text.len());
     for c in text.chars() {
         match c {
@@ -112,6 +131,12 @@ fn latex(text: &str) -> String {
             '<' | '>' | '|' => out += &format!("${c}$"),
             '±' => out += "$\\pm$",
             '–' => out += "--",
+            '×' => out += "$\\times$",
+            '²' => out += "$^2$",
+            '³' => out += "$^3$",
+            '−' => out += "$-$",
+            '≥' => out += "$\\geq$",
+            '≤' => out += "$\\leq$",
             '\n' => out.push(' '),
             c => out.push(c),
         }

@@ -42,6 +42,79 @@ pub fn table(name: &str) -> Option<Table> {
     Some(table)
 }
 
+/// What a published system reached on a data set.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Line {
+    /// The table it is of, such as `skintokens.table3`.
+    pub table: String,
+    /// The system, as the table calls it.
+    pub system: String,
+    /// The data set; empty where the table has one alone.
+    pub data: String,
+    /// Its numbers by metric, as printed.
+    pub values: Vec<(String, f64)>,
+}
+
+impl Line {
+    /// A metric's cell in another unit: what was printed, times a power of ten, with as many digits as were printed;
+    /// empty where the table does not have it.
+    pub fn cell(&self, metric: &str, factor: f64) -> Cell {
+        let Some((_, value)) = self.values.iter().find(|(name, _)| name == metric) else {
+            return Cell { published: true, ..Cell::none() };
+        };
+        let printed = value.to_string();
+        let digits = printed.split_once('.').map_or(0, |(_, d)| d.len()) as i32 - factor.log10().round() as i32;
+        Cell { published: true, ..Cell::number(value * factor, digits.max(0) as usize) }
+    }
+
+    /// What stands before its numbers.
+    pub fn name(&self) -> String {
+        let on = if self.data.is_empty() { String::new() } else { format!(", {}", self.data) };
+        format!("published: {}{on} ({})", self.system, self.table)
+    }
+}
+
+/// The data sets that columns name, as `mr_j2j` or `vroid_aug` do.
+const DATA: [(&str, &str); 8] = [
+    ("mr", "ModelsResource"),
+    ("art", "Articulation-XL 2.0"),
+    ("vroid", "VRoid"),
+    ("mixamo", "Mixamo"),
+    ("rigxl", "Rig-XL"),
+    ("vroid_aug", "VRoid augmented"),
+    ("mixamo_aug", "Mixamo augmented"),
+    ("rigxl_aug", "Rig-XL augmented"),
+];
+
+/// A published table by system and data set: columns such as `mr_j2j` are a data set's metric, columns that are data
+/// sets have the metric that the table is called after. Empty where there is no such table.
+pub fn lines(name: &str) -> Vec<Line> {
+    let Some(table) = table(name) else { return Vec::new() };
+    let own = name.rsplit('.').next().unwrap_or(name);
+    let data = |key: &str| DATA.iter().find(|(k, _)| *k == key).map(|(_, name)| *name);
+    let place = |column: &str| match (data(column), column.split_once('_')) {
+        (Some(data), _) => (data.to_owned(), own.to_owned()),
+        (_, Some((first, metric))) if data(first).is_some() => (data(first).unwrap_or_default().into(), metric.into()),
+        _ => (String::new(), column.to_owned()),
+    };
+    let mut out: Vec<Line> = Vec::new();
+    for row in &table.rows {
+        let start = out.len();
+        for (column, cell) in table.head.iter().zip(row).skip(1) {
+            let (data, metric) = place(column);
+            let Ok(value) = cell.text.parse::<f64>() else { continue };
+            match out[start..].iter_mut().find(|l| l.data == data) {
+                Some(line) => line.values.push((metric, value)),
+                None => {
+                    let (table, system) = (name.to_owned(), row[0].text.clone());
+                    out.push(Line { table, system, data, values: vec![(metric, value)] });
+                }
+            }
+        }
+    }
+    out
+}
+
 /// With the digits that were printed, or nearly so.
 fn number(value: &Value) -> Cell {
     let shown = match value {
@@ -69,6 +142,26 @@ mod tests {
             }
         }
         assert!(table("skintokens.table99").is_none() && table("x").is_none());
+    }
+
+    #[test]
+    fn lines_are_by_system_and_data_set() {
+        let of = |name: &str, system: &str, data: &str| {
+            lines(name).into_iter().find(|l| l.system == system && l.data == data).unwrap_or_else(|| panic!("{name}"))
+        };
+        let full = of("skintokens.table5", "full", "ModelsResource");
+        assert_eq!(full.values, [("l1".to_owned(), 0.0138), ("iou".into(), 91.1), ("mask".into(), 83.9)]);
+        // As many digits as were printed, in the unit asked for.
+        assert_eq!(full.cell("iou", 0.01).text, "0.911");
+        assert_eq!((full.cell("j2j", 1.0).text.as_str(), full.cell("j2j", 1.0).published), ("", true));
+        let unirig = of("unirig.j2j", "ours", "VRoid augmented");
+        assert_eq!(unirig.values, [("j2j".to_owned(), 0.0101)]);
+        assert_eq!(unirig.cell("j2j", 100.0).text, "1.01");
+        assert_eq!(unirig.name(), "published: ours, VRoid augmented (unirig.j2j)");
+        // What was not reported is no number.
+        assert!(!lines("unirig.j2j").iter().any(|l| l.system == "nbs" && l.data == "Rig-XL augmented"));
+        assert_eq!(of("skintokens.table2", "8-8-8-8-8", "").values.len(), 3);
+        assert!(lines("nowhere").is_empty());
     }
 
     #[test]

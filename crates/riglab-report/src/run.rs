@@ -1,32 +1,81 @@
 //! A run folder as a page.
 
 use std::collections::BTreeMap;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use serde_json::Value;
+use thiserror::Error;
 
 use crate::{Block, Chart, Series};
 
+/// Why a folder cannot be read as a run.
+#[derive(Debug, Error)]
+pub enum RunError {
+    /// There is no config: no run begins without one.
+    #[error("{0}: no run here (there is no config.toml); `riglab train` makes one")]
+    NoRun(PathBuf),
+    /// The run ended before it began to train, or was copied in part.
+    #[error(
+        "{0}: half-written run: there is config.toml but no run.json, so it ended before its first step or was copied in \
+         part; copy it whole, or repeat it with `riglab train {0}/config.toml`"
+    )]
+    NoInfo(PathBuf),
+    /// A file that is no JSON, such as one that was cut off.
+    #[error("{path}: half-written run: {message}; copy the file again, or repeat the run")]
+    Broken {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong.
+        message: String,
+    },
+    /// A file that is there but cannot be read.
+    #[error("{path} cannot be read: {source}")]
+    Unread {
+        /// The file.
+        path: PathBuf,
+        /// Why.
+        source: std::io::Error,
+    },
+}
+
 /// What every run folder holds, whatever was trained: read once, shown as blocks.
+#[derive(Clone, Debug)]
 pub struct RunView {
     info: Value,
     config: String,
     metrics: Vec<Value>,
     perf: Vec<Value>,
+    /// Lines of the logs that are no JSON: cut off when the run was.
+    cut_off: usize,
 }
 
 impl RunView {
-    /// Reads `run.json`, `config.toml`, `metrics.jsonl` and `perf.jsonl`. What is missing is left
-    /// out; lines that are cut off are skipped.
-    pub fn read(dir: &Path) -> Self {
-        let text = |name: &str| std::fs::read_to_string(dir.join(name)).unwrap_or_default();
-        let lines = |name: &str| text(name).lines().filter_map(|l| serde_json::from_str(l).ok()).collect();
-        Self {
-            info: serde_json::from_str(&text("run.json")).unwrap_or_default(),
-            config: text("config.toml"),
-            metrics: lines("metrics.jsonl"),
-            perf: lines("perf.jsonl"),
+    /// Reads `run.json`, `config.toml`, `metrics.jsonl` and `perf.jsonl`. Logs may be missing: nothing was logged yet;
+    /// lines of them that are cut off are left out and counted.
+    ///
+    /// # Errors
+    /// As [`RunError`] tells: no run, or half of one.
+    pub fn read(dir: &Path) -> Result<Self, RunError> {
+        let text = |name: &str| match std::fs::read_to_string(dir.join(name)) {
+            Ok(text) => Ok(Some(text)),
+            Err(e) if matches!(e.kind(), std::io::ErrorKind::NotFound | std::io::ErrorKind::NotADirectory) => Ok(None),
+            Err(source) => Err(RunError::Unread { path: dir.join(name), source }),
+        };
+        let config = text("config.toml")?.ok_or_else(|| RunError::NoRun(dir.into()))?;
+        let info = text("run.json")?.ok_or_else(|| RunError::NoInfo(dir.into()))?;
+        let broken = |message: String| RunError::Broken { path: dir.join("run.json"), message };
+        let info: Value = serde_json::from_str(&info).map_err(|e| broken(e.to_string()))?;
+        if !info["task"].is_string() {
+            return Err(broken("it names no task".into()));
         }
+        let mut cut_off = 0;
+        let mut lines = |name: &str| -> Result<Vec<Value>, RunError> {
+            let text = text(name)?.unwrap_or_default();
+            let read = text.lines().filter_map(|l| serde_json::from_str(l).map_err(|_| cut_off += 1).ok());
+            Ok(read.collect())
+        };
+        let (metrics, perf) = (lines("metrics.jsonl")?, lines("perf.jsonl")?);
+        Ok(Self { info, config, metrics, perf, cut_off })
     }
 
     /// The task's name.
@@ -34,18 +83,39 @@ impl RunView {
         self.word("task")
     }
 
+    /// How it ended.
+    pub fn outcome(&self) -> String {
+        match self.word("outcome") {
+            o if o.is_empty() => "still running or cut off".to_string(),
+            o => o,
+        }
+    }
+
+    /// The corpora: path and checksum.
+    pub fn corpora(&self) -> Vec<(String, String)> {
+        let word = |v: &Value| v.as_str().unwrap_or_default().to_owned();
+        self.data().map(|d| (word(&d[0]), word(&d[1]))).collect()
+    }
+
+    /// The resolved config.
+    pub fn config(&self) -> &str {
+        &self.config
+    }
+
     /// One sentence: what was trained on what, when, and how it ended.
     pub fn subtitle(&self) -> String {
         let assets: u64 = self.data().map(|d| d[2].as_u64().unwrap_or(0)).sum();
-        let state = match self.word("outcome") {
-            o if o.is_empty() => "still running or cut off".to_string(),
-            o => o,
-        };
+        let state = self.outcome();
         format!("{} on a corpus of {assets} assets, begun {}, {state}", self.task(), self.word("started"))
     }
 
     /// The facts that make the numbers repeatable.
     pub fn facts(&self) -> Block {
+        Block::Facts(self.fact_list())
+    }
+
+    /// The same as names and values.
+    pub(crate) fn fact_list(&self) -> Vec<(String, String)> {
         let mut facts: Vec<(String, String)> = Vec::new();
         let mut add = |name: &str, value: String| {
             if !value.is_empty() {
@@ -76,11 +146,14 @@ impl RunView {
             let checksum: String = d[1].as_str().unwrap_or_default().chars().take(12).collect();
             add("corpus", format!("{} ({checksum})", d[0].as_str().unwrap_or_default()));
         }
-        Block::Facts(facts)
+        if self.cut_off > 0 {
+            add("lines cut off in the logs", self.cut_off.to_string());
+        }
+        facts
     }
 
-    /// Curves: the loss and its parts, every validated metric, gradient norm and learning rate.
-    pub fn curves(&self) -> Block {
+    /// Everything that was logged, by name: steps and values.
+    pub(crate) fn logged(&self) -> BTreeMap<&str, Vec<(f64, f64)>> {
         let mut of: BTreeMap<&str, Vec<(f64, f64)>> = BTreeMap::new();
         for line in &self.metrics {
             let (Some(step), Some(values)) = (line["step"].as_f64(), line.as_object()) else { continue };
@@ -90,6 +163,12 @@ impl RunView {
                 }
             }
         }
+        of
+    }
+
+    /// Curves: the loss and its parts, every validated metric, gradient norm and learning rate.
+    pub fn curves(&self) -> Block {
+        let of = self.logged();
         let series = |names: &[&str]| -> Vec<Series> {
             let found = names.iter().filter_map(|n| of.get_key_value(*n));
             found.map(|(n, p)| Series { name: n.rsplit('/').next().unwrap_or(n).into(), points: p.clone() }).collect()
@@ -149,19 +228,40 @@ impl RunView {
 mod tests {
     use super::*;
 
-    #[test]
-    fn a_cut_off_run_and_an_empty_folder_give_pages_too() {
+    /// A run's folder with these files.
+    fn folder(files: &[(&str, &str)]) -> tempfile::TempDir {
         let dir = tempfile::tempdir().unwrap();
-        let empty = RunView::read(dir.path());
-        assert!(matches!(empty.curves(), Block::Charts(c) if c.is_empty()));
-        std::fs::write(dir.path().join("run.json"), "{\"task\": \"t\", \"data\": [[\"c.h5\", \"abcdef\", 7]]}")
-            .unwrap();
+        files.iter().for_each(|(name, text)| std::fs::write(dir.path().join(name), text).unwrap());
+        dir
+    }
+
+    const INFO: &str = "{\"task\": \"t\", \"data\": [[\"c.h5\", \"abcdef\", 7]]}";
+
+    #[test]
+    fn a_run_that_was_cut_off_gives_a_page_too() {
         let lines = "{\"step\":1,\"train/loss\":2.0}\n{\"step\":2,\"train/loss\":null}\n{\"eval/iou@val\":0.5,\"step\":2}\n{\"st";
-        std::fs::write(dir.path().join("metrics.jsonl"), lines).unwrap();
-        let run = RunView::read(dir.path());
+        let dir = folder(&[("config.toml", "a = 1\n"), ("run.json", INFO), ("metrics.jsonl", lines)]);
+        let run = RunView::read(dir.path()).unwrap();
         assert!(run.subtitle().contains("7 assets") && run.subtitle().contains("cut off"));
         let Block::Charts(charts) = run.curves() else { panic!("charts") };
         assert_eq!(charts.len(), 2);
         assert_eq!(charts[0].series[0].points, [(1.0, 2.0)]);
+        let Block::Facts(facts) = run.facts() else { panic!("facts") };
+        assert!(facts.contains(&("lines cut off in the logs".into(), "1".into())));
+        // Before the first line there is nothing to draw.
+        let dir = folder(&[("config.toml", ""), ("run.json", INFO)]);
+        assert!(matches!(RunView::read(dir.path()).unwrap().curves(), Block::Charts(c) if c.is_empty()));
+    }
+
+    #[test]
+    fn half_of_a_run_is_told_by_what_is_missing() {
+        let said = |files: &[(&str, &str)]| RunView::read(folder(files).path()).unwrap_err().to_string();
+        assert!(said(&[]).contains("no run here"));
+        assert!(said(&[("config.toml", "")]).contains("half-written run: there is config.toml but no run.json"));
+        let cut = said(&[("config.toml", ""), ("run.json", &INFO[..20])]);
+        assert!(cut.contains("run.json: half-written run: EOF") && cut.contains("repeat"), "{cut}");
+        assert!(said(&[("config.toml", ""), ("run.json", "{}")]).contains("names no task"));
+        let file = tempfile::NamedTempFile::new().unwrap();
+        assert!(matches!(RunView::read(file.path()), Err(RunError::NoRun(_))));
     }
 }

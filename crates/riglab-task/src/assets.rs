@@ -2,7 +2,7 @@
 
 use std::collections::{HashMap, VecDeque};
 use std::path::{Path, PathBuf};
-use std::sync::{Arc, Mutex};
+use std::sync::{Arc, Mutex, OnceLock};
 
 use riglab_core::{Asset, Mesh, Rig, RigError, Skeleton, Vec3};
 use riglab_data::{Corpus, DataError, SplitNames};
@@ -120,6 +120,8 @@ impl AssetId {
 pub struct Assets {
     corpora: Vec<Corpus>,
     up: Up,
+    /// Of each corpus, once it was asked for.
+    categories: Vec<OnceLock<Vec<String>>>,
 }
 
 impl Assets {
@@ -128,7 +130,9 @@ impl Assets {
     /// # Errors
     /// As [`Corpus::open`].
     pub fn open(paths: &[PathBuf]) -> Result<Self, DataError> {
-        Ok(Self { corpora: paths.iter().map(|p| Corpus::open(p)).collect::<Result<_, _>>()?, up: Up::default() })
+        let corpora = paths.iter().map(|p| Corpus::open(p)).collect::<Result<Vec<_>, _>>()?;
+        let categories = corpora.iter().map(|_| OnceLock::new()).collect();
+        Ok(Self { corpora, up: Up::default(), categories })
     }
 
     /// Opens the corpora of a config; gives them with the assets trained on and those validated on, neither
@@ -215,6 +219,22 @@ impl Assets {
             // What has no weight is not trained on, nor compared with.
             None => Ok(parts.into_iter().filter(|(weight, _)| *weight > 0.0).collect()),
         }
+    }
+
+    /// An asset's category, without reading it; empty where it has none.
+    ///
+    /// # Errors
+    /// When the column cannot be read.
+    pub fn category(&self, id: AssetId) -> Result<String, String> {
+        let held = &self.categories[id.corpus];
+        let all = match held.get() {
+            Some(all) => all,
+            None => {
+                let read = self.corpora[id.corpus].texts("category").map_err(|e| e.to_string())?;
+                held.get_or_init(|| read)
+            }
+        };
+        Ok(all.get(id.index).cloned().unwrap_or_default())
     }
 
     /// Vertices, triangles, joints, non-zero weights, without reading the asset.

@@ -1,6 +1,7 @@
 //! What commands need of a task besides training it.
 
 use riglab_nn::params::Weights;
+use riglab_report::{Block, Turned, Turntable};
 use riglab_train::{State, Task};
 
 use crate::assets::Assets;
@@ -40,8 +41,43 @@ pub struct Examined {
     pub json: String,
     /// Lines for a terminal.
     pub text: Vec<String>,
-    /// File names and PNG files.
+    /// Names and bytes of files: PNGs, views of the rigs beside them, what else a task has to show.
     pub pictures: Vec<(String, Vec<u8>)>,
+}
+
+/// What is shown of an asset beside its figures.
+pub(crate) struct Sheet {
+    /// A PNG file.
+    pub png: Vec<u8>,
+    /// The rigs, to be turned by a reader.
+    pub view: Option<Turntable>,
+}
+
+/// The files of sheets, each named by its PNG.
+pub(crate) fn files(sheets: impl IntoIterator<Item = (String, Sheet)>) -> Vec<(String, Vec<u8>)> {
+    let mut out = Vec::new();
+    for (name, sheet) in sheets {
+        let view = sheet.view.map(|view| (view_file(&name), view.to_bytes().to_vec()));
+        out.push((name, sheet.png));
+        out.extend(view);
+    }
+    out
+}
+
+/// The file of the view beside a PNG.
+fn view_file(png: &str) -> String {
+    format!("{}.view", png.strip_suffix(".png").unwrap_or(png))
+}
+
+/// The views beside PNGs, given by file and caption; nothing where there are none, as in evaluations of older versions.
+pub(crate) fn views<'a>(
+    shown: impl IntoIterator<Item = (&'a str, String)>,
+    read: impl Fn(&str) -> Option<Vec<u8>>,
+) -> Option<Block> {
+    let view =
+        |(png, caption): (&str, String)| Some(Turned { caption, view: Turntable::from_bytes(read(&view_file(png))?)? });
+    let found: Vec<Turned> = shown.into_iter().filter_map(view).collect();
+    (!found.is_empty()).then_some(Block::Views(found))
 }
 
 /// Which places of a ranking of `n` are shown, and why: the first `each`, the middle, the last

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use anyhow::{Context, Result, anyhow, bail};
 use riglab_config::Config;
-use riglab_report::Block;
+use riglab_report::{Block, Findings};
 use riglab_task::Experiment;
 use riglab_task::fsq_cvae::{self, FsqCvaeTask, FsqCvaeTaskConfig};
 use riglab_task::grpo::{self, GrpoTask, GrpoTaskConfig};
@@ -125,37 +125,42 @@ impl TaskConfig {
     }
 }
 
-/// The part of a run's report that its task knows how to show; empty before the first evaluation.
-pub fn evaluation_blocks(task: &str, run: &Path) -> Result<Vec<Block>> {
+/// What a run's evaluation says, as its task knows to show it.
+pub struct Evaluated {
+    /// The task's part of the report.
+    pub blocks: Vec<Block>,
+    /// The same in the form in which runs are compared.
+    pub findings: Vec<Findings>,
+    /// The corpora it saw: path and checksum; empty in files that do not say it.
+    pub corpora: Vec<(String, String)>,
+}
+
+/// Reads a run's evaluation; `None` before the first.
+pub fn evaluation(task: &str, run: &Path) -> Result<Option<Evaluated>> {
     let path = run.join("eval.json");
     if !path.exists() {
-        return Ok(Vec::new());
+        return Ok(None);
     }
     let shown = || path.display();
     let text = std::fs::read_to_string(&path).with_context(|| format!("{} cannot be read", shown()))?;
     let picture = |file: &str| std::fs::read(run.join("eval").join(file)).ok();
-    let unclear = || format!("{} cannot be understood; make it anew with `riglab eval`", shown());
+    let unclear =
+        || format!("{} cannot be understood: cut off, or of another version; make it anew with `riglab eval`", shown());
+    let saw: serde_json::Value = serde_json::from_str(&text).with_context(unclear)?;
+    let word = |v: &serde_json::Value| v.as_str().unwrap_or_default().to_owned();
+    let corpora = saw["data"].as_array().into_iter().flatten().map(|d| (word(&d[0]), word(&d[1]))).collect();
+    macro_rules! read {
+        ($task:ident) => {{
+            let evaluation: $task::Evaluation = serde_json::from_str(&text).with_context(unclear)?;
+            Ok(Some(Evaluated { blocks: evaluation.blocks(picture), findings: evaluation.findings(), corpora }))
+        }};
+    }
     match task {
-        "fsq_cvae" => {
-            let evaluation: fsq_cvae::Evaluation = serde_json::from_str(&text).with_context(unclear)?;
-            Ok(evaluation.blocks(picture))
-        }
-        "grpo" => {
-            let evaluation: grpo::Evaluation = serde_json::from_str(&text).with_context(unclear)?;
-            Ok(evaluation.blocks(picture))
-        }
-        "tokenrig" => {
-            let evaluation: tokenrig::Evaluation = serde_json::from_str(&text).with_context(unclear)?;
-            Ok(evaluation.blocks(picture))
-        }
-        "unirig_skeleton" => {
-            let evaluation: unirig_skeleton::Evaluation = serde_json::from_str(&text).with_context(unclear)?;
-            Ok(evaluation.blocks(picture))
-        }
-        "unirig_skin" => {
-            let evaluation: unirig_skin::Evaluation = serde_json::from_str(&text).with_context(unclear)?;
-            Ok(evaluation.blocks(picture))
-        }
+        "fsq_cvae" => read!(fsq_cvae),
+        "grpo" => read!(grpo),
+        "tokenrig" => read!(tokenrig),
+        "unirig_skeleton" => read!(unirig_skeleton),
+        "unirig_skin" => read!(unirig_skin),
         _ => bail!("{}: run.json names no known task (`{task}`)", run.display()),
     }
 }

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use riglab_core::{DecodeRule, JointId};
-use riglab_metric::{Baseline, Codebook, SkinMetrics, SkinTally, bone_distances, compression_ratio};
+use riglab_metric::{Baseline, Codebook, SkinMetrics, SkinTally, bone_distances, compression_ratio, nan_for_null};
 use riglab_nn::params::Weights;
 use riglab_random::{Draw, stream};
 use serde::{Deserialize, Serialize};
@@ -40,15 +40,21 @@ pub struct AssetRow {
     pub split: String,
     /// The asset's name.
     pub name: String,
+    /// Its category; empty where it has none.
+    #[serde(default)]
+    pub category: String,
     /// Vertices and skinned bones.
     pub vertices: usize,
     /// Bones that are encoded.
     pub bones: usize,
     /// After the decode rule, all codes kept.
+    #[serde(deserialize_with = "nan_for_null")]
     pub iou: f64,
     /// As above.
+    #[serde(deserialize_with = "nan_for_null")]
     pub l1: f64,
     /// All codes, no rule.
+    #[serde(deserialize_with = "nan_for_null")]
     pub raw_iou: f64,
 }
 
@@ -65,6 +71,25 @@ pub struct Report {
     pub assets: Vec<AssetRow>,
     /// Codes of all tokens of each split: tokens, distinct codes, utilisation, perplexity.
     pub codebook: BTreeMap<String, CodebookRow>,
+    /// Every bone's codes: a file of its own.
+    #[serde(skip)]
+    pub codes: Vec<BoneCodes>,
+}
+
+/// A bone as the codes that its weights became.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct BoneCodes {
+    /// The split.
+    pub split: String,
+    /// The asset's name.
+    pub asset: String,
+    /// Its category; empty where it has none.
+    pub category: String,
+    /// The joint's name.
+    pub bone: String,
+    /// All codes, each the number of its place in the codebook: the level of axis k times the product of the numbers
+    /// of levels of the axes before it, summed.
+    pub codes: Vec<i64>,
 }
 
 /// How the codebook is used by a split.
@@ -252,6 +277,7 @@ impl FsqCvaeTask {
             rows: Vec::new(),
             assets: Vec::new(),
             codebook: BTreeMap::new(),
+            codes: Vec::new(),
         };
         for split in &self.config.data.test {
             self.evaluate_split(w, split, &mut report, || {
@@ -288,7 +314,17 @@ impl FsqCvaeTask {
             let encoded = self.encode(w, id)?;
             let (rig, joints) = (encoded.rig.clone(), encoded.rig.bones.len());
             let truth = Truth::new(&rig, None);
-            codebook.add(Vec::<i64>::try_from(encoded.ids.view([-1])).unwrap_or_default());
+            let ids = Vec::<i64>::try_from(encoded.ids.view([-1])).unwrap_or_default();
+            for (bone, codes) in rig.bones.iter().zip(ids.chunks(all)) {
+                report.codes.push(BoneCodes {
+                    split: split.into(),
+                    asset: rig.name.clone(),
+                    category: self.assets.category(id)?,
+                    bone: rig.rig.skeleton().name(bone.joint).into(),
+                    codes: codes.to_vec(),
+                });
+            }
+            codebook.add(ids);
             ratios.push([1 << 16, size].map(|c| compression_ratio(truth.points.len(), all, c)));
             let mut tally = |key: (usize, &str), predicted: &[f32]| {
                 let t = SkinTally::of(&truth.dense, predicted, joints);
@@ -303,6 +339,7 @@ impl FsqCvaeTask {
                     report.assets.push(AssetRow {
                         split: split.into(),
                         name: rig.name.clone(),
+                        category: self.assets.category(id)?,
                         vertices: truth.points.len(),
                         bones: joints,
                         iou: rule.iou,

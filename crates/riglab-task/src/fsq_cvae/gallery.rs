@@ -1,18 +1,19 @@
 //! Pictures of what an evaluation saw: true and predicted weights of single assets.
 
-use riglab_core::{JointId, SkinWeights};
+use riglab_core::{JointId, Rig, SkinWeights};
 use riglab_nn::params::Weights;
 use riglab_render::{
     Palette, Picture, Theme, View, contact_sheet, joint_weights, misplaced_weight, render_errors, render_parts,
     render_skeleton, render_weights,
 };
+use riglab_report::Turntable;
 use serde::{Deserialize, Serialize};
 
 use super::FsqCvaeTask;
 use super::evaluate::{Encoded, Report, Truth, ruled};
 use super::prepare::Prepared;
 use crate::assets::AssetId;
-use crate::experiment::places;
+use crate::experiment::{Sheet, places};
 
 /// Side of one picture of a sheet, in pixels.
 const SIDE: u32 = 280;
@@ -41,8 +42,8 @@ impl FsqCvaeTask {
     ///
     /// # Errors
     /// When an asset cannot be read.
-    pub fn gallery(&self, w: &Weights, report: &Report, each: usize) -> Result<Vec<(Shown, Vec<u8>)>, String> {
-        let mut out: Vec<(Shown, Vec<u8>)> = Vec::new();
+    pub(super) fn gallery(&self, w: &Weights, report: &Report, each: usize) -> Result<Vec<(Shown, Sheet)>, String> {
+        let mut out: Vec<(Shown, Sheet)> = Vec::new();
         for split in &self.config.data.test {
             let ids = self.assets.split(split).map_err(|e| e.to_string())?;
             let rows = report.assets.iter().filter(|a| a.split == *split);
@@ -52,19 +53,21 @@ impl FsqCvaeTask {
             for (why, k) in places(ranked.len(), each) {
                 let (id, iou) = ranked[k];
                 let encoded = self.encode(w, id)?;
-                let (bone, picture) = self.sheet(w, &encoded, report.cut)?;
+                let (bone, picture, rig) = self.sheet(w, &encoded, report.cut)?;
+                let view = Turntable::of(&[("true", &encoded.rig.rig), ("predicted", &rig)]);
                 let name = encoded.rig.name.clone();
                 let file = format!("{:02}-{split}-{why}.png", out.len() + 1);
                 let shown = Shown { file, split: split.clone(), name, why: why.into(), iou, bone };
-                out.push((shown, picture.to_png()));
+                out.push((shown, Sheet { png: picture.to_png(), view }));
             }
         }
         Ok(out)
     }
 
     /// The sheet of one asset: above, skeleton, true parts, predicted parts and misplaced weight;
-    /// below, the worst bone, true, from the fewest codes, from all codes, and its error.
-    pub(super) fn sheet(&self, w: &Weights, encoded: &Encoded, cut: f32) -> Result<(String, Picture), String> {
+    /// below, the worst bone, true, from the fewest codes, from all codes, and its error. With that bone's name, and the
+    /// predicted rig.
+    pub(super) fn sheet(&self, w: &Weights, encoded: &Encoded, cut: f32) -> Result<(String, Picture, Rig), String> {
         let (rig, joints) = (&encoded.rig, encoded.rig.bones.len());
         let truth = Truth::new(rig, None);
         let all = self.config.model.skin_tokens;
@@ -97,7 +100,7 @@ impl FsqCvaeTask {
             (codes(all), column(&p)),
             ("error".into(), render_errors(mesh, &errors, ERROR_SHOWN, &view)),
         ];
-        Ok((name, contact_sheet(&cells, 4, Theme::Light)))
+        Ok((name, contact_sheet(&cells, 4, Theme::Light), shown))
     }
 }
 

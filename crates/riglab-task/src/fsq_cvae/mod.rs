@@ -23,14 +23,15 @@ use tch::{Device, Kind};
 pub use batch::{Batch, BatchSource};
 pub use coder::Coder;
 pub use config::{EvalConfig, FsqCvaeTaskConfig, LossConfig, PointMix, PrefixConfig, SamplingConfig};
-pub use evaluate::{AssetRow, CodebookRow, Encoded, Report, Row, Truth, ruled};
+pub use evaluate::{AssetRow, BoneCodes, CodebookRow, Encoded, Report, Row, Truth, ruled};
 pub use frozen::Frozen;
 pub use gallery::Shown;
 pub use prepare::{Bone, Patch, Place, Point, Prepared};
 pub use report::Evaluation;
+pub(crate) use report::skin_metrics;
 
 use crate::assets::{AssetId, Assets, Cache};
-use crate::experiment::{Examined, Experiment};
+use crate::experiment::{Examined, Experiment, files};
 
 /// The task, with its network and data.
 pub struct FsqCvaeTask {
@@ -99,7 +100,7 @@ impl Task for FsqCvaeTask {
     fn validate(&self, w: &Weights, at: At) -> Result<Validation, String> {
         let metrics = self.validation(w, at.seed)?;
         let encoded = self.encode(w, self.validation_assets[0])?;
-        let (_, sheet) = self.sheet(w, &encoded, self.config.eval.cuts[0])?;
+        let (_, sheet, _) = self.sheet(w, &encoded, self.config.eval.cuts[0])?;
         let pictures = vec![("validation/first".into(), sheet.width() as u32, sheet.height() as u32, sheet.to_png())];
         Ok(Validation { metrics, pictures, ..Validation::default() })
     }
@@ -128,11 +129,26 @@ impl Experiment for FsqCvaeTask {
         let report = self.evaluate(weights, progress)?;
         let sheets = if pictures == 0 { Vec::new() } else { self.gallery(weights, &report, pictures)? };
         let text = table::lines(&report);
-        let (gallery, pictures) = sheets.into_iter().map(|(s, png)| (s.clone(), (s.file, png))).unzip();
+        let (gallery, sheets): (Vec<_>, Vec<_>) =
+            sheets.into_iter().map(|(s, sheet)| (s.clone(), (s.file, sheet))).unzip();
+        let mut pictures = files(sheets);
+        pictures.push((CODES.into(), lines_of(&report.codes)?));
         let evaluation = Evaluation { checkpoint: checkpoint.clone(), report, gallery };
         let json = serde_json::to_string_pretty(&evaluation).map_err(|e| e.to_string())? + "\n";
         Ok(Examined { json, text, pictures })
     }
+}
+
+/// The file of all codes, beside the pictures: a line of JSON a bone.
+const CODES: &str = "codes.jsonl";
+
+fn lines_of(codes: &[BoneCodes]) -> Result<Vec<u8>, String> {
+    let mut out = Vec::new();
+    for bone in codes {
+        serde_json::to_writer(&mut out, bone).map_err(|e| e.to_string())?;
+        out.push(b'\n');
+    }
+    Ok(out)
 }
 
 /// Encode once a rig and once a bone, keep a prefix of the codes, decode, compare.

@@ -1,11 +1,12 @@
 //! An evaluation as a file, and as a part of a report.
 
-use riglab_report::{Block, Cell, Chart, Picture, Series, Table};
+use riglab_report::{Beside, Block, Cell, Chart, Findings, Metric, Picture, Series, Single, Table, Total};
 use riglab_train::State;
 use serde::{Deserialize, Serialize};
 
 use super::evaluate::{Report, Row};
 use super::gallery::Shown;
+use crate::experiment::views;
 
 /// What `riglab eval` writes.
 #[derive(Clone, Debug, Serialize, Deserialize)]
@@ -35,14 +36,52 @@ impl Evaluation {
                  that is on a wrong bone. Below: the bone whose weights are off by most."
                     .into(),
             ));
-            let shown = |s: &Shown| {
-                let caption = format!("{} of {}: {}, IoU {:.3}; bone {}", s.why, s.split, s.name, s.iou, s.bone);
-                picture(&s.file).map(|png| Picture { caption, png })
-            };
+            let caption =
+                |s: &Shown| format!("{} of {}: {}, IoU {:.3}; bone {}", s.why, s.split, s.name, s.iou, s.bone);
+            let shown = |s: &Shown| picture(&s.file).map(|png| Picture { caption: caption(s), png });
             blocks.push(Block::Pictures(self.gallery.iter().filter_map(shown).collect()));
+            blocks.extend(views(self.gallery.iter().map(|s| (s.file.as_str(), caption(s))), &picture));
         }
         blocks.push(Block::Folded("Every asset".into(), self.assets()));
         blocks
+    }
+
+    /// What it found, in the form in which runs are compared: after the decode rule.
+    pub fn findings(&self) -> Vec<Findings> {
+        let report = &self.report;
+        let of = report.convention.as_str();
+        let total = |r: &Row| Total {
+            split: r.split.clone(),
+            method: if r.tokens == 0 { r.method.clone() } else { format!("{}, {} codes", r.method, r.tokens) },
+            own: r.tokens > 0,
+            assets: r.assets,
+            values: vec![
+                r.pooled.iou,
+                r.per_rig.iou,
+                r.pooled.l1,
+                r.pooled.precision,
+                r.pooled.recall,
+                r.per_rig.mask_cover_bone,
+            ],
+        };
+        let shown = |r: &&Row| r.tokens == 0 || r.method == "rule";
+        let single = |a: &super::evaluate::AssetRow| Single {
+            split: a.split.clone(),
+            name: a.name.clone(),
+            category: a.category.clone(),
+            values: vec![a.iou, a.l1],
+        };
+        vec![Findings {
+            about: "Skin weights from their codes".into(),
+            totals_of: skin_metrics(of),
+            totals: report.rows.iter().filter(shown).map(total).collect(),
+            singles_of: vec![Metric::higher("IoU", of, 4), Metric::lower("L1", of, 5)],
+            singles: report.assets.iter().map(single).collect(),
+            published: vec![Beside {
+                table: "skintokens.table5",
+                columns: &[("IoU", "iou", 0.01), ("L1", "l1", 1.0), ("mask", "mask", 0.01)],
+            }],
+        }]
     }
 
     fn splits(&self) -> impl Iterator<Item = &str> {
@@ -80,6 +119,18 @@ impl Evaluation {
         }
         text
     }
+}
+
+/// Columns of a table of skin weights: IoU, IoU per rig, L1, precision, recall, mask.
+pub(crate) fn skin_metrics(convention: &str) -> Vec<Metric> {
+    vec![
+        Metric::higher("IoU", convention, 4),
+        Metric::higher("IoU per rig", convention, 4),
+        Metric::lower("L1", convention, 5),
+        Metric::higher("precision", convention, 3),
+        Metric::higher("recall", convention, 3),
+        Metric::higher("mask", convention, 3),
+    ]
 }
 
 /// The sentence that says how good it is.

@@ -9,15 +9,16 @@ use riglab_nn::generate::GenerateConfig;
 use riglab_nn::params::Weights;
 use riglab_random::{Draw, stream};
 use riglab_render::{Picture, Theme, View, contact_sheet, render_parts, render_skeleton};
+use riglab_report::Turntable;
 use riglab_reward::{Rewards, Scorer};
 use riglab_train::{At, Validation};
 
 use super::GrpoTask;
 use super::batch::Subject;
-use super::report::{Gain, Report, Row, Shown};
+use super::report::{AssetRow, AssetScore, Gain, Report, Row, Shown};
 use super::score::rewards;
 use crate::assets::AssetId;
-use crate::experiment::places;
+use crate::experiment::{Sheet, places};
 use crate::tokenrig::Drawn;
 use crate::unirig_skeleton::batch::normalized;
 use crate::unirig_skeleton::evaluate::{Sums, joints};
@@ -283,10 +284,11 @@ impl GrpoTask {
         w: &Weights,
         pictures: usize,
         progress: &mut dyn FnMut(usize),
-    ) -> Result<(Report, Vec<(Shown, Vec<u8>)>), String> {
+    ) -> Result<(Report, Vec<(Shown, Sheet)>), String> {
         let _no_grad = tch::no_grad_guard();
         let ways = self.ways();
-        let (mut rows, mut gains, mut sheets, mut done) = (Vec::new(), Vec::new(), Vec::new(), 0);
+        let (mut rows, mut gains, mut assets, mut sheets, mut done) =
+            (Vec::new(), Vec::new(), Vec::new(), Vec::new(), 0);
         for split in &self.config.data.test {
             let ids = self.inner.assets.split(split).map_err(|e| e.to_string())?;
             let mut all: Vec<Pair> = ways.iter().map(|_| Pair::default()).collect();
@@ -313,6 +315,16 @@ impl GrpoTask {
             let Some(Pair { before, after }) = all.pop() else { continue };
             let mut found: Vec<(AssetId, Found, Found)> =
                 before.found.into_iter().zip(after.found).zip(&ids).map(|((was, is), &id)| (id, was, is)).collect();
+            for (id, was, is) in &found {
+                let judged = |f: &Found| AssetScore { reward: f.rewards.total, distances: f.distances };
+                assets.push(AssetRow {
+                    split: split.clone(),
+                    name: self.inner.assets.read(*id).map_err(|e| e.to_string())?.name,
+                    category: self.inner.assets.category(*id)?,
+                    before: judged(was),
+                    after: judged(is),
+                });
+            }
             // From the most gained to the most lost.
             let gain = |(_, was, is): &(AssetId, Found, Found)| is.rewards.total - was.rewards.total;
             found.sort_by(|a, b| gain(b).total_cmp(&gain(a)));
@@ -332,10 +344,10 @@ impl GrpoTask {
                 "data.test: the corpora have no asset in `{splits}`; `riglab dataset inspect` shows their splits"
             ));
         }
-        Ok((Report { convention: "unirig".into(), rows, gains }, sheets))
+        Ok((Report { convention: "unirig".into(), rows, gains, assets }, sheets))
     }
 
-    fn sheet(&self, id: AssetId, was: &Found, is: &Found) -> Result<Option<Vec<u8>>, String> {
+    fn sheet(&self, id: AssetId, was: &Found, is: &Found) -> Result<Option<Sheet>, String> {
         let held = self.held_of(id)?;
         let view = View::square(SIDE).framed(held.rig.bounds());
         let (Some(old), Some(new)) = (self.rig(&held, &was.drawn)?, self.rig(&held, &is.drawn)?) else {
@@ -347,6 +359,7 @@ impl GrpoTask {
             ("parts before".to_owned(), render_parts(&old, &view)),
             ("parts after".to_owned(), render_parts(&new, &view)),
         ];
-        Ok(Some(contact_sheet(&cells, 4, Theme::Light).to_png()))
+        let view = Turntable::of(&[("true", &*held.rig), ("before", &old), ("after", &new)]);
+        Ok(Some(Sheet { png: contact_sheet(&cells, 4, Theme::Light).to_png(), view }))
     }
 }

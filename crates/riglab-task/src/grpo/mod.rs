@@ -29,12 +29,12 @@ use tch::{Device, Kind, Tensor};
 
 pub use batch::{Batch, BatchSource, Subject};
 pub use config::{Dead, GrpoTaskConfig, GuardConfig, RolloutConfig, StartConfig};
-pub use report::{Evaluation, Report, Row};
+pub use report::{AssetRow, AssetScore, Evaluation, Report, Row};
 pub use rollout::{NOTES, Rollout, Sequence};
 pub use score::{Judged, rewards};
 
 use crate::assets::{Assets, DataConfig};
-use crate::experiment::{Examined, Experiment};
+use crate::experiment::{Examined, Experiment, files};
 use crate::tokenrig::{Card, Rigger, TokenRigTask, TokenRigTaskConfig};
 
 /// The task, with its policy and data.
@@ -257,7 +257,9 @@ impl Experiment for GrpoTask {
     ) -> Result<Examined, String> {
         let (report, sheets) = self.compare(weights, pictures, progress)?;
         let text = report::lines(&report);
-        let (gallery, pictures) = sheets.into_iter().map(|(s, png)| (s.clone(), (s.file, png))).unzip();
+        let (gallery, sheets): (Vec<_>, Vec<_>) =
+            sheets.into_iter().map(|(s, sheet)| (s.clone(), (s.file, sheet))).unzip();
+        let pictures = files(sheets);
         let evaluation = Evaluation { checkpoint: checkpoint.clone(), report, gallery };
         let json = serde_json::to_string_pretty(&evaluation).map_err(|e| e.to_string())? + "\n";
         Ok(Examined { json, text, pictures })

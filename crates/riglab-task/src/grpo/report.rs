@@ -1,12 +1,15 @@
 //! An evaluation as a file, as lines, and as a part of a report.
 
 use riglab_metric::statistics::Paired;
-use riglab_report::{Block, Cell, Picture, Table};
+use riglab_metric::{SkeletonDistances, nan_for_null};
+use riglab_report::{Block, Cell, Findings, Metric, Picture, Single, Table, Total};
 use riglab_reward::Rewards;
 use riglab_train::State;
 use serde::{Deserialize, Serialize};
 
+use crate::experiment::views;
 use crate::unirig_skeleton::Row as SkeletonRow;
+use crate::unirig_skeleton::report::{SKELETONS_OF_SKINTOKENS, SKELETONS_OF_UNIRIG, skeleton_metrics};
 
 /// Means of a model on a split.
 #[derive(Clone, Debug, Serialize, Deserialize)]
@@ -27,6 +30,9 @@ pub struct Report {
     /// What became of each such pair.
     #[serde(default)]
     pub gains: Vec<Gain>,
+    /// Assets, by the last of these ways.
+    #[serde(default)]
+    pub assets: Vec<AssetRow>,
 }
 
 /// After minus before, mesh by mesh.
@@ -38,6 +44,30 @@ pub struct Gain {
     pub reward: Paired,
     /// Of J2J: below 0 is better.
     pub j2j: Paired,
+}
+
+/// What a model made of one asset.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct AssetScore {
+    /// The reward; 0 for a rig that cannot be decoded.
+    pub reward: f64,
+    /// The distances.
+    pub distances: SkeletonDistances,
+}
+
+/// One asset, before and after.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct AssetRow {
+    /// The split.
+    pub split: String,
+    /// The asset's name.
+    pub name: String,
+    /// Its category; empty where it has none.
+    pub category: String,
+    /// By the model that the run started from.
+    pub before: AssetScore,
+    /// By this checkpoint.
+    pub after: AssetScore,
 }
 
 /// A sheet of pictures of an asset.
@@ -52,8 +82,10 @@ pub struct Shown {
     /// Its place between the most gained and the most lost: best, median or worst.
     pub why: String,
     /// What the reward gained.
+    #[serde(deserialize_with = "nan_for_null")]
     pub gain: f64,
     /// What J2J gained: above 0 it is worse.
+    #[serde(deserialize_with = "nan_for_null")]
     pub j2j: f64,
 }
 
@@ -106,19 +138,57 @@ impl Evaluation {
         if !self.gallery.is_empty() {
             blocks.push(Block::Heading("Rigs before and after, from the most gained to the most lost".into()));
         }
-        let shown = |shown: &Shown| {
-            let caption = format!(
+        let caption = |shown: &Shown| {
+            format!(
                 "{} ({}, {}): reward {:+.3}, J2J x 100 {:+.2}",
                 shown.name,
                 shown.split,
                 shown.why,
                 shown.gain,
                 100.0 * shown.j2j
-            );
-            Some(Picture { caption, png: picture(&shown.file)? })
+            )
         };
+        let shown = |s: &Shown| Some(Picture { caption: caption(s), png: picture(&s.file)? });
         blocks.push(Block::Pictures(self.gallery.iter().filter_map(shown).collect()));
+        blocks.extend(views(self.gallery.iter().map(|s| (s.file.as_str(), caption(s))), &picture));
         blocks
+    }
+
+    /// What it found, in the form in which runs are compared: of this checkpoint, with the start beside it.
+    pub fn findings(&self) -> Vec<Findings> {
+        let of = self.report.convention.as_str();
+        let reward = || Metric::higher("reward", "riglab", 4);
+        let mut totals_of = skeleton_metrics(of);
+        totals_of.extend([reward(), Metric::higher("valid %", of, 1)]);
+        let total = |r: &Row| {
+            let s = &r.skeletons;
+            Total {
+                split: s.split.clone(),
+                method: format!("{}, {} compared", s.method, s.compared),
+                own: s.method.starts_with("after"),
+                assets: s.assets,
+                values: vec![100.0 * s.j2j, 100.0 * s.j2b, 100.0 * s.b2b, r.rewards.total, 100.0 * s.valid],
+            }
+        };
+        let single = |a: &AssetRow| {
+            let d = &a.after.distances;
+            Single {
+                split: a.split.clone(),
+                name: a.name.clone(),
+                category: a.category.clone(),
+                values: vec![100.0 * d.j2j, 100.0 * d.j2b, 100.0 * d.b2b, a.after.reward],
+            }
+        };
+        let mut singles_of = skeleton_metrics(of);
+        singles_of.push(reward());
+        vec![Findings {
+            about: "Skeletons".into(),
+            totals_of,
+            totals: self.report.rows.iter().map(total).collect(),
+            singles_of,
+            singles: self.report.assets.iter().map(single).collect(),
+            published: vec![SKELETONS_OF_SKINTOKENS, SKELETONS_OF_UNIRIG],
+        }]
     }
 
     fn table(&self) -> Table {

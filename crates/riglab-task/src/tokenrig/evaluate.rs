@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use riglab_core::{JointId, Mesh, Rig, Skeleton, SkinWeights};
-use riglab_metric::{Baseline, Joints, SkinTally, bone_distances};
+use riglab_metric::{Baseline, Joints, SkinMetrics, SkinTally, bone_distances, nan_for_null};
 use riglab_nn::params::Weights;
 use riglab_random::{Draw, stream};
 use riglab_token::Decoded;
@@ -30,6 +30,28 @@ pub struct Report {
     pub skin: Vec<SkinRow>,
     /// Which formulas, of the weights.
     pub convention: String,
+    /// The model's weights of each asset, on both skeletons.
+    #[serde(default)]
+    pub skin_assets: Vec<SkinAsset>,
+}
+
+/// One asset's own figures of weights.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct SkinAsset {
+    /// The split.
+    pub split: String,
+    /// The asset's name.
+    pub name: String,
+    /// Its category; empty where it has none.
+    pub category: String,
+    /// `generated` or `given`: whose skeleton.
+    pub mode: String,
+    /// NaN where nothing came out.
+    #[serde(deserialize_with = "nan_for_null")]
+    pub iou: f64,
+    /// As above.
+    #[serde(deserialize_with = "nan_for_null")]
+    pub l1: f64,
 }
 
 /// A generated rig of an asset.
@@ -56,12 +78,14 @@ impl Ways {
         }
     }
 
-    /// Adds weights, and what the baselines make of the same skeleton and the same joints.
-    fn all(&mut self, mode: &str, rig: &Rig, truth: &[f32], claimed: &[JointId]) {
+    /// Adds weights, and what the baselines make of the same skeleton and the same joints; gives the weights' own
+    /// figures.
+    fn all(&mut self, mode: &str, rig: &Rig, truth: &[f32], claimed: &[JointId]) -> SkinMetrics {
         let joints = rig.skeleton().len();
-        self.add(format!("{mode}: model"), &SkinTally::of(truth, &dense(rig.weights(), joints), joints));
+        let own = SkinTally::of(truth, &dense(rig.weights(), joints), joints);
+        self.add(format!("{mode}: model"), &own);
         if claimed.is_empty() {
-            return;
+            return own.metrics();
         }
         let distances = bone_distances(rig, claimed);
         for baseline in Baseline::SHOWN {
@@ -74,6 +98,7 @@ impl Ways {
             }
             self.add(format!("{mode}: {}", baseline.name()), &SkinTally::of(truth, &wide, joints));
         }
+        own.metrics()
     }
 }
 
@@ -218,6 +243,7 @@ impl TokenRigTask {
         let (points, seed) = (c.eval.retrieval_points, c.eval.seed);
         let retrieval = Retrieval::new(&self.assets, &self.cache, &training, points, seed)?;
         let (mut rows, mut skin, mut assets, mut rigs) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
+        let mut skin_assets = Vec::new();
         for split in &c.data.test {
             let ids = self.assets.split(split).map_err(|e| e.to_string())?;
             let (mut model, mut rival, mut ways) = (Sums::default(), Sums::default(), Ways::default());
@@ -236,9 +262,20 @@ impl TokenRigTask {
                     let nearest = rival.add(retrieval.nearest(truth, id.key()), &own);
                     model.count(distances, nearest);
                     rival.count(nearest, distances);
+                    let name = self.assets.read(id).map_err(|e| e.to_string())?.name;
+                    let category = self.assets.category(id)?;
+                    let skin_asset = |mode: &str, of: Option<SkinMetrics>| SkinAsset {
+                        split: split.clone(),
+                        name: name.clone(),
+                        category: category.clone(),
+                        mode: mode.into(),
+                        iou: of.map_or(f64::NAN, |m| m.iou),
+                        l1: of.map_or(f64::NAN, |m| m.l1),
+                    };
                     assets.push(AssetRow {
                         split: split.clone(),
-                        name: self.assets.read(id).map_err(|e| e.to_string())?.name,
+                        name: name.clone(),
+                        category: category.clone(),
                         true_joints: own.positions.len(),
                         joints: found.as_ref().map_or(0, |f| f.positions.len()),
                         model: distances,
@@ -248,12 +285,15 @@ impl TokenRigTask {
                         Ok(decoded) => Some(self.rigged(truth.mesh(), decoded, &drawn.codes, id.key())?),
                         Err(_) => None,
                     };
-                    if let Some(rig) = &rig {
-                        ways.all("generated", rig, &moved(truth, rig.skeleton()), &claimed(&drawn.codes));
-                    }
-                    if let Some(codes) = self.given(w, truth, id.key())? {
-                        self.on_the_true_skeleton(truth, &codes, id.key(), &mut ways)?;
-                    }
+                    let of = rig
+                        .as_ref()
+                        .map(|rig| ways.all("generated", rig, &moved(truth, rig.skeleton()), &claimed(&drawn.codes)));
+                    skin_assets.push(skin_asset("generated", of));
+                    let of = match self.given(w, truth, id.key())? {
+                        Some(codes) => Some(self.on_the_true_skeleton(truth, &codes, id.key(), &mut ways)?),
+                        None => None,
+                    };
+                    skin_assets.push(skin_asset("given", of));
                     rigs.push(Rigged { id, rig });
                     progress(assets.len());
                 }
@@ -273,26 +313,27 @@ impl TokenRigTask {
             ));
         }
         let skeletons = SkeletonReport { convention: "unirig".into(), rows, assets };
-        Ok((Report { skeletons, skin, convention: "skintokens".into() }, rigs))
+        Ok((Report { skeletons, skin, convention: "skintokens".into(), skin_assets }, rigs))
     }
 
-    /// Counts the weights of codes drawn for the true skeleton, and those that the auto-encoder makes of its own codes.
+    /// Counts the weights of codes drawn for the true skeleton, and those that the auto-encoder makes of its own codes;
+    /// gives the figures of the drawn ones.
     fn on_the_true_skeleton(
         &self,
         truth: &Rig,
         drawn: &[Option<Vec<i64>>],
         key: u64,
         ways: &mut Ways,
-    ) -> Result<(), String> {
+    ) -> Result<SkinMetrics, String> {
         let (rigger, joints) = (&self.rigger, truth.skeleton().len());
         let true_weights = dense(truth.weights(), joints);
         let weights = rigger.skin(truth.mesh(), truth.skeleton(), drawn, key)?;
         let rig = truth.with_weights(weights).map_err(|e| e.to_string())?;
-        ways.all("given", &rig, &true_weights, &claimed(drawn));
+        let found = ways.all("given", &rig, &true_weights, &claimed(drawn));
         let mut random = stream(rigger.config.eval.seed, "rig variant", &[key]);
         let own = codes(&rigger.vae, &rigger.config.skin, truth, &mut random);
         let weights = rigger.skin(truth.mesh(), truth.skeleton(), &own, key)?;
         ways.add("given: auto-encoder".into(), &SkinTally::of(&true_weights, &dense(&weights, joints), joints));
-        Ok(())
+        Ok(found)
     }
 }

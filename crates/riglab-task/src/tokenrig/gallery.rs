@@ -1,10 +1,11 @@
 //! Pictures of what an evaluation saw: true and generated rigs of single assets.
 
 use riglab_render::{Theme, View, contact_sheet, render_parts, render_skeleton};
+use riglab_report::Turntable;
 
 use super::TokenRigTask;
 use super::evaluate::{Report, Rigged};
-use crate::experiment::places;
+use crate::experiment::{Sheet, places};
 use crate::unirig_skeleton::Shown;
 use crate::unirig_skeleton::batch::normalized;
 
@@ -13,13 +14,8 @@ const SIDE: u32 = 280;
 
 impl TokenRigTask {
     /// Sheets of a few assets of each test split: the true rig and the generated one, skeleton and weights as parts.
-    pub(super) fn gallery(
-        &self,
-        report: &Report,
-        rigs: &[Rigged],
-        each: usize,
-    ) -> Result<Vec<(Shown, Vec<u8>)>, String> {
-        let mut out: Vec<(Shown, Vec<u8>)> = Vec::new();
+    pub(super) fn gallery(&self, report: &Report, rigs: &[Rigged], each: usize) -> Result<Vec<(Shown, Sheet)>, String> {
+        let mut out: Vec<(Shown, Sheet)> = Vec::new();
         if each == 0 {
             return Ok(out);
         }
@@ -42,7 +38,8 @@ impl TokenRigTask {
                 let file = format!("{:02}-{split}-{why}.png", out.len() + 1);
                 let shown =
                     Shown { file, split: split.clone(), name: row.name.clone(), why: why.into(), j2j: row.model.j2j };
-                out.push((shown, contact_sheet(&cells, 4, Theme::Light).to_png()));
+                let view = Turntable::of(&[("true", &*truth), ("generated", rig)]);
+                out.push((shown, Sheet { png: contact_sheet(&cells, 4, Theme::Light).to_png(), view }));
             }
         }
         Ok(out)

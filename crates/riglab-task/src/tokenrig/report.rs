@@ -1,11 +1,12 @@
 //! An evaluation as a file, as lines, and as a part of a report.
 
-use riglab_report::{Block, Cell, Table};
+use riglab_report::{Beside, Block, Cell, Findings, Metric, Single, Table, Total};
 use riglab_train::State;
 use serde::{Deserialize, Serialize};
 
 use super::evaluate::Report;
-use crate::fsq_cvae::Row;
+use crate::fsq_cvae::{Row, skin_metrics};
+use crate::unirig_skeleton::report::{SKELETONS_OF_SKINTOKENS, skeleton_findings};
 use crate::unirig_skeleton::{Evaluation as SkeletonEvaluation, Shown, lines as skeleton_lines};
 
 /// What `riglab eval` writes.
@@ -62,6 +63,57 @@ impl Evaluation {
         blocks.extend(splits(&self.report).into_iter().filter_map(|s| self.verdict(s)).map(Block::Text));
         blocks.extend(splits(&self.report).into_iter().map(|s| Block::Table(self.table(s))));
         blocks
+    }
+
+    /// What it found, in the form in which runs are compared.
+    pub fn findings(&self) -> Vec<Findings> {
+        let mut skeletons = skeleton_findings(&self.report.skeletons);
+        skeletons.published.insert(0, SKELETONS_OF_SKINTOKENS);
+        vec![
+            skeletons,
+            self.skin("generated", "Skin weights of generated skeletons"),
+            self.skin("given", "Skin weights of given skeletons"),
+        ]
+    }
+
+    fn skin(&self, mode: &str, about: &str) -> Findings {
+        let of = self.report.convention.as_str();
+        let total = |r: &Row| {
+            let (own, method) = r.method.split_once(": ").filter(|(own, _)| *own == mode)?;
+            Some(Total {
+                split: r.split.clone(),
+                method: method.into(),
+                own: r.method == format!("{own}: model"),
+                assets: r.assets,
+                values: vec![
+                    r.pooled.iou,
+                    r.per_rig.iou,
+                    r.pooled.l1,
+                    r.pooled.precision,
+                    r.pooled.recall,
+                    r.per_rig.mask_cover_bone,
+                ],
+            })
+        };
+        let singles = self.report.skin_assets.iter().filter(|a| a.mode == mode);
+        Findings {
+            about: about.into(),
+            totals_of: skin_metrics(of),
+            totals: self.report.skin.iter().filter_map(total).collect(),
+            singles_of: vec![Metric::higher("IoU", of, 4), Metric::lower("L1", of, 5)],
+            singles: singles
+                .map(|a| Single {
+                    split: a.split.clone(),
+                    name: a.name.clone(),
+                    category: a.category.clone(),
+                    values: vec![a.iou, a.l1],
+                })
+                .collect(),
+            published: vec![Beside {
+                table: "skintokens.table4",
+                columns: &[("L1", "l1", 1.0), ("precision", "precision", 0.01), ("recall", "recall", 0.01)],
+            }],
+        }
     }
 
     fn verdict(&self, split: &str) -> Option<String> {

@@ -73,6 +73,9 @@ pub struct AssetRow {
     pub split: String,
     /// The asset's name.
     pub name: String,
+    /// Its category; empty where it has none.
+    #[serde(default)]
+    pub category: String,
     /// Its joints.
     pub true_joints: usize,
     /// Joints of the model's skeleton.
@@ -242,6 +245,7 @@ impl SkeletonTask {
                     assets.push(AssetRow {
                         split: split.clone(),
                         name,
+                        category: self.assets.category(id)?,
                         true_joints: truth.positions.len(),
                         joints: found.as_ref().map_or(0, |f| f.positions.len()),
                         model: own,

@@ -1,6 +1,10 @@
 //! Pictures of what an evaluation saw: true and generated skeletons of single assets.
 
+use riglab_core::{Rig, Skeleton, SkinWeights};
+use riglab_geom::voxel::SolidConfig;
+use riglab_metric::{Baseline, SkinBaseline};
 use riglab_render::{Theme, View, contact_sheet, render_skeleton};
+use riglab_report::Turntable;
 use serde::{Deserialize, Serialize};
 
 use super::SkeletonTask;
@@ -8,7 +12,7 @@ use super::batch::normalized;
 use super::evaluate::Report;
 use super::generate::Drawn;
 use crate::assets::AssetId;
-use crate::experiment::places;
+use crate::experiment::{Sheet, places};
 
 /// Side of one picture of a sheet, in pixels.
 const SIDE: u32 = 280;
@@ -35,8 +39,8 @@ impl SkeletonTask {
         report: &Report,
         skeletons: &[(AssetId, Drawn)],
         each: usize,
-    ) -> Result<Vec<(Shown, Vec<u8>)>, String> {
-        let mut out: Vec<(Shown, Vec<u8>)> = Vec::new();
+    ) -> Result<Vec<(Shown, Sheet)>, String> {
+        let mut out: Vec<(Shown, Sheet)> = Vec::new();
         if each == 0 {
             return Ok(out);
         }
@@ -66,9 +70,19 @@ impl SkeletonTask {
                 let file = format!("{:02}-{split}-{why}.png", out.len() + 1);
                 let shown =
                     Shown { file, split: split.clone(), name: row.name.clone(), why: why.into(), j2j: row.model.j2j };
-                out.push((shown, contact_sheet(&cells, 4, Theme::Light).to_png()));
+                let view = bound(&skeleton, &rig)
+                    .and_then(|own| Turntable::of(&[("true", &*rig), ("generated, nearest bone", &own)]));
+                out.push((shown, Sheet { png: contact_sheet(&cells, 4, Theme::Light).to_png(), view }));
             }
         }
         Ok(out)
     }
+}
+
+/// A mesh bound to a generated skeleton, which has no weights of its own: each vertex to the bone nearest to it.
+fn bound(skeleton: &Skeleton, like: &Rig) -> Option<Rig> {
+    let rows = (0..like.mesh().positions().len()).map(|_| [(0u16, 1.0)]);
+    let root = Rig::new(skeleton.clone(), like.mesh().clone(), SkinWeights::normalized(rows).ok()?).ok()?;
+    let weights = SkinBaseline::Straight(Baseline::Nearest).weights(&root, &SolidConfig::DEFAULT);
+    root.with_weights(weights).ok()
 }

@@ -1,11 +1,12 @@
 //! An evaluation as a file, as lines, and as a part of a report.
 
-use riglab_report::{Block, Cell, Picture, Table};
+use riglab_report::{Beside, Block, Cell, Findings, Metric, Picture, Single, Table, Total};
 use riglab_train::State;
 use serde::{Deserialize, Serialize};
 
-use super::evaluate::{Report, Row};
+use super::evaluate::{AssetRow, Report, Row};
 use super::gallery::Shown;
+use crate::experiment::views;
 
 /// What `riglab eval` writes.
 #[derive(Clone, Debug, Serialize, Deserialize)]
@@ -53,7 +54,54 @@ pub fn lines(report: &Report) -> Vec<String> {
     out
 }
 
+/// Columns of a table of skeletons, in shares of the cube's edge times 100.
+pub(crate) fn skeleton_metrics(convention: &str) -> Vec<Metric> {
+    ["J2J × 100", "J2B × 100", "B2B × 100"].iter().map(|name| Metric::lower(name, convention, 3)).collect()
+}
+
+/// What an evaluation of skeletons found, in the form in which runs are compared.
+pub(crate) fn skeleton_findings(report: &Report) -> Findings {
+    let of = report.convention.as_str();
+    let mut totals_of = skeleton_metrics(of);
+    totals_of.extend([Metric::higher("valid %", of, 1), Metric::lower("joints off %", of, 1)]);
+    let total = |r: &Row| Total {
+        split: r.split.clone(),
+        method: format!("{}, {} compared", r.method, r.compared),
+        own: r.method == "model",
+        assets: r.assets,
+        values: [r.j2j, r.j2b, r.b2b, r.valid, r.joints_off].map(|v| 100.0 * v).to_vec(),
+    };
+    let single = |a: &AssetRow| Single {
+        split: a.split.clone(),
+        name: a.name.clone(),
+        category: a.category.clone(),
+        values: [a.model.j2j, a.model.j2b, a.model.b2b].map(|v| 100.0 * v).to_vec(),
+    };
+    Findings {
+        about: "Skeletons".into(),
+        totals_of,
+        totals: report.rows.iter().map(total).collect(),
+        singles_of: skeleton_metrics(of),
+        singles: report.assets.iter().map(single).collect(),
+        published: vec![SKELETONS_OF_UNIRIG],
+    }
+}
+
+/// UniRig's published skeletons, in fractions of the cube's side.
+pub(crate) const SKELETONS_OF_UNIRIG: Beside = Beside { table: "unirig.j2j", columns: &[("J2J × 100", "j2j", 100.0)] };
+
+/// SkinTokens' published skeletons, in percent of the longest side.
+pub(crate) const SKELETONS_OF_SKINTOKENS: Beside = Beside {
+    table: "skintokens.table3",
+    columns: &[("J2J × 100", "j2j", 1.0), ("J2B × 100", "j2b", 1.0), ("B2B × 100", "b2b", 1.0)],
+};
+
 impl Evaluation {
+    /// What it found, in the form in which runs are compared.
+    pub fn findings(&self) -> Vec<Findings> {
+        vec![skeleton_findings(&self.report)]
+    }
+
     /// Its part of a report; `picture` finds the bytes of a file of the gallery.
     pub fn blocks(&self, picture: impl Fn(&str) -> Option<Vec<u8>>) -> Vec<Block> {
         let mut blocks = vec![Block::Heading("Skeletons of unseen assets".into())];
@@ -61,11 +109,10 @@ impl Evaluation {
         blocks.push(Block::Table(self.table()));
         if !self.gallery.is_empty() {
             blocks.push(Block::Heading("Pictures".into()));
-            let shown = |s: &Shown| {
-                let caption = format!("{} of {}: {}, J2J × 100 {:.2}", s.why, s.split, s.name, 100.0 * s.j2j);
-                picture(&s.file).map(|png| Picture { caption, png })
-            };
+            let caption = |s: &Shown| format!("{} of {}: {}, J2J × 100 {:.2}", s.why, s.split, s.name, 100.0 * s.j2j);
+            let shown = |s: &Shown| picture(&s.file).map(|png| Picture { caption: caption(s), png });
             blocks.push(Block::Pictures(self.gallery.iter().filter_map(shown).collect()));
+            blocks.extend(views(self.gallery.iter().map(|s| (s.file.as_str(), caption(s))), &picture));
         }
         blocks.push(Block::Folded("Every asset".into(), self.assets()));
         blocks

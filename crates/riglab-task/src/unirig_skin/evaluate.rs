@@ -6,6 +6,7 @@ use riglab_core::JointId;
 use riglab_geom::voxel::SolidConfig;
 use riglab_metric::{
     Baseline, Joints, Poses, Rows, SkinMetrics, SkinTally, bone_distances, geodesic_distances, motion, motion_poses,
+    nan_for_null,
 };
 use riglab_nn::params::Weights;
 use riglab_nn::skin_stage::ATTRIBUTES;
@@ -67,13 +68,18 @@ pub struct AssetRow {
     pub split: String,
     /// The asset's name.
     pub name: String,
+    /// Its category; empty where it has none.
+    #[serde(default)]
+    pub category: String,
     /// Vertices.
     pub vertices: usize,
     /// Bones that hold something.
     pub bones: usize,
     /// IoU.
+    #[serde(deserialize_with = "nan_for_null")]
     pub iou: f64,
     /// L1.
+    #[serde(deserialize_with = "nan_for_null")]
     pub l1: f64,
 }
 
@@ -292,6 +298,7 @@ impl SkinTask {
             report.assets.push(AssetRow {
                 split: split.into(),
                 name: rig.name.clone(),
+                category: self.assets.category(id)?,
                 vertices: rig.rig.mesh().positions().len(),
                 bones: joints,
                 iou: rule.iou,

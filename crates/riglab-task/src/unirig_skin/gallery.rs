@@ -5,12 +5,13 @@ use riglab_render::{
     Palette, Picture, Theme, View, contact_sheet, joint_weights, misplaced_weight, render_errors, render_parts,
     render_skeleton, render_weights,
 };
+use riglab_report::Turntable;
 use serde::{Deserialize, Serialize};
 
 use super::SkinTask;
 use super::evaluate::Report;
 use crate::assets::AssetId;
-use crate::experiment::places;
+use crate::experiment::{Sheet, places};
 use crate::fsq_cvae::gallery::{sparse, worst_bone};
 use crate::fsq_cvae::ruled;
 
@@ -41,8 +42,8 @@ impl SkinTask {
     ///
     /// # Errors
     /// When an asset cannot be read.
-    pub fn gallery(&self, w: &Weights, report: &Report, each: usize) -> Result<Vec<(Shown, Vec<u8>)>, String> {
-        let mut out: Vec<(Shown, Vec<u8>)> = Vec::new();
+    pub(super) fn gallery(&self, w: &Weights, report: &Report, each: usize) -> Result<Vec<(Shown, Sheet)>, String> {
+        let mut out: Vec<(Shown, Sheet)> = Vec::new();
         for split in &self.config.data.test {
             let ids = self.assets.split(split).map_err(|e| e.to_string())?;
             let rows = report.assets.iter().filter(|a| a.split == *split);
@@ -50,9 +51,10 @@ impl SkinTask {
             ranked.sort_by(|a, b| a.1.total_cmp(&b.1));
             for (why, k) in places(ranked.len(), each) {
                 let (id, l1) = ranked[k];
-                let (name, bone, picture) = self.sheet(w, id, report.cut)?;
+                let (name, bone, picture, view) = self.sheet(w, id, report.cut)?;
                 let file = format!("{:02}-{split}-{why}.png", out.len() + 1);
-                out.push((Shown { file, split: split.clone(), name, why: why.into(), l1, bone }, picture.to_png()));
+                let shown = Shown { file, split: split.clone(), name, why: why.into(), l1, bone };
+                out.push((shown, Sheet { png: picture.to_png(), view }));
             }
         }
         Ok(out)
@@ -60,7 +62,12 @@ impl SkinTask {
 
     /// The sheet of one asset: above, skeleton, true parts, predicted parts and misplaced weight; below, the bone that
     /// is off by most, true, predicted, and its error.
-    fn sheet(&self, w: &Weights, id: AssetId, cut: f32) -> Result<(String, String, Picture), String> {
+    fn sheet(
+        &self,
+        w: &Weights,
+        id: AssetId,
+        cut: f32,
+    ) -> Result<(String, String, Picture, Option<Turntable>), String> {
         let subject = self.subject(id, None)?;
         let (rig, joints) = (&subject.ready.rig, subject.ready.seats.len());
         let dense = ruled(&self.predicted(w, &subject).dense, joints, cut);
@@ -84,6 +91,7 @@ impl SkinTask {
             ("predicted".into(), column(&p)),
             ("error".into(), render_errors(mesh, &errors, ERROR_SHOWN, &view)),
         ];
-        Ok((rig.name.clone(), bone, contact_sheet(&cells, 4, Theme::Light)))
+        let turned = Turntable::of(&[("true", &rig.rig), ("predicted", &shown)]);
+        Ok((rig.name.clone(), bone, contact_sheet(&cells, 4, Theme::Light), turned))
     }
 }

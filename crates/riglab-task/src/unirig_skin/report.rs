@@ -1,11 +1,13 @@
 //! An evaluation as a file, as lines, and as a part of a report.
 
-use riglab_report::{Block, Cell, Picture, Table};
+use riglab_report::{Beside, Block, Cell, Findings, Metric, Picture, Single, Table, Total};
 use riglab_train::State;
 use serde::{Deserialize, Serialize};
 
-use super::evaluate::{Report, Row};
+use super::evaluate::{AssetRow, Report, Row};
 use super::gallery::Shown;
+use crate::experiment::views;
+use crate::fsq_cvae::skin_metrics;
 
 /// What `riglab eval` writes.
 #[derive(Clone, Debug, Serialize, Deserialize)]
@@ -72,14 +74,47 @@ impl Evaluation {
                  that is on a wrong bone. Below: the bone whose weights are off by most."
                     .into(),
             ));
-            let shown = |s: &Shown| {
-                let caption = format!("{} of {}: {}, L1 {:.4}; bone {}", s.why, s.split, s.name, s.l1, s.bone);
-                picture(&s.file).map(|png| Picture { caption, png })
-            };
+            let caption = |s: &Shown| format!("{} of {}: {}, L1 {:.4}; bone {}", s.why, s.split, s.name, s.l1, s.bone);
+            let shown = |s: &Shown| picture(&s.file).map(|png| Picture { caption: caption(s), png });
             blocks.push(Block::Pictures(self.gallery.iter().filter_map(shown).collect()));
+            blocks.extend(views(self.gallery.iter().map(|s| (s.file.as_str(), caption(s))), &picture));
         }
         blocks.push(Block::Folded("Every asset".into(), self.assets()));
         blocks
+    }
+
+    /// What it found, in the form in which runs are compared: after the decode rule.
+    pub fn findings(&self) -> Vec<Findings> {
+        let report = &self.report;
+        let of = report.convention.as_str();
+        let total = |r: &Row| Total {
+            split: r.split.clone(),
+            method: r.method.clone(),
+            own: r.learned,
+            assets: r.assets,
+            values: vec![
+                r.pooled.iou,
+                r.per_rig.iou,
+                r.pooled.l1,
+                r.pooled.precision,
+                r.pooled.recall,
+                r.per_rig.mask_cover_bone,
+            ],
+        };
+        let single = |a: &AssetRow| Single {
+            split: a.split.clone(),
+            name: a.name.clone(),
+            category: a.category.clone(),
+            values: vec![a.iou, a.l1],
+        };
+        vec![Findings {
+            about: "Skin weights of given skeletons".into(),
+            totals_of: skin_metrics(of),
+            totals: report.rows.iter().filter(|r| r.method != "raw").map(total).collect(),
+            singles_of: vec![Metric::higher("IoU", of, 4), Metric::lower("L1", of, 5)],
+            singles: report.assets.iter().map(single).collect(),
+            published: vec![Beside { table: "unirig.skin_l1", columns: &[("L1", "skin_l1", 1.0)] }],
+        }]
     }
 
     fn assets(&self) -> String {

@@ -4,7 +4,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
-use anyhow::{Context, Result, anyhow};
+use anyhow::{Context, Result, anyhow, bail};
 use riglab_task::Experiment;
 use riglab_train::{Checkpoint, Progress};
 use tch::Device;
@@ -66,6 +66,7 @@ impl Visitor for Examination<'_> {
         });
         progress.finish();
         let examined = examined.map_err(|e| anyhow!(e))?;
+        let json = with_data(&examined.json, &task.assets().summary()?)?;
         let path = args.out.clone().unwrap_or_else(|| args.run.join("eval.json"));
         let folder = match path.with_extension("") {
             // A name without an ending is the file's.
@@ -76,15 +77,21 @@ impl Visitor for Examination<'_> {
             fs::create_dir_all(&folder).with_context(|| format!("{} cannot be made", folder.display()))?;
             write(&folder.join(file), png)?;
         }
-        write(&path, examined.json.as_bytes())?;
+        write(&path, json.as_bytes())?;
         if args.json {
-            say!("{}", examined.json.trim_end());
+            say!("{}", json.trim_end());
         } else {
             examined.text.iter().for_each(|line| say!("{line}"));
             eprintln!("next: riglab report {}", args.run.display());
         }
         Ok(ExitCode::SUCCESS)
     }
+}
+
+/// An evaluation's file with the corpora it is of: path, checksum, number of assets.
+fn with_data(json: &str, data: &[(String, String, usize)]) -> Result<String> {
+    let Some(rest) = json.strip_prefix("{\n") else { bail!("the task's evaluation is no object over several lines") };
+    Ok(format!("{{\n  \"data\": {},\n{rest}", serde_json::to_string(data)?))
 }
 
 fn write(path: &Path, bytes: &[u8]) -> Result<()> {

@@ -1,22 +1,33 @@
 //! `riglab report`
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use anyhow::{Context, Result, bail};
-use riglab_report::{Block, Page, RunView};
+use riglab_report::{Block, Compared, Page, RunView, versus};
 
 use crate::registry;
 
-/// Write a run's report: curves, tables and pictures in one HTML file.
+/// Write the report of a run, or compare several.
 ///
-/// A view of the run's folder; what is not there yet (an evaluation) is left out.
+/// Of one run: curves, tables with spread, published numbers and pictures. Of several: tables side by side, settings
+/// that differ, paired tests against the first, categories, curves laid over each other; runs of other corpora, splits
+/// or assets are refused. As one HTML file that works offline, as Markdown, LaTeX (booktabs) and comma-separated values.
+///
+/// A view of what is in the runs' folders; what is not there yet (an evaluation) is left out of a run's report.
 #[derive(clap::Args)]
-#[command(after_help = "Example: riglab report runs/fsq_cvae/001 -o report.html")]
+#[command(after_help = "\
+Examples:
+  riglab report runs/fsq_cvae/001                   # report.html, .md, .tex and .csv in the run's folder
+  riglab report runs/fsq_cvae/001 -o table.tex      # one form, by the ending
+  riglab report runs/a runs/b runs/c -o comparison.html
+  riglab report with=runs/a without=runs/b          # names in the tables; comparison.html, .md, ...")]
 pub struct Args {
-    /// The run's folder.
-    run: PathBuf,
-    /// Where to write it [default: RUN/report.html].
+    /// A run's folder, or several; NAME=DIR names a run in the tables.
+    #[arg(required = true, value_name = "[NAME=]RUN")]
+    runs: Vec<String>,
+    /// Where to write it: FILE.html, .md, .tex or .csv for one form, without an ending all of them [default:
+    /// RUN/report, or comparison for several runs].
     #[arg(long, short, value_name = "FILE")]
     out: Option<PathBuf>,
     /// Title of the page [default: the run's folder].
@@ -24,26 +35,150 @@ pub struct Args {
     title: Option<String>,
 }
 
+/// The forms, by the ending of their files.
+const FORMS: [&str; 4] = ["html", "md", "tex", "csv"];
+
 pub fn run(args: &Args) -> Result<ExitCode> {
-    if !args.run.join("config.toml").is_file() {
-        bail!("{}: no run here (there is no config.toml); `riglab train` makes one", args.run.display());
+    let files = match &args.out {
+        Some(path) => files(path)?,
+        None => match args.runs.as_slice() {
+            [run] => files(&named(run).1.join("report"))?,
+            _ => files(Path::new("comparison"))?,
+        },
+    };
+    let page = match args.runs.as_slice() {
+        [run] => single(&named(run).1, args.title.as_deref())?,
+        runs => comparison(runs, args.title.as_deref())?,
+    };
+    for path in files {
+        let text = match path.extension().and_then(|e| e.to_str()) {
+            Some("md") => page.to_markdown(),
+            Some("tex") => page.to_latex(),
+            Some("csv") => page.to_csv(),
+            _ => page.to_html()?,
+        };
+        riglab_files::write(&path, text.as_bytes()).with_context(|| format!("{} cannot be written", path.display()))?;
+        say!("{}", path.display());
     }
-    let view = RunView::read(&args.run);
+    Ok(ExitCode::SUCCESS)
+}
+
+/// The files to write: one by its ending, all forms without one.
+fn files(out: &Path) -> Result<Vec<PathBuf>> {
+    let ending = out.extension().map(|e| e.to_string_lossy().into_owned());
+    match ending {
+        Some(e) if FORMS.contains(&e.as_str()) => Ok(vec![out.into()]),
+        // What only looks like an ending, such as `v1.2`, does not: it would be replaced by others.
+        Some(e) => bail!("{}: no form has the ending .{e}; there are .{}", out.display(), FORMS.join(", .")),
+        None => Ok(FORMS.iter().map(|form| out.with_extension(form)).collect()),
+    }
+}
+
+/// The report of one run.
+fn single(run: &Path, title: Option<&str>) -> Result<Page> {
+    let view = RunView::read(run)?;
     let mut blocks = vec![view.facts()];
-    let evaluation = registry::evaluation_blocks(&view.task(), &args.run)?;
-    if evaluation.is_empty() {
-        let text = format!("Not evaluated yet: riglab eval {}", args.run.display());
-        blocks.push(Block::Text(text.clone()));
-        eprintln!("note: {text}");
+    match registry::evaluation(&view.task(), run)? {
+        Some(evaluated) => {
+            blocks.extend(evaluated.blocks);
+            let spread: Vec<Block> = evaluated.findings.iter().flat_map(|f| f.blocks()).collect();
+            if !spread.is_empty() {
+                blocks.push(Block::Heading("Spread, and what others published".into()));
+                blocks.extend(spread);
+            }
+        }
+        None => {
+            let text = format!("Not evaluated yet: riglab eval {}", run.display());
+            blocks.push(Block::Text(text.clone()));
+            eprintln!("note: {text}");
+        }
     }
-    blocks.extend(evaluation);
     blocks.push(Block::Heading("Training".into()));
     blocks.push(view.curves());
     blocks.extend(view.repeat());
-    let title = args.title.clone().unwrap_or_else(|| args.run.display().to_string());
-    let html = Page { title, subtitle: view.subtitle(), blocks }.to_html()?;
-    let path = args.out.clone().unwrap_or_else(|| args.run.join("report.html"));
-    riglab_files::write(&path, html.as_bytes()).with_context(|| format!("{} cannot be written", path.display()))?;
-    say!("{}", path.display());
-    Ok(ExitCode::SUCCESS)
+    let title = title.map_or_else(|| run.display().to_string(), String::from);
+    Ok(Page { title, subtitle: view.subtitle(), blocks })
+}
+
+/// Several runs side by side.
+fn comparison(runs: &[String], title: Option<&str>) -> Result<Page> {
+    let runs: Vec<(String, PathBuf)> = runs.iter().map(|r| named(r)).collect();
+    let mut compared = Vec::new();
+    for (name, dir) in names(runs)? {
+        let view = RunView::read(&dir)?;
+        let Some(evaluated) = registry::evaluation(&view.task(), &dir)? else {
+            bail!("{}: not evaluated yet, there is nothing to compare; run `riglab eval {0}` first", dir.display());
+        };
+        // Older evaluations do not say what they saw: it was what the run was trained on.
+        let corpora = if evaluated.corpora.is_empty() { view.corpora() } else { evaluated.corpora };
+        compared.push(Compared { name, view, corpora, findings: evaluated.findings });
+    }
+    let mut blocks = versus(&compared)?;
+    blocks.push(Block::Heading("To repeat it".into()));
+    for run in &compared {
+        blocks.push(Block::Text(format!("{}:", run.name)));
+        blocks.extend(run.view.repeat().into_iter().filter(|b| !matches!(b, Block::Heading(_))));
+    }
+    let names: Vec<&str> = compared.iter().map(|c| c.name.as_str()).collect();
+    let title = title.map_or_else(|| "Comparison".into(), String::from);
+    let assets = compared.first().map_or(0, |c| c.findings.iter().map(|f| f.singles.len()).max().unwrap_or(0));
+    let corpora = compared.first().map(|c| c.corpora.iter().map(|(path, _)| path.as_str()).collect::<Vec<_>>());
+    let subtitle = format!(
+        "{}: the same {assets} assets of {}; {} is what the others are tested against",
+        names.join(", "),
+        corpora.unwrap_or_default().join(", "),
+        names.first().unwrap_or(&"")
+    );
+    Ok(Page { title, subtitle, blocks })
+}
+
+/// The name of a run and its folder; without a name, an empty one.
+fn named(text: &str) -> (String, PathBuf) {
+    match text.split_once('=') {
+        Some((name, dir)) if !name.is_empty() && !Path::new(text).exists() => (name.into(), dir.into()),
+        _ => (String::new(), text.into()),
+    }
+}
+
+/// Names for runs that have none: the last part of their path, where it is no other's; else all of it.
+fn names(runs: Vec<(String, PathBuf)>) -> Result<Vec<(String, PathBuf)>> {
+    let last = |dir: &Path| dir.file_name().map_or_else(|| dir.display().to_string(), |n| n.to_string_lossy().into());
+    let short: Vec<String> =
+        runs.iter().map(|(name, dir)| if name.is_empty() { last(dir) } else { name.clone() }).collect();
+    let doubled = |name: &String| short.iter().filter(|n| *n == name).count() > 1;
+    let mut out: Vec<(String, PathBuf)> = Vec::new();
+    for ((name, dir), short) in runs.into_iter().zip(&short) {
+        let own = if name.is_empty() && doubled(short) { dir.display().to_string() } else { short.clone() };
+        if out.iter().any(|(taken, _)| *taken == own) {
+            bail!("two runs are called `{own}`; name them: NAME=RUN");
+        }
+        out.push((own, dir));
+    }
+    Ok(out)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_ending_names_the_form_and_none_takes_all() {
+        assert_eq!(files(Path::new("a/b.tex")).unwrap(), [Path::new("a/b.tex")]);
+        let all = files(Path::new("a/b")).unwrap();
+        assert_eq!(all, ["a/b.html", "a/b.md", "a/b.tex", "a/b.csv"].map(PathBuf::from));
+        let e = files(Path::new("a.pdf")).unwrap_err().to_string();
+        assert!(e.contains(".pdf") && e.contains(".html, .md, .tex, .csv"), "{e}");
+    }
+
+    #[test]
+    fn runs_are_told_apart() {
+        let of = |texts: &[&str]| {
+            let named: Vec<_> = texts.iter().map(|t| named(t)).collect();
+            names(named).map(|all| all.into_iter().map(|(name, _)| name).collect::<Vec<_>>())
+        };
+        assert_eq!(of(&["runs/x/001", "runs/x/002"]).unwrap(), ["001", "002"]);
+        assert_eq!(of(&["runs/x/001", "runs/y/001"]).unwrap(), ["runs/x/001", "runs/y/001"]);
+        assert_eq!(of(&["a=runs/x/001", "runs/y/001"]).unwrap(), ["a", "001"]);
+        assert!(of(&["a=x", "a=y"]).unwrap_err().to_string().contains("`a`"));
+    }
 }

@@ -1,0 +1,281 @@
+//! What an evaluation found, in the form in which runs are compared.
+//!
+//! A task fills [`Findings`] from its own evaluation; tables of spread, of categories and of published numbers come from
+//! it without knowing the task.
+
+use std::collections::BTreeMap;
+
+use riglab_metric::statistics::Mean;
+
+use crate::published::{Line, lines};
+use crate::{Block, Cell, Table};
+
+/// A column of numbers.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Metric {
+    /// Its name in tables, with the unit where it is not plain, such as `J2J × 100`.
+    pub name: String,
+    /// Whose formula.
+    pub convention: String,
+    /// Whether large values are the good ones.
+    pub higher: bool,
+    /// Digits after the point.
+    pub digits: usize,
+}
+
+impl Metric {
+    /// One of which large values are good.
+    pub fn higher(name: &str, convention: &str, digits: usize) -> Self {
+        Self { name: name.into(), convention: convention.into(), higher: true, digits }
+    }
+
+    /// One of which small values are good.
+    pub fn lower(name: &str, convention: &str, digits: usize) -> Self {
+        Self { higher: false, ..Self::higher(name, convention, digits) }
+    }
+
+    /// Of some values the place of the best; the first of equals, `None` where none is a number.
+    pub(crate) fn best(&self, values: &[f64]) -> Option<usize> {
+        let sign = if self.higher { -1.0 } else { 1.0 };
+        let finite = (0..values.len()).filter(|&k| values[k].is_finite());
+        finite.min_by(|&a, &b| (sign * values[a]).total_cmp(&(sign * values[b])).then(a.cmp(&b)))
+    }
+}
+
+/// A method's numbers over a split.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Total {
+    /// The split.
+    pub split: String,
+    /// The method.
+    pub method: String,
+    /// Whether it is what the run trained, and no rule or reference beside it.
+    pub own: bool,
+    /// Assets.
+    pub assets: usize,
+    /// A value for each of [`Findings::totals_of`].
+    pub values: Vec<f64>,
+}
+
+/// One asset's numbers, of what the run trained.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Single {
+    /// The split.
+    pub split: String,
+    /// The asset's name.
+    pub name: String,
+    /// Its category; empty where it has none.
+    pub category: String,
+    /// A value for each of [`Findings::singles_of`]; NaN where it is undefined, as for an asset that failed.
+    pub values: Vec<f64>,
+}
+
+/// Published numbers that belong beside the totals.
+#[derive(Clone, Copy, Debug)]
+pub struct Beside {
+    /// The published table.
+    pub table: &'static str,
+    /// Names of [`Findings::totals_of`], of the table's metrics, and what a printed number is to be multiplied by.
+    pub columns: &'static [(&'static str, &'static str, f64)],
+}
+
+/// What an evaluation found about one thing, such as skin weights.
+#[derive(Clone, Debug, Default)]
+pub struct Findings {
+    /// What it is about.
+    pub about: String,
+    /// The columns of totals.
+    pub totals_of: Vec<Metric>,
+    /// Methods over splits.
+    pub totals: Vec<Total>,
+    /// The columns of single assets.
+    pub singles_of: Vec<Metric>,
+    /// Single assets.
+    pub singles: Vec<Single>,
+    /// Published numbers.
+    pub published: Vec<Beside>,
+}
+
+impl Findings {
+    /// The splits, in the order of the totals.
+    pub fn splits(&self) -> Vec<&str> {
+        let mut out: Vec<&str> = Vec::new();
+        let all = self.totals.iter().map(|t| &t.split).chain(self.singles.iter().map(|s| &s.split));
+        for split in all {
+            if !out.contains(&split.as_str()) {
+                out.push(split);
+            }
+        }
+        out
+    }
+
+    /// A row a split and a category in it: means over assets with their intervals. `None` without assets.
+    pub fn spread(&self) -> Option<Table> {
+        if self.singles.is_empty() {
+            return None;
+        }
+        let mut head = vec!["split".to_owned(), "category".into(), "assets".into(), "undefined".into()];
+        for m in &self.singles_of {
+            head.extend([m.name.clone(), format!("{} from", m.name), format!("{} to", m.name)]);
+        }
+        let caption = format!("{}: mean over assets, {}", self.about, conventions(&self.singles_of));
+        let mut table = Table { caption, head, ..Table::default() };
+        for split in self.splits() {
+            let own: Vec<&Single> = self.singles.iter().filter(|s| s.split == split).collect();
+            if own.is_empty() {
+                continue;
+            }
+            if !table.rows.is_empty() {
+                table.line();
+            }
+            table.row(self.means(split, "all", &own));
+            for (category, of) in by_category(&own) {
+                table.row(self.means(split, category, &of));
+            }
+        }
+        table.note = "from, to: the middle 95 % of means of as many assets drawn again with repetition (bootstrap). \
+                      undefined: assets whose first figure is none, such as failures; they are left out of the mean."
+            .into();
+        Some(table)
+    }
+
+    fn means(&self, split: &str, category: &str, of: &[&Single]) -> Vec<Cell> {
+        let means: Vec<Mean> =
+            (0..self.singles_of.len()).map(|k| Mean::of(&of.iter().map(|s| s.values[k]).collect::<Vec<_>>())).collect();
+        let undefined = means.first().map_or(0, |m| m.undefined);
+        let mut cells = vec![Cell::text(split), Cell::text(category), Cell::count(of.len()), Cell::count(undefined)];
+        for (m, metric) in means.iter().zip(&self.singles_of) {
+            cells.extend([m.mean, m.low, m.high].map(|v| Cell::number(v, metric.digits)));
+        }
+        cells
+    }
+
+    /// Published lines with a cell for each column of totals; lines that have none of them are left out.
+    pub(crate) fn published_rows(&self) -> Vec<(Line, Vec<Cell>)> {
+        let mut out = Vec::new();
+        for beside in &self.published {
+            for line in lines(beside.table) {
+                let cell = |m: &Metric| {
+                    let found = beside.columns.iter().find(|(own, ..)| *own == m.name);
+                    found.map_or(Cell { published: true, ..Cell::none() }, |(_, name, factor)| line.cell(name, *factor))
+                };
+                let cells: Vec<Cell> = self.totals_of.iter().map(cell).collect();
+                if cells.iter().any(|c| !c.text.is_empty()) {
+                    out.push((line, cells));
+                }
+            }
+        }
+        out
+    }
+
+    /// What others published, in the columns of the totals. `None` where there is nothing.
+    pub fn published_table(&self) -> Option<Table> {
+        let mut head = vec!["published".to_owned()];
+        head.extend(self.totals_of.iter().map(|m| m.name.clone()));
+        let mut table = Table { caption: format!("{}: published numbers", self.about), head, ..Table::default() };
+        for (line, cells) in self.published_rows() {
+            table.row(std::iter::once(Cell::text(line.name())).chain(cells).collect());
+        }
+        table.note = PUBLISHED.into();
+        (!table.rows.is_empty()).then_some(table)
+    }
+
+    /// Spread, categories and published numbers, for the report of one run.
+    pub fn blocks(&self) -> Vec<Block> {
+        [self.spread(), self.published_table()].into_iter().flatten().map(Block::Table).collect()
+    }
+}
+
+/// What is said below published numbers.
+pub(crate) const PUBLISHED: &str = "Published numbers are as printed, in the unit of the column: measured by others, on \
+                                    other assets and with other amounts of training. They are no part of any test here.";
+
+/// Assets by category, the largest first; nothing where all have the same.
+fn by_category<'a>(of: &[&'a Single]) -> Vec<(&'a str, Vec<&'a Single>)> {
+    let mut groups: BTreeMap<&str, Vec<&Single>> = BTreeMap::new();
+    for single in of {
+        let name = if single.category.is_empty() { "without" } else { single.category.as_str() };
+        groups.entry(name).or_default().push(single);
+    }
+    if groups.len() < 2 {
+        return Vec::new();
+    }
+    let mut groups: Vec<_> = groups.into_iter().collect();
+    groups.sort_by_key(|(_, of)| std::cmp::Reverse(of.len()));
+    groups
+}
+
+/// The names of the metrics' conventions.
+pub(crate) fn conventions(metrics: &[Metric]) -> String {
+    let mut names: Vec<&str> = Vec::new();
+    for m in metrics {
+        if !names.contains(&m.convention.as_str()) {
+            names.push(&m.convention);
+        }
+    }
+    format!("convention {}", names.join(", "))
+}
+
+#[cfg(test)]
+pub(crate) mod tests {
+    use super::*;
+
+    /// Findings of eight assets whose IoU is moved by `shift`; the last one failed.
+    pub(crate) fn findings(shift: f64) -> Findings {
+        let single = |k: usize| Single {
+            split: if k < 5 { "test_seen" } else { "test_new" }.into(),
+            name: format!("asset {k}"),
+            category: if k.is_multiple_of(2) { "fish" } else { "bird" }.into(),
+            values: vec![if k == 7 { f64::NAN } else { 0.5 + 0.02 * k as f64 + shift }],
+        };
+        let total = |split: &str, own: bool, iou: f64| Total {
+            split: split.into(),
+            method: if own { "rule" } else { "nearest bone" }.into(),
+            own,
+            assets: if split == "test_seen" { 5 } else { 3 },
+            values: vec![iou, 0.01],
+        };
+        Findings {
+            about: "skin weights".into(),
+            totals_of: vec![Metric::higher("IoU", "skintokens", 4), Metric::lower("L1", "skintokens", 5)],
+            totals: vec![
+                total("test_seen", true, 0.7 + shift),
+                total("test_seen", false, 0.6),
+                total("test_new", true, 0.65 + shift),
+                total("test_new", false, 0.55),
+            ],
+            singles_of: vec![Metric::higher("IoU", "skintokens", 4)],
+            singles: (0..8).map(single).collect(),
+            published: vec![Beside { table: "skintokens.table5", columns: &[("IoU", "iou", 0.01), ("L1", "l1", 1.0)] }],
+        }
+    }
+
+    #[test]
+    fn spread_counts_failures_and_has_rows_by_split_and_category() {
+        let table = findings(0.0).spread().unwrap();
+        let row = |k: usize| table.rows[k].iter().map(|c| c.text.clone()).collect::<Vec<_>>();
+        assert_eq!(row(0)[..5], ["test_seen", "all", "5", "0", "0.5400"]);
+        assert_eq!(row(1)[..5], ["test_seen", "fish", "3", "0", "0.5400"]);
+        assert_eq!(row(3)[..5], ["test_new", "all", "3", "1", "0.6100"]);
+        let [low, high] = [5, 6].map(|k| table.rows[0][k].text.parse::<f64>().unwrap());
+        assert!(low < 0.54 && high > 0.54 && low >= 0.5 && high <= 0.58);
+        assert_eq!(table.breaks, [3]);
+        assert!(Findings::default().spread().is_none() && Findings::default().published_table().is_none());
+    }
+
+    #[test]
+    fn published_numbers_come_in_the_unit_of_the_column() {
+        let table = findings(0.0).published_table().unwrap();
+        let row = table.rows.iter().find(|r| r[0].text.contains("full, VRoid")).unwrap();
+        assert_eq!([&row[1].text, &row[2].text], ["0.871", "0.00541"]);
+        assert!(row[1].published && row[2].published && row[0].text.starts_with("published"));
+    }
+
+    #[test]
+    fn the_best_is_by_the_metric_and_never_undefined() {
+        let values = [f64::NAN, 2.0, 1.0, 2.0];
+        assert_eq!(Metric::higher("x", "c", 1).best(&values), Some(1));
+        assert_eq!(Metric::lower("x", "c", 1).best(&values), Some(2));
+        assert_eq!(Metric::lower("x", "c", 1).best(&[f64::NAN]), None);
+    }
+}

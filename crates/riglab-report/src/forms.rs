@@ -1,0 +1,202 @@
+//! A page in other forms than HTML: Markdown, LaTeX and comma-separated values, from the same blocks.
+//!
+//! Charts are told by figures there: first, last, least and most of each line. Pictures and views of rigs are named,
+//! and stand in the page alone.
+
+use crate::chart::short;
+use crate::plain::{latex, markdown};
+use crate::{Bars, Block, Cell, Chart, Page, Table};
+
+impl Page {
+    /// GitHub's Markdown.
+    pub fn to_markdown(&self) -> String {
+        let mut out = format!("# {}\n\n{}\n", markdown(&self.title), markdown(&self.subtitle));
+        for block in &self.blocks {
+            let text = match block {
+                Block::Heading(text) => format!("## {}\n", markdown(text)),
+                Block::Text(text) => format!("{}\n", markdown(text)),
+                Block::Code(text) => fenced(text),
+                Block::Folded(title, text) => {
+                    format!("<details><summary>{}</summary>\n\n{}\n</details>\n", html(title), fenced(text))
+                }
+                _ => {
+                    let tables = tables(block).iter().map(Table::to_markdown).collect::<Vec<_>>().join("\n");
+                    let shown = shown(block).into_iter().map(|text| format!("- {}\n", markdown(&text)));
+                    tables + &shown.collect::<String>()
+                }
+            };
+            if !text.is_empty() {
+                out += &format!("\n{text}");
+            }
+        }
+        out
+    }
+
+    /// LaTeX with the package booktabs, to be taken into a document: headings, sentences and tables. What is folded
+    /// away in the page is left out.
+    pub fn to_latex(&self) -> String {
+        let one_line = |text: &str| text.replace(['\n', '\r'], " ");
+        let mut out = format!("% {}\n% Needs \\usepackage{{booktabs}}.\n", one_line(&self.title));
+        out += &format!("\\section*{{{}}}\n{}\n", latex(&self.title), latex(&self.subtitle));
+        for block in &self.blocks {
+            match block {
+                Block::Heading(text) => out += &format!("\n\\subsection*{{{}}}\n", latex(text)),
+                Block::Text(text) => out += &format!("\n{}\n", latex(text)),
+                Block::Code(text) => {
+                    for line in text.lines() {
+                        out += &format!("\n\\noindent\\texttt{{{}}}\n", latex(line));
+                    }
+                }
+                Block::Folded(title, _) => out += &format!("% Left out: {}\n", one_line(title)),
+                _ => {
+                    tables(block).iter().for_each(|table| out += &format!("\n{}", table.to_latex()));
+                    shown(block).iter().for_each(|text| out += &format!("% In the page: {}\n", one_line(text)));
+                }
+            }
+        }
+        out
+    }
+
+    /// A line a value: `table,row,column,value,published`. The row is named by its texts; `published` is 1 for values
+    /// that others printed and 0 for those that were measured here; values that are undefined are left out.
+    pub fn to_csv(&self) -> String {
+        let mut out = Table::csv_line(&["table", "row", "column", "value", "published"]);
+        for table in self.blocks.iter().flat_map(tables) {
+            for (n, row) in table.rows.iter().enumerate() {
+                let texts: Vec<&str> = row.iter().filter(|c| !c.number).map(|c| c.text.as_str()).collect();
+                let name = if texts.is_empty() { (n + 1).to_string() } else { texts.join(" / ") };
+                for (head, cell) in table.head.iter().zip(row) {
+                    if cell.number && !cell.text.is_empty() && cell.text != "–" {
+                        let published = if cell.published { "1" } else { "0" };
+                        out += &Table::csv_line(&[&table.caption, &name, head, &cell.text, published]);
+                    }
+                }
+            }
+        }
+        out
+    }
+}
+
+/// A block's figures as tables.
+fn tables(block: &Block) -> Vec<Table> {
+    match block {
+        Block::Table(table) => vec![table.clone()],
+        Block::Facts(facts) => {
+            let mut table = Table::new("Facts", &["fact", "value"]);
+            facts.iter().for_each(|(name, value)| table.row(vec![Cell::text(name), Cell::text(value)]));
+            vec![table]
+        }
+        Block::Charts(charts) => charts.iter().filter_map(of_chart).collect(),
+        Block::Bars(bars) => bars.iter().map(of_bars).collect(),
+        _ => Vec::new(),
+    }
+}
+
+/// What a block shows in the page alone.
+fn shown(block: &Block) -> Vec<String> {
+    match block {
+        Block::Pictures(pictures) => pictures.iter().map(|p| format!("Picture: {}", p.caption)).collect(),
+        Block::Views(views) => views.iter().map(|v| format!("View: {}", v.caption)).collect(),
+        _ => Vec::new(),
+    }
+}
+
+fn of_chart(chart: &Chart) -> Option<Table> {
+    let mut table = Table::new(&*chart.title, &["line", "first", "last", "least", "most"]);
+    for series in &chart.series {
+        let points: Vec<(f64, f64)> = series.points.iter().copied().filter(|p| p.1.is_finite()).collect();
+        let (Some(first), Some(last)) = (points.first(), points.last()) else { continue };
+        let least = points.iter().map(|p| p.1).fold(f64::INFINITY, f64::min);
+        let most = points.iter().map(|p| p.1).fold(f64::NEG_INFINITY, f64::max);
+        let values = [first.1, last.1, least, most].map(|v| Cell::none().with_text(figure(v)));
+        table.row(std::iter::once(Cell::text(&series.name)).chain(values).collect());
+    }
+    table.note = format!("Over {}; the page has the whole lines.", chart.x);
+    (!table.rows.is_empty()).then_some(table)
+}
+
+fn of_bars(bars: &Bars) -> Table {
+    let mut table = Table::new(&*bars.title, &["name", "value"]);
+    for (name, value) in &bars.bars {
+        table.row(vec![Cell::text(name), Cell::none().with_text(figure(*value))]);
+    }
+    table
+}
+
+/// A number with four digits or so.
+fn figure(value: f64) -> String {
+    match value.abs() {
+        a if a >= 1000.0 || value == 0.0 || (value.fract() == 0.0 && a < 1e6) => format!("{value:.0}"),
+        a if a >= 0.01 => format!("{value:.4}"),
+        a if a.is_finite() => format!("{value:.3e}"),
+        _ => short(value),
+    }
+}
+
+/// A block of code whose fence is longer than any in it.
+fn fenced(text: &str) -> String {
+    let longest = text.split(|c| c != '`').map(str::len).max().unwrap_or(0);
+    let fence = "`".repeat((longest + 1).max(3));
+    format!("{fence}\n{}\n{fence}\n", text.trim_end())
+}
+
+fn html(text: &str) -> String {
+    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{Picture, Series};
+
+    fn page() -> Page {
+        let mut table = Table::new("Distances", &["split", "method", "J2J"]);
+        table.row(vec![Cell::text("a_b"), Cell::text("x, y"), Cell::number(0.5, 2)]);
+        table.row(vec![Cell::text("a_b"), Cell::text("theirs"), Cell { published: true, ..Cell::number(1.5, 2) }]);
+        table.row(vec![Cell::text("a_b"), Cell::text("none"), Cell::number(f64::NAN, 2)]);
+        let line = Series { name: "loss".into(), points: vec![(1.0, 2.0), (2.0, f64::NAN), (3.0, 0.25)] };
+        Page {
+            title: "T <b>".into(),
+            subtitle: "1 < 2".into(),
+            blocks: vec![
+                Block::Heading("H_1".into()),
+                Block::Facts(vec![("steps".into(), "7".into())]),
+                Block::Table(table),
+                Block::Charts(vec![Chart { title: "loss".into(), x: "step".into(), series: vec![line], log: true }]),
+                Block::Pictures(vec![Picture { caption: "best".into(), png: vec![1] }]),
+                Block::Code("riglab train --set a='[1]'".into()),
+                Block::Folded("all".into(), "```\nx".into()),
+            ],
+        }
+    }
+
+    #[test]
+    fn markdown_has_every_block_and_no_markup_of_its_texts() {
+        let text = page().to_markdown();
+        assert!(text.starts_with("# T \\<b>\n\n1 \\< 2\n\n## H_1\n"), "{text}");
+        assert!(text.contains("| a_b | theirs | *1.50* |") && text.contains("| steps | 7 |"), "{text}");
+        assert!(text.contains("| loss | 2 | 0.2500 | 0.2500 | 2 |") && text.contains("- Picture: best"), "{text}");
+        assert!(text.contains("````\n```\nx\n````"), "{text}");
+    }
+
+    #[test]
+    fn latex_escapes_what_would_break_it() {
+        let text = page().to_latex();
+        assert!(text.contains("\\section*{T $<$b$>$}") && text.contains("\\subsection*{H\\_1}"), "{text}");
+        assert!(text.contains("a\\_b & theirs & \\textit{1.50}") && text.contains("\\texttt{riglab train"), "{text}");
+        assert_eq!(text.matches("\\begin{table}").count(), text.matches("\\end{table}").count());
+        // Each table's braces are paired.
+        assert_eq!(text.matches('{').count(), text.matches('}').count());
+    }
+
+    #[test]
+    fn csv_has_a_line_a_value_and_says_which_were_published() {
+        let text = page().to_csv();
+        let lines: Vec<&str> = text.lines().collect();
+        assert_eq!(lines[0], "table,row,column,value,published");
+        assert_eq!(lines[1], "Distances,\"a_b / x, y\",J2J,0.50,0");
+        assert_eq!(lines[2], "Distances,a_b / theirs,J2J,1.50,1");
+        assert_eq!(lines[3], "loss,loss,first,2,0");
+        assert_eq!(lines.len(), 7);
+    }
+}
