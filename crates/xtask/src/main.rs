@@ -12,6 +12,7 @@ mod bench;
 mod demo;
 mod fetch;
 mod libtorch;
+mod notebooks;
 mod preflight;
 mod shell;
 mod tools;
@@ -31,6 +32,7 @@ Usage: cargo xtask <COMMAND>
   test [-- ARGS]                   all tests (ARGS go to cargo test)
   bench [NAME...] [--list] [--json FILE]
                                    riglab against what it replaces, both sides in turn
+  notebooks                        install what the notebooks need, and run them all
   ci                               formatting, lints, tests
   setup [--wheels DIR]             only the set-up: libtorch, cmake, release build;
                                    DIR holds wheels fetched elsewhere (no network needed)
@@ -78,6 +80,10 @@ fn run(args: &[String]) -> Result<ExitCode> {
         "bench" => {
             setup(None)?;
             bench::run(rest)?;
+        }
+        "notebooks" => {
+            setup(None)?;
+            notebooks::run()?;
         }
         "ci" => {
             setup(None)?;

@@ -1,0 +1,81 @@
+//! The notebooks, run from top to bottom on the outputs of a small sweep.
+
+mod binary;
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+use binary::{config, corpus_of, must, text};
+
+/// A Python with what the notebooks need; `None`, with a line that says so, on a machine that has none.
+fn python() -> Option<PathBuf> {
+    let set = |name: &str| std::env::var_os(name).filter(|v| !v.is_empty()).map(PathBuf::from);
+    let cache = set("XDG_CACHE_HOME").or_else(|| Some(set("HOME")?.join(".cache")));
+    // Where `cargo xtask notebooks` puts it.
+    let own = cache.map(|c| c.join("riglab/notebooks-venv-1/bin/python"));
+    let all = set("RIGLAB_NOTEBOOK_PYTHON").into_iter().chain(own).chain([PathBuf::from("python3")]);
+    let works = |python: &PathBuf| {
+        let out = Command::new(python).args(["-c", "import h5py, numpy, pandas, matplotlib, sklearn"]).output();
+        out.is_ok_and(|o| o.status.success())
+    };
+    let found = all.into_iter().find(works);
+    if found.is_none() {
+        println!(
+            "skipped: no Python with h5py, pandas, matplotlib and scikit-learn (`cargo xtask notebooks` installs one; or set RIGLAB_NOTEBOOK_PYTHON)"
+        );
+    }
+    found
+}
+
+/// A sweep of two arms and two seeds, trained and evaluated; its first run.
+fn sweep(dir: &Path, corpus: &Path) -> (PathBuf, PathBuf) {
+    let base = config(
+        dir,
+        corpus,
+        "[train]\nsteps = 12\nema = 0.9\nvalidate_every = 6\n[train.schedule]\nwarmup = 2\n[eval]\nprefixes = [4, 16]\n",
+    );
+    let lines = [
+        "[sweep]\nquestion = 'Do the notebooks run?'\nseeds = [0, 1]\nevaluate = true",
+        &format!("base = '{}'", base.display()),
+        "[[sweep.arms]]\nname = 'with'\n[[sweep.arms]]\nname = 'without'\nset = { 'loss.dice' = 0.0 }",
+        "[[sweep.metrics]]\nof = 'eval/iou_raw@val'\nbetter = 'higher'",
+        "[[sweep.metrics]]\nof = 'eval.json:report.rows[split=test_new,method=raw,tokens=4].pooled.l1'\nname = 'L1'",
+    ];
+    let (file, out) = (dir.join("sweep.toml"), dir.join("sweep"));
+    fs::write(&file, lines.join("\n")).unwrap();
+    must(&["sweep", text(&file), "-o", text(&out)]);
+    let plan: serde_json::Value = serde_json::from_str(&fs::read_to_string(out.join("sweep.json")).unwrap()).unwrap();
+    let run = out.join(plan["jobs"][0]["folder"].as_str().unwrap());
+    (out, run)
+}
+
+#[test]
+fn every_notebook_runs_from_top_to_bottom() {
+    let Some(python) = python() else { return };
+    let dir = tempfile::tempdir().unwrap();
+    let corpus = corpus_of(dir.path(), 24, "400..800");
+    let (sweep, run) = sweep(dir.path(), &corpus);
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../notebooks");
+    let mut books: Vec<PathBuf> = fs::read_dir(&folder).unwrap().map(|e| e.unwrap().path()).collect();
+    books.retain(|p| p.extension().is_some_and(|e| e == "ipynb"));
+    books.sort();
+    assert!(books.len() >= 4, "{books:?}");
+    let out = Command::new(python)
+        .arg(folder.join("run.py"))
+        .args(&books)
+        .envs([("RIGLAB_CORPUS", &corpus), ("RIGLAB_RUN", &run), ("RIGLAB_SWEEP", &sweep)])
+        .envs([("OMP_NUM_THREADS", "1"), ("PYTHONDONTWRITEBYTECODE", "1")])
+        .output()
+        .unwrap();
+    let said = format!("{}{}", String::from_utf8_lossy(&out.stdout), String::from_utf8_lossy(&out.stderr));
+    assert!(out.status.success(), "{said}");
+    for book in &books {
+        let name = book.file_name().unwrap().to_string_lossy();
+        assert!(said.contains(&format!("{name}: ")), "{name} was not run: {said}");
+        // What was computed is not kept: a notebook in version control has no outputs.
+        let book: serde_json::Value = serde_json::from_str(&fs::read_to_string(book).unwrap()).unwrap();
+        let cells = book["cells"].as_array().unwrap();
+        assert!(cells.iter().all(|c| c["outputs"].as_array().is_none_or(Vec::is_empty)), "{name} holds outputs");
+    }
+}
