@@ -42,6 +42,11 @@ impl Row {
         Self { name: name.into(), ours, theirs, unit, ratio, bar: None, note: String::new() }
     }
 
+    /// Nothing usual does it: riglab's value stands alone.
+    pub fn alone(name: impl Into<String>, ours: f64, unit: &'static str) -> Self {
+        Self { ours: Some(ours), unit, ..Self::failed(name, String::new()) }
+    }
+
     /// Nothing was measured, and why.
     pub fn failed(name: impl Into<String>, note: String) -> Self {
         Self { name: name.into(), ours: None, theirs: None, unit: "", ratio: None, bar: None, note }
@@ -118,6 +123,11 @@ mod tests {
 
     #[test]
     fn the_table_says_which_bars_were_missed() {
+        let alone = table(&[Row::alone("report", 0.5, "s")]);
+        assert!(
+            alone.lines().nth(1).is_some_and(|l| l.contains("0.500") && l.ends_with("s         -    -")),
+            "{alone}"
+        );
         let rows = [
             Row::new("step", 20.0, 10.0, "ms", Better::Lower).bar(1.0),
             Row::new("import", 0.5, 100.0, "ms", Better::Lower).bar(20.0),

@@ -13,6 +13,7 @@ mod loader_ar;
 mod matmul_share;
 mod metrics;
 mod prefix_step;
+mod report;
 mod rewards;
 mod rig;
 mod sample;
@@ -47,7 +48,7 @@ pub struct Case {
 }
 
 /// All of them, in the order they run.
-pub const CASES: [Case; 31] = [
+pub const CASES: [Case; 32] = [
     Case { name: "import", about: "rigged files read, against Blender's glTF importer", run: import::run },
     Case {
         name: "import/trimesh",
@@ -181,6 +182,11 @@ pub const CASES: [Case; 31] = [
         name: "matmul_share/fsq_cvae",
         about: "the step's matrix products over the fastest ones of this machine",
         run: matmul_share::run,
+    },
+    Case {
+        name: "report",
+        about: "a run's report in all forms, with pictures and rigs to be turned; nothing stands against it",
+        run: report::run,
     },
     Case { name: "synth/1000", about: "a thousand creatures made, against the time asked for", run: synth::run },
 ];

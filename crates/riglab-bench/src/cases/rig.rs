@@ -82,7 +82,7 @@ fn measure(context: &Context, program: &Path, mesh: &Path, model: Option<&Path>)
 }
 
 /// The program beside this one, built first where cargo runs this.
-fn program() -> Result<PathBuf> {
+pub(super) fn program() -> Result<PathBuf> {
     if let Some(cargo) = std::env::var_os("CARGO") {
         let mut build = Command::new(cargo);
         // Of the workspace, as this program was: by the package alone others of its dependencies would be built anew.
