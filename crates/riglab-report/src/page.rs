@@ -101,7 +101,10 @@ fn block(block: &Block, room: &mut usize) -> Result<Value, ReportError> {
         Block::Heading(text) => context! { kind => "heading", text => text.as_str() },
         Block::Text(text) => context! { kind => "text", text => text.as_str() },
         Block::Facts(facts) => context! { kind => "facts", facts => Value::from(Serde(facts)) },
-        Block::Table(table) => context! { kind => "table", table => Value::from(Serde(table)) },
+        Block::Table(table) => {
+            let right: Vec<bool> = (0..table.head.len()).map(|k| table.is_number(k)).collect();
+            context! { kind => "table", table => Value::from(Serde(table)), right }
+        }
         Block::Charts(charts) => {
             let drawn = charts.iter().map(Chart::to_svg).collect::<Result<Vec<_>, _>>()?;
             let drawn: Vec<Value> = drawn.into_iter().filter(|s| !s.is_empty()).map(Value::from_safe_string).collect();

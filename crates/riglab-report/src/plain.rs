@@ -100,7 +100,7 @@ impl Table {
     }
 
     /// Whether a column's cells are numbers, all but the empty ones.
-    fn is_number(&self, column: usize) -> bool {
+    pub(crate) fn is_number(&self, column: usize) -> bool {
         let mut cells = self.rows.iter().filter_map(|row| row.get(column)).peekable();
         cells.peek().is_some() && cells.all(|c| c.number)
     }
