@@ -124,6 +124,7 @@ impl Browser {
     pub fn drag(&self, selector: &str, by: [i32; 2]) {
         let found = self.call("POST", "/element", &json!({ "using": "css selector", "value": selector }));
         let element = found.unwrap_or_else(|e| panic!("{selector}: {e}"));
+        self.until_still(selector);
         let mut actions = vec![
             json!({ "type": "pointerMove", "origin": element, "x": 0, "y": 0 }),
             json!({ "type": "pointerDown", "button": 0 }),
@@ -134,6 +135,23 @@ impl Browser {
         actions.push(json!({ "type": "pointerUp", "button": 0 }));
         let mouse = json!({ "actions": [{ "type": "pointer", "id": "mouse", "actions": actions }] });
         self.call("POST", "/actions", &mouse).unwrap();
+    }
+
+    /// Waits until what a selector finds first has stood still for a while: on a slow machine pictures that come move
+    /// what lies below them, and a click would miss.
+    fn until_still(&self, selector: &str) {
+        let script = format!(
+            "const r = document.querySelector({}).getBoundingClientRect(); return [r.x, r.y, r.width, r.height]",
+            json!(selector)
+        );
+        let (mut place, mut since) = (self.script(&script), Instant::now());
+        while since.elapsed() < Duration::from_millis(150) {
+            std::thread::sleep(Duration::from_millis(30));
+            let now = self.script(&script);
+            if now != place {
+                (place, since) = (now, Instant::now());
+            }
+        }
     }
 
     /// What a script returns; a promise is waited for.
