@@ -3,6 +3,7 @@
 use riglab_nn::params::Weights;
 use riglab_report::{Block, Turned, Turntable};
 use riglab_train::{State, Task};
+use serde::Serialize;
 
 use crate::assets::Assets;
 
@@ -53,15 +54,25 @@ pub(crate) struct Sheet {
     pub view: Option<Turntable>,
 }
 
-/// The files of sheets, each named by its PNG.
-pub(crate) fn files(sheets: impl IntoIterator<Item = (String, Sheet)>) -> Vec<(String, Vec<u8>)> {
-    let mut out = Vec::new();
-    for (name, sheet) in sheets {
-        let view = sheet.view.map(|view| (view_file(&name), view.to_bytes().to_vec()));
-        out.push((name, sheet.png));
-        out.extend(view);
+impl Examined {
+    /// Of lines for a terminal, sheets by what is said of them and its PNG's name, and the evaluation that is written of
+    /// what is said.
+    pub(crate) fn of<S, E: Serialize>(
+        text: Vec<String>,
+        sheets: Vec<(S, Sheet)>,
+        png: impl Fn(&S) -> &String,
+        evaluation: impl FnOnce(Vec<S>) -> E,
+    ) -> Result<Self, String> {
+        let (said, sheets): (Vec<S>, Vec<Sheet>) = sheets.into_iter().unzip();
+        let mut pictures = Vec::new();
+        for (sheet, name) in sheets.into_iter().zip(said.iter().map(png)) {
+            let view = sheet.view.map(|view| (view_file(name), view.to_bytes().to_vec()));
+            pictures.push((name.clone(), sheet.png));
+            pictures.extend(view);
+        }
+        let json = serde_json::to_string_pretty(&evaluation(said)).map_err(|e| e.to_string())? + "\n";
+        Ok(Self { json, text, pictures })
     }
-    out
 }
 
 /// The file of the view beside a PNG.

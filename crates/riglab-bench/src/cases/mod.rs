@@ -278,7 +278,7 @@ mod tests {
         let of = |name| CASES.iter().filter(|c| c.is_wanted(name)).count();
         assert_eq!(
             (of("step"), of("step/fsq_cvae/fp32"), of("step/fsq_cvae/fp32/compile"), of("imports")),
-            (6, 1, 1, 0)
+            (7, 1, 1, 0)
         );
     }
 }

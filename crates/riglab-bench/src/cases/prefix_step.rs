@@ -19,11 +19,11 @@ use tch::Tensor;
 use super::Context;
 use super::step::name;
 use super::subject::Subject;
-use super::training::{Plan, Training, lockstep};
+use super::training::{Plan, Training, compared};
 use crate::python::TRANSFORMERS;
 use crate::recipe;
 use crate::row::{Better, Row};
-use crate::side::{self, PATIENCE, Side};
+use crate::side::{self, Side};
 
 /// Batches that steps go through in turn: about an epoch of the rigs.
 const BATCHES: usize = 16;
@@ -80,14 +80,8 @@ pub fn run<S: Subject>(context: &mut Context, kind: Kind) -> Result<Vec<Row>> {
     let mut theirs = TRANSFORMERS.start("unirig_step.py")?;
     let _: Vec<f64> = theirs.ask(&open(fused))?;
     let plan = Plan { batches: BATCHES, rounds: context.rounds(5), compared: 2 };
-    let found = lockstep(&mut ours, &mut theirs, plan, PATIENCE)?;
-    let [la, lb] = found.compared;
-    let steps = plan.steps_compared();
-    eprintln!("  mean loss of {BATCHES} steps, after {steps}: {la:.4} and {lb:.4}");
-    ensure!((la / lb - 1.0).abs() <= NEAR_AT_END, "the two trainings drift apart: {la} and {lb} after {steps} steps");
-    let memory = json!({"do": "memory"});
-    let memory = Row::new(format!("{label}/memory"), ours.ask(&memory)?, theirs.ask(&memory)?, "MB", Better::Lower)
-        .note("peak of the whole process");
+    let (found, memory) = compared(&label, &mut ours, &mut theirs, plan, NEAR_AT_END)?;
+    let ([la, lb], steps) = (found.compared, plan.steps_compared());
     let Opened { tokens, padded, rigs, .. } = a;
     let note = format!(
         "{}{} threads, {rigs} rigs a batch, {} tokens, {} with padding; loss {apart:.0e} apart at the start, {la:.4} and \

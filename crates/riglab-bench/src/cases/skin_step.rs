@@ -14,11 +14,11 @@ use serde_json::json;
 use tch::{Device, Tensor};
 
 use super::Context;
-use super::training::{Plan, Training, lockstep};
+use super::training::{Plan, Training, compared};
 use crate::python::TRANSFORMERS;
 use crate::recipe;
 use crate::row::{Better, Row};
-use crate::side::{self, PATIENCE, Side};
+use crate::side::{self, Side};
 
 const LABEL: &str = "step/unirig_skin/fp32";
 /// Batches that steps go through in turn.
@@ -50,14 +50,8 @@ pub fn run(context: &mut Context) -> Result<Vec<Row>> {
     let mut theirs = TRANSFORMERS.start("skin_step.py")?;
     let _: Vec<f64> = theirs.ask(&open(fused))?;
     let plan = Plan { batches: BATCHES, rounds: context.rounds(5), compared: 2 };
-    let found = lockstep(&mut ours, &mut theirs, plan, PATIENCE)?;
-    let [la, lb] = found.compared;
-    let steps = plan.steps_compared();
-    eprintln!("  mean loss of {BATCHES} steps, after {steps}: {la:.4} and {lb:.4}");
-    ensure!((la / lb - 1.0).abs() <= NEAR_AT_END, "the two trainings drift apart: {la} and {lb} after {steps} steps");
-    let memory = json!({"do": "memory"});
-    let memory = Row::new(format!("{LABEL}/memory"), ours.ask(&memory)?, theirs.ask(&memory)?, "MB", Better::Lower)
-        .note("peak of the whole process");
+    let (found, memory) = compared(LABEL, &mut ours, &mut theirs, plan, NEAR_AT_END)?;
+    let ([la, lb], steps) = (found.compared, plan.steps_compared());
     let note = format!(
         "{} threads, {} rigs a batch, without the simulation of springs; loss {apart:.0e} apart at the start, {la:.4} and \
          {lb:.4} after {steps} steps; theirs takes {} for attention, the faster one; ms a step: {}",

@@ -2,7 +2,7 @@
 
 use std::time::{Duration, Instant};
 
-use anyhow::{Result, anyhow};
+use anyhow::{Result, anyhow, ensure};
 use riglab_nn::optim::{Ema, Optimizer, Pace};
 use riglab_nn::params::Weights;
 use riglab_train::{At, Precision, Task, TrainConfig};
@@ -11,7 +11,8 @@ use serde_json::{Value, json};
 use tch::{Kind, Tensor};
 
 use crate::rounds::{Rounds, in_turn};
-use crate::side::{self, Side};
+use crate::row::{Better, Row};
+use crate::side::{self, PATIENCE, Side};
 
 /// Passes over the batches before times count.
 const WARM_UP: usize = 2;
@@ -82,6 +83,17 @@ pub fn lockstep(ours: &mut Side, theirs: &mut Side, plan: Plan, limit: Duration)
             .map(|l| l.iter().take(compared).next_back().copied().unwrap_or(f64::NAN)),
         steps: (WARM_UP + rounds) * batches,
     })
+}
+
+/// As [`lockstep`], with losses that may drift apart by such a share; and a row of the memory that both took.
+pub fn compared(label: &str, ours: &mut Side, theirs: &mut Side, plan: Plan, near: f64) -> Result<(Lockstep, Row)> {
+    let found = lockstep(ours, theirs, plan, PATIENCE)?;
+    let ([la, lb], steps) = (found.compared, plan.steps_compared());
+    eprintln!("  mean loss of {} steps, after {steps}: {la:.4} and {lb:.4}", plan.batches);
+    ensure!((la / lb - 1.0).abs() <= near, "the two trainings drift apart: {la} and {lb} after {steps} steps");
+    let memory = json!({"do": "memory"});
+    let row = Row::new(format!("{label}/memory"), ours.ask(&memory)?, theirs.ask(&memory)?, "MB", Better::Lower);
+    Ok((found, row.note("peak of the whole process")))
 }
 
 /// What `riglab_train` does in a step, on batches made before.

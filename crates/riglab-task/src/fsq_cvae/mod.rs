@@ -31,7 +31,7 @@ pub use report::Evaluation;
 pub(crate) use report::skin_metrics;
 
 use crate::assets::{AssetId, Assets, Cache};
-use crate::experiment::{Examined, Experiment, files};
+use crate::experiment::{Examined, Experiment};
 
 /// The task, with its network and data.
 pub struct FsqCvaeTask {
@@ -129,13 +129,13 @@ impl Experiment for FsqCvaeTask {
         let report = self.evaluate(weights, progress)?;
         let sheets = if pictures == 0 { Vec::new() } else { self.gallery(weights, &report, pictures)? };
         let text = table::lines(&report);
-        let (gallery, sheets): (Vec<_>, Vec<_>) =
-            sheets.into_iter().map(|(s, sheet)| (s.clone(), (s.file, sheet))).unzip();
-        let mut pictures = files(sheets);
-        pictures.push((CODES.into(), lines_of(&report.codes)?));
-        let evaluation = Evaluation { checkpoint: checkpoint.clone(), report, gallery };
-        let json = serde_json::to_string_pretty(&evaluation).map_err(|e| e.to_string())? + "\n";
-        Ok(Examined { json, text, pictures })
+        let codes = lines_of(&report.codes)?;
+        let checkpoint = checkpoint.clone();
+        let found = Examined::of(text, sheets, |s| &s.file, |gallery| Evaluation { checkpoint, report, gallery });
+        found.map(|mut found| {
+            found.pictures.push((CODES.into(), codes));
+            found
+        })
     }
 }
 

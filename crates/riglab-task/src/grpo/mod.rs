@@ -34,7 +34,7 @@ pub use rollout::{NOTES, Rollout, Sequence};
 pub use score::{Judged, rewards};
 
 use crate::assets::{Assets, DataConfig};
-use crate::experiment::{Examined, Experiment, files};
+use crate::experiment::{Examined, Experiment};
 use crate::tokenrig::{Card, Rigger, TokenRigTask, TokenRigTaskConfig};
 
 /// The task, with its policy and data.
@@ -257,11 +257,7 @@ impl Experiment for GrpoTask {
     ) -> Result<Examined, String> {
         let (report, sheets) = self.compare(weights, pictures, progress)?;
         let text = report::lines(&report);
-        let (gallery, sheets): (Vec<_>, Vec<_>) =
-            sheets.into_iter().map(|(s, sheet)| (s.clone(), (s.file, sheet))).unzip();
-        let pictures = files(sheets);
-        let evaluation = Evaluation { checkpoint: checkpoint.clone(), report, gallery };
-        let json = serde_json::to_string_pretty(&evaluation).map_err(|e| e.to_string())? + "\n";
-        Ok(Examined { json, text, pictures })
+        let checkpoint = checkpoint.clone();
+        Examined::of(text, sheets, |s| &s.file, |gallery| Evaluation { checkpoint, report, gallery })
     }
 }

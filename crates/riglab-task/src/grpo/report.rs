@@ -104,7 +104,7 @@ pub struct Evaluation {
 pub fn lines(report: &Report) -> Vec<String> {
     let mut out = vec![format!(
         "{:12} {:15} {:>6} {:>7} {:>7} {:>7} {:>7} {:>7} {:>6} {:>7} {:>7} {:>7}",
-        "split", "model", "assets", "reward", "cover", "inside", "skin", "motion", "valid", "J2J", "J2B", "B2B"
+        "split", "model", "rigs", "reward", "cover", "inside", "skin", "motion", "valid", "J2J", "J2B", "B2B"
     )];
     for Row { rewards: r, skeletons: s } in &report.rows {
         out.push(format!(
@@ -192,7 +192,7 @@ impl Evaluation {
     }
 
     fn table(&self) -> Table {
-        let head = ["split", "model", "assets", "reward", "R_vj", "R_vk", "R_sc", "R_mo", "valid", "J2J", "J2B", "B2B"];
+        let head = ["split", "model", "rigs", "reward", "R_vj", "R_vk", "R_sc", "R_mo", "valid", "J2J", "J2B", "B2B"];
         let title = format!("Rewards, and distances x 100 (convention {})", self.report.convention);
         let mut table = Table::new(title, &head);
         for (k, Row { rewards: r, skeletons: s }) in self.report.rows.iter().enumerate() {

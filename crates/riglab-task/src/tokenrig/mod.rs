@@ -35,7 +35,7 @@ pub use skinner::Skinner;
 
 use crate::assets::{AssetId, Assets, Cache};
 pub use crate::bundle::Card;
-use crate::experiment::{Examined, Experiment, files};
+use crate::experiment::{Examined, Experiment};
 use crate::fsq_cvae::Frozen;
 use crate::sequences::LeftOut;
 use crate::unirig_skeleton::shape_tensors;
@@ -149,12 +149,8 @@ impl Experiment for TokenRigTask {
         let (report, rigs) = self.evaluate(weights, progress)?;
         let sheets = self.gallery(&report, &rigs, pictures)?;
         let text = report::lines(&report);
-        let (gallery, sheets): (Vec<_>, Vec<_>) =
-            sheets.into_iter().map(|(s, sheet)| (s.clone(), (s.file, sheet))).unzip();
-        let pictures = files(sheets);
-        let evaluation = Evaluation { checkpoint: checkpoint.clone(), report, gallery };
-        let json = serde_json::to_string_pretty(&evaluation).map_err(|e| e.to_string())? + "\n";
-        Ok(Examined { json, text, pictures })
+        let checkpoint = checkpoint.clone();
+        Examined::of(text, sheets, |s| &s.file, |gallery| Evaluation { checkpoint, report, gallery })
     }
 }
 

@@ -25,7 +25,7 @@ pub use gallery::Shown;
 pub use report::{Evaluation, lines};
 
 use crate::assets::{AssetId, Assets, Cache};
-use crate::experiment::{Examined, Experiment, files};
+use crate::experiment::{Examined, Experiment};
 use crate::sequences::LeftOut;
 
 /// The task, with its network and data.
@@ -147,12 +147,8 @@ impl Experiment for SkeletonTask {
         let (report, skeletons) = self.evaluate(weights, progress)?;
         let sheets = self.gallery(&report, &skeletons, pictures)?;
         let text = report::lines(&report);
-        let (gallery, sheets): (Vec<_>, Vec<_>) =
-            sheets.into_iter().map(|(s, sheet)| (s.clone(), (s.file, sheet))).unzip();
-        let pictures = files(sheets);
-        let evaluation = Evaluation { checkpoint: checkpoint.clone(), report, gallery };
-        let json = serde_json::to_string_pretty(&evaluation).map_err(|e| e.to_string())? + "\n";
-        Ok(Examined { json, text, pictures })
+        let checkpoint = checkpoint.clone();
+        Examined::of(text, sheets, |s| &s.file, |gallery| Evaluation { checkpoint, report, gallery })
     }
 }
 

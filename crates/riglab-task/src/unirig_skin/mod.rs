@@ -36,7 +36,7 @@ pub use report::{Evaluation, lines};
 pub use skinner::{Holders, Skinner};
 
 use crate::assets::{AssetId, Assets, Cache};
-use crate::experiment::{Examined, Experiment, files};
+use crate::experiment::{Examined, Experiment};
 
 /// The task, with its network and data.
 pub struct SkinTask {
@@ -148,12 +148,8 @@ impl Experiment for SkinTask {
         let report = self.evaluate(weights, progress)?;
         let sheets = if pictures == 0 { Vec::new() } else { self.gallery(weights, &report, pictures)? };
         let text = report::lines(&report);
-        let (gallery, sheets): (Vec<_>, Vec<_>) =
-            sheets.into_iter().map(|(s, sheet)| (s.clone(), (s.file, sheet))).unzip();
-        let pictures = files(sheets);
-        let evaluation = Evaluation { checkpoint: checkpoint.clone(), report, gallery };
-        let json = serde_json::to_string_pretty(&evaluation).map_err(|e| e.to_string())? + "\n";
-        Ok(Examined { json, text, pictures })
+        let checkpoint = checkpoint.clone();
+        Examined::of(text, sheets, |s| &s.file, |gallery| Evaluation { checkpoint, report, gallery })
     }
 }
 
