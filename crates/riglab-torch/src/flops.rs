@@ -11,7 +11,7 @@ unsafe extern "C" {
 /// included: 2 n k m for a product of [n, k] and [k, m], those of attention as if nothing were masked. Ops that go over
 /// tensors element by element are not counted.
 ///
-/// Counting goes over all threads; two at a time would count each other's.
+/// Only what this thread asks for is counted; two countings at a time, on two threads, would add up.
 ///
 /// # Errors
 /// libtorch's message, if it refuses.

@@ -187,11 +187,11 @@ const char* rl_cpu_capability() {
   return text.c_str();
 }
 
-// Counts the operations of products of matrices on all threads from here on; gives a handle.
+// Counts the operations of products of matrices of this thread and of the backward passes it begins; gives a handle.
 int rl_flops_begin(uint64_t* handle) {
   return guarded([&] {
     flops = 0;
-    *handle = at::addGlobalCallback(
+    *handle = at::addThreadLocalCallback(
         at::RecordFunctionCallback(count_flops).needsInputs(true).scopes({at::RecordScope::FUNCTION}));
   });
 }
