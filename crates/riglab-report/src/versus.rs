@@ -259,7 +259,8 @@ fn shared(of: &[&Findings], metrics: fn(&Findings) -> &[Metric]) -> Vec<(Metric,
     all.filter_map(|m| Some((m.clone(), of.iter().map(|f| place(f, m)).collect::<Option<Vec<_>>>()?))).collect()
 }
 
-/// A table a split: what each run trained, what stands beside it in the first, published numbers.
+/// A table a split: what each run trained, what stands beside it, published numbers. What is not trained stands once
+/// where all runs found the same of it; where a run found something else (its model before GRPO, say), under its name.
 fn side_by_side(runs: &[Compared], of: &[&Findings]) -> Vec<Table> {
     let metrics = shared(of, |f| &f.totals_of);
     let names: Vec<Metric> = metrics.iter().map(|(m, _)| m.clone()).collect();
@@ -272,17 +273,29 @@ fn side_by_side(runs: &[Compared], of: &[&Findings]) -> Vec<Table> {
         let mut rows: Vec<(Vec<Cell>, Vec<f64>)> = Vec::new();
         let mut own_rows = 0;
         for own in [true, false] {
-            for (k, (run, f)) in runs.iter().zip(of).enumerate() {
-                // What is not trained is the same for all of them.
-                if !own && k > 0 {
-                    continue;
-                }
+            let mut beside: Vec<(&str, usize, Vec<f64>, usize)> = Vec::new();
+            for (k, f) in of.iter().enumerate() {
                 for total in f.totals.iter().filter(|t| t.split == split && t.own == own) {
-                    let name = if own { run.name.as_str() } else { "beside" };
                     let values: Vec<f64> = metrics.iter().map(|(_, at)| total.values[at[k]]).collect();
-                    let cells = vec![Cell::text(name), Cell::text(&total.method), Cell::count(total.assets)];
-                    rows.push((cells, values));
+                    beside.push((&total.method, total.assets, values, k));
                 }
+            }
+            for (method, assets, values, k) in &beside {
+                let alike = |other: &(&str, usize, Vec<f64>, usize)| {
+                    other.0 == *method && other.1 == *assets && same_numbers(&other.2, values)
+                };
+                let name = match own {
+                    true => runs[*k].name.clone(),
+                    false if beside.iter().filter(|o| o.0 == *method).all(alike) => {
+                        if beside.iter().find(|o| alike(o)).is_some_and(|first| first.3 != *k) {
+                            continue;
+                        }
+                        "beside".into()
+                    }
+                    false => format!("beside {}", runs[*k].name),
+                };
+                let cells = vec![Cell::text(name), Cell::text(*method), Cell::count(*assets)];
+                rows.push((cells, values.clone()));
             }
             own_rows = if own { rows.len() } else { own_rows };
         }
@@ -315,6 +328,11 @@ fn side_by_side(runs: &[Compared], of: &[&Findings]) -> Vec<Table> {
         tables.push(table);
     }
     tables
+}
+
+/// Whether two lists hold the same numbers; what is undefined equals what is undefined.
+fn same_numbers(a: &[f64], b: &[f64]) -> bool {
+    a.len() == b.len() && a.iter().zip(b).all(|(a, b)| a == b || (a.is_nan() && b.is_nan()))
 }
 
 /// Single assets of a run by split and name, those of a split or all; of equal names the first, the second, ...
@@ -533,6 +551,20 @@ mod tests {
         let Some(Block::Charts(charts)) = blocks.last() else { panic!("no curves") };
         assert_eq!(charts.iter().map(|c| c.title.as_str()).collect::<Vec<_>>(), ["train/loss", "eval/iou@val"]);
         assert_eq!(charts[0].series.len(), 2);
+    }
+
+    #[test]
+    fn what_stands_beside_is_told_apart_where_runs_found_other_numbers_of_it() {
+        let mut other = run("b", 0.05, "1");
+        let before = other.findings[0].totals.iter_mut().find(|t| !t.own && t.split == "test_seen").unwrap();
+        before.values[0] += 0.25;
+        let blocks = versus(&[run("a", 0.0, "1"), other]).unwrap();
+        let heads = |split: &str| -> Vec<String> {
+            let rows = &table(&blocks, &format!("{split}: convention skintokens")).rows;
+            rows.iter().map(|r| r[0].text.clone()).collect()
+        };
+        assert_eq!(heads("test_seen")[..4], ["a", "b", "beside a", "beside b"]);
+        assert_eq!(heads("test_new").iter().filter(|h| *h == "beside").count(), 1);
     }
 
     #[test]

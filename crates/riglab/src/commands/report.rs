@@ -123,8 +123,10 @@ fn comparison(runs: &[String], title: Option<&str>) -> Result<Page> {
     let title = title.map_or_else(|| "Comparison".into(), String::from);
     let assets = compared.first().map_or(0, |c| c.findings.iter().map(|f| f.singles.len()).max().unwrap_or(0));
     let corpora = compared.first().map(|c| c.corpora.iter().map(|(path, _)| path.as_str()).collect::<Vec<_>>());
+    // Some evaluations hold totals alone.
+    let count = if assets == 0 { String::new() } else { format!("{assets} ") };
     let subtitle = format!(
-        "{}: the same {assets} assets of {}; {} is what the others are tested against",
+        "{}: the same {count}assets of {}; {} is what the others are tested against",
         names.join(", "),
         corpora.unwrap_or_default().join(", "),
         names.first().unwrap_or(&"")
