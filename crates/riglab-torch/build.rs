@@ -4,6 +4,7 @@ use std::path::Path;
 
 fn main() {
     println!("cargo:rerun-if-changed=src/shim.cpp");
+    println!("cargo:rerun-if-changed=src/hooks.cpp");
     let Ok(lib) = std::env::var("DEP_TCH_LIBTORCH_LIB") else {
         panic!("torch-sys did not say where libtorch is; run `cargo xtask setup` in the root of the workspace");
     };
@@ -17,6 +18,7 @@ fn main() {
         .include(&include)
         .include(include.join("torch/csrc/api/include"))
         .file("src/shim.cpp")
+        .file("src/hooks.cpp")
         .compile("riglab_shim");
     // Tests of this crate find libtorch as all packages do (build/rpath.rs).
     println!("cargo:rustc-link-arg=-Wl,-rpath,{}", lib.display());

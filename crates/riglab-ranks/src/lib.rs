@@ -11,6 +11,7 @@
 
 #[cfg(feature = "mpi")]
 mod mpi;
+mod share;
 mod sum;
 mod threads;
 mod world;
@@ -21,6 +22,7 @@ use serde::Serialize;
 use serde::de::DeserializeOwned;
 use thiserror::Error;
 
+pub use share::processors;
 pub use sum::halves;
 pub use threads::on_threads;
 pub use world::{launched, world};
@@ -46,8 +48,6 @@ pub enum RanksError {
 pub(crate) trait Link: Send + Sync {
     fn rank(&self) -> usize;
     fn size(&self) -> usize;
-    /// How many of the ranks are on this machine.
-    fn neighbours(&self) -> usize;
     /// Sends bytes to `to` while as many as fit arrive from `from`; both know the lengths.
     fn exchange(&self, to: usize, send: &[u8], from: usize, receive: &mut [u8]) -> Result<(), RanksError>;
     /// Ends all ranks. Over MPI it does not return.
@@ -58,6 +58,9 @@ pub(crate) trait Link: Send + Sync {
 #[derive(Clone)]
 pub struct Ranks(Option<Arc<dyn Link>>);
 
+/// One rank, for those who have no others.
+pub static ALONE: Ranks = Ranks::alone();
+
 impl Default for Ranks {
     fn default() -> Self {
         Self::alone()
@@ -66,7 +69,7 @@ impl Default for Ranks {
 
 impl Ranks {
     /// One rank, which speaks to nobody.
-    pub fn alone() -> Self {
+    pub const fn alone() -> Self {
         Self(None)
     }
 
@@ -82,11 +85,6 @@ impl Ranks {
     /// How many there are.
     pub fn size(&self) -> usize {
         self.0.as_ref().map_or(1, |l| l.size())
-    }
-
-    /// How many of them are on this machine.
-    pub fn neighbours(&self) -> usize {
-        self.0.as_ref().map_or(1, |l| l.neighbours())
     }
 
     /// Whether this is the rank that writes files and shows progress.

@@ -23,7 +23,6 @@ const MOST: usize = 1 << 30;
 pub(crate) struct Mpi {
     rank: usize,
     size: usize,
-    neighbours: usize,
     world: Mutex<World>,
 }
 
@@ -54,8 +53,7 @@ impl Mpi {
         }
         let all = universe.world();
         let (rank, size) = (all.rank() as usize, all.size() as usize);
-        let neighbours = all.split_shared(all.rank()).size() as usize;
-        Ok(Self { rank, size, neighbours, world: Mutex::new(World { all, _universe: universe }) })
+        Ok(Self { rank, size, world: Mutex::new(World { all, _universe: universe }) })
     }
 }
 
@@ -66,10 +64,6 @@ impl Link for Mpi {
 
     fn size(&self) -> usize {
         self.size
-    }
-
-    fn neighbours(&self) -> usize {
-        self.neighbours
     }
 
     fn exchange(&self, to: usize, send: &[u8], from: usize, receive: &mut [u8]) -> Result<(), RanksError> {

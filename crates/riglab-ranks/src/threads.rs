@@ -48,10 +48,6 @@ impl Link for Thread {
         self.size
     }
 
-    fn neighbours(&self) -> usize {
-        self.size
-    }
-
     fn exchange(&self, to: usize, send: &[u8], from: usize, receive: &mut [u8]) -> Result<(), RanksError> {
         let mut held = self.post.boxes.lock().unwrap_or_else(PoisonError::into_inner);
         held.0[to * self.size + self.rank].push_back(send.to_vec());

@@ -12,11 +12,13 @@
 
 mod error;
 mod flops;
+mod hooks;
 mod settings;
 mod tensors;
 
 pub use error::{TorchError, first_line};
 pub use flops::count_flops;
+pub use hooks::backward;
 pub use settings::{
     Autocast, Settings, bf16_is_faster, cpu_capability, init, libtorch_version, load_cuda, rng_state, set_rng_state,
     wait_patiently,

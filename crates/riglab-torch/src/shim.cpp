@@ -79,6 +79,11 @@ std::unique_ptr<at::ObserverContext> count_flops(const at::RecordFunction& fn) {
 
 }  // namespace
 
+int rl_keep_error(const char* message) {
+  last_error = message;
+  return 1;
+}
+
 extern "C" {
 
 const char* rl_error() { return last_error.c_str(); }

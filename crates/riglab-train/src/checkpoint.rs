@@ -16,6 +16,7 @@ use serde::{Deserialize, Serialize};
 use tch::Tensor;
 
 use crate::TrainError;
+use crate::run::Run;
 use riglab_files::sync_folder;
 
 /// What a run remembers besides tensors.
@@ -59,6 +60,18 @@ impl Checkpoint {
             fs::read_to_string(path.join(STATE)).map_err(|e| fault(format!("no checkpoint here ({STATE}: {e})")))?;
         let state = serde_json::from_str(&text).map_err(|e| fault(format!("{STATE} cannot be understood ({e})")))?;
         Ok(Self { path: path.into(), state })
+    }
+
+    /// The checkpoint that the rank who writes found in a run's folder.
+    pub(crate) fn of_step(run: &Run, step: u64) -> Result<Self, TrainError> {
+        let path = run.path("checkpoints").join(folder(step));
+        Self::open(&path).map_err(|_| {
+            let message =
+                "the first rank goes on from here, but this one cannot read it; ranks on several machines need \
+                           the run in a folder that all of them share"
+                    .into();
+            TrainError::Checkpoint { path, message }
+        })
     }
 
     /// Puts weights that were not trained here into a run's folder, as its best and last checkpoint. They can be

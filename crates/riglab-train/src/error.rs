@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use riglab_nn::NnError;
+use riglab_ranks::RanksError;
 use thiserror::Error;
 
 /// A run that could not begin or go on. What was written before stays.
@@ -41,6 +42,9 @@ pub enum TrainError {
     /// The task refused.
     #[error("{0}")]
     Task(String),
+    /// Another rank ended, or cannot be understood.
+    #[error(transparent)]
+    Ranks(#[from] RanksError),
 }
 
 impl TrainError {

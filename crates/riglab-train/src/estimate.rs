@@ -3,12 +3,12 @@
 use std::time::{Duration, Instant};
 
 use riglab_nn::params::Params;
+use riglab_ranks::ALONE;
 use serde::Serialize;
 use tch::Kind;
 
 use crate::config::{Precision, TrainConfig};
 use crate::error::TrainError;
-use crate::prefetch::Prefetch;
 use crate::step::Stepper;
 use crate::task::{At, Task};
 use crate::trainer::peak_memory_mb;
@@ -52,8 +52,8 @@ pub fn estimate<T: Task>(task: &T, config: &TrainConfig) -> Result<Estimate, Tra
     config.validate().map_err(|(key, message)| TrainError::Config { key, message })?;
     forget_peak();
     let params = task.params();
-    let mut stepper = Stepper::new(params, config);
-    let mut batches = Prefetch::new(task.source(), 0, config.workers);
+    let mut stepper = Stepper::new(params, config, &ALONE)?;
+    let mut batches = stepper.batches(task, 0);
     let mut step = 0;
     for _ in 0..WARM {
         stepper.step(task, &mut batches, step)?;
@@ -78,7 +78,7 @@ pub fn estimate<T: Task>(task: &T, config: &TrainConfig) -> Result<Estimate, Tra
     let validation_seconds = if validations > 0 {
         let start = Instant::now();
         let _no_grad = tch::no_grad_guard();
-        let at = At { seed: config.seed, step, batch: step * config.accumulate };
+        let at = At { seed: config.seed, step, batch: step * config.accumulate, ranks: &ALONE };
         task.validate(stepper.weights(params), at).map_err(TrainError::Task)?;
         Some(start.elapsed().as_secs_f64())
     } else {

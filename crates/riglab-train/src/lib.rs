@@ -7,6 +7,9 @@
 //! a step is drawn from a stream keyed by the run's seed and the step. So a run that was killed and
 //! resumed is the unbroken run, bit for bit, whatever the number of loader threads.
 //!
+//! Several processes can train together ([`riglab_ranks::Ranks`]): they share the batches of a step, so that the run is
+//! the same on any number of them.
+//!
 //! Holds: `metrics.jsonl` has one line a step or validation and nothing that depends on the clock
 //! (times stand in `perf.jsonl`); checkpoints are complete or absent; what was written before an
 //! error stays.
@@ -26,6 +29,7 @@ mod schedule;
 mod step;
 mod task;
 mod tensorboard;
+mod together;
 mod trainer;
 
 pub use checkpoint::{Checkpoint, State};

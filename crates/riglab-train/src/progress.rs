@@ -17,6 +17,7 @@ pub struct Progress {
     start: Instant,
     last: Instant,
     bar: Option<ProgressBar>,
+    silent: bool,
 }
 
 impl Progress {
@@ -31,7 +32,13 @@ impl Progress {
             bar
         });
         let now = Instant::now();
-        Self { name: name.into(), total, begun_at: done, at: done, start: now, last: now, bar }
+        Self { name: name.into(), total, begun_at: done, at: done, start: now, last: now, bar, silent: false }
+    }
+
+    /// A job of which another process tells.
+    pub fn silent() -> Self {
+        let now = Instant::now();
+        Self { name: String::new(), total: 0, begun_at: 0, at: 0, start: now, last: now, bar: None, silent: true }
     }
 
     /// `done` parts are done; `message` says how it goes.
@@ -42,7 +49,7 @@ impl Progress {
                 bar.set_position(done);
                 bar.set_message(message());
             }
-            None if self.last.elapsed() >= EVERY => {
+            None if !self.silent && self.last.elapsed() >= EVERY => {
                 self.last = Instant::now();
                 let (message, left) = (message(), self.left());
                 eprintln!("{}: {done}/{} ({left} left) {message}", self.name, self.total);
@@ -55,7 +62,8 @@ impl Progress {
     pub fn line(&self, text: &str) {
         match &self.bar {
             Some(bar) => bar.suspend(|| eprintln!("{text}")),
-            None => eprintln!("{text}"),
+            None if !self.silent => eprintln!("{text}"),
+            None => {}
         }
     }
 
@@ -63,6 +71,9 @@ impl Progress {
     pub fn finish(&mut self) {
         if let Some(bar) = self.bar.take() {
             bar.finish_and_clear();
+        }
+        if self.silent {
+            return;
         }
         eprintln!("{}: {}/{} in {}", self.name, self.at, self.total, HumanDuration(self.start.elapsed()));
     }

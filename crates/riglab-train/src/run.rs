@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::TrainError;
 
-/// A run folder, held by this process.
+/// A run folder, held by this process or, where several train together, by the first of them.
 ///
 /// ```text
 /// config.toml      the resolved config; training from it repeats the run
@@ -21,7 +21,7 @@ use crate::TrainError;
 pub struct Run {
     dir: PathBuf,
     // Unlocked when the process ends, however it ends.
-    _lock: File,
+    _lock: Option<File>,
 }
 
 /// `run.json`.
@@ -41,6 +41,9 @@ pub struct RunInfo {
     pub machine: String,
     /// Threads of libtorch.
     pub threads: usize,
+    /// Processes that trained together.
+    #[serde(default)]
+    pub ranks: usize,
     /// Device the network ran on.
     pub device: String,
     /// Corpora: path, checksum and number of assets.
@@ -88,6 +91,11 @@ impl Run {
         Self::hold(dir)
     }
 
+    /// The folder of a run that another rank holds: this one only reads.
+    pub fn follow(dir: &Path) -> Self {
+        Self { dir: dir.into(), _lock: None }
+    }
+
     fn hold(dir: &Path) -> Result<Self, TrainError> {
         let path = dir.join(".lock");
         let lock = File::create(&path).map_err(|e| TrainError::io(&path, "be written", &e))?;
@@ -95,7 +103,7 @@ impl Run {
             let message = "another process is training in this folder".into();
             return Err(TrainError::Io { path: dir.into(), message });
         }
-        Ok(Self { dir: dir.into(), _lock: lock })
+        Ok(Self { dir: dir.into(), _lock: Some(lock) })
     }
 
     /// The folder.
@@ -135,6 +143,7 @@ impl RunInfo {
             commit: commit(),
             machine: machine(),
             threads,
+            ranks: 1,
             device: device.into(),
             started: now(),
             ..Self::default()

@@ -1,7 +1,10 @@
 //! A step: what it does to the weights, without what is written of it.
 
+use std::sync::Arc;
+
 use riglab_nn::optim::{Ema, Optimizer, Pace, StepStats};
 use riglab_nn::params::{Params, Weights};
+use riglab_ranks::Ranks;
 use tch::{Kind, Tensor};
 
 use crate::config::{Precision, TrainConfig};
@@ -9,10 +12,15 @@ use crate::error::TrainError;
 use crate::prefetch::Prefetch;
 use crate::schedule;
 use crate::task::{At, Task};
+use crate::together::{Buckets, Deal, Dealt, folds};
 
-/// Optimizer and moving average of a run.
+/// Optimizer and moving average of a run. They are the same on every rank.
 pub(crate) struct Stepper<'a> {
     config: &'a TrainConfig,
+    ranks: &'a Ranks,
+    deal: Deal,
+    /// Where gradients of several ranks meet.
+    buckets: Option<Buckets>,
     pub optimizer: Optimizer,
     pub ema: Option<Ema>,
 }
@@ -28,10 +36,18 @@ pub(crate) struct Stepped {
 }
 
 impl<'a> Stepper<'a> {
-    pub fn new(params: &Params, config: &'a TrainConfig) -> Self {
+    pub fn new(params: &Params, config: &'a TrainConfig, ranks: &'a Ranks) -> Result<Self, TrainError> {
+        let deal = Deal::new(config.accumulate, ranks).map_err(|(key, message)| TrainError::Config { key, message })?;
         let optimizer = Optimizer::new(params, config.optim.clone());
         let ema = (config.ema > 0.0).then(|| Ema::new(params, config.ema));
-        Self { config, optimizer, ema }
+        let buckets = (ranks.size() > 1).then(|| Buckets::new(params));
+        Ok(Self { config, ranks, deal, buckets, optimizer, ema })
+    }
+
+    /// Batches from a step on, as many ahead as the config says.
+    pub fn batches<T: Task>(&self, task: &T, step: u64) -> Prefetch<T::Batch> {
+        let source = Arc::new(Dealt { deal: self.deal.clone(), source: task.source() });
+        Prefetch::new(source, step * self.deal.each(), self.config.workers)
     }
 
     /// The weights that count: the moving average, where there is one.
@@ -47,22 +63,43 @@ impl<'a> Stepper<'a> {
         step: u64,
     ) -> Result<Stepped, TrainError> {
         let (config, params) = (self.config, task.params());
-        let half = (config.precision == Precision::Bf16).then(|| params.weights().cast(Kind::BFloat16));
-        let weights = half.as_ref().unwrap_or(params.weights());
-        let (mut grads, mut values): (Vec<Tensor>, Vec<(String, f64)>) = Default::default();
+        let leaves = match config.precision {
+            Precision::Bf16 => Some(params.weights().cast(Kind::BFloat16)),
+            // Leaves of this pass alone, of the same memory: their gradients are listened to.
+            _ => self.buckets.is_some().then(|| params.weights().cast(Kind::Float)),
+        };
+        let weights = leaves.as_ref().unwrap_or(params.weights());
         let share = 1.0 / config.accumulate as f64;
-        let mut total = 0.0;
-        for micro in 0..config.accumulate {
-            let at = At { seed: config.seed, step, batch: step * config.accumulate + micro };
+        let (own, ranks) = (self.deal.own(), self.ranks);
+        // Sums of gradients that wait for others, and what each batch gave.
+        let (mut sums, mut found): (Vec<Vec<Tensor>>, Vec<(f64, Vec<(String, f64)>)>) = Default::default();
+        for micro in own.clone() {
+            let at = At { seed: config.seed, step, batch: step * config.accumulate + micro, ranks };
             let batch = batches.take().map_err(TrainError::Task)?;
             // libtorch's generator is seeded afresh: nothing random has to be saved.
             tch::manual_seed((config.seed ^ at.batch.wrapping_mul(0x9e37_79b9_7f4a_7c15)) as i64);
             let loss = task.loss(weights, &batch, at).map_err(TrainError::Task)?;
-            let sum = loss.total();
-            total += sum.double_value(&[]) * share;
-            add_values(&mut values, loss.values(), share);
-            add_grads(&mut grads, weights, &sum, share);
+            let total = loss.total();
+            let values = loss.values().map(|(name, value)| (format!("train/{name}"), value));
+            found.push((total.double_value(&[]), values.collect()));
+            let scaled = if share == 1.0 { total } else { total * share };
+            match &mut self.buckets {
+                Some(buckets) if micro + 1 == own.end => {
+                    sums = vec![buckets.sum(ranks, &scaled, weights, &sums)?];
+                }
+                _ => {
+                    let mut sum = gradients(weights, &scaled, share != 1.0);
+                    for _ in 0..folds(self.deal.each(), micro - own.start) {
+                        sum = sums.pop().into_iter().fold(sum, |sum, earlier| add(earlier, sum));
+                    }
+                    sums.push(sum);
+                }
+            }
         }
+        let grads = sums.pop().unwrap_or_default();
+        let found = ranks.gather(&found)?.concat();
+        let total = found.iter().map(|(total, _)| total * share).sum::<f64>();
+        let mut values = mean(found.into_iter().map(|(_, values)| values), share);
         let factor = schedule::factor(&config.schedule, step, config.steps);
         let stats = if total.is_finite() {
             let pace = Pace { factor, beta1: schedule::beta1(&config.schedule, step, config.steps) };
@@ -82,34 +119,39 @@ impl<'a> Stepper<'a> {
     }
 }
 
-fn add_values(sums: &mut Vec<(String, f64)>, values: impl Iterator<Item = (&'static str, f64)>, share: f64) {
-    for (k, (name, value)) in values.enumerate() {
-        match sums.get_mut(k) {
-            Some((_, sum)) => *sum += value * share,
-            None => sums.push((format!("train/{name}"), value * share)),
+/// Sums, times `share`, of values that come in one order.
+fn mean(all: impl Iterator<Item = Vec<(String, f64)>>, share: f64) -> Vec<(String, f64)> {
+    let mut sums: Vec<(String, f64)> = Vec::new();
+    for values in all {
+        for (k, (name, value)) in values.into_iter().enumerate() {
+            match sums.get_mut(k) {
+                Some((_, sum)) => *sum += value * share,
+                None => sums.push((name, value * share)),
+            }
         }
     }
+    sums
 }
 
-fn add_grads(sums: &mut Vec<Tensor>, weights: &Weights, loss: &Tensor, share: f64) {
-    let scaled = if share == 1.0 { loss.shallow_clone() } else { loss * share };
+/// Gradients of a loss; in single precision where others are `added` to them: sums of bfloat16 would lose what comes
+/// later.
+fn gradients(weights: &Weights, loss: &Tensor, added: bool) -> Vec<Tensor> {
     let inputs: Vec<&Tensor> = weights.tensors().iter().collect();
-    let mut grads = Tensor::run_backward(&[scaled], &inputs, false, false);
-    if share != 1.0 {
-        // Sums of bfloat16 gradients would lose what later batches add.
+    let mut grads = Tensor::run_backward(&[loss], &inputs, false, false);
+    if added {
         for g in grads.iter_mut().filter(|g| g.defined() && g.kind() == Kind::BFloat16) {
             *g = g.to_kind(Kind::Float);
         }
     }
-    if sums.is_empty() {
-        *sums = grads;
-        return;
-    }
-    for (sum, grad) in sums.iter_mut().zip(grads) {
-        match (sum.defined(), grad.defined()) {
-            (true, true) => *sum = &*sum + grad,
-            (false, true) => *sum = grad,
-            _ => {}
-        }
-    }
+    grads
+}
+
+/// The sums of two lists.
+fn add(earlier: Vec<Tensor>, later: Vec<Tensor>) -> Vec<Tensor> {
+    let sum = |(mut a, b): (Tensor, Tensor)| match (a.defined(), b.defined()) {
+        (true, true) => a.g_add_(&b),
+        (false, true) => b,
+        _ => a,
+    };
+    earlier.into_iter().zip(later).map(sum).collect()
 }

@@ -5,22 +5,26 @@ use std::sync::Arc;
 
 use riglab_nn::params::{Params, Weights};
 use riglab_random::{Stream, stream};
+use riglab_ranks::Ranks;
 use tch::{Kind, Tensor};
 
 use crate::prefetch::Source;
 
 /// When something happens in a run, and the seed: the key of everything random.
-#[derive(Clone, Copy, Debug)]
-pub struct At {
+#[derive(Clone, Copy)]
+pub struct At<'a> {
     /// The run's seed.
     pub seed: u64,
     /// The optimizer step, from 0.
     pub step: u64,
     /// The batch, from 0: `step * accumulate` and up.
     pub batch: u64,
+    /// Those who train together. They validate together too: what takes long can be shared ([`Ranks::share`]). A loss,
+    /// though, is this rank's own.
+    pub ranks: &'a Ranks,
 }
 
-impl At {
+impl At<'_> {
     /// The stream of random numbers for a purpose at this batch.
     pub fn stream(&self, purpose: &str) -> Stream {
         stream(self.seed, purpose, &[self.batch])

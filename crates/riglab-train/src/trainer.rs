@@ -3,8 +3,9 @@
 use std::time::{Duration, Instant};
 
 use riglab_nn::params::Params;
+use riglab_ranks::Ranks;
 
-use crate::checkpoint::{State, Store};
+use crate::checkpoint::{Checkpoint, State, Store};
 use crate::config::TrainConfig;
 use crate::error::TrainError;
 use crate::interrupt::Interrupt;
@@ -41,17 +42,30 @@ pub struct Outcome {
     pub waiting: f64,
 }
 
-/// Trains a task in a run folder, from its last checkpoint if it has one.
+/// Trains a task in a run folder, from its last checkpoint if it has one, together with the other ranks. The first
+/// writes; the others only read its checkpoints, so they must see its folder.
 ///
 /// # Errors
-/// See [`TrainError`]. Checkpoints and logs written before an error stay and can be resumed from.
-pub fn train<T: Task>(task: &T, config: &TrainConfig, run: &Run, interrupt: &Interrupt) -> Result<Outcome, TrainError> {
+/// See [`TrainError`]. Checkpoints and logs written before an error stay and can be resumed from. Other ranks may wait
+/// for this one: whoever gets an error ends them ([`Ranks::end`]).
+pub fn train<T: Task>(
+    task: &T,
+    config: &TrainConfig,
+    run: &Run,
+    interrupt: &Interrupt,
+    ranks: &Ranks,
+) -> Result<Outcome, TrainError> {
     config.validate().map_err(|(key, message)| TrainError::Config { key, message })?;
-    let store = Store::new(run.path("checkpoints"))?;
-    let mut stepper = Stepper::new(task.params(), config);
+    let mut stepper = Stepper::new(task.params(), config, ranks)?;
+    let store = if ranks.leads() { Some(Store::new(run.path("checkpoints"))?) } else { None };
+    let latest = store.as_ref().and_then(Store::latest);
+    let last = match ranks.told(latest.as_ref().map(|c| c.state().step))? {
+        Some(step) if latest.is_none() => Some(Checkpoint::of_step(run, step)?),
+        _ => latest,
+    };
     let mut state =
         State { task: task.name().into(), step: 0, seed: config.seed, skipped: 0, skipped_in_a_row: 0, best: None };
-    if let Some(last) = store.latest() {
+    if let Some(last) = last {
         last.restore(task.params(), &mut stepper.optimizer, stepper.ema.as_ref())?;
         state = last.state().clone();
         if state.task != task.name() || state.seed != config.seed {
@@ -67,22 +81,33 @@ pub fn train<T: Task>(task: &T, config: &TrainConfig, run: &Run, interrupt: &Int
         let path = last.path().to_path_buf();
         task.resume(&last.kept()?).map_err(|message| TrainError::Checkpoint { path, message })?;
     }
-    let mut logs = Logs::open(run, state.step)?;
-    if state.step == 0 {
-        let text = std::fs::read_to_string(run.path("config.toml")).unwrap_or_default();
-        logs.settings(&text, &format!("eval/{}", task.objective().0));
+    let mut writes = None;
+    if let Some(store) = store {
+        let mut logs = Logs::open(run, state.step)?;
+        if state.step == 0 {
+            let text = std::fs::read_to_string(run.path("config.toml")).unwrap_or_default();
+            logs.settings(&text, &format!("eval/{}", task.objective().0));
+        }
+        writes = Some(Writes { store, logs });
     }
-    let mut trainer = Trainer { config, store, stepper, state, logs, window: Window::default() };
+    let mut trainer = Trainer { config, ranks, writes, stepper, state, window: Window::default() };
     trainer.run(task, interrupt)
 }
 
 struct Trainer<'a> {
     config: &'a TrainConfig,
-    store: Store,
+    ranks: &'a Ranks,
+    /// Nothing on ranks that only compute.
+    writes: Option<Writes>,
     stepper: Stepper<'a>,
     state: State,
-    logs: Logs,
     window: Window,
+}
+
+/// What is written of a run.
+struct Writes {
+    store: Store,
+    logs: Logs,
 }
 
 /// Times since the last line of `perf.jsonl`.
@@ -100,8 +125,11 @@ impl Default for Window {
 impl Trainer<'_> {
     fn run<T: Task>(&mut self, task: &T, interrupt: &Interrupt) -> Result<Outcome, TrainError> {
         let (config, start) = (self.config, Instant::now());
-        let mut batches = Prefetch::new(task.source(), self.state.step * config.accumulate, config.workers);
-        let mut progress = Progress::new("training", config.steps, self.state.step);
+        let mut batches = self.stepper.batches(task, self.state.step);
+        let mut progress = match self.writes {
+            Some(_) => Progress::new("training", config.steps, self.state.step),
+            None => Progress::silent(),
+        };
         let (mut waited, mut ended) = (Duration::ZERO, Ended::Finished);
         let mut objective: Option<f64> = None;
         while self.state.step < config.steps {
@@ -111,7 +139,9 @@ impl Trainer<'_> {
             if last || (config.validate_every > 0 && step.is_multiple_of(config.validate_every)) {
                 objective = self.validate(task, &mut progress)?.filter(|x| x.is_finite()).or(objective);
             }
-            let stop = interrupt.raised() && !last;
+            // One that is asked to stop stops all, after the same step.
+            let asked = self.ranks.gather(&interrupt.raised())?;
+            let stop = asked.contains(&true) && !last;
             if last || stop || (config.save_every > 0 && step.is_multiple_of(config.save_every)) || self.best_is_now() {
                 self.save(task)?;
             }
@@ -152,10 +182,12 @@ impl Trainer<'_> {
             self.state.skipped += 1;
             self.state.skipped_in_a_row += 1;
         }
-        self.logs.metrics(self.state.step, &values)?;
-        if self.state.step.is_multiple_of(config.log_every) {
-            let step = self.state.step;
-            self.logs.board(|b| values.iter().try_for_each(|(name, value)| b.scalar(name, *value, step)));
+        let step = self.state.step;
+        if let Some(Writes { logs, .. }) = &mut self.writes {
+            logs.metrics(step, &values)?;
+            if step.is_multiple_of(config.log_every) {
+                logs.board(|b| values.iter().try_for_each(|(name, value)| b.scalar(name, *value, step)));
+            }
         }
         if config.histogram_every > 0 && self.state.step.is_multiple_of(config.histogram_every) {
             self.histograms(params);
@@ -169,7 +201,7 @@ impl Trainer<'_> {
 
     fn not_finite(&self, values: &[(String, f64)]) -> TrainError {
         let parts: Vec<&str> = values.iter().filter(|(_, v)| !v.is_finite()).map(|(n, _)| n.as_str()).collect();
-        let kept = match self.store.latest() {
+        let kept = match self.writes.as_ref().and_then(|w| w.store.latest()) {
             Some(c) => format!("the last checkpoint is {}", c.path().display()),
             None => "no checkpoint was written yet".into(),
         };
@@ -186,18 +218,22 @@ impl Trainer<'_> {
     fn validate<T: Task>(&mut self, task: &T, progress: &mut Progress) -> Result<Option<f64>, TrainError> {
         let step = self.state.step;
         let weights = self.stepper.weights(task.params());
-        let at = At { seed: self.config.seed, step, batch: step * self.config.accumulate };
-        let found: Validation = {
+        let at = At { seed: self.config.seed, step, batch: step * self.config.accumulate, ranks: self.ranks };
+        let mut found: Validation = {
             let _no_grad = tch::no_grad_guard();
             task.validate(weights, at).map_err(TrainError::Task)?
         };
+        // What follows from it must be the same on machines that differ.
+        found.metrics = self.ranks.told(found.metrics)?;
         let values: Vec<(String, f64)> = found.metrics.iter().map(|(n, v)| (format!("eval/{n}"), *v)).collect();
-        self.logs.metrics(step, &values)?;
-        self.logs.board(|b| {
-            values.iter().try_for_each(|(name, value)| b.scalar(name, *value, step))?;
-            found.pictures.iter().try_for_each(|(tag, w, h, png)| b.picture(tag, *w, *h, png, step))?;
-            b.flush()
-        });
+        if let Some(Writes { logs, .. }) = &mut self.writes {
+            logs.metrics(step, &values)?;
+            logs.board(|b| {
+                values.iter().try_for_each(|(name, value)| b.scalar(name, *value, step))?;
+                found.pictures.iter().try_for_each(|(tag, w, h, png)| b.picture(tag, *w, *h, png, step))?;
+                b.flush()
+            });
+        }
         found.warnings.iter().for_each(|warning| progress.line(&format!("warning: step {step}: {warning}")));
         let (name, better) = task.objective();
         let value = found.metrics.iter().find(|(n, _)| n == name).map(|(_, v)| *v);
@@ -215,11 +251,13 @@ impl Trainer<'_> {
     }
 
     fn save<T: Task>(&mut self, task: &T) -> Result<(), TrainError> {
-        self.logs.sync()?;
+        let best = self.best_is_now();
+        let Some(Writes { store, logs }) = &mut self.writes else { return Ok(()) };
+        logs.sync()?;
         let (optimizer, ema) = (&self.stepper.optimizer, self.stepper.ema.as_ref());
-        self.store.save(task.params(), optimizer, ema, &self.state, &task.kept(), self.config.keep)?;
-        if self.best_is_now() {
-            self.store.link("best", self.state.step)?;
+        store.save(task.params(), optimizer, ema, &self.state, &task.kept(), self.config.keep)?;
+        if best {
+            store.link("best", self.state.step)?;
         }
         Ok(())
     }
@@ -233,8 +271,9 @@ impl Trainer<'_> {
         ];
         self.window = Window::default();
         let step = self.state.step;
-        self.logs.perf(step, &values)?;
-        self.logs.board(|b| {
+        let Some(Writes { logs, .. }) = &mut self.writes else { return Ok(()) };
+        logs.perf(step, &values)?;
+        logs.board(|b| {
             values.iter().try_for_each(|(name, value)| b.scalar(name, *value, step))?;
             b.flush()
         });
@@ -243,7 +282,8 @@ impl Trainer<'_> {
 
     fn histograms(&mut self, params: &Params) {
         let step = self.state.step;
-        self.logs.board(|b| {
+        let Some(Writes { logs, .. }) = &mut self.writes else { return };
+        logs.board(|b| {
             for (name, tensor) in params.named(params.weights()) {
                 let values = Vec::<f32>::try_from(tensor.detach().flatten(0, -1)).unwrap_or_default();
                 b.histogram(&format!("weights/{name}"), &values, step)?;

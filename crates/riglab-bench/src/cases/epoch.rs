@@ -16,6 +16,7 @@ use std::time::Instant;
 
 use anyhow::{Result, anyhow, ensure};
 use riglab_nn::params::{Params, Weights};
+use riglab_ranks::ALONE;
 use riglab_task::fsq_cvae::{Batch, FsqCvaeTask, FsqCvaeTaskConfig};
 use riglab_train::{At, Better as Objective, Interrupt, Loss, Precision, Run, Source, Task, Validation, train};
 use serde::{Deserialize, Serialize};
@@ -193,7 +194,7 @@ fn epochs(corpus: &Path, folder: &Path, steps: u64, precision: Precision) -> Res
     let run = Run::create(folder, "")?;
     let start = Instant::now();
     let timed = Timed { task: task(corpus, steps, precision)?, steps, ends: RefCell::default() };
-    train(&timed, &timed.task.config().train, &run, &Interrupt::default())?;
+    train(&timed, &timed.task.config().train, &run, &Interrupt::default(), &ALONE)?;
     let losses = losses(&run.path("metrics.jsonl"))?;
     drop(run);
     std::fs::remove_dir_all(folder)?;

@@ -5,6 +5,7 @@ use std::time::{Duration, Instant};
 use anyhow::{Result, anyhow, ensure};
 use riglab_nn::optim::{Ema, Optimizer, Pace};
 use riglab_nn::params::Weights;
+use riglab_ranks::ALONE;
 use riglab_train::{At, Precision, Task, TrainConfig};
 use serde::Deserialize;
 use serde_json::{Value, json};
@@ -139,8 +140,8 @@ impl<T: Task> Training<T> {
         Ok(json!({"seconds": seconds, "cpu_seconds": cpu, "losses": losses}))
     }
 
-    fn at(&self) -> At {
-        At { seed: self.config.seed, step: self.step, batch: self.step }
+    fn at(&self) -> At<'static> {
+        At { seed: self.config.seed, step: self.step, batch: self.step, ranks: &ALONE }
     }
 
     fn half(&self) -> Option<Weights> {

@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use anyhow::{Context, Result, bail};
+use riglab_ranks::{Ranks, processors};
 use riglab_task::Experiment;
 use riglab_train::{Ended, Interrupt, Run, RunInfo, estimate, product_speed, train};
 use tch::Device;
@@ -15,13 +16,17 @@ use crate::registry::{TaskConfig, Visitor};
 ///
 /// A run folder is made with the resolved config, metrics and checkpoints; Ctrl-C saves and leaves,
 /// --resume goes on as if nothing had happened.
+///
+/// Started as several processes by mpirun or srun, it shares the batches of each step (train.accumulate of them, a
+/// multiple of the number of processes) among them: the run is the same on any number, and can be resumed on another.
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:
   riglab train quickstart/fsq_cvae.toml --set data.corpora='[\"corpus.h5\"]'
   riglab train my.toml --set train.seed=2 --run runs/mine/seed-2
   riglab train --resume runs/mine/seed-2
-  riglab train my.toml --dry-run")]
+  riglab train my.toml --dry-run
+  mpirun -n 2 riglab train my.toml --set train.accumulate=2   # built with --features mpi")]
 pub struct Args {
     /// Config file, or the name of a built-in experiment.
     #[arg(required_unless_present_any = ["resume", "list"])]
@@ -52,24 +57,53 @@ pub fn run(args: &Args, threads: usize) -> Result<ExitCode> {
         presets::experiments().iter().for_each(|name| say!("{name}"));
         return Ok(ExitCode::SUCCESS);
     }
+    let ranks = riglab_ranks::world()?;
+    let done = together(args, threads, &ranks);
+    if let Err(e) = &done {
+        // The others would wait for ever.
+        ranks.end(&format!("{e:#}"));
+    }
+    done
+}
+
+/// What one of the processes does that train together.
+fn together(args: &Args, threads: usize, ranks: &Ranks) -> Result<ExitCode> {
+    let threads = if threads == 0 && ranks.size() > 1 { processors(ranks)? } else { threads };
     let threads = riglab_torch::init(riglab_torch::Settings { threads });
     let (config, place) = match (&args.resume, &args.config) {
         (Some(dir), _) => {
-            let run = Run::open(dir)?;
-            (TaskConfig::read(&presets::load(&run.path("config.toml").to_string_lossy(), &[])?)?, Place::There(run))
+            let run = if ranks.leads() { Run::open(dir)? } else { Run::follow(dir) };
+            // What the first rank reads counts: folders may be late on other machines.
+            let text = std::fs::read_to_string(run.path("config.toml"));
+            let text =
+                ranks.told(if ranks.leads() { text.context("cannot read config.toml")? } else { String::new() })?;
+            (settled(&text, &run.path("config.toml"))?, Place::There(run))
+        }
+        (None, Some(name)) if args.dry_run => {
+            if ranks.size() > 1 {
+                bail!("--dry-run tries one process; start it without mpirun");
+            }
+            let config = TaskConfig::read(&presets::load(name, &args.sets)?)?.settled();
+            return config.with(Device::Cpu, DryRun { config: &config, threads, json: args.json });
         }
         (None, Some(name)) => {
-            let config = TaskConfig::read(&presets::load(name, &args.sets)?)?.settled();
-            if args.dry_run {
-                return config.with(Device::Cpu, DryRun { config: &config, threads, json: args.json });
+            // Settled once: what is chosen by a timing must be the same for all.
+            let mut own = (String::new(), PathBuf::new());
+            if ranks.leads() {
+                let config = TaskConfig::read(&presets::load(name, &args.sets)?)?.settled();
+                own = (config.to_toml()?, args.run.clone().unwrap_or_else(|| next_free(name)));
             }
-            let dir = args.run.clone().unwrap_or_else(|| next_free(name));
-            (config, Place::New(dir))
+            let (text, dir) = ranks.told(own)?;
+            (settled(&text, Path::new(name))?, Place::New(dir))
         }
         (None, None) => bail!("give a config, or --resume RUN"),
     };
-    let session = Session { config: &config, place, threads };
-    config.with(Device::Cpu, session)
+    config.with(Device::Cpu, Session { config: &config, place, threads, ranks })
+}
+
+/// The config that a run's `config.toml` holds, or will hold.
+fn settled(text: &str, path: &Path) -> Result<TaskConfig> {
+    TaskConfig::read(&presets::parse(&path.display().to_string(), text)?)
 }
 
 /// A run's folder, which is made when the task has been opened: a corpus that is missing leaves none behind.
@@ -83,13 +117,22 @@ struct Session<'a> {
     config: &'a TaskConfig,
     place: Place,
     threads: usize,
+    ranks: &'a Ranks,
 }
 
 impl Visitor for Session<'_> {
     type Out = ExitCode;
 
     fn visit<T: Experiment>(self, task: T) -> Result<ExitCode> {
-        let Self { config, place, threads } = self;
+        let Self { config, place, threads, ranks } = self;
+        if !ranks.leads() {
+            let run = match place {
+                Place::There(run) => run,
+                Place::New(dir) => Run::follow(&dir),
+            };
+            let outcome = train(&task, config.train(), &run, &Interrupt::listening(), ranks)?;
+            return Ok(if outcome.ended == Ended::Interrupted { ExitCode::from(130) } else { ExitCode::SUCCESS });
+        }
         let (run, resumed) = match place {
             Place::There(run) => (run, true),
             Place::New(dir) => (Run::create(&dir, &config.to_toml()?)?, false),
@@ -101,20 +144,22 @@ impl Visitor for Session<'_> {
             }
             None => RunInfo::new(task.name(), threads, "cpu"),
         };
+        info.ranks = ranks.size();
         info.data = task.assets().summary()?;
         info.parameters = task.params().numel();
         info.ended.clear();
         run.write_info(&info)?;
         let steps = config.train().steps;
         eprintln!(
-            "{}: {:.2} M parameters, {steps} steps, {threads} threads, in {}",
+            "{}: {:.2} M parameters, {steps} steps, {}{threads} threads, in {}",
             task.name(),
             info.parameters as f64 / 1e6,
+            if ranks.size() > 1 { format!("{} ranks of ", ranks.size()) } else { String::new() },
             run.dir().display()
         );
         task.notes().iter().for_each(|note| eprintln!("note: {note}"));
         let interrupt = Interrupt::listening();
-        let outcome = train(&task, config.train(), &run, &interrupt);
+        let outcome = train(&task, config.train(), &run, &interrupt, ranks);
         info.ended = RunInfo::now();
         info.outcome = match &outcome {
             Ok(o) if o.ended == Ended::Finished => "finished".into(),
