@@ -25,7 +25,7 @@ use thiserror::Error;
 pub use share::processors;
 pub use sum::halves;
 pub use threads::on_threads;
-pub use world::{launched, world};
+pub use world::{launched, library, world};
 
 /// What happened between ranks.
 #[derive(Clone, Debug, Error, PartialEq, Eq)]

@@ -27,6 +27,14 @@ pub fn world() -> Result<Ranks, RanksError> {
     }
 }
 
+/// The MPI that this program was built with, by its own words; `None` without one.
+pub fn library() -> Option<String> {
+    #[cfg(feature = "mpi")]
+    return Some(crate::mpi::library());
+    #[cfg(not(feature = "mpi"))]
+    None
+}
+
 #[cfg(feature = "mpi")]
 fn several(n: usize) -> Result<Ranks, RanksError> {
     let link = crate::mpi::Mpi::new()?;
@@ -45,8 +53,8 @@ fn several(n: usize) -> Result<Ranks, RanksError> {
 fn several(n: usize) -> Result<Ranks, RanksError> {
     Err(RanksError::Launch(format!(
         "{n} processes were started, but this riglab was built without MPI; build it with \
-         `cargo build --release --features mpi` (needs mpicc and libclang: `apt-get install libopenmpi-dev libclang-dev`, \
-         or `pip install mpich libclang`)"
+         `cargo build --release --features mpi` (needs mpicc and libclang; `cargo xtask mpi` brings both where they are \
+         missing)"
     )))
 }
 

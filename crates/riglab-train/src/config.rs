@@ -1,7 +1,10 @@
 //! Settings of a training run.
 
 use riglab_nn::optim::OptimConfig;
+use riglab_ranks::Ranks;
 use serde::{Deserialize, Serialize};
+
+use crate::together::Deal;
 
 /// How a run trains. The defaults are sound for a small run.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -11,7 +14,9 @@ pub struct TrainConfig {
     pub seed: u64,
     /// Optimizer steps of the run.
     pub steps: u64,
-    /// Batches whose gradients are summed (as a mean) for one step.
+    /// Batches whose gradients are summed (as a mean) for one step. Processes that train together share them; gradients
+    /// are summed by halves, so that any number of processes gives the same bits, which takes as many sets of gradients
+    /// as this number has halvings.
     pub accumulate: u64,
     /// What is computed with; weights, optimizer and losses stay fp32.
     pub precision: Precision,
@@ -139,6 +144,14 @@ impl Default for TrainConfig {
 }
 
 impl TrainConfig {
+    /// Checks that ranks can share the batches of a step.
+    ///
+    /// # Errors
+    /// (key, message) where they cannot.
+    pub fn shared_by(&self, ranks: &Ranks) -> Result<(), (String, String)> {
+        Deal::new(self.accumulate, ranks).map(drop)
+    }
+
     /// Checks ranges and relations.
     ///
     /// # Errors

@@ -24,7 +24,7 @@ pub fn load(name: &str, sets: &[String]) -> Result<Config, ConfigError> {
 
 /// Reads a config that is whole: the `config.toml` of a run.
 pub fn parse(name: &str, text: &str) -> Result<Config, ConfigError> {
-    Loader::new().parse::<String>(name, text, &[])
+    Loader::new().parse(name, text, &[] as &[String])
 }
 
 /// Loads a building block by itself: a file, or one of `configs/` that is compiled in by its name

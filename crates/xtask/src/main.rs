@@ -12,10 +12,12 @@ mod bench;
 mod demo;
 mod fetch;
 mod libtorch;
+mod mpi;
 mod notebooks;
 mod preflight;
 mod shell;
 mod tools;
+mod venv;
 
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -33,6 +35,8 @@ Usage: cargo xtask <COMMAND>
   bench [NAME...] [--list] [--json FILE]
                                    riglab against what it replaces, both sides in turn
   notebooks                        install what the notebooks need, and run them all
+  mpi                              riglab that trains as several processes: build and test it;
+                                   MPICH and libclang are installed where there are none
   ci                               formatting, lints, tests
   setup [--wheels DIR]             only the set-up: libtorch, cmake, release build;
                                    DIR holds wheels fetched elsewhere (no network needed)
@@ -84,6 +88,10 @@ fn run(args: &[String]) -> Result<ExitCode> {
         "notebooks" => {
             setup(None)?;
             notebooks::run()?;
+        }
+        "mpi" => {
+            setup(None)?;
+            mpi::run()?;
         }
         "ci" => {
             setup(None)?;

@@ -12,6 +12,7 @@ mod import_arrays;
 mod loader_ar;
 mod matmul_share;
 mod metrics;
+mod mpi;
 mod prefix_step;
 mod report;
 mod rewards;
@@ -48,7 +49,7 @@ pub struct Case {
 }
 
 /// All of them, in the order they run.
-pub const CASES: [Case; 32] = [
+pub const CASES: [Case; 33] = [
     Case { name: "import", about: "rigged files read, against Blender's glTF importer", run: import::run },
     Case {
         name: "import/trimesh",
@@ -84,6 +85,11 @@ pub const CASES: [Case; 32] = [
         name: "geodesic",
         about: "distances from bones to vertices through a body, against scipy's search over the released graph",
         run: geodesic::run,
+    },
+    Case {
+        name: "mpi/2ranks",
+        about: "TokenRig trained by two processes of one thread, against one process of two threads",
+        run: mpi::run,
     },
     Case { name: "rewards/24", about: "rewards of a group of rigs of one mesh, against numpy", run: rewards::run },
     Case { name: "simulate", about: "300 frames of spring bones, against three-vrm in Node", run: simulate::run },

@@ -24,7 +24,7 @@ pub enum SkeletonConvention {
 }
 
 /// A skeleton as positions in [-1, 1]³ and parents, which are positions of the same list.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Joints {
     /// J × 3.
     pub positions: Vec<[f64; 3]>,

@@ -70,7 +70,7 @@ impl SkinMetrics {
 }
 
 /// Sums from which the metrics follow; sums of assets add up to the pooled ones.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct SkinTally {
     entries: u64,
     abs: f64,

@@ -7,6 +7,7 @@ use riglab_core::{DecodeRule, JointId};
 use riglab_metric::{Baseline, Codebook, SkinMetrics, SkinTally, bone_distances, compression_ratio, nan_for_null};
 use riglab_nn::params::Weights;
 use riglab_random::{Draw, stream};
+use riglab_train::At;
 use serde::{Deserialize, Serialize};
 use tch::Tensor;
 
@@ -220,22 +221,27 @@ impl FsqCvaeTask {
         Coder { config: &self.config, net: &self.net, weights, device: self.device }
     }
 
-    /// Validation: pooled and per-rig IoU, raw and after the rule, on a sample of vertices.
-    pub(super) fn validation(&self, w: &Weights, seed: u64) -> Result<Vec<(String, f64)>, String> {
+    /// Validation: pooled and per-rig IoU, raw and after the rule, on a sample of vertices. Ranks share the assets.
+    pub(super) fn validation(&self, w: &Weights, at: At) -> Result<Vec<(String, f64)>, String> {
         let split = self.config.data.validate.clone();
         let limit = self.config.eval.validation_vertices;
         let tokens = self.config.model.skin_tokens;
         let mut raw = Sums::default();
         let mut rules: Vec<Sums> = self.config.eval.cuts.iter().map(|_| Sums::default()).collect();
-        for &id in &self.validation_assets {
+        let tallies = |k: usize| {
+            let id = self.validation_assets[k];
             let encoded = self.encode(w, id)?;
             let joints = encoded.rig.bones.len();
-            let truth = Truth::new(&encoded.rig, Some((limit, seed ^ id.key())));
+            let truth = Truth::new(&encoded.rig, Some((limit, at.seed ^ id.key())));
             let predicted = self.decode(w, &encoded, &encoded.codes, tokens, &truth.points);
-            raw.add(&SkinTally::of(&truth.dense, &predicted, joints));
-            for (sums, &cut) in rules.iter_mut().zip(&self.config.eval.cuts) {
-                sums.add(&SkinTally::of(&truth.dense, &ruled(&predicted, joints, cut), joints));
-            }
+            let cuts = self.config.eval.cuts.iter();
+            let ruled = cuts.map(|&cut| SkinTally::of(&truth.dense, &ruled(&predicted, joints, cut), joints)).collect();
+            Ok((SkinTally::of(&truth.dense, &predicted, joints), ruled))
+        };
+        let shared = at.ranks.share::<(SkinTally, Vec<SkinTally>)>(self.validation_assets.len(), tallies, |_| {});
+        for (own, ruled) in shared.map_err(|e| e.to_string())? {
+            raw.add(&own);
+            rules.iter_mut().zip(&ruled).for_each(|(sums, tally)| sums.add(tally));
         }
         let raw = raw.row(&split, "raw", tokens);
         let rule = best(&rules, &split, tokens);

@@ -6,6 +6,7 @@ use riglab_core::{JointId, Mesh, Rig, Skeleton, SkinWeights};
 use riglab_metric::{Baseline, Joints, SkinMetrics, SkinTally, bone_distances, nan_for_null};
 use riglab_nn::params::Weights;
 use riglab_random::{Draw, stream};
+use riglab_ranks::Ranks;
 use riglab_token::Decoded;
 use riglab_train::Validation;
 use serde::{Deserialize, Serialize};
@@ -16,7 +17,7 @@ use crate::assets::AssetId;
 use crate::fsq_cvae::Row as SkinRow;
 use crate::fsq_cvae::evaluate::Sums as SkinSums;
 use crate::unirig_skeleton::batch::{encode, normalized, shape};
-use crate::unirig_skeleton::evaluate::{Sums, joints};
+use crate::unirig_skeleton::evaluate::{Sums, Validated, joints};
 use crate::unirig_skeleton::retrieval::Retrieval;
 use crate::unirig_skeleton::{AssetRow, Report as SkeletonReport};
 
@@ -136,7 +137,7 @@ fn claimed(codes: &[Option<Vec<i64>>]) -> Vec<JointId> {
 
 impl TokenRigTask {
     /// Loss of what follows, and distances of what is generated, on the validation split.
-    pub(super) fn validation(&self, w: &Weights) -> Result<Validation, String> {
+    pub(super) fn validation(&self, w: &Weights, ranks: &Ranks) -> Result<Validation, String> {
         let _no_grad = tch::no_grad_guard();
         let (rigger, c) = (&self.rigger, &self.rigger.config);
         let limit = match c.eval.validation_assets {
@@ -147,8 +148,11 @@ impl TokenRigTask {
         let mut assets: Vec<AssetId> = self.validation_assets.clone();
         stream(c.eval.seed, "validation assets", &[]).shuffled(&mut assets);
         assets.truncate(limit);
-        let (mut sums, mut losses, mut counts) = (Sums::default(), [0.0; 2], [0i64; 2]);
-        for ids in assets.chunks(c.eval.rows) {
+        let (mut sums, mut losses) = (Sums::default(), [(0.0, 0.0); 2]);
+        let parts: Vec<_> = assets.chunks(c.eval.rows).collect();
+        let found = |k: usize| {
+            let ids = parts[k];
+            let mut part = Validated::default();
             let rigs =
                 ids.iter().map(|&id| normalized(&self.assets, &self.cache, id)).collect::<Result<Vec<_>, _>>()?;
             let mut batch = Batch::default();
@@ -169,10 +173,7 @@ impl TokenRigTask {
             if batch.shapes.rigs > 0 {
                 let parts = parts_of(&rigger.net, c, w, &batch, rigger.device, false);
                 let both = [(parts.skeleton, parts.skeleton_tokens), (parts.skin, parts.skin_tokens)];
-                for (k, (sum, tokens)) in both.into_iter().enumerate() {
-                    losses[k] += sum.double_value(&[]);
-                    counts[k] += tokens;
-                }
+                part.losses = both.map(|(sum, tokens)| (sum.double_value(&[]), tokens as f64)).to_vec();
             }
             let meshes: Vec<_> = rigs.iter().zip(ids).map(|(rig, id)| (rig.mesh(), id.key())).collect();
             let prefix = rigger.condition(w, &meshes);
@@ -180,14 +181,19 @@ impl TokenRigTask {
             let prompts = vec![rigger.free(); ids.len()];
             let drawn = rigger.draw(w, &prefix, &prompts, &c.eval.generate, &mut streams)?;
             for (drawn, rig) in drawn.iter().zip(&rigs) {
-                let found = drawn.decoded.as_ref().ok().map(joints);
-                let own = sums.add(found.as_ref(), &Joints::of(rig.skeleton()));
-                sums.count(own, own);
+                part.skeletons.push((drawn.decoded.as_ref().ok().map(joints), Joints::of(rig.skeleton())));
             }
+            Ok(part)
+        };
+        for part in ranks.share(parts.len(), found, |_| {}).map_err(|e| e.to_string())? {
+            for ((sum, tokens), (own, count)) in losses.iter_mut().zip(&part.losses) {
+                (*sum, *tokens) = (*sum + own, *tokens + count);
+            }
+            sums.add_all(&part);
         }
         let mut metrics = sums.row("val", "model").validation();
-        metrics.push(("skeleton@val".into(), losses[0] / counts[0] as f64));
-        metrics.push(("skin@val".into(), losses[1] / counts[1] as f64));
+        metrics.push(("skeleton@val".into(), losses[0].0 / losses[0].1));
+        metrics.push(("skin@val".into(), losses[1].0 / losses[1].1));
         Ok(Validation { metrics, ..Validation::default() })
     }
 

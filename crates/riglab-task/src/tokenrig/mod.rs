@@ -116,8 +116,8 @@ impl Task for TokenRigTask {
         loss_of(&self.rigger.net, c, w, batch, self.rigger.device, Some(done))
     }
 
-    fn validate(&self, w: &Weights, _at: At) -> Result<Validation, String> {
-        self.validation(w)
+    fn validate(&self, w: &Weights, at: At) -> Result<Validation, String> {
+        self.validation(w, at.ranks)
     }
 
     fn objective(&self) -> (&'static str, Better) {

@@ -4,6 +4,7 @@ use riglab_geom::CloudSampler;
 use riglab_metric::{Joints, SkeletonConvention, SkeletonDistances, nan_for_null};
 use riglab_nn::params::Weights;
 use riglab_random::{Draw, stream};
+use riglab_ranks::Ranks;
 use riglab_token::Decoded;
 use riglab_train::Validation;
 use serde::{Deserialize, Serialize};
@@ -121,6 +122,14 @@ impl Sums {
         own
     }
 
+    /// Adds the skeletons of a part, each compared with nothing but the truth.
+    pub(crate) fn add_all(&mut self, part: &Validated) {
+        for (found, truth) in &part.skeletons {
+            let own = self.add(found.as_ref(), truth);
+            self.count(own, own);
+        }
+    }
+
     /// Counts what two ways gave for one asset, where both can be compared: means are over the same assets.
     pub(crate) fn count(&mut self, own: SkeletonDistances, other: SkeletonDistances) {
         if own.j2j.is_finite() && other.j2j.is_finite() {
@@ -152,6 +161,15 @@ pub(crate) fn joints(decoded: &Decoded) -> Joints {
     Joints { positions: decoded.joints.iter().map(|p| p.map(f64::from)).collect(), parents: decoded.parents.clone() }
 }
 
+/// What a part of a validation found; ranks tell it each other.
+#[derive(Default, Serialize, Deserialize)]
+pub(crate) struct Validated {
+    /// Sums of losses, and of how many tokens.
+    pub losses: Vec<(f64, f64)>,
+    /// What was generated, if it could be decoded, and the truth.
+    pub skeletons: Vec<(Option<Joints>, Joints)>,
+}
+
 impl SkeletonTask {
     /// Assets of the test splits.
     pub(super) fn examined_assets(&self) -> Result<usize, String> {
@@ -162,8 +180,8 @@ impl SkeletonTask {
         Ok(count)
     }
 
-    /// Loss of what follows, and distances of what is generated, on the validation split.
-    pub(super) fn validation(&self, w: &Weights) -> Result<Validation, String> {
+    /// Loss of what follows, and distances of what is generated, on the validation split. Ranks share the assets.
+    pub(super) fn validation(&self, w: &Weights, ranks: &Ranks) -> Result<Validation, String> {
         let _no_grad = tch::no_grad_guard();
         let limit = match self.config.eval.validation_assets {
             0 => usize::MAX,
@@ -176,7 +194,10 @@ impl SkeletonTask {
         assets.truncate(limit);
         let mut plain = self.config.clone();
         (plain.loss.spread, plain.loss.distance, plain.loss.next) = (0.0, 0.0, 1.0);
-        for ids in assets.chunks(self.config.eval.rows) {
+        let parts: Vec<_> = assets.chunks(self.config.eval.rows).collect();
+        let found = |k: usize| {
+            let ids = parts[k];
+            let mut part = Validated::default();
             let rigs =
                 ids.iter().map(|&id| normalized(&self.assets, &self.cache, id)).collect::<Result<Vec<_>, _>>()?;
             let mut batch = Batch::default();
@@ -195,15 +216,19 @@ impl SkeletonTask {
             if batch.rigs > 0 {
                 let count = (batch.ids.len() - batch.rigs) as f64;
                 let own = loss_of(&self.net, &plain, w, &batch, self.device, false)?;
-                loss += own.total().double_value(&[]) * count;
-                tokens += count;
+                part.losses = vec![(own.total().double_value(&[]) * count, count)];
             }
             let asked: Vec<_> = rigs.iter().zip(ids).map(|(rig, id)| (&**rig, id.key())).collect();
             for (drawn, rig) in self.draw(w, &asked).iter().zip(&rigs) {
-                let found = drawn.decoded.as_ref().ok().map(joints);
-                let own = sums.add(found.as_ref(), &Joints::of(rig.skeleton()));
-                sums.count(own, own);
+                part.skeletons.push((drawn.decoded.as_ref().ok().map(joints), Joints::of(rig.skeleton())));
             }
+            Ok(part)
+        };
+        for part in ranks.share(parts.len(), found, |_| {}).map_err(|e| e.to_string())? {
+            for (own, count) in &part.losses {
+                (loss, tokens) = (loss + own, tokens + count);
+            }
+            sums.add_all(&part);
         }
         let row = sums.row("val", "model");
         let mut metrics = row.validation();

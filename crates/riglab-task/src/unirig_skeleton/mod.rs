@@ -115,8 +115,8 @@ impl Task for SkeletonTask {
         loss_of(&self.net, &self.config, w, batch, self.device, true)
     }
 
-    fn validate(&self, w: &Weights, _at: At) -> Result<Validation, String> {
-        self.validation(w)
+    fn validate(&self, w: &Weights, at: At) -> Result<Validation, String> {
+        self.validation(w, at.ranks)
     }
 
     fn objective(&self) -> (&'static str, Better) {

@@ -11,6 +11,7 @@ use riglab_metric::{
 use riglab_nn::params::Weights;
 use riglab_nn::skin_stage::ATTRIBUTES;
 use riglab_random::stream;
+use riglab_ranks::Ranks;
 use riglab_train::Validation;
 use serde::{Deserialize, Serialize};
 
@@ -113,7 +114,7 @@ pub struct Subject {
 }
 
 /// Squared errors of attributes, and sums for their mean.
-#[derive(Default)]
+#[derive(Default, Serialize, Deserialize)]
 struct Springs {
     bones: usize,
     errors: [f64; ATTRIBUTES],
@@ -133,6 +134,13 @@ impl Springs {
                 self.squares[k] += t * t;
             }
         }
+    }
+
+    fn merge(&mut self, other: &Self) {
+        self.bones += other.bones;
+        let both =
+            [(&mut self.errors, &other.errors), (&mut self.sums, &other.sums), (&mut self.squares, &other.squares)];
+        both.into_iter().flat_map(|(own, more)| own.iter_mut().zip(more)).for_each(|(own, more)| *own += more);
     }
 
     fn rows(&self, split: &str, scale: &[f64; ATTRIBUTES]) -> Vec<AttributeRow> {
@@ -186,21 +194,31 @@ impl SkinTask {
         }
     }
 
-    /// Validation: raw and after the rule, on a sample of vertices that is the same every time.
-    pub(super) fn validation(&self, w: &Weights) -> Result<Validation, String> {
+    /// Validation: raw and after the rule, on a sample of vertices that is the same every time. Ranks share the assets.
+    pub(super) fn validation(&self, w: &Weights, ranks: &Ranks) -> Result<Validation, String> {
         let mut raw = Sums::default();
         let mut rules: Vec<Sums> = self.config.eval.cuts.iter().map(|_| Sums::default()).collect();
         let mut springs = Springs::default();
         let limit = self.config.eval.validation_vertices;
-        for &id in self.validation_ids() {
+        let ids = self.validation_ids();
+        let found = |k: usize| {
+            let id = ids[k];
             let subject = self.validated.get(id, || {
                 let made = self.subject(id, Some((limit, self.config.eval.seed ^ id.key())))?;
                 let bytes = made.ready.bytes() + 4 * made.truth.len();
                 Ok::<_, String>((made, bytes))
             })?;
             let found = self.predicted(w, &subject);
-            springs.add(&subject.ready, &found);
-            self.tally(&subject, &found, &mut raw, &mut rules);
+            let mut own = Springs::default();
+            own.add(&subject.ready, &found);
+            let (tally, ruled) = self.tallies(&subject, &found);
+            Ok((tally, ruled, own))
+        };
+        let shared = ranks.share::<(SkinTally, Vec<SkinTally>, Springs)>(ids.len(), found, |_| {});
+        for (tally, ruled, own) in shared.map_err(|e| e.to_string())? {
+            raw.add(&tally);
+            rules.iter_mut().zip(&ruled).for_each(|(sums, tally)| sums.add(tally));
+            springs.merge(&own);
         }
         let (raw, rule) = (raw.metrics(), rules[best(&rules)].metrics());
         let mut metrics = vec![
@@ -218,12 +236,18 @@ impl SkinTask {
         Ok(Validation { metrics, ..Validation::default() })
     }
 
-    fn tally(&self, subject: &Subject, found: &Predicted, raw: &mut Sums, rules: &mut [Sums]) {
+    /// Raw, and after the rule with each cut.
+    fn tallies(&self, subject: &Subject, found: &Predicted) -> (SkinTally, Vec<SkinTally>) {
         let joints = subject.ready.seats.len();
-        raw.add(&SkinTally::of(&subject.truth, &found.dense, joints));
-        for (sums, &cut) in rules.iter_mut().zip(&self.config.eval.cuts) {
-            sums.add(&SkinTally::of(&subject.truth, &ruled(&found.dense, joints, cut), joints));
-        }
+        let rule = |&cut: &f32| SkinTally::of(&subject.truth, &ruled(&found.dense, joints, cut), joints);
+        let ruled = self.config.eval.cuts.iter().map(rule).collect();
+        (SkinTally::of(&subject.truth, &found.dense, joints), ruled)
+    }
+
+    fn tally(&self, subject: &Subject, found: &Predicted, raw: &mut Sums, rules: &mut [Sums]) {
+        let (own, ruled) = self.tallies(subject, found);
+        raw.add(&own);
+        rules.iter_mut().zip(&ruled).for_each(|(sums, tally)| sums.add(tally));
     }
 
     /// How many assets [`Self::evaluate`] goes over.

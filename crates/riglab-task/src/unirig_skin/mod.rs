@@ -120,8 +120,8 @@ impl Task for SkinTask {
         Ok(loss_of(&self.net, &self.config, w, batch, self.device))
     }
 
-    fn validate(&self, w: &Weights, _at: At) -> Result<Validation, String> {
-        self.validation(w)
+    fn validate(&self, w: &Weights, at: At) -> Result<Validation, String> {
+        self.validation(w, at.ranks)
     }
 
     fn objective(&self) -> (&'static str, Better) {

@@ -51,6 +51,7 @@ pub fn run(args: &Args, threads: usize) -> Result<ExitCode> {
         "avx512_bf16": avx512_bf16,
         "amx_bf16": amx,
         "cuda_devices": cuda,
+        "mpi": riglab_ranks::library(),
         "hdf5": riglab_data::hdf5_version(),
         "memory_gb": gigabytes("MemTotal:").round(),
         "memory_free_gb": gigabytes("MemAvailable:").round(),
@@ -69,6 +70,7 @@ pub fn run(args: &Args, threads: usize) -> Result<ExitCode> {
         yes(amx)
     );
     say!("cuda       {cuda} devices");
+    say!("mpi        {}", riglab_ranks::library().as_deref().unwrap_or("none (built without; see `cargo xtask mpi`)"));
     say!("hdf5       {}", riglab_data::hdf5_version());
     say!("memory     {:.0} GB, {:.0} GB free", gigabytes("MemTotal:"), gigabytes("MemAvailable:"));
     missing.iter().for_each(|m| say!("note       {m}"));

@@ -98,6 +98,9 @@ fn together(args: &Args, threads: usize, ranks: &Ranks) -> Result<ExitCode> {
         }
         (None, None) => bail!("give a config, or --resume RUN"),
     };
+    if let Err((_, message)) = config.train().shared_by(ranks) {
+        bail!("train.{message}");
+    }
     config.with(Device::Cpu, Session { config: &config, place, threads, ranks })
 }
 
