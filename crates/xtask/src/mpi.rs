@@ -79,7 +79,11 @@ fn clang() -> bool {
     let llvm = entries(Path::new("/usr/lib")).into_iter().filter(|dir| name(dir).starts_with("llvm-"));
     let mut folders: Vec<PathBuf> = vec!["/usr/lib".into(), "/usr/lib64".into(), multiarch.into()];
     folders.extend(llvm.map(|dir| dir.join("lib")));
-    let is_clang = |file: &PathBuf| name(file).starts_with("libclang.so") || name(file).starts_with("libclang-");
+    // libclang-cpp is another library.
+    let is_clang = |file: &PathBuf| {
+        let name = name(file);
+        name.starts_with("libclang.so") || (name.starts_with("libclang-") && !name.starts_with("libclang-cpp"))
+    };
     folders.iter().any(|dir| entries(dir).iter().any(is_clang))
 }
 
