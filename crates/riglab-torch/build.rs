@@ -3,7 +3,9 @@
 use std::path::Path;
 
 fn main() {
-    println!("cargo:rerun-if-changed=src/shim.cpp");
+    for file in ["shim.h", "shim.cpp", "recompute.cpp"] {
+        println!("cargo:rerun-if-changed=src/{file}");
+    }
     let Ok(lib) = std::env::var("DEP_TCH_LIBTORCH_LIB") else {
         panic!("torch-sys did not say where libtorch is; run `cargo xtask setup` in the root of the workspace");
     };
@@ -16,7 +18,7 @@ fn main() {
         .define("NDEBUG", None) // as libtorch was built: some of its classes are larger without
         .include(&include)
         .include(include.join("torch/csrc/api/include"))
-        .file("src/shim.cpp")
+        .files(["src/shim.cpp", "src/recompute.cpp"])
         .compile("riglab_shim");
     // Tests of this crate find libtorch as all packages do (build/rpath.rs).
     println!("cargo:rustc-link-arg=-Wl,-rpath,{}", lib.display());

@@ -13,6 +13,9 @@ pub struct TrainConfig {
     pub steps: u64,
     /// Batches whose gradients are summed (as a mean) for one step.
     pub accumulate: u64,
+    /// Whether blocks of deep stacks keep only what they read, and are computed again in the backward pass (activation
+    /// checkpointing): a third more work for a fraction of the memory, and the same numbers.
+    pub recompute: bool,
     /// What is computed with; weights, optimizer and losses stay fp32.
     pub precision: Precision,
     /// Learning rate over the run.
@@ -123,6 +126,7 @@ impl Default for TrainConfig {
             seed: 0,
             steps: 1000,
             accumulate: 1,
+            recompute: false,
             precision: Precision::Fp32,
             schedule: ScheduleConfig::default(),
             optim: OptimConfig::default(),

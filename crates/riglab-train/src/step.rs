@@ -2,6 +2,7 @@
 
 use riglab_nn::optim::{Ema, Optimizer, Pace, StepStats};
 use riglab_nn::params::{Params, Weights};
+use riglab_torch::TorchError;
 use tch::{Kind, Tensor};
 
 use crate::config::{Precision, TrainConfig};
@@ -47,8 +48,10 @@ impl<'a> Stepper<'a> {
         step: u64,
     ) -> Result<Stepped, TrainError> {
         let (config, params) = (self.config, task.params());
-        let half = (config.precision == Precision::Bf16).then(|| params.weights().cast(Kind::BFloat16));
-        let weights = half.as_ref().unwrap_or(params.weights());
+        let weights = match config.precision {
+            Precision::Bf16 => params.weights().cast(Kind::BFloat16).recomputing(config.recompute),
+            _ => params.weights().recomputing(config.recompute),
+        };
         let (mut grads, mut values): (Vec<Tensor>, Vec<(String, f64)>) = Default::default();
         let share = 1.0 / config.accumulate as f64;
         let mut total = 0.0;
@@ -57,11 +60,11 @@ impl<'a> Stepper<'a> {
             let batch = batches.take().map_err(TrainError::Task)?;
             // libtorch's generator is seeded afresh: nothing random has to be saved.
             tch::manual_seed((config.seed ^ at.batch.wrapping_mul(0x9e37_79b9_7f4a_7c15)) as i64);
-            let loss = task.loss(weights, &batch, at).map_err(TrainError::Task)?;
+            let loss = task.loss(&weights, &batch, at).map_err(TrainError::Task)?;
             let sum = loss.total();
             total += sum.double_value(&[]) * share;
             add_values(&mut values, loss.values(), share);
-            add_grads(&mut grads, weights, &sum, share);
+            add_grads(&mut grads, &weights, &sum, share)?;
         }
         let factor = schedule::factor(&config.schedule, step, config.steps);
         let stats = if total.is_finite() {
@@ -91,10 +94,11 @@ fn add_values(sums: &mut Vec<(String, f64)>, values: impl Iterator<Item = (&'sta
     }
 }
 
-fn add_grads(sums: &mut Vec<Tensor>, weights: &Weights, loss: &Tensor, share: f64) {
+fn add_grads(sums: &mut Vec<Tensor>, weights: &Weights, loss: &Tensor, share: f64) -> Result<(), TrainError> {
     let scaled = if share == 1.0 { loss.shallow_clone() } else { loss * share };
     let inputs: Vec<&Tensor> = weights.tensors().iter().collect();
-    let mut grads = Tensor::run_backward(&[scaled], &inputs, false, false);
+    let mut grads = Tensor::f_run_backward(&[scaled], &inputs, false, false)
+        .map_err(|e| TrainError::Task(TorchError::from(e).to_string()))?;
     if share != 1.0 {
         // Sums of bfloat16 gradients would lose what later batches add.
         for g in grads.iter_mut().filter(|g| g.defined() && g.kind() == Kind::BFloat16) {
@@ -103,7 +107,7 @@ fn add_grads(sums: &mut Vec<Tensor>, weights: &Weights, loss: &Tensor, share: f6
     }
     if sums.is_empty() {
         *sums = grads;
-        return;
+        return Ok(());
     }
     for (sum, grad) in sums.iter_mut().zip(grads) {
         match (sum.defined(), grad.defined()) {
@@ -112,4 +116,5 @@ fn add_grads(sums: &mut Vec<Tensor>, weights: &Weights, loss: &Tensor, share: f6
             _ => {}
         }
     }
+    Ok(())
 }
