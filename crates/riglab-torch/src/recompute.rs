@@ -214,19 +214,6 @@ mod tests {
     }
 
     #[test]
-    fn what_was_drawn_is_drawn_again_and_the_generator_goes_on() {
-        let x = of(&[64, 64], Kind::Float);
-        let dropped = |t: &[Tensor]| vec![t[0].dropout(0.5, true)];
-        tch::manual_seed(5);
-        let out = twice(&x, &[], dropped);
-        let now = rng_state().unwrap();
-        let grad = Tensor::run_backward(&[out.sum(Kind::Float)], &[&x], false, false).remove(0);
-        // The gradient is 2 where it was kept, and 0 where it was dropped.
-        assert!(grad.equal(&(out.not_equal(0.0).to_kind(Kind::Float) * 2.0)));
-        assert!(rng_state().unwrap() == now);
-    }
-
-    #[test]
     fn closures_go_with_the_graph() {
         let (x, held) = (of(&[4], Kind::Float), Arc::new(()));
         let block = || {

@@ -1,7 +1,12 @@
-//! What blocks that are computed again save. A test of its own process: the peak is the process's.
+//! Blocks that are computed again, where memory's peak and libtorch's generator are seen: both are the process's, so
+//! these tests have a process of their own and go one by one.
 
-use riglab_torch::recompute;
+use std::sync::{Mutex, PoisonError};
+
+use riglab_torch::{recompute, rng_state};
 use tch::{Device, Kind, Tensor};
+
+static ONE_BY_ONE: Mutex<()> = Mutex::new(());
 
 const WIDTH: i64 = 256;
 const ROWS: i64 = 4096;
@@ -27,6 +32,7 @@ fn peak(work: impl FnOnce()) -> f64 {
 
 #[test]
 fn a_deep_stack_needs_a_fraction_of_the_memory() {
+    let _alone = ONE_BY_ONE.lock().unwrap_or_else(PoisonError::into_inner);
     let of = |shape: [i64; 2]| (Tensor::randn(shape, (Kind::Float, Device::Cpu)) * 0.05).set_requires_grad(true);
     let (x, weights) = (of([ROWS, WIDTH]), (0..LAYERS).map(|_| of([WIDTH, WIDTH])).collect::<Vec<_>>());
     let leaves: Vec<&Tensor> = std::iter::once(&x).chain(&weights).collect();
@@ -51,4 +57,18 @@ fn a_deep_stack_needs_a_fraction_of_the_memory() {
     let first = peak(|| plain = step(false));
     assert!(plain.iter().zip(&again).all(|(a, b)| a.equal(b)));
     assert!(second < 0.55 * first, "{second:.0} MB in place of {first:.0} MB");
+}
+
+#[test]
+fn what_was_drawn_is_drawn_again_and_the_generator_goes_on() {
+    let _alone = ONE_BY_ONE.lock().unwrap_or_else(PoisonError::into_inner);
+    let x = Tensor::randn([64, 64], (Kind::Float, Device::Cpu)).set_requires_grad(true);
+    let dropped = |t: &Tensor| vec![t.dropout(0.5, true)];
+    tch::manual_seed(5);
+    let out = recompute(&[&x], (), |()| (dropped(&x), vec![]), move |(), t| dropped(&t[0])).unwrap().remove(0);
+    let now = rng_state().unwrap();
+    let grad = Tensor::run_backward(&[out.sum(Kind::Float)], &[&x], false, false).remove(0);
+    // The gradient is 2 where it was kept, and 0 where it was dropped.
+    assert!(grad.equal(&(out.not_equal(0.0).to_kind(Kind::Float) * 2.0)));
+    assert!(rng_state().unwrap() == now);
 }
