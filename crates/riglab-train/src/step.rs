@@ -66,6 +66,8 @@ impl<'a> Stepper<'a> {
             add_values(&mut values, loss.values(), share);
             add_grads(&mut grads, &weights, &sum, share)?;
         }
+        // The optimizer moves the master weights: its own memory can be where these were.
+        drop(weights);
         let factor = schedule::factor(&config.schedule, step, config.steps);
         let stats = if total.is_finite() {
             let pace = Pace { factor, beta1: schedule::beta1(&config.schedule, step, config.steps) };
