@@ -26,6 +26,8 @@ fn from_files_to_a_report() {
     assert_eq!(tried["parameters"], info["parameters"]);
     let parts: u64 = tried["parts"].as_array().unwrap().iter().map(|p| p[1].as_u64().unwrap()).sum();
     assert_eq!(Some(parts), tried["parameters"].as_u64());
+    let memory: f64 = tried["memory_mb"].as_array().unwrap().iter().map(|part| part[1].as_f64().unwrap()).sum();
+    assert!(tried["peak_memory_mb"].as_f64() > Some(0.999 * memory), "{tried}");
     // Each parameter that is a matrix takes part in three products at least.
     assert!(tried["flops"].as_f64() > Some(6.0 * parts as f64) && tried["seconds"].as_f64() > Some(0.0), "{tried}");
     let metrics: Vec<Value> = fs::read_to_string(run.join("metrics.jsonl"))

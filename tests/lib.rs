@@ -155,7 +155,7 @@ pub fn tiny_tokenrig(case: &Golden, of: &Golden, kind: Kind) -> (TokenRig, Param
         init_std: 0.02,
     };
     let shape = PerceiverConfig { tokens: 4, width: 8, heads: 2, layers: 1, ..PerceiverConfig::default() };
-    let config = TokenRigConfig { shape, decoder, head: Head::Flat, tell_joint: false };
+    let config = TokenRigConfig { shape, decoder, head: Head::Flat, ..TokenRigConfig::default() };
     config.validate().unwrap();
     let layout = Layout::new(n("skeleton_vocab"), &[n("skin_codes") as i64], Head::Flat);
     assert_eq!(layout.end(), of.number("eos") as i64);

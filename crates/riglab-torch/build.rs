@@ -3,8 +3,9 @@
 use std::path::Path;
 
 fn main() {
-    println!("cargo:rerun-if-changed=src/shim.cpp");
-    println!("cargo:rerun-if-changed=src/hooks.cpp");
+    for file in ["shim.h", "shim.cpp", "recompute.cpp", "hooks.cpp"] {
+        println!("cargo:rerun-if-changed=src/{file}");
+    }
     let Ok(lib) = std::env::var("DEP_TCH_LIBTORCH_LIB") else {
         panic!("torch-sys did not say where libtorch is; run `cargo xtask setup` in the root of the workspace");
     };
@@ -17,8 +18,7 @@ fn main() {
         .define("NDEBUG", None) // as libtorch was built: some of its classes are larger without
         .include(&include)
         .include(include.join("torch/csrc/api/include"))
-        .file("src/shim.cpp")
-        .file("src/hooks.cpp")
+        .files(["src/shim.cpp", "src/recompute.cpp", "src/hooks.cpp"])
         .compile("riglab_shim");
     // Tests of this crate find libtorch as all packages do (build/rpath.rs).
     println!("cargo:rustc-link-arg=-Wl,-rpath,{}", lib.display());

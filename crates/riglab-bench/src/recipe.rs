@@ -6,6 +6,7 @@ use anyhow::{Context, Result, anyhow};
 use riglab_asset::ImportOptions;
 use riglab_config::Loader;
 use riglab_data::{Splitter, import_folder};
+use riglab_nn::tokenrig::TokenRigConfig;
 use riglab_task::fsq_cvae::FsqCvaeTaskConfig;
 use riglab_task::tokenrig::TokenRigTaskConfig;
 use riglab_task::unirig_skeleton::SkeletonTaskConfig;
@@ -21,6 +22,9 @@ const SKELETON: &str = "experiments/quickstart/unirig_skeleton.toml";
 /// The same of TokenRig, and of the auto-encoder that it stands on.
 const TOKENRIG: [&str; 2] =
     ["experiments/quickstart/tokenrig.toml", "experiments/skintokens/fsq_cvae_for_tokenrig.toml"];
+
+/// TokenRig as the paper trains it.
+const TOKENRIG_PAPER: &str = "experiments/skintokens/tokenrig_paper.toml";
 
 /// UniRig's skin stage.
 const UNIRIG_SKIN: &str = "experiments/quickstart/unirig_skin.toml";
@@ -73,6 +77,11 @@ pub fn tokenrig(corpus: &Path, precision: Precision) -> Result<TokenRigTaskConfi
     c.train.precision = precision;
     c.validate().map_err(|(key, message)| anyhow!("{key}: {message}")).context(TOKENRIG[0])?;
     Ok(c)
+}
+
+/// The network of the paper's TokenRig.
+pub fn tokenrig_paper() -> Result<TokenRigConfig> {
+    Ok(read::<TokenRigTaskConfig>(TOKENRIG_PAPER)?.model)
 }
 
 /// Settings of TokenRig's auto-encoder, with 512 codes: one softmax over them is of a size that suits the small network.

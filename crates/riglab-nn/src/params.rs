@@ -2,9 +2,11 @@
 //!
 //! A network is built once against [`Params`] and keeps numbers ([`ParamId`]) only. A forward pass
 //! reads [`Weights`]: the master weights, a bfloat16 copy of them, or their moving average. So one
-//! network serves training and evaluation, and nothing is swapped in and out.
+//! network serves training and evaluation, and nothing is swapped in and out. Whether blocks of deep
+//! stacks are computed again in the backward pass ([`Weights::block`]) goes with the weights, too.
 
-use std::collections::{BTreeMap, HashMap};
+use std::cell::RefCell;
+use std::collections::{BTreeMap, BTreeSet, HashMap};
 
 use rayon::prelude::*;
 use riglab_random::{Draw, stream};
@@ -71,36 +73,109 @@ pub struct Params {
 }
 
 /// One tensor per parameter, in parameter order.
-pub struct Weights(Vec<Tensor>);
+pub struct Weights {
+    tensors: Vec<Tensor>,
+    /// Whether [`Self::block`] computes again.
+    recompute: bool,
+    /// What the blocks that are running have read, the innermost last.
+    reads: RefCell<Vec<BTreeSet<usize>>>,
+}
 
 impl std::ops::Index<ParamId> for Weights {
     type Output = Tensor;
     fn index(&self, id: ParamId) -> &Tensor {
-        &self.0[id.0]
+        if let Some(reads) = self.reads.borrow_mut().last_mut() {
+            reads.insert(id.0);
+        }
+        &self.tensors[id.0]
     }
 }
 
+/// A part of a network in a form that outlasts the forward pass, for [`Weights::again`].
+struct Held<F> {
+    part: F,
+    /// The parameters that it reads.
+    ids: Vec<usize>,
+}
+
 impl Weights {
+    fn new(tensors: Vec<Tensor>) -> Self {
+        Self { tensors, recompute: false, reads: RefCell::default() }
+    }
+
     /// In parameter order.
     pub fn tensors(&self) -> &[Tensor] {
-        &self.0
+        &self.tensors
+    }
+
+    /// The same tensors, with blocks of deep stacks computed again in the backward pass or not: see [`Self::block`].
+    pub fn recomputing(&self, recompute: bool) -> Self {
+        Self { recompute, ..Self::new(self.tensors.iter().map(Tensor::shallow_clone).collect()) }
+    }
+
+    /// A block of a deep stack: `part` of these weights and the inputs. What it computes on the way is kept for the
+    /// backward pass, or computed again there if that was asked for ([`Self::recomputing`]); the numbers are the same.
+    pub fn block(&self, inputs: &[&Tensor], part: impl Fn(&Self, &[Tensor]) -> Tensor + Send + 'static) -> Tensor {
+        if self.recompute {
+            return self.again(inputs, move |w, inputs| vec![part(w, inputs)]).remove(0);
+        }
+        part(self, &inputs.iter().map(|t| t.shallow_clone()).collect::<Vec<_>>())
+    }
+
+    /// As [`Self::block`], computed again in the backward pass whatever was asked for. `part` must give the same each
+    /// time; tensors that it holds besides its inputs must need no gradient.
+    ///
+    /// # Panics
+    /// Where libtorch refuses, as its operations do here.
+    pub fn again(
+        &self,
+        inputs: &[&Tensor],
+        part: impl Fn(&Self, &[Tensor]) -> Vec<Tensor> + Send + 'static,
+    ) -> Vec<Tensor> {
+        let (count, all, recompute) = (inputs.len(), self.tensors.len(), self.recompute);
+        let held = Held { part, ids: Vec::new() };
+        let out = riglab_torch::recompute(
+            inputs,
+            held,
+            |held| {
+                self.reads.borrow_mut().push(BTreeSet::new());
+                let own: Vec<Tensor> = inputs.iter().map(|t| t.shallow_clone()).collect();
+                let out = (held.part)(self, &own);
+                let mut reads = self.reads.borrow_mut();
+                let read = reads.pop().unwrap_or_default();
+                // What is around it has read them too.
+                if let Some(outer) = reads.last_mut() {
+                    outer.extend(&read);
+                }
+                held.ids = read.into_iter().collect();
+                (out, held.ids.iter().map(|&id| self.tensors[id].shallow_clone()).collect())
+            },
+            move |held, read| {
+                let mut tensors: Vec<Tensor> = (0..all).map(|_| Tensor::new()).collect();
+                for (&id, tensor) in held.ids.iter().zip(&read[count..]) {
+                    tensors[id] = tensor.shallow_clone();
+                }
+                (held.part)(&Self { recompute, ..Self::new(tensors) }, &read[..count])
+            },
+        );
+        out.expect("libtorch takes a block's inputs and outputs")
     }
 
     /// Copies in another kind that collect gradients of their own: the compute weights of a mixed
     /// precision step.
     pub fn cast(&self, kind: Kind) -> Self {
         let cast = |t: &Tensor| t.detach().to_kind(kind).set_requires_grad(true);
-        Self(self.0.iter().map(cast).collect())
+        Self::new(self.tensors.iter().map(cast).collect())
     }
 
     /// Copies without gradients.
     pub fn detached_copy(&self) -> Self {
-        Self(self.0.iter().map(|t| t.detach().copy()).collect())
+        Self::new(self.tensors.iter().map(|t| t.detach().copy()).collect())
     }
 
     /// The kind of the numbers.
     pub fn kind(&self) -> Kind {
-        self.0.first().map_or(Kind::Float, Tensor::kind)
+        self.tensors.first().map_or(Kind::Float, Tensor::kind)
     }
 }
 
@@ -144,7 +219,7 @@ impl Builder {
             let t = Tensor::from_slice(&values).reshape(&e.shape).to_device(device).to_kind(kind);
             t.set_requires_grad(true)
         });
-        let weights = Weights(tensors.collect());
+        let weights = Weights::new(tensors.collect());
         Ok(Params { entries: self.entries, weights })
     }
 }
@@ -196,7 +271,7 @@ impl Params {
 
     /// How many numbers in all.
     pub fn numel(&self) -> usize {
-        self.weights.0.iter().map(Tensor::numel).sum()
+        self.weights.tensors.iter().map(Tensor::numel).sum()
     }
 
     /// All parameters in order.
@@ -221,7 +296,7 @@ impl Params {
 
     /// Names with tensors, for writing.
     pub fn named<'a>(&'a self, weights: &'a Weights) -> impl Iterator<Item = (&'a str, &'a Tensor)> {
-        self.entries.iter().map(|e| e.name.as_str()).zip(&weights.0)
+        self.entries.iter().map(|e| e.name.as_str()).zip(&weights.tensors)
     }
 
     /// Copies tensors by name into the master weights; every parameter must be there with its
@@ -239,7 +314,7 @@ impl Params {
     /// As [`Self::load`].
     pub fn load_into(&self, tensors: &BTreeMap<String, Tensor>, weights: &Weights) -> Result<(), NnError> {
         let mut faults = Vec::new();
-        for (e, own) in self.entries.iter().zip(&weights.0) {
+        for (e, own) in self.entries.iter().zip(&weights.tensors) {
             match tensors.get(&e.name) {
                 None => faults.push(format!("`{}` is missing", e.name)),
                 Some(t) if t.size() != own.size() => {
@@ -256,7 +331,7 @@ impl Params {
             return Err(NnError::Mismatch { count, tensors, first: faults.join(", ") });
         }
         tch::no_grad(|| {
-            for (e, own) in self.entries.iter().zip(&weights.0) {
+            for (e, own) in self.entries.iter().zip(&weights.tensors) {
                 own.shallow_clone().copy_(&tensors[&e.name]);
             }
         });
@@ -296,6 +371,25 @@ mod tests {
         .into();
         let text = p.load(&tensors).unwrap_err().to_string();
         assert!(text.contains("`b.0.bias` is missing") && text.contains("`c` is unknown"), "{text}");
+    }
+
+    #[test]
+    fn blocks_find_their_parameters_and_those_of_blocks_within() {
+        let p = two(true);
+        let x = Tensor::ones([4, 3], (Kind::Float, Device::Cpu)).set_requires_grad(true);
+        let of = |w: &Weights| {
+            let y = w.block(&[&x], |w, t| {
+                let y = w.block(&[&t[0]], |w, t| t[0].linear(&w[ParamId(0)], None::<&Tensor>).sin());
+                y.sum(Kind::Float) * &w[ParamId(2)]
+            });
+            // Read outside of any block.
+            let loss = (y + &w[ParamId(2)]).square().sum(Kind::Float);
+            let inputs: Vec<&Tensor> = p.weights().tensors().iter().chain([&x]).collect();
+            Tensor::run_backward(&[loss], &inputs, false, false)
+        };
+        let (plain, again) = (of(p.weights()), of(&p.weights().recomputing(true)));
+        assert!(!plain[1].defined() && !again[1].defined(), "nobody read it");
+        assert!([0, 2, 3].iter().all(|&k| plain[k].equal(&again[k]) && plain[k].abs().max().double_value(&[]) > 0.0));
     }
 
     #[test]

@@ -1,7 +1,8 @@
 //! The part of libtorch that tch lacks.
 //!
 //! tch wraps single ops. What training needs besides are ops over lists of tensors in place (the
-//! fused AdamW, norms, moving averages), autocast on the CPU, and the settings of libtorch's global
+//! fused AdamW, norms, moving averages), blocks that are computed again in the backward pass, autocast
+//! on the CPU, and the settings of libtorch's global
 //! context. They are reached through a small C++ shim compiled against the same headers; a tensor
 //! of tch *is* an `at::Tensor`, so nothing is copied.
 //!
@@ -13,12 +14,14 @@
 mod error;
 mod flops;
 mod hooks;
+mod recompute;
 mod settings;
 mod tensors;
 
 pub use error::{TorchError, first_line};
 pub use flops::count_flops;
 pub use hooks::backward;
+pub use recompute::{grad_enabled, recompute};
 pub use settings::{
     Autocast, Settings, bf16_is_faster, cpu_capability, init, libtorch_version, load_cuda, rng_state, set_rng_state,
     wait_patiently,

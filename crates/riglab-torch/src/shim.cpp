@@ -2,12 +2,13 @@
 // global context. A tch tensor's pointer is an `at::Tensor*`. Each function returns 0, or 1 with the
 // message kept for `rl_error`.
 
+#include "shim.h"
+
 #include <ATen/ATen.h>
 #include <ATen/Context.h>
 #include <ATen/autocast_mode.h>
 #include <cmath>
 #include <torch/headeronly/version.h>
-#include <c10/util/Exception.h>
 #include <ATen/record_function.h>
 #include <atomic>
 #include <cstring>
@@ -15,23 +16,6 @@
 #include <vector>
 
 namespace {
-
-thread_local std::string last_error;
-
-template <typename F>
-int guarded(F body) {
-  try {
-    body();
-    return 0;
-  } catch (const c10::Error& e) {
-    last_error = e.what_without_backtrace();
-  } catch (const std::exception& e) {
-    last_error = e.what();
-  } catch (...) {
-    last_error = "unknown C++ exception";
-  }
-  return 1;
-}
 
 std::vector<at::Tensor> list(at::Tensor* const* tensors, size_t n) {
   std::vector<at::Tensor> out;
@@ -78,11 +62,6 @@ std::unique_ptr<at::ObserverContext> count_flops(const at::RecordFunction& fn) {
 }
 
 }  // namespace
-
-int rl_keep_error(const char* message) {
-  last_error = message;
-  return 1;
-}
 
 extern "C" {
 

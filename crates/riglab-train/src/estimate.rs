@@ -9,11 +9,11 @@ use tch::Kind;
 
 use crate::config::{Precision, TrainConfig};
 use crate::error::TrainError;
-use crate::step::Stepper;
+use crate::step::{Stepped, Stepper};
 use crate::task::{At, Task};
-use crate::trainer::peak_memory_mb;
+use crate::trainer::{peak_memory_mb, status_mb};
 
-/// Steps before any is timed: the first of a size prepare kernels and memory.
+/// Steps before any is timed: the first of a size prepare kernels and memory. One where steps take long.
 const WARM: u64 = 2;
 /// Steps that are timed at least and at most, and how long they take together at least.
 const TIMED: std::ops::Range<u64> = 3..30;
@@ -26,18 +26,21 @@ pub struct Estimate {
     pub parameters: usize,
     /// The same by part of the network.
     pub parts: Vec<(String, usize)>,
-    /// Megabytes by what they are for: what is there between steps.
+    /// Megabytes by what they are for; together the most that the process had while it went through steps. The last is
+    /// what is left of that: activations, and the batches that are ready.
     pub memory_mb: Vec<(String, f64)>,
-    /// The most that the process had while it went through steps and a validation, batches and caches included.
+    /// The most that the process had, reading the corpus and a validation included: what a run would have.
     pub peak_memory_mb: f64,
+    /// Tokens of a step, of tasks that have sequences.
+    pub tokens: Option<f64>,
     /// Operations of products of matrices in a step, backward included.
     pub flops: f64,
     /// Seconds of a step, without waiting for batches.
     pub step_seconds: f64,
     /// Share of the time that it waited for them, caches being empty.
     pub waiting: f64,
-    /// Seconds of a validation, if there is any.
-    pub validation_seconds: Option<f64>,
+    /// Seconds of a validation.
+    pub validation_seconds: f64,
     /// Seconds of the whole run.
     pub seconds: f64,
     /// Steps that were timed.
@@ -50,46 +53,55 @@ pub struct Estimate {
 /// What [`crate::train`] would stop at.
 pub fn estimate<T: Task>(task: &T, config: &TrainConfig) -> Result<Estimate, TrainError> {
     config.validate().map_err(|(key, message)| TrainError::Config { key, message })?;
+    let (before, start_mb) = (peak_memory_mb(), status_mb("VmRSS:"));
     forget_peak();
     let params = task.params();
     let mut stepper = Stepper::new(params, config, &ALONE)?;
     let mut batches = stepper.batches(task, 0);
     let mut step = 0;
-    for _ in 0..WARM {
+    let begin = Instant::now();
+    while step == 0 || (step < WARM && begin.elapsed().as_secs_f64() < SECONDS) {
         stepper.step(task, &mut batches, step)?;
         step += 1;
     }
-    // What is counted is slower: it is not timed.
+    batches.take_waited();
+    let start = Instant::now();
     let (counted, flops) = riglab_torch::count_flops(|| stepper.step(task, &mut batches, step))
         .map_err(|e| TrainError::Task(e.to_string()))?;
-    counted?;
+    let mut tokens = tokens_of(&counted?, config);
     step += 1;
-    batches.take_waited();
-    let (start, mut waited, mut timed) = (Instant::now(), Duration::ZERO, 0);
-    while timed < TIMED.start || (timed < TIMED.end && start.elapsed().as_secs_f64() < SECONDS) {
-        stepper.step(task, &mut batches, step)?;
-        (step, timed) = (step + 1, timed + 1);
-        waited += batches.take_waited();
+    // Counting slows a step of many small products; of one that takes this long it is nothing.
+    let (mut took, mut waited, mut timed) = (start.elapsed(), batches.take_waited(), 1);
+    if took.as_secs_f64() < SECONDS {
+        let start = Instant::now();
+        (waited, timed) = (Duration::ZERO, 0);
+        while timed < TIMED.start || (timed < TIMED.end && start.elapsed().as_secs_f64() < SECONDS) {
+            let stepped = stepper.step(task, &mut batches, step)?;
+            (step, timed) = (step + 1, timed + 1);
+            waited += batches.take_waited();
+            tokens = tokens.zip(tokens_of(&stepped, config)).map(|(mean, own)| mean + (own - mean) / timed as f64);
+        }
+        took = start.elapsed();
     }
-    let took = start.elapsed();
     drop(batches);
+    let memory_mb = memory(params, config, &stepper, start_mb, peak_memory_mb());
     let step_seconds = took.saturating_sub(waited).as_secs_f64() / timed as f64;
-    let validations = if config.validate_every == 0 { 0 } else { config.steps.div_ceil(config.validate_every) };
-    let validation_seconds = if validations > 0 {
+    // The last step is validated in any case.
+    let validations = if config.validate_every == 0 { 1 } else { config.steps.div_ceil(config.validate_every) };
+    let validation_seconds = {
         let start = Instant::now();
         let _no_grad = tch::no_grad_guard();
         let at = At { seed: config.seed, step, batch: step * config.accumulate, ranks: &ALONE };
         task.validate(stepper.weights(params), at).map_err(TrainError::Task)?;
-        Some(start.elapsed().as_secs_f64())
-    } else {
-        None
+        start.elapsed().as_secs_f64()
     };
-    let seconds = config.steps as f64 * step_seconds + validations as f64 * validation_seconds.unwrap_or(0.0);
+    let seconds = config.steps as f64 * step_seconds + validations as f64 * validation_seconds;
     Ok(Estimate {
         parameters: params.numel(),
         parts: parts(params),
-        memory_mb: memory(params, config, &stepper),
-        peak_memory_mb: peak_memory_mb(),
+        memory_mb,
+        peak_memory_mb: before.max(peak_memory_mb()),
+        tokens,
         flops: flops as f64,
         step_seconds,
         waiting: waited.as_secs_f64() / took.as_secs_f64().max(1e-9),
@@ -112,7 +124,14 @@ fn parts(params: &Params) -> Vec<(String, usize)> {
     parts
 }
 
-fn memory(params: &Params, config: &TrainConfig, stepper: &Stepper<'_>) -> Vec<(String, f64)> {
+/// Tokens of a step: tasks note the mean over its batches.
+fn tokens_of(step: &Stepped, config: &TrainConfig) -> Option<f64> {
+    let mean = step.values.iter().find(|(name, _)| name == "train/tokens")?.1;
+    Some(mean * config.accumulate as f64)
+}
+
+/// What `most` MB of steps were, of which `start` were there before them, the weights included.
+fn memory(params: &Params, config: &TrainConfig, stepper: &Stepper<'_>, start: f64, most: f64) -> Vec<(String, f64)> {
     let mb = |bytes: usize| bytes as f64 / 1e6;
     let all = params.numel();
     let half = config.precision == Precision::Bf16;
@@ -122,11 +141,15 @@ fn memory(params: &Params, config: &TrainConfig, stepper: &Stepper<'_>) -> Vec<(
     if half {
         memory.push(("weights in bfloat16".into(), mb(2 * all)));
     }
+    // Those of bfloat16 weights come as such, and are widened one by one.
     memory.push(("gradients".into(), mb(if half && config.accumulate == 1 { 2 } else { 4 } * all)));
     memory.push(("optimizer".into(), mb(kept)));
     if stepper.ema.is_some() {
         memory.push(("moving average".into(), mb(4 * all)));
     }
+    memory.insert(0, ("program and data".into(), (start - mb(4 * all)).max(0.0)));
+    let known: f64 = memory.iter().map(|(_, mb)| mb).sum();
+    memory.push(("activations, batches".into(), (most - known).max(0.0)));
     memory
 }
 

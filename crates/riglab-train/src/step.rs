@@ -5,6 +5,7 @@ use std::sync::Arc;
 use riglab_nn::optim::{Ema, Optimizer, Pace, StepStats};
 use riglab_nn::params::{Params, Weights};
 use riglab_ranks::Ranks;
+use riglab_torch::TorchError;
 use tch::{Kind, Tensor};
 
 use crate::config::{Precision, TrainConfig};
@@ -68,7 +69,7 @@ impl<'a> Stepper<'a> {
             // Leaves of this pass alone, of the same memory: their gradients are listened to.
             _ => self.buckets.is_some().then(|| params.weights().cast(Kind::Float)),
         };
-        let weights = leaves.as_ref().unwrap_or(params.weights());
+        let weights = &leaves.as_ref().unwrap_or(params.weights()).recomputing(config.recompute);
         let share = 1.0 / config.accumulate as f64;
         let (own, ranks) = (self.deal.own(), self.ranks);
         // Sums of gradients that wait for others, and what each batch gave.
@@ -88,7 +89,7 @@ impl<'a> Stepper<'a> {
                     sums = vec![buckets.sum(ranks, &scaled, weights, &sums)?];
                 }
                 _ => {
-                    let mut sum = gradients(weights, &scaled, share != 1.0);
+                    let mut sum = gradients(weights, &scaled, share != 1.0)?;
                     for _ in 0..folds(self.deal.each(), micro - own.start) {
                         sum = sums.pop().into_iter().fold(sum, |sum, earlier| add(earlier, sum));
                     }
@@ -135,15 +136,16 @@ fn mean(all: impl Iterator<Item = Vec<(String, f64)>>, share: f64) -> Vec<(Strin
 
 /// Gradients of a loss; in single precision where others are `added` to them: sums of bfloat16 would lose what comes
 /// later.
-fn gradients(weights: &Weights, loss: &Tensor, added: bool) -> Vec<Tensor> {
+fn gradients(weights: &Weights, loss: &Tensor, added: bool) -> Result<Vec<Tensor>, TrainError> {
     let inputs: Vec<&Tensor> = weights.tensors().iter().collect();
-    let mut grads = Tensor::run_backward(&[loss], &inputs, false, false);
+    let mut grads = Tensor::f_run_backward(&[loss], &inputs, false, false)
+        .map_err(|e| TrainError::Task(TorchError::from(e).to_string()))?;
     if added {
         for g in grads.iter_mut().filter(|g| g.defined() && g.kind() == Kind::BFloat16) {
             *g = g.to_kind(Kind::Float);
         }
     }
-    grads
+    Ok(grads)
 }
 
 /// The sums of two lists.

@@ -295,7 +295,12 @@ impl Trainer<'_> {
 
 /// Peak memory of this process so far, in MB.
 pub(crate) fn peak_memory_mb() -> f64 {
+    status_mb("VmHWM:")
+}
+
+/// A line of what the system says of this process's memory, in MB.
+pub(crate) fn status_mb(key: &str) -> f64 {
     let text = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
-    let line = text.lines().find_map(|l| l.strip_prefix("VmHWM:"));
+    let line = text.lines().find_map(|l| l.strip_prefix(key));
     line.and_then(|l| l.trim().split(' ').next()?.parse::<f64>().ok()).map_or(f64::NAN, |kb| kb / 1e3)
 }

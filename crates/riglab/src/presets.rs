@@ -75,3 +75,92 @@ fn texts(dir: &'static Dir<'static>) -> Vec<(&'static str, &'static str)> {
     }
     all
 }
+
+#[cfg(test)]
+mod tests {
+    use riglab_nn::fsq_cvae::FsqCvae;
+    use riglab_nn::params::Builder;
+    use riglab_nn::skeleton::SkeletonModel;
+    use riglab_nn::tokenrig::{Layout, TokenRig};
+    use riglab_token::Tokenizer;
+
+    use super::*;
+    use crate::registry::TaskConfig;
+
+    /// Numbers of a network by the first part of their names, without making them.
+    fn count(name: &str) -> Vec<(String, i64)> {
+        let mut builder = Builder::default();
+        match TaskConfig::read(&load(name, &[]).unwrap()).unwrap() {
+            TaskConfig::FsqCvae(c) => drop(FsqCvae::new(builder.root(), &c.model).unwrap()),
+            TaskConfig::TokenRig(c) => {
+                let ids = Tokenizer::new(c.tokenizer.clone()).vocabulary().len();
+                let vae = if name.contains("released") { "released" } else { "paper" };
+                let vae = load(&format!("skintokens/fsq_cvae_{vae}.toml"), &[]).unwrap();
+                let TaskConfig::FsqCvae(vae) = TaskConfig::read(&vae).unwrap() else { panic!("an auto-encoder") };
+                let layout = Layout::new(ids, &vae.model.levels, c.model.head);
+                TokenRig::new(builder.root(), &c.model, &layout, c.skin.codes);
+            }
+            TaskConfig::UnirigSkeleton(c) => {
+                let ids = Tokenizer::new(c.tokenizer.clone()).vocabulary().len();
+                SkeletonModel::new(builder.root(), &c.model, ids);
+            }
+            _ => panic!("{name} is not counted here"),
+        }
+        let mut parts: Vec<(String, i64)> = Vec::new();
+        for (name, shape) in builder.shapes() {
+            let (part, numbers) = (name.split('.').next().unwrap(), shape.iter().product::<i64>());
+            match parts.iter_mut().find(|(known, _)| known == part) {
+                Some((_, sum)) => *sum += numbers,
+                None => parts.push((part.into(), numbers)),
+            }
+        }
+        println!("{name}: {} in {parts:?}", parts.iter().map(|(_, n)| n).sum::<i64>());
+        parts
+    }
+
+    fn all(parts: &[(String, i64)]) -> i64 {
+        parts.iter().map(|(_, n)| n).sum()
+    }
+
+    fn part(parts: &[(String, i64)], name: &str) -> i64 {
+        parts.iter().find(|(part, _)| part == name).map_or(0, |(_, n)| *n)
+    }
+
+    /// Michelangelo's encoder at a width of 512 for 51 encoded numbers and a normal: a block that reads others and
+    /// `layers` that read themselves, without biases of query, key and value.
+    fn perceiver(layers: i64) -> i64 {
+        let d = 512;
+        let (attention, norm) = (4 * d * d + d, 2 * d);
+        let mlp = 8 * d * d + 5 * d;
+        (54 + 1) * d + (attention + mlp + 3 * norm) + layers * (attention + mlp + 2 * norm) + norm
+    }
+
+    #[test]
+    fn networks_of_the_papers_have_the_released_sizes() {
+        // 121.8 million in the release (the paper says 110 M), whose codes have one axis less.
+        let (paper, released) = (count("skintokens/fsq_cvae_paper.toml"), count("skintokens/fsq_cvae_released.toml"));
+        assert_eq!((all(&released) + 50_000) / 100_000, 1218);
+        assert_eq!(all(&paper) - all(&released), 2 * 512 + 1);
+
+        // The release: 415 M and 28.8 M of shape encoder and projection. The paper's codebook is 31,232 rows larger, and
+        // the release tells one class more.
+        let (paper, released) = (count("skintokens/tokenrig_paper.toml"), count("skintokens/tokenrig_released.toml"));
+        let (d, inner, kv, ffn) = (896, 16 * 128, 8 * 128, 3072);
+        let layer = 2 * d * inner + 2 * d * kv + 2 * 128 + 3 * d * ffn + 2 * d;
+        assert_eq!(part(&released, "transformer"), 28 * layer + d + 33_036 * d);
+        assert_eq!((part(&released, "transformer") + 500_000) / 1_000_000, 415);
+        let before = part(&released, "mesh_encoder") + part(&released, "output_proj");
+        assert_eq!(before, perceiver(8) + (512 + 1) * d + d);
+        assert_eq!((before + 50_000) / 100_000, 288);
+        assert_eq!(all(&paper) - all(&released), (64_000 - 32_768 - 1) * d);
+
+        // OPT-350M's shape behind a perceiver of 16 blocks.
+        let released = count("unirig/skeleton_released.toml");
+        let d = 1024;
+        let layer = 4 * (d * d + d) + 2 * d * 4096 + 4096 + d + 2 * 2 * d;
+        let positions = (3076 + 2) * d;
+        assert_eq!(part(&released, "transformer"), 24 * layer + positions + 267 * d + 2 * d);
+        assert_eq!(part(&released, "mesh_encoder") + part(&released, "output_proj"), perceiver(16) + (512 + 1) * d);
+        assert_eq!(all(&released) / 1_000_000, 359);
+    }
+}

@@ -11,6 +11,7 @@ mod import;
 mod import_arrays;
 mod loader_ar;
 mod matmul_share;
+mod memory;
 mod metrics;
 mod mpi;
 mod prefix_step;
@@ -190,6 +191,11 @@ pub const CASES: [Case; 33] = [
         run: matmul_share::run,
     },
     Case {
+        name: "memory/tokenrig_paper",
+        about: "memory of a step of the paper's TokenRig, against transformers' Qwen3 with gradient checkpointing",
+        run: memory::run,
+    },
+    Case {
         name: "report",
         about: "a run's report in all forms, with pictures and rigs to be turned; nothing stands against it",
         run: report::run,
@@ -216,6 +222,7 @@ pub fn serve(case: &str) -> Result<()> {
         "export" => export::serve(),
         "geodesic" => geodesic::serve(),
         "loader_ar" => loader_ar::serve(),
+        "memory" => memory::serve(),
         "metrics" => metrics::serve(),
         "rewards" => rewards::serve(),
         "sample" => sample::serve(),

@@ -71,6 +71,7 @@ impl OptConfig {
     }
 }
 
+#[derive(Clone)]
 struct Layer {
     q: Linear,
     k: Linear,
@@ -80,6 +81,8 @@ struct Layer {
     up: Linear,
     down: Linear,
     norm_out: LayerNorm,
+    heads: i64,
+    dropout: f64,
 }
 
 /// The decoder.
@@ -90,7 +93,6 @@ pub struct Opt {
     norm: LayerNorm,
     heads: i64,
     frozen: i64,
-    dropout: f64,
     longest: i64,
 }
 
@@ -115,6 +117,8 @@ impl Opt {
                 up: of(at.sub("fc1"), Role::FeedForward, d, c.ffn),
                 down: of(at.sub("fc2"), Role::FeedForward, c.ffn, d),
                 norm_out: LayerNorm::new(at.sub("final_layer_norm"), d),
+                heads: c.heads as i64,
+                dropout: c.dropout,
             }
         };
         let layers = (0..c.layers).map(|k| layer(layers.sub(k))).collect();
@@ -125,7 +129,6 @@ impl Opt {
             norm: LayerNorm::new(at.sub("final_layer_norm"), d),
             heads: c.heads as i64,
             frozen: c.frozen_token.map_or(-1, i64::from),
-            dropout: c.dropout,
             longest: c.positions as i64,
         }
     }
@@ -151,15 +154,8 @@ impl Opt {
         let places = Tensor::from_slice(&packed.places()).to_device(x.device()) + OFFSET;
         let mut x = x + w[self.positions].index_select(0, &places);
         for layer in &self.layers {
-            let (q, k, v) = self.project(w, layer, &x);
-            let apart = |t: &Tensor| packed.apart(t);
-            let parts = apart(&q).into_iter().zip(apart(&k)).zip(apart(&v)).map(|((q, k), v)| {
-                // [t, h, e] as one batch row of heads.
-                let [q, k, v] = [q, k, v].map(|t| t.transpose(0, 1).unsqueeze(0));
-                mix(&q, &k, &v, true).squeeze_dim(0).transpose(0, 1)
-            });
-            let read = Tensor::cat(&parts.collect::<Vec<_>>(), 0).flatten(1, 2);
-            x = self.rest(w, layer, &x, &read, training);
+            let (layer, packed) = (layer.clone(), packed.clone());
+            x = w.block(&[&x], move |w, t| layer.forward(w, &t[0], &packed, training));
         }
         self.norm.forward(w, &x)
     }
@@ -171,7 +167,7 @@ impl Opt {
         let room = room.min(self.longest);
         let mut cache = Cache::new(self.layers.len(), rows, self.heads, room, width, table.kind(), table.device());
         // Once for all tokens to come: put together at each, they cost as much as the products.
-        cache.fused = self.layers.iter().map(|layer| self.fused(w, layer)).collect();
+        cache.fused = self.layers.iter().map(|layer| layer.fused(w)).collect();
         cache
     }
 
@@ -199,7 +195,7 @@ impl Opt {
             let (k, v) = cache.extend_both(number, &all.narrow(0, 1, 2));
             // Several tokens are read at once only at the beginning, one sees all before it.
             let read = mix(&q, &k, &v, t > 1).transpose(1, 2).reshape([rows * t, d]);
-            x = self.rest(w, layer, &x, &read, false);
+            x = layer.rest(w, &x, &read, false);
         }
         cache.advance(t);
         self.norm.forward(w, &x).view([rows, t, d])
@@ -242,12 +238,27 @@ impl Opt {
         cache.fused.clear();
         steps
     }
+}
+
+impl Layer {
+    /// Packed vectors [T, d] through the layer.
+    fn forward(&self, w: &Weights, x: &Tensor, packed: &Packed, training: bool) -> Tensor {
+        let (q, k, v) = self.project(w, x);
+        let apart = |t: &Tensor| packed.apart(t);
+        let parts = apart(&q).into_iter().zip(apart(&k)).zip(apart(&v)).map(|((q, k), v)| {
+            // [t, h, e] as one batch row of heads.
+            let [q, k, v] = [q, k, v].map(|t| t.transpose(0, 1).unsqueeze(0));
+            mix(&q, &k, &v, true).squeeze_dim(0).transpose(0, 1)
+        });
+        let read = Tensor::cat(&parts.collect::<Vec<_>>(), 0).flatten(1, 2);
+        self.rest(w, x, &read, training)
+    }
 
     /// Queries, keys and values of x [T, d], each [T, h, e].
-    fn project(&self, w: &Weights, layer: &Layer, x: &Tensor) -> (Tensor, Tensor, Tensor) {
-        let x = layer.norm.forward(w, x);
+    fn project(&self, w: &Weights, x: &Tensor) -> (Tensor, Tensor, Tensor) {
+        let x = self.norm.forward(w, x);
         // One product for all three: the weights are small beside the activations.
-        let fused = self.fused(w, layer);
+        let fused = self.fused(w);
         let mut parts =
             x.linear(&fused[0], Some(&fused[1])).view([x.size()[0], 3, self.heads, -1]).unbind(1).into_iter();
         let mut next = || parts.next().expect("three parts");
@@ -255,17 +266,17 @@ impl Opt {
     }
 
     /// Weights and biases of query, key and value as one.
-    fn fused(&self, w: &Weights, layer: &Layer) -> Vec<Tensor> {
-        let all = [&layer.q, &layer.k, &layer.v];
+    fn fused(&self, w: &Weights) -> Vec<Tensor> {
+        let all = [&self.q, &self.k, &self.v];
         let weight = Tensor::cat(&all.map(|l| &w[l.weight()]), 0);
         vec![weight, Tensor::cat(&all.map(|l| &w[l.bias().expect("OPT has biases")]), 0)]
     }
 
-    /// The output projection and the feed-forward layer.
-    fn rest(&self, w: &Weights, layer: &Layer, x: &Tensor, read: &Tensor, training: bool) -> Tensor {
+    /// The output projection and the feed-forward self.
+    fn rest(&self, w: &Weights, x: &Tensor, read: &Tensor, training: bool) -> Tensor {
         let drop = |t: Tensor| if training && self.dropout > 0.0 { t.dropout(self.dropout, true) } else { t };
-        let x = x + drop(layer.out.forward(w, read));
-        let inner = layer.up.forward(w, &layer.norm_out.forward(w, &x)).relu();
-        &x + drop(layer.down.forward(w, &inner))
+        let x = x + drop(self.out.forward(w, read));
+        let inner = self.up.forward(w, &self.norm_out.forward(w, &x)).relu();
+        &x + drop(self.down.forward(w, &inner))
     }
 }

@@ -100,6 +100,7 @@ const GAINS: usize = 1;
 /// Weights of the feed-forward layer's gates and of what they let through.
 const GATE_UP: usize = 2;
 
+#[derive(Clone)]
 struct Layer {
     q: Linear,
     k: Linear,
@@ -112,6 +113,10 @@ struct Layer {
     down: Linear,
     norm: RmsNorm,
     norm_mlp: RmsNorm,
+    heads: usize,
+    kv_heads: usize,
+    head_width: usize,
+    dropout: f64,
 }
 
 /// The decoder, without the table that scores tokens: see [`Self::logits`].
@@ -150,7 +155,8 @@ impl Qwen {
             );
             let norm = RmsNorm::new(at.sub("input_layernorm"), d, c.rms_eps);
             let norm_mlp = RmsNorm::new(at.sub("post_attention_layernorm"), d, c.rms_eps);
-            Layer { q, k, v, out, norm_q, norm_k, gate, up, down, norm, norm_mlp }
+            let &QwenConfig { heads, kv_heads, head_width, dropout, .. } = c;
+            Layer { q, k, v, out, norm_q, norm_k, gate, up, down, norm, norm_mlp, heads, kv_heads, head_width, dropout }
         };
         let mut layers = at.sub("layers");
         let layers = (0..c.layers).map(|k| layer(layers.sub(k))).collect();
@@ -183,16 +189,8 @@ impl Qwen {
         let angles = self.angles(&packed.places(), x);
         let mut x = x.shallow_clone();
         for layer in &self.layers {
-            let fused = self.fused(w, layer);
-            let (q, k, v) = self.project(w, layer, &fused, &x, &angles);
-            let apart = |t: &Tensor| packed.apart(t);
-            let parts = apart(&q).into_iter().zip(apart(&k)).zip(apart(&v)).map(|((q, k), v)| {
-                // [t, h, e] as one batch row of heads.
-                let [q, k, v] = [q, k, v].map(|t| t.transpose(0, 1).unsqueeze(0));
-                mix(&q, &self.shared(&k), &self.shared(&v), true).squeeze_dim(0).transpose(0, 1)
-            });
-            let read = Tensor::cat(&parts.collect::<Vec<_>>(), 0).flatten(1, 2);
-            x = self.rest(w, layer, &fused, &x, &read, training);
+            let (layer, angles, packed) = (layer.clone(), angles.shared(), packed.clone());
+            x = w.block(&[&x], move |w, t| layer.forward(w, &t[0], &angles, &packed, training));
         }
         self.norm.forward(w, &x)
     }
@@ -204,7 +202,7 @@ impl Qwen {
         let (heads, width) = (c.kv_heads as i64, c.head_width as i64);
         let mut cache = Cache::new(self.layers.len(), rows, heads, room, width, table.kind(), table.device());
         // Once for all tokens to come: put together at each, they cost as much as the products.
-        cache.fused = self.layers.iter().map(|layer| self.fused(w, layer)).collect();
+        cache.fused = self.layers.iter().map(|layer| layer.fused(w)).collect();
         cache.angles = Some(self.angles(&(0..room).collect::<Vec<_>>(), table));
         cache
     }
@@ -225,7 +223,7 @@ impl Qwen {
         let mut x = x.shallow_clone();
         let (kv, group) = (c.kv_heads as i64, (c.heads / c.kv_heads) as i64);
         for (number, layer) in self.layers.iter().enumerate() {
-            let (q, k, v) = self.project(w, layer, &cache.fused[number], &x, &angles);
+            let (q, k, v) = layer.project(w, &cache.fused[number], &x, &angles);
             let [q, k, v] = [q, k, v].map(|p| p.transpose(1, 2));
             let (k, v) = cache.extend(number, &k, &v);
             let read = if t == 1 {
@@ -233,10 +231,10 @@ impl Qwen {
                 let q = q.reshape([rows, kv, group, -1]);
                 mix(&q, &k, &v, false).reshape([rows, 1, -1])
             } else {
-                let read = mix(&q, &self.shared(&k), &self.shared(&v), true);
+                let read = mix(&q, &layer.shared(&k), &layer.shared(&v), true);
                 read.transpose(1, 2).reshape([rows, t, -1])
             };
-            x = self.rest(w, layer, &cache.fused[number], &x, &read, false);
+            x = layer.rest(w, &cache.fused[number], &x, &read, false);
         }
         cache.advance(t);
         self.norm.forward(w, &x).view([rows, t, d])
@@ -281,52 +279,59 @@ impl Qwen {
     fn angles(&self, places: &[i64], x: &Tensor) -> Angles {
         Angles::new(places, self.config.head_width as i64, self.config.rope_theta, x.kind(), x.device())
     }
+}
+
+impl Layer {
+    /// Packed vectors [T, d] through the self.
+    fn forward(&self, w: &Weights, x: &Tensor, angles: &Angles, packed: &Packed, training: bool) -> Tensor {
+        let fused = self.fused(w);
+        let (q, k, v) = self.project(w, &fused, x, angles);
+        let apart = |t: &Tensor| packed.apart(t);
+        let parts = apart(&q).into_iter().zip(apart(&k)).zip(apart(&v)).map(|((q, k), v)| {
+            // [t, h, e] as one batch row of heads.
+            let [q, k, v] = [q, k, v].map(|t| t.transpose(0, 1).unsqueeze(0));
+            mix(&q, &self.shared(&k), &self.shared(&v), true).squeeze_dim(0).transpose(0, 1)
+        });
+        let read = Tensor::cat(&parts.collect::<Vec<_>>(), 0).flatten(1, 2);
+        self.rest(w, &fused, x, &read, training)
+    }
 
     /// Heads of keys or values [b, kv, s, e] for every head of queries [b, h, s, e].
     fn shared(&self, x: &Tensor) -> Tensor {
-        let group = (self.config.heads / self.config.kv_heads) as i64;
+        let group = (self.heads / self.kv_heads) as i64;
         if group == 1 { x.shallow_clone() } else { x.repeat_interleave_self_int(group, 1, None::<i64>) }
     }
 
-    /// Weights of a layer as few: see [`QKV`], [`GAINS`], [`GATE_UP`].
-    fn fused(&self, w: &Weights, layer: &Layer) -> Vec<Tensor> {
+    /// The weights as few: see [`QKV`], [`GAINS`], [`GATE_UP`].
+    fn fused(&self, w: &Weights) -> Vec<Tensor> {
         let weights = |all: &[&Linear]| Tensor::cat(&all.iter().map(|l| &w[l.weight()]).collect::<Vec<_>>(), 0);
         let gain = |norm: &RmsNorm, heads: usize| norm.gain(w).unsqueeze(0).expand([heads as i64, -1], false);
-        let gains =
-            Tensor::cat(&[gain(&layer.norm_q, self.config.heads), gain(&layer.norm_k, self.config.kv_heads)], 0);
-        vec![weights(&[&layer.q, &layer.k, &layer.v]), gains, weights(&[&layer.gate, &layer.up])]
+        let gains = Tensor::cat(&[gain(&self.norm_q, self.heads), gain(&self.norm_k, self.kv_heads)], 0);
+        vec![weights(&[&self.q, &self.k, &self.v]), gains, weights(&[&self.gate, &self.up])]
     }
 
     /// Queries [.., h, e], keys and values [.., kv, e] of x [.., d], turned by their places.
-    fn project(
-        &self,
-        w: &Weights,
-        layer: &Layer,
-        fused: &[Tensor],
-        x: &Tensor,
-        angles: &Angles,
-    ) -> (Tensor, Tensor, Tensor) {
-        let c = &self.config;
-        let x = layer.norm.forward(w, x);
+    fn project(&self, w: &Weights, fused: &[Tensor], x: &Tensor, angles: &Angles) -> (Tensor, Tensor, Tensor) {
+        let x = self.norm.forward(w, x);
         // One product for all three: the weights are small beside the activations.
         let all = x.linear(&fused[QKV], None::<&Tensor>);
         let mut size = all.size();
         size.pop();
-        size.extend([-1, c.head_width as i64]);
+        size.extend([-1, self.head_width as i64]);
         let all = all.view(size.as_slice());
-        let (heads, kv) = (c.heads as i64, c.kv_heads as i64);
+        let (heads, kv) = (self.heads as i64, self.kv_heads as i64);
         // Queries and keys are normed and turned as one, each head with its own gain.
-        let both = angles.turn(&(layer.norm_q.plain(&all.narrow(-2, 0, heads + kv)) * &fused[GAINS]));
+        let both = angles.turn(&(self.norm_q.plain(&all.narrow(-2, 0, heads + kv)) * &fused[GAINS]));
         (both.narrow(-2, 0, heads), both.narrow(-2, heads, kv), all.narrow(-2, heads + kv, kv))
     }
 
-    /// The output projection and the feed-forward layer.
-    fn rest(&self, w: &Weights, layer: &Layer, fused: &[Tensor], x: &Tensor, read: &Tensor, training: bool) -> Tensor {
-        let p = self.config.dropout;
+    /// The output projection and the feed-forward self.
+    fn rest(&self, w: &Weights, fused: &[Tensor], x: &Tensor, read: &Tensor, training: bool) -> Tensor {
+        let p = self.dropout;
         let drop = |t: Tensor| if training && p > 0.0 { t.dropout(p, true) } else { t };
-        let x = x + drop(layer.out.forward(w, read));
-        let inner = layer.norm_mlp.forward(w, &x);
+        let x = x + drop(self.out.forward(w, read));
+        let inner = self.norm_mlp.forward(w, &x);
         let halves = inner.linear(&fused[GATE_UP], None::<&Tensor>).chunk(2, -1);
-        &x + drop(layer.down.forward(w, &(halves[0].silu() * &halves[1])))
+        &x + drop(self.down.forward(w, &(halves[0].silu() * &halves[1])))
     }
 }

@@ -27,6 +27,11 @@ impl Angles {
         Self { cos: self.cos.narrow(0, start, count), sin: self.sin.narrow(0, start, count) }
     }
 
+    /// The same tensors.
+    pub fn shared(&self) -> Self {
+        Self { cos: self.cos.shallow_clone(), sin: self.sin.shallow_clone() }
+    }
+
     /// Cosines and sines as plain numbers, [t, e] each.
     pub fn floats(&self) -> [Vec<f32>; 2] {
         [&self.cos, &self.sin].map(floats)

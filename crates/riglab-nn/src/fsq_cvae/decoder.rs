@@ -101,13 +101,12 @@ impl Decoder {
             tokens = Tensor::cat(&[tokens, per_bone(cond, m)], 1);
         }
         for block in &self.blocks {
-            let keys = (!self.concat).then(|| block.keys(w, cond));
-            tokens = block.forward(w, &tokens, keys.as_ref());
+            tokens = block.read(w, &tokens, (!self.concat).then_some(cond));
         }
 
         let mut x = self.proj_query.forward(w, features);
         for block in &self.shape_points {
-            x = block.forward(w, &x, Some(&block.keys(w, cond)));
+            x = block.read(w, &x, Some(cond));
         }
         if let (Some(layer), Some(geometry)) = (&self.bone_points, geometry) {
             x = per_bone(&x, m) + layer.forward(w, &geometry.points.to_kind(w.kind()));
@@ -117,7 +116,7 @@ impl Decoder {
             x = per_bone(&x, m) + layer.forward(w, &seen.to_kind(w.kind()));
         }
         for block in &self.points {
-            x = block.forward(w, &x, Some(&block.keys(w, &tokens)));
+            x = block.read(w, &x, Some(&tokens));
         }
         let x = self.norm_out.forward(w, &x);
         let logits = self.proj_out.forward(w, &x).squeeze_dim(-1).to_kind(float(w));

@@ -66,9 +66,9 @@ impl Encoder {
                 table.unsqueeze(0).expand([batch, -1, -1], false)
             }
         };
-        let mut tokens = self.cross.forward(w, &start, Some(&self.cross.keys(w, &x)));
+        let mut tokens = self.cross.read(w, &start, Some(&x));
         for block in &self.own {
-            tokens = block.forward(w, &tokens, None);
+            tokens = block.read(w, &tokens, None);
         }
         self.norm_out.forward(w, &tokens)
     }

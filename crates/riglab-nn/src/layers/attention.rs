@@ -21,6 +21,7 @@ pub enum HeadSplit {
 
 /// Attention of queries x over keys and values y; without y over x itself. The projections of
 /// query, key and value have no bias, the output has one. No mask.
+#[derive(Clone)]
 pub struct Attention {
     to_q: Linear,
     to_k: Linear,

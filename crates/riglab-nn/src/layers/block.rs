@@ -7,6 +7,7 @@ use super::{Attention, HeadSplit, LayerNorm, Linear};
 use crate::params::{Role, Scope, Weights};
 
 /// Linear, GELU (by erf), Linear.
+#[derive(Clone)]
 pub struct FeedForward {
     up: Linear,
     down: Linear,
@@ -56,6 +57,7 @@ pub struct BlockConfig {
 }
 
 /// x += Attn(LN(x)) for each attention, then x += FF(LN(x)).
+#[derive(Clone)]
 pub struct Block {
     own: Option<(LayerNorm, Attention)>,
     other: Option<(LayerNorm, LayerNorm, Attention)>,
@@ -89,6 +91,15 @@ impl Block {
     pub fn keys(&self, w: &Weights, y_bsc: &Tensor) -> KeyValue {
         let (_, norm_cross, attention) = self.other.as_ref().expect("a block that attends to other tokens");
         attention.keys(w, &norm_cross.forward(w, y_bsc))
+    }
+
+    /// x [b, t, d] through the block, which reads the other tokens [b, s, c] if it does: as one of a deep stack.
+    pub fn read(&self, w: &Weights, x: &Tensor, others: Option<&Tensor>) -> Tensor {
+        let (block, inputs) = (self.clone(), std::iter::once(x).chain(others).collect::<Vec<_>>());
+        w.block(&inputs, move |w, t| {
+            let keys = t.get(1).map(|others| block.keys(w, others));
+            block.forward(w, &t[0], keys.as_ref())
+        })
     }
 
     /// x [b, t, d] through the block.

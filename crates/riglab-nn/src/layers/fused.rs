@@ -8,6 +8,7 @@ use super::{LayerNorm, Linear};
 use crate::params::{Role, Scope, Weights};
 
 /// What a fused block attends to.
+#[derive(Clone)]
 enum Reads {
     /// Itself: one matrix whose rows are, head by head, query, key and value.
     Itself(Linear),
@@ -16,6 +17,7 @@ enum Reads {
 }
 
 /// x += Attn(LN(x)), x += MLP(LN(x)), the MLP four times as wide with GELU by erf.
+#[derive(Clone)]
 pub struct FusedBlock {
     reads: Reads,
     proj: Linear,
@@ -79,6 +81,11 @@ impl FusedBlock {
 
     /// x [b, t, d] through the block; `others` [b, s, d] where it reads them.
     pub fn forward(&self, w: &Weights, x: &Tensor, others: Option<&Tensor>) -> Tensor {
+        let (block, inputs) = (self.clone(), std::iter::once(x).chain(others).collect::<Vec<_>>());
+        w.block(&inputs, move |w, t| block.compute(w, &t[0], t.get(1)))
+    }
+
+    fn compute(&self, w: &Weights, x: &Tensor, others: Option<&Tensor>) -> Tensor {
         let (b, t, d) = x.size3().expect("three axes");
         let own = self.norm_1.forward(w, x);
         let parts = |y: Tensor, n: i64| {

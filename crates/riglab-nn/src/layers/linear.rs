@@ -5,6 +5,7 @@ use tch::{Kind, Tensor};
 use crate::params::{Init, ParamId, Role, Scope, Weights};
 
 /// y = x Wᵀ + b, with W of shape [out, in].
+#[derive(Clone)]
 pub struct Linear {
     weight: ParamId,
     bias: Option<ParamId>,
@@ -46,6 +47,7 @@ impl Linear {
 }
 
 /// Layer norm over the last axis with gain and bias; eps 1e-5.
+#[derive(Clone)]
 pub struct LayerNorm {
     weight: ParamId,
     bias: ParamId,
@@ -74,6 +76,7 @@ impl LayerNorm {
 }
 
 /// Root-mean-square norm over the last axis with a gain: x / √(mean x² + eps) · g, computed in at least f32.
+#[derive(Clone)]
 pub struct RmsNorm {
     weight: ParamId,
     eps: f64,

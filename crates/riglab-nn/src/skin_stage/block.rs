@@ -6,6 +6,7 @@ use crate::layers::{LayerNorm, Linear, mix};
 use crate::params::{Role, Scope, Weights};
 
 /// x = LN(x + Attn(x, y)), x = LN(x + FF(x)), the feed-forward layer four times as wide with GELU; all with biases.
+#[derive(Clone)]
 pub struct PostBlock {
     q: Linear,
     kv: Linear,
@@ -39,6 +40,11 @@ impl PostBlock {
 
     /// x [b, t, d] that reads y [b, s, d].
     pub fn forward(&self, w: &Weights, x: &Tensor, y: &Tensor) -> Tensor {
+        let block = self.clone();
+        w.block(&[x, y], move |w, t| block.compute(w, &t[0], &t[1]))
+    }
+
+    fn compute(&self, w: &Weights, x: &Tensor, y: &Tensor) -> Tensor {
         let (b, t, d) = x.size3().expect("three axes");
         let per = d / self.heads;
         let q = self.q.forward(w, x).view([b, t, self.heads, per]).transpose(1, 2);

@@ -84,6 +84,20 @@ fn loss(net: &SkinModel, c: &SkinModelConfig, w: &Weights, case: &Case) -> Tenso
 
 /// Gradients by parameters and inputs along a random direction, against central differences in double precision.
 #[test]
+fn blocks_computed_again_give_the_same_gradients() {
+    for encoder in [PointEncoder::Light, PointEncoder::Ptv3] {
+        let c = config(encoder);
+        let ((net, params), case) = (built(&c, Kind::Double), case());
+        let of = |w: &Weights| {
+            let leaves: Vec<&Tensor> = w.tensors().iter().collect();
+            Tensor::run_backward(&[loss(&net, &c, w, &case)], &leaves, false, false)
+        };
+        let (plain, again) = (of(params.weights()), of(&params.weights().recomputing(true)));
+        assert!(plain.iter().zip(&again).all(|(a, b)| a.defined() == b.defined() && (!a.defined() || a.equal(b))));
+    }
+}
+
+#[test]
 fn gradients_match_finite_differences() {
     riglab_torch::init(riglab_torch::Settings { threads: 1 });
     for encoder in [PointEncoder::Light, PointEncoder::Ptv3] {

@@ -16,6 +16,10 @@ pub struct TokenRigConfig {
     pub decoder: QwenConfig,
     /// How skin codes are scored.
     pub head: Head,
+    /// Places that [`Head::Flat`] scores at once in a loss: the scores of a batch over the whole vocabulary are its
+    /// largest tensors. What is scored in runs is scored again in the backward pass; sums differ by rounding. 0: all at
+    /// once.
+    pub scored_at_once: usize,
     /// Each code's place is told which joint it belongs to: where that and its parent are, and which of the
     /// bone's codes it is (an extension). Otherwise the network counts.
     pub tell_joint: bool,
@@ -24,7 +28,7 @@ pub struct TokenRigConfig {
 impl Default for TokenRigConfig {
     fn default() -> Self {
         let shape = PerceiverConfig { tokens: 512, layers: 8, ..PerceiverConfig::default() };
-        Self { shape, decoder: QwenConfig::default(), head: Head::Flat, tell_joint: false }
+        Self { shape, decoder: QwenConfig::default(), head: Head::Flat, scored_at_once: 0, tell_joint: false }
     }
 }
 

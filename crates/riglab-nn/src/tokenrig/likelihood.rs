@@ -43,25 +43,32 @@ impl TokenRig {
         let mut entropies: Vec<Tensor> = Vec::with_capacity(3);
         match &self.levels {
             None => {
-                let whole = |rows: &Tensor| self.logits(w, &pick(asked.hidden, rows));
-                let mut add = |likely: Tensor, rows: &Tensor| {
-                    log.push(own(&likely, &pick(asked.targets, rows)));
-                    entropies.push(entropy(&likely));
+                let mut add = |mut found: Vec<Tensor>| {
+                    entropies.extend(found.pop().map(|t| t.detach()));
+                    log.append(&mut found);
+                };
+                let both = move |likely: Tensor, targets: &Tensor| {
+                    let own = likely.gather(1, &targets.unsqueeze(1), false).squeeze_dim(1);
+                    vec![own, entropy(&likely)]
                 };
                 match choices {
                     None => {
                         for rows in [&of_skeleton, &of_skin, &of_end] {
-                            add(log_softmax_within(&whole(rows), None, temperature), rows);
+                            let rows = [&pick(asked.hidden, rows), &pick(asked.targets, rows)];
+                            add(self
+                                .scored(w, &rows, move |s, t| both(log_softmax_within(s, None, temperature), &t[0])));
                         }
                     }
                     Some(choices) => {
                         // Each part is drawn from its own ids, which are those that need scores.
-                        let scores = whole(&of_skeleton).narrow(1, 0, first);
-                        add(log_softmax_within(&scores, Some(choices.skeleton), temperature), &of_skeleton);
-                        let scores = whole(&of_skin).narrow(1, first, self.layout.codes());
-                        let likely = log_softmax_within(&scores, None, temperature);
-                        log.push(own(&likely, &(pick(asked.targets, &of_skin) - first)));
-                        entropies.push(entropy(&likely));
+                        add(self.scored(w, &[&hidden, &targets, choices.skeleton], move |s, t| {
+                            both(log_softmax_within(&s.narrow(1, 0, first), Some(&t[1]), temperature), &t[0])
+                        }));
+                        let codes = self.layout.codes();
+                        let rows = [&pick(asked.hidden, &of_skin), &(pick(asked.targets, &of_skin) - first)];
+                        add(self.scored(w, &rows, move |s, t| {
+                            both(log_softmax_within(&s.narrow(1, first, codes), None, temperature), &t[0])
+                        }));
                     }
                 }
             }

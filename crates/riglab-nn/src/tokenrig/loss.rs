@@ -44,6 +44,30 @@ impl TokenRig {
         float(&self.decoder.logits(w, hidden))
     }
 
+    /// `of` the scores of all ids [m, v], in f32, and of the other rows; `rows[0]` are vectors [m, d]. Rows go in runs of
+    /// as many as are scored at once.
+    pub(super) fn scored(
+        &self,
+        w: &Weights,
+        rows: &[&Tensor],
+        of: impl Fn(&Tensor, &[Tensor]) -> Vec<Tensor> + Clone + Send + 'static,
+    ) -> Vec<Tensor> {
+        let (count, step, table) = (rows[0].size()[0], self.scored_at_once, self.decoder.table());
+        let part = move |w: &Weights, rows: &[Tensor]| {
+            let scores = float(&rows[0].linear(&w[table], None::<&Tensor>));
+            of(&scores, &rows[1..])
+        };
+        if step == 0 || count <= step {
+            return part(w, &rows.iter().map(|t| t.shallow_clone()).collect::<Vec<_>>());
+        }
+        let runs = (0..count).step_by(step as usize).map(|start| {
+            let own: Vec<Tensor> = rows.iter().map(|t| t.narrow(0, start, step.min(count - start))).collect();
+            w.again(&own.iter().collect::<Vec<_>>(), part.clone())
+        });
+        let runs: Vec<Vec<Tensor>> = runs.collect();
+        (0..runs[0].len()).map(|k| Tensor::cat(&runs.iter().map(|run| &run[k]).collect::<Vec<_>>(), 0)).collect()
+    }
+
     /// The cross-entropies of both parts.
     pub fn losses(&self, w: &Weights, asked: &Asked) -> Parts {
         let first = self.layout.skeleton();
@@ -54,9 +78,16 @@ impl TokenRig {
         let skeleton_targets = pick(asked.targets, &of_skeleton);
         let (skeleton, skin) = match &self.levels {
             None => {
-                let likely = self.logits(w, asked.hidden).log_softmax(-1, None::<Kind>);
-                let skin = pick(&likely, &of_skin).gather(1, &pick(asked.targets, &of_skin).unsqueeze(1), false);
-                (spread_likelihood(&pick(&likely, &of_skeleton), &skeleton_targets, asked.bins, asked.spread), -skin)
+                let (bins, spread) = (asked.bins, asked.spread);
+                let skeleton = self.scored(w, &[&pick(asked.hidden, &of_skeleton), &skeleton_targets], move |s, t| {
+                    vec![spread_likelihood(&s.log_softmax(-1, None::<Kind>), &t[0], bins, spread)]
+                });
+                let targets = pick(asked.targets, &of_skin);
+                let skin = self.scored(w, &[&pick(asked.hidden, &of_skin), &targets], |s, t| {
+                    vec![-s.log_softmax(-1, None::<Kind>).gather(1, &t[0].unsqueeze(1), false).squeeze_dim(1)]
+                });
+                let [skeleton, skin] = [skeleton, skin].map(|mut parts| parts.remove(0));
+                (skeleton, skin)
             }
             Some(levels) => {
                 let table = w[self.decoder.table()].narrow(0, 0, first);

@@ -39,6 +39,7 @@ pub struct TokenRig {
     levels: Option<Levels>,
     joints: Option<Joints>,
     layout: Layout,
+    scored_at_once: i64,
 }
 
 /// Tables of [`Head::Levels`], each [Σ levels (+ 1), d].
@@ -99,7 +100,8 @@ impl TokenRig {
             let linear = Linear::plain(at.sub("joint"), Role::Projection, input, d, std);
             Joints { embedding, linear, slots: slots as i64 }
         });
-        Self { shape, to_decoder, norm, decoder, levels, joints, layout: layout.clone() }
+        let (layout, scored_at_once) = (layout.clone(), c.scored_at_once as i64);
+        Self { shape, to_decoder, norm, decoder, levels, joints, layout, scored_at_once }
     }
 
     /// The ids.

@@ -214,9 +214,12 @@ impl Visitor for DryRun<'_> {
         say!("parameters          {:>12}", found.parameters);
         found.parts.iter().for_each(|(name, count)| say!("  {name:18}{count:>12}"));
         say!("memory              {:>9.0} MB at most", found.peak_memory_mb);
-        found.memory_mb.iter().for_each(|(name, mb)| say!("  {name:18}{mb:>9.1} MB"));
+        found.memory_mb.iter().for_each(|(name, mb)| say!("  {name:20}{mb:>7.0} MB"));
         let (speed, most) = (found.flops / found.step_seconds, product_speed(train.precision));
         say!("a step              {:>9.3} s (mean of {})", found.step_seconds, found.timed);
+        if let Some(tokens) = found.tokens {
+            say!("  tokens            {tokens:>12.0}");
+        }
         say!(
             "  products          {:>9.2} GFLOP, {:.0} GFLOP/s: {:.0} % of what large ones reach here with {} threads",
             found.flops / 1e9,
@@ -224,9 +227,7 @@ impl Visitor for DryRun<'_> {
             100.0 * speed / most,
             self.threads
         );
-        if let Some(seconds) = found.validation_seconds {
-            say!("a validation        {seconds:>9.1} s");
-        }
+        say!("a validation        {:>9.1} s", found.validation_seconds);
         say!("the run             {:>9} for {} steps", time(found.seconds), train.steps);
         if found.waiting > 0.05 {
             say!(

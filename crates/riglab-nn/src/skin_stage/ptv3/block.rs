@@ -8,6 +8,7 @@ use crate::layers::{LayerNorm, Linear, mix};
 use crate::params::{Role, Scope, Weights};
 
 /// x += LN(L(conv(x))), x += Attn(LN(x)) within patches, x += MLP(LN(x)).
+#[derive(Clone)]
 pub struct Block {
     cpe: (SubmConv, Linear, LayerNorm),
     norm1: LayerNorm,
@@ -47,6 +48,11 @@ impl Block {
 
     /// x [n, c] through the block.
     pub fn forward(&self, w: &Weights, x: &Tensor, places: &Places) -> Tensor {
+        let (block, places) = (self.clone(), places.shared());
+        w.block(&[x], move |w, t| block.compute(w, &t[0], &places))
+    }
+
+    fn compute(&self, w: &Weights, x: &Tensor, places: &Places) -> Tensor {
         let x = x + self.placed(w, x, places);
         let x = &x + self.attended(w, &x, places);
         &x + self.down.forward(w, &self.up.forward(w, &self.norm2.forward(w, &x)).gelu("none"))

@@ -26,6 +26,12 @@ impl TapTensors {
         all.sort_by_key(|t| t.0);
         Self { side: taps.side as i64, taps: all }
     }
+
+    /// The same tensors.
+    pub(super) fn shared(&self) -> Self {
+        let taps = self.taps.iter().map(|(k, read, written)| (*k, read.shallow_clone(), written.shallow_clone()));
+        Self { side: self.side, taps: taps.collect() }
+    }
 }
 
 /// Submanifold convolution: out[p] = Σ_k W[k] in[p + k - middle] + b over occupied cells (Graham and van der
@@ -33,6 +39,7 @@ impl TapTensors {
 ///
 /// One product a tap, added up in the order of taps: within a tap each point is written by one other unless
 /// cells have several points, so the sum is the same on every run.
+#[derive(Clone)]
 pub struct SubmConv {
     weight: ParamId,
     bias: Option<ParamId>,

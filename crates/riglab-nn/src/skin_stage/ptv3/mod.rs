@@ -157,6 +157,14 @@ impl Places {
         }
     }
 
+    /// The same tensors.
+    fn shared(&self) -> Self {
+        let view =
+            |v: &View| View { take: v.take.shallow_clone(), back: v.back.shallow_clone(), lengths: v.lengths.clone() };
+        let views = self.views.iter().map(|(&patch, views)| (patch, views.iter().map(view).collect()));
+        Self { stem: self.stem.shared(), blocks: self.blocks.shared(), views: views.collect() }
+    }
+
     pub(crate) fn view(&self, patch: usize, turn: usize) -> &View {
         &self.views[&patch][turn % Curve::ALL.len()]
     }

@@ -1,0 +1,24 @@
+// What the files of the shim share: errors of libtorch become a code, and a message kept for `rl_error`.
+
+#pragma once
+
+#include <c10/util/Exception.h>
+#include <exception>
+#include <string>
+
+inline thread_local std::string last_error;
+
+template <typename F>
+int guarded(F body) {
+  try {
+    body();
+    return 0;
+  } catch (const c10::Error& e) {
+    last_error = e.what_without_backtrace();
+  } catch (const std::exception& e) {
+    last_error = e.what();
+  } catch (...) {
+    last_error = "unknown C++ exception";
+  }
+  return 1;
+}
