@@ -2,6 +2,10 @@
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
+
+/// Signals so close together are one wish: a cluster tells every process of a job, and those that run others pass it on.
+const ONE_WISH: Duration = Duration::from_secs(1);
 
 /// A wish to stop, shared by whoever has it.
 #[derive(Clone, Default)]
@@ -13,7 +17,13 @@ impl Interrupt {
     pub fn listening() -> Self {
         let interrupt = Self::default();
         let raised = interrupt.0.clone();
+        let mut told: Option<Instant> = None;
         let _ = ctrlc::set_handler(move || {
+            let close = told.is_some_and(|at| at.elapsed() < ONE_WISH);
+            told.get_or_insert_with(Instant::now);
+            if close {
+                return;
+            }
             if raised.swap(true, Ordering::SeqCst) {
                 riglab_files::leave(130);
             }
