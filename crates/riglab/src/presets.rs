@@ -22,6 +22,11 @@ pub fn load(name: &str, sets: &[String]) -> Result<Config, ConfigError> {
     }
 }
 
+/// Reads a text as a config, called `name` in messages.
+pub fn parse(name: &str, text: &str, sets: &[String]) -> Result<Config, ConfigError> {
+    Loader::new().parse(name, text, sets)
+}
+
 /// Loads a building block by itself: a file, or one of `configs/` that is compiled in by its name
 /// (`curation/rig_xl.toml`).
 pub fn load_block(name: &str, sets: &[String]) -> Result<Config, ConfigError> {
