@@ -7,11 +7,12 @@ use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Output;
+use std::time::Duration;
 
 use binary::{config, corpus, must, refusal, riglab, text};
 use cluster::Cluster;
 
-/// With this variable set, the sweep has twelve arms of three seeds, and a training runs into its time limit.
+/// With this variable set, the sweep has twelve arms of three seeds, and a training runs into its time limit: minutes.
 const FULL: &str = "RIGLAB_SLURM_FULL";
 
 #[test]
@@ -28,9 +29,7 @@ fn work_on_a_cluster_ends_as_it_does_here() {
     sweep(dir.path(), &base, &mut cluster);
     training(dir.path(), &base, &cluster);
     curation(dir.path(), &cluster);
-    if std::env::var_os(FULL).is_some() {
-        time_limit(dir.path(), &base, &cluster);
-    }
+    processes(dir.path(), &cluster);
 }
 
 /// Arms by seeds as arrays; a node is drained, the controller restarted, a task requeued, one told that its time ends,
@@ -128,18 +127,48 @@ fn curation(dir: &Path, cluster: &Cluster) {
     assert!(said.contains("has to lie outside"), "{said}");
 }
 
-/// A training whose time is never enough goes on until it is done; one that never gets anywhere is given up.
-fn time_limit(dir: &Path, base: &Path, cluster: &Cluster) {
-    let (here, there) = (dir.join("whole"), dir.join("runs/limited"));
-    let steps = ["--set", "train.steps=2500", "--set", "train.validate_every=0"];
-    must(&[&["train", text(base), "--run", text(&here)], &steps[..]].concat());
-    let limits = ["--set", "slurm.time=1", "--set", "slurm.signal_seconds=50"];
-    let args = ["train", text(base), "--run", text(&there), "--on", "slurm", "--wait"];
-    on(cluster, &[&args[..], &steps, &limits].concat());
+/// Several processes of a task hear what it is told, and may end by themselves.
+fn processes(dir: &Path, cluster: &Cluster) {
+    let (script, log) = (dir.join("two.sh"), dir.join("two.log"));
+    let own = "trap 'echo told; exit 130' TERM; echo begun; sleep 60 & wait";
+    let lines = [
+        "#!/bin/bash",
+        "#SBATCH --ntasks=2",
+        &format!("#SBATCH --output={}", log.display()),
+        &format!("exec {} slurm-task srun -- --ntasks=2 bash -c \"{own}\"", env!("CARGO_BIN_EXE_riglab")),
+    ];
+    fs::write(&script, lines.join("\n") + "\n").unwrap();
+    let job = cluster.ask("sbatch", &["--parsable", text(&script)]);
+    let count = |word: &str| fs::read_to_string(&log).unwrap_or_default().matches(word).count();
+    cluster.until("two processes run", || count("begun") == 2);
+    // A step that is just being started hears nothing.
+    std::thread::sleep(Duration::from_secs(2));
+    cluster.ask("scancel", &["--batch", "--signal=TERM", &job]);
+    cluster.until("both were told", || count("told") == 2);
+    cluster.until("the job ends", || cluster.ask("squeue", &["-h", "-j", &job]).is_empty());
+    let ended = cluster.ask("scontrol", &["--oneliner", "show", "job", &job]);
+    assert!(ended.contains("ExitCode=130:0"), "{ended}");
+}
+
+/// A training whose time is never enough goes on until it is done.
+#[test]
+fn a_time_limit_costs_nothing() {
+    if std::env::var_os(FULL).is_none() {
+        println!("skipped: it takes minutes; set {FULL}=1");
+        return;
+    }
+    let dir = tempfile::tempdir().unwrap();
+    let Some(cluster) = Cluster::start(&dir.path().join("cluster")) else { return };
+    let base =
+        config(dir.path(), &corpus(dir.path(), 12), "[slurm]\ntime = 2\nsignal_seconds = 50\nlook_seconds = 1\n");
+    let (here, there) = (dir.path().join("here"), dir.path().join("there"));
+    let steps = ["--set", "train.steps=1500", "--set", "train.validate_every=0", "--set", "train.save_every=0"];
+    must(&[&["train", text(&base), "--run", text(&here)], &steps[..]].concat());
+    on(&cluster, &[&["train", text(&base), "--run", text(&there), "--on", "slurm", "--wait"], &steps[..]].concat());
     assert_eq!(read(&there.join("metrics.jsonl")), read(&here.join("metrics.jsonl")));
     let starts = read(&there.join("slurm/starts/0.jsonl"));
     assert!(starts.lines().count() > 1, "it was never told to leave: {starts}");
-    println!("a run of 2500 steps in {} starts\n{starts}", starts.lines().count());
+    println!("a run in {} starts\n{starts}", starts.lines().count());
 }
 
 #[test]

@@ -73,6 +73,11 @@ pub(crate) fn requeue(id: &str) -> Result<(), SlurmError> {
     ask("scontrol", &["requeue", id]).map(|_| ())
 }
 
+/// Asks the processes that `srun` started in a task to save and leave. `srun` itself would end them at once.
+pub(crate) fn tell_steps(id: &str) -> Result<(), SlurmError> {
+    ask("scancel", &["--signal=TERM", id]).map(|_| ())
+}
+
 fn ask(program: &'static str, args: &[&str]) -> Result<String, SlurmError> {
     let mut command = Command::new(program);
     command.args(args).stdin(Stdio::null());

@@ -1,5 +1,8 @@
 //! The table `[slurm]`.
 
+use std::fmt;
+
+use serde::de::{self, Deserializer, Visitor};
 use serde::{Deserialize, Serialize};
 
 /// What a job asks of the cluster: the table `[slurm]` of an experiment, a sweep or a curation. Whatever is empty or 0
@@ -28,8 +31,10 @@ pub struct SlurmConfig {
     pub constraint: String,
     /// Time limit of a task as Slurm writes it: minutes, `minutes:seconds`, `hours:minutes:seconds`, `days-hours` or
     /// `days-hours:minutes[:seconds]`. What is not done by then goes on in the next round.
+    #[serde(deserialize_with = "text_or_number")]
     pub time: String,
     /// Memory of a node: a number with K, M, G or T; without a letter megabytes.
+    #[serde(deserialize_with = "text_or_number")]
     pub memory: String,
     /// Processors of a process.
     pub cpus: usize,
@@ -78,6 +83,9 @@ impl Default for SlurmConfig {
     }
 }
 
+/// Seconds by which Slurm may give a signal too early.
+const EARLIER: u64 = 60;
+
 /// Options of `sbatch` that job scripts have already, with what to say instead.
 const TAKEN: [(&str, &str); 14] = [
     ("--array", "it is listed from what is to be done; `at_a_time` limits it"),
@@ -121,10 +129,11 @@ impl SlurmConfig {
             return fault("time", format!("`{}` is no time as Slurm takes it; {forms}", self.time));
         }
         if let Some(limit) = seconds(&self.time)
-            && limit <= self.signal_seconds
+            && limit <= self.signal_seconds + EARLIER
         {
-            let message = format!("{limit} seconds are no more than `signal_seconds` ({})", self.signal_seconds);
-            return fault("time", message + "; a task would be told to leave before it begins");
+            let lead = self.signal_seconds;
+            let message = format!("{limit} seconds are no more than `signal_seconds` ({lead}) and the minute by which");
+            return fault("time", message + " Slurm may be early; a task would be told to leave before it begins");
         }
         if !self.memory.is_empty() && !is_memory(&self.memory) {
             let message = format!("`{}` is no amount of memory; give a whole number with K, M, G or T", self.memory);
@@ -153,6 +162,31 @@ impl SlurmConfig {
         }
         Ok(())
     }
+}
+
+/// A text, or a whole number as Slurm takes it without a unit.
+fn text_or_number<'de, D: Deserializer<'de>>(deserializer: D) -> Result<String, D::Error> {
+    struct Either;
+    impl Visitor<'_> for Either {
+        type Value = String;
+
+        fn expecting(&self, f: &mut fmt::Formatter) -> fmt::Result {
+            f.write_str("a string or a whole number")
+        }
+
+        fn visit_str<E: de::Error>(self, text: &str) -> Result<String, E> {
+            Ok(text.to_owned())
+        }
+
+        fn visit_u64<E: de::Error>(self, number: u64) -> Result<String, E> {
+            Ok(number.to_string())
+        }
+
+        fn visit_i64<E: de::Error>(self, number: i64) -> Result<String, E> {
+            Ok(number.to_string())
+        }
+    }
+    deserializer.deserialize_any(Either)
 }
 
 /// Seconds of a time limit; `None` where Slurm would not take it.
@@ -223,6 +257,8 @@ mod tests {
         assert!(fault("time = '2h'").starts_with("slurm.time: `2h` is no time as Slurm takes it; give minutes"));
         assert!(fault("time = '0'").contains("no time"));
         assert!(fault("time = '2'").contains("120 seconds are no more than `signal_seconds` (120)"));
+        assert!(fault("time = 3").contains("180 seconds are no more"));
+        assert!(read("[slurm]\ntime = 2\nsignal_seconds = 50\n").is_ok());
         assert!(fault("memory = '1.5G'").contains("whole number"));
         assert!(fault("memory = 'G'").contains("whole number") && fault("memory = '0'").contains("whole number"));
         assert!(fault("partition = 'a b'").contains("one word"));
@@ -230,6 +266,8 @@ mod tests {
         assert!(fault("options = ['--array=1-3']").contains("`at_a_time` limits it"));
         assert!(fault("processes = 0").contains("at least 1") && fault("patience = 0").contains("at least once"));
         assert!(fault("partitoin = 'a'").contains("did you mean `partition`?"));
+        assert!(fault("time = -3").contains("`-3` is no time") && fault("memory = 1.5").contains("memory"));
+        assert_eq!(read("[slurm]\ntime = 90\nmemory = 4000\n").unwrap().time, "90");
         assert!(read("[slurm]\ntime = '4:00:00'\nmemory = '16G'\noptions = ['--gres=gpu:1']\n").is_ok());
     }
 }

@@ -26,4 +26,4 @@ pub use config::SlurmConfig;
 pub use error::SlurmError;
 pub use ledger::{Submission, record, submissions};
 pub use script::Script;
-pub use task::{Start, Stuck, Task, attend, starts};
+pub use task::{Start, Stuck, Task, attend, attend_steps, starts};

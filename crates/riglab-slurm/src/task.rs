@@ -23,7 +23,8 @@ pub struct Task {
     pub job: String,
     /// Its number in the array.
     pub number: Option<usize>,
-    node: String,
+    /// The node it is on.
+    pub node: String,
 }
 
 /// A start of a task.
@@ -115,12 +116,34 @@ impl Task {
     }
 }
 
+/// Runs `srun` to its end. When `stop` says so, the processes that it started are asked, once, to save and leave.
+///
+/// # Errors
+/// When it cannot be started.
+pub fn attend_steps(mut command: Command, task: &Task, stop: impl Fn() -> bool) -> Result<ExitStatus, SlurmError> {
+    #[cfg(unix)]
+    {
+        use std::os::unix::process::CommandExt;
+        // What the group is told must not come to srun, which ends its processes for it.
+        command.process_group(0);
+    }
+    attended(command, stop, |_| {
+        if let Err(e) = cluster::tell_steps(&task.id()) {
+            eprintln!("warning: the processes of task {} cannot be told to leave: {e}", task.id());
+        }
+    })
+}
+
 /// Runs a process to its end. When `stop` says so it is asked, once, to save and leave. It stays in this process's
 /// group, by which some clusters know what belongs to a job, and may therefore hear the same wish from Slurm too.
 ///
 /// # Errors
 /// When it cannot be started.
-pub fn attend(mut command: Command, stop: impl Fn() -> bool) -> Result<ExitStatus, SlurmError> {
+pub fn attend(command: Command, stop: impl Fn() -> bool) -> Result<ExitStatus, SlurmError> {
+    attended(command, stop, ask_to_leave)
+}
+
+fn attended(mut command: Command, stop: impl Fn() -> bool, ask: impl Fn(&Child)) -> Result<ExitStatus, SlurmError> {
     let program = PathBuf::from(command.get_program());
     let mut child = command.spawn().map_err(|e| SlurmError::io(&program, "started", &e))?;
     let mut asked = false;
@@ -130,7 +153,7 @@ pub fn attend(mut command: Command, stop: impl Fn() -> bool) -> Result<ExitStatu
         }
         if stop() && !asked {
             asked = true;
-            ask_to_leave(&child);
+            ask(&child);
         }
         std::thread::sleep(PAUSE);
     }

@@ -213,15 +213,19 @@ fn hold(folder: &Path) -> Result<std::fs::File> {
     Ok(lock)
 }
 
+/// A stage in words.
+pub fn doing(stage: Stage) -> &'static str {
+    match stage {
+        Stage::Train => "trains",
+        Stage::Resume => "goes on",
+        Stage::Evaluate => "is evaluated",
+    }
+}
+
 fn tell(event: &Event, progress: &mut Progress) {
     match event {
         Event::Begun(job, stage) => {
-            let what = match stage {
-                Stage::Train => "trains",
-                Stage::Resume => "goes on",
-                Stage::Evaluate => "is evaluated",
-            };
-            progress.line(&format!("{}, seed {}: {what}", job.point, job.seed));
+            progress.line(&format!("{}, seed {}: {}", job.point, job.seed, doing(*stage)));
         }
         Event::Adopted(job) => {
             progress.line(&format!("{}, seed {}: still runs; it is waited for", job.point, job.seed))

@@ -1,18 +1,19 @@
 //! `riglab slurm-task`: what job scripts run.
 
+use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 use std::process::{Command, ExitCode};
 use std::time::Duration;
 
 use anyhow::{Context, Result, bail};
 use riglab_curate::{Places, nothing_left};
-use riglab_slurm::{SlurmConfig, Task, attend};
-use riglab_sweep::{Attempt, Ended, Event, Plan, State, attempts, is_held, record, run_one};
+use riglab_slurm::{SlurmConfig, Task, attend, attend_steps};
+use riglab_sweep::{Attempt, Ended, Event, Job, Plan, Stage, State, attempts, is_held, record, run_one};
 use riglab_train::Interrupt;
 
 use super::Desk;
 use super::curate::{Order, part};
-use crate::commands::sweep::process;
+use crate::commands::sweep::{doing, process};
 
 /// Do the part of a Slurm job. Job scripts call it.
 #[derive(clap::Args)]
@@ -34,6 +35,11 @@ enum Kind {
     Curate { out: PathBuf },
     /// The corpus of the parts.
     Merge { out: PathBuf },
+    /// A call of srun, whose processes are to hear what the task is told.
+    Srun {
+        #[arg(last = true, required = true)]
+        arguments: Vec<OsString>,
+    },
 }
 
 /// How a task's work ended.
@@ -53,6 +59,7 @@ pub fn run(args: &Args, threads: usize) -> Result<ExitCode> {
         Kind::Train { run } => train(&task, run, threads)?,
         Kind::Curate { out } => curate(&task, out, Some(number), threads)?,
         Kind::Merge { out } => curate(&task, out, None, threads)?,
+        Kind::Srun { arguments } => return srun(&task, arguments),
     };
     match done {
         Done::Well => Ok(ExitCode::SUCCESS),
@@ -82,14 +89,16 @@ fn sweep(task: &Task, folder: &Path, number: usize) -> Result<Done> {
     }
     let own = std::env::current_exe().context("the program does not know its own file")?;
     let threads = if plan.sweep.threads > 0 { plan.sweep.threads } else { processors(&desk.config) };
-    let command = |job: &riglab_sweep::Job, stage, run: &Path| {
-        let trains = stage != riglab_sweep::Stage::Evaluate;
+    let command = |job: &Job, stage, run: &Path| {
+        let trains = stage != Stage::Evaluate;
         let program = if trains { launched(&desk.config, &own) } else { Command::new(&own) };
         process(program, threads, &plan.config(folder, job), stage, run)
     };
     let interrupt = Interrupt::listening();
     let tell = |event: Event| match event {
-        Event::Begun(job, stage) => eprintln!("{}, seed {}: {stage:?} on {}", job.point, job.seed, task.id()),
+        Event::Begun(job, stage) => {
+            eprintln!("task {}: {}, seed {}: {}", task.id(), job.point, job.seed, doing(stage));
+        }
         Event::Adopted(_) => eprintln!("another process is still at it; it is waited for"),
         Event::Failed(_, reason, _) => eprintln!("failed: {reason}"),
         Event::Finished(_) | Event::Count(..) => {}
@@ -158,6 +167,15 @@ fn curate(task: &Task, out: &Path, number: Option<usize>, threads: usize) -> Res
     Ok(if empty { Done::Well } else { done })
 }
 
+fn srun(task: &Task, arguments: &[OsString]) -> Result<ExitCode> {
+    let interrupt = Interrupt::listening();
+    let mut command = Command::new("srun");
+    command.args(arguments);
+    let status = attend_steps(command, task, || interrupt.raised())?;
+    let code = status.code().and_then(|c| u8::try_from(c).ok());
+    Ok(code.map_or(ExitCode::FAILURE, ExitCode::from))
+}
+
 fn attended(command: Command, interrupt: &Interrupt) -> Result<Done> {
     let status = attend(command, || interrupt.raised())?;
     Ok(match status.code() {
@@ -169,12 +187,13 @@ fn attended(command: Command, interrupt: &Interrupt) -> Result<Done> {
     })
 }
 
-/// The program, by `srun` where several processes train.
+/// The program, by `srun` where several processes train, and that by one who tells these what he hears.
 fn launched(config: &SlurmConfig, own: &Path) -> Command {
     if config.processes < 2 {
         return Command::new(own);
     }
-    let mut command = Command::new("srun");
+    let mut command = Command::new(own);
+    command.args(["slurm-task", "srun", "--"]);
     command.arg(format!("--ntasks={}", config.processes));
     // Since 22.05 srun does not take this over from the job.
     command.arg(format!("--cpus-per-task={}", config.cpus.max(1)));
@@ -226,6 +245,24 @@ mod tests {
     }
 
     #[test]
+    fn a_job_that_never_gets_on_is_given_up_for_good() {
+        let dir = tempfile::tempdir().unwrap();
+        let config = riglab_config::Config::from_toml_str("s.toml", "[sweep]\nbase = 'b'\nseeds = [0, 1]\n").unwrap();
+        let plan = Plan::new(config.get_at("sweep").unwrap(), &[]).unwrap();
+        plan.settle(dir.path(), |_| Ok(String::new())).unwrap();
+        let desk = Desk::new(dir.path(), SlurmConfig::default()).unwrap();
+        let task = Task { job: "17".into(), number: Some(1), node: "n1".into() };
+        for _ in 0..desk.config.patience {
+            task.begin(&desk.starts(1), "step 0", desk.config.patience).unwrap().unwrap();
+        }
+        assert!(matches!(sweep(&task, dir.path(), 1).unwrap(), Done::Failed));
+        let State::Failed(reason) = State::of(dir.path(), &plan, &plan.jobs[1], &attempts(dir.path())) else {
+            panic!("it is not given up");
+        };
+        assert!(reason.starts_with("train: it was begun 3 times at the same place (step 0)"), "{reason}");
+    }
+
+    #[test]
     fn several_processes_are_started_by_srun() {
         let words = |config: &SlurmConfig| {
             let command = launched(config, Path::new("/opt/riglab"));
@@ -234,7 +271,8 @@ mod tests {
         };
         assert_eq!(words(&SlurmConfig::default()).trim(), "/opt/riglab");
         let config = SlurmConfig { processes: 4, cpus: 8, mpi: "pmix".into(), ..SlurmConfig::default() };
-        let want = "srun --ntasks=4 --cpus-per-task=8 --mpi=pmix --kill-on-bad-exit=1 /opt/riglab";
+        let want =
+            "/opt/riglab slurm-task srun -- --ntasks=4 --cpus-per-task=8 --mpi=pmix --kill-on-bad-exit=1 /opt/riglab";
         assert_eq!(words(&config), want);
     }
 }
