@@ -101,6 +101,10 @@ fn training(dir: &Path, base: &Path, cluster: &Cluster) {
     assert_eq!(read(&there.join("metrics.jsonl")), read(&here.join("metrics.jsonl")));
     let said = refusal(cluster.known_to(&mut riglab(&["train", text(base), "--run", text(&there), "--on", "slurm"])));
     assert!(said.contains("holds a run already") && said.contains("--resume"), "{said}");
+    // Nothing is left to do: its log stays as it is.
+    on(cluster, &["train", "--resume", text(&there), "--on", "slurm", "--wait", "--set", "slurm.cpus=1"]);
+    assert_eq!(read(&there.join("metrics.jsonl")), read(&here.join("metrics.jsonl")));
+    assert!(read(&there.join("slurm/job-2.sh")).contains("--cpus-per-task=1\n"));
     // One that fails says where its messages are.
     let none = dir.join("runs/none");
     let args = ["train", text(base), "--run", text(&none), "--on", "slurm", "--wait"];

@@ -55,8 +55,8 @@ pub struct Args {
     #[arg(long, value_name = "WHERE")]
     on: Option<On>,
     /// With --on: parts of the files, each a task.
-    #[arg(long, default_value_t = 8, value_name = "N", requires = "on", value_parser = clap::builder::RangedU64ValueParser::<usize>::new().range(1..))]
-    parts: usize,
+    #[arg(long, default_value_t = 8, value_name = "N", requires = "on", value_parser = clap::value_parser!(u16).range(1..))]
+    parts: u16,
     /// With --on: follow the jobs until the corpus is there.
     #[arg(long, requires = "on")]
     wait: bool,
@@ -95,7 +95,7 @@ pub fn run(args: &Args) -> Result<ExitCode> {
     if args.on == Some(On::Slurm) {
         let [folder] = args.inputs.as_slice() else { bail!("give one folder") };
         let desk = Desk::new(&places.work, slurm)?;
-        return on_slurm::run(folder, &args.out, &config, &desk, args.parts, args.wait);
+        return on_slurm::run(folder, &args.out, &config, &desk, args.parts.into(), args.wait);
     }
     let bar: Mutex<Option<(String, Progress)>> = Mutex::new(None);
     let tell: Tell = &|what, done, total| progress(&bar, what, done, total);

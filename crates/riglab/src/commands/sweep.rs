@@ -31,7 +31,7 @@ Examples:
   riglab sweep sweeps/mine            # goes on
   riglab sweep sweeps/mine --status   # how far it is
   riglab sweep my_sweep.toml --on slurm --set slurm.partition=cpu --set slurm.time=4:00:00
-  riglab sweep sweeps/my_sweep --on slurm --wait   # hands over what is left, follows it, writes the table")]
+  riglab sweep sweeps/my_sweep --on slurm --wait   # until the table is written")]
 pub struct Args {
     /// Sweep file, the name of a built-in one, or the folder of a sweep to go on with.
     #[arg(required_unless_present = "list")]

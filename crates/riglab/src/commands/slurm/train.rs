@@ -25,6 +25,9 @@ pub struct Request<'a> {
 pub fn run(request: &Request, desk: &Desk) -> Result<ExitCode> {
     let Request { run, config, threads, wait } = *request;
     let shown = run.display();
+    if let Some(queued) = desk.queue()?.first() {
+        bail!("{shown} is in the queue already, as job {} ({})", queued.job, queued.state.to_lowercase());
+    }
     match config {
         Some(_) if run.join("config.toml").exists() => {
             bail!("{shown} holds a run already; go on with it by `riglab train --resume {shown} --on slurm`")
@@ -34,9 +37,6 @@ pub fn run(request: &Request, desk: &Desk) -> Result<ExitCode> {
             bail!("{shown}: no run here (there is no config.toml)")
         }
         None => {}
-    }
-    if let Some(queued) = desk.queue()?.first() {
-        bail!("{shown} is in the queue already, as job {} ({})", queued.job, queued.state.to_lowercase());
     }
     let place = std::path::absolute(run).with_context(|| format!("{shown} has no place"))?;
     let (place, threads) = (place.to_string_lossy(), threads.to_string());
