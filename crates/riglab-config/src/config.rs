@@ -102,6 +102,15 @@ impl Config {
         Ok(Self { root: node.clone(), prefix: self.full(path) })
     }
 
+    /// The same without one of the keys of this table: for one that somebody else reads.
+    #[must_use]
+    pub fn without(mut self, key: &str) -> Self {
+        let mut table = self.root().clone();
+        table.entries.remove(key);
+        self.set_root(table);
+        self
+    }
+
     /// Refuses keys of this table that are not among `known`: for tables that are read one
     /// [`Config::table`] at a time.
     ///

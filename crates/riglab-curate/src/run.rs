@@ -101,7 +101,15 @@ pub fn curate(
     finish(&Source::Folder(&files, config), records, places, config, tell)
 }
 
-/// Makes one corpus of the corpora that the shards of a folder gave, without the duplicates between them.
+/// Whether a curation has looked at all its files, and nothing passed: it has a report and no corpus.
+pub fn nothing_left(places: &Places) -> bool {
+    let text = std::fs::read_to_string(places.funnel()).unwrap_or_default();
+    let funnel: serde_json::Value = serde_json::from_str(&text).unwrap_or_default();
+    !places.out.exists() && funnel["kept"] == 0
+}
+
+/// Makes one corpus of the corpora that the shards of a folder gave, without the duplicates between them. One of which
+/// nothing passed has none, and counts with what was dropped.
 ///
 /// # Errors
 /// As [`curate`], and when a corpus has no journal beside it.
@@ -114,11 +122,11 @@ pub fn merge_shards(
     std::fs::create_dir_all(&places.work).map_err(|e| CurateError::write(&places.work, e.kind()))?;
     let (mut all, mut open) = (BTreeMap::new(), Vec::new());
     for path in corpora {
-        let corpus = Corpus::open(path)?;
+        let corpus = if nothing_left(&Places::of(path)) { None } else { Some(Corpus::open(path)?) };
         for record in records(&Places::of(path).journal())? {
             all.insert(record.name.clone(), record);
         }
-        open.push(corpus);
+        open.extend(corpus);
         take_answers(&Places::of(path).work.join("answers"), &places.work.join("answers"))?;
     }
     finish(&Source::Corpora(&open), all.into_values().collect(), places, config, tell)

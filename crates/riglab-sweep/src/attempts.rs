@@ -13,10 +13,13 @@ use crate::SweepError;
 pub struct Attempt {
     /// The job's number.
     pub job: usize,
-    /// `train` or `eval`.
+    /// `train` or `eval`; `slurm` where the cluster ended it.
     pub stage: String,
     /// Why.
     pub reason: String,
+    /// Whether it is the last, however few there were.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub given_up: bool,
 }
 
 fn file(folder: &Path) -> PathBuf {
@@ -29,14 +32,21 @@ pub fn attempts(folder: &Path) -> Vec<Attempt> {
     text.lines().filter_map(|line| serde_json::from_str(line).ok()).collect()
 }
 
-pub(crate) fn record(folder: &Path, attempt: &Attempt) -> Result<(), SweepError> {
+/// Adds one to the sweep's list. Several processes, of several machines, may do so at a time.
+///
+/// # Errors
+/// When the list cannot be written.
+pub fn record(folder: &Path, attempt: &Attempt) -> Result<(), SweepError> {
     let path = file(folder);
+    let opened = OpenOptions::new().create(true).append(true).open(&path);
+    let mut list = opened.map_err(|e| SweepError::io(&path, "written", &e))?;
+    // Where it is shared by machines, appending alone may overwrite; where it cannot be locked, there is one machine.
+    let _ = list.lock();
     // A line that was cut off must not swallow this one.
     let whole = std::fs::read(&path).map_or(true, |bytes| bytes.last().is_none_or(|b| *b == b'\n'));
     let line = serde_json::to_string(attempt).map_err(|e| SweepError::Invalid(e.to_string()))?;
     let line = format!("{}{line}\n", if whole { "" } else { "\n" });
-    let opened = OpenOptions::new().create(true).append(true).open(&path);
-    let written = opened.and_then(|mut f| f.write_all(line.as_bytes()).and_then(|()| f.sync_data()));
+    let written = list.write_all(line.as_bytes()).and_then(|()| list.sync_data());
     written.map_err(|e| SweepError::io(&path, "written", &e))
 }
 
@@ -47,7 +57,7 @@ mod tests {
     #[test]
     fn a_line_that_was_cut_off_costs_nothing_but_itself() {
         let dir = tempfile::tempdir().unwrap();
-        let attempt = |job| Attempt { job, stage: "train".into(), reason: "a \"b\"".into() };
+        let attempt = |job| Attempt { job, stage: "train".into(), reason: "a \"b\"".into(), given_up: job == 3 };
         record(dir.path(), &attempt(1)).unwrap();
         std::fs::OpenOptions::new().append(true).open(file(dir.path())).unwrap().write_all(b"{\"job\":2").unwrap();
         record(dir.path(), &attempt(3)).unwrap();

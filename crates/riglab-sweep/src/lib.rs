@@ -1,4 +1,4 @@
-//! Sweeps: many runs from one file, on one machine.
+//! Sweeps: many runs from one file, on one machine or by the tasks of a cluster.
 //!
 //! The one idea: **the runs' folders are the state.** A [`Plan`] lists all jobs before the first begins, each with
 //! its resolved config; what a job has come to is read from its run folder ([`State`]) and from nothing else but the
@@ -6,7 +6,8 @@
 //! the same.
 //!
 //! [`run`] keeps as many jobs running as processors and memory allow; one that fails is tried once more and never
-//! stops the rest; one that outlived a killed sweep is left to end. [`Results`] are the runs' own numbers, by seed,
+//! stops the rest; one that outlived a killed sweep is left to end. [`run_one`] does one job alone, for whoever has
+//! machines of his own for each. [`Results`] are the runs' own numbers, by seed,
 //! with tables of mean and spread.
 //!
 //! Holds: every job has a row in the results, failed ones with the reason.
@@ -21,11 +22,11 @@ mod results;
 mod state;
 mod values;
 
-pub use attempts::{Attempt, attempts};
+pub use attempts::{Attempt, attempts, record};
 pub use error::SweepError;
 pub use file::{Arm, Better, MetricOf, SweepFile};
 pub use plan::{Job, Plan};
-pub use pool::{Budget, Ended, Event, Stage, run};
+pub use pool::{Budget, Ended, Event, Stage, run, run_one};
 pub use results::{Outcome, Results};
-pub use state::State;
+pub use state::{State, is_held};
 pub use values::value;

@@ -113,44 +113,27 @@ pub fn run(
     budget: Budget,
     command: impl Fn(&Job, Stage, &Path) -> Command,
     stop: impl Fn() -> bool,
-    mut tell: impl FnMut(Event),
+    tell: impl FnMut(Event),
 ) -> Result<Ended, SweepError> {
-    let mut pool = Pool {
-        folder,
-        plan,
-        waiting: plan.jobs.iter().map(|j| j.number).collect(),
-        busy: Vec::new(),
-        adopted: BTreeSet::new(),
-        done: 0,
-        failures: BTreeMap::new(),
-    };
-    for attempt in attempts(folder) {
-        *pool.failures.entry(attempt.job).or_default() += 1;
-    }
-    let (mut asked, mut looks) = (false, 0u32);
-    loop {
-        let before = (pool.done, pool.busy.len());
-        pool.reap(asked, &mut tell)?;
-        if looks.is_multiple_of(LOOKS) {
-            pool.look_at_adopted();
-        }
-        if stop() && !asked {
-            asked = true;
-            // Runs save and leave on this signal; a second one would make them leave at once.
-            pool.busy.iter().for_each(|b| ask_to_leave(&b.child));
-        }
-        if !asked {
-            pool.start(budget, &command, &mut tell)?;
-        }
-        if before != (pool.done, pool.busy.len()) || looks == 0 {
-            tell(Event::Count(pool.done, pool.busy.len() + pool.adopted.len()));
-        }
-        if pool.busy.is_empty() && (asked || (pool.waiting.is_empty() && pool.adopted.is_empty())) {
-            return Ok(if asked { Ended::Interrupted } else { Ended::Done });
-        }
-        looks = looks.wrapping_add(1);
-        std::thread::sleep(PAUSE);
-    }
+    let all = plan.jobs.iter().map(|j| j.number).collect();
+    Pool::new(folder, plan, all, true).run(budget, command, stop, tell)
+}
+
+/// As [`run`], of one job alone. Other processes may be at others of the sweep. Its stages stay
+/// in this process's group, by which a cluster knows what belongs to its task.
+///
+/// # Errors
+/// As [`run`].
+pub fn run_one(
+    folder: &Path,
+    plan: &Plan,
+    job: &Job,
+    command: impl Fn(&Job, Stage, &Path) -> Command,
+    stop: impl Fn() -> bool,
+    tell: impl FnMut(Event),
+) -> Result<Ended, SweepError> {
+    let budget = Budget { jobs: 1, threads: 0, memory_gb: f64::INFINITY };
+    Pool::new(folder, plan, [job.number].into(), false).run(budget, command, stop, tell)
 }
 
 struct Pool<'a> {
@@ -162,9 +145,53 @@ struct Pool<'a> {
     adopted: BTreeSet<usize>,
     done: usize,
     failures: BTreeMap<usize, usize>,
+    /// Whether stages have process groups of their own.
+    apart: bool,
 }
 
 impl<'a> Pool<'a> {
+    fn new(folder: &'a Path, plan: &'a Plan, waiting: VecDeque<usize>, apart: bool) -> Self {
+        let mut failures = BTreeMap::new();
+        for attempt in attempts(folder) {
+            *failures.entry(attempt.job).or_default() += 1;
+        }
+        let (busy, adopted) = (Vec::new(), BTreeSet::new());
+        Self { folder, plan, waiting, busy, adopted, done: 0, failures, apart }
+    }
+
+    fn run(
+        mut self,
+        budget: Budget,
+        command: impl Fn(&Job, Stage, &Path) -> Command,
+        stop: impl Fn() -> bool,
+        mut tell: impl FnMut(Event),
+    ) -> Result<Ended, SweepError> {
+        let (mut asked, mut looks) = (false, 0u32);
+        loop {
+            let before = (self.done, self.busy.len());
+            self.reap(asked, &mut tell)?;
+            if looks.is_multiple_of(LOOKS) {
+                self.look_at_adopted();
+            }
+            if stop() && !asked {
+                asked = true;
+                // Runs save and leave on this signal; a second one would make them leave at once.
+                self.busy.iter().for_each(|b| ask_to_leave(&b.child));
+            }
+            if !asked {
+                self.start(budget, &command, &mut tell)?;
+            }
+            if before != (self.done, self.busy.len()) || looks == 0 {
+                tell(Event::Count(self.done, self.busy.len() + self.adopted.len()));
+            }
+            if self.busy.is_empty() && (asked || (self.waiting.is_empty() && self.adopted.is_empty())) {
+                return Ok(if asked { Ended::Interrupted } else { Ended::Done });
+            }
+            looks = looks.wrapping_add(1);
+            std::thread::sleep(PAUSE);
+        }
+    }
+
     fn job(&self, number: usize) -> &'a Job {
         &self.plan.jobs[number]
     }
@@ -218,7 +245,8 @@ impl<'a> Pool<'a> {
         reason: String,
         tell: &mut impl FnMut(Event),
     ) -> Result<(), SweepError> {
-        record(self.folder, &Attempt { job, stage: stage.name().into(), reason: reason.clone() })?;
+        let stage = stage.name().into();
+        record(self.folder, &Attempt { job, stage, reason: reason.clone(), given_up: false })?;
         let count = self.failures.entry(job).or_default();
         *count += 1;
         let again = *count < crate::state::TRIES;
@@ -271,7 +299,7 @@ impl<'a> Pool<'a> {
                 self.waiting.push_front(number);
                 break;
             }
-            match spawn(command(job, stage, &run), &run) {
+            match spawn(command(job, stage, &run), &run, self.apart) {
                 Ok(child) => {
                     self.busy.push(Busy { job: number, stage, child });
                     tell(Event::Begun(job, stage));
@@ -318,13 +346,13 @@ fn log_of(run: &Path) -> PathBuf {
     run.with_extension("log")
 }
 
-fn spawn(mut command: Command, run: &Path) -> std::io::Result<Child> {
+fn spawn(mut command: Command, run: &Path, apart: bool) -> std::io::Result<Child> {
     let log = log_of(run);
     riglab_files::make_folder_of(&log)?;
     let errors: File = OpenOptions::new().create(true).append(true).open(&log)?;
     command.stdin(Stdio::null()).stdout(Stdio::null()).stderr(errors);
     #[cfg(unix)]
-    {
+    if apart {
         use std::os::unix::process::CommandExt;
         // Ctrl-C is for the sweep, which tells its runs by itself.
         command.process_group(0);
@@ -399,6 +427,15 @@ mod tests {
         assert_eq!(failed.len(), 2);
         let states: Vec<State> = plan.jobs.iter().map(|j| State::of(dir.path(), &plan, j, &failed)).collect();
         assert_eq!(states, [State::Finished, State::Failed("train: no room".into()), State::Finished]);
+    }
+
+    #[test]
+    fn one_job_is_done_alone() {
+        let (dir, plan) = (tempfile::tempdir().unwrap(), plan(""));
+        let command = |_: &Job, _: Stage, run: &Path| finishes(run, 0.0);
+        let ended = run_one(dir.path(), &plan, &plan.jobs[1], command, || false, |_| ()).unwrap();
+        let states: Vec<State> = plan.jobs.iter().map(|j| State::of(dir.path(), &plan, j, &[])).collect();
+        assert_eq!((ended, states), (Ended::Done, vec![State::Waiting, State::Finished, State::Waiting]));
     }
 
     #[test]

@@ -234,7 +234,7 @@ mod tests {
             std::fs::write(run.join("run.json"), "{\"outcome\": \"finished\"}").unwrap();
         }
         for _ in 0..2 {
-            let failed = crate::Attempt { job: 3, stage: "train".into(), reason: "x".into() };
+            let failed = crate::Attempt { job: 3, stage: "train".into(), reason: "x".into(), given_up: false };
             crate::attempts::record(dir.path(), &failed).unwrap();
         }
         let results = Results::read(dir.path(), &plan);

@@ -1,6 +1,6 @@
 //! What a job has come to, read from its run folder.
 
-use std::fs::File;
+use std::fs::{File, TryLockError};
 use std::io::{Read, Seek, SeekFrom};
 use std::path::Path;
 
@@ -40,7 +40,7 @@ impl State {
             return Self::Running(last_step(&run));
         }
         let failed: Vec<&Attempt> = attempts.iter().filter(|a| a.job == job.number).collect();
-        if let (true, Some(last)) = (failed.len() >= TRIES, failed.last()) {
+        if let Some(last) = failed.last().filter(|last| failed.len() >= TRIES || last.given_up) {
             return Self::Failed(format!("{}: {}", last.stage, last.reason));
         }
         if finished {
@@ -58,9 +58,11 @@ pub(crate) fn info(run: &Path) -> Value {
     serde_json::from_str(&text).unwrap_or_default()
 }
 
-/// Whether a process is training in the folder: it holds the lock as long as it lives.
-pub(crate) fn is_held(run: &Path) -> bool {
-    File::open(run.join(".lock")).is_ok_and(|lock| lock.try_lock().is_err())
+/// Whether a process is training in the folder of a run: it holds the lock as long as it lives.
+pub fn is_held(run: &Path) -> bool {
+    // A shared lock needs no right to write, which network file systems want for the other one.
+    let asked = File::open(run.join(".lock")).map(|lock| lock.try_lock_shared());
+    matches!(asked, Ok(Err(TryLockError::WouldBlock)))
 }
 
 /// The step of the last whole line of the log; 0 without one.
@@ -99,8 +101,10 @@ mod tests {
         lock.try_lock().unwrap();
         assert_eq!(state(&[]), State::Running(4));
         drop(lock);
-        let failed = Attempt { job: 0, stage: "train".into(), reason: "no room".into() };
+        let failed = Attempt { job: 0, stage: "train".into(), reason: "no room".into(), given_up: false };
         assert_eq!(state(std::slice::from_ref(&failed)), State::Interrupted(4));
+        let given_up = Attempt { given_up: true, ..failed.clone() };
+        assert_eq!(state(&[given_up]), State::Failed("train: no room".into()));
         assert_eq!(state(&[failed.clone(), failed]), State::Failed("train: no room".into()));
         std::fs::write(run.join("run.json"), "{\"outcome\": \"finished\"}").unwrap();
         assert_eq!(state(&[]), State::Trained);

@@ -2,6 +2,10 @@
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
+
+/// Signals so close together are one wish: a cluster tells every process of a job, and those that run others pass it on.
+const ONE_WISH: Duration = Duration::from_secs(1);
 
 /// A wish to stop, shared by whoever has it.
 #[derive(Clone, Default)]
@@ -13,7 +17,11 @@ impl Interrupt {
     pub fn listening() -> Self {
         let interrupt = Self::default();
         let raised = interrupt.0.clone();
+        let mut first: Option<Instant> = None;
         let _ = ctrlc::set_handler(move || {
+            if is_the_same_wish(&mut first, Instant::now()) {
+                return;
+            }
             if raised.swap(true, Ordering::SeqCst) {
                 riglab_files::leave(130);
             }
@@ -30,5 +38,30 @@ impl Interrupt {
     /// Whether it was raised.
     pub fn raised(&self) -> bool {
         self.0.load(Ordering::SeqCst)
+    }
+}
+
+/// Whether a signal says again what the first one said.
+fn is_the_same_wish(first: &mut Option<Instant>, now: Instant) -> bool {
+    match first {
+        Some(at) => now.duration_since(*at) < ONE_WISH,
+        None => {
+            *first = Some(now);
+            false
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn signals_of_one_moment_are_one_wish() {
+        let (mut first, start) = (None, Instant::now());
+        let mut told = |ms: u64| is_the_same_wish(&mut first, start + Duration::from_millis(ms));
+        assert!(!told(0), "the first asks to save");
+        assert!(told(3) && told(900), "what others pass on");
+        assert!(!told(1000) && !told(5000), "whoever insists");
     }
 }

@@ -2,11 +2,15 @@
 
 use std::fs::{self, File};
 use std::path::{Path, PathBuf};
-use std::time::SystemTime;
+use std::time::{Duration, SystemTime};
 
 use serde::{Deserialize, Serialize};
 
 use crate::TrainError;
+
+/// Between looks at a lock, and how many.
+const PAUSE: Duration = Duration::from_millis(20);
+const LOOKS: u32 = 5;
 
 /// A run folder, held by this process or, where several train together, by the first of them.
 ///
@@ -99,7 +103,14 @@ impl Run {
     fn hold(dir: &Path) -> Result<Self, TrainError> {
         let path = dir.join(".lock");
         let lock = File::create(&path).map_err(|e| TrainError::io(&path, "be written", &e))?;
-        if lock.try_lock().is_err() {
+        // Whoever looks whether it is held holds it for a moment.
+        let free = (0..LOOKS).any(|look| {
+            if look > 0 {
+                std::thread::sleep(PAUSE);
+            }
+            lock.try_lock().is_ok()
+        });
+        if !free {
             let message = "another process is training in this folder".into();
             return Err(TrainError::Io { path: dir.into(), message });
         }

@@ -46,6 +46,8 @@ enum Command {
     Report(commands::report::Args),
     Checkpoint(commands::checkpoint::Args),
     Doctor(commands::doctor::Args),
+    #[command(hide = true)]
+    SlurmTask(commands::slurm::task::Args),
 }
 
 /// Takes files that are half-written along when the process is asked to leave.
@@ -58,8 +60,13 @@ fn main() -> ExitCode {
     // `riglab inspect FILE | head` ends quietly when `head` has enough.
     sigpipe::reset();
     let cli = Cli::parse();
-    // Training, sweeps and reviews leave by their own rules.
-    if !matches!(cli.command, Command::Train(_) | Command::Sweep(_) | Command::Review(_)) {
+    // Training, sweeps, reviews and tasks of a cluster leave by their own rules, and so does who waits for these.
+    let own_rules = match &cli.command {
+        Command::Curate(args) => args.waits(),
+        Command::Train(_) | Command::Sweep(_) | Command::Review(_) | Command::SlurmTask(_) => true,
+        _ => false,
+    };
+    if !own_rules {
         leave_clean();
     }
     let threads = cli.threads;
@@ -79,6 +86,7 @@ fn main() -> ExitCode {
         Command::Compare(args) => commands::compare::run(&args),
         Command::Report(args) => commands::report::run(&args),
         Command::Curate(args) => commands::curate::run(&args),
+        Command::SlurmTask(args) => commands::slurm::task::run(&args, threads),
         Command::Review(args) => commands::review::run(&args),
         Command::Dataset(args) => commands::dataset::run(&args),
         Command::Doctor(args) => commands::doctor::run(&args, threads),

@@ -22,9 +22,9 @@ pub fn load(name: &str, sets: &[String]) -> Result<Config, ConfigError> {
     }
 }
 
-/// Reads a config that is whole: the `config.toml` of a run.
-pub fn parse(name: &str, text: &str) -> Result<Config, ConfigError> {
-    Loader::new().parse(name, text, &[] as &[String])
+/// Reads a text as a config, called `name` in messages.
+pub fn parse(name: &str, text: &str, sets: &[String]) -> Result<Config, ConfigError> {
+    Loader::new().parse(name, text, sets)
 }
 
 /// Loads a building block by itself: a file, or one of `configs/` that is compiled in by its name

@@ -53,8 +53,11 @@ macro_rules! each {
 }
 
 impl TaskConfig {
-    /// Reads and checks a config; faults name the line that set the value.
+    /// Reads and checks a config; faults name the line that set the value. What it says of a cluster is checked and is
+    /// no part of a task's settings.
     pub fn read(config: &Config) -> Result<Self> {
+        crate::commands::slurm::settings(config)?;
+        let config = &config.clone().without("slurm");
         let name: String = match config.contains("task") {
             true => config.get_at("task")?,
             false => bail!("the config says no `task`; add for instance task = \"fsq_cvae\""),

@@ -6,8 +6,10 @@ use std::sync::Mutex;
 
 use anyhow::{Context, Result, bail};
 use riglab_curate::{CurateConfig, CurateError, Funnel, Places, Shard, Tell, curate, merge_shards};
+use riglab_slurm::SlurmConfig;
 use riglab_train::Progress;
 
+use super::slurm::{Desk, On, apart, curate as on_slurm, settings as slurm_settings};
 use crate::presets;
 
 /// Make a clean corpus of files of mixed quality: repaired, filtered, without duplicates, labelled.
@@ -22,6 +24,7 @@ Examples:
   riglab curate avatars/ -o avatars.h5 --config curation/vroid.toml --set bones.max=500
   riglab curate models/ -o part1.h5 --shard 1/8
   riglab curate --merge part*.h5 -o corpus.h5
+  riglab curate models/ -o corpus.h5 --on slurm --parts 16 --set slurm.time=2:00:00
 
 Shards find the duplicates within themselves. `--merge` finds those between them too, by the journals beside
 the corpora; `riglab dataset merge` leaves out what is equal byte by byte.")]
@@ -43,14 +46,30 @@ pub struct Args {
     #[arg(long, value_name = "FILE")]
     decisions: Option<PathBuf>,
     /// Look at one of several parts of the files, the first of eight as 1/8.
-    #[arg(long, value_name = "I/N", value_parser = shard, conflicts_with = "merge")]
+    #[arg(long, value_name = "I/N", value_parser = shard, conflicts_with_all = ["merge", "on"])]
     shard: Option<Shard>,
     /// Make one corpus of those that shards gave.
-    #[arg(long)]
+    #[arg(long, conflicts_with = "on")]
     merge: bool,
+    /// Hand the parts to a cluster, and a job that merges them, instead of looking at the files here.
+    #[arg(long, value_name = "WHERE")]
+    on: Option<On>,
+    /// With --on: parts of the files, each a task.
+    #[arg(long, default_value_t = 8, value_name = "N", requires = "on", value_parser = clap::value_parser!(u16).range(1..))]
+    parts: u16,
+    /// With --on: follow the jobs until the corpus is there.
+    #[arg(long, requires = "on")]
+    wait: bool,
     /// Print the funnel as JSON.
-    #[arg(long)]
+    #[arg(long, conflicts_with = "on")]
     json: bool,
+}
+
+impl Args {
+    /// Whether it waits for jobs of a cluster.
+    pub fn waits(&self) -> bool {
+        self.wait
+    }
 }
 
 fn shard(text: &str) -> Result<Shard, String> {
@@ -62,7 +81,10 @@ fn shard(text: &str) -> Result<Shard, String> {
 }
 
 pub fn run(args: &Args) -> Result<ExitCode> {
-    let mut config = settings(&args.config, &args.sets)?;
+    if let (None, Some(set)) = (args.on, apart(&args.sets).0.first()) {
+        bail!("`--set {set}` is about a cluster; add --on slurm");
+    }
+    let (mut config, slurm) = settings(&args.config, &args.sets)?;
     if let Some(path) = &args.decisions {
         if !path.is_file() {
             bail!("{}: no such file of decisions", path.display());
@@ -70,6 +92,11 @@ pub fn run(args: &Args) -> Result<ExitCode> {
         config.decisions = path.display().to_string();
     }
     let places = Places::of(&args.out);
+    if args.on == Some(On::Slurm) {
+        let [folder] = args.inputs.as_slice() else { bail!("give one folder") };
+        let desk = Desk::new(&places.work, slurm)?;
+        return on_slurm::run(folder, &args.out, &config, &desk, args.parts.into(), args.wait);
+    }
     let bar: Mutex<Option<(String, Progress)>> = Mutex::new(None);
     let tell: Tell = &|what, done, total| progress(&bar, what, done, total);
     let done = if args.merge {
@@ -96,11 +123,13 @@ pub fn run(args: &Args) -> Result<ExitCode> {
     }
 }
 
-fn settings(name: &str, sets: &[String]) -> Result<CurateConfig> {
+fn settings(name: &str, sets: &[String]) -> Result<(CurateConfig, SlurmConfig)> {
     let loaded = presets::load_block(name, sets)?;
+    let slurm = slurm_settings(&loaded)?;
+    let loaded = loaded.without("slurm");
     let config: CurateConfig = loaded.get()?;
     config.validate().map_err(|(path, message)| loaded.invalid(path, message))?;
-    Ok(config)
+    Ok((config, slurm))
 }
 
 /// Shows how far a phase is; another phase ends the bar of the one before.

@@ -13,6 +13,7 @@ pub mod report;
 pub mod review;
 pub mod rig;
 pub mod simulate;
+pub mod slurm;
 pub mod strip;
 pub mod sweep;
 pub mod synth;

@@ -5,10 +5,12 @@ use std::process::{Command, ExitCode};
 use std::time::Duration;
 
 use anyhow::{Context, Result, bail};
-use riglab_report::Table;
+use riglab_report::{Cell, Table};
 use riglab_sweep::{Budget, Ended, Event, Job, Plan, Results, Stage, SweepError, SweepFile, run as run_pool};
 use riglab_train::{Interrupt, Progress};
 
+use super::slurm::sweep::{Handed, run as hand_over, seen};
+use super::slurm::{Desk, On, apart, settings};
 use crate::presets;
 use crate::registry::TaskConfig;
 
@@ -18,18 +20,23 @@ use crate::registry::TaskConfig;
 /// A sweep that was stopped or killed goes on when it is called again; a run that fails is tried once more and never
 /// stops the rest. At the end stands a table of means and spreads over seeds, in results.jsonl, table.md, table.tex,
 /// table.csv and report.html. TensorBoard compares the runs: `tensorboard --logdir SWEEP/jobs`.
+///
+/// With --on slurm the jobs are tasks of an array, which save when their time ends, are requeued and go on. The same
+/// command again hands over what is neither done nor in the queue, and writes the table when all is.
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:
   riglab sweep skintokens/table5_dice.toml --set data.corpora='[\"rigs.h5\"]'
   riglab sweep my_sweep.toml -o sweeps/mine --jobs 2
   riglab sweep sweeps/mine            # goes on
-  riglab sweep sweeps/mine --status   # how far it is")]
+  riglab sweep sweeps/mine --status   # how far it is
+  riglab sweep my_sweep.toml --on slurm --set slurm.partition=cpu --set slurm.time=4:00:00
+  riglab sweep sweeps/my_sweep --on slurm --wait   # until the table is written")]
 pub struct Args {
     /// Sweep file, the name of a built-in one, or the folder of a sweep to go on with.
     #[arg(required_unless_present = "list")]
     sweep: Option<String>,
-    /// Change a value of every job's config, as often as needed.
+    /// Change a value of every job's config, or of the sweep's own [slurm], as often as needed.
     #[arg(long = "set", value_name = "KEY=VALUE")]
     sets: Vec<String>,
     /// The sweep's folder [default: sweeps/<file>].
@@ -39,11 +46,17 @@ pub struct Args {
     #[arg(long, default_value_t = 0, value_name = "N")]
     jobs: usize,
     /// Processors to use; 0 takes all.
-    #[arg(long, default_value_t = 0, value_name = "N")]
+    #[arg(long, default_value_t = 0, value_name = "N", conflicts_with = "on")]
     cores: usize,
     /// Memory to use in GB; 0 takes nine tenths of what is free.
-    #[arg(long, default_value_t = 0.0, value_name = "GB")]
+    #[arg(long, default_value_t = 0.0, value_name = "GB", conflicts_with = "on")]
     memory: f64,
+    /// Hand the jobs to a cluster instead of running them here.
+    #[arg(long, value_name = "WHERE")]
+    on: Option<On>,
+    /// With --on: follow the jobs until all are done, and write the table.
+    #[arg(long, requires = "on")]
+    wait: bool,
     /// Show how far the jobs are and the table so far, and leave.
     #[arg(long)]
     status: bool,
@@ -64,7 +77,7 @@ pub fn run(args: &Args) -> Result<ExitCode> {
         return Ok(ExitCode::SUCCESS);
     }
     let Some(name) = &args.sweep else { bail!("give a sweep file, or the folder of a sweep") };
-    let (plan, folder) = plan(name, args)?;
+    let (plan, folder, desk) = plan(name, args)?;
     if args.status {
         return status(&plan, &folder, args.watch);
     }
@@ -77,6 +90,21 @@ pub fn run(args: &Args) -> Result<ExitCode> {
     }
     plan.settle(&folder, resolved)?;
     let _held = hold(&folder)?;
+    if args.on == Some(On::Slurm) {
+        return match hand_over(&folder, &plan, &desk, args.wait)? {
+            Handed::Queued => {
+                eprintln!("follow them with: riglab sweep {} --status", folder.display());
+                eprintln!("the table comes by: riglab sweep {} --on slurm", folder.display());
+                say!("{}", folder.display());
+                Ok(ExitCode::SUCCESS)
+            }
+            Handed::Left => {
+                eprintln!("the jobs go on; look again with: riglab sweep {} --on slurm --wait", folder.display());
+                Ok(ExitCode::from(130))
+            }
+            Handed::Done => conclude(&plan, &folder),
+        };
+    }
     let budget = Budget::new(args.jobs, args.cores, plan.sweep.threads, args.memory);
     let total = plan.jobs.len() as u64;
     eprintln!(
@@ -87,18 +115,26 @@ pub fn run(args: &Args) -> Result<ExitCode> {
         budget.memory_gb
     );
     let own = std::env::current_exe().context("the program does not know its own file")?;
-    let command = |job: &Job, stage: Stage, run: &Path| process(&own, budget, &plan.config(&folder, job), stage, run);
+    let command = |job: &Job, stage: Stage, run: &Path| {
+        process(Command::new(&own), budget.threads, &plan.config(&folder, job), stage, run)
+    };
     let interrupt = Interrupt::listening();
     let mut progress = Progress::new("sweeping", total, 0);
     let ended = run_pool(&folder, &plan, budget, command, || interrupt.raised(), |event| tell(&event, &mut progress));
     progress.finish();
     let ended = ended?;
-    let results = Results::read(&folder, &plan);
-    results.write(&folder)?;
     if ended == Ended::Interrupted {
+        Results::read(&folder, &plan).write(&folder)?;
         eprintln!("interrupted; go on with: riglab sweep {}", folder.display());
         return Ok(ExitCode::from(130));
     }
+    conclude(&plan, &folder)
+}
+
+/// Writes and shows what a sweep found.
+fn conclude(plan: &Plan, folder: &Path) -> Result<ExitCode> {
+    let results = Results::read(folder, plan);
+    results.write(folder)?;
     show(&results);
     for outcome in results.outcomes.iter().filter(|o| !o.reason.is_empty()) {
         eprintln!("failed: {}, seed {}: {}", outcome.point, outcome.seed, outcome.reason);
@@ -107,24 +143,46 @@ pub fn run(args: &Args) -> Result<ExitCode> {
     Ok(if results.count("finished") > 0 { ExitCode::SUCCESS } else { ExitCode::FAILURE })
 }
 
-/// The plan: of a folder that has one, else of a file.
-fn plan(name: &str, args: &Args) -> Result<(Plan, PathBuf)> {
+/// The plan, its folder, and what its jobs ask of a cluster: of a folder that has one, else of a file.
+fn plan(name: &str, args: &Args) -> Result<(Plan, PathBuf, Desk)> {
     let folder = PathBuf::from(name);
+    let (cluster, sets) = apart(&args.sets);
+    if !cluster.is_empty() && args.on.is_none() {
+        bail!("`--set {}` is about a cluster; add --on slurm", cluster[0]);
+    }
     if folder.is_dir() {
-        if !args.sets.is_empty() || args.out.is_some() {
-            bail!("{name} is a sweep's folder: its jobs are settled, --set and -o belong to a new one");
+        if !sets.is_empty() || args.out.is_some() {
+            bail!("{name} is a sweep's folder: its jobs are settled, --set (but of slurm) and -o belong to a new one");
         }
         let Some(plan) = Plan::read(&folder)? else {
             bail!("{name}: no sweep here (there is no sweep.json); `riglab sweep FILE` makes one");
         };
-        return Ok((plan, folder));
+        let desk = Desk::reopen(&folder, &cluster)?;
+        return Ok((plan, folder.clone(), asked(desk, args)));
     }
-    let config = presets::load(name, &[])?;
-    config.check_keys(&["sweep"])?;
+    let config = presets::load(name, &cluster)?;
+    config.check_keys(&["sweep", "slurm"])?;
     let file: SweepFile = config.get_at("sweep")?;
-    let plan = Plan::new(file, &args.sets).map_err(|e| config.invalid("sweep", e))?;
+    let mut slurm = settings(&config)?;
+    if slurm.cpus == 0 {
+        slurm.cpus = file.threads;
+    }
+    if slurm.memory.is_empty() && file.memory_gb > 0.0 {
+        slurm.memory = format!("{:.0}M", (file.memory_gb * 1024.0).ceil());
+    }
+    let plan = Plan::new(file, &sets).map_err(|e| config.invalid("sweep", e))?;
     let stem = Path::new(name).file_stem().map_or("sweep".into(), |s| s.to_string_lossy().into_owned());
-    Ok((plan, args.out.clone().unwrap_or_else(|| Path::new("sweeps").join(stem))))
+    let folder = args.out.clone().unwrap_or_else(|| Path::new("sweeps").join(stem));
+    let desk = Desk::new(&folder, slurm)?;
+    Ok((plan, folder, asked(desk, args)))
+}
+
+/// With the jobs at a time that the command line asks for.
+fn asked(mut desk: Desk, args: &Args) -> Desk {
+    if args.jobs > 0 {
+        desk.config.at_a_time = args.jobs;
+    }
+    desk
 }
 
 /// A job's whole config.
@@ -133,10 +191,10 @@ fn resolved(job: &Job) -> Result<String, SweepError> {
     text().map_err(|e| SweepError::Invalid(format!("{}, seed {}: {e:#}", job.point, job.seed)))
 }
 
-/// What runs a stage of a job.
-fn process(own: &Path, budget: Budget, config: &Path, stage: Stage, run: &Path) -> Command {
-    let mut command = Command::new(own);
-    command.arg("--threads").arg(budget.threads.to_string());
+/// What runs a stage of a job: `riglab`, however it is started, with its arguments.
+pub fn process(riglab: Command, threads: usize, config: &Path, stage: Stage, run: &Path) -> Command {
+    let mut command = riglab;
+    command.arg("--threads").arg(threads.to_string());
     match stage {
         Stage::Train => command.arg("train").arg(config).arg("--run").arg(run),
         Stage::Resume => command.args(["train", "--resume"]).arg(run),
@@ -155,15 +213,19 @@ fn hold(folder: &Path) -> Result<std::fs::File> {
     Ok(lock)
 }
 
+/// A stage in words.
+pub fn doing(stage: Stage) -> &'static str {
+    match stage {
+        Stage::Train => "trains",
+        Stage::Resume => "goes on",
+        Stage::Evaluate => "is evaluated",
+    }
+}
+
 fn tell(event: &Event, progress: &mut Progress) {
     match event {
         Event::Begun(job, stage) => {
-            let what = match stage {
-                Stage::Train => "trains",
-                Stage::Resume => "goes on",
-                Stage::Evaluate => "is evaluated",
-            };
-            progress.line(&format!("{}, seed {}: {what}", job.point, job.seed));
+            progress.line(&format!("{}, seed {}: {}", job.point, job.seed, doing(*stage)));
         }
         Event::Adopted(job) => {
             progress.line(&format!("{}, seed {}: still runs; it is waited for", job.point, job.seed))
@@ -189,6 +251,14 @@ fn status(plan: &Plan, folder: &Path, watch: Option<u64>) -> Result<ExitCode> {
         let counts = states.map(|s| (s, results.count(s))).into_iter().filter(|(_, n)| *n > 0);
         let counts: Vec<String> = counts.map(|(s, n)| format!("{n} {s}")).collect();
         let mut table: Table = results.status();
+        match seen(folder, plan) {
+            Ok(None) => {}
+            Ok(Some(queued)) => {
+                table.head.push("Slurm".into());
+                table.rows.iter_mut().zip(queued).for_each(|(row, q)| row.push(Cell::text(q)));
+            }
+            Err(e) => eprintln!("note: what is in the queue is not known: {e:#}"),
+        }
         table.caption = format!("{}: {}", folder.display(), counts.join(", "));
         say!("{}", table.to_text());
         show(&results);

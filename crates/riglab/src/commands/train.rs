@@ -9,13 +9,15 @@ use riglab_task::Experiment;
 use riglab_train::{Ended, Interrupt, Run, RunInfo, estimate, product_speed, train};
 use tch::Device;
 
+use super::slurm::{On, apart, settings, train as on_slurm};
 use crate::presets;
 use crate::registry::{TaskConfig, Visitor};
 
 /// Train a model from a config, or continue a run.
 ///
 /// A run folder is made with the resolved config, metrics and checkpoints; Ctrl-C saves and leaves,
-/// --resume goes on as if nothing had happened.
+/// --resume goes on as if nothing had happened. With --on slurm it does so as a job of a cluster, requeued whenever
+/// its time ends.
 ///
 /// Started as several processes by mpirun or srun, it shares the batches of each step (train.accumulate of them, a
 /// multiple of the number of processes) among them: the run is the same on any number, and can be resumed on another.
@@ -26,6 +28,7 @@ Examples:
   riglab train my.toml --set train.seed=2 --run runs/mine/seed-2
   riglab train --resume runs/mine/seed-2
   riglab train my.toml --dry-run
+  riglab train my.toml --on slurm --set slurm.time=12:00:00 --set slurm.memory=32G
   mpirun -n 2 riglab train my.toml --set train.accumulate=2   # built with --features mpi")]
 pub struct Args {
     /// Config file, or the name of a built-in experiment.
@@ -38,7 +41,7 @@ pub struct Args {
     #[arg(long, value_name = "DIR")]
     run: Option<PathBuf>,
     /// Continue the run in this folder.
-    #[arg(long, value_name = "DIR", conflicts_with_all = ["config", "run", "sets"])]
+    #[arg(long, value_name = "DIR", conflicts_with_all = ["config", "run"])]
     resume: Option<PathBuf>,
     /// Write nothing: go through a few steps and a validation, and say what the run would take: parameters, memory,
     /// operations and time.
@@ -47,6 +50,12 @@ pub struct Args {
     /// Say it as a line of JSON.
     #[arg(long, requires = "dry_run")]
     json: bool,
+    /// Hand the training to a cluster instead of doing it here.
+    #[arg(long, value_name = "WHERE", conflicts_with = "dry_run")]
+    on: Option<On>,
+    /// With --on: follow the job to its end.
+    #[arg(long, requires = "on")]
+    wait: bool,
     /// List the built-in experiments.
     #[arg(long)]
     list: bool,
@@ -56,6 +65,16 @@ pub fn run(args: &Args, threads: usize) -> Result<ExitCode> {
     if args.list {
         presets::experiments().iter().for_each(|name| say!("{name}"));
         return Ok(ExitCode::SUCCESS);
+    }
+    let (cluster, sets) = apart(&args.sets);
+    if let (Some(dir), Some(set)) = (&args.resume, sets.first()) {
+        bail!("{}: the settings of a run stand; `--set {set}` belongs to a new one", dir.display());
+    }
+    if let (None, Some(set)) = (args.on, cluster.first()) {
+        bail!("`--set {set}` is about a cluster; add --on slurm");
+    }
+    if args.on == Some(On::Slurm) {
+        return hand_over(args, &cluster, threads);
     }
     let ranks = riglab_ranks::world()?;
     let done = together(args, threads, &ranks);
@@ -106,7 +125,24 @@ fn together(args: &Args, threads: usize, ranks: &Ranks) -> Result<ExitCode> {
 
 /// The config that a run's `config.toml` holds, or will hold.
 fn settled(text: &str, path: &Path) -> Result<TaskConfig> {
-    TaskConfig::read(&presets::parse(&path.display().to_string(), text)?)
+    TaskConfig::read(&presets::parse(&path.display().to_string(), text, &[])?)
+}
+
+/// Submits a training.
+fn hand_over(args: &Args, cluster: &[String], threads: usize) -> Result<ExitCode> {
+    let (run, desk, config) = match (&args.resume, &args.config) {
+        (Some(dir), _) => (dir.clone(), on_slurm::desk(dir, None, cluster)?, None),
+        (None, Some(name)) => {
+            let config = presets::load(name, &args.sets)?;
+            let text = TaskConfig::read(&config)?.settled().to_toml()?;
+            let dir = args.run.clone().unwrap_or_else(|| next_free(name));
+            let desk = on_slurm::desk(&dir, Some(settings(&config)?), &[])?;
+            (dir, desk, Some(text))
+        }
+        (None, None) => bail!("give a config, or --resume RUN"),
+    };
+    let request = on_slurm::Request { run: &run, config: config.as_deref(), threads, wait: args.wait };
+    on_slurm::run(&request, &desk)
 }
 
 /// A run's folder, which is made when the task has been opened: a corpus that is missing leaves none behind.

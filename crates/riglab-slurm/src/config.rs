@@ -1,0 +1,273 @@
+//! The table `[slurm]`.
+
+use std::fmt;
+
+use serde::de::{self, Deserializer, Visitor};
+use serde::{Deserialize, Serialize};
+
+/// What a job asks of the cluster: the table `[slurm]` of an experiment, a sweep or a curation. Whatever is empty or 0
+/// is left to the cluster's own default.
+///
+/// ```toml
+/// [slurm]
+/// partition = "cpu"
+/// account = "rigging"
+/// time = "4:00:00"
+/// memory = "16G"
+/// cpus = 8
+/// options = ["--exclude=node[07-08]"]
+/// prologue = ["module load gcc/13"]
+/// ```
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct SlurmConfig {
+    /// Partition, or several with commas between.
+    pub partition: String,
+    /// Account that is charged.
+    pub account: String,
+    /// Quality of service.
+    pub qos: String,
+    /// Features that nodes must have, as `--constraint` takes them.
+    pub constraint: String,
+    /// Time limit of a task as Slurm writes it: minutes, `minutes:seconds`, `hours:minutes:seconds`, `days-hours` or
+    /// `days-hours:minutes[:seconds]`. What is not done by then goes on in the next round.
+    #[serde(deserialize_with = "text_or_number")]
+    pub time: String,
+    /// Memory of a node: a number with K, M, G or T; without a letter megabytes.
+    #[serde(deserialize_with = "text_or_number")]
+    pub memory: String,
+    /// Processors of a process.
+    pub cpus: usize,
+    /// Nodes of a task.
+    pub nodes: usize,
+    /// Processes of a training. With more than one it is started by `srun`.
+    pub processes: usize,
+    /// How `srun` starts several processes (`--mpi`): `pmix`, `pmi2`.
+    pub mpi: String,
+    /// Tasks of an array that run at a time.
+    pub at_a_time: usize,
+    /// Seconds before the time limit at which a task is told to save and leave, 1 to 65535. Slurm may tell it a minute
+    /// earlier. It must cover the longest of a step, a validation and the writing of a checkpoint.
+    pub signal_seconds: u64,
+    /// Starts of a task at the same place, without a step between, after which it is given up. At least 1.
+    pub patience: usize,
+    /// Seconds between looks at the queue with `--wait`. At least 1.
+    pub look_seconds: u64,
+    /// Further options of `sbatch`, one each: `--gres=gpu:1`, `--exclusive`.
+    pub options: Vec<String>,
+    /// Lines of bash that each task runs before anything else: modules, environment.
+    pub prologue: Vec<String>,
+}
+
+impl Default for SlurmConfig {
+    fn default() -> Self {
+        let word = String::new;
+        Self {
+            partition: word(),
+            account: word(),
+            qos: word(),
+            constraint: word(),
+            time: word(),
+            memory: word(),
+            cpus: 0,
+            nodes: 0,
+            processes: 1,
+            mpi: word(),
+            at_a_time: 0,
+            signal_seconds: 120,
+            patience: 3,
+            look_seconds: 10,
+            options: Vec::new(),
+            prologue: Vec::new(),
+        }
+    }
+}
+
+/// Seconds by which Slurm may give a signal too early.
+const EARLIER: u64 = 60;
+
+/// Options of `sbatch` that job scripts have already, with what to say instead.
+const TAKEN: [(&str, &str); 14] = [
+    ("--array", "it is listed from what is to be done; `at_a_time` limits it"),
+    ("-a", "it is listed from what is to be done; `at_a_time` limits it"),
+    ("--output", "logs lie in the folder of the work, slurm/logs"),
+    ("-o", "logs lie in the folder of the work, slurm/logs"),
+    ("--open-mode", "logs of a task that was requeued go on"),
+    ("--signal", "use `signal_seconds`"),
+    ("--requeue", "it is always given"),
+    ("--no-requeue", "tasks go on by being requeued"),
+    ("--chdir", "tasks begin where you are"),
+    ("-D", "tasks begin where you are"),
+    ("--dependency", "tasks depend on one another as the work needs it"),
+    ("-d", "tasks depend on one another as the work needs it"),
+    ("--ntasks", "use `processes`"),
+    ("-n", "use `processes`"),
+];
+
+impl SlurmConfig {
+    /// Checks values.
+    ///
+    /// # Errors
+    /// The key below `slurm` that is wrong, with a sentence.
+    pub fn validate(&self) -> Result<(), (String, String)> {
+        let fault = |key: &str, message: String| Err((format!("slurm.{key}"), message));
+        let words = [
+            ("partition", &self.partition),
+            ("account", &self.account),
+            ("qos", &self.qos),
+            ("constraint", &self.constraint),
+            ("mpi", &self.mpi),
+        ];
+        if let Some((key, word)) =
+            words.into_iter().find(|(_, w)| w.contains(|c: char| c.is_whitespace() || c.is_control()))
+        {
+            return fault(key, format!("{word:?} should be one word"));
+        }
+        if !self.time.is_empty() && seconds(&self.time).is_none_or(|s| s == 0) {
+            let forms = "give minutes, `minutes:seconds`, `hours:minutes:seconds`, `days-hours` or \
+                         `days-hours:minutes:seconds`, such as \"90\", \"4:00:00\" or \"2-12\"";
+            return fault("time", format!("`{}` is no time as Slurm takes it; {forms}", self.time));
+        }
+        if let Some(limit) = seconds(&self.time)
+            && limit <= self.signal_seconds + EARLIER
+        {
+            let lead = self.signal_seconds;
+            let message = format!("{limit} seconds are no more than `signal_seconds` ({lead}) and the minute by which");
+            return fault("time", message + " Slurm may be early; a task would be told to leave before it begins");
+        }
+        if !self.memory.is_empty() && !is_memory(&self.memory) {
+            let message = format!("`{}` is no amount of memory; give a whole number with K, M, G or T", self.memory);
+            return fault("memory", message + ", such as \"16G\"");
+        }
+        if self.processes == 0 {
+            return fault("processes", "a training has at least 1".into());
+        }
+        if !(1..=65535).contains(&self.signal_seconds) {
+            return fault("signal_seconds", format!("{} is not within 1 to 65535", self.signal_seconds));
+        }
+        if self.patience == 0 {
+            return fault("patience", "a task must be begun at least once".into());
+        }
+        if self.look_seconds == 0 {
+            return fault("look_seconds", "a look takes the controller's time; give at least 1".into());
+        }
+        for option in &self.options {
+            let name = option.split(['=', ' ']).next().unwrap_or_default();
+            if !name.starts_with('-') || option.contains(['\n', '\r']) {
+                return fault("options", format!("{option:?} is no option of sbatch; write it as \"--name=value\""));
+            }
+            if let Some((_, why)) = TAKEN.iter().find(|(taken, _)| *taken == name) {
+                return fault("options", format!("`{name}` is not for this list: {why}"));
+            }
+        }
+        Ok(())
+    }
+}
+
+/// A text, or a whole number as Slurm takes it without a unit.
+fn text_or_number<'de, D: Deserializer<'de>>(deserializer: D) -> Result<String, D::Error> {
+    struct Either;
+    impl Visitor<'_> for Either {
+        type Value = String;
+
+        fn expecting(&self, f: &mut fmt::Formatter) -> fmt::Result {
+            f.write_str("a string or a whole number")
+        }
+
+        fn visit_str<E: de::Error>(self, text: &str) -> Result<String, E> {
+            Ok(text.to_owned())
+        }
+
+        fn visit_u64<E: de::Error>(self, number: u64) -> Result<String, E> {
+            Ok(number.to_string())
+        }
+
+        fn visit_i64<E: de::Error>(self, number: i64) -> Result<String, E> {
+            Ok(number.to_string())
+        }
+    }
+    deserializer.deserialize_any(Either)
+}
+
+/// Seconds of a time limit; `None` where Slurm would not take it.
+fn seconds(text: &str) -> Option<u64> {
+    let number = |t: &str| if t.bytes().all(|b| b.is_ascii_digit()) { t.parse::<u64>().ok() } else { None };
+    let parts = |t: &str| t.split(':').map(number).collect::<Option<Vec<u64>>>();
+    let total = match text.split_once('-') {
+        Some((days, rest)) => {
+            let [h, m, s] = match parts(rest)?.as_slice() {
+                [h] => [*h, 0, 0],
+                [h, m] => [*h, *m, 0],
+                [h, m, s] => [*h, *m, *s],
+                _ => return None,
+            };
+            [(number(days)?, 86_400), (h, 3600), (m, 60), (s, 1)]
+        }
+        None => {
+            let [h, m, s] = match parts(text)?.as_slice() {
+                [m] => [0, *m, 0],
+                [m, s] => [0, *m, *s],
+                [h, m, s] => [*h, *m, *s],
+                _ => return None,
+            };
+            [(0, 86_400), (h, 3600), (m, 60), (s, 1)]
+        }
+    };
+    total.into_iter().try_fold(0u64, |sum, (n, unit)| sum.checked_add(n.checked_mul(unit)?))
+}
+
+fn is_memory(text: &str) -> bool {
+    let digits = text.strip_suffix(|c: char| "KMGTkmgt".contains(c)).unwrap_or(text);
+    digits.bytes().all(|b| b.is_ascii_digit()) && digits.parse::<u64>().is_ok_and(|n| n > 0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn read(text: &str) -> Result<SlurmConfig, String> {
+        let config = riglab_config::Config::from_toml_str("c.toml", text).map_err(|e| e.to_string())?;
+        let slurm: SlurmConfig = config.get_at("slurm").map_err(|e| e.to_string())?;
+        slurm.validate().map_err(|(key, message)| format!("{key}: {message}"))?;
+        Ok(slurm)
+    }
+
+    #[test]
+    fn nothing_said_asks_for_nothing() {
+        let plain = read("[slurm]\n").unwrap();
+        assert_eq!(plain, SlurmConfig::default());
+        assert!(plain.partition.is_empty() && plain.time.is_empty() && plain.cpus == 0 && plain.options.is_empty());
+    }
+
+    #[test]
+    fn times_are_slurms() {
+        for (text, want) in
+            [("90", 5400), ("1:30", 90), ("4:00:00", 14_400), ("2-12", 216_000), ("1-0:30", 88_200), ("0-0:0:5", 5)]
+        {
+            assert_eq!(seconds(text), Some(want), "{text}");
+        }
+        for text in ["", "2h", "1:2:3:4", "-1", "1-", "+5", "1-2-3", "99999999999999999999", "18446744073709551615"] {
+            assert_eq!(seconds(text), None, "{text}");
+        }
+    }
+
+    #[test]
+    fn faults_are_sentences() {
+        let fault = |line: &str| read(&format!("[slurm]\n{line}\n")).unwrap_err();
+        assert!(fault("time = '2h'").starts_with("slurm.time: `2h` is no time as Slurm takes it; give minutes"));
+        assert!(fault("time = '0'").contains("no time"));
+        assert!(fault("time = '2'").contains("120 seconds are no more than `signal_seconds` (120)"));
+        assert!(fault("time = 3").contains("180 seconds are no more"));
+        assert!(read("[slurm]\ntime = 2\nsignal_seconds = 50\n").is_ok());
+        assert!(fault("memory = '1.5G'").contains("whole number"));
+        assert!(fault("memory = 'G'").contains("whole number") && fault("memory = '0'").contains("whole number"));
+        assert!(fault("partition = 'a b'").contains("one word"));
+        assert!(fault("options = ['gres=gpu:1']").contains("no option of sbatch"));
+        assert!(fault("options = ['--array=1-3']").contains("`at_a_time` limits it"));
+        assert!(fault("processes = 0").contains("at least 1") && fault("patience = 0").contains("at least once"));
+        assert!(fault("partitoin = 'a'").contains("did you mean `partition`?"));
+        assert!(fault("time = -3").contains("`-3` is no time") && fault("memory = 1.5").contains("memory"));
+        assert_eq!(read("[slurm]\ntime = 90\nmemory = 4000\n").unwrap().time, "90");
+        assert!(read("[slurm]\ntime = '4:00:00'\nmemory = '16G'\noptions = ['--gres=gpu:1']\n").is_ok());
+    }
+}

@@ -1,0 +1,263 @@
+//! Work that is handed to a Slurm cluster: what sweeps, trainings and curations share.
+
+pub mod curate;
+pub mod sweep;
+pub mod task;
+pub mod train;
+
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+use anyhow::{Context, Result};
+use riglab_config::Config;
+use riglab_slurm::{Queue, Queued, Script, SlurmConfig, SlurmError, Submission, array_size, record, submissions};
+use riglab_train::Interrupt;
+use serde::{Deserialize, Serialize};
+
+use crate::presets;
+
+/// Where work is done.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+pub enum On {
+    /// By jobs of a Slurm cluster, as the table [slurm] of the config says. The folders must be on a file system that
+    /// its nodes share.
+    Slurm,
+}
+
+/// The table `[slurm]` of a config, or what holds without one.
+pub fn settings(config: &Config) -> Result<SlurmConfig> {
+    if !config.contains("slurm") {
+        return Ok(SlurmConfig::default());
+    }
+    let slurm: SlurmConfig = config.get_at("slurm")?;
+    slurm.validate().map_err(|(key, message)| config.invalid(&key, message))?;
+    Ok(slurm)
+}
+
+/// Changes of `[slurm]`, and those of the work itself.
+pub fn apart(sets: &[String]) -> (Vec<String>, Vec<String>) {
+    sets.iter().cloned().partition(|s| s.trim_start().starts_with("slurm."))
+}
+
+/// The file form of settings.
+#[derive(Serialize, Deserialize)]
+struct Kept {
+    slurm: SlurmConfig,
+}
+
+/// Where the jobs of a piece of work are written down: the folder `slurm` within that of the work.
+///
+/// ```text
+/// settings.toml   the table [slurm]
+/// jobs.jsonl      a line a job that was submitted
+/// job-N.sh        its script
+/// starts/         a line a start of a task
+/// logs/           what tasks say
+/// ```
+pub struct Desk {
+    folder: PathBuf,
+    /// What jobs ask for.
+    pub config: SlurmConfig,
+}
+
+/// A job to be submitted.
+pub struct Order<'a> {
+    /// `sweep`, `train`, `curate`, `merge`.
+    pub what: &'a str,
+    /// Its name in the queue.
+    pub name: &'a str,
+    /// Numbers of the work that it does, as an array; none without one.
+    pub numbers: &'a [usize],
+    /// Failed attempts that are known.
+    pub failures: usize,
+    /// The job that must end well before.
+    pub after: Option<&'a str>,
+    /// Whether it trains.
+    pub parallel: bool,
+    /// Arguments of `riglab slurm-task`; the offset of the numbers is added.
+    pub command: &'a [&'a str],
+}
+
+impl Desk {
+    /// For the work of a folder.
+    pub fn new(work: &Path, config: SlurmConfig) -> Result<Self> {
+        let work = std::path::absolute(work).with_context(|| format!("{} has no place", work.display()))?;
+        Ok(Self { folder: work.join("slurm"), config })
+    }
+
+    /// With the settings of an earlier call, or defaults, and changes.
+    pub fn reopen(work: &Path, sets: &[String]) -> Result<Self> {
+        let mut desk = Self::new(work, SlurmConfig::default())?;
+        let path = desk.settings();
+        let text = match std::fs::read_to_string(&path) {
+            Ok(text) => text,
+            Err(e) if e.kind() == std::io::ErrorKind::NotFound => String::new(),
+            Err(e) => return Err(e).with_context(|| format!("{} cannot be read", path.display())),
+        };
+        desk.config = settings(&presets::parse(&path.display().to_string(), &text, sets)?)?;
+        Ok(desk)
+    }
+
+    /// Whether anything was ever submitted from here.
+    pub fn is_known(work: &Path) -> bool {
+        work.join("slurm/jobs.jsonl").is_file()
+    }
+
+    fn settings(&self) -> PathBuf {
+        self.folder.join("settings.toml")
+    }
+
+    /// A file of the desk.
+    pub fn file(&self, name: &str) -> PathBuf {
+        self.folder.join(name)
+    }
+
+    /// The starts of a task.
+    pub fn starts(&self, number: usize) -> PathBuf {
+        self.folder.join(format!("starts/{number}.jsonl"))
+    }
+
+    /// Where tasks' messages are.
+    pub fn logs(&self) -> PathBuf {
+        self.folder.join("logs")
+    }
+
+    /// The jobs that were submitted.
+    pub fn submitted(&self) -> Vec<Submission> {
+        submissions(&self.file("jobs.jsonl"))
+    }
+
+    /// Those that are in the queue.
+    pub fn queue(&self) -> Result<Queue, SlurmError> {
+        let jobs: Vec<String> = self.submitted().into_iter().map(|s| s.job).collect();
+        riglab_slurm::queue(&jobs)
+    }
+
+    /// Writes scripts and submits them: one, or as many as the cluster's longest array asks for.
+    pub fn submit(&self, order: &Order) -> Result<Vec<Submission>> {
+        std::fs::create_dir_all(self.logs()).with_context(|| format!("{} cannot be made", self.logs().display()))?;
+        let kept = toml::to_string(&Kept { slurm: self.config.clone() })?;
+        write(&self.settings(), &kept)?;
+        if order.numbers.is_empty() {
+            return Ok(vec![self.submit_one(order, 0, &[])?]);
+        }
+        let most = array_size()?;
+        let parts = order.numbers.chunk_by(|a, b| a / most == b / most);
+        parts.map(|part| self.submit_one(order, part[0] / most * most, part)).collect()
+    }
+
+    fn submit_one(&self, order: &Order, offset: usize, numbers: &[usize]) -> Result<Submission> {
+        let own = std::env::current_exe().context("the program does not know its own file")?;
+        let own = own.to_str().context("the program's own path is not UTF-8")?;
+        let here = std::env::current_dir().context("the working folder is gone")?;
+        let tasks: Vec<usize> = numbers.iter().map(|n| n - offset).collect();
+        let (offset_text, mut command) = (offset.to_string(), vec![own, "slurm-task"]);
+        command.extend(order.command);
+        if offset > 0 {
+            command.extend(["--offset", &offset_text]);
+        }
+        let script = Script {
+            name: order.name,
+            config: &self.config,
+            folder: &here,
+            logs: &self.logs(),
+            tasks: &tasks,
+            after: order.after,
+            parallel: order.parallel,
+            command: &command,
+        };
+        let path = self.file(&format!("job-{}.sh", self.submitted().len() + 1));
+        write(&path, &script.text()?)?;
+        let job = riglab_slurm::submit(&path).with_context(|| format!("{} is not taken", path.display()))?;
+        let what = order.what.into();
+        let submission = Submission { job, what, offset, numbers: numbers.to_vec(), failures: order.failures };
+        record(&self.file("jobs.jsonl"), &submission)?;
+        Ok(submission)
+    }
+
+    /// Looks at the queue until none of the jobs is left in it, or `interrupt` is raised; `tell` hears what is there.
+    /// False when it was.
+    pub fn follow(&self, interrupt: &Interrupt, mut tell: impl FnMut(&Queue)) -> Result<bool> {
+        let mut silent = false;
+        loop {
+            match self.queue() {
+                Ok(queue) if queue.is_empty() => return Ok(true),
+                Ok(queue) => {
+                    silent = false;
+                    tell(&queue);
+                }
+                // It may be restarted just now; its jobs go on without it.
+                Err(e @ SlurmError::Refused { .. }) => {
+                    if !silent {
+                        eprintln!("note: {e}; asking again");
+                    }
+                    silent = true;
+                }
+                Err(e) => return Err(e.into()),
+            }
+            let start = Instant::now();
+            while start.elapsed() < Duration::from_secs(self.config.look_seconds) {
+                if interrupt.raised() {
+                    return Ok(false);
+                }
+                std::thread::sleep(Duration::from_millis(50));
+            }
+        }
+    }
+}
+
+/// A queued job in words.
+fn shown(queued: &Queued, starts: usize) -> String {
+    let again = if starts > 1 { format!(", begun {starts} times") } else { String::new() };
+    match queued.state.as_str() {
+        "PENDING" | "REQUEUED" if starts > 0 => format!("requeued ({}){again}", queued.reason),
+        "PENDING" => format!("queued ({})", queued.reason),
+        "RUNNING" => format!("on {}{again}", queued.nodes),
+        other => format!("{}{again}", other.to_lowercase()),
+    }
+}
+
+/// How many are on nodes and how many wait.
+fn counted(queue: &Queue) -> String {
+    let waiting = queue.iter().filter(|q| q.state == "PENDING").count();
+    format!("{} running, {waiting} queued", queue.len() - waiting)
+}
+
+fn write(path: &Path, text: &str) -> Result<()> {
+    let written = riglab_files::make_folder_of(path).and_then(|()| riglab_files::write(path, text.as_bytes()));
+    written.with_context(|| format!("{} cannot be written", path.display()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn settings_are_kept_and_changed() {
+        let dir = tempfile::tempdir().unwrap();
+        let desk = Desk::reopen(dir.path(), &["slurm.time='1:00:00'".into()]).unwrap();
+        assert_eq!(desk.config.time, "1:00:00");
+        write(&desk.settings(), &toml::to_string(&Kept { slurm: desk.config }).unwrap()).unwrap();
+        let desk = Desk::reopen(dir.path(), &["slurm.partition=cpu".into()]).unwrap();
+        assert_eq!((desk.config.time.as_str(), desk.config.partition.as_str()), ("1:00:00", "cpu"));
+        let said = Desk::reopen(dir.path(), &["slurm.time=soon".into()]).err().unwrap().to_string();
+        assert!(said.contains("--set slurm.time=soon") && said.contains("no time as Slurm takes it"), "{said}");
+        let (own, rest) = apart(&["slurm.cpus=2".into(), "train.steps=3".into()]);
+        assert_eq!((own.len(), rest), (1, vec!["train.steps=3".to_owned()]));
+    }
+
+    #[test]
+    fn the_queue_is_told_in_words() {
+        let of = |state: &str| Queued {
+            job: "17".into(),
+            task: Some(1),
+            state: state.into(),
+            nodes: "n1".into(),
+            reason: "Resources".into(),
+        };
+        assert_eq!(shown(&of("PENDING"), 0), "queued (Resources)");
+        assert_eq!(shown(&of("PENDING"), 2), "requeued (Resources), begun 2 times");
+        assert_eq!(shown(&of("RUNNING"), 1), "on n1");
+        assert_eq!(counted(&vec![of("PENDING"), of("RUNNING"), of("COMPLETING")]), "2 running, 1 queued");
+    }
+}

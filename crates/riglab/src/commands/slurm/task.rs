@@ -1,0 +1,278 @@
+//! `riglab slurm-task`: what job scripts run.
+
+use std::ffi::OsString;
+use std::path::{Path, PathBuf};
+use std::process::{Command, ExitCode};
+use std::time::Duration;
+
+use anyhow::{Context, Result, bail};
+use riglab_curate::{Places, nothing_left};
+use riglab_slurm::{SlurmConfig, Task, attend, attend_steps};
+use riglab_sweep::{Attempt, Ended, Event, Job, Plan, Stage, State, attempts, is_held, record, run_one};
+use riglab_train::Interrupt;
+
+use super::Desk;
+use super::curate::{Order, part};
+use crate::commands::sweep::{doing, process};
+
+/// Do the part of a Slurm job. Job scripts call it.
+#[derive(clap::Args)]
+pub struct Args {
+    #[command(subcommand)]
+    kind: Kind,
+    /// Added to the task's number.
+    #[arg(long, default_value_t = 0, global = true)]
+    offset: usize,
+}
+
+#[derive(clap::Subcommand)]
+enum Kind {
+    /// A job of the sweep in this folder.
+    Sweep { folder: PathBuf },
+    /// The run in this folder.
+    Train { run: PathBuf },
+    /// A part of the curation to this corpus.
+    Curate { out: PathBuf },
+    /// The corpus of the parts.
+    Merge { out: PathBuf },
+    /// A call of srun, whose processes are to hear what the task is told.
+    Srun {
+        #[arg(last = true, required = true)]
+        arguments: Vec<OsString>,
+    },
+}
+
+/// How a task's work ended.
+enum Done {
+    Well,
+    Failed,
+    Saved,
+}
+
+pub fn run(args: &Args, threads: usize) -> Result<ExitCode> {
+    let Some(task) = Task::here() else {
+        bail!("this is what the scripts of Slurm jobs call; `riglab sweep FILE --on slurm` writes and submits them");
+    };
+    let number = task.number.unwrap_or(0) + args.offset;
+    let done = match &args.kind {
+        Kind::Sweep { folder } => sweep(&task, folder, number)?,
+        Kind::Train { run } => train(&task, run, threads)?,
+        Kind::Curate { out } => curate(&task, out, Some(number), threads)?,
+        Kind::Merge { out } => curate(&task, out, None, threads)?,
+        Kind::Srun { arguments } => return srun(&task, arguments),
+    };
+    match done {
+        Done::Well => Ok(ExitCode::SUCCESS),
+        Done::Failed => Ok(ExitCode::FAILURE),
+        Done::Saved => {
+            let again = task.requeue()?;
+            eprintln!(
+                "task {}: saved and left{}",
+                task.id(),
+                if again { "; it is put back into the queue" } else { "" }
+            );
+            Ok(ExitCode::from(130))
+        }
+    }
+}
+
+fn sweep(task: &Task, folder: &Path, number: usize) -> Result<Done> {
+    let desk = Desk::reopen(folder, &[])?;
+    let plan = Plan::read(folder)?.with_context(|| format!("{}: no sweep here", folder.display()))?;
+    let job = plan.jobs.get(number).with_context(|| format!("{}: no job {number}", folder.display()))?;
+    let run = folder.join(&job.folder);
+    if let Err(stuck) = task.begin(&desk.starts(number), &place(&run), desk.config.patience)? {
+        let stage = if is_trained(&run) { "eval" } else { "train" };
+        record(folder, &Attempt { job: number, stage: stage.into(), reason: stuck.to_string(), given_up: true })?;
+        eprintln!("error: {stuck}");
+        return Ok(Done::Failed);
+    }
+    let own = std::env::current_exe().context("the program does not know its own file")?;
+    let threads = if plan.sweep.threads > 0 { plan.sweep.threads } else { processors(&desk.config) };
+    let command = |job: &Job, stage, run: &Path| {
+        let trains = stage != Stage::Evaluate;
+        let program = if trains { launched(&desk.config, &own) } else { Command::new(&own) };
+        process(program, threads, &plan.config(folder, job), stage, run)
+    };
+    let interrupt = Interrupt::listening();
+    let tell = |event: Event| match event {
+        Event::Begun(job, stage) => {
+            eprintln!("task {}: {}, seed {}: {}", task.id(), job.point, job.seed, doing(stage));
+        }
+        Event::Adopted(_) => eprintln!("another process is still at it; it is waited for"),
+        Event::Failed(_, reason, _) => eprintln!("failed: {reason}"),
+        Event::Finished(_) | Event::Count(..) => {}
+    };
+    if run_one(folder, &plan, job, command, || interrupt.raised(), tell)? == Ended::Interrupted {
+        return Ok(Done::Saved);
+    }
+    let finished = State::of(folder, &plan, job, &attempts(folder)) == State::Finished;
+    Ok(if finished { Done::Well } else { Done::Failed })
+}
+
+fn train(task: &Task, run: &Path, threads: usize) -> Result<Done> {
+    let desk = Desk::reopen(run, &[])?;
+    if let Err(stuck) = task.begin(&desk.starts(0), &place(run), desk.config.patience)? {
+        eprintln!("error: {stuck}");
+        return Ok(Done::Failed);
+    }
+    let interrupt = Interrupt::listening();
+    // One that Slurm has just ended may not have let go yet.
+    while is_held(run) {
+        if interrupt.raised() {
+            return Ok(Done::Saved);
+        }
+        std::thread::sleep(Duration::from_millis(200));
+    }
+    let own = std::env::current_exe().context("the program does not know its own file")?;
+    let mut command = launched(&desk.config, &own);
+    let threads = if threads > 0 { threads } else { processors(&desk.config) };
+    command.args(["--threads", &threads.to_string(), "train"]);
+    match run.join("config.toml").is_file() {
+        true => command.arg("--resume").arg(run),
+        false => command.arg(desk.file("config.toml")).arg("--run").arg(run),
+    };
+    attended(command, &interrupt)
+}
+
+/// A part of a curation, or with no number the corpus of all parts.
+fn curate(task: &Task, out: &Path, number: Option<usize>, threads: usize) -> Result<Done> {
+    let places = Places::of(out);
+    let desk = Desk::reopen(&places.work, &[])?;
+    let order = Order::read(&desk)?;
+    let (own_out, starts) = match number {
+        Some(n) => (part(&places, n, order.parts), desk.starts(n)),
+        None => (out.to_path_buf(), desk.starts(0)),
+    };
+    let own_places = Places::of(&own_out);
+    // The journal grows by what has been looked at.
+    let looked_at = std::fs::metadata(own_places.journal()).map_or(0, |m| m.len());
+    if let Err(stuck) = task.begin(&starts, &format!("{looked_at} bytes of the journal"), desk.config.patience)? {
+        eprintln!("error: {stuck}");
+        return Ok(Done::Failed);
+    }
+    let mut command = Command::new(std::env::current_exe().context("the program does not know its own file")?);
+    let threads = if threads > 0 { threads } else { processors(&desk.config) };
+    command.args(["--threads", &threads.to_string(), "curate"]);
+    // Curation's own threads are those of the pool of this name.
+    command.env("RAYON_NUM_THREADS", threads.to_string());
+    match number {
+        Some(n) => command.arg(&order.folder).args(["--shard", &format!("{n}/{}", order.parts)]),
+        None => command.arg("--merge").args((1..=order.parts).map(|n| part(&places, n, order.parts))),
+    };
+    command.arg("-o").arg(&own_out).arg("--config").arg(desk.file("config.toml"));
+    let done = attended(command, &Interrupt::listening())?;
+    // A part of which nothing passes is looked at to the end all the same.
+    let empty = number.is_some() && matches!(done, Done::Failed) && nothing_left(&own_places);
+    Ok(if empty { Done::Well } else { done })
+}
+
+fn srun(task: &Task, arguments: &[OsString]) -> Result<ExitCode> {
+    let interrupt = Interrupt::listening();
+    let mut command = Command::new("srun");
+    command.args(arguments);
+    let status = attend_steps(command, task, || interrupt.raised())?;
+    let code = status.code().and_then(|c| u8::try_from(c).ok());
+    Ok(code.map_or(ExitCode::FAILURE, ExitCode::from))
+}
+
+fn attended(command: Command, interrupt: &Interrupt) -> Result<Done> {
+    let status = attend(command, || interrupt.raised())?;
+    Ok(match status.code() {
+        Some(0) => Done::Well,
+        Some(130) => Done::Saved,
+        // Killed by what it was told, before it listened.
+        _ if interrupt.raised() => Done::Saved,
+        _ => Done::Failed,
+    })
+}
+
+/// The program, by `srun` where several processes train, and that by one who tells these what he hears.
+fn launched(config: &SlurmConfig, own: &Path) -> Command {
+    if config.processes < 2 {
+        return Command::new(own);
+    }
+    let mut command = Command::new(own);
+    command.args(["slurm-task", "srun", "--"]);
+    command.arg(format!("--ntasks={}", config.processes));
+    // Since 22.05 srun does not take this over from the job.
+    command.arg(format!("--cpus-per-task={}", config.cpus.max(1)));
+    if !config.mpi.is_empty() {
+        command.arg(format!("--mpi={}", config.mpi));
+    }
+    command.arg("--kill-on-bad-exit=1").arg(own);
+    command
+}
+
+/// Processors of a process of this task; 0 where Slurm does not say.
+fn processors(config: &SlurmConfig) -> usize {
+    let told = |name: &str| std::env::var(name).ok().and_then(|v| v.parse().ok());
+    match config.processes {
+        1 => told("SLURM_CPUS_PER_TASK").or_else(|| told("SLURM_CPUS_ON_NODE")).unwrap_or(0),
+        _ => config.cpus.max(1),
+    }
+}
+
+fn is_trained(run: &Path) -> bool {
+    let text = std::fs::read_to_string(run.join("run.json")).unwrap_or_default();
+    serde_json::from_str(&text).is_ok_and(|v: serde_json::Value| v["outcome"] == "finished")
+}
+
+/// Where a run stands: at its last checkpoint.
+fn place(run: &Path) -> String {
+    if is_trained(run) {
+        return "evaluation".into();
+    }
+    let entries = std::fs::read_dir(run.join("checkpoints")).into_iter().flatten().flatten();
+    let step = |name: std::ffi::OsString| name.to_str()?.strip_prefix("step-")?.parse::<u64>().ok();
+    format!("step {}", entries.filter_map(|e| step(e.file_name())).max().unwrap_or(0))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_run_stands_at_its_last_checkpoint() {
+        let dir = tempfile::tempdir().unwrap();
+        assert_eq!(place(dir.path()), "step 0");
+        for name in ["step-00000002", "step-00000010", "best", "step-x"] {
+            std::fs::create_dir_all(dir.path().join("checkpoints").join(name)).unwrap();
+        }
+        assert_eq!(place(dir.path()), "step 10");
+        std::fs::write(dir.path().join("run.json"), "{\"outcome\": \"finished\"}").unwrap();
+        assert_eq!(place(dir.path()), "evaluation");
+    }
+
+    #[test]
+    fn a_job_that_never_gets_on_is_given_up_for_good() {
+        let dir = tempfile::tempdir().unwrap();
+        let config = riglab_config::Config::from_toml_str("s.toml", "[sweep]\nbase = 'b'\nseeds = [0, 1]\n").unwrap();
+        let plan = Plan::new(config.get_at("sweep").unwrap(), &[]).unwrap();
+        plan.settle(dir.path(), |_| Ok(String::new())).unwrap();
+        let desk = Desk::new(dir.path(), SlurmConfig::default()).unwrap();
+        let task = Task { job: "17".into(), number: Some(1), node: "n1".into() };
+        for _ in 0..desk.config.patience {
+            task.begin(&desk.starts(1), "step 0", desk.config.patience).unwrap().unwrap();
+        }
+        assert!(matches!(sweep(&task, dir.path(), 1).unwrap(), Done::Failed));
+        let State::Failed(reason) = State::of(dir.path(), &plan, &plan.jobs[1], &attempts(dir.path())) else {
+            panic!("it is not given up");
+        };
+        assert!(reason.starts_with("train: it was begun 3 times at the same place (step 0)"), "{reason}");
+    }
+
+    #[test]
+    fn several_processes_are_started_by_srun() {
+        let words = |config: &SlurmConfig| {
+            let command = launched(config, Path::new("/opt/riglab"));
+            let args: Vec<String> = command.get_args().map(|a| a.to_string_lossy().into_owned()).collect();
+            format!("{} {}", command.get_program().to_string_lossy(), args.join(" "))
+        };
+        assert_eq!(words(&SlurmConfig::default()).trim(), "/opt/riglab");
+        let config = SlurmConfig { processes: 4, cpus: 8, mpi: "pmix".into(), ..SlurmConfig::default() };
+        let want =
+            "/opt/riglab slurm-task srun -- --ntasks=4 --cpus-per-task=8 --mpi=pmix --kill-on-bad-exit=1 /opt/riglab";
+        assert_eq!(words(&config), want);
+    }
+}

@@ -1,0 +1,83 @@
+//! A training as a job.
+
+use std::path::Path;
+use std::process::ExitCode;
+
+use anyhow::{Context, Result, bail};
+use riglab_slurm::{SlurmConfig, state};
+use riglab_train::{Interrupt, Progress};
+
+use super::{Desk, Order, counted, write};
+
+/// A training to be handed over.
+pub struct Request<'a> {
+    /// The run's folder.
+    pub run: &'a Path,
+    /// The config of a new run, as TOML; `None` for one that is to go on.
+    pub config: Option<&'a str>,
+    /// Threads of a process; 0 takes what the cluster gives.
+    pub threads: usize,
+    /// Whether to wait for its end.
+    pub wait: bool,
+}
+
+/// Submits a training, and with `wait` follows it to its end.
+pub fn run(request: &Request, desk: &Desk) -> Result<ExitCode> {
+    let Request { run, config, threads, wait } = *request;
+    let shown = run.display();
+    if let Some(queued) = desk.queue()?.first() {
+        bail!("{shown} is in the queue already, as job {} ({})", queued.job, queued.state.to_lowercase());
+    }
+    match config {
+        Some(_) if run.join("config.toml").exists() => {
+            bail!("{shown} holds a run already; go on with it by `riglab train --resume {shown} --on slurm`")
+        }
+        Some(text) => write(&desk.file("config.toml"), text)?,
+        None if !run.join("config.toml").is_file() && !desk.file("config.toml").is_file() => {
+            bail!("{shown}: no run here (there is no config.toml)")
+        }
+        None => {}
+    }
+    let place = std::path::absolute(run).with_context(|| format!("{shown} has no place"))?;
+    let (place, threads) = (place.to_string_lossy(), threads.to_string());
+    let name: Vec<_> = run.components().rev().take(2).map(|c| c.as_os_str().to_string_lossy()).collect();
+    let order = Order {
+        what: "train",
+        name: &name.into_iter().rev().collect::<Vec<_>>().join("/"),
+        numbers: &[],
+        failures: 0,
+        after: None,
+        parallel: true,
+        command: &["--threads", &threads, "train", &place],
+    };
+    let [submission] = desk.submit(&order)?.try_into().map_err(|_| anyhow::anyhow!("one job was to be submitted"))?;
+    let log = desk.logs().join(format!("{}.log", submission.job));
+    eprintln!("job {}: messages in {}; `squeue -j {0}` shows it", submission.job, log.display());
+    say!("{shown}");
+    if !wait {
+        return Ok(ExitCode::SUCCESS);
+    }
+    let mut progress = Progress::new("training", 1, 0);
+    let emptied = desk.follow(&Interrupt::listening(), |queue| progress.set(0, || counted(queue)))?;
+    progress.finish();
+    if !emptied {
+        eprintln!("the job goes on; `scancel {}` would end it", submission.job);
+        return Ok(ExitCode::from(130));
+    }
+    let text = std::fs::read_to_string(run.join("run.json")).unwrap_or_default();
+    let info: serde_json::Value = serde_json::from_str(&text).unwrap_or_default();
+    if info["outcome"] == "finished" {
+        eprintln!("next: riglab eval {shown}");
+        return Ok(ExitCode::SUCCESS);
+    }
+    let ended = state(&submission.job).unwrap_or_else(|| "ended".into());
+    bail!("{shown} is not finished: job {} {}; its messages are in {}", submission.job, ended, log.display())
+}
+
+/// The desk of a run: with the settings of a config, or those that the run was begun with.
+pub fn desk(run: &Path, config: Option<SlurmConfig>, sets: &[String]) -> Result<Desk> {
+    match config {
+        Some(config) => Desk::new(run, config),
+        None => Desk::reopen(run, sets),
+    }
+}

@@ -1,0 +1,227 @@
+//! Work that is handed to a real Slurm ends as it does here, whatever happens to nodes, controller and tasks.
+
+mod binary;
+mod cluster;
+
+use std::collections::BTreeMap;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::Output;
+use std::time::Duration;
+
+use binary::{config, corpus, must, refusal, riglab, text};
+use cluster::Cluster;
+
+/// With this variable set, the sweep has twelve arms of three seeds, and a training runs into its time limit: minutes.
+const FULL: &str = "RIGLAB_SLURM_FULL";
+
+#[test]
+fn work_on_a_cluster_ends_as_it_does_here() {
+    let dir = tempfile::tempdir().unwrap();
+    let Some(mut cluster) = Cluster::start(&dir.path().join("cluster")) else { return };
+    let corpus = corpus(dir.path(), 12);
+    let base = config(
+        dir.path(),
+        &corpus,
+        "[train]\nsteps = 8\nsave_every = 2\nvalidate_every = 4\n[eval]\nvalidation_vertices = 50\nprefixes = [4]\n\
+         [slurm]\nlook_seconds = 1\n",
+    );
+    sweep(dir.path(), &base, &mut cluster);
+    training(dir.path(), &base, &cluster);
+    curation(dir.path(), &cluster);
+    processes(dir.path(), &cluster);
+}
+
+/// Arms by seeds as arrays; a node is drained, the controller restarted, a task requeued, one told that its time ends,
+/// one cancelled.
+fn sweep(dir: &Path, base: &Path, cluster: &mut Cluster) {
+    let (arms, seeds) = if std::env::var_os(FULL).is_some() { (12, "0, 1, 2") } else { (3, "0, 1") };
+    let mut lines = vec![
+        format!("[sweep]\nquestion = 'Does it go on?'\nevaluate = true\nthreads = 1\nseeds = [{seeds}]"),
+        format!("base = '{}'", base.display()),
+        "[slurm]\nlook_seconds = 1\nprologue = ['export TOY=1']".into(),
+        "[[sweep.metrics]]\nof = 'eval/iou_raw@val'\nbetter = 'higher'".into(),
+        "[[sweep.metrics]]\nof = 'eval.json:report.rows[split=test_new,method=raw,tokens=4].pooled.l1'\nname = 'L1'"
+            .into(),
+    ];
+    let arm = |k: usize| format!("[[sweep.arms]]\nname = 'dice {k}'\nset = {{ 'loss.dice' = {k}.0 }}");
+    lines.extend((0..arms).map(arm));
+    // Sound as a config: it fails when the run begins.
+    lines.push("[[sweep.arms]]\nname = 'no corpus'\nset = { 'data.corpora' = ['nowhere.h5'] }".into());
+    let file = dir.join("toy.toml");
+    fs::write(&file, lines.join("\n")).unwrap();
+    let (here, there) = (dir.join("here"), dir.join("there"));
+    must(&["sweep", text(&file), "-o", text(&here)]);
+
+    on(cluster, &["sweep", text(&file), "-o", text(&there), "--on", "slurm"]);
+    let jobs = lines_of(&there.join("slurm/jobs.jsonl"));
+    assert!(jobs >= 2, "arrays of four tasks at most");
+    on(cluster, &["sweep", text(&there), "--on", "slurm"]);
+    assert_eq!(lines_of(&there.join("slurm/jobs.jsonl")), jobs, "nothing is submitted twice");
+    let said = on(cluster, &["sweep", text(&there), "--status"]);
+    assert!(said.contains("| Slurm") || said.contains("Slurm"), "{said}");
+    assert!(said.contains("queued (") || said.contains("on n1"), "{said}");
+
+    let finished = || folders(&there.join("jobs")).iter().filter(|run| is_finished(run)).count();
+    cluster.until("a run is finished", || finished() > 0);
+    cluster.ask("scontrol", &["update", "NodeName=n2", "State=DRAIN", "Reason=test"]);
+    cluster.until("a task runs", || !cluster.tasks("RUNNING").is_empty());
+    cluster.ask("scontrol", &["requeue", &cluster.tasks("RUNNING")[0]]);
+    cluster.restart_controller();
+    cluster.until("a task runs", || !cluster.tasks("RUNNING").is_empty());
+    // What Slurm tells a task before its time limit.
+    let told = cluster.tasks("RUNNING")[0].clone();
+    cluster.ask("scancel", &["--batch", "--signal=TERM", &told]);
+    if let Some(waiting) = cluster.tasks("PENDING").last() {
+        cluster.ask("scancel", &[waiting]);
+    }
+    on(cluster, &["sweep", text(&there), "--on", "slurm", "--wait"]);
+    cluster.ask("scontrol", &["update", "NodeName=n2", "State=RESUME"]);
+
+    assert_eq!(result(&there), result(&here));
+    assert!(result(&there)["table.md"].contains("| no corpus | 0 | "));
+    // Every run is the unbroken one: each step once, in order.
+    for run in folders(&here.join("jobs")).iter().filter(|run| is_finished(run)) {
+        let own = there.join(run.strip_prefix(&here).unwrap());
+        assert_eq!(read(&own.join("metrics.jsonl")), read(&run.join("metrics.jsonl")), "{}", own.display());
+    }
+    let starts = fs::read_dir(there.join("slurm/starts")).unwrap().flatten().map(|e| lines_of(&e.path()));
+    let most = starts.max().unwrap();
+    assert!(most >= 2, "none of the tasks was begun again");
+    let said = on(cluster, &["sweep", text(&there), "--on", "slurm"]);
+    assert!(said.contains("report.html") && said.contains("no corpus"), "{said}");
+    println!("{} runs by {} jobs, {most} starts at most", finished(), lines_of(&there.join("slurm/jobs.jsonl")));
+}
+
+/// One run.
+fn training(dir: &Path, base: &Path, cluster: &Cluster) {
+    let (here, there) = (dir.join("alone"), dir.join("runs/one"));
+    must(&["train", text(base), "--run", text(&here)]);
+    on(cluster, &["train", text(base), "--run", text(&there), "--on", "slurm", "--wait"]);
+    assert_eq!(read(&there.join("metrics.jsonl")), read(&here.join("metrics.jsonl")));
+    let said = refusal(cluster.known_to(&mut riglab(&["train", text(base), "--run", text(&there), "--on", "slurm"])));
+    assert!(said.contains("holds a run already") && said.contains("--resume"), "{said}");
+    // Nothing is left to do: its log stays as it is.
+    on(cluster, &["train", "--resume", text(&there), "--on", "slurm", "--wait", "--set", "slurm.cpus=1"]);
+    assert_eq!(read(&there.join("metrics.jsonl")), read(&here.join("metrics.jsonl")));
+    assert!(read(&there.join("slurm/job-2.sh")).contains("--cpus-per-task=1\n"));
+    // One that fails says where its messages are.
+    let none = dir.join("runs/none");
+    let args = ["train", text(base), "--run", text(&none), "--on", "slurm", "--wait"];
+    let missing = ["--set", "data.corpora=['nowhere.h5']"];
+    let said = refusal(cluster.known_to(riglab(&args).args(missing)));
+    let log = said.rsplit(' ').next().unwrap().trim();
+    assert!(said.contains("is not finished: job") && read(Path::new(log)).contains("nowhere.h5"), "{said}");
+}
+
+/// Parts of a folder, some of them without a file, and the corpus of all.
+fn curation(dir: &Path, cluster: &Cluster) {
+    let (files, here, there) = (dir.join("files"), dir.join("here.h5"), dir.join("there.h5"));
+    let settings = ["--config", "curation/any.toml", "--set", "report.kept=4"];
+    must(&[&["curate", text(&files), "-o", text(&here)], &settings[..]].concat());
+    let args = ["curate", text(&files), "-o", text(&there), "--on", "slurm", "--parts", "9", "--wait"];
+    let said = on(cluster, &[&args[..], &settings, &["--set", "slurm.look_seconds=1"]].concat());
+    assert!(said.contains("there.h5") && said.contains("report.html"), "{said}");
+    let parts = fs::read_dir(dir.join("there.curation/parts-9")).unwrap().flatten();
+    let corpora = parts.filter(|e| e.path().extension().is_some_and(|e| e == "h5")).count();
+    assert!((2..9).contains(&corpora), "{corpora} of nine parts with a corpus");
+    let content = |corpus: &Path| must(&["dataset", "inspect", text(corpus), "--json"]).stdout;
+    assert_eq!(content(&there), content(&here));
+    let said = refusal(cluster.known_to(&mut riglab(&["curate", text(dir), "-o", text(&there), "--on", "slurm"])));
+    assert!(said.contains("has to lie outside"), "{said}");
+}
+
+/// Several processes of a task hear what it is told, and may end by themselves.
+fn processes(dir: &Path, cluster: &Cluster) {
+    let (script, log) = (dir.join("two.sh"), dir.join("two.log"));
+    let own = "trap 'echo told; exit 130' TERM; echo begun; sleep 60 & wait";
+    let lines = [
+        "#!/bin/bash",
+        "#SBATCH --ntasks=2",
+        &format!("#SBATCH --output={}", log.display()),
+        &format!("exec {} slurm-task srun -- --ntasks=2 bash -c \"{own}\"", env!("CARGO_BIN_EXE_riglab")),
+    ];
+    fs::write(&script, lines.join("\n") + "\n").unwrap();
+    let job = cluster.ask("sbatch", &["--parsable", text(&script)]);
+    let count = |word: &str| fs::read_to_string(&log).unwrap_or_default().matches(word).count();
+    cluster.until("two processes run", || count("begun") == 2);
+    // A step that is just being started hears nothing.
+    std::thread::sleep(Duration::from_secs(2));
+    cluster.ask("scancel", &["--batch", "--signal=TERM", &job]);
+    cluster.until("both were told", || count("told") == 2);
+    cluster.until("the job ends", || cluster.ask("squeue", &["-h", "-j", &job]).is_empty());
+    let ended = cluster.ask("scontrol", &["--oneliner", "show", "job", &job]);
+    assert!(ended.contains("ExitCode=130:0"), "{ended}");
+}
+
+/// A training whose time is never enough goes on until it is done.
+#[test]
+fn a_time_limit_costs_nothing() {
+    if std::env::var_os(FULL).is_none() {
+        println!("skipped: it takes minutes; set {FULL}=1");
+        return;
+    }
+    let dir = tempfile::tempdir().unwrap();
+    let Some(cluster) = Cluster::start(&dir.path().join("cluster")) else { return };
+    let base =
+        config(dir.path(), &corpus(dir.path(), 12), "[slurm]\ntime = 2\nsignal_seconds = 50\nlook_seconds = 1\n");
+    let (here, there) = (dir.path().join("here"), dir.path().join("there"));
+    let steps = ["--set", "train.steps=1500", "--set", "train.validate_every=0", "--set", "train.save_every=0"];
+    must(&[&["train", text(&base), "--run", text(&here)], &steps[..]].concat());
+    on(&cluster, &[&["train", text(&base), "--run", text(&there), "--on", "slurm", "--wait"], &steps[..]].concat());
+    assert_eq!(read(&there.join("metrics.jsonl")), read(&here.join("metrics.jsonl")));
+    let starts = read(&there.join("slurm/starts/0.jsonl"));
+    assert!(starts.lines().count() > 1, "it was never told to leave: {starts}");
+    println!("a run in {} starts\n{starts}", starts.lines().count());
+}
+
+#[test]
+fn without_slurm_it_is_a_sentence() {
+    let dir = tempfile::tempdir().unwrap();
+    let file = dir.path().join("toy.toml");
+    fs::write(&file, "[sweep]\nbase = 'quickstart/demo.toml'\nseeds = [0]\nset = { 'data.corpora' = ['a.h5'] }\n")
+        .unwrap();
+    let out = dir.path().join("out");
+    let args = ["sweep", text(&file), "-o", text(&out), "--on", "slurm"];
+    let said = refusal(riglab(&args).env("PATH", dir.path()));
+    assert!(said.contains("there is no Slurm on this machine") && said.contains("hint"), "{said}");
+    let said = refusal(riglab(&args).args(["--set", "slurm.time=soon"]));
+    assert!(said.contains("slurm.time") && said.contains("4:00:00"), "{said}");
+    let said = refusal(riglab(&args[..4]).args(["--set", "slurm.time=60"]));
+    assert!(said.contains("add --on slurm"), "{said}");
+    let said = refusal(&mut riglab(&["slurm-task", "sweep", text(&out)]));
+    assert!(said.contains("--on slurm"), "{said}");
+}
+
+/// Calls the binary on the cluster; it must end well. Gives all it said.
+fn on(cluster: &Cluster, args: &[&str]) -> String {
+    let Output { status, stdout, stderr } = cluster.known_to(&mut riglab(args)).output().unwrap();
+    let said = format!("{}{}", String::from_utf8_lossy(&stdout), String::from_utf8_lossy(&stderr));
+    assert!(status.success(), "riglab {}\n{said}", args.join(" "));
+    said
+}
+
+/// What must be equal. Failed runs are tried as often as there is cause to, so their reasons alone are compared.
+fn result(sweep: &Path) -> BTreeMap<&'static str, String> {
+    let names = ["results.jsonl", "table.md", "table.tex", "table.csv"];
+    names.into_iter().map(|name| (name, read(&sweep.join(name)))).collect()
+}
+
+/// The run folders below `jobs`.
+fn folders(jobs: &Path) -> Vec<PathBuf> {
+    let inner = |dir: &Path| fs::read_dir(dir).into_iter().flatten().flatten().map(|e| e.path()).filter(|p| p.is_dir());
+    inner(jobs).flat_map(|point| inner(&point).collect::<Vec<_>>()).collect()
+}
+
+fn is_finished(run: &Path) -> bool {
+    fs::read_to_string(run.join("run.json")).is_ok_and(|t| t.contains("\"outcome\": \"finished\""))
+        && run.join("eval.json").is_file()
+}
+
+fn read(path: &Path) -> String {
+    fs::read_to_string(path).unwrap_or_else(|e| panic!("{}: {e}", path.display()))
+}
+
+fn lines_of(path: &Path) -> usize {
+    read(path).lines().count()
+}
