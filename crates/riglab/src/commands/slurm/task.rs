@@ -200,7 +200,8 @@ fn launched(config: &SlurmConfig, own: &Path) -> Command {
     if !config.mpi.is_empty() {
         command.arg(format!("--mpi={}", config.mpi));
     }
-    command.arg("--kill-on-bad-exit=1").arg(own);
+    // After the first has ended the others have as long as a task has to save; one that hangs is ended then.
+    command.arg(format!("--wait={}", config.signal_seconds)).arg(own);
     command
 }
 
@@ -271,8 +272,7 @@ mod tests {
         };
         assert_eq!(words(&SlurmConfig::default()).trim(), "/opt/riglab");
         let config = SlurmConfig { processes: 4, cpus: 8, mpi: "pmix".into(), ..SlurmConfig::default() };
-        let want =
-            "/opt/riglab slurm-task srun -- --ntasks=4 --cpus-per-task=8 --mpi=pmix --kill-on-bad-exit=1 /opt/riglab";
+        let want = "/opt/riglab slurm-task srun -- --ntasks=4 --cpus-per-task=8 --mpi=pmix --wait=120 /opt/riglab";
         assert_eq!(words(&config), want);
     }
 }
