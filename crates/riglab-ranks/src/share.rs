@@ -42,7 +42,8 @@ mod tests {
         assert_eq!(part(&all, &[&all]), 4);
         assert_eq!(part(&all, &[&all, &all]), 2, "not bound: halves");
         assert_eq!(part(&low, &[&low, &high]), 2, "bound: each has its own");
-        assert_eq!(part(&vec![0, 1, 2], &[&vec![0, 1, 2], &vec![0, 1, 2], &vec![0, 1, 2]]), 1);
+        let three = vec![0, 1, 2];
+        assert_eq!(part(&three, &[&three, &three, &three]), 1);
         assert_eq!(part(&low, &[&low, &low, &low]), 1, "more ranks than processors");
         assert_eq!(part(&[], &[]), 1);
     }

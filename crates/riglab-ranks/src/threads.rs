@@ -1,7 +1,7 @@
 //! Ranks as threads of one process: everything that ranks do can be tested without an MPI.
 
 use std::collections::VecDeque;
-use std::sync::{Arc, Condvar, Mutex, PoisonError};
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 
 use crate::{Link, Ranks, RanksError};
 
@@ -21,15 +21,27 @@ pub fn on_threads<T: Send>(size: usize, work: impl Fn(Ranks) -> T + Sync) -> Vec
     })
 }
 
-/// What was sent and not yet received, by receiver and sender; why all end.
+/// Where ranks meet.
 struct Post {
-    boxes: Mutex<(Vec<VecDeque<Vec<u8>>>, Option<String>)>,
+    held: Mutex<Held>,
     news: Condvar,
+}
+
+struct Held {
+    /// What was sent and not yet received, by receiver and sender.
+    boxes: Vec<VecDeque<Vec<u8>>>,
+    /// Why all end.
+    ended: Option<String>,
 }
 
 impl Post {
     fn new(size: usize) -> Self {
-        Self { boxes: Mutex::new((vec![VecDeque::new(); size * size], None)), news: Condvar::new() }
+        let held = Held { boxes: vec![VecDeque::new(); size * size], ended: None };
+        Self { held: Mutex::new(held), news: Condvar::new() }
+    }
+
+    fn hold(&self) -> MutexGuard<'_, Held> {
+        self.held.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
@@ -49,18 +61,18 @@ impl Link for Thread {
     }
 
     fn exchange(&self, to: usize, send: &[u8], from: usize, receive: &mut [u8]) -> Result<(), RanksError> {
-        let mut held = self.post.boxes.lock().unwrap_or_else(PoisonError::into_inner);
-        held.0[to * self.size + self.rank].push_back(send.to_vec());
+        let mut held = self.post.hold();
+        held.boxes[to * self.size + self.rank].push_back(send.to_vec());
         self.post.news.notify_all();
         loop {
-            if let Some(bytes) = held.0[self.rank * self.size + from].pop_front() {
+            if let Some(bytes) = held.boxes[self.rank * self.size + from].pop_front() {
                 if bytes.len() != receive.len() {
                     return Err(RanksError::Strange(from));
                 }
                 receive.copy_from_slice(&bytes);
                 return Ok(());
             }
-            if let Some(why) = &held.1 {
+            if let Some(why) = &held.ended {
                 return Err(RanksError::Gone(why.clone()));
             }
             held = self.post.news.wait(held).unwrap_or_else(PoisonError::into_inner);
@@ -68,7 +80,7 @@ impl Link for Thread {
     }
 
     fn end(&self, message: &str) {
-        self.post.boxes.lock().unwrap_or_else(PoisonError::into_inner).1 = Some(message.into());
+        self.post.hold().ended = Some(message.into());
         self.post.news.notify_all();
     }
 }

@@ -26,12 +26,18 @@ pub(crate) struct Stepper<'a> {
     pub ema: Option<Ema>,
 }
 
+/// Names and values for the log.
+type Values = Vec<(String, f64)>;
+
+/// What a batch gave: its loss, and what is logged of it.
+type Found = (f64, Values);
+
 /// What came of a step.
 pub(crate) struct Stepped {
     /// The loss.
     pub total: f64,
     /// Names and values for the log.
-    pub values: Vec<(String, f64)>,
+    pub values: Values,
     /// Whether weights were changed: not where something was not finite.
     pub taken: bool,
 }
@@ -73,7 +79,7 @@ impl<'a> Stepper<'a> {
         let share = 1.0 / config.accumulate as f64;
         let (own, ranks) = (self.deal.own(), self.ranks);
         // Sums of gradients that wait for others, and what each batch gave.
-        let (mut sums, mut found): (Vec<Vec<Tensor>>, Vec<(f64, Vec<(String, f64)>)>) = Default::default();
+        let (mut sums, mut found) = (Vec::new(), Vec::new());
         for micro in own.clone() {
             let at = At { seed: config.seed, step, batch: step * config.accumulate + micro, ranks };
             let batch = batches.take().map_err(TrainError::Task)?;
@@ -82,7 +88,7 @@ impl<'a> Stepper<'a> {
             let loss = task.loss(weights, &batch, at).map_err(TrainError::Task)?;
             let total = loss.total();
             let values = loss.values().map(|(name, value)| (format!("train/{name}"), value));
-            found.push((total.double_value(&[]), values.collect()));
+            found.push((total.double_value(&[]), values.collect::<Values>()));
             let scaled = if share == 1.0 { total } else { total * share };
             match &mut self.buckets {
                 Some(buckets) if micro + 1 == own.end => {
@@ -98,7 +104,7 @@ impl<'a> Stepper<'a> {
             }
         }
         let grads = sums.pop().unwrap_or_default();
-        let found = ranks.gather(&found)?.concat();
+        let found: Vec<Found> = ranks.gather(&found)?.concat();
         let total = found.iter().map(|(total, _)| total * share).sum::<f64>();
         let mut values = mean(found.into_iter().map(|(_, values)| values), share);
         let factor = schedule::factor(&config.schedule, step, config.steps);
@@ -121,8 +127,8 @@ impl<'a> Stepper<'a> {
 }
 
 /// Sums, times `share`, of values that come in one order.
-fn mean(all: impl Iterator<Item = Vec<(String, f64)>>, share: f64) -> Vec<(String, f64)> {
-    let mut sums: Vec<(String, f64)> = Vec::new();
+fn mean(all: impl Iterator<Item = Values>, share: f64) -> Values {
+    let mut sums = Values::new();
     for values in all {
         for (k, (name, value)) in values.into_iter().enumerate() {
             match sums.get_mut(k) {
