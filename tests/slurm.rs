@@ -65,15 +65,13 @@ fn sweep(dir: &Path, base: &Path, cluster: &mut Cluster) {
     let finished = || folders(&there.join("jobs")).iter().filter(|run| is_finished(run)).count();
     cluster.until("a run is finished", || finished() > 0);
     cluster.ask("scontrol", &["update", "NodeName=n2", "State=DRAIN", "Reason=test"]);
-    cluster.until("a task runs", || !cluster.tasks("RUNNING").is_empty());
-    cluster.ask("scontrol", &["requeue", &cluster.tasks("RUNNING")[0]]);
+    cluster.until("a running task is requeued", || cluster.does_to_running("scontrol", &["requeue"]));
     cluster.restart_controller();
-    cluster.until("a task runs", || !cluster.tasks("RUNNING").is_empty());
     // What Slurm tells a task before its time limit.
-    let told = cluster.tasks("RUNNING")[0].clone();
-    cluster.ask("scancel", &["--batch", "--signal=TERM", &told]);
+    let told = ["--batch", "--signal=TERM"];
+    cluster.until("a running task is told to leave", || cluster.does_to_running("scancel", &told));
     if let Some(waiting) = cluster.tasks("PENDING").last() {
-        cluster.ask("scancel", &[waiting]);
+        cluster.does("scancel", &[waiting]);
     }
     on(cluster, &["sweep", text(&there), "--on", "slurm", "--wait"]);
     cluster.ask("scontrol", &["update", "NodeName=n2", "State=RESUME"]);

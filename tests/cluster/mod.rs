@@ -55,6 +55,17 @@ impl Cluster {
         panic!("{program} {}: {said}\n{}", args.join(" "), self.log())
     }
 
+    /// Whether one of Slurm's programs does what it is asked.
+    pub fn does(&self, program: &str, args: &[&str]) -> bool {
+        self.known_to(Command::new(program).args(args)).output().unwrap().status.success()
+    }
+
+    /// The same to some running task; it may just have ended, and then it does not.
+    pub fn does_to_running(&self, program: &str, args: &[&str]) -> bool {
+        let tasks = self.tasks("RUNNING");
+        tasks.first().is_some_and(|task| self.does(program, &[args, &[task.as_str()]].concat()))
+    }
+
     /// Tasks in the queue in this state, as `12_3`.
     pub fn tasks(&self, state: &str) -> Vec<String> {
         let said = self.ask("squeue", &["-h", "-r", "-t", state, "-o", "%i"]);
