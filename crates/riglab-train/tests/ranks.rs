@@ -29,7 +29,8 @@ fn trained(dir: &Path, size: usize, precision: Precision, stop: Option<u64>) -> 
             (true, false) => Run::open(dir).unwrap(),
             (false, _) => Run::follow(dir),
         };
-        let task = Products { stop_at: stop, ..Products::new() };
+        let mut task = Products::new();
+        task.stop_at = stop;
         let ended = train(&task, &config, &run, &task.interrupt, &ranks);
         if let Err(e) = &ended {
             ranks.end(&e.to_string());

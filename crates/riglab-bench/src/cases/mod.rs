@@ -50,7 +50,7 @@ pub struct Case {
 }
 
 /// All of them, in the order they run.
-pub const CASES: [Case; 33] = [
+pub const CASES: [Case; 34] = [
     Case { name: "import", about: "rigged files read, against Blender's glTF importer", run: import::run },
     Case {
         name: "import/trimesh",

@@ -79,7 +79,7 @@ impl Task for Products {
         let wanted = x.select(1, 0) * x.select(1, 1);
         let mut y = x.matmul(&w[self.first].tr()).tanh().matmul(&w[self.second].tr()).squeeze_dim(1);
         if at.batch.is_multiple_of(3) {
-            y = y + &w[self.sometimes];
+            y += &w[self.sometimes];
         }
         let off = (y - wanted).square().mean(Kind::Float);
         Ok(Loss::new().term("off", 1.0, off).note("batch", at.batch as f64))
