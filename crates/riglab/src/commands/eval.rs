@@ -41,6 +41,7 @@ pub struct Args {
 }
 
 pub fn run(args: &Args, threads: usize) -> Result<ExitCode> {
+    super::alone("eval")?;
     riglab_torch::init(riglab_torch::Settings { threads });
     let config = TaskConfig::read(&presets::load(&args.run.join("config.toml").to_string_lossy(), &args.sets)?)?;
     config.with(Device::Cpu, Examination { args })

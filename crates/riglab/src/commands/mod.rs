@@ -20,3 +20,14 @@ pub mod synth;
 pub mod tokens;
 pub mod train;
 pub mod view;
+
+/// Refuses what several processes would do all over again, each into the same files.
+fn alone(command: &str) -> anyhow::Result<()> {
+    match riglab_ranks::launched() {
+        0 | 1 => Ok(()),
+        n => anyhow::bail!(
+            "{n} processes were started, but `riglab {command}` is one; start it without mpirun (of all commands \
+             `riglab train` alone is shared by several)"
+        ),
+    }
+}

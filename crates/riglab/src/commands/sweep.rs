@@ -72,6 +72,7 @@ pub struct Args {
 }
 
 pub fn run(args: &Args) -> Result<ExitCode> {
+    super::alone("sweep")?;
     if args.list {
         presets::sweeps().iter().for_each(|name| say!("{name}"));
         return Ok(ExitCode::SUCCESS);
