@@ -76,7 +76,7 @@ fn processes_train_one_run_and_go_on_with_another_number() {
     assert_eq!(info["ranks"], 4);
 
     // Killed again and again, all its processes or one of them, and gone on with another number.
-    let broken = folder("broken");
+    let (broken, mut killed) = (folder("broken"), 0);
     for fault in 0..faults() {
         let args = match broken.join("config.toml").exists() {
             true => vec!["train", "--resume", text(&broken)],
@@ -92,11 +92,13 @@ fn processes_train_one_run_and_go_on_with_another_number() {
         }
         let ended = child.try_wait().unwrap();
         assert!(ended.is_none_or(|status| status.success()), "it ended by itself: {ended:?}");
-        kill(&broken, fault % 2 == 0);
+        killed += usize::from(kill(&broken, fault % 2 == 0));
         // Of one that is killed, the others do not wait for ever.
         let _ = child.wait();
         kill(&broken, true);
     }
+    eprintln!("{killed} of {} times there was something to kill", faults());
+    assert!(killed > 0);
     well(&launched(2, &["train", "--resume", text(&broken)]).output().unwrap());
     same(&folder("one"), &broken);
 }
@@ -134,8 +136,10 @@ fn lines(run: &Path) -> usize {
     std::fs::read_to_string(run.join("metrics.jsonl")).map_or(0, |text| text.lines().count())
 }
 
-/// Kills processes that train in a folder without a chance to save: all, or the first that is found.
-fn kill(run: &Path, all: bool) {
+/// Kills processes that train in a folder without a chance to save: all, or the first that is found. Says
+/// whether there were any.
+fn kill(run: &Path, all: bool) -> bool {
+    let mut any = false;
     for entry in std::fs::read_dir("/proc").unwrap().flatten() {
         let Some(id) = entry.file_name().to_str().and_then(|n| n.parse::<i32>().ok()) else { continue };
         let Ok(line) = std::fs::read(entry.path().join("cmdline")) else { continue };
@@ -146,9 +150,11 @@ fn kill(run: &Path, all: bool) {
             && let Some(id) = rustix::process::Pid::from_raw(id)
         {
             let _ = rustix::process::kill_process(id, rustix::process::Signal::KILL);
+            any = true;
             if !all {
-                return;
+                return any;
             }
         }
     }
+    any
 }
