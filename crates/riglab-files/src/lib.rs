@@ -10,6 +10,6 @@ mod unfinished;
 mod walk;
 mod write;
 
-pub use unfinished::{Unfinished, leave};
+pub use unfinished::{Unfinished, ask_to_leave, leave};
 pub use walk::{Below, below};
 pub use write::{make_folder_of, sync_folder, write};

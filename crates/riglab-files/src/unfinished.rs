@@ -99,6 +99,18 @@ pub(crate) fn plain(e: &io::Error) -> io::Error {
 }
 
 /// Tests of this crate take turns: one of them removes what is unfinished, whosever it is.
+/// Asks a process to leave (SIGTERM), as [`leave`] answers; one that has ended meanwhile needs no word.
+#[cfg(unix)]
+pub fn ask_to_leave(child: &std::process::Child) {
+    if let Some(id) = i32::try_from(child.id()).ok().and_then(rustix::process::Pid::from_raw) {
+        let _ = rustix::process::kill_process(id, rustix::process::Signal::TERM);
+    }
+}
+
+/// Nothing here: there is no such signal.
+#[cfg(not(unix))]
+pub fn ask_to_leave(_: &std::process::Child) {}
+
 #[cfg(test)]
 pub(crate) static TURN: Mutex<()> = Mutex::new(());
 

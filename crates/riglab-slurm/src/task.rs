@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, Command, ExitStatus};
 use std::time::Duration;
 
+use riglab_files::ask_to_leave;
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
@@ -158,18 +159,6 @@ fn attended(mut command: Command, stop: impl Fn() -> bool, ask: impl Fn(&Child))
         std::thread::sleep(PAUSE);
     }
 }
-
-#[cfg(unix)]
-fn ask_to_leave(child: &Child) {
-    let id = i32::try_from(child.id()).ok().and_then(rustix::process::Pid::from_raw);
-    if let Some(id) = id {
-        // One that has ended meanwhile needs no word.
-        let _ = rustix::process::kill_process(id, rustix::process::Signal::TERM);
-    }
-}
-
-#[cfg(not(unix))]
-fn ask_to_leave(_: &Child) {}
 
 #[cfg(test)]
 mod tests {

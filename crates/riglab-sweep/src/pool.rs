@@ -6,6 +6,8 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::time::Duration;
 
+use riglab_files::ask_to_leave;
+
 use crate::attempts::record;
 use crate::state::{info, is_held};
 use crate::{Attempt, Job, Plan, State, SweepError, attempts};
@@ -359,18 +361,6 @@ fn spawn(mut command: Command, run: &Path, apart: bool) -> std::io::Result<Child
     }
     command.spawn()
 }
-
-#[cfg(unix)]
-fn ask_to_leave(child: &Child) {
-    let id = i32::try_from(child.id()).ok().and_then(rustix::process::Pid::from_raw);
-    if let Some(id) = id {
-        // One that has ended meanwhile needs no word.
-        let _ = rustix::process::kill_process(id, rustix::process::Signal::TERM);
-    }
-}
-
-#[cfg(not(unix))]
-fn ask_to_leave(_: &Child) {}
 
 /// The last `error:` that a job told.
 fn last_error(log: &Path) -> Option<String> {
