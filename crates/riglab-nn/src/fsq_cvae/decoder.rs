@@ -20,6 +20,15 @@ pub struct BoneGeometry {
     pub points: Tensor,
 }
 
+/// Bones as the decoder has read them: what any points are then asked of.
+pub struct ReadBones {
+    /// [m, t, d]
+    tokens: Tensor,
+    /// [r, s, d]
+    cond: Tensor,
+    frame: Option<Frame>,
+}
+
 /// Self-attention over tokens, then points attend to them.
 pub struct Decoder {
     blocks: Vec<Block>,
@@ -75,48 +84,57 @@ impl Decoder {
         }
     }
 
-    /// Logits [m, p] of m bones at p points each.
-    ///
-    /// `z` [m, k, d] and `cond` [r, s, d] are the bones' and the rigs' tokens, in decoder width; rig
-    /// i owns the bones from i m / r on. `points` are positions and more with their features: [m, p, c]
-    /// for points of each bone's own, [r, p, c] for points that all bones of a rig share.
-    pub fn forward(
+    /// Reads `z` [m, k, d] and `cond` [r, s, d], the bones' and the rigs' tokens in decoder width; rig i owns the bones
+    /// from i m / r on. `bones`: [`BoneGeometry::bones`].
+    pub fn read(
         &self,
         w: &Weights,
         z: &Tensor,
-        cond: &Tensor,
-        (points, features): (&Tensor, &Tensor),
-        frame: Option<&Frame>,
-        geometry: Option<&BoneGeometry>,
-    ) -> Tensor {
+        cond: Tensor,
+        frame: Option<Frame>,
+        bones: Option<&Tensor>,
+    ) -> ReadBones {
         let m = z.size()[0];
-        let mut tokens = match (&self.frame_tokens, frame) {
+        let mut tokens = match (&self.frame_tokens, &frame) {
             (Some(layer), Some(frame)) => z + layer.forward(w, &frame.token_features().to_kind(w.kind())),
             _ => z.shallow_clone(),
         };
-        if let (Some(layer), Some(geometry)) = (&self.bone_token, geometry) {
-            tokens = Tensor::cat(&[tokens, layer.forward(w, &geometry.bones.to_kind(w.kind())).unsqueeze(1)], 1);
+        if let (Some(layer), Some(bones)) = (&self.bone_token, bones) {
+            tokens = Tensor::cat(&[tokens, layer.forward(w, &bones.to_kind(w.kind())).unsqueeze(1)], 1);
         }
         if self.concat {
-            tokens = Tensor::cat(&[tokens, per_bone(cond, m)], 1);
+            tokens = Tensor::cat(&[tokens, per_bone(&cond, m)], 1);
         }
         for block in &self.blocks {
-            tokens = block.read(w, &tokens, (!self.concat).then_some(cond));
+            tokens = block.read(w, &tokens, (!self.concat).then_some(&cond));
         }
+        ReadBones { tokens, cond, frame }
+    }
 
+    /// Logits [m, p] of m bones at p points each. `points` are positions and more with their features: [m, p, c] for
+    /// points of each bone's own, [r, p, c] for points that all bones of a rig share. `beside`:
+    /// [`BoneGeometry::points`].
+    pub fn ask(
+        &self,
+        w: &Weights,
+        ReadBones { tokens, cond, frame }: &ReadBones,
+        (points, features): (&Tensor, &Tensor),
+        beside: Option<&Tensor>,
+    ) -> Tensor {
+        let m = tokens.size()[0];
         let mut x = self.proj_query.forward(w, features);
         for block in &self.shape_points {
             x = block.read(w, &x, Some(cond));
         }
-        if let (Some(layer), Some(geometry)) = (&self.bone_points, geometry) {
-            x = per_bone(&x, m) + layer.forward(w, &geometry.points.to_kind(w.kind()));
+        if let (Some(layer), Some(beside)) = (&self.bone_points, beside) {
+            x = per_bone(&x, m) + layer.forward(w, &beside.to_kind(w.kind()));
         }
         if let (Some(layer), Some(frame)) = (&self.frame_points, frame) {
             let seen = frame.point_features(&per_bone(&points.narrow(-1, 0, 3), m));
             x = per_bone(&x, m) + layer.forward(w, &seen.to_kind(w.kind()));
         }
         for block in &self.points {
-            x = block.read(w, &x, Some(&tokens));
+            x = block.read(w, &x, Some(tokens));
         }
         let x = self.norm_out.forward(w, &x);
         let logits = self.proj_out.forward(w, &x).squeeze_dim(-1).to_kind(float(w));

@@ -16,7 +16,7 @@ mod frame;
 use tch::{Kind, Tensor};
 
 pub use config::{Extensions, FsqCvaeConfig, SkinQueries};
-pub use decoder::{BONE_FEATURES, BONE_POINT_FEATURES, BoneGeometry};
+pub use decoder::{BONE_FEATURES, BONE_POINT_FEATURES, BoneGeometry, ReadBones};
 
 use crate::NnError;
 use crate::embed::Embedding;
@@ -176,10 +176,22 @@ impl FsqCvae {
         points: &Tensor,
         geometry: Option<&BoneGeometry>,
     ) -> Tensor {
+        let read = self.read(w, codes, shape, geometry.map(|g| &g.bones));
+        self.ask(w, &read, points, geometry.map(|g| &g.points))
+    }
+
+    /// The first half of [`Self::decode`]: all but the points. With many points it serves part after part of them.
+    /// `bones`: [`BoneGeometry::bones`].
+    pub fn read(&self, w: &Weights, codes: &Tensor, shape: &Tensor, bones: Option<&Tensor>) -> ReadBones {
         let z = self.post_quant.forward(w, &self.dequantize(w, codes));
         let cond = self.post_quant.forward(w, shape);
         let frame = self.frame.as_ref().map(|coder| coder.hear(codes));
-        self.decoder.forward(w, &z, &cond, (points, &self.features(w, points, &[])), frame.as_ref(), geometry)
+        self.decoder.read(w, &z, cond, frame, bones)
+    }
+
+    /// The second half of [`Self::decode`]. `beside`: [`BoneGeometry::points`].
+    pub fn ask(&self, w: &Weights, read: &ReadBones, points: &Tensor, beside: Option<&Tensor>) -> Tensor {
+        self.decoder.ask(w, read, (points, &self.features(w, points, &[])), beside)
     }
 
     /// Encoded positions, normals and further columns, in the weights' kind.

@@ -69,14 +69,18 @@ impl Coder<'_> {
         let bones_at_once = (self.config.eval.chunk / 256).clamp(1, bones);
         let points_at_once = (self.config.eval.chunk / bones_at_once).max(1);
         let all: Vec<usize> = (0..bones).collect();
-        for (c, chunk) in points.chunks(points_at_once).enumerate() {
-            let flat: Vec<f32> = chunk.iter().flat_map(|p| p.position.into_iter().chain(p.normal)).collect();
-            let cloud = Tensor::from_slice(&flat).view([1, chunk.len() as i64, 6]).to_device(self.device);
-            for part in all.chunks(bones_at_once) {
-                let m = part.len();
+        for part in all.chunks(bones_at_once) {
+            let m = part.len();
+            let codes = codes.narrow(0, part[0] as i64, m as i64);
+            let mut read = None;
+            for (c, chunk) in points.chunks(points_at_once).enumerate() {
+                let flat: Vec<f32> = chunk.iter().flat_map(|p| p.position.into_iter().chain(p.normal)).collect();
+                let cloud = Tensor::from_slice(&flat).view([1, chunk.len() as i64, 6]).to_device(self.device);
                 let geometry = geometry.then(|| tensors::geometry(part, chunk, segments, self.device));
-                let codes = codes.narrow(0, part[0] as i64, m as i64);
-                let raw = self.net.decode(self.weights, &codes, shape, &cloud, geometry.as_ref()).sigmoid();
+                let (of_bones, beside) = geometry.map(|g| (g.bones, g.points)).unzip();
+                // The bones are read once for all points.
+                let read = read.get_or_insert_with(|| self.net.read(self.weights, &codes, shape, of_bones.as_ref()));
+                let raw = self.net.ask(self.weights, read, &cloud, beside.as_ref()).sigmoid();
                 let raw = Vec::<f32>::try_from(raw.to_kind(Kind::Float).transpose(0, 1).contiguous().view([-1]))
                     .unwrap_or_default();
                 for (row, values) in raw.chunks_exact(m).enumerate() {
