@@ -1,0 +1,153 @@
+//! Runs compared asset by asset: paired tests against the first, and means by category.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use riglab_metric::statistics::Paired;
+
+use super::{Compared, shared};
+use crate::{Cell, Findings, Single, Table};
+
+/// Single assets of a run by split and name, those of a split or all; of equal names the first, the second, ...
+fn values<'a>(f: &'a Findings, split: Option<&str>, place: usize) -> BTreeMap<(&'a str, &'a str, usize), f64> {
+    let mut out = BTreeMap::new();
+    for s in f.singles.iter().filter(|s| split.is_none_or(|split| s.split == split)) {
+        let nth = (0..).find(|&n| !out.contains_key(&(&*s.split, &*s.name, n))).unwrap_or(0);
+        out.insert((s.split.as_str(), s.name.as_str(), nth), s.values[place]);
+    }
+    out
+}
+
+/// Paired tests of each run against the first, asset by asset. `None` where nothing is known by asset.
+pub(super) fn tests(runs: &[Compared], of: &[&Findings]) -> Option<Table> {
+    let metrics = shared(of, |f| &f.singles_of);
+    if metrics.is_empty() || of.iter().any(|f| f.singles.is_empty()) {
+        return None;
+    }
+    let first = &runs[0].name;
+    let head = [
+        "run",
+        "split",
+        "metric",
+        "assets",
+        "undefined",
+        first,
+        "the run",
+        "difference",
+        "from",
+        "to",
+        "better",
+        "equal",
+        "worse",
+        "p",
+    ];
+    let mut table = Table::new(format!("{}: paired tests against {first}, asset by asset", of[0].about), &head);
+    let splits = of[0].splits();
+    let all = (splits.len() > 1).then_some(None);
+    for k in 1..runs.len() {
+        if k > 1 {
+            table.line();
+        }
+        for split in splits.iter().map(|s| Some(*s)).chain(all) {
+            for (metric, at) in &metrics {
+                let (a, b) = (values(of[0], split, at[0]), values(of[k], split, at[k]));
+                let total = a.len();
+                let pairs: Vec<(f64, f64)> = a
+                    .iter()
+                    .filter_map(|(name, a)| Some((*a, *b.get(name)?)))
+                    .filter(|(a, b)| a.is_finite() && b.is_finite())
+                    .collect();
+                let (a, b): (Vec<f64>, Vec<f64>) = pairs.into_iter().unzip();
+                let paired = Paired::of(&b, &a);
+                let mean = |v: &[f64]| v.iter().sum::<f64>() / v.len() as f64;
+                let [smaller, equal, larger] = paired.smaller_equal_larger;
+                let (better, worse) = if metric.higher { (larger, smaller) } else { (smaller, larger) };
+                let digits = metric.digits;
+                let signed = |v: f64| match v.is_finite() {
+                    true => Cell::none().with_text(format!("{v:+.digits$}")),
+                    false => Cell::number(v, digits),
+                };
+                table.row(vec![
+                    Cell::text(&runs[k].name),
+                    Cell::text(split.unwrap_or("all splits")),
+                    Cell::text(&metric.name),
+                    Cell::count(total),
+                    Cell::count(total - paired.n),
+                    Cell::number(mean(&a), digits),
+                    Cell::number(mean(&b), digits),
+                    signed(paired.difference),
+                    signed(paired.low),
+                    signed(paired.high),
+                    Cell::count(better),
+                    Cell::count(equal),
+                    Cell::count(worse),
+                    chance(paired.p),
+                ]);
+            }
+        }
+    }
+    table.note =
+        "Means over the assets where both have a figure; undefined: those where one has none, such as failures. \
+                  from, to: 95 % interval of the difference by bootstrap over assets. p: how often a difference as \
+                  large would come about if the two runs were interchangeable on every asset (sign flips). It says \
+                  nothing about other seeds: for that, train several and use `riglab sweep`."
+            .into();
+    Some(table)
+}
+
+/// A probability: no more digits than mean something, and never 0.
+fn chance(p: f64) -> Cell {
+    let text = match p {
+        p if !p.is_finite() => "–".into(),
+        p if p < 0.001 => "< 0.001".into(),
+        p => format!("{p:.3}"),
+    };
+    Cell::none().with_text(text)
+}
+
+/// Means by split and category, a column a run. `None` where no asset has a category of its own.
+pub(super) fn groups(runs: &[Compared], of: &[&Findings]) -> Option<Table> {
+    let metrics = shared(of, |f| &f.singles_of);
+    let categories: BTreeSet<&str> = of[0].singles.iter().map(|s| s.category.as_str()).collect();
+    if metrics.is_empty() || categories.len() < 2 {
+        return None;
+    }
+    let head = ["metric", "split", "category", "assets"].into_iter().chain(runs.iter().map(|r| r.name.as_str()));
+    let head: Vec<&str> = head.collect();
+    let mut table = Table::new(format!("{}: means by category", of[0].about), &head);
+    for (metric, at) in &metrics {
+        if !table.rows.is_empty() {
+            table.line();
+        }
+        for split in of[0].splits() {
+            for category in &categories {
+                let is = |s: &&Single| s.split == split && s.category == *category;
+                let names: BTreeSet<&str> = of[0].singles.iter().filter(is).map(|s| s.name.as_str()).collect();
+                if names.is_empty() {
+                    continue;
+                }
+                let means: Vec<f64> = of
+                    .iter()
+                    .zip(at)
+                    .map(|(f, &at)| {
+                        let own = f.singles.iter().filter(|s| s.split == split && names.contains(s.name.as_str()));
+                        let finite: Vec<f64> = own.map(|s| s.values[at]).filter(|v| v.is_finite()).collect();
+                        finite.iter().sum::<f64>() / finite.len() as f64
+                    })
+                    .collect();
+                let best = metric.best(&means);
+                let mut cells = vec![
+                    Cell::text(&metric.name),
+                    Cell::text(split),
+                    Cell::text(if category.is_empty() { "without" } else { category }),
+                    Cell::count(names.len()),
+                ];
+                cells.extend(
+                    means.iter().enumerate().map(|(k, m)| Cell::number(*m, metric.digits).strong_if(best == Some(k))),
+                );
+                table.row(cells);
+            }
+        }
+    }
+    table.note = "Means over the assets with a figure.".into();
+    Some(table)
+}

@@ -1,0 +1,248 @@
+//! Several runs side by side.
+//!
+//! The one idea: only what is of the same assets is compared. Runs of other corpora, other splits or other assets are
+//! refused with the difference named; what is left can be tested asset by asset.
+
+mod by_asset;
+mod refusal;
+mod tables;
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use by_asset::{groups, tests};
+pub use refusal::Refusal;
+use refusal::same;
+use tables::side_by_side;
+
+use crate::{Block, Cell, Chart, Findings, Metric, RunView, Series, Table};
+
+/// A run to be compared.
+pub struct Compared {
+    /// What tables call it.
+    pub name: String,
+    /// Its folder.
+    pub view: RunView,
+    /// The corpora its evaluation saw: path and checksum.
+    pub corpora: Vec<(String, String)>,
+    /// What its evaluation found.
+    pub findings: Vec<Findings>,
+}
+
+/// The comparison of runs, at least two of them: settings, tables side by side with published numbers, paired tests
+/// against the first, categories, curves.
+///
+/// # Errors
+/// As [`Refusal`] tells.
+pub fn versus(runs: &[Compared]) -> Result<Vec<Block>, Refusal> {
+    let Some((first, others)) = runs.split_first() else { return Ok(Vec::new()) };
+    others.iter().try_for_each(|other| same(first, other))?;
+    let mut blocks = vec![Block::Table(facts(runs)), Block::Table(settings(runs))];
+    for about in first.findings.iter().map(|f| f.about.as_str()) {
+        let of: Option<Vec<&Findings>> = runs.iter().map(|r| find(r, about)).collect();
+        let Some(of) = of else { continue };
+        blocks.push(Block::Heading(about.into()));
+        blocks.extend(side_by_side(runs, &of).into_iter().map(Block::Table));
+        blocks.extend(tests(runs, &of).map(Block::Table));
+        blocks.extend(groups(runs, &of).map(Block::Table));
+    }
+    let curves = curves(runs);
+    if !curves.is_empty() {
+        blocks.push(Block::Heading("Training".into()));
+        blocks.push(Block::Charts(curves));
+    }
+    Ok(blocks)
+}
+
+fn find<'a>(run: &'a Compared, about: &str) -> Option<&'a Findings> {
+    run.findings.iter().find(|f| f.about == about)
+}
+
+/// A column a run: what it is.
+fn facts(runs: &[Compared]) -> Table {
+    let mut table = columns("Runs", "fact", runs);
+    let lists: Vec<BTreeMap<String, String>> = runs
+        .iter()
+        .map(|r| {
+            let mut of: BTreeMap<_, _> = r.view.fact_list().into_iter().collect();
+            of.insert("task".into(), r.view.task());
+            of.insert("ended".into(), r.view.outcome());
+            of
+        })
+        .collect();
+    let mut names = vec!["task".to_owned(), "ended".into()];
+    let more = runs.iter().flat_map(|r| r.view.fact_list()).map(|(name, _)| name).filter(|n| n != "corpus");
+    for name in more {
+        if !names.contains(&name) {
+            names.push(name);
+        }
+    }
+    for name in names {
+        let values = lists.iter().map(|of| Cell::text(of.get(&name).cloned().unwrap_or_default()));
+        table.row(std::iter::once(Cell::text(&name)).chain(values).collect());
+    }
+    table
+}
+
+/// The settings in which the runs differ.
+fn settings(runs: &[Compared]) -> Table {
+    let mut table = columns("Settings that differ", "setting", runs);
+    let flat: Vec<BTreeMap<String, String>> = runs
+        .iter()
+        .map(|r| {
+            let mut out = BTreeMap::new();
+            let read: toml::Table = r.view.config().parse().unwrap_or_default();
+            flatten("", &toml::Value::Table(read), &mut out);
+            out
+        })
+        .collect();
+    let keys: BTreeSet<&String> = flat.iter().flat_map(BTreeMap::keys).collect();
+    for key in keys {
+        let values: Vec<&str> = flat.iter().map(|of| of.get(key).map_or("", String::as_str)).collect();
+        if values.iter().any(|v| *v != values[0]) {
+            table.row(std::iter::once(Cell::text(key)).chain(values.into_iter().map(Cell::text)).collect());
+        }
+    }
+    if table.rows.is_empty() {
+        table.note = "None: the runs have the same config.".into();
+    }
+    table
+}
+
+fn flatten(path: &str, value: &toml::Value, out: &mut BTreeMap<String, String>) {
+    match value {
+        toml::Value::Table(table) => {
+            for (key, value) in table {
+                let below = if path.is_empty() { key.clone() } else { format!("{path}.{key}") };
+                flatten(&below, value, out);
+            }
+        }
+        value => {
+            out.insert(path.into(), value.to_string());
+        }
+    }
+}
+
+fn columns(caption: &str, first: &str, runs: &[Compared]) -> Table {
+    let head = std::iter::once(first).chain(runs.iter().map(|r| r.name.as_str())).collect::<Vec<_>>();
+    Table::new(caption, &head)
+}
+
+/// The columns that all have, each with its place in every run's totals (or singles).
+fn shared(of: &[&Findings], metrics: fn(&Findings) -> &[Metric]) -> Vec<(Metric, Vec<usize>)> {
+    let Some((first, _)) = of.split_first() else { return Vec::new() };
+    let place = |f: &Findings, m: &Metric| {
+        metrics(f).iter().position(|other| other.name == m.name && other.convention == m.convention)
+    };
+    let all = metrics(first).iter();
+    all.filter_map(|m| Some((m.clone(), of.iter().map(|f| place(f, m)).collect::<Option<Vec<_>>>()?))).collect()
+}
+
+/// What at least two runs logged, a line a run: the loss and everything validated.
+fn curves(runs: &[Compared]) -> Vec<Chart> {
+    let logs: Vec<_> = runs.iter().map(|r| r.view.logged()).collect();
+    let names: BTreeSet<&str> = logs.iter().flat_map(|l| l.keys().copied()).collect();
+    let wanted = names.into_iter().filter(|n| *n == "train/loss" || n.starts_with("eval/"));
+    let mut charts = Vec::new();
+    for name in wanted {
+        let series: Vec<Series> = runs
+            .iter()
+            .zip(&logs)
+            .filter_map(|(r, log)| Some(Series { name: r.name.clone(), points: log.get(name)?.clone() }))
+            .collect();
+        if series.len() > 1 {
+            charts.push(Chart { title: name.into(), x: "step".into(), series, log: name == "train/loss" });
+        }
+    }
+    // The loss first.
+    charts.sort_by_key(|c| !c.log);
+    charts
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::findings::tests::findings;
+
+    fn run(name: &str, shift: f64, sum: &str) -> Compared {
+        let dir = tempfile::tempdir().unwrap();
+        let write = |file: &str, text: &str| std::fs::write(dir.path().join(file), text).unwrap();
+        write("config.toml", &format!("task = 't'\n[train]\nsteps = 5\nseed = {}\n", name.len()));
+        write("run.json", "{\"task\": \"t\", \"outcome\": \"finished\"}");
+        write(
+            "metrics.jsonl",
+            "{\"step\":1,\"train/loss\":2.0}\n{\"step\":2,\"train/loss\":1.0,\"eval/iou@val\":0.5}\n",
+        );
+        let corpora = vec![("c.h5".into(), sum.into())];
+        let view = RunView::read(dir.path()).unwrap();
+        Compared { name: name.into(), view, corpora, findings: vec![findings(shift)] }
+    }
+
+    fn table<'a>(blocks: &'a [Block], caption: &str) -> &'a Table {
+        let found = blocks.iter().find_map(|b| match b {
+            Block::Table(t) if t.caption.contains(caption) => Some(t),
+            _ => None,
+        });
+        found.unwrap_or_else(|| panic!("no table `{caption}`"))
+    }
+
+    #[test]
+    fn runs_stand_side_by_side_with_tests_and_published_numbers() {
+        let blocks = versus(&[run("a", 0.0, "1"), run("long", 0.05, "1")]).unwrap();
+        let text = |t: &Table, k: usize| t.rows[k].iter().map(|c| c.text.clone()).collect::<Vec<_>>();
+        let settings = table(&blocks, "Settings");
+        assert_eq!((settings.rows.len(), text(settings, 0)), (1, vec!["train.seed".into(), "1".into(), "4".into()]));
+        let seen = table(&blocks, "test_seen: convention skintokens");
+        assert_eq!(text(seen, 0), ["a", "rule", "5", "0.7000", "0.01000"]);
+        assert_eq!(text(seen, 1), ["long", "rule", "5", "0.7500", "0.01000"]);
+        assert_eq!(text(seen, 2), ["beside", "nearest bone", "5", "0.6000", "0.01000"]);
+        assert!(seen.rows[1][3].strong && !seen.rows[0][3].strong);
+        assert!(text(seen, 3)[0] == "published" && seen.rows[3][3].published && !seen.note.is_empty());
+        let tests = table(&blocks, "paired tests against a");
+        // Five assets, all better: of 32 flips two reach it.
+        assert_eq!(text(tests, 0)[..5], ["long", "test_seen", "IoU", "5", "0"]);
+        assert_eq!(text(tests, 0)[7..], ["+0.0500", "+0.0500", "+0.0500", "5", "0", "0", "0.062"]);
+        assert_eq!(text(tests, 1)[1..5], ["test_new", "IoU", "3", "1"]);
+        assert_eq!(text(tests, 2)[1..5], ["all splits", "IoU", "8", "1"]);
+        let groups = table(&blocks, "by category");
+        assert_eq!(text(groups, 0), ["IoU", "test_seen", "bird", "2", "0.5400", "0.5900"]);
+        let Some(Block::Charts(charts)) = blocks.last() else { panic!("no curves") };
+        assert_eq!(charts.iter().map(|c| c.title.as_str()).collect::<Vec<_>>(), ["train/loss", "eval/iou@val"]);
+        assert_eq!(charts[0].series.len(), 2);
+    }
+
+    #[test]
+    fn what_stands_beside_is_told_apart_where_runs_found_other_numbers_of_it() {
+        let mut other = run("b", 0.05, "1");
+        let before = other.findings[0].totals.iter_mut().find(|t| !t.own && t.split == "test_seen").unwrap();
+        before.values[0] += 0.25;
+        let blocks = versus(&[run("a", 0.0, "1"), other]).unwrap();
+        let heads = |split: &str| -> Vec<String> {
+            let rows = &table(&blocks, &format!("{split}: convention skintokens")).rows;
+            rows.iter().map(|r| r[0].text.clone()).collect()
+        };
+        assert_eq!(heads("test_seen")[..4], ["a", "b", "beside a", "beside b"]);
+        assert_eq!(heads("test_new").iter().filter(|h| *h == "beside").count(), 1);
+    }
+
+    #[test]
+    fn what_is_not_of_the_same_assets_is_refused_with_the_difference() {
+        let said = |change: fn(&mut Compared)| {
+            let mut other = run("b", 0.1, "1");
+            change(&mut other);
+            versus(&[run("a", 0.0, "1"), other]).unwrap_err().to_string()
+        };
+        let corpora = said(|r| r.corpora[0].1 = "2".into());
+        assert!(corpora.contains("only a has c.h5 (1); only b has c.h5 (2)"), "{corpora}");
+        let splits = said(|r| {
+            r.findings[0].totals.retain(|t| t.split == "test_new");
+            r.findings[0].singles.retain(|t| t.split == "test_new");
+        });
+        assert!(splits.contains("splits test_new, test_seen, b on test_new;"), "{splits}");
+        let assets = said(|r| {
+            r.findings[0].singles.pop();
+        });
+        assert!(assets.contains("`test_new` differ (3 and 2 assets; only a has asset 7)"), "{assets}");
+        let nothing = said(|r| r.findings[0].about = "skeletons".into());
+        assert!(nothing.contains("a measures skin weights, b skeletons"), "{nothing}");
+    }
+}

@@ -1,0 +1,81 @@
+//! A table a split, with all runs side by side and what stands beside them.
+
+use super::{Compared, shared};
+use crate::findings::{PUBLISHED, conventions};
+use crate::{Cell, Findings, Metric, Table};
+
+/// A table a split: what each run trained, what stands beside it, published numbers. What is not trained stands once
+/// where all runs found the same of it; where a run found something else (its model before GRPO, say), under its name.
+pub(super) fn side_by_side(runs: &[Compared], of: &[&Findings]) -> Vec<Table> {
+    let metrics = shared(of, |f| &f.totals_of);
+    let names: Vec<Metric> = metrics.iter().map(|(m, _)| m.clone()).collect();
+    let mut tables = Vec::new();
+    for split in of[0].splits() {
+        let mut head = vec!["run".to_owned(), "method".into(), "assets".into()];
+        head.extend(names.iter().map(|m| m.name.clone()));
+        let mut table =
+            Table { caption: format!("{}, {split}: {}", of[0].about, conventions(&names)), head, ..Table::default() };
+        let mut rows: Vec<(Vec<Cell>, Vec<f64>)> = Vec::new();
+        let mut own_rows = 0;
+        for own in [true, false] {
+            let mut beside: Vec<(&str, usize, Vec<f64>, usize)> = Vec::new();
+            for (k, f) in of.iter().enumerate() {
+                for total in f.totals.iter().filter(|t| t.split == split && t.own == own) {
+                    let values: Vec<f64> = metrics.iter().map(|(_, at)| total.values[at[k]]).collect();
+                    beside.push((&total.method, total.assets, values, k));
+                }
+            }
+            for (method, assets, values, k) in &beside {
+                let alike = |other: &(&str, usize, Vec<f64>, usize)| {
+                    other.0 == *method && other.1 == *assets && same_numbers(&other.2, values)
+                };
+                let name = match own {
+                    true => runs[*k].name.clone(),
+                    false if beside.iter().filter(|o| o.0 == *method).all(alike) => {
+                        if beside.iter().find(|o| alike(o)).is_some_and(|first| first.3 != *k) {
+                            continue;
+                        }
+                        "beside".into()
+                    }
+                    false => format!("beside {}", runs[*k].name),
+                };
+                let cells = vec![Cell::text(name), Cell::text(*method), Cell::count(*assets)];
+                rows.push((cells, values.clone()));
+            }
+            own_rows = if own { rows.len() } else { own_rows };
+        }
+        let best: Vec<Option<usize>> = names
+            .iter()
+            .enumerate()
+            .map(|(c, m)| m.best(&rows.iter().map(|(_, values)| values[c]).collect::<Vec<_>>()))
+            .collect();
+        for (n, (mut cells, values)) in rows.into_iter().enumerate() {
+            if n == own_rows {
+                table.line();
+            }
+            let numbers = values.iter().zip(&names).zip(&best);
+            cells.extend(numbers.map(|((v, m), best)| Cell::number(*v, m.digits).strong_if(*best == Some(n))));
+            table.row(cells);
+        }
+        let published = of[0].published_rows();
+        if !published.is_empty() {
+            table.line();
+            table.note = PUBLISHED.into();
+        }
+        for (line, cells) in published {
+            let place = |(_, at): &(Metric, Vec<usize>)| cells[at[0]].clone();
+            let numbers: Vec<Cell> = metrics.iter().map(place).collect();
+            if numbers.iter().any(|c| !c.text.is_empty()) {
+                let first = [Cell::text("published"), Cell::text(line.name()), Cell::none()];
+                table.row(first.into_iter().chain(numbers).collect());
+            }
+        }
+        tables.push(table);
+    }
+    tables
+}
+
+/// Whether two lists hold the same numbers; what is undefined equals what is undefined.
+fn same_numbers(a: &[f64], b: &[f64]) -> bool {
+    a.len() == b.len() && a.iter().zip(b).all(|(a, b)| a == b || (a.is_nan() && b.is_nan()))
+}
