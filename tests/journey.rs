@@ -135,6 +135,11 @@ fn from_files_to_skeletons() {
     must(&["report", text(&run), "-o", text(&report)]);
     let html = fs::read_to_string(&report).unwrap();
     assert!(html.contains("retrieval") && html.contains("data:image/png"));
+    // Several are sampled, and one is taken.
+    let out = dir.path().join("agreed.json");
+    let agreed = ["eval", text(&run), "--pictures", "0", "--set", "eval.consensus=3", "-o", text(&out)];
+    let said = String::from_utf8(must(&agreed).stdout).unwrap();
+    assert!(said.contains("of 3 sampled skeletons") && said.contains("100.0%"), "{said}");
 
     // The resolved config repeats the run, with another number of workers.
     let again = dir.path().join("again");

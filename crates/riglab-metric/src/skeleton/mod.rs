@@ -1,6 +1,7 @@
 //! Predicted skeletons against true ones, by the formulas of each peer.
 
 mod connectivity;
+mod consensus;
 mod diameter;
 mod distances;
 mod matching;
@@ -8,6 +9,7 @@ mod merge;
 mod tree_edit;
 
 pub use connectivity::{Connectivity, connectivity};
+pub use consensus::consensus;
 pub use diameter::local_shape_diameters;
 pub use distances::{Joints, SkeletonConvention, SkeletonDistances};
 pub use matching::{Matched, match_joints, nearest_shares};

@@ -318,7 +318,7 @@ impl TokenRigTask {
                 "data.test: the corpora have no asset in `{splits}`; `riglab dataset inspect` shows their splits"
             ));
         }
-        let skeletons = SkeletonReport { convention: "unirig".into(), rows, assets };
+        let skeletons = SkeletonReport { convention: "unirig".into(), consensus: 1, rows, assets };
         Ok((Report { skeletons, skin, convention: "skintokens".into(), skin_assets }, rigs))
     }
 

@@ -82,9 +82,12 @@ impl Default for LossConfig {
 pub struct EvalConfig {
     /// How skeletons are drawn.
     pub generate: GenerateConfig,
+    /// Skeletons that `riglab eval` samples for each mesh, of which it takes the one that the others agree with most
+    /// (see [`riglab_metric::consensus`]); 1: the one that `generate` gives.
+    pub consensus: usize,
     /// Where branches may come from.
     pub parents: Parents,
-    /// Meshes at once.
+    /// Skeletons drawn at once.
     pub rows: usize,
     /// Assets of the validation split that are generated while training; 0 takes all.
     pub validation_assets: usize,
@@ -98,6 +101,7 @@ impl Default for EvalConfig {
     fn default() -> Self {
         Self {
             generate: GenerateConfig::default(),
+            consensus: 1,
             parents: Parents::default(),
             rows: 16,
             validation_assets: 32,
@@ -131,6 +135,9 @@ impl SkeletonTaskConfig {
             spread: self.loss.spread,
         }
         .validate()?;
+        if self.eval.consensus == 0 {
+            return bad("eval.consensus", "at least one skeleton is drawn: give 1 or more".into());
+        }
         let weights = [self.loss.next, self.loss.distance];
         if !weights.iter().all(|w| w.is_finite() && *w >= 0.0) || weights == [0.0, 0.0] {
             return bad("loss.next", "next and distance are weights from 0 on, and one of them is above".into());

@@ -92,10 +92,17 @@ pub struct AssetRow {
 pub struct Report {
     /// Which formulas.
     pub convention: String,
+    /// How many skeletons were sampled for each mesh, of which the one counts that the others agree with most.
+    #[serde(default = "one")]
+    pub consensus: usize,
     /// Tables.
     pub rows: Vec<Row>,
     /// Assets.
     pub assets: Vec<AssetRow>,
+}
+
+fn one() -> usize {
+    1
 }
 
 /// Sums over a split of one method.
@@ -253,13 +260,13 @@ impl SkeletonTask {
         for split in &self.config.data.test {
             let ids = self.assets.split(split).map_err(|e| e.to_string())?;
             let (mut model, mut rival) = (Sums::default(), Sums::default());
-            for ids in ids.chunks(self.config.eval.rows) {
+            for ids in ids.chunks((self.config.eval.rows / self.config.eval.consensus).max(1)) {
                 let each = ids.iter().map(|&id| self.assets.read(id).map(|a| a.name).map_err(|e| e.to_string()));
                 let names = each.collect::<Result<Vec<_>, _>>()?;
                 let rigs =
                     ids.iter().map(|&id| normalized(&self.assets, &self.cache, id)).collect::<Result<Vec<_>, _>>()?;
                 let asked: Vec<_> = rigs.iter().zip(ids).map(|(rig, id)| (&**rig, id.key())).collect();
-                let drawn = self.draw(w, &asked);
+                let drawn = self.draw_agreed(w, &asked);
                 for (((drawn, rig), name), &id) in drawn.into_iter().zip(&rigs).zip(names).zip(ids) {
                     let truth = Joints::of(rig.skeleton());
                     let found = drawn.decoded.as_ref().ok().map(joints);
@@ -290,6 +297,7 @@ impl SkeletonTask {
                 "data.test: the corpora have no asset in `{splits}`; `riglab dataset inspect` shows their splits"
             ));
         }
-        Ok((Report { convention: "unirig".into(), rows, assets }, skeletons))
+        let consensus = self.config.eval.consensus;
+        Ok((Report { convention: "unirig".into(), consensus, rows, assets }, skeletons))
     }
 }

@@ -2,16 +2,21 @@
 
 use riglab_core::Rig;
 use riglab_geom::CloudSampler;
+use riglab_metric::consensus;
 use riglab_nn::decoder::Cache;
 use riglab_nn::generate::{Decoder, GenerateConfig, Grammar as Rules, chooser, rows};
 use riglab_nn::params::Weights;
 use riglab_nn::skeleton::SkeletonModel;
-use riglab_random::stream;
+use riglab_random::{Stream, stream};
 use riglab_token::{DecodeFault, Decoded, Grammar, Limits, Mask};
 use tch::{Kind, Tensor};
 
 use super::batch::{Batch, shape};
+use super::evaluate::joints;
 use super::{SkeletonTask, shape_of};
+
+/// What random numbers of draws are for.
+const DRAWS: &str = "skeleton draws";
 
 /// The strict grammar, for a decoder.
 #[derive(Clone)]
@@ -75,15 +80,44 @@ impl SkeletonTask {
     /// Draws a skeleton for each rig's mesh; `keys` seed its points and its draws, so that a rig's skeleton does
     /// not depend on those beside it.
     pub fn draw(&self, w: &Weights, rigs: &[(&Rig, u64)]) -> Vec<Drawn> {
-        let keys: Vec<u64> = rigs.iter().map(|(_, key)| *key).collect();
         let c = &self.config;
-        let mut batch = Batch::default();
+        let mut streams: Vec<_> = rigs.iter().map(|(_, key)| stream(c.eval.seed, DRAWS, &[*key])).collect();
+        self.draw_with(w, &self.prefix_of(w, &self.shapes_of(rigs)), &mut streams, &c.eval.generate)
+    }
+
+    /// As [`Self::draw`], but with `eval.consensus` several are sampled for each rig, and the one is given that the
+    /// others agree with most.
+    pub fn draw_agreed(&self, w: &Weights, rigs: &[(&Rig, u64)]) -> Vec<Drawn> {
+        let (c, each) = (&self.config, self.config.eval.consensus);
+        if each == 1 {
+            return self.draw(w, rigs);
+        }
+        let of_candidate = |key: u64| (0..each as u64).map(move |k| stream(c.eval.seed, DRAWS, &[key, k]));
+        let mut streams: Vec<_> = rigs.iter().flat_map(|(_, key)| of_candidate(*key)).collect();
+        let prefix = self.prefix_of(w, &self.shapes_of(rigs)).repeat_interleave_self_int(each as i64, 0, None);
+        let how = GenerateConfig { sample: true, ..c.eval.generate.clone() };
+        let mut drawn = self.draw_with(w, &prefix, &mut streams, &how);
+        let mut agreed = Vec::with_capacity(rigs.len());
+        while !drawn.is_empty() {
+            let rest = drawn.split_off(each);
+            let whole: Vec<usize> = (0..each).filter(|&k| drawn[k].decoded.is_ok()).collect();
+            let skeletons: Vec<_> = whole.iter().filter_map(|&k| drawn[k].decoded.as_ref().ok().map(joints)).collect();
+            let taken = consensus(&skeletons).map_or(0, |at| whole[at]);
+            agreed.push(drawn.swap_remove(taken));
+            drawn = rest;
+        }
+        agreed
+    }
+
+    /// The shapes of rigs, as the decoder's prefix is made of.
+    fn shapes_of(&self, rigs: &[(&Rig, u64)]) -> Batch {
+        let (c, mut batch) = (&self.config, Batch::default());
         for (rig, key) in rigs {
             let mut random = stream(c.eval.seed, "skeleton evaluation", &[*key]);
             let sampler = CloudSampler::new(rig.mesh(), &c.sampling.cloud);
             shape(&c.sampling.cloud, &c.model.shape, &sampler, &mut random, &mut batch);
         }
-        self.draw_with(w, &self.prefix_of(w, &batch), &keys, &c.eval.generate)
+        batch
     }
 
     /// What the decoder reads of each shape of a batch before its skeleton [b, p, d].
@@ -93,8 +127,14 @@ impl SkeletonTask {
         self.net.condition(w, &cloud, &picks)
     }
 
-    /// Draws a skeleton after each prefix [b, p, d]; `keys` seed the draws.
-    pub fn draw_with(&self, w: &Weights, prefix: &Tensor, keys: &[u64], generate: &GenerateConfig) -> Vec<Drawn> {
+    /// Draws a skeleton after each prefix [b, p, d], each by its stream.
+    pub fn draw_with(
+        &self,
+        w: &Weights,
+        prefix: &Tensor,
+        streams: &mut [Stream],
+        generate: &GenerateConfig,
+    ) -> Vec<Drawn> {
         let _no_grad = tch::no_grad_guard();
         let c = &self.config;
         let vocabulary = self.tokenizer.vocabulary();
@@ -112,10 +152,9 @@ impl SkeletonTask {
         let mut reader = Reader { net: &self.net, weights: w, cache };
         let mut first = Vec::new();
         for &id in &start {
-            first = reader.next(&vec![id; keys.len()]);
+            first = reader.next(&vec![id; streams.len()]);
         }
-        let mut streams: Vec<_> = keys.iter().map(|key| stream(c.eval.seed, "skeleton draws", &[*key])).collect();
-        let all = rows(&mut reader, first, vec![strict; keys.len()], &config, chooser(&config, &mut streams));
+        let all = rows(&mut reader, first, vec![strict; streams.len()], &config, chooser(&config, streams));
         let whole = |own: Vec<u32>| {
             let ids: Vec<u32> = start.iter().copied().chain(own).collect();
             Drawn { decoded: self.tokenizer.decode(&ids), ids }

@@ -27,9 +27,16 @@ fn splits(report: &Report) -> Vec<&str> {
     splits
 }
 
+/// Which of several draws is the model's, where there were several.
+fn drawn(report: &Report) -> Option<String> {
+    let n = report.consensus;
+    (n > 1).then(|| format!("model: of {n} sampled skeletons the one that the others agree with most"))
+}
+
 /// The tables of all splits.
 pub fn lines(report: &Report) -> Vec<String> {
     let mut out = vec![format!("convention {}, distances × 100", report.convention)];
+    out.extend(drawn(report));
     for split in splits(report) {
         let rows: Vec<&Row> = report.rows.iter().filter(|r| r.split == split).collect();
         out.push(format!("\n{split} ({} assets)", rows.first().map_or(0, |r| r.assets)));
@@ -149,6 +156,9 @@ impl Evaluation {
         table.note = "Means over the assets that can be compared: those with at least a bone on both sides. \
                       retrieval: the skeleton of the nearest training shape, by chamfer distance of points."
             .into();
+        if let Some(drawn) = drawn(&self.report) {
+            table.note = format!("{} {drawn}.", table.note);
+        }
         table
     }
 
