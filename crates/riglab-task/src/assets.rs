@@ -85,6 +85,23 @@ impl Up {
         let (skeleton, mesh) = (self.skeleton(rig.skeleton())?, self.mesh(rig.mesh())?);
         Rig::new(skeleton, mesh, rig.weights().clone())?.with_humanoid(rig.humanoid().clone())
     }
+
+    /// What the network sees as it is shown to people: y up again.
+    ///
+    /// # Errors
+    /// None for a rig.
+    pub fn upright(self, rig: &Rig) -> Result<Rig, RigError> {
+        let mesh = rig.mesh().with_positions(rig.mesh().positions().iter().map(|&p| self.back(p)).collect())?;
+        Rig::new(self.upright_skeleton(rig.skeleton())?, mesh, rig.weights().clone())
+    }
+
+    /// As [`Self::upright`].
+    ///
+    /// # Errors
+    /// None for a skeleton.
+    pub fn upright_skeleton(self, skeleton: &Skeleton) -> Result<Skeleton, RigError> {
+        skeleton.with_heads(skeleton.heads().iter().map(|&p| self.back(p)).collect())
+    }
 }
 
 impl Default for DataConfig {
@@ -312,6 +329,8 @@ impl<T, K: Copy + Eq + std::hash::Hash> Cache<T, K> {
 
 #[cfg(test)]
 mod tests {
+    use riglab_core::{Joint, SkinWeights};
+
     use super::*;
 
     #[test]
@@ -319,6 +338,14 @@ mod tests {
         assert_eq!(Up::Z.turn([1.0, 2.0, 3.0]), [1.0, -3.0, 2.0]);
         assert_eq!(Up::Z.back(Up::Z.turn([1.0, 2.0, 3.0])), [1.0, 2.0, 3.0]);
         assert_eq!(Up::Y.turn([1.0, 2.0, 3.0]), [1.0, 2.0, 3.0]);
+        let joint = Joint { name: "a".into(), parent: None, head: [0.1, 0.2, 0.3] };
+        let weights = SkinWeights::normalized((0..4).map(|_| [(0u16, 1.0)])).unwrap();
+        let rig =
+            Rig::new(Skeleton::new(vec![joint]).unwrap(), crate::tokenrig::testing::tetrahedron(), weights).unwrap();
+        assert_eq!(Up::Z.rig(&rig).unwrap().skeleton().heads(), [[0.1, -0.3, 0.2]]);
+        let shown = Up::Z.upright(&Up::Z.rig(&rig).unwrap()).unwrap();
+        assert_eq!(shown.mesh().positions(), rig.mesh().positions());
+        assert_eq!(shown.skeleton().heads(), rig.skeleton().heads());
     }
 
     #[test]

@@ -1,6 +1,6 @@
 //! Pictures of what an evaluation saw: true and predicted weights of single assets.
 
-use riglab_core::{JointId, Rig, SkinWeights};
+use riglab_core::{JointId, SkinWeights};
 use riglab_nn::params::Weights;
 use riglab_render::{
     Palette, Picture, Theme, View, contact_sheet, joint_weights, misplaced_weight, render_errors, render_parts,
@@ -53,8 +53,7 @@ impl FsqCvaeTask {
             for (why, k) in places(ranked.len(), each) {
                 let (id, iou) = ranked[k];
                 let encoded = self.encode(w, id)?;
-                let (bone, picture, rig) = self.sheet(w, &encoded, report.cut)?;
-                let view = Turntable::of(&[("true", &encoded.rig.rig), ("predicted", &rig)]);
+                let (bone, picture, view) = self.sheet(w, &encoded, report.cut)?;
                 let name = encoded.rig.name.clone();
                 let file = format!("{:02}-{split}-{why}.png", out.len() + 1);
                 let shown = Shown { file, split: split.clone(), name, why: why.into(), iou, bone };
@@ -65,9 +64,14 @@ impl FsqCvaeTask {
     }
 
     /// The sheet of one asset: above, skeleton, true parts, predicted parts and misplaced weight;
-    /// below, the worst bone, true, from the fewest codes, from all codes, and its error. With that bone's name, and the
-    /// predicted rig.
-    pub(super) fn sheet(&self, w: &Weights, encoded: &Encoded, cut: f32) -> Result<(String, Picture, Rig), String> {
+    /// below, the worst bone, true, from the fewest codes, from all codes, and its error. With that bone's name, and both
+    /// rigs to turn.
+    pub(super) fn sheet(
+        &self,
+        w: &Weights,
+        encoded: &Encoded,
+        cut: f32,
+    ) -> Result<(String, Picture, Option<Turntable>), String> {
         let (rig, joints) = (&encoded.rig, encoded.rig.bones.len());
         let truth = Truth::new(rig, None);
         let all = self.config.model.skin_tokens;
@@ -82,17 +86,17 @@ impl FsqCvaeTask {
         let joint = rig.bones[worst].joint;
         let name = rig.rig.skeleton().name(joint).to_string();
 
-        let view = View::square(SIDE).framed(rig.rig.bounds());
-        let mesh = rig.rig.mesh();
-        let shown = rig.rig.with_weights(predicted.clone()).map_err(|e| e.to_string())?;
+        let drawn = self.config.data.up.upright(&rig.rig).map_err(|e| e.to_string())?;
+        let (mesh, view) = (drawn.mesh(), View::square(SIDE).framed(drawn.bounds()));
+        let shown = drawn.with_weights(predicted.clone()).map_err(|e| e.to_string())?;
         let of = |weights: &SkinWeights| joint_weights(weights, joint);
         let (t, p) = (of(rig.rig.weights()), of(&predicted));
         let errors: Vec<f32> = t.iter().zip(&p).map(|(a, b)| (a - b).abs()).collect();
         let misplaced = misplaced_weight(rig.rig.weights(), &predicted);
         let column = |values: &[f32]| render_weights(mesh, values, &view, Palette::Dusk);
         let cells = [
-            ("skeleton".to_string(), render_skeleton(&rig.rig, &view)),
-            ("true parts".into(), render_parts(&rig.rig, &view)),
+            ("skeleton".to_string(), render_skeleton(&drawn, &view)),
+            ("true parts".into(), render_parts(&drawn, &view)),
             (format!("predicted, {}", codes(all)), render_parts(&shown, &view)),
             ("misplaced weight".into(), render_errors(mesh, &misplaced, ERROR_SHOWN, &view)),
             (format!("true: {name}"), column(&t)),
@@ -100,7 +104,8 @@ impl FsqCvaeTask {
             (codes(all), column(&p)),
             ("error".into(), render_errors(mesh, &errors, ERROR_SHOWN, &view)),
         ];
-        Ok((name, contact_sheet(&cells, 4, Theme::Light), shown))
+        let view = Turntable::of(&[("true", &drawn), ("predicted", &shown)]);
+        Ok((name, contact_sheet(&cells, 4, Theme::Light), view))
     }
 }
 

@@ -243,7 +243,7 @@ impl GrpoTask {
         let worth = rewards(rigger.vae(), &held.subject, &drawn, &judged)?;
         let by = |a: &usize, b: &usize| worth[*a].total.total_cmp(&worth[*b].total);
         let (best, worst) = ((0..SHOWN).max_by(by), (0..SHOWN).min_by(by));
-        let view = View::square(SIDE).framed(held.rig.bounds());
+        let view = View::square(SIDE).framed(self.upright(&held.rig)?.bounds());
         let mut cells = Vec::new();
         for (name, k) in [("best", best), ("worst", worst)] {
             let Some(k) = k else { continue };
@@ -258,9 +258,15 @@ impl GrpoTask {
         Ok(Some(contact_sheet(&cells, 2, Theme::Light)))
     }
 
+    fn upright(&self, rig: &Rig) -> Result<Rig, String> {
+        self.rigger().config().data.up.upright(rig).map_err(|e| e.to_string())
+    }
+
+    /// As it is shown to people.
     fn rig(&self, held: &Held, drawn: &Drawn) -> Result<Option<Rig>, String> {
         let Ok(decoded) = &drawn.decoded else { return Ok(None) };
-        self.inner.rigged(held.rig.mesh(), decoded, &drawn.codes, held.id.key()).map(Some)
+        let rig = self.inner.rigged(held.rig.mesh(), decoded, &drawn.codes, held.id.key())?;
+        self.upright(&rig).map(Some)
     }
 
     /// The ways in which [`Self::compare`] makes rigs, and how many it makes.
@@ -349,7 +355,8 @@ impl GrpoTask {
 
     fn sheet(&self, id: AssetId, was: &Found, is: &Found) -> Result<Option<Sheet>, String> {
         let held = self.held_of(id)?;
-        let view = View::square(SIDE).framed(held.rig.bounds());
+        let truth = self.upright(&held.rig)?;
+        let view = View::square(SIDE).framed(truth.bounds());
         let (Some(old), Some(new)) = (self.rig(&held, &was.drawn)?, self.rig(&held, &is.drawn)?) else {
             return Ok(None);
         };
@@ -359,7 +366,7 @@ impl GrpoTask {
             ("parts before".to_owned(), render_parts(&old, &view)),
             ("parts after".to_owned(), render_parts(&new, &view)),
         ];
-        let view = Turntable::of(&[("true", &*held.rig), ("before", &old), ("after", &new)]);
+        let view = Turntable::of(&[("true", &truth), ("before", &old), ("after", &new)]);
         Ok(Some(Sheet { png: contact_sheet(&cells, 4, Theme::Light).to_png(), view }))
     }
 }

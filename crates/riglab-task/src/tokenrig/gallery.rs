@@ -1,5 +1,6 @@
 //! Pictures of what an evaluation saw: true and generated rigs of single assets.
 
+use riglab_core::Rig;
 use riglab_render::{Theme, View, contact_sheet, render_parts, render_skeleton};
 use riglab_report::Turntable;
 
@@ -27,18 +28,19 @@ impl TokenRigTask {
             for (why, k) in places(ranked.len(), each) {
                 let (row, rigged) = ranked[k];
                 let Some(rig) = &rigged.rig else { continue };
-                let truth = normalized(&self.assets, &self.cache, rigged.id)?;
+                let upright = |rig: &Rig| self.rigger.config.data.up.upright(rig).map_err(|e| e.to_string());
+                let (truth, rig) = (upright(&*normalized(&self.assets, &self.cache, rigged.id)?)?, upright(rig)?);
                 let view = View::square(SIDE).framed(truth.bounds());
                 let cells = [
                     (format!("true, {} joints", row.true_joints), render_skeleton(&truth, &view)),
-                    (format!("generated, {}", row.joints), render_skeleton(rig, &view)),
+                    (format!("generated, {}", row.joints), render_skeleton(&rig, &view)),
                     ("true parts".to_owned(), render_parts(&truth, &view)),
-                    ("generated parts".to_owned(), render_parts(rig, &view)),
+                    ("generated parts".to_owned(), render_parts(&rig, &view)),
                 ];
                 let file = format!("{:02}-{split}-{why}.png", out.len() + 1);
                 let shown =
                     Shown { file, split: split.clone(), name: row.name.clone(), why: why.into(), j2j: row.model.j2j };
-                let view = Turntable::of(&[("true", &*truth), ("generated", rig)]);
+                let view = Turntable::of(&[("true", &truth), ("generated", &rig)]);
                 out.push((shown, Sheet { png: contact_sheet(&cells, 4, Theme::Light).to_png(), view }));
             }
         }

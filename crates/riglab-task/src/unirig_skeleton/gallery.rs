@@ -1,6 +1,6 @@
 //! Pictures of what an evaluation saw: true and generated skeletons of single assets.
 
-use riglab_core::{Rig, Skeleton, SkinWeights};
+use riglab_core::{Rig, RigError, Skeleton, SkinWeights};
 use riglab_geom::voxel::SolidConfig;
 use riglab_metric::{Baseline, SkinBaseline};
 use riglab_render::{Theme, View, contact_sheet, render_skeleton};
@@ -51,9 +51,11 @@ impl SkeletonTask {
             ranked.sort_by(|(a, _), (b, _)| a.model.j2j.total_cmp(&b.model.j2j));
             for (why, k) in places(ranked.len(), each) {
                 let (row, (id, drawn)) = ranked[k];
-                let rig = normalized(&self.assets, &self.cache, *id)?;
                 let Ok(decoded) = &drawn.decoded else { continue };
                 let skeleton = decoded.skeleton().map_err(|e| e.to_string())?;
+                let (up, rig) = (self.config.data.up, normalized(&self.assets, &self.cache, *id)?);
+                let upright = || Ok((up.upright(&rig)?, up.upright_skeleton(&skeleton)?));
+                let (rig, skeleton) = upright().map_err(|e: RigError| e.to_string())?;
                 let view = View::square(SIDE).framed(rig.bounds());
                 let side = view.clone().turned(90.0, 0.0);
                 let over = |view: &View, skeleton| {
@@ -71,7 +73,7 @@ impl SkeletonTask {
                 let shown =
                     Shown { file, split: split.clone(), name: row.name.clone(), why: why.into(), j2j: row.model.j2j };
                 let view = bound(&skeleton, &rig)
-                    .and_then(|own| Turntable::of(&[("true", &*rig), ("generated, nearest bone", &own)]));
+                    .and_then(|own| Turntable::of(&[("true", &rig), ("generated, nearest bone", &own)]));
                 out.push((shown, Sheet { png: contact_sheet(&cells, 4, Theme::Light).to_png(), view }));
             }
         }

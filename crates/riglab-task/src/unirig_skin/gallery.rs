@@ -75,23 +75,23 @@ impl SkinTask {
         let joint = rig.bones[worst_bone(&subject.truth, &dense, joints)].joint;
         let bone = rig.rig.skeleton().name(joint).to_string();
 
-        let view = View::square(SIDE).framed(rig.rig.bounds());
-        let mesh = rig.rig.mesh();
-        let shown = rig.rig.with_weights(predicted.clone()).map_err(|e| e.to_string())?;
+        let drawn = self.config.data.up.upright(&rig.rig).map_err(|e| e.to_string())?;
+        let (mesh, view) = (drawn.mesh(), View::square(SIDE).framed(drawn.bounds()));
+        let shown = drawn.with_weights(predicted.clone()).map_err(|e| e.to_string())?;
         let (t, p) = (joint_weights(rig.rig.weights(), joint), joint_weights(&predicted, joint));
         let errors: Vec<f32> = t.iter().zip(&p).map(|(a, b)| (a - b).abs()).collect();
         let column = |values: &[f32]| render_weights(mesh, values, &view, Palette::Dusk);
         let misplaced = misplaced_weight(rig.rig.weights(), &predicted);
         let cells = [
-            ("skeleton".to_string(), render_skeleton(&rig.rig, &view)),
-            ("true parts".into(), render_parts(&rig.rig, &view)),
+            ("skeleton".to_string(), render_skeleton(&drawn, &view)),
+            ("true parts".into(), render_parts(&drawn, &view)),
             ("predicted".into(), render_parts(&shown, &view)),
             ("misplaced weight".into(), render_errors(mesh, &misplaced, ERROR_SHOWN, &view)),
             (format!("true: {bone}"), column(&t)),
             ("predicted".into(), column(&p)),
             ("error".into(), render_errors(mesh, &errors, ERROR_SHOWN, &view)),
         ];
-        let turned = Turntable::of(&[("true", &rig.rig), ("predicted", &shown)]);
+        let turned = Turntable::of(&[("true", &drawn), ("predicted", &shown)]);
         Ok((rig.name.clone(), bone, contact_sheet(&cells, 4, Theme::Light), turned))
     }
 }
