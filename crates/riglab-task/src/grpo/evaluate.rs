@@ -8,6 +8,7 @@ use riglab_metric::{Joints, SkeletonDistances};
 use riglab_nn::generate::GenerateConfig;
 use riglab_nn::params::Weights;
 use riglab_random::{Draw, stream};
+use riglab_ranks::Ranks;
 use riglab_render::{Picture, Theme, View, contact_sheet, render_parts, render_skeleton};
 use riglab_report::Turntable;
 use riglab_reward::{Rewards, Scorer};
@@ -80,10 +81,15 @@ struct Tally {
 impl Tally {
     fn add(&mut self, held: &Held, drawn: Drawn, rewards: Rewards) -> Found {
         let found = drawn.decoded.as_ref().ok().map(joints);
-        let distances = self.sums.add(found.as_ref(), &Joints::of(held.rig.skeleton()));
+        let distances = self.add_rig(found.as_ref(), &Joints::of(held.rig.skeleton()), rewards);
+        Found { drawn, rewards, distances }
+    }
+
+    fn add_rig(&mut self, found: Option<&Joints>, truth: &Joints, rewards: Rewards) -> SkeletonDistances {
+        let distances = self.sums.add(found, truth);
         self.sums.count(distances, distances);
         self.rewards.push(rewards);
-        Found { drawn, rewards, distances }
+        distances
     }
 
     fn row(&self, split: &str, model: &str) -> Row {
@@ -185,26 +191,39 @@ impl GrpoTask {
         Ok(all)
     }
 
-    fn validation_row(&self, w: &Weights, all: &[Arc<Held>]) -> Result<Row, String> {
+    /// Ranks share the meshes.
+    fn validation_row(&self, w: &Weights, all: &[Arc<Held>], ranks: &Ranks) -> Result<Row, String> {
+        let how = self.counted();
+        let parts: Vec<_> = all.chunks((self.config.eval.rows / how.count()).max(1)).collect();
+        let judged = |k: usize| {
+            let meshes: Vec<&Held> = parts[k].iter().map(|h| &**h).collect();
+            let found = self.judge(w, &meshes, how, &mut Tally::default())?;
+            let truths = meshes.iter().flat_map(|h| (0..how.count()).map(|_| Joints::of(h.rig.skeleton())));
+            let told =
+                |(found, truth): (Found, Joints)| (found.drawn.decoded.as_ref().ok().map(joints), truth, found.rewards);
+            Ok(found.into_iter().zip(truths).map(told).collect::<Vec<_>>())
+        };
         let mut tally = Tally::default();
-        self.judge(w, &all.iter().map(|h| &**h).collect::<Vec<_>>(), self.counted(), &mut tally)?;
+        for (found, truth, rewards) in ranks.share(parts.len(), judged, |_| {}).map_err(|e| e.to_string())?.concat() {
+            tally.add_rig(found.as_ref(), &truth, rewards);
+        }
         Ok(tally.row("val", "policy"))
     }
 
     /// Rewards and distances on the validation split, and how far the distances may worsen.
-    pub(super) fn validation(&self, w: &Weights, _at: At) -> Result<Validation, String> {
+    pub(super) fn validation(&self, w: &Weights, at: At) -> Result<Validation, String> {
         let _no_grad = tch::no_grad_guard();
         let all = self.validation_meshes()?;
         let of = |row: &Row| row.skeletons.validation().first().map_or(f64::NAN, |(_, j2j)| *j2j);
         let first = match self.first.get() {
             Some(first) => first,
             None => {
-                let first = of(&self.validation_row(&self.start, &all)?);
+                let first = of(&self.validation_row(&self.start, &all, at.ranks)?);
                 self.first.set(Some(first));
                 first
             }
         };
-        let row = self.validation_row(w, &all)?;
+        let row = self.validation_row(w, &all, at.ranks)?;
         let (own, worse) = (of(&row), self.config.guard.worse);
         let within = own <= first * worse;
         let r = row.rewards;
@@ -228,7 +247,8 @@ impl GrpoTask {
                  checkpoint cannot become the best one (guard.worse = {worse})"
             ));
         }
-        let sheet = all.first().map(|held| self.picture(w, held)).transpose()?.flatten();
+        let shown = all.first().filter(|_| at.ranks.leads());
+        let sheet = shown.map(|held| self.picture(w, held)).transpose()?.flatten();
         let picture = |p: Picture| ("rigs/best_and_worst".into(), p.width() as u32, p.height() as u32, p.to_png());
         Ok(Validation { metrics, pictures: sheet.into_iter().map(picture).collect(), warnings })
     }
