@@ -16,7 +16,7 @@ use crate::trainer::{peak_memory_mb, status_mb};
 /// Steps before any is timed: the first of a size prepare kernels and memory. One where steps take long.
 const WARM: u64 = 2;
 /// Steps that are timed at least and at most, and how long they take together at least.
-const TIMED: std::ops::Range<u64> = 3..30;
+const TIMED: std::ops::Range<u64> = 3..100;
 const SECONDS: f64 = 12.0;
 
 /// A run's needs.
