@@ -115,6 +115,24 @@ fn faults() -> usize {
 }
 
 #[test]
+fn ranks_share_the_rollouts_of_a_step() {
+    if !has_mpi() {
+        return;
+    }
+    let dir = tempfile::tempdir().unwrap();
+    let corpus = corpus(dir.path(), 14);
+    let config = dir.path().join("grpo.toml");
+    let settings = "extends = 'skintokens/grpo_quick.toml'\n[rollout]\ngroup = 4\nvertices = 48\nprecision = 'fp32'\n\
+                    [reward]\nresolution = 32\n[train]\nsteps = 3\naccumulate = 2\nvalidate_every = 2\n\
+                    [held_out]\ndraws = 2\n[eval]\nvalidation_assets = 3\nrows = 2\nvertices = 64\n";
+    std::fs::write(&config, format!("{settings}[data]\ncorpora = ['{}']\n", corpus.display())).unwrap();
+    let (one, two) = (dir.path().join("one"), dir.path().join("two"));
+    must(&["train", text(&config), "--run", text(&one), "--threads", "1"]);
+    well(&launched(2, &["train", text(&config), "--run", text(&two)]).output().unwrap());
+    same(&one, &two);
+}
+
+#[test]
 fn one_that_fails_ends_all() {
     if !has_mpi() {
         return;

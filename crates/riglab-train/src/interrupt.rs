@@ -4,6 +4,8 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
+use riglab_ranks::Ranks;
+
 /// Signals so close together are one wish: a cluster tells every process of a job, and those that run others pass it on.
 const ONE_WISH: Duration = Duration::from_secs(1);
 
@@ -15,6 +17,15 @@ impl Interrupt {
     /// Listens for SIGINT and SIGTERM. Only the first call of a process can; later ones give an
     /// interrupt that nobody raises.
     pub fn listening() -> Self {
+        Self::listen(true)
+    }
+
+    /// As [`Self::listening`], where all of `ranks` hear the signal: the leading one says so for all.
+    pub fn listening_with(ranks: &Ranks) -> Self {
+        Self::listen(ranks.leads())
+    }
+
+    fn listen(says: bool) -> Self {
         let interrupt = Self::default();
         let raised = interrupt.0.clone();
         let mut first: Option<Instant> = None;
@@ -25,7 +36,9 @@ impl Interrupt {
             if raised.swap(true, Ordering::SeqCst) {
                 riglab_files::leave(130);
             }
-            eprintln!("\ninterrupted: saving after this step (once more to leave at once)");
+            if says {
+                eprintln!("\ninterrupted: saving after this step (once more to leave at once)");
+            }
         });
         interrupt
     }

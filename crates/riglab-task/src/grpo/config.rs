@@ -185,11 +185,15 @@ impl GrpoTaskConfig {
         if !(r.temperature > 0.0 && r.temperature.is_finite()) {
             return bad("rollout.temperature", format!("temperature = {} must be above 0", r.temperature));
         }
-        if self.train.accumulate != 1 {
+        // Each batch of a step is a rollout of its own; one that is gone over several times is kept from step to step.
+        if self.train.accumulate != 1 && r.updates() != 1 {
+            let updates = r.updates();
             return bad(
                 "train.accumulate",
-                "a step of GRPO is one rollout: give rollout.meshes for more rigs, rollout.minibatches for less memory"
-                    .into(),
+                format!(
+                    "a rollout that is gone over in {updates} steps is the only one of each: give rollout.meshes for more \
+                     rigs, or rollout.epochs = 1 and rollout.minibatches = 1 for several rollouts a step"
+                ),
             );
         }
         if !(self.guard.divergence > 0.0 && self.guard.worse >= 1.0) {
@@ -213,7 +217,9 @@ mod tests {
         assert_eq!(of(|_| ()), Ok(()));
         assert_eq!(of(|c| c.rollout.group = 1), Err("rollout.group".into()));
         assert_eq!(of(|c| c.rollout.minibatches = 25), Err("rollout.minibatches".into()));
-        assert_eq!(of(|c| c.train.accumulate = 2), Err("train.accumulate".into()));
+        assert_eq!(of(|c| c.train.accumulate = 2), Ok(()));
+        let twice = |c: &mut GrpoTaskConfig| (c.train.accumulate, c.rollout.epochs) = (2, 2);
+        assert_eq!(of(twice), Err("train.accumulate".into()));
         assert_eq!(of(|c| c.reward.weights[1] = -1.0), Err("reward.weights".into()));
         assert_eq!(of(|c| c.objective.clip = 0.0), Err("objective.clip".into()));
         assert_eq!(of(|c| c.guard.worse = 0.5), Err("guard.divergence".into()));

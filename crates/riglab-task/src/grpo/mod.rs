@@ -205,15 +205,6 @@ impl Task for GrpoTask {
     }
 
     fn loss(&self, w: &Weights, batch: &Batch, at: At) -> Result<Loss, String> {
-        let (updates, ranks) = (self.config.rollout.updates(), at.ranks.size() as u64);
-        if ranks > 1 && !(self.config.train.accumulate / ranks).is_multiple_of(updates) {
-            // Each rank draws rollouts of its own, and all updates of one must be its own.
-            return Err(format!(
-                "a rollout is gone over in {updates} updates, which {ranks} ranks cannot share; make train.accumulate a \
-                 multiple of {}, or rollout.minibatches and rollout.epochs 1",
-                updates * ranks
-            ));
-        }
         if !batch.subjects.is_empty() {
             let made = self.roll(w, batch, at.batch / self.config.rollout.updates())?;
             self.rollout.replace(Some(made));

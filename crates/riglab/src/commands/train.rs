@@ -169,7 +169,7 @@ impl Visitor for Session<'_> {
                 Place::There(run) => run,
                 Place::New(dir) => Run::follow(&dir),
             };
-            let outcome = train(&task, config.train(), &run, &Interrupt::listening(), ranks)?;
+            let outcome = train(&task, config.train(), &run, &Interrupt::listening_with(ranks), ranks)?;
             return Ok(if outcome.ended == Ended::Interrupted { ExitCode::from(130) } else { ExitCode::SUCCESS });
         }
         let (run, resumed) = match place {
@@ -197,7 +197,7 @@ impl Visitor for Session<'_> {
             run.dir().display()
         );
         task.notes().iter().for_each(|note| eprintln!("note: {note}"));
-        let interrupt = Interrupt::listening();
+        let interrupt = Interrupt::listening_with(ranks);
         let outcome = train(&task, config.train(), &run, &interrupt, ranks);
         info.ended = RunInfo::now();
         info.outcome = match &outcome {
