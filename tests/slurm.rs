@@ -164,9 +164,18 @@ fn a_time_limit_costs_nothing() {
     let base =
         config(dir.path(), &corpus(dir.path(), 12), "[slurm]\ntime = 2\nsignal_seconds = 50\nlook_seconds = 1\n");
     let (here, there) = (dir.path().join("here"), dir.path().join("there"));
-    let steps = ["--set", "train.steps=1500", "--set", "train.validate_every=0", "--set", "train.save_every=0"];
-    must(&[&["train", text(&base), "--run", text(&here)], &steps[..]].concat());
-    on(&cluster, &[&["train", text(&base), "--run", text(&there), "--on", "slurm", "--wait"], &steps[..]].concat());
+    let train = |run: &Path, steps: u64, more: &[&str]| {
+        let steps = format!("train.steps={steps}");
+        let rest = ["--set", &steps, "--set", "train.validate_every=0", "--set", "train.save_every=0"];
+        let all = [&["train", text(&base), "--run", text(run)], &rest[..], more].concat();
+        if more.is_empty() { drop(must(&all)) } else { drop(on(&cluster, &all)) }
+    };
+    // As many steps as take longer than the 70 seconds of a job here.
+    let start = std::time::Instant::now();
+    train(&dir.path().join("tried"), 300, &[]);
+    let steps = (300.0 * 160.0 / start.elapsed().as_secs_f64()) as u64;
+    train(&here, steps, &[]);
+    train(&there, steps, &["--on", "slurm", "--wait"]);
     assert_eq!(read(&there.join("metrics.jsonl")), read(&here.join("metrics.jsonl")));
     let starts = read(&there.join("slurm/starts/0.jsonl"));
     assert!(starts.lines().count() > 1, "it was never told to leave: {starts}");
