@@ -196,6 +196,9 @@ impl GrpoTaskConfig {
                 ),
             );
         }
+        if self.eval.consensus != 1 {
+            return bad("eval.consensus", "GRPO is judged by `held_out.draws` rigs a mesh: leave it at 1".into());
+        }
         if !(self.guard.divergence > 0.0 && self.guard.worse >= 1.0) {
             return bad("guard.divergence", "divergence must be above 0, and worse 1 or more".into());
         }

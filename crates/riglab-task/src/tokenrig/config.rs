@@ -123,9 +123,12 @@ impl LossConfig {
 pub struct EvalConfig {
     /// How sequences are drawn.
     pub generate: GenerateConfig,
+    /// Rigs that `riglab eval` samples for each mesh, of which it takes the one whose skeleton the others agree with most
+    /// (see [`riglab_metric::consensus`]); 1: the one that `generate` gives.
+    pub consensus: usize,
     /// Where branches may come from.
     pub parents: Parents,
-    /// Meshes at once.
+    /// Rigs drawn at once.
     pub rows: usize,
     /// Assets of the validation split that are generated while training; 0 takes all.
     pub validation_assets: usize,
@@ -144,6 +147,7 @@ impl Default for EvalConfig {
     fn default() -> Self {
         Self {
             generate: GenerateConfig::default(),
+            consensus: 1,
             parents: Parents::default(),
             rows: 16,
             validation_assets: 32,
@@ -185,6 +189,9 @@ impl TokenRigTaskConfig {
             spread: self.loss.spread,
         }
         .validate()?;
+        if self.eval.consensus == 0 {
+            return bad("eval.consensus", "at least one rig is drawn: give 1 or more".into());
+        }
         if self.skin.codes == 0 {
             return bad("skin.codes", "a bone has at least 1 code".into());
         }

@@ -4,12 +4,14 @@ use std::sync::Arc;
 
 use riglab_core::{JointId, Mesh, Rig, Skeleton, SkinWeights};
 use riglab_metric::{Baseline, Joints, SkinMetrics, SkinTally, bone_distances, nan_for_null};
+use riglab_nn::generate::GenerateConfig;
 use riglab_nn::params::Weights;
 use riglab_random::{Draw, stream};
 use riglab_ranks::Ranks;
 use riglab_token::Decoded;
 use riglab_train::Validation;
 use serde::{Deserialize, Serialize};
+use tch::Tensor;
 
 use super::sample::{codes, sample};
 use super::{Batch, Drawn, TokenRigTask, parts_of};
@@ -18,6 +20,7 @@ use crate::fsq_cvae::Row as SkinRow;
 use crate::fsq_cvae::evaluate::Sums as SkinSums;
 use crate::unirig_skeleton::batch::{encode, normalized, shape};
 use crate::unirig_skeleton::evaluate::{Sums, Validated, joints};
+use crate::unirig_skeleton::generate::agreed;
 use crate::unirig_skeleton::retrieval::Retrieval;
 use crate::unirig_skeleton::{AssetRow, Report as SkeletonReport};
 
@@ -197,6 +200,27 @@ impl TokenRigTask {
         Ok(Validation { metrics, ..Validation::default() })
     }
 
+    /// A rig after each prefix [b, p, d], of these assets: as `eval.generate` says, or of several that are sampled the one
+    /// whose skeleton the others agree with most.
+    fn drawn(&self, w: &Weights, prefix: &Tensor, ids: &[AssetId]) -> Result<Vec<Drawn>, String> {
+        let (rigger, c) = (&self.rigger, &self.rigger.config);
+        let each = c.eval.consensus;
+        let of = |index: &[u64]| stream(c.eval.seed, "skeleton draws", index);
+        if each == 1 {
+            let mut streams: Vec<_> = ids.iter().map(|id| of(&[id.key()])).collect();
+            return rigger.draw(w, prefix, &vec![rigger.free(); ids.len()], &c.eval.generate, &mut streams);
+        }
+        let mut streams: Vec<_> = ids
+            .iter()
+            .flat_map(|id| (0..each as u64).map(move |k| (id.key(), k)))
+            .map(|(id, k)| of(&[id, k]))
+            .collect();
+        let prefix = prefix.repeat_interleave_self_int(each as i64, 0, None);
+        let how = GenerateConfig { sample: true, ..c.eval.generate.clone() };
+        let drawn = rigger.draw(w, &prefix, &vec![rigger.free(); streams.len()], &how, &mut streams)?;
+        Ok(agreed(drawn, each, |drawn| drawn.decoded.as_ref().ok()))
+    }
+
     /// The rig that was drawn for a mesh.
     pub(crate) fn rigged(
         &self,
@@ -253,14 +277,11 @@ impl TokenRigTask {
         for split in &c.data.test {
             let ids = self.assets.split(split).map_err(|e| e.to_string())?;
             let (mut model, mut rival, mut ways) = (Sums::default(), Sums::default(), Ways::default());
-            for ids in ids.chunks(c.eval.rows) {
+            for ids in ids.chunks((c.eval.rows / c.eval.consensus).max(1)) {
                 let each = ids.iter().map(|&id| normalized(&self.assets, &self.cache, id));
                 let truths: Vec<Arc<Rig>> = each.collect::<Result<_, _>>()?;
                 let meshes: Vec<_> = truths.iter().zip(ids).map(|(rig, id)| (rig.mesh(), id.key())).collect();
-                let prefix = rigger.condition(w, &meshes);
-                let mut streams: Vec<_> = ids.iter().map(|id| stream(seed, "skeleton draws", &[id.key()])).collect();
-                let prompts = vec![rigger.free(); ids.len()];
-                let drawn = rigger.draw(w, &prefix, &prompts, &c.eval.generate, &mut streams)?;
+                let drawn = self.drawn(w, &rigger.condition(w, &meshes), ids)?;
                 for ((drawn, truth), &id) in drawn.into_iter().zip(&truths).zip(ids) {
                     let own = Joints::of(truth.skeleton());
                     let found = drawn.decoded.as_ref().ok().map(joints);
@@ -318,7 +339,7 @@ impl TokenRigTask {
                 "data.test: the corpora have no asset in `{splits}`; `riglab dataset inspect` shows their splits"
             ));
         }
-        let skeletons = SkeletonReport { convention: "unirig".into(), consensus: 1, rows, assets };
+        let skeletons = SkeletonReport { convention: "unirig".into(), consensus: c.eval.consensus, rows, assets };
         Ok((Report { skeletons, skin, convention: "skintokens".into(), skin_assets }, rigs))
     }
 

@@ -7,6 +7,7 @@ use riglab_token::Bones;
 
 use super::{Drawn, Rigger};
 use crate::grpo::{Judged, Subject, rewards};
+use crate::unirig_skeleton::generate::most_agreed;
 
 /// By what the best of several rigs is told.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -16,6 +17,9 @@ pub enum Rank {
     Likelihood,
     /// The rewards of SkinTokens 3.4.1: by its geometry alone.
     Rewards,
+    /// How well its skeleton agrees with the others ([`riglab_metric::consensus`]); how likely it is where the skeleton
+    /// is given.
+    Consensus,
 }
 
 /// Vertices at which weights are asked to be judged, at most; the others are told by those around them.
@@ -110,7 +114,12 @@ impl Rigger {
             _ => draws[at].likelihood,
         };
         // The first of equals.
-        let best = whole.min_by(|(a, _), (b, _)| worth(*b).total_cmp(&worth(*a)));
+        let best = match wish.rank {
+            Rank::Consensus if given.is_none() => {
+                most_agreed(drawn.iter().map(|d| d.decoded.as_ref().ok())).map(|at| (at, &drawn[at]))
+            }
+            _ => whole.min_by(|(a, _), (b, _)| worth(*b).total_cmp(&worth(*a))),
+        };
         let (sample, drawn) = best.ok_or("no skeleton came out; try --samples 8, or another --seed")?;
         let (skeleton, in_cube, codes) = match given {
             Some((skeleton, encoded)) => {
@@ -135,7 +144,7 @@ impl Rigger {
     /// What draws for a mesh in the cube are worth.
     fn judged(&self, cube: &Mesh, drawn: &[Drawn], wish: &Wish<'_>) -> Result<Vec<Draw>, String> {
         let worth = match wish.rank {
-            Rank::Likelihood => vec![None; drawn.len()],
+            Rank::Likelihood | Rank::Consensus => vec![None; drawn.len()],
             Rank::Rewards => {
                 let scorer = Scorer::new(cube, &RewardConfig::default());
                 let subject = Subject { key: wish.seed, mesh: cube.clone(), scorer };
@@ -204,6 +213,10 @@ mod tests {
         assert_eq!(of(&likely), of(&by_rewards));
         assert_eq!(likely.taken().likelihood, of(&likely).into_iter().fold(f64::MIN, f64::max));
         assert!(likely.taken().rewards.is_none());
+        // Of the same draws the medoid, which is the likeliest only by chance.
+        let agreed = rigger.make(&mesh, &wish(Rank::Consensus)).unwrap();
+        assert_eq!(of(&agreed), of(&likely));
+        assert!(agreed.sample < 6 && agreed.taken().rewards.is_none());
     }
 
     #[test]

@@ -76,6 +76,26 @@ pub struct Drawn {
     pub decoded: Result<Decoded, DecodeFault>,
 }
 
+/// Of every `each` draws, which are for one mesh, the one whose skeleton the others agree with most; the first where none
+/// is a skeleton.
+pub(crate) fn agreed<D>(mut drawn: Vec<D>, each: usize, said: impl Fn(&D) -> Option<&Decoded>) -> Vec<D> {
+    let mut out = Vec::with_capacity(drawn.len() / each);
+    while !drawn.is_empty() {
+        let rest = drawn.split_off(each);
+        let taken = most_agreed(drawn.iter().map(&said)).unwrap_or(0);
+        out.push(drawn.swap_remove(taken));
+        drawn = rest;
+    }
+    out
+}
+
+/// The place of the draw for one mesh whose skeleton the others agree with most.
+pub(crate) fn most_agreed<'a>(drawn: impl Iterator<Item = Option<&'a Decoded>>) -> Option<usize> {
+    let whole = drawn.enumerate().filter_map(|(k, decoded)| Some((k, joints(decoded?))));
+    let (places, skeletons): (Vec<usize>, Vec<_>) = whole.unzip();
+    consensus(&skeletons).map(|at| places[at])
+}
+
 impl SkeletonTask {
     /// Draws a skeleton for each rig's mesh; `keys` seed its points and its draws, so that a rig's skeleton does
     /// not depend on those beside it.
@@ -96,17 +116,7 @@ impl SkeletonTask {
         let mut streams: Vec<_> = rigs.iter().flat_map(|(_, key)| of_candidate(*key)).collect();
         let prefix = self.prefix_of(w, &self.shapes_of(rigs)).repeat_interleave_self_int(each as i64, 0, None);
         let how = GenerateConfig { sample: true, ..c.eval.generate.clone() };
-        let mut drawn = self.draw_with(w, &prefix, &mut streams, &how);
-        let mut agreed = Vec::with_capacity(rigs.len());
-        while !drawn.is_empty() {
-            let rest = drawn.split_off(each);
-            let whole: Vec<usize> = (0..each).filter(|&k| drawn[k].decoded.is_ok()).collect();
-            let skeletons: Vec<_> = whole.iter().filter_map(|&k| drawn[k].decoded.as_ref().ok().map(joints)).collect();
-            let taken = consensus(&skeletons).map_or(0, |at| whole[at]);
-            agreed.push(drawn.swap_remove(taken));
-            drawn = rest;
-        }
-        agreed
+        agreed(self.draw_with(w, &prefix, &mut streams, &how), each, |drawn| drawn.decoded.as_ref().ok())
     }
 
     /// The shapes of rigs, as the decoder's prefix is made of.

@@ -4,7 +4,7 @@ pub(crate) mod batch;
 mod config;
 pub(crate) mod evaluate;
 mod gallery;
-mod generate;
+pub(crate) mod generate;
 pub(crate) mod report;
 pub(crate) mod retrieval;
 

@@ -77,8 +77,9 @@ struct Common {
     /// Rigs that are drawn, of which the best is taken. 1 takes the likeliest token each time.
     #[arg(long, default_value_t = 1, value_name = "N")]
     samples: usize,
-    /// Which of several is the best: the likeliest, or the one with the highest geometric rewards (SkinTokens 3.4.1:
-    /// joints within the body, weights that hold every vertex, motions that tear nothing).
+    /// Which of several is the best: the likeliest, the one with the highest geometric rewards (SkinTokens 3.4.1: joints
+    /// within the body, weights that hold every vertex, motions that tear nothing), or the one whose skeleton the others
+    /// agree with most.
     #[arg(long, value_enum, default_value = "likelihood")]
     rank: Ranked,
     /// How freely several are drawn.
@@ -119,6 +120,7 @@ struct Common {
 enum Ranked {
     Likelihood,
     Rewards,
+    Consensus,
 }
 
 impl From<Ranked> for Rank {
@@ -126,6 +128,7 @@ impl From<Ranked> for Rank {
         match rank {
             Ranked::Likelihood => Self::Likelihood,
             Ranked::Rewards => Self::Rewards,
+            Ranked::Consensus => Self::Consensus,
         }
     }
 }

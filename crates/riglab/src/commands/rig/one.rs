@@ -81,7 +81,7 @@ pub fn rig(args: &Common, bones: &Bones, model: &Model, from: &Path, to: &Path) 
     } else {
         say!("{}: {joints} joints, {:.1} s", to.display(), start.elapsed().as_secs_f64());
         if draws.len() > 1 || rewards.is_some() {
-            say!("  {}", taken(sample, &draws, rewards));
+            say!("  {}", taken(sample, args.rank.into(), &draws, rewards));
         }
     }
     Ok(())
@@ -90,16 +90,19 @@ pub fn rig(args: &Common, bones: &Bones, model: &Model, from: &Path, to: &Path) 
 /// What is known of each draw, for `--json`.
 fn draws(made: &Made, rank: Rank) -> Vec<serde_json::Value> {
     let each = made.draws.iter().map(|draw| match rank {
-        Rank::Likelihood => serde_json::json!({ "likelihood": draw.likelihood }),
+        Rank::Likelihood | Rank::Consensus => serde_json::json!({ "likelihood": draw.likelihood }),
         Rank::Rewards => serde_json::json!({ "likelihood": draw.likelihood, "rewards": draw.rewards }),
     });
     each.collect()
 }
 
 /// Which of several was taken, and why.
-fn taken(sample: usize, draws: &[serde_json::Value], rewards: Option<Rewards>) -> String {
+fn taken(sample: usize, rank: Rank, draws: &[serde_json::Value], rewards: Option<Rewards>) -> String {
     let which = format!("sample {} of {}", sample + 1, draws.len());
-    let Some(r) = rewards else { return format!("{which}: the likeliest") };
+    let Some(r) = rewards else {
+        let why = if rank == Rank::Consensus { "the others agree with it most" } else { "the likeliest" };
+        return format!("{which}: {why}");
+    };
     let totals = draws.iter().filter_map(|d| d["rewards"]["total"].as_f64());
     let least = totals.fold(r.total, f64::min);
     let others = if draws.len() > 1 { format!(" (the worst: {least:.3})") } else { String::new() };
