@@ -92,3 +92,37 @@ impl Coder<'_> {
         out
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::FsqCvaeTask;
+    use super::super::prepare::Place;
+    use super::*;
+
+    #[test]
+    fn parts_of_bones_and_points_give_what_all_at_once_give() {
+        tch::manual_seed(1);
+        let mut config = FsqCvaeTaskConfig::default();
+        let m = &mut config.model;
+        (m.encoder_width, m.decoder_width, m.heads, m.latent) = (16, 16, 2, 8);
+        (m.encoder_layers, m.decoder_layers, m.shape_tokens, m.skin_tokens) = (1, 1, 4, 4);
+        m.levels = vec![4, 3];
+        let (net, params) = FsqCvaeTask::network(&config, Device::Cpu).unwrap();
+        let shape = Tensor::randn([1, 4, 8], (Kind::Float, Device::Cpu));
+        let codes = Tensor::rand([5, 4, 2], (Kind::Float, Device::Cpu)) * 2.0 - 1.0;
+        let place = |k: usize| [0.01 * k as f32, 0.5, -0.02 * k as f32];
+        let points: Vec<Point> = (0..700)
+            .map(|k| Point { position: place(k), normal: [0.0, 1.0, 0.0], at: Place::Vertex(k as u32) })
+            .collect();
+        let decoded = |chunk: usize| {
+            let mut config = config.clone();
+            config.eval.chunk = chunk;
+            let coder = Coder { config: &config, net: &net, weights: params.weights(), device: Device::Cpu };
+            coder.decode(&shape, &codes, &points, &vec![Vec::new(); 5])
+        };
+        // Two bones at a time, 256 points of each.
+        let (whole, parts) = (decoded(1 << 16), decoded(512));
+        assert!(whole.iter().zip(&parts).all(|(a, b)| (a - b).abs() < 1e-5) && whole.len() == 3500);
+        assert!(whole.chunks(5).any(|row| row.iter().any(|w| (w - row[0]).abs() > 1e-3)), "bones differ");
+    }
+}

@@ -20,7 +20,7 @@ use crate::fsq_cvae::Row as SkinRow;
 use crate::fsq_cvae::evaluate::Sums as SkinSums;
 use crate::unirig_skeleton::batch::{encode, normalized, shape};
 use crate::unirig_skeleton::evaluate::{Sums, Validated, joints};
-use crate::unirig_skeleton::generate::agreed;
+use crate::unirig_skeleton::generate::{agreed, streams};
 use crate::unirig_skeleton::retrieval::Retrieval;
 use crate::unirig_skeleton::{AssetRow, Report as SkeletonReport};
 
@@ -205,16 +205,10 @@ impl TokenRigTask {
     fn drawn(&self, w: &Weights, prefix: &Tensor, ids: &[AssetId]) -> Result<Vec<Drawn>, String> {
         let (rigger, c) = (&self.rigger, &self.rigger.config);
         let each = c.eval.consensus;
-        let of = |index: &[u64]| stream(c.eval.seed, "skeleton draws", index);
+        let mut streams = streams(c.eval.seed, ids.iter().map(|id| id.key()), each);
         if each == 1 {
-            let mut streams: Vec<_> = ids.iter().map(|id| of(&[id.key()])).collect();
             return rigger.draw(w, prefix, &vec![rigger.free(); ids.len()], &c.eval.generate, &mut streams);
         }
-        let mut streams: Vec<_> = ids
-            .iter()
-            .flat_map(|id| (0..each as u64).map(move |k| (id.key(), k)))
-            .map(|(id, k)| of(&[id, k]))
-            .collect();
         let prefix = prefix.repeat_interleave_self_int(each as i64, 0, None);
         let how = GenerateConfig { sample: true, ..c.eval.generate.clone() };
         let drawn = rigger.draw(w, &prefix, &vec![rigger.free(); streams.len()], &how, &mut streams)?;

@@ -216,7 +216,7 @@ mod tests {
         // Of the same draws the medoid, which is the likeliest only by chance.
         let agreed = rigger.make(&mesh, &wish(Rank::Consensus)).unwrap();
         assert_eq!(of(&agreed), of(&likely));
-        assert!(agreed.sample < 6 && agreed.taken().rewards.is_none());
+        assert!(agreed.taken().rewards.is_none());
     }
 
     #[test]

@@ -15,8 +15,14 @@ use super::batch::{Batch, shape};
 use super::evaluate::joints;
 use super::{SkeletonTask, shape_of};
 
-/// What random numbers of draws are for.
-const DRAWS: &str = "skeleton draws";
+/// What draws for assets are seeded by: one a key, or `each` of several.
+pub(crate) fn streams(seed: u64, keys: impl Iterator<Item = u64>, each: usize) -> Vec<Stream> {
+    let of = |index: &[u64]| stream(seed, "skeleton draws", index);
+    if each == 1 {
+        return keys.map(|key| of(&[key])).collect();
+    }
+    keys.flat_map(|key| (0..each as u64).map(move |k| [key, k])).map(|index| of(&index)).collect()
+}
 
 /// The strict grammar, for a decoder.
 #[derive(Clone)]
@@ -101,7 +107,7 @@ impl SkeletonTask {
     /// not depend on those beside it.
     pub fn draw(&self, w: &Weights, rigs: &[(&Rig, u64)]) -> Vec<Drawn> {
         let c = &self.config;
-        let mut streams: Vec<_> = rigs.iter().map(|(_, key)| stream(c.eval.seed, DRAWS, &[*key])).collect();
+        let mut streams = streams(c.eval.seed, rigs.iter().map(|(_, key)| *key), 1);
         self.draw_with(w, &self.prefix_of(w, &self.shapes_of(rigs)), &mut streams, &c.eval.generate)
     }
 
@@ -112,8 +118,7 @@ impl SkeletonTask {
         if each == 1 {
             return self.draw(w, rigs);
         }
-        let of_candidate = |key: u64| (0..each as u64).map(move |k| stream(c.eval.seed, DRAWS, &[key, k]));
-        let mut streams: Vec<_> = rigs.iter().flat_map(|(_, key)| of_candidate(*key)).collect();
+        let mut streams = streams(c.eval.seed, rigs.iter().map(|(_, key)| *key), each);
         let prefix = self.prefix_of(w, &self.shapes_of(rigs)).repeat_interleave_self_int(each as i64, 0, None);
         let how = GenerateConfig { sample: true, ..c.eval.generate.clone() };
         agreed(self.draw_with(w, &prefix, &mut streams, &how), each, |drawn| drawn.decoded.as_ref().ok())
@@ -170,5 +175,25 @@ impl SkeletonTask {
             Drawn { decoded: self.tokenizer.decode(&ids), ids }
         };
         all.into_iter().map(whole).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn chain(length: f32) -> Decoded {
+        let joints = (0..3).map(|k| [0.0, length * k as f32 / 2.0, 0.0]).collect();
+        let names = (0..3).map(|k| format!("bone_{k}")).collect();
+        Decoded { joints, parents: vec![None, Some(0), Some(1)], names, class: None, parts: Vec::new() }
+    }
+
+    #[test]
+    fn of_the_draws_for_each_mesh_the_medoid_is_given() {
+        let of = |lengths: [f32; 3]| lengths.map(|l| (l > 0.0).then(|| chain(l)));
+        // The middle one; the only one; none at all.
+        let drawn = [of([0.1, 0.9, 0.5]), of([0.0, 0.0, 0.7]), of([0.0; 3])].concat();
+        let taken = agreed(drawn, 3, |d| d.as_ref());
+        assert_eq!(taken, [Some(chain(0.5)), Some(chain(0.7)), None]);
     }
 }
