@@ -1,5 +1,7 @@
 //! Sequences to skeletons.
 
+use std::sync::LazyLock;
+
 use riglab_core::{Joint, JointId, RigError, Skeleton};
 
 use crate::encode::Tokenizer;
@@ -38,6 +40,13 @@ impl Decoded {
         let all = self.joints.iter().zip(&self.parents).zip(&self.names);
         Skeleton::new(all.map(|((&head, &p), name)| Joint { name: name.clone(), parent: parent(p), head }).collect())
     }
+}
+
+/// The name of a joint of no part. Those of usual skeletons are made once: to format them anew would be a third of
+/// decoding.
+fn numbered(joint: usize) -> String {
+    static USUAL: LazyLock<Vec<String>> = LazyLock::new(|| (0..256).map(|k| format!("bone_{k}")).collect());
+    USUAL.get(joint).cloned().unwrap_or_else(|| format!("bone_{joint}"))
 }
 
 /// A joint as it stands in a sequence.
@@ -129,7 +138,7 @@ impl Tokenizer {
                 names.extend(part.joints.iter().map(|name| (*name).to_owned()));
             }
         }
-        names.extend((names.len()..count).map(|k| format!("bone_{k}")));
+        names.extend((names.len()..count).map(numbered));
         Ok(names)
     }
 
@@ -174,5 +183,15 @@ impl Tokenizer {
             }
         }
         Ok(parents)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::numbered;
+
+    #[test]
+    fn names_go_on_behind_those_that_are_made_once() {
+        assert_eq!([0, 255, 256, 1000].map(numbered), ["bone_0", "bone_255", "bone_256", "bone_1000"]);
     }
 }

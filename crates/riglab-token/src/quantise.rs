@@ -37,7 +37,8 @@ impl Quantiser {
     pub fn cell(&self, x: f64) -> u16 {
         let (low, high, bins) = (f64::from(self.low), f64::from(self.high), f64::from(self.bins));
         let cell = match self.rule {
-            Rule::Centre | Rule::Floor => ((x - low) / (high - low) * bins).floor(),
+            // `as` rounds down what is not negative, and `clamp` has seen to the rest: no call of `floor`.
+            Rule::Centre | Rule::Floor => (x - low) / (high - low) * bins,
             Rule::RoundF64 => ((x - low) / (high - low) * bins).round_ties_even(),
             Rule::RoundF32 => {
                 f64::from(((x as f32 - self.low) / (self.high - self.low) * f32::from(self.bins)).round_ties_even())
