@@ -131,13 +131,18 @@ fn mesh(reading: &Reading, warnings: &mut Vec<Warning>) -> Result<Mesh, RigError
     for (number, set) in ordered_sets(reading) {
         let start = positions.len() as u32;
         positions.extend(set.positions.iter().map(|p| reading.up.to_y(*p)));
-        let mut own: Vec<[u32; 3]> = parts_of[number].iter().flat_map(|p| &p.triangles).copied().collect();
-        // Within a part they are unlike already; parts that share vertices may repeat each other, as
-        // outlines drawn by a second material do.
-        if parts_of[number].len() > 1 {
-            repeated += triangles::keep_proper(&mut own, set.positions.len()).repeated;
-        }
-        all.extend(own.into_iter().map(|t| t.map(|v| v + start)));
+        let mut shared = Vec::new();
+        let own = match &parts_of[number][..] {
+            // Within a part they are unlike already.
+            [part] => &part.triangles,
+            // Parts that share vertices may repeat each other, as outlines drawn by a second material do.
+            parts => {
+                shared.extend(parts.iter().flat_map(|p| &p.triangles));
+                repeated += triangles::keep_proper(&mut shared, set.positions.len()).repeated;
+                &shared
+            }
+        };
+        all.extend(own.iter().map(|t| t.map(|v| v + start)));
     }
     if repeated > 0 {
         warnings.push(Warning::Degenerate { collapsed: 0, repeated });
@@ -162,7 +167,10 @@ fn weights(reading: &Reading, joint_of: &[u16]) -> Result<SkinWeights, RigError>
             let stand_in = lacking.next_if(|(u, _)| **u as usize == v).and_then(|(_, nearest)| nearest);
             row.clear();
             row.extend(own.row(stand_in.map_or(v, |w| w as usize)).map(|(j, w)| (joint_of[j.index()], w)));
-            row.sort_unstable_by_key(|(joint, _)| *joint);
+            // Mostly joints stand in the rig as they were read.
+            if !row.is_sorted_by_key(|(joint, _)| *joint) {
+                row.sort_unstable_by_key(|(joint, _)| *joint);
+            }
             joints.extend(row.iter().map(|(joint, _)| *joint));
             weights.extend(row.iter().map(|(_, weight)| *weight));
             offsets.push(joints.len() as u32);

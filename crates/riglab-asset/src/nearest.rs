@@ -12,6 +12,10 @@ const BUDGET: usize = 200_000_000;
 /// A sweep along the longest axis: candidates are visited outwards from the vertex and the search
 /// ends where the axis alone is farther than the best.
 pub(crate) fn nearest_others(positions: &[Vec3], lacking: &[u32]) -> Vec<Option<u32>> {
+    // As nearly always: nothing to sort for.
+    if lacking.is_empty() {
+        return Vec::new();
+    }
     let mut is_lacking = vec![false; positions.len()];
     for &v in lacking {
         is_lacking[v as usize] = true;
@@ -77,5 +81,6 @@ mod tests {
     #[test]
     fn without_others_there_is_none() {
         assert_eq!(nearest_others(&[[0.0; 3]; 2], &[0, 1]), [None, None]);
+        assert_eq!(nearest_others(&[[0.0; 3]; 2], &[]), []);
     }
 }

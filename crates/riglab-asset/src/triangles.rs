@@ -53,7 +53,7 @@ pub(crate) fn keep_proper(triangles: &mut Vec<[u32; 3]>, vertices: usize) -> Dro
     let mut bucketed = vec![(0u64, 0u32); triangles.len()];
     for (i, t) in (0u32..).zip(triangles.iter()) {
         let slot = &mut start[lowest(t) + 1];
-        let [_, middle, high] = sorted(t);
+        let (middle, high) = others(t);
         bucketed[*slot as usize] = (u64::from(middle) << 32 | u64::from(high), i);
         *slot += 1;
     }
@@ -114,10 +114,10 @@ fn lowest(t: &[u32; 3]) -> usize {
     t[0].min(t[1]).min(t[2]) as usize
 }
 
-fn sorted(t: &[u32; 3]) -> [u32; 3] {
-    let mut t = *t;
-    t.sort_unstable();
-    t
+/// The two corners above the lowest, rising.
+fn others(&[a, b, c]: &[u32; 3]) -> (u32, u32) {
+    let (low, high) = (a.min(b), a.max(b));
+    (low.max(c.min(high)), high.max(c))
 }
 
 #[cfg(test)]

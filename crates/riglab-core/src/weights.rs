@@ -54,9 +54,13 @@ impl SkinWeights {
     where
         R: IntoIterator<Item = (u16, f64)>,
     {
-        let mut out = Self { offsets: vec![0], joints: Vec::new(), weights: Vec::new() };
+        let rows = rows.into_iter();
+        let room = rows.size_hint().0;
+        let mut offsets = Vec::with_capacity(room + 1);
+        offsets.push(0);
+        let mut out = Self { offsets, joints: Vec::with_capacity(room), weights: Vec::with_capacity(room) };
         let mut row: Vec<(u16, f64)> = Vec::new();
-        for (vertex, pairs) in rows.into_iter().enumerate() {
+        for (vertex, pairs) in rows.enumerate() {
             row.clear();
             for (joint, weight) in pairs {
                 if !weight.is_finite() || weight < 0.0 {

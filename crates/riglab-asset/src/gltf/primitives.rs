@@ -259,24 +259,20 @@ impl Collector<'_, '_> {
             parts_of[part.vertex_set - first_set].push(part);
         }
         for (set, mut own) in sets[first_set..].iter_mut().zip(parts_of) {
-            let numbers = match &mut own[..] {
-                [part] => part.used.clone(),
-                own => {
-                    let mut all: Vec<u32> = own.iter().flat_map(|p| &p.used).copied().collect();
-                    all.sort_unstable();
-                    all.dedup();
-                    all
-                }
-            };
-            for part in own {
-                let index = |v: &u32| numbers.partition_point(|n| n < v) as u32;
-                let used: Vec<u32> = part.used.iter().map(index).collect();
-                for v in part.triangles.as_flattened_mut() {
-                    *v = used[*v as usize];
-                }
-                part.used = used;
+            if let [part] = &mut own[..] {
+                // Its triangles count so already.
+                let own = (0..part.used.len() as u32).collect();
+                set.numbers = std::mem::replace(&mut part.used, own);
+                continue;
             }
-            set.numbers = numbers;
+            let mut number = vec![0u32; set.positions.len()];
+            own.iter().flat_map(|p| &p.used).for_each(|v| number[*v as usize] = 1);
+            set.numbers = (0u32..).zip(&number).filter(|(_, used)| **used > 0).map(|(v, _)| v).collect();
+            (0u32..).zip(&set.numbers).for_each(|(new, old)| number[*old as usize] = new);
+            for part in own {
+                part.used.iter_mut().for_each(|v| *v = number[*v as usize]);
+                part.triangles.as_flattened_mut().iter_mut().for_each(|v| *v = part.used[*v as usize]);
+            }
         }
     }
 }
