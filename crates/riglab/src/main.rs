@@ -70,7 +70,11 @@ fn main() -> ExitCode {
         leave_clean();
     }
     let threads = cli.threads;
-    if threads != 1 && matches!(cli.command, Command::Train(_) | Command::Eval(_)) {
+    let computes = matches!(
+        cli.command,
+        Command::Train(_) | Command::Eval(_) | Command::Rig(_) | Command::Skin(_) | Command::SlurmTask(_)
+    );
+    if threads != 1 && computes {
         riglab_torch::wait_patiently();
     }
     let done = match cli.command {
