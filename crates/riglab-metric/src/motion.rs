@@ -4,6 +4,7 @@ use glam::{DAffine3, DMat3, DVec3};
 use riglab_random::{Draw, stream};
 use serde::{Deserialize, Serialize};
 
+use crate::rows::both;
 use crate::{Joints, Rows};
 
 /// Poses that weights are tried in.
@@ -12,6 +13,8 @@ const POSES: usize = 10;
 const DEGREES: f64 = 30.0;
 /// What UniRig adds to a vertex' sum of weights.
 const EPSILON: f64 = 1e-8;
+/// Poses that are worked on at once, so that the compiler takes several in an instruction.
+const LANES: usize = POSES;
 
 /// Distances between vertices posed with true and with predicted weights, in units of the coordinates.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -82,12 +85,7 @@ fn rotation(vector: [f64; 3]) -> DMat3 {
 /// `Σ w_i global_i T(-j_i) v / (Σ w_i + 1e-8)`. Weights need not sum to 1; a vertex without any goes to the origin.
 /// Parents come first; a pose that is too short leaves the joints beyond it at rest.
 pub fn posed(vertices: &[[f64; 3]], joints: &Joints, pose: &[DMat3], weights: &Rows) -> Vec<[f64; 3]> {
-    let mut maps: Vec<DAffine3> = Vec::with_capacity(joints.positions.len());
-    for (j, (head, parent)) in joints.positions.iter().zip(&joints.parents).enumerate() {
-        let (head, turn) = (DVec3::from(*head), pose.get(j).copied().unwrap_or(DMat3::IDENTITY));
-        let local = DAffine3 { matrix3: turn, translation: head - turn * head };
-        maps.push(parent.and_then(|p| maps.get(p)).map_or(local, |above| *above * local));
-    }
+    let maps = maps(joints, pose);
     let image = |(v, row): (&[f64; 3], &[(u32, f32)])| {
         let v = DVec3::from(*v);
         let (mut sum, mut total) = (DVec3::ZERO, 0.0);
@@ -100,22 +98,42 @@ pub fn posed(vertices: &[[f64; 3]], joints: &Joints, pose: &[DMat3], weights: &R
     vertices.iter().zip(weights.iter()).map(image).collect()
 }
 
+/// The motion of each joint's surroundings in a pose.
+fn maps(joints: &Joints, pose: &[DMat3]) -> Vec<DAffine3> {
+    let mut maps: Vec<DAffine3> = Vec::with_capacity(joints.positions.len());
+    for (j, (head, parent)) in joints.positions.iter().zip(&joints.parents).enumerate() {
+        let (head, turn) = (DVec3::from(*head), pose.get(j).copied().unwrap_or(DMat3::IDENTITY));
+        let local = DAffine3 { matrix3: turn, translation: head - turn * head };
+        maps.push(parent.and_then(|p| maps.get(p)).map_or(local, |above| *above * local));
+    }
+    maps
+}
+
 /// The distances over some poses; NaN without poses or vertices.
 pub fn motion(vertices: &[[f64; 3]], joints: &Joints, poses: &Poses, truth: &Rows, predicted: &Rows) -> Motion {
-    let (mut sum, mut max, mut maxima, mut squares, mut count) = (0.0, 0.0f64, 0.0, 0.0, 0u64);
-    for pose in poses {
-        let (a, b) = (posed(vertices, joints, pose, truth), posed(vertices, joints, pose, predicted));
-        let mut largest = 0.0f64;
-        for (a, b) in a.iter().zip(&b) {
-            let squared = (0..3).map(|k| (a[k] - b[k]).powi(2)).sum::<f64>();
-            sum += squared.sqrt();
-            squares += squared;
-            largest = largest.max(squared.sqrt());
-            count += 1;
+    let (mut sum, mut max, mut maxima, mut squares) = (0.0, 0.0f64, 0.0, 0.0);
+    let shares = Shares::new(joints, truth, predicted);
+    let vertices = &vertices[..vertices.len().min(shares.offsets.len() - 1)];
+    for together in poses.chunks(LANES) {
+        let maps = lanes(joints, together);
+        let (mut sums, mut largest) = ([[0.0; LANES]; 2], [0.0f64; LANES]);
+        for (v, shares) in vertices.iter().zip(shares.rows()) {
+            let squared = apart2(*v, shares, &maps);
+            for l in 0..LANES {
+                let distance = squared[l].sqrt();
+                sums[0][l] += distance;
+                sums[1][l] += squared[l];
+                largest[l] = largest[l].max(distance);
+            }
         }
-        max = max.max(largest);
-        maxima += largest;
+        for l in 0..together.len() {
+            sum += sums[0][l];
+            squares += sums[1][l];
+            max = max.max(largest[l]);
+            maxima += largest[l];
+        }
     }
+    let count = poses.len() * vertices.len();
     let n = count as f64;
     Motion {
         mean: sum / n,
@@ -123,6 +141,69 @@ pub fn motion(vertices: &[[f64; 3]], joints: &Joints, poses: &Poses, truth: &Row
         mean_max: if count > 0 { maxima / poses.len() as f64 } else { f64::NAN },
         mse: squares / (3.0 * n),
         rms: (squares / n).sqrt(),
+    }
+}
+
+/// A row of [`maps`] has three numbers that are multiplied by the coordinates and one that is added; each for some
+/// poses.
+type Lanes = [[[f64; LANES]; 4]; 3];
+
+/// The [`maps`] of some poses, no more than there are lanes, side by side.
+fn lanes(joints: &Joints, poses: &[Vec<DMat3>]) -> Vec<Lanes> {
+    let mut out = vec![Lanes::default(); joints.positions.len()];
+    for (l, pose) in poses.iter().enumerate() {
+        for (out, map) in out.iter_mut().zip(maps(joints, pose)) {
+            for (column, numbers) in map.to_cols_array_2d().into_iter().enumerate() {
+                (0..3).for_each(|row| out[row][column][l] = numbers[row]);
+            }
+        }
+    }
+    out
+}
+
+/// Squared distances between a vertex posed with true and with predicted weights, in some poses.
+#[inline(always)]
+fn apart2(vertex: [f64; 3], shares: &[(usize, f64)], maps: &[Lanes]) -> [f64; LANES] {
+    let mut apart = [[0.0; LANES]; 3];
+    for &(joint, share) in shares {
+        for (apart, [x, y, z, t]) in apart.iter_mut().zip(&maps[joint]) {
+            for l in 0..LANES {
+                apart[l] += share * (x[l] * vertex[0] + y[l] * vertex[1] + z[l] * vertex[2] + t[l]);
+            }
+        }
+    }
+    let [x, y, z] = apart;
+    std::array::from_fn(|l| x[l] * x[l] + y[l] * y[l] + z[l] * z[l])
+}
+
+/// By how much each joint's share in a vertex is off: the posed vertices are as far apart as what these shares of
+/// the joints' maps make of the vertex. Shares are weights divided by their sum, as in [`posed`].
+struct Shares {
+    offsets: Vec<usize>,
+    entries: Vec<(usize, f64)>,
+}
+
+impl Shares {
+    fn new(joints: &Joints, truth: &Rows, predicted: &Rows) -> Self {
+        let known = joints.positions.len().min(joints.parents.len());
+        let total = |row: &[(u32, f32)]| {
+            row.iter().filter(|(j, _)| (*j as usize) < known).map(|(_, w)| f64::from(*w)).sum::<f64>() + EPSILON
+        };
+        let mut out = Self { offsets: vec![0], entries: Vec::new() };
+        for (w, p) in truth.iter().zip(predicted.iter()) {
+            let totals = [total(w), total(p)];
+            both(w, p, |joint, w, p| {
+                if joint < known {
+                    out.entries.push((joint, f64::from(w) / totals[0] - f64::from(p) / totals[1]));
+                }
+            });
+            out.offsets.push(out.entries.len());
+        }
+        out
+    }
+
+    fn rows(&self) -> impl Iterator<Item = &[(usize, f64)]> {
+        self.offsets.windows(2).map(|ends| &self.entries[ends[0]..ends[1]])
     }
 }
 
@@ -156,6 +237,41 @@ mod tests {
         let at = posed(&[[2.0, 0.0, 0.0], [2.0, 0.0, 0.0]], &arm(), &[DMat3::IDENTITY, quarter], &weights);
         assert!((0..3).all(|k| (at[0][k] - [1.0, 1.0, 0.0][k]).abs() < 1e-7), "{at:?}");
         assert_eq!(at[1], [0.0; 3]);
+    }
+
+    #[test]
+    fn motion_is_what_posing_both_and_comparing_finds() {
+        let mut random = stream(7, "test", &[]);
+        let mut unit = || f64::from(random.unit());
+        let joints = Joints {
+            positions: (0..6).map(|_| [(); 3].map(|()| unit())).collect(),
+            parents: [None, Some(0), Some(1), Some(1), Some(0), Some(4)].to_vec(),
+        };
+        let vertices: Vec<[f64; 3]> = (0..50).map(|_| [(); 3].map(|()| unit())).collect();
+        // Rows are not normalised, some are empty; the last column is no joint's.
+        let mut weights =
+            || Rows::dense(&(0..50 * 7).map(|_| (unit() * 2.0 - 1.2).max(0.0) as f32).collect::<Vec<_>>(), 7);
+        let (truth, predicted) = (weights(), weights());
+        // One pose more than are worked on at once, and one that is too short.
+        let mut poses = motion_poses("a", &joints.parents);
+        poses.push(poses[0][..3].to_vec());
+        let off = |pose: &Vec<DMat3>| -> Vec<f64> {
+            let [a, b] = [&truth, &predicted].map(|weights| posed(&vertices, &joints, pose, weights));
+            a.iter().zip(&b).map(|(a, b)| DVec3::from(*a).distance(DVec3::from(*b))).collect()
+        };
+        let all: Vec<Vec<f64>> = poses.iter().map(off).collect();
+        let n = (all.len() * vertices.len()) as f64;
+        let largest = |of: &[f64]| of.iter().fold(0.0, |a: f64, b| a.max(*b));
+        let squares = all.as_slice().concat().iter().map(|d| d * d).sum::<f64>();
+        let want = [
+            all.concat().iter().sum::<f64>() / n,
+            largest(&all.concat()),
+            all.iter().map(|d| largest(d)).sum::<f64>() / all.len() as f64,
+            squares / (3.0 * n),
+            (squares / n).sqrt(),
+        ];
+        let got = motion(&vertices, &joints, &poses, &truth, &predicted).figures();
+        assert!(got.iter().zip(want).all(|((_, g), w)| (g - w).abs() < 1e-13), "{got:?} {want:?}");
     }
 
     #[test]

@@ -18,10 +18,18 @@ impl Rows {
     /// Of dense rows of `columns` weights a vertex; what is left over at the end is no row.
     pub fn dense(weights: &[f32], columns: usize) -> Self {
         let mut rows = Self { offsets: vec![0], entries: Vec::new(), columns };
+        let mut end = 0;
         for row in weights.chunks_exact(columns.max(1)) {
-            rows.entries.extend((0u32..).zip(row).filter(|(_, w)| **w != 0.0).map(|(c, w)| (c, *w)));
-            rows.offsets.push(rows.entries.len());
+            // Every entry is written, and the next one over it if it was a zero: no branch to guess wrongly.
+            rows.entries.resize(end + row.len(), (0, 0.0));
+            let room = &mut rows.entries[..];
+            for (column, &weight) in (0u32..).zip(row) {
+                room[end] = (column, weight);
+                end += usize::from(weight != 0.0);
+            }
+            rows.offsets.push(end);
         }
+        rows.entries.truncate(end);
         rows
     }
 
@@ -126,6 +134,10 @@ mod tests {
         assert_eq!(dense, sparse);
         assert_eq!((dense.len(), dense.size(), dense.row(0)), (2, 6, &[(1, 0.5), (2, 0.5)][..]));
         assert!(Rows::dense(&[], 0).is_empty());
+        // Half a row is none, a negative zero is a zero, what is not a number is none.
+        let odd = Rows::dense(&[-0.0, f32::NAN, 1.0, 0.0, 0.5], 2);
+        assert_eq!((odd.len(), odd.row(0).len(), odd.row(1)), (2, 1, &[(0, 1.0)][..]));
+        assert!(odd.row(0)[0].0 == 1 && odd.row(0)[0].1.is_nan());
     }
 
     #[test]

@@ -6,6 +6,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::Graph;
+use super::bone::{Bones, Cut};
 
 /// Whose formulas.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -90,16 +91,8 @@ impl SkeletonConvention {
             return out;
         }
         let (bp, bg) = (self.bones(&p), self.bones(&g));
-        let samples = |bones: &[Bone]| bones.iter().flat_map(|b| (0..=b.last).map(|i| b.point(i))).collect::<Vec<_>>();
-        let (sp, sg) = (samples(&bp), samples(&bg));
-        let near = |from: &[[f64; 3]], to: &[Bone]| {
-            let squared = |p: &[f64; 3]| {
-                let each = to.iter().map(|b| if self == Self::Exact { b.squared_exact(p) } else { b.squared(p) });
-                each.fold(f64::INFINITY, f64::min)
-            };
-            from.iter().map(|p| squared(p).sqrt()).sum::<f64>() / from.len() as f64
-        };
-        (out.j2b, out.b2b) = (both(near(&p.joints, &bg), near(&g.joints, &bp)), both(near(&sp, &bg), near(&sg, &bp)));
+        out.j2b = both(bg.mean_apart(&p.joints), bp.mean_apart(&g.joints));
+        out.b2b = both(bg.mean_apart_of(&bp), bp.mean_apart_of(&bg));
         out
     }
 
@@ -118,73 +111,10 @@ impl SkeletonConvention {
     }
 
     /// The bones with their points.
-    fn bones(self, graph: &Graph) -> Vec<Bone> {
-        let bone = |[parent, child]: [[f64; 3]; 2]| {
-            let along: [f64; 3] = std::array::from_fn(|k| parent[k] - child[k]);
-            let length2 = along.iter().map(|x| x * x).sum::<f64>();
-            let (steps, last, from_child) = if self == Self::Unirig {
-                (100, 99, true)
-            } else {
-                // No rig is so long in its cube; a broken one must not fill the memory.
-                let steps = (length2.sqrt() / 0.005).round_ties_even().min(100_000.0) as usize;
-                (steps, steps, false)
-            };
-            Bone { child, along, length2, steps, last, from_child }
-        };
-        graph.bones.iter().map(|b| bone(b.map(|j| graph.joints[j]))).collect()
+    fn bones(self, graph: &Graph) -> Bones {
+        let cut = if self == Self::Unirig { Cut::Into(100) } else { Cut::Every(0.005) };
+        Bones::new(graph.bones.iter().map(|b| b.map(|j| graph.joints[j])), cut, self == Self::Exact)
     }
-}
-
-/// A bone with points at equal steps along it.
-struct Bone {
-    child: [f64; 3],
-    /// To the parent.
-    along: [f64; 3],
-    length2: f64,
-    /// Steps of the whole bone.
-    steps: usize,
-    /// The number of the last point.
-    last: usize,
-    /// Whether points are counted from the child, else from the parent.
-    from_child: bool,
-}
-
-impl Bone {
-    /// Point `i`, which is at a share of the way from child to parent.
-    fn point(&self, i: usize) -> [f64; 3] {
-        let counted = i as f64 / self.steps.max(1) as f64;
-        self.at(if self.from_child { counted } else { 1.0 - counted })
-    }
-
-    fn at(&self, share: f64) -> [f64; 3] {
-        std::array::from_fn(|k| self.child[k] + self.along[k] * share)
-    }
-
-    /// The share of the way from child to parent that is nearest to `p`.
-    fn nearest(&self, p: &[f64; 3]) -> f64 {
-        let dot = (0..3).map(|k| (p[k] - self.child[k]) * self.along[k]).sum::<f64>();
-        if self.length2 > 0.0 { (dot / self.length2).clamp(0.0, 1.0) } else { 0.0 }
-    }
-
-    /// Squared distance to the nearest point: one of the two beside the foot of the perpendicular.
-    fn squared(&self, p: &[f64; 3]) -> f64 {
-        let share = self.nearest(p);
-        let counted = if self.from_child { share } else { 1.0 - share } * self.steps as f64;
-        let first = (counted as usize).min(self.last);
-        let to = |i: usize| apart2(p, &self.point(i));
-        let best = to(first).min(to((first + 1).min(self.last)));
-        // A foot that rounding put on the wrong side of a point.
-        if counted - (first as f64) < 1e-6 { best.min(to(first.saturating_sub(1))) } else { best }
-    }
-
-    /// Squared distance to the nearest place of the bone.
-    fn squared_exact(&self, p: &[f64; 3]) -> f64 {
-        apart2(p, &self.at(self.nearest(p)))
-    }
-}
-
-fn apart2(a: &[f64; 3], b: &[f64; 3]) -> f64 {
-    (0..3).map(|k| (a[k] - b[k]).powi(2)).sum()
 }
 
 /// The mean distance of `from` to the nearest of `to`.
@@ -258,10 +188,7 @@ mod tests {
         };
         let (a, b) = (tree(9), tree(7));
         for convention in [SkeletonConvention::Rignet, SkeletonConvention::Unirig, SkeletonConvention::Anymate] {
-            let points = |j: &Joints| {
-                let bones = convention.bones(&convention.measured(j, None));
-                bones.iter().flat_map(|b| (0..=b.last).map(|i| b.point(i))).collect::<Vec<_>>()
-            };
+            let points = |j: &Joints| convention.bones(&convention.measured(j, None)).points();
             let (pa, pb) = (points(&a), points(&b));
             let scale = if convention == SkeletonConvention::Unirig { 0.5 } else { 1.0 };
             let all = scale * (mean_nearest(&pa, &pb) + mean_nearest(&pb, &pa)) / 2.0;

@@ -1,5 +1,6 @@
 //! Predicted skeletons against true ones, by the formulas of each peer.
 
+mod bone;
 mod connectivity;
 mod consensus;
 mod diameter;

@@ -9,68 +9,128 @@
 //! ```
 
 use super::{Figures, Skins};
-use crate::rows::both;
+use crate::Rows;
 
 const LEAST: f64 = 1e-3;
 const SUM: f64 = 0.01;
 
 pub(super) fn figures(skins: &Skins, share: f64, ring: bool) -> Figures {
     // The peer's code measures from sampled points to vertices first; here every vertex is its own.
-    let cleaned: Vec<Vec<(u32, f64)>> = skins.predicted.iter().map(without_small).collect();
-    let rows = if ring { one_ring(&cleaned, skins.edges, skins.predicted.columns()) } else { cleaned };
+    let rings = ring.then(|| Rings::new(skins.predicted.len(), skins.edges));
     let (mut tp, mut active, mut wanted, mut l1, mut kept) = (0u64, 0u64, 0u64, 0.0, 0u64);
-    for (w, p) in skins.truth.iter().zip(&rows) {
+    let columns = skins.truth.columns().max(skins.predicted.columns());
+    let (mut means, mut row) = (Means::new(columns), Vec::new());
+    for (v, w) in skins.truth.iter().enumerate().take(skins.predicted.len()) {
         let sum: f64 = w.iter().map(|(_, w)| f64::from(*w)).sum();
         if (sum - 1.0).abs() >= SUM {
             continue;
         }
         kept += 1;
-        let largest = p.iter().map(|(_, p)| *p).fold(0.0, f64::max);
-        let mut p: Vec<(u32, f64)> = p.iter().copied().filter(|(_, p)| *p >= share * largest).collect();
-        let sum: f64 = p.iter().map(|(_, p)| p).sum();
-        p.iter_mut().for_each(|(_, p)| *p /= sum);
-        both(w, &p, |_, w, p| {
-            let w = f64::from(w);
+        let own = [v as u32];
+        let around = rings.as_ref().map(|r| r.around(v)).filter(|around| !around.is_empty()).unwrap_or(&own);
+        means.of(around, skins.predicted, w, &mut row);
+        let least = share * row.iter().map(|(_, p)| *p).fold(0.0, f64::max);
+        let mut sum = 0.0;
+        for (_, p) in &mut row {
+            *p = if *p >= least { *p } else { 0.0 };
+            sum += *p;
+        }
+        // Nothing is left only where there was nothing.
+        let sum = if sum == 0.0 { 1.0 } else { sum };
+        for (w, p) in &row {
+            let p = p / sum;
             l1 += (w - p).abs();
-            tp += u64::from(w > 0.0 && p > 0.0);
+            tp += u64::from(*w > 0.0 && p > 0.0);
             active += u64::from(p > 0.0);
-            wanted += u64::from(w > 0.0);
-        });
+            wanted += u64::from(*w > 0.0);
+        }
     }
     let share = |n: u64| if n == 0 { 0.0 } else { tp as f64 / n as f64 };
     vec![("precision", share(active)), ("recall", share(wanted)), ("l1", l1 / kept as f64), ("rows", kept as f64)]
 }
 
-fn without_small(row: &[(u32, f32)]) -> Vec<(u32, f64)> {
-    row.iter().map(|(c, p)| (*c, f64::from(*p))).filter(|(_, p)| *p >= LEAST).collect()
+/// The far ends of each vertex' edges.
+struct Rings {
+    /// Where a vertex' ends begin; where they end is where the next one's begin.
+    starts: Vec<usize>,
+    ends: Vec<u32>,
 }
 
-/// The mean of the rows at the far ends of each vertex' edges; a vertex without edges keeps its own.
-fn one_ring(rows: &[Vec<(u32, f64)>], edges: &[[u32; 2]], columns: usize) -> Vec<Vec<(u32, f64)>> {
-    let mut from = vec![Vec::new(); rows.len()];
-    for &[a, b] in edges {
-        if (a as usize) < rows.len() && (b as usize) < rows.len() {
-            from[a as usize].push(b as usize);
+impl Rings {
+    /// In the order of the edges; those that name no vertex are left out.
+    fn new(vertices: usize, edges: &[[u32; 2]]) -> Self {
+        let inside = |e: &&[u32; 2]| e.iter().all(|v| (*v as usize) < vertices);
+        let mut counts = vec![0usize; vertices];
+        edges.iter().filter(inside).for_each(|e| counts[e[0] as usize] += 1);
+        let mut at = 0;
+        let start = |count: &usize| {
+            at += count;
+            at - count
+        };
+        let mut starts: Vec<usize> = counts.iter().map(start).collect();
+        let mut next = starts.clone();
+        starts.push(at);
+        let mut ends = vec![0; at];
+        for [a, b] in edges.iter().filter(inside) {
+            let next = &mut next[*a as usize];
+            ends[*next] = *b;
+            *next += 1;
         }
+        Self { starts, ends }
     }
-    let (mut sums, mut used) = (vec![0.0; columns], Vec::new());
-    let ring = |(v, around): (usize, &Vec<usize>)| {
-        if around.is_empty() {
-            return rows[v].clone();
+
+    fn around(&self, vertex: usize) -> &[u32] {
+        &self.ends[self.starts[vertex]..self.starts[vertex + 1]]
+    }
+}
+
+/// Makes means of sparse rows in a dense one.
+struct Means {
+    /// True weight and sum of predicted ones, by column: all 0 between two rows.
+    sums: Vec<(f64, f64)>,
+    /// A bit for each column that has a sum.
+    used: Vec<u64>,
+}
+
+impl Means {
+    fn new(columns: usize) -> Self {
+        Self { sums: vec![(0.0, 0.0); columns], used: vec![0; columns / 64 + 1] }
+    }
+
+    /// Writes the weights of `w` and the mean of the rows `around`, small weights dropped: where one is stored,
+    /// columns rising.
+    fn of(&mut self, around: &[u32], rows: &Rows, w: &[(u32, f32)], into: &mut Vec<(f64, f64)>) {
+        for &(c, w) in w {
+            self.sums[c as usize].0 = f64::from(w);
+            self.used[c as usize / 64] |= 1 << (c % 64);
         }
         for &u in around {
-            for &(c, p) in &rows[u] {
-                if sums[c as usize] == 0.0 {
-                    used.push(c);
+            // Bits are collected before they are stored: most rows have theirs in one word.
+            let (mut word, mut bits) = (0, 0);
+            for &(c, p) in rows.row(u as usize) {
+                let p = f64::from(p);
+                if p >= LEAST {
+                    if c as usize / 64 != word {
+                        self.used[word] |= bits;
+                        (word, bits) = (c as usize / 64, 0);
+                    }
+                    bits |= 1 << (c % 64);
+                    self.sums[c as usize].1 += p;
                 }
-                sums[c as usize] += p;
+            }
+            self.used[word] |= bits;
+        }
+        let n = around.len() as f64;
+        into.clear();
+        for (word, bits) in self.used.iter_mut().enumerate() {
+            while *bits != 0 {
+                let c = 64 * word + bits.trailing_zeros() as usize;
+                *bits &= *bits - 1;
+                let (w, sum) = std::mem::take(&mut self.sums[c]);
+                into.push((w, sum / n));
             }
         }
-        used.sort_unstable();
-        let n = around.len() as f64;
-        used.drain(..).map(|c| (c, std::mem::take(&mut sums[c as usize]) / n)).collect()
-    };
-    from.iter().enumerate().map(ring).collect()
+    }
 }
 
 /// The edges of triangles, each in both directions once: for Puppeteer's one-ring filter.
@@ -80,4 +140,42 @@ pub fn edges_of(triangles: &[[u32; 3]]) -> Vec<[u32; 2]> {
     edges.sort_unstable();
     edges.dedup();
     edges
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_mean_is_that_of_dense_rows() {
+        use riglab_random::{Draw, stream};
+        let mut random = stream(5, "test", &[]);
+        // More columns than a word has bits.
+        let (vertices, columns) = (40usize, 150usize);
+        let mut weights = vec![0.0f32; vertices * columns];
+        for row in weights.chunks_exact_mut(columns) {
+            (0..6).for_each(|k| row[random.below(columns)] = if k == 0 { 0.0005 } else { random.unit() });
+        }
+        // Some vertices have no edge, some edges lead nowhere.
+        let end = |random: &mut riglab_random::Stream, below: usize| random.below(below) as u32;
+        let mut edges: Vec<[u32; 2]> =
+            (0..90).map(|_| [end(&mut random, vertices / 2), end(&mut random, vertices)]).collect();
+        edges.extend([[0, 99], [99, 0]]);
+        let rows = Rows::dense(&weights, columns);
+        let (rings, mut means, mut got) = (Rings::new(vertices, &edges), Means::new(columns), Vec::new());
+        for v in 0..vertices {
+            let ends = edges.iter().filter(|[a, b]| *a as usize == v && (*b as usize) < vertices);
+            let around: Vec<u32> = ends.map(|[_, b]| *b).collect();
+            assert_eq!(rings.around(v), around, "vertex {v}");
+            means.of(&around, &rows, rows.row(v), &mut got);
+            let cleaned = |u: u32, c: usize| f64::from(weights[u as usize * columns + c]);
+            let mean = |c: usize| {
+                around.iter().map(|u| cleaned(*u, c)).filter(|p| *p >= LEAST).sum::<f64>() / around.len().max(1) as f64
+            };
+            let both = (0..columns).map(|c| (cleaned(v as u32, c), mean(c)));
+            let want: Vec<(f64, f64)> = both.filter(|(w, p)| *w > 0.0 || *p > 0.0).collect();
+            let got: Vec<(f64, f64)> = got.iter().map(|(w, p)| (*w, if p.is_nan() { 0.0 } else { *p })).collect();
+            assert_eq!(got, want, "vertex {v}");
+        }
+    }
 }
