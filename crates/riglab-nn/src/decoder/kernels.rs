@@ -86,10 +86,12 @@ impl Panels {
                 (panel..panels.end).for_each(|panel| x86::panels::<1, 1>(self, x, y, 0, panel));
                 return;
             }
+            // As equal parts as go: one row left over would cost as much as four.
+            let each = rows.div_ceil(rows.div_ceil(ROWS).max(1));
             for panel in panels {
                 let mut row = 0;
                 while row < rows {
-                    match (rows - row).min(ROWS) {
+                    match (rows - row).min(each) {
                         1 => x86::panels::<1, 1>(self, x, y, row, panel),
                         2 => x86::panels::<2, 1>(self, x, y, row, panel),
                         3 => x86::panels::<3, 1>(self, x, y, row, panel),
@@ -97,7 +99,7 @@ impl Panels {
                         5 => x86::panels::<5, 1>(self, x, y, row, panel),
                         _ => x86::panels::<ROWS, 1>(self, x, y, row, panel),
                     }
-                    row += ROWS;
+                    row += each;
                 }
             }
         }

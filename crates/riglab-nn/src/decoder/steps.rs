@@ -142,75 +142,33 @@ impl Steps {
     }
 
     /// Vectors x [rows, d] at place `at` to what the last norm gives.
+    ///
+    /// Many rows are dealt to threads, each of which takes its own through all layers: threads then wait for each
+    /// other once a token. A few are read by all threads together, product by product.
     fn step(&mut self, x: &mut [f32], at: usize) {
-        let Sizes { rows, heads, kv_heads, room, same, width: e } = self.sizes;
-        let (threads, d) = (self.threads, x.len() / rows);
-        let (wide, kv, group) = (heads * e, kv_heads * e, heads / kv_heads);
-        let each = wide + 2 * kv;
-        let place = at - same;
-        let mut own = vec![0.0; rows * d];
-        let mut qkv = vec![0.0; rows * each];
-        let mut heard = vec![0.0; rows * wide];
-        let mut read = vec![0.0; rows * d];
-        let (mut inner, mut passed) = (Vec::new(), Vec::new());
-        for (layer, (shared, memory)) in self.layers.iter().zip(&mut self.memory) {
-            layer.norm.apply(x, &mut own);
-            product(&layer.qkv, &own, &mut qkv, threads);
-            if let Some([of_queries, of_keys]) = &layer.norm_heads {
-                let [cos, sin] = self.angles.each_ref().map(|all| &all[at * e..(at + 1) * e]);
-                let mut turned = vec![0.0; wide + kv];
-                for row in qkv.chunks_exact_mut(each) {
-                    of_queries.apply(&row[..wide], &mut turned[..wide]);
-                    of_keys.apply(&row[wide..wide + kv], &mut turned[wide..]);
-                    turn(&turned, cos, sin, &mut row[..wide + kv]);
-                }
-            }
-            let one = |row: usize, keys: &mut [f32], values: &mut [f32], out: &mut [f32]| {
-                let (q, others) = qkv[row * each..(row + 1) * each].split_at(wide);
-                let (k, v) = others.split_at(kv);
-                for head in 0..kv_heads {
-                    let keys = &mut keys[head * room * e..(head + 1) * room * e];
-                    let values = &mut values[head * room * e..(head + 1) * room * e];
-                    let span = head * e..(head + 1) * e;
-                    k[span.clone()].iter().enumerate().for_each(|(c, x)| keys[key_at(place, c, e)] = *x);
-                    values[place * e..(place + 1) * e].copy_from_slice(&v[span.clone()]);
-                    let span = group * span.start..group * span.end;
-                    let heard = Heard { keys, values };
-                    attend(&q[span.clone()], e, shared.heard(head, same * e), heard, at + 1, &mut out[span]);
-                }
-            };
-            let size = kv_heads * room * e;
-            if threads && rows * at * wide > MUCH / 4 {
-                let keys = memory.keys.par_chunks_mut(size);
-                let parts = keys.zip(memory.values.par_chunks_mut(size)).zip(heard.par_chunks_mut(wide));
-                parts.enumerate().for_each(|(row, ((keys, values), out))| one(row, keys, values, out));
-            } else {
-                let keys = memory.keys.chunks_mut(size);
-                let parts = keys.zip(memory.values.chunks_mut(size)).zip(heard.chunks_mut(wide));
-                parts.enumerate().for_each(|(row, ((keys, values), out))| one(row, keys, values, out));
-            }
-            product(&layer.out, &heard, &mut read, threads);
-            x.iter_mut().zip(&read).for_each(|(x, y)| *x += y);
-            layer.norm_out.apply(x, &mut own);
-            inner.resize(rows * layer.up.outputs(), 0.0);
-            product(&layer.up, &own, &mut inner, threads);
-            let through = if layer.gated {
-                let half = layer.up.outputs() / 2;
-                passed.resize(rows * half, 0.0);
-                inner.chunks_exact(2 * half).zip(passed.chunks_exact_mut(half)).for_each(|(all, out)| {
-                    let (gates, held) = all.split_at(half);
-                    gate(gates, held, out);
-                });
-                &passed
-            } else {
-                inner.iter_mut().for_each(|y| *y = y.max(0.0));
-                &inner
-            };
-            product(&layer.down, through, &mut read, threads);
-            x.iter_mut().zip(&read).for_each(|(x, y)| *x += y);
+        let Self { layers, norm, angles, memory, sizes, threads } = self;
+        let Sizes { rows, kv_heads, room, width, .. } = *sizes;
+        let net = Net { layers, norm, angles, sizes: *sizes };
+        let (d, size) = (x.len() / rows, kv_heads * room * width);
+        let hands = if *threads { rayon::current_num_threads() } else { 1 };
+        let each = rows.div_ceil(hands);
+        if hands == 1 || each < FEW {
+            let own = memory.iter_mut().map(|(shared, own)| Spoken::new(shared, &mut own.keys, &mut own.values));
+            return net.step(x, &mut own.collect::<Vec<_>>(), at, *threads);
         }
-        self.norm.apply(x, &mut own);
-        x.copy_from_slice(&own);
+        let mut parts: Vec<Vec<Spoken<'_>>> = x.chunks(each * d).map(|_| Vec::new()).collect();
+        for (shared, own) in memory.iter_mut() {
+            let dealt = own.keys.chunks_mut(each * size).zip(own.values.chunks_mut(each * size));
+            parts.iter_mut().zip(dealt).for_each(|(part, (keys, values))| part.push(Spoken::new(shared, keys, values)));
+        }
+        let mut parts = x.chunks_mut(each * d).zip(parts);
+        let first = parts.next();
+        // The first part is this thread's own: it need not wait for another to wake.
+        rayon::in_place_scope(|scope| {
+            let net = &net;
+            parts.for_each(|(x, mut memory)| scope.spawn(move |_| net.step(x, &mut memory, at, false)));
+            first.into_iter().for_each(|(x, mut memory)| net.step(x, &mut memory, at, false));
+        });
     }
 
     /// Goes on with these rows, in this order, of which `len` places are written.
@@ -243,6 +201,106 @@ impl Steps {
             *all = other;
         }
         self.sizes.rows = rows.len();
+    }
+}
+
+/// Rows from which on a thread has enough to do by itself.
+const FEW: usize = 4;
+
+/// What is written of some rows in a layer: what is the same in all, and keys and values of their own.
+struct Spoken<'a> {
+    shared: &'a Memory,
+    keys: &'a mut [f32],
+    values: &'a mut [f32],
+}
+
+impl<'a> Spoken<'a> {
+    fn new(shared: &'a Memory, keys: &'a mut [f32], values: &'a mut [f32]) -> Self {
+        Self { shared, keys, values }
+    }
+}
+
+/// What all rows have in common.
+struct Net<'a> {
+    layers: &'a [LayerWeights],
+    norm: &'a Norm,
+    angles: &'a [Vec<f32>; 2],
+    sizes: Sizes,
+}
+
+impl Net<'_> {
+    /// As [`Steps::step`], of as many rows as x has; `memory`: of each layer.
+    fn step(&self, x: &mut [f32], memory: &mut [Spoken<'_>], at: usize, threads: bool) {
+        let Sizes { heads, kv_heads, room, same, width: e, .. } = self.sizes;
+        let size = kv_heads * room * e;
+        let rows = memory.first().map_or(0, |own| own.keys.len() / size);
+        let d = x.len() / rows.max(1);
+        let (wide, kv, group) = (heads * e, kv_heads * e, heads / kv_heads);
+        let each = wide + 2 * kv;
+        let place = at - same;
+        let mut own = vec![0.0; rows * d];
+        let mut qkv = vec![0.0; rows * each];
+        let mut heard = vec![0.0; rows * wide];
+        let mut read = vec![0.0; rows * d];
+        let mut turned = vec![0.0; wide + kv];
+        let (mut inner, mut passed) = (Vec::new(), Vec::new());
+        for (layer, memory) in self.layers.iter().zip(memory) {
+            layer.norm.apply(x, &mut own);
+            product(&layer.qkv, &own, &mut qkv, threads);
+            if let Some([of_queries, of_keys]) = &layer.norm_heads {
+                let [cos, sin] = self.angles.each_ref().map(|all| &all[at * e..(at + 1) * e]);
+                for row in qkv.chunks_exact_mut(each) {
+                    of_queries.apply(&row[..wide], &mut turned[..wide]);
+                    of_keys.apply(&row[wide..wide + kv], &mut turned[wide..]);
+                    turn(&turned, cos, sin, &mut row[..wide + kv]);
+                }
+            }
+            let shared = memory.shared;
+            let one = |row: usize, keys: &mut [f32], values: &mut [f32], out: &mut [f32]| {
+                let (q, others) = qkv[row * each..(row + 1) * each].split_at(wide);
+                let (k, v) = others.split_at(kv);
+                for head in 0..kv_heads {
+                    let keys = &mut keys[head * room * e..(head + 1) * room * e];
+                    let values = &mut values[head * room * e..(head + 1) * room * e];
+                    let span = head * e..(head + 1) * e;
+                    k[span.clone()].iter().enumerate().for_each(|(c, x)| keys[key_at(place, c, e)] = *x);
+                    values[place * e..(place + 1) * e].copy_from_slice(&v[span.clone()]);
+                    let span = group * span.start..group * span.end;
+                    let heard = Heard { keys, values };
+                    attend(&q[span.clone()], e, shared.heard(head, same * e), heard, at + 1, &mut out[span]);
+                }
+            };
+            if threads && rows * at * wide > MUCH / 4 {
+                let parts = memory.keys.par_chunks_mut(size).zip(memory.values.par_chunks_mut(size));
+                let parts = parts.zip(heard.par_chunks_mut(wide)).enumerate();
+                parts.for_each(|(row, ((keys, values), out))| one(row, keys, values, out));
+            } else {
+                let parts = memory.keys.chunks_mut(size).zip(memory.values.chunks_mut(size));
+                let parts = parts.zip(heard.chunks_mut(wide)).enumerate();
+                parts.for_each(|(row, ((keys, values), out))| one(row, keys, values, out));
+            }
+            product(&layer.out, &heard, &mut read, threads);
+            x.iter_mut().zip(&read).for_each(|(x, y)| *x += y);
+            layer.norm_out.apply(x, &mut own);
+            inner.resize(rows * layer.up.outputs(), 0.0);
+            product(&layer.up, &own, &mut inner, threads);
+            let through = if layer.gated {
+                let half = layer.up.outputs() / 2;
+                passed.resize(rows * half, 0.0);
+                inner.chunks_exact(2 * half).zip(passed.chunks_exact_mut(half)).for_each(|(all, out)| {
+                    let (gates, held) = all.split_at(half);
+                    gate(gates, held, out);
+                });
+                &passed
+            } else {
+                inner.iter_mut().for_each(|y| *y = y.max(0.0));
+                &inner
+            };
+            product(&layer.down, through, &mut read, threads);
+            x.iter_mut().zip(&read).for_each(|(x, y)| *x += y);
+        }
+        self.norm.apply(x, &mut own);
+        x.copy_from_slice(&own);
     }
 }
 
