@@ -75,6 +75,8 @@ pub(super) struct Search {
     /// Whether that is sure.
     settled: Vec<u64>,
     layers: Vec<Vec<u32>>,
+    /// The layer that is being settled.
+    layer: usize,
 }
 
 impl Search {
@@ -86,19 +88,19 @@ impl Search {
     /// point nearest to each cell.
     pub(super) fn run(&mut self, body: &Body, bridges: &Bridges, bone: &Bone) {
         self.reset(body.len());
+        self.layer = 0;
         self.start(body, bone);
-        let mut layer = 0;
-        while layer < self.layers.len() {
+        while self.layer < self.layers.len() {
             // Cells of the layer may add others to it.
             let mut next = 0;
-            while let Some(&cell) = self.layers[layer].get(next) {
+            while let Some(&cell) = self.layers[self.layer].get(next) {
                 next += 1;
-                if !self.is_settled(cell) && layer_of(self.lengths[cell as usize]) == layer {
-                    self.settle(body, bridges, bone, cell, layer);
+                if !self.is_settled(cell) && layer_of(self.lengths[cell as usize]) <= self.layer {
+                    self.settle(body, bridges, bone, cell);
                 }
             }
-            self.layers[layer].clear();
-            layer += 1;
+            self.layers[self.layer].clear();
+            self.layer += 1;
         }
     }
 
@@ -166,14 +168,16 @@ impl Search {
     }
 
     fn queue(&mut self, cell: u32, length: f32) {
-        let layer = layer_of(length);
+        // A way from a corner may be shorter than those of the layer: what it leads to is settled with them, as the
+        // layers before are over.
+        let layer = layer_of(length).max(self.layer);
         if layer >= self.layers.len() {
             self.layers.resize_with(layer + 1, Vec::new);
         }
         self.layers[layer].push(cell);
     }
 
-    fn settle(&mut self, body: &Body, bridges: &Bridges, bone: &Bone, cell: u32, layer: usize) {
+    fn settle(&mut self, body: &Body, bridges: &Bridges, bone: &Bone, cell: u32) {
         let place = body.place(cell);
         let middle = body.middle(cell);
         if !self.sees(body, bone, place, middle, self.corners[cell as usize]) {
@@ -184,7 +188,7 @@ impl Search {
             };
             self.lengths[cell as usize] = length;
             self.corners[cell as usize] = corner;
-            if layer_of(length) > layer {
+            if layer_of(length) > self.layer {
                 self.queue(cell, length);
                 return;
             }
@@ -250,4 +254,54 @@ impl Search {
 /// Ways of bones far beyond any body share the last layer: there must not be one for each cell of the way there.
 fn layer_of(length: f32) -> usize {
     ((length / LAYER) as usize).min(LAST_LAYER)
+}
+
+#[cfg(test)]
+mod tests {
+    use riglab_random::{Draw, stream};
+
+    use super::*;
+    use crate::voxel::{Lattice, Voxels};
+
+    /// Thin and bent, of several pieces: ways turn often, and some are found late.
+    fn body(seed: u64) -> Body {
+        let lattice = Lattice { origin: [0.0; 3], cell: 1.0, size: [40, 36, 44] };
+        let mut random = stream(seed, "bent body", &[]);
+        let mut cells = Vec::new();
+        for _ in 0..4 {
+            let mut at = lattice.size.map(|n| random.below(n));
+            for _ in 0..12 {
+                let (axis, up, length) = (random.below(3), random.below(2), 3 + random.below(12));
+                for _ in 0..length {
+                    at[axis] = if up == 1 { at[axis] + 1 } else { at[axis].saturating_sub(1) };
+                    at[axis] = at[axis].min(lattice.size[axis] - 1);
+                    let thick = 1 + random.below(3);
+                    cells.extend((0..thick * thick).map(|i| [at[0], at[1] + i / thick, at[2] + i % thick]));
+                }
+            }
+        }
+        Body::new(&Voxels::new(lattice, cells))
+    }
+
+    #[test]
+    fn all_of_a_body_is_reached_whatever_was_searched_before() {
+        let mut kept = Search::default();
+        for seed in 0..20 {
+            let body = body(seed);
+            let bridges = Bridges::new(&body);
+            let mut random = stream(seed, "bones", &[]);
+            for _ in 0..8 {
+                let point = |random: &mut riglab_random::Stream| [0; 3].map(|_| random.within(0.0, 44.0));
+                let bone = Bone::new(&[Segment { a: point(&mut random), b: point(&mut random) }], &body);
+                let mut fresh = Search::default();
+                kept.run(&body, &bridges, &bone);
+                fresh.run(&body, &bridges, &bone);
+                for node in 0..body.len() as u32 {
+                    let length = |search: &Search| search.length(&body, &bone, node, body.middle(node));
+                    let (got, wanted) = (length(&kept), length(&fresh));
+                    assert!(got.is_finite() && got == wanted, "{seed}, node {node}: {got}, not {wanted}");
+                }
+            }
+        }
+    }
 }
