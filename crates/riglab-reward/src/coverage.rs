@@ -24,7 +24,7 @@ const LANES: usize = 8;
 
 /// Cells prepared for many skeletons.
 ///
-/// By blocks: joints that are farther from a block than another is from all of it are no cell's nearest.
+/// By blocks: joints that are farther from all of a block than the one nearest to its middle are no cell's nearest.
 pub struct Coverage {
     scale: [f64; 4],
     blocks: Vec<Block>,
@@ -37,7 +37,8 @@ struct Block {
     from: usize,
     cells: usize,
     middle: [f64; 3],
-    radius: f64,
+    /// Half its sides.
+    half: [f64; 3],
 }
 
 impl Coverage {
@@ -63,8 +64,8 @@ impl Coverage {
             };
             let (low, high): ([f64; 3], [f64; 3]) = (pick(f64::min), pick(f64::max));
             let middle = std::array::from_fn(|k| 0.5 * (low[k] + high[k]));
-            let radius = (0..3).map(|k| (0.5 * (high[k] - low[k])).powi(2)).sum::<f64>().sqrt();
-            out.blocks.push(Block { from: out.cells[0].len(), cells: cells.len(), middle, radius });
+            let half = std::array::from_fn(|k| 0.5 * (high[k] - low[k]));
+            out.blocks.push(Block { from: out.cells[0].len(), cells: cells.len(), middle, half });
             let filled = cells.len().next_multiple_of(LANES) - cells.len();
             for cell in cells.into_iter().chain(std::iter::repeat_n(last, filled)) {
                 (0..3).for_each(|k| out.cells[k].push(cell[k]));
@@ -85,12 +86,20 @@ impl Coverage {
         let mut distances = vec![0.0; heads.len()];
         let mut sum = 0.0;
         for block in &self.blocks {
-            let far = |p: &[f64; 3]| (0..3).map(|k| (p[k] - block.middle[k]).powi(2)).sum::<f64>().sqrt();
-            distances.iter_mut().zip(&heads).for_each(|(d, p)| *d = far(p));
-            // With room for rounding.
-            let most = distances.iter().copied().fold(f64::INFINITY, f64::min) + 2.0 * block.radius + 1e-6;
+            let far = |p: &[f64; 3]| (0..3).map(|k| (p[k] - block.middle[k]).powi(2)).sum::<f64>();
+            let (mut least, mut nearest) = (f64::INFINITY, heads[0]);
+            for (d, p) in distances.iter_mut().zip(&heads) {
+                *d = far(p);
+                if *d < least {
+                    (least, nearest) = (*d, *p);
+                }
+            }
+            // How much a joint's square is above the nearest's changes evenly from the middle on.
+            let gain = |p: &[f64; 3]| (0..3).map(|k| block.half[k] * (p[k] - nearest[k]).abs()).sum::<f64>();
             near.clear();
-            near.extend(heads.iter().zip(&distances).filter(|(_, d)| **d <= most).map(|(p, _)| *p));
+            // With room for rounding.
+            let kept = heads.iter().zip(&distances).filter(|(p, d)| **d * (1.0 - 1e-9) <= least + 2.0 * gain(p) + 1e-6);
+            near.extend(kept.map(|(p, _)| *p));
             sum += self.block(block, &near, alpha);
         }
         sum / self.count as f64

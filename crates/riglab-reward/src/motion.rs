@@ -55,7 +55,8 @@ pub(crate) fn stretches_by(
         skin(positions, weights, maps, &mut posed);
         // Squares are in the order of lengths.
         let stretch = |([a, b], inverse): (&[u32; 2], &f64)| squared(posed[*a as usize], posed[*b as usize]) * inverse;
-        edges.iter().zip(inverse).map(stretch).fold(1.0, f64::max).sqrt()
+        // Not `f64::max`, which takes several steps for what is no number; such are passed over here, too.
+        edges.iter().zip(inverse).map(stretch).fold(1.0, |most, s| if s > most { s } else { most }).sqrt()
     };
     poses.iter().map(one).collect()
 }

@@ -12,9 +12,9 @@ use super::lattice::{Lattice, SharedBits, Voxels};
 /// with the cells that are touched and not with those around them.
 pub fn shell(mesh: &Mesh, lattice: &Lattice) -> Voxels {
     let bits = SharedBits::new(lattice.cells());
-    (0..mesh.triangles().len()).into_par_iter().with_min_len(256).for_each(|t| {
+    (0..mesh.triangles().len()).into_par_iter().with_min_len(256).for_each_init(Vec::new, |left, t| {
         let corners = mesh.corners(t).map(|p| DVec3::from(lattice.scaled(p.map(f64::from))));
-        mark(&corners, lattice, &bits);
+        mark(&corners, lattice, &bits, left);
     });
     Voxels::from_words(*lattice, bits.into_words())
 }
@@ -26,7 +26,11 @@ struct Block {
     to: [usize; 3],
 }
 
-fn mark(corners: &[DVec3; 3], lattice: &Lattice, bits: &SharedBits) {
+/// Blocks of so many cells are looked through cell by cell.
+const FEW: usize = 8;
+
+/// Marks the cells that a triangle touches; `left` is room to work in, empty before and after.
+fn mark(corners: &[DVec3; 3], lattice: &Lattice, bits: &SharedBits, left: &mut Vec<Block>) {
     let min = corners[0].min(corners[1]).min(corners[2]).to_array();
     let max = corners[0].max(corners[1]).max(corners[2]).to_array();
     // A face that lies between two cells touches both.
@@ -35,19 +39,27 @@ fn mark(corners: &[DVec3; 3], lattice: &Lattice, bits: &SharedBits) {
     if (0..3).any(|k| from[k] >= to[k]) {
         return;
     }
-    let mut left = vec![Block { from, to }];
+    let shadows = Shadows::of(corners);
+    left.push(Block { from, to });
     while let Some(block) = left.pop() {
         let sides: [usize; 3] = std::array::from_fn(|k| block.to[k] - block.from[k]);
-        let low = DVec3::from(block.from.map(|x| x as f64));
-        let half = DVec3::from(sides.map(|x| 0.5 * x as f64));
-        if !touches(corners, low + half, half) {
+        if sides.iter().product::<usize>() <= FEW {
+            for x in block.from[0]..block.to[0] {
+                for y in block.from[1]..block.to[1] {
+                    for z in block.from[2]..block.to[2] {
+                        if shadows.touch([x, y, z].map(|x| x as f64 + 0.5), [0.5; 3]) {
+                            bits.set(lattice.index([x, y, z]));
+                        }
+                    }
+                }
+            }
+            continue;
+        }
+        let half = sides.map(|x| 0.5 * x as f64);
+        if !shadows.touch(std::array::from_fn(|k| block.from[k] as f64 + half[k]), half) {
             continue;
         }
         let longest = (0..3).max_by_key(|&k| sides[k]).unwrap_or(0);
-        if sides[longest] == 1 {
-            bits.set(lattice.index(block.from));
-            continue;
-        }
         let middle = block.from[longest] + sides[longest] / 2;
         let (mut low, mut high) = (block, block);
         (low.to[longest], high.from[longest]) = (middle, middle);
@@ -55,30 +67,72 @@ fn mark(corners: &[DVec3; 3], lattice: &Lattice, bits: &SharedBits) {
     }
 }
 
-/// Whether a triangle and a box have a point in common.
-fn touches(corners: &[DVec3; 3], center: DVec3, half: DVec3) -> bool {
-    let [a, b, c] = corners.map(|p| p - center);
-    let apart = |axis: DVec3| {
-        let (x, y, z) = (a.dot(axis), b.dot(axis), c.dot(axis));
-        let reach = half.dot(axis.abs());
+/// What a triangle covers of each axis that may part it from a box, taken once for all boxes; those of space are left
+/// out, along which the triangle meets all cells that are asked for.
+struct Shadows {
+    face: Shadow<3>,
+    /// Of the product of each edge with x, y and z, which has two sides that are not 0.
+    edges: [[Shadow<2>; 3]; 3],
+}
+
+/// An axis by its sides, and what is covered of it.
+#[derive(Clone, Copy)]
+struct Shadow<const N: usize> {
+    axis: [f64; N],
+    from: f64,
+    to: f64,
+}
+
+impl<const N: usize> Shadow<N> {
+    fn of(axis: [f64; N], corners: [[f64; N]; 3]) -> Self {
+        let [a, b, c] = corners.map(|p| dot(axis, p));
         // With room for rounding: cells are of edge 1.
-        let reach = reach + 1e-9 * (reach + axis.length());
-        x.min(y).min(z) > reach || x.max(y).max(z) < -reach
-    };
-    if apart(DVec3::X) || apart(DVec3::Y) || apart(DVec3::Z) {
-        return false;
+        let room = ROOM * dot(axis, axis).sqrt();
+        Self { axis, from: a.min(b).min(c) - room, to: a.max(b).max(c) + room }
     }
-    let edges = [b - a, c - b, a - c];
-    if apart(edges[0].cross(edges[1])) {
-        return false;
+
+    fn touches(&self, center: [f64; N], half: [f64; N]) -> bool {
+        let reach = (1.0 + ROOM) * dot(self.axis.map(f64::abs), half);
+        let at = dot(self.axis, center);
+        // Triangles beyond all measure, whose products are no numbers, touch all in their box.
+        !(self.from - at > reach || self.to - at < -reach)
     }
-    edges.into_iter().all(|e| {
-        !apart(DVec3::new(0.0, -e.z, e.y)) && !apart(DVec3::new(e.z, 0.0, -e.x)) && !apart(DVec3::new(-e.y, e.x, 0.0))
-    })
+}
+
+/// The share by which a reach is longer.
+const ROOM: f64 = 1e-9;
+
+fn dot<const N: usize>(a: [f64; N], b: [f64; N]) -> f64 {
+    (0..N).map(|k| a[k] * b[k]).sum()
+}
+
+/// The sides of a space's axis' product with another.
+const OTHERS: [[usize; 2]; 3] = [[1, 2], [2, 0], [0, 1]];
+
+impl Shadows {
+    fn of(corners: &[DVec3; 3]) -> Self {
+        let [a, b, c] = *corners;
+        let edges = [b - a, c - b, a - c];
+        let product = |e: DVec3| OTHERS.map(|[i, j]| Shadow::of([-e[j], e[i]], corners.map(|p| [p[i], p[j]])));
+        let normal = edges[0].cross(edges[1]).to_array();
+        Self { face: Shadow::of(normal, corners.map(|p| p.to_array())), edges: edges.map(product) }
+    }
+
+    /// Whether the triangle and a box within its own have a point in common.
+    fn touch(&self, center: [f64; 3], half: [f64; 3]) -> bool {
+        self.face.touches(center, half)
+            && self.edges.iter().all(|edge| {
+                let two = |k: usize, p: [f64; 3]| OTHERS[k].map(|i| p[i]);
+                let touches = |k: usize| edge[k].touches(two(k, center), two(k, half));
+                touches(0) && touches(1) && touches(2)
+            })
+    }
 }
 
 #[cfg(test)]
 mod tests {
+    use riglab_random::{Draw, stream};
+
     use super::*;
 
     fn lattice(size: usize) -> Lattice {
@@ -108,5 +162,46 @@ mod tests {
         let mesh = Mesh::new(vec![[-5.0; 3], [9.0; 3], [20.0, 0.0, 0.0]], vec![[0, 1, 2], [0, 0, 0]]).unwrap();
         let voxels = shell(&mesh, &lattice(4));
         assert!(voxels.is_occupied([1, 1, 1]) && voxels.count() < 64);
+    }
+
+    /// By all separating axes of a cell and a triangle, with the cell's middle as the origin.
+    fn touches_simply(corners: &[DVec3; 3], center: DVec3) -> bool {
+        let [a, b, c] = corners.map(|p| p - center);
+        let edges = [b - a, c - b, a - c];
+        let sides = [DVec3::X, DVec3::Y, DVec3::Z];
+        let products = edges.iter().flat_map(|e| sides.map(|s| s.cross(*e)));
+        let mut axes = sides.into_iter().chain([edges[0].cross(edges[1])]).chain(products);
+        !axes.any(|axis| {
+            let (x, y, z) = (a.dot(axis), b.dot(axis), c.dot(axis));
+            let reach = axis.abs().element_sum() * 0.5;
+            let reach = reach + 1e-9 * (reach + axis.length());
+            x.min(y).min(z) > reach || x.max(y).max(z) < -reach
+        })
+    }
+
+    #[test]
+    fn a_cell_is_marked_where_no_axis_parts_it_from_a_triangle() {
+        let lattice = lattice(12);
+        let mut random = stream(1, "shell", &[]);
+        for round in 0..300 {
+            let size = [0.3, 1.5, 5.0, 30.0][round % 4];
+            let at = [0; 3].map(|_| random.within(0.0, 12.0));
+            // Some lie in one another's planes, or between cells.
+            let snap = [0.0, 0.0, 0.5, 1.0][round / 4 % 4];
+            let corner = |random: &mut riglab_random::Stream| -> [f32; 3] {
+                at.map(|x| {
+                    let x = x + random.within(-size, size);
+                    if snap > 0.0 { (x / snap).round() * snap } else { x }
+                })
+            };
+            let corners = [(); 3].map(|()| corner(&mut random));
+            let mesh = Mesh::new(corners.to_vec(), vec![[0, 1, 2]]).unwrap();
+            let found = shell(&mesh, &lattice);
+            let corners = corners.map(|p| DVec3::from(p.map(f64::from)));
+            for index in 0..lattice.cells() {
+                let wanted = touches_simply(&corners, DVec3::from(lattice.center(lattice.place(index))));
+                assert_eq!(found.has(index), wanted, "{corners:?} {:?}", lattice.place(index));
+            }
+        }
     }
 }
