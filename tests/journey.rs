@@ -127,7 +127,7 @@ fn from_files_to_skeletons() {
     let said = String::from_utf8(must(&["eval", text(&run), "--json", "--pictures", "1"]).stdout).unwrap();
     let evaluation: Value = serde_json::from_str(&said).unwrap();
     let rows = evaluation["report"]["rows"].as_array().unwrap();
-    for method in ["model", "retrieval"] {
+    for method in ["model", "retrieval", "template fit"] {
         let row = rows.iter().find(|r| r["method"] == method).unwrap();
         assert!(row["valid"] == 1.0 && row["j2j"].as_f64().unwrap() > 0.0, "{row}");
     }

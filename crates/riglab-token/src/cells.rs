@@ -30,6 +30,9 @@ pub(crate) fn tell_apart(cells: &mut [[u16; 3]], branches: &[Option<usize>], bin
         if named_until[joint - 1] > 0 {
             open.push(joint - 1);
         }
+        if open.is_empty() {
+            continue;
+        }
         open.retain(|&earlier| named_until[earlier] > joint);
         let taken = |cells: &[[u16; 3]], cell: [u16; 3]| open.iter().any(|&earlier| cells[earlier] == cell);
         if !taken(cells, cells[joint]) {

@@ -119,12 +119,14 @@ impl Tokenizer {
 
     /// The point of three ids. The released decoders read any id as a coordinate here.
     fn point(&self, ids: &[u32], at: usize) -> Result<[f32; 3], DecodeFault> {
-        for (k, &id) in ids[at..at + 3].iter().enumerate() {
-            if !self.config.lenient && !matches!(self.vocabulary.meaning(id), Meaning::Cell(_)) {
-                return Err(self.vocabulary.unexpected(at + k, id, "a coordinate"));
-            }
+        let point: &[u32; 3] = ids[at..at + 3].try_into().expect("three of them");
+        // Cells are the first ids.
+        if !self.config.lenient
+            && let Some(k) = point.iter().position(|id| *id >= self.vocabulary.branch())
+        {
+            return Err(self.vocabulary.unexpected(at + k, point[k], "a coordinate"));
         }
-        Ok(std::array::from_fn(|k| self.quantiser.coordinate(ids[at + k])))
+        Ok(point.map(|id| self.quantiser.coordinate(id)))
     }
 
     fn names(&self, class: Option<&str>, parts: &[Option<usize>], count: usize) -> Result<Vec<String>, DecodeFault> {

@@ -86,10 +86,8 @@ impl Tally {
     }
 
     fn add_rig(&mut self, found: Option<&Joints>, truth: &Joints, rewards: Rewards) -> SkeletonDistances {
-        let distances = self.sums.add(found, truth);
-        self.sums.count(distances, distances);
         self.rewards.push(rewards);
-        distances
+        self.sums.add_alone(found, truth)
     }
 
     fn row(&self, split: &str, model: &str) -> Row {

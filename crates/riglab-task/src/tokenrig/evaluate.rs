@@ -19,7 +19,7 @@ use crate::assets::AssetId;
 use crate::fsq_cvae::Row as SkinRow;
 use crate::fsq_cvae::evaluate::Sums as SkinSums;
 use crate::unirig_skeleton::batch::{encode, normalized, shape};
-use crate::unirig_skeleton::evaluate::{Sums, Validated, joints};
+use crate::unirig_skeleton::evaluate::{Beside, Sums, Validated, joints};
 use crate::unirig_skeleton::generate::{agreed, streams};
 use crate::unirig_skeleton::retrieval::Retrieval;
 use crate::unirig_skeleton::{AssetRow, Report as SkeletonReport};
@@ -270,7 +270,7 @@ impl TokenRigTask {
         let mut skin_assets = Vec::new();
         for split in &c.data.test {
             let ids = self.assets.split(split).map_err(|e| e.to_string())?;
-            let (mut model, mut rival, mut ways) = (Sums::default(), Sums::default(), Ways::default());
+            let (mut skeletons, mut ways) = (Beside::default(), Ways::default());
             for ids in ids.chunks((c.eval.rows / c.eval.consensus).max(1)) {
                 let each = ids.iter().map(|&id| normalized(&self.assets, &self.cache, id));
                 let truths: Vec<Arc<Rig>> = each.collect::<Result<_, _>>()?;
@@ -279,10 +279,8 @@ impl TokenRigTask {
                 for ((drawn, truth), &id) in drawn.into_iter().zip(&truths).zip(ids) {
                     let own = Joints::of(truth.skeleton());
                     let found = drawn.decoded.as_ref().ok().map(joints);
-                    let distances = model.add(found.as_ref(), &own);
-                    let nearest = rival.add(retrieval.nearest(truth, id.key()), &own);
-                    model.count(distances, nearest);
-                    rival.count(nearest, distances);
+                    let offered = retrieval.offer(truth, id.key());
+                    let [model, nearest, fitted] = skeletons.add(found.as_ref(), offered.as_ref(), &own);
                     let name = self.assets.read(id).map_err(|e| e.to_string())?.name;
                     let category = self.assets.category(id)?;
                     let skin_asset = |mode: &str, of: Option<SkinMetrics>| SkinAsset {
@@ -299,8 +297,9 @@ impl TokenRigTask {
                         category: category.clone(),
                         true_joints: own.positions.len(),
                         joints: found.as_ref().map_or(0, |f| f.positions.len()),
-                        model: distances,
+                        model,
                         retrieval: nearest,
+                        template_fit: fitted,
                     });
                     let rig = match &drawn.decoded {
                         Ok(decoded) => Some(self.rigged(truth.mesh(), decoded, &drawn.codes, id.key())?),
@@ -320,7 +319,7 @@ impl TokenRigTask {
                 }
             }
             if !ids.is_empty() {
-                rows.extend([model.row(split, "model"), rival.row(split, "retrieval")]);
+                rows.extend(skeletons.rows(split));
                 skin.extend(ways.0.iter().map(|(name, sums)| {
                     let learned = name.ends_with(": model") || name.ends_with(": auto-encoder");
                     sums.row(split, name, if learned { c.skin.codes } else { 0 })

@@ -11,7 +11,7 @@ use serde::{Deserialize, Serialize};
 
 use super::batch::{Batch, encode, normalized, shape};
 use super::generate::Drawn;
-use super::retrieval::Retrieval;
+use super::retrieval::{Offered, Retrieval};
 use super::{SkeletonTask, loss_of};
 use crate::assets::AssetId;
 
@@ -83,8 +83,15 @@ pub struct AssetRow {
     pub joints: usize,
     /// The model's distances.
     pub model: SkeletonDistances,
-    /// The baseline's.
+    /// Those of the nearest training shape's skeleton.
     pub retrieval: SkeletonDistances,
+    /// Those of that skeleton, fitted to the mesh.
+    #[serde(default = "not_known")]
+    pub template_fit: SkeletonDistances,
+}
+
+fn not_known() -> SkeletonDistances {
+    SkeletonDistances { j2j: f64::NAN, j2b: f64::NAN, b2b: f64::NAN }
 }
 
 /// What an evaluation found.
@@ -117,9 +124,8 @@ pub(crate) struct Sums {
 }
 
 impl Sums {
-    pub(crate) fn add(&mut self, found: Option<&Joints>, truth: &Joints) -> SkeletonDistances {
-        let none = SkeletonDistances { j2j: f64::NAN, j2b: f64::NAN, b2b: f64::NAN };
-        let own = found.map_or(none, |found| SkeletonConvention::Unirig.distances(found, truth));
+    fn add(&mut self, found: Option<&Joints>, truth: &Joints) -> SkeletonDistances {
+        let own = found.map_or(not_known(), |found| SkeletonConvention::Unirig.distances(found, truth));
         let (count, wanted) = (found.map_or(0, |f| f.positions.len()), truth.positions.len());
         self.assets += 1;
         self.valid += usize::from(found.is_some());
@@ -129,18 +135,19 @@ impl Sums {
         own
     }
 
-    /// Adds the skeletons of a part, each compared with nothing but the truth.
-    pub(crate) fn add_all(&mut self, part: &Validated) {
-        for (found, truth) in &part.skeletons {
-            let own = self.add(found.as_ref(), truth);
-            self.count(own, own);
+    /// Adds a skeleton that is compared with nothing but the truth.
+    pub(crate) fn add_alone(&mut self, found: Option<&Joints>, truth: &Joints) -> SkeletonDistances {
+        let own = self.add(found, truth);
+        if own.j2j.is_finite() {
+            self.distances.push(own);
         }
+        own
     }
 
-    /// Counts what two ways gave for one asset, where both can be compared: means are over the same assets.
-    pub(crate) fn count(&mut self, own: SkeletonDistances, other: SkeletonDistances) {
-        if own.j2j.is_finite() && other.j2j.is_finite() {
-            self.distances.push(own);
+    /// Adds the skeletons of a part.
+    pub(crate) fn add_all(&mut self, part: &Validated) {
+        for (found, truth) in &part.skeletons {
+            self.add_alone(found.as_ref(), truth);
         }
     }
 
@@ -161,6 +168,34 @@ impl Sums {
             true_joints: self.true_joints as f64 / n,
             joints_off: self.off / n,
         }
+    }
+}
+
+/// A model's skeletons beside those without learning, over a split.
+#[derive(Default)]
+pub(crate) struct Beside([Sums; 3]);
+
+impl Beside {
+    const METHODS: [&'static str; 3] = ["model", "retrieval", "template fit"];
+
+    /// Adds what was found for an asset; gives the distances of each method.
+    pub(crate) fn add(
+        &mut self,
+        found: Option<&Joints>,
+        offered: Option<&Offered>,
+        truth: &Joints,
+    ) -> [SkeletonDistances; 3] {
+        let all = [found, offered.map(|o| &o.nearest), offered.map(|o| &o.fitted)];
+        let own = std::array::from_fn(|k| self.0[k].add(all[k], truth));
+        // Means are over the assets that all can be compared for.
+        if own.iter().all(|d: &SkeletonDistances| d.j2j.is_finite()) {
+            self.0.iter_mut().zip(own).for_each(|(sums, d)| sums.distances.push(d));
+        }
+        own
+    }
+
+    pub(crate) fn rows(&self, split: &str) -> impl Iterator<Item = Row> {
+        self.0.iter().zip(Self::METHODS).map(move |(sums, method)| sums.row(split, method))
     }
 }
 
@@ -259,7 +294,7 @@ impl SkeletonTask {
         let (mut rows, mut assets, mut skeletons) = (Vec::new(), Vec::new(), Vec::new());
         for split in &self.config.data.test {
             let ids = self.assets.split(split).map_err(|e| e.to_string())?;
-            let (mut model, mut rival) = (Sums::default(), Sums::default());
+            let mut ways = Beside::default();
             for ids in ids.chunks((self.config.eval.rows / self.config.eval.consensus).max(1)) {
                 let each = ids.iter().map(|&id| self.assets.read(id).map(|a| a.name).map_err(|e| e.to_string()));
                 let names = each.collect::<Result<Vec<_>, _>>()?;
@@ -270,25 +305,24 @@ impl SkeletonTask {
                 for (((drawn, rig), name), &id) in drawn.into_iter().zip(&rigs).zip(names).zip(ids) {
                     let truth = Joints::of(rig.skeleton());
                     let found = drawn.decoded.as_ref().ok().map(joints);
-                    let own = model.add(found.as_ref(), &truth);
-                    let nearest = rival.add(retrieval.nearest(rig, id.key()), &truth);
-                    model.count(own, nearest);
-                    rival.count(nearest, own);
+                    let offered = retrieval.offer(rig, id.key());
+                    let [model, nearest, fitted] = ways.add(found.as_ref(), offered.as_ref(), &truth);
                     assets.push(AssetRow {
                         split: split.clone(),
                         name,
                         category: self.assets.category(id)?,
                         true_joints: truth.positions.len(),
                         joints: found.as_ref().map_or(0, |f| f.positions.len()),
-                        model: own,
+                        model,
                         retrieval: nearest,
+                        template_fit: fitted,
                     });
                     skeletons.push((id, drawn));
                     progress(assets.len());
                 }
             }
             if !ids.is_empty() {
-                rows.extend([model.row(split, "model"), rival.row(split, "retrieval")]);
+                rows.extend(ways.rows(split));
             }
         }
         if assets.is_empty() {

@@ -128,11 +128,13 @@ impl Evaluation {
     fn verdict(&self, split: &str) -> Option<String> {
         let of = |method: &str| self.report.rows.iter().find(|r| r.split == split && r.method == method);
         let (model, rival) = (of("model")?, of("retrieval")?);
+        let fitted =
+            of("template fit").map(|r| format!(", fitted to the mesh {:.2}", 100.0 * r.j2j)).unwrap_or_default();
         let better = [(model.j2j, rival.j2j), (model.j2b, rival.j2b), (model.b2b, rival.b2b)];
         let better = better.iter().filter(|(a, b)| a < b).count();
         Some(format!(
-            "{split}: J2J × 100 is {:.2}; the skeleton of the nearest training shape gives {:.2}. The model is better in \
-             {better} of the three distances.",
+            "{split}: J2J × 100 is {:.2}; the skeleton of the nearest training shape gives {:.2}{fitted}. The model is \
+             better than retrieval in {better} of the three distances.",
             100.0 * model.j2j,
             100.0 * rival.j2j
         ))
@@ -154,7 +156,8 @@ impl Evaluation {
             ]);
         }
         table.note = "Means over the assets that can be compared: those with at least a bone on both sides. \
-                      retrieval: the skeleton of the nearest training shape, by chamfer distance of points."
+                      retrieval: the skeleton of the nearest training shape, by chamfer distance of points. template \
+                      fit: the same, carried along as that shape is bent onto the mesh."
             .into();
         if let Some(drawn) = drawn(&self.report) {
             table.note = format!("{} {drawn}.", table.note);
@@ -163,13 +166,16 @@ impl Evaluation {
     }
 
     fn assets(&self) -> String {
-        let mut text = format!("{:12} {:>7} {:>9} {:>7} {:>7}  name\n", "split", "J2J", "retrieval", "joints", "true");
+        let head = ["split", "J2J", "retrieval", "template", "joints", "true"];
+        let [split, model, nearest, fitted, joints, wanted] = head;
+        let mut text = format!("{split:12} {model:>7} {nearest:>9} {fitted:>8} {joints:>7} {wanted:>7}  name\n");
         for a in &self.report.assets {
             text += &format!(
-                "{:12} {:>7.2} {:>9.2} {:>7} {:>7}  {}\n",
+                "{:12} {:>7.2} {:>9.2} {:>8.2} {:>7} {:>7}  {}\n",
                 a.split,
                 100.0 * a.model.j2j,
                 100.0 * a.retrieval.j2j,
+                100.0 * a.template_fit.j2j,
                 a.joints,
                 a.true_joints,
                 a.name

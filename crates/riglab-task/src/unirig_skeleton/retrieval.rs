@@ -1,9 +1,9 @@
-//! The rival without learning: the skeleton of the training shape that is nearest.
+//! The rivals without learning: the skeleton of the training shape that is nearest, as it is and fitted to the mesh.
 
 use rayon::prelude::*;
 use riglab_core::{Rig, Vec3};
 use riglab_geom::{By, CloudConfig, CloudSampler};
-use riglab_metric::Joints;
+use riglab_metric::{Joints, fit};
 use riglab_random::stream;
 
 use super::batch::normalized;
@@ -14,6 +14,17 @@ pub struct Retrieval {
     shapes: Vec<(Vec<Vec3>, Joints)>,
     points: usize,
     seed: u64,
+}
+
+/// Points that a template is fitted by: more do not help, and it costs their square.
+const FITTED: usize = 256;
+
+/// What training shapes offer for a mesh.
+pub struct Offered {
+    /// The skeleton of the nearest shape.
+    pub nearest: Joints,
+    /// The same, carried along as that shape is bent onto the mesh.
+    pub fitted: Joints,
 }
 
 impl Retrieval {
@@ -30,12 +41,16 @@ impl Retrieval {
     }
 
     /// The skeleton of the nearest shape, by the mean distance of points to the nearest of the other, both ways.
-    pub fn nearest(&self, rig: &Rig, key: u64) -> Option<&Joints> {
+    pub fn offer(&self, rig: &Rig, key: u64) -> Option<Offered> {
         let own = cloud(rig, self.points, self.seed, key);
         let distances = self.shapes.par_iter().map(|(other, _)| chamfer(&own, other));
         let distances: Vec<f32> = distances.collect();
         let best = (0..distances.len()).min_by(|&a, &b| distances[a].total_cmp(&distances[b]))?;
-        Some(&self.shapes[best].1)
+        let (shape, nearest) = &self.shapes[best];
+        let some = |points: &[Vec3]| points[..points.len().min(FITTED)].to_vec();
+        let positions = fit(&some(shape), &nearest.positions, &some(&own))?;
+        let fitted = Joints { positions, parents: nearest.parents.clone() };
+        Some(Offered { nearest: nearest.clone(), fitted })
     }
 }
 
