@@ -114,6 +114,39 @@ fn rewards_refine_a_model() {
 }
 
 #[test]
+fn meshes_without_rigs_are_enough_to_train_on() {
+    let dir = tempfile::tempdir().unwrap();
+    let corpus = corpus(dir.path(), 14);
+    // What a scanner gives: an OBJ, beside a rigged file whose rig is left behind.
+    let scans = dir.path().join("scans");
+    fs::create_dir(&scans).unwrap();
+    let bar = "v 0 0 0\nv 1 0 0\nv 1 3 0\nv 0 3 0\nv 0 0 1\nv 1 0 1\nv 1 3 1\nv 0 3 1\nf 1 4 3 2\nf 5 6 7 8\nf 1 2 6 5\n\
+               f 2 3 7 6\nf 3 4 8 7\nf 4 1 5 8\n";
+    fs::write(scans.join("bar.obj"), bar).unwrap();
+    let rigged = fs::read_dir(dir.path().join("files")).unwrap().map(|e| e.unwrap().path());
+    let rigged = rigged.filter(|p| p.extension().is_some_and(|e| e == "glb")).min().unwrap();
+    fs::copy(rigged, scans.join("creature.glb")).unwrap();
+    let meshes = dir.path().join("meshes.h5");
+    let said = must(&["dataset", "import", text(&scans), "-o", text(&meshes), "--meshes"]);
+    assert!(String::from_utf8(said.stdout).unwrap().contains("2 assets (meshes 2)"));
+
+    let config = dir.path().join("grpo.toml");
+    let data = format!("[data]\ncorpora = ['{}', '{}']\ntrain = ['meshes']\n", corpus.display(), meshes.display());
+    fs::write(&config, format!("{SETTINGS}{data}")).unwrap();
+    let run = dir.path().join("run");
+    must(&["train", text(&config), "--run", text(&run), "--set", "train.steps=4"]);
+    let all = lines(&run);
+    let steps: Vec<&Value> = all.iter().filter(|l| l["train/loss"].is_number()).collect();
+    assert!(steps.len() == 4 && steps.iter().all(|l| l["train/valid"] == 1.0), "{steps:?}");
+    // Whoever learns from rigs does not see them.
+    let skeletons = dir.path().join("skeletons.toml");
+    let data = format!("[data]\ncorpora = ['{}']\n", meshes.display());
+    fs::write(&skeletons, format!("extends = 'quickstart/unirig_skeleton.toml'\n{data}")).unwrap();
+    let said = refusal(&mut riglab(&["train", text(&skeletons)]));
+    assert!(said.contains("no asset in `train`"), "{said}");
+}
+
+#[test]
 fn a_policy_that_runs_away_is_stopped() {
     let dir = tempfile::tempdir().unwrap();
     let corpus = corpus(dir.path(), 14);

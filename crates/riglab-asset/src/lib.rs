@@ -53,7 +53,7 @@ mod warning;
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 
-use riglab_core::{Asset, Clip, Mesh, Provenance, Rig};
+use riglab_core::{Asset, Bounds, Clip, Joint, Mesh, Provenance, Rig, RigError, Skeleton, SkinWeights};
 
 pub use assemble::RootPolicy;
 pub use character::Character;
@@ -162,6 +162,30 @@ impl Imported {
             Content::Bare(_) => Err(ImportError::new(&provenance.source, Fault::NoSkeleton)),
         }
     }
+
+    /// The mesh alone, as a corpus keeps one: held whole by a single joint, `mesh`, in the middle of its box. What the
+    /// file has of a skeleton, weights and motions is left behind.
+    ///
+    /// # Errors
+    /// What makes it no rig, with the file before it.
+    pub fn into_mesh_asset(self) -> Result<Asset, ImportError> {
+        let Self { name, content, mut provenance, .. } = self;
+        let mesh = match content {
+            Content::Rigged(rig) => rig.mesh().clone(),
+            Content::Bare(mesh) => mesh,
+        };
+        let lone = Warning::NoSkeleton.to_string();
+        provenance.notes.retain(|note| *note != lone);
+        let held = || -> Result<Rig, RigError> {
+            let bounds = Bounds::of(mesh.positions().iter().copied());
+            let head = bounds.map_or([0.0; 3], |b| std::array::from_fn(|k| 0.5 * (b.min[k] + b.max[k])));
+            let skeleton = Skeleton::new(vec![Joint { name: "mesh".into(), parent: None, head }])?;
+            let weights = SkinWeights::normalized(mesh.positions().iter().map(|_| [(0, 1.0)]))?;
+            Rig::new(skeleton, mesh, weights)
+        };
+        let rig = held().map_err(|e| ImportError::new(&provenance.source, Fault::Rig(e)))?;
+        Ok(Asset { name, rig, clips: Vec::new(), provenance })
+    }
 }
 
 /// Reads the file at `path`, and external buffers from its folder or below, or the mesh beside a rig
@@ -265,6 +289,15 @@ pub fn count_assets(path: impl AsRef<Path>) -> Result<usize, ImportError> {
         }
         _ => Ok(1),
     }
+}
+
+/// Endings of files that hold a model, rigged or not.
+pub const MODELS: [&str; 5] = ["glb", "gltf", "vrm", "fbx", "obj"];
+
+/// Whether a file found in a folder holds a model, by its ending.
+pub fn is_model_file(path: &Path) -> bool {
+    let ending = path.extension().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
+    MODELS.contains(&ending.as_str())
 }
 
 /// Whether a file found in a folder is one to import as a rig: by its ending, and of texts those that

@@ -63,6 +63,9 @@ pub enum DataError {
     /// A folder without a file to import.
     #[error("{path}: no rigged file (GLB, glTF, VRM, rig text with OBJ, npz, h5, pt) in this folder or below it", path = .0.display())]
     NothingToImport(PathBuf),
+    /// No model in a folder.
+    #[error("{path}: no model in it (GLB, glTF, VRM, FBX or OBJ)", path = .0.display())]
+    NoModels(PathBuf),
     /// Every file was refused.
     #[error("{path}: none of the {count} files could be imported; the first: {first}", path = path.display())]
     AllRefused {

@@ -6,12 +6,14 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use rayon::prelude::*;
-use riglab_asset::{ImportError, ImportOptions, Imported, count_assets, import, import_each, is_rig_file};
+use riglab_asset::{
+    ImportError, ImportOptions, Imported, count_assets, import, import_each, is_model_file, is_rig_file,
+};
 use riglab_core::{Asset, Provenance};
 use riglab_files::{Below, make_folder_of};
 use serde::Deserialize;
 
-use crate::split::Splitter;
+use crate::split::{SplitNames, Splitter};
 use crate::{CorpusWriter, DataError};
 
 /// What became of a folder.
@@ -97,16 +99,28 @@ pub fn rigged_files(folder: &Path) -> Result<Vec<PathBuf>, DataError> {
 /// # Errors
 /// As [`rigged_files`].
 pub fn rigged_below(folder: &Path) -> Result<Below, DataError> {
+    files_below(folder, is_rig_file, DataError::NothingToImport)
+}
+
+/// The models of a folder and those below it, rigged or not, by name.
+///
+/// # Errors
+/// As [`rigged_files`].
+pub fn models_below(folder: &Path) -> Result<Below, DataError> {
+    files_below(folder, is_model_file, DataError::NoModels)
+}
+
+fn files_below(folder: &Path, wanted: fn(&Path) -> bool, none: fn(PathBuf) -> DataError) -> Result<Below, DataError> {
     if folder.is_file() {
         return Err(DataError::NoFolder(folder.into()));
     }
     if !folder.is_dir() {
         return Err(DataError::Missing(folder.into(), "folder"));
     }
-    let found = riglab_files::below(folder, is_rig_file);
+    let found = riglab_files::below(folder, wanted);
     match (found.files.is_empty(), found.unread.first()) {
         (false, _) => Ok(found),
-        (true, None) => Err(DataError::NothingToImport(folder.into())),
+        (true, None) => Err(none(folder.into())),
         (true, Some((path, reason))) => Err(DataError::io(path, reason)),
     }
 }
@@ -127,7 +141,44 @@ pub fn import_folder(
     options: &ImportOptions,
     progress: impl Fn(usize) + Sync,
 ) -> Result<ImportReport, DataError> {
-    let Below { mut files, unread } = rigged_below(folder)?;
+    write_all(
+        folder,
+        rigged_below(folder)?,
+        out,
+        Some(splitter),
+        &Source { options, make: Imported::into_asset },
+        progress,
+    )
+}
+
+/// As [`import_folder`], of the meshes alone ([`Imported::into_mesh_asset`]), of rigged and unrigged models alike; all are
+/// of the split [`SplitNames::MESHES`].
+///
+/// # Errors
+/// As [`import_folder`].
+pub fn import_meshes(
+    folder: &Path,
+    out: &Path,
+    options: &ImportOptions,
+    progress: impl Fn(usize) + Sync,
+) -> Result<ImportReport, DataError> {
+    write_all(folder, models_below(folder)?, out, None, &Source { options, make: Imported::into_mesh_asset }, progress)
+}
+
+/// How files become assets.
+struct Source<'a> {
+    options: &'a ImportOptions,
+    make: fn(Imported) -> Result<Asset, ImportError>,
+}
+
+fn write_all(
+    folder: &Path,
+    Below { mut files, unread }: Below,
+    out: &Path,
+    splitter: Option<&Splitter>,
+    source: &Source<'_>,
+    progress: impl Fn(usize) + Sync,
+) -> Result<ImportReport, DataError> {
     // An earlier corpus at the same place is not part of the data.
     files.retain(|file| file != out);
     make_folder_of(out).map_err(|e| DataError::io(out, e))?;
@@ -144,7 +195,7 @@ pub fn import_folder(
     let mut keys = Vec::with_capacity(files.len());
     for chunk in files.chunks(AT_ONCE) {
         let read = |path: &PathBuf| {
-            let asset = one(folder, path, &manifest, options);
+            let asset = one(folder, path, &manifest, source);
             progress(done.fetch_add(1, Ordering::Relaxed) + 1);
             asset
         };
@@ -166,7 +217,7 @@ pub fn import_folder(
             match found {
                 Ok(Found::One(asset)) => add(Ok(*asset))?,
                 // Written as they are read: there may be more than memory holds.
-                Ok(Found::Several) => several(folder, path, &manifest, options, &mut add)?,
+                Ok(Found::Several) => several(folder, path, &manifest, source, &mut add)?,
                 Err(refused) => add(Err(refused))?,
             }
         }
@@ -176,7 +227,10 @@ pub fn import_folder(
         let (count, first) = (report.refused.len(), first.reason.clone());
         return Err(DataError::AllRefused { path: folder.into(), count, first });
     }
-    let splits = splitter.assign(&keys);
+    let splits = match splitter {
+        Some(splitter) => splitter.assign(&keys),
+        None => vec![SplitNames::MESHES.into(); keys.len()],
+    };
     for split in &splits {
         *report.splits.entry(split.clone()).or_default() += 1;
     }
@@ -190,17 +244,17 @@ enum Found {
     Several,
 }
 
-fn one(folder: &Path, path: &Path, manifest: &Manifest, options: &ImportOptions) -> Result<Found, Refused> {
+fn one(folder: &Path, path: &Path, manifest: &Manifest, source: &Source<'_>) -> Result<Found, Refused> {
     let name = name_below(folder, path);
     let refused = |e: ImportError| Refused { name: name.clone(), reason: e.to_string() };
     if count_assets(path).map_err(refused)? > 1 {
         return Ok(Found::Several);
     }
-    let imported = import(path, options).map_err(refused)?;
-    if options.split && imported.reading.characters().len() > 1 {
+    let imported = import(path, source.options).map_err(refused)?;
+    if source.options.split && imported.reading.characters().len() > 1 {
         return Ok(Found::Several);
     }
-    let asset = asset(imported, &name, &name, manifest).map_err(refused)?;
+    let asset = asset(imported, &name, &name, manifest, source.make).map_err(refused)?;
     Ok(Found::One(Box::new(asset)))
 }
 
@@ -208,15 +262,15 @@ fn several(
     folder: &Path,
     path: &Path,
     manifest: &Manifest,
-    options: &ImportOptions,
+    source: &Source<'_>,
     add: &mut impl FnMut(Result<Asset, Refused>) -> Result<(), DataError>,
 ) -> Result<(), DataError> {
     let name = name_below(folder, path);
     let mut done = Ok(());
-    import_each(path, options, |imported| {
+    import_each(path, source.options, |imported| {
         let found = imported.and_then(|i| {
             let own = format!("{name}#{}", i.name);
-            asset(i, &own, &name, manifest)
+            asset(i, &own, &name, manifest, source.make)
         });
         done = add(found.map_err(|e| Refused { name: name.clone(), reason: e.to_string() }));
         if done.is_err() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
@@ -230,8 +284,14 @@ pub fn name_below(folder: &Path, path: &Path) -> String {
 }
 
 /// The asset under a name, with what the manifest says of it or its file.
-fn asset(imported: Imported, name: &str, file: &str, manifest: &Manifest) -> Result<Asset, ImportError> {
-    let mut asset = imported.into_asset()?;
+fn asset(
+    imported: Imported,
+    name: &str,
+    file: &str,
+    manifest: &Manifest,
+    make: fn(Imported) -> Result<Asset, ImportError>,
+) -> Result<Asset, ImportError> {
+    let mut asset = make(imported)?;
     manifest.describe(name, file, &mut asset.provenance);
     asset.name = name.to_owned();
     Ok(asset)
@@ -264,6 +324,26 @@ mod tests {
         let text = "joints a 0 0 0\nroot a\nskin 0 a 1\nskin 1 a 1\nskin 2 a 1\nskin 3 a 1\n";
         std::fs::write(folder.join(format!("{name}.obj")), mesh).unwrap();
         std::fs::write(folder.join(format!("{name}_rig.txt")), text).unwrap();
+    }
+
+    #[test]
+    fn meshes_come_alone_and_in_a_split_of_their_own() {
+        let dir = tempfile::tempdir().unwrap();
+        let out = dir.path().join("meshes.h5");
+        let options = ImportOptions::default();
+        let none = import_meshes(dir.path(), &out, &options, |_| ()).unwrap_err().to_string();
+        assert!(none.contains("no model"), "{none}");
+        // A rigged one, whose rig is left behind, and one without.
+        pair(dir.path(), "a");
+        std::fs::write(dir.path().join("b.obj"), "v 0 0 0\nv 4 0 0\nv 0 2 0\nf 1 2 3\n").unwrap();
+        let report = import_meshes(dir.path(), &out, &options, |_| ()).unwrap();
+        assert_eq!((report.imported, report.refused.len()), (2, 0), "{report:?}");
+        assert_eq!(report.splits, BTreeMap::from([("meshes".into(), 2)]));
+        let corpus = crate::Corpus::open(&out).unwrap();
+        assert_eq!(corpus.names().unwrap(), ["a.obj", "b.obj"]);
+        let rig = corpus.asset(1).unwrap().rig;
+        assert_eq!(rig.skeleton().heads(), [[2.0, 1.0, 0.0]]);
+        assert!(rig.weights().row(2).eq([(riglab_core::JointId(0), 1.0)]));
     }
 
     #[test]

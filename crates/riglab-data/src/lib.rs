@@ -23,7 +23,9 @@ mod stats;
 mod writer;
 
 pub use error::DataError;
-pub use import::{ImportReport, Manifest, Refused, import_folder, name_below, rigged_below, rigged_files};
+pub use import::{
+    ImportReport, Manifest, Refused, import_folder, import_meshes, models_below, name_below, rigged_below, rigged_files,
+};
 
 pub use merge::{MergeReport, merge};
 pub use mixture::Mixture;

@@ -21,6 +21,8 @@ impl SplitNames {
     pub const TEST_SEEN: &str = "test_seen";
     /// Tested on; topologies that training has not seen.
     pub const TEST_NEW: &str = "test_new";
+    /// Meshes without rigs: for training that needs none.
+    pub const MESHES: &str = "meshes";
     /// Assets that a split file does not name.
     pub const NONE: &str = "";
 }

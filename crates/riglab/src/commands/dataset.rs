@@ -8,7 +8,7 @@ use std::sync::Mutex;
 use anyhow::{Context, Result};
 use clap::Subcommand;
 use riglab_asset::{ImportOptions, Resample, RootPolicy};
-use riglab_data::{Corpus, Splitter, Stats, import_folder, merge, rigged_files, stats};
+use riglab_data::{Corpus, Splitter, Stats, import_folder, import_meshes, merge, models_below, rigged_files, stats};
 use riglab_train::Progress;
 
 /// Make and look at corpora: HDF5 files of many rigs.
@@ -35,7 +35,10 @@ enum Command {
 /// trained on; without one, splits are made by skeleton topology. Files that give no rig are listed
 /// and left out.
 #[derive(clap::Args)]
-#[command(after_help = "Example: riglab dataset import models/ -o corpus.h5")]
+#[command(after_help = "\
+Examples:
+  riglab dataset import models/ -o corpus.h5
+  riglab dataset import scans/ -o meshes.h5 --meshes")]
 struct Import {
     /// Folder of files, with those below it.
     folder: PathBuf,
@@ -51,6 +54,10 @@ struct Import {
     /// What becomes of loose roots: children of the largest tree's root, or all below a new one.
     #[arg(long, value_enum, default_value = "reattach")]
     roots: Roots,
+    /// Take models as bare meshes, rigged or not, OBJ too: for GRPO, which needs no rigs. All are of the split
+    /// `meshes`; train on them with --set data.train='["meshes"]'.
+    #[arg(long, conflicts_with_all = ["split", "seed", "roots", "clips", "repair"])]
+    meshes: bool,
     /// Take each of several characters in a file as an asset of its own.
     #[arg(long)]
     split_characters: bool,
@@ -147,7 +154,7 @@ pub fn run(args: &Args) -> Result<ExitCode> {
 
 fn run_import(args: &Import) -> Result<ExitCode> {
     let beside = args.folder.join("split.json");
-    let file = args.split.clone().or_else(|| beside.is_file().then_some(beside));
+    let file = args.split.clone().or_else(|| (beside.is_file() && !args.meshes).then_some(beside));
     let splitter = match &file {
         Some(path) => Splitter::read(path)?,
         None => Splitter::ByTopology(args.seed),
@@ -156,16 +163,22 @@ fn run_import(args: &Import) -> Result<ExitCode> {
         Roots::Reattach => RootPolicy::Reattach,
         Roots::Virtual => RootPolicy::Virtual,
     };
-    let total = rigged_files(&args.folder)?.len() as u64;
+    let files = if args.meshes { models_below(&args.folder)?.files } else { rigged_files(&args.folder)? };
+    let total = files.len() as u64;
     let progress = Mutex::new(Progress::new("importing", total, 0));
     let clips = args.clips.map(|rate| Resample { rate, ..Resample::default() });
     let (split, repair) = (args.split_characters, args.repair);
     let options = ImportOptions { roots, clips, split, repair, ..ImportOptions::default() };
-    let report = import_folder(&args.folder, &args.out, &splitter, &options, |done| {
+    let tell = |done: usize| {
         if let Ok(mut p) = progress.lock() {
             p.set(done as u64, String::new);
         }
-    })?;
+    };
+    let report = if args.meshes {
+        import_meshes(&args.folder, &args.out, &options, tell)?
+    } else {
+        import_folder(&args.folder, &args.out, &splitter, &options, tell)?
+    };
     if let Ok(mut p) = progress.lock() {
         p.finish();
     }

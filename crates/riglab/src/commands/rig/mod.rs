@@ -10,6 +10,7 @@ use std::process::ExitCode;
 use anyhow::{Context, Result, bail};
 use riglab_asset::export::ExportOptions;
 use riglab_asset::rigging::{NameStyle, UpAxis};
+use riglab_asset::{MODELS, is_model_file};
 use riglab_task::tokenrig::Rank;
 use riglab_train::Progress;
 use tch::Device;
@@ -209,9 +210,6 @@ fn run(args: &Common, bones: &Bones, threads: usize) -> Result<ExitCode> {
     Ok(if failed == jobs.len() { ExitCode::FAILURE } else { ExitCode::SUCCESS })
 }
 
-/// Endings of models that are rigged, where a folder is given.
-const MODELS: [&str; 5] = ["glb", "gltf", "vrm", "fbx", "obj"];
-
 /// What is read, and where each is written.
 fn jobs(input: &Path, out: &Path) -> Result<Vec<(PathBuf, PathBuf)>> {
     let same = |a: &Path, b: &Path| a.canonicalize().is_ok_and(|a| b.canonicalize().is_ok_and(|b| a == b));
@@ -233,17 +231,13 @@ fn jobs(input: &Path, out: &Path) -> Result<Vec<(PathBuf, PathBuf)>> {
     if same(input, out) {
         bail!("{} is the folder of the inputs, which are never changed; give another", out.display());
     }
-    let known = |path: &Path| {
-        let ending = path.extension().unwrap_or_default().to_string_lossy().to_lowercase();
-        MODELS.contains(&ending.as_str())
-    };
     // What an earlier call wrote is no input.
     let within = out.canonicalize().ok();
     let own = |path: &Path| match (&within, path.canonicalize()) {
         (Some(out), Ok(path)) => path.starts_with(out),
         _ => false,
     };
-    let found = riglab_files::below(input, |path| known(path) && !own(path));
+    let found = riglab_files::below(input, |path| is_model_file(path) && !own(path));
     for (path, why) in &found.unread {
         eprintln!("left out: {}: {why}", path.display());
     }
