@@ -1,6 +1,7 @@
 //! A rig for a mesh: the whole way, in the mesh's own units.
 
 use riglab_core::{Bounds, Mesh, Similarity, Skeleton, SkinWeights};
+use riglab_nn::generate::GenerateConfig;
 use riglab_random::stream;
 use riglab_reward::{RewardConfig, Rewards, Scorer};
 use riglab_token::Bones;
@@ -13,12 +14,12 @@ use crate::unirig_skeleton::generate::most_agreed;
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Rank {
     /// How likely the model holds it, a token.
-    #[default]
     Likelihood,
     /// The rewards of SkinTokens 3.4.1: by its geometry alone.
     Rewards,
     /// How well its skeleton agrees with the others ([`riglab_metric::consensus`]); how likely it is where the skeleton
     /// is given.
+    #[default]
     Consensus,
 }
 
@@ -32,7 +33,7 @@ pub struct Wish<'a> {
     pub skeleton: Option<&'a Skeleton>,
     /// A class of skeletons to begin with, by its name: its named parts then come first.
     pub class: Option<&'a str>,
-    /// How many are drawn, of which the best is taken; 1 takes the likeliest token each time.
+    /// How many are drawn, of which the best is taken; the first takes the likeliest token each time.
     pub samples: usize,
     /// Which is the best.
     pub rank: Rank,
@@ -90,8 +91,8 @@ impl Rigger {
         let w = self.params.weights();
         let prefix = self.condition(w, &[(&cube, wish.seed)]);
         let samples = wish.samples.max(1);
-        let how = riglab_nn::generate::GenerateConfig {
-            sample: samples > 1,
+        let how = GenerateConfig {
+            sample: true,
             temperature: wish.temperature,
             tokens: self.config.limits.tokens,
             ..Default::default()
@@ -106,7 +107,12 @@ impl Rigger {
             (None, None) => self.free(),
         };
         let mut streams: Vec<_> = (0..samples as u64).map(|k| stream(wish.seed, "rig draws", &[k])).collect();
-        let drawn = self.draw(w, &prefix, &vec![prompt; samples], &how, &mut streams)?;
+        let (first, others) = streams.split_at_mut(1);
+        let likeliest = GenerateConfig { sample: false, ..how.clone() };
+        let mut drawn = self.draw(w, &prefix, std::slice::from_ref(&prompt), &likeliest, first)?;
+        if samples > 1 {
+            drawn.extend(self.draw(w, &prefix, &vec![prompt; samples - 1], &how, others)?);
+        }
         let draws = self.judged(&cube, &drawn, wish)?;
         let whole = drawn.iter().enumerate().filter(|(_, d)| d.decoded.is_ok());
         let worth = |at: usize| match (wish.rank, draws[at].rewards) {
@@ -213,6 +219,9 @@ mod tests {
         assert_eq!(of(&likely), of(&by_rewards));
         assert_eq!(likely.taken().likelihood, of(&likely).into_iter().fold(f64::MIN, f64::max));
         assert!(likely.taken().rewards.is_none());
+        // The first of several is what one is, whatever the temperature of the others.
+        let one = rigger.make(&mesh, &Wish { samples: 1, ..wish(Rank::Likelihood) }).unwrap();
+        assert_eq!(one.taken().likelihood, of(&likely)[0]);
         // Of the same draws the medoid, which is the likeliest only by chance.
         let agreed = rigger.make(&mesh, &wish(Rank::Consensus)).unwrap();
         assert_eq!(of(&agreed), of(&likely));

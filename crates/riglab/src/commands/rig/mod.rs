@@ -75,13 +75,13 @@ struct Common {
     /// checkpoint export` [default: the model that comes with riglab].
     #[arg(long, value_name = "PATH")]
     checkpoint: Option<PathBuf>,
-    /// Rigs that are drawn, of which the best is taken. 1 takes the likeliest token each time.
+    /// Rigs that are drawn, of which the best is taken. The first takes the likeliest token each time.
     #[arg(long, default_value_t = 1, value_name = "N")]
     samples: usize,
-    /// Which of several is the best: the likeliest, the one with the highest geometric rewards (SkinTokens 3.4.1: joints
-    /// within the body, weights that hold every vertex, motions that tear nothing), or the one whose skeleton the others
-    /// agree with most.
-    #[arg(long, value_enum, default_value = "likelihood")]
+    /// Which of several is the best: the one whose skeleton the others agree with most, the one with the highest
+    /// geometric rewards (SkinTokens 3.4.1: joints within the body, weights that hold every vertex, motions that tear
+    /// nothing), or the likeliest.
+    #[arg(long, value_enum, default_value = "consensus")]
     rank: Ranked,
     /// How freely several are drawn.
     #[arg(long, default_value_t = 1.0, value_name = "T")]
