@@ -1,5 +1,7 @@
 //! Picks by weight in constant time.
 
+use std::hint::select_unpredictable;
+
 /// An alias table (Walker): each slot is one number up to a threshold and another above it. A pick takes
 /// one look-up and no search, but does not go with running sums; [`crate::Picker`] does.
 pub(crate) struct Alias {
@@ -48,21 +50,36 @@ impl Alias {
         Self { slots }
     }
 
-    /// The pick of 48 random bits.
+    /// The slot of 48 random bits, of which `low` are the last 16, and where in it they fall, in 2⁻³².
     #[inline]
-    pub(crate) fn pick(&self, bits: u64) -> u32 {
-        let product = u128::from(bits) * self.slots.len() as u128;
-        let slot = (product >> 48) as usize;
-        let Slot { below, other } = self.slots[slot];
-        // Without a branch, which would be foreseen wrongly half of the time.
-        let own = u32::from(((product >> 16) as u32) < below).wrapping_neg();
-        other ^ ((slot as u32 ^ other) & own)
+    pub(crate) fn slot(&self, high: u32, low: u32) -> (u32, u32) {
+        let n = u64::from(self.slots.len() as u32);
+        // The product of all bits and n without its last 16 bits; no part of it is longer than 64.
+        let product = u64::from(high) * n + ((u64::from(low) * n) >> 16);
+        ((product >> 32) as u32, product as u32)
+    }
+
+    /// The pick at a place of a slot.
+    #[inline]
+    pub(crate) fn of(&self, slot: u32, share: u32) -> u32 {
+        let Slot { below, other } = self.slots[slot as usize];
+        // Told so, since a mask alone is compiled to a branch: it would be foreseen wrongly half of the
+        // time.
+        select_unpredictable(share < below, slot, other)
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    impl Alias {
+        /// The pick of 48 random bits, in numbers of twice the length.
+        pub(crate) fn pick(&self, bits: u64) -> u32 {
+            let product = u128::from(bits) * self.slots.len() as u128;
+            self.of((product >> 48) as u32, (product >> 16) as u32)
+        }
+    }
 
     /// How often each is picked, of shares that are spread evenly.
     fn counts(weights: &[f64], n: u64) -> Vec<f64> {
@@ -82,5 +99,18 @@ mod tests {
         }
         assert!(counts(&[0.0; 4], 1000).iter().all(|share| (share - 0.25).abs() < 2e-3));
         assert!(counts(&[f64::MAX; 4], 1000).iter().all(|share| (share - 0.25).abs() < 2e-3));
+    }
+
+    #[test]
+    fn slots_are_those_of_the_whole_product() {
+        for n in [1usize, 3, 7, 100_003] {
+            let alias = Alias::new(&vec![1.0; n]);
+            for k in 0..1000u64 {
+                let bits = k.wrapping_mul(0x9e37_79b9_7f4a_7c15) >> 16;
+                let product = u128::from(bits) * n as u128;
+                let wanted = ((product >> 48) as u32, (product >> 16) as u32);
+                assert_eq!(alias.slot((bits >> 16) as u32, bits as u32 & 0xffff), wanted);
+            }
+        }
     }
 }
