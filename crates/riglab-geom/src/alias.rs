@@ -28,9 +28,9 @@ impl Alias {
             return Self { slots };
         }
         // In units of a slot. What is above 1 fills up what is below.
-        let mut left: Vec<f64> = weights.iter().map(|w| w / sum * n as f64).collect();
-        let heaviest = (0..n).max_by(|&a, &b| left[a].total_cmp(&left[b])).unwrap_or(0);
-        let (mut low, mut high): (Vec<u32>, Vec<u32>) = (0..n as u32).partition(|&k| left[k as usize] < 1.0);
+        let units = |k: usize| weights[k] / sum * n as f64;
+        let mut left: Vec<f64> = (0..n).map(units).collect();
+        let (mut low, mut high) = parted(&left);
         while let Some(&giver) = high.last() {
             let Some(taker) = low.pop() else { break };
             let share = left[taker as usize];
@@ -42,10 +42,10 @@ impl Alias {
             }
         }
         // What rounding leaves over is full but for as much; never a weight of 0.
-        for taker in low {
-            if weights[taker as usize] == 0.0 {
-                slots[taker as usize] = Slot { below: 0, other: heaviest as u32 };
-            }
+        low.retain(|&taker| weights[taker as usize] == 0.0);
+        if !low.is_empty() {
+            let heaviest = (0..n).max_by(|&a, &b| units(a).total_cmp(&units(b))).unwrap_or(0);
+            low.iter().for_each(|&taker| slots[taker as usize] = Slot { below: 0, other: heaviest as u32 });
         }
         Self { slots }
     }
@@ -67,6 +67,22 @@ impl Alias {
         // time.
         select_unpredictable(share < below, slot, other)
     }
+}
+
+/// The numbers of those below 1, and of the others. Both places are written each time and one is kept,
+/// since a branch would be foreseen wrongly as often as not.
+fn parted(left: &[f64]) -> (Vec<u32>, Vec<u32>) {
+    let (mut low, mut high) = (vec![0; left.len()], vec![0; left.len()]);
+    let (mut lows, mut highs) = (0, 0);
+    for (k, x) in left.iter().enumerate() {
+        (low[lows], high[highs]) = (k as u32, k as u32);
+        let is_low = usize::from(*x < 1.0);
+        lows += is_low;
+        highs += 1 - is_low;
+    }
+    low.truncate(lows);
+    high.truncate(highs);
+    (low, high)
 }
 
 #[cfg(test)]
@@ -111,6 +127,14 @@ mod tests {
                 let wanted = ((product >> 48) as u32, (product >> 16) as u32);
                 assert_eq!(alias.slot((bits >> 16) as u32, bits as u32 & 0xffff), wanted);
             }
+        }
+    }
+
+    #[test]
+    fn parts_are_those_of_a_partition() {
+        for left in [vec![], vec![0.5], vec![1.0, 2.0], vec![0.0, 1.0, 0.999, 3.0, 0.0, f64::NAN]] {
+            let wanted = (0..left.len() as u32).partition(|&k| left[k as usize] < 1.0);
+            assert_eq!(parted(&left), wanted);
         }
     }
 }
