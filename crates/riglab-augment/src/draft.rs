@@ -164,11 +164,6 @@ impl Draft {
         }
         children
     }
-
-    /// The mesh, borrowed by way of a copy: for what only geometry computes.
-    pub(crate) fn mesh(&self) -> Result<Mesh, RigError> {
-        Mesh::new(self.positions.clone(), self.triangles.clone())
-    }
 }
 
 /// Whether all coordinates are finite and of a size that no step makes overflow.

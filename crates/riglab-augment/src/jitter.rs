@@ -1,7 +1,7 @@
 //! Noise on vertices, normals and joints.
 
 use glam::Vec3A;
-use riglab_core::{RigError, Vec3};
+use riglab_core::{Mesh, RigError, Vec3};
 use riglab_geom::{normals_by_angle, triangle_normals};
 use riglab_random::{Draw, Stream};
 use serde::{Deserialize, Serialize};
@@ -82,8 +82,7 @@ impl JitterConfig {
         let (vertices, normals) = (random.within(low, high), random.within(low, high));
         if self.sigma > 0.0 {
             let noise = Noise { sigma: self.sigma * vertices, clip: self.clip * vertices };
-            let p = std::mem::take(&mut draft.positions);
-            draft.positions = p.into_iter().map(|p| noise.on(p, gaussian(random))).collect();
+            draft.positions.iter_mut().for_each(|p| *p = noise.on(*p, gaussian(random)));
         }
         if self.normal_sigma > 0.0 {
             let noise = Noise { sigma: self.normal_sigma * normals, clip: self.normal_clip * normals };
@@ -127,8 +126,11 @@ impl Draft {
         if let Some(normals) = self.normals.take() {
             return Ok(normals);
         }
-        let mesh = self.mesh()?;
-        Ok(Normals { vertices: normals_by_angle(&mesh), triangles: triangle_normals(&mesh) })
+        // Lent to a mesh and taken back: a copy would cost as much as the normals of the triangles.
+        let mesh = Mesh::new(std::mem::take(&mut self.positions), std::mem::take(&mut self.triangles))?;
+        let normals = Normals { vertices: normals_by_angle(&mesh), triangles: triangle_normals(&mesh) };
+        (self.positions, self.triangles) = mesh.into_parts();
+        Ok(normals)
     }
 }
 
@@ -150,7 +152,10 @@ impl Noise {
 }
 
 fn gaussian(random: &mut Stream) -> Vec3 {
-    std::array::from_fn(|_| random.normal())
+    // One by one: a closure for `from_fn` is not inlined here.
+    let x = random.normal();
+    let y = random.normal();
+    [x, y, random.normal()]
 }
 
 /// A vector at length 1; +y where it has none.

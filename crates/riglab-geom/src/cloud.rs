@@ -9,8 +9,9 @@ use riglab_random::{Draw, Stream};
 use serde::{Deserialize, Serialize};
 
 use crate::alias::Alias;
+use crate::draws::{BLOCK, Picks, barycentric, draws};
 use crate::normals_by_angle;
-use crate::surface::{SurfacePoint, folded};
+use crate::surface::SurfacePoint;
 
 /// How many points, and where. The default is UniRig's number, spread evenly.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -136,17 +137,20 @@ impl<'a> CloudSampler<'a> {
         vertex_normals: OnceLock<Cow<'a, [[f32; 3]]>>,
         triangle_normals: Option<&[[f32; 3]]>,
     ) -> Self {
-        let mut weights = Vec::with_capacity(mesh.triangles().len());
-        let face = |t| {
-            let [corner, b, c] = mesh.corners(t).map(Vec3A::from);
+        let count = mesh.triangles().len();
+        let (mut weights, mut faces) = (Vec::with_capacity(count), Vec::with_capacity(count));
+        faces.extend(mesh.triangles().iter().enumerate().map(|(t, corners)| {
+            let [corner, b, c] = corners.map(|v| Vec3A::from(mesh.positions()[v as usize]));
             let (along, across) = (b - corner, c - corner);
             let area = along.cross(across);
-            weights.push(config.by.weight(area));
-            let own = || area.try_normalize().unwrap_or(Vec3A::Y);
-            let normal = triangle_normals.map_or_else(own, |all| all[t].into());
+            let length = area.length();
+            weights.push(config.by.weight(length));
+            let normal = match triangle_normals {
+                Some(all) => all[t].into(),
+                None => own_normal(area, length),
+            };
             Face { corner, along, across, normal }
-        };
-        let faces = (0..mesh.triangles().len()).map(face).collect();
+        }));
         Self { mesh, config: config.clone(), vertex_normals, faces, alias: Alias::new(&weights) }
     }
 
@@ -171,32 +175,56 @@ impl<'a> CloudSampler<'a> {
     /// Position and normal of the points of a cloud, a row each: what networks take. Rows beyond the
     /// config's points stay as they are, points beyond the rows are not drawn.
     pub fn fill(&self, random: &mut Stream, rows: &mut [[f32; 6]]) {
-        let points = self.config.points.min(rows.len());
-        let mut rows = rows.iter_mut();
-        self.some(points, random, |[x, y, z], [a, b, c], _| {
-            if let Some(row) = rows.next() {
+        let mut at = 0;
+        self.rows(self.config.points.min(rows.len()), random, |some| {
+            rows[at..at + some.len()].copy_from_slice(some);
+            at += some.len();
+        });
+    }
+
+    /// Puts such rows of a cloud, at most `points`, behind an array of rows: memory that is only reserved
+    /// there need not be set to zeros first.
+    pub fn append(&self, points: usize, random: &mut Stream, out: &mut Vec<f32>) {
+        let points = self.config.points.min(points);
+        out.reserve(6 * points);
+        self.rows(points, random, |some| out.extend_from_slice(some.as_flattened()));
+    }
+
+    /// The rows of `points` points in order, some at a time.
+    fn rows(&self, points: usize, random: &mut Stream, mut take: impl FnMut(&[[f32; 6]])) {
+        let vertices = some_of(self.mesh.positions().len(), self.config.vertices.min(points), random);
+        let mut rows = [[0f32; 6]; BLOCK];
+        for vertices in vertices.chunks(BLOCK) {
+            let normals = self.vertex_normals();
+            for (row, &v) in rows.iter_mut().zip(vertices) {
+                let ([x, y, z], [a, b, c]) = (self.mesh.positions()[v as usize], normals[v as usize]);
                 *row = [x, y, z, a, b, c];
             }
+            take(&rows[..vertices.len()]);
+        }
+        draws(&self.alias, points - vertices.len(), random, |Picks { numbers, u, v }| {
+            for (((row, &t), &u), &v) in rows.iter_mut().zip(numbers).zip(u).zip(v) {
+                let ([x, y, z], [a, b, c]) = self.on(t, u, v);
+                *row = [x, y, z, a, b, c];
+            }
+            take(&rows[..numbers.len()]);
         });
     }
 
     /// The points of a cloud one by one, with position, normal and place: for who has an array of their
     /// own to put them in.
     #[inline]
-    pub fn each(&self, random: &mut Stream, take: impl FnMut([f32; 3], [f32; 3], Place)) {
-        self.some(self.config.points, random, take);
-    }
-
-    #[inline]
-    fn some(&self, points: usize, random: &mut Stream, mut take: impl FnMut([f32; 3], [f32; 3], Place)) {
+    pub fn each(&self, random: &mut Stream, mut take: impl FnMut([f32; 3], [f32; 3], Place)) {
+        let points = self.config.points;
         let vertices = some_of(self.mesh.positions().len(), self.config.vertices.min(points), random);
         for &v in &vertices {
             take(self.mesh.positions()[v as usize], self.vertex_normals()[v as usize], Place::Vertex(v));
         }
-        draws(points - vertices.len(), random, |bits, on_it| {
-            let point = SurfacePoint { triangle: self.alias.pick(bits), barycentric: folded(on_it) };
-            let (position, normal) = self.on(&point);
-            take(position, normal, Place::Surface(point));
+        draws(&self.alias, points - vertices.len(), random, |Picks { numbers, u, v }| {
+            for ((&triangle, &u), &v) in numbers.iter().zip(u).zip(v) {
+                let (position, normal) = self.on(triangle, u, v);
+                take(position, normal, Place::Surface(SurfacePoint { triangle, barycentric: barycentric([u, v]) }));
+            }
         });
     }
 
@@ -204,7 +232,7 @@ impl<'a> CloudSampler<'a> {
     pub fn at(&self, places: Vec<Place>) -> Cloud {
         let point = |place: &Place| match place {
             Place::Vertex(v) => (self.mesh.positions()[*v as usize], self.vertex_normals()[*v as usize]),
-            Place::Surface(point) => self.on(point),
+            Place::Surface(SurfacePoint { triangle, barycentric: [_, u, v] }) => self.on(*triangle, *u, *v),
         };
         let (positions, normals) = places.iter().map(point).unzip();
         Cloud { positions, normals, places }
@@ -215,33 +243,18 @@ impl<'a> CloudSampler<'a> {
     }
 
     #[inline]
-    fn on(&self, point: &SurfacePoint) -> ([f32; 3], [f32; 3]) {
-        let Face { corner, along, across, normal } = self.faces[point.triangle as usize];
-        let [_, u, v] = point.barycentric;
+    fn on(&self, triangle: u32, u: f32, v: f32) -> ([f32; 3], [f32; 3]) {
+        let Face { corner, along, across, normal } = self.faces[triangle as usize];
         ((corner + along * u + across * v).into(), normal.into())
     }
 }
 
-/// Random numbers for points: 48 bits for the triangle, two of 24 in [0, 1) for the place on it. Taken
-/// from the stream in blocks, which costs a third of taking them one by one.
+/// The unit vector along one whose length is known; +y where that is 0 or too small or large to
+/// divide by.
 #[inline]
-pub(crate) fn draws(count: usize, random: &mut Stream, mut take: impl FnMut(u64, [f32; 2])) {
-    const WORDS: usize = 3;
-    let mut block = [0u8; 4 * WORDS * 128];
-    let mut left = count;
-    while left > 0 {
-        let now = left.min(128);
-        let bytes = &mut block[..4 * WORDS * now];
-        random.bytes(bytes);
-        for words in bytes.as_chunks::<4>().0.as_chunks::<WORDS>().0 {
-            let [a, b, c] = words.map(u32::from_le_bytes);
-            // The last bits of the numbers that need but 24.
-            let bits = u64::from(a) << 16 | u64::from(b & 0xff) << 8 | u64::from(c & 0xff);
-            let unit = |word: u32| (word >> 8) as f32 * (1.0 / 16_777_216.0);
-            take(bits, [unit(b), unit(c)]);
-        }
-        left -= now;
-    }
+fn own_normal(area: Vec3A, length: f32) -> Vec3A {
+    let by = 1.0 / length;
+    if by.is_finite() && by > 0.0 { area * by } else { Vec3A::Y }
 }
 
 impl Cloud {
@@ -319,11 +332,12 @@ impl<'a> Corners<'a> {
 }
 
 impl By {
-    /// What a triangle weighs, by its doubled area along its normal.
-    pub(crate) fn weight(self, area: Vec3A) -> f64 {
+    /// What a triangle weighs, by its doubled area.
+    #[inline]
+    pub(crate) fn weight(self, area: f32) -> f64 {
         match self {
-            Self::Area => f64::from(area.length()),
-            Self::SquaredArea => f64::from(area.length()).powi(2),
+            Self::Area => f64::from(area),
+            Self::SquaredArea => f64::from(area).powi(2),
         }
     }
 }
@@ -377,6 +391,26 @@ mod tests {
             let x: f32 = cloud.positions.iter().filter(|p| p[2] == 1.0).map(|p| p[0]).sum();
             assert!((x / on_second(&cloud) as f32 - 1.0).abs() < 0.02);
         }
+    }
+
+    #[test]
+    fn rows_are_those_of_the_cloud_however_they_are_taken() {
+        let mesh = mesh();
+        let config = CloudConfig { points: 300, vertices: 4, by: By::Area };
+        let sampler = CloudSampler::new(&mesh, &config);
+        let random = || stream(1, "test", &[]);
+        let cloud = sampler.draw(&mut random());
+        let row = |(&[x, y, z], &[a, b, c]): (&[f32; 3], &[f32; 3])| [x, y, z, a, b, c];
+        let wanted: Vec<[f32; 6]> = cloud.positions.iter().zip(&cloud.normals).map(row).collect();
+        let mut filled = vec![[7.0; 6]; 301];
+        sampler.fill(&mut random(), &mut filled);
+        assert_eq!((&filled[..300], filled[300]), (&wanted[..], [7.0; 6]));
+        for points in [0, 3, 150, 300, 1000] {
+            let mut rows = vec![7.0];
+            sampler.append(points, &mut random(), &mut rows);
+            assert_eq!(rows[1..], *wanted[..points.min(300)].as_flattened());
+        }
+        assert_eq!(sampler.at(cloud.places.clone()), cloud);
     }
 
     #[test]

@@ -6,8 +6,9 @@ use riglab_random::Stream;
 use serde::{Deserialize, Serialize};
 
 use crate::alias::Alias;
-use crate::cloud::{By, Cloud, CloudSampler, Place, draws, some_of};
-use crate::surface::{SurfacePoint, folded};
+use crate::cloud::{By, Cloud, CloudSampler, Place, some_of};
+use crate::draws::{Picks, barycentric, draws};
+use crate::surface::SurfacePoint;
 
 /// How many points of a bone's part of the mesh, and how far around it. The defaults are those of
 /// SkinTokens' public code, but for the number, which it leaves to its caller.
@@ -88,7 +89,7 @@ impl<'a> DenseSampler<'a> {
         let mut vertices: Vec<u32> = triangles.iter().flat_map(|&t| mesh.triangles()[t as usize]).collect();
         vertices.sort_unstable();
         vertices.dedup();
-        let weight = |&t: &u32| By::Area.weight(mesh.area_vector(t as usize).into());
+        let weight = |&t: &u32| By::Area.weight(glam::Vec3A::from(mesh.area_vector(t as usize)).length());
         let alias = Alias::new(&triangles.iter().map(weight).collect::<Vec<_>>());
         Self { whole, config: config.clone(), vertices, triangles, alias }
     }
@@ -97,9 +98,11 @@ impl<'a> DenseSampler<'a> {
     pub fn draw(&self, random: &mut Stream) -> Cloud {
         let order = some_of(self.vertices.len(), self.config.vertices.min(self.config.points), random);
         let mut places = self.vertices(&order);
-        draws(self.config.points - places.len(), random, |bits, on_it| {
-            let triangle = self.triangles[self.alias.pick(bits) as usize];
-            places.push(Place::Surface(SurfacePoint { triangle, barycentric: folded(on_it) }));
+        draws(&self.alias, self.config.points - places.len(), random, |Picks { numbers, u, v }| {
+            places.extend(numbers.iter().zip(u).zip(v).map(|((&k, &u), &v)| {
+                let triangle = self.triangles[k as usize];
+                Place::Surface(SurfacePoint { triangle, barycentric: barycentric([u, v]) })
+            }));
         });
         self.whole.at(places)
     }

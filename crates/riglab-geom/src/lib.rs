@@ -12,6 +12,7 @@ mod alias;
 mod bodies;
 mod cloud;
 mod dense;
+mod draws;
 mod farthest;
 pub mod geodesic;
 mod normals;

@@ -6,6 +6,8 @@ use glam::Vec3;
 use riglab_core::{Mesh, SkinWeights};
 use riglab_random::{Draw, Stream};
 
+use crate::draws::{self, folded};
+
 /// A point on a triangle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SurfacePoint {
@@ -24,18 +26,7 @@ pub struct SurfaceSampler<'a> {
 
 /// Shares of a triangle's corners, uniform over its area. Takes two numbers from the stream.
 pub fn barycentric(random: &mut Stream) -> [f32; 3] {
-    folded([random.unit(), random.unit()])
-}
-
-/// Shares of a triangle's corners from two numbers in [0, 1); those of the parallelogram's other half
-/// are turned over.
-#[inline]
-pub(crate) fn folded([u, v]: [f32; 2]) -> [f32; 3] {
-    // Without a branch, which would be foreseen wrongly half of the time.
-    let over = u32::from(u + v > 1.0).wrapping_neg();
-    let chosen = |x: f32| f32::from_bits(x.to_bits() ^ ((x.to_bits() ^ (1.0 - x).to_bits()) & over));
-    let (u, v) = (chosen(u), chosen(v));
-    [1.0 - u - v, u, v]
+    draws::barycentric(folded([random.unit(), random.unit()]))
 }
 
 impl<'a> SurfaceSampler<'a> {
@@ -78,7 +69,7 @@ impl<'a> SurfaceSampler<'a> {
     pub fn at(&self, share: f64, on_it: [f32; 2]) -> SurfacePoint {
         let at = share * self.sums[self.sums.len() - 1];
         let triangle = self.sums.partition_point(|&s| s <= at).min(self.sums.len() - 1) as u32;
-        SurfacePoint { triangle, barycentric: folded(on_it) }
+        SurfacePoint { triangle, barycentric: draws::barycentric(folded(on_it)) }
     }
 
     /// Its position.

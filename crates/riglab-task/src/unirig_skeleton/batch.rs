@@ -139,9 +139,8 @@ pub(crate) fn shape(
     batch: &mut Batch,
 ) {
     let before = batch.cloud.len();
-    batch.cloud.resize(before + 6 * cloud.points, 0.0);
-    let (rows, _) = batch.cloud[before..].as_chunks_mut::<6>();
-    sampler.fill(random, rows);
+    sampler.append(cloud.points, random, &mut batch.cloud);
+    let (rows, _) = batch.cloud[before..].as_chunks::<6>();
     let drawn = some_of(rows.len(), model.tokens * model.drawn, random);
     let positions: Vec<Vec3> = drawn.iter().map(|&i| [rows[i][0], rows[i][1], rows[i][2]]).collect();
     let picks = farthest_points(&positions, model.tokens, 0);
