@@ -60,7 +60,7 @@ pub fn run(context: &mut Context) -> Result<Vec<Row>> {
             context.threads,
             found.spread()
         );
-        rows.push(Row::new(name, a, b, "s", Better::Lower).note(note));
+        rows.push(Row::new(name, a, b, "s", Better::Lower).bar(if resolution == 196 { 20.0 } else { 1.0 }).note(note));
     }
     Ok(rows)
 }

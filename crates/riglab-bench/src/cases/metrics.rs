@@ -73,7 +73,7 @@ pub fn run(context: &mut Context) -> Result<Vec<Row>> {
         parts.join(", "),
         found.spread()
     );
-    Ok(vec![Row::new("metrics/270", ours, twin, "s", Better::Lower).note(note)])
+    Ok(vec![Row::new("metrics/270", ours, twin, "s", Better::Lower).bar(20.0).note(note)])
 }
 
 /// How many figures an asset has, all of them equal on both sides.

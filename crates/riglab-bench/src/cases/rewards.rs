@@ -62,7 +62,7 @@ pub fn run(context: &mut Context) -> Result<Vec<Row>> {
         context.threads,
         found.spread()
     );
-    Ok(vec![Row::new("rewards/24", a, b, "s", Better::Lower).note(note)])
+    Ok(vec![Row::new("rewards/24", a, b, "s", Better::Lower).bar(20.0).note(note)])
 }
 
 #[derive(Deserialize)]
