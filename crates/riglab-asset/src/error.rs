@@ -393,7 +393,8 @@ pub enum Fault {
     NothingBound,
     /// Asked for a rig, found a mesh.
     #[error(
-        "the file has a mesh but no skin, so there is no rig: there is nothing to learn from or to convert but the mesh"
+        "the file has a mesh but no skin, so there is no rig: there is nothing to learn from or to convert but the mesh \
+         (`riglab rig` makes a rig for it; `riglab dataset import --meshes` takes the mesh alone)"
     )]
     NoSkeleton,
     /// A text, npz, h5 or pt file.

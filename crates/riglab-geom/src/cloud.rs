@@ -172,18 +172,8 @@ impl<'a> CloudSampler<'a> {
         cloud
     }
 
-    /// Position and normal of the points of a cloud, a row each: what networks take. Rows beyond the
-    /// config's points stay as they are, points beyond the rows are not drawn.
-    pub fn fill(&self, random: &mut Stream, rows: &mut [[f32; 6]]) {
-        let mut at = 0;
-        self.rows(self.config.points.min(rows.len()), random, |some| {
-            rows[at..at + some.len()].copy_from_slice(some);
-            at += some.len();
-        });
-    }
-
-    /// Puts such rows of a cloud, at most `points`, behind an array of rows: memory that is only reserved
-    /// there need not be set to zeros first.
+    /// Puts position and normal of the points of a cloud, at most `points`, behind an array of rows of six:
+    /// what networks take. Memory that is only reserved there need not be set to zeros first.
     pub fn append(&self, points: usize, random: &mut Stream, out: &mut Vec<f32>) {
         let points = self.config.points.min(points);
         out.reserve(6 * points);
@@ -402,9 +392,6 @@ mod tests {
         let cloud = sampler.draw(&mut random());
         let row = |(&[x, y, z], &[a, b, c]): (&[f32; 3], &[f32; 3])| [x, y, z, a, b, c];
         let wanted: Vec<[f32; 6]> = cloud.positions.iter().zip(&cloud.normals).map(row).collect();
-        let mut filled = vec![[7.0; 6]; 301];
-        sampler.fill(&mut random(), &mut filled);
-        assert_eq!((&filled[..300], filled[300]), (&wanted[..], [7.0; 6]));
         for points in [0, 3, 150, 300, 1000] {
             let mut rows = vec![7.0];
             sampler.append(points, &mut random(), &mut rows);
@@ -454,10 +441,5 @@ mod tests {
         let cloud = draw(&mesh(), 1);
         assert_eq!(cloud, draw(&mesh(), 1));
         assert_ne!(cloud, draw(&mesh(), 2));
-        let mut rows = vec![[7.0; 6]; 101];
-        CloudSampler::new(&mesh(), &config).fill(&mut stream(1, "test", &[]), &mut rows);
-        let same =
-            rows.iter().zip(cloud.positions.iter().zip(&cloud.normals)).all(|(r, (p, n))| r[..3] == *p && r[3..] == *n);
-        assert!(same && rows[100] == [7.0; 6]);
     }
 }

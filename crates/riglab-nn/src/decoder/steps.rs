@@ -329,3 +329,61 @@ fn turn(x: &[f32], cos: &[f32], sin: &[f32], y: &mut [f32]) {
 pub(super) fn floats(t: &Tensor) -> Vec<f32> {
     Vec::<f32>::try_from(t.detach().contiguous().view([-1])).expect("floats on the CPU")
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Numbers without pattern.
+    fn numbers(seed: usize, count: usize) -> Vec<f32> {
+        (0..count).map(|k| ((seed * 7919 + k) as f32 * 0.618).fract() - 0.5).collect()
+    }
+
+    /// Two layers of two heads, for so many rows.
+    fn steps(rows: usize, threads: bool) -> Steps {
+        let (d, inner) = (32, 64);
+        let panels = |seed: usize, outputs: usize, inputs: usize| {
+            Panels::new(&numbers(seed, outputs * inputs), &numbers(seed + 1, outputs), inputs)
+        };
+        let norm = || Norm::Layer((vec![1.0; d], vec![0.0; d]));
+        let layer = |k: usize| LayerWeights {
+            norm: norm(),
+            qkv: panels(10 * k, 3 * d, d),
+            norm_heads: None,
+            out: panels(10 * k + 2, d, d),
+            norm_out: norm(),
+            up: panels(10 * k + 4, inner, d),
+            gated: false,
+            down: panels(10 * k + 6, d, inner),
+        };
+        let sizes = Sizes { rows, heads: 2, kv_heads: 2, room: 8, same: 0, width: d / 2 };
+        Steps::new(vec![layer(1), layer(2)], norm(), Default::default(), sizes, threads)
+    }
+
+    #[test]
+    fn rows_that_are_dealt_to_threads_are_those_read_together() {
+        if !Steps::serve(16, &[32, 64, 96]) {
+            return;
+        }
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(3).build().unwrap();
+        // As many as threads share evenly, one more, and too few to deal.
+        for rows in [12, 13, 6] {
+            let (mut dealt, mut together) = (steps(rows, true), steps(rows, false));
+            let mut left = rows;
+            for at in 0..6 {
+                let x = numbers(100 + at, 32 * left);
+                let (mut a, mut b) = (x.clone(), x);
+                pool.install(|| dealt.step(&mut a, at));
+                together.step(&mut b, at);
+                assert!(a == b && a.iter().all(|x| x.is_finite()), "{left} of {rows} rows, place {at}");
+                // The first leaves, and the last takes its place.
+                if at == 2 {
+                    left -= 1;
+                    let stay: Vec<i64> = [left as i64].into_iter().chain(1..left as i64).collect();
+                    dealt.select(&stay, at + 1);
+                    together.select(&stay, at + 1);
+                }
+            }
+        }
+    }
+}
