@@ -42,6 +42,7 @@ fn settings_that_cannot_be_are_refused_by_key() {
         ("train.steps='ten'", &["train.steps"]),
         ("sampling.shape_points=4", &["shape_points"]),
         ("data.train=['nowhere']", &["data.train", "nowhere"]),
+        ("loss.kl=0.1", &["loss.kl", "bottleneck"]),
         ("task='fsq_vae'", &["fsq_vae", "fsq_cvae"]),
     ] {
         let said = with(set);
@@ -147,6 +148,24 @@ fn a_checkpoint_of_another_model_is_refused_and_kept() {
     }
     assert_eq!(fs::read(run.join("checkpoints/step-00000003/model.safetensors")).unwrap(), before);
     assert!(refusal(&mut riglab(&["eval", text(&dir.path().join("none"))])).contains("none"));
+}
+
+#[test]
+fn codes_that_are_no_tokens_are_refused_by_what_writes_tokens() {
+    let dir = tempfile::tempdir().unwrap();
+    copy(&ready().join("run"), &dir.path().join("real_numbers"));
+    let run = dir.path().join("real_numbers");
+    let path = run.join("config.toml");
+    let text_of = fs::read_to_string(&path).unwrap();
+    assert!(text_of.contains("bottleneck = \"fsq\""));
+    let other =
+        text_of.replace("bottleneck = \"fsq\"", "bottleneck = \"gaussian\"").replace("spread = 0.03", "spread = 0.0");
+    fs::write(&path, other).unwrap();
+    let (skin, corpora) = (format!("skin.run='{}'", text(&run)), ready().join("corpus.h5"));
+    let corpora = format!("data.corpora=['{}']", text(&corpora));
+    let train = ["train", "quickstart/tokenrig.toml", "--set", &skin, "--set", &corpora];
+    let said = refusal(riglab(&train).arg("--run").arg(dir.path().join("tokenrig")));
+    assert!(said.contains("real_numbers") && said.contains("no tokens") && said.contains("fsq"), "{said}");
 }
 
 #[test]

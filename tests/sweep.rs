@@ -28,10 +28,12 @@ fn a_killed_sweep_goes_on_to_the_same_table() {
         "[sweep]\nquestion = 'Does it go on?'\nseeds = [0, 1]\nevaluate = true",
         &format!("base = '{}'", base.display()),
         "[[sweep.arms]]\nname = 'with'\n[[sweep.arms]]\nname = 'without'\nset = { 'loss.dice' = 0.0 }",
+        "[[sweep.arms]]\nname = 'continuous'\nset = { 'model.bottleneck' = 'gaussian', 'loss.kl' = 0.001, 'loss.spread' = 0.0 }",
         // Sound as a config: it fails when the run begins.
         "[[sweep.arms]]\nname = 'no corpus'\nset = { 'data.corpora' = ['nowhere.h5'] }",
         "[[sweep.metrics]]\nof = 'eval/iou_raw@val'\nbetter = 'higher'",
         "[[sweep.metrics]]\nof = 'eval.json:report.rows[split=test_new,method=raw,tokens=4].pooled.l1'\nname = 'L1'",
+        "[[sweep.metrics]]\nof = 'eval.json:report.codebook.test_new.bits'\nname = 'bits'\nbetter = 'lower'",
     ];
     fs::write(&file, lines.join("\n")).unwrap();
 
@@ -41,7 +43,8 @@ fn a_killed_sweep_goes_on_to_the_same_table() {
     let took = start.elapsed();
     let expected = result(&whole);
     let table = &expected["table.md"];
-    assert!(table.contains("| with | 2 | 0 | ") && table.contains("| no corpus | 0 | 2 | "), "{table}");
+    assert!(table.contains("| continuous | 2 | 0 | ") && table.contains("| with | 2 | 0 | "), "{table}");
+    assert!(table.contains("| no corpus | 0 | 2 | "), "{table}");
     let failed = fs::read_to_string(whole.join("attempts.jsonl")).unwrap();
     assert_eq!(failed.lines().count(), 4, "two runs, tried twice each: {failed}");
     assert!(expected["results.jsonl"].contains("nowhere.h5"));
@@ -59,7 +62,7 @@ fn a_killed_sweep_goes_on_to_the_same_table() {
 
     let status = must(&["sweep", text(&broken), "--status"]);
     let status = String::from_utf8_lossy(&status.stdout).into_owned();
-    assert!(status.contains("4 finished, 2 failed") && status.contains("no corpus"), "{status}");
+    assert!(status.contains("6 finished, 2 failed") && status.contains("no corpus"), "{status}");
     // Another sweep is refused the folder, with what differs.
     fs::write(&file, lines.join("\n").replace("seeds = [0, 1]", "seeds = [0, 2]")).unwrap();
     let said = refusal(&mut riglab(&["sweep", text(&file), "-o", text(&broken)]));

@@ -76,9 +76,17 @@ impl Fsq {
 
     /// Codes [.., axes] to ids [..].
     pub fn ids(&self, codes: &Tensor) -> Tensor {
+        (self.digits(codes) * Tensor::from_slice(&self.basis()).to_device(codes.device())).sum_dim_intlist(
+            -1,
+            false,
+            Kind::Int64,
+        )
+    }
+
+    /// Codes [.., axes] to the level of each axis, whole numbers from 0.
+    pub fn digits(&self, codes: &Tensor) -> Tensor {
         let halves = self.halves(codes);
-        let levels = (codes * &halves + &halves).round().to_kind(Kind::Int64);
-        (levels * Tensor::from_slice(&self.basis()).to_device(codes.device())).sum_dim_intlist(-1, false, Kind::Int64)
+        (codes * &halves + &halves).round().to_kind(Kind::Int64)
     }
 
     /// Ids [..] to the level of each axis [.., axes]; ids beyond the codebook wrap around.

@@ -29,6 +29,8 @@ pub struct FsqCvaeConfig {
     /// FSQ levels of each axis. The paper: [8,8,8,5,5,5] = 64,000 codes; also [8,8,8,5,6] and, in
     /// the released weights, [8,8,8,8,8].
     pub levels: Vec<i64>,
+    /// What codes are made of.
+    pub bottleneck: Bottleneck,
     /// Shape tokens T_W of the condition.
     pub shape_tokens: usize,
     /// Skin tokens T_D of a bone, at most.
@@ -39,6 +41,18 @@ pub struct FsqCvaeConfig {
     pub head_split: HeadSplit,
     /// What goes beyond the paper.
     pub extensions: Extensions,
+}
+
+/// What stands between encoder and decoder.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Bottleneck {
+    /// Codes rounded to `levels`: numbers that a decoder can write as tokens.
+    #[default]
+    Fsq,
+    /// Real numbers, as many as `levels` has axes, whose KL to N(0, 1) is a term of the loss: the continuous latent that
+    /// SkinTokens leaves open. To be compared with; no tokens can be made of them.
+    Gaussian,
 }
 
 /// Where the queries of the skin encoder come from.
@@ -103,6 +117,7 @@ impl Default for FsqCvaeConfig {
             decoder_layers: 10,
             latent: 512,
             levels: vec![8, 8, 8, 5, 5, 5],
+            bottleneck: Bottleneck::default(),
             shape_tokens: 384,
             skin_tokens: 32,
             skin_queries: SkinQueries::default(),
@@ -131,6 +146,11 @@ impl Default for Extensions {
 }
 
 impl FsqCvaeConfig {
+    /// Axes of a code that are learned; the first three are told with `extensions.frame`.
+    pub fn learned_axes(&self) -> usize {
+        self.levels.len() - if self.extensions.frame { 3 } else { 0 }
+    }
+
     /// Checks sizes and their relations.
     ///
     /// # Errors
@@ -168,6 +188,10 @@ impl FsqCvaeConfig {
                 let message = format!("{key} needs queries that are points: skin_queries = \"active\" or \"farthest\"");
                 return Err((key, message));
             }
+        }
+        if x.anchor_skip != 0.0 && self.bottleneck == Bottleneck::Gaussian {
+            let message = "anchor_skip adds to what is rounded: set it to 0, or bottleneck = \"fsq\"".into();
+            return Err(("extensions.anchor_skip", message));
         }
         if x.anchor_skip != 0.0 && self.levels.len() < 3 {
             return Err((

@@ -12,11 +12,13 @@ mod config;
 mod decoder;
 mod encoder;
 mod frame;
+mod gaussian;
 
 use tch::{Kind, Tensor};
 
-pub use config::{Extensions, FsqCvaeConfig, SkinQueries};
+pub use config::{Bottleneck, Extensions, FsqCvaeConfig, SkinQueries};
 pub use decoder::{BONE_FEATURES, BONE_POINT_FEATURES, BoneGeometry, ReadBones};
+pub use gaussian::Coded;
 
 use crate::NnError;
 use crate::embed::Embedding;
@@ -26,6 +28,7 @@ use crate::params::{Role, Scope, Weights};
 use decoder::Decoder;
 use encoder::{Encoder, Queries};
 use frame::FrameCoder;
+use gaussian::Gaussian;
 
 /// Weights above this count as held by the bone (SkinTokens' metric threshold).
 pub const ACTIVE: f64 = 0.01;
@@ -39,6 +42,7 @@ pub struct FsqCvae {
     encoder: Encoder,
     quant: Linear,
     fsq: ProjectedFsq,
+    gaussian: Option<Gaussian>,
     frame: Option<FrameCoder>,
     post_quant: Linear,
     decoder: Decoder,
@@ -104,6 +108,8 @@ impl FsqCvae {
                 0.0,
             ),
             fsq: ProjectedFsq::new(at.sub("FSQ"), &c.levels, c.latent, c.extensions.code_octaves)?,
+            gaussian: (c.bottleneck == Bottleneck::Gaussian)
+                .then(|| Gaussian::new(at.sub("log_variance"), c.latent, c.learned_axes())),
             frame: c.extensions.frame.then(|| FrameCoder::new(&c.levels)),
             embedding,
             config: c.clone(),
@@ -146,19 +152,37 @@ impl FsqCvae {
         self.quant.forward(w, &tokens)
     }
 
-    /// Latents [m, k, l] to codes [m, k, axes] in [-1, 1], gradients straight through.
-    pub fn quantize(&self, w: &Weights, latent: &Tensor, cloud: &SkinCloud) -> Tensor {
+    /// Latents [m, k, l] to codes [m, k, axes]: rounded, in [-1, 1], gradients straight through; or real numbers, drawn
+    /// with `noise` [m, k, [`FsqCvaeConfig::learned_axes`]] from N(0, 1), their means without.
+    pub fn code(&self, w: &Weights, latent: &Tensor, cloud: &SkinCloud, noise: Option<&Tensor>) -> Coded {
         let k = latent.size()[1];
-        let Some(coder) = &self.frame else { return self.fsq.encode(w, latent, self.anchors(cloud, k).as_ref()) };
-        let codes = self.fsq.encode(w, latent, None);
+        let learned = match &self.gaussian {
+            Some(gaussian) => gaussian.code(w, &self.unrounded(w, latent), latent, noise),
+            None => {
+                let codes = self.fsq.encode(w, latent, self.anchors(cloud, k).as_ref());
+                Coded { codes: self.learned(codes), divergence: None }
+            }
+        };
+        let Some(coder) = &self.frame else { return learned };
         let told = coder.tell(&cloud.positions(), &cloud.weights, &cloud.places(k));
-        Tensor::cat(&[told, codes.narrow(2, 3, codes.size()[2] - 3)], 2)
+        Coded { codes: Tensor::cat(&[told, learned.codes], 2), ..learned }
+    }
+
+    /// As [`Self::code`], the codes alone and nothing drawn.
+    pub fn quantize(&self, w: &Weights, latent: &Tensor, cloud: &SkinCloud) -> Tensor {
+        self.code(w, latent, cloud, None).codes
     }
 
     /// Of the learned axes, what is rounded, without anchors [m, k, axes]: for [`crate::loss::spread`].
     pub fn unrounded(&self, w: &Weights, latent: &Tensor) -> Tensor {
-        let z = self.fsq.project(w, latent);
-        if self.frame.is_some() { z.narrow(-1, 3, z.size()[2] - 3) } else { z }
+        self.learned(self.fsq.project(w, latent))
+    }
+
+    /// Of all axes [m, k, axes] those that are learned.
+    fn learned(&self, all: Tensor) -> Tensor {
+        let learned = self.config.learned_axes() as i64;
+        let told = all.size()[2] - learned;
+        if told == 0 { all } else { all.narrow(-1, told, learned) }
     }
 
     /// Codes to latents [m, k, l], as the decoder's first layer reads them.

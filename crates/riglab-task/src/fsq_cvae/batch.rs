@@ -6,7 +6,7 @@ use riglab_augment::AffineMap;
 use riglab_core::{Segment, Vec3};
 use riglab_data::Mixture;
 use riglab_geom::farthest_points;
-use riglab_nn::fsq_cvae::{BONE_FEATURES, BONE_POINT_FEATURES, SkinQueries};
+use riglab_nn::fsq_cvae::{BONE_FEATURES, BONE_POINT_FEATURES, Bottleneck, SkinQueries};
 use riglab_random::{Draw, Stream, stream};
 use riglab_train::Source;
 
@@ -41,6 +41,8 @@ pub struct Batch {
     pub bone_points: Vec<f32>,
     /// Codes the decoder is given.
     pub prefix: usize,
+    /// [m, prefix, learned axes] of N(0, 1), where codes are drawn.
+    pub noise: Vec<f32>,
 }
 
 /// Makes batches by number.
@@ -122,6 +124,11 @@ impl Source for BatchSource {
                 let points = make.mix(&rig.bones[b], &s.decoder);
                 make.ask(b, &points, &segments, &mut batch);
             }
+        }
+        if c.model.bottleneck == Bottleneck::Gaussian {
+            let mut random = stream(c.train.seed, "latent noise", &[number]);
+            let numbers = batch.bones * batch.prefix * c.model.learned_axes();
+            batch.noise = (0..numbers).map(|_| random.normal()).collect();
         }
         Ok(batch)
     }

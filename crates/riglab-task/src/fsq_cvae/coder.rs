@@ -1,7 +1,7 @@
 //! A trained auto-encoder at work: bones to codes, codes to weights.
 
 use riglab_core::Segment;
-use riglab_nn::fsq_cvae::FsqCvae;
+use riglab_nn::fsq_cvae::{Coded, FsqCvae};
 use riglab_nn::params::Weights;
 use riglab_random::Stream;
 use tch::{Device, Kind, Tensor};
@@ -37,12 +37,12 @@ impl Coder<'_> {
         self.net.encode_shape(self.weights, &cloud, &queries)
     }
 
-    /// The first `k` codes of every bone, [m, k, axes]. The k first of all are not the same as the k first alone:
+    /// The first `k` codes of every bone, [m, k, axes], and what they tell. The k first of all are not the same as the k first alone:
     /// see `FsqCvae::encode_skin`.
-    pub fn encode(&self, rig: &Prepared, k: usize, random: &mut Stream) -> Tensor {
+    pub fn encode(&self, rig: &Prepared, k: usize, random: &mut Stream) -> Coded {
         let _no_grad = tch::no_grad_guard();
         let mut make = Maker { config: self.config, rig, map: None, random };
-        let mut codes = Vec::new();
+        let (mut codes, mut divergence) = (Vec::new(), Vec::new());
         let all: Vec<usize> = (0..rig.bones.len()).collect();
         for chunk in all.chunks(BONES_AT_ONCE) {
             let mut batch = Batch::default();
@@ -51,9 +51,12 @@ impl Coder<'_> {
             }
             let cloud = tensors::skin(self.config, &batch, self.device);
             let latent = self.net.encode_skin(self.weights, &cloud, k);
-            codes.push(self.net.quantize(self.weights, &latent, &cloud));
+            let coded = self.net.code(self.weights, &latent, &cloud, None);
+            codes.push(coded.codes);
+            divergence.extend(coded.divergence);
         }
-        Tensor::cat(&codes, 0)
+        let divergence = (!divergence.is_empty()).then(|| Tensor::cat(&divergence, 0));
+        Coded { codes: Tensor::cat(&codes, 0), divergence }
     }
 
     /// Raw shares at points, a row a point, a column a bone, from codes [m, k, axes] and the mesh's shape tokens.

@@ -1,7 +1,7 @@
 //! Settings of the task.
 
 use riglab_augment::AffineConfig;
-use riglab_nn::fsq_cvae::{FsqCvaeConfig, SkinQueries};
+use riglab_nn::fsq_cvae::{Bottleneck, FsqCvaeConfig, SkinQueries};
 use riglab_train::TrainConfig;
 use serde::{Deserialize, Serialize};
 
@@ -97,6 +97,8 @@ pub struct LossConfig {
     pub support: f64,
     /// Weight of how far codes are from filling their codebook (an extension).
     pub spread: f64,
+    /// Weight of what a code tells, in nats, with `model.bottleneck = "gaussian"` (an extension).
+    pub kl: f64,
 }
 
 /// Evaluation on whole meshes.
@@ -138,7 +140,7 @@ impl Default for PrefixConfig {
 
 impl Default for LossConfig {
     fn default() -> Self {
-        Self { bce: 1.0, mse: 0.1, dice: 1.0, support: 0.0, spread: 0.0 }
+        Self { bce: 1.0, mse: 0.1, dice: 1.0, support: 0.0, spread: 0.0, kl: 0.0 }
     }
 }
 
@@ -207,14 +209,25 @@ impl FsqCvaeTaskConfig {
             return fault("sampling.prefix.lengths", "a prefix has at least 1 code".into());
         }
         let l = &self.loss;
-        for (key, v) in [("bce", l.bce), ("mse", l.mse), ("dice", l.dice), ("support", l.support), ("spread", l.spread)]
-        {
+        let all = [("bce", l.bce), ("mse", l.mse), ("dice", l.dice), ("support", l.support)];
+        for (key, v) in all.into_iter().chain([("spread", l.spread), ("kl", l.kl)]) {
             if !(v >= 0.0 && v.is_finite()) {
                 return fault(&format!("loss.{key}"), format!("{key} = {v} must not be negative"));
             }
         }
         if [l.bce, l.mse, l.dice, l.support].iter().all(|&v| v == 0.0) {
             return fault("loss", "every part of the loss has weight 0".into());
+        }
+        match self.model.bottleneck {
+            Bottleneck::Fsq if l.kl != 0.0 => {
+                let message = "rounded codes have no divergence: set kl = 0, or model.bottleneck = \"gaussian\"";
+                return fault("loss.kl", message.into());
+            }
+            Bottleneck::Gaussian if l.spread != 0.0 => {
+                let message = "real numbers have no codebook to fill: set spread = 0, or model.bottleneck = \"fsq\"";
+                return fault("loss.spread", message.into());
+            }
+            _ => {}
         }
         if let Some(k) = self.eval.prefixes.iter().find(|&&k| k == 0 || k > self.model.skin_tokens) {
             return fault(

@@ -5,11 +5,13 @@ use std::sync::Arc;
 
 use riglab_core::{DecodeRule, JointId};
 use riglab_metric::{Baseline, Codebook, SkinMetrics, SkinTally, bone_distances, compression_ratio, nan_for_null};
+use riglab_nn::fsq::Fsq;
+use riglab_nn::fsq_cvae::Coded;
 use riglab_nn::params::Weights;
 use riglab_random::{Draw, stream};
 use riglab_train::At;
 use serde::{Deserialize, Serialize};
-use tch::Tensor;
+use tch::{Kind, Tensor};
 
 use super::FsqCvaeTask;
 use super::batch::prepared;
@@ -93,7 +95,7 @@ pub struct BoneCodes {
     pub codes: Vec<i64>,
 }
 
-/// How the codebook is used by a split.
+/// How the codebook is used by a split; codes that are real numbers have none, and only `tokens` and `bits`.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct CodebookRow {
     /// Tokens counted: few of them cannot use many codes.
@@ -101,13 +103,58 @@ pub struct CodebookRow {
     /// Different codes among them.
     pub distinct: usize,
     /// Of all codes.
+    #[serde(deserialize_with = "nan_for_null")]
     pub utilisation: f64,
     /// exp of the entropy.
+    #[serde(deserialize_with = "nan_for_null")]
     pub perplexity: f64,
+    /// What a code tells, at most, each axis by itself: the entropy of its levels over the split, and of an axis that is
+    /// a real number the mean divergence from N(0, 1).
+    #[serde(default = "not_known", deserialize_with = "nan_for_null")]
+    pub bits: f64,
     /// Mean over assets of dense 16-bit weights over codes of ⌈log2 C⌉ bits, all codes kept.
+    #[serde(deserialize_with = "nan_for_null")]
     pub compression_ratio: f64,
     /// The same with 2 bytes a code.
+    #[serde(deserialize_with = "nan_for_null")]
     pub compression_ratio_16_bit: f64,
+}
+
+fn not_known() -> f64 {
+    f64::NAN
+}
+
+/// Sums of how codes are used.
+#[derive(Default)]
+struct Use {
+    codes: Codebook,
+    /// Of each axis that has levels.
+    axes: Vec<Codebook>,
+    divergence: f64,
+    tokens: u64,
+}
+
+impl Use {
+    /// Adds codes [m, t, axes]; with a divergence [m, t], the last `learned` axes of them are real numbers.
+    fn add(&mut self, fsq: &Fsq, codes: &Tensor, divergence: Option<&Tensor>, learned: usize) {
+        let whole = |t: Tensor| Vec::<i64>::try_from(t.contiguous().view([-1])).unwrap_or_default();
+        self.tokens += (codes.size()[0] * codes.size()[1]) as u64;
+        let rounded = if divergence.is_some() { fsq.levels().len() - learned } else { fsq.levels().len() };
+        self.axes.resize_with(rounded, Codebook::default);
+        let digits = fsq.digits(codes);
+        for (k, axis) in self.axes.iter_mut().enumerate() {
+            axis.add(whole(digits.select(-1, k as i64)));
+        }
+        match divergence {
+            Some(divergence) => self.divergence += divergence.sum(Kind::Double).double_value(&[]),
+            None => self.codes.add(whole(fsq.ids(codes))),
+        }
+    }
+
+    fn bits(&self) -> f64 {
+        let levels: f64 = self.axes.iter().map(|axis| axis.perplexity().log2()).sum();
+        levels + self.divergence / self.tokens as f64 / std::f64::consts::LN_2
+    }
 }
 
 /// An asset encoded: what decoding needs.
@@ -118,8 +165,10 @@ pub struct Encoded {
     pub cond: Tensor,
     /// [m, t, axes]
     pub codes: Tensor,
-    /// [m, t]
-    pub ids: Tensor,
+    /// [m, t]: of rounded codes, their places in the codebook.
+    pub ids: Option<Tensor>,
+    /// [m, t]: of codes that are real numbers, what their learned axes tell, in nats.
+    pub divergence: Option<Tensor>,
 }
 
 /// Sums over a split of one method.
@@ -206,9 +255,9 @@ impl FsqCvaeTask {
         let mut random = stream(self.config.eval.seed, "evaluation", &[id.key()]);
         let coder = self.coder(w);
         let cond = coder.shape(&rig, &mut random);
-        let codes = coder.encode(&rig, self.config.model.skin_tokens, &mut random);
-        let ids = self.net.fsq().ids(&codes);
-        Ok(Encoded { rig, cond, codes, ids })
+        let Coded { codes, divergence } = coder.encode(&rig, self.config.model.skin_tokens, &mut random);
+        let ids = divergence.is_none().then(|| self.net.fsq().ids(&codes));
+        Ok(Encoded { rig, cond, codes, ids, divergence })
     }
 
     /// Raw shares at points, a row a point, a column a bone, from the first `k` codes of each bone.
@@ -314,13 +363,14 @@ impl FsqCvaeTask {
         let all = self.config.model.skin_tokens;
         let mut methods: BTreeMap<(usize, String), Sums> = BTreeMap::new();
         let mut baselines: Vec<Sums> = Baseline::SHOWN.iter().map(|_| Sums::default()).collect();
-        let (mut codebook, mut ratios) = (Codebook::default(), Vec::new());
-        let size = self.net.fsq().size();
+        let (mut used, mut ratios) = (Use::default(), Vec::new());
+        let fsq = self.net.fsq();
         for id in self.assets.split(split).map_err(|e| e.to_string())? {
             let encoded = self.encode(w, id)?;
             let (rig, joints) = (encoded.rig.clone(), encoded.rig.bones.len());
             let truth = Truth::new(&rig, None);
-            let ids = Vec::<i64>::try_from(encoded.ids.view([-1])).unwrap_or_default();
+            let ids = encoded.ids.as_ref().and_then(|ids| Vec::<i64>::try_from(ids.view([-1])).ok());
+            let ids = ids.unwrap_or_default();
             for (bone, codes) in rig.bones.iter().zip(ids.chunks(all)) {
                 report.codes.push(BoneCodes {
                     split: split.into(),
@@ -330,8 +380,8 @@ impl FsqCvaeTask {
                     codes: codes.to_vec(),
                 });
             }
-            codebook.add(ids);
-            ratios.push([1 << 16, size].map(|c| compression_ratio(truth.points.len(), all, c)));
+            used.add(fsq, &encoded.codes, encoded.divergence.as_ref(), self.config.model.learned_axes());
+            ratios.push([1 << 16, fsq.size()].map(|c| compression_ratio(truth.points.len(), all, c)));
             let mut tally = |key: (usize, &str), predicted: &[f32]| {
                 let t = SkinTally::of(&truth.dense, predicted, joints);
                 methods.entry((key.0, key.1.into())).or_default().add(&t);
@@ -369,16 +419,18 @@ impl FsqCvaeTask {
         }
         report.rows.extend(methods.iter().map(|((k, method), sums)| sums.row(split, method, *k)));
         report.rows.extend(baselines.iter().zip(Baseline::SHOWN).map(|(sums, b)| sums.row(split, &b.name(), 0)));
+        let of_codes = |x: f64| if used.codes.tokens() == 0 { f64::NAN } else { x };
         let mean = |k: usize| ratios.iter().map(|r: &[f64; 2]| r[k]).sum::<f64>() / ratios.len().max(1) as f64;
         report.codebook.insert(
             split.into(),
             CodebookRow {
-                tokens: codebook.tokens(),
-                distinct: codebook.distinct(),
-                utilisation: codebook.utilisation(size),
-                perplexity: codebook.perplexity(),
-                compression_ratio: mean(1),
-                compression_ratio_16_bit: mean(0),
+                tokens: used.tokens,
+                distinct: used.codes.distinct(),
+                utilisation: of_codes(used.codes.utilisation(fsq.size())),
+                perplexity: of_codes(used.codes.perplexity()),
+                bits: used.bits(),
+                compression_ratio: of_codes(mean(1)),
+                compression_ratio_16_bit: of_codes(mean(0)),
             },
         );
         Ok(())
@@ -401,4 +453,27 @@ fn best_index(rules: &[Sums]) -> usize {
 
 fn best(rules: &[Sums], split: &str, tokens: usize) -> Row {
     rules[best_index(rules)].row(split, "rule", tokens)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_codes_tell_is_their_entropy_or_their_divergence() {
+        let fsq = Fsq::new(&[4, 3]).unwrap();
+        let ids = Tensor::arange(12, (Kind::Int64, tch::Device::Cpu)).view([3, 4]);
+        let codes = fsq.codes(&ids, Kind::Float);
+        let of = |divergence: Option<&Tensor>| {
+            let mut used = Use::default();
+            used.add(&fsq, &codes, divergence, 1);
+            (used.codes.distinct(), used.bits())
+        };
+        // Each code once: as much as codes can tell.
+        let (distinct, bits) = of(None);
+        assert!(distinct == 12 && (bits - 12f64.log2()).abs() < 1e-9);
+        // The second axis a real number of one nat.
+        let (distinct, bits) = of(Some(&Tensor::ones([3, 4], (Kind::Float, tch::Device::Cpu))));
+        assert!(distinct == 0 && (bits - 2.0 - std::f64::consts::E.log2()).abs() < 1e-9);
+    }
 }

@@ -4,7 +4,7 @@ use std::path::Path;
 use std::sync::Mutex;
 
 use riglab_config::Config;
-use riglab_nn::fsq_cvae::FsqCvae;
+use riglab_nn::fsq_cvae::{Bottleneck, FsqCvae};
 use riglab_nn::params::{Params, Weights};
 use riglab_train::{Checkpoint, State};
 use tch::Device;
@@ -21,6 +21,18 @@ pub struct Frozen {
     /// Its weights in bfloat16, once they were asked for.
     half: Mutex<Option<Weights>>,
     device: Device,
+}
+
+/// Codes that are real numbers are no tokens.
+fn has_tokens(config: &FsqCvaeTaskConfig) -> Result<(), String> {
+    match config.model.bottleneck {
+        Bottleneck::Fsq => Ok(()),
+        Bottleneck::Gaussian => {
+            Err("the codes of this auto-encoder are real numbers, of which no tokens can be made: \
+                                     train one with model.bottleneck = \"fsq\" (skintokens/fsq_cvae_for_tokenrig.toml)"
+                .into())
+        }
+    }
 }
 
 impl Frozen {
@@ -48,6 +60,7 @@ impl Frozen {
             .and_then(|c| c.get::<FsqCvaeTaskConfig>())
             .map_err(|e| format!("{}: no config of task fsq_cvae ({e})", path.display()))?;
         config.validate().map_err(|(key, message)| format!("{}: {key}: {message}", path.display()))?;
+        has_tokens(&config).map_err(|e| format!("{}: {e}", path.display()))?;
         let (net, params) = FsqCvaeTask::network(&config, device).map_err(|e| format!("{}: {e}", path.display()))?;
         let checkpoint = Checkpoint::open(&run.join("checkpoints").join("best")).map_err(|e| e.to_string())?;
         checkpoint.load_weights(&params).map_err(|e| e.to_string())?;
@@ -65,6 +78,7 @@ impl Frozen {
         let config = Config::from_toml_str(&name, &settings).and_then(|c| c.get::<FsqCvaeTaskConfig>());
         let config = config.map_err(|e| fault(e.to_string()))?;
         config.validate().map_err(|(key, message)| fault(format!("{key}: {message}")))?;
+        has_tokens(&config).map_err(fault)?;
         let (net, params) = FsqCvaeTask::network(&config, device).map_err(|e| fault(e.to_string()))?;
         params.load(&tensors).map_err(|e| fault(e.to_string()))?;
         Ok(Self::new(config, net, params, device))

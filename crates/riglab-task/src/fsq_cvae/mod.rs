@@ -14,7 +14,7 @@ mod tensors;
 use std::sync::Arc;
 
 use riglab_nn::NnError;
-use riglab_nn::fsq_cvae::{ACTIVE, FsqCvae};
+use riglab_nn::fsq_cvae::{ACTIVE, Coded, FsqCvae};
 use riglab_nn::loss;
 use riglab_nn::params::{Builder, Params, Weights};
 use riglab_train::{At, Better, Loss, Source, State, Task, Validation};
@@ -167,7 +167,7 @@ pub fn loss_of(
     let (points, targets, geometry) = tensors::asked(c, batch, device);
     let cond = net.encode_shape(w, &shape, &shape_queries);
     let latent = net.encode_skin(w, &cloud, batch.prefix);
-    let codes = net.quantize(w, &latent, &cloud);
+    let Coded { codes, divergence } = net.code(w, &latent, &cloud, tensors::noise(c, batch, device).as_ref());
     let logits = net.decode(w, &codes, &cond, &points, geometry.as_ref());
     let predicted = logits.sigmoid();
     let mut loss = Loss::new()
@@ -179,6 +179,9 @@ pub fn loss_of(
     }
     if c.loss.spread > 0.0 {
         loss = loss.term("spread", c.loss.spread, loss::spread(&net.unrounded(w, &latent)));
+    }
+    if let Some(divergence) = divergence {
+        loss = loss.term("kl", c.loss.kl, divergence.mean(None::<Kind>));
     }
     Ok(loss.note("prefix", batch.prefix as f64))
 }

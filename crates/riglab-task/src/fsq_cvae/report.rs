@@ -89,21 +89,25 @@ impl Evaluation {
     }
 
     fn codes(&self) -> Table {
-        let head = ["split", "tokens", "distinct", "utilisation", "perplexity", "compression", "(2 bytes a code)"];
+        let head =
+            ["split", "tokens", "distinct", "utilisation", "perplexity", "bits", "compression", "(2 bytes a code)"];
         let mut table = Table::new("How the codebook is used, all codes kept", &head);
         for (split, c) in &self.report.codebook {
             table.row(vec![
                 Cell::text(split),
                 Cell::count(c.tokens as usize),
-                Cell::count(c.distinct),
+                if c.distinct == 0 { Cell::none() } else { Cell::count(c.distinct) },
                 Cell::number(c.utilisation, 4),
                 Cell::number(c.perplexity, 0),
+                Cell::number(c.bits, 2),
                 Cell::number(c.compression_ratio, 1),
                 Cell::number(c.compression_ratio_16_bit, 1),
             ]);
         }
         table.note = "Compression: 16-bit weights of every vertex over the bits of the codes, mean over assets. Few \
-                      tokens cannot use many codes: read utilisation beside the number of tokens."
+                      tokens cannot use many codes: read utilisation beside the number of tokens. Bits: what a code tells \
+                      at most, by the entropy of each axis; of axes that are real numbers (model.bottleneck = \
+                      \"gaussian\") by their divergence from N(0, 1)."
             .into();
         table
     }

@@ -20,10 +20,14 @@ pub fn lines(report: &Report) -> Vec<String> {
                 r.method, p.iou, r.per_rig.iou, p.l1, p.precision, p.recall, r.per_rig.mask_cover_bone
             ));
         }
-        out.push(format!(
-            "codes: {} of {} tokens differ, utilisation {:.4}, perplexity {:.0}",
-            codes.distinct, codes.tokens, codes.utilisation, codes.perplexity
-        ));
+        out.push(if codes.distinct == 0 {
+            format!("codes: {} of real numbers, {:.1} bits each", codes.tokens, codes.bits)
+        } else {
+            format!(
+                "codes: {} of {} tokens differ, utilisation {:.4}, perplexity {:.0}, {:.1} bits each at most",
+                codes.distinct, codes.tokens, codes.utilisation, codes.perplexity, codes.bits
+            )
+        });
     }
     out
 }

@@ -32,6 +32,11 @@ pub fn skin(c: &FsqCvaeTaskConfig, b: &Batch, device: Device) -> SkinCloud {
     }
 }
 
+/// What codes are drawn with [m, k, axes], where they are.
+pub fn noise(c: &FsqCvaeTaskConfig, b: &Batch, device: Device) -> Option<Tensor> {
+    (!b.noise.is_empty()).then(|| tensor(&b.noise, &[b.bones, b.prefix, c.model.learned_axes()], device))
+}
+
 /// The decoder's points [m, p, 6], the true weights there [m, p], and the bones' geometry.
 pub fn asked(c: &FsqCvaeTaskConfig, b: &Batch, device: Device) -> (Tensor, Tensor, Option<BoneGeometry>) {
     let p = c.sampling.decoder.total();
