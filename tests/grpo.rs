@@ -1,5 +1,5 @@
-//! GRPO from the shipped model by the product's commands: first steps, a kill in the middle of a rollout, and the refined
-//! model at work.
+//! GRPO from the shipped model, and from a skeleton model, by the product's commands: first steps, a kill in the middle
+//! of a rollout, and the refined model at work.
 
 mod binary;
 
@@ -159,6 +159,61 @@ fn a_policy_that_runs_away_is_stopped() {
     let start = "start.model='no such model'";
     let said = refusal(&mut riglab(&["train", text(&config), "--set", start]));
     assert!(said.contains("no such model"), "{said}");
+}
+
+#[test]
+fn a_skeleton_model_is_refined_by_what_is_about_joints() {
+    let dir = tempfile::tempdir().unwrap();
+    let corpus = corpus(dir.path(), 14);
+    let data = format!("[data]\ncorpora = ['{}']\n", corpus.display());
+    let skeletons = dir.path().join("skeletons.toml");
+    let small = "[model]\nextends = 'model/unirig_skeleton/tiny.toml'\n[train]\nsteps = 12\n[eval]\nvalidation_assets = 1\n\
+                 consensus = 1\n[limits]\njoints = 24\ntokens = 96\n";
+    fs::write(&skeletons, format!("extends = 'quickstart/unirig_skeleton.toml'\n{small}{data}")).unwrap();
+    let start = dir.path().join("start");
+    must(&["train", text(&skeletons), "--run", text(&start)]);
+
+    let config = dir.path().join("grpo.toml");
+    let settings = SETTINGS.replace("skintokens/grpo_quick.toml", "unirig/skeleton_grpo.toml");
+    fs::write(&config, format!("{settings}[start]\nmodel = '{}'\n{data}", start.display())).unwrap();
+    let (run, broken) = (dir.path().join("run"), dir.path().join("broken"));
+    must(&["train", text(&config), "--run", text(&run)]);
+    let steps: Vec<Value> = lines(&run).into_iter().filter(|l| l["train/loss"].is_number()).collect();
+    assert_eq!(steps.len(), 8);
+    let of = |step: usize, name: &str| steps[step][&format!("train/{name}")].as_f64().unwrap_or(f64::NAN);
+    for step in [0, 4] {
+        assert!((of(step, "ratio") - 1.0).abs() < 1e-5, "{}", steps[step]);
+        assert!(of(step, "clip_fraction") == 0.0 && of(step, "sampler_gap") < 1e-4, "{}", steps[step]);
+        assert!(of(step, "valid") == 1.0 && of(step, "spread") > 0.0 && of(step, "entropy") > 0.0);
+        assert!((of(step, "reward") - 5.0 * of(step, "coverage") - of(step, "containment")).abs() < 1e-9);
+    }
+    assert!(of(0, "divergence") == 0.0 && (1..8).all(|step| of(step, "divergence") > 0.0), "the policy moves");
+
+    // Stopped in the middle of a rollout.
+    must(&["train", text(&config), "--run", text(&broken), "--set", "train.keep=9"]);
+    for name in ["step-00000004", "step-00000006", "step-00000008", "best", "last"] {
+        let path = broken.join("checkpoints").join(name);
+        let _ = fs::remove_file(&path).or_else(|_| fs::remove_dir_all(&path));
+    }
+    must(&["train", "--resume", text(&broken)]);
+    assert_eq!(fs::read(run.join("metrics.jsonl")).unwrap(), fs::read(broken.join("metrics.jsonl")).unwrap());
+
+    let said = String::from_utf8(must(&["eval", text(&run), "--json", "--pictures", "1"]).stdout).unwrap();
+    let evaluation: Value = serde_json::from_str(&said).unwrap();
+    let row = &evaluation["report"]["rows"][1];
+    assert!(row["skeletons"]["method"] == "after" && row["skeletons"]["valid"] == 1.0, "{row}");
+    assert!(row["rewards"]["coverage"].as_f64() > Some(0.0) && row["rewards"]["skinning"] == 0.0, "{row}");
+    assert!(!evaluation["gallery"].as_array().unwrap().is_empty());
+
+    // Weights cannot be judged, and there is no rig to be made.
+    let said = refusal(&mut riglab(&["train", text(&config), "--set", "reward.weights=[5.0, 1.0, 1.0, 1.0]"]));
+    assert!(said.contains("reward.weights") && said.contains("skeleton model"), "{said}");
+    let mesh = fs::read_dir(dir.path().join("files")).unwrap().map(|e| e.unwrap().path());
+    let mesh = mesh.filter(|p| p.extension().is_some_and(|e| e == "glb")).min().unwrap();
+    let out = dir.path().join("a.glb");
+    let rig = ["rig", text(&mesh), "-o", text(&out), "--skeleton", "predict", "--checkpoint", text(&run)];
+    let said = refusal(&mut riglab(&rig));
+    assert!(said.contains("no weights") && said.contains("riglab eval"), "{said}");
 }
 
 #[test]

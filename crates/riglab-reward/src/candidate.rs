@@ -115,6 +115,14 @@ impl Candidate {
         Ok(Self { heads, parents, weights })
     }
 
+    /// Joints alone: what is about weights is not judged.
+    ///
+    /// # Errors
+    /// As [`Self::new`].
+    pub fn skeleton(heads: Vec<[f64; 3]>, parents: Vec<Option<usize>>) -> Result<Self, CandidateError> {
+        Self::new(heads, parents, RawWeights::new(std::iter::empty::<[(u16, f64); 0]>()))
+    }
+
     /// A sound rig as a candidate.
     pub fn of(rig: &Rig) -> Self {
         Self {
@@ -134,7 +142,7 @@ impl Candidate {
         &self.parents
     }
 
-    /// The weights.
+    /// The weights; without rows where there are joints alone.
     pub fn weights(&self) -> &RawWeights {
         &self.weights
     }

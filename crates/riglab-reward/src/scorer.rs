@@ -154,13 +154,25 @@ impl Scorer {
         &self.voxels
     }
 
-    /// The rewards of one candidate; all 0 where its rows of weights are not those of the mesh.
+    /// The rewards of one candidate; all 0 where its rows of weights are not those of the mesh. Where it has none, a
+    /// skeleton alone, skinning and motion are 0.
     pub fn score(&self, candidate: &Candidate) -> Rewards {
-        if candidate.weights().rows() != self.positions.len() {
+        let (c, rows) = (&self.config, candidate.weights().rows());
+        if rows != 0 && rows != self.positions.len() {
             return Rewards::default();
         }
-        let c = &self.config;
         let (heads, parents) = (candidate.heads(), candidate.parents());
+        let bones = [self.cells.of(heads, c.alpha), containment(&self.voxels, heads, parents, c.bone_steps, true)];
+        let weights = if rows == 0 { [0.0; 2] } else { self.of_weights(candidate) };
+        let parts = [bones[0], bones[1], weights[0], weights[1]];
+        let [coverage, containment, skinning, motion] = parts.map(|r| if r.is_finite() { r } else { 0.0 });
+        let total = [coverage, containment, skinning, motion].iter().zip(c.weights).map(|(r, w)| r * w).sum();
+        Rewards { coverage, containment, skinning, motion, total }
+    }
+
+    /// Those of skinning and motion.
+    fn of_weights(&self, candidate: &Candidate) -> [f64; 2] {
+        let (c, heads, parents) = (&self.config, candidate.heads(), candidate.parents());
         let inner: Vec<[f64; 3]> = heads.iter().map(|p| apply(&self.map, *p)).collect();
         let poses: Vec<_> = random_poses(heads.len(), c.poses, c.pose_degrees, c.seed)
             .iter()
@@ -168,15 +180,10 @@ impl Scorer {
             .collect();
         let stretch = stretches_by(&self.positions, &self.edges, &self.inverse, candidate.weights(), &poses);
         let mean = stretch.iter().sum::<f64>() / stretch.len().max(1) as f64;
-        let parts = [
-            self.cells.of(heads, c.alpha),
-            containment(&self.voxels, heads, parents, c.bone_steps, true),
+        [
             skinning(candidate.weights(), c.beta, [c.unbound_exponent, c.crowded_exponent]),
             if stretch.is_empty() { 0.0 } else { 1.0 / (1.0 + c.stretch_scale * mean) },
-        ];
-        let [coverage, containment, skinning, motion] = parts.map(|r| if r.is_finite() { r } else { 0.0 });
-        let total = [coverage, containment, skinning, motion].iter().zip(c.weights).map(|(r, w)| r * w).sum();
-        Rewards { coverage, containment, skinning, motion, total }
+        ]
     }
 
     /// The rewards of a group, scored in parallel. `None` is a sequence that could not be decoded: 0.

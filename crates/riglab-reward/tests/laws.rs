@@ -110,6 +110,9 @@ fn groups_are_scored_as_single_ones_and_what_is_undecodable_is_worth_nothing() {
     assert!(rewards[0].coverage > 0.5 && containment > 0.5 && skinning > 0.9 && motion > 0.3, "{:?}", rewards[0]);
     assert!((total - (5.0 * coverage + containment + skinning + motion)).abs() < 1e-12);
     assert!(rewards[2].coverage < 1e-3 && rewards[2].containment == 0.0 && rewards[2].skinning == 0.5);
+    let alone = Candidate::skeleton(candidate.heads().to_vec(), candidate.parents().to_vec()).unwrap();
+    let Rewards { skinning, motion, total, .. } = scorer.score(&alone);
+    assert_eq!((skinning, motion, total), (0.0, 0.0, 5.0 * coverage + containment), "a skeleton alone");
     let with =
         |n| rayon::ThreadPoolBuilder::new().num_threads(n).build().unwrap().install(|| scorer.score_group(&group));
     assert_eq!(with(1), with(3));

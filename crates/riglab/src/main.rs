@@ -96,7 +96,7 @@ fn main() -> ExitCode {
         Command::Doctor(args) => commands::doctor::run(&args, threads),
         Command::Tokens(args) => commands::tokens::run(&args),
         Command::Train(args) => commands::train::run(&args, threads),
-        Command::Sweep(args) => commands::sweep::run(&args),
+        Command::Sweep(args) => commands::sweep::run(&args, threads),
         Command::Eval(args) => commands::eval::run(&args, threads),
     };
     match done {

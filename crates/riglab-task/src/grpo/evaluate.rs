@@ -2,7 +2,8 @@
 
 use std::sync::Arc;
 
-use riglab_core::Rig;
+use riglab_core::{Mesh, Rig};
+use riglab_geom::CloudSampler;
 use riglab_metric::statistics::Paired;
 use riglab_metric::{Joints, SkeletonDistances};
 use riglab_nn::generate::GenerateConfig;
@@ -13,6 +14,7 @@ use riglab_render::{Picture, Theme, View, contact_sheet, render_parts, render_sk
 use riglab_report::Turntable;
 use riglab_reward::{Rewards, Scorer};
 use riglab_train::{At, Validation};
+use tch::Tensor;
 
 use super::GrpoTask;
 use super::batch::Subject;
@@ -21,7 +23,8 @@ use super::score::rewards;
 use crate::assets::AssetId;
 use crate::experiment::{Sheet, places};
 use crate::tokenrig::Drawn;
-use crate::unirig_skeleton::batch::normalized;
+use crate::unirig_skeleton::Batch as Shapes;
+use crate::unirig_skeleton::batch::{normalized, shape};
 use crate::unirig_skeleton::evaluate::{Sums, joints};
 
 /// Rigs drawn of the mesh whose best and worst are shown.
@@ -137,15 +140,26 @@ impl Pair {
 
 impl GrpoTask {
     fn held_of(&self, id: AssetId) -> Result<Held, String> {
-        let rig = normalized(&self.inner.assets, &self.inner.cache, id)?;
+        let pool = self.policy.pool();
+        let rig = normalized(pool.assets, pool.cache, id)?;
         let scorer = Scorer::new(rig.mesh(), &self.config.reward);
         let subject = Subject { key: id.key(), mesh: rig.mesh().clone(), scorer };
         Ok(Held { id, rig, subject })
     }
 
+    /// Reads the shapes of meshes in the cube, [b, p, d]; `keys` seed the points.
+    fn condition(&self, w: &Weights, meshes: &[(&Mesh, u64)]) -> Tensor {
+        let ((cloud, model), mut batch) = (self.policy.reads(), Shapes::default());
+        for (mesh, key) in meshes {
+            let mut random = stream(self.config.eval.seed, "skeleton evaluation", &[*key]);
+            shape(cloud, model, &CloudSampler::new(mesh, cloud), &mut random, &mut batch);
+        }
+        self.policy.prefix(w, &batch)
+    }
+
     /// Makes rigs of each mesh and judges them, those of a mesh one after another.
     fn judge(&self, w: &Weights, all: &[&Held], how: How, tally: &mut Tally) -> Result<Vec<Found>, String> {
-        let (c, rigger) = (&self.config, self.rigger());
+        let c = &self.config;
         let (count, generate) = match how {
             How::Draws(count) => (count, c.draws()),
             How::Own => (1, c.eval.generate.clone()),
@@ -154,13 +168,13 @@ impl GrpoTask {
         let mut out = Vec::with_capacity(numbered.len());
         for part in numbered.chunks(c.eval.rows) {
             let meshes: Vec<_> = part.iter().map(|(h, _)| (h.rig.mesh(), h.id.key())).collect();
-            let prefix = rigger.condition(w, &meshes);
+            let prefix = self.condition(w, &meshes);
             let draws = |(h, k): &(&Held, u64)| stream(c.eval.seed, "skeleton draws", &[h.id.key(), *k]);
             let mut streams: Vec<_> = part.iter().map(draws).collect();
-            let drawn = rigger.draw(w, &prefix, &vec![rigger.free(); part.len()], &generate, &mut streams)?;
+            let drawn = self.policy.draw(w, &prefix, &generate, &mut streams)?;
             let judged = self.judged(c.eval.vertices.min(c.rollout.vertices), c.eval.seed);
             for (drawn, (held, _)) in drawn.into_iter().zip(part) {
-                let own = rewards(rigger.vae(), &held.subject, std::slice::from_ref(&drawn), &judged)?;
+                let own = rewards(self.policy.vae(), &held.subject, std::slice::from_ref(&drawn), &judged)?;
                 out.push(tally.add(held, drawn, own[0]));
             }
         }
@@ -181,7 +195,7 @@ impl GrpoTask {
             return Ok(all.clone());
         }
         let c = &self.config.eval;
-        let mut ids = self.inner.validation_assets.clone();
+        let mut ids = self.policy.pool().validate.to_vec();
         stream(c.seed, "validation assets", &[]).shuffled(&mut ids);
         ids.truncate(if c.validation_assets == 0 { usize::MAX } else { c.validation_assets });
         let all = ids.into_iter().map(|id| self.held_of(id).map(Arc::new)).collect::<Result<Vec<_>, _>>()?;
@@ -253,12 +267,12 @@ impl GrpoTask {
 
     /// The best and the worst of a few rigs of one mesh.
     fn picture(&self, w: &Weights, held: &Held) -> Result<Option<Picture>, String> {
-        let (c, rigger) = (&self.config, self.rigger());
-        let prefix = rigger.condition(w, &[(held.rig.mesh(), held.id.key())]);
+        let c = &self.config;
+        let prefix = self.condition(w, &[(held.rig.mesh(), held.id.key())]);
         let mut streams: Vec<_> = (0..SHOWN as u64).map(|k| stream(c.eval.seed, "shown draws", &[k])).collect();
-        let drawn = rigger.draw(w, &prefix, &vec![rigger.free(); SHOWN], &c.draws(), &mut streams)?;
+        let drawn = self.policy.draw(w, &prefix, &c.draws(), &mut streams)?;
         let judged = self.judged(c.rollout.vertices, c.eval.seed);
-        let worth = rewards(rigger.vae(), &held.subject, &drawn, &judged)?;
+        let worth = rewards(self.policy.vae(), &held.subject, &drawn, &judged)?;
         let by = |a: &usize, b: &usize| worth[*a].total.total_cmp(&worth[*b].total);
         let (best, worst) = ((0..SHOWN).max_by(by), (0..SHOWN).min_by(by));
         let view = View::square(SIDE).framed(self.upright(&held.rig)?.bounds());
@@ -277,14 +291,13 @@ impl GrpoTask {
     }
 
     fn upright(&self, rig: &Rig) -> Result<Rig, String> {
-        self.rigger().config().data.up.upright(rig).map_err(|e| e.to_string())
+        self.policy.up().upright(rig).map_err(|e| e.to_string())
     }
 
     /// As it is shown to people.
     fn rig(&self, held: &Held, drawn: &Drawn) -> Result<Option<Rig>, String> {
-        let Ok(decoded) = &drawn.decoded else { return Ok(None) };
-        let rig = self.inner.rigged(held.rig.mesh(), decoded, &drawn.codes, held.id.key())?;
-        self.upright(&rig).map(Some)
+        let rig = self.policy.rig(held.rig.mesh(), drawn, held.id.key())?;
+        rig.map(|rig| self.upright(&rig)).transpose()
     }
 
     /// The ways in which [`Self::compare`] makes rigs, and how many it makes.
@@ -296,7 +309,8 @@ impl GrpoTask {
 
     /// How many rigs [`Self::compare`] makes.
     pub(super) fn examined(&self) -> Result<usize, String> {
-        let of = |split: &String| self.inner.assets.split(split).map(|ids| ids.len()).map_err(|e| e.to_string());
+        let assets = self.policy.pool().assets;
+        let of = |split: &String| assets.split(split).map(|ids| ids.len()).map_err(|e| e.to_string());
         let all: usize = self.config.data.test.iter().map(of).sum::<Result<usize, String>>()?;
         Ok(2 * all * self.ways().into_iter().map(How::count).sum::<usize>())
     }
@@ -314,7 +328,7 @@ impl GrpoTask {
         let (mut rows, mut gains, mut assets, mut sheets, mut done) =
             (Vec::new(), Vec::new(), Vec::new(), Vec::new(), 0);
         for split in &self.config.data.test {
-            let ids = self.inner.assets.split(split).map_err(|e| e.to_string())?;
+            let ids = self.policy.pool().assets.split(split).map_err(|e| e.to_string())?;
             let mut all: Vec<Pair> = ways.iter().map(|_| Pair::default()).collect();
             for ids in ids.chunks(self.config.eval.rows) {
                 let held = ids.iter().map(|&id| self.held_of(id)).collect::<Result<Vec<_>, _>>()?;
@@ -343,8 +357,8 @@ impl GrpoTask {
                 let judged = |f: &Found| AssetScore { reward: f.rewards.total, distances: f.distances };
                 assets.push(AssetRow {
                     split: split.clone(),
-                    name: self.inner.assets.read(*id).map_err(|e| e.to_string())?.name,
-                    category: self.inner.assets.category(*id)?,
+                    name: self.policy.pool().assets.read(*id).map_err(|e| e.to_string())?.name,
+                    category: self.policy.pool().assets.category(*id)?,
                     before: judged(was),
                     after: judged(is),
                 });
@@ -356,7 +370,7 @@ impl GrpoTask {
                 let (id, was, is) = &found[k];
                 if let Some(sheet) = self.sheet(*id, was, is)? {
                     let file = format!("{:02}-{split}-{why}.png", sheets.len() + 1);
-                    let name = self.inner.assets.read(*id).map_err(|e| e.to_string())?.name;
+                    let name = self.policy.pool().assets.read(*id).map_err(|e| e.to_string())?.name;
                     let (gain, j2j) = (is.rewards.total - was.rewards.total, is.distances.j2j - was.distances.j2j);
                     sheets.push((Shown { file, split: split.clone(), name, why: why.into(), gain, j2j }, sheet));
                 }

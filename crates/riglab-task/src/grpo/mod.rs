@@ -1,8 +1,9 @@
 //! GRPO (SkinTokens 3.4): a trained TokenRig draws groups of rigs for meshes, geometric rewards say which of a group are
-//! better, and the policy learns to draw those, held to where it started.
+//! better, and the policy learns to draw those, held to where it started. UniRig's skeleton model can be refined as well,
+//! by the rewards of joints and bones.
 //!
 //! The one idea: **the trainer's own likelihood is the only one that counts.** Rigs are drawn by the fast sampler, then
-//! asked again with [`riglab_nn::tokenrig::TokenRig::likelihood`], which also gives the gradient, so that the ratio
+//! asked again with the network (for TokenRig [`riglab_nn::tokenrig::TokenRig::likelihood`]), which also gives the gradient, so that the ratio
 //! between new and old policy is 1 before the first update; how far the sampler's own differs is logged.
 //!
 //! Holds: true rigs of the training split are never looked at; a run resumes exactly, in the middle of a rollout too; the
@@ -11,6 +12,7 @@
 mod batch;
 mod config;
 mod evaluate;
+mod policy;
 mod report;
 mod rollout;
 mod score;
@@ -36,12 +38,14 @@ pub use score::{Judged, rewards};
 use crate::assets::{Assets, DataConfig};
 use crate::experiment::{Examined, Experiment};
 use crate::tokenrig::{Card, Rigger, TokenRigTask, TokenRigTaskConfig};
+use crate::unirig_skeleton::{self, SkeletonTask, SkeletonTaskConfig, Trained};
+use policy::Policy;
 
 /// The task, with its policy and data.
 pub struct GrpoTask {
     config: GrpoTaskConfig,
-    /// The policy, as a model that rigs.
-    inner: TokenRigTask,
+    /// What is refined.
+    policy: Box<dyn Policy>,
     /// Where it started, and what it is held to.
     start: Weights,
     /// What is gone over.
@@ -58,8 +62,21 @@ impl GrpoTask {
     /// # Errors
     /// A sentence: a model or a corpus that cannot be read, or a split without assets.
     pub fn new(config: GrpoTaskConfig, device: Device) -> Result<Self, String> {
-        let (start, _) = open_start(&config, device)?;
-        Self::with(config, &start, device)
+        match Start::open(&config, device)? {
+            Start::Rigs(start, _) => Self::with(config, &start, device),
+            Start::Skeletons(start) => {
+                let [_, _, skinning, motion] = config.reward.weights;
+                if skinning != 0.0 || motion != 0.0 {
+                    return Err(
+                        "reward.weights: start.model is a skeleton model, which draws no weights to be judged: set \
+                                reward.weights = [5.0, 1.0, 0.0, 0.0], as unirig/skeleton_grpo.toml does"
+                            .into(),
+                    );
+                }
+                let policy = SkeletonTask::new(skeleton_config(&config, &start.config), device)?;
+                Self::of(config, Box::new(policy), &start.params)
+            }
+        }
     }
 
     /// As [`Self::new`], with the model to start from.
@@ -67,18 +84,16 @@ impl GrpoTask {
     /// # Errors
     /// As [`Self::new`].
     pub fn with(config: GrpoTaskConfig, start: &Rigger, device: Device) -> Result<Self, String> {
-        let inner = TokenRigTask::with(policy_config(&config, start), start.shared_vae(), device)?;
-        let weights = start.params();
-        let named = weights.named(weights.weights()).map(|(n, t)| (n.to_string(), t.detach().copy())).collect();
-        inner.params().load(&named).map_err(|e| e.to_string())?;
-        let start = inner.params().weights().detached_copy();
-        let (rollout, held) = (RefCell::default(), RefCell::default());
-        Ok(Self { config, inner, start, rollout, first: Cell::new(None), held })
+        let policy = TokenRigTask::with(policy_config(&config, start), start.shared_vae(), device)?;
+        Self::of(config, Box::new(policy), start.params())
     }
 
-    /// The policy.
-    pub fn rigger(&self) -> &Rigger {
-        self.inner.rigger()
+    fn of(config: GrpoTaskConfig, policy: Box<dyn Policy>, start: &Params) -> Result<Self, String> {
+        let named = start.named(start.weights()).map(|(n, t)| (n.to_string(), t.detach().copy())).collect();
+        policy.params().load(&named).map_err(|e| e.to_string())?;
+        let start = policy.params().weights().detached_copy();
+        let (rollout, held) = (RefCell::default(), RefCell::default());
+        Ok(Self { config, policy, start, rollout, first: Cell::new(None), held })
     }
 
     /// The sequences of a step: all of the rollout, or a part of them in an order of its own each time they are gone
@@ -98,12 +113,13 @@ impl GrpoTask {
 
     /// The loss of some sequences of a rollout.
     fn loss_of(&self, w: &Weights, rollout: &Rollout, sequences: &[&Sequence]) -> Result<Loss, String> {
-        let (c, device) = (&self.config, self.rigger().device());
+        let (c, device) = (&self.config, self.policy.device());
         // Where nothing counts, a loss of 0 with a gradient of 0 is left of the whole.
         let counted: Vec<&Sequence> = sequences.iter().copied().filter(|s| s.counts).collect();
         let share = if counted.is_empty() { 0.0 } else { 1.0 };
         let sequences = if counted.is_empty() { sequences } else { &counted };
-        let (likely, lengths) = self.likely(w, &rollout.shapes, sequences);
+        let temperature = f64::from(c.rollout.temperature);
+        let (likely, lengths) = self.policy.likely(w, &rollout.shapes, sequences, temperature);
         let known = |of: fn(&Sequence) -> &Vec<f32>| {
             let flat: Vec<f32> = sequences.iter().flat_map(|s| of(s)).copied().collect();
             Tensor::from_slice(&flat).to_kind(likely.log.kind()).to_device(device)
@@ -142,9 +158,26 @@ impl GrpoTask {
 }
 
 /// The model that a config starts from.
-fn open_start(config: &GrpoTaskConfig, device: Device) -> Result<(Rigger, Card), String> {
-    let path = &config.start.model;
-    if path.as_os_str().is_empty() { Rigger::shipped(device) } else { Rigger::open(path, device) }
+enum Start {
+    Rigs(Box<Rigger>, Card),
+    Skeletons(Box<Trained>),
+}
+
+impl Start {
+    fn open(config: &GrpoTaskConfig, device: Device) -> Result<Self, String> {
+        let path = &config.start.model;
+        if path.as_os_str().is_empty() {
+            return Rigger::shipped(device).map(Self::rigs);
+        }
+        match Trained::open(path, device)? {
+            Some(skeletons) => Ok(Self::Skeletons(Box::new(skeletons))),
+            None => Rigger::open(path, device).map(Self::rigs),
+        }
+    }
+
+    fn rigs((rigger, card): (Rigger, Card)) -> Self {
+        Self::Rigs(Box::new(rigger), card)
+    }
 }
 
 /// The settings of the policy: its model as it started, on this run's data.
@@ -155,6 +188,23 @@ fn policy_config(config: &GrpoTaskConfig, start: &Rigger) -> TokenRigTaskConfig 
         train: config.train.clone(),
         eval: config.eval.clone(),
         ..start.config().clone()
+    }
+}
+
+/// As [`policy_config`], of a skeleton model.
+fn skeleton_config(config: &GrpoTaskConfig, start: &SkeletonTaskConfig) -> SkeletonTaskConfig {
+    let eval = &config.eval;
+    SkeletonTaskConfig {
+        data: DataConfig { up: start.data.up, ..config.data.clone() },
+        augment: config.augment.clone(),
+        train: config.train.clone(),
+        eval: unirig_skeleton::EvalConfig {
+            parents: eval.parents,
+            rows: eval.rows,
+            seed: eval.seed,
+            ..start.eval.clone()
+        },
+        ..start.clone()
     }
 }
 
@@ -172,7 +222,12 @@ pub(crate) fn of_run(
     let config = riglab_config::Config::from_toml_str(name, text).and_then(|c| c.get::<GrpoTaskConfig>());
     let config = config.map_err(|e| e.to_string())?;
     config.validate().map_err(|(key, message)| format!("{name}: {key}: {message}"))?;
-    let (start, card) = open_start(&config, device)?;
+    let Start::Rigs(start, card) = Start::open(&config, device)? else {
+        return Err(format!(
+            "{}: refines a skeleton model, which makes no weights and so no rigs; `riglab eval` shows its skeletons",
+            run.display()
+        ));
+    };
     let rigger = Rigger::new(policy_config(&config, &start), start.shared_vae(), device)?;
     let checkpoint = Checkpoint::open(&run.join("checkpoints").join(checkpoint)).map_err(|e| e.to_string())?;
     checkpoint.load_weights(rigger.params()).map_err(|e| e.to_string())?;
@@ -189,18 +244,18 @@ impl Task for GrpoTask {
     }
 
     fn params(&self) -> &Params {
-        self.inner.params()
+        self.policy.params()
     }
 
     fn source(&self) -> Arc<dyn Source<Batch = Batch>> {
-        let model = self.rigger().config();
+        let (pool, (cloud, model)) = (self.policy.pool(), self.policy.reads());
         Arc::new(BatchSource {
             config: self.config.clone(),
-            cloud: model.sampling.cloud.clone(),
-            model: model.model.shape.clone(),
-            assets: self.inner.assets.clone(),
-            cache: self.inner.cache.clone(),
-            meshes: Mixture::new(self.config.train.seed, self.inner.train_assets.clone()),
+            cloud: cloud.clone(),
+            model: model.clone(),
+            assets: pool.assets.clone(),
+            cache: pool.cache.clone(),
+            meshes: Mixture::new(self.config.train.seed, pool.train.to_vec()),
         })
     }
 
@@ -237,11 +292,11 @@ impl Task for GrpoTask {
 
 impl Experiment for GrpoTask {
     fn assets(&self) -> &Assets {
-        &self.inner.assets
+        self.policy.pool().assets
     }
 
     fn notes(&self) -> Vec<String> {
-        self.inner.notes()
+        self.policy.notes()
     }
 
     fn examination_steps(&self) -> Result<usize, String> {

@@ -4,10 +4,8 @@ use std::collections::BTreeMap;
 
 use riglab_nn::grpo::advantages;
 use riglab_nn::params::Weights;
-use riglab_nn::tokenrig::{Asked, Choices, Likelihood, Sequences};
 use riglab_random::stream;
 use riglab_reward::Rewards;
-use riglab_token::Mask;
 use riglab_train::Precision;
 use tch::{Kind, Tensor};
 
@@ -15,7 +13,7 @@ use super::GrpoTask;
 use super::batch::{Batch, Subject};
 use super::config::Dead;
 use super::score::{Judged, rewards};
-use crate::tokenrig::{Drawn, Rigger, joints_told, told};
+use crate::tokenrig::Drawn;
 use crate::unirig_skeleton::Batch as Shapes;
 
 /// A drawn rig.
@@ -69,89 +67,15 @@ pub const NOTES: [&str; 12] = [
 /// How often a dead group is drawn anew.
 const TRIES: u64 = 3;
 
-/// Which of a sequence's targets could have been others, and what they could have been.
-#[derive(Default)]
-pub(super) struct Free {
-    /// See [`Choices::skeleton`].
-    skeleton: Vec<bool>,
-    /// See [`Choices::empty`].
-    empty: Vec<bool>,
-    /// Of each target, whether it was chosen.
-    chosen: Vec<bool>,
-}
-
-/// Walks the grammar along sequences; the first `prompt` tokens were given.
-pub(super) fn free(rigger: &Rigger, ids: &[i64], prompt: usize, out: &mut Free) {
-    let layout = rigger.layout();
-    let first = layout.skeleton();
-    let mut grammar = rigger.grammar(rigger.config().limits.tokens);
-    let mut mask = Mask::none(layout.drawn());
-    for (at, &id) in ids.iter().enumerate() {
-        grammar.write_allowed(&mut mask);
-        if at > 0 {
-            let mut chosen = at >= prompt && id != layout.end();
-            if id < first {
-                let allowed = (0..first as u32).map(|k| mask.allows(k));
-                let before = out.skeleton.len();
-                out.skeleton.extend(allowed);
-                chosen &= out.skeleton[before..].iter().filter(|a| **a).count() > 1;
-            } else if id != layout.end() {
-                out.empty.push(mask.allows(layout.drawn_empty()));
-            }
-            out.chosen.push(chosen);
-        }
-        layout.drawn_of(&[id]).into_iter().for_each(|number| grammar.take(number));
-    }
-}
-
 impl GrpoTask {
-    /// Log-probabilities and entropies of the free tokens of sequences, one after another, and how many each has.
-    pub(super) fn likely(&self, w: &Weights, shapes: &Shapes, all: &[&Sequence]) -> (Likelihood, Vec<i64>) {
-        let rigger = self.inner.rigger();
-        let device = rigger.device();
-        let prefix = rigger.prefix(w, shapes);
-        let rows: Vec<i64> = all.iter().map(|s| s.mesh as i64).collect();
-        let prefix = prefix.index_select(0, &Tensor::from_slice(&rows).to_device(device));
-        let lengths: Vec<i64> = all.iter().map(|s| s.ids.len() as i64).collect();
-        let flat: Vec<i64> = all.iter().flat_map(|s| &s.ids).copied().collect();
-        let ids = Tensor::from_slice(&flat).to_device(device);
-        let told = rigger.config().model.tell_joint.then(|| {
-            let flat: Vec<f32> = all.iter().flat_map(|s| s.told.iter().flatten()).copied().collect();
-            Tensor::from_slice(&flat).view([-1, 7]).to_device(device)
-        });
-        let sequences = Sequences { ids: &ids, lengths: &lengths, told: told.as_ref() };
-        // Without dropout: the policy is what draws.
-        let hidden = rigger.net().forward(w, &prefix, &sequences, false);
-        let targets: Vec<i64> = all.iter().flat_map(|s| &s.ids[1..]).copied().collect();
-        let targets = Tensor::from_slice(&targets).to_device(device);
-        let (mut found, mut counts, mut before) = (Free::default(), Vec::with_capacity(all.len()), 0);
-        for own in all {
-            free(rigger, &own.ids, 1, &mut found);
-            let chosen = found.chosen.iter().filter(|c| **c).count();
-            counts.push((chosen - before) as i64);
-            before = chosen;
-        }
-        let bits = |bits: &[bool]| Tensor::from_slice(bits).to_device(device);
-        let skeleton = bits(&found.skeleton).view([-1, rigger.layout().skeleton()]);
-        let empty = bits(&found.empty);
-        let asked =
-            Asked { hidden: &hidden, targets: &targets, bins: i64::from(rigger.config().tokenizer.bins), spread: 0.0 };
-        let choices = Choices { skeleton: &skeleton, empty: &empty };
-        let temperature = f64::from(self.config.rollout.temperature);
-        let Likelihood { log, entropy } = rigger.net().likelihood(w, &asked, Some(&choices), temperature);
-        let chosen = bits(&found.chosen).nonzero().squeeze_dim(1);
-        let pick = |t: Tensor| t.index_select(0, &chosen);
-        (Likelihood { log: pick(log), entropy: pick(entropy) }, counts)
-    }
-
     /// Draws a group of rigs for each mesh and judges them; one mesh's rigs are judged while those of the next are
     /// drawn. `w`: the policy as the trainer computes with it.
     pub(super) fn roll(&self, w: &Weights, batch: &Batch, number: u64) -> Result<Rollout, String> {
         let _no_grad = tch::no_grad_guard();
-        let (c, rigger) = (&self.config, self.inner.rigger());
+        let (c, policy) = (&self.config, &*self.policy);
         // The sampler takes the master weights: it computes in single precision.
-        let prefix = rigger.prefix(rigger.params().weights(), &batch.shapes);
-        let (vae, judged) = (rigger.vae(), self.judged(c.rollout.vertices, c.train.seed));
+        let prefix = policy.prefix(policy.params().weights(), &batch.shapes);
+        let (vae, judged) = (policy.vae(), self.judged(c.rollout.vertices, c.train.seed));
         let groups: Vec<(Vec<Drawn>, Vec<Rewards>)> = std::thread::scope(|scope| {
             let mut waiting = Vec::new();
             for (k, subject) in batch.subjects.iter().enumerate() {
@@ -186,8 +110,7 @@ impl GrpoTask {
 
     /// What is kept of drawn groups.
     fn rollout_of(&self, w: &Weights, batch: &Batch, groups: &[(Vec<Drawn>, Vec<Rewards>)]) -> Rollout {
-        let (c, layout) = (&self.config, self.inner.rigger().layout());
-        let codes = self.inner.rigger().config().skin.codes;
+        let c = &self.config;
         let (mut sequences, mut totals, mut mesh_of, mut parts) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
         let (mut sampler, mut spread, mut dead, mut distinct) = (Vec::new(), 0.0, 0usize, 0usize);
         let (mut valid, mut joints) = (0usize, 0usize);
@@ -199,12 +122,9 @@ impl GrpoTask {
             spread += (sum / (rewards.len() as f64 - 1.0)).sqrt();
             distinct += drawn.iter().map(|d| &d.ids).collect::<std::collections::HashSet<_>>().len();
             for (own, reward) in drawn.iter().zip(rewards) {
-                let all = match &own.decoded {
-                    Ok(d) => joints_told(&d.joints, &d.parents),
-                    Err(_) => Vec::new(),
-                };
-                (valid, joints) = (valid + usize::from(own.decoded.is_ok()), joints + all.len());
-                let told = told(layout, &own.ids, own.skeleton.len(), &all, codes);
+                valid += usize::from(own.decoded.is_ok());
+                joints += own.decoded.as_ref().map_or(0, |d| d.joints.len());
+                let told = self.policy.told(own);
                 let counts = !(still && c.rollout.dead == Dead::Mask);
                 sequences.push(Sequence { mesh, ids: own.ids.clone(), told, counts, ..Sequence::default() });
                 totals.push(reward.total);
@@ -243,8 +163,10 @@ impl GrpoTask {
         let numbers = |t: &Tensor| Vec::<f32>::try_from(t.to_kind(Kind::Float).contiguous()).unwrap_or_default();
         let (old, counts, reference) = {
             let all: Vec<&Sequence> = sequences.iter().collect();
-            let (old, counts) = self.likely(w, shapes, &all);
-            (numbers(&old.log), counts, numbers(&self.likely(&self.start, shapes, &all).0.log))
+            let temperature = f64::from(self.config.rollout.temperature);
+            let (old, counts) = self.policy.likely(w, shapes, &all, temperature);
+            let reference = self.policy.likely(&self.start, shapes, &all, temperature).0;
+            (numbers(&old.log), counts, numbers(&reference.log))
         };
         let (mut at, mut gap, mut tokens) = (0, 0.0, 0i64);
         for ((own, &n), said) in sequences.iter_mut().zip(&counts).zip(sampler) {
@@ -260,13 +182,12 @@ impl GrpoTask {
 
     /// A mesh's group.
     fn group(&self, prefix: &Tensor, subject: &Subject, number: u64, attempt: u64) -> Result<Vec<Drawn>, String> {
-        let (c, rigger) = (&self.config, self.inner.rigger());
+        let (c, policy) = (&self.config, &*self.policy);
         let seed = c.train.seed;
         let each = 0..c.rollout.group as u64;
         let mut streams: Vec<_> =
             each.map(|k| stream(seed, "rollout draws", &[number, subject.key, attempt, k])).collect();
-        let prompts = vec![rigger.free(); c.rollout.group];
-        rigger.draw(rigger.params().weights(), prefix, &prompts, &c.draws(), &mut streams)
+        policy.draw(policy.params().weights(), prefix, &c.draws(), &mut streams)
     }
 
     pub(super) fn judged(&self, vertices: usize, seed: u64) -> Judged {
@@ -346,37 +267,7 @@ impl Rollout {
 
 #[cfg(test)]
 mod tests {
-    use riglab_nn::generate::GenerateConfig;
-    use riglab_nn::tokenrig::Head;
-
     use super::*;
-    use crate::tokenrig::testing::{tetrahedron, untrained};
-
-    #[test]
-    fn what_was_drawn_was_allowed_and_what_was_forced_was_no_choice() {
-        for (head, empty) in [(Head::Levels, true), (Head::Flat, false)] {
-            let rigger = untrained(head, empty);
-            let (mesh, w) = (tetrahedron(), rigger.params().weights());
-            let prefix = rigger.condition(w, &[(&mesh, 0)]);
-            let how = GenerateConfig { sample: true, ..GenerateConfig::default() };
-            let mut streams: Vec<_> = (0..4).map(|k| stream(1, "test", &[k])).collect();
-            let drawn = rigger.draw(w, &prefix, &vec![rigger.free(); 4], &how, &mut streams).unwrap();
-            let first = rigger.layout().skeleton();
-            for own in drawn {
-                let mut found = Free::default();
-                free(&rigger, &own.ids, 1, &mut found);
-                let targets = &own.ids[1..];
-                assert_eq!(found.chosen.len(), targets.len());
-                let of_skeleton: Vec<i64> = targets.iter().copied().filter(|&id| id < first).collect();
-                let masks: Vec<&[bool]> = found.skeleton.chunks_exact(first as usize).collect();
-                assert_eq!(masks.len(), of_skeleton.len());
-                assert!(masks.iter().zip(&of_skeleton).all(|(mask, &id)| mask[id as usize]));
-                assert!(found.empty.iter().all(|&may| empty || !may), "flat sequences have no empty bones");
-                assert_eq!(found.chosen.last(), Some(&false), "the end is forced");
-                assert!(found.chosen.iter().filter(|c| **c).count() > 3);
-            }
-        }
-    }
 
     #[test]
     fn a_rollout_comes_back_from_a_checkpoint() {

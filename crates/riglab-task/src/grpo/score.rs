@@ -25,20 +25,24 @@ pub struct Judged {
 
 /// The rewards of rigs drawn for a mesh, in their order; 0 for one that says no rig. Rigs of the same tokens are judged
 /// once. Weights are taken raw, as the auto-encoder gives them: what no joint claims is what one of the rewards is about.
+/// Without an auto-encoder skeletons alone are judged.
 ///
 /// # Errors
 /// When the mesh makes no rig.
-pub fn rewards(vae: &Frozen, subject: &Subject, drawn: &[Drawn], how: &Judged) -> Result<Vec<Rewards>, String> {
-    let mut random = stream(how.seed, "skin rewards", &[subject.key]);
-    let skinner = Skinner::new(vae, &subject.mesh, how.vertices, &mut random)?;
-    let skinner = if how.half { skinner.half() } else { skinner };
+pub fn rewards(vae: Option<&Frozen>, subject: &Subject, drawn: &[Drawn], how: &Judged) -> Result<Vec<Rewards>, String> {
+    let skinner = vae.map(|vae| {
+        let mut random = stream(how.seed, "skin rewards", &[subject.key]);
+        let skinner = Skinner::new(vae, &subject.mesh, how.vertices, &mut random)?;
+        Ok::<_, String>(if how.half { skinner.half() } else { skinner })
+    });
+    let skinner = skinner.transpose()?;
     let (mut first, mut place): (HashMap<&[i64], usize>, Vec<usize>) = Default::default();
     let mut candidates = Vec::new();
     for own in drawn {
         let next = candidates.len();
         let at = *first.entry(&own.ids).or_insert(next);
         if at == next {
-            candidates.push(candidate(&skinner, subject, own, how.cut));
+            candidates.push(candidate(skinner.as_ref(), subject, own, how.cut));
         }
         place.push(at);
     }
@@ -47,9 +51,11 @@ pub fn rewards(vae: &Frozen, subject: &Subject, drawn: &[Drawn], how: &Judged) -
 }
 
 /// A drawn rig with its raw weights; `None` where there is no rig.
-fn candidate(skinner: &Skinner, subject: &Subject, drawn: &Drawn, cut: f32) -> Option<Candidate> {
+fn candidate(skinner: Option<&Skinner>, subject: &Subject, drawn: &Drawn, cut: f32) -> Option<Candidate> {
     let decoded = drawn.decoded.as_ref().ok()?;
     let skeleton = decoded.skeleton().ok()?;
+    let heads = skeleton.heads().iter().map(|p| p.map(f64::from)).collect();
+    let Some(skinner) = skinner else { return Candidate::skeleton(heads, decoded.parents.clone()).ok() };
     if drawn.codes.len() != skeleton.len() {
         return None;
     }
@@ -66,6 +72,5 @@ fn candidate(skinner: &Skinner, subject: &Subject, drawn: &Drawn, cut: f32) -> O
     } else {
         RawWeights::new(raw.chunks_exact(claimed.len()).map(row))
     };
-    let heads = skeleton.heads().iter().map(|p| p.map(f64::from)).collect();
     Candidate::new(heads, decoded.parents.clone(), weights).ok()
 }

@@ -157,7 +157,7 @@ impl Rigger {
                 let eval = &self.config.eval;
                 let vertices = eval.vertices.min(JUDGED);
                 let how = Judged { vertices, cut: eval.cut, half: false, seed: eval.seed };
-                rewards(&self.vae, &subject, drawn, &how)?.into_iter().map(Some).collect()
+                rewards(Some(&self.vae), &subject, drawn, &how)?.into_iter().map(Some).collect()
             }
         };
         let mean = |d: &Drawn| d.likelihood.0 / d.likelihood.1.max(1) as f64;

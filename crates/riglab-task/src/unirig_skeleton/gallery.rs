@@ -1,6 +1,6 @@
 //! Pictures of what an evaluation saw: true and generated skeletons of single assets.
 
-use riglab_core::{Rig, RigError, Skeleton, SkinWeights};
+use riglab_core::{Mesh, Rig, RigError, Skeleton, SkinWeights};
 use riglab_geom::voxel::SolidConfig;
 use riglab_metric::{Baseline, SkinBaseline};
 use riglab_render::{Theme, View, contact_sheet, render_skeleton};
@@ -72,7 +72,7 @@ impl SkeletonTask {
                 let file = format!("{:02}-{split}-{why}.png", out.len() + 1);
                 let shown =
                     Shown { file, split: split.clone(), name: row.name.clone(), why: why.into(), j2j: row.model.j2j };
-                let view = bound(&skeleton, &rig)
+                let view = bound(&skeleton, rig.mesh())
                     .and_then(|own| Turntable::of(&[("true", &rig), ("generated, nearest bone", &own)]));
                 out.push((shown, Sheet { png: contact_sheet(&cells, 4, Theme::Light).to_png(), view }));
             }
@@ -82,9 +82,9 @@ impl SkeletonTask {
 }
 
 /// A mesh bound to a generated skeleton, which has no weights of its own: each vertex to the bone nearest to it.
-fn bound(skeleton: &Skeleton, like: &Rig) -> Option<Rig> {
-    let rows = (0..like.mesh().positions().len()).map(|_| [(0u16, 1.0)]);
-    let root = Rig::new(skeleton.clone(), like.mesh().clone(), SkinWeights::normalized(rows).ok()?).ok()?;
+pub(crate) fn bound(skeleton: &Skeleton, mesh: &Mesh) -> Option<Rig> {
+    let rows = (0..mesh.positions().len()).map(|_| [(0u16, 1.0)]);
+    let root = Rig::new(skeleton.clone(), mesh.clone(), SkinWeights::normalized(rows).ok()?).ok()?;
     let weights = SkinBaseline::Straight(Baseline::Nearest).weights(&root, &SolidConfig::DEFAULT);
     root.with_weights(weights).ok()
 }

@@ -4,7 +4,7 @@ use riglab_core::Rig;
 use riglab_geom::CloudSampler;
 use riglab_metric::consensus;
 use riglab_nn::decoder::Cache;
-use riglab_nn::generate::{Decoder, GenerateConfig, Grammar as Rules, chooser, rows};
+use riglab_nn::generate::{Decoder, GenerateConfig, Grammar as Rules, chooser, log_softmax, rows};
 use riglab_nn::params::Weights;
 use riglab_nn::skeleton::SkeletonModel;
 use riglab_random::{Stream, stream};
@@ -103,6 +103,19 @@ pub(crate) fn most_agreed<'a>(drawn: impl Iterator<Item = Option<&'a Decoded>>) 
 }
 
 impl SkeletonTask {
+    /// What every skeleton begins with.
+    pub(crate) fn start(&self) -> Vec<u32> {
+        let vocabulary = self.tokenizer.vocabulary();
+        let class = vocabulary.class_named(&self.config.class).map(|number| vocabulary.class(number));
+        std::iter::once(vocabulary.bos()).chain(class).collect()
+    }
+
+    /// The grammar of skeletons of so many tokens at most.
+    pub(crate) fn grammar(&self, tokens: usize) -> Grammar {
+        let c = &self.config;
+        Grammar::new(&self.tokenizer, Limits { tokens, ..c.limits }, c.eval.parents)
+    }
+
     /// Draws a skeleton for each rig's mesh; `keys` seed its points and its draws, so that a rig's skeleton does
     /// not depend on those beside it.
     pub fn draw(&self, w: &Weights, rigs: &[(&Rig, u64)]) -> Vec<Drawn> {
@@ -150,15 +163,24 @@ impl SkeletonTask {
         streams: &mut [Stream],
         generate: &GenerateConfig,
     ) -> Vec<Drawn> {
+        self.draw_told(w, prefix, streams, generate, None)
+    }
+
+    /// As [`Self::draw_with`]; `likelihood` is given the sum of log-probabilities of what was drawn of each, and of how
+    /// many tokens.
+    pub(crate) fn draw_told(
+        &self,
+        w: &Weights,
+        prefix: &Tensor,
+        streams: &mut [Stream],
+        generate: &GenerateConfig,
+        mut likelihood: Option<&mut [(f64, usize)]>,
+    ) -> Vec<Drawn> {
         let _no_grad = tch::no_grad_guard();
-        let c = &self.config;
         let vocabulary = self.tokenizer.vocabulary();
         // The grammar ends each sequence before the tokens do.
-        let tokens = c.limits.tokens.min(generate.tokens + 1);
-        let mut grammar = Grammar::new(&self.tokenizer, Limits { tokens, ..c.limits }, c.eval.parents);
-        // What every skeleton begins with.
-        let class = vocabulary.class_named(&c.class).map(|number| vocabulary.class(number));
-        let start: Vec<u32> = std::iter::once(vocabulary.bos()).chain(class).collect();
+        let tokens = self.config.limits.tokens.min(generate.tokens.saturating_add(1));
+        let (mut grammar, start) = (self.grammar(tokens), self.start());
         start.iter().for_each(|&id| grammar.accept(id));
         let strict = Strict { grammar, ids: vocabulary.len(), end: vocabulary.eos() };
         let mut config = generate.clone();
@@ -169,7 +191,17 @@ impl SkeletonTask {
         for &id in &start {
             first = reader.next(&vec![id; streams.len()]);
         }
-        let all = rows(&mut reader, first, vec![strict; streams.len()], &config, chooser(&config, streams));
+        let grammars = vec![strict; streams.len()];
+        let mut choose = chooser(&config, streams);
+        let all = rows(&mut reader, first, grammars, &config, |row, step, scores| {
+            let id = choose(row, step, scores);
+            if let Some(own) = likelihood.as_deref_mut().map(|all| &mut all[row]) {
+                let mut scores = scores.to_vec();
+                log_softmax(&mut scores);
+                *own = (own.0 + f64::from(scores[id as usize]), own.1 + 1);
+            }
+            id
+        });
         let whole = |own: Vec<u32>| {
             let ids: Vec<u32> = start.iter().copied().chain(own).collect();
             Drawn { decoded: self.tokenizer.decode(&ids), ids }

@@ -3,10 +3,11 @@
 pub(crate) mod batch;
 mod config;
 pub(crate) mod evaluate;
-mod gallery;
+pub(crate) mod gallery;
 pub(crate) mod generate;
 pub(crate) mod report;
 pub(crate) mod retrieval;
+mod trained;
 
 use std::sync::Arc;
 
@@ -23,6 +24,7 @@ pub use config::{EvalConfig, LossConfig, SamplingConfig, SkeletonTaskConfig};
 pub use evaluate::{AssetRow, Report, Row};
 pub use gallery::Shown;
 pub use report::{Evaluation, lines};
+pub(crate) use trained::Trained;
 
 use crate::assets::{AssetId, Assets, Cache};
 use crate::experiment::{Examined, Experiment};
@@ -32,14 +34,14 @@ use crate::sequences::LeftOut;
 pub struct SkeletonTask {
     config: SkeletonTaskConfig,
     tokenizer: Tokenizer,
-    assets: Arc<Assets>,
-    cache: Arc<Cache<Rig>>,
-    train_assets: Vec<(f32, Vec<AssetId>)>,
-    validation_assets: Vec<AssetId>,
+    pub(crate) assets: Arc<Assets>,
+    pub(crate) cache: Arc<Cache<Rig>>,
+    pub(crate) train_assets: Vec<(f32, Vec<AssetId>)>,
+    pub(crate) validation_assets: Vec<AssetId>,
     left_out: LeftOut,
     net: SkeletonModel,
     params: Params,
-    device: Device,
+    pub(crate) device: Device,
 }
 
 impl SkeletonTask {

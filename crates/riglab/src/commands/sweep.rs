@@ -71,14 +71,15 @@ pub struct Args {
     list: bool,
 }
 
-pub fn run(args: &Args) -> Result<ExitCode> {
+/// `threads`: of each job; 0 leaves it to the sweep's file.
+pub fn run(args: &Args, threads: usize) -> Result<ExitCode> {
     super::alone("sweep")?;
     if args.list {
         presets::sweeps().iter().for_each(|name| say!("{name}"));
         return Ok(ExitCode::SUCCESS);
     }
     let Some(name) = &args.sweep else { bail!("give a sweep file, or the folder of a sweep") };
-    let (plan, folder, desk) = plan(name, args)?;
+    let (plan, folder, desk) = plan(name, args, threads)?;
     if args.status {
         return status(&plan, &folder, args.watch);
     }
@@ -106,7 +107,8 @@ pub fn run(args: &Args) -> Result<ExitCode> {
             Handed::Done => conclude(&plan, &folder),
         };
     }
-    let budget = Budget::new(args.jobs, args.cores, plan.sweep.threads, args.memory);
+    let threads = if threads > 0 { threads } else { plan.sweep.threads };
+    let budget = Budget::new(args.jobs, args.cores, threads, args.memory);
     let total = plan.jobs.len() as u64;
     eprintln!(
         "{total} jobs in {}: {} at a time with {} threads each, within {:.1} GB",
@@ -145,7 +147,7 @@ fn conclude(plan: &Plan, folder: &Path) -> Result<ExitCode> {
 }
 
 /// The plan, its folder, and what its jobs ask of a cluster: of a folder that has one, else of a file.
-fn plan(name: &str, args: &Args) -> Result<(Plan, PathBuf, Desk)> {
+fn plan(name: &str, args: &Args, threads: usize) -> Result<(Plan, PathBuf, Desk)> {
     let folder = PathBuf::from(name);
     let (cluster, sets) = apart(&args.sets);
     if !cluster.is_empty() && args.on.is_none() {
@@ -166,7 +168,7 @@ fn plan(name: &str, args: &Args) -> Result<(Plan, PathBuf, Desk)> {
     let file: SweepFile = config.get_at("sweep")?;
     let mut slurm = settings(&config)?;
     if slurm.cpus == 0 {
-        slurm.cpus = file.threads;
+        slurm.cpus = if threads > 0 { threads } else { file.threads };
     }
     if slurm.memory.is_empty() && file.memory_gb > 0.0 {
         slurm.memory = format!("{:.0}M", (file.memory_gb * 1024.0).ceil());

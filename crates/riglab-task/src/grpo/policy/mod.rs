@@ -1,0 +1,99 @@
+//! What GRPO has to know of the model that it refines: the one place that tells TokenRig and the skeleton model apart.
+
+mod rigs;
+mod skeletons;
+
+use std::sync::Arc;
+
+use riglab_core::{Mesh, Rig};
+use riglab_geom::CloudConfig;
+use riglab_nn::generate::GenerateConfig;
+use riglab_nn::params::{Params, Weights};
+use riglab_nn::perceiver::PerceiverConfig;
+use riglab_nn::tokenrig::Likelihood;
+use riglab_random::Stream;
+use tch::{Device, Tensor};
+
+use super::rollout::Sequence;
+use crate::assets::{AssetId, Assets, Cache, Up};
+use crate::fsq_cvae::Frozen;
+use crate::tokenrig::Drawn;
+use crate::unirig_skeleton::Batch as Shapes;
+
+/// A model that draws for meshes, and says how likely each draw was.
+pub(super) trait Policy {
+    /// Its parameters, and where they lie.
+    fn params(&self) -> &Params;
+    /// Where it computes.
+    fn device(&self) -> Device;
+    /// What it is trained and validated on.
+    fn pool(&self) -> Pool<'_>;
+    /// What is left out of it, for people.
+    fn notes(&self) -> Vec<String>;
+    /// What its shape encoder reads of a mesh.
+    fn reads(&self) -> (&CloudConfig, &PerceiverConfig);
+    /// Which way is up in its cube.
+    fn up(&self) -> Up;
+    /// The auto-encoder that says the weights of what it draws; `None` where it draws skeletons alone.
+    fn vae(&self) -> Option<&Frozen>;
+    /// What its decoder reads of shapes, [b, p, d].
+    fn prefix(&self, w: &Weights, shapes: &Shapes) -> Tensor;
+    /// A draw for each stream after a prefix [b, p, d], of one shape or of as many as there are streams.
+    fn draw(
+        &self,
+        w: &Weights,
+        prefix: &Tensor,
+        how: &GenerateConfig,
+        streams: &mut [Stream],
+    ) -> Result<Vec<Drawn>, String>;
+    /// Of each token of a draw, what its joint is told (see [`riglab_nn::tokenrig::Sequences::told`]).
+    fn told(&self, drawn: &Drawn) -> Vec<[f32; 7]>;
+    /// Log-probabilities and entropies of the free tokens of sequences, one after another, and how many each has.
+    fn likely(&self, w: &Weights, shapes: &Shapes, all: &[&Sequence], temperature: f64) -> (Likelihood, Vec<i64>);
+    /// A draw as a rig of its mesh in the cube; `None` where it says none.
+    fn rig(&self, mesh: &Mesh, drawn: &Drawn, key: u64) -> Result<Option<Rig>, String>;
+}
+
+/// The corpora of a run, and the assets it takes.
+pub(super) struct Pool<'a> {
+    pub assets: &'a Arc<Assets>,
+    pub cache: &'a Arc<Cache<Rig>>,
+    pub train: &'a [(f32, Vec<AssetId>)],
+    pub validate: &'a [AssetId],
+}
+
+/// The ids of sequences one after another, and what should follow each but the last of every one.
+struct Flat {
+    ids: Tensor,
+    targets: Tensor,
+    lengths: Vec<i64>,
+    /// The mesh of each.
+    rows: Tensor,
+}
+
+impl Flat {
+    fn of(all: &[&Sequence], device: Device) -> Self {
+        let ids: Vec<i64> = all.iter().flat_map(|s| &s.ids).copied().collect();
+        let targets: Vec<i64> = all.iter().flat_map(|s| &s.ids[1..]).copied().collect();
+        let rows: Vec<i64> = all.iter().map(|s| s.mesh as i64).collect();
+        let on = |of: &[i64]| Tensor::from_slice(of).to_device(device);
+        let lengths = all.iter().map(|s| s.ids.len() as i64).collect();
+        Self { ids: on(&ids), targets: on(&targets), lengths, rows: on(&rows) }
+    }
+}
+
+/// How many of each sequence's targets were chosen: `chosen` says it of those of one sequence after another.
+fn counts(all: &[&Sequence], chosen: &[bool]) -> Vec<i64> {
+    let mut left = chosen;
+    all.iter()
+        .map(|s| {
+            let (own, rest) = left.split_at(s.ids.len() - 1);
+            left = rest;
+            own.iter().filter(|c| **c).count() as i64
+        })
+        .collect()
+}
+
+fn bits(of: &[bool], device: Device) -> Tensor {
+    Tensor::from_slice(of).to_device(device)
+}

@@ -1,0 +1,178 @@
+//! TokenRig as a policy: it draws skeletons and skin codes as one sequence.
+
+use riglab_core::{Mesh, Rig};
+use riglab_geom::CloudConfig;
+use riglab_nn::generate::GenerateConfig;
+use riglab_nn::params::{Params, Weights};
+use riglab_nn::perceiver::PerceiverConfig;
+use riglab_nn::tokenrig::{Asked, Choices, Likelihood, Sequences};
+use riglab_random::Stream;
+use riglab_token::Mask;
+use riglab_train::Task;
+use tch::{Device, Tensor};
+
+use super::{Flat, Policy, Pool, bits, counts};
+use crate::assets::Up;
+use crate::experiment::Experiment;
+use crate::fsq_cvae::Frozen;
+use crate::grpo::rollout::Sequence;
+use crate::tokenrig::{Drawn, Rigger, TokenRigTask, joints_told, told};
+use crate::unirig_skeleton::Batch as Shapes;
+
+/// Which of a sequence's targets could have been others, and what they could have been.
+#[derive(Default)]
+struct Free {
+    /// See [`Choices::skeleton`].
+    skeleton: Vec<bool>,
+    /// See [`Choices::empty`].
+    empty: Vec<bool>,
+    /// Of each target, whether it was chosen.
+    chosen: Vec<bool>,
+}
+
+/// Walks the grammar along sequences; the first `prompt` tokens were given.
+fn free(rigger: &Rigger, ids: &[i64], prompt: usize, out: &mut Free) {
+    let layout = rigger.layout();
+    let first = layout.skeleton();
+    let mut grammar = rigger.grammar(rigger.config().limits.tokens);
+    let mut mask = Mask::none(layout.drawn());
+    for (at, &id) in ids.iter().enumerate() {
+        grammar.write_allowed(&mut mask);
+        if at > 0 {
+            let mut chosen = at >= prompt && id != layout.end();
+            if id < first {
+                let allowed = (0..first as u32).map(|k| mask.allows(k));
+                let before = out.skeleton.len();
+                out.skeleton.extend(allowed);
+                chosen &= out.skeleton[before..].iter().filter(|a| **a).count() > 1;
+            } else if id != layout.end() {
+                out.empty.push(mask.allows(layout.drawn_empty()));
+            }
+            out.chosen.push(chosen);
+        }
+        layout.drawn_of(&[id]).into_iter().for_each(|number| grammar.take(number));
+    }
+}
+
+impl Policy for TokenRigTask {
+    fn params(&self) -> &Params {
+        Task::params(self)
+    }
+
+    fn device(&self) -> Device {
+        self.rigger().device()
+    }
+
+    fn pool(&self) -> Pool<'_> {
+        let (assets, cache) = (&self.assets, &self.cache);
+        Pool { assets, cache, train: &self.train_assets, validate: &self.validation_assets }
+    }
+
+    fn notes(&self) -> Vec<String> {
+        Experiment::notes(self)
+    }
+
+    fn reads(&self) -> (&CloudConfig, &PerceiverConfig) {
+        let c = self.rigger().config();
+        (&c.sampling.cloud, &c.model.shape)
+    }
+
+    fn up(&self) -> Up {
+        self.rigger().config().data.up
+    }
+
+    fn vae(&self) -> Option<&Frozen> {
+        Some(self.rigger().vae())
+    }
+
+    fn prefix(&self, w: &Weights, shapes: &Shapes) -> Tensor {
+        self.rigger().prefix(w, shapes)
+    }
+
+    fn draw(
+        &self,
+        w: &Weights,
+        prefix: &Tensor,
+        how: &GenerateConfig,
+        streams: &mut [Stream],
+    ) -> Result<Vec<Drawn>, String> {
+        let prompts = vec![self.rigger().free(); streams.len()];
+        self.rigger().draw(w, prefix, &prompts, how, streams)
+    }
+
+    fn told(&self, drawn: &Drawn) -> Vec<[f32; 7]> {
+        let (layout, codes) = (self.rigger().layout(), self.rigger().config().skin.codes);
+        let joints = drawn.decoded.as_ref().map(|d| joints_told(&d.joints, &d.parents)).unwrap_or_default();
+        told(layout, &drawn.ids, drawn.skeleton.len(), &joints, codes)
+    }
+
+    fn likely(&self, w: &Weights, shapes: &Shapes, all: &[&Sequence], temperature: f64) -> (Likelihood, Vec<i64>) {
+        let rigger = self.rigger();
+        let device = rigger.device();
+        let Flat { ids, targets, lengths, rows } = Flat::of(all, device);
+        let prefix = rigger.prefix(w, shapes).index_select(0, &rows);
+        let told = rigger.config().model.tell_joint.then(|| {
+            let flat: Vec<f32> = all.iter().flat_map(|s| s.told.iter().flatten()).copied().collect();
+            Tensor::from_slice(&flat).view([-1, 7]).to_device(device)
+        });
+        let sequences = Sequences { ids: &ids, lengths: &lengths, told: told.as_ref() };
+        // Without dropout: the policy is what draws.
+        let hidden = rigger.net().forward(w, &prefix, &sequences, false);
+        let (mut found, prompt) = (Free::default(), rigger.free().len());
+        all.iter().for_each(|own| free(rigger, &own.ids, prompt, &mut found));
+        let skeleton = bits(&found.skeleton, device).view([-1, rigger.layout().skeleton()]);
+        let empty = bits(&found.empty, device);
+        let asked =
+            Asked { hidden: &hidden, targets: &targets, bins: i64::from(rigger.config().tokenizer.bins), spread: 0.0 };
+        let choices = Choices { skeleton: &skeleton, empty: &empty };
+        let Likelihood { log, entropy } = rigger.net().likelihood(w, &asked, Some(&choices), temperature);
+        let chosen = bits(&found.chosen, device).nonzero().squeeze_dim(1);
+        let pick = |t: Tensor| t.index_select(0, &chosen);
+        (Likelihood { log: pick(log), entropy: pick(entropy) }, counts(all, &found.chosen))
+    }
+
+    fn rig(&self, mesh: &Mesh, drawn: &Drawn, key: u64) -> Result<Option<Rig>, String> {
+        let Ok(decoded) = &drawn.decoded else { return Ok(None) };
+        self.rigged(mesh, decoded, &drawn.codes, key).map(Some)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use riglab_nn::tokenrig::Head;
+    use riglab_random::stream;
+
+    use super::*;
+    use crate::tokenrig::testing::{tetrahedron, untrained};
+
+    #[test]
+    fn what_was_drawn_was_allowed_and_what_was_forced_was_no_choice() {
+        for (head, empty) in [(Head::Levels, true), (Head::Flat, false)] {
+            let rigger = untrained(head, empty);
+            let (mesh, w) = (tetrahedron(), rigger.params().weights());
+            let prefix = rigger.condition(w, &[(&mesh, 0)]);
+            let how = GenerateConfig { sample: true, ..GenerateConfig::default() };
+            let mut streams: Vec<_> = (0..4).map(|k| stream(1, "test", &[k])).collect();
+            let drawn = rigger.draw(w, &prefix, &vec![rigger.free(); 4], &how, &mut streams).unwrap();
+            let first = rigger.layout().skeleton();
+            for own in drawn {
+                let mut found = Free::default();
+                free(&rigger, &own.ids, 1, &mut found);
+                let targets = &own.ids[1..];
+                assert_eq!(found.chosen.len(), targets.len());
+                let of_skeleton: Vec<i64> = targets.iter().copied().filter(|&id| id < first).collect();
+                let masks: Vec<&[bool]> = found.skeleton.chunks_exact(first as usize).collect();
+                assert_eq!(masks.len(), of_skeleton.len());
+                assert!(masks.iter().zip(&of_skeleton).all(|(mask, &id)| mask[id as usize]));
+                assert!(found.empty.iter().all(|&may| empty || !may), "flat sequences have no empty bones");
+                assert_eq!(found.chosen.last(), Some(&false), "the end is forced");
+                assert!(found.chosen.iter().filter(|c| **c).count() > 3);
+                // What is given is no choice.
+                let mut given = Free::default();
+                free(&rigger, &own.ids, own.skeleton.len(), &mut given);
+                assert!(given.chosen[..own.skeleton.len() - 1].iter().all(|c| !c));
+                assert_eq!(given.chosen[own.skeleton.len() - 1..], found.chosen[own.skeleton.len() - 1..]);
+            }
+        }
+    }
+}

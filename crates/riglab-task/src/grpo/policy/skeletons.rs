@@ -1,0 +1,153 @@
+//! UniRig's skeleton model as a policy: it draws skeletons alone, which are judged by where their joints and bones are.
+
+use riglab_core::{Mesh, Rig};
+use riglab_geom::CloudConfig;
+use riglab_nn::generate::GenerateConfig;
+use riglab_nn::grpo::{entropy, log_softmax_within};
+use riglab_nn::params::{Params, Weights};
+use riglab_nn::perceiver::PerceiverConfig;
+use riglab_nn::tokenrig::Likelihood;
+use riglab_random::Stream;
+use riglab_token::{Grammar, Mask};
+use riglab_train::Task;
+use tch::{Device, Kind, Tensor};
+
+use super::{Flat, Policy, Pool, bits, counts};
+use crate::assets::Up;
+use crate::experiment::Experiment;
+use crate::fsq_cvae::Frozen;
+use crate::grpo::rollout::Sequence;
+use crate::tokenrig::Drawn;
+use crate::unirig_skeleton::gallery::bound;
+use crate::unirig_skeleton::{Batch as Shapes, SkeletonTask, shape_of};
+
+/// Walks the grammar along a sequence whose first `prompt` tokens were given: of each target, whether it was chosen; of
+/// those that were, which of all `ids` were allowed.
+fn free(mut grammar: Grammar, sequence: &[i64], prompt: usize, ids: usize) -> (Vec<bool>, Vec<bool>) {
+    let (mut chosen, mut allowed, mut mask) = (Vec::new(), Vec::new(), Mask::none(ids));
+    for (at, &id) in sequence.iter().enumerate() {
+        if at > 0 {
+            grammar.allowed(&mut mask);
+            let before = allowed.len();
+            allowed.extend((0..ids as u32).map(|k| mask.allows(k)));
+            let free = at >= prompt && allowed[before..].iter().filter(|a| **a).count() > 1;
+            chosen.push(free);
+            if !free {
+                allowed.truncate(before);
+            }
+        }
+        grammar.accept(id as u32);
+    }
+    (chosen, allowed)
+}
+
+impl Policy for SkeletonTask {
+    fn params(&self) -> &Params {
+        Task::params(self)
+    }
+
+    fn device(&self) -> Device {
+        self.device
+    }
+
+    fn pool(&self) -> Pool<'_> {
+        let (assets, cache) = (&self.assets, &self.cache);
+        Pool { assets, cache, train: &self.train_assets, validate: &self.validation_assets }
+    }
+
+    fn notes(&self) -> Vec<String> {
+        Experiment::notes(self)
+    }
+
+    fn reads(&self) -> (&CloudConfig, &PerceiverConfig) {
+        (&self.config().sampling.cloud, &self.config().model.shape)
+    }
+
+    fn up(&self) -> Up {
+        self.config().data.up
+    }
+
+    fn vae(&self) -> Option<&Frozen> {
+        None
+    }
+
+    fn prefix(&self, w: &Weights, shapes: &Shapes) -> Tensor {
+        let (cloud, picks) = shape_of(self.config(), shapes, self.device);
+        self.net().condition(w, &cloud, &picks)
+    }
+
+    fn draw(
+        &self,
+        w: &Weights,
+        prefix: &Tensor,
+        how: &GenerateConfig,
+        streams: &mut [Stream],
+    ) -> Result<Vec<Drawn>, String> {
+        let _no_grad = tch::no_grad_guard();
+        let rows = streams.len() as i64;
+        let prefix =
+            if prefix.size()[0] == rows { prefix.shallow_clone() } else { prefix.expand([rows, -1, -1], false) };
+        let mut likelihood = vec![(0.0, 0); streams.len()];
+        let drawn = self.draw_told(w, &prefix.contiguous(), streams, how, Some(&mut likelihood));
+        let whole = drawn.into_iter().zip(likelihood).map(|(own, likelihood)| Drawn {
+            ids: own.ids.iter().map(|&id| i64::from(id)).collect(),
+            skeleton: own.ids,
+            decoded: own.decoded,
+            codes: Vec::new(),
+            likelihood,
+        });
+        Ok(whole.collect())
+    }
+
+    fn told(&self, drawn: &Drawn) -> Vec<[f32; 7]> {
+        vec![[0.0; 7]; drawn.ids.len()]
+    }
+
+    fn likely(&self, w: &Weights, shapes: &Shapes, all: &[&Sequence], temperature: f64) -> (Likelihood, Vec<i64>) {
+        let Flat { ids, targets, lengths, rows } = Flat::of(all, self.device);
+        let prefix = self.prefix(w, shapes).index_select(0, &rows);
+        // Without dropout: the policy is what draws.
+        let scores = self.net().logits(w, &prefix, &ids, &lengths, false);
+        let (vocabulary, prompt) = (scores.size()[1] as usize, self.start().len());
+        let (mut chosen, mut allowed) = (Vec::new(), Vec::new());
+        for own in all {
+            let (of_targets, of_chosen) = free(self.grammar(self.config().limits.tokens), &own.ids, prompt, vocabulary);
+            chosen.extend(of_targets);
+            allowed.extend(of_chosen);
+        }
+        let at = bits(&chosen, self.device).nonzero().squeeze_dim(1);
+        let scores = scores.index_select(0, &at);
+        let scores = if scores.kind() == Kind::Double { scores } else { scores.to_kind(Kind::Float) };
+        let allowed = bits(&allowed, self.device).view([-1, vocabulary as i64]);
+        let likely = log_softmax_within(&scores, Some(&allowed), temperature);
+        let log = likely.gather(1, &targets.index_select(0, &at).unsqueeze(1), false).squeeze_dim(1);
+        (Likelihood { log, entropy: entropy(&likely).to_kind(Kind::Float) }, counts(all, &chosen))
+    }
+
+    fn rig(&self, mesh: &Mesh, drawn: &Drawn, _key: u64) -> Result<Option<Rig>, String> {
+        Ok(drawn.decoded.as_ref().ok().and_then(|d| d.skeleton().ok()).and_then(|own| bound(&own, mesh)))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use riglab_token::{Limits, Parents, Tokenizer, TokenizerConfig};
+
+    use super::*;
+
+    #[test]
+    fn what_was_drawn_was_allowed_and_what_was_forced_was_no_choice() {
+        let tokenizer = Tokenizer::new(TokenizerConfig::default());
+        let vocabulary = tokenizer.vocabulary();
+        // One joint, then room for the end alone.
+        let ids = [vocabulary.bos(), 3, 4, 5, vocabulary.eos()].map(i64::from);
+        let grammar = || Grammar::new(&tokenizer, Limits { joints: 1, tokens: 16 }, Parents::Existing);
+        let (chosen, allowed) = free(grammar(), &ids, 1, vocabulary.len());
+        assert_eq!(chosen, [true, true, true, false]);
+        for (k, row) in allowed.chunks_exact(vocabulary.len()).enumerate() {
+            assert!(row[ids[k + 1] as usize] && row.iter().filter(|a| **a).count() > 1);
+        }
+        let (chosen, allowed) = free(grammar(), &ids, 3, vocabulary.len());
+        assert_eq!((chosen, allowed.len()), (vec![false, false, true, false], vocabulary.len()));
+    }
+}
