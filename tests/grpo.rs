@@ -205,6 +205,12 @@ fn a_skeleton_model_is_refined_by_what_is_about_joints() {
     assert!(row["rewards"]["coverage"].as_f64() > Some(0.0) && row["rewards"]["skinning"] == 0.0, "{row}");
     assert!(!evaluation["gallery"].as_array().unwrap().is_empty());
 
+    // It can be refined further.
+    let (further, start) = (dir.path().join("further"), format!("start.model='{}'", run.display()));
+    must(&["train", text(&config), "--run", text(&further), "--set", &start, "--set", "train.steps=1"]);
+    let steps: Vec<Value> = lines(&further).into_iter().filter(|l| l["train/loss"].is_number()).collect();
+    assert!(steps.len() == 1 && steps[0]["train/divergence"] == 0.0, "{steps:?}");
+
     // Weights cannot be judged, and there is no rig to be made.
     let said = refusal(&mut riglab(&["train", text(&config), "--set", "reward.weights=[5.0, 1.0, 1.0, 1.0]"]));
     assert!(said.contains("reward.weights") && said.contains("skeleton model"), "{said}");

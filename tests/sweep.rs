@@ -28,7 +28,7 @@ fn a_killed_sweep_goes_on_to_the_same_table() {
         "[sweep]\nquestion = 'Does it go on?'\nseeds = [0, 1]\nevaluate = true",
         &format!("base = '{}'", base.display()),
         "[[sweep.arms]]\nname = 'with'\n[[sweep.arms]]\nname = 'without'\nset = { 'loss.dice' = 0.0 }",
-        "[[sweep.arms]]\nname = 'continuous'\nset = { 'model.bottleneck' = 'gaussian', 'loss.kl' = 0.001, 'loss.spread' = 0.0 }",
+        "[[sweep.arms]]\nname = 'continuous'\n[sweep.arms.set]\n'model.bottleneck' = 'gaussian'\n'loss.kl' = 0.001\n'loss.spread' = 0.0",
         // Sound as a config: it fails when the run begins.
         "[[sweep.arms]]\nname = 'no corpus'\nset = { 'data.corpora' = ['nowhere.h5'] }",
         "[[sweep.metrics]]\nof = 'eval/iou_raw@val'\nbetter = 'higher'",
@@ -71,6 +71,18 @@ fn a_killed_sweep_goes_on_to_the_same_table() {
     let said = refusal(&mut riglab(&["sweep", text(&file), "-o", text(&dir.path().join("new"))]));
     assert!(said.contains("without, seed 0") && said.contains("dize"), "{said}");
     assert!(!dir.path().join("new").exists());
+}
+
+#[test]
+fn jobs_take_the_threads_that_the_command_line_gives() {
+    let dir = tempfile::tempdir().unwrap();
+    let base = config(dir.path(), &dir.path().join("nowhere.h5"), "");
+    let file = dir.path().join("toy.toml");
+    fs::write(&file, format!("[sweep]\nquestion = 'How many?'\nseeds = [0]\nbase = '{}'\n", base.display())).unwrap();
+    let out = dir.path().join("out");
+    // One job would take all processors.
+    let said = refusal(&mut riglab(&["sweep", text(&file), "-o", text(&out), "--jobs", "1", "--threads", "1"]));
+    assert!(said.contains("1 at a time with 1 threads each"), "{said}");
 }
 
 /// What must be equal.

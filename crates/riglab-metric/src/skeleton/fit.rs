@@ -3,8 +3,8 @@
 
 use riglab_core::{Bounds, Vec3};
 
-/// How far points move together, in the cube [-1, 1]³: at first as good as all, at last a limb. Of six pairs the one
-/// that brings retrieved skeletons nearest to the true ones on the validation split of real rigs.
+/// How far points move together, in the cube [-1, 1]³: at first as good as all, at last a limb. Of six pairs the
+/// one that brings retrieved skeletons nearest to the true ones on the validation split of real rigs.
 const REACH: [f32; 2] = [0.8, 0.3];
 const ROUNDS: usize = 24;
 /// Below this share of the largest side a box is flat, and is not stretched.

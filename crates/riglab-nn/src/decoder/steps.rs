@@ -363,6 +363,7 @@ mod tests {
     #[test]
     fn rows_that_are_dealt_to_threads_are_those_read_together() {
         if !Steps::serve(16, &[32, 64, 96]) {
+            println!("skipped: this processor takes the network's own way");
             return;
         }
         let pool = rayon::ThreadPoolBuilder::new().num_threads(3).build().unwrap();

@@ -50,8 +50,8 @@ pub enum Bottleneck {
     /// Codes rounded to `levels`: numbers that a decoder can write as tokens.
     #[default]
     Fsq,
-    /// Real numbers, as many as `levels` has axes, whose KL to N(0, 1) is a term of the loss: the continuous latent that
-    /// SkinTokens leaves open. To be compared with; no tokens can be made of them.
+    /// Real numbers, one for each axis of `levels` that is learned, whose KL to N(0, 1) is a term of the loss: the
+    /// continuous latent that SkinTokens leaves open. To be compared with; no tokens can be made of them.
     Gaussian,
 }
 

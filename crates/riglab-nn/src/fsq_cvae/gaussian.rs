@@ -1,8 +1,8 @@
 //! Codes that are real numbers, as a variational auto-encoder has them (Kingma and Welling 2014), in place of rounded
 //! ones: the other side of what SkinTokens leaves open, what it costs that codes are discrete.
 //!
-//! The encoder says mean μ and variance σ² of each axis. Training draws z = μ + σ ε with ε ~ N(0, 1), evaluation takes
-//! μ. Beside N(0, 1) an axis tells KL(N(μ, σ²), N(0, 1)) = (μ² + σ² - 1 - ln σ²) / 2 nats.
+//! The encoder says mean μ and variance σ² of each axis. Training draws z = μ + σ ε with ε ~ N(0, 1). Beside N(0, 1) such
+//! a draw tells KL(N(μ, σ²), N(0, 1)) = (μ² + σ² - 1 - ln σ²) / 2 nats; the mean, which evaluation takes too, is exact.
 
 use tch::{Kind, Tensor};
 
@@ -13,7 +13,7 @@ use crate::params::{Role, Scope, Weights};
 const REACH: f64 = 3.0;
 /// Where ln σ² starts. From σ = 1, codes were noise at first, and the decoder would learn to do without them.
 const START: f64 = -4.0;
-/// Bounds of ln σ²: beyond them, its exponential and the divergence leave what single precision holds.
+/// Bounds of ln σ²: far beyond what is learned, so that no step leaves what single precision holds.
 const LOG_VARIANCE: (f64, f64) = (-20.0, 10.0);
 
 /// The codes of bones, and what they tell.

@@ -3,7 +3,7 @@
 use riglab_core::Segment;
 use riglab_nn::fsq_cvae::{Coded, FsqCvae};
 use riglab_nn::params::Weights;
-use riglab_random::Stream;
+use riglab_random::{Draw, Stream};
 use tch::{Device, Kind, Tensor};
 
 use super::batch::{Batch, Maker};
@@ -37,9 +37,9 @@ impl Coder<'_> {
         self.net.encode_shape(self.weights, &cloud, &queries)
     }
 
-    /// The first `k` codes of every bone, [m, k, axes], and what they tell. The k first of all are not the same as the k first alone:
-    /// see `FsqCvae::encode_skin`.
-    pub fn encode(&self, rig: &Prepared, k: usize, random: &mut Stream) -> Coded {
+    /// The first `k` codes of every bone, [m, k, axes], and what they tell; `drawn`: draws of codes that are real numbers,
+    /// not their means. The k first of all are not the same as the k first alone: see `FsqCvae::encode_skin`.
+    pub fn encode(&self, rig: &Prepared, k: usize, drawn: bool, random: &mut Stream) -> Coded {
         let _no_grad = tch::no_grad_guard();
         let mut make = Maker { config: self.config, rig, map: None, random };
         let (mut codes, mut divergence) = (Vec::new(), Vec::new());
@@ -51,7 +51,12 @@ impl Coder<'_> {
             }
             let cloud = tensors::skin(self.config, &batch, self.device);
             let latent = self.net.encode_skin(self.weights, &cloud, k);
-            let coded = self.net.code(self.weights, &latent, &cloud, None);
+            let noise = drawn.then(|| {
+                let size = [chunk.len(), k, self.config.model.learned_axes()];
+                let numbers: Vec<f32> = (0..size.iter().product()).map(|_| make.random.normal()).collect();
+                tensors::tensor(&numbers, &size, self.device)
+            });
+            let coded = self.net.code(self.weights, &latent, &cloud, noise.as_ref());
             codes.push(coded.codes);
             divergence.extend(coded.divergence);
         }

@@ -97,7 +97,8 @@ pub struct LossConfig {
     pub support: f64,
     /// Weight of how far codes are from filling their codebook (an extension).
     pub spread: f64,
-    /// Weight of what a code tells, in nats, with `model.bottleneck = "gaussian"` (an extension).
+    /// Weight of what a code tells, in nats, with `model.bottleneck = "gaussian"` (an extension); at 0 that is a plain
+    /// auto-encoder.
     pub kl: f64,
 }
 

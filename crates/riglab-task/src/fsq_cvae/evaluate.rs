@@ -108,8 +108,8 @@ pub struct CodebookRow {
     /// exp of the entropy.
     #[serde(deserialize_with = "nan_for_null")]
     pub perplexity: f64,
-    /// What a code tells, at most, each axis by itself: the entropy of its levels over the split, and of an axis that is
-    /// a real number the mean divergence from N(0, 1).
+    /// What a code tells at most, each axis by itself: the entropy of its levels over the split; of an axis that is a
+    /// real number the mean divergence from N(0, 1), which is what its draws tell (`rule, drawn`), not its mean.
     #[serde(default = "not_known", deserialize_with = "nan_for_null")]
     pub bits: f64,
     /// Mean over assets of dense 16-bit weights over codes of ⌈log2 C⌉ bits, all codes kept.
@@ -165,6 +165,8 @@ pub struct Encoded {
     pub cond: Tensor,
     /// [m, t, axes]
     pub codes: Tensor,
+    /// Of codes that are real numbers, a draw of each, [m, t, axes].
+    pub drawn: Option<Tensor>,
     /// [m, t]: of rounded codes, their places in the codebook.
     pub ids: Option<Tensor>,
     /// [m, t]: of codes that are real numbers, what their learned axes tell, in nats.
@@ -255,9 +257,13 @@ impl FsqCvaeTask {
         let mut random = stream(self.config.eval.seed, "evaluation", &[id.key()]);
         let coder = self.coder(w);
         let cond = coder.shape(&rig, &mut random);
-        let Coded { codes, divergence } = coder.encode(&rig, self.config.model.skin_tokens, &mut random);
+        let k = self.config.model.skin_tokens;
+        let again = random.clone();
+        let Coded { codes, divergence } = coder.encode(&rig, k, false, &mut random);
+        // From the same points.
+        let drawn = divergence.as_ref().map(|_| coder.encode(&rig, k, true, &mut again.clone()).codes);
         let ids = divergence.is_none().then(|| self.net.fsq().ids(&codes));
-        Ok(Encoded { rig, cond, codes, ids, divergence })
+        Ok(Encoded { rig, cond, codes, drawn, ids, divergence })
     }
 
     /// Raw shares at points, a row a point, a column a bone, from the first `k` codes of each bone.
@@ -403,6 +409,10 @@ impl FsqCvaeTask {
                         raw_iou: raw.iou,
                     });
                 }
+            }
+            if let Some(drawn) = &encoded.drawn {
+                let predicted = self.decode(w, &encoded, drawn, all, &truth.points);
+                tally((all, "rule, drawn"), &ruled(&predicted, joints, report.cut));
             }
             // Every bone decoded with the codes of the next: the difference is what codes tell.
             let next = Tensor::from_slice(&(0..joints as i64).map(|j| (j + 1) % joints as i64).collect::<Vec<_>>());

@@ -107,7 +107,7 @@ impl Evaluation {
         table.note = "Compression: 16-bit weights of every vertex over the bits of the codes, mean over assets. Few \
                       tokens cannot use many codes: read utilisation beside the number of tokens. Bits: what a code tells \
                       at most, by the entropy of each axis; of axes that are real numbers (model.bottleneck = \
-                      \"gaussian\") by their divergence from N(0, 1)."
+                      \"gaussian\") by their divergence from N(0, 1): what draws tell (\"rule, drawn\"), not the means."
             .into();
         table
     }

@@ -1,10 +1,10 @@
-//! GRPO (SkinTokens 3.4): a trained TokenRig draws groups of rigs for meshes, geometric rewards say which of a group are
-//! better, and the policy learns to draw those, held to where it started. UniRig's skeleton model can be refined as well,
-//! by the rewards of joints and bones.
+//! GRPO (SkinTokens 3.4): a trained TokenRig draws groups of rigs for meshes, geometric rewards say which of a group
+//! are better, and the policy learns to draw those, held to where it started. UniRig's skeleton model can be refined as
+//! well, by the rewards of joints and bones.
 //!
 //! The one idea: **the trainer's own likelihood is the only one that counts.** Rigs are drawn by the fast sampler, then
-//! asked again with the network (for TokenRig [`riglab_nn::tokenrig::TokenRig::likelihood`]), which also gives the gradient, so that the ratio
-//! between new and old policy is 1 before the first update; how far the sampler's own differs is logged.
+//! asked again with the network, which also gives the gradient, so that the ratio between new and old policy is 1 before
+//! the first update; how far the sampler's own differs is logged.
 //!
 //! Holds: true rigs of the training split are never looked at; a run resumes exactly, in the middle of a rollout too; the
 //! reward alone never makes a checkpoint the best one (see [`GuardConfig`]).

@@ -210,7 +210,8 @@ impl Evaluation {
             "before: the model that the run started from; after: this checkpoint. Both rig the same meshes, with \
                       the same points and draws: several rigs a mesh drawn as in training, or one (greedy: always the \
                       likeliest token). The reward is higher, the distances are lower for a better rig; a rig that \
-                      cannot be decoded has reward 0."
+                      cannot be decoded has reward 0. A model of skeletons alone draws no weights to be judged: its R_sc \
+                      and R_mo are 0."
                 .into();
         table
     }

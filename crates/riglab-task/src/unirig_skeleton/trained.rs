@@ -1,6 +1,6 @@
 //! A trained skeleton model as others start from it.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use riglab_config::Config;
 use riglab_nn::params::Params;
@@ -20,8 +20,8 @@ pub(crate) struct Trained {
 }
 
 impl Trained {
-    /// Of a run's folder, its best checkpoint, or of a file that `riglab checkpoint import` made; `None` where it is of
-    /// another task.
+    /// Of a run's folder, its best checkpoint, or of a file that `riglab checkpoint import` made; of a run of GRPO, what
+    /// became of such a model. `None` where it is of another task.
     ///
     /// # Errors
     /// A sentence: what cannot be read.
@@ -29,7 +29,13 @@ impl Trained {
         if path.is_dir() {
             let file = path.join("config.toml");
             let text = std::fs::read_to_string(&file).map_err(|e| format!("{}: no run ({e})", file.display()))?;
-            let Some(own) = Self::of_settings(&file.to_string_lossy(), &text, device)? else { return Ok(None) };
+            let name = file.to_string_lossy();
+            let own = match refined(&name, &text)? {
+                Some(start) if start.as_os_str().is_empty() => None,
+                Some(start) => Self::open(&start, device)?,
+                None => Self::of_settings(&name, &text, device)?,
+            };
+            let Some(own) = own else { return Ok(None) };
             let checkpoint = Checkpoint::open(&path.join("checkpoints").join("best")).map_err(|e| e.to_string())?;
             checkpoint.load_weights(&own.params).map_err(|e| e.to_string())?;
             return Ok(Some(own));
@@ -57,4 +63,13 @@ impl Trained {
         let (_, params) = SkeletonTask::network(&config, device).map_err(|e| format!("{name}: {e}"))?;
         Ok(Some(Self { config, params }))
     }
+}
+
+/// Where a run of GRPO started; `None` where it is of another task.
+fn refined(name: &str, text: &str) -> Result<Option<PathBuf>, String> {
+    let config = Config::from_toml_str(name, text).map_err(|e| e.to_string())?;
+    if config.get_at::<String>("task").unwrap_or_default() != "grpo" {
+        return Ok(None);
+    }
+    Ok(Some(config.get::<crate::grpo::GrpoTaskConfig>().map_err(|e| e.to_string())?.start.model))
 }

@@ -161,14 +161,14 @@ fn plan(name: &str, args: &Args, threads: usize) -> Result<(Plan, PathBuf, Desk)
             bail!("{name}: no sweep here (there is no sweep.json); `riglab sweep FILE` makes one");
         };
         let desk = Desk::reopen(&folder, &cluster)?;
-        return Ok((plan, folder.clone(), asked(desk, args)));
+        return Ok((plan, folder.clone(), asked(desk, args, threads)));
     }
     let config = presets::load(name, &cluster)?;
     config.check_keys(&["sweep", "slurm"])?;
     let file: SweepFile = config.get_at("sweep")?;
     let mut slurm = settings(&config)?;
     if slurm.cpus == 0 {
-        slurm.cpus = if threads > 0 { threads } else { file.threads };
+        slurm.cpus = file.threads;
     }
     if slurm.memory.is_empty() && file.memory_gb > 0.0 {
         slurm.memory = format!("{:.0}M", (file.memory_gb * 1024.0).ceil());
@@ -177,11 +177,14 @@ fn plan(name: &str, args: &Args, threads: usize) -> Result<(Plan, PathBuf, Desk)
     let stem = Path::new(name).file_stem().map_or("sweep".into(), |s| s.to_string_lossy().into_owned());
     let folder = args.out.clone().unwrap_or_else(|| Path::new("sweeps").join(stem));
     let desk = Desk::new(&folder, slurm)?;
-    Ok((plan, folder, asked(desk, args)))
+    Ok((plan, folder, asked(desk, args, threads)))
 }
 
-/// With the jobs at a time that the command line asks for.
-fn asked(mut desk: Desk, args: &Args) -> Desk {
+/// With the jobs at a time, and the threads of each, that the command line asks for.
+fn asked(mut desk: Desk, args: &Args, threads: usize) -> Desk {
+    if threads > 0 {
+        desk.config.cpus = threads;
+    }
     if args.jobs > 0 {
         desk.config.at_a_time = args.jobs;
     }

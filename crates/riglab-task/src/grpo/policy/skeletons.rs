@@ -139,15 +139,15 @@ mod tests {
     fn what_was_drawn_was_allowed_and_what_was_forced_was_no_choice() {
         let tokenizer = Tokenizer::new(TokenizerConfig::default());
         let vocabulary = tokenizer.vocabulary();
-        // One joint, then room for the end alone.
-        let ids = [vocabulary.bos(), 3, 4, 5, vocabulary.eos()].map(i64::from);
+        // Too few joints for a class of any template; one joint, then room for the end alone.
+        let ids = [vocabulary.bos(), vocabulary.no_class(), 3, 4, 5, vocabulary.eos()].map(i64::from);
         let grammar = || Grammar::new(&tokenizer, Limits { joints: 1, tokens: 16 }, Parents::Existing);
         let (chosen, allowed) = free(grammar(), &ids, 1, vocabulary.len());
-        assert_eq!(chosen, [true, true, true, false]);
-        for (k, row) in allowed.chunks_exact(vocabulary.len()).enumerate() {
-            assert!(row[ids[k + 1] as usize] && row.iter().filter(|a| **a).count() > 1);
+        assert_eq!(chosen, [false, true, true, true, false]);
+        for (row, id) in allowed.chunks_exact(vocabulary.len()).zip(&ids[2..]) {
+            assert!(row[*id as usize] && row.iter().filter(|a| **a).count() > 1);
         }
         let (chosen, allowed) = free(grammar(), &ids, 3, vocabulary.len());
-        assert_eq!((chosen, allowed.len()), (vec![false, false, true, false], vocabulary.len()));
+        assert_eq!((chosen, allowed.len()), (vec![false, false, true, true, false], 2 * vocabulary.len()));
     }
 }
