@@ -31,7 +31,7 @@ pub use batch::{Batch, BatchSource, Subject};
 pub use config::{Dead, GrpoTaskConfig, GuardConfig, RolloutConfig, StartConfig};
 pub use report::{AssetRow, AssetScore, Evaluation, Report, Row};
 pub use rollout::{NOTES, Rollout, Sequence};
-pub use score::{Judged, rewards};
+pub use score::{Judged, candidates, rewards};
 
 use crate::assets::{Assets, DataConfig};
 use crate::experiment::{Examined, Experiment};
