@@ -105,7 +105,8 @@ class Side:
         """Finds that out for each part."""
         ids, allowed = self.draw()
         rows = self.rows(ids)
-        learn = lambda: self.loss(ids, allowed, rows, self.score(rows)[1]).backward()
+        _, advantages = self.judge(self.weights(rows))
+        learn = lambda: self.objective(ids, allowed, advantages, *self.before(ids, allowed)).backward()
         work = {"draw": self.draw, "decode": lambda: self.weights(rows), "learn": learn}
         for part, run in work.items():
             seconds = {True: [], False: []}
@@ -168,9 +169,6 @@ class Side:
         total = torch.tensor(rewards, dtype=torch.float64) @ torch.tensor(self.config["reward"]["weights"]).double()
         return rewards, (total - total.mean()) / (total.std() + LEAST_SPREAD)
 
-    def score(self, rows):
-        return self.judge(self.weights(rows))
-
     def likely(self, net, ids, allowed):
         """Log-probabilities [b, t - 1] of the tokens that were free, else 0."""
         start = torch.full((len(ids), 1), self.ids["bos"])
@@ -204,9 +202,6 @@ class Side:
         each = (gain - c["beta"] * (away.exp() - away - 1)) * free
         return -(each.sum(1) / free.sum(1)).mean()
 
-    def loss(self, ids, allowed, rows, advantages):
-        return self.objective(ids, allowed, advantages, *self.before(ids, allowed))
-
     def check(self, rows, scale):
         """Of given sequences: rewards, log-probabilities of free tokens, the gradient's norm, and the loss once all
         weights are scaled."""
@@ -216,7 +211,7 @@ class Side:
         for t in range(longest):
             strict.allowed(ids[:, :t])
         allowed = torch.stack(strict.seen, 1)
-        rewards, advantages = self.score(rows)
+        rewards, advantages = self.judge(self.weights(rows))
         old, reference = self.before(ids, allowed)
         self.objective(ids, allowed, advantages, old, reference).backward()
         norm = nn.utils.clip_grad_norm_(self.net.parameters(), torch.inf).item()

@@ -58,17 +58,18 @@ class Scorer:
         return 1 - 0.5 * unbound ** config["unbound_exponent"] - 0.5 * crowded ** config["crowded_exponent"]
 
     def motion(self, heads, parents, weights):
+        turns = self.turns[:, : len(heads)]
+        turned = Rotation.from_rotvec(turns.reshape(-1, 3)).as_matrix().reshape(*turns.shape, 3)
+        # By pose and joint, then by its parent's: [p, j, 3, 4].
+        maps = np.concatenate([turned, heads[:, :, None] - turned @ heads[:, :, None]], 3)
+        for j, parent in enumerate(parents):
+            if parent >= 0:
+                above = maps[:, parent]
+                maps[:, j] = above[:, :, :3] @ maps[:, j]
+                maps[:, j, :, 3] += above[:, :, 3]
         worst, total = [], weights.sum(1, keepdims=True) + 1e-8
-        for turn in self.turns[:, : len(heads)]:
-            turned = Rotation.from_rotvec(turn).as_matrix()
-            maps = np.zeros((len(heads), 3, 4))
-            for j, parent in enumerate(parents):
-                local = np.concatenate([turned[j], (heads[j] - turned[j] @ heads[j])[:, None]], 1)
-                if parent >= 0:
-                    above = maps[parent]
-                    local = np.concatenate([above[:, :3] @ local[:, :3], above[:, :3] @ local[:, 3:] + above[:, 3:]], 1)
-                maps[j] = local
-            mixed = (weights @ maps.reshape(len(heads), 12)).reshape(-1, 3, 4)
+        for own in maps:
+            mixed = (weights @ own.reshape(len(heads), 12)).reshape(-1, 3, 4)
             posed = (np.einsum("vij,vj->vi", mixed[:, :, :3], self.vertices) + mixed[:, :, 3]) / total
             now = np.linalg.norm(posed[self.edges[:, 0]] - posed[self.edges[:, 1]], axis=1)
             worst.append(max(1.0, (now / (self.lengths + 1e-6)).max()))

@@ -53,6 +53,10 @@ const NEAR: f64 = 1e-3;
 const ELSEWHERE: f64 = 1.25;
 /// The share of a step that rewards may take, in percent.
 const SHARE: f64 = 20.0;
+/// What a step consists of: rigs are drawn, their codes decoded, judged; two policies say how likely they were; one learns.
+const PARTS: [&str; 5] = ["draw", "decode", "judge", "likelihoods", "update"];
+const DECODE: usize = 1;
+const JUDGE: usize = 2;
 
 #[derive(Deserialize, Serialize)]
 struct Opened {
@@ -79,24 +83,19 @@ struct Checked {
     loss: f64,
 }
 
-/// Seconds of our step by part.
+/// Seconds of our step.
 #[derive(Deserialize, Serialize)]
 struct Parts {
-    draw: f64,
-    decode: f64,
-    rewards: f64,
-    likely: f64,
-    update: f64,
-    /// Outside of the step.
+    /// As [`PARTS`] are called.
+    inside: [f64; PARTS.len()],
+    /// What the loader makes for the rewards.
     voxels: f64,
-    /// The whole.
-    step: f64,
 }
 
 #[derive(Deserialize)]
 struct Told {
     ids: Vec<Vec<u32>>,
-    parts: Vec<[f64; 5]>,
+    parts: Vec<[f64; PARTS.len()]>,
 }
 
 pub fn run(context: &mut Context) -> Result<Vec<Row>> {
@@ -121,22 +120,16 @@ pub fn run(context: &mut Context) -> Result<Vec<Row>> {
     }
     // With the start, as ours count.
     let length = told.ids.iter().map(|ids| 1.0 + ids.len() as f64).sum::<f64>() / told.ids.len() as f64;
+    let own_length: f64 = ours.ask(&json!({"do": "length"}))?;
     let mut all: Vec<Parts> = Vec::new();
     for _ in 0..plan.rounds {
         all.push(ours.ask(&json!({"do": "parts"}))?);
     }
-    let own_length: f64 = ours.ask(&json!({"do": "length"}))?;
-    let part = |of: fn(&Parts) -> f64| median(&all.iter().map(of).collect::<Vec<_>>());
-    let timed = &told.parts[told.parts.len() - plan.rounds..];
-    let their = |k: usize| median(&timed.iter().map(|p| p[k]).collect::<Vec<_>>());
     let plain: Vec<&str> = fused.iter().filter(|(_, is)| **is == json!(false)).map(|(name, _)| name.as_str()).collect();
-    let (x, y) = found.wall.medians();
     let note = format!(
-        "{} threads, group of {GROUP}, {} vertices of which {} are asked, {} cells; sequences of {own_length:.0} and \
-         {length:.0} tokens on average; same rigs: rewards {:.0e}, log-probabilities {:.0e}, gradient {:.0e}, loss \
-         {:.0e} apart; seconds of drawing, decoding, rewards, likelihoods, update: ours {:.2}, {:.2}, {:.3}, {:.2}, \
-         {:.2}, theirs {:.2}, {:.2}, {:.2}, {:.2}, {:.2}; batches made before, voxels handed over; theirs takes the \
-         faster attention in each part, plain in: {}; ms a step: {}",
+        "{} threads, {} vertices of which {} are asked, {} cells; sequences of {own_length:.0} and {length:.0} tokens on \
+         average; same rigs: rewards {:.0e}, log-probabilities {:.0e}, gradient {:.0e}, loss {:.0e} apart; batches made \
+         before; theirs takes the faster attention for each part, plain products for: {}; ms a step: {}",
         context.threads,
         a.vertices,
         a.config.rollout.vertices.min(a.vertices),
@@ -145,35 +138,37 @@ pub fn run(context: &mut Context) -> Result<Vec<Row>> {
         apart[1],
         apart[2],
         apart[3],
-        part(|p| p.draw),
-        part(|p| p.decode),
-        part(|p| p.rewards),
-        part(|p| p.likely),
-        part(|p| p.update),
-        their(0),
-        their(1),
-        their(2),
-        their(3),
-        their(4),
         if plain.is_empty() { "none".into() } else { plain.join(", ") },
         found.wall.spread()
     );
-    let (cpu_x, cpu_y) = found.cpu.medians();
-    let share = |of: fn(&Parts) -> f64| 100.0 * median(&all.iter().map(|p| of(p) / p.step).collect::<Vec<_>>());
-    let of_rewards = format!(
-        "the four rewards with the mesh's voxels, which loader threads make; theirs is what they may take; without voxels \
-         {:.1} %; decoding of codes takes {:.1} % besides",
-        share(|p| p.rewards),
-        share(|p| p.decode)
-    );
-    Ok(vec![
+    let ((x, y), (cpu_x, cpu_y)) = (found.wall.medians(), found.cpu.medians());
+    let mut rows = vec![
         Row::new(LABEL, x, y, "ms/step", Better::Lower).bar(3.0).note(note),
         Row::new(format!("{LABEL}/cpu"), cpu_x, cpu_y, "ms/step", Better::Lower)
             .note("by the processor time of all threads: tells more than the clock where the machine is shared"),
-        Row::new(format!("{LABEL}/rewards"), share(|p| p.rewards + p.voxels), SHARE, "% of ours", Better::Lower)
-            .bar(1.0)
-            .note(of_rewards),
-    ])
+    ];
+    let timed = &told.parts[told.parts.len() - plan.rounds..];
+    rows.extend(PARTS.iter().enumerate().map(|(k, name)| {
+        let ours = median(&all.iter().map(|p| 1e3 * p.inside[k]).collect::<Vec<_>>());
+        let theirs = median(&timed.iter().map(|p| 1e3 * p[k]).collect::<Vec<_>>());
+        Row::new(format!("{LABEL}/{name}"), ours, theirs, "ms/step", Better::Lower)
+    }));
+    let share = |of: &dyn Fn(&Parts) -> f64| {
+        let shares: Vec<f64> = all.iter().map(|p| 100.0 * of(p) / p.inside.iter().sum::<f64>()).collect();
+        median(&shares)
+    };
+    let of_rewards = format!(
+        "the four rewards, and the mesh's voxels and edges that loader threads make; theirs is what they may take; \
+         without those {:.1} %; decoding takes {:.1} % besides. Our parts are of {} more steps, in each of which the \
+         rigs are drawn, decoded and judged once more by themselves; likelihoods are two passes without a gradient, the \
+         update is what is left",
+        share(&|p| p.inside[JUDGE]),
+        share(&|p| p.inside[DECODE]),
+        all.len()
+    );
+    let whole = share(&|p| p.inside[JUDGE] + p.voxels);
+    rows.push(Row::new(format!("{LABEL}/rewards"), whole, SHARE, "%", Better::Lower).bar(1.0).note(of_rewards));
+    Ok(rows)
 }
 
 /// By class and part: the place of its first joint in the template, and on which places its joints hang.
@@ -221,7 +216,7 @@ enum Request {
 
 /// riglab's side.
 pub fn serve() -> Result<()> {
-    let mut training: Option<Training<GrpoTask>> = None;
+    let (mut training, mut tokens): (Option<Training<GrpoTask>>, Vec<usize>) = Default::default();
     let mut settings: Option<GrpoTaskConfig> = None;
     side::serve(|request| match (request, &mut training, &mut settings) {
         (Request::Open { file, corpus, threads }, training, settings) => {
@@ -234,12 +229,13 @@ pub fn serve() -> Result<()> {
             Ok(json!(opened))
         }
         (Request::Check, Some(training), Some(c)) => Ok(json!(checked(training, c)?)),
-        (Request::Run { steps }, Some(training), _) => training.run(steps),
-        (Request::Parts, Some(training), Some(c)) => Ok(json!(parts(training, c)?)),
-        (Request::Length, Some(training), _) => {
-            let tokens = training.task.kept().get("rollout.ids").map_or(0, Tensor::numel);
-            Ok(json!(tokens as f64 / GROUP as f64))
+        (Request::Run { steps }, Some(training), _) => {
+            let ran = training.run(steps)?;
+            tokens.push(training.task.kept().get("rollout.ids").map_or(0, Tensor::numel));
+            Ok(ran)
         }
+        (Request::Parts, Some(training), Some(c)) => Ok(json!(parts(training, c)?)),
+        (Request::Length, ..) => Ok(json!(tokens.iter().sum::<usize>() as f64 / (tokens.len() * GROUP) as f64)),
         _ => Err(anyhow!("open first")),
     })
 }
@@ -369,7 +365,7 @@ fn parts(training: &mut Training<GrpoTask>, c: &GrpoTaskConfig) -> Result<Parts>
     let decode = timed(start);
     let start = Instant::now();
     ensure!(subject.scorer.score_group(&made).len() == GROUP, "rigs without rewards");
-    let rewards = timed(start);
+    let judge = timed(start);
     let start = Instant::now();
     ensure!(Scorer::new(&subject.mesh, &c.reward).voxels().count() > 0, "a mesh without a cell");
     let voxels = timed(start);
@@ -384,5 +380,5 @@ fn parts(training: &mut Training<GrpoTask>, c: &GrpoTaskConfig) -> Result<Parts>
     })
     .map_err(|e| anyhow!(e))?;
     let likely = 2.0 * timed(start);
-    Ok(Parts { draw, decode, rewards, likely, update: step - draw - decode - rewards - likely, voxels, step })
+    Ok(Parts { inside: [draw, decode, judge, likely, step - draw - decode - judge - likely], voxels })
 }
