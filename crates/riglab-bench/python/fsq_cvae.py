@@ -347,6 +347,8 @@ def factor(train, step):
     s, steps = train["schedule"], train["steps"]
     if step < s["warmup"]:
         return (step + 1) / s["warmup"]
+    if s["kind"] == "constant":
+        return 1.0
     done = min((step - s["warmup"]) / max(steps - s["warmup"] - 1, 1), 1.0)
     return s["end"] + (1 - s["end"]) * 0.5 * (1 + math.cos(math.pi * done))
 

@@ -39,5 +39,6 @@ class WholeSide(Side):
     model, strict = TokenRig, WholeStrict
 
 
-side = WholeSide()
-serve({name: getattr(side, name) for name in ("open", "attend", "draw")})
+if __name__ == "__main__":
+    side = WholeSide()
+    serve({name: getattr(side, name) for name in ("open", "attend", "draw")})

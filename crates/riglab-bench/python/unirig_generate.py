@@ -116,12 +116,16 @@ class Strict(LogitsProcessor):
     def __init__(self, ids, limits, rows, masks):
         self.grammars = [self.grammar(ids, limits, masks) for _ in range(rows)]
 
-    def __call__(self, input_ids, scores):
+    def allowed(self, input_ids):
+        """What may follow, [b, v], after one more token of each."""
         if input_ids.shape[1]:
             for grammar, id in zip(self.grammars, input_ids[:, -1].tolist()):
                 if not grammar.done:
                     grammar.accept(id)
-        return scores.masked_fill(~torch.stack([g.allowed() for g in self.grammars]), -torch.inf)
+        return torch.stack([g.allowed() for g in self.grammars])
+
+    def __call__(self, input_ids, scores):
+        return scores.masked_fill(~self.allowed(input_ids), -torch.inf)
 
 
 class Side:

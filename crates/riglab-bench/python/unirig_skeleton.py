@@ -222,7 +222,10 @@ class Trainer:
 
     def step(self, batch):
         """One optimizer step; gives the loss."""
-        loss = self.loss(batch)
+        return self.update(self.loss(batch))
+
+    def update(self, loss):
+        """A step down a loss, which it gives."""
         loss.backward()
         torch.nn.utils.clip_grad_norm_(self.params, self.train["optim"]["clip"], foreach=True)
         for optimizer, lr in zip(self.optimizers, self.base):

@@ -69,10 +69,10 @@ pub static TORCH: Environment = Environment {
 /// What the twins of language models need.
 pub static TRANSFORMERS: Environment = Environment {
     name: "PyTorch 2.11.0 and transformers 5.23.0",
-    requirements: &["torch==2.11.0", "transformers==5.23.0", "numpy==2.4.6"],
+    requirements: &["torch==2.11.0", "transformers==5.23.0", "numpy==2.4.6", "scipy==1.17.1"],
     version: None,
-    gigabytes: 5.2,
-    probe: "torch, transformers, numpy",
+    gigabytes: 5.3,
+    probe: "torch, transformers, numpy, scipy",
     found: OnceLock::new(),
 };
 

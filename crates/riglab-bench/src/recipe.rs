@@ -8,6 +8,7 @@ use riglab_config::Loader;
 use riglab_data::{Splitter, import_folder};
 use riglab_nn::tokenrig::TokenRigConfig;
 use riglab_task::fsq_cvae::FsqCvaeTaskConfig;
+use riglab_task::grpo::GrpoTaskConfig;
 use riglab_task::tokenrig::TokenRigTaskConfig;
 use riglab_task::unirig_skeleton::SkeletonTaskConfig;
 use riglab_task::unirig_skin::SkinTaskConfig;
@@ -22,6 +23,9 @@ const SKELETON: &str = "experiments/quickstart/unirig_skeleton.toml";
 /// The same of TokenRig, and of the auto-encoder that it stands on.
 const TOKENRIG: [&str; 2] =
     ["experiments/quickstart/tokenrig.toml", "experiments/skintokens/fsq_cvae_for_tokenrig.toml"];
+
+/// GRPO of TokenRig.
+const GRPO: &str = "experiments/skintokens/grpo_quick.toml";
 
 /// TokenRig as the paper trains it.
 const TOKENRIG_PAPER: &str = "experiments/skintokens/tokenrig_paper.toml";
@@ -76,6 +80,15 @@ pub fn tokenrig(corpus: &Path, precision: Precision) -> Result<TokenRigTaskConfi
     c.data.corpora = vec![corpus.into()];
     c.train.precision = precision;
     c.validate().map_err(|(key, message)| anyhow!("{key}: {message}")).context(TOKENRIG[0])?;
+    Ok(c)
+}
+
+/// GRPO's settings over a corpus, everything in single precision.
+pub fn grpo(corpus: &Path) -> Result<GrpoTaskConfig> {
+    let mut c: GrpoTaskConfig = read(GRPO)?;
+    c.data.corpora = vec![corpus.into()];
+    (c.train.precision, c.rollout.precision) = (Precision::Fp32, Precision::Fp32);
+    c.validate().map_err(|(key, message)| anyhow!("{key}: {message}")).context(GRPO)?;
     Ok(c)
 }
 

@@ -130,7 +130,7 @@ fn fused_is_faster(theirs: &mut Side, request: &Value) -> Result<bool> {
 }
 
 /// The tokens as the other side's grammar knows them.
-fn named(ids: &Vocabulary) -> Map<String, Value> {
+pub fn named(ids: &Vocabulary) -> Map<String, Value> {
     let parts = |class: &str| -> Vec<(u32, usize)> {
         ids.parts_of(class).into_iter().map(|(number, part)| (ids.part(number), part.joints.len())).collect()
     };

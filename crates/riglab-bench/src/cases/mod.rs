@@ -7,6 +7,7 @@ mod export;
 mod generate;
 mod geodesic;
 mod group;
+mod grpo;
 mod import;
 mod import_arrays;
 mod loader_ar;
@@ -50,7 +51,7 @@ pub struct Case {
 }
 
 /// All of them, in the order they run.
-pub const CASES: [Case; 34] = [
+pub const CASES: [Case; 35] = [
     Case { name: "import", about: "rigged files read, against Blender's glTF importer", run: import::run },
     Case {
         name: "import/trimesh",
@@ -171,6 +172,11 @@ pub const CASES: [Case; 34] = [
     },
     Case { name: "group24/tokenrig", about: "24 sequences of one mesh, against the time of one", run: group::run },
     Case {
+        name: "step/grpo",
+        about: "a whole step of GRPO, a group of 24 drawn, judged and learnt from, against transformers, numpy and scipy",
+        run: grpo::run,
+    },
+    Case {
         name: "rig/20k",
         about: "`riglab rig` on a mesh of 20,000 vertices, against the time asked for",
         run: rig::run,
@@ -216,6 +222,7 @@ pub fn serve(case: &str) -> Result<()> {
         "generate" => generate::serve::<SkeletonTask>(),
         "tokenrig_generate" => generate::serve::<TokenRigTask>(),
         "group" => group::serve(),
+        "grpo" => grpo::serve(),
         "import" => import::serve(),
         "decode" => decode::serve(),
         "dedup" => dedup::serve(),
@@ -291,7 +298,7 @@ mod tests {
         let of = |name| CASES.iter().filter(|c| c.is_wanted(name)).count();
         assert_eq!(
             (of("step"), of("step/fsq_cvae/fp32"), of("step/fsq_cvae/fp32/compile"), of("imports")),
-            (7, 1, 1, 0)
+            (8, 1, 1, 0)
         );
     }
 }

@@ -140,7 +140,8 @@ impl<T: Task> Training<T> {
         Ok(json!({"seconds": seconds, "cpu_seconds": cpu, "losses": losses}))
     }
 
-    fn at(&self) -> At<'static> {
+    /// Where the next step is.
+    pub fn at(&self) -> At<'static> {
         At { seed: self.config.seed, step: self.step, batch: self.step, ranks: &ALONE }
     }
 

@@ -33,7 +33,7 @@ pub use batch::{Batch, BatchSource, Subject};
 pub use config::{Dead, GrpoTaskConfig, GuardConfig, RolloutConfig, StartConfig};
 pub use report::{AssetRow, AssetScore, Evaluation, Report, Row};
 pub use rollout::{NOTES, Rollout, Sequence};
-pub use score::{Judged, rewards};
+pub use score::{Judged, candidates, rewards};
 
 use crate::assets::{Assets, DataConfig};
 use crate::experiment::{Examined, Experiment};
@@ -94,6 +94,11 @@ impl GrpoTask {
         let start = policy.params().weights().detached_copy();
         let (rollout, held) = (RefCell::default(), RefCell::default());
         Ok(Self { config, policy, start, rollout, first: Cell::new(None), held })
+    }
+
+    /// The policy as a model that makes rigs; `None` where it draws skeletons alone.
+    pub fn rigger(&self) -> Option<&Rigger> {
+        self.policy.rigger()
     }
 
     /// The sequences of a step: all of the rollout, or a part of them in an order of its own each time they are gone

@@ -30,6 +30,21 @@ pub struct Judged {
 /// # Errors
 /// When the mesh makes no rig.
 pub fn rewards(vae: Option<&Frozen>, subject: &Subject, drawn: &[Drawn], how: &Judged) -> Result<Vec<Rewards>, String> {
+    let (candidates, place) = candidates(vae, subject, drawn, how)?;
+    let scores = subject.scorer.score_group(&candidates);
+    Ok(place.into_iter().map(|at| scores[at]).collect())
+}
+
+/// What [`rewards`] judges: the different rigs among those drawn, with their weights, and which of them each is.
+///
+/// # Errors
+/// When the mesh makes no rig.
+pub fn candidates(
+    vae: Option<&Frozen>,
+    subject: &Subject,
+    drawn: &[Drawn],
+    how: &Judged,
+) -> Result<(Vec<Option<Candidate>>, Vec<usize>), String> {
     let skinner = vae.map(|vae| {
         let mut random = stream(how.seed, "skin rewards", &[subject.key]);
         let skinner = Skinner::new(vae, &subject.mesh, how.vertices, &mut random)?;
@@ -46,8 +61,7 @@ pub fn rewards(vae: Option<&Frozen>, subject: &Subject, drawn: &[Drawn], how: &J
         }
         place.push(at);
     }
-    let scores = subject.scorer.score_group(&candidates);
-    Ok(place.into_iter().map(|at| scores[at]).collect())
+    Ok((candidates, place))
 }
 
 /// A drawn rig with its raw weights; `None` where there is no rig.

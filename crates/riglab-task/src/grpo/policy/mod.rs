@@ -17,7 +17,7 @@ use tch::{Device, Tensor};
 use super::rollout::Sequence;
 use crate::assets::{AssetId, Assets, Cache, Up};
 use crate::fsq_cvae::Frozen;
-use crate::tokenrig::Drawn;
+use crate::tokenrig::{Drawn, Rigger};
 use crate::unirig_skeleton::Batch as Shapes;
 
 /// A model that draws for meshes, and says how likely each draw was.
@@ -34,8 +34,14 @@ pub(super) trait Policy {
     fn reads(&self) -> (&CloudConfig, &PerceiverConfig);
     /// Which way is up in its cube.
     fn up(&self) -> Up;
-    /// The auto-encoder that says the weights of what it draws; `None` where it draws skeletons alone.
-    fn vae(&self) -> Option<&Frozen>;
+    /// Itself as a model that makes rigs; `None` where it draws skeletons alone.
+    fn rigger(&self) -> Option<&Rigger> {
+        None
+    }
+    /// The auto-encoder that says the weights of what it draws.
+    fn vae(&self) -> Option<&Frozen> {
+        self.rigger().map(Rigger::vae)
+    }
     /// What its decoder reads of shapes, [b, p, d].
     fn prefix(&self, w: &Weights, shapes: &Shapes) -> Tensor;
     /// A draw for each stream after a prefix [b, p, d], of one shape or of as many as there are streams.

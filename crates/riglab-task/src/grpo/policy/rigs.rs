@@ -14,7 +14,6 @@ use tch::{Device, Tensor};
 use super::{Flat, Policy, Pool, bits, counts};
 use crate::assets::Up;
 use crate::experiment::Experiment;
-use crate::fsq_cvae::Frozen;
 use crate::grpo::rollout::Sequence;
 use crate::tokenrig::{Drawn, Rigger, TokenRigTask, joints_told, told};
 use crate::unirig_skeleton::Batch as Shapes;
@@ -81,8 +80,8 @@ impl Policy for TokenRigTask {
         self.rigger().config().data.up
     }
 
-    fn vae(&self) -> Option<&Frozen> {
-        Some(self.rigger().vae())
+    fn rigger(&self) -> Option<&Rigger> {
+        Some(Self::rigger(self))
     }
 
     fn prefix(&self, w: &Weights, shapes: &Shapes) -> Tensor {

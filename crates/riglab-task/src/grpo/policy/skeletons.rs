@@ -15,7 +15,6 @@ use tch::{Device, Kind, Tensor};
 use super::{Flat, Policy, Pool, bits, counts};
 use crate::assets::Up;
 use crate::experiment::Experiment;
-use crate::fsq_cvae::Frozen;
 use crate::grpo::rollout::Sequence;
 use crate::tokenrig::Drawn;
 use crate::unirig_skeleton::gallery::bound;
@@ -65,10 +64,6 @@ impl Policy for SkeletonTask {
 
     fn up(&self) -> Up {
         self.config().data.up
-    }
-
-    fn vae(&self) -> Option<&Frozen> {
-        None
     }
 
     fn prefix(&self, w: &Weights, shapes: &Shapes) -> Tensor {
