@@ -64,6 +64,20 @@ fn rewards_refine_a_model() {
     assert!((1..8).all(|step| of(step, "divergence") > 0.0), "the policy moves");
     assert!(of(3, "reward") == of(0, "reward") && of(4, "reward") != of(0, "reward"), "four steps a rollout");
 
+    // Gone over once, the policy that drew is the one that learns: it is not asked twice, and says the same.
+    let once = dir.path().join("once");
+    let sets = ["rollout.epochs=1", "rollout.minibatches=1", "train.steps=2", "rollout.dead='mask'"];
+    let args: Vec<&str> = sets.iter().flat_map(|set| ["--set", *set]).collect();
+    must(&[&["train", text(&config), "--run", text(&once)][..], &args].concat());
+    let own = lines(&once);
+    let own: Vec<&Value> = own.iter().filter(|l| l["train/loss"].is_number()).collect();
+    for name in ["reward", "length", "spread", "sampler_gap"] {
+        let (a, b) = (own[0][&format!("train/{name}")].as_f64().unwrap(), of(0, name));
+        assert!((a - b).abs() < 1e-9 * b.abs().max(1e-3), "{name}: {a} and {b}");
+    }
+    assert!(own.iter().all(|l| l["train/ratio"] == 1.0 && l["train/clip_fraction"] == 0.0), "{own:?}");
+    assert!(own[0]["train/divergence"] == 0.0 && own[1]["train/divergence"].as_f64() > Some(0.0), "{own:?}");
+
     // Stopped after 3 steps, in the middle of the first rollout.
     let broken = dir.path().join("broken");
     must(&["train", text(&config), "--run", text(&broken), "--set", "train.keep=9"]);

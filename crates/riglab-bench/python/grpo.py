@@ -106,7 +106,7 @@ class Side:
         ids, allowed = self.draw()
         rows = self.rows(ids)
         _, advantages = self.judge(self.weights(rows))
-        learn = lambda: self.objective(ids, allowed, advantages, *self.before(ids, allowed)).backward()
+        learn = lambda: self.objective(ids, allowed, advantages, self.before(self.start, ids, allowed)).backward()
         work = {"draw": self.draw, "decode": lambda: self.weights(rows), "learn": learn}
         for part, run in work.items():
             seconds = {True: [], False: []}
@@ -186,15 +186,17 @@ class Side:
         return log.masked_scatter(of_codes, own(scores, ids[of_codes] - first)), free
 
     @torch.no_grad()
-    def before(self, ids, allowed):
-        """What the policy that drew and the one that it is held to say of tokens."""
+    def before(self, net, ids, allowed):
+        """What a policy that does not learn says of tokens."""
         self.attend("learn")
-        return [self.likely(net, ids, allowed)[0] for net in (self.net, self.start)]
+        return self.likely(net, ids, allowed)[0]
 
-    def objective(self, ids, allowed, advantages, old, reference):
+    def objective(self, ids, allowed, advantages, reference, old=None):
+        """The rigs are gone over once: the policy that drew them is the one that learns, unless `old` says otherwise."""
         self.attend("learn")
         c = self.config["objective"]
         now, free = self.likely(self.net, ids, allowed)
+        old = now.detach() if old is None else old
         ratio, advantage = (now - old).exp(), advantages.float().unsqueeze(1)
         high = c["clip_high"] or c["clip"]
         gain = torch.minimum(ratio * advantage, ratio.clamp(1 - c["clip"], 1 + high) * advantage)
@@ -212,14 +214,14 @@ class Side:
             strict.allowed(ids[:, :t])
         allowed = torch.stack(strict.seen, 1)
         rewards, advantages = self.judge(self.weights(rows))
-        old, reference = self.before(ids, allowed)
-        self.objective(ids, allowed, advantages, old, reference).backward()
+        old, reference = (self.before(net, ids, allowed) for net in (self.net, self.start))
+        self.objective(ids, allowed, advantages, reference).backward()
         norm = nn.utils.clip_grad_norm_(self.net.parameters(), torch.inf).item()
         self.net.zero_grad()
         with torch.no_grad():
             own = [p.clone() for p in self.net.parameters()]
             torch._foreach_mul_(list(self.net.parameters()), scale)
-            loss = self.objective(ids, allowed, advantages, old, reference).item()
+            loss = self.objective(ids, allowed, advantages, reference, old).item()
             torch._foreach_copy_(list(self.net.parameters()), own)
         log = old[allowed.sum(2) > 1].tolist()
         return {"rewards": rewards, "log": log, "norm": norm, "loss": loss}
@@ -244,9 +246,9 @@ class Side:
         done()
         _, advantages = self.judge(rigs)
         done()
-        old, reference = self.before(ids, allowed)
+        reference = self.before(self.start, ids, allowed)
         done()
-        loss = self.trainer.update(self.objective(ids, allowed, advantages, old, reference))
+        loss = self.trainer.update(self.objective(ids, allowed, advantages, reference))
         done()
         self.drawn += rows
         self.parts.append(np.diff(times).tolist())

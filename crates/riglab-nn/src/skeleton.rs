@@ -82,6 +82,18 @@ impl SkeletonModel {
         self.decoder.logits(w, &Tensor::cat(&asked.collect::<Vec<_>>(), 0))
     }
 
+    /// As [`Self::logits`] without what training adds, each sequence behind the prefix [b, p, d] that `of` names, which is
+    /// read once for all of them.
+    pub fn logits_behind(&self, w: &Weights, prefix: &Tensor, of: &[usize], ids: &Tensor, lengths: &[i64]) -> Tensor {
+        let (b, p, d) = prefix.size3().expect("three axes");
+        let packed = Packed::behind(b as usize, p, of, lengths);
+        let x = Tensor::cat(&[prefix.reshape([b * p, d]), self.decoder.embed(w, ids)], 0);
+        let out = self.decoder.forward(w, &x, &packed, false);
+        let own = packed.apart(&out).into_iter().skip(b as usize).zip(lengths);
+        let asked: Vec<Tensor> = own.map(|(rows, n)| rows.narrow(0, 0, n - 1)).collect();
+        self.decoder.logits(w, &Tensor::cat(&asked, 0))
+    }
+
     /// A cache that has read the prefix [b, p, d], with room for so many tokens after it.
     pub fn start(&self, w: &Weights, prefix: &Tensor, tokens: i64) -> Cache {
         let size = prefix.size();

@@ -8,8 +8,8 @@
 //! way: the loss of the task, then the optimizer.
 //!
 //! What loader threads make ready is outside of both steps: the mesh's cloud, its voxels and edges. The other side is
-//! given the voxels, and, for what ours draws in its step, the vertices that are asked and the auto-encoder's cloud. The
-//! policy that drew is asked again on both sides, though with one update a rollout the first ratio is 1 anyway.
+//! given the voxels, and, for what ours draws in its step, the vertices that are asked and the auto-encoder's cloud. Rigs
+//! are gone over once, so neither side asks the policy that drew them a second time.
 //!
 //! The weights are those of the start of a training: sequences end where the limits make them, weights hold everywhere.
 //! Before times are taken, both sides judge the same rigs, which must give the same rewards, log-probabilities, gradient
@@ -53,7 +53,8 @@ const NEAR: f64 = 1e-3;
 const ELSEWHERE: f64 = 1.25;
 /// The share of a step that rewards may take, in percent.
 const SHARE: f64 = 20.0;
-/// What a step consists of: rigs are drawn, their codes decoded, judged; two policies say how likely they were; one learns.
+/// What a step consists of: rigs are drawn, their codes decoded, judged; the reference says how likely they were; the
+/// policy learns.
 const PARTS: [&str; 5] = ["draw", "decode", "judge", "likelihoods", "update"];
 const DECODE: usize = 1;
 const JUDGE: usize = 2;
@@ -160,7 +161,7 @@ pub fn run(context: &mut Context) -> Result<Vec<Row>> {
     let of_rewards = format!(
         "the four rewards, and the mesh's voxels and edges that loader threads make; theirs is what they may take; \
          without those {:.1} %; decoding takes {:.1} % besides. Our parts are of {} more steps, in each of which the \
-         rigs are drawn, decoded and judged once more by themselves; likelihoods are two passes without a gradient, the \
+         rigs are drawn, decoded and judged once more by themselves; likelihoods are a pass without a gradient, the \
          update is what is left",
         share(&|p| p.inside[JUDGE]),
         share(&|p| p.inside[DECODE]),
@@ -376,13 +377,13 @@ fn parts(training: &mut Training<GrpoTask>, c: &GrpoTaskConfig) -> Result<Parts>
     let start = Instant::now();
     training.run(1)?;
     let step = timed(start);
-    // Two passes without a gradient: of the policy, and of the reference.
+    // A pass without a gradient, as of the reference.
     let start = Instant::now();
     tch::no_grad(|| {
         let w = training.task.params().weights();
         training.task.loss(w, &Batch::default(), training.at()).map(|l| l.total().double_value(&[]))
     })
     .map_err(|e| anyhow!(e))?;
-    let likely = 2.0 * timed(start);
+    let likely = timed(start);
     Ok(Parts { inside: [draw, decode, judge, likely, step - draw - decode - judge - likely], voxels })
 }

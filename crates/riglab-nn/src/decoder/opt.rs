@@ -244,8 +244,7 @@ impl Layer {
     /// Packed vectors [T, d] through the layer.
     fn forward(&self, w: &Weights, x: &Tensor, packed: &Packed, training: bool) -> Tensor {
         let (q, k, v) = self.project(w, x);
-        let apart = |t: &Tensor| packed.apart(t);
-        let parts = apart(&q).into_iter().zip(apart(&k)).zip(apart(&v)).map(|((q, k), v)| {
+        let parts = packed.apart(&q).into_iter().zip(packed.seen(&k)).zip(packed.seen(&v)).map(|((q, k), v)| {
             // [t, h, e] as one batch row of heads.
             let [q, k, v] = [q, k, v].map(|t| t.transpose(0, 1).unsqueeze(0));
             mix(&q, &k, &v, true).squeeze_dim(0).transpose(0, 1)

@@ -6,12 +6,21 @@ use tch::Tensor;
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Packed {
     lengths: Vec<i64>,
+    /// Of each, the one that it goes on from, which stands among those before it and begins by itself.
+    behind: Vec<Option<usize>>,
 }
 
 impl Packed {
     /// Of these lengths.
     pub fn new(lengths: Vec<i64>) -> Self {
-        Self { lengths }
+        Self { behind: vec![None; lengths.len()], lengths }
+    }
+
+    /// So many prefixes of `p` rows each, and after them all sequences of these lengths, of which each goes on from the
+    /// prefix `of`: being causal, a decoder reads one that several have in common as often as once.
+    pub fn behind(prefixes: usize, p: i64, of: &[usize], lengths: &[i64]) -> Self {
+        let lengths = std::iter::repeat_n(p, prefixes).chain(lengths.iter().copied()).collect();
+        Self { lengths, behind: std::iter::repeat_n(None, prefixes).chain(of.iter().copied().map(Some)).collect() }
     }
 
     /// The lengths.
@@ -26,11 +35,41 @@ impl Packed {
 
     /// The place of every row in its sequence, [T].
     pub fn places(&self) -> Vec<i64> {
-        self.lengths.iter().flat_map(|&n| 0..n).collect()
+        let first = |behind: &Option<usize>| behind.map_or(0, |k| self.lengths[k]);
+        self.lengths.iter().zip(&self.behind).flat_map(|(&n, behind)| (first(behind)..).take(n as usize)).collect()
     }
 
     /// x [T, ..] apart by sequence.
     pub fn apart(&self, x: &Tensor) -> Vec<Tensor> {
         x.split_with_sizes(&self.lengths, 0)
+    }
+
+    /// As [`Self::apart`], each with the rows of what it goes on from before its own: keys and values that its queries
+    /// may see.
+    pub fn seen(&self, x: &Tensor) -> Vec<Tensor> {
+        let own = self.apart(x);
+        let whole = |(k, behind): (usize, &Option<usize>)| match behind {
+            Some(before) => Tensor::cat(&[&own[*before], &own[k]], 0),
+            None => own[k].shallow_clone(),
+        };
+        self.behind.iter().enumerate().map(whole).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use tch::{Device, Kind};
+
+    use super::*;
+
+    #[test]
+    fn sequences_go_on_from_their_prefixes() {
+        let packed = Packed::behind(2, 3, &[1, 0, 1], &[2, 1, 4]);
+        assert_eq!((packed.rows(), packed.lengths()), (13, &[3, 3, 2, 1, 4][..]));
+        assert_eq!(packed.places(), [0, 1, 2, 0, 1, 2, 3, 4, 3, 3, 4, 5, 6]);
+        let x = Tensor::arange(13, (Kind::Int64, Device::Cpu));
+        let seen: Vec<Vec<i64>> = packed.seen(&x).iter().map(|t| Vec::try_from(t).unwrap()).collect();
+        let wanted: [&[i64]; 5] = [&[0, 1, 2], &[3, 4, 5], &[3, 4, 5, 6, 7], &[0, 1, 2, 8], &[3, 4, 5, 9, 10, 11, 12]];
+        assert_eq!(seen, wanted);
     }
 }

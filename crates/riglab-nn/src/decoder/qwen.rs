@@ -286,8 +286,7 @@ impl Layer {
     fn forward(&self, w: &Weights, x: &Tensor, angles: &Angles, packed: &Packed, training: bool) -> Tensor {
         let fused = self.fused(w);
         let (q, k, v) = self.project(w, &fused, x, angles);
-        let apart = |t: &Tensor| packed.apart(t);
-        let parts = apart(&q).into_iter().zip(apart(&k)).zip(apart(&v)).map(|((q, k), v)| {
+        let parts = packed.apart(&q).into_iter().zip(packed.seen(&k)).zip(packed.seen(&v)).map(|((q, k), v)| {
             // [t, h, e] as one batch row of heads.
             let [q, k, v] = [q, k, v].map(|t| t.transpose(0, 1).unsqueeze(0));
             mix(&q, &self.shared(&k), &self.shared(&v), true).squeeze_dim(0).transpose(0, 1)

@@ -159,11 +159,7 @@ impl TokenRig {
     /// `prefix` [b, p, d].
     pub fn forward(&self, w: &Weights, prefix: &Tensor, sequences: &Sequences, training: bool) -> Tensor {
         let p = prefix.size()[1];
-        let mut tokens = self.embed(w, sequences.ids);
-        if let Some(more) = sequences.told.and_then(|told| self.tell(w, told)) {
-            tokens += more;
-        }
-        let tokens = tokens.split_with_sizes(sequences.lengths, 0);
+        let tokens = self.tokens(w, sequences).split_with_sizes(sequences.lengths, 0);
         let mut parts = Vec::with_capacity(2 * tokens.len());
         for (shape, tokens) in prefix.unbind(0).into_iter().zip(tokens) {
             parts.extend([shape, tokens]);
@@ -173,6 +169,26 @@ impl TokenRig {
         // Only what is scored goes through the heads.
         let asked = packed.apart(&out).into_iter().zip(sequences.lengths).map(|(rows, n)| rows.narrow(0, p, n - 1));
         Tensor::cat(&asked.collect::<Vec<_>>(), 0)
+    }
+
+    /// As [`Self::forward`] without what training adds, each sequence behind the prefix [b, p, d] that `of` names, which is
+    /// read once for all of them.
+    pub fn forward_behind(&self, w: &Weights, prefix: &Tensor, of: &[usize], sequences: &Sequences) -> Tensor {
+        let (b, p, d) = prefix.size3().expect("three axes");
+        let packed = Packed::behind(b as usize, p, of, sequences.lengths);
+        let x = Tensor::cat(&[prefix.reshape([b * p, d]), self.tokens(w, sequences)], 0);
+        let out = self.decoder.forward(w, &x, &packed, false);
+        let own = packed.apart(&out).into_iter().skip(b as usize).zip(sequences.lengths);
+        Tensor::cat(&own.map(|(rows, n)| rows.narrow(0, 0, n - 1)).collect::<Vec<_>>(), 0)
+    }
+
+    /// Vectors [T, d] of the tokens of sequences, with what they are told.
+    fn tokens(&self, w: &Weights, sequences: &Sequences) -> Tensor {
+        let tokens = self.embed(w, sequences.ids);
+        match sequences.told.and_then(|told| self.tell(w, told)) {
+            Some(more) => tokens + more,
+            None => tokens,
+        }
     }
 
     /// A cache that has read the prefix [b, p, d], with room for so many tokens after it.

@@ -33,6 +33,7 @@ pub use batch::{Batch, BatchSource, Subject};
 pub use config::{Dead, GrpoTaskConfig, GuardConfig, RolloutConfig, StartConfig};
 pub use report::{AssetRow, AssetScore, Evaluation, Report, Row};
 pub use rollout::{NOTES, Rollout, Sequence};
+use rollout::{floats, settle};
 pub use score::{Judged, candidates, rewards};
 
 use crate::assets::{Assets, DataConfig};
@@ -101,36 +102,47 @@ impl GrpoTask {
         self.policy.rigger()
     }
 
-    /// The sequences of a step: all of the rollout, or a part of them in an order of its own each time they are gone
-    /// over.
-    fn dealt<'a>(&self, rollout: &'a Rollout, at: At) -> Vec<&'a Sequence> {
+    /// The places of a step's sequences in the rollout: all of them, or a part in an order of its own each time they are
+    /// gone over.
+    fn dealt(&self, rollout: &Rollout, at: At) -> Vec<usize> {
         let parts = self.config.rollout.minibatches;
-        let all: Vec<&Sequence> = rollout.sequences.iter().collect();
+        let mut order: Vec<usize> = (0..rollout.sequences.len()).collect();
         if parts == 1 {
-            return all;
+            return order;
         }
-        let mut order: Vec<usize> = (0..all.len()).collect();
         stream(at.seed, "rollout order", &[at.batch / parts as u64]).shuffled(&mut order);
         let part = (at.batch % parts as u64) as usize;
-        let (from, to) = (part * all.len() / parts, (part + 1) * all.len() / parts);
-        order[from..to].iter().map(|&k| all[k]).collect()
+        let (from, to) = (part * order.len() / parts, (part + 1) * order.len() / parts);
+        order[from..to].to_vec()
     }
 
-    /// The loss of some sequences of a rollout.
-    fn loss_of(&self, w: &Weights, rollout: &Rollout, sequences: &[&Sequence]) -> Result<Loss, String> {
+    /// The loss of some sequences of a rollout. Those that were not asked yet how likely they were are remembered.
+    fn loss_of(&self, w: &Weights, rollout: &mut Rollout, places: &[usize]) -> Result<Loss, String> {
         let (c, device) = (&self.config, self.policy.device());
         // Where nothing counts, a loss of 0 with a gradient of 0 is left of the whole.
-        let counted: Vec<&Sequence> = sequences.iter().copied().filter(|s| s.counts).collect();
+        let counted: Vec<usize> = places.iter().copied().filter(|&k| rollout.sequences[k].counts).collect();
         let share = if counted.is_empty() { 0.0 } else { 1.0 };
-        let sequences = if counted.is_empty() { sequences } else { &counted };
+        let places = if counted.is_empty() { places } else { &counted };
+        let sequences: Vec<&Sequence> = places.iter().map(|&k| &rollout.sequences[k]).collect();
         let temperature = f64::from(c.rollout.temperature);
-        let (likely, lengths) = self.policy.likely(w, &rollout.shapes, sequences, temperature);
+        let (likely, lengths) = self.policy.likely(w, &rollout.shapes, &sequences, temperature);
+        if c.rollout.updates() == 1 && sequences.iter().all(|s| s.old.is_empty()) {
+            let mut chosen = vec![false; rollout.sequences.len()];
+            places.iter().for_each(|&k| chosen[k] = true);
+            let all = rollout.sequences.iter_mut().zip(chosen).filter_map(|(s, chosen)| chosen.then_some(s));
+            let gap = settle(all, &floats(&likely.log), &lengths);
+            rollout.notes.pop();
+            rollout.notes.push(gap);
+            // As many numbers of each: a checkpoint keeps both side by side.
+            rollout.sequences.iter_mut().filter(|s| s.old.is_empty()).for_each(|s| s.reference.clear());
+        }
+        let sequences: Vec<&Sequence> = places.iter().map(|&k| &rollout.sequences[k]).collect();
         let known = |of: fn(&Sequence) -> &Vec<f32>| {
             let flat: Vec<f32> = sequences.iter().flat_map(|s| of(s)).copied().collect();
             Tensor::from_slice(&flat).to_kind(likely.log.kind()).to_device(device)
         };
         let (old, reference) = (known(|s| &s.old), known(|s| &s.reference));
-        if old.size() != likely.log.size() {
+        if old.size() != likely.log.size() || reference.size() != likely.log.size() {
             return Err("the rollout that was kept is of another model or grammar".into());
         }
         let policies = Policies { now: &likely.log, old: &old, reference: &reference };
@@ -269,9 +281,10 @@ impl Task for GrpoTask {
             let made = self.roll(w, batch, at.batch / self.config.rollout.updates())?;
             self.rollout.replace(Some(made));
         }
-        let rollout = self.rollout.borrow();
-        let rollout = rollout.as_ref().ok_or("the checkpoint lacks the rollout that this step goes over")?;
-        self.loss_of(w, rollout, &self.dealt(rollout, at))
+        let mut rollout = self.rollout.borrow_mut();
+        let rollout = rollout.as_mut().ok_or("the checkpoint lacks the rollout that this step goes over")?;
+        let places = self.dealt(rollout, at);
+        self.loss_of(w, rollout, &places)
     }
 
     fn validate(&self, w: &Weights, at: At) -> Result<Validation, String> {

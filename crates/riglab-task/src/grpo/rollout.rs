@@ -29,7 +29,9 @@ pub struct Sequence {
     pub advantage: f64,
     /// Whether the loss looks at it.
     pub counts: bool,
-    /// Log-probabilities of its free tokens to the policy that drew it.
+    /// The sum of log-probabilities of what was drawn, as the sampler has it; not kept.
+    pub said: f64,
+    /// Log-probabilities of its free tokens to the policy that drew it; none before that was asked.
     pub old: Vec<f32>,
     /// The same to the policy that it is held to.
     pub reference: Vec<f32>,
@@ -112,7 +114,7 @@ impl GrpoTask {
     fn rollout_of(&self, w: &Weights, batch: &Batch, groups: &[(Vec<Drawn>, Vec<Rewards>)]) -> Rollout {
         let c = &self.config;
         let (mut sequences, mut totals, mut mesh_of, mut parts) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
-        let (mut sampler, mut spread, mut dead, mut distinct) = (Vec::new(), 0.0, 0usize, 0usize);
+        let (mut spread, mut dead, mut distinct) = (0.0, 0usize, 0usize);
         let (mut valid, mut joints) = (0usize, 0usize);
         for (mesh, (drawn, rewards)) in groups.iter().enumerate() {
             let still = is_dead(rewards);
@@ -126,17 +128,17 @@ impl GrpoTask {
                 joints += own.decoded.as_ref().map_or(0, |d| d.joints.len());
                 let told = self.policy.told(own);
                 let counts = !(still && c.rollout.dead == Dead::Mask);
-                sequences.push(Sequence { mesh, ids: own.ids.clone(), told, counts, ..Sequence::default() });
+                let (ids, said) = (own.ids.clone(), own.likelihood.0);
+                sequences.push(Sequence { mesh, ids, told, counts, said, ..Sequence::default() });
                 totals.push(reward.total);
                 parts.push(*reward);
                 mesh_of.push(mesh);
-                sampler.push(own.likelihood.0);
             }
         }
         for (own, a) in sequences.iter_mut().zip(advantages(&totals, &mesh_of, c.objective.scale)) {
             own.advantage = a;
         }
-        let gap = self.remember(w, &batch.shapes, &mut sequences, &sampler);
+        let gap = self.remember(w, &batch.shapes, &mut sequences);
         let n = sequences.len().max(1) as f64;
         let mean = |of: fn(&Rewards) -> f64| parts.iter().map(of).sum::<f64>() / n;
         let tokens: usize = sequences.iter().map(|s| s.ids.len()).sum();
@@ -158,26 +160,27 @@ impl GrpoTask {
         Rollout { shapes: batch.shapes.clone(), sequences, notes }
     }
 
-    /// Asks both policies how likely the sequences were; gives how far the sampler and the trainer differ by token.
-    fn remember(&self, w: &Weights, shapes: &Shapes, sequences: &mut [Sequence], sampler: &[f64]) -> f64 {
-        let numbers = |t: &Tensor| Vec::<f32>::try_from(t.to_kind(Kind::Float).contiguous()).unwrap_or_default();
-        let (old, counts, reference) = {
+    /// Asks the reference how likely the sequences were, and the policy where they are gone over more than once: else
+    /// that is the one that learns, and what it says then is remembered. Gives how far the sampler and the trainer
+    /// differ by token, NaN where that is not known yet.
+    fn remember(&self, w: &Weights, shapes: &Shapes, sequences: &mut [Sequence]) -> f64 {
+        let temperature = f64::from(self.config.rollout.temperature);
+        let asked = |w: &Weights, sequences: &[Sequence]| {
             let all: Vec<&Sequence> = sequences.iter().collect();
-            let temperature = f64::from(self.config.rollout.temperature);
-            let (old, counts) = self.policy.likely(w, shapes, &all, temperature);
-            let reference = self.policy.likely(&self.start, shapes, &all, temperature).0;
-            (numbers(&old.log), counts, numbers(&reference.log))
+            let (found, counts) = self.policy.likely(w, shapes, &all, temperature);
+            (floats(&found.log), counts)
         };
-        let (mut at, mut gap, mut tokens) = (0, 0.0, 0i64);
-        for ((own, &n), said) in sequences.iter_mut().zip(&counts).zip(sampler) {
-            let span = at..at + n as usize;
-            own.old = old[span.clone()].to_vec();
-            own.reference = reference[span].to_vec();
-            at += n as usize;
-            gap += (own.old.iter().map(|x| f64::from(*x)).sum::<f64>() - said).abs();
-            tokens += n;
+        let (reference, counts) = asked(&self.start, sequences);
+        let mut left = reference.as_slice();
+        for (own, &n) in sequences.iter_mut().zip(&counts) {
+            let (first, rest) = left.split_at(n as usize);
+            (own.reference, left) = (first.to_vec(), rest);
         }
-        gap / tokens.max(1) as f64
+        if self.config.rollout.updates() == 1 {
+            return f64::NAN;
+        }
+        let (old, counts) = asked(w, sequences);
+        settle(sequences.iter_mut(), &old, &counts)
     }
 
     /// A mesh's group.
@@ -194,6 +197,23 @@ impl GrpoTask {
         let half = self.config.rollout.precision.resolved() == Precision::Bf16;
         Judged { vertices, cut: self.config.eval.cut, half, seed }
     }
+}
+
+/// Remembers log-probabilities `old` of the free tokens of sequences one after another, of which each has so many; gives
+/// how far the sum differs from what the sampler said, a token.
+pub(super) fn settle<'a>(sequences: impl Iterator<Item = &'a mut Sequence>, old: &[f32], counts: &[i64]) -> f64 {
+    let (mut left, mut gap) = (old, 0.0);
+    for (own, &n) in sequences.zip(counts) {
+        let (first, rest) = left.split_at(n as usize);
+        (own.old, left) = (first.to_vec(), rest);
+        gap += (first.iter().map(|x| f64::from(*x)).sum::<f64>() - own.said).abs();
+    }
+    gap / old.len().max(1) as f64
+}
+
+/// Numbers of a tensor.
+pub(super) fn floats(t: &Tensor) -> Vec<f32> {
+    Vec::<f32>::try_from(t.detach().to_kind(Kind::Float).contiguous()).unwrap_or_default()
 }
 
 /// Whether nothing can be learnt from a group.
@@ -251,6 +271,7 @@ impl Rollout {
                 ids: ids.get(tokens)?.to_vec(),
                 advantage,
                 counts: counts != 0,
+                said: 0.0,
                 old: old.get(chosen.clone())?.to_vec(),
                 reference: reference.get(chosen)?.to_vec(),
             });
@@ -277,6 +298,7 @@ mod tests {
             told: (0..n).map(|k| [k as f32; 7]).collect(),
             advantage: 0.1 * n as f64,
             counts: mesh == 0,
+            said: 0.0,
             old: vec![-0.5; n - 2],
             reference: vec![-0.25; n - 2],
         };

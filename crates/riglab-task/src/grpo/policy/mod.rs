@@ -74,17 +74,16 @@ struct Flat {
     targets: Tensor,
     lengths: Vec<i64>,
     /// The mesh of each.
-    rows: Tensor,
+    meshes: Vec<usize>,
 }
 
 impl Flat {
     fn of(all: &[&Sequence], device: Device) -> Self {
         let ids: Vec<i64> = all.iter().flat_map(|s| &s.ids).copied().collect();
         let targets: Vec<i64> = all.iter().flat_map(|s| &s.ids[1..]).copied().collect();
-        let rows: Vec<i64> = all.iter().map(|s| s.mesh as i64).collect();
         let on = |of: &[i64]| Tensor::from_slice(of).to_device(device);
         let lengths = all.iter().map(|s| s.ids.len() as i64).collect();
-        Self { ids: on(&ids), targets: on(&targets), lengths, rows: on(&rows) }
+        Self { ids: on(&ids), targets: on(&targets), lengths, meshes: all.iter().map(|s| s.mesh).collect() }
     }
 }
 

@@ -108,15 +108,15 @@ impl Policy for TokenRigTask {
     fn likely(&self, w: &Weights, shapes: &Shapes, all: &[&Sequence], temperature: f64) -> (Likelihood, Vec<i64>) {
         let rigger = self.rigger();
         let device = rigger.device();
-        let Flat { ids, targets, lengths, rows } = Flat::of(all, device);
-        let prefix = rigger.prefix(w, shapes).index_select(0, &rows);
+        let Flat { ids, targets, lengths, meshes } = Flat::of(all, device);
+        let prefix = rigger.prefix(w, shapes);
         let told = rigger.config().model.tell_joint.then(|| {
             let flat: Vec<f32> = all.iter().flat_map(|s| s.told.iter().flatten()).copied().collect();
             Tensor::from_slice(&flat).view([-1, 7]).to_device(device)
         });
         let sequences = Sequences { ids: &ids, lengths: &lengths, told: told.as_ref() };
         // Without dropout: the policy is what draws.
-        let hidden = rigger.net().forward(w, &prefix, &sequences, false);
+        let hidden = rigger.net().forward_behind(w, &prefix, &meshes, &sequences);
         let (mut found, prompt) = (Free::default(), rigger.free().len());
         all.iter().for_each(|own| free(rigger, &own.ids, prompt, &mut found));
         let skeleton = bits(&found.skeleton, device).view([-1, rigger.layout().skeleton()]);

@@ -99,10 +99,9 @@ impl Policy for SkeletonTask {
     }
 
     fn likely(&self, w: &Weights, shapes: &Shapes, all: &[&Sequence], temperature: f64) -> (Likelihood, Vec<i64>) {
-        let Flat { ids, targets, lengths, rows } = Flat::of(all, self.device);
-        let prefix = self.prefix(w, shapes).index_select(0, &rows);
+        let Flat { ids, targets, lengths, meshes } = Flat::of(all, self.device);
         // Without dropout: the policy is what draws.
-        let scores = self.net().logits(w, &prefix, &ids, &lengths, false);
+        let scores = self.net().logits_behind(w, &self.prefix(w, shapes), &meshes, &ids, &lengths);
         let (vocabulary, prompt) = (scores.size()[1] as usize, self.start().len());
         let (mut chosen, mut allowed) = (Vec::new(), Vec::new());
         for own in all {
