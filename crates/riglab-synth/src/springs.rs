@@ -14,10 +14,9 @@ pub(crate) struct Swinging {
     pub name: String,
     /// Parents before children.
     pub joints: Vec<JointId>,
-    /// How; the radius is taken from the flesh.
-    pub swing: Swing,
-    /// Whether bumpers stop it.
-    pub stopped: bool,
+    pub kind: Kind,
+    /// How far stiffness, drag and gravity are from what the kind and the flesh say, as shares of [`Kind::ranges`].
+    pub taste: [f32; 3],
 }
 
 /// A ball that stops what swings.
@@ -50,19 +49,54 @@ pub(crate) enum Kind {
     Bust,
 }
 
+/// Beside its flesh, a chain is as thick as this share of the creature: sheets have hardly any.
+const WEARS: f32 = 0.01;
+/// How much of a range is taste: two artists do not set the same chain alike.
+const TASTE: f32 = 0.1;
+
 impl Kind {
-    /// As artists set it: hair limp, cloth pulled down, ears and tails springy.
-    pub fn swing(self, dice: &mut Dice) -> Swing {
-        let (stiffness, drag, gravity) = match self {
-            Self::Hair => ([0.4, 1.2], [0.3, 0.6], [0.0, 0.2]),
-            Self::Cloth => ([0.5, 1.6], [0.3, 0.6], [0.1, 0.5]),
-            Self::Tail => ([0.6, 1.6], [0.3, 0.5], [0.0, 0.15]),
-            Self::Ear => ([1.0, 2.5], [0.3, 0.5], [0.0, 0.1]),
-            Self::Bust => ([1.5, 3.5], [0.4, 0.7], [0.0, 0.0]),
+    /// Stiffness, drag and power of gravity, each from what is short and thick to what is long and thin. As artists set
+    /// it: hair limp, cloth pulled down, ears and tails springy; and the longer and thinner a chain is, the limper, the
+    /// more it hangs and the sooner the air stops it.
+    fn ranges(self) -> [[f32; 2]; 3] {
+        match self {
+            Self::Hair => [[1.2, 0.4], [0.3, 0.6], [0.0, 0.2]],
+            Self::Cloth => [[1.6, 0.5], [0.3, 0.6], [0.1, 0.5]],
+            Self::Tail => [[1.6, 0.6], [0.3, 0.5], [0.0, 0.15]],
+            Self::Ear => [[2.5, 1.0], [0.3, 0.5], [0.0, 0.1]],
+            Self::Bust => [[3.5, 1.5], [0.4, 0.7], [0.0, 0.0]],
+        }
+    }
+
+    /// Length over thickness at the ends of [`Self::ranges`]: nine of ten creatures' chains lie between.
+    fn slenderness(self) -> [f32; 2] {
+        match self {
+            Self::Hair => [4.0, 40.0],
+            Self::Cloth => [14.0, 80.0],
+            Self::Tail => [5.0, 35.0],
+            Self::Ear => [6.0, 20.0],
+            Self::Bust => [1.0, 1.6],
+        }
+    }
+
+    /// How a chain swings that is so many times as long as thick; the radius is not said.
+    fn swing(self, slenderness: f32, taste: [f32; 3]) -> Swing {
+        let [thick, thin] = self.slenderness();
+        // Flattening as a logarithm does, in arithmetic that is the same on every machine.
+        let t = ((1.0 - thick / slenderness.max(1e-3)) / (1.0 - thick / thin)).clamp(0.0, 1.0);
+        let ranges = self.ranges();
+        let value = |k: usize| {
+            let [from, to] = ranges[k];
+            let own = (t + TASTE * taste[k]).clamp(0.0, 1.0);
+            // Round figures, as in an editor.
+            (20.0 * (from + (to - from) * own) + 0.5).floor() / 20.0
         };
-        // Round figures, as in an editor.
-        let mut pick = |[low, high]: [f32; 2]| (20.0 * dice.between(low, high) + 0.5).floor() / 20.0;
-        Swing { stiffness: pick(stiffness), drag: pick(drag), gravity_power: pick(gravity), ..Swing::default() }
+        Swing { stiffness: value(0), drag: value(1), gravity_power: value(2), ..Swing::default() }
+    }
+
+    /// Whether bumpers stop it.
+    fn stopped(self) -> bool {
+        matches!(self, Self::Hair | Self::Cloth)
     }
 }
 
@@ -70,9 +104,8 @@ impl Body {
     /// Lets a chain swing; gives nothing back for a chain without joints.
     pub fn swings(&mut self, name: &str, joints: &[JointId], kind: Kind, dice: &mut Dice) {
         if !joints.is_empty() {
-            let swing = kind.swing(dice);
-            let stopped = matches!(kind, Kind::Hair | Kind::Cloth);
-            self.swinging.push(Swinging { name: name.into(), joints: joints.to_vec(), swing, stopped });
+            let taste = [(); 3].map(|()| dice.between(-1.0, 1.0));
+            self.swinging.push(Swinging { name: name.into(), joints: joints.to_vec(), kind, taste });
         }
     }
 
@@ -103,19 +136,47 @@ pub(crate) fn springs(body: &Body) -> Springs {
         .map(|b| Collider { joint: b.joint, shape: Shape::Sphere { center: b.center.into(), radius: b.radius } })
         .collect();
     let groups = if colliders.is_empty() { vec![] } else { vec![(0..colliders.len()).collect::<Vec<_>>()] };
+    let heads = || body.joints.iter().map(|joint| Vec3::from(joint.head));
+    let (low, high) = heads().fold((Vec3::MAX, Vec3::MIN), |(low, high), p| (low.min(p), high.max(p)));
+    let size = (high - low).max_element().max(f32::MIN_POSITIVE);
     let springs = body.swinging.iter().map(|chain| {
-        let joints = (0..chain.joints.len()).map(|k| {
-            let joint = chain.joints[k];
+        // Each joint with its tail and how thick it is.
+        let bones = chain.joints.iter().enumerate().map(|(k, &joint)| {
             let tip = body.tip(joint);
             let tail = match chain.joints.get(k + 1) {
                 Some(&next) => body.at(next),
                 None => tip.map_or(body.at(joint), |(at, _)| at),
             };
-            let hit_radius = tip.map_or(0.0, |(_, thick)| thick);
-            SpringJoint { joint, tail: Some(tail.into()), swing: Swing { hit_radius, ..chain.swing } }
+            (joint, tail, tip.map_or(0.0, |(_, thick)| thick))
         });
-        let groups = if chain.stopped && !groups.is_empty() { vec![0] } else { vec![] };
-        Spring { name: chain.name.clone(), joints: joints.collect(), groups, center: None }
+        let bones: Vec<(JointId, Vec3, f32)> = bones.collect();
+        let length: f32 = bones.iter().map(|(joint, tail, _)| body.at(*joint).distance(*tail)).sum();
+        let thickness = bones.iter().map(|(_, _, thick)| thick).sum::<f32>() / bones.len() as f32;
+        let swing = chain.kind.swing(length / (thickness + WEARS * size), chain.taste);
+        let joint = |(joint, tail, hit_radius): (JointId, Vec3, f32)| SpringJoint {
+            joint,
+            tail: Some(tail.into()),
+            swing: Swing { hit_radius, ..swing },
+        };
+        let groups = if chain.kind.stopped() && !groups.is_empty() { vec![0] } else { vec![] };
+        Spring { name: chain.name.clone(), joints: bones.into_iter().map(joint).collect(), groups, center: None }
     });
     Springs::new(springs.collect(), colliders, groups.clone()).expect("each joint swings once")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_longer_and_thinner_is_limper() {
+        for kind in [Kind::Hair, Kind::Cloth, Kind::Tail, Kind::Ear, Kind::Bust] {
+            let [thick, thin] = kind.slenderness();
+            let of = |slenderness: f32| kind.swing(slenderness, [0.0; 3]);
+            let (a, b, c) = (of(thick), of((thick * thin).sqrt()), of(thin));
+            assert!(a.stiffness > b.stiffness && b.stiffness > c.stiffness && a.drag < c.drag, "{kind:?}");
+            assert!(a.gravity_power <= c.gravity_power && of(0.0).stiffness == a.stiffness, "{kind:?}");
+            assert!((of(f32::INFINITY).stiffness - c.stiffness).abs() < 1e-6, "{kind:?}");
+        }
+    }
 }
