@@ -183,7 +183,9 @@ class Frames(nn.Module):
         return torch.cat([shared.expand(-1, count, -1), placed], -1)
 
 
-class Decoder(nn.Module):
+class DecoderParts(nn.Module):
+    """What decoders have in common, whatever they are told of bones."""
+
     def __init__(self, c, channels):
         super().__init__()
         x, width = c["extensions"], c["decoder_width"]
@@ -199,6 +201,12 @@ class Decoder(nn.Module):
         self.proj_query = nn.Linear(channels, width)
         self.norm_out, self.proj_out = nn.LayerNorm(width), nn.Linear(width, 1)
         self.dot = nn.Linear(width, width)
+
+
+class Decoder(DecoderParts):
+    def __init__(self, c, channels):
+        super().__init__(c, channels)
+        width = c["decoder_width"]
         self.frame_tokens = nn.Linear(Frames.TOKEN, width)
         self.frame_points = nn.Linear(Frames.POINT, width)
 

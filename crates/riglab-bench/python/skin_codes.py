@@ -10,28 +10,16 @@ from scipy.sparse import csr_array
 from scipy.spatial import cKDTree
 from torch import nn
 
-from fsq_cvae import Block, Encoder, Fsq
+from fsq_cvae import DecoderParts, Encoder, Fsq
 
 # Vertices that tell one at which no weights were asked.
 NEIGHBOURS = 8
 
 
-class Decoder(nn.Module):
+class Decoder(DecoderParts):
     def __init__(self, c, channels):
-        super().__init__()
-        x, width = c["extensions"], c["decoder_width"]
-        block = (width, c["heads"], c["mlp_ratio"])
-        points = (width, c["heads"], x["point_mlp_ratio"])
-        self.layers = c["decoder_layers"]
-        blocks = [Block(*block, own=True, other=True) for _ in range(self.layers)]
-        blocks += [Block(*points, own=False, other=True) for _ in range(x["point_layers"])]
-        self.blocks = nn.ModuleList(blocks)
-        self.shape_points = nn.ModuleList(
-            Block(*block, own=False, other=True) for _ in range(x["shape_point_layers"])
-        )
-        self.proj_query = nn.Linear(channels, width)
-        self.norm_out, self.proj_out = nn.LayerNorm(width), nn.Linear(width, 1)
-        self.dot = nn.Linear(width, width)
+        super().__init__(c, channels)
+        width = c["decoder_width"]
         self.bone_token, self.bone_points = nn.Linear(7, width), nn.Linear(10, width)
 
     def place(self, features, cond):
