@@ -76,11 +76,8 @@ impl Fsq {
 
     /// Codes [.., axes] to ids [..].
     pub fn ids(&self, codes: &Tensor) -> Tensor {
-        (self.digits(codes) * Tensor::from_slice(&self.basis()).to_device(codes.device())).sum_dim_intlist(
-            -1,
-            false,
-            Kind::Int64,
-        )
+        let basis = Tensor::from_slice(&self.basis()).to_device(codes.device());
+        (self.digits(codes) * basis).sum_dim_intlist(-1, false, Kind::Int64)
     }
 
     /// Codes [.., axes] to the level of each axis, whole numbers from 0.

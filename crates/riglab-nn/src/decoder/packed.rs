@@ -16,8 +16,8 @@ impl Packed {
         Self { behind: vec![None; lengths.len()], lengths }
     }
 
-    /// So many prefixes of `p` rows each, and after them all sequences of these lengths, of which each goes on from the
-    /// prefix `of`: being causal, a decoder reads one that several have in common as often as once.
+    /// So many prefixes of `p` rows each, and after them all sequences of these lengths, each of which goes on from the
+    /// prefix that `of` names. A prefix that several share is read once: a causal decoder gives it the same for all.
     pub fn behind(prefixes: usize, p: i64, of: &[usize], lengths: &[i64]) -> Self {
         let lengths = std::iter::repeat_n(p, prefixes).chain(lengths.iter().copied()).collect();
         Self { lengths, behind: std::iter::repeat_n(None, prefixes).chain(of.iter().copied().map(Some)).collect() }

@@ -20,8 +20,16 @@ const LOG_VARIANCE: (f64, f64) = (-20.0, 10.0);
 pub struct Coded {
     /// [m, k, axes], in about [-1, 1].
     pub codes: Tensor,
-    /// Of codes that are real numbers, what the learned axes of each tell, in nats [m, k].
-    pub divergence: Option<Tensor>,
+    /// Of codes that are real numbers, what is said of their learned axes.
+    pub said: Option<Said>,
+}
+
+/// What a Gaussian says of learned axes besides their means.
+pub struct Said {
+    /// How far codes that are drawn scatter, [m, k, a].
+    pub deviation: Tensor,
+    /// What such a draw tells, in nats, [m, k].
+    pub divergence: Tensor,
 }
 
 /// What says the variances; the means are what would be rounded.
@@ -40,9 +48,13 @@ impl Gaussian {
     pub fn code(&self, w: &Weights, mean: &Tensor, latent: &Tensor, noise: Option<&Tensor>) -> Coded {
         let (low, high) = LOG_VARIANCE;
         let log_variance = self.log_variance.forward(w, latent).to_kind(mean.kind()).clamp(low, high);
-        let z = noise.map_or_else(|| mean.shallow_clone(), |noise| mean + (&log_variance * 0.5).exp() * noise);
+        let deviation = (&log_variance * 0.5).exp() / REACH;
+        let mut codes = mean / REACH;
+        if let Some(noise) = noise {
+            codes += &deviation * noise;
+        }
         let divergence = divergence(mean, &log_variance).sum_dim_intlist([-1i64].as_slice(), false, None::<Kind>);
-        Coded { codes: z / REACH, divergence: Some(divergence) }
+        Coded { codes, said: Some(Said { deviation, divergence }) }
     }
 }
 
@@ -93,7 +105,8 @@ mod tests {
         };
         let still = of(&mean, None);
         assert!((&still.codes * REACH - &mean).abs().max().double_value(&[]) < 1e-6, "without noise: the means");
-        assert_eq!(still.divergence.unwrap().size(), [1, 1]);
+        let said = still.said.unwrap();
+        assert_eq!((said.divergence.size(), said.deviation.size()), (vec![1, 1], vec![1, 1, 3]));
         let noise = Tensor::randn([n, 1, 3], (Kind::Float, Device::Cpu));
         let drawn = of(&mean.expand([n, -1, -1], false), Some(&noise)).codes * REACH;
         let off = (drawn.mean_dim([0i64].as_slice(), true, Kind::Float) - &mean).abs().max().double_value(&[]);

@@ -18,7 +18,7 @@ use tch::{Kind, Tensor};
 
 pub use config::{Bottleneck, Extensions, FsqCvaeConfig, SkinQueries};
 pub use decoder::{BONE_FEATURES, BONE_POINT_FEATURES, BoneGeometry, ReadBones};
-pub use gaussian::Coded;
+pub use gaussian::{Coded, Said};
 
 use crate::NnError;
 use crate::embed::Embedding;
@@ -160,7 +160,7 @@ impl FsqCvae {
             Some(gaussian) => gaussian.code(w, &self.unrounded(w, latent), latent, noise),
             None => {
                 let codes = self.fsq.encode(w, latent, self.anchors(cloud, k).as_ref());
-                Coded { codes: self.learned(codes), divergence: None }
+                Coded { codes: self.learned(codes), said: None }
             }
         };
         let Some(coder) = &self.frame else { return learned };

@@ -1,9 +1,9 @@
 //! A trained auto-encoder at work: bones to codes, codes to weights.
 
 use riglab_core::Segment;
-use riglab_nn::fsq_cvae::{Coded, FsqCvae};
+use riglab_nn::fsq_cvae::{Coded, FsqCvae, Said};
 use riglab_nn::params::Weights;
-use riglab_random::{Draw, Stream};
+use riglab_random::Stream;
 use tch::{Device, Kind, Tensor};
 
 use super::batch::{Batch, Maker};
@@ -37,12 +37,12 @@ impl Coder<'_> {
         self.net.encode_shape(self.weights, &cloud, &queries)
     }
 
-    /// The first `k` codes of every bone, [m, k, axes], and what they tell; `drawn`: draws of codes that are real numbers,
-    /// not their means. The k first of all are not the same as the k first alone: see `FsqCvae::encode_skin`.
-    pub fn encode(&self, rig: &Prepared, k: usize, drawn: bool, random: &mut Stream) -> Coded {
+    /// The first `k` codes of every bone, [m, k, axes], means where they are real numbers. The k first of all are not the
+    /// same as the k first alone: see `FsqCvae::encode_skin`.
+    pub fn encode(&self, rig: &Prepared, k: usize, random: &mut Stream) -> Coded {
         let _no_grad = tch::no_grad_guard();
         let mut make = Maker { config: self.config, rig, map: None, random };
-        let (mut codes, mut divergence) = (Vec::new(), Vec::new());
+        let mut parts = Vec::new();
         let all: Vec<usize> = (0..rig.bones.len()).collect();
         for chunk in all.chunks(BONES_AT_ONCE) {
             let mut batch = Batch::default();
@@ -51,17 +51,17 @@ impl Coder<'_> {
             }
             let cloud = tensors::skin(self.config, &batch, self.device);
             let latent = self.net.encode_skin(self.weights, &cloud, k);
-            let noise = drawn.then(|| {
-                let size = [chunk.len(), k, self.config.model.learned_axes()];
-                let numbers: Vec<f32> = (0..size.iter().product()).map(|_| make.random.normal()).collect();
-                tensors::tensor(&numbers, &size, self.device)
-            });
-            let coded = self.net.code(self.weights, &latent, &cloud, noise.as_ref());
-            codes.push(coded.codes);
-            divergence.extend(coded.divergence);
+            parts.push(self.net.code(self.weights, &latent, &cloud, None));
         }
-        let divergence = (!divergence.is_empty()).then(|| Tensor::cat(&divergence, 0));
-        Coded { codes: Tensor::cat(&codes, 0), divergence }
+        let join = |of: fn(&Coded) -> Option<&Tensor>| {
+            let all: Option<Vec<&Tensor>> = parts.iter().map(of).collect();
+            all.map(|all| Tensor::cat(&all, 0))
+        };
+        let deviation = join(|part| part.said.as_ref().map(|said| &said.deviation));
+        let divergence = join(|part| part.said.as_ref().map(|said| &said.divergence));
+        let said = deviation.zip(divergence).map(|(deviation, divergence)| Said { deviation, divergence });
+        let codes: Vec<&Tensor> = parts.iter().map(|part| &part.codes).collect();
+        Coded { codes: Tensor::cat(&codes, 0), said }
     }
 
     /// Raw shares at points, a row a point, a column a bone, from codes [m, k, axes] and the mesh's shape tokens.

@@ -6,7 +6,7 @@ use std::sync::Arc;
 use riglab_core::{DecodeRule, JointId};
 use riglab_metric::{Baseline, Codebook, SkinMetrics, SkinTally, bone_distances, compression_ratio, nan_for_null};
 use riglab_nn::fsq::Fsq;
-use riglab_nn::fsq_cvae::Coded;
+use riglab_nn::fsq_cvae::{Coded, Said};
 use riglab_nn::params::Weights;
 use riglab_random::{Draw, stream};
 use riglab_train::At;
@@ -165,12 +165,10 @@ pub struct Encoded {
     pub cond: Tensor,
     /// [m, t, axes]
     pub codes: Tensor,
-    /// Of codes that are real numbers, a draw of each, [m, t, axes].
-    pub drawn: Option<Tensor>,
     /// [m, t]: of rounded codes, their places in the codebook.
     pub ids: Option<Tensor>,
-    /// [m, t]: of codes that are real numbers, what their learned axes tell, in nats.
-    pub divergence: Option<Tensor>,
+    /// Of codes that are real numbers, how far they scatter and what they tell.
+    pub said: Option<Said>,
 }
 
 /// Sums over a split of one method.
@@ -257,13 +255,9 @@ impl FsqCvaeTask {
         let mut random = stream(self.config.eval.seed, "evaluation", &[id.key()]);
         let coder = self.coder(w);
         let cond = coder.shape(&rig, &mut random);
-        let k = self.config.model.skin_tokens;
-        let again = random.clone();
-        let Coded { codes, divergence } = coder.encode(&rig, k, false, &mut random);
-        // From the same points.
-        let drawn = divergence.as_ref().map(|_| coder.encode(&rig, k, true, &mut again.clone()).codes);
-        let ids = divergence.is_none().then(|| self.net.fsq().ids(&codes));
-        Ok(Encoded { rig, cond, codes, drawn, ids, divergence })
+        let Coded { codes, said } = coder.encode(&rig, self.config.model.skin_tokens, &mut random);
+        let ids = said.is_none().then(|| self.net.fsq().ids(&codes));
+        Ok(Encoded { rig, cond, codes, ids, said })
     }
 
     /// Raw shares at points, a row a point, a column a bone, from the first `k` codes of each bone.
@@ -386,7 +380,12 @@ impl FsqCvaeTask {
                     codes: codes.to_vec(),
                 });
             }
-            used.add(fsq, &encoded.codes, encoded.divergence.as_ref(), self.config.model.learned_axes());
+            used.add(
+                fsq,
+                &encoded.codes,
+                encoded.said.as_ref().map(|s| &s.divergence),
+                self.config.model.learned_axes(),
+            );
             ratios.push([1 << 16, fsq.size()].map(|c| compression_ratio(truth.points.len(), all, c)));
             let mut tally = |key: (usize, &str), predicted: &[f32]| {
                 let t = SkinTally::of(&truth.dense, predicted, joints);
@@ -410,8 +409,14 @@ impl FsqCvaeTask {
                     });
                 }
             }
-            if let Some(drawn) = &encoded.drawn {
-                let predicted = self.decode(w, &encoded, drawn, all, &truth.points);
+            if let Some(said) = &encoded.said {
+                let mut random = stream(self.config.eval.seed, "evaluation noise", &[id.key()]);
+                let noise: Vec<f32> = (0..said.deviation.numel()).map(|_| random.normal()).collect();
+                let away = Tensor::from_slice(&noise).view_as(&said.deviation).to_device(self.device) * &said.deviation;
+                // What is told does not scatter.
+                let told = encoded.codes.size()[2] - away.size()[2];
+                let drawn = &encoded.codes + away.constant_pad_nd([told, 0]);
+                let predicted = self.decode(w, &encoded, &drawn, all, &truth.points);
                 tally((all, "rule, drawn"), &ruled(&predicted, joints, report.cut));
             }
             // Every bone decoded with the codes of the next: the difference is what codes tell.

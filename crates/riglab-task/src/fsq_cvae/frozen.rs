@@ -25,14 +25,9 @@ pub struct Frozen {
 
 /// Codes that are real numbers are no tokens.
 fn has_tokens(config: &FsqCvaeTaskConfig) -> Result<(), String> {
-    match config.model.bottleneck {
-        Bottleneck::Fsq => Ok(()),
-        Bottleneck::Gaussian => {
-            Err("the codes of this auto-encoder are real numbers, of which no tokens can be made: \
-                                     train one with model.bottleneck = \"fsq\" (skintokens/fsq_cvae_for_tokenrig.toml)"
-                .into())
-        }
-    }
+    const REFUSED: &str = "the codes of this auto-encoder are real numbers, of which no tokens can be made: train one \
+                           with model.bottleneck = \"fsq\" (skintokens/fsq_cvae_for_tokenrig.toml)";
+    if config.model.bottleneck == Bottleneck::Gaussian { Err(REFUSED.into()) } else { Ok(()) }
 }
 
 impl Frozen {

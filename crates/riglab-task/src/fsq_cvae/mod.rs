@@ -167,7 +167,7 @@ pub fn loss_of(
     let (points, targets, geometry) = tensors::asked(c, batch, device);
     let cond = net.encode_shape(w, &shape, &shape_queries);
     let latent = net.encode_skin(w, &cloud, batch.prefix);
-    let Coded { codes, divergence } = net.code(w, &latent, &cloud, tensors::noise(c, batch, device).as_ref());
+    let Coded { codes, said } = net.code(w, &latent, &cloud, tensors::noise(c, batch, device).as_ref());
     let logits = net.decode(w, &codes, &cond, &points, geometry.as_ref());
     let predicted = logits.sigmoid();
     let mut loss = Loss::new()
@@ -180,8 +180,8 @@ pub fn loss_of(
     if c.loss.spread > 0.0 {
         loss = loss.term("spread", c.loss.spread, loss::spread(&net.unrounded(w, &latent)));
     }
-    if let Some(divergence) = divergence {
-        loss = loss.term("kl", c.loss.kl, divergence.mean(None::<Kind>));
+    if let Some(said) = said {
+        loss = loss.term("kl", c.loss.kl, said.divergence.mean(None::<Kind>));
     }
     Ok(loss.note("prefix", batch.prefix as f64))
 }

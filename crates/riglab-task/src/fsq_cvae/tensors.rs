@@ -8,7 +8,7 @@ use super::batch::{Batch, bone_features, point_features};
 use super::config::FsqCvaeTaskConfig;
 use super::prepare::Point;
 
-pub fn tensor(values: &[f32], size: &[usize], device: Device) -> Tensor {
+fn tensor(values: &[f32], size: &[usize], device: Device) -> Tensor {
     let size: Vec<i64> = size.iter().map(|&n| n as i64).collect();
     Tensor::from_slice(values).view(size.as_slice()).to_device(device)
 }

@@ -68,11 +68,7 @@ impl GrpoTask {
             Start::Skeletons(start) => {
                 let [_, _, skinning, motion] = config.reward.weights;
                 if skinning != 0.0 || motion != 0.0 {
-                    return Err(
-                        "reward.weights: start.model is a skeleton model, which draws no weights to be judged: set \
-                                reward.weights = [5.0, 1.0, 0.0, 0.0], as unirig/skeleton_grpo.toml does"
-                            .into(),
-                    );
+                    return Err(UNJUDGED.into());
                 }
                 let policy = SkeletonTask::new(skeleton_config(&config, &start.config), device)?;
                 Self::of(config, Box::new(policy), &start.params)
@@ -127,12 +123,10 @@ impl GrpoTask {
         let temperature = f64::from(c.rollout.temperature);
         let (likely, lengths) = self.policy.likely(w, &rollout.shapes, &sequences, temperature);
         if c.rollout.updates() == 1 && sequences.iter().all(|s| s.old.is_empty()) {
-            let mut chosen = vec![false; rollout.sequences.len()];
-            places.iter().for_each(|&k| chosen[k] = true);
-            let all = rollout.sequences.iter_mut().zip(chosen).filter_map(|(s, chosen)| chosen.then_some(s));
-            let gap = settle(all, &floats(&likely.log), &lengths);
-            rollout.notes.pop();
-            rollout.notes.push(gap);
+            let gap = settle(&mut rollout.sequences, places, &floats(&likely.log), &lengths);
+            if let Some(note) = rollout.notes.last_mut() {
+                *note = gap;
+            }
             // As many numbers of each: a checkpoint keeps both side by side.
             rollout.sequences.iter_mut().filter(|s| s.old.is_empty()).for_each(|s| s.reference.clear());
         }
@@ -173,6 +167,9 @@ impl GrpoTask {
         Ok(loss)
     }
 }
+
+const UNJUDGED: &str = "reward.weights: start.model is a skeleton model, which draws no weights to be judged: set \
+                        reward.weights = [5.0, 1.0, 0.0, 0.0], as unirig/skeleton_grpo.toml does";
 
 /// The model that a config starts from.
 enum Start {

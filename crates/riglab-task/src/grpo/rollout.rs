@@ -180,7 +180,8 @@ impl GrpoTask {
             return f64::NAN;
         }
         let (old, counts) = asked(w, sequences);
-        settle(sequences.iter_mut(), &old, &counts)
+        let all: Vec<usize> = (0..sequences.len()).collect();
+        settle(sequences, &all, &old, &counts)
     }
 
     /// A mesh's group.
@@ -199,12 +200,12 @@ impl GrpoTask {
     }
 }
 
-/// Remembers log-probabilities `old` of the free tokens of sequences one after another, of which each has so many; gives
-/// how far the sum differs from what the sampler said, a token.
-pub(super) fn settle<'a>(sequences: impl Iterator<Item = &'a mut Sequence>, old: &[f32], counts: &[i64]) -> f64 {
+/// Remembers log-probabilities `old` of the free tokens of the sequences at some places one after another, of which each
+/// has so many; gives how far the sum differs from what the sampler said, a token.
+pub(super) fn settle(sequences: &mut [Sequence], places: &[usize], old: &[f32], counts: &[i64]) -> f64 {
     let (mut left, mut gap) = (old, 0.0);
-    for (own, &n) in sequences.zip(counts) {
-        let (first, rest) = left.split_at(n as usize);
+    for (&k, &n) in places.iter().zip(counts) {
+        let ((first, rest), own) = (left.split_at(n as usize), &mut sequences[k]);
         (own.old, left) = (first.to_vec(), rest);
         gap += (first.iter().map(|x| f64::from(*x)).sum::<f64>() - own.said).abs();
     }

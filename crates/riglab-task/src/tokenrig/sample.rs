@@ -92,7 +92,7 @@ pub fn codes(vae: &Frozen, skin: &SkinConfig, rig: &Rig, random: &mut Stream) ->
         return out;
     }
     let ids = vae.with(|coder| {
-        let codes = coder.encode(&prepared, skin.codes, false, random).codes;
+        let codes = coder.encode(&prepared, skin.codes, random).codes;
         let ids = coder.net.fsq().ids(&codes).to_kind(Kind::Int64).to_device(tch::Device::Cpu);
         Vec::<i64>::try_from(ids.contiguous().view([-1])).unwrap_or_default()
     });

@@ -28,7 +28,7 @@ impl Trained {
     pub fn open(path: &Path, device: Device) -> Result<Option<Self>, String> {
         if path.is_dir() {
             let file = path.join("config.toml");
-            let text = std::fs::read_to_string(&file).map_err(|e| format!("{}: no run ({e})", file.display()))?;
+            let text = std::fs::read_to_string(&file).map_err(|e| absent(&file, &e))?;
             let name = file.to_string_lossy();
             let own = match refined(&name, &text)? {
                 Some(start) if start.as_os_str().is_empty() => None,
@@ -41,7 +41,7 @@ impl Trained {
             return Ok(Some(own));
         }
         let name = path.to_string_lossy();
-        let bytes = std::fs::read(path).map_err(|e| format!("{name}: cannot be read ({e})"))?;
+        let bytes = std::fs::read(path).map_err(|e| absent(path, &e))?;
         let Bundle { kind, settings, tensors, .. } = Bundle::of_bytes(&bytes, &name)?;
         if kind != KIND {
             return Ok(None);
@@ -63,6 +63,11 @@ impl Trained {
         let (_, params) = SkeletonTask::network(&config, device).map_err(|e| format!("{name}: {e}"))?;
         Ok(Some(Self { config, params }))
     }
+}
+
+fn absent(path: &Path, e: &std::io::Error) -> String {
+    let path = path.display();
+    format!("{path}: no model to start from ({e}); give start.model the folder of a run, or a model's file")
 }
 
 /// Where a run of GRPO started; `None` where it is of another task.
