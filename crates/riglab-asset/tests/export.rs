@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-use riglab_asset::export::{self, ExportNote, ExportOptions, Influences, JointFrames};
+use riglab_asset::export::{self, ExportOptions, Influences, JointFrames};
 use riglab_asset::{Binding, ImportOptions, Imported, VertexSet, import, import_bytes};
 use riglab_core::{JointId, Rig, SkinWeights};
 
@@ -54,13 +54,9 @@ fn read(bytes: &[u8]) -> Result<Imported, String> {
 }
 
 /// In what two rigs differ; positions must be equal bit for bit.
-fn compare(back: &Rig, rig: &Rig, notes: &[ExportNote]) -> Result<(), String> {
+fn compare(back: &Rig, rig: &Rig) -> Result<(), String> {
     same_skeletons(back, rig)?;
-    let triangles = |rig: &Rig| {
-        let all = rig.mesh().triangles();
-        if turned(notes) { unturned(all) } else { all.to_vec() }
-    };
-    if triangles(back) != triangles(rig) {
+    if back.mesh().triangles() != rig.mesh().triangles() {
         return Err("other triangles".into());
     }
     if bits(back.mesh().positions()) != bits(rig.mesh().positions()) {
@@ -127,13 +123,10 @@ fn blocks(of: &Imported) -> Vec<Block> {
 }
 
 /// Where each block of the original is in what came back, whatever their order; nothing twice.
-///
-/// Triangles that were turned round, which a note tells, count as they were.
-fn matched(back: &Imported, original: &Imported, notes: &[ExportNote]) -> Result<Vec<(Block, Block)>, String> {
+fn matched(back: &Imported, original: &Imported) -> Result<Vec<(Block, Block)>, String> {
     let mut left = blocks(back);
     let find = |block: Block| {
-        let triangles = |b: &Block| if turned(notes) { unturned(&b.triangles) } else { b.triangles.clone() };
-        let same = |b: &Block| b.positions == block.positions && triangles(b) == triangles(&block);
+        let same = |b: &Block| b.positions == block.positions && b.triangles == block.triangles;
         match left.iter().position(same) {
             Some(at) => Ok((left.remove(at), block)),
             None => Err(format!("{} vertices from {} on are not there", block.positions.len(), block.first)),
@@ -142,21 +135,11 @@ fn matched(back: &Imported, original: &Imported, notes: &[ExportNote]) -> Result
     blocks(original).into_iter().map(find).collect()
 }
 
-fn turned(notes: &[ExportNote]) -> bool {
-    notes.iter().any(|note| matches!(note, ExportNote::TrianglesTurned { .. }))
-}
-
-/// Triangles without the way they face.
-fn unturned(triangles: &[[u32; 3]]) -> Vec<[u32; 3]> {
-    let sorted = triangles.iter().map(|&[a, b, c]| [a, b.min(c), b.max(c)]);
-    sorted.collect()
-}
-
 #[test]
 fn unchanged_rigs_read_back_from_their_own_documents() {
     over_all_rigs(|path, imported, rig| {
         let exported = export::onto(path, imported, rig, &ALL).map_err(|e| e.to_string())?;
-        compare(read(&exported.bytes)?.rig().ok_or("no rig")?, rig, &exported.notes)
+        compare(read(&exported.bytes)?.rig().ok_or("no rig")?, rig)
     });
 }
 
@@ -164,7 +147,7 @@ fn unchanged_rigs_read_back_from_their_own_documents() {
 fn rigs_alone_read_back() {
     over_all_rigs(|_, imported, rig| {
         let exported = export::alone("back", rig, &imported.provenance, &ALL).map_err(|e| e.to_string())?;
-        compare(read(&exported.bytes)?.rig().ok_or("no rig")?, rig, &exported.notes)
+        compare(read(&exported.bytes)?.rig().ok_or("no rig")?, rig)
     });
 }
 
@@ -177,7 +160,7 @@ fn new_skeletons_read_back_from_old_documents() {
         let rig = back.rig().ok_or("no rig")?;
         same_skeletons(rig, &new)?;
         // Rigid parts are bound like all else now, so their vertices may come earlier.
-        for (a, b) in matched(&back, imported, &exported.notes)? {
+        for (a, b) in matched(&back, imported)? {
             (0..b.positions.len()).try_for_each(|v| same_rows(rig, a.first + v, &new, b.first + v))?;
         }
         Ok(())
@@ -194,7 +177,7 @@ fn stripped_files_show_the_rest_pose_and_can_be_rigged_again() {
         }
         // Meshes that hung on no joint are there, too; here they go with the root.
         let mut rows = vec![vec![(0u16, 1.0)]; stripped.mesh().positions().len()];
-        for (a, b) in matched(&stripped, imported, &bare.notes)? {
+        for (a, b) in matched(&stripped, imported)? {
             for v in 0..b.positions.len() {
                 rows[a.first + v] = rig.weights().row(b.first + v).map(|(j, w)| (j.0, w.into())).collect();
             }
@@ -203,6 +186,6 @@ fn stripped_files_show_the_rest_pose_and_can_be_rigged_again() {
         let rig = Rig::new(rig.skeleton().clone(), stripped.mesh().clone(), weights).unwrap();
         let again = export::onto_bytes("back.glb", &bare.bytes, None, &stripped, &rig, &ALL);
         let again = again.map_err(|e| e.to_string())?;
-        compare(read(&again.bytes)?.rig().ok_or("no rig")?, &rig, &again.notes)
+        compare(read(&again.bytes)?.rig().ok_or("no rig")?, &rig)
     });
 }

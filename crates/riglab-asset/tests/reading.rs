@@ -2,7 +2,7 @@
 
 mod common;
 
-use common::{JOINTS, POSITION, Tiny, WEIGHTS};
+use common::{INDICES, JOINTS, POSITION, Tiny, WEIGHTS};
 use riglab_asset::{Binding, ImportOptions, Imported, RootPolicy, Warning, import, import_bytes};
 use riglab_core::JointId;
 use serde_json::json;
@@ -110,6 +110,26 @@ fn rigid_parts_go_into_the_bind_pose_with_their_joint() {
             Warning::LeftOut { nodes: vec![4] },
         ]
     );
+}
+
+#[test]
+fn meshes_that_their_nodes_mirror_face_outwards() {
+    let bare = json!({"primitives": [{"attributes": {"POSITION": POSITION}, "indices": INDICES}]});
+    let signed_volume = |tiny: Tiny, first: usize| {
+        let imported = read(&tiny);
+        let mesh = imported.mesh();
+        let corners = |t: &[u32; 3]| t.map(|v| glam::Vec3::from(mesh.positions()[v as usize]));
+        mesh.triangles()[first..].iter().map(corners).map(|[a, b, c]| a.dot(b.cross(c))).sum::<f32>()
+    };
+    for scale in [[1, 1, 1], [-1, 1, 1], [1, -2, 1], [-1, -1, 1], [-1, -1, -1]] {
+        let hung = Tiny::new()
+            .with("/nodes/2/children", json!([3]))
+            .with("/nodes/-", json!({"mesh": 1, "scale": scale}))
+            .with("/meshes/-", bare.clone());
+        assert!(signed_volume(hung, 4) > 0.0, "on a joint, {scale:?}");
+        let free = Tiny::new().with("/skins", json!([])).with("/nodes/0", json!({"mesh": 0, "scale": scale}));
+        assert!(signed_volume(free, 0) > 0.0, "alone, {scale:?}");
+    }
 }
 
 #[test]

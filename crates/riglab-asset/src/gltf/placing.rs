@@ -34,7 +34,8 @@ enum Hold {
 }
 
 impl Scene<'_, '_> {
-    /// Places what hangs on the skeleton, or everything where there is none.
+    /// Places what hangs on the skeleton, or everything where there is none. The triangles of unskinned meshes
+    /// that their nodes mirror are turned round, so that they face outwards as the format says (3.7.4 of glTF 2.0).
     pub(super) fn place(
         &self,
         sources: Sources,
@@ -46,6 +47,7 @@ impl Scene<'_, '_> {
         let mut kept: HashMap<usize, usize> = HashMap::new();
         let mut repairs = Repairs::default();
         let (mut rigid, mut left_out) = (Vec::new(), Vec::new());
+        let mut mirrored = Vec::with_capacity(sources.sets.len());
         for (number, source) in sources.sets.iter().enumerate() {
             let node = source.place.node;
             if source.numbers.is_empty() {
@@ -54,16 +56,16 @@ impl Scene<'_, '_> {
             // A number and a position, and a slot and a weight for each influence.
             let size = 16 + 4 * 16 * source.influences().len();
             self.accessors.budget().spend(source.numbers.len(), size)?;
-            let set = match source.skin {
-                Some(skin) => self.skinned(source, skin, &mut repairs)?,
+            let (set, turned) = match source.skin {
+                Some(skin) => (self.skinned(source, skin, &mut repairs)?, false),
                 None => match self.hold(node) {
                     Hold::Joint(joint, map) => {
                         rigid.push((node, joint));
                         let rows = source.numbers.iter().map(|_| [(joint, 1.0)]);
                         let weights = Some(SkinWeights::normalized(rows)?);
-                        self.unskinned(source, &map, weights, Binding::Rigid)?
+                        (self.unskinned(source, &map, weights, Binding::Rigid)?, is_mirrored(&map))
                     }
-                    Hold::Free(map) => self.unskinned(source, &map, None, Binding::Free)?,
+                    Hold::Free(map) => (self.unskinned(source, &map, None, Binding::Free)?, is_mirrored(&map)),
                     Hold::None => {
                         left_out.push(node);
                         continue;
@@ -71,13 +73,16 @@ impl Scene<'_, '_> {
                 },
             };
             kept.insert(number, sets.len());
+            mirrored.push(turned);
             sets.push(set);
         }
         let mut parts: Vec<Part> = Vec::with_capacity(sources.parts.len());
-        for part in sources.parts {
-            if let Some(&vertex_set) = kept.get(&part.vertex_set) {
-                parts.push(Part { vertex_set, ..part });
+        for mut part in sources.parts {
+            let Some(&vertex_set) = kept.get(&part.vertex_set) else { continue };
+            if mirrored[vertex_set] {
+                part.triangles.iter_mut().for_each(|corners| corners.swap(1, 2));
             }
+            parts.push(Part { vertex_set, ..part });
         }
         repairs.warn(warnings);
         rigid.dedup();
@@ -161,6 +166,11 @@ impl Scene<'_, '_> {
         }
         if self.skins.len() == 0 && !is_flat(&below.matrix3, FLAT) { Hold::Free(below) } else { Hold::None }
     }
+}
+
+/// Whether a map turns left into right, and surfaces inside out.
+fn is_mirrored(map: &DAffine3) -> bool {
+    map.matrix3.determinant() < 0.0
 }
 
 /// A vertex in mesh space.
