@@ -3,7 +3,7 @@
 use std::path::Path;
 
 fn main() {
-    for file in ["shim.h", "shim.cpp", "recompute.cpp", "hooks.cpp"] {
+    for file in ["shim.h", "shim.cpp", "attention.cpp", "dropout.cpp", "recompute.cpp", "hooks.cpp"] {
         println!("cargo:rerun-if-changed=src/{file}");
     }
     let Ok(lib) = std::env::var("DEP_TCH_LIBTORCH_LIB") else {
@@ -18,7 +18,7 @@ fn main() {
         .define("NDEBUG", None) // as libtorch was built: some of its classes are larger without
         .include(&include)
         .include(include.join("torch/csrc/api/include"))
-        .files(["src/shim.cpp", "src/recompute.cpp", "src/hooks.cpp"])
+        .files(["src/shim.cpp", "src/attention.cpp", "src/dropout.cpp", "src/recompute.cpp", "src/hooks.cpp"])
         .compile("riglab_shim");
     // Tests of this crate find libtorch as all packages do (build/rpath.rs).
     println!("cargo:rustc-link-arg=-Wl,-rpath,{}", lib.display());

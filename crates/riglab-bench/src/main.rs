@@ -56,6 +56,9 @@ struct Cli {
     /// Write the rows to a file.
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
+    /// Draw what a case has a picture of (`corpus`) into a folder that is there.
+    #[arg(long, value_name = "FOLDER")]
+    pictures: Option<PathBuf>,
     /// Threads of both sides; 0 takes all processors.
     #[arg(long, default_value_t = 0, value_name = "N")]
     threads: usize,
@@ -99,6 +102,7 @@ fn run(cli: &Cli) -> Result<ExitCode> {
     }
     let wanted = |c: &&Case| cli.names.is_empty() || cli.names.iter().any(|n| c.is_wanted(n));
     let mut context = Context::new(cli.threads, cli.rounds, cli.all, !cli.no_compile)?;
+    context.pictures.clone_from(&cli.pictures);
     let (mut rows, mut failed): (Vec<Row>, Vec<&str>) = Default::default();
     for case in CASES.iter().filter(wanted) {
         eprintln!("{}: {}", case.name, case.about);

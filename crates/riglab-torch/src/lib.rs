@@ -1,9 +1,9 @@
 //! The part of libtorch that tch lacks.
 //!
 //! tch wraps single ops. What training needs besides are ops over lists of tensors in place (the
-//! fused AdamW, norms, moving averages), blocks that are computed again in the backward pass, autocast
-//! on the CPU, and the settings of libtorch's global
-//! context. They are reached through a small C++ shim compiled against the same headers; a tensor
+//! fused AdamW, norms, moving averages), blocks that are computed again in the backward pass, attention
+//! of packed sequences and dropout that all threads share, autocast on the CPU, and the settings of
+//! libtorch's global context. They are reached through a small C++ shim compiled against the same headers; a tensor
 //! of tch *is* an `at::Tensor`, so nothing is copied.
 //!
 //! Call [`init`] first thing in a program: it sets threads and allocator switches that libtorch
@@ -11,6 +11,8 @@
 //!
 //! Leaves out: networks, optimizers' bookkeeping (`riglab-nn`).
 
+mod attention;
+mod dropout;
 mod error;
 mod flops;
 mod hooks;
@@ -18,6 +20,8 @@ mod recompute;
 mod settings;
 mod tensors;
 
+pub use attention::{Span, packed_attention};
+pub use dropout::dropout;
 pub use error::{TorchError, first_line};
 pub use flops::count_flops;
 pub use hooks::backward;

@@ -1,5 +1,6 @@
 //! The cases by name: the one place that knows them all.
 
+mod corpus;
 mod decode;
 mod dedup;
 mod epoch;
@@ -51,7 +52,7 @@ pub struct Case {
 }
 
 /// All of them, in the order they run.
-pub const CASES: [Case; 35] = [
+pub const CASES: [Case; 36] = [
     Case { name: "import", about: "rigged files read, against Blender's glTF importer", run: import::run },
     Case {
         name: "import/trimesh",
@@ -104,6 +105,11 @@ pub const CASES: [Case; 35] = [
         name: "curate/dedup",
         about: "near-duplicates among descriptions of rigs, against all pairs by numpy",
         run: dedup::run,
+    },
+    Case {
+        name: "corpus/100000",
+        about: "a corpus of as many assets: cost of one more, memory, opening and reading it",
+        run: corpus::run,
     },
     Case {
         name: "step/fsq_cvae/fp32",
@@ -219,6 +225,7 @@ impl Case {
 /// riglab's side of a case.
 pub fn serve(case: &str) -> Result<()> {
     match case {
+        "corpus" => corpus::serve(),
         "generate" => generate::serve::<SkeletonTask>(),
         "tokenrig_generate" => generate::serve::<TokenRigTask>(),
         "group" => group::serve(),
@@ -252,6 +259,8 @@ pub struct Context {
     pub all: bool,
     /// `step`: measure `torch.compile` too.
     pub compile: bool,
+    /// Where pictures go that a case draws.
+    pub pictures: Option<PathBuf>,
     rounds: usize,
     folder: tempfile::TempDir,
     corpus: Option<PathBuf>,
@@ -264,7 +273,7 @@ impl Context {
     pub fn new(threads: usize, rounds: usize, all: bool, compile: bool) -> Result<Self> {
         let threads = if threads > 0 { threads } else { std::thread::available_parallelism()?.get() };
         let folder = tempfile::Builder::new().prefix("riglab-bench-").tempdir()?;
-        Ok(Self { threads, all, compile, rounds, folder, corpus: None, steps: Vec::new() })
+        Ok(Self { threads, all, compile, pictures: None, rounds, folder, corpus: None, steps: Vec::new() })
     }
 
     /// How often each side is asked, where the case would ask `usual` times.
@@ -275,6 +284,11 @@ impl Context {
     /// A path for a file of this run.
     pub fn path(&self, name: &str) -> PathBuf {
         self.folder.path().join(name)
+    }
+
+    /// A path for a picture, where pictures are wanted.
+    pub fn picture(&self, name: &str) -> Option<PathBuf> {
+        self.pictures.as_ref().map(|folder| folder.join(name))
     }
 
     /// The corpus of the rigs, made the first time; `None` without rigs.

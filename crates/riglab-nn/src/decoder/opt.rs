@@ -6,7 +6,7 @@ use tch::{Device, Kind, Tensor};
 use super::kernels::Panels;
 use super::steps::{LayerWeights, Norm, Sizes, Steps, floats};
 use super::{Cache, Packed};
-use crate::layers::{LayerNorm, Linear, mix};
+use crate::layers::{LayerNorm, Linear, dropped, mix};
 use crate::params::{Init, ParamId, Role, Scope, Weights};
 
 /// Positions start at this row of their table.
@@ -244,12 +244,7 @@ impl Layer {
     /// Packed vectors [T, d] through the layer.
     fn forward(&self, w: &Weights, x: &Tensor, packed: &Packed, training: bool) -> Tensor {
         let (q, k, v) = self.project(w, x);
-        let parts = packed.apart(&q).into_iter().zip(packed.seen(&k)).zip(packed.seen(&v)).map(|((q, k), v)| {
-            // [t, h, e] as one batch row of heads.
-            let [q, k, v] = [q, k, v].map(|t| t.transpose(0, 1).unsqueeze(0));
-            mix(&q, &k, &v, true).squeeze_dim(0).transpose(0, 1)
-        });
-        let read = Tensor::cat(&parts.collect::<Vec<_>>(), 0).flatten(1, 2);
+        let read = packed.attend(&q, &k, &v).flatten(1, 2);
         self.rest(w, x, &read, training)
     }
 
@@ -273,7 +268,7 @@ impl Layer {
 
     /// The output projection and the feed-forward self.
     fn rest(&self, w: &Weights, x: &Tensor, read: &Tensor, training: bool) -> Tensor {
-        let drop = |t: Tensor| if training && self.dropout > 0.0 { t.dropout(self.dropout, true) } else { t };
+        let drop = |t: Tensor| if training { dropped(t, self.dropout) } else { t };
         let x = x + drop(self.out.forward(w, read));
         let inner = self.up.forward(w, &self.norm_out.forward(w, &x)).relu();
         &x + drop(self.down.forward(w, &inner))

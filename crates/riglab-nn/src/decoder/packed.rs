@@ -1,6 +1,9 @@
 //! Sequences of several lengths one after another, without padding.
 
-use tch::Tensor;
+use riglab_torch::{Span, packed_attention};
+use tch::{Device, Kind, Tensor};
+
+use crate::layers::mix;
 
 /// Where each sequence lies among the rows of a packed tensor [T, d].
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -44,9 +47,36 @@ impl Packed {
         x.split_with_sizes(&self.lengths, 0)
     }
 
+    /// Attention within each sequence: queries [T, h, e] over keys and values [T, g, e], a g-th of the heads of queries
+    /// over each head of keys, to [T, h, e]. A row sees its sequence up to itself, and what that goes on from.
+    ///
+    /// In bfloat16 on the CPU sequences are shared among threads ([`packed_attention`]): of one alone the products are
+    /// small. Elsewhere libtorch's fused kernel takes one sequence after another.
+    pub(super) fn attend(&self, q: &Tensor, k: &Tensor, v: &Tensor) -> Tensor {
+        if q.kind() == Kind::BFloat16 && q.device() == Device::Cpu {
+            return packed_attention(q, k, v, &self.spans()).unwrap_or_else(|e| panic!("{e}"));
+        }
+        let group = q.size()[1] / k.size()[1];
+        // [t, h, e] as one batch row of heads.
+        let row = |x: Tensor| x.transpose(0, 1).unsqueeze(0);
+        let shared = |x: Tensor| {
+            let x = row(x);
+            if group == 1 { x } else { x.repeat_interleave_self_int(group, 1, None::<i64>) }
+        };
+        let parts = self.apart(q).into_iter().zip(self.seen(k)).zip(self.seen(v));
+        let parts = parts.map(|((q, k), v)| mix(&row(q), &shared(k), &shared(v), true).squeeze_dim(0).transpose(0, 1));
+        Tensor::cat(&parts.collect::<Vec<_>>(), 0)
+    }
+
+    fn spans(&self) -> Vec<Span> {
+        let firsts: Vec<i64> = (0..self.lengths.len()).map(|k| self.lengths[..k].iter().sum()).collect();
+        let behind = |k: &Option<usize>| k.map(|k| (firsts[k], self.lengths[k]));
+        self.lengths.iter().zip(&self.behind).map(|(&rows, k)| Span { rows, behind: behind(k) }).collect()
+    }
+
     /// As [`Self::apart`], each with the rows of what it goes on from before its own: keys and values that its queries
     /// may see.
-    pub fn seen(&self, x: &Tensor) -> Vec<Tensor> {
+    fn seen(&self, x: &Tensor) -> Vec<Tensor> {
         let own = self.apart(x);
         let whole = |(k, behind): (usize, &Option<usize>)| match behind {
             Some(before) => Tensor::cat(&[&own[*before], &own[k]], 0),

@@ -8,7 +8,7 @@ use super::kernels::Panels;
 use super::rotary::Angles;
 use super::steps::{LayerWeights, Norm, Sizes, Steps, floats};
 use super::{Cache, Packed};
-use crate::layers::{Linear, RmsNorm, mix};
+use crate::layers::{Linear, RmsNorm, dropped, mix};
 use crate::params::{Init, ParamId, Role, Scope, Weights};
 
 /// Sizes of the decoder.
@@ -286,12 +286,7 @@ impl Layer {
     fn forward(&self, w: &Weights, x: &Tensor, angles: &Angles, packed: &Packed, training: bool) -> Tensor {
         let fused = self.fused(w);
         let (q, k, v) = self.project(w, &fused, x, angles);
-        let parts = packed.apart(&q).into_iter().zip(packed.seen(&k)).zip(packed.seen(&v)).map(|((q, k), v)| {
-            // [t, h, e] as one batch row of heads.
-            let [q, k, v] = [q, k, v].map(|t| t.transpose(0, 1).unsqueeze(0));
-            mix(&q, &self.shared(&k), &self.shared(&v), true).squeeze_dim(0).transpose(0, 1)
-        });
-        let read = Tensor::cat(&parts.collect::<Vec<_>>(), 0).flatten(1, 2);
+        let read = packed.attend(&q, &k, &v).flatten(1, 2);
         self.rest(w, &fused, x, &read, training)
     }
 
@@ -326,8 +321,7 @@ impl Layer {
 
     /// The output projection and the feed-forward self.
     fn rest(&self, w: &Weights, fused: &[Tensor], x: &Tensor, read: &Tensor, training: bool) -> Tensor {
-        let p = self.dropout;
-        let drop = |t: Tensor| if training && p > 0.0 { t.dropout(p, true) } else { t };
+        let drop = |t: Tensor| if training { dropped(t, self.dropout) } else { t };
         let x = x + drop(self.out.forward(w, read));
         let inner = self.norm_mlp.forward(w, &x);
         let halves = inner.linear(&fused[GATE_UP], None::<&Tensor>).chunk(2, -1);

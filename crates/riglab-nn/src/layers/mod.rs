@@ -14,6 +14,11 @@ pub use linear::{LayerNorm, Linear, RmsNorm};
 
 pub(crate) use attention::mix;
 
+/// Activations of which a share `p` is dropped in training, the others being made larger; `p` was validated.
+pub(crate) fn dropped(x: tch::Tensor, p: f64) -> tch::Tensor {
+    if p > 0.0 { riglab_torch::dropout(&x, p).unwrap_or_else(|e| panic!("{e}")) } else { x }
+}
+
 /// Rows of x [b, n, c] by index [b, t], as [b, t, c].
 pub(crate) fn picked(x: &tch::Tensor, index: &tch::Tensor) -> tch::Tensor {
     let c = x.size()[2];

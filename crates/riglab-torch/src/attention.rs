@@ -1,0 +1,152 @@
+//! Attention of packed sequences.
+
+use std::os::raw::c_int;
+use std::ptr::null_mut;
+
+use tch::Tensor;
+use torch_sys::C_tensor;
+
+use crate::TorchError;
+use crate::error::check;
+
+unsafe extern "C" {
+    fn rl_packed_attention(qkv: *const *const C_tensor, spans: *const i64, n: usize, out: *mut *mut C_tensor) -> c_int;
+}
+
+/// Where a sequence lies among packed rows.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Span {
+    /// Its rows; they follow those of the sequence before it.
+    pub rows: i64,
+    /// First row and number of rows of an earlier sequence that it goes on from.
+    pub behind: Option<(i64, i64)>,
+}
+
+/// softmax(q kᵀ / √e) v of packed sequences, q [T, h, e] over k and v [T, g, e] to [T, h, e], each g-th part of the heads
+/// of queries over one head of keys. A row sees the rows that its sequence goes on from, and its sequence up to itself.
+///
+/// Each sequence is a task by itself, forwards and backwards, so that threads work on whole sequences: of one, the
+/// products are too small to be shared. Results do not depend on the number of threads. Between the passes it holds q,
+/// k, v and the scores after the softmax.
+///
+/// # Errors
+/// libtorch's message; when spans and tensors do not fit.
+pub fn packed_attention(q: &Tensor, k: &Tensor, v: &Tensor, spans: &[Span]) -> Result<Tensor, TorchError> {
+    let mut first = 0;
+    let mut numbers = Vec::with_capacity(4 * spans.len());
+    for span in spans {
+        let (before, seen) = span.behind.unwrap_or((0, 0));
+        numbers.extend([first, span.rows, before, seen]);
+        first += span.rows;
+    }
+    let inputs = [q, k, v].map(Tensor::as_ptr);
+    let mut out = null_mut();
+    // SAFETY: three live tensors, four numbers a span, and a place for the result.
+    check(unsafe { rl_packed_attention(inputs.as_ptr(), numbers.as_ptr(), spans.len(), &mut out) })?;
+    // SAFETY: made by `new` for the caller, on success alone.
+    Ok(unsafe { Tensor::from_ptr(out) })
+}
+
+#[cfg(test)]
+mod tests {
+    use tch::{Device, Kind};
+
+    use super::*;
+
+    /// What each sequence comes to by itself, by the formula.
+    fn plain(q: &Tensor, k: &Tensor, v: &Tensor, spans: &[Span]) -> Tensor {
+        let (group, scale) = (q.size()[1] / k.size()[1], (q.size()[2] as f64).sqrt());
+        let mut first = 0;
+        let one = |span: &Span| {
+            let rows = |x: &Tensor| {
+                let own = x.narrow(0, first, span.rows);
+                let all = match span.behind {
+                    Some((from, n)) => Tensor::cat(&[x.narrow(0, from, n), own], 0),
+                    None => own,
+                };
+                all.repeat_interleave_self_int(group, 1, None::<i64>).transpose(0, 1)
+            };
+            let (own, keys, values) = (q.narrow(0, first, span.rows).transpose(0, 1), rows(k), rows(v));
+            first += span.rows;
+            let scores = own.matmul(&keys.transpose(1, 2)) / scale;
+            let [t, s] = [scores.size()[1], scores.size()[2]];
+            let hidden = Tensor::ones([t, s], (Kind::Bool, Device::Cpu)).triu(s - t + 1);
+            scores.masked_fill(&hidden, f64::NEG_INFINITY).softmax(-1, None::<Kind>).matmul(&values).transpose(0, 1)
+        };
+        Tensor::cat(&spans.iter().map(one).collect::<Vec<_>>(), 0)
+    }
+
+    /// The result and the gradients of a sum of it.
+    fn passed(of: impl Fn(&Tensor, &Tensor, &Tensor) -> Tensor, inputs: &[Tensor; 3], kind: Kind) -> [Tensor; 4] {
+        let [q, k, v] = inputs.each_ref().map(|x| x.to_kind(kind).set_requires_grad(true));
+        let out = of(&q, &k, &v);
+        let weight = (Tensor::arange(out.numel() as i64, (Kind::Float, Device::Cpu)) * 0.7).sin().view_as(&out);
+        let loss = (out.to_kind(Kind::Float) * weight).sum(Kind::Float);
+        let [dq, dk, dv] = Tensor::run_backward(&[loss], &[&q, &k, &v], false, false).try_into().unwrap();
+        [out.detach(), dq, dk, dv]
+    }
+
+    fn spans() -> Vec<Span> {
+        let alone = |rows| Span { rows, behind: None };
+        // One of several runs, of a run exactly, of one row; two that go on from the first and one from the fourth.
+        let after = |rows, behind| Span { rows, behind: Some(behind) };
+        vec![
+            alone(300),
+            alone(128),
+            alone(1),
+            alone(40),
+            after(17, (0, 300)),
+            after(200, (0, 300)),
+            after(9, (429, 40)),
+        ]
+    }
+
+    fn inputs(heads: i64, shared: i64) -> [Tensor; 3] {
+        tch::manual_seed(1);
+        let rows = spans().iter().map(|s| s.rows).sum();
+        let of = |heads| Tensor::randn([rows, heads, 16], (Kind::Float, Device::Cpu));
+        [of(heads), of(shared), of(shared)]
+    }
+
+    #[test]
+    fn it_is_the_formula_with_its_gradients() {
+        let spans = spans();
+        for (heads, shared) in [(3, 3), (4, 2), (3, 1)] {
+            let inputs = inputs(heads, shared);
+            let exact = passed(|q, k, v| plain(q, k, v, &spans), &inputs, Kind::Double);
+            for (kind, most) in [(Kind::Double, 1e-12), (Kind::Float, 1e-5), (Kind::BFloat16, 0.02)] {
+                let found = passed(|q, k, v| packed_attention(q, k, v, &spans).unwrap(), &inputs, kind);
+                for (name, (found, exact)) in ["out", "dq", "dk", "dv"].iter().zip(found.iter().zip(&exact)) {
+                    assert_eq!(found.kind(), kind);
+                    let off = ((found.to_kind(Kind::Double) - exact).norm() / exact.norm()).double_value(&[]);
+                    assert!(off < most, "{name} of {heads} over {shared} heads, {kind:?}: {off}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn gradients_stop_where_nothing_asks_and_parts_that_do_not_fit_are_refused() {
+        let (spans, [q, k, v]) = (spans(), inputs(2, 2));
+        assert!(!packed_attention(&q, &k, &v, &spans).unwrap().requires_grad());
+        let values = v.set_requires_grad(true);
+        let sum = packed_attention(&q, &k, &values, &spans).unwrap().sum(Kind::Float);
+        assert_eq!(Tensor::run_backward(&[sum], &[&values], false, false)[0].size(), values.size());
+        let short = packed_attention(&q, &k, &values, &spans[..2]).unwrap_err().to_string();
+        assert!(short.contains("rows in all"), "{short}");
+        let ahead = [Span { rows: 5, behind: Some((4, 3)) }];
+        let five = q.narrow(0, 0, 5);
+        assert!(packed_attention(&five, &five, &five, &ahead).unwrap_err().to_string().contains("sequence 0"));
+    }
+
+    #[test]
+    fn its_products_are_counted_on_all_threads() {
+        let spans = [Span { rows: 20, behind: None }; 8];
+        let q = Tensor::randn([160, 2, 16], (Kind::Float, Device::Cpu)).set_requires_grad(true);
+        let (out, forward) = crate::count_flops(|| packed_attention(&q, &q, &q, &spans).unwrap()).unwrap();
+        assert_eq!(forward, 8 * 2 * 2 * 2 * 20 * 20 * 16);
+        let sum = out.sum(Kind::Float);
+        let (_, backward) = crate::count_flops(|| Tensor::run_backward(&[sum], &[&q], false, false)).unwrap();
+        assert_eq!(backward, 2 * forward);
+    }
+}
