@@ -23,6 +23,11 @@ pub(crate) fn is_flat(m: &DMat3, share: f64) -> bool {
     !enough || !largest.is_finite()
 }
 
+/// Whether a map turns left into right, and with it surfaces inside out.
+pub(crate) fn is_mirrored(map: &DAffine3) -> bool {
+    map.matrix3.determinant() < 0.0
+}
+
 /// Tells whether two maps do the same to a mesh, as far as its bounding box shows.
 pub(crate) struct Likeness {
     corners: [DVec3; 8],

@@ -218,6 +218,30 @@ fn mirrored_meshes_face_as_before_when_they_are_bound() {
 }
 
 #[test]
+fn meshes_stripped_of_what_mirrors_them_face_as_before() {
+    let bare = json!({"primitives": [{"attributes": {"POSITION": POSITION}, "indices": INDICES}]});
+    let hung = |tiny: Tiny, mesh: serde_json::Value| {
+        tiny.with("/nodes/2/children", json!([3]))
+            .with("/nodes/-", json!({"mesh": 1, "scale": [-1, 1, 1], "translation": [0, -2, 0]}))
+            .with("/meshes/-", mesh)
+    };
+    // In the plane that its node mirrors it through it stands where it stood, turned.
+    let flat = [[0.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 2.5, 0.0], [0.0, 0.0, 1.0f32]];
+    let flat: Vec<u8> = flat.iter().flatten().flat_map(|x| x.to_le_bytes()).collect();
+    let with_flat = Tiny::new().with_accessor(5126, "VEC3", 4, &flat);
+    let of_flat = json!({"primitives": [{"attributes": {"POSITION": with_flat.accessors() - 1}, "indices": INDICES}]});
+    // Mesh and joints under one node, so that the mesh's own node says what the skin does.
+    let skinned = Tiny::new().with("/nodes/-", json!({"name": "all", "scale": [-1, 1, 1], "children": [0, 1]}));
+    for (name, tiny) in [("hung", hung(Tiny::new(), bare)), ("flat", hung(with_flat, of_flat)), ("skinned", skinned)] {
+        let bytes = tiny.glb();
+        let before = read(&bytes);
+        assert_eq!(read(&strip(&bytes).bytes).mesh(), before.mesh(), "{name}, stripped");
+        let bound = onto(&bytes, renamed, ExportOptions::default());
+        assert_eq!(read(&bound.bytes).mesh(), before.mesh(), "{name}, bound anew");
+    }
+}
+
+#[test]
 fn lines_go_with_the_mesh_they_are_on() {
     let line = json!({"attributes": {"POSITION": POSITION}, "mode": 3});
     let bytes = Tiny::new().with("/meshes/0/primitives/-", line).glb();

@@ -1,5 +1,5 @@
-// Attention of packed sequences: each sequence is a task of its own, and so is its backward pass, so that threads share
-// whole sequences, not the products of one.
+// Attention of packed sequences: each sequence, or each head of few sequences, is a task of its own, and so is its
+// backward pass, so that threads share whole tasks, not the products of one.
 
 #include "shim.h"
 
@@ -26,6 +26,8 @@ using torch::autograd::variable_list;
 
 // Queries that ask at once: of those, the last sees all keys that any of them may see.
 constexpr int64_t kRun = 256;
+// Fewer sequences than these leave threads without work unless each is shared.
+constexpr size_t kFew = 8;
 
 // Rows of one sequence, and those of what it goes on from (none: `seen` is 0).
 struct Span {
@@ -42,19 +44,42 @@ struct Shape {
   int64_t group() const { return heads / shared; }
 };
 
-// Rows of x [T, g, e] that a span's queries may see, as [g, s, e].
-Tensor seen(const Tensor& x, const Span& span) {
-  auto own = x.narrow(0, span.from, span.rows);
-  if (span.seen > 0) own = at::cat({x.narrow(0, span.before, span.seen), own}, 0);
+// What one thread does at a time: `heads` heads of keys from `head` on, of one span.
+struct Task {
+  size_t span;
+  int64_t head, heads;
+};
+
+// Few sequences are shared head by head. How, does not hang on the number of threads.
+std::vector<Task> tasks_of(const Shape& shape) {
+  const int64_t heads = shape.spans.size() < kFew ? 1 : shape.shared;
+  std::vector<Task> tasks;
+  for (size_t span = 0; span < shape.spans.size(); ++span) {
+    for (int64_t head = 0; head < shape.shared; head += heads) tasks.push_back({span, head, heads});
+  }
+  return tasks;
+}
+
+// A task's part of the own rows of x [T, g, e].
+Tensor part(const Tensor& x, const Span& span, const Task& task) {
+  return x.narrow(0, span.from, span.rows).narrow(1, task.head, task.heads);
+}
+
+// Rows of x [T, g, e] that a task's queries may see, as [its g, s, e].
+Tensor seen(const Tensor& x, const Span& span, const Task& task) {
+  auto own = part(x, span, task);
+  if (span.seen > 0) {
+    own = at::cat({x.narrow(0, span.before, span.seen).narrow(1, task.head, task.heads), own}, 0);
+  }
   return own.transpose(0, 1).contiguous();
 }
 
-// Rows of x [T, h, e] of a span, as [g, h / g, t, e].
-Tensor own(const Tensor& x, const Span& span, const Shape& shape) {
+// A task's part of the own rows of x [T, h, e], as [its g, h / g, t, e].
+Tensor own(const Tensor& x, const Span& span, const Task& task, const Shape& shape) {
   return x.narrow(0, span.from, span.rows)
       .view({span.rows, shape.shared, shape.group(), shape.width})
-      .permute({1, 2, 0, 3})
-      .contiguous();
+      .narrow(1, task.head, task.heads)
+      .permute({1, 2, 0, 3});
 }
 
 // A run of queries of [g, r, t, e], as [g, r * b, e].
@@ -65,12 +90,11 @@ Tensor run_of(const Tensor& x, int64_t from, int64_t count) {
 // Does every task, whichever thread comes to it, the longest first. What the caller's thread has set (gradients off,
 // what is counted) holds in all.
 template <typename F>
-void each(const std::vector<Span>& spans, F work) {
-  std::vector<size_t> order(spans.size());
+void each(const std::vector<Task>& tasks, const std::vector<Span>& spans, F work) {
+  std::vector<size_t> order(tasks.size());
   std::iota(order.begin(), order.end(), 0);
-  std::stable_sort(order.begin(), order.end(), [&](size_t a, size_t b) {
-    return spans[a].rows * spans[a].keys() > spans[b].rows * spans[b].keys();
-  });
+  const auto cost = [&](size_t k) { return spans[tasks[k].span].rows * spans[tasks[k].span].keys(); };
+  std::stable_sort(order.begin(), order.end(), [&](size_t a, size_t b) { return cost(a) > cost(b); });
   std::atomic<size_t> next{0};
   std::mutex lock;
   std::exception_ptr failed;
@@ -90,33 +114,34 @@ void each(const std::vector<Span>& spans, F work) {
 }
 
 struct PackedAttention : torch::autograd::Function<PackedAttention> {
-  static variable_list forward(AutogradContext* context, Tensor q, Tensor k, Tensor v, const Shape& shape) {
+  // `keep`: whether there may be a backward pass, which needs the scores after the softmax.
+  static variable_list forward(AutogradContext* context, Tensor q, Tensor k, Tensor v, const Shape& shape, bool keep) {
     const auto hidden =
         at::full({kRun, kRun}, -std::numeric_limits<double>::infinity(), q.options()).triu(1);
     auto out = at::empty({q.size(0), shape.heads, shape.width}, q.options());
-    // Of each span and run of queries, the shares that its keys get.
-    std::vector<variable_list> shares(shape.spans.size());
-    each(shape.spans, [&](size_t task) {
-      const auto& span = shape.spans[task];
-      const auto queries = own(q, span, shape) * shape.scale();
-      const auto keys = seen(k, span), values = seen(v, span);
-      auto place = out.narrow(0, span.from, span.rows)
-                       .view({span.rows, shape.shared, shape.group(), shape.width})
-                       .permute({1, 2, 0, 3});
+    const auto tasks = tasks_of(shape);
+    // Of each task and run of queries, the shares that its keys get.
+    std::vector<variable_list> shares(tasks.size());
+    each(tasks, shape.spans, [&](size_t number) {
+      const auto& task = tasks[number];
+      const auto& span = shape.spans[task.span];
+      const auto queries = own(q, span, task, shape).contiguous() * shape.scale();
+      const auto keys = seen(k, span, task), values = seen(v, span, task);
+      auto place = own(out, span, task, shape);
       for (int64_t from = 0; from < span.rows; from += kRun) {
         const int64_t count = std::min(kRun, span.rows - from), last = span.seen + from + count;
         auto scores = at::bmm(run_of(queries, from, count), keys.narrow(1, 0, last).transpose(1, 2))
-                          .view({shape.shared, shape.group(), count, last});
+                          .view({task.heads, shape.group(), count, last});
         scores.narrow(3, last - count, count).add_(hidden.narrow(0, 0, count).narrow(1, 0, count));
-        auto share = scores.softmax(-1).view({shape.shared, shape.group() * count, last});
+        auto share = scores.softmax(-1).view({task.heads, shape.group() * count, last});
         place.narrow(2, from, count)
-            .copy_(at::bmm(share, values.narrow(1, 0, last)).view({shape.shared, shape.group(), count, shape.width}));
-        shares[task].push_back(std::move(share));
+            .copy_(at::bmm(share, values.narrow(1, 0, last)).view({task.heads, shape.group(), count, shape.width}));
+        if (keep) shares[number].push_back(std::move(share));
       }
     });
-    if (context) {
+    if (keep) {
       variable_list kept{q, k, v};
-      for (auto& of_span : shares) kept.insert(kept.end(), of_span.begin(), of_span.end());
+      for (auto& of_task : shares) kept.insert(kept.end(), of_task.begin(), of_task.end());
       context->save_for_backward(std::move(kept));
       std::vector<int64_t> numbers{shape.heads, shape.shared, shape.width};
       for (const auto& s : shape.spans) numbers.insert(numbers.end(), {s.from, s.rows, s.before, s.seen});
@@ -126,6 +151,7 @@ struct PackedAttention : torch::autograd::Function<PackedAttention> {
   }
 
   static variable_list backward(AutogradContext* context, variable_list grads) {
+    TORCH_CHECK(!at::GradMode::is_enabled(), "attention of packed sequences has no second derivative");
     const auto kept = context->get_saved_variables();
     const auto numbers = context->saved_data["shape"].toIntVector();
     Shape shape{numbers[0], numbers[1], numbers[2], {}};
@@ -133,39 +159,41 @@ struct PackedAttention : torch::autograd::Function<PackedAttention> {
       shape.spans.push_back({numbers[k], numbers[k + 1], numbers[k + 2], numbers[k + 3]});
     }
     const auto &q = kept[0], &k = kept[1], &v = kept[2];
+    const auto tasks = tasks_of(shape);
+    // Where the shares of each task begin.
     std::vector<size_t> first;
     size_t place = 3;
-    bool behind = false;
-    for (const auto& span : shape.spans) {
+    for (const auto& task : tasks) {
       first.push_back(place);
-      place += (span.rows + kRun - 1) / kRun;
-      behind = behind || span.seen > 0;
+      place += (shape.spans[task.span].rows + kRun - 1) / kRun;
     }
+    const bool behind =
+        std::any_of(shape.spans.begin(), shape.spans.end(), [](const Span& span) { return span.seen > 0; });
     auto dq = at::empty_like(q, at::MemoryFormat::Contiguous);
     // Rows that several sequences go on from are sums of many terms.
     const auto exact = at::toOpMathType(k.scalar_type());
     const auto sums = behind ? k.options().dtype(exact) : k.options();
     auto dk = at::empty(k.sizes(), sums), dv = at::empty(v.sizes(), sums);
-    std::vector<std::pair<Tensor, Tensor>> before(shape.spans.size());
-    each(shape.spans, [&](size_t task) {
-      const auto& span = shape.spans[task];
-      const auto queries = own(q, span, shape) * shape.scale();
-      const auto keys = seen(k, span), values = seen(v, span), asked = own(grads[0], span, shape);
-      auto back = dq.narrow(0, span.from, span.rows)
-                      .view({span.rows, shape.shared, shape.group(), shape.width})
-                      .permute({1, 2, 0, 3});
+    std::vector<std::pair<Tensor, Tensor>> before(tasks.size());
+    each(tasks, shape.spans, [&](size_t number) {
+      const auto& task = tasks[number];
+      const auto& span = shape.spans[task.span];
+      const auto queries = own(q, span, task, shape).contiguous() * shape.scale();
+      const auto keys = seen(k, span, task), values = seen(v, span, task);
+      const auto asked = own(grads[0], span, task, shape).contiguous();
+      auto back = own(dq, span, task, shape);
       Tensor to_keys, to_values;
       // The last run sees all keys, so its sums are the whole ones that the others are added to.
       const int64_t runs = (span.rows + kRun - 1) / kRun;
       for (int64_t run = runs - 1; run >= 0; --run) {
         const int64_t from = run * kRun, count = std::min(kRun, span.rows - from), last = span.seen + from + count;
-        const auto& share = kept[first[task] + run];
+        const auto& share = kept[first[number] + run];
         const auto own_grads = run_of(asked, from, count);
         const auto to_share = at::bmm(own_grads, values.narrow(1, 0, last).transpose(1, 2));
         const auto to_scores = at::_softmax_backward_data(to_share, share, -1, share.scalar_type());
         back.narrow(2, from, count)
             .copy_((at::bmm(to_scores, keys.narrow(1, 0, last)) * shape.scale())
-                       .view({shape.shared, shape.group(), count, shape.width}));
+                       .view({task.heads, shape.group(), count, shape.width}));
         auto of_keys = at::bmm(to_scores.transpose(1, 2), run_of(queries, from, count));
         auto of_values = at::bmm(share.transpose(1, 2), own_grads);
         if (runs == 1) {
@@ -179,24 +207,28 @@ struct PackedAttention : torch::autograd::Function<PackedAttention> {
           to_values.narrow(1, 0, last).add_(of_values);
         }
       }
-      const auto put = [&](Tensor& all, const Tensor& found) {
-        all.narrow(0, span.from, span.rows).copy_(found.narrow(1, span.seen, span.rows).transpose(0, 1));
+      const auto put = [&](const Tensor& all, const Tensor& found) {
+        part(all, span, task).copy_(found.narrow(1, span.seen, span.rows).transpose(0, 1));
       };
       put(dk, to_keys);
       put(dv, to_values);
       if (span.seen > 0) {
-        const auto part = [&](const Tensor& found) { return found.narrow(1, 0, span.seen).transpose(0, 1); };
-        before[task] = {part(to_keys), part(to_values)};
+        const auto of_before = [&](const Tensor& found) { return found.narrow(1, 0, span.seen).transpose(0, 1); };
+        before[number] = {of_before(to_keys), of_before(to_values)};
       }
     });
     // In the order of the sequences, so that sums do not hang on which thread came first.
-    for (size_t task = 0; task < before.size(); ++task) {
-      const auto& span = shape.spans[task];
+    for (size_t number = 0; number < tasks.size(); ++number) {
+      const auto& task = tasks[number];
+      const auto& span = shape.spans[task.span];
       if (span.seen == 0) continue;
-      dk.narrow(0, span.before, span.seen).add_(before[task].first);
-      dv.narrow(0, span.before, span.seen).add_(before[task].second);
+      const auto rows = [&](const Tensor& all) {
+        return all.narrow(0, span.before, span.seen).narrow(1, task.head, task.heads);
+      };
+      rows(dk).add_(before[number].first);
+      rows(dv).add_(before[number].second);
     }
-    return {dq, dk.to(k.scalar_type()), dv.to(v.scalar_type()), Tensor()};
+    return {dq, dk.to(k.scalar_type()), dv.to(v.scalar_type()), Tensor(), Tensor()};
   }
 };
 
@@ -211,7 +243,7 @@ int rl_packed_attention(at::Tensor* const* qkv, const int64_t* spans, size_t n, 
   return guarded([&] {
     const auto &q = *qkv[0], &k = *qkv[1], &v = *qkv[2];
     TORCH_CHECK(q.dim() == 3 && k.dim() == 3 && k.sizes() == v.sizes() && q.size(0) == k.size(0) &&
-                    q.size(2) == k.size(2) && q.size(1) % k.size(1) == 0,
+                    q.size(2) == k.size(2) && k.size(1) > 0 && q.size(1) % k.size(1) == 0,
                 "queries ", q.sizes(), " over keys ", k.sizes(), " and values ", v.sizes());
     Shape shape{q.size(1), k.size(1), q.size(2), {}};
     int64_t rows = 0;
@@ -224,7 +256,9 @@ int rl_packed_attention(at::Tensor* const* qkv, const int64_t* spans, size_t n, 
       shape.spans.push_back(span);
     }
     TORCH_CHECK(rows == q.size(0), "sequences of ", rows, " rows in all, not ", q.size(0));
-    *out = new at::Tensor(PackedAttention::apply(q, k, v, shape)[0]);
+    const bool keep =
+        at::GradMode::is_enabled() && (q.requires_grad() || k.requires_grad() || v.requires_grad());
+    *out = new at::Tensor(PackedAttention::apply(q, k, v, shape, keep)[0]);
   });
 }
 

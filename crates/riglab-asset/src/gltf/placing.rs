@@ -12,7 +12,7 @@ use super::nodes::Nodes;
 use super::primitives::{SourceSet, Sources};
 use super::skins::Skins;
 use crate::influences::Repairs;
-use crate::maps::{FLAT, is_flat};
+use crate::maps::{FLAT, is_flat, is_mirrored};
 use crate::{Binding, Fault, Part, ReadJoint, VertexSet, Warning};
 
 /// All that is needed to place vertices.
@@ -166,11 +166,6 @@ impl Scene<'_, '_> {
         }
         if self.skins.len() == 0 && !is_flat(&below.matrix3, FLAT) { Hold::Free(below) } else { Hold::None }
     }
-}
-
-/// Whether a map turns left into right, and surfaces inside out.
-fn is_mirrored(map: &DAffine3) -> bool {
-    map.matrix3.determinant() < 0.0
 }
 
 /// A vertex in mesh space.

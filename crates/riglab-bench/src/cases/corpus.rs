@@ -1,7 +1,7 @@
 //! A corpus of 100,000 assets: what one more costs as it grows, the memory it takes, and how fast it is read.
 //!
 //! Nothing usual keeps rigs so, so there is no other side: its column holds what is asked for, or, for the cost, the
-//! same over the first thousand. The assets are small creatures, made outside of what is timed; one process writes
+//! same over the first ten thousand. The assets are small creatures, made outside of what is timed; one process writes
 //! them, a second one opens what was written.
 
 use std::path::{Path, PathBuf};

@@ -138,7 +138,7 @@ impl Binder<'_, '_> {
             let Some(mesh) = meshes.own(self.draft, node) else { continue };
             for surface in &surfaces {
                 let placed = &rig.mesh().positions()[surface.vertices.clone()];
-                if !place::stands(surface, placed, |p| p) {
+                if place::is_turned(surface) || !place::stands(surface, placed, |p| p) {
                     let mut baker = Baker::new(self.accessors, surface.map);
                     let turn = place::bake(self.draft, self.accessors, &mut baker, mesh, surface, placed)?;
                     mirrored += usize::from(turn);

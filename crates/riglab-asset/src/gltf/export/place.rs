@@ -9,6 +9,7 @@ use super::super::nodes::Nodes;
 use super::bake::Baker;
 use super::draft::{Draft, ELEMENTS, Layout, U16, U32, index, remove};
 use super::scene::Surface;
+use crate::maps::is_mirrored;
 use crate::{Fault, triangles};
 
 /// Whether the positions of a surface, as stored, are those of the rig bit for bit.
@@ -16,6 +17,11 @@ pub(super) fn stands(surface: &Surface, placed: &[[f32; 3]], through: impl Fn([f
     let same =
         |(&v, at): (&u32, &[f32; 3])| through(surface.stored[v as usize]).map(f32::to_bits) == at.map(f32::to_bits);
     surface.numbers.iter().zip(placed).all(same)
+}
+
+/// Whether triangles of a surface face where they do because its node mirrors it, which no skin takes the place of.
+pub(super) fn is_turned(surface: &Surface) -> bool {
+    surface.skin.is_none() && is_mirrored(&surface.map)
 }
 
 /// Moves a surface to where the rig has it.
@@ -39,7 +45,7 @@ pub(super) fn bake(
         positions[v as usize] = *at;
     }
     let positions = draft.vectors(&positions, true, Some(super::draft::ARRAY));
-    let mirrored = surface.skin.is_none() && surface.map.matrix3.determinant() < 0.0;
+    let mirrored = is_turned(surface);
     for &primitive in &surface.primitives {
         baker.primitive(draft, (mesh, primitive), Some(positions))?;
         if mirrored {

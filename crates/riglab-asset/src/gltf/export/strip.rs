@@ -9,6 +9,7 @@ use super::place::{self, Moved};
 use super::remove::{self, Successors};
 use super::scene::{Scene, Surface};
 use super::vrm;
+use crate::maps::is_mirrored;
 use crate::{ExportNote, Fault, Reading};
 
 /// Takes the rig out; what it moved stays where the rest pose shows it.
@@ -26,12 +27,15 @@ pub(super) fn strip(
     for (node, surfaces) in by_node(scene.surfaces.iter()) {
         let global = *scene.nodes.global(node);
         let by_node = |p: [f32; 3]| global.transform_point3(glam::Vec3::from(p).as_dvec3()).as_vec3().to_array();
-        if !scene.below_joint(node) && surfaces.iter().all(|s| place::stands(s, at(s), by_node)) {
+        // Without its skin, a mesh would be mirrored by the node that it stays on.
+        let freed = is_mirrored(&global) && surfaces.iter().any(|s| s.skin.is_some());
+        let stays = !freed && !scene.below_joint(node);
+        if stays && surfaces.iter().all(|s| place::stands(s, at(s), by_node)) {
             continue;
         }
         let Some(mesh) = meshes.own(draft, node) else { continue };
         for surface in &surfaces {
-            if !place::stands(surface, at(surface), |p| p) {
+            if place::is_turned(surface) || !place::stands(surface, at(surface), |p| p) {
                 let mut baker = Baker::new(accessors, surface.map);
                 turned += usize::from(place::bake(draft, accessors, &mut baker, mesh, surface, at(surface))?);
             }
