@@ -88,16 +88,19 @@ mod tests {
 
     fn spans() -> Vec<Span> {
         let alone = |rows| Span { rows, behind: None };
-        // One of several runs, of a run exactly, of one row; two that go on from the first and one from the fourth.
         let after = |rows, behind| Span { rows, behind: Some(behind) };
+        // Of several runs of queries, of one exactly (kRun of attention.cpp), of one row; three that go on from the first
+        // and one from the fourth. As many as are not shared head by head (kFew).
         vec![
-            alone(300),
-            alone(128),
+            alone(520),
+            alone(256),
             alone(1),
             alone(40),
-            after(17, (0, 300)),
-            after(200, (0, 300)),
-            after(9, (429, 40)),
+            after(17, (0, 520)),
+            after(300, (0, 520)),
+            after(256, (0, 520)),
+            after(9, (777, 40)),
+            alone(30),
         ]
     }
 
@@ -110,8 +113,8 @@ mod tests {
 
     #[test]
     fn it_is_the_formula_with_its_gradients() {
-        let (all, few) = (spans(), &spans()[..3]);
-        for (heads, shared, spans) in [(3, 3, &all[..]), (4, 2, &all), (3, 1, &all), (4, 2, few)] {
+        let (all, few) = (spans(), &spans()[..6]);
+        for (heads, shared, spans) in [(3, 3, &all[..]), (4, 2, &all), (3, 1, &all), (3, 3, few), (4, 2, few)] {
             let inputs = inputs(heads, shared, spans);
             let exact = passed(|q, k, v| plain(q, k, v, spans), &inputs, Kind::Double);
             for (kind, most) in [(Kind::Double, 1e-12), (Kind::Float, 1e-5), (Kind::BFloat16, 0.02)] {

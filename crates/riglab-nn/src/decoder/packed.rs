@@ -3,7 +3,7 @@
 use riglab_torch::{Span, packed_attention};
 use tch::{Device, Kind, Tensor};
 
-use crate::layers::mix;
+use crate::layers::{mix, shared_heads};
 
 /// Where each sequence lies among the rows of a packed tensor [T, d].
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -59,17 +59,15 @@ impl Packed {
         let group = q.size()[1] / k.size()[1];
         // [t, h, e] as one batch row of heads.
         let row = |x: Tensor| x.transpose(0, 1).unsqueeze(0);
-        let shared = |x: Tensor| {
-            let x = row(x);
-            if group == 1 { x } else { x.repeat_interleave_self_int(group, 1, None::<i64>) }
-        };
+        let shared = |x: Tensor| shared_heads(&row(x), group);
         let parts = self.apart(q).into_iter().zip(self.seen(k)).zip(self.seen(v));
         let parts = parts.map(|((q, k), v)| mix(&row(q), &shared(k), &shared(v), true).squeeze_dim(0).transpose(0, 1));
         Tensor::cat(&parts.collect::<Vec<_>>(), 0)
     }
 
     fn spans(&self) -> Vec<Span> {
-        let firsts: Vec<i64> = (0..self.lengths.len()).map(|k| self.lengths[..k].iter().sum()).collect();
+        let firsts: Vec<i64> =
+            self.lengths.iter().scan(0, |next, n| Some(std::mem::replace(next, *next + n))).collect();
         let behind = |k: &Option<usize>| k.map(|k| (firsts[k], self.lengths[k]));
         self.lengths.iter().zip(&self.behind).map(|(&rows, k)| Span { rows, behind: behind(k) }).collect()
     }

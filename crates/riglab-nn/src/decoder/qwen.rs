@@ -8,7 +8,7 @@ use super::kernels::Panels;
 use super::rotary::Angles;
 use super::steps::{LayerWeights, Norm, Sizes, Steps, floats};
 use super::{Cache, Packed};
-use crate::layers::{Linear, RmsNorm, dropped, mix};
+use crate::layers::{Linear, RmsNorm, dropped, mix, shared_heads};
 use crate::params::{Init, ParamId, Role, Scope, Weights};
 
 /// Sizes of the decoder.
@@ -292,8 +292,7 @@ impl Layer {
 
     /// Heads of keys or values [b, kv, s, e] for every head of queries [b, h, s, e].
     fn shared(&self, x: &Tensor) -> Tensor {
-        let group = (self.heads / self.kv_heads) as i64;
-        if group == 1 { x.shallow_clone() } else { x.repeat_interleave_self_int(group, 1, None::<i64>) }
+        shared_heads(x, (self.heads / self.kv_heads) as i64)
     }
 
     /// The weights as few: see [`QKV`], [`GAINS`], [`GATE_UP`].

@@ -145,6 +145,11 @@ pub(crate) fn mix(q: &Tensor, k: &Tensor, v: &Tensor, causal: bool) -> Tensor {
     if runs.len() == 1 { runs.remove(0) } else { Tensor::cat(&runs, 2) }
 }
 
+/// Heads of keys or values [b, g, s, e] for every head of queries, so many over each: [b, h, s, e].
+pub(crate) fn shared_heads(x: &Tensor, group: i64) -> Tensor {
+    if group == 1 { x.shallow_clone() } else { x.repeat_interleave_self_int(group, 1, None::<i64>) }
+}
+
 /// Queries of [`mix`]'s runs.
 const RUN: i64 = 256;
 

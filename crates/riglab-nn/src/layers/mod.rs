@@ -12,7 +12,7 @@ pub use block::{Block, BlockConfig, Context, FeedForward};
 pub use fused::{FusedBlock, FusedConfig};
 pub use linear::{LayerNorm, Linear, RmsNorm};
 
-pub(crate) use attention::mix;
+pub(crate) use attention::{mix, shared_heads};
 
 /// Activations of which a share `p` is dropped in training, the others being made larger; `p` was validated.
 pub(crate) fn dropped(x: tch::Tensor, p: f64) -> tch::Tensor {
