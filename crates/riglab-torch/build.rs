@@ -2,8 +2,10 @@
 
 use std::path::Path;
 
+const FILES: [&str; 6] = ["shim.cpp", "attention.cpp", "dropout.cpp", "linear.cpp", "recompute.cpp", "hooks.cpp"];
+
 fn main() {
-    for file in ["shim.h", "shim.cpp", "attention.cpp", "dropout.cpp", "recompute.cpp", "hooks.cpp"] {
+    for file in FILES.iter().chain(&["shim.h"]) {
         println!("cargo:rerun-if-changed=src/{file}");
     }
     let Ok(lib) = std::env::var("DEP_TCH_LIBTORCH_LIB") else {
@@ -18,7 +20,7 @@ fn main() {
         .define("NDEBUG", None) // as libtorch was built: some of its classes are larger without
         .include(&include)
         .include(include.join("torch/csrc/api/include"))
-        .files(["src/shim.cpp", "src/attention.cpp", "src/dropout.cpp", "src/recompute.cpp", "src/hooks.cpp"])
+        .files(FILES.map(|file| format!("src/{file}")))
         .compile("riglab_shim");
     // Tests of this crate find libtorch as all packages do (build/rpath.rs).
     println!("cargo:rustc-link-arg=-Wl,-rpath,{}", lib.display());

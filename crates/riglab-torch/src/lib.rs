@@ -2,8 +2,8 @@
 //!
 //! tch wraps single ops. What training needs besides are ops over lists of tensors in place (the
 //! fused AdamW, norms, moving averages), blocks that are computed again in the backward pass, attention
-//! of packed sequences and dropout that all threads share, autocast on the CPU, and the settings of
-//! libtorch's global context. They are reached through a small C++ shim compiled against the same headers; a tensor
+//! of packed sequences and dropout that all threads share, affine maps by the faster of libtorch's libraries,
+//! autocast on the CPU, and the settings of libtorch's global context. They are reached through a small C++ shim compiled against the same headers; a tensor
 //! of tch *is* an `at::Tensor`, so nothing is copied.
 //!
 //! Call [`init`] first thing in a program: it sets threads and allocator switches that libtorch
@@ -16,6 +16,7 @@ mod dropout;
 mod error;
 mod flops;
 mod hooks;
+mod linear;
 mod recompute;
 mod settings;
 mod tensors;
@@ -25,6 +26,7 @@ pub use dropout::dropout;
 pub use error::{TorchError, first_line};
 pub use flops::count_flops;
 pub use hooks::backward;
+pub use linear::linear;
 pub use recompute::{grad_enabled, recompute};
 pub use settings::{
     Autocast, Settings, bf16_is_faster, cpu_capability, init, libtorch_version, load_cuda, rng_state, set_rng_state,

@@ -49,6 +49,9 @@ std::unique_ptr<at::ObserverContext> count_flops(const at::RecordFunction& fn) {
     count = product(sizes(fn, 0), sizes(fn, 1));
   } else if (name == "aten::addmm" || name == "aten::baddbmm") {
     count = product(sizes(fn, 1), sizes(fn, 2));
+  } else if (name == "mkldnn::_linear_pointwise") {
+    const auto w = sizes(fn, 1);  // [m, k]
+    if (w.size() == 2) count = product(sizes(fn, 0), {w[1], w[0]});
   } else if (name.rfind("aten::_scaled_dot_product_flash_attention_for_cpu", 0) == 0) {
     // Scores and their mix are two products; backward there are five.
     const bool backward = name.find("backward") != std::string::npos;

@@ -6,7 +6,7 @@ use tch::{Device, Kind, Tensor};
 use super::kernels::Panels;
 use super::steps::{LayerWeights, Norm, Sizes, Steps, floats};
 use super::{Cache, Packed};
-use crate::layers::{LayerNorm, Linear, dropped, mix};
+use crate::layers::{LayerNorm, Linear, affine, dropped, mix};
 use crate::params::{Init, ParamId, Role, Scope, Weights};
 
 /// Positions start at this row of their table.
@@ -145,7 +145,7 @@ impl Opt {
 
     /// Vectors [.., d] to scores of all tokens [.., v].
     pub fn logits(&self, w: &Weights, x: &Tensor) -> Tensor {
-        x.linear(&w[self.tokens], None::<&Tensor>)
+        affine(x, &w[self.tokens], None)
     }
 
     /// Packed vectors [T, d] of whole sequences, each read from its first place on, to what the last norm
@@ -188,7 +188,7 @@ impl Opt {
         let mut x = x.view([rows * t, d]);
         for (number, layer) in self.layers.iter().enumerate() {
             let fused = &cache.fused[number];
-            let all = layer.norm.forward(w, &x).linear(&fused[0], Some(&fused[1]));
+            let all = affine(&layer.norm.forward(w, &x), &fused[0], Some(&fused[1]));
             // [3, rows, h, t, e]
             let all = all.view([rows, t, 3, self.heads, d / self.heads]).permute([2, 0, 3, 1, 4]);
             let q = all.select(0, 0);
@@ -254,7 +254,7 @@ impl Layer {
         // One product for all three: the weights are small beside the activations.
         let fused = self.fused(w);
         let mut parts =
-            x.linear(&fused[0], Some(&fused[1])).view([x.size()[0], 3, self.heads, -1]).unbind(1).into_iter();
+            affine(&x, &fused[0], Some(&fused[1])).view([x.size()[0], 3, self.heads, -1]).unbind(1).into_iter();
         let mut next = || parts.next().expect("three parts");
         (next(), next(), next())
     }

@@ -8,7 +8,7 @@ use super::kernels::Panels;
 use super::rotary::Angles;
 use super::steps::{LayerWeights, Norm, Sizes, Steps, floats};
 use super::{Cache, Packed};
-use crate::layers::{Linear, RmsNorm, dropped, mix, shared_heads};
+use crate::layers::{Linear, RmsNorm, affine, dropped, mix, shared_heads};
 use crate::params::{Init, ParamId, Role, Scope, Weights};
 
 /// Sizes of the decoder.
@@ -180,7 +180,7 @@ impl Qwen {
 
     /// Vectors [.., d] to scores of all tokens [.., v].
     pub fn logits(&self, w: &Weights, x: &Tensor) -> Tensor {
-        x.linear(&w[self.tokens], None::<&Tensor>)
+        affine(x, &w[self.tokens], None)
     }
 
     /// Packed vectors [T, d] of whole sequences, each read from its first place on, to what the last norm
@@ -307,7 +307,7 @@ impl Layer {
     fn project(&self, w: &Weights, fused: &[Tensor], x: &Tensor, angles: &Angles) -> (Tensor, Tensor, Tensor) {
         let x = self.norm.forward(w, x);
         // One product for all three: the weights are small beside the activations.
-        let all = x.linear(&fused[QKV], None::<&Tensor>);
+        let all = affine(&x, &fused[QKV], None);
         let mut size = all.size();
         size.pop();
         size.extend([-1, self.head_width as i64]);
@@ -323,7 +323,7 @@ impl Layer {
         let drop = |t: Tensor| if training { dropped(t, self.dropout) } else { t };
         let x = x + drop(self.out.forward(w, read));
         let inner = self.norm_mlp.forward(w, &x);
-        let halves = inner.linear(&fused[GATE_UP], None::<&Tensor>).chunk(2, -1);
+        let halves = affine(&inner, &fused[GATE_UP], None).chunk(2, -1);
         &x + drop(self.down.forward(w, &(halves[0].silu() * &halves[1])))
     }
 }

@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 use tch::{Device, Kind, Tensor};
 
-use super::Linear;
+use super::{Linear, affine};
 use crate::params::{Role, Scope, Weights};
 
 /// How projected channels are dealt to heads.
@@ -63,14 +63,14 @@ impl Attention {
     pub fn over_itself(&self, w: &Weights, x_btd: &Tensor) -> Tensor {
         // One product for all three: the weights are small beside the activations.
         let all = Tensor::cat(&[&w[self.to_q.weight()], &w[self.to_k.weight()], &w[self.to_v.weight()]], 0);
-        let parts = self.heads_of(&x_btd.linear(&all, None::<&Tensor>), 3);
+        let parts = self.heads_of(&affine(x_btd, &all, None), 3);
         self.attend(w, &parts[0], &parts[1], &parts[2])
     }
 
     /// Keys and values of y [b, s, c]: computed once where several queries share them.
     pub fn keys(&self, w: &Weights, y_bsc: &Tensor) -> KeyValue {
         let both = Tensor::cat(&[&w[self.to_k.weight()], &w[self.to_v.weight()]], 0);
-        let mut parts = self.heads_of(&y_bsc.linear(&both, None::<&Tensor>), 2).into_iter();
+        let mut parts = self.heads_of(&affine(y_bsc, &both, None), 2).into_iter();
         match (parts.next(), parts.next()) {
             (Some(k), Some(v)) => KeyValue { k, v },
             _ => unreachable!("two parts were asked for"),

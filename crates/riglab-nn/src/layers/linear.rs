@@ -2,6 +2,7 @@
 
 use tch::{Kind, Tensor};
 
+use super::affine;
 use crate::params::{Init, ParamId, Role, Scope, Weights};
 
 /// y = x Wᵀ + b, with W of shape [out, in].
@@ -34,7 +35,7 @@ impl Linear {
 
     /// x [.., in] to [.., out].
     pub fn forward(&self, w: &Weights, x: &Tensor) -> Tensor {
-        x.linear(&w[self.weight], self.bias.map(|b| &w[b]))
+        affine(x, &w[self.weight], self.bias.map(|b| &w[b]))
     }
 
     pub(crate) fn weight(&self) -> ParamId {

@@ -19,6 +19,11 @@ pub(crate) fn dropped(x: tch::Tensor, p: f64) -> tch::Tensor {
     if p > 0.0 { riglab_torch::dropout(&x, p).unwrap_or_else(|e| panic!("{e}")) } else { x }
 }
 
+/// x [.., in] to x wᵀ + bias [.., out], w [out, in].
+pub(crate) fn affine(x: &tch::Tensor, w: &tch::Tensor, bias: Option<&tch::Tensor>) -> tch::Tensor {
+    riglab_torch::linear(x, w, bias).unwrap_or_else(|e| panic!("{e}"))
+}
+
 /// Rows of x [b, n, c] by index [b, t], as [b, t, c].
 pub(crate) fn picked(x: &tch::Tensor, index: &tch::Tensor) -> tch::Tensor {
     let c = x.size()[2];

@@ -5,6 +5,7 @@ use tch::{Kind, Tensor};
 use super::loss::{Freely, float};
 use super::{Asked, TokenRig};
 use crate::grpo::{entropy, log_softmax_within};
+use crate::layers::affine;
 use crate::params::Weights;
 
 /// What could have stood in the places of some targets.
@@ -74,7 +75,7 @@ impl TokenRig {
             }
             Some(levels) => {
                 let table = w[self.decoder.table()].narrow(0, 0, first);
-                let scores = float(&hidden.linear(&table, None::<&Tensor>));
+                let scores = float(&affine(&hidden, &table, None));
                 let likely = log_softmax_within(&scores, choices.map(|c| c.skeleton), temperature);
                 log.push(own(&likely, &targets));
                 entropies.push(entropy(&likely));

@@ -4,6 +4,7 @@ use tch::{Kind, Tensor};
 
 use super::TokenRig;
 use crate::grpo::{entropy, log_softmax_within};
+use crate::layers::affine;
 use crate::params::Weights;
 use crate::skeleton::spread_likelihood;
 
@@ -54,7 +55,7 @@ impl TokenRig {
     ) -> Vec<Tensor> {
         let (count, step, table) = (rows[0].size()[0], self.scored_at_once, self.decoder.table());
         let part = move |w: &Weights, rows: &[Tensor]| {
-            let scores = float(&rows[0].linear(&w[table], None::<&Tensor>));
+            let scores = float(&affine(&rows[0], &w[table], None));
             of(&scores, &rows[1..])
         };
         if step == 0 || count <= step {
@@ -91,7 +92,7 @@ impl TokenRig {
             }
             Some(levels) => {
                 let table = w[self.decoder.table()].narrow(0, 0, first);
-                let scores = float(&pick(asked.hidden, &of_skeleton).linear(&table, None::<&Tensor>));
+                let scores = float(&affine(&pick(asked.hidden, &of_skeleton), &table, None));
                 let likely = scores.log_softmax(-1, None::<Kind>);
                 // The end follows by the grammar alone.
                 of_skin = places(&in_skeleton.logical_or(&asked.targets.eq(self.layout.end())).logical_not());
@@ -141,7 +142,7 @@ impl TokenRig {
                     Tensor::cat(&[codes, empty.unsqueeze(1)], 1)
                 });
             }
-            let scores = float(&hidden.linear(&table, None::<&Tensor>));
+            let scores = float(&affine(&hidden, &table, None));
             let likely = log_softmax_within(&scores, allowed.as_ref(), freely.temperature);
             let mut own_sum = likely.gather(1, &target.unsqueeze(1), false).squeeze_dim(1);
             let mut own_entropy = freely.entropies.then(|| entropy(&likely));

@@ -5,6 +5,7 @@ use tch::{Kind, Tensor};
 use super::TokenRig;
 use crate::decoder::Cache;
 use crate::generate::Decoder;
+use crate::layers::affine;
 use crate::params::Weights;
 
 /// Where the joints of a whole skeleton are, from its drawn ids, the prompt with them: of each in order, itself
@@ -150,7 +151,7 @@ impl<'a> Reader<'a> {
                 |row: &[f32]| row.iter().copied().chain(std::iter::repeat_n(f32::NEG_INFINITY, width - own)).collect();
             return flat.chunks(own).map(whole).collect();
         };
-        let scores = hidden.linear(&tables.first, None::<&Tensor>);
+        let scores = affine(hidden, &tables.first, None);
         let (own, flat) = (scores.size()[1] as usize, floats(&scores));
         let vectors = floats(hidden);
         for (row, vector) in self.rows.iter_mut().zip(vectors.chunks(tables.width)) {

@@ -3,6 +3,7 @@
 use tch::{Device, Tensor};
 
 use super::layout::Taps;
+use crate::layers::affine;
 use crate::params::{Init, ParamId, Role, Scope, Weights};
 
 /// A kernel's neighbours on a device.
@@ -61,9 +62,9 @@ impl SubmConv {
         assert_eq!(self.side, taps.side, "neighbours of another kernel");
         let taps_of = w[self.weight].flatten(1, 3);
         let weight = |k: i64| taps_of.select(1, k);
-        let mut out = x.linear(&weight(self.side.pow(3) / 2), self.bias.map(|b| &w[b]));
+        let mut out = affine(x, &weight(self.side.pow(3) / 2), self.bias.map(|b| &w[b]));
         for (k, read, written) in &taps.taps {
-            let part = x.index_select(0, read).linear(&weight(*k), None::<&Tensor>);
+            let part = affine(&x.index_select(0, read), &weight(*k), None);
             out = out.index_add_(0, written, &part);
         }
         out
