@@ -23,7 +23,7 @@ pub struct Chart {
     pub x: String,
     /// The lines.
     pub series: Vec<Series>,
-    /// A vertical axis in powers of ten.
+    /// A vertical axis by ratios, where values lie so far apart that it helps.
     pub log: bool,
 }
 
@@ -38,7 +38,12 @@ const COLORS: [RGBColor; 6] = [
 ];
 /// Points of a line at most; more are averaged.
 const POINTS: usize = 240;
+/// Of a chart without its legend.
 const SIZE: (u32, u32) = (560, 300);
+/// Height of a row of the legend, and names in one.
+const LEGEND: (u32, usize) = (17, 3);
+/// From the least to the most, from where on an axis goes by ratios.
+const FAR_APART: f64 = 10.0;
 
 impl Chart {
     /// An SVG element that takes its text colour from the page.
@@ -57,17 +62,23 @@ impl Chart {
             return Ok(String::new());
         }
         let (x1, pad) = (if x1 > x0 { x1 } else { x0 + 1.0 }, 0.05 * (y1 - y0).max(1e-9));
+        let rows = if lines.len() > 1 { lines.len().div_ceil(LEGEND.1) as u32 } else { 0 };
         let mut svg = String::new();
         {
-            let root = SVGBackend::with_string(&mut svg, SIZE).into_drawing_area();
-            let mut builder = ChartBuilder::on(&root);
-            builder.margin(8).x_label_area_size(34).y_label_area_size(52).caption(&self.title, ("sans-serif", 15));
-            if self.log {
-                let chart = builder.build_cartesian_2d(x0..x1, (y0 * 0.9..y1 * 1.1).log_scale());
-                self.draw(chart.map_err(fault)?, &lines)?;
+            let root = SVGBackend::with_string(&mut svg, (SIZE.0, SIZE.1 + rows * LEGEND.0)).into_drawing_area();
+            let (plot, below) = root.split_vertically(SIZE.1);
+            let mut builder = ChartBuilder::on(&plot);
+            builder.margin(8).margin_right(24).x_label_area_size(34).y_label_area_size(52);
+            builder.caption(&self.title, ("sans-serif", 15));
+            if self.log && y1 > FAR_APART * y0 {
+                let axis = (y0 * 0.9..y1 * 1.1).log_scale().with_key_points(ticks_by_ratio(y0 * 0.9, y1 * 1.1));
+                self.draw(builder.build_cartesian_2d(x0..x1, axis).map_err(fault)?, &lines)?;
             } else {
                 let chart = builder.build_cartesian_2d(x0..x1, y0 - pad..y1 + pad);
                 self.draw(chart.map_err(fault)?, &lines)?;
+            }
+            if rows > 0 {
+                legend(&below, &lines)?;
             }
             root.present().map_err(fault)?;
         }
@@ -97,23 +108,41 @@ impl Chart {
             .y_label_formatter(&|v| short(*v))
             .draw()
             .map_err(fault)?;
-        for (k, (name, points)) in lines.iter().enumerate() {
+        for (k, (_, points)) in lines.iter().enumerate() {
             let color = COLORS[k % COLORS.len()];
-            let drawn =
-                chart.draw_series(LineSeries::new(points.iter().copied(), color.stroke_width(2))).map_err(fault)?;
-            drawn.label(*name).legend(move |(x, y)| PathElement::new(vec![(x, y), (x + 14, y)], color.stroke_width(2)));
-        }
-        if lines.len() > 1 {
-            chart
-                .configure_series_labels()
-                .label_font(("sans-serif", 11).into_text_style(&SIZE).color(&BLACK))
-                .border_style(TRANSPARENT)
-                .position(SeriesLabelPosition::UpperRight)
-                .draw()
-                .map_err(fault)?;
+            chart.draw_series(LineSeries::new(points.iter().copied(), color.stroke_width(2))).map_err(fault)?;
         }
         Ok(())
     }
+}
+
+/// What each line is, below the axis, where no line runs.
+fn legend(
+    below: &DrawingArea<SVGBackend, plotters::coord::Shift>,
+    lines: &[(&str, Vec<(f64, f64)>)],
+) -> Result<(), ReportError> {
+    let width = (SIZE.0 as i32 - 60) / LEGEND.1 as i32;
+    for (k, (name, _)) in lines.iter().enumerate() {
+        let color = COLORS[k % COLORS.len()].stroke_width(3);
+        let (x, y) = (60 + width * (k % LEGEND.1) as i32, LEGEND.0 as i32 * (k / LEGEND.1) as i32 + 6);
+        below.draw(&PathElement::new(vec![(x, y), (x + 16, y)], color)).map_err(fault)?;
+        let style = ("sans-serif", 12).into_text_style(&SIZE).color(&BLACK);
+        let style = style.pos(Pos::new(HPos::Left, VPos::Center));
+        below.draw(&Text::new((*name).to_owned(), (x + 21, y), style)).map_err(fault)?;
+    }
+    Ok(())
+}
+
+/// Where an axis by ratios is labelled: 1, 2 and 5 of each power of ten where these are few, else the powers, all or
+/// every so many.
+fn ticks_by_ratio(low: f64, high: f64) -> Vec<f64> {
+    let powers = low.log10().floor() as i32..=high.log10().ceil() as i32;
+    let within = |at: &[f64], step: usize| -> Vec<f64> {
+        let all = powers.clone().step_by(step).flat_map(|p| at.iter().map(move |m| m * 10f64.powi(p)));
+        all.filter(|v| (low..=high).contains(v)).collect()
+    };
+    let fine = within(&[1.0, 2.0, 5.0], 1);
+    if fine.len() <= 8 { fine } else { within(&[1.0], (powers.clone().count() / 8).max(1)) }
 }
 
 fn fault(e: impl std::fmt::Display) -> ReportError {
@@ -169,6 +198,24 @@ mod tests {
         assert!(chart(vec![(1.0, 2.0)]).to_svg().unwrap().starts_with("<svg"));
         let log = Chart { log: true, ..chart(vec![(0.0, 0.0), (1.0, 1e-3), (2.0, 10.0)]) };
         assert!(log.to_svg().unwrap().contains("currentColor"));
+    }
+
+    #[test]
+    fn axes_by_ratio_have_labels_whatever_they_span() {
+        assert_eq!(ticks_by_ratio(0.9, 12.0), [1.0, 2.0, 5.0, 10.0]);
+        assert_eq!(ticks_by_ratio(0.5, 2200.0), [1.0, 10.0, 100.0, 1000.0]);
+        for (low, decades) in [(3e-7, 12), (1e-3, 1), (40.0, 30)] {
+            let ticks = ticks_by_ratio(low, low * 10f64.powi(decades));
+            assert!((3..=12).contains(&ticks.len()), "{ticks:?}");
+        }
+        let line = |points: &[(f64, f64)]| Series { name: "a".into(), points: points.to_vec() };
+        let chart = |series| Chart { title: String::new(), x: "step".into(), series, log: true };
+        // A loss that falls to half is read off a plain axis.
+        let near = chart(vec![line(&[(0.0, 2.0), (1.0, 1.0)])]).to_svg().unwrap();
+        assert!(near.contains("\n1.2\n") && near.contains("\n1.8\n"), "{near}");
+        // Each of several lines is named once.
+        let named = chart(vec![line(&[(0.0, 1.0), (1.0, 2.0)]); 4]).to_svg().unwrap();
+        assert_eq!(named.matches("\na\n").count(), 4);
     }
 
     #[test]

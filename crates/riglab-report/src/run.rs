@@ -166,37 +166,32 @@ impl RunView {
         of
     }
 
-    /// Curves: the loss and its parts, every validated metric, gradient norm and learning rate.
+    /// Curves: the loss and its parts, what was counted, every validated metric beside those of its size, gradient norm
+    /// and learning rate.
     pub fn curves(&self) -> Block {
         let of = self.logged();
-        let series = |names: &[&str]| -> Vec<Series> {
+        let chart = |title: String, names: &[&str], log: bool| {
             let found = names.iter().filter_map(|n| of.get_key_value(*n));
-            found.map(|(n, p)| Series { name: n.rsplit('/').next().unwrap_or(n).into(), points: p.clone() }).collect()
+            let series =
+                found.map(|(n, p)| Series { name: n.rsplit('/').next().unwrap_or(n).into(), points: p.clone() });
+            Chart { title, x: "step".into(), series: series.collect(), log }
         };
-        let chart = |title: &str, names: &[&str], log: bool| Chart {
-            title: title.into(),
-            x: "step".into(),
-            series: series(names),
-            log,
-        };
-        let parts: Vec<&str> = of
-            .keys()
-            .copied()
-            .filter(|n| {
-                n.strip_prefix("train/").is_some_and(|n| !["loss", "grad_norm", "lr_factor", "prefix"].contains(&n))
-            })
-            .collect();
-        let mut charts = vec![chart("loss", &["train/loss"], true), chart("parts of the loss", &parts, true)];
-        let (ious, others): (Vec<&str>, Vec<&str>) =
-            of.keys().copied().filter(|n| n.starts_with("eval/")).partition(|n| n.contains("iou"));
-        if !ious.is_empty() {
-            charts.push(chart("validation: IoU", &ious, false));
+        let parts = of.keys().copied().filter(|n| {
+            n.strip_prefix("train/").is_some_and(|n| !["loss", "grad_norm", "lr_factor", "prefix"].contains(&n))
+        });
+        let (counts, parts): (Vec<&str>, Vec<&str>) = parts.partition(|n| of[n].iter().all(|p| p.1.fract() == 0.0));
+        let counts: Vec<&str> = counts.into_iter().filter(|n| of[n].iter().any(|p| p.1 != 0.0)).collect();
+        let mut charts = vec![
+            chart("loss".into(), &["train/loss"], true),
+            // One alone is the loss, times its weight.
+            chart("parts of the loss".into(), if parts.len() > 1 { &parts } else { &[] }, true),
+            chart("counted in a step".into(), &counts, true),
+        ];
+        for names in of_a_size(&of, of.keys().copied().filter(|n| n.starts_with("eval/")).collect()) {
+            charts.push(chart(validated(&names), &names, false));
         }
-        if !others.is_empty() {
-            charts.push(chart("validation: others", &others, false));
-        }
-        charts.push(chart("gradient norm", &["train/grad_norm"], true));
-        charts.push(chart("learning rate, share of the highest", &["train/lr_factor"], false));
+        charts.push(chart("gradient norm".into(), &["train/grad_norm"], true));
+        charts.push(chart("learning rate, share of the highest".into(), &["train/lr_factor"], false));
         charts.retain(|c| !c.series.is_empty());
         Block::Charts(charts)
     }
@@ -224,9 +219,64 @@ impl RunView {
     }
 }
 
+/// Metrics whose last values differ by so much at most share a chart: smaller ones would lie on its floor.
+const OF_A_SIZE: f64 = 6.0;
+/// Lines of a chart at most.
+const LINES: usize = 6;
+
+/// Metrics by how large they are in the end, those of a chart by name.
+fn of_a_size<'a>(of: &BTreeMap<&str, Vec<(f64, f64)>>, mut names: Vec<&'a str>) -> Vec<Vec<&'a str>> {
+    let size = |name: &&str| of[name].last().map_or(0.0, |p| p.1.abs());
+    names.sort_by(|a, b| size(a).total_cmp(&size(b)));
+    let mut groups: Vec<Vec<&str>> = Vec::new();
+    for name in names {
+        match groups.last_mut() {
+            Some(group) if size(&name) <= OF_A_SIZE * size(&group[0]) && group.len() < LINES => group.push(name),
+            _ => groups.push(vec![name]),
+        }
+    }
+    groups.iter_mut().for_each(|group| group.sort_unstable());
+    groups.sort();
+    groups
+}
+
+/// The title of a chart of metrics, `eval/NAME@SPLIT` each.
+fn validated(names: &[&str]) -> String {
+    let bare = |name: &str| name.trim_start_matches("eval/").split('@').next().unwrap_or_default().to_owned();
+    let mut bare: Vec<String> = names.iter().map(|n| bare(n)).collect();
+    bare.dedup();
+    let more = if bare.len() > 4 { format!(" and {} more", bare.len() - 4) } else { String::new() };
+    bare.truncate(4);
+    format!("validation: {}{more}", bare.join(", "))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn metrics_share_a_chart_with_those_of_their_size() {
+        let last =
+            [("eval/iou@a", 0.7), ("eval/iou@b", 0.6), ("eval/j2j@a", 0.08), ("eval/l1@a", 0.06), ("eval/n@a", 0.0)];
+        let of: BTreeMap<&str, Vec<(f64, f64)>> = last.iter().map(|(n, v)| (*n, vec![(1.0, 9.0), (2.0, *v)])).collect();
+        let groups = of_a_size(&of, of.keys().copied().collect());
+        assert_eq!(groups, [vec!["eval/iou@a", "eval/iou@b"], vec!["eval/j2j@a", "eval/l1@a"], vec!["eval/n@a"]]);
+        let titles: Vec<String> = groups.iter().map(|g| validated(g)).collect();
+        assert_eq!(titles, ["validation: iou", "validation: j2j, l1", "validation: n"]);
+        let many = ["eval/a@v", "eval/b@v", "eval/c@v", "eval/d@v", "eval/e@v"];
+        assert_eq!(validated(&many), "validation: a, b, c, d and 1 more");
+    }
+
+    #[test]
+    fn counts_are_no_parts_of_the_loss() {
+        let lines = "{\"step\":1,\"train/loss\":2.0,\"train/bce\":1.5,\"train/mse\":0.5,\"train/tokens\":900,\"train/skipped\":0}\n";
+        let dir = folder(&[("config.toml", ""), ("run.json", INFO), ("metrics.jsonl", lines)]);
+        let Block::Charts(charts) = RunView::read(dir.path()).unwrap().curves() else { panic!("charts") };
+        let shown: Vec<(&str, Vec<&str>)> =
+            charts.iter().map(|c| (c.title.as_str(), c.series.iter().map(|s| s.name.as_str()).collect())).collect();
+        let parts = ("parts of the loss", vec!["bce", "mse"]);
+        assert_eq!(shown, [("loss", vec!["loss"]), parts, ("counted in a step", vec!["tokens"])]);
+    }
 
     /// A run's folder with these files.
     fn folder(files: &[(&str, &str)]) -> tempfile::TempDir {

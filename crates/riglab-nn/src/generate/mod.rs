@@ -62,6 +62,19 @@ impl GenerateConfig {
         }
         Ok(())
     }
+
+    /// What it changes about draws, in words: empty where they are from the model's own distribution.
+    pub fn changes(&self) -> String {
+        let plain = Self::default();
+        let mut words = Vec::new();
+        let mut say = |changed: bool, text: String| words.extend(changed.then_some(text));
+        say(self.temperature != plain.temperature, format!("temperature {}", self.temperature));
+        say(self.top_k != plain.top_k, format!("top-k {}", self.top_k));
+        say(self.top_p != plain.top_p, format!("top-p {}", self.top_p));
+        let penalty = self.repetition_penalty;
+        say(penalty != plain.repetition_penalty, format!("repetition penalty {penalty}"));
+        words.join(", ")
+    }
 }
 
 /// Gives scores of what follows, for rows that go on together.
@@ -89,4 +102,18 @@ pub trait Grammar: Clone {
 
     /// Whether this token ends a sequence.
     fn ends(&self, id: u32) -> bool;
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn changes_of_the_distribution_are_told_in_words() {
+        let plain = GenerateConfig::default();
+        assert_eq!(plain.changes(), "");
+        assert_eq!(GenerateConfig { sample: true, tokens: 9, ..plain.clone() }.changes(), "");
+        let cooler = GenerateConfig { temperature: 0.8, top_p: 0.95, ..plain };
+        assert_eq!(cooler.changes(), "temperature 0.8, top-p 0.95");
+    }
 }

@@ -102,6 +102,10 @@ pub struct Report {
     /// How many skeletons were sampled for each mesh, of which the one counts that the others agree with most.
     #[serde(default = "one")]
     pub consensus: usize,
+    /// What was changed about the model's distribution before they were sampled
+    /// ([`riglab_nn::generate::GenerateConfig::changes`]).
+    #[serde(default)]
+    pub draws: String,
     /// Tables.
     pub rows: Vec<Row>,
     /// Assets.
@@ -331,7 +335,7 @@ impl SkeletonTask {
                 "data.test: the corpora have no asset in `{splits}`; `riglab dataset inspect` shows their splits"
             ));
         }
-        let consensus = self.config.eval.consensus;
-        Ok((Report { convention: "unirig".into(), consensus, rows, assets }, skeletons))
+        let (consensus, draws) = (self.config.eval.consensus, self.config.eval.generate.changes());
+        Ok((Report { convention: "unirig".into(), consensus, draws, rows, assets }, skeletons))
     }
 }

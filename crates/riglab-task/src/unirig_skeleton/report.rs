@@ -19,7 +19,19 @@ pub struct Evaluation {
     pub gallery: Vec<Shown>,
 }
 
-const HEAD: [&str; 9] = ["split", "method", "assets", "compared", "J2J", "J2B", "B2B", "valid %", "joints off %"];
+const HEAD: [&str; 11] = [
+    "split",
+    "method",
+    "assets",
+    "compared",
+    "J2J",
+    "J2B",
+    "B2B",
+    "valid %",
+    "joints, mean",
+    "true joints, mean",
+    "joints off %",
+];
 
 fn splits(report: &Report) -> Vec<&str> {
     let mut splits: Vec<&str> = report.rows.iter().map(|r| r.split.as_str()).collect();
@@ -30,7 +42,8 @@ fn splits(report: &Report) -> Vec<&str> {
 /// Which of several draws is the model's, where there were several.
 fn drawn(report: &Report) -> Option<String> {
     let n = report.consensus;
-    (n > 1).then(|| format!("model: of {n} sampled skeletons the one that the others agree with most"))
+    let draws = if report.draws.is_empty() { String::new() } else { format!(" ({})", report.draws) };
+    (n > 1).then(|| format!("model: of {n} sampled skeletons{draws} the one that the others agree with most"))
 }
 
 /// The tables of all splits.
@@ -41,12 +54,12 @@ pub fn lines(report: &Report) -> Vec<String> {
         let rows: Vec<&Row> = report.rows.iter().filter(|r| r.split == split).collect();
         out.push(format!("\n{split} ({} assets)", rows.first().map_or(0, |r| r.assets)));
         out.push(format!(
-            "{:12} {:>8} {:>7} {:>7} {:>7} {:>7} {:>9} {:>9}",
-            "method", "compared", "J2J", "J2B", "B2B", "valid", "joints", "off"
+            "{:12} {:>8} {:>7} {:>7} {:>7} {:>7} {:>9} {:>6} {:>9}",
+            "method", "compared", "J2J", "J2B", "B2B", "valid", "joints", "true", "off"
         ));
         for r in rows {
             out.push(format!(
-                "{:12} {:>8} {:>7.2} {:>7.2} {:>7.2} {:>6.1}% {:>9.1} {:>8.1}%",
+                "{:12} {:>8} {:>7.2} {:>7.2} {:>7.2} {:>6.1}% {:>9.1} {:>6.1} {:>8.1}%",
                 r.method,
                 r.compared,
                 100.0 * r.j2j,
@@ -54,6 +67,7 @@ pub fn lines(report: &Report) -> Vec<String> {
                 100.0 * r.b2b,
                 100.0 * r.valid,
                 r.joints,
+                r.true_joints,
                 100.0 * r.joints_off
             ));
         }
@@ -70,13 +84,17 @@ pub(crate) fn skeleton_metrics(convention: &str) -> Vec<Metric> {
 pub(crate) fn skeleton_findings(report: &Report) -> Findings {
     let of = report.convention.as_str();
     let mut totals_of = skeleton_metrics(of);
-    totals_of.extend([Metric::higher("valid %", of, 1), Metric::lower("joints off %", of, 1)]);
+    let counts = ["mean joints off %", "joints off %"].map(|name| Metric::lower(name, of, 1));
+    totals_of.push(Metric::higher("valid %", of, 1));
+    totals_of.extend(counts);
     let total = |r: &Row| Total {
         split: r.split.clone(),
         method: format!("{}, {} compared", r.method, r.compared),
         own: r.method == "model",
         assets: r.assets,
-        values: [r.j2j, r.j2b, r.b2b, r.valid, r.joints_off].map(|v| 100.0 * v).to_vec(),
+        values: [r.j2j, r.j2b, r.b2b, r.valid, (r.joints / r.true_joints - 1.0).abs(), r.joints_off]
+            .map(|v| 100.0 * v)
+            .to_vec(),
     };
     let single = |a: &AssetRow| Single {
         split: a.split.clone(),
@@ -152,10 +170,13 @@ impl Evaluation {
                 Cell::number(100.0 * r.j2b, 2),
                 Cell::number(100.0 * r.b2b, 2),
                 Cell::number(100.0 * r.valid, 1),
+                Cell::number(r.joints, 1),
+                Cell::number(r.true_joints, 1),
                 Cell::number(100.0 * r.joints_off, 1),
             ]);
         }
         table.note = "Means over the assets that can be compared: those with at least a bone on both sides. \
+                      joints off: the mean over assets of |joints - true joints| / true joints. \
                       retrieval: the skeleton of the nearest training shape, by chamfer distance of points. template \
                       fit: the same, carried along as that shape is bent onto the mesh."
             .into();
