@@ -18,9 +18,19 @@ using torch::autograd::variable_list;
 using Product = Tensor(const Tensor&, const Tensor&, const std::optional<Tensor>&, c10::string_view,
                        c10::List<std::optional<at::Scalar>>, std::optional<c10::string_view>);
 
-// Products of fewer rows or multiplications gain nothing, or lose by what a call costs.
+// Sums of fewer terms both libraries add in order, so that either gives the same bits, and how many rows there are may
+// choose the faster: oneDNN gains nothing for fewer rows or multiplications than these.
+constexpr int64_t kInOrder = 256;
 constexpr int64_t kRows = 256;
 constexpr int64_t kProducts = int64_t{1} << 25;
+// Longer sums they split differently. There it is oneDNN however many rows there are, but for so few that MKL would give
+// other bits too: what a mesh comes to must not hang on those beside it.
+constexpr int64_t kFew = 8;
+
+// Whether x [rows, k] and w [n, k] are multiplied by oneDNN.
+bool is_ours(int64_t rows, int64_t k, int64_t n) {
+  return k < kInOrder ? rows >= kRows && rows * k * n >= kProducts : rows >= kFew;
+}
 
 bool is_processor() {
 #if defined(__x86_64__) && defined(__GNUC__)
@@ -78,7 +88,7 @@ int rl_linear(const Tensor* x, const Tensor* w, const Tensor* bias, Tensor** out
     const bool fits = x->dim() >= 1 && w->dim() == 2 && x->size(-1) == w->size(1) && is_plain(*x) && is_plain(*w) &&
                       (!bias || (is_plain(*bias) && bias->dim() == 1 && bias->size(0) == w->size(0)));
     const int64_t rows = fits && x->size(-1) > 0 ? x->numel() / x->size(-1) : 0;
-    const bool fast = rows >= kRows && rows * w->numel() >= kProducts && !at::autocast::is_autocast_enabled(at::kCPU) &&
+    const bool fast = fits && is_ours(rows, w->size(1), w->size(0)) && !at::autocast::is_autocast_enabled(at::kCPU) &&
                       product().has_value();
     const auto added = bias ? std::optional<Tensor>(*bias) : std::nullopt;
     if (!fast) {
@@ -91,5 +101,8 @@ int rl_linear(const Tensor* x, const Tensor* w, const Tensor* bias, Tensor** out
     *out = new Tensor(Affine::apply(flat, *w, added).view(shape));
   });
 }
+
+// Whether this processor has products of ours.
+int rl_linear_is_ours() { return product().has_value() ? 1 : 0; }
 
 }  // extern "C"

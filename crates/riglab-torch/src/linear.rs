@@ -11,11 +11,14 @@ use crate::error::check;
 
 unsafe extern "C" {
     fn rl_linear(x: *const C_tensor, w: *const C_tensor, bias: *const C_tensor, out: *mut *mut C_tensor) -> c_int;
+    #[cfg(test)]
+    fn rl_linear_is_ours() -> c_int;
 }
 
 /// x wᵀ + bias, x [.., k] and w [n, k] to [.., n], as libtorch's `linear`, which it is but for f32 with many rows on
 /// processors of AMD with AVX-512: there the products of the forward pass and of x's gradient are oneDNN's, which takes
-/// an eighth less time for them than MKL. Those have no second derivative.
+/// an eighth less time for them than MKL. A row of y does not hang on how many there are, from eight on. Those have no
+/// second derivative.
 ///
 /// # Errors
 /// libtorch's message, as where shapes do not fit.
@@ -84,6 +87,23 @@ mod tests {
         assert!(!turned[0].is_contiguous());
         for (a, b) in passed(Kind::Float, &turned, of).iter().zip(&passed(Kind::Float, &inputs, of)) {
             assert!(apart(a, b) < 1e-5);
+        }
+    }
+
+    #[test]
+    fn a_row_is_the_same_among_few_and_many() {
+        // SAFETY: asks for a flag.
+        if unsafe { rl_linear_is_ours() } == 0 {
+            eprintln!("skipped: products of this processor are libtorch's");
+            return;
+        }
+        for (k, n) in [(64, 512), (192, 768), (256, 64), (300, 1024), (768, 192)] {
+            let inputs = inputs(&[2000, k], n);
+            let all = of(&inputs);
+            for rows in [24, 100, 255, 256, 700] {
+                let few = linear(&inputs[0].narrow(0, 0, rows), &inputs[1], Some(&inputs[2])).unwrap();
+                assert!(few.equal(&all.narrow(0, 0, rows)), "{rows} rows, {k} to {n}");
+            }
         }
     }
 
