@@ -42,6 +42,10 @@ const POINTS: usize = 240;
 const SIZE: (u32, u32) = (560, 300);
 /// Height of a row of the legend, and names in one.
 const LEGEND: (u32, usize) = (17, 3);
+/// Labels of an axis, about.
+const LABELS: u32 = 6;
+/// Letters of a name in the legend.
+const LETTERS: usize = 26;
 /// From the least to the most, from where on an axis goes by ratios.
 const FAR_APART: f64 = 10.0;
 
@@ -53,15 +57,18 @@ impl Chart {
     pub fn to_svg(&self) -> Result<String, ReportError> {
         let lines: Vec<(&str, Vec<(f64, f64)>)> =
             self.series.iter().map(|s| (s.name.as_str(), thinned(&s.points, self.log))).collect();
+        let lines: Vec<_> = lines.into_iter().filter(|(_, points)| !points.is_empty()).collect();
         let all = || lines.iter().flat_map(|(_, p)| p.iter());
         let range = |f: fn(&(f64, f64)) -> f64| {
             all().map(f).fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(v), h.max(v)))
         };
         let ((x0, x1), (y0, y1)) = (range(|p| p.0), range(|p| p.1));
-        if !(x0.is_finite() && y0.is_finite()) {
+        if !(x0.is_finite() && y0.is_finite() && y1 < f64::MAX / 2.0 && y0 > f64::MIN / 2.0) {
             return Ok(String::new());
         }
-        let (x1, pad) = (if x1 > x0 { x1 } else { x0 + 1.0 }, 0.05 * (y1 - y0).max(1e-9));
+        // Of what does not change, a strip that labels can tell apart.
+        let pad = (0.05 * (y1 - y0)).max(0.02 * y1.abs().max(y0.abs())).max(1e-9);
+        let x1 = if x1 > x0 { x1 } else { x0 + 1.0 };
         let rows = if lines.len() > 1 { lines.len().div_ceil(LEGEND.1) as u32 } else { 0 };
         let mut svg = String::new();
         {
@@ -72,10 +79,11 @@ impl Chart {
             builder.caption(&self.title, ("sans-serif", 15));
             if self.log && y1 > FAR_APART * y0 {
                 let axis = (y0 * 0.9..y1 * 1.1).log_scale().with_key_points(ticks_by_ratio(y0 * 0.9, y1 * 1.1));
-                self.draw(builder.build_cartesian_2d(x0..x1, axis).map_err(fault)?, &lines)?;
+                self.draw(builder.build_cartesian_2d(x0..x1, axis).map_err(fault)?, &lines, &short)?;
             } else {
                 let chart = builder.build_cartesian_2d(x0..x1, y0 - pad..y1 + pad);
-                self.draw(chart.map_err(fault)?, &lines)?;
+                let apart = (y1 - y0 + 2.0 * pad) / f64::from(LABELS);
+                self.draw(chart.map_err(fault)?, &lines, &|v| spaced(v, apart))?;
             }
             if rows > 0 {
                 legend(&below, &lines)?;
@@ -89,6 +97,7 @@ impl Chart {
         &self,
         mut chart: ChartContext<'a, SVGBackend<'a>, Cartesian2d<plotters::coord::types::RangedCoordf64, Y>>,
         lines: &[(&str, Vec<(f64, f64)>)],
+        label_of: &dyn Fn(f64) -> String,
     ) -> Result<(), ReportError>
     where
         Y: plotters::coord::ranged1d::ValueFormatter<f64> + Ranged<ValueType = f64> + 'a,
@@ -101,16 +110,19 @@ impl Chart {
             .axis_style(RGBColor(128, 128, 128))
             .x_desc(&self.x)
             .x_labels(6)
-            .y_labels(6)
+            .y_labels(LABELS as usize)
             .x_label_style(label.clone())
             .y_label_style(label.clone().pos(Pos::new(HPos::Right, VPos::Center)))
             .x_label_formatter(&|v| short(*v))
-            .y_label_formatter(&|v| short(*v))
+            .y_label_formatter(&|v| label_of(*v))
             .draw()
             .map_err(fault)?;
         for (k, (_, points)) in lines.iter().enumerate() {
             let color = COLORS[k % COLORS.len()];
             chart.draw_series(LineSeries::new(points.iter().copied(), color.stroke_width(2))).map_err(fault)?;
+            if let [point] = points[..] {
+                chart.draw_series([Circle::new(point, 3, color.filled())]).map_err(fault)?;
+            }
         }
         Ok(())
     }
@@ -128,9 +140,19 @@ fn legend(
         below.draw(&PathElement::new(vec![(x, y), (x + 16, y)], color)).map_err(fault)?;
         let style = ("sans-serif", 12).into_text_style(&SIZE).color(&BLACK);
         let style = style.pos(Pos::new(HPos::Left, VPos::Center));
-        below.draw(&Text::new((*name).to_owned(), (x + 21, y), style)).map_err(fault)?;
+        below.draw(&Text::new(shortened(name), (x + 21, y), style)).map_err(fault)?;
     }
     Ok(())
+}
+
+/// A name that fits: its ends, which tell it from its like.
+fn shortened(name: &str) -> String {
+    let letters: Vec<char> = name.chars().collect();
+    if letters.len() <= LETTERS {
+        return name.to_owned();
+    }
+    let (first, last) = (LETTERS / 2 - 1, LETTERS / 2);
+    letters[..first].iter().chain(&['…']).chain(&letters[letters.len() - last..]).collect()
 }
 
 /// Where an axis by ratios is labelled: 1, 2 and 5 of each power of ten where these are few, else the powers, all or
@@ -175,6 +197,20 @@ pub(crate) fn short(v: f64) -> String {
     }
 }
 
+/// A number for an axis on which labels are about so far apart: no two of them are alike.
+fn spaced(v: f64, apart: f64) -> String {
+    if apart >= 1000.0 || v == 0.0 {
+        return short(v);
+    }
+    // Ticks lie at 1, 2 or 5 times a power of ten.
+    let digits = (-apart.log10()).ceil().max(0.0) as usize + 1;
+    if digits > 7 {
+        return format!("{v:.2e}");
+    }
+    let text = format!("{v:.digits$}");
+    text.trim_end_matches('0').trim_end_matches('.').to_owned()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -216,6 +252,32 @@ mod tests {
         // Each of several lines is named once.
         let named = chart(vec![line(&[(0.0, 1.0), (1.0, 2.0)]); 4]).to_svg().unwrap();
         assert_eq!(named.matches("\na\n").count(), 4);
+    }
+
+    #[test]
+    fn labels_of_a_plain_axis_differ() {
+        // The labels beside the vertical axis: those that end at the same place.
+        for (low, high) in [(0.0031, 0.0039), (14_200.0, 14_900.0), (12.0, 12.0), (1e6, 1e6), (-0.5, 0.25), (0.0, 3e-9)]
+        {
+            let series = vec![Series { name: "a".into(), points: vec![(1.0, low), (2.0, high)] }];
+            let svg = Chart { title: String::new(), x: "step".into(), series, log: false }.to_svg().unwrap();
+            let mut labels: Vec<&str> =
+                svg.split("text-anchor=\"end\"").skip(1).filter_map(|t| t.split('\n').nth(1)).collect();
+            let all = labels.len();
+            labels.sort_unstable();
+            labels.dedup();
+            assert!(all >= 3 && labels.len() == all, "{low} to {high}: {labels:?}");
+        }
+    }
+
+    #[test]
+    fn long_names_keep_their_ends() {
+        assert_eq!(shortened("loss"), "loss");
+        let long = shortened("runs/a_long_folder/of_sweeps/seed-1");
+        assert!(
+            long.starts_with("runs/a_long") && long.ends_with("seed-1") && long.chars().count() == LETTERS,
+            "{long}"
+        );
     }
 
     #[test]

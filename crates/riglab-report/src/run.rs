@@ -179,16 +179,19 @@ impl RunView {
         let parts = of.keys().copied().filter(|n| {
             n.strip_prefix("train/").is_some_and(|n| !["loss", "grad_norm", "lr_factor", "prefix"].contains(&n))
         });
-        let (counts, parts): (Vec<&str>, Vec<&str>) = parts.partition(|n| of[n].iter().all(|p| p.1.fract() == 0.0));
+        let (counts, parts): (Vec<&str>, Vec<&str>) =
+            parts.partition(|n| COUNTS.contains(&n.rsplit('/').next().unwrap_or(n)));
         let counts: Vec<&str> = counts.into_iter().filter(|n| of[n].iter().any(|p| p.1 != 0.0)).collect();
         let mut charts = vec![
             chart("loss".into(), &["train/loss"], true),
             // One alone is the loss, times its weight.
             chart("parts of the loss".into(), if parts.len() > 1 { &parts } else { &[] }, true),
-            chart("counted in a step".into(), &counts, true),
         ];
+        for names in of_a_size(&of, counts) {
+            charts.push(chart(format!("in a step: {}", listed(&names)), &names, false));
+        }
         for names in of_a_size(&of, of.keys().copied().filter(|n| n.starts_with("eval/")).collect()) {
-            charts.push(chart(validated(&names), &names, false));
+            charts.push(chart(format!("validation: {}", listed(&names)), &names, false));
         }
         charts.push(chart("gradient norm".into(), &["train/grad_norm"], true));
         charts.push(chart("learning rate, share of the highest".into(), &["train/lr_factor"], false));
@@ -223,6 +226,10 @@ impl RunView {
 const OF_A_SIZE: f64 = 6.0;
 /// Lines of a chart at most.
 const LINES: usize = 6;
+/// Letters of names in a title.
+const ROOM: usize = 44;
+/// What tasks note beside the loss that is no part of it; of several batches a step, the mean.
+const COUNTS: [&str; 4] = ["tokens", "skipped", "skipped_assets", "clamped_joints"];
 
 /// Metrics by how large they are in the end, those of a chart by name.
 fn of_a_size<'a>(of: &BTreeMap<&str, Vec<(f64, f64)>>, mut names: Vec<&'a str>) -> Vec<Vec<&'a str>> {
@@ -240,14 +247,22 @@ fn of_a_size<'a>(of: &BTreeMap<&str, Vec<(f64, f64)>>, mut names: Vec<&'a str>) 
     groups
 }
 
-/// The title of a chart of metrics, `eval/NAME@SPLIT` each.
-fn validated(names: &[&str]) -> String {
-    let bare = |name: &str| name.trim_start_matches("eval/").split('@').next().unwrap_or_default().to_owned();
-    let mut bare: Vec<String> = names.iter().map(|n| bare(n)).collect();
-    bare.dedup();
-    let more = if bare.len() > 4 { format!(" and {} more", bare.len() - 4) } else { String::new() };
-    bare.truncate(4);
-    format!("validation: {}{more}", bare.join(", "))
+/// Names of a title: what follows `train/` or `eval/`, as many as there is room for.
+fn listed(names: &[&str]) -> String {
+    let bare: Vec<&str> = names.iter().map(|n| n.rsplit('/').next().unwrap_or(n)).collect();
+    let split = |name: &str| name.split_once('@').map(|(_, split)| split.to_owned());
+    let all = split(bare[0]).filter(|s| bare.iter().all(|n| split(n).as_ref() == Some(s)));
+    let on = all.as_ref().map_or(String::new(), |s| format!(" on {s}"));
+    let mut text = String::new();
+    for (k, name) in bare.iter().enumerate() {
+        let name = if all.is_some() { name.split('@').next().unwrap_or_default() } else { name };
+        if k > 0 && text.len() + name.len() > ROOM {
+            return format!("{text} and {} more{on}", bare.len() - k);
+        }
+        text += if k > 0 { ", " } else { "" };
+        text += name;
+    }
+    text + &on
 }
 
 #[cfg(test)]
@@ -261,21 +276,21 @@ mod tests {
         let of: BTreeMap<&str, Vec<(f64, f64)>> = last.iter().map(|(n, v)| (*n, vec![(1.0, 9.0), (2.0, *v)])).collect();
         let groups = of_a_size(&of, of.keys().copied().collect());
         assert_eq!(groups, [vec!["eval/iou@a", "eval/iou@b"], vec!["eval/j2j@a", "eval/l1@a"], vec!["eval/n@a"]]);
-        let titles: Vec<String> = groups.iter().map(|g| validated(g)).collect();
-        assert_eq!(titles, ["validation: iou", "validation: j2j, l1", "validation: n"]);
-        let many = ["eval/a@v", "eval/b@v", "eval/c@v", "eval/d@v", "eval/e@v"];
-        assert_eq!(validated(&many), "validation: a, b, c, d and 1 more");
+        let titles: Vec<String> = groups.iter().map(|g| listed(g)).collect();
+        assert_eq!(titles, ["iou@a, iou@b", "j2j, l1 on a", "n on a"]);
+        let many = ["eval/precision_of_it@v", "eval/recall_of_it@v", "eval/something@v", "eval/another@v"];
+        assert_eq!(listed(&many), "precision_of_it, recall_of_it, something and 1 more on v");
     }
 
     #[test]
     fn counts_are_no_parts_of_the_loss() {
-        let lines = "{\"step\":1,\"train/loss\":2.0,\"train/bce\":1.5,\"train/mse\":0.5,\"train/tokens\":900,\"train/skipped\":0}\n";
+        let lines = "{\"step\":1,\"train/loss\":2.0,\"train/bce\":1.5,\"train/mse\":0.5,\"train/tokens\":900.25,\"train/skipped\":0}\n";
         let dir = folder(&[("config.toml", ""), ("run.json", INFO), ("metrics.jsonl", lines)]);
         let Block::Charts(charts) = RunView::read(dir.path()).unwrap().curves() else { panic!("charts") };
         let shown: Vec<(&str, Vec<&str>)> =
             charts.iter().map(|c| (c.title.as_str(), c.series.iter().map(|s| s.name.as_str()).collect())).collect();
         let parts = ("parts of the loss", vec!["bce", "mse"]);
-        assert_eq!(shown, [("loss", vec!["loss"]), parts, ("counted in a step", vec!["tokens"])]);
+        assert_eq!(shown, [("loss", vec!["loss"]), parts, ("in a step: tokens", vec!["tokens"])]);
     }
 
     /// A run's folder with these files.

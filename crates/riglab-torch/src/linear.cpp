@@ -18,21 +18,14 @@ using torch::autograd::variable_list;
 using Product = Tensor(const Tensor&, const Tensor&, const std::optional<Tensor>&, c10::string_view,
                        c10::List<std::optional<at::Scalar>>, std::optional<c10::string_view>);
 
-// Sums of fewer terms both libraries add in order, so that either gives the same bits, and how many rows there are may
-// choose the faster: oneDNN gains nothing for fewer rows or multiplications than these.
-constexpr int64_t kInOrder = 256;
+// oneDNN gains nothing for fewer rows or multiplications than these.
 constexpr int64_t kRows = 256;
 constexpr int64_t kProducts = int64_t{1} << 25;
-// Longer sums they split differently. There it is oneDNN however many rows there are, but for so few that MKL would give
-// other bits too: what a mesh comes to must not hang on those beside it.
-constexpr int64_t kFew = 8;
+// Sums of at most so many terms both libraries add in order, which gives the same bits: what a row comes to does not
+// hang on how many there are. Longer ones, which MKL splits, are left to it on the way forward.
+constexpr int64_t kInOrder = 192;
 
-// Whether x [rows, k] and w [n, k] are multiplied by oneDNN.
-bool is_ours(int64_t rows, int64_t k, int64_t n) {
-  return k < kInOrder ? rows >= kRows && rows * k * n >= kProducts : rows >= kFew;
-}
-
-bool is_processor() {
+bool is_amd_with_avx512() {
 #if defined(__x86_64__) && defined(__GNUC__)
   return __builtin_cpu_is("amd") && __builtin_cpu_supports("avx512f");
 #else
@@ -43,7 +36,7 @@ bool is_processor() {
 // oneDNN's product, where it is the faster one and this libtorch has it.
 const std::optional<c10::TypedOperatorHandle<Product>>& product() {
   static const auto found = []() -> std::optional<c10::TypedOperatorHandle<Product>> {
-    if (!is_processor()) return std::nullopt;
+    if (!is_amd_with_avx512()) return std::nullopt;
     const auto op = c10::Dispatcher::singleton().findSchema({"mkldnn::_linear_pointwise", ""});
     if (!op) return std::nullopt;
     return op->typed<Product>();
@@ -58,21 +51,30 @@ Tensor times(const Tensor& x, const Tensor& w, const std::optional<Tensor>& bias
 
 bool is_plain(const Tensor& t) { return t.device().is_cpu() && t.scalar_type() == at::kFloat && !t.is_mkldnn(); }
 
+// Of any axes before the last; what it gives is no view, so that it may be added to in place.
 struct Affine : torch::autograd::Function<Affine> {
   static Tensor forward(AutogradContext* context, const Tensor& x, const Tensor& w,
                         const std::optional<Tensor>& bias) {
-    context->save_for_backward({x, w});
+    context->save_for_backward({w.requires_grad() ? x : Tensor(), w});
     context->saved_data["bias"] = bias.has_value();
-    return times(x, w.t(), bias);
+    context->saved_data["shape"] = x.sizes();
+    if (w.size(1) > kInOrder) return at::linear(x, w, bias);
+    auto shape = x.sizes().vec();
+    shape.back() = w.size(0);
+    return at::_unsafe_view(times(x.reshape({-1, w.size(1)}).contiguous(), w.t(), bias), shape);
   }
 
   static variable_list backward(AutogradContext* context, variable_list grads) {
+    TORCH_CHECK(!at::GradMode::is_enabled(), "affine maps of many rows have no second derivative");
     const auto saved = context->get_saved_variables();
-    const Tensor grad = grads[0].contiguous(), &x = saved[0], &w = saved[1];
+    const Tensor &x = saved[0], &w = saved[1];
+    const Tensor grad = grads[0].reshape({-1, w.size(0)}).contiguous();
     Tensor dx, dw, db;
-    if (context->needs_input_grad(0)) dx = times(grad, w, std::nullopt);
+    if (context->needs_input_grad(0)) {
+      dx = at::_unsafe_view(times(grad, w, std::nullopt), context->saved_data["shape"].toIntVector());
+    }
     // Its sum goes over rows, which oneDNN shares badly among threads.
-    if (context->needs_input_grad(1)) dw = grad.t().mm(x);
+    if (context->needs_input_grad(1)) dw = grad.t().mm(x.reshape({-1, w.size(1)}));
     if (context->saved_data["bias"].toBool() && context->needs_input_grad(2)) db = grad.sum(0);
     return {dx, dw, db};
   }
@@ -86,19 +88,13 @@ extern "C" {
 int rl_linear(const Tensor* x, const Tensor* w, const Tensor* bias, Tensor** out) {
   return guarded([&] {
     const bool fits = x->dim() >= 1 && w->dim() == 2 && x->size(-1) == w->size(1) && is_plain(*x) && is_plain(*w) &&
-                      (!bias || (is_plain(*bias) && bias->dim() == 1 && bias->size(0) == w->size(0)));
+                      (!bias || (is_plain(*bias) && bias->dim() == 1 && bias->size(0) == w->size(0) &&
+                                 bias->is_contiguous()));
     const int64_t rows = fits && x->size(-1) > 0 ? x->numel() / x->size(-1) : 0;
-    const bool fast = fits && is_ours(rows, w->size(1), w->size(0)) && !at::autocast::is_autocast_enabled(at::kCPU) &&
+    const bool fast = rows >= kRows && rows * w->numel() >= kProducts && !at::autocast::is_autocast_enabled(at::kCPU) &&
                       product().has_value();
     const auto added = bias ? std::optional<Tensor>(*bias) : std::nullopt;
-    if (!fast) {
-      *out = new Tensor(at::linear(*x, *w, added));
-      return;
-    }
-    auto shape = x->sizes().vec();
-    shape.back() = w->size(0);
-    const Tensor flat = x->reshape({rows, x->size(-1)}).contiguous();
-    *out = new Tensor(Affine::apply(flat, *w, added).view(shape));
+    *out = new Tensor(fast ? Affine::apply(*x, *w, added) : at::linear(*x, *w, added));
   });
 }
 

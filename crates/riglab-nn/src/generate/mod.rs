@@ -63,8 +63,12 @@ impl GenerateConfig {
         Ok(())
     }
 
-    /// What it changes about draws, in words: empty where they are from the model's own distribution.
-    pub fn changes(&self) -> String {
+    /// What it changes about the distribution of draws, so many for each prompt, in words: empty where nothing, or where
+    /// nothing is drawn.
+    pub fn draws(&self, each: usize) -> String {
+        if !self.sample && each == 1 {
+            return String::new();
+        }
         let plain = Self::default();
         let mut words = Vec::new();
         let mut say = |changed: bool, text: String| words.extend(changed.then_some(text));
@@ -111,9 +115,10 @@ mod tests {
     #[test]
     fn changes_of_the_distribution_are_told_in_words() {
         let plain = GenerateConfig::default();
-        assert_eq!(plain.changes(), "");
-        assert_eq!(GenerateConfig { sample: true, tokens: 9, ..plain.clone() }.changes(), "");
+        assert_eq!(plain.draws(32), "");
+        assert_eq!(GenerateConfig { sample: true, tokens: 9, ..plain.clone() }.draws(1), "");
         let cooler = GenerateConfig { temperature: 0.8, top_p: 0.95, ..plain };
-        assert_eq!(cooler.changes(), "temperature 0.8, top-p 0.95");
+        assert_eq!(cooler.draws(32), "temperature 0.8, top-p 0.95");
+        assert_eq!(cooler.draws(1), "", "the likeliest");
     }
 }

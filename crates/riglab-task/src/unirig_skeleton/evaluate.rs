@@ -103,7 +103,7 @@ pub struct Report {
     #[serde(default = "one")]
     pub consensus: usize,
     /// What was changed about the model's distribution before they were sampled
-    /// ([`riglab_nn::generate::GenerateConfig::changes`]).
+    /// ([`riglab_nn::generate::GenerateConfig::draws`]).
     #[serde(default)]
     pub draws: String,
     /// Tables.
@@ -335,7 +335,8 @@ impl SkeletonTask {
                 "data.test: the corpora have no asset in `{splits}`; `riglab dataset inspect` shows their splits"
             ));
         }
-        let (consensus, draws) = (self.config.eval.consensus, self.config.eval.generate.changes());
+        let c = &self.config.eval;
+        let (consensus, draws) = (c.consensus, c.generate.draws(c.consensus));
         Ok((Report { convention: "unirig".into(), consensus, draws, rows, assets }, skeletons))
     }
 }

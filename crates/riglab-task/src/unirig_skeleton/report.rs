@@ -42,6 +42,9 @@ fn splits(report: &Report) -> Vec<&str> {
 /// Which of several draws is the model's, where there were several.
 fn drawn(report: &Report) -> Option<String> {
     let n = report.consensus;
+    if n == 1 && !report.draws.is_empty() {
+        return Some(format!("model: a skeleton sampled for each mesh ({})", report.draws));
+    }
     let draws = if report.draws.is_empty() { String::new() } else { format!(" ({})", report.draws) };
     (n > 1).then(|| format!("model: of {n} sampled skeletons{draws} the one that the others agree with most"))
 }
@@ -84,7 +87,7 @@ pub(crate) fn skeleton_metrics(convention: &str) -> Vec<Metric> {
 pub(crate) fn skeleton_findings(report: &Report) -> Findings {
     let of = report.convention.as_str();
     let mut totals_of = skeleton_metrics(of);
-    let counts = ["mean joints off %", "joints off %"].map(|name| Metric::lower(name, of, 1));
+    let counts = ["joints in all, off %", "joints off %"].map(|name| Metric::lower(name, of, 1));
     totals_of.push(Metric::higher("valid %", of, 1));
     totals_of.extend(counts);
     let total = |r: &Row| Total {
@@ -175,11 +178,13 @@ impl Evaluation {
                 Cell::number(100.0 * r.joints_off, 1),
             ]);
         }
-        table.note = "Means over the assets that can be compared: those with at least a bone on both sides. \
-                      joints off: the mean over assets of |joints - true joints| / true joints. \
+        table.note =
+            "Distances: means over the assets that can be compared, those with at least a bone on both sides. \
+                      Joints: means over all assets, none where nothing could be decoded; joints off: the mean of \
+                      |joints - true joints| / true joints. \
                       retrieval: the skeleton of the nearest training shape, by chamfer distance of points. template \
                       fit: the same, carried along as that shape is bent onto the mesh."
-            .into();
+                .into();
         if let Some(drawn) = drawn(&self.report) {
             table.note = format!("{} {drawn}.", table.note);
         }
