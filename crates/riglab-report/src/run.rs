@@ -166,8 +166,8 @@ impl RunView {
         of
     }
 
-    /// Curves: the loss and its parts, what was counted, every validated metric beside those of its size, gradient norm
-    /// and learning rate.
+    /// Curves: the loss; its parts and what else was noted in a step, and every validated metric, each beside those of its
+    /// size; gradient norm and learning rate.
     pub fn curves(&self) -> Block {
         let of = self.logged();
         let chart = |title: String, names: &[&str], log: bool| {
@@ -176,19 +176,18 @@ impl RunView {
                 found.map(|(n, p)| Series { name: n.rsplit('/').next().unwrap_or(n).into(), points: p.clone() });
             Chart { title, x: "step".into(), series: series.collect(), log }
         };
-        let parts = of.keys().copied().filter(|n| {
-            n.strip_prefix("train/").is_some_and(|n| !["loss", "grad_norm", "lr_factor", "prefix"].contains(&n))
+        let noted = of.keys().copied().filter(|n| {
+            let rest = n.strip_prefix("train/").unwrap_or("loss");
+            // A part alone is the loss again; what never was tells nothing.
+            !["loss", "grad_norm", "lr_factor", "prefix"].contains(&rest)
+                && of.get("train/loss") != Some(&of[n])
+                && of[n].iter().any(|p| p.1 != 0.0)
         });
-        let (counts, parts): (Vec<&str>, Vec<&str>) =
-            parts.partition(|n| COUNTS.contains(&n.rsplit('/').next().unwrap_or(n)));
-        let counts: Vec<&str> = counts.into_iter().filter(|n| of[n].iter().any(|p| p.1 != 0.0)).collect();
-        let mut charts = vec![
-            chart("loss".into(), &["train/loss"], true),
-            // One alone is the loss, times its weight.
-            chart("parts of the loss".into(), if parts.len() > 1 { &parts } else { &[] }, true),
-        ];
-        for names in of_a_size(&of, counts) {
-            charts.push(chart(format!("in a step: {}", listed(&names)), &names, false));
+        let mut charts = vec![chart("loss".into(), &["train/loss"], true)];
+        for names in of_a_size(&of, noted.collect()) {
+            // An axis by ratios has no place for 0.
+            let positive = names.iter().all(|n| of[n].iter().all(|p| p.1 > 0.0));
+            charts.push(chart(format!("in a step: {}", listed(&names)), &names, positive));
         }
         for names in of_a_size(&of, of.keys().copied().filter(|n| n.starts_with("eval/")).collect()) {
             charts.push(chart(format!("validation: {}", listed(&names)), &names, false));
@@ -228,8 +227,6 @@ const OF_A_SIZE: f64 = 6.0;
 const LINES: usize = 6;
 /// Letters of names in a title.
 const ROOM: usize = 44;
-/// What tasks note beside the loss that is no part of it; of several batches a step, the mean.
-const COUNTS: [&str; 4] = ["tokens", "skipped", "skipped_assets", "clamped_joints"];
 
 /// Metrics by how large they are in the end, those of a chart by name.
 fn of_a_size<'a>(of: &BTreeMap<&str, Vec<(f64, f64)>>, mut names: Vec<&'a str>) -> Vec<Vec<&'a str>> {
@@ -267,6 +264,8 @@ fn listed(names: &[&str]) -> String {
 
 #[cfg(test)]
 mod tests {
+    use serde_json::json;
+
     use super::*;
 
     #[test]
@@ -283,13 +282,18 @@ mod tests {
     }
 
     #[test]
-    fn counts_are_no_parts_of_the_loss() {
-        let lines = "{\"step\":1,\"train/loss\":2.0,\"train/bce\":1.5,\"train/mse\":0.5,\"train/tokens\":900.25,\"train/skipped\":0}\n";
-        let dir = folder(&[("config.toml", ""), ("run.json", INFO), ("metrics.jsonl", lines)]);
+    fn notes_of_a_step_stand_beside_those_of_their_size() {
+        let line = |step: u32, loss: f64| {
+            let noted = json!({"step": step, "train/loss": loss, "train/all": loss, "train/bce": 1.5, "train/mse": 0.5,
+                               "train/tokens": 900.25, "train/skipped": 0});
+            format!("{noted}\n")
+        };
+        let lines = line(1, 2.0) + &line(2, 1.5);
+        let dir = folder(&[("config.toml", ""), ("run.json", INFO), ("metrics.jsonl", &lines)]);
         let Block::Charts(charts) = RunView::read(dir.path()).unwrap().curves() else { panic!("charts") };
         let shown: Vec<(&str, Vec<&str>)> =
             charts.iter().map(|c| (c.title.as_str(), c.series.iter().map(|s| s.name.as_str()).collect())).collect();
-        let parts = ("parts of the loss", vec!["bce", "mse"]);
+        let parts = ("in a step: bce, mse", vec!["bce", "mse"]);
         assert_eq!(shown, [("loss", vec!["loss"]), parts, ("in a step: tokens", vec!["tokens"])]);
     }
 

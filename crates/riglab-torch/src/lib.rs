@@ -3,8 +3,8 @@
 //! tch wraps single ops. What training needs besides are ops over lists of tensors in place (the
 //! fused AdamW, norms, moving averages), blocks that are computed again in the backward pass, attention
 //! of packed sequences and dropout that all threads share, affine maps by the faster of libtorch's libraries,
-//! autocast on the CPU, and the settings of libtorch's global context. They are reached through a small C++ shim compiled against the same headers; a tensor
-//! of tch *is* an `at::Tensor`, so nothing is copied.
+//! autocast on the CPU, and the settings of libtorch's global context. They are reached through a small C++
+//! shim compiled against the same headers; a tensor of tch *is* an `at::Tensor`, so nothing is copied.
 //!
 //! Call [`init`] first thing in a program: it sets threads and allocator switches that libtorch
 //! reads once.

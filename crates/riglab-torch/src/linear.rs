@@ -97,6 +97,7 @@ mod tests {
             eprintln!("skipped: products of this processor are libtorch's");
             return;
         }
+        let before = tch::get_num_threads();
         for threads in [1, 2, 8] {
             tch::set_num_threads(threads);
             for (k, n) in [(64, 2048), (192, 551), (100, 768), (255, 640), (1024, 130)] {
@@ -108,6 +109,19 @@ mod tests {
                 }
             }
         }
+        tch::set_num_threads(before);
+    }
+
+    #[test]
+    fn second_derivatives_are_right_or_refused() {
+        let of_sum = |x: &[i64]| {
+            let inputs: Vec<Tensor> = inputs(x, 512).iter().map(|t| t.set_requires_grad(true)).collect();
+            Tensor::f_run_backward(&[of(&inputs).square().sum(Kind::Float)], &inputs[..1], true, true).map(|_| ())
+        };
+        assert!(of_sum(&[4, 128]).is_ok());
+        // SAFETY: asks for a flag.
+        let ours = unsafe { rl_linear_is_ours() } != 0;
+        assert_eq!(of_sum(&[1200, 128]).is_err(), ours, "of many rows, by oneDNN");
     }
 
     #[test]

@@ -63,8 +63,8 @@ impl GenerateConfig {
         Ok(())
     }
 
-    /// What it changes about the distribution of draws, so many for each prompt, in words: empty where nothing, or where
-    /// nothing is drawn.
+    /// What it changes about the distribution of draws, so many for each prompt, in words: empty where nothing, or
+    /// where nothing is drawn.
     pub fn draws(&self, each: usize) -> String {
         if !self.sample && each == 1 {
             return String::new();

@@ -178,13 +178,11 @@ impl Evaluation {
                 Cell::number(100.0 * r.joints_off, 1),
             ]);
         }
-        table.note =
-            "Distances: means over the assets that can be compared, those with at least a bone on both sides. \
-                      Joints: means over all assets, none where nothing could be decoded; joints off: the mean of \
-                      |joints - true joints| / true joints. \
-                      retrieval: the skeleton of the nearest training shape, by chamfer distance of points. template \
-                      fit: the same, carried along as that shape is bent onto the mesh."
-                .into();
+        table.note = "Distances: means over the assets that can be compared, those with a bone on both sides. Joints: \
+                      means over all, none where nothing could be decoded; joints off: of |joints - true joints| / \
+                      true joints. retrieval: the skeleton of the nearest training shape, by chamfer distance of \
+                      points. template fit: the same, carried along as that shape is bent onto the mesh."
+            .into();
         if let Some(drawn) = drawn(&self.report) {
             table.note = format!("{} {drawn}.", table.note);
         }
