@@ -319,7 +319,8 @@ fn springs_that_changed_go_to_the_joints_that_are_there() {
     let written = document(&exported.bytes);
     let own = &written["extensions"]["VRMC_springBone"];
     assert_eq!(own["colliders"][0]["shape"]["sphere"], json!({"offset": [0.5, 0.0, 1.5], "radius": 0.125}));
-    assert_eq!(own["springs"][0]["joints"][0]["hitRadius"], 0.25);
+    // In units of the scene, whatever the scale of its node.
+    assert_eq!(own["springs"][0]["joints"][0]["hitRadius"], 0.5);
     assert_eq!(written["nodes"][1]["extras"], json!({"riglabHumanBone": "hips"}));
     assert_eq!(compare(read(&exported.bytes).rig().unwrap(), &rig), Ok(0));
     // Without a change nothing is written.

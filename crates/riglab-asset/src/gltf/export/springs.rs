@@ -149,7 +149,7 @@ fn entry(own: &SpringJoint, joints: &Joints<'_>) -> Value {
         "stiffness": stiffness,
         "dragForce": drag,
         "gravityPower": gravity_power,
-        "hitRadius": joints.length_within(own.joint, hit_radius),
+        "hitRadius": hit_radius,
     });
     if gravity_direction == [0.0; 3] {
         // Nowhere is no direction here.

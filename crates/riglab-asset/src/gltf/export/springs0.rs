@@ -82,7 +82,7 @@ fn group(spring: &Spring, own: &SpringJoint, joints: &Joints<'_>, stops: Vec<usi
         "dragForce": drag,
         "gravityPower": gravity_power,
         "gravityDir": unity(gravity_direction.map(f64::from)),
-        "hitRadius": joints.length_within(own.joint, hit_radius),
+        "hitRadius": hit_radius,
         "center": spring.center.map_or(json!(-1), |center| json!(joints.node(center))),
         "bones": [],
         "colliderGroups": stops,

@@ -85,7 +85,7 @@ impl Scene<'_> {
             let tail = nodes.get(at + 1).and_then(|&(next, _)| self.point(next));
             let numbers = ["stiffness", "dragForce", "gravityPower", "hitRadius"].map(|key| float(&entry[key]));
             let direction = triple(&entry["gravityDir"]);
-            let swing = self.swing(spring, node, Swing::default(), numbers, direction, dropped);
+            let swing = self.swing(spring, Swing::default(), numbers, direction, dropped);
             joints.push(SpringJoint { joint, tail, swing });
         }
         joints
@@ -132,10 +132,12 @@ impl Scene<'_> {
         let mut springs = Vec::new();
         for (number, (entry, nodes)) in entries.iter().zip(self.groups0(entries, dropped)).enumerate() {
             // A group without bones is what Unity's exporter writes where there is nothing to swing.
-            let Some(&first) = nodes.first() else { continue };
+            if nodes.is_empty() {
+                continue;
+            }
             let numbers = ["stiffiness", "dragForce", "gravityPower", "hitRadius"].map(|key| float(&entry[key]));
             let direction = entry["gravityDir"].is_object().then(|| unity(&entry["gravityDir"]));
-            let swing = self.swing(number, first, SWING0, numbers, direction, dropped);
+            let swing = self.swing(number, SWING0, numbers, direction, dropped);
             let joint = |&node: &usize| Some(SpringJoint { joint: self.joint(node)?, tail: self.tail0(node), swing });
             let joints = nodes.iter().filter_map(joint).collect();
             springs.push(self.spring(number, entry, "comment", joints, groups.len(), dropped));
@@ -207,7 +209,6 @@ impl Scene<'_> {
     fn swing(
         &self,
         spring: usize,
-        node: usize,
         default: Swing,
         [stiffness, drag, power, radius]: [Option<f64>; 4],
         direction: Option<[f64; 3]>,
@@ -220,18 +221,16 @@ impl Scene<'_> {
             }
             value.clamp(0.0, most)
         };
-        let swing = Swing {
+        Swing {
             stiffness: within(stiffness, default.stiffness, f32::MAX, "stiffness"),
             drag: within(drag, default.drag, 1.0, "drag"),
             gravity_power: power.map_or(default.gravity_power, |p| p.clamp(-1e6, 1e6) as f32),
             gravity_direction: direction
                 .and_then(|d| DVec3::from(d).try_normalize())
                 .map_or(default.gravity_direction, |d| d.as_vec3().into()),
+            // As three-vrm has it, and files of scaled nodes: in units of the scene. UniVRM scales it by the node.
             hit_radius: within(radius, default.hit_radius, f32::MAX, "hit radius"),
-        };
-        let scale = self.rests[node].matrix3.determinant().abs().cbrt() as f32;
-        let scaled = swing.hit_radius * scale;
-        Swing { hit_radius: if scaled.is_finite() { scaled } else { 0.0 }, ..swing }
+        }
     }
 
     /// Where a node stands at rest.
