@@ -113,6 +113,8 @@ pub fn unirig_skin(corpus: &Path) -> Result<SkinTaskConfig> {
     c.data.corpora = vec![corpus.into()];
     c.train.precision = Precision::Fp32;
     c.loss.physics.weight = 0.0;
+    // A step as one batch, which is what the other side takes.
+    (c.sampling.rigs, c.train.accumulate) = (c.sampling.rigs * c.train.accumulate as usize, 1);
     c.validate().map_err(|(key, message)| anyhow!("{key}: {message}")).context(UNIRIG_SKIN)?;
     Ok(c)
 }

@@ -113,6 +113,11 @@ impl Weights {
         Self { recompute, ..Self::new(self.tensors.iter().map(Tensor::shallow_clone).collect()) }
     }
 
+    /// Whether blocks of deep stacks are computed again in the backward pass.
+    pub fn recomputes(&self) -> bool {
+        self.recompute
+    }
+
     /// A block of a deep stack: `part` of these weights and the inputs. What it computes on the way is kept for the
     /// backward pass, or computed again there if that was asked for ([`Self::recomputing`]); the numbers are the same.
     pub fn block(&self, inputs: &[&Tensor], part: impl Fn(&Self, &[Tensor]) -> Tensor + Send + 'static) -> Tensor {

@@ -2,8 +2,9 @@
 
 use riglab_nn::params::Weights;
 use riglab_report::{Block, Turned, Turntable};
-use riglab_train::{State, Task};
+use riglab_train::{At, Loss, LossOf, State, Task};
 use serde::Serialize;
+use tch::Device;
 
 use crate::assets::Assets;
 
@@ -34,6 +35,14 @@ pub trait Experiment: Task {
         pictures: usize,
         progress: &mut dyn FnMut(usize),
     ) -> Result<Examined, String>;
+}
+
+/// A loss for threads beside each other, for [`Task::beside`]: on the CPU; another device does one thing at a time.
+pub(crate) fn beside<B>(
+    device: Device,
+    loss: impl Fn(&Weights, &B, At) -> Result<Loss, String> + Send + 'static,
+) -> Option<LossOf<B>> {
+    (device == Device::Cpu).then(|| Box::new(loss) as LossOf<B>)
 }
 
 /// What an evaluation gives.

@@ -23,15 +23,15 @@ constexpr int kRounds = 7;
 
 extern "C" {
 
-// A new tensor like `x`: 0 with probability `p`, to 1 in 65,536, and 1 / (1 - p) otherwise. One number of libtorch's
-// generator is the key, so it goes on as after any draw; what it gives does not hang on the number of threads.
+// A new tensor like `x`: 0 with probability `p`, to 1 in 65,536, and 1 / (1 - p) otherwise. One number of the
+// thread's generator is the key, so it goes on as after any draw; what it gives does not hang on the number of threads.
 int rl_dropout_mask(const at::Tensor* x, double p, at::Tensor** out) {
   return guarded([&] {
     TORCH_CHECK(x->device().is_cpu() && p >= 0 && p < 1, "dropout of ", p, " on ", x->device());
     uint64_t key;
     {
-      auto generator = at::get_generator_or_default<at::CPUGeneratorImpl>(std::nullopt,
-                                                                          at::detail::getDefaultCPUGenerator());
+      auto own = cpu_generator();
+      auto* generator = at::check_generator<at::CPUGeneratorImpl>(own);
       std::lock_guard<std::mutex> lock(generator->mutex_);
       key = generator->random64();
     }

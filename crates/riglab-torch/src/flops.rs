@@ -1,9 +1,11 @@
 //! How much networks compute.
 
+use std::sync::atomic::{AtomicUsize, Ordering};
+
 use crate::error::{TorchError, check};
 
 unsafe extern "C" {
-    fn rl_flops_begin(handle: *mut u64) -> i32;
+    fn rl_flops_begin(handle: *mut u64, before: *mut u64) -> i32;
     fn rl_flops_end(handle: u64, count: *mut u64) -> i32;
 }
 
@@ -11,20 +13,37 @@ unsafe extern "C" {
 /// included: 2 n k m for a product of [n, k] and [k, m], those of attention as if nothing were masked. Ops that go over
 /// tensors element by element are not counted.
 ///
-/// Only what this thread asks for is counted; two countings at a time, on two threads, would add up.
+/// Only what this thread asks for is counted, and what other threads do within [`counted_along`]; two countings at a
+/// time, on two threads, would add up.
 ///
 /// # Errors
 /// libtorch's message, if it refuses.
 pub fn count_flops<R>(work: impl FnOnce() -> R) -> Result<(R, u64), TorchError> {
-    let (mut handle, mut count) = (0, 0);
-    // SAFETY: `handle` outlives the call.
-    check(unsafe { rl_flops_begin(&mut handle) })?;
+    let (mut handle, mut before, mut count) = (0, 0, 0);
+    // SAFETY: both places outlive the call.
+    check(unsafe { rl_flops_begin(&mut handle, &mut before) })?;
+    COUNTINGS.fetch_add(1, Ordering::Relaxed);
     let guard = Ending(handle);
     let made = work();
     std::mem::forget(guard);
+    COUNTINGS.fetch_sub(1, Ordering::Relaxed);
     // SAFETY: the handle is of the call above; `count` outlives this one.
     check(unsafe { rl_flops_end(handle, &mut count) })?;
-    Ok((made, count))
+    Ok((made, count - before))
+}
+
+/// Countings that go on.
+static COUNTINGS: AtomicUsize = AtomicUsize::new(0);
+
+/// What `work` gives. Where a thread that waits for it counts, what it computes counts along.
+///
+/// # Errors
+/// As [`count_flops`].
+pub fn counted_along<R>(work: impl FnOnce() -> R) -> Result<R, TorchError> {
+    if COUNTINGS.load(Ordering::Relaxed) == 0 {
+        return Ok(work());
+    }
+    count_flops(work).map(|(made, _)| made)
 }
 
 /// Ends the counting where `work` panics.
@@ -33,6 +52,7 @@ struct Ending(u64);
 impl Drop for Ending {
     fn drop(&mut self) {
         let mut count = 0;
+        COUNTINGS.fetch_sub(1, Ordering::Relaxed);
         // SAFETY: the handle is of the call that began.
         unsafe { rl_flops_end(self.0, &mut count) };
     }

@@ -13,6 +13,7 @@ unsafe extern "C" {
     fn rl_configure(deterministic: c_int, flush_denormal: c_int) -> c_int;
     fn rl_rng_get(out: *mut u8, room: usize, size: *mut usize) -> c_int;
     fn rl_rng_set(bytes: *const u8, size: usize) -> c_int;
+    fn rl_rng_own(seed: u64) -> c_int;
     fn rl_cpu_capability() -> *const c_char;
     fn rl_version() -> *const c_char;
 }
@@ -129,7 +130,18 @@ impl Drop for Autocast {
     }
 }
 
-/// The state of libtorch's CPU generator.
+/// Gives this thread a CPU generator of its own, for what this crate draws ([`crate::dropout`]) and what
+/// [`crate::recompute`] puts back: it gives what libtorch's would, seeded alike, whatever other threads draw meanwhile.
+/// What libtorch itself draws is still everybody's.
+///
+/// # Errors
+/// libtorch's message, if it refuses.
+pub fn own_generator(seed: u64) -> Result<(), TorchError> {
+    // SAFETY: a plain value.
+    check(unsafe { rl_rng_own(seed) })
+}
+
+/// The state of this thread's CPU generator: its own ([`own_generator`]), or libtorch's.
 ///
 /// # Errors
 /// libtorch's message, if it refuses.
@@ -143,7 +155,7 @@ pub fn rng_state() -> Result<Vec<u8>, TorchError> {
     Ok(bytes)
 }
 
-/// Sets the state of libtorch's CPU generator.
+/// Sets the state of this thread's CPU generator: its own, or libtorch's.
 ///
 /// # Errors
 /// libtorch's message, for bytes that are no state.

@@ -153,8 +153,7 @@ int rl_configure(int deterministic, int flush_denormal) {
 // The CPU generator's state: `rl_rng_size` bytes.
 int rl_rng_get(unsigned char* out, size_t room, size_t* size) {
   return guarded([&] {
-    auto generator = at::globalContext().defaultGenerator(at::Device(at::kCPU));
-    auto state = generator.get_state();
+    auto state = cpu_generator().get_state();
     *size = state.numel();
     if (room >= *size) std::memcpy(out, state.data_ptr(), *size);
   });
@@ -164,9 +163,13 @@ int rl_rng_set(const unsigned char* bytes, size_t size) {
   return guarded([&] {
     auto state = at::empty({static_cast<int64_t>(size)}, at::kByte);
     std::memcpy(state.data_ptr(), bytes, size);
-    auto generator = at::globalContext().defaultGenerator(at::Device(at::kCPU));
-    generator.set_state(state);
+    cpu_generator().set_state(state);
   });
+}
+
+// From now on this thread has a CPU generator of its own, seeded.
+int rl_rng_own(uint64_t seed) {
+  return guarded([&] { own_generator = at::detail::createCPUGenerator(seed); });
 }
 
 const char* rl_cpu_capability() {
@@ -174,10 +177,11 @@ const char* rl_cpu_capability() {
   return text.c_str();
 }
 
-// Counts the operations of products of matrices of this thread and of the backward passes it begins; gives a handle.
-int rl_flops_begin(uint64_t* handle) {
+// Counts the operations of products of matrices of this thread and of the backward passes it begins; gives a handle and
+// what was counted before.
+int rl_flops_begin(uint64_t* handle, uint64_t* before) {
   return guarded([&] {
-    flops = 0;
+    *before = flops;
     *handle = at::addThreadLocalCallback(
         at::RecordFunctionCallback(count_flops).needsInputs(true).scopes({at::RecordScope::FUNCTION}));
   });

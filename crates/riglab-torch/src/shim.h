@@ -2,11 +2,21 @@
 
 #pragma once
 
+#include <ATen/CPUGeneratorImpl.h>
+#include <ATen/core/Generator.h>
 #include <c10/util/Exception.h>
 #include <exception>
 #include <string>
 
 inline thread_local std::string last_error;
+
+// A thread's own generator, if it has one.
+inline thread_local at::Generator own_generator;
+
+// Where this thread's random numbers come from.
+inline at::Generator cpu_generator() {
+  return own_generator.defined() ? own_generator : at::detail::getDefaultCPUGenerator();
+}
 
 template <typename F>
 int guarded(F body) {

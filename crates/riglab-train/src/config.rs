@@ -14,9 +14,10 @@ pub struct TrainConfig {
     pub seed: u64,
     /// Optimizer steps of the run.
     pub steps: u64,
-    /// Batches whose gradients are summed (as a mean) for one step. Processes that train together share them; gradients
-    /// are summed by halves, so that any number of processes gives the same bits, which takes as many sets of gradients
-    /// as this number has halvings.
+    /// Batches whose gradients are summed (as a mean) for one step. Tasks of plain losses compute them side by side, each
+    /// on a share of the threads ([`crate::Task::beside`]): two smaller batches keep two processors busier than one.
+    /// Processes that train together share them. Gradients are summed by halves, so that any number of processes or
+    /// threads gives the same bits, which takes as many sets of gradients as this number has halvings.
     pub accumulate: u64,
     /// Whether blocks of deep stacks keep only what they read, and are computed again in the backward pass (activation
     /// checkpointing): a third more work for a fraction of the memory, and the same numbers.

@@ -56,7 +56,7 @@ pub fn estimate<T: Task>(task: &T, config: &TrainConfig) -> Result<Estimate, Tra
     let (before, start_mb) = (peak_memory_mb(), status_mb("VmRSS:"));
     forget_peak();
     let params = task.params();
-    let mut stepper = Stepper::new(params, config, &ALONE)?;
+    let mut stepper = Stepper::new(task, config, &ALONE)?;
     let mut batches = stepper.batches(task, 0);
     let mut step = 0;
     let begin = Instant::now();
@@ -131,7 +131,7 @@ fn tokens_of(step: &Stepped, config: &TrainConfig) -> Option<f64> {
 }
 
 /// What `most` MB of steps were, of which `start` were there before them, the weights included.
-fn memory(params: &Params, config: &TrainConfig, stepper: &Stepper<'_>, start: f64, most: f64) -> Vec<(String, f64)> {
+fn memory<T: Task>(params: &Params, config: &TrainConfig, stepper: &Stepper<'_, T>, start: f64, most: f64) -> Vec<(String, f64)> {
     let mb = |bytes: usize| bytes as f64 / 1e6;
     let all = params.numel();
     let half = config.precision == Precision::Bf16;

@@ -16,6 +16,7 @@
 //!
 //! Leaves out: rigs, and what a loss means.
 
+mod beside;
 mod checkpoint;
 mod config;
 mod error;
@@ -41,6 +42,6 @@ pub use prefetch::{Prefetch, Source};
 pub use progress::Progress;
 pub use run::{Run, RunInfo};
 pub use schedule::{beta1, factor};
-pub use task::{At, Better, Loss, Task, Validation};
+pub use task::{At, Better, Loss, LossOf, Task, Validation};
 pub use tensorboard::TensorBoard;
 pub use trainer::{Ended, Outcome, train};

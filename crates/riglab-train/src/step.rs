@@ -8,18 +8,21 @@ use riglab_ranks::Ranks;
 use riglab_torch::TorchError;
 use tch::{Kind, Tensor};
 
+use crate::beside::Hands;
 use crate::config::{Precision, TrainConfig};
 use crate::error::TrainError;
 use crate::prefetch::Prefetch;
 use crate::schedule;
-use crate::task::{At, Task};
+use crate::task::{At, Loss, Task};
 use crate::together::{Buckets, Deal, Dealt, folds};
 
 /// Optimizer and moving average of a run. They are the same on every rank.
-pub(crate) struct Stepper<'a> {
+pub(crate) struct Stepper<'a, T: Task> {
     config: &'a TrainConfig,
     ranks: &'a Ranks,
     deal: Deal,
+    /// Threads that compute batches of a step beside this one.
+    hands: Hands<T::Batch>,
     /// Where gradients of several ranks meet.
     buckets: Option<Buckets>,
     pub optimizer: Optimizer,
@@ -29,8 +32,11 @@ pub(crate) struct Stepper<'a> {
 /// Names and values for the log.
 type Values = Vec<(String, f64)>;
 
-/// What a batch gave: its loss, and what is logged of it.
+/// What is told of a batch: its loss, and what is logged of it.
 type Found = (f64, Values);
+
+/// What a batch gave: the gradients of its share of the loss, and what is told of it.
+pub(crate) type Given = (Vec<Tensor>, Found);
 
 /// What came of a step.
 pub(crate) struct Stepped {
@@ -42,17 +48,20 @@ pub(crate) struct Stepped {
     pub taken: bool,
 }
 
-impl<'a> Stepper<'a> {
-    pub fn new(params: &Params, config: &'a TrainConfig, ranks: &'a Ranks) -> Result<Self, TrainError> {
+impl<'a, T: Task> Stepper<'a, T> {
+    pub fn new(task: &T, config: &'a TrainConfig, ranks: &'a Ranks) -> Result<Self, TrainError> {
+        let params = task.params();
         let deal = Deal::new(config.accumulate, ranks).map_err(|(key, message)| TrainError::Config { key, message })?;
         let optimizer = Optimizer::new(params, config.optim.clone());
         let ema = (config.ema > 0.0).then(|| Ema::new(params, config.ema));
         let buckets = (ranks.size() > 1).then(|| Buckets::new(params));
-        Ok(Self { config, ranks, deal, buckets, optimizer, ema })
+        // Of several ranks each has its own processors, and gradients that meet while they come.
+        let hands = Hands::of(task, if buckets.is_some() { 1 } else { deal.each() });
+        Ok(Self { config, ranks, deal, hands, buckets, optimizer, ema })
     }
 
     /// Batches from a step on, as many ahead as the config says.
-    pub fn batches<T: Task>(&self, task: &T, step: u64) -> Prefetch<T::Batch> {
+    pub fn batches(&self, task: &T, step: u64) -> Prefetch<T::Batch> {
         let source = Arc::new(Dealt { deal: self.deal.clone(), source: task.source() });
         Prefetch::new(source, step * self.deal.each(), self.config.workers)
     }
@@ -63,12 +72,7 @@ impl<'a> Stepper<'a> {
     }
 
     /// One optimizer step, the one after `step` others.
-    pub fn step<T: Task>(
-        &mut self,
-        task: &T,
-        batches: &mut Prefetch<T::Batch>,
-        step: u64,
-    ) -> Result<Stepped, TrainError> {
+    pub fn step(&mut self, task: &T, batches: &mut Prefetch<T::Batch>, step: u64) -> Result<Stepped, TrainError> {
         let (config, params) = (self.config, task.params());
         let leaves = match config.precision {
             Precision::Bf16 => Some(params.weights().cast(Kind::BFloat16)),
@@ -78,30 +82,37 @@ impl<'a> Stepper<'a> {
         let weights = &leaves.as_ref().unwrap_or(params.weights()).recomputing(config.recompute);
         let share = 1.0 / config.accumulate as f64;
         let (own, ranks) = (self.deal.own(), self.ranks);
-        // Sums of gradients that wait for others, and what each batch gave.
-        let (mut sums, mut found) = (Vec::new(), Vec::new());
-        for micro in own.clone() {
+        // Sums of gradients that wait for others, and what is told of each batch.
+        let (mut sums, mut found): (Vec<Vec<Tensor>>, Vec<Found>) = (Vec::new(), Vec::new());
+        let mut micro = own.start;
+        while micro < own.end {
             let at = At { seed: config.seed, step, batch: step * config.accumulate + micro, ranks };
-            let batch = batches.take().map_err(TrainError::Task)?;
-            // libtorch's generator is seeded afresh: nothing random has to be saved.
-            tch::manual_seed((config.seed ^ at.batch.wrapping_mul(0x9e37_79b9_7f4a_7c15)) as i64);
-            let loss = task.loss(weights, &batch, at).map_err(TrainError::Task)?;
-            let total = loss.total();
-            let values = loss.values().map(|(name, value)| (format!("train/{name}"), value));
-            found.push((total.double_value(&[]), values.collect::<Values>()));
-            let scaled = if share == 1.0 { total } else { total * share };
+            let together = (own.end - micro).min(self.hands.sides() as u64);
+            let taken: Result<Vec<_>, String> = (0..together).map(|_| batches.take()).collect();
+            let mut taken = taken.map_err(TrainError::Task)?;
+            let loss = |batch: &T::Batch| {
+                tch::manual_seed(at.generator_seed() as i64);
+                task.loss(weights, batch, at)
+            };
             match &mut self.buckets {
                 Some(buckets) if micro + 1 == own.end => {
+                    let (scaled, told) = scaled(share, || loss(&taken.remove(0)))?;
                     sums = vec![buckets.sum(ranks, &scaled, weights, &sums)?];
+                    found.push(told);
                 }
                 _ => {
-                    let mut sum = gradients(weights, &scaled, share != 1.0)?;
-                    for _ in 0..folds(self.deal.each(), micro - own.start) {
-                        sum = sums.pop().into_iter().fold(sum, |sum, earlier| add(earlier, sum));
+                    let first = |batch| given(weights, share, || loss(&batch));
+                    for (k, given) in (micro..).zip(self.hands.compute(weights, taken, at, share, first)) {
+                        let (mut sum, told) = given?;
+                        for _ in 0..folds(self.deal.each(), k - own.start) {
+                            sum = sums.pop().into_iter().fold(sum, |sum, earlier| add(earlier, sum));
+                        }
+                        sums.push(sum);
+                        found.push(told);
                     }
-                    sums.push(sum);
                 }
             }
+            micro += together;
         }
         let grads = sums.pop().unwrap_or_default();
         let found: Vec<Found> = ranks.gather(&found)?.concat();
@@ -124,6 +135,25 @@ impl<'a> Stepper<'a> {
         }
         Ok(Stepped { total, values, taken: stats.taken })
     }
+}
+
+/// The share of a batch's loss, and what is told of it.
+fn scaled(share: f64, loss: impl FnOnce() -> Result<Loss, String>) -> Result<(Tensor, Found), TrainError> {
+    let loss = loss().map_err(TrainError::Task)?;
+    let total = loss.total();
+    let values = loss.values().map(|(name, value)| (format!("train/{name}"), value));
+    let found = (total.double_value(&[]), values.collect::<Values>());
+    Ok((if share == 1.0 { total } else { total * share }, found))
+}
+
+/// What a batch gives by its loss.
+pub(crate) fn given(
+    weights: &Weights,
+    share: f64,
+    loss: impl FnOnce() -> Result<Loss, String>,
+) -> Result<Given, TrainError> {
+    let (scaled, found) = scaled(share, loss)?;
+    Ok((gradients(weights, &scaled, share != 1.0)?, found))
 }
 
 /// Sums, times `share`, of values that come in one order.

@@ -25,6 +25,11 @@ pub struct At<'a> {
 }
 
 impl At<'_> {
+    /// What libtorch's generator is seeded with before this batch: nothing random has to be saved.
+    pub(crate) fn generator_seed(&self) -> u64 {
+        self.seed ^ self.batch.wrapping_mul(0x9e37_79b9_7f4a_7c15)
+    }
+
     /// The stream of random numbers for a purpose at this batch.
     pub fn stream(&self, purpose: &str) -> Stream {
         stream(self.seed, purpose, &[self.batch])
@@ -98,6 +103,9 @@ pub struct Validation {
     pub warnings: Vec<String>,
 }
 
+/// [`Task::loss`] by itself, for a thread of its own.
+pub type LossOf<B> = Box<dyn Fn(&Weights, &B, At) -> Result<Loss, String> + Send>;
+
 /// Something to train: the only thing the loop knows about rigs, networks and losses.
 pub trait Task {
     /// What a step learns from: plain data, made by other threads.
@@ -117,6 +125,13 @@ pub trait Task {
     /// # Errors
     /// A sentence; the run ends with it.
     fn loss(&self, weights: &Weights, batch: &Self::Batch, at: At) -> Result<Loss, String>;
+
+    /// [`Self::loss`] for another thread, once for each that is started: batches of a step (`train.accumulate`) are then
+    /// computed side by side on the processors there are. What it draws at random it draws by [`At::stream`] or by
+    /// `riglab_torch::dropout`. `None`: one batch after another, on all processors.
+    fn beside(&self) -> Option<LossOf<Self::Batch>> {
+        None
+    }
 
     /// Validates weights.
     ///

@@ -56,7 +56,7 @@ pub fn train<T: Task>(
     ranks: &Ranks,
 ) -> Result<Outcome, TrainError> {
     config.validate().map_err(|(key, message)| TrainError::Config { key, message })?;
-    let mut stepper = Stepper::new(task.params(), config, ranks)?;
+    let mut stepper = Stepper::new(task, config, ranks)?;
     let store = if ranks.leads() { Some(Store::new(run.path("checkpoints"))?) } else { None };
     let latest = store.as_ref().and_then(Store::latest);
     let last = match ranks.told(latest.as_ref().map(|c| c.state().step))? {
@@ -94,12 +94,12 @@ pub fn train<T: Task>(
     trainer.run(task, interrupt)
 }
 
-struct Trainer<'a> {
+struct Trainer<'a, T: Task> {
     config: &'a TrainConfig,
     ranks: &'a Ranks,
     /// Nothing on ranks that only compute.
     writes: Option<Writes>,
-    stepper: Stepper<'a>,
+    stepper: Stepper<'a, T>,
     state: State,
     window: Window,
 }
@@ -122,8 +122,8 @@ impl Default for Window {
     }
 }
 
-impl Trainer<'_> {
-    fn run<T: Task>(&mut self, task: &T, interrupt: &Interrupt) -> Result<Outcome, TrainError> {
+impl<T: Task> Trainer<'_, T> {
+    fn run(&mut self, task: &T, interrupt: &Interrupt) -> Result<Outcome, TrainError> {
         let (config, start) = (self.config, Instant::now());
         let mut batches = self.stepper.batches(task, self.state.step);
         let mut progress = match self.writes {
@@ -172,7 +172,7 @@ impl Trainer<'_> {
     }
 
     /// One optimizer step; gives the loss.
-    fn step<T: Task>(&mut self, task: &T, batches: &mut Prefetch<T::Batch>) -> Result<f64, TrainError> {
+    fn step(&mut self, task: &T, batches: &mut Prefetch<T::Batch>) -> Result<f64, TrainError> {
         let (config, params) = (self.config, task.params());
         let Stepped { total, values, taken } = self.stepper.step(task, batches, self.state.step)?;
         self.state.step += 1;
@@ -215,7 +215,7 @@ impl Trainer<'_> {
     }
 
     /// Validates the moving average, or the weights without one; gives the objective.
-    fn validate<T: Task>(&mut self, task: &T, progress: &mut Progress) -> Result<Option<f64>, TrainError> {
+    fn validate(&mut self, task: &T, progress: &mut Progress) -> Result<Option<f64>, TrainError> {
         let step = self.state.step;
         let weights = self.stepper.weights(task.params());
         let at = At { seed: self.config.seed, step, batch: step * self.config.accumulate, ranks: self.ranks };
@@ -250,7 +250,7 @@ impl Trainer<'_> {
         self.state.best.is_some_and(|(step, _)| step == self.state.step)
     }
 
-    fn save<T: Task>(&mut self, task: &T) -> Result<(), TrainError> {
+    fn save(&mut self, task: &T) -> Result<(), TrainError> {
         let best = self.best_is_now();
         let Some(Writes { store, logs }) = &mut self.writes else { return Ok(()) };
         logs.sync()?;

@@ -17,7 +17,7 @@ use riglab_nn::NnError;
 use riglab_nn::fsq_cvae::{ACTIVE, Coded, FsqCvae};
 use riglab_nn::loss;
 use riglab_nn::params::{Builder, Params, Weights};
-use riglab_train::{At, Better, Loss, Source, State, Task, Validation};
+use riglab_train::{At, Better, Loss, LossOf, Source, State, Task, Validation};
 use tch::{Device, Kind};
 
 pub use batch::{Batch, BatchSource};
@@ -31,7 +31,7 @@ pub use report::Evaluation;
 pub(crate) use report::skin_metrics;
 
 use crate::assets::{AssetId, Assets, Cache};
-use crate::experiment::{Examined, Experiment};
+use crate::experiment::{Examined, Experiment, beside};
 
 /// The task, with its network and data.
 pub struct FsqCvaeTask {
@@ -95,6 +95,12 @@ impl Task for FsqCvaeTask {
 
     fn loss(&self, w: &Weights, batch: &Batch, _at: At) -> Result<Loss, String> {
         loss_of(&self.net, &self.config, w, batch, self.device)
+    }
+
+    fn beside(&self) -> Option<LossOf<Batch>> {
+        let (config, device) = (self.config.clone(), self.device);
+        let net = FsqCvae::new(Builder::default().root(), &config.model).ok()?;
+        beside(device, move |w, batch: &Batch, _| loss_of(&net, &config, w, batch, device))
     }
 
     fn validate(&self, w: &Weights, at: At) -> Result<Validation, String> {

@@ -18,9 +18,9 @@ pub(crate) mod testing;
 use std::sync::Arc;
 
 use riglab_core::Rig;
-use riglab_nn::params::{Params, Weights};
+use riglab_nn::params::{Builder, Params, Weights};
 use riglab_nn::tokenrig::{Asked, Parts, Sequences, TokenRig};
-use riglab_train::{At, Better, Loss, Source, State, Task, Validation};
+use riglab_train::{At, Better, Loss, LossOf, Source, State, Task, Validation};
 use tch::{Device, Tensor};
 
 pub use batch::{Batch, BatchSource};
@@ -35,7 +35,7 @@ pub use skinner::Skinner;
 
 use crate::assets::{AssetId, Assets, Cache};
 pub use crate::bundle::Card;
-use crate::experiment::{Examined, Experiment};
+use crate::experiment::{Examined, Experiment, beside};
 use crate::fsq_cvae::Frozen;
 use crate::sequences::LeftOut;
 use crate::unirig_skeleton::shape_tensors;
@@ -114,6 +114,16 @@ impl Task for TokenRigTask {
         let c = &self.rigger.config;
         let done = at.step as f64 / c.train.steps.max(1) as f64;
         loss_of(&self.rigger.net, c, w, batch, self.rigger.device, Some(done))
+    }
+
+    fn beside(&self) -> Option<LossOf<Batch>> {
+        let (c, device) = (self.rigger.config.clone(), self.rigger.device);
+        let layout = self.rigger.net.layout().clone();
+        let net = TokenRig::new(Builder::default().root(), &c.model, &layout, c.skin.codes);
+        beside(device, move |w, batch: &Batch, at| {
+            let done = at.step as f64 / c.train.steps.max(1) as f64;
+            loss_of(&net, &c, w, batch, device, Some(done))
+        })
     }
 
     fn validate(&self, w: &Weights, at: At) -> Result<Validation, String> {

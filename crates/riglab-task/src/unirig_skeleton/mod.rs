@@ -16,7 +16,7 @@ use riglab_nn::NnError;
 use riglab_nn::params::{Builder, Params, Weights};
 use riglab_nn::skeleton::{SkeletonModel, coordinate_distance, cross_entropy, spread_cross_entropy};
 use riglab_token::Tokenizer;
-use riglab_train::{At, Better, Loss, Source, State, Task, Validation};
+use riglab_train::{At, Better, Loss, LossOf, Source, State, Task, Validation};
 use tch::{Device, Kind, Tensor};
 
 pub use batch::{Batch, BatchSource};
@@ -27,7 +27,7 @@ pub use report::{Evaluation, lines};
 pub(crate) use trained::Trained;
 
 use crate::assets::{AssetId, Assets, Cache};
-use crate::experiment::{Examined, Experiment};
+use crate::experiment::{Examined, Experiment, beside};
 use crate::sequences::LeftOut;
 
 /// The task, with its network and data.
@@ -115,6 +115,12 @@ impl Task for SkeletonTask {
 
     fn loss(&self, w: &Weights, batch: &Batch, _at: At) -> Result<Loss, String> {
         loss_of(&self.net, &self.config, w, batch, self.device, true)
+    }
+
+    fn beside(&self) -> Option<LossOf<Batch>> {
+        let (config, device) = (self.config.clone(), self.device);
+        let net = SkeletonModel::new(Builder::default().root(), &config.model, self.tokenizer.vocabulary().len());
+        beside(device, move |w, batch: &Batch, _| loss_of(&net, &config, w, batch, device, true))
     }
 
     fn validate(&self, w: &Weights, at: At) -> Result<Validation, String> {

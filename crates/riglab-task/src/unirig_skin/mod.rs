@@ -20,7 +20,7 @@ use riglab_nn::NnError;
 use riglab_nn::params::{Builder, Params, Weights};
 use riglab_nn::skin_stage::ptv3::Places;
 use riglab_nn::skin_stage::{ATTRIBUTES, SkinModel, loss};
-use riglab_train::{At, Better, Loss, Source, State, Task, Validation};
+use riglab_train::{At, Better, Loss, LossOf, Source, State, Task, Validation};
 use tch::{Device, Kind, Tensor};
 
 pub use batch::{Batch, BatchSource, RigBatch};
@@ -36,7 +36,7 @@ pub use report::{Evaluation, lines};
 pub use skinner::{Holders, Skinner};
 
 use crate::assets::{AssetId, Assets, Cache};
-use crate::experiment::{Examined, Experiment};
+use crate::experiment::{Examined, Experiment, beside};
 
 /// The task, with its network and data.
 pub struct SkinTask {
@@ -118,6 +118,12 @@ impl Task for SkinTask {
 
     fn loss(&self, w: &Weights, batch: &Batch, _at: At) -> Result<Loss, String> {
         Ok(loss_of(&self.net, &self.config, w, batch, self.device))
+    }
+
+    fn beside(&self) -> Option<LossOf<Batch>> {
+        let (config, device) = (self.config.clone(), self.device);
+        let net = SkinModel::new(Builder::default().root(), &config.model);
+        beside(device, move |w, batch: &Batch, _| Ok(loss_of(&net, &config, w, batch, device)))
     }
 
     fn validate(&self, w: &Weights, at: At) -> Result<Validation, String> {

@@ -1,11 +1,15 @@
 //! A tiny task, for tests of the loop.
 
+#![allow(dead_code)] // each test takes what it needs
+
 use std::cell::RefCell;
-use std::sync::Arc;
+use std::collections::HashSet;
+use std::sync::{Arc, Mutex};
+use std::thread::ThreadId;
 
 use riglab_nn::params::{Builder, Init, ParamId, Params, Role, Weights};
 use riglab_random::Draw;
-use riglab_train::{At, Better, Interrupt, Loss, Source, Task, Validation};
+use riglab_train::{At, Better, Interrupt, Loss, LossOf, Source, Task, Validation};
 use tch::{Device, Kind, Tensor};
 
 /// A network of one hidden layer that learns products of its inputs.
@@ -15,11 +19,24 @@ pub struct Products {
     second: ParamId,
     /// Used by every third batch only, and by none at all.
     sometimes: ParamId,
+    /// Dropout of what the hidden layer gives.
+    pub dropout: f64,
+    /// Threads that computed a loss.
+    pub threads: Arc<Mutex<HashSet<ThreadId>>>,
+    /// What a batch of that number does instead of giving a loss, if not on the thread of the run.
+    pub fault: Option<(u64, Fault)>,
     /// Raised by the last rank at `stop_at`.
     pub interrupt: Interrupt,
     pub stop_at: Option<u64>,
     /// Megabytes in use at each validation.
     pub used: RefCell<Vec<f64>>,
+}
+
+/// What can go wrong beside.
+#[derive(Clone, Copy, Debug)]
+pub enum Fault {
+    Error,
+    Panic,
 }
 
 struct Numbers;
@@ -46,11 +63,36 @@ impl Products {
             first,
             second,
             sometimes,
+            dropout: 0.0,
+            threads: Arc::default(),
+            fault: None,
             interrupt: Interrupt::default(),
             stop_at: None,
             used: RefCell::default(),
         }
     }
+}
+
+impl Products {
+    fn layers(&self) -> [ParamId; 3] {
+        [self.first, self.second, self.sometimes]
+    }
+}
+
+/// The loss of a batch.
+fn off([first, second, sometimes]: [ParamId; 3], dropout: f64, w: &Weights, at: At) -> Loss {
+    let mut random = at.stream("products");
+    let numbers: Vec<f32> = (0..32).map(|_| random.within(-1.0, 1.0)).collect();
+    let x = Tensor::from_slice(&numbers).view([8, 4]).to_kind(w.kind());
+    let wanted = x.select(1, 0) * x.select(1, 1);
+    let hidden = x.matmul(&w[first].tr()).tanh();
+    let hidden = if dropout > 0.0 { riglab_torch::dropout(&hidden, dropout).unwrap() } else { hidden };
+    let mut y = hidden.matmul(&w[second].tr()).squeeze_dim(1);
+    if at.batch.is_multiple_of(3) {
+        y += &w[sometimes];
+    }
+    let off = (y - wanted).square().mean(Kind::Float);
+    Loss::new().term("off", 1.0, off).note("batch", at.batch as f64)
 }
 
 impl Task for Products {
@@ -73,16 +115,22 @@ impl Task for Products {
         if self.stop_at == Some(at.step) && at.ranks.rank() + 1 == at.ranks.size() {
             self.interrupt.raise();
         }
-        let mut random = at.stream("products");
-        let numbers: Vec<f32> = (0..32).map(|_| random.within(-1.0, 1.0)).collect();
-        let x = Tensor::from_slice(&numbers).view([8, 4]).to_kind(w.kind());
-        let wanted = x.select(1, 0) * x.select(1, 1);
-        let mut y = x.matmul(&w[self.first].tr()).tanh().matmul(&w[self.second].tr()).squeeze_dim(1);
-        if at.batch.is_multiple_of(3) {
-            y += &w[self.sometimes];
-        }
-        let off = (y - wanted).square().mean(Kind::Float);
-        Ok(Loss::new().term("off", 1.0, off).note("batch", at.batch as f64))
+        self.threads.lock().unwrap().insert(std::thread::current().id());
+        Ok(off(self.layers(), self.dropout, w, at))
+    }
+
+    fn beside(&self) -> Option<LossOf<u64>> {
+        let (layers, dropout, threads, fault) = (self.layers(), self.dropout, self.threads.clone(), self.fault);
+        Some(Box::new(move |w, batch, at| {
+            assert_eq!(*batch, at.batch);
+            match fault.filter(|(number, _)| *number == at.batch) {
+                Some((_, Fault::Error)) => return Err("a batch beside".into()),
+                Some((_, Fault::Panic)) => panic!("as asked"),
+                None => {}
+            }
+            threads.lock().unwrap().insert(std::thread::current().id());
+            Ok(off(layers, dropout, w, at))
+        }))
     }
 
     fn validate(&self, w: &Weights, at: At) -> Result<Validation, String> {

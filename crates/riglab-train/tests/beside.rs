@@ -1,0 +1,75 @@
+//! Batches of a step side by side give what they give one after another.
+
+mod products;
+
+use std::collections::BTreeMap;
+use std::path::Path;
+use std::sync::Mutex;
+
+use products::{Fault, Products};
+use riglab_ranks::ALONE;
+use riglab_train::{Precision, Run, TrainConfig, TrainError, train};
+
+/// libtorch's number of threads is everybody's.
+static ONE_AT_A_TIME: Mutex<()> = Mutex::new(());
+
+fn config(precision: Precision) -> TrainConfig {
+    let mut config = TrainConfig { steps: 30, accumulate: 4, precision, validate_every: 15, ..TrainConfig::default() };
+    (config.schedule.warmup, config.save_every, config.workers) = (5, 15, 1);
+    config
+}
+
+fn trained(dir: &Path, threads: i32, task: &Products, config: &TrainConfig) -> Result<(), TrainError> {
+    tch::set_num_threads(threads);
+    let ended = train(task, config, &Run::create(dir, "").unwrap(), &task.interrupt, &ALONE);
+    assert_eq!(tch::get_num_threads(), threads, "as it was");
+    ended.map(drop)
+}
+
+/// What counts of a run: its weights, optimizer and metrics.
+fn result(dir: &Path) -> BTreeMap<String, Vec<u8>> {
+    let files = ["checkpoints/last/model.safetensors", "checkpoints/last/optimizer.safetensors", "metrics.jsonl"];
+    files.iter().map(|f| (f.to_string(), std::fs::read(dir.join(f)).unwrap())).collect()
+}
+
+#[test]
+fn the_number_of_threads_changes_no_bit() {
+    let _guard = ONE_AT_A_TIME.lock().unwrap_or_else(|e| e.into_inner());
+    let dir = tempfile::tempdir().unwrap();
+    for (k, (precision, recompute)) in
+        [(Precision::Fp32, false), (Precision::Bf16, false), (Precision::Fp32, true)].into_iter().enumerate()
+    {
+        let run = |threads: i32, accumulate: u64| {
+            let folder = dir.path().join(format!("{k}-{threads}-{accumulate}"));
+            let mut task = Products::new();
+            task.dropout = 0.2;
+            trained(&folder, threads, &task, &TrainConfig { accumulate, recompute, ..config(precision) }).unwrap();
+            let took_part = task.threads.lock().unwrap().len();
+            (result(&folder), took_part)
+        };
+        let (alone, threads) = run(1, 4);
+        assert_eq!(threads, 1);
+        for threads in [2, 3, 4] {
+            let (together, took_part) = run(threads, 4);
+            // Three threads would need as many rounds as two.
+            assert_eq!(took_part, [2, 2, 4][threads as usize - 2]);
+            alone.iter().for_each(|(file, bytes)| assert!(together[file] == *bytes, "{threads} threads: {file} differs"));
+        }
+        let (fewer, _) = run(2, 2);
+        assert!(alone.iter().any(|(file, bytes)| fewer[file] != *bytes), "such a test can fail");
+    }
+}
+
+#[test]
+fn what_goes_wrong_beside_ends_the_run() {
+    let _guard = ONE_AT_A_TIME.lock().unwrap_or_else(|e| e.into_inner());
+    let dir = tempfile::tempdir().unwrap();
+    for (fault, said) in [(Fault::Error, "a batch beside"), (Fault::Panic, "ended unexpectedly")] {
+        let mut task = Products::new();
+        task.fault = Some((4 * 20 + 1, fault));
+        let folder = dir.path().join(said);
+        let error = trained(&folder, 2, &task, &config(Precision::Fp32)).unwrap_err().to_string();
+        assert!(error.contains(said), "{error}");
+        assert!(folder.join("checkpoints/last/model.safetensors").is_file(), "what was saved stays");
+    }
+}
