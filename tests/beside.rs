@@ -16,7 +16,14 @@ fn every_task_gives_the_same_on_one_thread_and_on_two() {
     let vae = dir.path().join("vae");
     must(&["train", text(&skin), "--run", text(&vae)]);
     let (vae, corpora) = (format!("skin.run='{}'", vae.display()), format!("data.corpora=['{}']", corpus.display()));
-    let few = ["train.steps=3", "train.validate_every=3", "train.accumulate=2", "train.optim.muon=[]", "sampling.rigs=2", &corpora];
+    let few = [
+        "train.steps=3",
+        "train.validate_every=3",
+        "train.accumulate=2",
+        "train.optim.muon=[]",
+        "sampling.rigs=2",
+        &corpora,
+    ];
     let decoder = ["model.decoder.layers=2", "model.shape.layers=1", "model.decoder.dropout=0.1"];
     let cases = [
         (text(&skin), vec!["train.precision='fp32'", "train.optim.muon=[]"]),
@@ -34,7 +41,11 @@ fn every_task_gives_the_same_on_one_thread_and_on_two() {
             assert!(out.status.success(), "{}", String::from_utf8_lossy(&out.stderr));
             let metrics = fs::read_to_string(run.join("metrics.jsonl")).unwrap();
             // Validation and Muon's products use all threads, and round by their number.
-            metrics.lines().filter(|line| line.contains("train/grad_norm")).map(|l| format!("{l}\n")).collect::<String>()
+            metrics
+                .lines()
+                .filter(|line| line.contains("train/grad_norm"))
+                .map(|l| format!("{l}\n"))
+                .collect::<String>()
         };
         let (one, two) = (metrics("1"), metrics("2"));
         assert_eq!(one.lines().count(), 3, "{one}");

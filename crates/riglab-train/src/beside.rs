@@ -69,11 +69,15 @@ impl<B: Send + 'static> Hands<B> {
     ) -> Vec<Result<Given, TrainError>> {
         let mut batches = batches.into_iter();
         let Some(own) = batches.next() else { return Vec::new() };
-        let busy: Vec<&Hand<B>> = (1..).zip(batches).zip(&self.hands).map(|((k, batch), hand)| {
-            let leaves = weights.cast(weights.kind()).recomputing(weights.recomputes());
-            hand.give(Job { leaves, batch, seed: at.seed, step: at.step, number: at.batch + k, share });
-            hand
-        }).collect();
+        let busy: Vec<&Hand<B>> = (1..)
+            .zip(batches)
+            .zip(&self.hands)
+            .map(|((k, batch), hand)| {
+                let leaves = weights.cast(weights.kind()).recomputing(weights.recomputes());
+                hand.give(Job { leaves, batch, seed: at.seed, step: at.step, number: at.batch + k, share });
+                hand
+            })
+            .collect();
         if self.each != self.all {
             tch::set_num_threads(self.each);
         }

@@ -131,7 +131,13 @@ fn tokens_of(step: &Stepped, config: &TrainConfig) -> Option<f64> {
 }
 
 /// What `most` MB of steps were, of which `start` were there before them, the weights included.
-fn memory<T: Task>(params: &Params, config: &TrainConfig, stepper: &Stepper<'_, T>, start: f64, most: f64) -> Vec<(String, f64)> {
+fn memory<T: Task>(
+    params: &Params,
+    config: &TrainConfig,
+    stepper: &Stepper<'_, T>,
+    start: f64,
+    most: f64,
+) -> Vec<(String, f64)> {
     let mb = |bytes: usize| bytes as f64 / 1e6;
     let all = params.numel();
     let half = config.precision == Precision::Bf16;

@@ -53,7 +53,9 @@ fn the_number_of_threads_changes_no_bit() {
             let (together, took_part) = run(threads, 4);
             // Three threads would need as many rounds as two.
             assert_eq!(took_part, [2, 2, 4][threads as usize - 2]);
-            alone.iter().for_each(|(file, bytes)| assert!(together[file] == *bytes, "{threads} threads: {file} differs"));
+            alone
+                .iter()
+                .for_each(|(file, bytes)| assert!(together[file] == *bytes, "{threads} threads: {file} differs"));
         }
         let (fewer, _) = run(2, 2);
         assert!(alone.iter().any(|(file, bytes)| fewer[file] != *bytes), "such a test can fail");
