@@ -38,7 +38,9 @@ fn every_task_gives_the_same_on_one_thread_and_on_two() {
             let mut args = vec!["--threads", threads, "train", config, "--run", text(&run)];
             sets.iter().for_each(|set| args.extend(["--set", set]));
             let out = Command::new(env!("CARGO_BIN_EXE_riglab")).args(args).output().unwrap();
-            assert!(out.status.success(), "{}", String::from_utf8_lossy(&out.stderr));
+            let said = String::from_utf8_lossy(&out.stderr);
+            assert!(out.status.success(), "{said}");
+            assert_eq!(said.contains("2 batches side by side"), threads == "2", "{said}");
             let metrics = fs::read_to_string(run.join("metrics.jsonl")).unwrap();
             // Validation and Muon's products use all threads, and round by their number.
             metrics

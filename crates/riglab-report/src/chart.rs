@@ -68,7 +68,7 @@ impl Chart {
         }
         let most = y1.abs().max(y0.abs());
         // Of what does not change, a strip that labels can tell apart.
-        let pad = if y1 - y0 > 1e-4 * most { 0.05 * (y1 - y0) } else { (0.02 * most).max(1e-9) };
+        let pad = if y1 - y0 > 1e-4 * most { (0.05 * (y1 - y0)).max(1e-300) } else { (0.02 * most).max(1e-9) };
         let x1 = if x1 > x0 { x1 } else { x0 + 1.0 };
         let rows = if lines.len() > 1 { lines.len().div_ceil(LEGEND.1) as u32 } else { 0 };
         let mut svg = String::new();

@@ -166,8 +166,8 @@ impl RunView {
         of
     }
 
-    /// Curves: the loss; its parts and what else was noted in a step, and every validated metric, each beside those of its
-    /// size; gradient norm and learning rate.
+    /// Curves: the loss; its parts and what else was noted in a step, and every validated metric, each beside those of
+    /// its size; gradient norm and learning rate.
     pub fn curves(&self) -> Block {
         let of = self.logged();
         let chart = |title: String, names: &[&str], log: bool| {

@@ -50,7 +50,7 @@ struct Block {
 /// while it runs; it may note in `block` what `again` has to know. `again` is handed the block and `inputs` and these
 /// parameters in one list, cut off from where they come from, and must give the same outputs. Gradients reach the inputs
 /// and the parameters. Whatever else the closures hold must need no gradient: the backward pass fails if it does. What
-/// libtorch's CPU generator gave the block (dropout), it gives again.
+/// this thread's CPU generator gave the block ([`crate::dropout`]), it gives again.
 ///
 /// The block goes with the graph: after the backward pass, or with the outputs if there is none. Where gradients are
 /// off, or nothing needs one, only `first` runs.

@@ -7,8 +7,9 @@ use std::sync::mpsc::{Receiver, Sender, channel};
 use std::thread::JoinHandle;
 
 use riglab_nn::params::Weights;
-use riglab_ranks::ALONE;
+use riglab_ranks::{ALONE, Ranks};
 
+use crate::config::TrainConfig;
 use crate::error::TrainError;
 use crate::step::{Given, given};
 use crate::task::{At, LossOf, Task};
@@ -26,6 +27,7 @@ struct Job<B> {
 
 /// A thread that computes losses and gradients.
 struct Hand<B> {
+    begun: Receiver<()>,
     jobs: Option<Sender<Job<B>>>,
     done: Receiver<Result<Given, TrainError>>,
     thread: Option<JoinHandle<()>>,
@@ -41,13 +43,16 @@ pub(crate) struct Hands<B> {
 }
 
 impl<B: Send + 'static> Hands<B> {
-    /// As many as the batches of a step can use; none where one after another is better, or all the task can do.
-    pub fn of<T: Task<Batch = B>>(task: &T, batches: u64) -> Self {
+    /// As many as [`sides`] says but for this thread.
+    pub fn of<T: Task<Batch = B>>(task: &T, config: &TrainConfig, ranks: &Ranks) -> Self {
         let all = tch::get_num_threads().max(1);
-        let sides = sides(batches, all as u64);
+        let sides = sides(task, config, ranks);
         let each = all / sides as i32;
         let hands = (1..sides).map_while(|_| Some(Hand::new(task.beside()?, each)));
         let hands: Vec<_> = hands.collect();
+        // The last number that a thread asks for is what new threads begin with.
+        hands.iter().for_each(Hand::ready);
+        tch::set_num_threads(all);
         let each = if hands.is_empty() { all } else { each };
         Self { hands, all, each }
     }
@@ -69,6 +74,9 @@ impl<B: Send + 'static> Hands<B> {
     ) -> Vec<Result<Given, TrainError>> {
         let mut batches = batches.into_iter();
         let Some(own) = batches.next() else { return Vec::new() };
+        if self.each != self.all {
+            tch::set_num_threads(self.each);
+        }
         let busy: Vec<&Hand<B>> = (1..)
             .zip(batches)
             .zip(&self.hands)
@@ -78,9 +86,6 @@ impl<B: Send + 'static> Hands<B> {
                 hand
             })
             .collect();
-        if self.each != self.all {
-            tch::set_num_threads(self.each);
-        }
         let own = first(own);
         let mut given = vec![own];
         given.extend(busy.into_iter().map(Hand::take));
@@ -91,8 +96,28 @@ impl<B: Send + 'static> Hands<B> {
     }
 }
 
+/// Gives this thread its number of threads within an op, which it would otherwise take, once it needs it, from the last
+/// that any thread was given.
+fn settle(threads: i32) {
+    let _ = tch::get_num_threads();
+    tch::set_num_threads(threads);
+}
+
+/// How many batches of a step are computed at a time with the threads there are: 1 where each is computed by itself.
+pub fn sides<T: Task>(task: &T, config: &TrainConfig, ranks: &Ranks) -> usize {
+    // Of several ranks each has its own processors, and gradients that meet while they come.
+    let sides = if ranks.size() > 1 { 1 } else { sides_of(config.accumulate, allowed(config)) };
+    if sides > 1 && task.beside().is_none() { 1 } else { sides as usize }
+}
+
+/// Threads, as far as batches may share them.
+fn allowed(config: &TrainConfig) -> u64 {
+    let all = tch::get_num_threads().max(1) as u64;
+    if config.side_by_side == 0 { all } else { config.side_by_side.min(all) }
+}
+
 /// Batches at a time: as few as need no more rounds than with a thread for each.
-fn sides(batches: u64, threads: u64) -> u64 {
+fn sides_of(batches: u64, threads: u64) -> u64 {
     batches.div_ceil(batches.div_ceil(threads.max(1)).max(1)).max(1)
 }
 
@@ -100,9 +125,12 @@ impl<B: Send + 'static> Hand<B> {
     fn new(loss: LossOf<B>, threads: i32) -> Self {
         let (jobs, asked) = channel::<Job<B>>();
         let (tell, done) = channel();
+        let (begin, begun) = channel();
         let work = move || {
-            tch::set_num_threads(threads);
+            settle(threads);
+            let _ = begin.send(());
             for job in asked {
+                tch::set_num_threads(threads);
                 let at = At { seed: job.seed, step: job.step, batch: job.number, ranks: &ALONE };
                 let one = || {
                     riglab_torch::own_generator(at.generator_seed()).map_err(|e| e.to_string())?;
@@ -115,7 +143,12 @@ impl<B: Send + 'static> Hand<B> {
                 }
             }
         };
-        Self { jobs: Some(jobs), done, thread: Some(std::thread::spawn(work)) }
+        Self { begun, jobs: Some(jobs), done, thread: Some(std::thread::spawn(work)) }
+    }
+
+    /// Waits until it has its number of threads.
+    fn ready(&self) {
+        let _ = self.begun.recv();
     }
 
     fn give(&self, job: Job<B>) {
@@ -146,7 +179,7 @@ mod tests {
     #[test]
     fn batches_lie_side_by_side_in_as_few_rounds_as_possible() {
         let found: Vec<_> = [(1, 8), (2, 2), (3, 2), (4, 3), (4, 16), (5, 1), (6, 4), (8, 3)]
-            .map(|(batches, threads)| sides(batches, threads))
+            .map(|(batches, threads)| sides_of(batches, threads))
             .to_vec();
         assert_eq!(found, [1, 2, 2, 2, 4, 1, 3, 3]);
     }

@@ -14,11 +14,15 @@ pub struct TrainConfig {
     pub seed: u64,
     /// Optimizer steps of the run.
     pub steps: u64,
-    /// Batches whose gradients are summed (as a mean) for one step. Tasks of plain losses compute them side by side, each
-    /// on a share of the threads ([`crate::Task::beside`]): two smaller batches keep two processors busier than one.
-    /// Processes that train together share them. Gradients are summed by halves, so that any number of processes or
-    /// threads gives the same bits, which takes as many sets of gradients as this number has halvings.
+    /// Batches whose gradients are summed (as a mean) for one step. Tasks of plain losses compute them side by side,
+    /// each on a share of the threads ([`crate::Task::beside`]): two smaller batches keep two processors busier than one.
+    /// Processes that train together share them. Gradients are summed by halves, so that any number of processes of a
+    /// thread gives the same bits, which takes as many sets of gradients as this number has halvings, and one for each
+    /// batch that is computed beside.
     pub accumulate: u64,
+    /// How many of them are computed at a time at most, in as many times the memory; 0 for as many as there are
+    /// threads.
+    pub side_by_side: u64,
     /// Whether blocks of deep stacks keep only what they read, and are computed again in the backward pass (activation
     /// checkpointing): a third more work for a fraction of the memory, and the same numbers.
     pub recompute: bool,
@@ -132,6 +136,7 @@ impl Default for TrainConfig {
             seed: 0,
             steps: 1000,
             accumulate: 1,
+            side_by_side: 0,
             recompute: false,
             precision: Precision::Fp32,
             schedule: ScheduleConfig::default(),

@@ -148,7 +148,8 @@ fn memory<T: Task>(
         memory.push(("weights in bfloat16".into(), mb(2 * all)));
     }
     // Those of bfloat16 weights come as such, and are widened one by one.
-    memory.push(("gradients".into(), mb(if half && config.accumulate == 1 { 2 } else { 4 } * all)));
+    let sets = stepper.sides();
+    memory.push(("gradients".into(), mb(sets * if half && config.accumulate == 1 { 2 } else { 4 } * all)));
     memory.push(("optimizer".into(), mb(kept)));
     if stepper.ema.is_some() {
         memory.push(("moving average".into(), mb(4 * all)));

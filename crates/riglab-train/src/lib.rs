@@ -33,6 +33,7 @@ mod tensorboard;
 mod together;
 mod trainer;
 
+pub use beside::sides;
 pub use checkpoint::{Checkpoint, State};
 pub use config::{OneCycleConfig, Precision, ScheduleConfig, ScheduleKind, TrainConfig};
 pub use error::TrainError;

@@ -1,7 +1,7 @@
 //! Batches made ahead by threads, in order.
 
 use std::sync::Arc;
-use std::sync::mpsc::{Receiver, sync_channel};
+use std::sync::mpsc::{Receiver, channel, sync_channel};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
@@ -39,7 +39,12 @@ impl<B: Send + 'static> Prefetch<B> {
         for w in 0..workers {
             let (send, receive) = sync_channel(AHEAD);
             let source = source.clone();
+            let (begin, begun) = channel();
             let work = move || {
+                // Batches may be computed with libtorch: with the number of threads that is set now, whatever others
+                // are given later.
+                let _ = tch::get_num_threads();
+                let _ = begin.send(());
                 let mut number = from + w as u64;
                 // The receiver is gone when the run ends.
                 while send.send(source.batch(number)).is_ok() {
@@ -47,6 +52,7 @@ impl<B: Send + 'static> Prefetch<B> {
                 }
             };
             threads.push(std::thread::spawn(work));
+            let _ = begun.recv();
             queues.push(receive);
         }
         Self { source, queues, threads, next: from, from, waited: Duration::ZERO }

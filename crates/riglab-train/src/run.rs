@@ -35,7 +35,7 @@ pub struct RunInfo {
     pub task: String,
     /// The command line.
     pub command: Vec<String>,
-    /// Version of riglab.
+    /// Version of riglab, with the commit that it was built of.
     pub riglab: String,
     /// Version of libtorch and the instruction set it chose.
     pub libtorch: String,
@@ -145,11 +145,11 @@ impl Run {
 
 impl RunInfo {
     /// What can be known about program and machine, with the start set to now.
-    pub fn new(task: &str, threads: usize, device: &str) -> Self {
+    pub fn new(riglab: &str, task: &str, threads: usize, device: &str) -> Self {
         Self {
             task: task.into(),
             command: std::env::args().collect(),
-            riglab: env!("CARGO_PKG_VERSION").into(),
+            riglab: riglab.into(),
             libtorch: format!("{} {}", riglab_torch::libtorch_version(), riglab_torch::cpu_capability()),
             commit: commit(),
             machine: machine(),

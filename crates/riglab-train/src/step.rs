@@ -55,8 +55,7 @@ impl<'a, T: Task> Stepper<'a, T> {
         let optimizer = Optimizer::new(params, config.optim.clone());
         let ema = (config.ema > 0.0).then(|| Ema::new(params, config.ema));
         let buckets = (ranks.size() > 1).then(|| Buckets::new(params));
-        // Of several ranks each has its own processors, and gradients that meet while they come.
-        let hands = Hands::of(task, if buckets.is_some() { 1 } else { deal.each() });
+        let hands = Hands::of(task, config, ranks);
         Ok(Self { config, ranks, deal, hands, buckets, optimizer, ema })
     }
 
@@ -64,6 +63,11 @@ impl<'a, T: Task> Stepper<'a, T> {
     pub fn batches(&self, task: &T, step: u64) -> Prefetch<T::Batch> {
         let source = Arc::new(Dealt { deal: self.deal.clone(), source: task.source() });
         Prefetch::new(source, step * self.deal.each(), self.config.workers)
+    }
+
+    /// How many batches are computed at a time.
+    pub fn sides(&self) -> usize {
+        self.hands.sides()
     }
 
     /// The weights that count: the moving average, where there is one.

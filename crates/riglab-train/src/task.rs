@@ -126,8 +126,8 @@ pub trait Task {
     /// A sentence; the run ends with it.
     fn loss(&self, weights: &Weights, batch: &Self::Batch, at: At) -> Result<Loss, String>;
 
-    /// [`Self::loss`] for another thread, once for each that is started: batches of a step (`train.accumulate`) are then
-    /// computed side by side on the processors there are. What it draws at random it draws by [`At::stream`] or by
+    /// [`Self::loss`] for another thread, once for each that is started: batches of a step (`train.accumulate`) are
+    /// then computed side by side on the processors there are. What it draws at random it draws by [`At::stream`] or by
     /// `riglab_torch::dropout`. `None`: one batch after another, on all processors.
     fn beside(&self) -> Option<LossOf<Self::Batch>> {
         None

@@ -33,7 +33,7 @@ impl Deal {
         if !accumulate.is_multiple_of(size) {
             let message = format!(
                 "accumulate = {accumulate} batches a step cannot be shared by {size} ranks; make it a multiple of {size} \
-                 (the run is then the same on one rank and on {size})"
+                 (the run is then the same on one rank and on {size}, with a thread each)"
             );
             return Err(("accumulate".into(), message));
         }

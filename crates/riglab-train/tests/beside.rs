@@ -8,7 +8,7 @@ use std::sync::Mutex;
 
 use products::{Fault, Products};
 use riglab_ranks::ALONE;
-use riglab_train::{Precision, Run, TrainConfig, TrainError, train};
+use riglab_train::{Precision, Run, TrainConfig, TrainError, estimate, sides, train};
 
 /// libtorch's number of threads is everybody's.
 static ONE_AT_A_TIME: Mutex<()> = Mutex::new(());
@@ -74,4 +74,19 @@ fn what_goes_wrong_beside_ends_the_run() {
         assert!(error.contains(said), "{error}");
         assert!(folder.join("checkpoints/last/model.safetensors").is_file(), "what was saved stays");
     }
+}
+
+#[test]
+fn what_others_compute_counts_and_fewer_can_be_asked_for() {
+    let _guard = ONE_AT_A_TIME.lock().unwrap_or_else(|e| e.into_inner());
+    let flops = |threads: i32, side_by_side: u64| {
+        tch::set_num_threads(threads);
+        let (task, config) = (Products::new(), TrainConfig { side_by_side, ..config(Precision::Fp32) });
+        (sides(&task, &config, &ALONE), estimate(&task, &config).unwrap().flops)
+    };
+    let (alone, one) = flops(1, 0);
+    assert!(alone == 1 && one > 0.0);
+    assert_eq!(flops(2, 0), (2, one));
+    assert_eq!(flops(4, 0), (4, one));
+    assert_eq!(flops(4, 1), (1, one));
 }

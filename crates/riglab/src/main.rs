@@ -14,9 +14,12 @@ use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
 
+/// The version, with the commit that was built where sources know it.
+const VERSION: &str = env!("RIGLAB_VERSION");
+
 /// Training research for automatic rigging: corpora, models, evaluation, reports.
 #[derive(Parser)]
-#[command(version, about, propagate_version = true, max_term_width = 100)]
+#[command(version = VERSION, about, propagate_version = true, max_term_width = 100)]
 struct Cli {
     /// Threads of the numeric library; 0 takes all processors.
     #[arg(long, global = true, default_value_t = 0, value_name = "N")]

@@ -65,6 +65,10 @@ pub struct MergeConfig {
     pub share: f32,
 }
 
+/// About one over the spread of each attribute among creatures' springs: stiffness, drag, power of gravity, its
+/// direction, which is down in nearly all, and the hit radius of a rig of size 2.
+pub const ATTRIBUTE_SCALE: [f64; 7] = [2.5, 12.0, 9.0, 1.0, 1.0, 1.0, 20.0];
+
 /// λ_W·KL(W ‖ Ŵ) + λ_A·(squared error of attributes) + λ_X·(squared error of a skin in motion) (UniRig 4.3), and the
 /// release's losses.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -75,6 +79,7 @@ pub struct LossConfig {
     /// λ_A: weight of the squared error of attributes, over bones that swing.
     pub attributes: f64,
     /// What each attribute is multiplied by before: stiffness, drag, power of gravity, its direction, hit radius.
+    /// Evaluations sum errors up by [`ATTRIBUTE_SCALE`] whatever this is.
     pub attribute_scale: [f64; 7],
     /// Whether every bone counts alike in the divergence, rather than every point.
     pub bone_centric: bool,
@@ -199,7 +204,7 @@ impl Default for LossConfig {
         Self {
             skin: 1.0,
             attributes: 1.0,
-            attribute_scale: [1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 10.0],
+            attribute_scale: ATTRIBUTE_SCALE,
             bone_centric: true,
             freeze: FreezeConfig { probability: 0.5, share: 0.5 },
             physics: PhysicsConfig { weight: 1.0, ..PhysicsConfig::default() },

@@ -16,6 +16,7 @@ use riglab_train::Validation;
 use serde::{Deserialize, Serialize};
 
 use super::SkinTask;
+use super::config::ATTRIBUTE_SCALE;
 use super::predict::{Predicted, Predictor};
 use super::ready::{Ready, pool, row};
 use crate::assets::AssetId;
@@ -143,7 +144,9 @@ impl Springs {
         both.into_iter().flat_map(|(own, more)| own.iter_mut().zip(more)).for_each(|(own, more)| *own += more);
     }
 
-    fn rows(&self, split: &str, scale: &[f64; ATTRIBUTES]) -> Vec<AttributeRow> {
+    /// A row an attribute, and one of all, each times its [`ATTRIBUTE_SCALE`]: whatever a run weighs them by, so that
+    /// runs can be compared.
+    fn rows(&self, split: &str) -> Vec<AttributeRow> {
         if self.bones == 0 {
             return Vec::new();
         }
@@ -159,7 +162,7 @@ impl Springs {
             mean: mean.sqrt(),
         };
         let mut rows: Vec<_> = (0..ATTRIBUTES).map(|k| of(NAMES[k], model[k], mean[k])).collect();
-        let all = |of: &[f64]| of.iter().zip(scale).map(|(e, s)| e * s * s).sum::<f64>() / ATTRIBUTES as f64;
+        let all = |of: &[f64]| of.iter().zip(ATTRIBUTE_SCALE).map(|(e, s)| e * s * s).sum::<f64>() / ATTRIBUTES as f64;
         rows.push(of("all", all(&model), all(&mean)));
         rows
     }
@@ -229,7 +232,7 @@ impl SkinTask {
             ("recall_rule@val".into(), rule.0.recall),
             ("l1_raw@val".into(), raw.0.l1),
         ];
-        let rows = springs.rows("val", &self.config.loss.attribute_scale);
+        let rows = springs.rows("val");
         if let Some(all) = rows.iter().find(|r| r.name == "all" && r.mean > 0.0 && self.config.model.attributes) {
             metrics.push(("attributes_vs_mean@val".into(), all.model / all.mean));
         }
@@ -348,7 +351,7 @@ impl SkinTask {
             Row { split: split.into(), learned, assets: ids.len(), pooled, per_rig, motion, method }
         }));
         if self.config.model.attributes {
-            report.attributes.extend(springs.rows(split, &self.config.loss.attribute_scale));
+            report.attributes.extend(springs.rows(split));
         }
         Ok(())
     }
@@ -407,11 +410,11 @@ mod tests {
         // Two bones, stiffness 1 and 3, told as 1 and 2.
         let mut s = Springs { bones: 2, ..Springs::default() };
         (s.errors[0], s.sums[0], s.squares[0]) = (1.0, 4.0, 10.0);
-        let rows = s.rows("x", &[2.0; ATTRIBUTES]);
+        let rows = s.rows("x");
         assert_eq!((rows[0].name.as_str(), rows[0].mean), ("stiffness", 1.0));
         assert!((rows[0].model - 0.5f64.sqrt()).abs() < 1e-12);
         let all = rows.last().unwrap();
         assert!((all.model / all.mean - 0.5f64.sqrt()).abs() < 1e-12 && all.name == "all");
-        assert!(Springs::default().rows("x", &[1.0; ATTRIBUTES]).is_empty());
+        assert!(Springs::default().rows("x").is_empty());
     }
 }

@@ -25,7 +25,8 @@ use tch::{Device, Kind, Tensor};
 
 pub use batch::{Batch, BatchSource, RigBatch};
 pub use config::{
-    EvalConfig, FreezeConfig, LossConfig, MergeConfig, PhysicsConfig, ReleasedConfig, SamplingConfig, SkinTaskConfig,
+    ATTRIBUTE_SCALE, EvalConfig, FreezeConfig, LossConfig, MergeConfig, PhysicsConfig, ReleasedConfig, SamplingConfig,
+    SkinTaskConfig,
 };
 pub use evaluate::{AssetRow, AttributeRow, Report, Row};
 pub use gallery::Shown;

@@ -42,7 +42,7 @@ pub fn run(args: &Args, threads: usize) -> Result<ExitCode> {
         line.and_then(|l| l.split_whitespace().next()?.parse::<f64>().ok()).map_or(f64::NAN, |kb| kb / 1e6)
     };
     let value = json!({
-        "riglab": env!("CARGO_PKG_VERSION"),
+        "riglab": crate::VERSION,
         "libtorch": riglab_torch::libtorch_version(),
         "cpu_capability": riglab_torch::cpu_capability(),
         "threads": threads,
@@ -62,7 +62,7 @@ pub fn run(args: &Args, threads: usize) -> Result<ExitCode> {
         return Ok(ExitCode::SUCCESS);
     }
     let yes = |b: bool| if b { "yes" } else { "no" };
-    say!("riglab     {}", env!("CARGO_PKG_VERSION"));
+    say!("riglab     {}", crate::VERSION);
     say!("libtorch   {}, {}, {threads} threads", riglab_torch::libtorch_version(), riglab_torch::cpu_capability());
     say!(
         "matmul     fp32 {fp32:.0} GFLOP/s, bf16 {bf16:.0} GFLOP/s (avx512_bf16: {}, amx: {})",

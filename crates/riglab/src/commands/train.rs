@@ -6,7 +6,7 @@ use std::process::ExitCode;
 use anyhow::{Context, Result, bail};
 use riglab_ranks::{Ranks, processors};
 use riglab_task::Experiment;
-use riglab_train::{Ended, Interrupt, Run, RunInfo, estimate, product_speed, train};
+use riglab_train::{Ended, Interrupt, Run, RunInfo, estimate, product_speed, sides, train};
 use tch::Device;
 
 use super::slurm::{On, apart, settings, train as on_slurm};
@@ -20,7 +20,8 @@ use crate::registry::{TaskConfig, Visitor};
 /// its time ends.
 ///
 /// Started as several processes by mpirun or srun, it shares the batches of each step (train.accumulate of them, a
-/// multiple of the number of processes) among them: the run is the same on any number, and can be resumed on another.
+/// multiple of the number of processes) among them: with a thread each, the run is the same on any
+/// number; it can be resumed on another.
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:
@@ -181,7 +182,7 @@ impl Visitor for Session<'_> {
                 info.resumed.push(RunInfo::now());
                 info
             }
-            None => RunInfo::new(task.name(), threads, "cpu"),
+            None => RunInfo::new(crate::VERSION, task.name(), threads, "cpu"),
         };
         info.ranks = ranks.size();
         info.data = task.assets().summary()?;
@@ -190,10 +191,14 @@ impl Visitor for Session<'_> {
         run.write_info(&info)?;
         let steps = config.train().steps;
         eprintln!(
-            "{}: {:.2} M parameters, {steps} steps, {}{threads} threads, in {}",
+            "{}: {:.2} M parameters, {steps} steps, {}{threads} threads{}, in {}",
             task.name(),
             info.parameters as f64 / 1e6,
             if ranks.size() > 1 { format!("{} ranks of ", ranks.size()) } else { String::new() },
+            match sides(&task, config.train(), ranks) {
+                1 => String::new(),
+                n => format!(", {n} batches side by side"),
+            },
             run.dir().display()
         );
         task.notes().iter().for_each(|note| eprintln!("note: {note}"));

@@ -233,7 +233,7 @@ fn folder(out: &Path, model: &Imported, card: &Card) -> Result<()> {
 }
 
 fn about(run: &Run, task: &str, parameters: usize) -> Result<()> {
-    let mut info = RunInfo::new(task, 1, "cpu");
+    let mut info = RunInfo::new(crate::VERSION, task, 1, "cpu");
     (info.parameters, info.ended, info.outcome) = (parameters, RunInfo::now(), "imported".into());
     Ok(run.write_info(&info)?)
 }

@@ -1,0 +1,23 @@
+//! The rpath to libtorch, and the commit that is built.
+
+use std::process::Command;
+
+#[path = "../../build/rpath.rs"]
+mod rpath;
+
+fn main() {
+    rpath::main();
+    let git = |args: &[&str]| {
+        let out = Command::new("git").args(args).output().ok().filter(|out| out.status.success())?;
+        Some(String::from_utf8_lossy(&out.stdout).trim().to_string())
+    };
+    // Sources that stand in no repository, or in somebody else's, are told by their version alone.
+    let own = git(&["ls-files", "build.rs"]).is_some_and(|file| !file.is_empty());
+    let commit = git(&["rev-parse", "--short=12", "HEAD"]).filter(|_| own);
+    if let Some(log) = git(&["rev-parse", "--git-path", "logs/HEAD"]) {
+        println!("cargo:rerun-if-changed={log}");
+    }
+    let version = env!("CARGO_PKG_VERSION");
+    let version = commit.map_or(version.to_string(), |commit| format!("{version} ({commit})"));
+    println!("cargo:rustc-env=RIGLAB_VERSION={version}");
+}
