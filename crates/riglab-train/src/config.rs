@@ -15,7 +15,7 @@ pub struct TrainConfig {
     /// Optimizer steps of the run.
     pub steps: u64,
     /// Batches whose gradients are summed (as a mean) for one step. Tasks of plain losses compute them side by side,
-    /// each on a share of the threads ([`crate::Task::beside`]): two smaller batches keep two processors busier than one.
+    /// each on a share of the threads ([`crate::Task::beside`]): two small batches keep two processors busier than one.
     /// Processes that train together share them. Gradients are summed by halves, so that any number of processes of a
     /// thread gives the same bits, which takes as many sets of gradients as this number has halvings, and one for each
     /// batch that is computed beside.

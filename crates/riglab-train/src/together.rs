@@ -32,8 +32,8 @@ impl Deal {
         let (rank, size) = (ranks.rank() as u64, ranks.size() as u64);
         if !accumulate.is_multiple_of(size) {
             let message = format!(
-                "accumulate = {accumulate} batches a step cannot be shared by {size} ranks; make it a multiple of {size} \
-                 (the run is then the same on one rank and on {size}, with a thread each)"
+                "accumulate = {accumulate} batches a step cannot be shared by {size} ranks; make it a multiple of \
+                 {size} (the run is then the same on one rank and on {size}, with a thread each)"
             );
             return Err(("accumulate".into(), message));
         }
