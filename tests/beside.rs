@@ -16,6 +16,7 @@ fn every_task_gives_the_same_on_one_thread_and_on_two() {
     let vae = dir.path().join("vae");
     must(&["train", text(&skin), "--run", text(&vae)]);
     let (vae, corpora) = (format!("skin.run='{}'", vae.display()), format!("data.corpora=['{}']", corpus.display()));
+    // Not `auto`, which asks a busy machine what is faster.
     let few = [
         "train.steps=3",
         "train.validate_every=3",

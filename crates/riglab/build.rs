@@ -14,7 +14,9 @@ fn main() {
     // Sources that stand in no repository, or in somebody else's, are told by their version alone.
     let own = git(&["ls-files", "build.rs"]).is_some_and(|file| !file.is_empty());
     let commit = git(&["rev-parse", "--short=12", "HEAD"]).filter(|_| own);
-    if let Some(log) = git(&["rev-parse", "--git-path", "logs/HEAD"]) {
+    // A file that is not there would count as changed each time.
+    let log = git(&["rev-parse", "--git-path", "logs/HEAD"]);
+    if let Some(log) = log.filter(|log| std::path::Path::new(log).exists()) {
         println!("cargo:rerun-if-changed={log}");
     }
     let version = env!("CARGO_PKG_VERSION");
