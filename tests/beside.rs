@@ -16,7 +16,6 @@ fn every_task_gives_the_same_on_one_thread_and_on_two() {
     let vae = dir.path().join("vae");
     must(&["train", text(&skin), "--run", text(&vae)]);
     let (vae, corpora) = (format!("skin.run='{}'", vae.display()), format!("data.corpora=['{}']", corpus.display()));
-    // Not `auto`, which asks a busy machine what is faster.
     let few = [
         "train.steps=3",
         "train.validate_every=3",
@@ -25,7 +24,9 @@ fn every_task_gives_the_same_on_one_thread_and_on_two() {
         "sampling.rigs=2",
         &corpora,
     ];
-    let decoder = ["model.decoder.layers=2", "model.shape.layers=1", "model.decoder.dropout=0.1"];
+    // Not `auto`, which asks a busy machine what is faster.
+    let precision = "train.precision='bf16'";
+    let decoder = [precision, "model.decoder.layers=2", "model.shape.layers=1", "model.decoder.dropout=0.1"];
     let cases = [
         (text(&skin), vec!["train.precision='fp32'", "train.optim.muon=[]"]),
         (text(&skin), vec!["train.precision='bf16'", "train.recompute=true", "train.optim.muon=[]"]),
