@@ -13,9 +13,9 @@ unsafe extern "C" {
     fn rl_dropout_mask(x: *const C_tensor, p: f64, out: *mut *mut C_tensor) -> c_int;
 }
 
-/// Elements of x are 0 with probability `p` and 1 / (1 - p) times as large otherwise, by this thread's generator (of which
-/// it takes one number: a generator that is set back gives the same again, on any number of threads). On the CPU `p` is
-/// met to 1 in 65,536.
+/// Elements of x are 0 with probability `p` and 1 / (1 - p) times as large otherwise, by this thread's generator (of
+/// which it takes one number: a generator that is set back gives the same again, on any number of threads). On the CPU
+/// `p` is met to 1 in 65,536.
 ///
 /// # Errors
 /// libtorch's message; when `p` is not in [0, 1).
