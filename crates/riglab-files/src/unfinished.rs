@@ -3,17 +3,16 @@
 use std::fs::{self, File};
 use std::io;
 use std::path::{Path, PathBuf};
-use std::sync::Mutex;
+use std::sync::{Mutex, MutexGuard};
 
-use tempfile::TempPath;
-
-/// Temporary files of this process that have not got their name yet.
+/// Temporary files of this process that have not got their name yet. A file is made, and removed, while
+/// this is held, so that whoever leaves the process sees every one that is there.
 static OPEN: Mutex<Vec<PathBuf>> = Mutex::new(Vec::new());
 
 /// A file beside the place where it will stand. Dropped before [`Unfinished::finish`], it is gone.
 #[derive(Debug)]
 pub struct Unfinished {
-    temp: TempPath,
+    temp: PathBuf,
     /// Of a link the file it leads to.
     place: PathBuf,
 }
@@ -40,9 +39,11 @@ impl Unfinished {
             // Temporary files are private by default; this one is to be as any other.
             builder.permissions(fs::Permissions::from_mode(0o666));
         }
-        let made = builder.prefix(".riglab-").suffix(".tmp").tempfile_in(folder(&place)).map_err(|e| plain(&e))?;
-        let (file, temp) = made.into_parts();
-        open().push(temp.to_path_buf());
+        builder.prefix(".riglab-").suffix(".tmp");
+        let mut open = open();
+        let made = builder.tempfile_in(folder(&place)).map_err(|e| plain(&e))?;
+        let (file, temp) = made.keep().map_err(|e| plain(&e.error))?;
+        open.push(temp.clone());
         Ok((file, Self { temp, place }))
     }
 
@@ -64,11 +65,14 @@ impl Unfinished {
 
 impl Drop for Unfinished {
     fn drop(&mut self) {
-        open().retain(|path| path != &*self.temp);
+        let mut open = open();
+        // Under its own name by now, it is no longer there under this one.
+        let _ = fs::remove_file(&self.temp);
+        open.retain(|path| *path != self.temp);
     }
 }
 
-fn open() -> std::sync::MutexGuard<'static, Vec<PathBuf>> {
+fn open() -> MutexGuard<'static, Vec<PathBuf>> {
     OPEN.lock().unwrap_or_else(std::sync::PoisonError::into_inner)
 }
 
@@ -78,16 +82,19 @@ fn open() -> std::sync::MutexGuard<'static, Vec<PathBuf>> {
 /// fails while this goes on is not told either.
 pub fn leave(code: i32) -> ! {
     let _silence = io::stderr().lock();
-    remove_unfinished();
+    let _no_more = remove_unfinished();
     // SAFETY: `_exit` ends the process and touches no memory of it.
     unsafe { libc::_exit(code) }
 }
 
-fn remove_unfinished() {
-    for path in open().drain(..) {
+/// While what this returns is held, no further file is begun.
+fn remove_unfinished() -> MutexGuard<'static, Vec<PathBuf>> {
+    let mut open = open();
+    for path in open.drain(..) {
         // It may be gone already; there is nobody left to tell.
         let _ = fs::remove_file(path);
     }
+    open
 }
 
 pub(crate) fn folder(path: &Path) -> &Path {
@@ -98,7 +105,6 @@ pub(crate) fn plain(e: &io::Error) -> io::Error {
     io::Error::new(e.kind(), e.kind().to_string())
 }
 
-/// Tests of this crate take turns: one of them removes what is unfinished, whosever it is.
 /// Asks a process to leave (SIGTERM), as [`leave`] answers; one that has ended meanwhile needs no word.
 #[cfg(unix)]
 pub fn ask_to_leave(child: &std::process::Child) {
@@ -111,6 +117,7 @@ pub fn ask_to_leave(child: &std::process::Child) {
 #[cfg(not(unix))]
 pub fn ask_to_leave(_: &std::process::Child) {}
 
+/// Tests of this crate take turns: one of them removes what is unfinished, whosever it is.
 #[cfg(test)]
 pub(crate) static TURN: Mutex<()> = Mutex::new(());
 
@@ -130,9 +137,31 @@ mod tests {
         done.finish().unwrap();
         let (_file, left) = Unfinished::beside(&dir.path().join("b")).unwrap();
         assert_eq!(count(), 2);
-        remove_unfinished();
+        drop(remove_unfinished());
         assert_eq!(count(), 1);
         assert!(left.finish().is_err());
         assert!(dir.path().join("b").exists());
+    }
+
+    #[test]
+    fn a_file_is_either_known_or_not_there() {
+        let _turn = TURN.lock().unwrap();
+        let dir = tempfile::tempdir().unwrap();
+        let over = std::sync::atomic::AtomicBool::new(false);
+        std::thread::scope(|s| {
+            s.spawn(|| {
+                while !over.load(std::sync::atomic::Ordering::Relaxed) {
+                    drop(Unfinished::beside(&dir.path().join("a")).unwrap());
+                }
+            });
+            let mut left = 0;
+            for _ in 0..500 {
+                let no_more = remove_unfinished();
+                left += fs::read_dir(dir.path()).unwrap().count();
+                drop(no_more);
+            }
+            over.store(true, std::sync::atomic::Ordering::Relaxed);
+            assert_eq!(left, 0);
+        });
     }
 }
