@@ -35,7 +35,7 @@ pub use skeleton::{
     Connectivity, Graph, Joints, Matched, SkeletonConvention, SkeletonDistances, connectivity, consensus, fit,
     local_shape_diameters, match_joints, nearest_shares, ordered_by_position, tree_edit_distance,
 };
-pub use skin::{ACTIVE, SkinConvention, SkinMetrics, SkinTally, Skins, edges_of, nan_for_null};
+pub use skin::{ACTIVE, PrecisionRecall, SkinConvention, SkinMetrics, SkinTally, Skins, edges_of, nan_for_null};
 pub use skin_baseline::SkinBaseline;
 
 /// Names and values of one asset, in the order of a table's columns.

@@ -1,10 +1,12 @@
 //! Skin weights against the true ones, by the formulas of each peer.
 
+mod curve;
 mod puppeteer;
 mod skintokens;
 mod unirig;
 mod vertexwise;
 
+pub use curve::PrecisionRecall;
 pub use puppeteer::edges_of;
 use serde::{Deserialize, Serialize};
 pub use skintokens::{ACTIVE, SkinMetrics, SkinTally, nan_for_null};

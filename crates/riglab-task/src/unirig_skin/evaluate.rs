@@ -2,11 +2,11 @@
 
 use std::collections::BTreeMap;
 
-use riglab_core::JointId;
+use riglab_core::{JointId, SkinWeights};
 use riglab_geom::voxel::SolidConfig;
 use riglab_metric::{
-    Baseline, Joints, Poses, Rows, SkinMetrics, SkinTally, bone_distances, geodesic_distances, motion, motion_poses,
-    nan_for_null,
+    Baseline, Joints, Poses, PrecisionRecall, Rows, SkinMetrics, SkinTally, bone_distances, geodesic_distances,
+    heat_weights, motion, motion_poses, nan_for_null,
 };
 use riglab_nn::params::Weights;
 use riglab_nn::skin_stage::ATTRIBUTES;
@@ -41,6 +41,10 @@ pub struct Row {
     /// Motion loss: how far vertices are off in ten random poses, in the cube of side 2; the mean of the assets' means.
     #[serde(default = "unknown", deserialize_with = "riglab_metric::nan_for_null")]
     pub motion: f64,
+    /// Precision of the network's raw weights, pooled, counted from the threshold at which their recall is this
+    /// method's; of the network's own rows NaN.
+    #[serde(default = "unknown", deserialize_with = "riglab_metric::nan_for_null")]
+    pub ours_at_recall: f64,
 }
 
 /// What files of evaluations from before a metric say of it.
@@ -83,6 +87,9 @@ pub struct AssetRow {
     /// L1.
     #[serde(deserialize_with = "nan_for_null")]
     pub l1: f64,
+    /// Motion loss, see [`Row::motion`].
+    #[serde(default = "unknown", deserialize_with = "nan_for_null")]
+    pub motion: f64,
 }
 
 /// What an evaluation found.
@@ -263,7 +270,7 @@ impl SkinTask {
     }
 
     /// Evaluates on whole meshes of the test splits, raw and after the decode rule, beside rules by straight distances
-    /// and by those through the body. `progress` is told how many assets are done.
+    /// and by those through the body, and heat. `progress` is told how many assets are done.
     ///
     /// # Errors
     /// When an asset cannot be read.
@@ -304,6 +311,7 @@ impl SkinTask {
         // By place in the table, so that the order is kept.
         let mut methods: BTreeMap<usize, (String, Sums, Vec<f64>)> = BTreeMap::new();
         let mut springs = Springs::default();
+        let mut curve = PrecisionRecall::default();
         let ids = self.assets.split(split).map_err(|e| e.to_string())?;
         for &id in &ids {
             let subject = self.subject(id, None)?;
@@ -314,14 +322,16 @@ impl SkinTask {
                 let tally = SkinTally::of(&subject.truth, weights, joints);
                 let (_, sums, moved) = methods.entry(place).or_insert_with(|| (name, Sums::default(), Vec::new()));
                 sums.add(&tally);
-                moved.push(in_motion.off(weights));
+                let motion = in_motion.off(weights);
+                moved.push(motion);
                 place += 1;
-                tally.metrics()
+                (tally.metrics(), motion)
             };
             let found = self.predicted(w, &subject);
             springs.add(&subject.ready, &found);
+            curve.add(&subject.truth, &found.dense);
             tally("raw".into(), &found.dense);
-            let rule = tally("rule".into(), &ruled(&found.dense, joints, report.cut));
+            let (rule, motion) = tally("rule".into(), &ruled(&found.dense, joints, report.cut));
             report.assets.push(AssetRow {
                 split: split.into(),
                 name: rig.name.clone(),
@@ -330,6 +340,7 @@ impl SkinTask {
                 bones: joints,
                 iou: rule.iou,
                 l1: rule.l1,
+                motion,
             });
             let ids: Vec<JointId> = rig.bones.iter().map(|b| b.joint).collect();
             let straight = bone_distances(&rig.rig, &ids);
@@ -341,6 +352,9 @@ impl SkinTask {
             for rule in Baseline::SHOWN_GEODESIC {
                 tally(rule.geodesic_name(), &rule.weights(&ways, joints));
             }
+            let heat = on_bones(&heat_weights(rig.rig.mesh(), rig.rig.skeleton(), &ids, &config), &ids);
+            tally("heat diffusion".into(), &heat);
+            tally("heat diffusion, top 4, cut 0.15".into(), &ruled(&heat, joints, 0.15));
             progress();
         }
         report.rows.extend(methods.into_values().map(|(method, sums, moved)| {
@@ -348,7 +362,8 @@ impl SkinTask {
             let learned = ["raw", "rule"].contains(&method.as_str());
             let known = moved.iter().filter(|m| !m.is_nan());
             let motion = known.clone().sum::<f64>() / known.count() as f64;
-            Row { split: split.into(), learned, assets: ids.len(), pooled, per_rig, motion, method }
+            let ours_at_recall = if learned { f64::NAN } else { curve.precision_at(pooled.recall) };
+            Row { split: split.into(), learned, assets: ids.len(), pooled, per_rig, motion, ours_at_recall, method }
         }));
         if self.config.model.attributes {
             report.attributes.extend(springs.rows(split));
@@ -387,6 +402,20 @@ impl InMotion {
         let rows = over_joints(weights, &self.columns, self.joints.positions.len());
         motion(&self.vertices, &self.joints, &self.poses, &self.truth, &rows).mean
     }
+}
+
+/// Dense rows over these bones; what others hold is left out.
+fn on_bones(weights: &SkinWeights, bones: &[JointId]) -> Vec<f32> {
+    let column: BTreeMap<JointId, usize> = bones.iter().enumerate().map(|(column, joint)| (*joint, column)).collect();
+    let mut dense = vec![0.0; weights.rows() * bones.len()];
+    for (v, row) in dense.chunks_exact_mut(bones.len().max(1)).enumerate() {
+        for (joint, weight) in weights.row(v) {
+            if let Some(k) = column.get(&joint) {
+                row[*k] = weight;
+            }
+        }
+    }
+    dense
 }
 
 /// Dense rows over bones as rows over `joints` joints.
