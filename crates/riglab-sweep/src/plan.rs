@@ -143,30 +143,34 @@ impl Plan {
         plan.map(Some).map_err(|e| SweepError::Unclear { path, reason: e.to_string() })
     }
 
-    /// Writes it, and for each job the config that it is trained from, unless the folder has this plan already. The
-    /// plan comes last: a folder with one has all configs.
+    /// Writes it, and for each job the config that it is trained from, unless the folder has this plan already. A
+    /// folder whose jobs are the first of this plan's gets those that follow: so an arm is added to a sweep. The plan
+    /// comes last: a folder with one has all configs.
     ///
     /// # Errors
     /// When the folder has another sweep, or cannot be written, or a job has no sound config.
     pub fn settle(&self, folder: &Path, config: impl Fn(&Job) -> Result<String, SweepError>) -> Result<(), SweepError> {
-        if let Some(there) = Self::read(folder)? {
-            return match there.difference(self) {
-                None => Ok(()),
-                Some(difference) => Err(SweepError::Another { folder: folder.into(), difference }),
-            };
-        }
+        let settled = match Self::read(folder)? {
+            None => 0,
+            Some(there) => match there.difference(self) {
+                Some(difference) => return Err(SweepError::Another { folder: folder.into(), difference }),
+                None if there.jobs.len() == self.jobs.len() => return Ok(()),
+                None => there.jobs.len(),
+            },
+        };
         // All are sound before one is written.
-        let configs = self.jobs.iter().map(&config).collect::<Result<Vec<String>, _>>()?;
-        for (job, text) in self.jobs.iter().zip(configs) {
+        let added = &self.jobs[settled..];
+        let configs = added.iter().map(&config).collect::<Result<Vec<String>, _>>()?;
+        for (job, text) in added.iter().zip(configs) {
             write(&self.config(folder, job), &text)?;
         }
         let text = serde_json::to_string_pretty(self).map_err(|e| SweepError::Invalid(e.to_string()))?;
         write(&file_of(folder), &(text + "\n"))
     }
 
-    /// What differs first between this plan and a new one.
+    /// What differs first between this plan and a new one, which may have more jobs after the same ones.
     fn difference(&self, new: &Self) -> Option<String> {
-        if self.jobs.len() != new.jobs.len() {
+        if self.jobs.len() > new.jobs.len() {
             return Some(format!("it has {} jobs, this one {}", self.jobs.len(), new.jobs.len()));
         }
         let changed = |(a, b): &(&Job, &Job)| a != b;
@@ -282,7 +286,15 @@ mod tests {
         let plan = Plan::read(dir.path()).unwrap().unwrap();
         assert_eq!(plan, of("[1, 2]"));
         assert_eq!(std::fs::read_to_string(plan.config(dir.path(), &plan.jobs[1])).unwrap(), "seed = 2\n");
-        let other = of("[1, 3]").settle(dir.path(), config).unwrap_err().to_string();
+        // One seed more comes after; the configs that were there stay as they are.
+        let added = |job: &Job| if job.seed == 3 { config(job) } else { panic!("its config is there") };
+        of("[1, 2, 3]").settle(dir.path(), added).unwrap();
+        let plan = Plan::read(dir.path()).unwrap().unwrap();
+        assert_eq!(plan, of("[1, 2, 3]"));
+        assert_eq!(std::fs::read_to_string(plan.config(dir.path(), &plan.jobs[2])).unwrap(), "seed = 3\n");
+        let fewer = of("[1, 2]").settle(dir.path(), config).unwrap_err().to_string();
+        assert!(fewer.contains("it has 3 jobs, this one 2"), "{fewer}");
+        let other = of("[1, 3, 4]").settle(dir.path(), config).unwrap_err().to_string();
         assert!(other.contains("its job 1 is `base` seed 2") && other.contains("hint"), "{other}");
         std::fs::write(file_of(dir.path()), "{").unwrap();
         assert!(Plan::read(dir.path()).unwrap_err().to_string().contains("cannot be understood"));

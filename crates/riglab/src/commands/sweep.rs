@@ -18,8 +18,9 @@ use crate::registry::TaskConfig;
 ///
 /// All jobs are listed at once, each with its resolved config, and run as processes of this machine within a budget.
 /// A sweep that was stopped or killed goes on when it is called again; a run that fails is tried once more and never
-/// stops the rest. At the end stands a table of means and spreads over seeds, in results.jsonl, table.md, table.tex,
-/// table.csv and report.html. TensorBoard compares the runs: `tensorboard --logdir SWEEP/jobs`.
+/// stops the rest. Arms that the file gets at its end join the runs that are there. At the end stands a table of means
+/// and spreads over seeds, in results.jsonl, table.md, table.tex, table.csv and report.html. TensorBoard compares the
+/// runs: `tensorboard --logdir SWEEP/jobs`.
 ///
 /// With --on slurm the jobs are tasks of an array, which save when their time ends, are requeued and go on. The same
 /// command again hands over what is neither done nor in the queue, and writes the table when all is.
@@ -90,8 +91,10 @@ pub fn run(args: &Args, threads: usize) -> Result<ExitCode> {
         }
         return Ok(ExitCode::SUCCESS);
     }
+    // A folder that is there may get more jobs: nobody else is at it then.
+    let held = folder.is_dir().then(|| hold(&folder)).transpose()?;
     plan.settle(&folder, resolved)?;
-    let _held = hold(&folder)?;
+    let _held = held.map_or_else(|| hold(&folder), Ok)?;
     if args.on == Some(On::Slurm) {
         return match hand_over(&folder, &plan, &desk, args.wait)? {
             Handed::Queued => {
