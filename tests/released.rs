@@ -212,6 +212,72 @@ fn the_skin_stage() {
     case.done();
 }
 
+/// A run's weights as they are trained, not their moving average.
+fn weights_of(run: &Path) -> Tensors {
+    riglab_nn::io::read(&run.join("checkpoints/last/model.safetensors")).unwrap()
+}
+
+#[test]
+fn a_training_begins_with_a_published_backbone_or_with_another_run() {
+    let Some(backbone) = case("unirig", "ptv3") else { return };
+    let dir = tempfile::tempdir().unwrap();
+    let corpus = binary::corpus(dir.path(), 12);
+    let published = dir.path().join("backbone.pth");
+    fs::write(&published, checkpoint(&under("module.backbone.", backbone.below("w.")))).unwrap();
+    let config = dir.path().join("config.toml");
+    // Rates that change nothing: what it begins with stays.
+    let told = format!(
+        "extends = 'quickstart/unirig_skin.toml'\n[data]\ncorpora = ['{}']\n\
+         [model]\nextends = 'model/unirig_skin/tiny.toml'\n[model.points]\nencoder = 'ptv3'\n\
+         [model.points.ptv3]\ndepths = [4, 1]\nchannels = [8, 16]\nheads = [2, 4]\npatch = 16\ngrid = 0.1\n\
+         norm = 'batch'\n[sampling]\nrigs = 2\npoints = 64\nqueries = 32\npool = 128\nresolution = 32\n\
+         [train]\nsteps = 2\naccumulate = 1\nema = 0.0\nvalidate_every = 0\nsave_every = 0\n\
+         [train.optim]\nmuon_lr = 1e-30\nadamw_lr = 1e-30\n\
+         [eval]\nbaseline_resolution = 32\nvalidation_assets = 1\n",
+        corpus.display()
+    );
+    fs::write(&config, told).unwrap();
+    let train = |name: &str, sets: &[&str]| {
+        let run = dir.path().join(name);
+        let mut args = vec!["train".to_string(), text(&config).into(), "--run".into(), text(&run).into()];
+        sets.iter().for_each(|set| args.extend(["--set".into(), (*set).to_string()]));
+        (run, args)
+    };
+    let start = |path: &Path| format!("train.start.from='{}'", path.display());
+    let said = |args: &[String]| {
+        let args: Vec<&str> = args.iter().map(String::as_str).collect();
+        String::from_utf8(must(&args).stderr).unwrap()
+    };
+
+    let (run, args) = train("backbone", &[&start(&published), "train.start.parts=['mesh_encoder']"]);
+    let notes = said(&args);
+    assert!(notes.contains("note: `mesh_encoder` begins with") && notes.contains("below `backbone.`"), "{notes}");
+    let own = weights_of(&run);
+    for (name, wanted) in backbone.below("w.") {
+        near(&name, &own[&format!("mesh_encoder.{name}")], &wanted, 1e-20);
+    }
+    let (drawn, args) = train("drawn", &[]);
+    said(&args);
+    let drawn = weights_of(&drawn);
+    let rest = own.iter().filter(|(name, _)| !name.starts_with("mesh_encoder."));
+    rest.for_each(|(name, t)| near(name, t, &drawn[name], 1e-20));
+
+    // All of a run; and the run that it came from is not asked for again.
+    let (whole, args) = train("whole", &[&start(&run), "train.seed=5"]);
+    assert!(said(&args).contains("note: the network begins with"));
+    weights_of(&whole).iter().for_each(|(name, t)| near(name, t, &own[name], 1e-20));
+    fs::remove_dir_all(&run).unwrap();
+    must(&["train", "--resume", text(&whole)]);
+
+    // What does not fit is said, and nothing is left behind.
+    let (none, args) = train("none", &[&start(&published)]);
+    let refused = refusal(&mut riglab(&args.iter().map(String::as_str).collect::<Vec<_>>()));
+    assert!(refused.contains("backbone.pth does not have all of this network") && !none.exists(), "{refused}");
+    let (_, args) = train("none", &[&start(&run)]);
+    let refused = refusal(&mut riglab(&args.iter().map(String::as_str).collect::<Vec<_>>()));
+    assert!(refused.contains("train.start.from") && !none.exists(), "{refused}");
+}
+
 fn params_of(params: &Params) -> Tensors {
     params.named(params.weights()).map(|(n, t)| (n.to_string(), t.detach())).collect()
 }

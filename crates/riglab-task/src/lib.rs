@@ -11,6 +11,7 @@ pub mod fsq_cvae;
 pub mod grpo;
 pub mod released;
 mod sequences;
+pub mod start;
 pub mod tokenrig;
 pub mod unirig_skeleton;
 pub mod unirig_skin;

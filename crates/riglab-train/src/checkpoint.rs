@@ -62,6 +62,11 @@ impl Checkpoint {
         Ok(Self { path: path.into(), state })
     }
 
+    /// The one that a run goes on from, if it has any.
+    pub fn latest(run: &Run) -> Option<Self> {
+        Store { dir: run.path("checkpoints") }.latest()
+    }
+
     /// The checkpoint that the rank who writes found in a run's folder.
     pub(crate) fn of_step(run: &Run, step: u64) -> Result<Self, TrainError> {
         let path = run.path("checkpoints").join(folder(step));
@@ -106,10 +111,15 @@ impl Checkpoint {
     /// # Errors
     /// When they are damaged, or of another network.
     pub fn load_weights(&self, params: &Params) -> Result<(), TrainError> {
-        let average = self.path.join(AVERAGE);
-        let file = if average.is_file() { average } else { self.path.join(MODEL) };
+        let file = self.weights();
         let tensors = io::read(&file)?;
         params.load(&tensors).map_err(|e| self.foreign(&file, &e))
+    }
+
+    /// The file of the weights to evaluate with.
+    pub fn weights(&self) -> PathBuf {
+        let average = self.path.join(AVERAGE);
+        if average.is_file() { average } else { self.path.join(MODEL) }
     }
 
     /// Loads everything a run goes on with.

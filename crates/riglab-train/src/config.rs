@@ -1,5 +1,7 @@
 //! Settings of a training run.
 
+use std::path::PathBuf;
+
 use riglab_nn::optim::OptimConfig;
 use riglab_ranks::Ranks;
 use serde::{Deserialize, Serialize};
@@ -12,6 +14,8 @@ use crate::together::Deal;
 pub struct TrainConfig {
     /// Seeds everything random.
     pub seed: u64,
+    /// Weights that the first step begins with, if not drawn ones.
+    pub start: StartConfig,
     /// Optimizer steps of the run.
     pub steps: u64,
     /// Batches whose gradients are summed (as a mean) for one step. Tasks of plain losses compute them side by side,
@@ -48,6 +52,26 @@ pub struct TrainConfig {
     pub histogram_every: u64,
     /// Steps in a row that may be skipped because loss or gradient is not finite.
     pub patience: u64,
+}
+
+/// Weights of another training, to go on from (fine-tuning) or to build on (a backbone). They are read once, when the
+/// run begins; what is not taken is drawn as always.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct StartConfig {
+    /// Where they are: a run's folder (its best checkpoint), safetensors, or a checkpoint of torch or Lightning. Empty
+    /// for none.
+    pub from: PathBuf,
+    /// Parts of the network that take theirs, by the beginning of their parameters' names, as `mesh_encoder`; the whole
+    /// network if none is named. What stands before the names in the file is found out.
+    pub parts: Vec<String>,
+}
+
+impl StartConfig {
+    /// Whether all weights are drawn.
+    pub fn is_none(&self) -> bool {
+        self.from.as_os_str().is_empty()
+    }
 }
 
 /// What a step computes with.
@@ -134,6 +158,7 @@ impl Default for TrainConfig {
     fn default() -> Self {
         Self {
             seed: 0,
+            start: StartConfig::default(),
             steps: 1000,
             accumulate: 1,
             side_by_side: 0,
@@ -172,6 +197,9 @@ impl TrainConfig {
             if value == 0 {
                 return fault(key, format!("{key} must be at least 1"));
             }
+        }
+        if self.start.is_none() && !self.start.parts.is_empty() {
+            return fault("start.parts", "parts of nothing: name the weights in train.start.from".into());
         }
         if self.keep == 0 {
             return fault("keep", "keep must be at least 1: a run resumes from its last checkpoint".into());

@@ -35,7 +35,7 @@ mod trainer;
 
 pub use beside::sides;
 pub use checkpoint::{Checkpoint, State};
-pub use config::{OneCycleConfig, Precision, ScheduleConfig, ScheduleKind, TrainConfig};
+pub use config::{OneCycleConfig, Precision, ScheduleConfig, ScheduleKind, StartConfig, TrainConfig};
 pub use error::TrainError;
 pub use estimate::{Estimate, estimate, product_speed};
 pub use interrupt::Interrupt;

@@ -7,6 +7,7 @@
 mod say;
 
 mod commands;
+mod offered;
 mod presets;
 mod registry;
 

@@ -159,6 +159,9 @@ impl GrpoTaskConfig {
         let bad = |key: &str, message: String| Err((key.to_owned(), message));
         self.augment.validate().map_err(|(key, message)| (format!("augment.{key}"), message))?;
         self.train.validate().map_err(|(key, message)| (format!("train.{key}"), message))?;
+        if !self.train.start.is_none() {
+            return bad("train.start", "GRPO starts from a trained policy: name it in start.model".into());
+        }
         self.reward.validate().map_err(|(key, message)| (format!("reward.{key}"), message))?;
         self.objective.validate().map_err(|(key, message)| (format!("objective.{key}"), message))?;
         let generate = self.eval.generate.validate();
@@ -225,6 +228,7 @@ mod tests {
         let twice = |c: &mut GrpoTaskConfig| (c.train.accumulate, c.rollout.epochs) = (2, 2);
         assert_eq!(of(twice), Err("train.accumulate".into()));
         assert_eq!(of(|c| c.reward.weights[1] = -1.0), Err("reward.weights".into()));
+        assert_eq!(of(|c| c.train.start.from = "a".into()), Err("train.start".into()));
         assert_eq!(of(|c| c.objective.clip = 0.0), Err("objective.clip".into()));
         assert_eq!(of(|c| c.guard.worse = 0.5), Err("guard.divergence".into()));
     }

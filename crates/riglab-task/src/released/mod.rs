@@ -28,7 +28,7 @@ use serde::Serialize;
 use tch::{Device, Kind, Tensor};
 
 pub use fit::Fit;
-pub use names::{Found, Model, recognise};
+pub use names::{Found, Model, plain as plain_name, recognise};
 use names::{KnownAs, tied};
 
 use crate::bundle::{Bundle, Card};

@@ -74,8 +74,8 @@ pub struct Found {
 pub fn recognise<'a>(names: impl Iterator<Item = &'a String> + Clone, wanted: Option<Model>) -> Option<Found> {
     let of = |model: Model| {
         let before = names.clone().filter_map(move |name| {
-            let clean = clean(name);
-            let prefix = clean.strip_suffix(model.sign())?;
+            let plain = plain(name);
+            let prefix = plain.strip_suffix(model.sign())?;
             (prefix.is_empty() || prefix.ends_with('.')).then(|| prefix.to_string())
         });
         let prefix = before.min_by_key(|prefix| (prefix.len(), prefix.clone()))?;
@@ -90,13 +90,13 @@ pub fn recognise<'a>(names: impl Iterator<Item = &'a String> + Clone, wanted: Op
 impl Found {
     /// By the networks' name that of the checkpoint, of all tensors below the prefix.
     pub(super) fn names<'a>(&self, all: impl Iterator<Item = &'a String>) -> BTreeMap<String, String> {
-        let own = |name: &String| Some((clean(name).strip_prefix(&self.prefix)?.to_string(), name.clone()));
+        let own = |name: &String| Some((plain(name).strip_prefix(&self.prefix)?.to_string(), name.clone()));
         all.filter_map(own).collect()
     }
 }
 
 /// A name without what wrappers add: `torch.compile` within, data parallelism before it.
-fn clean(name: &str) -> String {
+pub fn plain(name: &str) -> String {
     let name = name.replace("_orig_mod.", "");
     let mut rest = name.as_str();
     while let Some(shorter) = rest.strip_prefix("module.").or_else(|| rest.strip_prefix("_forward_module.")) {

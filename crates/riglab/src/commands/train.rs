@@ -3,13 +3,15 @@
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result, anyhow, bail};
 use riglab_ranks::{Ranks, processors};
 use riglab_task::Experiment;
-use riglab_train::{Ended, Interrupt, Run, RunInfo, estimate, product_speed, sides, train};
+use riglab_task::start::{Taken, take};
+use riglab_train::{Checkpoint, Ended, Interrupt, Run, RunInfo, StartConfig, estimate, product_speed, sides, train};
 use tch::Device;
 
 use super::slurm::{On, apart, settings, train as on_slurm};
+use crate::offered::open_weights;
 use crate::presets;
 use crate::registry::{TaskConfig, Visitor};
 
@@ -28,6 +30,8 @@ Examples:
   riglab train quickstart/fsq_cvae.toml --set data.corpora='[\"corpus.h5\"]'
   riglab train my.toml --set train.seed=2 --run runs/mine/seed-2
   riglab train --resume runs/mine/seed-2
+  riglab train my.toml --set train.start.from=runs/tokenrig/001
+  riglab train unirig/skin_paper.toml --set train.start.from=sampart3d.pth --set train.start.parts='[\"mesh_encoder\"]'
   riglab train my.toml --dry-run
   riglab train my.toml --on slurm --set slurm.time=12:00:00 --set slurm.memory=32G
   mpirun -n 2 riglab train my.toml --set train.accumulate=2   # built with --features mpi")]
@@ -121,7 +125,37 @@ fn together(args: &Args, threads: usize, ranks: &Ranks) -> Result<ExitCode> {
     if let Err((_, message)) = config.train().shared_by(ranks) {
         bail!("train.{message}");
     }
-    config.with(Device::Cpu, Session { config: &config, place, threads, ranks })
+    // What other weights begin with is asked for once.
+    let fresh = match &place {
+        Place::There(run) if ranks.leads() => Checkpoint::latest(run).is_none(),
+        _ => true,
+    };
+    let fresh = ranks.told(fresh)?;
+    config.with(Device::Cpu, Session { config: &config, place, fresh, threads, ranks })
+}
+
+/// Gives a network the weights that `train.start` names, if it does.
+fn begin<T: Experiment>(task: &T, start: &StartConfig) -> Result<Vec<String>> {
+    if start.is_none() {
+        return Ok(Vec::new());
+    }
+    let (shown, params) = (start.from.display(), task.params());
+    let mut offered = open_weights(&start.from).context("train.start.from")?;
+    let taken = take(params, &start.parts, &mut offered).map_err(|e| anyhow!("train.start: {shown} {e}"))?;
+    let line = |t: &Taken| {
+        let what = if t.part.is_empty() { "the network".into() } else { format!("`{}`", t.part) };
+        let below = if t.prefix.is_empty() { String::new() } else { format!(" below `{}`", t.prefix) };
+        let left = match t.left_over.as_slice() {
+            [] => String::new(),
+            [first, ..] => format!("; {} tensors there have no place here (`{first}`)", t.left_over.len()),
+        };
+        format!(
+            "{what} begins with {} tensors, {:.2} M numbers, of {shown}{below}{left}",
+            t.count.0,
+            t.count.1 as f64 / 1e6
+        )
+    };
+    Ok(taken.iter().map(line).collect())
 }
 
 /// The config that a run's `config.toml` holds, or will hold.
@@ -156,6 +190,8 @@ enum Place {
 struct Session<'a> {
     config: &'a TaskConfig,
     place: Place,
+    /// Whether no step was saved yet.
+    fresh: bool,
     threads: usize,
     ranks: &'a Ranks,
 }
@@ -164,7 +200,8 @@ impl Visitor for Session<'_> {
     type Out = ExitCode;
 
     fn visit<T: Experiment>(self, task: T) -> Result<ExitCode> {
-        let Self { config, place, threads, ranks } = self;
+        let Self { config, place, fresh, threads, ranks } = self;
+        let begun = if fresh { begin(&task, &config.train().start)? } else { Vec::new() };
         if !ranks.leads() {
             let run = match place {
                 Place::There(run) => run,
@@ -201,7 +238,7 @@ impl Visitor for Session<'_> {
             },
             run.dir().display()
         );
-        task.notes().iter().for_each(|note| eprintln!("note: {note}"));
+        begun.iter().chain(&task.notes()).for_each(|note| eprintln!("note: {note}"));
         let interrupt = Interrupt::listening_with(ranks);
         let outcome = train(&task, config.train(), &run, &interrupt, ranks);
         info.ended = RunInfo::now();
@@ -246,7 +283,8 @@ impl Visitor for DryRun<'_> {
     fn visit<T: Experiment>(self, task: T) -> Result<ExitCode> {
         let train = self.config.train();
         eprintln!("{}: {:.2} M parameters; trying a few steps", task.name(), task.params().numel() as f64 / 1e6);
-        task.notes().iter().for_each(|note| eprintln!("note: {note}"));
+        let begun = begin(&task, &train.start)?;
+        begun.iter().chain(&task.notes()).for_each(|note| eprintln!("note: {note}"));
         let found = estimate(&task, train)?;
         if self.json {
             say!("{}", serde_json::to_string(&found)?);

@@ -1,19 +1,17 @@
 //! `riglab checkpoint import`
 
-use std::collections::BTreeMap;
-use std::io::Read;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use anyhow::{Context, Result, anyhow, bail};
-use riglab_asset::{StoredKind, StoredTensor, TensorFile};
 use riglab_config::Config;
 use riglab_files::make_folder_of;
 use riglab_task::bundle::Card;
 use riglab_task::released::{Fit, Found, Imported, Model, Offered, import as read, recognise};
 use riglab_train::{Checkpoint, Run, RunInfo, State};
-use tch::{Device, Kind, Tensor};
+use tch::{Device, Kind};
 
+use crate::offered::open;
 use crate::presets;
 
 /// Take over weights that UniRig's or SkinTokens' authors published.
@@ -101,56 +99,6 @@ pub fn import(args: &ImportArgs) -> Result<ExitCode> {
     }
     eprintln!("next: {}", next(&model, out));
     Ok(ExitCode::SUCCESS)
-}
-
-/// A file's tensors, whichever of the formats it has.
-fn open(path: &Path) -> Result<Offered<'_>> {
-    let file = path.display().to_string();
-    let mut start = Vec::new();
-    if path.is_dir() {
-        bail!("{file} is a folder; give the checkpoint that lies in it");
-    }
-    let opened = std::fs::File::open(path).and_then(|f| f.take(64).read_to_end(&mut start));
-    opened.with_context(|| format!("{file} cannot be read"))?;
-    if start.starts_with(b"version https://git-lfs") {
-        bail!("{file} only says where the weights lie; fetch them with `git lfs pull`");
-    }
-    if start.get(8) == Some(&b'{') && !start.starts_with(b"PK") {
-        let tensors = riglab_nn::io::read(path)?;
-        let shapes = tensors.iter().map(|(n, t)| (n.clone(), t.size())).collect();
-        let read = move |name: &str| tensors.get(name).map(Tensor::shallow_clone).ok_or_else(|| format!("no `{name}`"));
-        return Ok(Offered { file, shapes, step: None, read: Box::new(read), setting: Box::new(|_| None) });
-    }
-    let mut tensors = TensorFile::open(path)?;
-    let length = |n: &usize| i64::try_from(*n).unwrap_or(i64::MAX);
-    let shapes: BTreeMap<String, Vec<i64>> =
-        tensors.shapes().map(|(n, s)| (n.to_owned(), s.iter().map(length).collect())).collect();
-    let step = tensors.step();
-    // The settings that are asked for.
-    let told: BTreeMap<&str, Vec<i64>> =
-        ["levels", "tokens_per_skin"].into_iter().filter_map(|key| Some((key, tensors.setting(key)?))).collect();
-    let read = move |name: &str| {
-        let stored = tensors.read(name).map_err(|e| e.to_string())?;
-        tensor(&stored.ok_or_else(|| format!("no `{name}`"))?).map_err(|e| format!("tensor `{name}`: {e}"))
-    };
-    Ok(Offered { file, shapes, step, read: Box::new(read), setting: Box::new(move |key| told.get(key).cloned()) })
-}
-
-fn tensor(stored: &StoredTensor) -> Result<Tensor, tch::TchError> {
-    let kind = match stored.kind {
-        StoredKind::F64 => Kind::Double,
-        StoredKind::F32 => Kind::Float,
-        StoredKind::F16 => Kind::Half,
-        StoredKind::Bf16 => Kind::BFloat16,
-        StoredKind::I64 => Kind::Int64,
-        StoredKind::I32 => Kind::Int,
-        StoredKind::I16 => Kind::Int16,
-        StoredKind::I8 => Kind::Int8,
-        StoredKind::U8 => Kind::Uint8,
-        StoredKind::Bool => Kind::Bool,
-    };
-    let shape: Vec<i64> = stored.shape.iter().map(|&n| n as i64).collect();
-    Tensor::f_from_data_size(&stored.bytes, &shape, kind)
 }
 
 /// The settings of a release, and for TokenRig those of its auto-encoder.

@@ -1,0 +1,84 @@
+//! Weights in files of others and of runs, by the names of their tensors.
+
+use std::collections::BTreeMap;
+use std::io::Read;
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result, bail};
+use riglab_asset::{StoredKind, StoredTensor, TensorFile};
+use riglab_task::released::Offered;
+use riglab_train::Checkpoint;
+use tch::{Kind, Tensor};
+
+/// A file's tensors, whichever of the formats it has.
+///
+/// # Errors
+/// When it is a folder, or cannot be read or understood.
+pub fn open(path: &Path) -> Result<Offered<'_>> {
+    let file = path.display().to_string();
+    let mut start = Vec::new();
+    if path.is_dir() {
+        bail!("{file} is a folder; give the checkpoint that lies in it");
+    }
+    let opened = std::fs::File::open(path).and_then(|f| f.take(64).read_to_end(&mut start));
+    opened.with_context(|| format!("{file} cannot be read"))?;
+    if start.starts_with(b"version https://git-lfs") {
+        bail!("{file} only says where the weights lie; fetch them with `git lfs pull`");
+    }
+    if start.get(8) == Some(&b'{') && !start.starts_with(b"PK") {
+        return safetensors(path);
+    }
+    let mut tensors = TensorFile::open(path)?;
+    let length = |n: &usize| i64::try_from(*n).unwrap_or(i64::MAX);
+    let shapes: BTreeMap<String, Vec<i64>> =
+        tensors.shapes().map(|(n, s)| (n.to_owned(), s.iter().map(length).collect())).collect();
+    let step = tensors.step();
+    // The settings that are asked for.
+    let told: BTreeMap<&str, Vec<i64>> =
+        ["levels", "tokens_per_skin"].into_iter().filter_map(|key| Some((key, tensors.setting(key)?))).collect();
+    let read = move |name: &str| {
+        let stored = tensors.read(name).map_err(|e| e.to_string())?;
+        tensor(&stored.ok_or_else(|| format!("no `{name}`"))?).map_err(|e| format!("tensor `{name}`: {e}"))
+    };
+    Ok(Offered { file, shapes, step, read: Box::new(read), setting: Box::new(move |key| told.get(key).cloned()) })
+}
+
+/// The tensors of a file, or of the best checkpoint of a run's folder, with which the run is evaluated.
+///
+/// # Errors
+/// As [`open`], or when the folder has no checkpoint.
+pub fn open_weights(path: &Path) -> Result<Offered<'_>> {
+    if !path.is_dir() {
+        return open(path);
+    }
+    // A folder of a checkpoint, or of a run that has several.
+    let here = [path.join("checkpoints").join("best"), path.join("checkpoints").join("last")];
+    let found = here.iter().find(|folder| folder.is_dir()).map_or(path, PathBuf::as_path);
+    let checkpoint = Checkpoint::open(found).with_context(|| format!("{}: no trained run", path.display()))?;
+    safetensors(&checkpoint.weights())
+}
+
+fn safetensors(path: &Path) -> Result<Offered<'static>> {
+    let tensors = riglab_nn::io::read(path)?;
+    let shapes = tensors.iter().map(|(n, t)| (n.clone(), t.size())).collect();
+    let read = move |name: &str| tensors.get(name).map(Tensor::shallow_clone).ok_or_else(|| format!("no `{name}`"));
+    let file = path.display().to_string();
+    Ok(Offered { file, shapes, step: None, read: Box::new(read), setting: Box::new(|_| None) })
+}
+
+fn tensor(stored: &StoredTensor) -> Result<Tensor, tch::TchError> {
+    let kind = match stored.kind {
+        StoredKind::F64 => Kind::Double,
+        StoredKind::F32 => Kind::Float,
+        StoredKind::F16 => Kind::Half,
+        StoredKind::Bf16 => Kind::BFloat16,
+        StoredKind::I64 => Kind::Int64,
+        StoredKind::I32 => Kind::Int,
+        StoredKind::I16 => Kind::Int16,
+        StoredKind::I8 => Kind::Int8,
+        StoredKind::U8 => Kind::Uint8,
+        StoredKind::Bool => Kind::Bool,
+    };
+    let shape: Vec<i64> = stored.shape.iter().map(|&n| n as i64).collect();
+    Tensor::f_from_data_size(&stored.bytes, &shape, kind)
+}
