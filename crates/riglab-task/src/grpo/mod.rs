@@ -12,6 +12,7 @@
 mod batch;
 mod config;
 mod evaluate;
+mod lineage;
 mod policy;
 mod report;
 mod rollout;
@@ -31,6 +32,7 @@ use tch::{Device, Kind, Tensor};
 
 pub use batch::{Batch, BatchSource, Subject};
 pub use config::{Dead, GrpoTaskConfig, GuardConfig, RolloutConfig, StartConfig};
+pub(crate) use lineage::{descends, refined};
 pub use report::{AssetRow, AssetScore, Evaluation, Report, Row};
 pub use rollout::{NOTES, Rollout, Sequence};
 use rollout::{floats, settle};
@@ -233,6 +235,7 @@ pub(crate) fn of_run(
     checkpoint: &str,
     device: Device,
 ) -> Result<(Rigger, Card), String> {
+    descends(run)?;
     let config = riglab_config::Config::from_toml_str(name, text).and_then(|c| c.get::<GrpoTaskConfig>());
     let config = config.map_err(|e| e.to_string())?;
     config.validate().map_err(|(key, message)| format!("{name}: {key}: {message}"))?;

@@ -1,6 +1,6 @@
 //! A trained skeleton model as others start from it.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use riglab_config::Config;
 use riglab_nn::params::Params;
@@ -9,6 +9,7 @@ use tch::Device;
 
 use super::{SkeletonTask, SkeletonTaskConfig};
 use crate::bundle::Bundle;
+use crate::grpo::{descends, refined};
 
 /// Its task.
 const KIND: &str = "unirig_skeleton";
@@ -27,6 +28,7 @@ impl Trained {
     /// A sentence: what cannot be read.
     pub fn open(path: &Path, device: Device) -> Result<Option<Self>, String> {
         if path.is_dir() {
+            descends(path)?;
             let file = path.join("config.toml");
             let text = std::fs::read_to_string(&file).map_err(|e| absent(&file, &e))?;
             let name = file.to_string_lossy();
@@ -68,13 +70,4 @@ impl Trained {
 fn absent(path: &Path, e: &std::io::Error) -> String {
     let path = path.display();
     format!("{path}: no model to start from ({e}); give start.model the folder of a run, or a model's file")
-}
-
-/// Where a run of GRPO started; `None` where it is of another task.
-fn refined(name: &str, text: &str) -> Result<Option<PathBuf>, String> {
-    let config = Config::from_toml_str(name, text).map_err(|e| e.to_string())?;
-    if config.get_at::<String>("task").unwrap_or_default() != "grpo" {
-        return Ok(None);
-    }
-    Ok(Some(config.get::<crate::grpo::GrpoTaskConfig>().map_err(|e| e.to_string())?.start.model))
 }

@@ -1,0 +1,65 @@
+//! What a run of GRPO refines, which may be such a run itself.
+
+use std::collections::BTreeSet;
+use std::path::{Path, PathBuf};
+
+use riglab_config::Config;
+
+use super::config::GrpoTaskConfig;
+
+/// Where a run of GRPO started (empty: the model that comes with riglab), by the text of its config; `None` where it is
+/// of another task.
+///
+/// # Errors
+/// A sentence: what cannot be understood.
+pub(crate) fn refined(name: &str, text: &str) -> Result<Option<PathBuf>, String> {
+    let config = Config::from_toml_str(name, text).map_err(|e| e.to_string())?;
+    if config.get_at::<String>("task").unwrap_or_default() != "grpo" {
+        return Ok(None);
+    }
+    Ok(Some(config.get::<GrpoTaskConfig>().map_err(|e| e.to_string())?.start.model))
+}
+
+/// Sees that those that a run started from come to an end.
+///
+/// # Errors
+/// A sentence: it starts from itself.
+pub(crate) fn descends(run: &Path) -> Result<(), String> {
+    let (mut seen, mut at) = (BTreeSet::new(), run.to_path_buf());
+    // What cannot be read is told by who needs it.
+    while let (Ok(full), Ok(text)) = (at.canonicalize(), std::fs::read_to_string(at.join("config.toml"))) {
+        if !seen.insert(full) {
+            let run = run.display();
+            return Err(format!(
+                "{run}: starts from itself, by the start.model of its config.toml; name another model"
+            ));
+        }
+        match refined(&at.to_string_lossy(), &text) {
+            Ok(Some(start)) if !start.as_os_str().is_empty() => at = start,
+            _ => break,
+        }
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_run_that_starts_from_itself_is_told() {
+        let dir = tempfile::tempdir().unwrap();
+        let run = |name: &str, start: &str| {
+            let run = dir.path().join(name);
+            std::fs::create_dir_all(&run).unwrap();
+            let start = if start.is_empty() { String::new() } else { dir.path().join(start).display().to_string() };
+            std::fs::write(run.join("config.toml"), format!("task = 'grpo'\n[start]\nmodel = '{start}'\n")).unwrap();
+            descends(&run)
+        };
+        assert_eq!(run("shipped", ""), Ok(()));
+        assert_eq!(run("second", "shipped"), Ok(()));
+        assert!(run("own", "own").unwrap_err().contains("own: starts from itself"));
+        run("one", "two").unwrap();
+        assert!(run("two", "one").unwrap_err().contains("starts from itself"));
+    }
+}
