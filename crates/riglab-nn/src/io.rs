@@ -3,9 +3,9 @@
 use std::collections::{BTreeMap, HashMap};
 use std::fs::File;
 use std::io::Write;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
-use safetensors::tensor::{Dtype, SafeTensors, TensorView, serialize};
+use safetensors::tensor::{Dtype, Metadata, SafeTensors, TensorView, serialize};
 use tch::{Device, Kind, Tensor};
 
 use crate::NnError;
@@ -81,17 +81,60 @@ pub fn write<'a>(path: &Path, tensors: impl IntoIterator<Item = (&'a str, &'a Te
     written.map_err(|e| NnError::File { path: path.into(), message: format!("cannot be written: {e}") })
 }
 
-/// All tensors of a safetensors file.
+/// An open safetensors file. Tensors are read one by one, so that a large file is never in memory beside the network
+/// that it fills.
+pub struct Reader {
+    path: PathBuf,
+    map: memmap2::Mmap,
+    head: Metadata,
+    /// Where the tensors begin in the file.
+    start: usize,
+}
+
+impl Reader {
+    /// Opens a file and reads its head.
+    ///
+    /// # Errors
+    /// [`NnError::File`] when it cannot be read or is no safetensors file.
+    pub fn open(path: &Path) -> Result<Self, NnError> {
+        let fault = |message: String| NnError::File { path: path.into(), message };
+        let file = File::open(path).map_err(|e| fault(format!("cannot be opened: {e}")))?;
+        // SAFETY: the file is not expected to change while it is read; a truncation would end in SIGBUS,
+        // as for every memory-mapped checkpoint.
+        let map = unsafe { memmap2::Mmap::map(&file) }.map_err(|e| fault(format!("cannot be read: {e}")))?;
+        let (size, head) = SafeTensors::read_metadata(&map).map_err(|e| fault(no_file(&e)))?;
+        Ok(Self { path: path.into(), map, head, start: size + HEAD_SIZE })
+    }
+
+    /// Shapes by name.
+    pub fn shapes(&self) -> BTreeMap<String, Vec<i64>> {
+        self.head.tensors().into_iter().map(|(name, info)| (name, shape(&info.shape))).collect()
+    }
+
+    /// A tensor by its name.
+    ///
+    /// # Errors
+    /// [`NnError::File`] when there is none, or of a kind that libtorch lacks.
+    pub fn read(&self, name: &str) -> Result<Tensor, NnError> {
+        let fault = |message: String| NnError::File { path: self.path.clone(), message };
+        let info = self.head.info(name).ok_or_else(|| fault(format!("has no tensor `{name}`")))?;
+        let (from, to) = (self.start + info.data_offsets.0, self.start + info.data_offsets.1);
+        let tensor = tensor(name, info.dtype, &info.shape, &self.map[from..to]).map_err(fault)?;
+        // Its pages are not asked for again; where they stay, they only count as memory of this process.
+        #[cfg(unix)]
+        // SAFETY: nothing borrows them any more, and what is read again comes from the file again.
+        let _ = unsafe { self.map.unchecked_advise_range(memmap2::UncheckedAdvice::DontNeed, from, to - from) };
+        Ok(tensor)
+    }
+}
+
+/// All tensors of a safetensors file; [`Reader`] reads them one by one.
 ///
 /// # Errors
 /// [`NnError::File`] when it cannot be read, is no safetensors file, or holds a kind libtorch lacks.
 pub fn read(path: &Path) -> Result<BTreeMap<String, Tensor>, NnError> {
-    let fault = |message: String| NnError::File { path: path.into(), message };
-    let file = File::open(path).map_err(|e| fault(format!("cannot be opened: {e}")))?;
-    // SAFETY: the file is not expected to change while it is read; a truncation would end in SIGBUS,
-    // as for every memory-mapped checkpoint.
-    let map = unsafe { memmap2::Mmap::map(&file) }.map_err(|e| fault(format!("cannot be read: {e}")))?;
-    of_bytes(&map).map_err(fault)
+    let file = Reader::open(path)?;
+    file.shapes().into_keys().map(|name| file.read(&name).map(|t| (name, t))).collect()
 }
 
 /// Tensors by name, and the texts in a file's head.
@@ -102,21 +145,28 @@ pub type Held = (BTreeMap<String, Tensor>, HashMap<String, String>);
 /// # Errors
 /// A sentence without a subject: what is wrong with it.
 pub fn from_bytes(bytes: &[u8]) -> Result<Held, String> {
-    let (_, head) = SafeTensors::read_metadata(bytes).map_err(|e| format!("is no safetensors file ({e})"))?;
-    Ok((of_bytes(bytes)?, head.metadata().clone().unwrap_or_default()))
+    let (_, head) = SafeTensors::read_metadata(bytes).map_err(|e| no_file(&e))?;
+    let tensors = SafeTensors::deserialize(bytes).map_err(|e| no_file(&e))?;
+    let each = tensors
+        .iter()
+        .map(|(name, view)| Ok((name.to_string(), tensor(name, view.dtype(), view.shape(), view.data())?)));
+    Ok((each.collect::<Result<_, String>>()?, head.metadata().clone().unwrap_or_default()))
 }
 
-fn of_bytes(bytes: &[u8]) -> Result<BTreeMap<String, Tensor>, String> {
-    let tensors = SafeTensors::deserialize(bytes).map_err(|e| format!("is no safetensors file ({e})"))?;
-    let mut out = BTreeMap::new();
-    for (name, view) in tensors.iter() {
-        let kind = kind(view.dtype()).ok_or_else(|| format!("tensor `{name}` has the type {:?}", view.dtype()))?;
-        let shape: Vec<i64> = view.shape().iter().map(|&s| s as i64).collect();
-        let tensor =
-            Tensor::f_from_data_size(view.data(), &shape, kind).map_err(|e| format!("tensor `{name}`: {e}"))?;
-        out.insert(name.to_string(), tensor);
-    }
-    Ok(out)
+/// Before the head of a file stands its size, of so many bytes.
+const HEAD_SIZE: usize = 8;
+
+fn no_file(e: &safetensors::SafeTensorError) -> String {
+    format!("is no safetensors file ({e})")
+}
+
+fn shape(shape: &[usize]) -> Vec<i64> {
+    shape.iter().map(|&s| s as i64).collect()
+}
+
+fn tensor(name: &str, dtype: Dtype, sizes: &[usize], data: &[u8]) -> Result<Tensor, String> {
+    let kind = kind(dtype).ok_or_else(|| format!("tensor `{name}` has the type {dtype:?}"))?;
+    Tensor::f_from_data_size(data, &shape(sizes), kind).map_err(|e| format!("tensor `{name}`: {e}"))
 }
 
 #[cfg(test)]
@@ -132,6 +182,11 @@ mod tests {
         write(&path, [("b", &b), ("a", &a.transpose(0, 1))]).unwrap();
         let back = read(&path).unwrap();
         assert!(back["a"].equal(&a.transpose(0, 1)) && back["b"].equal(&b));
+        let one = Reader::open(&path).unwrap();
+        assert_eq!(one.shapes(), [("a".to_string(), vec![3, 2]), ("b".into(), vec![2])].into());
+        // As often as one likes, and what it lacks is told.
+        assert!((0..2).all(|_| one.read("b").unwrap().equal(&b)));
+        assert!(one.read("c").unwrap_err().to_string().contains("a.safetensors: has no tensor `c`"));
         let bytes = std::fs::read(&path).unwrap();
         std::fs::write(&path, &bytes[..bytes.len() - 3]).unwrap();
         assert!(read(&path).unwrap_err().to_string().contains("is no safetensors file"));

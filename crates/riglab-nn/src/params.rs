@@ -6,7 +6,7 @@
 //! stacks are computed again in the backward pass ([`Weights::block`]) goes with the weights, too.
 
 use std::cell::RefCell;
-use std::collections::{BTreeMap, BTreeSet, HashMap};
+use std::collections::{BTreeMap, BTreeSet, HashMap, HashSet};
 
 use rayon::prelude::*;
 use riglab_random::{Draw, stream};
@@ -14,6 +14,7 @@ use serde::{Deserialize, Serialize};
 use tch::{Device, Kind, Tensor};
 
 use crate::NnError;
+use crate::io::Reader;
 
 /// The number of a parameter.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -310,37 +311,44 @@ impl Params {
     /// # Errors
     /// [`NnError::Mismatch`], naming what is missing, too many or of another shape.
     pub fn load(&self, tensors: &BTreeMap<String, Tensor>) -> Result<(), NnError> {
-        self.load_into(tensors, &self.weights)
+        self.check(&tensors.iter().map(|(name, t)| (name.clone(), t.size())).collect())?;
+        let _no_grad = tch::no_grad_guard();
+        self.named(&self.weights).for_each(|(name, own)| own.shallow_clone().copy_(&tensors[name]));
+        Ok(())
     }
 
-    /// As [`Self::load`], into other weights of this network.
+    /// As [`Self::load`], a tensor at a time from a file into these or other weights of this network: the file is never
+    /// in memory beside the network.
     ///
     /// # Errors
-    /// As [`Self::load`].
-    pub fn load_into(&self, tensors: &BTreeMap<String, Tensor>, weights: &Weights) -> Result<(), NnError> {
+    /// As [`Self::load`], and when a tensor cannot be read.
+    pub fn load_from(&self, file: &Reader, weights: &Weights) -> Result<(), NnError> {
+        self.check(&file.shapes())?;
+        let _no_grad = tch::no_grad_guard();
+        for (name, own) in self.named(weights) {
+            own.shallow_clone().copy_(&file.read(name)?);
+        }
+        Ok(())
+    }
+
+    /// Whether names and shapes are those of this network.
+    fn check(&self, shapes: &BTreeMap<String, Vec<i64>>) -> Result<(), NnError> {
         let mut faults = Vec::new();
-        for (e, own) in self.entries.iter().zip(&weights.tensors) {
-            match tensors.get(&e.name) {
+        for e in &self.entries {
+            match shapes.get(&e.name) {
                 None => faults.push(format!("`{}` is missing", e.name)),
-                Some(t) if t.size() != own.size() => {
-                    faults.push(format!("`{}` is {:?}, expected {:?}", e.name, t.size(), own.size()));
-                }
+                Some(s) if *s != e.shape => faults.push(format!("`{}` is {s:?}, expected {:?}", e.name, e.shape)),
                 Some(_) => {}
             }
         }
-        let known: HashMap<&str, ()> = self.entries.iter().map(|e| (e.name.as_str(), ())).collect();
-        faults.extend(tensors.keys().filter(|k| !known.contains_key(k.as_str())).map(|k| format!("`{k}` is unknown")));
-        if !faults.is_empty() {
-            let (count, tensors) = (faults.len(), self.entries.len());
-            faults.truncate(3);
-            return Err(NnError::Mismatch { count, tensors, first: faults.join(", ") });
+        let known: HashSet<&str> = self.entries.iter().map(|e| e.name.as_str()).collect();
+        faults.extend(shapes.keys().filter(|k| !known.contains(k.as_str())).map(|k| format!("`{k}` is unknown")));
+        if faults.is_empty() {
+            return Ok(());
         }
-        tch::no_grad(|| {
-            for (e, own) in self.entries.iter().zip(&weights.tensors) {
-                own.shallow_clone().copy_(&tensors[&e.name]);
-            }
-        });
-        Ok(())
+        let (count, tensors) = (faults.len(), self.entries.len());
+        faults.truncate(3);
+        Err(NnError::Mismatch { count, tensors, first: faults.join(", ") })
     }
 }
 

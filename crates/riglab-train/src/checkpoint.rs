@@ -9,9 +9,9 @@ use std::fs::{self, File};
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
-use riglab_nn::io;
 use riglab_nn::optim::{Ema, Optimizer};
-use riglab_nn::params::Params;
+use riglab_nn::params::{Params, Weights};
+use riglab_nn::{NnError, io};
 use serde::{Deserialize, Serialize};
 use tch::Tensor;
 
@@ -112,8 +112,7 @@ impl Checkpoint {
     /// When they are damaged, or of another network.
     pub fn load_weights(&self, params: &Params) -> Result<(), TrainError> {
         let file = self.weights();
-        let tensors = io::read(&file)?;
-        params.load(&tensors).map_err(|e| self.foreign(&file, &e))
+        self.take(&file, params, params.weights())
     }
 
     /// The file of the weights to evaluate with.
@@ -128,10 +127,9 @@ impl Checkpoint {
     /// When something is missing, damaged, or of another network or optimizer.
     pub fn restore(&self, params: &Params, optimizer: &mut Optimizer, ema: Option<&Ema>) -> Result<(), TrainError> {
         let file = |name: &str| self.path.join(name);
-        params.load(&io::read(&file(MODEL))?).map_err(|e| self.foreign(&file(MODEL), &e))?;
+        self.take(&file(MODEL), params, params.weights())?;
         if let Some(ema) = ema {
-            let tensors = io::read(&file(AVERAGE))?;
-            params.load_into(&tensors, ema.weights()).map_err(|e| self.foreign(&file(AVERAGE), &e))?;
+            self.take(&file(AVERAGE), params, ema.weights())?;
         }
         let state = io::read(&file(OPTIMIZER))?;
         optimizer.load_state(params, &state).map_err(|e| self.foreign(&file(OPTIMIZER), &e))
@@ -146,7 +144,14 @@ impl Checkpoint {
         if file.is_file() { Ok(io::read(&file)?) } else { Ok(BTreeMap::new()) }
     }
 
-    fn foreign(&self, file: &Path, e: &riglab_nn::NnError) -> TrainError {
+    fn take(&self, file: &Path, params: &Params, weights: &Weights) -> Result<(), TrainError> {
+        params.load_from(&io::Reader::open(file)?, weights).map_err(|e| match e {
+            NnError::Mismatch { .. } => self.foreign(file, &e),
+            e => e.into(),
+        })
+    }
+
+    fn foreign(&self, file: &Path, e: &NnError) -> TrainError {
         let message = format!(
             "not of this network ({e}); it was written by task `{}` with another config: take the `config.toml` beside its checkpoints",
             self.state.task

@@ -59,9 +59,9 @@ pub fn open_weights(path: &Path) -> Result<Offered<'_>> {
 }
 
 fn safetensors(path: &Path) -> Result<Offered<'static>> {
-    let tensors = riglab_nn::io::read(path)?;
-    let shapes = tensors.iter().map(|(n, t)| (n.clone(), t.size())).collect();
-    let read = move |name: &str| tensors.get(name).map(Tensor::shallow_clone).ok_or_else(|| format!("no `{name}`"));
+    let tensors = riglab_nn::io::Reader::open(path)?;
+    let shapes = tensors.shapes();
+    let read = move |name: &str| tensors.read(name).map_err(|e| e.to_string());
     let file = path.display().to_string();
     Ok(Offered { file, shapes, step: None, read: Box::new(read), setting: Box::new(|_| None) })
 }
