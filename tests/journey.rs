@@ -169,7 +169,8 @@ fn from_files_to_weights_for_given_skeletons() {
         let lines = fs::read_to_string(run.join("metrics.jsonl")).unwrap();
         (run, lines.lines().map(|l| serde_json::from_str(l).unwrap()).collect::<Vec<Value>>())
     };
-    let (run, metrics) = run_with("run", "", "", 80);
+    let freeze = "[loss]\nfreeze = { probability = 0.5, share = 0.5 }";
+    let (run, metrics) = run_with("run", "", freeze, 80);
     let losses: Vec<f64> = metrics.iter().filter_map(|l| l["train/skin"].as_f64()).collect();
     let mean = |part: &[f64]| part.iter().sum::<f64>() / part.len() as f64;
     assert_eq!(losses.len(), 80);

@@ -262,10 +262,16 @@ fn a_training_begins_with_a_published_backbone_or_with_another_run() {
     let rest = own.iter().filter(|(name, _)| !name.starts_with("mesh_encoder."));
     rest.for_each(|(name, t)| near(name, t, &drawn[name], 1e-20));
 
-    // All of a run; and the run that it came from is not asked for again.
+    // All of a run.
     let (whole, args) = train("whole", &[&start(&run), "train.seed=5"]);
     assert!(said(&args).contains("note: the network begins with"));
-    weights_of(&whole).iter().for_each(|(name, t)| near(name, t, &own[name], 1e-20));
+    let same = || weights_of(&whole).iter().for_each(|(name, t)| near(name, t, &own[name], 1e-20));
+    same();
+    // Killed before it saved anything, it begins with them again.
+    fs::remove_dir_all(whole.join("checkpoints")).unwrap();
+    must(&["train", "--resume", text(&whole)]);
+    same();
+    // Where it came from is not asked for again.
     fs::remove_dir_all(&run).unwrap();
     must(&["train", "--resume", text(&whole)]);
 
