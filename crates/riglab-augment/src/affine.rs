@@ -1,6 +1,6 @@
 //! Rotation, mirroring and scale about the origin of normalised coordinates.
 
-use glam::{EulerRot, Mat3, Vec3};
+use glam::{EulerRot, Mat3, Quat, Vec3};
 use riglab_random::{Draw, Stream};
 use serde::{Deserialize, Serialize};
 
@@ -12,6 +12,8 @@ pub struct AffineConfig {
     pub yaw: f32,
     /// Deviation of the turns about both other axes, in radians.
     pub tilt: f32,
+    /// Probability of a turn to any orientation, all alike, before the other turns: some files lie on their back.
+    pub tumble: f32,
     /// Probability of mirroring left and right.
     pub mirror: f32,
     /// Smallest and largest uniform scale.
@@ -24,7 +26,7 @@ pub struct AffineConfig {
 
 impl Default for AffineConfig {
     fn default() -> Self {
-        Self { yaw: 0.0, tilt: 0.0, mirror: 0.0, scale: [1.0, 1.0], stretch: 0.0, noise: 0.0 }
+        Self { yaw: 0.0, tilt: 0.0, tumble: 0.0, mirror: 0.0, scale: [1.0, 1.0], stretch: 0.0, noise: 0.0 }
     }
 }
 
@@ -41,8 +43,10 @@ impl AffineConfig {
         if !(0.0..1.0).contains(&self.stretch) {
             return Err(("stretch", format!("stretch = {} must be at least 0 and below 1", self.stretch)));
         }
-        if !(0.0..=1.0).contains(&self.mirror) {
-            return Err(("mirror", format!("mirror = {} is a probability", self.mirror)));
+        for (key, p) in [("mirror", self.mirror), ("tumble", self.tumble)] {
+            if !(0.0..=1.0).contains(&p) {
+                return Err((key, format!("{key} = {p} is a probability")));
+            }
         }
         for (key, v) in [("yaw", self.yaw), ("tilt", self.tilt), ("noise", self.noise)] {
             if !(v >= 0.0 && v.is_finite()) {
@@ -52,7 +56,8 @@ impl AffineConfig {
         Ok(())
     }
 
-    /// Draws a map. The same numbers are taken from the stream whatever the config.
+    /// Draws a map. The same numbers are taken from the stream whatever the config, but for those of `tumble`, which are
+    /// taken where it is on.
     pub fn draw(&self, random: &mut Stream) -> AffineMap {
         let turns = [self.tilt, self.yaw, self.tilt].map(|s| s * random.normal());
         let rotation = Mat3::from_euler(EulerRot::XYZ, turns[0], turns[1], turns[2]);
@@ -62,7 +67,16 @@ impl AffineConfig {
         if random.chance(self.mirror) {
             axes.x = -axes.x;
         }
-        AffineMap::new(rotation * Mat3::from_diagonal(axes), self.noise)
+        let mut any = Mat3::IDENTITY;
+        if self.tumble > 0.0 {
+            let tumbled = random.chance(self.tumble);
+            // A normal point of four dimensions lies on the sphere of quaternions anywhere alike.
+            let q: [f32; 4] = std::array::from_fn(|_| random.normal());
+            if tumbled && q.iter().map(|x| x * x).sum::<f32>() > 1e-6 {
+                any = Mat3::from_quat(Quat::from_array(q).normalize());
+            }
+        }
+        AffineMap::new(rotation * any * Mat3::from_diagonal(axes), self.noise)
     }
 }
 
@@ -108,7 +122,7 @@ mod tests {
     use super::*;
 
     fn wild() -> AffineConfig {
-        AffineConfig { yaw: 1.0, tilt: 0.5, mirror: 0.5, scale: [0.5, 2.0], stretch: 0.5, noise: 0.0 }
+        AffineConfig { yaw: 1.0, tilt: 0.5, tumble: 0.5, mirror: 0.5, scale: [0.5, 2.0], stretch: 0.5, noise: 0.0 }
     }
 
     #[test]
@@ -123,6 +137,19 @@ mod tests {
             // Outwards stays outwards: the image of n lies on the normal's side.
             assert!((map.matrix * n).dot(map.normal(n.into()).into()) > 0.0);
         }
+    }
+
+    #[test]
+    fn tumbled_rigs_lie_anyhow_as_often_as_they_are_told() {
+        let config = AffineConfig { tumble: 0.25, ..AffineConfig::default() };
+        let up = |seed| Vec3::from(config.draw(&mut stream(seed, "test", &[])).exact([0.0, 1.0, 0.0]));
+        let all: Vec<Vec3> = (0..2_000).map(up).collect();
+        assert!(all.iter().all(|up| (up.length() - 1.0).abs() < 1e-5), "nothing is stretched");
+        let turned: Vec<Vec3> = all.into_iter().filter(|up| up.y < 1.0).collect();
+        assert!((450..550).contains(&turned.len()), "{}", turned.len());
+        let mean = turned.iter().sum::<Vec3>() / turned.len() as f32;
+        assert!(mean.length() < 0.1, "{mean}: no way is up more than others");
+        assert!(AffineConfig { tumble: 1.5, ..config }.validate().is_err());
     }
 
     #[test]

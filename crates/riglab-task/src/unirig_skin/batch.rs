@@ -352,14 +352,7 @@ mod tests {
     #[test]
     fn distances_grow_with_the_rig() {
         let (ready, mut c) = (ready(), config());
-        c.augment = riglab_augment::AffineConfig {
-            yaw: 0.0,
-            tilt: 0.0,
-            mirror: 0.0,
-            scale: [2.0, 2.0],
-            stretch: 0.0,
-            noise: 0.0,
-        };
+        c.augment = riglab_augment::AffineConfig { scale: [2.0, 2.0], ..Default::default() };
         c.model.pair = 1;
         c.sampling.told = Told::Distance;
         let of = |c: &SkinTaskConfig| sample(c, &ready, &mut stream(3, "test", &[])).unwrap();
