@@ -182,6 +182,17 @@ fn from_files_to_weights_for_given_skeletons() {
     for method in ["raw", "rule", "nearest bone", "geodesic nearest bone", "geodesic 1/d^16, top 4, cut 0.15"] {
         assert!(rows.iter().any(|r| r["method"] == method && r["motion"].as_f64() > Some(0.0)), "no row {method}");
     }
+    // Weights spread before they are cut: another rule of the same network.
+    let plain = dir.path().join("plain.json");
+    must(&["eval", text(&run), "--pictures", "0", "--set", "eval.spread=0.0", "-o", text(&plain)]);
+    let plain: Value = serde_json::from_slice(&fs::read(plain).unwrap()).unwrap();
+    let l1 = |of: &Value, method: &str| {
+        let rows = of["report"]["rows"].as_array().unwrap();
+        rows.iter().find(|r| r["method"] == method).unwrap()["pooled"]["l1"].as_f64().unwrap()
+    };
+    assert_eq!((&evaluation["report"]["spread"], &plain["report"]["spread"]), (&0.35.into(), &0.0.into()));
+    assert_eq!(l1(&evaluation, "raw"), l1(&plain, "raw"));
+    assert_ne!(l1(&evaluation, "rule"), l1(&plain, "rule"));
     let report = dir.path().join("report.html");
     must(&["report", text(&run), "-o", text(&report)]);
     let html = fs::read_to_string(&report).unwrap();

@@ -1,9 +1,8 @@
 //! Weights by heat that flows over the surface.
 
-use std::collections::HashMap;
-
 use rayon::prelude::*;
 use riglab_core::{JointId, Mesh, Segment, Skeleton, SkinWeights};
+use riglab_geom::SurfaceHeat;
 use riglab_geom::geodesic::GeodesicSolver;
 use riglab_geom::voxel::SolidConfig;
 
@@ -13,11 +12,8 @@ const MOST: usize = 8;
 const AT_ONCE: usize = 32;
 /// Bones whose distances differ by less than this share are equally near.
 const EQUAL: f64 = 1e-4;
-/// Bones nearer than this share of the mesh's diagonal heat no more than at it.
-const NEAREST: f64 = 1e-4;
-/// Where the search for a solution ends: the share of the first residual that is left, or this many rounds.
+/// Where the search for an equilibrium ends: the share of the first residual that is left.
 const RESIDUAL: f64 = 1e-6;
-const ROUNDS: usize = 1_000;
 
 /// Weights by heat diffusion, as Pinocchio binds a mesh (Baran and Popović 2007, section 4): each bone in turn is hot
 /// and heats the vertices it is nearest to, by 1 / d²; heat spreads over the surface, and what a vertex has in
@@ -31,19 +27,19 @@ pub fn heat_weights(mesh: &Mesh, skeleton: &Skeleton, joints: &[JointId], config
     let all: Vec<JointId> = skeleton.ids().collect();
     let joints = if joints.is_empty() { &all } else { joints };
     let (near, distance) = nearest(mesh, skeleton, joints, config);
-    let surface = Surface::new(mesh, &distance);
+    let surface = SurfaceHeat::new(mesh, &distance);
     // Of welded vertices the first speaks for all.
     let held = |bone: u32| -> Vec<(usize, f64)> {
-        let shares = surface.speakers.iter().enumerate();
+        let shares = surface.speakers().iter().enumerate();
         shares.filter(|(_, v)| near[**v].contains(&bone)).map(|(s, v)| (s, 1.0 / near[*v].len() as f64)).collect()
     };
-    let mut best = vec![[(0.0f32, u16::MAX); MOST]; surface.speakers.len()];
+    let mut best = vec![[(0.0f32, u16::MAX); MOST]; surface.speakers().len()];
     for some in (0..joints.len() as u32).collect::<Vec<_>>().chunks(AT_ONCE) {
         let solved: Vec<(u32, Vec<f64>)> = some
             .par_iter()
             .filter_map(|&bone| {
                 let held = held(bone);
-                (!held.is_empty()).then(|| (bone, surface.solve(&held)))
+                (!held.is_empty()).then(|| (bone, surface.solve(&held, RESIDUAL)))
             })
             .collect();
         best.par_iter_mut().enumerate().for_each(|(s, best)| {
@@ -57,7 +53,7 @@ pub fn heat_weights(mesh: &Mesh, skeleton: &Skeleton, joints: &[JointId], config
             }
         });
     }
-    let rows = surface.place.iter().zip(&near).map(|(s, near)| {
+    let rows = surface.rows().iter().zip(&near).map(|(s, near)| {
         let mut row: Vec<(u16, f64)> =
             best[*s].iter().filter(|(w, _)| w.is_finite() && *w > 0.0).map(|(w, j)| (*j, f64::from(*w))).collect();
         if row.is_empty() {
@@ -89,141 +85,6 @@ fn nearest(mesh: &Mesh, skeleton: &Skeleton, joints: &[JointId], config: &SolidC
         });
     }
     found.into_iter().map(|(near, least)| (near.into_iter().map(|(b, _)| b).collect(), least)).unzip()
-}
-
-/// The system of a mesh, the same for all bones: rows of L + M H.
-struct Surface {
-    /// The row of each vertex.
-    place: Vec<usize>,
-    /// A vertex of each row.
-    speakers: Vec<usize>,
-    offsets: Vec<usize>,
-    /// Columns beside the diagonal, with what they take away.
-    entries: Vec<(u32, f64)>,
-    diagonal: Vec<f64>,
-    /// M H.
-    heat: Vec<f64>,
-}
-
-impl Surface {
-    fn new(mesh: &Mesh, distance: &[f64]) -> Self {
-        let mut rows: HashMap<[u32; 3], usize> = HashMap::new();
-        let (mut place, mut speakers) = (Vec::with_capacity(distance.len()), Vec::new());
-        for (v, p) in mesh.positions().iter().enumerate() {
-            // -0 and 0 are one place.
-            let row = *rows.entry(p.map(|x| (x + 0.0).to_bits())).or_insert_with(|| {
-                speakers.push(v);
-                speakers.len() - 1
-            });
-            place.push(row);
-        }
-        let wide = |row: usize| mesh.positions()[speakers[row]].map(f64::from);
-        let (mut edges, mut area): (Vec<(u32, u32, f64)>, Vec<f64>) = (Vec::new(), vec![0.0; speakers.len()]);
-        let mut size = 0.0f64;
-        for t in mesh.triangles() {
-            let t = t.map(|v| place[v as usize]);
-            let [a, b, c] = t.map(wide);
-            let double = length(cross(minus(b, a), minus(c, a)));
-            size = size.max(length(minus(b, a))).max(length(minus(c, a)));
-            if !(double > 0.0 && double.is_finite()) {
-                continue;
-            }
-            for k in 0..3 {
-                let (i, j, o) = (t[k], t[(k + 1) % 3], [a, b, c][(k + 2) % 3]);
-                let cotangent = dot(minus(wide(i), o), minus(wide(j), o)) / double;
-                // A flat angle would draw heat from the cold to the hot.
-                let w = 0.5 * cotangent.max(0.0);
-                if w > 0.0 && w.is_finite() {
-                    edges.extend([(i as u32, j as u32, w), (j as u32, i as u32, w)]);
-                }
-                area[i] += double / 6.0;
-            }
-        }
-        edges.sort_unstable_by(|a, b| (a.0, a.1).cmp(&(b.0, b.1)).then(a.2.total_cmp(&b.2)));
-        let mut out = Self {
-            offsets: vec![0],
-            entries: Vec::with_capacity(edges.len()),
-            diagonal: vec![0.0; speakers.len()],
-            heat: Vec::with_capacity(speakers.len()),
-            place,
-            speakers,
-        };
-        let mut edges = edges.into_iter().peekable();
-        for (row, area) in area.into_iter().enumerate() {
-            let start = out.entries.len();
-            while let Some((_, column, w)) = edges.next_if(|e| e.0 as usize == row) {
-                match out.entries[start..].last_mut() {
-                    Some(last) if last.0 == column => last.1 += w,
-                    _ => out.entries.push((column, w)),
-                }
-            }
-            out.offsets.push(out.entries.len());
-            let least = (NEAREST * size).max(f64::MIN_POSITIVE.sqrt());
-            let heat = area / distance[out.speakers[row]].max(least).powi(2);
-            let flow: f64 = out.entries[start..].iter().map(|(_, w)| w).sum();
-            // A vertex without area, or one whose numbers broke: it has the heat of its bone.
-            let heat = if heat > 0.0 && heat.is_finite() { heat } else { 1.0 };
-            out.heat.push(heat);
-            out.diagonal[row] = flow + heat;
-        }
-        out
-    }
-
-    fn times(&self, x: &[f64], out: &mut [f64]) {
-        for (row, out) in out.iter_mut().enumerate() {
-            let beside = &self.entries[self.offsets[row]..self.offsets[row + 1]];
-            *out = self.diagonal[row] * x[row] - beside.iter().map(|(c, w)| w * x[*c as usize]).sum::<f64>();
-        }
-    }
-
-    /// Heat of all rows when some are heated: conjugate gradients, the diagonal as preconditioner. The matrix is
-    /// symmetric and its diagonal outweighs the rest of every row.
-    fn solve(&self, heated: &[(usize, f64)]) -> Vec<f64> {
-        let n = self.diagonal.len();
-        let (mut x, mut r) = (vec![0.0; n], vec![0.0; n]);
-        for &(row, share) in heated {
-            r[row] = self.heat[row] * share;
-        }
-        let eased = |r: &[f64]| r.iter().zip(&self.diagonal).map(|(r, d)| r / d).collect::<Vec<f64>>();
-        let sum = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
-        let mut z = eased(&r);
-        let (mut p, mut ap) = (z.clone(), vec![0.0; n]);
-        let mut rz = sum(&r, &z);
-        let enough = rz * RESIDUAL * RESIDUAL;
-        for _ in 0..ROUNDS {
-            if rz.is_nan() || rz <= enough {
-                break;
-            }
-            self.times(&p, &mut ap);
-            let step = rz / sum(&p, &ap);
-            for k in 0..n {
-                x[k] += step * p[k];
-                r[k] -= step * ap[k];
-            }
-            z = eased(&r);
-            let next = sum(&r, &z);
-            let turn = next / rz;
-            p.iter_mut().zip(&z).for_each(|(p, z)| *p = z + turn * *p);
-            rz = next;
-        }
-        x
-    }
-}
-
-fn minus(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
-    std::array::from_fn(|k| a[k] - b[k])
-}
-
-fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
-    (0..3).map(|k| a[k] * b[k]).sum()
-}
-
-fn cross(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
-    [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
-}
-
-fn length(a: [f64; 3]) -> f64 {
-    dot(a, a).sqrt()
 }
 
 #[cfg(test)]
@@ -286,24 +147,6 @@ mod tests {
         for y in [1.0, 4.5, 6.0] {
             assert!((share(&whole, y) - share(&seams, y)).abs() < 0.02, "heat stops at seams");
         }
-    }
-
-    #[test]
-    fn the_system_is_solved() {
-        let mesh = tube(20, false);
-        let distance: Vec<f64> = (0..mesh.positions().len()).map(|v| 1.0 + 0.01 * v as f64).collect();
-        let surface = Surface::new(&mesh, &distance);
-        let heated: Vec<(usize, f64)> = (0..50).map(|row| (row, 1.0)).collect();
-        let x = surface.solve(&heated);
-        let mut back = vec![0.0; x.len()];
-        surface.times(&x, &mut back);
-        for (row, b) in back.iter().enumerate() {
-            let want = if row < 50 { surface.heat[row] } else { 0.0 };
-            assert!((b - want).abs() < 1e-5 * surface.heat[row].max(1.0), "row {row}: {b}, expected {want}");
-        }
-        // All heated: the same everywhere.
-        let all: Vec<(usize, f64)> = (0..x.len()).map(|row| (row, 1.0)).collect();
-        assert!(surface.solve(&all).iter().all(|x| (x - 1.0).abs() < 1e-5));
     }
 
     #[test]

@@ -171,6 +171,9 @@ pub struct EvalConfig {
     pub validation_vertices: usize,
     /// Assets of the validation split that it looks at while training; 0 takes all.
     pub validation_assets: usize,
+    /// How far the decode rule spreads weights over the surface before it cuts, in distances of each vertex from its
+    /// nearest bone; 0 leaves them as told vertex by vertex. Not in the paper.
+    pub spread: f32,
     /// Cuts among which the decode rule's is chosen, on the validation split.
     pub cuts: Vec<f32>,
     /// Pairs of bone and point at once: bounds memory.
@@ -232,7 +235,8 @@ impl Default for EvalConfig {
             points: 0,
             validation_vertices: 800,
             validation_assets: 0,
-            cuts: vec![0.01, 0.02, 0.03, 0.05, 0.08, 0.12, 0.16],
+            spread: 0.0,
+            cuts: vec![0.01, 0.02, 0.03, 0.05, 0.08, 0.12, 0.16, 0.2, 0.25],
             chunk: 1 << 16,
             baseline_resolution: 128,
             seed: 1,
@@ -299,6 +303,10 @@ impl SkinTaskConfig {
             );
         }
         self.validate_loss()?;
+        if !(0.0..=10.0).contains(&self.eval.spread) {
+            let message = format!("{}: from 0, weights as they are told, to 10 distances", self.eval.spread);
+            return fault("eval.spread", message);
+        }
         if self.eval.cuts.is_empty() {
             return fault("eval.cuts", "give at least one cut".into());
         }

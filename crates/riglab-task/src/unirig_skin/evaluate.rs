@@ -97,6 +97,9 @@ pub struct AssetRow {
 pub struct Report {
     /// Which formulas.
     pub convention: String,
+    /// How far the decode rule spreads weights over the surface, see `eval.spread`.
+    #[serde(default)]
+    pub spread: f32,
     /// The decode rule's cut, chosen on the validation split by pooled L1.
     pub cut: f32,
     /// Tables.
@@ -196,6 +199,11 @@ impl SkinTask {
         self.predictor(w).predict(&subject.ready, subject.seen)
     }
 
+    /// Weights of a whole mesh as the decode rule cuts them.
+    pub(super) fn spread(&self, w: &Weights, subject: &Subject, found: &Predicted) -> Vec<f32> {
+        self.predictor(w).spread(&subject.ready, subject.seen, found.dense.clone())
+    }
+
     fn validation_ids(&self) -> &[AssetId] {
         let all = &self.validation_assets;
         match self.config.eval.validation_assets {
@@ -221,7 +229,8 @@ impl SkinTask {
             let found = self.predicted(w, &subject);
             let mut own = Springs::default();
             own.add(&subject.ready, &found);
-            let (tally, ruled) = self.tallies(&subject, &found);
+            // Of some of the vertices, which nothing can spread over.
+            let (tally, ruled) = self.tallies(&subject, &found.dense, &found.dense);
             Ok((tally, ruled, own))
         };
         let shared = ranks.share::<(SkinTally, Vec<SkinTally>, Springs)>(ids.len(), found, |_| {});
@@ -246,18 +255,12 @@ impl SkinTask {
         Ok(Validation { metrics, ..Validation::default() })
     }
 
-    /// Raw, and after the rule with each cut.
-    fn tallies(&self, subject: &Subject, found: &Predicted) -> (SkinTally, Vec<SkinTally>) {
+    /// Raw, and after the rule with each cut of weights that it cuts.
+    fn tallies(&self, subject: &Subject, raw: &[f32], spread: &[f32]) -> (SkinTally, Vec<SkinTally>) {
         let joints = subject.ready.seats.len();
-        let rule = |&cut: &f32| SkinTally::of(&subject.truth, &ruled(&found.dense, joints, cut), joints);
+        let rule = |&cut: &f32| SkinTally::of(&subject.truth, &ruled(spread, joints, cut), joints);
         let ruled = self.config.eval.cuts.iter().map(rule).collect();
-        (SkinTally::of(&subject.truth, &found.dense, joints), ruled)
-    }
-
-    fn tally(&self, subject: &Subject, found: &Predicted, raw: &mut Sums, rules: &mut [Sums]) {
-        let (own, ruled) = self.tallies(subject, found);
-        raw.add(&own);
-        rules.iter_mut().zip(&ruled).for_each(|(sums, tally)| sums.add(tally));
+        (SkinTally::of(&subject.truth, raw, joints), ruled)
     }
 
     /// How many assets [`Self::evaluate`] goes over.
@@ -275,18 +278,20 @@ impl SkinTask {
     /// # Errors
     /// When an asset cannot be read.
     pub fn evaluate(&self, w: &Weights, mut progress: impl FnMut(usize)) -> Result<Report, String> {
-        let mut raw = Sums::default();
         let mut rules: Vec<Sums> = self.config.eval.cuts.iter().map(|_| Sums::default()).collect();
         let mut done = 0;
         for &id in &self.validation_assets {
             let subject = self.subject(id, None)?;
-            self.tally(&subject, &self.predicted(w, &subject), &mut raw, &mut rules);
+            let found = self.predicted(w, &subject);
+            let (_, ruled) = self.tallies(&subject, &found.dense, &self.spread(w, &subject, &found));
+            rules.iter_mut().zip(&ruled).for_each(|(sums, tally)| sums.add(tally));
             done += 1;
             progress(done);
         }
         let cut = self.config.eval.cuts[best(&rules)];
         let mut report = Report {
             convention: "skintokens".into(),
+            spread: self.config.eval.spread,
             cut,
             rows: Vec::new(),
             attributes: Vec::new(),
@@ -331,7 +336,7 @@ impl SkinTask {
             springs.add(&subject.ready, &found);
             curve.add(&subject.truth, &found.dense);
             tally("raw".into(), &found.dense);
-            let (rule, motion) = tally("rule".into(), &ruled(&found.dense, joints, report.cut));
+            let (rule, motion) = tally("rule".into(), &ruled(&self.spread(w, &subject, &found), joints, report.cut));
             report.assets.push(AssetRow {
                 split: split.into(),
                 name: rig.name.clone(),

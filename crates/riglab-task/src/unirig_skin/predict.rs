@@ -2,7 +2,7 @@
 
 use rayon::prelude::*;
 use riglab_core::Vec3;
-use riglab_geom::{ReskinConfig, reskin};
+use riglab_geom::{ReskinConfig, reskin, spread_weights};
 use riglab_nn::params::Weights;
 use riglab_nn::skin_stage::ptv3::{Layout, Places};
 use riglab_nn::skin_stage::{PointEncoder, Read, SkinModel, with_children};
@@ -78,6 +78,18 @@ impl Predictor<'_> {
         let attributes = of_cloud.and_then(|points| self.net.attributes(w, &read, &points));
         let attributes = attributes.map_or_else(Vec::new, |a| floats(&a).as_chunks::<7>().0.to_vec());
         Predicted { dense, attributes }
+    }
+
+    /// Predicted weights of all vertices of a mesh, the points of a rig after those seen, as the decode rule cuts them:
+    /// spread over the surface by `eval.spread`.
+    pub fn spread(&self, ready: &Ready, seen: usize, dense: Vec<f32>) -> Vec<f32> {
+        let far = f64::from(self.config.eval.spread);
+        if far == 0.0 {
+            return dense;
+        }
+        let nearest = |k: usize| ready.row(k).iter().copied().fold(f32::INFINITY, f32::min);
+        let distance: Vec<f64> = (seen..ready.points.len()).map(|k| far * f64::from(nearest(k))).collect();
+        spread_weights(ready.rig.rig.mesh(), &dense, &distance)
     }
 
     fn cloud(&self, points: &[Point]) -> Tensor {

@@ -29,8 +29,10 @@ fn splits(report: &Report) -> Vec<&str> {
 /// The tables of all splits.
 pub fn lines(report: &Report) -> Vec<String> {
     let mut out = vec![format!(
-        "given the true skeletons; convention {}, decode rule: cut {}, top 4",
-        report.convention, report.cut
+        "given the true skeletons; convention {}, decode rule: {}cut {}, top 4",
+        report.convention,
+        if report.spread > 0.0 { format!("spread {}, ", report.spread) } else { String::new() },
+        report.cut
     )];
     for split in splits(report) {
         let rows: Vec<&Row> = report.rows.iter().filter(|r| r.split == split).collect();
@@ -187,13 +189,19 @@ fn table(report: &Report, split: &str) -> Table {
     }
     table.note = format!(
         "Convention {}: weights above 0.01 are active; all but the columns per rig pool all vertex-bone pairs of the \
-         split, bones that move nothing left out. raw: the network's output; rule: cut at {}, the four largest kept, \
+         split, bones that move nothing left out. raw: the network's output; rule: {}cut at {}, the four largest kept, \
          rows made to sum to 1. ours at recall: the precision of our raw weights where the threshold from which they \
          are active gives them the recall of this row. motion: how far vertices are from where the true weights take \
          them, mean over ten poses with random turns up to 30 degrees about each axis, then over rigs; the rig fills a \
          cube of side 2. Below the line: no learning, weights from distances to the bones, straight or through the \
          body, or by heat that spreads over the surface.",
-        report.convention, report.cut
+        report.convention,
+        if report.spread > 0.0 {
+            format!("spread over the surface as heat, over {} of the way to the nearest bone, ", report.spread)
+        } else {
+            String::new()
+        },
+        report.cut
     );
     table
 }

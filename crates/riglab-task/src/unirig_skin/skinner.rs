@@ -87,7 +87,8 @@ impl Skinner {
         let (ready, found) = self.predict(rig, holders, seed)?;
         let bones = &ready.rig.bones;
         let rule = DecodeRule { cut: self.cut, influences: 4 };
-        let rows = found.dense.chunks_exact(bones.len()).map(|row| {
+        let dense = self.predictor().spread(&ready, self.config.eval_points(), found.dense);
+        let rows = dense.chunks_exact(bones.len()).map(|row| {
             let mut row = row.to_vec();
             rule.apply(&mut row);
             let held = row.into_iter().zip(bones).filter(|(w, _)| *w > 0.0);
@@ -134,10 +135,12 @@ impl Skinner {
         let mut points = pool(&prepared, seen, c.sampling.vertex_share, &mut stream(seed, "skin of a file", &[]));
         points.extend((0..prepared.rig.mesh().positions().len() as u32).map(|v| prepared.vertex(v)));
         let ready = Ready::new(prepared, points, c.sampling.resolution);
-        let weights = self.params.weights();
-        let predictor = Predictor { config: c, net: &self.net, weights, device: self.device };
-        let found = predictor.predict(&ready, seen);
+        let found = self.predictor().predict(&ready, seen);
         Ok((ready, found))
+    }
+
+    fn predictor(&self) -> Predictor<'_> {
+        Predictor { config: &self.config, net: &self.net, weights: self.params.weights(), device: self.device }
     }
 }
 
