@@ -134,7 +134,10 @@ pub struct EvalConfig {
     pub validation_assets: usize,
     /// Points that the baseline compares shapes by.
     pub retrieval_points: usize,
-    /// Shares below it are cut from the weights that codes say, then the four largest of a vertex are kept.
+    /// How far weights that codes say are spread over the surface before they are cut, in distances of each vertex from
+    /// its nearest bone; 0 leaves them as they are said vertex by vertex. Not in the paper.
+    pub spread: f32,
+    /// Shares below it are cut, then the four largest of a vertex are kept.
     pub cut: f32,
     /// Codes are asked for weights at so many vertices at most; the others of a larger mesh are told by the eight
     /// nearest of those, as released.
@@ -152,6 +155,7 @@ impl Default for EvalConfig {
             rows: 16,
             validation_assets: 32,
             retrieval_points: 512,
+            spread: 0.0,
             cut: 0.05,
             vertices: 32_768,
             seed: 0,
@@ -200,6 +204,11 @@ impl TokenRigTaskConfig {
         }
         if self.eval.vertices == 0 {
             return bad("eval.vertices", "weights are made at 1 vertex or more".into());
+        }
+        if !(0.0..=10.0).contains(&self.eval.spread) {
+            let message =
+                format!("spread = {} must lie in [0, 10], in distances to the nearest bone", self.eval.spread);
+            return bad("eval.spread", message);
         }
         if !(0.0..1.0).contains(&self.eval.cut) {
             return bad("eval.cut", format!("cut = {} must lie in [0, 1)", self.eval.cut));

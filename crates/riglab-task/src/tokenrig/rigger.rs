@@ -3,8 +3,9 @@
 use std::path::Path;
 use std::sync::Arc;
 
+use rayon::prelude::*;
 use riglab_core::{DecodeRule, Mesh, Segment, Skeleton, SkinWeights};
-use riglab_geom::CloudSampler;
+use riglab_geom::{CloudSampler, spread_weights};
 use riglab_nn::generate::{GenerateConfig, Grammar as Rules, argmax, draw, log_softmax, rows, softmax};
 use riglab_nn::params::{Builder, Params, Weights};
 use riglab_nn::tokenrig::{Layout, Reader, TokenRig};
@@ -292,7 +293,13 @@ impl Rigger {
         let claimed: Vec<usize> = (0..skeleton.len()).filter(|&j| codes.get(j).is_some_and(Option::is_some)).collect();
         let segments: Vec<Vec<Segment>> = claimed.iter().map(|&j| all[j].clone()).collect();
         let own: Vec<&[i64]> = claimed.iter().filter_map(|&j| codes[j].as_deref()).collect();
-        let raw = skinner.raw(&segments, &own);
+        let mut raw = skinner.raw(&segments, &own);
+        let far = f64::from(self.config.eval.spread);
+        if far > 0.0 && !raw.is_empty() {
+            let distance: Vec<f64> =
+                mesh.positions().par_iter().map(|&p| far * f64::from(to_nearest(&segments, p).1)).collect();
+            raw = spread_weights(mesh, &raw, &distance);
+        }
         let rule = DecodeRule { cut: self.config.eval.cut, influences: 4 };
         let m = claimed.len();
         let mut row = vec![0.0; m];
@@ -304,7 +311,7 @@ impl Rigger {
             let held = row.iter().zip(&claimed).filter(|(w, _)| **w > 0.0);
             let mut own: Vec<(u16, f64)> = held.map(|(w, &j)| (j as u16, f64::from(*w))).collect();
             if own.is_empty() {
-                own.push((nearest(&all, mesh.positions()[v]) as u16, 1.0));
+                own.push((to_nearest(&all, mesh.positions()[v]).0 as u16, 1.0));
             }
             own
         });
@@ -312,11 +319,11 @@ impl Rigger {
     }
 }
 
-/// The joint whose bones are nearest to a point.
-fn nearest(segments: &[Vec<Segment>], p: riglab_core::Vec3) -> usize {
+/// The joint whose bones are nearest to a point, and how far they are.
+fn to_nearest(segments: &[Vec<Segment>], p: riglab_core::Vec3) -> (usize, f32) {
     let distance = |s: &Vec<Segment>| s.iter().map(|s| s.distance(p)).fold(f32::INFINITY, f32::min);
-    let best = (0..segments.len()).min_by(|&a, &b| distance(&segments[a]).total_cmp(&distance(&segments[b])));
-    best.unwrap_or(0)
+    let all = segments.iter().map(distance).enumerate();
+    all.min_by(|a, b| a.1.total_cmp(&b.1)).unwrap_or((0, f32::INFINITY))
 }
 
 #[cfg(test)]
@@ -383,5 +390,29 @@ mod tests {
         rigger.config.eval.vertices = 2;
         let weights = rigger.skin(&mesh, &skeleton, &[Some(vec![3, 5])], 0).unwrap();
         assert_eq!((weights.rows(), weights.nonzero()), (4, 4));
+    }
+
+    #[test]
+    fn spread_weights_change_less_over_the_surface() {
+        let mesh = tetrahedron();
+        let mut rigger = untrained(Head::Levels, true);
+        let joint = |name: &str, parent, head| riglab_core::Joint { name: name.into(), parent, head };
+        let joints = vec![
+            joint("root", None, [-0.8, -0.8, -0.8]),
+            joint("tip", Some(riglab_core::JointId(0)), [0.8, 0.8, -0.8]),
+        ];
+        let skeleton = riglab_core::Skeleton::new(joints).unwrap();
+        let mut weights_of_root = |spread| {
+            rigger.config.eval.spread = spread;
+            rigger.config.eval.cut = 0.0;
+            let weights = rigger.skin(&mesh, &skeleton, &[Some(vec![3, 5]), Some(vec![7, 1])], 0).unwrap();
+            let of = |v| weights.row(v).find(|(j, _)| j.index() == 0).map_or(0.0, |(_, w)| w);
+            (0..4).map(of).collect::<Vec<f32>>()
+        };
+        let range = |w: &[f32]| w.iter().fold(0.0, |a: f32, &x| a.max(x)) - w.iter().fold(1.0, |a: f32, &x| a.min(x));
+        let [none, some, much] = [0.0, 0.5, 10.0].map(&mut weights_of_root);
+        assert!(range(&none) > range(&some) && range(&some) > range(&much), "{none:?} {some:?} {much:?}");
+        rigger.config.eval.spread = -0.5;
+        assert_eq!(rigger.config.validate().unwrap_err().0, "eval.spread");
     }
 }
