@@ -2,8 +2,8 @@
 
 use std::sync::Arc;
 
-use riglab_augment::AffineMap;
-use riglab_core::{JointId, Segment, Vec3};
+use riglab_augment::{AffineMap, Recipe};
+use riglab_core::{Asset, JointId, Segment, Vec3};
 use riglab_data::Mixture;
 use riglab_geom::farthest_points;
 use riglab_nn::skin_stage::PointEncoder;
@@ -59,31 +59,55 @@ pub struct RigBatch {
 pub struct BatchSource {
     config: SkinTaskConfig,
     assets: Arc<Assets>,
-    cache: Arc<Cache<Ready>>,
+    cache: Arc<Cache<Ready, Variant>>,
     rigs: Mixture<AssetId>,
 }
+
+/// One of the ways in which an asset is varied.
+pub type Variant = (AssetId, u64);
 
 impl BatchSource {
     /// Batches of assets with the weights of their corpora; not empty.
     pub fn new(
         config: SkinTaskConfig,
         assets: Arc<Assets>,
-        cache: Arc<Cache<Ready>>,
+        cache: Arc<Cache<Ready, Variant>>,
         parts: Vec<(f32, Vec<AssetId>)>,
     ) -> Self {
         Self { rigs: Mixture::new(config.train.seed, parts), config, assets, cache }
     }
 
-    fn ready(&self, id: AssetId) -> Result<Arc<Ready>, String> {
-        let s = &self.config.sampling;
-        self.cache.get(id, || {
-            let rig = Prepared::new(self.assets.read(id).map_err(|e| e.to_string())?);
-            let mut random = stream(self.config.train.seed, "skin pool", &[id.key()]);
-            let made = Ready::pooled(rig, s.pool, s.vertex_share, s.resolution, &mut random);
-            let bytes = made.bytes();
-            Ok((made, bytes))
+    /// The rig at a place of the endless training sequence, in one of its variants.
+    fn ready(&self, place: u64) -> Result<Arc<Ready>, String> {
+        let (s, seed) = (&self.config.sampling, self.config.train.seed);
+        let id = self.rigs.at(place);
+        if self.config.recipe == Recipe::default() {
+            return self.cache.get((id, 0), || {
+                let rig = Prepared::new(self.assets.read(id).map_err(|e| e.to_string())?);
+                let random = &mut stream(seed, "skin pool", &[id.key()]);
+                Ok(kept(Ready::pooled(rig, s.pool, s.vertex_share, s.resolution, random)))
+            });
+        }
+        let variant = stream(seed, "skin variant", &[place]).below(s.variants as usize) as u64;
+        self.cache.get((id, variant), || {
+            let (asset, key) = (self.assets.read(id).map_err(|e| e.to_string())?, [id.key(), variant]);
+            let rig = varied(&self.config.recipe, asset, seed, &key)?;
+            let random = &mut stream(seed, "skin pool", &key);
+            Ok(kept(Ready::pooled(rig, s.pool, s.vertex_share, s.resolution, random)))
         })
     }
+}
+
+/// An asset as a recipe varies it, in the cube again.
+fn varied(recipe: &Recipe, asset: Asset, seed: u64, key: &[u64]) -> Result<Prepared, String> {
+    let varied = recipe.apply(asset.rig.normalized().0, seed, key).map_err(|e| format!("{}: {e}", asset.name))?;
+    Ok(Prepared::of(asset.name, varied.rig.normalized().0, false))
+}
+
+/// With its size in bytes.
+fn kept(ready: Ready) -> (Ready, usize) {
+    let bytes = ready.bytes();
+    (ready, bytes)
 }
 
 impl Source for BatchSource {
@@ -93,7 +117,7 @@ impl Source for BatchSource {
         let rigs = self.config.sampling.rigs as u64;
         let each = (0..rigs).map(|k| {
             let place = number * rigs + k;
-            let ready = self.ready(self.rigs.at(place))?;
+            let ready = self.ready(place)?;
             sample(&self.config, &ready, &mut stream(self.config.train.seed, "skin sample", &[place]))
         });
         Ok(Batch { rigs: each.collect::<Result<_, _>>()? })
@@ -267,6 +291,7 @@ fn frozen(c: &SkinTaskConfig, bones: usize, random: &mut Stream) -> Vec<bool> {
 
 #[cfg(test)]
 mod tests {
+    use riglab_augment::PoseConfig;
     use riglab_core::{Joint, Mesh, Rig, Skeleton, SkinWeights};
     use riglab_nn::skin_stage::{Seen, SkinModelConfig};
 
@@ -275,7 +300,7 @@ mod tests {
     use crate::unirig_skin::pairs::Told;
 
     /// A box four long with joints at 0, 1, 2 and 3; the second holds nothing.
-    fn ready() -> Ready {
+    fn long_box() -> Rig {
         let corners: Vec<Vec3> = (0..40)
             .map(|i| {
                 [i as f32 / 4.0 % 5.0 * 0.8, if i / 20 == 0 { 0.0 } else { 1.0 }, if i % 2 == 0 { 0.0 } else { 1.0 }]
@@ -299,8 +324,11 @@ mod tests {
             }
         };
         let weights = SkinWeights::normalized(corners.iter().map(|p| [(holder(p), 1.0)])).unwrap();
-        let rig = Rig::new(skeleton, mesh, weights).unwrap();
-        let rig = Prepared::of("box".into(), rig.normalized().0, false);
+        Rig::new(skeleton, mesh, weights).unwrap()
+    }
+
+    fn ready() -> Ready {
+        let rig = Prepared::of("box".into(), long_box().normalized().0, false);
         Ready::pooled(rig, 64, 0.5, 24, &mut stream(1, "test", &[]))
     }
 
@@ -362,5 +390,26 @@ mod tests {
         for (a, b) in large.pairs.iter().zip(&own.pairs) {
             assert!((a - 2.0 * b).abs() < 1e-4, "{a} {b}");
         }
+    }
+
+    #[test]
+    fn variants_are_other_poses_of_the_same_rig() {
+        let recipe =
+            Recipe { pose: PoseConfig { probability: 1.0, degrees: 20.0, scale: [0.9, 1.1] }, ..Recipe::default() };
+        let asset = || Asset {
+            name: "box".into(),
+            rig: long_box(),
+            clips: Vec::new(),
+            provenance: riglab_core::Provenance::default(),
+        };
+        let of = |recipe: &Recipe, key| varied(recipe, asset(), 0, &[key]).unwrap();
+        let heads = |rig: &Prepared| rig.rig.skeleton().heads().to_vec();
+        let (own, posed) = (of(&Recipe::default(), 0), of(&recipe, 0));
+        assert_eq!(heads(&own), heads(&Prepared::new(asset())));
+        assert_ne!(heads(&own), heads(&posed));
+        assert_eq!(heads(&posed), heads(&of(&recipe, 0)));
+        assert_ne!(heads(&posed), heads(&of(&recipe, 1)));
+        assert_eq!(own.rig.weights(), posed.rig.weights());
+        assert!(posed.rig.mesh().positions().iter().flatten().all(|x| x.abs() <= 1.0 + 1e-6));
     }
 }

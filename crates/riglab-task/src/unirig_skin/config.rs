@@ -1,6 +1,6 @@
 //! Settings of the task.
 
-use riglab_augment::AffineConfig;
+use riglab_augment::{AffineConfig, Recipe};
 use riglab_nn::skin_stage::SkinModelConfig;
 use riglab_train::TrainConfig;
 use serde::{Deserialize, Serialize};
@@ -20,7 +20,10 @@ pub struct SkinTaskConfig {
     pub model: SkinModelConfig,
     /// What a batch is made of.
     pub sampling: SamplingConfig,
-    /// How batches are varied. Ways through the body are measured before, and change by the scale alone.
+    /// How rigs are varied before their points are taken and ways through their bodies measured: poses, proportions,
+    /// joints moved. `sampling.variants` of each are made and kept.
+    pub recipe: Recipe,
+    /// How batches are varied after that. Ways through the body change by the scale alone.
     pub augment: AffineConfig,
     /// What is minimised.
     pub loss: LossConfig,
@@ -44,6 +47,9 @@ pub struct SamplingConfig {
     pub pairs: usize,
     /// Points that are kept of each asset, with their distances from bones; batches take theirs from them.
     pub pool: usize,
+    /// Ways in which `recipe` varies each rig; each is made once and kept while `data.cache_mb` has room. 1 where the
+    /// recipe changes nothing.
+    pub variants: u64,
     /// Share of them that are vertices, as far as there are any, rather than points of the surface. Evaluation is on
     /// vertices.
     pub vertex_share: f32,
@@ -193,6 +199,7 @@ impl Default for SamplingConfig {
             queries: 512,
             pairs: 1 << 16,
             pool: 16_384,
+            variants: 4,
             vertex_share: 0.5,
             told: Told::Distance,
             resolution: 196,
@@ -252,6 +259,7 @@ impl SkinTaskConfig {
     pub fn validate(&self) -> Result<(), (String, String)> {
         let fault = |key: &str, message: String| Err((key.to_string(), message));
         self.model.validate().map_err(|(k, m)| (format!("model.{k}"), m))?;
+        self.recipe.validate().map_err(|(k, m)| (format!("recipe.{k}"), m))?;
         self.augment.validate().map_err(|(k, m)| (format!("augment.{k}"), m))?;
         self.train.validate().map_err(|(k, m)| (format!("train.{k}"), m))?;
         let s = &self.sampling;
@@ -259,6 +267,7 @@ impl SkinTaskConfig {
             ("sampling.rigs", s.rigs),
             ("sampling.queries", s.queries),
             ("sampling.pairs", s.pairs),
+            ("sampling.variants", s.variants as usize),
             ("eval.chunk", self.eval.chunk),
             ("eval.validation_vertices", self.eval.validation_vertices),
         ];
@@ -304,7 +313,8 @@ impl SkinTaskConfig {
         }
         self.validate_loss()?;
         if !(0.0..=10.0).contains(&self.eval.spread) {
-            let message = format!("{}: from 0, weights as they are told, to 10 distances", self.eval.spread);
+            let message =
+                format!("spread = {} must lie in [0, 10], in distances to the nearest bone", self.eval.spread);
             return fault("eval.spread", message);
         }
         if self.eval.cuts.is_empty() {

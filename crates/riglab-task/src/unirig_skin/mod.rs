@@ -43,7 +43,7 @@ use crate::experiment::{Examined, Experiment, beside};
 pub struct SkinTask {
     config: SkinTaskConfig,
     assets: Arc<Assets>,
-    cache: Arc<Cache<Ready>>,
+    cache: Arc<Cache<Ready, batch::Variant>>,
     /// Of the validation split, with the vertices that are looked at while training.
     validated: Cache<evaluate::Subject>,
     train_assets: Vec<(f32, Vec<AssetId>)>,
@@ -61,10 +61,9 @@ impl SkinTask {
     pub fn new(config: SkinTaskConfig, device: Device) -> Result<Self, String> {
         let (assets, train_assets, validation_assets) = Assets::for_training(&config.data)?;
         let (net, params) = Self::network(&config, device).map_err(|e| e.to_string())?;
-        let cache = || Cache::new(config.data.cache_mb);
         Ok(Self {
             assets: Arc::new(assets),
-            cache: Arc::new(cache()),
+            cache: Arc::new(Cache::new(config.data.cache_mb)),
             validated: Cache::new(config.data.cache_mb),
             train_assets,
             validation_assets,
