@@ -134,6 +134,9 @@ pub struct EvalConfig {
     pub validation_assets: usize,
     /// Points that the baseline compares shapes by.
     pub retrieval_points: usize,
+    /// Skins that are drawn for a skeleton, of whose weights the mean is taken: the likeliest, then so many draws that
+    /// there are as many. 1, the likeliest alone, is the paper's.
+    pub skins: usize,
     /// How far weights that codes say are spread over the surface before they are cut, in distances of each vertex from
     /// its nearest bone; 0 leaves them as they are said vertex by vertex. Not in the paper.
     pub spread: f32,
@@ -155,6 +158,7 @@ impl Default for EvalConfig {
             rows: 16,
             validation_assets: 32,
             retrieval_points: 512,
+            skins: 1,
             spread: 0.0,
             cut: 0.05,
             vertices: 32_768,
@@ -204,6 +208,9 @@ impl TokenRigTaskConfig {
         }
         if self.eval.vertices == 0 {
             return bad("eval.vertices", "weights are made at 1 vertex or more".into());
+        }
+        if !(1..=1024).contains(&self.eval.skins) {
+            return bad("eval.skins", format!("skins = {} must lie in [1, 1024]", self.eval.skins));
         }
         if !(0.0..=10.0).contains(&self.eval.spread) {
             let message =

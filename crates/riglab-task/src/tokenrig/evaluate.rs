@@ -14,6 +14,7 @@ use serde::{Deserialize, Serialize};
 use tch::Tensor;
 
 use super::sample::{codes, sample};
+use super::skin::{Codes, in_order};
 use super::{Batch, Drawn, TokenRigTask, parts_of};
 use crate::assets::AssetId;
 use crate::fsq_cvae::Row as SkinRow;
@@ -216,21 +217,15 @@ impl TokenRigTask {
     }
 
     /// The rig that was drawn for a mesh.
-    pub(crate) fn rigged(
-        &self,
-        mesh: &Mesh,
-        decoded: &Decoded,
-        codes: &[Option<Vec<i64>>],
-        key: u64,
-    ) -> Result<Rig, String> {
+    pub(crate) fn rigged(&self, mesh: &Mesh, decoded: &Decoded, skins: &[Codes], key: u64) -> Result<Rig, String> {
         let skeleton = decoded.skeleton().map_err(|e| e.to_string())?;
-        let weights = self.rigger.skin(mesh, &skeleton, codes, key)?;
+        let weights = self.rigger.skin(mesh, &skeleton, skins, key)?;
         Rig::new(skeleton, mesh.clone(), weights).map_err(|e| e.to_string())
     }
 
-    /// Codes of an asset's joints, in their order, drawn for its true skeleton; `None` where the skeleton cannot be
-    /// written within the limits.
-    fn given(&self, w: &Weights, rig: &Rig, key: u64) -> Result<Option<Vec<Option<Vec<i64>>>>, String> {
+    /// Codes of an asset's joints, in their order, drawn for its true skeleton, as [`Rigger::skins`]; `None` where the
+    /// skeleton cannot be written within the limits.
+    fn given(&self, w: &Weights, rig: &Rig, key: u64) -> Result<Option<Vec<Codes>>, String> {
         let (rigger, c) = (&self.rigger, &self.rigger.config);
         let Ok(encoded) = encode(&rigger.tokenizer, rig.skeleton(), true) else { return Ok(None) };
         if encoded.ids.len() > c.limits.tokens || rig.skeleton().len() > c.limits.joints {
@@ -239,11 +234,10 @@ impl TokenRigTask {
         let prefix = rigger.condition(w, &[(rig.mesh(), key)]);
         let mut streams = [stream(c.eval.seed, "skin draws", &[key])];
         let drawn = rigger.draw(w, &prefix, std::slice::from_ref(&encoded.ids), &c.eval.generate, &mut streams)?;
-        let mut codes = vec![None; rig.skeleton().len()];
-        for (own, &joint) in drawn.into_iter().flat_map(|d: Drawn| d.codes).zip(&encoded.order) {
-            codes[joint] = own;
-        }
-        Ok(Some(codes))
+        let Some(drawn) = drawn.first() else { return Ok(None) };
+        let skins = rigger.skins(w, &prefix, drawn, key)?;
+        let own = |codes| in_order(codes, &encoded.order, rig.skeleton().len());
+        Ok(Some(skins.into_iter().map(own).collect()))
     }
 
     /// How many assets [`Self::evaluate`] goes over.
@@ -275,8 +269,9 @@ impl TokenRigTask {
                 let each = ids.iter().map(|&id| normalized(&self.assets, &self.cache, id));
                 let truths: Vec<Arc<Rig>> = each.collect::<Result<_, _>>()?;
                 let meshes: Vec<_> = truths.iter().zip(ids).map(|(rig, id)| (rig.mesh(), id.key())).collect();
-                let drawn = self.drawn(w, &rigger.condition(w, &meshes), ids)?;
-                for ((drawn, truth), &id) in drawn.into_iter().zip(&truths).zip(ids) {
+                let prefix = rigger.condition(w, &meshes);
+                let drawn = self.drawn(w, &prefix, ids)?;
+                for (row, ((drawn, truth), &id)) in (0..).zip(drawn.into_iter().zip(&truths).zip(ids)) {
                     let own = Joints::of(truth.skeleton());
                     let found = drawn.decoded.as_ref().ok().map(joints);
                     let offered = retrieval.offer(truth, id.key());
@@ -302,7 +297,10 @@ impl TokenRigTask {
                         template_fit: fitted,
                     });
                     let rig = match &drawn.decoded {
-                        Ok(decoded) => Some(self.rigged(truth.mesh(), decoded, &drawn.codes, id.key())?),
+                        Ok(decoded) => {
+                            let skins = rigger.skins(w, &prefix.narrow(0, row, 1), &drawn, id.key())?;
+                            Some(self.rigged(truth.mesh(), decoded, &skins, id.key())?)
+                        }
                         Err(_) => None,
                     };
                     let of = rig
@@ -310,7 +308,7 @@ impl TokenRigTask {
                         .map(|rig| ways.all("generated", rig, &moved(truth, rig.skeleton()), &claimed(&drawn.codes)));
                     skin_assets.push(skin_asset("generated", of));
                     let of = match self.given(w, truth, id.key())? {
-                        Some(codes) => Some(self.on_the_true_skeleton(truth, &codes, id.key(), &mut ways)?),
+                        Some(skins) => Some(self.on_the_true_skeleton(truth, &skins, id.key(), &mut ways)?),
                         None => None,
                     };
                     skin_assets.push(skin_asset("given", of));
@@ -342,7 +340,7 @@ impl TokenRigTask {
     fn on_the_true_skeleton(
         &self,
         truth: &Rig,
-        drawn: &[Option<Vec<i64>>],
+        drawn: &[Codes],
         key: u64,
         ways: &mut Ways,
     ) -> Result<SkinMetrics, String> {
@@ -350,10 +348,10 @@ impl TokenRigTask {
         let true_weights = dense(truth.weights(), joints);
         let weights = rigger.skin(truth.mesh(), truth.skeleton(), drawn, key)?;
         let rig = truth.with_weights(weights).map_err(|e| e.to_string())?;
-        let found = ways.all("given", &rig, &true_weights, &claimed(drawn));
+        let found = ways.all("given", &rig, &true_weights, &claimed(&drawn[0]));
         let mut random = stream(rigger.config.eval.seed, "rig variant", &[key]);
         let own = codes(&rigger.vae, &rigger.config.skin, truth, &mut random);
-        let weights = rigger.skin(truth.mesh(), truth.skeleton(), &own, key)?;
+        let weights = rigger.skin(truth.mesh(), truth.skeleton(), &[own], key)?;
         ways.add("given: auto-encoder".into(), &SkinTally::of(&true_weights, &dense(&weights, joints), joints));
         Ok(found)
     }

@@ -6,6 +6,7 @@ use riglab_random::stream;
 use riglab_reward::{RewardConfig, Rewards, Scorer};
 use riglab_token::Bones;
 
+use super::skin::in_order;
 use super::{Drawn, Rigger};
 use crate::grpo::{Judged, Subject, rewards};
 use crate::unirig_skeleton::generate::most_agreed;
@@ -127,23 +128,21 @@ impl Rigger {
             _ => whole.min_by(|(a, _), (b, _)| worth(*b).total_cmp(&worth(*a))),
         };
         let (sample, drawn) = best.ok_or("no skeleton came out; try --samples 8, or another --seed")?;
-        let (skeleton, in_cube, codes) = match given {
+        let skins = self.skins(w, &prefix, drawn, wish.seed)?;
+        let (skeleton, in_cube, skins) = match given {
             Some((skeleton, encoded)) => {
-                let mut codes = vec![None; skeleton.len()];
-                for (own, &joint) in drawn.codes.iter().zip(&encoded.order) {
-                    codes[joint].clone_from(own);
-                }
+                let own = |codes| in_order(codes, &encoded.order, skeleton.len());
                 let in_cube = skeleton.with_heads(moved(skeleton.heads(), map)).map_err(|e| e.to_string())?;
-                (wish.skeleton.unwrap_or(skeleton).clone(), in_cube, codes)
+                (wish.skeleton.unwrap_or(skeleton).clone(), in_cube, skins.into_iter().map(own).collect())
             }
             None => {
                 let decoded = drawn.decoded.as_ref().map_err(ToString::to_string)?;
                 let in_cube = decoded.skeleton().map_err(|e| e.to_string())?;
                 let heads = moved(in_cube.heads(), map.inverse()).into_iter().map(|p| up.back(p)).collect();
-                (in_cube.with_heads(heads).map_err(|e| e.to_string())?, in_cube, drawn.codes.clone())
+                (in_cube.with_heads(heads).map_err(|e| e.to_string())?, in_cube, skins)
             }
         };
-        let weights = self.skin(&cube, &in_cube, &codes, wish.seed)?;
+        let weights = self.skin(&cube, &in_cube, &skins, wish.seed)?;
         Ok(Made { skeleton, weights, sample, draws })
     }
 

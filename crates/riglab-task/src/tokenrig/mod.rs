@@ -11,6 +11,7 @@ mod report;
 mod rigger;
 mod sample;
 mod shipped;
+mod skin;
 mod skinner;
 #[cfg(test)]
 pub(crate) mod testing;
@@ -31,6 +32,7 @@ pub use report::Evaluation;
 pub use rigger::{Drawn, Rigger};
 pub use sample::Sample;
 pub(crate) use sample::{joints_told, told};
+pub use skin::Codes;
 pub use skinner::Skinner;
 
 use crate::assets::{AssetId, Assets, Cache};

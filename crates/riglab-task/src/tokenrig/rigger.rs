@@ -3,9 +3,8 @@
 use std::path::Path;
 use std::sync::Arc;
 
-use rayon::prelude::*;
-use riglab_core::{DecodeRule, Mesh, Segment, Skeleton, SkinWeights};
-use riglab_geom::{CloudSampler, spread_weights};
+use riglab_core::Mesh;
+use riglab_geom::CloudSampler;
 use riglab_nn::generate::{GenerateConfig, Grammar as Rules, argmax, draw, log_softmax, rows, softmax};
 use riglab_nn::params::{Builder, Params, Weights};
 use riglab_nn::tokenrig::{Layout, Reader, TokenRig};
@@ -13,9 +12,9 @@ use riglab_random::{Stream, stream};
 use riglab_token::{DecodeFault, Decoded, Grammar, Limits, Mask, RigGrammar, SkinIds, SkinRule, Tokenizer};
 use tch::{Device, Kind, Tensor};
 
-use super::Skinner;
 use super::config::TokenRigTaskConfig;
 use super::sample::joints_told;
+use super::skin::Codes;
 use crate::fsq_cvae::Frozen;
 use crate::unirig_skeleton::Batch as Shapes;
 use crate::unirig_skeleton::batch::shape;
@@ -38,8 +37,8 @@ pub struct Drawn {
     pub skeleton: Vec<u32>,
     /// What they say.
     pub decoded: Result<Decoded, DecodeFault>,
-    /// Of each joint its codes; `None` where it moves nothing.
-    pub codes: Vec<Option<Vec<i64>>>,
+    /// Of each joint its codes.
+    pub codes: Codes,
     /// The whole sequence, prompt and end with it, in ids of the network.
     pub ids: Vec<i64>,
     /// The sum of log-probabilities of what was drawn, and of how many numbers.
@@ -274,56 +273,6 @@ impl Rigger {
         let ids = self.tokenizer.vocabulary();
         std::iter::once(ids.bos()).chain(ids.class_named(&self.config.class).map(|number| ids.class(number))).collect()
     }
-
-    /// Weights of a mesh in the cube by the codes of a skeleton's joints: cut, the four largest kept, normalised. A
-    /// vertex that no joint claims goes to the nearest bone. `key` seeds the points of its shape.
-    ///
-    /// # Errors
-    /// When mesh and skeleton make no rig.
-    pub fn skin(
-        &self,
-        mesh: &Mesh,
-        skeleton: &Skeleton,
-        codes: &[Option<Vec<i64>>],
-        key: u64,
-    ) -> Result<SkinWeights, String> {
-        let mut random = stream(self.config.eval.seed, "skin evaluation", &[key]);
-        let skinner = Skinner::new(&self.vae, mesh, self.config.eval.vertices, &mut random)?;
-        let all = skeleton.segments();
-        let claimed: Vec<usize> = (0..skeleton.len()).filter(|&j| codes.get(j).is_some_and(Option::is_some)).collect();
-        let segments: Vec<Vec<Segment>> = claimed.iter().map(|&j| all[j].clone()).collect();
-        let own: Vec<&[i64]> = claimed.iter().filter_map(|&j| codes[j].as_deref()).collect();
-        let mut raw = skinner.raw(&segments, &own);
-        let far = f64::from(self.config.eval.spread);
-        if far > 0.0 && !raw.is_empty() {
-            let distance: Vec<f64> =
-                mesh.positions().par_iter().map(|&p| far * f64::from(to_nearest(&segments, p).1)).collect();
-            raw = spread_weights(mesh, &raw, &distance);
-        }
-        let rule = DecodeRule { cut: self.config.eval.cut, influences: 4 };
-        let m = claimed.len();
-        let mut row = vec![0.0; m];
-        let rows = (0..mesh.positions().len()).map(|v| {
-            if !raw.is_empty() {
-                row.copy_from_slice(&raw[v * m..(v + 1) * m]);
-            }
-            rule.apply(&mut row);
-            let held = row.iter().zip(&claimed).filter(|(w, _)| **w > 0.0);
-            let mut own: Vec<(u16, f64)> = held.map(|(w, &j)| (j as u16, f64::from(*w))).collect();
-            if own.is_empty() {
-                own.push((to_nearest(&all, mesh.positions()[v]).0 as u16, 1.0));
-            }
-            own
-        });
-        SkinWeights::normalized(rows).map_err(|e| e.to_string())
-    }
-}
-
-/// The joint whose bones are nearest to a point, and how far they are.
-fn to_nearest(segments: &[Vec<Segment>], p: riglab_core::Vec3) -> (usize, f32) {
-    let distance = |s: &Vec<Segment>| s.iter().map(|s| s.distance(p)).fold(f32::INFINITY, f32::min);
-    let all = segments.iter().map(distance).enumerate();
-    all.min_by(|a, b| a.1.total_cmp(&b.1)).unwrap_or((0, f32::INFINITY))
 }
 
 #[cfg(test)]
@@ -356,7 +305,7 @@ mod tests {
                 }
                 // Some become weights: finite ones that sum to 1.
                 let skeleton = drawn[0].decoded.as_ref().unwrap().skeleton().unwrap();
-                let weights = rigger.skin(&mesh, &skeleton, &drawn[0].codes, 0).unwrap();
+                let weights = rigger.skin(&mesh, &skeleton, std::slice::from_ref(&drawn[0].codes), 0).unwrap();
                 assert_eq!(weights.rows(), 4);
             }
         }
@@ -378,41 +327,5 @@ mod tests {
             let alone = &draw(&[key as u64])[0];
             assert_eq!((&alone.skeleton, &alone.codes), (&whole.skeleton, &whole.codes));
         }
-    }
-
-    #[test]
-    fn vertices_beyond_the_limit_are_told_by_their_neighbours() {
-        let mesh = tetrahedron();
-        let mut rigger = untrained(Head::Levels, true);
-        let skeleton =
-            riglab_core::Skeleton::new(vec![riglab_core::Joint { name: "root".into(), parent: None, head: [0.0; 3] }])
-                .unwrap();
-        rigger.config.eval.vertices = 2;
-        let weights = rigger.skin(&mesh, &skeleton, &[Some(vec![3, 5])], 0).unwrap();
-        assert_eq!((weights.rows(), weights.nonzero()), (4, 4));
-    }
-
-    #[test]
-    fn spread_weights_change_less_over_the_surface() {
-        let mesh = tetrahedron();
-        let mut rigger = untrained(Head::Levels, true);
-        let joint = |name: &str, parent, head| riglab_core::Joint { name: name.into(), parent, head };
-        let joints = vec![
-            joint("root", None, [-0.8, -0.8, -0.8]),
-            joint("tip", Some(riglab_core::JointId(0)), [0.8, 0.8, -0.8]),
-        ];
-        let skeleton = riglab_core::Skeleton::new(joints).unwrap();
-        let mut weights_of_root = |spread| {
-            rigger.config.eval.spread = spread;
-            rigger.config.eval.cut = 0.0;
-            let weights = rigger.skin(&mesh, &skeleton, &[Some(vec![3, 5]), Some(vec![7, 1])], 0).unwrap();
-            let of = |v| weights.row(v).find(|(j, _)| j.index() == 0).map_or(0.0, |(_, w)| w);
-            (0..4).map(of).collect::<Vec<f32>>()
-        };
-        let range = |w: &[f32]| w.iter().fold(0.0, |a: f32, &x| a.max(x)) - w.iter().fold(1.0, |a: f32, &x| a.min(x));
-        let [none, some, much] = [0.0, 0.5, 10.0].map(&mut weights_of_root);
-        assert!(range(&none) > range(&some) && range(&some) > range(&much), "{none:?} {some:?} {much:?}");
-        rigger.config.eval.spread = -0.5;
-        assert_eq!(rigger.config.validate().unwrap_err().0, "eval.spread");
     }
 }

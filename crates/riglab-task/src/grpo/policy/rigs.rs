@@ -132,7 +132,7 @@ impl Policy for TokenRigTask {
 
     fn rig(&self, mesh: &Mesh, drawn: &Drawn, key: u64) -> Result<Option<Rig>, String> {
         let Ok(decoded) = &drawn.decoded else { return Ok(None) };
-        self.rigged(mesh, decoded, &drawn.codes, key).map(Some)
+        self.rigged(mesh, decoded, std::slice::from_ref(&drawn.codes), key).map(Some)
     }
 }
 

@@ -1,0 +1,193 @@
+//! Weights of a skeleton's joints: of codes drawn for them, decoded, averaged, spread and cut.
+
+use rayon::prelude::*;
+use riglab_core::{DecodeRule, Mesh, Segment, Skeleton, SkinWeights, Vec3};
+use riglab_geom::spread_weights;
+use riglab_nn::generate::GenerateConfig;
+use riglab_nn::params::Weights;
+use riglab_random::stream;
+use tch::Tensor;
+
+use super::rigger::{Drawn, Rigger};
+use super::skinner::Skinner;
+
+/// Codes of each joint; `None` where it moves nothing.
+pub type Codes = Vec<Option<Vec<i64>>>;
+
+impl Rigger {
+    /// Codes for the skeleton that was drawn, or given, after the prefix [1, p, d] of a shape: its own, then so many draws
+    /// that `eval.skins` is reached. `key` seeds them.
+    ///
+    /// # Errors
+    /// When the skeleton is no beginning of a sequence.
+    pub fn skins(&self, w: &Weights, prefix: &Tensor, drawn: &Drawn, key: u64) -> Result<Vec<Codes>, String> {
+        let (eval, mut all) = (&self.config().eval, vec![drawn.codes.clone()]);
+        let more = eval.skins - 1;
+        if more > 0 && drawn.decoded.is_ok() {
+            let how = GenerateConfig { sample: true, ..eval.generate.clone() };
+            let mut streams: Vec<_> = (0..more as u64).map(|k| stream(eval.seed, "skins", &[key, k])).collect();
+            let others = self.draw(w, prefix, &vec![drawn.skeleton.clone(); more], &how, &mut streams)?;
+            all.extend(others.into_iter().map(|d| d.codes));
+        }
+        Ok(all)
+    }
+
+    /// Weights of a mesh in the cube by codes of a skeleton's joints, the mean of several skins: spread, cut, the four
+    /// largest kept, normalised. A vertex that no joint claims goes to the nearest bone. `key` seeds the points of its
+    /// shape.
+    ///
+    /// # Errors
+    /// When mesh and skeleton make no rig.
+    pub fn skin(&self, mesh: &Mesh, skeleton: &Skeleton, skins: &[Codes], key: u64) -> Result<SkinWeights, String> {
+        let eval = &self.config().eval;
+        let mut random = stream(eval.seed, "skin evaluation", &[key]);
+        let skinner = Skinner::new(self.vae(), mesh, eval.vertices, &mut random)?;
+        let all = skeleton.segments();
+        let claims = |j: &usize| skins.iter().any(|codes| codes.get(*j).is_some_and(Option::is_some));
+        let claimed: Vec<usize> = (0..skeleton.len()).filter(claims).collect();
+        let segments: Vec<Vec<Segment>> = claimed.iter().map(|&j| all[j].clone()).collect();
+        let mut raw = mean(&skinner, &claimed, &segments, skins);
+        let far = f64::from(eval.spread);
+        if far > 0.0 && !raw.is_empty() {
+            let distance: Vec<f64> =
+                mesh.positions().par_iter().map(|&p| far * f64::from(to_nearest(&segments, p).1)).collect();
+            raw = spread_weights(mesh, &raw, &distance);
+        }
+        let rule = DecodeRule { cut: eval.cut, influences: 4 };
+        let m = claimed.len();
+        let mut row = vec![0.0; m];
+        let rows = (0..mesh.positions().len()).map(|v| {
+            if !raw.is_empty() {
+                row.copy_from_slice(&raw[v * m..(v + 1) * m]);
+            }
+            rule.apply(&mut row);
+            let held = row.iter().zip(&claimed).filter(|(w, _)| **w > 0.0);
+            let mut own: Vec<(u16, f64)> = held.map(|(w, &j)| (j as u16, f64::from(*w))).collect();
+            if own.is_empty() {
+                own.push((to_nearest(&all, mesh.positions()[v]).0 as u16, 1.0));
+            }
+            own
+        });
+        SkinWeights::normalized(rows).map_err(|e| e.to_string())
+    }
+}
+
+/// Codes in the order of a skeleton's joints: of joint `order[k]` there are the k-th.
+pub(super) fn in_order(codes: Codes, order: &[usize], joints: usize) -> Codes {
+    let mut own = vec![None; joints];
+    codes.into_iter().zip(order).for_each(|(codes, &joint)| own[joint] = codes);
+    own
+}
+
+/// What skins say of the joints that some of them claim, in the mean; a row a vertex, a column a joint. Each is decoded
+/// by itself: what a bone is given depends on the others.
+fn mean(skinner: &Skinner<'_>, claimed: &[usize], segments: &[Vec<Segment>], skins: &[Codes]) -> Vec<f32> {
+    let m = claimed.len();
+    let mut out = Vec::new();
+    for codes in skins {
+        let columns: Vec<usize> = (0..m).filter(|&c| codes.get(claimed[c]).is_some_and(Option::is_some)).collect();
+        let segments: Vec<Vec<Segment>> = columns.iter().map(|&c| segments[c].clone()).collect();
+        let own: Vec<&[i64]> = columns.iter().filter_map(|&c| codes[claimed[c]].as_deref()).collect();
+        let raw = skinner.raw(&segments, &own);
+        if raw.is_empty() {
+            continue;
+        }
+        out.resize(raw.len() / columns.len() * m, 0.0);
+        out.par_chunks_exact_mut(m).zip(raw.par_chunks_exact(columns.len())).for_each(|(out, raw)| {
+            columns.iter().zip(raw).for_each(|(&c, w)| out[c] += w / skins.len() as f32);
+        });
+    }
+    out
+}
+
+/// The joint whose bones are nearest to a point, and how far they are.
+fn to_nearest(segments: &[Vec<Segment>], p: Vec3) -> (usize, f32) {
+    let distance = |s: &Vec<Segment>| s.iter().map(|s| s.distance(p)).fold(f32::INFINITY, f32::min);
+    let all = segments.iter().map(distance).enumerate();
+    all.min_by(|a, b| a.1.total_cmp(&b.1)).unwrap_or((0, f32::INFINITY))
+}
+
+#[cfg(test)]
+mod tests {
+    use riglab_nn::tokenrig::Head;
+
+    use super::*;
+    use crate::tokenrig::testing::{tetrahedron, untrained};
+
+    #[test]
+    fn vertices_beyond_the_limit_are_told_by_their_neighbours() {
+        let mesh = tetrahedron();
+        let mut rigger = untrained(Head::Levels, true);
+        let skeleton =
+            riglab_core::Skeleton::new(vec![riglab_core::Joint { name: "root".into(), parent: None, head: [0.0; 3] }])
+                .unwrap();
+        rigger.config.eval.vertices = 2;
+        let weights = rigger.skin(&mesh, &skeleton, &[vec![Some(vec![3, 5])]], 0).unwrap();
+        assert_eq!((weights.rows(), weights.nonzero()), (4, 4));
+    }
+
+    #[test]
+    fn spread_weights_change_less_over_the_surface() {
+        let mesh = tetrahedron();
+        let mut rigger = untrained(Head::Levels, true);
+        let joint = |name: &str, parent, head| riglab_core::Joint { name: name.into(), parent, head };
+        let joints = vec![
+            joint("root", None, [-0.8, -0.8, -0.8]),
+            joint("tip", Some(riglab_core::JointId(0)), [0.8, 0.8, -0.8]),
+        ];
+        let skeleton = riglab_core::Skeleton::new(joints).unwrap();
+        let mut weights_of_root = |spread| {
+            rigger.config.eval.spread = spread;
+            rigger.config.eval.cut = 0.0;
+            let weights = rigger.skin(&mesh, &skeleton, &[vec![Some(vec![3, 5]), Some(vec![7, 1])]], 0).unwrap();
+            let of = |v| weights.row(v).find(|(j, _)| j.index() == 0).map_or(0.0, |(_, w)| w);
+            (0..4).map(of).collect::<Vec<f32>>()
+        };
+        let range = |w: &[f32]| w.iter().fold(0.0, |a: f32, &x| a.max(x)) - w.iter().fold(1.0, |a: f32, &x| a.min(x));
+        let [none, some, much] = [0.0, 0.5, 10.0].map(&mut weights_of_root);
+        assert!(range(&none) > range(&some) && range(&some) > range(&much), "{none:?} {some:?} {much:?}");
+        rigger.config.eval.spread = -0.5;
+        assert_eq!(rigger.config.validate().unwrap_err().0, "eval.spread");
+    }
+
+    #[test]
+    fn several_skins_count_by_their_mean() {
+        let (mesh, rigger) = (tetrahedron(), untrained(Head::Levels, true));
+        let skinner = Skinner::new(rigger.vae(), &mesh, 100, &mut stream(0, "test", &[])).unwrap();
+        let segments =
+            vec![vec![Segment { a: [-0.8; 3], b: [0.8, 0.8, -0.8] }], vec![Segment { a: [0.0; 3], b: [0.1; 3] }]];
+        let [a, b, c] = [vec![3, 5], vec![7, 1], vec![0, 11]];
+        // Of joints 0 and 2; joint 1 is claimed by none, joint 2 by two of three.
+        let skins = [
+            vec![Some(a.clone()), None, Some(b.clone())],
+            vec![Some(c.clone()), None, None],
+            vec![Some(a.clone()), None, Some(c.clone())],
+        ];
+        let both = |first: &[i64], second: &[i64]| skinner.raw(&segments, &[first, second]);
+        let (ab, c_alone, ac) = (both(&a, &b), skinner.raw(&segments[..1], &[&c]), both(&a, &c));
+        let found = mean(&skinner, &[0, 2], &segments, &skins);
+        for v in 0..4 {
+            let want = [(ab[2 * v] + c_alone[v] + ac[2 * v]) / 3.0, (ab[2 * v + 1] + ac[2 * v + 1]) / 3.0];
+            assert!((0..2).all(|k| (found[2 * v + k] - want[k]).abs() < 1e-5), "{found:?} {want:?}");
+        }
+        assert_eq!(mean(&skinner, &[0, 2], &segments, &skins[..1]), ab);
+        assert!(mean(&skinner, &[], &[], &skins).is_empty());
+    }
+
+    #[test]
+    fn draws_for_a_skeleton_are_added_to_its_own_codes() {
+        let (mesh, mut rigger) = (tetrahedron(), untrained(Head::Levels, true));
+        let prefix = rigger.condition(rigger.params().weights(), &[(&mesh, 0)]);
+        let (how, streams) = (GenerateConfig::default(), &mut [stream(0, "test", &[])]);
+        let drawn = rigger.draw(rigger.params().weights(), &prefix, &[rigger.free()], &how, streams).unwrap().remove(0);
+        let skins = |rigger: &Rigger| rigger.skins(rigger.params().weights(), &prefix, &drawn, 0).unwrap();
+        assert_eq!(skins(&rigger), std::slice::from_ref(&drawn.codes));
+        rigger.config.eval.skins = 5;
+        let skins = [skins(&rigger), skins(&rigger)];
+        assert_eq!(skins[0], skins[1]);
+        let skins = &skins[0];
+        assert_eq!((skins.len(), &skins[0]), (5, &drawn.codes));
+        assert!(skins.iter().all(|codes| codes.len() == drawn.codes.len()) && skins[1] != skins[2]);
+        assert_eq!(in_order(skins[1].clone(), &[2, 0], 3)[1], None);
+    }
+}
