@@ -88,13 +88,17 @@ impl BatchSource {
                 Ok(kept(Ready::pooled(rig, s.pool, s.vertex_share, s.resolution, random)))
             });
         }
-        let variant = stream(seed, "skin variant", &[place]).below(s.variants as usize) as u64;
-        self.cache.get((id, variant), || {
+        let variant = match s.variants {
+            0 => place,
+            n => stream(seed, "skin variant", &[place]).below(n as usize) as u64,
+        };
+        let make = || {
             let (asset, key) = (self.assets.read(id).map_err(|e| e.to_string())?, [id.key(), variant]);
             let rig = varied(&self.config.recipe, asset, seed, &key)?;
             let random = &mut stream(seed, "skin pool", &key);
             Ok(kept(Ready::pooled(rig, s.pool, s.vertex_share, s.resolution, random)))
-        })
+        };
+        if s.variants == 0 { make().map(|(ready, _)| Arc::new(ready)) } else { self.cache.get((id, variant), make) }
     }
 }
 

@@ -47,8 +47,8 @@ pub struct SamplingConfig {
     pub pairs: usize,
     /// Points that are kept of each asset, with their distances from bones; batches take theirs from them.
     pub pool: usize,
-    /// Ways in which `recipe` varies each rig; each is made once and kept while `data.cache_mb` has room. 1 where the
-    /// recipe changes nothing.
+    /// Ways in which `recipe` varies each rig; each is made once and kept while `data.cache_mb` has room. 0 varies every
+    /// rig anew each time. Of no matter where the recipe changes nothing.
     pub variants: u64,
     /// Share of them that are vertices, as far as there are any, rather than points of the surface. Evaluation is on
     /// vertices.
@@ -267,7 +267,6 @@ impl SkinTaskConfig {
             ("sampling.rigs", s.rigs),
             ("sampling.queries", s.queries),
             ("sampling.pairs", s.pairs),
-            ("sampling.variants", s.variants as usize),
             ("eval.chunk", self.eval.chunk),
             ("eval.validation_vertices", self.eval.validation_vertices),
         ];
