@@ -223,7 +223,7 @@ impl TokenRigTask {
         Rig::new(skeleton, mesh.clone(), weights).map_err(|e| e.to_string())
     }
 
-    /// Codes of an asset's joints, in their order, drawn for its true skeleton, as [`Rigger::skins`]; `None` where the
+    /// Codes of an asset's joints, in their order, drawn for its true skeleton, as many as `eval.skins`; `None` where the
     /// skeleton cannot be written within the limits.
     fn given(&self, w: &Weights, rig: &Rig, key: u64) -> Result<Option<Vec<Codes>>, String> {
         let (rigger, c) = (&self.rigger, &self.rigger.config);
@@ -235,7 +235,7 @@ impl TokenRigTask {
         let mut streams = [stream(c.eval.seed, "skin draws", &[key])];
         let drawn = rigger.draw(w, &prefix, std::slice::from_ref(&encoded.ids), &c.eval.generate, &mut streams)?;
         let Some(drawn) = drawn.first() else { return Ok(None) };
-        let skins = rigger.skins(w, &prefix, drawn, key)?;
+        let skins = rigger.skins(w, &prefix, drawn, c.eval.skins, key)?;
         let own = |codes| in_order(codes, &encoded.order, rig.skeleton().len());
         Ok(Some(skins.into_iter().map(own).collect()))
     }
@@ -298,7 +298,7 @@ impl TokenRigTask {
                     });
                     let rig = match &drawn.decoded {
                         Ok(decoded) => {
-                            let skins = rigger.skins(w, &prefix.narrow(0, row, 1), &drawn, id.key())?;
+                            let skins = rigger.skins(w, &prefix.narrow(0, row, 1), &drawn, c.eval.skins, id.key())?;
                             Some(self.rigged(truth.mesh(), decoded, &skins, id.key())?)
                         }
                         Err(_) => None,

@@ -40,6 +40,9 @@ pub struct Wish<'a> {
     pub rank: Rank,
     /// Temperature of the draws, where there are several.
     pub temperature: f32,
+    /// Skins that are drawn for the skeleton, of whose weights the mean is taken; as the model's config says where it is
+    /// not told.
+    pub skins: Option<usize>,
     /// Seeds the points that the encoders see, and the draws.
     pub seed: u64,
 }
@@ -128,7 +131,7 @@ impl Rigger {
             _ => whole.min_by(|(a, _), (b, _)| worth(*b).total_cmp(&worth(*a))),
         };
         let (sample, drawn) = best.ok_or("no skeleton came out; try --samples 8, or another --seed")?;
-        let skins = self.skins(w, &prefix, drawn, wish.seed)?;
+        let skins = self.skins(w, &prefix, drawn, wish.skins.unwrap_or(self.config.eval.skins), wish.seed)?;
         let (skeleton, in_cube, skins) = match given {
             Some((skeleton, encoded)) => {
                 let own = |codes| in_order(codes, &encoded.order, skeleton.len());

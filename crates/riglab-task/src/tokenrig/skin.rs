@@ -15,14 +15,21 @@ use super::skinner::Skinner;
 pub type Codes = Vec<Option<Vec<i64>>>;
 
 impl Rigger {
-    /// Codes for the skeleton that was drawn, or given, after the prefix [1, p, d] of a shape: its own, then so many draws
-    /// that `eval.skins` is reached. `key` seeds them.
+    /// Codes for the skeleton that was drawn, or given, after the prefix [1, p, d] of a shape: its own, then draws until
+    /// there are `count`. `key` seeds them.
     ///
     /// # Errors
     /// When the skeleton is no beginning of a sequence.
-    pub fn skins(&self, w: &Weights, prefix: &Tensor, drawn: &Drawn, key: u64) -> Result<Vec<Codes>, String> {
+    pub fn skins(
+        &self,
+        w: &Weights,
+        prefix: &Tensor,
+        drawn: &Drawn,
+        count: usize,
+        key: u64,
+    ) -> Result<Vec<Codes>, String> {
         let (eval, mut all) = (&self.config().eval, vec![drawn.codes.clone()]);
-        let more = eval.skins - 1;
+        let more = count.saturating_sub(1);
         if more > 0 && drawn.decoded.is_ok() {
             let how = GenerateConfig { sample: true, ..eval.generate.clone() };
             let mut streams: Vec<_> = (0..more as u64).map(|k| stream(eval.seed, "skins", &[key, k])).collect();
@@ -176,14 +183,13 @@ mod tests {
 
     #[test]
     fn draws_for_a_skeleton_are_added_to_its_own_codes() {
-        let (mesh, mut rigger) = (tetrahedron(), untrained(Head::Levels, true));
+        let (mesh, rigger) = (tetrahedron(), untrained(Head::Levels, true));
         let prefix = rigger.condition(rigger.params().weights(), &[(&mesh, 0)]);
         let (how, streams) = (GenerateConfig::default(), &mut [stream(0, "test", &[])]);
         let drawn = rigger.draw(rigger.params().weights(), &prefix, &[rigger.free()], &how, streams).unwrap().remove(0);
-        let skins = |rigger: &Rigger| rigger.skins(rigger.params().weights(), &prefix, &drawn, 0).unwrap();
-        assert_eq!(skins(&rigger), std::slice::from_ref(&drawn.codes));
-        rigger.config.eval.skins = 5;
-        let skins = [skins(&rigger), skins(&rigger)];
+        let skins = |count| rigger.skins(rigger.params().weights(), &prefix, &drawn, count, 0).unwrap();
+        assert_eq!(skins(1), std::slice::from_ref(&drawn.codes));
+        let skins = [skins(5), skins(5)];
         assert_eq!(skins[0], skins[1]);
         let skins = &skins[0];
         assert_eq!((skins.len(), &skins[0]), (5, &drawn.codes));

@@ -86,6 +86,10 @@ struct Common {
     /// How freely several are drawn.
     #[arg(long, default_value_t = 1.0, value_name = "T")]
     temperature: f32,
+    /// Skins that are drawn for the skeleton, of whose weights the mean is taken: surer than the likeliest alone, and as
+    /// many times slower [default: as the model's config says, 1 for the one that comes with riglab].
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
+    skins: Option<u16>,
     /// Seeds the points that are looked at and the draws: same seed, same file.
     #[arg(long, default_value_t = 0)]
     seed: u64,

@@ -58,6 +58,9 @@ impl Model {
         if args.samples > 1 {
             bail!("{} is a run of task unirig_skin, which draws nothing: leave --samples out", self.card.name);
         }
+        if args.skins.is_some() {
+            bail!("{} is a run of task unirig_skin, which draws nothing: leave --skins out", self.card.name);
+        }
         Ok(())
     }
 

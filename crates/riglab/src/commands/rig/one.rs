@@ -37,6 +37,7 @@ pub fn rig(args: &Common, bones: &Bones, model: &Model, from: &Path, to: &Path) 
         skeleton: given.as_ref(),
         class,
         samples: args.samples,
+        skins: args.skins.map(usize::from),
         rank: args.rank.into(),
         temperature: args.temperature,
         seed: args.seed,
