@@ -29,7 +29,7 @@ pub use hooks::backward;
 pub use linear::linear;
 pub use recompute::{grad_enabled, recompute};
 pub use settings::{
-    Autocast, Settings, bf16_is_faster, cpu_capability, init, libtorch_version, load_cuda, own_generator, rng_state,
-    set_rng_state, wait_patiently,
+    Autocast, Settings, bf16_is_faster, cpu_capability, has_bf16, init, libtorch_version, load_cuda, own_generator,
+    rng_state, set_rng_state, wait_patiently,
 };
 pub use tensors::{AdamwStep, foreach_add, foreach_add_scalar, foreach_lerp, foreach_mul, fused_adamw, global_norm};

@@ -82,6 +82,18 @@ pub fn wait_patiently() {
     }
 }
 
+/// Whether the processor multiplies in bfloat16 itself: told by what it has, so that results do not hang on how busy it is.
+pub fn has_bf16() -> bool {
+    #[cfg(target_arch = "x86_64")]
+    {
+        is_x86_feature_detected!("avx512bf16")
+    }
+    #[cfg(not(target_arch = "x86_64"))]
+    {
+        false
+    }
+}
+
 /// Whether products of matrices are clearly faster in bfloat16 here: by timing some.
 pub fn bf16_is_faster() -> bool {
     let time = |kind: tch::Kind| {

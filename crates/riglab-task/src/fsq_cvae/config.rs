@@ -151,7 +151,7 @@ impl Default for EvalConfig {
             prefixes: vec![4, 8, 16, 32],
             validation_vertices: 800,
             cuts: vec![0.01, 0.02, 0.03, 0.05, 0.08, 0.12, 0.16, 0.2, 0.25],
-            chunk: 1 << 16,
+            chunk: 1 << 13,
             seed: 1,
         }
     }
