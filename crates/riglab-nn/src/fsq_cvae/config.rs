@@ -27,7 +27,7 @@ pub struct FsqCvaeConfig {
     /// Channels of latent tokens, of the shape and of the skin before and after quantisation.
     pub latent: usize,
     /// FSQ levels of each axis. The paper: [8,8,8,5,5,5] = 64,000 codes; also [8,8,8,5,6] and, in
-    /// the released weights, [8,8,8,8,8].
+    /// the released weights, [8,8,8,8,8]. Axes that are learned have three or more.
     pub levels: Vec<i64>,
     /// What codes are made of.
     pub bottleneck: Bottleneck,
@@ -183,6 +183,12 @@ impl FsqCvaeConfig {
             return Err(("levels", e.to_string()));
         }
         let x = &self.extensions;
+        // With two, bound(0) = tanh(3.8) · 0.5005 - 0.5: one of them from the start, and hardly a gradient.
+        let told = if x.frame { 3 } else { 0 };
+        if self.bottleneck == Bottleneck::Fsq && self.levels.iter().skip(told).any(|&l| l < 3) {
+            let message = format!("levels {:?}: an axis of two levels does not learn; give three or more", self.levels);
+            return Err(("levels", message));
+        }
         for (key, on) in [("extensions.frame", x.frame), ("extensions.anchor_skip", x.anchor_skip != 0.0)] {
             if on && self.skin_queries == SkinQueries::Learned {
                 let message = format!("{key} needs queries that are points: skin_queries = \"active\" or \"farthest\"");
@@ -217,5 +223,24 @@ impl FsqCvaeConfig {
             return Err(("extensions.code_octaves", format!("code_octaves = {}: at most 16", x.code_octaves)));
         }
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn learned_axes_of_two_levels_are_refused() {
+        let told = |levels: &[i64], frame| {
+            let mut config =
+                FsqCvaeConfig { levels: levels.to_vec(), skin_queries: SkinQueries::Farthest, ..Default::default() };
+            config.extensions.frame = frame;
+            config.validate().map_err(|(key, _)| key)
+        };
+        assert_eq!(told(&[2, 3, 3, 3], false), Err("levels"));
+        assert_eq!(told(&[2, 2, 2, 3], true), Ok(()), "what is told needs no gradient");
+        assert_eq!(told(&[8, 8, 8, 2], true), Err("levels"));
+        assert_eq!(told(&[3, 3], false), Ok(()));
     }
 }
