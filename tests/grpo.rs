@@ -120,7 +120,17 @@ fn rewards_refine_a_model() {
     let mesh = fs::read_dir(dir.path().join("files")).unwrap().map(|e| e.unwrap().path());
     let mesh = mesh.filter(|p| p.extension().is_some_and(|e| e == "glb")).min().unwrap();
     let (rigged, again) = (dir.path().join("a.glb"), dir.path().join("b.glb"));
-    must(&["rig", text(&mesh), "-o", text(&rigged), "--skeleton", "predict", "--checkpoint", text(&whole)]);
+    let rig = ["rig", text(&mesh), "-o", text(&rigged), "--skeleton", "predict", "--json"];
+    let drawn = |more: &[&str]| {
+        let said: Value = serde_json::from_slice(&must(&[&rig[..], more].concat()).stdout).unwrap();
+        said["samples"].as_array().unwrap().len()
+    };
+    let by_the_start = drawn(&[]);
+    assert_eq!(
+        (by_the_start > 1, drawn(&["--checkpoint", text(&whole)])),
+        (true, by_the_start),
+        "rigs as its start does"
+    );
     let file = dir.path().join("model.safetensors");
     must(&["checkpoint", "export", text(&whole), "-o", text(&file)]);
     assert!(fs::metadata(&file).unwrap().len() > 1_000_000);

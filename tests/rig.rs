@@ -68,6 +68,7 @@ fn a_model_is_rigged_by_what_comes_with_the_program() {
     };
     let first = make("a.glb", &[]);
     assert!(first == make("b.glb", &[]), "same seed, same bytes");
+    assert!(first == make("p.glb", &["--samples", "32", "--skins", "8", "--temperature", "1"]), "as its config says");
     let mean = make("m.glb", &["--skins", "3"]);
     assert!(mean == make("n.glb", &["--skins", "3"]) && mean != make("o.glb", &["--skins", "1"]));
     let drawn = make("c.glb", &["--samples", "4", "--seed", "3"]);

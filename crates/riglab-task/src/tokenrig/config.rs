@@ -123,8 +123,9 @@ impl LossConfig {
 pub struct EvalConfig {
     /// How sequences are drawn.
     pub generate: GenerateConfig,
-    /// Rigs that `riglab eval` samples for each mesh, of which it takes the one whose skeleton the others agree with most
-    /// (see [`riglab_metric::consensus`]); 1: the one that `generate` gives.
+    /// Skeletons that `riglab eval` and `riglab rig` make of each mesh, of which they take the one that the others agree
+    /// with most (see [`riglab_metric::consensus`]): that of the likeliest tokens and others, drawn with `generate`'s
+    /// temperature; 1: the one that `generate` gives.
     pub consensus: usize,
     /// Where branches may come from.
     pub parents: Parents,

@@ -4,7 +4,6 @@ use std::sync::Arc;
 
 use riglab_core::{JointId, Mesh, Rig, Skeleton, SkinWeights};
 use riglab_metric::{Baseline, Joints, SkinMetrics, SkinTally, bone_distances, nan_for_null};
-use riglab_nn::generate::GenerateConfig;
 use riglab_nn::params::Weights;
 use riglab_random::{Draw, stream};
 use riglab_ranks::Ranks;
@@ -201,8 +200,8 @@ impl TokenRigTask {
         Ok(Validation { metrics, ..Validation::default() })
     }
 
-    /// A rig after each prefix [b, p, d], of these assets: as `eval.generate` says, or of several that are sampled the one
-    /// whose skeleton the others agree with most.
+    /// A rig after each prefix [b, p, d], of these assets: as `eval.generate` says, or of several skeletons the one that
+    /// the others agree with most, with the likeliest codes.
     fn drawn(&self, w: &Weights, prefix: &Tensor, ids: &[AssetId]) -> Result<Vec<Drawn>, String> {
         let (rigger, c) = (&self.rigger, &self.rigger.config);
         let each = c.eval.consensus;
@@ -210,10 +209,9 @@ impl TokenRigTask {
         if each == 1 {
             return rigger.draw(w, prefix, &vec![rigger.free(); ids.len()], &c.eval.generate, &mut streams);
         }
-        let prefix = prefix.repeat_interleave_self_int(each as i64, 0, None);
-        let how = GenerateConfig { sample: true, ..c.eval.generate.clone() };
-        let drawn = rigger.draw(w, &prefix, &vec![rigger.free(); streams.len()], &how, &mut streams)?;
-        Ok(agreed(drawn, each, |drawn| drawn.decoded.as_ref().ok()))
+        let drawn = rigger.draw_skeletons(w, prefix, (&rigger.free(), each), &c.eval.generate, &mut streams)?;
+        let agreed = agreed(drawn, each, |drawn| drawn.decoded.as_ref().ok()).into_iter();
+        (0..).zip(agreed).map(|(row, drawn)| rigger.with_codes(w, &prefix.narrow(0, row, 1), drawn)).collect()
     }
 
     /// The rig that was drawn for a mesh.

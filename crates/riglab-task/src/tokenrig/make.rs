@@ -34,12 +34,13 @@ pub struct Wish<'a> {
     pub skeleton: Option<&'a Skeleton>,
     /// A class of skeletons to begin with, by its name: its named parts then come first.
     pub class: Option<&'a str>,
-    /// How many are drawn, of which the best is taken; the first takes the likeliest token each time.
-    pub samples: usize,
+    /// How many are drawn, of which the best is taken; the first takes the likeliest token each time. Where it is not
+    /// told, as many as the model's `eval.consensus`, and one where the skeleton is given.
+    pub samples: Option<usize>,
     /// Which is the best.
     pub rank: Rank,
-    /// Temperature of the draws, where there are several.
-    pub temperature: f32,
+    /// Temperature of the draws, where there are several; as the model's config says where it is not told.
+    pub temperature: Option<f32>,
     /// Skins that are drawn for the skeleton, of whose weights the mean is taken; as the model's config says where it is
     /// not told.
     pub skins: Option<usize>,
@@ -94,12 +95,13 @@ impl Rigger {
         let cube = mesh.with_positions(moved(mesh.positions(), map)).map_err(|e| e.to_string())?;
         let w = self.params.weights();
         let prefix = self.condition(w, &[(&cube, wish.seed)]);
-        let samples = wish.samples.max(1);
+        let eval = &self.config.eval;
+        let samples = wish.samples.unwrap_or(if turned.is_some() { 1 } else { eval.consensus }).max(1);
         let how = GenerateConfig {
             sample: true,
-            temperature: wish.temperature,
+            temperature: wish.temperature.unwrap_or(eval.generate.temperature),
             tokens: self.config.limits.tokens,
-            ..Default::default()
+            ..eval.generate.clone()
         };
         let given = match &turned {
             Some(skeleton) => Some((skeleton, self.given(skeleton, map)?)),
@@ -111,27 +113,36 @@ impl Rigger {
             (None, None) => self.free(),
         };
         let mut streams: Vec<_> = (0..samples as u64).map(|k| stream(wish.seed, "rig draws", &[k])).collect();
-        let (first, others) = streams.split_at_mut(1);
-        let likeliest = GenerateConfig { sample: false, ..how.clone() };
-        let mut drawn = self.draw(w, &prefix, std::slice::from_ref(&prompt), &likeliest, first)?;
-        if samples > 1 {
-            drawn.extend(self.draw(w, &prefix, &vec![prompt; samples - 1], &how, others)?);
-        }
+        // Which skeletons agree is known before any codes are.
+        let agree = wish.rank == Rank::Consensus && given.is_none() && samples > 1;
+        let drawn = if agree {
+            self.draw_skeletons(w, &prefix, (&prompt, samples), &how, &mut streams)?
+        } else {
+            let (first, others) = streams.split_at_mut(1);
+            let likeliest = GenerateConfig { sample: false, ..how.clone() };
+            let mut drawn = self.draw(w, &prefix, std::slice::from_ref(&prompt), &likeliest, first)?;
+            if samples > 1 {
+                drawn.extend(self.draw(w, &prefix, &vec![prompt; samples - 1], &how, others)?);
+            }
+            drawn
+        };
         let draws = self.judged(&cube, &drawn, wish)?;
-        let whole = drawn.iter().enumerate().filter(|(_, d)| d.decoded.is_ok());
+        let whole = (0..drawn.len()).filter(|&at| drawn[at].decoded.is_ok());
         let worth = |at: usize| match (wish.rank, draws[at].rewards) {
             (Rank::Rewards, Some(rewards)) => rewards.total,
             _ => draws[at].likelihood,
         };
         // The first of equals.
         let best = match wish.rank {
-            Rank::Consensus if given.is_none() => {
-                most_agreed(drawn.iter().map(|d| d.decoded.as_ref().ok())).map(|at| (at, &drawn[at]))
-            }
-            _ => whole.min_by(|(a, _), (b, _)| worth(*b).total_cmp(&worth(*a))),
+            Rank::Consensus if given.is_none() => most_agreed(drawn.iter().map(|d| d.decoded.as_ref().ok())),
+            _ => whole.min_by(|a, b| worth(*b).total_cmp(&worth(*a))),
         };
-        let (sample, drawn) = best.ok_or("no skeleton came out; try --samples 8, or another --seed")?;
-        let skins = self.skins(w, &prefix, drawn, wish.skins.unwrap_or(self.config.eval.skins), wish.seed)?;
+        let sample = best.ok_or("no skeleton came out; try --samples 8, or another --seed")?;
+        let mut drawn = drawn.into_iter().nth(sample).ok_or("no draw")?;
+        if agree {
+            drawn = self.with_codes(w, &prefix, drawn)?;
+        }
+        let skins = self.skins(w, &prefix, &drawn, wish.skins.unwrap_or(self.config.eval.skins), wish.seed)?;
         let (skeleton, in_cube, skins) = match given {
             Some((skeleton, encoded)) => {
                 let own = |codes| in_order(codes, &encoded.order, skeleton.len());
@@ -139,7 +150,7 @@ impl Rigger {
                 (wish.skeleton.unwrap_or(skeleton).clone(), in_cube, skins.into_iter().map(own).collect())
             }
             None => {
-                let decoded = drawn.decoded.as_ref().map_err(ToString::to_string)?;
+                let decoded = drawn.decoded.map_err(|e| e.to_string())?;
                 let in_cube = decoded.skeleton().map_err(|e| e.to_string())?;
                 let heads = moved(in_cube.heads(), map.inverse()).into_iter().map(|p| up.back(p)).collect();
                 (in_cube.with_heads(heads).map_err(|e| e.to_string())?, in_cube, skins)
@@ -209,7 +220,7 @@ mod tests {
     #[test]
     fn the_best_by_rewards_has_the_largest_total() {
         let (mesh, rigger) = (tetrahedron(), untrained(Head::Levels, true));
-        let wish = |rank| Wish { samples: 6, temperature: 1.0, rank, ..Wish::default() };
+        let wish = |rank| Wish { samples: Some(6), rank, ..Wish::default() };
         let by_rewards = rigger.make(&mesh, &wish(Rank::Rewards)).unwrap();
         let totals: Vec<f64> = by_rewards.draws.iter().map(|d| d.rewards.unwrap().total).collect();
         let best = totals.iter().copied().fold(f64::MIN, f64::max);
@@ -222,12 +233,41 @@ mod tests {
         assert_eq!(likely.taken().likelihood, of(&likely).into_iter().fold(f64::MIN, f64::max));
         assert!(likely.taken().rewards.is_none());
         // The first of several is what one is, whatever the temperature of the others.
-        let one = rigger.make(&mesh, &Wish { samples: 1, ..wish(Rank::Likelihood) }).unwrap();
+        let one = rigger.make(&mesh, &Wish { samples: Some(1), ..wish(Rank::Likelihood) }).unwrap();
         assert_eq!(one.taken().likelihood, of(&likely)[0]);
-        // Of the same draws the medoid, which is the likeliest only by chance.
-        let agreed = rigger.make(&mesh, &wish(Rank::Consensus)).unwrap();
-        assert_eq!(of(&agreed), of(&likely));
-        assert!(agreed.taken().rewards.is_none());
+    }
+
+    #[test]
+    fn the_skeleton_that_draws_agree_on_gets_the_likeliest_codes() {
+        let (mesh, mut rigger) = (tetrahedron(), untrained(Head::Levels, true));
+        rigger.config.eval.consensus = 6;
+        let made = rigger.make(&mesh, &Wish::default()).unwrap();
+        assert!(made.draws.len() == 6 && made.taken().rewards.is_none());
+        // The same skeletons as those of whole rigs from the same streams, of which it is the medoid.
+        let w = rigger.params().weights();
+        let map = Similarity::into_cube(Bounds::of(mesh.positions().iter().copied()).unwrap());
+        let moved = mesh.positions().iter().map(|&p| map.apply(p)).collect();
+        let prefix = rigger.condition(w, &[(&mesh.with_positions(moved).unwrap(), 0)]);
+        let mut streams: Vec<_> = (0..6).map(|k| stream(0, "rig draws", &[k])).collect();
+        let mut how = rigger.config.eval.generate.clone();
+        how.tokens = rigger.config.limits.tokens;
+        let prompts = vec![rigger.free(); 6];
+        let mut whole = rigger.draw(w, &prefix, &prompts[..1], &how, &mut streams[..1]).unwrap();
+        how.sample = true;
+        whole.extend(rigger.draw(w, &prefix, &prompts[1..], &how, &mut streams[1..]).unwrap());
+        let at = most_agreed(whole.iter().map(|d| d.decoded.as_ref().ok())).unwrap();
+        assert_eq!(at, made.sample);
+        let heads = |of: &riglab_token::Decoded| of.skeleton().unwrap().heads().to_vec();
+        let back = |p: &[f32; 3]| map.inverse().apply(*p);
+        let want: Vec<_> = heads(whole[at].decoded.as_ref().unwrap()).iter().map(back).collect();
+        assert_eq!(made.skeleton.heads(), want);
+        let alone = rigger.draw_skeletons(w, &prefix, (&prompts[0], 1), &how, &mut streams[..1]).unwrap().remove(0);
+        assert!(alone.codes.iter().all(Option::is_none));
+        let coded = rigger.with_codes(w, &prefix, alone).unwrap();
+        // Greedy all the way, or first to the skeleton's end and then on.
+        assert_eq!((&coded.ids, &coded.codes), (&whole[0].ids, &whole[0].codes));
+        assert!((coded.likelihood.0 - whole[0].likelihood.0).abs() < 1e-3);
+        assert_eq!(coded.likelihood.1, whole[0].likelihood.1);
     }
 
     #[test]
@@ -239,13 +279,7 @@ mod tests {
         let skeleton = Skeleton::new(joints).unwrap();
         for up in [crate::assets::Up::Y, crate::assets::Up::Z] {
             rigger.config.data.up = up;
-            let wish = Wish {
-                skeleton: Some(&skeleton),
-                samples: 3,
-                temperature: 1.0,
-                rank: Rank::Rewards,
-                ..Wish::default()
-            };
+            let wish = Wish { skeleton: Some(&skeleton), samples: Some(3), rank: Rank::Rewards, ..Wish::default() };
             let made = rigger.make(&mesh, &wish).unwrap();
             assert_eq!(made.skeleton, skeleton);
             assert!(made.draws.len() == 3 && made.draws.iter().all(|d| d.rewards.is_some()));

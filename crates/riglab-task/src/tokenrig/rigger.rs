@@ -37,12 +37,19 @@ pub struct Drawn {
     pub skeleton: Vec<u32>,
     /// What they say.
     pub decoded: Result<Decoded, DecodeFault>,
-    /// Of each joint its codes.
+    /// Of each joint its codes; `None` for all where the skeleton alone was drawn.
     pub codes: Codes,
-    /// The whole sequence, prompt and end with it, in ids of the network.
+    /// The whole sequence, or that of the skeleton alone, prompt and end with it, in ids of the network.
     pub ids: Vec<i64>,
     /// The sum of log-probabilities of what was drawn, and of how many numbers.
     pub likelihood: (f64, usize),
+}
+
+/// Where drawing ends.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Until {
+    Skeleton,
+    Whole,
 }
 
 /// The grammar of whole rigs, for a decoder.
@@ -184,10 +191,81 @@ impl Rigger {
         how: &GenerateConfig,
         streams: &mut [Stream],
     ) -> Result<Vec<Drawn>, String> {
+        self.draw_until(Until::Whole, w, prefix, prompts, how, streams)
+    }
+
+    /// Skeletons without codes after each prefix [b, p, d], `each` in turn: the one of the likeliest tokens, then others
+    /// drawn as `how` says. `streams`: `each` a prefix.
+    ///
+    /// # Errors
+    /// As [`Self::draw`].
+    pub fn draw_skeletons(
+        &self,
+        w: &Weights,
+        prefix: &Tensor,
+        (prompt, each): (&[u32], usize),
+        how: &GenerateConfig,
+        streams: &mut [Stream],
+    ) -> Result<Vec<Drawn>, String> {
+        let shapes = prefix.size()[0];
+        let (mut firsts, mut others): (Vec<Stream>, Vec<Stream>) = (Vec::new(), Vec::new());
+        for own in streams.chunks(each.max(1)) {
+            firsts.extend_from_slice(&own[..1]);
+            others.extend_from_slice(&own[1..]);
+        }
+        let prompts = |count| vec![prompt.to_vec(); count];
+        let likeliest = GenerateConfig { sample: false, ..how.clone() };
+        let firsts = self.draw_until(Until::Skeleton, w, prefix, &prompts(firsts.len()), &likeliest, &mut firsts)?;
+        if others.is_empty() {
+            return Ok(firsts);
+        }
+        let wide = match shapes {
+            1 => prefix.shallow_clone(),
+            _ => prefix.repeat_interleave_self_int(each as i64 - 1, 0, None),
+        };
+        let how = GenerateConfig { sample: true, ..how.clone() };
+        let mut others =
+            self.draw_until(Until::Skeleton, w, &wide, &prompts(others.len()), &how, &mut others)?.into_iter();
+        let mut all = Vec::with_capacity(streams.len());
+        for first in firsts {
+            all.push(first);
+            all.extend(others.by_ref().take(each - 1));
+        }
+        Ok(all)
+    }
+
+    /// A skeleton that was drawn alone after the prefix [1, p, d], with the likeliest codes for it.
+    ///
+    /// # Errors
+    /// As [`Self::draw`].
+    pub fn with_codes(&self, w: &Weights, prefix: &Tensor, drawn: Drawn) -> Result<Drawn, String> {
+        if drawn.decoded.is_err() {
+            return Ok(drawn);
+        }
+        let how = GenerateConfig { sample: false, ..self.config.eval.generate.clone() };
+        let streams = &mut [stream(self.config.eval.seed, "codes", &[])];
+        let mut whole = self.draw(w, prefix, std::slice::from_ref(&drawn.skeleton), &how, streams)?;
+        let Some(whole) = whole.pop() else { return Ok(drawn) };
+        let ((a, m), (b, n)) = (drawn.likelihood, whole.likelihood);
+        Ok(Drawn { likelihood: (a + b, m + n), ..whole })
+    }
+
+    fn draw_until(
+        &self,
+        until: Until,
+        w: &Weights,
+        prefix: &Tensor,
+        prompts: &[Vec<u32>],
+        how: &GenerateConfig,
+        streams: &mut [Stream],
+    ) -> Result<Vec<Drawn>, String> {
         let _no_grad = tch::no_grad_guard();
         let (c, layout, vocabulary) = (&self.config, self.net.layout(), self.tokenizer.vocabulary());
         let tokens = c.limits.tokens.min(how.tokens.saturating_add(1)).max(prompts.first().map_or(0, Vec::len));
-        let strict = self.grammar(tokens);
+        let mut strict = self.grammar(tokens);
+        if until == Until::Skeleton {
+            strict.end = vocabulary.eos();
+        }
         let grammars: Vec<Strict> = prompts
             .iter()
             .map(|prompt| {

@@ -75,19 +75,20 @@ struct Common {
     /// checkpoint export` [default: the model that comes with riglab].
     #[arg(long, value_name = "PATH")]
     checkpoint: Option<PathBuf>,
-    /// Rigs that are drawn, of which the best is taken. The first takes the likeliest token each time.
-    #[arg(long, default_value_t = 1, value_name = "N")]
-    samples: usize,
+    /// Rigs that are drawn, of which the best is taken; the first takes the likeliest token each time [default: as
+    /// eval.consensus in the model's config, 32 for the one that comes with riglab; 1 where the skeleton is given].
+    #[arg(long, value_name = "N")]
+    samples: Option<usize>,
     /// Which of several is the best: the one whose skeleton the others agree with most, the one with the highest
     /// geometric rewards (SkinTokens 3.4.1: joints within the body, weights that hold every vertex, motions that tear
     /// nothing), or the likeliest.
     #[arg(long, value_enum, default_value = "consensus")]
     rank: Ranked,
-    /// How freely several are drawn.
-    #[arg(long, default_value_t = 1.0, value_name = "T")]
-    temperature: f32,
+    /// How freely several are drawn [default: as eval.generate in the model's config].
+    #[arg(long, value_name = "T")]
+    temperature: Option<f32>,
     /// Skins that are drawn for the skeleton, of whose weights the mean is taken: surer than the likeliest alone, and as
-    /// many times slower [default: as the model's config says, 1 for the one that comes with riglab].
+    /// many times slower [default: as eval.skins in the model's config, 8 for the one that comes with riglab].
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
     skins: Option<u16>,
     /// Seeds the points that are looked at and the draws: same seed, same file.
@@ -182,7 +183,7 @@ fn device(name: &str) -> Result<Device> {
 }
 
 fn run(args: &Common, bones: &Bones, threads: usize) -> Result<ExitCode> {
-    if args.samples == 0 || !(args.temperature > 0.0 && args.temperature.is_finite()) {
+    if args.samples == Some(0) || args.temperature.is_some_and(|t| !(t > 0.0 && t.is_finite())) {
         bail!("--samples must be at least 1, and --temperature above 0");
     }
     if args.skeleton_up.is_some() && !matches!(bones, Bones::Of(_)) {

@@ -55,7 +55,7 @@ impl Model {
                 self.card.name
             );
         }
-        if args.samples > 1 {
+        if args.samples.is_some_and(|n| n > 1) {
             bail!("{} is a run of task unirig_skin, which draws nothing: leave --samples out", self.card.name);
         }
         if args.skins.is_some() {
