@@ -53,7 +53,9 @@ fn from_files_to_a_report() {
     let said = String::from_utf8(must(&["eval", text(&run), "--json", "--pictures", "1"]).stdout).unwrap();
     let evaluation: Value = serde_json::from_str(&said).unwrap();
     let rows = evaluation["report"]["rows"].as_array().unwrap();
-    for method in ["raw", "rule", "rule, codes exchanged", "nearest bone", "1/d^2, top 4, cut 0.15"] {
+    for method in
+        ["raw", "rule", "rule, codes exchanged", "nearest bone", "1/d^2, top 4, cut 0.15", "geodesic nearest bone"]
+    {
         assert!(rows.iter().any(|r| r["method"] == method), "no row {method}");
     }
     must(&["report", text(&run), "-o", text(&report)]);

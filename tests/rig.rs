@@ -268,7 +268,8 @@ fn tokenrig_is_trained_evaluated_and_exported() {
     let skeletons = evaluation["report"]["skeletons"]["rows"].as_array().unwrap();
     assert!(skeletons.iter().filter(|r| r["method"] == "model").all(|r| r["valid"] == 1.0), "{skeletons:?}");
     let skin = evaluation["report"]["skin"].as_array().unwrap();
-    for method in ["generated: model", "generated: nearest bone", "given: model", "given: auto-encoder"] {
+    let rules = ["generated: nearest bone", "generated: geodesic nearest bone", "given: heat diffusion"];
+    for method in ["generated: model", "given: model", "given: auto-encoder"].into_iter().chain(rules) {
         assert!(skin.iter().any(|r| r["method"] == method), "no row {method}");
     }
     let report = path("report.html");

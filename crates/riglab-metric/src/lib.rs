@@ -36,7 +36,7 @@ pub use skeleton::{
     local_shape_diameters, match_joints, nearest_shares, ordered_by_position, tree_edit_distance,
 };
 pub use skin::{ACTIVE, PrecisionRecall, SkinConvention, SkinMetrics, SkinTally, Skins, edges_of, nan_for_null};
-pub use skin_baseline::SkinBaseline;
+pub use skin_baseline::{SkinBaseline, every_rule};
 
 /// Names and values of one asset, in the order of a table's columns.
 pub type Figures = Vec<(&'static str, f64)>;

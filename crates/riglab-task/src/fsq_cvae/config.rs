@@ -114,6 +114,8 @@ pub struct EvalConfig {
     pub cuts: Vec<f32>,
     /// Pairs of bone and vertex decoded at once: bounds memory.
     pub chunk: usize,
+    /// Cells along the longest side of the body for the rules without learning.
+    pub baseline_resolution: usize,
     /// Seeds the points that the encoders see.
     pub seed: u64,
 }
@@ -152,6 +154,7 @@ impl Default for EvalConfig {
             validation_vertices: 800,
             cuts: vec![0.01, 0.02, 0.03, 0.05, 0.08, 0.12, 0.16, 0.2, 0.25],
             chunk: 1 << 13,
+            baseline_resolution: 128,
             seed: 1,
         }
     }
@@ -239,6 +242,14 @@ impl FsqCvaeTaskConfig {
         if self.eval.prefixes.is_empty() || self.eval.cuts.is_empty() {
             return fault("eval", "give at least one prefix and one cut".into());
         }
-        Ok(())
+        cells("eval.baseline_resolution", self.eval.baseline_resolution)
     }
+}
+
+/// Checks cells along the longest side of a body.
+///
+/// # Errors
+/// (key path, message).
+pub(crate) fn cells(key: &str, n: usize) -> Result<(), (String, String)> {
+    if (8..=512).contains(&n) { Ok(()) } else { Err((key.into(), format!("{n} cells: give 8 to 512"))) }
 }

@@ -4,7 +4,8 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use riglab_core::{DecodeRule, JointId};
-use riglab_metric::{Baseline, Codebook, SkinMetrics, SkinTally, bone_distances, compression_ratio, nan_for_null};
+use riglab_geom::voxel::SolidConfig;
+use riglab_metric::{Codebook, SkinMetrics, SkinTally, compression_ratio, every_rule, nan_for_null};
 use riglab_nn::fsq::Fsq;
 use riglab_nn::fsq_cvae::{Coded, Said};
 use riglab_nn::params::Weights;
@@ -209,6 +210,27 @@ impl Sums {
     }
 }
 
+/// Sums of every way to get weights, in the order in which they came.
+#[derive(Default)]
+pub(crate) struct Methods(Vec<(String, Sums)>);
+
+impl Methods {
+    pub(crate) fn add(&mut self, name: String, tally: &SkinTally) {
+        match self.0.iter_mut().find(|(n, _)| *n == name) {
+            Some((_, sums)) => sums.add(tally),
+            None => {
+                let mut sums = Sums::default();
+                sums.add(tally);
+                self.0.push((name, sums));
+            }
+        }
+    }
+
+    pub(crate) fn iter(&self) -> impl Iterator<Item = &(String, Sums)> {
+        self.0.iter()
+    }
+}
+
 /// Vertices of an asset to look at, with the true weights of its bones there.
 pub struct Truth {
     /// The points.
@@ -362,7 +384,8 @@ impl FsqCvaeTask {
     ) -> Result<(), String> {
         let all = self.config.model.skin_tokens;
         let mut methods: BTreeMap<(usize, String), Sums> = BTreeMap::new();
-        let mut baselines: Vec<Sums> = Baseline::SHOWN.iter().map(|_| Sums::default()).collect();
+        let mut rules = Methods::default();
+        let body = SolidConfig { resolution: self.config.eval.baseline_resolution, ..SolidConfig::DEFAULT };
         let (mut used, mut ratios) = (Use::default(), Vec::new());
         let fsq = self.net.fsq();
         for id in self.assets.split(split).map_err(|e| e.to_string())? {
@@ -426,14 +449,13 @@ impl FsqCvaeTask {
             tally((all, "rule, codes exchanged"), &ruled(&predicted, joints, report.cut));
 
             let joints_of: Vec<JointId> = rig.bones.iter().map(|b| b.joint).collect();
-            let distances = bone_distances(&rig.rig, &joints_of);
-            for (sums, baseline) in baselines.iter_mut().zip(Baseline::SHOWN) {
-                sums.add(&SkinTally::of(&truth.dense, &baseline.weights(&distances, joints), joints));
-            }
+            every_rule(&rig.rig, &joints_of, &body, |name, weights| {
+                rules.add(name, &SkinTally::of(&truth.dense, weights, joints));
+            });
             progress();
         }
         report.rows.extend(methods.iter().map(|((k, method), sums)| sums.row(split, method, *k)));
-        report.rows.extend(baselines.iter().zip(Baseline::SHOWN).map(|(sums, b)| sums.row(split, &b.name(), 0)));
+        report.rows.extend(rules.iter().map(|(name, sums)| sums.row(split, name, 0)));
         let of_codes = |x: f64| if used.codes.tokens() == 0 { f64::NAN } else { x };
         let mean = |k: usize| ratios.iter().map(|r: &[f64; 2]| r[k]).sum::<f64>() / ratios.len().max(1) as f64;
         report.codebook.insert(

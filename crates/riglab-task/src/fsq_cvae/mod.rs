@@ -22,6 +22,7 @@ use tch::{Device, Kind};
 
 pub use batch::{Batch, BatchSource};
 pub use coder::Coder;
+pub(crate) use config::cells;
 pub use config::{EvalConfig, FsqCvaeTaskConfig, LossConfig, PointMix, PrefixConfig, SamplingConfig};
 pub use evaluate::{AssetRow, BoneCodes, CodebookRow, Encoded, Report, Row, Truth, ruled};
 pub use frozen::Frozen;

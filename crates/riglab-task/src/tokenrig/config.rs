@@ -11,6 +11,7 @@ use riglab_train::TrainConfig;
 use serde::{Deserialize, Serialize};
 
 use crate::assets::DataConfig;
+use crate::fsq_cvae::cells;
 use crate::sequences::Sequences;
 
 /// Everything a run of TokenRig is made of.
@@ -146,6 +147,8 @@ pub struct EvalConfig {
     /// Codes are asked for weights at so many vertices at most; the others of a larger mesh are told by the eight
     /// nearest of those, as released.
     pub vertices: usize,
+    /// Cells along the longest side of the body for the rules without learning.
+    pub baseline_resolution: usize,
     /// Seeds the points that the encoders see, and the draws.
     pub seed: u64,
 }
@@ -163,6 +166,7 @@ impl Default for EvalConfig {
             spread: 0.0,
             cut: 0.05,
             vertices: 32_768,
+            baseline_resolution: 128,
             seed: 0,
         }
     }
@@ -210,6 +214,7 @@ impl TokenRigTaskConfig {
         if self.eval.vertices == 0 {
             return bad("eval.vertices", "weights are made at 1 vertex or more".into());
         }
+        cells("eval.baseline_resolution", self.eval.baseline_resolution)?;
         if !(1..=1024).contains(&self.eval.skins) {
             return bad("eval.skins", format!("skins = {} must lie in [1, 1024]", self.eval.skins));
         }

@@ -3,7 +3,8 @@
 use std::sync::Arc;
 
 use riglab_core::{JointId, Mesh, Rig, Skeleton, SkinWeights};
-use riglab_metric::{Baseline, Joints, SkinMetrics, SkinTally, bone_distances, nan_for_null};
+use riglab_geom::voxel::SolidConfig;
+use riglab_metric::{Joints, SkinMetrics, SkinTally, every_rule, nan_for_null};
 use riglab_nn::params::Weights;
 use riglab_random::{Draw, stream};
 use riglab_ranks::Ranks;
@@ -17,7 +18,7 @@ use super::skin::{Codes, in_order};
 use super::{Batch, Drawn, TokenRigTask, parts_of};
 use crate::assets::AssetId;
 use crate::fsq_cvae::Row as SkinRow;
-use crate::fsq_cvae::evaluate::Sums as SkinSums;
+use crate::fsq_cvae::evaluate::Methods;
 use crate::unirig_skeleton::batch::{encode, normalized, shape};
 use crate::unirig_skeleton::evaluate::{Beside, Sums, Validated, joints};
 use crate::unirig_skeleton::generate::{agreed, streams};
@@ -66,42 +67,32 @@ pub(super) struct Rigged {
     pub rig: Option<Rig>,
 }
 
-/// Sums of every way to get weights, in the order they are shown.
-#[derive(Default)]
-struct Ways(Vec<(String, SkinSums)>);
+/// The ways to get weights, and what rules need to know.
+struct Ways {
+    methods: Methods,
+    /// Where rules look for ways through the body.
+    body: SolidConfig,
+}
 
 impl Ways {
-    fn add(&mut self, name: String, tally: &SkinTally) {
-        match self.0.iter_mut().find(|(n, _)| *n == name) {
-            Some((_, sums)) => sums.add(tally),
-            None => {
-                let mut sums = SkinSums::default();
-                sums.add(tally);
-                self.0.push((name, sums));
-            }
-        }
-    }
-
-    /// Adds weights, and what the baselines make of the same skeleton and the same joints; gives the weights' own
-    /// figures.
+    /// Adds weights, and what rules without learning make of the same skeleton and the same joints; gives the weights'
+    /// own figures.
     fn all(&mut self, mode: &str, rig: &Rig, truth: &[f32], claimed: &[JointId]) -> SkinMetrics {
         let joints = rig.skeleton().len();
         let own = SkinTally::of(truth, &dense(rig.weights(), joints), joints);
-        self.add(format!("{mode}: model"), &own);
+        self.methods.add(format!("{mode}: model"), &own);
         if claimed.is_empty() {
             return own.metrics();
         }
-        let distances = bone_distances(rig, claimed);
-        for baseline in Baseline::SHOWN {
-            let own = baseline.weights(&distances, claimed.len());
+        every_rule(rig, claimed, &self.body, |name, weights| {
             let mut wide = vec![0.0; truth.len()];
-            for (wide, own) in wide.chunks_exact_mut(joints).zip(own.chunks_exact(claimed.len())) {
+            for (wide, own) in wide.chunks_exact_mut(joints).zip(weights.chunks_exact(claimed.len())) {
                 for (joint, w) in claimed.iter().zip(own) {
                     wide[joint.index()] = *w;
                 }
             }
-            self.add(format!("{mode}: {}", baseline.name()), &SkinTally::of(truth, &wide, joints));
-        }
+            self.methods.add(format!("{mode}: {name}"), &SkinTally::of(truth, &wide, joints));
+        });
         own.metrics()
     }
 }
@@ -260,9 +251,10 @@ impl TokenRigTask {
         let retrieval = Retrieval::new(&self.assets, &self.cache, &training, points, seed)?;
         let (mut rows, mut skin, mut assets, mut rigs) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
         let mut skin_assets = Vec::new();
+        let body = SolidConfig { resolution: c.eval.baseline_resolution, ..SolidConfig::DEFAULT };
         for split in &c.data.test {
             let ids = self.assets.split(split).map_err(|e| e.to_string())?;
-            let (mut skeletons, mut ways) = (Beside::default(), Ways::default());
+            let (mut skeletons, mut ways) = (Beside::default(), Ways { methods: Methods::default(), body });
             for ids in ids.chunks((c.eval.rows / c.eval.consensus).max(1)) {
                 let each = ids.iter().map(|&id| normalized(&self.assets, &self.cache, id));
                 let truths: Vec<Arc<Rig>> = each.collect::<Result<_, _>>()?;
@@ -316,7 +308,7 @@ impl TokenRigTask {
             }
             if !ids.is_empty() {
                 rows.extend(skeletons.rows(split));
-                skin.extend(ways.0.iter().map(|(name, sums)| {
+                skin.extend(ways.methods.iter().map(|(name, sums)| {
                     let learned = name.ends_with(": model") || name.ends_with(": auto-encoder");
                     sums.row(split, name, if learned { c.skin.codes } else { 0 })
                 }));
@@ -350,7 +342,7 @@ impl TokenRigTask {
         let mut random = stream(rigger.config.eval.seed, "rig variant", &[key]);
         let own = codes(&rigger.vae, &rigger.config.skin, truth, &mut random);
         let weights = rigger.skin(truth.mesh(), truth.skeleton(), &[own], key)?;
-        ways.add("given: auto-encoder".into(), &SkinTally::of(&true_weights, &dense(&weights, joints), joints));
+        ways.methods.add("given: auto-encoder".into(), &SkinTally::of(&true_weights, &dense(&weights, joints), joints));
         Ok(found)
     }
 }

@@ -7,6 +7,7 @@ use serde::{Deserialize, Serialize};
 
 use super::pairs::Told;
 use crate::assets::DataConfig;
+use crate::fsq_cvae::cells;
 
 /// Everything a run of UniRig's skin stage is made of.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -294,13 +295,8 @@ impl SkinTaskConfig {
                 return fault(key, format!("{p} must lie in [0, 1]"));
             }
         }
-        for (key, n) in
-            [("sampling.resolution", s.resolution), ("eval.baseline_resolution", self.eval.baseline_resolution)]
-        {
-            if !(8..=512).contains(&n) {
-                return fault(key, format!("{n} cells: give 8 to 512"));
-            }
-        }
+        cells("sampling.resolution", s.resolution)?;
+        cells("eval.baseline_resolution", self.eval.baseline_resolution)?;
         if s.told.width() != self.model.pair {
             let (width, pair) = (s.told.width(), self.model.pair);
             return fault(

@@ -2,11 +2,10 @@
 
 use std::collections::BTreeMap;
 
-use riglab_core::{JointId, SkinWeights};
+use riglab_core::JointId;
 use riglab_geom::voxel::SolidConfig;
 use riglab_metric::{
-    Baseline, Joints, Poses, PrecisionRecall, Rows, SkinMetrics, SkinTally, bone_distances, geodesic_distances,
-    heat_weights, motion, motion_poses, nan_for_null,
+    Joints, Poses, PrecisionRecall, Rows, SkinMetrics, SkinTally, every_rule, motion, motion_poses, nan_for_null,
 };
 use riglab_nn::params::Weights;
 use riglab_nn::skin_stage::ATTRIBUTES;
@@ -348,18 +347,10 @@ impl SkinTask {
                 motion,
             });
             let ids: Vec<JointId> = rig.bones.iter().map(|b| b.joint).collect();
-            let straight = bone_distances(&rig.rig, &ids);
-            for rule in Baseline::SHOWN {
-                tally(rule.name(), &rule.weights(&straight, joints));
-            }
             let config = SolidConfig { resolution: self.config.eval.baseline_resolution, ..SolidConfig::DEFAULT };
-            let ways = geodesic_distances(rig.rig.mesh(), rig.rig.skeleton(), &ids, &config);
-            for rule in Baseline::SHOWN_GEODESIC {
-                tally(rule.geodesic_name(), &rule.weights(&ways, joints));
-            }
-            let heat = on_bones(&heat_weights(rig.rig.mesh(), rig.rig.skeleton(), &ids, &config), &ids);
-            tally("heat diffusion".into(), &heat);
-            tally("heat diffusion, top 4, cut 0.15".into(), &ruled(&heat, joints, 0.15));
+            every_rule(&rig.rig, &ids, &config, |name, weights| {
+                tally(name, weights);
+            });
             progress();
         }
         report.rows.extend(methods.into_values().map(|(method, sums, moved)| {
@@ -407,20 +398,6 @@ impl InMotion {
         let rows = over_joints(weights, &self.columns, self.joints.positions.len());
         motion(&self.vertices, &self.joints, &self.poses, &self.truth, &rows).mean
     }
-}
-
-/// Dense rows over these bones; what others hold is left out.
-fn on_bones(weights: &SkinWeights, bones: &[JointId]) -> Vec<f32> {
-    let column: BTreeMap<JointId, usize> = bones.iter().enumerate().map(|(column, joint)| (*joint, column)).collect();
-    let mut dense = vec![0.0; weights.rows() * bones.len()];
-    for (v, row) in dense.chunks_exact_mut(bones.len().max(1)).enumerate() {
-        for (joint, weight) in weights.row(v) {
-            if let Some(k) = column.get(&joint) {
-                row[*k] = weight;
-            }
-        }
-    }
-    dense
 }
 
 /// Dense rows over bones as rows over `joints` joints.
