@@ -9,14 +9,14 @@ pub fn lines(report: &Report) -> Vec<String> {
         let rows: Vec<&Row> = report.rows.iter().filter(|r| r.split == *split).collect();
         out.push(format!("\n{split} ({} assets)", rows.first().map_or(0, |r| r.assets)));
         out.push(format!(
-            "{:28} {:>6} {:>7} {:>8} {:>8} {:>6} {:>6} {:>6}",
+            "{:34} {:>6} {:>7} {:>8} {:>8} {:>6} {:>6} {:>6}",
             "method", "tokens", "IoU", "per rig", "L1", "prec.", "recall", "mask"
         ));
         for r in rows {
             let tokens = if r.tokens == 0 { String::new() } else { r.tokens.to_string() };
             let p = &r.pooled;
             out.push(format!(
-                "{:28} {tokens:>6} {:>7.4} {:>8.4} {:>8.5} {:>6.3} {:>6.3} {:>6.3}",
+                "{:34} {tokens:>6} {:>7.4} {:>8.4} {:>8.5} {:>6.3} {:>6.3} {:>6.3}",
                 r.method, p.iou, r.per_rig.iou, p.l1, p.precision, p.recall, r.per_rig.mask_cover_bone
             ));
         }

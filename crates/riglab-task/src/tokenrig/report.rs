@@ -38,11 +38,11 @@ pub fn lines(report: &Report) -> Vec<String> {
         out.push(format!("\n{split}"));
         let head = ("method", "assets", "IoU", "per rig", "L1", "prec.", "recall");
         let (method, assets, iou, per_rig, l1, precision, recall) = head;
-        out.push(format!("{method:38} {assets:>6} {iou:>7} {per_rig:>8} {l1:>8} {precision:>6} {recall:>6}"));
+        out.push(format!("{method:44} {assets:>6} {iou:>7} {per_rig:>8} {l1:>8} {precision:>6} {recall:>6}"));
         for r in rows(report, split) {
             let p = &r.pooled;
             out.push(format!(
-                "{:38} {:>6} {:>7.4} {:>8.4} {:>8.5} {:>6.3} {:>6.3}",
+                "{:44} {:>6} {:>7.4} {:>8.4} {:>8.5} {:>6.3} {:>6.3}",
                 r.method, r.assets, p.iou, r.per_rig.iou, p.l1, p.precision, p.recall
             ));
         }
