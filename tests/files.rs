@@ -192,6 +192,50 @@ fn a_corpus_becomes_files_again() {
 }
 
 #[test]
+fn test_rigs_of_a_corpus_are_posed_scaled_and_turned() {
+    let dir = tempfile::tempdir().unwrap();
+    let (made, corpus) = (dir.path().join("made"), dir.path().join("c.h5"));
+    creatures(&made, 12);
+    must(&["dataset", "import", text(&made), "-o", text(&corpus)]);
+    let vary = |name: &str, more: &[&str]| {
+        let out = dir.path().join(name);
+        let args = [&["dataset", "vary", text(&corpus), "-o", text(&out)], more].concat();
+        (String::from_utf8(must(&args).stdout).unwrap(), out)
+    };
+    let listed = |file: &Path| String::from_utf8(must(&["dataset", "inspect", text(file)]).stdout).unwrap();
+    let shown = |file: &Path, name: &str| {
+        String::from_utf8(must(&["dataset", "inspect", text(file), name, "--json"]).stdout).unwrap()
+    };
+    let ((said, starred), (_, again)) = (vary("s.h5", &[]), vary("t.h5", &[]));
+    let tests: Vec<String> = listed(&corpus)
+        .lines()
+        .filter(|l| l.contains("  test_"))
+        .map(|l| l.split_whitespace().next().unwrap().to_owned())
+        .collect();
+    assert!(!tests.is_empty() && said.contains(&format!("12 assets, {} of them varied", tests.len())), "{said}");
+    assert_eq!(listed(&starred), listed(&corpus), "names, splits and sizes stay");
+    assert!(fs::read(&starred).unwrap() == fs::read(&again).unwrap(), "same seed, same bytes");
+    assert!(shown(&starred, &tests[0]).contains("varied by augment/unirig_starred.toml with seed 0"));
+    must(&["dataset", "verify", text(&starred)]);
+    // A recipe of one's own, for another split.
+    let recipe = dir.path().join("own.toml");
+    fs::write(&recipe, "[rotate]\nprobability = 1.0\ndegrees = 20.0\n").unwrap();
+    let (said, _) = vary("u.h5", &["--recipe", text(&recipe), "--split", "train", "--seed", "3"]);
+    assert!(!said.contains(" 0 of them"), "{said}");
+    for (more, wanted) in [
+        (["--split", "nowhere"], "no split `nowhere`"),
+        (["--set", "pose.degrees=900"], "pose.degrees"),
+        (["--set", "poze=1"], "poze"),
+    ] {
+        let out = dir.path().join("no.h5");
+        let said = refusal(&mut riglab(&[&["dataset", "vary", text(&corpus), "-o", text(&out)], &more[..]].concat()));
+        assert!(said.contains(wanted) && !out.exists(), "{said}");
+    }
+    let said = refusal(&mut riglab(&["dataset", "vary", text(&corpus), "-o", text(&corpus)]));
+    assert!(said.contains("give another file"), "{said}");
+}
+
+#[test]
 fn options_that_cannot_hold_are_refused() {
     let dir = tempfile::tempdir().unwrap();
     let creature = &creatures(&dir.path().join("made"), 1)[0];

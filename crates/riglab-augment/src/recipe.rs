@@ -1,6 +1,6 @@
 //! All augmentations in their order, and the orders and values of papers and public code.
 
-use riglab_core::{Rig, RigError};
+use riglab_core::{Asset, Clip, Rig, RigError};
 use riglab_random::stream;
 use serde::{Deserialize, Serialize};
 
@@ -116,6 +116,20 @@ impl Recipe {
         self.joint_noise.apply(&mut draft, &mut of("augment joint noise"));
         self.discretise.apply(&mut draft, &mut of("augment discretise"));
         draft.close()
+    }
+
+    /// As [`Self::apply`], of an asset with its motions, whatever its units: steps see it in the cube, and it comes back
+    /// to where it was.
+    ///
+    /// # Errors
+    /// As [`Self::apply`], and for clips of another rig.
+    pub fn apply_to_asset(&self, asset: Asset, seed: u64, index: &[u64]) -> Result<Asset, RigError> {
+        let (rig, into) = asset.rig.normalized();
+        let back = into.inverse();
+        let varied = self.apply(rig, seed, index)?;
+        let clip = |clip: &Clip| Ok(varied.clip(&clip.transformed(into))?.transformed(back));
+        let clips = asset.clips.iter().map(clip).collect::<Result<_, _>>()?;
+        Ok(Asset { rig: varied.rig.transformed(back), clips, ..asset })
     }
 
     /// SkinTokens' skeleton model (paper, 4.1.2). The paper gives no range of the scale; this is the

@@ -266,3 +266,28 @@ fn clips_move_an_augmented_rig_as_they_moved_the_rig() {
     let short = riglab_core::Clip::new("short".into(), 30.0, 1, clip.maps()[..1].to_vec()).unwrap();
     assert!(after.clip(&short).is_err());
 }
+
+#[test]
+fn an_asset_comes_back_to_where_it_was_with_its_motions() {
+    let mut asset = creatures(2, 0..1, &Options::default()).remove(0);
+    let large = riglab_core::Similarity { scale: 100.0, shift: [30.0, -20.0, 500.0] };
+    let joints = asset.rig.skeleton().len();
+    let moved = [[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0], [0.1, 0.2, 0.3]];
+    let clip = riglab_core::Clip::new("turn".into(), 30.0, joints, vec![moved; joints]).unwrap();
+    asset.clips = vec![clip.transformed(large)];
+    asset.rig = asset.rig.transformed(large);
+    let same = Recipe::default().apply_to_asset(asset.clone(), 1, &[]).unwrap();
+    assert_eq!((&same.name, &same.provenance), (&asset.name, &asset.provenance));
+    let posed = |a: &riglab_core::Asset| skin(&a.rig, &a.clips[0].frame(0)).unwrap();
+    for (old, new) in [
+        (asset.rig.mesh().positions().to_vec(), same.rig.mesh().positions().to_vec()),
+        (asset.rig.skeleton().heads().to_vec(), same.rig.skeleton().heads().to_vec()),
+        (posed(&asset), posed(&same)),
+    ] {
+        let off = old.iter().zip(&new).map(|(a, b)| (glam::Vec3::from(*a) - glam::Vec3::from(*b)).length());
+        assert!(off.fold(0.0, f32::max) < 1e-3, "of a creature 200 units long");
+    }
+    let starred = Recipe::unirig_starred().apply_to_asset(asset.clone(), 1, &[]).unwrap();
+    assert_ne!(starred.rig.skeleton().heads(), asset.rig.skeleton().heads());
+    assert_eq!(starred.rig.skeleton().names(), asset.rig.skeleton().names());
+}

@@ -57,6 +57,19 @@ pub enum DataError {
         /// What is wrong.
         message: String,
     },
+    /// An asset that could not be changed as asked.
+    #[error("{path}: asset `{name}`: {message}", path = path.display())]
+    Refused {
+        /// The corpus.
+        path: PathBuf,
+        /// The asset.
+        name: String,
+        /// Why.
+        message: String,
+    },
+    /// A corpus that would be written over itself.
+    #[error("{path}: the corpus that is read; give another file to write", path = .0.display())]
+    Same(PathBuf),
     /// Two assets of one name.
     #[error("two assets are named `{0}`; `riglab dataset merge --prefix` tells corpora apart by their names")]
     DuplicateName(String),

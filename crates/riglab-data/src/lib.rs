@@ -16,6 +16,7 @@ mod import;
 mod merge;
 mod mixture;
 mod reader;
+mod rewrite;
 mod room;
 pub mod schema;
 mod split;
@@ -30,6 +31,7 @@ pub use import::{
 pub use merge::{MergeReport, merge};
 pub use mixture::Mixture;
 pub use reader::{Corpus, Fault};
+pub use rewrite::{Place, rewrite};
 pub use split::{SplitNames, Splitter};
 pub use stats::{Stats, stats};
 pub use writer::CorpusWriter;

@@ -1,6 +1,6 @@
 //! `riglab dataset`
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::Mutex;
@@ -8,7 +8,11 @@ use std::sync::Mutex;
 use anyhow::{Context, Result};
 use clap::Subcommand;
 use riglab_asset::{ImportOptions, Resample, RootPolicy};
-use riglab_data::{Corpus, Splitter, Stats, import_folder, import_meshes, merge, models_below, rigged_files, stats};
+use riglab_augment::Recipe;
+use riglab_core::Asset;
+use riglab_data::{
+    Corpus, Place, Splitter, Stats, import_folder, import_meshes, merge, models_below, rewrite, rigged_files, stats,
+};
 use riglab_train::Progress;
 
 /// Make and look at corpora: HDF5 files of many rigs.
@@ -22,6 +26,7 @@ pub struct Args {
 enum Command {
     Import(Import),
     Merge(Merge),
+    Vary(Vary),
     Inspect(Inspect),
     Stats(StatsArgs),
     Verify(Verify),
@@ -110,6 +115,36 @@ struct Merge {
     seed: Option<u64>,
 }
 
+/// Write a corpus whose test rigs are posed, scaled and turned at random: UniRig's test sets with a star.
+///
+/// Any recipe of `configs/augment/` or of a file of one's own can vary them instead. Assets of other splits stay as
+/// they are, so that a run can be evaluated on what is written: `riglab eval RUN --set data.corpora='["starred.h5"]'`.
+/// Weights, names and motions come along; the same seed gives an asset the same draws, whatever else is in the corpus.
+#[derive(clap::Args)]
+#[command(after_help = "\
+Examples:
+  riglab dataset vary rigs.h5 -o starred.h5
+  riglab dataset vary rigs.h5 -o noisy.h5 --recipe noise.toml --split test_new --seed 1")]
+struct Vary {
+    /// The corpus.
+    corpus: PathBuf,
+    /// The corpus to write.
+    #[arg(long, short, value_name = "FILE")]
+    out: PathBuf,
+    /// How: a TOML file with the keys of `[augment]`, or one of the built-in ones by its name.
+    #[arg(long, value_name = "TOML", default_value = "augment/unirig_starred.toml")]
+    recipe: String,
+    /// Change a value of the recipe.
+    #[arg(long = "set", value_name = "KEY=VALUE")]
+    sets: Vec<String>,
+    /// Vary the assets of this split, as often as needed [default: those whose name begins with `test`].
+    #[arg(long = "split", value_name = "NAME")]
+    splits: Vec<String>,
+    /// Seed of the draws.
+    #[arg(long, default_value_t = 0)]
+    seed: u64,
+}
+
 /// List a corpus' assets, or show one.
 #[derive(clap::Args)]
 #[command(after_help = "Examples:\n  riglab dataset inspect corpus.h5\n  riglab dataset inspect corpus.h5 fox.glb")]
@@ -146,6 +181,7 @@ pub fn run(args: &Args) -> Result<ExitCode> {
     match &args.command {
         Command::Import(a) => run_import(a),
         Command::Merge(a) => run_merge(a),
+        Command::Vary(a) => run_vary(a),
         Command::Inspect(a) => run_inspect(a),
         Command::Stats(a) => run_stats(a),
         Command::Verify(a) => run_verify(a),
@@ -237,6 +273,41 @@ fn run_merge(args: &Merge) -> Result<ExitCode> {
         eprintln!("left out: `{name}` is equal to `{other}`");
     }
     say!("{}: {} assets, {} repeated ones left out", shown(&args.out), report.assets, report.repeated.len());
+    Ok(ExitCode::SUCCESS)
+}
+
+fn run_vary(args: &Vary) -> Result<ExitCode> {
+    let config = crate::presets::load_block(&args.recipe, &args.sets)?;
+    let recipe: Recipe = config.get()?;
+    recipe.validate().map_err(|(key, message)| config.invalid(&key, message))?;
+    let corpus = Corpus::open(&args.corpus)?;
+    let known: BTreeSet<String> = corpus.texts("split")?.into_iter().collect();
+    let wanted = |split: &str| match args.splits.is_empty() {
+        true => split.starts_with("test"),
+        false => args.splits.iter().any(|s| s == split),
+    };
+    let missing = args.splits.iter().find(|s| !known.contains(*s));
+    if missing.is_some() || !known.iter().any(|s| wanted(s)) {
+        let names: Vec<_> = known.iter().map(|s| format!("`{s}`")).collect();
+        let what = missing.map_or("no split begins with `test`".into(), |s| format!("no split `{s}`"));
+        anyhow::bail!("{}: {what}; it has {}: name one by --split", shown(&args.corpus), names.join(", "));
+    }
+    let total = corpus.len() as u64;
+    drop(corpus);
+    let mut varied = 0;
+    let change = |asset: Asset, place: Place| {
+        if !wanted(place.split) {
+            return Ok(asset);
+        }
+        varied += 1;
+        let mut asset = recipe.apply_to_asset(asset, args.seed, &[place.key]).map_err(|e| e.to_string())?;
+        asset.provenance.notes.push(format!("varied by {} with seed {}", args.recipe, args.seed));
+        Ok(asset)
+    };
+    let mut progress = Progress::new("varying", total, 0);
+    let written = rewrite(&args.corpus, &args.out, change, |done| progress.set(done as u64, String::new))?;
+    progress.finish();
+    say!("{}: {written} assets, {varied} of them varied", shown(&args.out));
     Ok(ExitCode::SUCCESS)
 }
 
