@@ -186,7 +186,8 @@ fn table(report: &Report, split: &str) -> Table {
         "Convention {}: weights above 0.01 are active; IoU and L1 pool all vertex-bone pairs of the split, bones that \
          move nothing left out. raw: the network's output; rule: cut at {}, the four largest kept, rows made to sum to \
          1. codes exchanged: each bone decoded from the codes of the next one, so the lower, the more the codes tell. \
-         Below the line: no learning, weights from distances to the bones.",
+         Below the line: no learning, weights from distances to the bones, straight or through the body, and from heat \
+         that flows over the surface.",
         report.convention, report.cut
     );
     table
