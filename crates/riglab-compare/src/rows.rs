@@ -1,7 +1,7 @@
 //! A row for every true asset.
 
 use rayon::prelude::*;
-use riglab_core::Rig;
+use riglab_core::Asset;
 use riglab_geom::voxel::SolidConfig;
 use riglab_metric::{Measure, Rows, SkinBaseline, Truth};
 use serde::{Serialize, Serializer};
@@ -90,8 +90,8 @@ pub fn score(
     truths.each(|some| {
         let rows: Vec<Result<Vec<Row>, (String, String)>> = some
             .par_iter()
-            .map(|(name, rig)| match rig {
-                Ok(rig) => Ok(rows(name, rig, systems, baselines, failures)),
+            .map(|(name, asset)| match asset {
+                Ok(asset) => Ok(rows(name, asset, systems, baselines, failures)),
                 Err(e) => Err((name.clone(), e.clone())),
             })
             .collect();
@@ -163,11 +163,12 @@ impl System {
 /// The rows of one asset, one a system, then one a baseline.
 fn rows(
     name: &str,
-    rig: &Rig,
+    asset: &Asset,
     systems: &[(String, Predictions)],
     baselines: &[SkinBaseline],
     failures: Failures,
 ) -> Vec<Row> {
+    let rig = &asset.rig;
     let empty = || Row {
         asset: name.into(),
         status: Status::Missing,
@@ -179,6 +180,7 @@ fn rows(
     };
     // Preparing the truth takes most of the time: not where there is nothing to measure.
     let mut prepared: Option<Truth> = None;
+    let prepare = || Truth::new(name, rig).moving(&asset.clips);
     let mut row = |predictions: &Predictions| {
         let mut row = empty();
         let read = predictions.key_of(name).map(|key| predictions.read(key).and_then(|p| fit(&p, rig)));
@@ -187,7 +189,7 @@ fn rows(
             None => {}
             Some(Err(reason)) => row.status = Status::Failed(reason),
             Some(Ok(fitted)) => {
-                let truth = prepared.get_or_insert_with(|| Truth::new(name, rig));
+                let truth = prepared.get_or_insert_with(prepare);
                 row.status = Status::Scored;
                 row.joints = fitted.joints.positions.len();
                 row.measures = truth.skeleton(&fitted.joints);
@@ -203,13 +205,13 @@ fn rows(
             }
         }
         if failures == Failures::Worst {
-            row.measures = prepared.get_or_insert_with(|| Truth::new(name, rig)).worst();
+            row.measures = prepared.get_or_insert_with(prepare).worst();
         }
         row
     };
     let mut out: Vec<Row> = systems.iter().map(|(_, predictions)| row(predictions)).collect();
     for baseline in baselines {
-        let truth = prepared.get_or_insert_with(|| Truth::new(name, rig));
+        let truth = prepared.get_or_insert_with(prepare);
         let weights = Rows::of(&baseline.weights(rig, &SolidConfig::DEFAULT), rig.skeleton().len());
         let measures = truth.skin(&weights).unwrap_or_default();
         out.push(Row { status: Status::Scored, joints: rig.skeleton().len(), measures, ..empty() });

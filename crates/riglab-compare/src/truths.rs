@@ -4,8 +4,8 @@ use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 
 use rayon::prelude::*;
-use riglab_asset::{ImportOptions, count_assets, import, import_each, is_rig_file};
-use riglab_core::Rig;
+use riglab_asset::{ImportOptions, Resample, count_assets, import, import_each, is_rig_file};
+use riglab_core::Asset;
 use riglab_data::{Corpus, name_below};
 
 use crate::CompareError;
@@ -13,8 +13,8 @@ use crate::CompareError;
 /// Rigs held at a time.
 const AT_ONCE: usize = 64;
 
-/// A name, and the rig or what is wrong with its file.
-pub type Named = (String, Result<Rig, String>);
+/// A name, and the asset or what is wrong with its file.
+pub type Named = (String, Result<Asset, String>);
 
 /// Where true rigs are from.
 pub enum TruthSource {
@@ -91,13 +91,14 @@ impl Truths {
         self.len() == 0
     }
 
-    /// Gives all of them, some at a time: a name, and the rig or what is wrong with its file.
+    /// Gives all of them, some at a time: a name, and the asset, with the clips that the corpus or file has, or what is
+    /// wrong with its file.
     pub fn each(&self, mut give: impl FnMut(Vec<Named>)) {
         match &self.source {
             TruthSource::Corpus(corpus, assets) => {
                 for some in assets.chunks(AT_ONCE) {
                     let read = |&index: &usize| match corpus.asset(index) {
-                        Ok(asset) => (asset.name, Ok(asset.rig)),
+                        Ok(asset) => (asset.name.clone(), Ok(asset)),
                         Err(e) => (format!("asset {index}"), Err(e.to_string())),
                     };
                     give(some.iter().map(read).collect());
@@ -118,19 +119,24 @@ impl Truths {
     }
 }
 
+/// With the motions of files: weights are tried in them too.
+fn options() -> ImportOptions {
+    ImportOptions { clips: Some(Resample::default()), ..ImportOptions::default() }
+}
+
 fn single(folder: &Path, path: &Path) -> Named {
-    let rig = import(path, &ImportOptions::default()).and_then(riglab_asset::Imported::into_asset);
-    (name_below(folder, path), rig.map(|asset| asset.rig).map_err(|e| e.to_string()))
+    let asset = import(path, &options()).and_then(riglab_asset::Imported::into_asset);
+    (name_below(folder, path), asset.map_err(|e| e.to_string()))
 }
 
 fn each_of(folder: &Path, path: &Path, give: &mut dyn FnMut(Vec<Named>)) {
     let file = name_below(folder, path);
     let mut held = Vec::new();
     let mut number = 0;
-    import_each(path, &ImportOptions::default(), |imported| {
-        let rig = imported.and_then(riglab_asset::Imported::into_asset);
-        held.push(match rig {
-            Ok(asset) => (format!("{file}#{}", asset.name), Ok(asset.rig)),
+    import_each(path, &options(), |imported| {
+        let asset = imported.and_then(riglab_asset::Imported::into_asset);
+        held.push(match asset {
+            Ok(asset) => (format!("{file}#{}", asset.name), Ok(asset)),
             Err(e) => (format!("{file}#{number}"), Err(e.to_string())),
         });
         number += 1;

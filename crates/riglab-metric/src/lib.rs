@@ -28,7 +28,7 @@ pub use baseline::{Baseline, bone_distances};
 pub use codebook::{Codebook, compression_ratio};
 pub use geodesic::{geodesic_distances, geodesic_weights};
 pub use heat::heat_weights;
-pub use motion::{Motion, Poses, motion, motion_poses, posed};
+pub use motion::{Frames, Motion, Poses, clip_frames, motion, motion_of_frames, motion_poses, posed};
 pub use rows::Rows;
 pub use score::{Measure, Preset, Truth, lower_is_better};
 pub use skeleton::{

@@ -1,6 +1,7 @@
 //! How far vertices are off once the rig moves.
 
 use glam::{DAffine3, DMat3, DVec3};
+use riglab_core::Clip;
 use riglab_random::{Draw, stream};
 use serde::{Deserialize, Serialize};
 
@@ -13,6 +14,8 @@ const POSES: usize = 10;
 const DEGREES: f64 = 30.0;
 /// What UniRig adds to a vertex' sum of weights.
 const EPSILON: f64 = 1e-8;
+/// Frames that weights are tried in of an asset's clips, where they have as many.
+const FRAMES: usize = 30;
 /// Poses that are worked on at once, so that the compiler takes several in an instruction.
 const LANES: usize = POSES;
 
@@ -109,13 +112,49 @@ fn maps(joints: &Joints, pose: &[DMat3]) -> Vec<DAffine3> {
     maps
 }
 
+/// For each frame the map of every joint's surroundings from rest to pose.
+pub type Frames = Vec<Vec<DAffine3>>;
+
+/// Frames of an asset's own clips, for [`motion_of_frames`]: at most 30, evenly spaced over all of them laid end to
+/// end, so that long clips have more. `scale` and `shift` take the asset's coordinates to those of the vertices:
+/// `p -> scale · p + shift`.
+pub fn clip_frames(clips: &[Clip], scale: f64, shift: [f64; 3]) -> Frames {
+    let shift = DVec3::from(shift);
+    let all: Vec<(&Clip, usize)> = clips.iter().flat_map(|clip| (0..clip.frames()).map(move |f| (clip, f))).collect();
+    let taken = all.len().min(FRAMES);
+    let frame = |k: usize| {
+        // The middles of equal stretches.
+        let (clip, frame) = all[(2 * k + 1) * all.len() / (2 * taken)];
+        let map = |map: &[riglab_core::Vec3; 4]| {
+            let [x, y, z, t] = map.map(|column| DVec3::from(column.map(f64::from)));
+            // s (A p + t) + d, of p = (q - d) / s, is A q + s t + d - A d.
+            let matrix3 = DMat3::from_cols(x, y, z);
+            DAffine3 { matrix3, translation: scale * t + shift - matrix3 * shift }
+        };
+        clip.maps()[frame * clip.joints()..][..clip.joints()].iter().map(map).collect()
+    };
+    (0..taken).map(frame).collect()
+}
+
 /// The distances over some poses; NaN without poses or vertices.
 pub fn motion(vertices: &[[f64; 3]], joints: &Joints, poses: &Poses, truth: &Rows, predicted: &Rows) -> Motion {
+    let frames: Frames = poses.iter().map(|pose| maps(joints, pose)).collect();
+    let shares = Shares::new(joints.positions.len().min(joints.parents.len()), truth, predicted);
+    moved(vertices, &frames, &shares)
+}
+
+/// The distances over some frames, such as [`clip_frames`] of the asset's own clips: the reconstruction of real motion.
+/// Frames map the same joints, columns of the weights beyond them move nothing; NaN without frames or vertices.
+pub fn motion_of_frames(vertices: &[[f64; 3]], frames: &Frames, truth: &Rows, predicted: &Rows) -> Motion {
+    let known = frames.iter().map(Vec::len).min().unwrap_or(0);
+    moved(vertices, frames, &Shares::new(known, truth, predicted))
+}
+
+fn moved(vertices: &[[f64; 3]], frames: &Frames, shares: &Shares) -> Motion {
     let (mut sum, mut max, mut maxima, mut squares) = (0.0, 0.0f64, 0.0, 0.0);
-    let shares = Shares::new(joints, truth, predicted);
     let vertices = &vertices[..vertices.len().min(shares.offsets.len() - 1)];
-    for together in poses.chunks(LANES) {
-        let maps = lanes(joints, together);
+    for together in frames.chunks(LANES) {
+        let maps = lanes(together);
         let (mut sums, mut largest) = ([[0.0; LANES]; 2], [0.0f64; LANES]);
         for (v, shares) in vertices.iter().zip(shares.rows()) {
             let squared = apart2(*v, shares, &maps);
@@ -133,26 +172,26 @@ pub fn motion(vertices: &[[f64; 3]], joints: &Joints, poses: &Poses, truth: &Row
             maxima += largest[l];
         }
     }
-    let count = poses.len() * vertices.len();
+    let count = frames.len() * vertices.len();
     let n = count as f64;
     Motion {
         mean: sum / n,
         max: if count > 0 { max } else { f64::NAN },
-        mean_max: if count > 0 { maxima / poses.len() as f64 } else { f64::NAN },
+        mean_max: if count > 0 { maxima / frames.len() as f64 } else { f64::NAN },
         mse: squares / (3.0 * n),
         rms: (squares / n).sqrt(),
     }
 }
 
-/// A row of [`maps`] has three numbers that are multiplied by the coordinates and one that is added; each for some
+/// A row of a map has three numbers that are multiplied by the coordinates and one that is added; each for some
 /// poses.
 type Lanes = [[[f64; LANES]; 4]; 3];
 
-/// The [`maps`] of some poses, no more than there are lanes, side by side.
-fn lanes(joints: &Joints, poses: &[Vec<DMat3>]) -> Vec<Lanes> {
-    let mut out = vec![Lanes::default(); joints.positions.len()];
-    for (l, pose) in poses.iter().enumerate() {
-        for (out, map) in out.iter_mut().zip(maps(joints, pose)) {
+/// The maps of some frames, no more than there are lanes, side by side.
+fn lanes(frames: &[Vec<DAffine3>]) -> Vec<Lanes> {
+    let mut out = vec![Lanes::default(); frames.iter().map(Vec::len).max().unwrap_or(0)];
+    for (l, frame) in frames.iter().enumerate() {
+        for (out, map) in out.iter_mut().zip(frame) {
             for (column, numbers) in map.to_cols_array_2d().into_iter().enumerate() {
                 (0..3).for_each(|row| out[row][column][l] = numbers[row]);
             }
@@ -184,8 +223,8 @@ struct Shares {
 }
 
 impl Shares {
-    fn new(joints: &Joints, truth: &Rows, predicted: &Rows) -> Self {
-        let known = joints.positions.len().min(joints.parents.len());
+    /// Of the first `known` joints.
+    fn new(known: usize, truth: &Rows, predicted: &Rows) -> Self {
         let total = |row: &[(u32, f32)]| {
             row.iter().filter(|(j, _)| (*j as usize) < known).map(|(_, w)| f64::from(*w)).sum::<f64>() + EPSILON
         };
@@ -272,6 +311,41 @@ mod tests {
         ];
         let got = motion(&vertices, &joints, &poses, &truth, &predicted).figures();
         assert!(got.iter().zip(want).all(|((_, g), w)| (g - w).abs() < 1e-13), "{got:?} {want:?}");
+    }
+
+    #[test]
+    fn a_clip_in_other_units_moves_vertices_as_its_frames_do() {
+        // The elbow at x = 12 of a rig of twice the size that stands at x = 10 turns by a quarter in the last frame.
+        const STILL: [[f32; 3]; 4] = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [0.0; 3]];
+        let turned = [[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [12.0, -12.0, 0.0]];
+        let clip = Clip::new("nod".into(), 30.0, 2, vec![STILL, STILL, STILL, turned]).unwrap();
+        let frames = clip_frames(&[clip], 0.5, [-5.0, 0.0, 0.0]);
+        assert_eq!((frames.len(), frames[0][1]), (2, DAffine3::IDENTITY));
+        // In the cube of `arm` the elbow is at x = 1.
+        let quarter = rotation([0.0, 0.0, std::f64::consts::FRAC_PI_2]);
+        let poses = vec![vec![DMat3::IDENTITY; 2], vec![DMat3::IDENTITY, quarter]];
+        let vertices = [[0.5, 0.0, 0.0], [1.5, 0.0, 0.3], [2.0, 0.0, 0.0]];
+        let truth = Rows::dense(&[1.0, 0.0, 0.5, 0.5, 0.0, 1.0], 2);
+        let rigid = Rows::dense(&[1.0, 0.0, 1.0, 0.0, 1.0, 0.0], 2);
+        let want = motion(&vertices, &arm(), &poses, &truth, &rigid).figures();
+        let got = motion_of_frames(&vertices, &frames, &truth, &rigid).figures();
+        assert!(got.iter().zip(want).all(|((_, g), (_, w))| (g - w).abs() < 1e-12 && *g > 0.0), "{got:?}");
+        assert!(motion_of_frames(&vertices, &Frames::new(), &truth, &rigid).mean.is_nan());
+    }
+
+    #[test]
+    fn frames_are_spread_over_all_clips() {
+        // Frame f of both clips shifts by f along x: clip 0 has 10 frames, clip 1 has 110.
+        let clip = |frames: usize| {
+            let map = |f: usize| [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [f as f32, 0.0, 0.0]];
+            Clip::new(String::new(), 30.0, 1, (0..frames).map(map).collect()).unwrap()
+        };
+        let at =
+            |clips: &[Clip]| clip_frames(clips, 1.0, [0.0; 3]).iter().map(|f| f[0].translation.x).collect::<Vec<_>>();
+        let both = at(&[clip(10), clip(110)]);
+        assert_eq!((both.len(), &both[..4], both[29]), (FRAMES, &[2.0, 6.0, 0.0, 4.0][..], 108.0));
+        assert_eq!(at(&[clip(3)]), [0.0, 1.0, 2.0]);
+        assert!(clip_frames(&[], 1.0, [0.0; 3]).is_empty());
     }
 
     #[test]

@@ -1,10 +1,11 @@
 //! All metrics of one asset: the one place that knows which a table has.
 
-use riglab_core::{Mesh, Rig, Vec3};
+use riglab_core::{Clip, Mesh, Rig, Vec3};
 
 use crate::{
-    Joints, Poses, Rows, SkeletonConvention, SkinConvention, Skins, connectivity, edges_of, local_shape_diameters,
-    match_joints, motion, motion_poses, nearest_shares, ordered_by_position, tree_edit_distance,
+    Frames, Joints, Poses, Rows, SkeletonConvention, SkinConvention, Skins, clip_frames, connectivity, edges_of,
+    local_shape_diameters, match_joints, motion, motion_of_frames, motion_poses, nearest_shares, ordered_by_position,
+    tree_edit_distance,
 };
 
 /// Anymate's tolerance for joints, in [-1, 1]³.
@@ -107,6 +108,8 @@ pub struct Truth {
     tolerances: Vec<f64>,
     weights: Rows,
     poses: Poses,
+    /// Of the asset's own clips; empty without any.
+    frames: Frames,
 }
 
 /// p -> scale · (p - center)
@@ -158,9 +161,18 @@ impl Truth {
             tolerances,
             weights: Rows::of(rig.weights(), rig.skeleton().len()),
             poses: motion_poses(name, &joints.parents),
+            frames: Frames::new(),
             vertices,
             joints,
         }
+    }
+
+    /// Of an asset with clips: weights are also tried in frames of these.
+    #[must_use]
+    pub fn moving(mut self, clips: &[Clip]) -> Self {
+        let Map { center, scale } = self.to_mesh_cube;
+        self.frames = clip_frames(clips, scale, center.map(|c| -scale * c));
+        self
     }
 
     /// How many joints.
@@ -275,6 +287,11 @@ impl Truth {
         );
         add(Preset::Anymate, SkinConvention::Anymate.figures(&skins));
         add(Preset::Riglab, vec![("motion_max", moved.max), ("motion_rms", moved.rms)]);
+        if !self.frames.is_empty() {
+            let clips = motion_of_frames(&self.vertices, &self.frames, truth, predicted);
+            add(Preset::Unirig, vec![("clips_mse", clips.mse)]);
+            add(Preset::Riglab, vec![("clips", clips.mean)]);
+        }
         Some(out)
     }
 

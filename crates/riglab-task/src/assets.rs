@@ -4,7 +4,7 @@ use std::collections::{HashMap, VecDeque};
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, OnceLock};
 
-use riglab_core::{Asset, Mesh, Rig, RigError, Skeleton, Vec3};
+use riglab_core::{Asset, Clip, JointMap, Mesh, Rig, RigError, Skeleton, Vec3};
 use riglab_data::{Corpus, DataError, SplitNames};
 use serde::{Deserialize, Serialize};
 
@@ -84,6 +84,20 @@ impl Up {
         }
         let (skeleton, mesh) = (self.skeleton(rig.skeleton())?, self.mesh(rig.mesh())?);
         Rig::new(skeleton, mesh, rig.weights().clone())?.with_humanoid(rig.humanoid().clone())
+    }
+
+    /// A clip of a rig as the network sees it.
+    ///
+    /// # Errors
+    /// None for a clip.
+    pub fn clip(self, clip: &Clip) -> Result<Clip, RigError> {
+        // Of a map its columns: where it takes the axes that the network sees is the turn of where it takes those of
+        // the rig that lie there.
+        let turned = |m: &JointMap| match self {
+            Self::Y => *m,
+            Self::Z => [self.turn(m[0]), self.turn(m[2]).map(|x| -x), self.turn(m[1]), self.turn(m[3])],
+        };
+        Clip::new(clip.name().into(), clip.rate(), clip.joints(), clip.maps().iter().map(turned).collect())
     }
 
     /// What the network sees as it is shown to people: y up again.
@@ -268,6 +282,7 @@ impl Assets {
         // A rig that is turned stays a rig: no number becomes another.
         if let (Up::Z, Ok(turned)) = (self.up, self.up.rig(&asset.rig)) {
             asset.rig = turned;
+            asset.clips = asset.clips.iter().filter_map(|clip| self.up.clip(clip).ok()).collect();
         }
         Ok(asset)
     }
@@ -346,6 +361,15 @@ mod tests {
         let shown = Up::Z.upright(&Up::Z.rig(&rig).unwrap()).unwrap();
         assert_eq!(shown.mesh().positions(), rig.mesh().positions());
         assert_eq!(shown.skeleton().heads(), rig.skeleton().heads());
+        // A turned rig in a turned clip stands where the rig in the clip does, turned.
+        let map = [[0.5, 0.1, 0.2], [0.3, -0.7, 0.4], [0.6, 0.9, 1.1], [1.0, 2.0, 3.0]];
+        let clip = Clip::new("c".into(), 30.0, 1, vec![map]).unwrap();
+        let posed = |rig: &Rig, clip: &Clip| riglab_core::skin(rig, &clip.frame(0)).unwrap();
+        let turned = posed(&Up::Z.rig(&rig).unwrap(), &Up::Z.clip(&clip).unwrap());
+        for (turned, at) in turned.iter().zip(posed(&rig, &clip)) {
+            assert!(turned.iter().zip(Up::Z.turn(at)).all(|(a, b)| (a - b).abs() < 1e-6), "{turned:?} {at:?}");
+        }
+        assert_eq!(Up::Y.clip(&clip).unwrap(), clip);
     }
 
     #[test]

@@ -2,10 +2,12 @@
 
 use std::collections::BTreeMap;
 
-use riglab_core::JointId;
+use riglab_core::{Asset, JointId};
 use riglab_geom::voxel::SolidConfig;
+use riglab_metric::statistics::Mean;
 use riglab_metric::{
-    Joints, Poses, PrecisionRecall, Rows, SkinMetrics, SkinTally, every_rule, motion, motion_poses, nan_for_null,
+    Frames, Joints, Poses, PrecisionRecall, Rows, SkinMetrics, SkinTally, clip_frames, every_rule, motion,
+    motion_of_frames, motion_poses, nan_for_null,
 };
 use riglab_nn::params::Weights;
 use riglab_nn::skin_stage::ATTRIBUTES;
@@ -40,6 +42,13 @@ pub struct Row {
     /// Motion loss: how far vertices are off in ten random poses, in the cube of side 2; the mean of the assets' means.
     #[serde(default = "unknown", deserialize_with = "riglab_metric::nan_for_null")]
     pub motion: f64,
+    /// How far vertices are off in frames of the assets' own clips, in the cube of side 2; the mean of the assets' means.
+    /// NaN where no asset of the split has clips.
+    #[serde(default = "unknown", deserialize_with = "riglab_metric::nan_for_null")]
+    pub clips: f64,
+    /// Assets with clips.
+    #[serde(default)]
+    pub clip_assets: usize,
     /// Precision of the network's raw weights, pooled, counted from the threshold at which their recall is this
     /// method's; of the network's own rows NaN.
     #[serde(default = "unknown", deserialize_with = "riglab_metric::nan_for_null")]
@@ -89,6 +98,9 @@ pub struct AssetRow {
     /// Motion loss, see [`Row::motion`].
     #[serde(default = "unknown", deserialize_with = "nan_for_null")]
     pub motion: f64,
+    /// The same over its clips, see [`Row::clips`]; NaN without any.
+    #[serde(default = "unknown", deserialize_with = "nan_for_null")]
+    pub clips: f64,
 }
 
 /// What an evaluation found.
@@ -313,29 +325,31 @@ impl SkinTask {
         mut progress: impl FnMut(),
     ) -> Result<(), String> {
         // By place in the table, so that the order is kept.
-        let mut methods: BTreeMap<usize, (String, Sums, Vec<f64>)> = BTreeMap::new();
+        let mut methods: BTreeMap<usize, (String, Sums, [Vec<f64>; 2])> = BTreeMap::new();
         let mut springs = Springs::default();
         let mut curve = PrecisionRecall::default();
         let ids = self.assets.split(split).map_err(|e| e.to_string())?;
         for &id in &ids {
             let subject = self.subject(id, None)?;
             let (rig, joints) = (&subject.ready.rig, subject.ready.seats.len());
-            let in_motion = InMotion::new(&subject);
+            let in_motion = InMotion::new(&subject, &self.assets.read(id).map_err(|e| e.to_string())?);
             let mut place = 0;
             let mut tally = |name: String, weights: &[f32]| {
                 let tally = SkinTally::of(&subject.truth, weights, joints);
-                let (_, sums, moved) = methods.entry(place).or_insert_with(|| (name, Sums::default(), Vec::new()));
+                let (_, sums, moved) =
+                    methods.entry(place).or_insert_with(|| (name, Sums::default(), Default::default()));
                 sums.add(&tally);
-                let motion = in_motion.off(weights);
-                moved.push(motion);
+                let off = in_motion.off(weights);
+                moved.iter_mut().zip(off).for_each(|(all, off)| all.push(off));
                 place += 1;
-                (tally.metrics(), motion)
+                (tally.metrics(), off)
             };
             let found = self.predicted(w, &subject);
             springs.add(&subject.ready, &found);
             curve.add(&subject.truth, &found.dense);
             tally("raw".into(), &found.dense);
-            let (rule, motion) = tally("rule".into(), &ruled(&self.spread(w, &subject, &found), joints, report.cut));
+            let (rule, [motion, clips]) =
+                tally("rule".into(), &ruled(&self.spread(w, &subject, &found), joints, report.cut));
             report.assets.push(AssetRow {
                 split: split.into(),
                 name: rig.name.clone(),
@@ -345,6 +359,7 @@ impl SkinTask {
                 iou: rule.iou,
                 l1: rule.l1,
                 motion,
+                clips,
             });
             let ids: Vec<JointId> = rig.bones.iter().map(|b| b.joint).collect();
             let config = SolidConfig { resolution: self.config.eval.baseline_resolution, ..SolidConfig::DEFAULT };
@@ -356,10 +371,20 @@ impl SkinTask {
         report.rows.extend(methods.into_values().map(|(method, sums, moved)| {
             let (pooled, per_rig) = sums.metrics();
             let learned = ["raw", "rule"].contains(&method.as_str());
-            let known = moved.iter().filter(|m| !m.is_nan());
-            let motion = known.clone().sum::<f64>() / known.count() as f64;
+            let [motion, clips] = moved.map(|moved| Mean::of(&moved));
             let ours_at_recall = if learned { f64::NAN } else { curve.precision_at(pooled.recall) };
-            Row { split: split.into(), learned, assets: ids.len(), pooled, per_rig, motion, ours_at_recall, method }
+            Row {
+                split: split.into(),
+                learned,
+                assets: ids.len(),
+                pooled,
+                per_rig,
+                motion: motion.mean,
+                clips: clips.mean,
+                clip_assets: clips.n,
+                ours_at_recall,
+                method,
+            }
         }));
         if self.config.model.attributes {
             report.attributes.extend(springs.rows(split));
@@ -368,35 +393,40 @@ impl SkinTask {
     }
 }
 
-/// An asset's vertices in the poses of the motion loss.
+/// An asset's vertices in the poses of the motion loss, and in frames of its own clips.
 struct InMotion {
     vertices: Vec<[f64; 3]>,
     joints: Joints,
     poses: Poses,
+    frames: Frames,
     /// The joint of each bone.
     columns: Vec<u32>,
     truth: Rows,
 }
 
 impl InMotion {
-    fn new(subject: &Subject) -> Self {
+    /// Of a subject, and the asset that it was made of.
+    fn new(subject: &Subject, asset: &Asset) -> Self {
         let rig = &subject.ready.rig;
+        let (_, to_cube) = asset.rig.normalized();
         let joints = Joints::of(rig.rig.skeleton());
         let columns: Vec<u32> = rig.bones.iter().map(|b| b.joint.index() as u32).collect();
         let asked = &subject.ready.points[subject.seen..];
         Self {
             vertices: asked.iter().map(|p| p.position.map(f64::from)).collect(),
             poses: motion_poses(&rig.name, &joints.parents),
+            frames: clip_frames(&asset.clips, f64::from(to_cube.scale), to_cube.shift.map(f64::from)),
             truth: over_joints(&subject.truth, &columns, joints.positions.len()),
             joints,
             columns,
         }
     }
 
-    /// The mean distance from where they belong, of dense rows of weights on the bones.
-    fn off(&self, weights: &[f32]) -> f64 {
+    /// The mean distances from where they belong, in poses and in frames, of dense rows of weights on the bones.
+    fn off(&self, weights: &[f32]) -> [f64; 2] {
         let rows = over_joints(weights, &self.columns, self.joints.positions.len());
-        motion(&self.vertices, &self.joints, &self.poses, &self.truth, &rows).mean
+        let posed = motion(&self.vertices, &self.joints, &self.poses, &self.truth, &rows);
+        [posed.mean, motion_of_frames(&self.vertices, &self.frames, &self.truth, &rows).mean]
     }
 }
 

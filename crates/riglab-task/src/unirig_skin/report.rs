@@ -26,6 +26,11 @@ fn splits(report: &Report) -> Vec<&str> {
     splits
 }
 
+/// Assets with clips of a split, whose rows these are.
+fn with_clips(rows: &[&Row]) -> usize {
+    rows.iter().map(|r| r.clip_assets).max().unwrap_or(0)
+}
+
 /// The tables of all splits.
 pub fn lines(report: &Report) -> Vec<String> {
     let mut out = vec![format!(
@@ -37,19 +42,35 @@ pub fn lines(report: &Report) -> Vec<String> {
     for split in splits(report) {
         let rows: Vec<&Row> = report.rows.iter().filter(|r| r.split == split).collect();
         out.push(format!("\n{split} ({} assets)", rows.first().map_or(0, |r| r.assets)));
+        let clips = with_clips(&rows);
         out.push(format!(
-            "{:34} {:>8} {:>8} {:>6} {:>6} {:>6} {:>7} {:>8} {:>7}",
-            "method", "L1", "per rig", "prec.", "recall", "(ours)", "IoU", "per rig", "motion"
+            "{:34} {:>8} {:>8} {:>6} {:>6} {:>6} {:>7} {:>8} {:>7}{}",
+            "method",
+            "L1",
+            "per rig",
+            "prec.",
+            "recall",
+            "(ours)",
+            "IoU",
+            "per rig",
+            "motion",
+            if clips > 0 { "   clips" } else { "" }
         ));
         for r in rows {
             let (p, e) = (&r.pooled, &r.per_rig);
+            let moved = if clips > 0 { format!(" {:>7.5}", r.clips) } else { String::new() };
             let ours = Some(r.ours_at_recall).filter(|p| p.is_finite()).map_or(String::new(), |p| format!("{p:.3}"));
             out.push(format!(
-                "{:34} {:>8.5} {:>8.5} {:>6.3} {:>6.3} {:>6} {:>7.4} {:>8.4} {:>7.5}",
+                "{:34} {:>8.5} {:>8.5} {:>6.3} {:>6.3} {:>6} {:>7.4} {:>8.4} {:>7.5}{moved}",
                 r.method, p.l1, e.l1, p.precision, p.recall, ours, p.iou, e.iou, r.motion
             ));
         }
         out.push("(ours): precision of our raw weights, cut where their recall is that of the row".into());
+        if clips > 0 {
+            out.push(format!(
+                "motion: in random poses; clips: in frames of their own clips, of {clips} assets with any"
+            ));
+        }
         for a in report.attributes.iter().filter(|a| a.split == split) {
             out.push(format!(
                 "{:14} rms error {:>8.4}, of the mean {:>8.4} ({} bones that swing)",
@@ -92,44 +113,73 @@ impl Evaluation {
         let report = &self.report;
         let of = report.convention.as_str();
         let moved = Metric::lower("motion", of, 5);
+        let clips = report.rows.iter().any(|r| r.clip_assets > 0).then(|| Metric::lower("clips", of, 5));
+        let with_clips = |mut values: Vec<f64>, value: f64| {
+            values.extend(clips.as_ref().map(|_| value));
+            values
+        };
         let total = |r: &Row| Total {
             split: r.split.clone(),
             method: r.method.clone(),
             own: r.learned,
             assets: r.assets,
-            values: vec![
-                r.pooled.iou,
-                r.per_rig.iou,
-                r.pooled.l1,
-                r.pooled.precision,
-                r.pooled.recall,
-                r.per_rig.mask_cover_bone,
-                r.motion,
-            ],
+            values: with_clips(
+                vec![
+                    r.pooled.iou,
+                    r.per_rig.iou,
+                    r.pooled.l1,
+                    r.pooled.precision,
+                    r.pooled.recall,
+                    r.per_rig.mask_cover_bone,
+                    r.motion,
+                ],
+                r.clips,
+            ),
         };
         let single = |a: &AssetRow| Single {
             split: a.split.clone(),
             name: a.name.clone(),
             category: a.category.clone(),
-            values: vec![a.iou, a.l1, a.motion],
+            values: with_clips(vec![a.iou, a.l1, a.motion], a.clips),
         };
         vec![Findings {
             about: "Skin weights of given skeletons".into(),
-            totals_of: skin_metrics(of).into_iter().chain([moved.clone()]).collect(),
+            totals_of: skin_metrics(of).into_iter().chain([moved.clone()]).chain(clips.clone()).collect(),
             totals: report.rows.iter().filter(|r| r.method != "raw").map(total).collect(),
-            singles_of: vec![Metric::higher("IoU", of, 4), Metric::lower("L1", of, 5), moved],
+            singles_of: [Metric::higher("IoU", of, 4), Metric::lower("L1", of, 5), moved]
+                .into_iter()
+                .chain(clips.clone())
+                .collect(),
             singles: report.assets.iter().map(single).collect(),
             published: vec![Beside { table: "unirig.skin_l1", columns: &[("L1", "skin_l1", 1.0)] }],
         }]
     }
 
     fn assets(&self) -> String {
-        let mut text =
-            format!("{:12} {:>8} {:>7} {:>7} {:>8} {:>6}  name\n", "split", "L1", "IoU", "motion", "vertices", "bones");
+        let clips = self.report.assets.iter().any(|a| a.clips.is_finite());
+        let shown = |text: String| if clips { format!("{text:>8}") } else { String::new() };
+        let mut text = format!(
+            "{:12} {:>8} {:>7} {:>7}{} {:>8} {:>6}  name\n",
+            "split",
+            "L1",
+            "IoU",
+            "motion",
+            shown("clips".into()),
+            "vertices",
+            "bones"
+        );
         for a in &self.report.assets {
+            let moved = if a.clips.is_finite() { format!("{:.5}", a.clips) } else { "–".into() };
             text += &format!(
-                "{:12} {:>8.5} {:>7.4} {:>7.5} {:>8} {:>6}  {}\n",
-                a.split, a.l1, a.iou, a.motion, a.vertices, a.bones, a.name
+                "{:12} {:>8.5} {:>7.4} {:>7.5}{} {:>8} {:>6}  {}\n",
+                a.split,
+                a.l1,
+                a.iou,
+                a.motion,
+                shown(moved),
+                a.vertices,
+                a.bones,
+                a.name
             );
         }
         text
@@ -161,13 +211,19 @@ fn verdict(report: &Report, split: &str) -> Option<String> {
 fn table(report: &Report, split: &str) -> Table {
     let rows: Vec<&Row> = report.rows.iter().filter(|r| r.split == split).collect();
     let assets = rows.first().map_or(0, |r| r.assets);
-    let head = ["method", "L1", "L1 per rig", "precision", "recall", "ours at recall", "IoU", "IoU per rig", "motion"];
+    let clips = with_clips(&rows);
+    let mut head =
+        ["method", "L1", "L1 per rig", "precision", "recall", "ours at recall", "IoU", "IoU per rig"].to_vec();
+    head.push("motion");
+    if clips > 0 {
+        head.push("clips");
+    }
     let mut table = Table::new(format!("{split}: {assets} assets, all vertices"), &head);
     let least = |of: fn(&Row) -> f64| rows.iter().map(|r| of(r)).fold(f64::NAN, f64::min);
     let most = |of: fn(&Row) -> f64| rows.iter().map(|r| of(r)).fold(f64::NAN, f64::max);
     // Of a column: its value in a row, the best one, and how many digits are shown.
     type Column = (fn(&Row) -> f64, f64, usize);
-    let columns: [Column; 8] = [
+    let mut columns: Vec<Column> = vec![
         (|r| r.pooled.l1, least(|r| r.pooled.l1), 5),
         (|r| r.per_rig.l1, least(|r| r.per_rig.l1), 5),
         (|r| r.pooled.precision, most(|r| r.pooled.precision), 3),
@@ -178,6 +234,9 @@ fn table(report: &Report, split: &str) -> Table {
         (|r| r.per_rig.iou, most(|r| r.per_rig.iou), 4),
         (|r| r.motion, least(|r| r.motion), 5),
     ];
+    if clips > 0 {
+        columns.push((|r| r.clips, least(|r| r.clips), 5));
+    }
     let mut learned = true;
     for r in &rows {
         if learned && !r.learned {
@@ -193,7 +252,7 @@ fn table(report: &Report, split: &str) -> Table {
          rows made to sum to 1. ours at recall: the precision of our raw weights where the threshold from which they \
          are active gives them the recall of this row. motion: how far vertices are from where the true weights take \
          them, mean over ten poses with random turns up to 30 degrees about each axis, then over rigs; the rig fills a \
-         cube of side 2. Below the line: no learning, weights from distances to the bones, straight or through the \
+         cube of side 2. {}Below the line: no learning, weights from distances to the bones, straight or through the \
          body, or by heat that spreads over the surface.",
         report.convention,
         if report.spread > 0.0 {
@@ -201,7 +260,12 @@ fn table(report: &Report, split: &str) -> Table {
         } else {
             String::new()
         },
-        report.cut
+        report.cut,
+        match clips {
+            0 => String::new(),
+            n =>
+                format!("clips: the same over up to 30 frames of a rig's own clips, over the {n} rigs that have any. "),
+        }
     );
     table
 }
