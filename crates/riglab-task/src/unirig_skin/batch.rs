@@ -13,6 +13,7 @@ use riglab_train::Source;
 
 use super::config::{MergeConfig, SkinTaskConfig};
 use super::motion::{Motion, poses};
+use super::pairs::Around;
 use super::ready::{Ready, row};
 use crate::assets::{AssetId, Assets, Cache};
 use crate::fsq_cvae::Prepared;
@@ -85,7 +86,7 @@ impl BatchSource {
             return self.cache.get((id, 0), || {
                 let rig = Prepared::new(self.assets.read(id).map_err(|e| e.to_string())?);
                 let random = &mut stream(seed, "skin pool", &[id.key()]);
-                Ok(kept(Ready::pooled(rig, s.pool, s.vertex_share, s.resolution, random)))
+                Ok(kept(Ready::pooled(rig, s.pool, s.vertex_share, s.measured(), random)))
             });
         }
         let variant = match s.variants {
@@ -96,7 +97,7 @@ impl BatchSource {
             let (asset, key) = (self.assets.read(id).map_err(|e| e.to_string())?, [id.key(), variant]);
             let rig = varied(&self.config.recipe, asset, seed, &key)?;
             let random = &mut stream(seed, "skin pool", &key);
-            Ok(kept(Ready::pooled(rig, s.pool, s.vertex_share, s.resolution, random)))
+            Ok(kept(Ready::pooled(rig, s.pool, s.vertex_share, s.measured(), random)))
         };
         if s.variants == 0 { make().map(|(ready, _)| Arc::new(ready)) } else { self.cache.get((id, variant), make) }
     }
@@ -155,8 +156,9 @@ pub fn sample(c: &SkinTaskConfig, ready: &Ready, random: &mut Stream) -> Result<
         out.cloud.extend(map.normal(point.normal));
     }
     for (&k, &position) in order.iter().zip(&positions).take(out.queries) {
-        let distances = bones.nearest(ready.row(k), scale);
-        s.told.tell(position, &bones.segments, &distances, &mut out.pairs);
+        let (distances, heat) = bones.around(ready.around(k), scale);
+        let around = Around { distances: &distances, heat: &heat };
+        s.told.tell(position, &bones.segments, around, &mut out.pairs);
         out.truth.extend(bones.weights(ready, k));
     }
     out.picks = picks(c, &positions);
@@ -246,9 +248,13 @@ impl Bones {
         self.of.iter().map(|own| ready.seats[own[0]].above.map(|k| part[k])).collect()
     }
 
-    /// Distances of a point, of its distances from the bones that these are made of.
-    pub fn nearest(&self, row: &[f32], scale: f32) -> Vec<f32> {
-        self.of.iter().map(|own| scale * own.iter().map(|&b| row[b]).fold(f32::INFINITY, f32::min)).collect()
+    /// Distances and heat of a point, of those of the bones that these are made of.
+    fn around(&self, of: Around, scale: f32) -> (Vec<f32>, Vec<f32>) {
+        let nearest = |own: &Vec<usize>| own.iter().map(|&b| of.distances[b]).fold(f32::INFINITY, f32::min);
+        // What is hot together heats as much as its parts: the equation is linear in what heats.
+        let heat = |own: &Vec<usize>| own.iter().map(|&b| of.heat[b]).sum();
+        let hot = if of.heat.is_empty() { Vec::new() } else { self.of.iter().map(heat).collect() };
+        (self.of.iter().map(|own| scale * nearest(own)).collect(), hot)
     }
 
     /// Weights of a point of the pool, with sum 1 unless nothing holds it.
@@ -302,6 +308,7 @@ mod tests {
     use super::*;
     use crate::unirig_skin::config::{FreezeConfig, ReleasedConfig};
     use crate::unirig_skin::pairs::Told;
+    use crate::unirig_skin::ready::Measured;
 
     /// A box four long with joints at 0, 1, 2 and 3; the second holds nothing.
     fn long_box() -> Rig {
@@ -333,7 +340,7 @@ mod tests {
 
     fn ready() -> Ready {
         let rig = Prepared::of("box".into(), long_box().normalized().0, false);
-        Ready::pooled(rig, 64, 0.5, 24, &mut stream(1, "test", &[]))
+        Ready::pooled(rig, 64, 0.5, Measured { resolution: 24, heat: true }, &mut stream(1, "test", &[]))
     }
 
     fn config() -> SkinTaskConfig {

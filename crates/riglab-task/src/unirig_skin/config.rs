@@ -6,6 +6,7 @@ use riglab_train::TrainConfig;
 use serde::{Deserialize, Serialize};
 
 use super::pairs::Told;
+use super::ready::Measured;
 use crate::assets::DataConfig;
 use crate::fsq_cvae::cells;
 
@@ -206,6 +207,13 @@ impl Default for SamplingConfig {
             resolution: 196,
             merge: MergeConfig::default(),
         }
+    }
+}
+
+impl SamplingConfig {
+    /// What of a body is measured for it.
+    pub fn measured(&self) -> Measured {
+        Measured { resolution: self.resolution, heat: self.told.heat() }
     }
 }
 

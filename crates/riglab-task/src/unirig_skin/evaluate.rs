@@ -203,7 +203,7 @@ impl SkinTask {
         let mut random = stream(self.config.eval.seed, "skin evaluation", &[id.key()]);
         let mut points = pool(&rig, seen, s.vertex_share, &mut random);
         points.extend(truth.points);
-        Ok(Subject { ready: Ready::new(rig, points, s.resolution), seen, truth: truth.dense })
+        Ok(Subject { ready: Ready::new(rig, points, s.measured()), seen, truth: truth.dense })
     }
 
     pub(super) fn predicted(&self, w: &Weights, subject: &Subject) -> Predicted {

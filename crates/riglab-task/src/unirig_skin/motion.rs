@@ -201,7 +201,13 @@ mod tests {
         let springs = riglab_core::Springs::new(vec![spring], vec![ball], vec![vec![0]]).unwrap();
         let rig = Rig::new(skeleton, mesh, weights).unwrap().with_springs(springs).unwrap();
         let rig = Prepared::of("rod".into(), rig.normalized().0, false);
-        Ready::pooled(rig, 64, 0.5, 24, &mut stream(1, "test", &[]))
+        Ready::pooled(
+            rig,
+            64,
+            0.5,
+            crate::unirig_skin::ready::Measured { resolution: 24, heat: false },
+            &mut stream(1, "test", &[]),
+        )
     }
 
     fn drawn(ready: &Ready) -> Motion {

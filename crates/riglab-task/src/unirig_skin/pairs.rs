@@ -15,22 +15,47 @@ pub enum Told {
     /// An extension: that distance, its logarithm and its share among the bones' in soft and sharp forms; the straight
     /// distance with its share; how far along the bone the nearest place is; the point as seen from the joint.
     Features,
+    /// An extension: those features, the bone's heat at the point and its logarithm (Pinocchio's weights, which know how the
+    /// surface hangs together).
+    FeaturesAndHeat,
+}
+
+/// A point as the bones know it: of each bone its distance from the point through the body and, where it is told, its
+/// heat there.
+#[derive(Clone, Copy)]
+pub struct Around<'a> {
+    /// Distances, one a bone.
+    pub distances: &'a [f32],
+    /// Shares of heat, one a bone; empty where [`Told::heat`] is false.
+    pub heat: &'a [f32],
 }
 
 /// Nearer than this is as near as can be.
 const NEAR: f32 = 1e-4;
+/// Less heat than this is none.
+const COLD: f32 = 1e-4;
+
+/// How many numbers [`Told::Features`] tells.
+const FEATURES: usize = 12;
 
 impl Told {
     /// Numbers of a pair.
     pub fn width(self) -> usize {
         match self {
             Self::Distance | Self::Weight => 1,
-            Self::Features => 12,
+            Self::Features => FEATURES,
+            Self::FeaturesAndHeat => FEATURES + 2,
         }
     }
 
-    /// Adds what is told of a point and each bone, given by segments and its distance from the point through the body.
-    pub fn tell(self, p: Vec3, bones: &[Vec<Segment>], distances: &[f32], out: &mut Vec<f32>) {
+    /// Whether heat is told.
+    pub fn heat(self) -> bool {
+        self == Self::FeaturesAndHeat
+    }
+
+    /// Adds what is told of a point and each bone, given by segments.
+    pub fn tell(self, p: Vec3, bones: &[Vec<Segment>], around: Around, out: &mut Vec<f32>) {
+        let distances = around.distances;
         match self {
             Self::Distance => out.extend_from_slice(distances),
             Self::Weight => {
@@ -44,12 +69,18 @@ impl Told {
                 let sum: f64 = distances.iter().map(share).sum();
                 out.extend(distances.iter().map(|d| (share(d) / sum) as f32));
             }
-            Self::Features => features(p, bones, distances, out),
+            Self::Features => features(p, bones, distances, |row, _| out.extend(row)),
+            Self::FeaturesAndHeat => features(p, bones, distances, |row, b| {
+                let heat = around.heat[b];
+                out.extend(row);
+                out.extend([heat, heat.max(COLD).ln() / 4.0]);
+            }),
         }
     }
 }
 
-fn features(p: Vec3, bones: &[Vec<Segment>], distances: &[f32], out: &mut Vec<f32>) {
+/// Gives the features of each bone, and which it is.
+fn features(p: Vec3, bones: &[Vec<Segment>], distances: &[f32], mut give: impl FnMut([f32; FEATURES], usize)) {
     let straight: Vec<(f32, f32)> = bones.iter().map(|b| nearest(b, p)).collect();
     let ways = Shares::new(distances.iter().copied());
     let lines = Shares::new(straight.iter().map(|(_, d)| *d));
@@ -57,9 +88,10 @@ fn features(p: Vec3, bones: &[Vec<Segment>], distances: &[f32], out: &mut Vec<f3
         let (d, (t, s)) = (distances[b].max(NEAR), straight[b]);
         let sharp = ways.share8(d);
         let head = bone.first().map_or([0.0; 3], |s| s.a);
-        out.extend([d, d.ln(), ways.least / d, ways.share2(d), sharp, sharp.max(1e-6).ln() / 4.0]);
-        out.extend([s, lines.share8(s.max(NEAR)), t]);
-        out.extend((0..3).map(|k| p[k] - head[k]));
+        let ways = [d, d.ln(), ways.least / d, ways.share2(d), sharp, sharp.max(1e-6).ln() / 4.0];
+        let lines = [s, lines.share8(s.max(NEAR)), t];
+        let [x, y, z] = [0, 1, 2].map(|k| p[k] - head[k]);
+        give([ways[0], ways[1], ways[2], ways[3], ways[4], ways[5], lines[0], lines[1], lines[2], x, y, z], b);
     }
 }
 
@@ -106,10 +138,10 @@ mod tests {
 
     #[test]
     fn as_many_numbers_as_announced_all_finite() {
-        for told in [Told::Distance, Told::Weight, Told::Features] {
+        for told in [Told::Distance, Told::Weight, Told::Features, Told::FeaturesAndHeat] {
             for (p, d) in [([0.1, 0.5, 0.0], [0.1, 0.6, 0.5]), ([0.0; 3], [0.0; 3]), ([1e18; 3], [1e18; 3])] {
                 let mut out = Vec::new();
-                told.tell(p, &bones(), &d, &mut out);
+                told.tell(p, &bones(), Around { distances: &d, heat: &[0.7, 0.3, 0.0] }, &mut out);
                 assert_eq!(out.len(), 3 * told.width());
                 assert!(out.iter().all(|x| x.is_finite()), "{told:?} {p:?}: {out:?}");
             }
@@ -119,10 +151,17 @@ mod tests {
     #[test]
     fn shares_tell_the_near_bone_from_the_far_one() {
         let mut out = Vec::new();
-        Told::Features.tell([0.1, 0.5, 0.0], &bones(), &[0.1, 0.6, 0.5], &mut out);
+        let around = Around { distances: &[0.1, 0.6, 0.5], heat: &[0.7, 0.3, 0.0] };
+        Told::Features.tell([0.1, 0.5, 0.0], &bones(), around, &mut out);
         assert!(out[4] > 0.99 && out[12 + 4] < 0.01);
         let mut out = Vec::new();
-        Told::Weight.tell([0.1, 0.5, 0.0], &bones(), &[0.1, 0.6, 0.5], &mut out);
+        Told::Weight.tell([0.1, 0.5, 0.0], &bones(), around, &mut out);
         assert!((out.iter().sum::<f32>() - 1.0).abs() < 1e-6 && out[0] > out[2] && out[2] > out[1]);
+        let (mut with, mut without) = (Vec::new(), Vec::new());
+        Told::FeaturesAndHeat.tell([0.1, 0.5, 0.0], &bones(), around, &mut with);
+        Told::Features.tell([0.1, 0.5, 0.0], &bones(), around, &mut without);
+        for (b, (with, without)) in with.chunks(FEATURES + 2).zip(without.chunks(FEATURES)).enumerate() {
+            assert_eq!((&with[..FEATURES], with[FEATURES]), (without, around.heat[b]));
+        }
     }
 }

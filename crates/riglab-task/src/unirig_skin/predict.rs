@@ -87,7 +87,7 @@ impl Predictor<'_> {
         if far == 0.0 {
             return dense;
         }
-        let nearest = |k: usize| ready.row(k).iter().copied().fold(f32::INFINITY, f32::min);
+        let nearest = |k: usize| ready.around(k).distances.iter().copied().fold(f32::INFINITY, f32::min);
         let distance: Vec<f64> = (seen..ready.points.len()).map(|k| far * f64::from(nearest(k))).collect();
         spread_weights(ready.rig.rig.mesh(), &dense, &distance)
     }
@@ -104,7 +104,7 @@ impl Predictor<'_> {
             let rows = first + start as usize..first + (start + count) as usize;
             let tell = |k: usize| {
                 let mut out = Vec::with_capacity(b * c.model.pair);
-                c.sampling.told.tell(ready.points[k].position, &bones.segments, ready.row(k), &mut out);
+                c.sampling.told.tell(ready.points[k].position, &bones.segments, ready.around(k), &mut out);
                 out
             };
             let all: Vec<Vec<f32>> = rows.into_par_iter().map(tell).collect();
@@ -113,7 +113,7 @@ impl Predictor<'_> {
         let mask = (c.model.mask_power > 0.0).then(|| {
             let own = first..first + n as usize;
             let mut rows = Vec::with_capacity(own.len() * b);
-            own.for_each(|k| Told::Weight.tell(ready.points[k].position, &bones.segments, ready.row(k), &mut rows));
+            own.for_each(|k| Told::Weight.tell(ready.points[k].position, &bones.segments, ready.around(k), &mut rows));
             let above: Vec<Option<usize>> = ready.seats.iter().map(|s| s.above).collect();
             with_children(&Tensor::from_slice(&rows).view([n, b as i64]).to_device(self.device), &above)
         });

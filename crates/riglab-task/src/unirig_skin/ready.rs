@@ -1,12 +1,14 @@
 //! An asset made ready: points with their distances from bones, and the bones.
 
-use riglab_core::{Segment, Swing, Vec3};
+use riglab_core::{JointId, Segment, Swing, Vec3};
 use riglab_geom::geodesic::GeodesicSolver;
 use riglab_geom::voxel::SolidConfig;
+use riglab_metric::heat_weights;
 use riglab_nn::skin_stage::{ATTRIBUTES, Seen};
 use riglab_random::{Draw, Stream};
 
-use crate::fsq_cvae::{Point, Prepared};
+use super::pairs::Around;
+use crate::fsq_cvae::{Place, Point, Prepared};
 
 /// A rig in the cube with some of its points.
 pub struct Ready {
@@ -18,6 +20,17 @@ pub struct Ready {
     pub points: Vec<Point>,
     /// How far each bone is from each point along ways through the body, a row a point.
     pub distances: Vec<f32>,
+    /// Each bone's share of the heat at each point, a row a point; empty where it was not asked for.
+    pub heat: Vec<f32>,
+}
+
+/// What of the body is measured.
+#[derive(Clone, Copy, Debug)]
+pub struct Measured {
+    /// Cells along its longest side.
+    pub resolution: usize,
+    /// Whether heat flows over its surface, too.
+    pub heat: bool,
 }
 
 /// Where a bone sits.
@@ -37,34 +50,60 @@ pub struct Seat {
 
 impl Ready {
     /// Of a rig and points of it.
-    pub fn new(rig: Prepared, points: Vec<Point>, resolution: usize) -> Self {
+    pub fn new(rig: Prepared, points: Vec<Point>, measured: Measured) -> Self {
         let seats = seats(&rig);
-        let config = SolidConfig { resolution, ..SolidConfig::DEFAULT };
+        let config = SolidConfig { resolution: measured.resolution, ..SolidConfig::DEFAULT };
         let bones: Vec<&[Segment]> = rig.bones.iter().map(|b| b.segments.as_slice()).collect();
         let positions: Vec<Vec3> = points.iter().map(|p| p.position).collect();
         let by_bone = GeodesicSolver::new(rig.rig.mesh(), &config).distances(&bones, &positions);
         let (n, b) = (points.len(), bones.len());
         let distances = (0..n * b).map(|k| by_bone[(k % b) * n + k / b]).collect();
-        Self { seats, points, distances, rig }
+        let heat = if measured.heat { heat(&rig, &points, &config) } else { Vec::new() };
+        Self { seats, points, distances, heat, rig }
     }
 
     /// Of a rig and a pool of `count` of its points: vertices, no two the same, up to the share, and points of the
     /// surface.
-    pub fn pooled(rig: Prepared, count: usize, vertex_share: f32, resolution: usize, random: &mut Stream) -> Self {
+    pub fn pooled(rig: Prepared, count: usize, vertex_share: f32, measured: Measured, random: &mut Stream) -> Self {
         let points = pool(&rig, count, vertex_share, random);
-        Self::new(rig, points, resolution)
+        Self::new(rig, points, measured)
     }
 
-    /// Distances of a point.
-    pub fn row(&self, point: usize) -> &[f32] {
+    /// What bones know of a point.
+    pub fn around(&self, point: usize) -> Around<'_> {
         let b = self.rig.bones.len();
-        &self.distances[point * b..(point + 1) * b]
+        let row = |all: &'_ [f32]| point * b..((point + 1) * b).min(all.len());
+        let heat = if self.heat.is_empty() { &[] } else { &self.heat[row(&self.heat)] };
+        Around { distances: &self.distances[row(&self.distances)], heat }
     }
 
     /// About how many bytes it takes.
     pub fn bytes(&self) -> usize {
-        self.rig.bytes() + 4 * self.distances.len() + size_of::<Point>() * self.points.len()
+        self.rig.bytes() + 4 * (self.distances.len() + self.heat.len()) + size_of::<Point>() * self.points.len()
     }
+}
+
+/// Heat of a rig's bones at its points, a row a point: what [`heat_weights`] gives its vertices, and between them.
+fn heat(rig: &Prepared, points: &[Point], config: &SolidConfig) -> Vec<f32> {
+    let joints: Vec<JointId> = rig.bones.iter().map(|b| b.joint).collect();
+    let (mesh, skeleton) = (rig.rig.mesh(), rig.rig.skeleton());
+    let weights = heat_weights(mesh, skeleton, &joints, config);
+    let mut bone_of = vec![0; skeleton.len()];
+    joints.iter().enumerate().for_each(|(b, j)| bone_of[j.index()] = b);
+    let mut out = vec![0.0; points.len() * joints.len()];
+    for (point, row) in points.iter().zip(out.chunks_exact_mut(joints.len().max(1))) {
+        let mut add = |v: u32, share: f32| {
+            weights.row(v as usize).for_each(|(j, w)| row[bone_of[j.index()]] += share * w);
+        };
+        match point.at {
+            Place::Vertex(v) => add(v, 1.0),
+            Place::Surface(p) => {
+                let corners = mesh.triangles()[p.triangle as usize];
+                corners.into_iter().zip(p.barycentric).for_each(|(v, share)| add(v, share));
+            }
+        }
+    }
+    out
 }
 
 /// Points of a rig, in random order.

@@ -134,7 +134,7 @@ impl Skinner {
         let (c, seen) = (&self.config, self.config.eval_points());
         let mut points = pool(&prepared, seen, c.sampling.vertex_share, &mut stream(seed, "skin of a file", &[]));
         points.extend((0..prepared.rig.mesh().positions().len() as u32).map(|v| prepared.vertex(v)));
-        let ready = Ready::new(prepared, points, c.sampling.resolution);
+        let ready = Ready::new(prepared, points, c.sampling.measured());
         let found = self.predictor().predict(&ready, seen);
         Ok((ready, found))
     }
