@@ -2,7 +2,8 @@
 
 use std::path::Path;
 
-const FILES: [&str; 6] = ["shim.cpp", "attention.cpp", "dropout.cpp", "linear.cpp", "recompute.cpp", "hooks.cpp"];
+const FILES: [&str; 7] =
+    ["shim.cpp", "attention.cpp", "dropout.cpp", "linear.cpp", "recompute.cpp", "hooks.cpp", "parts.cpp"];
 
 fn main() {
     for file in FILES.iter().chain(&["shim.h"]) {

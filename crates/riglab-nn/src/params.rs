@@ -167,6 +167,33 @@ impl Weights {
         out.expect("libtorch takes a block's inputs and outputs")
     }
 
+    /// What each of some parts of a network gives of these weights, computed side by side, each on a thread of its own with
+    /// its share of libtorch's threads, and so are gradients: [`riglab_torch::with_gradients`]. Give no more parts than
+    /// there are threads; tensors that they hold must need no gradient.
+    ///
+    /// # Panics
+    /// Where libtorch refuses, as its operations do, and when a part does.
+    pub fn side_by_side<F>(&self, parts: Vec<F>) -> Vec<Vec<Tensor>>
+    where
+        F: FnOnce(&Self) -> Vec<Tensor> + Send,
+    {
+        if parts.len() == 1 {
+            return parts.into_iter().map(|part| part(self)).collect();
+        }
+        let recompute = self.recompute;
+        let parts = parts.into_iter().map(|part| -> riglab_torch::Part {
+            Box::new(move |leaves| {
+                let own = Self { recompute, ..Self::new(leaves) };
+                own.reads.borrow_mut().push(BTreeSet::new());
+                let found = part(&own);
+                let read = own.reads.borrow_mut().pop().unwrap_or_default();
+                (found, read.into_iter().collect())
+            })
+        });
+        let found = riglab_torch::with_gradients(&self.tensors, parts.collect());
+        found.expect("libtorch takes the outputs of parts")
+    }
+
     /// Copies in another kind that collect gradients of their own: the compute weights of a mixed
     /// precision step.
     pub fn cast(&self, kind: Kind) -> Self {
@@ -403,6 +430,34 @@ mod tests {
         let (plain, again) = (of(p.weights()), of(&p.weights().recomputing(true)));
         assert!(!plain[1].defined() && !again[1].defined(), "nobody read it");
         assert!([0, 2, 3].iter().all(|&k| plain[k].equal(&again[k]) && plain[k].abs().max().double_value(&[]) > 0.0));
+    }
+
+    #[test]
+    fn parts_side_by_side_find_their_parameters_as_blocks_do() {
+        let p = two(true);
+        let x = Tensor::ones([4, 3], (Kind::Float, Device::Cpu));
+        let part = |w: &Weights, x: Tensor| {
+            let y = w.block(&[&x], |w, t| t[0].linear(&w[ParamId(0)], None::<&Tensor>).sin());
+            vec![y.sum(Kind::Float) * &w[ParamId(2)]]
+        };
+        let of = |w: &Weights, found: Vec<Vec<Tensor>>| {
+            let sum: Tensor = found.into_iter().flatten().sum();
+            let loss = (sum + &w[ParamId(2)]).square().sum(Kind::Float);
+            Tensor::run_backward(&[loss], p.weights().tensors(), false, false)
+        };
+        for recompute in [false, true] {
+            let w = p.weights().recomputing(recompute);
+            let plain = of(&w, vec![part(&w, x.narrow(0, 0, 1)), part(&w, x.narrow(0, 1, 3))]);
+            let jobs: Vec<_> = [(0, 1), (1, 3)]
+                .map(|(start, count)| {
+                    let x = x.narrow(0, start, count);
+                    move |w: &Weights| part(w, x)
+                })
+                .into();
+            let beside = of(&w, w.side_by_side(jobs));
+            assert!(!beside[1].defined(), "nobody read it");
+            assert!([0, 2].iter().all(|&k| plain[k].allclose(&beside[k], 1e-6, 1e-6, false)));
+        }
     }
 
     #[test]

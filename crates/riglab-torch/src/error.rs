@@ -1,5 +1,6 @@
 //! Errors of libtorch, cut to the sentence that says what is wrong.
 
+use std::any::Any;
 use std::ffi::CStr;
 use std::os::raw::{c_char, c_int};
 
@@ -34,4 +35,10 @@ pub(crate) fn check(code: c_int) -> Result<(), TorchError> {
     // SAFETY: the shim keeps the message of this thread until its next error.
     let text = unsafe { CStr::from_ptr(rl_error()) }.to_string_lossy();
     Err(TorchError(first_line(&text)))
+}
+
+/// What a panic said.
+pub(crate) fn said(panic: &(dyn Any + Send)) -> String {
+    let text = panic.downcast_ref::<String>().map(String::as_str).or(panic.downcast_ref::<&str>().copied());
+    first_line(text.unwrap_or("without words"))
 }

@@ -1,10 +1,11 @@
 //! The part of libtorch that tch lacks.
 //!
 //! tch wraps single ops. What training needs besides are ops over lists of tensors in place (the
-//! fused AdamW, norms, moving averages), blocks that are computed again in the backward pass, attention
-//! of packed sequences and dropout that all threads share, affine maps by the faster of libtorch's libraries,
-//! autocast on the CPU, and the settings of libtorch's global context. They are reached through a small C++
-//! shim compiled against the same headers; a tensor of tch *is* an `at::Tensor`, so nothing is copied.
+//! fused AdamW, norms, moving averages), blocks that are computed again in the backward pass, parts that
+//! threads compute side by side, attention of packed sequences and dropout that all threads share, affine maps by
+//! the faster of libtorch's libraries, autocast on the CPU, and the settings of libtorch's global context. They are
+//! reached through a small C++ shim compiled against the same headers; a tensor of tch *is* an `at::Tensor`, so nothing
+//! is copied.
 //!
 //! Call [`init`] first thing in a program: it sets threads and allocator switches that libtorch
 //! reads once.
@@ -17,6 +18,7 @@ mod error;
 mod flops;
 mod hooks;
 mod linear;
+mod parts;
 mod recompute;
 mod settings;
 mod tensors;
@@ -27,9 +29,10 @@ pub use error::{TorchError, first_line};
 pub use flops::{count_flops, counted_along};
 pub use hooks::backward;
 pub use linear::linear;
+pub use parts::{Part, side_by_side, with_gradients};
 pub use recompute::{grad_enabled, recompute};
 pub use settings::{
-    Autocast, Settings, bf16_is_faster, cpu_capability, has_bf16, init, libtorch_version, load_cuda, own_generator,
+    Autocast, Settings, bf16_is_faster, cpu_capability, has_bf16, init, libtorch_version, load_cuda, multiplies_bf16, own_generator,
     rng_state, set_rng_state, wait_patiently,
 };
 pub use tensors::{AdamwStep, foreach_add, foreach_add_scalar, foreach_lerp, foreach_mul, fused_adamw, global_norm};

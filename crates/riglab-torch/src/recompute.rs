@@ -1,6 +1,5 @@
 //! Blocks that are computed again in the backward pass (activation checkpointing).
 
-use std::any::Any;
 use std::mem::ManuallyDrop;
 use std::os::raw::{c_char, c_int, c_void};
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -8,7 +7,7 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use tch::Tensor;
 use torch_sys::C_tensor;
 
-use crate::error::{TorchError, check, first_line};
+use crate::error::{TorchError, check, said};
 use crate::settings::{rng_state, set_rng_state};
 
 type Again =
@@ -122,12 +121,6 @@ extern "C" fn compute_again(
     // SAFETY: `room` bytes at `message`, which were zero.
     unsafe { std::ptr::copy_nonoverlapping(bytes.as_ptr(), message.cast::<u8>(), bytes.len()) };
     1
-}
-
-/// What a panic said.
-fn said(panic: &(dyn Any + Send)) -> String {
-    let text = panic.downcast_ref::<String>().map(String::as_str).or(panic.downcast_ref::<&str>().copied());
-    first_line(text.unwrap_or("without words"))
 }
 
 impl Block {

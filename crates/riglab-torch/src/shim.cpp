@@ -114,16 +114,11 @@ int rl_foreach_lerp(at::Tensor* const* self, at::Tensor* const* other, size_t n,
   });
 }
 
-// The Euclidean norm over all tensors, summed in the order given: the same bits every time.
-int rl_global_norm(at::Tensor* const* tensors, size_t n, double* out) {
+// The Euclidean norm of each tensor.
+int rl_norms(at::Tensor* const* tensors, size_t n, double* out) {
   return guarded([&] {
     at::NoGradGuard no_grad;
-    double sum = 0;
-    for (auto& t : at::_foreach_norm(list(tensors, n), 2)) {
-      double x = t.item<double>();
-      sum += x * x;
-    }
-    *out = std::sqrt(sum);
+    for (auto& t : at::_foreach_norm(list(tensors, n), 2)) *out++ = t.item<double>();
   });
 }
 

@@ -1,13 +1,15 @@
-//! Ops over lists of tensors.
+//! Ops over lists of tensors. Each tensor is one thread's: threads meet once a list.
 
 use std::borrow::Borrow;
+use std::ops::Range;
 use std::os::raw::c_int;
 
-use tch::Tensor;
+use tch::{Device, Tensor};
 use torch_sys::C_tensor;
 
 use crate::TorchError;
 use crate::error::check;
+use crate::parts::side_by_side;
 
 unsafe extern "C" {
     #[allow(clippy::too_many_arguments)]
@@ -29,11 +31,57 @@ unsafe extern "C" {
     fn rl_foreach_add_scalar(tensors: *const *const C_tensor, n: usize, value: f64) -> c_int;
     fn rl_foreach_add(tensors: *const *const C_tensor, other: *const *const C_tensor, n: usize, alpha: f64) -> c_int;
     fn rl_foreach_lerp(tensors: *const *const C_tensor, other: *const *const C_tensor, n: usize, weight: f64) -> c_int;
-    fn rl_global_norm(tensors: *const *const C_tensor, n: usize, out: *mut f64) -> c_int;
+    fn rl_norms(tensors: *const *const C_tensor, n: usize, out: *mut f64) -> c_int;
 }
 
-fn pointers<T: Borrow<Tensor>>(tensors: &[T]) -> Vec<*const C_tensor> {
-    tensors.iter().map(|t| t.borrow().as_ptr()).collect()
+/// Fewer elements than this for each thread are done before another would have begun.
+const ENOUGH: usize = 1 << 17;
+
+/// Tensors of a list by their addresses.
+struct Pointers(Vec<*const C_tensor>);
+
+// SAFETY: the tensors outlive the call that lists them, and no two threads are given the same one.
+unsafe impl Sync for Pointers {}
+
+impl Pointers {
+    fn of<T: Borrow<Tensor>>(tensors: &[T]) -> Self {
+        Self(tensors.iter().map(|t| t.borrow().as_ptr()).collect())
+    }
+
+    fn first(&self) -> *const C_tensor {
+        self.0.first().copied().unwrap_or(std::ptr::null())
+    }
+
+    fn at(&self, some: &Range<usize>) -> *const *const C_tensor {
+        self.0[some.clone()].as_ptr()
+    }
+}
+
+/// Runs of a list, about as many elements each, for as many threads as there are; one run of little, and on other devices.
+fn runs<T: Borrow<Tensor>>(tensors: &[T]) -> Vec<Range<usize>> {
+    let sizes = tensors.iter().map(|t| t.borrow().numel());
+    let all: usize = sizes.clone().sum();
+    let on_cpu = tensors.iter().all(|t| t.borrow().device() == Device::Cpu);
+    let threads = if on_cpu { (tch::get_num_threads().max(1) as usize).min(all / ENOUGH).max(1) } else { 1 };
+    let mut ends = Vec::with_capacity(threads);
+    let mut before = 0;
+    for (k, size) in sizes.enumerate() {
+        // A tensor belongs to the run that its middle lies in.
+        while ends.len() + 1 < threads && (before + size / 2) * threads >= (ends.len() + 1) * all {
+            ends.push(k);
+        }
+        before += size;
+    }
+    ends.push(tensors.len());
+    let starts = std::iter::once(0).chain(ends.clone());
+    starts.zip(ends).map(|(start, end)| start..end).filter(|run| !run.is_empty()).collect()
+}
+
+/// Does `op` for each of some runs, at the same time.
+fn by_runs(runs: &[Range<usize>], op: impl Fn(&Range<usize>) -> c_int + Sync) -> Result<(), TorchError> {
+    // A message belongs to the thread that it came up in.
+    let jobs = runs.iter().map(|run| || check(op(run)));
+    side_by_side(jobs.collect::<Vec<_>>()).into_iter().collect()
 }
 
 /// Lists for one fused AdamW step, all of one length; tensors are changed in place.
@@ -72,22 +120,24 @@ pub fn fused_adamw(step: &AdamwStep) -> Result<(), TorchError> {
     if n == 0 {
         return Ok(());
     }
-    let lists = [step.params, step.grads, step.m, step.v, step.steps].map(pointers);
-    // SAFETY: five lists of n live tensors.
-    check(unsafe {
+    let lists = [step.params, step.grads, step.m, step.v, step.steps].map(Pointers::of);
+    let scale = Pointers(step.grad_scale.iter().map(|t| t.as_ptr()).collect());
+    let (lr, betas, weight_decay, eps) = (step.lr, step.betas, step.weight_decay, step.eps);
+    // SAFETY: five lists of n live tensors, of which a run is given; the scale is only read.
+    by_runs(&runs(step.params), |run| unsafe {
         rl_fused_adamw(
-            lists[0].as_ptr(),
-            lists[1].as_ptr(),
-            lists[2].as_ptr(),
-            lists[3].as_ptr(),
-            lists[4].as_ptr(),
-            n,
-            step.lr,
-            step.betas.0,
-            step.betas.1,
-            step.weight_decay,
-            step.eps,
-            step.grad_scale.map_or(std::ptr::null(), |t| t.as_ptr()),
+            lists[0].at(run),
+            lists[1].at(run),
+            lists[2].at(run),
+            lists[3].at(run),
+            lists[4].at(run),
+            run.len(),
+            lr,
+            betas.0,
+            betas.1,
+            weight_decay,
+            eps,
+            scale.first(),
         )
     })
 }
@@ -97,12 +147,9 @@ pub fn fused_adamw(step: &AdamwStep) -> Result<(), TorchError> {
 /// # Errors
 /// libtorch's message.
 pub fn foreach_mul(tensors: &[Tensor], factor: f64) -> Result<(), TorchError> {
-    if tensors.is_empty() {
-        return Ok(());
-    }
-    let list = pointers(tensors);
-    // SAFETY: a list of live tensors.
-    check(unsafe { rl_foreach_mul(list.as_ptr(), list.len(), factor) })
+    let list = Pointers::of(tensors);
+    // SAFETY: a run of live tensors.
+    by_runs(&runs(tensors), |run| unsafe { rl_foreach_mul(list.at(run), run.len(), factor) })
 }
 
 /// tensors += value
@@ -110,12 +157,9 @@ pub fn foreach_mul(tensors: &[Tensor], factor: f64) -> Result<(), TorchError> {
 /// # Errors
 /// libtorch's message.
 pub fn foreach_add_scalar(tensors: &[Tensor], value: f64) -> Result<(), TorchError> {
-    if tensors.is_empty() {
-        return Ok(());
-    }
-    let list = pointers(tensors);
-    // SAFETY: a list of live tensors.
-    check(unsafe { rl_foreach_add_scalar(list.as_ptr(), list.len(), value) })
+    let list = Pointers::of(tensors);
+    // SAFETY: a run of live tensors.
+    by_runs(&runs(tensors), |run| unsafe { rl_foreach_add_scalar(list.at(run), run.len(), value) })
 }
 
 /// tensors += alpha * other
@@ -140,27 +184,27 @@ fn binary(tensors: &[Tensor], other: &[Tensor], scalar: f64, op: Binary) -> Resu
     if tensors.len() != other.len() {
         return Err(TorchError(format!("lists of {} and {} tensors", tensors.len(), other.len())));
     }
-    if tensors.is_empty() {
-        return Ok(());
-    }
-    let (a, b) = (pointers(tensors), pointers(other));
-    // SAFETY: two lists of live tensors of one length.
-    check(unsafe { op(a.as_ptr(), b.as_ptr(), a.len(), scalar) })
+    let (a, b) = (Pointers::of(tensors), Pointers::of(other));
+    // SAFETY: runs of two lists of live tensors of one length.
+    by_runs(&runs(tensors), |run| unsafe { op(a.at(run), b.at(run), run.len(), scalar) })
 }
 
-/// The Euclidean norm over all elements of all tensors.
+/// The Euclidean norm over all elements of all tensors: the same bits on any number of threads.
 ///
 /// # Errors
 /// libtorch's message.
 pub fn global_norm<T: Borrow<Tensor>>(tensors: &[T]) -> Result<f64, TorchError> {
-    if tensors.is_empty() {
-        return Ok(0.0);
-    }
-    let list = pointers(tensors);
-    let mut out = 0.0;
-    // SAFETY: a list of live tensors; `out` outlives the call.
-    check(unsafe { rl_global_norm(list.as_ptr(), list.len(), &mut out) })?;
-    Ok(out)
+    let list = Pointers::of(tensors);
+    let norms = runs(tensors).into_iter().map(|run| {
+        let list = &list;
+        move || {
+            let mut norms = vec![0.0; run.len()];
+            // SAFETY: a run of live tensors, and a place for each.
+            check(unsafe { rl_norms(list.at(&run), run.len(), norms.as_mut_ptr()) }).map(|()| norms)
+        }
+    });
+    let norms: Result<Vec<Vec<f64>>, TorchError> = side_by_side(norms.collect::<Vec<_>>()).into_iter().collect();
+    Ok(norms?.into_iter().flatten().map(|x| x * x).sum::<f64>().sqrt())
 }
 
 #[cfg(test)]
@@ -209,6 +253,30 @@ mod tests {
         let (a, b) = (vec![Tensor::from_slice(&[1.0f32, 2.0])], vec![Tensor::from_slice(&[1.0f32, 2.0, 3.0])]);
         let text = foreach_lerp(&a, &b, 0.5).unwrap_err().to_string();
         assert!(text.contains("size") && !text.contains('\n'), "{text}");
+    }
+
+    #[test]
+    fn threads_share_lists_and_change_nothing() {
+        let before = tch::get_num_threads();
+        let made = |threads: i32| {
+            tch::set_num_threads(threads);
+            tch::manual_seed(3);
+            let sizes = [1i64, 300_000, 5, 70_000, 200_000, 64, 400_000];
+            let list = || sizes.map(|n| Tensor::randn([n], (Kind::Float, Device::Cpu))).into_iter().collect::<Vec<_>>();
+            let (a, b) = (list(), list());
+            assert_eq!(runs(&a).len(), (threads as usize).min(6).max(1));
+            assert_eq!(runs(&a).into_iter().flatten().collect::<Vec<_>>(), (0..7).collect::<Vec<_>>());
+            foreach_lerp(&a, &b, 0.25).unwrap();
+            foreach_add(&a, &b, -0.5).unwrap();
+            let norm = global_norm(&a).unwrap();
+            tch::set_num_threads(before);
+            (a, norm)
+        };
+        let (want, norm) = made(1);
+        for threads in [2, 3] {
+            let (found, same) = made(threads);
+            assert!(same == norm && found.iter().zip(&want).all(|(a, b)| a.equal(b)), "{threads}");
+        }
     }
 
     #[test]

@@ -24,6 +24,12 @@ fn peak(work: impl FnOnce()) -> f64 {
         let line = text.lines().find_map(|l| l.strip_prefix(key)).unwrap().to_string();
         line.trim().split(' ').next().unwrap().parse::<f64>().unwrap() / 1e3
     };
+    // What was freed counts as long as the allocator keeps it.
+    // SAFETY: gives memory back that nobody uses.
+    #[cfg(target_env = "gnu")]
+    unsafe {
+        libc::malloc_trim(0);
+    }
     std::fs::write("/proc/self/clear_refs", "5").unwrap();
     let before = status("VmRSS:");
     work();
@@ -56,7 +62,10 @@ fn a_deep_stack_needs_a_fraction_of_the_memory() {
     let second = peak(|| again = step(true));
     let first = peak(|| plain = step(false));
     assert!(plain.iter().zip(&again).all(|(a, b)| a.equal(b)));
-    assert!(second < 0.55 * first, "{second:.0} MB in place of {first:.0} MB");
+    // Libraries take workspaces besides, as large as the processor has them: what is saved is told by the difference.
+    let (made, kept) = (4.0 * (ROWS * WIDTH * 4) as f64 / 1e6, (ROWS * WIDTH * 4) as f64 / 1e6);
+    let saved = (made - kept) * LAYERS as f64;
+    assert!(first - second > 0.7 * saved, "{second:.0} MB in place of {first:.0} MB");
 }
 
 #[test]

@@ -33,7 +33,8 @@ pub struct OptimConfig {
     pub muon_nesterov: bool,
     /// How Muon's step depends on a matrix's shape.
     pub muon_scale: MuonScale,
-    /// Newton-Schulz in bfloat16: 2.5 to 4 times faster, off by up to 1e-3.
+    /// Newton-Schulz in bfloat16 on processors that multiply it faster (AMX, or AMD's `avx512_bf16`): 2.5 to 4 times as
+    /// fast there, off by up to 1e-3.
     pub muon_bf16: bool,
     /// Peak learning rate of AdamW's parameters.
     pub adamw_lr: f64,

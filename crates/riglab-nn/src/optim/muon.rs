@@ -7,7 +7,7 @@
 use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
-use tch::{Kind, Tensor};
+use tch::{Device, Kind, Tensor};
 
 use super::OptimConfig;
 use crate::NnError;
@@ -30,6 +30,10 @@ const NS_STEPS: usize = 5;
 
 /// The orthogonal factor of each matrix of x [.., m, n], approximately: singular values end between
 /// 0.7 and 1.2.
+///
+/// Each step is x = p x with p = a + b g + c g², g = x xᵀ. Where rows are long against their number, p and g are followed
+/// instead, which are smaller: g = p g p, and x is multiplied by the product of all p in the end. That takes squares
+/// of singular values, for which bfloat16 is too coarse.
 pub fn newton_schulz(x: &Tensor) -> Tensor {
     let size = x.size();
     let (m, n) = (size[size.len() - 2], size[size.len() - 1]);
@@ -38,14 +42,33 @@ pub fn newton_schulz(x: &Tensor) -> Tensor {
     let mut x = if m > n { x.transpose(1, 2) } else { x };
     let norm = x.square().sum_dim_intlist([1i64, 2].as_slice(), true, None::<Kind>).sqrt();
     x = &x / norm.clamp_min(1e-7);
-    let (a, b, c) = NS;
-    for _ in 0..NS_STEPS {
-        let gram = x.bmm(&x.transpose(1, 2));
-        let poly = gram.baddbmm(&gram, &gram, b, c);
-        x = x.baddbmm(&poly, &x, a, 1.0);
+    if x.size()[2] >= 2 * x.size()[1] && x.kind() != Kind::BFloat16 {
+        x = product_of_steps(&x.bmm(&x.transpose(1, 2))).bmm(&x);
+    } else {
+        let (a, b, c) = NS;
+        for _ in 0..NS_STEPS {
+            let gram = x.bmm(&x.transpose(1, 2));
+            let poly = gram.baddbmm(&gram, &gram, b, c);
+            x = x.baddbmm(&poly, &x, a, 1.0);
+        }
     }
     let x = if m > n { x.transpose(1, 2) } else { x };
     x.reshape(size)
+}
+
+/// What all steps together multiply a matrix by, of its g = x xᵀ [k, m, m].
+fn product_of_steps(gram: &Tensor) -> Tensor {
+    let (a, b, c) = NS;
+    let identity = Tensor::eye(gram.size()[1], (gram.kind(), gram.device())) * a;
+    let (mut gram, mut product) = (gram.shallow_clone(), None::<Tensor>);
+    for step in 0..NS_STEPS {
+        let poly = gram.baddbmm(&gram, &gram, b, c) + &identity;
+        if step + 1 < NS_STEPS {
+            gram = poly.bmm(&gram).bmm(&poly);
+        }
+        product = Some(product.map_or_else(|| poly.shallow_clone(), |product| poly.bmm(&product)));
+    }
+    product.unwrap_or(identity)
 }
 
 /// Momenta of all matrices, one stack per shape.
@@ -83,10 +106,25 @@ impl Muon {
         factor: f64,
         shrink: f64,
     ) -> Result<(), NnError> {
-        for stack in &mut self.stacks {
-            stack.step(params, grads, c, factor, shrink)?;
+        let rows: Vec<Vec<Row>> = self.stacks.iter().map(|stack| stack.rows(params, grads)).collect();
+        // Threads take some matrices of every stack, while there are enough of those that are most work.
+        let work = |rows: &&Vec<Row>| rows.iter().map(|row| row.gradient.numel() as i64 * row.least()).sum::<i64>();
+        let most = rows.iter().max_by_key(work).map_or(0, Vec::len);
+        let on_cpu = params.weights().tensors().iter().all(|t| t.device() == Device::Cpu);
+        let threads = if on_cpu { (tch::get_num_threads().max(1) as usize).min(most / 2).max(1) } else { 1 };
+        let mut jobs: Vec<Vec<Vec<Row>>> = (0..threads).map(|_| Vec::new()).collect();
+        for stack in rows {
+            let count = stack.len();
+            let mut stack = stack.into_iter();
+            for (t, job) in jobs.iter_mut().enumerate() {
+                let (from, to) = (t * count / threads, (t + 1) * count / threads);
+                job.push(stack.by_ref().take(to - from).collect());
+            }
         }
-        Ok(())
+        let jobs = jobs.into_iter().map(|job| {
+            move || job.into_iter().filter(|rows| !rows.is_empty()).try_for_each(|rows| step(rows, c, factor, shrink))
+        });
+        riglab_torch::side_by_side(jobs.collect::<Vec<_>>()).into_iter().collect()
     }
 
     pub fn state(&self, params: &Params) -> BTreeMap<String, Tensor> {
@@ -103,54 +141,65 @@ impl Muon {
     }
 }
 
-impl Stack {
-    fn step(
-        &mut self,
-        params: &Params,
-        grads: &[Tensor],
-        c: &OptimConfig,
-        factor: f64,
-        shrink: f64,
-    ) -> Result<(), NnError> {
-        let live: Vec<usize> = (0..self.ids.len()).filter(|&i| grads[self.ids[i].index()].defined()).collect();
-        if live.is_empty() {
-            return Ok(());
-        }
-        let g = Tensor::stack(&live.iter().map(|&i| &grads[self.ids[i].index()]).collect::<Vec<_>>(), 0);
-        let mu = c.muon_momentum;
-        // All at once, or the rows that have gradients.
-        let (mut momentum, rows) = if live.len() == self.ids.len() {
-            (self.momentum.shallow_clone(), None)
-        } else {
-            let rows = Tensor::from_slice(&live.iter().map(|&i| i as i64).collect::<Vec<_>>()).to_device(g.device());
-            (self.momentum.index_select(0, &rows), Some(rows))
-        };
-        let g = if shrink == 1.0 { g } else { g * shrink };
-        let _ = momentum.g_mul_scalar_(mu);
-        let _ = momentum.g_add_(&g);
-        let direction = if c.muon_nesterov { g + &momentum * mu } else { momentum.shallow_clone() };
-        if let Some(rows) = rows {
-            let _ = self.momentum.index_copy_(0, &rows, &momentum);
-        }
-        let kind = direction.kind();
-        let update = if c.muon_bf16 && kind == Kind::Float {
-            newton_schulz(&direction.to_kind(Kind::BFloat16)).to_kind(kind)
-        } else {
-            newton_schulz(&direction)
-        };
-        let (m, n) = (update.size()[1] as f64, update.size()[2] as f64);
-        let scale = match c.muon_scale {
-            MuonScale::Spectral => (m / n).max(1.0).sqrt(),
-            MuonScale::MatchAdamw => 0.2 * m.max(n).sqrt(),
-        };
-        let lr = c.muon_lr * factor;
-        let weights: Vec<Tensor> = live.iter().map(|&i| params.weights()[self.ids[i]].detach()).collect();
-        if c.weight_decay > 0.0 {
-            let held: Vec<Tensor> =
-                live.iter().zip(&weights).filter(|(i, _)| self.decayed[**i]).map(|(_, w)| w.shallow_clone()).collect();
-            riglab_torch::foreach_mul(&held, 1.0 - lr * c.weight_decay)?;
-        }
-        riglab_torch::foreach_add(&weights, &update.unbind(0), -lr * scale)?;
-        Ok(())
+/// A matrix at a step.
+struct Row {
+    gradient: Tensor,
+    weight: Tensor,
+    /// Of the stack's memory.
+    momentum: Tensor,
+    decayed: bool,
+}
+
+impl Row {
+    /// The smaller of its sides.
+    fn least(&self) -> i64 {
+        self.gradient.size().into_iter().min().unwrap_or(0)
     }
+}
+
+impl Stack {
+    /// The matrices that have gradients.
+    fn rows(&self, params: &Params, grads: &[Tensor]) -> Vec<Row> {
+        let all = self.ids.iter().zip(&self.decayed).zip(self.momentum.unbind(0));
+        let live = all.filter(|((id, _), _)| grads[id.index()].defined());
+        live.map(|((&id, &decayed), momentum)| Row {
+            gradient: grads[id.index()].shallow_clone(),
+            weight: params.weights()[id].detach(),
+            momentum,
+            decayed,
+        })
+        .collect()
+    }
+}
+
+/// A step of some matrices of one shape.
+fn step(rows: Vec<Row>, c: &OptimConfig, factor: f64, shrink: f64) -> Result<(), NnError> {
+    let each = |of: fn(&Row) -> &Tensor| rows.iter().map(|row| of(row).shallow_clone()).collect::<Vec<_>>();
+    let (momentum, weights) = (each(|row| &row.momentum), each(|row| &row.weight));
+    riglab_torch::foreach_mul(&momentum, c.muon_momentum)?;
+    riglab_torch::foreach_add(&momentum, &each(|row| &row.gradient), shrink)?;
+    let mut direction = Tensor::stack(&momentum, 0);
+    if c.muon_nesterov {
+        let _ = direction.g_mul_scalar_(c.muon_momentum);
+        riglab_torch::foreach_add(&direction.unbind(0), &each(|row| &row.gradient), shrink)?;
+    }
+    let (kind, device) = (direction.kind(), direction.device());
+    let half = c.muon_bf16 && kind == Kind::Float && (device != Device::Cpu || riglab_torch::multiplies_bf16());
+    let update = if half {
+        newton_schulz(&direction.to_kind(Kind::BFloat16)).to_kind(kind)
+    } else {
+        newton_schulz(&direction)
+    };
+    let (m, n) = (update.size()[1] as f64, update.size()[2] as f64);
+    let scale = match c.muon_scale {
+        MuonScale::Spectral => (m / n).max(1.0).sqrt(),
+        MuonScale::MatchAdamw => 0.2 * m.max(n).sqrt(),
+    };
+    let lr = c.muon_lr * factor;
+    if c.weight_decay > 0.0 {
+        let held = rows.iter().filter(|row| row.decayed).map(|row| row.weight.shallow_clone());
+        riglab_torch::foreach_mul(&held.collect::<Vec<_>>(), 1.0 - lr * c.weight_decay)?;
+    }
+    riglab_torch::foreach_add(&weights, &update.unbind(0), -lr * scale)?;
+    Ok(())
 }

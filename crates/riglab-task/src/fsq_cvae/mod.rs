@@ -14,11 +14,11 @@ mod tensors;
 use std::sync::Arc;
 
 use riglab_nn::NnError;
-use riglab_nn::fsq_cvae::{ACTIVE, Coded, FsqCvae};
+use riglab_nn::fsq_cvae::{ACTIVE, BoneGeometry, Coded, FsqCvae, SkinCloud};
 use riglab_nn::loss;
 use riglab_nn::params::{Builder, Params, Weights};
 use riglab_train::{At, Better, Loss, LossOf, Source, State, Task, Validation};
-use tch::{Device, Kind};
+use tch::{Device, Kind, Tensor};
 
 pub use batch::{Batch, BatchSource};
 pub use coder::Coder;
@@ -158,7 +158,8 @@ fn lines_of(codes: &[BoneCodes]) -> Result<Vec<u8>, String> {
     Ok(out)
 }
 
-/// Encode once a rig and once a bone, keep a prefix of the codes, decode, compare.
+/// Encode once a rig and once a bone, keep a prefix of the codes, decode, compare. On the processor, rigs are shared out
+/// among the threads there are.
 ///
 /// # Errors
 /// None at present.
@@ -169,13 +170,14 @@ pub fn loss_of(
     batch: &Batch,
     device: Device,
 ) -> Result<Loss, String> {
-    let (shape, shape_queries) = tensors::shape(c, batch, device);
-    let cloud = tensors::skin(c, batch, device);
-    let (points, targets, geometry) = tensors::asked(c, batch, device);
-    let cond = net.encode_shape(w, &shape, &shape_queries);
-    let latent = net.encode_skin(w, &cloud, batch.prefix);
-    let Coded { codes, said } = net.code(w, &latent, &cloud, tensors::noise(c, batch, device).as_ref());
-    let logits = net.decode(w, &codes, &cond, &points, geometry.as_ref());
+    let parts = Asked::parts(c, batch, device).into_iter();
+    let found = w.side_by_side(parts.map(|asked| move |w: &Weights| asked.outputs(net, c, w)).collect());
+    let joined = |k: usize| {
+        let all: Option<Vec<&Tensor>> = found.iter().map(|own| own.get(k)).collect();
+        all.filter(|all| !all.is_empty()).map(|all| Tensor::cat(&all, 0))
+    };
+    let logits = joined(0).ok_or("a batch without rigs")?;
+    let targets = tensors::targets(c, batch, device);
     let predicted = logits.sigmoid();
     let mut loss = Loss::new()
         .term("bce", c.loss.bce, loss::bce(&logits, &targets))
@@ -185,10 +187,74 @@ pub fn loss_of(
         loss = loss.term("support", c.loss.support, loss::support(&logits, &targets, ACTIVE));
     }
     if c.loss.spread > 0.0 {
-        loss = loss.term("spread", c.loss.spread, loss::spread(&net.unrounded(w, &latent)));
+        loss = loss.term("spread", c.loss.spread, loss::spread(&joined(1).ok_or("nothing was rounded")?));
     }
-    if let Some(said) = said {
-        loss = loss.term("kl", c.loss.kl, said.divergence.mean(None::<Kind>));
+    if let Some(divergence) = joined(2) {
+        loss = loss.term("kl", c.loss.kl, divergence.mean(None::<Kind>));
     }
     Ok(loss.note("prefix", batch.prefix as f64))
+}
+
+/// What the network is asked of some rigs.
+struct Asked {
+    shape: Tensor,
+    shape_queries: Tensor,
+    cloud: SkinCloud,
+    points: Tensor,
+    geometry: Option<BoneGeometry>,
+    noise: Option<Tensor>,
+    prefix: usize,
+}
+
+impl Asked {
+    /// A batch's rigs, dealt out to as many threads as this one may take; all together on other devices.
+    fn parts(c: &FsqCvaeTaskConfig, batch: &Batch, device: Device) -> Vec<Self> {
+        let (shape, shape_queries) = tensors::shape(c, batch, device);
+        let (points, geometry) = tensors::asked(c, batch, device);
+        let (cloud, noise) = (tensors::skin(c, batch, device), tensors::noise(c, batch, device));
+        let all = Self { shape, shape_queries, cloud, points, geometry, noise, prefix: batch.prefix };
+        let threads = if device == Device::Cpu { tch::get_num_threads().max(1) as usize } else { 1 };
+        let (rigs, each) = (batch.rigs, batch.bones / batch.rigs.max(1));
+        let count = threads.min(rigs).max(1);
+        let of = |k: usize| {
+            let (from, to) = (k * rigs / count, (k + 1) * rigs / count);
+            all.narrow((from, to - from), (from * each, (to - from) * each))
+        };
+        (0..count).map(of).collect()
+    }
+
+    /// Of some rigs and their bones, first and number of each.
+    fn narrow(&self, rigs: (usize, usize), bones: (usize, usize)) -> Self {
+        let some = |t: &Tensor, (from, count): (usize, usize)| t.narrow(0, from as i64, count as i64);
+        let of_bones = |t: &Tensor| some(t, bones);
+        Self {
+            shape: some(&self.shape, rigs),
+            shape_queries: some(&self.shape_queries, rigs),
+            cloud: SkinCloud {
+                points: of_bones(&self.cloud.points),
+                weights: of_bones(&self.cloud.weights),
+                queries: self.cloud.queries.as_ref().map(of_bones),
+            },
+            points: of_bones(&self.points),
+            geometry: self
+                .geometry
+                .as_ref()
+                .map(|g| BoneGeometry { bones: of_bones(&g.bones), points: of_bones(&g.points) }),
+            noise: self.noise.as_ref().map(of_bones),
+            prefix: self.prefix,
+        }
+    }
+
+    /// Logits [m, p], what is rounded [m, k, axes], and the divergence of latents that are drawn.
+    fn outputs(&self, net: &FsqCvae, c: &FsqCvaeTaskConfig, w: &Weights) -> Vec<Tensor> {
+        let cond = net.encode_shape(w, &self.shape, &self.shape_queries);
+        let latent = net.encode_skin(w, &self.cloud, self.prefix);
+        let Coded { codes, said } = net.code(w, &latent, &self.cloud, self.noise.as_ref());
+        let mut out = vec![net.decode(w, &codes, &cond, &self.points, self.geometry.as_ref())];
+        if c.loss.spread > 0.0 || said.is_some() {
+            out.push(net.unrounded(w, &latent));
+        }
+        out.extend(said.map(|said| said.divergence));
+        out
+    }
 }

@@ -1,7 +1,7 @@
 //! An asset made ready for sampling.
 
 use riglab_core::{Asset, JointId, Rig, Segment, Vec3};
-use riglab_geom::{SurfacePoint, SurfaceSampler, farthest_points};
+use riglab_geom::{SurfacePoint, SurfaceSampler, farthest_points, nearest_squares};
 use riglab_metric::ACTIVE;
 use riglab_random::{Draw, Stream};
 
@@ -197,15 +197,11 @@ fn shell(positions: &[Vec3], held: &[u32]) -> Vec<u32> {
     }
     let own: Vec<Vec3> = held.iter().map(|&v| positions[v as usize]).collect();
     let landmarks: Vec<Vec3> = farthest_points(&own, LANDMARKS.min(own.len()), 0).into_iter().map(|k| own[k]).collect();
-    let distance = |p: &Vec3| {
-        let square = |a: &Vec3| (0..3).map(|k| (a[k] - p[k]).powi(2)).sum::<f32>();
-        landmarks.iter().map(square).fold(f32::INFINITY, f32::min)
-    };
     let mut others: Vec<(f32, u32)> = Vec::with_capacity(positions.len() - held.len());
     let mut next = held.iter().copied().peekable();
-    for (v, p) in positions.iter().enumerate() {
-        if next.next_if_eq(&(v as u32)).is_none() {
-            others.push((distance(p), v as u32));
+    for (v, square) in (0..).zip(nearest_squares(positions, &landmarks)) {
+        if next.next_if_eq(&v).is_none() {
+            others.push((square, v));
         }
     }
     let count = held.len().max(SHELL);

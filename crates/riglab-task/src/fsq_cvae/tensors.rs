@@ -37,14 +37,19 @@ pub fn noise(c: &FsqCvaeTaskConfig, b: &Batch, device: Device) -> Option<Tensor>
     (!b.noise.is_empty()).then(|| tensor(&b.noise, &[b.bones, b.prefix, c.model.learned_axes()], device))
 }
 
-/// The decoder's points [m, p, 6], the true weights there [m, p], and the bones' geometry.
-pub fn asked(c: &FsqCvaeTaskConfig, b: &Batch, device: Device) -> (Tensor, Tensor, Option<BoneGeometry>) {
+/// The true weights at the decoder's points [m, p].
+pub fn targets(c: &FsqCvaeTaskConfig, b: &Batch, device: Device) -> Tensor {
+    tensor(&b.targets, &[b.bones, c.sampling.decoder.total()], device)
+}
+
+/// The decoder's points [m, p, 6] and the bones' geometry.
+pub fn asked(c: &FsqCvaeTaskConfig, b: &Batch, device: Device) -> (Tensor, Option<BoneGeometry>) {
     let p = c.sampling.decoder.total();
     let geometry = (!b.bone_points.is_empty()).then(|| BoneGeometry {
         bones: tensor(&b.bone_features, &[b.bones, BONE_FEATURES], device),
         points: tensor(&b.bone_points, &[b.bones, p, BONE_POINT_FEATURES], device),
     });
-    (tensor(&b.points, &[b.bones, p, 6], device), tensor(&b.targets, &[b.bones, p], device), geometry)
+    (tensor(&b.points, &[b.bones, p, 6], device), geometry)
 }
 
 /// The geometry of some bones at points that they share.

@@ -50,7 +50,7 @@ impl Rigger {
         let mut random = stream(eval.seed, "skin evaluation", &[key]);
         let skinner = Skinner::new(self.vae(), mesh, eval.vertices, &mut random)?;
         // What bfloat16 is off by is far below what skins differ by.
-        let half = skins.len() > 1 && riglab_torch::has_bf16() && self.device() == tch::Device::Cpu;
+        let half = skins.len() > 1 && riglab_torch::multiplies_bf16() && self.device() == tch::Device::Cpu;
         let skinner = if half { skinner.half() } else { skinner };
         let all = skeleton.segments();
         let claims = |j: &usize| skins.iter().any(|codes| codes.get(*j).is_some_and(Option::is_some));
