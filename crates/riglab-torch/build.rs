@@ -2,11 +2,11 @@
 
 use std::path::Path;
 
-const FILES: [&str; 7] =
-    ["shim.cpp", "attention.cpp", "dropout.cpp", "linear.cpp", "recompute.cpp", "hooks.cpp", "parts.cpp"];
+const FILES: [&str; 8] =
+    ["shim.cpp", "attention.cpp", "block.cpp", "dropout.cpp", "linear.cpp", "recompute.cpp", "hooks.cpp", "parts.cpp"];
 
 fn main() {
-    for file in FILES.iter().chain(&["shim.h"]) {
+    for file in FILES.iter().chain(&["shim.h", "linear.h"]) {
         println!("cargo:rerun-if-changed=src/{file}");
     }
     let Ok(lib) = std::env::var("DEP_TCH_LIBTORCH_LIB") else {

@@ -21,6 +21,15 @@ pub fn nearest_squares(points: &[Vec3], others: &[Vec3]) -> Vec<f32> {
 /// By the widest instructions there are; the values are the same.
 fn nearest(axes: &[[f32; BLOCK]; 3], others: &[Vec3]) -> [f32; BLOCK] {
     #[cfg(target_arch = "x86_64")]
+    if is_x86_feature_detected!("avx512f") {
+        #[target_feature(enable = "avx512f")]
+        fn widest(axes: &[[f32; BLOCK]; 3], others: &[Vec3]) -> [f32; BLOCK] {
+            plain(axes, others)
+        }
+        // SAFETY: the machine has them.
+        return unsafe { widest(axes, others) };
+    }
+    #[cfg(target_arch = "x86_64")]
     if is_x86_feature_detected!("avx2") {
         #[target_feature(enable = "avx2")]
         fn wide(axes: &[[f32; BLOCK]; 3], others: &[Vec3]) -> [f32; BLOCK] {

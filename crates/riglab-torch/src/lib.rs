@@ -2,7 +2,8 @@
 //!
 //! tch wraps single ops. What training needs besides are ops over lists of tensors in place (the
 //! fused AdamW, norms, moving averages), blocks that are computed again in the backward pass, parts that
-//! threads compute side by side, attention of packed sequences and dropout that all threads share, affine maps by
+//! threads compute side by side, halves of transformer blocks as one op each, attention of packed
+//! sequences and dropout that all threads share, affine maps by
 //! the faster of libtorch's libraries, autocast on the CPU, and the settings of libtorch's global context. They are
 //! reached through a small C++ shim compiled against the same headers; a tensor of tch *is* an `at::Tensor`, so nothing
 //! is copied.
@@ -13,6 +14,7 @@
 //! Leaves out: networks, optimizers' bookkeeping (`riglab-nn`).
 
 mod attention;
+mod block;
 mod dropout;
 mod error;
 mod flops;
@@ -24,6 +26,7 @@ mod settings;
 mod tensors;
 
 pub use attention::{Span, packed_attention};
+pub use block::{Heads, Map, Norm, feed_forward, has_block, keys, other_attention, own_attention};
 pub use dropout::dropout;
 pub use error::{TorchError, first_line};
 pub use flops::{count_flops, counted_along};
@@ -32,7 +35,7 @@ pub use linear::linear;
 pub use parts::{Part, side_by_side, with_gradients};
 pub use recompute::{grad_enabled, recompute};
 pub use settings::{
-    Autocast, Settings, bf16_is_faster, cpu_capability, has_bf16, init, libtorch_version, load_cuda, multiplies_bf16, own_generator,
-    rng_state, set_rng_state, wait_patiently,
+    Autocast, Settings, bf16_is_faster, cpu_capability, has_bf16, init, libtorch_version, load_cuda, multiplies_bf16,
+    own_generator, rng_state, set_rng_state, wait_patiently,
 };
 pub use tensors::{AdamwStep, foreach_add, foreach_add_scalar, foreach_lerp, foreach_mul, fused_adamw, global_norm};

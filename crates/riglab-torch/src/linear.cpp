@@ -1,6 +1,7 @@
 // Affine maps of many rows in f32 on processors for which oneDNN multiplies matrices faster than what libtorch takes:
 // MKL has no 512-bit products for those that are not Intel's.
 
+#include "linear.h"
 #include "shim.h"
 
 #include <ATen/ATen.h>
@@ -80,7 +81,21 @@ struct Affine : torch::autograd::Function<Affine> {
   }
 };
 
+// Whether maps of so many rows are ours.
+bool is_ours(int64_t rows, const Tensor& w) {
+  return rows >= kRows && rows * w.numel() >= kProducts && product().has_value();
+}
+
 }  // namespace
+
+Tensor affine_rows(const Tensor& x, const Tensor& w, const std::optional<Tensor>& bias) {
+  if (is_ours(x.size(0), w) && w.size(1) <= kInOrder) return times(x.contiguous(), w.t(), bias);
+  return bias ? at::addmm(*bias, x, w.t()) : x.mm(w.t());
+}
+
+Tensor affine_rows_back(const Tensor& grad, const Tensor& w) {
+  return is_ours(grad.size(0), w) ? times(grad.contiguous(), w, std::nullopt) : grad.mm(w);
+}
 
 extern "C" {
 
@@ -91,8 +106,7 @@ int rl_linear(const Tensor* x, const Tensor* w, const Tensor* bias, Tensor** out
                       (!bias || (is_plain(*bias) && bias->dim() == 1 && bias->size(0) == w->size(0) &&
                                  bias->is_contiguous()));
     const int64_t rows = fits && x->size(-1) > 0 ? x->numel() / x->size(-1) : 0;
-    const bool fast = rows >= kRows && rows * w->numel() >= kProducts && !at::autocast::is_autocast_enabled(at::kCPU) &&
-                      product().has_value();
+    const bool fast = fits && is_ours(rows, *w) && !at::autocast::is_autocast_enabled(at::kCPU);
     const auto added = bias ? std::optional<Tensor>(*bias) : std::nullopt;
     *out = new Tensor(fast ? Affine::apply(*x, *w, added) : at::linear(*x, *w, added));
   });

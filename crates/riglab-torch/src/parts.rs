@@ -147,7 +147,8 @@ struct Graphs(Vec<Graph>);
 pub fn with_gradients(inputs: &[Tensor], parts: Vec<Part<'_>>) -> Result<Vec<Vec<Tensor>>, TorchError> {
     let with_grad = grad_enabled();
     let jobs = parts.into_iter().map(|part| {
-        let leaf = |t: &Tensor| if t.defined() { t.detach().set_requires_grad(t.requires_grad()) } else { Tensor::new() };
+        let leaf =
+            |t: &Tensor| if t.defined() { t.detach().set_requires_grad(t.requires_grad()) } else { Tensor::new() };
         let leaves: Vec<Tensor> = inputs.iter().map(leaf).collect();
         move || {
             let own = leaves.iter().map(Tensor::shallow_clone).collect();

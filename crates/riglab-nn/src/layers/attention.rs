@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 use tch::{Device, Kind, Tensor};
 
-use super::{Linear, affine};
+use super::{LayerNorm, Linear, affine, taken};
 use crate::params::{Role, Scope, Weights};
 
 /// How projected channels are dealt to heads.
@@ -31,16 +31,22 @@ pub struct Attention {
     split: HeadSplit,
 }
 
-/// Keys and values, each [b, h, s, d / h].
-pub struct KeyValue {
-    k: Tensor,
-    v: Tensor,
+/// Keys and values of b rows.
+pub struct KeyValue(Keys);
+
+enum Keys {
+    /// Each [b, h, s, d / h].
+    Apart(Tensor, Tensor),
+    /// As [`riglab_torch::keys`] makes them.
+    Together(Tensor),
 }
 
 impl KeyValue {
     /// How many batch rows.
     pub fn rows(&self) -> i64 {
-        self.k.size()[0]
+        match &self.0 {
+            Keys::Apart(t, _) | Keys::Together(t) => t.size()[0],
+        }
     }
 }
 
@@ -72,9 +78,47 @@ impl Attention {
         let both = Tensor::cat(&[&w[self.to_k.weight()], &w[self.to_v.weight()]], 0);
         let mut parts = self.heads_of(&affine(y_bsc, &both, None), 2).into_iter();
         match (parts.next(), parts.next()) {
-            (Some(k), Some(v)) => KeyValue { k, v },
+            (Some(k), Some(v)) => KeyValue(Keys::Apart(k, v)),
             _ => unreachable!("two parts were asked for"),
         }
+    }
+
+    /// As [`Self::keys`] of LN(y).
+    pub fn keys_of(&self, w: &Weights, norm: &LayerNorm, y_bsc: &Tensor) -> KeyValue {
+        if !riglab_torch::has_block(y_bsc) {
+            return self.keys(w, &norm.forward(w, y_bsc));
+        }
+        let weights = [&w[self.to_k.weight()], &w[self.to_v.weight()]];
+        KeyValue(Keys::Together(taken(riglab_torch::keys(y_bsc, norm.norm(w), self.dealt(&weights)))))
+    }
+
+    /// x + [`Self::over_itself`] of LN(x).
+    pub fn added_over_itself(&self, w: &Weights, norm: &LayerNorm, x: &Tensor) -> Tensor {
+        match self.to_out.map(w).filter(|_| riglab_torch::has_block(x)) {
+            Some(out) => {
+                let weights = [&w[self.to_q.weight()], &w[self.to_k.weight()], &w[self.to_v.weight()]];
+                taken(riglab_torch::own_attention(x, norm.norm(w), self.dealt(&weights), out))
+            }
+            None => x + self.over_itself(w, &norm.forward(w, x)),
+        }
+    }
+
+    /// x + [`Self::over`] of LN(x), of x as often as keys are read by it.
+    pub fn added_over(&self, w: &Weights, norm: &LayerNorm, x: &Tensor, y: &KeyValue) -> Tensor {
+        match (&y.0, self.to_out.map(w)) {
+            (Keys::Together(keys), Some(out)) if riglab_torch::has_block(x) && y.rows() <= x.size()[0] => {
+                let weights = [&w[self.to_q.weight()]];
+                taken(riglab_torch::other_attention(x, norm.norm(w), self.dealt(&weights), keys, out))
+            }
+            _ => {
+                let read = self.over(w, &norm.forward(w, x), y);
+                if read.size()[0] == x.size()[0] { x + read } else { repeated(x, read.size()[0]) + read }
+            }
+        }
+    }
+
+    fn dealt<'a>(&self, weights: &'a [&'a Tensor]) -> riglab_torch::Heads<'a> {
+        riglab_torch::Heads { weights, bias: None, count: self.heads, fused: self.split == HeadSplit::Fused }
     }
 
     /// x [b, t, d] over keys made by [`Self::keys`], to [b', t, d]; see `Block::forward` for keys with
@@ -82,17 +126,21 @@ impl Attention {
     pub fn over(&self, w: &Weights, x_btd: &Tensor, y: &KeyValue) -> Tensor {
         let (b, t, d) = x_btd.size3().expect("three axes");
         let rows = y.rows();
+        let [k, v] = match &y.0 {
+            Keys::Apart(k, v) => [k.shallow_clone(), v.shallow_clone()],
+            Keys::Together(both) => <[Tensor; 2]>::try_from(self.heads_of(both, 2)).expect("two parts"),
+        };
         let q = self.to_q.forward(w, x_btd);
         let heads = |q: Tensor, b: i64, t: i64| q.view([b, t, self.heads, d / self.heads]).transpose(1, 2);
         if rows < b {
             let q = heads(q, rows, b * t / rows);
-            return self.attend(w, &q, &y.k, &y.v).view([b, t, d]);
+            return self.attend(w, &q, &k, &v).view([b, t, d]);
         }
         let mut q = heads(q, b, t);
         if rows > b {
             q = q.unsqueeze(1).expand([-1, rows / b, -1, -1, -1], false).flatten(0, 1);
         }
-        self.attend(w, &q, &y.k, &y.v)
+        self.attend(w, &q, &k, &v)
     }
 
     /// [b, t, n * d] to n tensors [b, h, t, d / h].
@@ -111,6 +159,11 @@ impl Attention {
         let (b, t) = (size[0], size[2]);
         self.to_out.forward(w, &mixed.transpose(1, 2).reshape([b, t, size[1] * size[3]]))
     }
+}
+
+/// x [b, t, d] with each row `rows / b` times in a row.
+fn repeated(x: &Tensor, rows: i64) -> Tensor {
+    x.unsqueeze(1).expand([-1, rows / x.size()[0], -1, -1], false).flatten(0, 1)
 }
 
 /// softmax(q kᵀ / √d) v, each [b, h, t, d]; `causal`: the last query sees all keys, the one before it all

@@ -3,7 +3,7 @@
 use tch::Tensor;
 
 use super::attention::KeyValue;
-use super::{Attention, HeadSplit, LayerNorm, Linear};
+use super::{Attention, HeadSplit, LayerNorm, Linear, taken};
 use crate::params::{Role, Scope, Weights};
 
 /// Linear, GELU (by erf), Linear.
@@ -27,6 +27,21 @@ impl FeedForward {
     /// x [.., d], same shape out.
     pub fn forward(&self, w: &Weights, x: &Tensor) -> Tensor {
         self.down.forward(w, &self.up.forward(w, x).gelu("none"))
+    }
+
+    /// x + [`Self::forward`] of LN(x).
+    pub fn added(&self, w: &Weights, norm: &LayerNorm, x: &Tensor) -> Tensor {
+        added(w, norm, [&self.up, &self.down], x)
+    }
+}
+
+/// x + W₂ gelu(W₁ LN(x) + b₁) + b₂ by the maps up and down.
+pub(super) fn added(w: &Weights, norm: &LayerNorm, [up, down]: [&Linear; 2], x: &Tensor) -> Tensor {
+    match (up.map(w), down.map(w)) {
+        (Some(up), Some(down)) if riglab_torch::has_block(x) => {
+            taken(riglab_torch::feed_forward(x, norm.norm(w), up, down))
+        }
+        _ => x + down.forward(w, &up.forward(w, &norm.forward(w, x)).gelu("none")),
     }
 }
 
@@ -90,7 +105,7 @@ impl Block {
     /// The keys of the other tokens y [b, s, c], for [`Self::forward`].
     pub fn keys(&self, w: &Weights, y_bsc: &Tensor) -> KeyValue {
         let (_, norm_cross, attention) = self.other.as_ref().expect("a block that attends to other tokens");
-        attention.keys(w, &norm_cross.forward(w, y_bsc))
+        attention.keys_of(w, norm_cross, y_bsc)
     }
 
     /// x [b, t, d] through the block, which reads the other tokens [b, s, c] if it does: as one of a deep stack.
@@ -112,18 +127,12 @@ impl Block {
     pub fn forward(&self, w: &Weights, x_btd: &Tensor, keys: Option<&KeyValue>) -> Tensor {
         let mut x = x_btd.shallow_clone();
         if let Some((norm, attention)) = &self.own {
-            x = &x + attention.over_itself(w, &norm.forward(w, &x));
+            x = attention.added_over_itself(w, norm, &x);
         }
         if let Some((norm, _, attention)) = &self.other {
             let keys = keys.expect("a block that attends to other tokens is given their keys");
-            let read = attention.over(w, &norm.forward(w, &x), keys);
-            x = if read.size()[0] == x.size()[0] { x + read } else { repeated(&x, read.size()[0]) + read };
+            x = attention.added_over(w, norm, &x, keys);
         }
-        &x + self.ff.forward(w, &self.norm3.forward(w, &x))
+        self.ff.added(w, &self.norm3, &x)
     }
-}
-
-/// x [b, t, d] with each row `rows / b` times in a row.
-fn repeated(x: &Tensor, rows: i64) -> Tensor {
-    x.unsqueeze(1).expand([-1, rows / x.size()[0], -1, -1], false).flatten(0, 1)
 }

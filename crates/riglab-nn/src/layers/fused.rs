@@ -4,7 +4,7 @@
 use tch::Tensor;
 
 use super::attention::mix;
-use super::{LayerNorm, Linear};
+use super::{LayerNorm, Linear, block, taken};
 use crate::params::{Role, Scope, Weights};
 
 /// What a fused block attends to.
@@ -86,25 +86,49 @@ impl FusedBlock {
     }
 
     fn compute(&self, w: &Weights, x: &Tensor, others: Option<&Tensor>) -> Tensor {
+        let norm = self.norm_3.as_ref().unwrap_or(&self.norm_2);
+        block::added(w, norm, [&self.up, &self.down], &self.attended(w, x, others))
+    }
+
+    /// x + Attn(LN(x)).
+    fn attended(&self, w: &Weights, x: &Tensor, others: Option<&Tensor>) -> Tensor {
+        if let Some(out) = self.proj.map(w).filter(|_| riglab_torch::has_block(x)) {
+            let dealt = |weights, map: &Linear| {
+                let bias = map.bias().map(|b| &w[b]);
+                riglab_torch::Heads { weights, bias, count: self.heads, fused: true }
+            };
+            let norm = self.norm_1.norm(w);
+            return match (&self.reads, others) {
+                (Reads::Itself(qkv), _) => {
+                    let all = [&w[qkv.weight()]];
+                    taken(riglab_torch::own_attention(x, norm, dealt(&all, qkv), out))
+                }
+                (Reads::Other(q, kv), others) => {
+                    let others = others.expect("a block that reads others is given them");
+                    let (asking, asked) = ([&w[q.weight()]], [&w[kv.weight()]]);
+                    let keys = taken(riglab_torch::keys(others, self.norm_2.norm(w), dealt(&asked, kv)));
+                    taken(riglab_torch::other_attention(x, norm, dealt(&asking, q), &keys, out))
+                }
+            };
+        }
         let (b, t, d) = x.size3().expect("three axes");
         let own = self.norm_1.forward(w, x);
         let parts = |y: Tensor, n: i64| {
             let s = y.size()[1];
             y.view([b, s, self.heads, n, d / self.heads]).permute([3, 0, 2, 1, 4]).unbind(0)
         };
-        let (read, norm) = match (&self.reads, others) {
+        let read = match (&self.reads, others) {
             (Reads::Itself(qkv), _) => {
                 let p = parts(qkv.forward(w, &own), 3);
-                (mix(&p[0], &p[1], &p[2], false), &self.norm_2)
+                mix(&p[0], &p[1], &p[2], false)
             }
             (Reads::Other(q, kv), others) => {
                 let others = self.norm_2.forward(w, others.expect("a block that reads others is given them"));
                 let q = parts(q.forward(w, &own), 1);
                 let p = parts(kv.forward(w, &others), 2);
-                (mix(&q[0], &p[0], &p[1], false), self.norm_3.as_ref().unwrap_or(&self.norm_2))
+                mix(&q[0], &p[0], &p[1], false)
             }
         };
-        let x = x + self.proj.forward(w, &read.transpose(1, 2).reshape([b, t, d]));
-        &x + self.down.forward(w, &self.up.forward(w, &norm.forward(w, &x)).gelu("none"))
+        x + self.proj.forward(w, &read.transpose(1, 2).reshape([b, t, d]))
     }
 }

@@ -38,6 +38,11 @@ impl Linear {
         affine(x, &w[self.weight], self.bias.map(|b| &w[b]))
     }
 
+    /// As an op that computes more than the map takes it; `None` without a bias.
+    pub(crate) fn map<'a>(&self, w: &'a Weights) -> Option<riglab_torch::Map<'a>> {
+        self.bias.map(|bias| riglab_torch::Map { weight: &w[self.weight], bias: &w[bias] })
+    }
+
     pub(crate) fn weight(&self) -> ParamId {
         self.weight
     }
@@ -62,6 +67,11 @@ impl LayerNorm {
         let weight = at.add("weight", Role::Vector, &shape, Init::Constant(1.0));
         let bias = at.add("bias", Role::Vector, &shape, Init::Constant(0.0));
         Self { weight, bias, width: width as i64 }
+    }
+
+    /// As an op that computes more than the norm takes it.
+    pub(crate) fn norm<'a>(&self, w: &'a Weights) -> riglab_torch::Norm<'a> {
+        riglab_torch::Norm { gain: &w[self.weight], bias: &w[self.bias] }
     }
 
     /// Gain and bias as numbers.

@@ -16,12 +16,17 @@ pub(crate) use attention::{mix, shared_heads};
 
 /// Activations of which a share `p` is dropped in training, the others being made larger; `p` was validated.
 pub(crate) fn dropped(x: tch::Tensor, p: f64) -> tch::Tensor {
-    if p > 0.0 { riglab_torch::dropout(&x, p).unwrap_or_else(|e| panic!("{e}")) } else { x }
+    if p > 0.0 { taken(riglab_torch::dropout(&x, p)) } else { x }
 }
 
 /// x [.., in] to x wᵀ + bias [.., out], w [out, in].
 pub(crate) fn affine(x: &tch::Tensor, w: &tch::Tensor, bias: Option<&tch::Tensor>) -> tch::Tensor {
-    riglab_torch::linear(x, w, bias).unwrap_or_else(|e| panic!("{e}"))
+    taken(riglab_torch::linear(x, w, bias))
+}
+
+/// What libtorch gives for shapes that fit; it panics as libtorch's own ops do here.
+pub(crate) fn taken(found: Result<tch::Tensor, riglab_torch::TorchError>) -> tch::Tensor {
+    found.unwrap_or_else(|e| panic!("{e}"))
 }
 
 /// Rows of x [b, n, c] by index [b, t], as [b, t, c].

@@ -185,11 +185,8 @@ fn step(rows: Vec<Row>, c: &OptimConfig, factor: f64, shrink: f64) -> Result<(),
     }
     let (kind, device) = (direction.kind(), direction.device());
     let half = c.muon_bf16 && kind == Kind::Float && (device != Device::Cpu || riglab_torch::multiplies_bf16());
-    let update = if half {
-        newton_schulz(&direction.to_kind(Kind::BFloat16)).to_kind(kind)
-    } else {
-        newton_schulz(&direction)
-    };
+    let update =
+        if half { newton_schulz(&direction.to_kind(Kind::BFloat16)).to_kind(kind) } else { newton_schulz(&direction) };
     let (m, n) = (update.size()[1] as f64, update.size()[2] as f64);
     let scale = match c.muon_scale {
         MuonScale::Spectral => (m / n).max(1.0).sqrt(),

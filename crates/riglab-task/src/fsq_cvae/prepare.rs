@@ -1,6 +1,6 @@
 //! An asset made ready for sampling.
 
-use riglab_core::{Asset, JointId, Rig, Segment, Vec3};
+use riglab_core::{Asset, JointId, Mesh, Rig, Segment, Vec3};
 use riglab_geom::{SurfacePoint, SurfaceSampler, farthest_points, nearest_squares};
 use riglab_metric::ACTIVE;
 use riglab_random::{Draw, Stream};
@@ -80,35 +80,27 @@ impl Prepared {
         let areas = SurfaceSampler::new(rig.mesh()).into_sums();
         let columns = rig.weights().columns(rig.skeleton().len());
         let segments = rig.skeleton().segments();
-        // Triangles around each vertex.
-        let mut around = vec![Vec::new(); rig.mesh().positions().len()];
-        for (t, corners) in rig.mesh().triangles().iter().enumerate() {
-            for &v in corners {
-                around[v as usize].push(t as u32);
-            }
-        }
-        let positions = rig.mesh().positions();
+        let (positions, around) = (rig.mesh().positions(), Around::new(rig.mesh()));
         let area = |t: u32| length(rig.mesh().area_vector(t as usize));
         let patch = |vertices: Vec<u32>, of: &dyn Fn(u32) -> bool| {
-            let mut triangles: Vec<u32> = vertices.iter().flat_map(|&v| around[v as usize].iter().copied()).collect();
-            triangles.sort_unstable();
-            triangles.dedup();
-            triangles.retain(|&t| of(t));
             let mut sum = 0.0;
-            let triangles = triangles.into_iter().map(|t| {
+            let triangles = around.all(&vertices).into_iter().filter(|&t| of(t)).map(|t| {
                 sum += area(t);
                 (t, sum)
             });
             Patch { triangles: triangles.collect(), vertices }
         };
+        // Whether a bone holds a vertex.
+        let mut holds = vec![false; positions.len()];
         let bones = rig.skeleton().ids().zip(columns).zip(segments).filter_map(|((joint, weights), segments)| {
             let held: Vec<u32> = weights.iter().filter(|(_, w)| *w > ACTIVE).map(|(v, _)| *v).collect();
             if held.is_empty() && !all {
                 return None;
             }
-            let holds = |v: &u32| held.binary_search(v).is_ok();
-            let shell = shell(positions, &held);
-            let shell = patch(shell, &|t| !rig.mesh().triangles()[t as usize].iter().any(holds));
+            held.iter().for_each(|&v| holds[v as usize] = true);
+            let apart = |t: u32| !rig.mesh().triangles()[t as usize].iter().any(|&v| holds[v as usize]);
+            let shell = patch(shell(positions, &held), &apart);
+            held.iter().for_each(|&v| holds[v as usize] = false);
             let held = patch(held, &|_| true);
             Some(Bone { joint, segments, held, shell, weights })
         });
@@ -190,6 +182,46 @@ impl Bone {
     }
 }
 
+/// The triangles around each vertex of a mesh, one vertex after another.
+struct Around {
+    ends: Vec<u32>,
+    triangles: Vec<u32>,
+}
+
+impl Around {
+    fn new(mesh: &Mesh) -> Self {
+        let mut ends = vec![0u32; mesh.positions().len()];
+        mesh.triangles().iter().flatten().for_each(|&v| ends[v as usize] += 1);
+        let mut all = 0;
+        for end in &mut ends {
+            all += *end;
+            *end = all;
+        }
+        // From the last place of each vertex to its first.
+        let mut triangles = vec![0; all as usize];
+        let mut next = ends.clone();
+        for (t, corners) in mesh.triangles().iter().enumerate().rev() {
+            for &v in corners {
+                next[v as usize] -= 1;
+                triangles[next[v as usize] as usize] = t as u32;
+            }
+        }
+        Self { ends, triangles }
+    }
+
+    /// Those around some vertices, ascending.
+    fn all(&self, vertices: &[u32]) -> Vec<u32> {
+        let of = |v: u32| {
+            let start = if v == 0 { 0 } else { self.ends[v as usize - 1] };
+            &self.triangles[start as usize..self.ends[v as usize] as usize]
+        };
+        let mut all: Vec<u32> = vertices.iter().flat_map(|&v| of(v)).copied().collect();
+        all.sort_unstable();
+        all.dedup();
+        all
+    }
+}
+
 /// The vertices not in `held` (ascending) that lie nearest to it.
 fn shell(positions: &[Vec3], held: &[u32]) -> Vec<u32> {
     if held.is_empty() {
@@ -197,19 +229,20 @@ fn shell(positions: &[Vec3], held: &[u32]) -> Vec<u32> {
     }
     let own: Vec<Vec3> = held.iter().map(|&v| positions[v as usize]).collect();
     let landmarks: Vec<Vec3> = farthest_points(&own, LANDMARKS.min(own.len()), 0).into_iter().map(|k| own[k]).collect();
-    let mut others: Vec<(f32, u32)> = Vec::with_capacity(positions.len() - held.len());
+    // Distances are positive numbers, whose bits are in their order: ones of equal distance by vertex.
+    let mut others: Vec<u64> = Vec::with_capacity(positions.len() - held.len());
     let mut next = held.iter().copied().peekable();
     for (v, square) in (0..).zip(nearest_squares(positions, &landmarks)) {
         if next.next_if_eq(&v).is_none() {
-            others.push((square, v));
+            others.push(u64::from(square.to_bits()) << 32 | u64::from(v));
         }
     }
     let count = held.len().max(SHELL);
     if others.len() > count {
-        others.select_nth_unstable_by(count - 1, |a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+        others.select_nth_unstable(count - 1);
         others.truncate(count);
     }
-    let mut shell: Vec<u32> = others.into_iter().map(|(_, v)| v).collect();
+    let mut shell: Vec<u32> = others.into_iter().map(|key| key as u32).collect();
     shell.sort_unstable();
     shell
 }
