@@ -89,22 +89,27 @@ impl Frozen {
         self.net.fsq().levels()
     }
 
-    /// Works with it, one thread at a time.
+    /// Works with it; several threads may at a time.
     pub fn with<T>(&self, work: impl FnOnce(Coder<'_>) -> T) -> T {
-        // Weights are only read: a thread that panicked left them whole.
-        let params = self.params.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
-        let weights: &Weights = params.weights();
-        work(Coder { config: &self.config, net: &self.net, weights, device: self.device })
+        let weights = {
+            // Weights are only read: a thread that panicked left them whole.
+            let params = self.params.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
+            params.weights().recomputing(false)
+        };
+        work(Coder { config: &self.config, net: &self.net, weights: &weights, device: self.device })
     }
 
     /// As [`Self::with`], computing in bfloat16: twice as fast where the processor has it, shares off by some thousandths.
     pub fn with_half<T>(&self, work: impl FnOnce(Coder<'_>) -> T) -> T {
-        let mut half = self.half.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
-        let weights = half.get_or_insert_with(|| {
-            let params = self.params.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
-            tch::no_grad(|| params.weights().cast(tch::Kind::BFloat16))
-        });
-        work(Coder { config: &self.config, net: &self.net, weights, device: self.device })
+        let weights = {
+            let mut half = self.half.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
+            let weights = half.get_or_insert_with(|| {
+                let params = self.params.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
+                tch::no_grad(|| params.weights().cast(tch::Kind::BFloat16))
+            });
+            weights.recomputing(false)
+        };
+        work(Coder { config: &self.config, net: &self.net, weights: &weights, device: self.device })
     }
 
     /// Puts it into a run's folder, as [`Checkpoint::plant`] does.

@@ -52,15 +52,18 @@ pub fn candidates(
     });
     let skinner = skinner.transpose()?;
     let (mut first, mut place): (HashMap<&[i64], usize>, Vec<usize>) = Default::default();
-    let mut candidates = Vec::new();
+    let mut different = Vec::new();
     for own in drawn {
-        let next = candidates.len();
-        let at = *first.entry(&own.ids).or_insert(next);
-        if at == next {
-            candidates.push(candidate(skinner.as_ref(), subject, own, how.cut));
+        let at = *first.entry(&own.ids).or_insert(different.len());
+        if at == different.len() {
+            different.push(own);
         }
         place.push(at);
     }
+    let candidates = match &skinner {
+        Some(skinner) => skinner.each(&different, |own, drawn| candidate(Some(own), subject, drawn, how.cut)),
+        None => different.iter().map(|drawn| candidate(None, subject, drawn, how.cut)).collect(),
+    };
     Ok((candidates, place))
 }
 

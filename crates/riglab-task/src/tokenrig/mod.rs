@@ -29,6 +29,7 @@ pub use config::{EvalConfig, LossConfig, SamplingConfig, SkinConfig, TokenRigTas
 pub use evaluate::{Report, SkinAsset};
 pub use make::{Draw, Made, Rank, Wish};
 pub use report::Evaluation;
+pub(crate) use rigger::Strict;
 pub use rigger::{Drawn, Rigger};
 pub use sample::Sample;
 pub(crate) use sample::{joints_told, told};

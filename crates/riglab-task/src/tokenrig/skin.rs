@@ -93,12 +93,16 @@ pub(super) fn in_order(codes: Codes, order: &[usize], joints: usize) -> Codes {
 /// by itself: what a bone is given depends on the others.
 fn mean(skinner: &Skinner<'_>, claimed: &[usize], segments: &[Vec<Segment>], skins: &[Codes]) -> Vec<f32> {
     let m = claimed.len();
-    let mut out = Vec::new();
-    for codes in skins {
+    let told = |skinner: &Skinner<'_>, codes: &Codes| {
         let columns: Vec<usize> = (0..m).filter(|&c| codes.get(claimed[c]).is_some_and(Option::is_some)).collect();
         let segments: Vec<Vec<Segment>> = columns.iter().map(|&c| segments[c].clone()).collect();
         let own: Vec<&[i64]> = columns.iter().filter_map(|&c| codes[claimed[c]].as_deref()).collect();
-        let raw = skinner.raw(&segments, &own);
+        (skinner.raw(&segments, &own), columns)
+    };
+    let mut out = Vec::new();
+    // As many at a time as there are threads: each takes a row a vertex.
+    let some = skins.chunks(tch::get_num_threads().max(1) as usize);
+    for (raw, columns) in some.flat_map(|some| skinner.each(some, told)) {
         if raw.is_empty() {
             continue;
         }

@@ -1,9 +1,11 @@
 //! From codes to weights, on one mesh.
 
+use std::sync::Arc;
+
 use riglab_core::{Mesh, Rig, Segment, Skeleton, SkinWeights};
 use riglab_geom::Transfer;
 use riglab_random::{Draw, Stream};
-use tch::{Kind, Tensor};
+use tch::{Device, Kind, Tensor};
 
 use crate::fsq_cvae::{Coder, Frozen, Point, Prepared};
 
@@ -13,11 +15,11 @@ const NEIGHBOURS: usize = 8;
 /// A mesh in the cube, its shape read once, ready for the weights of any codes.
 pub struct Skinner<'a> {
     vae: &'a Frozen,
-    points: Vec<Point>,
+    points: Arc<Vec<Point>>,
     shape: Tensor,
     half: bool,
     /// Of each vertex, where not all were asked, the points that tell it.
-    shares: Option<Vec<Vec<(u32, f32)>>>,
+    shares: Option<Arc<Vec<Vec<(u32, f32)>>>>,
 }
 
 impl<'a> Skinner<'a> {
@@ -42,9 +44,30 @@ impl<'a> Skinner<'a> {
         let shape = vae.with(|coder| coder.shape(&prepared, random));
         let shares = (n > most).then(|| {
             let places: Vec<_> = points.iter().map(|p| p.position).collect();
-            Transfer::new(&places, NEIGHBOURS).shares(mesh.positions())
+            Arc::new(Transfer::new(&places, NEIGHBOURS).shares(mesh.positions()))
         });
-        Ok(Self { vae, points, shape, half: false, shares })
+        Ok(Self { vae, points: Arc::new(points), shape, half: false, shares })
+    }
+
+    /// The same, for another thread.
+    pub fn another(&self) -> Self {
+        let (points, shares) = (self.points.clone(), self.shares.clone());
+        Self { vae: self.vae, points, shape: self.shape.shallow_clone(), half: self.half, shares }
+    }
+
+    /// What `of` gives of some items with it, in their order: the items are shared out among the threads there are, on the
+    /// processor.
+    pub fn each<T: Sync, R: Send>(&self, items: &[T], of: impl Fn(&Self, &T) -> R + Sync) -> Vec<R> {
+        let on_cpu = self.shape.device() == Device::Cpu;
+        let threads = if on_cpu { (tch::get_num_threads().max(1) as usize).min(items.len()).max(1) } else { 1 };
+        let jobs = (0..threads).map(|t| {
+            let (own, of) = (self.another(), &of);
+            // One of each few: neighbours are alike, and so is what they cost.
+            move || items.iter().skip(t).step_by(threads).map(|item| of(&own, item)).collect::<Vec<_>>()
+        });
+        let mut found: Vec<_> =
+            riglab_torch::side_by_side(jobs.collect::<Vec<_>>()).into_iter().map(Vec::into_iter).collect();
+        (0..items.len()).filter_map(|k| found[k % threads].next()).collect()
     }
 
     /// Weights are computed in bfloat16, see [`Frozen::with_half`].
@@ -67,7 +90,7 @@ impl<'a> Skinner<'a> {
         let known = if self.half { self.vae.with_half(decode) } else { self.vae.with(decode) };
         let Some(shares) = &self.shares else { return known };
         let mut out = vec![0.0; shares.len() * m];
-        for (row, shares) in out.chunks_exact_mut(m).zip(shares) {
+        for (row, shares) in out.chunks_exact_mut(m).zip(shares.iter()) {
             for &(k, share) in shares {
                 let known = &known[k as usize * m..(k as usize + 1) * m];
                 row.iter_mut().zip(known).for_each(|(w, known)| *w += share * known);

@@ -87,6 +87,24 @@ impl Flat {
     }
 }
 
+/// Sequences in runs of about as many tokens, for as many threads as there are; all together on other devices.
+fn dealt<'a, 'b>(all: &'b [&'a Sequence], device: Device) -> Vec<&'b [&'a Sequence]> {
+    let threads = if device == Device::Cpu { (tch::get_num_threads().max(1) as usize).min(all.len()) } else { 1 };
+    let tokens: usize = all.iter().map(|s| s.ids.len()).sum();
+    let (mut runs, mut left, mut before, mut start) = (Vec::new(), all, 0, 0);
+    for (k, own) in all.iter().enumerate() {
+        before += own.ids.len();
+        if before * threads >= (runs.len() + 1) * tokens && runs.len() + 1 < threads {
+            let (run, rest) = left.split_at(k + 1 - start);
+            runs.push(run);
+            (left, start) = (rest, k + 1);
+        }
+    }
+    runs.push(left);
+    runs.retain(|run| !run.is_empty());
+    if runs.is_empty() { vec![all] } else { runs }
+}
+
 /// How many of each sequence's targets were chosen: `chosen` says it of those of one sequence after another.
 fn counts(all: &[&Sequence], chosen: &[bool]) -> Vec<i64> {
     let mut left = chosen;

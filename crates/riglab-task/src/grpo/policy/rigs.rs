@@ -5,18 +5,18 @@ use riglab_geom::CloudConfig;
 use riglab_nn::generate::GenerateConfig;
 use riglab_nn::params::{Params, Weights};
 use riglab_nn::perceiver::PerceiverConfig;
-use riglab_nn::tokenrig::{Asked, Choices, Likelihood, Sequences};
+use riglab_nn::tokenrig::{Asked, Choices, Layout, Likelihood, Sequences};
 use riglab_random::Stream;
 use riglab_token::Mask;
 use riglab_train::Task;
 use tch::{Device, Tensor};
 
-use super::{Flat, Policy, Pool, bits, counts};
+use super::{Flat, Policy, Pool, bits, counts, dealt};
 use crate::assets::Up;
 use crate::experiment::Experiment;
 use crate::grpo::rollout::Sequence;
-use crate::tokenrig::{Drawn, Rigger, TokenRigTask, joints_told, told};
-use crate::unirig_skeleton::Batch as Shapes;
+use crate::tokenrig::{Drawn, Rigger, Strict, TokenRigTask, joints_told, told};
+use crate::unirig_skeleton::{Batch as Shapes, shape_tensors};
 
 /// Which of a sequence's targets could have been others, and what they could have been.
 #[derive(Default)]
@@ -29,11 +29,9 @@ struct Free {
     chosen: Vec<bool>,
 }
 
-/// Walks the grammar along sequences; the first `prompt` tokens were given.
-fn free(rigger: &Rigger, ids: &[i64], prompt: usize, out: &mut Free) {
-    let layout = rigger.layout();
+/// Walks the grammar along a sequence; the first `prompt` tokens were given.
+fn free(layout: &Layout, mut grammar: Strict, ids: &[i64], prompt: usize, out: &mut Free) {
     let first = layout.skeleton();
-    let mut grammar = rigger.grammar(rigger.config().limits.tokens);
     let mut mask = Mask::none(layout.drawn());
     for (at, &id) in ids.iter().enumerate() {
         grammar.write_allowed(&mut mask);
@@ -107,27 +105,44 @@ impl Policy for TokenRigTask {
 
     fn likely(&self, w: &Weights, shapes: &Shapes, all: &[&Sequence], temperature: f64) -> (Likelihood, Vec<i64>) {
         let rigger = self.rigger();
-        let device = rigger.device();
-        let Flat { ids, targets, lengths, meshes } = Flat::of(all, device);
-        let prefix = rigger.prefix(w, shapes);
-        let told = rigger.config().model.tell_joint.then(|| {
-            let flat: Vec<f32> = all.iter().flat_map(|s| s.told.iter().flatten()).copied().collect();
-            Tensor::from_slice(&flat).view([-1, 7]).to_device(device)
+        let (c, net, layout, device) = (rigger.config(), rigger.net(), rigger.layout(), rigger.device());
+        let (grammar, prompt) = (rigger.grammar(c.limits.tokens), rigger.free().len());
+        let parts = dealt(all, device);
+        let parts: Vec<_> = parts
+            .into_iter()
+            .map(|own| {
+                let mut found = Free::default();
+                own.iter().for_each(|s| free(layout, grammar.clone(), &s.ids, prompt, &mut found));
+                let counts = counts(own, &found.chosen);
+                (own, found, counts, shape_tensors(shapes, c.sampling.cloud.points, c.model.shape.tokens, device))
+            })
+            .collect();
+        let jobs = parts.iter().map(|(own, found, _, (cloud, picks))| {
+            let (cloud, picks) = (cloud.shallow_clone(), picks.shallow_clone());
+            move |w: &Weights| {
+                let Flat { ids, targets, lengths, meshes } = Flat::of(own, device);
+                let prefix = net.condition(w, &cloud, &picks);
+                let told = c.model.tell_joint.then(|| {
+                    let flat: Vec<f32> = own.iter().flat_map(|s| s.told.iter().flatten()).copied().collect();
+                    Tensor::from_slice(&flat).view([-1, 7]).to_device(device)
+                });
+                let sequences = Sequences { ids: &ids, lengths: &lengths, told: told.as_ref() };
+                // Without dropout: the policy is what draws.
+                let hidden = net.forward_behind(w, &prefix, &meshes, &sequences);
+                let skeleton = bits(&found.skeleton, device).view([-1, layout.skeleton()]);
+                let empty = bits(&found.empty, device);
+                let asked =
+                    Asked { hidden: &hidden, targets: &targets, bins: i64::from(c.tokenizer.bins), spread: 0.0 };
+                let choices = Choices { skeleton: &skeleton, empty: &empty };
+                let Likelihood { log, entropy } = net.likelihood(w, &asked, Some(&choices), temperature);
+                let chosen = bits(&found.chosen, device).nonzero().squeeze_dim(1);
+                vec![log.index_select(0, &chosen), entropy.index_select(0, &chosen)]
+            }
         });
-        let sequences = Sequences { ids: &ids, lengths: &lengths, told: told.as_ref() };
-        // Without dropout: the policy is what draws.
-        let hidden = rigger.net().forward_behind(w, &prefix, &meshes, &sequences);
-        let (mut found, prompt) = (Free::default(), rigger.free().len());
-        all.iter().for_each(|own| free(rigger, &own.ids, prompt, &mut found));
-        let skeleton = bits(&found.skeleton, device).view([-1, rigger.layout().skeleton()]);
-        let empty = bits(&found.empty, device);
-        let asked =
-            Asked { hidden: &hidden, targets: &targets, bins: i64::from(rigger.config().tokenizer.bins), spread: 0.0 };
-        let choices = Choices { skeleton: &skeleton, empty: &empty };
-        let Likelihood { log, entropy } = rigger.net().likelihood(w, &asked, Some(&choices), temperature);
-        let chosen = bits(&found.chosen, device).nonzero().squeeze_dim(1);
-        let pick = |t: Tensor| t.index_select(0, &chosen);
-        (Likelihood { log: pick(log), entropy: pick(entropy) }, counts(all, &found.chosen))
+        let told = w.side_by_side(jobs.collect::<Vec<_>>());
+        let joined = |k: usize| Tensor::cat(&told.iter().map(|own| &own[k]).collect::<Vec<_>>(), 0);
+        let counts = parts.into_iter().flat_map(|(_, _, counts, _)| counts).collect();
+        (Likelihood { log: joined(0), entropy: joined(1) }, counts)
     }
 
     fn rig(&self, mesh: &Mesh, drawn: &Drawn, key: u64) -> Result<Option<Rig>, String> {
@@ -155,8 +170,8 @@ mod tests {
             let drawn = rigger.draw(w, &prefix, &vec![rigger.free(); 4], &how, &mut streams).unwrap();
             let first = rigger.layout().skeleton();
             for own in drawn {
-                let mut found = Free::default();
-                free(&rigger, &own.ids, 1, &mut found);
+                let (mut found, grammar) = (Free::default(), rigger.grammar(rigger.config().limits.tokens));
+                free(rigger.layout(), grammar.clone(), &own.ids, 1, &mut found);
                 let targets = &own.ids[1..];
                 assert_eq!(found.chosen.len(), targets.len());
                 let of_skeleton: Vec<i64> = targets.iter().copied().filter(|&id| id < first).collect();
@@ -168,7 +183,7 @@ mod tests {
                 assert!(found.chosen.iter().filter(|c| **c).count() > 3);
                 // What is given is no choice.
                 let mut given = Free::default();
-                free(&rigger, &own.ids, own.skeleton.len(), &mut given);
+                free(rigger.layout(), grammar, &own.ids, own.skeleton.len(), &mut given);
                 assert!(given.chosen[..own.skeleton.len() - 1].iter().all(|c| !c));
                 assert_eq!(given.chosen[own.skeleton.len() - 1..], found.chosen[own.skeleton.len() - 1..]);
             }
