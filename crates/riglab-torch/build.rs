@@ -2,8 +2,17 @@
 
 use std::path::Path;
 
-const FILES: [&str; 8] =
-    ["shim.cpp", "attention.cpp", "block.cpp", "dropout.cpp", "linear.cpp", "recompute.cpp", "hooks.cpp", "parts.cpp"];
+const FILES: [&str; 9] = [
+    "shim.cpp",
+    "attention.cpp",
+    "block.cpp",
+    "dropout.cpp",
+    "linear.cpp",
+    "recompute.cpp",
+    "hooks.cpp",
+    "parts.cpp",
+    "memory.cpp",
+];
 
 fn main() {
     for file in FILES.iter().chain(&["shim.h", "linear.h"]) {

@@ -50,7 +50,7 @@ fn threads() -> &'static ThreadPool {
     static THREADS: OnceLock<ThreadPool> = OnceLock::new();
     THREADS.get_or_init(|| {
         let processors = std::thread::available_parallelism().map_or(1, usize::from);
-        let count = processors.max(tch::get_num_threads().max(1) as usize);
+        let count = processors.max(tch::get_num_threads().max(1) as usize).max(2) - 1;
         let pool = ThreadPoolBuilder::new().num_threads(count).thread_name(|k| format!("part {}", k + 1)).build();
         pool.expect("threads can be started")
     })
@@ -134,6 +134,18 @@ struct Graph {
 /// The graphs of all parts.
 struct Graphs(Vec<Graph>);
 
+/// Tensors that several threads read.
+struct Shared<'a>(&'a [Tensor]);
+
+// SAFETY: libtorch's tensors may be read by many threads, and nobody writes to these while parts are computed.
+unsafe impl Sync for Shared<'_> {}
+
+impl Shared<'_> {
+    fn all(&self) -> &[Tensor] {
+        self.0
+    }
+}
+
 /// The outputs of each part of a network, computed [`side_by_side`]; so are gradients. Inputs get the sum of what the parts
 /// give them, in their order. Whatever else parts hold must need no gradient.
 ///
@@ -146,11 +158,14 @@ struct Graphs(Vec<Graph>);
 /// When a part does.
 pub fn with_gradients(inputs: &[Tensor], parts: Vec<Part<'_>>) -> Result<Vec<Vec<Tensor>>, TorchError> {
     let with_grad = grad_enabled();
+    let shared = Shared(inputs);
     let jobs = parts.into_iter().map(|part| {
-        let leaf =
-            |t: &Tensor| if t.defined() { t.detach().set_requires_grad(t.requires_grad()) } else { Tensor::new() };
-        let leaves: Vec<Tensor> = inputs.iter().map(leaf).collect();
+        let shared = &shared;
         move || {
+            let leaf = |t: &Tensor| {
+                if t.defined() { t.detach().set_requires_grad(t.requires_grad()) } else { Tensor::new() }
+            };
+            let leaves: Vec<Tensor> = shared.all().iter().map(leaf).collect();
             let own = leaves.iter().map(Tensor::shallow_clone).collect();
             let (outputs, read) = part(own);
             (outputs, read, leaves)

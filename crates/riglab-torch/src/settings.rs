@@ -14,9 +14,14 @@ unsafe extern "C" {
     fn rl_rng_get(out: *mut u8, room: usize, size: *mut usize) -> c_int;
     fn rl_rng_set(bytes: *const u8, size: usize) -> c_int;
     fn rl_rng_own(seed: u64) -> c_int;
+    fn rl_keep_memory(most: usize) -> c_int;
     fn rl_cpu_capability() -> *const c_char;
     fn rl_version() -> *const c_char;
 }
+
+/// Bytes of freed tensors that are kept for the next ones at most. A step makes the same tensors as the one before; the
+/// system would have to clear their pages anew.
+const KEPT: usize = 512 << 20;
 
 /// What [`init`] sets.
 #[derive(Clone, Copy, Debug, Default)]
@@ -37,7 +42,7 @@ const SWITCHES: [(&str, &str); 3] =
 /// thread is started.
 ///
 /// Besides threads: huge pages for large tensors (5 to 9 % of a step), memory that is kept for the next tensor rather than
-/// given back (another 5 %), few kernels kept, denormals flushed
+/// given back (another 5 %, `memory.cpp`), few kernels kept, denormals flushed
 /// to zero (they slow sums of tiny gradients down by an order of magnitude), deterministic algorithms.
 /// Gives the number of threads.
 pub fn init(settings: Settings) -> usize {
@@ -49,7 +54,9 @@ pub fn init(settings: Settings) -> usize {
                 unsafe { std::env::set_var(switch, value) };
             }
         }
-        keep_memory();
+        // SAFETY: a plain number; no tensor was made yet.
+        let code = unsafe { rl_keep_memory(KEPT) };
+        debug_assert_eq!(code, 0);
         let threads = match settings.threads {
             0 => std::thread::available_parallelism().map_or(1, usize::from),
             n => n,
@@ -62,19 +69,6 @@ pub fn init(settings: Settings) -> usize {
         debug_assert_eq!(code, 0);
     });
     tch::get_num_threads() as usize
-}
-
-/// Has the allocator keep what is freed. A step makes the same tensors as the one before; glibc would give the pages back
-/// to the system in between, which then clears them anew.
-fn keep_memory() {
-    #[cfg(all(target_os = "linux", target_env = "gnu"))]
-    // SAFETY: plain numbers; what is refused stays as it was.
-    unsafe {
-        // The largest that it takes: blocks above are mapped by themselves.
-        libc::mallopt(libc::M_MMAP_THRESHOLD, 32 << 20);
-        libc::mallopt(libc::M_TRIM_THRESHOLD, i32::MAX);
-        libc::mallopt(libc::M_TOP_PAD, 64 << 20);
-    }
 }
 
 /// Starts the program anew with threads that wait patiently, unless the environment says how they are

@@ -31,7 +31,7 @@ unsafe extern "C" {
     fn rl_foreach_add_scalar(tensors: *const *const C_tensor, n: usize, value: f64) -> c_int;
     fn rl_foreach_add(tensors: *const *const C_tensor, other: *const *const C_tensor, n: usize, alpha: f64) -> c_int;
     fn rl_foreach_lerp(tensors: *const *const C_tensor, other: *const *const C_tensor, n: usize, weight: f64) -> c_int;
-    fn rl_norms(tensors: *const *const C_tensor, n: usize, out: *mut f64) -> c_int;
+    fn rl_squares(tensors: *const *const C_tensor, n: usize, out: *mut f64) -> c_int;
 }
 
 /// Fewer elements than this for each thread are done before another would have begun.
@@ -195,16 +195,16 @@ fn binary(tensors: &[Tensor], other: &[Tensor], scalar: f64, op: Binary) -> Resu
 /// libtorch's message.
 pub fn global_norm<T: Borrow<Tensor>>(tensors: &[T]) -> Result<f64, TorchError> {
     let list = Pointers::of(tensors);
-    let norms = runs(tensors).into_iter().map(|run| {
+    let squares = runs(tensors).into_iter().map(|run| {
         let list = &list;
         move || {
-            let mut norms = vec![0.0; run.len()];
+            let mut squares = vec![0.0; run.len()];
             // SAFETY: a run of live tensors, and a place for each.
-            check(unsafe { rl_norms(list.at(&run), run.len(), norms.as_mut_ptr()) }).map(|()| norms)
+            check(unsafe { rl_squares(list.at(&run), run.len(), squares.as_mut_ptr()) }).map(|()| squares)
         }
     });
-    let norms: Result<Vec<Vec<f64>>, TorchError> = side_by_side(norms.collect::<Vec<_>>()).into_iter().collect();
-    Ok(norms?.into_iter().flatten().map(|x| x * x).sum::<f64>().sqrt())
+    let squares: Result<Vec<Vec<f64>>, TorchError> = side_by_side(squares.collect::<Vec<_>>()).into_iter().collect();
+    Ok(squares?.into_iter().flatten().sum::<f64>().sqrt())
 }
 
 #[cfg(test)]

@@ -22,6 +22,42 @@ struct Group {
     steps: Vec<Tensor>,
 }
 
+/// Tensors of a step, by parameter.
+pub(super) struct Lists {
+    weights: Vec<Tensor>,
+    grads: Vec<Tensor>,
+    m: Vec<Tensor>,
+    v: Vec<Tensor>,
+    steps: Vec<Tensor>,
+}
+
+impl Lists {
+    /// Moves the weights along the gradients times `shrink`.
+    pub fn step(&self, c: &OptimConfig, weight_decay: f64, pace: Pace, shrink: f64) -> Result<(), NnError> {
+        let Some(first) = self.weights.first() else { return Ok(()) };
+        riglab_torch::foreach_add_scalar(&self.steps, 1.0)?;
+        // The kernel divides gradients by the scale.
+        let grad_scale = (shrink != 1.0).then(|| Tensor::from(1.0 / shrink).to_kind(Kind::Float));
+        let double = first.kind() == Kind::Double;
+        if double && shrink != 1.0 {
+            riglab_torch::foreach_mul(&self.grads, shrink)?;
+        }
+        fused_adamw(&AdamwStep {
+            params: &self.weights,
+            grads: &self.grads,
+            m: &self.m,
+            v: &self.v,
+            steps: &self.steps,
+            lr: c.adamw_lr * pace.factor,
+            betas: (pace.beta1.unwrap_or(c.adamw_betas[0]), c.adamw_betas[1]),
+            weight_decay,
+            eps: c.adamw_eps,
+            grad_scale: grad_scale.as_ref().filter(|_| !double),
+        })?;
+        Ok(())
+    }
+}
+
 impl Adamw {
     pub fn new(params: &Params, ids: Vec<ParamId>, decayed: impl Fn(ParamId) -> bool) -> Self {
         let mut groups = [Group::default(), Group::default()];
@@ -37,41 +73,19 @@ impl Adamw {
         Self { groups }
     }
 
-    pub fn step(
-        &mut self,
-        params: &Params,
-        grads: &[Tensor],
-        c: &OptimConfig,
-        pace: Pace,
-        shrink: f64,
-    ) -> Result<(), NnError> {
-        for (group, weight_decay) in self.groups.iter_mut().zip([c.weight_decay, 0.0]) {
+    /// What has gradients, of those that are decayed and of those that are not.
+    pub fn lists(&self, params: &Params, grads: &[Tensor]) -> [Lists; 2] {
+        self.groups.each_ref().map(|group| {
             let live: Vec<usize> = (0..group.ids.len()).filter(|&i| grads[group.ids[i].index()].defined()).collect();
             let pick = |list: &[Tensor]| live.iter().map(|&i| list[i].shallow_clone()).collect::<Vec<_>>();
-            let steps = pick(&group.steps);
-            riglab_torch::foreach_add_scalar(&steps, 1.0)?;
-            let weights: Vec<Tensor> = live.iter().map(|&i| params.weights()[group.ids[i]].detach()).collect();
-            let grads: Vec<Tensor> = live.iter().map(|&i| grads[group.ids[i].index()].shallow_clone()).collect();
-            let kind = params.weights().kind();
-            // The kernel divides gradients by the scale.
-            let grad_scale = (shrink != 1.0).then(|| Tensor::from(1.0 / shrink).to_kind(Kind::Float));
-            if kind == Kind::Double && shrink != 1.0 {
-                riglab_torch::foreach_mul(&grads, shrink)?;
+            Lists {
+                weights: live.iter().map(|&i| params.weights()[group.ids[i]].detach()).collect(),
+                grads: live.iter().map(|&i| grads[group.ids[i].index()].shallow_clone()).collect(),
+                m: pick(&group.m),
+                v: pick(&group.v),
+                steps: pick(&group.steps),
             }
-            fused_adamw(&AdamwStep {
-                params: &weights,
-                grads: &grads,
-                m: &pick(&group.m),
-                v: &pick(&group.v),
-                steps: &steps,
-                lr: c.adamw_lr * pace.factor,
-                betas: (pace.beta1.unwrap_or(c.adamw_betas[0]), c.adamw_betas[1]),
-                weight_decay,
-                eps: c.adamw_eps,
-                grad_scale: grad_scale.as_ref().filter(|_| kind != Kind::Double),
-            })?;
-        }
-        Ok(())
+        })
     }
 
     pub fn state(&self, params: &Params) -> BTreeMap<String, Tensor> {

@@ -167,8 +167,10 @@ impl Optimizer {
         }
         let c = &self.config;
         let shrink = if c.clip > 0.0 && grad_norm > c.clip { c.clip / (grad_norm + 1e-6) } else { 1.0 };
-        self.muon.step(params, &grads, c, pace.factor, shrink)?;
-        self.adamw.step(params, &grads, c, pace, shrink)?;
+        let others = self.adamw.lists(params, &grads);
+        self.muon.step(params, &grads, c, (pace.factor, shrink), move || {
+            others.into_iter().zip([c.weight_decay, 0.0]).try_for_each(|(own, decay)| own.step(c, decay, pace, shrink))
+        })?;
         Ok(StepStats { grad_norm, taken: true })
     }
 

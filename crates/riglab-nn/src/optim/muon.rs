@@ -98,13 +98,15 @@ impl Muon {
         Self { stacks: stacks.collect() }
     }
 
+    /// Moves its matrices along the gradients times `shrink`, at a rate of `factor` times the config's; `beside` is done
+    /// meanwhile by a thread that has less to do.
     pub fn step(
         &mut self,
         params: &Params,
         grads: &[Tensor],
         c: &OptimConfig,
-        factor: f64,
-        shrink: f64,
+        (factor, shrink): (f64, f64),
+        beside: impl FnOnce() -> Result<(), NnError> + Send,
     ) -> Result<(), NnError> {
         let rows: Vec<Vec<Row>> = self.stacks.iter().map(|stack| stack.rows(params, grads)).collect();
         // Threads take some matrices of every stack, while there are enough of those that are most work.
@@ -112,17 +114,28 @@ impl Muon {
         let most = rows.iter().max_by_key(work).map_or(0, Vec::len);
         let on_cpu = params.weights().tensors().iter().all(|t| t.device() == Device::Cpu);
         let threads = if on_cpu { (tch::get_num_threads().max(1) as usize).min(most / 2).max(1) } else { 1 };
-        let mut jobs: Vec<Vec<Vec<Row>>> = (0..threads).map(|_| Vec::new()).collect();
-        for stack in rows {
-            let count = stack.len();
-            let mut stack = stack.into_iter();
-            for (t, job) in jobs.iter_mut().enumerate() {
-                let (from, to) = (t * count / threads, (t + 1) * count / threads);
-                job.push(stack.by_ref().take(to - from).collect());
+        let mut jobs: Vec<(i64, Vec<Vec<Row>>)> = (0..threads).map(|_| (0, Vec::new())).collect();
+        for mut stack in rows {
+            let each = stack.first().map_or(0, |row| row.gradient.numel() as i64 * row.least());
+            let (even, mut over) = (stack.len() / threads, stack.len() % threads);
+            // Those that do not come out even go to who has least to do.
+            jobs.sort_by_key(|(work, _)| *work);
+            for (work, job) in &mut jobs {
+                let own = stack.split_off(stack.len() - even - usize::from(over > 0));
+                over = over.saturating_sub(1);
+                *work += each * own.len() as i64;
+                job.push(own);
             }
         }
-        let jobs = jobs.into_iter().map(|job| {
-            move || job.into_iter().filter(|rows| !rows.is_empty()).try_for_each(|rows| step(rows, c, factor, shrink))
+        jobs.sort_by_key(|(work, _)| *work);
+        let mut beside = Some(beside);
+        let jobs = jobs.into_iter().map(|(_, job)| {
+            let beside = beside.take();
+            move || {
+                let mut stacks = job.into_iter().filter(|rows| !rows.is_empty());
+                stacks.try_for_each(|rows| step(rows, c, factor, shrink))?;
+                beside.map_or(Ok(()), |work| work())
+            }
         });
         riglab_torch::side_by_side(jobs.collect::<Vec<_>>()).into_iter().collect()
     }

@@ -80,9 +80,9 @@ impl Prepared {
         let areas = SurfaceSampler::new(rig.mesh()).into_sums();
         let columns = rig.weights().columns(rig.skeleton().len());
         let segments = rig.skeleton().segments();
-        let (positions, around) = (rig.mesh().positions(), Around::new(rig.mesh()));
+        let (positions, mut around) = (rig.mesh().positions(), Around::new(rig.mesh()));
         let area = |t: u32| length(rig.mesh().area_vector(t as usize));
-        let patch = |vertices: Vec<u32>, of: &dyn Fn(u32) -> bool| {
+        let mut patch = |vertices: Vec<u32>, of: &dyn Fn(u32) -> bool| {
             let mut sum = 0.0;
             let triangles = around.all(&vertices).into_iter().filter(|&t| of(t)).map(|t| {
                 sum += area(t);
@@ -91,7 +91,7 @@ impl Prepared {
             Patch { triangles: triangles.collect(), vertices }
         };
         // Whether a bone holds a vertex.
-        let mut holds = vec![false; positions.len()];
+        let (mut holds, mut marks) = (vec![false; positions.len()], Marks::new(positions.len()));
         let bones = rig.skeleton().ids().zip(columns).zip(segments).filter_map(|((joint, weights), segments)| {
             let held: Vec<u32> = weights.iter().filter(|(_, w)| *w > ACTIVE).map(|(v, _)| *v).collect();
             if held.is_empty() && !all {
@@ -99,7 +99,7 @@ impl Prepared {
             }
             held.iter().for_each(|&v| holds[v as usize] = true);
             let apart = |t: u32| !rig.mesh().triangles()[t as usize].iter().any(|&v| holds[v as usize]);
-            let shell = patch(shell(positions, &held), &apart);
+            let shell = patch(shell(positions, &held, &mut marks), &apart);
             held.iter().for_each(|&v| holds[v as usize] = false);
             let held = patch(held, &|_| true);
             Some(Bone { joint, segments, held, shell, weights })
@@ -186,6 +186,7 @@ impl Bone {
 struct Around {
     ends: Vec<u32>,
     triangles: Vec<u32>,
+    marks: Marks,
 }
 
 impl Around {
@@ -206,24 +207,48 @@ impl Around {
                 triangles[next[v as usize] as usize] = t as u32;
             }
         }
-        Self { ends, triangles }
+        Self { ends, triangles, marks: Marks::new(mesh.triangles().len()) }
     }
 
     /// Those around some vertices, ascending.
-    fn all(&self, vertices: &[u32]) -> Vec<u32> {
-        let of = |v: u32| {
+    fn all(&mut self, vertices: &[u32]) -> Vec<u32> {
+        for &v in vertices {
             let start = if v == 0 { 0 } else { self.ends[v as usize - 1] };
-            &self.triangles[start as usize..self.ends[v as usize] as usize]
-        };
-        let mut all: Vec<u32> = vertices.iter().flat_map(|&v| of(v)).copied().collect();
-        all.sort_unstable();
-        all.dedup();
+            let own = &self.triangles[start as usize..self.ends[v as usize] as usize];
+            own.iter().for_each(|&t| self.marks.add(t));
+        }
+        self.marks.take()
+    }
+}
+
+/// A set of small numbers, which sorts them.
+struct Marks(Vec<u64>);
+
+impl Marks {
+    /// For numbers below `count`.
+    fn new(count: usize) -> Self {
+        Self(vec![0; count.div_ceil(64)])
+    }
+
+    fn add(&mut self, number: u32) {
+        self.0[number as usize / 64] |= 1 << (number % 64);
+    }
+
+    /// All that were added, ascending; it is empty then.
+    fn take(&mut self) -> Vec<u32> {
+        let mut all = Vec::with_capacity(self.0.iter().map(|word| word.count_ones() as usize).sum());
+        for (k, word) in (0u32..).zip(&mut self.0) {
+            while *word != 0 {
+                all.push(64 * k + word.trailing_zeros());
+                *word &= *word - 1;
+            }
+        }
         all
     }
 }
 
 /// The vertices not in `held` (ascending) that lie nearest to it.
-fn shell(positions: &[Vec3], held: &[u32]) -> Vec<u32> {
+fn shell(positions: &[Vec3], held: &[u32], marks: &mut Marks) -> Vec<u32> {
     if held.is_empty() {
         return Vec::new();
     }
@@ -242,9 +267,8 @@ fn shell(positions: &[Vec3], held: &[u32]) -> Vec<u32> {
         others.select_nth_unstable(count - 1);
         others.truncate(count);
     }
-    let mut shell: Vec<u32> = others.into_iter().map(|key| key as u32).collect();
-    shell.sort_unstable();
-    shell
+    others.into_iter().for_each(|key| marks.add(key as u32));
+    marks.take()
 }
 
 fn length(v: Vec3) -> f32 {
@@ -259,6 +283,7 @@ mod tests {
     fn a_shell_lies_around_what_is_held_and_never_in_it() {
         let line: Vec<Vec3> = (0..1000).map(|i| [i as f32, 0.0, 0.0]).collect();
         let held: Vec<u32> = (300..400).collect();
+        let shell = |positions: &[Vec3], held: &[u32]| shell(positions, held, &mut Marks::new(1000));
         let found = shell(&line, &held);
         assert_eq!(found, (236..300).chain(400..464).collect::<Vec<u32>>());
         assert_eq!(shell(&line[..310], &held[..10]).len(), SHELL);
