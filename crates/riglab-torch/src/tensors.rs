@@ -264,7 +264,7 @@ mod tests {
             let sizes = [1i64, 300_000, 5, 70_000, 200_000, 64, 400_000];
             let list = || sizes.map(|n| Tensor::randn([n], (Kind::Float, Device::Cpu))).into_iter().collect::<Vec<_>>();
             let (a, b) = (list(), list());
-            assert_eq!(runs(&a).len(), (threads as usize).min(6).max(1));
+            assert_eq!(runs(&a).len(), (threads as usize).clamp(1, 6));
             assert_eq!(runs(&a).into_iter().flatten().collect::<Vec<_>>(), (0..7).collect::<Vec<_>>());
             foreach_lerp(&a, &b, 0.25).unwrap();
             foreach_add(&a, &b, -0.5).unwrap();

@@ -34,6 +34,15 @@ impl Batch {
         self.shapes.clamped += sample.clamped;
         self.told.extend(sample.told.iter().flatten());
     }
+
+    /// Some of its rigs alone.
+    pub(super) fn some(&self, rigs: &[usize]) -> Self {
+        let told = |&rig: &usize| {
+            let tokens = self.shapes.tokens(rig);
+            self.told.get(7 * tokens.start..7 * tokens.end).unwrap_or_default()
+        };
+        Self { shapes: self.shapes.some(rigs), told: rigs.iter().flat_map(told).copied().collect() }
+    }
 }
 
 /// Makes batches by number.

@@ -196,8 +196,32 @@ pub fn loss_of(
         .note("clamped_joints", batch.shapes.clamped as f64))
 }
 
-/// The sums of both parts' losses, and over how many tokens.
+/// The sums of both parts' losses, and over how many tokens. On the processor rigs are shared out among the threads there
+/// are.
 fn parts_of(
+    net: &TokenRig,
+    c: &TokenRigTaskConfig,
+    w: &Weights,
+    batch: &Batch,
+    device: Device,
+    training: bool,
+) -> Parts {
+    let parts: Vec<Batch> = batch.shapes.dealt(device).iter().map(|rigs| batch.some(rigs)).collect();
+    let jobs = parts.iter().map(|part| {
+        move |w: &Weights| {
+            let Parts { skeleton, skeleton_tokens, skin, skin_tokens } = sums_of(net, c, w, part, device, training);
+            vec![skeleton, skin, Tensor::from_slice(&[skeleton_tokens, skin_tokens])]
+        }
+    });
+    let found = w.side_by_side(jobs.collect::<Vec<_>>());
+    let sum = |k: usize| found.iter().map(|own| own[k].shallow_clone()).reduce(|a, b| a + b).expect("a part");
+    let tokens = sum(2);
+    let [skeleton_tokens, skin_tokens] = [0, 1].map(|k| tokens.int64_value(&[k]));
+    Parts { skeleton: sum(0), skeleton_tokens, skin: sum(1), skin_tokens }
+}
+
+/// As [`parts_of`], by this thread.
+fn sums_of(
     net: &TokenRig,
     c: &TokenRigTaskConfig,
     w: &Weights,

@@ -1,5 +1,6 @@
 //! Batches: points of a few rigs, and their skeletons' tokens.
 
+use std::ops::Range;
 use std::sync::Arc;
 
 use riglab_core::{Rig, Skeleton, Vec3};
@@ -9,6 +10,7 @@ use riglab_nn::perceiver::PerceiverConfig;
 use riglab_random::{Draw, Stream, stream};
 use riglab_token::{Bones, EncodeFault, Encoded, Template, Tokenizer};
 use riglab_train::Source;
+use tch::Device;
 
 use super::config::SkeletonTaskConfig;
 use crate::assets::{AssetId, Assets, Cache};
@@ -30,6 +32,52 @@ pub struct Batch {
     pub skipped: usize,
     /// Joints outside the range, written at its border.
     pub clamped: usize,
+}
+
+impl Batch {
+    /// Its rigs, dealt out to as many threads as this one may take, about as many tokens to each; all together on other
+    /// devices.
+    pub(crate) fn dealt(&self, device: Device) -> Vec<Vec<usize>> {
+        let threads = if device == Device::Cpu { tch::get_num_threads().max(1) as usize } else { 1 };
+        deal(&self.lengths, threads)
+    }
+
+    /// Some of its rigs alone.
+    pub(crate) fn some(&self, rigs: &[usize]) -> Self {
+        let (points, picks) = (self.cloud.len() / self.rigs.max(1), self.picks.len() / self.rigs.max(1));
+        Self {
+            rigs: rigs.len(),
+            cloud: rigs.iter().flat_map(|&r| &self.cloud[r * points..(r + 1) * points]).copied().collect(),
+            picks: rigs.iter().flat_map(|&r| &self.picks[r * picks..(r + 1) * picks]).copied().collect(),
+            ids: rigs.iter().flat_map(|&r| &self.ids[self.tokens(r)]).copied().collect(),
+            lengths: rigs.iter().map(|&r| self.lengths[r]).collect(),
+            ..Self::default()
+        }
+    }
+
+    /// The tokens of a rig among all.
+    pub(crate) fn tokens(&self, rig: usize) -> Range<usize> {
+        let start: i64 = self.lengths[..rig].iter().sum();
+        start as usize..(start + self.lengths[rig]) as usize
+    }
+}
+
+/// Numbers of sequences in as many groups as there are threads, none of them empty: the longest first, each to the group
+/// that has fewest tokens.
+fn deal(lengths: &[i64], threads: usize) -> Vec<Vec<usize>> {
+    let mut groups = vec![(0, Vec::new()); threads.min(lengths.len()).max(1)];
+    let mut order: Vec<usize> = (0..lengths.len()).collect();
+    order.sort_by_key(|&k| std::cmp::Reverse(lengths[k]));
+    for k in order {
+        let least = (0..groups.len()).min_by_key(|&g| groups[g].0).unwrap_or(0);
+        groups[least].0 += lengths[k];
+        groups[least].1.push(k);
+    }
+    let sorted = |(_, mut own): (i64, Vec<usize>)| {
+        own.sort_unstable();
+        own
+    };
+    groups.into_iter().map(sorted).collect()
 }
 
 /// Makes batches by number.
@@ -167,4 +215,32 @@ pub(crate) fn normalized(assets: &Assets, cache: &Cache<Rig>, id: AssetId) -> Re
         let bytes = 24 * rig.mesh().positions().len() + 12 * rig.mesh().triangles().len() + 8 * rig.weights().nonzero();
         Ok((rig, bytes))
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn rigs_are_dealt_out_by_their_tokens_and_keep_what_is_theirs() {
+        assert_eq!(deal(&[2, 9, 3, 4], 2), [vec![1], vec![0, 2, 3]]);
+        assert_eq!(deal(&[5, 5], 8), [[0], [1]]);
+        assert_eq!(deal(&[3, 1, 2], 1), [[0, 1, 2]]);
+        let all = Batch {
+            rigs: 3,
+            cloud: (0..18).map(|k| k as f32).collect(),
+            picks: vec![0, 1, 2],
+            ids: vec![10, 11, 20, 30, 31, 32],
+            lengths: vec![2, 1, 3],
+            skipped: 4,
+            clamped: 5,
+        };
+        let some = all.some(&[0, 2]);
+        assert_eq!(
+            (some.rigs, some.ids, some.lengths, some.picks),
+            (2, vec![10, 11, 30, 31, 32], vec![2, 3], vec![0, 2])
+        );
+        assert_eq!(some.cloud, [0, 1, 2, 3, 4, 5, 12, 13, 14, 15, 16, 17].map(|k| k as f32));
+        assert_eq!(all.tokens(1), 2..3);
+    }
 }

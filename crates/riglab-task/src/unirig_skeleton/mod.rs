@@ -172,7 +172,8 @@ pub(crate) fn shape_tensors(batch: &Batch, points: usize, picks: usize, device: 
     (cloud, Tensor::from_slice(&batch.picks).view([rigs, picks as i64]).to_device(device))
 }
 
-/// Read the shape, read the tokens, compare what should follow each.
+/// Read the shape, read the tokens, compare what should follow each. On the processor rigs are shared out among the
+/// threads there are.
 ///
 /// # Errors
 /// None at present.
@@ -184,13 +185,23 @@ pub fn loss_of(
     device: Device,
     training: bool,
 ) -> Result<Loss, String> {
-    let (cloud, picks) = shape_of(c, batch, device);
-    let prefix = net.condition(w, &cloud, &picks);
-    let ids = Tensor::from_slice(&batch.ids).to_device(device);
-    let logits = net.logits(w, &prefix, &ids, &batch.lengths, training);
-    let targets: Vec<Tensor> =
-        ids.split_with_sizes(&batch.lengths, 0).iter().map(|own| own.narrow(0, 1, own.size()[0] - 1)).collect();
-    let targets = Tensor::cat(&targets, 0);
+    let parts: Vec<Batch> = batch.dealt(device).iter().map(|rigs| batch.some(rigs)).collect();
+    let jobs = parts.iter().map(|part| {
+        move |w: &Weights| {
+            let (cloud, picks) = shape_of(c, part, device);
+            let prefix = net.condition(w, &cloud, &picks);
+            let ids = Tensor::from_slice(&part.ids).to_device(device);
+            vec![net.logits(w, &prefix, &ids, &part.lengths, training)]
+        }
+    });
+    let logits = w.side_by_side(jobs.collect::<Vec<_>>());
+    let logits = Tensor::cat(&logits.iter().flatten().collect::<Vec<_>>(), 0);
+    let following = |part: &Batch| {
+        let each = (0..part.rigs).map(|rig| &part.ids[part.tokens(rig)][1..]);
+        each.flatten().copied().collect::<Vec<_>>()
+    };
+    let targets: Vec<i64> = parts.iter().flat_map(following).collect();
+    let targets = Tensor::from_slice(&targets).to_device(device);
     let bins = i64::from(c.tokenizer.bins);
     let next = if c.loss.spread > 0.0 {
         spread_cross_entropy(&logits, &targets, bins, c.loss.spread)
