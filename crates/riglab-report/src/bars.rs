@@ -54,7 +54,8 @@ impl Bars {
     }
 }
 
-fn escaped(text: &str) -> String {
+/// As text of an element.
+pub(crate) fn escaped(text: &str) -> String {
     text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
 }
 

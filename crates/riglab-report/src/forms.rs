@@ -5,7 +5,7 @@
 
 use crate::chart::short;
 use crate::plain::{latex, markdown};
-use crate::{Bars, Block, Cell, Chart, Page, Table};
+use crate::{Bars, Block, Cell, Chart, Dots, Page, Table};
 
 impl Page {
     /// GitHub's Markdown.
@@ -88,6 +88,7 @@ fn tables(block: &Block) -> Vec<Table> {
         }
         Block::Charts(charts) => charts.iter().filter_map(of_chart).collect(),
         Block::Bars(bars) => bars.iter().map(of_bars).collect(),
+        Block::Dots(dots) => dots.iter().map(of_dots).collect(),
         _ => Vec::new(),
     }
 }
@@ -119,6 +120,20 @@ fn of_bars(bars: &Bars) -> Table {
     let mut table = Table::new(&*bars.title, &["name", "value"]);
     for (name, value) in &bars.bars {
         table.row(vec![Cell::text(name), Cell::none().with_text(figure(*value))]);
+    }
+    table
+}
+
+fn of_dots(dots: &Dots) -> Table {
+    let most = dots.lines.iter().map(|(_, own)| own.len()).max().unwrap_or(0);
+    let head = std::iter::once("name".to_owned()).chain((1..=most).map(|k| format!("value {k}"))).collect();
+    let mut table = Table { caption: dots.title.clone(), head, ..Table::default() };
+    for (name, own) in &dots.lines {
+        let values = (0..most).map(|k| match own.get(k) {
+            Some(v) => Cell::none().with_text(figure(*v)),
+            None => Cell::none(),
+        });
+        table.row(std::iter::once(Cell::text(name)).chain(values).collect());
     }
     table
 }

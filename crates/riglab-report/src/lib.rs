@@ -14,6 +14,7 @@
 
 mod bars;
 mod chart;
+mod dots;
 mod findings;
 mod forms;
 mod page;
@@ -26,6 +27,7 @@ mod view;
 
 pub use bars::Bars;
 pub use chart::{Chart, Series};
+pub use dots::Dots;
 pub use findings::{Beside, Findings, Metric, Single, Total};
 pub use page::{Block, Page, Picture, ReportError, Turned};
 pub use run::{RunError, RunView};

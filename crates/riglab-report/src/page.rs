@@ -7,6 +7,7 @@ use thiserror::Error;
 
 use crate::bars::Bars;
 use crate::chart::Chart;
+use crate::dots::Dots;
 use crate::table::Table;
 use crate::view::{Turntable, script};
 
@@ -57,6 +58,8 @@ pub enum Block {
     Charts(Vec<Chart>),
     /// Bars side by side.
     Bars(Vec<Bars>),
+    /// Repeated measurements, one picture below the other or side by side.
+    Dots(Vec<Dots>),
     /// Pictures below each other, full width.
     Pictures(Vec<Picture>),
     /// Rigs to be turned, side by side where there is room.
@@ -112,6 +115,10 @@ fn block(block: &Block, room: &mut usize) -> Result<Value, ReportError> {
         }
         Block::Bars(bars) => {
             let drawn = bars.iter().map(Bars::to_svg).filter(|s| !s.is_empty()).map(Value::from_safe_string);
+            context! { kind => "charts", charts => drawn.collect::<Vec<_>>() }
+        }
+        Block::Dots(dots) => {
+            let drawn = dots.iter().map(Dots::to_svg).filter(|s| !s.is_empty()).map(Value::from_safe_string);
             context! { kind => "charts", charts => drawn.collect::<Vec<_>>() }
         }
         Block::Pictures(pictures) => {

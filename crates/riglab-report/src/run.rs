@@ -153,7 +153,7 @@ impl RunView {
     }
 
     /// Everything that was logged, by name: steps and values.
-    pub(crate) fn logged(&self) -> BTreeMap<&str, Vec<(f64, f64)>> {
+    pub fn logged(&self) -> BTreeMap<&str, Vec<(f64, f64)>> {
         let mut of: BTreeMap<&str, Vec<(f64, f64)>> = BTreeMap::new();
         for line in &self.metrics {
             let (Some(step), Some(values)) = (line["step"].as_f64(), line.as_object()) else { continue };

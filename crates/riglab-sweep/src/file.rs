@@ -28,6 +28,12 @@ use toml::Value;
 ///
 /// [[sweep.metrics]]
 /// of = "eval/iou_rule@val"
+///
+/// [[sweep.figures]]
+/// title = "IoU by codes"
+/// x = "codes"
+/// at = [4, 8, 16]
+/// of = "eval.json:report.rows[split=test_new,method=rule,tokens={}].pooled.iou"
 /// ```
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -69,6 +75,9 @@ pub struct SweepFile {
     /// Columns of the table; none takes everything that the last validation measured.
     #[serde(default)]
     pub metrics: Vec<MetricOf>,
+    /// Figures of the report beside the table: numbers of a run over a number.
+    #[serde(default)]
+    pub figures: Vec<FigureOf>,
 }
 
 /// A variant.
@@ -111,6 +120,21 @@ pub enum Better {
     Higher,
     /// Small ones.
     Lower,
+}
+
+/// Numbers of a run that are counted by something, such as IoU by the number of codes: a line a point of the sweep, each
+/// place the mean over seeds.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct FigureOf {
+    /// What it shows.
+    pub title: String,
+    /// Name of the axis.
+    pub x: String,
+    /// Places on the axis.
+    pub at: Vec<f64>,
+    /// Where the number of a place is, as in [`MetricOf::of`]; `{}` stands for the place.
+    pub of: String,
 }
 
 impl MetricOf {

@@ -15,6 +15,7 @@
 
 mod attempts;
 mod error;
+mod figures;
 mod file;
 mod plan;
 mod pool;
@@ -24,7 +25,7 @@ mod values;
 
 pub use attempts::{Attempt, attempts, record};
 pub use error::SweepError;
-pub use file::{Arm, Better, MetricOf, SweepFile};
+pub use file::{Arm, Better, FigureOf, MetricOf, SweepFile};
 pub use plan::{Job, Plan};
 pub use pool::{Budget, Ended, Event, Stage, run, run_one};
 pub use results::{Outcome, Results};

@@ -62,6 +62,14 @@ impl Plan {
                 "`sweep.zip`: `{first}` has {length} values and `{key}` has {other}; they change together"
             ));
         }
+        for figure in &sweep.figures {
+            if figure.at.is_empty() || !figure.of.contains("{}") {
+                return invalid(format!(
+                    "`sweep.figures`: {:?} needs places in `at`, and `{{}}` in `of` where the place belongs",
+                    figure.title
+                ));
+            }
+        }
         let mut plan = Self { jobs: Vec::new(), sweep };
         let points = plan.points();
         let names: BTreeSet<&String> = points.iter().map(|p| &p.name).collect();

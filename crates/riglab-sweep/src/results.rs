@@ -6,6 +6,7 @@ use riglab_metric::statistics::Mean;
 use riglab_report::{Block, Cell, Page, Table};
 use serde::{Deserialize, Serialize};
 
+use crate::figures::{figures, learning, spread};
 use crate::plan::write;
 use crate::values::{last, value};
 use crate::{Better, Job, MetricOf, Plan, State, SweepError, attempts};
@@ -176,12 +177,18 @@ impl Results {
         write(&folder.join("table.tex"), &all(Table::to_latex))?;
         write(&folder.join("table.csv"), &self.table().to_csv())?;
         let mut blocks = Vec::new();
-        for (name, text) in [("Question", &self.plan.sweep.question), ("Expected", &self.plan.sweep.expected)] {
-            if !text.is_empty() {
-                blocks.push(Block::Text(format!("{name}: {text}")));
-            }
+        if !self.plan.sweep.expected.is_empty() {
+            blocks.push(Block::Text(format!("Expected: {}", self.plan.sweep.expected)));
         }
         blocks.extend(tables.into_iter().map(Block::Table));
+        let (plan, outcomes) = (&self.plan, &self.outcomes);
+        for (title, pictures) in [
+            ("Figures", figures(folder, plan, outcomes)),
+            ("All seeds", spread(plan, &self.metrics, outcomes)),
+            ("Learning", learning(folder, plan, &self.metrics, outcomes)),
+        ] {
+            blocks.extend(pictures.into_iter().flat_map(|own| [Block::Heading(title.into()), own]));
+        }
         if self.outcomes.iter().any(|o| o.state != "finished") {
             blocks.push(Block::Table(self.status()));
         }
@@ -196,7 +203,9 @@ impl Results {
             self.count("finished"),
             self.count("failed")
         );
-        let page = Page { title: "Sweep".into(), subtitle, blocks };
+        let question = &self.plan.sweep.question;
+        let title = if question.is_empty() { "Sweep".to_owned() } else { question.clone() };
+        let page = Page { title, subtitle, blocks };
         let html = page.to_html().map_err(|e| SweepError::Invalid(e.to_string()))?;
         write(&folder.join("report.html"), &html)
     }
@@ -223,7 +232,8 @@ mod tests {
         let dir = tempfile::tempdir().unwrap();
         let text = "[sweep]\nquestion = 'Does x help?'\nbase = 'b'\nseeds = [1, 2]\n\
             [[sweep.arms]]\nname = 'with'\n[[sweep.arms]]\nname = 'without'\n\
-            [[sweep.metrics]]\nof = 'eval/iou@val'\nname = 'IoU'\nbetter = 'higher'\ndigits = 2\n";
+            [[sweep.metrics]]\nof = 'eval/iou@val'\nname = 'IoU'\nbetter = 'higher'\ndigits = 2\n\
+            [[sweep.figures]]\ntitle = 'by k'\nx = 'k'\nat = [4, 8]\nof = 'eval.json:rows[k={}].iou'\n";
         let config = riglab_config::Config::from_toml_str("s.toml", text).unwrap();
         let plan = Plan::new(config.get_at("sweep").unwrap(), &[]).unwrap();
         for (k, iou) in [Some(0.5), Some(0.7), Some(0.4), None].into_iter().enumerate() {
@@ -232,6 +242,8 @@ mod tests {
             let Some(iou) = iou else { continue };
             std::fs::write(run.join("metrics.jsonl"), format!("{{\"step\":1,\"eval/iou@val\":{iou}}}\n")).unwrap();
             std::fs::write(run.join("run.json"), "{\"outcome\": \"finished\"}").unwrap();
+            let eval = format!("{{\"rows\": [{{\"k\": 4, \"iou\": {iou}}}, {{\"k\": 8, \"iou\": 0.9}}]}}");
+            std::fs::write(run.join("eval.json"), eval).unwrap();
         }
         for _ in 0..2 {
             let failed = crate::Attempt { job: 3, stage: "train".into(), reason: "x".into(), given_up: false };
@@ -249,6 +261,8 @@ mod tests {
         assert!(lines.contains("\"eval/iou@val\":0.5") && lines.contains("\"reason\":\"train: x\""), "{lines}");
         let html = std::fs::read_to_string(dir.path().join("report.html")).unwrap();
         assert!(html.contains("Does x help?") && html.contains("0.60 ± 0.14"));
+        assert_eq!(html.matches("<circle").count(), 3, "a dot a finished run");
+        assert!(html.contains("by k") && html.contains("<polyline"), "a line a point");
         assert!(std::fs::read_to_string(dir.path().join("table.md")).unwrap().contains("**0.60 ± 0.14**"));
     }
 }

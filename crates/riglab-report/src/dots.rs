@@ -1,0 +1,142 @@
+//! Dots on a line, a line a name: how far apart repeated measurements lie, beside the differences between names.
+
+use std::fmt::Write;
+
+use crate::bars::escaped;
+
+/// Repeated measurements by name, on one axis.
+#[derive(Clone, Debug)]
+pub struct Dots {
+    /// What was measured.
+    pub title: String,
+    /// Name and measurements of each line, from the top; values that are not finite are left out.
+    pub lines: Vec<(String, Vec<f64>)>,
+    /// Digits after the point of the numbers beside the lines.
+    pub digits: usize,
+}
+
+const WIDTH: f64 = 560.0;
+/// Where the axis begins and ends; means stand behind it.
+const AXIS: (f64, f64) = (170.0, 480.0);
+const ROW: f64 = 20.0;
+const TOP: f64 = 30.0;
+/// Letters of a name at most.
+const LETTERS: usize = 28;
+
+impl Dots {
+    /// An SVG element that takes its text colour from the page; nothing without values. The axis reaches from the least
+    /// value to the most, not from zero; a stroke marks each line's mean.
+    pub fn to_svg(&self) -> String {
+        let finite: Vec<(&str, Vec<f64>)> = self
+            .lines
+            .iter()
+            .map(|(name, own)| (name.as_str(), own.iter().copied().filter(|v| v.is_finite()).collect()))
+            .collect();
+        let all = || finite.iter().flat_map(|(_, own)| own.iter().copied());
+        let (least, most) = (all().fold(f64::INFINITY, f64::min), all().fold(f64::NEG_INFINITY, f64::max));
+        // Halves, because the difference of two finite numbers need not be finite.
+        if !(least / 2.0).is_finite() || !(most / 2.0 - least / 2.0).is_finite() {
+            return String::new();
+        }
+        let span = most / 2.0 - least / 2.0;
+        let place = |v: f64| {
+            let share = if span > 0.0 { (v / 2.0 - least / 2.0) / span } else { 0.5 };
+            AXIS.0 + share * (AXIS.1 - AXIS.0)
+        };
+        let digits = self.digits;
+        let bottom = TOP + ROW * finite.len() as f64 + 4.0;
+        let height = bottom + 18.0;
+        let mut svg = format!(
+            "<svg width=\"{WIDTH}\" height=\"{height}\" viewBox=\"0 0 {WIDTH} {height}\" xmlns=\"http://www.w3.org/2000/svg\" \
+             font-family=\"sans-serif\" font-size=\"11\" fill=\"currentColor\">\n\
+             <text x=\"{}\" y=\"18\" font-size=\"15\" text-anchor=\"middle\">{}</text>\n",
+            WIDTH / 2.0,
+            escaped(&self.title)
+        );
+        for (k, (name, own)) in finite.iter().enumerate() {
+            let y = TOP + ROW * (k as f64 + 0.5);
+            // Writing to a String does not fail.
+            let _ = write!(
+                svg,
+                "<text x=\"{}\" y=\"{:.1}\" text-anchor=\"end\">{}</text>\
+                 <line x1=\"{}\" y1=\"{y:.1}\" x2=\"{}\" y2=\"{y:.1}\" stroke=\"currentColor\" stroke-opacity=\"0.2\"/>",
+                AXIS.0 - 12.0,
+                y + 4.0,
+                escaped(&cut(name)),
+                AXIS.0,
+                AXIS.1,
+            );
+            for v in own {
+                let _ = write!(
+                    svg,
+                    "<circle cx=\"{:.1}\" cy=\"{y:.1}\" r=\"4\" fill=\"#1f77b4\" fill-opacity=\"0.6\"/>",
+                    place(*v)
+                );
+            }
+            if own.is_empty() {
+                let _ = writeln!(svg, "<text x=\"{}\" y=\"{:.1}\">–</text>", AXIS.1 + 12.0, y + 4.0);
+                continue;
+            }
+            let mean = own.iter().map(|v| v / own.len() as f64).sum::<f64>();
+            let _ = writeln!(
+                svg,
+                "<line x1=\"{0:.1}\" y1=\"{1:.1}\" x2=\"{0:.1}\" y2=\"{2:.1}\" stroke=\"#e17000\" stroke-width=\"2\"/>\
+                 <text x=\"{3}\" y=\"{4:.1}\">{mean:.digits$}</text>",
+                place(mean),
+                y - 7.0,
+                y + 7.0,
+                AXIS.1 + 12.0,
+                y + 4.0,
+            );
+        }
+        let ends = if span > 0.0 { vec![least, most] } else { vec![least] };
+        for end in ends {
+            let _ = write!(
+                svg,
+                "<text x=\"{:.1}\" y=\"{:.1}\" text-anchor=\"middle\" fill-opacity=\"0.7\">{end:.digits$}</text>",
+                place(end),
+                bottom + 11.0,
+            );
+        }
+        svg + "</svg>"
+    }
+}
+
+/// A name that does not reach out of the picture.
+fn cut(name: &str) -> String {
+    if name.chars().count() <= LETTERS {
+        return name.to_owned();
+    }
+    name.chars().take(LETTERS - 1).chain(['…']).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_axis_reaches_from_the_least_to_the_most() {
+        let dots = Dots {
+            title: "a <b>".into(),
+            lines: vec![("x & y".into(), vec![0.5, 0.7, f64::NAN]), ("none".into(), vec![]), ("z".into(), vec![0.9])],
+            digits: 2,
+        };
+        let svg = dots.to_svg();
+        assert_eq!(svg.matches("<circle").count(), 3);
+        assert!(svg.contains("cx=\"170.0\"") && svg.contains("cx=\"325.0\"") && svg.contains("cx=\"480.0\""), "{svg}");
+        assert!(
+            svg.contains("a &lt;b&gt;") && svg.contains("x &amp; y") && svg.contains(">0.60<") && svg.contains(">–<")
+        );
+    }
+
+    #[test]
+    fn nothing_one_value_and_extremes_are_drawn_or_left_out() {
+        let of =
+            |values: Vec<f64>| Dots { title: "t".into(), lines: vec![("n".repeat(99), values)], digits: 3 }.to_svg();
+        assert_eq!(of(vec![]), "");
+        assert_eq!(of(vec![f64::INFINITY]), "");
+        assert!(of(vec![2.0]).contains("cx=\"325.0\""));
+        let wide = of(vec![f64::MIN, f64::MAX]);
+        assert!(!wide.contains("NaN") && !wide.contains("inf") && wide.contains("…"));
+    }
+}

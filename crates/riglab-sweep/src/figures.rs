@@ -1,0 +1,84 @@
+//! A sweep's pictures: the seeds of each point beside each other, numbers over a number, and curves of learning.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use riglab_metric::statistics::Mean;
+use riglab_report::{Block, Chart, Dots, RunView, Series};
+
+use crate::values::value;
+use crate::{FigureOf, MetricOf, Outcome, Plan};
+
+/// Names whose curves are drawn at most.
+const CURVES: usize = 6;
+
+/// For each column of the table the values of all seeds, a line a point.
+pub(crate) fn spread(plan: &Plan, metrics: &[MetricOf], outcomes: &[Outcome]) -> Option<Block> {
+    let names = plan.names();
+    let of = |(k, metric): (usize, &MetricOf)| {
+        let own = |p: &str| outcomes.iter().filter(|o| o.point == p).filter_map(|o| o.values[k]).collect::<Vec<_>>();
+        let lines: Vec<_> = names.iter().map(|p| ((*p).to_owned(), own(p))).collect();
+        let found = lines.iter().map(|(_, own)| own.len()).sum::<usize>();
+        (found > 1).then(|| Dots { title: metric.head().into(), lines, digits: metric.digits })
+    };
+    let dots: Vec<Dots> = metrics.iter().enumerate().filter_map(of).collect();
+    (!dots.is_empty()).then_some(Block::Dots(dots))
+}
+
+/// The figures that the sweep's file asks for, a line a point, each place the mean over seeds.
+pub(crate) fn figures(folder: &Path, plan: &Plan, outcomes: &[Outcome]) -> Option<Block> {
+    let chart = |figure: &FigureOf| {
+        let line = |point: &str| {
+            let runs = finished(folder, plan, outcomes, point);
+            let mean = |x: &f64| {
+                let of = figure.of.replace("{}", &x.to_string());
+                (*x, Mean::of(&runs.iter().filter_map(|run| value(run, &of)).collect::<Vec<_>>()).mean)
+            };
+            let points: Vec<_> = figure.at.iter().map(mean).filter(|(_, y)| y.is_finite()).collect();
+            (!points.is_empty()).then(|| Series { name: point.into(), points })
+        };
+        let series: Vec<Series> = plan.names().into_iter().filter_map(line).collect();
+        (!series.is_empty()).then(|| Chart { title: figure.title.clone(), x: figure.x.clone(), series, log: false })
+    };
+    let charts: Vec<Chart> = plan.sweep.figures.iter().filter_map(chart).collect();
+    (!charts.is_empty()).then_some(Block::Charts(charts))
+}
+
+/// The loss and what was validated over steps, a line a point, each place the mean over seeds.
+pub(crate) fn learning(folder: &Path, plan: &Plan, metrics: &[MetricOf], outcomes: &[Outcome]) -> Option<Block> {
+    let mut of: BTreeMap<String, Vec<Series>> = BTreeMap::new();
+    for point in plan.names() {
+        let views: Vec<RunView> =
+            finished(folder, plan, outcomes, point).iter().filter_map(|run| RunView::read(run).ok()).collect();
+        let logs: Vec<_> = views.iter().map(RunView::logged).collect();
+        let Some(first) = logs.first() else { continue };
+        for name in first.keys().filter(|n| **n == "train/loss" || n.starts_with("eval/")) {
+            // Means of the same seeds at each place: a step that one of them has not would bend the line.
+            let mut at: BTreeMap<u64, Vec<f64>> = BTreeMap::new();
+            let own = logs.iter().filter_map(|l| l.get(name)).flatten();
+            own.for_each(|(step, v)| at.entry(*step as u64).or_default().push(*v));
+            let whole = at.into_iter().filter(|(_, own)| own.len() == logs.len());
+            let points: Vec<_> = whole.map(|(step, own)| (step as f64, Mean::of(&own).mean)).collect();
+            if !points.is_empty() {
+                of.entry((*name).to_owned()).or_default().push(Series { name: point.into(), points });
+            }
+        }
+    }
+    let asked = |name: &str| metrics.iter().any(|m| m.of == name);
+    let mut names: Vec<String> = of.keys().cloned().collect();
+    // The loss first, then the table's columns.
+    names.sort_by_key(|n| (n != "train/loss", !asked(n)));
+    names.truncate(CURVES);
+    let chart = |name: String| {
+        let series = of.remove(&name).unwrap_or_default();
+        Chart { log: name == "train/loss", title: name, x: "step".into(), series }
+    };
+    let charts: Vec<Chart> = names.into_iter().map(chart).collect();
+    (!charts.is_empty()).then_some(Block::Charts(charts))
+}
+
+/// Folders of a point's finished runs.
+fn finished(folder: &Path, plan: &Plan, outcomes: &[Outcome], point: &str) -> Vec<std::path::PathBuf> {
+    let both = plan.jobs.iter().zip(outcomes);
+    both.filter(|(j, o)| j.point == point && o.state == "finished").map(|(j, _)| folder.join(&j.folder)).collect()
+}
