@@ -92,7 +92,8 @@ fn run(cli: &Cli) -> Result<ExitCode> {
         return Ok(ExitCode::SUCCESS);
     }
     if cli.list {
-        CASES.iter().for_each(|c| println!("{:<24}{}", c.name, c.about));
+        let width = CASES.iter().map(|c| c.name.len()).max().unwrap_or(0) + 2;
+        CASES.iter().for_each(|c| println!("{:<width$}{}", c.name, c.about));
         return Ok(ExitCode::SUCCESS);
     }
     if let Some(unknown) = cli.names.iter().find(|n| !CASES.iter().any(|c| c.is_wanted(n))) {

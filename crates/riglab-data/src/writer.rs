@@ -74,7 +74,9 @@ impl CorpusWriter {
         let dir = path.parent().filter(|d| !d.as_os_str().is_empty()).unwrap_or(Path::new("."));
         let (_, unfinished) =
             Unfinished::beside(path).map_err(|e| DataError::io(dir, format!("cannot be written to ({e})")))?;
-        let file = hdf5::File::create(unfinished.path()).map_err(|e| write_error(path, &e))?;
+        // Without times of day: the same corpus has the same bytes.
+        let file = hdf5::FileBuilder::new().with_fcpl(|p| p.obj_track_times(false)).create(unfinished.path());
+        let file = file.map_err(|e| write_error(path, &e))?;
         let mut writer = Self {
             path: path.into(),
             unfinished,
