@@ -162,7 +162,7 @@ impl Plan {
             None => 0,
             Some(there) => match there.difference(self) {
                 Some(difference) => return Err(SweepError::Another { folder: folder.into(), difference }),
-                None if there.jobs.len() == self.jobs.len() => return Ok(()),
+                None if there == *self => return Ok(()),
                 None => there.jobs.len(),
             },
         };
@@ -281,6 +281,9 @@ mod tests {
         assert!(fault("seeds = [1, 1]").contains("twice"));
         assert!(fault("seeds = [1]\n[sweep.product]\nx = []").contains("no values"));
         assert!(fault("seeds = [1]\n[sweep.zip]\nx = [1]\ny = [1, 2]").contains("`x` has 1 values and `y` has 2"));
+        let figure = "seeds = [1]\n[[sweep.figures]]\ntitle = 'IoU'\nx = 'codes'\n";
+        assert!(fault(&format!("{figure}at = []\nof = 'eval/iou{{}}'")).contains("\"IoU\" needs places in `at`"));
+        assert!(fault(&format!("{figure}at = [4]\nof = 'eval/iou'")).contains("`{}` in `of`"));
         assert!(fault("seeds = [1]\n[[sweep.arms]]\nname = 'a'\n[[sweep.arms]]\nname = 'a'").contains("same name"));
     }
 
@@ -294,6 +297,11 @@ mod tests {
         let plan = Plan::read(dir.path()).unwrap().unwrap();
         assert_eq!(plan, of("[1, 2]"));
         assert_eq!(std::fs::read_to_string(plan.config(dir.path(), &plan.jobs[1])).unwrap(), "seed = 2\n");
+        // What is shown may change, and is remembered.
+        let mut shown = of("[1, 2]");
+        shown.sweep.question = "Why?".into();
+        shown.settle(dir.path(), |_| panic!("configs are there")).unwrap();
+        assert_eq!(Plan::read(dir.path()).unwrap().unwrap(), shown);
         // One seed more comes after; the configs that were there stay as they are.
         let added = |job: &Job| if job.seed == 3 { config(job) } else { panic!("its config is there") };
         of("[1, 2, 3]").settle(dir.path(), added).unwrap();

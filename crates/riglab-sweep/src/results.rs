@@ -180,6 +180,9 @@ impl Results {
         if !self.plan.sweep.expected.is_empty() {
             blocks.push(Block::Text(format!("Expected: {}", self.plan.sweep.expected)));
         }
+        // The question is the page's title already.
+        let mut tables = tables;
+        tables[0].caption = "Points".into();
         blocks.extend(tables.into_iter().map(Block::Table));
         let (plan, outcomes) = (&self.plan, &self.outcomes);
         for (title, pictures) in [
