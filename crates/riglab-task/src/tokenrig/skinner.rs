@@ -12,6 +12,9 @@ use crate::fsq_cvae::{Coder, Frozen, Point, Prepared};
 /// Vertices that tell one at which no weights were asked.
 const NEIGHBOURS: usize = 8;
 
+/// Points that tell a vertex, and how much each.
+type Shares = Vec<(u32, f32)>;
+
 /// A mesh in the cube, its shape read once, ready for the weights of any codes.
 pub struct Skinner<'a> {
     vae: &'a Frozen,
@@ -19,7 +22,7 @@ pub struct Skinner<'a> {
     shape: Tensor,
     half: bool,
     /// Of each vertex, where not all were asked, the points that tell it.
-    shares: Option<Arc<Vec<Vec<(u32, f32)>>>>,
+    shares: Option<Arc<Vec<Shares>>>,
 }
 
 impl<'a> Skinner<'a> {
