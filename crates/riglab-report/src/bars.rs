@@ -27,13 +27,7 @@ impl Bars {
         let shown = |v: f64| if v.is_finite() && v > 0.0 { v } else { 0.0 };
         let most = self.bars.iter().map(|b| shown(b.1)).fold(0.0, f64::max);
         let height = TOP + ROW * self.bars.len() as f64 + 8.0;
-        let mut svg = format!(
-            "<svg width=\"{WIDTH}\" height=\"{height}\" viewBox=\"0 0 {WIDTH} {height}\" xmlns=\"http://www.w3.org/2000/svg\" \
-             font-family=\"sans-serif\" font-size=\"11\" fill=\"currentColor\">\n\
-             <text x=\"{}\" y=\"18\" font-size=\"15\" text-anchor=\"middle\">{}</text>\n",
-            WIDTH / 2.0,
-            escaped(&self.title)
-        );
+        let mut svg = begun(WIDTH, height, &self.title);
         for (k, (name, value)) in self.bars.iter().enumerate() {
             let y = TOP + ROW * k as f64;
             let length = if most > 0.0 { REACH * shown(*value) / most } else { 0.0 };
@@ -52,6 +46,17 @@ impl Bars {
         }
         svg + "</svg>"
     }
+}
+
+/// The beginning of an SVG element of that size, under a title.
+pub(crate) fn begun(width: f64, height: f64, title: &str) -> String {
+    format!(
+        "<svg width=\"{width}\" height=\"{height}\" viewBox=\"0 0 {width} {height}\" xmlns=\"http://www.w3.org/2000/svg\" \
+         font-family=\"sans-serif\" font-size=\"11\" fill=\"currentColor\">\n\
+         <text x=\"{}\" y=\"18\" font-size=\"15\" text-anchor=\"middle\">{}</text>\n",
+        width / 2.0,
+        escaped(title)
+    )
 }
 
 /// As text of an element.

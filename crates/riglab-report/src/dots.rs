@@ -2,7 +2,7 @@
 
 use std::fmt::Write;
 
-use crate::bars::escaped;
+use crate::bars::{begun, escaped};
 
 /// Repeated measurements by name, on one axis.
 #[derive(Clone, Debug)]
@@ -46,13 +46,7 @@ impl Dots {
         let digits = self.digits;
         let bottom = TOP + ROW * finite.len() as f64 + 4.0;
         let height = bottom + 18.0;
-        let mut svg = format!(
-            "<svg width=\"{WIDTH}\" height=\"{height}\" viewBox=\"0 0 {WIDTH} {height}\" xmlns=\"http://www.w3.org/2000/svg\" \
-             font-family=\"sans-serif\" font-size=\"11\" fill=\"currentColor\">\n\
-             <text x=\"{}\" y=\"18\" font-size=\"15\" text-anchor=\"middle\">{}</text>\n",
-            WIDTH / 2.0,
-            escaped(&self.title)
-        );
+        let mut svg = begun(WIDTH, height, &self.title);
         for (k, (name, own)) in finite.iter().enumerate() {
             let y = TOP + ROW * (k as f64 + 0.5);
             // Writing to a String does not fail.
