@@ -82,3 +82,35 @@ fn finished(folder: &Path, plan: &Plan, outcomes: &[Outcome], point: &str) -> Ve
     let both = plan.jobs.iter().zip(outcomes);
     both.filter(|(j, o)| j.point == point && o.state == "finished").map(|(j, _)| folder.join(&j.folder)).collect()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn curves_are_means_where_all_seeds_are() {
+        let dir = tempfile::tempdir().unwrap();
+        let text = "[sweep]\nbase = 'b'\nseeds = [1, 2]\n[[sweep.metrics]]\nof = 'eval/z@val'\n";
+        let config = riglab_config::Config::from_toml_str("s.toml", text).unwrap();
+        let plan = Plan::new(config.get_at("sweep").unwrap(), &[]).unwrap();
+        let logs = [
+            "{\"step\":1,\"eval/a@val\":4.0,\"eval/z@val\":1.0,\"train/loss\":2.0}\n{\"step\":2,\"eval/z@val\":3.0}\n",
+            "{\"step\":1,\"eval/a@val\":6.0,\"eval/z@val\":2.0,\"train/loss\":4.0}\n",
+        ];
+        for (job, log) in plan.jobs.iter().zip(logs) {
+            let run = dir.path().join(&job.folder);
+            std::fs::create_dir_all(&run).unwrap();
+            std::fs::write(run.join("metrics.jsonl"), log).unwrap();
+            std::fs::write(run.join("config.toml"), "").unwrap();
+            std::fs::write(run.join("run.json"), "{\"task\": \"fsq_cvae\", \"outcome\": \"finished\"}").unwrap();
+        }
+        let results = crate::Results::read(dir.path(), &plan);
+        let Some(Block::Charts(charts)) = learning(dir.path(), &plan, &plan.sweep.metrics, &results.outcomes) else {
+            panic!("charts are drawn")
+        };
+        let titles: Vec<&str> = charts.iter().map(|c| c.title.as_str()).collect();
+        assert_eq!(titles, ["train/loss", "eval/z@val", "eval/a@val"], "the loss, then what was asked for");
+        assert_eq!(charts[1].series[0].points, [(1.0, 1.5)], "step 2 has one seed alone");
+        assert!(figures(dir.path(), &plan, &results.outcomes).is_none(), "none was asked for");
+    }
+}

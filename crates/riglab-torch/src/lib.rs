@@ -32,7 +32,7 @@ pub use error::{TorchError, first_line};
 pub use flops::{count_flops, counted_along};
 pub use hooks::backward;
 pub use linear::linear;
-pub use parts::{Part, side_by_side, with_gradients};
+pub use parts::{Part, side_by_side, threads_on, with_gradients};
 pub use recompute::{grad_enabled, recompute};
 pub use settings::{
     Autocast, Settings, bf16_is_faster, cpu_capability, has_bf16, init, libtorch_version, load_cuda, multiplies_bf16,

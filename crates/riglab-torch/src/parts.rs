@@ -12,7 +12,7 @@ use std::ptr::null_mut;
 use std::sync::OnceLock;
 
 use rayon::{ThreadPool, ThreadPoolBuilder};
-use tch::{Kind, Tensor};
+use tch::{Device, Kind, Tensor};
 use torch_sys::C_tensor;
 
 use crate::error::{TorchError, check, said};
@@ -54,6 +54,12 @@ fn threads() -> &'static ThreadPool {
         let pool = ThreadPoolBuilder::new().num_threads(count).thread_name(|k| format!("part {}", k + 1)).build();
         pool.expect("threads can be started")
     })
+}
+
+/// As how many parts at a time something is best computed on a device: the threads that this one may take on the processor,
+/// one elsewhere.
+pub fn threads_on(device: Device) -> usize {
+    if device == Device::Cpu { tch::get_num_threads().max(1) as usize } else { 1 }
 }
 
 /// Threads within an op of the thread that this was made on, which has them again when this goes.
@@ -304,7 +310,6 @@ impl Graph {
 
 #[cfg(test)]
 mod tests {
-    use tch::Device;
 
     use super::*;
     use crate::{count_flops, dropout};

@@ -42,8 +42,8 @@ const SWITCHES: [(&str, &str); 3] =
 /// thread is started.
 ///
 /// Besides threads: huge pages for large tensors (5 to 9 % of a step), memory that is kept for the next tensor rather than
-/// given back (another 5 %, `memory.cpp`), few kernels kept, denormals flushed
-/// to zero (they slow sums of tiny gradients down by an order of magnitude), deterministic algorithms.
+/// given back (`memory.cpp`), few kernels kept, denormals flushed to zero (they slow sums of tiny gradients down by an order
+/// of magnitude), deterministic algorithms.
 /// Gives the number of threads.
 pub fn init(settings: Settings) -> usize {
     static ONCE: Once = Once::new();

@@ -9,7 +9,7 @@ use torch_sys::C_tensor;
 
 use crate::TorchError;
 use crate::error::check;
-use crate::parts::side_by_side;
+use crate::parts::{side_by_side, threads_on};
 
 unsafe extern "C" {
     #[allow(clippy::too_many_arguments)]
@@ -61,8 +61,8 @@ impl Pointers {
 fn runs<T: Borrow<Tensor>>(tensors: &[T]) -> Vec<Range<usize>> {
     let sizes = tensors.iter().map(|t| t.borrow().numel());
     let all: usize = sizes.clone().sum();
-    let on_cpu = tensors.iter().all(|t| t.borrow().device() == Device::Cpu);
-    let threads = if on_cpu { (tch::get_num_threads().max(1) as usize).min(all / ENOUGH).max(1) } else { 1 };
+    let elsewhere = tensors.iter().map(|t| t.borrow().device()).find(|d| *d != Device::Cpu);
+    let threads = threads_on(elsewhere.unwrap_or(Device::Cpu)).min(all / ENOUGH).max(1);
     let mut ends = Vec::with_capacity(threads);
     let mut before = 0;
     for (k, size) in sizes.enumerate() {

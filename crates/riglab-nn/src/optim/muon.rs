@@ -112,8 +112,8 @@ impl Muon {
         // Threads take some matrices of every stack, while there are enough of those that are most work.
         let work = |rows: &&Vec<Row>| rows.iter().map(|row| row.gradient.numel() as i64 * row.least()).sum::<i64>();
         let most = rows.iter().max_by_key(work).map_or(0, Vec::len);
-        let on_cpu = params.weights().tensors().iter().all(|t| t.device() == Device::Cpu);
-        let threads = if on_cpu { (tch::get_num_threads().max(1) as usize).min(most / 2).max(1) } else { 1 };
+        let device = params.weights().tensors().first().map_or(Device::Cpu, Tensor::device);
+        let threads = riglab_torch::threads_on(device).min(most / 2).max(1);
         let mut jobs: Vec<(i64, Vec<Vec<Row>>)> = (0..threads).map(|_| (0, Vec::new())).collect();
         for mut stack in rows {
             let each = stack.first().map_or(0, |row| row.gradient.numel() as i64 * row.least());

@@ -213,7 +213,7 @@ impl Asked {
         let (points, geometry) = tensors::asked(c, batch, device);
         let (cloud, noise) = (tensors::skin(c, batch, device), tensors::noise(c, batch, device));
         let all = Self { shape, shape_queries, cloud, points, geometry, noise, prefix: batch.prefix };
-        let threads = if device == Device::Cpu { tch::get_num_threads().max(1) as usize } else { 1 };
+        let threads = riglab_torch::threads_on(device);
         let (rigs, each) = (batch.rigs, batch.bones / batch.rigs.max(1));
         let count = threads.min(rigs).max(1);
         let of = |k: usize| {

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use riglab_core::{Mesh, Rig, Segment, Skeleton, SkinWeights};
 use riglab_geom::Transfer;
 use riglab_random::{Draw, Stream};
-use tch::{Device, Kind, Tensor};
+use tch::{Kind, Tensor};
 
 use crate::fsq_cvae::{Coder, Frozen, Point, Prepared};
 
@@ -61,8 +61,7 @@ impl<'a> Skinner<'a> {
     /// What `of` gives of some items with it, in their order: the items are shared out among the threads there are, on the
     /// processor.
     pub fn each<T: Sync, R: Send>(&self, items: &[T], of: impl Fn(&Self, &T) -> R + Sync) -> Vec<R> {
-        let on_cpu = self.shape.device() == Device::Cpu;
-        let threads = if on_cpu { (tch::get_num_threads().max(1) as usize).min(items.len()).max(1) } else { 1 };
+        let threads = riglab_torch::threads_on(self.shape.device()).min(items.len()).max(1);
         let jobs = (0..threads).map(|t| {
             let (own, of) = (self.another(), &of);
             // One of each few: neighbours are alike, and so is what they cost.

@@ -38,8 +38,7 @@ impl Batch {
     /// Its rigs, dealt out to as many threads as this one may take, about as many tokens to each; all together on other
     /// devices.
     pub(crate) fn dealt(&self, device: Device) -> Vec<Vec<usize>> {
-        let threads = if device == Device::Cpu { tch::get_num_threads().max(1) as usize } else { 1 };
-        deal(&self.lengths, threads)
+        deal(&self.lengths, riglab_torch::threads_on(device))
     }
 
     /// Some of its rigs alone.

@@ -89,7 +89,7 @@ impl Flat {
 
 /// Sequences in runs of about as many tokens, for as many threads as there are; all together on other devices.
 fn dealt<'a, 'b>(all: &'b [&'a Sequence], device: Device) -> Vec<&'b [&'a Sequence]> {
-    let threads = if device == Device::Cpu { (tch::get_num_threads().max(1) as usize).min(all.len()) } else { 1 };
+    let threads = riglab_torch::threads_on(device).min(all.len());
     let tokens: usize = all.iter().map(|s| s.ids.len()).sum();
     let (mut runs, mut left, mut before, mut start) = (Vec::new(), all, 0, 0);
     for (k, own) in all.iter().enumerate() {
