@@ -194,10 +194,10 @@ impl Weights {
         found.expect("libtorch takes the outputs of parts")
     }
 
-    /// Copies in another kind that collect gradients of their own: the compute weights of a mixed
+    /// Copies in another kind that collect gradients of their own, where these do: the compute weights of a mixed
     /// precision step.
     pub fn cast(&self, kind: Kind) -> Self {
-        let cast = |t: &Tensor| t.detach().to_kind(kind).set_requires_grad(true);
+        let cast = |t: &Tensor| t.detach().to_kind(kind).set_requires_grad(t.requires_grad());
         Self::new(self.tensors.iter().map(cast).collect())
     }
 
@@ -332,6 +332,44 @@ impl Params {
         self.entries.iter().map(|e| e.name.as_str()).zip(&weights.tensors)
     }
 
+    /// Has the parameters whose names begin with one of `parts` stay as they are: they get no gradient from here on, so
+    /// that no optimizer moves or decays them, and what only they need is not computed. Others go on learning.
+    ///
+    /// # Errors
+    /// [`NnError::Config`]: a part that no name begins with, or nothing left to learn.
+    pub fn freeze(&self, parts: &[String]) -> Result<(), NnError> {
+        let within = |name: &str, part: &str| {
+            name.strip_prefix(part.trim_end_matches('.')).is_some_and(|rest| rest.is_empty() || rest.starts_with('.'))
+        };
+        if let Some(part) = parts.iter().find(|part| !self.entries.iter().any(|e| within(&e.name, part))) {
+            return Err(NnError::Config(format!(
+                "no parameter of this network begins with `{part}`; {}",
+                self.heads()
+            )));
+        }
+        let frozen = |e: &Entry| parts.iter().any(|part| within(&e.name, part));
+        if self.entries.iter().all(frozen) {
+            return Err(NnError::Config("all parameters are frozen: nothing is left to learn".into()));
+        }
+        for (entry, tensor) in self.entries.iter().zip(&self.weights.tensors) {
+            if frozen(entry) {
+                let _ = tensor.set_requires_grad(false);
+            }
+        }
+        Ok(())
+    }
+
+    /// Whether a parameter learns: it was not frozen.
+    pub fn learns(&self, id: ParamId) -> bool {
+        self.weights[id].requires_grad()
+    }
+
+    /// The first parts of all names, as a sentence.
+    fn heads(&self) -> String {
+        let heads: BTreeSet<&str> = self.entries.iter().filter_map(|e| e.name.split('.').next()).collect();
+        format!("it has {}", heads.into_iter().collect::<Vec<_>>().join(", "))
+    }
+
     /// Copies tensors by name into the master weights; every parameter must be there with its
     /// shape, and nothing else.
     ///
@@ -411,6 +449,22 @@ mod tests {
         .into();
         let text = p.load(&tensors).unwrap_err().to_string();
         assert!(text.contains("`b.0.bias` is missing") && text.contains("`c` is unknown"), "{text}");
+    }
+
+    #[test]
+    fn frozen_parts_get_no_gradient_in_any_copy() {
+        let frozen = |parts: &[&str]| {
+            let p = two(true);
+            p.freeze(&parts.iter().map(|p| (*p).to_string()).collect::<Vec<_>>()).map(|()| p)
+        };
+        let p = frozen(&["a", "b.0."]).unwrap();
+        assert_eq!(p.ids().map(|id| p.learns(id)).collect::<Vec<_>>(), [false, true, false]);
+        let half = p.weights().cast(Kind::BFloat16);
+        assert_eq!(half.tensors().iter().map(Tensor::requires_grad).collect::<Vec<_>>(), [false, true, false]);
+        assert!(frozen(&[]).unwrap().ids().all(|id| two(true).learns(id)));
+        let text = |parts| frozen(parts).err().unwrap().to_string();
+        assert!(text(&["a", "wei"]).contains("begins with `wei`; it has a, b, x"), "{}", text(&["a", "wei"]));
+        assert!(text(&["a", "b", "x"]).contains("nothing is left"));
     }
 
     #[test]

@@ -17,7 +17,7 @@ unsafe extern "C" {
 }
 
 /// The backward pass from a loss; `told` gets the gradient of a leaf, by its place, as soon as it is complete, while the
-/// pass goes on. Leaves that the loss does not depend on are never told of. The leaves should be made for this pass:
+/// pass goes on. Leaves that the loss does not depend on, or that need no gradient, are not told of. The leaves should be made for this pass:
 /// a tensor keeps an empty place for each hook that it ever had.
 ///
 /// # Errors
@@ -26,9 +26,13 @@ unsafe extern "C" {
 /// # Panics
 /// When `told` does.
 pub fn backward(loss: &Tensor, leaves: &[Tensor], told: &mut dyn FnMut(usize, Tensor)) -> Result<(), TorchError> {
+    if !loss.requires_grad() {
+        return Ok(());
+    }
     let mut listener = Listener { told, panic: None };
     let hooks = Hooks::set(leaves, &raw mut listener)?;
-    let ended = Tensor::f_run_backward(&[loss], leaves, false, false);
+    let asked: Vec<&Tensor> = leaves.iter().filter(|leaf| leaf.requires_grad()).collect();
+    let ended = Tensor::f_run_backward(&[loss], &asked, false, false);
     drop(hooks);
     if let Some(panic) = listener.panic {
         resume_unwind(panic);
@@ -65,7 +69,7 @@ struct Hooks<'a>(Vec<(&'a Tensor, c_uint)>);
 impl<'a> Hooks<'a> {
     fn set(leaves: &'a [Tensor], listener: *mut Listener<'_>) -> Result<Self, TorchError> {
         let mut hooks = Self(Vec::with_capacity(leaves.len()));
-        for (index, leaf) in leaves.iter().enumerate() {
+        for (index, leaf) in leaves.iter().enumerate().filter(|(_, leaf)| leaf.requires_grad()) {
             let mut handle = 0;
             // SAFETY: a live leaf; the handle outlives the call, the listener the hook.
             check(unsafe { rl_hook(leaf.as_ptr().cast_mut(), index, tell, listener.cast(), &raw mut handle) })?;
@@ -96,14 +100,15 @@ mod tests {
 
     #[test]
     fn each_gradient_is_told_once_complete_and_the_last_used_first() {
-        let leaves = [leaf(&[2.0]), leaf(&[3.0]), leaf(&[5.0])];
-        let [a, b, _unused] = &leaves;
+        let leaves = [leaf(&[2.0]), leaf(&[3.0]), leaf(&[5.0]), leaf(&[1.0]).set_requires_grad(false)];
+        let [a, b, _unused, fixed] = &leaves;
         // a is used twice: it is told of when both parts are there.
-        let loss = ((a * b).exp().log() + a).sum(Kind::Float);
+        let loss = ((a * b).exp().log() + a * fixed).sum(Kind::Float);
         let mut told = Vec::new();
         backward(&loss, &leaves, &mut |k, g| told.push((k, g.double_value(&[0]).round()))).unwrap();
         told.sort_by_key(|t| t.0);
         assert_eq!(told, [(0, 4.0), (1, 2.0)]);
+        backward(&fixed.sum(Kind::Float), &leaves, &mut |k, _| panic!("{k} has no part in it")).unwrap();
         let deep: Vec<Tensor> = (0..4).map(|_| leaf(&[1.0])).collect();
         let loss = deep.iter().fold(Tensor::ones([1], (Kind::Float, Device::Cpu)), |x, w| (x * w).tanh());
         let mut order = Vec::new();

@@ -57,10 +57,12 @@ fn a_deep_stack_needs_a_fraction_of_the_memory() {
         Tensor::run_backward(&[y.square().sum(Kind::Float)], &leaves, false, false)
     };
     // Kernels and threads take memory of their own when they first run.
-    let (mut plain, mut again) = (Vec::new(), step(true));
-    // What one block makes, and what each reads: 4 MB a layer in place of 16.
-    let second = peak(|| again = step(true));
-    let first = peak(|| plain = step(false));
+    let (mut plain, mut again) = (step(false), step(true));
+    // What one block makes, and what each reads: 4 MB a layer in place of 16. What lies scattered in the heap comes on
+    // top, more or less each time: the least of a few tries is what is needed.
+    let least = |work: &mut dyn FnMut()| (0..4).map(|_| peak(&mut *work)).fold(f64::INFINITY, f64::min);
+    let second = least(&mut || again = step(true));
+    let first = least(&mut || plain = step(false));
     assert!(plain.iter().zip(&again).all(|(a, b)| a.equal(b)));
     // Libraries take workspaces besides, as large as the processor has them: what is saved is told by the difference.
     let (made, kept) = (4.0 * (ROWS * WIDTH * 4) as f64 / 1e6, (ROWS * WIDTH * 4) as f64 / 1e6);

@@ -16,6 +16,8 @@ pub struct TrainConfig {
     pub seed: u64,
     /// Weights that the first step begins with, if not drawn ones.
     pub start: StartConfig,
+    /// Parts of the network that stay as they began, by the beginning of their parameters' names, as `mesh_encoder`.
+    pub frozen: Vec<String>,
     /// Optimizer steps of the run.
     pub steps: u64,
     /// Batches whose gradients are summed (as a mean) for one step. Tasks of plain losses compute them side by side,
@@ -159,6 +161,7 @@ impl Default for TrainConfig {
         Self {
             seed: 0,
             start: StartConfig::default(),
+            frozen: Vec::new(),
             steps: 1000,
             accumulate: 1,
             side_by_side: 0,

@@ -51,6 +51,7 @@ pub(crate) struct Stepped {
 impl<'a, T: Task> Stepper<'a, T> {
     pub fn new(task: &T, config: &'a TrainConfig, ranks: &'a Ranks) -> Result<Self, TrainError> {
         let params = task.params();
+        params.freeze(&config.frozen)?;
         let deal = Deal::new(config.accumulate, ranks).map_err(|(key, message)| TrainError::Config { key, message })?;
         let optimizer = Optimizer::new(params, config.optim.clone());
         let ema = (config.ema > 0.0).then(|| Ema::new(params, config.ema));
@@ -177,9 +178,16 @@ fn mean(all: impl Iterator<Item = Values>, share: f64) -> Values {
 /// Gradients of a loss; in single precision where others are `added` to them: sums of bfloat16 would lose what comes
 /// later.
 fn gradients(weights: &Weights, loss: &Tensor, added: bool) -> Result<Vec<Tensor>, TrainError> {
-    let inputs: Vec<&Tensor> = weights.tensors().iter().collect();
-    let mut grads = Tensor::f_run_backward(&[loss], &inputs, false, false)
-        .map_err(|e| TrainError::Task(TorchError::from(e).to_string()))?;
+    // Of frozen weights there are none, nor of a batch that only those were asked of.
+    let inputs: Vec<&Tensor> = weights.tensors().iter().filter(|t| t.requires_grad() && loss.requires_grad()).collect();
+    let mut found = match inputs.as_slice() {
+        [] => Vec::new(),
+        inputs => Tensor::f_run_backward(&[loss], inputs, false, false)
+            .map_err(|e| TrainError::Task(TorchError::from(e).to_string()))?,
+    }
+    .into_iter();
+    let of = |t: &Tensor| t.requires_grad().then(|| found.next()).flatten().unwrap_or_else(Tensor::new);
+    let mut grads: Vec<Tensor> = weights.tensors().iter().map(of).collect();
     if added {
         for g in grads.iter_mut().filter(|g| g.defined() && g.kind() == Kind::BFloat16) {
             *g = g.to_kind(Kind::Float);

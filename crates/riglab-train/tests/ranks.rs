@@ -7,7 +7,7 @@ use std::path::Path;
 
 use products::Products;
 use riglab_ranks::{Ranks, on_threads};
-use riglab_train::{Ended, Precision, Run, TrainConfig, train};
+use riglab_train::{Checkpoint, Ended, Precision, Run, Task, TrainConfig, train};
 
 const STEPS: u64 = 60;
 
@@ -78,6 +78,49 @@ fn a_run_that_stopped_goes_on_on_another_number_of_ranks() {
     assert_eq!(trained(&broken, 1, Precision::Fp32, Some(31)), [Ended::Interrupted; 1]);
     assert_eq!(trained(&broken, 4, Precision::Fp32, None), [Ended::Finished; 4]);
     same(&result(&whole), &result(&broken), "after two stops");
+}
+
+#[test]
+fn frozen_parts_stay_as_they_began_on_any_number_of_ranks_and_threads() {
+    // `second` is read by all batches, `sometimes` by every third: with all else frozen, some have no gradient.
+    for (frozen, learns) in [(&["second", "never"][..], "first"), (&["first", "second"], "sometimes")] {
+        for precision in [Precision::Fp32, Precision::Bf16] {
+            let config = TrainConfig {
+                frozen: frozen.iter().map(|f| (*f).to_string()).collect(),
+                ..TrainConfig { accumulate: 4, ..config(precision) }
+            };
+            let dir = tempfile::tempdir().unwrap();
+            let trained = |size: usize| {
+                let folder = dir.path().join(size.to_string());
+                let ended = on_threads(size, |ranks: Ranks| {
+                    let task = Products::new();
+                    let run = if ranks.leads() { Run::create(&folder, "").unwrap() } else { Run::follow(&folder) };
+                    train(&task, &config, &run, &task.interrupt, &ranks).unwrap().ended
+                });
+                assert_eq!(ended, vec![Ended::Finished; size]);
+                result(&folder)
+            };
+            tch::set_num_threads(1);
+            let one = trained(1);
+            same(&one, &trained(2), &format!("2 ranks, {precision:?}"));
+            let (start, end) = (Products::new(), Products::new());
+            let last = dir.path().join("1/checkpoints/last");
+            Checkpoint::open(&last).unwrap().load_weights(end.params()).unwrap();
+            for (id, name) in start.params().ids().map(|id| (id, start.params().name(id))) {
+                let stayed = start.params().weights()[id].equal(&end.params().weights()[id]);
+                assert_eq!(stayed, frozen.contains(&name) || name == "never", "{name} where {learns} learns");
+            }
+            let optimizer = String::from_utf8_lossy(&one["checkpoints/last/optimizer.safetensors"]).into_owned();
+            assert!(optimizer.contains(learns) && !optimizer.contains(frozen[1]), "no state of what stays");
+        }
+    }
+    let dir = tempfile::tempdir().unwrap();
+    let config = TrainConfig { frozen: vec!["third".into()], ..config(Precision::Fp32) };
+    let errors = on_threads(1, |ranks| {
+        let task = Products::new();
+        train(&task, &config, &Run::follow(dir.path()), &task.interrupt, &ranks).unwrap_err().to_string()
+    });
+    assert!(errors[0].contains("`third`") && errors[0].contains("first"), "{}", errors[0]);
 }
 
 #[test]

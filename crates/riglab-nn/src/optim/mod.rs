@@ -130,10 +130,10 @@ pub struct Optimizer {
 }
 
 impl Optimizer {
-    /// Fresh state.
+    /// Fresh state, of the parameters that learn.
     pub fn new(params: &Params, config: OptimConfig) -> Self {
         let is_muon = |id| config.muon.contains(&params.role(id)) && params.shape(id).len() == 2;
-        let (muon, adamw): (Vec<_>, Vec<_>) = params.ids().partition(|&id| is_muon(id));
+        let (muon, adamw): (Vec<_>, Vec<_>) = params.ids().filter(|&id| params.learns(id)).partition(|&id| is_muon(id));
         let decayed = |id| config.decayed.contains(&params.role(id));
         Self { muon: muon::Muon::new(params, muon, decayed), adamw: adamw::Adamw::new(params, adamw, decayed), config }
     }

@@ -7,7 +7,9 @@ use anyhow::{Context, Result, anyhow, bail};
 use riglab_ranks::{Ranks, processors};
 use riglab_task::Experiment;
 use riglab_task::start::{Taken, take};
-use riglab_train::{Checkpoint, Ended, Interrupt, Run, RunInfo, StartConfig, estimate, product_speed, sides, train};
+use riglab_train::{
+    Checkpoint, Ended, Interrupt, Run, RunInfo, StartConfig, TrainConfig, estimate, product_speed, sides, train,
+};
 use tch::Device;
 
 use super::slurm::{On, apart, settings, train as on_slurm};
@@ -134,6 +136,11 @@ fn together(args: &Args, threads: usize, ranks: &Ranks) -> Result<ExitCode> {
     config.with(Device::Cpu, Session { config: &config, place, fresh, threads, ranks })
 }
 
+/// Holds the parts of a network that `train.frozen` names.
+fn freeze<T: Experiment>(task: &T, train: &TrainConfig) -> Result<()> {
+    task.params().freeze(&train.frozen).map_err(|e| anyhow!("train.frozen: {e}"))
+}
+
 /// Gives a network the weights that `train.start` names, if it does.
 fn begin<T: Experiment>(task: &T, start: &StartConfig) -> Result<Vec<String>> {
     if start.is_none() {
@@ -201,6 +208,7 @@ impl Visitor for Session<'_> {
 
     fn visit<T: Experiment>(self, task: T) -> Result<ExitCode> {
         let Self { config, place, fresh, threads, ranks } = self;
+        freeze(&task, config.train())?;
         let begun = if fresh { begin(&task, &config.train().start)? } else { Vec::new() };
         if !ranks.leads() {
             let run = match place {
@@ -283,6 +291,7 @@ impl Visitor for DryRun<'_> {
     fn visit<T: Experiment>(self, task: T) -> Result<ExitCode> {
         let train = self.config.train();
         eprintln!("{}: {:.2} M parameters; trying a few steps", task.name(), task.params().numel() as f64 / 1e6);
+        freeze(&task, train)?;
         let begun = begin(&task, &train.start)?;
         begun.iter().chain(&task.notes()).for_each(|note| eprintln!("note: {note}"));
         let found = estimate(&task, train)?;
