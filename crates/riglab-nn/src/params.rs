@@ -333,30 +333,24 @@ impl Params {
     }
 
     /// Has the parameters whose names begin with one of `parts` stay as they are: they get no gradient from here on, so
-    /// that no optimizer moves or decays them, and what only they need is not computed. Others go on learning.
+    /// that no optimizer moves or decays them, and the backward pass does not go where only they would need it. Others go
+    /// on learning. Gives how many numbers stay.
     ///
     /// # Errors
     /// [`NnError::Config`]: a part that no name begins with, or nothing left to learn.
-    pub fn freeze(&self, parts: &[String]) -> Result<(), NnError> {
+    pub fn freeze(&self, parts: &[String]) -> Result<usize, NnError> {
         let within = |name: &str, part: &str| {
             name.strip_prefix(part.trim_end_matches('.')).is_some_and(|rest| rest.is_empty() || rest.starts_with('.'))
         };
         if let Some(part) = parts.iter().find(|part| !self.entries.iter().any(|e| within(&e.name, part))) {
-            return Err(NnError::Config(format!(
-                "no parameter of this network begins with `{part}`; {}",
-                self.heads()
-            )));
+            return Err(self.no_part(part));
         }
         let frozen = |e: &Entry| parts.iter().any(|part| within(&e.name, part));
         if self.entries.iter().all(frozen) {
             return Err(NnError::Config("all parameters are frozen: nothing is left to learn".into()));
         }
-        for (entry, tensor) in self.entries.iter().zip(&self.weights.tensors) {
-            if frozen(entry) {
-                let _ = tensor.set_requires_grad(false);
-            }
-        }
-        Ok(())
+        let held = self.entries.iter().zip(&self.weights.tensors).filter(|(entry, _)| frozen(entry));
+        Ok(held.map(|(_, tensor)| tensor.set_requires_grad(false).numel()).sum())
     }
 
     /// Whether a parameter learns: it was not frozen.
@@ -364,10 +358,11 @@ impl Params {
         self.weights[id].requires_grad()
     }
 
-    /// The first parts of all names, as a sentence.
-    fn heads(&self) -> String {
+    /// That no name begins with a part, and what names begin with.
+    pub fn no_part(&self, part: &str) -> NnError {
         let heads: BTreeSet<&str> = self.entries.iter().filter_map(|e| e.name.split('.').next()).collect();
-        format!("it has {}", heads.into_iter().collect::<Vec<_>>().join(", "))
+        let heads = heads.into_iter().collect::<Vec<_>>().join(", ");
+        NnError::Config(format!("no parameter of this network begins with `{part}`; it has {heads}"))
     }
 
     /// Copies tensors by name into the master weights; every parameter must be there with its
@@ -455,13 +450,16 @@ mod tests {
     fn frozen_parts_get_no_gradient_in_any_copy() {
         let frozen = |parts: &[&str]| {
             let p = two(true);
-            p.freeze(&parts.iter().map(|p| (*p).to_string()).collect::<Vec<_>>()).map(|()| p)
+            let numbers = p.freeze(&parts.iter().map(|p| (*p).to_string()).collect::<Vec<_>>())?;
+            Ok::<_, NnError>((p, numbers))
         };
-        let p = frozen(&["a", "b.0."]).unwrap();
+        let (p, numbers) = frozen(&["a", "b.0."]).unwrap();
+        assert_eq!(numbers, 6 + 3);
         assert_eq!(p.ids().map(|id| p.learns(id)).collect::<Vec<_>>(), [false, true, false]);
         let half = p.weights().cast(Kind::BFloat16);
         assert_eq!(half.tensors().iter().map(Tensor::requires_grad).collect::<Vec<_>>(), [false, true, false]);
-        assert!(frozen(&[]).unwrap().ids().all(|id| two(true).learns(id)));
+        let (p, numbers) = frozen(&[]).unwrap();
+        assert!(numbers == 0 && p.ids().all(|id| p.learns(id)));
         let text = |parts| frozen(parts).err().unwrap().to_string();
         assert!(text(&["a", "wei"]).contains("begins with `wei`; it has a, b, x"), "{}", text(&["a", "wei"]));
         assert!(text(&["a", "b", "x"]).contains("nothing is left"));

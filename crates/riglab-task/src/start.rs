@@ -4,7 +4,7 @@
 //! Holds: nothing is loaded unless all that was asked for is there with its shape.
 
 use std::cmp::Reverse;
-use std::collections::{BTreeMap, BTreeSet, HashMap};
+use std::collections::{BTreeMap, HashMap};
 
 use riglab_nn::params::Params;
 use tch::Tensor;
@@ -48,9 +48,7 @@ pub fn take(params: &Params, parts: &[String], offered: &mut Offered<'_>) -> Res
         let wanted: BTreeMap<&str, &Tensor> =
             own.iter().filter_map(|(name, t)| Some((name.strip_prefix(&before)?, *t))).collect();
         if wanted.is_empty() {
-            let heads: BTreeSet<&str> = own.keys().filter_map(|name| name.split('.').next()).collect();
-            let heads: Vec<&str> = heads.into_iter().collect();
-            return Err(format!("no parameter of this network begins with `{before}`; it has {}", heads.join(", ")));
+            return Err(params.no_part(&before).to_string());
         }
         let prefix = prefix(&wanted, &there, &before);
         let (mut missing, mut unlike, mut numbers) = (Vec::new(), Vec::new(), 0);

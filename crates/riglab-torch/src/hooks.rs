@@ -17,8 +17,8 @@ unsafe extern "C" {
 }
 
 /// The backward pass from a loss; `told` gets the gradient of a leaf, by its place, as soon as it is complete, while the
-/// pass goes on. Leaves that the loss does not depend on, or that need no gradient, are not told of. The leaves should be made for this pass:
-/// a tensor keeps an empty place for each hook that it ever had.
+/// pass goes on. Leaves that the loss does not depend on, or that need no gradient, are not told of. The leaves should be
+/// made for this pass: a tensor keeps an empty place for each hook that it ever had.
 ///
 /// # Errors
 /// libtorch's message.

@@ -36,14 +36,21 @@ fn result(dir: &Path) -> BTreeMap<String, Vec<u8>> {
 fn the_number_of_threads_changes_no_bit() {
     let _guard = ONE_AT_A_TIME.lock().unwrap_or_else(|e| e.into_inner());
     let dir = tempfile::tempdir().unwrap();
-    for (k, (precision, recompute)) in
-        [(Precision::Fp32, false), (Precision::Bf16, false), (Precision::Fp32, true)].into_iter().enumerate()
-    {
+    let cases = [
+        (Precision::Fp32, false, &[][..]),
+        (Precision::Bf16, false, &[]),
+        (Precision::Fp32, true, &[]),
+        (Precision::Fp32, false, &["first", "second"]),
+    ];
+    for (k, (precision, recompute, frozen)) in cases.into_iter().enumerate() {
+        let frozen: Vec<String> = frozen.iter().map(|part: &&str| (*part).to_string()).collect();
         let run = |threads: i32, accumulate: u64| {
             let folder = dir.path().join(format!("{k}-{threads}-{accumulate}"));
             let mut task = Products::new();
             task.dropout = 0.2;
-            trained(&folder, threads, &task, &TrainConfig { accumulate, recompute, ..config(precision) }).unwrap();
+            let frozen = frozen.clone();
+            let config = TrainConfig { accumulate, recompute, frozen, ..config(precision) };
+            trained(&folder, threads, &task, &config).unwrap();
             let took_part = task.threads.lock().unwrap().len();
             (result(&folder), took_part)
         };

@@ -136,12 +136,15 @@ fn together(args: &Args, threads: usize, ranks: &Ranks) -> Result<ExitCode> {
     config.with(Device::Cpu, Session { config: &config, place, fresh, threads, ranks })
 }
 
-/// Holds the parts of a network that `train.frozen` names.
-fn freeze<T: Experiment>(task: &T, train: &TrainConfig) -> Result<()> {
-    task.params().freeze(&train.frozen).map_err(|e| anyhow!("train.frozen: {e}"))
+/// Has the parts of a network stay that `train.frozen` names, if it does, before anything is written of the run; what to
+/// say of it.
+fn freeze<T: Experiment>(task: &T, train: &TrainConfig) -> Result<Vec<String>> {
+    let numbers = task.params().freeze(&train.frozen).map_err(|e| anyhow!("train.frozen: {e}"))?;
+    let said = || format!("{:.2} M of the numbers stay as they began (train.frozen)", numbers as f64 / 1e6);
+    Ok((numbers > 0).then(said).into_iter().collect())
 }
 
-/// Gives a network the weights that `train.start` names, if it does.
+/// Gives a network the weights that `train.start` names, if it does; what to say of it.
 fn begin<T: Experiment>(task: &T, start: &StartConfig) -> Result<Vec<String>> {
     if start.is_none() {
         return Ok(Vec::new());
@@ -208,8 +211,8 @@ impl Visitor for Session<'_> {
 
     fn visit<T: Experiment>(self, task: T) -> Result<ExitCode> {
         let Self { config, place, fresh, threads, ranks } = self;
-        freeze(&task, config.train())?;
-        let begun = if fresh { begin(&task, &config.train().start)? } else { Vec::new() };
+        let mut begun = if fresh { begin(&task, &config.train().start)? } else { Vec::new() };
+        begun.extend(freeze(&task, config.train())?);
         if !ranks.leads() {
             let run = match place {
                 Place::There(run) => run,
@@ -291,8 +294,8 @@ impl Visitor for DryRun<'_> {
     fn visit<T: Experiment>(self, task: T) -> Result<ExitCode> {
         let train = self.config.train();
         eprintln!("{}: {:.2} M parameters; trying a few steps", task.name(), task.params().numel() as f64 / 1e6);
-        freeze(&task, train)?;
-        let begun = begin(&task, &train.start)?;
+        let mut begun = begin(&task, &train.start)?;
+        begun.extend(freeze(&task, train)?);
         begun.iter().chain(&task.notes()).for_each(|note| eprintln!("note: {note}"));
         let found = estimate(&task, train)?;
         if self.json {
