@@ -85,6 +85,7 @@ class SkinModel(nn.Module):
         self.attributes.net = nn.Module()
         self.attributes.net.hidden = nn.Sequential(*mapped(width, width))
         self.attributes.net.out = nn.Linear(width, 7)
+        self.register_buffer("attribute_scale", torch.tensor(c["attribute_scale"]), persistent=False)
         self.qmesh, self.kmesh = nn.Linear(width, heads * width), nn.Linear(width, heads * width)
         self.attn_skin_norm, self.voxel_skin_norm = nn.LayerNorm(heads), nn.LayerNorm(heads)
         self.voxel_skin_embed = nn.Linear(c["pair"], heads)
@@ -122,7 +123,7 @@ class SkinModel(nn.Module):
         x = self.feat_map(torch.cat([fourier(asked[..., :3], self.of_points), asked[..., 3:]], -1))
         for block in self.mesh_bone_attn:
             x = block(x, context)
-        attributes = self.attributes.net.out(self.attributes.net.hidden(self.attributes.read(b, x)))
+        attributes = self.attributes.net.out(self.attributes.net.hidden(self.attributes.read(b, x))) / self.attribute_scale
         apart = lambda y: y.view(1, y.shape[1], self.heads, -1).transpose(1, 2)
         q, k = apart(self.qmesh(x)), apart(self.kmesh(b))
         shares = (q * q.shape[-1] ** -0.5 @ k.transpose(-2, -1)).softmax(-1).permute(0, 2, 3, 1)

@@ -2,6 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::attributes::{ATTRIBUTE_SCALE, ATTRIBUTES};
 use super::ptv3::Ptv3Config;
 use crate::perceiver::PerceiverConfig;
 
@@ -31,6 +32,10 @@ pub struct SkinModelConfig {
     pub points: PointConfig,
     /// Whether attributes of spring bones are predicted.
     pub attributes: bool,
+    /// What the network tells of each attribute is this many times it: stiffness, drag, power of gravity, its direction,
+    /// hit radius. About one over their spread, so that a step of an optimizer moves all of them alike; in their own
+    /// units a step that is small for stiffness throws the hit radius about.
+    pub attribute_scale: [f64; ATTRIBUTES],
     /// Weights are multiplied by the mask that comes with a prediction to this power (the release: 3). 0 is off.
     pub mask_power: f64,
 }
@@ -115,6 +120,7 @@ impl Default for SkinModelConfig {
             bones: BoneConfig::default(),
             points: PointConfig::default(),
             attributes: true,
+            attribute_scale: ATTRIBUTE_SCALE,
             mask_power: 0.0,
         }
     }
@@ -166,6 +172,9 @@ impl SkinModelConfig {
             if n > 24 {
                 return Err((key.into(), format!("{n} frequencies: give at most 24")));
             }
+        }
+        if let Some(s) = self.attribute_scale.iter().find(|s| !(s.is_finite() && **s > 0.0)) {
+            return Err(("attribute_scale".into(), format!("attribute_scale has {s}: each must be above 0")));
         }
         if !(0.0..=64.0).contains(&self.mask_power) {
             return Err(("mask_power".into(), format!("mask_power = {} must lie in [0, 64]", self.mask_power)));

@@ -19,7 +19,7 @@ pub mod ptv3;
 
 use tch::{Kind, Tensor};
 
-pub use attributes::{ATTRIBUTES, AttributeHead};
+pub use attributes::{ATTRIBUTE_SCALE, ATTRIBUTES, AttributeHead};
 pub use block::PostBlock;
 pub use bones::BoneEncoder;
 pub use config::{BoneConfig, PointConfig, PointEncoder, Seen, SkinModelConfig};

@@ -184,6 +184,25 @@ fn maps_that_move_nothing_move_nothing() {
     assert!((moved - &p).abs().max().double_value(&[]) < 1e-7);
 }
 
+/// Whatever they are told in, attributes come out in their own units.
+#[test]
+fn attributes_are_divided_by_their_scale() {
+    let case = case();
+    let of = |attribute_scale: [f64; ATTRIBUTES]| {
+        let (net, params) = built(&SkinModelConfig { attribute_scale, ..config(PointEncoder::Light) }, Kind::Double);
+        let w = params.weights();
+        let picks = Tensor::from_slice(&[0i64, 3, 5]).view([1, 3]);
+        let read = net.read(w, &case.cloud, &picks, &case.bones);
+        net.attributes(w, &read, &net.points(w, &read, &net.encode(w, &case.cloud, None))).unwrap()
+    };
+    let scale = [2.0, 0.5, 1.0, 4.0, 8.0, 0.25, 16.0];
+    assert!((of(scale) * Tensor::from_slice(&scale)).equal(&of([1.0; ATTRIBUTES])));
+    for wrong in [0.0, -1.0, f64::NAN] {
+        let c = SkinModelConfig { attribute_scale: [wrong; ATTRIBUTES], ..SkinModelConfig::default() };
+        assert_eq!(c.validate().unwrap_err().0, "attribute_scale");
+    }
+}
+
 /// Bones without length, far outside or all in one place; points all in one place: weights are finite and sum to 1,
 /// and the same every time, whatever the share of memory.
 #[test]

@@ -1,7 +1,7 @@
 //! Settings of the task.
 
 use riglab_augment::{AffineConfig, Recipe};
-use riglab_nn::skin_stage::SkinModelConfig;
+use riglab_nn::skin_stage::{ATTRIBUTE_SCALE, SkinModelConfig};
 use riglab_train::TrainConfig;
 use serde::{Deserialize, Serialize};
 
@@ -72,10 +72,6 @@ pub struct MergeConfig {
     /// Probability of each bone then.
     pub share: f32,
 }
-
-/// About one over the spread of each attribute among creatures' springs: stiffness, drag, power of gravity, its
-/// direction, which is down in nearly all, and the hit radius of a rig of size 2.
-pub const ATTRIBUTE_SCALE: [f64; 7] = [2.5, 12.0, 9.0, 1.0, 1.0, 1.0, 20.0];
 
 /// λ_W·KL(W ‖ Ŵ) + λ_A·(squared error of attributes) + λ_X·(squared error of a skin in motion) (UniRig 4.3), and the
 /// release's losses.

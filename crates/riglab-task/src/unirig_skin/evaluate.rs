@@ -10,14 +10,13 @@ use riglab_metric::{
     motion_of_frames, motion_poses, nan_for_null,
 };
 use riglab_nn::params::Weights;
-use riglab_nn::skin_stage::ATTRIBUTES;
+use riglab_nn::skin_stage::{ATTRIBUTE_SCALE, ATTRIBUTES};
 use riglab_random::stream;
 use riglab_ranks::Ranks;
 use riglab_train::Validation;
 use serde::{Deserialize, Serialize};
 
 use super::SkinTask;
-use super::config::ATTRIBUTE_SCALE;
 use super::predict::{Predicted, Predictor};
 use super::ready::{Ready, pool, row};
 use crate::assets::AssetId;

@@ -25,8 +25,7 @@ use tch::{Device, Kind, Tensor};
 
 pub use batch::{Batch, BatchSource, RigBatch};
 pub use config::{
-    ATTRIBUTE_SCALE, EvalConfig, FreezeConfig, LossConfig, MergeConfig, PhysicsConfig, ReleasedConfig, SamplingConfig,
-    SkinTaskConfig,
+    EvalConfig, FreezeConfig, LossConfig, MergeConfig, PhysicsConfig, ReleasedConfig, SamplingConfig, SkinTaskConfig,
 };
 pub use evaluate::{AssetRow, AttributeRow, Report, Row};
 pub use gallery::Shown;
