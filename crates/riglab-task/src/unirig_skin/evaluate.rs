@@ -64,7 +64,7 @@ fn unknown() -> f64 {
 pub struct AttributeRow {
     /// The split.
     pub split: String,
-    /// Its name, or `all`: each times its scale in the loss.
+    /// Its name, or `all`: each times its [`ATTRIBUTE_SCALE`].
     pub name: String,
     /// Bones that swing.
     pub bones: usize,
@@ -97,6 +97,9 @@ pub struct AssetRow {
     /// Motion loss, see [`Row::motion`].
     #[serde(default = "unknown", deserialize_with = "nan_for_null")]
     pub motion: f64,
+    /// The same of the rule without learning that has the least over the split.
+    #[serde(default = "unknown", deserialize_with = "nan_for_null")]
+    pub rule_motion: f64,
     /// The same over its clips, see [`Row::clips`]; NaN without any.
     #[serde(default = "unknown", deserialize_with = "nan_for_null")]
     pub clips: f64,
@@ -358,6 +361,7 @@ impl SkinTask {
                 iou: rule.iou,
                 l1: rule.l1,
                 motion,
+                rule_motion: f64::NAN,
                 clips,
             });
             let ids: Vec<JointId> = rig.bones.iter().map(|b| b.joint).collect();
@@ -367,9 +371,14 @@ impl SkinTask {
             });
             progress();
         }
+        if let Some(best) = best_in_motion(methods.values().map(|(name, _, [motion, _])| (name.as_str(), &motion[..])))
+        {
+            let own = report.assets.iter_mut().filter(|a| a.split == split);
+            own.zip(best).for_each(|(asset, motion)| asset.rule_motion = *motion);
+        }
         report.rows.extend(methods.into_values().map(|(method, sums, moved)| {
             let (pooled, per_rig) = sums.metrics();
-            let learned = ["raw", "rule"].contains(&method.as_str());
+            let learned = is_learned(&method);
             let [motion, clips] = moved.map(|moved| Mean::of(&moved));
             let ours_at_recall = if learned { f64::NAN } else { curve.precision_at(pooled.recall) };
             Row {
@@ -435,6 +444,17 @@ fn over_joints(weights: &[f32], columns: &[u32], joints: usize) -> Rows {
     Rows::new(weights.chunks_exact(columns.len()).map(row), joints)
 }
 
+/// Whether a method of the tables is the network's.
+fn is_learned(method: &str) -> bool {
+    ["raw", "rule"].contains(&method)
+}
+
+/// Of methods by name, each with the motion loss of every asset, that without learning whose mean is least.
+fn best_in_motion<'a>(methods: impl Iterator<Item = (&'a str, &'a [f64])>) -> Option<&'a [f64]> {
+    let rules = methods.filter(|(name, _)| !is_learned(name)).map(|(_, motion)| motion);
+    rules.min_by(|a, b| Mean::of(a).mean.total_cmp(&Mean::of(b).mean))
+}
+
 /// The rule of least pooled L1, the first of equals.
 fn best(rules: &[Sums]) -> usize {
     let l1 = |k: usize| rules[k].metrics().0.l1;
@@ -444,6 +464,14 @@ fn best(rules: &[Sums]) -> usize {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn the_rule_shown_beside_each_asset_is_the_best_of_the_split() {
+        let methods: [(&str, &[f64]); 4] =
+            [("rule", &[0.1, 0.1]), ("far", &[0.2, 0.9]), ("heat", &[0.4, 0.2]), ("near", &[0.3, 0.5])];
+        assert_eq!(best_in_motion(methods.into_iter()), Some(&[0.4, 0.2][..]));
+        assert_eq!(best_in_motion(methods[..1].iter().copied()), None);
+    }
 
     #[test]
     fn the_mean_is_the_best_of_one_number() {

@@ -159,29 +159,32 @@ impl Evaluation {
         let clips = self.report.assets.iter().any(|a| a.clips.is_finite());
         let shown = |text: String| if clips { format!("{text:>8}") } else { String::new() };
         let mut text = format!(
-            "{:12} {:>8} {:>7} {:>7}{} {:>8} {:>6}  name\n",
+            "{:12} {:>8} {:>7} {:>7} {:>9}{} {:>8} {:>6}  name\n",
             "split",
             "L1",
             "IoU",
             "motion",
+            "best rule",
             shown("clips".into()),
             "vertices",
             "bones"
         );
         for a in &self.report.assets {
-            let moved = if a.clips.is_finite() { format!("{:.5}", a.clips) } else { "–".into() };
+            let known = |of: f64| if of.is_finite() { format!("{of:.5}") } else { "–".into() };
             text += &format!(
-                "{:12} {:>8.5} {:>7.4} {:>7.5}{} {:>8} {:>6}  {}\n",
+                "{:12} {:>8.5} {:>7.4} {:>7.5} {:>9}{} {:>8} {:>6}  {}\n",
                 a.split,
                 a.l1,
                 a.iou,
                 a.motion,
-                shown(moved),
+                known(a.rule_motion),
+                shown(known(a.clips)),
                 a.vertices,
                 a.bones,
                 a.name
             );
         }
+        text += "best rule: the motion of the rule without learning that has the least over the split\n";
         text
     }
 }
@@ -282,7 +285,7 @@ fn attributes(report: &Report) -> Table {
             Cell::number(a.mean, 4).strong_if(a.mean < a.model),
         ]);
     }
-    table.note = "all: over all attributes, each times its scale in the loss. The right column is what one number for \
+    table.note = "all: over all attributes, each over its usual spread. The right column is what one number for \
                   all bones could do at best. Hit radius in the normalised cube."
         .into();
     table
