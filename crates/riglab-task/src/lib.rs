@@ -10,6 +10,7 @@ mod experiment;
 pub mod fsq_cvae;
 pub mod grpo;
 pub mod released;
+pub mod seen;
 mod sequences;
 pub mod start;
 pub mod tokenrig;

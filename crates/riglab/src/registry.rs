@@ -6,8 +6,10 @@ use anyhow::{Context, Result, anyhow, bail};
 use riglab_config::Config;
 use riglab_report::{Block, Findings};
 use riglab_task::Experiment;
+use riglab_task::assets::DataConfig;
 use riglab_task::fsq_cvae::{self, FsqCvaeTask, FsqCvaeTaskConfig};
 use riglab_task::grpo::{self, GrpoTask, GrpoTaskConfig};
+use riglab_task::seen::warning;
 use riglab_task::tokenrig::{self, TokenRigTask, TokenRigTaskConfig};
 use riglab_task::unirig_skeleton::{self, SkeletonTask, SkeletonTaskConfig};
 use riglab_task::unirig_skin::{self, SkinTask, SkinTaskConfig};
@@ -100,6 +102,11 @@ impl TaskConfig {
         each!(self, c => &c.train)
     }
 
+    /// The corpora it reads.
+    pub fn data(&self) -> &DataConfig {
+        each!(self, c => &c.data)
+    }
+
     /// The same with what is left to this machine decided: the precision.
     pub fn settled(mut self) -> Self {
         each!(&mut self, c => c.train.precision = c.train.precision.resolved());
@@ -151,11 +158,15 @@ pub fn evaluation(task: &str, run: &Path) -> Result<Option<Evaluated>> {
         || format!("{} cannot be understood: cut off, or of another version; make it anew with `riglab eval`", shown());
     let saw: serde_json::Value = serde_json::from_str(&text).with_context(unclear)?;
     let word = |v: &serde_json::Value| v.as_str().unwrap_or_default().to_owned();
+    let seen: Vec<String> = saw["trained_on"].as_array().into_iter().flatten().map(word).collect();
+    let seen = warning(&seen, &["the splits that were evaluated".into()]);
     let corpora = saw["data"].as_array().into_iter().flatten().map(|d| (word(&d[0]), word(&d[1]))).collect();
     macro_rules! read {
         ($task:ident) => {{
             let evaluation: $task::Evaluation = serde_json::from_str(&text).with_context(unclear)?;
-            Ok(Some(Evaluated { blocks: evaluation.blocks(picture), findings: evaluation.findings(), corpora }))
+            let mut blocks = Vec::from_iter(seen.map(Block::Text));
+            blocks.extend(evaluation.blocks(picture));
+            Ok(Some(Evaluated { blocks, findings: evaluation.findings(), corpora }))
         }};
     }
     match task {

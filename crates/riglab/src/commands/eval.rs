@@ -6,6 +6,7 @@ use std::process::ExitCode;
 
 use anyhow::{Context, Result, anyhow, bail};
 use riglab_task::Experiment;
+use riglab_task::seen::{seen, warning};
 use riglab_train::{Checkpoint, Progress};
 use tch::Device;
 
@@ -43,20 +44,35 @@ pub struct Args {
 pub fn run(args: &Args, threads: usize) -> Result<ExitCode> {
     super::alone("eval")?;
     riglab_torch::init(riglab_torch::Settings { threads });
-    let config = TaskConfig::read(&presets::load(&args.run.join("config.toml").to_string_lossy(), &args.sets)?)?;
-    config.with(Device::Cpu, Examination { args })
+    let read =
+        |sets: &[String]| TaskConfig::read(&presets::load(&args.run.join("config.toml").to_string_lossy(), sets)?);
+    let config = read(&args.sets)?;
+    let seen = match seen(config.data(), &config.data().test, read(&[])?.data()) {
+        Ok(seen) => seen,
+        // Its corpora may be gone or moved: no fault of an evaluation on others.
+        Err(e) => {
+            eprintln!("note: whether these assets were trained on is not known: {e}");
+            Vec::new()
+        }
+    };
+    if let Some(warning) = warning(&seen, &config.data().test) {
+        eprintln!("warning: {warning}");
+    }
+    config.with(Device::Cpu, Examination { args, seen })
 }
 
 /// An evaluation of a run's checkpoint.
 struct Examination<'a> {
     args: &'a Args,
+    /// Assets that were trained on.
+    seen: Vec<String>,
 }
 
 impl Visitor for Examination<'_> {
     type Out = ExitCode;
 
     fn visit<T: Experiment>(self, task: T) -> Result<ExitCode> {
-        let args = self.args;
+        let Self { args, seen } = self;
         let checkpoint = Checkpoint::open(&args.run.join("checkpoints").join(&args.checkpoint))?;
         checkpoint.load_weights(task.params())?;
         let total = task.examination_steps().map_err(|e| anyhow!(e))? as u64;
@@ -67,7 +83,7 @@ impl Visitor for Examination<'_> {
         });
         progress.finish();
         let examined = examined.map_err(|e| anyhow!(e))?;
-        let json = with_data(&examined.json, &task.assets().summary()?)?;
+        let json = with_data(&examined.json, &task.assets().summary()?, &seen)?;
         let path = args.out.clone().unwrap_or_else(|| args.run.join("eval.json"));
         let folder = match path.with_extension("") {
             // A name without an ending is the file's.
@@ -89,10 +105,15 @@ impl Visitor for Examination<'_> {
     }
 }
 
-/// An evaluation's file with the corpora it is of: path, checksum, number of assets.
-fn with_data(json: &str, data: &[(String, String, usize)]) -> Result<String> {
+/// An evaluation's file with the corpora it is of: path, checksum, number of assets; and with the names of the assets
+/// that were trained on, where there are some.
+fn with_data(json: &str, data: &[(String, String, usize)], seen: &[String]) -> Result<String> {
     let Some(rest) = json.strip_prefix("{\n") else { bail!("the task's evaluation is no object over several lines") };
-    Ok(format!("{{\n  \"data\": {},\n{rest}", serde_json::to_string(data)?))
+    let seen = match seen {
+        [] => String::new(),
+        some => format!("  \"trained_on\": {},\n", serde_json::to_string(some)?),
+    };
+    Ok(format!("{{\n  \"data\": {},\n{seen}{rest}", serde_json::to_string(data)?))
 }
 
 fn write(path: &Path, bytes: &[u8]) -> Result<()> {

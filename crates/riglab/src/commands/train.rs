@@ -6,6 +6,7 @@ use std::process::ExitCode;
 use anyhow::{Context, Result, anyhow, bail};
 use riglab_ranks::{Ranks, processors};
 use riglab_task::Experiment;
+use riglab_task::seen::{seen, warning};
 use riglab_task::start::{Taken, take};
 use riglab_train::{
     Checkpoint, Ended, Interrupt, Run, RunInfo, StartConfig, TrainConfig, estimate, product_speed, sides, train,
@@ -33,7 +34,8 @@ Examples:
   riglab train my.toml --set train.seed=2 --run runs/mine/seed-2
   riglab train --resume runs/mine/seed-2
   riglab train my.toml --set train.start.from=runs/tokenrig/001
-  riglab train unirig/skin_paper.toml --set train.start.from=sampart3d.pth --set train.start.parts='[\"mesh_encoder\"]'
+  riglab train unirig/skin_paper.toml --set data.corpora='[\"corpus.h5\"]' \\
+      --set train.start.from=sampart3d.pth --set train.start.parts='[\"mesh_encoder\"]'
   riglab train my.toml --dry-run
   riglab train my.toml --on slurm --set slurm.time=12:00:00 --set slurm.memory=32G
   mpirun -n 2 riglab train my.toml --set train.accumulate=2   # built with --features mpi")]
@@ -144,6 +146,13 @@ fn freeze<T: Experiment>(task: &T, train: &TrainConfig) -> Result<Vec<String>> {
     Ok((numbers > 0).then(said).into_iter().collect())
 }
 
+/// What to say of assets that are both trained on and looked at, in one corpus or in two.
+fn overlap(config: &TaskConfig) -> Result<Option<String>> {
+    let data = config.data();
+    let splits: Vec<String> = std::iter::once(&data.validate).chain(&data.test).cloned().collect();
+    Ok(warning(&seen(data, &splits, data)?, &splits))
+}
+
 /// Gives a network the weights that `train.start` names, if it does; what to say of it.
 fn begin<T: Experiment>(task: &T, start: &StartConfig) -> Result<Vec<String>> {
     if start.is_none() {
@@ -249,7 +258,7 @@ impl Visitor for Session<'_> {
             },
             run.dir().display()
         );
-        begun.iter().chain(&task.notes()).for_each(|note| eprintln!("note: {note}"));
+        begun.iter().chain(&task.notes()).chain(&overlap(config)?).for_each(|note| eprintln!("note: {note}"));
         let interrupt = Interrupt::listening_with(ranks);
         let outcome = train(&task, config.train(), &run, &interrupt, ranks);
         info.ended = RunInfo::now();
@@ -296,7 +305,7 @@ impl Visitor for DryRun<'_> {
         eprintln!("{}: {:.2} M parameters; trying a few steps", task.name(), task.params().numel() as f64 / 1e6);
         let mut begun = begin(&task, &train.start)?;
         begun.extend(freeze(&task, train)?);
-        begun.iter().chain(&task.notes()).for_each(|note| eprintln!("note: {note}"));
+        begun.iter().chain(&task.notes()).chain(&overlap(self.config)?).for_each(|note| eprintln!("note: {note}"));
         let found = estimate(&task, train)?;
         if self.json {
             say!("{}", serde_json::to_string(&found)?);

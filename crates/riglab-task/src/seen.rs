@@ -1,0 +1,125 @@
+//! Assets that are evaluated though a network was trained on them: their scores say nothing of new ones.
+
+use std::collections::HashSet;
+
+use riglab_data::{Corpus, DataError};
+
+use crate::assets::DataConfig;
+
+/// Names of the assets in splits of `data`'s corpora that training by `trained` takes too, whatever corpora these are of:
+/// read from the same file, or the same in every number. In corpus order.
+///
+/// # Errors
+/// When a corpus cannot be read.
+pub fn seen(data: &DataConfig, splits: &[String], trained: &DataConfig) -> Result<Vec<String>, DataError> {
+    let mut known = HashSet::new();
+    for (k, path) in trained.corpora.iter().enumerate() {
+        // What has no weight is not trained on.
+        if trained.weights.get(k).is_none_or(|weight| *weight > 0.0) {
+            let corpus = Corpus::open(path)?;
+            let rows = rows(&corpus, &trained.train)?;
+            let trains = rows.into_iter().filter(|row| corpus.counts(row.index)[2] <= trained.max_joints);
+            known.extend(trains.flat_map(|row| row.marks));
+        }
+    }
+    let mut names = Vec::new();
+    for path in &data.corpora {
+        let rows = rows(&Corpus::open(path)?, splits)?;
+        let both = rows.into_iter().filter(|row| row.marks.iter().any(|mark| known.contains(mark)));
+        names.extend(both.map(|row| row.name));
+    }
+    Ok(names)
+}
+
+/// A sentence on such assets, for who trains or evaluates; `None` without any.
+pub fn warning(seen: &[String], splits: &[String]) -> Option<String> {
+    let (first, splits) = (seen.first()?, splits.join(", "));
+    Some(match seen.len() {
+        1 => format!("`{first}`, of {splits}, is trained on too: its scores say nothing of new assets"),
+        n => format!(
+            "{n} assets of {splits} are trained on too (`{first}`, ...): their scores say nothing of new assets"
+        ),
+    })
+}
+
+/// An asset as far as others may be the same.
+struct Row {
+    index: usize,
+    name: String,
+    /// Checksum of its file and digest of its numbers, those that it has.
+    marks: Vec<String>,
+}
+
+fn rows(corpus: &Corpus, splits: &[String]) -> Result<Vec<Row>, DataError> {
+    let [of, names, checksums, digests] = ["split", "name", "checksum", "digest"].map(|column| corpus.texts(column));
+    let marks =
+        checksums?.into_iter().zip(digests?).map(|(a, b)| [a, b].into_iter().filter(|m| !m.is_empty()).collect());
+    let all = of?.into_iter().zip(names?.into_iter().zip(marks)).enumerate();
+    let kept = all.filter(|(_, (split, _))| splits.contains(split));
+    Ok(kept.map(|(index, (_, (name, marks)))| Row { index, name, marks }).collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use std::path::{Path, PathBuf};
+
+    use riglab_core::{Asset, Joint, Provenance, Rig, Skeleton, SkinWeights};
+    use riglab_data::CorpusWriter;
+
+    use super::*;
+    use crate::tokenrig::testing::tetrahedron;
+
+    /// A corpus of tetrahedra: name, split, height of the one joint, which makes two of them differ, and checksum.
+    fn corpus(path: PathBuf, assets: &[(&str, &str, f32, &str)]) -> PathBuf {
+        let mut writer = CorpusWriter::create(&path).unwrap();
+        for (name, _, height, checksum) in assets {
+            let joint = Joint { name: "a".into(), parent: None, head: [0.0, *height, 0.0] };
+            let weights = SkinWeights::normalized((0..4).map(|_| [(0u16, 1.0)])).unwrap();
+            let rig = Rig::new(Skeleton::new(vec![joint]).unwrap(), tetrahedron(), weights).unwrap();
+            let provenance = Provenance { checksum: (*checksum).into(), ..Provenance::default() };
+            writer.add(&Asset { name: (*name).into(), rig, clips: Vec::new(), provenance }).unwrap();
+        }
+        writer.finish(&assets.iter().map(|(_, split, ..)| *split).collect::<Vec<_>>()).unwrap();
+        path
+    }
+
+    fn data(corpora: &[&Path]) -> DataConfig {
+        DataConfig { corpora: corpora.iter().map(|p| (*p).into()).collect(), ..DataConfig::default() }
+    }
+
+    #[test]
+    fn assets_that_were_trained_on_are_found_by_file_and_by_numbers() {
+        let dir = tempfile::tempdir().unwrap();
+        let own =
+            [("a", "train", 0.1, ""), ("b", "train", 0.2, "file"), ("c", "val", 0.3, ""), ("d", "train", 0.4, "")];
+        let trained = corpus(dir.path().join("trained.h5"), &own);
+        let others = [
+            ("same numbers", "test_new", 0.1, ""),
+            ("same file", "test_seen", 0.5, "file"),
+            ("validated on", "test_new", 0.3, ""),
+            ("new", "test_new", 0.6, "another"),
+            ("not looked at", "val", 0.4, ""),
+        ];
+        let looked_at = corpus(dir.path().join("looked_at.h5"), &others);
+        let (trained, looked_at) = (data(&[&trained]), data(&[&looked_at]));
+        let splits = &looked_at.test;
+        assert_eq!(seen(&looked_at, splits, &trained).unwrap(), ["same numbers", "same file"]);
+        assert!(seen(&trained, splits, &trained).unwrap().is_empty());
+        // One file in two corpora of a training, in another split each.
+        let both = DataConfig { corpora: [&trained.corpora[..], &looked_at.corpora[..]].concat(), ..trained.clone() };
+        assert_eq!(seen(&both, splits, &both).unwrap().len(), 2);
+        // What has no weight, or too many joints, is not trained on.
+        let weights = DataConfig { weights: vec![0.0, 1.0], ..both.clone() };
+        assert!(seen(&looked_at, splits, &weights).unwrap().is_empty());
+        assert!(seen(&looked_at, splits, &DataConfig { max_joints: 0, ..trained }).unwrap().is_empty());
+        assert!(seen(&looked_at, splits, &data(&[&dir.path().join("gone.h5")])).is_err());
+    }
+
+    #[test]
+    fn a_warning_names_one_and_counts_them_all() {
+        let say = |seen: &[&str]| warning(&seen.iter().map(|s| (*s).to_string()).collect::<Vec<_>>(), &["val".into()]);
+        assert_eq!(say(&[]), None);
+        assert!(say(&["a.glb"]).unwrap().starts_with("`a.glb`, of val, is trained on too"));
+        assert!(say(&["a.glb", "b.glb"]).unwrap().starts_with("2 assets of val are trained on too (`a.glb`"));
+    }
+}
