@@ -121,6 +121,31 @@ fn parts_merge_and_the_report_says_what_became_of_each() {
 }
 
 #[test]
+fn a_list_of_splits_in_the_folder_is_kept_unless_settings_say_otherwise() {
+    let dir = tempfile::tempdir().unwrap();
+    let files = creatures(dir.path(), 4);
+    let mut names: Vec<String> =
+        fs::read_dir(&files).unwrap().map(|e| e.unwrap().file_name().into_string().unwrap()).collect();
+    names.retain(|name| name.ends_with(".glb"));
+    names.sort();
+    let list = serde_json::json!({"train": [names[0]], "mine": names[1..]});
+    fs::write(files.join("split.json"), list.to_string()).unwrap();
+    let splits = |name: &str, more: &[&str]| {
+        let out = dir.path().join(name);
+        let done = must(&[curate(&files, &out, &ALL), vec!["--json"], more.to_vec()].concat());
+        let funnel: Value = serde_json::from_slice(&done.stdout).unwrap();
+        (funnel["splits"].clone(), String::from_utf8(done.stderr).unwrap())
+    };
+    let (kept, said) = splits("kept.h5", &[]);
+    assert_eq!(kept, serde_json::json!({"train": 1, "mine": 3}));
+    assert!(said.contains("split.json"), "{said}");
+    let (_, said) = splits("part.h5", &["--shard", "1/2"]);
+    assert!(said.contains("--merge takes them by --set split.by=list"), "{said}");
+    let (made, said) = splits("made.h5", &["--set", "split.by=topology"]);
+    assert!(made.get("mine").is_none() && said.contains("left aside"), "{made} {said}");
+}
+
+#[test]
 fn wrong_use_is_told() {
     let dir = tempfile::tempdir().unwrap();
     let files = creatures(dir.path(), 1);

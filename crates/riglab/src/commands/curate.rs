@@ -5,7 +5,9 @@ use std::process::ExitCode;
 use std::sync::Mutex;
 
 use anyhow::{Context, Result, bail};
-use riglab_curate::{CurateConfig, CurateError, Funnel, Places, Shard, Tell, curate, merge_shards};
+use riglab_curate::{
+    CurateConfig, CurateError, Funnel, Places, Shard, SplitBy, SplitConfig, Tell, curate, merge_shards,
+};
 use riglab_slurm::SlurmConfig;
 use riglab_train::Progress;
 
@@ -14,7 +16,8 @@ use crate::presets;
 
 /// Make a clean corpus of files of mixed quality: repaired, filtered, without duplicates, labelled.
 ///
-/// Beside the corpus, OUT.curation/ holds the funnel report (report.html, funnel.json), a line an asset
+/// Splits are those of the folder's split.json, where there is one and no setting says otherwise; else they are made by
+/// topology. Beside the corpus, OUT.curation/ holds the funnel report (report.html, funnel.json), a line an asset
 /// (assets.jsonl), and the journal by which a run that was broken off goes on. A file that cannot be read
 /// is a line of the report.
 #[derive(clap::Args)]
@@ -84,7 +87,10 @@ pub fn run(args: &Args) -> Result<ExitCode> {
     if let (None, Some(set)) = (args.on, apart(&args.sets).0.first()) {
         bail!("`--set {set}` is about a cluster; add --on slurm");
     }
-    let (mut config, slurm) = settings(&args.config, &args.sets)?;
+    let (mut config, slurm, told) = settings(&args.config, &args.sets)?;
+    if let ([folder], false) = (args.inputs.as_slice(), args.merge) {
+        follow_list(&mut config.split, told, folder, args.shard.is_some())?;
+    }
     if let Some(path) = &args.decisions {
         if !path.is_file() {
             bail!("{}: no such file of decisions", path.display());
@@ -123,13 +129,37 @@ pub fn run(args: &Args) -> Result<ExitCode> {
     }
 }
 
-fn settings(name: &str, sets: &[String]) -> Result<(CurateConfig, SlurmConfig)> {
+/// The settings, and whether they say how splits are made.
+fn settings(name: &str, sets: &[String]) -> Result<(CurateConfig, SlurmConfig, bool)> {
     let loaded = presets::load_block(name, sets)?;
     let slurm = slurm_settings(&loaded)?;
     let loaded = loaded.without("slurm");
     let config: CurateConfig = loaded.get()?;
     config.validate().map_err(|(path, message)| loaded.invalid(path, message))?;
-    Ok((config, slurm))
+    let told = loaded.contains("split.by");
+    Ok((config, slurm, told))
+}
+
+/// Takes the splits of a folder's `split.json`, as `riglab dataset import` does, unless the settings say otherwise: what its
+/// makers tested on must not be trained on unasked.
+fn follow_list(split: &mut SplitConfig, told: bool, folder: &Path, part: bool) -> Result<()> {
+    let list = folder.join("split.json");
+    if !list.is_file() {
+        return Ok(());
+    }
+    if told {
+        if split.by != SplitBy::List {
+            eprintln!("note: {} is left aside, since the settings say split.by", list.display());
+        }
+        return Ok(());
+    }
+    let list = std::path::absolute(&list).with_context(|| format!("{} has no place", list.display()))?;
+    (split.by, split.file) = (SplitBy::List, list.display().to_string());
+    eprintln!("note: splits are those of {}; --set split.by=topology makes others", list.display());
+    if part {
+        eprintln!("note: --merge takes them by --set split.by=list --set split.file={}", list.display());
+    }
+    Ok(())
 }
 
 /// Shows how far a phase is; another phase ends the bar of the one before.
