@@ -127,7 +127,7 @@ fn ending([report, gains]: &[&Path; 2], corpus: &Path, took: Duration, own: bool
     println!("  cargo run --release --bin riglab -- rig MODEL -o rigged.glb --preview");
     println!("                                        rig a GLB, FBX or OBJ of yours with the model that comes along");
     if !own {
-        println!("  cargo xtask demo --input DIR          the same on your own GLB, glTF and VRM files");
+        println!("  cargo xtask demo --input DIR          the same on your own GLB, glTF, VRM and FBX files");
     }
     println!(
         "  cargo run --release --bin riglab -- train quickstart/fsq_cvae.toml --set data.corpora='[{:?}]'",

@@ -32,7 +32,7 @@ enum Command {
     Verify(Verify),
 }
 
-/// Import a folder of GLB, glTF and VRM files, and of the peers' formats, into a corpus.
+/// Import a folder of GLB, glTF, VRM and FBX files, and of the peers' formats, into a corpus.
 ///
 /// Rig texts are read with the OBJ beside them, and each asset of an npz, h5 or pt file of several.
 ///
@@ -131,7 +131,7 @@ struct Vary {
     /// The corpus to write.
     #[arg(long, short, value_name = "FILE")]
     out: PathBuf,
-    /// How: a TOML file with the keys of `[augment]`, or one of the built-in ones by its name.
+    /// How: a TOML file with the keys of a recipe, as configs/augment/ has them, or one of those by its name.
     #[arg(long, value_name = "TOML", default_value = "augment/unirig_starred.toml")]
     recipe: String,
     /// Change a value of the recipe.

@@ -32,7 +32,7 @@ Examples:
   riglab checkpoint export runs/tokenrig/001 -o model.safetensors
   riglab checkpoint export runs/tokenrig/001 -o model.safetensors --half --name ours --card card.md")]
 struct ExportArgs {
-    /// The folder of a run of task tokenrig.
+    /// The folder of a run of task tokenrig or grpo.
     run: PathBuf,
     /// The file to write.
     #[arg(long, short, value_name = "FILE")]

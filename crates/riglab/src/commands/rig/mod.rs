@@ -72,7 +72,7 @@ struct Common {
     #[arg(long, short, value_name = "OUT")]
     out: PathBuf,
     /// A run's folder (task tokenrig or grpo; where the skeleton is given, unirig_skin, too), or a file of `riglab
-    /// checkpoint export` [default: the model that comes with riglab].
+    /// checkpoint export` or `import` [default: the model that comes with riglab].
     #[arg(long, value_name = "PATH")]
     checkpoint: Option<PathBuf>,
     /// Rigs that are drawn, of which the best is taken; the first takes the likeliest token each time [default: as
