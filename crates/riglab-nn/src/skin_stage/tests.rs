@@ -118,7 +118,7 @@ fn gradients_match_finite_differences() {
             let _guard = tch::no_grad_guard();
             let direction = t.randn_like();
             let along = (&grad * &direction).sum(None::<Kind>).double_value(&[]);
-            let step = 1e-6;
+            let step = 1e-5;
             let at = |by: f64| {
                 let _ = t.shallow_clone().g_add_(&(&direction * by));
                 let value = loss(&net, &c, w, &case).double_value(&[]);
