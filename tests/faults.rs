@@ -232,3 +232,81 @@ fn copy(from: &Path, to: &Path) {
     let status = Command::new("cp").arg("-a").args([from, to]).status().unwrap();
     assert!(status.success());
 }
+
+#[test]
+fn what_is_left_of_another_run_is_not_taken_for_a_new_one() {
+    let (temp, old) = (tempfile::tempdir().unwrap(), ready().join("run"));
+    let run = temp.path().join("run");
+    fs::create_dir_all(run.join("checkpoints")).unwrap();
+    fs::copy(old.join("metrics.jsonl"), run.join("metrics.jsonl")).unwrap();
+    let said = refusal(&mut riglab(&["train", text(&ready().join("config.toml")), "--run", text(&run)]));
+    assert!(said.contains("whose config.toml is gone"), "{said}");
+    assert!(run.join("metrics.jsonl").exists() && !run.join("config.toml").exists());
+}
+
+#[test]
+fn a_damaged_checkpoint_is_told_of_and_an_older_one_gone_on_from() {
+    let temp = tempfile::tempdir().unwrap();
+    let run = temp.path().join("run");
+    let more = ["--set", "train.save_every=1", "--set", "train.keep=3"];
+    must(&[&["train", text(&ready().join("config.toml")), "--run", text(&run)], more.as_slice()].concat());
+    fs::write(run.join("checkpoints/step-00000003/state.json"), "{\"rubbish").unwrap();
+    let done = must(&["train", "--resume", text(&run)]);
+    let said = String::from_utf8(done.stderr).unwrap();
+    assert!(said.contains("step-00000003") && said.contains("going on from step 2"), "{said}");
+}
+
+#[test]
+fn nothing_else_is_written_over_a_corpus() {
+    let temp = tempfile::tempdir().unwrap();
+    let kept = temp.path().join("kept.h5");
+    let files = temp.path().join("files");
+    must(&["synth", "-o", text(&files), "--count", "1", "--triangles", "200..300"]);
+    let file =
+        fs::read_dir(&files).unwrap().map(|e| e.unwrap().path()).find(|p| p.extension().unwrap() == "glb").unwrap();
+    must(&["dataset", "import", text(&files), "-o", text(&kept)]);
+    let before = fs::read(&kept).unwrap();
+    for command in [
+        vec!["convert", text(&file), text(&kept)],
+        vec!["compare", text(&files), "--truth", text(&files), "-o", text(&kept), "--csv"],
+        vec!["eval", text(&ready().join("run")), "-o", text(&kept)],
+    ] {
+        let said = refusal(&mut riglab(&command));
+        assert!(said.contains("is a corpus"), "{command:?}: {said}");
+    }
+    assert!(fs::read(&kept).unwrap() == before);
+}
+
+#[test]
+fn outputs_that_cannot_be_are_refused_before_the_work() {
+    let temp = tempfile::tempdir().unwrap();
+    let (run, out) = (ready().join("run"), temp.path().join("eval"));
+    fs::write(&out, "").unwrap();
+    let said = refusal(&mut riglab(&["eval", text(&run), "-o", text(&out.with_extension("json"))]));
+    assert!(said.contains("pictures") && !said.contains("evaluating"), "{said}");
+    let said = refusal(&mut riglab(&["eval", text(&run), "-o", text(temp.path())]));
+    assert!(said.contains("is a folder"), "{said}");
+    let glb = temp.path().join("a.glb");
+    let said = refusal(&mut riglab(&["simulate", "b.glb", "-o", text(&glb), "--png", text(&glb)]));
+    assert!(said.contains("name it .png"), "{said}");
+}
+
+#[test]
+fn what_is_not_utf8_ends_no_import_and_no_training() {
+    use std::os::unix::ffi::OsStrExt;
+    let temp = tempfile::tempdir().unwrap();
+    let files = temp.path().join("files");
+    must(&["synth", "-o", text(&files), "--count", "2", "--triangles", "200..300"]);
+    let mut glbs: Vec<_> = fs::read_dir(&files).unwrap().map(|e| e.unwrap().path()).collect();
+    glbs.retain(|p| p.extension().unwrap() == "glb");
+    for (file, name) in glbs.iter().zip([b"a\xff.glb", b"a\xfe.glb"]) {
+        fs::rename(file, files.join(std::ffi::OsStr::from_bytes(name))).unwrap();
+    }
+    fs::write(files.join("manifest.json"), b"[{\"file\": \"a\xff.glb\"}]").unwrap();
+    let done = must(&["dataset", "import", text(&files), "-o", text(&temp.path().join("c.h5"))]);
+    let said = String::from_utf8_lossy(&done.stderr).into_owned() + &String::from_utf8_lossy(&done.stdout);
+    assert!(said.contains("named alike") && said.contains("manifest.json is left out"), "{said}");
+    let run = temp.path().join(std::ffi::OsStr::from_bytes(b"r\xff"));
+    let mut train = riglab(&["train", text(&ready().join("config.toml")), "--set", "train.steps=1", "--run"]);
+    assert!(train.arg(&run).output().unwrap().status.success());
+}

@@ -59,8 +59,11 @@ pub struct Manifest(HashMap<String, Entry>);
 impl Manifest {
     /// Reads that of a folder. One that is no such list is told on standard error and left out.
     pub fn read(folder: &Path) -> Self {
-        let Ok(text) = std::fs::read_to_string(folder.join("manifest.json")) else { return Self(HashMap::new()) };
-        match serde_json::from_str::<Vec<Entry>>(&text) {
+        let bytes = match std::fs::read(folder.join("manifest.json")) {
+            Err(e) if e.kind() == std::io::ErrorKind::NotFound => return Self(HashMap::new()),
+            read => read.map_err(|e| e.to_string()),
+        };
+        match bytes.and_then(|b| serde_json::from_slice::<Vec<Entry>>(&b).map_err(|e| e.to_string())) {
             Ok(entries) => Self(entries.into_iter().map(|e| (e.file.clone(), e)).collect()),
             Err(e) => {
                 let folder = folder.display();
@@ -204,7 +207,15 @@ fn write_all(
             let mut add = |asset: Result<Asset, Refused>| -> Result<(), DataError> {
                 match asset {
                     Ok(asset) => {
-                        writer.add(&asset)?;
+                        match writer.add(&asset) {
+                            // As the same name in two other characters than UTF-8 has: no reason to leave out all.
+                            Err(DataError::DuplicateName(name)) => {
+                                let reason = format!("{}: another asset is named alike", path.display());
+                                report.refused.push(Refused { name, reason });
+                                return Ok(());
+                            }
+                            added => added?,
+                        }
                         keys.push(Splitter::key(&asset));
                         if !asset.provenance.notes.is_empty() {
                             report.notes.push((asset.name, asset.provenance.notes));

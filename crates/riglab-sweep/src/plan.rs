@@ -8,6 +8,9 @@ use toml::Value;
 
 use crate::{SweepError, SweepFile};
 
+/// Digits after the point in tables at most: a number has no more.
+const DIGITS: usize = 17;
+
 /// One run.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Job {
@@ -44,6 +47,12 @@ impl Plan {
         let invalid = |message: String| Err(SweepError::Invalid(message));
         if sweep.seeds.is_empty() {
             return invalid("`sweep.seeds` is empty; give at least one, three for a spread".into());
+        }
+        if let Some(metric) = sweep.metrics.iter().find(|m| m.digits > DIGITS) {
+            return invalid(format!(
+                "`sweep.metrics`, {}: digits = {}; give at most {DIGITS}",
+                metric.of, metric.digits
+            ));
         }
         let different: BTreeSet<u64> = sweep.seeds.iter().copied().collect();
         if different.len() != sweep.seeds.len() {

@@ -189,6 +189,11 @@ impl Store {
         None
     }
 
+    /// What is wrong with the newest checkpoint, if something is: older ones are gone on from then.
+    pub fn damage(&self) -> Option<TrainError> {
+        self.steps().pop().and_then(|step| Checkpoint::open(&self.dir.join(folder(step))).err())
+    }
+
     /// Writes a checkpoint, links `last` (and `best`) to it and removes the oldest beyond `keep`.
     pub fn save(
         &self,

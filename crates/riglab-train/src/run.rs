@@ -76,6 +76,13 @@ impl Run {
             let message = "holds a run already; continue it with --resume, or choose another folder".into();
             return Err(TrainError::Io { path: dir.into(), message });
         }
+        let steps = fs::read_dir(dir.join("checkpoints")).is_ok_and(|mut entries| entries.next().is_some());
+        if steps || dir.join("metrics.jsonl").exists() {
+            // They are of settings that nobody knows any more, and would pass for those of this run.
+            let message =
+                "holds checkpoints or metrics of a run whose config.toml is gone; choose another folder".into();
+            return Err(TrainError::Io { path: dir.into(), message });
+        }
         fs::create_dir_all(dir.join("checkpoints")).map_err(|e| TrainError::io(dir, "be made", &e))?;
         let run = Self::hold(dir)?;
         let path = dir.join("config.toml");
@@ -148,7 +155,7 @@ impl RunInfo {
     pub fn new(riglab: &str, task: &str, threads: usize, device: &str) -> Self {
         Self {
             task: task.into(),
-            command: std::env::args().collect(),
+            command: std::env::args_os().map(|arg| arg.to_string_lossy().into_owned()).collect(),
             riglab: riglab.into(),
             libtorch: format!("{} {}", riglab_torch::libtorch_version(), riglab_torch::cpu_capability()),
             commit: commit(),

@@ -59,6 +59,10 @@ pub fn train<T: Task>(
     let mut stepper = Stepper::new(task, config, ranks)?;
     let store = if ranks.leads() { Some(Store::new(run.path("checkpoints"))?) } else { None };
     let latest = store.as_ref().and_then(Store::latest);
+    if let Some(damage) = store.as_ref().and_then(Store::damage) {
+        let from = latest.as_ref().map_or("anew".into(), |c| format!("from step {}", c.state().step));
+        eprintln!("warning: {damage}; going on {from}");
+    }
     let last = match ranks.told(latest.as_ref().map(|c| c.state().step))? {
         Some(step) if latest.is_none() => Some(Checkpoint::of_step(run, step)?),
         _ => latest,

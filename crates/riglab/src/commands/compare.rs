@@ -87,6 +87,7 @@ fn failures(name: &str) -> Result<Failures, String> {
 }
 
 pub fn run(args: &Args) -> Result<ExitCode> {
+    args.out.as_deref().map_or(Ok(()), super::keep_corpus)?;
     let published = published(&args.published)?;
     let truths = Truths::open(&args.truth, args.split.as_deref())?;
     let mut systems: Vec<(String, Predictions)> = Vec::new();

@@ -182,21 +182,21 @@ fn progress(bar: &Mutex<Option<(String, Progress)>>, what: &str, done: usize, to
 
 fn show(funnel: &Funnel, places: &Places, json: bool) -> Result<()> {
     if json {
-        println!("{}", serde_json::to_string(funnel).context("the funnel cannot be printed")?);
+        say!("{}", serde_json::to_string(funnel).context("the funnel cannot be printed")?);
         return Ok(());
     }
     for warning in &funnel.warnings {
         eprintln!("warning: {warning}");
     }
-    println!("{:12} {:>8} {:>8} {:>8}", "stage", "came", "dropped", "left");
+    say!("{:12} {:>8} {:>8} {:>8}", "stage", "came", "dropped", "left");
     for stage in &funnel.stages {
         let dropped = stage.dropped.len();
-        println!("{:12} {:>8} {:>8} {:>8}", stage.stage, stage.came, dropped, stage.came - dropped);
+        say!("{:12} {:>8} {:>8} {:>8}", stage.stage, stage.came, dropped, stage.came - dropped);
     }
     let splits: Vec<String> =
         funnel.splits.iter().map(|(name, n)| format!("{} {n}", if name.is_empty() { "none" } else { name })).collect();
-    println!("{}: {} of {} assets ({})", shown(&places.out), funnel.kept, funnel.assets, splits.join(", "));
-    println!("{}", shown(&places.report()));
+    say!("{}: {} of {} assets ({})", shown(&places.out), funnel.kept, funnel.assets, splits.join(", "));
+    say!("{}", shown(&places.report()));
     Ok(())
 }
 

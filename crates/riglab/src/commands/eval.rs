@@ -43,6 +43,7 @@ pub struct Args {
 
 pub fn run(args: &Args, threads: usize) -> Result<ExitCode> {
     super::alone("eval")?;
+    let (path, folder) = places(args)?;
     riglab_torch::init(riglab_torch::Settings { threads });
     let read =
         |sets: &[String]| TaskConfig::read(&presets::load(&args.run.join("config.toml").to_string_lossy(), sets)?);
@@ -58,7 +59,31 @@ pub fn run(args: &Args, threads: usize) -> Result<ExitCode> {
     if let Some(warning) = warning(&seen, &config.data().test) {
         eprintln!("warning: {warning}");
     }
-    config.with(Device::Cpu, Examination { args, seen })
+    config.with(Device::Cpu, Examination { args, seen, path, folder })
+}
+
+/// Where the numbers go, and the folder of the pictures.
+///
+/// # Errors
+/// Where something else is in their place: told before the work, not after it.
+fn places(args: &Args) -> Result<(PathBuf, PathBuf)> {
+    let path = args.out.clone().unwrap_or_else(|| args.run.join("eval.json"));
+    let folder = match path.with_extension("") {
+        // A name without an ending is the file's.
+        same if same == path => path.with_extension("pictures"),
+        folder => folder,
+    };
+    if path.is_dir() {
+        bail!("{} is a folder; give --out a file", path.display());
+    }
+    if args.pictures > 0 && folder.exists() && !folder.is_dir() {
+        bail!(
+            "{} is a file, where the pictures' folder is to be; give another --out, or --pictures 0",
+            folder.display()
+        );
+    }
+    super::keep_corpus(&path)?;
+    Ok((path, folder))
 }
 
 /// An evaluation of a run's checkpoint.
@@ -66,13 +91,15 @@ struct Examination<'a> {
     args: &'a Args,
     /// Assets that were trained on.
     seen: Vec<String>,
+    path: PathBuf,
+    folder: PathBuf,
 }
 
 impl Visitor for Examination<'_> {
     type Out = ExitCode;
 
     fn visit<T: Experiment>(self, task: T) -> Result<ExitCode> {
-        let Self { args, seen } = self;
+        let Self { args, seen, path, folder } = self;
         let checkpoint = Checkpoint::open(&args.run.join("checkpoints").join(&args.checkpoint))?;
         checkpoint.load_weights(task.params())?;
         let total = task.examination_steps().map_err(|e| anyhow!(e))? as u64;
@@ -84,17 +111,12 @@ impl Visitor for Examination<'_> {
         progress.finish();
         let examined = examined.map_err(|e| anyhow!(e))?;
         let json = with_data(&examined.json, &task.assets().summary()?, &seen)?;
-        let path = args.out.clone().unwrap_or_else(|| args.run.join("eval.json"));
-        let folder = match path.with_extension("") {
-            // A name without an ending is the file's.
-            same if same == path => path.with_extension("pictures"),
-            folder => folder,
-        };
+        // The numbers first: they took longest.
+        write(&path, json.as_bytes())?;
         for (file, png) in &examined.pictures {
             fs::create_dir_all(&folder).with_context(|| format!("{} cannot be made", folder.display()))?;
             write(&folder.join(file), png)?;
         }
-        write(&path, json.as_bytes())?;
         if args.json {
             say!("{}", json.trim_end());
         } else {

@@ -8,6 +8,9 @@ use anyhow::Result;
 use riglab_asset::{Character, Content, ImportOptions, Imported, import_each};
 use riglab_core::Rig;
 
+/// Joints deeper than this are shown no further to the right.
+const DEEPEST: usize = 60;
+
 /// Show what a rigged file holds: joints, mesh, weights, repairs.
 #[derive(clap::Args)]
 #[command(after_help = "\
@@ -106,7 +109,12 @@ fn print(imported: &Imported) {
         let mut open = vec![(riglab_core::JointId(0), 0)];
         while let Some((joint, depth)) = open.pop() {
             let [x, y, z] = rig.skeleton().head(joint);
-            say!("    {:indent$}{}  ({x:.4}, {y:.4}, {z:.4})", "", rig.skeleton().name(joint), indent = 2 * depth);
+            say!(
+                "    {:indent$}{}  ({x:.4}, {y:.4}, {z:.4})",
+                "",
+                rig.skeleton().name(joint),
+                indent = 2 * usize::min(depth, DEEPEST)
+            );
             open.extend(children[joint.index()].iter().rev().map(|&c| (c, depth + 1)));
         }
     } else {

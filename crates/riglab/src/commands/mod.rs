@@ -21,6 +21,14 @@ pub mod tokens;
 pub mod train;
 pub mod view;
 
+/// Refuses to write over a corpus, which takes long to make, what is none.
+fn keep_corpus(out: &std::path::Path) -> anyhow::Result<()> {
+    if out.is_file() && riglab_data::Corpus::open(out).is_ok() {
+        anyhow::bail!("{} is a corpus, which nothing else is written over; give another name", out.display());
+    }
+    Ok(())
+}
+
 /// Refuses what several processes would do all over again, each into the same files.
 fn alone(command: &str) -> anyhow::Result<()> {
     match riglab_ranks::launched() {

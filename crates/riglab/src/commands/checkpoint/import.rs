@@ -90,6 +90,7 @@ pub fn import(args: &ImportArgs) -> Result<ExitCode> {
     if out.extension().is_some_and(|e| e == "safetensors") {
         let kind = if outcome.half { Kind::BFloat16 } else { Kind::Float };
         let bytes = model.bundle(&card, kind).map_err(|e| anyhow!(e))?;
+        crate::commands::keep_corpus(out)?;
         make_folder_of(out)?;
         riglab_files::write(out, &bytes).with_context(|| format!("{} cannot be written", out.display()))?;
         say!("{}: {:.1} MB", out.display(), bytes.len() as f64 / 1e6);

@@ -83,6 +83,7 @@ fn export(args: &ExportArgs) -> Result<ExitCode> {
     let card = Card { name: args.name.clone().unwrap_or(own), text, state: found.state };
     let kind = if args.half { Kind::Half } else { Kind::Float };
     let bytes = rigger.bundle(&card, kind).map_err(|e| anyhow!(e))?;
+    crate::commands::keep_corpus(&args.out)?;
     make_folder_of(&args.out)?;
     riglab_files::write(&args.out, &bytes).with_context(|| format!("{} cannot be written", args.out.display()))?;
     say!("{}: {:.1} MB", args.out.display(), bytes.len() as f64 / 1e6);

@@ -11,7 +11,7 @@ use riglab_data::Corpus;
 use riglab_files::make_folder_of;
 use riglab_train::Progress;
 
-use super::{Args, file_name, is_io};
+use super::{Args, file_name, is_io, keep_corpus};
 
 /// The corpus at `path`, if it is one.
 pub fn open(path: &Path) -> Option<Corpus> {
@@ -66,6 +66,7 @@ pub fn to(corpus: &Corpus, args: &Args, into_folder: bool, target: Target) -> Re
         [only] if into_folder => args.out.join(file_name(&place(&only.name).1, target)),
         _ => args.out.clone(),
     };
+    written_paths(&out, target).iter().try_for_each(|path| keep_corpus(path))?;
     make_folder_of(&out)?;
     match assets.pop() {
         Some(only) if assets.is_empty() => store(only, &out, target, args)?,

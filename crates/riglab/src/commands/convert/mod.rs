@@ -17,6 +17,7 @@ use riglab_core::Asset;
 use riglab_files::make_folder_of;
 
 use super::glb::{Frames, Most};
+use super::keep_corpus;
 
 /// Turn rigged files of any format that is read into any that is written.
 ///
@@ -242,6 +243,7 @@ fn spare(inputs: &HashSet<PathBuf>, out: &Path, target: Target) -> Result<()> {
         if path.canonicalize().is_ok_and(|real| inputs.contains(&real)) {
             bail!("{} is what is read; give another name or folder to write", path.display());
         }
+        keep_corpus(&path)?;
     }
     Ok(())
 }
