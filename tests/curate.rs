@@ -158,6 +158,13 @@ fn wrong_use_is_told() {
     assert!(with(&["--shard", "3/2"]).contains("1/8"));
     assert!(with(&["--decisions", "nowhere.tsv"]).contains("no such file"));
     assert!(told(&["curate", "nowhere", "-o", text(&out)]).contains("no such folder"));
+    // Told before any file is looked at.
+    let mine = dir.path().join("mine.h5");
+    fs::write(&mine, "mine").unwrap();
+    let said = told(&["curate", text(&files), "-o", text(&mine)]);
+    assert!(said.contains("no corpus") && !said.contains("looking"), "{said}");
+    let said = told(&["curate", text(&files), "-o", text(&dir.path().join("c.curation"))]);
+    assert!(said.contains("give the corpus another") && !dir.path().join("c.curation").exists(), "{said}");
     // Nothing passes: an error that names the report.
     assert!(with(&["--set", "bones.min=5000", "--set", "bones.max=6000"]).contains("report.html"));
 }

@@ -10,7 +10,8 @@ use riglab_nn::skin_stage::ptv3::{
     Curve, Layout, Norm, Patches, Places, Pool, Pooled, Ptv3, Ptv3Config, SubmConv, TapTensors, Taps, Unpool,
 };
 use riglab_nn::skin_stage::{
-    BoneConfig, PointConfig, PointEncoder, Read, Seen, SkinModel, SkinModelConfig, masked, shares, with_children,
+    ATTRIBUTE_SCALE, BoneConfig, PointConfig, PointEncoder, Read, Seen, SkinModel, SkinModelConfig, masked, shares,
+    with_children,
 };
 use riglab_tests::{Golden, golden};
 use tch::{Device, Kind, Tensor};
@@ -274,6 +275,7 @@ fn model(case: &Golden) -> (SkinModel, Params) {
             layers: of("num_mesh_bone_attn"),
         },
         attributes: false,
+        attribute_scale: ATTRIBUTE_SCALE,
         mask_power: case.number("voxel_mask"),
     };
     config.validate().unwrap();

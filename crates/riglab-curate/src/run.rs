@@ -90,7 +90,7 @@ pub fn curate(
     config: &CurateConfig,
     tell: Tell,
 ) -> Result<Funnel, CurateError> {
-    std::fs::create_dir_all(&places.work).map_err(|e| CurateError::write(&places.work, e.kind()))?;
+    begin(places)?;
     // Before hours of work, not after them.
     riglab_files::make_folder_of(&places.out).map_err(|e| CurateError::write(&places.out, e))?;
     let mut files = Folder::open(folder, &[&places.out, &places.work], &config.import)?;
@@ -99,6 +99,16 @@ pub fn curate(
     }
     let (records, _journal) = look(&files, places, config, tell)?;
     finish(&Source::Folder(&files, config), records, places, config, tell)
+}
+
+/// Makes the folder beside the corpus, if the corpus may be where it is to be: told before hours of work, not after them.
+fn begin(places: &Places) -> Result<(), CurateError> {
+    if places.out == places.work {
+        let message = "is the name of the folder beside the corpus; give the corpus another, such as corpus.h5".into();
+        return Err(CurateError::Io { path: places.out.clone(), message });
+    }
+    CorpusWriter::may_take(&places.out)?;
+    std::fs::create_dir_all(&places.work).map_err(|e| CurateError::write(&places.work, e.kind()))
 }
 
 /// Whether a curation has looked at all its files, and nothing passed: it has a report and no corpus.
@@ -119,7 +129,7 @@ pub fn merge_shards(
     config: &CurateConfig,
     tell: Tell,
 ) -> Result<Funnel, CurateError> {
-    std::fs::create_dir_all(&places.work).map_err(|e| CurateError::write(&places.work, e.kind()))?;
+    begin(places)?;
     let (mut all, mut open) = (BTreeMap::new(), Vec::new());
     for path in corpora {
         let corpus = if nothing_left(&Places::of(path)) { None } else { Some(Corpus::open(path)?) };

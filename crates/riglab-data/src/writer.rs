@@ -65,12 +65,9 @@ impl CorpusWriter {
     /// Begins a corpus that will stand at `path`, in an existing folder.
     ///
     /// # Errors
-    /// When the folder cannot be written to.
+    /// When the folder cannot be written to, and as [`Self::may_take`].
     pub fn create(path: &Path) -> Result<Self, DataError> {
-        // A folder, a device, or somebody's own file is not replaced; an earlier corpus is, sound or broken.
-        if path.exists() && !replaceable(path) {
-            return Err(DataError::io(path, "is there already and no corpus; give another name"));
-        }
+        Self::may_take(path)?;
         let dir = path.parent().filter(|d| !d.as_os_str().is_empty()).unwrap_or(Path::new("."));
         let (_, unfinished) =
             Unfinished::beside(path).map_err(|e| DataError::io(dir, format!("cannot be written to ({e})")))?;
@@ -138,6 +135,18 @@ impl CorpusWriter {
     /// Whether none was added yet.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
+    }
+
+    /// Whether a corpus may take a place: a folder, a device, or somebody's own file is not replaced; an earlier corpus is,
+    /// sound or broken. For whoever works long before the corpus is begun.
+    ///
+    /// # Errors
+    /// When it may not.
+    pub fn may_take(path: &Path) -> Result<(), DataError> {
+        if path.exists() && !replaceable(path) {
+            return Err(DataError::io(path, "is there already and no corpus; give another name"));
+        }
+        Ok(())
     }
 
     /// Adds an asset; its split is given to [`Self::finish`].

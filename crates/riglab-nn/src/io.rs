@@ -157,7 +157,7 @@ pub fn from_bytes(bytes: &[u8]) -> Result<Held, String> {
 const HEAD_SIZE: usize = 8;
 
 fn no_file(e: &safetensors::SafeTensorError) -> String {
-    format!("is no safetensors file ({e})")
+    format!("is no safetensors file, or was cut off ({e}); copy it again, or take another")
 }
 
 fn shape(shape: &[usize]) -> Vec<i64> {

@@ -175,7 +175,7 @@ impl Default for EvalConfig {
 impl TokenRigTaskConfig {
     /// Tokens of a whole sequence at most, from `bos` to the last end.
     pub fn longest(&self) -> usize {
-        self.limits.tokens + self.skin.codes * self.limits.joints + 1
+        self.limits.tokens.saturating_add(self.skin.codes.saturating_mul(self.limits.joints)).saturating_add(1)
     }
 
     /// Checks sizes and their relations.
