@@ -163,8 +163,8 @@ fn wrong_use_is_told() {
     fs::write(&mine, "mine").unwrap();
     let said = told(&["curate", text(&files), "-o", text(&mine)]);
     assert!(said.contains("no corpus") && !said.contains("looking"), "{said}");
-    let said = told(&["curate", text(&files), "-o", text(&dir.path().join("c.curation"))]);
-    assert!(said.contains("give the corpus another") && !dir.path().join("c.curation").exists(), "{said}");
+    let said = told(&["curate", text(&files), "-o", text(&dir.path().join("named.curation"))]);
+    assert!(said.contains("give the corpus another") && !dir.path().join("named.curation").exists(), "{said}");
     // Nothing passes: an error that names the report.
     assert!(with(&["--set", "bones.min=5000", "--set", "bones.max=6000"]).contains("report.html"));
 }
