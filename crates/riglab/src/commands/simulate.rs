@@ -122,13 +122,13 @@ fn check(args: &Args) -> Result<()> {
     if !out.extension().is_some_and(|e| e.eq_ignore_ascii_case("glb")) {
         bail!("{}: only GLB is written; name it .glb", out.display());
     }
-    if let Some(png) = args.png.as_ref().filter(|p| !p.extension().is_some_and(|e| e.eq_ignore_ascii_case("png"))) {
-        bail!("{}: pictures are PNG; name it .png", png.display());
-    }
     for path in [Some(out), args.png.as_ref()].into_iter().flatten() {
         if export::same_file(input, path) {
             bail!("{} is the input itself, which is never changed; give another name", path.display());
         }
+    }
+    if let Some(png) = args.png.as_ref().filter(|p| !p.extension().is_some_and(|e| e.eq_ignore_ascii_case("png"))) {
+        bail!("{}: pictures are PNG; name it .png", png.display());
     }
     if !(args.fps > 0.0 && args.fps <= MOST_FPS) {
         bail!("--fps {}: give a number above 0, up to {MOST_FPS}", args.fps);
