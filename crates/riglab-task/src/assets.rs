@@ -268,6 +268,21 @@ impl Assets {
         Ok(all.get(id.index).cloned().unwrap_or_default())
     }
 
+    /// Of assets, the name and what tells an asset from others in any corpus: checksum of its file and digest of its numbers,
+    /// those that it has.
+    ///
+    /// # Errors
+    /// When a column cannot be read.
+    pub fn marks(&self, ids: &[AssetId]) -> Result<Vec<(String, Vec<String>)>, DataError> {
+        let columns = |c: &Corpus| Ok([c.texts("name")?, c.texts("checksum")?, c.texts("digest")?]);
+        let all = self.corpora.iter().map(columns).collect::<Result<Vec<_>, DataError>>()?;
+        let of = |id: &AssetId| {
+            let [name, marks @ ..] = all[id.corpus].each_ref().map(|column| column[id.index].clone());
+            (name, marks.into_iter().filter(|mark| !mark.is_empty()).collect())
+        };
+        Ok(ids.iter().map(of).collect())
+    }
+
     /// Vertices, triangles, joints, non-zero weights, without reading the asset.
     pub fn counts(&self, id: AssetId) -> [usize; 4] {
         self.corpora[id.corpus].counts(id.index)

@@ -2,31 +2,24 @@
 
 use std::collections::HashSet;
 
-use riglab_data::{Corpus, DataError};
-
-use crate::assets::DataConfig;
+use crate::assets::{AssetId, Assets, DataConfig};
 
 /// Names of the assets in splits of `data`'s corpora that training by `trained` takes too, whatever corpora these are of:
-/// read from the same file, or the same in every number. In corpus order.
+/// read from the same file, or the same in every number. Split by split, in corpus order.
 ///
 /// # Errors
-/// When a corpus cannot be read.
-pub fn seen(data: &DataConfig, splits: &[String], trained: &DataConfig) -> Result<Vec<String>, DataError> {
-    let mut known = HashSet::new();
-    for (k, path) in trained.corpora.iter().enumerate() {
-        // What has no weight is not trained on.
-        if trained.weights.get(k).is_none_or(|weight| *weight > 0.0) {
-            let corpus = Corpus::open(path)?;
-            let rows = rows(&corpus, &trained.train)?;
-            let trains = rows.into_iter().filter(|row| corpus.counts(row.index)[2] <= trained.max_joints);
-            known.extend(trains.flat_map(|row| row.marks));
-        }
-    }
+/// A sentence: a corpus that cannot be read, or as [`Assets::training`].
+pub fn seen(data: &DataConfig, splits: &[String], trained: &DataConfig) -> Result<Vec<String>, String> {
+    let assets = Assets::open(&trained.corpora).map_err(|e| e.to_string())?;
+    let ids: Vec<AssetId> = assets.training(trained)?.into_iter().flat_map(|(_, ids)| ids).collect();
+    let marks = assets.marks(&ids).map_err(|e| e.to_string())?;
+    let known: HashSet<String> = marks.into_iter().flat_map(|(_, marks)| marks).collect();
+    let assets = Assets::open(&data.corpora).map_err(|e| e.to_string())?;
     let mut names = Vec::new();
-    for path in &data.corpora {
-        let rows = rows(&Corpus::open(path)?, splits)?;
-        let both = rows.into_iter().filter(|row| row.marks.iter().any(|mark| known.contains(mark)));
-        names.extend(both.map(|row| row.name));
+    for split in splits {
+        let marks = assets.split(split).and_then(|ids| assets.marks(&ids)).map_err(|e| e.to_string())?;
+        let both = marks.into_iter().filter(|(_, marks)| marks.iter().any(|mark| known.contains(mark)));
+        names.extend(both.map(|(name, _)| name));
     }
     Ok(names)
 }
@@ -40,23 +33,6 @@ pub fn warning(seen: &[String], splits: &[String]) -> Option<String> {
             "{n} assets of {splits} are trained on too (`{first}`, ...): their scores say nothing of new assets"
         ),
     })
-}
-
-/// An asset as far as others may be the same.
-struct Row {
-    index: usize,
-    name: String,
-    /// Checksum of its file and digest of its numbers, those that it has.
-    marks: Vec<String>,
-}
-
-fn rows(corpus: &Corpus, splits: &[String]) -> Result<Vec<Row>, DataError> {
-    let [of, names, checksums, digests] = ["split", "name", "checksum", "digest"].map(|column| corpus.texts(column));
-    let marks =
-        checksums?.into_iter().zip(digests?).map(|(a, b)| [a, b].into_iter().filter(|m| !m.is_empty()).collect());
-    let all = of?.into_iter().zip(names?.into_iter().zip(marks)).enumerate();
-    let kept = all.filter(|(_, (split, _))| splits.contains(split));
-    Ok(kept.map(|(index, (_, (name, marks)))| Row { index, name, marks }).collect())
 }
 
 #[cfg(test)]
@@ -99,11 +75,12 @@ mod tests {
             ("validated on", "test_new", 0.3, ""),
             ("new", "test_new", 0.6, "another"),
             ("not looked at", "val", 0.4, ""),
+            ("of its own", "train", 0.7, ""),
         ];
         let looked_at = corpus(dir.path().join("looked_at.h5"), &others);
         let (trained, looked_at) = (data(&[&trained]), data(&[&looked_at]));
         let splits = &looked_at.test;
-        assert_eq!(seen(&looked_at, splits, &trained).unwrap(), ["same numbers", "same file"]);
+        assert_eq!(seen(&looked_at, splits, &trained).unwrap(), ["same file", "same numbers"]);
         assert!(seen(&trained, splits, &trained).unwrap().is_empty());
         // One file in two corpora of a training, in another split each.
         let both = DataConfig { corpora: [&trained.corpora[..], &looked_at.corpora[..]].concat(), ..trained.clone() };

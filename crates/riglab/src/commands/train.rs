@@ -150,7 +150,7 @@ fn freeze<T: Experiment>(task: &T, train: &TrainConfig) -> Result<Vec<String>> {
 fn overlap(config: &TaskConfig) -> Result<Option<String>> {
     let data = config.data();
     let splits: Vec<String> = std::iter::once(&data.validate).chain(&data.test).cloned().collect();
-    Ok(warning(&seen(data, &splits, data)?, &splits))
+    Ok(warning(&seen(data, &splits, data).map_err(|e| anyhow!(e))?, &splits))
 }
 
 /// Gives a network the weights that `train.start` names, if it does; what to say of it.
