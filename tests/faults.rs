@@ -44,11 +44,36 @@ fn settings_that_cannot_be_are_refused_by_key() {
         ("data.train=['nowhere']", &["data.train", "nowhere"]),
         ("loss.kl=0.1", &["loss.kl", "bottleneck"]),
         ("task='fsq_vae'", &["fsq_vae", "fsq_cvae"]),
+        ("model.encoder_layers=1000000000000", &["encoder_layers", "at most 10000"]),
+        ("sampling.rigs=1000000000000", &["sampling.rigs", "more than any machine holds"]),
+        ("model.encoder_width=8000000", &["memory", "make it smaller"]),
+        ("train.optim.clip=inf", &["train.optim.clip", "no number"]),
     ] {
         let said = with(set);
         for part in parts {
             assert!(said.contains(part), "{set}: {said}");
         }
+    }
+}
+
+/// As when messages go to a file on a disk that is full.
+#[test]
+fn messages_that_cannot_be_written_end_no_training() {
+    let temp = tempfile::tempdir().unwrap();
+    let run = temp.path().join("run");
+    let full = fs::OpenOptions::new().write(true).open("/dev/full").unwrap();
+    let mut train = riglab(&["train", text(&ready().join("config.toml")), "--run", text(&run)]);
+    assert!(train.stderr(full).status().unwrap().success());
+    assert!(run.join("checkpoints/last").exists());
+}
+
+#[test]
+fn counts_beyond_all_measure_are_refused() {
+    let temp = tempfile::tempdir().unwrap();
+    let out = temp.path().join("out");
+    for args in [&["synth", "--count", "18446744073709551615"][..], &["rig", "a.glb", "--samples", "1000000"]] {
+        let said = refusal(riglab(args).args(["-o", text(&out)]));
+        assert!(said.contains("is not in") && !out.exists(), "{said}");
     }
 }
 

@@ -158,6 +158,8 @@ fn the_source_is_never_written_over_and_faults_are_named() {
     }
     let unclear = refusal(&mut riglab(&["convert", text(creature), text(&dir.path().join("x.npz"))]));
     assert!(unclear.contains("--to") && unclear.contains("unirig"), "{unclear}");
+    let apart = refusal(&mut riglab(&["convert", text(creature), text(&out), "--to", "obj"]));
+    assert!(apart.contains("ends in .obj") && !out.exists(), "{apart}");
 }
 
 #[test]

@@ -199,7 +199,7 @@ fn what_cannot_be_rigged_is_told() {
         ),
         (vec!["rig", text(&bare), "-o", text(&out), "--checkpoint", text(&rigged)], "no model of riglab"),
         (vec!["rig", text(&bare), "-o", text(&out), "--device", "cuda:9"], "GPUs"),
-        (vec!["rig", text(&bare), "-o", text(&out), "--samples", "0"], "at least 1"),
+        (vec!["rig", text(&bare), "-o", text(&out), "--samples", "0"], "is not in 1..=4096"),
         (vec!["rig", text(&bare), "-o", text(&out), "--max-triangles", "10"], "triangles"),
     ] {
         let said = refusal(&mut riglab(&args));

@@ -1,6 +1,7 @@
 //! A folder of rigged files to a corpus.
 
 use std::collections::{BTreeMap, HashMap};
+use std::io::Write;
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -67,7 +68,10 @@ impl Manifest {
             Ok(entries) => Self(entries.into_iter().map(|e| (e.file.clone(), e)).collect()),
             Err(e) => {
                 let folder = folder.display();
-                eprintln!("warning: {folder}/manifest.json is left out ({e}): no licences or authors from it");
+                let _ = writeln!(
+                    std::io::stderr(),
+                    "warning: {folder}/manifest.json is left out ({e}): no licences or authors from it"
+                );
                 Self(HashMap::new())
             }
         }

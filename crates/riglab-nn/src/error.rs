@@ -23,6 +23,18 @@ pub enum NnError {
     /// Sizes that no network can have.
     #[error("{0}")]
     Config(String),
+    /// More than the machine can hold.
+    #[error(
+        "the network has {:.1} thousand million parameters, {:.0} GB, and this machine has {memory_gb:.0} GB of memory: \
+         make it smaller (model.*)",
+        *parameters as f64 / 1e9, *parameters as f64 * 4e-9
+    )]
+    TooLarge {
+        /// Numbers in all its tensors; an end of what can be counted.
+        parameters: u128,
+        /// What there is.
+        memory_gb: f64,
+    },
     /// A tensor file that cannot be read.
     #[error("{path}: {message}", path = path.display())]
     File {

@@ -239,13 +239,20 @@ impl Builder {
     /// adding a layer leaves the others' values alone.
     ///
     /// # Errors
-    /// [`NnError::DuplicateName`].
+    /// [`NnError::DuplicateName`], [`NnError::TooLarge`].
     pub fn finish(self, seed: u64, kind: Kind, device: Device) -> Result<Params, NnError> {
         let mut seen = HashMap::new();
         for e in &self.entries {
             if seen.insert(&e.name, ()).is_some() {
                 return Err(NnError::DuplicateName(e.name.clone()));
             }
+        }
+        let number = |shape: &[i64]| shape.iter().fold(1u128, |n, k| n.saturating_mul((*k).max(0) as u128));
+        let parameters = self.entries.iter().fold(0u128, |n, e| n.saturating_add(number(&e.shape)));
+        if let Some(memory_gb) = riglab_torch::memory_gb("MemTotal")
+            && parameters as f64 * 4e-9 > memory_gb
+        {
+            return Err(NnError::TooLarge { parameters, memory_gb });
         }
         let values: Vec<Vec<f32>> = self.entries.par_iter().map(|e| draw(seed, e)).collect();
         let tensors = self.entries.iter().zip(values).map(|(e, values)| {
@@ -432,6 +439,14 @@ mod tests {
         let (a, b) = (two(false), two(true));
         assert_eq!(a.name(ParamId(1)), "b.0.bias");
         assert!(a.weights()[ParamId(1)].equal(&b.weights()[ParamId(2)]));
+    }
+
+    #[test]
+    fn what_memory_cannot_hold_is_refused() {
+        let mut b = Builder::default();
+        b.root().add("weight", Role::Projection, &[3_000_000, 2_000_000], Init::Constant(0.0));
+        let Err(e) = b.finish(0, Kind::Float, Device::Cpu) else { panic!("6e12 parameters were made") };
+        assert!(e.to_string().starts_with("the network has 6000.0 thousand million parameters, 24000 GB"), "{e}");
     }
 
     #[test]

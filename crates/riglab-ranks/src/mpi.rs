@@ -1,5 +1,6 @@
 //! Ranks as processes of MPI.
 
+use std::io::Write;
 use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
@@ -94,7 +95,7 @@ impl Link for Mpi {
         if self.rank > 0 {
             std::thread::sleep(MODESTY);
         }
-        eprintln!("error: rank {}: {message}", self.rank);
+        let _ = writeln!(std::io::stderr(), "error: rank {}: {message}", self.rank);
         let world = self.world.lock().unwrap_or_else(PoisonError::into_inner);
         world.all.abort(1);
     }

@@ -1,5 +1,6 @@
 //! A task on its node: begun, told to leave, put back into the queue.
 
+use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, ExitStatus};
 use std::time::Duration;
@@ -130,7 +131,11 @@ pub fn attend_steps(mut command: Command, task: &Task, stop: impl Fn() -> bool) 
     }
     attended(command, stop, |_| {
         if let Err(e) = cluster::tell_steps(&task.id()) {
-            eprintln!("warning: the processes of task {} cannot be told to leave: {e}", task.id());
+            let _ = writeln!(
+                std::io::stderr(),
+                "warning: the processes of task {} cannot be told to leave: {e}",
+                task.id()
+            );
         }
     })
 }

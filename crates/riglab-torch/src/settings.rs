@@ -23,6 +23,13 @@ unsafe extern "C" {
 /// system would have to clear their pages anew.
 const KEPT: usize = 512 << 20;
 
+/// Memory in GB by a field of Linux' /proc/meminfo, such as `MemTotal`; `None` where the system does not say.
+pub fn memory_gb(field: &str) -> Option<f64> {
+    let text = std::fs::read_to_string("/proc/meminfo").ok()?;
+    let line = text.lines().find_map(|l| l.strip_prefix(field)?.strip_prefix(':'))?;
+    Some(line.trim().strip_suffix("kB")?.trim().parse::<f64>().ok()? / 1e6)
+}
+
 /// What [`init`] sets.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Settings {

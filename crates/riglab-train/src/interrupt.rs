@@ -6,6 +6,8 @@ use std::time::{Duration, Instant};
 
 use riglab_ranks::Ranks;
 
+use crate::progress::tell;
+
 /// Signals so close together are one wish: a cluster tells every process of a job, and those that run others pass it on.
 const ONE_WISH: Duration = Duration::from_secs(1);
 
@@ -37,7 +39,7 @@ impl Interrupt {
                 riglab_files::leave(130);
             }
             if says {
-                eprintln!("\ninterrupted: saving after this step (once more to leave at once)");
+                tell(format_args!("\ninterrupted: saving after this step (once more to leave at once)"));
             }
         });
         interrupt

@@ -8,6 +8,7 @@ use std::path::{Path, PathBuf};
 use serde_json::{Map, Value, json};
 
 use crate::TrainError;
+use crate::progress::tell;
 use crate::run::Run;
 use crate::tensorboard::TensorBoard;
 
@@ -24,7 +25,7 @@ impl Logs {
     pub fn open(run: &Run, step: u64) -> Result<Self, TrainError> {
         let board = TensorBoard::create(&run.path("tensorboard"), step);
         if let Err(e) = &board {
-            eprintln!("warning: no TensorBoard view ({e}); metrics.jsonl has everything");
+            tell(format_args!("warning: no TensorBoard view ({e}); metrics.jsonl has everything"));
         }
         Ok(Self {
             metrics: Lines::open(run.path("metrics.jsonl"), step)?,
@@ -61,7 +62,7 @@ impl Logs {
         if let Some(board) = &mut self.board
             && let Err(e) = write(board)
         {
-            eprintln!("warning: TensorBoard's view ends here ({e})");
+            tell(format_args!("warning: TensorBoard's view ends here ({e})"));
             self.board = None;
         }
     }

@@ -1,12 +1,18 @@
 //! Progress on standard error: a bar with the time left on a terminal, plain lines elsewhere.
 
-use std::io::IsTerminal;
+use std::fmt::Arguments;
+use std::io::{IsTerminal, Write};
 use std::time::{Duration, Instant};
 
 use indicatif::{HumanDuration, ProgressBar, ProgressStyle};
 
 /// Time between plain lines.
 const EVERY: Duration = Duration::from_secs(15);
+
+/// Writes a line on standard error. One that takes no more, such as a full disk, ends nothing: `eprintln!` would panic.
+pub fn tell(text: Arguments<'_>) {
+    let _ = writeln!(std::io::stderr(), "{text}");
+}
 
 /// Progress of one job.
 pub struct Progress {
@@ -52,7 +58,7 @@ impl Progress {
             None if !self.silent && self.last.elapsed() >= EVERY => {
                 self.last = Instant::now();
                 let (message, left) = (message(), self.left());
-                eprintln!("{}: {done}/{} ({left} left) {message}", self.name, self.total);
+                tell(format_args!("{}: {done}/{} ({left} left) {message}", self.name, self.total));
             }
             None => {}
         }
@@ -61,8 +67,8 @@ impl Progress {
     /// Prints a line above the bar.
     pub fn line(&self, text: &str) {
         match &self.bar {
-            Some(bar) => bar.suspend(|| eprintln!("{text}")),
-            None if !self.silent => eprintln!("{text}"),
+            Some(bar) => bar.suspend(|| tell(format_args!("{text}"))),
+            None if !self.silent => tell(format_args!("{text}")),
             None => {}
         }
     }
@@ -75,7 +81,7 @@ impl Progress {
         if self.silent {
             return;
         }
-        eprintln!("{}: {}/{} in {}", self.name, self.at, self.total, HumanDuration(self.start.elapsed()));
+        tell(format_args!("{}: {}/{} in {}", self.name, self.at, self.total, HumanDuration(self.start.elapsed())));
     }
 
     fn left(&self) -> String {

@@ -196,7 +196,6 @@ fn machine() -> String {
     };
     let cpu = field("/proc/cpuinfo", "model name").unwrap_or_else(|| std::env::consts::ARCH.into());
     let cores = std::thread::available_parallelism().map_or(0, usize::from);
-    let kilobytes: f64 =
-        field("/proc/meminfo", "MemTotal").and_then(|t| t.split(' ').next()?.parse().ok()).unwrap_or(0.0);
-    format!("{cpu}, {cores} cores, {:.0} GB", kilobytes / 1e6)
+    let memory = riglab_torch::memory_gb("MemTotal").unwrap_or(0.0);
+    format!("{cpu}, {cores} cores, {memory:.0} GB")
 }

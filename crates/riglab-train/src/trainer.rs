@@ -11,7 +11,7 @@ use crate::error::TrainError;
 use crate::interrupt::Interrupt;
 use crate::logs::Logs;
 use crate::prefetch::Prefetch;
-use crate::progress::Progress;
+use crate::progress::{Progress, tell};
 use crate::run::Run;
 use crate::step::{Stepped, Stepper};
 use crate::task::{At, Task, Validation};
@@ -61,7 +61,7 @@ pub fn train<T: Task>(
     let latest = store.as_ref().and_then(Store::latest);
     if let Some(damage) = store.as_ref().and_then(Store::damage) {
         let from = latest.as_ref().map_or("anew".into(), |c| format!("from step {}", c.state().step));
-        eprintln!("warning: {damage}; going on {from}");
+        tell(format_args!("warning: {damage}; going on {from}"));
     }
     let last = match ranks.told(latest.as_ref().map(|c| c.state().step))? {
         Some(step) if latest.is_none() => Some(Checkpoint::of_step(run, step)?),

@@ -6,6 +6,7 @@
 #[macro_use]
 mod say;
 
+mod bounds;
 mod commands;
 mod offered;
 mod presets;
@@ -106,7 +107,7 @@ fn main() -> ExitCode {
     match done {
         Ok(code) => code,
         Err(e) => {
-            eprintln!("error: {e:#}");
+            tell!("error: {e:#}");
             ExitCode::FAILURE
         }
     }

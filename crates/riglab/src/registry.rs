@@ -64,6 +64,7 @@ impl TaskConfig {
             true => config.get_at("task")?,
             false => bail!("the config says no `task`; add for instance task = \"fsq_cvae\""),
         };
+        crate::bounds::check(config)?;
         let invalid = |(key, message): (String, String)| config.invalid(&key, message);
         match name.as_str() {
             "fsq_cvae" => {

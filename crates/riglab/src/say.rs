@@ -1,4 +1,4 @@
-//! Lines on standard output.
+//! Lines on standard output and standard error.
 
 use std::fmt::Arguments;
 use std::io::Write;
@@ -8,10 +8,15 @@ macro_rules! say {
     ($($text:tt)*) => { $crate::say::line(format_args!($($text)*)) };
 }
 
+/// As `eprintln!`, but a standard error that takes no more ends nothing.
+macro_rules! tell {
+    ($($text:tt)*) => { riglab_train::tell(format_args!($($text)*)) };
+}
+
 /// Writes a line, or ends the process with a sentence.
 pub fn line(text: Arguments) {
     if let Err(e) = writeln!(std::io::stdout().lock(), "{text}") {
-        eprintln!("error: standard output takes no more ({e})");
+        tell!("error: standard output takes no more ({e})");
         riglab_files::leave(1);
     }
 }

@@ -179,21 +179,21 @@ fn published(names: &[String]) -> Result<Vec<Table>> {
 /// Reasons, on standard error.
 fn tell(comparison: &Comparison) {
     for (file, why) in &comparison.unread_truth {
-        eprintln!("warning: not compared with, as it cannot be read: {file}: {why}");
+        tell!("warning: not compared with, as it cannot be read: {file}: {why}");
     }
     for system in &comparison.systems {
         for (file, why) in &system.unread {
-            eprintln!("warning: {}: {file}: {why}", system.name);
+            tell!("warning: {}: {file}: {why}", system.name);
         }
         for row in &system.rows {
             match &row.status {
-                Status::Failed(reason) => eprintln!("failed: {}: {}: {reason}", system.name, row.asset),
-                Status::Missing => eprintln!("missing: {}: {}", system.name, row.asset),
+                Status::Failed(reason) => tell!("failed: {}: {}: {reason}", system.name, row.asset),
+                Status::Missing => tell!("missing: {}: {}", system.name, row.asset),
                 Status::Scored => {
                     if !row.without_weights.is_empty() {
-                        eprintln!("note: {}: {}: {}", system.name, row.asset, row.without_weights);
+                        tell!("note: {}: {}: {}", system.name, row.asset, row.without_weights);
                     }
-                    row.notes.iter().for_each(|note| eprintln!("note: {}: {}: {note}", system.name, row.asset));
+                    row.notes.iter().for_each(|note| tell!("note: {}: {}: {note}", system.name, row.asset));
                 }
             }
         }

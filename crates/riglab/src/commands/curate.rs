@@ -122,7 +122,7 @@ pub fn run(args: &Args) -> Result<ExitCode> {
             Ok(ExitCode::SUCCESS)
         }
         Err(e @ CurateError::NothingLeft { .. }) => {
-            eprintln!("error: {e}");
+            tell!("error: {e}");
             Ok(ExitCode::FAILURE)
         }
         Err(e) => Err(e.into()),
@@ -134,6 +134,7 @@ fn settings(name: &str, sets: &[String]) -> Result<(CurateConfig, SlurmConfig, b
     let loaded = presets::load_block(name, sets)?;
     let slurm = slurm_settings(&loaded)?;
     let loaded = loaded.without("slurm");
+    crate::bounds::check(&loaded)?;
     let config: CurateConfig = loaded.get()?;
     config.validate().map_err(|(path, message)| loaded.invalid(path, message))?;
     let told = loaded.contains("split.by");
@@ -149,15 +150,15 @@ fn follow_list(split: &mut SplitConfig, told: bool, folder: &Path, part: bool) -
     }
     if told {
         if split.by != SplitBy::List {
-            eprintln!("note: {} is left aside, since the settings say split.by", list.display());
+            tell!("note: {} is left aside, since the settings say split.by", list.display());
         }
         return Ok(());
     }
     let list = std::path::absolute(&list).with_context(|| format!("{} has no place", list.display()))?;
     (split.by, split.file) = (SplitBy::List, list.display().to_string());
-    eprintln!("note: splits are those of {}; --set split.by=topology makes others", list.display());
+    tell!("note: splits are those of {}; --set split.by=topology makes others", list.display());
     if part {
-        eprintln!("note: --merge takes them by --set split.by=list --set split.file={}", list.display());
+        tell!("note: --merge takes them by --set split.by=list --set split.file={}", list.display());
     }
     Ok(())
 }
@@ -166,7 +167,7 @@ fn follow_list(split: &mut SplitConfig, told: bool, folder: &Path, part: bool) -
 fn progress(bar: &Mutex<Option<(String, Progress)>>, what: &str, done: usize, total: usize) {
     let Ok(mut bar) = bar.lock() else { return };
     if total == 0 {
-        eprintln!("note: {what}");
+        tell!("note: {what}");
         return;
     }
     if bar.as_ref().is_none_or(|(name, _)| name != what) {
@@ -186,7 +187,7 @@ fn show(funnel: &Funnel, places: &Places, json: bool) -> Result<()> {
         return Ok(());
     }
     for warning in &funnel.warnings {
-        eprintln!("warning: {warning}");
+        tell!("warning: {warning}");
     }
     say!("{:12} {:>8} {:>8} {:>8}", "stage", "came", "dropped", "left");
     for stage in &funnel.stages {

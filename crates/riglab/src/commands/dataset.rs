@@ -227,17 +227,17 @@ fn run_import(args: &Import) -> Result<ExitCode> {
         return Ok(ExitCode::SUCCESS);
     }
     if let (Some(path), true) = (&file, report.splits.keys().all(String::is_empty)) {
-        eprintln!(
+        tell!(
             "warning: {} names none of the assets, so none has a split; it names files by their path below {}",
             path.display(),
             args.folder.display()
         );
     }
     for r in &report.refused {
-        eprintln!("left out: {}", r.reason);
+        tell!("left out: {}", r.reason);
     }
     if !report.notes.is_empty() {
-        eprintln!(
+        tell!(
             "{} files have notes (repairs, doubts); `riglab dataset inspect {} NAME` shows them",
             report.notes.len(),
             args.out.display()
@@ -270,7 +270,7 @@ fn run_merge(args: &Merge) -> Result<ExitCode> {
     })?;
     progress.finish();
     for (name, other) in &report.repeated {
-        eprintln!("left out: `{name}` is equal to `{other}`");
+        tell!("left out: `{name}` is equal to `{other}`");
     }
     say!("{}: {} assets, {} repeated ones left out", shown(&args.out), report.assets, report.repeated.len());
     Ok(ExitCode::SUCCESS)
@@ -278,6 +278,7 @@ fn run_merge(args: &Merge) -> Result<ExitCode> {
 
 fn run_vary(args: &Vary) -> Result<ExitCode> {
     let config = crate::presets::load_block(&args.recipe, &args.sets)?;
+    crate::bounds::check(&config)?;
     let recipe: Recipe = config.get()?;
     recipe.validate().map_err(|(key, message)| config.invalid(&key, message))?;
     let corpus = Corpus::open(&args.corpus)?;
@@ -415,7 +416,7 @@ fn run_verify(args: &Verify) -> Result<ExitCode> {
     let faults = corpus.verify(|done| progress.set(done as u64, String::new))?;
     progress.finish();
     for fault in &faults {
-        eprintln!("damaged: {}: {}", names[fault.index], fault.message);
+        tell!("damaged: {}: {}", names[fault.index], fault.message);
     }
     say!("{}: {} assets, {} damaged", shown(&args.corpus), corpus.len(), faults.len());
     Ok(if faults.is_empty() { ExitCode::SUCCESS } else { ExitCode::FAILURE })

@@ -36,11 +36,7 @@ pub fn run(args: &Args, threads: usize) -> Result<ExitCode> {
     if threads < std::thread::available_parallelism().map_or(1, usize::from) {
         missing.push(format!("only {threads} of the processors are used (--threads)"));
     }
-    let memory = std::fs::read_to_string("/proc/meminfo").unwrap_or_default();
-    let gigabytes = |key: &str| {
-        let line = memory.lines().find_map(|l| l.strip_prefix(key));
-        line.and_then(|l| l.split_whitespace().next()?.parse::<f64>().ok()).map_or(f64::NAN, |kb| kb / 1e6)
-    };
+    let gigabytes = |field: &str| riglab_torch::memory_gb(field).unwrap_or(f64::NAN);
     let value = json!({
         "riglab": crate::VERSION,
         "libtorch": riglab_torch::libtorch_version(),
@@ -53,8 +49,8 @@ pub fn run(args: &Args, threads: usize) -> Result<ExitCode> {
         "cuda_devices": cuda,
         "mpi": riglab_ranks::library(),
         "hdf5": riglab_data::hdf5_version(),
-        "memory_gb": gigabytes("MemTotal:").round(),
-        "memory_free_gb": gigabytes("MemAvailable:").round(),
+        "memory_gb": gigabytes("MemTotal").round(),
+        "memory_free_gb": gigabytes("MemAvailable").round(),
         "missing": missing,
     });
     if args.json {
@@ -72,7 +68,7 @@ pub fn run(args: &Args, threads: usize) -> Result<ExitCode> {
     say!("cuda       {cuda} devices");
     say!("mpi        {}", riglab_ranks::library().as_deref().unwrap_or("none (built without; see `cargo xtask mpi`)"));
     say!("hdf5       {}", riglab_data::hdf5_version());
-    say!("memory     {:.0} GB, {:.0} GB free", gigabytes("MemTotal:"), gigabytes("MemAvailable:"));
+    say!("memory     {:.0} GB, {:.0} GB free", gigabytes("MemTotal"), gigabytes("MemAvailable"));
     missing.iter().for_each(|m| say!("note       {m}"));
     Ok(ExitCode::SUCCESS)
 }

@@ -52,12 +52,12 @@ pub fn run(args: &Args, threads: usize) -> Result<ExitCode> {
         Ok(seen) => seen,
         // Its corpora may be gone or moved: no fault of an evaluation on others.
         Err(e) => {
-            eprintln!("note: whether these assets were trained on is not known: {e}");
+            tell!("note: whether these assets were trained on is not known: {e}");
             Vec::new()
         }
     };
     if let Some(warning) = warning(&seen, &config.data().test) {
-        eprintln!("warning: {warning}");
+        tell!("warning: {warning}");
     }
     config.with(Device::Cpu, Examination { args, seen, path, folder })
 }
@@ -121,7 +121,7 @@ impl Visitor for Examination<'_> {
             say!("{}", json.trim_end());
         } else {
             examined.text.iter().for_each(|line| say!("{line}"));
-            eprintln!("next: riglab report {}", args.run.display());
+            tell!("next: riglab report {}", args.run.display());
         }
         Ok(ExitCode::SUCCESS)
     }

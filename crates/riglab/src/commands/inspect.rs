@@ -57,7 +57,7 @@ pub fn run(args: &Args) -> Result<ExitCode> {
                 },
                 Ok(imported) => print(&imported),
                 Err(e) => {
-                    eprintln!("error: {e}");
+                    tell!("error: {e}");
                     failed = true;
                 }
             }

@@ -90,7 +90,7 @@ fn single(run: &Path, title: Option<&str>) -> Result<Page> {
         None => {
             let text = format!("Not evaluated yet: riglab eval {}", run.display());
             blocks.push(Block::Text(text.clone()));
-            eprintln!("note: {text}");
+            tell!("note: {text}");
         }
     }
     blocks.push(Block::Heading("Training".into()));

@@ -44,28 +44,28 @@ pub fn run(args: &Args) -> Result<ExitCode> {
     let review = Review::open(&args.corpus, args.files.as_deref(), &decisions)?;
     let (tally, unreadable, told) = (review.tally(), review.unreadable(), review.told());
     for sentence in told {
-        eprintln!("warning: {sentence}");
+        tell!("warning: {sentence}");
     }
     if unreadable > 0 {
         let files = if unreadable == 1 { "file" } else { "files" };
-        eprintln!("note: {unreadable} {files} could not be read and have no card; the curation's report lists them");
+        tell!("note: {unreadable} {files} could not be read and have no card; the curation's report lists them");
     }
     let server = Server::bind(review, args.port)?;
     let stop = server.stop();
     // Where signals cannot be listened to, the default ends the process; nothing is lost by that.
     let _ = ctrlc::set_handler(move || stop.stop());
-    eprintln!("{} of {} decided; decisions are kept in {}", tally.decided, tally.of, decisions.display());
+    tell!("{} of {} decided; decisions are kept in {}", tally.decided, tally.of, decisions.display());
     let url = server.url();
     say!("{url}");
-    eprintln!("Ctrl-C ends the review; everything is saved as it is decided.");
+    tell!("Ctrl-C ends the review; everything is saved as it is decided.");
     if args.open {
         open(&url);
     }
     server.run();
     let tally = server.review().tally();
-    eprintln!("\n{} of {} decided", tally.decided, tally.of);
+    tell!("\n{} of {} decided", tally.decided, tally.of);
     if tally.decided > 0 {
-        eprintln!("hint: {}", apply(&args.corpus, args.files.as_deref(), &decisions));
+        tell!("hint: {}", apply(&args.corpus, args.files.as_deref(), &decisions));
     }
     Ok(ExitCode::SUCCESS)
 }
@@ -83,6 +83,6 @@ fn open(url: &str) {
     match begun {
         // It ends by itself; nobody waits for it but this thread.
         Ok(mut child) => drop(std::thread::spawn(move || child.wait())),
-        Err(e) => eprintln!("warning: {opener} cannot be started ({e}); open the address yourself"),
+        Err(e) => tell!("warning: {opener} cannot be started ({e}); open the address yourself"),
     }
 }

@@ -90,7 +90,7 @@ pub fn run(args: &Args) -> Result<ExitCode> {
     let shown = args.input.display();
     let imported = import(&args.input, &reading(args))?;
     for warning in imported.warnings() {
-        eprintln!("warning: {shown}: {warning}");
+        tell!("warning: {shown}: {warning}");
     }
     let rig = with_attributes(args, with_springs(args, &imported)?)?;
     let (bytes, source) = document(args, imported, &rig)?;
@@ -104,7 +104,7 @@ pub fn run(args: &Args) -> Result<ExitCode> {
     let folder = args.input.parent();
     let out = export::animate(&bytes, folder, &source, rig.skeleton(), &played)?;
     for note in &out.notes {
-        eprintln!("note: {shown}: {note}");
+        tell!("note: {shown}: {note}");
     }
     let sheet = args.png.as_ref().map(|_| sheet(&rig, &played)).transpose()?;
     riglab_files::make_folder_of(&args.out)?;
@@ -176,7 +176,7 @@ fn with_springs(args: &Args, imported: &Imported) -> Result<Rig> {
 fn with_attributes(args: &Args, rig: Rig) -> Result<Rig> {
     let Some(run) = &args.attributes else { return Ok(rig) };
     let (skinner, state) = Skinner::of_run(run, "best", Device::Cpu).map_err(|e| anyhow!(e))?;
-    eprintln!("attributes: {}, {} steps", run.display(), state.step);
+    tell!("attributes: {}, {} steps", run.display(), state.step);
     let springs = skinner.springs(&rig, args.seed).map_err(|e| anyhow!("{}: {e}", args.input.display()))?;
     Ok(rig.with_springs(springs)?)
 }
@@ -192,7 +192,7 @@ fn document(args: &Args, imported: Imported, rig: &Rig) -> Result<(Vec<u8>, Impo
         false => export::alone(&imported.name, rig, &imported.provenance, &options)?,
     };
     for note in &made.notes {
-        eprintln!("note: {}: {note}", path.display());
+        tell!("note: {}: {note}", path.display());
     }
     let mut again = import_bytes(&path.with_extension("glb").to_string_lossy(), &made.bytes, &reading(args))?;
     if !gltf {

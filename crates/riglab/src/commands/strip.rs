@@ -38,14 +38,14 @@ pub fn run(args: &Args) -> Result<ExitCode> {
     }
     for warning in import(input, &ImportOptions::default())?.warnings() {
         if matches!(warning, Warning::RestIsNotBind { .. } | Warning::Bent { .. }) {
-            eprintln!("warning: {}: {warning}", input.display());
+            tell!("warning: {}: {warning}", input.display());
         }
     }
     riglab_files::make_folder_of(output)?;
     let stripped = export::strip(input, &ImportOptions::default())?;
     export::write(output, &stripped.bytes).with_context(|| format!("{} cannot be written", output.display()))?;
     for note in &stripped.notes {
-        eprintln!("note: {note}");
+        tell!("note: {note}");
     }
     Ok(ExitCode::SUCCESS)
 }

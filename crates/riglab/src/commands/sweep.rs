@@ -98,13 +98,13 @@ pub fn run(args: &Args, threads: usize) -> Result<ExitCode> {
     if args.on == Some(On::Slurm) {
         return match hand_over(&folder, &plan, &desk, args.wait)? {
             Handed::Queued => {
-                eprintln!("follow them with: riglab sweep {} --status", folder.display());
-                eprintln!("the table comes by: riglab sweep {} --on slurm", folder.display());
+                tell!("follow them with: riglab sweep {} --status", folder.display());
+                tell!("the table comes by: riglab sweep {} --on slurm", folder.display());
                 say!("{}", folder.display());
                 Ok(ExitCode::SUCCESS)
             }
             Handed::Left => {
-                eprintln!("the jobs go on; look again with: riglab sweep {} --on slurm --wait", folder.display());
+                tell!("the jobs go on; look again with: riglab sweep {} --on slurm --wait", folder.display());
                 Ok(ExitCode::from(130))
             }
             Handed::Done => conclude(&plan, &folder),
@@ -113,7 +113,7 @@ pub fn run(args: &Args, threads: usize) -> Result<ExitCode> {
     let threads = if threads > 0 { threads } else { plan.sweep.threads };
     let budget = Budget::new(args.jobs, args.cores, threads, args.memory);
     let total = plan.jobs.len() as u64;
-    eprintln!(
+    tell!(
         "{total} jobs in {}: {} at a time with {} threads each, within {:.1} GB",
         folder.display(),
         budget.jobs,
@@ -131,7 +131,7 @@ pub fn run(args: &Args, threads: usize) -> Result<ExitCode> {
     let ended = ended?;
     if ended == Ended::Interrupted {
         Results::read(&folder, &plan).write(&folder)?;
-        eprintln!("interrupted; go on with: riglab sweep {}", folder.display());
+        tell!("interrupted; go on with: riglab sweep {}", folder.display());
         return Ok(ExitCode::from(130));
     }
     conclude(&plan, &folder)
@@ -143,7 +143,7 @@ fn conclude(plan: &Plan, folder: &Path) -> Result<ExitCode> {
     results.write(folder)?;
     show(&results);
     for outcome in results.outcomes.iter().filter(|o| !o.reason.is_empty()) {
-        eprintln!("failed: {}, seed {}: {}", outcome.point, outcome.seed, outcome.reason);
+        tell!("failed: {}, seed {}: {}", outcome.point, outcome.seed, outcome.reason);
     }
     say!("{}", folder.join("report.html").display());
     Ok(if results.count("finished") > 0 { ExitCode::SUCCESS } else { ExitCode::FAILURE })
@@ -266,7 +266,7 @@ fn status(plan: &Plan, folder: &Path, watch: Option<u64>) -> Result<ExitCode> {
                 table.head.push("Slurm".into());
                 table.rows.iter_mut().zip(queued).for_each(|(row, q)| row.push(Cell::text(q)));
             }
-            Err(e) => eprintln!("note: what is in the queue is not known: {e:#}"),
+            Err(e) => tell!("note: what is in the queue is not known: {e:#}"),
         }
         table.caption = format!("{}: {}", folder.display(), counts.join(", "));
         say!("{}", table.to_text());

@@ -31,7 +31,7 @@ pub struct Args {
     #[arg(long, short, value_name = "DIR|FILE.h5")]
     out: PathBuf,
     /// How many.
-    #[arg(long, default_value_t = 60, value_name = "N")]
+    #[arg(long, default_value_t = 60, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=10_000_000))]
     count: u64,
     /// Seed.
     #[arg(long, default_value_t = 0)]
@@ -64,9 +64,6 @@ pub fn run(args: &Args) -> Result<ExitCode> {
     let plans = plans.map_err(anyhow::Error::msg)?;
     let plans = if plans.is_empty() { Plan::MIXTURE.to_vec() } else { plans };
     let options = Options { plans, triangles: args.triangles.clone() };
-    if args.count == 0 {
-        bail!("nothing to make: give --count 1 or more");
-    }
     let out = &args.out;
     if out.extension().is_some_and(|e| e.eq_ignore_ascii_case("h5") || e.eq_ignore_ascii_case("hdf5")) {
         return corpus(args, &options);
@@ -77,18 +74,18 @@ pub fn run(args: &Args) -> Result<ExitCode> {
         bail!("{} is not empty; give another folder, so that nothing is overwritten", out.display());
     }
     let mut progress = Progress::new("making creatures", args.count, 0);
-    let numbers: Vec<u64> = (0..args.count).collect();
     let mut manifest = Vec::new();
-    for chunk in numbers.chunks(AT_ONCE) {
+    for from in (0..args.count).step_by(AT_ONCE) {
+        let these = from..args.count.min(from + AT_ONCE as u64);
         let made: Result<Vec<serde_json::Value>> =
-            chunk.par_iter().map(|&k| write(out, &creature(args.seed, k, &options))).collect();
+            these.into_par_iter().map(|k| write(out, &creature(args.seed, k, &options))).collect();
         manifest.extend(made?);
         progress.set(manifest.len() as u64, String::new);
     }
     progress.finish();
     // Written last: a folder with a manifest is complete.
     put(&out.join("manifest.json"), (serde_json::to_string_pretty(&manifest)? + "\n").as_bytes())?;
-    eprintln!("next: riglab dataset import {} -o corpus.h5", out.display());
+    tell!("next: riglab dataset import {} -o corpus.h5", out.display());
     say!("{}: {} creatures", out.display(), manifest.len());
     Ok(ExitCode::SUCCESS)
 }
@@ -112,7 +109,7 @@ fn corpus(args: &Args, options: &Options) -> Result<ExitCode> {
     }
     writer.finish(&Splitter::ByTopology(args.seed).assign(&keys))?;
     progress.finish();
-    eprintln!("next: riglab train quickstart/fsq_cvae.toml --set data.corpora='[\"{}\"]'", args.out.display());
+    tell!("next: riglab train quickstart/fsq_cvae.toml --set data.corpora='[\"{}\"]'", args.out.display());
     say!("{}: {} creatures", args.out.display(), keys.len());
     Ok(ExitCode::SUCCESS)
 }

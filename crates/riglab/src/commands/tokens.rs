@@ -86,7 +86,7 @@ pub fn run(args: &Args) -> Result<ExitCode> {
     for input in &args.inputs {
         if let Ok(corpus) = Corpus::open(input) {
             if let Err(e) = of_corpus(&corpus, &tokenizer, args) {
-                eprintln!("error: {e:#}");
+                tell!("error: {e:#}");
                 failed = true;
             }
             continue;
@@ -95,12 +95,12 @@ pub fn run(args: &Args) -> Result<ExitCode> {
             match imported.and_then(riglab_asset::Imported::into_asset) {
                 Ok(asset) => {
                     if let Err(e) = show(&asset, &tokenizer, args) {
-                        eprintln!("error: {}: {e:#}", asset.provenance.source);
+                        tell!("error: {}: {e:#}", asset.provenance.source);
                         failed = true;
                     }
                 }
                 Err(e) => {
-                    eprintln!("error: {e}");
+                    tell!("error: {e}");
                     failed = true;
                 }
             }
@@ -225,7 +225,7 @@ fn of_corpus(corpus: &Corpus, tokenizer: &Tokenizer, args: &Args) -> Result<()> 
                 sums.entry(&categories[*index]).or_default().add(trip);
                 all.add(trip);
             }
-            Err(e) => eprintln!("left out: {}: {e:#}", names[*index]),
+            Err(e) => tell!("left out: {}: {e:#}", names[*index]),
         }
     }
     if all.assets == 0 {
@@ -278,7 +278,7 @@ fn of_corpus(corpus: &Corpus, tokenizer: &Tokenizer, args: &Args) -> Result<()> 
     }
     let refused = trips.iter().filter(|(_, found)| found.is_err()).count();
     if refused > 0 {
-        eprintln!("warning: {refused} of {} assets have no sequence, for the reasons above", trips.len());
+        tell!("warning: {refused} of {} assets have no sequence, for the reasons above", trips.len());
     }
     Ok(())
 }

@@ -247,7 +247,7 @@ impl Visitor for Session<'_> {
         info.ended.clear();
         run.write_info(&info)?;
         let steps = config.train().steps;
-        eprintln!(
+        tell!(
             "{}: {:.2} M parameters, {steps} steps, {}{threads} threads{}, in {}",
             task.name(),
             info.parameters as f64 / 1e6,
@@ -258,7 +258,7 @@ impl Visitor for Session<'_> {
             },
             run.dir().display()
         );
-        begun.iter().chain(&task.notes()).chain(&overlap(config)?).for_each(|note| eprintln!("note: {note}"));
+        begun.iter().chain(&task.notes()).chain(&overlap(config)?).for_each(|note| tell!("note: {note}"));
         let interrupt = Interrupt::listening_with(ranks);
         let outcome = train(&task, config.train(), &run, &interrupt, ranks);
         info.ended = RunInfo::now();
@@ -271,20 +271,16 @@ impl Visitor for Session<'_> {
         run.write_info(&info)?;
         let outcome = outcome.with_context(|| format!("in {}", run.dir().display()))?;
         if outcome.skipped > 0 {
-            eprintln!("warning: {} steps were skipped because loss or gradient was not finite", outcome.skipped);
+            tell!("warning: {} steps were skipped because loss or gradient was not finite", outcome.skipped);
         }
         if outcome.ended == Ended::Interrupted {
-            eprintln!(
-                "interrupted after step {}; go on with: riglab train --resume {}",
-                outcome.step,
-                run.dir().display()
-            );
+            tell!("interrupted after step {}; go on with: riglab train --resume {}", outcome.step, run.dir().display());
             return Ok(ExitCode::from(130));
         }
         if let Some((step, value)) = outcome.best {
-            eprintln!("best: {} {value:.4} at step {step}", task.objective().0);
+            tell!("best: {} {value:.4} at step {step}", task.objective().0);
         }
-        eprintln!("next: riglab eval {}", run.dir().display());
+        tell!("next: riglab eval {}", run.dir().display());
         say!("{}", run.dir().display());
         Ok(ExitCode::SUCCESS)
     }
@@ -302,10 +298,10 @@ impl Visitor for DryRun<'_> {
 
     fn visit<T: Experiment>(self, task: T) -> Result<ExitCode> {
         let train = self.config.train();
-        eprintln!("{}: {:.2} M parameters; trying a few steps", task.name(), task.params().numel() as f64 / 1e6);
+        tell!("{}: {:.2} M parameters; trying a few steps", task.name(), task.params().numel() as f64 / 1e6);
         let mut begun = begin(&task, &train.start)?;
         begun.extend(freeze(&task, train)?);
-        begun.iter().chain(&task.notes()).chain(&overlap(self.config)?).for_each(|note| eprintln!("note: {note}"));
+        begun.iter().chain(&task.notes()).chain(&overlap(self.config)?).for_each(|note| tell!("note: {note}"));
         let found = estimate(&task, train)?;
         if self.json {
             say!("{}", serde_json::to_string(&found)?);

@@ -62,7 +62,7 @@ pub fn run(args: &Args) -> Result<ExitCode> {
     let options = ImportOptions { item: args.item, character: args.character.clone(), ..ImportOptions::default() };
     let imported = import(&args.file, &options)?;
     for warning in imported.warnings() {
-        eprintln!("note: {}: {warning}", args.file.display());
+        tell!("note: {}: {warning}", args.file.display());
     }
     let shown = args.file.display();
     let (mesh, rig) = turned(imported.mesh(), imported.rig(), args.up).with_context(|| shown.to_string())?;

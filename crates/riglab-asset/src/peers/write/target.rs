@@ -84,6 +84,11 @@ impl Target {
         }
     }
 
+    /// What stands after the dot in names of its files.
+    pub fn ending(self) -> &'static str {
+        self.suffix().rsplit('.').next().unwrap_or_default()
+    }
+
     /// Whether a file may hold several assets.
     pub fn holds_several(self) -> bool {
         matches!(self, Self::PuppeteerH5 | Self::ArticulationXl | Self::Anymate)

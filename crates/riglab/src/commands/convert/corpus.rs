@@ -41,7 +41,7 @@ pub fn into(corpus: &Corpus, args: &Args, target: Target) -> Result<ExitCode> {
             // The disk: the next will not go either.
             Err(e) if is_io(&e) => return Err(e),
             Err(e) => {
-                eprintln!("left out: {e:#}");
+                tell!("left out: {e:#}");
                 failed += 1;
             }
         }
@@ -73,7 +73,7 @@ pub fn to(corpus: &Corpus, args: &Args, into_folder: bool, target: Target) -> Re
         Some(last) => {
             assets.push(last);
             for note in write(&assets, &out, target)? {
-                eprintln!("note: {note}");
+                tell!("note: {note}");
             }
         }
         None => bail!("{}: the corpus has no asset", args.input.display()),
@@ -92,7 +92,7 @@ fn store(asset: Asset, out: &Path, target: Target, args: &Args) -> Result<()> {
         _ => write(std::slice::from_ref(&asset), out, target)?,
     };
     for note in notes {
-        eprintln!("note: {}: {note}", asset.name);
+        tell!("note: {}: {note}", asset.name);
     }
     Ok(())
 }

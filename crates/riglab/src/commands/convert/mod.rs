@@ -88,6 +88,12 @@ pub fn run(args: &Args) -> Result<ExitCode> {
         None if into_folder => bail!("{} is a folder; say with --to which format to write", args.out.display()),
         None => Target::of(&args.out)?,
     };
+    if let (false, Ok(named)) = (into_folder, Target::of(&args.out))
+        && named.ending() != target.ending()
+    {
+        let (out, ending) = (args.out.display(), target.ending());
+        bail!("{out} has the ending of {named}, but --to says {target}: give a name that ends in .{ending}");
+    }
     if target != Target::Glb && (args.influences.is_some() || args.frames.is_some()) {
         bail!("--influences and --frames are for GLB; {target} is written as the rig is");
     }
@@ -141,7 +147,7 @@ fn into(
             let imported = match imported {
                 Ok(imported) => imported,
                 Err(e) => {
-                    eprintln!("left out: {e}");
+                    tell!("left out: {e}");
                     failed += 1;
                     return ControlFlow::Continue(());
                 }
@@ -166,7 +172,7 @@ fn into(
                     return ControlFlow::Break(());
                 }
                 Err(e) => {
-                    eprintln!("left out: {e:#}");
+                    tell!("left out: {e:#}");
                     failed += 1;
                 }
             }
@@ -214,7 +220,7 @@ fn together(
                     assets.push(asset);
                 }
                 Err(e) => {
-                    eprintln!("left out: {e}");
+                    tell!("left out: {e}");
                     failed += 1;
                 }
             }
@@ -225,7 +231,7 @@ fn together(
         bail!("none of {} files gave a rig", files.len());
     }
     for note in write(&assets, out, target)? {
-        eprintln!("note: {note}");
+        tell!("note: {note}");
     }
     say!("{}: {} assets, {failed} left out", out.display(), assets.len());
     Ok(ExitCode::SUCCESS)
@@ -233,7 +239,7 @@ fn together(
 
 fn warn(imported: &Imported) {
     for warning in imported.warnings() {
-        eprintln!("warning: {}: {warning}", imported.provenance.source);
+        tell!("warning: {}: {warning}", imported.provenance.source);
     }
 }
 
@@ -259,7 +265,7 @@ fn store(imported: Imported, out: &Path, target: Target, args: &Args, inputs: &H
     }
     let source = imported.provenance.source.clone();
     for note in write(&[imported.into_asset()?], out, target)? {
-        eprintln!("note: {source}: {note}");
+        tell!("note: {source}: {note}");
     }
     Ok(())
 }
@@ -276,7 +282,7 @@ fn store_glb(imported: &Imported, out: &Path, args: &Args) -> Result<()> {
     let imported = whole.as_ref().filter(|all| all.reading.characters().len() == 1).unwrap_or(imported);
     let one_of_several = whole.as_ref().is_some_and(|all| all.reading.characters().len() > 1);
     if one_of_several {
-        eprintln!("note: {source}: of one character the rig is written; materials, pictures and motions are left out");
+        tell!("note: {source}: of one character the rig is written; materials, pictures and motions are left out");
     }
     let exported = match imported.rig() {
         Some(rig) if document && !one_of_several => export::onto(source, imported, rig, &args.export())?,
@@ -286,7 +292,7 @@ fn store_glb(imported: &Imported, out: &Path, args: &Args) -> Result<()> {
         None => bail!("{source}: the file has a mesh but no skeleton, which is written as obj only"),
     };
     for note in &exported.notes {
-        eprintln!("note: {source}: {note}");
+        tell!("note: {source}: {note}");
     }
     export::write(out, &exported.bytes).with_context(|| format!("{}", out.display()))
 }
@@ -307,7 +313,7 @@ fn file_name(name: &str, target: Target) -> String {
 fn rigged(folder: &Path) -> Result<Vec<PathBuf>> {
     let found = riglab_files::below(folder, is_rig_file);
     for (path, reason) in &found.unread {
-        eprintln!("left out: {}: {reason}", path.display());
+        tell!("left out: {}: {reason}", path.display());
     }
     if found.files.is_empty() {
         bail!("{}: no rigged file in this folder or below it", folder.display());

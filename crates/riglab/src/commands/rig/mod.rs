@@ -77,8 +77,8 @@ struct Common {
     checkpoint: Option<PathBuf>,
     /// Rigs that are drawn, of which the best is taken; the first takes the likeliest token each time [default: as
     /// eval.consensus in the model's config, 32 for the one that comes with riglab; 1 where the skeleton is given].
-    #[arg(long, value_name = "N")]
-    samples: Option<usize>,
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=4096))]
+    samples: Option<u16>,
     /// Which of several is the best: the one whose skeleton the others agree with most, the one with the highest
     /// geometric rewards (SkinTokens 3.4.1: joints within the body, weights that hold every vertex, motions that tear
     /// nothing), or the likeliest.
@@ -183,8 +183,8 @@ fn device(name: &str) -> Result<Device> {
 }
 
 fn run(args: &Common, bones: &Bones, threads: usize) -> Result<ExitCode> {
-    if args.samples == Some(0) || args.temperature.is_some_and(|t| !(t > 0.0 && t.is_finite())) {
-        bail!("--samples must be at least 1, and --temperature above 0");
+    if args.temperature.is_some_and(|t| !(t > 0.0 && t.is_finite())) {
+        bail!("--temperature must be a number above 0");
     }
     if args.skeleton_up.is_some() && !matches!(bones, Bones::Of(_)) {
         bail!("--skeleton-up tells of the file of --skeleton; give one");
@@ -195,7 +195,7 @@ fn run(args: &Common, bones: &Bones, threads: usize) -> Result<ExitCode> {
     model.suits(args, bones)?;
     let (card, hint) =
         (&model.card, if model.draws() { "; `riglab checkpoint show` says how far to trust it" } else { "" });
-    eprintln!("model: {}, {} steps{hint}", card.name, card.state.step);
+    tell!("model: {}, {} steps{hint}", card.name, card.state.step);
     if !args.input.is_dir() {
         let (from, to) = &jobs[0];
         one::rig(args, bones, &model, from, to)?;
@@ -244,7 +244,7 @@ fn jobs(input: &Path, out: &Path) -> Result<Vec<(PathBuf, PathBuf)>> {
     };
     let found = riglab_files::below(input, |path| is_model_file(path) && !own(path));
     for (path, why) in &found.unread {
-        eprintln!("left out: {}: {why}", path.display());
+        tell!("left out: {}: {why}", path.display());
     }
     if found.files.is_empty() {
         bail!("{}: no model with the ending {}", input.display(), MODELS.join(", "));

@@ -26,7 +26,7 @@ pub fn rig(args: &Common, bones: &Bones, model: &Model, from: &Path, to: &Path) 
     };
     let subject = Subject::read(from, &options)?;
     for note in subject.notes() {
-        eprintln!("note: {}: {note}", from.display());
+        tell!("note: {}: {note}", from.display());
     }
     let given = skeleton(args, bones, &subject, from)?;
     let class = match bones {
@@ -36,7 +36,7 @@ pub fn rig(args: &Common, bones: &Bones, model: &Model, from: &Path, to: &Path) 
     let wish = Wish {
         skeleton: given.as_ref(),
         class,
-        samples: args.samples,
+        samples: args.samples.map(usize::from),
         skins: args.skins.map(usize::from),
         rank: args.rank.into(),
         temperature: args.temperature,
@@ -62,7 +62,7 @@ pub fn rig(args: &Common, bones: &Bones, model: &Model, from: &Path, to: &Path) 
     let rig = rig.with_context(about)?;
     let exported = subject.attach(&rig, &args.export())?;
     for note in exported.notes.iter().filter(said) {
-        eprintln!("note: {}: {note}", from.display());
+        tell!("note: {}: {note}", from.display());
     }
     let preview = if args.preview { Some(preview(&exported.bytes, from)?) } else { None };
     let bytes = preview.as_ref().unwrap_or(&exported.bytes);
@@ -136,7 +136,7 @@ fn skeleton(args: &Common, bones: &Bones, subject: &Subject, from: &Path) -> Res
             let rig = imported.rig().with_context(|| format!("{}: there is no skeleton in it", file.display()))?;
             let stood = given::stood(rig.skeleton(), subject.mesh(), args.up, args.skeleton_up)?;
             if let Some(note) = stood.note {
-                eprintln!("note: {}: {note}", file.display());
+                tell!("note: {}: {note}", file.display());
             }
             Ok(Some(stood.skeleton))
         }

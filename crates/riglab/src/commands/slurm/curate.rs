@@ -79,7 +79,7 @@ pub fn run(
         ..order
     };
     let [merge] = desk.submit(&merge)?.try_into().map_err(|_| anyhow::anyhow!("one job was to be submitted"))?;
-    eprintln!(
+    tell!(
         "job {}: {parts} parts; job {} merges them; messages in {}",
         looked.join(", "),
         merge.job,
@@ -95,7 +95,7 @@ pub fn run(
     })?;
     progress.finish();
     if !emptied {
-        eprintln!("the jobs go on; `scancel {} {}` would end them", looked.join(" "), merge.job);
+        tell!("the jobs go on; `scancel {} {}` would end them", looked.join(" "), merge.job);
         return Ok(ExitCode::from(130));
     }
     match state(&merge.job).as_deref() {

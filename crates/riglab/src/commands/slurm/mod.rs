@@ -189,7 +189,7 @@ impl Desk {
                 // It may be restarted just now; its jobs go on without it.
                 Err(e @ SlurmError::Refused { .. }) => {
                     if !silent {
-                        eprintln!("note: {e}; asking again");
+                        tell!("note: {e}; asking again");
                     }
                     silent = true;
                 }

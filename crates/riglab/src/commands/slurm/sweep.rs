@@ -141,7 +141,7 @@ fn hand_over(folder: &Path, plan: &Plan, desk: &Desk, left: &[usize]) -> Result<
     };
     let all = plan.jobs.len();
     for submission in desk.submit(&order)? {
-        eprintln!("job {}: {} of {all} runs, in {}", submission.job, submission.numbers.len(), folder.display());
+        tell!("job {}: {} of {all} runs, in {}", submission.job, submission.numbers.len(), folder.display());
     }
     Ok(())
 }

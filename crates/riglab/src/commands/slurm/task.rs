@@ -66,11 +66,7 @@ pub fn run(args: &Args, threads: usize) -> Result<ExitCode> {
         Done::Failed => Ok(ExitCode::FAILURE),
         Done::Saved => {
             let again = task.requeue()?;
-            eprintln!(
-                "task {}: saved and left{}",
-                task.id(),
-                if again { "; it is put back into the queue" } else { "" }
-            );
+            tell!("task {}: saved and left{}", task.id(), if again { "; it is put back into the queue" } else { "" });
             Ok(ExitCode::from(130))
         }
     }
@@ -84,7 +80,7 @@ fn sweep(task: &Task, folder: &Path, number: usize) -> Result<Done> {
     if let Err(stuck) = task.begin(&desk.starts(number), &place(&run), desk.config.patience)? {
         let stage = if is_trained(&run) { "eval" } else { "train" };
         record(folder, &Attempt { job: number, stage: stage.into(), reason: stuck.to_string(), given_up: true })?;
-        eprintln!("error: {stuck}");
+        tell!("error: {stuck}");
         return Ok(Done::Failed);
     }
     let own = std::env::current_exe().context("the program does not know its own file")?;
@@ -97,10 +93,10 @@ fn sweep(task: &Task, folder: &Path, number: usize) -> Result<Done> {
     let interrupt = Interrupt::listening();
     let tell = |event: Event| match event {
         Event::Begun(job, stage) => {
-            eprintln!("task {}: {}, seed {}: {}", task.id(), job.point, job.seed, doing(stage));
+            tell!("task {}: {}, seed {}: {}", task.id(), job.point, job.seed, doing(stage));
         }
-        Event::Adopted(_) => eprintln!("another process is still at it; it is waited for"),
-        Event::Failed(_, reason, _) => eprintln!("failed: {reason}"),
+        Event::Adopted(_) => tell!("another process is still at it; it is waited for"),
+        Event::Failed(_, reason, _) => tell!("failed: {reason}"),
         Event::Finished(_) | Event::Count(..) => {}
     };
     if run_one(folder, &plan, job, command, || interrupt.raised(), tell)? == Ended::Interrupted {
@@ -113,7 +109,7 @@ fn sweep(task: &Task, folder: &Path, number: usize) -> Result<Done> {
 fn train(task: &Task, run: &Path, threads: usize) -> Result<Done> {
     let desk = Desk::reopen(run, &[])?;
     if let Err(stuck) = task.begin(&desk.starts(0), &place(run), desk.config.patience)? {
-        eprintln!("error: {stuck}");
+        tell!("error: {stuck}");
         return Ok(Done::Failed);
     }
     let interrupt = Interrupt::listening();
@@ -148,7 +144,7 @@ fn curate(task: &Task, out: &Path, number: Option<usize>, threads: usize) -> Res
     // The journal grows by what has been looked at.
     let looked_at = std::fs::metadata(own_places.journal()).map_or(0, |m| m.len());
     if let Err(stuck) = task.begin(&starts, &format!("{looked_at} bytes of the journal"), desk.config.patience)? {
-        eprintln!("error: {stuck}");
+        tell!("error: {stuck}");
         return Ok(Done::Failed);
     }
     let mut command = Command::new(std::env::current_exe().context("the program does not know its own file")?);

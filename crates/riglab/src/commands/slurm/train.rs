@@ -52,7 +52,7 @@ pub fn run(request: &Request, desk: &Desk) -> Result<ExitCode> {
     };
     let [submission] = desk.submit(&order)?.try_into().map_err(|_| anyhow::anyhow!("one job was to be submitted"))?;
     let log = desk.logs().join(format!("{}.log", submission.job));
-    eprintln!("job {}: messages in {}; `squeue -j {0}` shows it", submission.job, log.display());
+    tell!("job {}: messages in {}; `squeue -j {0}` shows it", submission.job, log.display());
     say!("{shown}");
     if !wait {
         return Ok(ExitCode::SUCCESS);
@@ -61,13 +61,13 @@ pub fn run(request: &Request, desk: &Desk) -> Result<ExitCode> {
     let emptied = desk.follow(&Interrupt::listening(), |queue| progress.set(0, || counted(queue)))?;
     progress.finish();
     if !emptied {
-        eprintln!("the job goes on; `scancel {}` would end it", submission.job);
+        tell!("the job goes on; `scancel {}` would end it", submission.job);
         return Ok(ExitCode::from(130));
     }
     let text = std::fs::read_to_string(run.join("run.json")).unwrap_or_default();
     let info: serde_json::Value = serde_json::from_str(&text).unwrap_or_default();
     if info["outcome"] == "finished" {
-        eprintln!("next: riglab eval {shown}");
+        tell!("next: riglab eval {shown}");
         return Ok(ExitCode::SUCCESS);
     }
     let ended = state(&submission.job).unwrap_or_else(|| "ended".into());

@@ -1,0 +1,102 @@
+//! Numbers of a config that no machine computes with.
+//!
+//! What sizes mean and how they must fit each other is for their tasks to say. That 10¹² layers are none, and that
+//! infinity and NaN are nowhere what is meant, holds of every key, and is said before any memory is asked for.
+
+use riglab_config::{Config, ConfigError};
+use toml::Value;
+
+/// Layers of one kind at most.
+const LAYERS: i64 = 10_000;
+/// What one axis of a tensor may be long, and what may be worked on at a time.
+const SIZE: i64 = 10_000_000;
+/// Keys that seed, count steps or say how much there is at most: memory does not grow with them.
+const FREE: [&str; 12] = [
+    "seed",
+    "steps",
+    "warmup",
+    "patience",
+    "log_every",
+    "save_every",
+    "validate_every",
+    "histogram_every",
+    "cache_mb",
+    "chunk",
+    "vertices",
+    "validation_assets",
+];
+
+/// Refuses the first number that cannot be meant, at the place where it was written.
+///
+/// # Errors
+/// What it is, and what can be.
+pub fn check(config: &Config) -> Result<(), ConfigError> {
+    for leaf in config.leaves() {
+        let key = leaf.path.rsplit('.').next().unwrap_or_default();
+        // Of a seed beyond 63 bits TOML's own reader makes nothing.
+        let read = toml::from_str::<toml::Table>(&format!("value = {}", leaf.value)).ok();
+        let fault = match read.and_then(|mut t| t.remove("value")) {
+            Some(value) => fault(key, &value),
+            None if key == "seed" => None,
+            None => leaf.value.parse::<u64>().ok().map(|n| too_large(&n.to_string(), most(key))),
+        };
+        if let Some(message) = fault {
+            return Err(config.invalid(&leaf.path, message));
+        }
+    }
+    Ok(())
+}
+
+fn most(key: &str) -> i64 {
+    match key {
+        _ if FREE.contains(&key) => i64::MAX,
+        _ if key.ends_with("layers") || key == "depths" => LAYERS,
+        _ => SIZE,
+    }
+}
+
+fn fault(key: &str, value: &Value) -> Option<String> {
+    match value {
+        Value::Float(x) if !x.is_finite() => Some(format!("{x} is no number to compute with")),
+        Value::Integer(n) if *n > most(key) => Some(too_large(&n.to_string(), most(key))),
+        Value::Array(all) => all.iter().find_map(|v| fault(key, v)),
+        Value::Table(all) => all.iter().find_map(|(key, v)| fault(key, v)),
+        _ => None,
+    }
+}
+
+fn too_large(n: &str, most: i64) -> String {
+    format!("{n} is more than any machine holds; at most {most}")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn said(text: &str) -> String {
+        let config = Config::from_toml_str("a.toml", text).unwrap();
+        check(&config).err().map_or_else(String::new, |e| e.to_string())
+    }
+
+    #[test]
+    fn what_no_machine_holds_is_refused_where_it_was_written() {
+        for (text, wanted) in [
+            ("[model]\nwidth = 400000000000", "a.toml:2:9: `model.width`: 400000000000 is more than any machine holds"),
+            ("[model.encoder]\ndepths = [2, 1000000]", "`model.encoder.depths`: 1000000 is more"),
+            ("layers = 18446744073709551615", "at most 10000"),
+            ("scale = [1.0, inf]", "`scale`: inf is no number"),
+            ("base = nan", "NaN is no number"),
+            ("list = [{ points = 99999999 }]", "99999999 is more"),
+        ] {
+            let said = said(text);
+            assert!(said.contains(wanted), "{text}: {said}");
+        }
+    }
+
+    #[test]
+    fn what_costs_nothing_may_be_large() {
+        let text = "seed = 18446744073709551615\nsteps = 1000000000000\nsave_every = 9223372036854775807\n\
+                    vertices = 4294967296\nwidth = 10000000\nname = 'nan'\nrate = 1e300\nlayers = 10000";
+        assert_eq!(said(text), "");
+    }
+}
