@@ -234,6 +234,7 @@ fn tokenrig_is_trained_evaluated_and_exported() {
         "eval.prefixes=[4]",
     ]);
     let run = path("run");
+    let weights = set("data.weights", "[]");
     let skin = set("skin.run", &format!("{:?}", text(&auto)));
     let mut all = vec!["train", "quickstart/tokenrig.toml", "--run", text(&run)];
     for value in [
@@ -288,4 +289,13 @@ fn tokenrig_is_trained_evaluated_and_exported() {
     assert!(made(&run, "a.glb") == made(&file, "b.glb"));
     let said = String::from_utf8(must(&["checkpoint", "show", text(&file)]).stdout).unwrap();
     assert!(said.starts_with("mine\n"), "{said}");
+
+    // Out of the file it becomes a run again, which evaluates as the first one did.
+    let again = path("again");
+    must(&["checkpoint", "export", text(&file), "-o", text(&again)]);
+    let said = must(&["eval", text(&again), "--json", "--pictures", "0", "--set", &corpora, "--set", &weights]).stdout;
+    let second: Value = serde_json::from_slice(&said).unwrap();
+    for part in ["skeletons", "skin"] {
+        assert_eq!(second["report"][part], evaluation["report"][part], "{part}");
+    }
 }

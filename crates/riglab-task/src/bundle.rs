@@ -10,6 +10,8 @@ use tch::Tensor;
 /// The text of a file's head that says what it is.
 const ABOUT: &str = "riglab";
 const FORMAT: u32 = 1;
+/// The auto-encoder's place among the tensors' names of a model that has one.
+pub(crate) const SKIN: &str = "skin.";
 
 /// What to know about a trained model.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -49,6 +51,12 @@ pub struct Bundle {
 }
 
 impl Bundle {
+    /// The tensors whose names begin so, by the rest of their names, as 32-bit floats.
+    pub fn below(&self, prefix: &str) -> BTreeMap<String, Tensor> {
+        let own = self.tensors.iter().filter_map(|(n, t)| Some((n.strip_prefix(prefix)?, t)));
+        own.map(|(n, t)| (n.to_string(), t.to_kind(tch::Kind::Float))).collect()
+    }
+
     /// As a file's bytes.
     ///
     /// # Errors

@@ -1,5 +1,6 @@
 //! A trained auto-encoder that other tasks use, unchanged.
 
+use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::Mutex;
 
@@ -7,11 +8,11 @@ use riglab_config::Config;
 use riglab_nn::fsq_cvae::{Bottleneck, FsqCvae};
 use riglab_nn::params::{Params, Weights};
 use riglab_train::{Checkpoint, State};
-use tch::Device;
+use tch::{Device, Tensor};
 
 use super::coder::Coder;
 use super::{FsqCvaeTask, FsqCvaeTaskConfig};
-use crate::bundle::Bundle;
+use crate::bundle::{Bundle, SKIN};
 
 /// Network, settings and weights; shared by threads.
 pub struct Frozen {
@@ -36,7 +37,8 @@ impl Frozen {
         Self { config, net, params: Mutex::new(params), half: Mutex::default(), device }
     }
 
-    /// Of a run's folder: its config, and its best checkpoint; or of a file that `riglab checkpoint import` made.
+    /// Of a run's folder: its config, and its best checkpoint; or of a file that `riglab checkpoint` made:
+    /// an auto-encoder's, or that of a model that rigs, of which the auto-encoder is taken.
     ///
     /// # Errors
     /// A sentence: what is missing there, or not of this task.
@@ -64,18 +66,31 @@ impl Frozen {
 
     fn of_file(path: &Path, device: Device) -> Result<Self, String> {
         let name = path.to_string_lossy();
+        let bytes = std::fs::read(path).map_err(|e| format!("{name}: cannot be read ({e})"))?;
+        let bundle = Bundle::of_bytes(&bytes, &name)?;
+        let (settings, tensors) = match bundle.kind.as_str() {
+            "fsq_cvae" => (&bundle.settings, bundle.tensors),
+            _ if !bundle.skin.is_empty() => (&bundle.skin, bundle.below(SKIN)),
+            kind => return Err(format!("{name}: a model of task `{kind}`, which has no auto-encoder (task fsq_cvae)")),
+        };
+        let made = Self::of_parts(&name, settings, &tensors, device)?;
+        has_tokens(&made.config).map_err(|e| format!("{name}: {e}"))?;
+        Ok(made)
+    }
+
+    /// Of settings as TOML and tensors by name; `name` stands in messages.
+    pub(crate) fn of_parts(
+        name: &str,
+        settings: &str,
+        tensors: &BTreeMap<String, Tensor>,
+        device: Device,
+    ) -> Result<Self, String> {
         let fault = |e: String| format!("{name}: {e}");
-        let bytes = std::fs::read(path).map_err(|e| fault(format!("cannot be read ({e})")))?;
-        let Bundle { kind, settings, tensors, .. } = Bundle::of_bytes(&bytes, &name)?;
-        if kind != "fsq_cvae" {
-            return Err(fault(format!("a model of task `{kind}`, not an auto-encoder (task fsq_cvae)")));
-        }
-        let config = Config::from_toml_str(&name, &settings).and_then(|c| c.get::<FsqCvaeTaskConfig>());
+        let config = Config::from_toml_str(name, settings).and_then(|c| c.get::<FsqCvaeTaskConfig>());
         let config = config.map_err(|e| fault(e.to_string()))?;
         config.validate().map_err(|(key, message)| fault(format!("{key}: {message}")))?;
-        has_tokens(&config).map_err(fault)?;
         let (net, params) = FsqCvaeTask::network(&config, device).map_err(|e| fault(e.to_string()))?;
-        params.load(&tensors).map_err(|e| fault(e.to_string()))?;
+        params.load(tensors).map_err(|e| fault(e.to_string()))?;
         Ok(Self::new(config, net, params, device))
     }
 

@@ -1,21 +1,18 @@
 //! A trained model in one file: network, auto-encoder, settings, and what to know about it.
 
-use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::Arc;
 
 use riglab_config::Config;
 use riglab_train::Checkpoint;
-use tch::{Device, Kind, Tensor};
+use tch::{Device, Kind};
 
 use super::{Rigger, TokenRigTaskConfig};
-use crate::bundle::{Bundle, Card};
-use crate::fsq_cvae::{Frozen, FsqCvaeTask, FsqCvaeTaskConfig};
+use crate::bundle::{Bundle, Card, SKIN};
+use crate::fsq_cvae::Frozen;
 
-/// Networks' places among the tensors' names.
+/// The network's place among the tensors' names.
 pub(crate) const RIG: &str = "rig.";
-/// That of the auto-encoder.
-pub(crate) const SKIN: &str = "skin.";
 /// The task of models that rig.
 const KIND: &str = "tokenrig";
 
@@ -81,23 +78,15 @@ impl Rigger {
     /// A sentence: what it is instead, or what is wrong with it.
     pub fn of_bundle(bytes: &[u8], name: &str, device: Device) -> Result<(Self, Card), String> {
         let fault = |e: String| format!("{name}: {e}");
-        let Bundle { kind, card, settings, skin, tensors } = Bundle::of_bytes(bytes, name)?;
-        if kind != KIND {
-            return Err(fault(format!("a model of task `{kind}`, but only `tokenrig` makes rigs")));
+        let bundle = Bundle::of_bytes(bytes, name)?;
+        if bundle.kind != KIND {
+            return Err(fault(format!("a model of task `{}`, but only `tokenrig` makes rigs", bundle.kind)));
         }
-        let below = |prefix: &str| -> BTreeMap<String, Tensor> {
-            let own = tensors.iter().filter_map(|(n, t)| Some((n.strip_prefix(prefix)?, t)));
-            own.map(|(n, t)| (n.to_string(), t.to_kind(Kind::Float))).collect()
-        };
-        let config = rig_config(name, &settings)?;
-        let skin = Config::from_toml_str(name, &skin).and_then(|c| c.get::<FsqCvaeTaskConfig>());
-        let skin = skin.map_err(|e| fault(e.to_string()))?;
-        skin.validate().map_err(|(key, message)| fault(format!("{key}: {message}")))?;
-        let (net, params) = FsqCvaeTask::network(&skin, device).map_err(|e| fault(e.to_string()))?;
-        params.load(&below(SKIN)).map_err(|e| fault(e.to_string()))?;
-        let rigger = Self::new(config, Arc::new(Frozen::new(skin, net, params, device)), device).map_err(fault)?;
-        rigger.params.load(&below(RIG)).map_err(|e| fault(e.to_string()))?;
-        Ok((rigger, card))
+        let config = rig_config(name, &bundle.settings)?;
+        let vae = Frozen::of_parts(name, &bundle.skin, &bundle.below(SKIN), device)?;
+        let rigger = Self::new(config, Arc::new(vae), device).map_err(fault)?;
+        rigger.params.load(&bundle.below(RIG)).map_err(|e| fault(e.to_string()))?;
+        Ok((rigger, bundle.card))
     }
 }
 

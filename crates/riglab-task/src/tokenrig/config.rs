@@ -49,7 +49,8 @@ pub struct TokenRigTaskConfig {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct SkinConfig {
-    /// The folder of its run (task `fsq_cvae`).
+    /// The folder of its run (task `fsq_cvae`); or a file of `riglab checkpoint`: of one, or of a model that rigs; or
+    /// `shipped`: that of the model that comes with riglab.
     pub run: PathBuf,
     /// Codes of a bone, T_D: the first so many of those it was trained with. The paper: 4.
     pub codes: usize,

@@ -14,6 +14,7 @@ use tch::{Device, Kind, Tensor};
 
 use super::config::TokenRigTaskConfig;
 use super::sample::joints_told;
+use super::shipped::SHIPPED;
 use super::skin::Codes;
 use crate::fsq_cvae::Frozen;
 use crate::unirig_skeleton::Batch as Shapes;
@@ -112,9 +113,13 @@ impl Rigger {
     /// As [`Frozen::open`].
     pub fn auto_encoder(config: &TokenRigTaskConfig, device: Device) -> Result<Arc<Frozen>, String> {
         if config.skin.run.as_os_str().is_empty() {
-            let made = "riglab train skintokens/fsq_cvae_for_tokenrig.toml";
-            let given = "--set skin.run='\"runs/fsq_cvae_for_tokenrig/001\"'";
-            return Err(format!("skin.run names no auto-encoder; `{made}` trains one, then give its folder: {given}"));
+            const UNNAMED: &str = "skin.run names no auto-encoder: --set skin.run=shipped takes that of the model that \
+                                   comes with riglab; `riglab train skintokens/fsq_cvae_for_tokenrig.toml` trains one, \
+                                   then give its folder: --set skin.run=runs/fsq_cvae_for_tokenrig/001";
+            return Err(UNNAMED.into());
+        }
+        if config.skin.run == Path::new(SHIPPED) {
+            return Self::shipped(device).map(|(rigger, _)| rigger.vae);
         }
         Frozen::open(Path::new(&config.skin.run), device).map(Arc::new)
     }

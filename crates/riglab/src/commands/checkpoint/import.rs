@@ -8,7 +8,7 @@ use riglab_config::Config;
 use riglab_files::make_folder_of;
 use riglab_task::bundle::Card;
 use riglab_task::released::{Fit, Found, Imported, Model, Offered, import as read, recognise};
-use riglab_train::{Checkpoint, Run, RunInfo, State};
+use riglab_train::State;
 use tch::{Device, Kind};
 
 use crate::offered::open;
@@ -67,13 +67,11 @@ pub fn import(args: &ImportArgs) -> Result<ExitCode> {
         fit.lines(if args.all { usize::MAX } else { LISTED }).iter().for_each(|line| say!("{line}"));
     }
     for sizes in &outcome.sizes {
-        eprintln!(
-            "note: other sizes than the release's. {sizes}. What shapes do not tell, as heads, stays: look at it"
-        );
+        tell!("note: other sizes than the release's. {sizes}. What shapes do not tell, as heads, stays: look at it");
     }
     let Some(model) = outcome.model else { bail!("{shown}: {}", refused(&found, &outcome.fits)) };
     let Some(out) = &args.out else {
-        eprintln!("all that is needed is there; -o OUT.safetensors writes it");
+        tell!("all that is needed is there; -o OUT.safetensors writes it");
         return Ok(ExitCode::SUCCESS);
     };
     let state = State {
@@ -95,10 +93,10 @@ pub fn import(args: &ImportArgs) -> Result<ExitCode> {
         riglab_files::write(out, &bytes).with_context(|| format!("{} cannot be written", out.display()))?;
         say!("{}: {:.1} MB", out.display(), bytes.len() as f64 / 1e6);
     } else {
-        folder(out, &model, &card)?;
+        super::planted::folder(out, &model, &card, "imported")?;
         say!("{}", out.display());
     }
-    eprintln!("next: {}", next(&model, out));
+    tell!("next: {}", next(&model, out));
     Ok(ExitCode::SUCCESS)
 }
 
@@ -158,33 +156,6 @@ fn card(model: Model, file: &Path, fits: &[Fit]) -> String {
         model.title(),
         lines.join("\n")
     )
-}
-
-/// A run's folder that holds the weights as its best checkpoint.
-fn folder(out: &Path, model: &Imported, card: &Card) -> Result<()> {
-    let settings = match model {
-        Imported::TokenRig(rigger) => {
-            let (skin, vae) = (out.join("auto_encoder"), rigger.vae());
-            let run = Run::create(&skin, &toml::to_string(vae.config())?)?;
-            let state = State { task: "fsq_cvae".into(), ..card.state.clone() };
-            vae.plant(run.dir(), &state).map_err(|e| anyhow!(e))?;
-            about(&run, "fsq_cvae", vae.tensors().iter().map(|(_, t)| t.numel()).sum())?;
-            let mut config = rigger.config().clone();
-            config.skin.run = skin;
-            toml::to_string(&config)?
-        }
-        other => other.settings().map_err(|e| anyhow!(e))?,
-    };
-    let run = Run::create(out, &settings)?;
-    Checkpoint::plant(run.dir(), model.params(), &card.state)?;
-    riglab_files::write(&run.path("card.md"), card.text.as_bytes())?;
-    about(&run, model.task(), model.params().numel())
-}
-
-fn about(run: &Run, task: &str, parameters: usize) -> Result<()> {
-    let mut info = RunInfo::new(crate::VERSION, task, 1, "cpu");
-    (info.parameters, info.ended, info.outcome) = (parameters, RunInfo::now(), "imported".into());
-    Ok(run.write_info(&info)?)
 }
 
 fn next(model: &Imported, out: &Path) -> String {

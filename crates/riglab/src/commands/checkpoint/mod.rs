@@ -1,13 +1,15 @@
 //! `riglab checkpoint`
 
 mod import;
+mod planted;
 
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
-use anyhow::{Context, Result, anyhow};
+use anyhow::{Context, Result, anyhow, bail};
 use riglab_files::make_folder_of;
 use riglab_task::bundle::Bundle;
+use riglab_task::released::Imported;
 use riglab_task::tokenrig::{Card, Rigger};
 use tch::{Device, Kind};
 
@@ -25,17 +27,21 @@ enum What {
     Show(ShowArgs),
 }
 
-/// Put a run's checkpoint, its auto-encoder and their settings into one file for `riglab rig`.
+/// Put a run's checkpoint, its auto-encoder and their settings into one file for `riglab rig`, or into a run's folder of
+/// its own, to be evaluated.
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:
   riglab checkpoint export runs/tokenrig/001 -o model.safetensors
-  riglab checkpoint export runs/tokenrig/001 -o model.safetensors --half --name ours --card card.md")]
+  riglab checkpoint export runs/tokenrig/001 -o model.safetensors --half --name ours --card card.md
+  riglab checkpoint export -o runs/small        # the model that comes with riglab, to be evaluated:
+  riglab eval runs/small --set data.corpora='[\"corpus.h5\"]'")]
 struct ExportArgs {
-    /// The folder of a run of task tokenrig or grpo.
-    run: PathBuf,
-    /// The file to write.
-    #[arg(long, short, value_name = "FILE")]
+    /// The folder of a run of task tokenrig or grpo, or a file of such a model [default: the model that comes with
+    /// riglab].
+    run: Option<PathBuf>,
+    /// What to write: a file (.safetensors), or a run's folder for `riglab eval`.
+    #[arg(long, short, value_name = "OUT")]
     out: PathBuf,
     /// Which checkpoint: best, last or step-N.
     #[arg(long, default_value = "best")]
@@ -72,15 +78,36 @@ pub fn run(args: &Args) -> Result<ExitCode> {
 }
 
 fn export(args: &ExportArgs) -> Result<ExitCode> {
-    let opened = Rigger::of_run(&args.run, &args.checkpoint, Device::Cpu);
+    let opened = match &args.run {
+        Some(run) if run.is_file() => Rigger::open(run, Device::Cpu),
+        Some(run) => Rigger::of_run(run, &args.checkpoint, Device::Cpu),
+        None => Rigger::shipped(Device::Cpu),
+    };
     let (rigger, found) = opened.map_err(|e| anyhow!(e))?;
     let text = match &args.card {
         Some(path) => std::fs::read_to_string(path).with_context(|| format!("{} cannot be read", path.display()))?,
+        None if args.run.as_ref().is_none_or(|run| run.is_file()) => found.text,
         None => "No card was written for this model.".into(),
     };
     // A folder's path is of use on one machine only.
-    let own = args.run.file_name().map_or("tokenrig".into(), |n| n.to_string_lossy().into_owned());
-    let card = Card { name: args.name.clone().unwrap_or(own), text, state: found.state };
+    let own = match args.run.as_ref().and_then(|run| run.file_name()) {
+        Some(run) => run.to_string_lossy().into_owned(),
+        None => found.name,
+    };
+    let mut card = Card { name: args.name.clone().unwrap_or(own), text, state: found.state };
+    if args.out.extension().is_none_or(|e| e != "safetensors") {
+        if args.half {
+            bail!(
+                "--half is for files; a run's folder holds numbers of 32 bits (--out {}.safetensors)",
+                args.out.display()
+            );
+        }
+        // Of a policy that rewards refined, what evaluates it is the task that it was.
+        card.state.task = "tokenrig".into();
+        planted::folder(&args.out, &Imported::TokenRig(Box::new(rigger)), &card, "exported")?;
+        say!("{}", args.out.display());
+        return Ok(ExitCode::SUCCESS);
+    }
     let kind = if args.half { Kind::Half } else { Kind::Float };
     let bytes = rigger.bundle(&card, kind).map_err(|e| anyhow!(e))?;
     crate::commands::keep_corpus(&args.out)?;
