@@ -49,7 +49,7 @@ pub fn check(config: &Config) -> Result<(), ConfigError> {
 
 fn most(key: &str) -> i64 {
     match key {
-        _ if FREE.contains(&key) => i64::MAX,
+        _ if FREE.contains(&key) || key.starts_with("max_") => i64::MAX,
         _ if key.ends_with("layers") || key == "depths" => LAYERS,
         _ => SIZE,
     }
@@ -96,7 +96,7 @@ mod tests {
     #[test]
     fn what_costs_nothing_may_be_large() {
         let text = "seed = 18446744073709551615\nsteps = 1000000000000\nsave_every = 9223372036854775807\n\
-                    vertices = 4294967296\nwidth = 10000000\nname = 'nan'\nrate = 1e300\nlayers = 10000";
+                    vertices = 4294967296\nmax_joints = 1000000000\nwidth = 10000000\nname = 'nan'\nrate = 1e300\nlayers = 10000";
         assert_eq!(said(text), "");
     }
 }

@@ -134,7 +134,6 @@ fn settings(name: &str, sets: &[String]) -> Result<(CurateConfig, SlurmConfig, b
     let loaded = presets::load_block(name, sets)?;
     let slurm = slurm_settings(&loaded)?;
     let loaded = loaded.without("slurm");
-    crate::bounds::check(&loaded)?;
     let config: CurateConfig = loaded.get()?;
     config.validate().map_err(|(path, message)| loaded.invalid(path, message))?;
     let told = loaded.contains("split.by");
