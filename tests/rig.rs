@@ -68,7 +68,7 @@ fn a_model_is_rigged_by_what_comes_with_the_program() {
     };
     let first = make("a.glb", &[]);
     assert!(first == make("b.glb", &[]), "same seed, same bytes");
-    assert!(first == make("p.glb", &["--samples", "32", "--skins", "8", "--temperature", "1"]), "as its config says");
+    assert!(first == make("p.glb", &["--samples", "64", "--skins", "8", "--temperature", "1"]), "as its config says");
     let mean = make("m.glb", &["--skins", "3"]);
     assert!(mean == make("n.glb", &["--skins", "3"]) && mean != make("o.glb", &["--skins", "1"]));
     let drawn = make("c.glb", &["--samples", "4", "--seed", "3"]);
@@ -249,6 +249,7 @@ fn tokenrig_is_trained_evaluated_and_exported() {
         "sampling.cloud.points=128",
         "sampling.variants=2",
         "eval.validation_assets=2",
+        "eval.consensus=12",
     ] {
         all.extend(["--set", value]);
     }

@@ -1,26 +1,72 @@
-//! Of several skeletons for one shape the one that the others agree with most.
+//! Of several skeletons for one shape the one that the others agree with most, and where they have its joints.
+
+use glam::DVec3;
 
 use super::{Joints, SkeletonConvention};
 
 /// What a pair counts that cannot be compared: more than any two skeletons in the cube are apart.
 const FARTHEST: f64 = 3.0 * 1.8;
 
-/// The medoid: the candidate whose J2J + J2B + B2B to the others ([`SkeletonConvention::Unirig`]) are the least on
-/// average, the first of equals. Draws of a model being samples of what it believes, that is the candidate with the least
-/// expected distance from the truth (minimum Bayes risk).
-pub fn consensus(candidates: &[Joints]) -> Option<usize> {
+/// The medoid: the candidate whose J2J + J2B + B2B to the other candidates and to `voters` ([`SkeletonConvention::Unirig`])
+/// are the least on average, the first of equals. Draws of a model being samples of what it believes, that is the candidate
+/// with the least expected distance from the truth (minimum Bayes risk).
+pub fn consensus(candidates: &[Joints], voters: &[Joints]) -> Option<usize> {
     let n = candidates.len();
+    let apart = |a: &Joints, b: &Joints| {
+        let d = SkeletonConvention::Unirig.distances(a, b);
+        let apart = d.j2j + d.j2b + d.b2b;
+        if apart.is_finite() { apart } else { FARTHEST }
+    };
     let mut sums = vec![0.0; n];
     for a in 0..n {
         for b in a + 1..n {
-            let d = SkeletonConvention::Unirig.distances(&candidates[a], &candidates[b]);
-            let apart = d.j2j + d.j2b + d.b2b;
-            let apart = if apart.is_finite() { apart } else { FARTHEST };
+            let apart = apart(&candidates[a], &candidates[b]);
             sums[a] += apart;
             sums[b] += apart;
         }
+        sums[a] += voters.iter().map(|v| apart(&candidates[a], v)).sum::<f64>();
     }
     (0..n).min_by(|&a, &b| sums[a].total_cmp(&sums[b]))
+}
+
+/// How near a joint has to be to count no more than another that is nearer, in the cube [-1, 1]³: about half a cell of 256.
+const NEAR: f64 = 0.005;
+
+/// Moves joints to where `voters` have them, all of whose votes count the same: the mean J2J to them falls. Each joint goes
+/// to the geometric median (a step of Weiszfeld's a round) of the joints nearest to it, one of each voter, and of those it
+/// is the nearest to; which these are is asked anew each round. The tree stays as it is.
+pub fn refined(own: &Joints, voters: &[Joints], rounds: usize) -> Joints {
+    let vectors = |joints: &Joints| joints.positions.iter().map(|&p| DVec3::from(p)).collect::<Vec<_>>();
+    let mut joints = vectors(own);
+    let voters: Vec<Vec<DVec3>> = voters.iter().map(vectors).filter(|v| !v.is_empty()).collect();
+    for _ in 0..rounds {
+        let mut sums = vec![(DVec3::ZERO, 0.0); joints.len()];
+        for voter in &voters {
+            let mut pull = |joint: usize, to: DVec3, share: usize| {
+                let weight = 1.0 / (share as f64 * (joints[joint].distance(to) + NEAR));
+                sums[joint].0 += weight * to;
+                sums[joint].1 += weight;
+            };
+            for joint in 0..joints.len() {
+                pull(joint, voter[nearest(voter, joints[joint])], joints.len());
+            }
+            for &to in voter {
+                pull(nearest(&joints, to), to, voter.len());
+            }
+        }
+        for (joint, (sum, weight)) in joints.iter_mut().zip(sums) {
+            if weight > 0.0 {
+                *joint = sum / weight;
+            }
+        }
+    }
+    Joints { positions: joints.iter().map(DVec3::to_array).collect(), parents: own.parents.clone() }
+}
+
+/// The place of the nearest, of at least one; the first of equals.
+fn nearest(of: &[DVec3], to: DVec3) -> usize {
+    let squared = |&k: &usize| of[k].distance_squared(to);
+    (0..of.len()).min_by(|a, b| squared(a).total_cmp(&squared(b))).unwrap_or(0)
 }
 
 #[cfg(test)]
@@ -34,15 +80,57 @@ mod tests {
 
     #[test]
     fn the_one_in_the_middle_is_taken() {
-        let candidates = [0.2, 1.0, 0.8, 0.9, 0.95].map(|length| chain(length, 4));
-        assert_eq!(consensus(&candidates), Some(3));
-        assert_eq!(consensus(&[chain(1.0, 3), chain(1.0, 3)]), Some(0), "the first of equals");
+        let candidates = [chain(0.2, 3), chain(1.0, 3), chain(1.1, 3), chain(1.05, 3), chain(1.2, 3)];
+        assert_eq!(consensus(&candidates, &[]), Some(3));
+        assert_eq!(consensus(&[chain(1.0, 3), chain(1.0, 3)], &[]), Some(0), "the first of equals");
     }
 
     #[test]
-    fn one_that_cannot_be_compared_is_taken_last() {
-        assert_eq!(consensus(&[chain(1.0, 1), chain(0.3, 3), chain(1.0, 3)]), Some(1));
-        assert_eq!(consensus(&[chain(1.0, 1)]), Some(0));
-        assert_eq!(consensus(&[]), None);
+    fn voters_count_and_are_not_taken() {
+        let candidates = [chain(0.2, 3), chain(1.0, 3), chain(1.1, 3)];
+        assert_eq!(consensus(&candidates, &[]), Some(1));
+        let voters = [chain(0.3, 3), chain(0.25, 3), chain(0.2, 3), chain(0.2, 3)];
+        assert_eq!(consensus(&candidates, &voters), Some(0));
+        assert_eq!(consensus(&[], &voters), None);
+    }
+
+    #[test]
+    fn what_has_no_bones_is_farthest_from_all() {
+        assert_eq!(consensus(&[chain(1.0, 1), chain(0.3, 3), chain(1.0, 3)], &[]), Some(1));
+        assert_eq!(consensus(&[chain(1.0, 1)], &[]), Some(0));
+        assert_eq!(consensus(&[], &[]), None);
+    }
+
+    #[test]
+    fn joints_go_to_the_median_of_what_others_say() {
+        // Most say 1, one is far off: a mean would be pulled away.
+        let voters: Vec<Joints> = [0.99, 1.0, 1.0, 1.01, 1.6].map(|length| chain(length, 3)).into();
+        let moved = refined(&chain(0.9, 3), &voters, 20);
+        assert_eq!(moved.parents, chain(1.0, 3).parents);
+        for (moved, median) in moved.positions.iter().zip(chain(1.0, 3).positions) {
+            assert!(DVec3::from(*moved).distance(DVec3::from(median)) < 0.01, "{moved:?} {median:?}");
+        }
+        assert_eq!(refined(&chain(0.9, 3), &voters, 0), chain(0.9, 3));
+        assert_eq!(refined(&chain(0.9, 3), &[], 5), chain(0.9, 3), "nobody says otherwise");
+    }
+
+    #[test]
+    fn the_mean_distance_to_voters_falls() {
+        use riglab_random::{Draw, stream};
+        let mut random = stream(5, "test", &[]);
+        let mut tree = |joints: usize| {
+            let mut at = || [(); 3].map(|()| f64::from(random.unit()) - 0.5);
+            Joints {
+                positions: (0..joints).map(|_| at()).collect(),
+                parents: (0..joints).map(|j| j.checked_sub(1)).collect(),
+            }
+        };
+        let (own, voters) = (tree(7), [5, 7, 9, 11].map(&mut tree));
+        let mean = |of: &Joints| {
+            let apart = |v: &Joints| SkeletonConvention::Unirig.distances(of, v).j2j;
+            voters.iter().map(apart).sum::<f64>() / voters.len() as f64
+        };
+        let (before, once, often) = (mean(&own), mean(&refined(&own, &voters, 1)), mean(&refined(&own, &voters, 8)));
+        assert!(often < once && once < before, "{before} {once} {often}");
     }
 }

@@ -13,6 +13,7 @@ use serde::{Deserialize, Serialize};
 use crate::assets::DataConfig;
 use crate::fsq_cvae::cells;
 use crate::sequences::Sequences;
+use crate::unirig_skeleton::agree::Agreement;
 
 /// Everything a run of TokenRig is made of.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -129,6 +130,14 @@ pub struct EvalConfig {
     /// with most (see [`riglab_metric::consensus`]): that of the likeliest tokens and others, drawn with `generate`'s
     /// temperature; 1: the one that `generate` gives.
     pub consensus: usize,
+    /// Point clouds of each mesh that these draws are shared out to, each sampled anew.
+    pub clouds: usize,
+    /// Whether every other cloud is seen in the mirror, x for -x: for models that were trained so (`augment.flip`). What is
+    /// drawn after it votes and is not taken.
+    pub mirror: bool,
+    /// Rounds in which the joints of the one that is taken move to where the others have them (see
+    /// [`riglab_metric::refined`]).
+    pub refine: usize,
     /// Where branches may come from.
     pub parents: Parents,
     /// Rigs drawn at once.
@@ -159,6 +168,9 @@ impl Default for EvalConfig {
         Self {
             generate: GenerateConfig::default(),
             consensus: 1,
+            clouds: 1,
+            mirror: false,
+            refine: 0,
             parents: Parents::default(),
             rows: 16,
             validation_assets: 32,
@@ -170,6 +182,19 @@ impl Default for EvalConfig {
             baseline_resolution: 128,
             seed: 0,
         }
+    }
+}
+
+impl EvalConfig {
+    /// How one skeleton is made of several.
+    pub(crate) fn agreement(&self) -> Agreement {
+        Agreement { draws: self.consensus, clouds: self.clouds, mirror: self.mirror, refine: self.refine }
+    }
+
+    /// How skeletons are drawn, and how one is made of several, where it is not as the papers do.
+    pub(crate) fn told(&self) -> String {
+        let both = [self.generate.draws(self.consensus), self.agreement().told()];
+        both.iter().filter(|s| !s.is_empty()).map(String::as_str).collect::<Vec<_>>().join("; ")
     }
 }
 
@@ -203,9 +228,7 @@ impl TokenRigTaskConfig {
             spread: self.loss.spread,
         }
         .validate()?;
-        if self.eval.consensus == 0 {
-            return bad("eval.consensus", "at least one rig is drawn: give 1 or more".into());
-        }
+        self.eval.agreement().validate().map_err(|(key, message)| (key.to_owned(), message))?;
         if self.skin.codes == 0 {
             return bad("skin.codes", "a bone has at least 1 code".into());
         }

@@ -21,7 +21,7 @@ use crate::fsq_cvae::Row as SkinRow;
 use crate::fsq_cvae::evaluate::Methods;
 use crate::unirig_skeleton::batch::{encode, normalized, shape};
 use crate::unirig_skeleton::evaluate::{Beside, Sums, Validated, joints};
-use crate::unirig_skeleton::generate::{agreed, streams};
+use crate::unirig_skeleton::generate::streams;
 use crate::unirig_skeleton::retrieval::Retrieval;
 use crate::unirig_skeleton::{AssetRow, Report as SkeletonReport};
 
@@ -191,18 +191,28 @@ impl TokenRigTask {
         Ok(Validation { metrics, ..Validation::default() })
     }
 
-    /// A rig after each prefix [b, p, d], of these assets: as `eval.generate` says, or of several skeletons the one that
-    /// the others agree with most, with the likeliest codes.
-    fn drawn(&self, w: &Weights, prefix: &Tensor, ids: &[AssetId]) -> Result<Vec<Drawn>, String> {
+    /// A rig for each of these assets after the prefixes [clouds, p, d] of its shape: as `eval.generate` says, or of several
+    /// skeletons the one that the others agree with most, refined, with the likeliest codes.
+    fn drawn(&self, w: &Weights, prefixes: &[Tensor], ids: &[AssetId]) -> Result<Vec<Drawn>, String> {
         let (rigger, c) = (&self.rigger, &self.rigger.config);
-        let each = c.eval.consensus;
+        let agreement = c.eval.agreement();
+        let (each, shares) = (agreement.draws, agreement.shares());
         let mut streams = streams(c.eval.seed, ids.iter().map(|id| id.key()), each);
+        let firsts = |n| Tensor::cat(&prefixes.iter().map(|p| p.narrow(0, 0, n)).collect::<Vec<_>>(), 0);
         if each == 1 {
-            return rigger.draw(w, prefix, &vec![rigger.free(); ids.len()], &c.eval.generate, &mut streams);
+            return rigger.draw(w, &firsts(1), &vec![rigger.free(); ids.len()], &c.eval.generate, &mut streams);
         }
-        let drawn = rigger.draw_skeletons(w, prefix, (&rigger.free(), each), &c.eval.generate, &mut streams)?;
-        let agreed = agreed(drawn, each, |drawn| drawn.decoded.as_ref().ok()).into_iter();
-        (0..).zip(agreed).map(|(row, drawn)| rigger.with_codes(w, &prefix.narrow(0, row, 1), drawn)).collect()
+        let (free, prefix) = (rigger.free(), firsts(shares.len() as i64));
+        let mut left = rigger.draw_skeletons(w, &prefix, (&free, &shares), &c.eval.generate, &mut streams)?;
+        let mut out = Vec::with_capacity(ids.len());
+        for own in prefixes {
+            let rest = left.split_off(each);
+            // The grammar lets every draw be a skeleton.
+            let agreed = rigger.agreed(w, &own.narrow(0, 0, 1), &agreement, left)?;
+            out.push(agreed.ok_or("no draw is a skeleton")?.1);
+            left = rest;
+        }
+        Ok(out)
     }
 
     /// The rig that was drawn for a mesh.
@@ -214,17 +224,17 @@ impl TokenRigTask {
 
     /// Codes of an asset's joints, in their order, drawn for its true skeleton, as many as `eval.skins`; `None` where the
     /// skeleton cannot be written within the limits.
-    fn given(&self, w: &Weights, rig: &Rig, key: u64) -> Result<Option<Vec<Codes>>, String> {
+    fn given(&self, w: &Weights, prefix: &Tensor, rig: &Rig, key: u64) -> Result<Option<Vec<Codes>>, String> {
         let (rigger, c) = (&self.rigger, &self.rigger.config);
         let Ok(encoded) = encode(&rigger.tokenizer, rig.skeleton(), true) else { return Ok(None) };
         if encoded.ids.len() > c.limits.tokens || rig.skeleton().len() > c.limits.joints {
             return Ok(None);
         }
-        let prefix = rigger.condition(w, &[(rig.mesh(), key)]);
         let mut streams = [stream(c.eval.seed, "skin draws", &[key])];
-        let drawn = rigger.draw(w, &prefix, std::slice::from_ref(&encoded.ids), &c.eval.generate, &mut streams)?;
+        let (prompt, first) = (std::slice::from_ref(&encoded.ids), prefix.narrow(0, 0, 1));
+        let drawn = rigger.draw(w, &first, prompt, &c.eval.generate, &mut streams)?;
         let Some(drawn) = drawn.first() else { return Ok(None) };
-        let skins = rigger.skins(w, &prefix, drawn, c.eval.skins, key)?;
+        let skins = rigger.skins(w, &rigger.straight(prefix), drawn, c.eval.skins, key)?;
         let own = |codes| in_order(codes, &encoded.order, rig.skeleton().len());
         Ok(Some(skins.into_iter().map(own).collect()))
     }
@@ -258,10 +268,10 @@ impl TokenRigTask {
             for ids in ids.chunks((c.eval.rows / c.eval.consensus).max(1)) {
                 let each = ids.iter().map(|&id| normalized(&self.assets, &self.cache, id));
                 let truths: Vec<Arc<Rig>> = each.collect::<Result<_, _>>()?;
-                let meshes: Vec<_> = truths.iter().zip(ids).map(|(rig, id)| (rig.mesh(), id.key())).collect();
-                let prefix = rigger.condition(w, &meshes);
-                let drawn = self.drawn(w, &prefix, ids)?;
-                for (row, ((drawn, truth), &id)) in (0..).zip(drawn.into_iter().zip(&truths).zip(ids)) {
+                let shape = |(rig, id): (&Arc<Rig>, &AssetId)| rigger.clouds(w, rig.mesh(), id.key());
+                let prefixes: Vec<Tensor> = truths.iter().zip(ids).map(shape).collect();
+                let drawn = self.drawn(w, &prefixes, ids)?;
+                for (((drawn, prefix), truth), &id) in drawn.into_iter().zip(&prefixes).zip(&truths).zip(ids) {
                     let own = Joints::of(truth.skeleton());
                     let found = drawn.decoded.as_ref().ok().map(joints);
                     let offered = retrieval.offer(truth, id.key());
@@ -288,7 +298,7 @@ impl TokenRigTask {
                     });
                     let rig = match &drawn.decoded {
                         Ok(decoded) => {
-                            let skins = rigger.skins(w, &prefix.narrow(0, row, 1), &drawn, c.eval.skins, id.key())?;
+                            let skins = rigger.skins(w, &rigger.straight(prefix), &drawn, c.eval.skins, id.key())?;
                             Some(self.rigged(truth.mesh(), decoded, &skins, id.key())?)
                         }
                         Err(_) => None,
@@ -297,7 +307,7 @@ impl TokenRigTask {
                         .as_ref()
                         .map(|rig| ways.all("generated", rig, &moved(truth, rig.skeleton()), &claimed(&drawn.codes)));
                     skin_assets.push(skin_asset("generated", of));
-                    let of = match self.given(w, truth, id.key())? {
+                    let of = match self.given(w, prefix, truth, id.key())? {
                         Some(skins) => Some(self.on_the_true_skeleton(truth, &skins, id.key(), &mut ways)?),
                         None => None,
                     };
@@ -320,7 +330,7 @@ impl TokenRigTask {
                 "data.test: the corpora have no asset in `{splits}`; `riglab dataset inspect` shows their splits"
             ));
         }
-        let (consensus, draws) = (c.eval.consensus, c.eval.generate.draws(c.eval.consensus));
+        let (consensus, draws) = (c.eval.consensus, c.eval.told());
         let skeletons = SkeletonReport { convention: "unirig".into(), consensus, draws, rows, assets };
         Ok((Report { skeletons, skin, convention: "skintokens".into(), skin_assets }, rigs))
     }

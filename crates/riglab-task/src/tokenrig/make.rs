@@ -9,7 +9,7 @@ use riglab_token::Bones;
 use super::skin::in_order;
 use super::{Drawn, Rigger};
 use crate::grpo::{Judged, Subject, rewards};
-use crate::unirig_skeleton::generate::most_agreed;
+use crate::unirig_skeleton::agree::Agreement;
 
 /// By what the best of several rigs is told.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -94,8 +94,9 @@ impl Rigger {
         let moved = |p: &[[f32; 3]], map: Similarity| p.iter().map(|&p| map.apply(p)).collect::<Vec<_>>();
         let cube = mesh.with_positions(moved(mesh.positions(), map)).map_err(|e| e.to_string())?;
         let w = self.params.weights();
-        let prefix = self.condition(w, &[(&cube, wish.seed)]);
         let eval = &self.config.eval;
+        let clouds = self.clouds(w, &cube, wish.seed);
+        let prefix = clouds.narrow(0, 0, 1);
         let samples = wish.samples.unwrap_or(if turned.is_some() { 1 } else { eval.consensus }).max(1);
         let how = GenerateConfig {
             sample: true,
@@ -115,8 +116,11 @@ impl Rigger {
         let mut streams: Vec<_> = (0..samples as u64).map(|k| stream(wish.seed, "rig draws", &[k])).collect();
         // Which skeletons agree is known before any codes are.
         let agree = wish.rank == Rank::Consensus && given.is_none() && samples > 1;
+        let agreement = Agreement { draws: samples, ..eval.agreement() };
         let drawn = if agree {
-            self.draw_skeletons(w, &prefix, (&prompt, samples), &how, &mut streams)?
+            let shares = agreement.shares();
+            let clouds = clouds.narrow(0, 0, shares.len() as i64);
+            self.draw_skeletons(w, &clouds, (&prompt, &shares), &how, &mut streams)?
         } else {
             let (first, others) = streams.split_at_mut(1);
             let likeliest = GenerateConfig { sample: false, ..how.clone() };
@@ -132,17 +136,16 @@ impl Rigger {
             (Rank::Rewards, Some(rewards)) => rewards.total,
             _ => draws[at].likelihood,
         };
-        // The first of equals.
-        let best = match wish.rank {
-            Rank::Consensus if given.is_none() => most_agreed(drawn.iter().map(|d| d.decoded.as_ref().ok())),
-            _ => whole.min_by(|a, b| worth(*b).total_cmp(&worth(*a))),
+        let best = if agree {
+            self.agreed(w, &prefix, &agreement, drawn)?
+        } else {
+            // The first of equals.
+            let best = whole.min_by(|a, b| worth(*b).total_cmp(&worth(*a)));
+            best.and_then(|at| Some((at, drawn.into_iter().nth(at)?)))
         };
-        let sample = best.ok_or("no skeleton came out; try --samples 8, or another --seed")?;
-        let mut drawn = drawn.into_iter().nth(sample).ok_or("no draw")?;
-        if agree {
-            drawn = self.with_codes(w, &prefix, drawn)?;
-        }
-        let skins = self.skins(w, &prefix, &drawn, wish.skins.unwrap_or(self.config.eval.skins), wish.seed)?;
+        let (sample, drawn) = best.ok_or("no skeleton came out; try --samples 8, or another --seed")?;
+        let count = wish.skins.unwrap_or(eval.skins);
+        let skins = self.skins(w, &self.straight(&clouds), &drawn, count, wish.seed)?;
         let (skeleton, in_cube, skins) = match given {
             Some((skeleton, encoded)) => {
                 let own = |codes| in_order(codes, &encoded.order, skeleton.len());
@@ -255,19 +258,35 @@ mod tests {
         let mut whole = rigger.draw(w, &prefix, &prompts[..1], &how, &mut streams[..1]).unwrap();
         how.sample = true;
         whole.extend(rigger.draw(w, &prefix, &prompts[1..], &how, &mut streams[1..]).unwrap());
-        let at = most_agreed(whole.iter().map(|d| d.decoded.as_ref().ok())).unwrap();
+        let agreement = rigger.config.eval.agreement();
+        let at =
+            agreement.of(&rigger.tokenizer, whole.iter().map(|d| d.decoded.as_ref().ok()), |_| true).unwrap().place;
         assert_eq!(at, made.sample);
         let heads = |of: &riglab_token::Decoded| of.skeleton().unwrap().heads().to_vec();
         let back = |p: &[f32; 3]| map.inverse().apply(*p);
         let want: Vec<_> = heads(whole[at].decoded.as_ref().unwrap()).iter().map(back).collect();
         assert_eq!(made.skeleton.heads(), want);
-        let alone = rigger.draw_skeletons(w, &prefix, (&prompts[0], 1), &how, &mut streams[..1]).unwrap().remove(0);
+        let alone = rigger.draw_skeletons(w, &prefix, (&prompts[0], &[1]), &how, &mut streams[..1]).unwrap().remove(0);
         assert!(alone.codes.iter().all(Option::is_none));
         let coded = rigger.with_codes(w, &prefix, alone).unwrap();
         // Greedy all the way, or first to the skeleton's end and then on.
         assert_eq!((&coded.ids, &coded.codes), (&whole[0].ids, &whole[0].codes));
         assert!((coded.likelihood.0 - whole[0].likelihood.0).abs() < 1e-3);
         assert_eq!(coded.likelihood.1, whole[0].likelihood.1);
+    }
+
+    #[test]
+    fn draws_after_several_clouds_are_refined_and_the_same_each_time() {
+        let (mesh, mut rigger) = (tetrahedron(), untrained(Head::Levels, true));
+        let eval = &mut rigger.config.eval;
+        (eval.consensus, eval.clouds, eval.mirror, eval.refine, eval.skins) = (7, 4, true, 5, 3);
+        let make = |samples| rigger.make(&mesh, &Wish { samples, ..Wish::default() }).unwrap();
+        let (made, again) = (make(None), make(None));
+        assert_eq!((made.draws.len(), &made.skeleton, &made.weights), (7, &again.skeleton, &again.weights));
+        // Two after each of the first three clouds, the second of which is a mirror.
+        assert!(![2, 3, 6].contains(&made.sample), "{}", made.sample);
+        assert_eq!(made.weights.rows(), mesh.positions().len());
+        assert_eq!([1, 2, 3].map(|n| make(Some(n)).draws.len()), [1, 2, 3], "fewer than clouds");
     }
 
     #[test]

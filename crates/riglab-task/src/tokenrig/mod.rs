@@ -30,7 +30,7 @@ pub use evaluate::{Report, SkinAsset};
 pub use make::{Draw, Made, Rank, Wish};
 pub use report::Evaluation;
 pub(crate) use rigger::Strict;
-pub use rigger::{Drawn, Rigger};
+pub use rigger::{AUTO_ENCODER, Drawn, Rigger};
 pub use sample::Sample;
 pub(crate) use sample::{joints_told, told};
 pub use skin::Codes;

@@ -18,8 +18,13 @@ use super::shipped::SHIPPED;
 use super::skin::Codes;
 use crate::fsq_cvae::Frozen;
 use crate::unirig_skeleton::Batch as Shapes;
+use crate::unirig_skeleton::agree::{Agreed, Agreement};
 use crate::unirig_skeleton::batch::shape;
+use crate::unirig_skeleton::generate::repeated;
 use crate::unirig_skeleton::shape_tensors;
+
+/// What `skin.run` is in a run's folder that holds its auto-encoder, and that one's folder below it.
+pub const AUTO_ENCODER: &str = "auto_encoder";
 
 /// Network, tokenizer and frozen auto-encoder.
 pub struct Rigger {
@@ -124,6 +129,14 @@ impl Rigger {
         Frozen::open(Path::new(&config.skin.run), device).map(Arc::new)
     }
 
+    /// Finds the auto-encoder of a run whose folder holds its own, wherever that folder is.
+    pub fn own_auto_encoder(run: &Path, config: &mut TokenRigTaskConfig) {
+        let own = run.join(AUTO_ENCODER);
+        if config.skin.run == Path::new(AUTO_ENCODER) && own.is_dir() {
+            config.skin.run = own;
+        }
+    }
+
     /// Its settings.
     pub fn config(&self) -> &TokenRigTaskConfig {
         &self.config
@@ -176,6 +189,22 @@ impl Rigger {
         self.prefix(w, &batch)
     }
 
+    /// Reads the shape of a mesh in the cube from each of `eval.clouds` point clouds, [clouds, p, d]; the first is that of
+    /// [`Self::condition`].
+    pub(crate) fn clouds(&self, w: &Weights, mesh: &Mesh, key: u64) -> Tensor {
+        let _no_grad = tch::no_grad_guard();
+        let (c, mut batch) = (&self.config, Shapes::default());
+        let how = (&c.sampling.cloud, &c.model.shape);
+        c.eval.agreement().shapes(how, mesh, (c.eval.seed, key), c.eval.clouds, &mut batch);
+        self.prefix(w, &batch)
+    }
+
+    /// Of those, the ones that are seen as they are.
+    pub(crate) fn straight(&self, clouds: &Tensor) -> Tensor {
+        let rows = Tensor::from_slice(&self.config.eval.agreement().straight());
+        clouds.index_select(0, &rows.to_device(clouds.device()))
+    }
+
     /// What the decoder reads of shapes, [b, p, d].
     pub fn prefix(&self, w: &Weights, shapes: &Shapes) -> Tensor {
         let c = &self.config;
@@ -199,8 +228,8 @@ impl Rigger {
         self.draw_until(Until::Whole, w, prefix, prompts, how, streams)
     }
 
-    /// Skeletons without codes after each prefix [b, p, d], `each` in turn: the one of the likeliest tokens, then others
-    /// drawn as `how` says. `streams`: `each` a prefix.
+    /// Skeletons without codes after each prefix [b, p, d], as many as its share says, whose number divides b, in turn: the
+    /// one of the likeliest tokens, then others drawn as `how` says. `streams`: one a skeleton.
     ///
     /// # Errors
     /// As [`Self::draw`].
@@ -208,15 +237,18 @@ impl Rigger {
         &self,
         w: &Weights,
         prefix: &Tensor,
-        (prompt, each): (&[u32], usize),
+        (prompt, shares): (&[u32], &[usize]),
         how: &GenerateConfig,
         streams: &mut [Stream],
     ) -> Result<Vec<Drawn>, String> {
         let shapes = prefix.size()[0];
         let (mut firsts, mut others): (Vec<Stream>, Vec<Stream>) = (Vec::new(), Vec::new());
-        for own in streams.chunks(each.max(1)) {
+        let (mut left, shares) = (&*streams, shares.iter().copied().cycle().take(shapes as usize));
+        for share in shares.clone() {
+            let (own, rest) = left.split_at(share);
             firsts.extend_from_slice(&own[..1]);
             others.extend_from_slice(&own[1..]);
+            left = rest;
         }
         let prompts = |count| vec![prompt.to_vec(); count];
         let likeliest = GenerateConfig { sample: false, ..how.clone() };
@@ -226,15 +258,15 @@ impl Rigger {
         }
         let wide = match shapes {
             1 => prefix.shallow_clone(),
-            _ => prefix.repeat_interleave_self_int(each as i64 - 1, 0, None),
+            _ => repeated(prefix, &shares.clone().map(|n| n - 1).collect::<Vec<_>>()),
         };
         let how = GenerateConfig { sample: true, ..how.clone() };
         let mut others =
             self.draw_until(Until::Skeleton, w, &wide, &prompts(others.len()), &how, &mut others)?.into_iter();
         let mut all = Vec::with_capacity(streams.len());
-        for first in firsts {
+        for (first, share) in firsts.into_iter().zip(shares) {
             all.push(first);
-            all.extend(others.by_ref().take(each - 1));
+            all.extend(others.by_ref().take(share - 1));
         }
         Ok(all)
     }
@@ -255,6 +287,48 @@ impl Rigger {
         Ok(Drawn { likelihood: (a + b, m + n), ..whole })
     }
 
+    /// The skeleton of one mesh that its draws agree on, refined, with the likeliest codes for it after the prefix
+    /// [1, p, d]; which of the draws it is. `None` where none is a skeleton.
+    ///
+    /// # Errors
+    /// As [`Self::draw`].
+    pub(crate) fn agreed(
+        &self,
+        w: &Weights,
+        prefix: &Tensor,
+        agreement: &Agreement,
+        mut drawn: Vec<Drawn>,
+    ) -> Result<Option<(usize, Drawn)>, String> {
+        let decoded = drawn.iter().map(|d| d.decoded.as_ref().ok());
+        let Some(Agreed { place, refined }) = agreement.of(&self.tokenizer, decoded, |ids| self.may_begin(ids)) else {
+            return Ok(None);
+        };
+        let mut taken = drawn.swap_remove(place);
+        if let Some((skeleton, decoded)) = refined {
+            let ids = skeleton.iter().map(|&id| i64::from(id)).collect();
+            taken = Drawn { skeleton, decoded: Ok(decoded), ids, ..taken };
+        }
+        self.with_codes(w, prefix, taken).map(|coded| Some((place, coded)))
+    }
+
+    /// Whether a skeleton may stand at the beginning of a sequence.
+    fn may_begin(&self, ids: &[u32]) -> bool {
+        ids.len() <= self.config.limits.tokens && self.after(self.grammar(self.config.limits.tokens), ids).is_some()
+    }
+
+    /// The grammar after a prompt; `None` where no sequence begins so.
+    fn after(&self, mut strict: Strict, prompt: &[u32]) -> Option<Strict> {
+        let mut mask = Mask::none(self.net.layout().drawn());
+        for &id in prompt {
+            strict.grammar.allowed(&mut mask);
+            if !mask.allows(id) {
+                return None;
+            }
+            strict.grammar.accept(id);
+        }
+        Some(strict)
+    }
+
     fn draw_until(
         &self,
         until: Until,
@@ -265,27 +339,14 @@ impl Rigger {
         streams: &mut [Stream],
     ) -> Result<Vec<Drawn>, String> {
         let _no_grad = tch::no_grad_guard();
-        let (c, layout, vocabulary) = (&self.config, self.net.layout(), self.tokenizer.vocabulary());
+        let (c, vocabulary) = (&self.config, self.tokenizer.vocabulary());
         let tokens = c.limits.tokens.min(how.tokens.saturating_add(1)).max(prompts.first().map_or(0, Vec::len));
         let mut strict = self.grammar(tokens);
         if until == Until::Skeleton {
             strict.end = vocabulary.eos();
         }
-        let grammars: Vec<Strict> = prompts
-            .iter()
-            .map(|prompt| {
-                let mut own = strict.clone();
-                let mut mask = Mask::none(layout.drawn());
-                for &id in prompt {
-                    own.grammar.allowed(&mut mask);
-                    if !mask.allows(id) {
-                        return Err("the given skeleton is no beginning of a sequence of this model".to_string());
-                    }
-                    own.grammar.accept(id);
-                }
-                Ok(own)
-            })
-            .collect::<Result<_, _>>()?;
+        let grammars: Option<Vec<Strict>> = prompts.iter().map(|prompt| self.after(strict.clone(), prompt)).collect();
+        let grammars = grammars.ok_or("the given skeleton is no beginning of a sequence of this model")?;
         let joints = |ids: &[u32]| match self.tokenizer.decode(ids) {
             Ok(d) => joints_told(&d.joints, &d.parents),
             Err(_) => Vec::new(),

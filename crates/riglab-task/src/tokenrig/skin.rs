@@ -15,8 +15,8 @@ use super::skinner::Skinner;
 pub type Codes = Vec<Option<Vec<i64>>>;
 
 impl Rigger {
-    /// Codes for the skeleton that was drawn, or given, after the prefix [1, p, d] of a shape: its own, then draws until
-    /// there are `count`. `key` seeds them.
+    /// Codes for the skeleton that was drawn, or given, after the prefixes [n, p, d] of a shape, one of each of its clouds
+    /// in turn: its own, which are of the first, then draws until there are `count`. `key` seeds them.
     ///
     /// # Errors
     /// When the skeleton is no beginning of a sequence.
@@ -33,7 +33,15 @@ impl Rigger {
         if more > 0 && drawn.decoded.is_ok() {
             let how = GenerateConfig { sample: true, ..eval.generate.clone() };
             let mut streams: Vec<_> = (0..more as u64).map(|k| stream(eval.seed, "skins", &[key, k])).collect();
-            let others = self.draw(w, prefix, &vec![drawn.skeleton.clone(); more], &how, &mut streams)?;
+            let prompts = vec![drawn.skeleton.clone(); more];
+            let of_clouds = match prefix.size()[0] {
+                1 => prefix.shallow_clone(),
+                n => {
+                    let rows: Vec<i64> = (1..count as i64).map(|k| k % n).collect();
+                    prefix.index_select(0, &Tensor::from_slice(&rows).to_device(prefix.device()))
+                }
+            };
+            let others = self.draw(w, &of_clouds, &prompts, &how, &mut streams)?;
             all.extend(others.into_iter().map(|d| d.codes));
         }
         Ok(all)

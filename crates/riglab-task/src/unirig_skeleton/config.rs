@@ -8,6 +8,7 @@ use riglab_token::{Limits, Parents, TokenizerConfig};
 use riglab_train::TrainConfig;
 use serde::{Deserialize, Serialize};
 
+use super::agree::Agreement;
 use crate::assets::DataConfig;
 use crate::sequences::Sequences;
 
@@ -85,6 +86,14 @@ pub struct EvalConfig {
     /// Skeletons that `riglab eval` samples for each mesh, of which it takes the one that the others agree with most
     /// (see [`riglab_metric::consensus`]); 1: the one that `generate` gives.
     pub consensus: usize,
+    /// Point clouds of each mesh that these draws are shared out to, each sampled anew.
+    pub clouds: usize,
+    /// Whether every other cloud is seen in the mirror, x for -x: for models that were trained so (`augment.flip`). What is
+    /// drawn after it votes and is not taken.
+    pub mirror: bool,
+    /// Rounds in which the joints of the one that is taken move to where the others have them (see
+    /// [`riglab_metric::refined`]).
+    pub refine: usize,
     /// Where branches may come from.
     pub parents: Parents,
     /// Skeletons drawn at once.
@@ -102,12 +111,28 @@ impl Default for EvalConfig {
         Self {
             generate: GenerateConfig::default(),
             consensus: 1,
+            clouds: 1,
+            mirror: false,
+            refine: 0,
             parents: Parents::default(),
             rows: 16,
             validation_assets: 32,
             retrieval_points: 512,
             seed: 0,
         }
+    }
+}
+
+impl EvalConfig {
+    /// How one skeleton is made of several.
+    pub(crate) fn agreement(&self) -> Agreement {
+        Agreement { draws: self.consensus, clouds: self.clouds, mirror: self.mirror, refine: self.refine }
+    }
+
+    /// How skeletons are drawn, and how one is made of several, where it is not as the papers do.
+    pub(crate) fn told(&self) -> String {
+        let both = [self.generate.draws(self.consensus), self.agreement().told()];
+        both.iter().filter(|s| !s.is_empty()).map(String::as_str).collect::<Vec<_>>().join("; ")
     }
 }
 
@@ -135,9 +160,7 @@ impl SkeletonTaskConfig {
             spread: self.loss.spread,
         }
         .validate()?;
-        if self.eval.consensus == 0 {
-            return bad("eval.consensus", "at least one skeleton is drawn: give 1 or more".into());
-        }
+        self.eval.agreement().validate().map_err(|(key, message)| (key.to_owned(), message))?;
         let weights = [self.loss.next, self.loss.distance];
         if !weights.iter().all(|w| w.is_finite() && *w >= 0.0) || weights == [0.0, 0.0] {
             return bad("loss.next", "next and distance are weights from 0 on, and one of them is above".into());

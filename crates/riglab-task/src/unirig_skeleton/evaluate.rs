@@ -336,7 +336,7 @@ impl SkeletonTask {
             ));
         }
         let c = &self.config.eval;
-        let (consensus, draws) = (c.consensus, c.generate.draws(c.consensus));
+        let (consensus, draws) = (c.consensus, c.told());
         Ok((Report { convention: "unirig".into(), consensus, draws, rows, assets }, skeletons))
     }
 }

@@ -2,7 +2,6 @@
 
 use riglab_core::Rig;
 use riglab_geom::CloudSampler;
-use riglab_metric::consensus;
 use riglab_nn::decoder::Cache;
 use riglab_nn::generate::{Decoder, GenerateConfig, Grammar as Rules, chooser, log_softmax, rows};
 use riglab_nn::params::Weights;
@@ -11,8 +10,8 @@ use riglab_random::{Stream, stream};
 use riglab_token::{DecodeFault, Decoded, Grammar, Limits, Mask};
 use tch::{Kind, Tensor};
 
+use super::agree::Agreed;
 use super::batch::{Batch, shape};
-use super::evaluate::joints;
 use super::{SkeletonTask, shape_of};
 
 /// What draws for assets are seeded by: one a key, or `each` of several.
@@ -22,6 +21,13 @@ pub(crate) fn streams(seed: u64, keys: impl Iterator<Item = u64>, each: usize) -
         return keys.map(|key| of(&[key])).collect();
     }
     keys.flat_map(|key| (0..each as u64).map(move |k| [key, k])).map(|index| of(&index)).collect()
+}
+
+/// Prefixes [s · b, p, d], each as often as its place among the s clouds of a mesh is drawn after.
+pub(crate) fn repeated(prefix: &Tensor, shares: &[usize]) -> Tensor {
+    let rows = 0..prefix.size()[0];
+    let rows: Vec<i64> = rows.zip(shares.iter().cycle()).flat_map(|(row, &n)| std::iter::repeat_n(row, n)).collect();
+    prefix.index_select(0, &Tensor::from_slice(&rows).to_device(prefix.device()))
 }
 
 /// The strict grammar, for a decoder.
@@ -82,26 +88,6 @@ pub struct Drawn {
     pub decoded: Result<Decoded, DecodeFault>,
 }
 
-/// Of every `each` draws, which are for one mesh, the one whose skeleton the others agree with most; the first where none
-/// is a skeleton.
-pub(crate) fn agreed<D>(mut drawn: Vec<D>, each: usize, said: impl Fn(&D) -> Option<&Decoded>) -> Vec<D> {
-    let mut out = Vec::with_capacity(drawn.len() / each);
-    while !drawn.is_empty() {
-        let rest = drawn.split_off(each);
-        let taken = most_agreed(drawn.iter().map(&said)).unwrap_or(0);
-        out.push(drawn.swap_remove(taken));
-        drawn = rest;
-    }
-    out
-}
-
-/// The place of the draw for one mesh whose skeleton the others agree with most.
-pub(crate) fn most_agreed<'a>(drawn: impl Iterator<Item = Option<&'a Decoded>>) -> Option<usize> {
-    let whole = drawn.enumerate().filter_map(|(k, decoded)| Some((k, joints(decoded?))));
-    let (places, skeletons): (Vec<usize>, Vec<_>) = whole.unzip();
-    consensus(&skeletons).map(|at| places[at])
-}
-
 impl SkeletonTask {
     /// What every skeleton begins with.
     pub(crate) fn start(&self) -> Vec<u32> {
@@ -125,16 +111,35 @@ impl SkeletonTask {
     }
 
     /// As [`Self::draw`], but with `eval.consensus` several are sampled for each rig, and the one is given that the
-    /// others agree with most.
+    /// others agree with most, refined as `eval.refine` says.
     pub fn draw_agreed(&self, w: &Weights, rigs: &[(&Rig, u64)]) -> Vec<Drawn> {
-        let (c, each) = (&self.config, self.config.eval.consensus);
+        let (c, agreement) = (&self.config, self.config.eval.agreement());
+        let (each, shares) = (agreement.draws, agreement.shares());
         if each == 1 {
             return self.draw(w, rigs);
         }
+        let mut shapes = Batch::default();
+        for (rig, key) in rigs {
+            let how = (&c.sampling.cloud, &c.model.shape);
+            agreement.shapes(how, rig.mesh(), (c.eval.seed, *key), shares.len(), &mut shapes);
+        }
+        let prefix = repeated(&self.prefix_of(w, &shapes), &shares);
         let mut streams = streams(c.eval.seed, rigs.iter().map(|(_, key)| *key), each);
-        let prefix = self.prefix_of(w, &self.shapes_of(rigs)).repeat_interleave_self_int(each as i64, 0, None);
         let how = GenerateConfig { sample: true, ..c.eval.generate.clone() };
-        agreed(self.draw_with(w, &prefix, &mut streams, &how), each, |drawn| drawn.decoded.as_ref().ok())
+        let mut drawn = self.draw_with(w, &prefix, &mut streams, &how);
+        let mut out = Vec::with_capacity(rigs.len());
+        while !drawn.is_empty() {
+            let rest = drawn.split_off(each);
+            let decoded = drawn.iter().map(|d| d.decoded.as_ref().ok());
+            let agreed = agreement.of(&self.tokenizer, decoded, |ids| ids.len() <= c.limits.tokens);
+            out.push(match agreed {
+                Some(Agreed { refined: Some((ids, decoded)), .. }) => Drawn { ids, decoded: Ok(decoded) },
+                // The first where none is a skeleton.
+                agreed => drawn.swap_remove(agreed.map_or(0, |a| a.place)),
+            });
+            drawn = rest;
+        }
+        out
     }
 
     /// The shapes of rigs, as the decoder's prefix is made of.
@@ -207,25 +212,5 @@ impl SkeletonTask {
             Drawn { decoded: self.tokenizer.decode(&ids), ids }
         };
         all.into_iter().map(whole).collect()
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    fn chain(length: f32) -> Decoded {
-        let joints = (0..3).map(|k| [0.0, length * k as f32 / 2.0, 0.0]).collect();
-        let names = (0..3).map(|k| format!("bone_{k}")).collect();
-        Decoded { joints, parents: vec![None, Some(0), Some(1)], names, class: None, parts: Vec::new() }
-    }
-
-    #[test]
-    fn of_the_draws_for_each_mesh_the_medoid_is_given() {
-        let of = |lengths: [f32; 3]| lengths.map(|l| (l > 0.0).then(|| chain(l)));
-        // The middle one; the only one; none at all.
-        let drawn = [of([0.1, 0.9, 0.5]), of([0.0, 0.0, 0.7]), of([0.0; 3])].concat();
-        let taken = agreed(drawn, 3, |d| d.as_ref());
-        assert_eq!(taken, [Some(chain(0.5)), Some(chain(0.7)), None]);
     }
 }

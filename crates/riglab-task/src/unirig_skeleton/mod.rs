@@ -1,5 +1,6 @@
 //! UniRig's skeleton stage (3.1, 4.1): a shape comes in, the tokens of its skeleton come out.
 
+pub(crate) mod agree;
 pub(crate) mod batch;
 mod config;
 pub(crate) mod evaluate;

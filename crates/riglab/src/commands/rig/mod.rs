@@ -76,11 +76,11 @@ struct Common {
     #[arg(long, value_name = "PATH")]
     checkpoint: Option<PathBuf>,
     /// Rigs that are drawn, of which the best is taken; the first takes the likeliest token each time [default: as
-    /// eval.consensus in the model's config, 32 for the one that comes with riglab; 1 where the skeleton is given].
+    /// eval.consensus in the model's config, 64 for the one that comes with riglab; 1 where the skeleton is given].
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=4096))]
     samples: Option<u16>,
-    /// Which of several is the best: the one whose skeleton the others agree with most, the one with the highest
-    /// geometric rewards (SkinTokens 3.4.1: joints within the body, weights that hold every vertex, motions that tear
+    /// Which of several is the best: the one whose skeleton the others agree with most, its joints moved to where these
+    /// have them (as eval.refine in the model's config), the one with the highest geometric rewards (SkinTokens 3.4.1: joints within the body, weights that hold every vertex, motions that tear
     /// nothing), or the likeliest.
     #[arg(long, value_enum, default_value = "consensus")]
     rank: Ranked,
