@@ -75,6 +75,24 @@ fn counts_beyond_all_measure_are_refused() {
         let said = refusal(riglab(args).args(["-o", text(&out)]));
         assert!(said.contains("is not in") && !out.exists(), "{said}");
     }
+    let said = refusal(&mut riglab(&["--threads", "18446744073709551615", "doctor"]));
+    assert!(said.contains("--threads"), "{said}");
+}
+
+#[test]
+fn sizes_of_a_model_beyond_all_measure_are_refused_where_they_are_read() {
+    let dir = tempfile::tempdir().unwrap();
+    copy(&ready().join("run"), &dir.path().join("run"));
+    let run = dir.path().join("run");
+    let path = run.join("config.toml");
+    let text_of = fs::read_to_string(&path).unwrap();
+    let layers = text_of.lines().find(|l| l.starts_with("decoder_layers")).unwrap();
+    fs::write(&path, text_of.replace(layers, "decoder_layers = 1000000000000")).unwrap();
+    let set = format!("skin.run={:?}", text(&run));
+    let args =
+        ["train", "quickstart/tokenrig.toml", "--dry-run", "--set", set.as_str(), "--set", "data.corpora=['c.h5']"];
+    let said = refusal(riglab(&args).current_dir(ready()));
+    assert!(said.contains("config.toml") && said.contains("more than any machine holds"), "{said}");
 }
 
 #[test]

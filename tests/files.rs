@@ -158,8 +158,12 @@ fn the_source_is_never_written_over_and_faults_are_named() {
     }
     let unclear = refusal(&mut riglab(&["convert", text(creature), text(&dir.path().join("x.npz"))]));
     assert!(unclear.contains("--to") && unclear.contains("unirig"), "{unclear}");
-    let apart = refusal(&mut riglab(&["convert", text(creature), text(&out), "--to", "obj"]));
-    assert!(apart.contains("ends in .obj") && !out.exists(), "{apart}");
+    for (name, format, ending) in [("out.glb", "obj", "obj"), ("out.npz", "glb", "glb"), ("out.txt", "glb", "glb")] {
+        let out = dir.path().join(name);
+        let apart = refusal(&mut riglab(&["convert", text(creature), text(&out), "--to", format]));
+        assert!(apart.contains(&format!("ends in .{ending}")) && !out.exists(), "{apart}");
+    }
+    must(&["convert", text(creature), text(&dir.path().join("out.vrm")), "--to", "glb"]);
 }
 
 #[test]

@@ -293,10 +293,37 @@ fn tokenrig_is_trained_evaluated_and_exported() {
 
     // Out of the file it becomes a run again, which evaluates as the first one did.
     let again = path("again");
-    must(&["checkpoint", "export", text(&file), "-o", text(&again)]);
-    let said = must(&["eval", text(&again), "--json", "--pictures", "0", "--set", &corpora, "--set", &weights]).stdout;
-    let second: Value = serde_json::from_slice(&said).unwrap();
+    let card = path("card.md");
+    fs::write(&card, "How far to trust it.").unwrap();
+    must(&["checkpoint", "export", text(&file), "-o", text(&again), "--card", text(&card)]);
+    let said = refusal(&mut riglab(&["checkpoint", "export", text(&file), "-o", text(&again)]));
+    assert!(said.contains("again exists"), "{said}");
+    // Wherever its folder is moved to, and whatever is done from there.
+    let elsewhere = path("elsewhere");
+    fs::create_dir(&elsewhere).unwrap();
+    fs::rename(&again, elsewhere.join("moved")).unwrap();
+    let args = ["eval", "moved", "--json", "--pictures", "0", "--set", &corpora, "--set", &weights];
+    let done = riglab(&args).current_dir(&elsewhere).output().unwrap();
+    let told = String::from_utf8_lossy(&done.stderr);
+    assert!(done.status.success() && told.contains("whether these assets were trained on is not known"), "{told}");
+    let second: Value = serde_json::from_slice(&done.stdout).unwrap();
     for part in ["skeletons", "skin"] {
         assert_eq!(second["report"][part], evaluation["report"][part], "{part}");
+    }
+
+    // What was said of it goes along, into a file again, and a name that it was given.
+    let (moved, last) = (elsewhere.join("moved"), path("last.safetensors"));
+    must(&["checkpoint", "export", text(&moved), "-o", text(&last), "--name", "theirs"]);
+    let copy = path("copy.safetensors");
+    must(&["checkpoint", "export", text(&last), "-o", text(&copy)]);
+    let said = String::from_utf8(must(&["checkpoint", "show", text(&copy)]).stdout).unwrap();
+    assert!(said.starts_with("theirs\n") && said.contains("How far to trust it."), "{said}");
+    for (more, wanted) in [
+        (["-o", "x.safetensors", "--checkpoint", "step-7"], "--checkpoint step-7 is for runs' folders"),
+        (["-o", "x", "--name", "y"], "--name is for files"),
+        (["-o", "x.bin", "--name", "y"], "a model's file ends in .safetensors"),
+    ] {
+        let said = refusal(&mut riglab(&[&["checkpoint", "export", text(&copy)], &more[..]].concat()));
+        assert!(said.contains(wanted), "{said}");
     }
 }

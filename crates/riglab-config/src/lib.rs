@@ -50,6 +50,7 @@
 //! # Ok::<(), riglab_config::ConfigError>(())
 //! ```
 
+mod bounds;
 mod config;
 mod de;
 mod diff;

@@ -6,7 +6,6 @@
 #[macro_use]
 mod say;
 
-mod bounds;
 mod commands;
 mod offered;
 mod presets;
@@ -24,8 +23,8 @@ const VERSION: &str = env!("RIGLAB_VERSION");
 #[command(version = VERSION, about, propagate_version = true, max_term_width = 100)]
 struct Cli {
     /// Threads of the numeric library; 0 takes all processors.
-    #[arg(long, global = true, default_value_t = 0, value_name = "N")]
-    threads: usize,
+    #[arg(long, global = true, default_value_t = 0, value_name = "N", value_parser = clap::value_parser!(u16).range(..=4096))]
+    threads: u16,
     #[command(subcommand)]
     command: Command,
 }
@@ -74,7 +73,7 @@ fn main() -> ExitCode {
     if !own_rules {
         leave_clean();
     }
-    let threads = cli.threads;
+    let threads = usize::from(cli.threads);
     let computes = matches!(
         cli.command,
         Command::Train(_) | Command::Eval(_) | Command::Rig(_) | Command::Skin(_) | Command::SlurmTask(_)

@@ -10,7 +10,7 @@ use riglab_task::assets::DataConfig;
 use riglab_task::fsq_cvae::{self, FsqCvaeTask, FsqCvaeTaskConfig};
 use riglab_task::grpo::{self, GrpoTask, GrpoTaskConfig};
 use riglab_task::seen::warning;
-use riglab_task::tokenrig::{self, TokenRigTask, TokenRigTaskConfig};
+use riglab_task::tokenrig::{self, Rigger, TokenRigTask, TokenRigTaskConfig};
 use riglab_task::unirig_skeleton::{self, SkeletonTask, SkeletonTaskConfig};
 use riglab_task::unirig_skin::{self, SkinTask, SkinTaskConfig};
 use riglab_train::TrainConfig;
@@ -55,16 +55,23 @@ macro_rules! each {
 }
 
 impl TaskConfig {
+    /// Of the run in a folder: finds what the folder holds beside the config.
+    pub fn of_run(mut self, run: &Path) -> Self {
+        if let Self::TokenRig(c) = &mut self {
+            Rigger::own_auto_encoder(run, c);
+        }
+        self
+    }
+
     /// Reads and checks a config; faults name the line that set the value. What it says of a cluster is checked and is
     /// no part of a task's settings.
     pub fn read(config: &Config) -> Result<Self> {
         crate::commands::slurm::settings(config)?;
-        let config = &config.clone().without("slurm");
+        let config = &config.clone().without("slurm").bounded()?;
         let name: String = match config.contains("task") {
             true => config.get_at("task")?,
             false => bail!("the config says no `task`; add for instance task = \"fsq_cvae\""),
         };
-        crate::bounds::check(config)?;
         let invalid = |(key, message): (String, String)| config.invalid(&key, message);
         match name.as_str() {
             "fsq_cvae" => {

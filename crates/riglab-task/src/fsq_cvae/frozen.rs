@@ -54,7 +54,7 @@ impl Frozen {
             )
         })?;
         let config = Config::from_toml_str(&path.to_string_lossy(), &text)
-            .and_then(|c| c.get::<FsqCvaeTaskConfig>())
+            .and_then(|c| c.bounded()?.get::<FsqCvaeTaskConfig>())
             .map_err(|e| format!("{}: no config of task fsq_cvae ({e})", path.display()))?;
         config.validate().map_err(|(key, message)| format!("{}: {key}: {message}", path.display()))?;
         has_tokens(&config).map_err(|e| format!("{}: {e}", path.display()))?;
@@ -86,7 +86,7 @@ impl Frozen {
         device: Device,
     ) -> Result<Self, String> {
         let fault = |e: String| format!("{name}: {e}");
-        let config = Config::from_toml_str(name, settings).and_then(|c| c.get::<FsqCvaeTaskConfig>());
+        let config = Config::from_toml_str(name, settings).and_then(|c| c.bounded()?.get::<FsqCvaeTaskConfig>());
         let config = config.map_err(|e| fault(e.to_string()))?;
         config.validate().map_err(|(key, message)| fault(format!("{key}: {message}")))?;
         let (net, params) = FsqCvaeTask::network(&config, device).map_err(|e| fault(e.to_string()))?;

@@ -236,7 +236,7 @@ pub(crate) fn of_run(
     device: Device,
 ) -> Result<(Rigger, Card), String> {
     descends(run)?;
-    let config = riglab_config::Config::from_toml_str(name, text).and_then(|c| c.get::<GrpoTaskConfig>());
+    let config = riglab_config::Config::from_toml_str(name, text).and_then(|c| c.bounded()?.get::<GrpoTaskConfig>());
     let config = config.map_err(|e| e.to_string())?;
     config.validate().map_err(|(key, message)| format!("{name}: {key}: {message}"))?;
     let Start::Rigs(start, card) = Start::open(&config, device)? else {

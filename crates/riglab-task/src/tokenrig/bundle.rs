@@ -40,7 +40,8 @@ impl Rigger {
         if task_of(&name, &text)? == "grpo" {
             return crate::grpo::of_run(run, &name, &text, checkpoint, device);
         }
-        let config = rig_config(&name, &text)?;
+        let mut config = rig_config(&name, &text)?;
+        Self::own_auto_encoder(run, &mut config);
         let vae = Self::auto_encoder(&config, device)?;
         let rigger = Self::new(config, vae, device)?;
         let checkpoint = Checkpoint::open(&run.join("checkpoints").join(checkpoint)).map_err(|e| e.to_string())?;
@@ -101,7 +102,7 @@ fn rig_config(name: &str, text: &str) -> Result<TokenRigTaskConfig, String> {
         return Err(format!("{name}: a run of task `{task}`, but only `tokenrig` and `grpo` make rigs"));
     }
     let config = Config::from_toml_str(name, text).map_err(|e| e.to_string())?;
-    let config: TokenRigTaskConfig = config.get().map_err(|e| e.to_string())?;
+    let config: TokenRigTaskConfig = config.bounded().and_then(|c| c.get()).map_err(|e| e.to_string())?;
     config.validate().map_err(|(key, message)| format!("{name}: {key}: {message}"))?;
     Ok(config)
 }

@@ -60,7 +60,7 @@ impl Trained {
         if config.get_at::<String>("task").unwrap_or_default() != KIND {
             return Ok(None);
         }
-        let config: SkeletonTaskConfig = config.get().map_err(|e| e.to_string())?;
+        let config: SkeletonTaskConfig = config.bounded().and_then(|c| c.get()).map_err(|e| e.to_string())?;
         config.validate().map_err(|(key, message)| format!("{name}: {key}: {message}"))?;
         let (_, params) = SkeletonTask::network(&config, device).map_err(|e| format!("{name}: {e}"))?;
         Ok(Some(Self { config, params }))

@@ -55,7 +55,7 @@ impl Skinner {
         if task != TASK {
             return Err(format!("{name}: a run of task `{task}`; give one of `{TASK}`"));
         }
-        let config: SkinTaskConfig = config.get().map_err(|e| e.to_string())?;
+        let config: SkinTaskConfig = config.bounded().and_then(|c| c.get()).map_err(|e| e.to_string())?;
         config.validate().map_err(|(key, message)| format!("{name}: {key}: {message}"))?;
         let (net, params) = SkinTask::network(&config, device).map_err(|e| e.to_string())?;
         let checkpoint = Checkpoint::open(&run.join("checkpoints").join(checkpoint)).map_err(|e| e.to_string())?;

@@ -277,8 +277,7 @@ fn run_merge(args: &Merge) -> Result<ExitCode> {
 }
 
 fn run_vary(args: &Vary) -> Result<ExitCode> {
-    let config = crate::presets::load_block(&args.recipe, &args.sets)?;
-    crate::bounds::check(&config)?;
+    let config = crate::presets::load_block(&args.recipe, &args.sets)?.bounded()?;
     let recipe: Recipe = config.get()?;
     recipe.validate().map_err(|(key, message)| config.invalid(&key, message))?;
     let corpus = Corpus::open(&args.corpus)?;

@@ -47,8 +47,16 @@ pub fn run(args: &Args, threads: usize) -> Result<ExitCode> {
     riglab_torch::init(riglab_torch::Settings { threads });
     let read =
         |sets: &[String]| TaskConfig::read(&presets::load(&args.run.join("config.toml").to_string_lossy(), sets)?);
-    let config = read(&args.sets)?;
-    let seen = match seen(config.data(), &config.data().test, read(&[])?.data()) {
+    let config = read(&args.sets)?.of_run(&args.run);
+    let own = read(&[])?;
+    if own.data().corpora.is_empty() {
+        tell!(
+            "note: whether these assets were trained on is not known: the model names no corpora; {} may say what it learned \
+             from",
+            args.run.join("card.md").display()
+        );
+    }
+    let seen = match seen(config.data(), &config.data().test, own.data()) {
         Ok(seen) => seen,
         // Its corpora may be gone or moved: no fault of an evaluation on others.
         Err(e) => {

@@ -111,14 +111,14 @@ fn together(args: &Args, threads: usize, ranks: &Ranks) -> Result<ExitCode> {
             if ranks.size() > 1 {
                 bail!("--dry-run tries one process; start it without mpirun");
             }
-            let config = TaskConfig::read(&presets::load(name, &args.sets)?)?.settled();
+            let config = named(name, &args.sets)?;
             return config.with(Device::Cpu, DryRun { config: &config, threads, json: args.json });
         }
         (None, Some(name)) => {
             // Settled once: what is chosen by a timing must be the same for all.
             let mut own = (String::new(), PathBuf::new());
             if ranks.leads() {
-                let config = TaskConfig::read(&presets::load(name, &args.sets)?)?.settled();
+                let config = named(name, &args.sets)?;
                 own = (config.to_toml()?, args.run.clone().unwrap_or_else(|| next_free(name)));
             }
             let (text, dir) = ranks.told(own)?;
@@ -177,9 +177,22 @@ fn begin<T: Experiment>(task: &T, start: &StartConfig) -> Result<Vec<String>> {
     Ok(taken.iter().map(line).collect())
 }
 
+/// The config of a file or preset.
+fn named(name: &str, sets: &[String]) -> Result<TaskConfig> {
+    Ok(beside(TaskConfig::read(&presets::load(name, sets)?)?, Path::new(name)).settled())
+}
+
 /// The config that a run's `config.toml` holds, or will hold.
 fn settled(text: &str, path: &Path) -> Result<TaskConfig> {
-    TaskConfig::read(&presets::parse(&path.display().to_string(), text, &[])?)
+    Ok(beside(TaskConfig::read(&presets::parse(&path.display().to_string(), text, &[])?)?, path))
+}
+
+/// With what lies beside its file, where that is the config of a run.
+fn beside(config: TaskConfig, file: &Path) -> TaskConfig {
+    match file.parent() {
+        Some(run) => config.of_run(run),
+        None => config,
+    }
 }
 
 /// Submits a training.
@@ -188,7 +201,7 @@ fn hand_over(args: &Args, cluster: &[String], threads: usize) -> Result<ExitCode
         (Some(dir), _) => (dir.clone(), on_slurm::desk(dir, None, cluster)?, None),
         (None, Some(name)) => {
             let config = presets::load(name, &args.sets)?;
-            let text = TaskConfig::read(&config)?.settled().to_toml()?;
+            let text = named(name, &args.sets)?.to_toml()?;
             let dir = args.run.clone().unwrap_or_else(|| next_free(name));
             let desk = on_slurm::desk(&dir, Some(settings(&config)?), &[])?;
             (dir, desk, Some(text))

@@ -85,7 +85,7 @@ pub fn import(args: &ImportArgs) -> Result<ExitCode> {
     let own = args.file.file_stem().map_or_else(|| model.task().into(), |n| n.to_string_lossy().into_owned());
     let text = card(found.model, &args.file, &outcome.fits);
     let card = Card { name: args.name.clone().unwrap_or(own), text, state };
-    if out.extension().is_some_and(|e| e == "safetensors") {
+    if !super::into_folder(out)? {
         let kind = if outcome.half { Kind::BFloat16 } else { Kind::Float };
         let bytes = model.bundle(&card, kind).map_err(|e| anyhow!(e))?;
         crate::commands::keep_corpus(out)?;

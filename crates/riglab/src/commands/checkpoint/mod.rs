@@ -40,19 +40,19 @@ struct ExportArgs {
     /// The folder of a run of task tokenrig or grpo, or a file of such a model [default: the model that comes with
     /// riglab].
     run: Option<PathBuf>,
-    /// What to write: a file (.safetensors), or a run's folder for `riglab eval`.
+    /// What to write: a file (.safetensors), or a new folder of a run for `riglab eval`.
     #[arg(long, short, value_name = "OUT")]
     out: PathBuf,
-    /// Which checkpoint: best, last or step-N.
-    #[arg(long, default_value = "best")]
-    checkpoint: String,
+    /// Which checkpoint of the run: best, last or step-N [default: best].
+    #[arg(long)]
+    checkpoint: Option<String>,
     /// Numbers of 16 bits: half the size.
     #[arg(long)]
     half: bool,
-    /// Its name [default: the run's folder].
+    /// The file's name for it [default: that of the file it came from, or of the run's folder].
     #[arg(long)]
     name: Option<String>,
-    /// Markdown that says what it learned from, how good it is, and its licence.
+    /// Markdown that says what it learned from, how good it is, and its licence [default: what the model has].
     #[arg(long, value_name = "FILE")]
     card: Option<PathBuf>,
 }
@@ -78,34 +78,45 @@ pub fn run(args: &Args) -> Result<ExitCode> {
 }
 
 fn export(args: &ExportArgs) -> Result<ExitCode> {
-    let opened = match &args.run {
-        Some(run) if run.is_file() => Rigger::open(run, Device::Cpu),
-        Some(run) => Rigger::of_run(run, &args.checkpoint, Device::Cpu),
-        None => Rigger::shipped(Device::Cpu),
+    let folder = into_folder(&args.out)?;
+    let run = args.run.as_ref().filter(|run| !run.is_file());
+    if let (None, Some(checkpoint)) = (run, &args.checkpoint) {
+        bail!("--checkpoint {checkpoint} is for runs' folders; a file holds one checkpoint");
+    }
+    let opened = match (&args.run, run) {
+        (_, Some(run)) => Rigger::of_run(run, args.checkpoint.as_deref().unwrap_or("best"), Device::Cpu),
+        (Some(file), None) => Rigger::open(file, Device::Cpu),
+        (None, None) => Rigger::shipped(Device::Cpu),
     };
     let (rigger, found) = opened.map_err(|e| anyhow!(e))?;
-    let text = match &args.card {
-        Some(path) => std::fs::read_to_string(path).with_context(|| format!("{} cannot be read", path.display()))?,
-        None if args.run.as_ref().is_none_or(|run| run.is_file()) => found.text,
+    let read =
+        |path: &Path| std::fs::read_to_string(path).with_context(|| format!("{} cannot be read", path.display()));
+    // One that was exported into its folder before.
+    let card = run.map(|run| run.join("card.md")).filter(|card| card.is_file());
+    let text = match args.card.as_ref().or(card.as_ref()) {
+        Some(path) => read(path)?,
+        None if run.is_none() => found.text,
         None => "No card was written for this model.".into(),
     };
     // A folder's path is of use on one machine only.
-    let own = match args.run.as_ref().and_then(|run| run.file_name()) {
+    let own = match run.and_then(|run| run.file_name()) {
         Some(run) => run.to_string_lossy().into_owned(),
         None => found.name,
     };
     let mut card = Card { name: args.name.clone().unwrap_or(own), text, state: found.state };
-    if args.out.extension().is_none_or(|e| e != "safetensors") {
+    if folder {
+        let file = args.out.with_extension("safetensors");
         if args.half {
-            bail!(
-                "--half is for files; a run's folder holds numbers of 32 bits (--out {}.safetensors)",
-                args.out.display()
-            );
+            bail!("--half is for files; a run's folder holds numbers of 32 bits (--out {})", file.display());
+        }
+        if args.name.is_some() {
+            bail!("--name is for files; a run is called by its folder (--out {})", file.display());
         }
         // Of a policy that rewards refined, what evaluates it is the task that it was.
         card.state.task = "tokenrig".into();
         planted::folder(&args.out, &Imported::TokenRig(Box::new(rigger)), &card, "exported")?;
         say!("{}", args.out.display());
+        tell!("next: riglab eval {} --set data.corpora='[\"CORPUS.h5\"]'", args.out.display());
         return Ok(ExitCode::SUCCESS);
     }
     let kind = if args.half { Kind::Half } else { Kind::Float };
@@ -115,6 +126,19 @@ fn export(args: &ExportArgs) -> Result<ExitCode> {
     riglab_files::write(&args.out, &bytes).with_context(|| format!("{} cannot be written", args.out.display()))?;
     say!("{}: {:.1} MB", args.out.display(), bytes.len() as f64 / 1e6);
     Ok(ExitCode::SUCCESS)
+}
+
+/// Whether a model goes into a run's folder there, and not into a file.
+fn into_folder(out: &Path) -> Result<bool> {
+    match out.extension() {
+        None => Ok(true),
+        Some(ending) if ending.eq_ignore_ascii_case("safetensors") => Ok(false),
+        Some(_) if out.is_dir() => Ok(true),
+        Some(_) => bail!(
+            "{}: a model's file ends in .safetensors, and the name of a run's folder has no ending",
+            out.display()
+        ),
+    }
 }
 
 fn show(args: &ShowArgs) -> Result<ExitCode> {

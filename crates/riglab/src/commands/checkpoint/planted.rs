@@ -1,28 +1,52 @@
 //! Models as folders of runs that did not train them.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
-use anyhow::{Result, anyhow};
+use anyhow::{Context, Result, anyhow, bail};
 use riglab_task::bundle::Card;
 use riglab_task::released::Imported;
+use riglab_task::tokenrig::AUTO_ENCODER;
 use riglab_train::{Checkpoint, Run, RunInfo, State};
 
-/// A run's folder that holds the weights as its best checkpoint; `how` they came there.
+/// A new folder of a run that holds the weights as its best checkpoint; `how` they came there. It is there whole or not at
+/// all, and works wherever it is moved to.
 pub(super) fn folder(out: &Path, model: &Imported, card: &Card, how: &str) -> Result<()> {
+    let empty = |dir: &Path| std::fs::read_dir(dir).is_ok_and(|mut entries| entries.next().is_none());
+    if out.exists() && !empty(out) {
+        bail!("{} exists; give the name of a new folder", out.display());
+    }
+    riglab_files::make_folder_of(out)?;
+    let unfinished = beside(out);
+    let made = write(&unfinished, model, card, how)
+        .and_then(|()| std::fs::rename(&unfinished, out).with_context(|| format!("{} cannot be made", out.display())));
+    if made.is_err() {
+        // What was begun says nothing to anyone; that it stays is no further fault.
+        let _ = std::fs::remove_dir_all(&unfinished);
+    }
+    made
+}
+
+/// Where a folder is written before it has its name.
+fn beside(out: &Path) -> PathBuf {
+    let name = out.file_name().unwrap_or_default().to_string_lossy();
+    out.with_file_name(format!(".{name}.{}", std::process::id()))
+}
+
+fn write(dir: &Path, model: &Imported, card: &Card, how: &str) -> Result<()> {
     let settings = match model {
         Imported::TokenRig(rigger) => {
-            let (skin, vae) = (out.join("auto_encoder"), rigger.vae());
-            let run = Run::create(&skin, &toml::to_string(vae.config())?)?;
+            let vae = rigger.vae();
+            let run = Run::create(&dir.join(AUTO_ENCODER), &toml::to_string(vae.config())?)?;
             let state = State { task: "fsq_cvae".into(), ..card.state.clone() };
             vae.plant(run.dir(), &state).map_err(|e| anyhow!(e))?;
             about(&run, "fsq_cvae", how, vae.tensors().iter().map(|(_, t)| t.numel()).sum())?;
             let mut config = rigger.config().clone();
-            config.skin.run = skin;
+            config.skin.run = AUTO_ENCODER.into();
             toml::to_string(&config)?
         }
         other => other.settings().map_err(|e| anyhow!(e))?,
     };
-    let run = Run::create(out, &settings)?;
+    let run = Run::create(dir, &settings)?;
     Checkpoint::plant(run.dir(), model.params(), &card.state)?;
     riglab_files::write(&run.path("card.md"), card.text.as_bytes())?;
     about(&run, model.task(), how, model.params().numel())

@@ -88,11 +88,13 @@ pub fn run(args: &Args) -> Result<ExitCode> {
         None if into_folder => bail!("{} is a folder; say with --to which format to write", args.out.display()),
         None => Target::of(&args.out)?,
     };
-    if let (false, Ok(named)) = (into_folder, Target::of(&args.out))
-        && named.ending() != target.ending()
-    {
+    // A VRM is a GLB, and what has no ending may be a folder.
+    let fits = |of: &std::ffi::OsStr| {
+        of.eq_ignore_ascii_case(target.ending()) || target == Target::Glb && of.eq_ignore_ascii_case("vrm")
+    };
+    if !into_folder && args.out.extension().is_some_and(|of| !fits(of)) {
         let (out, ending) = (args.out.display(), target.ending());
-        bail!("{out} has the ending of {named}, but --to says {target}: give a name that ends in .{ending}");
+        bail!("{out} does not end as files of {target} do, which --to asks for: give a name that ends in .{ending}");
     }
     if target != Target::Glb && (args.influences.is_some() || args.frames.is_some()) {
         bail!("--influences and --frames are for GLB; {target} is written as the rig is");

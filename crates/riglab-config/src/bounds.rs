@@ -1,17 +1,19 @@
 //! Numbers of a config that no machine computes with.
 //!
 //! What sizes mean and how they must fit each other is for their tasks to say. That 10¹² layers are none, and that
-//! infinity and NaN are nowhere what is meant, holds of every key, and is said before any memory is asked for.
+//! infinity and NaN are nowhere what is meant, holds of every key of a task's or a recipe's settings, and is said before any
+//! memory is asked for.
 
-use riglab_config::{Config, ConfigError};
 use toml::Value;
+
+use crate::{Config, ConfigError};
 
 /// Layers of one kind at most.
 const LAYERS: i64 = 10_000;
 /// What one axis of a tensor may be long, and what may be worked on at a time.
 const SIZE: i64 = 10_000_000;
 /// Keys that seed, count steps or say how much there is at most: memory does not grow with them.
-const FREE: [&str; 12] = [
+const FREE: [&str; 14] = [
     "seed",
     "steps",
     "warmup",
@@ -24,27 +26,32 @@ const FREE: [&str; 12] = [
     "chunk",
     "vertices",
     "validation_assets",
+    "validation_vertices",
+    "keep",
 ];
 
-/// Refuses the first number that cannot be meant, at the place where it was written.
-///
-/// # Errors
-/// What it is, and what can be.
-pub fn check(config: &Config) -> Result<(), ConfigError> {
-    for leaf in config.leaves() {
-        let key = leaf.path.rsplit('.').next().unwrap_or_default();
-        // Of a seed beyond 63 bits TOML's own reader makes nothing.
-        let read = toml::from_str::<toml::Table>(&format!("value = {}", leaf.value)).ok();
-        let fault = match read.and_then(|mut t| t.remove("value")) {
-            Some(value) => fault(key, &value),
-            None if key == "seed" => None,
-            None => leaf.value.parse::<u64>().ok().map(|n| too_large(&n.to_string(), most(key))),
-        };
-        if let Some(message) = fault {
-            return Err(config.invalid(&leaf.path, message));
+impl Config {
+    /// Refuses the first number of a task's or a recipe's settings that cannot be meant, at the place where it was
+    /// written.
+    ///
+    /// # Errors
+    /// What it is, and what can be.
+    pub fn bounded(self) -> Result<Self, ConfigError> {
+        for leaf in self.leaves() {
+            let key = leaf.path.rsplit('.').next().unwrap_or_default();
+            // Of a seed beyond 63 bits TOML's own reader makes nothing.
+            let read = toml::from_str::<toml::Table>(&format!("value = {}", leaf.value)).ok();
+            let fault = match read.and_then(|mut t| t.remove("value")) {
+                Some(value) => fault(key, &value),
+                None if key == "seed" => None,
+                None => leaf.value.parse::<u64>().ok().map(|n| too_large(&n.to_string(), most(key))),
+            };
+            if let Some(message) = fault {
+                return Err(self.invalid(&leaf.path, message));
+            }
         }
+        Ok(self)
     }
-    Ok(())
 }
 
 fn most(key: &str) -> i64 {
@@ -75,7 +82,7 @@ mod tests {
 
     fn said(text: &str) -> String {
         let config = Config::from_toml_str("a.toml", text).unwrap();
-        check(&config).err().map_or_else(String::new, |e| e.to_string())
+        config.bounded().err().map_or_else(String::new, |e| e.to_string())
     }
 
     #[test]
@@ -96,7 +103,7 @@ mod tests {
     #[test]
     fn what_costs_nothing_may_be_large() {
         let text = "seed = 18446744073709551615\nsteps = 1000000000000\nsave_every = 9223372036854775807\n\
-                    vertices = 4294967296\nmax_joints = 1000000000\nwidth = 10000000\nname = 'nan'\nrate = 1e300\nlayers = 10000";
+                    vertices = 4294967296\nmax_joints = 1000000000\nkeep = 1000000000\nwidth = 10000000\nname = 'nan'\nrate = 1e300\nlayers = 10000";
         assert_eq!(said(text), "");
     }
 }
