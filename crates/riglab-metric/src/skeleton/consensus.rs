@@ -1,6 +1,7 @@
 //! Of several skeletons for one shape the one that the others agree with most, and where they have its joints.
 
 use glam::DVec3;
+use rayon::prelude::*;
 
 use super::{Joints, SkeletonConvention};
 
@@ -17,14 +18,17 @@ pub fn consensus(candidates: &[Joints], voters: &[Joints]) -> Option<usize> {
         let apart = d.j2j + d.j2b + d.b2b;
         if apart.is_finite() { apart } else { FARTHEST }
     };
+    let all: Vec<&Joints> = candidates.iter().chain(voters).collect();
+    let later = |a: usize| all[a + 1..].iter().map(|b| apart(all[a], b)).collect::<Vec<f64>>();
+    let rows: Vec<Vec<f64>> = (0..n).into_par_iter().map(later).collect();
     let mut sums = vec![0.0; n];
-    for a in 0..n {
-        for b in a + 1..n {
-            let apart = apart(&candidates[a], &candidates[b]);
+    for (a, row) in rows.iter().enumerate() {
+        for (b, apart) in (a + 1..).zip(row) {
             sums[a] += apart;
-            sums[b] += apart;
+            if b < n {
+                sums[b] += apart;
+            }
         }
-        sums[a] += voters.iter().map(|v| apart(&candidates[a], v)).sum::<f64>();
     }
     (0..n).min_by(|&a, &b| sums[a].total_cmp(&sums[b]))
 }

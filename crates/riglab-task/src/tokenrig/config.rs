@@ -190,12 +190,6 @@ impl EvalConfig {
     pub(crate) fn agreement(&self) -> Agreement {
         Agreement { draws: self.consensus, clouds: self.clouds, mirror: self.mirror, refine: self.refine }
     }
-
-    /// How skeletons are drawn, and how one is made of several, where it is not as the papers do.
-    pub(crate) fn told(&self) -> String {
-        let both = [self.generate.draws(self.consensus), self.agreement().told()];
-        both.iter().filter(|s| !s.is_empty()).map(String::as_str).collect::<Vec<_>>().join("; ")
-    }
 }
 
 impl TokenRigTaskConfig {

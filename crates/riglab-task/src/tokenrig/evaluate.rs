@@ -330,7 +330,7 @@ impl TokenRigTask {
                 "data.test: the corpora have no asset in `{splits}`; `riglab dataset inspect` shows their splits"
             ));
         }
-        let (consensus, draws) = (c.eval.consensus, c.eval.told());
+        let (consensus, draws) = (c.eval.consensus, c.eval.agreement().told(&c.eval.generate));
         let skeletons = SkeletonReport { convention: "unirig".into(), consensus, draws, rows, assets };
         Ok((Report { skeletons, skin, convention: "skintokens".into(), skin_assets }, rigs))
     }

@@ -3,6 +3,7 @@
 use riglab_core::Mesh;
 use riglab_geom::{CloudConfig, CloudSampler};
 use riglab_metric::{consensus, refined};
+use riglab_nn::generate::GenerateConfig;
 use riglab_nn::perceiver::PerceiverConfig;
 use riglab_random::stream;
 use riglab_token::{Bones, Decoded, Tokenizer};
@@ -125,18 +126,20 @@ impl Agreement {
         Some(Agreed { place, refined })
     }
 
-    /// What a report says of it; empty where one of the draws of one cloud is taken as it is.
-    pub fn told(&self) -> String {
-        if self.draws == 1 {
-            return String::new();
-        }
+    /// What a report says of how skeletons are drawn and one is made of several, where it is not as the papers do.
+    pub fn told(&self, generate: &GenerateConfig) -> String {
         let clouds = self.shares().len();
-        let clouds = (clouds > 1).then(|| {
-            let mirror = if self.mirror { ", every other in the mirror" } else { "" };
-            format!("after {clouds} point clouds{mirror}")
-        });
-        let refined = (self.refine > 0).then(|| "its joints moved to where the others have them".to_owned());
-        clouds.into_iter().chain(refined).collect::<Vec<_>>().join("; ")
+        let mirror = if self.mirror { ", every other in the mirror" } else { "" };
+        let all = [
+            (true, generate.draws(self.draws)),
+            (clouds > 1, format!("after {clouds} point clouds{mirror}")),
+            (
+                self.draws > 1 && self.refine > 0,
+                "joints of the one taken moved to where the others have them".to_owned(),
+            ),
+        ];
+        let said = all.into_iter().filter(|(so, said)| *so && !said.is_empty()).map(|(_, said)| said);
+        said.collect::<Vec<_>>().join("; ")
     }
 }
 
@@ -255,13 +258,16 @@ mod tests {
 
     #[test]
     fn a_report_says_what_was_done() {
-        assert_eq!(PLAIN.told(), "");
+        let plain = GenerateConfig::default();
+        assert_eq!(PLAIN.told(&plain), "");
         let all = Agreement { draws: 64, clouds: 8, mirror: true, refine: 5 };
+        let cooler = GenerateConfig { temperature: 0.8, ..plain.clone() };
         assert_eq!(
-            all.told(),
-            "after 8 point clouds, every other in the mirror; its joints moved to where the others have them"
+            all.told(&cooler),
+            "temperature 0.8; after 8 point clouds, every other in the mirror; joints of the one taken moved to where the others have them"
         );
-        assert_eq!(Agreement { draws: 1, ..all }.told(), "");
-        assert_eq!(Agreement { draws: 2, refine: 0, ..all }.told(), "after 2 point clouds, every other in the mirror");
+        assert_eq!(Agreement { draws: 1, ..all }.told(&plain), "");
+        let two = Agreement { draws: 2, refine: 0, ..all };
+        assert_eq!(two.told(&plain), "after 2 point clouds, every other in the mirror");
     }
 }

@@ -336,7 +336,7 @@ impl SkeletonTask {
             ));
         }
         let c = &self.config.eval;
-        let (consensus, draws) = (c.consensus, c.told());
+        let (consensus, draws) = (c.consensus, c.agreement().told(&c.generate));
         Ok((Report { convention: "unirig".into(), consensus, draws, rows, assets }, skeletons))
     }
 }
