@@ -137,7 +137,7 @@ impl Rigger {
             _ => draws[at].likelihood,
         };
         let best = if agree {
-            self.agreed(w, &prefix, &agreement, drawn)?
+            Some(self.agreed(w, &prefix, &agreement, drawn)?).filter(|(_, taken)| taken.decoded.is_ok())
         } else {
             // The first of equals.
             let best = whole.min_by(|a, b| worth(*b).total_cmp(&worth(*a)));

@@ -288,7 +288,7 @@ impl Rigger {
     }
 
     /// The skeleton of one mesh that its draws agree on, refined, with the likeliest codes for it after the prefix
-    /// [1, p, d]; which of the draws it is. `None` where none is a skeleton.
+    /// [1, p, d], and which of the draws it is; the first as it is where none is a skeleton.
     ///
     /// # Errors
     /// As [`Self::draw`].
@@ -298,17 +298,16 @@ impl Rigger {
         prefix: &Tensor,
         agreement: &Agreement,
         mut drawn: Vec<Drawn>,
-    ) -> Result<Option<(usize, Drawn)>, String> {
+    ) -> Result<(usize, Drawn), String> {
         let decoded = drawn.iter().map(|d| d.decoded.as_ref().ok());
-        let Some(Agreed { place, refined }) = agreement.of(&self.tokenizer, decoded, |ids| self.may_begin(ids)) else {
-            return Ok(None);
-        };
+        let agreed = agreement.of(&self.tokenizer, decoded, |ids| self.may_begin(ids));
+        let Agreed { place, refined } = agreed.unwrap_or(Agreed { place: 0, refined: None });
         let mut taken = drawn.swap_remove(place);
         if let Some((skeleton, decoded)) = refined {
             let ids = skeleton.iter().map(|&id| i64::from(id)).collect();
             taken = Drawn { skeleton, decoded: Ok(decoded), ids, ..taken };
         }
-        self.with_codes(w, prefix, taken).map(|coded| Some((place, coded)))
+        self.with_codes(w, prefix, taken).map(|coded| (place, coded))
     }
 
     /// Whether a skeleton may stand at the beginning of a sequence.
@@ -453,6 +452,22 @@ mod tests {
                 assert_eq!(weights.rows(), 4);
             }
         }
+    }
+
+    #[test]
+    fn where_no_draw_is_a_skeleton_the_first_is_given_as_it_is() {
+        let (mesh, rigger) = (tetrahedron(), untrained(Head::Levels, true));
+        let w = rigger.params().weights();
+        let prefix = rigger.condition(w, &[(&mesh, 0)]);
+        let mut streams: Vec<_> = (0..3).map(|k| stream(0, "test", &[k])).collect();
+        let how = GenerateConfig::default();
+        let mut drawn = rigger.draw_skeletons(w, &prefix, (&rigger.free(), &[3]), &how, &mut streams).unwrap();
+        let agreement = Agreement { draws: 3, clouds: 1, mirror: false, refine: 5 };
+        let of = |drawn: &[Drawn]| rigger.agreed(w, &prefix, &agreement, drawn.to_vec()).unwrap();
+        assert!(of(&drawn).1.decoded.is_ok());
+        drawn.iter_mut().for_each(|d| d.decoded = Err(DecodeFault::NoEos));
+        let (place, taken) = of(&drawn);
+        assert_eq!((place, taken.decoded.is_err(), &taken.ids), (0, true, &drawn[0].ids));
     }
 
     #[test]

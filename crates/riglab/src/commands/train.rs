@@ -201,7 +201,7 @@ fn hand_over(args: &Args, cluster: &[String], threads: usize) -> Result<ExitCode
         (Some(dir), _) => (dir.clone(), on_slurm::desk(dir, None, cluster)?, None),
         (None, Some(name)) => {
             let config = presets::load(name, &args.sets)?;
-            let text = named(name, &args.sets)?.to_toml()?;
+            let text = beside(TaskConfig::read(&config)?, Path::new(name)).settled().to_toml()?;
             let dir = args.run.clone().unwrap_or_else(|| next_free(name));
             let desk = on_slurm::desk(&dir, Some(settings(&config)?), &[])?;
             (dir, desk, Some(text))
