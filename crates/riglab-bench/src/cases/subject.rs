@@ -178,7 +178,7 @@ impl Subject for TokenRigTask {
     }
 
     fn batch(shapes: Shapes) -> tokenrig::Batch {
-        tokenrig::Batch { shapes, told: Vec::new() }
+        tokenrig::Batch { shapes, ..tokenrig::Batch::default() }
     }
 
     fn first_loss(&self, w: &Weights, batch: &tokenrig::Batch, at: At) -> Result<Tensor, String> {

@@ -49,6 +49,15 @@ impl Layout {
         self.head
     }
 
+    /// How many of the `ids` that follow a skeleton, end and all, are scored.
+    pub fn scored(&self, ids: usize) -> usize {
+        match self.head {
+            Head::Flat => ids,
+            // The end follows by the grammar alone.
+            Head::Levels => ids.saturating_sub(1),
+        }
+    }
+
     /// Codes.
     pub fn codes(&self) -> i64 {
         self.levels.iter().product()

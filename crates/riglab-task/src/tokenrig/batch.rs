@@ -11,7 +11,7 @@ use riglab_token::Tokenizer;
 use riglab_train::Source;
 
 use super::config::TokenRigTaskConfig;
-use super::sample::{Sample, sample};
+use super::sample::{Sample, sample, skeleton};
 use crate::assets::{AssetId, Assets, Cache};
 use crate::fsq_cvae::Frozen;
 use crate::unirig_skeleton::Batch as Shapes;
@@ -24,6 +24,8 @@ pub struct Batch {
     pub shapes: Shapes,
     /// [T, 7]: see [`riglab_nn::tokenrig::Sequences::told`].
     pub told: Vec<f32>,
+    /// Numbers of skins that are left out, as their loss has no weight.
+    pub unasked: usize,
 }
 
 impl Batch {
@@ -41,7 +43,7 @@ impl Batch {
             let tokens = self.shapes.tokens(rig);
             self.told.get(7 * tokens.start..7 * tokens.end).unwrap_or_default()
         };
-        Self { shapes: self.shapes.some(rigs), told: rigs.iter().flat_map(told).copied().collect() }
+        Self { shapes: self.shapes.some(rigs), told: rigs.iter().flat_map(told).copied().collect(), unasked: 0 }
     }
 }
 
@@ -64,8 +66,8 @@ const ELSEWHERE: u64 = 1 << 40;
 
 impl BatchSource {
     /// Adds the rig at a place of the endless training sequence, augmented; false where its sequence is too
-    /// long.
-    fn add(&self, place: u64, batch: &mut Batch) -> Result<bool, String> {
+    /// long. `skin`: whether its codes are asked for.
+    fn add(&self, place: u64, skin: bool, batch: &mut Batch) -> Result<bool, String> {
         let (c, seed) = (&self.config, self.config.train.seed);
         let id = self.rigs.at(place);
         let mut random = stream(seed, "rig sample", &[place]);
@@ -80,25 +82,37 @@ impl BatchSource {
         }
         let augmented = c.augment.apply((*rig).clone(), seed, &key).map_err(|e| e.to_string())?;
         let (rig, _) = augmented.rig.normalized();
-        let make = || {
-            let mut random = stream(seed, "rig variant", &key);
-            // Where left and right are exchanged, the names of known makes are no longer true.
-            let mirrored = augmented.motion.world.matrix3.determinant() < 0.0;
-            let class = !random.chance(c.sampling.class_dropout) && !mirrored;
-            let own = sample(&self.tokenizer, (&self.layout, &c.skin), &self.vae, &rig, class, &mut random);
-            let own = own.filter(|s| s.ids.len() <= c.longest() && s.skeleton <= c.limits.tokens);
-            let bytes = own.as_ref().map_or(0, Sample::bytes);
-            Ok::<_, String>((own, bytes))
-        };
-        let found =
-            if c.sampling.variants == 0 { Arc::new(make()?.0) } else { self.samples.get((id, variant), make)? };
-        let Some(sample) = &*found else { return Ok(false) };
+        // Where left and right are exchanged, the names of known makes are no longer true.
+        let mirrored = augmented.motion.world.matrix3.determinant() < 0.0;
+        let mut own = stream(seed, "rig variant", &key);
+        let class = !own.chance(c.sampling.class_dropout) && !mirrored;
+        let fits = |s: &Sample, ids: usize| ids <= c.longest() && s.skeleton <= c.limits.tokens;
+        if skin {
+            let mut make = || {
+                let whole = sample(&self.tokenizer, (&self.layout, &c.skin), &self.vae, &rig, class, &mut own);
+                let whole = whole.filter(|s| fits(s, s.ids.len()));
+                let bytes = whole.as_ref().map_or(0, Sample::bytes);
+                Ok::<_, String>((whole, bytes))
+            };
+            let found = match c.sampling.variants {
+                0 => Arc::new(make()?.0),
+                _ => self.samples.get((id, variant), make)?,
+            };
+            let Some(sample) = &*found else { return Ok(false) };
+            batch.push(sample);
+        } else {
+            let found = skeleton(&self.tokenizer, &c.skin, &rig, class);
+            let Some((sample, follow)) = found.filter(|(s, follow)| fits(s, s.ids.len() + follow)) else {
+                return Ok(false);
+            };
+            batch.unasked += self.layout.scored(follow);
+            batch.push(&sample);
+        }
         let sampler = match augmented.normals.as_ref() {
             Some(n) => CloudSampler::with_normals(rig.mesh(), &c.sampling.cloud, &n.vertices, &n.triangles),
             None => CloudSampler::new(rig.mesh(), &c.sampling.cloud),
         };
         shape(&c.sampling.cloud, &c.model.shape, &sampler, &mut random, &mut batch.shapes);
-        batch.push(sample);
         Ok(true)
     }
 }
@@ -107,21 +121,25 @@ impl Source for BatchSource {
     type Batch = Batch;
 
     fn batch(&self, number: u64) -> Result<Batch, String> {
-        let rigs = self.config.sampling.rigs as u64;
+        let c = &self.config;
+        let rigs = c.sampling.rigs as u64;
+        // Codes come last and change nothing before them: what has no weight need not be read.
+        let done = (number / c.train.accumulate) as f64 / c.train.steps.max(1) as f64;
+        let skin = c.loss.skin_weight(done) > 0.0;
         let mut batch = Batch::default();
         for k in 0..rigs {
             let place = number * rigs + k;
             let mut tries = (0..TRIES).map(|t| if t == 0 { place } else { t * ELSEWHERE + place });
             let mut found = false;
             while let (false, Some(place)) = (found, tries.next()) {
-                found = self.add(place, &mut batch)?;
+                found = self.add(place, skin, &mut batch)?;
                 batch.shapes.skipped += usize::from(!found);
             }
             if !found {
                 return Err(format!(
                     "of {TRIES} assets none has a sequence within limits.tokens = {} and limits.joints = {}; raise them, or \
                      lower data.max_joints",
-                    self.config.limits.tokens, self.config.limits.joints
+                    c.limits.tokens, c.limits.joints
                 ));
             }
         }

@@ -96,7 +96,7 @@ pub struct LossConfig {
     /// Weight of the skin codes.
     pub skin: f64,
     /// The skin's weight is 0 up to the first of these shares of the steps, grows as a half cosine, and is whole from
-    /// the second on.
+    /// the second on. As long as it is 0, skeletons alone are read: steps are shorter.
     pub skin_warmup: [f64; 2],
     /// Standard deviation, in cells, of what a coordinate's target is spread by (an extension).
     pub spread: f64,
@@ -109,14 +109,14 @@ impl Default for LossConfig {
 }
 
 impl LossConfig {
-    /// The factor of the skin's weight at a share of the steps.
-    pub fn skin_factor(&self, done: f64) -> f64 {
+    /// The skin's weight at a share of the steps.
+    pub fn skin_weight(&self, done: f64) -> f64 {
         let [from, to] = self.skin_warmup;
         if done >= to {
-            return 1.0;
+            return self.skin;
         }
         let along = ((done - from) / (to - from)).clamp(0.0, 1.0);
-        (1.0 - (std::f64::consts::PI * along).cos()) / 2.0
+        self.skin * (1.0 - (std::f64::consts::PI * along).cos()) / 2.0
     }
 }
 
@@ -276,9 +276,9 @@ mod tests {
     fn the_skin_part_warms_up_as_a_half_cosine() {
         let loss = LossConfig { skin_warmup: [0.2, 0.6], ..LossConfig::default() };
         let near = |a: f64, b: f64| assert!((a - b).abs() < 1e-12, "{a} {b}");
-        near(loss.skin_factor(0.1), 0.0);
-        near(loss.skin_factor(0.4), 0.5);
-        near(loss.skin_factor(0.6), 1.0);
-        near(LossConfig::default().skin_factor(0.0), 1.0);
+        near(loss.skin_weight(0.1), 0.0);
+        near(loss.skin_weight(0.4), 0.5);
+        near(loss.skin_weight(0.6), 1.0);
+        near(LossConfig::default().skin_weight(0.0), 1.0);
     }
 }

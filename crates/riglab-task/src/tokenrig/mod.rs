@@ -181,10 +181,10 @@ pub fn loss_of(
     training: Option<f64>,
 ) -> Result<Loss, String> {
     let parts = parts_of(net, c, w, batch, device, training.is_some());
-    // One mean over all tokens, each part with its weight.
-    let all = (parts.skeleton_tokens + parts.skin_tokens).max(1) as f64;
+    // One mean over all tokens, each part with its weight, also over those that are left out for want of one.
+    let all = (parts.skeleton_tokens + parts.skin_tokens + batch.unasked as i64).max(1) as f64;
     let (skeleton, skin) = match training {
-        Some(done) => (c.loss.skeleton, c.loss.skin * c.loss.skin_factor(done)),
+        Some(done) => (c.loss.skeleton, c.loss.skin_weight(done)),
         None => (1.0, 1.0),
     };
     let [of_skeleton, of_skin] = parts.means();
@@ -242,4 +242,70 @@ fn sums_of(
     let spread = if training { c.loss.spread } else { 0.0 };
     let asked = Asked { hidden: &hidden, targets: &targets, bins: i64::from(c.tokenizer.bins), spread };
     net.losses(w, &asked)
+}
+
+#[cfg(test)]
+mod tests {
+    use riglab_core::{Joint, JointId, Skeleton, SkinWeights};
+    use riglab_geom::CloudSampler;
+    use riglab_nn::tokenrig::Head;
+    use riglab_random::stream;
+
+    use super::testing::{tetrahedron, untrained};
+    use super::*;
+    use crate::unirig_skeleton::batch::shape;
+
+    /// Two joints that hold vertices and one that holds none.
+    fn rig() -> Rig {
+        let joint = |name: &str, parent, head| Joint { name: name.into(), parent, head };
+        let joints = vec![
+            joint("root", None, [-0.8; 3]),
+            joint("tip", Some(JointId(0)), [0.8, 0.8, -0.8]),
+            joint("idle", Some(JointId(0)), [0.1, 0.2, 0.3]),
+        ];
+        let weights = SkinWeights::normalized([0, 0, 1, 1].map(|j| [(j, 1.0)])).unwrap();
+        Rig::new(Skeleton::new(joints).unwrap(), tetrahedron(), weights).unwrap()
+    }
+
+    #[test]
+    fn codes_without_weight_can_be_left_out() {
+        for (head, empty) in [(Head::Flat, false), (Head::Levels, false), (Head::Levels, true)] {
+            let rigger = untrained(head, empty);
+            let (mut c, rig, w) = (rigger.config.clone(), rig(), rigger.params.weights());
+            c.loss.skin_warmup = [0.5, 0.75];
+            let layout = rigger.net.layout();
+            let random = &mut stream(0, "test", &[]);
+            let whole = sample::sample(&rigger.tokenizer, (layout, &c.skin), &rigger.vae, &rig, true, random).unwrap();
+            let (alone, follow) = sample::skeleton(&rigger.tokenizer, &c.skin, &rig, true).unwrap();
+            assert_eq!((alone.skeleton, &alone.ids[..]), (whole.skeleton, &whole.ids[..whole.skeleton]));
+            assert_eq!(alone.ids.len() + follow, whole.ids.len(), "{head:?} {empty}");
+            let batch = |sample: &Sample, unasked| {
+                let mut batch = Batch { unasked, ..Batch::default() };
+                let sampler = CloudSampler::new(rig.mesh(), &c.sampling.cloud);
+                let random = &mut stream(1, "test", &[]);
+                shape(&c.sampling.cloud, &c.model.shape, &sampler, random, &mut batch.shapes);
+                batch.push(sample);
+                batch
+            };
+            let gradients = |batch: &Batch, done| {
+                let loss = loss_of(&rigger.net, &c, w, batch, Device::Cpu, Some(done)).unwrap().total();
+                let of = |t: &Tensor| t.requires_grad().then(|| t.shallow_clone());
+                let learned: Vec<Tensor> = w.tensors().iter().filter_map(of).collect();
+                let found = Tensor::run_backward(&[loss], &learned, false, false);
+                // Undefined where the loss does not know a parameter.
+                found
+                    .into_iter()
+                    .zip(learned)
+                    .map(|(g, t)| if g.defined() { g } else { t.zeros_like() })
+                    .collect::<Vec<_>>()
+            };
+            let (whole, alone) = (batch(&whole, 0), batch(&alone, layout.scored(follow)));
+            let off = |done| {
+                let pairs = gradients(&whole, done).into_iter().zip(gradients(&alone, done));
+                pairs.map(|(a, b)| (a - b).abs().max().double_value(&[])).fold(0.0, f64::max)
+            };
+            assert!(off(0.4) < 1e-6, "{head:?} {empty}: {}", off(0.4));
+            assert!(off(0.9) > 1e-3, "they have weight by then");
+        }
+    }
 }

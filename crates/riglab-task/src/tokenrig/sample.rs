@@ -1,6 +1,7 @@
 //! Rigs as whole sequences: a skeleton's tokens, then its bones' codes.
 
 use riglab_core::{JointId, Rig};
+use riglab_metric::ACTIVE;
 use riglab_nn::tokenrig::Layout;
 use riglab_random::Stream;
 use riglab_token::Tokenizer;
@@ -54,6 +55,27 @@ pub fn told(layout: &Layout, ids: &[i64], skeleton: usize, joints: &[[f32; 6]], 
         row[..6].copy_from_slice(own);
         row[6] = (slot + 1) as f32;
     }
+    out
+}
+
+/// The beginning of a rig's sequence, its skeleton, and how many ids follow it in the whole; `None` where it cannot be
+/// written.
+pub fn skeleton(tokenizer: &Tokenizer, skin: &SkinConfig, rig: &Rig, class: bool) -> Option<(Sample, usize)> {
+    let encoded = encode(tokenizer, rig.skeleton(), class).ok()?;
+    let ids: Vec<i64> = encoded.ids.iter().map(|&id| i64::from(id)).collect();
+    let (told, skeleton) = (vec![[0.0; 7]; ids.len()], ids.len());
+    let follow = codes_of(skin, rig).into_iter().sum::<usize>() + 1;
+    Some((Sample { ids, told, skeleton, clamped: encoded.clamped }, follow))
+}
+
+/// How many ids of each joint follow a skeleton.
+fn codes_of(skin: &SkinConfig, rig: &Rig) -> Vec<usize> {
+    if !skin.empty {
+        return vec![skin.codes; rig.skeleton().len()];
+    }
+    let mut out = vec![1; rig.skeleton().len()];
+    let held = (0..rig.weights().rows()).flat_map(|v| rig.weights().row(v)).filter(|(_, w)| *w > ACTIVE);
+    held.for_each(|(joint, _)| out[joint.index()] = skin.codes);
     out
 }
 
