@@ -2,13 +2,14 @@
 
 use std::path::Path;
 
-const FILES: [&str; 9] = [
+const FILES: [&str; 10] = [
     "shim.cpp",
     "attention.cpp",
     "block.cpp",
     "dropout.cpp",
     "linear.cpp",
     "recompute.cpp",
+    "rows.cpp",
     "hooks.cpp",
     "parts.cpp",
     "memory.cpp",

@@ -22,6 +22,7 @@ mod hooks;
 mod linear;
 mod parts;
 mod recompute;
+mod rows;
 mod settings;
 mod tensors;
 
@@ -34,6 +35,7 @@ pub use hooks::backward;
 pub use linear::linear;
 pub use parts::{Part, side_by_side, threads_on, with_gradients};
 pub use recompute::{grad_enabled, recompute};
+pub use rows::{gated, has_rows, norm_rows, turned_heads};
 pub use settings::{
     Autocast, Settings, bf16_is_faster, cpu_capability, has_bf16, init, libtorch_version, load_cuda, memory_gb,
     multiplies_bf16, own_generator, rng_state, set_rng_state, wait_patiently,

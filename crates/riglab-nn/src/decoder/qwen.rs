@@ -1,6 +1,7 @@
 //! Qwen3: pre-norm decoder with rotary positions, grouped queries, norms of queries and keys, and a gated
 //! feed-forward layer, by the names of its released weights.
 
+use riglab_torch::{gated, has_rows, turned_heads};
 use serde::{Deserialize, Serialize};
 use tch::{Device, Kind, Tensor};
 
@@ -310,10 +311,17 @@ impl Layer {
         let all = affine(&x, &fused[QKV], None);
         let mut size = all.size();
         size.pop();
-        size.extend([-1, self.head_width as i64]);
-        let all = all.view(size.as_slice());
-        let (heads, kv) = (self.heads as i64, self.kv_heads as i64);
+        let (heads, kv, width) = (self.heads as i64, self.kv_heads as i64, self.head_width as i64);
         // Queries and keys are normed and turned as one, each head with its own gain.
+        if has_rows(&all) {
+            let rows = all.view([-1, heads + 2 * kv, width]);
+            let own = turned_heads(&rows, &fused[GAINS], angles.both(), heads, self.norm_q.eps());
+            let parts = own.unwrap_or_else(|e| panic!("{e}"));
+            let [q, k, v] = parts.map(|p| p.view([&size[..], &[p.size()[1], width]].concat().as_slice()));
+            return (q, k, v);
+        }
+        size.extend([-1, width]);
+        let all = all.view(size.as_slice());
         let both = angles.turn(&(self.norm_q.plain(&all.narrow(-2, 0, heads + kv)) * &fused[GAINS]));
         (both.narrow(-2, 0, heads), both.narrow(-2, heads, kv), all.narrow(-2, heads + kv, kv))
     }
@@ -323,7 +331,13 @@ impl Layer {
         let drop = |t: Tensor| if training { dropped(t, self.dropout) } else { t };
         let x = x + drop(self.out.forward(w, read));
         let inner = self.norm_mlp.forward(w, &x);
-        let halves = affine(&inner, &fused[GATE_UP], None).chunk(2, -1);
-        &x + drop(self.down.forward(w, &(halves[0].silu() * &halves[1])))
+        let both = affine(&inner, &fused[GATE_UP], None);
+        let through = if has_rows(&both) {
+            gated(&both).unwrap_or_else(|e| panic!("{e}"))
+        } else {
+            let halves = both.chunk(2, -1);
+            halves[0].silu() * &halves[1]
+        };
+        &x + drop(self.down.forward(w, &through))
     }
 }

@@ -32,6 +32,11 @@ impl Angles {
         Self { cos: self.cos.shallow_clone(), sin: self.sin.shallow_clone() }
     }
 
+    /// Cosines and sines, [t, 1, e] each.
+    pub fn both(&self) -> (&Tensor, &Tensor) {
+        (&self.cos, &self.sin)
+    }
+
     /// Cosines and sines as plain numbers, [t, e] each.
     pub fn floats(&self) -> [Vec<f32>; 2] {
         [&self.cos, &self.sin].map(floats)

@@ -1,5 +1,6 @@
 //! Affine maps and norms.
 
+use riglab_torch::{has_rows, norm_rows};
 use tch::{Kind, Tensor};
 
 use super::affine;
@@ -101,10 +102,18 @@ impl RmsNorm {
 
     /// x [.., width], same shape out.
     pub fn forward(&self, w: &Weights, x: &Tensor) -> Tensor {
-        self.plain(x) * &w[self.weight]
+        let gain = &w[self.weight];
+        if has_rows(x) && gain.kind() == x.kind() {
+            return norm_rows(x, gain, self.eps).unwrap_or_else(|e| panic!("{e}"));
+        }
+        self.plain(x) * gain
     }
 
-    /// The same before the gain.
+    pub(crate) fn eps(&self) -> f64 {
+        self.eps
+    }
+
+    /// The same before the gain, by small ops: for tensors that have no op of all (see [`has_rows`]).
     pub(crate) fn plain(&self, x: &Tensor) -> Tensor {
         let wide = if x.kind() == Kind::BFloat16 { x.to_kind(Kind::Float) } else { x.shallow_clone() };
         let mean = wide.square().mean_dim([-1i64].as_slice(), true, None::<Kind>);
