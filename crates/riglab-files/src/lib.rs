@@ -1,4 +1,4 @@
-//! Files written whole or not at all, and folders walked to their end.
+//! Files written whole or not at all, folders walked to their end, and what a process does that is asked to leave.
 //!
 //! The one idea: **what is unfinished has another name.** A file is written under a temporary name in
 //! its own folder, synced and renamed, so a kill at any moment leaves what was there; the names of
@@ -6,10 +6,12 @@
 //!
 //! Leaves out: what is in the files.
 
+mod signals;
 mod unfinished;
 mod walk;
 mod write;
 
+pub use signals::on_signals;
 pub use unfinished::{Unfinished, ask_to_leave, leave};
 pub use walk::{Below, below};
 pub use write::{make_folder_of, sync_folder, write};

@@ -31,7 +31,7 @@ impl Interrupt {
         let interrupt = Self::default();
         let raised = interrupt.0.clone();
         let mut first: Option<Instant> = None;
-        let _ = ctrlc::set_handler(move || {
+        let _ = riglab_files::on_signals(move || {
             if is_the_same_wish(&mut first, Instant::now()) {
                 return;
             }

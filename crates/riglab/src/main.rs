@@ -57,7 +57,7 @@ enum Command {
 /// Takes files that are half-written along when the process is asked to leave.
 fn leave_clean() {
     // Where signals cannot be listened to, the default ends the process all the same.
-    let _ = ctrlc::set_handler(|| riglab_files::leave(130));
+    let _ = riglab_files::on_signals(|| riglab_files::leave(130));
 }
 
 fn main() -> ExitCode {
