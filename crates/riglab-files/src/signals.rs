@@ -4,7 +4,8 @@
 /// listened to, as from the second call on: what was before stays then.
 ///
 /// What a signal interrupts is not written upon: libtorch's products of f32 keep numbers where a signal would put what it
-/// interrupts, and the process would die of that. It is put on the stack for such cases that Rust gives to its threads.
+/// interrupts, and the process would die of that. It is put on the stack for such cases that Rust gives to its threads, the first of
+/// which the system tells.
 pub fn on_signals(f: impl FnMut() + Send + 'static) -> bool {
     let heard = ctrlc::set_handler(f).is_ok();
     #[cfg(unix)]

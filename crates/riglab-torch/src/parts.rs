@@ -310,6 +310,7 @@ impl Graph {
 
 #[cfg(test)]
 mod tests {
+    use std::sync::{MutexGuard, PoisonError};
 
     use super::*;
     use crate::{count_flops, dropout};
@@ -338,8 +339,14 @@ mod tests {
         (0..of[0].len()).map(|k| Tensor::cat(&of.iter().map(|own| &own[k]).collect::<Vec<_>>(), 0)).collect()
     }
 
+    /// Parts count along where any thread counts: no test of them while another test does.
+    fn uncounted() -> MutexGuard<'static, ()> {
+        crate::flops::COUNTED.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
     #[test]
     fn parts_give_what_the_whole_does_with_its_gradients() {
+        let _alone = uncounted();
         tch::manual_seed(5);
         for kind in [Kind::Float, Kind::BFloat16] {
             let leaves = [leaf(&[12, 8], kind), leaf(&[4, 12], kind), leaf(&[3], kind)];
@@ -364,6 +371,7 @@ mod tests {
 
     #[test]
     fn gradients_that_are_shared_are_not_added_to_twice() {
+        let _alone = uncounted();
         let leaves = [leaf(&[3], Kind::Float), leaf(&[3], Kind::Float), leaf(&[], Kind::Float)];
         let part = |k: f64| -> Part<'static> {
             // Both leaves have the gradient of the sum; that of the last is expanded on its way.
@@ -378,6 +386,7 @@ mod tests {
 
     #[test]
     fn the_same_bits_on_any_number_of_threads_and_each_time() {
+        let _alone = uncounted();
         tch::manual_seed(6);
         let leaves = [leaf(&[32, 64], Kind::Float), leaf(&[16, 32], Kind::Float)];
         let x = Tensor::randn([300, 64], (Kind::Float, Device::Cpu));
@@ -399,6 +408,7 @@ mod tests {
 
     #[test]
     fn draws_and_the_state_of_gradients_are_the_callers() {
+        let _alone = uncounted();
         let x = Tensor::ones([64], (Kind::Float, Device::Cpu));
         let draw = || {
             tch::manual_seed(9);
@@ -415,6 +425,7 @@ mod tests {
 
     #[test]
     fn without_gradients_there_is_no_graph() {
+        let _alone = uncounted();
         let leaves = [leaf(&[12, 8], Kind::Float), leaf(&[4, 12], Kind::Float)];
         let x = Tensor::randn([9, 8], (Kind::Float, Device::Cpu));
         let found = tch::no_grad(|| with_gradients(&leaves, parts_of(&x, 2)).unwrap());
@@ -426,6 +437,7 @@ mod tests {
 
     #[test]
     fn a_second_pass_is_refused_and_panics_come_back() {
+        let _alone = uncounted();
         let leaves = [leaf(&[12, 8], Kind::Float), leaf(&[4, 12], Kind::Float)];
         let x = Tensor::randn([9, 8], (Kind::Float, Device::Cpu));
         let found = joined(&with_gradients(&leaves, parts_of(&x, 2)).unwrap());
@@ -446,7 +458,7 @@ mod tests {
 
     #[test]
     fn products_of_all_parts_are_counted() {
-        let _guard = crate::flops::COUNTED.lock().unwrap_or_else(|e| e.into_inner());
+        let _alone = uncounted();
         let leaves = [leaf(&[12, 8], Kind::Float), leaf(&[4, 12], Kind::Float)];
         let x = Tensor::randn([10, 8], (Kind::Float, Device::Cpu));
         let pass = |n: i64| {

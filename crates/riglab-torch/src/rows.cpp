@@ -1,18 +1,18 @@
 // What a Qwen layer does row by row between its products, forwards and backwards, each as one pass over memory: the norm
-// of rows; the norm of heads with their turn by place; the gate. As ops of libtorch they are some thirty a layer, which
-// take longer than the products beside them where a model is small. Sums are in the order of sixteen lanes, on every
-// machine; between the passes the inputs alone are held.
+// of rows; the norm of heads with their turn by place; the gate. As ops of libtorch they are some thirty a layer, each of
+// which goes through memory by itself. Sums are in the order of sixteen lanes, on every machine; between the passes the
+// inputs alone are held.
 
 #include "shim.h"
 
 #include <ATen/ATen.h>
-#include <ATen/Dispatch.h>
 #include <ATen/Parallel.h>
 #include <ATen/core/LegacyTypeDispatch.h>
 #include <torch/csrc/autograd/custom_function.h>
 #include <algorithm>
 #include <cmath>
 #include <cstring>
+#include <type_traits>
 #include <vector>
 
 // The same function for several kinds of processors; which one runs is found when the program starts.
@@ -76,7 +76,8 @@ template <typename O, typename F> RL_INLINE O sum(int64_t n, F of) {
 RL_INLINE double exponential(double x) { return std::exp(x); }
 // To an ulp or two: the rest after whole powers of two by a polynomial. No call, so that loops over it are vectors.
 RL_INLINE float exponential(float x) {
-  x = std::min(std::max(x, -87.0f), 88.0f);
+  // NaN becomes a number here, for the whole powers; it comes back by what this is multiplied with.
+  x = std::min(88.0f, std::max(-87.0f, x));
   const float shifted = x * 1.44269504f + 12582912.0f;  // 1.5 · 2²³: what is added last is a whole number
   const float whole = shifted - 12582912.0f;
   const float rest = (x - whole * 0.693359375f) + whole * 2.12194440e-4f;
@@ -107,7 +108,7 @@ template <typename T> RL_INLINE void norm_back(const Op<T>* a, const Op<T>* b, O
   for (int64_t k = 0; k < d; ++k) store(&dx[k], r * b[k] - pull * a[k]);
 }
 
-// A job: pointers and sizes of all kernels. Rows are those of one call.
+// Rows of d numbers, their gain, and where the normed ones go; backwards the gradient of these, and where theirs go.
 template <typename T> struct Norm {
   const T *x, *gain, *dy;
   T* out;

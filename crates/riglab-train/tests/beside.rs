@@ -97,3 +97,19 @@ fn what_others_compute_counts_and_fewer_can_be_asked_for() {
     assert_eq!(flops(4, 0), (4, one));
     assert_eq!(flops(4, 1), (1, one));
 }
+
+#[test]
+fn an_estimate_is_of_the_last_steps() {
+    let _guard = ONE_AT_A_TIME.lock().unwrap_or_else(|e| e.into_inner());
+    tch::set_num_threads(2);
+    let of = |steps: u64, faulty_step: u64| {
+        let mut task = Products::new();
+        // The second batch of the step, which is computed beside the first.
+        task.fault = Some((4 * faulty_step + 1, Fault::Error));
+        estimate(&task, &TrainConfig { steps, ..config(Precision::Fp32) })
+    };
+    // Parts of a loss may have no weight in the first ones.
+    assert!(of(1000, 0).is_ok());
+    assert!(of(1000, 900).is_err());
+    assert!(of(5, 0).is_err(), "a short run has no later ones");
+}

@@ -341,3 +341,32 @@ impl Layer {
         &x + drop(self.down.forward(w, &through))
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::params::Builder;
+
+    #[test]
+    fn small_ops_say_what_the_passes_say() {
+        tch::manual_seed(1);
+        let sizes =
+            QwenConfig { width: 32, layers: 2, heads: 4, kv_heads: 2, head_width: 8, ffn: 64, ..QwenConfig::default() };
+        let mut builder = Builder::default();
+        let net = Qwen::new(builder.root(), &sizes, 11);
+        let params = builder.finish(1, Kind::Float, Device::Cpu).unwrap();
+        // Far from its start, where a layer changes next to nothing.
+        let _no_grad = tch::no_grad_guard();
+        params.weights().tensors().iter().for_each(|t| {
+            let _ = t.shallow_clone().g_add_(&(t.randn_like() * 0.2));
+        });
+        let x = Tensor::randn([14, 32], (Kind::Float, Device::Cpu));
+        let packed = Packed::new(vec![5, 9]);
+        let whole = net.forward(params.weights(), &x, &packed, false);
+        // Of these numbers there are no passes.
+        assert!(has_rows(&x) && !has_rows(&x.to_kind(Kind::Half)));
+        let half = net.forward(&params.weights().cast(Kind::Half), &x.to_kind(Kind::Half), &packed, false);
+        let off = ((half.to_kind(Kind::Float) - &whole).norm() / whole.norm()).double_value(&[]);
+        assert!(off < 0.01, "{off}");
+    }
+}

@@ -37,7 +37,7 @@ impl Batch {
         self.told.extend(sample.told.iter().flatten());
     }
 
-    /// Some of its rigs alone.
+    /// Some of its rigs alone; what is left out is counted by the whole.
     pub(super) fn some(&self, rigs: &[usize]) -> Self {
         let told = |&rig: &usize| {
             let tokens = self.shapes.tokens(rig);
@@ -84,12 +84,12 @@ impl BatchSource {
         let (rig, _) = augmented.rig.normalized();
         // Where left and right are exchanged, the names of known makes are no longer true.
         let mirrored = augmented.motion.world.matrix3.determinant() < 0.0;
-        let mut own = stream(seed, "rig variant", &key);
-        let class = !own.chance(c.sampling.class_dropout) && !mirrored;
+        let mut of_variant = stream(seed, "rig variant", &key);
+        let class = !of_variant.chance(c.sampling.class_dropout) && !mirrored;
         let fits = |s: &Sample, ids: usize| ids <= c.longest() && s.skeleton <= c.limits.tokens;
         if skin {
             let mut make = || {
-                let whole = sample(&self.tokenizer, (&self.layout, &c.skin), &self.vae, &rig, class, &mut own);
+                let whole = sample(&self.tokenizer, (&self.layout, &c.skin), &self.vae, &rig, class, &mut of_variant);
                 let whole = whole.filter(|s| fits(s, s.ids.len()));
                 let bytes = whole.as_ref().map_or(0, Sample::bytes);
                 Ok::<_, String>((whole, bytes))
