@@ -13,6 +13,8 @@ const RESIDUAL: f64 = 1e-5;
 const ROUNDS: usize = 1_000;
 /// Bones whose heat is held at a time.
 const AT_ONCE: usize = 32;
+/// Bones that a vertex is given to at most.
+pub const HOTTEST: usize = 8;
 
 /// Heat that flows over a mesh's surface, and stays the longer where it came from the nearer that is to its source:
 /// (L + M H) x = M H p gives the heat x in equilibrium of what heats, p, with L the cotangent Laplacian, M the vertices'
@@ -152,6 +154,34 @@ impl SurfaceHeat {
         }
         x
     }
+
+    /// Of each row the bones with most heat, the hottest first, with `u32::MAX` in places that none takes: each bone in
+    /// turn heats the vertices that it is nearest to, and those that several are equally near to in part. `near`: of each
+    /// vertex the nearest bones, numbers below `bones`. `residual` as in [`Self::solve`].
+    pub fn hottest(&self, near: &[Vec<u32>], bones: usize, residual: f64) -> Vec<[(f32, u32); HOTTEST]> {
+        // Of welded vertices the first speaks for all.
+        let mut held: Vec<Vec<(usize, f64)>> = vec![Vec::new(); bones];
+        for (row, &v) in self.speakers.iter().enumerate() {
+            let share = 1.0 / near[v].len() as f64;
+            near[v].iter().for_each(|&bone| held[bone as usize].push((row, share)));
+        }
+        let mut best = vec![[(0.0, u32::MAX); HOTTEST]; self.speakers.len()];
+        let heated: Vec<usize> = (0..bones).filter(|&bone| !held[bone].is_empty()).collect();
+        for some in heated.chunks(AT_ONCE) {
+            let solved: Vec<Vec<f64>> = some.par_iter().map(|&bone| self.solve(&held[bone], residual)).collect();
+            best.par_iter_mut().enumerate().for_each(|(row, best)| {
+                for (&bone, heat) in some.iter().zip(&solved) {
+                    let new = heat[row] as f32;
+                    if new > best[HOTTEST - 1].0 {
+                        let at = best.partition_point(|old| old.0 >= new);
+                        best[at..].rotate_right(1);
+                        best[at] = (new, bone as u32);
+                    }
+                }
+            });
+        }
+        best
+    }
 }
 
 fn minus(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
@@ -256,6 +286,28 @@ mod tests {
         // All heated: the same everywhere.
         let all: Vec<(usize, f64)> = (0..x.len()).map(|row| (row, 1.0)).collect();
         assert!(surface.solve(&all, 1e-6).iter().all(|x| (x - 1.0).abs() < 1e-5));
+    }
+
+    #[test]
+    fn the_hottest_bones_of_each_row_come_first() {
+        // Three bones beside each other along a tube; the middle ring is as near to the first as to the second.
+        let mesh = tube(20, false);
+        let of = |p: &[f32; 3]| match p[1] {
+            y if y < 3.0 => vec![0],
+            3.0 => vec![0, 1],
+            y if y < 8.0 => vec![1],
+            _ => vec![2],
+        };
+        let near: Vec<Vec<u32>> = mesh.positions().iter().map(of).collect();
+        let surface = SurfaceHeat::new(&mesh, &vec![0.7; near.len()]);
+        let found = surface.hottest(&near, 4, 1e-6);
+        let row = |y: f32| &found[surface.rows()[mesh.positions().iter().position(|p| p[1] == y).unwrap()]];
+        assert_eq!([row(1.0)[0].1, row(5.5)[0].1, row(9.5)[0].1], [0, 1, 2]);
+        assert!((row(3.0)[0].0 - row(3.0)[1].0).abs() < 1e-3, "{:?}", row(3.0));
+        for row in &found {
+            assert!((row.iter().map(|(w, _)| w).sum::<f32>() - 1.0).abs() < 1e-4, "{row:?}");
+            assert!(row.windows(2).all(|w| w[0].0 >= w[1].0) && row[3].1 == u32::MAX);
+        }
     }
 
     #[test]

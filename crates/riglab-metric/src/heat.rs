@@ -6,8 +6,6 @@ use riglab_geom::SurfaceHeat;
 use riglab_geom::geodesic::GeodesicSolver;
 use riglab_geom::voxel::SolidConfig;
 
-/// Bones that a vertex is given to at most: those with most heat.
-const MOST: usize = 8;
 /// Bones whose distances are held at a time.
 const AT_ONCE: usize = 32;
 /// Bones whose distances differ by less than this share are equally near.
@@ -28,34 +26,13 @@ pub fn heat_weights(mesh: &Mesh, skeleton: &Skeleton, joints: &[JointId], config
     let joints = if joints.is_empty() { &all } else { joints };
     let (near, distance) = nearest(mesh, skeleton, joints, config);
     let surface = SurfaceHeat::new(mesh, &distance);
-    // Of welded vertices the first speaks for all.
-    let held = |bone: u32| -> Vec<(usize, f64)> {
-        let shares = surface.speakers().iter().enumerate();
-        shares.filter(|(_, v)| near[**v].contains(&bone)).map(|(s, v)| (s, 1.0 / near[*v].len() as f64)).collect()
-    };
-    let mut best = vec![[(0.0f32, u16::MAX); MOST]; surface.speakers().len()];
-    for some in (0..joints.len() as u32).collect::<Vec<_>>().chunks(AT_ONCE) {
-        let solved: Vec<(u32, Vec<f64>)> = some
-            .par_iter()
-            .filter_map(|&bone| {
-                let held = held(bone);
-                (!held.is_empty()).then(|| (bone, surface.solve(&held, RESIDUAL)))
-            })
-            .collect();
-        best.par_iter_mut().enumerate().for_each(|(s, best)| {
-            for (bone, heat) in &solved {
-                let new = heat[s] as f32;
-                if new > best[MOST - 1].0 {
-                    let at = best.partition_point(|old| old.0 >= new);
-                    best[at..].rotate_right(1);
-                    best[at] = (new, joints[*bone as usize].0);
-                }
-            }
-        });
-    }
+    let best = surface.hottest(&near, joints.len(), RESIDUAL);
     let rows = surface.rows().iter().zip(&near).map(|(s, near)| {
-        let mut row: Vec<(u16, f64)> =
-            best[*s].iter().filter(|(w, _)| w.is_finite() && *w > 0.0).map(|(w, j)| (*j, f64::from(*w))).collect();
+        let mut row: Vec<(u16, f64)> = best[*s]
+            .iter()
+            .filter(|(w, _)| w.is_finite() && *w > 0.0)
+            .map(|(w, b)| (joints[*b as usize].0, f64::from(*w)))
+            .collect();
         if row.is_empty() {
             // Heat that rounding ate: the nearest bone.
             row.extend(near.first().map(|b| (joints[*b as usize].0, 1.0)));

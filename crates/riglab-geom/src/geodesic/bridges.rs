@@ -1,6 +1,7 @@
 //! Ways between pieces of a body that do not touch.
 
 use super::body::Body;
+use crate::pieces::Groups;
 
 /// Pairs of nodes of different pieces and how far they are apart, in edges of a cell; by the first, each pair from
 /// both sides.
@@ -139,31 +140,6 @@ fn meetings(body: &Body, pieces: &[u32], count: usize) -> Vec<(u32, u32, f32)> {
         }
     }
     found
-}
-
-/// Sets that are joined.
-struct Groups(Vec<u32>);
-
-impl Groups {
-    fn new(count: usize) -> Self {
-        Self((0..count as u32).collect())
-    }
-
-    fn root(&mut self, mut at: u32) -> u32 {
-        while self.0[at as usize] != at {
-            let above = self.0[self.0[at as usize] as usize];
-            self.0[at as usize] = above;
-            at = above;
-        }
-        at
-    }
-
-    /// Whether they were apart.
-    fn join(&mut self, a: u32, b: u32) -> bool {
-        let (a, b) = (self.root(a), self.root(b));
-        self.0[a.max(b) as usize] = a.min(b);
-        a != b
-    }
 }
 
 #[cfg(test)]
