@@ -202,6 +202,7 @@ impl Vae {
             points: self.all.shallow_clone(),
             weights: self.weights.shallow_clone(),
             queries: self.skin_queries.as_ref().map(Tensor::shallow_clone),
+            regions: None,
         }
     }
 

@@ -208,6 +208,46 @@ fn what_cannot_be_rigged_is_told() {
     }
 }
 
+/// With an auto-encoder that is told what geometry alone says: trained, evaluated without any code, and rigged with.
+#[test]
+fn tokenrig_stands_on_an_auto_encoder_with_a_prior() {
+    let dir = tempfile::tempdir().unwrap();
+    let corpus = binary::corpus_of(dir.path(), 8, "400..800");
+    let path = |name: &str| dir.path().join(name);
+    let (auto, run) = (path("auto"), path("run"));
+    let corpora = format!("data.corpora=[{:?}]", text(&corpus));
+    let train = |config: &str, run: &Path, sets: &[&str]| {
+        let mut all = vec!["train", config, "--run", text(run), "--set", &corpora];
+        sets.iter().for_each(|set| all.extend(["--set", set]));
+        must(&all);
+    };
+    let tiny = "model={ extends = \"model/fsq_cvae/tiny.toml\", extensions = { bone_geometry = true, frame = false, \
+                prior = true } }";
+    let few = ["train.steps=6", "train.validate_every=6"];
+    train("skintokens/fsq_cvae_with_prior.toml", &auto, &[&few[..], &[tiny, "eval.prefixes=[0, 4]"]].concat());
+    let said = String::from_utf8(must(&["eval", text(&auto), "--json", "--pictures", "0"]).stdout).unwrap();
+    let evaluation: Value = serde_json::from_str(&said).unwrap();
+    let rows = evaluation["report"]["rows"].as_array().unwrap();
+    let of = |tokens: u64| rows.iter().filter(|r| r["method"] == "rule" && r["tokens"] == tokens).count();
+    assert!(of(0) > 0 && of(0) == of(4), "{rows:?}");
+
+    let skin = format!("skin.run={:?}", text(&auto));
+    let model = "model={ extends = \"model/tokenrig/tiny.toml\" }";
+    let small = ["sampling.rigs=4", "sampling.cloud.points=128", "sampling.variants=2", "eval.consensus=4"];
+    let drawn = ["eval.validation_assets=2", "eval.skins=2", "eval.without_codes=0.5"];
+    train("quickstart/tokenrig.toml", &run, &[&few[..], &[&skin, model], &small, &drawn].concat());
+    let said = String::from_utf8(must(&["eval", text(&run), "--json", "--pictures", "0"]).stdout).unwrap();
+    let evaluation: Value = serde_json::from_str(&said).unwrap();
+    let skin = evaluation["report"]["skin"].as_array().unwrap();
+    assert!(
+        skin.iter().any(|r| r["method"] == "given: model" && r["pooled"]["iou"].as_f64().unwrap() > 0.1),
+        "{skin:?}"
+    );
+    let bare = &creatures(dir.path(), "1")[0].1;
+    must(&["rig", text(bare), "-o", text(&path("out.glb")), "--checkpoint", text(&run)]);
+    sound(&path("out.glb"));
+}
+
 /// From files to a model of one's own, at the smallest scale that still learns something.
 #[test]
 fn tokenrig_is_trained_evaluated_and_exported() {

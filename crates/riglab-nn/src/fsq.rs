@@ -100,6 +100,15 @@ impl Fsq {
         (levels - &halves) / halves
     }
 
+    /// Codes [.., axes] of which some are as many levels off as `by` [.., axes] says, as far as levels reach. Gradients
+    /// pass as if they were not.
+    pub fn off(&self, codes: &Tensor, by: &Tensor) -> Tensor {
+        let halves = self.halves(codes);
+        let last = self.per_axis(codes, |l| (l - 1) as f64);
+        let digits = (codes.detach() * &halves + &halves + by).clamp_tensor(Some(last.zeros_like()), Some(last));
+        codes + ((digits - &halves) / halves - codes.detach())
+    }
+
     fn halves(&self, like: &Tensor) -> Tensor {
         self.per_axis(like, |l| (l / 2) as f64)
     }
@@ -176,6 +185,18 @@ mod tests {
             let ids = Tensor::arange(fsq.size().min(5000), (Kind::Int64, tch::Device::Cpu));
             assert!(fsq.ids(&fsq.codes(&ids, Kind::Float)).equal(&ids));
         }
+    }
+
+    #[test]
+    fn codes_that_are_off_stay_within_reach_and_pass_gradients() {
+        let fsq = Fsq::new(&[8, 5]).unwrap();
+        let codes = fsq.codes(&Tensor::from_slice(&[7i64, 2, 8]), Kind::Float).set_requires_grad(true);
+        let by = Tensor::from_slice(&[1.0f32, -1.0, 0.0, 1.0, -1.0, 2.0]).view([3, 2]);
+        let off = fsq.off(&codes, &by);
+        let digits = Vec::<i64>::try_from(fsq.digits(&off).view([-1])).unwrap();
+        assert_eq!(digits, [7, 0, 2, 1, 0, 3]);
+        off.sum(Kind::Float).backward();
+        assert!(codes.grad().equal(&codes.ones_like()));
     }
 
     #[test]

@@ -92,6 +92,7 @@ fn skin_auto_encoder() {
         points: Tensor::rand([6, 20, 6], FLOAT),
         weights: Tensor::rand([6, 20], FLOAT),
         queries: Some(Tensor::arange(4, (Kind::Int64, Device::Cpu)).repeat([6, 1])),
+        regions: None,
     };
     let asked = Tensor::rand([2, 30, 6], FLOAT);
     same(&params, |w| {

@@ -2,6 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::decoder::{BONE_FEATURES, BONE_POINT_FEATURES, PRIOR, REGION};
 use crate::embed::EmbedConfig;
 use crate::layers::HeadSplit;
 
@@ -103,6 +104,11 @@ pub struct Extensions {
     /// The decoder is told the bone's own geometry: a token of its joints, and for each point how it
     /// lies to the bone and to its rivals.
     pub bone_geometry: bool,
+    /// What geometry alone says of a bone's weights is told beside its codes, which are left to say what differs from it
+    /// (needs `bone_geometry`, in place of `frame`): to the decoder, heat's weight at each point and how far the piece
+    /// of surface around it belongs to the bone; to encoder and decoder the region nearest to the bone, in whose frame
+    /// all points are seen. The decoder may then be asked without any code.
+    pub prior: bool,
 }
 
 impl Default for FsqCvaeConfig {
@@ -141,11 +147,34 @@ impl Default for Extensions {
             dot_head: false,
             logit_bias: 0.0,
             bone_geometry: false,
+            prior: false,
         }
     }
 }
 
+impl Extensions {
+    /// Whether points are seen in a frame of each bone.
+    pub(super) fn framed(&self) -> bool {
+        self.frame || self.prior
+    }
+
+    /// Numbers per bone of [`super::BoneGeometry::bones`].
+    pub fn bone_features(&self) -> usize {
+        BONE_FEATURES + if self.prior { REGION } else { 0 }
+    }
+
+    /// Numbers per bone and point of [`super::BoneGeometry::points`].
+    pub fn point_features(&self) -> usize {
+        BONE_POINT_FEATURES + if self.prior { PRIOR } else { 0 }
+    }
+}
+
 impl FsqCvaeConfig {
+    /// The fewest codes that the decoder may be given.
+    pub fn fewest_codes(&self) -> usize {
+        usize::from(!self.extensions.prior)
+    }
+
     /// Axes of a code that are learned; the first three are told with `extensions.frame`.
     pub fn learned_axes(&self) -> usize {
         self.levels.len() - if self.extensions.frame { 3 } else { 0 }
@@ -209,6 +238,14 @@ impl FsqCvaeConfig {
             let message = "frame already tells where query points are: set anchor_skip = 0".into();
             return Err(("extensions.anchor_skip", message));
         }
+        if x.prior && !x.bone_geometry {
+            let message = "prior is told with the bone's geometry: set bone_geometry = true".into();
+            return Err(("extensions.prior", message));
+        }
+        if x.prior && x.frame {
+            let message = "prior tells where bones are before any code: set frame = false".into();
+            return Err(("extensions.frame", message));
+        }
         if x.frame && self.levels.len() < 4 {
             let message = "frame takes three axes: give at least four levels, so that something is learned".into();
             return Err(("extensions.frame", message));
@@ -242,5 +279,18 @@ mod tests {
         assert_eq!(told(&[2, 2, 2, 3], true), Ok(()), "what is told needs no gradient");
         assert_eq!(told(&[8, 8, 8, 2], true), Err("levels"));
         assert_eq!(told(&[3, 3], false), Ok(()));
+    }
+
+    #[test]
+    fn a_prior_is_told_with_geometry_and_in_place_of_the_frame() {
+        let told = |bone_geometry, frame| {
+            let mut config = FsqCvaeConfig { skin_queries: SkinQueries::Active, ..Default::default() };
+            config.extensions = Extensions { prior: true, bone_geometry, frame, ..Extensions::default() };
+            config.validate().map_err(|(key, _)| key).map(|()| config.fewest_codes())
+        };
+        assert_eq!(told(true, false), Ok(0));
+        assert_eq!(told(false, false), Err("extensions.prior"));
+        assert_eq!(told(true, true), Err("extensions.frame"));
+        assert_eq!(FsqCvaeConfig::default().fewest_codes(), 1);
     }
 }

@@ -7,16 +7,20 @@ use super::frame::{self, Frame};
 use crate::layers::{Block, BlockConfig, Context, LayerNorm, Linear};
 use crate::params::{Role, Scope, Weights};
 
-/// Numbers per bone of [`BoneGeometry::bones`].
+/// Numbers per bone: head, tail, length.
 pub const BONE_FEATURES: usize = 7;
-/// Numbers per bone and point of [`BoneGeometry::points`].
+/// Numbers per bone and point: how the point lies to the bone and its rivals.
 pub const BONE_POINT_FEATURES: usize = 10;
+/// Numbers per bone that tell its region, with the extension `prior`: centre and deviation.
+pub const REGION: usize = 6;
+/// Numbers per bone and point that the extension `prior` adds.
+pub const PRIOR: usize = 7;
 
 /// What the decoder is told of the bones, with the extension `bone_geometry`.
 pub struct BoneGeometry {
-    /// [m, [`BONE_FEATURES`]]: head, tail, length.
+    /// [m, [`BONE_FEATURES`]], with a prior followed by [`REGION`].
     pub bones: Tensor,
-    /// [m, p, [`BONE_POINT_FEATURES`]]: how each point lies to the bone and its rivals.
+    /// [m, p, [`BONE_POINT_FEATURES`]], with a prior followed by [`PRIOR`].
     pub points: Tensor,
 }
 
@@ -71,15 +75,15 @@ impl Decoder {
             dot: x.dot_head.then(|| Linear::normal(at.sub("dot"), Role::Projection, width, width, std, 0.0)),
             bone_token: x
                 .bone_geometry
-                .then(|| Linear::new(at.sub("bone_token"), Role::Projection, BONE_FEATURES, width, true)),
+                .then(|| Linear::new(at.sub("bone_token"), Role::Projection, x.bone_features(), width, true)),
             bone_points: x
                 .bone_geometry
-                .then(|| Linear::new(at.sub("bone_points"), Role::Projection, BONE_POINT_FEATURES, width, true)),
+                .then(|| Linear::new(at.sub("bone_points"), Role::Projection, x.point_features(), width, true)),
             frame_tokens: x
-                .frame
+                .framed()
                 .then(|| Linear::new(at.sub("frame_tokens"), Role::Projection, frame::TOKEN, width, true)),
             frame_points: x
-                .frame
+                .framed()
                 .then(|| Linear::new(at.sub("frame_points"), Role::Projection, frame::POINT, width, true)),
         }
     }

@@ -7,6 +7,8 @@
 //! after them holds where its query point lies in that frame. The other axes are learned.
 //!
 //! The decoder knows all this from the codes alone: with fewer of them, the frame is coarser.
+//!
+//! With the extension `prior` frames are known beforehand, and no axis is told.
 
 use tch::{Kind, Tensor};
 
@@ -134,6 +136,14 @@ impl FrameCoder {
 }
 
 impl Frame {
+    /// Frames known beforehand: `regions` [m, 6], centre and deviation of each, beside `codes` codes.
+    pub fn known(regions: &Tensor, codes: i64) -> Self {
+        let (small, large) = SIZES;
+        let center = regions.narrow(1, 0, 3).unsqueeze(1);
+        let size = regions.narrow(1, 3, 3).clamp(small, large).unsqueeze(1);
+        Self { places: center.narrow(1, 0, 0), center, size, codes }
+    }
+
     /// Positions [m, n, 3] in deviations from the centre.
     fn local(&self, positions: &Tensor) -> Tensor {
         (positions - &self.center) / &self.size
@@ -220,6 +230,20 @@ mod tests {
             let local = frame.local(&places.narrow(1, 4, 6)).clamp(-SPAN, SPAN);
             assert!(most(&frame.places, &local) < SPAN / (coarsest - 1.0) * 1.001);
         }
+    }
+
+    #[test]
+    fn a_known_frame_is_the_one_that_codes_tell() {
+        let (x, w) = cloud();
+        let told = FrameCoder::new(&[8, 8, 8, 5, 5, 5]).of(&x, &w);
+        let regions = Tensor::cat(&[&told.center, &told.size], -1).squeeze_dim(1);
+        let known = Frame::known(&regions, 3);
+        assert!(most(&known.point_features(&x), &told.point_features(&x)) < 1e-5);
+        assert_eq!(known.token_features().size(), [2, 3, TOKEN as i64]);
+        assert_eq!(Frame::known(&regions, 0).token_features().size(), [2, 0, TOKEN as i64]);
+        // Sizes beyond those that are told are told as the nearest.
+        let flat = Frame::known(&regions.zeros_like(), 1);
+        assert!((flat.size.max().double_value(&[]) - SIZES.0).abs() < 1e-6);
     }
 
     #[test]

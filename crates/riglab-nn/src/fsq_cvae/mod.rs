@@ -17,7 +17,7 @@ mod gaussian;
 use tch::{Kind, Tensor};
 
 pub use config::{Bottleneck, Extensions, FsqCvaeConfig, SkinQueries};
-pub use decoder::{BONE_FEATURES, BONE_POINT_FEATURES, BoneGeometry, ReadBones};
+pub use decoder::{BONE_FEATURES, BONE_POINT_FEATURES, BoneGeometry, PRIOR, REGION, ReadBones};
 pub use gaussian::{Coded, Said};
 
 use crate::NnError;
@@ -27,7 +27,7 @@ use crate::layers::{BlockConfig, Linear, picked};
 use crate::params::{Role, Scope, Weights};
 use decoder::Decoder;
 use encoder::{Encoder, Queries};
-use frame::FrameCoder;
+use frame::{Frame, FrameCoder};
 use gaussian::Gaussian;
 
 /// Weights above this count as held by the bone (SkinTokens' metric threshold).
@@ -56,6 +56,8 @@ pub struct SkinCloud {
     pub weights: Tensor,
     /// [m, t]: which points are queries, in token order; unused with learned queries.
     pub queries: Option<Tensor>,
+    /// [m, [`REGION`]]: each bone's region, with the extension `prior`.
+    pub regions: Option<Tensor>,
 }
 
 impl SkinCloud {
@@ -88,7 +90,7 @@ impl FsqCvae {
             split: c.head_split,
         };
         let learned = if c.skin_queries == SkinQueries::Farthest { 0 } else { c.skin_tokens };
-        let framed = if c.extensions.frame { frame::POINT } else { 0 };
+        let framed = if c.extensions.framed() { frame::POINT } else { 0 };
         let skin_input = point + 1 + usize::from(c.extensions.active_bit) + framed;
         let to_latent = |at: Scope| {
             Linear::normal(at, Role::Projection, c.encoder_width, c.latent, 0.25 / (c.encoder_width as f64).sqrt(), 0.0)
@@ -139,7 +141,8 @@ impl FsqCvae {
     pub fn encode_skin(&self, w: &Weights, cloud: &SkinCloud, k: usize) -> Tensor {
         let weights = cloud.weights.unsqueeze(-1);
         let bit = self.config.extensions.active_bit.then(|| weights.gt(ACTIVE).to_kind(weights.kind()));
-        let frame = self.frame.as_ref().map(|coder| coder.of(&cloud.positions(), &cloud.weights));
+        let told = || self.frame.as_ref().map(|coder| coder.of(&cloud.positions(), &cloud.weights));
+        let frame = cloud.regions.as_ref().map(|regions| Frame::known(regions, k as i64)).or_else(told);
         let frame = frame.map(|f| f.point_features(&cloud.positions()));
         let extra: Vec<&Tensor> = std::iter::once(&weights).chain(&bit).chain(&frame).collect();
         let features = self.features(w, &cloud.points, &extra);
@@ -191,7 +194,8 @@ impl FsqCvae {
     }
 
     /// Logits [m, p] of the weight at points [m, p, 6] (each bone's own) or [r, p, 6] (shared by a
-    /// rig's bones), from codes [m, k, axes] and shape tokens [r, s, l]. The weight is their sigmoid.
+    /// rig's bones), from codes [m, k, axes] and shape tokens [r, s, l]. The weight is their sigmoid. With the extension
+    /// `prior`, k may be 0.
     pub fn decode(
         &self,
         w: &Weights,
@@ -209,7 +213,13 @@ impl FsqCvae {
     pub fn read(&self, w: &Weights, codes: &Tensor, shape: &Tensor, bones: Option<&Tensor>) -> ReadBones {
         let z = self.post_quant.forward(w, &self.dequantize(w, codes));
         let cond = self.post_quant.forward(w, shape);
-        let frame = self.frame.as_ref().map(|coder| coder.hear(codes));
+        let known =
+            |bones: &Tensor| Frame::known(&bones.narrow(1, BONE_FEATURES as i64, REGION as i64), codes.size()[1]);
+        let frame = match (&self.frame, bones) {
+            (Some(coder), _) => Some(coder.hear(codes)),
+            (None, Some(bones)) if self.config.extensions.prior => Some(known(bones)),
+            _ => None,
+        };
         self.decoder.read(w, &z, cond, frame, bones)
     }
 

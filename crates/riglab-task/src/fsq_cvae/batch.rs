@@ -6,7 +6,7 @@ use riglab_augment::AffineMap;
 use riglab_core::{Segment, Vec3};
 use riglab_data::Mixture;
 use riglab_geom::farthest_points;
-use riglab_nn::fsq_cvae::{BONE_FEATURES, BONE_POINT_FEATURES, Bottleneck, SkinQueries};
+use riglab_nn::fsq_cvae::{BONE_FEATURES, BONE_POINT_FEATURES, Bottleneck, REGION, SkinQueries};
 use riglab_random::{Draw, Stream, stream};
 use riglab_train::Source;
 
@@ -31,17 +31,21 @@ pub struct Batch {
     pub skin_weights: Vec<f32>,
     /// [m, t]: query points, none with learned queries.
     pub skin_queries: Vec<i64>,
+    /// [m, 6]: where each bone works, with a prior.
+    pub regions: Vec<f32>,
     /// [m, p, 6]: where the decoder is asked.
     pub points: Vec<f32>,
     /// [m, p]
     pub targets: Vec<f32>,
-    /// [m, 7], with bone geometry.
+    /// [m, 7], with bone geometry; 13 with a prior.
     pub bone_features: Vec<f32>,
-    /// [m, p, 10], with bone geometry.
+    /// [m, p, 10], with bone geometry; 17 with a prior.
     pub bone_points: Vec<f32>,
     /// Codes the decoder is given.
     pub prefix: usize,
-    /// [m, prefix, learned axes] of N(0, 1), where codes are drawn.
+    /// [m, prefix, axes]: how many levels off those are; none where all are exact.
+    pub off: Vec<f32>,
+    /// [m, prefix or 1, learned axes] of N(0, 1), where codes are drawn.
     pub noise: Vec<f32>,
 }
 
@@ -82,7 +86,7 @@ impl BatchSource {
     }
 
     fn prepared(&self, id: AssetId) -> Result<Arc<Prepared>, String> {
-        prepared(&self.assets, &self.cache, id)
+        prepared(&self.assets, &self.cache, id, self.config.model.extensions.prior)
     }
 
     fn prefix(&self, random: &mut Stream) -> usize {
@@ -91,16 +95,20 @@ impl BatchSource {
             return all;
         }
         match p.lengths.as_slice() {
-            [] => 1 + random.below(all),
+            [] => {
+                let fewest = self.config.model.fewest_codes();
+                fewest + random.below(all + 1 - fewest)
+            }
             lengths => lengths[random.below(lengths.len())].min(all),
         }
     }
 }
 
-/// A prepared asset, from the cache or the corpus.
-pub fn prepared(assets: &Assets, cache: &Cache<Prepared>, id: AssetId) -> Result<Arc<Prepared>, String> {
+/// A prepared asset, from the cache or the corpus; with what geometry alone says where `prior`.
+pub fn prepared(assets: &Assets, cache: &Cache<Prepared>, id: AssetId, prior: bool) -> Result<Arc<Prepared>, String> {
     cache.get(id, || {
         let made = Prepared::new(assets.read(id).map_err(|e| e.to_string())?);
+        let made = if prior { made.with_prior() } else { made };
         let bytes = made.bytes();
         Ok((made, bytes))
     })
@@ -116,7 +124,7 @@ impl Source for BatchSource {
         for k in 0..s.rigs as u64 {
             let rig = self.prepared(self.rigs.at(number * s.rigs as u64 + k))?;
             let map = c.augment.draw(&mut random);
-            let mut make = Maker { config: c, rig: &rig, map: Some(map), random: &mut random };
+            let mut make = Maker::new(c, &rig, Some(map), &mut random);
             make.shape(&mut batch);
             let segments = make.segments();
             for b in chosen(rig.bones.len(), s.bones, make.random) {
@@ -127,10 +135,27 @@ impl Source for BatchSource {
         }
         if c.model.bottleneck == Bottleneck::Gaussian {
             let mut random = stream(c.train.seed, "latent noise", &[number]);
-            let numbers = batch.bones * batch.prefix * c.model.learned_axes();
+            let numbers = batch.bones * batch.prefix.max(1) * c.model.learned_axes();
             batch.noise = (0..numbers).map(|_| random.normal()).collect();
         }
+        if s.code_noise > 0.0 {
+            let mut random = stream(c.train.seed, "code noise", &[number]);
+            let numbers = batch.bones * batch.prefix * c.model.levels.len();
+            batch.off = (0..numbers).map(|_| off(s.code_noise, &mut random)).collect();
+        }
         Ok(batch)
+    }
+}
+
+/// One level up or down as often as is told, else none.
+fn off(share: f32, random: &mut Stream) -> f32 {
+    let up = random.chance(0.5);
+    if !random.chance(share) {
+        0.0
+    } else if up {
+        1.0
+    } else {
+        -1.0
     }
 }
 
@@ -155,9 +180,24 @@ pub struct Maker<'a> {
     pub map: Option<AffineMap>,
     /// Where random numbers come from.
     pub random: &'a mut Stream,
+    /// With a prior, where each bone works, under the map.
+    regions: Vec<[f32; REGION]>,
 }
 
-impl Maker<'_> {
+impl<'a> Maker<'a> {
+    /// For a rig under a map; `None` leaves it.
+    pub fn new(
+        config: &'a FsqCvaeTaskConfig,
+        rig: &'a Prepared,
+        map: Option<AffineMap>,
+        random: &'a mut Stream,
+    ) -> Self {
+        let moved = |p| map.as_ref().map_or(p, |m| m.exact(p));
+        let known = config.model.extensions.prior.then(|| rig.regions());
+        let regions = known.map(|known| known.under(rig.rig.mesh().positions(), moved)).unwrap_or_default();
+        Self { config, rig, map, random, regions }
+    }
+
     /// Adds the condition encoder's cloud and queries.
     pub fn shape(&mut self, batch: &mut Batch) {
         let (n, tokens) = (self.config.sampling.shape_points, self.config.model.shape_tokens);
@@ -191,6 +231,7 @@ impl Maker<'_> {
         };
         batch.skin_queries.extend(picks.into_iter().map(|i| i as i64));
         batch.skin_weights.extend(weights);
+        batch.regions.extend(self.regions.get(b).into_iter().flatten());
         batch.bones += 1;
     }
 
@@ -214,9 +255,10 @@ impl Maker<'_> {
     /// Adds points for the decoder, with the bone's weights and, where the model wants it, geometry.
     pub fn ask(&mut self, b: usize, points: &[Point], segments: &[Vec<Segment>], batch: &mut Batch) {
         let bone = &self.rig.bones[b];
-        let geometry = self.config.model.extensions.bone_geometry;
+        let (geometry, told) = (self.config.model.extensions.bone_geometry, self.rig.told());
         if geometry {
             bone_features(&segments[b], &mut batch.bone_features);
+            batch.bone_features.extend(self.regions.get(b).into_iter().flatten());
         }
         for point in points {
             let position = self.push(point, &mut batch.points);
@@ -224,6 +266,9 @@ impl Maker<'_> {
             if geometry {
                 let distances: Vec<f32> = segments.iter().map(|s| nearest(s, position).1).collect();
                 point_features(position, b, &segments[b], &distances, &mut batch.bone_points);
+                if let Some(told) = told {
+                    told.tell(&point.at, b, &mut batch.bone_points);
+                }
             }
         }
     }
@@ -298,6 +343,15 @@ mod tests {
         all.sort_unstable();
         assert_eq!(all, [0, 1, 2, 3, 4, 5]);
         assert_eq!(chosen(2, 5, &mut random).len(), 5);
+    }
+
+    #[test]
+    fn codes_are_as_often_off_as_told() {
+        let mut random = stream(1, "test", &[]);
+        let drawn: Vec<f32> = (0..10_000).map(|_| off(0.2, &mut random)).collect();
+        let share = |of: f32| drawn.iter().filter(|x| **x == of).count() as f32 / 10_000.0;
+        assert!((share(0.0) - 0.8).abs() < 0.02 && (share(1.0) - 0.1).abs() < 0.02, "{} {}", share(0.0), share(1.0));
+        assert!((share(0.0) + share(1.0) + share(-1.0) - 1.0).abs() < 1e-6);
     }
 
     #[test]

@@ -9,6 +9,7 @@ use tch::{Device, Kind, Tensor};
 use super::batch::{Batch, Maker};
 use super::config::FsqCvaeTaskConfig;
 use super::prepare::{Point, Prepared};
+use super::prior::Told;
 use super::tensors;
 
 /// Bones encoded at once.
@@ -32,7 +33,7 @@ impl Coder<'_> {
     pub fn shape(&self, rig: &Prepared, random: &mut Stream) -> Tensor {
         let _no_grad = tch::no_grad_guard();
         let mut batch = Batch::default();
-        Maker { config: self.config, rig, map: None, random }.shape(&mut batch);
+        Maker::new(self.config, rig, None, random).shape(&mut batch);
         let (cloud, queries) = tensors::shape(self.config, &batch, self.device);
         self.net.encode_shape(self.weights, &cloud, &queries)
     }
@@ -41,7 +42,7 @@ impl Coder<'_> {
     /// same as the k first alone: see `FsqCvae::encode_skin`.
     pub fn encode(&self, rig: &Prepared, k: usize, random: &mut Stream) -> Coded {
         let _no_grad = tch::no_grad_guard();
-        let mut make = Maker { config: self.config, rig, map: None, random };
+        let mut make = Maker::new(self.config, rig, None, random);
         let mut parts = Vec::new();
         let all: Vec<usize> = (0..rig.bones.len()).collect();
         for chunk in all.chunks(BONES_AT_ONCE) {
@@ -65,8 +66,15 @@ impl Coder<'_> {
     }
 
     /// Raw shares at points, a row a point, a column a bone, from codes [m, k, axes] and the mesh's shape tokens.
-    /// `segments`: those of each bone.
-    pub fn decode(&self, shape: &Tensor, codes: &Tensor, points: &[Point], segments: &[Vec<Segment>]) -> Vec<f32> {
+    /// `segments`: those of each bone; `told`: what geometry alone says of them, for an auto-encoder with a prior.
+    pub fn decode(
+        &self,
+        shape: &Tensor,
+        codes: &Tensor,
+        points: &[Point],
+        segments: &[Vec<Segment>],
+        told: Option<Told<'_>>,
+    ) -> Vec<f32> {
         let _no_grad = tch::no_grad_guard();
         let bones = segments.len();
         let mut out = vec![0.0; points.len() * bones];
@@ -84,7 +92,8 @@ impl Coder<'_> {
             for (c, chunk) in points.chunks(points_at_once).enumerate() {
                 let flat: Vec<f32> = chunk.iter().flat_map(|p| p.position.into_iter().chain(p.normal)).collect();
                 let cloud = Tensor::from_slice(&flat).view([1, chunk.len() as i64, 6]).to_device(self.device);
-                let geometry = geometry.then(|| tensors::geometry(part, chunk, segments, self.device));
+                let geometry =
+                    geometry.then(|| tensors::geometry(self.config, part, chunk, segments, told, self.device));
                 let (of_bones, beside) = geometry.map(|g| (g.bones, g.points)).unzip();
                 // The bones are read once for all points.
                 let read = read.get_or_insert_with(|| self.net.read(self.weights, &codes, shape, of_bones.as_ref()));
@@ -126,7 +135,7 @@ mod tests {
             let mut config = config.clone();
             config.eval.chunk = chunk;
             let coder = Coder { config: &config, net: &net, weights: params.weights(), device: Device::Cpu };
-            coder.decode(&shape, &codes, &points, &vec![Vec::new(); 5])
+            coder.decode(&shape, &codes, &points, &vec![Vec::new(); 5], None)
         };
         // Two bones at a time, 256 points of each.
         let (whole, parts) = (decoded(1 << 16), decoded(512));

@@ -50,6 +50,9 @@ pub struct SamplingConfig {
     pub vertex_share: f32,
     /// How the number of codes given to the decoder is drawn, once a batch (nested dropout).
     pub prefix: PrefixConfig,
+    /// How often each axis of a code that the decoder is given is one level off (an extension): codes that a model writes
+    /// for a mesh are seldom exact.
+    pub code_noise: f32,
     /// Rigs are drawn by their number of skinned bones to this power: 0 all alike, 1 every bone alike.
     pub bone_power: f32,
 }
@@ -79,7 +82,8 @@ impl PointMix {
 pub struct PrefixConfig {
     /// Probability of all codes.
     pub full: f32,
-    /// Else one of these, alike; empty: any number from 1 to all. Larger ones are cut to all.
+    /// Else one of these, alike; empty: any number from 1 to all, from 0 with `model.extensions.prior`. Larger ones are
+    /// cut to all.
     pub lengths: Vec<usize>,
 }
 
@@ -130,6 +134,7 @@ impl Default for SamplingConfig {
             decoder: PointMix { active: 512, near: 0, uniform: 512 },
             vertex_share: 0.0,
             prefix: PrefixConfig::default(),
+            code_noise: 0.0,
             bone_power: 0.0,
         }
     }
@@ -209,8 +214,18 @@ impl FsqCvaeTaskConfig {
         if !(0.0..=1.0).contains(&s.prefix.full) {
             return fault("sampling.prefix.full", format!("full = {} is a probability", s.prefix.full));
         }
-        if s.prefix.lengths.contains(&0) {
-            return fault("sampling.prefix.lengths", "a prefix has at least 1 code".into());
+        let fewest = self.model.fewest_codes();
+        if s.prefix.lengths.iter().any(|&k| k < fewest) {
+            let message = "a prefix has at least 1 code: without any, model.extensions.prior has to tell something";
+            return fault("sampling.prefix.lengths", message.into());
+        }
+        if !(0.0..=1.0).contains(&s.code_noise) {
+            return fault("sampling.code_noise", format!("code_noise = {} is a probability", s.code_noise));
+        }
+        if s.code_noise > 0.0 && (self.model.extensions.frame || self.model.bottleneck == Bottleneck::Gaussian) {
+            let message = "codes that tell a frame have to be exact, and real numbers have no levels: set code_noise = \
+                           0, or model.extensions.frame = false and model.bottleneck = \"fsq\"";
+            return fault("sampling.code_noise", message.into());
         }
         let l = &self.loss;
         let all = [("bce", l.bce), ("mse", l.mse), ("dice", l.dice), ("support", l.support)];
@@ -233,10 +248,10 @@ impl FsqCvaeTaskConfig {
             }
             _ => {}
         }
-        if let Some(k) = self.eval.prefixes.iter().find(|&&k| k == 0 || k > self.model.skin_tokens) {
+        if let Some(k) = self.eval.prefixes.iter().find(|&&k| k < fewest || k > self.model.skin_tokens) {
             return fault(
                 "eval.prefixes",
-                format!("a prefix of {k} codes, the model has 1 to {}", self.model.skin_tokens),
+                format!("a prefix of {k} codes, the model has {fewest} to {}", self.model.skin_tokens),
             );
         }
         if self.eval.prefixes.is_empty() || self.eval.cuts.is_empty() {
@@ -252,4 +267,35 @@ impl FsqCvaeTaskConfig {
 /// (key path, message).
 pub(crate) fn cells(key: &str, n: usize) -> Result<(), (String, String)> {
     if (8..=512).contains(&n) { Ok(()) } else { Err((key.into(), format!("{n} cells: give 8 to 512"))) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn no_code_at_all_needs_a_prior_and_noise_needs_levels() {
+        let told = |prior: bool, change: fn(&mut FsqCvaeTaskConfig)| {
+            let mut config = FsqCvaeTaskConfig::default();
+            (config.model.extensions.prior, config.model.extensions.bone_geometry) = (prior, prior);
+            change(&mut config);
+            config.validate().map_err(|(key, _)| key)
+        };
+        let lengths: fn(&mut FsqCvaeTaskConfig) = |c| c.sampling.prefix.lengths = vec![0, 4];
+        let prefixes: fn(&mut FsqCvaeTaskConfig) = |c| c.eval.prefixes = vec![0, 4];
+        assert_eq!([told(true, lengths), told(true, prefixes)], [Ok(()), Ok(())]);
+        assert_eq!(told(false, lengths).unwrap_err(), "sampling.prefix.lengths");
+        assert_eq!(told(false, prefixes).unwrap_err(), "eval.prefixes");
+        assert_eq!(told(false, |c| c.sampling.code_noise = 0.2), Ok(()));
+        for wrong in [-0.1, 1.1, f32::NAN] {
+            let mut config = FsqCvaeTaskConfig::default();
+            config.sampling.code_noise = wrong;
+            assert_eq!(config.validate().unwrap_err().0, "sampling.code_noise");
+        }
+        let real: fn(&mut FsqCvaeTaskConfig) = |c| {
+            c.sampling.code_noise = 0.2;
+            c.model.bottleneck = Bottleneck::Gaussian;
+        };
+        assert_eq!(told(false, real).unwrap_err(), "sampling.code_noise");
+    }
 }

@@ -27,7 +27,7 @@ pub struct Row {
     pub split: String,
     /// `raw` (the network's output), `rule` (after the decode rule) or a baseline's name.
     pub method: String,
-    /// Codes kept; 0 for baselines.
+    /// Codes kept; 0 for baselines, and for the network where it is told by a prior alone.
     pub tokens: usize,
     /// Assets.
     pub assets: usize,
@@ -35,6 +35,13 @@ pub struct Row {
     pub pooled: SkinMetrics,
     /// Mean of the assets' own metrics; undefined ones left out.
     pub per_rig: SkinMetrics,
+}
+
+impl Row {
+    /// Whether it is the network's, not a rule's without learning.
+    pub fn own(&self) -> bool {
+        self.tokens > 0 || ["raw", "rule"].contains(&self.method.as_str())
+    }
 }
 
 /// One asset's own metrics.
@@ -273,7 +280,7 @@ impl FsqCvaeTask {
     /// # Errors
     /// When the asset cannot be read.
     pub fn encode(&self, w: &Weights, id: AssetId) -> Result<Encoded, String> {
-        let rig = prepared(&self.assets, &self.cache, id)?;
+        let rig = prepared(&self.assets, &self.cache, id, self.config.model.extensions.prior)?;
         let mut random = stream(self.config.eval.seed, "evaluation", &[id.key()]);
         let coder = self.coder(w);
         let cond = coder.shape(&rig, &mut random);
@@ -284,8 +291,8 @@ impl FsqCvaeTask {
 
     /// Raw shares at points, a row a point, a column a bone, from the first `k` codes of each bone.
     pub fn decode(&self, w: &Weights, encoded: &Encoded, codes: &Tensor, k: usize, points: &[Point]) -> Vec<f32> {
-        let segments: Vec<_> = encoded.rig.bones.iter().map(|b| b.segments.clone()).collect();
-        self.coder(w).decode(&encoded.cond, &codes.narrow(1, 0, k as i64), points, &segments)
+        let (rig, codes) = (&encoded.rig, codes.narrow(1, 0, k as i64));
+        self.coder(w).decode(&encoded.cond, &codes, points, &rig.segments(), rig.told())
     }
 
     fn coder<'a>(&'a self, weights: &'a Weights) -> Coder<'a> {

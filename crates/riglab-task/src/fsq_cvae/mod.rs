@@ -7,6 +7,8 @@ pub(crate) mod evaluate;
 mod frozen;
 pub(crate) mod gallery;
 mod prepare;
+mod prior;
+mod region;
 mod report;
 mod table;
 mod tensors;
@@ -28,6 +30,7 @@ pub use evaluate::{AssetRow, BoneCodes, CodebookRow, Encoded, Report, Row, Truth
 pub use frozen::Frozen;
 pub use gallery::Shown;
 pub use prepare::{Bone, Patch, Place, Point, Prepared};
+pub use prior::{Prior, Told};
 pub use report::Evaluation;
 pub(crate) use report::skin_metrics;
 
@@ -203,6 +206,7 @@ struct Asked {
     points: Tensor,
     geometry: Option<BoneGeometry>,
     noise: Option<Tensor>,
+    off: Option<Tensor>,
     prefix: usize,
 }
 
@@ -212,7 +216,8 @@ impl Asked {
         let (shape, shape_queries) = tensors::shape(c, batch, device);
         let (points, geometry) = tensors::asked(c, batch, device);
         let (cloud, noise) = (tensors::skin(c, batch, device), tensors::noise(c, batch, device));
-        let all = Self { shape, shape_queries, cloud, points, geometry, noise, prefix: batch.prefix };
+        let (off, prefix) = (tensors::off(c, batch, device), batch.prefix);
+        let all = Self { shape, shape_queries, cloud, points, geometry, noise, off, prefix };
         let threads = riglab_torch::threads_on(device);
         let (rigs, each) = (batch.rigs, batch.bones / batch.rigs.max(1));
         let count = threads.min(rigs).max(1);
@@ -234,6 +239,7 @@ impl Asked {
                 points: of_bones(&self.cloud.points),
                 weights: of_bones(&self.cloud.weights),
                 queries: self.cloud.queries.as_ref().map(of_bones),
+                regions: self.cloud.regions.as_ref().map(of_bones),
             },
             points: of_bones(&self.points),
             geometry: self
@@ -241,6 +247,7 @@ impl Asked {
                 .as_ref()
                 .map(|g| BoneGeometry { bones: of_bones(&g.bones), points: of_bones(&g.points) }),
             noise: self.noise.as_ref().map(of_bones),
+            off: self.off.as_ref().map(of_bones),
             prefix: self.prefix,
         }
     }
@@ -248,8 +255,11 @@ impl Asked {
     /// Logits [m, p], what is rounded [m, k, axes], and the divergence of latents that are drawn.
     fn outputs(&self, net: &FsqCvae, c: &FsqCvaeTaskConfig, w: &Weights) -> Vec<Tensor> {
         let cond = net.encode_shape(w, &self.shape, &self.shape_queries);
-        let latent = net.encode_skin(w, &self.cloud, self.prefix);
+        // Without any code one is made, for the parts of the loss that look at what is rounded.
+        let latent = net.encode_skin(w, &self.cloud, self.prefix.max(1));
         let Coded { codes, said } = net.code(w, &latent, &self.cloud, self.noise.as_ref());
+        let codes = codes.narrow(1, 0, self.prefix as i64);
+        let codes = self.off.as_ref().map_or(codes.shallow_clone(), |by| net.fsq().off(&codes, by));
         let mut out = vec![net.decode(w, &codes, &cond, &self.points, self.geometry.as_ref())];
         if c.loss.spread > 0.0 || said.is_some() {
             out.push(net.unrounded(w, &latent));

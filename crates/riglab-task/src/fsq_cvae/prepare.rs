@@ -1,9 +1,14 @@
 //! An asset made ready for sampling.
 
+use std::sync::OnceLock;
+
 use riglab_core::{Asset, JointId, Mesh, Rig, Segment, Vec3};
 use riglab_geom::{SurfacePoint, SurfaceSampler, farthest_points, nearest_squares};
 use riglab_metric::ACTIVE;
 use riglab_random::{Draw, Stream};
+
+use super::prior::{Prior, Told};
+use super::region::{Regions, areas};
 
 /// A normalised rig with what sampling needs.
 pub struct Prepared {
@@ -17,6 +22,8 @@ pub struct Prepared {
     pub bones: Vec<Bone>,
     /// Running sums of triangle areas.
     areas: Vec<f64>,
+    regions: OnceLock<Regions>,
+    prior: Option<Prior>,
 }
 
 /// A joint that moves something.
@@ -104,14 +111,40 @@ impl Prepared {
             let held = patch(held, &|_| true);
             Some(Bone { joint, segments, held, shell, weights })
         });
-        Self { name, bones: bones.collect(), normals, areas, rig }
+        Self { name, bones: bones.collect(), normals, areas, rig, regions: OnceLock::new(), prior: None }
+    }
+
+    /// With what geometry alone says of its bones' weights.
+    #[must_use]
+    pub fn with_prior(self) -> Self {
+        Self { prior: Some(Prior::new(self.rig.mesh(), &self.segments())), ..self }
+    }
+
+    /// What geometry alone says, where it was asked.
+    pub fn told(&self) -> Option<Told<'_>> {
+        self.prior.as_ref().map(|prior| Told { prior, triangles: self.rig.mesh().triangles() })
+    }
+
+    /// What lies nearest to each bone.
+    pub fn regions(&self) -> &Regions {
+        let mesh = self.rig.mesh();
+        self.regions.get_or_init(|| Regions::new(mesh, &areas(mesh), &self.segments()))
+    }
+
+    /// The segments of each bone.
+    pub fn segments(&self) -> Vec<Vec<Segment>> {
+        self.bones.iter().map(|bone| bone.segments.clone()).collect()
     }
 
     /// About how many bytes it takes.
     pub fn bytes(&self) -> usize {
         let mesh = self.rig.mesh();
         let bones: usize = self.bones.iter().map(|b| b.held.bytes() + b.shell.bytes() + 8 * b.weights.len()).sum();
-        24 * mesh.positions().len() + 20 * mesh.triangles().len() + 8 * self.rig.weights().nonzero() + bones
+        24 * mesh.positions().len()
+            + 20 * mesh.triangles().len()
+            + 8 * self.rig.weights().nonzero()
+            + bones
+            + self.prior.as_ref().map_or(0, Prior::bytes)
     }
 
     /// A point at a vertex.

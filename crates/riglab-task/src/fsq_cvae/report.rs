@@ -52,8 +52,8 @@ impl Evaluation {
         let of = report.convention.as_str();
         let total = |r: &Row| Total {
             split: r.split.clone(),
-            method: if r.tokens == 0 { r.method.clone() } else { format!("{}, {} codes", r.method, r.tokens) },
-            own: r.tokens > 0,
+            method: if r.own() { format!("{}, {} codes", r.method, r.tokens) } else { r.method.clone() },
+            own: r.own(),
             assets: r.assets,
             values: vec![
                 r.pooled.iou,
@@ -64,7 +64,7 @@ impl Evaluation {
                 r.per_rig.mask_cover_bone,
             ],
         };
-        let shown = |r: &&Row| r.tokens == 0 || r.method == "rule";
+        let shown = |r: &&Row| !r.own() || r.method == "rule";
         let single = |a: &super::evaluate::AssetRow| Single {
             split: a.split.clone(),
             name: a.name.clone(),
@@ -141,7 +141,7 @@ pub(crate) fn skin_metrics(convention: &str) -> Vec<Metric> {
 fn verdict(report: &Report, split: &str) -> String {
     let rows = || report.rows.iter().filter(move |r| r.split == split);
     let ours = rows().filter(|r| r.method == "rule").max_by_key(|r| r.tokens);
-    let other = rows().filter(|r| r.tokens == 0).max_by(|a, b| a.pooled.iou.total_cmp(&b.pooled.iou));
+    let other = rows().filter(|r| !r.own()).max_by(|a, b| a.pooled.iou.total_cmp(&b.pooled.iou));
     let Some(ours) = ours else { return format!("{split}: nothing was evaluated.") };
     let said = format!(
         "{split}: over {} assets, {} codes a bone give IoU {:.3} ({:.3} as the mean of assets) and L1 {:.4}",
@@ -166,14 +166,14 @@ fn table(report: &Report, split: &str) -> Table {
     let least = rows.iter().map(|r| r.pooled.l1).fold(f64::NAN, f64::min);
     let mut learned = true;
     for r in rows {
-        if learned && r.tokens == 0 {
+        if learned && !r.own() {
             table.line();
         }
-        learned = r.tokens > 0;
+        learned = r.own();
         let p = &r.pooled;
         table.row(vec![
             Cell::text(&r.method),
-            if r.tokens == 0 { Cell::none() } else { Cell::count(r.tokens) },
+            if r.own() { Cell::count(r.tokens) } else { Cell::none() },
             Cell::number(p.iou, 4).strong_if(p.iou == most),
             Cell::number(r.per_rig.iou, 4).strong_if(r.per_rig.iou == most_each),
             Cell::number(p.l1, 5).strong_if(p.l1 == least),

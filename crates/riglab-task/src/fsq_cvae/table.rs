@@ -13,7 +13,7 @@ pub fn lines(report: &Report) -> Vec<String> {
             "method", "tokens", "IoU", "per rig", "L1", "prec.", "recall", "mask"
         ));
         for r in rows {
-            let tokens = if r.tokens == 0 { String::new() } else { r.tokens.to_string() };
+            let tokens = if r.own() { r.tokens.to_string() } else { String::new() };
             let p = &r.pooled;
             out.push(format!(
                 "{:34} {tokens:>6} {:>7.4} {:>8.4} {:>8.5} {:>6.3} {:>6.3} {:>6.3}",

@@ -80,7 +80,7 @@ fn candidate(skinner: Option<&Skinner>, subject: &Subject, drawn: &Drawn, cut: f
     let claimed: Vec<u16> = (0..all.len() as u16).filter(|&j| drawn.codes[usize::from(j)].is_some()).collect();
     let segments: Vec<Vec<Segment>> = claimed.iter().map(|&j| all[usize::from(j)].clone()).collect();
     let codes: Vec<&[i64]> = drawn.codes.iter().flatten().map(Vec::as_slice).collect();
-    let raw = skinner.raw(&segments, &codes);
+    let raw = skinner.raw(&segments, &codes, skinner.prior(&segments).as_ref());
     let row = |row: &[f32]| -> Vec<(u16, f64)> {
         row.iter().zip(&claimed).filter(|(w, _)| **w >= cut).map(|(w, &j)| (j, f64::from(*w))).collect()
     };

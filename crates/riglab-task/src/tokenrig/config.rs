@@ -149,6 +149,10 @@ pub struct EvalConfig {
     /// Skins that are drawn for a skeleton, of whose weights the mean is taken: the likeliest, then so many draws that
     /// there are as many. 1, the likeliest alone, is the paper's.
     pub skins: usize,
+    /// How much what the auto-encoder says without any code counts beside that mean (an extension): weights are the one to
+    /// the power of 1 less this, times the other to the power of this. Codes for a mesh unlike those that were learned from
+    /// tell less than geometry does. Auto-encoders without `model.extensions.prior` have nothing to say then, and it is 0.
+    pub without_codes: f32,
     /// How far weights that codes say are spread over the surface before they are cut, in distances of each vertex from
     /// its nearest bone; 0 leaves them as they are said vertex by vertex. Not in the paper.
     pub spread: f32,
@@ -176,6 +180,7 @@ impl Default for EvalConfig {
             validation_assets: 32,
             retrieval_points: 512,
             skins: 1,
+            without_codes: 0.0,
             spread: 0.0,
             cut: 0.05,
             vertices: 32_768,
@@ -235,6 +240,10 @@ impl TokenRigTaskConfig {
         cells("eval.baseline_resolution", self.eval.baseline_resolution)?;
         if !(1..=1024).contains(&self.eval.skins) {
             return bad("eval.skins", format!("skins = {} must lie in [1, 1024]", self.eval.skins));
+        }
+        if !(0.0..=1.0).contains(&self.eval.without_codes) {
+            let message = format!("without_codes = {} is a share: give 0 to 1", self.eval.without_codes);
+            return bad("eval.without_codes", message);
         }
         if !(0.0..=10.0).contains(&self.eval.spread) {
             let message =

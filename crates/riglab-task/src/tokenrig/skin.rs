@@ -10,6 +10,7 @@ use tch::Tensor;
 
 use super::rigger::{Drawn, Rigger};
 use super::skinner::Skinner;
+use crate::fsq_cvae::Prior;
 
 /// Codes of each joint; `None` where it moves nothing.
 pub type Codes = Vec<Option<Vec<i64>>>;
@@ -47,8 +48,9 @@ impl Rigger {
         Ok(all)
     }
 
-    /// Weights of a mesh in the cube by codes of a skeleton's joints, the mean of several skins: spread, cut, the four
-    /// largest kept, normalised. A vertex that no joint claims goes to the nearest bone. `key` seeds the points of its
+    /// Weights of a mesh in the cube by codes of a skeleton's joints, the mean of several skins, pooled with
+    /// what the auto-encoder says without any code where it can (`eval.without_codes`): spread, cut, the four largest kept,
+    /// normalised. A vertex that no joint claims goes to the nearest bone. `key` seeds the points of its
     /// shape. Several are decoded in bfloat16 where the processor has it.
     ///
     /// # Errors
@@ -64,7 +66,14 @@ impl Rigger {
         let claims = |j: &usize| skins.iter().any(|codes| codes.get(*j).is_some_and(Option::is_some));
         let claimed: Vec<usize> = (0..skeleton.len()).filter(claims).collect();
         let segments: Vec<Vec<Segment>> = claimed.iter().map(|&j| all[j].clone()).collect();
-        let mut raw = mean(&skinner, &claimed, &segments, skins);
+        let mut priors = Priors::default();
+        let mut raw = mean(&skinner, &mut priors, &claimed, &segments, skins);
+        if eval.without_codes > 0.0 && skinner.has_prior() && !raw.is_empty() {
+            let (all, none): (Vec<usize>, Vec<&[i64]>) = (0..claimed.len()).map(|c| (c, &[][..])).unzip();
+            priors.add(&skinner, &segments, &all);
+            let without = skinner.raw(&segments, &none, priors.of(&all));
+            pool(&mut raw, &without, claimed.len(), eval.without_codes);
+        }
         let far = f64::from(eval.spread);
         if far > 0.0 && !raw.is_empty() {
             let distance: Vec<f64> =
@@ -97,29 +106,77 @@ pub(super) fn in_order(codes: Codes, order: &[usize], joints: usize) -> Codes {
     own
 }
 
+/// What geometry alone says of some of the joints that are claimed, for an auto-encoder that is told: the same for the
+/// same joints.
+#[derive(Default)]
+struct Priors(Vec<(Vec<usize>, Prior)>);
+
+impl Priors {
+    /// Looks it up for some columns of `segments`, once.
+    fn add(&mut self, skinner: &Skinner<'_>, segments: &[Vec<Segment>], columns: &[usize]) {
+        if self.of(columns).is_none()
+            && let Some(prior) = skinner.prior(&some(segments, columns))
+        {
+            self.0.push((columns.to_vec(), prior));
+        }
+    }
+
+    fn of(&self, columns: &[usize]) -> Option<&Prior> {
+        self.0.iter().find(|(own, _)| own == columns).map(|(_, prior)| prior)
+    }
+}
+
+fn some(segments: &[Vec<Segment>], columns: &[usize]) -> Vec<Vec<Segment>> {
+    columns.iter().map(|&c| segments[c].clone()).collect()
+}
+
 /// What skins say of the joints that some of them claim, in the mean; a row a vertex, a column a joint. Each is decoded
 /// by itself: what a bone is given depends on the others.
-fn mean(skinner: &Skinner<'_>, claimed: &[usize], segments: &[Vec<Segment>], skins: &[Codes]) -> Vec<f32> {
+fn mean(
+    skinner: &Skinner<'_>,
+    priors: &mut Priors,
+    claimed: &[usize],
+    segments: &[Vec<Segment>],
+    skins: &[Codes],
+) -> Vec<f32> {
     let m = claimed.len();
-    let told = |skinner: &Skinner<'_>, codes: &Codes| {
-        let columns: Vec<usize> = (0..m).filter(|&c| codes.get(claimed[c]).is_some_and(Option::is_some)).collect();
-        let segments: Vec<Vec<Segment>> = columns.iter().map(|&c| segments[c].clone()).collect();
+    let columns = |codes: &Codes| -> Vec<usize> {
+        (0..m).filter(|&c| codes.get(claimed[c]).is_some_and(Option::is_some)).collect()
+    };
+    let asked: Vec<(Vec<usize>, &Codes)> = skins.iter().map(|codes| (columns(codes), codes)).collect();
+    asked.iter().for_each(|(columns, _)| priors.add(skinner, segments, columns));
+    let told = |skinner: &Skinner<'_>, (columns, codes): &(Vec<usize>, &Codes)| {
         let own: Vec<&[i64]> = columns.iter().filter_map(|&c| codes[claimed[c]].as_deref()).collect();
-        (skinner.raw(&segments, &own), columns)
+        skinner.raw(&some(segments, columns), &own, priors.of(columns))
     };
     let mut out = Vec::new();
     // As many at a time as there are threads: each takes a row a vertex.
-    let some = skins.chunks(tch::get_num_threads().max(1) as usize);
-    for (raw, columns) in some.flat_map(|some| skinner.each(some, told)) {
-        if raw.is_empty() {
-            continue;
+    for some in asked.chunks(tch::get_num_threads().max(1) as usize) {
+        for (raw, (columns, _)) in skinner.each(some, told).into_iter().zip(some) {
+            if raw.is_empty() {
+                continue;
+            }
+            out.resize(raw.len() / columns.len() * m, 0.0);
+            out.par_chunks_exact_mut(m).zip(raw.par_chunks_exact(columns.len())).for_each(|(out, raw)| {
+                columns.iter().zip(raw).for_each(|(&c, w)| out[c] += w / skins.len() as f32);
+            });
         }
-        out.resize(raw.len() / columns.len() * m, 0.0);
-        out.par_chunks_exact_mut(m).zip(raw.par_chunks_exact(columns.len())).for_each(|(out, raw)| {
-            columns.iter().zip(raw).for_each(|(&c, w)| out[c] += w / skins.len() as f32);
-        });
     }
     out
+}
+
+/// Rows of weights `said`, of `m` each, pooled with `others` of the same: said^(1 - share) others^share, summing to 1.
+/// What one of them is sure not to hold, neither holds.
+fn pool(said: &mut [f32], others: &[f32], m: usize, share: f32) {
+    const NONE: f32 = 1e-6;
+    said.par_chunks_exact_mut(m).zip(others.par_chunks_exact(m)).for_each(|(said, others)| {
+        let sums = [said.iter().sum::<f32>(), others.iter().sum()].map(|sum| sum.max(NONE));
+        for (w, other) in said.iter_mut().zip(others) {
+            *w = (*w / sums[0] + NONE).powf(1.0 - share) * (other / sums[1] + NONE).powf(share);
+        }
+        let sum: f32 = said.iter().sum();
+        said.iter_mut().for_each(|w| *w /= sum);
+    });
 }
 
 /// The joint whose bones are nearest to a point, and how far they are.
@@ -134,7 +191,7 @@ mod tests {
     use riglab_nn::tokenrig::Head;
 
     use super::*;
-    use crate::tokenrig::testing::{tetrahedron, untrained};
+    use crate::tokenrig::testing::{tetrahedron, untrained, with_prior};
 
     #[test]
     fn vertices_beyond_the_limit_are_told_by_their_neighbours() {
@@ -185,15 +242,70 @@ mod tests {
             vec![Some(c.clone()), None, None],
             vec![Some(a.clone()), None, Some(c.clone())],
         ];
-        let both = |first: &[i64], second: &[i64]| skinner.raw(&segments, &[first, second]);
-        let (ab, c_alone, ac) = (both(&a, &b), skinner.raw(&segments[..1], &[&c]), both(&a, &c));
-        let found = mean(&skinner, &[0, 2], &segments, &skins);
+        let both = |first: &[i64], second: &[i64]| skinner.raw(&segments, &[first, second], None);
+        let (ab, c_alone, ac) = (both(&a, &b), skinner.raw(&segments[..1], &[&c], None), both(&a, &c));
+        let found = mean(&skinner, &mut Priors::default(), &[0, 2], &segments, &skins);
         for v in 0..4 {
             let want = [(ab[2 * v] + c_alone[v] + ac[2 * v]) / 3.0, (ab[2 * v + 1] + ac[2 * v + 1]) / 3.0];
             assert!((0..2).all(|k| (found[2 * v + k] - want[k]).abs() < 1e-5), "{found:?} {want:?}");
         }
-        assert_eq!(mean(&skinner, &[0, 2], &segments, &skins[..1]), ab);
-        assert!(mean(&skinner, &[], &[], &skins).is_empty());
+        assert_eq!(mean(&skinner, &mut Priors::default(), &[0, 2], &segments, &skins[..1]), ab);
+        assert!(mean(&skinner, &mut Priors::default(), &[], &[], &skins).is_empty());
+    }
+
+    #[test]
+    fn bones_of_a_prior_are_read_among_those_that_a_skin_claims() {
+        let (mesh, rigger) = (tetrahedron(), with_prior(Head::Levels));
+        let skinner = Skinner::new(rigger.vae(), &mesh, 100, &mut stream(0, "test", &[])).unwrap();
+        let segments =
+            vec![vec![Segment { a: [-0.8; 3], b: [0.8, 0.8, -0.8] }], vec![Segment { a: [0.0; 3], b: [0.1; 3] }]];
+        let raw = |segments: &[Vec<Segment>], codes: &[&[i64]]| {
+            skinner.raw(segments, codes, skinner.prior(segments).as_ref())
+        };
+        // The second joint is claimed by one skin of two.
+        let skins = [vec![Some(vec![3, 5]), Some(vec![7, 1])], vec![Some(vec![0, 11]), None]];
+        let (both, first) = (raw(&segments, &[&[3, 5], &[7, 1]]), raw(&segments[..1], &[&[0, 11]]));
+        let mut priors = Priors::default();
+        let found = mean(&skinner, &mut priors, &[0, 1], &segments, &skins);
+        assert!(priors.0.len() == 2 && priors.of(&[0]).is_some() && priors.of(&[1]).is_none());
+        for v in 0..4 {
+            let want = [(both[2 * v] + first[v]) / 2.0, both[2 * v + 1] / 2.0];
+            assert!((0..2).all(|k| (found[2 * v + k] - want[k]).abs() < 1e-5), "{found:?} {want:?}");
+        }
+    }
+
+    #[test]
+    fn weights_are_pooled_with_what_is_said_without_codes() {
+        let near = |a: &[f32], b: &[f32]| assert!(a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-3), "{a:?} {b:?}");
+        let pooled = |share| {
+            // Rows that do not sum to 1 count as if they did; one says nothing.
+            let mut said = vec![1.6, 0.4, 0.0, 1.0, 0.0, 0.0];
+            pool(&mut said, &[0.25, 0.25, 0.1, 0.9, 0.2, 0.8], 2, share);
+            said
+        };
+        near(&pooled(0.0), &[0.8, 0.2, 0.0, 1.0, 0.5, 0.5]);
+        near(&pooled(0.5), &[2.0 / 3.0, 1.0 / 3.0, 0.0, 1.0, 1.0 / 3.0, 2.0 / 3.0]);
+        near(&pooled(1.0), &[0.5, 0.5, 0.1, 0.9, 0.2, 0.8]);
+
+        // It counts where the auto-encoder has something to say without codes, and only there.
+        let mesh = tetrahedron();
+        let joint = |name: &str, parent, head| riglab_core::Joint { name: name.into(), parent, head };
+        let joints = vec![
+            joint("root", None, [-0.8, -0.8, -0.8]),
+            joint("tip", Some(riglab_core::JointId(0)), [0.8, 0.8, -0.8]),
+        ];
+        let skeleton = riglab_core::Skeleton::new(joints).unwrap();
+        for (mut rigger, changes) in [(with_prior(Head::Levels), true), (untrained(Head::Levels, true), false)] {
+            let mut weights = |share| {
+                (rigger.config.eval.without_codes, rigger.config.eval.cut) = (share, 0.0);
+                let weights = rigger.skin(&mesh, &skeleton, &[vec![Some(vec![3, 5]), Some(vec![7, 1])]], 0).unwrap();
+                (0..4).flat_map(|v| weights.row(v).map(|(_, w)| w).collect::<Vec<f32>>()).collect::<Vec<f32>>()
+            };
+            let [none, half, all] = [0.0, 0.5, 1.0].map(&mut weights);
+            assert_eq!(none != half && half != all, changes, "{none:?} {half:?} {all:?}");
+            rigger.config.eval.without_codes = 1.5;
+            assert_eq!(rigger.config.validate().unwrap_err().0, "eval.without_codes");
+        }
     }
 
     #[test]

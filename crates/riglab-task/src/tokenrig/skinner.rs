@@ -7,7 +7,7 @@ use riglab_geom::Transfer;
 use riglab_random::{Draw, Stream};
 use tch::{Kind, Tensor};
 
-use crate::fsq_cvae::{Coder, Frozen, Point, Prepared};
+use crate::fsq_cvae::{Coder, Frozen, Point, Prepared, Prior, Told};
 
 /// Vertices that tell one at which no weights were asked.
 const NEIGHBOURS: usize = 8;
@@ -18,6 +18,8 @@ type Shares = Vec<(u32, f32)>;
 /// A mesh in the cube, its shape read once, ready for the weights of any codes.
 pub struct Skinner<'a> {
     vae: &'a Frozen,
+    /// The mesh, with one joint that holds it all.
+    prepared: Arc<Prepared>,
     points: Arc<Vec<Point>>,
     shape: Tensor,
     half: bool,
@@ -49,13 +51,13 @@ impl<'a> Skinner<'a> {
             let places: Vec<_> = points.iter().map(|p| p.position).collect();
             Arc::new(Transfer::new(&places, NEIGHBOURS).shares(mesh.positions()))
         });
-        Ok(Self { vae, points: Arc::new(points), shape, half: false, shares })
+        Ok(Self { vae, prepared: Arc::new(prepared), points: Arc::new(points), shape, half: false, shares })
     }
 
     /// The same, for another thread.
     pub fn another(&self) -> Self {
-        let (points, shares) = (self.points.clone(), self.shares.clone());
-        Self { vae: self.vae, points, shape: self.shape.shallow_clone(), half: self.half, shares }
+        let (prepared, points, shares) = (self.prepared.clone(), self.points.clone(), self.shares.clone());
+        Self { vae: self.vae, prepared, points, shape: self.shape.shallow_clone(), half: self.half, shares }
     }
 
     /// What `of` gives of some items with it, in their order: the items are shared out among the threads there are, on the
@@ -78,19 +80,30 @@ impl<'a> Skinner<'a> {
         Self { shape: self.shape.to_kind(Kind::BFloat16), half: true, ..self }
     }
 
-    /// Raw shares of each vertex, a row a vertex, a column a bone: `segments` and `codes` are those of each.
-    pub fn raw(&self, segments: &[Vec<Segment>], codes: &[&[i64]]) -> Vec<f32> {
-        let m = segments.len();
-        if m == 0 || codes.iter().all(|c| c.is_empty()) {
-            return Vec::new();
-        }
+    /// Whether the auto-encoder is told what geometry alone says, and so has something to say without codes.
+    pub fn has_prior(&self) -> bool {
+        self.vae.config().model.extensions.prior
+    }
+
+    /// What geometry alone says of some bones, for an auto-encoder that is told.
+    pub fn prior(&self, segments: &[Vec<Segment>]) -> Option<Prior> {
+        self.has_prior().then(|| Prior::new(self.prepared.rig.mesh(), segments))
+    }
+
+    /// Raw shares of each vertex, a row a vertex, a column a bone: `segments` and `codes` are those of each, as many codes
+    /// of each as of the others; `prior` is [`Self::prior`] of the same bones.
+    pub fn raw(&self, segments: &[Vec<Segment>], codes: &[&[i64]], prior: Option<&Prior>) -> Vec<f32> {
+        let Some(first) = codes.first() else { return Vec::new() };
+        let size = [codes.len() as i64, first.len() as i64];
         let decode = |coder: Coder<'_>| {
-            let ids = Tensor::from_slice(&codes.concat()).view([m as i64, -1]).to_device(coder.device);
+            let ids = Tensor::from_slice(&codes.concat()).view(size).to_device(coder.device);
             let codes = coder.net.fsq().codes(&ids, Kind::Float).to_kind(coder.weights.kind());
-            coder.decode(&self.shape, &codes, &self.points, segments)
+            let told = prior.map(|prior| Told { prior, triangles: self.prepared.rig.mesh().triangles() });
+            coder.decode(&self.shape, &codes, &self.points, segments, told)
         };
         let known = if self.half { self.vae.with_half(decode) } else { self.vae.with(decode) };
         let Some(shares) = &self.shares else { return known };
+        let m = segments.len();
         let mut out = vec![0.0; shares.len() * m];
         for (row, shares) in out.chunks_exact_mut(m).zip(shares.iter()) {
             for &(k, share) in shares {

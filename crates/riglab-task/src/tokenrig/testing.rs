@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use riglab_core::Mesh;
-use riglab_nn::fsq_cvae::{FsqCvaeConfig, SkinQueries};
+use riglab_nn::fsq_cvae::{Extensions, FsqCvaeConfig, SkinQueries};
 use riglab_nn::tokenrig::{Head, TokenRigConfig};
 use riglab_token::Limits;
 use tch::Device;
@@ -13,7 +13,17 @@ use crate::fsq_cvae::{Frozen, FsqCvaeTask, FsqCvaeTaskConfig};
 
 /// A model that has learnt nothing, of the smallest sizes.
 pub(crate) fn untrained(head: Head, empty: bool) -> Rigger {
+    of(head, empty, Extensions::default())
+}
+
+/// The same, whose auto-encoder is told what geometry alone says.
+pub(crate) fn with_prior(head: Head) -> Rigger {
+    of(head, true, Extensions { bone_geometry: true, prior: true, ..Extensions::default() })
+}
+
+fn of(head: Head, empty: bool, extensions: Extensions) -> Rigger {
     let model = FsqCvaeConfig {
+        extensions,
         encoder_width: 16,
         decoder_width: 16,
         heads: 2,

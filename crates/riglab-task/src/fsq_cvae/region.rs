@@ -1,0 +1,113 @@
+//! Where each bone works, as geometry says.
+
+use riglab_core::{Mesh, Segment, Vec3};
+use riglab_nn::fsq_cvae::REGION;
+
+use super::prior::distance;
+
+/// Vertices that are looked at, at most.
+const ASKED: usize = 2048;
+/// A vertex is a bone's by its nearness to this power, over that of all bones.
+const SHARP: i32 = 8;
+/// Smaller shares are none.
+const LEAST: f32 = 0.01;
+/// No bone is nearer than this, in a cube from -1 to 1.
+const NEAREST: f32 = 1e-4;
+
+/// What of a surface lies nearest to each bone of a rig.
+pub struct Regions {
+    /// Vertices, each with its area and where its shares end.
+    asked: Vec<(u32, f32, u32)>,
+    /// Bones with their shares, one vertex after another.
+    shares: Vec<(u32, f32)>,
+    /// The first segment of each bone.
+    segments: Vec<Segment>,
+}
+
+impl Regions {
+    /// Of a mesh in the cube, `areas` those of its vertices, and the segments of its bones.
+    pub fn new(mesh: &Mesh, areas: &[f32], bones: &[Vec<Segment>]) -> Self {
+        let positions = mesh.positions();
+        let (mut asked, mut shares) = (Vec::new(), Vec::new());
+        let mut close = vec![0.0; bones.len()];
+        for v in (0..positions.len()).step_by(positions.len().div_ceil(ASKED).max(1)) {
+            close.iter_mut().zip(bones).for_each(|(c, bone)| *c = distance(bone, positions[v]).max(NEAREST));
+            let least = close.iter().copied().fold(f32::INFINITY, f32::min);
+            close.iter_mut().for_each(|c| *c = (least / *c).powi(SHARP));
+            let sum: f32 = close.iter().sum();
+            let own = (0u32..).zip(&close).map(|(bone, c)| (bone, c / sum));
+            shares.extend(own.filter(|(_, share)| *share > LEAST));
+            asked.push((v as u32, areas[v], shares.len() as u32));
+        }
+        let first = |bone: &Vec<Segment>| bone.first().copied().unwrap_or(Segment { a: [0.0; 3], b: [0.0; 3] });
+        Self { asked, shares, segments: bones.iter().map(first).collect() }
+    }
+
+    /// Of each bone the centre of its region and the deviation from it, by area, with positions moved by a map. A bone
+    /// that nothing is near to has its own place.
+    pub fn under(&self, positions: &[Vec3], map: impl Fn(Vec3) -> Vec3) -> Vec<[f32; REGION]> {
+        const { assert!(REGION == 6) };
+        // Of each the area, and its first and second moments.
+        let mut sums = vec![[0.0f64; 7]; self.segments.len()];
+        let mut start = 0;
+        for &(v, area, end) in &self.asked {
+            let p = map(positions[v as usize]).map(f64::from);
+            for &(bone, share) in &self.shares[start..end as usize] {
+                let (sum, w) = (&mut sums[bone as usize], f64::from(share) * f64::from(area));
+                sum[0] += w;
+                for k in 0..3 {
+                    sum[1 + k] += w * p[k];
+                    sum[4 + k] += w * p[k] * p[k];
+                }
+            }
+            start = end as usize;
+        }
+        let region = |(sum, segment): (&[f64; 7], &Segment)| -> [f32; REGION] {
+            if sum[0] > 1e-9 {
+                let center: [f64; 3] = std::array::from_fn(|k| sum[1 + k] / sum[0]);
+                let square = |k: usize| sum[4 + k] / sum[0] - center[k] * center[k];
+                std::array::from_fn(|k| if k < 3 { center[k] } else { square(k - 3).max(0.0).sqrt() } as f32)
+            } else {
+                let (a, b) = (map(segment.a), map(segment.b));
+                let size = |k: usize| (0.3 * (a[k] - b[k]).abs()).max(0.02);
+                std::array::from_fn(|k| if k < 3 { 0.5 * (a[k] + b[k]) } else { size(k - 3) })
+            }
+        };
+        sums.iter().zip(&self.segments).map(region).collect()
+    }
+}
+
+/// The area of each vertex, none quite 0.
+pub fn areas(mesh: &Mesh) -> Vec<f32> {
+    let mut areas = vec![1e-9; mesh.positions().len()];
+    for (t, corners) in mesh.triangles().iter().enumerate() {
+        let area = mesh.area_vector(t).iter().map(|x| x * x).sum::<f32>().sqrt() / 3.0;
+        corners.iter().for_each(|&v| areas[v as usize] += area);
+    }
+    areas
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn regions_are_what_lies_nearest_and_move_with_it() {
+        // Two squares, at x = -1 and x = 1, each with a bone; a third bone far above both.
+        let square = |x: f32| [[x, 0.0, 0.0], [x, 1.0, 0.0], [x, 1.0, 1.0], [x, 0.0, 1.0]];
+        let positions = [square(-1.0), square(1.0)].concat();
+        let mesh = Mesh::new(positions, vec![[0, 1, 2], [0, 2, 3], [4, 5, 6], [4, 6, 7]]).unwrap();
+        let bone = |x: f32, y: f32| vec![Segment { a: [x, y, 0.5], b: [x, y + 0.4, 0.5] }];
+        let regions = Regions::new(&mesh, &areas(&mesh), &[bone(-1.0, 0.3), bone(1.0, 0.3), bone(0.0, 20.0)]);
+        let near = |found: &[f32], want: &[f32]| {
+            assert!(found.iter().zip(want).all(|(a, b)| (a - b).abs() < 1e-2), "{found:?}, expected {want:?}");
+        };
+        let found = regions.under(mesh.positions(), |p| p);
+        near(&found[0], &[-1.0, 0.5, 0.5, 0.0, 0.5, 0.5]);
+        near(&found[1], &[1.0, 0.5, 0.5, 0.0, 0.5, 0.5]);
+        near(&found[2], &[0.0, 20.2, 0.5, 0.02, 0.12, 0.02]);
+        let moved = regions.under(mesh.positions(), |p| p.map(|x| 2.0 * x));
+        near(&moved[0], &[-2.0, 1.0, 1.0, 0.0, 1.0, 1.0]);
+        near(&moved[2], &[0.0, 40.4, 1.0, 0.02, 0.24, 0.02]);
+    }
+}
