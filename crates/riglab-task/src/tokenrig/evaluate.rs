@@ -333,8 +333,8 @@ impl TokenRigTask {
         Ok((Report { skeletons, skin, convention: "skintokens".into(), skin_assets }, rigs))
     }
 
-    /// Counts the weights of codes drawn for the true skeleton, and those that the auto-encoder makes of its own codes;
-    /// gives the figures of the drawn ones.
+    /// Counts the weights of codes drawn for the true skeleton, and those that the auto-encoder makes of its own codes and
+    /// nothing else; gives the figures of the drawn ones.
     fn on_the_true_skeleton(
         &self,
         truth: &Rig,
@@ -349,7 +349,7 @@ impl TokenRigTask {
         let found = ways.all("given", &rig, &true_weights, &claimed(&drawn[0]));
         let mut random = stream(rigger.config.eval.seed, "rig variant", &[key]);
         let own = codes(&rigger.vae, &rigger.config.skin, truth, &mut random);
-        let weights = rigger.skin(truth.mesh(), truth.skeleton(), &[own], key)?;
+        let weights = rigger.pooled_skin(truth.mesh(), truth.skeleton(), &[own], key, 0.0)?;
         ways.methods.add("given: auto-encoder".into(), &SkinTally::of(&true_weights, &dense(&weights, joints), joints));
         Ok(found)
     }

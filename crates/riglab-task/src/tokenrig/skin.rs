@@ -56,6 +56,21 @@ impl Rigger {
     /// # Errors
     /// When mesh and skeleton make no rig.
     pub fn skin(&self, mesh: &Mesh, skeleton: &Skeleton, skins: &[Codes], key: u64) -> Result<SkinWeights, String> {
+        self.pooled_skin(mesh, skeleton, skins, key, self.config().eval.without_codes)
+    }
+
+    /// As [`Self::skin`], with another share of what is said without any code.
+    ///
+    /// # Errors
+    /// As [`Self::skin`].
+    pub(super) fn pooled_skin(
+        &self,
+        mesh: &Mesh,
+        skeleton: &Skeleton,
+        skins: &[Codes],
+        key: u64,
+        without_codes: f32,
+    ) -> Result<SkinWeights, String> {
         let eval = &self.config().eval;
         let mut random = stream(eval.seed, "skin evaluation", &[key]);
         let skinner = Skinner::new(self.vae(), mesh, eval.vertices, &mut random)?;
@@ -68,11 +83,11 @@ impl Rigger {
         let segments: Vec<Vec<Segment>> = claimed.iter().map(|&j| all[j].clone()).collect();
         let mut priors = Priors::default();
         let mut raw = mean(&skinner, &mut priors, &claimed, &segments, skins);
-        if eval.without_codes > 0.0 && skinner.has_prior() && !raw.is_empty() {
+        if without_codes > 0.0 && skinner.has_prior() && !raw.is_empty() {
             let (all, none): (Vec<usize>, Vec<&[i64]>) = (0..claimed.len()).map(|c| (c, &[][..])).unzip();
             priors.add(&skinner, &segments, &all);
             let without = skinner.raw(&segments, &none, priors.of(&all));
-            pool(&mut raw, &without, claimed.len(), eval.without_codes);
+            pool(&mut raw, &without, claimed.len(), without_codes);
         }
         let far = f64::from(eval.spread);
         if far > 0.0 && !raw.is_empty() {
