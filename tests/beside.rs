@@ -28,9 +28,9 @@ fn every_task_gives_the_same_on_one_thread_and_on_two() {
     let precision = "train.precision='bf16'";
     let decoder = [precision, "model.decoder.layers=2", "model.shape.layers=1", "model.decoder.dropout=0.1"];
     let prior = ["model.extensions.bone_geometry=true", "model.extensions.frame=false", "model.extensions.prior=true"];
-    let without = ["sampling.prefix={full=0.3, lengths=[0]}", "sampling.code_noise=0.3", "train.optim.muon=[]"];
+    let without = ["sampling.prefix={full=0.3, lengths=[0]}", "sampling.code_noise=0.3"];
     let cases = [
-        (text(&skin), [&prior[..], &without].concat()),
+        (text(&skin), [&prior[..], &without, &["train.precision='fp32'", "train.optim.muon=[]"]].concat()),
         (text(&skin), vec!["train.precision='fp32'", "train.optim.muon=[]"]),
         (text(&skin), vec!["train.precision='bf16'", "train.recompute=true", "train.optim.muon=[]"]),
         ("quickstart/unirig_skeleton.toml", [&few[..], &decoder, &["limits.tokens=300"]].concat()),

@@ -170,9 +170,9 @@ impl Extensions {
 }
 
 impl FsqCvaeConfig {
-    /// The fewest codes that the decoder may be given.
+    /// The fewest codes that the decoder may be given: 0 with a prior, unless what codes tell is a term of the loss.
     pub fn fewest_codes(&self) -> usize {
-        usize::from(!self.extensions.prior)
+        usize::from(!self.extensions.prior || self.bottleneck == Bottleneck::Gaussian)
     }
 
     /// Axes of a code that are learned; the first three are told with `extensions.frame`.
@@ -292,5 +292,8 @@ mod tests {
         assert_eq!(told(false, false), Err("extensions.prior"));
         assert_eq!(told(true, true), Err("extensions.frame"));
         assert_eq!(FsqCvaeConfig::default().fewest_codes(), 1);
+        let mut real = FsqCvaeConfig { bottleneck: Bottleneck::Gaussian, ..Default::default() };
+        real.extensions.prior = true;
+        assert_eq!(real.fewest_codes(), 1);
     }
 }

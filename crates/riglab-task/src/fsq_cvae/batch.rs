@@ -45,7 +45,7 @@ pub struct Batch {
     pub prefix: usize,
     /// [m, prefix, axes]: how many levels off those are; none where all are exact.
     pub off: Vec<f32>,
-    /// [m, prefix or 1, learned axes] of N(0, 1), where codes are drawn.
+    /// [m, prefix, learned axes] of N(0, 1), where codes are drawn.
     pub noise: Vec<f32>,
 }
 
@@ -135,7 +135,7 @@ impl Source for BatchSource {
         }
         if c.model.bottleneck == Bottleneck::Gaussian {
             let mut random = stream(c.train.seed, "latent noise", &[number]);
-            let numbers = batch.bones * batch.prefix.max(1) * c.model.learned_axes();
+            let numbers = batch.bones * batch.prefix * c.model.learned_axes();
             batch.noise = (0..numbers).map(|_| random.normal()).collect();
         }
         if s.code_noise > 0.0 {

@@ -216,7 +216,8 @@ impl FsqCvaeTaskConfig {
         }
         let fewest = self.model.fewest_codes();
         if s.prefix.lengths.iter().any(|&k| k < fewest) {
-            let message = "a prefix has at least 1 code: without any, model.extensions.prior has to tell something";
+            let message =
+                "a prefix has at least 1 code; none takes model.extensions.prior, and model.bottleneck = \"fsq\"";
             return fault("sampling.prefix.lengths", message.into());
         }
         if !(0.0..=1.0).contains(&s.code_noise) {
@@ -297,5 +298,10 @@ mod tests {
             c.model.bottleneck = Bottleneck::Gaussian;
         };
         assert_eq!(told(false, real).unwrap_err(), "sampling.code_noise");
+        let none: fn(&mut FsqCvaeTaskConfig) = |c| {
+            c.sampling.prefix.lengths = vec![0];
+            c.model.bottleneck = Bottleneck::Gaussian;
+        };
+        assert_eq!(told(true, none).unwrap_err(), "sampling.prefix.lengths");
     }
 }

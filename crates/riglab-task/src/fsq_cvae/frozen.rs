@@ -49,7 +49,8 @@ impl Frozen {
         let path = run.join("config.toml");
         let text = std::fs::read_to_string(&path).map_err(|e| {
             format!(
-                "{}: no run of an auto-encoder ({e}); train one with `riglab train skintokens/fsq_cvae_for_tokenrig.toml`",
+                "{}: no run of an auto-encoder ({e}); train one with `riglab train \
+                 skintokens/fsq_cvae_for_tokenrig.toml`, or fsq_cvae_with_prior.toml, and give its folder as skin.run",
                 path.display()
             )
         })?;

@@ -169,7 +169,7 @@ fn nearest(mesh: &Mesh, bones: &[Vec<Segment>]) -> (Vec<Vec<u32>>, Vec<f64>) {
 }
 
 /// How far a point is from a bone.
-pub(super) fn distance(bone: &[Segment], p: Vec3) -> f32 {
+pub(crate) fn distance(bone: &[Segment], p: Vec3) -> f32 {
     bone.iter().map(|segment| segment.distance(p)).fold(f32::INFINITY, f32::min)
 }
 

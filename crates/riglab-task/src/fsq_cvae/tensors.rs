@@ -36,7 +36,7 @@ pub fn skin(c: &FsqCvaeTaskConfig, b: &Batch, device: Device) -> SkinCloud {
 
 /// What codes are drawn with [m, k, axes], where they are.
 pub fn noise(c: &FsqCvaeTaskConfig, b: &Batch, device: Device) -> Option<Tensor> {
-    (!b.noise.is_empty()).then(|| tensor(&b.noise, &[b.bones, b.prefix.max(1), c.model.learned_axes()], device))
+    (!b.noise.is_empty()).then(|| tensor(&b.noise, &[b.bones, b.prefix, c.model.learned_axes()], device))
 }
 
 /// How many levels off the codes are that the decoder is given [m, k, axes], where some are.

@@ -10,7 +10,7 @@ use tch::Tensor;
 
 use super::rigger::{Drawn, Rigger};
 use super::skinner::Skinner;
-use crate::fsq_cvae::Prior;
+use crate::fsq_cvae::{Prior, distance};
 
 /// Codes of each joint; `None` where it moves nothing.
 pub type Codes = Vec<Option<Vec<i64>>>;
@@ -48,10 +48,10 @@ impl Rigger {
         Ok(all)
     }
 
-    /// Weights of a mesh in the cube by codes of a skeleton's joints, the mean of several skins, pooled with
-    /// what the auto-encoder says without any code where it can (`eval.without_codes`): spread, cut, the four largest kept,
-    /// normalised. A vertex that no joint claims goes to the nearest bone. `key` seeds the points of its
-    /// shape. Several are decoded in bfloat16 where the processor has it.
+    /// Weights of a mesh in the cube by codes of a skeleton's joints, the mean of several skins, pooled with what the
+    /// auto-encoder says without any code where it can (`eval.without_codes`): spread, cut, the four largest kept,
+    /// normalised. A vertex that no joint claims goes to the nearest bone. `key` seeds the points of its shape. Several
+    /// are decoded in bfloat16 where the processor has it.
     ///
     /// # Errors
     /// When mesh and skeleton make no rig.
@@ -196,8 +196,7 @@ fn pool(said: &mut [f32], others: &[f32], m: usize, share: f32) {
 
 /// The joint whose bones are nearest to a point, and how far they are.
 fn to_nearest(segments: &[Vec<Segment>], p: Vec3) -> (usize, f32) {
-    let distance = |s: &Vec<Segment>| s.iter().map(|s| s.distance(p)).fold(f32::INFINITY, f32::min);
-    let all = segments.iter().map(distance).enumerate();
+    let all = segments.iter().map(|bone| distance(bone, p)).enumerate();
     all.min_by(|a, b| a.1.total_cmp(&b.1)).unwrap_or((0, f32::INFINITY))
 }
 
