@@ -203,6 +203,7 @@ impl Vae {
             weights: self.weights.shallow_clone(),
             queries: self.skin_queries.as_ref().map(Tensor::shallow_clone),
             regions: None,
+            off: None,
         }
     }
 

@@ -221,8 +221,7 @@ fn tokenrig_stands_on_an_auto_encoder_with_a_prior() {
         sets.iter().for_each(|set| all.extend(["--set", set]));
         must(&all);
     };
-    let tiny = "model={ extends = \"model/fsq_cvae/tiny.toml\", extensions = { bone_geometry = true, frame = false, \
-                prior = true } }";
+    let tiny = "model={ extends = \"model/fsq_cvae/tiny.toml\", extensions = { bone_geometry = true, prior = true } }";
     let few = ["train.steps=6", "train.validate_every=6"];
     train("skintokens/fsq_cvae_with_prior.toml", &auto, &[&few[..], &[tiny, "eval.prefixes=[0, 4]"]].concat());
     let said = String::from_utf8(must(&["eval", text(&auto), "--json", "--pictures", "0"]).stdout).unwrap();

@@ -93,6 +93,7 @@ fn skin_auto_encoder() {
         weights: Tensor::rand([6, 20], FLOAT),
         queries: Some(Tensor::arange(4, (Kind::Int64, Device::Cpu)).repeat([6, 1])),
         regions: None,
+        off: None,
     };
     let asked = Tensor::rand([2, 30, 6], FLOAT);
     same(&params, |w| {

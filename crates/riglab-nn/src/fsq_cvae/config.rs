@@ -105,9 +105,10 @@ pub struct Extensions {
     /// lies to the bone and to its rivals.
     pub bone_geometry: bool,
     /// What geometry alone says of a bone's weights is told beside its codes, which are left to say what differs from it
-    /// (needs `bone_geometry`, in place of `frame`): to the decoder, heat's weight at each point and how far the piece
-    /// of surface around it belongs to the bone; to encoder and decoder the region nearest to the bone, in whose frame
-    /// all points are seen. The decoder may then be asked without any code.
+    /// (needs `bone_geometry`): to the decoder, heat's weight at each point and how far the piece of surface around it
+    /// belongs to the bone; to encoder and decoder the region nearest to the bone, in whose frame all points are seen.
+    /// The decoder may then be asked without any code. With `frame`, the encoder sees points in the frame that codes
+    /// tell, and the decoder in both; without any code the region is the frame.
     pub prior: bool,
 }
 
@@ -156,6 +157,11 @@ impl Extensions {
     /// Whether points are seen in a frame of each bone.
     pub(super) fn framed(&self) -> bool {
         self.frame || self.prior
+    }
+
+    /// Whether points are seen in the frame that codes tell and in the region that geometry tells.
+    pub(super) fn framed_twice(&self) -> bool {
+        self.frame && self.prior
     }
 
     /// Numbers per bone of [`super::BoneGeometry::bones`].
@@ -242,10 +248,6 @@ impl FsqCvaeConfig {
             let message = "prior is told with the bone's geometry: set bone_geometry = true".into();
             return Err(("extensions.prior", message));
         }
-        if x.prior && x.frame {
-            let message = "prior tells where bones are before any code: set frame = false".into();
-            return Err(("extensions.frame", message));
-        }
         if x.frame && self.levels.len() < 4 {
             let message = "frame takes three axes: give at least four levels, so that something is learned".into();
             return Err(("extensions.frame", message));
@@ -282,7 +284,7 @@ mod tests {
     }
 
     #[test]
-    fn a_prior_is_told_with_geometry_and_in_place_of_the_frame() {
+    fn a_prior_is_told_with_geometry() {
         let told = |bone_geometry, frame| {
             let mut config = FsqCvaeConfig { skin_queries: SkinQueries::Active, ..Default::default() };
             config.extensions = Extensions { prior: true, bone_geometry, frame, ..Extensions::default() };
@@ -290,7 +292,7 @@ mod tests {
         };
         assert_eq!(told(true, false), Ok(0));
         assert_eq!(told(false, false), Err("extensions.prior"));
-        assert_eq!(told(true, true), Err("extensions.frame"));
+        assert_eq!(told(true, true), Ok(0));
         assert_eq!(FsqCvaeConfig::default().fewest_codes(), 1);
         let mut real = FsqCvaeConfig { bottleneck: Bottleneck::Gaussian, ..Default::default() };
         real.extensions.prior = true;

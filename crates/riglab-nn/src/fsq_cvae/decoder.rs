@@ -31,6 +31,7 @@ pub struct ReadBones {
     /// [r, s, d]
     cond: Tensor,
     frame: Option<Frame>,
+    region: Option<Frame>,
 }
 
 /// Self-attention over tokens, then points attend to them.
@@ -47,6 +48,7 @@ pub struct Decoder {
     bone_points: Option<Linear>,
     frame_tokens: Option<Linear>,
     frame_points: Option<Linear>,
+    region_points: Option<Linear>,
 }
 
 impl Decoder {
@@ -85,17 +87,20 @@ impl Decoder {
             frame_points: x
                 .framed()
                 .then(|| Linear::new(at.sub("frame_points"), Role::Projection, frame::POINT, width, true)),
+            region_points: x
+                .framed_twice()
+                .then(|| Linear::new(at.sub("region_points"), Role::Projection, frame::POINT, width, true)),
         }
     }
 
     /// Reads `z` [m, k, d] and `cond` [r, s, d], the bones' and the rigs' tokens in decoder width; rig i owns the bones
-    /// from i m / r on. `bones`: [`BoneGeometry::bones`].
+    /// from i m / r on. `frame` and `region`: in which points will be seen; `bones`: [`BoneGeometry::bones`].
     pub fn read(
         &self,
         w: &Weights,
         z: &Tensor,
         cond: Tensor,
-        frame: Option<Frame>,
+        [frame, region]: [Option<Frame>; 2],
         bones: Option<&Tensor>,
     ) -> ReadBones {
         let m = z.size()[0];
@@ -112,7 +117,7 @@ impl Decoder {
         for block in &self.blocks {
             tokens = block.read(w, &tokens, (!self.concat).then_some(&cond));
         }
-        ReadBones { tokens, cond, frame }
+        ReadBones { tokens, cond, frame, region }
     }
 
     /// Logits [m, p] of m bones at p points each. `points` are positions and more with their features: [m, p, c] for
@@ -121,7 +126,7 @@ impl Decoder {
     pub fn ask(
         &self,
         w: &Weights,
-        ReadBones { tokens, cond, frame }: &ReadBones,
+        ReadBones { tokens, cond, frame, region }: &ReadBones,
         (points, features): (&Tensor, &Tensor),
         beside: Option<&Tensor>,
     ) -> Tensor {
@@ -133,9 +138,11 @@ impl Decoder {
         if let (Some(layer), Some(beside)) = (&self.bone_points, beside) {
             x = per_bone(&x, m) + layer.forward(w, &beside.to_kind(w.kind()));
         }
-        if let (Some(layer), Some(frame)) = (&self.frame_points, frame) {
-            let seen = frame.point_features(&per_bone(&points.narrow(-1, 0, 3), m));
-            x = per_bone(&x, m) + layer.forward(w, &seen.to_kind(w.kind()));
+        for seen_in in [(&self.frame_points, frame), (&self.region_points, region)] {
+            if let (Some(layer), Some(frame)) = seen_in {
+                let seen = frame.point_features(&per_bone(&points.narrow(-1, 0, 3), m));
+                x = per_bone(&x, m) + layer.forward(w, &seen.to_kind(w.kind()));
+            }
         }
         for block in &self.points {
             x = block.read(w, &x, Some(tokens));

@@ -8,7 +8,7 @@
 //!
 //! The decoder knows all this from the codes alone: with fewer of them, the frame is coarser.
 //!
-//! With the extension `prior` frames are known beforehand, and no axis is told.
+//! With the extension `prior` regions are known beforehand. Alone, they are the frames, and no axis is told.
 
 use tch::{Kind, Tensor};
 
@@ -57,10 +57,10 @@ impl FrameCoder {
     }
 
     /// The first three axes [m, k, 3] of the codes of clouds [m, n, 3] with weights [m, n], whose
-    /// queries are at `places` [m, k, 3].
-    pub fn tell(&self, positions: &Tensor, weights: &Tensor, places: &Tensor) -> Tensor {
+    /// queries are at `places` [m, k, 3]. `off` [m, 6]: how far off the frame is told, in deviations and in e-folds of size.
+    pub fn tell(&self, positions: &Tensor, weights: &Tensor, places: &Tensor, off: Option<&Tensor>) -> Tensor {
         let _no_grad = tch::no_grad_guard();
-        let frame = self.encode(positions, weights);
+        let frame = self.encode(positions, weights, off);
         let (k, slots) = (places.size()[1], (SLOTS as i64).min(places.size()[1]));
         let local = self.hear(&frame).local(&places.narrow(1, slots, k - slots));
         let levels = self.row(&local, |l| l - 1.0);
@@ -100,17 +100,21 @@ impl FrameCoder {
 
     /// The frame of clouds [m, n, 3] with weights [m, n], as all its codes tell it.
     pub fn of(&self, positions: &Tensor, weights: &Tensor) -> Frame {
-        self.hear(&self.encode(positions, weights))
+        self.hear(&self.encode(positions, weights, None))
     }
 
     /// The codes [m, [`SLOTS`], 3] of a frame.
-    fn encode(&self, positions: &Tensor, weights: &Tensor) -> Tensor {
+    fn encode(&self, positions: &Tensor, weights: &Tensor, off: Option<&Tensor>) -> Tensor {
         let _no_grad = tch::no_grad_guard();
         let w = weights.unsqueeze(-1);
         let total = w.sum_dim_intlist([1i64].as_slice(), true, None::<Kind>).clamp_min(1e-6);
         let mean = |x: Tensor| (x * &w).sum_dim_intlist([1i64].as_slice(), true, None::<Kind>) / &total;
-        let center = mean(positions.shallow_clone());
-        let size = mean((positions - &center).square()).sqrt();
+        let (mut center, (small, large)) = (mean(positions.shallow_clone()), SIZES);
+        let mut size = mean((positions - &center).square()).sqrt().clamp(small, large);
+        if let Some(off) = off {
+            center += off.narrow(1, 0, 3).unsqueeze(1) * &size;
+            size *= off.narrow(1, 3, 3).unsqueeze(1).exp();
+        }
 
         let levels = self.row(&center, |l| l);
         let digit = |share: &Tensor| (share * &levels).floor();
@@ -119,7 +123,6 @@ impl FrameCoder {
         let rest = share * &levels - &first;
         let second = digit(&rest);
         let third = digit(&(rest * &levels - &second));
-        let (small, large) = SIZES;
         let size = (size.clamp(small, large).log() - small.ln()) / (large / small).ln();
         let size = (size * (&levels - 1.0)).round();
         let halves = self.halves(&first);
@@ -211,7 +214,7 @@ mod tests {
         let places = x.narrow(1, 0, 10);
         for levels in [[8, 8, 8, 5, 5, 5], [5, 6, 7, 8, 8, 8]] {
             let coder = FrameCoder::new(&levels);
-            let codes = coder.tell(&x, &w, &places);
+            let codes = coder.tell(&x, &w, &places, None);
             // They are codes: each level of each axis is whole and within reach.
             let full = Tensor::cat(&[&codes, &codes.zeros_like()], -1);
             let fsq = Fsq::new(&levels).unwrap();
@@ -233,6 +236,30 @@ mod tests {
     }
 
     #[test]
+    fn a_frame_is_told_as_far_off_as_is_asked() {
+        let (x, w) = cloud();
+        let coder = FrameCoder::new(&[8, 8, 8, 5, 5, 5]);
+        let told = |off: &[f32]| {
+            let off = Tensor::from_slice(off).view([1, 6]).expand([2, 6], false);
+            coder.hear(&coder.tell(&x, &w, &x.narrow(1, 0, 4), Some(&off)))
+        };
+        let (own, off) = (told(&[0.0; 6]), told(&[0.5, -0.5, 0.0, 0.7, 0.0, -0.7]));
+        assert!(most(&own.center, &coder.of(&x, &w).center) == 0.0 && most(&own.size, &coder.of(&x, &w).size) == 0.0);
+        let mean = |x: Tensor| {
+            let w = w.unsqueeze(-1);
+            (x * &w).sum_dim_intlist(1i64, true, None::<Kind>) / w.sum_dim_intlist(1i64, true, None::<Kind>)
+        };
+        let deviation = mean((&x - mean(x.shallow_clone())).square()).sqrt();
+        let by = &off.center - &own.center;
+        let want = Tensor::from_slice(&[0.5f32, -0.5, 0.0]).view([1, 1, 3]) * deviation;
+        assert!(most(&by, &want) <= 2.0 * REACH / 512.0 * 1.001, "{by} {want}");
+        let step = (SIZES.1 / SIZES.0).ln() / 7.0;
+        let by = (&off.size / &own.size).log();
+        assert!(most(&by, &Tensor::from_slice(&[0.7f32, 0.0, -0.7]).view([1, 1, 3])) <= step * 1.001, "{by}");
+        assert!(by.narrow(2, 0, 1).min().double_value(&[]) >= 0.0 && by.narrow(2, 2, 1).max().double_value(&[]) <= 0.0);
+    }
+
+    #[test]
     fn a_known_frame_is_the_one_that_codes_tell() {
         let (x, w) = cloud();
         let told = FrameCoder::new(&[8, 8, 8, 5, 5, 5]).of(&x, &w);
@@ -250,7 +277,7 @@ mod tests {
     fn features_have_the_widths_told() {
         let (x, w) = cloud();
         let coder = FrameCoder::new(&[8, 8, 8, 5, 5, 5]);
-        let codes = coder.tell(&x, &w, &x.narrow(1, 0, 9));
+        let codes = coder.tell(&x, &w, &x.narrow(1, 0, 9), None);
         for k in [1, 4, 9] {
             let frame = coder.hear(&codes.narrow(1, 0, k));
             assert_eq!(frame.point_features(&x).size(), [2, 200, POINT as i64]);

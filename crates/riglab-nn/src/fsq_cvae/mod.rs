@@ -58,6 +58,9 @@ pub struct SkinCloud {
     pub queries: Option<Tensor>,
     /// [m, [`REGION`]]: each bone's region, with the extension `prior`.
     pub regions: Option<Tensor>,
+    /// [m, [`REGION`]]: how far off the frame is that codes tell, in deviations and in e-folds of size; with the
+    /// extension `frame`, where it is not told as it is.
+    pub off: Option<Tensor>,
 }
 
 impl SkinCloud {
@@ -141,9 +144,9 @@ impl FsqCvae {
     pub fn encode_skin(&self, w: &Weights, cloud: &SkinCloud, k: usize) -> Tensor {
         let weights = cloud.weights.unsqueeze(-1);
         let bit = self.config.extensions.active_bit.then(|| weights.gt(ACTIVE).to_kind(weights.kind()));
-        let told = || self.frame.as_ref().map(|coder| coder.of(&cloud.positions(), &cloud.weights));
-        let frame = cloud.regions.as_ref().map(|regions| Frame::known(regions, k as i64)).or_else(told);
-        let frame = frame.map(|f| f.point_features(&cloud.positions()));
+        let known = || cloud.regions.as_ref().map(|regions| Frame::known(regions, k as i64));
+        let told = self.frame.as_ref().map(|coder| coder.of(&cloud.positions(), &cloud.weights));
+        let frame = told.or_else(known).map(|f| f.point_features(&cloud.positions()));
         let extra: Vec<&Tensor> = std::iter::once(&weights).chain(&bit).chain(&frame).collect();
         let features = self.features(w, &cloud.points, &extra);
         let k = k as i64;
@@ -167,7 +170,7 @@ impl FsqCvae {
             }
         };
         let Some(coder) = &self.frame else { return learned };
-        let told = coder.tell(&cloud.positions(), &cloud.weights, &cloud.places(k));
+        let told = coder.tell(&cloud.positions(), &cloud.weights, &cloud.places(k), cloud.off.as_ref());
         Coded { codes: Tensor::cat(&[told, learned.codes], 2), ..learned }
     }
 
@@ -213,14 +216,14 @@ impl FsqCvae {
     pub fn read(&self, w: &Weights, codes: &Tensor, shape: &Tensor, bones: Option<&Tensor>) -> ReadBones {
         let z = self.post_quant.forward(w, &self.dequantize(w, codes));
         let cond = self.post_quant.forward(w, shape);
-        let known =
-            |bones: &Tensor| Frame::known(&bones.narrow(1, BONE_FEATURES as i64, REGION as i64), codes.size()[1]);
-        let frame = match (&self.frame, bones) {
-            (Some(coder), _) => Some(coder.hear(codes)),
-            (None, Some(bones)) if self.config.extensions.prior => Some(known(bones)),
-            _ => None,
+        let count = codes.size()[1];
+        let region = || {
+            let bones = bones.filter(|_| self.config.extensions.prior)?;
+            Some(Frame::known(&bones.narrow(1, BONE_FEATURES as i64, REGION as i64), count))
         };
-        self.decoder.read(w, &z, cond, frame, bones)
+        let told = self.frame.as_ref().filter(|_| count > 0).map(|coder| coder.hear(codes));
+        let second = self.frame.as_ref().and_then(|_| region());
+        self.decoder.read(w, &z, cond, [told.or_else(region), second], bones)
     }
 
     /// The second half of [`Self::decode`]. `beside`: [`BoneGeometry::points`].
@@ -250,5 +253,69 @@ impl FsqCvae {
         } else {
             Kind::Float
         }))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use tch::Device;
+
+    use super::*;
+    use crate::params::Builder;
+
+    #[test]
+    fn codes_that_tell_frames_stand_beside_what_geometry_says() {
+        tch::manual_seed(1);
+        let extensions = Extensions { frame: true, prior: true, bone_geometry: true, ..Extensions::default() };
+        let config = FsqCvaeConfig {
+            encoder_width: 16,
+            decoder_width: 16,
+            heads: 2,
+            encoder_layers: 1,
+            decoder_layers: 1,
+            latent: 8,
+            levels: vec![8, 8, 8, 5, 5],
+            shape_tokens: 4,
+            skin_tokens: 6,
+            skin_queries: SkinQueries::Farthest,
+            extensions,
+            ..FsqCvaeConfig::default()
+        };
+        config.validate().unwrap();
+        let mut builder = Builder::default();
+        let net = FsqCvae::new(builder.root(), &config).unwrap();
+        let params = builder.finish(1, Kind::Float, Device::Cpu).unwrap();
+        let (w, float) = (params.weights(), (Kind::Float, Device::Cpu));
+        let cloud = SkinCloud {
+            points: Tensor::rand([3, 20, 6], float),
+            weights: Tensor::rand([3, 20], float),
+            queries: Some(Tensor::arange(6, (Kind::Int64, Device::Cpu)).repeat([3, 1])),
+            regions: Some(Tensor::rand([3, REGION as i64], float)),
+            off: None,
+        };
+        let codes = net.quantize(w, &net.encode_skin(w, &cloud, 6), &cloud);
+        let shape = Tensor::randn([1, 4, 8], float);
+        let points = Tensor::rand([1, 9, 6], float);
+        let beside = Tensor::rand([3, 9, config.extensions.point_features() as i64], float);
+        let bones = Tensor::rand([3, config.extensions.bone_features() as i64], float);
+        let elsewhere = Tensor::cat(&[bones.narrow(1, 0, 7), bones.narrow(1, 7, 6) * 0.5], 1);
+        let said = |codes: &Tensor, bones: &Tensor| {
+            let geometry = BoneGeometry { bones: bones.shallow_clone(), points: beside.shallow_clone() };
+            net.decode(w, codes, &shape, &points, Some(&geometry))
+        };
+        let differ = |a: Tensor, b: Tensor| (a - b).abs().max().double_value(&[]) > 1e-6;
+        // Both are heard: codes that tell another frame alone, and another region alone.
+        let other = Tensor::cat(&[codes.narrow(2, 0, 3) * -1.0 - 0.25, codes.narrow(2, 3, 2)], 2);
+        for k in [1, 4, 6] {
+            let (own, other) = (codes.narrow(1, 0, k), other.narrow(1, 0, k));
+            assert_eq!(said(&own, &bones).size(), [3, 9]);
+            assert!(differ(said(&own, &bones), said(&other, &bones)), "{k} codes");
+            assert!(differ(said(&own, &bones), said(&own, &elsewhere)), "{k} codes");
+        }
+        // Without codes it is what geometry says, the same for all that may be coded.
+        let none = codes.narrow(1, 0, 0);
+        assert_eq!(said(&none, &bones).size(), [3, 9]);
+        assert!(differ(said(&none, &bones), said(&none, &elsewhere)));
+        assert!(!differ(said(&none, &bones), said(&other.narrow(1, 0, 0), &bones)));
     }
 }

@@ -45,6 +45,8 @@ pub struct Batch {
     pub prefix: usize,
     /// [m, prefix, axes]: how many levels off those are; none where all are exact.
     pub off: Vec<f32>,
+    /// [m, 6]: how far off the frames are that codes tell; none where all are as they are.
+    pub frames_off: Vec<f32>,
     /// [m, prefix, learned axes] of N(0, 1), where codes are drawn.
     pub noise: Vec<f32>,
 }
@@ -140,11 +142,21 @@ impl Source for BatchSource {
         }
         if s.code_noise > 0.0 {
             let mut random = stream(c.train.seed, "code noise", &[number]);
-            let numbers = batch.bones * batch.prefix * c.model.levels.len();
-            batch.off = (0..numbers).map(|_| off(s.code_noise, &mut random)).collect();
+            batch.off = codes_off(c, batch.bones * batch.prefix, &mut random);
+        }
+        if s.frame_noise > 0.0 {
+            let mut random = stream(c.train.seed, "frame noise", &[number]);
+            batch.frames_off = (0..batch.bones * REGION).map(|_| s.frame_noise * random.normal()).collect();
         }
         Ok(batch)
     }
+}
+
+/// How many levels off the axes of some codes are; those that are told, none.
+fn codes_off(c: &FsqCvaeTaskConfig, codes: usize, random: &mut Stream) -> Vec<f32> {
+    let axes = c.model.levels.len();
+    let told = axes - c.model.learned_axes();
+    (0..codes * axes).map(|k| if k % axes < told { 0.0 } else { off(c.sampling.code_noise, random) }).collect()
 }
 
 /// One level up or down as often as is told, else none.
@@ -352,6 +364,12 @@ mod tests {
         let share = |of: f32| drawn.iter().filter(|x| **x == of).count() as f32 / 10_000.0;
         assert!((share(0.0) - 0.8).abs() < 0.02 && (share(1.0) - 0.1).abs() < 0.02, "{} {}", share(0.0), share(1.0));
         assert!((share(0.0) + share(1.0) + share(-1.0) - 1.0).abs() < 1e-6);
+
+        // What tells a frame is exact.
+        let mut config = FsqCvaeTaskConfig::default();
+        (config.sampling.code_noise, config.model.extensions.frame) = (1.0, true);
+        let drawn = codes_off(&config, 50, &mut random);
+        assert!(drawn.len() == 300 && drawn.chunks(6).all(|c| c[..3] == [0.0; 3] && c[3..].iter().all(|x| *x != 0.0)));
     }
 
     #[test]

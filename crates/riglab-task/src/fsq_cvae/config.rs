@@ -50,9 +50,12 @@ pub struct SamplingConfig {
     pub vertex_share: f32,
     /// How the number of codes given to the decoder is drawn, once a batch (nested dropout).
     pub prefix: PrefixConfig,
-    /// How often each axis of a code that the decoder is given is one level off (an extension): codes that a model writes
-    /// for a mesh are seldom exact.
+    /// How often each learned axis of a code that the decoder is given is one level off (an extension): codes that a model
+    /// writes for a mesh are seldom exact.
     pub code_noise: f32,
+    /// How far off the frames are that codes tell the decoder, with `model.extensions.frame` (an extension): the deviation
+    /// of the centre, in deviations of the points, and of the size, in e-folds.
+    pub frame_noise: f32,
     /// Rigs are drawn by their number of skinned bones to this power: 0 all alike, 1 every bone alike.
     pub bone_power: f32,
 }
@@ -135,6 +138,7 @@ impl Default for SamplingConfig {
             vertex_share: 0.0,
             prefix: PrefixConfig::default(),
             code_noise: 0.0,
+            frame_noise: 0.0,
             bone_power: 0.0,
         }
     }
@@ -223,10 +227,16 @@ impl FsqCvaeTaskConfig {
         if !(0.0..=1.0).contains(&s.code_noise) {
             return fault("sampling.code_noise", format!("code_noise = {} is a probability", s.code_noise));
         }
-        if s.code_noise > 0.0 && (self.model.extensions.frame || self.model.bottleneck == Bottleneck::Gaussian) {
-            let message = "codes that tell a frame have to be exact, and real numbers have no levels: set code_noise = \
-                           0, or model.extensions.frame = false and model.bottleneck = \"fsq\"";
+        if s.code_noise > 0.0 && self.model.bottleneck == Bottleneck::Gaussian {
+            let message = "real numbers have no levels: set code_noise = 0, or model.bottleneck = \"fsq\"";
             return fault("sampling.code_noise", message.into());
+        }
+        if !(0.0..=2.0).contains(&s.frame_noise) {
+            return fault("sampling.frame_noise", format!("frame_noise = {} must lie in [0, 2]", s.frame_noise));
+        }
+        if s.frame_noise > 0.0 && !self.model.extensions.frame {
+            let message = "no code tells a frame: set frame_noise = 0, or model.extensions.frame = true";
+            return fault("sampling.frame_noise", message.into());
         }
         let l = &self.loss;
         let all = [("bce", l.bce), ("mse", l.mse), ("dice", l.dice), ("support", l.support)];
@@ -298,6 +308,12 @@ mod tests {
             c.model.bottleneck = Bottleneck::Gaussian;
         };
         assert_eq!(told(false, real).unwrap_err(), "sampling.code_noise");
+        let frames: fn(&mut FsqCvaeTaskConfig) = |c| {
+            c.sampling.frame_noise = 0.2;
+            (c.model.extensions.frame, c.model.skin_queries) = (true, SkinQueries::Active);
+        };
+        assert_eq!([told(false, frames), told(true, frames)], [Ok(()), Ok(())]);
+        assert_eq!(told(true, |c| c.sampling.frame_noise = 0.2).unwrap_err(), "sampling.frame_noise");
         let none: fn(&mut FsqCvaeTaskConfig) = |c| {
             c.sampling.prefix.lengths = vec![0];
             c.model.bottleneck = Bottleneck::Gaussian;

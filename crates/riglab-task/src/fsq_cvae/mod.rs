@@ -241,6 +241,7 @@ impl Asked {
                 weights: of_bones(&self.cloud.weights),
                 queries: self.cloud.queries.as_ref().map(of_bones),
                 regions: self.cloud.regions.as_ref().map(of_bones),
+                off: self.cloud.off.as_ref().map(of_bones),
             },
             points: of_bones(&self.points),
             geometry: self

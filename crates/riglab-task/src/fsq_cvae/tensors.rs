@@ -31,6 +31,7 @@ pub fn skin(c: &FsqCvaeTaskConfig, b: &Batch, device: Device) -> SkinCloud {
         weights: tensor(&b.skin_weights, &[b.bones, n], device),
         queries,
         regions: (!b.regions.is_empty()).then(|| tensor(&b.regions, &[b.bones, REGION], device)),
+        off: (!b.frames_off.is_empty()).then(|| tensor(&b.frames_off, &[b.bones, REGION], device)),
     }
 }
 
