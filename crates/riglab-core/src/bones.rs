@@ -26,9 +26,10 @@ impl Segment {
         (t, (a + along * t - p).length())
     }
 
-    /// Distance from a point.
-    pub fn distance(&self, p: Vec3) -> f32 {
-        self.nearest(p).1
+    /// As [`Self::nearest`], of the nearest of a bone's segments; 0 and infinity where it has none.
+    pub fn nearest_of(bone: &[Self], p: Vec3) -> (f32, f32) {
+        let all = bone.iter().map(|segment| segment.nearest(p));
+        all.min_by(|a, b| a.1.total_cmp(&b.1)).unwrap_or((0.0, f32::INFINITY))
     }
 
     /// Length.
@@ -95,6 +96,14 @@ mod tests {
         let s = Skeleton::new(vec![joint("a", None, 0.0), joint("b", Some(0), 2.0)]).unwrap();
         assert_eq!(s.tails(), [[0.0, 2.0, 0.0], [0.0, 3.0, 0.0]]);
         assert!(s.is_leaf(JointId(1)) && !s.is_leaf(JointId(0)));
+    }
+
+    #[test]
+    fn of_several_segments_the_nearest_counts() {
+        let bone = [Segment { a: [0.0; 3], b: [2.0, 0.0, 0.0] }, Segment { a: [0.0; 3], b: [0.0, 2.0, 0.0] }];
+        assert_eq!(Segment::nearest_of(&bone, [0.5, 0.1, 0.0]), (0.25, 0.1));
+        assert_eq!(Segment::nearest_of(&bone, [0.1, 1.0, 0.0]), (0.5, 0.1));
+        assert_eq!(Segment::nearest_of(&[], [0.0; 3]), (0.0, f32::INFINITY));
     }
 
     #[test]

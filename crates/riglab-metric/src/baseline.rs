@@ -89,7 +89,7 @@ pub fn bone_distances(rig: &Rig, joints: &[JointId]) -> Vec<f32> {
     let mut out = vec![0.0; rig.mesh().positions().len() * joints.len()];
     out.par_chunks_exact_mut(joints.len().max(1)).zip(rig.mesh().positions()).for_each(|(row, &p)| {
         for (d, bone) in row.iter_mut().zip(&bones) {
-            *d = bone.iter().map(|s| s.distance(p)).fold(f32::INFINITY, f32::min);
+            *d = Segment::nearest_of(bone, p).1;
         }
     });
     out

@@ -276,7 +276,7 @@ impl<'a> Maker<'a> {
             let position = self.push(point, &mut batch.points);
             batch.targets.push(self.rig.weight(bone, point));
             if geometry {
-                let distances: Vec<f32> = segments.iter().map(|s| nearest(s, position).1).collect();
+                let distances: Vec<f32> = segments.iter().map(|s| Segment::nearest_of(s, position).1).collect();
                 point_features(position, b, &segments[b], &distances, &mut batch.bone_points);
                 if let Some(told) = told {
                     told.tell(&point.at, b, &mut batch.bone_points);
@@ -312,11 +312,6 @@ fn central(points: &[Vec3], weights: &[f32]) -> usize {
     (0..points.len()).min_by(|&a, &b| d(&points[a]).total_cmp(&d(&points[b]))).unwrap_or(0)
 }
 
-/// Parameter and distance of the nearest segment.
-fn nearest(segments: &[Segment], p: Vec3) -> (f32, f32) {
-    segments.iter().map(|s| s.nearest(p)).min_by(|a, b| a.1.total_cmp(&b.1)).unwrap_or((0.0, 0.0))
-}
-
 /// Head, mean tail, length.
 pub fn bone_features(segments: &[Segment], out: &mut Vec<f32>) {
     let n = segments.len().max(1) as f32;
@@ -341,7 +336,7 @@ pub fn point_features(p: Vec3, b: usize, segments: &[Segment], distances: &[f32]
     let head = segments.first().map_or([0.0; 3], |s| s.a);
     out.extend([own, own.ln(), sharp, share(2), sharp.max(1e-6).ln() / 4.0, least / own]);
     out.extend((0..3).map(|k| p[k] - head[k]));
-    out.push(nearest(segments, p).0);
+    out.push(Segment::nearest_of(segments, p).0);
 }
 
 #[cfg(test)]
@@ -386,7 +381,7 @@ mod tests {
             vec![Segment { a: [0.0, 1.0, 0.0], b: [0.0, 2.0, 0.0] }],
         ];
         let p = [0.1, 0.5, 0.0];
-        let distances: Vec<f32> = segments.iter().map(|s| nearest(s, p).1).collect();
+        let distances: Vec<f32> = segments.iter().map(|s| Segment::nearest_of(s, p).1).collect();
         let mut features = Vec::new();
         point_features(p, 0, &segments[0], &distances, &mut features);
         point_features(p, 1, &segments[1], &distances, &mut features);

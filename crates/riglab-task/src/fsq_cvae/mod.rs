@@ -30,7 +30,6 @@ pub use evaluate::{AssetRow, BoneCodes, CodebookRow, Encoded, Report, Row, Truth
 pub use frozen::Frozen;
 pub use gallery::Shown;
 pub use prepare::{Bone, Patch, Place, Point, Prepared};
-pub(crate) use prior::distance;
 pub use prior::{Prior, Told};
 pub use report::Evaluation;
 pub(crate) use report::skin_metrics;

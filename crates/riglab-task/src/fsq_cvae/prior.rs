@@ -6,7 +6,7 @@
 //! skeleton that is drawn.
 
 use rayon::prelude::*;
-use riglab_core::{Mesh, Segment, Vec3};
+use riglab_core::{Mesh, Segment};
 use riglab_geom::{HOTTEST, SurfaceHeat, pieces};
 use riglab_nn::fsq_cvae::{PRIOR, REGION};
 
@@ -159,7 +159,7 @@ impl Told<'_> {
 /// Of each vertex the bones that are nearest, one or several equally so, and how far they are.
 fn nearest(mesh: &Mesh, bones: &[Vec<Segment>]) -> (Vec<Vec<u32>>, Vec<f64>) {
     let each = mesh.positions().par_iter().map(|&p| {
-        let far: Vec<f32> = bones.iter().map(|bone| distance(bone, p)).collect();
+        let far: Vec<f32> = bones.iter().map(|bone| Segment::nearest_of(bone, p).1).collect();
         let least = far.iter().copied().fold(f32::INFINITY, f32::min);
         let limit = least * (1.0 + EQUAL) + 1e-7;
         let near = (0u32..).zip(&far).filter(|(_, far)| **far <= limit).map(|(bone, _)| bone);
@@ -168,13 +168,9 @@ fn nearest(mesh: &Mesh, bones: &[Vec<Segment>]) -> (Vec<Vec<u32>>, Vec<f64>) {
     each.unzip()
 }
 
-/// How far a point is from a bone.
-pub(crate) fn distance(bone: &[Segment], p: Vec3) -> f32 {
-    bone.iter().map(|segment| segment.distance(p)).fold(f32::INFINITY, f32::min)
-}
-
 #[cfg(test)]
 mod tests {
+    use riglab_core::Vec3;
     use riglab_geom::SurfacePoint;
 
     use super::*;

@@ -3,8 +3,6 @@
 use riglab_core::{Mesh, Segment, Vec3};
 use riglab_nn::fsq_cvae::REGION;
 
-use super::prior::distance;
-
 /// Vertices that are looked at, at most.
 const ASKED: usize = 2048;
 /// A vertex is a bone's by its nearness to this power, over that of all bones.
@@ -31,7 +29,10 @@ impl Regions {
         let (mut asked, mut shares) = (Vec::new(), Vec::new());
         let mut close = vec![0.0; bones.len()];
         for v in (0..positions.len()).step_by(positions.len().div_ceil(ASKED).max(1)) {
-            close.iter_mut().zip(bones).for_each(|(c, bone)| *c = distance(bone, positions[v]).max(NEAREST));
+            close
+                .iter_mut()
+                .zip(bones)
+                .for_each(|(c, bone)| *c = Segment::nearest_of(bone, positions[v]).1.max(NEAREST));
             let least = close.iter().copied().fold(f32::INFINITY, f32::min);
             close.iter_mut().for_each(|c| *c = (least / *c).powi(SHARP));
             let sum: f32 = close.iter().sum();

@@ -7,7 +7,7 @@ use tch::{Device, Tensor};
 use super::batch::{Batch, bone_features, point_features};
 use super::config::FsqCvaeTaskConfig;
 use super::prepare::Point;
-use super::prior::{Told, distance};
+use super::prior::Told;
 
 fn tensor(values: &[f32], size: &[usize], device: Device) -> Tensor {
     let size: Vec<i64> = size.iter().map(|&n| n as i64).collect();
@@ -76,8 +76,10 @@ pub fn geometry(
         bone_features(&segments[b], &mut of_bones);
         of_bones.extend(told.iter().flat_map(|told| told.prior.regions()[b]));
     }
-    let distances: Vec<Vec<f32>> =
-        points.par_iter().map(|p| segments.iter().map(|bone| distance(bone, p.position)).collect()).collect();
+    let distances: Vec<Vec<f32>> = points
+        .par_iter()
+        .map(|p| segments.iter().map(|bone| Segment::nearest_of(bone, p.position).1).collect())
+        .collect();
     let rows: Vec<Vec<f32>> = bones
         .par_iter()
         .map(|&b| {

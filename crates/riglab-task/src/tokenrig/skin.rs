@@ -10,7 +10,7 @@ use tch::Tensor;
 
 use super::rigger::{Drawn, Rigger};
 use super::skinner::Skinner;
-use crate::fsq_cvae::{Prior, distance};
+use crate::fsq_cvae::Prior;
 
 /// Codes of each joint; `None` where it moves nothing.
 pub type Codes = Vec<Option<Vec<i64>>>;
@@ -196,7 +196,7 @@ fn pool(said: &mut [f32], others: &[f32], m: usize, share: f32) {
 
 /// The joint whose bones are nearest to a point, and how far they are.
 fn to_nearest(segments: &[Vec<Segment>], p: Vec3) -> (usize, f32) {
-    let all = segments.iter().map(|bone| distance(bone, p)).enumerate();
+    let all = segments.iter().map(|bone| Segment::nearest_of(bone, p).1).enumerate();
     all.min_by(|a, b| a.1.total_cmp(&b.1)).unwrap_or((0, f32::INFINITY))
 }
 

@@ -81,7 +81,7 @@ impl Told {
 
 /// Gives the features of each bone, and which it is.
 fn features(p: Vec3, bones: &[Vec<Segment>], distances: &[f32], mut give: impl FnMut([f32; FEATURES], usize)) {
-    let straight: Vec<(f32, f32)> = bones.iter().map(|b| nearest(b, p)).collect();
+    let straight: Vec<(f32, f32)> = bones.iter().map(|b| Segment::nearest_of(b, p)).collect();
     let ways = Shares::new(distances.iter().copied());
     let lines = Shares::new(straight.iter().map(|(_, d)| *d));
     for (b, bone) in bones.iter().enumerate() {
@@ -120,11 +120,6 @@ impl Shares {
     fn share8(&self, d: f32) -> f32 {
         (self.least / d).powi(8) / self.sums[1]
     }
-}
-
-/// Parameter and distance of the nearest segment.
-fn nearest(segments: &[Segment], p: Vec3) -> (f32, f32) {
-    segments.iter().map(|s| s.nearest(p)).min_by(|a, b| a.1.total_cmp(&b.1)).unwrap_or((0.0, 0.0))
 }
 
 #[cfg(test)]
