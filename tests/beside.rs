@@ -29,8 +29,10 @@ fn every_task_gives_the_same_on_one_thread_and_on_two() {
     let decoder = [precision, "model.decoder.layers=2", "model.shape.layers=1", "model.decoder.dropout=0.1"];
     let prior = ["model.extensions.bone_geometry=true", "model.extensions.frame=false", "model.extensions.prior=true"];
     let without = ["sampling.prefix={full=0.3, lengths=[0]}", "sampling.code_noise=0.3"];
+    let both = [prior[0], prior[2], without[1], "model.extensions.frame=true", "sampling.frame_noise=0.3"];
     let cases = [
         (text(&skin), [&prior[..], &without, &["train.precision='fp32'", "train.optim.muon=[]"]].concat()),
+        (text(&skin), [&both[..], &["train.precision='fp32'", "train.optim.muon=[]"]].concat()),
         (text(&skin), vec!["train.precision='fp32'", "train.optim.muon=[]"]),
         (text(&skin), vec!["train.precision='bf16'", "train.recompute=true", "train.optim.muon=[]"]),
         ("quickstart/unirig_skeleton.toml", [&few[..], &decoder, &["limits.tokens=300"]].concat()),

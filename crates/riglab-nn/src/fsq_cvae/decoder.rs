@@ -30,8 +30,10 @@ pub struct ReadBones {
     tokens: Tensor,
     /// [r, s, d]
     cond: Tensor,
-    frame: Option<Frame>,
-    region: Option<Frame>,
+    /// In which points are seen.
+    pub(super) frame: Option<Frame>,
+    /// In which they are seen, too.
+    pub(super) region: Option<Frame>,
 }
 
 /// Self-attention over tokens, then points attend to them.

@@ -56,7 +56,7 @@ pub struct SkinCloud {
     pub weights: Tensor,
     /// [m, t]: which points are queries, in token order; unused with learned queries.
     pub queries: Option<Tensor>,
-    /// [m, [`REGION`]]: each bone's region, with the extension `prior`.
+    /// [m, [`REGION`]]: each bone's region, with the extension `prior`; unused with `frame`.
     pub regions: Option<Tensor>,
     /// [m, [`REGION`]]: how far off the frame is that codes tell, in deviations and in e-folds of size; with the
     /// extension `frame`, where it is not told as it is.
@@ -298,24 +298,34 @@ mod tests {
         let points = Tensor::rand([1, 9, 6], float);
         let beside = Tensor::rand([3, 9, config.extensions.point_features() as i64], float);
         let bones = Tensor::rand([3, config.extensions.bone_features() as i64], float);
-        let elsewhere = Tensor::cat(&[bones.narrow(1, 0, 7), bones.narrow(1, 7, 6) * 0.5], 1);
-        let said = |codes: &Tensor, bones: &Tensor| {
-            let geometry = BoneGeometry { bones: bones.shallow_clone(), points: beside.shallow_clone() };
-            net.decode(w, codes, &shape, &points, Some(&geometry))
-        };
-        let differ = |a: Tensor, b: Tensor| (a - b).abs().max().double_value(&[]) > 1e-6;
-        // Both are heard: codes that tell another frame alone, and another region alone.
-        let other = Tensor::cat(&[codes.narrow(2, 0, 3) * -1.0 - 0.25, codes.narrow(2, 3, 2)], 2);
-        for k in [1, 4, 6] {
-            let (own, other) = (codes.narrow(1, 0, k), other.narrow(1, 0, k));
-            assert_eq!(said(&own, &bones).size(), [3, 9]);
-            assert!(differ(said(&own, &bones), said(&other, &bones)), "{k} codes");
-            assert!(differ(said(&own, &bones), said(&own, &elsewhere)), "{k} codes");
+        let positions = points.narrow(-1, 0, 3);
+        let same = |a: &Tensor, b: &Tensor| (a - b).abs().max().double_value(&[]) < 1e-6;
+        let seen = |frame: &Option<Frame>| frame.as_ref().unwrap().point_features(&positions);
+        let known = |bones: &Tensor| Frame::known(&bones.narrow(1, BONE_FEATURES as i64, REGION as i64), 0);
+        let region = known(&bones).point_features(&positions);
+        let other = || Some(known(&(&bones * 0.5)));
+        for k in [0, 1, 4, 6] {
+            let codes = codes.narrow(1, 0, k);
+            let mut read = net.read(w, &codes, &shape, Some(&bones));
+            assert!(same(&seen(&read.region), &region));
+            if k == 0 {
+                assert!(same(&seen(&read.frame), &region), "without codes the region is the frame");
+            } else {
+                let told = net.frame.as_ref().unwrap().hear(&codes).point_features(&positions);
+                assert!(same(&seen(&read.frame), &told) && !same(&told, &region), "{k} codes");
+            }
+            // Each is read, and by itself.
+            let said = |read: &ReadBones| net.ask(w, read, &points, Some(&beside));
+            let both = said(&read);
+            assert_eq!(both.size(), [3, 9]);
+            let frame = std::mem::replace(&mut read.frame, other());
+            let off = said(&read);
+            (read.frame, read.region) = (frame, other());
+            assert!(!same(&both, &off) && !same(&both, &said(&read)) && !same(&off, &said(&read)), "{k} codes");
         }
-        // Without codes it is what geometry says, the same for all that may be coded.
-        let none = codes.narrow(1, 0, 0);
-        assert_eq!(said(&none, &bones).size(), [3, 9]);
-        assert!(differ(said(&none, &bones), said(&none, &elsewhere)));
-        assert!(!differ(said(&none, &bones), said(&other.narrow(1, 0, 0), &bones)));
+        // The encoder sees the frame that codes tell, whatever the region is.
+        let latent = net.encode_skin(w, &cloud, 6);
+        let without = SkinCloud { regions: None, ..cloud };
+        assert!(same(&latent, &net.encode_skin(w, &without, 6)));
     }
 }
