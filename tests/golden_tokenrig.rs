@@ -227,7 +227,7 @@ fn generate(case: &Golden, of: &Golden) {
         let mut grammar = rules(&layout, codes, rule);
         prompt.iter().for_each(|&id| grammar.accept(id));
         let prefix = case.get("in.cond").narrow(0, run["cond"].as_i64().unwrap(), 1);
-        let told = |_: &[u32]| Vec::new();
+        let told = |_: usize, _: &[u32]| Vec::new();
         let prompts = vec![prompt.clone(); config.beams];
         let start = (config.tokens, END as u32);
         let (mut reader, first) = Reader::start(&net, w, &prefix, &prompts, start, &told).unwrap();

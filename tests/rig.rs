@@ -231,7 +231,7 @@ fn tokenrig_stands_on_an_auto_encoder_with_a_prior() {
     assert!(of(0) > 0 && of(0) == of(4), "{rows:?}");
 
     let skin = format!("skin.run={:?}", text(&auto));
-    let model = "model={ extends = \"model/tokenrig/tiny.toml\" }";
+    let model = "model={ extends = \"model/tokenrig/tiny.toml\", tell_region = true }";
     let small = ["sampling.rigs=4", "sampling.cloud.points=128", "sampling.variants=2", "eval.consensus=4"];
     let drawn = ["eval.validation_assets=2", "eval.skins=2", "eval.without_codes=0.5"];
     train("quickstart/tokenrig.toml", &run, &[&few[..], &[&skin, model], &small, &drawn].concat());
@@ -248,6 +248,17 @@ fn tokenrig_stands_on_an_auto_encoder_with_a_prior() {
     let bare = &creatures(dir.path(), "1")[0].1;
     must(&["rig", text(bare), "-o", text(&path("out.glb")), "--checkpoint", text(&run)]);
     sound(&path("out.glb"));
+
+    // Codes that are told what lies near their joints are told it wherever they are read.
+    let refined = path("refined");
+    let start = format!("start.model={:?}", text(&run));
+    let rollout = "rollout={ meshes = 1, group = 2, epochs = 2, vertices = 48, precision = \"fp32\" }";
+    let other = ["train.steps=1", "train.validate_every=1", "reward.resolution=32", "held_out.draws=1"];
+    let few = ["eval.validation_assets=1", "eval.vertices=64", "train.precision=\"fp32\""];
+    train("skintokens/grpo_quick.toml", &refined, &[&[start.as_str(), rollout], &other[..], &few].concat());
+    let metrics = fs::read_to_string(refined.join("metrics.jsonl")).unwrap();
+    let first: Value = serde_json::from_str(metrics.lines().next().unwrap()).unwrap();
+    assert!(first["train/sampler_gap"].as_f64().unwrap() < 1e-4, "{first}");
 }
 
 /// From files to a model of one's own, at the smallest scale that still learns something.

@@ -4,7 +4,7 @@ use riglab_nn::decoder::{OptConfig, QwenConfig};
 use riglab_nn::params::{Builder, Params, Weights};
 use riglab_nn::perceiver::PerceiverConfig;
 use riglab_nn::skeleton::{SkeletonModel, SkeletonModelConfig};
-use riglab_nn::tokenrig::{Head, Layout, Sequences, TokenRig, TokenRigConfig};
+use riglab_nn::tokenrig::{Head, Layout, Sequences, TOLD, TokenRig, TokenRigConfig};
 use tch::{Device, Kind, Tensor};
 
 const DOUBLE: (Kind, Device) = (Kind::Double, Device::Cpu);
@@ -59,7 +59,7 @@ fn of_tokenrig() {
     let params = builder.finish(1, Kind::Double, Device::Cpu).unwrap();
     let (prefix, total) = (Tensor::randn([2, 6, 32], DOUBLE), LENGTHS.iter().sum());
     let ids = Tensor::randint(331, [total], (Kind::Int64, Device::Cpu));
-    let told = Tensor::rand([total, 7], DOUBLE).floor();
+    let told = Tensor::rand([total, TOLD as i64], DOUBLE).floor();
     let sequences = Sequences { ids: &ids, lengths: &LENGTHS, told: Some(&told) };
     let apart = step(&params, &prefix, |w, prefix| net.forward(w, &each(prefix), &sequences, false));
     let once = step(&params, &prefix, |w, prefix| net.forward_behind(w, prefix, &OF, &sequences));

@@ -91,7 +91,7 @@ pub fn serve() -> Result<()> {
             let mut streams: Vec<_> = (0..samples as u64).map(|row| stream(seed, "bench group", &[row])).collect();
             let how =
                 GenerateConfig { sample: true, tokens: task.rigger().config().limits.tokens, ..Default::default() };
-            let drawn = rigger.draw(w, &prefix, &vec![rigger.free(); samples], &how, &mut streams);
+            let drawn = rigger.draw(w, &prefix.into(), &vec![rigger.free(); samples], &how, &mut streams);
             let drawn = drawn.map_err(|e| anyhow!(e))?;
             let seconds = start.elapsed().as_secs_f64();
             // An empty bone has one token.

@@ -325,7 +325,7 @@ fn drawn(training: &Training<GrpoTask>) -> Result<Vec<Drawn>> {
     let mut streams: Vec<_> = each.map(|k| stream(at.seed, "rollout draws", &[at.batch, key, 0, k])).collect();
     let prompts = vec![rigger.free(); GROUP];
     let how = GrpoTaskConfig::default().draws();
-    rigger.draw(w, &rigger.prefix(w, &batch.shapes), &prompts, &how, &mut streams).map_err(|e| anyhow!(e))
+    rigger.draw(w, &rigger.prefix(w, &batch.shapes).into(), &prompts, &how, &mut streams).map_err(|e| anyhow!(e))
 }
 
 fn judged(c: &GrpoTaskConfig) -> Judged {

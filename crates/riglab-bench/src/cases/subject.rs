@@ -193,7 +193,8 @@ impl Subject for TokenRigTask {
         let rigger = self.rigger();
         let mut streams: Vec<_> = keys.iter().map(|key| stream(0, "bench draws", &[*key])).collect();
         let prompts = vec![rigger.free(); keys.len()];
-        let drawn = rigger.draw(self.params().weights(), prefix, &prompts, how, &mut streams)?;
+        let drawn =
+            rigger.draw(self.params().weights(), &prefix.shallow_clone().into(), &prompts, how, &mut streams)?;
         let (first, codes) = self.layout();
         let whole = |d: Drawn| {
             let own = d.codes.iter().flatten().flatten().map(|code| (first as i64 + code) as u32);

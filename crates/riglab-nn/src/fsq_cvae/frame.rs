@@ -23,8 +23,8 @@ pub const TOKEN: usize = 3 + 6 * OCTAVES + 3 + PLACE;
 
 /// The centre lies in [-REACH, REACH]³: augmentation may leave the cube.
 const REACH: f64 = 1.5;
-/// Smallest and largest deviation told, per axis.
-const SIZES: (f64, f64) = (0.004, 0.6);
+/// Smallest and largest deviation that is told, by axis, in a cube from -1 to 1.
+pub const SIZES: (f64, f64) = (0.004, 0.6);
 /// Places are told up to this many deviations from the centre.
 const SPAN: f64 = 2.2;
 /// Fourier octaves of positions.

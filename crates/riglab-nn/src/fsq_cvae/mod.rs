@@ -18,6 +18,7 @@ use tch::{Kind, Tensor};
 
 pub use config::{Bottleneck, Extensions, FsqCvaeConfig, SkinQueries};
 pub use decoder::{BONE_FEATURES, BONE_POINT_FEATURES, BoneGeometry, PRIOR, REGION, ReadBones};
+pub use frame::SIZES as FRAME_SIZES;
 pub use gaussian::{Coded, Said};
 
 use crate::NnError;

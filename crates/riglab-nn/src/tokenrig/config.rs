@@ -23,12 +23,22 @@ pub struct TokenRigConfig {
     /// Each code's place is told which joint it belongs to: where that and its parent are, and which of the
     /// bone's codes it is (an extension). Otherwise the network counts.
     pub tell_joint: bool,
+    /// It is told as well what of the surface lies nearest to the joint's bones (an extension of `tell_joint`): where that
+    /// is, how large, and its share of the whole.
+    pub tell_region: bool,
 }
 
 impl Default for TokenRigConfig {
     fn default() -> Self {
         let shape = PerceiverConfig { tokens: 512, layers: 8, ..PerceiverConfig::default() };
-        Self { shape, decoder: QwenConfig::default(), head: Head::Flat, scored_at_once: 0, tell_joint: false }
+        Self {
+            shape,
+            decoder: QwenConfig::default(),
+            head: Head::Flat,
+            scored_at_once: 0,
+            tell_joint: false,
+            tell_region: false,
+        }
     }
 }
 
@@ -45,6 +55,21 @@ impl TokenRigConfig {
             let text = format!("positions ({positions}) must be more than the {tokens} tokens of the shape");
             return Err(("decoder.positions".into(), text));
         }
+        if self.tell_region && !self.tell_joint {
+            return Err(("tell_region".into(), "tells more of the joint: set tell_joint = true beside it".into()));
+        }
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn regions_are_told_beside_their_joints() {
+        let of = |tell_joint, tell_region| TokenRigConfig { tell_joint, tell_region, ..TokenRigConfig::default() };
+        assert_eq!(of(false, true).validate().unwrap_err().0, "tell_region");
+        assert!([(false, false), (true, false), (true, true)].iter().all(|&(a, b)| of(a, b).validate().is_ok()));
     }
 }

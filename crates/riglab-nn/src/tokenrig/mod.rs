@@ -19,6 +19,7 @@ pub use reader::{Joints as JointsOf, Reader};
 
 use crate::decoder::{Cache, Packed, Qwen};
 use crate::embed::{EmbedConfig, EmbedKind, Embedding};
+use crate::fsq_cvae::FRAME_SIZES;
 use crate::layers::{Linear, RmsNorm};
 use crate::params::{Init, ParamId, Role, Scope, Weights};
 use crate::perceiver::Perceiver;
@@ -27,8 +28,17 @@ use crate::perceiver::Perceiver;
 const PREFIX_EPS: f64 = f32::EPSILON as f64;
 /// Octaves with which joints are told.
 const OCTAVES: usize = 6;
-/// Numbers that tell a joint: itself and its parent.
-const JOINT: usize = 6;
+/// Numbers that tell a joint: where it and its parent are, and what of the surface lies near its bones: the centre of
+/// that, the deviation from it by axis, its share of all area, and how surely any of it is theirs (0 to 1).
+const JOINT: usize = 14;
+/// Numbers that tell a place: of a joint, and 1 + which of the bone's codes follows.
+pub const TOLD: usize = JOINT + 1;
+/// What a joint's codes are told.
+pub type JointTold = [f32; JOINT];
+/// What a place is told.
+pub type Told = [f32; TOLD];
+/// Smaller shares of the surface are told as this one.
+const LEAST_SHARE: f64 = 1e-6;
 
 /// The network, by the names of its released weights.
 pub struct TokenRig {
@@ -56,6 +66,7 @@ struct Levels {
 struct Joints {
     embedding: Embedding,
     linear: Linear,
+    region: bool,
     slots: i64,
 }
 
@@ -65,8 +76,8 @@ pub struct Sequences<'a> {
     pub ids: &'a Tensor,
     /// How many of each.
     pub lengths: &'a [i64],
-    /// For [`TokenRigConfig::tell_joint`], [T, 7]: of each place whose next token is a code, the joint, its
-    /// parent, and 1 + which of the bone's codes it is; else 0.
+    /// For [`TokenRigConfig::tell_joint`], [T, [`TOLD`]]: of each place whose next token is a code, what it is told
+    /// ([`Told`]); else 0. Without [`TokenRigConfig::tell_region`] what is near a joint's bones is not read.
     pub told: Option<&'a Tensor>,
 }
 
@@ -96,9 +107,9 @@ impl TokenRig {
             let kind =
                 EmbedConfig { kind: EmbedKind::Fourier, frequencies: OCTAVES, base: std::f64::consts::FRAC_PI_2 };
             let embedding = Embedding::new(&kind);
-            let input = JOINT / 3 * embedding.width() + slots;
-            let linear = Linear::plain(at.sub("joint"), Role::Projection, input, d, std);
-            Joints { embedding, linear, slots: slots as i64 }
+            let points = if c.tell_region { 4 * embedding.width() + 2 } else { 2 * embedding.width() };
+            let linear = Linear::plain(at.sub("joint"), Role::Projection, points + slots, d, std);
+            Joints { embedding, linear, region: c.tell_region, slots: slots as i64 }
         });
         let (layout, scored_at_once) = (layout.clone(), c.scored_at_once as i64);
         Self { shape, to_decoder, norm, decoder, levels, joints, layout, scored_at_once }
@@ -144,14 +155,24 @@ impl TokenRig {
         Tensor::stack(&parts, -1)
     }
 
-    /// What telling joints adds, [.., d]; told [.., 7].
+    /// What telling joints adds, [.., d]; told [.., [`TOLD`]].
     fn tell(&self, w: &Weights, told: &Tensor) -> Option<Tensor> {
         let joints = self.joints.as_ref()?;
         let slot = told.select(-1, JOINT as i64).to_kind(Kind::Int64);
         let numbers = Tensor::arange_start(1, joints.slots + 1, (Kind::Int64, told.device()));
         let slots = slot.unsqueeze(-1).eq_tensor(&numbers).to_kind(told.kind());
-        let part = |at: i64| joints.embedding.forward(&told.narrow(-1, at, 3));
-        let features = Tensor::cat(&[part(0), part(3), slots], -1) * slot.gt(0).unsqueeze(-1).to_kind(told.kind());
+        let embedded = |x: &Tensor| joints.embedding.forward(x);
+        let part = |at: i64| told.narrow(-1, at, 3);
+        let mut parts = vec![embedded(&part(0)), embedded(&part(3))];
+        if joints.region {
+            let (small, large) = FRAME_SIZES;
+            // As the size of a frame is told, from -1 to 1.
+            let size = (part(9).clamp(small, large) / small).log() * (2.0 / (large / small).ln()) - 1.0;
+            let share = told.narrow(-1, 12, 1).clamp_min(LEAST_SHARE).log() / 5.0 + 1.0;
+            parts.extend([embedded(&part(6)), embedded(&size), share, told.narrow(-1, 13, 1)]);
+        }
+        parts.push(slots);
+        let features = Tensor::cat(&parts, -1) * slot.gt(0).unsqueeze(-1).to_kind(told.kind());
         Some(joints.linear.forward(w, &features.to_kind(w.kind())))
     }
 

@@ -2,15 +2,15 @@
 
 use tch::{Kind, Tensor};
 
-use super::TokenRig;
+use super::{JointTold, TOLD, TokenRig, Told};
 use crate::decoder::Cache;
 use crate::generate::Decoder;
 use crate::layers::affine;
 use crate::params::Weights;
 
-/// Where the joints of a whole skeleton are, from its drawn ids, the prompt with them: of each in order, itself
-/// and its parent.
-pub type Joints<'a> = dyn Fn(&[u32]) -> Vec<[f32; 6]> + 'a;
+/// What the joints of a whole skeleton are told, each in order, from the row that it was drawn in and its drawn ids, the
+/// prompt with them.
+pub type Joints<'a> = dyn Fn(usize, &[u32]) -> Vec<JointTold> + 'a;
 
 /// The model after the shapes and prompts of some rows, as what [`crate::generate`] draws from. Beams need
 /// [`super::Head::Flat`]: they read tokens whole.
@@ -26,9 +26,11 @@ pub struct Reader<'a> {
 
 #[derive(Clone, Default)]
 struct Row {
+    /// Which of the prompts it began with.
+    of: usize,
     /// What was drawn, the prompt with it.
     drawn: Vec<u32>,
-    joints: Vec<[f32; 6]>,
+    joints: Vec<JointTold>,
     /// The joint whose code follows, and which of them.
     place: Option<(usize, usize)>,
     /// The first levels of a code in the drawing, and the vector that scores the next.
@@ -83,7 +85,9 @@ impl<'a> Reader<'a> {
         let mut reader = Self { net, weights, cache, rows, joints, skeleton_end, tables };
         let ids: Vec<Vec<i64>> = prompts.iter().map(|p| net.layout.ids(p)).collect::<Option<_>>()?;
         for (row, prompt) in prompts.iter().enumerate() {
-            reader.rows[row].drawn.clone_from(prompt);
+            let own = &mut reader.rows[row];
+            own.of = row;
+            own.drawn.clone_from(prompt);
         }
         let scores = reader.read(&ids);
         Some((reader, scores))
@@ -114,13 +118,13 @@ impl<'a> Reader<'a> {
         self.scores(&hidden)
     }
 
-    /// Goes on after an id that is read, and says what follows it: [7], as in [`super::Sequences::told`].
-    fn tell(&mut self, row: usize, id: i64) -> [f32; 7] {
+    /// Goes on after an id that is read, and says what is told of what follows it.
+    fn tell(&mut self, row: usize, id: i64) -> Told {
         let (layout, slots) = (&self.net.layout, self.net.joints.as_ref().map_or(0, |j| j.slots as usize));
         let own = &mut self.rows[row];
         if id == i64::from(self.skeleton_end) {
             let end = own.drawn.iter().position(|&d| d == self.skeleton_end).map_or(0, |at| at + 1);
-            own.joints = (self.joints)(&own.drawn[..end]);
+            own.joints = (self.joints)(own.of, &own.drawn[..end]);
             own.place = Some((0, 0));
         } else if let Some((joint, slot)) = own.place {
             own.place = match id {
@@ -130,12 +134,12 @@ impl<'a> Reader<'a> {
                 _ => Some((joint + 1, 0)),
             };
         }
-        let mut told = [0.0; 7];
+        let mut told = [0.0; TOLD];
         if let Some((joint, slot)) = own.place
             && let Some(at) = own.joints.get(joint)
         {
-            told[..6].copy_from_slice(at);
-            told[6] = (slot + 1) as f32;
+            told[..TOLD - 1].copy_from_slice(at);
+            told[TOLD - 1] = (slot + 1) as f32;
         }
         told
     }

@@ -206,7 +206,7 @@ impl<'a> Maker<'a> {
     ) -> Self {
         let moved = |p| map.as_ref().map_or(p, |m| m.exact(p));
         let known = config.model.extensions.prior.then(|| rig.regions());
-        let regions = known.map(|known| known.under(rig.rig.mesh().positions(), moved)).unwrap_or_default();
+        let regions = known.map(|known| known.under(moved)).unwrap_or_default();
         Self { config, rig, map, random, regions }
     }
 

@@ -31,6 +31,7 @@ pub use frozen::Frozen;
 pub use gallery::Shown;
 pub use prepare::{Bone, Patch, Place, Point, Prepared};
 pub use prior::{Prior, Told};
+pub(crate) use region::{Regions, Surface};
 pub use report::Evaluation;
 pub(crate) use report::skin_metrics;
 

@@ -8,7 +8,7 @@ use riglab_metric::ACTIVE;
 use riglab_random::{Draw, Stream};
 
 use super::prior::{Prior, Told};
-use super::region::{Regions, areas};
+use super::region::{Regions, Surface};
 
 /// A normalised rig with what sampling needs.
 pub struct Prepared {
@@ -127,8 +127,7 @@ impl Prepared {
 
     /// What lies nearest to each bone.
     pub fn regions(&self) -> &Regions {
-        let mesh = self.rig.mesh();
-        self.regions.get_or_init(|| Regions::new(mesh, &areas(mesh), &self.segments()))
+        self.regions.get_or_init(|| Regions::new(&Surface::new(self.rig.mesh()), &self.segments()))
     }
 
     /// The segments of each bone.

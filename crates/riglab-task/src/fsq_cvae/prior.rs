@@ -11,7 +11,7 @@ use riglab_geom::{HOTTEST, SurfaceHeat, pieces};
 use riglab_nn::fsq_cvae::{PRIOR, REGION};
 
 use super::prepare::Place;
-use super::region::{Regions, areas};
+use super::region::{Regions, Surface, areas};
 
 /// Where the search for heat's equilibrium ends: the share of the first residual that is left.
 const RESIDUAL: f64 = 1e-3;
@@ -110,7 +110,7 @@ impl Prior {
             offsets[at + 1] += 1;
         }
         (0..count).for_each(|at| offsets[at + 1] += offsets[at]);
-        let regions = Regions::new(mesh, &areas, bones).under(mesh.positions(), |p| p);
+        let regions = Regions::new(&Surface::with(mesh, &areas), bones).under(|p| p);
         Self { regions, places, heat, offsets, bones: held.into_iter().map(|(_, own)| own).collect(), pieces }
     }
 

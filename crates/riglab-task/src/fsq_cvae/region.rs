@@ -3,7 +3,7 @@
 use riglab_core::{Mesh, Segment, Vec3};
 use riglab_nn::fsq_cvae::REGION;
 
-/// Vertices that are looked at, at most.
+/// Vertices that bones are looked for at, at most.
 const ASKED: usize = 2048;
 /// A vertex is a bone's by its nearness to this power, over that of all bones.
 const SHARP: i32 = 8;
@@ -12,48 +12,70 @@ const LEAST: f32 = 0.01;
 /// No bone is nearer than this, in a cube from -1 to 1.
 const NEAREST: f32 = 1e-4;
 
+/// A surface as bones are looked for on it: some of its vertices, spread by number, with their areas.
+pub struct Surface {
+    points: Vec<(Vec3, f32)>,
+}
+
+impl Surface {
+    /// Of a mesh in the cube.
+    pub fn new(mesh: &Mesh) -> Self {
+        Self::with(mesh, &areas(mesh))
+    }
+
+    /// As [`Self::new`], with the areas of the mesh's vertices.
+    pub fn with(mesh: &Mesh, areas: &[f32]) -> Self {
+        let all = mesh.positions().iter().copied().zip(areas.iter().copied());
+        Self { points: all.step_by(mesh.positions().len().div_ceil(ASKED).max(1)).collect() }
+    }
+}
+
 /// What of a surface lies nearest to each bone of a rig.
 pub struct Regions {
-    /// Vertices, each with its area and where its shares end.
-    asked: Vec<(u32, f32, u32)>,
-    /// Bones with their shares, one vertex after another.
+    /// Places, each with its area and where its shares end.
+    asked: Vec<(Vec3, f32, u32)>,
+    /// Bones with their shares, one place after another.
     shares: Vec<(u32, f32)>,
     /// The first segment of each bone.
     segments: Vec<Segment>,
 }
 
 impl Regions {
-    /// Of a mesh in the cube, `areas` those of its vertices, and the segments of its bones.
-    pub fn new(mesh: &Mesh, areas: &[f32], bones: &[Vec<Segment>]) -> Self {
-        let positions = mesh.positions();
-        let (mut asked, mut shares) = (Vec::new(), Vec::new());
+    /// Of a surface and the segments of the bones.
+    pub fn new(surface: &Surface, bones: &[Vec<Segment>]) -> Self {
+        let (mut asked, mut shares) = (Vec::with_capacity(surface.points.len()), Vec::new());
         let mut close = vec![0.0; bones.len()];
-        for v in (0..positions.len()).step_by(positions.len().div_ceil(ASKED).max(1)) {
-            close
-                .iter_mut()
-                .zip(bones)
-                .for_each(|(c, bone)| *c = Segment::nearest_of(bone, positions[v]).1.max(NEAREST));
+        for &(p, area) in &surface.points {
+            close.iter_mut().zip(bones).for_each(|(c, bone)| *c = Segment::nearest_of(bone, p).1.max(NEAREST));
             let least = close.iter().copied().fold(f32::INFINITY, f32::min);
             close.iter_mut().for_each(|c| *c = (least / *c).powi(SHARP));
             let sum: f32 = close.iter().sum();
             let own = (0u32..).zip(&close).map(|(bone, c)| (bone, c / sum));
             shares.extend(own.filter(|(_, share)| *share > LEAST));
-            asked.push((v as u32, areas[v], shares.len() as u32));
+            asked.push((p, area, shares.len() as u32));
         }
         let first = |bone: &Vec<Segment>| bone.first().copied().unwrap_or(Segment { a: [0.0; 3], b: [0.0; 3] });
         Self { asked, shares, segments: bones.iter().map(first).collect() }
     }
 
-    /// Of each bone the centre of its region and the deviation from it, by area, with positions moved by a map. A bone
+    /// Each place with its area and its bones' shares.
+    fn places(&self) -> impl Iterator<Item = (Vec3, f32, &[(u32, f32)])> {
+        let starts = std::iter::once(0).chain(self.asked.iter().map(|own| own.2));
+        self.asked
+            .iter()
+            .zip(starts)
+            .map(|(&(p, area, end), start)| (p, area, &self.shares[start as usize..end as usize]))
+    }
+
+    /// Of each bone the centre of its region and the deviation from it, by area, with places moved by a map. A bone
     /// that nothing is near to has its own place.
-    pub fn under(&self, positions: &[Vec3], map: impl Fn(Vec3) -> Vec3) -> Vec<[f32; REGION]> {
+    pub fn under(&self, map: impl Fn(Vec3) -> Vec3) -> Vec<[f32; REGION]> {
         const { assert!(REGION == 6) };
         // Of each the area, and its first and second moments.
         let mut sums = vec![[0.0f64; 7]; self.segments.len()];
-        let mut start = 0;
-        for &(v, area, end) in &self.asked {
-            let p = map(positions[v as usize]).map(f64::from);
-            for &(bone, share) in &self.shares[start..end as usize] {
+        for (p, area, shares) in self.places() {
+            let p = map(p).map(f64::from);
+            for &(bone, share) in shares {
                 let (sum, w) = (&mut sums[bone as usize], f64::from(share) * f64::from(area));
                 sum[0] += w;
                 for k in 0..3 {
@@ -61,7 +83,6 @@ impl Regions {
                     sum[4 + k] += w * p[k] * p[k];
                 }
             }
-            start = end as usize;
         }
         let region = |(sum, segment): (&[f64; 7], &Segment)| -> [f32; REGION] {
             if sum[0] > 1e-9 {
@@ -75,6 +96,20 @@ impl Regions {
             }
         };
         sums.iter().zip(&self.segments).map(region).collect()
+    }
+
+    /// Of each bone its share of all area, and the largest share that it has of any place.
+    pub fn shares(&self) -> Vec<[f32; 2]> {
+        let (mut out, mut all) = (vec![[0.0f32; 2]; self.segments.len()], 0.0);
+        for (_, area, shares) in self.places() {
+            all += area;
+            for &(bone, share) in shares {
+                let [sum, most] = &mut out[bone as usize];
+                (*sum, *most) = (*sum + share * area, most.max(share));
+            }
+        }
+        out.iter_mut().for_each(|own| own[0] /= all.max(1e-9));
+        out
     }
 }
 
@@ -99,16 +134,18 @@ mod tests {
         let positions = [square(-1.0), square(1.0)].concat();
         let mesh = Mesh::new(positions, vec![[0, 1, 2], [0, 2, 3], [4, 5, 6], [4, 6, 7]]).unwrap();
         let bone = |x: f32, y: f32| vec![Segment { a: [x, y, 0.5], b: [x, y + 0.4, 0.5] }];
-        let regions = Regions::new(&mesh, &areas(&mesh), &[bone(-1.0, 0.3), bone(1.0, 0.3), bone(0.0, 20.0)]);
+        let regions = Regions::new(&Surface::new(&mesh), &[bone(-1.0, 0.3), bone(1.0, 0.3), bone(0.0, 20.0)]);
         let near = |found: &[f32], want: &[f32]| {
             assert!(found.iter().zip(want).all(|(a, b)| (a - b).abs() < 1e-2), "{found:?}, expected {want:?}");
         };
-        let found = regions.under(mesh.positions(), |p| p);
+        let found = regions.under(|p| p);
         near(&found[0], &[-1.0, 0.5, 0.5, 0.0, 0.5, 0.5]);
         near(&found[1], &[1.0, 0.5, 0.5, 0.0, 0.5, 0.5]);
         near(&found[2], &[0.0, 20.2, 0.5, 0.02, 0.12, 0.02]);
-        let moved = regions.under(mesh.positions(), |p| p.map(|x| 2.0 * x));
+        let moved = regions.under(|p| p.map(|x| 2.0 * x));
         near(&moved[0], &[-2.0, 1.0, 1.0, 0.0, 1.0, 1.0]);
         near(&moved[2], &[0.0, 40.4, 1.0, 0.02, 0.24, 0.02]);
+        let shares = regions.shares();
+        near(&shares.concat(), &[0.5, 1.0, 0.5, 1.0, 0.0, 0.0]);
     }
 }

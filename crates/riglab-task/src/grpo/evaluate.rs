@@ -171,7 +171,8 @@ impl GrpoTask {
             let prefix = self.condition(w, &meshes);
             let draws = |(h, k): &(&Held, u64)| stream(c.eval.seed, "skeleton draws", &[h.id.key(), *k]);
             let mut streams: Vec<_> = part.iter().map(draws).collect();
-            let drawn = self.policy.draw(w, &prefix, &generate, &mut streams)?;
+            let meshes: Vec<&Mesh> = part.iter().map(|(h, _)| h.rig.mesh()).collect();
+            let drawn = self.policy.draw(w, (&prefix, &meshes), &generate, &mut streams)?;
             let judged = self.judged(c.eval.vertices.min(c.rollout.vertices), c.eval.seed);
             for (drawn, (held, _)) in drawn.into_iter().zip(part) {
                 let own = rewards(self.policy.vae(), &held.subject, std::slice::from_ref(&drawn), &judged)?;
@@ -270,7 +271,7 @@ impl GrpoTask {
         let c = &self.config;
         let prefix = self.condition(w, &[(held.rig.mesh(), held.id.key())]);
         let mut streams: Vec<_> = (0..SHOWN as u64).map(|k| stream(c.eval.seed, "shown draws", &[k])).collect();
-        let drawn = self.policy.draw(w, &prefix, &c.draws(), &mut streams)?;
+        let drawn = self.policy.draw(w, (&prefix, &[held.rig.mesh()]), &c.draws(), &mut streams)?;
         let judged = self.judged(c.rollout.vertices, c.eval.seed);
         let worth = rewards(self.policy.vae(), &held.subject, &drawn, &judged)?;
         let by = |a: &usize, b: &usize| worth[*a].total.total_cmp(&worth[*b].total);

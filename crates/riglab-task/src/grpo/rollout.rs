@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 
 use riglab_nn::grpo::advantages;
 use riglab_nn::params::Weights;
+use riglab_nn::tokenrig::{TOLD, Told};
 use riglab_random::stream;
 use riglab_reward::Rewards;
 use riglab_train::Precision;
@@ -24,7 +25,7 @@ pub struct Sequence {
     /// Its tokens, the prompt with them.
     pub ids: Vec<i64>,
     /// Of each, what [`riglab_nn::tokenrig::Sequences::told`] is.
-    pub told: Vec<[f32; 7]>,
+    pub told: Vec<Told>,
     /// What it is worth beside the others of its mesh.
     pub advantage: f64,
     /// Whether the loss looks at it.
@@ -191,7 +192,7 @@ impl GrpoTask {
         let each = 0..c.rollout.group as u64;
         let mut streams: Vec<_> =
             each.map(|k| stream(seed, "rollout draws", &[number, subject.key, attempt, k])).collect();
-        policy.draw(policy.params().weights(), prefix, &c.draws(), &mut streams)
+        policy.draw(policy.params().weights(), (prefix, &[&subject.mesh]), &c.draws(), &mut streams)
     }
 
     pub(super) fn judged(&self, vertices: usize, seed: u64) -> Judged {
@@ -265,7 +266,7 @@ impl Rollout {
             let (tokens, chosen) =
                 (token..token + usize::try_from(tokens).ok()?, free..free + usize::try_from(chosen).ok()?);
             (token, free) = (tokens.end, chosen.end);
-            let told = told.get(7 * tokens.start..7 * tokens.end)?.chunks_exact(7);
+            let told = told.get(TOLD * tokens.start..TOLD * tokens.end)?.chunks_exact(TOLD);
             sequences.push(Sequence {
                 mesh: usize::try_from(mesh).ok()?,
                 told: told.map(|row| std::array::from_fn(|k| row[k])).collect(),
@@ -296,7 +297,7 @@ mod tests {
         let own = |mesh: usize, n: usize| Sequence {
             mesh,
             ids: (0..n as i64).collect(),
-            told: (0..n).map(|k| [k as f32; 7]).collect(),
+            told: (0..n).map(|k| [k as f32; TOLD]).collect(),
             advantage: 0.1 * n as f64,
             counts: mesh == 0,
             said: 0.0,

@@ -11,11 +11,10 @@ use riglab_ranks::Ranks;
 use riglab_token::Decoded;
 use riglab_train::Validation;
 use serde::{Deserialize, Serialize};
-use tch::Tensor;
 
 use super::sample::{codes, sample};
 use super::skin::{Codes, in_order};
-use super::{Batch, Drawn, TokenRigTask, parts_of};
+use super::{Batch, Condition, Drawn, TokenRigTask, parts_of};
 use crate::assets::AssetId;
 use crate::fsq_cvae::Row as SkinRow;
 use crate::fsq_cvae::evaluate::Methods;
@@ -153,7 +152,8 @@ impl TokenRigTask {
             for (rig, id) in rigs.iter().zip(ids) {
                 let mut random = stream(c.eval.seed, "rig variant", &[id.key()]);
                 let (layout, vae) = (rigger.net.layout(), &rigger.vae);
-                let Some(sample) = sample(&rigger.tokenizer, (layout, &c.skin), vae, rig, true, &mut random) else {
+                let rig_of = (&**rig, c.model.tell_region);
+                let Some(sample) = sample(&rigger.tokenizer, (layout, &c.skin), vae, rig_of, true, &mut random) else {
                     continue;
                 };
                 if sample.ids.len() > c.longest() {
@@ -162,7 +162,7 @@ impl TokenRigTask {
                 let mut random = stream(c.eval.seed, "skeleton evaluation", &[id.key()]);
                 let sampler = riglab_geom::CloudSampler::new(rig.mesh(), &c.sampling.cloud);
                 shape(&c.sampling.cloud, &c.model.shape, &sampler, &mut random, &mut batch.shapes);
-                batch.push(&sample);
+                batch.push(&sample, layout, c.skin.codes);
             }
             if batch.shapes.rigs > 0 {
                 let parts = parts_of(&rigger.net, c, w, &batch, rigger.device, false);
@@ -191,23 +191,23 @@ impl TokenRigTask {
         Ok(Validation { metrics, ..Validation::default() })
     }
 
-    /// A rig for each of these assets after the prefixes [clouds, p, d] of its shape: as `eval.generate` says, or of several
+    /// A rig for each of these assets after the clouds of its shape: as `eval.generate` says, or of several
     /// skeletons the one that the others agree with most, refined, with the likeliest codes.
-    fn drawn(&self, w: &Weights, prefixes: &[Tensor], ids: &[AssetId]) -> Result<Vec<Drawn>, String> {
+    fn drawn(&self, w: &Weights, seen: &[Condition], ids: &[AssetId]) -> Result<Vec<Drawn>, String> {
         let (rigger, c) = (&self.rigger, &self.rigger.config);
         let agreement = c.eval.agreement();
         let (each, shares) = (agreement.draws, agreement.shares());
         let mut streams = streams(c.eval.seed, ids.iter().map(|id| id.key()), each);
-        let firsts = |n| Tensor::cat(&prefixes.iter().map(|p| p.narrow(0, 0, n)).collect::<Vec<_>>(), 0);
         if each == 1 {
-            return rigger.draw(w, &firsts(1), &vec![rigger.free(); ids.len()], &c.eval.generate, &mut streams);
+            let firsts = Condition::firsts(seen, 1);
+            return rigger.draw(w, &firsts, &vec![rigger.free(); ids.len()], &c.eval.generate, &mut streams);
         }
-        let (free, prefix) = (rigger.free(), firsts(shares.len() as i64));
-        let mut left = rigger.draw_skeletons(w, &prefix, (&free, &shares), &c.eval.generate, &mut streams)?;
+        let (free, firsts) = (rigger.free(), Condition::firsts(seen, shares.len()));
+        let mut left = rigger.draw_skeletons(w, &firsts, (&free, &shares), &c.eval.generate, &mut streams)?;
         let mut out = Vec::with_capacity(ids.len());
-        for own in prefixes {
+        for own in seen {
             let rest = left.split_off(each);
-            out.push(rigger.agreed(w, &own.narrow(0, 0, 1), &agreement, left)?.1);
+            out.push(rigger.agreed(w, &own.first(1), &agreement, left)?.1);
             left = rest;
         }
         Ok(out)
@@ -222,17 +222,17 @@ impl TokenRigTask {
 
     /// Codes of an asset's joints, in their order, drawn for its true skeleton, as many as `eval.skins`; `None` where the
     /// skeleton cannot be written within the limits.
-    fn given(&self, w: &Weights, prefix: &Tensor, rig: &Rig, key: u64) -> Result<Option<Vec<Codes>>, String> {
+    fn given(&self, w: &Weights, seen: &Condition, rig: &Rig, key: u64) -> Result<Option<Vec<Codes>>, String> {
         let (rigger, c) = (&self.rigger, &self.rigger.config);
         let Ok(encoded) = encode(&rigger.tokenizer, rig.skeleton(), true) else { return Ok(None) };
         if encoded.ids.len() > c.limits.tokens || rig.skeleton().len() > c.limits.joints {
             return Ok(None);
         }
         let mut streams = [stream(c.eval.seed, "skin draws", &[key])];
-        let (prompt, first) = (std::slice::from_ref(&encoded.ids), prefix.narrow(0, 0, 1));
-        let drawn = rigger.draw(w, &first, prompt, &c.eval.generate, &mut streams)?;
+        let prompt = std::slice::from_ref(&encoded.ids);
+        let drawn = rigger.draw(w, &seen.first(1), prompt, &c.eval.generate, &mut streams)?;
         let Some(drawn) = drawn.first() else { return Ok(None) };
-        let skins = rigger.skins(w, &rigger.straight(prefix), drawn, c.eval.skins, key)?;
+        let skins = rigger.skins(w, &rigger.straight(seen), drawn, c.eval.skins, key)?;
         let own = |codes| in_order(codes, &encoded.order, rig.skeleton().len());
         Ok(Some(skins.into_iter().map(own).collect()))
     }
@@ -267,9 +267,9 @@ impl TokenRigTask {
                 let each = ids.iter().map(|&id| normalized(&self.assets, &self.cache, id));
                 let truths: Vec<Arc<Rig>> = each.collect::<Result<_, _>>()?;
                 let shape = |(rig, id): (&Arc<Rig>, &AssetId)| rigger.clouds(w, rig.mesh(), id.key());
-                let prefixes: Vec<Tensor> = truths.iter().zip(ids).map(shape).collect();
-                let drawn = self.drawn(w, &prefixes, ids)?;
-                for (((drawn, prefix), truth), &id) in drawn.into_iter().zip(&prefixes).zip(&truths).zip(ids) {
+                let seen: Vec<Condition> = truths.iter().zip(ids).map(shape).collect();
+                let drawn = self.drawn(w, &seen, ids)?;
+                for (((drawn, seen), truth), &id) in drawn.into_iter().zip(&seen).zip(&truths).zip(ids) {
                     let own = Joints::of(truth.skeleton());
                     let found = drawn.decoded.as_ref().ok().map(joints);
                     let offered = retrieval.offer(truth, id.key());
@@ -296,7 +296,7 @@ impl TokenRigTask {
                     });
                     let rig = match &drawn.decoded {
                         Ok(decoded) => {
-                            let skins = rigger.skins(w, &rigger.straight(prefix), &drawn, c.eval.skins, id.key())?;
+                            let skins = rigger.skins(w, &rigger.straight(seen), &drawn, c.eval.skins, id.key())?;
                             Some(self.rigged(truth.mesh(), decoded, &skins, id.key())?)
                         }
                         Err(_) => None,
@@ -305,7 +305,7 @@ impl TokenRigTask {
                         .as_ref()
                         .map(|rig| ways.all("generated", rig, &moved(truth, rig.skeleton()), &claimed(&drawn.codes)));
                     skin_assets.push(skin_asset("generated", of));
-                    let of = match self.given(w, prefix, truth, id.key())? {
+                    let of = match self.given(w, seen, truth, id.key())? {
                         Some(skins) => Some(self.on_the_true_skeleton(truth, &skins, id.key(), &mut ways)?),
                         None => None,
                     };

@@ -96,7 +96,7 @@ impl Rigger {
         let w = self.params.weights();
         let eval = &self.config.eval;
         let clouds = self.clouds(w, &cube, wish.seed);
-        let prefix = clouds.narrow(0, 0, 1);
+        let seen = clouds.first(1);
         let samples = wish.samples.unwrap_or(if turned.is_some() { 1 } else { eval.consensus }).max(1);
         let how = GenerateConfig {
             sample: true,
@@ -119,14 +119,13 @@ impl Rigger {
         let agreement = Agreement { draws: samples, ..eval.agreement() };
         let drawn = if agree {
             let shares = agreement.shares();
-            let clouds = clouds.narrow(0, 0, shares.len() as i64);
-            self.draw_skeletons(w, &clouds, (&prompt, &shares), &how, &mut streams)?
+            self.draw_skeletons(w, &clouds.first(shares.len()), (&prompt, &shares), &how, &mut streams)?
         } else {
             let (first, others) = streams.split_at_mut(1);
             let likeliest = GenerateConfig { sample: false, ..how.clone() };
-            let mut drawn = self.draw(w, &prefix, std::slice::from_ref(&prompt), &likeliest, first)?;
+            let mut drawn = self.draw(w, &seen, std::slice::from_ref(&prompt), &likeliest, first)?;
             if samples > 1 {
-                drawn.extend(self.draw(w, &prefix, &vec![prompt; samples - 1], &how, others)?);
+                drawn.extend(self.draw(w, &seen, &vec![prompt; samples - 1], &how, others)?);
             }
             drawn
         };
@@ -137,7 +136,7 @@ impl Rigger {
             _ => draws[at].likelihood,
         };
         let best = if agree {
-            Some(self.agreed(w, &prefix, &agreement, drawn)?).filter(|(_, taken)| taken.decoded.is_ok())
+            Some(self.agreed(w, &seen, &agreement, drawn)?).filter(|(_, taken)| taken.decoded.is_ok())
         } else {
             // The first of equals.
             let best = whole.min_by(|a, b| worth(*b).total_cmp(&worth(*a)));

@@ -1,5 +1,6 @@
 //! The model at work: a mesh comes in, a skeleton and weights come out.
 
+use std::cell::RefCell;
 use std::path::Path;
 use std::sync::Arc;
 
@@ -7,11 +8,12 @@ use riglab_core::Mesh;
 use riglab_geom::CloudSampler;
 use riglab_nn::generate::{GenerateConfig, Grammar as Rules, argmax, draw, log_softmax, rows, softmax};
 use riglab_nn::params::{Builder, Params, Weights};
-use riglab_nn::tokenrig::{Layout, Reader, TokenRig};
+use riglab_nn::tokenrig::{JointTold, Layout, Reader, TokenRig};
 use riglab_random::{Stream, stream};
 use riglab_token::{DecodeFault, Decoded, Grammar, Limits, Mask, RigGrammar, SkinIds, SkinRule, Tokenizer};
 use tch::{Device, Kind, Tensor};
 
+use super::condition::Condition;
 use super::config::TokenRigTaskConfig;
 use super::sample::joints_told;
 use super::shipped::SHIPPED;
@@ -20,7 +22,6 @@ use crate::fsq_cvae::Frozen;
 use crate::unirig_skeleton::Batch as Shapes;
 use crate::unirig_skeleton::agree::{Agreed, Agreement};
 use crate::unirig_skeleton::batch::shape;
-use crate::unirig_skeleton::generate::repeated;
 use crate::unirig_skeleton::shape_tensors;
 
 /// What `skin.run` is in a run's folder that holds its auto-encoder, and that one's folder below it.
@@ -45,6 +46,8 @@ pub struct Drawn {
     pub decoded: Result<Decoded, DecodeFault>,
     /// Of each joint its codes; `None` for all where the skeleton alone was drawn.
     pub codes: Codes,
+    /// What each joint's codes were told; none where the skeleton alone was drawn.
+    pub joints: Vec<JointTold>,
     /// The whole sequence, or that of the skeleton alone, prompt and end with it, in ids of the network.
     pub ids: Vec<i64>,
     /// The sum of log-probabilities of what was drawn, and of how many numbers.
@@ -177,8 +180,8 @@ impl Rigger {
         self.device
     }
 
-    /// Reads the shapes of meshes in the cube, [b, p, d]; `keys` seed the points.
-    pub fn condition(&self, w: &Weights, meshes: &[(&Mesh, u64)]) -> Tensor {
+    /// Reads the shapes of meshes in the cube; `keys` seed the points.
+    pub fn condition(&self, w: &Weights, meshes: &[(&Mesh, u64)]) -> Condition {
         let _no_grad = tch::no_grad_guard();
         let (c, mut batch) = (&self.config, Shapes::default());
         for (mesh, key) in meshes {
@@ -186,23 +189,28 @@ impl Rigger {
             let sampler = CloudSampler::new(mesh, &c.sampling.cloud);
             shape(&c.sampling.cloud, &c.model.shape, &sampler, &mut random, &mut batch);
         }
-        self.prefix(w, &batch)
+        self.with_surfaces(self.prefix(w, &batch), meshes.iter().map(|(mesh, _)| *mesh))
     }
 
-    /// Reads the shape of a mesh in the cube from each of `eval.clouds` point clouds, [clouds, p, d]; the first is that of
+    /// Prefixes [b, p, d] with the surfaces of as many meshes, where codes are told what lies near their joints.
+    pub(crate) fn with_surfaces<'a>(&self, prefix: Tensor, meshes: impl IntoIterator<Item = &'a Mesh>) -> Condition {
+        if self.config.model.tell_region { Condition::new(prefix, meshes) } else { prefix.into() }
+    }
+
+    /// Reads the shape of a mesh in the cube from each of `eval.clouds` point clouds; the first is that of
     /// [`Self::condition`].
-    pub(crate) fn clouds(&self, w: &Weights, mesh: &Mesh, key: u64) -> Tensor {
+    pub(crate) fn clouds(&self, w: &Weights, mesh: &Mesh, key: u64) -> Condition {
         let _no_grad = tch::no_grad_guard();
         let (c, mut batch) = (&self.config, Shapes::default());
         let how = (&c.sampling.cloud, &c.model.shape);
         c.eval.agreement().shapes(how, mesh, (c.eval.seed, key), c.eval.clouds, &mut batch);
-        self.prefix(w, &batch)
+        let prefix = self.prefix(w, &batch);
+        if c.model.tell_region { Condition::of_one(prefix, mesh) } else { prefix.into() }
     }
 
     /// Of those, the ones that are seen as they are.
-    pub(crate) fn straight(&self, clouds: &Tensor) -> Tensor {
-        let rows = Tensor::from_slice(&self.config.eval.agreement().straight());
-        clouds.index_select(0, &rows.to_device(clouds.device()))
+    pub(crate) fn straight(&self, clouds: &Condition) -> Condition {
+        clouds.some(&self.config.eval.agreement().straight())
     }
 
     /// What the decoder reads of shapes, [b, p, d].
@@ -212,38 +220,38 @@ impl Rigger {
         self.net.condition(w, &cloud, &picks)
     }
 
-    /// Draws a sequence after each prompt; all prompts are of one length, and `prefix` [b, p, d] is of one shape or of
-    /// as many as there are prompts. `streams`: one a prompt.
+    /// Draws a sequence after each prompt; all prompts are of one length, and `seen` is of one shape or of as many as there
+    /// are prompts. `streams`: one a prompt.
     ///
     /// # Errors
-    /// When a prompt is no beginning of a sequence.
+    /// When a prompt is no beginning of a sequence, or a surface is missing that codes are told of.
     pub fn draw(
         &self,
         w: &Weights,
-        prefix: &Tensor,
+        seen: &Condition,
         prompts: &[Vec<u32>],
         how: &GenerateConfig,
         streams: &mut [Stream],
     ) -> Result<Vec<Drawn>, String> {
-        self.draw_until(Until::Whole, w, prefix, prompts, how, streams)
+        self.draw_until(Until::Whole, w, seen, prompts, how, streams)
     }
 
-    /// Skeletons without codes after each prefix [b, p, d], as many as its share says, whose number divides b, in turn: the
-    /// one of the likeliest tokens, then others drawn as `how` says. `streams`: one a skeleton.
+    /// Skeletons without codes of each shape, as many as its share says, the shares in turn, whose number divides that of the
+    /// shapes: the one of the likeliest tokens, then others drawn as `how` says. `streams`: one a skeleton.
     ///
     /// # Errors
     /// As [`Self::draw`].
     pub fn draw_skeletons(
         &self,
         w: &Weights,
-        prefix: &Tensor,
+        seen: &Condition,
         (prompt, shares): (&[u32], &[usize]),
         how: &GenerateConfig,
         streams: &mut [Stream],
     ) -> Result<Vec<Drawn>, String> {
-        let shapes = prefix.size()[0];
+        let shapes = seen.rows();
         let (mut firsts, mut others): (Vec<Stream>, Vec<Stream>) = (Vec::new(), Vec::new());
-        let (mut left, shares) = (&*streams, shares.iter().copied().cycle().take(shapes as usize));
+        let (mut left, shares) = (&*streams, shares.iter().copied().cycle().take(shapes));
         for share in shares.clone() {
             let (own, rest) = left.split_at(share);
             firsts.extend_from_slice(&own[..1]);
@@ -252,13 +260,16 @@ impl Rigger {
         }
         let prompts = |count| vec![prompt.to_vec(); count];
         let likeliest = GenerateConfig { sample: false, ..how.clone() };
-        let firsts = self.draw_until(Until::Skeleton, w, prefix, &prompts(firsts.len()), &likeliest, &mut firsts)?;
+        let firsts = self.draw_until(Until::Skeleton, w, seen, &prompts(firsts.len()), &likeliest, &mut firsts)?;
         if others.is_empty() {
             return Ok(firsts);
         }
         let wide = match shapes {
-            1 => prefix.shallow_clone(),
-            _ => repeated(prefix, &shares.clone().map(|n| n - 1).collect::<Vec<_>>()),
+            1 => seen.first(1),
+            _ => {
+                let rows = shares.clone().enumerate().flat_map(|(row, n)| std::iter::repeat_n(row, n - 1));
+                seen.some(&rows.collect::<Vec<_>>())
+            }
         };
         let how = GenerateConfig { sample: true, ..how.clone() };
         let mut others =
@@ -271,31 +282,31 @@ impl Rigger {
         Ok(all)
     }
 
-    /// A skeleton that was drawn alone after the prefix [1, p, d], with the likeliest codes for it.
+    /// A skeleton of one shape that was drawn alone, with the likeliest codes for it.
     ///
     /// # Errors
     /// As [`Self::draw`].
-    pub fn with_codes(&self, w: &Weights, prefix: &Tensor, drawn: Drawn) -> Result<Drawn, String> {
+    pub fn with_codes(&self, w: &Weights, seen: &Condition, drawn: Drawn) -> Result<Drawn, String> {
         if drawn.decoded.is_err() {
             return Ok(drawn);
         }
         let how = GenerateConfig { sample: false, ..self.config.eval.generate.clone() };
         let streams = &mut [stream(self.config.eval.seed, "codes", &[])];
-        let mut whole = self.draw(w, prefix, std::slice::from_ref(&drawn.skeleton), &how, streams)?;
+        let mut whole = self.draw(w, seen, std::slice::from_ref(&drawn.skeleton), &how, streams)?;
         let Some(whole) = whole.pop() else { return Ok(drawn) };
         let ((a, m), (b, n)) = (drawn.likelihood, whole.likelihood);
         Ok(Drawn { likelihood: (a + b, m + n), ..whole })
     }
 
-    /// The skeleton of one mesh that its draws agree on, refined, with the likeliest codes for it after the prefix
-    /// [1, p, d], and which of the draws it is; the first as it is where none is a skeleton.
+    /// The skeleton of one mesh that its draws agree on, refined, with the likeliest codes for it after that one shape, and
+    /// which of the draws it is; the first as it is where none is a skeleton.
     ///
     /// # Errors
     /// As [`Self::draw`].
     pub(crate) fn agreed(
         &self,
         w: &Weights,
-        prefix: &Tensor,
+        seen: &Condition,
         agreement: &Agreement,
         mut drawn: Vec<Drawn>,
     ) -> Result<(usize, Drawn), String> {
@@ -307,7 +318,7 @@ impl Rigger {
             let ids = skeleton.iter().map(|&id| i64::from(id)).collect();
             taken = Drawn { skeleton, decoded: Ok(decoded), ids, ..taken };
         }
-        self.with_codes(w, prefix, taken).map(|coded| (place, coded))
+        self.with_codes(w, seen, taken).map(|coded| (place, coded))
     }
 
     /// Whether a skeleton may stand at the beginning of a sequence.
@@ -332,7 +343,7 @@ impl Rigger {
         &self,
         until: Until,
         w: &Weights,
-        prefix: &Tensor,
+        seen: &Condition,
         prompts: &[Vec<u32>],
         how: &GenerateConfig,
         streams: &mut [Stream],
@@ -346,12 +357,19 @@ impl Rigger {
         }
         let grammars: Option<Vec<Strict>> = prompts.iter().map(|prompt| self.after(strict.clone(), prompt)).collect();
         let grammars = grammars.ok_or("the given skeleton is no beginning of a sequence of this model")?;
-        let joints = |ids: &[u32]| match self.tokenizer.decode(ids) {
-            Ok(d) => joints_told(&d.joints, &d.parents),
-            Err(_) => Vec::new(),
+        if until == Until::Whole && c.model.tell_region && seen.surface(0).is_none() {
+            return Err(
+                "codes of this model are told what of the surface lies near their joints: give the meshes".into()
+            );
+        }
+        let told = RefCell::new(vec![Vec::new(); prompts.len()]);
+        let joints = |row: usize, ids: &[u32]| {
+            let own = self.tokenizer.decode(ids).map_or_else(|_| Vec::new(), |d| joints_told(&d, seen.surface(row)));
+            told.borrow_mut()[row].clone_from(&own);
+            own
         };
         let room = c.longest();
-        let started = Reader::start(&self.net, w, prefix, prompts, (room, vocabulary.eos()), &joints);
+        let started = Reader::start(&self.net, w, seen.prefix(), prompts, (room, vocabulary.eos()), &joints);
         let (mut reader, first) = started.ok_or("a prompt ends within a code")?;
         let config = GenerateConfig { tokens: room, ..how.clone() };
         let mut likelihood = vec![(0.0, 0); prompts.len()];
@@ -363,10 +381,13 @@ impl Rigger {
             likelihood[row].1 += 1;
             id
         });
-        let whole = all.into_iter().zip(prompts).zip(likelihood).map(|((own, prompt), likelihood)| {
-            let drawn: Vec<u32> = prompt.iter().copied().chain(own).collect();
-            self.said(&drawn, likelihood)
-        });
+        drop(reader);
+        let told = told.into_inner();
+        let whole =
+            all.into_iter().zip(prompts).zip(likelihood).zip(told).map(|(((own, prompt), likelihood), joints)| {
+                let drawn: Vec<u32> = prompt.iter().copied().chain(own).collect();
+                Drawn { joints, ..self.said(&drawn, likelihood) }
+            });
         Ok(whole.collect())
     }
 
@@ -408,7 +429,7 @@ impl Rigger {
             });
         }
         let ids = skeleton.iter().map(|&id| i64::from(id)).chain(skin).collect();
-        Drawn { skeleton: skeleton.to_vec(), decoded, codes, ids, likelihood }
+        Drawn { skeleton: skeleton.to_vec(), decoded, codes, joints: Vec::new(), ids, likelihood }
     }
 
     /// The prompt from which a skeleton is drawn freely.

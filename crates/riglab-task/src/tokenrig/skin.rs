@@ -6,8 +6,8 @@ use riglab_geom::spread_weights;
 use riglab_nn::generate::GenerateConfig;
 use riglab_nn::params::Weights;
 use riglab_random::stream;
-use tch::Tensor;
 
+use super::condition::Condition;
 use super::rigger::{Drawn, Rigger};
 use super::skinner::Skinner;
 use crate::fsq_cvae::Prior;
@@ -16,15 +16,15 @@ use crate::fsq_cvae::Prior;
 pub type Codes = Vec<Option<Vec<i64>>>;
 
 impl Rigger {
-    /// Codes for the skeleton that was drawn, or given, after the prefixes [n, p, d] of a shape, one of each of its clouds
-    /// in turn: its own, which are of the first, then draws until there are `count`. `key` seeds them.
+    /// Codes for the skeleton that was drawn, or given, of a shape as it was seen, one of each of its clouds in turn: its own,
+    /// which are of the first, then draws until there are `count`. `key` seeds them.
     ///
     /// # Errors
     /// When the skeleton is no beginning of a sequence.
     pub fn skins(
         &self,
         w: &Weights,
-        prefix: &Tensor,
+        seen: &Condition,
         drawn: &Drawn,
         count: usize,
         key: u64,
@@ -35,12 +35,9 @@ impl Rigger {
             let how = GenerateConfig { sample: true, ..eval.generate.clone() };
             let mut streams: Vec<_> = (0..more as u64).map(|k| stream(eval.seed, "skins", &[key, k])).collect();
             let prompts = vec![drawn.skeleton.clone(); more];
-            let of_clouds = match prefix.size()[0] {
-                1 => prefix.shallow_clone(),
-                n => {
-                    let rows: Vec<i64> = (1..count as i64).map(|k| k % n).collect();
-                    prefix.index_select(0, &Tensor::from_slice(&rows).to_device(prefix.device()))
-                }
+            let of_clouds = match seen.rows() {
+                1 => seen.first(1),
+                n => seen.some(&(1..count).map(|k| k % n).collect::<Vec<_>>()),
             };
             let others = self.draw(w, &of_clouds, &prompts, &how, &mut streams)?;
             all.extend(others.into_iter().map(|d| d.codes));

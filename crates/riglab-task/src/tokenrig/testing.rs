@@ -40,7 +40,8 @@ fn of(head: Head, empty: bool, extensions: Extensions) -> Rigger {
     auto.sampling.shape_points = 32;
     let (net, params) = FsqCvaeTask::network(&auto, Device::Cpu).unwrap();
     let vae = Arc::new(Frozen::new(auto, net, params, Device::Cpu));
-    let model = TokenRigConfig { head, tell_joint: head == Head::Levels, ..TokenRigConfig::default() };
+    let told = head == Head::Levels;
+    let model = TokenRigConfig { head, tell_joint: told, tell_region: told, ..TokenRigConfig::default() };
     let mut config = TokenRigTaskConfig { model, ..TokenRigTaskConfig::default() };
     config.model.shape.tokens = 4;
     config.model.shape.layers = 1;

@@ -61,8 +61,8 @@ impl Agreement {
     }
 
     /// The numbers of the clouds that are seen as they are.
-    pub fn straight(&self) -> Vec<i64> {
-        (0..self.clouds).filter(|&k| !self.mirrored(k)).map(|k| k as i64).collect()
+    pub fn straight(&self) -> Vec<usize> {
+        (0..self.clouds).filter(|&k| !self.mirrored(k)).collect()
     }
 
     /// Adds so many clouds of a mesh in the cube; `seed` and `key` say which points, the same of the first whatever their

@@ -24,7 +24,7 @@ pub(crate) fn streams(seed: u64, keys: impl Iterator<Item = u64>, each: usize) -
 }
 
 /// Prefixes [s · b, p, d], each as often as its place among the s clouds of a mesh is drawn after.
-pub(crate) fn repeated(prefix: &Tensor, shares: &[usize]) -> Tensor {
+fn repeated(prefix: &Tensor, shares: &[usize]) -> Tensor {
     let rows = 0..prefix.size()[0];
     let rows: Vec<i64> = rows.zip(shares.iter().cycle()).flat_map(|(row, &n)| std::iter::repeat_n(row, n)).collect();
     prefix.index_select(0, &Tensor::from_slice(&rows).to_device(prefix.device()))

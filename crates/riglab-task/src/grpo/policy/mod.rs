@@ -10,7 +10,7 @@ use riglab_geom::CloudConfig;
 use riglab_nn::generate::GenerateConfig;
 use riglab_nn::params::{Params, Weights};
 use riglab_nn::perceiver::PerceiverConfig;
-use riglab_nn::tokenrig::Likelihood;
+use riglab_nn::tokenrig::{Likelihood, Told};
 use riglab_random::Stream;
 use tch::{Device, Tensor};
 
@@ -44,16 +44,16 @@ pub(super) trait Policy {
     }
     /// What its decoder reads of shapes, [b, p, d].
     fn prefix(&self, w: &Weights, shapes: &Shapes) -> Tensor;
-    /// A draw for each stream after a prefix [b, p, d], of one shape or of as many as there are streams.
+    /// A draw for each stream after a prefix [b, p, d] of so many meshes: of one, or of as many as there are streams.
     fn draw(
         &self,
         w: &Weights,
-        prefix: &Tensor,
+        seen: (&Tensor, &[&Mesh]),
         how: &GenerateConfig,
         streams: &mut [Stream],
     ) -> Result<Vec<Drawn>, String>;
     /// Of each token of a draw, what its joint is told (see [`riglab_nn::tokenrig::Sequences::told`]).
-    fn told(&self, drawn: &Drawn) -> Vec<[f32; 7]>;
+    fn told(&self, drawn: &Drawn) -> Vec<Told>;
     /// Log-probabilities and entropies of the free tokens of sequences, one after another, and how many each has.
     fn likely(&self, w: &Weights, shapes: &Shapes, all: &[&Sequence], temperature: f64) -> (Likelihood, Vec<i64>);
     /// A draw as a rig of its mesh in the cube; `None` where it says none.

@@ -5,7 +5,7 @@ use riglab_geom::CloudConfig;
 use riglab_nn::generate::GenerateConfig;
 use riglab_nn::params::{Params, Weights};
 use riglab_nn::perceiver::PerceiverConfig;
-use riglab_nn::tokenrig::{Asked, Choices, Layout, Likelihood, Sequences};
+use riglab_nn::tokenrig::{Asked, Choices, Layout, Likelihood, Sequences, TOLD, Told};
 use riglab_random::Stream;
 use riglab_token::Mask;
 use riglab_train::Task;
@@ -15,7 +15,7 @@ use super::{Flat, Policy, Pool, bits, counts, dealt};
 use crate::assets::Up;
 use crate::experiment::Experiment;
 use crate::grpo::rollout::Sequence;
-use crate::tokenrig::{Drawn, Rigger, Strict, TokenRigTask, joints_told, told};
+use crate::tokenrig::{Drawn, Rigger, Strict, TokenRigTask, told};
 use crate::unirig_skeleton::{Batch as Shapes, shape_tensors};
 
 /// Which of a sequence's targets could have been others, and what they could have been.
@@ -89,18 +89,18 @@ impl Policy for TokenRigTask {
     fn draw(
         &self,
         w: &Weights,
-        prefix: &Tensor,
+        (prefix, meshes): (&Tensor, &[&Mesh]),
         how: &GenerateConfig,
         streams: &mut [Stream],
     ) -> Result<Vec<Drawn>, String> {
-        let prompts = vec![self.rigger().free(); streams.len()];
-        self.rigger().draw(w, prefix, &prompts, how, streams)
+        let rigger = self.rigger();
+        let seen = rigger.with_surfaces(prefix.shallow_clone(), meshes.iter().copied());
+        rigger.draw(w, &seen, &vec![rigger.free(); streams.len()], how, streams)
     }
 
-    fn told(&self, drawn: &Drawn) -> Vec<[f32; 7]> {
+    fn told(&self, drawn: &Drawn) -> Vec<Told> {
         let (layout, codes) = (self.rigger().layout(), self.rigger().config().skin.codes);
-        let joints = drawn.decoded.as_ref().map(|d| joints_told(&d.joints, &d.parents)).unwrap_or_default();
-        told(layout, &drawn.ids, drawn.skeleton.len(), &joints, codes)
+        told(layout, &drawn.ids, drawn.skeleton.len(), &drawn.joints, codes)
     }
 
     fn likely(&self, w: &Weights, shapes: &Shapes, all: &[&Sequence], temperature: f64) -> (Likelihood, Vec<i64>) {
@@ -124,7 +124,7 @@ impl Policy for TokenRigTask {
                 let prefix = net.condition(w, &cloud, &picks);
                 let told = c.model.tell_joint.then(|| {
                     let flat: Vec<f32> = own.iter().flat_map(|s| s.told.iter().flatten()).copied().collect();
-                    Tensor::from_slice(&flat).view([-1, 7]).to_device(device)
+                    Tensor::from_slice(&flat).view([-1, TOLD as i64]).to_device(device)
                 });
                 let sequences = Sequences { ids: &ids, lengths: &lengths, told: told.as_ref() };
                 // Without dropout: the policy is what draws.

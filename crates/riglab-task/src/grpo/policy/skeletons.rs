@@ -6,7 +6,7 @@ use riglab_nn::generate::GenerateConfig;
 use riglab_nn::grpo::{entropy, log_softmax_within};
 use riglab_nn::params::{Params, Weights};
 use riglab_nn::perceiver::PerceiverConfig;
-use riglab_nn::tokenrig::Likelihood;
+use riglab_nn::tokenrig::{Likelihood, TOLD, Told};
 use riglab_random::Stream;
 use riglab_token::{Grammar, Mask};
 use riglab_train::Task;
@@ -74,7 +74,7 @@ impl Policy for SkeletonTask {
     fn draw(
         &self,
         w: &Weights,
-        prefix: &Tensor,
+        (prefix, _): (&Tensor, &[&Mesh]),
         how: &GenerateConfig,
         streams: &mut [Stream],
     ) -> Result<Vec<Drawn>, String> {
@@ -89,13 +89,14 @@ impl Policy for SkeletonTask {
             skeleton: own.ids,
             decoded: own.decoded,
             codes: Vec::new(),
+            joints: Vec::new(),
             likelihood,
         });
         Ok(whole.collect())
     }
 
-    fn told(&self, drawn: &Drawn) -> Vec<[f32; 7]> {
-        vec![[0.0; 7]; drawn.ids.len()]
+    fn told(&self, drawn: &Drawn) -> Vec<Told> {
+        vec![[0.0; TOLD]; drawn.ids.len()]
     }
 
     fn likely(&self, w: &Weights, shapes: &Shapes, all: &[&Sequence], temperature: f64) -> (Likelihood, Vec<i64>) {
