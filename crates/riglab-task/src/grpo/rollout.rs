@@ -257,7 +257,8 @@ impl Rollout {
         let whole = |name: &str| Vec::<i64>::try_from(get(name)?.to_kind(Kind::Int64)).ok();
         let single = |name: &str| Vec::<f32>::try_from(get(name)?.to_kind(Kind::Float)).ok();
         let double = |name: &str| Vec::<f64>::try_from(get(name)?.to_kind(Kind::Double)).ok();
-        let (heads, ids, told) = (whole("heads")?, whole("ids")?, single("told")?);
+        let (heads, ids) = (whole("heads")?, whole("ids")?);
+        let told = told_of(&single("told")?, ids.len())?;
         let (old, reference, advantages) = (single("old")?, single("reference")?, double("advantages")?);
         let (mut token, mut free) = (0usize, 0usize);
         let mut sequences = Vec::new();
@@ -266,10 +267,9 @@ impl Rollout {
             let (tokens, chosen) =
                 (token..token + usize::try_from(tokens).ok()?, free..free + usize::try_from(chosen).ok()?);
             (token, free) = (tokens.end, chosen.end);
-            let told = told.get(TOLD * tokens.start..TOLD * tokens.end)?.chunks_exact(TOLD);
             sequences.push(Sequence {
                 mesh: usize::try_from(mesh).ok()?,
-                told: told.map(|row| std::array::from_fn(|k| row[k])).collect(),
+                told: told.get(tokens.clone())?.to_vec(),
                 ids: ids.get(tokens)?.to_vec(),
                 advantage,
                 counts: counts != 0,
@@ -288,9 +288,33 @@ impl Rollout {
     }
 }
 
+/// Rows of what so many places are told. Those kept before regions were told have a joint, its parent and the place alone.
+fn told_of(kept: &[f32], places: usize) -> Option<Vec<Told>> {
+    const BEFORE: usize = 7;
+    let row = |own: &[f32]| -> Told {
+        let (place, joint) = own.split_last().unwrap_or((&0.0, &[]));
+        let mut told = [0.0; TOLD];
+        told[..joint.len()].copy_from_slice(joint);
+        told[TOLD - 1] = *place;
+        told
+    };
+    let width = [TOLD, BEFORE].into_iter().find(|width| width * places == kept.len())?;
+    Some(kept.chunks_exact(width).map(row).collect())
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn what_was_told_before_there_were_regions_is_read() {
+        let told = told_of(&[1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 2.0], 1).unwrap();
+        assert_eq!((&told[0][..6], told[0][TOLD - 1]), (&[1.0, 2.0, 3.0, 4.0, 5.0, 6.0][..], 2.0));
+        assert!(told[0][6..TOLD - 1].iter().all(|&x| x == 0.0));
+        let now: Vec<f32> = (0..2 * TOLD).map(|k| k as f32).collect();
+        assert_eq!(told_of(&now, 2).unwrap().as_flattened(), now);
+        assert_eq!((told_of(&now, 3), told_of(&[], 0)), (None, Some(Vec::new())));
+    }
 
     #[test]
     fn a_rollout_comes_back_from_a_checkpoint() {
