@@ -24,15 +24,15 @@ impl From<Tensor> for Condition {
 }
 
 impl Condition {
-    /// Of prefixes [b, p, d] and as many meshes.
+    /// Of prefixes [b, p, d] and as many meshes; one that follows itself is looked at once.
     pub fn new<'a>(prefix: Tensor, meshes: impl IntoIterator<Item = &'a Mesh>) -> Self {
-        Self { prefix, surfaces: meshes.into_iter().map(|mesh| Arc::new(Surface::new(mesh))).collect() }
-    }
-
-    /// Of several prefixes [b, p, d] of one mesh.
-    pub fn of_one(prefix: Tensor, mesh: &Mesh) -> Self {
-        let rows = prefix.size()[0] as usize;
-        Self { prefix, surfaces: std::iter::repeat_n(Arc::new(Surface::new(mesh)), rows).collect() }
+        let mut last: Option<(&Mesh, Arc<Surface>)> = None;
+        let surface = |mesh: &'a Mesh| {
+            let known = last.take().filter(|(before, _)| std::ptr::eq(*before, mesh));
+            let (_, surface) = last.insert(known.unwrap_or_else(|| (mesh, Arc::new(Surface::new(mesh)))));
+            surface.clone()
+        };
+        Self { prefix, surfaces: meshes.into_iter().map(surface).collect() }
     }
 
     /// How many shapes.
@@ -70,5 +70,32 @@ impl Condition {
     /// The surface of what is drawn in a row, where one shape may stand for all.
     pub fn surface(&self, row: usize) -> Option<&Surface> {
         self.surfaces.get(if self.rows() == 1 { 0 } else { row }).map(|surface| &**surface)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::tokenrig::testing::tetrahedron;
+
+    #[test]
+    fn rows_keep_their_surfaces() {
+        let (a, b) = (tetrahedron(), tetrahedron());
+        let rows = |seen: &Condition| Vec::<f32>::try_from(seen.prefix().view([-1])).unwrap();
+        let prefix = Tensor::from_slice(&[0.0f32, 1.0, 2.0]).view([3, 1, 1]);
+        let all = Condition::new(prefix.shallow_clone(), [&a, &a, &b]);
+        let same = |x: &Condition, k: usize, y: &Condition, l: usize| {
+            std::ptr::eq(x.surface(k).unwrap(), y.surface(l).unwrap())
+        };
+        assert!(same(&all, 0, &all, 1) && !same(&all, 1, &all, 2), "a mesh that follows itself is looked at once");
+        let some = all.some(&[2, 0, 2]);
+        assert_eq!(rows(&some), [2.0, 0.0, 2.0]);
+        assert!(same(&some, 0, &all, 2) && same(&some, 1, &all, 0) && same(&some, 2, &all, 2));
+        let firsts = Condition::firsts(&[all.some(&[2, 1]), all.some(&[1, 2])], 1);
+        assert_eq!(rows(&firsts), [2.0, 1.0]);
+        assert!(same(&firsts, 0, &all, 2) && same(&firsts, 1, &all, 1));
+        // One shape stands for all that is drawn.
+        assert!(same(&all.some(&[2]), 7, &all, 2) && all.surface(7).is_none());
+        assert!(Condition::from(prefix).some(&[1]).surface(0).is_none());
     }
 }

@@ -277,7 +277,7 @@ mod tests {
         let random = &mut stream(0, "test", &[]);
         let whole = sample::sample(&rigger.tokenizer, how, &rigger.vae, (&rig, true), true, random).unwrap();
         let prompt: Vec<u32> = whole.ids[..whole.skeleton].iter().map(|&id| id as u32).collect();
-        let seen = rigger.condition(w, &[(rig.mesh(), 0), (&rig.mesh().clone(), 1)]);
+        let seen = rigger.condition(w, &[(rig.mesh(), 0), (rig.mesh(), 1)]);
         let streams = &mut [0, 1].map(|k| stream(k, "test", &[]));
         let generate = riglab_nn::generate::GenerateConfig { sample: true, ..Default::default() };
         let mut drawn = rigger.draw(w, &seen, &vec![prompt.clone(); 2], &generate, streams).unwrap();
@@ -316,12 +316,9 @@ mod tests {
         let rigger = untrained(Head::Levels, true);
         let (mesh, w) = (tetrahedron(), rigger.params.weights());
         let blind = Condition::from(rigger.condition(w, &[(&mesh, 0)]).prefix().shallow_clone());
-        let draw = |rigger: &Rigger, how| {
-            let streams = &mut [stream(0, "test", &[])];
-            rigger.draw(w, &blind, &[rigger.free()], how, streams).map(|_| ())
-        };
-        let how = riglab_nn::generate::GenerateConfig { sample: true, ..Default::default() };
-        assert!(draw(&rigger, &how).unwrap_err().contains("give the meshes"));
+        let (how, streams) = (riglab_nn::generate::GenerateConfig::default(), &mut [stream(0, "test", &[])]);
+        let said = rigger.draw(w, &blind, &[rigger.free()], &how, streams).unwrap_err();
+        assert!(said.contains("give the meshes"), "{said}");
     }
 
     #[test]

@@ -204,8 +204,7 @@ impl Rigger {
         let (c, mut batch) = (&self.config, Shapes::default());
         let how = (&c.sampling.cloud, &c.model.shape);
         c.eval.agreement().shapes(how, mesh, (c.eval.seed, key), c.eval.clouds, &mut batch);
-        let prefix = self.prefix(w, &batch);
-        if c.model.tell_region { Condition::of_one(prefix, mesh) } else { prefix.into() }
+        self.with_surfaces(self.prefix(w, &batch), std::iter::repeat_n(mesh, c.eval.clouds))
     }
 
     /// Of those, the ones that are seen as they are.
