@@ -6,6 +6,7 @@ use std::sync::{Arc, Mutex, OnceLock};
 
 use riglab_core::{Asset, Clip, JointMap, Mesh, Rig, RigError, Skeleton, Vec3};
 use riglab_data::{Corpus, DataError, SplitNames};
+use riglab_random::{Draw, stream};
 use serde::{Deserialize, Serialize};
 
 /// Which corpora a task reads.
@@ -14,7 +15,8 @@ use serde::{Deserialize, Serialize};
 pub struct DataConfig {
     /// Corpus files, as `riglab dataset import` writes them.
     pub corpora: Vec<PathBuf>,
-    /// How much of the training comes from each corpus, one weight each; by their size where it is empty.
+    /// How much of the training comes from each corpus, one weight each, and of the assets that are validated on where
+    /// these are some of many; by their size where it is empty.
     pub weights: Vec<f32>,
     /// Splits that are trained on.
     pub train: Vec<String>,
@@ -144,6 +146,31 @@ impl AssetId {
     /// A number for streams of random numbers.
     pub fn key(self) -> u64 {
         (self.corpus as u64) << 40 | self.index as u64
+    }
+}
+
+impl DataConfig {
+    /// Of the assets of a split so many, 0 for all, the same ones each time: of all corpora, as many of each as their weights
+    /// say while there are any, so that a few files are not lost among thousands of generated ones.
+    pub(crate) fn some_of(&self, all: &[AssetId], most: usize, seed: u64) -> Vec<AssetId> {
+        let mut ids = all.to_vec();
+        stream(seed, "validation assets", &[]).shuffled(&mut ids);
+        if most == 0 || most >= ids.len() {
+            return ids;
+        }
+        if !self.weights.is_empty() {
+            // The sooner each comes, the fewer of its corpus stand before it for that one's weight.
+            let mut taken = vec![0.0; self.weights.len()];
+            let mut along = |id: &AssetId| {
+                taken[id.corpus] += 1.0;
+                taken[id.corpus] / self.weights[id.corpus]
+            };
+            let mut order: Vec<(f32, AssetId)> = ids.iter().map(|id| (along(id), *id)).collect();
+            order.sort_by(|(a, _), (b, _)| a.total_cmp(b));
+            ids = order.into_iter().map(|(_, id)| id).collect();
+        }
+        ids.truncate(most);
+        ids
     }
 }
 
@@ -385,6 +412,25 @@ mod tests {
             assert!(turned.iter().zip(Up::Z.turn(at)).all(|(a, b)| (a - b).abs() < 1e-6), "{turned:?} {at:?}");
         }
         assert_eq!(Up::Y.clip(&clip).unwrap(), clip);
+    }
+
+    #[test]
+    fn some_assets_are_of_all_corpora_by_their_weights() {
+        let of = |corpus: usize, count| (0..count).map(move |index| AssetId { corpus, index });
+        let all: Vec<AssetId> = of(0, 25).chain(of(1, 284)).chain(of(2, 9)).collect();
+        let counts = |weights: &[f32], most| {
+            let config = DataConfig { weights: weights.to_vec(), ..DataConfig::default() };
+            let (ids, again) = (config.some_of(&all, most, 3), config.some_of(&all, most, 3));
+            assert_eq!(ids, again, "the same ones each time");
+            assert_eq!(ids.iter().collect::<std::collections::HashSet<_>>().len(), ids.len(), "each once");
+            [0, 1, 2].map(|k| ids.iter().filter(|id| id.corpus == k).count())
+        };
+        assert_eq!(counts(&[2.0, 1.0, 0.0], 30), [20, 10, 0]);
+        assert_eq!(counts(&[2.0, 1.0, 1.0], 32), [16, 8, 8]);
+        assert_eq!(counts(&[2.0, 1.0, 0.0], 60), [25, 35, 0], "no more than there are");
+        assert_eq!(counts(&[2.0, 1.0, 0.0], 0), [25, 284, 9]);
+        let by_size = counts(&[], 32);
+        assert!(by_size[1] > 20 && by_size.iter().sum::<usize>() == 32, "{by_size:?}");
     }
 
     #[test]

@@ -8,7 +8,7 @@ use riglab_metric::statistics::Paired;
 use riglab_metric::{Joints, SkeletonDistances};
 use riglab_nn::generate::GenerateConfig;
 use riglab_nn::params::Weights;
-use riglab_random::{Draw, stream};
+use riglab_random::stream;
 use riglab_ranks::Ranks;
 use riglab_render::{Picture, Theme, View, contact_sheet, render_parts, render_skeleton};
 use riglab_report::Turntable;
@@ -196,9 +196,7 @@ impl GrpoTask {
             return Ok(all.clone());
         }
         let c = &self.config.eval;
-        let mut ids = self.policy.pool().validate.to_vec();
-        stream(c.seed, "validation assets", &[]).shuffled(&mut ids);
-        ids.truncate(if c.validation_assets == 0 { usize::MAX } else { c.validation_assets });
+        let ids = self.config.data.some_of(self.policy.pool().validate, c.validation_assets, c.seed);
         let all = ids.into_iter().map(|id| self.held_of(id).map(Arc::new)).collect::<Result<Vec<_>, _>>()?;
         self.held.replace(Some(all.clone()));
         Ok(all)

@@ -142,7 +142,7 @@ pub struct EvalConfig {
     pub parents: Parents,
     /// Rigs drawn at once.
     pub rows: usize,
-    /// Assets of the validation split that are generated while training; 0 takes all.
+    /// Assets of the validation split that are generated while training, of each corpus by `data.weights`; 0 takes all.
     pub validation_assets: usize,
     /// Points that the baseline compares shapes by.
     pub retrieval_points: usize,

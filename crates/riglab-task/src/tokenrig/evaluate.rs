@@ -6,7 +6,7 @@ use riglab_core::{JointId, Mesh, Rig, Skeleton, SkinWeights};
 use riglab_geom::voxel::SolidConfig;
 use riglab_metric::{Joints, SkinMetrics, SkinTally, every_rule, nan_for_null};
 use riglab_nn::params::Weights;
-use riglab_random::{Draw, stream};
+use riglab_random::stream;
 use riglab_ranks::Ranks;
 use riglab_token::Decoded;
 use riglab_train::Validation;
@@ -133,14 +133,7 @@ impl TokenRigTask {
     pub(super) fn validation(&self, w: &Weights, ranks: &Ranks) -> Result<Validation, String> {
         let _no_grad = tch::no_grad_guard();
         let (rigger, c) = (&self.rigger, &self.rigger.config);
-        let limit = match c.eval.validation_assets {
-            0 => usize::MAX,
-            n => n,
-        };
-        // Some of all corpora and kinds, the same ones each time.
-        let mut assets: Vec<AssetId> = self.validation_assets.clone();
-        stream(c.eval.seed, "validation assets", &[]).shuffled(&mut assets);
-        assets.truncate(limit);
+        let assets = c.data.some_of(&self.validation_assets, c.eval.validation_assets, c.eval.seed);
         let (mut sums, mut losses) = (Sums::default(), [(0.0, 0.0); 2]);
         let parts: Vec<_> = assets.chunks(c.eval.rows).collect();
         let found = |k: usize| {

@@ -3,7 +3,7 @@
 use riglab_geom::CloudSampler;
 use riglab_metric::{Joints, SkeletonConvention, SkeletonDistances, nan_for_null};
 use riglab_nn::params::Weights;
-use riglab_random::{Draw, stream};
+use riglab_random::stream;
 use riglab_ranks::Ranks;
 use riglab_token::Decoded;
 use riglab_train::Validation;
@@ -229,15 +229,9 @@ impl SkeletonTask {
     /// Loss of what follows, and distances of what is generated, on the validation split. Ranks share the assets.
     pub(super) fn validation(&self, w: &Weights, ranks: &Ranks) -> Result<Validation, String> {
         let _no_grad = tch::no_grad_guard();
-        let limit = match self.config.eval.validation_assets {
-            0 => usize::MAX,
-            n => n,
-        };
         let (mut sums, mut loss, mut tokens) = (Sums::default(), 0.0, 0.0);
-        // Some of all corpora and kinds, the same ones each time.
-        let mut assets = self.validation_assets.clone();
-        stream(self.config.eval.seed, "validation assets", &[]).shuffled(&mut assets);
-        assets.truncate(limit);
+        let (data, eval) = (&self.config.data, &self.config.eval);
+        let assets = data.some_of(&self.validation_assets, eval.validation_assets, eval.seed);
         let mut plain = self.config.clone();
         (plain.loss.spread, plain.loss.distance, plain.loss.next) = (0.0, 0.0, 1.0);
         let parts: Vec<_> = assets.chunks(self.config.eval.rows).collect();
