@@ -231,7 +231,7 @@ fn tokenrig_stands_on_an_auto_encoder_with_a_prior() {
     assert!(of(0) > 0 && of(0) == of(4), "{rows:?}");
 
     let skin = format!("skin.run={:?}", text(&auto));
-    let model = "model={ extends = \"model/tokenrig/tiny.toml\", tell_region = true }";
+    let model = "model={ extends = \"model/tokenrig/tiny.toml\", tell_region = true, tell_place = true, shape = { sorted = true } }";
     let small = ["sampling.rigs=4", "sampling.cloud.points=128", "sampling.variants=2", "eval.consensus=4"];
     let drawn = ["eval.validation_assets=2", "eval.skins=2", "eval.without_codes=0.5"];
     train("quickstart/tokenrig.toml", &run, &[&few[..], &[&skin, model], &small, &drawn].concat());

@@ -24,6 +24,9 @@ pub struct PerceiverConfig {
     pub layers: usize,
     /// Frequencies of the encoding of positions.
     pub frequencies: usize,
+    /// Whether the picked points come along a curve through the cube that keeps near ones together (z-order; an extension)
+    /// in place of the order in which they were picked: a decoder then finds the same places in about the same order.
+    pub sorted: bool,
     /// Whether query, key and value have a bias.
     pub qkv_bias: bool,
     /// Standard deviation of weights at the start, in 1 / √width.
@@ -40,6 +43,7 @@ impl Default for PerceiverConfig {
             heads: 8,
             layers: 16,
             frequencies: 8,
+            sorted: false,
             qkv_bias: false,
             init_scale: 0.25,
         }

@@ -1,10 +1,11 @@
 //! A prefix that several sequences have in common is read once, and gives what each gets that reads it by itself.
 
 use riglab_nn::decoder::{OptConfig, QwenConfig};
+use riglab_nn::generate::Decoder;
 use riglab_nn::params::{Builder, Params, Weights};
 use riglab_nn::perceiver::PerceiverConfig;
 use riglab_nn::skeleton::{SkeletonModel, SkeletonModelConfig};
-use riglab_nn::tokenrig::{Head, Layout, Sequences, TOLD, TokenRig, TokenRigConfig};
+use riglab_nn::tokenrig::{Head, Layout, Reader, Sequences, TOLD, TokenRig, TokenRigConfig};
 use tch::{Device, Kind, Tensor};
 
 const DOUBLE: (Kind, Device) = (Kind::Double, Device::Cpu);
@@ -53,9 +54,9 @@ fn of_tokenrig() {
         positions: 64,
         ..QwenConfig::default()
     };
-    let config = TokenRigConfig { decoder, head: Head::Levels, ..TokenRigConfig::default() };
+    let config = TokenRigConfig { decoder, head: Head::Levels, tell_place: true, ..TokenRigConfig::default() };
     let mut builder = Builder::default();
-    let net = TokenRig::new(builder.root(), &config, &Layout::new(267, &[4, 4, 4], Head::Levels), 4);
+    let net = TokenRig::new(builder.root(), &config, &Layout::new(267, &[4, 4, 4], Head::Levels).with_bins(256), 4);
     let params = builder.finish(1, Kind::Double, Device::Cpu).unwrap();
     let (prefix, total) = (Tensor::randn([2, 6, 32], DOUBLE), LENGTHS.iter().sum());
     let ids = Tensor::randint(331, [total], (Kind::Int64, Device::Cpu));
@@ -79,4 +80,52 @@ fn of_the_skeleton_model() {
     let apart = step(&params, &prefix, |w, prefix| net.logits(w, &each(prefix), &ids, &LENGTHS, false));
     let once = step(&params, &prefix, |w, prefix| net.logits_behind(w, prefix, &OF, &ids, &LENGTHS));
     same(&apart, &once);
+}
+
+#[test]
+fn places_are_told_in_drawing_as_in_training() {
+    tch::manual_seed(1);
+    let decoder = QwenConfig {
+        width: 32,
+        layers: 2,
+        heads: 4,
+        kv_heads: 2,
+        head_width: 8,
+        ffn: 64,
+        positions: 64,
+        ..QwenConfig::default()
+    };
+    let [plain, told] = [false, true].map(|tell_place| {
+        let config = TokenRigConfig { decoder: decoder.clone(), tell_place, ..TokenRigConfig::default() };
+        let layout = Layout::new(20, &[4, 3], Head::Flat).with_bins(8);
+        let mut builder = Builder::default();
+        let net = TokenRig::new(builder.root(), &config, &layout, 2);
+        let params = builder.finish(1, Kind::Float, Device::Cpu).unwrap();
+        let (prefix, w) = (Tensor::ones([1, 6, 32], (Kind::Float, Device::Cpu)), params.weights());
+        // A begin, two joints, a branch that names the first, and two numbers of the next.
+        let all = [9u32, 0, 1, 2, 3, 4, 5, 10, 0, 1, 2, 7, 7];
+        let after = |first: usize| {
+            let no_joints = |_: usize, _: &[u32]| Vec::new();
+            let (mut reader, mut scores) =
+                Reader::start(&net, w, &prefix, &[all[..first].to_vec()], (16, 11), &no_joints).unwrap();
+            for &id in &all[first..] {
+                scores = reader.next(&[id]);
+            }
+            scores.pop().unwrap()
+        };
+        let ids = Tensor::from_slice(&all.map(i64::from));
+        // What follows the last of them is not asked in training: one more.
+        let ids = Tensor::cat(&[ids, Tensor::from_slice(&[0i64])], 0);
+        let sequences = Sequences { ids: &ids, lengths: &[ids.size()[0]], told: None };
+        let hidden = net.forward(w, &prefix, &sequences, false);
+        let trained: Vec<f32> =
+            net.logits(w, &hidden.narrow(0, all.len() as i64 - 1, 1)).view([-1]).try_into().unwrap();
+        for first in [1, 5, 9, all.len()] {
+            for (drawn, trained) in after(first).iter().zip(&trained) {
+                assert!((drawn - trained).abs() < 1e-4, "{first}: {drawn} {trained}");
+            }
+        }
+        trained
+    });
+    assert!(plain.iter().zip(&told).any(|(a, b)| (a - b).abs() > 1e-3), "places are told");
 }

@@ -180,6 +180,9 @@ impl SkinModelConfig {
             return Err(("mask_power".into(), format!("mask_power = {} must lie in [0, 64]", self.mask_power)));
         }
         self.shape.validate().map_err(|(key, message)| (format!("shape.{key}"), message))?;
+        if self.shape.sorted {
+            return Err(("shape.sorted".into(), "the skin stage reads its tokens in no order: leave it off".into()));
+        }
         if self.points.encoder == PointEncoder::Ptv3 {
             self.points.ptv3.validate().map_err(|(key, message)| (format!("points.ptv3.{key}"), message))?;
         }

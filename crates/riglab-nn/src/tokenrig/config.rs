@@ -26,6 +26,10 @@ pub struct TokenRigConfig {
     /// It is told as well what of the surface lies nearest to the joint's bones (an extension of `tell_joint`): where that
     /// is, how large, and its share of the whole.
     pub tell_region: bool,
+    /// Each token of a skeleton is told where the last joint before it is, and the one before that, which is its parent or
+    /// names it, and what is known of the one that is being written (an extension). Otherwise the network knows cells by
+    /// number alone.
+    pub tell_place: bool,
 }
 
 impl Default for TokenRigConfig {
@@ -38,6 +42,7 @@ impl Default for TokenRigConfig {
             scored_at_once: 0,
             tell_joint: false,
             tell_region: false,
+            tell_place: false,
         }
     }
 }

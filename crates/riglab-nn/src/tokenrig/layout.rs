@@ -26,12 +26,23 @@ pub struct Layout {
     skeleton: i64,
     levels: Vec<i64>,
     head: Head,
+    bins: i64,
 }
 
 impl Layout {
     /// Of so many ids of the skeleton, and a codebook of these levels, the first counting fastest.
     pub fn new(skeleton: usize, levels: &[i64], head: Head) -> Self {
-        Self { skeleton: skeleton as i64, levels: levels.to_vec(), head }
+        Self { skeleton: skeleton as i64, levels: levels.to_vec(), head, bins: 0 }
+    }
+
+    /// The first so many ids of the skeleton are cells along an axis, from -1 to 1.
+    pub fn with_bins(self, bins: i64) -> Self {
+        Self { bins, ..self }
+    }
+
+    /// Ids that are cells along an axis.
+    pub fn bins(&self) -> i64 {
+        self.bins
     }
 
     /// Ids of the skeleton.

@@ -7,9 +7,10 @@ mod config;
 mod layout;
 mod likelihood;
 mod loss;
+mod place;
 mod reader;
 
-use tch::{Kind, Tensor};
+use tch::{Device, Kind, Tensor};
 
 pub use config::TokenRigConfig;
 pub use layout::{Head, Layout};
@@ -23,6 +24,7 @@ use crate::fsq_cvae::FRAME_SIZES;
 use crate::layers::{Linear, RmsNorm};
 use crate::params::{Init, ParamId, Role, Scope, Weights};
 use crate::perceiver::Perceiver;
+use place::{Place, Places, Walk};
 
 /// eps of the norm after the shape's projection: the f32 epsilon, as released.
 const PREFIX_EPS: f64 = f32::EPSILON as f64;
@@ -48,6 +50,7 @@ pub struct TokenRig {
     decoder: Qwen,
     levels: Option<Levels>,
     joints: Option<Joints>,
+    places: Option<Places>,
     layout: Layout,
     scored_at_once: i64,
 }
@@ -111,8 +114,9 @@ impl TokenRig {
             let linear = Linear::plain(at.sub("joint"), Role::Projection, points + slots, d, std);
             Joints { embedding, linear, region: c.tell_region, slots: slots as i64 }
         });
+        let places = c.tell_place.then(|| Places::new(at.sub("place"), d, std));
         let (layout, scored_at_once) = (layout.clone(), c.scored_at_once as i64);
-        Self { shape, to_decoder, norm, decoder, levels, joints, layout, scored_at_once }
+        Self { shape, to_decoder, norm, decoder, levels, joints, places, layout, scored_at_once }
     }
 
     /// The ids.
@@ -205,11 +209,30 @@ impl TokenRig {
 
     /// Vectors [T, d] of the tokens of sequences, with what they are told.
     fn tokens(&self, w: &Weights, sequences: &Sequences) -> Tensor {
-        let tokens = self.embed(w, sequences.ids);
+        let mut tokens = self.embed(w, sequences.ids);
+        if let Some(places) = &self.places {
+            let ids = Vec::<i64>::try_from(sequences.ids.to_device(Device::Cpu)).expect("ids are whole numbers");
+            let (mut told, mut left) = (Vec::with_capacity(ids.len()), &ids[..]);
+            for &length in sequences.lengths {
+                let (own, rest) = left.split_at(length as usize);
+                let mut walk = Some(Walk::default());
+                told.extend(own.iter().map(|&id| self.walked(&mut walk, id)));
+                left = rest;
+            }
+            tokens += places.tell(w, &told, &[ids.len() as i64]);
+        }
         match sequences.told.and_then(|told| self.tell(w, told)) {
             Some(more) => tokens + more,
             None => tokens,
         }
+    }
+
+    /// What is told of the place after an id; of no place once the skeleton has ended.
+    fn walked(&self, walk: &mut Option<Walk>, id: i64) -> Place {
+        if id >= self.layout.skeleton() {
+            *walk = None;
+        }
+        walk.as_mut().map_or_else(Place::default, |walk| walk.take(id, self.layout.bins()))
     }
 
     /// A cache that has read the prefix [b, p, d], with room for so many tokens after it.

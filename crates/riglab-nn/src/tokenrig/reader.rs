@@ -2,6 +2,7 @@
 
 use tch::{Kind, Tensor};
 
+use super::place::Walk;
 use super::{JointTold, TOLD, TokenRig, Told};
 use crate::decoder::Cache;
 use crate::generate::Decoder;
@@ -31,6 +32,8 @@ struct Row {
     /// What was drawn, the prompt with it.
     drawn: Vec<u32>,
     joints: Vec<JointTold>,
+    /// Along the skeleton's ids, until codes follow.
+    walk: Option<Walk>,
     /// The joint whose code follows, and which of them.
     place: Option<(usize, usize)>,
     /// The first levels of a code in the drawing, and the vector that scores the next.
@@ -81,7 +84,7 @@ impl<'a> Reader<'a> {
         if prefix.size()[0] == 1 && prompts.len() > 1 {
             cache.select(&vec![0; prompts.len()]);
         }
-        let rows = vec![Row::default(); prompts.len()];
+        let rows = vec![Row { walk: Some(Walk::default()), ..Row::default() }; prompts.len()];
         let mut reader = Self { net, weights, cache, rows, joints, skeleton_end, tables };
         let ids: Vec<Vec<i64>> = prompts.iter().map(|p| net.layout.ids(p)).collect::<Option<_>>()?;
         for (row, prompt) in prompts.iter().enumerate() {
@@ -106,6 +109,13 @@ impl<'a> Reader<'a> {
             Vec::new()
         };
         let flat: Vec<i64> = ids.iter().flatten().copied().collect();
+        let places = self.net.places.as_ref().map(|places| {
+            let mut told = Vec::with_capacity(flat.len());
+            for (row, ids) in self.rows.iter_mut().zip(ids) {
+                told.extend(ids.iter().map(|&id| self.net.walked(&mut row.walk, id)));
+            }
+            places.tell(self.weights, &told, &[rows, t])
+        });
         let ids = Tensor::from_slice(&flat).view([rows, t]).to_device(device);
         let mut x = self.net.embed(self.weights, &ids);
         if !told.is_empty() {
@@ -113,6 +123,9 @@ impl<'a> Reader<'a> {
             if let Some(more) = self.net.tell(self.weights, &told) {
                 x += more;
             }
+        }
+        if let Some(more) = places {
+            x += more;
         }
         let hidden = self.net.decoder.read(self.weights, &x, &mut self.cache).select(1, t - 1);
         self.scores(&hidden)

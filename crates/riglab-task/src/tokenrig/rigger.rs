@@ -108,7 +108,8 @@ impl Rigger {
             return Err(format!("skin.codes = {codes}, but the auto-encoder was trained with {most} at most"));
         }
         let tokenizer = Tokenizer::new(config.tokenizer.clone());
-        let layout = Layout::new(tokenizer.vocabulary().len(), vae.levels(), config.model.head);
+        let layout = Layout::new(tokenizer.vocabulary().len(), vae.levels(), config.model.head)
+            .with_bins(config.tokenizer.bins.into());
         let mut builder = Builder::default();
         let net = TokenRig::new(builder.root(), &config.model, &layout, config.skin.codes);
         let params = builder.finish(config.train.seed, Kind::Float, device).map_err(|e| e.to_string())?;

@@ -8,7 +8,7 @@ use riglab_nn::perceiver::PerceiverConfig;
 use riglab_random::stream;
 use riglab_token::{Bones, Decoded, Tokenizer};
 
-use super::batch::{Batch, shape};
+use super::batch::{Batch, looked_at};
 use super::evaluate::joints;
 
 /// How many skeletons are drawn for a mesh, after which point clouds of it, and what is made of them (`eval.consensus` and
@@ -69,22 +69,17 @@ impl Agreement {
     /// number.
     pub fn shapes(
         &self,
-        (cloud, model): (&CloudConfig, &PerceiverConfig),
+        how: (&CloudConfig, &PerceiverConfig),
         mesh: &Mesh,
         (seed, key): (u64, u64),
         clouds: usize,
         batch: &mut Batch,
     ) {
-        let sampler = CloudSampler::new(mesh, cloud);
+        let sampler = CloudSampler::new(mesh, how.0);
         for number in 0..clouds {
             let which = [key, number as u64];
             let mut random = stream(seed, "skeleton evaluation", if number == 0 { &which[..1] } else { &which });
-            let before = batch.cloud.len();
-            shape(cloud, model, &sampler, &mut random, batch);
-            if self.mirrored(number) {
-                // Of positions and normals.
-                batch.cloud[before..].iter_mut().step_by(3).for_each(|x| *x = -*x);
-            }
+            looked_at(how, &sampler, self.mirrored(number), &mut random, batch);
         }
     }
 

@@ -7,6 +7,7 @@ use riglab_core::{Rig, Skeleton, Vec3};
 use riglab_data::Mixture;
 use riglab_geom::{CloudConfig, CloudSampler, farthest_points};
 use riglab_nn::perceiver::PerceiverConfig;
+use riglab_nn::skin_stage::ptv3::Curve;
 use riglab_random::{Draw, Stream, stream};
 use riglab_token::{Bones, EncodeFault, Encoded, Template, Tokenizer};
 use riglab_train::Source;
@@ -185,14 +186,38 @@ pub(crate) fn shape(
     random: &mut Stream,
     batch: &mut Batch,
 ) {
+    looked_at((cloud, model), sampler, false, random, batch);
+}
+
+/// As [`shape`]; `mirrored`: seen in the mirror, x for -x.
+pub(crate) fn looked_at(
+    (cloud, model): (&CloudConfig, &PerceiverConfig),
+    sampler: &CloudSampler<'_>,
+    mirrored: bool,
+    random: &mut Stream,
+    batch: &mut Batch,
+) {
     let before = batch.cloud.len();
     sampler.append(cloud.points, random, &mut batch.cloud);
+    if mirrored {
+        // Of positions and normals.
+        batch.cloud[before..].iter_mut().step_by(3).for_each(|x| *x = -*x);
+    }
     let (rows, _) = batch.cloud[before..].as_chunks::<6>();
     let drawn = some_of(rows.len(), model.tokens * model.drawn, random);
     let positions: Vec<Vec3> = drawn.iter().map(|&i| [rows[i][0], rows[i][1], rows[i][2]]).collect();
-    let picks = farthest_points(&positions, model.tokens, 0);
+    let mut picks = farthest_points(&positions, model.tokens, 0);
+    if model.sorted {
+        picks.sort_by_key(|&k| along(positions[k]));
+    }
     batch.picks.extend(picks.into_iter().map(|i| drawn[i] as i64));
     batch.rigs += 1;
+}
+
+/// Where a point of the cube lies along z-order.
+fn along(at: Vec3) -> i64 {
+    let [x, y, z] = at.map(|x| ((x + 1.0) * 512.0).clamp(0.0, 1023.0) as u32);
+    Curve::Z.code([z, y, x], 0, 10)
 }
 
 /// `count` of the numbers below `n`, no two the same.
@@ -218,7 +243,40 @@ pub(crate) fn normalized(assets: &Assets, cache: &Cache<Rig>, id: AssetId) -> Re
 
 #[cfg(test)]
 mod tests {
+    use riglab_core::Mesh;
+    use riglab_random::stream;
+
     use super::*;
+
+    #[test]
+    fn picks_may_be_sorted_so_that_near_ones_stay_together_and_in_the_mirror_as_there() {
+        let [low, high] = [[0.1, 0.1, 0.1], [0.9, 0.9, 0.9]].map(along);
+        let x = along([0.9, 0.1, 0.1]);
+        assert!(low < x && x < along([0.9, 0.1, 0.9]) && along([0.9, 0.1, 0.9]) < high && along([-1.0; 3]) == 0);
+        let corners = vec![[-0.9, -0.8, -0.7], [0.9, 0.8, -0.7], [0.9, -0.8, 0.7], [-0.9, 0.8, 0.7]];
+        let mesh = Mesh::new(corners, vec![[0, 1, 2], [0, 3, 1], [0, 2, 3], [1, 3, 2]]).unwrap();
+        let cloud = CloudConfig { points: 64, ..CloudConfig::default() };
+        let plain = PerceiverConfig { tokens: 8, drawn: 4, ..PerceiverConfig::default() };
+        let sorted = PerceiverConfig { sorted: true, ..plain.clone() };
+        let seen = |model: &PerceiverConfig, mirrored| {
+            let (mut batch, sampler) = (Batch::default(), CloudSampler::new(&mesh, &cloud));
+            looked_at((&cloud, model), &sampler, mirrored, &mut stream(0, "test", &[]), &mut batch);
+            let (rows, _) = batch.cloud.as_chunks::<6>();
+            let places: Vec<Vec3> = batch.picks.iter().map(|&k| [0, 1, 2].map(|axis| rows[k as usize][axis])).collect();
+            (places, batch)
+        };
+        let ((as_picked, one), (in_order, two)) = (seen(&plain, false), seen(&sorted, false));
+        assert_eq!(one.cloud, two.cloud);
+        let set = |picks: &[i64]| picks.iter().copied().collect::<std::collections::BTreeSet<_>>();
+        assert!(one.picks != two.picks && set(&one.picks) == set(&two.picks), "the same points");
+        let rises = |places: &[Vec3]| places.iter().map(|&p| along(p)).is_sorted();
+        assert!(rises(&in_order) && !rises(&as_picked));
+        let (turned, three) = seen(&sorted, true);
+        assert!(rises(&turned) && set(&three.picks) == set(&two.picks), "as it is seen");
+        for (here, there) in three.cloud.chunks(3).zip(two.cloud.chunks(3)) {
+            assert_eq!(here, [-there[0], there[1], there[2]]);
+        }
+    }
 
     #[test]
     fn rigs_are_dealt_out_by_their_tokens_and_keep_what_is_theirs() {
