@@ -120,6 +120,7 @@ fn perceiver_config(of: impl Fn(&str) -> f64, qkv_bias: bool) -> PerceiverConfig
         heads: of("heads") as usize,
         layers: of("num_encoder_layers") as usize,
         frequencies: of("num_freqs") as usize,
+        sorted: false,
         qkv_bias,
         init_scale: of("init_scale"),
     }

@@ -248,6 +248,7 @@ fn model(case: &Golden) -> (SkinModel, Params) {
         heads: shape("heads") as usize,
         layers: shape("num_encoder_layers") as usize,
         frequencies: shape("num_freqs") as usize,
+        sorted: false,
         qkv_bias: case.config("global_encoder.qkv_bias") == true,
         init_scale: shape("init_scale"),
     };
