@@ -235,3 +235,10 @@ fn anything_gets_weights() {
         }
     }
 }
+
+#[test]
+fn an_order_that_nothing_reads_is_refused() {
+    let mut c = config(PointEncoder::Light);
+    c.shape.sorted = true;
+    assert_eq!(c.validate().unwrap_err().0, "shape.sorted");
+}
