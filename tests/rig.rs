@@ -230,7 +230,12 @@ fn tokenrig_stands_on_an_auto_encoder_with_a_prior() {
     let of = |tokens: u64| rows.iter().filter(|r| r["method"] == "rule" && r["tokens"] == tokens).count();
     assert!(of(0) > 0 && of(0) == of(4), "{rows:?}");
 
-    let skin = format!("skin.run={:?}", text(&auto));
+    // As one file, which a training takes as well as the folder.
+    let file = path("auto.safetensors");
+    must(&["checkpoint", "export", text(&auto), "-o", text(&file), "--half"]);
+    let shown = String::from_utf8(must(&["checkpoint", "show", text(&file)]).stdout).unwrap();
+    assert!(shown.contains("task fsq_cvae") && shown.contains("6 steps"), "{shown}");
+    let skin = format!("skin.run={:?}", text(&file));
     let model = "model={ extends = \"model/tokenrig/tiny.toml\", tell_region = true, tell_place = true, shape = { sorted = true } }";
     let small = ["sampling.rigs=4", "sampling.cloud.points=128", "sampling.variants=2", "eval.consensus=4"];
     let drawn = ["eval.validation_assets=2", "eval.skins=2", "eval.without_codes=0.5"];

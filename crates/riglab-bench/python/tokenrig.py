@@ -13,7 +13,8 @@ class TokenRig(PrefixModel):
     def __init__(self, c, vocabulary):
         super().__init__()
         d = c["decoder"]
-        if c["head"] != "flat" or c["tell_joint"] or c["tell_place"] or d["dropout"]:
+        told = c["tell_joint"] or c["tell_region"] or c["tell_place"]
+        if c["head"] != "flat" or told or d["dropout"]:
             raise ValueError('the twin has head = "flat", nothing told and dropout = 0, as the paper')
         self.mesh_encoder = nn.Module()
         self.mesh_encoder.encoder = Perceiver(c["shape"])

@@ -27,7 +27,7 @@ pub struct Frozen {
 /// Codes that are real numbers are no tokens.
 fn has_tokens(config: &FsqCvaeTaskConfig) -> Result<(), String> {
     const REFUSED: &str = "the codes of this auto-encoder are real numbers, of which no tokens can be made: train one \
-                           with model.bottleneck = \"fsq\" (skintokens/fsq_cvae_for_tokenrig.toml)";
+                           with model.bottleneck = \"fsq\" (skintokens/fsq_cvae_with_prior.toml)";
     if config.model.bottleneck == Bottleneck::Gaussian { Err(REFUSED.into()) } else { Ok(()) }
 }
 
@@ -46,11 +46,19 @@ impl Frozen {
         if run.is_file() {
             return Self::of_file(run, device);
         }
+        Self::of_run(run, "best", device).map(|(own, _)| own)
+    }
+
+    /// Of a run's checkpoint, `best`, `last` or `step-N`, and where that stood in the training.
+    ///
+    /// # Errors
+    /// As [`Self::open`].
+    pub fn of_run(run: &Path, checkpoint: &str, device: Device) -> Result<(Self, State), String> {
         let path = run.join("config.toml");
         let text = std::fs::read_to_string(&path).map_err(|e| {
             format!(
                 "{}: no run of an auto-encoder ({e}); train one with `riglab train \
-                 skintokens/fsq_cvae_for_tokenrig.toml`, or fsq_cvae_with_prior.toml, and give its folder as skin.run",
+                 skintokens/fsq_cvae_with_prior.toml` and give its folder as skin.run",
                 path.display()
             )
         })?;
@@ -60,21 +68,25 @@ impl Frozen {
         config.validate().map_err(|(key, message)| format!("{}: {key}: {message}", path.display()))?;
         has_tokens(&config).map_err(|e| format!("{}: {e}", path.display()))?;
         let (net, params) = FsqCvaeTask::network(&config, device).map_err(|e| format!("{}: {e}", path.display()))?;
-        let checkpoint = Checkpoint::open(&run.join("checkpoints").join("best")).map_err(|e| e.to_string())?;
+        let checkpoint = Checkpoint::open(&run.join("checkpoints").join(checkpoint)).map_err(|e| e.to_string())?;
         checkpoint.load_weights(&params).map_err(|e| e.to_string())?;
-        Ok(Self::new(config, net, params, device))
+        Ok((Self::new(config, net, params, device), checkpoint.state().clone()))
     }
 
     fn of_file(path: &Path, device: Device) -> Result<Self, String> {
         let name = path.to_string_lossy();
         let bytes = std::fs::read(path).map_err(|e| format!("{name}: cannot be read ({e})"))?;
-        let bundle = Bundle::of_bytes(&bytes, &name)?;
+        Self::of_bundle(Bundle::of_bytes(&bytes, &name)?, &name, device)
+    }
+
+    /// Of a file's content, its own or that of a model that rigs; `name` stands in messages.
+    pub(crate) fn of_bundle(bundle: Bundle, name: &str, device: Device) -> Result<Self, String> {
         let (settings, tensors) = match bundle.kind.as_str() {
-            "fsq_cvae" => (&bundle.settings, bundle.tensors),
+            "fsq_cvae" => (&bundle.settings, bundle.below("")),
             _ if !bundle.skin.is_empty() => (&bundle.skin, bundle.below(SKIN)),
             kind => return Err(format!("{name}: a model of task `{kind}`, which has no auto-encoder (task fsq_cvae)")),
         };
-        let made = Self::of_parts(&name, settings, &tensors, device)?;
+        let made = Self::of_parts(name, settings, &tensors, device)?;
         has_tokens(&made.config).map_err(|e| format!("{name}: {e}"))?;
         Ok(made)
     }
@@ -135,6 +147,11 @@ impl Frozen {
     pub fn plant(&self, run: &Path, state: &State) -> Result<(), String> {
         let params = self.params.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
         Checkpoint::plant(run, &params, state).map_err(|e| e.to_string())
+    }
+
+    /// Its settings and parameters, to be written into another file.
+    pub fn into_parts(self) -> (FsqCvaeTaskConfig, Params) {
+        (self.config, self.params.into_inner().unwrap_or_else(std::sync::PoisonError::into_inner))
     }
 
     /// Its parameters by name, copied: to be written into another file.

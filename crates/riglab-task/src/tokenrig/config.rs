@@ -51,7 +51,7 @@ pub struct TokenRigTaskConfig {
 #[serde(deny_unknown_fields, default)]
 pub struct SkinConfig {
     /// The folder of its run (task `fsq_cvae`); or a file of `riglab checkpoint`: of one, or of a model that rigs; or
-    /// `shipped`: that of the model that comes with riglab.
+    /// a word: `shipped`, that of the model that comes with riglab; `shipped_with_prior`, another that comes with it.
     pub run: PathBuf,
     /// Codes of a bone, T_D: the first so many of those it was trained with. The paper: 4.
     pub codes: usize,

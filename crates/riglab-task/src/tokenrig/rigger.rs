@@ -16,7 +16,7 @@ use tch::{Device, Kind, Tensor};
 use super::condition::Condition;
 use super::config::TokenRigTaskConfig;
 use super::sample::joints_told;
-use super::shipped::SHIPPED;
+use super::shipped::{self, WITH_PRIOR};
 use super::skin::Codes;
 use crate::fsq_cvae::Frozen;
 use crate::unirig_skeleton::Batch as Shapes;
@@ -122,15 +122,14 @@ impl Rigger {
     /// As [`Frozen::open`].
     pub fn auto_encoder(config: &TokenRigTaskConfig, device: Device) -> Result<Arc<Frozen>, String> {
         if config.skin.run.as_os_str().is_empty() {
-            const UNNAMED: &str = "skin.run names no auto-encoder: --set skin.run=shipped takes that of the model that \
-                                   comes with riglab; `riglab train skintokens/fsq_cvae_for_tokenrig.toml` trains one, \
-                                   then give its folder: --set skin.run=runs/fsq_cvae_for_tokenrig/001";
-            return Err(UNNAMED.into());
+            return Err(format!(
+                "skin.run names no auto-encoder: --set skin.run={WITH_PRIOR} takes one that comes with riglab; `riglab \
+                 train skintokens/fsq_cvae_with_prior.toml` trains one, then give its folder: --set \
+                 skin.run=runs/fsq_cvae_with_prior/001"
+            ));
         }
-        if config.skin.run == Path::new(SHIPPED) {
-            return Self::shipped(device).map(|(rigger, _)| rigger.vae);
-        }
-        Frozen::open(Path::new(&config.skin.run), device).map(Arc::new)
+        let of_word = shipped::auto_encoder(&config.skin.run, device);
+        of_word.unwrap_or_else(|| Frozen::open(&config.skin.run, device)).map(Arc::new)
     }
 
     /// Finds the auto-encoder of a run whose folder holds its own, wherever that folder is.

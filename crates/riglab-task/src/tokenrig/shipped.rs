@@ -1,15 +1,22 @@
-//! The small model that comes with the program.
+//! What comes trained with the program: the small model, and the auto-encoders that runs may stand on.
+
+use std::path::Path;
 
 use tch::Device;
 
 use super::{Card, Rigger};
+use crate::bundle::Bundle;
+use crate::fsq_cvae::Frozen;
 
 /// Made by `riglab checkpoint export`; see the card in it, and `experiments/README.md`.
 const TOKENRIG_SMALL: &[u8] = include_bytes!("../../assets/tokenrig_small.safetensors");
+/// Made so, too.
+const FSQ_CVAE_WITH_PRIOR: &[u8] = include_bytes!("../../assets/fsq_cvae_with_prior.safetensors");
 
-/// How `skin.run` calls that model's auto-encoder. Runs name it so, and their tokens are its codes: another auto-encoder
-/// needs another word.
-pub(crate) const SHIPPED: &str = "shipped";
+/// How `skin.run` calls the auto-encoders that come with riglab: that of its model, and one that is told what geometry
+/// says. Runs name them so, and their tokens are its codes: another auto-encoder needs another word.
+const WORDS: [(&str, &[u8]); 2] = [("shipped", TOKENRIG_SMALL), (WITH_PRIOR, FSQ_CVAE_WITH_PRIOR)];
+pub(super) const WITH_PRIOR: &str = "shipped_with_prior";
 
 impl Rigger {
     /// The model that is taken where no other is given.
@@ -21,13 +28,28 @@ impl Rigger {
     }
 }
 
+/// The auto-encoder that `skin.run` names by a word, if that is one.
+pub(super) fn auto_encoder(word: &Path, device: Device) -> Option<Result<Frozen, String>> {
+    let (own, bytes) = WORDS.into_iter().find(|(own, _)| word == Path::new(own))?;
+    let name = format!("skin.run = {own}");
+    Some(Bundle::of_bytes(bytes, &name).and_then(|bundle| Frozen::of_bundle(bundle, &name, device)))
+}
+
 #[cfg(test)]
 mod tests {
     use std::path::PathBuf;
+    use std::sync::Arc;
+
+    use tch::Kind;
 
     use super::super::TokenRigTaskConfig;
     use super::*;
-    use crate::fsq_cvae::Frozen;
+
+    fn taken(run: impl Into<PathBuf>) -> Result<Arc<Frozen>, String> {
+        let mut config = TokenRigTaskConfig::default();
+        config.skin.run = run.into();
+        Rigger::auto_encoder(&config, Device::Cpu)
+    }
 
     #[test]
     fn its_auto_encoder_is_found_by_word_and_by_file() {
@@ -35,19 +57,26 @@ mod tests {
         let file = dir.path().join("small.safetensors");
         std::fs::write(&file, TOKENRIG_SMALL).unwrap();
         let (whole, _) = Rigger::shipped(Device::Cpu).unwrap();
-        let taken = |run: PathBuf| {
-            let mut config = TokenRigTaskConfig::default();
-            config.skin.run = run;
-            Rigger::auto_encoder(&config, Device::Cpu)
-        };
-        for run in [PathBuf::from(SHIPPED), file] {
+        for run in [PathBuf::from("shipped"), file] {
             let own: &Frozen = &taken(run).unwrap();
             assert_eq!(own.levels(), whole.vae.levels());
             for ((a, x), (b, y)) in own.tensors().iter().zip(whole.vae.tensors()) {
                 assert!(*a == b && *x == y, "{a}");
             }
         }
-        let said = taken(PathBuf::new()).err().unwrap();
-        assert!(said.contains("skin.run=shipped"), "{said}");
+        let said = taken("").err().unwrap();
+        assert!(said.contains("skin.run=shipped_with_prior"), "{said}");
+    }
+
+    /// Runs name them by a word and read nothing but their codes, which a word must never change.
+    #[test]
+    fn words_keep_their_auto_encoders() {
+        for (word, prior, sum) in [("shipped", false, 3_883.824_451_446_533), (WITH_PRIOR, true, 3_751.076_764_404_774)]
+        {
+            let own = taken(word).unwrap();
+            assert_eq!(own.config().model.extensions.prior, prior, "{word}");
+            let all: f64 = own.tensors().iter().map(|(_, t)| t.sum(Kind::Double).double_value(&[])).sum();
+            assert!((all - sum).abs() < 1e-6, "{word}: {all}");
+        }
     }
 }

@@ -7,8 +7,10 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use anyhow::{Context, Result, anyhow, bail};
+use riglab_config::Config;
 use riglab_files::make_folder_of;
 use riglab_task::bundle::Bundle;
+use riglab_task::fsq_cvae::Frozen;
 use riglab_task::released::Imported;
 use riglab_task::tokenrig::{Card, Rigger};
 use tch::{Device, Kind};
@@ -28,17 +30,18 @@ enum What {
 }
 
 /// Put a run's checkpoint, its auto-encoder and their settings into one file for `riglab rig`, or into a run's folder of
-/// its own, to be evaluated.
+/// its own, to be evaluated; or a run of an auto-encoder into a file for `skin.run`.
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:
   riglab checkpoint export runs/tokenrig/001 -o model.safetensors
   riglab checkpoint export runs/tokenrig/001 -o model.safetensors --half --name ours --card card.md
+  riglab checkpoint export runs/fsq_cvae/001 -o auto.safetensors    # for --set skin.run=auto.safetensors
   riglab checkpoint export -o runs/small        # the model that comes with riglab, to be evaluated:
   riglab eval runs/small --set data.corpora='[\"corpus.h5\"]'")]
 struct ExportArgs {
-    /// The folder of a run of task tokenrig or grpo, or a file of such a model [default: the model that comes with
-    /// riglab].
+    /// The folder of a run of task tokenrig, grpo or fsq_cvae, or a file of a model that rigs [default: the model that
+    /// comes with riglab].
     run: Option<PathBuf>,
     /// What to write: a file (.safetensors), or a new folder of a run for `riglab eval`.
     #[arg(long, short, value_name = "OUT")]
@@ -83,12 +86,13 @@ fn export(args: &ExportArgs) -> Result<ExitCode> {
     if let (None, Some(checkpoint)) = (run, &args.checkpoint) {
         bail!("--checkpoint {checkpoint} is for runs' folders; a file holds one checkpoint");
     }
+    let of_run = args.checkpoint.as_deref().unwrap_or("best");
     let opened = match (&args.run, run) {
-        (_, Some(run)) => Rigger::of_run(run, args.checkpoint.as_deref().unwrap_or("best"), Device::Cpu),
-        (Some(file), None) => Rigger::open(file, Device::Cpu),
-        (None, None) => Rigger::shipped(Device::Cpu),
+        (_, Some(run)) => of_folder(run, of_run),
+        (Some(file), None) => Rigger::open(file, Device::Cpu).map(rigs),
+        (None, None) => Rigger::shipped(Device::Cpu).map(rigs),
     };
-    let (rigger, found) = opened.map_err(|e| anyhow!(e))?;
+    let (model, found) = opened.map_err(|e| anyhow!(e))?;
     let read =
         |path: &Path| std::fs::read_to_string(path).with_context(|| format!("{} cannot be read", path.display()));
     // One that was exported into its folder before.
@@ -113,19 +117,38 @@ fn export(args: &ExportArgs) -> Result<ExitCode> {
             bail!("--name is for files; a run is called by its folder (--out {})", file.display());
         }
         // Of a policy that rewards refined, what evaluates it is the task that it was.
-        card.state.task = "tokenrig".into();
-        planted::folder(&args.out, &Imported::TokenRig(Box::new(rigger)), &card, "exported")?;
+        card.state.task = model.task().into();
+        planted::folder(&args.out, &model, &card, "exported")?;
         say!("{}", args.out.display());
         tell!("next: riglab eval {} --set data.corpora='[\"CORPUS.h5\"]'", args.out.display());
         return Ok(ExitCode::SUCCESS);
     }
     let kind = if args.half { Kind::Half } else { Kind::Float };
-    let bytes = rigger.bundle(&card, kind).map_err(|e| anyhow!(e))?;
+    let bytes = model.bundle(&card, kind).map_err(|e| anyhow!(e))?;
     crate::commands::keep_corpus(&args.out)?;
     make_folder_of(&args.out)?;
     riglab_files::write(&args.out, &bytes).with_context(|| format!("{} cannot be written", args.out.display()))?;
     say!("{}: {:.1} MB", args.out.display(), bytes.len() as f64 / 1e6);
     Ok(ExitCode::SUCCESS)
+}
+
+fn rigs((rigger, card): (Rigger, Card)) -> (Imported, Card) {
+    (Imported::TokenRig(Box::new(rigger)), card)
+}
+
+/// The model of a run that rigs, or of an auto-encoder.
+fn of_folder(run: &Path, checkpoint: &str) -> Result<(Imported, Card), String> {
+    let path = run.join("config.toml");
+    let config = std::fs::read_to_string(&path).ok().and_then(|text| Config::from_toml_str("", &text).ok());
+    if config.and_then(|config| config.get_at::<String>("task").ok()).is_none_or(|task| task != "fsq_cvae") {
+        return Rigger::of_run(run, checkpoint, Device::Cpu).map(rigs);
+    }
+    let (auto, state) = Frozen::of_run(run, checkpoint, Device::Cpu)?;
+    let (mut config, params) = auto.into_parts();
+    // Where it learned from is of no use elsewhere, and says more of a machine than it should.
+    (config.data.corpora, config.data.weights) = (Vec::new(), Vec::new());
+    let card = Card { name: String::new(), state, text: String::new() };
+    Ok((Imported::FsqCvae(Box::new(config), params), card))
 }
 
 /// Whether a model goes into a run's folder there, and not into a file.
