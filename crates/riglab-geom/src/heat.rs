@@ -9,8 +9,6 @@ use riglab_core::Mesh;
 const NEAREST: f64 = 1e-4;
 /// Where any search for the equilibrium ends.
 const ROUNDS: usize = 1_000;
-/// What is solved beside each other: an entry of the matrix is read once for so many, and sums wait for none of them.
-const LANES: usize = 8;
 /// Bones whose heat is held at a time.
 const AT_ONCE: usize = 32;
 /// Bones that a vertex is given to at most.
@@ -118,11 +116,20 @@ impl SurfaceHeat {
     /// preconditioner, until that share of the first residual is left. The matrix is symmetric and its diagonal outweighs
     /// the rest of every row. Each is solved as if it were alone, to the bit.
     pub fn solve(&self, heated: &[Vec<(usize, f64)>], residual: f64) -> Vec<Vec<f64>> {
-        heated.par_chunks(LANES).flat_map_iter(|some| self.beside_each_other(some, residual)).collect()
+        // Beside each other an entry of the matrix is read once for all, and sums wait for none; but threads come first.
+        match heated.len() / rayon::current_num_threads() {
+            0..4 => self.solve_by::<1>(heated, residual),
+            4..8 => self.solve_by::<4>(heated, residual),
+            _ => self.solve_by::<8>(heated, residual),
+        }
+    }
+
+    fn solve_by<const LANES: usize>(&self, heated: &[Vec<(usize, f64)>], residual: f64) -> Vec<Vec<f64>> {
+        heated.par_chunks(LANES).flat_map_iter(|some| self.beside_each_other::<LANES>(some, residual)).collect()
     }
 
     /// The matrix times x, and x times that.
-    fn times(&self, x: &[Lanes], out: &mut [Lanes]) -> Lanes {
+    fn times<const LANES: usize>(&self, x: &[[f64; LANES]], out: &mut [[f64; LANES]]) -> [f64; LANES] {
         let mut product = [0.0; LANES];
         for (row, out) in out.iter_mut().enumerate() {
             let mut beside = [0.0; LANES];
@@ -137,19 +144,19 @@ impl SurfaceHeat {
         product
     }
 
-    fn beside_each_other(&self, heated: &[Vec<(usize, f64)>], residual: f64) -> Vec<Vec<f64>> {
+    fn beside_each_other<const LANES: usize>(&self, heated: &[Vec<(usize, f64)>], residual: f64) -> Vec<Vec<f64>> {
         let n = self.diagonal.len();
         let (mut x, mut r) = (vec![[0.0; LANES]; n], vec![[0.0; LANES]; n]);
         for (k, own) in heated.iter().enumerate() {
             own.iter().for_each(|&(row, share)| r[row][k] = self.heat[row] * share);
         }
         let mut rz = [0.0; LANES];
-        let eased = |(r, d): (&Lanes, &f64)| -> Lanes {
+        let eased = |(r, d): (&[f64; LANES], &f64)| {
             let z = r.map(|r| r / d);
             (0..LANES).for_each(|k| rz[k] += r[k] * z[k]);
             z
         };
-        let mut p: Vec<Lanes> = r.iter().zip(&self.diagonal).map(eased).collect();
+        let mut p: Vec<[f64; LANES]> = r.iter().zip(&self.diagonal).map(eased).collect();
         let mut ap = vec![[0.0; LANES]; n];
         let enough = rz.map(|rz| rz * residual * residual);
         let mut ended = [false; LANES];
@@ -164,9 +171,11 @@ impl SurfaceHeat {
             if ended == [true; LANES] {
                 break;
             }
-            let of_those = |a: Lanes, b: Lanes| std::array::from_fn(|k| if ended[k] { 0.0 } else { a[k] / b[k] });
+            let of_those = |a: [f64; LANES], b: [f64; LANES]| -> [f64; LANES] {
+                std::array::from_fn(|k| if ended[k] { 0.0 } else { a[k] / b[k] })
+            };
             let product = self.times(&p, &mut ap);
-            let step: Lanes = of_those(rz, product);
+            let step = of_those(rz, product);
             let mut next = [0.0; LANES];
             let states = x.iter_mut().zip(&mut r).zip(p.iter().zip(&mut ap));
             for (((x, r), (p, ap)), d) in states.zip(&self.diagonal) {
@@ -178,7 +187,7 @@ impl SurfaceHeat {
                     next[k] += r[k] * ap[k];
                 }
             }
-            let turn: Lanes = of_those(next, rz);
+            let turn = of_those(next, rz);
             for (p, z) in p.iter_mut().zip(&ap) {
                 (0..LANES).for_each(|k| p[k] = z[k] + turn[k] * p[k]);
             }
@@ -216,9 +225,6 @@ impl SurfaceHeat {
         best
     }
 }
-
-/// Numbers of as many systems as are solved beside each other.
-type Lanes = [f64; LANES];
 
 fn minus(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
     std::array::from_fn(|k| a[k] - b[k])
@@ -273,9 +279,9 @@ pub(crate) mod tests {
         let heated: Vec<(usize, f64)> = (0..50).map(|row| (row, 1.0)).collect();
         let all: Vec<(usize, f64)> = (0..mesh.positions().len()).map(|row| (row, 1.0)).collect();
         let [x, even] = surface.solve(&[heated, all], 1e-6).try_into().unwrap();
-        let mut back = vec![[0.0; LANES]; x.len()];
-        surface.times(&x.iter().map(|x| [*x; LANES]).collect::<Vec<_>>(), &mut back);
-        for (row, [b, ..]) in back.iter().enumerate() {
+        let mut back = vec![[0.0]; x.len()];
+        surface.times(&x.iter().map(|x| [*x]).collect::<Vec<_>>(), &mut back);
+        for (row, [b]) in back.iter().enumerate() {
             let want = if row < 50 { surface.heat[row] } else { 0.0 };
             assert!((b - want).abs() < 1e-5 * surface.heat[row].max(1.0), "row {row}: {b}, expected {want}");
         }
@@ -296,12 +302,14 @@ pub(crate) mod tests {
             _ => (0..n).filter(|row| row % 11 >= bone).map(|row| (row, 1.0 / (1 + bone) as f64)).collect(),
         };
         let heated: Vec<Vec<(usize, f64)>> = (0..11).map(of).collect();
-        let together = surface.solve(&heated, 1e-3);
-        assert_eq!(together.len(), heated.len());
-        for (bone, own) in heated.iter().enumerate() {
-            let alone = &surface.solve(std::slice::from_ref(own), 1e-3)[0];
-            assert!(alone.iter().zip(&together[bone]).all(|(a, b)| a.to_bits() == b.to_bits()), "bone {bone}");
-            assert!(bone == 5 || alone.iter().all(|x| x.is_finite()));
+        let alone = surface.solve_by::<1>(&heated, 1e-3);
+        let by_threads = surface.solve(&heated, 1e-3);
+        for together in [surface.solve_by::<4>(&heated, 1e-3), surface.solve_by::<8>(&heated, 1e-3), by_threads] {
+            assert_eq!(together.len(), heated.len());
+            for (bone, (alone, own)) in alone.iter().zip(&together).enumerate() {
+                assert!(alone.iter().zip(own).all(|(a, b)| a.to_bits() == b.to_bits()), "bone {bone}");
+                assert!(bone == 5 || own.iter().all(|x| x.is_finite()));
+            }
         }
     }
 
