@@ -80,6 +80,21 @@ fn counts_beyond_all_measure_are_refused() {
 }
 
 #[test]
+fn devices_that_are_not_there_are_refused_with_the_remedy() {
+    let of = |args: &[&str]| refusal(riglab(args).current_dir(ready()));
+    for name in ["gpu", "cpu:1", "cuda:first"] {
+        let said = of(&["rig", "a.glb", "-o", "b.glb", "--device", name]);
+        assert!(said.contains(&format!("--device {name}: give `cpu`, or `cuda:0` and so on")), "{said}");
+    }
+    // No machine has as many, with CUDA or without.
+    for args in [&["train", "config.toml", "--dry-run"][..], &["eval", "run"]] {
+        let said = refusal(riglab(args).current_dir(ready()).env("RIGLAB_DEVICE", "cuda:9999"));
+        let told = said.contains("LD_LIBRARY_PATH") || said.contains("GPU");
+        assert!(said.contains("--device cuda:9999: ") && told, "{said}");
+    }
+}
+
+#[test]
 fn sizes_of_a_model_beyond_all_measure_are_refused_where_they_are_read() {
     let dir = tempfile::tempdir().unwrap();
     copy(&ready().join("run"), &dir.path().join("run"));

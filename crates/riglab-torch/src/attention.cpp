@@ -262,4 +262,20 @@ int rl_packed_attention(at::Tensor* const* qkv, const int64_t* spans, size_t n, 
   });
 }
 
+// softmax(q kᵀ / √e) v of sequences of these lengths one after another, q [T, h, e] and k, v [T, g, e], by the kernel of
+// GPUs that takes them as they lie. A row sees its sequence up to itself. `out` becomes a new tensor, [T, h, e].
+int rl_flash_attention(at::Tensor* const* qkv, const int64_t* lengths, size_t n, at::Tensor** out) {
+  return guarded([&] {
+    std::vector<int32_t> ends{0};
+    int64_t longest = 0;
+    for (size_t i = 0; i < n; ++i) {
+      ends.push_back(ends.back() + static_cast<int32_t>(lengths[i]));
+      longest = std::max(longest, lengths[i]);
+    }
+    const auto places = at::tensor(ends, at::kInt).to(qkv[0]->device());
+    auto all = at::_flash_attention_forward(*qkv[0], *qkv[1], *qkv[2], places, places, longest, longest, 0.0, true, false);
+    *out = new at::Tensor(std::move(std::get<0>(all)));
+  });
+}
+
 }  // extern "C"

@@ -11,6 +11,8 @@ use crate::error::check;
 
 unsafe extern "C" {
     fn rl_packed_attention(qkv: *const *const C_tensor, spans: *const i64, n: usize, out: *mut *mut C_tensor) -> c_int;
+    fn rl_flash_attention(qkv: *const *const C_tensor, lengths: *const i64, n: usize, out: *mut *mut C_tensor)
+    -> c_int;
 }
 
 /// Where a sequence lies among packed rows.
@@ -43,6 +45,21 @@ pub fn packed_attention(q: &Tensor, k: &Tensor, v: &Tensor, spans: &[Span]) -> R
     let mut out = null_mut();
     // SAFETY: three live tensors, four numbers a span, and a place for the result.
     check(unsafe { rl_packed_attention(inputs.as_ptr(), numbers.as_ptr(), spans.len(), &mut out) })?;
+    // SAFETY: made by `new` for the caller, on success alone.
+    Ok(unsafe { Tensor::from_ptr(out) })
+}
+
+/// As [`packed_attention`], on GPUs in 16 bits, of sequences of these lengths that go on from nothing: one kernel for all,
+/// where each by itself takes as many as it has ops.
+///
+/// # Errors
+/// libtorch's message; of GPUs and widths that there is no such kernel for.
+pub fn flash_attention(q: &Tensor, k: &Tensor, v: &Tensor, lengths: &[i64]) -> Result<Tensor, TorchError> {
+    let [q, k, v] = [q, k, v].map(Tensor::contiguous);
+    let inputs = [&q, &k, &v].map(Tensor::as_ptr);
+    let mut out = null_mut();
+    // SAFETY: three live tensors, a number a sequence, and a place for the result.
+    check(unsafe { rl_flash_attention(inputs.as_ptr(), lengths.as_ptr(), lengths.len(), &mut out) })?;
     // SAFETY: made by `new` for the caller, on success alone.
     Ok(unsafe { Tensor::from_ptr(out) })
 }

@@ -4,7 +4,7 @@ use std::mem::ManuallyDrop;
 use std::os::raw::{c_char, c_int, c_void};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
-use tch::Tensor;
+use tch::{Device, Tensor};
 use torch_sys::C_tensor;
 
 use crate::error::{TorchError, check, said};
@@ -38,8 +38,8 @@ type Compute = dyn Fn(&[Tensor]) -> Vec<Tensor> + Send;
 /// A block as its node holds it.
 struct Block {
     compute: Box<Compute>,
-    /// The generator as the block found it, if it drew.
-    generator: Option<Vec<u8>>,
+    /// The device's generator as the block found it, if it drew.
+    generator: Option<(Device, Vec<u8>)>,
 }
 
 /// What `first` gives, with a backward pass that computes it again by `again`: between the passes only what was read is
@@ -49,7 +49,7 @@ struct Block {
 /// while it runs; it may note in `block` what `again` has to know. `again` is handed the block and `inputs` and these
 /// parameters in one list, cut off from where they come from, and must give the same outputs. Gradients reach the inputs
 /// and the parameters. Whatever else the closures hold must need no gradient: the backward pass fails if it does. What
-/// this thread's CPU generator gave the block ([`crate::dropout`]), it gives again.
+/// the generator of the inputs' device gave the block ([`crate::dropout`]), it gives again.
 ///
 /// The block goes with the graph: after the backward pass, or with the outputs if there is none. Where gradients are
 /// off, or nothing needs one, only `first` runs.
@@ -65,9 +65,10 @@ pub fn recompute<B: Send + 'static>(
     if !grad_enabled() {
         return Ok(first(&mut block).0);
     }
-    let before = rng_state()?;
+    let device = inputs.first().map_or(Device::Cpu, |x| x.device());
+    let before = rng_state(device)?;
     let (out, params) = tch::no_grad(|| first(&mut block));
-    let generator = (rng_state()? != before).then_some(before);
+    let generator = (rng_state(device)? != before).then_some((device, before));
     let block = Box::new(Block { compute: Box::new(move |read| again(&block, read)), generator });
     let read: Vec<*const C_tensor> = inputs.iter().copied().chain(&params).map(Tensor::as_ptr).collect();
     let slots: Vec<*const C_tensor> = out.iter().map(Tensor::as_ptr).collect();
@@ -125,11 +126,11 @@ extern "C" fn compute_again(
 
 impl Block {
     fn again(&self, read: &[Tensor]) -> Result<Vec<Tensor>, String> {
-        let Some(state) = &self.generator else { return Ok((self.compute)(read)) };
-        let now = rng_state().map_err(|e| e.to_string())?;
-        set_rng_state(state).map_err(|e| e.to_string())?;
+        let Some((device, state)) = &self.generator else { return Ok((self.compute)(read)) };
+        let now = rng_state(*device).map_err(|e| e.to_string())?;
+        set_rng_state(*device, state).map_err(|e| e.to_string())?;
         let out = (self.compute)(read);
-        set_rng_state(&now).map_err(|e| e.to_string())?;
+        set_rng_state(*device, &now).map_err(|e| e.to_string())?;
         Ok(out)
     }
 }

@@ -5,14 +5,16 @@ use std::os::raw::{c_char, c_int};
 use std::path::PathBuf;
 use std::sync::{Once, OnceLock};
 
+use tch::Device;
+
 use crate::TorchError;
 use crate::error::check;
 
 unsafe extern "C" {
     fn rl_autocast_cpu(enabled: c_int, before: *mut c_int) -> c_int;
     fn rl_configure(deterministic: c_int, flush_denormal: c_int) -> c_int;
-    fn rl_rng_get(out: *mut u8, room: usize, size: *mut usize) -> c_int;
-    fn rl_rng_set(bytes: *const u8, size: usize) -> c_int;
+    fn rl_rng_get(gpu: c_int, out: *mut u8, room: usize, size: *mut usize) -> c_int;
+    fn rl_rng_set(gpu: c_int, bytes: *const u8, size: usize) -> c_int;
     fn rl_rng_own(seed: u64) -> c_int;
     fn rl_keep_memory(most: usize) -> c_int;
     fn rl_cpu_capability() -> *const c_char;
@@ -42,8 +44,14 @@ pub struct Settings {
 /// Products in bfloat16 have a kernel for each shape, and a thousand of them are kept at two places. Where
 /// sequences are of all lengths hardly any is used again: a step of UniRig's small skeleton model grew from 0.6
 /// to 1.4 GB within 80 steps, where 256 of each end at 0.8 GB, with the same processor time.
-const SWITCHES: [(&str, &str); 3] =
-    [("THP_MEM_ALLOC_ENABLE", "1"), ("ONEDNN_PRIMITIVE_CACHE_CAPACITY", "256"), ("LRU_CACHE_CAPACITY", "256")];
+///
+/// The last lets cuBLAS compute the same bits in every run.
+const SWITCHES: [(&str, &str); 4] = [
+    ("THP_MEM_ALLOC_ENABLE", "1"),
+    ("ONEDNN_PRIMITIVE_CACHE_CAPACITY", "256"),
+    ("LRU_CACHE_CAPACITY", "256"),
+    ("CUBLAS_WORKSPACE_CONFIG", ":4096:8"),
+];
 
 /// Prepares libtorch; only the first call counts. Call it before any tensor is made and before any
 /// thread is started.
@@ -135,7 +143,7 @@ pub fn multiplies_bf16() -> bool {
 /// Whether products of matrices are clearly faster in bfloat16 here: by timing some.
 pub fn bf16_is_faster() -> bool {
     let time = |kind: tch::Kind| {
-        let a = tch::Tensor::ones([512, 512], (kind, tch::Device::Cpu));
+        let a = tch::Tensor::ones([512, 512], (kind, Device::Cpu));
         let mut least = f64::INFINITY;
         // The first product of a size prepares kernels.
         for round in 0..6 {
@@ -191,27 +199,32 @@ pub fn own_generator(seed: u64) -> Result<(), TorchError> {
     check(unsafe { rl_rng_own(seed) })
 }
 
-/// The state of this thread's CPU generator: its own ([`own_generator`]), or libtorch's.
+/// The state of the generator that a device draws from: of the CPU this thread's own ([`own_generator`]), or libtorch's.
 ///
 /// # Errors
 /// libtorch's message, if it refuses.
-pub fn rng_state() -> Result<Vec<u8>, TorchError> {
+pub fn rng_state(of: Device) -> Result<Vec<u8>, TorchError> {
     let mut size = 0;
     // SAFETY: no room is claimed, so nothing is written.
-    check(unsafe { rl_rng_get(std::ptr::null_mut(), 0, &mut size) })?;
+    check(unsafe { rl_rng_get(gpu(of), std::ptr::null_mut(), 0, &mut size) })?;
     let mut bytes = vec![0; size];
     // SAFETY: `bytes` has the room claimed.
-    check(unsafe { rl_rng_get(bytes.as_mut_ptr(), bytes.len(), &mut size) })?;
+    check(unsafe { rl_rng_get(gpu(of), bytes.as_mut_ptr(), bytes.len(), &mut size) })?;
     Ok(bytes)
 }
 
-/// Sets the state of this thread's CPU generator: its own, or libtorch's.
+/// Sets what [`rng_state`] gives.
 ///
 /// # Errors
 /// libtorch's message, for bytes that are no state.
-pub fn set_rng_state(bytes: &[u8]) -> Result<(), TorchError> {
+pub fn set_rng_state(of: Device, bytes: &[u8]) -> Result<(), TorchError> {
     // SAFETY: pointer and length belong together.
-    check(unsafe { rl_rng_set(bytes.as_ptr(), bytes.len()) })
+    check(unsafe { rl_rng_set(gpu(of), bytes.as_ptr(), bytes.len()) })
+}
+
+/// The number of a GPU; -1 for what is none.
+fn gpu(device: Device) -> c_int {
+    if let Device::Cuda(number) = device { number as c_int } else { -1 }
 }
 
 /// The instruction set libtorch chose: `AVX512`, `AVX2`, ...
@@ -224,6 +237,37 @@ pub fn cpu_capability() -> String {
 pub fn libtorch_version() -> String {
     // SAFETY: a static string.
     unsafe { CStr::from_ptr(rl_version()) }.to_string_lossy().into_owned()
+}
+
+/// The device of a name: `cpu`, or `cuda` with the number of a GPU (`cuda:0`; 0 where it has none). What a GPU needs is
+/// loaded. Call it before any tensor is made: libtorch asks once whether there are GPUs.
+///
+/// # Errors
+/// A sentence: what the name may be, or what this machine lacks.
+pub fn device(name: &str) -> Result<Device, String> {
+    let (kind, number) = name.split_once(':').unwrap_or((name, "0"));
+    let number = match (kind, number.parse::<usize>()) {
+        ("cpu", Ok(0)) => return Ok(Device::Cpu),
+        ("cuda", Ok(number)) => number,
+        _ => return Err("give `cpu`, or `cuda:0` and so on".into()),
+    };
+    let Some(library) = load_cuda().map_err(|e| e.to_string())? else {
+        let beside = loaded_library("libtorch_cpu.so").and_then(|cpu| Some(cpu.parent()?.display().to_string()));
+        return Err(format!(
+            "the libtorch in {} is for processors alone; start riglab with LD_LIBRARY_PATH naming the folder `torch/lib` of a \
+             PyTorch {} with CUDA",
+            beside.as_deref().unwrap_or("use"),
+            libtorch_version()
+        ));
+    };
+    match tch::Cuda::device_count() {
+        0 => Err(format!("{} finds no GPU: does `nvidia-smi` list one?", library.display())),
+        count if number as i64 >= count => Err(format!(
+            "this machine's GPUs are {}",
+            (0..count).map(|n| format!("cuda:{n}")).collect::<Vec<_>>().join(", ")
+        )),
+        _ => Ok(Device::Cuda(number)),
+    }
 }
 
 /// Loads `libtorch_cuda.so` if it lies beside the libtorch that is in use, which registers its
@@ -257,7 +301,7 @@ fn loaded_library(name: &str) -> Option<PathBuf> {
 
 #[cfg(test)]
 mod tests {
-    use tch::{Device, Kind, Tensor};
+    use tch::{Kind, Tensor};
 
     use super::*;
 
@@ -274,12 +318,12 @@ mod tests {
 
     #[test]
     fn generator_state_round_trips() {
-        let before = rng_state().unwrap();
+        let before = rng_state(Device::Cpu).unwrap();
         let draw = || f64::try_from(Tensor::rand([], (Kind::Double, Device::Cpu))).unwrap();
         let a = draw();
-        set_rng_state(&before).unwrap();
+        set_rng_state(Device::Cpu, &before).unwrap();
         assert_eq!(a, draw());
-        assert!(set_rng_state(&[1, 2, 3]).is_err());
+        assert!(set_rng_state(Device::Cpu, &[1, 2, 3]).is_err());
     }
 
     #[test]

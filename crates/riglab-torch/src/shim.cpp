@@ -40,6 +40,12 @@ double squares(const float* x, int64_t n) {
 
 std::atomic<uint64_t> flops{0};
 
+// What a GPU draws from, or the CPU for -1.
+at::Generator generator_of(int gpu) {
+  if (gpu < 0) return cpu_generator();
+  return at::globalContext().defaultGenerator(c10::Device(c10::kCUDA, static_cast<c10::DeviceIndex>(gpu)));
+}
+
 // Shape of an input that is a tensor.
 std::vector<int64_t> sizes(const at::RecordFunction& fn, size_t k) {
   const auto inputs = fn.inputs();
@@ -66,7 +72,8 @@ std::unique_ptr<at::ObserverContext> count_flops(const at::RecordFunction& fn) {
   } else if (name == "mkldnn::_linear_pointwise") {
     const auto w = sizes(fn, 1);  // [m, k]
     if (w.size() == 2) count = product(sizes(fn, 0), {w[1], w[0]});
-  } else if (name.rfind("aten::_scaled_dot_product_flash_attention_for_cpu", 0) == 0) {
+  } else if (name.rfind("aten::_scaled_dot_product_flash_attention", 0) == 0 ||
+             name.rfind("aten::_scaled_dot_product_efficient_attention", 0) == 0) {
     // Scores and their mix are two products; backward there are five.
     const bool backward = name.find("backward") != std::string::npos;
     const auto q = sizes(fn, backward ? 1 : 0), k = sizes(fn, backward ? 2 : 1);
@@ -132,6 +139,15 @@ int rl_foreach_lerp(at::Tensor* const* self, at::Tensor* const* other, size_t n,
 int rl_squares(at::Tensor* const* tensors, size_t n, double* out) {
   return guarded([&] {
     at::NoGradGuard no_grad;
+    if (n > 0 && !tensors[0]->is_cpu()) {
+      // Asked of a GPU one by one, each answer would be waited for.
+      const auto norms = at::stack(at::_foreach_norm(list(tensors, n), 2, at::kDouble)).cpu();
+      for (size_t i = 0; i < n; ++i) {
+        const double norm = norms.const_data_ptr<double>()[i];
+        out[i] = norm * norm;
+      }
+      return;
+    }
     for (size_t i = 0; i < n; ++i) {
       const auto& t = *tensors[i];
       if (t.is_cpu() && t.scalar_type() == at::kFloat && t.is_contiguous()) {
@@ -167,20 +183,20 @@ int rl_configure(int deterministic, int flush_denormal) {
   });
 }
 
-// The CPU generator's state: `rl_rng_size` bytes.
-int rl_rng_get(unsigned char* out, size_t room, size_t* size) {
+// The state of a GPU's generator, or of the CPU's for -1; `size` bytes.
+int rl_rng_get(int gpu, unsigned char* out, size_t room, size_t* size) {
   return guarded([&] {
-    auto state = cpu_generator().get_state();
+    auto state = generator_of(gpu).get_state();
     *size = state.numel();
     if (room >= *size) std::memcpy(out, state.data_ptr(), *size);
   });
 }
 
-int rl_rng_set(const unsigned char* bytes, size_t size) {
+int rl_rng_set(int gpu, const unsigned char* bytes, size_t size) {
   return guarded([&] {
     auto state = at::empty({static_cast<int64_t>(size)}, at::kByte);
     std::memcpy(state.data_ptr(), bytes, size);
-    cpu_generator().set_state(state);
+    generator_of(gpu).set_state(state);
   });
 }
 

@@ -77,9 +77,9 @@ fn what_was_drawn_is_drawn_again_and_the_generator_goes_on() {
     let dropped = |t: &Tensor| vec![t.dropout(0.5, true)];
     tch::manual_seed(5);
     let out = recompute(&[&x], (), |()| (dropped(&x), vec![]), move |(), t| dropped(&t[0])).unwrap().remove(0);
-    let now = rng_state().unwrap();
+    let now = rng_state(Device::Cpu).unwrap();
     let grad = Tensor::run_backward(&[out.sum(Kind::Float)], &[&x], false, false).remove(0);
     // The gradient is 2 where it was kept, and 0 where it was dropped.
     assert!(grad.equal(&(out.not_equal(0.0).to_kind(Kind::Float) * 2.0)));
-    assert!(rng_state().unwrap() == now);
+    assert!(rng_state(Device::Cpu).unwrap() == now);
 }

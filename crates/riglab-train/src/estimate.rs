@@ -5,7 +5,7 @@ use std::time::{Duration, Instant};
 use riglab_nn::params::Params;
 use riglab_ranks::ALONE;
 use serde::Serialize;
-use tch::Kind;
+use tch::{Device, Kind};
 
 use crate::config::{Precision, TrainConfig};
 use crate::error::TrainError;
@@ -161,15 +161,23 @@ fn memory<T: Task>(
     memory
 }
 
-/// Operations a second of a large product of matrices, in single precision or bfloat16: what steps can be held against.
-pub fn product_speed(precision: Precision) -> f64 {
+/// Operations a second of a large product of matrices on a device, in single precision or bfloat16: what steps can be held
+/// against.
+pub fn product_speed(precision: Precision, device: Device) -> f64 {
     let kind = if precision == Precision::Bf16 { Kind::BFloat16 } else { Kind::Float };
-    let n = 1536i64;
-    let a = tch::Tensor::ones([n, n], (kind, tch::Device::Cpu));
+    let n = if device == Device::Cpu { 1536i64 } else { 8192 };
+    let a = tch::Tensor::ones([n, n], (kind, device));
+    let ready = || {
+        if let Device::Cuda(number) = device {
+            tch::Cuda::synchronize(number as i64);
+        }
+    };
+    ready();
     let mut least = f64::INFINITY;
     for _ in 0..5 {
         let start = Instant::now();
         let _ = a.matmul(&a);
+        ready();
         least = least.min(start.elapsed().as_secs_f64());
     }
     2.0 * (n as f64).powi(3) / least

@@ -1,6 +1,6 @@
 //! Sequences of several lengths one after another, without padding.
 
-use riglab_torch::{Span, packed_attention};
+use riglab_torch::{Span, flash_attention, packed_attention};
 use tch::{Device, Kind, Tensor};
 
 use crate::layers::{mix, shared_heads};
@@ -51,10 +51,20 @@ impl Packed {
     /// over each head of keys, to [T, h, e]. A row sees its sequence up to itself, and what that goes on from.
     ///
     /// In bfloat16 on the CPU sequences are shared among threads ([`packed_attention`]): of one alone the products are
-    /// small. Elsewhere libtorch's fused kernel takes one sequence after another.
+    /// small. On a GPU there is a kernel for all of them ([`flash_attention`]), if none goes on from another. Elsewhere
+    /// libtorch's fused kernel takes one sequence after another.
     pub(super) fn attend(&self, q: &Tensor, k: &Tensor, v: &Tensor) -> Tensor {
         if q.kind() == Kind::BFloat16 && q.device() == Device::Cpu {
             return packed_attention(q, k, v, &self.spans()).unwrap_or_else(|e| panic!("{e}"));
+        }
+        let half = matches!(q.kind(), Kind::BFloat16 | Kind::Half);
+        // Not on all GPUs, nor for heads of all widths.
+        if half
+            && q.device() != Device::Cpu
+            && self.behind.iter().all(Option::is_none)
+            && let Ok(read) = flash_attention(q, k, v, &self.lengths)
+        {
+            return read;
         }
         let group = q.size()[1] / k.size()[1];
         // [t, h, e] as one batch row of heads.

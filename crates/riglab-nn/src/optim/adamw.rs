@@ -37,7 +37,8 @@ impl Lists {
         let Some(first) = self.weights.first() else { return Ok(()) };
         riglab_torch::foreach_add_scalar(&self.steps, 1.0)?;
         // The kernel divides gradients by the scale.
-        let grad_scale = (shrink != 1.0).then(|| Tensor::from(1.0 / shrink).to_kind(Kind::Float));
+        let grad_scale =
+            (shrink != 1.0).then(|| Tensor::from(1.0 / shrink).to_kind(Kind::Float).to_device(first.device()));
         let double = first.kind() == Kind::Double;
         if double && shrink != 1.0 {
             riglab_torch::foreach_mul(&self.grads, shrink)?;

@@ -8,8 +8,8 @@ use anyhow::{Context, Result, anyhow, bail};
 use riglab_task::Experiment;
 use riglab_task::seen::{seen, warning};
 use riglab_train::{Checkpoint, Progress};
-use tch::Device;
 
+use super::device::DeviceArgs;
 use crate::presets;
 use crate::registry::{TaskConfig, Visitor};
 
@@ -39,12 +39,15 @@ pub struct Args {
     /// Best and worst assets of each split to draw.
     #[arg(long, default_value_t = 2, value_name = "N")]
     pictures: usize,
+    #[command(flatten)]
+    device: DeviceArgs,
 }
 
 pub fn run(args: &Args, threads: usize) -> Result<ExitCode> {
     super::alone("eval")?;
     let (path, folder) = places(args)?;
     riglab_torch::init(riglab_torch::Settings { threads });
+    let device = args.device.device()?;
     let read =
         |sets: &[String]| TaskConfig::read(&presets::load(&args.run.join("config.toml").to_string_lossy(), sets)?);
     let config = read(&args.sets)?.of_run(&args.run);
@@ -67,7 +70,7 @@ pub fn run(args: &Args, threads: usize) -> Result<ExitCode> {
     if let Some(warning) = warning(&seen, &config.data().test) {
         tell!("warning: {warning}");
     }
-    config.with(Device::Cpu, Examination { args, seen, path, folder })
+    config.with(device, Examination { args, seen, path, folder })
 }
 
 /// Where the numbers go, and the folder of the pictures.

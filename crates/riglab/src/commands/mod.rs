@@ -5,6 +5,7 @@ pub mod compare;
 pub mod convert;
 pub mod curate;
 pub mod dataset;
+mod device;
 pub mod doctor;
 pub mod eval;
 mod glb;

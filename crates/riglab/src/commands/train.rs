@@ -13,6 +13,7 @@ use riglab_train::{
 };
 use tch::Device;
 
+use super::device::{self, DeviceArgs};
 use super::slurm::{On, apart, settings, train as on_slurm};
 use crate::offered::open_weights;
 use crate::presets;
@@ -68,6 +69,8 @@ pub struct Args {
     /// List the built-in experiments.
     #[arg(long)]
     list: bool,
+    #[command(flatten)]
+    device: DeviceArgs,
 }
 
 pub fn run(args: &Args, threads: usize) -> Result<ExitCode> {
@@ -98,6 +101,7 @@ pub fn run(args: &Args, threads: usize) -> Result<ExitCode> {
 fn together(args: &Args, threads: usize, ranks: &Ranks) -> Result<ExitCode> {
     let threads = if threads == 0 && ranks.size() > 1 { processors(ranks)? } else { threads };
     let threads = riglab_torch::init(riglab_torch::Settings { threads });
+    let device = args.device.of_ranks(ranks)?;
     let (config, place) = match (&args.resume, &args.config) {
         (Some(dir), _) => {
             let run = if ranks.leads() { Run::open(dir)? } else { Run::follow(dir) };
@@ -112,7 +116,7 @@ fn together(args: &Args, threads: usize, ranks: &Ranks) -> Result<ExitCode> {
                 bail!("--dry-run tries one process; start it without mpirun");
             }
             let config = named(name, &args.sets)?;
-            return config.with(Device::Cpu, DryRun { config: &config, threads, json: args.json });
+            return config.with(device, DryRun { config: &config, threads, device, json: args.json });
         }
         (None, Some(name)) => {
             // Settled once: what is chosen by a timing must be the same for all.
@@ -135,7 +139,7 @@ fn together(args: &Args, threads: usize, ranks: &Ranks) -> Result<ExitCode> {
         _ => true,
     };
     let fresh = ranks.told(fresh)?;
-    config.with(Device::Cpu, Session { config: &config, place, fresh, threads, ranks })
+    config.with(device, Session { config: &config, place, fresh, threads, device, ranks })
 }
 
 /// Has the parts of a network stay that `train.frozen` names, if it does, before anything is written of the run; what to
@@ -225,6 +229,7 @@ struct Session<'a> {
     /// Whether no step was saved yet.
     fresh: bool,
     threads: usize,
+    device: Device,
     ranks: &'a Ranks,
 }
 
@@ -232,7 +237,7 @@ impl Visitor for Session<'_> {
     type Out = ExitCode;
 
     fn visit<T: Experiment>(self, task: T) -> Result<ExitCode> {
-        let Self { config, place, fresh, threads, ranks } = self;
+        let Self { config, place, fresh, threads, device, ranks } = self;
         let mut begun = if fresh { begin(&task, &config.train().start)? } else { Vec::new() };
         begun.extend(freeze(&task, config.train())?);
         if !ranks.leads() {
@@ -252,7 +257,7 @@ impl Visitor for Session<'_> {
                 info.resumed.push(RunInfo::now());
                 info
             }
-            None => RunInfo::new(crate::VERSION, task.name(), threads, "cpu"),
+            None => RunInfo::new(crate::VERSION, task.name(), threads, &device::name(device)),
         };
         info.ranks = ranks.size();
         info.data = task.assets().summary()?;
@@ -303,6 +308,7 @@ impl Visitor for Session<'_> {
 struct DryRun<'a> {
     config: &'a TaskConfig,
     threads: usize,
+    device: Device,
     json: bool,
 }
 
@@ -322,19 +328,23 @@ impl Visitor for DryRun<'_> {
         }
         say!("parameters          {:>12}", found.parameters);
         found.parts.iter().for_each(|(name, count)| say!("  {name:18}{count:>12}"));
-        say!("memory              {:>9.0} MB at most", found.peak_memory_mb);
-        found.memory_mb.iter().for_each(|(name, mb)| say!("  {name:20}{mb:>7.0} MB"));
-        let (speed, most) = (found.flops / found.step_seconds, product_speed(train.precision));
+        let gpu = self.device != Device::Cpu;
+        // What a GPU holds is not seen.
+        let where_it_is = if gpu { ", beside the GPU's" } else { "" };
+        say!("memory              {:>9.0} MB at most{where_it_is}", found.peak_memory_mb);
+        found.memory_mb.iter().filter(|_| !gpu).for_each(|(name, mb)| say!("  {name:20}{mb:>7.0} MB"));
+        let (speed, most) = (found.flops / found.step_seconds, product_speed(train.precision, self.device));
         say!("a step              {:>9.3} s (mean of {})", found.step_seconds, found.timed);
         if let Some(tokens) = found.tokens {
             say!("  tokens            {tokens:>12.0}");
         }
         say!(
-            "  products          {:>9.2} GFLOP, {:.0} GFLOP/s: {:.0} % of what large ones reach here with {} threads",
+            "  products          {:>9.2} GFLOP, {:.0} GFLOP/s: {:.*} % of what large ones reach here{}",
             found.flops / 1e9,
             speed / 1e9,
+            usize::from(gpu),
             100.0 * speed / most,
-            self.threads
+            if gpu { String::new() } else { format!(" with {} threads", self.threads) }
         );
         say!("a validation        {:>9.1} s", found.validation_seconds);
         say!("the run             {:>9} for {} steps", time(found.seconds), train.steps);

@@ -13,8 +13,8 @@ use riglab_asset::rigging::{NameStyle, UpAxis};
 use riglab_asset::{MODELS, is_model_file};
 use riglab_task::tokenrig::Rank;
 use riglab_train::Progress;
-use tch::Device;
 
+use super::device::DeviceArgs;
 use super::glb::{Frames, Most};
 use model::Model;
 
@@ -116,9 +116,8 @@ struct Common {
     /// Say on standard output what was made, as a line of JSON a model.
     #[arg(long)]
     json: bool,
-    /// Where to compute: `cpu`, or `cuda:0` and so on.
-    #[arg(long, default_value = "cpu")]
-    device: String,
+    #[command(flatten)]
+    device: DeviceArgs,
 }
 
 /// By what the best of several rigs is told.
@@ -170,18 +169,6 @@ impl Common {
     }
 }
 
-/// `cpu`, or a GPU that is there.
-fn device(name: &str) -> Result<Device> {
-    match name.split_once(':').unwrap_or((name, "0")) {
-        ("cpu", "0") => Ok(Device::Cpu),
-        ("cuda", number) => match number.parse() {
-            Ok(number) if (number as i64) < tch::Cuda::device_count() => Ok(Device::Cuda(number)),
-            _ => bail!("--device {name}: this machine has {} GPUs that libtorch can use", tch::Cuda::device_count()),
-        },
-        _ => bail!("--device {name}: give `cpu`, or `cuda:0` and so on"),
-    }
-}
-
 fn run(args: &Common, bones: &Bones, threads: usize) -> Result<ExitCode> {
     if args.temperature.is_some_and(|t| !(t > 0.0 && t.is_finite())) {
         bail!("--temperature must be a number above 0");
@@ -191,7 +178,7 @@ fn run(args: &Common, bones: &Bones, threads: usize) -> Result<ExitCode> {
     }
     let jobs = jobs(&args.input, &args.out)?;
     riglab_torch::init(riglab_torch::Settings { threads });
-    let model = Model::open(args.checkpoint.as_deref(), device(&args.device)?)?;
+    let model = Model::open(args.checkpoint.as_deref(), args.device.device()?)?;
     model.suits(args, bones)?;
     let (card, hint) =
         (&model.card, if model.draws() { "; `riglab checkpoint show` says how far to trust it" } else { "" });

@@ -1,0 +1,42 @@
+//! Where networks compute.
+
+use anyhow::{Result, anyhow, bail};
+use tch::Device;
+
+/// The option of commands that compute with networks.
+#[derive(clap::Args)]
+pub struct DeviceArgs {
+    /// Where to compute: `cpu`, or `cuda:0` and so on.
+    #[arg(long, env = "RIGLAB_DEVICE", hide_env_values = true, default_value = "cpu", value_name = "DEVICE")]
+    device: String,
+}
+
+impl DeviceArgs {
+    /// The device, ready to compute. Call it before anything else of libtorch.
+    ///
+    /// # Errors
+    /// What the option may be, or what this machine lacks.
+    pub fn device(&self) -> Result<Device> {
+        riglab_torch::device(&self.device).map_err(|e| anyhow!("--device {}: {e}", self.device))
+    }
+
+    /// That of commands that are several processes at times: those share processors alone.
+    ///
+    /// # Errors
+    /// As [`Self::device`]; for a GPU asked of several.
+    pub fn of_ranks(&self, ranks: &riglab_ranks::Ranks) -> Result<Device> {
+        let device = self.device()?;
+        if ranks.size() > 1 && device != Device::Cpu {
+            bail!("--device {}: ranks train on processors; start it without mpirun for one GPU", self.device);
+        }
+        Ok(device)
+    }
+}
+
+/// Its name, as the option takes it.
+pub fn name(device: Device) -> String {
+    match device {
+        Device::Cuda(number) => format!("cuda:{number}"),
+        _ => "cpu".into(),
+    }
+}
