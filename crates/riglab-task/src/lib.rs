@@ -12,6 +12,7 @@ pub mod grpo;
 pub mod released;
 pub mod seen;
 mod sequences;
+pub mod settings;
 pub mod start;
 pub mod tokenrig;
 pub mod unirig_skeleton;

@@ -10,6 +10,7 @@ use riglab_task::assets::DataConfig;
 use riglab_task::fsq_cvae::{self, FsqCvaeTask, FsqCvaeTaskConfig};
 use riglab_task::grpo::{self, GrpoTask, GrpoTaskConfig};
 use riglab_task::seen::warning;
+use riglab_task::settings::TaskSettings;
 use riglab_task::tokenrig::{self, Rigger, TokenRigTask, TokenRigTaskConfig};
 use riglab_task::unirig_skeleton::{self, SkeletonTask, SkeletonTaskConfig};
 use riglab_task::unirig_skin::{self, SkinTask, SkinTaskConfig};
@@ -30,7 +31,20 @@ pub enum TaskConfig {
     UnirigSkin(Box<SkinTaskConfig>),
 }
 
-const NAMES: [&str; 5] = ["fsq_cvae", "grpo", "tokenrig", "unirig_skeleton", "unirig_skin"];
+const NAMES: [&str; 5] = [
+    FsqCvaeTaskConfig::TASK,
+    GrpoTaskConfig::TASK,
+    TokenRigTaskConfig::TASK,
+    SkeletonTaskConfig::TASK,
+    SkinTaskConfig::TASK,
+];
+
+/// As a task's settings; a fault of one that no type says is told with the line that set it.
+fn checked<T: TaskSettings>(config: &Config) -> Result<Box<T>> {
+    let settings: T = config.get()?;
+    settings.check().map_err(|(key, message)| config.invalid(&key, message))?;
+    Ok(Box::new(settings))
+}
 
 /// Something done with a task, whichever it is.
 pub trait Visitor {
@@ -72,33 +86,12 @@ impl TaskConfig {
             true => config.get_at("task")?,
             false => bail!("the config says no `task`; add for instance task = \"fsq_cvae\""),
         };
-        let invalid = |(key, message): (String, String)| config.invalid(&key, message);
         match name.as_str() {
-            "fsq_cvae" => {
-                let c: FsqCvaeTaskConfig = config.get()?;
-                c.validate().map_err(invalid)?;
-                Ok(Self::FsqCvae(Box::new(c)))
-            }
-            "grpo" => {
-                let c: GrpoTaskConfig = config.get()?;
-                c.validate().map_err(invalid)?;
-                Ok(Self::Grpo(Box::new(c)))
-            }
-            "tokenrig" => {
-                let c: TokenRigTaskConfig = config.get()?;
-                c.validate().map_err(invalid)?;
-                Ok(Self::TokenRig(Box::new(c)))
-            }
-            "unirig_skeleton" => {
-                let c: SkeletonTaskConfig = config.get()?;
-                c.validate().map_err(invalid)?;
-                Ok(Self::UnirigSkeleton(Box::new(c)))
-            }
-            "unirig_skin" => {
-                let c: SkinTaskConfig = config.get()?;
-                c.validate().map_err(invalid)?;
-                Ok(Self::UnirigSkin(Box::new(c)))
-            }
+            FsqCvaeTaskConfig::TASK => checked(config).map(Self::FsqCvae),
+            GrpoTaskConfig::TASK => checked(config).map(Self::Grpo),
+            TokenRigTaskConfig::TASK => checked(config).map(Self::TokenRig),
+            SkeletonTaskConfig::TASK => checked(config).map(Self::UnirigSkeleton),
+            SkinTaskConfig::TASK => checked(config).map(Self::UnirigSkin),
             _ => Err(config
                 .invalid("task", format!("there is no task `{name}`; there are: {}", NAMES.join(", ")))
                 .into()),

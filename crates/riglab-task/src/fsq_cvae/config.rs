@@ -6,6 +6,7 @@ use riglab_train::TrainConfig;
 use serde::{Deserialize, Serialize};
 
 use crate::assets::DataConfig;
+use crate::settings::TaskSettings;
 
 /// Everything a run of the FSQ-CVAE is made of.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -269,6 +270,14 @@ impl FsqCvaeTaskConfig {
             return fault("eval", "give at least one prefix and one cut".into());
         }
         cells("eval.baseline_resolution", self.eval.baseline_resolution)
+    }
+}
+
+impl TaskSettings for FsqCvaeTaskConfig {
+    const TASK: &'static str = "fsq_cvae";
+
+    fn check(&self) -> Result<(), (String, String)> {
+        self.validate()
     }
 }
 

@@ -4,7 +4,6 @@ use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::Mutex;
 
-use riglab_config::Config;
 use riglab_nn::fsq_cvae::{Bottleneck, FsqCvae};
 use riglab_nn::params::{Params, Weights};
 use riglab_train::{Checkpoint, State};
@@ -13,6 +12,7 @@ use tch::{Device, Tensor};
 use super::coder::Coder;
 use super::{FsqCvaeTask, FsqCvaeTaskConfig};
 use crate::bundle::{Bundle, SKIN};
+use crate::settings::Settings;
 
 /// Network, settings and weights; shared by threads.
 pub struct Frozen {
@@ -54,20 +54,16 @@ impl Frozen {
     /// # Errors
     /// As [`Self::open`].
     pub fn of_run(run: &Path, checkpoint: &str, device: Device) -> Result<(Self, State), String> {
-        let path = run.join("config.toml");
-        let text = std::fs::read_to_string(&path).map_err(|e| {
-            format!(
-                "{}: no run of an auto-encoder ({e}); train one with `riglab train \
-                 skintokens/fsq_cvae_with_prior.toml` and give its folder as skin.run",
-                path.display()
-            )
-        })?;
-        let config = Config::from_toml_str(&path.to_string_lossy(), &text)
-            .and_then(|c| c.bounded()?.get::<FsqCvaeTaskConfig>())
-            .map_err(|e| format!("{}: no config of task fsq_cvae ({e})", path.display()))?;
-        config.validate().map_err(|(key, message)| format!("{}: {key}: {message}", path.display()))?;
-        has_tokens(&config).map_err(|e| format!("{}: {e}", path.display()))?;
-        let (net, params) = FsqCvaeTask::network(&config, device).map_err(|e| format!("{}: {e}", path.display()))?;
+        const REMEDY: &str = "train an auto-encoder with `riglab train skintokens/fsq_cvae_with_prior.toml` and give its \
+                              folder as skin.run";
+        let settings = Settings::of_run(run).map_err(|e| format!("{e}; {REMEDY}"))?;
+        let (name, task) = (settings.name(), settings.task());
+        if !settings.are::<FsqCvaeTaskConfig>() {
+            return Err(format!("{name}: a run of task `{task}`; {REMEDY}"));
+        }
+        let config: FsqCvaeTaskConfig = settings.get()?;
+        has_tokens(&config).map_err(|e| format!("{name}: {e}"))?;
+        let (net, params) = FsqCvaeTask::network(&config, device).map_err(|e| format!("{name}: {e}"))?;
         let checkpoint = Checkpoint::open(&run.join("checkpoints").join(checkpoint)).map_err(|e| e.to_string())?;
         checkpoint.load_weights(&params).map_err(|e| e.to_string())?;
         Ok((Self::new(config, net, params, device), checkpoint.state().clone()))
@@ -99,9 +95,7 @@ impl Frozen {
         device: Device,
     ) -> Result<Self, String> {
         let fault = |e: String| format!("{name}: {e}");
-        let config = Config::from_toml_str(name, settings).and_then(|c| c.bounded()?.get::<FsqCvaeTaskConfig>());
-        let config = config.map_err(|e| fault(e.to_string()))?;
-        config.validate().map_err(|(key, message)| fault(format!("{key}: {message}")))?;
+        let config: FsqCvaeTaskConfig = Settings::of_text(name, settings)?.get()?;
         let (net, params) = FsqCvaeTask::network(&config, device).map_err(|e| fault(e.to_string()))?;
         params.load(tensors).map_err(|e| fault(e.to_string()))?;
         Ok(Self::new(config, net, params, device))

@@ -37,6 +37,7 @@ pub(crate) use report::skin_metrics;
 
 use crate::assets::{AssetId, Assets, Cache};
 use crate::experiment::{Examined, Experiment, beside};
+use crate::settings::TaskSettings;
 
 /// The task, with its network and data.
 pub struct FsqCvaeTask {
@@ -87,7 +88,7 @@ impl Task for FsqCvaeTask {
     type Batch = Batch;
 
     fn name(&self) -> &'static str {
-        "fsq_cvae"
+        FsqCvaeTaskConfig::TASK
     }
 
     fn params(&self) -> &Params {

@@ -10,6 +10,7 @@ use riglab_train::{Precision, TrainConfig};
 use serde::{Deserialize, Serialize};
 
 use crate::assets::DataConfig;
+use crate::settings::TaskSettings;
 use crate::tokenrig::EvalConfig;
 
 /// Everything a run of GRPO is made of (SkinTokens 3.4).
@@ -207,6 +208,14 @@ impl GrpoTaskConfig {
             return bad("guard.divergence", "divergence must be above 0, and worse 1 or more".into());
         }
         Ok(())
+    }
+}
+
+impl TaskSettings for GrpoTaskConfig {
+    const TASK: &'static str = "grpo";
+
+    fn check(&self) -> Result<(), (String, String)> {
+        self.validate()
     }
 }
 

@@ -3,21 +3,16 @@
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
-use riglab_config::Config;
-
 use super::config::GrpoTaskConfig;
+use crate::settings::Settings;
 
-/// Where a run of GRPO started (empty: the model that comes with riglab), by the text of its config; `None` where it is
-/// of another task.
+/// Where a run of GRPO started (empty: the model that comes with riglab), by its settings; `None` where it is of another
+/// task.
 ///
 /// # Errors
 /// A sentence: what cannot be understood.
-pub(crate) fn refined(name: &str, text: &str) -> Result<Option<PathBuf>, String> {
-    let config = Config::from_toml_str(name, text).map_err(|e| e.to_string())?;
-    if config.get_at::<String>("task").unwrap_or_default() != "grpo" {
-        return Ok(None);
-    }
-    Ok(Some(config.get::<GrpoTaskConfig>().map_err(|e| e.to_string())?.start.model))
+pub(crate) fn refined(settings: &Settings) -> Result<Option<PathBuf>, String> {
+    settings.are::<GrpoTaskConfig>().then(|| Ok(settings.get::<GrpoTaskConfig>()?.start.model)).transpose()
 }
 
 /// Sees that those that a run started from come to an end.
@@ -27,14 +22,14 @@ pub(crate) fn refined(name: &str, text: &str) -> Result<Option<PathBuf>, String>
 pub(crate) fn descends(run: &Path) -> Result<(), String> {
     let (mut seen, mut at) = (BTreeSet::new(), run.to_path_buf());
     // What cannot be read is told by who needs it.
-    while let (Ok(full), Ok(text)) = (at.canonicalize(), std::fs::read_to_string(at.join("config.toml"))) {
+    while let (Ok(full), Ok(settings)) = (at.canonicalize(), Settings::of_run(&at)) {
         if !seen.insert(full) {
             let run = run.display();
             return Err(format!(
                 "{run}: starts from itself, by the start.model of its config.toml; name another model"
             ));
         }
-        match refined(&at.to_string_lossy(), &text) {
+        match refined(&settings) {
             Ok(Some(start)) if !start.as_os_str().is_empty() => at = start,
             _ => break,
         }

@@ -40,6 +40,7 @@ pub use score::{Judged, candidates, rewards};
 
 use crate::assets::{Assets, DataConfig};
 use crate::experiment::{Examined, Experiment};
+use crate::settings::{Settings, TaskSettings};
 use crate::tokenrig::{Card, Rigger, TokenRigTask, TokenRigTaskConfig};
 use crate::unirig_skeleton::{self, SkeletonTask, SkeletonTaskConfig, Trained};
 use policy::Policy;
@@ -230,15 +231,12 @@ fn skeleton_config(config: &GrpoTaskConfig, start: &SkeletonTaskConfig) -> Skele
 /// A sentence: what cannot be read.
 pub(crate) fn of_run(
     run: &Path,
-    name: &str,
-    text: &str,
+    settings: &Settings,
     checkpoint: &str,
     device: Device,
 ) -> Result<(Rigger, Card), String> {
     descends(run)?;
-    let config = riglab_config::Config::from_toml_str(name, text).and_then(|c| c.bounded()?.get::<GrpoTaskConfig>());
-    let config = config.map_err(|e| e.to_string())?;
-    config.validate().map_err(|(key, message)| format!("{name}: {key}: {message}"))?;
+    let config: GrpoTaskConfig = settings.get()?;
     let Start::Rigs(start, card) = Start::open(&config, device)? else {
         return Err(format!(
             "{}: refines a skeleton model, which makes no weights and so no rigs; `riglab eval` shows its skeletons",
@@ -259,7 +257,7 @@ impl Task for GrpoTask {
     type Batch = Batch;
 
     fn name(&self) -> &'static str {
-        "grpo"
+        GrpoTaskConfig::TASK
     }
 
     fn params(&self) -> &Params {

@@ -3,18 +3,19 @@
 use std::path::Path;
 use std::sync::Arc;
 
-use riglab_config::Config;
 use riglab_train::Checkpoint;
 use tch::{Device, Kind};
 
 use super::{Rigger, TokenRigTaskConfig};
 use crate::bundle::{Bundle, Card, SKIN};
 use crate::fsq_cvae::Frozen;
+use crate::grpo::GrpoTaskConfig;
+use crate::settings::{Settings, TaskSettings};
 
 /// The network's place among the tensors' names.
 pub(crate) const RIG: &str = "rig.";
 /// The task of models that rig.
-const KIND: &str = "tokenrig";
+const KIND: &str = TokenRigTaskConfig::TASK;
 
 impl Rigger {
     /// Reads a run's folder, or a file that [`Self::bundle`] made.
@@ -34,13 +35,11 @@ impl Rigger {
     /// # Errors
     /// A sentence.
     pub fn of_run(run: &Path, checkpoint: &str, device: Device) -> Result<(Self, Card), String> {
-        let path = run.join("config.toml");
-        let text = std::fs::read_to_string(&path).map_err(|e| format!("{}: no run ({e})", path.display()))?;
-        let name = path.to_string_lossy();
-        if task_of(&name, &text)? == "grpo" {
-            return crate::grpo::of_run(run, &name, &text, checkpoint, device);
+        let settings = Settings::of_run(run)?;
+        if settings.are::<GrpoTaskConfig>() {
+            return crate::grpo::of_run(run, &settings, checkpoint, device);
         }
-        let mut config = rig_config(&name, &text)?;
+        let mut config = rig_config(&settings)?;
         Self::own_auto_encoder(run, &mut config);
         let vae = Self::auto_encoder(&config, device)?;
         let rigger = Self::new(config, vae, device)?;
@@ -83,7 +82,7 @@ impl Rigger {
         if bundle.kind != KIND {
             return Err(fault(format!("a model of task `{}`, but only `tokenrig` makes rigs", bundle.kind)));
         }
-        let config = rig_config(name, &bundle.settings)?;
+        let config = rig_config(&Settings::of_text(name, &bundle.settings)?)?;
         let vae = Frozen::of_parts(name, &bundle.skin, &bundle.below(SKIN), device)?;
         let rigger = Self::new(config, Arc::new(vae), device).map_err(fault)?;
         rigger.params.load(&bundle.below(RIG)).map_err(|e| fault(e.to_string()))?;
@@ -91,18 +90,10 @@ impl Rigger {
     }
 }
 
-fn task_of(name: &str, text: &str) -> Result<String, String> {
-    let config = Config::from_toml_str(name, text).map_err(|e| e.to_string())?;
-    Ok(config.get_at("task").unwrap_or_default())
-}
-
-fn rig_config(name: &str, text: &str) -> Result<TokenRigTaskConfig, String> {
-    let task = task_of(name, text)?;
-    if task != KIND {
+fn rig_config(settings: &Settings) -> Result<TokenRigTaskConfig, String> {
+    if !settings.are::<TokenRigTaskConfig>() {
+        let (name, task) = (settings.name(), settings.task());
         return Err(format!("{name}: a run of task `{task}`, but only `tokenrig` and `grpo` make rigs"));
     }
-    let config = Config::from_toml_str(name, text).map_err(|e| e.to_string())?;
-    let config: TokenRigTaskConfig = config.bounded().and_then(|c| c.get()).map_err(|e| e.to_string())?;
-    config.validate().map_err(|(key, message)| format!("{name}: {key}: {message}"))?;
-    Ok(config)
+    settings.get()
 }

@@ -13,6 +13,7 @@ use serde::{Deserialize, Serialize};
 use crate::assets::DataConfig;
 use crate::fsq_cvae::cells;
 use crate::sequences::Sequences;
+use crate::settings::TaskSettings;
 use crate::unirig_skeleton::agree::Agreement;
 
 /// Everything a run of TokenRig is made of.
@@ -274,6 +275,14 @@ impl TokenRigTaskConfig {
             );
         }
         Ok(())
+    }
+}
+
+impl TaskSettings for TokenRigTaskConfig {
+    const TASK: &'static str = "tokenrig";
+
+    fn check(&self) -> Result<(), (String, String)> {
+        self.validate()
     }
 }
 

@@ -43,6 +43,7 @@ pub use crate::bundle::Card;
 use crate::experiment::{Examined, Experiment, beside};
 use crate::fsq_cvae::Frozen;
 use crate::sequences::LeftOut;
+use crate::settings::TaskSettings;
 use crate::unirig_skeleton::shape_tensors;
 
 /// The task, with its network and data.
@@ -104,7 +105,7 @@ impl Task for TokenRigTask {
     type Batch = Batch;
 
     fn name(&self) -> &'static str {
-        "tokenrig"
+        TokenRigTaskConfig::TASK
     }
 
     fn params(&self) -> &Params {

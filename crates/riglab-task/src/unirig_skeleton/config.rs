@@ -11,6 +11,7 @@ use serde::{Deserialize, Serialize};
 use super::agree::Agreement;
 use crate::assets::DataConfig;
 use crate::sequences::Sequences;
+use crate::settings::TaskSettings;
 
 /// Everything a run of UniRig's skeleton stage is made of.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -168,5 +169,13 @@ impl SkeletonTaskConfig {
             );
         }
         self.train.validate().map_err(|(key, message)| (format!("train.{key}"), message))
+    }
+}
+
+impl TaskSettings for SkeletonTaskConfig {
+    const TASK: &'static str = "unirig_skeleton";
+
+    fn check(&self) -> Result<(), (String, String)> {
+        self.validate()
     }
 }

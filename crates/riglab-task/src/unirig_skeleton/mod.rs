@@ -30,6 +30,7 @@ pub(crate) use trained::Trained;
 use crate::assets::{AssetId, Assets, Cache};
 use crate::experiment::{Examined, Experiment, beside};
 use crate::sequences::LeftOut;
+use crate::settings::TaskSettings;
 
 /// The task, with its network and data.
 pub struct SkeletonTask {
@@ -103,7 +104,7 @@ impl Task for SkeletonTask {
     type Batch = Batch;
 
     fn name(&self) -> &'static str {
-        "unirig_skeleton"
+        SkeletonTaskConfig::TASK
     }
 
     fn params(&self) -> &Params {

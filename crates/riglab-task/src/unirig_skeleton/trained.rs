@@ -2,7 +2,6 @@
 
 use std::path::Path;
 
-use riglab_config::Config;
 use riglab_nn::params::Params;
 use riglab_train::Checkpoint;
 use tch::Device;
@@ -10,9 +9,12 @@ use tch::Device;
 use super::{SkeletonTask, SkeletonTaskConfig};
 use crate::bundle::Bundle;
 use crate::grpo::{descends, refined};
+use crate::settings::{Settings, TaskSettings};
 
 /// Its task.
-const KIND: &str = "unirig_skeleton";
+const KIND: &str = SkeletonTaskConfig::TASK;
+/// What may be started from.
+const REMEDY: &str = "give start.model the folder of a run, or a model's file";
 
 /// Settings and weights.
 pub(crate) struct Trained {
@@ -29,13 +31,11 @@ impl Trained {
     pub fn open(path: &Path, device: Device) -> Result<Option<Self>, String> {
         if path.is_dir() {
             descends(path)?;
-            let file = path.join("config.toml");
-            let text = std::fs::read_to_string(&file).map_err(|e| absent(&file, &e))?;
-            let name = file.to_string_lossy();
-            let own = match refined(&name, &text)? {
+            let settings = Settings::of_run(path).map_err(|e| format!("{e}; {REMEDY}"))?;
+            let own = match refined(&settings)? {
                 Some(start) if start.as_os_str().is_empty() => None,
                 Some(start) => Self::open(&start, device)?,
-                None => Self::of_settings(&name, &text, device)?,
+                None => Self::of_settings(&settings, device)?,
             };
             let Some(own) = own else { return Ok(None) };
             let checkpoint = Checkpoint::open(&path.join("checkpoints").join("best")).map_err(|e| e.to_string())?;
@@ -43,31 +43,24 @@ impl Trained {
             return Ok(Some(own));
         }
         let name = path.to_string_lossy();
-        let bytes = std::fs::read(path).map_err(|e| absent(path, &e))?;
+        let bytes = std::fs::read(path).map_err(|e| format!("{name}: no model to start from ({e}); {REMEDY}"))?;
         let Bundle { kind, settings, tensors, .. } = Bundle::of_bytes(&bytes, &name)?;
         if kind != KIND {
             return Ok(None);
         }
-        let own = Self::of_settings(&name, &settings, device)?;
+        let own = Self::of_settings(&Settings::of_text(&name, &settings)?, device)?;
         let own = own.ok_or_else(|| format!("{name}: the settings inside are of another task"))?;
         own.params.load(&tensors).map_err(|e| format!("{name}: {e}"))?;
         Ok(Some(own))
     }
 
     /// With starting weights.
-    fn of_settings(name: &str, text: &str, device: Device) -> Result<Option<Self>, String> {
-        let config = Config::from_toml_str(name, text).map_err(|e| e.to_string())?;
-        if config.get_at::<String>("task").unwrap_or_default() != KIND {
+    fn of_settings(settings: &Settings, device: Device) -> Result<Option<Self>, String> {
+        if !settings.are::<SkeletonTaskConfig>() {
             return Ok(None);
         }
-        let config: SkeletonTaskConfig = config.bounded().and_then(|c| c.get()).map_err(|e| e.to_string())?;
-        config.validate().map_err(|(key, message)| format!("{name}: {key}: {message}"))?;
-        let (_, params) = SkeletonTask::network(&config, device).map_err(|e| format!("{name}: {e}"))?;
+        let config: SkeletonTaskConfig = settings.get()?;
+        let (_, params) = SkeletonTask::network(&config, device).map_err(|e| format!("{}: {e}", settings.name()))?;
         Ok(Some(Self { config, params }))
     }
-}
-
-fn absent(path: &Path, e: &std::io::Error) -> String {
-    let path = path.display();
-    format!("{path}: no model to start from ({e}); give start.model the folder of a run, or a model's file")
 }

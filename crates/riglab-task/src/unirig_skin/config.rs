@@ -9,6 +9,7 @@ use super::pairs::Told;
 use super::ready::Measured;
 use crate::assets::DataConfig;
 use crate::fsq_cvae::cells;
+use crate::settings::TaskSettings;
 
 /// Everything a run of UniRig's skin stage is made of.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -360,6 +361,14 @@ impl SkinTaskConfig {
     /// Points that the network sees in evaluation.
     pub fn eval_points(&self) -> usize {
         if self.eval.points == 0 { self.sampling.points } else { self.eval.points }
+    }
+}
+
+impl TaskSettings for SkinTaskConfig {
+    const TASK: &'static str = "unirig_skin";
+
+    fn check(&self) -> Result<(), (String, String)> {
+        self.validate()
     }
 }
 

@@ -37,6 +37,7 @@ pub use skinner::{Holders, Skinner};
 
 use crate::assets::{AssetId, Assets, Cache};
 use crate::experiment::{Examined, Experiment, beside};
+use crate::settings::TaskSettings;
 
 /// The task, with its network and data.
 pub struct SkinTask {
@@ -104,7 +105,7 @@ impl Task for SkinTask {
     type Batch = Batch;
 
     fn name(&self) -> &'static str {
-        "unirig_skin"
+        SkinTaskConfig::TASK
     }
 
     fn params(&self) -> &Params {

@@ -2,9 +2,7 @@
 
 use std::path::Path;
 
-use riglab_config::Config;
 use riglab_core::{DecodeRule, Rig, SkinWeights, Springs, Swing};
-
 use riglab_nn::params::Params;
 use riglab_nn::skin_stage::SkinModel;
 use riglab_random::stream;
@@ -16,12 +14,10 @@ use super::predict::{Predicted, Predictor};
 use super::ready::{Ready, pool};
 use super::{Evaluation, SkinTask};
 use crate::fsq_cvae::Prepared;
+use crate::settings::{Settings, TaskSettings};
 
 /// The decode rule's cut of a run that was not evaluated.
 const CUT: f32 = 0.05;
-
-/// The task.
-const TASK: &str = "unirig_skin";
 
 /// The network of a run, with its weights.
 pub struct Skinner {
@@ -47,16 +43,12 @@ impl Skinner {
     /// # Errors
     /// A sentence: no run, or one of another task.
     pub fn of_run(run: &Path, checkpoint: &str, device: Device) -> Result<(Self, State), String> {
-        let path = run.join("config.toml");
-        let name = path.to_string_lossy();
-        let text = std::fs::read_to_string(&path).map_err(|e| format!("{name}: no run ({e})"))?;
-        let config = Config::from_toml_str(&name, &text).map_err(|e| e.to_string())?;
-        let task: String = config.get_at("task").unwrap_or_default();
-        if task != TASK {
-            return Err(format!("{name}: a run of task `{task}`; give one of `{TASK}`"));
+        let settings = Settings::of_run(run)?;
+        if !settings.are::<SkinTaskConfig>() {
+            let (name, task, own) = (settings.name(), settings.task(), SkinTaskConfig::TASK);
+            return Err(format!("{name}: a run of task `{task}`; give one of `{own}`"));
         }
-        let config: SkinTaskConfig = config.bounded().and_then(|c| c.get()).map_err(|e| e.to_string())?;
-        config.validate().map_err(|(key, message)| format!("{name}: {key}: {message}"))?;
+        let config: SkinTaskConfig = settings.get()?;
         let (net, params) = SkinTask::network(&config, device).map_err(|e| e.to_string())?;
         let checkpoint = Checkpoint::open(&run.join("checkpoints").join(checkpoint)).map_err(|e| e.to_string())?;
         checkpoint.load_weights(&params).map_err(|e| e.to_string())?;
@@ -68,9 +60,7 @@ impl Skinner {
 
     /// Whether a folder holds a run of this task.
     pub fn is_run(run: &Path) -> bool {
-        let Ok(text) = std::fs::read_to_string(run.join("config.toml")) else { return false };
-        let task = Config::from_toml_str("config.toml", &text).ok().and_then(|c| c.get_at::<String>("task").ok());
-        task.as_deref() == Some(TASK)
+        Settings::of_run(run).is_ok_and(|settings| settings.are::<SkinTaskConfig>())
     }
 
     /// Whether it tells attributes of spring bones.

@@ -7,11 +7,11 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use anyhow::{Context, Result, anyhow, bail};
-use riglab_config::Config;
 use riglab_files::make_folder_of;
 use riglab_task::bundle::Bundle;
-use riglab_task::fsq_cvae::Frozen;
+use riglab_task::fsq_cvae::{Frozen, FsqCvaeTaskConfig};
 use riglab_task::released::Imported;
+use riglab_task::settings::Settings;
 use riglab_task::tokenrig::{Card, Rigger};
 use tch::{Device, Kind};
 
@@ -138,9 +138,7 @@ fn rigs((rigger, card): (Rigger, Card)) -> (Imported, Card) {
 
 /// The model of a run that rigs, or of an auto-encoder.
 fn of_folder(run: &Path, checkpoint: &str) -> Result<(Imported, Card), String> {
-    let path = run.join("config.toml");
-    let config = std::fs::read_to_string(&path).ok().and_then(|text| Config::from_toml_str("", &text).ok());
-    if config.and_then(|config| config.get_at::<String>("task").ok()).is_none_or(|task| task != "fsq_cvae") {
+    if !Settings::of_run(run)?.are::<FsqCvaeTaskConfig>() {
         return Rigger::of_run(run, checkpoint, Device::Cpu).map(rigs);
     }
     let (auto, state) = Frozen::of_run(run, checkpoint, Device::Cpu)?;

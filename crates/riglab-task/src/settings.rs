@@ -1,0 +1,103 @@
+//! The settings that a run's folder or a model's file holds.
+
+use std::path::Path;
+
+use riglab_config::Config;
+use serde::de::DeserializeOwned;
+
+/// What a task is set by.
+pub trait TaskSettings: DeserializeOwned {
+    /// The task, as `task` names it.
+    const TASK: &'static str;
+
+    /// Checks what no type says.
+    ///
+    /// # Errors
+    /// (key, message) of the first fault.
+    fn check(&self) -> Result<(), (String, String)>;
+}
+
+/// Settings as they are written, and where.
+pub struct Settings {
+    name: String,
+    config: Config,
+}
+
+impl Settings {
+    /// Of a run's folder.
+    ///
+    /// # Errors
+    /// A sentence: no run there, or what cannot be understood.
+    pub fn of_run(run: &Path) -> Result<Self, String> {
+        let path = run.join("config.toml");
+        let name = path.to_string_lossy();
+        let text = std::fs::read_to_string(&path).map_err(|e| format!("{name}: no run ({e})"))?;
+        Self::of_text(&name, &text)
+    }
+
+    /// Of TOML; `name` stands in messages.
+    ///
+    /// # Errors
+    /// A sentence: what cannot be understood.
+    pub fn of_text(name: &str, text: &str) -> Result<Self, String> {
+        let config = Config::from_toml_str(name, text).map_err(|e| e.to_string())?;
+        Ok(Self { name: name.into(), config })
+    }
+
+    /// Where they stand, for messages.
+    pub fn name(&self) -> &str {
+        &self.name
+    }
+
+    /// The task that they are of; nothing where they do not say.
+    pub fn task(&self) -> String {
+        self.config.get_at("task").unwrap_or_default()
+    }
+
+    /// Whether they are of this task.
+    pub fn are<T: TaskSettings>(&self) -> bool {
+        self.task() == T::TASK
+    }
+
+    /// As those of a task, whichever they name.
+    ///
+    /// # Errors
+    /// A sentence: what is unknown, missing or wrong, and its place.
+    pub fn get<T: TaskSettings>(&self) -> Result<T, String> {
+        let settings: T = self.config.clone().bounded().and_then(|c| c.get()).map_err(|e| e.to_string())?;
+        settings.check().map_err(|(key, message)| format!("{}: {key}: {message}", self.name))?;
+        Ok(settings)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::fsq_cvae::FsqCvaeTaskConfig;
+    use crate::tokenrig::TokenRigTaskConfig;
+
+    #[test]
+    fn a_run_says_its_task_and_faults_name_their_place() {
+        let run = tempfile::tempdir().unwrap();
+        let of = |text: &str| {
+            std::fs::write(run.path().join("config.toml"), text).unwrap();
+            Settings::of_run(run.path())
+        };
+        let found = of("task = 'fsq_cvae'\n[train]\nseed = 3\n").unwrap();
+        assert!(found.are::<FsqCvaeTaskConfig>() && !found.are::<TokenRigTaskConfig>());
+        assert_eq!(found.get::<FsqCvaeTaskConfig>().unwrap().train.seed, 3);
+        assert_eq!(of("").unwrap().task(), "");
+        let fault = |text: &str| of(text).and_then(|found| found.get::<FsqCvaeTaskConfig>()).err().unwrap();
+        for (text, told) in [
+            ("task = ", "config.toml"),
+            ("[train]\nsteeps = 3", "steeps"),
+            ("[model]\nlevels = []", "levels"),
+            ("[eval]\nchunk = 0", "eval.chunk"),
+        ] {
+            let said = fault(text);
+            assert!(said.contains("config.toml") && said.contains(told), "{said}");
+        }
+        let none = Settings::of_run(&run.path().join("elsewhere")).err().unwrap();
+        assert!(none.contains("no run") && none.contains("elsewhere"), "{none}");
+    }
+}
