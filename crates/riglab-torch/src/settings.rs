@@ -254,8 +254,8 @@ pub fn device(name: &str) -> Result<Device, String> {
     let Some(library) = load_cuda().map_err(|e| e.to_string())? else {
         let beside = loaded_library("libtorch_cpu.so").and_then(|cpu| Some(cpu.parent()?.display().to_string()));
         return Err(format!(
-            "the libtorch in {} is for processors alone; start riglab with LD_LIBRARY_PATH naming the folder `torch/lib` of a \
-             PyTorch {} with CUDA",
+            "the libtorch in {} knows no GPUs; start riglab with LD_LIBRARY_PATH naming the folder `torch/lib` of a PyTorch \
+             {} with CUDA",
             beside.as_deref().unwrap_or("use"),
             libtorch_version()
         ));
