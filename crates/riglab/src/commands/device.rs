@@ -12,7 +12,7 @@ pub struct DeviceArgs {
 }
 
 impl DeviceArgs {
-    /// The device, ready to compute. Call it before anything else of libtorch.
+    /// The device, ready to compute. Call it after `riglab_torch::init`, before any tensor is made.
     ///
     /// # Errors
     /// What the option may be, or what this machine lacks.
