@@ -36,11 +36,14 @@ pub enum Plan {
     Machine,
     /// Cables, plants, banners, chests: things that bend or open.
     Prop,
+    /// What stands where it is but for a part or two: idols, cabinets, traps, bells, scenes. Two to five joints. Not in
+    /// [`Self::MIXTURE`].
+    Fixture,
 }
 
 impl Plan {
     /// Every plan.
-    pub const ALL: [Self; 14] = [
+    pub const ALL: [Self; 15] = [
         Self::Biped,
         Self::Anime,
         Self::Monster,
@@ -55,6 +58,7 @@ impl Plan {
         Self::Dragon,
         Self::Machine,
         Self::Prop,
+        Self::Fixture,
     ];
 
     /// Plans as often as corpora of real rigs have their like, roughly: more of the many humanoids and
@@ -103,6 +107,7 @@ impl Plan {
             Self::Dragon => "dragon",
             Self::Machine => "machine",
             Self::Prop => "prop",
+            Self::Fixture => "fixture",
         }
     }
 
@@ -123,6 +128,7 @@ impl Plan {
             Self::Dragon => "reptile",
             Self::Machine => "mechanical_other",
             Self::Prop => "mechanical_other",
+            Self::Fixture => "mechanical_other",
         }
     }
 
@@ -143,6 +149,7 @@ impl Plan {
             Self::Dragon => plans::dragon::body(dice, triangles),
             Self::Machine => plans::machine::body(dice, triangles),
             Self::Prop => plans::prop::body(dice, triangles),
+            Self::Fixture => plans::fixture::body(dice, triangles),
         }
     }
 }

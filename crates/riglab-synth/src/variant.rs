@@ -31,7 +31,7 @@ impl Body {
             body.add_ends();
         }
         // Two joints in one place are hard to tell apart.
-        body.rooted = root && body.at(Self::ROOT).length() > 0.05 * body.size();
+        body.rooted = (root || body.rooted) && body.at(Self::ROOT).length() > 0.05 * body.size();
         body
     }
 

@@ -6,6 +6,7 @@ pub(crate) mod bird;
 pub(crate) mod dinosaur;
 pub(crate) mod dragon;
 pub(crate) mod fish;
+pub(crate) mod fixture;
 pub(crate) mod insect;
 pub(crate) mod lizard;
 pub(crate) mod machine;

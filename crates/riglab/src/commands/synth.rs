@@ -44,8 +44,12 @@ pub struct Args {
 }
 
 fn plans_help() -> String {
-    let names = Plan::ALL.map(Plan::name).join(", ");
-    format!("Body plans, taken in turn, one perhaps more than once [default: a mixture of all: {names}]")
+    let (mixed, asked): (Vec<Plan>, Vec<Plan>) = Plan::ALL.into_iter().partition(|plan| Plan::MIXTURE.contains(plan));
+    let [mixed, asked] = [mixed, asked].map(|plans| plans.into_iter().map(Plan::name).collect::<Vec<_>>().join(", "));
+    format!(
+        "Body plans, taken in turn, one perhaps more than once [default: a mixture of {mixed}]; where it is asked for: \
+         {asked}"
+    )
 }
 
 fn range(text: &str) -> Result<RangeInclusive<u32>, String> {
