@@ -131,6 +131,15 @@ fn rewards_refine_a_model() {
         (true, by_the_start),
         "rigs as its start does"
     );
+    // Another checkpoint than the best is named by its folder.
+    let checkpoints = whole.join("checkpoints");
+    let best = fs::read_link(checkpoints.join("best")).unwrap();
+    let steps = fs::read_dir(&checkpoints).unwrap().map(|e| e.unwrap().path());
+    let mut others = steps.filter(|p| !p.is_symlink() && !p.ends_with(&best));
+    let other = others.next().expect("more than one is kept");
+    let said = must(&[&rig[..], &["--checkpoint", text(&other)]].concat()).stdout;
+    let step = serde_json::from_slice::<Value>(&said).unwrap()["steps"].as_u64().unwrap();
+    assert!(other.ends_with(format!("step-{step:08}")), "{step}");
     let file = dir.path().join("model.safetensors");
     must(&["checkpoint", "export", text(&whole), "-o", text(&file)]);
     assert!(fs::metadata(&file).unwrap().len() > 1_000_000);
@@ -229,8 +238,8 @@ fn a_skeleton_model_is_refined_by_what_is_about_joints() {
     assert!(row["rewards"]["coverage"].as_f64() > Some(0.0) && row["rewards"]["skinning"] == 0.0, "{row}");
     assert!(!evaluation["gallery"].as_array().unwrap().is_empty());
 
-    // It can be refined further.
-    let (further, start) = (dir.path().join("further"), format!("start.model='{}'", run.display()));
+    // It can be refined further, from any of its checkpoints.
+    let (further, start) = (dir.path().join("further"), format!("start.model='{}/checkpoints/last'", run.display()));
     must(&["train", text(&config), "--run", text(&further), "--set", &start, "--set", "train.steps=1"]);
     let steps: Vec<Value> = lines(&further).into_iter().filter(|l| l["train/loss"].is_number()).collect();
     assert!(steps.len() == 1 && steps[0]["train/divergence"] == 0.0, "{steps:?}");

@@ -43,12 +43,12 @@ pub(crate) struct Hands<B> {
 }
 
 impl<B: Send + 'static> Hands<B> {
-    /// As many as [`sides`] says but for this thread.
+    /// As many as [`sides`] says but for this thread, or as the system allows.
     pub fn of<T: Task<Batch = B>>(task: &T, config: &TrainConfig, ranks: &Ranks) -> Self {
         let all = tch::get_num_threads().max(1);
         let sides = sides(task, config, ranks);
         let each = all / sides as i32;
-        let hands = (1..sides).map_while(|_| Some(Hand::new(task.beside()?, each)));
+        let hands = (1..sides).map_while(|_| Hand::new(task.beside()?, each));
         let hands: Vec<_> = hands.collect();
         // The last number that a thread asks for is what new threads begin with.
         hands.iter().for_each(Hand::ready);
@@ -122,7 +122,8 @@ fn sides_of(batches: u64, threads: u64) -> u64 {
 }
 
 impl<B: Send + 'static> Hand<B> {
-    fn new(loss: LossOf<B>, threads: i32) -> Self {
+    /// `None` where the system allows no further thread.
+    fn new(loss: LossOf<B>, threads: i32) -> Option<Self> {
         let (jobs, asked) = channel::<Job<B>>();
         let (tell, done) = channel();
         let (begin, begun) = channel();
@@ -143,7 +144,8 @@ impl<B: Send + 'static> Hand<B> {
                 }
             }
         };
-        Self { begun, jobs: Some(jobs), done, thread: Some(std::thread::spawn(work)) }
+        let thread = std::thread::Builder::new().spawn(work).ok()?;
+        Some(Self { begun, jobs: Some(jobs), done, thread: Some(thread) })
     }
 
     /// Waits until it has its number of threads.

@@ -43,6 +43,19 @@ pub struct Checkpoint {
     state: State,
 }
 
+/// The run and the checkpoint that a folder names where a trained model is asked for: a checkpoint within a run's
+/// `checkpoints`, or the run itself, of which that is `best`.
+pub fn named_by(folder: &Path) -> (PathBuf, String) {
+    let within = || {
+        let checkpoints = folder.parent().filter(|parent| parent.ends_with(CHECKPOINTS))?;
+        let run = checkpoints.parent().filter(|run| !run.as_os_str().is_empty());
+        Some((run.unwrap_or(Path::new(".")).to_path_buf(), folder.file_name()?.to_str()?.to_string()))
+    };
+    within().unwrap_or_else(|| (folder.to_path_buf(), "best".to_string()))
+}
+
+/// The folder of a run's checkpoints.
+const CHECKPOINTS: &str = "checkpoints";
 const MODEL: &str = "model.safetensors";
 const AVERAGE: &str = "ema.safetensors";
 const OPTIMIZER: &str = "optimizer.safetensors";
@@ -289,4 +302,23 @@ impl Store {
 
 fn folder(step: u64) -> String {
     format!("step-{step:08}")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_folder_names_a_run_or_one_of_its_checkpoints() {
+        let of = |folder: &str| {
+            let (run, checkpoint) = named_by(Path::new(folder));
+            (run.display().to_string(), checkpoint)
+        };
+        let pair = |run: &str, checkpoint: &str| (run.to_string(), checkpoint.to_string());
+        assert_eq!(of("runs/a"), pair("runs/a", "best"));
+        assert_eq!(of("runs/a/checkpoints/last"), pair("runs/a", "last"));
+        assert_eq!(of("runs/a/checkpoints/step-00000100/"), pair("runs/a", "step-00000100"));
+        assert_eq!(of("checkpoints/best"), pair(".", "best"));
+        assert_eq!(of("checkpoints"), pair("checkpoints", "best"));
+    }
 }

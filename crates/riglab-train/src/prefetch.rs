@@ -18,6 +18,11 @@ pub trait Source: Send + Sync {
     fn batch(&self, number: u64) -> Result<Self::Batch, String>;
 }
 
+/// What a thread does.
+type Work = Box<dyn FnOnce() + Send>;
+/// A thread; `None` where the system allows no further one.
+type Begun = Option<JoinHandle<()>>;
+
 /// Batches each thread may be ahead.
 const AHEAD: usize = 2;
 
@@ -32,28 +37,41 @@ pub struct Prefetch<B: Send + 'static> {
 }
 
 impl<B: Send + 'static> Prefetch<B> {
-    /// Starts the threads. Without workers, batches are made when they are asked for.
+    /// Starts the threads, or as many of them as the system allows. Without any, batches are made when they are asked for.
     pub fn new(source: Arc<dyn Source<Batch = B>>, from: u64, workers: usize) -> Self {
+        Self::begun(source, from, workers, |work| std::thread::Builder::new().spawn(work).ok())
+    }
+
+    fn begun(source: Arc<dyn Source<Batch = B>>, from: u64, workers: usize, begin: impl Fn(Work) -> Begun) -> Self {
         let mut queues = Vec::with_capacity(workers);
         let mut threads = Vec::with_capacity(workers);
-        for w in 0..workers {
+        let mut strides = Vec::with_capacity(workers);
+        for w in 0..workers as u64 {
             let (send, receive) = sync_channel(AHEAD);
+            let (tell, told) = channel();
+            let (ready, waiting) = channel();
             let source = source.clone();
-            let (begin, begun) = channel();
             let work = move || {
                 // Batches may be computed with libtorch: with the number of threads that is set now, whatever others
                 // are given later.
                 let _ = tch::get_num_threads();
-                let _ = begin.send(());
-                let mut number = from + w as u64;
+                let _ = ready.send(());
+                // How many share the batches is known once all have begun.
+                let Ok(stride) = told.recv() else { return };
+                let mut number = from + w;
                 // The receiver is gone when the run ends.
                 while send.send(source.batch(number)).is_ok() {
-                    number += workers as u64;
+                    number += stride;
                 }
             };
-            threads.push(std::thread::spawn(work));
-            let _ = begun.recv();
+            let Some(thread) = begin(Box::new(work)) else { break };
+            let _ = waiting.recv();
+            threads.push(thread);
             queues.push(receive);
+            strides.push(tell);
+        }
+        for tell in strides {
+            let _ = tell.send(threads.len() as u64);
         }
         Self { source, queues, threads, next: from, from, waited: Duration::ZERO }
     }
@@ -111,6 +129,21 @@ mod tests {
     fn order_does_not_depend_on_workers() {
         for workers in [0, 1, 3, 4] {
             let mut batches = Prefetch::new(Arc::new(Squares), 5, workers);
+            let got: Vec<u64> = (0..10).map(|_| batches.take().unwrap()).collect();
+            assert_eq!(got, (5..15).map(|n| n * n).collect::<Vec<_>>());
+        }
+    }
+
+    #[test]
+    fn fewer_threads_than_workers_make_the_same_batches() {
+        for allowed in [0, 1, 2] {
+            let left = std::cell::Cell::new(allowed);
+            let begin = |work: Work| {
+                left.set(left.get() - 1);
+                (left.get() >= 0).then(|| std::thread::spawn(work))
+            };
+            let mut batches = Prefetch::begun(Arc::new(Squares), 5, 4, begin);
+            assert_eq!(batches.threads.len(), allowed as usize);
             let got: Vec<u64> = (0..10).map(|_| batches.take().unwrap()).collect();
             assert_eq!(got, (5..15).map(|n| n * n).collect::<Vec<_>>());
         }

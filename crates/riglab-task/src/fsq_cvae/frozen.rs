@@ -6,7 +6,7 @@ use std::sync::Mutex;
 
 use riglab_nn::fsq_cvae::{Bottleneck, FsqCvae};
 use riglab_nn::params::{Params, Weights};
-use riglab_train::{Checkpoint, State};
+use riglab_train::{Checkpoint, State, named_by};
 use tch::{Device, Tensor};
 
 use super::coder::Coder;
@@ -37,7 +37,7 @@ impl Frozen {
         Self { config, net, params: Mutex::new(params), half: Mutex::default(), device }
     }
 
-    /// Of a run's folder: its config, and its best checkpoint; or of a file that `riglab checkpoint` made:
+    /// Of a run's folder: its config, and its best checkpoint; or of that of another of its checkpoints; or of a file that `riglab checkpoint` made:
     /// an auto-encoder's, or that of a model that rigs, of which the auto-encoder is taken.
     ///
     /// # Errors
@@ -46,7 +46,8 @@ impl Frozen {
         if run.is_file() {
             return Self::of_file(run, device);
         }
-        Self::of_run(run, "best", device).map(|(own, _)| own)
+        let (run, checkpoint) = named_by(run);
+        Self::of_run(&run, &checkpoint, device).map(|(own, _)| own)
     }
 
     /// Of a run's checkpoint, `best`, `last` or `step-N`, and where that stood in the training.

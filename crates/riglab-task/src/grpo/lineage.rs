@@ -3,6 +3,8 @@
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
+use riglab_train::named_by;
+
 use super::config::GrpoTaskConfig;
 use crate::settings::Settings;
 
@@ -30,7 +32,7 @@ pub(crate) fn descends(run: &Path) -> Result<(), String> {
             ));
         }
         match refined(&settings) {
-            Ok(Some(start)) if !start.as_os_str().is_empty() => at = start,
+            Ok(Some(start)) if !start.as_os_str().is_empty() => at = named_by(&start).0,
             _ => break,
         }
     }
@@ -53,6 +55,7 @@ mod tests {
         };
         assert_eq!(run("shipped", ""), Ok(()));
         assert_eq!(run("second", "shipped"), Ok(()));
+        assert!(run("of_last", "of_last/checkpoints/last").unwrap_err().contains("starts from itself"));
         assert!(run("own", "own").unwrap_err().contains("own: starts from itself"));
         run("one", "two").unwrap();
         assert!(run("two", "one").unwrap_err().contains("starts from itself"));

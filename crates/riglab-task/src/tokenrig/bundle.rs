@@ -3,7 +3,7 @@
 use std::path::Path;
 use std::sync::Arc;
 
-use riglab_train::Checkpoint;
+use riglab_train::{Checkpoint, named_by};
 use tch::{Device, Kind};
 
 use super::{Rigger, TokenRigTaskConfig};
@@ -18,13 +18,14 @@ pub(crate) const RIG: &str = "rig.";
 const KIND: &str = TokenRigTaskConfig::TASK;
 
 impl Rigger {
-    /// Reads a run's folder, or a file that [`Self::bundle`] made.
+    /// Reads a run's folder, that of one of its checkpoints, or a file that [`Self::bundle`] made.
     ///
     /// # Errors
     /// A sentence: what it is instead, or what is wrong with it.
     pub fn open(path: &Path, device: Device) -> Result<(Self, Card), String> {
         if path.is_dir() {
-            return Self::of_run(path, "best", device);
+            let (run, checkpoint) = named_by(path);
+            return Self::of_run(&run, &checkpoint, device);
         }
         let bytes = std::fs::read(path).map_err(|e| format!("{}: cannot be read ({e})", path.display()))?;
         Self::of_bundle(&bytes, &path.display().to_string(), device)

@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use riglab_nn::params::Params;
-use riglab_train::Checkpoint;
+use riglab_train::{Checkpoint, named_by};
 use tch::Device;
 
 use super::{SkeletonTask, SkeletonTaskConfig};
@@ -14,7 +14,7 @@ use crate::settings::{Settings, TaskSettings};
 /// Its task.
 const KIND: &str = SkeletonTaskConfig::TASK;
 /// What may be started from.
-const REMEDY: &str = "give start.model the folder of a run, or a model's file";
+const REMEDY: &str = "give start.model the folder of a run or of one of its checkpoints, or a model's file";
 
 /// Settings and weights.
 pub(crate) struct Trained {
@@ -23,22 +23,23 @@ pub(crate) struct Trained {
 }
 
 impl Trained {
-    /// Of a run's folder, its best checkpoint, or of a file that `riglab checkpoint import` made; of a run of GRPO, what
+    /// Of a run's folder, its best checkpoint, or of that of another of its checkpoints, or of a file that `riglab checkpoint import` made; of a run of GRPO, what
     /// became of such a model. `None` where it is of another task.
     ///
     /// # Errors
     /// A sentence: what cannot be read.
     pub fn open(path: &Path, device: Device) -> Result<Option<Self>, String> {
         if path.is_dir() {
-            descends(path)?;
-            let settings = Settings::of_run(path).map_err(|e| format!("{e}; {REMEDY}"))?;
+            let (run, checkpoint) = named_by(path);
+            descends(&run)?;
+            let settings = Settings::of_run(&run).map_err(|e| format!("{e}; {REMEDY}"))?;
             let own = match refined(&settings)? {
                 Some(start) if start.as_os_str().is_empty() => None,
                 Some(start) => Self::open(&start, device)?,
                 None => Self::of_settings(&settings, device)?,
             };
             let Some(own) = own else { return Ok(None) };
-            let checkpoint = Checkpoint::open(&path.join("checkpoints").join("best")).map_err(|e| e.to_string())?;
+            let checkpoint = Checkpoint::open(&run.join("checkpoints").join(checkpoint)).map_err(|e| e.to_string())?;
             checkpoint.load_weights(&own.params).map_err(|e| e.to_string())?;
             return Ok(Some(own));
         }

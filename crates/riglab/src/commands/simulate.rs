@@ -11,6 +11,7 @@ use riglab_core::{Bounds, Clip, Rig, skin};
 use riglab_render::{Theme, View, contact_sheet, render_parts};
 use riglab_simulate::{Lengths, Motion, MotionKind, generate, guess, play};
 use riglab_task::unirig_skin::Skinner;
+use riglab_train::named_by;
 use tch::Device;
 
 /// Play a motion with spring bones: hair, tails and clothes swing behind the body.
@@ -175,7 +176,8 @@ fn with_springs(args: &Args, imported: &Imported) -> Result<Rig> {
 /// With attributes that a run tells.
 fn with_attributes(args: &Args, rig: Rig) -> Result<Rig> {
     let Some(run) = &args.attributes else { return Ok(rig) };
-    let (skinner, state) = Skinner::of_run(run, "best", Device::Cpu).map_err(|e| anyhow!(e))?;
+    let (folder, checkpoint) = named_by(run);
+    let (skinner, state) = Skinner::of_run(&folder, &checkpoint, Device::Cpu).map_err(|e| anyhow!(e))?;
     tell!("attributes: {}, {} steps", run.display(), state.step);
     let springs = skinner.springs(&rig, args.seed).map_err(|e| anyhow!("{}: {e}", args.input.display()))?;
     Ok(rig.with_springs(springs)?)

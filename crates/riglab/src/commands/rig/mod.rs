@@ -71,8 +71,9 @@ struct Common {
     /// The GLB to write, or the folder for those of a folder.
     #[arg(long, short, value_name = "OUT")]
     out: PathBuf,
-    /// A run's folder (task tokenrig or grpo; where the skeleton is given, unirig_skin, too), or a file of `riglab
-    /// checkpoint export` or `import` [default: the model that comes with riglab].
+    /// A run's folder (task tokenrig or grpo; where the skeleton is given, unirig_skin, too), of which the best checkpoint is
+    /// taken, or another's (RUN/checkpoints/last); or a file of `riglab checkpoint export` or `import` [default: the model
+    /// that comes with riglab].
     #[arg(long, value_name = "PATH")]
     checkpoint: Option<PathBuf>,
     /// Rigs that are drawn, of which the best is taken; the first takes the likeliest token each time [default: as

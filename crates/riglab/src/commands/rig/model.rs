@@ -7,6 +7,7 @@ use riglab_asset::rigging::Subject;
 use riglab_core::{Rig, SkinWeights};
 use riglab_task::tokenrig::{Card, Draw, Made, Rigger, Wish};
 use riglab_task::unirig_skin::{Holders, Skinner};
+use riglab_train::named_by;
 use tch::Device;
 
 use super::{Bones, Common};
@@ -23,17 +24,23 @@ enum Kind {
 }
 
 impl Model {
-    /// Of a run's folder or a file; without, the one that comes along.
+    /// Of the folder of a run or of one of its checkpoints, or a file; without, the one that comes along.
     pub fn open(path: Option<&Path>, device: Device) -> Result<Self> {
         let whole = |(rigger, card)| Self { made_of: Kind::Whole(Box::new(rigger)), card };
+        let weights = |path: &Path| {
+            let (run, checkpoint) = named_by(path);
+            Skinner::is_run(&run).then(|| Skinner::of_run(&run, &checkpoint, device).map(|own| (run, own)))
+        };
         match path {
             None => Rigger::shipped(device).map(whole),
-            Some(run) if Skinner::is_run(run) => Skinner::of_run(run, "best", device).map(|(skinner, state)| {
-                let name = run.display().to_string();
-                let card = Card { text: format!("The run {name}."), name, state };
-                Self { made_of: Kind::Weights(Box::new(skinner)), card }
-            }),
-            Some(path) => Rigger::open(path, device).map(whole),
+            Some(path) => match weights(path) {
+                Some(found) => found.map(|(run, (skinner, state))| {
+                    let name = run.display().to_string();
+                    let card = Card { text: format!("The run {name}."), name, state };
+                    Self { made_of: Kind::Weights(Box::new(skinner)), card }
+                }),
+                None => Rigger::open(path, device).map(whole),
+            },
         }
         .map_err(|e| anyhow!(e))
     }
