@@ -47,6 +47,8 @@ pub struct Checkpoint {
 /// `checkpoints`, or the run itself, of which that is `best`.
 pub fn named_by(folder: &Path) -> (PathBuf, String) {
     let within = || {
+        // Runs may well be kept in a folder of that name.
+        let folder = Some(folder).filter(|folder| !folder.join("config.toml").is_file())?;
         let checkpoints = folder.parent().filter(|parent| parent.ends_with(CHECKPOINTS))?;
         let run = checkpoints.parent().filter(|run| !run.as_os_str().is_empty());
         Some((run.unwrap_or(Path::new(".")).to_path_buf(), folder.file_name()?.to_str()?.to_string()))
@@ -320,5 +322,11 @@ mod tests {
         assert_eq!(of("runs/a/checkpoints/step-00000100/"), pair("runs/a", "step-00000100"));
         assert_eq!(of("checkpoints/best"), pair(".", "best"));
         assert_eq!(of("checkpoints"), pair("checkpoints", "best"));
+        let dir = tempfile::tempdir().unwrap();
+        let run = dir.path().join("checkpoints").join("last");
+        fs::create_dir_all(&run).unwrap();
+        assert_eq!(named_by(&run), (dir.path().to_path_buf(), "last".to_string()));
+        fs::write(run.join("config.toml"), "").unwrap();
+        assert_eq!(named_by(&run), (run.clone(), "best".to_string()));
     }
 }

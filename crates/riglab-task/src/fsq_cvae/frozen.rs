@@ -37,8 +37,8 @@ impl Frozen {
         Self { config, net, params: Mutex::new(params), half: Mutex::default(), device }
     }
 
-    /// Of a run's folder: its config, and its best checkpoint; or of that of another of its checkpoints; or of a file that `riglab checkpoint` made:
-    /// an auto-encoder's, or that of a model that rigs, of which the auto-encoder is taken.
+    /// Of a run's folder: its config, and its best checkpoint; or of that of another of its checkpoints; or of a file that
+    /// `riglab checkpoint` made: an auto-encoder's, or that of a model that rigs, of which the auto-encoder is taken.
     ///
     /// # Errors
     /// A sentence: what is missing there, or not of this task.

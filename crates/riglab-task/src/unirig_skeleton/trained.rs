@@ -23,8 +23,8 @@ pub(crate) struct Trained {
 }
 
 impl Trained {
-    /// Of a run's folder, its best checkpoint, or of that of another of its checkpoints, or of a file that `riglab checkpoint import` made; of a run of GRPO, what
-    /// became of such a model. `None` where it is of another task.
+    /// Of a run's folder, its best checkpoint, or of that of another of its checkpoints, or of a file that `riglab checkpoint
+    /// import` made; of a run of GRPO, what became of such a model. `None` where it is of another task.
     ///
     /// # Errors
     /// A sentence: what cannot be read.
