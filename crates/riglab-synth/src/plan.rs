@@ -36,8 +36,8 @@ pub enum Plan {
     Machine,
     /// Cables, plants, banners, chests: things that bend or open.
     Prop,
-    /// What stands where it is but for a part or two: idols, cabinets, traps, bells, scenes. Two to five joints. Not in
-    /// [`Self::MIXTURE`].
+    /// What stands where it is but for a part or two: idols, cabinets, traps, bells, scenes. Two to four joints, and
+    /// those that exporters add. Not in [`Self::MIXTURE`].
     Fixture,
 }
 

@@ -1,5 +1,5 @@
 //! Things that stand where they are but for a part or two: idols, cabinets, traps, bells, scenes with one thing that
-//! moves. Real props are mostly such: a joint on the ground and one more.
+//! moves. A fifth of the real props and machines at hand are such: a joint on the ground and one more, or a few.
 
 use glam::Vec3;
 use riglab_core::JointId;
@@ -111,7 +111,7 @@ fn lump(dice: &mut Dice) -> Body {
     body
 }
 
-/// A box on the ground with an upper part, a door or a drawer, and fittings that follow it or do not.
+/// A box on the ground with an upper part, fittings that follow it or do not, and a door at times.
 fn cabinet(dice: &mut Dice) -> Body {
     let half = Vec3::new(dice.between(0.2, 0.6), dice.between(0.3, 0.7), dice.between(0.15, 0.5));
     let mut body = standing(dice, half.y);

@@ -46,8 +46,8 @@ pub struct GrpoTaskConfig {
 #[serde(deny_unknown_fields, default)]
 pub struct StartConfig {
     /// The folder of a run of task `tokenrig` or of one of its checkpoints (of a run: `checkpoints/best`), or a file made
-    /// by `riglab checkpoint export` or `import`; empty: the model that comes with riglab. Also a run, or an imported file, of task `unirig_skeleton`: its skeletons are refined by
-    /// the rewards of joints and bones.
+    /// by `riglab checkpoint export` or `import`; empty: the model that comes with riglab. Also a run, or an imported file,
+    /// of task `unirig_skeleton`: its skeletons are refined by the rewards of joints and bones.
     pub model: PathBuf,
 }
 
