@@ -1,7 +1,7 @@
 //! Weights without learning: by distance to the bones.
 
 use rayon::prelude::*;
-use riglab_core::{DecodeRule, JointId, Rig, Segment};
+use riglab_core::{DecodeRule, JointId, Mesh, Rig, RigError, Segment, Skeleton, SkinWeights};
 
 /// A rule by which distances become weights.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -48,6 +48,23 @@ impl Baseline {
         let mut out = vec![0.0; distances.len()];
         out.par_chunks_exact_mut(joints).zip(distances.par_chunks_exact(joints)).for_each(|(row, d)| self.row(row, d));
         out
+    }
+
+    /// A mesh with weights by straight distance to all bones of a skeleton.
+    ///
+    /// # Errors
+    /// When there are more joints than a rig may have.
+    pub fn rig(&self, skeleton: Skeleton, mesh: Mesh) -> Result<Rig, RigError> {
+        let bones = skeleton.segments();
+        let of_vertex = |distances: &mut Vec<f32>, p: &[f32; 3]| {
+            distances.clear();
+            distances.extend(bones.iter().map(|bone| Segment::nearest_of(bone, *p).1));
+            let row = (0u16..).zip(self.weights_of(distances));
+            row.filter(|(_, w)| *w > 0.0).map(|(j, w)| (j, f64::from(w))).collect::<Vec<_>>()
+        };
+        let rows: Vec<_> = mesh.positions().par_iter().map_init(Vec::new, of_vertex).collect();
+        let weights = SkinWeights::normalized(rows)?;
+        Rig::new(skeleton, mesh, weights)
     }
 
     /// Weights of one vertex.
@@ -106,6 +123,28 @@ mod tests {
         let w = Baseline::Inverse { power: 2 }.weights(&d, 3);
         assert!((w[0] / w[1] - 4.0).abs() < 1e-5 && (w.iter().sum::<f32>() - 1.0).abs() < 1e-6);
         assert_eq!(Baseline::InverseCut { power: 2, cut: 0.1 }.weights(&d, 3), [0.8, 0.2, 0.0]);
+    }
+
+    #[test]
+    fn a_mesh_has_the_weights_of_its_distances() {
+        let joint = |name: &str, parent, head| riglab_core::Joint { name: name.into(), parent, head };
+        let joints = vec![
+            joint("root", None, [0.0; 3]),
+            joint("up", Some(JointId(0)), [0.0, 1.0, 0.0]),
+            joint("far", Some(JointId(1)), [4.0, 1.0, 0.0]),
+        ];
+        let corners = vec![[1.0, 0.0, 0.0], [0.3, 0.9, 0.0], [3.0, 2.0, 1.0], [-1.0, 0.5, 0.0]];
+        let mesh = Mesh::new(corners, vec![[0, 1, 2], [0, 3, 1]]).unwrap();
+        let rule = Baseline::InverseCut { power: 4, cut: 0.15 };
+        let rig = rule.rig(Skeleton::new(joints).unwrap(), mesh).unwrap();
+        let ids: Vec<JointId> = rig.skeleton().ids().collect();
+        let dense = rule.weights(&bone_distances(&rig, &ids), 3);
+        for (v, wanted) in dense.chunks(3).enumerate() {
+            let mut row = [0.0; 3];
+            rig.weights().row(v).for_each(|(j, w)| row[j.index()] = w);
+            assert!(row.iter().zip(wanted).all(|(a, b)| (a - b).abs() < 1e-6), "{row:?} {wanted:?}");
+        }
+        assert!(dense.iter().filter(|w| **w > 0.0).count() > 4, "some vertices are shared");
     }
 
     #[test]

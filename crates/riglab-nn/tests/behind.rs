@@ -5,7 +5,7 @@ use riglab_nn::generate::Decoder;
 use riglab_nn::params::{Builder, Params, Weights};
 use riglab_nn::perceiver::PerceiverConfig;
 use riglab_nn::skeleton::{SkeletonModel, SkeletonModelConfig};
-use riglab_nn::tokenrig::{Head, Layout, Reader, Sequences, TOLD, TokenRig, TokenRigConfig};
+use riglab_nn::tokenrig::{GEOMETRY, Head, Layout, Reader, Sequences, TokenRig, TokenRigConfig};
 use tch::{Device, Kind, Tensor};
 
 const DOUBLE: (Kind, Device) = (Kind::Double, Device::Cpu);
@@ -54,13 +54,16 @@ fn of_tokenrig() {
         positions: 64,
         ..QwenConfig::default()
     };
-    let config = TokenRigConfig { decoder, head: Head::Levels, tell_place: true, ..TokenRigConfig::default() };
+    let extensions = TokenRigConfig { tell_joint: true, tell_region: true, ..TokenRigConfig::default() };
+    let config = TokenRigConfig { decoder, head: Head::Levels, tell_rule: true, tell_place: true, ..extensions };
     let mut builder = Builder::default();
-    let net = TokenRig::new(builder.root(), &config, &Layout::new(267, &[4, 4, 4], Head::Levels).with_bins(256), 4);
+    let layout = Layout::new(267, &[4, 4, 4], Head::Levels).with_bins(256);
+    let net = TokenRig::new(builder.root(), &config, &layout, 4);
     let params = builder.finish(1, Kind::Double, Device::Cpu).unwrap();
     let (prefix, total) = (Tensor::randn([2, 6, 32], DOUBLE), LENGTHS.iter().sum());
     let ids = Tensor::randint(331, [total], (Kind::Int64, Device::Cpu));
-    let told = Tensor::rand([total, TOLD as i64], DOUBLE).floor();
+    let told = Tensor::rand([total, config.told(&layout, 4) as i64], DOUBLE);
+    told.select(1, GEOMETRY as i64).copy_(&Tensor::randint(5, [total], DOUBLE));
     let sequences = Sequences { ids: &ids, lengths: &LENGTHS, told: Some(&told) };
     let apart = step(&params, &prefix, |w, prefix| net.forward(w, &each(prefix), &sequences, false));
     let once = step(&params, &prefix, |w, prefix| net.forward_behind(w, prefix, &OF, &sequences));

@@ -141,7 +141,7 @@ impl Subject for TokenRigTask {
         let mut c = recipe::tokenrig(corpus, precision)?;
         // As the paper has it, and transformers: one softmax over skeleton tokens and codes, nothing told or dropped.
         c.model.head = Head::Flat;
-        (c.model.tell_joint, c.model.tell_region, c.model.tell_place) = (false, false, false);
+        (c.model.tell_joint, c.model.tell_region, c.model.tell_rule, c.model.tell_place) = (false, false, false, false);
         c.model.shape.sorted = false;
         (c.skin.empty, c.model.decoder.dropout) = (false, 0.0);
         if let Some(rows) = drawing {

@@ -26,6 +26,10 @@ pub struct TokenRigConfig {
     /// It is told as well what of the surface lies nearest to the joint's bones (an extension of `tell_joint`): where that
     /// is, how large, and its share of the whole.
     pub tell_region: bool,
+    /// It is told as well the codes that the auto-encoder has for a rule's weights of all joints, by distance to their bones
+    /// (an extension of `tell_joint`): an artist's are often like them, and where they are not, that is what there is to
+    /// learn.
+    pub tell_rule: bool,
     /// Each token of a skeleton is told where the last joint before it is, and the one before that, which is its parent or
     /// names it, and what is known of the one that is being written (an extension). Otherwise the network knows cells by
     /// number alone.
@@ -42,6 +46,7 @@ impl Default for TokenRigConfig {
             scored_at_once: 0,
             tell_joint: false,
             tell_region: false,
+            tell_rule: false,
             tell_place: false,
         }
     }
@@ -60,8 +65,10 @@ impl TokenRigConfig {
             let text = format!("positions ({positions}) must be more than the {tokens} tokens of the shape");
             return Err(("decoder.positions".into(), text));
         }
-        if self.tell_region && !self.tell_joint {
-            return Err(("tell_region".into(), "tells more of the joint: set tell_joint = true beside it".into()));
+        for (key, more) in [("tell_region", self.tell_region), ("tell_rule", self.tell_rule)] {
+            if more && !self.tell_joint {
+                return Err((key.into(), "tells more of the joint: set tell_joint = true beside it".into()));
+            }
         }
         Ok(())
     }
@@ -72,9 +79,11 @@ mod tests {
     use super::*;
 
     #[test]
-    fn regions_are_told_beside_their_joints() {
+    fn regions_and_rules_are_told_beside_their_joints() {
         let of = |tell_joint, tell_region| TokenRigConfig { tell_joint, tell_region, ..TokenRigConfig::default() };
         assert_eq!(of(false, true).validate().unwrap_err().0, "tell_region");
+        let rule = |tell_joint| TokenRigConfig { tell_joint, tell_rule: true, ..TokenRigConfig::default() };
+        assert!(rule(false).validate().unwrap_err().0 == "tell_rule" && rule(true).validate().is_ok());
         assert!([(false, false), (true, false), (true, true)].iter().all(|&(a, b)| of(a, b).validate().is_ok()));
     }
 }

@@ -74,6 +74,16 @@ impl Layout {
         self.levels.iter().product()
     }
 
+    /// The levels of a code, each from -1 to 1.
+    pub fn levels_of(&self, code: i64) -> impl Iterator<Item = f32> {
+        let mut left = code;
+        self.levels.iter().map(move |&levels| {
+            let level = left.rem_euclid(levels);
+            left = left.div_euclid(levels);
+            2.0 * level as f32 / (levels - 1).max(1) as f32 - 1.0
+        })
+    }
+
     /// The id of a code.
     pub fn code(&self, code: i64) -> i64 {
         self.skeleton + code

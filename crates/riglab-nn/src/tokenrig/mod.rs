@@ -9,6 +9,7 @@ mod likelihood;
 mod loss;
 mod place;
 mod reader;
+mod told;
 
 use tch::{Device, Kind, Tensor};
 
@@ -17,6 +18,7 @@ pub use layout::{Head, Layout};
 pub use likelihood::{Choices, Likelihood};
 pub use loss::{Asked, Parts};
 pub use reader::{Joints as JointsOf, Reader};
+pub use told::{GEOMETRY, JointTold};
 
 use crate::decoder::{Cache, Packed, Qwen};
 use crate::embed::{EmbedConfig, EmbedKind, Embedding};
@@ -30,15 +32,6 @@ use place::{Place, Places, Walk};
 const PREFIX_EPS: f64 = f32::EPSILON as f64;
 /// Octaves with which joints are told.
 const OCTAVES: usize = 6;
-/// Numbers that tell a joint: where it and its parent are, and what of the surface lies near its bones: the centre of
-/// that, the deviation from it by axis, its share of all area, and how surely any of it is theirs (0 to 1).
-const JOINT: usize = 14;
-/// Numbers that tell a place: of a joint, and 1 + which of the bone's codes follows.
-pub const TOLD: usize = JOINT + 1;
-/// What a joint's codes are told.
-pub type JointTold = [f32; JOINT];
-/// What a place is told.
-pub type Told = [f32; TOLD];
 /// Smaller shares of the surface are told as this one.
 const LEAST_SHARE: f64 = 1e-6;
 
@@ -70,6 +63,8 @@ struct Joints {
     embedding: Embedding,
     linear: Linear,
     region: bool,
+    /// Numbers that tell a rule's codes; 0 where none are told.
+    rule: usize,
     slots: i64,
 }
 
@@ -79,8 +74,9 @@ pub struct Sequences<'a> {
     pub ids: &'a Tensor,
     /// How many of each.
     pub lengths: &'a [i64],
-    /// For [`TokenRigConfig::tell_joint`], [T, [`TOLD`]]: of each place whose next token is a code, what it is told
-    /// ([`Told`]); else 0. Without [`TokenRigConfig::tell_region`] what is near a joint's bones is not read.
+    /// For [`TokenRigConfig::tell_joint`], [T, [`TokenRigConfig::told`]]: of each place whose next token is a code, what it
+    /// is told ([`JointTold::at`]); else 0. Without [`TokenRigConfig::tell_region`] what is near a joint's bones is not
+    /// read.
     pub told: Option<&'a Tensor>,
 }
 
@@ -111,8 +107,11 @@ impl TokenRig {
                 EmbedConfig { kind: EmbedKind::Fourier, frequencies: OCTAVES, base: std::f64::consts::FRAC_PI_2 };
             let embedding = Embedding::new(&kind);
             let points = if c.tell_region { 4 * embedding.width() + 2 } else { 2 * embedding.width() };
-            let linear = Linear::plain(at.sub("joint"), Role::Projection, points + slots, d, std);
-            Joints { embedding, linear, region: c.tell_region, slots: slots as i64 }
+            let rule = if c.tell_rule { told::rule(layout, slots) } else { 0 };
+            // And those of the code that follows once more.
+            let again = if c.tell_rule { layout.levels().len() } else { 0 };
+            let linear = Linear::plain(at.sub("joint"), Role::Projection, points + rule + again + slots, d, std);
+            Joints { embedding, linear, region: c.tell_region, rule, slots: slots as i64 }
         });
         let places = c.tell_place.then(|| Places::new(at.sub("place"), d, std));
         let (layout, scored_at_once) = (layout.clone(), c.scored_at_once as i64);
@@ -159,10 +158,10 @@ impl TokenRig {
         Tensor::stack(&parts, -1)
     }
 
-    /// What telling joints adds, [.., d]; told [.., [`TOLD`]].
+    /// What telling joints adds, [.., d]; told as [`Sequences::told`].
     fn tell(&self, w: &Weights, told: &Tensor) -> Option<Tensor> {
         let joints = self.joints.as_ref()?;
-        let slot = told.select(-1, JOINT as i64).to_kind(Kind::Int64);
+        let slot = told.select(-1, GEOMETRY as i64).to_kind(Kind::Int64);
         let numbers = Tensor::arange_start(1, joints.slots + 1, (Kind::Int64, told.device()));
         let slots = slot.unsqueeze(-1).eq_tensor(&numbers).to_kind(told.kind());
         let embedded = |x: &Tensor| joints.embedding.forward(x);
@@ -174,6 +173,12 @@ impl TokenRig {
             let size = (part(9).clamp(small, large) / small).log() * (2.0 / (large / small).ln()) - 1.0;
             let share = told.narrow(-1, 12, 1).clamp_min(LEAST_SHARE).log() / 5.0 + 1.0;
             parts.extend([embedded(&part(6)), embedded(&size), share, told.narrow(-1, 13, 1)]);
+        }
+        if joints.rule > 0 {
+            let rule = told.narrow(-1, GEOMETRY as i64 + 1, joints.rule as i64);
+            let codes = rule.narrow(-1, 0, joints.rule as i64 - 1).unflatten(-1, [joints.slots, -1]);
+            let own = (codes * slots.unsqueeze(-1)).sum_dim_intlist(-2, false, None::<Kind>);
+            parts.extend([rule, own]);
         }
         parts.push(slots);
         let features = Tensor::cat(&parts, -1) * slot.gt(0).unsqueeze(-1).to_kind(told.kind());

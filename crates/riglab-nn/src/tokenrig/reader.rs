@@ -3,7 +3,7 @@
 use tch::{Kind, Tensor};
 
 use super::place::Walk;
-use super::{JointTold, TOLD, TokenRig, Told};
+use super::{GEOMETRY, JointTold, TokenRig};
 use crate::decoder::Cache;
 use crate::generate::Decoder;
 use crate::layers::affine;
@@ -132,8 +132,9 @@ impl<'a> Reader<'a> {
     }
 
     /// Goes on after an id that is read, and says what is told of what follows it.
-    fn tell(&mut self, row: usize, id: i64) -> Told {
-        let (layout, slots) = (&self.net.layout, self.net.joints.as_ref().map_or(0, |j| j.slots as usize));
+    fn tell(&mut self, row: usize, id: i64) -> Vec<f32> {
+        let layout = &self.net.layout;
+        let (slots, rule) = self.net.joints.as_ref().map_or((0, 0), |j| (j.slots as usize, j.rule));
         let own = &mut self.rows[row];
         if id == i64::from(self.skeleton_end) {
             let end = own.drawn.iter().position(|&d| d == self.skeleton_end).map_or(0, |at| at + 1);
@@ -147,12 +148,11 @@ impl<'a> Reader<'a> {
                 _ => Some((joint + 1, 0)),
             };
         }
-        let mut told = [0.0; TOLD];
+        let mut told = vec![0.0; GEOMETRY + 1 + rule];
         if let Some((joint, slot)) = own.place
             && let Some(at) = own.joints.get(joint)
         {
-            told[..TOLD - 1].copy_from_slice(at);
-            told[TOLD - 1] = (slot + 1) as f32;
+            at.at(slot, &mut told);
         }
         told
     }

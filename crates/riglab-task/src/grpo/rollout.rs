@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use riglab_nn::grpo::advantages;
 use riglab_nn::params::Weights;
-use riglab_nn::tokenrig::{TOLD, Told};
+use riglab_nn::tokenrig::GEOMETRY;
 use riglab_random::stream;
 use riglab_reward::Rewards;
 use riglab_train::Precision;
@@ -24,8 +24,8 @@ pub struct Sequence {
     pub mesh: usize,
     /// Its tokens, the prompt with them.
     pub ids: Vec<i64>,
-    /// Of each, what [`riglab_nn::tokenrig::Sequences::told`] is.
-    pub told: Vec<Told>,
+    /// What they are told, one after another: see [`riglab_nn::tokenrig::Sequences::told`].
+    pub told: Vec<f32>,
     /// What it is worth beside the others of its mesh.
     pub advantage: f64,
     /// Whether the loss looks at it.
@@ -228,7 +228,7 @@ impl Rollout {
     pub(super) fn tensors(&self) -> BTreeMap<String, Tensor> {
         let s = &self.sequences;
         let ids: Vec<i64> = s.iter().flat_map(|s| &s.ids).copied().collect();
-        let told: Vec<f32> = s.iter().flat_map(|s| s.told.iter().flatten()).copied().collect();
+        let told: Vec<f32> = s.iter().flat_map(|s| &s.told).copied().collect();
         let old: Vec<f32> = s.iter().flat_map(|s| &s.old).copied().collect();
         let reference: Vec<f32> = s.iter().flat_map(|s| &s.reference).copied().collect();
         let heads: Vec<i64> = s
@@ -258,7 +258,8 @@ impl Rollout {
         let single = |name: &str| Vec::<f32>::try_from(get(name)?.to_kind(Kind::Float)).ok();
         let double = |name: &str| Vec::<f64>::try_from(get(name)?.to_kind(Kind::Double)).ok();
         let (heads, ids) = (whole("heads")?, whole("ids")?);
-        let told = told_of(&single("told")?, ids.len())?;
+        let told = told_of(single("told")?, ids.len())?;
+        let width = told.len() / ids.len().max(1);
         let (old, reference, advantages) = (single("old")?, single("reference")?, double("advantages")?);
         let (mut token, mut free) = (0usize, 0usize);
         let mut sequences = Vec::new();
@@ -269,7 +270,7 @@ impl Rollout {
             (token, free) = (tokens.end, chosen.end);
             sequences.push(Sequence {
                 mesh: usize::try_from(mesh).ok()?,
-                told: told.get(tokens.clone())?.to_vec(),
+                told: told.get(width * tokens.start..width * tokens.end)?.to_vec(),
                 ids: ids.get(tokens)?.to_vec(),
                 advantage,
                 counts: counts != 0,
@@ -288,18 +289,18 @@ impl Rollout {
     }
 }
 
-/// Rows of what so many places are told. Those kept before regions were told have a joint, its parent and the place alone.
-fn told_of(kept: &[f32], places: usize) -> Option<Vec<Told>> {
+/// What so many places are told. Those kept before regions were told have a joint, its parent and the place alone.
+fn told_of(kept: Vec<f32>, places: usize) -> Option<Vec<f32>> {
     const BEFORE: usize = 7;
-    let row = |own: &[f32]| -> Told {
-        let (place, joint) = own.split_last().unwrap_or((&0.0, &[]));
-        let mut told = [0.0; TOLD];
-        told[..joint.len()].copy_from_slice(joint);
-        told[TOLD - 1] = *place;
-        told
-    };
-    let width = [TOLD, BEFORE].into_iter().find(|width| width * places == kept.len())?;
-    Some(kept.chunks_exact(width).map(row).collect())
+    if kept.len() != BEFORE * places {
+        return (places > 0 && kept.len().is_multiple_of(places)).then_some(kept);
+    }
+    let mut told = vec![0.0; (GEOMETRY + 1) * places];
+    for (row, own) in told.chunks_exact_mut(GEOMETRY + 1).zip(kept.chunks_exact(BEFORE)) {
+        row[..BEFORE - 1].copy_from_slice(&own[..BEFORE - 1]);
+        row[GEOMETRY] = own[BEFORE - 1];
+    }
+    Some(told)
 }
 
 #[cfg(test)]
@@ -308,12 +309,12 @@ mod tests {
 
     #[test]
     fn what_was_told_before_there_were_regions_is_read() {
-        let told = told_of(&[1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 2.0], 1).unwrap();
-        assert_eq!((&told[0][..6], told[0][TOLD - 1]), (&[1.0, 2.0, 3.0, 4.0, 5.0, 6.0][..], 2.0));
-        assert!(told[0][6..TOLD - 1].iter().all(|&x| x == 0.0));
-        let now: Vec<f32> = (0..2 * TOLD).map(|k| k as f32).collect();
-        assert_eq!(told_of(&now, 2).unwrap().as_flattened(), now);
-        assert_eq!((told_of(&now, 3), told_of(&[], 0)), (None, Some(Vec::new())));
+        let told = told_of(vec![1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 2.0], 1).unwrap();
+        assert_eq!((&told[..6], told[GEOMETRY]), (&[1.0, 2.0, 3.0, 4.0, 5.0, 6.0][..], 2.0));
+        assert!(told[6..GEOMETRY].iter().all(|&x| x == 0.0) && told.len() == GEOMETRY + 1);
+        let now: Vec<f32> = (0..2 * (GEOMETRY + 6)).map(|k| k as f32).collect();
+        assert_eq!(told_of(now.clone(), 2), Some(now.clone()));
+        assert_eq!((told_of(now, 3), told_of(Vec::new(), 0)), (None, Some(Vec::new())));
     }
 
     #[test]
@@ -321,7 +322,7 @@ mod tests {
         let own = |mesh: usize, n: usize| Sequence {
             mesh,
             ids: (0..n as i64).collect(),
-            told: (0..n).map(|k| [k as f32; TOLD]).collect(),
+            told: (0..3 * n).map(|k| k as f32).collect(),
             advantage: 0.1 * n as f64,
             counts: mesh == 0,
             said: 0.0,

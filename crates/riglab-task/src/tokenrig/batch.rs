@@ -5,13 +5,14 @@ use std::sync::Arc;
 use riglab_core::Rig;
 use riglab_data::Mixture;
 use riglab_geom::CloudSampler;
-use riglab_nn::tokenrig::{Layout, TOLD};
+use riglab_nn::tokenrig::Layout;
 use riglab_random::{Draw, stream};
 use riglab_token::Tokenizer;
 use riglab_train::Source;
 
 use super::config::TokenRigTaskConfig;
-use super::sample::{Sample, sample, skeleton, told};
+use super::sample::{Sample, sample, skeleton};
+use super::told::Teller;
 use crate::assets::{AssetId, Assets, Cache};
 use crate::fsq_cvae::Frozen;
 use crate::unirig_skeleton::Batch as Shapes;
@@ -22,27 +23,27 @@ use crate::unirig_skeleton::batch::{normalized, shape};
 pub struct Batch {
     /// Clouds, picks, ids of all rigs one after another, and their lengths.
     pub shapes: Shapes,
-    /// [T, [`TOLD`]]: see [`riglab_nn::tokenrig::Sequences::told`].
+    /// [T, ..]: see [`riglab_nn::tokenrig::Sequences::told`].
     pub told: Vec<f32>,
     /// Numbers of skins that are left out, as their loss has no weight.
     pub unasked: usize,
 }
 
 impl Batch {
-    /// Adds a sequence, of so many codes a bone; its shape is added apart.
-    pub fn push(&mut self, sample: &Sample, layout: &Layout, codes: usize) {
+    /// Adds a sequence; its shape is added apart.
+    pub fn push(&mut self, sample: &Sample, teller: &Teller) {
         self.shapes.ids.extend(&sample.ids);
         self.shapes.lengths.push(sample.ids.len() as i64);
         self.shapes.clamped += sample.clamped;
-        let told = told(layout, &sample.ids, sample.skeleton, &sample.joints, codes);
-        self.told.extend(told.as_flattened());
+        self.told.extend(teller.places(&sample.ids, sample.skeleton, &sample.joints));
     }
 
     /// Some of its rigs alone; what is left out is counted by the whole.
     pub(super) fn some(&self, rigs: &[usize]) -> Self {
+        let width = self.told.len() / self.shapes.ids.len().max(1);
         let told = |&rig: &usize| {
             let tokens = self.shapes.tokens(rig);
-            self.told.get(TOLD * tokens.start..TOLD * tokens.end).unwrap_or_default()
+            self.told.get(width * tokens.start..width * tokens.end).unwrap_or_default()
         };
         Self { shapes: self.shapes.some(rigs), told: rigs.iter().flat_map(told).copied().collect(), unasked: 0 }
     }
@@ -87,11 +88,11 @@ impl BatchSource {
         let mirrored = augmented.motion.world.matrix3.determinant() < 0.0;
         let mut of_variant = stream(seed, "rig variant", &key);
         let class = !of_variant.chance(c.sampling.class_dropout) && !mirrored;
+        let teller = Teller { model: &c.model, layout: &self.layout, vae: &self.vae, codes: c.skin.codes };
         let fits = |s: &Sample, ids: usize| ids <= c.longest() && s.skeleton <= c.limits.tokens;
         if skin {
             let mut make = || {
-                let (how, rig) = ((&self.layout, &c.skin), (&rig, c.model.tell_region));
-                let whole = sample(&self.tokenizer, how, &self.vae, rig, class, &mut of_variant);
+                let whole = sample(&self.tokenizer, &c.skin, &teller, &rig, class, &mut of_variant);
                 let whole = whole.filter(|s| fits(s, s.ids.len()));
                 let bytes = whole.as_ref().map_or(0, Sample::bytes);
                 Ok::<_, String>((whole, bytes))
@@ -101,14 +102,14 @@ impl BatchSource {
                 _ => self.samples.get((id, variant), make)?,
             };
             let Some(sample) = &*found else { return Ok(false) };
-            batch.push(sample, &self.layout, c.skin.codes);
+            batch.push(sample, &teller);
         } else {
             let found = skeleton(&self.tokenizer, &c.skin, &rig, class);
             let Some((sample, follow)) = found.filter(|(s, follow)| fits(s, s.ids.len() + follow)) else {
                 return Ok(false);
             };
             batch.unasked += self.layout.scored(follow);
-            batch.push(&sample, &self.layout, c.skin.codes);
+            batch.push(&sample, &teller);
         }
         let sampler = match augmented.normals.as_ref() {
             Some(n) => CloudSampler::with_normals(rig.mesh(), &c.sampling.cloud, &n.vertices, &n.triangles),

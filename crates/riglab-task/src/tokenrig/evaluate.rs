@@ -134,6 +134,7 @@ impl TokenRigTask {
         let _no_grad = tch::no_grad_guard();
         let (rigger, c) = (&self.rigger, &self.rigger.config);
         let assets = c.data.some_of(&self.validation_assets, c.eval.validation_assets, c.eval.seed);
+        let teller = rigger.teller();
         let (mut sums, mut losses) = (Sums::default(), [(0.0, 0.0); 2]);
         let parts: Vec<_> = assets.chunks(c.eval.rows).collect();
         let found = |k: usize| {
@@ -144,18 +145,15 @@ impl TokenRigTask {
             let mut batch = Batch::default();
             for (rig, id) in rigs.iter().zip(ids) {
                 let mut random = stream(c.eval.seed, "rig variant", &[id.key()]);
-                let (layout, vae) = (rigger.net.layout(), &rigger.vae);
-                let rig_of = (&**rig, c.model.tell_region);
-                let Some(sample) = sample(&rigger.tokenizer, (layout, &c.skin), vae, rig_of, true, &mut random) else {
-                    continue;
-                };
+                let found = sample(&rigger.tokenizer, &c.skin, &teller, rig, true, &mut random);
+                let Some(sample) = found else { continue };
                 if sample.ids.len() > c.longest() {
                     continue;
                 }
                 let mut random = stream(c.eval.seed, "skeleton evaluation", &[id.key()]);
                 let sampler = riglab_geom::CloudSampler::new(rig.mesh(), &c.sampling.cloud);
                 shape(&c.sampling.cloud, &c.model.shape, &sampler, &mut random, &mut batch.shapes);
-                batch.push(&sample, layout, c.skin.codes);
+                batch.push(&sample, &teller);
             }
             if batch.shapes.rigs > 0 {
                 let parts = parts_of(&rigger.net, c, w, &batch, rigger.device, false);
@@ -341,7 +339,8 @@ impl TokenRigTask {
         let rig = truth.with_weights(weights).map_err(|e| e.to_string())?;
         let found = ways.all("given", &rig, &true_weights, &claimed(&drawn[0]));
         let mut random = stream(rigger.config.eval.seed, "rig variant", &[key]);
-        let own = codes(&rigger.vae, &rigger.config.skin, truth, &mut random);
+        let skin = &rigger.config.skin;
+        let own = codes(&rigger.vae, (skin.codes, !skin.empty), truth.clone(), &mut random);
         let weights = rigger.pooled_skin(truth.mesh(), truth.skeleton(), &[own], key, 0.0)?;
         ways.methods.add("given: auto-encoder".into(), &SkinTally::of(&true_weights, &dense(&weights, joints), joints));
         Ok(found)

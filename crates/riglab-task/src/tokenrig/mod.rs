@@ -16,12 +16,13 @@ mod skin;
 mod skinner;
 #[cfg(test)]
 pub(crate) mod testing;
+mod told;
 
 use std::sync::Arc;
 
 use riglab_core::Rig;
 use riglab_nn::params::{Builder, Params, Weights};
-use riglab_nn::tokenrig::{Asked, Parts, Sequences, TOLD, TokenRig};
+use riglab_nn::tokenrig::{Asked, Parts, Sequences, TokenRig};
 use riglab_train::{At, Better, Loss, LossOf, Source, State, Task, Validation};
 use tch::{Device, Tensor};
 
@@ -34,7 +35,6 @@ pub use report::Evaluation;
 pub(crate) use rigger::Strict;
 pub use rigger::{AUTO_ENCODER, Drawn, Rigger};
 pub use sample::Sample;
-pub(crate) use sample::told;
 pub use skin::Codes;
 pub use skinner::Skinner;
 
@@ -236,7 +236,7 @@ fn sums_of(
     let (cloud, picks) = shape_tensors(shapes, c.sampling.cloud.points, p, device);
     let prefix = net.condition(w, &cloud, &picks);
     let ids = Tensor::from_slice(&shapes.ids).to_device(device);
-    let told = c.model.tell_joint.then(|| Tensor::from_slice(&batch.told).view([-1, TOLD as i64]).to_device(device));
+    let told = c.model.tell_joint.then(|| Tensor::from_slice(&batch.told).view([ids.size()[0], -1]).to_device(device));
     let sequences = Sequences { ids: &ids, lengths: &shapes.lengths, told: told.as_ref() };
     let hidden = net.forward(w, &prefix, &sequences, training);
     let each = ids.split_with_sizes(&shapes.lengths, 0);
@@ -251,7 +251,7 @@ fn sums_of(
 mod tests {
     use riglab_core::{Joint, JointId, Skeleton, SkinWeights};
     use riglab_geom::CloudSampler;
-    use riglab_nn::tokenrig::{Choices, Head};
+    use riglab_nn::tokenrig::{Choices, GEOMETRY, Head};
     use riglab_random::stream;
 
     use super::testing::{tetrahedron, untrained};
@@ -274,43 +274,49 @@ mod tests {
     fn codes_are_told_in_drawing_what_they_are_told_in_training() {
         let rigger = untrained(Head::Levels, true);
         let (c, rig, w) = (rigger.config.clone(), rig(), rigger.params.weights());
-        let how = (rigger.net.layout(), &c.skin);
+        let teller = rigger.teller();
         let random = &mut stream(0, "test", &[]);
-        let whole = sample::sample(&rigger.tokenizer, how, &rigger.vae, (&rig, true), true, random).unwrap();
+        let whole = sample::sample(&rigger.tokenizer, &c.skin, &teller, &rig, true, random).unwrap();
         let prompt: Vec<u32> = whole.ids[..whole.skeleton].iter().map(|&id| id as u32).collect();
         let seen = rigger.condition(w, &[(rig.mesh(), 0), (rig.mesh(), 1)]);
         let streams = &mut [0, 1].map(|k| stream(k, "test", &[]));
         let generate = riglab_nn::generate::GenerateConfig { sample: true, ..Default::default() };
         let mut drawn = rigger.draw(w, &seen, &vec![prompt.clone(); 2], &generate, streams).unwrap();
         assert_eq!((&drawn[0].joints, &drawn[1].joints), (&whole.joints, &whole.joints));
-        assert!(whole.joints.len() == 3 && whole.joints.iter().any(|told| told[12] > 0.1));
+        assert!(whole.joints.len() == 3 && whole.joints.iter().any(|told| told.geometry[12] > 0.1));
+        assert!(whole.joints.iter().any(|told| !told.rule.is_empty()));
 
         // And it is told the same place by place: what was drawn is as likely to the one as to the other.
         let own = drawn.swap_remove(0);
         let ids = Tensor::from_slice(&own.ids);
-        let of_places = told(how.0, &own.ids, own.skeleton.len(), &own.joints, c.skin.codes);
-        let likely = |of_places: &[riglab_nn::tokenrig::Told]| {
-            let told = Tensor::from_slice(of_places.as_flattened()).view([-1, TOLD as i64]);
+        let of_places = teller.places(&own.ids, own.skeleton.len(), &own.joints);
+        let width = of_places.len() / own.ids.len();
+        let likely = |of_places: &[f32]| {
+            let told = Tensor::from_slice(of_places).view([-1, width as i64]);
             let sequences = Sequences { ids: &ids, lengths: &[own.ids.len() as i64], told: Some(&told) };
             let hidden = rigger.net.forward(w, &seen.prefix().narrow(0, 0, 1), &sequences, false);
             let targets = ids.narrow(0, 1, own.ids.len() as i64 - 1);
             let asked = Asked { hidden: &hidden, targets: &targets, bins: i64::from(c.tokenizer.bins), spread: 0.0 };
             // A bone is empty, or not, by its first code.
             let coded = own.skeleton.len() - 1..own.ids.len() - 2;
-            let empty: Vec<bool> = coded.clone().map(|at| of_places[at][TOLD - 1] == 1.0).collect();
-            let anything = Tensor::ones([coded.start as i64, how.0.skeleton()], (tch::Kind::Bool, Device::Cpu));
+            let empty: Vec<bool> = coded.clone().map(|at| of_places[width * at + GEOMETRY] == 1.0).collect();
+            let anything = Tensor::ones([coded.start as i64, teller.layout.skeleton()], (tch::Kind::Bool, Device::Cpu));
             let choices = Choices { skeleton: &anything, empty: &Tensor::from_slice(&empty) };
             let log = rigger.net.likelihood(w, &asked, Some(&choices), 1.0).log;
             log.narrow(0, coded.start as i64, coded.len() as i64).to_kind(tch::Kind::Double)
         };
-        let elsewhere: Vec<_> = of_places
-            .iter()
-            .map(|told| std::array::from_fn(|k| told[k] * f32::from(u8::from(k == TOLD - 1))))
-            .collect();
-        let (same, other) = (likely(&of_places), likely(&elsewhere));
+        // Without geometry, and without the rule.
+        let without = |what: std::ops::Range<usize>| {
+            let mut places = of_places.clone();
+            places.chunks_mut(width).for_each(|place| place[what.clone()].fill(0.0));
+            likely(&places)
+        };
+        let (same, others) = (likely(&of_places), [without(0..GEOMETRY), without(GEOMETRY + 1..width)]);
         let sum = same.sum(tch::Kind::Double).double_value(&[]);
         assert!((sum - own.likelihood.0).abs() < 1e-3, "{sum} {}", own.likelihood.0);
-        assert!((&same - &other).abs().max().double_value(&[]) > 1e-2, "{same} {other}");
+        for other in others {
+            assert!((&same - &other).abs().max().double_value(&[]) > 5e-3, "{same} {other}");
+        }
     }
 
     #[test]
@@ -331,8 +337,7 @@ mod tests {
             c.loss.skin_warmup = [0.5, 0.75];
             let layout = rigger.net.layout();
             let random = &mut stream(0, "test", &[]);
-            let whole =
-                sample::sample(&rigger.tokenizer, (layout, &c.skin), &rigger.vae, (&rig, true), true, random).unwrap();
+            let whole = sample::sample(&rigger.tokenizer, &c.skin, &rigger.teller(), &rig, true, random).unwrap();
             let (alone, follow) = sample::skeleton(&rigger.tokenizer, &c.skin, &rig, true).unwrap();
             assert_eq!((alone.skeleton, &alone.ids[..]), (whole.skeleton, &whole.ids[..whole.skeleton]));
             assert_eq!(alone.ids.len() + follow, whole.ids.len(), "{head:?} {empty}");
@@ -341,7 +346,7 @@ mod tests {
                 let sampler = CloudSampler::new(rig.mesh(), &c.sampling.cloud);
                 let random = &mut stream(1, "test", &[]);
                 shape(&c.sampling.cloud, &c.model.shape, &sampler, random, &mut batch.shapes);
-                batch.push(sample, layout, c.skin.codes);
+                batch.push(sample, &rigger.teller());
                 batch
             };
             let gradients = |batch: &Batch, done| {

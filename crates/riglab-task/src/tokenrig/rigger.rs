@@ -15,9 +15,9 @@ use tch::{Device, Kind, Tensor};
 
 use super::condition::Condition;
 use super::config::TokenRigTaskConfig;
-use super::sample::joints_told;
 use super::shipped::{self, WITH_PRIOR};
 use super::skin::Codes;
+use super::told::Teller;
 use crate::fsq_cvae::Frozen;
 use crate::unirig_skeleton::Batch as Shapes;
 use crate::unirig_skeleton::agree::{Agreed, Agreement};
@@ -192,9 +192,15 @@ impl Rigger {
         self.with_surfaces(self.prefix(w, &batch), meshes.iter().map(|(mesh, _)| *mesh))
     }
 
-    /// Prefixes [b, p, d] with the surfaces of as many meshes, where codes are told what lies near their joints.
+    /// What tells its codes.
+    pub(crate) fn teller(&self) -> Teller<'_> {
+        let c = &self.config;
+        Teller { model: &c.model, layout: self.net.layout(), vae: &self.vae, codes: c.skin.codes }
+    }
+
+    /// Prefixes [b, p, d] with as many meshes, where codes are told of them.
     pub(crate) fn with_surfaces<'a>(&self, prefix: Tensor, meshes: impl IntoIterator<Item = &'a Mesh>) -> Condition {
-        if self.config.model.tell_region { Condition::new(prefix, meshes) } else { prefix.into() }
+        Condition::new(prefix, &self.config.model, meshes)
     }
 
     /// Reads the shape of a mesh in the cube from each of `eval.clouds` point clouds; the first is that of
@@ -223,7 +229,7 @@ impl Rigger {
     /// are prompts. `streams`: one a prompt.
     ///
     /// # Errors
-    /// When a prompt is no beginning of a sequence, or a surface is missing that codes are told of.
+    /// When a prompt is no beginning of a sequence, or a mesh is missing that codes are told of.
     pub fn draw(
         &self,
         w: &Weights,
@@ -356,15 +362,19 @@ impl Rigger {
         }
         let grammars: Option<Vec<Strict>> = prompts.iter().map(|prompt| self.after(strict.clone(), prompt)).collect();
         let grammars = grammars.ok_or("the given skeleton is no beginning of a sequence of this model")?;
-        if until == Until::Whole && c.model.tell_region && seen.surface(0).is_none() {
-            return Err(
-                "codes of this model are told what of the surface lies near their joints: give the meshes".into()
-            );
+        if until == Until::Whole && (c.model.tell_region || c.model.tell_rule) && seen.sight(0).is_none() {
+            return Err("codes of this model are told of the mesh at their joints: give the meshes".into());
         }
-        let told = RefCell::new(vec![Vec::new(); prompts.len()]);
+        let teller = self.teller();
+        let told = RefCell::new(vec![(Vec::new(), Vec::new()); prompts.len()]);
         let joints = |row: usize, ids: &[u32]| {
-            let own = self.tokenizer.decode(ids).map_or_else(|_| Vec::new(), |d| joints_told(&d, seen.surface(row)));
-            told.borrow_mut()[row].clone_from(&own);
+            // Many draws of codes for one skeleton are told the same.
+            let same = |(other, (skeleton, _)): &(usize, &(Vec<u32>, _))| skeleton == ids && seen.same(row, *other);
+            let known = told.borrow().iter().enumerate().find(same).map(|(_, (_, joints))| Vec::clone(joints));
+            let made =
+                || self.tokenizer.decode(ids).map_or_else(|_| Vec::new(), |d| teller.joints(&d, seen.sight(row)));
+            let own = known.unwrap_or_else(made);
+            told.borrow_mut()[row] = (ids.to_vec(), own.clone());
             own
         };
         let room = c.longest();
@@ -383,7 +393,7 @@ impl Rigger {
         drop(reader);
         let told = told.into_inner();
         let whole =
-            all.into_iter().zip(prompts).zip(likelihood).zip(told).map(|(((own, prompt), likelihood), joints)| {
+            all.into_iter().zip(prompts).zip(likelihood).zip(told).map(|(((own, prompt), likelihood), (_, joints))| {
                 let drawn: Vec<u32> = prompt.iter().copied().chain(own).collect();
                 Drawn { joints, ..self.said(&drawn, likelihood) }
             });

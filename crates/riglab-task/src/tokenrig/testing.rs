@@ -41,8 +41,8 @@ fn of(head: Head, empty: bool, extensions: Extensions) -> Rigger {
     let (net, params) = FsqCvaeTask::network(&auto, Device::Cpu).unwrap();
     let vae = Arc::new(Frozen::new(auto, net, params, Device::Cpu));
     let told = head == Head::Levels;
-    let model =
-        TokenRigConfig { head, tell_joint: told, tell_region: told, tell_place: told, ..TokenRigConfig::default() };
+    let mut model = TokenRigConfig { head, tell_joint: told, tell_region: told, ..TokenRigConfig::default() };
+    (model.tell_rule, model.tell_place) = (told, told);
     let mut config = TokenRigTaskConfig { model, ..TokenRigTaskConfig::default() };
     config.model.shape.tokens = 4;
     config.model.shape.layers = 1;

@@ -10,7 +10,7 @@ use riglab_geom::CloudConfig;
 use riglab_nn::generate::GenerateConfig;
 use riglab_nn::params::{Params, Weights};
 use riglab_nn::perceiver::PerceiverConfig;
-use riglab_nn::tokenrig::{Likelihood, Told};
+use riglab_nn::tokenrig::Likelihood;
 use riglab_random::Stream;
 use tch::{Device, Tensor};
 
@@ -52,8 +52,8 @@ pub(super) trait Policy {
         how: &GenerateConfig,
         streams: &mut [Stream],
     ) -> Result<Vec<Drawn>, String>;
-    /// Of each token of a draw, what its joint is told (see [`riglab_nn::tokenrig::Sequences::told`]).
-    fn told(&self, drawn: &Drawn) -> Vec<Told>;
+    /// What the tokens of a draw are told, one after another (see [`riglab_nn::tokenrig::Sequences::told`]).
+    fn told(&self, drawn: &Drawn) -> Vec<f32>;
     /// Log-probabilities and entropies of the free tokens of sequences, one after another, and how many each has.
     fn likely(&self, w: &Weights, shapes: &Shapes, all: &[&Sequence], temperature: f64) -> (Likelihood, Vec<i64>);
     /// A draw as a rig of its mesh in the cube; `None` where it says none.

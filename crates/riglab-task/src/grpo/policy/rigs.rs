@@ -5,7 +5,7 @@ use riglab_geom::CloudConfig;
 use riglab_nn::generate::GenerateConfig;
 use riglab_nn::params::{Params, Weights};
 use riglab_nn::perceiver::PerceiverConfig;
-use riglab_nn::tokenrig::{Asked, Choices, Layout, Likelihood, Sequences, TOLD, Told};
+use riglab_nn::tokenrig::{Asked, Choices, Layout, Likelihood, Sequences};
 use riglab_random::Stream;
 use riglab_token::Mask;
 use riglab_train::Task;
@@ -15,7 +15,7 @@ use super::{Flat, Policy, Pool, bits, counts, dealt};
 use crate::assets::Up;
 use crate::experiment::Experiment;
 use crate::grpo::rollout::Sequence;
-use crate::tokenrig::{Drawn, Rigger, Strict, TokenRigTask, told};
+use crate::tokenrig::{Drawn, Rigger, Strict, TokenRigTask};
 use crate::unirig_skeleton::{Batch as Shapes, shape_tensors};
 
 /// Which of a sequence's targets could have been others, and what they could have been.
@@ -98,9 +98,8 @@ impl Policy for TokenRigTask {
         rigger.draw(w, &seen, &vec![rigger.free(); streams.len()], how, streams)
     }
 
-    fn told(&self, drawn: &Drawn) -> Vec<Told> {
-        let (layout, codes) = (self.rigger().layout(), self.rigger().config().skin.codes);
-        told(layout, &drawn.ids, drawn.skeleton.len(), &drawn.joints, codes)
+    fn told(&self, drawn: &Drawn) -> Vec<f32> {
+        self.rigger().teller().places(&drawn.ids, drawn.skeleton.len(), &drawn.joints)
     }
 
     fn likely(&self, w: &Weights, shapes: &Shapes, all: &[&Sequence], temperature: f64) -> (Likelihood, Vec<i64>) {
@@ -123,8 +122,8 @@ impl Policy for TokenRigTask {
                 let Flat { ids, targets, lengths, meshes } = Flat::of(own, device);
                 let prefix = net.condition(w, &cloud, &picks);
                 let told = c.model.tell_joint.then(|| {
-                    let flat: Vec<f32> = own.iter().flat_map(|s| s.told.iter().flatten()).copied().collect();
-                    Tensor::from_slice(&flat).view([-1, TOLD as i64]).to_device(device)
+                    let flat: Vec<f32> = own.iter().flat_map(|s| &s.told).copied().collect();
+                    Tensor::from_slice(&flat).view([ids.size()[0], -1]).to_device(device)
                 });
                 let sequences = Sequences { ids: &ids, lengths: &lengths, told: told.as_ref() };
                 // Without dropout: the policy is what draws.

@@ -6,7 +6,7 @@ use riglab_nn::generate::GenerateConfig;
 use riglab_nn::grpo::{entropy, log_softmax_within};
 use riglab_nn::params::{Params, Weights};
 use riglab_nn::perceiver::PerceiverConfig;
-use riglab_nn::tokenrig::{Likelihood, TOLD, Told};
+use riglab_nn::tokenrig::Likelihood;
 use riglab_random::Stream;
 use riglab_token::{Grammar, Mask};
 use riglab_train::Task;
@@ -95,8 +95,8 @@ impl Policy for SkeletonTask {
         Ok(whole.collect())
     }
 
-    fn told(&self, drawn: &Drawn) -> Vec<Told> {
-        vec![[0.0; TOLD]; drawn.ids.len()]
+    fn told(&self, _: &Drawn) -> Vec<f32> {
+        Vec::new()
     }
 
     fn likely(&self, w: &Weights, shapes: &Shapes, all: &[&Sequence], temperature: f64) -> (Likelihood, Vec<i64>) {
