@@ -137,11 +137,13 @@ fn from_files_to_skeletons() {
     must(&["report", text(&run), "-o", text(&report)]);
     let html = fs::read_to_string(&report).unwrap();
     assert!(html.contains("retrieval") && html.contains("data:image/png"));
-    // Several are sampled, and one is taken.
-    let out = dir.path().join("agreed.json");
-    let agreed = ["eval", text(&run), "--pictures", "0", "--set", "eval.consensus=3", "-o", text(&out)];
+    // Several are sampled, and one is taken. A checkpoint's folder names its run.
+    let (out, last) = (dir.path().join("agreed.json"), run.join("checkpoints/last"));
+    let agreed = ["eval", text(&last), "--pictures", "0", "--set", "eval.consensus=3", "-o", text(&out)];
     let said = String::from_utf8(must(&agreed).stdout).unwrap();
     assert!(said.contains("of 3 sampled skeletons") && said.contains("100.0%"), "{said}");
+    let agreed: Value = serde_json::from_slice(&fs::read(out).unwrap()).unwrap();
+    assert_eq!(agreed["checkpoint"]["step"], 60);
 
     // The resolved config repeats the run, with another number of workers.
     let again = dir.path().join("again");

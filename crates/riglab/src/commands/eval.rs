@@ -7,7 +7,7 @@ use std::process::ExitCode;
 use anyhow::{Context, Result, anyhow, bail};
 use riglab_task::Experiment;
 use riglab_task::seen::{seen, warning};
-use riglab_train::{Checkpoint, Progress};
+use riglab_train::{Checkpoint, Progress, named_by};
 
 use super::device::DeviceArgs;
 use crate::presets;
@@ -22,11 +22,11 @@ Examples:
   riglab eval runs/fsq_cvae/001
   riglab eval runs/fsq_cvae/001 --checkpoint last --set eval.prefixes='[4, 32]' --json")]
 pub struct Args {
-    /// The run's folder.
+    /// The run's folder, or that of one of its checkpoints (RUN/checkpoints/last).
     run: PathBuf,
-    /// Which checkpoint: best, last or step-N.
-    #[arg(long, default_value = "best")]
-    checkpoint: String,
+    /// Which checkpoint: best, last or step-N [default: best, or the one that is named].
+    #[arg(long, value_name = "NAME")]
+    checkpoint: Option<String>,
     /// Change a value of the run's config.
     #[arg(long = "set", value_name = "KEY=VALUE")]
     sets: Vec<String>,
@@ -45,18 +45,19 @@ pub struct Args {
 
 pub fn run(args: &Args, threads: usize) -> Result<ExitCode> {
     super::alone("eval")?;
-    let (path, folder) = places(args)?;
+    let (run, named) = named_by(&args.run);
+    let checkpoint = args.checkpoint.clone().unwrap_or(named);
+    let (path, folder) = places(args, &run)?;
     riglab_torch::init(riglab_torch::Settings { threads });
     let device = args.device.device()?;
-    let read =
-        |sets: &[String]| TaskConfig::read(&presets::load(&args.run.join("config.toml").to_string_lossy(), sets)?);
-    let config = read(&args.sets)?.of_run(&args.run);
+    let read = |sets: &[String]| TaskConfig::read(&presets::load(&run.join("config.toml").to_string_lossy(), sets)?);
+    let config = read(&args.sets)?.of_run(&run);
     let own = read(&[])?;
     if own.data().corpora.is_empty() {
         tell!(
             "note: whether these assets were trained on is not known: the model names no corpora; {} may say what it learned \
              from",
-            args.run.join("card.md").display()
+            run.join("card.md").display()
         );
     }
     let seen = match seen(config.data(), &config.data().test, own.data()) {
@@ -70,15 +71,15 @@ pub fn run(args: &Args, threads: usize) -> Result<ExitCode> {
     if let Some(warning) = warning(&seen, &config.data().test) {
         tell!("warning: {warning}");
     }
-    config.with(device, Examination { args, seen, path, folder })
+    config.with(device, Examination { args, run, checkpoint, seen, path, folder })
 }
 
 /// Where the numbers go, and the folder of the pictures.
 ///
 /// # Errors
 /// Where something else is in their place: told before the work, not after it.
-fn places(args: &Args) -> Result<(PathBuf, PathBuf)> {
-    let path = args.out.clone().unwrap_or_else(|| args.run.join("eval.json"));
+fn places(args: &Args, run: &Path) -> Result<(PathBuf, PathBuf)> {
+    let path = args.out.clone().unwrap_or_else(|| run.join("eval.json"));
     let folder = match path.with_extension("") {
         // A name without an ending is the file's.
         same if same == path => path.with_extension("pictures"),
@@ -100,6 +101,8 @@ fn places(args: &Args) -> Result<(PathBuf, PathBuf)> {
 /// An evaluation of a run's checkpoint.
 struct Examination<'a> {
     args: &'a Args,
+    run: PathBuf,
+    checkpoint: String,
     /// Assets that were trained on.
     seen: Vec<String>,
     path: PathBuf,
@@ -110,8 +113,8 @@ impl Visitor for Examination<'_> {
     type Out = ExitCode;
 
     fn visit<T: Experiment>(self, task: T) -> Result<ExitCode> {
-        let Self { args, seen, path, folder } = self;
-        let checkpoint = Checkpoint::open(&args.run.join("checkpoints").join(&args.checkpoint))?;
+        let Self { args, run, checkpoint, seen, path, folder } = self;
+        let checkpoint = Checkpoint::open(&run.join("checkpoints").join(&checkpoint))?;
         checkpoint.load_weights(task.params())?;
         let total = task.examination_steps().map_err(|e| anyhow!(e))? as u64;
         let mut progress = Progress::new("evaluating", total, 0);
@@ -132,7 +135,7 @@ impl Visitor for Examination<'_> {
             say!("{}", json.trim_end());
         } else {
             examined.text.iter().for_each(|line| say!("{line}"));
-            tell!("next: riglab report {}", args.run.display());
+            tell!("next: riglab report {}", run.display());
         }
         Ok(ExitCode::SUCCESS)
     }
