@@ -293,7 +293,9 @@ impl Rollout {
 fn told_of(kept: Vec<f32>, places: usize) -> Option<Vec<f32>> {
     const BEFORE: usize = 7;
     if kept.len() != BEFORE * places {
-        return (places > 0 && kept.len().is_multiple_of(places)).then_some(kept);
+        // None at all for skeletons, which are told nothing.
+        let whole = places > 0 && kept.len().is_multiple_of(places);
+        return (whole && (kept.is_empty() || kept.len() > GEOMETRY * places)).then_some(kept);
     }
     let mut told = vec![0.0; (GEOMETRY + 1) * places];
     for (row, own) in told.chunks_exact_mut(GEOMETRY + 1).zip(kept.chunks_exact(BEFORE)) {
@@ -314,6 +316,7 @@ mod tests {
         assert!(told[6..GEOMETRY].iter().all(|&x| x == 0.0) && told.len() == GEOMETRY + 1);
         let now: Vec<f32> = (0..2 * (GEOMETRY + 6)).map(|k| k as f32).collect();
         assert_eq!(told_of(now.clone(), 2), Some(now.clone()));
+        assert_eq!((told_of(vec![0.0; 16], 2), told_of(Vec::new(), 2)), (None, Some(Vec::new())));
         assert_eq!((told_of(now, 3), told_of(Vec::new(), 0)), (None, Some(Vec::new())));
     }
 
@@ -322,7 +325,7 @@ mod tests {
         let own = |mesh: usize, n: usize| Sequence {
             mesh,
             ids: (0..n as i64).collect(),
-            told: (0..3 * n).map(|k| k as f32).collect(),
+            told: (0..(GEOMETRY + 6) * n).map(|k| k as f32).collect(),
             advantage: 0.1 * n as f64,
             counts: mesh == 0,
             said: 0.0,

@@ -305,16 +305,24 @@ mod tests {
             let log = rigger.net.likelihood(w, &asked, Some(&choices), 1.0).log;
             log.narrow(0, coded.start as i64, coded.len() as i64).to_kind(tch::Kind::Double)
         };
-        // Without geometry, and without the rule.
+        // Without all of it but the place, then without geometry alone, and without the rule alone.
         let without = |what: std::ops::Range<usize>| {
             let mut places = of_places.clone();
             places.chunks_mut(width).for_each(|place| place[what.clone()].fill(0.0));
             likely(&places)
         };
-        let (same, others) = (likely(&of_places), [without(0..GEOMETRY), without(GEOMETRY + 1..width)]);
+        let mut elsewhere = of_places.clone();
+        for place in elsewhere.chunks_mut(width) {
+            let slot = place[GEOMETRY];
+            place.fill(0.0);
+            place[GEOMETRY] = slot;
+        }
+        let (same, other) = (likely(&of_places), likely(&elsewhere));
+        let parts = [without(0..GEOMETRY), without(GEOMETRY + 1..width)];
         let sum = same.sum(tch::Kind::Double).double_value(&[]);
         assert!((sum - own.likelihood.0).abs() < 1e-3, "{sum} {}", own.likelihood.0);
-        for other in others {
+        assert!((&same - &other).abs().max().double_value(&[]) > 1e-2, "{same} {other}");
+        for other in parts {
             assert!((&same - &other).abs().max().double_value(&[]) > 5e-3, "{same} {other}");
         }
     }

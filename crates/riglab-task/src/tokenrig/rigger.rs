@@ -17,7 +17,7 @@ use super::condition::Condition;
 use super::config::TokenRigTaskConfig;
 use super::shipped::{self, WITH_PRIOR};
 use super::skin::Codes;
-use super::told::Teller;
+use super::told::{Sight, Teller};
 use crate::fsq_cvae::Frozen;
 use crate::unirig_skeleton::Batch as Shapes;
 use crate::unirig_skeleton::agree::{Agreed, Agreement};
@@ -189,7 +189,7 @@ impl Rigger {
             let sampler = CloudSampler::new(mesh, &c.sampling.cloud);
             shape(&c.sampling.cloud, &c.model.shape, &sampler, &mut random, &mut batch);
         }
-        self.with_surfaces(self.prefix(w, &batch), meshes.iter().map(|(mesh, _)| *mesh))
+        self.with_meshes(self.prefix(w, &batch), meshes.iter().map(|(mesh, _)| *mesh))
     }
 
     /// What tells its codes.
@@ -199,7 +199,7 @@ impl Rigger {
     }
 
     /// Prefixes [b, p, d] with as many meshes, where codes are told of them.
-    pub(crate) fn with_surfaces<'a>(&self, prefix: Tensor, meshes: impl IntoIterator<Item = &'a Mesh>) -> Condition {
+    pub(crate) fn with_meshes<'a>(&self, prefix: Tensor, meshes: impl IntoIterator<Item = &'a Mesh>) -> Condition {
         Condition::new(prefix, &self.config.model, meshes)
     }
 
@@ -210,7 +210,7 @@ impl Rigger {
         let (c, mut batch) = (&self.config, Shapes::default());
         let how = (&c.sampling.cloud, &c.model.shape);
         c.eval.agreement().shapes(how, mesh, (c.eval.seed, key), c.eval.clouds, &mut batch);
-        self.with_surfaces(self.prefix(w, &batch), std::iter::repeat_n(mesh, c.eval.clouds))
+        self.with_meshes(self.prefix(w, &batch), std::iter::repeat_n(mesh, c.eval.clouds))
     }
 
     /// Of those, the ones that are seen as they are.
@@ -362,7 +362,7 @@ impl Rigger {
         }
         let grammars: Option<Vec<Strict>> = prompts.iter().map(|prompt| self.after(strict.clone(), prompt)).collect();
         let grammars = grammars.ok_or("the given skeleton is no beginning of a sequence of this model")?;
-        if until == Until::Whole && (c.model.tell_region || c.model.tell_rule) && seen.sight(0).is_none() {
+        if until == Until::Whole && Sight::asked(&c.model) && seen.sight(0).is_none() {
             return Err("codes of this model are told of the mesh at their joints: give the meshes".into());
         }
         let teller = self.teller();

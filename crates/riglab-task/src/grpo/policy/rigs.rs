@@ -94,7 +94,7 @@ impl Policy for TokenRigTask {
         streams: &mut [Stream],
     ) -> Result<Vec<Drawn>, String> {
         let rigger = self.rigger();
-        let seen = rigger.with_surfaces(prefix.shallow_clone(), meshes.iter().copied());
+        let seen = rigger.with_meshes(prefix.shallow_clone(), meshes.iter().copied());
         rigger.draw(w, &seen, &vec![rigger.free(); streams.len()], how, streams)
     }
 
