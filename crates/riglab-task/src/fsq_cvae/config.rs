@@ -118,6 +118,8 @@ pub struct EvalConfig {
     pub prefixes: Vec<usize>,
     /// Vertices of each asset that validation looks at while training.
     pub validation_vertices: usize,
+    /// Assets of the validation split that it looks at while training, of each corpus by `data.weights`; 0 takes all.
+    pub validation_assets: usize,
     /// Cuts among which the decode rule's is chosen, on the validation split.
     pub cuts: Vec<f32>,
     /// Pairs of bone and vertex decoded at once: bounds memory.
@@ -162,6 +164,7 @@ impl Default for EvalConfig {
         Self {
             prefixes: vec![4, 8, 16, 32],
             validation_vertices: 800,
+            validation_assets: 64,
             cuts: vec![0.01, 0.02, 0.03, 0.05, 0.08, 0.12, 0.16, 0.2, 0.25],
             chunk: 1 << 13,
             baseline_resolution: 128,

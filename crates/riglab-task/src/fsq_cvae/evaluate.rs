@@ -299,6 +299,12 @@ impl FsqCvaeTask {
         Coder { config: &self.config, net: &self.net, weights, device: self.device }
     }
 
+    /// The assets that validation looks at while training, not empty.
+    pub(super) fn validated(&self) -> Vec<AssetId> {
+        let eval = &self.config.eval;
+        self.config.data.some_of(&self.validation_assets, eval.validation_assets, eval.seed)
+    }
+
     /// Validation: pooled and per-rig IoU, raw and after the rule, on a sample of vertices. Ranks share the assets.
     pub(super) fn validation(&self, w: &Weights, at: At) -> Result<Vec<(String, f64)>, String> {
         let split = self.config.data.validate.clone();
@@ -306,8 +312,9 @@ impl FsqCvaeTask {
         let tokens = self.config.model.skin_tokens;
         let mut raw = Sums::default();
         let mut rules: Vec<Sums> = self.config.eval.cuts.iter().map(|_| Sums::default()).collect();
+        let ids = self.validated();
         let tallies = |k: usize| {
-            let id = self.validation_assets[k];
+            let id = ids[k];
             let encoded = self.encode(w, id)?;
             let joints = encoded.rig.bones.len();
             let truth = Truth::new(&encoded.rig, Some((limit, at.seed ^ id.key())));
@@ -316,7 +323,7 @@ impl FsqCvaeTask {
             let ruled = cuts.map(|&cut| SkinTally::of(&truth.dense, &ruled(&predicted, joints, cut), joints)).collect();
             Ok((SkinTally::of(&truth.dense, &predicted, joints), ruled))
         };
-        let shared = at.ranks.share::<(SkinTally, Vec<SkinTally>)>(self.validation_assets.len(), tallies, |_| {});
+        let shared = at.ranks.share::<(SkinTally, Vec<SkinTally>)>(ids.len(), tallies, |_| {});
         for (own, ruled) in shared.map_err(|e| e.to_string())? {
             raw.add(&own);
             rules.iter_mut().zip(&ruled).for_each(|(sums, tally)| sums.add(tally));

@@ -174,7 +174,7 @@ pub struct EvalConfig {
     pub points: usize,
     /// Vertices of each asset that validation looks at while training.
     pub validation_vertices: usize,
-    /// Assets of the validation split that it looks at while training; 0 takes all.
+    /// Assets of the validation split that it looks at while training, of each corpus by `data.weights`; 0 takes all.
     pub validation_assets: usize,
     /// How far the decode rule spreads weights over the surface before it cuts, in distances of each vertex from its
     /// nearest bone; 0 leaves them as told vertex by vertex. Not in the paper.
@@ -247,7 +247,7 @@ impl Default for EvalConfig {
         Self {
             points: 0,
             validation_vertices: 800,
-            validation_assets: 0,
+            validation_assets: 64,
             spread: 0.0,
             cuts: vec![0.01, 0.02, 0.03, 0.05, 0.08, 0.12, 0.16, 0.2, 0.25],
             chunk: 1 << 16,

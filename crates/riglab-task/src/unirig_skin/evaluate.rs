@@ -217,21 +217,14 @@ impl SkinTask {
         self.predictor(w).spread(&subject.ready, subject.seen, found.dense.clone())
     }
 
-    fn validation_ids(&self) -> &[AssetId] {
-        let all = &self.validation_assets;
-        match self.config.eval.validation_assets {
-            0 => all,
-            n => &all[..n.min(all.len())],
-        }
-    }
-
     /// Validation: raw and after the rule, on a sample of vertices that is the same every time. Ranks share the assets.
     pub(super) fn validation(&self, w: &Weights, ranks: &Ranks) -> Result<Validation, String> {
         let mut raw = Sums::default();
         let mut rules: Vec<Sums> = self.config.eval.cuts.iter().map(|_| Sums::default()).collect();
         let mut springs = Springs::default();
         let limit = self.config.eval.validation_vertices;
-        let ids = self.validation_ids();
+        let (data, eval) = (&self.config.data, &self.config.eval);
+        let ids = data.some_of(&self.validation_assets, eval.validation_assets, eval.seed);
         let found = |k: usize| {
             let id = ids[k];
             let subject = self.validated.get(id, || {
