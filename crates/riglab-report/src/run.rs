@@ -138,9 +138,8 @@ impl RunView {
         if let Some(mb) = column("perf/peak_memory_mb").into_iter().reduce(f64::max) {
             add("peak memory", format!("{mb:.0} MB"));
         }
-        add("threads", self.info["threads"].as_u64().map_or(String::new(), |t| t.to_string()));
-        for key in ["machine", "libtorch", "riglab", "commit"] {
-            add(key, self.word(key));
+        for key in ["threads", "device", "machine", "libtorch", "riglab", "commit"] {
+            add(key, self.along(key));
         }
         for d in self.data() {
             let checksum: String = d[1].as_str().unwrap_or_default().chars().take(12).collect();
@@ -150,6 +149,17 @@ impl RunView {
             add("lines cut off in the logs", self.cut_off.to_string());
         }
         facts
+    }
+
+    /// What `run.json` says under a key, and what it was afterwards where the run went on with something else.
+    fn along(&self, key: &str) -> String {
+        let word =
+            |v: &Value| v.as_str().map_or_else(|| v.as_u64().map_or(String::new(), |n| n.to_string()), str::to_owned);
+        let resumed = self.info["resumed"].as_array().into_iter().flatten();
+        let mut words: Vec<String> = std::iter::once(&self.info).chain(resumed).map(|v| word(&v[key])).collect();
+        words.retain(|w| !w.is_empty());
+        words.dedup();
+        words.join(", then ")
     }
 
     /// Everything that was logged, by name: steps and values.
@@ -304,7 +314,9 @@ mod tests {
         dir
     }
 
-    const INFO: &str = "{\"task\": \"t\", \"data\": [[\"c.h5\", \"abcdef\", 7]]}";
+    // Runs of before told when they were resumed, alone.
+    const INFO: &str = "{\"task\": \"t\", \"data\": [[\"c.h5\", \"abcdef\", 7]], \"threads\": 2, \"device\": \"cpu\", \"resumed\": \
+        [\"2026-01-01T00:00:00Z\", {\"threads\": 8, \"device\": \"cuda:0\"}, {\"threads\": 8, \"device\": \"cpu\"}]}";
 
     #[test]
     fn a_run_that_was_cut_off_gives_a_page_too() {
@@ -317,6 +329,8 @@ mod tests {
         assert_eq!(charts[0].series[0].points, [(1.0, 2.0)]);
         let Block::Facts(facts) = run.facts() else { panic!("facts") };
         assert!(facts.contains(&("lines cut off in the logs".into(), "1".into())));
+        let fact = |name: &str| facts.iter().find(|(n, _)| n == name).map(|(_, v)| v.as_str());
+        assert_eq!((fact("threads"), fact("device")), (Some("2, then 8"), Some("cpu, then cuda:0, then cpu")));
         // Before the first line there is nothing to draw.
         let dir = folder(&[("config.toml", ""), ("run.json", INFO)]);
         assert!(matches!(RunView::read(dir.path()).unwrap().curves(), Block::Charts(c) if c.is_empty()));

@@ -41,7 +41,7 @@ pub use estimate::{Estimate, estimate, product_speed};
 pub use interrupt::Interrupt;
 pub use prefetch::{Prefetch, Source};
 pub use progress::{Progress, tell};
-pub use run::{Run, RunInfo};
+pub use run::{Resumed, Run, RunInfo};
 pub use schedule::{beta1, factor};
 pub use task::{At, Better, Loss, LossOf, Task, Validation};
 pub use tensorboard::TensorBoard;

@@ -56,14 +56,41 @@ pub struct RunInfo {
     pub parameters: usize,
     /// When it began, UTC.
     pub started: String,
-    /// When it was last resumed, UTC.
-    pub resumed: Vec<String>,
+    /// When it went on after an interruption, and with what.
+    pub resumed: Vec<Resumed>,
     /// When it ended, UTC; empty while it runs.
     pub ended: String,
     /// How it ended: `finished`, `interrupted`, or the error.
     pub outcome: String,
     /// Seconds of training in all, resumed parts included.
     pub seconds: f64,
+}
+
+/// A run going on after an interruption.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(untagged)]
+pub enum Resumed {
+    /// When, UTC: all that earlier versions noted.
+    When(String),
+    /// With what, which need not be what it was begun with.
+    With {
+        /// When, UTC.
+        at: String,
+        /// As [`RunInfo::riglab`].
+        riglab: String,
+        /// As [`RunInfo::libtorch`].
+        libtorch: String,
+        /// As [`RunInfo::commit`].
+        commit: String,
+        /// As [`RunInfo::machine`].
+        machine: String,
+        /// As [`RunInfo::threads`].
+        threads: usize,
+        /// As [`RunInfo::ranks`].
+        ranks: usize,
+        /// As [`RunInfo::device`].
+        device: String,
+    },
 }
 
 impl Run {
@@ -168,6 +195,12 @@ impl RunInfo {
         }
     }
 
+    /// Notes that the run goes on with what `now` tells.
+    pub fn go_on(&mut self, now: Self) {
+        let Self { riglab, libtorch, commit, machine, threads, ranks, device, started: at, .. } = now;
+        self.resumed.push(Resumed::With { at, riglab, libtorch, commit, machine, threads, ranks, device });
+    }
+
     /// Now, UTC.
     pub fn now() -> String {
         now()
@@ -198,4 +231,24 @@ fn machine() -> String {
     let cores = std::thread::available_parallelism().map_or(0, usize::from);
     let memory = riglab_torch::memory_gb("MemTotal").unwrap_or(0.0);
     format!("{cpu}, {cores} cores, {memory:.0} GB")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_a_run_went_on_with_is_noted_beside_what_it_was_begun_with() {
+        let dir = tempfile::tempdir().unwrap();
+        let run = Run::create(dir.path(), "").unwrap();
+        let mut info = RunInfo::new("1", "t", 2, "cpu");
+        info.resumed.push(Resumed::When("2026-01-01T00:00:00Z".into()));
+        info.go_on(RunInfo { ranks: 3, ..RunInfo::new("2", "t", 8, "cuda:0") });
+        run.write_info(&info).unwrap();
+        let read = run.info().unwrap();
+        assert_eq!((read.riglab.as_str(), read.threads, read.device.as_str()), ("1", 2, "cpu"));
+        assert_eq!(read.resumed, info.resumed);
+        let Resumed::With { riglab, threads, ranks, device, .. } = &read.resumed[1] else { panic!("with what") };
+        assert_eq!((riglab.as_str(), *threads, *ranks, device.as_str()), ("2", 8, 3, "cuda:0"));
+    }
 }

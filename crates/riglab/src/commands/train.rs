@@ -252,14 +252,15 @@ impl Visitor for Session<'_> {
             Place::There(run) => (run, true),
             Place::New(dir) => (Run::create(&dir, &config.to_toml()?)?, false),
         };
+        let mut now = RunInfo::new(crate::VERSION, task.name(), threads, &device::name(device));
+        now.ranks = ranks.size();
         let mut info = match run.info().filter(|_| resumed) {
             Some(mut info) => {
-                info.resumed.push(RunInfo::now());
+                info.go_on(now);
                 info
             }
-            None => RunInfo::new(crate::VERSION, task.name(), threads, &device::name(device)),
+            None => now,
         };
-        info.ranks = ranks.size();
         info.data = task.assets().summary()?;
         info.parameters = task.params().numel();
         info.ended.clear();
