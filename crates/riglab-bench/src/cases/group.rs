@@ -2,14 +2,18 @@
 //!
 //! Ours against ours: the mesh is read once and its keys and values serve all rows, rows go through the decoder
 //! together, and those that end leave. The other side's column holds so many times one sequence as a group may take.
-//! The network is the experiment's own, with a softmax for each level of a code, and starting weights.
+//! The network is the experiment's own, with a softmax for each level of a code and all that codes are told, and starting
+//! weights: no two rows have one skeleton, so that what their codes are told is made for each.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-use anyhow::{Result, anyhow, ensure};
+use anyhow::{Context as _, Result, anyhow, ensure};
+use riglab_core::Mesh;
+use riglab_data::SplitNames;
 use riglab_nn::generate::GenerateConfig;
 use riglab_random::stream;
+use riglab_task::Experiment;
 use riglab_task::tokenrig::TokenRigTask;
 use riglab_train::{Precision, Task};
 use serde::{Deserialize, Serialize};
@@ -72,33 +76,67 @@ enum Request {
 
 /// riglab's side.
 pub fn serve() -> Result<()> {
-    let mut loaded: Option<(TokenRigTask, <TokenRigTask as Task>::Batch)> = None;
+    let mut loaded: Option<Group> = None;
     side::serve(|request| match (request, &mut loaded) {
         (Request::Open { corpus, threads }, loaded) => {
             riglab_torch::init(riglab_torch::Settings { threads });
-            let mut config = recipe::tokenrig(&corpus, Precision::Fp32)?;
-            (config.limits, config.sampling.rigs) = (TokenRigTask::LIMITS, 1);
-            let task = open_tokenrig(config, &corpus)?;
-            let batch = task.source().batch(0).map_err(|e| anyhow!(e))?;
-            *loaded = Some((task, batch));
+            *loaded = Some(Group::open(&corpus)?);
             Ok(json!(1))
         }
-        (Request::Draw { samples, seed }, Some((task, batch))) => {
-            let _no_grad = tch::no_grad_guard();
-            let start = Instant::now();
-            let (rigger, w) = (task.rigger(), task.params().weights());
-            let prefix = task.prefix(batch);
-            let mut streams: Vec<_> = (0..samples as u64).map(|row| stream(seed, "bench group", &[row])).collect();
-            let how =
-                GenerateConfig { sample: true, tokens: task.rigger().config().limits.tokens, ..Default::default() };
-            let drawn = rigger.draw(w, &prefix.into(), &vec![rigger.free(); samples], &how, &mut streams);
-            let drawn = drawn.map_err(|e| anyhow!(e))?;
-            let seconds = start.elapsed().as_secs_f64();
-            // An empty bone has one token.
-            let codes = |own: &Option<Vec<i64>>| own.as_ref().map_or(1, Vec::len);
-            let tokens = drawn.iter().map(|d| d.skeleton.len() + d.codes.iter().map(codes).sum::<usize>()).sum();
-            Ok(json!(Drawn { seconds, tokens }))
-        }
+        (Request::Draw { samples, seed }, Some(group)) => Ok(json!(group.draw(samples, seed)?)),
         (Request::Draw { .. }, None) => Err(anyhow!("open first")),
     })
+}
+
+/// The network, and the mesh that groups are drawn for.
+struct Group {
+    task: TokenRigTask,
+    mesh: Mesh,
+}
+
+impl Group {
+    fn open(corpus: &Path) -> Result<Self> {
+        let mut config = recipe::tokenrig(corpus, Precision::Fp32)?;
+        (config.limits, config.sampling.rigs) = (TokenRigTask::LIMITS, 1);
+        let task = open_tokenrig(config, corpus)?;
+        let first = task.assets().split(SplitNames::TRAIN)?.into_iter().next().context("no rig to train on")?;
+        let (rig, _) = task.assets().read(first)?.rig.normalized();
+        Ok(Self { mesh: rig.mesh().clone(), task })
+    }
+
+    fn draw(&self, samples: usize, seed: u64) -> Result<Drawn> {
+        let _no_grad = tch::no_grad_guard();
+        let start = Instant::now();
+        let (rigger, w) = (self.task.rigger(), self.task.params().weights());
+        let seen = rigger.condition(w, &[(&self.mesh, 0)]);
+        let mut streams: Vec<_> = (0..samples as u64).map(|row| stream(seed, "bench group", &[row])).collect();
+        let how = GenerateConfig { sample: true, tokens: rigger.config().limits.tokens, ..Default::default() };
+        let drawn = rigger.draw(w, &seen, &vec![rigger.free(); samples], &how, &mut streams);
+        let drawn = drawn.map_err(|e| anyhow!(e))?;
+        let seconds = start.elapsed().as_secs_f64();
+        // An empty bone has one token.
+        let codes = |own: &Option<Vec<i64>>| own.as_ref().map_or(1, Vec::len);
+        let tokens = drawn.iter().map(|d| d.skeleton.len() + d.codes.iter().map(codes).sum::<usize>()).sum();
+        Ok(Drawn { seconds, tokens })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use riglab_data::CorpusWriter;
+    use riglab_synth::{Options, Plan, creatures};
+
+    use super::*;
+
+    #[test]
+    fn groups_are_drawn_by_the_network_of_the_experiment_as_it_is() {
+        let dir = tempfile::tempdir().unwrap();
+        let corpus = dir.path().join("corpus.h5");
+        let mut writer = CorpusWriter::create(&corpus).unwrap();
+        let small = Options { plans: vec![Plan::Fixture], triangles: 500..=600 };
+        creatures(0, 0..2, &small).iter().for_each(|asset| writer.add(asset).unwrap());
+        writer.finish(&[SplitNames::TRAIN, SplitNames::VAL]).unwrap();
+        let drawn = Group::open(&corpus).unwrap().draw(2, 1).unwrap();
+        assert!(drawn.tokens > 2 && drawn.seconds > 0.0);
+    }
 }

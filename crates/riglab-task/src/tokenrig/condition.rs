@@ -72,11 +72,6 @@ impl Condition {
     pub fn sight(&self, row: usize) -> Option<&Sight> {
         self.sights.get(if self.rows() == 1 { 0 } else { row }).map(|sight| &**sight)
     }
-
-    /// Whether two rows are of the same mesh, or of none.
-    pub fn same(&self, row: usize, other: usize) -> bool {
-        self.sight(row).map(std::ptr::from_ref) == self.sight(other).map(std::ptr::from_ref)
-    }
 }
 
 #[cfg(test)]
@@ -94,7 +89,6 @@ mod tests {
         let same =
             |x: &Condition, k: usize, y: &Condition, l: usize| std::ptr::eq(x.sight(k).unwrap(), y.sight(l).unwrap());
         assert!(same(&all, 0, &all, 1) && !same(&all, 1, &all, 2), "a mesh that follows itself is looked at once");
-        assert!(all.same(0, 1) && !all.same(1, 2) && Condition::from(prefix.shallow_clone()).same(0, 2));
         let some = all.some(&[2, 0, 2]);
         assert_eq!(rows(&some), [2.0, 0.0, 2.0]);
         assert!(same(&some, 0, &all, 2) && same(&some, 1, &all, 0) && same(&some, 2, &all, 2));

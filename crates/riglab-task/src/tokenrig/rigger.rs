@@ -366,15 +366,15 @@ impl Rigger {
             return Err("codes of this model are told of the mesh at their joints: give the meshes".into());
         }
         let teller = self.teller();
-        let told = RefCell::new(vec![(Vec::new(), Vec::new()); prompts.len()]);
+        let told = RefCell::new(vec![Vec::new(); prompts.len()]);
         let joints = |row: usize, ids: &[u32]| {
-            // Many draws of codes for one skeleton are told the same.
-            let same = |(other, (skeleton, _)): &(usize, &(Vec<u32>, _))| skeleton == ids && seen.same(row, *other);
-            let known = told.borrow().iter().enumerate().find(same).map(|(_, (_, joints))| Vec::clone(joints));
-            let made =
-                || self.tokenizer.decode(ids).map_or_else(|_| Vec::new(), |d| teller.joints(&d, seen.sight(row)));
-            let own = known.unwrap_or_else(made);
-            told.borrow_mut()[row] = (ids.to_vec(), own.clone());
+            let sight = seen.sight(row);
+            let make = || self.tokenizer.decode(ids).map_or_else(|_| Vec::new(), |d| teller.joints(&d, sight));
+            let own = match sight {
+                Some(sight) => sight.once(ids, make),
+                None => make(),
+            };
+            told.borrow_mut()[row].clone_from(&own);
             own
         };
         let room = c.longest();
@@ -393,7 +393,7 @@ impl Rigger {
         drop(reader);
         let told = told.into_inner();
         let whole =
-            all.into_iter().zip(prompts).zip(likelihood).zip(told).map(|(((own, prompt), likelihood), (_, joints))| {
+            all.into_iter().zip(prompts).zip(likelihood).zip(told).map(|(((own, prompt), likelihood), joints)| {
                 let drawn: Vec<u32> = prompt.iter().copied().chain(own).collect();
                 Drawn { joints, ..self.said(&drawn, likelihood) }
             });
@@ -498,6 +498,22 @@ mod tests {
         drawn.iter_mut().for_each(|d| d.decoded = Err(DecodeFault::NoEos));
         let (place, taken) = of(&drawn);
         assert_eq!((place, taken.decoded.is_err(), &taken.ids), (0, true, &drawn[0].ids));
+    }
+
+    #[test]
+    fn one_skeleton_on_several_meshes_is_told_of_each() {
+        let (mesh, rigger) = (tetrahedron(), untrained(Head::Levels, true));
+        let wide = mesh.with_positions(mesh.positions().iter().map(|p| [1.5 * p[0], p[1], p[2]]).collect()).unwrap();
+        let w = rigger.params().weights();
+        let how = GenerateConfig::default();
+        let draw = |meshes: &[(&Mesh, u64)], prompts: &[Vec<u32>]| {
+            let mut streams: Vec<_> = prompts.iter().map(|_| stream(0, "test", &[])).collect();
+            rigger.draw(w, &rigger.condition(w, meshes), prompts, &how, &mut streams).unwrap()
+        };
+        let skeleton = draw(&[(&mesh, 0)], &[rigger.free()]).remove(0).skeleton;
+        let both = draw(&[(&mesh, 0), (&wide, 0)], &[skeleton.clone(), skeleton.clone()]);
+        let alone = [&mesh, &wide].map(|m| draw(&[(m, 0)], std::slice::from_ref(&skeleton)).remove(0).joints);
+        assert!(both[0].joints == alone[0] && both[1].joints == alone[1] && alone[0] != alone[1]);
     }
 
     #[test]
