@@ -138,12 +138,16 @@ fn from_files_to_skeletons() {
     let html = fs::read_to_string(&report).unwrap();
     assert!(html.contains("retrieval") && html.contains("data:image/png"));
     // Several are sampled, and one is taken. A checkpoint's folder names its run.
-    let (out, last) = (dir.path().join("agreed.json"), run.join("checkpoints/last"));
-    let agreed = ["eval", text(&last), "--pictures", "0", "--set", "eval.consensus=3", "-o", text(&out)];
+    let (out, half) = (dir.path().join("agreed.json"), run.join("checkpoints/step-00000030"));
+    let agreed = ["eval", text(&half), "--pictures", "0", "--set", "eval.consensus=3", "-o", text(&out)];
     let said = String::from_utf8(must(&agreed).stdout).unwrap();
     assert!(said.contains("of 3 sampled skeletons") && said.contains("100.0%"), "{said}");
     let agreed: Value = serde_json::from_slice(&fs::read(out).unwrap()).unwrap();
-    assert_eq!(agreed["checkpoint"]["step"], 60);
+    assert_eq!(agreed["checkpoint"]["step"], 30);
+    let said = refusal(&mut riglab(&["eval", text(&half), "--checkpoint", "last"]));
+    assert!(said.contains("step-00000030 names a checkpoint and --checkpoint last another"), "{said}");
+    let said = refusal(&mut riglab(&["eval", text(&run.join("checkpoints/lost"))]));
+    assert!(said.contains("there are: best, last, step-00000030, step-00000060"), "{said}");
 
     // The resolved config repeats the run, with another number of workers.
     let again = dir.path().join("again");

@@ -236,7 +236,7 @@ fn tokenrig_stands_on_an_auto_encoder_with_a_prior() {
     let shown = String::from_utf8(must(&["checkpoint", "show", text(&file)]).stdout).unwrap();
     assert!(shown.contains("task fsq_cvae") && shown.contains("6 steps"), "{shown}");
     let skin = format!("skin.run={:?}", text(&file));
-    let model = "model={ extends = \"model/tokenrig/tiny.toml\", tell_region = true, tell_place = true, shape = { sorted = true } }";
+    let model = "model={ extends = \"model/tokenrig/tiny.toml\", tell_region = true, tell_rule = true, tell_place = true, shape = { sorted = true } }";
     let small = ["sampling.rigs=4", "sampling.cloud.points=128", "sampling.variants=2", "eval.consensus=4"];
     let drawn = ["eval.validation_assets=2", "eval.skins=2", "eval.without_codes=0.5"];
     train("quickstart/tokenrig.toml", &run, &[&few[..], &[&skin, model], &small, &drawn].concat());
@@ -254,7 +254,7 @@ fn tokenrig_stands_on_an_auto_encoder_with_a_prior() {
     must(&["rig", text(bare), "-o", text(&path("out.glb")), "--checkpoint", text(&run)]);
     sound(&path("out.glb"));
 
-    // Codes that are told what lies near their joints are told it wherever they are read.
+    // Codes that are told what lies near their joints, and a rule's codes, are told it wherever they are read.
     let refined = path("refined");
     let start = format!("start.model={:?}", text(&run));
     let rollout = "rollout={ meshes = 1, group = 2, epochs = 2, vertices = 48, precision = \"fp32\" }";

@@ -56,6 +56,17 @@ pub fn named_by(folder: &Path) -> (PathBuf, String) {
     within().unwrap_or_else(|| (folder.to_path_buf(), "best".to_string()))
 }
 
+/// What checkpoints there are where one was looked for, for an error.
+fn beside(path: &Path) -> String {
+    let entries = path.parent().and_then(|folder| fs::read_dir(folder).ok()).into_iter().flatten().flatten();
+    let mut names: Vec<String> = entries
+        .filter(|entry| entry.path().join(STATE).is_file())
+        .map(|entry| entry.file_name().to_string_lossy().into_owned())
+        .collect();
+    names.sort();
+    if names.is_empty() { String::new() } else { format!("; there are: {}", names.join(", ")) }
+}
+
 /// The folder of a run's checkpoints.
 const CHECKPOINTS: &str = "checkpoints";
 const MODEL: &str = "model.safetensors";
@@ -71,8 +82,8 @@ impl Checkpoint {
     /// When it is none, or of a version that is not understood.
     pub fn open(path: &Path) -> Result<Self, TrainError> {
         let fault = |message: String| TrainError::Checkpoint { path: path.into(), message };
-        let text =
-            fs::read_to_string(path.join(STATE)).map_err(|e| fault(format!("no checkpoint here ({STATE}: {e})")))?;
+        let text = fs::read_to_string(path.join(STATE))
+            .map_err(|e| fault(format!("no checkpoint here ({STATE}: {e}){}", beside(path))))?;
         let state = serde_json::from_str(&text).map_err(|e| fault(format!("{STATE} cannot be understood ({e})")))?;
         Ok(Self { path: path.into(), state })
     }

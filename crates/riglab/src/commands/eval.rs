@@ -46,12 +46,16 @@ pub struct Args {
 pub fn run(args: &Args, threads: usize) -> Result<ExitCode> {
     super::alone("eval")?;
     let (run, named) = named_by(&args.run);
-    let checkpoint = args.checkpoint.clone().unwrap_or(named);
+    if let Some(other) = args.checkpoint.as_ref().filter(|other| run != args.run && **other != named) {
+        bail!("{} names a checkpoint and --checkpoint {other} another; give one of them", args.run.display());
+    }
     let (path, folder) = places(args, &run)?;
     riglab_torch::init(riglab_torch::Settings { threads });
     let device = args.device.device()?;
     let read = |sets: &[String]| TaskConfig::read(&presets::load(&run.join("config.toml").to_string_lossy(), sets)?);
     let config = read(&args.sets)?.of_run(&run);
+    let name = args.checkpoint.as_ref().unwrap_or(&named);
+    let checkpoint = Checkpoint::open(&run.join("checkpoints").join(name))?;
     let own = read(&[])?;
     if own.data().corpora.is_empty() {
         tell!(
@@ -102,7 +106,7 @@ fn places(args: &Args, run: &Path) -> Result<(PathBuf, PathBuf)> {
 struct Examination<'a> {
     args: &'a Args,
     run: PathBuf,
-    checkpoint: String,
+    checkpoint: Checkpoint,
     /// Assets that were trained on.
     seen: Vec<String>,
     path: PathBuf,
@@ -114,7 +118,6 @@ impl Visitor for Examination<'_> {
 
     fn visit<T: Experiment>(self, task: T) -> Result<ExitCode> {
         let Self { args, run, checkpoint, seen, path, folder } = self;
-        let checkpoint = Checkpoint::open(&run.join("checkpoints").join(&checkpoint))?;
         checkpoint.load_weights(task.params())?;
         let total = task.examination_steps().map_err(|e| anyhow!(e))? as u64;
         let mut progress = Progress::new("evaluating", total, 0);
