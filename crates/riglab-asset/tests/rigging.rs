@@ -9,8 +9,8 @@ use std::path::{Path, PathBuf};
 use riglab_asset::export::{self, ExportOptions, Influences, JointFrames};
 use riglab_asset::rigging::{Subject, SubjectNote, SubjectOptions, UpAxis};
 use riglab_asset::{Fault, ImportOptions, import, import_bytes};
-use riglab_core::{Rig, SkinWeights};
-use serde_json::Value;
+use riglab_core::{Rig, Skeleton, SkinWeights};
+use serde_json::{Value, json};
 
 /// JSON and binary chunk.
 fn parts(bytes: &[u8]) -> (Value, Vec<u8>) {
@@ -336,4 +336,77 @@ fn an_fbx_is_rigged_anew_or_keeps_its_skeleton() {
         assert!(10 * bound.count() > 9 * rig.mesh().positions().len(), "vertices stand where the importer has them");
         reads_back("fox.fbx", &subject.attach(&rig, &all_influences()).unwrap().bytes, &rig, false);
     }
+}
+
+/// A skeleton of one joint, and all of a subject's mesh on it.
+fn on_one_joint(subject: &Subject, head: [f32; 3]) -> Rig {
+    let joint = riglab_core::Joint { name: "one".into(), parent: None, head };
+    let rows = subject.mesh().positions().iter().map(|_| [(0, 1.0)]);
+    subject.rigged(Skeleton::new(vec![joint]).unwrap(), SkinWeights::normalized(rows).unwrap()).unwrap()
+}
+
+#[test]
+fn colliders_are_not_looked_at_and_go_with_the_root() {
+    let corners: Vec<u8> = [0u16, 1, 2].iter().flat_map(|v| v.to_le_bytes()).collect();
+    let tiny = common::Tiny::new().with_accessor(5123, "SCALAR", 3, &corners);
+    let indices = tiny.accessors() - 1;
+    let triangle = json!({"primitives": [{"attributes": {"POSITION": common::POSITION}, "indices": indices}]});
+    let bare = tiny.with("/skins", json!([])).with("/nodes/0", json!({"mesh": 0})).with("/meshes/-", triangle);
+    let subject = |name: &str| {
+        let bytes = bare.clone().with("/nodes/-", json!({"mesh": 1, "name": name})).glb();
+        Subject::from_bytes("a.glb", &bytes, None, &SubjectOptions::default()).unwrap()
+    };
+    let (plain, own) = (subject("Tiny"), subject("Tiny_collider"));
+    assert_eq!((plain.mesh().triangles().len(), plain.shown().triangles().len()), (5, 5));
+    assert_eq!((own.mesh().triangles().len(), own.shown().triangles().len()), (5, 4));
+    assert_eq!((own.mesh(), own.shown().positions()), (plain.mesh(), &plain.mesh().positions()[..4]));
+    let note = SubjectNote::Colliders { vertices: 3 };
+    assert!(own.notes().contains(&note) && !plain.notes().contains(&note), "{:?}", own.notes());
+    // Of two joints the second has all that is seen.
+    let joint = |name: &str, parent| riglab_core::Joint { name: name.into(), parent, head: [0.0; 3] };
+    let skeleton = Skeleton::new(vec![joint("one", None), joint("two", Some(riglab_core::JointId(0)))]).unwrap();
+    let second = SkinWeights::normalized([[(1, 1.0)]; 4]).unwrap();
+    let weights = own.for_all(&second).unwrap();
+    let joints: Vec<u16> = (0..7).flat_map(|v| weights.row(v).map(|(joint, _)| joint.0).collect::<Vec<_>>()).collect();
+    assert_eq!(joints, [1, 1, 1, 1, 0, 0, 0]);
+    let rig = own.rigged(skeleton, weights).unwrap();
+    let exported = own.attach(&rig, &all_influences()).unwrap();
+    every_shown_primitive_is_bound("collider", &parts(&exported.bytes).0);
+    reads_back("collider", &exported.bytes, &rig, false);
+    // Where all of a file is called so, it is the model.
+    let all = bare.with("/nodes/0/name", json!("UCX_all")).glb();
+    let all = Subject::from_bytes("a.glb", &all, None, &SubjectOptions::default()).unwrap();
+    assert_eq!(all.shown().triangles().len(), 4);
+}
+
+#[test]
+fn the_boxes_around_real_models_are_not_looked_at() {
+    let Some(folder) = common::data("RIGLAB_RIGS", "rigs") else { return };
+    for file in ["dcl_antrom_bear.glb", "dcl_antrom_dragon.glb"] {
+        let subject = Subject::read(folder.join(file), &SubjectOptions::default()).unwrap();
+        let rigged = import(folder.join(file), &ImportOptions::default()).unwrap();
+        assert_eq!(subject.shown().positions().len(), rigged.mesh().positions().len(), "{file}");
+        let keep = SubjectOptions { keep_rig: true, ..SubjectOptions::default() };
+        let kept = Subject::read(folder.join(file), &keep).unwrap();
+        assert_eq!(kept.shown(), kept.mesh(), "{file}");
+    }
+}
+
+#[test]
+fn a_model_that_faces_back_is_looked_at_from_its_front_and_written_as_it_was() {
+    let (tiny, vrm) = (common::Tiny::new(), |name: &str| json!({name: {"humanoid": {"humanBones": []}}}));
+    let read = |extensions: Value, to_front| {
+        let options = SubjectOptions { to_front, ..SubjectOptions::default() };
+        Subject::from_bytes("a.vrm", &tiny.clone().with("/extensions", extensions).glb(), None, &options).unwrap()
+    };
+    let (back, front) = (read(vrm("VRM"), false), read(vrm("VRM"), true));
+    let round = |p: &[f32; 3]| [-p[0], p[1], -p[2]];
+    assert_eq!(front.mesh().positions(), back.mesh().positions().iter().map(round).collect::<Vec<_>>());
+    let told = |subject: &Subject| subject.notes().contains(&SubjectNote::FacesBack);
+    assert!(told(&front) && !told(&back) && !told(&read(vrm("VRMC_vrm"), true)) && !told(&read(json!({}), true)));
+    let rig = on_one_joint(&front, [0.25, 1.0, 0.5]);
+    let bytes = front.attach(&rig, &all_influences()).unwrap().bytes;
+    let written = import_bytes("back.vrm", &bytes, &ImportOptions::default()).unwrap();
+    assert_eq!(written.mesh(), back.mesh());
+    assert_eq!(written.rig().unwrap().skeleton().heads(), [[-0.25, 1.0, -0.5]]);
 }

@@ -11,6 +11,7 @@ mod accessor;
 mod bind;
 mod buffers;
 mod clips;
+mod colliders;
 mod document;
 mod draco;
 pub(crate) mod export;
@@ -67,8 +68,20 @@ pub(crate) fn read(bytes: &[u8], folder: Option<&Path>, options: &ImportOptions)
     let clips = options.clips.map(|resample| clips::read(chunks.json, &document, &scene, resample, &mut warnings));
     let clips = clips.unwrap_or_default();
     let origin = binds.origin().as_vec3().into();
+    let (faces_back, colliders) = (vrm::faces_back(&document), colliders::colliders(&document));
     Ok((
-        Reading { joints, vertex_sets, parts, body, clips, origin, warnings, ..Reading::default() },
+        Reading {
+            joints,
+            vertex_sets,
+            parts,
+            body,
+            clips,
+            origin,
+            faces_back,
+            colliders,
+            warnings,
+            ..Reading::default()
+        },
         rights::read(&document),
     ))
 }

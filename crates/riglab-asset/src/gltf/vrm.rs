@@ -40,6 +40,11 @@ struct Scene<'a> {
     above: Vec<Option<JointId>>,
 }
 
+/// Whether a model of the file faces -z: VRM 0.x says so, VRM 1.0 that it faces +z, as glTF does.
+pub(super) fn faces_back(document: &Document) -> bool {
+    document.extensions["VRMC_vrm"].is_null() && !document.extensions["VRM"].is_null()
+}
+
 /// The body of a VRM file, by joints of the reading; empty for other files.
 pub(super) fn read(document: &Document, file: &placing::Scene<'_, '_>, warnings: &mut Vec<Warning>) -> Body {
     let &placing::Scene { nodes, skins, binds, .. } = file;

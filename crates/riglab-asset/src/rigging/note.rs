@@ -22,6 +22,13 @@ pub enum SubjectNote {
         /// Which.
         axis: UpAxis,
     },
+    /// Some of the model is colliders by name, which nobody sees.
+    Colliders {
+        /// Their vertices.
+        vertices: usize,
+    },
+    /// The format says that the model faces -z.
+    FacesBack,
     /// Large parts stand apart, as those of several characters do.
     StandApart {
         /// How many.
@@ -49,12 +56,20 @@ impl fmt::Display for SubjectNote {
             Self::Read(warning) => warning.fmt(f),
             Self::Stripped(note) => note.fmt(f),
             Self::RigIgnored { joints } => {
-                write!(f, "the file has a rig of {joints} joints already, which was taken out")
+                let s = if *joints == 1 { "" } else { "s" };
+                write!(f, "the file has a rig of {joints} joint{s} already, which was taken out")
             }
             Self::LiesDown { axis } => write!(
                 f,
                 "the model seems to stand along {axis}, not y; if so, `--up {axis}` rigs it as it should stand"
             ),
+            Self::Colliders { vertices } => write!(
+                f,
+                "{vertices} vertices are of colliders, by name; they are not looked at, and go with the root joint"
+            ),
+            Self::FacesBack => {
+                f.write_str("models of VRM 0.x face -z; it was turned round to be looked at, and is written as it was")
+            }
             Self::StandApart { groups } => write!(
                 f,
                 "{groups} large parts stand apart, as several characters do; one skeleton is made for all: \

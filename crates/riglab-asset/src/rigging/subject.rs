@@ -3,7 +3,7 @@
 use std::borrow::Cow;
 use std::path::{Path, PathBuf};
 
-use riglab_core::{Mesh, Rig, RigError, Skeleton, SkinWeights, Springs};
+use riglab_core::{Mesh, Rig, RigError, Skeleton, SkinWeights, Springs, Vec3};
 
 use super::pieces::pieces;
 use super::{SubjectNote, UpAxis, doubts, obj, seams};
@@ -20,6 +20,9 @@ pub struct SubjectOptions {
     pub keep_rig: bool,
     /// The axis that points up.
     pub up: UpAxis,
+    /// Whether a model of a format whose models face -z is turned round in the mesh, so that what expects a model to
+    /// face +z tells its left from its right. Not where a rig is kept.
+    pub to_front: bool,
     /// The most triangles.
     pub max_triangles: usize,
     /// How the file is read; motions are not.
@@ -29,7 +32,7 @@ pub struct SubjectOptions {
 impl Default for SubjectOptions {
     fn default() -> Self {
         let import = ImportOptions::default();
-        Self { keep_rig: false, up: UpAxis::Y, max_triangles: 5_000_000, import }
+        Self { keep_rig: false, up: UpAxis::Y, to_front: false, max_triangles: 5_000_000, import }
     }
 }
 
@@ -43,12 +46,53 @@ pub struct Subject {
     file: PathBuf,
     name: String,
     mesh: Mesh,
+    shown: Option<Shown>,
     rig: Option<Rig>,
     twins: Vec<u32>,
     notes: Vec<SubjectNote>,
     source: Source,
-    /// From the document's axes to the mesh's.
-    turn: UpAxis,
+    turn: Turn,
+}
+
+/// From the document's axes to the mesh's.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Turn {
+    /// What points up in the document.
+    up: UpAxis,
+    /// Whether the model, once it stands, is turned round.
+    about: bool,
+}
+
+impl From<UpAxis> for Turn {
+    fn from(up: UpAxis) -> Self {
+        Self { up, about: false }
+    }
+}
+
+impl Turn {
+    const NONE: Self = Self { up: UpAxis::Y, about: false };
+
+    /// A point or direction, as the mesh has it. No number is rounded, and left and right stay what they are.
+    fn onto_mesh(self, p: Vec3) -> Vec3 {
+        self.round(self.up.to_y(p))
+    }
+
+    /// The turn back.
+    fn off_mesh(self, p: Vec3) -> Vec3 {
+        self.up.from_y(self.round(p))
+    }
+
+    fn round(self, [x, y, z]: Vec3) -> Vec3 {
+        if self.about { [-x, y, -z] } else { [x, y, z] }
+    }
+}
+
+/// What of a mesh is seen, where that is not all of it.
+#[derive(Clone, Debug)]
+struct Shown {
+    mesh: Mesh,
+    /// Which vertex of it each of the whole mesh is.
+    place: Vec<Option<u32>>,
 }
 
 /// What is written again.
@@ -118,12 +162,16 @@ impl Subject {
         let mut notes = Vec::new();
         let mut keeps = options.import.clone();
         keeps.clips = None;
-        let mut turn = options.up;
+        let mut turn = Turn::from(options.up);
         let mut rig = None;
         let (document, beside) = match Format::of(path, bytes).map_err(fail)? {
             Format::Gltf if options.keep_rig => (Cow::Borrowed(bytes), folder),
             Format::Gltf => {
                 let (reading, _) = gltf::read(bytes, folder, &keeps).map_err(fail)?;
+                if reading.faces_back && options.to_front {
+                    turn.about = true;
+                    notes.push(SubjectNote::FacesBack);
+                }
                 if reading.joints.is_empty() {
                     (Cow::Borrowed(bytes), folder)
                 } else {
@@ -144,7 +192,7 @@ impl Subject {
                     other => return Err(fail(Fault::OtherFormat(other))),
                 };
                 stand(&mut model, options.up);
-                turn = UpAxis::Y;
+                turn = Turn::NONE;
                 let document = model.into_glb();
                 let too_long = |found: usize| too_large("bytes of the file as GLB", found, u32::MAX as usize);
                 (Cow::Owned(document.map_err(|found| fail(too_long(found)))?), None)
@@ -171,14 +219,14 @@ impl Subject {
             notes.push(SubjectNote::RigIgnored { joints: own.skeleton().len() });
             rig = None;
         }
-        Self::new(path, Source { document: None, imported }, rig, options.up, notes, options)
+        Self::new(path, Source { document: None, imported }, rig, options.up.into(), notes, options)
     }
 
     fn new(
         path: &Path,
         source: Source,
         rig: Option<Rig>,
-        turn: UpAxis,
+        turn: Turn,
         mut notes: Vec<SubjectNote>,
         options: &SubjectOptions,
     ) -> Result<Self, ImportError> {
@@ -192,15 +240,41 @@ impl Subject {
         notes.extend(warnings.filter(|w| !matches!(w, crate::Warning::NoSkeleton)).cloned().map(SubjectNote::Read));
         let mesh = turned_mesh(own, turn).map_err(|e| fail(e.into()))?;
         let rig = match rig {
-            Some(rig) => Some(turned_rig(&rig, turn, UpAxis::to_y).map_err(|e| fail(e.into()))?),
+            Some(rig) => Some(turned_rig(&rig, turn, Turn::onto_mesh).map_err(|e| fail(e.into()))?),
             None => None,
         };
         let twins = seams::twins(mesh.positions());
-        let pieces = pieces(&mesh, &twins);
-        doubts::doubts(&mesh, &pieces, &mut notes);
-        let mesh = doubts::facing_out(mesh, &pieces, &mut notes);
+        let all = pieces(&mesh, &twins);
+        let mesh = doubts::facing_out(mesh, &all, &mut notes);
         let name = stem(path);
-        Ok(Self { file: path.to_path_buf(), name, mesh, rig, twins, notes, source, turn })
+        let mut subject = Self { file: path.to_path_buf(), name, mesh, shown: None, rig, twins, notes, source, turn };
+        if !options.keep_rig {
+            subject.shown = subject.without_colliders();
+        }
+        let Self { mesh, shown, twins, notes, .. } = &mut subject;
+        match shown {
+            Some(shown) => {
+                notes.push(SubjectNote::Colliders { vertices: shown.place.iter().filter(|p| p.is_none()).count() });
+                doubts::doubts(&shown.mesh, &pieces(&shown.mesh, &seams::twins(shown.mesh.positions())), notes);
+            }
+            None => doubts::doubts(mesh, &pieces(mesh, twins), notes),
+        }
+        Ok(subject)
+    }
+
+    /// What is seen, where colliders are not.
+    fn without_colliders(&self) -> Option<Shown> {
+        let colliders = &self.source.imported.reading.colliders;
+        if colliders.is_empty() {
+            return None;
+        }
+        let mut next = 0..;
+        let place = |origin: &Origin| if colliders.contains(&origin.node) { None } else { next.next() };
+        let place: Vec<Option<u32>> = self.origins().iter().map(place).collect();
+        let positions = self.mesh.positions().iter().zip(&place).filter(|(_, at)| at.is_some()).map(|(p, _)| *p);
+        let corners = |t: &[u32; 3]| Some([place[t[0] as usize]?, place[t[1] as usize]?, place[t[2] as usize]?]);
+        let mesh = Mesh::new(positions.collect(), self.mesh.triangles().iter().filter_map(corners).collect());
+        mesh.ok().filter(|mesh| mesh.positions().len() < place.len()).map(|mesh| Shown { mesh, place })
     }
 
     /// The file's name without folder and ending.
@@ -208,9 +282,29 @@ impl Subject {
         &self.name
     }
 
-    /// What is to be rigged: y up, closed surfaces facing outwards.
+    /// What is to be rigged: y up, closed surfaces facing outwards, and, where that was asked for, its front to +z as far as
+    /// the format tells.
     pub fn mesh(&self) -> &Mesh {
         &self.mesh
+    }
+
+    /// What of [`Self::mesh`] is seen, and so what a rig is made by: all but colliders, which are those by the names of their
+    /// nodes and coarser than the model. All of it where a rig is kept.
+    pub fn shown(&self) -> &Mesh {
+        self.shown.as_ref().map_or(&self.mesh, |shown| &shown.mesh)
+    }
+
+    /// Weights for [`Self::mesh`] of those for [`Self::shown`]: what is not seen goes with the first joint, the root, and
+    /// keeps its shape.
+    ///
+    /// # Errors
+    /// As [`SkinWeights::normalized`], where `weights` are of another mesh.
+    pub fn for_all(&self, weights: &SkinWeights) -> Result<SkinWeights, RigError> {
+        let Some(shown) = &self.shown else { return Ok(weights.clone()) };
+        SkinWeights::normalized(shown.place.iter().map(|place| match place {
+            Some(v) => weights.row(*v as usize).map(|(joint, w)| (joint.0, f64::from(w))).collect(),
+            None => vec![(0, 1.0)],
+        }))
     }
 
     /// The rig that the file has, where it is kept. Its skeleton is in the space of [`Self::mesh`]; its mesh may
@@ -291,12 +385,12 @@ impl Subject {
         let invalid = |e: RigError| fail(crate::ExportFault::Source(e.into()));
         // The mesh as the document has it, and heads in its axes.
         let back = Rig::new(
-            turned_skeleton(rig.skeleton(), self.turn, UpAxis::from_y).map_err(invalid)?,
+            turned_skeleton(rig.skeleton(), self.turn, Turn::off_mesh).map_err(invalid)?,
             imported.mesh().clone(),
             rig.weights().clone(),
         );
         let back = back.and_then(|r| r.with_humanoid(rig.humanoid().clone())).map_err(invalid)?;
-        let springs = if self.turn == UpAxis::Y { rig.springs().clone() } else { Springs::default() };
+        let springs = if self.turn == Turn::NONE { rig.springs().clone() } else { Springs::default() };
         let back = back.with_springs(springs).map_err(invalid)?;
         match document {
             Some((bytes, folder)) => {
@@ -340,26 +434,22 @@ fn stand(model: &mut Model, up: UpAxis) {
     }
 }
 
-fn turned_mesh(mesh: &Mesh, up: UpAxis) -> Result<Mesh, RigError> {
-    mesh.with_positions(mesh.positions().iter().map(|p| up.to_y(*p)).collect())
+fn turned_mesh(mesh: &Mesh, by: Turn) -> Result<Mesh, RigError> {
+    mesh.with_positions(mesh.positions().iter().map(|p| by.onto_mesh(*p)).collect())
 }
 
-fn turned_skeleton(
-    skeleton: &Skeleton,
-    up: UpAxis,
-    turn: fn(UpAxis, [f32; 3]) -> [f32; 3],
-) -> Result<Skeleton, RigError> {
-    skeleton.with_heads(skeleton.heads().iter().map(|p| turn(up, *p)).collect())
+fn turned_skeleton(skeleton: &Skeleton, by: Turn, turn: fn(Turn, Vec3) -> Vec3) -> Result<Skeleton, RigError> {
+    skeleton.with_heads(skeleton.heads().iter().map(|p| turn(by, *p)).collect())
 }
 
 /// A rig in other axes. Springs, whose directions are told in more ways than one, go along only where nothing turns;
 /// the document keeps its own.
-fn turned_rig(rig: &Rig, up: UpAxis, turn: fn(UpAxis, [f32; 3]) -> [f32; 3]) -> Result<Rig, RigError> {
-    if up == UpAxis::Y {
+fn turned_rig(rig: &Rig, by: Turn, turn: fn(Turn, Vec3) -> Vec3) -> Result<Rig, RigError> {
+    if by == Turn::NONE {
         return Ok(rig.clone());
     }
-    let mesh = rig.mesh().with_positions(rig.mesh().positions().iter().map(|p| turn(up, *p)).collect())?;
-    let skeleton = turned_skeleton(rig.skeleton(), up, turn)?;
+    let mesh = rig.mesh().with_positions(rig.mesh().positions().iter().map(|p| turn(by, *p)).collect())?;
+    let skeleton = turned_skeleton(rig.skeleton(), by, turn)?;
     Rig::new(skeleton, mesh, rig.weights().clone())?.with_humanoid(rig.humanoid().clone())
 }
 
@@ -373,7 +463,7 @@ fn old_fbx_rig(
 ) -> Result<Option<Rig>, ImportError> {
     match import_from(path, bytes, None, &ImportOptions { clips: None, ..options.import.clone() }) {
         Ok(Imported { content: crate::Content::Rigged(rig), .. }) if options.keep_rig => Ok(Some(
-            turned_rig(&rig, options.up, UpAxis::to_y)
+            turned_rig(&rig, options.up.into(), Turn::onto_mesh)
                 .map_err(|e| ImportError::new(&path.to_string_lossy(), e.into()))?,
         )),
         Ok(Imported { content: crate::Content::Rigged(rig), .. }) => {

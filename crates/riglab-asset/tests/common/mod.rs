@@ -64,6 +64,7 @@ pub fn reborn(rig: &Rig) -> Rig {
 }
 
 /// A tetrahedron on two joints, `hips` at (0, 1, 0) and `tip` at (0, 2, 0).
+#[derive(Clone)]
 pub struct Tiny {
     pub document: Value,
     pub binary: Vec<u8>,

@@ -21,6 +21,8 @@ pub fn rig(args: &Common, bones: &Bones, model: &Model, from: &Path, to: &Path) 
     let options = SubjectOptions {
         keep_rig: matches!(bones, Bones::Kept),
         up: args.up,
+        // A skeleton that is given stands as the file does.
+        to_front: matches!(bones, Bones::Predicted { .. }),
         max_triangles: args.max_triangles,
         import: ImportOptions::default(),
     };
@@ -53,7 +55,7 @@ pub fn rig(args: &Common, bones: &Bones, model: &Model, from: &Path, to: &Path) 
     let about = || from.display().to_string();
     let rig = match bones {
         Bones::Predicted { names, .. } => {
-            let bounds = Bounds::of(subject.mesh().positions().iter().copied());
+            let bounds = Bounds::of(subject.shown().positions().iter().copied());
             let (skeleton, human) = name_joints(&made.skeleton, bounds, *names).with_context(about)?;
             subject.rigged(skeleton, weights).and_then(|rig| rig.with_humanoid(human))
         }
