@@ -87,6 +87,9 @@ pub struct ImportOptions {
     /// Whether to repair what takes a guess: joints of a rig text beside its tree go below the root,
     /// which is refused otherwise, and `NAME_dup_K` joints of RigNet's predictions back into NAME.
     pub repair: bool,
+    /// Whether a glTF without a skeleton is read without what is not shown: meshes that are colliders by the names of their
+    /// nodes.
+    pub shown: bool,
 }
 
 /// How motions are sampled.

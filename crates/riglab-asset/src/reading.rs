@@ -26,8 +26,6 @@ pub struct Reading {
     pub up: Up,
     /// Whether the format says that a model's front is -z, as VRM 0.x does; what says nothing mostly faces +z.
     pub faces_back: bool,
-    /// Nodes whose meshes are colliders by their names, rising: they are parts like all others.
-    pub colliders: Vec<usize>,
     /// What was repaired or is doubtful.
     pub warnings: Vec<Warning>,
 }

@@ -80,6 +80,11 @@ pub enum Warning {
         /// The nodes that hold them.
         nodes: Vec<usize>,
     },
+    /// Meshes that are colliders by the names of their nodes were left out of a file without a skeleton.
+    Colliders {
+        /// The nodes that hold them.
+        nodes: Vec<usize>,
+    },
     /// Primitives of points or lines, or without positions, were left out.
     NoSurface {
         /// How many.
@@ -213,6 +218,10 @@ impl fmt::Display for Warning {
             Self::LeftOut { nodes } => {
                 let nodes = numbered("node", nodes);
                 write!(f, "unskinned meshes not on a joint, or hidden, were left out: {}", Some3(&nodes))
+            }
+            Self::Colliders { nodes } => {
+                let nodes = numbered("node", nodes);
+                write!(f, "meshes that are colliders by name stay as they are, without a skin: {}", Some3(&nodes))
             }
             Self::NoSurface { primitives } => {
                 write!(f, "{primitives} primitives of points or lines, or without positions, were left out")

@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 
 use riglab_asset::export::{self, ExportOptions, Influences, JointFrames};
 use riglab_asset::rigging::{Subject, SubjectNote, SubjectOptions, UpAxis};
-use riglab_asset::{Fault, ImportOptions, import, import_bytes};
+use riglab_asset::{Fault, ImportOptions, Warning, import, import_bytes};
 use riglab_core::{Rig, Skeleton, SkinWeights};
 use serde_json::{Value, json};
 
@@ -60,10 +60,16 @@ fn reads_back(name: &str, bytes: &[u8], rig: &Rig, kept: bool) {
     }
 }
 
-/// That each mesh that a node shows is skinned, and has weights wherever it has positions.
+/// That each mesh that a node shows is skinned, and has weights wherever it has positions; and that of the others, which are
+/// colliders by name, none has.
 fn every_shown_primitive_is_bound(name: &str, json: &Value) {
     for node in json["nodes"].as_array().unwrap().iter().filter(|node| node.get("mesh").is_some()) {
         let mesh = &json["meshes"][node["mesh"].as_u64().unwrap() as usize];
+        if node.get("skin").is_none() && node["name"].as_str().is_some_and(|n| n.contains("_collider")) {
+            let bare = |p: &Value| p["attributes"].get("JOINTS_0").is_none();
+            assert!(mesh["primitives"].as_array().unwrap().iter().all(bare), "{name}: {node}");
+            continue;
+        }
         for attributes in mesh["primitives"].as_array().unwrap().iter().map(|p| &p["attributes"]) {
             let count =
                 |key: &str| Some(json["accessors"][attributes[key].as_u64()? as usize]["count"].as_u64().unwrap());
@@ -346,7 +352,7 @@ fn on_one_joint(subject: &Subject, head: [f32; 3]) -> Rig {
 }
 
 #[test]
-fn colliders_are_not_looked_at_and_go_with_the_root() {
+fn colliders_are_not_rigged_and_stay_as_they_are() {
     let corners: Vec<u8> = [0u16, 1, 2].iter().flat_map(|v| v.to_le_bytes()).collect();
     let tiny = common::Tiny::new().with_accessor(5123, "SCALAR", 3, &corners);
     let indices = tiny.accessors() - 1;
@@ -357,38 +363,32 @@ fn colliders_are_not_looked_at_and_go_with_the_root() {
         Subject::from_bytes("a.glb", &bytes, None, &SubjectOptions::default()).unwrap()
     };
     let (plain, own) = (subject("Tiny"), subject("Tiny_collider"));
-    assert_eq!((plain.mesh().triangles().len(), plain.shown().triangles().len()), (5, 5));
-    assert_eq!((own.mesh().triangles().len(), own.shown().triangles().len()), (5, 4));
-    assert_eq!((own.mesh(), own.shown().positions()), (plain.mesh(), &plain.mesh().positions()[..4]));
-    let note = SubjectNote::Colliders { vertices: 3 };
+    assert_eq!((plain.mesh().triangles().len(), own.mesh().triangles().len()), (5, 4));
+    let note = SubjectNote::Read(Warning::Colliders { nodes: vec![3] });
     assert!(own.notes().contains(&note) && !plain.notes().contains(&note), "{:?}", own.notes());
-    // Of two joints the second has all that is seen.
-    let joint = |name: &str, parent| riglab_core::Joint { name: name.into(), parent, head: [0.0; 3] };
-    let skeleton = Skeleton::new(vec![joint("one", None), joint("two", Some(riglab_core::JointId(0)))]).unwrap();
-    let second = SkinWeights::normalized([[(1, 1.0)]; 4]).unwrap();
-    let weights = own.for_all(&second).unwrap();
-    let joints: Vec<u16> = (0..7).flat_map(|v| weights.row(v).map(|(joint, _)| joint.0).collect::<Vec<_>>()).collect();
-    assert_eq!(joints, [1, 1, 1, 1, 0, 0, 0]);
-    let rig = own.rigged(skeleton, weights).unwrap();
-    let exported = own.attach(&rig, &all_influences()).unwrap();
-    every_shown_primitive_is_bound("collider", &parts(&exported.bytes).0);
-    reads_back("collider", &exported.bytes, &rig, false);
+    for (subject, skinned) in [(plain, true), (own, false)] {
+        let rig = on_one_joint(&subject, [0.0; 3]);
+        let bytes = subject.attach(&rig, &all_influences()).unwrap().bytes;
+        let (json, _) = parts(&bytes);
+        every_shown_primitive_is_bound("collider", &json);
+        let nodes = json["nodes"].as_array().unwrap();
+        let node = nodes.iter().find(|n| n["name"].as_str().is_some_and(|n| n.starts_with("Tiny"))).unwrap();
+        assert_eq!(node["skin"].is_u64(), skinned, "{json}");
+        reads_back("collider", &bytes, &rig, false);
+    }
     // Where all of a file is called so, it is the model.
     let all = bare.with("/nodes/0/name", json!("UCX_all")).glb();
     let all = Subject::from_bytes("a.glb", &all, None, &SubjectOptions::default()).unwrap();
-    assert_eq!(all.shown().triangles().len(), 4);
+    assert_eq!(all.mesh().triangles().len(), 4);
 }
 
 #[test]
-fn the_boxes_around_real_models_are_not_looked_at() {
+fn the_boxes_around_real_models_are_not_rigged() {
     let Some(folder) = common::data("RIGLAB_RIGS", "rigs") else { return };
     for file in ["dcl_antrom_bear.glb", "dcl_antrom_dragon.glb"] {
         let subject = Subject::read(folder.join(file), &SubjectOptions::default()).unwrap();
         let rigged = import(folder.join(file), &ImportOptions::default()).unwrap();
-        assert_eq!(subject.shown().positions().len(), rigged.mesh().positions().len(), "{file}");
-        let keep = SubjectOptions { keep_rig: true, ..SubjectOptions::default() };
-        let kept = Subject::read(folder.join(file), &keep).unwrap();
-        assert_eq!(kept.shown(), kept.mesh(), "{file}");
+        assert_eq!(subject.mesh().positions().len(), rigged.mesh().positions().len(), "{file}");
     }
 }
 

@@ -63,25 +63,15 @@ pub(crate) fn read(bytes: &[u8], folder: Option<&Path>, options: &ImportOptions)
     let binds = Binds::new(&nodes, &skins, &sources.skin_boxes(skins.len()), &mut warnings);
     let joints = skins.joints(&document, &binds, &mut warnings)?;
     let scene = placing::Scene { accessors: &accessors, nodes: &nodes, skins: &skins, binds: &binds };
-    let (vertex_sets, parts) = scene.place(sources, &joints, &mut warnings)?;
+    let colliders = if options.shown { colliders::colliders(&document) } else { Vec::new() };
+    let (vertex_sets, parts) = scene.place(sources, &joints, &colliders, &mut warnings)?;
     let body = vrm::read(&document, &scene, &mut warnings);
     let clips = options.clips.map(|resample| clips::read(chunks.json, &document, &scene, resample, &mut warnings));
     let clips = clips.unwrap_or_default();
     let origin = binds.origin().as_vec3().into();
-    let (faces_back, colliders) = (vrm::faces_back(&document), colliders::colliders(&document));
+    let faces_back = vrm::faces_back(&document);
     Ok((
-        Reading {
-            joints,
-            vertex_sets,
-            parts,
-            body,
-            clips,
-            origin,
-            faces_back,
-            colliders,
-            warnings,
-            ..Reading::default()
-        },
+        Reading { joints, vertex_sets, parts, body, clips, origin, faces_back, warnings, ..Reading::default() },
         rights::read(&document),
     ))
 }

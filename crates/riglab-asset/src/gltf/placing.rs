@@ -34,19 +34,20 @@ enum Hold {
 }
 
 impl Scene<'_, '_> {
-    /// Places what hangs on the skeleton, or everything where there is none. The triangles of unskinned meshes
+    /// Places what hangs on the skeleton, or everything but `colliders`, nodes, where there is none. The triangles of unskinned meshes
     /// that their nodes mirror are turned round, so that they face outwards as the format says (3.7.4 of glTF 2.0).
     pub(super) fn place(
         &self,
         sources: Sources,
         joints: &[ReadJoint],
+        colliders: &[usize],
         warnings: &mut Vec<Warning>,
     ) -> Result<(Vec<VertexSet>, Vec<Part>), Fault> {
         let mut sets = Vec::with_capacity(sources.sets.len());
         // The new number of each set that stays.
         let mut kept: HashMap<usize, usize> = HashMap::new();
         let mut repairs = Repairs::default();
-        let (mut rigid, mut left_out) = (Vec::new(), Vec::new());
+        let (mut rigid, mut left_out, mut bumped) = (Vec::new(), Vec::new(), Vec::new());
         let mut mirrored = Vec::with_capacity(sources.sets.len());
         for (number, source) in sources.sets.iter().enumerate() {
             let node = source.place.node;
@@ -64,6 +65,10 @@ impl Scene<'_, '_> {
                         let rows = source.numbers.iter().map(|_| [(joint, 1.0)]);
                         let weights = Some(SkinWeights::normalized(rows)?);
                         (self.unskinned(source, &map, weights, Binding::Rigid)?, is_mirrored(&map))
+                    }
+                    Hold::Free(_) if colliders.contains(&node) => {
+                        bumped.push(node);
+                        continue;
                     }
                     Hold::Free(map) => (self.unskinned(source, &map, None, Binding::Free)?, is_mirrored(&map)),
                     Hold::None => {
@@ -87,12 +92,16 @@ impl Scene<'_, '_> {
         repairs.warn(warnings);
         rigid.dedup();
         left_out.dedup();
+        bumped.dedup();
         if !rigid.is_empty() {
             let names = rigid.iter().map(|&(_, joint)| joints[usize::from(joint)].name.clone()).collect();
             warnings.push(Warning::RigidParts { nodes: rigid.iter().map(|&(n, _)| n).collect(), joints: names });
         }
         if !left_out.is_empty() {
             warnings.push(Warning::LeftOut { nodes: left_out });
+        }
+        if !bumped.is_empty() {
+            warnings.push(Warning::Colliders { nodes: bumped });
         }
         Ok((sets, parts))
     }

@@ -22,11 +22,6 @@ pub enum SubjectNote {
         /// Which.
         axis: UpAxis,
     },
-    /// Some of the model is colliders by name, which nobody sees.
-    Colliders {
-        /// Their vertices.
-        vertices: usize,
-    },
     /// The format says that the model faces -z.
     FacesBack,
     /// Large parts stand apart, as those of several characters do.
@@ -62,10 +57,6 @@ impl fmt::Display for SubjectNote {
             Self::LiesDown { axis } => write!(
                 f,
                 "the model seems to stand along {axis}, not y; if so, `--up {axis}` rigs it as it should stand"
-            ),
-            Self::Colliders { vertices } => write!(
-                f,
-                "{vertices} vertices are of colliders, by name; they are not looked at, and go with the root joint"
             ),
             Self::FacesBack => {
                 f.write_str("models of VRM 0.x face -z; it was turned round to be looked at, and is written as it was")

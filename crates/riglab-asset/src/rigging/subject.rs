@@ -16,7 +16,8 @@ use crate::{Fault, Format, ImportError, ImportOptions, Imported, gltf, import, i
 #[derive(Clone, Debug)]
 pub struct SubjectOptions {
     /// Whether a rig that is there stays. Then the mesh is what that rig binds, and [`Subject::rig`] gives the
-    /// rig. Else all surfaces of the file are the mesh, standing where the rest pose shows them.
+    /// rig. Else all surfaces of the file are the mesh, standing where the rest pose shows them, but for
+    /// colliders by name, which stay as they are.
     pub keep_rig: bool,
     /// The axis that points up.
     pub up: UpAxis,
@@ -46,7 +47,6 @@ pub struct Subject {
     file: PathBuf,
     name: String,
     mesh: Mesh,
-    shown: Option<Shown>,
     rig: Option<Rig>,
     twins: Vec<u32>,
     notes: Vec<SubjectNote>,
@@ -85,14 +85,6 @@ impl Turn {
     fn round(self, [x, y, z]: Vec3) -> Vec3 {
         if self.about { [-x, y, -z] } else { [x, y, z] }
     }
-}
-
-/// What of a mesh is seen, where that is not all of it.
-#[derive(Clone, Debug)]
-struct Shown {
-    mesh: Mesh,
-    /// Which vertex of it each of the whole mesh is.
-    place: Vec<Option<u32>>,
 }
 
 /// What is written again.
@@ -198,9 +190,10 @@ impl Subject {
                 (Cow::Owned(document.map_err(|found| fail(too_long(found)))?), None)
             }
         };
-        // All of the model, whoever it was that the old rig moved.
+        // All of the model that is seen, whoever it was that the old rig moved.
         if !options.keep_rig {
             keeps.character = None;
+            keeps.shown = true;
         }
         let imported = import_from(path, &document, beside, &keeps)?;
         if let (true, Some(own)) = (options.keep_rig, imported.rig()) {
@@ -244,37 +237,11 @@ impl Subject {
             None => None,
         };
         let twins = seams::twins(mesh.positions());
-        let all = pieces(&mesh, &twins);
-        let mesh = doubts::facing_out(mesh, &all, &mut notes);
+        let pieces = pieces(&mesh, &twins);
+        doubts::doubts(&mesh, &pieces, &mut notes);
+        let mesh = doubts::facing_out(mesh, &pieces, &mut notes);
         let name = stem(path);
-        let mut subject = Self { file: path.to_path_buf(), name, mesh, shown: None, rig, twins, notes, source, turn };
-        if !options.keep_rig {
-            subject.shown = subject.without_colliders();
-        }
-        let Self { mesh, shown, twins, notes, .. } = &mut subject;
-        match shown {
-            Some(shown) => {
-                notes.push(SubjectNote::Colliders { vertices: shown.place.iter().filter(|p| p.is_none()).count() });
-                doubts::doubts(&shown.mesh, &pieces(&shown.mesh, &seams::twins(shown.mesh.positions())), notes);
-            }
-            None => doubts::doubts(mesh, &pieces(mesh, twins), notes),
-        }
-        Ok(subject)
-    }
-
-    /// What is seen, where colliders are not.
-    fn without_colliders(&self) -> Option<Shown> {
-        let colliders = &self.source.imported.reading.colliders;
-        if colliders.is_empty() {
-            return None;
-        }
-        let mut next = 0..;
-        let place = |origin: &Origin| if colliders.contains(&origin.node) { None } else { next.next() };
-        let place: Vec<Option<u32>> = self.origins().iter().map(place).collect();
-        let positions = self.mesh.positions().iter().zip(&place).filter(|(_, at)| at.is_some()).map(|(p, _)| *p);
-        let corners = |t: &[u32; 3]| Some([place[t[0] as usize]?, place[t[1] as usize]?, place[t[2] as usize]?]);
-        let mesh = Mesh::new(positions.collect(), self.mesh.triangles().iter().filter_map(corners).collect());
-        mesh.ok().filter(|mesh| mesh.positions().len() < place.len()).map(|mesh| Shown { mesh, place })
+        Ok(Self { file: path.to_path_buf(), name, mesh, rig, twins, notes, source, turn })
     }
 
     /// The file's name without folder and ending.
@@ -286,25 +253,6 @@ impl Subject {
     /// the format tells.
     pub fn mesh(&self) -> &Mesh {
         &self.mesh
-    }
-
-    /// What of [`Self::mesh`] is seen, and so what a rig is made by: all but colliders, which are those by the names of their
-    /// nodes and coarser than the model. All of it where a rig is kept.
-    pub fn shown(&self) -> &Mesh {
-        self.shown.as_ref().map_or(&self.mesh, |shown| &shown.mesh)
-    }
-
-    /// Weights for [`Self::mesh`] of those for [`Self::shown`]: what is not seen goes with the first joint, the root, and
-    /// keeps its shape.
-    ///
-    /// # Errors
-    /// As [`SkinWeights::normalized`], where `weights` are of another mesh.
-    pub fn for_all(&self, weights: &SkinWeights) -> Result<SkinWeights, RigError> {
-        let Some(shown) = &self.shown else { return Ok(weights.clone()) };
-        SkinWeights::normalized(shown.place.iter().map(|place| match place {
-            Some(v) => weights.row(*v as usize).map(|(joint, w)| (joint.0, f64::from(w))).collect(),
-            None => vec![(0, 1.0)],
-        }))
     }
 
     /// The rig that the file has, where it is kept. Its skeleton is in the space of [`Self::mesh`]; its mesh may

@@ -74,11 +74,7 @@ impl Model {
     /// A skeleton and weights for a model.
     pub fn make(&self, subject: &Subject, wish: &Wish<'_>, kept: bool) -> Result<Made> {
         match &self.made_of {
-            Kind::Whole(rigger) => {
-                let made = rigger.make(subject.shown(), wish).map_err(|e| anyhow!(e))?;
-                let weights = subject.for_all(&made.weights)?;
-                Ok(Made { weights, ..made })
-            }
+            Kind::Whole(rigger) => rigger.make(subject.mesh(), wish).map_err(|e| anyhow!(e)),
             Kind::Weights(skinner) => {
                 let skeleton = wish.skeleton.context("no skeleton")?.clone();
                 let mesh = subject.mesh();

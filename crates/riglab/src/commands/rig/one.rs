@@ -55,7 +55,7 @@ pub fn rig(args: &Common, bones: &Bones, model: &Model, from: &Path, to: &Path) 
     let about = || from.display().to_string();
     let rig = match bones {
         Bones::Predicted { names, .. } => {
-            let bounds = Bounds::of(subject.shown().positions().iter().copied());
+            let bounds = Bounds::of(subject.mesh().positions().iter().copied());
             let (skeleton, human) = name_joints(&made.skeleton, bounds, *names).with_context(about)?;
             subject.rigged(skeleton, weights).and_then(|rig| rig.with_humanoid(human))
         }
