@@ -85,6 +85,16 @@ fn all_forms_say_the_same(runs: &Runs) {
     // Spread by split and category.
     assert!(markdown.contains("| split | category | assets | undefined | IoU | IoU from | IoU to |"));
     assert!(html.contains("data-view=\"bone\"") && !html.contains("src=\"http") && !html.contains("href=\"http"));
+    // What they are of, and when that is out of date.
+    let step = evaluation["checkpoint"]["step"].as_u64().unwrap();
+    assert!(markdown.contains(&format!("the checkpoint of step {step} on ")), "{markdown}");
+    assert!(!markdown.contains("neither the best checkpoint"));
+    let (file, of) = (runs.a.join("eval.json"), |step: u64| format!("\"step\": {step},"));
+    change(&file, &of(step), &of(3));
+    let out = runs.dir.path().join("old.md");
+    must(&["report", text(&runs.a), "-o", text(&out)]);
+    assert!(read(&out).contains("The figures are of step 3, neither the best checkpoint"), "{}", read(&out));
+    change(&file, &of(3), &of(step));
 }
 
 fn two_runs_stand_side_by_side(runs: &Runs) {

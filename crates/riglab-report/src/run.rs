@@ -109,9 +109,9 @@ impl RunView {
         format!("{} on a corpus of {assets} assets, begun {}, {state}", self.task(), self.word("started"))
     }
 
-    /// The facts that make the numbers repeatable.
-    pub fn facts(&self) -> Block {
-        Block::Facts(self.fact_list())
+    /// The facts that make the numbers repeatable, and others after them.
+    pub fn facts(&self, more: impl IntoIterator<Item = (String, String)>) -> Block {
+        Block::Facts(self.fact_list().into_iter().chain(more).collect())
     }
 
     /// The same as names and values.
@@ -327,7 +327,7 @@ mod tests {
         let Block::Charts(charts) = run.curves() else { panic!("charts") };
         assert_eq!(charts.len(), 2);
         assert_eq!(charts[0].series[0].points, [(1.0, 2.0)]);
-        let Block::Facts(facts) = run.facts() else { panic!("facts") };
+        let Block::Facts(facts) = run.facts([]) else { panic!("facts") };
         assert!(facts.contains(&("lines cut off in the logs".into(), "1".into())));
         let fact = |name: &str| facts.iter().find(|(n, _)| n == name).map(|(_, v)| v.as_str());
         assert_eq!((fact("threads"), fact("device")), (Some("2, then 8"), Some("cpu, then cuda:0, then cpu")));

@@ -67,6 +67,15 @@ fn beside(path: &Path) -> String {
     if names.is_empty() { String::new() } else { format!("; there are: {}", names.join(", ")) }
 }
 
+/// The folder of a step whose number is written as people write it.
+fn numbered(path: &Path) -> PathBuf {
+    let step = || path.file_name()?.to_str()?.strip_prefix("step-")?.parse().ok();
+    match step().filter(|_| !path.exists()) {
+        Some(step) => path.with_file_name(folder(step)),
+        None => path.into(),
+    }
+}
+
 /// The folder of a run's checkpoints.
 const CHECKPOINTS: &str = "checkpoints";
 const MODEL: &str = "model.safetensors";
@@ -76,11 +85,12 @@ const KEPT: &str = "task.safetensors";
 const STATE: &str = "state.json";
 
 impl Checkpoint {
-    /// Opens a checkpoint folder: `step-N`, `best` or `last`.
+    /// Opens a checkpoint folder: `step-N`, its number with or without zeros before it, `best` or `last`.
     ///
     /// # Errors
     /// When it is none, or of a version that is not understood.
     pub fn open(path: &Path) -> Result<Self, TrainError> {
+        let path = &numbered(path);
         let fault = |message: String| TrainError::Checkpoint { path: path.into(), message };
         let text = fs::read_to_string(path.join(STATE))
             .map_err(|e| fault(format!("no checkpoint here ({STATE}: {e}){}", beside(path))))?;
@@ -339,5 +349,22 @@ mod tests {
         assert_eq!(named_by(&run), (dir.path().to_path_buf(), "last".to_string()));
         fs::write(run.join("config.toml"), "").unwrap();
         assert_eq!(named_by(&run), (run.clone(), "best".to_string()));
+    }
+
+    #[test]
+    fn a_step_is_found_by_its_number() {
+        let dir = tempfile::tempdir().unwrap();
+        let state = r#"{"task": "t", "step": 40, "seed": 0, "skipped": 0, "skipped_in_a_row": 0, "best": null}"#;
+        for name in ["step-00000040", "best"] {
+            fs::create_dir_all(dir.path().join(name)).unwrap();
+            fs::write(dir.path().join(name).join(STATE), state).unwrap();
+        }
+        let open = |name: &str| Checkpoint::open(&dir.path().join(name)).map(|c| c.state.step).map_err(|e| e.to_string());
+        for name in ["step-40", "step-00000040", "best"] {
+            assert_eq!(open(name), Ok(40), "{name}");
+        }
+        for name in ["step-41", "step-", "lost"] {
+            assert!(open(name).unwrap_err().contains("there are: best, step-00000040"), "{name}");
+        }
     }
 }

@@ -144,6 +144,8 @@ pub struct Evaluated {
     pub findings: Vec<Findings>,
     /// The corpora it saw: path and checksum; empty in files that do not say it.
     pub corpora: Vec<(String, String)>,
+    /// The step of the checkpoint.
+    pub step: Option<u64>,
 }
 
 /// Reads a run's evaluation; `None` before the first.
@@ -162,12 +164,13 @@ pub fn evaluation(task: &str, run: &Path) -> Result<Option<Evaluated>> {
     let seen: Vec<String> = saw["trained_on"].as_array().into_iter().flatten().map(word).collect();
     let seen = warning(&seen, &["the splits that were evaluated".into()]);
     let corpora = saw["data"].as_array().into_iter().flatten().map(|d| (word(&d[0]), word(&d[1]))).collect();
+    let step = saw["checkpoint"]["step"].as_u64();
     macro_rules! read {
         ($task:ident) => {{
             let evaluation: $task::Evaluation = serde_json::from_str(&text).with_context(unclear)?;
             let mut blocks = Vec::from_iter(seen.map(Block::Text));
             blocks.extend(evaluation.blocks(picture));
-            Ok(Some(Evaluated { blocks, findings: evaluation.findings(), corpora }))
+            Ok(Some(Evaluated { blocks, findings: evaluation.findings(), corpora, step }))
         }};
     }
     match task {

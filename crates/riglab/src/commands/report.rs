@@ -5,8 +5,9 @@ use std::process::ExitCode;
 
 use anyhow::{Context, Result, bail};
 use riglab_report::{Block, Compared, Page, RunView, versus};
+use riglab_train::Checkpoint;
 
-use crate::registry;
+use crate::registry::{self, Evaluated};
 
 /// Write the report of a run, or compare several.
 ///
@@ -77,9 +78,15 @@ fn files(out: &Path) -> Result<Vec<PathBuf>> {
 /// The report of one run.
 fn single(run: &Path, title: Option<&str>) -> Result<Page> {
     let view = RunView::read(run)?;
-    let mut blocks = vec![view.facts()];
-    match registry::evaluation(&view.task(), run)? {
+    let evaluated = registry::evaluation(&view.task(), run)?;
+    let subject = evaluated.as_ref().map(|evaluated| ("evaluated".to_string(), subject(evaluated, &view)));
+    let mut blocks = vec![view.facts(subject)];
+    match evaluated {
         Some(evaluated) => {
+            if let Some(note) = outdated(&evaluated, run) {
+                tell!("note: {note}");
+                blocks.push(Block::Text(note));
+            }
             blocks.extend(evaluated.blocks);
             let spread: Vec<Block> = evaluated.findings.iter().flat_map(|f| f.blocks()).collect();
             if !spread.is_empty() {
@@ -98,6 +105,27 @@ fn single(run: &Path, title: Option<&str>) -> Result<Page> {
     blocks.extend(view.repeat());
     let title = title.map_or_else(|| run.display().to_string(), String::from);
     Ok(Page { title, subtitle: view.subtitle(), blocks })
+}
+
+/// What the figures are of.
+fn subject(evaluated: &Evaluated, view: &RunView) -> String {
+    let of =
+        |(path, checksum): &(String, String)| format!("{path} ({})", checksum.chars().take(12).collect::<String>());
+    let corpora = if evaluated.corpora.is_empty() { view.corpora() } else { evaluated.corpora.clone() };
+    let step = evaluated.step.map_or(String::new(), |step| format!("the checkpoint of step {step} on "));
+    step + &corpora.iter().map(of).collect::<Vec<_>>().join(", ")
+}
+
+/// Tells where the run went on after it was evaluated.
+fn outdated(evaluated: &Evaluated, run: &Path) -> Option<String> {
+    let step_of = |name: &str| Some(Checkpoint::open(&run.join("checkpoints").join(name)).ok()?.state().step);
+    let (step, best, last) = (evaluated.step?, step_of("best")?, step_of("last")?);
+    (step != best && step != last).then(|| {
+        format!(
+            "The figures are of step {step}, neither the best checkpoint (step {best}) nor the last (step {last});              `riglab eval {}` evaluates the best.",
+            run.display()
+        )
+    })
 }
 
 /// Several runs side by side.
