@@ -52,7 +52,7 @@ pub struct TokenRigTaskConfig {
 #[serde(deny_unknown_fields, default)]
 pub struct SkinConfig {
     /// The folder of its run (task `fsq_cvae`); or a file of `riglab checkpoint`: of one, or of a model that rigs; or
-    /// a word: `shipped`, that of the model that comes with riglab; `shipped_with_prior`, another that comes with it.
+    /// a word: `shipped_with_prior`, that of the model that comes with riglab; `shipped`, that of the one before.
     pub run: PathBuf,
     /// Codes of a bone, T_D: the first so many of those it was trained with. The paper: 4.
     pub codes: usize,

@@ -10,12 +10,12 @@ use crate::fsq_cvae::Frozen;
 
 /// Made by `riglab checkpoint export`; see the card in it, and `experiments/README.md`.
 const TOKENRIG_SMALL: &[u8] = include_bytes!("../../assets/tokenrig_small.safetensors");
-/// Made so, too.
-const FSQ_CVAE_WITH_PRIOR: &[u8] = include_bytes!("../../assets/fsq_cvae_with_prior.safetensors");
+/// The auto-encoder of the model that came with earlier versions.
+const FSQ_CVAE_WITH_FRAMES: &[u8] = include_bytes!("../../assets/fsq_cvae_with_frames.safetensors");
 
-/// How `skin.run` calls the auto-encoders that come with riglab: that of its model, and one that is told what geometry
-/// says. Runs name them so, and their tokens are its codes: another auto-encoder needs another word.
-const WORDS: [(&str, &[u8]); 2] = [("shipped", TOKENRIG_SMALL), (WITH_PRIOR, FSQ_CVAE_WITH_PRIOR)];
+/// How `skin.run` calls the auto-encoders that come with riglab: that of its model, which is told what geometry says, and
+/// that of the one before. Runs name them so, and their tokens are its codes: another auto-encoder needs another word.
+const WORDS: [(&str, &[u8]); 2] = [("shipped", FSQ_CVAE_WITH_FRAMES), (WITH_PRIOR, TOKENRIG_SMALL)];
 pub(super) const WITH_PRIOR: &str = "shipped_with_prior";
 
 impl Rigger {
@@ -57,7 +57,7 @@ mod tests {
         let file = dir.path().join("small.safetensors");
         std::fs::write(&file, TOKENRIG_SMALL).unwrap();
         let (whole, _) = Rigger::shipped(Device::Cpu).unwrap();
-        for run in [PathBuf::from("shipped"), file] {
+        for run in [PathBuf::from(WITH_PRIOR), file] {
             let own: &Frozen = &taken(run).unwrap();
             assert_eq!(own.levels(), whole.vae.levels());
             for ((a, x), (b, y)) in own.tensors().iter().zip(whole.vae.tensors()) {
