@@ -53,6 +53,47 @@ fn a_creature_goes_through_every_format_and_back() {
 }
 
 #[test]
+fn what_a_format_cannot_hold_is_told() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = |name: &str| dir.path().join(name);
+    let made = path("made");
+    must(&["synth", "-o", text(&made), "--count", "2", "--plans", "anime", "--triangles", "500..1500"]);
+    let avatar = fs::read_dir(&made).unwrap().map(|e| e.unwrap().path()).find(|p| p.extension().unwrap() == "glb");
+    let (avatar, moved) = (avatar.unwrap(), path("moved.glb"));
+    must(&["simulate", text(&avatar), "-o", text(&moved), "--seconds", "0.5"]);
+    let told = |from: &Path, to: &Path, more: &[&str]| {
+        let out = must(&[&["convert", text(from), text(to)], more].concat());
+        let said = String::from_utf8(out.stderr).unwrap();
+        said.lines().filter(|line| line.contains("not written")).map(String::from).collect::<Vec<_>>()
+    };
+    let springs = inspected(&avatar)["springs"].as_array().unwrap().len();
+    for (format, name) in FORMATS.iter().chain(&[("obj", "a.obj")]) {
+        let said = told(&moved, &path(name), &["--to", format]);
+        if *format == "glb" {
+            assert!(said.is_empty(), "{said:?}");
+            continue;
+        }
+        assert_eq!(said.len(), 1, "{said:?}");
+        let start = format!("note: {}: not written, for {format} as riglab writes it holds none: ", moved.display());
+        assert!(said[0].starts_with(&start) && said[0].contains("1 animation, "), "{said:?}");
+        assert!(said[0].contains(&format!("{springs} springs")), "{said:?}");
+    }
+    // Of many files it is told once, of a corpus too.
+    let said = told(&made, &path("apart"), &["--to", "rignet"]);
+    assert!(said.len() == 1 && said[0].contains("made: not written"), "{said:?}");
+    let corpus = path("c.h5");
+    must(&["dataset", "import", text(&made), "-o", text(&corpus)]);
+    assert_eq!(told(&corpus, &path("again"), &["--to", "unirig"]).len(), 1);
+    assert!(told(&corpus, &path("whole"), &["--to", "glb"]).is_empty());
+    // Neither is a file that can be drawn.
+    let png = path("b.png");
+    for (file, wanted) in [(&corpus, "c.h5: it is a corpus of riglab"), (&made, "made: it is a folder; give one of")] {
+        let said = refusal(&mut riglab(&["view", text(file), "--png", text(&png)]));
+        assert!(said.contains(wanted) && !said.contains('…'), "{said}");
+    }
+}
+
+#[test]
 fn a_picture_is_drawn_of_any_file() {
     let dir = tempfile::tempdir().unwrap();
     let creature = &creatures(&dir.path().join("made"), 1)[0];

@@ -447,3 +447,14 @@ impl CloneAll for Tensors {
         self.iter().map(|(n, t)| (n.clone(), t.shallow_clone())).collect()
     }
 }
+
+#[test]
+fn what_riglab_wrote_itself_is_not_imported() {
+    let dir = tempfile::tempdir().unwrap();
+    let file = dir.path().join("m.safetensors");
+    must(&["checkpoint", "export", "-o", text(&file)]);
+    let said = refusal(&mut riglab(&["checkpoint", "import", text(&file)]));
+    assert!(said.contains("it is riglab's already"), "{said}");
+    assert!(said.contains(&format!("--checkpoint {}`", file.display())), "{said}");
+    assert!(said.contains(&format!("riglab checkpoint show {}", file.display())), "{said}");
+}

@@ -176,6 +176,13 @@ fn a_folder_is_rigged_file_by_file() {
     let made: Vec<PathBuf> = fs::read_dir(&out).unwrap().map(|e| e.unwrap().path()).collect();
     assert_eq!(made.len(), 2);
     made.iter().for_each(|file| drop(sound(file)));
+    let few = ["--samples", "1", "--skins", "1"];
+    let said = must(&[&["rig", text(&input), "-o", text(&out), "--json"][..], &few].concat()).stdout;
+    let lines: Vec<Value> =
+        String::from_utf8(said).unwrap().lines().map(|l| serde_json::from_str(l).unwrap()).collect();
+    let failed: Vec<&Value> = lines.iter().filter(|l| l["error"].is_string()).collect();
+    assert!(lines.len() == 3 && failed.len() == 1, "{lines:?}");
+    assert!(failed[0]["file"].as_str().unwrap().ends_with("broken.obj"));
 }
 
 #[test]

@@ -82,7 +82,7 @@ fn jobs_take_the_threads_that_the_command_line_gives() {
     let out = dir.path().join("out");
     // One job would take all processors.
     let said = refusal(&mut riglab(&["sweep", text(&file), "-o", text(&out), "--jobs", "1", "--threads", "1"]));
-    assert!(said.contains("1 at a time with 1 threads each"), "{said}");
+    assert!(said.contains("1 at a time with 1 thread each"), "{said}");
 }
 
 /// What must be equal.

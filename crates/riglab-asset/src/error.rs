@@ -47,6 +47,11 @@ pub enum Fault {
     /// The file cannot be opened or read.
     #[error("cannot be read: {0}")]
     Unreadable(String),
+    /// A folder where a file is asked for.
+    #[error(
+        "it is a folder; give one of the files in it (`riglab dataset import` and `riglab convert` take all of them)"
+    )]
+    Folder,
     /// No bytes at all.
     #[error("the file is empty")]
     Empty,

@@ -376,6 +376,10 @@ fn look(path: &Path) -> Result<(Option<Format>, Option<PathBuf>), ImportError> {
     let fail = |fault| ImportError::new(&path.to_string_lossy(), fault);
     // The folder of a bare file name is "", which does not canonicalise.
     let folder = path.parent().map(|f| if f.as_os_str().is_empty() { Path::new(".") } else { f }.to_path_buf());
+    // What a system says of a folder that is read as a file does not help.
+    if path.is_dir() {
+        return Err(fail(Fault::Folder));
+    }
     let mut start = Vec::new();
     let read = std::fs::File::open(path).and_then(|f| f.take(4096).read_to_end(&mut start));
     read.map_err(|e| fail(Fault::Unreadable(e.to_string())))?;

@@ -51,6 +51,7 @@ fn files_that_are_no_gltf() {
     assert_fault!(import("no such file.glb", &ImportOptions::default()).unwrap_err().fault, Fault::Unreadable(_));
     let text = import("no such file.glb", &ImportOptions::default()).unwrap_err().to_string();
     assert!(text.starts_with("no such file.glb: cannot be read: "), "{text}");
+    assert_fault!(import("tests", &ImportOptions::default()).unwrap_err().fault, Fault::Folder);
 }
 
 #[test]

@@ -10,6 +10,9 @@ pub enum DataError {
     /// No such file or folder.
     #[error("{path}: no such {what}", path = .0.display(), what = .1)]
     Missing(PathBuf, &'static str),
+    /// A folder where a corpus is asked for.
+    #[error("{path}: a folder, not a corpus; make one of the files in it: riglab dataset import {path} -o corpus.h5", path = .0.display())]
+    NoCorpus(PathBuf),
     /// A file where a folder is asked for.
     #[error("{path}: a file; give the folder it is in", path = .0.display())]
     NoFolder(PathBuf),

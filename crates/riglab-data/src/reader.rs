@@ -51,6 +51,9 @@ impl Corpus {
     /// # Errors
     /// When there is no such file, it is no HDF5 file or no corpus, or its parts do not fit together.
     pub fn open(path: &Path) -> Result<Self, DataError> {
+        if path.is_dir() {
+            return Err(DataError::NoCorpus(path.into()));
+        }
         if !path.is_file() {
             return Err(DataError::Missing(path.into(), "corpus"));
         }
@@ -416,6 +419,8 @@ mod tests {
         hdf5::File::create(&path).unwrap().close().unwrap();
         assert!(matches!(Corpus::open(&path), Err(DataError::NotCorpus { .. })));
         assert!(matches!(Corpus::open(&dir.path().join("y.h5")), Err(DataError::Missing(..))));
+        let said = Corpus::open(dir.path()).err().unwrap().to_string();
+        assert!(said.contains("a folder, not a corpus") && said.contains("riglab dataset import"), "{said}");
         let here = dir.path().join("no/such/folder/c.h5");
         assert!(matches!(CorpusWriter::create(&here), Err(DataError::Io { .. })));
     }

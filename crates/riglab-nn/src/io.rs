@@ -111,6 +111,11 @@ impl Reader {
         self.head.tensors().into_iter().map(|(name, info)| (name, shape(&info.shape))).collect()
     }
 
+    /// A text of the file's head.
+    pub fn text(&self, key: &str) -> Option<&str> {
+        self.head.metadata().as_ref()?.get(key).map(String::as_str)
+    }
+
     /// A tensor by its name.
     ///
     /// # Errors

@@ -21,6 +21,7 @@ mod page;
 mod plain;
 pub mod published;
 mod run;
+pub mod shell;
 mod table;
 mod versus;
 mod view;

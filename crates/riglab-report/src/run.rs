@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use serde_json::Value;
 use thiserror::Error;
 
-use crate::{Block, Chart, Series};
+use crate::{Block, Chart, Series, shell};
 
 /// Why a folder cannot be read as a run.
 #[derive(Debug, Error)]
@@ -210,14 +210,11 @@ impl RunView {
 
     /// The resolved config and the command line, to repeat the run.
     pub fn repeat(&self) -> Vec<Block> {
-        let command: Vec<&str> =
-            self.info["command"].as_array().into_iter().flatten().filter_map(Value::as_str).collect();
+        let command = self.info["command"].as_array().into_iter().flatten().skip(1).filter_map(Value::as_str);
+        let command = shell::command(command);
         vec![
             Block::Heading("To repeat it".into()),
-            Block::Code(format!(
-                "{}\n# or, from the resolved config below:\nriglab train config.toml",
-                command.join(" ")
-            )),
+            Block::Code(format!("{command}\n# or, from the resolved config below:\nriglab train config.toml")),
             Block::Folded("config.toml".into(), self.config.clone()),
         ]
     }
@@ -315,7 +312,7 @@ mod tests {
     }
 
     // Runs of before told when they were resumed, alone.
-    const INFO: &str = "{\"task\": \"t\", \"data\": [[\"c.h5\", \"abcdef\", 7]], \"threads\": 2, \"device\": \"cpu\", \"resumed\": \
+    const INFO: &str = "{\"task\": \"t\", \"command\": [\"/bin/riglab\", \"train\", \"a b.toml\"], \"data\": [[\"c.h5\", \"abcdef\", 7]], \"threads\": 2, \"device\": \"cpu\", \"resumed\": \
         [\"2026-01-01T00:00:00Z\", {\"threads\": 8, \"device\": \"cuda:0\"}, {\"threads\": 8, \"device\": \"cpu\"}]}";
 
     #[test]
@@ -331,6 +328,7 @@ mod tests {
         assert!(facts.contains(&("lines cut off in the logs".into(), "1".into())));
         let fact = |name: &str| facts.iter().find(|(n, _)| n == name).map(|(_, v)| v.as_str());
         assert_eq!((fact("threads"), fact("device")), (Some("2, then 8"), Some("cpu, then cuda:0, then cpu")));
+        assert!(matches!(&run.repeat()[1], Block::Code(c) if c.starts_with("riglab train 'a b.toml'\n")));
         // Before the first line there is nothing to draw.
         let dir = folder(&[("config.toml", ""), ("run.json", INFO)]);
         assert!(matches!(RunView::read(dir.path()).unwrap().curves(), Block::Charts(c) if c.is_empty()));

@@ -13,6 +13,7 @@
 //! Holds: every job has a row in the results, failed ones with the reason.
 //! Leaves out: what a run does. Whoever calls says how a job's config is made and which commands train and evaluate.
 
+mod absent;
 mod attempts;
 mod error;
 mod figures;

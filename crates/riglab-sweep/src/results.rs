@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use riglab_metric::statistics::Mean;
-use riglab_report::{Block, Cell, Page, Table};
+use riglab_report::{Block, Cell, Page, Table, shell};
 use serde::{Deserialize, Serialize};
 
 use crate::figures::{figures, learning, spread};
@@ -29,7 +29,7 @@ pub struct Outcome {
 /// All jobs of a sweep with their numbers.
 #[derive(Clone, Debug)]
 pub struct Results {
-    plan: Plan,
+    pub(crate) plan: Plan,
     metrics: Vec<MetricOf>,
     /// In the order of the jobs.
     pub outcomes: Vec<Outcome>,
@@ -197,7 +197,9 @@ impl Results {
         }
         blocks.push(Block::Heading("To repeat it".into()));
         let changes = |j: &Job| {
-            format!("# {}, seed {}\nriglab train {} --set {}", j.point, j.seed, j.base, j.sets.join(" --set "))
+            let sets = j.sets.iter().flat_map(|set| ["--set", set.as_str()]);
+            let command = shell::command(["train", j.base.as_str()].into_iter().chain(sets));
+            format!("# {}, seed {}\n{command}", j.point, j.seed)
         };
         blocks.push(Block::Folded("Jobs".into(), self.plan.jobs.iter().map(changes).collect::<Vec<_>>().join("\n")));
         let subtitle = format!(
@@ -233,7 +235,7 @@ mod tests {
     #[test]
     fn tables_have_spread_and_count_failures() {
         let dir = tempfile::tempdir().unwrap();
-        let text = "[sweep]\nquestion = 'Does x help?'\nbase = 'b'\nseeds = [1, 2]\n\
+        let text = "[sweep]\nquestion = 'Does x help?'\nbase = 'b'\nseeds = [1, 2]\nset = { x = ['a'] }\n\
             [[sweep.arms]]\nname = 'with'\n[[sweep.arms]]\nname = 'without'\n\
             [[sweep.metrics]]\nof = 'eval/iou@val'\nname = 'IoU'\nbetter = 'higher'\ndigits = 2\n\
             [[sweep.figures]]\ntitle = 'by k'\nx = 'k'\nat = [4, 8]\nof = 'eval.json:rows[k={}].iou'\n";
@@ -264,6 +266,7 @@ mod tests {
         assert!(lines.contains("\"eval/iou@val\":0.5") && lines.contains("\"reason\":\"train: x\""), "{lines}");
         let html = std::fs::read_to_string(dir.path().join("report.html")).unwrap();
         assert!(html.contains("Does x help?") && html.contains("0.60 ± 0.14"));
+        assert!(html.contains("riglab train b --set") && !html.contains("--set x="), "quoted for a shell");
         assert_eq!(html.matches("<circle").count(), 3, "a dot a finished run");
         assert!(html.contains("by k") && html.contains("<polyline"), "a line a point");
         assert!(std::fs::read_to_string(dir.path().join("table.md")).unwrap().contains("**0.60 ± 0.14**"));

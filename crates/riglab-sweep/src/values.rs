@@ -5,15 +5,20 @@ use std::path::Path;
 
 use serde_json::Value;
 
+/// What stands before a path into a run's evaluation.
+pub(crate) const EVALUATION: &str = "eval.json:";
+
 /// The number that [`crate::MetricOf::of`] names, of a run; `None` where there is none.
 pub fn value(run: &Path, of: &str) -> Option<f64> {
-    match of.strip_prefix("eval.json:") {
-        Some(path) => {
-            let text = std::fs::read_to_string(run.join("eval.json")).ok()?;
-            at(&serde_json::from_str(&text).ok()?, path)
-        }
+    match of.strip_prefix(EVALUATION) {
+        Some(path) => at(&evaluation(run)?, path),
         None => last(run).get(of).copied(),
     }
+}
+
+/// A run's evaluation, if it has one.
+pub(crate) fn evaluation(run: &Path) -> Option<Value> {
+    serde_json::from_str(&std::fs::read_to_string(run.join("eval.json")).ok()?).ok()
 }
 
 /// The last value of everything that the run's log has.
@@ -28,36 +33,44 @@ pub(crate) fn last(run: &Path) -> BTreeMap<String, f64> {
     out
 }
 
+fn at(value: &Value, path: &str) -> Option<f64> {
+    follow(value, path).ok()?.as_f64()
+}
+
 /// Follows a path such as `report.rows[split=val,tokens=4].iou`; conditions choose the first element of a list that
 /// has all of these values; their keys may be paths, too.
-fn at(value: &Value, path: &str) -> Option<f64> {
+///
+/// # Errors
+/// How far it leads: the value there, and the rest of the path.
+pub(crate) fn follow<'v, 'p>(value: &'v Value, path: &'p str) -> Result<&'v Value, (&'v Value, &'p str)> {
     let mut here = value;
     let mut rest = path;
     while !rest.is_empty() {
-        if let Some(inner) = rest.strip_prefix('[') {
-            let (conditions, after) = inner.split_once(']')?;
-            let wanted: Vec<(&str, &str)> =
-                conditions.split(',').map(|c| c.split_once('=')).collect::<Option<Vec<_>>>()?;
-            let is = |value: &Value, text: &str| match value {
-                Value::String(s) => s == text,
-                Value::Number(n) => n.to_string() == text,
-                Value::Bool(b) => text == if *b { "true" } else { "false" },
-                _ => false,
-            };
-            let own = |e: &Value, key: &str, text: &str| {
-                key.trim().split('.').try_fold(e, |e, part| e.get(part)).is_some_and(|v| is(v, text))
-            };
-            let fits = |e: &&Value| wanted.iter().all(|(key, text)| own(e, key, text.trim()));
-            here = here.as_array()?.iter().find(fits)?;
-            rest = after;
-        } else {
-            let own = rest.strip_prefix('.').unwrap_or(rest);
-            let end = own.find(['.', '[']).unwrap_or(own.len());
-            here = here.get(&own[..end])?;
-            rest = &own[end..];
-        }
+        (here, rest) = step(here, rest).ok_or((here, rest))?;
     }
-    here.as_f64()
+    Ok(here)
+}
+
+/// One step of a path: where it leads, and the rest.
+fn step<'v, 'p>(here: &'v Value, path: &'p str) -> Option<(&'v Value, &'p str)> {
+    if let Some(inner) = path.strip_prefix('[') {
+        let (conditions, rest) = inner.split_once(']')?;
+        let wanted: Vec<(&str, &str)> = conditions.split(',').map(|c| c.split_once('=')).collect::<Option<Vec<_>>>()?;
+        let is = |value: &Value, text: &str| match value {
+            Value::String(s) => s == text,
+            Value::Number(n) => n.to_string() == text,
+            Value::Bool(b) => text == if *b { "true" } else { "false" },
+            _ => false,
+        };
+        let own = |e: &Value, key: &str, text: &str| {
+            key.trim().split('.').try_fold(e, |e, part| e.get(part)).is_some_and(|v| is(v, text))
+        };
+        let fits = |e: &&Value| wanted.iter().all(|(key, text)| own(e, key, text.trim()));
+        return Some((here.as_array()?.iter().find(fits)?, rest));
+    }
+    let own = path.strip_prefix('.').unwrap_or(path);
+    let end = own.find(['.', '[']).unwrap_or(own.len());
+    Some((here.get(&own[..end])?, &own[end..]))
 }
 
 #[cfg(test)]

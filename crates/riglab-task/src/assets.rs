@@ -206,17 +206,19 @@ impl Assets {
         let assets = Self { up: config.up, ..Self::open(&config.corpora).map_err(|e| e.to_string())? };
         let training = assets.training(config)?;
         let validation = assets.split(&config.validate).map_err(|e| e.to_string())?;
-        for (empty, key, split) in [
-            (training.iter().all(|(_, ids)| ids.is_empty()), "data.train", config.train.join(", ")),
-            (validation.is_empty(), "data.validate", config.validate.clone()),
-        ] {
-            if empty {
-                let most = config.max_joints;
-                return Err(format!(
-                    "{key}: the corpora have no asset in `{split}` (of at most data.max_joints = {most}, to train on); \
-                     `riglab dataset inspect` shows their splits"
-                ));
-            }
+        if training.iter().all(|(_, ids)| ids.is_empty()) {
+            let (split, most) = (config.train.join(", "), config.max_joints);
+            return Err(format!(
+                "data.train: the corpora have no asset in `{split}` of at most data.max_joints = {most}; `riglab dataset \
+                 inspect` shows their splits, and --set data.train='[\"test_new\"]' names another"
+            ));
+        }
+        if validation.is_empty() {
+            return Err(format!(
+                "data.validate: the corpora have no asset in `{}`; `riglab dataset inspect` shows their splits, and --set \
+                 data.validate=test_new names another",
+                config.validate
+            ));
         }
         Ok((assets, training, validation))
     }

@@ -65,6 +65,12 @@ pub enum PeerFault {
     /// HDF5 that cannot be read.
     #[error("cannot be read as HDF5: {0}")]
     Hdf5(String),
+    /// What `riglab dataset import` makes.
+    #[error(
+        "it is a corpus of riglab, not a model: `riglab dataset inspect` lists its assets, `riglab convert --to glb` \
+         writes them as files"
+    )]
+    Corpus,
     /// More than the file can honestly hold.
     #[error("{0} would take more memory than a file of this size may; it is damaged or made to harm")]
     TooLarge(String),

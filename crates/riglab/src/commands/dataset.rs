@@ -15,6 +15,8 @@ use riglab_data::{
 };
 use riglab_train::Progress;
 
+use crate::say::counted;
+
 /// Make and look at corpora: HDF5 files of many rigs.
 #[derive(clap::Args)]
 pub struct Args {
@@ -238,19 +240,19 @@ fn run_import(args: &Import) -> Result<ExitCode> {
     }
     if !report.notes.is_empty() {
         tell!(
-            "{} files have notes (repairs, doubts); `riglab dataset inspect {} NAME` shows them",
-            report.notes.len(),
+            "{} with notes (repairs, doubts); `riglab dataset inspect {} NAME` shows them",
+            counted(report.notes.len(), "file"),
             args.out.display()
         );
     }
     let splits: Vec<String> =
         report.splits.iter().map(|(name, n)| format!("{} {n}", if name.is_empty() { "none" } else { name })).collect();
     say!(
-        "{}: {} assets ({}), {} files left out",
+        "{}: {} ({}), {} left out",
         args.out.display(),
-        report.imported,
+        counted(report.imported, "asset"),
         splits.join(", "),
-        report.refused.len()
+        counted(report.refused.len(), "file")
     );
     Ok(ExitCode::SUCCESS)
 }
@@ -272,7 +274,8 @@ fn run_merge(args: &Merge) -> Result<ExitCode> {
     for (name, other) in &report.repeated {
         tell!("left out: `{name}` is equal to `{other}`");
     }
-    say!("{}: {} assets, {} repeated ones left out", shown(&args.out), report.assets, report.repeated.len());
+    let (assets, repeated) = (counted(report.assets, "asset"), counted(report.repeated.len(), "repeated one"));
+    say!("{}: {assets}, {repeated} left out", shown(&args.out));
     Ok(ExitCode::SUCCESS)
 }
 
@@ -307,7 +310,7 @@ fn run_vary(args: &Vary) -> Result<ExitCode> {
     let mut progress = Progress::new("varying", total, 0);
     let written = rewrite(&args.corpus, &args.out, change, |done| progress.set(done as u64, String::new))?;
     progress.finish();
-    say!("{}: {written} assets, {varied} of them varied", shown(&args.out));
+    say!("{}: {}, {varied} of them varied", shown(&args.out), counted(written, "asset"));
     Ok(ExitCode::SUCCESS)
 }
 
@@ -417,7 +420,7 @@ fn run_verify(args: &Verify) -> Result<ExitCode> {
     for fault in &faults {
         tell!("damaged: {}: {}", names[fault.index], fault.message);
     }
-    say!("{}: {} assets, {} damaged", shown(&args.corpus), corpus.len(), faults.len());
+    say!("{}: {}, {} damaged", shown(&args.corpus), counted(corpus.len(), "asset"), faults.len());
     Ok(if faults.is_empty() { ExitCode::SUCCESS } else { ExitCode::FAILURE })
 }
 

@@ -7,6 +7,8 @@ use anyhow::Result;
 use serde_json::json;
 use tch::{Cuda, Device, Kind, Tensor};
 
+use crate::say::counted;
+
 /// Show what this machine offers: libtorch, threads, bfloat16, CUDA, HDF5, and what is missing.
 #[derive(clap::Args)]
 pub struct Args {
@@ -59,7 +61,8 @@ pub fn run(args: &Args, threads: usize) -> Result<ExitCode> {
     }
     let yes = |b: bool| if b { "yes" } else { "no" };
     say!("riglab     {}", crate::VERSION);
-    say!("libtorch   {}, {}, {threads} threads", riglab_torch::libtorch_version(), riglab_torch::cpu_capability());
+    let threads = counted(threads, "thread");
+    say!("libtorch   {}, {}, {threads}", riglab_torch::libtorch_version(), riglab_torch::cpu_capability());
     say!(
         "matmul     fp32 {fp32:.0} GFLOP/s, bf16 {bf16:.0} GFLOP/s (avx512_bf16: {}, amx: {})",
         yes(avx512_bf16),

@@ -8,6 +8,8 @@ use anyhow::Result;
 use riglab_asset::{Character, Content, ImportOptions, Imported, import_each};
 use riglab_core::Rig;
 
+use crate::say::counted;
+
 /// Joints deeper than this are shown no further to the right.
 const DEEPEST: usize = 60;
 
@@ -78,7 +80,8 @@ pub fn body(rig: &Rig) -> Vec<String> {
     if !springs.is_empty() {
         let swinging = springs.by_joint(rig.skeleton().len()).iter().flatten().count();
         let (count, colliders) = (springs.springs().len(), springs.colliders().len());
-        lines.push(format!("springs   {count} that swing {swinging} joints, {colliders} colliders"));
+        let (swinging, colliders) = (counted(swinging, "joint"), counted(colliders, "collider"));
+        lines.push(format!("springs   {count} that swing {swinging}, {colliders}"));
     }
     lines
 }
@@ -99,7 +102,8 @@ fn print(imported: &Imported) {
     if let Content::Rigged(rig) = &imported.content {
         let weights = rig.weights();
         let most = weights.offsets().windows(2).map(|w| w[1] - w[0]).max().unwrap_or(0);
-        say!("  skeleton  {} joints, {} of them hold vertices", rig.skeleton().len(), rig.skinned_joints(0.0).len());
+        let (joints, hold) = (counted(rig.skeleton().len(), "joint"), rig.skinned_joints(0.0).len());
+        say!("  skeleton  {joints}, {hold} of them hold vertices");
         say!("  weights   {} not zero, at most {most} a vertex", weights.nonzero());
         for line in body(rig) {
             say!("  {line}");

@@ -13,6 +13,7 @@ use super::slurm::sweep::{Handed, run as hand_over, seen};
 use super::slurm::{Desk, On, apart, settings};
 use crate::presets;
 use crate::registry::TaskConfig;
+use crate::say::counted;
 
 /// Train many runs from one file: arms, grids and seeds.
 ///
@@ -110,14 +111,18 @@ pub fn run(args: &Args, threads: usize) -> Result<ExitCode> {
             Handed::Done => conclude(&plan, &folder),
         };
     }
+    for of in plan.sweep.unevaluated() {
+        tell!("warning: `{of}` comes of an evaluation, and none is made: the sweep's file has not `evaluate = true`");
+    }
     let threads = if threads > 0 { threads } else { plan.sweep.threads };
     let budget = Budget::new(args.jobs, args.cores, threads, args.memory);
     let total = plan.jobs.len() as u64;
     tell!(
-        "{total} jobs in {}: {} at a time with {} threads each, within {:.1} GB",
+        "{} in {}: {} at a time with {} each, within {:.1} GB",
+        counted(plan.jobs.len(), "job"),
         folder.display(),
         budget.jobs,
-        budget.threads,
+        counted(budget.threads, "thread"),
         budget.memory_gb
     );
     let own = std::env::current_exe().context("the program does not know its own file")?;
@@ -142,6 +147,11 @@ fn conclude(plan: &Plan, folder: &Path) -> Result<ExitCode> {
     let results = Results::read(folder, plan);
     results.write(folder)?;
     show(&results);
+    let absent = results.absent(folder);
+    absent.iter().for_each(|sentence| tell!("warning: {sentence}"));
+    if !absent.is_empty() {
+        tell!("correct the sweep's file and give it again: what is trained stays, and the table is written anew");
+    }
     for outcome in results.outcomes.iter().filter(|o| !o.reason.is_empty()) {
         tell!("failed: {}, seed {}: {}", outcome.point, outcome.seed, outcome.reason);
     }

@@ -14,6 +14,8 @@ use riglab_files::make_folder_of;
 use riglab_synth::{Options, Plan, creature};
 use riglab_train::Progress;
 
+use crate::say::counted;
+
 /// Make rigged creatures: files to try everything on, without any of your own.
 ///
 /// Each is drawn by seed and number, so the same command makes the same files. Plans are people,
@@ -56,6 +58,9 @@ fn range(text: &str) -> Result<RangeInclusive<u32>, String> {
     let parts: Option<Vec<u32>> = text.split("..").map(|n| n.trim_start_matches('=').trim().parse().ok()).collect();
     match parts.as_deref() {
         Some(&[least, most]) if (100..=most).contains(&least) && most <= 1_000_000 => Ok(least..=most),
+        Some(&[most, least]) if least < most => {
+            Err(format!("the smaller number comes first, as {least}..{most}; both are from 100 to 1000000"))
+        }
         _ => Err("give two numbers from 100 to 1000000, as 2000..8000".into()),
     }
 }
@@ -90,7 +95,7 @@ pub fn run(args: &Args) -> Result<ExitCode> {
     // Written last: a folder with a manifest is complete.
     put(&out.join("manifest.json"), (serde_json::to_string_pretty(&manifest)? + "\n").as_bytes())?;
     tell!("next: riglab dataset import {} -o corpus.h5", out.display());
-    say!("{}: {} creatures", out.display(), manifest.len());
+    say!("{}: {}", out.display(), counted(manifest.len(), "creature"));
     Ok(ExitCode::SUCCESS)
 }
 
@@ -114,7 +119,7 @@ fn corpus(args: &Args, options: &Options) -> Result<ExitCode> {
     writer.finish(&Splitter::ByTopology(args.seed).assign(&keys))?;
     progress.finish();
     tell!("next: riglab train quickstart/fsq_cvae.toml --set data.corpora='[\"{}\"]'", args.out.display());
-    say!("{}: {} creatures", args.out.display(), keys.len());
+    say!("{}: {}", args.out.display(), counted(keys.len(), "creature"));
     Ok(ExitCode::SUCCESS)
 }
 
@@ -128,4 +133,19 @@ fn write(out: &Path, asset: &Asset) -> Result<serde_json::Value> {
 
 fn put(path: &Path, bytes: &[u8]) -> Result<()> {
     riglab_files::write(path, bytes).with_context(|| format!("{} cannot be written", path.display()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_of_triangles_rise() {
+        assert_eq!(range("500..2000"), Ok(500..=2000));
+        assert_eq!(range("500..500"), Ok(500..=500));
+        assert!(range("1000..200").unwrap_err().starts_with("the smaller number comes first, as 200..1000"));
+        for wrong in ["10..2000", "500", "500..2000000", "a..b"] {
+            assert!(range(wrong).unwrap_err().contains("from 100 to 1000000"), "{wrong}");
+        }
+    }
 }

@@ -18,6 +18,7 @@ use super::slurm::{On, apart, settings, train as on_slurm};
 use crate::offered::open_weights;
 use crate::presets;
 use crate::registry::{TaskConfig, Visitor};
+use crate::say::counted;
 
 /// Train a model from a config, or continue a run.
 ///
@@ -267,10 +268,12 @@ impl Visitor for Session<'_> {
         run.write_info(&info)?;
         let steps = config.train().steps;
         tell!(
-            "{}: {:.2} M parameters, {steps} steps, {}{threads} threads{}, in {}",
+            "{}: {:.2} M parameters, {}, {}{}{}, in {}",
             task.name(),
             info.parameters as f64 / 1e6,
+            counted(steps as usize, "step"),
             if ranks.size() > 1 { format!("{} ranks of ", ranks.size()) } else { String::new() },
+            counted(threads, "thread"),
             match sides(&task, config.train(), ranks) {
                 1 => String::new(),
                 n => format!(", {n} batches side by side"),
@@ -345,7 +348,7 @@ impl Visitor for DryRun<'_> {
             speed / 1e9,
             usize::from(gpu),
             100.0 * speed / most,
-            if gpu { String::new() } else { format!(" with {} threads", self.threads) }
+            if gpu { String::new() } else { format!(" with {}", counted(self.threads, "thread")) }
         );
         say!("a validation        {:>9.1} s", found.validation_seconds);
         say!("the run             {:>9} for {} steps", time(found.seconds), train.steps);

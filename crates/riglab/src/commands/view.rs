@@ -13,6 +13,8 @@ use riglab_render::{
     render_weights,
 };
 
+use crate::say::counted;
+
 /// Draw a file: its skeleton through its mesh, and its weights.
 ///
 /// From the front, the side and behind. The weights of a rig are shown in the colours of its joints; with --bone, those
@@ -86,7 +88,8 @@ pub fn run(args: &Args) -> Result<ExitCode> {
         }
         Some(rig) => {
             let joints = rig.skeleton().len();
-            row(&format!("{joints} joints"), &|view| render_skeleton(rig, view));
+            let joints = counted(joints, "joint");
+            row(&joints, &|view| render_skeleton(rig, view));
             if args.bones.is_empty() {
                 row("weights by joint", &|view| render_parts(rig, view));
             }
@@ -99,7 +102,7 @@ pub fn run(args: &Args) -> Result<ExitCode> {
                     picture
                 });
             }
-            format!("{joints} joints")
+            joints
         }
     };
     let sheet = contact_sheet(&cells, SIDES.len(), theme);

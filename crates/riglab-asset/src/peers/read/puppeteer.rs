@@ -41,9 +41,7 @@ pub(super) fn open(input: Input<'_>) -> Result<Puppeteer, PeerFault> {
     }
     samples.sort_unstable();
     if samples.is_empty() && ["weight_joints", "influences"].iter().all(|name| file.root().dataset(name).is_ok()) {
-        return Err(fault(
-            "it is a corpus of riglab; `riglab dataset inspect` shows it, `riglab convert` writes its assets",
-        ));
+        return Err(PeerFault::Corpus);
     }
     if samples.is_empty() {
         return Err(fault("it has no group `sample_0`, as files of Puppeteer have"));

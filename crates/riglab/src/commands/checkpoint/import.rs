@@ -57,6 +57,9 @@ const LISTED: usize = 12;
 
 pub fn import(args: &ImportArgs) -> Result<ExitCode> {
     let shown = args.file.display();
+    if let Some(kind) = own(&args.file) {
+        bail!("{}", already(&args.file, &kind));
+    }
     let mut offered = open(&args.file)?;
     let found = recognise(offered.shapes.keys(), args.model).ok_or_else(|| unknown(args, &offered))?;
     let (config, skin) = settings(found.model, &args.sets)?;
@@ -98,6 +101,27 @@ pub fn import(args: &ImportArgs) -> Result<ExitCode> {
     }
     tell!("next: {}", next(&model, out));
     Ok(ExitCode::SUCCESS)
+}
+
+/// The task of a model that riglab wrote to a file itself, by the file's head.
+fn own(file: &Path) -> Option<String> {
+    let head = riglab_nn::io::Reader::open(file).ok()?;
+    let about: serde_json::Value = serde_json::from_str(head.text("riglab")?).ok()?;
+    Some(about["kind"].as_str()?.to_owned())
+}
+
+/// What to do with such a file.
+fn already(file: &Path, kind: &str) -> String {
+    let shown = file.display();
+    let used = match kind {
+        "tokenrig" => format!("`riglab rig MODEL.glb -o RIGGED.glb --checkpoint {shown}` rigs with it"),
+        "fsq_cvae" => format!("`--set skin.run='\"{shown}\"'` trains with it"),
+        _ => format!("it is a model of task {kind}"),
+    };
+    format!(
+        "{shown}: it is riglab's already, there is nothing to import; {used}, `riglab checkpoint show {shown}` tells what \
+         it is"
+    )
 }
 
 /// The settings of a release, and for TokenRig those of its auto-encoder.

@@ -36,8 +36,12 @@ enum What {
 Examples:
   riglab checkpoint export runs/tokenrig/001 -o model.safetensors
   riglab checkpoint export runs/tokenrig/001 -o model.safetensors --half --name ours --card card.md
-  riglab checkpoint export runs/fsq_cvae/001 -o auto.safetensors    # for --set skin.run=auto.safetensors
-  riglab checkpoint export -o runs/small        # the model that comes with riglab, to be evaluated:
+
+An auto-encoder, to train with --set skin.run=auto.safetensors:
+  riglab checkpoint export runs/fsq_cvae/001 -o auto.safetensors
+
+The model that comes with riglab, to be evaluated:
+  riglab checkpoint export -o runs/small
   riglab eval runs/small --set data.corpora='[\"corpus.h5\"]'")]
 struct ExportArgs {
     /// The folder of a run of task tokenrig, grpo or fsq_cvae, or a file of a model that rigs [default: the model that

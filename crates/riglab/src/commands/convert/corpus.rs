@@ -11,7 +11,7 @@ use riglab_data::Corpus;
 use riglab_files::make_folder_of;
 use riglab_train::Progress;
 
-use super::{Args, file_name, is_io, keep_corpus};
+use super::{Args, Lost, file_name, is_io, keep_corpus};
 
 /// The corpus at `path`, if it is one.
 pub fn open(path: &Path) -> Option<Corpus> {
@@ -20,7 +20,7 @@ pub fn open(path: &Path) -> Option<Corpus> {
 
 /// Every asset into a file of its own, named as the asset without the ending that its file had.
 pub fn into(corpus: &Corpus, args: &Args, target: Target) -> Result<ExitCode> {
-    let (mut written, mut failed) = (0, 0);
+    let (mut written, mut failed, mut lost) = (0, 0, Lost::default());
     let mut taken: HashSet<PathBuf> = HashSet::new();
     let mut progress = Progress::new("writing", corpus.len() as u64, 0);
     for index in 0..corpus.len() {
@@ -34,7 +34,9 @@ pub fn into(corpus: &Corpus, args: &Args, target: Target) -> Result<ExitCode> {
             let path = (1..).map(named).find(free).context("no name is left")?;
             taken.extend(written_paths(&path, target));
             make_folder_of(&path)?;
-            store(asset, &path, target, args)
+            store(&asset, &path, target, args)?;
+            lost = lost.with_asset(&asset, target);
+            Ok(())
         });
         match stored {
             Ok(()) => written += 1,
@@ -48,6 +50,7 @@ pub fn into(corpus: &Corpus, args: &Args, target: Target) -> Result<ExitCode> {
         progress.set(index as u64 + 1, String::new);
     }
     progress.finish();
+    lost.tell(&args.input, target);
     say!("{written} written to {}, {failed} left out", args.out.display());
     Ok(if written == 0 { ExitCode::FAILURE } else { ExitCode::SUCCESS })
 }
@@ -61,35 +64,35 @@ pub fn to(corpus: &Corpus, args: &Args, into_folder: bool, target: Target) -> Re
         Some(item) => item..item + 1,
         None => 0..corpus.len(),
     };
-    let mut assets = numbers.map(|index| corpus.asset(index)).collect::<Result<Vec<Asset>, _>>()?;
+    let assets = numbers.map(|index| corpus.asset(index)).collect::<Result<Vec<Asset>, _>>()?;
     let out = match &assets[..] {
         [only] if into_folder => args.out.join(file_name(&place(&only.name).1, target)),
         _ => args.out.clone(),
     };
     written_paths(&out, target).iter().try_for_each(|path| keep_corpus(path))?;
     make_folder_of(&out)?;
-    match assets.pop() {
-        Some(only) if assets.is_empty() => store(only, &out, target, args)?,
-        Some(last) => {
-            assets.push(last);
-            for note in write(&assets, &out, target)? {
+    match &assets[..] {
+        [] => bail!("{}: the corpus has no asset", args.input.display()),
+        [only] => store(only, &out, target, args)?,
+        several => {
+            for note in write(several, &out, target)? {
                 tell!("note: {note}");
             }
         }
-        None => bail!("{}: the corpus has no asset", args.input.display()),
     }
+    assets.iter().fold(Lost::default(), |lost, asset| lost.with_asset(asset, target)).tell(&args.input, target);
     say!("{}", out.display());
     Ok(ExitCode::SUCCESS)
 }
 
-fn store(asset: Asset, out: &Path, target: Target, args: &Args) -> Result<()> {
+fn store(asset: &Asset, out: &Path, target: Target, args: &Args) -> Result<()> {
     let notes = match target {
         Target::Glb => {
             let exported = export::alone(&asset.name, &asset.rig, &asset.provenance, &args.export())?;
             riglab_files::write(out, &exported.bytes).with_context(|| format!("{}", out.display()))?;
             exported.notes.iter().map(ToString::to_string).collect()
         }
-        _ => write(std::slice::from_ref(&asset), out, target)?,
+        _ => write(std::slice::from_ref(asset), out, target)?,
     };
     for note in notes {
         tell!("note: {}: {note}", asset.name);

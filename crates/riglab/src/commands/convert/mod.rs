@@ -1,6 +1,7 @@
 //! `riglab convert`
 
 mod corpus;
+mod lost;
 
 use std::collections::HashSet;
 use std::ops::ControlFlow;
@@ -18,6 +19,8 @@ use riglab_files::make_folder_of;
 
 use super::glb::{Frames, Most};
 use super::keep_corpus;
+use crate::say::counted;
+use lost::Lost;
 
 /// Turn rigged files of any format that is read into any that is written.
 ///
@@ -120,12 +123,14 @@ pub fn run(args: &Args) -> Result<ExitCode> {
         return corpus::to(corpus, args, into_folder, target);
     }
     if several {
-        return together(&args.out, &files, target, &options, &inputs);
+        return together(args, &files, target, &options, &inputs);
     }
     let imported = import(&args.input, &options)?;
     let out = if into_folder { args.out.join(file_name(&imported.name, target)) } else { args.out.clone() };
     make_folder_of(&out)?;
-    store(imported, &out, target, args, &inputs)?;
+    let mut lost = Lost::default();
+    store(imported, &out, target, args, &inputs, &mut lost)?;
+    lost.tell(&args.input, target);
     say!("{}", out.display());
     Ok(ExitCode::SUCCESS)
 }
@@ -139,7 +144,7 @@ fn into(
     inputs: &HashSet<PathBuf>,
 ) -> Result<ExitCode> {
     let (out, input) = (&args.out, &args.input);
-    let (mut written, mut failed) = (0, 0);
+    let (mut written, mut failed, mut lost) = (0, 0, Lost::default());
     let mut taken: HashSet<PathBuf> = HashSet::new();
     let mut broken = Ok(());
     for file in files {
@@ -165,7 +170,7 @@ fn into(
             let place = folder.join(&name);
             let stored = make_folder_of(&place)
                 .map_err(anyhow::Error::from)
-                .and_then(|()| store(imported, &place, target, args, inputs));
+                .and_then(|()| store(imported, &place, target, args, inputs, &mut lost));
             match stored {
                 Ok(()) => written += 1,
                 // The disk: the next will not go either.
@@ -185,6 +190,7 @@ fn into(
         }
     }
     broken?;
+    lost.tell(input, target);
     say!("{written} written to {}, {failed} left out", out.display());
     Ok(if written == 0 { ExitCode::FAILURE } else { ExitCode::SUCCESS })
 }
@@ -197,20 +203,25 @@ fn is_io(e: &anyhow::Error) -> bool {
 
 /// All assets into one file.
 fn together(
-    out: &Path,
+    args: &Args,
     files: &[PathBuf],
     target: Target,
     options: &ImportOptions,
     inputs: &HashSet<PathBuf>,
 ) -> Result<ExitCode> {
+    let out = &args.out;
     spare(inputs, out, target)?;
     make_folder_of(out)?;
     let (mut assets, mut failed): (Vec<Asset>, usize) = (Vec::new(), 0);
+    let mut lost = Lost::default();
     let mut names = HashSet::new();
     for file in files {
         import_each(file, options, |imported| {
             if let Ok(imported) = &imported {
                 warn(imported);
+                if imported.rig().is_some() {
+                    lost = lost.with(imported, target);
+                }
             }
             match imported.and_then(Imported::into_asset) {
                 Ok(mut asset) => {
@@ -230,12 +241,13 @@ fn together(
         });
     }
     if assets.is_empty() {
-        bail!("none of {} files gave a rig", files.len());
+        bail!("none of {} gave a rig", counted(files.len(), "file"));
     }
     for note in write(&assets, out, target)? {
         tell!("note: {note}");
     }
-    say!("{}: {} assets, {failed} left out", out.display(), assets.len());
+    lost.tell(&args.input, target);
+    say!("{}: {}, {failed} left out", out.display(), counted(assets.len(), "asset"));
     Ok(ExitCode::SUCCESS)
 }
 
@@ -256,24 +268,34 @@ fn spare(inputs: &HashSet<PathBuf>, out: &Path, target: Target) -> Result<()> {
     Ok(())
 }
 
-fn store(imported: Imported, out: &Path, target: Target, args: &Args, inputs: &HashSet<PathBuf>) -> Result<()> {
+fn store(
+    imported: Imported,
+    out: &Path,
+    target: Target,
+    args: &Args,
+    inputs: &HashSet<PathBuf>,
+    lost: &mut Lost,
+) -> Result<()> {
     spare(inputs, out, target)?;
     warn(&imported);
     if target == Target::Glb {
-        return store_glb(&imported, out, args);
+        return store_glb(&imported, out, args, lost);
     }
+    let with = lost.with(&imported, target);
     if let (Content::Bare(mesh), Target::Obj) = (&imported.content, target) {
-        return Ok(write_mesh(mesh, out)?);
+        write_mesh(mesh, out)?;
+    } else {
+        let source = imported.provenance.source.clone();
+        for note in write(&[imported.into_asset()?], out, target)? {
+            tell!("note: {source}: {note}");
+        }
     }
-    let source = imported.provenance.source.clone();
-    for note in write(&[imported.into_asset()?], out, target)? {
-        tell!("note: {source}: {note}");
-    }
+    *lost = with;
     Ok(())
 }
 
 /// With all that its document has, where there is one.
-fn store_glb(imported: &Imported, out: &Path, args: &Args) -> Result<()> {
+fn store_glb(imported: &Imported, out: &Path, args: &Args, lost: &mut Lost) -> Result<()> {
     let source = &imported.provenance.source;
     let document = is_gltf(Path::new(source));
     // A choice among one is none.
@@ -296,7 +318,11 @@ fn store_glb(imported: &Imported, out: &Path, args: &Args) -> Result<()> {
     for note in &exported.notes {
         tell!("note: {source}: {note}");
     }
-    export::write(out, &exported.bytes).with_context(|| format!("{}", out.display()))
+    export::write(out, &exported.bytes).with_context(|| format!("{}", out.display()))?;
+    if !document {
+        *lost = lost.with(imported, Target::Glb);
+    }
+    Ok(())
 }
 
 /// A file name for an asset: names come from files and may lead anywhere.

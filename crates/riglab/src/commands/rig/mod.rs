@@ -114,7 +114,7 @@ struct Common {
     /// Add a short motion that bends every joint, to see whether the rig works.
     #[arg(long)]
     preview: bool,
-    /// Say on standard output what was made, as a line of JSON a model.
+    /// Say on standard output what was made, as a line of JSON a model; of one that is left out why.
     #[arg(long)]
     json: bool,
     #[command(flatten)]
@@ -181,9 +181,12 @@ fn run(args: &Common, bones: &Bones, threads: usize) -> Result<ExitCode> {
     riglab_torch::init(riglab_torch::Settings { threads });
     let model = Model::open(args.checkpoint.as_deref(), args.device.device()?)?;
     model.suits(args, bones)?;
-    let (card, hint) =
-        (&model.card, if model.draws() { "; `riglab checkpoint show` says how far to trust it" } else { "" });
-    tell!("model: {}, {} steps{hint}", card.name, card.state.step);
+    let of = args.checkpoint.as_ref().map_or(String::new(), |path| format!(" {}", path.display()));
+    let hint = match model.draws() {
+        true => format!("; `riglab checkpoint show{of}` says how far to trust it"),
+        false => String::new(),
+    };
+    tell!("model: {}, {} steps{hint}", model.card.name, model.card.state.step);
     if !args.input.is_dir() {
         let (from, to) = &jobs[0];
         one::rig(args, bones, &model, from, to)?;
@@ -194,12 +197,21 @@ fn run(args: &Common, bones: &Bones, threads: usize) -> Result<ExitCode> {
     for (done, (from, to)) in jobs.iter().enumerate() {
         if let Err(e) = one::rig(args, bones, &model, from, to) {
             progress.line(&format!("left out: {e:#}"));
+            if args.json {
+                say!("{}", serde_json::json!({ "file": from, "error": format!("{e:#}") }));
+            }
             failed += 1;
         }
         progress.set(done as u64 + 1, String::new);
     }
     progress.finish();
-    say!("{} rigged in {}, {failed} left out", jobs.len() - failed, args.out.display());
+    let counts = format!("{} rigged in {}, {failed} left out", jobs.len() - failed, args.out.display());
+    // What reads lines of JSON is told each failure as one.
+    if args.json {
+        tell!("{counts}")
+    } else {
+        say!("{counts}")
+    }
     Ok(if failed == jobs.len() { ExitCode::FAILURE } else { ExitCode::SUCCESS })
 }
 

@@ -1,0 +1,150 @@
+//! Numbers that a sweep's file asks for and no run has: said, with the names that there are.
+
+use std::collections::BTreeSet;
+use std::path::{Path, PathBuf};
+
+use serde_json::Value;
+
+use crate::values::{EVALUATION, evaluation, follow, last, value};
+use crate::{Results, SweepFile};
+
+/// Names that are told.
+const TOLD: usize = 5;
+
+impl Results {
+    /// A sentence for each column and figure that stays empty because no finished run has its numbers. Empty while no run
+    /// is finished.
+    pub fn absent(&self, folder: &Path) -> Vec<String> {
+        let both = self.plan.jobs.iter().zip(&self.outcomes).filter(|(_, o)| o.state == "finished");
+        let runs: Vec<PathBuf> = both.map(|(job, _)| folder.join(&job.folder)).collect();
+        let columns = self.plan.sweep.metrics.iter().map(|m| ("column", m.head(), vec![m.of.clone()]));
+        let figures = self.plan.sweep.figures.iter().map(|f| {
+            let places = f.at.iter().map(|x| f.of.replace("{}", &x.to_string())).collect();
+            ("figure", f.title.as_str(), places)
+        });
+        let empty = |of: &String| runs.iter().all(|run| value(run, of).is_none());
+        let asked = columns.chain(figures).filter(|(.., places)| !runs.is_empty() && places.iter().all(empty));
+        asked.map(|(what, name, places)| sentence(what, name, &places[0], &runs)).collect()
+    }
+}
+
+impl SweepFile {
+    /// What is read from evaluations, which the sweep does not make.
+    pub fn unevaluated(&self) -> Vec<&str> {
+        let asked = self.metrics.iter().map(|m| &m.of).chain(self.figures.iter().map(|f| &f.of));
+        asked.filter(|of| !self.evaluate && of.starts_with(EVALUATION)).map(String::as_str).collect()
+    }
+}
+
+fn sentence(what: &str, name: &str, of: &str, runs: &[PathBuf]) -> String {
+    let asked = if name == of { String::new() } else { format!(" (`{of}`)") };
+    let there = match of.strip_prefix(EVALUATION) {
+        Some(path) => match runs.iter().find_map(|run| evaluation(run)) {
+            Some(json) => stuck(&json, path),
+            None => "no run was evaluated: set `evaluate = true` in the sweep's file".into(),
+        },
+        None => {
+            let names: BTreeSet<String> = runs.iter().flat_map(|run| last(run).into_keys()).collect();
+            format!("there {}", listed(of, names.iter().map(String::as_str)))
+        }
+    };
+    format!("the {what} `{name}`{asked} is empty, no finished run has it; {there}")
+}
+
+/// Where a path ends that leads to no number, and what there is instead.
+fn stuck(json: &Value, path: &str) -> String {
+    let (here, rest) = match follow(json, path) {
+        Ok(value) => (value, ""),
+        Err(stuck) => stuck,
+    };
+    let come = match path[..path.len() - rest.len()].trim_end_matches('.') {
+        "" => "eval.json".to_owned(),
+        come => format!("`{come}`"),
+    };
+    match here {
+        Value::Object(own) => {
+            let word = rest.trim_start_matches('.').split(['.', '[']).next().unwrap_or_default();
+            format!("in {come} {}", listed(word, own.keys().map(String::as_str)))
+        }
+        Value::Array(own) => match rest.strip_prefix('[').and_then(|inner| inner.split_once(']')) {
+            Some((conditions, _)) => {
+                format!("none of the {} rows of {come} fits: {}", own.len(), rows(own, conditions))
+            }
+            None => format!("{come} is a list: choose a row by a condition, such as [split=val]"),
+        },
+        other => format!("{come} is {other}, and nothing below it"),
+    }
+}
+
+/// The values that rows have under the keys of conditions.
+fn rows(rows: &[Value], conditions: &str) -> String {
+    let keys = conditions.split(',').map(|c| c.split_once('=').unwrap_or((c, "")));
+    let of = |(key, wanted): (&str, &str)| {
+        let key = key.trim();
+        let found = |row| match follow(row, key).ok()? {
+            Value::String(s) => Some(s.clone()),
+            Value::Object(_) | Value::Array(_) => None,
+            other => Some(other.to_string()),
+        };
+        let values: BTreeSet<String> = rows.iter().filter_map(found).collect();
+        format!("as {key} there {}", listed(wanted.trim(), values.iter().map(String::as_str)))
+    };
+    keys.map(of).collect::<Vec<_>>().join(", ")
+}
+
+/// "is `a`", "are `a`, `b` and 3 more": those that are most like `word` first.
+fn listed<'a>(word: &str, known: impl Iterator<Item = &'a str>) -> String {
+    let mut known: Vec<&str> = known.collect();
+    // A part of a name is what people give who leave out the rest.
+    known.sort_by_key(|k| (word.is_empty() || !k.contains(word), strsim::osa_distance(word, k)));
+    let some: Vec<String> = known.iter().take(TOLD).map(|k| format!("`{k}`")).collect();
+    match known.len() {
+        0 => "is nothing".into(),
+        1 => format!("is {}", some[0]),
+        n if n > TOLD => format!("are {} and {} more", some.join(", "), n - TOLD),
+        _ => format!("are {}", some.join(", ")),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::Plan;
+
+    #[test]
+    fn what_no_run_has_is_told_with_what_there_is() {
+        let dir = tempfile::tempdir().unwrap();
+        let text = "[sweep]\nbase = 'b'\nseeds = [1, 2]\n\
+            [[sweep.metrics]]\nof = 'eval/iou@val'\n[[sweep.metrics]]\nof = 'eval/uio@val'\nname = 'IoU'\n\
+            [[sweep.metrics]]\nof = 'eval/none@val'\n\
+            [[sweep.metrics]]\nof = 'eval.json:report.rows[split=test].iou'\n\
+            [[sweep.metrics]]\nof = 'eval.json:report.rows[split=val].uio'\n\
+            [[sweep.metrics]]\nof = 'eval.json:report.rows'\n\
+            [[sweep.figures]]\ntitle = 'by k'\nx = 'k'\nat = [4, 8]\nof = 'eval.json:report.row[k={}].iou'\n";
+        let config = riglab_config::Config::from_toml_str("s.toml", text).unwrap();
+        let plan = Plan::new(config.get_at("sweep").unwrap(), &[]).unwrap();
+        let absent = || Results::read(dir.path(), &plan).absent(dir.path());
+        assert!(absent().is_empty(), "nothing is finished yet");
+        let run = dir.path().join(&plan.jobs[1].folder);
+        std::fs::create_dir_all(&run).unwrap();
+        // What was measured and is no number is not absent.
+        let log = "{\"step\":1,\"eval/iou@val\":0.5,\"eval/none@val\":null,\"train/loss\":1.0}\n";
+        std::fs::write(run.join("metrics.jsonl"), log).unwrap();
+        std::fs::write(run.join("run.json"), "{\"outcome\": \"finished\"}").unwrap();
+        let said = absent();
+        let wanted = "the column `IoU` (`eval/uio@val`) is empty, no finished run has it; there are `eval/iou@val`, ";
+        assert!(said[0].starts_with(wanted), "{said:?}");
+        assert!(said[1].ends_with("set `evaluate = true` in the sweep's file"), "{said:?}");
+        assert_eq!((said.len(), plan.sweep.unevaluated().len()), (5, 4));
+        let eval = "{\"report\": {\"rows\": [{\"split\": \"val\", \"iou\": 0.5}, {\"split\": \"new\", \"iou\": 0.4}]}}";
+        std::fs::write(run.join("eval.json"), eval).unwrap();
+        let ends: Vec<String> = absent()[1..].iter().map(|s| s.split_once("; ").unwrap().1.to_owned()).collect();
+        let wanted = [
+            "none of the 2 rows of `report.rows` fits: as split there are `new`, `val`",
+            "in `report.rows[split=val]` are `iou`, `split`",
+            "`report.rows` is a list: choose a row by a condition, such as [split=val]",
+            "in `report` is `rows`",
+        ];
+        assert_eq!(ends, wanted);
+    }
+}

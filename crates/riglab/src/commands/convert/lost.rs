@@ -1,0 +1,187 @@
+//! What does not come along when a file becomes another: counted as files are written, told once at the end.
+
+use std::collections::HashSet;
+use std::fs::File;
+use std::io::{Read, Seek, SeekFrom};
+use std::path::Path;
+
+use riglab_asset::{Imported, Target, is_gltf};
+use riglab_core::{Asset, Rig};
+use serde::Deserialize;
+use serde::de::IgnoredAny;
+
+use crate::say::counted;
+
+/// What the files have that were written so far, beside skeleton, mesh and weights.
+///
+/// What a format lacks of these three, as joint names, it tells itself.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Lost {
+    files: usize,
+    /// Those whose meshes became one, and how many they had.
+    merged: usize,
+    meshes: usize,
+    animations: usize,
+    springs: usize,
+    human_bones: usize,
+    morph_targets: usize,
+    materials: usize,
+    pictures: usize,
+}
+
+impl Lost {
+    /// And of a file that is written by its rig alone, without its document.
+    pub fn with(mut self, imported: &Imported, target: Target) -> Self {
+        self.files += 1;
+        if let Some(rig) = imported.rig() {
+            self.add_body(rig, target);
+        }
+        let parts = &imported.reading.parts;
+        let meshes = parts.iter().map(|part| part.node).collect::<HashSet<_>>().len();
+        if meshes > 1 {
+            self.merged += 1;
+            self.meshes += meshes;
+        }
+        let source = Path::new(&imported.provenance.source);
+        if let Some(document) = is_gltf(source).then(|| Document::read(source)).flatten() {
+            self.animations += document.animations.len();
+            self.materials += document.materials.len();
+            self.pictures += document.images.len();
+            self.morph_targets += document.meshes.iter().map(Mesh::targets).sum::<usize>();
+        }
+        self
+    }
+
+    /// And of an asset of a corpus, which has no more than its rig and motions.
+    pub fn with_asset(mut self, asset: &Asset, target: Target) -> Self {
+        self.files += 1;
+        self.animations += asset.clips.len();
+        self.add_body(&asset.rig, target);
+        self
+    }
+
+    fn add_body(&mut self, rig: &Rig, target: Target) {
+        // A GLB has both.
+        if target != Target::Glb {
+            self.springs += rig.springs().springs().len();
+            self.human_bones += rig.humanoid().len();
+        }
+    }
+
+    /// Tells it: a line for what is not written, and one for meshes that became one.
+    pub fn tell(&self, input: &Path, target: Target) {
+        self.lines(target).iter().for_each(|line| tell!("note: {}: {line}", input.display()));
+    }
+
+    fn lines(&self, target: Target) -> Vec<String> {
+        let kinds = [
+            (self.animations, "animation"),
+            (self.springs, "spring"),
+            (self.human_bones, "human bone"),
+            (self.morph_targets, "morph target"),
+            (self.materials, "material"),
+            (self.pictures, "picture"),
+        ];
+        let lost: Vec<String> = kinds.iter().filter(|(n, _)| *n > 0).map(|(n, what)| counted(*n, what)).collect();
+        let mut lines = Vec::new();
+        if let Some((last, others)) = lost.split_last() {
+            let all = if others.is_empty() { last.clone() } else { format!("{} and {last}", others.join(", ")) };
+            lines.push(format!("not written, for {target} as riglab writes it holds none: {all}"));
+        }
+        match (self.merged, self.files) {
+            (0, _) => {}
+            (_, 1) => lines.push(format!("{} meshes became one", self.meshes)),
+            (merged, _) => lines.push(format!("{} of several meshes: they became one each", counted(merged, "file"))),
+        }
+        lines
+    }
+}
+
+/// The lists of a glTF that no rig has, by their lengths.
+#[derive(Default, Deserialize)]
+#[serde(default)]
+struct Document {
+    animations: Vec<IgnoredAny>,
+    materials: Vec<IgnoredAny>,
+    images: Vec<IgnoredAny>,
+    meshes: Vec<Mesh>,
+}
+
+#[derive(Default, Deserialize)]
+#[serde(default)]
+struct Mesh {
+    primitives: Vec<Primitive>,
+}
+
+#[derive(Default, Deserialize)]
+#[serde(default)]
+struct Primitive {
+    targets: Vec<IgnoredAny>,
+}
+
+impl Mesh {
+    /// The primitives of a mesh have the same ones.
+    fn targets(&self) -> usize {
+        self.primitives.iter().map(|p| p.targets.len()).max().unwrap_or(0)
+    }
+}
+
+impl Document {
+    /// Of a file that was imported before; `None` where it is not as it was.
+    fn read(path: &Path) -> Option<Self> {
+        let mut file = File::open(path).ok()?;
+        let (mut head, mut json) = ([0; 20], Vec::new());
+        file.read_exact(&mut head).ok()?;
+        if head.starts_with(b"glTF") {
+            // Magic, version and length of the file, then length and kind of the first chunk.
+            let length = u32::from_le_bytes(head[12..16].try_into().ok()?);
+            file.take(length.into()).read_to_end(&mut json).ok()?;
+        } else {
+            file.seek(SeekFrom::Start(0)).ok()?;
+            file.read_to_end(&mut json).ok()?;
+        }
+        serde_json::from_slice(json.strip_prefix(b"\xef\xbb\xbf").unwrap_or(&json)).ok()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_lost_is_told_by_kind() {
+        let one = Lost { files: 1, merged: 1, meshes: 3, animations: 2, springs: 3, pictures: 1, ..Lost::default() };
+        let wanted = [
+            "not written, for obj as riglab writes it holds none: 2 animations, 3 springs and 1 picture",
+            "3 meshes became one",
+        ];
+        assert_eq!(one.lines(Target::Obj), wanted);
+        let many = Lost { files: 9, merged: 4, meshes: 12, materials: 7, ..Lost::default() };
+        let wanted = [
+            "not written, for anymate as riglab writes it holds none: 7 materials",
+            "4 files of several meshes: they became one each",
+        ];
+        assert_eq!(many.lines(Target::Anymate), wanted);
+        assert!(Lost { files: 2, ..Lost::default() }.lines(Target::Glb).is_empty());
+    }
+
+    #[test]
+    fn a_document_is_counted_in_both_its_forms() {
+        let dir = tempfile::tempdir().unwrap();
+        let json = r#"{"asset": {"version": "2.0"}, "animations": [{}, {}], "images": [{"uri": "a.png"}],
+            "meshes": [{"primitives": [{"targets": [{}, {}]}, {"targets": [{}, {}]}]}, {"primitives": []}]}"#;
+        let mut glb = b"glTF\x02\0\0\0".to_vec();
+        glb.extend((20 + json.len() as u32).to_le_bytes());
+        glb.extend((json.len() as u32).to_le_bytes());
+        glb.extend(b"JSON");
+        glb.extend(json.as_bytes());
+        let (plain, binary) = (dir.path().join("a.gltf"), dir.path().join("a.glb"));
+        std::fs::write(&plain, json).unwrap();
+        std::fs::write(&binary, [&glb[..], b"more"].concat()).unwrap();
+        for path in [plain, binary] {
+            let found = Document::read(&path).unwrap();
+            let targets: usize = found.meshes.iter().map(Mesh::targets).sum();
+            assert_eq!((found.animations.len(), found.materials.len(), found.images.len(), targets), (2, 0, 1, 2));
+        }
+    }
+}
