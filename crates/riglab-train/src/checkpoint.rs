@@ -359,7 +359,8 @@ mod tests {
             fs::create_dir_all(dir.path().join(name)).unwrap();
             fs::write(dir.path().join(name).join(STATE), state).unwrap();
         }
-        let open = |name: &str| Checkpoint::open(&dir.path().join(name)).map(|c| c.state.step).map_err(|e| e.to_string());
+        let open =
+            |name: &str| Checkpoint::open(&dir.path().join(name)).map(|c| c.state.step).map_err(|e| e.to_string());
         for name in ["step-40", "step-00000040", "best"] {
             assert_eq!(open(name), Ok(40), "{name}");
         }
