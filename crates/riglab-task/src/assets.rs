@@ -210,13 +210,13 @@ impl Assets {
             let (split, most) = (config.train.join(", "), config.max_joints);
             return Err(format!(
                 "data.train: the corpora have no asset in `{split}` of at most data.max_joints = {most}; `riglab dataset \
-                 inspect` shows their splits, and --set data.train='[\"test_new\"]' names another"
+                 inspect` shows their splits, and --set data.train='[\"SPLIT\"]' names another"
             ));
         }
         if validation.is_empty() {
             return Err(format!(
                 "data.validate: the corpora have no asset in `{}`; `riglab dataset inspect` shows their splits, and --set \
-                 data.validate=test_new names another",
+                 data.validate=SPLIT names another",
                 config.validate
             ));
         }

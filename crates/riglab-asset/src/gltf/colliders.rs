@@ -11,7 +11,7 @@ const BEGINNINGS: [&str; 4] = ["ucx_", "ubx_", "usp_", "ucp_"];
 /// What Godot's end with where nothing of them is shown.
 const ENDS: [&str; 2] = ["-colonly", "-convcolonly"];
 
-/// Triangles that a collider may have however few the model has, and its largest share of those.
+/// Triangles that a collider may have however few the model has, and how many times fewer than the model it has beyond that.
 const COARSE: (u64, u64) = (64, 4);
 
 /// The nodes that hold colliders, rising.

@@ -34,8 +34,9 @@ enum Hold {
 }
 
 impl Scene<'_, '_> {
-    /// Places what hangs on the skeleton, or everything but `colliders`, nodes, where there is none. The triangles of unskinned meshes
-    /// that their nodes mirror are turned round, so that they face outwards as the format says (3.7.4 of glTF 2.0).
+    /// Places what hangs on the skeleton, or everything but the nodes `colliders` where there is none. The triangles of
+    /// unskinned meshes that their nodes mirror are turned round, so that they face outwards as the format says (3.7.4 of
+    /// glTF 2.0).
     pub(super) fn place(
         &self,
         sources: Sources,

@@ -122,7 +122,8 @@ fn outdated(evaluated: &Evaluated, run: &Path) -> Option<String> {
     let (step, best, last) = (evaluated.step?, step_of("best")?, step_of("last")?);
     (step != best && step != last).then(|| {
         format!(
-            "The figures are of step {step}, neither the best checkpoint (step {best}) nor the last (step {last});              `riglab eval {}` evaluates the best.",
+            "The figures are of step {step}, neither the best checkpoint (step {best}) nor the last (step {last}); \
+             `riglab eval {}` evaluates the best.",
             run.display()
         )
     })
