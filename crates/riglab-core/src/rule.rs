@@ -46,6 +46,9 @@ impl DecodeRule {
 
     /// The share of the last influence that the limit allows.
     fn floor(&self, row: &[f32]) -> f32 {
+        if row.len() <= self.influences {
+            return f32::NEG_INFINITY;
+        }
         let mut top = vec![f32::NEG_INFINITY; self.influences.max(1)];
         for &w in row {
             if w > top[top.len() - 1] {

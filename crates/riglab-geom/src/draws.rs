@@ -2,6 +2,7 @@
 
 use std::hint::select_unpredictable;
 
+use multiversion::multiversion;
 use riglab_random::{Draw, Stream};
 
 use crate::alias::Alias;
@@ -41,6 +42,7 @@ pub(crate) fn draws(alias: &Alias, count: usize, random: &mut Stream, mut take: 
 }
 
 /// By the widest instructions there are; the values are the same.
+#[multiversion(targets("x86_64+avx2"))]
 fn places(
     alias: &Alias,
     bytes: &[u8; 4 * WORDS * BLOCK],
@@ -48,21 +50,6 @@ fn places(
     u: &mut [f32; BLOCK],
     v: &mut [f32; BLOCK],
 ) {
-    #[cfg(target_arch = "x86_64")]
-    if is_x86_feature_detected!("avx2") {
-        #[target_feature(enable = "avx2")]
-        fn wide(
-            alias: &Alias,
-            bytes: &[u8; 4 * WORDS * BLOCK],
-            numbers: &mut [u32; BLOCK],
-            u: &mut [f32; BLOCK],
-            v: &mut [f32; BLOCK],
-        ) {
-            plain(alias, bytes, numbers, u, v);
-        }
-        // SAFETY: the machine has them.
-        return unsafe { wide(alias, bytes, numbers, u, v) };
-    }
     plain(alias, bytes, numbers, u, v);
 }
 

@@ -1,5 +1,6 @@
 //! Farthest point sampling.
 
+use multiversion::multiversion;
 use riglab_core::Vec3;
 
 /// Picks `count` of `points`, each the farthest from those picked before, beginning with `first`.
@@ -13,15 +14,7 @@ pub fn farthest_points(points: &[Vec3], count: usize, first: usize) -> Vec<usize
     while picks.len() < count {
         picks.push(next);
         let p = points[next];
-        let mut best = (0, -1.0);
-        for (start, block) in (0..).step_by(BLOCK).zip(&mut blocks) {
-            let most = block.closer(p);
-            if most > best.1 {
-                best = (start, most);
-            }
-        }
-        let (start, most) = best;
-        next = start + blocks[start / BLOCK].nearest.iter().position(|d| *d == most).unwrap_or(0);
+        next = farthest(&mut blocks, p);
     }
     picks
 }
@@ -44,40 +37,30 @@ impl Block {
         }
         block
     }
+}
 
-    /// Counts a pick; gives the largest distance. By the widest instructions there are; the values are the same.
-    fn closer(&mut self, p: Vec3) -> f32 {
-        #[cfg(target_arch = "x86_64")]
-        if is_x86_feature_detected!("avx2") {
-            #[target_feature(enable = "avx2")]
-            fn wide(block: &mut Block, p: Vec3) -> f32 {
-                block.plain(p)
-            }
-            // SAFETY: the machine has them.
-            return unsafe { wide(self, p) };
-        }
-        self.plain(p)
-    }
-
-    #[inline(always)]
-    fn plain(&mut self, p: Vec3) -> f32 {
-        for k in 0..BLOCK {
-            let [x, y, z] = [0, 1, 2].map(|axis| self.axes[axis][k] - p[axis]);
+/// Counts a pick; gives the number of the first of the points that are farthest from all picks. By the widest instructions there
+/// are; the values are the same.
+#[multiversion(targets("x86_64+avx512f", "x86_64+avx2"))]
+fn farthest(blocks: &mut [Block], p: Vec3) -> usize {
+    // Lane against lane: the compiler does not reorder what it takes for sums.
+    let mut most = [-1.0f32; BLOCK];
+    for block in &mut *blocks {
+        for (k, (nearest, most)) in block.nearest.iter_mut().zip(&mut most).enumerate() {
+            let [x, y, z] = [0, 1, 2].map(|axis| block.axes[axis][k] - p[axis]);
             let square = x * x + y * y + z * z;
             // Not `min`, which asks about NaN.
-            self.nearest[k] = if square < self.nearest[k] { square } else { self.nearest[k] };
+            *nearest = if square < *nearest { square } else { *nearest };
+            *most = if *nearest > *most { *nearest } else { *most };
         }
-        // Halves against each other: the compiler does not reorder what it takes for sums.
-        let mut most = self.nearest;
-        let mut width = BLOCK;
-        while width > 1 {
-            width /= 2;
-            for k in 0..width {
-                most[k] = if most[k + width] > most[k] { most[k + width] } else { most[k] };
-            }
-        }
-        most[0]
     }
+    let most = most.into_iter().fold(-1.0, |most: f32, lane| if lane > most { lane } else { most });
+    for (start, block) in (0..).step_by(BLOCK).zip(blocks) {
+        if block.nearest.iter().fold(false, |any, d| any | (*d == most)) {
+            return start + block.nearest.iter().position(|d| *d == most).unwrap_or(0);
+        }
+    }
+    0
 }
 
 #[cfg(test)]

@@ -1,6 +1,7 @@
 //! Normals of triangles and vertices.
 
 use glam::Vec3;
+use multiversion::multiversion;
 use riglab_core::Mesh;
 
 /// Unit normals of the triangles, by the right-hand rule; +y for those without area.
@@ -22,7 +23,7 @@ pub fn normals_by_angle(mesh: &Mesh) -> Vec<[f32; 3]> {
                 (lane[0][k], lane[1][k], lane[2][k]) = (side.x, side.y, side.z);
             }
         }
-        block.turn();
+        turn(&mut block);
         for (k, corners) in triangles.iter().enumerate() {
             let [x, y, z] = &block.normals;
             let normal = Vec3::new(x[k], y[k], z[k]);
@@ -62,42 +63,34 @@ impl Default for Block {
 }
 
 impl Block {
-    /// Normals and angles of the sides, by the widest instructions there are; the values are the same.
-    fn turn(&mut self) {
-        #[cfg(target_arch = "x86_64")]
-        if is_x86_feature_detected!("avx2") {
-            #[target_feature(enable = "avx2")]
-            fn wide(block: &mut Block) {
-                block.plain();
-            }
-            // SAFETY: the machine has them.
-            return unsafe { wide(self) };
-        }
-        self.plain();
-    }
-
-    #[inline(always)]
-    fn plain(&mut self) {
-        let Self { sides, normals, angles, by } = self;
-        let at = |side: &[Lane; 3], k: usize| Vec3::new(side[0][k], side[1][k], side[2][k]);
-        for k in 0..BLOCK {
-            let (ab, ac, bc) = (at(&sides[0], k), at(&sides[1], k), at(&sides[2], k));
-            let area = ab.cross(ac);
-            by[k] = area.length().recip();
-            let normal = area * by[k];
-            (normals[0][k], normals[1][k], normals[2][k]) = (normal.x, normal.y, normal.z);
-            let (side, other, last) = (ab.length(), ac.length(), bc.length());
-            let first = angle(ab.dot(ac) / (side * other));
-            let second = angle(-ab.dot(bc) / (side * last));
-            // The angles of a triangle make a half turn.
-            let third = std::f32::consts::PI - first - second;
-            (angles[0][k], angles[1][k], angles[2][k]) = (first, second, third);
-        }
-    }
-
     /// Whether a triangle has an area that can be divided by.
     fn sound(&self, k: usize) -> bool {
         self.by[k].is_finite() && self.by[k] > 0.0
+    }
+}
+
+/// Normals and angles of the sides, by the widest instructions there are; the values are the same.
+#[multiversion(targets("x86_64+avx2"))]
+fn turn(block: &mut Block) {
+    plain(block);
+}
+
+#[inline(always)]
+fn plain(block: &mut Block) {
+    let Block { sides, normals, angles, by } = block;
+    let at = |side: &[Lane; 3], k: usize| Vec3::new(side[0][k], side[1][k], side[2][k]);
+    for k in 0..BLOCK {
+        let (ab, ac, bc) = (at(&sides[0], k), at(&sides[1], k), at(&sides[2], k));
+        let area = ab.cross(ac);
+        by[k] = area.length().recip();
+        let normal = area * by[k];
+        (normals[0][k], normals[1][k], normals[2][k]) = (normal.x, normal.y, normal.z);
+        let (side, other, last) = (ab.length(), ac.length(), bc.length());
+        let first = angle(ab.dot(ac) / (side * other));
+        let second = angle(-ab.dot(bc) / (side * last));
+        // The angles of a triangle make a half turn.
+        let third = std::f32::consts::PI - first - second;
+        (angles[0][k], angles[1][k], angles[2][k]) = (first, second, third);
     }
 }
 
@@ -184,14 +177,14 @@ mod tests {
             let wanted: Vec<[f32; 3]> = sums.into_iter().map(|n| unit(n).into()).collect();
             assert_eq!(normals_by_angle(&mesh), wanted);
             // Wide instructions and plain ones.
-            let (mut wide, mut plain) = (Block::default(), Block::default());
-            for block in [&mut wide, &mut plain] {
+            let (mut wide, mut narrow) = (Block::default(), Block::default());
+            for block in [&mut wide, &mut narrow] {
                 let sides = block.sides.as_flattened_mut().as_flattened_mut();
                 sides.iter_mut().zip(1..).for_each(|(x, k)| *x = (k as f32 * count as f32).sin());
             }
-            wide.turn();
-            plain.plain();
-            assert_eq!((wide.normals, wide.angles, wide.by), (plain.normals, plain.angles, plain.by));
+            turn(&mut wide);
+            plain(&mut narrow);
+            assert_eq!((wide.normals, wide.angles, wide.by), (narrow.normals, narrow.angles, narrow.by));
         }
     }
 }

@@ -1,7 +1,11 @@
 //! Weights without learning: by distance to the bones.
 
 use rayon::prelude::*;
-use riglab_core::{DecodeRule, JointId, Mesh, Rig, RigError, Segment, Skeleton, SkinWeights};
+use riglab_core::{DecodeRule, JointId, Mesh, Rig, RigError, Segment, Skeleton, SkinWeights, Vec3};
+use riglab_geom::{BLOCK, Lane};
+
+/// Shares that are kept where some are dropped.
+const INFLUENCES: usize = 4;
 
 /// A rule by which distances become weights.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -56,15 +60,67 @@ impl Baseline {
     /// When there are more joints than a rig may have.
     pub fn rig(&self, skeleton: Skeleton, mesh: Mesh) -> Result<Rig, RigError> {
         let bones = skeleton.segments();
-        let of_vertex = |distances: &mut Vec<f32>, p: &[f32; 3]| {
-            distances.clear();
-            distances.extend(bones.iter().map(|bone| Segment::nearest_of(bone, *p).1));
-            let row = (0u16..).zip(self.weights_of(distances));
-            row.filter(|(_, w)| *w > 0.0).map(|(j, w)| (j, f64::from(w))).collect::<Vec<_>>()
-        };
-        let rows: Vec<_> = mesh.positions().par_iter().map_init(Vec::new, of_vertex).collect();
-        let weights = SkinWeights::normalized(rows)?;
+        let blocks = mesh.positions().par_chunks(BLOCK);
+        let rows: Vec<Held> =
+            blocks.map_init(Scratch::default, |scratch, points| self.block(points, &bones, scratch)).collect();
+        let weights = SkinWeights::normalized(rows.iter().flat_map(Held::rows))?;
         Rig::new(skeleton, mesh, weights)
+    }
+
+    /// What the vertices of a block have, by straight distance.
+    fn block(&self, points: &[Vec3], bones: &[Vec<Segment>], scratch: &mut Scratch) -> Held {
+        let Scratch { rows, kept } = scratch;
+        riglab_geom::bone_distances(points, bones, rows);
+        // Of each vertex what is kept, by numbers that are larger than `floor` or the largest of all.
+        let floor = match *self {
+            Self::Nearest => {
+                rows.iter_mut().flatten().for_each(|d| *d = -*d);
+                f32::INFINITY
+            }
+            Self::Inverse { power } => {
+                inverses(rows, power);
+                0.0
+            }
+            Self::InverseCut { power, cut } => {
+                inverses(rows, power);
+                cut
+            }
+        };
+        let mut most = [f32::NEG_INFINITY; BLOCK];
+        rows.iter().for_each(|row| most.iter_mut().zip(row).for_each(|(most, w)| *most = most.max(*w)));
+        kept.resize_with(points.len(), Default::default);
+        kept.iter_mut().for_each(|(joints, shares)| {
+            joints.clear();
+            shares.clear();
+        });
+        for (joint, row) in (0u16..).zip(&*rows) {
+            // Most rows have none: all of a row are compared at once.
+            let mut picked = 0u32;
+            for (k, (w, most)) in row.iter().zip(&most).enumerate() {
+                picked |= u32::from(*w > floor || w == most) << k;
+            }
+            while picked != 0 {
+                let k = picked.trailing_zeros() as usize;
+                picked &= picked - 1;
+                if let Some((joints, shares)) = kept.get_mut(k) {
+                    joints.push(joint);
+                    shares.push(row[k]);
+                }
+            }
+        }
+        let mut held = Held::default();
+        for (joints, shares) in kept {
+            match *self {
+                // Of equally near ones the first.
+                Self::Nearest => shares.iter_mut().enumerate().for_each(|(k, w)| *w = if k == 0 { 1.0 } else { 0.0 }),
+                Self::Inverse { .. } => {}
+                Self::InverseCut { cut, .. } => DecodeRule { cut, influences: INFLUENCES }.apply(shares),
+            }
+            let both = joints.iter().zip(shares).filter(|(_, w)| **w > 0.0);
+            held.shares.extend(both.map(|(&joint, w)| (joint, f64::from(*w))));
+            held.ends.push(held.shares.len());
+        }
+        held
     }
 
     /// Weights of one vertex.
@@ -82,7 +138,7 @@ impl Baseline {
             Self::Inverse { power } => inverse(row, distances, distances[nearest], power),
             Self::InverseCut { power, cut } => {
                 inverse(row, distances, distances[nearest], power);
-                DecodeRule { cut, influences: 4 }.apply(row);
+                DecodeRule { cut, influences: INFLUENCES }.apply(row);
             }
         }
     }
@@ -98,15 +154,70 @@ fn inverse(row: &mut [f32], distances: &[f32], smallest: f32, power: i32) {
     row.iter_mut().for_each(|w| *w /= sum);
 }
 
+/// As [`inverse`], of a block of vertices whose distances are given, a row a bone.
+fn inverses(rows: &mut [Lane], power: i32) {
+    let (mut least, mut sum) = ([f32::INFINITY; BLOCK], [0.0; BLOCK]);
+    for row in &*rows {
+        least.iter_mut().zip(row).for_each(|(least, d)| *least = least.min(*d));
+    }
+    for row in rows.iter_mut() {
+        row.iter_mut().zip(&least).for_each(|(w, least)| *w = least.max(1e-12) / w.max(1e-12));
+        raise(row, power);
+        sum.iter_mut().zip(row).for_each(|(sum, w)| *sum += *w);
+    }
+    rows.iter_mut().for_each(|row| row.iter_mut().zip(&sum).for_each(|(w, sum)| *w /= sum));
+}
+
+/// To a power above 0, all at once: `powi` would go one after another.
+fn raise(row: &mut Lane, mut power: i32) {
+    let (mut square, mut out) = (*row, [1.0; BLOCK]);
+    while power > 0 {
+        if power % 2 == 1 {
+            out.iter_mut().zip(&square).for_each(|(out, x)| *out *= x);
+        }
+        square.iter_mut().for_each(|x| *x *= *x);
+        power /= 2;
+    }
+    *row = out;
+}
+
+/// What [`Baseline::block`] works in.
+#[derive(Default)]
+struct Scratch {
+    /// A row a bone.
+    rows: Vec<Lane>,
+    /// Of each vertex joints and their shares.
+    kept: Vec<(Vec<u16>, Vec<f32>)>,
+}
+
+/// What vertices of a block hold, one after another.
+#[derive(Default)]
+struct Held {
+    shares: Vec<(u16, f64)>,
+    /// Where the shares of each end.
+    ends: Vec<usize>,
+}
+
+impl Held {
+    /// Joints and shares of each vertex.
+    fn rows(&self) -> impl Iterator<Item = impl Iterator<Item = (u16, f64)>> {
+        let starts = std::iter::once(0).chain(self.ends.iter().copied());
+        starts.zip(&self.ends).map(|(start, &end)| self.shares[start..end].iter().copied())
+    }
+}
+
 /// Distance of every vertex to the bones of `joints`, a row a vertex. A bone is a joint's segments to
 /// its children; see [`riglab_core::Skeleton::segments`].
 pub fn bone_distances(rig: &Rig, joints: &[JointId]) -> Vec<f32> {
     let segments = rig.skeleton().segments();
-    let bones: Vec<&[Segment]> = joints.iter().map(|j| segments[j.index()].as_slice()).collect();
+    let bones: Vec<Vec<Segment>> = joints.iter().map(|j| segments[j.index()].clone()).collect();
+    let m = joints.len().max(1);
     let mut out = vec![0.0; rig.mesh().positions().len() * joints.len()];
-    out.par_chunks_exact_mut(joints.len().max(1)).zip(rig.mesh().positions()).for_each(|(row, &p)| {
-        for (d, bone) in row.iter_mut().zip(&bones) {
-            *d = Segment::nearest_of(bone, p).1;
+    let blocks = out.par_chunks_mut(BLOCK * m).zip(rig.mesh().positions().par_chunks(BLOCK));
+    blocks.for_each_init(Vec::new, |rows, (out, points)| {
+        riglab_geom::bone_distances(points, &bones, rows);
+        for (k, out) in out.chunks_exact_mut(m).enumerate() {
+            out.iter_mut().zip(&*rows).for_each(|(d, row)| *d = row[k]);
         }
     });
     out
@@ -135,16 +246,19 @@ mod tests {
         ];
         let corners = vec![[1.0, 0.0, 0.0], [0.3, 0.9, 0.0], [3.0, 2.0, 1.0], [-1.0, 0.5, 0.0]];
         let mesh = Mesh::new(corners, vec![[0, 1, 2], [0, 3, 1]]).unwrap();
-        let rule = Baseline::InverseCut { power: 4, cut: 0.15 };
-        let rig = rule.rig(Skeleton::new(joints).unwrap(), mesh).unwrap();
-        let ids: Vec<JointId> = rig.skeleton().ids().collect();
-        let dense = rule.weights(&bone_distances(&rig, &ids), 3);
-        for (v, wanted) in dense.chunks(3).enumerate() {
-            let mut row = [0.0; 3];
-            rig.weights().row(v).for_each(|(j, w)| row[j.index()] = w);
-            assert!(row.iter().zip(wanted).all(|(a, b)| (a - b).abs() < 1e-6), "{row:?} {wanted:?}");
+        let skeleton = Skeleton::new(joints).unwrap();
+        for rule in Baseline::SHOWN {
+            let rig = rule.rig(skeleton.clone(), mesh.clone()).unwrap();
+            let ids: Vec<JointId> = rig.skeleton().ids().collect();
+            let dense = rule.weights(&bone_distances(&rig, &ids), 3);
+            for (v, wanted) in dense.chunks(3).enumerate() {
+                let mut row = [0.0; 3];
+                rig.weights().row(v).for_each(|(j, w)| row[j.index()] = w);
+                assert!(row.iter().zip(wanted).all(|(a, b)| (a - b).abs() < 1e-6), "{row:?} {wanted:?}");
+            }
+            let shared = dense.iter().filter(|w| **w > 0.0).count() > 4;
+            assert_eq!(shared, rule != Baseline::Nearest, "some vertices are shared");
         }
-        assert!(dense.iter().filter(|w| **w > 0.0).count() > 4, "some vertices are shared");
     }
 
     #[test]

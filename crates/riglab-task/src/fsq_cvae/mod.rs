@@ -29,7 +29,7 @@ pub use config::{EvalConfig, FsqCvaeTaskConfig, LossConfig, PointMix, PrefixConf
 pub use evaluate::{AssetRow, BoneCodes, CodebookRow, Encoded, Report, Row, Truth, ruled};
 pub use frozen::Frozen;
 pub use gallery::Shown;
-pub use prepare::{Bone, Patch, Place, Point, Prepared};
+pub use prepare::{Bone, Ground, Patch, Place, Point, Prepared};
 pub use prior::{Prior, Told};
 pub(crate) use region::{Regions, Surface};
 pub use report::Evaluation;

@@ -2,8 +2,9 @@
 
 use std::sync::OnceLock;
 
+use rayon::prelude::*;
 use riglab_core::{Asset, JointId, Mesh, Rig, Segment, Vec3};
-use riglab_geom::{SurfacePoint, SurfaceSampler, farthest_points, nearest_squares};
+use riglab_geom::{Blocks, SurfacePoint, SurfaceSampler, farthest_points};
 use riglab_metric::ACTIVE;
 use riglab_random::{Draw, Stream};
 
@@ -83,35 +84,28 @@ impl Prepared {
 
     /// Prepares a rig that lies in [-1, 1]³; `all`: joints that hold nothing are bones too.
     pub fn of(name: String, rig: Rig, all: bool) -> Self {
-        let normals = rig.mesh().vertex_normals();
-        let areas = SurfaceSampler::new(rig.mesh()).into_sums();
+        let ground = Ground::new(rig.mesh());
+        Self::with_ground(&ground, name, rig, all)
+    }
+
+    /// As [`Self::of`], with what is known of the mesh alone.
+    pub fn with_ground(ground: &Ground, name: String, rig: Rig, all: bool) -> Self {
         let columns = rig.weights().columns(rig.skeleton().len());
-        let segments = rig.skeleton().segments();
-        let (positions, mut around) = (rig.mesh().positions(), Around::new(rig.mesh()));
-        let area = |t: u32| length(rig.mesh().area_vector(t as usize));
-        let mut patch = |vertices: Vec<u32>, of: &dyn Fn(u32) -> bool| {
-            let mut sum = 0.0;
-            let triangles = around.all(&vertices).into_iter().filter(|&t| of(t)).map(|t| {
-                sum += area(t);
-                (t, sum)
-            });
-            Patch { triangles: triangles.collect(), vertices }
-        };
-        // Whether a bone holds a vertex.
-        let (mut holds, mut marks) = (vec![false; positions.len()], Marks::new(positions.len()));
-        let bones = rig.skeleton().ids().zip(columns).zip(segments).filter_map(|((joint, weights), segments)| {
-            let held: Vec<u32> = weights.iter().filter(|(_, w)| *w > ACTIVE).map(|(v, _)| *v).collect();
-            if held.is_empty() && !all {
-                return None;
-            }
-            held.iter().for_each(|&v| holds[v as usize] = true);
-            let apart = |t: u32| !rig.mesh().triangles()[t as usize].iter().any(|&v| holds[v as usize]);
-            let shell = patch(shell(positions, &held, &mut marks), &apart);
-            held.iter().for_each(|&v| holds[v as usize] = false);
-            let held = patch(held, &|_| true);
-            Some(Bone { joint, segments, held, shell, weights })
-        });
-        Self { name, bones: bones.collect(), normals, areas, rig, regions: OnceLock::new(), prior: None }
+        let joints: Vec<_> = rig.skeleton().ids().zip(columns).zip(rig.skeleton().segments()).collect();
+        let bones = joints.into_par_iter().map_init(
+            || Search::new(rig.mesh(), ground),
+            |search, ((joint, weights), segments)| {
+                let held: Vec<u32> = weights.iter().filter(|(_, w)| *w > ACTIVE).map(|(v, _)| *v).collect();
+                if held.is_empty() && !all {
+                    return None;
+                }
+                let (held, shell) = search.patches(held);
+                Some(Bone { joint, segments, held, shell, weights })
+            },
+        );
+        let bones = bones.flatten_iter().collect();
+        let (normals, areas) = (ground.normals.clone(), ground.sums.clone());
+        Self { name, bones, normals, areas, rig, regions: OnceLock::new(), prior: None }
     }
 
     /// With what geometry alone says of its bones' weights.
@@ -214,11 +208,72 @@ impl Bone {
     }
 }
 
+/// Of a mesh what is asked for each rig on it.
+pub struct Ground {
+    /// Normals at the vertices.
+    normals: Vec<Vec3>,
+    /// Areas of the triangles, and running sums of them as points are drawn by.
+    areas: Vec<f32>,
+    sums: Vec<f64>,
+    around: Around,
+    blocks: Blocks,
+}
+
+impl Ground {
+    /// Of a mesh in [-1, 1]³.
+    pub fn new(mesh: &Mesh) -> Self {
+        Self {
+            normals: mesh.vertex_normals(),
+            areas: (0..mesh.triangles().len()).map(|t| length(mesh.area_vector(t))).collect(),
+            sums: SurfaceSampler::new(mesh).into_sums(),
+            around: Around::new(mesh),
+            blocks: Blocks::new(mesh.positions()),
+        }
+    }
+}
+
+/// Finds what lies at bones, of one after another.
+struct Search<'a> {
+    mesh: &'a Mesh,
+    ground: &'a Ground,
+    /// Whether the bone holds a vertex; none between bones.
+    holds: Vec<bool>,
+    marks: Marks,
+}
+
+impl<'a> Search<'a> {
+    fn new(mesh: &'a Mesh, ground: &'a Ground) -> Self {
+        let (holds, marks) = (vec![false; mesh.positions().len()], Marks::new(mesh.triangles().len()));
+        Self { mesh, ground, holds, marks }
+    }
+
+    /// What a bone holds, ascending, and what lies around that.
+    fn patches(&mut self, held: Vec<u32>) -> (Patch, Patch) {
+        let shell = shell(self.mesh.positions(), &self.ground.blocks, &held);
+        held.iter().for_each(|&v| self.holds[v as usize] = true);
+        let shell = self.patch(shell, true);
+        held.iter().for_each(|&v| self.holds[v as usize] = false);
+        (self.patch(held, false), shell)
+    }
+
+    /// Vertices with the triangles around them; `apart`: of those, the ones without a vertex that the bone holds.
+    fn patch(&mut self, vertices: Vec<u32>, apart: bool) -> Patch {
+        let (mesh, ground, holds) = (self.mesh, self.ground, &self.holds);
+        let mut sum = 0.0;
+        let all = ground.around.all(&vertices, &mut self.marks).into_iter();
+        let triangles =
+            all.filter(|&t| !apart || !mesh.triangles()[t as usize].iter().any(|&v| holds[v as usize])).map(|t| {
+                sum += ground.areas[t as usize];
+                (t, sum)
+            });
+        Patch { triangles: triangles.collect(), vertices }
+    }
+}
+
 /// The triangles around each vertex of a mesh, one vertex after another.
 struct Around {
     ends: Vec<u32>,
     triangles: Vec<u32>,
-    marks: Marks,
 }
 
 impl Around {
@@ -239,17 +294,17 @@ impl Around {
                 triangles[next[v as usize] as usize] = t as u32;
             }
         }
-        Self { ends, triangles, marks: Marks::new(mesh.triangles().len()) }
+        Self { ends, triangles }
     }
 
     /// Those around some vertices, ascending.
-    fn all(&mut self, vertices: &[u32]) -> Vec<u32> {
+    fn all(&self, vertices: &[u32], marks: &mut Marks) -> Vec<u32> {
         for &v in vertices {
             let start = if v == 0 { 0 } else { self.ends[v as usize - 1] };
             let own = &self.triangles[start as usize..self.ends[v as usize] as usize];
-            own.iter().for_each(|&t| self.marks.add(t));
+            own.iter().for_each(|&t| marks.add(t));
         }
-        self.marks.take()
+        marks.take()
     }
 }
 
@@ -279,28 +334,14 @@ impl Marks {
     }
 }
 
-/// The vertices not in `held` (ascending) that lie nearest to it.
-fn shell(positions: &[Vec3], held: &[u32], marks: &mut Marks) -> Vec<u32> {
-    if held.is_empty() {
-        return Vec::new();
-    }
+/// The vertices not in `held` that lie nearest to it.
+fn shell(positions: &[Vec3], blocks: &Blocks, held: &[u32]) -> Vec<u32> {
     let own: Vec<Vec3> = held.iter().map(|&v| positions[v as usize]).collect();
-    let landmarks: Vec<Vec3> = farthest_points(&own, LANDMARKS.min(own.len()), 0).into_iter().map(|k| own[k]).collect();
-    // Distances are positive numbers, whose bits are in their order: ones of equal distance by vertex.
-    let mut others: Vec<u64> = Vec::with_capacity(positions.len() - held.len());
-    let mut next = held.iter().copied().peekable();
-    for (v, square) in (0..).zip(nearest_squares(positions, &landmarks)) {
-        if next.next_if_eq(&v).is_none() {
-            others.push(u64::from(square.to_bits()) << 32 | u64::from(v));
-        }
-    }
-    let count = held.len().max(SHELL);
-    if others.len() > count {
-        others.select_nth_unstable(count - 1);
-        others.truncate(count);
-    }
-    others.into_iter().for_each(|key| marks.add(key as u32));
-    marks.take()
+    let landmarks = match own.len().min(LANDMARKS) {
+        0 => return Vec::new(),
+        count => farthest_points(&own, count, 0).into_iter().map(|k| own[k]).collect::<Vec<_>>(),
+    };
+    blocks.nearest(&landmarks, held, held.len().max(SHELL))
 }
 
 fn length(v: Vec3) -> f32 {
@@ -315,7 +356,7 @@ mod tests {
     fn a_shell_lies_around_what_is_held_and_never_in_it() {
         let line: Vec<Vec3> = (0..1000).map(|i| [i as f32, 0.0, 0.0]).collect();
         let held: Vec<u32> = (300..400).collect();
-        let shell = |positions: &[Vec3], held: &[u32]| shell(positions, held, &mut Marks::new(1000));
+        let shell = |positions: &[Vec3], held: &[u32]| shell(positions, &Blocks::new(positions), held);
         let found = shell(&line, &held);
         assert_eq!(found, (236..300).chain(400..464).collect::<Vec<u32>>());
         assert_eq!(shell(&line[..310], &held[..10]).len(), SHELL);

@@ -7,7 +7,7 @@
 
 use rayon::prelude::*;
 use riglab_core::{Mesh, Segment};
-use riglab_geom::{HOTTEST, SurfaceHeat, pieces};
+use riglab_geom::{BLOCK, HOTTEST, SurfaceHeat, bone_distances, pieces};
 use riglab_nn::fsq_cvae::{PRIOR, REGION};
 
 use super::prepare::Place;
@@ -158,14 +158,18 @@ impl Told<'_> {
 
 /// Of each vertex the bones that are nearest, one or several equally so, and how far they are.
 fn nearest(mesh: &Mesh, bones: &[Vec<Segment>]) -> (Vec<Vec<u32>>, Vec<f64>) {
-    let each = mesh.positions().par_iter().map(|&p| {
-        let far: Vec<f32> = bones.iter().map(|bone| Segment::nearest_of(bone, p).1).collect();
-        let least = far.iter().copied().fold(f32::INFINITY, f32::min);
-        let limit = least * (1.0 + EQUAL) + 1e-7;
-        let near = (0u32..).zip(&far).filter(|(_, far)| **far <= limit).map(|(bone, _)| bone);
-        (near.collect(), f64::from(least))
+    let each = mesh.positions().par_chunks(BLOCK).map_init(Vec::new, |rows, points| {
+        bone_distances(points, bones, rows);
+        let of_vertex = |k: usize| {
+            let far = || rows.iter().map(|row| row[k]);
+            let least = far().fold(f32::INFINITY, f32::min);
+            let limit = least * (1.0 + EQUAL) + 1e-7;
+            let near = (0u32..).zip(far()).filter(|(_, far)| *far <= limit).map(|(bone, _)| bone);
+            (near.collect(), f64::from(least))
+        };
+        (0..points.len()).map(of_vertex).collect::<Vec<_>>()
     });
-    each.unzip()
+    each.flatten_iter().unzip()
 }
 
 #[cfg(test)]

@@ -1,6 +1,7 @@
 //! Where each bone works, as geometry says.
 
 use riglab_core::{Mesh, Segment, Vec3};
+use riglab_geom::{BLOCK, bone_distances};
 use riglab_nn::fsq_cvae::REGION;
 
 /// Vertices that bones are looked for at, at most.
@@ -44,15 +45,25 @@ impl Regions {
     /// Of a surface and the segments of the bones.
     pub fn new(surface: &Surface, bones: &[Vec<Segment>]) -> Self {
         let (mut asked, mut shares) = (Vec::with_capacity(surface.points.len()), Vec::new());
-        let mut close = vec![0.0; bones.len()];
-        for &(p, area) in &surface.points {
-            close.iter_mut().zip(bones).for_each(|(c, bone)| *c = Segment::nearest_of(bone, p).1.max(NEAREST));
-            let least = close.iter().copied().fold(f32::INFINITY, f32::min);
-            close.iter_mut().for_each(|c| *c = (least / *c).powi(SHARP));
-            let sum: f32 = close.iter().sum();
-            let own = (0u32..).zip(&close).map(|(bone, c)| (bone, c / sum));
-            shares.extend(own.filter(|(_, share)| *share > LEAST));
-            asked.push((p, area, shares.len() as u32));
+        let (mut rows, mut near) = (Vec::new(), Vec::with_capacity(BLOCK));
+        for points in surface.points.chunks(BLOCK) {
+            near.clear();
+            near.extend(points.iter().map(|own| own.0));
+            bone_distances(&near, bones, &mut rows);
+            let (mut least, mut sums) = ([f32::INFINITY; BLOCK], [0.0; BLOCK]);
+            for row in &mut rows {
+                row.iter_mut().for_each(|c| *c = c.max(NEAREST));
+                least.iter_mut().zip(row).for_each(|(least, c)| *least = least.min(*c));
+            }
+            for row in &mut rows {
+                row.iter_mut().zip(&least).for_each(|(c, least)| *c = (least / *c).powi(SHARP));
+                sums.iter_mut().zip(row).for_each(|(sum, c)| *sum += *c);
+            }
+            for (k, &(p, area)) in points.iter().enumerate() {
+                let own = (0u32..).zip(&rows).map(|(bone, row)| (bone, row[k] / sums[k]));
+                shares.extend(own.filter(|(_, share)| *share > LEAST));
+                asked.push((p, area, shares.len() as u32));
+            }
         }
         let first = |bone: &Vec<Segment>| bone.first().copied().unwrap_or(Segment { a: [0.0; 3], b: [0.0; 3] });
         Self { asked, shares, segments: bones.iter().map(first).collect() }

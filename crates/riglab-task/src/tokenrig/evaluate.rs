@@ -16,8 +16,8 @@ use super::sample::{codes, sample};
 use super::skin::{Codes, in_order};
 use super::{Batch, Condition, Drawn, TokenRigTask, parts_of};
 use crate::assets::AssetId;
-use crate::fsq_cvae::Row as SkinRow;
 use crate::fsq_cvae::evaluate::Methods;
+use crate::fsq_cvae::{Prepared, Row as SkinRow};
 use crate::unirig_skeleton::batch::{encode, normalized, shape};
 use crate::unirig_skeleton::evaluate::{Beside, Sums, Validated, joints};
 use crate::unirig_skeleton::generate::streams;
@@ -340,7 +340,8 @@ impl TokenRigTask {
         let found = ways.all("given", &rig, &true_weights, &claimed(&drawn[0]));
         let mut random = stream(rigger.config.eval.seed, "rig variant", &[key]);
         let skin = &rigger.config.skin;
-        let own = codes(&rigger.vae, (skin.codes, !skin.empty), truth.clone(), &mut random);
+        let prepared = Prepared::of(String::new(), truth.clone(), !skin.empty);
+        let own = codes(&rigger.vae, skin.codes, &prepared, &mut random);
         let weights = rigger.pooled_skin(truth.mesh(), truth.skeleton(), &[own], key, 0.0)?;
         ways.methods.add("given: auto-encoder".into(), &SkinTally::of(&true_weights, &dense(&weights, joints), joints));
         Ok(found)

@@ -64,7 +64,12 @@ pub fn sample(
     random: &mut Stream,
 ) -> Option<Sample> {
     let encoded = encode(tokenizer, rig.skeleton(), class).ok()?;
-    let (layout, codes) = (teller.layout, codes(teller.vae, (skin.codes, !skin.empty), rig.clone(), random));
+    let sight = Sight::of(teller.model, rig.mesh());
+    let prepared = match sight.as_ref().and_then(Sight::ground) {
+        Some(ground) => Prepared::with_ground(ground, String::new(), rig.clone(), !skin.empty),
+        None => Prepared::of(String::new(), rig.clone(), !skin.empty),
+    };
+    let (layout, codes) = (teller.layout, codes(teller.vae, skin.codes, &prepared, random));
     let mut ids: Vec<i64> = encoded.ids.iter().map(|&id| i64::from(id)).collect();
     let skeleton = ids.len();
     for &joint in &encoded.order {
@@ -75,20 +80,18 @@ pub fn sample(
     }
     ids.push(layout.end());
     let decoded = tokenizer.decode(&encoded.ids).ok()?;
-    let joints = teller.joints(&decoded, Sight::of(teller.model, rig.mesh()).as_ref());
+    let joints = teller.joints(&decoded, sight.as_ref());
     Some(Sample { ids, joints, skeleton, clamped: encoded.clamped })
 }
 
-/// Of every joint of a rig in the cube, its first so many codes; `None` for those that have none: where not `all` have,
-/// those that hold nothing.
-pub fn codes(vae: &Frozen, (count, all): (usize, bool), rig: Rig, random: &mut Stream) -> Vec<Option<Vec<i64>>> {
-    let mut out = vec![None; rig.skeleton().len()];
-    let prepared = Prepared::of(String::new(), rig, all);
+/// Of every joint of a rig in the cube, its first so many codes; `None` for those that are no bones.
+pub fn codes(vae: &Frozen, count: usize, prepared: &Prepared, random: &mut Stream) -> Vec<Option<Vec<i64>>> {
+    let mut out = vec![None; prepared.rig.skeleton().len()];
     if prepared.bones.is_empty() {
         return out;
     }
     let ids = vae.with(|coder| {
-        let codes = coder.encode(&prepared, count, random).codes;
+        let codes = coder.encode(prepared, count, random).codes;
         let ids = coder.net.fsq().ids(&codes).to_kind(Kind::Int64).to_device(tch::Device::Cpu);
         Vec::<i64>::try_from(ids.contiguous().view([-1])).unwrap_or_default()
     });

@@ -10,7 +10,7 @@ use riglab_random::stream;
 use riglab_token::Decoded;
 
 use super::sample::codes;
-use crate::fsq_cvae::{Frozen, Regions, Surface};
+use crate::fsq_cvae::{Frozen, Ground, Prepared, Regions, Surface};
 
 /// The rule whose codes are told: of those by straight distance the one whose IoU with artists' weights is highest on the
 /// validation split of real rigs (`experiments/README.md`, the model that comes with riglab now).
@@ -22,7 +22,7 @@ const KEPT: usize = 64;
 /// A mesh in the cube, as codes of one model are told of it.
 pub struct Sight {
     surface: Option<Surface>,
-    mesh: Option<Mesh>,
+    ruled: Option<(Mesh, Ground)>,
     /// What joints were told, by the ids of their skeletons, the last ones.
     known: Mutex<VecDeque<(Vec<u32>, Vec<JointTold>)>>,
 }
@@ -37,9 +37,14 @@ impl Sight {
     pub fn of(model: &TokenRigConfig, mesh: &Mesh) -> Option<Self> {
         Self::asked(model).then(|| Self {
             surface: model.tell_region.then(|| Surface::new(mesh)),
-            mesh: model.tell_rule.then(|| mesh.clone()),
+            ruled: model.tell_rule.then(|| (mesh.clone(), Ground::new(mesh))),
             known: Mutex::default(),
         })
+    }
+
+    /// What of the mesh alone is known, where a rule's codes are told.
+    pub fn ground(&self) -> Option<&Ground> {
+        self.ruled.as_ref().map(|(_, ground)| ground)
     }
 
     /// What the joints of a skeleton are told, made once for many draws of codes for it.
@@ -90,10 +95,11 @@ impl Teller<'_> {
                 told.geometry[12..].copy_from_slice(&shares);
             }
         }
-        if let Some(mesh) = &sight.mesh
+        if let Some((mesh, ground)) = &sight.ruled
             && let Ok(ruled) = RULE.rig(skeleton, mesh.clone())
         {
-            let of_joints = codes(self.vae, (self.codes, false), ruled, &mut stream(0, "codes of a rule", &[]));
+            let ruled = Prepared::with_ground(ground, String::new(), ruled, false);
+            let of_joints = codes(self.vae, self.codes, &ruled, &mut stream(0, "codes of a rule", &[]));
             for (told, codes) in out.iter_mut().zip(of_joints) {
                 told.rule = codes.into_iter().flatten().flat_map(|code| self.layout.levels_of(code)).collect();
             }
