@@ -33,7 +33,7 @@ pub use error::{TorchError, first_line};
 pub use flops::{count_flops, counted_along};
 pub use hooks::backward;
 pub use linear::linear;
-pub use parts::{Part, side_by_side, threads_on, with_gradients};
+pub use parts::{Part, alone, side_by_side, threads_on, with_gradients};
 pub use recompute::{grad_enabled, recompute};
 pub use rows::{gated, has_rows, norm_rows, turned_heads};
 pub use settings::{

@@ -71,7 +71,7 @@ struct Share {
 impl Share {
     fn of(parts: usize) -> Self {
         let all = tch::get_num_threads().max(1);
-        let each = (all / parts.max(1) as i32).max(1);
+        let each = (all / i32::try_from(parts).unwrap_or(i32::MAX).max(1)).max(1);
         tch::set_num_threads(each);
         Self { all, each }
     }
@@ -81,6 +81,12 @@ impl Drop for Share {
     fn drop(&mut self) {
         tch::set_num_threads(self.all);
     }
+}
+
+/// What work gives whose ops are each done by this thread alone: where they are so small that to wake others costs more.
+pub fn alone<R>(work: impl FnOnce() -> R) -> R {
+    let _share = Share::of(usize::MAX);
+    work()
 }
 
 /// What jobs give, in their order. The first is done by this thread, the others at the same time by threads of their own,

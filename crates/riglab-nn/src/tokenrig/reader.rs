@@ -98,7 +98,6 @@ impl<'a> Reader<'a> {
 
     /// Reads as many ids in each row.
     fn read(&mut self, ids: &[Vec<i64>]) -> Vec<Vec<f32>> {
-        let device = self.weights.tensors().first().map_or(tch::Device::Cpu, Tensor::device);
         let (rows, t) = (ids.len() as i64, ids.first().map_or(0, Vec::len) as i64);
         let told: Vec<f32> = if self.net.joints.is_some() {
             ids.iter()
@@ -109,26 +108,34 @@ impl<'a> Reader<'a> {
             Vec::new()
         };
         let flat: Vec<i64> = ids.iter().flatten().copied().collect();
-        let places = self.net.places.as_ref().map(|places| {
-            let mut told = Vec::with_capacity(flat.len());
-            for (row, ids) in self.rows.iter_mut().zip(ids) {
-                told.extend(ids.iter().map(|&id| self.net.walked(&mut row.walk, id)));
-            }
-            places.tell(self.weights, &told, &[rows, t])
-        });
-        let ids = Tensor::from_slice(&flat).view([rows, t]).to_device(device);
-        let mut x = self.net.embed(self.weights, &ids);
+        // A token of each row is little work.
+        let x = if t == 1 {
+            riglab_torch::alone(|| self.embedded(&flat, &told, rows, t))
+        } else {
+            self.embedded(&flat, &told, rows, t)
+        };
+        let hidden = self.net.decoder.read(self.weights, &x, &mut self.cache).select(1, t - 1);
+        self.scores(&hidden)
+    }
+
+    /// What the decoder reads of ids [rows, t], with what is told of what follows each and of where the joints are.
+    fn embedded(&mut self, ids: &[i64], told: &[f32], rows: i64, t: i64) -> Tensor {
+        let device = self.weights.tensors().first().map_or(tch::Device::Cpu, Tensor::device);
+        let mut x = self.net.embed(self.weights, &Tensor::from_slice(ids).view([rows, t]).to_device(device));
         if !told.is_empty() {
-            let told = Tensor::from_slice(&told).view([rows, t, -1]).to_device(device);
+            let told = Tensor::from_slice(told).view([rows, t, -1]).to_device(device);
             if let Some(more) = self.net.tell(self.weights, &told) {
                 x += more;
             }
         }
-        if let Some(more) = places {
-            x += more;
+        if let Some(places) = &self.net.places {
+            let each = self.rows.iter_mut().zip(ids.chunks(t as usize));
+            let told: Vec<_> = each
+                .flat_map(|(row, ids)| ids.iter().map(|&id| self.net.walked(&mut row.walk, id)).collect::<Vec<_>>())
+                .collect();
+            x += places.tell(self.weights, &told, &[rows, t]);
         }
-        let hidden = self.net.decoder.read(self.weights, &x, &mut self.cache).select(1, t - 1);
-        self.scores(&hidden)
+        x
     }
 
     /// Goes on after an id that is read, and says what is told of what follows it.

@@ -1,7 +1,7 @@
 //! A trained auto-encoder at work: bones to codes, codes to weights.
 
 use riglab_core::Segment;
-use riglab_nn::fsq_cvae::{Coded, FsqCvae, Said};
+use riglab_nn::fsq_cvae::{Coded, FsqCvae, Said, SkinCloud};
 use riglab_nn::params::Weights;
 use riglab_random::Stream;
 use tch::{Device, Kind, Tensor};
@@ -14,6 +14,9 @@ use super::tensors;
 
 /// Bones encoded at once.
 const BONES_AT_ONCE: usize = 64;
+
+/// Fewer bones are not worth a thread of their own.
+const FEWEST_APART: usize = 4;
 
 /// A network with the weights it computes with.
 #[derive(Clone, Copy)]
@@ -50,9 +53,7 @@ impl Coder<'_> {
             for &b in chunk {
                 make.skin(b, &mut batch);
             }
-            let cloud = tensors::skin(self.config, &batch, self.device);
-            let latent = self.net.encode_skin(self.weights, &cloud, k);
-            parts.push(self.net.code(self.weights, &latent, &cloud, None));
+            parts.extend(self.encoded(&tensors::skin(self.config, &batch, self.device), k));
         }
         let join = |of: fn(&Coded) -> Option<&Tensor>| {
             let all: Option<Vec<&Tensor>> = parts.iter().map(of).collect();
@@ -63,6 +64,33 @@ impl Coder<'_> {
         let said = deviation.zip(divergence).map(|(deviation, divergence)| Said { deviation, divergence });
         let codes: Vec<&Tensor> = parts.iter().map(|part| &part.codes).collect();
         Coded { codes: Tensor::cat(&codes, 0), said }
+    }
+
+    /// Codes of the bones of a cloud, each thread's part of them by itself.
+    fn encoded(&self, cloud: &SkinCloud, k: usize) -> Vec<Coded> {
+        let bones = cloud.points.size()[0] as usize;
+        let threads = riglab_torch::threads_on(self.device).min(bones / FEWEST_APART).max(1);
+        let each = bones.div_ceil(threads);
+        let net = self.net;
+        let parts = (0..bones).step_by(each).map(|from| {
+            let own = cloud.bones(from, each.min(bones - from));
+            move |w: &Weights| {
+                let Coded { codes, said } = net.code(w, &net.encode_skin(w, &own, k), &own, None);
+                std::iter::once(codes)
+                    .chain(said.into_iter().flat_map(|said| [said.deviation, said.divergence]))
+                    .collect()
+            }
+        });
+        let found = self.weights.side_by_side(parts.collect::<Vec<_>>());
+        let coded = |all: Vec<Tensor>| {
+            let mut all = all.into_iter();
+            let codes = all.next()?;
+            Some(Coded {
+                codes,
+                said: all.next().zip(all.next()).map(|(deviation, divergence)| Said { deviation, divergence }),
+            })
+        };
+        found.into_iter().filter_map(coded).collect()
     }
 
     /// Raw shares at points, a row a point, a column a bone, from codes [m, k, axes] and the mesh's shape tokens.
