@@ -201,6 +201,10 @@ fn what_cannot_be_rigged_is_told() {
         (vec!["skin", text(&bare), "-o", text(&out)], "no skeleton to keep"),
         (vec!["rig", text(&bare), "-o", text(&out), "--template", "cat"], "there is no template `cat`"),
         (
+            vec!["rig", text(&rigged), "-o", text(&out), "--skeleton", "keep", "--names", "vrm"],
+            "keeps its joints' names",
+        ),
+        (
             vec!["rig", text(&bare), "-o", text(&out), "--checkpoint", text(&path("no.safetensors"))],
             "no model of riglab",
         ),

@@ -39,15 +39,13 @@ enum Keys {
     Apart(Tensor, Tensor),
     /// As [`riglab_torch::keys`] makes them.
     Together(Tensor),
-    /// The tokens [b, s, c] themselves, for a few queries: see [`Attention::over_tokens`].
-    Tokens(Tensor),
 }
 
 impl KeyValue {
     /// How many batch rows.
     pub fn rows(&self) -> i64 {
         match &self.0 {
-            Keys::Apart(t, _) | Keys::Together(t) | Keys::Tokens(t) => t.size()[0],
+            Keys::Apart(t, _) | Keys::Together(t) => t.size()[0],
         }
     }
 }
@@ -94,35 +92,6 @@ impl Attention {
         KeyValue(Keys::Together(taken(riglab_torch::keys(y_bsc, norm.norm(w), self.dealt(&weights)))))
     }
 
-    /// As [`Self::keys_of`], for queries x [b, t, d] alone and without gradients: where they are so few that it is less work,
-    /// keys and values stay unmade.
-    pub fn keys_for(&self, w: &Weights, norm: &LayerNorm, x: &Tensor, y_bsc: &Tensor) -> KeyValue {
-        let (b, t, d) = x.size3().expect("three axes");
-        if y_bsc.size()[0] != b || 2 * t * self.heads > d {
-            return self.keys_of(w, norm, y_bsc);
-        }
-        KeyValue(Keys::Tokens(norm.forward(w, y_bsc)))
-    }
-
-    /// x [b, t, d] over tokens [b, s, c]: softmax(q Wₖ yᵀ / √e) y Wᵥᵀ head by head, from the ends inwards. Products with y
-    /// are of t queries of each head, where keys and values are of d numbers.
-    fn over_tokens(&self, w: &Weights, x: &Tensor, y: &Tensor) -> Tensor {
-        let (b, t, d) = x.size3().expect("three axes");
-        let (heads, e, c) = (self.heads, d / self.heads, y.size()[2]);
-        let both = Tensor::cat(&[&w[self.to_k.weight()], &w[self.to_v.weight()]], 0);
-        let [of_keys, of_values] = match self.split {
-            HeadSplit::Separate => both.view([2, heads, e, c]).unbind(0),
-            HeadSplit::Fused => both.view([heads, 2, e, c]).unbind(1),
-        }
-        .try_into()
-        .expect("two parts");
-        let q = self.to_q.forward(w, x).view([b, t, heads, e]).transpose(1, 2) * (1.0 / (e as f64).sqrt());
-        let asked = q.matmul(&of_keys).view([b, heads * t, c]);
-        let shares = asked.bmm(&y.transpose(1, 2)).softmax(-1, None::<Kind>);
-        let mixed = shares.bmm(y).view([b, heads, t, c]).matmul(&of_values.transpose(1, 2));
-        self.to_out.forward(w, &mixed.transpose(1, 2).reshape([b, t, d]))
-    }
-
     /// x + [`Self::over_itself`] of LN(x).
     pub fn added_over_itself(&self, w: &Weights, norm: &LayerNorm, x: &Tensor) -> Tensor {
         match self.to_out.map(w).filter(|_| riglab_torch::has_block(x)) {
@@ -160,7 +129,6 @@ impl Attention {
         let [k, v] = match &y.0 {
             Keys::Apart(k, v) => [k.shallow_clone(), v.shallow_clone()],
             Keys::Together(both) => <[Tensor; 2]>::try_from(self.heads_of(both, 2)).expect("two parts"),
-            Keys::Tokens(y) => return self.over_tokens(w, x_btd, y),
         };
         let q = self.to_q.forward(w, x_btd);
         let heads = |q: Tensor, b: i64, t: i64| q.view([b, t, self.heads, d / self.heads]).transpose(1, 2);
@@ -241,7 +209,6 @@ const RUN: i64 = 256;
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::params::Builder;
 
     /// Outputs and gradients of queries, keys and values.
     fn passed(inputs: &[Tensor], kind: Kind, causal: bool) -> Vec<Tensor> {
@@ -251,29 +218,6 @@ mod tests {
         let loss = (out.to_kind(Kind::Float) * ramp).sum(Kind::Float);
         let grads = Tensor::run_backward(&[loss], &own.iter().collect::<Vec<_>>(), false, false);
         std::iter::once(out.detach()).chain(grads).collect()
-    }
-
-    #[test]
-    fn a_few_queries_read_tokens_as_they_read_keys() {
-        tch::manual_seed(0);
-        for split in [HeadSplit::Separate, HeadSplit::Fused] {
-            let mut builder = Builder::default();
-            let own = Attention::new(builder.root().sub("own"), 32, 24, 4, split);
-            let norm = LayerNorm::new(builder.root().sub("norm"), 24);
-            let params = builder.finish(0, Kind::Float, Device::Cpu).unwrap();
-            let w = params.weights();
-            let of = |b: i64, n: i64, c: i64| Tensor::randn([b, n, c], (Kind::Float, Device::Cpu));
-            let y = of(3, 50, 24);
-            let far = |x: &Tensor| {
-                let keys = own.keys_for(w, &norm, x, &y);
-                let off = (own.over(w, x, &keys) - own.over(w, x, &own.keys_of(w, &norm, &y))).abs().max();
-                (matches!(keys.0, Keys::Tokens(_)), off.double_value(&[]))
-            };
-            let _no_grad = tch::no_grad_guard();
-            let (tokens, off) = far(&of(3, 4, 32));
-            assert!(tokens && off < 1e-5, "{off}");
-            assert!(!far(&of(3, 5, 32)).0 && !far(&of(6, 4, 32)).0, "many queries, and keys that several rows share");
-        }
     }
 
     #[test]

@@ -111,13 +111,8 @@ impl Block {
     /// x [b, t, d] through the block, which reads the other tokens [b, s, c] if it does: as one of a deep stack.
     pub fn read(&self, w: &Weights, x: &Tensor, others: Option<&Tensor>) -> Tensor {
         let (block, inputs) = (self.clone(), std::iter::once(x).chain(others).collect::<Vec<_>>());
-        // A block that is computed again for its gradients is computed without them first, in the same way.
-        let learning = riglab_torch::grad_enabled();
         w.block(&inputs, move |w, t| {
-            let keys = t.get(1).zip(block.other.as_ref()).map(|(others, (_, norm, own))| match learning {
-                true => own.keys_of(w, norm, others),
-                false => own.keys_for(w, norm, &t[0], others),
-            });
+            let keys = t.get(1).map(|others| block.keys(w, others));
             block.forward(w, &t[0], keys.as_ref())
         })
     }

@@ -42,9 +42,10 @@ pub struct RigArgs {
     #[arg(long, value_name = "NAME")]
     template: Option<String>,
     /// How joints of a predicted skeleton are called: `mixamo` and `vrm` name human bones as those do, by their place in
-    /// the body, and others by where they are; `plain` names all by where they are; `keep` as the model wrote them.
-    #[arg(long, default_value = "mixamo", value_name = "mixamo|vrm|plain|keep")]
-    names: NameStyle,
+    /// the body, and others by where they are; `plain` names all by where they are; `keep` as the model wrote them
+    /// [default: mixamo].
+    #[arg(long, value_name = "mixamo|vrm|plain|keep")]
+    names: Option<NameStyle>,
 }
 
 /// Make new weights for the skeleton that a model has.
@@ -148,8 +149,11 @@ enum Bones {
 
 pub fn rig(args: &RigArgs, threads: usize) -> Result<ExitCode> {
     let bones = match args.skeleton.as_str() {
-        "predict" => Bones::Predicted { template: args.template.clone(), names: args.names },
+        "predict" => Bones::Predicted { template: args.template.clone(), names: args.names.unwrap_or_default() },
         _ if args.template.is_some() => bail!("--template begins a predicted skeleton; leave --skeleton out"),
+        _ if args.names.is_some() => {
+            bail!("--names is for a predicted skeleton: one that is given keeps its joints' names; leave it out")
+        }
         "keep" => Bones::Kept,
         file => Bones::Of(file.into()),
     };
