@@ -69,9 +69,13 @@ struct Share {
 }
 
 impl Share {
+    /// An equal one of so many parts.
     fn of(parts: usize) -> Self {
+        Self::with((tch::get_num_threads() / parts.max(1) as i32).max(1))
+    }
+
+    fn with(each: i32) -> Self {
         let all = tch::get_num_threads().max(1);
-        let each = (all / i32::try_from(parts).unwrap_or(i32::MAX).max(1)).max(1);
         tch::set_num_threads(each);
         Self { all, each }
     }
@@ -83,9 +87,10 @@ impl Drop for Share {
     }
 }
 
-/// What work gives whose ops are each done by this thread alone: where they are so small that to wake others costs more.
+/// What work gives whose ops are each done by this thread alone: where they are so small that to wake others costs more. As
+/// [`side_by_side`], for the thread that the others work for: not for those of a loader beside it.
 pub fn alone<R>(work: impl FnOnce() -> R) -> R {
-    let _share = Share::of(usize::MAX);
+    let _share = Share::with(1);
     work()
 }
 

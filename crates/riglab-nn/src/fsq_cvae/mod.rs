@@ -65,19 +65,6 @@ pub struct SkinCloud {
 }
 
 impl SkinCloud {
-    /// That of some of the bones, in the same memory.
-    #[must_use]
-    pub fn bones(&self, from: usize, count: usize) -> Self {
-        let of = |all: &Tensor| all.narrow(0, from as i64, count as i64);
-        Self {
-            points: of(&self.points),
-            weights: of(&self.weights),
-            queries: self.queries.as_ref().map(of),
-            regions: self.regions.as_ref().map(of),
-            off: self.off.as_ref().map(of),
-        }
-    }
-
     /// [m, n, 3]
     fn positions(&self) -> Tensor {
         self.points.narrow(-1, 0, 3)

@@ -1,7 +1,7 @@
 //! A trained auto-encoder at work: bones to codes, codes to weights.
 
 use riglab_core::Segment;
-use riglab_nn::fsq_cvae::{Coded, FsqCvae, Said, SkinCloud};
+use riglab_nn::fsq_cvae::{Coded, FsqCvae, Said};
 use riglab_nn::params::Weights;
 use riglab_random::Stream;
 use tch::{Device, Kind, Tensor};
@@ -14,10 +14,6 @@ use super::tensors;
 
 /// Bones encoded at once.
 const BONES_AT_ONCE: usize = 64;
-
-/// Bones from which on [`Coder::encode_apart`] has halves: where products are cut decides how they round, so that it must not
-/// hang on the number of threads.
-const HALVED: usize = 8;
 
 /// A network with the weights it computes with.
 #[derive(Clone, Copy)]
@@ -45,17 +41,6 @@ impl Coder<'_> {
     /// The first `k` codes of every bone, [m, k, axes], means where they are real numbers. The k first of all are not the
     /// same as the k first alone: see `FsqCvae::encode_skin`.
     pub fn encode(&self, rig: &Prepared, k: usize, random: &mut Stream) -> Coded {
-        self.encode_in(1, rig, k, random)
-    }
-
-    /// As [`Self::encode`], halves of the bones apart, each by a thread of its own where there are several: faster, for threads
-    /// beside each other wait for none. It changes how many threads libtorch takes meanwhile: not where others compute.
-    pub fn encode_apart(&self, rig: &Prepared, k: usize, random: &mut Stream) -> Coded {
-        let halves = if self.device == Device::Cpu && rig.bones.len() >= HALVED { 2 } else { 1 };
-        self.encode_in(halves, rig, k, random)
-    }
-
-    fn encode_in(&self, parts_of: usize, rig: &Prepared, k: usize, random: &mut Stream) -> Coded {
         let _no_grad = tch::no_grad_guard();
         let mut make = Maker::new(self.config, rig, None, random);
         let mut parts = Vec::new();
@@ -65,7 +50,9 @@ impl Coder<'_> {
             for &b in chunk {
                 make.skin(b, &mut batch);
             }
-            parts.extend(self.encoded(&tensors::skin(self.config, &batch, self.device), k, parts_of));
+            let cloud = tensors::skin(self.config, &batch, self.device);
+            let latent = self.net.encode_skin(self.weights, &cloud, k);
+            parts.push(self.net.code(self.weights, &latent, &cloud, None));
         }
         let join = |of: fn(&Coded) -> Option<&Tensor>| {
             let all: Option<Vec<&Tensor>> = parts.iter().map(of).collect();
@@ -76,34 +63,6 @@ impl Coder<'_> {
         let said = deviation.zip(divergence).map(|(deviation, divergence)| Said { deviation, divergence });
         let codes: Vec<&Tensor> = parts.iter().map(|part| &part.codes).collect();
         Coded { codes: Tensor::cat(&codes, 0), said }
-    }
-
-    /// Codes of the bones of a cloud in so many parts, at the same time where there are threads for it.
-    fn encoded(&self, cloud: &SkinCloud, k: usize, parts: usize) -> Vec<Coded> {
-        let (net, bones) = (self.net, cloud.points.size()[0] as usize);
-        let of = move |w: &Weights, own: &SkinCloud| net.code(w, &net.encode_skin(w, own, k), own, None);
-        if parts == 1 {
-            return vec![of(self.weights, cloud)];
-        }
-        let each = bones.div_ceil(parts);
-        let parts = (0..bones).step_by(each).map(|from| cloud.bones(from, each.min(bones - from)));
-        if riglab_torch::threads_on(self.device) == 1 {
-            return parts.map(|own| of(self.weights, &own)).collect();
-        }
-        let jobs = parts.map(|own| {
-            move |w: &Weights| {
-                let Coded { codes, said } = of(w, &own);
-                let said = said.into_iter().flat_map(|said| [said.deviation, said.divergence]);
-                std::iter::once(codes).chain(said).collect::<Vec<_>>()
-            }
-        });
-        let coded = |all: Vec<Tensor>| {
-            let mut all = all.into_iter();
-            let codes = all.next()?;
-            let said = all.next().zip(all.next()).map(|(deviation, divergence)| Said { deviation, divergence });
-            Some(Coded { codes, said })
-        };
-        self.weights.side_by_side(jobs.collect::<Vec<_>>()).into_iter().filter_map(coded).collect()
     }
 
     /// Raw shares at points, a row a point, a column a bone, from codes [m, k, axes] and the mesh's shape tokens.
@@ -153,9 +112,6 @@ impl Coder<'_> {
 
 #[cfg(test)]
 mod tests {
-    use riglab_core::{Joint, JointId, Mesh, Rig, Skeleton, SkinWeights};
-    use riglab_random::stream;
-
     use super::super::FsqCvaeTask;
     use super::super::prepare::Place;
     use super::*;
@@ -185,34 +141,5 @@ mod tests {
         let (whole, parts) = (decoded(1 << 16), decoded(512));
         assert!(whole.iter().zip(&parts).all(|(a, b)| (a - b).abs() < 1e-5) && whole.len() == 3500);
         assert!(whole.chunks(5).any(|row| row.iter().any(|w| (w - row[0]).abs() > 1e-3)), "bones differ");
-    }
-
-    #[test]
-    fn bones_encoded_apart_have_the_codes_that_they_have_together() {
-        let mut config = FsqCvaeTaskConfig::default();
-        let m = &mut config.model;
-        (m.encoder_width, m.decoder_width, m.heads, m.latent) = (16, 16, 2, 8);
-        (m.encoder_layers, m.decoder_layers, m.shape_tokens, m.skin_tokens) = (1, 1, 4, 4);
-        m.levels = vec![4, 3];
-        let (net, params) = FsqCvaeTask::network(&config, Device::Cpu).unwrap();
-        let coder = Coder { config: &config, net: &net, weights: params.weights(), device: Device::Cpu };
-        // A fan of triangles, and a joint for each of its vertices.
-        let place = |v: u16| [0.1 * f32::from(v) - 0.5, 0.3 * (f32::from(v)).sin(), 0.2 * (f32::from(v)).cos()];
-        let joint = |v: u16| Joint { name: format!("{v}"), parent: v.checked_sub(1).map(JointId), head: place(v) };
-        let rig = |joints: u16| {
-            let mesh = Mesh::new((0..11).map(place).collect(), (1..10).map(|v| [0, v, v + 1]).collect()).unwrap();
-            let weights = SkinWeights::normalized((0..11u16).map(|v| [(v % joints, 1.0)])).unwrap();
-            Rig::new(Skeleton::new((0..joints).map(joint).collect()).unwrap(), mesh, weights).unwrap()
-        };
-        for joints in [5, 11] {
-            let prepared = Prepared::of(String::new(), rig(joints), false);
-            let coded = |apart| {
-                let random = &mut stream(1, "test", &[]);
-                if apart { coder.encode_apart(&prepared, 3, random) } else { coder.encode(&prepared, 3, random) }
-            };
-            let (together, apart) = (coded(false).codes, coded(true).codes);
-            assert_eq!(together.size(), [i64::from(joints), 3, 2]);
-            assert!(together.equal(&apart), "{joints} joints");
-        }
     }
 }

@@ -88,8 +88,7 @@ impl BatchSource {
         let mirrored = augmented.motion.world.matrix3.determinant() < 0.0;
         let mut of_variant = stream(seed, "rig variant", &key);
         let class = !of_variant.chance(c.sampling.class_dropout) && !mirrored;
-        let teller =
-            Teller { model: &c.model, layout: &self.layout, vae: &self.vae, codes: c.skin.codes, apart: false };
+        let teller = Teller { model: &c.model, layout: &self.layout, vae: &self.vae, codes: c.skin.codes };
         let fits = |s: &Sample, ids: usize| ids <= c.longest() && s.skeleton <= c.limits.tokens;
         if skin {
             let mut make = || {

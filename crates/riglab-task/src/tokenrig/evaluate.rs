@@ -341,7 +341,7 @@ impl TokenRigTask {
         let mut random = stream(rigger.config.eval.seed, "rig variant", &[key]);
         let skin = &rigger.config.skin;
         let prepared = Prepared::of(String::new(), truth.clone(), !skin.empty);
-        let own = codes(&rigger.vae, (skin.codes, false), &prepared, &mut random);
+        let own = codes(&rigger.vae, skin.codes, &prepared, &mut random);
         let weights = rigger.pooled_skin(truth.mesh(), truth.skeleton(), &[own], key, 0.0)?;
         ways.methods.add("given: auto-encoder".into(), &SkinTally::of(&true_weights, &dense(&weights, joints), joints));
         Ok(found)

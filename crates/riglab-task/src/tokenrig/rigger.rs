@@ -195,7 +195,7 @@ impl Rigger {
     /// What tells its codes.
     pub(crate) fn teller(&self) -> Teller<'_> {
         let c = &self.config;
-        Teller { model: &c.model, layout: self.net.layout(), vae: &self.vae, codes: c.skin.codes, apart: false }
+        Teller { model: &c.model, layout: self.net.layout(), vae: &self.vae, codes: c.skin.codes }
     }
 
     /// Prefixes [b, p, d] with as many meshes, where codes are told of them.
@@ -365,7 +365,7 @@ impl Rigger {
         if until == Until::Whole && Sight::asked(&c.model) && seen.sight(0).is_none() {
             return Err("codes of this model are told of the mesh at their joints: give the meshes".into());
         }
-        let teller = Teller { apart: true, ..self.teller() };
+        let teller = self.teller();
         let told = RefCell::new(vec![Vec::new(); prompts.len()]);
         let joints = |row: usize, ids: &[u32]| {
             let sight = seen.sight(row);

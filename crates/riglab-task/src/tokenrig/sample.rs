@@ -69,7 +69,7 @@ pub fn sample(
         Some(ground) => Prepared::with_ground(ground, String::new(), rig.clone(), !skin.empty),
         None => Prepared::of(String::new(), rig.clone(), !skin.empty),
     };
-    let (layout, codes) = (teller.layout, codes(teller.vae, (skin.codes, false), &prepared, random));
+    let (layout, codes) = (teller.layout, codes(teller.vae, skin.codes, &prepared, random));
     let mut ids: Vec<i64> = encoded.ids.iter().map(|&id| i64::from(id)).collect();
     let skeleton = ids.len();
     for &joint in &encoded.order {
@@ -84,22 +84,14 @@ pub fn sample(
     Some(Sample { ids, joints, skeleton, clamped: encoded.clamped })
 }
 
-/// Of every joint of a rig in the cube, its first so many codes; `None` for those that are no bones. `apart`: see
-/// [`crate::fsq_cvae::Coder::encode_apart`].
-pub fn codes(
-    vae: &Frozen,
-    (count, apart): (usize, bool),
-    prepared: &Prepared,
-    random: &mut Stream,
-) -> Vec<Option<Vec<i64>>> {
+/// Of every joint of a rig in the cube, its first so many codes; `None` for those that are no bones.
+pub fn codes(vae: &Frozen, count: usize, prepared: &Prepared, random: &mut Stream) -> Vec<Option<Vec<i64>>> {
     let mut out = vec![None; prepared.rig.skeleton().len()];
     if prepared.bones.is_empty() {
         return out;
     }
     let ids = vae.with(|coder| {
-        let coded =
-            if apart { coder.encode_apart(prepared, count, random) } else { coder.encode(prepared, count, random) };
-        let codes = coded.codes;
+        let codes = coder.encode(prepared, count, random).codes;
         let ids = coder.net.fsq().ids(&codes).to_kind(Kind::Int64).to_device(tch::Device::Cpu);
         Vec::<i64>::try_from(ids.contiguous().view([-1])).unwrap_or_default()
     });

@@ -72,8 +72,6 @@ pub struct Teller<'a> {
     pub vae: &'a Frozen,
     /// Codes of a bone.
     pub codes: usize,
-    /// Whether bones are encoded apart, as [`crate::fsq_cvae::Coder::encode_apart`] says: while nothing else computes.
-    pub apart: bool,
 }
 
 impl Teller<'_> {
@@ -101,7 +99,7 @@ impl Teller<'_> {
             && let Ok(ruled) = RULE.rig(skeleton, mesh.clone())
         {
             let ruled = Prepared::with_ground(ground, String::new(), ruled, false);
-            let of_joints = codes(self.vae, (self.codes, self.apart), &ruled, &mut stream(0, "codes of a rule", &[]));
+            let of_joints = codes(self.vae, self.codes, &ruled, &mut stream(0, "codes of a rule", &[]));
             for (told, codes) in out.iter_mut().zip(of_joints) {
                 told.rule = codes.into_iter().flatten().flat_map(|code| self.layout.levels_of(code)).collect();
             }
