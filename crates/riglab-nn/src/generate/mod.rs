@@ -12,7 +12,7 @@ mod rows;
 use serde::{Deserialize, Serialize};
 
 pub use beams::{BeamDraw, beams, best, chooser as beam_chooser, draws};
-pub use processors::{log_softmax, process, softmax};
+pub use processors::{log_softmax, process, shares, softmax};
 pub use rows::{argmax, chooser, draw, rows};
 
 /// How sequences are drawn.

@@ -12,16 +12,21 @@ pub fn log_softmax(scores: &mut [f32]) {
 
 /// softmax; all zero where nothing is possible.
 pub fn softmax(scores: &[f32]) -> Vec<f32> {
+    shares(scores).0
+}
+
+/// [`softmax`], and what [`log_softmax`] takes from each score.
+pub fn shares(scores: &[f32]) -> (Vec<f32>, f32) {
     let most = scores.iter().copied().fold(f32::NEG_INFINITY, f32::max);
     if most == f32::NEG_INFINITY {
-        return vec![0.0; scores.len()];
+        return (vec![0.0; scores.len()], most);
     }
     // Where few are possible, most exponentials need not be taken.
     let share = |s: &f32| if *s == f32::NEG_INFINITY { 0.0 } else { (s - most).exp() };
     let mut p: Vec<f32> = scores.iter().map(share).collect();
     let sum: f32 = p.iter().sum();
     p.iter_mut().for_each(|x| *x /= sum);
-    p
+    (p, most + sum.ln())
 }
 
 /// Applies all of them. `before`: tokens drawn so far; `allowed`: a bit an id; `keep`: tokens that top-k and
@@ -94,5 +99,23 @@ fn top_p(scores: &mut [f32], p: f32, keep: usize) {
             break;
         }
         scores[id] = f32::NEG_INFINITY;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn shares_say_what_a_log_softmax_takes_off() {
+        let scores = [0.5, f32::NEG_INFINITY, -1.0, 3.25, f32::NEG_INFINITY];
+        let (p, off) = shares(&scores);
+        let mut logs = scores;
+        log_softmax(&mut logs);
+        for ((p, log), score) in p.iter().zip(logs).zip(scores) {
+            assert_eq!(score - off, log, "the same bits");
+            assert!((p - log.exp()).abs() < 1e-6);
+        }
+        assert_eq!(shares(&[f32::NEG_INFINITY; 2]).0, [0.0; 2]);
     }
 }

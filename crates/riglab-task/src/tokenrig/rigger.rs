@@ -6,7 +6,7 @@ use std::sync::Arc;
 
 use riglab_core::Mesh;
 use riglab_geom::CloudSampler;
-use riglab_nn::generate::{GenerateConfig, Grammar as Rules, argmax, draw, log_softmax, rows, softmax};
+use riglab_nn::generate::{GenerateConfig, Grammar as Rules, argmax, draw, rows, shares};
 use riglab_nn::params::{Builder, Params, Weights};
 use riglab_nn::tokenrig::{JointTold, Layout, Reader, TokenRig};
 use riglab_random::{Stream, stream};
@@ -383,10 +383,9 @@ impl Rigger {
         let config = GenerateConfig { tokens: room, ..how.clone() };
         let mut likelihood = vec![(0.0, 0); prompts.len()];
         let all = rows(&mut reader, first, grammars, &config, |row, _, scores| {
-            let id = if config.sample { draw(&softmax(scores), &mut streams[row]) } else { argmax(scores) };
-            let mut own = scores.to_vec();
-            log_softmax(&mut own);
-            likelihood[row].0 += f64::from(own[id as usize]);
+            let (shares, off) = shares(scores);
+            let id = if config.sample { draw(&shares, &mut streams[row]) } else { argmax(scores) };
+            likelihood[row].0 += f64::from(scores[id as usize] - off);
             likelihood[row].1 += 1;
             id
         });
