@@ -51,7 +51,8 @@ fn sweep(dir: &Path, base: &Path, cluster: &mut Cluster) {
     let file = dir.join("toy.toml");
     fs::write(&file, lines.join("\n")).unwrap();
     let (here, there) = (dir.join("here"), dir.join("there"));
-    must(&["sweep", text(&file), "-o", text(&here)]);
+    // One of its arms fails.
+    refusal(&mut riglab(&["sweep", text(&file), "-o", text(&here)]));
 
     on(cluster, &["sweep", text(&file), "-o", text(&there), "--on", "slurm"]);
     let jobs = lines_of(&there.join("slurm/jobs.jsonl"));
@@ -73,7 +74,7 @@ fn sweep(dir: &Path, base: &Path, cluster: &mut Cluster) {
     if let Some(waiting) = cluster.tasks("PENDING").last() {
         cluster.does("scancel", &[waiting]);
     }
-    on(cluster, &["sweep", text(&there), "--on", "slurm", "--wait"]);
+    refusal(cluster.known_to(&mut riglab(&["sweep", text(&there), "--on", "slurm", "--wait"])));
     cluster.ask("scontrol", &["update", "NodeName=n2", "State=RESUME"]);
 
     assert_eq!(result(&there), result(&here));
@@ -86,8 +87,8 @@ fn sweep(dir: &Path, base: &Path, cluster: &mut Cluster) {
     let starts = fs::read_dir(there.join("slurm/starts")).unwrap().flatten().map(|e| lines_of(&e.path()));
     let most = starts.max().unwrap();
     assert!(most >= 2, "none of the tasks was begun again");
-    let said = on(cluster, &["sweep", text(&there), "--on", "slurm"]);
-    assert!(said.contains("report.html") && said.contains("no corpus"), "{said}");
+    let said = refusal(cluster.known_to(&mut riglab(&["sweep", text(&there), "--on", "slurm"])));
+    assert!(said.contains("--retry") && said.contains("no corpus"), "{said}");
     println!("{} runs by {} jobs, {most} starts at most", finished(), lines_of(&there.join("slurm/jobs.jsonl")));
 }
 

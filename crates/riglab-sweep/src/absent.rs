@@ -18,10 +18,7 @@ impl Results {
         let both = self.plan.jobs.iter().zip(&self.outcomes).filter(|(_, o)| o.state == "finished");
         let runs: Vec<PathBuf> = both.map(|(job, _)| folder.join(&job.folder)).collect();
         let columns = self.plan.sweep.metrics.iter().map(|m| ("column", m.head(), vec![m.of.clone()]));
-        let figures = self.plan.sweep.figures.iter().map(|f| {
-            let places = f.at.iter().map(|x| f.of.replace("{}", &x.to_string())).collect();
-            ("figure", f.title.as_str(), places)
-        });
+        let figures = self.plan.sweep.figures.iter().map(|f| ("figure", f.title.as_str(), f.places().collect()));
         let empty = |of: &String| runs.iter().all(|run| value(run, of).is_none());
         let asked = columns.chain(figures).filter(|(.., places)| !runs.is_empty() && places.iter().all(empty));
         asked.map(|(what, name, places)| sentence(what, name, &places[0], &runs)).collect()

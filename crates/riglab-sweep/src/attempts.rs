@@ -1,4 +1,4 @@
-//! Attempts that failed: the one thing of a job that its run folder cannot tell.
+//! Attempts that failed, and wishes to try again: the one thing of a job that its run folder cannot tell.
 
 use std::fs::OpenOptions;
 use std::io::Write;
@@ -6,14 +6,17 @@ use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 
-use crate::SweepError;
+use crate::{Plan, State, SweepError};
 
-/// An attempt that failed.
+/// What stands for the stage in a line by which a job is tried again.
+const RETRY: &str = "retry";
+
+/// An attempt that failed, or the wish to try again, after which a job's attempts before count no more.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Attempt {
     /// The job's number.
     pub job: usize,
-    /// `train` or `eval`; `slurm` where the cluster ended it.
+    /// `train` or `eval`; `slurm` where the cluster ended it; `retry` for the wish.
     pub stage: String,
     /// Why.
     pub reason: String,
@@ -30,6 +33,28 @@ fn file(folder: &Path) -> PathBuf {
 pub fn attempts(folder: &Path) -> Vec<Attempt> {
     let text = std::fs::read_to_string(file(folder)).unwrap_or_default();
     text.lines().filter_map(|line| serde_json::from_str(line).ok()).collect()
+}
+
+/// Those of a job that count: what failed since it was last asked for.
+pub(crate) fn counted(attempts: &[Attempt], job: usize) -> Vec<&Attempt> {
+    let own: Vec<&Attempt> = attempts.iter().filter(|a| a.job == job).collect();
+    let asked = own.iter().rposition(|a| a.stage == RETRY);
+    own[asked.map_or(0, |k| k + 1)..].to_vec()
+}
+
+/// Has failed jobs tried again; how many they are. The lines of what failed stay: submissions to a cluster count them.
+///
+/// # Errors
+/// When the list cannot be written.
+pub fn retry(folder: &Path, plan: &Plan) -> Result<usize, SweepError> {
+    let known = attempts(folder);
+    let failed = plan.jobs.iter().filter(|job| matches!(State::of(folder, plan, job, &known), State::Failed(_)));
+    let mut count = 0;
+    for job in failed {
+        record(folder, &Attempt { job: job.number, stage: RETRY.into(), reason: String::new(), given_up: false })?;
+        count += 1;
+    }
+    Ok(count)
 }
 
 /// Adds one to the sweep's list. Several processes, of several machines, may do so at a time.

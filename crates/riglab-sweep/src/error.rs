@@ -40,6 +40,38 @@ pub enum SweepError {
         /// What differs first.
         difference: String,
     },
+    /// Jobs of the folder were written with other settings than they would be now.
+    #[error(
+        "{folder} holds jobs of other settings: {job} has {before}, where it would now have {after}; put the old value \
+         back, go on as it was by `riglab sweep {folder}`, or give the sweep a folder of its own with -o"
+    )]
+    Changed {
+        /// The folder.
+        folder: PathBuf,
+        /// The first such job.
+        job: String,
+        /// What it has.
+        before: String,
+        /// What it would have.
+        after: String,
+    },
+    /// A corpus is not what jobs have read already.
+    #[error(
+        "{corpus} has changed: {read} read it when its checksum was {before}, and {left} would read it with {after}; put \
+         the old file back, or give the sweep a folder of its own with -o"
+    )]
+    Corpus {
+        /// The corpus.
+        corpus: String,
+        /// A job that has read it.
+        read: String,
+        /// Its checksum then.
+        before: String,
+        /// A job that is still to be done.
+        left: String,
+        /// Its checksum now.
+        after: String,
+    },
     /// Two processes at one sweep.
     #[error("{0}: another process is at this sweep; look at it with --status")]
     Held(PathBuf),

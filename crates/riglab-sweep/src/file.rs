@@ -148,6 +148,13 @@ impl MetricOf {
     }
 }
 
+impl FigureOf {
+    /// Where the number of each place is.
+    pub(crate) fn places(&self) -> impl Iterator<Item = String> {
+        self.at.iter().map(|x| self.of.replace("{}", &x.to_string()))
+    }
+}
+
 fn seed_key() -> String {
     "train.seed".into()
 }

@@ -2,7 +2,7 @@
 //!
 //! The one idea: **the runs' folders are the state.** A [`Plan`] lists all jobs before the first begins, each with
 //! its resolved config; what a job has come to is read from its run folder ([`State`]) and from nothing else but the
-//! list of failed attempts. So a sweep that was killed at any moment goes on by looking again, and its table is
+//! list of failed attempts ([`retry`] has them count no more). So a sweep that was killed at any moment goes on by looking again, and its table is
 //! the same.
 //!
 //! [`run`] keeps as many jobs running as processors and memory allow; one that fails is tried once more and never
@@ -10,11 +10,13 @@
 //! machines of his own for each. [`Results`] are the runs' own numbers, by seed,
 //! with tables of mean and spread.
 //!
-//! Holds: every job has a row in the results, failed ones with the reason.
+//! Holds: every job has a row in the results, failed ones with the reason; jobs join others only where these would have
+//! the same settings and find the same corpora now, and runs of different corpora are named below their table.
 //! Leaves out: what a run does. Whoever calls says how a job's config is made and which commands train and evaluate.
 
 mod absent;
 mod attempts;
+mod corpora;
 mod error;
 mod figures;
 mod file;
@@ -24,7 +26,7 @@ mod results;
 mod state;
 mod values;
 
-pub use attempts::{Attempt, attempts, record};
+pub use attempts::{Attempt, attempts, record, retry};
 pub use error::SweepError;
 pub use file::{Arm, Better, FigureOf, MetricOf, SweepFile};
 pub use plan::{Job, Plan};

@@ -3,9 +3,11 @@
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
+use riglab_config::Config;
 use serde::{Deserialize, Serialize};
 use toml::Value;
 
+use crate::values::fault;
 use crate::{SweepError, SweepFile};
 
 /// Digits after the point in tables at most: a number has no more.
@@ -42,7 +44,7 @@ impl Plan {
     /// all of them.
     ///
     /// # Errors
-    /// When a list is empty or of another length, or two points have the same name.
+    /// When a list is empty or of another length, two points have the same name, or a column or figure can have no number.
     pub fn new(sweep: SweepFile, sets: &[String]) -> Result<Self, SweepError> {
         let invalid = |message: String| Err(SweepError::Invalid(message));
         if sweep.seeds.is_empty() {
@@ -77,6 +79,13 @@ impl Plan {
                     "`sweep.figures`: {:?} needs places in `at`, and `{{}}` in `of` where the place belongs",
                     figure.title
                 ));
+            }
+        }
+        let columns = sweep.metrics.iter().map(|m| ("metrics", &m.of, m.of.clone()));
+        let figures = sweep.figures.iter().filter_map(|f| Some(("figures", &f.of, f.places().next()?)));
+        for (table, of, place) in columns.chain(figures) {
+            if let Some(fault) = fault(&place) {
+                return invalid(format!("`sweep.{table}`, of = {of:?}: {fault}"));
             }
         }
         let mut plan = Self { jobs: Vec::new(), sweep };
@@ -165,24 +174,45 @@ impl Plan {
     /// comes last: a folder with one has all configs.
     ///
     /// # Errors
-    /// When the folder has another sweep, or cannot be written, or a job has no sound config.
+    /// As [`Plan::fits`]; when the folder cannot be written.
     pub fn settle(&self, folder: &Path, config: impl Fn(&Job) -> Result<String, SweepError>) -> Result<(), SweepError> {
-        let settled = match Self::read(folder)? {
-            None => 0,
-            Some(there) => match there.difference(self) {
-                Some(difference) => return Err(SweepError::Another { folder: folder.into(), difference }),
-                None if there == *self => return Ok(()),
-                None => there.jobs.len(),
-            },
-        };
-        // All are sound before one is written.
-        let added = &self.jobs[settled..];
-        let configs = added.iter().map(&config).collect::<Result<Vec<String>, _>>()?;
+        let (there, configs) = self.fits(folder, config)?;
+        if there.as_ref() == Some(self) {
+            return Ok(());
+        }
+        let added = &self.jobs[there.map_or(0, |t| t.jobs.len())..];
         for (job, text) in added.iter().zip(configs) {
             write(&self.config(folder, job), &text)?;
         }
         let text = serde_json::to_string_pretty(self).map_err(|e| SweepError::Invalid(e.to_string()))?;
         write(&file_of(folder), &(text + "\n"))
+    }
+
+    /// The plan that a folder has, and the configs of the jobs that it has not. Writes nothing.
+    ///
+    /// # Errors
+    /// When the folder has another sweep, or jobs of which the same config would be another now: a job that is added
+    /// would differ from them in more than it says. When a job has no sound config.
+    pub fn fits(
+        &self,
+        folder: &Path,
+        config: impl Fn(&Job) -> Result<String, SweepError>,
+    ) -> Result<(Option<Self>, Vec<String>), SweepError> {
+        let there = Self::read(folder)?;
+        if let Some(difference) = there.as_ref().and_then(|there| there.difference(self)) {
+            return Err(SweepError::Another { folder: folder.into(), difference });
+        }
+        let (old, added) = self.jobs.split_at(there.as_ref().map_or(0, |there| there.jobs.len()));
+        for job in old {
+            // Read as a base, so that what it does not say is what it is run with: this version's default.
+            let written =
+                Job { base: self.config(folder, job).to_string_lossy().into_owned(), sets: Vec::new(), ..job.clone() };
+            if let Some((before, after)) = changed(&config(&written)?, &config(job)?)? {
+                return Err(SweepError::Changed { folder: folder.into(), job: job.shown(), before, after });
+            }
+        }
+        let configs = added.iter().map(config).collect::<Result<_, _>>()?;
+        Ok((there, configs))
     }
 
     /// What differs first between this plan and a new one, which may have more jobs after the same ones.
@@ -203,6 +233,23 @@ impl Plan {
     pub fn config(&self, folder: &Path, job: &Job) -> PathBuf {
         folder.join(format!("{}.toml", job.folder.replacen("jobs/", "configs/", 1)))
     }
+}
+
+impl Job {
+    /// As messages name it.
+    pub(crate) fn shown(&self) -> String {
+        format!("`{}`, seed {}", self.point, self.seed)
+    }
+}
+
+/// What differs first between two configs: what one has, and the other.
+fn changed(before: &str, after: &str) -> Result<Option<(String, String)>, SweepError> {
+    let read = |text| Config::from_toml_str("config", text).map_err(|e| SweepError::Invalid(e.to_string()));
+    let differences = read(before)?.diff(&read(after)?);
+    let Some(first) = differences.first() else { return Ok(None) };
+    let had = first.before.as_ref().map_or_else(|| format!("no {}", first.path), |v| format!("{} = {v}", first.path));
+    let more = if differences.len() > 1 { format!(" ({} keys differ)", differences.len()) } else { String::new() };
+    Ok(Some((had, first.after.clone().unwrap_or_else(|| "none".into()) + &more)))
 }
 
 pub(crate) fn file_of(folder: &Path) -> PathBuf {
@@ -294,6 +341,11 @@ mod tests {
         assert!(fault(&format!("{figure}at = []\nof = 'eval/iou{{}}'")).contains("\"IoU\" needs places in `at`"));
         assert!(fault(&format!("{figure}at = [4]\nof = 'eval/iou'")).contains("`{}` in `of`"));
         assert!(fault("seeds = [1]\n[[sweep.arms]]\nname = 'a'\n[[sweep.arms]]\nname = 'a'").contains("same name"));
+        let of = fault("seeds = [1]\n[[sweep.metrics]]\nof = 'eval.jsn:report.iou'");
+        assert!(of.starts_with("`sweep.metrics`, of = \"eval.jsn:report.iou\": numbers of a file `eval.jsn`"), "{of}");
+        let of = fault(&format!("{figure}at = [4]\nof = 'eval.json:rows[k={{}}.iou'"));
+        let wanted = "`sweep.figures`, of = \"eval.json:rows[k={}.iou\": the bracket of `[k=4.iou` is not closed";
+        assert!(of.starts_with(wanted), "{of}");
     }
 
     #[test]
@@ -302,18 +354,19 @@ mod tests {
         let of = |seeds: &str| Plan::new(file(&format!("[sweep]\nbase = 'b.toml'\nseeds = {seeds}")), &[]).unwrap();
         let config = |job: &Job| Ok(format!("seed = {}\n", job.seed));
         of("[1, 2]").settle(dir.path(), config).unwrap();
-        of("[1, 2]").settle(dir.path(), |_| panic!("configs are there")).unwrap();
+        of("[1, 2]").settle(dir.path(), config).unwrap();
         let plan = Plan::read(dir.path()).unwrap().unwrap();
         assert_eq!(plan, of("[1, 2]"));
         assert_eq!(std::fs::read_to_string(plan.config(dir.path(), &plan.jobs[1])).unwrap(), "seed = 2\n");
         // What is shown may change, and is remembered.
         let mut shown = of("[1, 2]");
         shown.sweep.question = "Why?".into();
-        shown.settle(dir.path(), |_| panic!("configs are there")).unwrap();
+        shown.settle(dir.path(), config).unwrap();
         assert_eq!(Plan::read(dir.path()).unwrap().unwrap(), shown);
-        // One seed more comes after; the configs that were there stay as they are.
-        let added = |job: &Job| if job.seed == 3 { config(job) } else { panic!("its config is there") };
-        of("[1, 2, 3]").settle(dir.path(), added).unwrap();
+        // One seed more comes after.
+        of("[1, 2, 3]").fits(dir.path(), config).unwrap();
+        assert_eq!(Plan::read(dir.path()).unwrap().unwrap(), shown, "nothing is written by looking");
+        of("[1, 2, 3]").settle(dir.path(), config).unwrap();
         let plan = Plan::read(dir.path()).unwrap().unwrap();
         assert_eq!(plan, of("[1, 2, 3]"));
         assert_eq!(std::fs::read_to_string(plan.config(dir.path(), &plan.jobs[2])).unwrap(), "seed = 3\n");
@@ -323,6 +376,46 @@ mod tests {
         assert!(other.contains("its job 1 is `base` seed 2") && other.contains("hint"), "{other}");
         std::fs::write(file_of(dir.path()), "{").unwrap();
         assert!(Plan::read(dir.path()).unwrap_err().to_string().contains("cannot be understood"));
+    }
+
+    #[test]
+    fn arms_join_no_jobs_of_other_settings() {
+        let dir = tempfile::tempdir().unwrap();
+        let base = dir.path().join("b.toml");
+        let of = |seeds: &str| {
+            let text = format!("[sweep]\nbase = {:?}\nseeds = {seeds}", base.display());
+            Plan::new(file(&text), &[]).unwrap()
+        };
+        // Settings as riglab has them: a key that is not set has its default.
+        let config = |job: &Job| {
+            let own = Config::load(&job.base, &job.sets, &[]).unwrap();
+            let bce: f64 = if own.contains("loss.bce") { own.get_at("loss.bce").unwrap() } else { 1.0 };
+            let seed: u64 = own.get_at("train.seed").unwrap();
+            let kl = if own.contains("loss.kl") { "kl = 0.5\n" } else { "" };
+            Ok(format!("[loss]\nbce = {bce:?}\n{kl}[train]\nseed = {seed}\n"))
+        };
+        std::fs::write(&base, "").unwrap();
+        of("[1]").settle(dir.path(), config).unwrap();
+        let there = |plan: &Plan| plan.config(dir.path(), &plan.jobs[0]);
+        // Written by a version that had no such key, and by hand: the same settings.
+        std::fs::write(there(&of("[1]")), "[train]\nseed = 1 # here\n").unwrap();
+        of("[1, 2]").settle(dir.path(), config).unwrap();
+        std::fs::write(&base, "[loss]\nbce = 3.0\n").unwrap();
+        for seeds in ["[1, 2, 3]", "[1, 2]"] {
+            let said = of(seeds).settle(dir.path(), config).unwrap_err().to_string();
+            let wanted =
+                "holds jobs of other settings: `base`, seed 1 has loss.bce = 1.0, where it would now have 3.0; put";
+            assert!(said.contains(wanted) && said.contains("-o"), "{said}");
+        }
+        std::fs::write(&base, "[loss]\nkl = 0.5\nbce = 2.0\n").unwrap();
+        let said = of("[1, 2, 3]").settle(dir.path(), config).unwrap_err().to_string();
+        assert!(said.contains("loss.bce = 1.0, where it would now have 2.0 (2 keys differ);"), "{said}");
+        std::fs::write(&base, "[loss]\nkl = 0.5\n").unwrap();
+        let said = of("[1, 2, 3]").settle(dir.path(), config).unwrap_err().to_string();
+        assert!(said.contains("seed 1 has no loss.kl, where it would now have 0.5;"), "{said}");
+        assert_eq!(Plan::read(dir.path()).unwrap().unwrap(), of("[1, 2]"), "no arm was added");
+        std::fs::write(&base, "[loss]\nbce = 1.0\n").unwrap();
+        of("[1, 2, 3]").settle(dir.path(), config).unwrap();
     }
 
     #[test]

@@ -8,7 +8,7 @@ use std::time::Duration;
 
 use riglab_files::ask_to_leave;
 
-use crate::attempts::record;
+use crate::attempts::{counted, record};
 use crate::state::{info, is_held};
 use crate::{Attempt, Job, Plan, State, SweepError, attempts};
 
@@ -153,10 +153,8 @@ struct Pool<'a> {
 
 impl<'a> Pool<'a> {
     fn new(folder: &'a Path, plan: &'a Plan, waiting: VecDeque<usize>, apart: bool) -> Self {
-        let mut failures = BTreeMap::new();
-        for attempt in attempts(folder) {
-            *failures.entry(attempt.job).or_default() += 1;
-        }
+        let known = attempts(folder);
+        let failures = plan.jobs.iter().map(|j| (j.number, counted(&known, j.number).len())).collect();
         let (busy, adopted) = (Vec::new(), BTreeSet::new());
         Self { folder, plan, waiting, busy, adopted, done: 0, failures, apart }
     }
@@ -415,6 +413,15 @@ mod tests {
         }
         let failed = attempts(dir.path());
         assert_eq!(failed.len(), 2);
+        // Unless somebody asks for it: twice again, and no more.
+        assert_eq!(crate::retry(dir.path(), &plan).unwrap(), 1);
+        let again = Cell::new(0);
+        let tell = |event: Event| again.set(again.get() + u32::from(matches!(event, Event::Failed(_, _, true))));
+        for _ in 0..2 {
+            run(dir.path(), &plan, BUDGET, command, || false, tell).unwrap();
+            assert_eq!((tried.get(), again.get()), (4, 1));
+        }
+        let failed = attempts(dir.path());
         let states: Vec<State> = plan.jobs.iter().map(|j| State::of(dir.path(), &plan, j, &failed)).collect();
         assert_eq!(states, [State::Finished, State::Failed("train: no room".into()), State::Finished]);
     }

@@ -6,6 +6,7 @@ use riglab_metric::statistics::Mean;
 use riglab_report::{Block, Cell, Page, Table, shell};
 use serde::{Deserialize, Serialize};
 
+use crate::corpora::{Corpora, read_by};
 use crate::figures::{figures, learning, spread};
 use crate::plan::write;
 use crate::values::{last, value};
@@ -35,6 +36,8 @@ pub struct Results {
     pub outcomes: Vec<Outcome>,
     /// Steps done of those that run.
     states: Vec<State>,
+    /// What the finished ones are of; empty for others.
+    pub(crate) corpora: Vec<Corpora>,
 }
 
 impl Results {
@@ -58,7 +61,12 @@ impl Results {
             Outcome { point: job.point.clone(), seed: job.seed, state: state.into(), reason, values }
         };
         let outcomes = plan.jobs.iter().zip(&states).map(outcome).collect();
-        Self { plan: plan.clone(), metrics, outcomes, states }
+        let read = |(job, state): (&Job, &State)| match state {
+            State::Finished => read_by(&folder.join(&job.folder)),
+            _ => Corpora::new(),
+        };
+        let corpora = plan.jobs.iter().zip(&states).map(read).collect();
+        Self { plan: plan.clone(), metrics, outcomes, states, corpora }
     }
 
     /// How many jobs are in a state of that name.
@@ -94,6 +102,9 @@ impl Results {
             table.row(cells);
         }
         table.note = "Mean over seeds ± standard deviation (n - 1).".into();
+        if let Some(sentence) = self.mixed() {
+            table.note += &format!(" {}.", sentence.replacen('n', "N", 1));
+        }
         table
     }
 

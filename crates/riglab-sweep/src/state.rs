@@ -6,9 +6,10 @@ use std::path::Path;
 
 use serde_json::Value;
 
+use crate::attempts::counted;
 use crate::{Attempt, Job, Plan};
 
-/// Attempts that a job has.
+/// Attempts that a job has, until somebody asks for more.
 pub(crate) const TRIES: usize = 2;
 
 /// What a job has come to.
@@ -24,7 +25,7 @@ pub enum State {
     Trained,
     /// All done.
     Finished,
-    /// Every attempt failed, the last of them so.
+    /// Every attempt failed, the last of them so. It stays at that until [`crate::retry`].
     Failed(String),
 }
 
@@ -39,7 +40,7 @@ impl State {
         if is_held(&run) {
             return Self::Running(last_step(&run));
         }
-        let failed: Vec<&Attempt> = attempts.iter().filter(|a| a.job == job.number).collect();
+        let failed = counted(attempts, job.number);
         if let Some(last) = failed.last().filter(|last| failed.len() >= TRIES || last.given_up) {
             return Self::Failed(format!("{}: {}", last.stage, last.reason));
         }
@@ -105,7 +106,15 @@ mod tests {
         assert_eq!(state(std::slice::from_ref(&failed)), State::Interrupted(4));
         let given_up = Attempt { given_up: true, ..failed.clone() };
         assert_eq!(state(&[given_up]), State::Failed("train: no room".into()));
-        assert_eq!(state(&[failed.clone(), failed]), State::Failed("train: no room".into()));
+        let twice = [failed.clone(), failed.clone()];
+        assert_eq!(state(&twice), State::Failed("train: no room".into()));
+        twice.iter().for_each(|failed| crate::record(dir.path(), failed).unwrap());
+        assert_eq!(crate::retry(dir.path(), &plan).unwrap(), 1);
+        let known = || crate::attempts(dir.path());
+        assert_eq!((state(&known()), known().len()), (State::Interrupted(4), 3), "what failed stays in the list");
+        assert_eq!(crate::retry(dir.path(), &plan).unwrap(), 0, "it has not failed since");
+        twice.iter().for_each(|failed| crate::record(dir.path(), failed).unwrap());
+        assert_eq!(state(&known()), State::Failed("train: no room".into()));
         std::fs::write(run.join("run.json"), "{\"outcome\": \"finished\"}").unwrap();
         assert_eq!(state(&[]), State::Trained);
         std::fs::write(run.join("eval.json"), "{}").unwrap();

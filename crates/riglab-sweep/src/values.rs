@@ -16,6 +16,32 @@ pub fn value(run: &Path, of: &str) -> Option<f64> {
     }
 }
 
+/// What is wrong with where a number is said to be, as far as that is seen without a run.
+pub(crate) fn fault(of: &str) -> Option<String> {
+    if let Some(path) = of.strip_prefix(EVALUATION) {
+        let mut rest = path;
+        let mut read = || {
+            while !rest.is_empty() {
+                rest = part(rest)?.1;
+            }
+            if path.is_empty() { Err("it names nothing in eval.json".to_owned()) } else { Ok(()) }
+        };
+        let example = "write a path such as `eval.json:report.rows[split=val,tokens=4].iou`";
+        return read().err().map(|wrong| format!("{wrong}; {example}"));
+    }
+    // Behind `@` stands a split, which may be called anything.
+    let name = of.split('@').next().unwrap_or(of);
+    let known = "write `eval.json:` and a path, or a name of metrics.jsonl alone, such as `eval/iou@val`";
+    let file = name.split_once(':').map(|(file, _)| file);
+    match file {
+        Some(file) => Some(format!("numbers of a file `{file}` are not known; {known}")),
+        None if name.is_empty() || name.starts_with("eval.json") || name.contains(['[', ']']) => {
+            Some(format!("it is no name of metrics.jsonl; {known}"))
+        }
+        None => None,
+    }
+}
+
 /// A run's evaluation, if it has one.
 pub(crate) fn evaluation(run: &Path) -> Option<Value> {
     serde_json::from_str(&std::fs::read_to_string(run.join("eval.json")).ok()?).ok()
@@ -53,24 +79,50 @@ pub(crate) fn follow<'v, 'p>(value: &'v Value, path: &'p str) -> Result<&'v Valu
 
 /// One step of a path: where it leads, and the rest.
 fn step<'v, 'p>(here: &'v Value, path: &'p str) -> Option<(&'v Value, &'p str)> {
-    if let Some(inner) = path.strip_prefix('[') {
-        let (conditions, rest) = inner.split_once(']')?;
-        let wanted: Vec<(&str, &str)> = conditions.split(',').map(|c| c.split_once('=')).collect::<Option<Vec<_>>>()?;
-        let is = |value: &Value, text: &str| match value {
-            Value::String(s) => s == text,
-            Value::Number(n) => n.to_string() == text,
-            Value::Bool(b) => text == if *b { "true" } else { "false" },
-            _ => false,
+    let (part, rest) = part(path).ok()?;
+    let wanted = match part {
+        Part::Key(key) => return Some((here.get(key)?, rest)),
+        Part::Row(wanted) => wanted,
+    };
+    let is = |value: &Value, text: &str| match value {
+        Value::String(s) => s == text,
+        Value::Number(n) => n.to_string() == text,
+        Value::Bool(b) => text == if *b { "true" } else { "false" },
+        _ => false,
+    };
+    let own = |e: &Value, key: &str, text: &str| {
+        key.split('.').try_fold(e, |e, part| e.get(part)).is_some_and(|v| is(v, text))
+    };
+    let fits = |e: &&Value| wanted.iter().all(|(key, text)| own(e, key, text));
+    Some((here.as_array()?.iter().find(fits)?, rest))
+}
+
+/// A part of a path.
+enum Part<'p> {
+    /// A key of a table.
+    Key(&'p str),
+    /// Conditions of a row: key and value.
+    Row(Vec<(&'p str, &'p str)>),
+}
+
+/// The first part of a path, and the rest.
+fn part(path: &str) -> Result<(Part<'_>, &str), String> {
+    let Some(inner) = path.strip_prefix('[') else {
+        let own = path.strip_prefix('.').unwrap_or(path);
+        let end = own.find(['.', '[', ']']).unwrap_or(own.len());
+        return match &own[..end] {
+            "" if own.starts_with(']') => Err(format!("no bracket is open before `{own}`")),
+            "" => Err(format!("a key is missing before `{path}`")),
+            key => Ok((Part::Key(key), &own[end..])),
         };
-        let own = |e: &Value, key: &str, text: &str| {
-            key.trim().split('.').try_fold(e, |e, part| e.get(part)).is_some_and(|v| is(v, text))
-        };
-        let fits = |e: &&Value| wanted.iter().all(|(key, text)| own(e, key, text.trim()));
-        return Some((here.as_array()?.iter().find(fits)?, rest));
-    }
-    let own = path.strip_prefix('.').unwrap_or(path);
-    let end = own.find(['.', '[']).unwrap_or(own.len());
-    Some((here.get(&own[..end])?, &own[end..]))
+    };
+    let closed = inner.split_once(']').filter(|(conditions, _)| !conditions.contains('['));
+    let (conditions, rest) = closed.ok_or_else(|| format!("the bracket of `{path}` is not closed"))?;
+    let wanted = conditions.split(',').map(|c| match c.split_once('=') {
+        Some((key, value)) if !key.trim().is_empty() => Ok((key.trim(), value.trim())),
+        _ => Err(format!("`{c}` in `[{conditions}]` is no condition")),
+    });
+    Ok((Part::Row(wanted.collect::<Result<_, _>>()?), rest))
 }
 
 #[cfg(test)]
@@ -87,6 +139,31 @@ mod tests {
         assert_eq!(at(&json, "report.rows[pooled.iou=0.25].tokens"), Some(4.0));
         for wrong in ["report.rows[split=c].pooled.iou", "report.rows[split", "report.rows.iou", "report", "[x=1]"] {
             assert_eq!(at(&json, wrong), None, "{wrong}");
+        }
+    }
+
+    #[test]
+    fn what_can_be_no_number_is_seen_without_a_run() {
+        let sound = ["eval/iou@val", "train/loss", "eval/iou@a:[b]", "eval.json:a", "eval.json:r.rows[a.b=x, k=4].iou"];
+        sound.iter().for_each(|of| assert_eq!(fault(of), None, "{of}"));
+        let wrong = |of: &str| fault(of).unwrap_or_else(|| panic!("{of} is refused"));
+        let said = wrong("eval.jsn:report.rows[split=val].iou");
+        assert!(said.starts_with("numbers of a file `eval.jsn` are not known; write `eval.json:`"), "{said}");
+        for of in ["", "eval.json.report.iou", "report.rows[split=val].iou"] {
+            assert!(wrong(of).starts_with("it is no name of metrics.jsonl; write"), "{of}");
+        }
+        for (of, why) in [
+            ("eval.json:", "it names nothing in eval.json"),
+            ("eval.json:report.rows[split=val", "the bracket of `[split=val` is not closed"),
+            ("eval.json:rows[a=b.rows[c=d].iou", "the bracket of `[a=b.rows[c=d].iou` is not closed"),
+            ("eval.json:rows split=val].iou", "no bracket is open before `].iou`"),
+            ("eval.json:rows[].iou", "`` in `[]` is no condition"),
+            ("eval.json:rows[split=val,k].iou", "`k` in `[split=val,k]` is no condition"),
+            ("eval.json:report..iou", "a key is missing before `..iou`"),
+            ("eval.json:report.", "a key is missing before `.`"),
+        ] {
+            assert_eq!(wrong(of).split("; ").next(), Some(why), "{of}");
+            assert!(wrong(of).contains("write a path such as `eval.json:report"), "{of}");
         }
     }
 

@@ -1,12 +1,14 @@
 //! `riglab sweep`
 
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::process::{Command, ExitCode};
 use std::time::Duration;
 
 use anyhow::{Context, Result, bail};
+use riglab_data::Corpus;
 use riglab_report::{Cell, Table};
-use riglab_sweep::{Budget, Ended, Event, Job, Plan, Results, Stage, SweepError, SweepFile, run as run_pool};
+use riglab_sweep::{Budget, Ended, Event, Job, Plan, Results, Stage, SweepError, SweepFile, retry, run as run_pool};
 use riglab_train::{Interrupt, Progress};
 
 use super::slurm::sweep::{Handed, run as hand_over, seen};
@@ -19,9 +21,12 @@ use crate::say::counted;
 ///
 /// All jobs are listed at once, each with its resolved config, and run as processes of this machine within a budget.
 /// A sweep that was stopped or killed goes on when it is called again; a run that fails is tried once more and never
-/// stops the rest. Arms that the file gets at its end join the runs that are there. At the end stands a table of means
-/// and spreads over seeds, in results.jsonl, table.md, table.tex, table.csv and report.html. TensorBoard compares the
-/// runs: `tensorboard --logdir SWEEP/jobs`.
+/// stops the rest; with --retry it is tried anew. Arms that the file gets at its end join the runs that are there, as
+/// long as these would have the same settings and corpora now. At the end stands a table of means and spreads over
+/// seeds, in results.jsonl, table.md, table.tex, table.csv and report.html. TensorBoard compares the runs:
+/// `tensorboard --logdir SWEEP/jobs`.
+///
+/// It fails when a run failed.
 ///
 /// With --on slurm the jobs are tasks of an array, which save when their time ends, are requeued and go on. The same
 /// command again hands over what is neither done nor in the queue, and writes the table when all is.
@@ -32,6 +37,7 @@ Examples:
   riglab sweep my_sweep.toml -o sweeps/mine --jobs 2
   riglab sweep sweeps/mine            # goes on
   riglab sweep sweeps/mine --status   # how far it is
+  riglab sweep sweeps/mine --retry    # what failed, too
   riglab sweep my_sweep.toml --on slurm --set slurm.partition=cpu --set slurm.time=4:00:00
   riglab sweep sweeps/my_sweep --on slurm --wait   # until the table is written")]
 pub struct Args {
@@ -59,13 +65,16 @@ pub struct Args {
     /// With --on: follow the jobs until all are done, and write the table.
     #[arg(long, requires = "on")]
     wait: bool,
+    /// Try failed jobs again, twice each as at first.
+    #[arg(long, conflicts_with_all = ["status", "list"])]
+    retry: bool,
     /// Show how far the jobs are and the table so far, and leave.
     #[arg(long)]
     status: bool,
     /// With --status: again every so many seconds, until all is done.
     #[arg(long, value_name = "SECONDS", requires = "status")]
     watch: Option<u64>,
-    /// List the jobs and leave.
+    /// List the jobs, if they can be done in the folder, and leave.
     #[arg(long)]
     dry_run: bool,
     /// List the built-in sweeps.
@@ -85,17 +94,25 @@ pub fn run(args: &Args, threads: usize) -> Result<ExitCode> {
     if args.status {
         return status(&plan, &folder, args.watch);
     }
+    // A folder's own plan is settled: it goes on even where the files that it was made of are gone or others.
+    let new = !Path::new(name).is_dir();
     if args.dry_run {
+        check(&plan, &folder, new, args.retry)?;
         for job in &plan.jobs {
-            resolved(job)?;
             say!("{}  {}  {} {}", job.folder, job.point, job.base, job.sets.join(" "));
         }
         return Ok(ExitCode::SUCCESS);
     }
     // A folder that is there may get more jobs: nobody else is at it then.
     let held = folder.is_dir().then(|| hold(&folder)).transpose()?;
-    plan.settle(&folder, resolved)?;
+    check(&plan, &folder, new, args.retry)?;
+    if new {
+        plan.settle(&folder, resolved)?;
+    }
     let _held = held.map_or_else(|| hold(&folder), Ok)?;
+    if args.retry {
+        tell!("{}: tried again", counted(retry(&folder, &plan)?, "failed job"));
+    }
     if args.on == Some(On::Slurm) {
         return match hand_over(&folder, &plan, &desk, args.wait)? {
             Handed::Queued => {
@@ -108,7 +125,7 @@ pub fn run(args: &Args, threads: usize) -> Result<ExitCode> {
                 tell!("the jobs go on; look again with: riglab sweep {} --on slurm --wait", folder.display());
                 Ok(ExitCode::from(130))
             }
-            Handed::Done => conclude(&plan, &folder),
+            Handed::Done => conclude(&plan, &folder, " --on slurm"),
         };
     }
     for of in plan.sweep.unevaluated() {
@@ -139,11 +156,36 @@ pub fn run(args: &Args, threads: usize) -> Result<ExitCode> {
         tell!("interrupted; go on with: riglab sweep {}", folder.display());
         return Ok(ExitCode::from(130));
     }
-    conclude(&plan, &folder)
+    conclude(&plan, &folder, "")
 }
 
-/// Writes and shows what a sweep found.
-fn conclude(plan: &Plan, folder: &Path) -> Result<ExitCode> {
+/// What refuses jobs before anything is written: another sweep's folder, where the plan is `new` to it, and corpora that
+/// have changed.
+fn check(plan: &Plan, folder: &Path, new: bool, retry: bool) -> Result<()> {
+    if new {
+        plan.fits(folder, resolved)?;
+    }
+    let mut sums = BTreeMap::new();
+    plan.same_corpora(folder, retry, |job| {
+        let own = plan.config(folder, job);
+        let read = || match own.is_file() {
+            true => settings_of(&own.to_string_lossy(), &[]),
+            false => settings_of(&job.base, &job.sets),
+        };
+        let paths = read().map_err(|e| unsound(job, &e))?.data().corpora.clone();
+        // Of one that cannot be opened its jobs tell.
+        let sum = |path: PathBuf| {
+            let open = || Corpus::open(&path).ok()?.checksum().ok();
+            let sum = sums.entry(path.clone()).or_insert_with(open).clone();
+            Some((path.display().to_string(), sum?))
+        };
+        Ok(paths.into_iter().filter_map(sum).collect())
+    })?;
+    Ok(())
+}
+
+/// Writes and shows what a sweep found. `on`: what its command says of a cluster.
+fn conclude(plan: &Plan, folder: &Path, on: &str) -> Result<ExitCode> {
     let results = Results::read(folder, plan);
     results.write(folder)?;
     show(&results);
@@ -152,11 +194,18 @@ fn conclude(plan: &Plan, folder: &Path) -> Result<ExitCode> {
     if !absent.is_empty() {
         tell!("correct the sweep's file and give it again: what is trained stays, and the table is written anew");
     }
+    if let Some(sentence) = results.mixed() {
+        tell!("warning: {sentence}; what differs may be the corpora's doing");
+    }
     for outcome in results.outcomes.iter().filter(|o| !o.reason.is_empty()) {
         tell!("failed: {}, seed {}: {}", outcome.point, outcome.seed, outcome.reason);
     }
+    let failed = results.count("failed");
+    if failed > 0 {
+        tell!("{} failed; try again with: riglab sweep {} --retry{on}", counted(failed, "job"), folder.display());
+    }
     say!("{}", folder.join("report.html").display());
-    Ok(if results.count("finished") > 0 { ExitCode::SUCCESS } else { ExitCode::FAILURE })
+    Ok(if failed == 0 && results.count("finished") > 0 { ExitCode::SUCCESS } else { ExitCode::FAILURE })
 }
 
 /// The plan, its folder, and what its jobs ask of a cluster: of a folder that has one, else of a file.
@@ -206,8 +255,16 @@ fn asked(mut desk: Desk, args: &Args, threads: usize) -> Desk {
 
 /// A job's whole config.
 fn resolved(job: &Job) -> Result<String, SweepError> {
-    let text = || -> Result<String> { TaskConfig::read(&presets::load(&job.base, &job.sets)?)?.settled().to_toml() };
-    text().map_err(|e| SweepError::Invalid(format!("{}, seed {}: {e:#}", job.point, job.seed)))
+    let text = || settings_of(&job.base, &job.sets)?.settled().to_toml();
+    text().map_err(|e| unsound(job, &e))
+}
+
+fn settings_of(name: &str, sets: &[String]) -> Result<TaskConfig> {
+    TaskConfig::read(&presets::load(name, sets)?)
+}
+
+fn unsound(job: &Job, e: &anyhow::Error) -> SweepError {
+    SweepError::Invalid(format!("{}, seed {}: {e:#}", job.point, job.seed))
 }
 
 /// What runs a stage of a job: `riglab`, however it is started, with its arguments.

@@ -1,0 +1,154 @@
+//! The corpora that runs read: what comes of different ones is not put side by side without a word.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::Path;
+
+use serde_json::Value;
+
+use crate::state::info;
+use crate::values::evaluation;
+use crate::{Job, Plan, Results, State, SweepError, attempts};
+
+/// Corpora by path and checksum.
+pub(crate) type Corpora = BTreeSet<(String, String)>;
+
+/// What a run was trained and evaluated on.
+pub(crate) fn read_by(run: &Path) -> Corpora {
+    let word = |v: &Value| v.as_str().unwrap_or_default().to_owned();
+    let evaluated = evaluation(run).unwrap_or_default();
+    let both = [&info(run)["data"], &evaluated["data"]];
+    both.into_iter().filter_map(Value::as_array).flatten().map(|d| (word(&d[0]), word(&d[1]))).collect()
+}
+
+impl Plan {
+    /// Whether jobs that are still to be done, with `retry` failed ones among them, find the corpora that others have
+    /// read. `now` gives those that a job would read, by path and checksum, as far as they are there. Writes nothing.
+    ///
+    /// # Errors
+    /// When one has changed; what `now` has for an error.
+    pub fn same_corpora(
+        &self,
+        folder: &Path,
+        retry: bool,
+        mut now: impl FnMut(&Job) -> Result<Vec<(String, String)>, SweepError>,
+    ) -> Result<(), SweepError> {
+        let failed = attempts(folder);
+        let (mut before, mut left) = (BTreeMap::new(), Vec::new());
+        for job in &self.jobs {
+            let state = State::of(folder, self, job, &failed);
+            match state {
+                // Nothing of it is in the table; training that goes on compares its own corpora.
+                State::Failed(_) => left.extend(retry.then_some(job)),
+                State::Waiting | State::Interrupted(_) | State::Trained => left.push(job),
+                State::Running(_) | State::Finished => {}
+            }
+            if !matches!(state, State::Failed(_)) {
+                for (path, sum) in read_by(&folder.join(&job.folder)) {
+                    before.entry(path).or_insert((sum, job));
+                }
+            }
+        }
+        if before.is_empty() {
+            return Ok(());
+        }
+        for job in left {
+            for (corpus, sum) in now(job)? {
+                let Some((other, by)) = before.get(&corpus).filter(|(other, _)| *other != sum) else { continue };
+                let (read, left) = (by.shown(), job.shown());
+                return Err(SweepError::Corpus { corpus, read, before: short(other), left, after: short(&sum) });
+            }
+        }
+        Ok(())
+    }
+}
+
+impl Results {
+    /// A sentence where the finished runs are not all of the same corpora, which they are by their checksums.
+    pub fn mixed(&self) -> Option<String> {
+        let mut groups: Vec<(BTreeSet<&String>, usize, &Corpora, &Job)> = Vec::new();
+        // Old runs may not say it.
+        let known = self.plan.jobs.iter().zip(&self.corpora).filter(|(_, corpora)| !corpora.is_empty());
+        for (job, corpora) in known {
+            let sums: BTreeSet<&String> = corpora.iter().map(|(_, sum)| sum).collect();
+            match groups.iter_mut().find(|(own, ..)| *own == sums) {
+                Some((_, count, ..)) => *count += 1,
+                None => groups.push((sums, 1, corpora, job)),
+            }
+        }
+        let of = |(_, count, corpora, job): &(BTreeSet<&String>, usize, &Corpora, &Job)| {
+            let corpora = corpora.iter().map(|(path, sum)| format!("{path} ({})", short(sum))).collect::<Vec<_>>();
+            let more = if *count > 1 { format!(" and {} more", count - 1) } else { String::new() };
+            format!("{}{more} of {}", job.shown(), corpora.join(", "))
+        };
+        let groups: Vec<String> = groups.iter().map(of).collect();
+        (groups.len() > 1).then(|| format!("not all runs are of the same corpora: {}", groups.join("; ")))
+    }
+}
+
+fn short(sum: &str) -> String {
+    sum.chars().take(12).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn results_of_a_corpus_that_changed_are_refused_or_named() {
+        let dir = tempfile::tempdir().unwrap();
+        let text = "[sweep]\nbase = 'b'\nseeds = [1, 2, 3, 4]\nevaluate = true\n";
+        let config = riglab_config::Config::from_toml_str("s.toml", text).unwrap();
+        let plan = Plan::new(config.get_at("sweep").unwrap(), &[]).unwrap();
+        let trained = |seed: usize, sum: &str, outcome: &str| {
+            let run = dir.path().join(&plan.jobs[seed - 1].folder);
+            std::fs::create_dir_all(&run).unwrap();
+            let info = format!("{{\"outcome\": \"{outcome}\", \"data\": [[\"c.h5\", \"{sum}\", 12]]}}");
+            std::fs::write(run.join("run.json"), info).unwrap();
+        };
+        let evaluated = |seed: usize, sum: &str| {
+            let path = dir.path().join(&plan.jobs[seed - 1].folder).join("eval.json");
+            std::fs::write(path, format!("{{\"data\": [[\"c.h5\", \"{sum}\", 12]]}}")).unwrap();
+        };
+        let check = |sum: &str, retry: bool| {
+            plan.same_corpora(dir.path(), retry, |_| Ok(vec![("c.h5".into(), sum.into()), ("d.h5".into(), "9".into())]))
+        };
+        let mixed = || Results::read(dir.path(), &plan).mixed();
+        plan.same_corpora(dir.path(), false, |_| panic!("nothing was read yet")).unwrap();
+        // A run that failed has nothing in the table.
+        trained(4, "0000", "no room");
+        for _ in 0..2 {
+            let failed = crate::Attempt { job: 3, stage: "train".into(), reason: "x".into(), given_up: false };
+            crate::record(dir.path(), &failed).unwrap();
+        }
+        check("aaaabbbbccccdddd", false).unwrap();
+        trained(1, "aaaabbbbccccdddd", "finished");
+        check("aaaabbbbccccdddd", false).unwrap();
+        let said = check("eeeeffff0000", false).unwrap_err().to_string();
+        let wanted = "c.h5 has changed: `base`, seed 1 read it when its checksum was aaaabbbbcccc, and `base`, seed 1 would \
+                      read it with eeeeffff0000; put the old file back, or give the sweep a folder of its own with -o";
+        assert_eq!(said, wanted, "trained, and still to be evaluated");
+        evaluated(1, "aaaabbbbccccdddd");
+        let said = check("eeeeffff0000", false).unwrap_err().to_string();
+        assert!(said.contains("and `base`, seed 2 would read it with eeeeffff0000"), "{said}");
+        assert_eq!(mixed(), None);
+        for seed in [2, 3] {
+            trained(seed, "eeeeffff0000", "finished");
+            evaluated(seed, "eeeeffff0000");
+        }
+        check("1111", false).unwrap();
+        assert!(check("1111", true).unwrap_err().to_string().contains("and `base`, seed 4 would read it with 1111"));
+        let said = mixed().unwrap();
+        let wanted = "not all runs are of the same corpora: `base`, seed 1 of c.h5 (aaaabbbbcccc); `base`, seed 2 and 1 \
+                      more of c.h5 (eeeeffff0000)";
+        assert_eq!(said, wanted);
+        let results = Results::read(dir.path(), &plan);
+        assert!(
+            results.table().note.ends_with(&format!("{}.", said.replacen('n', "N", 1))),
+            "{}",
+            results.table().note
+        );
+        // Trained on one and evaluated on another is neither.
+        evaluated(3, "aaaabbbbccccdddd");
+        assert!(mixed().unwrap().ends_with("seed 3 of c.h5 (aaaabbbbcccc), c.h5 (eeeeffff0000)"));
+    }
+}
