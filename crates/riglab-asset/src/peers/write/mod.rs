@@ -51,6 +51,15 @@ pub enum WriteError {
         /// Why.
         reason: String,
     },
+    /// A mesh of another make stands where that of a rig text goes.
+    #[error(
+        "{path} is there already and is not the mesh of a rig text here; give another name or folder",
+        path = path.display()
+    )]
+    Taken {
+        /// The mesh.
+        path: PathBuf,
+    },
     /// The file system refused.
     #[error("{path}: {message}", path = path.display())]
     Io {
@@ -73,9 +82,11 @@ pub fn written_paths(path: impl AsRef<Path>, target: Target) -> Vec<PathBuf> {
 /// Writes assets to `path`, and tells in sentences what the format does not hold. Nothing is left
 /// half-written: a file is complete or absent.
 ///
-/// A rig text has its mesh beside it: `x_rig.txt` and `x.obj`.
+/// A rig text has its mesh beside it: `x_rig.txt` and `x.obj`. Where there is such a mesh, but no such text, it is someone's
+/// own and stays.
 ///
 /// # Errors
+/// [`WriteError::Taken`] then;
 /// [`WriteError::One`] for several assets in a format of one, [`WriteError::Cannot`] for a rig that the
 /// format has no form for, [`WriteError::Io`] when the file system refuses.
 pub fn write(assets: &[Asset], path: impl AsRef<Path>, target: Target) -> Result<Vec<String>, WriteError> {
@@ -92,7 +103,13 @@ pub fn write(assets: &[Asset], path: impl AsRef<Path>, target: Target) -> Result
         }
         Target::RigNet | Target::Puppeteer => {
             for asset in assets {
-                store(&text::mesh_path(path), text::obj(asset.rig.mesh()).as_bytes())?;
+                let (beside, mesh) = (text::mesh_path(path), text::obj(asset.rig.mesh()));
+                // One that was cut off between the two has the same mesh.
+                let own = |there: Vec<u8>| there == mesh.as_bytes();
+                if !path.exists() && beside.exists() && !std::fs::read(&beside).is_ok_and(own) {
+                    return Err(WriteError::Taken { path: beside });
+                }
+                store(&beside, mesh.as_bytes())?;
             }
             assets.iter().flat_map(|a| text::rig(&a.rig, target, &mut notes).into_bytes()).collect()
         }

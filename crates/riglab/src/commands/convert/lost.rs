@@ -1,6 +1,6 @@
 //! What does not come along when a file becomes another: counted as files are written, told once at the end.
 
-use std::collections::HashSet;
+use std::collections::{HashMap, HashSet};
 use std::fs::File;
 use std::io::{Read, Seek, SeekFrom};
 use std::path::Path;
@@ -27,6 +27,7 @@ pub struct Lost {
     morph_targets: usize,
     materials: usize,
     pictures: usize,
+    uv_maps: usize,
 }
 
 impl Lost {
@@ -48,6 +49,12 @@ impl Lost {
             self.materials += document.materials.len();
             self.pictures += document.images.len();
             self.morph_targets += document.meshes.iter().map(Mesh::targets).sum::<usize>();
+            self.uv_maps += document.meshes.iter().filter(|mesh| mesh.has_coordinates()).count();
+        } else if source.extension().is_some_and(|e| e.eq_ignore_ascii_case("obj")) {
+            let text = std::fs::read(source).unwrap_or_default();
+            let lines = || text.split(|b| *b == b'\n');
+            self.materials += lines().filter(|l| l.starts_with(b"usemtl ")).collect::<HashSet<_>>().len();
+            self.uv_maps += usize::from(lines().any(|l| l.starts_with(b"vt ")));
         }
         self
     }
@@ -81,6 +88,7 @@ impl Lost {
             (self.morph_targets, "morph target"),
             (self.materials, "material"),
             (self.pictures, "picture"),
+            (self.uv_maps, "UV map"),
         ];
         let lost: Vec<String> = kinds.iter().filter(|(n, _)| *n > 0).map(|(n, what)| counted(*n, what)).collect();
         let mut lines = Vec::new();
@@ -117,9 +125,14 @@ struct Mesh {
 #[serde(default)]
 struct Primitive {
     targets: Vec<IgnoredAny>,
+    attributes: HashMap<String, IgnoredAny>,
 }
 
 impl Mesh {
+    fn has_coordinates(&self) -> bool {
+        self.primitives.iter().any(|p| p.attributes.contains_key("TEXCOORD_0"))
+    }
+
     /// The primitives of a mesh have the same ones.
     fn targets(&self) -> usize {
         self.primitives.iter().map(|p| p.targets.len()).max().unwrap_or(0)
@@ -169,7 +182,8 @@ mod tests {
     fn a_document_is_counted_in_both_its_forms() {
         let dir = tempfile::tempdir().unwrap();
         let json = r#"{"asset": {"version": "2.0"}, "animations": [{}, {}], "images": [{"uri": "a.png"}],
-            "meshes": [{"primitives": [{"targets": [{}, {}]}, {"targets": [{}, {}]}]}, {"primitives": []}]}"#;
+            "meshes": [{"primitives": [{"targets": [{}, {}]}, {"targets": [{}, {}], "attributes": {"TEXCOORD_0": 3}}]},
+                {"primitives": []}]}"#;
         let mut glb = b"glTF\x02\0\0\0".to_vec();
         glb.extend((20 + json.len() as u32).to_le_bytes());
         glb.extend((json.len() as u32).to_le_bytes());
@@ -181,6 +195,7 @@ mod tests {
         for path in [plain, binary] {
             let found = Document::read(&path).unwrap();
             let targets: usize = found.meshes.iter().map(Mesh::targets).sum();
+            assert_eq!(found.meshes.iter().map(Mesh::has_coordinates).collect::<Vec<_>>(), [true, false]);
             assert_eq!((found.animations.len(), found.materials.len(), found.images.len(), targets), (2, 0, 1, 2));
         }
     }

@@ -10,6 +10,7 @@ use std::process::ExitCode;
 
 use anyhow::{Context, Result, bail};
 use riglab_asset::export::{self, ExportOptions, Influences, JointFrames};
+use riglab_asset::rigging::{Subject, SubjectOptions};
 use riglab_asset::{
     Character, Content, ImportOptions, Imported, Target, count_assets, files_read, import, import_each, is_gltf,
     is_rig_file, write, write_mesh, written_paths,
@@ -99,6 +100,11 @@ pub fn run(args: &Args) -> Result<ExitCode> {
         let (out, ending) = (args.out.display(), target.ending());
         bail!("{out} does not end as files of {target} do, which --to asks for: give a name that ends in .{ending}");
     }
+    // A file without an ending would not be known again.
+    if !into_folder && args.out.extension().is_none() && (!several || target.holds_several()) {
+        let (out, ending) = (args.out.display(), target.ending());
+        bail!("{out} has no ending: give a name that ends in .{ending}, or a folder with / at its end");
+    }
     if target != Target::Glb && (args.influences.is_some() || args.frames.is_some()) {
         bail!("--influences and --frames are for GLB; {target} is written as the rig is");
     }
@@ -131,7 +137,7 @@ pub fn run(args: &Args) -> Result<ExitCode> {
     let mut lost = Lost::default();
     store(imported, &out, target, args, &inputs, &mut lost)?;
     lost.tell(&args.input, target);
-    say!("{}", out.display());
+    written_paths(&out, target).iter().for_each(|path| say!("{}", path.display()));
     Ok(ExitCode::SUCCESS)
 }
 
@@ -192,7 +198,7 @@ fn into(
     broken?;
     lost.tell(input, target);
     say!("{written} written to {}, {failed} left out", out.display());
-    Ok(if written == 0 { ExitCode::FAILURE } else { ExitCode::SUCCESS })
+    Ok(if failed > 0 { ExitCode::FAILURE } else { ExitCode::SUCCESS })
 }
 
 fn is_io(e: &anyhow::Error) -> bool {
@@ -248,7 +254,7 @@ fn together(
     }
     lost.tell(&args.input, target);
     say!("{}: {}, {failed} left out", out.display(), counted(assets.len(), "asset"));
-    Ok(ExitCode::SUCCESS)
+    Ok(if failed > 0 { ExitCode::FAILURE } else { ExitCode::SUCCESS })
 }
 
 fn warn(imported: &Imported) {
@@ -313,8 +319,11 @@ fn store_glb(imported: &Imported, out: &Path, args: &Args, lost: &mut Lost) -> R
         Some(rig) => export::alone(&imported.name, rig, &imported.provenance, &args.export())?,
         // Nothing to take out: the document as one file.
         None if document => export::strip(source, &ImportOptions::default())?,
-        None => bail!("{source}: the file has a mesh but no skeleton, which is written as obj only"),
+        None => bare(source)?,
     };
+    if out.extension().is_some_and(|of| of.eq_ignore_ascii_case("vrm")) && !holds_vrm(&exported.bytes) {
+        tell!("note: {source}: {} is a plain GLB, as there is no data of VRM in it", out.display());
+    }
     for note in &exported.notes {
         tell!("note: {source}: {note}");
     }
@@ -323,6 +332,21 @@ fn store_glb(imported: &Imported, out: &Path, args: &Args, lost: &mut Lost) -> R
         *lost = lost.with(imported, Target::Glb);
     }
     Ok(())
+}
+
+/// A model of another format as a GLB with its looks.
+fn bare(source: &str) -> Result<export::Exported> {
+    let subject = Subject::read(source, &SubjectOptions::default())?;
+    let bytes = subject.document().map(<[u8]>::to_vec);
+    let bytes = bytes
+        .with_context(|| format!("{source}: the file has a mesh but no skeleton, which is written as obj only"))?;
+    Ok(export::Exported { bytes, notes: Vec::new() })
+}
+
+/// Whether a GLB says that it is a VRM.
+fn holds_vrm(glb: &[u8]) -> bool {
+    let names = |word: &[u8]| glb.windows(word.len()).any(|own| own == word);
+    names(b"\"VRMC_vrm\"") || names(b"\"VRM\"")
 }
 
 /// A file name for an asset: names come from files and may lead anywhere.
