@@ -41,8 +41,12 @@ pub enum SubjectNote {
         /// How many.
         triangles: usize,
     },
-    /// A file that the model names is not there, or is no PNG or JPEG picture.
+    /// A file that the model names is not there.
     FileMissing(String),
+    /// A picture that the model names is no PNG or JPEG.
+    OtherPicture(String),
+    /// Materials name pictures for what is not taken over, by the words of the format.
+    MapsLeft(Vec<String>),
 }
 
 impl fmt::Display for SubjectNote {
@@ -73,9 +77,20 @@ impl fmt::Display for SubjectNote {
             ),
             Self::Flat { triangles } => write!(f, "{triangles} triangles have no area; they stay, and say nothing"),
             Self::FileMissing(name) => {
-                let shown: String = name.chars().take(120).collect();
-                write!(f, "`{shown}` is not beside the file, or no PNG or JPEG picture; the model is rigged without it")
+                write!(f, "`{}` is not beside the file; the model is rigged without it", short(name))
+            }
+            Self::OtherPicture(name) => {
+                let name = short(name);
+                write!(f, "`{name}` is no PNG or JPEG picture, as glTF has them; the model is rigged without it")
+            }
+            Self::MapsLeft(words) => {
+                write!(f, "pictures for {} of its materials are not taken over", words.join(", "))
             }
         }
     }
+}
+
+/// The beginning of a name from a file.
+fn short(name: &str) -> String {
+    name.chars().take(120).collect()
 }

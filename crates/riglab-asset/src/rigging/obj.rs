@@ -1,7 +1,7 @@
 //! OBJ with its materials, as a document.
 
 use std::cell::RefCell;
-use std::collections::HashMap;
+use std::collections::{BTreeSet, HashMap};
 use std::path::Path;
 
 use tobj::{LoadError, LoadOptions};
@@ -37,8 +37,13 @@ pub(super) fn read(
     notes.extend(missing.take().into_iter().map(SubjectNote::FileMissing));
     let mut model = Model { name: name.into(), ..Model::default() };
     let mut pictures = Pictures { folder, known: HashMap::new(), found: Vec::new(), notes };
-    model.looks = materials.unwrap_or_default().iter().map(|material| look(material, &mut pictures)).collect();
+    let materials = materials.unwrap_or_default();
+    model.looks = materials.iter().map(|material| look(material, &mut pictures)).collect();
     model.pictures = pictures.found;
+    let left: BTreeSet<String> = materials.iter().flat_map(left).collect();
+    if !left.is_empty() {
+        notes.push(SubjectNote::MapsLeft(left.into_iter().collect()));
+    }
     for part in models {
         let patch = patch(&part)?;
         if patch.indices.is_empty() {
@@ -121,13 +126,20 @@ impl Pictures<'_> {
         let options = if named.trim_start().starts_with('-') { 1 } else { words };
         let bytes = beside::read(self.folder, named)
             .or_else(|| (options..words).find_map(|from| beside::read(self.folder, &tail(from))));
-        let number = bytes.filter(|bytes| is_picture(bytes)).map(|bytes| {
-            self.found.push(Picture { name: stem(named), bytes });
-            self.found.len() - 1
-        });
-        if number.is_none() {
-            self.notes.push(SubjectNote::FileMissing(named.clone()));
-        }
+        let number = match bytes {
+            Some(bytes) if is_picture(&bytes) => {
+                self.found.push(Picture { name: stem(named), bytes });
+                Some(self.found.len() - 1)
+            }
+            Some(_) => {
+                self.notes.push(SubjectNote::OtherPicture(named.clone()));
+                None
+            }
+            None => {
+                self.notes.push(SubjectNote::FileMissing(named.clone()));
+                None
+            }
+        };
         self.known.insert(named.clone(), number);
         number
     }
@@ -137,6 +149,20 @@ impl Pictures<'_> {
 pub(super) fn stem(path: &str) -> String {
     let name = path.rsplit(['/', '\\']).next().unwrap_or_default();
     name.rsplit_once('.').map_or(name, |(stem, _)| stem).to_owned()
+}
+
+/// The words of pictures that [`look`] does not ask for, but for those that say again what the colour does.
+fn left(material: &tobj::Material) -> Vec<String> {
+    let own = [
+        ("map_Ka", &material.ambient_texture),
+        ("map_Ks", &material.specular_texture),
+        ("map_Bump", &material.normal_texture),
+        ("map_Ns", &material.shininess_texture),
+        ("map_d", &material.dissolve_texture),
+    ];
+    let own = own.into_iter().filter(|(_, of)| of.is_some() && **of != material.diffuse_texture);
+    let more = material.unknown_param.keys().filter(|word| word.starts_with("map_") || *word == "disp");
+    own.map(|(word, _)| word.to_owned()).chain(more.cloned()).collect()
 }
 
 fn look(material: &tobj::Material, pictures: &mut Pictures<'_>) -> Look {
@@ -191,7 +217,12 @@ mod tests {
         assert_eq!((cloth.colour, cloth.roughness, cloth.transparent), ([0.2, 0.4, 1.0, 0.5], 1.0, true));
         assert_eq!((skin.colour, skin.picture, skin.normals), ([1.0; 4], Some(0), None));
         assert_eq!(model.pictures[0].bytes, png);
-        assert_eq!(notes, [SubjectNote::FileMissing("gone.png".into())]);
+        let left = SubjectNote::MapsLeft(vec!["map_Bump".into()]);
+        assert_eq!(notes, [SubjectNote::FileMissing("gone.png".into()), left]);
+        std::fs::write(folder.path().join("gone.png"), b"no picture").unwrap();
+        notes.clear();
+        read("m", text.as_bytes(), Some(folder.path()), &mut notes).unwrap();
+        assert_eq!(notes[0], SubjectNote::OtherPicture("gone.png".into()));
         let first = &model.objects[0].patches[0];
         assert_eq!(first.coordinates, [[0.0, 1.0], [1.0, 0.75], [1.0, 1.0]]);
         assert_eq!((first.normals.as_slice(), first.look), (&[[0.0, 0.0, 1.0]; 3][..], Some(0)));

@@ -10,7 +10,7 @@ use super::{SubjectNote, UpAxis, doubts, obj, seams};
 use crate::assemble::ordered_sets;
 use crate::export::{self, ExportError, ExportOptions, Exported};
 use crate::gltf::export::model::Model;
-use crate::{Fault, Format, ImportError, ImportOptions, Imported, gltf, import, import_from};
+use crate::{Binding, Fault, Format, ImportError, ImportOptions, Imported, gltf, import, import_from};
 
 /// How a model is read.
 #[derive(Clone, Debug)]
@@ -274,6 +274,30 @@ impl Subject {
     /// The weights with those of vertices in one place made one, so that no seam opens.
     pub fn agreed(&self, weights: &SkinWeights) -> SkinWeights {
         seams::agreed(weights, &self.twins)
+    }
+
+    /// The weights with those of rigid parts as the rig has them that is kept: a weapon or a hat that hangs on a joint
+    /// without a skin stays there, and the file's own skeleton and motions with it.
+    pub fn with_rigid_parts(&self, weights: SkinWeights) -> SkinWeights {
+        let reading = &self.source.imported.reading;
+        let Some(old) = self.rig.as_ref().map(Rig::weights) else { return weights };
+        let sets = ordered_sets(reading).into_iter().map(|(_, set)| set);
+        let rigid: Vec<bool> =
+            sets.flat_map(|set| std::iter::repeat_n(set.binding == Binding::Rigid, set.positions.len())).collect();
+        let count = weights.rows();
+        if old.rows() != count || rigid.len() != count || !rigid.contains(&true) {
+            return weights;
+        }
+        let (mut offsets, mut joints, mut shares) = (vec![0u32], Vec::new(), Vec::new());
+        for (v, rigid) in rigid.into_iter().enumerate() {
+            let own = if rigid { old } else { &weights };
+            for (joint, share) in own.row(v) {
+                joints.push(joint.0);
+                shares.push(share);
+            }
+            offsets.push(joints.len() as u32);
+        }
+        SkinWeights::new(offsets, joints, shares).unwrap_or(weights)
     }
 
     /// Where each vertex comes from, by vertex of [`Self::mesh`]. Empty for formats of arrays.

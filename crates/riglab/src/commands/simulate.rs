@@ -93,6 +93,7 @@ pub fn run(args: &Args) -> Result<ExitCode> {
     for warning in imported.warnings() {
         tell!("warning: {shown}: {warning}");
     }
+    let about = if imported.reading.faces_back { 180.0 } else { 0.0 };
     let rig = with_attributes(args, with_springs(args, &imported)?)?;
     let (bytes, source) = document(args, imported, &rig)?;
     let clip = motion(args, &source, &rig)?;
@@ -107,7 +108,7 @@ pub fn run(args: &Args) -> Result<ExitCode> {
     for note in &out.notes {
         tell!("note: {shown}: {note}");
     }
-    let sheet = args.png.as_ref().map(|_| sheet(&rig, &played)).transpose()?;
+    let sheet = args.png.as_ref().map(|_| sheet(&rig, &played, about)).transpose()?;
     riglab_files::make_folder_of(&args.out)?;
     export::write(&args.out, &out.bytes).with_context(|| format!("{} cannot be written", args.out.display()))?;
     if let (Some(path), Some(sheet)) = (&args.png, sheet) {
@@ -237,8 +238,8 @@ fn named(clip: &Clip, name: &str) -> Result<Clip> {
     Ok(Clip::new(name.into(), clip.rate(), clip.joints(), clip.maps().to_vec())?)
 }
 
-/// Frames in a row, evenly apart, all in one frame.
-fn sheet(rig: &Rig, clip: &Clip) -> Result<Vec<u8>> {
+/// Frames in a row, evenly apart, all in one frame, seen from so many degrees further around.
+fn sheet(rig: &Rig, clip: &Clip, about: f32) -> Result<Vec<u8>> {
     let count = clip.frames().min(PICTURES);
     let frames: Vec<usize> = (0..count).map(|k| k * (clip.frames() - 1) / (count - 1).max(1)).collect();
     let poses = frames.iter().map(|&f| {
@@ -248,6 +249,8 @@ fn sheet(rig: &Rig, clip: &Clip) -> Result<Vec<u8>> {
     let poses: Vec<Rig> = poses.collect::<Result<_>>()?;
     let bounds = Bounds::of(poses.iter().flat_map(|p| p.mesh().positions()).copied()).context("a rig has a vertex")?;
     let view = View::square(256).framed(bounds);
+    let (yaw, pitch) = (view.yaw_deg, view.pitch_deg);
+    let view = view.turned(yaw + about, pitch);
     let cell =
         |(frame, pose): (&usize, &Rig)| (format!("{:.2} s", *frame as f32 / clip.rate()), render_parts(pose, &view));
     let cells: Vec<_> = frames.iter().zip(&poses).map(cell).collect();

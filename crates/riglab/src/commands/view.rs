@@ -72,10 +72,10 @@ pub fn run(args: &Args) -> Result<ExitCode> {
     let bounds = Bounds::of(mesh.positions().iter().chain(heads).copied());
     let bounds = bounds.with_context(|| format!("{shown}: there is nothing in it to draw"))?;
     let theme = if args.dark { Theme::Dark } else { Theme::Light };
-    let views: Vec<(&str, View)> = SIDES
-        .iter()
-        .map(|&(side, yaw, pitch)| (side, sized(args.size, bounds).turned(yaw, pitch).framed(bounds).themed(theme)))
-        .collect();
+    // What faces -z by its format is gone around, so that its front is one.
+    let about = if imported.reading.faces_back { 180.0 } else { 0.0 };
+    let seen = |yaw, pitch| sized(args.size, bounds).turned(yaw + about, pitch).framed(bounds).themed(theme);
+    let views: Vec<(&str, View)> = SIDES.iter().map(|&(side, yaw, pitch)| (side, seen(yaw, pitch))).collect();
     let mut cells: Vec<(String, Picture)> = Vec::new();
     let mut row = |what: &str, draw: &dyn Fn(&View) -> Picture| {
         cells.extend(views.iter().map(|(side, view)| (format!("{what}, {side}"), draw(view))));
