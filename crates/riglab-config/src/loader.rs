@@ -54,6 +54,17 @@ impl<'a> Loader<'a> {
     pub fn load(&self, path: impl AsRef<Path>, sets: &[impl AsRef<str>]) -> Result<Config, ConfigError> {
         let name = path.as_ref().to_string_lossy();
         let place = self.find(&name, None).map_err(|missing| {
+            if Path::new(&*name).is_dir() {
+                let fault = Fault::new(FaultKind::Unreadable, format!("{name}: a folder, not a file"), None);
+                let own = path.as_ref().join("config.toml");
+                let hint = match own.is_file() {
+                    true => {
+                        format!("its config is `{}`; a run goes on with `riglab train --resume {name}`", own.display())
+                    }
+                    false => "give a TOML file, or the name of a built-in one".into(),
+                };
+                return fault.hint(hint);
+            }
             Fault::new(FaultKind::Unreadable, format!("{name}: no such file"), None).hint(missing.hint(&name))
         })?;
         let source = self.read(&place, None)?;

@@ -8,6 +8,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 
 use rayon::prelude::*;
 use riglab_data::{Corpus, CorpusWriter, Splitter};
+use serde::{Deserialize, Serialize};
 
 use crate::config::{CurateConfig, SplitBy};
 use crate::decisions::Decisions;
@@ -23,7 +24,7 @@ use crate::store::store;
 use crate::{CurateError, report};
 
 /// A part of the files, 1 to `of`.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Shard {
     /// Which.
     pub number: u64,
@@ -96,6 +97,8 @@ pub fn curate(
     let mut files = Folder::open(folder, &[&places.out, &places.work], &config.import)?;
     if let Some(shard) = shard {
         files.retain(|name| shard.has(name));
+        let text = serde_json::to_vec(&shard).unwrap_or_default();
+        store(&places.work.join(SHARD), &text)?;
     }
     let (records, _journal) = look(&files, places, config, tell)?;
     finish(&Source::Folder(&files, config), records, places, config, tell)
@@ -130,6 +133,9 @@ pub fn merge_shards(
     tell: Tell,
 ) -> Result<Funnel, CurateError> {
     begin(places)?;
+    if let Some(missing) = missing(corpora) {
+        tell(&missing, 0, 0);
+    }
     let (mut all, mut open) = (BTreeMap::new(), Vec::new());
     for path in corpora {
         let corpus = if nothing_left(&Places::of(path)) { None } else { Some(Corpus::open(path)?) };
@@ -140,6 +146,23 @@ pub fn merge_shards(
         take_answers(&Places::of(path).work.join("answers"), &places.work.join("answers"))?;
     }
     finish(&Source::Corpora(&open), all.into_values().collect(), places, config, tell)
+}
+
+/// The file beside a shard's corpus that says which one it is.
+const SHARD: &str = "shard.json";
+
+/// Tells which shards are not among these, as far as they say of how many they are.
+fn missing(corpora: &[PathBuf]) -> Option<String> {
+    let read = |path: &PathBuf| {
+        let text = std::fs::read(Places::of(path).work.join(SHARD)).ok()?;
+        serde_json::from_slice::<Shard>(&text).ok()
+    };
+    let there: Vec<Shard> = corpora.iter().filter_map(read).collect();
+    let of = there.first()?.of;
+    let lacking = (1..=of).filter(|number| !there.iter().any(|s| (s.number, s.of) == (*number, of)));
+    let lacking: Vec<String> = lacking.map(|number| format!("{number}/{of}")).collect();
+    let (is, s) = if lacking.len() == 1 { ("is", "") } else { ("are", "s") };
+    (!lacking.is_empty()).then(|| format!("shard{s} {} {is} missing: the corpus is not whole", lacking.join(", ")))
 }
 
 /// Takes over answers that shards have paid for.

@@ -204,6 +204,16 @@ impl Assets {
             return Err("data.corpora names no corpus; give one with --set data.corpora='[\"corpus.h5\"]' (`riglab dataset import` makes it)".into());
         }
         let assets = Self { up: config.up, ..Self::open(&config.corpora).map_err(|e| e.to_string())? };
+        let sums = assets.summary().map_err(|e| e.to_string())?;
+        for (at, (path, sum, _)) in sums.iter().enumerate() {
+            // Its assets would count twice in every table and test.
+            if let Some((other, ..)) = sums[..at].iter().find(|(_, before, _)| before == sum) {
+                return Err(format!(
+                    "data.corpora: {other} and {path} hold the same assets; name one of them, and say with data.weights how \
+                     often it is drawn from"
+                ));
+            }
+        }
         let training = assets.training(config)?;
         let validation = assets.split(&config.validate).map_err(|e| e.to_string())?;
         if training.iter().all(|(_, ids)| ids.is_empty()) {

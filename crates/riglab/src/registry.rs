@@ -146,6 +146,8 @@ pub struct Evaluated {
     pub corpora: Vec<(String, String)>,
     /// The step of the checkpoint.
     pub step: Option<u64>,
+    /// Settings with which it was made that are not the run's, as KEY=VALUE.
+    pub sets: Vec<String>,
 }
 
 /// Reads a run's evaluation; `None` before the first.
@@ -165,12 +167,13 @@ pub fn evaluation(task: &str, run: &Path) -> Result<Option<Evaluated>> {
     let seen = warning(&seen, &["the splits that were evaluated".into()]);
     let corpora = saw["data"].as_array().into_iter().flatten().map(|d| (word(&d[0]), word(&d[1]))).collect();
     let step = saw["checkpoint"]["step"].as_u64();
+    let sets: Vec<String> = saw["set"].as_array().into_iter().flatten().map(word).collect();
     macro_rules! read {
         ($task:ident) => {{
             let evaluation: $task::Evaluation = serde_json::from_str(&text).with_context(unclear)?;
             let mut blocks = Vec::from_iter(seen.map(Block::Text));
             blocks.extend(evaluation.blocks(picture));
-            Ok(Some(Evaluated { blocks, findings: evaluation.findings(), corpora, step }))
+            Ok(Some(Evaluated { blocks, findings: evaluation.findings(), corpora, step, sets }))
         }};
     }
     match task {

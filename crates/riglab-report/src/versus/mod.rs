@@ -24,6 +24,10 @@ pub struct Compared {
     pub view: RunView,
     /// The corpora its evaluation saw: path and checksum.
     pub corpora: Vec<(String, String)>,
+    /// The step of the checkpoint that was evaluated.
+    pub step: Option<u64>,
+    /// Settings of that evaluation that are not the run's, as KEY=VALUE.
+    pub sets: Vec<String>,
     /// What its evaluation found.
     pub findings: Vec<Findings>,
 }
@@ -66,10 +70,11 @@ fn facts(runs: &[Compared]) -> Table {
             let mut of: BTreeMap<_, _> = r.view.fact_list().into_iter().collect();
             of.insert("task".into(), r.view.task());
             of.insert("ended".into(), r.view.outcome());
+            of.insert(STEP.into(), r.step.map_or(String::new(), |step| step.to_string()));
             of
         })
         .collect();
-    let mut names = vec!["task".to_owned(), "ended".into()];
+    let mut names = vec!["task".to_owned(), "ended".into(), STEP.into()];
     let more = runs.iter().flat_map(|r| r.view.fact_list()).map(|(name, _)| name).filter(|n| n != "corpus");
     for name in more {
         if !names.contains(&name) {
@@ -83,7 +88,10 @@ fn facts(runs: &[Compared]) -> Table {
     table
 }
 
-/// The settings in which the runs differ.
+/// What the step of the checkpoint is called.
+const STEP: &str = "step evaluated";
+
+/// The settings in which the runs, as they were evaluated, differ.
 fn settings(runs: &[Compared]) -> Table {
     let mut table = columns("Settings that differ", "setting", runs);
     let flat: Vec<BTreeMap<String, String>> = runs
@@ -92,6 +100,12 @@ fn settings(runs: &[Compared]) -> Table {
             let mut out = BTreeMap::new();
             let read: toml::Table = r.view.config().parse().unwrap_or_default();
             flatten("", &toml::Value::Table(read), &mut out);
+            for (key, value) in r.sets.iter().filter_map(|set| set.split_once('=')) {
+                // As the command reads it: a value that is no TOML is a text.
+                let told = format!("value = {value}").parse::<toml::Table>().ok();
+                let told = told.and_then(|mut of| of.remove("value"));
+                flatten(key.trim(), &told.unwrap_or_else(|| toml::Value::String(value.into())), &mut out);
+            }
             out
         })
         .collect();
@@ -103,7 +117,7 @@ fn settings(runs: &[Compared]) -> Table {
         }
     }
     if table.rows.is_empty() {
-        table.note = "None: the runs have the same config.".into();
+        table.note = "None: the runs have the same config, and were evaluated with it.".into();
     }
     table
 }
@@ -174,7 +188,7 @@ mod tests {
         );
         let corpora = vec![("c.h5".into(), sum.into())];
         let view = RunView::read(dir.path()).unwrap();
-        Compared { name: name.into(), view, corpora, findings: vec![findings(shift)] }
+        Compared { name: name.into(), view, corpora, step: Some(5), sets: Vec::new(), findings: vec![findings(shift)] }
     }
 
     fn table<'a>(blocks: &'a [Block], caption: &str) -> &'a Table {

@@ -124,8 +124,19 @@ pub(crate) fn worst_bone(truth: &[f32], predicted: &[f32], joints: usize) -> usi
     (0..joints).max_by(|&a, &b| errors[a].total_cmp(&errors[b]).then(b.cmp(&a))).unwrap_or(0)
 }
 
+/// Refuses what a network says whose own weights are no numbers any more.
+pub(crate) fn finite(dense: &[f32]) -> Result<(), String> {
+    match dense.iter().all(|x| x.is_finite()) {
+        true => Ok(()),
+        false => Err("the network gives no finite weights: its training went astray; lower train.optim.muon_lr and \
+                      train.optim.adamw_lr"
+            .into()),
+    }
+}
+
 /// Dense shares, a column a bone, as weights of the rig's joints.
 pub(crate) fn sparse(rig: &Prepared, dense: &[f32]) -> Result<SkinWeights, String> {
+    finite(dense)?;
     let joints: Vec<JointId> = rig.bones.iter().map(|b| b.joint).collect();
     let rows = dense
         .chunks_exact(joints.len())

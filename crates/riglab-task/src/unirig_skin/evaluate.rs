@@ -21,6 +21,7 @@ use super::predict::{Predicted, Predictor};
 use super::ready::{Ready, pool, row};
 use crate::assets::AssetId;
 use crate::fsq_cvae::evaluate::{Sums, Truth};
+use crate::fsq_cvae::gallery::finite;
 use crate::fsq_cvae::{Prepared, ruled};
 
 /// Metrics of one way to get weights, over a split.
@@ -233,6 +234,7 @@ impl SkinTask {
                 Ok::<_, String>((made, bytes))
             })?;
             let found = self.predicted(w, &subject);
+            finite(&found.dense)?;
             let mut own = Springs::default();
             own.add(&subject.ready, &found);
             // Of some of the vertices, which nothing can spread over.

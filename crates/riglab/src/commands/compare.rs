@@ -22,11 +22,11 @@ Examples:
   riglab compare out/ --truth rigs/ --assets --csv -o scores.csv")]
 pub struct Args {
     /// Folders of predictions, or files of several assets; NAME=DIR names a system in the tables.
-    #[arg(required = true, value_name = "[NAME=]DIR")]
+    #[arg(required_unless_present = "published", value_name = "[NAME=]DIR")]
     systems: Vec<String>,
     /// True rigs: a corpus, a folder of rigged files, or a file.
-    #[arg(long, value_name = "CORPUS_OR_DIR")]
-    truth: PathBuf,
+    #[arg(long, required_unless_present = "published", value_name = "CORPUS_OR_DIR")]
+    truth: Option<PathBuf>,
     /// Of a corpus, this split alone.
     #[arg(long)]
     split: Option<String>,
@@ -43,7 +43,7 @@ pub struct Args {
     /// Add what binds the true skeletons without learning: nearest bone, inverse distance, geodesic, heat diffusion.
     #[arg(long)]
     baselines: bool,
-    /// Show published numbers below: the name of a table, or `list`.
+    /// Show published numbers below: the name of a table; `list`, alone, tells the names.
     #[arg(long, value_name = "TABLE")]
     published: Vec<String>,
     /// Show every asset instead of means.
@@ -88,8 +88,15 @@ fn failures(name: &str) -> Result<Failures, String> {
 
 pub fn run(args: &Args) -> Result<ExitCode> {
     args.out.as_deref().map_or(Ok(()), super::keep_corpus)?;
+    if args.published.iter().any(|name| name == "list") {
+        riglab_report::published::names().iter().for_each(|name| say!("{name}"));
+        return Ok(ExitCode::SUCCESS);
+    }
     let published = published(&args.published)?;
-    let truths = Truths::open(&args.truth, args.split.as_deref())?;
+    let Some(truth) = args.truth.as_ref().filter(|_| !args.systems.is_empty()) else {
+        bail!("give folders of predictions, and with --truth what they are compared with");
+    };
+    let truths = Truths::open(truth, args.split.as_deref())?;
     let mut systems: Vec<(String, Predictions)> = Vec::new();
     for text in &args.systems {
         let (name, folder) = named(text);
@@ -107,8 +114,8 @@ pub fn run(args: &Args) -> Result<ExitCode> {
     progress.finish();
     let (systems, unread_truth) = scored?;
     let truth = match &args.split {
-        Some(split) => format!("{}, split {split}", args.truth.display()),
-        None => args.truth.display().to_string(),
+        Some(split) => format!("{}, split {split}", truth.display()),
+        None => truth.display().to_string(),
     };
     let comparison = Comparison { truth, failures: args.failures, unread_truth, systems };
     tell(&comparison);
@@ -170,7 +177,6 @@ fn published(names: &[String]) -> Result<Vec<Table>> {
     let known = || known.join(", ");
     let table = |name: &String| match riglab_report::published::table(name) {
         Some(table) => Ok(table),
-        None if name == "list" => bail!("published tables: {}", known()),
         None => bail!("there is no published table `{name}`; there are {}", known()),
     };
     names.iter().map(table).collect()

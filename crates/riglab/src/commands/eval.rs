@@ -4,12 +4,15 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
-use anyhow::{Context, Result, anyhow, bail};
+use anyhow::{Context, Result, anyhow, bail, ensure};
+use riglab_files::{Unfinished, make_folder_of};
 use riglab_task::Experiment;
+use riglab_task::assets::DataConfig;
 use riglab_task::seen::{seen, warning};
 use riglab_train::{Checkpoint, Progress, named_by};
 
 use super::device::DeviceArgs;
+use super::train::{tell_untested, untested};
 use crate::presets;
 use crate::registry::{TaskConfig, Visitor};
 
@@ -75,7 +78,8 @@ pub fn run(args: &Args, threads: usize) -> Result<ExitCode> {
     if let Some(warning) = warning(&seen, &config.data().test) {
         tell!("warning: {warning}");
     }
-    config.with(device, Examination { args, run, checkpoint, seen, path, folder })
+    let data = config.data().clone();
+    config.with(device, Examination { args, run, checkpoint, data, seen, path, folder })
 }
 
 /// Where the numbers go, and the folder of the pictures.
@@ -99,6 +103,11 @@ fn places(args: &Args, run: &Path) -> Result<(PathBuf, PathBuf)> {
         );
     }
     super::keep_corpus(&path)?;
+    make_folder_of(&path).with_context(|| format!("{} cannot be written; give another --out", path.display()))?;
+    // A file that is not finished goes away with what it is held by.
+    let (file, unfinished) = Unfinished::beside(&path)
+        .with_context(|| format!("{} cannot be written; give another --out", path.display()))?;
+    drop((file, unfinished));
     Ok((path, folder))
 }
 
@@ -107,6 +116,7 @@ struct Examination<'a> {
     args: &'a Args,
     run: PathBuf,
     checkpoint: Checkpoint,
+    data: DataConfig,
     /// Assets that were trained on.
     seen: Vec<String>,
     path: PathBuf,
@@ -117,8 +127,13 @@ impl Visitor for Examination<'_> {
     type Out = ExitCode;
 
     fn visit<T: Experiment>(self, task: T) -> Result<ExitCode> {
-        let Self { args, run, checkpoint, seen, path, folder } = self;
+        let Self { args, run, checkpoint, data, seen, path, folder } = self;
         checkpoint.load_weights(task.params())?;
+        let without = untested(&data, task.assets())?;
+        if let Some(note) = tell_untested(&without) {
+            ensure!(without.len() < data.test.len(), note);
+            tell!("warning: {note}");
+        }
         let total = task.examination_steps().map_err(|e| anyhow!(e))? as u64;
         let mut progress = Progress::new("evaluating", total, 0);
         let weights = task.params().weights();
@@ -127,7 +142,7 @@ impl Visitor for Examination<'_> {
         });
         progress.finish();
         let examined = examined.map_err(|e| anyhow!(e))?;
-        let json = with_data(&examined.json, &task.assets().summary()?, &seen)?;
+        let json = with_data(&examined.json, &task.assets().summary()?, &args.sets, &seen)?;
         // The numbers first: they took longest.
         write(&path, json.as_bytes())?;
         for (file, png) in &examined.pictures {
@@ -144,15 +159,16 @@ impl Visitor for Examination<'_> {
     }
 }
 
-/// An evaluation's file with the corpora it is of: path, checksum, number of assets; and with the names of the assets
-/// that were trained on, where there are some.
-fn with_data(json: &str, data: &[(String, String, usize)], seen: &[String]) -> Result<String> {
+/// An evaluation's file with the corpora it is of: path, checksum, number of assets; with the settings that are not the
+/// run's, and the names of the assets that were trained on, where there are some.
+fn with_data(json: &str, data: &[(String, String, usize)], sets: &[String], seen: &[String]) -> Result<String> {
     let Some(rest) = json.strip_prefix("{\n") else { bail!("the task's evaluation is no object over several lines") };
-    let seen = match seen {
-        [] => String::new(),
-        some => format!("  \"trained_on\": {},\n", serde_json::to_string(some)?),
+    let named = |name: &str, of: &[String]| match of {
+        [] => Ok(String::new()),
+        some => serde_json::to_string(some).map(|list| format!("  \"{name}\": {list},\n")),
     };
-    Ok(format!("{{\n  \"data\": {},\n{seen}{rest}", serde_json::to_string(data)?))
+    let (sets, seen) = (named("set", sets)?, named("trained_on", seen)?);
+    Ok(format!("{{\n  \"data\": {},\n{sets}{seen}{rest}", serde_json::to_string(data)?))
 }
 
 fn write(path: &Path, bytes: &[u8]) -> Result<()> {

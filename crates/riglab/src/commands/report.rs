@@ -113,7 +113,8 @@ fn subject(evaluated: &Evaluated, view: &RunView) -> String {
         |(path, checksum): &(String, String)| format!("{path} ({})", checksum.chars().take(12).collect::<String>());
     let corpora = if evaluated.corpora.is_empty() { view.corpora() } else { evaluated.corpora.clone() };
     let step = evaluated.step.map_or(String::new(), |step| format!("the checkpoint of step {step} on "));
-    step + &corpora.iter().map(of).collect::<Vec<_>>().join(", ")
+    let with = evaluated.sets.iter().map(|set| format!(", with {set}")).collect::<String>();
+    step + &corpora.iter().map(of).collect::<Vec<_>>().join(", ") + &with
 }
 
 /// Tells where the run went on after it was evaluated.
@@ -140,7 +141,8 @@ fn comparison(runs: &[String], title: Option<&str>) -> Result<Page> {
         };
         // Older evaluations do not say what they saw: it was what the run was trained on.
         let corpora = if evaluated.corpora.is_empty() { view.corpora() } else { evaluated.corpora };
-        compared.push(Compared { name, view, corpora, findings: evaluated.findings });
+        let (step, sets) = (evaluated.step, evaluated.sets);
+        compared.push(Compared { name, view, corpora, step, sets, findings: evaluated.findings });
     }
     let mut blocks = versus(&compared)?;
     blocks.push(Block::Heading("To repeat it".into()));

@@ -6,6 +6,7 @@ use std::process::ExitCode;
 use anyhow::{Context, Result, anyhow, bail};
 use riglab_ranks::{Ranks, processors};
 use riglab_task::Experiment;
+use riglab_task::assets::{Assets, DataConfig};
 use riglab_task::seen::{seen, warning};
 use riglab_task::start::{Taken, take};
 use riglab_train::{
@@ -59,7 +60,7 @@ pub struct Args {
     #[arg(long, conflicts_with_all = ["resume", "run"])]
     dry_run: bool,
     /// Say it as a line of JSON.
-    #[arg(long, requires = "dry_run")]
+    #[arg(long, requires = "dry_run", conflicts_with_all = ["resume", "run"])]
     json: bool,
     /// Hand the training to a cluster instead of doing it here.
     #[arg(long, value_name = "WHERE", conflicts_with = "dry_run")]
@@ -253,6 +254,10 @@ impl Visitor for Session<'_> {
             Place::There(run) => (run, true),
             Place::New(dir) => (Run::create(&dir, &config.to_toml()?)?, false),
         };
+        let data = task.assets().summary()?;
+        if let Some(before) = run.info().filter(|_| resumed) {
+            same_data(&before.data, &data).with_context(|| run.dir().display().to_string())?;
+        }
         let mut now = RunInfo::new(crate::VERSION, task.name(), threads, &device::name(device));
         now.ranks = ranks.size();
         let mut info = match run.info().filter(|_| resumed) {
@@ -262,7 +267,7 @@ impl Visitor for Session<'_> {
             }
             None => now,
         };
-        info.data = task.assets().summary()?;
+        info.data = data;
         info.parameters = task.params().numel();
         info.ended.clear();
         run.write_info(&info)?;
@@ -280,6 +285,7 @@ impl Visitor for Session<'_> {
             },
             run.dir().display()
         );
+        begun.extend(tell_untested(&untested(config.data(), task.assets())?));
         begun.iter().chain(&task.notes()).chain(&overlap(config)?).for_each(|note| tell!("note: {note}"));
         let interrupt = Interrupt::listening_with(ranks);
         let outcome = train(&task, config.train(), &run, &interrupt, ranks);
@@ -306,6 +312,45 @@ impl Visitor for Session<'_> {
         say!("{}", run.dir().display());
         Ok(ExitCode::SUCCESS)
     }
+}
+
+/// The splits to be tested on that have no asset: mistyped, or not there.
+pub fn untested(data: &DataConfig, assets: &Assets) -> Result<Vec<String>> {
+    let mut without = Vec::new();
+    for split in &data.test {
+        if assets.split(split)?.is_empty() {
+            without.push(split.clone());
+        }
+    }
+    Ok(without)
+}
+
+/// What to say of them.
+pub fn tell_untested(splits: &[String]) -> Option<String> {
+    let named: Vec<String> = splits.iter().map(|split| format!("`{split}`")).collect();
+    let named = named.join(" nor in ");
+    let told =
+        || format!("data.test: the corpora have no asset in {named}; `riglab dataset inspect` shows their splits");
+    (!splits.is_empty()).then(told)
+}
+
+/// Refuses corpora that are not those a run was begun on, which steps and figures would be of then.
+fn same_data(before: &[(String, String, usize)], now: &[(String, String, usize)]) -> Result<()> {
+    let sums = |of: &[(String, String, usize)]| of.iter().map(|(_, sum, _)| sum.clone()).collect::<Vec<_>>();
+    // Older runs may not say what they saw.
+    if before.is_empty() || sums(before) == sums(now) {
+        return Ok(());
+    }
+    let short = |of: &[(String, String, usize)]| {
+        let one = |(path, sum, _): &(String, String, usize)| format!("{path} ({})", sum.get(..12).unwrap_or(sum));
+        of.iter().map(one).collect::<Vec<_>>().join(", ")
+    };
+    bail!(
+        "begun on {}, but now there is {}; put the former corpora back, or begin a run anew with --set \
+         train.start.from=RUN",
+        short(before),
+        short(now)
+    )
 }
 
 /// A run that is only begun.
