@@ -102,6 +102,46 @@ fn a_given_skeleton_stays_as_it_is() {
 }
 
 #[test]
+fn a_skeleton_that_is_begun_is_completed() {
+    let dir = tempfile::tempdir().unwrap();
+    let (rigged, bare) = &creatures(dir.path(), "2")[0];
+    let truth = inspect(rigged);
+    let (all, heads) = (truth["joints"].as_array().unwrap(), joints(&truth));
+    // The first half, parents before children, as a person may write it.
+    let given = all.len() / 2;
+    let mut lines = vec![format!("root {}", heads[0].0)];
+    for (joint, (name, [x, y, z])) in all[..given].iter().zip(&heads) {
+        lines.push(format!("joints {name} {x} {y} {z}"));
+        lines.extend(joint["parent"].as_u64().map(|parent| format!("hier {} {name}", heads[parent as usize].0)));
+    }
+    let (begun, out) = (dir.path().join("begun.txt"), dir.path().join("out.glb"));
+    fs::write(&begun, lines.join("\n")).unwrap();
+    let complete = |model: &Path, from: &str| {
+        let said = must(&["rig", text(model), "-o", text(&out), "--skeleton", from, "--complete", "--json"]).stdout;
+        let said: Value = serde_json::from_slice(&said).unwrap();
+        (said["added"].as_u64().unwrap() as usize, sound(&out))
+    };
+    for (model, from, count) in [(bare, text(&begun), given), (rigged, "keep", all.len())] {
+        let (added, made) = complete(model, from);
+        let own = joints(&made);
+        assert_eq!(own.len(), count + added);
+        assert!(count == all.len() || added > 0, "half a creature lacks something");
+        for (name, head) in &heads[..count] {
+            let (_, found) = own.iter().find(|(n, _)| n == name).expect("every given joint is there");
+            assert!((0..3).all(|k| (found[k] - head[k]).abs() < 1e-4), "{name}: {found:?} {head:?}");
+        }
+        let parent = |of: &Value, name: &str| {
+            let all = of["joints"].as_array().unwrap();
+            let joint = all.iter().find(|joint| joint["name"] == name).unwrap();
+            joint["parent"].as_u64().map(|p| all[p as usize]["name"].clone())
+        };
+        assert!(heads[..count].iter().all(|(name, _)| parent(&made, name) == parent(&truth, name)));
+    }
+    let mut wrong = riglab(&["rig", text(bare), "-o", text(&out), "--complete"]);
+    assert!(refusal(&mut wrong).contains("--skeleton"));
+}
+
+#[test]
 fn the_best_of_several_is_told_by_likelihood_or_rewards() {
     let dir = tempfile::tempdir().unwrap();
     let bare = &creatures(dir.path(), "2")[0].1;
@@ -169,7 +209,8 @@ fn a_folder_is_rigged_file_by_file() {
     creatures(dir.path(), "2");
     let (input, out) = (dir.path().join("bare"), dir.path().join("out"));
     fs::write(input.join("broken.obj"), "f 1 2 3\n").unwrap();
-    let output = must(&["rig", text(&input), "-o", text(&out)]);
+    let output = riglab(&["rig", text(&input), "-o", text(&out)]).output().unwrap();
+    assert_eq!(output.status.code(), Some(1), "one of them failed");
     let said = String::from_utf8(output.stdout).unwrap();
     assert!(said.contains("2 rigged") && said.contains("1 left out"), "{said}");
     assert!(String::from_utf8_lossy(&output.stderr).contains("broken.obj"));
@@ -177,7 +218,8 @@ fn a_folder_is_rigged_file_by_file() {
     assert_eq!(made.len(), 2);
     made.iter().for_each(|file| drop(sound(file)));
     let few = ["--samples", "1", "--skins", "1"];
-    let said = must(&[&["rig", text(&input), "-o", text(&out), "--json"][..], &few].concat()).stdout;
+    let said =
+        riglab(&[&["rig", text(&input), "-o", text(&out), "--json"][..], &few].concat()).output().unwrap().stdout;
     let lines: Vec<Value> =
         String::from_utf8(said).unwrap().lines().map(|l| serde_json::from_str(l).unwrap()).collect();
     let failed: Vec<&Value> = lines.iter().filter(|l| l["error"].is_string()).collect();

@@ -173,6 +173,9 @@ pub struct Similarity {
 }
 
 impl Similarity {
+    /// All stays where it is.
+    pub const NONE: Self = Self { scale: 1.0, shift: [0.0; 3] };
+
     /// The map that centres a box and gives its longest side the length 2. A box without extent is
     /// only centred.
     pub fn into_cube(bounds: Bounds) -> Self {

@@ -32,6 +32,12 @@ impl Template {
         ALL.iter().find(|t| t.class == class)
     }
 
+    /// How many joints at the beginning have names of its parts.
+    pub fn first_of<S: AsRef<str>>(&self, names: &[S]) -> usize {
+        let own = |name: &S| self.parts.iter().any(|part| part.joints.contains(&name.as_ref()));
+        names.iter().take_while(|name| own(name)).count()
+    }
+
     /// The template whose first part a skeleton has whole, by the names of its joints.
     pub fn detect<S: AsRef<str>>(names: &[S]) -> Option<&'static Self> {
         let has = |wanted: &&str| names.iter().any(|n| n.as_ref() == *wanted);

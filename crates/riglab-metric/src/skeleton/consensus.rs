@@ -12,6 +12,12 @@ const FARTHEST: f64 = 3.0 * 1.8;
 /// are the least on average, the first of equals. Draws of a model being samples of what it believes, that is the candidate
 /// with the least expected distance from the truth (minimum Bayes risk).
 pub fn consensus(candidates: &[Joints], voters: &[Joints]) -> Option<usize> {
+    consensus_with(candidates, voters, &vec![0.0; candidates.len()])
+}
+
+/// As [`consensus`], where something else than the others speaks against each candidate, too: so much is added to its
+/// average.
+pub fn consensus_with(candidates: &[Joints], voters: &[Joints], besides: &[f64]) -> Option<usize> {
     let n = candidates.len();
     let apart = |a: &Joints, b: &Joints| {
         let d = SkeletonConvention::Unirig.distances(a, b);
@@ -21,7 +27,8 @@ pub fn consensus(candidates: &[Joints], voters: &[Joints]) -> Option<usize> {
     let all: Vec<&Joints> = candidates.iter().chain(voters).collect();
     let later = |a: usize| all[a + 1..].iter().map(|b| apart(all[a], b)).collect::<Vec<f64>>();
     let rows: Vec<Vec<f64>> = (0..n).into_par_iter().map(later).collect();
-    let mut sums = vec![0.0; n];
+    // Sums, as averages are over as many others for all.
+    let mut sums: Vec<f64> = besides.iter().map(|own| own * (all.len().max(2) - 1) as f64).collect();
     for (a, row) in rows.iter().enumerate() {
         for (b, apart) in (a + 1..).zip(row) {
             sums[a] += apart;

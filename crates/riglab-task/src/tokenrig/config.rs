@@ -139,6 +139,9 @@ pub struct EvalConfig {
     /// Rounds in which the joints of the one that is taken move to where the others have them (see
     /// [`riglab_metric::refined`]).
     pub refine: usize,
+    /// Shares of each true skeleton's joints, the root with them, that are given to the model to be completed, as `riglab rig
+    /// --complete` does: each has its rows among the skeletons. None: that is not evaluated.
+    pub complete: Vec<f64>,
     /// Where branches may come from.
     pub parents: Parents,
     /// Rigs drawn at once.
@@ -176,6 +179,7 @@ impl Default for EvalConfig {
             clouds: 1,
             mirror: false,
             refine: 0,
+            complete: Vec::new(),
             parents: Parents::default(),
             rows: 16,
             validation_assets: 32,
@@ -229,6 +233,9 @@ impl TokenRigTaskConfig {
         }
         .validate()?;
         self.eval.agreement().validate().map_err(|(key, message)| (key.to_owned(), message))?;
+        if let Some(share) = self.eval.complete.iter().find(|share| !(0.0..1.0).contains(*share)) {
+            return bad("eval.complete", format!("{share} is no share of joints to complete: give 0 up to below 1"));
+        }
         if self.skin.codes == 0 {
             return bad("skin.codes", "a bone has at least 1 code".into());
         }

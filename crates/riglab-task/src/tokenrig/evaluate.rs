@@ -2,9 +2,10 @@
 
 use std::sync::Arc;
 
-use riglab_core::{JointId, Mesh, Rig, Skeleton, SkinWeights};
+use riglab_core::{JointId, Mesh, Rig, Similarity, Skeleton, SkinWeights};
 use riglab_geom::voxel::SolidConfig;
 use riglab_metric::{Joints, SkinMetrics, SkinTally, every_rule, nan_for_null};
+use riglab_nn::generate::GenerateConfig;
 use riglab_nn::params::Weights;
 use riglab_random::stream;
 use riglab_ranks::Ranks;
@@ -12,6 +13,7 @@ use riglab_token::Decoded;
 use riglab_train::Validation;
 use serde::{Deserialize, Serialize};
 
+use super::complete::part;
 use super::sample::{codes, sample};
 use super::skin::{Codes, in_order};
 use super::{Batch, Condition, Drawn, TokenRigTask, parts_of};
@@ -254,6 +256,7 @@ impl TokenRigTask {
         for split in &c.data.test {
             let ids = self.assets.split(split).map_err(|e| e.to_string())?;
             let (mut skeletons, mut ways) = (Beside::default(), Ways { methods: Methods::default(), body });
+            let mut completed: Vec<[Sums; 2]> = c.eval.complete.iter().map(|_| Default::default()).collect();
             for ids in ids.chunks((c.eval.rows / c.eval.consensus).max(1)) {
                 let each = ids.iter().map(|&id| normalized(&self.assets, &self.cache, id));
                 let truths: Vec<Arc<Rig>> = each.collect::<Result<_, _>>()?;
@@ -301,12 +304,20 @@ impl TokenRigTask {
                         None => None,
                     };
                     skin_assets.push(skin_asset("given", of));
+                    for (sums, &share) in completed.iter_mut().zip(&c.eval.complete) {
+                        self.complete(w, seen, truth, (share, id.key()), sums)?;
+                    }
                     rigs.push(Rigged { id, rig });
                     progress(assets.len());
                 }
             }
             if !ids.is_empty() {
                 rows.extend(skeletons.rows(split));
+                for ([own, alone], share) in completed.iter().zip(&c.eval.complete) {
+                    let given = format!("{:.0} % of joints given", 100.0 * share);
+                    rows.push(own.row(split, &format!("model, {given}")));
+                    rows.push(alone.row(split, &format!("{given}, alone")));
+                }
                 skin.extend(ways.methods.iter().map(|(name, sums)| {
                     let learned = name.ends_with(": model") || name.ends_with(": auto-encoder");
                     sums.row(split, name, if learned { c.skin.codes } else { 0 })
@@ -322,6 +333,27 @@ impl TokenRigTask {
         let (consensus, draws) = (c.eval.consensus, c.eval.agreement().told(&c.eval.generate));
         let skeletons = SkeletonReport { convention: "unirig".into(), consensus, draws, rows, assets };
         Ok((Report { skeletons, skin, convention: "skintokens".into(), skin_assets }, rigs))
+    }
+
+    /// Counts the skeleton that the model makes of a share of the true one, and that share alone.
+    fn complete(
+        &self,
+        w: &Weights,
+        seen: &Condition,
+        truth: &Rig,
+        (share, key): (f64, u64),
+        [own, alone]: &mut [Sums; 2],
+    ) -> Result<(), String> {
+        let (rigger, eval) = (&self.rigger, &self.rigger.config.eval);
+        let mut random = stream(eval.seed, "given joints", &[key]);
+        let part = part(truth.skeleton(), share, &mut random).ok_or("a skeleton without joints")?;
+        let how = GenerateConfig { sample: true, ..eval.generate.clone() };
+        // One that cannot be written within the limits counts as nothing made.
+        let whole = rigger.completed(w, seen, (&part, Similarity::NONE), &how, (eval.agreement(), key)).ok();
+        let truth = Joints::of(truth.skeleton());
+        own.add_alone(whole.as_ref().map(Joints::of).as_ref(), &truth);
+        alone.add_alone(Some(&Joints::of(&part)), &truth);
+        Ok(())
     }
 
     /// Counts the weights of codes drawn for the true skeleton, and those that the auto-encoder makes of its own codes and

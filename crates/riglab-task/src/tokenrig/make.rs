@@ -32,10 +32,12 @@ const JUDGED: usize = 4096;
 pub struct Wish<'a> {
     /// A skeleton that stays as it is: only its weights are made.
     pub skeleton: Option<&'a Skeleton>,
+    /// Whether that skeleton is a beginning: the model adds the joints that it lacks, after those that are given.
+    pub complete: bool,
     /// A class of skeletons to begin with, by its name: its named parts then come first.
     pub class: Option<&'a str>,
     /// How many are drawn, of which the best is taken; the first takes the likeliest token each time. Where it is not
-    /// told, as many as the model's `eval.consensus`, and one where the skeleton is given.
+    /// told, as many as the model's `eval.consensus`, and one where the skeleton is given and not completed.
     pub samples: Option<usize>,
     /// Which is the best.
     pub rank: Rank,
@@ -97,12 +99,24 @@ impl Rigger {
         let eval = &self.config.eval;
         let clouds = self.clouds(w, &cube, wish.seed);
         let seen = clouds.first(1);
-        let samples = wish.samples.unwrap_or(if turned.is_some() { 1 } else { eval.consensus }).max(1);
         let how = GenerateConfig {
             sample: true,
             temperature: wish.temperature.unwrap_or(eval.generate.temperature),
             tokens: self.config.limits.tokens,
             ..eval.generate.clone()
+        };
+        let turned = match turned {
+            Some(begun) if wish.complete => {
+                let draws = wish.samples.unwrap_or(eval.consensus).max(1);
+                let agreement = Agreement { draws, ..eval.agreement() };
+                Some(self.completed(w, &clouds, (&begun, map), &how, (agreement, wish.seed))?)
+            }
+            turned => turned,
+        };
+        let samples = match wish.samples {
+            Some(samples) if !wish.complete => samples.max(1),
+            None if turned.is_none() => eval.consensus.max(1),
+            _ => 1,
         };
         let given = match &turned {
             Some(skeleton) => Some((skeleton, self.given(skeleton, map)?)),
@@ -149,7 +163,10 @@ impl Rigger {
             Some((skeleton, encoded)) => {
                 let own = |codes| in_order(codes, &encoded.order, skeleton.len());
                 let in_cube = skeleton.with_heads(moved(skeleton.heads(), map)).map_err(|e| e.to_string())?;
-                (wish.skeleton.unwrap_or(skeleton).clone(), in_cube, skins.into_iter().map(own).collect())
+                // A turn of axes and back rounds nothing.
+                let heads = skeleton.heads().iter().map(|&p| up.back(p)).collect();
+                let own_axes = skeleton.with_heads(heads).map_err(|e| e.to_string())?;
+                (own_axes, in_cube, skins.into_iter().map(own).collect())
             }
             None => {
                 let decoded = drawn.decoded.map_err(|e| e.to_string())?;
@@ -180,12 +197,12 @@ impl Rigger {
     }
 
     /// A skeleton's sequence.
-    fn given(&self, skeleton: &Skeleton, map: Similarity) -> Result<riglab_token::Encoded, String> {
+    pub(super) fn given(&self, skeleton: &Skeleton, map: Similarity) -> Result<riglab_token::Encoded, String> {
         let c = &self.config.limits;
         let joints: Vec<_> = skeleton.heads().iter().map(|&p| map.apply(p).map(f64::from)).collect();
         let parents: Vec<_> = skeleton.parents().iter().map(|p| p.map(riglab_core::JointId::index)).collect();
         let names = skeleton.names();
-        let class = riglab_token::Template::detect(names).map(|t| t.class);
+        let class = class_of(names);
         let bones = Bones { joints: &joints, parents: &parents, names };
         let encoded = self.tokenizer.encode_bones(&bones, class);
         let encoded = encoded.map_err(|e| format!("the given skeleton cannot be written as tokens: {e}"))?;
@@ -210,6 +227,11 @@ impl Rigger {
             None => Err(format!("there is no template `{class}`; there are: {}", ids.classes().join(", "))),
         }
     }
+}
+
+/// The class of a skeleton, by the names of its joints.
+pub(super) fn class_of(names: &[String]) -> Option<&'static str> {
+    riglab_token::Template::detect(names).map(|t| t.class)
 }
 
 #[cfg(test)]

@@ -3,6 +3,7 @@
 
 mod batch;
 mod bundle;
+mod complete;
 mod condition;
 mod config;
 mod evaluate;

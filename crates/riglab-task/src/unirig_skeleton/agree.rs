@@ -2,7 +2,7 @@
 
 use riglab_core::Mesh;
 use riglab_geom::{CloudConfig, CloudSampler};
-use riglab_metric::{consensus, refined};
+use riglab_metric::{consensus_with, refined};
 use riglab_nn::generate::GenerateConfig;
 use riglab_nn::perceiver::PerceiverConfig;
 use riglab_random::stream;
@@ -91,6 +91,18 @@ impl Agreement {
         drawn: impl Iterator<Item = Option<&'a Decoded>>,
         fits: impl Fn(&[u32]) -> bool,
     ) -> Option<Agreed> {
+        self.of_those(tokenizer, drawn, fits, |_| 0.0)
+    }
+
+    /// As [`Self::of`], where something else than the others speaks against a draw, too (see
+    /// [`riglab_metric::consensus_with`]).
+    pub fn of_those<'a>(
+        &self,
+        tokenizer: &Tokenizer,
+        drawn: impl Iterator<Item = Option<&'a Decoded>>,
+        fits: impl Fn(&[u32]) -> bool,
+        besides: impl Fn(&Decoded) -> f64,
+    ) -> Option<Agreed> {
         let of_cloud = self.shares().into_iter().enumerate().flat_map(|(cloud, own)| std::iter::repeat_n(cloud, own));
         let (mut places, mut candidates, mut voters) = (Vec::new(), Vec::new(), Vec::new());
         for (place, (decoded, cloud)) in drawn.zip(of_cloud).enumerate() {
@@ -104,7 +116,8 @@ impl Agreement {
                 candidates.push(joints(decoded));
             }
         }
-        let at = consensus(&candidates, &voters)?;
+        let besides: Vec<f64> = places.iter().map(|(_, decoded)| besides(decoded)).collect();
+        let at = consensus_with(&candidates, &voters, &besides)?;
         let (place, decoded) = places[at];
         let own = candidates[at].clone();
         voters.append(&mut candidates);

@@ -65,6 +65,24 @@ pub fn name_joints(
             NameStyle::Keep | NameStyle::Plain => {}
         }
     }
+    Ok((named(skeleton, names)?, human))
+}
+
+/// The skeleton with names for the joints from the `first` on, by their places as with [`NameStyle::Plain`]; those before
+/// keep theirs.
+///
+/// # Errors
+/// As [`name_joints`].
+pub fn name_added(skeleton: &Skeleton, first: usize, mesh: Option<Bounds>) -> Result<Skeleton, RigError> {
+    let mut names = skeleton.names().to_vec();
+    if first < names.len() {
+        names.splice(first.., plain::names(skeleton, mesh).into_iter().skip(first));
+    }
+    named(skeleton, names)
+}
+
+/// With other names, of which those that came before are numbered.
+fn named(skeleton: &Skeleton, names: Vec<String>) -> Result<Skeleton, RigError> {
     let mut seen: HashSet<String> = HashSet::new();
     let joints = skeleton.ids().zip(names).map(|(joint, wanted)| {
         let numbered = (2..).map(|n| format!("{wanted}.{n}"));
@@ -73,7 +91,7 @@ pub fn name_joints(
         seen.insert(name.clone());
         Joint { name, parent: skeleton.parent(joint), head: skeleton.head(joint) }
     });
-    Ok((Skeleton::new(joints.collect())?, human))
+    Skeleton::new(joints.collect())
 }
 
 #[cfg(test)]

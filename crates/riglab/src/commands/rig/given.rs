@@ -1,8 +1,53 @@
 //! How the joints of another file stand in a model.
 
-use anyhow::Result;
+use std::path::Path;
+
+use anyhow::{Context, Result, ensure};
 use riglab_asset::rigging::UpAxis;
-use riglab_core::{Bounds, Mesh, Skeleton, Vec3};
+use riglab_asset::{ImportOptions, import, is_model_file, read_arrays};
+use riglab_core::{Bounds, Joint, JointId, Mesh, Skeleton, Vec3};
+
+/// Reads a skeleton: of a rigged file, or of a file of joints alone, as a rig text without mesh and weights or what a
+/// skeleton stage predicts.
+pub fn read(file: &Path) -> Result<Skeleton> {
+    match import(file, &ImportOptions::default()) {
+        Ok(imported) => {
+            let rig = imported.rig().with_context(|| format!("{}: there is no skeleton in it", file.display()))?;
+            Ok(rig.skeleton().clone())
+        }
+        Err(e) if is_model_file(file) => Err(e.into()),
+        // What is no rig may have joints all the same; if not, why it is no rig is the fault.
+        Err(e) => joints_of(file).map_err(|_| e.into()),
+    }
+}
+
+/// The skeleton of a file of arrays.
+fn joints_of(file: &Path) -> Result<Skeleton> {
+    let mut all = read_arrays(file)?;
+    ensure!(all.len() == 1, "{}: it holds {} assets", file.display(), all.len());
+    let own = all.swap_remove(0)?;
+    let count = own.joints.len();
+    let roots = own.parents.iter().filter(|parent| parent.is_none()).count();
+    ensure!(own.parents.len() == count && roots == 1, "{}: its joints are no tree", file.display());
+    // Parents first, else in the order of the file.
+    let (mut order, mut place) = (Vec::with_capacity(count), vec![None; count]);
+    while order.len() < count {
+        let before = order.len();
+        for joint in 0..count {
+            if place[joint].is_none() && own.parents[joint].is_none_or(|parent| place[parent].is_some()) {
+                place[joint] = Some(u16::try_from(order.len())?);
+                order.push(joint);
+            }
+        }
+        ensure!(order.len() > before, "{}: its joints are no tree", file.display());
+    }
+    let joints = order.into_iter().map(|joint| Joint {
+        name: own.names.get(joint).cloned().unwrap_or_else(|| format!("joint_{joint}")),
+        parent: own.parents[joint].and_then(|parent| place[parent]).map(JointId),
+        head: own.up.to_y(own.joints[joint]),
+    });
+    Ok(Skeleton::new(joints.collect())?)
+}
 
 /// Room around a model in which joints count as within it, as a share of its longest side: ends of bones stand out.
 const ROOM: f32 = 0.1;
@@ -46,9 +91,24 @@ fn share_within(skeleton: &Skeleton, mesh: &Mesh, axis: UpAxis) -> f32 {
 
 #[cfg(test)]
 mod tests {
-    use riglab_core::{Joint, JointId};
-
     use super::*;
+
+    #[test]
+    fn joints_alone_are_a_skeleton() {
+        let dir = tempfile::tempdir().unwrap();
+        let file = dir.path().join("own_rig.txt");
+        std::fs::write(&file, "joints tip 0 2 0\njoints base 0 0 1\nroot base\nhier base tip\n").unwrap();
+        let own = read(&file).unwrap();
+        assert_eq!(
+            (own.names(), own.heads()),
+            (&["base".to_owned(), "tip".into()][..], &[[0.0, 0.0, 1.0], [0.0, 2.0, 0.0]][..])
+        );
+        assert_eq!(own.parents(), [None, Some(JointId(0))]);
+        // What is wrong is told of the file as it is.
+        std::fs::write(&file, "joints tip 0 2\n").unwrap();
+        assert!(read(&file).unwrap_err().to_string().contains("own_rig.txt"));
+        assert!(read(&dir.path().join("none.glb")).is_err());
+    }
 
     /// A tower from the ground to a height of 4, and a chain up its middle.
     fn tower() -> (Mesh, Skeleton) {

@@ -16,6 +16,7 @@ use riglab_train::Progress;
 
 use super::device::DeviceArgs;
 use super::glb::{Frames, Most};
+use crate::say::counted;
 use model::Model;
 
 /// Rig a model: a skeleton and skin weights for a mesh.
@@ -30,20 +31,26 @@ Examples:
   riglab rig avatar.glb -o rigged.glb --preview
   riglab rig avatar.glb -o rigged.glb --samples 8 --rank rewards --seed 1
   riglab rig avatar.glb -o rigged.glb --skeleton bones_of.glb
+  riglab rig dragon.glb -o rigged.glb --skeleton spine_and_wings.txt --complete
   riglab rig models/ -o rigged/
   riglab rig fox.obj -o fox.glb --checkpoint runs/tokenrig/001")]
 pub struct RigArgs {
     #[command(flatten)]
     common: Common,
-    /// Where the skeleton comes from: `predict`, `keep` (the file's own), or a rigged file in the same space.
+    /// Where the skeleton comes from: `predict`, `keep` (the file's own), or another file in the same space: a rigged one, or a
+    /// rig text of joints alone (lines `joints NAME X Y Z`, `hier PARENT CHILD` and `root NAME`).
     #[arg(long, default_value = "predict", value_name = "predict|keep|FILE")]
     skeleton: String,
-    /// Begin with the named joints of a known make: `mixamo` or `vroid`.
+    /// The given skeleton (--skeleton keep or FILE) is a beginning: its joints stay as they are, and the model adds those that
+    /// are missing. Its root is the root of the whole.
+    #[arg(long)]
+    complete: bool,
+    /// Begin with the named joints of a known make: `mixamo` or `vroid`. They keep these names unless --names says otherwise.
     #[arg(long, value_name = "NAME")]
     template: Option<String>,
     /// How joints of a predicted skeleton are called: `mixamo` and `vrm` name human bones as those do, by their place in
     /// the body, and others by where they are; `plain` names all by where they are; `keep` as the model wrote them
-    /// [default: mixamo].
+    /// [default: mixamo; with --template that one's for its joints, the others by where they are].
     #[arg(long, value_name = "mixamo|vrm|plain|keep")]
     names: Option<NameStyle>,
 }
@@ -60,7 +67,8 @@ Examples:
 pub struct SkinArgs {
     #[command(flatten)]
     common: Common,
-    /// Where the skeleton comes from: `keep` (the file's own), or a rigged file in the same space.
+    /// Where the skeleton comes from: `keep` (the file's own), or another file in the same space: a rigged one, or a rig text of
+    /// joints alone.
     #[arg(long, default_value = "keep", value_name = "keep|FILE")]
     skeleton: String,
 }
@@ -82,8 +90,9 @@ struct Common {
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=4096))]
     samples: Option<u16>,
     /// Which of several is the best: the one whose skeleton the others agree with most, its joints moved to where these
-    /// have them (as eval.refine in the model's config), the one with the highest geometric rewards (SkinTokens 3.4.1: joints within the body, weights that hold every vertex, motions that tear
-    /// nothing), or the likeliest.
+    /// have them (as eval.refine in the model's config), the one with the highest geometric rewards (SkinTokens 3.4.1: joints
+    /// within the body, weights that hold every vertex, motions that tear nothing), or the likeliest, which is also what
+    /// consensus takes where the skeleton is given.
     #[arg(long, value_enum, default_value = "consensus")]
     rank: Ranked,
     /// How freely several are drawn [default: as eval.generate in the model's config].
@@ -142,30 +151,55 @@ impl From<Ranked> for Rank {
 
 /// Which skeleton a rig gets.
 enum Bones {
-    Predicted { template: Option<String>, names: NameStyle },
+    Predicted { template: Option<String>, names: Option<NameStyle> },
+    Given { from: Given, complete: bool },
+}
+
+/// Where a skeleton that is given comes from.
+enum Given {
     Kept,
-    Of(PathBuf),
+    File(PathBuf),
+}
+
+impl Given {
+    fn of(told: &str) -> Self {
+        if told == "keep" { Self::Kept } else { Self::File(told.into()) }
+    }
+}
+
+impl Bones {
+    /// Whether the rig of the input stays, and is given other weights.
+    fn keeps_rig(&self) -> bool {
+        matches!(self, Self::Given { from: Given::Kept, complete: false })
+    }
+
+    fn completed(&self) -> bool {
+        matches!(self, Self::Given { complete: true, .. })
+    }
 }
 
 pub fn rig(args: &RigArgs, threads: usize) -> Result<ExitCode> {
     let bones = match args.skeleton.as_str() {
-        "predict" => Bones::Predicted { template: args.template.clone(), names: args.names.unwrap_or_default() },
+        "predict" if args.complete => {
+            bail!(
+                "--complete adds joints to a skeleton that is given: say which with --skeleton keep or --skeleton FILE"
+            )
+        }
+        "predict" => Bones::Predicted { template: args.template.clone(), names: args.names },
         _ if args.template.is_some() => bail!("--template begins a predicted skeleton; leave --skeleton out"),
         _ if args.names.is_some() => {
             bail!("--names is for a predicted skeleton: one that is given keeps its joints' names; leave it out")
         }
-        "keep" => Bones::Kept,
-        file => Bones::Of(file.into()),
+        _ if args.complete && !matches!(args.common.rank, Ranked::Consensus) => {
+            bail!("--complete takes the joints that draws agree on; leave --rank out")
+        }
+        given => Bones::Given { from: Given::of(given), complete: args.complete },
     };
     run(&args.common, &bones, threads)
 }
 
 pub fn skin(args: &SkinArgs, threads: usize) -> Result<ExitCode> {
-    let bones = match args.skeleton.as_str() {
-        "keep" => Bones::Kept,
-        file => Bones::Of(file.into()),
-    };
-    run(&args.common, &bones, threads)
+    run(&args.common, &Bones::Given { from: Given::of(&args.skeleton), complete: false }, threads)
 }
 
 impl Common {
@@ -178,7 +212,7 @@ fn run(args: &Common, bones: &Bones, threads: usize) -> Result<ExitCode> {
     if args.temperature.is_some_and(|t| !(t > 0.0 && t.is_finite())) {
         bail!("--temperature must be a number above 0");
     }
-    if args.skeleton_up.is_some() && !matches!(bones, Bones::Of(_)) {
+    if args.skeleton_up.is_some() && !matches!(bones, Bones::Given { from: Given::File(_), .. }) {
         bail!("--skeleton-up tells of the file of --skeleton; give one");
     }
     let jobs = jobs(&args.input, &args.out)?;
@@ -216,7 +250,7 @@ fn run(args: &Common, bones: &Bones, threads: usize) -> Result<ExitCode> {
     } else {
         say!("{counts}")
     }
-    Ok(if failed == jobs.len() { ExitCode::FAILURE } else { ExitCode::SUCCESS })
+    Ok(if failed > 0 { ExitCode::FAILURE } else { ExitCode::SUCCESS })
 }
 
 /// What is read, and where each is written.
@@ -240,13 +274,22 @@ fn jobs(input: &Path, out: &Path) -> Result<Vec<(PathBuf, PathBuf)>> {
     if same(input, out) {
         bail!("{} is the folder of the inputs, which are never changed; give another", out.display());
     }
-    // What an earlier call wrote is no input.
+    // What an earlier call wrote below the inputs is no input.
     let within = out.canonicalize().ok();
+    let within = within.filter(|out| input.canonicalize().is_ok_and(|input| out.starts_with(input)));
     let own = |path: &Path| match (&within, path.canonicalize()) {
         (Some(out), Ok(path)) => path.starts_with(out),
         _ => false,
     };
-    let found = riglab_files::below(input, |path| is_model_file(path) && !own(path));
+    let passed = std::cell::Cell::new(0);
+    let found = riglab_files::below(input, |path| {
+        let model = is_model_file(path);
+        passed.set(passed.get() + usize::from(model && own(path)));
+        model && !own(path)
+    });
+    if passed.get() > 0 {
+        tell!("note: what is in {} already is no input: {}", out.display(), counted(passed.get(), "model"));
+    }
     for (path, why) in &found.unread {
         tell!("left out: {}: {why}", path.display());
     }
@@ -288,5 +331,8 @@ mod tests {
         assert!(jobs(&a, &dir.path().join("a.fbx")).unwrap_err().to_string().contains("only GLB"));
         assert_eq!(jobs(&dir.path().join("a.obj"), dir.path()).unwrap()[0].1, a);
         assert!(jobs(dir.path(), dir.path()).unwrap_err().to_string().contains("give another"));
+        // Results may go to above the inputs.
+        let sub = dir.path().join("sub");
+        assert_eq!(jobs(&sub, dir.path()).unwrap(), [(sub.join("b.FBX"), dir.path().join("b.glb"))]);
     }
 }

@@ -62,6 +62,13 @@ impl Model {
                 self.card.name
             );
         }
+        if bones.completed() {
+            bail!(
+                "{} is a run of task unirig_skin, which adds no joints: leave --complete out, or take a model that writes \
+                 skeletons",
+                self.card.name
+            );
+        }
         if args.samples.is_some_and(|n| n > 1) {
             bail!("{} is a run of task unirig_skin, which draws nothing: leave --samples out", self.card.name);
         }

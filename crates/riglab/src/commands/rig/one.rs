@@ -3,23 +3,24 @@
 use std::path::Path;
 use std::time::Instant;
 
-use anyhow::{Context, Result, anyhow};
+use anyhow::{Context, Result, anyhow, ensure};
+use riglab_asset::ImportOptions;
 use riglab_asset::export::{self, ExportNote};
-use riglab_asset::rigging::{Subject, SubjectOptions, name_joints};
-use riglab_asset::{ImportOptions, import};
-use riglab_core::{Bounds, Skeleton};
+use riglab_asset::rigging::{NameStyle, Subject, SubjectOptions, name_added, name_joints};
+use riglab_core::{Bounds, Mesh, Skeleton};
 use riglab_files::make_folder_of;
 use riglab_reward::Rewards;
 use riglab_task::tokenrig::{Made, Rank, Wish};
+use riglab_token::Template;
 
 use super::model::Model;
-use super::{Bones, Common, given};
+use super::{Bones, Common, Given, given};
 
 /// Reads `from`, rigs it, writes `to`.
 pub fn rig(args: &Common, bones: &Bones, model: &Model, from: &Path, to: &Path) -> Result<()> {
     let start = Instant::now();
     let options = SubjectOptions {
-        keep_rig: matches!(bones, Bones::Kept),
+        keep_rig: bones.keeps_rig(),
         up: args.up,
         // A skeleton that is given stands as the file does.
         to_front: matches!(bones, Bones::Predicted { .. }),
@@ -30,36 +31,65 @@ pub fn rig(args: &Common, bones: &Bones, model: &Model, from: &Path, to: &Path) 
     for note in subject.notes() {
         tell!("note: {}: {note}", from.display());
     }
-    let given = skeleton(args, bones, &subject, from)?;
+    let mut notes: Vec<String> = subject.notes().iter().map(ToString::to_string).collect();
+    let (given, note) = skeleton(args, bones, &subject, (from, &options))?;
+    notes.extend(note);
     let class = match bones {
         Bones::Predicted { template, .. } => template.as_deref(),
         _ => None,
     };
     let wish = Wish {
         skeleton: given.as_ref(),
+        complete: bones.completed(),
         class,
         samples: args.samples.map(usize::from),
         skins: args.skins.map(usize::from),
-        rank: args.rank.into(),
+        rank: match args.rank.into() {
+            // Nothing is left to agree on.
+            Rank::Consensus if given.is_some() => Rank::Likelihood,
+            rank => rank,
+        },
         temperature: args.temperature,
         seed: args.seed,
     };
-    let made = model.make(&subject, &wish, matches!(bones, Bones::Kept));
+    let made = model.make(&subject, &wish, bones.keeps_rig());
     let made = made.with_context(|| from.display().to_string())?;
     let draws = draws(&made, wish.rank);
     let (sample, likelihood, rewards) = (made.sample, made.taken().likelihood, made.taken().rewards);
-    let weights = subject.agreed(&made.weights);
+    let weights = subject.with_rigid_parts(subject.agreed(&made.weights));
     // Weights that agree over seams are of more joints there; that those are cut again is no news.
     let said = |note: &&ExportNote| !matches!(note, ExportNote::InfluencesCut { .. });
     let joints = made.skeleton.len();
+    let added = given.as_ref().filter(|_| wish.complete).map(|given| joints - given.len());
     let about = || from.display().to_string();
     let rig = match bones {
         Bones::Predicted { names, .. } => {
             let bounds = Bounds::of(subject.mesh().positions().iter().copied());
-            let (skeleton, human) = name_joints(&made.skeleton, bounds, *names).with_context(about)?;
+            let named = class.and_then(Template::of).map(|template| template.first_of(made.skeleton.names()));
+            if let (Some(0), Some(class)) = (named, class) {
+                let note =
+                    format!("none of the named joints of `{class}` came out; the joints are named by where they are");
+                tell!("note: {}: {note}", from.display());
+                notes.push(note);
+            }
+            let style = match (names, named) {
+                (Some(style), _) => *style,
+                (None, Some(1..)) => NameStyle::Keep,
+                (None, _) => NameStyle::default(),
+            };
+            let (skeleton, human) = name_joints(&made.skeleton, bounds, style).with_context(about)?;
+            let skeleton = match (names, named) {
+                (None, Some(first @ 1..)) => name_added(&skeleton, first, bounds).with_context(about)?,
+                _ => skeleton,
+            };
             subject.rigged(skeleton, weights).and_then(|rig| rig.with_humanoid(human))
         }
-        Bones::Kept | Bones::Of(_) => subject.rigged(made.skeleton, weights),
+        Bones::Given { .. } => {
+            let first = given.as_ref().map_or(0, Skeleton::len);
+            let bounds = Bounds::of(subject.mesh().positions().iter().copied());
+            let skeleton = name_added(&made.skeleton, first, bounds).with_context(about)?;
+            subject.rigged(skeleton, weights)
+        }
     };
     let rig = rig.with_context(about)?;
     let exported = subject.attach(&rig, &args.export())?;
@@ -72,19 +102,19 @@ pub fn rig(args: &Common, bones: &Bones, model: &Model, from: &Path, to: &Path) 
     export::write(to, bytes).with_context(|| format!("{} cannot be written", to.display()))?;
     let mesh = rig.mesh();
     if args.json {
-        let of_export = exported.notes.iter().filter(said).map(ToString::to_string);
-        let notes: Vec<String> = subject.notes().iter().map(ToString::to_string).chain(of_export).collect();
+        notes.extend(exported.notes.iter().filter(said).map(ToString::to_string));
         let line = serde_json::json!({
-            "file": from, "out": to, "joints": joints, "vertices": mesh.positions().len(),
+            "file": from, "out": to, "joints": joints, "added": added, "vertices": mesh.positions().len(),
             "triangles": mesh.triangles().len(), "checkpoint": model.card.name, "steps": model.card.state.step,
             "likelihood": likelihood, "sample": sample, "rewards": rewards, "samples": draws, "seconds": start.elapsed().as_secs_f64(),
             "notes": notes,
         });
         say!("{line}");
     } else {
-        say!("{}: {joints} joints, {:.1} s", to.display(), start.elapsed().as_secs_f64());
+        let of_them = added.map_or(String::new(), |added| format!(", {added} of them added"));
+        say!("{}: {joints} joints{of_them}, {:.1} s", to.display(), start.elapsed().as_secs_f64());
         if draws.len() > 1 || rewards.is_some() {
-            say!("  {}", taken(sample, args.rank.into(), &draws, rewards));
+            say!("  {}", taken(sample, wish.rank, &draws, rewards));
         }
     }
     Ok(())
@@ -122,25 +152,49 @@ fn preview(bytes: &[u8], from: &Path) -> Result<Vec<u8>> {
     Ok(made.bytes)
 }
 
-/// The skeleton that stays, in the mesh's space.
-fn skeleton(args: &Common, bones: &Bones, subject: &Subject, from: &Path) -> Result<Option<Skeleton>> {
-    let shown = from.display();
-    match bones {
-        Bones::Predicted { .. } => Ok(None),
-        Bones::Kept => {
-            let rig = subject.old_rig().with_context(|| {
-                format!("{shown} has no skeleton to keep; `riglab rig {shown} -o OUT.glb` makes one, --skeleton FILE takes one")
-            })?;
-            Ok(Some(rig.skeleton().clone()))
+/// The skeleton that stays, in the mesh's space, and what a person should know of it.
+fn skeleton(
+    args: &Common,
+    bones: &Bones,
+    subject: &Subject,
+    (from, options): (&Path, &SubjectOptions),
+) -> Result<(Option<Skeleton>, Option<String>)> {
+    let Bones::Given { from: given, complete } = bones else { return Ok((None, None)) };
+    match given {
+        // A rig that gets more joints does not stay: it is read beside the bare model.
+        Given::Kept if *complete => {
+            let whole = Subject::read(from, &SubjectOptions { keep_rig: true, ..options.clone() })?;
+            ensure!(
+                alike(whole.mesh(), subject.mesh()),
+                "{}: the model is shown in another pose than that in which its skeleton holds it; save it at rest, then \
+                 complete it",
+                from.display()
+            );
+            kept(&whole, from).map(|own| (Some(own), None))
         }
-        Bones::Of(file) => {
-            let imported = import(file, &ImportOptions::default())?;
-            let rig = imported.rig().with_context(|| format!("{}: there is no skeleton in it", file.display()))?;
-            let stood = given::stood(rig.skeleton(), subject.mesh(), args.up, args.skeleton_up)?;
-            if let Some(note) = stood.note {
+        Given::Kept => kept(subject, from).map(|own| (Some(own), None)),
+        Given::File(file) => {
+            let stood = given::stood(&given::read(file)?, subject.mesh(), args.up, args.skeleton_up)?;
+            if let Some(note) = &stood.note {
                 tell!("note: {}: {note}", file.display());
             }
-            Ok(Some(stood.skeleton))
+            Ok((Some(stood.skeleton), stood.note))
         }
     }
+}
+
+/// The skeleton that a model has.
+fn kept(subject: &Subject, from: &Path) -> Result<Skeleton> {
+    let shown = from.display();
+    let rig = subject.old_rig().with_context(|| {
+        format!("{shown} has no skeleton to keep; `riglab rig {shown} -o OUT.glb` makes one, --skeleton FILE takes one")
+    })?;
+    Ok(rig.skeleton().clone())
+}
+
+/// Whether two meshes take up the same room, but for a twentieth.
+fn alike(a: &Mesh, b: &Mesh) -> bool {
+    let [Some(a), Some(b)] = [a, b].map(|mesh| Bounds::of(mesh.positions().iter().copied())) else { return false };
+    let room = 0.05 * a.diagonal();
+    (0..3).all(|k| (a.min[k] - b.min[k]).abs() <= room && (a.max[k] - b.max[k]).abs() <= room)
 }

@@ -1,0 +1,162 @@
+//! A skeleton of which some joints are given: the model writes the others.
+//!
+//! A free skeleton is made as always, of several draws, where those count for more that have the given joints by themselves.
+//! In it given joints take the places of drawn ones, limb by limb, and what is left of it are the joints that were missing.
+//!
+//! The other way, to have the given joints read and the sequence go on from there, was measured, too (experiments/README.md):
+//! it is somewhat nearer to the truth where the given joints are like those that the model learned from, and loses its way
+//! where they are not.
+//!
+//! The papers leave directed topology as an open limitation; this needs no training of its own.
+
+mod merge;
+mod part;
+
+use riglab_core::{Joint, JointId, Similarity, Skeleton};
+use riglab_nn::generate::GenerateConfig;
+use riglab_nn::params::Weights;
+use riglab_random::stream;
+use riglab_token::{Bones, Decoded};
+
+use self::merge::{Merged, Tree, grafted};
+pub(super) use self::part::part;
+use super::make::class_of;
+use super::{Condition, Rigger};
+use crate::unirig_skeleton::agree::{Agreed, Agreement};
+
+/// What a given joint counts, in the cube, that a draw has nowhere or further away: about what joints of two sane skeletons
+/// are apart at most.
+const LOST: f64 = 0.25;
+
+impl Rigger {
+    /// A skeleton that begins with these joints, as they are and in their order; after them come those that the model adds.
+    /// `seen`: its mesh in as many clouds as draws are shared out to; `map`: from its units into the cube.
+    ///
+    /// # Errors
+    /// When the given joints cannot be written within the limits, or nothing comes out.
+    pub(super) fn completed(
+        &self,
+        w: &Weights,
+        seen: &Condition,
+        (begun, map): (&Skeleton, Similarity),
+        how: &GenerateConfig,
+        (agreement, seed): (Agreement, u64),
+    ) -> Result<Skeleton, String> {
+        self.given(begun, map)?;
+        let given = Tree {
+            joints: begun.heads().iter().map(|&p| map.apply(p).map(f64::from)).collect(),
+            parents: begun.parents().iter().map(|p| p.map(JointId::index)).collect(),
+        };
+        let shares = agreement.shares();
+        let mut streams: Vec<_> = (0..agreement.draws as u64).map(|k| stream(seed, "rig draws", &[k])).collect();
+        let seen = seen.first(shares.len());
+        let drawn = self.draw_skeletons(w, &seen, (&self.free(), &shares), how, &mut streams)?;
+        let decoded: Vec<Option<&Decoded>> = drawn.iter().map(|d| d.decoded.as_ref().ok()).collect();
+        let lost = |d: &Decoded| {
+            let all = grafted(&given, d);
+            // On average, as one more of the three distances between draws.
+            all.off.iter().map(|off| off.min(LOST)).sum::<f64>() / given.joints.len() as f64
+        };
+        let agreed = agreement.of_those(&self.tokenizer, decoded.iter().copied(), |_| true, lost);
+        let Agreed { place, refined } = agreed.ok_or("no skeleton came out; try another --seed")?;
+        let taken = refined.map(|(_, said)| said).or_else(|| decoded[place].cloned());
+        let all = grafted(&given, &taken.ok_or("no skeleton came out; try another --seed")?);
+        let joints = whole(begun, &all, map);
+        // The first ones, where there is no room for all.
+        let (mut count, limits) = (joints.len(), self.config.limits);
+        while count > begun.len() && !(count <= limits.joints && self.length(&joints[..count], map) <= limits.tokens) {
+            count -= 1;
+        }
+        Skeleton::new(joints[..count].to_vec()).map_err(|e| e.to_string())
+    }
+
+    /// How many tokens joints take; more than there are where they cannot be written.
+    fn length(&self, all: &[Joint], map: Similarity) -> usize {
+        let joints: Vec<_> = all.iter().map(|joint| map.apply(joint.head).map(f64::from)).collect();
+        let parents: Vec<_> = all.iter().map(|joint| joint.parent.map(JointId::index)).collect();
+        let names: Vec<_> = all.iter().map(|joint| joint.name.clone()).collect();
+        let bones = Bones { joints: &joints, parents: &parents, names: &names };
+        self.tokenizer.encode_bones(&bones, class_of(&names)).map_or(usize::MAX, |encoded| encoded.ids.len())
+    }
+}
+
+/// The given joints as they are, and the others after them.
+fn whole(begun: &Skeleton, all: &Merged, map: Similarity) -> Vec<Joint> {
+    let (names, parents, heads) = begun.clone().into_parts();
+    let joints = names.into_iter().zip(parents).zip(heads);
+    let mut joints: Vec<Joint> = joints.map(|((name, parent), head)| Joint { name, parent, head }).collect();
+    let mut place: Vec<usize> = all.given.iter().map(|g| g.unwrap_or(0)).collect();
+    for at in (0..all.given.len()).filter(|&at| all.given[at].is_none()) {
+        place[at] = joints.len();
+        let free = |name: &String| joints.iter().all(|joint| joint.name != *name);
+        joints.push(Joint {
+            name: (joints.len()..).map(|n| format!("bone_{n}")).find(free).unwrap_or_default(),
+            parent: all.tree.parents[at].and_then(|p| u16::try_from(place[p]).ok()).map(JointId),
+            head: map.inverse().apply(all.tree.joints[at].map(|x| x as f32)),
+        });
+    }
+    joints
+}
+
+#[cfg(test)]
+mod tests {
+    use riglab_core::Mesh;
+    use riglab_nn::tokenrig::Head;
+    use riglab_random::{Draw, Stream};
+
+    use super::*;
+    use crate::tokenrig::Wish;
+    use crate::tokenrig::testing::{tetrahedron, untrained};
+
+    /// A tree of so many joints within the mesh.
+    fn tree(count: u16, random: &mut Stream) -> Skeleton {
+        let joint = |k: u16, random: &mut Stream| Joint {
+            name: format!("own {k}"),
+            parent: (k > 0).then(|| JointId(random.below(usize::from(k)) as u16)),
+            head: std::array::from_fn(|_| random.within(-0.9, 0.9)),
+        };
+        Skeleton::new((0..count).map(|k| joint(k, random)).collect()).unwrap()
+    }
+
+    fn completed(rigger: &Rigger, mesh: &Mesh, begun: &Skeleton, seed: u64) -> Skeleton {
+        let wish = Wish { skeleton: Some(begun), complete: true, samples: Some(3), seed, ..Wish::default() };
+        let made = rigger.make(mesh, &wish).unwrap();
+        assert_eq!((made.weights.rows(), made.draws.len()), (mesh.positions().len(), 1));
+        made.skeleton
+    }
+
+    #[test]
+    fn given_joints_come_back_unchanged_and_others_after_them() {
+        let mesh = tetrahedron();
+        let mut added = 0;
+        for (head, empty) in [(Head::Flat, false), (Head::Levels, true)] {
+            let mut rigger = untrained(head, empty);
+            for up in [crate::assets::Up::Y, crate::assets::Up::Z] {
+                rigger.config.data.up = up;
+                for count in [1u16, 2, 4, 6] {
+                    let begun = tree(count, &mut stream(0, "test", &[u64::from(count)]));
+                    let whole = completed(&rigger, &mesh, &begun, u64::from(count));
+                    let first = usize::from(count);
+                    assert_eq!(whole.names()[..first], *begun.names());
+                    assert_eq!(whole.parents()[..first], *begun.parents());
+                    assert_eq!(whole.heads()[..first], *begun.heads());
+                    // As many as the model may have.
+                    assert!(whole.len() <= 6 && whole.names()[first..].iter().all(|name| name.starts_with("bone_")));
+                    added += whole.len() - first;
+                }
+            }
+        }
+        assert!(added > 0);
+        let rigger = untrained(Head::Levels, true);
+        let begun = tree(2, &mut stream(7, "test", &[]));
+        assert_eq!(completed(&rigger, &mesh, &begun, 1), completed(&rigger, &mesh, &begun, 1), "the same each time");
+    }
+
+    #[test]
+    fn what_has_no_room_is_refused_as_any_given_skeleton() {
+        let (rigger, mesh) = (untrained(Head::Levels, true), tetrahedron());
+        let begun = tree(7, &mut stream(0, "test", &[]));
+        let wish = Wish { skeleton: Some(&begun), complete: true, ..Wish::default() };
+        assert!(rigger.make(&mesh, &wish).unwrap_err().contains("reads at most 6 joints"));
+    }
+}
