@@ -360,6 +360,19 @@ fn what_is_read_is_spared_in_every_format() {
     let said = refusal(&mut riglab(&["convert", text(&path("a_rig.txt")), text(&path("a.obj"))]));
     assert!(said.contains("a.obj"), "{said}");
     assert_eq!(fs::read(path("a.obj")).unwrap(), mesh);
+    // Nor is someone's own mesh, where there is no text that it belongs to; a pair is written again.
+    fs::write(path("own.obj"), "v 0 0 0\n").unwrap();
+    let said = refusal(&mut riglab(&["convert", text(creature), text(&path("own_rig.txt")), "--to", "rignet"]));
+    assert!(said.contains("own.obj") && fs::read(path("own.obj")).unwrap() == b"v 0 0 0\n", "{said}");
+    let said = must(&["convert", text(creature), text(&path("a_rig.txt")), "--to", "rignet"]).stdout;
+    let said = String::from_utf8(said).unwrap();
+    assert!(said.contains("a_rig.txt") && said.contains("a.obj"), "both are named: {said}");
+    // A bare model becomes a GLB, and a name without an ending is none.
+    must(&["convert", text(&path("a.obj")), text(&path("bare.glb"))]);
+    let shown = String::from_utf8(must(&["inspect", text(&path("bare.glb"))]).stdout).unwrap();
+    assert!(shown.contains("vertices"), "{shown}");
+    let said = refusal(&mut riglab(&["convert", text(creature), text(&path("none")), "--to", "puppeteer"]));
+    assert!(said.contains("no ending") && !path("none").exists(), "{said}");
     // A corpus takes no other file's place.
     let made = path("made");
     let said = refusal(&mut riglab(&["dataset", "import", text(&made), "-o", text(&path("a.npz"))]));

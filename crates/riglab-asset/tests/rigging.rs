@@ -129,6 +129,30 @@ fn true_rigs_of_bare_models_read_back_and_looks_stay() {
 }
 
 #[test]
+fn rigid_parts_keep_their_joint_and_the_file_its_motions_under_other_weights() {
+    let Some(folder) = common::data("RIGLAB_RIGS_ORIGINAL", "rigs_original") else { return };
+    let path = folder.join("kaykit_knight_meshopt.glb");
+    let subject = Subject::read(&path, &SubjectOptions { keep_rig: true, ..Default::default() }).unwrap();
+    let old = subject.old_rig().unwrap();
+    // Equal shares of the joints that a vertex has; one on a single joint moves to the root, as a network may have it.
+    let shares = |v: usize| {
+        let own: Vec<(u16, f64)> = old.weights().row(v).map(|(joint, _)| (joint.0, 1.0)).collect();
+        if own.len() == 1 { vec![(own[0].0, 3.0), (0, 1.0)] } else { own }
+    };
+    let other = SkinWeights::normalized((0..old.weights().rows()).map(shares)).unwrap();
+    let kept = subject.with_rigid_parts(other.clone());
+    let same = |v: &usize| kept.row(*v).eq(old.weights().row(*v));
+    let rigid = (0..kept.rows()).filter(same).count();
+    assert!(rigid > 0 && rigid < kept.rows(), "{rigid} of {}", kept.rows());
+    let motions = |weights: &SkinWeights| {
+        let rig = subject.rigged(old.skeleton().clone(), weights.clone()).unwrap();
+        let exported = subject.attach(&rig, &ExportOptions::default()).unwrap();
+        parts(&exported.bytes).0["animations"].as_array().map_or(0, Vec::len)
+    };
+    assert_eq!((motions(&kept), motions(&other)), (26, 0), "with a shield held by its own joint, and by two");
+}
+
+#[test]
 fn a_kept_skeleton_stays_with_its_nodes() {
     let Some(folder) = common::data("RIGLAB_RIGS", "rigs") else { return };
     let file = "khronos_fox.glb";

@@ -183,6 +183,11 @@ hint: did you mean `base.toml`?"
         fault("latin.toml").lines().next().unwrap(),
         "DIR/latin.toml:1:11: DIR/bytes.toml: cannot be read: not UTF-8: invalid utf-8 sequence of 1 bytes from index 5"
     );
+    let folder = Loader::new().load(dir.path(), &[] as &[&str]).unwrap_err().to_string();
+    assert!(folder.contains("a folder, not a file") && folder.contains("TOML file"), "{folder}");
+    std::fs::write(dir.path().join("config.toml"), "").unwrap();
+    let run = Loader::new().load(dir.path(), &[] as &[&str]).unwrap_err().to_string();
+    assert!(run.contains("--resume"), "{run}");
     assert_eq!(fault("bsae.toml"), "DIR/bsae.toml: no such file\n\nhint: did you mean `DIR/base.toml`?");
     assert_eq!(
         Config::from_toml_str("t", "extends = 'x.toml'").unwrap_err().to_string(),

@@ -376,3 +376,26 @@ fn write(
     writer.finish(&of)?;
     Ok(())
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn shards_that_are_not_there_are_told() {
+        let dir = tempfile::tempdir().unwrap();
+        let part = |number: u64, of: u64| {
+            let path = dir.path().join(format!("part{number}.h5"));
+            let work = Places::of(&path).work;
+            std::fs::create_dir_all(&work).unwrap();
+            std::fs::write(work.join(SHARD), serde_json::to_vec(&Shard { number, of }).unwrap()).unwrap();
+            path
+        };
+        let parts: Vec<PathBuf> = (1..=4).map(|number| part(number, 4)).collect();
+        assert_eq!(missing(&parts), None);
+        let told = missing(&parts[1..3]).unwrap();
+        assert!(told.contains("1/4, 4/4 are missing"), "{told}");
+        // What does not say that it is a shard is asked nothing.
+        assert_eq!(missing(&[dir.path().join("whole.h5")]), None);
+    }
+}

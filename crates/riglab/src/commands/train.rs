@@ -424,3 +424,23 @@ fn next_free(config: &str) -> PathBuf {
     let free = (1..).map(|n| dir.join(format!("{n:03}"))).find(|d| !d.exists());
     free.unwrap_or(dir)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_run_goes_on_with_its_own_corpora_alone() {
+        let of = |sum: &str| vec![("c.h5".to_owned(), sum.to_owned(), 3)];
+        assert!(same_data(&of("0123456789abcdef"), &of("0123456789abcdef")).is_ok());
+        assert!(same_data(&[], &of("0123456789abcdef")).is_ok(), "not said");
+        // The same elsewhere.
+        let moved = vec![("d.h5".to_owned(), "0123456789abcdef".to_owned(), 3)];
+        assert!(same_data(&of("0123456789abcdef"), &moved).is_ok());
+        let said = same_data(&of("0123456789abcdef"), &of("fedcba9876543210")).unwrap_err().to_string();
+        assert!(
+            said.contains("0123456789ab") && said.contains("fedcba987654") && said.contains("train.start"),
+            "{said}"
+        );
+    }
+}

@@ -133,3 +133,14 @@ fn names_are_unlike_and_stable_and_leave_the_tree_alone() {
     }
     assert!("maya".parse::<NameStyle>().is_err());
 }
+
+#[test]
+fn joints_that_were_added_are_named_by_place_and_others_keep_their_names() {
+    let chain = [("leg_1", "", [0.0; 3]), ("spine_2", "leg_1", [0.0, 1.0, 0.0]), ("x", "spine_2", [0.0, 2.0, 0.0])];
+    let chain = skeleton(&chain);
+    let plain = name_joints(&chain, None, NameStyle::Plain).unwrap().0;
+    let named = name_added(&chain, 2, None).unwrap();
+    assert_eq!(named.names()[..2], *chain.names()[..2].to_vec());
+    assert!(named.names()[2].starts_with(&plain.names()[2]) && named.parents() == chain.parents());
+    assert_eq!(name_added(&chain, 3, None).unwrap(), chain, "none");
+}
