@@ -6,7 +6,7 @@ use std::time::Instant;
 use anyhow::{Context, Result, anyhow, ensure};
 use riglab_asset::ImportOptions;
 use riglab_asset::export::{self, ExportNote};
-use riglab_asset::rigging::{NameStyle, Subject, SubjectOptions, name_added, name_joints};
+use riglab_asset::rigging::{Subject, SubjectOptions, name_added, name_joints};
 use riglab_core::{Bounds, Mesh, Skeleton};
 use riglab_files::make_folder_of;
 use riglab_reward::Rewards;
@@ -67,21 +67,13 @@ pub fn rig(args: &Common, bones: &Bones, model: &Model, from: &Path, to: &Path) 
             let bounds = Bounds::of(subject.mesh().positions().iter().copied());
             let named = class.and_then(Template::of).map(|template| template.first_of(made.skeleton.names()));
             if let (Some(0), Some(class)) = (named, class) {
-                let note =
-                    format!("none of the named joints of `{class}` came out; the joints are named by where they are");
+                let note = format!(
+                    "none of the named joints of `{class}` came out: this model does not know them; leave --template out"
+                );
                 tell!("note: {}: {note}", from.display());
                 notes.push(note);
             }
-            let style = match (names, named) {
-                (Some(style), _) => *style,
-                (None, Some(1..)) => NameStyle::Keep,
-                (None, _) => NameStyle::default(),
-            };
-            let (skeleton, human) = name_joints(&made.skeleton, bounds, style).with_context(about)?;
-            let skeleton = match (names, named) {
-                (None, Some(first @ 1..)) => name_added(&skeleton, first, bounds).with_context(about)?,
-                _ => skeleton,
-            };
+            let (skeleton, human) = name_joints(&made.skeleton, bounds, *names).with_context(about)?;
             subject.rigged(skeleton, weights).and_then(|rig| rig.with_humanoid(human))
         }
         Bones::Given { .. } => {
