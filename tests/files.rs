@@ -368,6 +368,10 @@ fn what_is_read_is_spared_in_every_format() {
     let said = String::from_utf8(said).unwrap();
     assert!(said.contains("a_rig.txt") && said.contains("a.obj"), "both are named: {said}");
     // A bare model becomes a GLB, and a name without an ending is none.
+    fs::write(path("b.obj"), "v 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nusemtl m\nf 1/1 2/1 3/1\n").unwrap();
+    let said = must(&["convert", text(&path("b.obj")), text(&path("b.glb"))]).stderr;
+    let said = String::from_utf8(said).unwrap();
+    assert!(!said.contains("not written"), "its looks come along: {said}");
     must(&["convert", text(&path("a.obj")), text(&path("bare.glb"))]);
     let shown = String::from_utf8(must(&["inspect", text(&path("bare.glb"))]).stdout).unwrap();
     assert!(shown.contains("vertices"), "{shown}");

@@ -60,7 +60,28 @@ fn runs_are_reported_compared_and_looked_at() {
     two_runs_stand_side_by_side(&runs);
     what_cannot_be_compared_is_refused(&runs);
     half_a_run_is_told(&runs);
+    what_cannot_be_evaluated_is_told_before_the_work(&runs);
     a_reader_turns_rigs_in_a_browser(&runs);
+}
+
+fn what_cannot_be_evaluated_is_told_before_the_work(runs: &Runs) {
+    let before = read(&runs.a.join("eval.json"));
+    let eval = |run: &Path, sets: &[&str]| {
+        let sets = sets.iter().flat_map(|set| ["--set", *set]);
+        refusal(&mut riglab(&["eval", text(run)].into_iter().chain(sets).collect::<Vec<_>>()))
+    };
+    let nowhere = runs.dir.path().join("nowhere");
+    assert!(eval(&nowhere, &[]).contains("nowhere") && !nowhere.exists(), "a mistyped name makes no folder");
+    assert!(eval(&runs.a, &["data.test=[\"zz\"]"]).contains("no asset in `zz`"));
+    let info: serde_json::Value = serde_json::from_str(&read(&runs.a.join("run.json"))).unwrap();
+    let corpus = Path::new(info["data"][0][0].as_str().unwrap());
+    let again = runs.dir.path().join("again.h5");
+    fs::copy(corpus, &again).unwrap();
+    let both = format!("data.corpora=[{:?}, {:?}]", text(corpus), text(&again));
+    assert!(eval(&runs.a, &[&both]).contains("hold the same assets"));
+    assert_eq!(read(&runs.a.join("eval.json")), before);
+    let said = refusal(&mut riglab(&["train", text(&runs.a)]));
+    assert!(said.contains("--resume"), "{said}");
 }
 
 fn all_forms_say_the_same(runs: &Runs) {

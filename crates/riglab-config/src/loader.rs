@@ -58,9 +58,7 @@ impl<'a> Loader<'a> {
                 let fault = Fault::new(FaultKind::Unreadable, format!("{name}: a folder, not a file"), None);
                 let own = path.as_ref().join("config.toml");
                 let hint = match own.is_file() {
-                    true => {
-                        format!("its config is `{}`; a run goes on with `riglab train --resume {name}`", own.display())
-                    }
+                    true => format!("its config is `{}`", own.display()),
                     false => "give a TOML file, or the name of a built-in one".into(),
                 };
                 return fault.hint(hint);

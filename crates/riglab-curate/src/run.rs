@@ -95,10 +95,14 @@ pub fn curate(
     // Before hours of work, not after them.
     riglab_files::make_folder_of(&places.out).map_err(|e| CurateError::write(&places.out, e))?;
     let mut files = Folder::open(folder, &[&places.out, &places.work], &config.import)?;
-    if let Some(shard) = shard {
-        files.retain(|name| shard.has(name));
-        let text = serde_json::to_vec(&shard).unwrap_or_default();
-        store(&places.work.join(SHARD), &text)?;
+    let told = places.work.join(SHARD);
+    match shard {
+        Some(shard) => {
+            files.retain(|name| shard.has(name));
+            store(&told, &serde_json::to_vec(&shard).unwrap_or_default())?;
+        }
+        // The folder may have been a shard's before; mostly there is none.
+        None => drop(std::fs::remove_file(&told)),
     }
     let (records, _journal) = look(&files, places, config, tell)?;
     finish(&Source::Folder(&files, config), records, places, config, tell)

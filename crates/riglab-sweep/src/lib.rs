@@ -2,8 +2,8 @@
 //!
 //! The one idea: **the runs' folders are the state.** A [`Plan`] lists all jobs before the first begins, each with
 //! its resolved config; what a job has come to is read from its run folder ([`State`]) and from nothing else but the
-//! list of failed attempts ([`retry`] has them count no more). So a sweep that was killed at any moment goes on by looking again, and its table is
-//! the same.
+//! list of failed attempts ([`retry`] has them count no more). So a sweep that was killed at any moment goes on by
+//! looking again, and its table is the same.
 //!
 //! [`run`] keeps as many jobs running as processors and memory allow; one that fails is tried once more and never
 //! stops the rest; one that outlived a killed sweep is left to end. [`run_one`] does one job alone, for whoever has

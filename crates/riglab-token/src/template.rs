@@ -32,10 +32,9 @@ impl Template {
         ALL.iter().find(|t| t.class == class)
     }
 
-    /// How many joints at the beginning have names of its parts.
-    pub fn first_of<S: AsRef<str>>(&self, names: &[S]) -> usize {
-        let own = |name: &S| self.parts.iter().any(|part| part.joints.contains(&name.as_ref()));
-        names.iter().take_while(|name| own(name)).count()
+    /// Whether a joint of one of its parts is called so.
+    pub fn has(&self, name: &str) -> bool {
+        self.parts.iter().any(|part| part.joints.contains(&name))
     }
 
     /// The template whose first part a skeleton has whole, by the names of its joints.

@@ -225,6 +225,25 @@ mod tests {
     }
 
     #[test]
+    fn runs_that_were_evaluated_otherwise_differ_in_that() {
+        let (mut a, mut b) = (run("a", 0.0, "1"), run("b", 0.0, "1"));
+        let differ = |a: Compared, b: Compared| {
+            let blocks = versus(&[a, b]).unwrap();
+            let rows = |caption: &str| -> Vec<Vec<String>> {
+                let rows = table(&blocks, caption).rows.iter();
+                rows.map(|row| row.iter().map(|c| c.text.clone()).collect()).collect()
+            };
+            (rows("Settings"), rows("Runs"))
+        };
+        a.sets = vec!["train.steps=5".into()];
+        (b.sets, b.step) = (vec!["train.steps = 7".into(), "eval.name=x".into()], Some(3));
+        let (settings, runs) = differ(a, b);
+        assert_eq!(settings, [["eval.name", "", "\"x\""], ["train.steps", "5", "7"]]);
+        assert!(runs.iter().any(|row| row[..] == ["step evaluated", "5", "3"]), "{runs:?}");
+        assert!(differ(run("a", 0.0, "1"), run("b", 0.0, "1")).0.is_empty());
+    }
+
+    #[test]
     fn what_stands_beside_is_told_apart_where_runs_found_other_numbers_of_it() {
         let mut other = run("b", 0.05, "1");
         let before = other.findings[0].totals.iter_mut().find(|t| !t.own && t.split == "test_seen").unwrap();

@@ -155,4 +155,12 @@ mod tests {
         assert_eq!(worst_bone(&truth, &predicted, 3), 0);
         assert_eq!(worst_bone(&truth, &[0.5, 0.5, 0.0, 0.2, 0.4, 0.4], 3), 2);
     }
+
+    #[test]
+    fn a_network_that_gives_no_numbers_is_told_as_such() {
+        assert!(finite(&[0.0, -1.0, 1e30]).is_ok());
+        for wrong in [f32::NAN, f32::INFINITY] {
+            assert!(finite(&[0.5, wrong]).unwrap_err().contains("train.optim"));
+        }
+    }
 }

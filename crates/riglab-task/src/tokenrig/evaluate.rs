@@ -316,7 +316,8 @@ impl TokenRigTask {
                 for ([own, alone], share) in completed.iter().zip(&c.eval.complete) {
                     let given = format!("{:.0} % of joints given", 100.0 * share);
                     rows.push(own.row(split, &format!("model, {given}")));
-                    rows.push(alone.row(split, &format!("{given}, alone")));
+                    // A root alone has no bones to compare.
+                    rows.extend(Some(alone.row(split, &format!("{given}, alone"))).filter(|row| row.compared > 0));
                 }
                 skin.extend(ways.methods.iter().map(|(name, sums)| {
                     let learned = name.ends_with(": model") || name.ends_with(": auto-encoder");

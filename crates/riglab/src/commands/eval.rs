@@ -59,6 +59,8 @@ pub fn run(args: &Args, threads: usize) -> Result<ExitCode> {
     let config = read(&args.sets)?.of_run(&run);
     let name = args.checkpoint.as_ref().unwrap_or(&named);
     let checkpoint = Checkpoint::open(&run.join("checkpoints").join(name))?;
+    // There is such a run.
+    try_writing(&path)?;
     let own = read(&[])?;
     if own.data().corpora.is_empty() {
         tell!(
@@ -103,12 +105,15 @@ fn places(args: &Args, run: &Path) -> Result<(PathBuf, PathBuf)> {
         );
     }
     super::keep_corpus(&path)?;
-    make_folder_of(&path).with_context(|| format!("{} cannot be written; give another --out", path.display()))?;
-    // A file that is not finished goes away with what it is held by.
-    let (file, unfinished) = Unfinished::beside(&path)
-        .with_context(|| format!("{} cannot be written; give another --out", path.display()))?;
-    drop((file, unfinished));
     Ok((path, folder))
+}
+
+/// Tries whether a file can be written: before the work, not after it.
+fn try_writing(path: &Path) -> Result<()> {
+    // One that is not finished goes away by itself.
+    let tried = make_folder_of(path).and_then(|()| Unfinished::beside(path));
+    tried.with_context(|| format!("{} cannot be written; give another --out", path.display()))?;
+    Ok(())
 }
 
 /// An evaluation of a run's checkpoint.

@@ -185,6 +185,9 @@ fn begin<T: Experiment>(task: &T, start: &StartConfig) -> Result<Vec<String>> {
 
 /// The config of a file or preset.
 fn named(name: &str, sets: &[String]) -> Result<TaskConfig> {
+    if Path::new(name).join("config.toml").is_file() {
+        bail!("{name} is a run: go on with `riglab train --resume {name}`, or begin another of its {name}/config.toml");
+    }
     Ok(beside(TaskConfig::read(&presets::load(name, sets)?)?, Path::new(name)).settled())
 }
 

@@ -328,7 +328,8 @@ fn store_glb(imported: &Imported, out: &Path, args: &Args, lost: &mut Lost) -> R
         tell!("note: {source}: {note}");
     }
     export::write(out, &exported.bytes).with_context(|| format!("{}", out.display()))?;
-    if !document {
+    // A bare model keeps its looks.
+    if !document && imported.rig().is_some() {
         *lost = lost.with(imported, Target::Glb);
     }
     Ok(())
@@ -337,6 +338,7 @@ fn store_glb(imported: &Imported, out: &Path, args: &Args, lost: &mut Lost) -> R
 /// A model of another format as a GLB with its looks.
 fn bare(source: &str) -> Result<export::Exported> {
     let subject = Subject::read(source, &SubjectOptions::default())?;
+    subject.notes().iter().for_each(|note| tell!("note: {source}: {note}"));
     let bytes = subject.document().map(<[u8]>::to_vec);
     let bytes = bytes
         .with_context(|| format!("{source}: the file has a mesh but no skeleton, which is written as obj only"))?;

@@ -65,8 +65,8 @@ pub fn rig(args: &Common, bones: &Bones, model: &Model, from: &Path, to: &Path) 
     let rig = match bones {
         Bones::Predicted { names, .. } => {
             let bounds = Bounds::of(subject.mesh().positions().iter().copied());
-            let named = class.and_then(Template::of).map(|template| template.first_of(made.skeleton.names()));
-            if let (Some(0), Some(class)) = (named, class) {
+            let without = |t: &Template| !made.skeleton.names().iter().any(|name| t.has(name));
+            if let Some(Template { class, .. }) = class.and_then(Template::of).filter(|t| without(t)) {
                 let note = format!(
                     "none of the named joints of `{class}` came out: this model does not know them; leave --template out"
                 );
