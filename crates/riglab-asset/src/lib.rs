@@ -49,6 +49,7 @@ pub mod rigging;
 mod skeletons;
 mod triangles;
 mod warning;
+mod wavefront;
 
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};

@@ -6,12 +6,13 @@
 
 use tobj::{LoadError, LoadOptions};
 
+use crate::wavefront::{self, Asked};
 use crate::{Binding, Fault, Part, Reading, VertexSet, triangles};
 
 pub(crate) fn read(bytes: &[u8]) -> Result<Reading, Fault> {
     let options = LoadOptions { triangulate: true, ignore_points: true, ignore_lines: true, ..Default::default() };
     // What a material library holds does not matter.
-    let lines = needed(bytes);
+    let lines = wavefront::obj(bytes, Asked::Surface);
     let (models, _) = tobj::load_obj_buf(&mut &lines[..], &options, |_| Err(LoadError::OpenFileFailed))
         .map_err(|e| Fault::Obj(e.to_string()))?;
     let mut reading = Reading::default();
@@ -46,19 +47,6 @@ pub(crate) fn read(bytes: &[u8]) -> Result<Reading, Fault> {
     Ok(reading)
 }
 
-/// The lines that matter: without texture coordinates and normals, of which tobj expects more numbers than there may
-/// be, and without comments, which may be in any encoding.
-fn needed(bytes: &[u8]) -> Vec<u8> {
-    let mut lines = Vec::with_capacity(bytes.len());
-    for line in bytes.split_inclusive(|b| *b == b'\n') {
-        let word = line.trim_ascii_start().split(u8::is_ascii_whitespace).next().unwrap_or_default();
-        if !(word == b"vt" || word == b"vn" || word.starts_with(b"#")) {
-            lines.extend_from_slice(line);
-        }
-    }
-    lines
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -78,6 +66,13 @@ mod tests {
         let text = b"# \xe9t\xe9\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0.5\n  vn 1\nf 1 2 3\nf -1/-1/-1 -2/7/7 -3/9/9\n";
         let reading = read(text).unwrap();
         assert_eq!((reading.parts[0].stored, reading.parts[0].triangles.len()), (2, 1));
+    }
+
+    #[test]
+    fn curves_are_no_surface_and_materials_no_reason_to_refuse_one() {
+        let text = b"v 0 0 0 1 0 0\nv 1 0 0\nv 0 1 0 0 0 1 1\nusemtl\nusemtl\tx\nl 1 2 3\nf 1 2 3\no caf\xe9\n";
+        let reading = read(text).unwrap();
+        assert_eq!((reading.parts.len(), reading.parts[0].stored), (1, 1));
     }
 
     #[test]

@@ -385,3 +385,33 @@ fn human_bones_of_a_new_rig_are_written_in_the_words_of_the_version() {
     let after = parts(&onto(&zero.glb(), renamed, ExportOptions::default()).bytes).0;
     assert_eq!(after["extensions"]["VRM"]["humanoid"]["humanBones"], json!([]));
 }
+
+#[test]
+fn meshes_bound_anew_stand_on_no_node_that_mirrors_them() {
+    // A mirrored copy beside joints, and a bare model of which a part is one.
+    let bare = json!({"primitives": [{"attributes": {"POSITION": POSITION}, "indices": INDICES}]});
+    let mut loose = Tiny::new().with("/nodes/0", json!({"mesh": 1, "scale": [-1, 1, 1]})).with("/meshes/-", bare);
+    loose.document.as_object_mut().unwrap().remove("skins");
+    let skinned = Tiny::new().with("/nodes/-", json!({"name": "all", "scale": [-1, 1, 1], "children": [0, 1]}));
+    for (name, tiny) in [("bare", loose), ("skinned", skinned)] {
+        let bytes = tiny.glb();
+        let imported = read(&bytes);
+        let joint = riglab_core::Joint { name: "new".into(), parent: None, head: [0.0; 3] };
+        let skeleton = riglab_core::Skeleton::new(vec![joint]).unwrap();
+        let rows = vec![vec![(0u16, 1.0)]; imported.mesh().positions().len()];
+        let rig = Rig::new(skeleton, imported.mesh().clone(), SkinWeights::normalized(rows).unwrap()).unwrap();
+        let exported =
+            export::onto_bytes("tiny.glb", &bytes, None, &imported, &rig, &ExportOptions::default()).unwrap();
+        let (document, _) = parts(&exported.bytes);
+        for node in document["nodes"].as_array().unwrap().iter().filter(|node| node.get("skin").is_some()) {
+            assert!(node.get("scale").is_none(), "{name}: {node}");
+        }
+        let listed: Vec<&Value> =
+            document["nodes"].as_array().unwrap().iter().filter(|n| n.get("scale").is_some()).collect();
+        assert!(
+            listed.iter().all(|n| n.get("children").is_none()),
+            "{name}: nothing is left below what mirrors: {listed:?}"
+        );
+        assert_eq!(read(&exported.bytes).mesh(), imported.mesh(), "{name}");
+    }
+}

@@ -171,3 +171,46 @@ fn json_of_inspect_has_what_scripts_read() {
     assert_eq!(json["samples"][1], sample);
     assert_eq!(json["warnings"], json!([]));
 }
+
+/// With the tiny mesh once more, all of it on the joint `on`, in a space of its own: positions are `(p - offset) / scale`,
+/// and the inverse bind matrix takes that back first, as quantised meshes have it.
+fn quantised(tiny: Tiny, on: usize, scale: f32, offset: f32) -> Tiny {
+    let floats = |all: &[f32]| all.iter().flat_map(|x| x.to_le_bytes()).collect::<Vec<u8>>();
+    let stored = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 2.5, 0.0], [0.0, 0.0, 1.0f32]];
+    let stored = stored.map(|p| p.map(|x| (x - offset) / scale));
+    let mut matrix = [0.0f32; 16];
+    (matrix[0], matrix[5], matrix[10], matrix[15]) = (scale, scale, scale, 1.0);
+    (matrix[12], matrix[13], matrix[14]) = (offset, offset - on as f32, offset);
+    let number = tiny.accessors();
+    let tiny = tiny
+        .with_accessor(5126, "VEC3", 4, &floats(stored.as_flattened()))
+        .with_accessor(5121, "VEC4", 4, &[0; 16])
+        .with_accessor(5126, "VEC4", 4, &floats([[1.0, 0.0, 0.0, 0.0f32]; 4].as_flattened()))
+        .with_accessor(5126, "MAT4", 1, &floats(&matrix));
+    let [mesh, skin] = ["meshes", "skins"].map(|list| tiny.document[list].as_array().unwrap().len());
+    let attributes = json!({"POSITION": number, "JOINTS_0": number + 1, "WEIGHTS_0": number + 2});
+    tiny.with("/nodes/-", json!({"mesh": mesh, "skin": skin}))
+        .with("/meshes/-", json!({"primitives": [{"attributes": attributes, "indices": INDICES}]}))
+        .with("/skins/-", json!({"joints": [on], "inverseBindMatrices": number + 3}))
+}
+
+#[test]
+fn a_skin_on_joints_that_another_had_moved_goes_with_them() {
+    // The body's joints contradict each other below a common node, so they go to where it was bound; the hat follows.
+    let mut tiny =
+        Tiny::new().with("/nodes/2/translation", json!([0, 5, 0])).with("/nodes/-", json!({"children": [1, 2]}));
+    tiny.document["nodes"][1].as_object_mut().unwrap().remove("children");
+    let imported = read(&quantised(tiny, 2, 0.25, 0.5));
+    let positions = imported.mesh().positions();
+    assert_eq!((positions[2], positions[6]), ([0.0, 2.5, 0.0], [0.0, 2.5, 0.0]));
+}
+
+#[test]
+fn skinned_meshes_that_their_nodes_mirror_face_outwards() {
+    let plain = read(&Tiny::new());
+    let all = json!({"name": "all", "scale": [-1, 1, 1], "children": [0, 1]});
+    let mirrored = read(&Tiny::new().with("/nodes/-", all));
+    let turned: Vec<[u32; 3]> = plain.mesh().triangles().iter().map(|&[a, b, c]| [a, c, b]).collect();
+    assert_eq!(mirrored.mesh().positions()[1], [-1.0, 0.0, 0.0]);
+    assert_eq!(mirrored.mesh().triangles(), turned);
+}

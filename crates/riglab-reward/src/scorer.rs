@@ -2,7 +2,7 @@
 
 use rayon::prelude::*;
 use riglab_core::{Mesh, Similarity};
-use riglab_geom::voxel::{SolidConfig, Voxels, solid};
+use riglab_geom::voxel::{MOST_CELLS, SolidConfig, Voxels, solid};
 use serde::{Deserialize, Serialize};
 
 use crate::coverage::Coverage;
@@ -63,8 +63,9 @@ impl RewardConfig {
     /// # Errors
     /// (key, message) of the first fault.
     pub fn validate(&self) -> Result<(), (&'static str, String)> {
-        if !(4..=1024).contains(&self.resolution) {
-            return Err(("resolution", format!("resolution = {} must lie between 4 and 1024 cells", self.resolution)));
+        if !(4..=MOST_CELLS).contains(&self.resolution) {
+            let resolution = self.resolution;
+            return Err(("resolution", format!("resolution = {resolution} must lie between 4 and {MOST_CELLS} cells")));
         }
         if self.bone_steps == 0 {
             return Err(("bone_steps", "a bone has at least 1 step".into()));

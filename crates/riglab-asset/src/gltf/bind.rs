@@ -60,6 +60,15 @@ impl Binds {
             }
         }
         if !bent.is_empty() {
+            // Other skins go with the joints that were moved.
+            for (number, skin) in skins.iter().enumerate().filter(|(number, _)| !bent.contains(number)) {
+                let (Some(_), Some(corners)) = (&skin.inverse_binds, boxes[number].map(corners)) else { continue };
+                let moved = skin_maps(skin, &frames);
+                let top = moved[top_joint(nodes, skin)];
+                let like = Likeness::under(&top, corners);
+                maps[number] =
+                    if moved.iter().all(|map| like.same(map, &top)) { moved } else { vec![top; moved.len()] };
+            }
             warnings.push(Warning::Bent { skins: bent });
         }
         if !posed.is_empty() {

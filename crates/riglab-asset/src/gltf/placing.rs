@@ -35,8 +35,8 @@ enum Hold {
 
 impl Scene<'_, '_> {
     /// Places what hangs on the skeleton, or everything but the nodes `colliders` where there is none. The triangles of
-    /// unskinned meshes that their nodes mirror are turned round, so that they face outwards as the format says (3.7.4 of
-    /// glTF 2.0).
+    /// meshes that their nodes mirror are turned round, so that they face outwards as the format says (3.7.4 of glTF 2.0):
+    /// of skinned ones too, whose nodes move nothing else.
     pub(super) fn place(
         &self,
         sources: Sources,
@@ -59,7 +59,7 @@ impl Scene<'_, '_> {
             let size = 16 + 4 * 16 * source.influences().len();
             self.accessors.budget().spend(source.numbers.len(), size)?;
             let (set, turned) = match source.skin {
-                Some(skin) => (self.skinned(source, skin, &mut repairs)?, false),
+                Some(skin) => (self.skinned(source, skin, &mut repairs)?, is_mirrored(self.nodes.global(node))),
                 None => match self.hold(node) {
                     Hold::Joint(joint, map) => {
                         rigid.push((node, joint));

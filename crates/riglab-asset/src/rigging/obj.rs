@@ -9,6 +9,7 @@ use tobj::{LoadError, LoadOptions};
 use super::{SubjectNote, beside};
 use crate::Fault;
 use crate::gltf::export::model::{Look, Model, Object, Patch, Picture, is_picture};
+use crate::wavefront::{self, Asked};
 
 /// Reads an OBJ; material libraries and pictures are looked for in `folder`, if at all. Positions stay bit
 /// for bit. Normals that are missing are the mean of the triangles around each place.
@@ -20,7 +21,8 @@ pub(super) fn read(
 ) -> Result<Model, Fault> {
     let options = LoadOptions { triangulate: true, single_index: true, ignore_points: true, ignore_lines: true };
     let missing = RefCell::new(Vec::new());
-    let load = |lines: Vec<u8>| {
+    let load = |asked: Asked| {
+        let lines = wavefront::obj(bytes, asked);
         missing.borrow_mut().clear();
         tobj::load_obj_buf(&mut &lines[..], &options, |library| {
             let library = library.to_string_lossy();
@@ -28,11 +30,11 @@ pub(super) fn read(
                 missing.borrow_mut().push(library.into_owned());
                 return Err(LoadError::OpenFileFailed);
             };
-            tobj::load_mtl_buf(&mut String::from_utf8_lossy(&bytes).as_bytes())
+            tobj::load_mtl_buf(&mut wavefront::mtl(&bytes).as_slice())
         })
     };
     // Texture coordinates and normals that do not fit are no reason to refuse the surface.
-    let loaded = load(lines(bytes, true)).or_else(|_| load(lines(bytes, false)));
+    let loaded = load(Asked::All).or_else(|_| load(Asked::Looks));
     let (models, materials) = loaded.map_err(|e| Fault::Obj(e.to_string()))?;
     notes.extend(missing.take().into_iter().map(SubjectNote::FileMissing));
     let mut model = Model { name: name.into(), ..Model::default() };
@@ -56,26 +58,6 @@ pub(super) fn read(
         }
     }
     Ok(model)
-}
-
-/// The lines for tobj: valid UTF-8, without comments, and of texture coordinates the two numbers it asks for.
-fn lines(bytes: &[u8], all: bool) -> Vec<u8> {
-    let mut out = String::with_capacity(bytes.len());
-    for line in String::from_utf8_lossy(bytes).lines() {
-        let mut words = line.split_whitespace();
-        match words.next() {
-            None => {}
-            Some("vt" | "vn") if !all => {}
-            Some("vt") => {
-                let mut number = || words.next().filter(|w| w.parse::<f32>().is_ok_and(f32::is_finite)).unwrap_or("0");
-                out.push_str(&format!("vt {} {}", number(), number()));
-            }
-            Some(word) if word.starts_with('#') => {}
-            Some(_) => out.push_str(line),
-        }
-        out.push('\n');
-    }
-    out.into_bytes()
 }
 
 fn patch(part: &tobj::Model) -> Result<Patch, Fault> {
@@ -226,6 +208,20 @@ mod tests {
         let first = &model.objects[0].patches[0];
         assert_eq!(first.coordinates, [[0.0, 1.0], [1.0, 0.75], [1.0, 1.0]]);
         assert_eq!((first.normals.as_slice(), first.look), (&[[0.0, 0.0, 1.0]; 3][..], Some(0)));
+    }
+
+    #[test]
+    fn odd_lines_of_a_library_cost_no_other_looks() {
+        let folder = tempfile::tempdir().unwrap();
+        let library = "newmtl a\nKd 0.8\nillum none\nmap_Kd\nnewmtl b\nKd spectral x.rfl\nKe .5\n";
+        std::fs::write(folder.path().join("a b.mtl"), library).unwrap();
+        let text = format!("mtllib\ta b.mtl\n{QUAD}usemtl\ta\nf 1 2 3\nusemtl\nusemtl b\nf 1 3 4\nl 1 2 3\n");
+        let mut notes = Vec::new();
+        let model = read("m", text.as_bytes(), Some(folder.path()), &mut notes).unwrap();
+        assert!(notes.is_empty(), "{notes:?}");
+        let patches = &model.objects[0].patches;
+        assert_eq!(patches.iter().map(|p| (p.look, p.indices.len())).collect::<Vec<_>>(), [(Some(0), 3), (Some(1), 3)]);
+        assert_eq!((model.looks[0].colour, model.looks[1].glow), ([0.8, 0.8, 0.8, 1.0], [0.5; 3]));
     }
 
     #[test]

@@ -138,7 +138,7 @@ impl Binder<'_, '_> {
             let Some(mesh) = meshes.own(self.draft, node) else { continue };
             for surface in &surfaces {
                 let placed = &rig.mesh().positions()[surface.vertices.clone()];
-                if place::is_turned(surface) || !place::stands(surface, placed, |p| p) {
+                if surface.turned || !place::stands(surface, placed, |p| p) {
                     let mut baker = Baker::new(self.accessors, surface.map);
                     let turn = place::bake(self.draft, self.accessors, &mut baker, mesh, surface, placed)?;
                     mirrored += usize::from(turn);
@@ -152,7 +152,7 @@ impl Binder<'_, '_> {
             }
             self.others(rig, mesh, &surfaces)?;
             self.draft.list_mut("nodes")[node]["skin"] = json!(skin);
-            if scene.below_joint(node) {
+            if scene.leaves(node) {
                 place::to_top(self.draft, &scene.nodes, node, &mut moved);
             }
         }

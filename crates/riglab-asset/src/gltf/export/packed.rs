@@ -124,10 +124,11 @@ fn plain_primitives(draft: &mut Draft, typed: &Document, buffers: &Buffers<'_>) 
                 && let Some(accessor) = bare(&indices)?
             {
                 let corners = mesh.corners();
+                // The largest number of a type is none that the format allows.
                 let most = corners.iter().max().copied().unwrap_or(0);
                 let bytes: Vec<u8> = match accessor.component_type {
-                    U8 if most <= u8::MAX.into() => corners.iter().map(|c| *c as u8).collect(),
-                    U16 if most <= u16::MAX.into() => corners.iter().flat_map(|c| (*c as u16).to_le_bytes()).collect(),
+                    U8 if most < u8::MAX.into() => corners.iter().map(|c| *c as u8).collect(),
+                    U16 if most < u16::MAX.into() => corners.iter().flat_map(|c| (*c as u16).to_le_bytes()).collect(),
                     _ => {
                         draft.list_mut("accessors")[indices]["componentType"] = json!(U32);
                         corners.iter().flat_map(|c| c.to_le_bytes()).collect()

@@ -9,7 +9,6 @@ use super::super::nodes::Nodes;
 use super::bake::Baker;
 use super::draft::{Draft, ELEMENTS, Layout, U16, U32, index, remove};
 use super::scene::Surface;
-use crate::maps::is_mirrored;
 use crate::{Fault, triangles};
 
 /// Whether the positions of a surface, as stored, are those of the rig bit for bit.
@@ -19,15 +18,10 @@ pub(super) fn stands(surface: &Surface, placed: &[[f32; 3]], through: impl Fn([f
     surface.numbers.iter().zip(placed).all(same)
 }
 
-/// Whether triangles of a surface face where they do because its node mirrors it, which no skin takes the place of.
-pub(super) fn is_turned(surface: &Surface) -> bool {
-    surface.skin.is_none() && is_mirrored(&surface.map)
-}
-
 /// Moves a surface to where the rig has it.
 ///
-/// Vertices of the rig take its positions; those that no triangle uses go by the map. Mirrored meshes that
-/// no skin bound have their triangles turned, as their node did when they were drawn; true for those.
+/// Vertices of the rig take its positions; those that no triangle uses go by the map. Meshes on a node that
+/// mirrors have their triangles turned, as it did when they were drawn; true for those.
 pub(super) fn bake(
     draft: &mut Draft,
     accessors: &Accessors<'_>,
@@ -45,14 +39,13 @@ pub(super) fn bake(
         positions[v as usize] = *at;
     }
     let positions = draft.vectors(&positions, true, Some(super::draft::ARRAY));
-    let mirrored = is_turned(surface);
     for &primitive in &surface.primitives {
         baker.primitive(draft, (mesh, primitive), Some(positions))?;
-        if mirrored {
+        if surface.turned {
             turn(draft, accessors, (mesh, primitive), surface.stored.len())?;
         }
     }
-    Ok(mirrored)
+    Ok(surface.turned)
 }
 
 /// Makes the triangles of a primitive face the other way.
@@ -69,7 +62,8 @@ fn turn(
         None => (0..vertices as u32).collect(),
     };
     let corners = triangles::from_indices(&indices, mode as u32).into_iter().flat_map(|[a, b, c]| [a, c, b]);
-    let (bytes, layout): (Vec<u8>, _) = match vertices <= 1 << 16 {
+    // The largest number of a type is none that the format allows.
+    let (bytes, layout): (Vec<u8>, _) = match vertices < 1 << 16 {
         true => (
             corners.flat_map(|v| (v as u16).to_le_bytes()).collect(),
             Layout { component: U16, shape: "SCALAR", size: 2 },

@@ -86,8 +86,10 @@ pub(super) fn visit(draft: &mut Draft, visit: &mut dyn FnMut(Kind, &mut Value)) 
             at(Kind::Node, c.get_mut("source"));
         });
     }
-    for audio in items(draft.json.pointer_mut("/extensions/KHR_audio_emitter/audio")) {
-        at(Kind::View, audio.get_mut("bufferView"));
+    for list in ["KHR_audio_emitter/audio", "EXT_lights_ies/lights", "KHR_techniques_webgl/shaders"] {
+        for item in items(draft.json.pointer_mut(&format!("/extensions/{list}"))) {
+            at(Kind::View, item.get_mut("bufferView"));
+        }
     }
     super::vrm::nodes(&mut draft.json, &mut |node| at(Kind::Node, Some(node)));
 }

@@ -17,6 +17,7 @@ use super::super::skins::Skins;
 use super::{Source, rows};
 use crate::assemble::ordered_sets;
 use crate::influences::Repairs;
+use crate::maps::is_mirrored;
 use crate::{Fault, Reading, Warning};
 
 /// How far from 1 a sum of rounded weights may be.
@@ -38,6 +39,8 @@ pub(super) struct Surface {
     pub(super) vertices: Range<usize>,
     /// From the mesh to the scene.
     pub(super) map: DAffine3,
+    /// Whether its triangles face where they do because its node mirrors it, which no skin takes the place of.
+    pub(super) turned: bool,
     /// What weights of a rig on the file's own joints mean for it.
     pub(super) weights: Weights,
 }
@@ -142,6 +145,7 @@ impl Scene {
                 set: number,
                 vertices,
                 map,
+                turned: is_mirrored(source.skin.map_or(&map, |_| nodes.global(source.place.node))),
                 weights,
             });
         }
@@ -149,6 +153,12 @@ impl Scene {
         let skins = skins.iter().map(|skin| skin.joints.clone()).collect();
         let rests = binds.rests(&nodes);
         Ok(Some(Self { nodes, rests, is_joint, skins, surfaces }))
+    }
+
+    /// Whether a mesh that takes a skin has to leave its node: what a joint carries goes with the joint, and what mirrors
+    /// a node turns its triangles, skinned or not.
+    pub(super) fn leaves(&self, node: usize) -> bool {
+        self.below_joint(node) || is_mirrored(self.nodes.global(node))
     }
 
     /// Whether a node is, or hangs below, a joint.

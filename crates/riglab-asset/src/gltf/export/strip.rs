@@ -35,7 +35,7 @@ pub(super) fn strip(
         }
         let Some(mesh) = meshes.own(draft, node) else { continue };
         for surface in &surfaces {
-            if place::is_turned(surface) || !place::stands(surface, at(surface), |p| p) {
+            if surface.turned || !place::stands(surface, at(surface), |p| p) {
                 let mut baker = Baker::new(accessors, surface.map);
                 turned += usize::from(place::bake(draft, accessors, &mut baker, mesh, surface, at(surface))?);
             }

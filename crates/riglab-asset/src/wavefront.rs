@@ -1,0 +1,157 @@
+//! Lines of Wavefront files, OBJ and MTL, as tobj takes them: it refuses a whole file, or panics, at lines that files have
+//! and that other programs read.
+
+/// What of an OBJ is asked for.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Asked {
+    /// Faces and the places of their corners.
+    Surface,
+    /// That, materials and colours of vertices.
+    Looks,
+    /// That, normals and texture coordinates.
+    All,
+}
+
+/// The lines of an OBJ that tobj is given: valid UTF-8, without comments, points and lines (which it takes for faces), of
+/// texture coordinates two numbers, of vertices three and what else is asked for.
+pub(crate) fn obj(bytes: &[u8], asked: Asked) -> Vec<u8> {
+    let text = String::from_utf8_lossy(bytes);
+    // A line goes on in the next one after a backslash.
+    let text = if text.contains('\\') { joined(&text).into() } else { text };
+    let coloured = asked != Asked::Surface
+        && text.lines().all(|line| line.split_whitespace().next() != Some("v") || numbers(line) >= 6);
+    let mut out = String::with_capacity(text.len());
+    for line in text.lines() {
+        let mut words = line.split_whitespace();
+        let Some(word) = words.next() else { continue };
+        match word {
+            "v" => {
+                let count = match numbers(line) {
+                    // With a weight.
+                    4 => 4,
+                    6.. if coloured => 6,
+                    _ => 3,
+                };
+                out.push('v');
+                words.take(count).for_each(|number| {
+                    out.push(' ');
+                    out.push_str(number);
+                });
+            }
+            "f" | "o" | "g" => out.push_str(line.trim()),
+            "usemtl" | "mtllib" if asked != Asked::Surface => {
+                let name = line.trim()[word.len()..].trim();
+                if name.is_empty() {
+                    continue;
+                }
+                out.push_str(word);
+                out.push(' ');
+                out.push_str(name);
+            }
+            "vt" if asked == Asked::All => {
+                let mut number = || words.next().filter(|w| w.parse::<f32>().is_ok_and(f32::is_finite)).unwrap_or("0");
+                out.push_str(&format!("vt {} {}", number(), number()));
+            }
+            "vn" if asked == Asked::All => out.push_str(line.trim()),
+            _ => continue,
+        }
+        out.push('\n');
+    }
+    out.into_bytes()
+}
+
+/// How many numbers a line gives behind its first word.
+fn numbers(line: &str) -> usize {
+    line.split_whitespace().skip(1).take_while(|word| !word.starts_with('#')).count()
+}
+
+/// Text whose lines no longer go on in others.
+fn joined(text: &str) -> String {
+    let mut out = String::with_capacity(text.len());
+    for line in text.lines() {
+        match line.trim_end().strip_suffix('\\').filter(|_| !line.trim_start().starts_with('#')) {
+            Some(begun) => {
+                out.push_str(begun);
+                out.push(' ');
+            }
+            None => {
+                out.push_str(line);
+                out.push('\n');
+            }
+        }
+    }
+    out
+}
+
+/// The lines of a material library that tobj is given. A colour of one number is a grey, as the format has it; what gives
+/// no numbers where they belong (`Kd spectral`), and pictures without a name, are left out.
+pub(crate) fn mtl(bytes: &[u8]) -> Vec<u8> {
+    let text = String::from_utf8_lossy(bytes);
+    let mut out = String::with_capacity(text.len());
+    for line in text.lines() {
+        let line = line.trim();
+        let mut words = line.split_whitespace();
+        let Some(word) = words.next() else { continue };
+        let number = |word: &&str| word.parse::<f32>().is_ok();
+        match word {
+            "Ka" | "Kd" | "Ks" | "Ke" => {
+                let given: Vec<&str> = words.take_while(number).take(3).collect();
+                let Some(first) = given.first() else { continue };
+                let part = |k: usize| given.get(k).unwrap_or(first);
+                out.push_str(&format!("{word} {} {} {}", part(0), part(1), part(2)));
+            }
+            "Ns" | "Ni" | "d" => {
+                // `d -halo 0.5` has its number last.
+                let Some(given) = words.find(number) else { continue };
+                out.push_str(&format!("{word} {given}"));
+            }
+            "illum" if words.next().is_none_or(|model| model.parse::<u8>().is_err()) => continue,
+            "newmtl" if line == word => out.push_str("newmtl unnamed"),
+            _ if word.starts_with('#') || (line == word && is_picture(word)) => continue,
+            _ => out.push_str(line),
+        }
+        out.push('\n');
+    }
+    out.into_bytes()
+}
+
+/// Whether a word of a material names a picture.
+fn is_picture(word: &str) -> bool {
+    word.starts_with("map_") || ["bump", "disp", "decal", "norm", "refl"].contains(&word)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn text(bytes: Vec<u8>) -> String {
+        String::from_utf8(bytes).unwrap()
+    }
+
+    #[test]
+    fn lines_that_no_face_is_made_of_are_left_out() {
+        let file =
+            b"# \xe9\n v 0 0 0 1\nv 1 0 0 .5 .5\nv\t0 1 0\r\nl 1 2 3\np 1\nusemtl\tred\nusemtl \nvt 1\nf 1 2 \\\n 3\n";
+        assert_eq!(text(obj(file, Asked::Surface)), "v 0 0 0 1\nv 1 0 0\nv 0 1 0\nf 1 2   3\n");
+        let all = "v 0 0 0 1\nv 1 0 0\nv 0 1 0\nusemtl red\nvt 1 0\nf 1 2   3\n";
+        assert_eq!(text(obj(file, Asked::All)), all);
+    }
+
+    #[test]
+    fn colours_are_kept_where_every_vertex_has_one() {
+        let all = b"v 0 0 0 1 0 0 1\nv 1 0 0 0 1 0\n";
+        assert_eq!(text(obj(all, Asked::Looks)), "v 0 0 0 1 0 0\nv 1 0 0 0 1 0\n");
+        assert_eq!(text(obj(all, Asked::Surface)), "v 0 0 0\nv 1 0 0\n");
+        assert_eq!(text(obj(b"v 0 0 0 1 0 0\nv 1 0 0\n", Asked::All)), "v 0 0 0\nv 1 0 0\n");
+    }
+
+    #[test]
+    fn odd_lines_of_a_library_cost_no_more_than_themselves() {
+        let file =
+            b"newmtl a\nKd .8\nKs 1 .5\nKe spectral x.rfl\nKa\nd -halo .5\nNs\nillum two\nillum 2\nmap_Kd\nbump \n\
+            map_Kd a b.png\nnewmtl\nKd xyz 1 1 1\n";
+        let wanted = "newmtl a\nKd .8 .8 .8\nKs 1 .5 1\nd .5\nillum 2\nmap_Kd a b.png\nnewmtl unnamed\n";
+        assert_eq!(text(mtl(file)), wanted);
+        tobj::load_mtl_buf(&mut wanted.as_bytes()).unwrap();
+    }
+}
