@@ -434,3 +434,13 @@ fn a_model_that_faces_back_is_looked_at_from_its_front_and_written_as_it_was() {
     assert_eq!(written.mesh(), back.mesh());
     assert_eq!(written.rig().unwrap().skeleton().heads(), [[-0.25, 1.0, -0.5]]);
 }
+
+#[test]
+fn a_model_that_stands_otherwise_than_it_was_bound_says_so() {
+    let notes = |tip: [f32; 3]| {
+        let bytes = common::Tiny::new().with("/nodes/2/translation", json!(tip)).glb();
+        Subject::from_bytes("a.glb", &bytes, None, &SubjectOptions::default()).unwrap().notes().to_vec()
+    };
+    let told = |notes: &[SubjectNote]| notes.iter().any(|n| n.to_string().contains("another pose than the bind pose"));
+    assert!(told(&notes([0.0, 5.0, 0.0])) && !told(&notes([0.0, 1.0, 0.0])));
+}

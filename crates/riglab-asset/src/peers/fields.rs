@@ -28,7 +28,7 @@ pub(crate) fn number(
     found.ok_or_else(|| PeerFault::Index { what: what(), to, index, count })
 }
 
-/// Parents out of numbers, with -1 (or the joint itself) for a root.
+/// Parents out of numbers, with -1 for a root.
 pub(crate) fn parents(
     numbers: impl IntoIterator<Item = Option<i64>>,
     joints: usize,

@@ -10,7 +10,7 @@ use super::{SubjectNote, UpAxis, doubts, obj, seams};
 use crate::assemble::ordered_sets;
 use crate::export::{self, ExportError, ExportOptions, Exported};
 use crate::gltf::export::model::Model;
-use crate::{Binding, Fault, Format, ImportError, ImportOptions, Imported, gltf, import, import_from};
+use crate::{Binding, Fault, Format, ImportError, ImportOptions, Imported, Warning, gltf, import, import_from};
 
 /// How a model is read.
 #[derive(Clone, Debug)]
@@ -168,6 +168,9 @@ impl Subject {
                     (Cow::Borrowed(bytes), folder)
                 } else {
                     notes.push(SubjectNote::RigIgnored { joints: reading.joints.len() });
+                    // The model stands as it was bound then, not as the file shows it.
+                    let moved = reading.warnings.iter().filter(|w| matches!(w, Warning::RestIsNotBind { .. } | Warning::Bent { .. }));
+                    notes.extend(moved.cloned().map(SubjectNote::Read));
                     let bare = gltf::export::strip(bytes, folder, &reading).map_err(|e| fail(fault(e)))?;
                     notes.extend(bare.notes.into_iter().map(SubjectNote::Stripped));
                     (Cow::Owned(bare.bytes), None)
@@ -230,7 +233,7 @@ impl Subject {
             return Err(fail(too_large("triangles", count, options.max_triangles)));
         }
         let warnings = source.imported.warnings().iter();
-        notes.extend(warnings.filter(|w| !matches!(w, crate::Warning::NoSkeleton)).cloned().map(SubjectNote::Read));
+        notes.extend(warnings.filter(|w| !matches!(w, Warning::NoSkeleton)).cloned().map(SubjectNote::Read));
         let mesh = turned_mesh(own, turn).map_err(|e| fail(e.into()))?;
         let rig = match rig {
             Some(rig) => Some(turned_rig(&rig, turn, Turn::onto_mesh).map_err(|e| fail(e.into()))?),
