@@ -86,7 +86,12 @@ impl CubeConfig {
                     Shift::UpTo(most) => most,
                     Shift::Inside => (half - 0.5 * scale * size[k]).max(0.0),
                 };
-                random.within(-most, most)
+                let drawn = random.within(-most, most);
+                // A cube that does not lie about the origin was scaled away from its own middle.
+                match self.shift {
+                    Shift::UpTo(_) => drawn,
+                    Shift::Inside => drawn + 0.5 * (self.into[0] + self.into[1]) * (1.0 - scale),
+                }
             });
         }
         into_cube(draft, self.into, scale, shift);
@@ -123,13 +128,27 @@ mod tests {
 
     #[test]
     fn what_is_shifted_inside_stays_inside_and_gets_everywhere() {
-        let config =
-            CubeConfig { scale_probability: 1.0, scale: [0.5, 1.0], shift_probability: 1.0, ..CubeConfig::default() };
-        let box_of = |k| after(|d| config.apply(d, &mut stream(1, "test", &[k]))).rig.bounds();
-        let all: Vec<_> = (0..500).map(box_of).collect();
-        let most = |of: fn(&Bounds) -> f32| all.iter().map(of).fold(0.0f32, f32::max);
-        assert!(most(|b| b.max.into_iter().fold(0.0, f32::max)) < 1.00001);
-        assert!(most(|b| b.max[1]) > 0.9 && most(|b| -b.min[1]) > 0.9);
+        for into in [[-1.0, 1.0], [0.0, 1.0], [-3.0, 1.0]] {
+            let scaled = CubeConfig { scale_probability: 1.0, scale: [0.5, 1.0], ..CubeConfig::default() };
+            let config = CubeConfig { into, shift_probability: 1.0, ..scaled };
+            let box_of = |k| after(|d| config.apply(d, &mut stream(1, "test", &[k]))).rig.bounds();
+            let all: Vec<_> = (0..500).map(box_of).collect();
+            let [low, high] = into;
+            let ends = |of: fn(&Bounds) -> f32| {
+                let ends = all.iter().map(of);
+                ends.fold((f32::INFINITY, f32::NEG_INFINITY), |(low, high), x| (low.min(x), high.max(x)))
+            };
+            let near = 0.05 * (high - low);
+            for (axis, (low_end, high_end)) in
+                [(0, (ends(|b| b.min[0]).0, ends(|b| b.max[0]).1)), (1, (ends(|b| b.min[1]).0, ends(|b| b.max[1]).1))]
+            {
+                assert!(low_end > low - 1e-5 && high_end < high + 1e-5, "{into:?}, {axis}: {low_end} to {high_end}");
+                assert!(
+                    axis == 0 || (low_end < low + near && high_end > high - near),
+                    "{into:?}: {low_end} to {high_end}"
+                );
+            }
+        }
     }
 
     #[test]
