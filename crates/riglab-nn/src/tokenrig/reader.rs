@@ -1,6 +1,6 @@
 //! Drawing sequences.
 
-use tch::{Kind, Tensor};
+use tch::{Device, Kind, Tensor};
 
 use super::place::Walk;
 use super::{GEOMETRY, JointTold, TokenRig};
@@ -11,7 +11,7 @@ use crate::params::Weights;
 
 /// What the joints of a whole skeleton are told, each in order, from the row that it was drawn in and its drawn ids, the
 /// prompt with them.
-pub type Joints<'a> = dyn Fn(usize, &[u32]) -> Vec<JointTold> + 'a;
+pub type Joints<'a> = dyn Fn(usize, &[u32]) -> Vec<JointTold> + Sync + 'a;
 
 /// The model after the shapes and prompts of some rows, as what [`crate::generate`] draws from. Beams need
 /// [`super::Head::Flat`]: they read tokens whole.
@@ -100,6 +100,7 @@ impl<'a> Reader<'a> {
     fn read(&mut self, ids: &[Vec<i64>]) -> Vec<Vec<f32>> {
         let (rows, t) = (ids.len() as i64, ids.first().map_or(0, Vec::len) as i64);
         let told: Vec<f32> = if self.net.joints.is_some() {
+            self.meet_joints(ids);
             ids.iter()
                 .enumerate()
                 .flat_map(|(row, ids)| ids.iter().flat_map(|&id| self.tell(row, id)).collect::<Vec<_>>())
@@ -115,12 +116,17 @@ impl<'a> Reader<'a> {
             self.embedded(&flat, &told, rows, t)
         };
         let hidden = self.net.decoder.read(self.weights, &x, &mut self.cache).select(1, t - 1);
-        self.scores(&hidden)
+        // Threads of libtorch that wait for more after an op would hold up those of the decoder.
+        if t == 1 { riglab_torch::alone(|| self.scores(&hidden)) } else { self.scores(&hidden) }
+    }
+
+    fn device(&self) -> Device {
+        self.weights.tensors().first().map_or(Device::Cpu, Tensor::device)
     }
 
     /// What the decoder reads of ids [rows, t], with what is told of what follows each and of where the joints are.
     fn embedded(&mut self, ids: &[i64], told: &[f32], rows: i64, t: i64) -> Tensor {
-        let device = self.weights.tensors().first().map_or(tch::Device::Cpu, Tensor::device);
+        let device = self.device();
         let mut x = self.net.embed(self.weights, &Tensor::from_slice(ids).view([rows, t]).to_device(device));
         if !told.is_empty() {
             let told = Tensor::from_slice(told).view([rows, t, -1]).to_device(device);
@@ -138,14 +144,44 @@ impl<'a> Reader<'a> {
         x
     }
 
+    /// Has the joints of skeletons told that end with these ids: of all that end at once, as many at a time as there are
+    /// threads.
+    fn meet_joints(&mut self, ids: &[Vec<i64>]) {
+        let (rows, joints, end) = (&self.rows, self.joints, self.skeleton_end);
+        let skeleton = |row: usize| {
+            let drawn = &rows[row].drawn;
+            &drawn[..drawn.iter().position(|&id| id == end).map_or(0, |at| at + 1)]
+        };
+        let ending: Vec<usize> = (0..ids.len()).filter(|&row| ids[row].contains(&i64::from(end))).collect();
+        // What was made for a skeleton may be known when another row has the same.
+        let (mut first, mut again): (Vec<usize>, Vec<usize>) = Default::default();
+        for row in ending {
+            let known = first.iter().any(|&other| skeleton(other) == skeleton(row));
+            if known { &mut again } else { &mut first }.push(row);
+        }
+        let make = |row: usize| (row, joints(rows[row].of, skeleton(row)));
+        let hands = riglab_torch::threads_on(self.device()).min(first.len());
+        let mut told: Vec<(usize, Vec<JointTold>)> = if hands > 1 {
+            let (first, make) = (&first, &make);
+            let deal = |hand: usize| move || first.iter().skip(hand).step_by(hands).map(|&row| make(row)).collect();
+            let jobs: Vec<_> = (0..hands).map(deal).collect();
+            riglab_torch::side_by_side::<Vec<_>, _>(jobs).into_iter().flatten().collect()
+        } else {
+            // Threads of libtorch would go on waiting for more beside the decoder's.
+            riglab_torch::alone(|| first.into_iter().map(make).collect())
+        };
+        told.extend(again.into_iter().map(make));
+        for (row, joints) in told {
+            self.rows[row].joints = joints;
+        }
+    }
+
     /// Goes on after an id that is read, and says what is told of what follows it.
     fn tell(&mut self, row: usize, id: i64) -> Vec<f32> {
         let layout = &self.net.layout;
         let (slots, rule) = self.net.joints.as_ref().map_or((0, 0), |j| (j.slots as usize, j.rule));
         let own = &mut self.rows[row];
         if id == i64::from(self.skeleton_end) {
-            let end = own.drawn.iter().position(|&d| d == self.skeleton_end).map_or(0, |at| at + 1);
-            own.joints = (self.joints)(own.of, &own.drawn[..end]);
             own.place = Some((0, 0));
         } else if let Some((joint, slot)) = own.place {
             own.place = match id {

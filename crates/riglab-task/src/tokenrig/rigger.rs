@@ -1,8 +1,7 @@
 //! The model at work: a mesh comes in, a skeleton and weights come out.
 
-use std::cell::RefCell;
 use std::path::Path;
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, PoisonError};
 
 use riglab_core::Mesh;
 use riglab_geom::CloudSampler;
@@ -365,16 +364,17 @@ impl Rigger {
         if until == Until::Whole && Sight::asked(&c.model) && seen.sight(0).is_none() {
             return Err("codes of this model are told of the mesh at their joints: give the meshes".into());
         }
-        let teller = self.teller();
-        let told = RefCell::new(vec![Vec::new(); prompts.len()]);
+        let (teller, tokenizer) = (self.teller(), &self.tokenizer);
+        let sights: Vec<Option<&Sight>> = (0..prompts.len()).map(|row| seen.sight(row)).collect();
+        let told = Mutex::new(vec![Vec::new(); prompts.len()]);
         let joints = |row: usize, ids: &[u32]| {
-            let sight = seen.sight(row);
-            let make = || self.tokenizer.decode(ids).map_or_else(|_| Vec::new(), |d| teller.joints(&d, sight));
+            let sight = sights[row];
+            let make = || tokenizer.decode(ids).map_or_else(|_| Vec::new(), |d| teller.joints(&d, sight));
             let own = match sight {
                 Some(sight) => sight.once(ids, make),
                 None => make(),
             };
-            told.borrow_mut()[row].clone_from(&own);
+            told.lock().unwrap_or_else(PoisonError::into_inner)[row].clone_from(&own);
             own
         };
         let room = c.longest();
@@ -390,7 +390,7 @@ impl Rigger {
             id
         });
         drop(reader);
-        let told = told.into_inner();
+        let told = told.into_inner().unwrap_or_else(PoisonError::into_inner);
         let whole =
             all.into_iter().zip(prompts).zip(likelihood).zip(told).map(|(((own, prompt), likelihood), joints)| {
                 let drawn: Vec<u32> = prompt.iter().copied().chain(own).collect();
