@@ -68,7 +68,10 @@ fn a_killed_curation_goes_on_and_gives_what_the_unbroken_one_gives() {
         assert!(lines(&journal) >= wanted);
     }
     assert!(kills > 0, "the run was too short to be killed");
-    must(&curate(&files, &broken, &ALL));
+    let said = must(&curate(&files, &broken, &ALL)).stderr;
+    let said = String::from_utf8(said).unwrap();
+    assert!(said.contains("goes on from") && said.contains("journal.jsonl"), "{said}");
+    assert!(said.contains("comparing: 150/150"), "{said}");
     // A head, and two lines a file: none was looked at twice.
     assert_eq!(lines(&journal), 1 + 2 * 150);
     assert_eq!(content(&broken), content(&whole));
@@ -158,6 +161,10 @@ fn wrong_use_is_told() {
     assert!(with(&["--shard", "3/2"]).contains("1/8"));
     assert!(with(&["--decisions", "nowhere.tsv"]).contains("no such file"));
     assert!(told(&["curate", "nowhere", "-o", text(&out)]).contains("no such folder"));
+    let imported = dir.path().join("imported.h5");
+    must(&["dataset", "import", text(&files), "-o", text(&imported)]);
+    let said = told(&["curate", "--merge", text(&imported), "-o", text(&out)]);
+    assert!(said.contains("no journal of a curation") && said.contains("riglab dataset merge"), "{said}");
     // Told before any file is looked at.
     let mine = dir.path().join("mine.h5");
     fs::write(&mine, "mine").unwrap();

@@ -217,6 +217,18 @@ fn a_corpus_becomes_files_again() {
     must(&["convert", text(&corpus), text(&apart), "--to", "glb"]);
     let mut files: Vec<_> = fs::read_dir(&apart).unwrap().map(|entry| entry.unwrap().path()).collect();
     files.sort();
+    // What files do not say of themselves stands beside them, and is read back.
+    let beside: Vec<_> = files.extract_if(.., |f| f.extension().unwrap() == "json").collect();
+    assert!(beside.len() == 2 && beside[0].ends_with("manifest.json") && beside[1].ends_with("split.json"));
+    let back = dir.path().join("back.h5");
+    must(&["dataset", "import", text(&apart), "-o", text(&back)]);
+    let known = |corpus: &Path| must(&["dataset", "inspect", text(corpus), "--json"]).stdout;
+    assert_eq!(known(&back), known(&corpus));
+    // Never over what is there.
+    fs::write(&beside[0], "[]").unwrap();
+    let said = must(&["convert", text(&corpus), text(&apart), "--to", "glb"]).stderr;
+    assert!(String::from_utf8(said).unwrap().contains("manifest.json is there already"));
+    assert_eq!(fs::read(&beside[0]).unwrap(), b"[]");
     let is: Vec<Value> = files.iter().map(|f| inspected(f)).collect();
     for (is, was) in is.iter().zip(&was) {
         for part in ["vertices", "triangles", "weight_totals"] {

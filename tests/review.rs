@@ -167,6 +167,39 @@ fn a_person_decides_by_keyboard_and_mouse_and_nothing_is_lost() {
     assert_eq!(funnel["kept"], 61 - 2);
 }
 
+#[test]
+fn what_another_window_decided_is_shown_and_kept() {
+    let Some(browser) = Browser::start() else { return };
+    let dir = tempfile::tempdir().unwrap();
+    let (_, corpus) = curated(dir.path(), 3);
+    let serving = Serving::begin(&["review", text(&corpus)]);
+    browser.open(&serving.1);
+    loaded(&browser);
+    // As the other window would, which this one has not seen.
+    let decided = browser.script(
+        "return (async () => {
+            const asset = (await (await fetch('assets')).json()).assets[0];
+            const body = { name: asset.name, digest: asset.digest, verdict: 'accept', category: '', faults: [], comment: 'mine' };
+            const headers = { 'Content-Type': 'application/json' };
+            return (await fetch('decide', { method: 'POST', headers, body: JSON.stringify(body) })).status;
+        })()",
+    );
+    assert_eq!(decided, 200);
+    let kept = || fs::read_to_string(dir.path().join("c.decisions.tsv")).unwrap();
+    browser.press(&["r"]);
+    browser.until("the other is told", |b| b.text("#alert").contains("in another window"));
+    assert!(kept().contains("\taccept\t") && kept().contains("mine") && !kept().contains("reject"), "{}", kept());
+    assert_eq!(browser.text("#tally"), "1 of 4 decided");
+    // It has been seen now.
+    browser.click(".card:nth-child(1)");
+    browser.press(&["r"]);
+    browser.until("it is decided again", |_| kept().contains("\treject\t"));
+    assert!(kept().contains("mine"), "{}", kept());
+    // A second server would lose decisions of either.
+    let said = refusal(&mut riglab(&["review", text(&corpus)]));
+    assert!(said.contains("c.decisions.tsv: another `riglab review`"), "{said}");
+}
+
 /// The address of a site of its own, with one page.
 fn elsewhere() -> String {
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();

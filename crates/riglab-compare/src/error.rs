@@ -27,14 +27,14 @@ pub enum CompareError {
     NoTruth(PathBuf, String),
     /// Not one name of the truth among the predictions.
     #[error(
-        "{folder}: none of its {found} predictions is named as a true asset: for instance `{theirs}`, \
+        "{folder}: none of its {found} is named as a true asset: for instance `{theirs}`, \
          where the truth has `{ours}`; files are matched by their path without ending, or by their name alone"
     )]
     NothingMatches {
         /// The folder.
         folder: PathBuf,
-        /// How many predictions there are.
-        found: usize,
+        /// How many predictions there are, in words.
+        found: String,
         /// One of them.
         theirs: String,
         /// A true asset.

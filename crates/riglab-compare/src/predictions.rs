@@ -43,8 +43,10 @@ impl Kind {
         ("pt", Self::Pt),
     ];
 
+    /// What its files are called in a sentence.
     fn name(self) -> &'static str {
-        Self::ALL.iter().find(|(_, k)| *k == self).map_or("auto", |(name, _)| name)
+        let named = Self::ALL.iter().find(|(_, k)| *k == self && *k != Self::Auto);
+        named.map_or("rigged", |(name, _)| name)
     }
 
     fn takes(self, ending: &str) -> bool {

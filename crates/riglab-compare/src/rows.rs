@@ -1,9 +1,9 @@
 //! A row for every true asset.
 
 use rayon::prelude::*;
-use riglab_core::Asset;
+use riglab_core::{Asset, Bounds, Rig};
 use riglab_geom::voxel::SolidConfig;
-use riglab_metric::{Measure, Rows, SkinBaseline, Truth};
+use riglab_metric::{Joints, Measure, Rows, SkinBaseline, Truth};
 use serde::{Serialize, Serializer};
 
 use crate::{CompareError, Predictions, Truths, fit};
@@ -15,9 +15,14 @@ pub enum Failures {
     /// Apart: counted beside the means.
     #[default]
     Apart,
-    /// As if one joint had been predicted at the centre of the box, without weights.
+    /// As if one joint had been predicted at the centre of the box, without weights. Formulas that need a bone are given
+    /// one there of no length, or of the least that they do not merge away.
     Worst,
 }
+
+/// A bone of this share of the longest side is the shortest that MagicArticulate does not merge into a joint, with some room:
+/// its own limit is 0.0025.
+const MERGED: f64 = 0.003;
 
 /// Files that could not be read, with the reason.
 pub type Unread = Vec<(String, String)>;
@@ -117,7 +122,10 @@ pub fn score(
         if let (true, Some(theirs)) = (used.is_empty() && !system.rows.is_empty(), system.unmatched.first()) {
             return Err(CompareError::NothingMatches {
                 folder: predictions.folder().into(),
-                found: predictions.len(),
+                found: match predictions.len() {
+                    1 => "1 prediction".into(),
+                    n => format!("{n} predictions"),
+                },
                 theirs: theirs.clone(),
                 ours: crate::key(&example),
             });
@@ -205,7 +213,7 @@ fn rows(
             }
         }
         if failures == Failures::Worst {
-            row.measures = prepared.get_or_insert_with(prepare).worst();
+            row.measures = worst(prepared.get_or_insert_with(prepare), rig);
         }
         row
     };
@@ -219,6 +227,60 @@ fn rows(
     out
 }
 
+/// The figures of an asset that failed, where failures are to count.
+fn worst(truth: &Truth, rig: &Rig) -> Vec<Measure> {
+    let mut measures = truth.worst();
+    let box_of = Bounds::of(rig.mesh().positions().iter().copied());
+    let (center, longest) =
+        box_of.map_or(([0.0; 3], 0.0), |b| (b.center().map(f64::from), b.size().into_iter().fold(0.0, f32::max)));
+    for share in [0.0, MERGED] {
+        let end = [center[0], center[1] + share * f64::from(longest), center[2]];
+        let bone = Joints { positions: vec![center, end], parents: vec![None, Some(0)] };
+        let with = truth.skeleton(&bone);
+        for m in measures.iter_mut().filter(|m| m.value.is_nan() && ["j2j", "j2b", "b2b"].contains(&m.metric)) {
+            let other = with.iter().find(|o| (o.metric, o.preset) == (m.metric, m.preset));
+            m.value = other.map_or(f64::NAN, |o| o.value);
+        }
+    }
+    measures
+}
+
 fn by_name<S: Serializer>(measures: &[Measure], serializer: S) -> Result<S::Ok, S::Error> {
     serializer.collect_map(measures.iter().map(|m| (m.name(), m.value)))
+}
+
+#[cfg(test)]
+mod tests {
+    use riglab_core::{Joint, JointId, Mesh, Skeleton, SkinWeights};
+    use riglab_metric::Preset;
+
+    use super::*;
+
+    #[test]
+    fn a_failure_has_every_distance() {
+        let joint = |k: u16, head| Joint { name: format!("{k}"), parent: k.checked_sub(1).map(JointId), head };
+        let joints = vec![joint(0, [0.0; 3]), joint(1, [0.0, 4.0, 0.0]), joint(2, [0.0, 10.0, 0.0])];
+        let corners = [[-1.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 10.0, 1.0], [0.0, 5.0, -1.0]];
+        let mesh = Mesh::new(corners.to_vec(), vec![[0, 1, 2], [0, 2, 3], [0, 3, 1], [1, 3, 2]]).unwrap();
+        let weights = SkinWeights::normalized(vec![vec![(0u16, 1.0)]; 4]).unwrap();
+        let rig = Rig::new(Skeleton::new(joints).unwrap(), mesh, weights).unwrap();
+        let found = worst(&Truth::new("a", &rig), &rig);
+        let value = |metric: &str, preset: Preset| {
+            found.iter().find(|m| m.metric == metric && m.preset == preset).unwrap().value
+        };
+        for preset in Preset::ALL {
+            // Of the unit cube, as all but two count.
+            let scale = match preset {
+                Preset::Skintokens => 100.0,
+                Preset::Anymate => 2.0,
+                _ => 1.0,
+            };
+            let [j2j, j2b, b2b] = ["j2j", "j2b", "b2b"].map(|metric| value(metric, preset) / scale);
+            // From the middle to joints at 0, 4 and 10 of 10: a mean of 11/30, back 1/10.
+            assert!((0.2..0.3).contains(&j2j), "{}: {j2j}", preset.name());
+            assert!(j2b > 0.0 && j2b < j2j && b2b > 0.0 && b2b < j2j, "{}: {j2b} {b2b}", preset.name());
+        }
+        // What one joint says is kept.
+        assert_eq!(value("joints_off", Preset::Riglab), 2.0 / 3.0);
+    }
 }

@@ -52,7 +52,9 @@ impl Comparison {
         table.note = match self.failures {
             Failures::Apart => "Means below are over the assets scored; failed and missing ones count here alone.",
             Failures::Worst => {
-                "Failed and missing assets count in the means as one joint at the centre of the box, without weights."
+                "Failed and missing assets count in the means as one joint at the centre of the box (where a formula \
+                 needs a bone, one of next to no length), without weights; a table says below itself which metrics \
+                 leave them out."
             }
         }
         .into();
@@ -87,9 +89,28 @@ impl Comparison {
                      assets with a mean as far from 0"
                 );
             }
+            let without = self.without_failures(&names);
+            if !without.is_empty() {
+                let before = if table.note.is_empty() { "" } else { ". " };
+                table.note += &format!("{before}Without failed and missing assets: {}", without.join(", "));
+            }
             tables.push(table);
         }
         tables
+    }
+
+    /// Metrics that have no value for a failure, though failures are to count.
+    fn without_failures<'a>(&self, names: &'a [String]) -> Vec<&'a str> {
+        if self.failures != Failures::Worst {
+            return Vec::new();
+        }
+        let failed = |r: &&crate::Row| r.status != Status::Scored;
+        let has = |r: &crate::Row, name: &str| r.measures.iter().any(|m| m.name() == name && m.value.is_finite());
+        let lacks = |name: &&String| {
+            let mut failures = self.systems.iter().flat_map(|s| &s.rows).filter(failed);
+            failures.any(|row| !has(row, name))
+        };
+        names.iter().filter(lacks).map(|name| name.split('@').next().unwrap_or(name)).collect()
     }
 
     fn line(&self, name: &str, pair: bool) -> Vec<Cell> {
@@ -242,6 +263,17 @@ mod tests {
             (Some(1), Some(2))
         );
         assert_eq!(json["systems"][1]["rows"][1]["measures"]["j2j@rignet"], Value::Null);
+    }
+
+    #[test]
+    fn metrics_that_leave_failures_out_are_named() {
+        let of = |failures| {
+            let systems = vec![system("one", &[Some(0.1), None])];
+            Comparison { truth: "t".into(), failures, unread_truth: Vec::new(), systems }
+        };
+        let note = |failures| of(failures).tables(&Preset::ALL)[0].note.clone();
+        assert_eq!(note(Failures::Worst), "Without failed and missing assets: j2j");
+        assert_eq!(note(Failures::Apart), "");
     }
 
     #[test]

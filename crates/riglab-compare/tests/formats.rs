@@ -132,6 +132,8 @@ fn what_cannot_begin_says_why() {
     assert!(fails("nowhere", "rignet", Kind::Auto).contains("no such folder or file of predictions"));
     assert!(fails("rignet", "nowhere", Kind::Auto).contains("no such corpus or folder"));
     assert!(fails("rignet", "unirig", Kind::Glb).contains("no glb file below it"));
+    let empty = tempfile::tempdir().unwrap();
+    assert!(fails(empty.path().to_str().unwrap(), "unirig", Kind::Auto).contains("no rigged file below it"));
     let other = fails("skintokens", "rignet", Kind::Auto);
     assert!(other.contains("`tail`") && other.contains("matched by their path"), "{other}");
 }

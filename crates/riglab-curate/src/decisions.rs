@@ -160,8 +160,13 @@ impl Decisions {
     pub fn set(&mut self, name: &str, digest: &str, decision: Decision) {
         let key = (name.to_owned(), digest.to_owned());
         // A comma parts marks.
-        let faults = decision.faults.iter().map(|f| f.replace(',', " ").trim().to_owned()).filter(|f| !f.is_empty());
-        let decision = Decision { faults: faults.collect(), ..decision };
+        let mut faults: Vec<String> = Vec::new();
+        for fault in decision.faults.iter().map(|f| f.replace(',', " ").trim().to_owned()) {
+            if !fault.is_empty() && !faults.contains(&fault) {
+                faults.push(fault);
+            }
+        }
+        let decision = Decision { faults, ..decision };
         if decision.is_empty() {
             self.0.remove(&key);
         } else {
@@ -197,6 +202,15 @@ impl Decisions {
     /// Finds for each asset (name, digest) its decision, and tells which decisions are about none of them, a
     /// sentence each.
     pub fn applied<'a>(&'a self, assets: &[(&str, &str)]) -> (HashMap<usize, (&'a Decision, Match)>, Vec<String>) {
+        self.applied_to_part(assets, |_| true)
+    }
+
+    /// The same for a part of all assets: of the others' names, those that `is_of_it` does not take, nothing is told.
+    pub fn applied_to_part<'a>(
+        &'a self,
+        assets: &[(&str, &str)],
+        is_of_it: impl Fn(&str) -> bool,
+    ) -> (HashMap<usize, (&'a Decision, Match)>, Vec<String>) {
         let by_both: HashMap<(&str, &str), usize> = assets.iter().enumerate().map(|(i, a)| (*a, i)).collect();
         let by_name: HashMap<&str, &str> = assets.iter().copied().collect();
         let mut by_digest: HashMap<(&str, &str), Vec<usize>> = HashMap::new();
@@ -219,6 +233,7 @@ impl Decisions {
                 _ if by_name.contains_key(name) => {
                     told.push(format!("`{name}` has changed since it was decided about; look at it again"));
                 }
+                _ if !is_of_it(name) => {}
                 _ => told.push(format!("`{name}` is decided about, but is not among the files")),
             }
         }

@@ -5,6 +5,8 @@ use std::path::{Path, PathBuf};
 use riglab_data::DataError;
 use thiserror::Error;
 
+use crate::decisions::Decision;
+
 /// Why a curation cannot go on. Messages name the file and the remedy.
 #[derive(Debug, Error)]
 pub enum CurateError {
@@ -36,6 +38,32 @@ pub enum CurateError {
         line: usize,
         /// What is wrong.
         message: String,
+    },
+    /// Another server keeps its decisions in the file.
+    #[error("{path}: another `riglab review` keeps its decisions here; use its page, end it, or give another --decisions", path = .0.display())]
+    Held(PathBuf),
+    /// Somebody else decided about an asset meanwhile.
+    #[error("`{name}` was decided about elsewhere meanwhile")]
+    Newer {
+        /// The asset.
+        name: String,
+        /// What was decided.
+        decision: Box<Decision>,
+    },
+    /// A corpus that is to be merged as a shard, without the journal of its curation.
+    #[error("{path}: there is no journal of a curation; --merge takes the corpora of `riglab curate --shard`, with what it wrote beside them: `riglab dataset merge` takes any", path = .0.display())]
+    NoJournal(PathBuf),
+    /// Files that were others when they were read for the second time.
+    #[error("{path}: {count} changed while they were curated, `{first}` for one; run the same command again", path = path.display())]
+    Changed {
+        /// The corpus.
+        path: PathBuf,
+        /// How many, in words.
+        count: String,
+        /// One of the assets.
+        first: String,
+        /// The files.
+        files: Vec<String>,
     },
     /// Another run works in the folder.
     #[error("{path}: another curation is at work here; wait for it, or give another --out", path = .0.display())]

@@ -40,7 +40,8 @@ pub struct Funnel {
     pub agreement: Agreement,
     /// Decisions that were applied.
     pub decisions: usize,
-    /// Sentences on decisions that are about none of the assets.
+    /// Sentences: decisions that are about none of the assets, what looks mistaken in the manifest and the splits, a model
+    /// that gave no answers.
     pub warnings: Vec<String>,
     /// How a vision-language model did, if it was asked.
     pub vlm: Option<crate::vlm::VlmReport>,
@@ -145,7 +146,7 @@ impl Funnel {
             splits: split_counts,
             agreement: agreement(records),
             decisions: judged.decisions.len(),
-            warnings: judged.told.clone(),
+            warnings: judged.told.iter().cloned().chain(labels.fault).collect(),
             vlm: labels.vlm,
         }
     }

@@ -4,7 +4,7 @@
 //! JSON lines: a head with what the results depend on, then records, then, after those of a file, a line
 //! that the file is done. Lines are appended whole; one that was cut off is cut away when the journal is
 //! opened. A file that has changed since, by size or time, is looked at again, and a journal of another
-//! config starts anew.
+//! config starts anew. What `manifest.json` says of a file is part of it: what was found hangs on both.
 //!
 //! What is kept is what was found, not the assets: these are read again when the corpus is written, which
 //! takes a second reading but no second copy of the data.
@@ -21,7 +21,7 @@ use crate::record::Record;
 use crate::{CurateConfig, CurateError};
 
 /// Raised when what a record means changes.
-const VERSION: u32 = 1;
+const VERSION: u32 = 2;
 /// Appends between two syncs: what a loss of power may cost. A kill costs nothing that was appended.
 const SYNC_EVERY: usize = 256;
 
@@ -33,7 +33,7 @@ enum Line {
         config: String,
     },
     Asset(Box<Record>),
-    /// What was begun of a file does not hold any more.
+    /// What was found of a file does not hold any more.
     Again {
         file: String,
     },
@@ -43,21 +43,26 @@ enum Line {
     },
 }
 
-/// When a file is the same: its size and time. Buffers that a glTF keeps in other files are not asked.
+/// When a file is the same: its size and time, with those of the files that are read with it (a rig text's OBJ, a glTF's
+/// buffers), and what the manifest says of it.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Stamp {
     bytes: u64,
     modified_ns: u64,
+    said: u64,
 }
 
 impl Stamp {
-    /// Of a file, with the other half of a pair of rig text and OBJ; zeros for one that cannot be asked.
-    pub fn of(path: &Path) -> Self {
-        let mut stamp = Self { bytes: 0, modified_ns: 0 };
-        for meta in riglab_asset::files_read(path).iter().filter_map(|file| std::fs::metadata(file).ok()) {
+    /// Of a file, with those beside it; zeros for one that cannot be asked. `said` is a number for what the manifest says.
+    pub fn of(path: &Path, said: u64) -> Self {
+        let mut stamp = Self { bytes: 0, modified_ns: 0, said };
+        for file in riglab_data::files_of(path) {
+            // One that is not there any more, or comes back as it was before another, is told by the turn.
+            stamp.modified_ns = stamp.modified_ns.rotate_left(7);
+            let Ok(meta) = std::fs::metadata(file) else { continue };
             stamp.bytes += meta.len();
             let since = meta.modified().ok().and_then(|m| m.duration_since(UNIX_EPOCH).ok());
-            stamp.modified_ns = stamp.modified_ns.max(since.map_or(0, |d| d.as_nanos() as u64));
+            stamp.modified_ns ^= since.map_or(0, |d| d.as_nanos() as u64);
         }
         stamp
     }
@@ -127,6 +132,14 @@ impl Journal {
         self.append(&[Line::Asset(Box::new(record.clone()))])
     }
 
+    /// Says that what was found of a file does not hold: it is looked at again.
+    ///
+    /// # Errors
+    /// As [`Self::add`].
+    pub fn forget(&mut self, file: &str) -> Result<(), CurateError> {
+        self.append(&[Line::Again { file: file.into() }])
+    }
+
     /// Says that what was added of a file does not hold, and adds what does.
     ///
     /// # Errors
@@ -174,7 +187,10 @@ impl Journal {
 /// # Errors
 /// When it cannot be read.
 pub fn records(path: &Path) -> Result<Vec<Record>, CurateError> {
-    let mut file = File::open(path).map_err(|e| CurateError::io(path, e))?;
+    let mut file = File::open(path).map_err(|e| match e.kind() {
+        std::io::ErrorKind::NotFound => CurateError::NoJournal(path.into()),
+        _ => CurateError::io(path, e),
+    })?;
     let (held, _) = read(&mut file, None).map_err(|e| CurateError::io(path, e))?;
     Ok(held.done.into_values().flat_map(|(_, records)| records).collect())
 }
@@ -195,7 +211,10 @@ fn read(file: &mut File, key: Option<&str>) -> std::io::Result<(Held, u64)> {
             Ok(Line::Head { version, config })
                 if sound == 0 && version == VERSION && key.is_none_or(|k| k == config) => {}
             Ok(Line::Asset(record)) if sound > 0 => held.begun.entry(record.file.clone()).or_default().push(*record),
-            Ok(Line::Again { file }) if sound > 0 => drop(held.begun.remove(&file)),
+            Ok(Line::Again { file }) if sound > 0 => {
+                held.begun.remove(&file);
+                held.done.remove(&file);
+            }
             Ok(Line::Done { file, stamp }) if sound > 0 => {
                 let records = held.begun.remove(&file).unwrap_or_default();
                 held.done.insert(file, (stamp, records));
@@ -232,7 +251,7 @@ mod tests {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("journal.jsonl");
         let config = CurateConfig::default();
-        let stamp = Stamp { bytes: 3, modified_ns: 4 };
+        let stamp = Stamp { bytes: 3, modified_ns: 4, said: 5 };
         let (mut journal, held) = Journal::open(&path, &config).unwrap();
         assert!(held.done.is_empty() && !held.of_another);
         assert!(matches!(Journal::open(&path, &config), Err(CurateError::Busy(_))));
@@ -255,11 +274,45 @@ mod tests {
     }
 
     #[test]
+    fn what_is_forgotten_is_looked_at_again() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("journal.jsonl");
+        let config = CurateConfig::default();
+        let mut journal = Journal::open(&path, &config).unwrap().0;
+        for name in ["a", "b"] {
+            journal.add(name, Stamp::of(&path, 0), &[record(name, name)]).unwrap();
+        }
+        journal.forget("a").unwrap();
+        drop(journal);
+        let (_, held) = Journal::open(&path, &config).unwrap();
+        assert!(!held.done.contains_key("a") && held.done.contains_key("b"));
+        let said = records(&dir.path().join("no.jsonl")).unwrap_err().to_string();
+        assert!(said.contains("no journal") && said.contains("riglab dataset merge"), "{said}");
+    }
+
+    #[test]
+    fn a_stamp_changes_with_what_is_read_and_said() {
+        let dir = tempfile::tempdir().unwrap();
+        let (path, buffer) = (dir.path().join("a.gltf"), dir.path().join("a.bin"));
+        std::fs::write(&path, r#"{"buffers": [{"uri": "a.bin"}]}"#).unwrap();
+        std::fs::write(&buffer, "1234").unwrap();
+        let whole = Stamp::of(&path, 0);
+        assert_eq!(whole, Stamp::of(&path, 0));
+        assert_ne!(whole, Stamp::of(&path, 1));
+        // As old as ever and as long, which a copy may be.
+        let old = UNIX_EPOCH + std::time::Duration::from_secs(1);
+        File::options().write(true).open(&buffer).unwrap().set_modified(old).unwrap();
+        assert_ne!(whole, Stamp::of(&path, 0));
+        std::fs::remove_file(&buffer).unwrap();
+        assert_ne!(whole, Stamp::of(&path, 0));
+    }
+
+    #[test]
     fn a_journal_of_another_config_starts_anew() {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("journal.jsonl");
         let mut config = CurateConfig::default();
-        Journal::open(&path, &config).unwrap().0.add("a", Stamp::of(&path), &[record("a", "a")]).unwrap();
+        Journal::open(&path, &config).unwrap().0.add("a", Stamp::of(&path, 0), &[record("a", "a")]).unwrap();
         // What records do not depend on changes nothing.
         config.duplicates.tolerance = 0.01;
         assert_eq!(Journal::open(&path, &config).unwrap().1.done.len(), 1);

@@ -16,6 +16,8 @@ use crate::{Category, CurateError};
 pub struct Labels {
     /// How the model did, if it was asked.
     pub vlm: Option<VlmReport>,
+    /// A sentence, if it gave no answers.
+    pub fault: Option<String>,
 }
 
 /// Labels what is kept, and drops categories that are not wanted. `read` gives the assets of records again,
@@ -75,6 +77,18 @@ pub fn label(
             Ok(())
         })?;
         labels.vlm = Some(asker.report());
+        let without =
+            open.iter().filter(|r| judged.labels.get(&r.name).is_some_and(|l| l.by == By::RulesInstead)).count();
+        if without > 0 {
+            let (of, model) = (open.len(), &config.categories.vlm.model);
+            let failed = asker.report().failed;
+            let (requests, first) = (if failed == 1 { "request" } else { "requests" }, asker.first_fault());
+            let first = first.map_or(String::new(), |why| format!(", the first: {why}"));
+            labels.fault = Some(format!(
+                "the model `{model}` named no category for {without} of {of} assets, which keep that of the rules \
+                 ({failed} {requests} failed{first})"
+            ));
+        }
     }
     if !config.categories.keep.is_empty() {
         for i in kept {

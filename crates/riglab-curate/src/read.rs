@@ -1,20 +1,25 @@
 //! A file's assets, with what the importer saw that the rig no longer shows.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeSet, HashMap, HashSet};
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 
 use riglab_asset::{ImportOptions, Imported, Resample, RootPolicy, Warning, count_assets, import_each};
 use riglab_core::Asset;
-use riglab_data::{DataError, Manifest, name_below, rigged_below};
+use riglab_data::{DataError, Manifest, name_below, rigged_below, whole_checksum};
 use riglab_files::Below;
 
+use crate::Category;
 use crate::config::ImportConfig;
 
 /// A folder of files to curate.
 pub struct Folder {
     root: PathBuf,
     files: Vec<PathBuf>,
+    /// Paths by name, where a name is not the path: it has letters that are no UTF-8.
+    odd: HashMap<String, PathBuf>,
+    /// Names of all files, whatever part of them is looked at.
+    there: HashSet<String>,
     unread: Vec<(String, String)>,
     manifest: Manifest,
     options: ImportOptions,
@@ -69,8 +74,50 @@ impl Folder {
         let clips = (import.clips > 0.0).then(|| Resample { rate: import.clips, ..Resample::default() });
         let (split, repair) = (import.split_characters, import.repair);
         let options = ImportOptions { roots, clips, split, repair, ..ImportOptions::default() };
-        let unread = unread.into_iter().map(|(path, why)| (name_below(root, &path), why)).collect();
-        Ok(Self { root: root.into(), files, unread, manifest: Manifest::read(root), options })
+        let mut unread: Vec<_> = unread.into_iter().map(|(path, why)| (name_below(root, &path), why)).collect();
+        let (mut odd, mut there) = (HashMap::new(), HashSet::new());
+        files.retain(|file| {
+            let name = name_below(root, file);
+            if !there.insert(name.clone()) {
+                let own = (2..).map(|n| format!("{name}#{n}")).find(|own| there.insert(own.clone()));
+                let why = "another file is named alike, but for letters that are no UTF-8; rename one";
+                unread.push((own.unwrap_or(name), why.into()));
+                return false;
+            }
+            if root.join(&name) != *file {
+                odd.insert(name, file.clone());
+            }
+            true
+        });
+        Ok(Self { root: root.into(), files, odd, there, unread, manifest: Manifest::read(root), options })
+    }
+
+    /// Whether a name is that of a file here, or of an asset in one.
+    pub fn is_there(&self, name: &str) -> bool {
+        let file = name.match_indices('#').any(|(at, _)| self.there.contains(&name[..at]));
+        file || self.there.contains(name) || self.root.join(name).is_file()
+    }
+
+    /// Sentences on what looks mistaken in the manifest.
+    pub fn doubts(&self) -> Vec<String> {
+        let unknown = |(name, _): &(&str, usize)| name.parse::<Category>().is_err();
+        let unknown: Vec<(&str, usize)> = self.manifest.categories().into_iter().filter(unknown).collect();
+        let categories = (!unknown.is_empty()).then(|| {
+            let shown: Vec<String> = unknown.iter().take(6).map(|(name, n)| format!("`{name}` ({n})")).collect();
+            let more = if unknown.len() > shown.len() { ", ..." } else { "" };
+            format!(
+                "manifest.json states categories that are none and count for nothing: {}{more}; known are {}",
+                shown.join(", "),
+                Category::names()
+            )
+        });
+        let told = self.manifest.told().iter().cloned();
+        told.chain(self.manifest.strangers(|name| self.is_there(name))).chain(categories).collect()
+    }
+
+    /// A number for what the manifest says of a file.
+    pub fn said(&self, file: &str) -> u64 {
+        self.manifest.said(file)
     }
 
     /// The files, by name.
@@ -97,7 +144,7 @@ impl Folder {
 
     /// The file of a name.
     pub fn path(&self, file: &str) -> PathBuf {
-        self.root.join(file)
+        self.odd.get(file).cloned().unwrap_or_else(|| self.root.join(file))
     }
 
     /// Reads a file's assets one at a time. A file of one asset gives its name to it; those of a file of
@@ -117,18 +164,19 @@ impl Folder {
                 Ok(imported) => {
                     let parted = several || (self.options.split && imported.name != stem);
                     let name = if parted { format!("{own}#{}", imported.name) } else { own.clone() };
-                    self.read(imported, &name, &own)
+                    self.read(imported, &name, &own, file)
                 }
                 Err(e) => Found::Refused(own.clone(), self.sentence(&e.to_string())),
             })
         });
     }
 
-    fn read(&self, imported: Imported, name: &str, file: &str) -> Found {
+    fn read(&self, imported: Imported, name: &str, file: &str, path: &Path) -> Found {
         let seen = seen(&imported);
         match imported.into_asset() {
             Ok(mut asset) => {
                 self.manifest.describe(name, file, &mut asset.provenance);
+                asset.provenance.checksum = whole_checksum(path, &asset.provenance.checksum);
                 // The place of the folder is no property of the asset.
                 asset.provenance.source = self.sentence(&asset.provenance.source);
                 asset.name = name.into();

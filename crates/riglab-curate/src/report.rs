@@ -14,7 +14,7 @@ const SHOWN: usize = 200;
 pub fn page(funnel: &Funnel, pictures: &Pictures, config: &CurateConfig) -> Page {
     let mut blocks = vec![Block::Facts(facts(funnel)), Block::Table(stages(funnel))];
     if !funnel.warnings.is_empty() {
-        blocks.push(Block::Heading("Decisions that apply to nothing".into()));
+        blocks.push(Block::Heading("Warnings".into()));
         blocks.push(Block::Text(funnel.warnings.join(". ") + "."));
     }
     blocks.push(Block::Heading("What was kept".into()));

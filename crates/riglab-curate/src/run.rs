@@ -14,7 +14,7 @@ use crate::config::{CurateConfig, SplitBy};
 use crate::decisions::Decisions;
 use crate::funnel::Funnel;
 use crate::journal::{Journal, Stamp, records};
-use crate::judge::{Judged, judge};
+use crate::judge::{Judged, judge_part};
 use crate::label::label;
 use crate::pictures::Pictures;
 use crate::read::{Folder, Found};
@@ -104,8 +104,13 @@ pub fn curate(
         // The folder may have been a shard's before; mostly there is none.
         None => drop(std::fs::remove_file(&told)),
     }
-    let (records, _journal) = look(&files, places, config, tell)?;
-    finish(&Source::Folder(&files, config), records, places, config, tell)
+    let (records, journal) = look(&files, places, config, tell)?;
+    let done = finish(&Source::Folder(&files, config), records, places, shard, config, tell);
+    if let Err(CurateError::Changed { files, .. }) = &done {
+        // Whatever it was that changed: the next run does not rely on what this one saw.
+        files.iter().try_for_each(|file| locked(&journal).forget(file))?;
+    }
+    done
 }
 
 /// Makes the folder beside the corpus, if the corpus may be where it is to be: told before hours of work, not after them.
@@ -149,7 +154,7 @@ pub fn merge_shards(
         open.extend(corpus);
         take_answers(&Places::of(path).work.join("answers"), &places.work.join("answers"))?;
     }
-    finish(&Source::Corpora(&open), all.into_values().collect(), places, config, tell)
+    finish(&Source::Corpora(&open), all.into_values().collect(), places, None, config, tell)
 }
 
 /// The file beside a shard's corpus that says which one it is.
@@ -195,7 +200,8 @@ fn look(
     let mut all: Vec<Record> = files.unread().iter().map(refused).collect();
     let mut open: Vec<(&PathBuf, String, Stamp, HashMap<String, Record>)> = Vec::new();
     for path in files.files() {
-        let (name, stamp) = (files.name(path), Stamp::of(path));
+        let name = files.name(path);
+        let stamp = Stamp::of(path, files.said(&name));
         match held.done.remove(&name) {
             Some((then, records)) if then == stamp => all.extend(records),
             _ => {
@@ -243,9 +249,10 @@ fn look_at(
     files.each(path, |found| {
         let mut record = match found {
             Found::Asset(read) => {
-                let same = |known: &&Record| {
-                    known.facts.as_ref().is_some_and(|f| f.checksum == read.asset.provenance.checksum)
-                };
+                let from = &read.asset.provenance;
+                let now = (&from.checksum, &from.source, &from.category);
+                let same =
+                    |known: &&Record| known.facts.as_ref().is_some_and(|f| (&f.checksum, &f.source, &f.stated) == now);
                 match begun.get(&read.asset.name).filter(same) {
                     Some(known) => {
                         taken_over += 1;
@@ -281,6 +288,7 @@ fn finish(
     source: &Source,
     records: Vec<Record>,
     places: &Places,
+    shard: Option<Shard>,
     config: &CurateConfig,
     tell: Tell,
 ) -> Result<Funnel, CurateError> {
@@ -289,10 +297,13 @@ fn finish(
         path => Decisions::read(Path::new(path))?,
     };
     tell("comparing", 0, records.len());
-    let mut judged: Judged = judge(&records, &decisions, config);
-    let kept: Vec<&Record> = judged.kept().map(|i| &records[i]).collect();
+    // What other parts hold is theirs to tell.
+    let own = |name: &str| shard.is_none_or(|shard| shard.has(name.split_once('#').map_or(name, |(file, _)| file)));
+    let mut judged: Judged = judge_part(&records, &decisions, config, own);
+    tell("comparing", records.len(), records.len());
     let labels = label(&records, &mut judged, config, &places.work, |wanted, each| {
         let done = AtomicUsize::new(0);
+        tell("asking", 0, wanted.len());
         source.each_chunk(wanted, |assets| {
             let n = assets.len();
             each(assets)?;
@@ -300,12 +311,16 @@ fn finish(
             Ok(())
         })
     })?;
-    drop(kept);
     let kept: Vec<&Record> = judged.kept().map(|i| &records[i]).collect();
     let mut pictures = Pictures::choose(&records, &judged, &config.report);
     let mut splits = Vec::new();
+    let mut doubts = source.doubts();
     if !kept.is_empty() {
-        splits = assign(&kept, config)?;
+        let splitter = splitter(config)?;
+        let keys = keys(&kept, config);
+        splits = splitter.assign(&keys);
+        let names: HashSet<&str> = records.iter().map(|r| r.name.as_str()).collect();
+        doubts.extend(splitter.doubts(&keys, &splits, |name| names.contains(name) || source.is_there(name)));
         write(source, &kept, &judged, &splits, &mut pictures, places, tell)?;
     }
     let others = pictures.missing(&records);
@@ -313,7 +328,8 @@ fn finish(
         assets.iter().for_each(|a| pictures.draw(a));
         Ok(())
     })?;
-    let funnel = Funnel::of(&records, &judged, labels, &splits, config);
+    let mut funnel = Funnel::of(&records, &judged, labels, &splits, config);
+    funnel.warnings.extend(doubts);
     store(&places.assets(), judged.lines(&records, &splits).as_bytes())?;
     store(&places.funnel(), &serde_json::to_vec_pretty(&funnel).unwrap_or_default())?;
     store(&places.report(), report::page(&funnel, &pictures, config).to_html()?.as_bytes())?;
@@ -323,21 +339,24 @@ fn finish(
     Ok(funnel)
 }
 
-/// The split of each kept asset.
-fn assign(kept: &[&Record], config: &CurateConfig) -> Result<Vec<String>, CurateError> {
-    let of = |key: fn(&Record) -> u64| kept.iter().map(|r| (r.name.clone(), key(r))).collect::<Vec<_>>();
-    let by_topology = of(|r| r.facts.as_ref().map_or(0, |f| f.topology));
+/// What gives the splits.
+fn splitter(config: &CurateConfig) -> Result<Splitter, CurateError> {
     Ok(match config.split.by {
-        SplitBy::Topology => Splitter::ByTopology(config.split.seed).assign(&by_topology),
-        SplitBy::Source => {
-            let by_source = of(|r| {
-                let hash = blake3::hash(r.facts.as_ref().map_or("", |f| f.source.as_str()).as_bytes());
-                u64::from_le_bytes(hash.as_bytes().first_chunk::<8>().copied().unwrap_or_default())
-            });
-            Splitter::ByTopology(config.split.seed).assign(&by_source)
-        }
-        SplitBy::List => Splitter::read(Path::new(&config.split.file))?.assign(&by_topology),
+        SplitBy::Topology | SplitBy::Source => Splitter::ByTopology(config.split.seed),
+        SplitBy::List => Splitter::read(Path::new(&config.split.file))?,
     })
+}
+
+/// What the splits of the kept assets go by.
+fn keys(kept: &[&Record], config: &CurateConfig) -> Vec<(String, u64)> {
+    let of = |key: fn(&Record) -> u64| kept.iter().map(|r| (r.name.clone(), key(r))).collect();
+    match config.split.by {
+        SplitBy::Topology | SplitBy::List => of(|r| r.facts.as_ref().map_or(0, |f| f.topology)),
+        SplitBy::Source => of(|r| {
+            let hash = blake3::hash(r.facts.as_ref().map_or("", |f| f.source.as_str()).as_bytes());
+            u64::from_le_bytes(hash.as_bytes().first_chunk::<8>().copied().unwrap_or_default())
+        }),
+    }
 }
 
 /// Writes the corpus. A file that has vanished since it was looked at is left out, with its split.
@@ -365,15 +384,23 @@ fn write(
     })?;
     if written.len() < kept.len() {
         let there: HashSet<&str> = written.iter().map(String::as_str).collect();
-        let gone = kept.iter().find(|r| !there.contains(r.name.as_str())).map_or("", |r| r.name.as_str());
-        let n = kept.len() - written.len();
-        let message = match source {
-            Source::Folder(..) => format!("{n} files changed while they were curated, `{gone}` for one; run again"),
-            Source::Corpora(_) => format!(
-                "{n} assets are in none of the corpora, `{gone}` for one; merge with the settings and decisions that the shards had"
-            ),
-        };
-        return Err(CurateError::Io { path: places.out.clone(), message });
+        let gone: Vec<&&Record> = kept.iter().filter(|r| !there.contains(r.name.as_str())).collect();
+        let (n, path) = (kept.len() - written.len(), places.out.clone());
+        let first = gone.first().map_or(String::new(), |r| r.name.clone());
+        let count = format!("{n} {}", if n == 1 { "asset" } else { "assets" });
+        return Err(match source {
+            Source::Folder(..) => {
+                let files = gone.iter().map(|r| r.file.clone()).collect();
+                CurateError::Changed { path, count, first, files }
+            }
+            Source::Corpora(_) => {
+                let are = if n == 1 { "is" } else { "are" };
+                let message = format!(
+                    "{count} {are} in none of the corpora, `{first}` for one; merge with the settings and decisions that the shards had"
+                );
+                CurateError::Io { path, message }
+            }
+        });
     }
     let of: Vec<String> =
         written.iter().map(|name| split_of.get(name.as_str()).map_or(String::new(), |s| (*s).clone())).collect();

@@ -25,6 +25,19 @@ pub(crate) enum Source<'a> {
 }
 
 impl Source<'_> {
+    /// Sentences on what looks mistaken in the folder's manifest.
+    pub(crate) fn doubts(&self) -> Vec<String> {
+        match self {
+            Self::Folder(folder, _) => folder.doubts(),
+            Self::Corpora(_) => Vec::new(),
+        }
+    }
+
+    /// Whether a name is that of a file of the folder; of shards the records know.
+    pub(crate) fn is_there(&self, name: &str) -> bool {
+        matches!(self, Self::Folder(folder, _) if folder.is_there(name))
+    }
+
     /// Gives the wanted assets, repaired, in the order of the records, a chunk at a time.
     pub(crate) fn each_chunk(
         &self,
@@ -41,7 +54,7 @@ impl Source<'_> {
                 }
                 for chunk in wanted.chunks(AT_ONCE) {
                     let places = chunk.iter().filter_map(|r| at.get(&r.name));
-                    each(places.map(|&(c, i)| corpora[c].asset(i)).collect::<Result<_, _>>()?)?;
+                    each(places.map(|&(c, i)| corpora[c].verified(i)).collect::<Result<_, _>>()?)?;
                 }
                 Ok(())
             }

@@ -9,6 +9,7 @@ mod answer;
 mod client;
 
 use std::path::{Path, PathBuf};
+use std::sync::OnceLock;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use riglab_core::Rig;
@@ -28,6 +29,8 @@ pub struct Asker {
     cache: PathBuf,
     /// Faults since the last answer.
     faults: AtomicUsize,
+    /// The first of all.
+    first: OnceLock<String>,
     tally: Tally,
 }
 
@@ -77,6 +80,7 @@ impl Asker {
             client,
             cache: cache.into(),
             faults: AtomicUsize::new(0),
+            first: OnceLock::new(),
             tally: Tally::default(),
         })
     }
@@ -118,6 +122,17 @@ impl Asker {
             failed: n(&self.tally.failed),
             gave_up: self.given_up(),
         }
+    }
+
+    /// What went wrong first, if a request failed.
+    pub fn first_fault(&self) -> Option<&str> {
+        self.first.get().map(String::as_str)
+    }
+
+    fn failed(&self, why: &str) {
+        self.tally.failed.fetch_add(1, Ordering::Relaxed);
+        self.faults.fetch_add(1, Ordering::Relaxed);
+        self.first.get_or_init(|| why.to_owned());
     }
 
     fn given_up(&self) -> bool {
@@ -187,13 +202,11 @@ impl Asker {
                     wait = after.unwrap_or(pause).min(most);
                 }
                 Err(Fault::Passing(message)) => {
-                    self.tally.failed.fetch_add(1, Ordering::Relaxed);
-                    self.faults.fetch_add(1, Ordering::Relaxed);
+                    self.failed(&message);
                     why = message;
                 }
                 Err(Fault::Final(message)) => {
-                    self.tally.failed.fetch_add(1, Ordering::Relaxed);
-                    self.faults.fetch_add(1, Ordering::Relaxed);
+                    self.failed(&message);
                     return Err(message);
                 }
             }

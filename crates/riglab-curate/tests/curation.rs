@@ -211,6 +211,8 @@ fn an_endpoint_that_is_down_leaves_rules_and_says_so() {
     let funnel = run(dir.path(), out.path(), &config).unwrap();
     assert_eq!(funnel.labelled_by["rules (no answer)"], 3);
     assert!(funnel.vlm.unwrap().gave_up);
+    let told = funnel.warnings.join("; ");
+    assert!(told.contains("`seer` named no category for 3 of 3 assets") && told.contains("does not answer"), "{told}");
     let corpus = Corpus::open(&out.path().join("corpus.h5")).unwrap();
     let notes = corpus.asset(0).unwrap().provenance.notes;
     assert!(notes.iter().any(|n| n.starts_with("category by rules (no answer): ")), "{notes:?}");
@@ -261,6 +263,152 @@ fn a_model_names_what_no_source_names_and_is_asked_once() {
     let again = run(dir.path(), out.path(), &config).unwrap();
     assert_eq!((again.kept, dropped(&again, "category").len()), (3, 1));
     assert_eq!((asked.load(Ordering::SeqCst), again.vlm.unwrap().cached), (3, 3));
+}
+
+#[test]
+fn what_the_manifest_says_now_counts() {
+    let dir = tempfile::tempdir().unwrap();
+    let all = creatures(2);
+    write(dir.path(), &all);
+    let names = [0, 1].map(|k| format!("{}.glb", all[k].name));
+    let say = |category: &str| {
+        let text = serde_json::json!([
+            {"file": names[0], "category": category, "license": "MIT"}, {"file": names[1], "category": 7},
+            {"file": "gone.glb"}
+        ]);
+        std::fs::write(dir.path().join("manifest.json"), text.to_string()).unwrap();
+    };
+    let out = tempfile::tempdir().unwrap();
+    let path = out.path().join("corpus.h5");
+    let category = || Corpus::open(&path).unwrap().texts("category").unwrap()[0].clone();
+    let mut seen = Vec::new();
+    for wanted in ["aquatic", "reptile"] {
+        say(wanted);
+        let funnel = run(dir.path(), out.path(), &plain()).unwrap();
+        assert_eq!(category(), wanted);
+        seen.push(std::fs::read_to_string(Places::of(&path).journal()).unwrap().lines().count());
+        let told = funnel.warnings.join("; ");
+        for part in ["1 entry is of a wrong form", "did you mean `licence`?", "not there: `gone.glb`"] {
+            assert!(told.contains(part), "{part}: {told}");
+        }
+    }
+    // The one file of which something else is said was looked at again.
+    assert_eq!(seen[1], seen[0] + 2);
+    say("plane");
+    let told = run(dir.path(), out.path(), &plain()).unwrap().warnings.join("; ");
+    assert!(told.contains("`plane` (1)"), "{told}");
+}
+
+#[cfg(unix)]
+#[test]
+fn a_name_that_is_no_utf8_is_curated_and_its_double_a_line() {
+    use std::os::unix::ffi::OsStrExt;
+    let dir = tempfile::tempdir().unwrap();
+    let all = creatures(3);
+    write(dir.path(), &all);
+    for (asset, name) in all[..2].iter().zip([b"a\xff.glb", b"a\xfe.glb"]) {
+        let to = dir.path().join(std::ffi::OsStr::from_bytes(name));
+        std::fs::rename(dir.path().join(format!("{}.glb", asset.name)), to).unwrap();
+    }
+    let out = tempfile::tempdir().unwrap();
+    for _ in 0..2 {
+        let funnel = run(dir.path(), out.path(), &plain()).unwrap();
+        assert_eq!((funnel.assets, funnel.kept), (3, 2));
+        let why = &funnel.stage("read").unwrap().dropped[0].1;
+        assert!(why.contains("named alike"), "{why}");
+    }
+}
+
+/// Writes an asset as a glTF with its buffer in a file of its own.
+fn gltf(folder: &std::path::Path, asset: &riglab_core::Asset) -> std::path::PathBuf {
+    let glb = riglab_asset::to_glb(asset);
+    let number = |at: usize| u32::from_le_bytes(glb[at..at + 4].try_into().unwrap()) as usize;
+    let end = 20 + number(12);
+    let mut document: serde_json::Value = serde_json::from_slice(&glb[20..end]).unwrap();
+    document["buffers"][0]["uri"] = "a.bin".into();
+    std::fs::write(folder.join("a.gltf"), document.to_string()).unwrap();
+    std::fs::write(folder.join("a.bin"), &glb[end + 8..end + 8 + number(end)]).unwrap();
+    folder.join("a.bin")
+}
+
+#[test]
+fn a_gltf_is_its_buffers_too() {
+    let dir = tempfile::tempdir().unwrap();
+    let all = creatures(2);
+    write(dir.path(), &all[1..]);
+    let buffer = gltf(dir.path(), &all[0]);
+    let out = tempfile::tempdir().unwrap();
+    let path = out.path().join("corpus.h5");
+    let of = |column: &str| {
+        let corpus = Corpus::open(&path).unwrap();
+        let at = corpus.names().unwrap().iter().position(|n| n == "a.gltf").unwrap();
+        corpus.texts(column).unwrap()[at].clone()
+    };
+    assert_eq!(run(dir.path(), out.path(), &plain()).unwrap().kept, 2);
+    let was = (of("digest"), of("checksum"));
+    // A vertex moved a little: the text is the same.
+    let mut bytes = std::fs::read(&buffer).unwrap();
+    let at = (0..bytes.len()).step_by(4).find(|&at| {
+        let x = f32::from_le_bytes(bytes[at..at + 4].try_into().unwrap());
+        (0.1..1.0).contains(&x)
+    });
+    bytes[at.unwrap()] ^= 1;
+    std::fs::write(&buffer, &bytes).unwrap();
+    run(dir.path(), out.path(), &plain()).unwrap();
+    assert!(of("digest") != was.0 && of("checksum") != was.1);
+    std::fs::remove_file(&buffer).unwrap();
+    for _ in 0..2 {
+        let funnel = run(dir.path(), out.path(), &plain()).unwrap();
+        assert_eq!((funnel.kept, dropped(&funnel, "read")), (1, vec!["a.gltf"]));
+        let why = &funnel.stage("read").unwrap().dropped[0].1;
+        assert!(why.contains("a.bin") && why.contains("missing"), "{why}");
+    }
+}
+
+#[test]
+fn a_shard_tells_of_its_own_files_alone() {
+    let dir = tempfile::tempdir().unwrap();
+    write(dir.path(), &creatures(12));
+    let out = tempfile::tempdir().unwrap();
+    let mut decisions = Decisions::default();
+    for k in 0..20 {
+        let decision = Decision { verdict: Verdict::Accept, ..Decision::default() };
+        decisions.set(&format!("gone{k}.glb"), "00", decision);
+    }
+    let mut config = plain();
+    let path = out.path().join("d.tsv");
+    decisions.write(&path).unwrap();
+    config.decisions = path.display().to_string();
+    let part = |number| {
+        let shard = Shard { number, of: 2 };
+        let funnel = run_shard(dir.path(), &out.path().join(format!("{number}.h5")), Some(shard), &config).unwrap();
+        let told = funnel.warnings.into_iter().filter(|w| w.contains("is decided about")).count();
+        (told, (0..20).filter(|k| shard.has(&format!("gone{k}.glb"))).count())
+    };
+    let (one, two) = (part(1), part(2));
+    assert_eq!((one.0, two.0, one.0 + two.0), (one.1, two.1, 20));
+}
+
+#[test]
+fn a_damaged_shard_is_not_merged() {
+    let dir = tempfile::tempdir().unwrap();
+    write(dir.path(), &creatures(4));
+    let out = tempfile::tempdir().unwrap();
+    let part = out.path().join("part.h5");
+    run_shard(dir.path(), &part, None, &plain()).unwrap();
+    // A coordinate that is nowhere else.
+    let corpus = Corpus::open(&part).unwrap();
+    let vertex = corpus.asset(0).unwrap().rig.mesh().positions()[0];
+    drop(corpus);
+    let mut bytes = std::fs::read(&part).unwrap();
+    let wanted: Vec<u8> = vertex.iter().flat_map(|x| x.to_le_bytes()).collect();
+    let at = bytes.windows(12).position(|w| w == wanted).unwrap();
+    bytes[at] ^= 1;
+    std::fs::write(&part, &bytes).unwrap();
+    let merged = Places::of(&out.path().join("merged.h5"));
+    let said = merge_shards(&[part], &merged, &plain(), &|_, _, _| ()).unwrap_err().to_string();
+    assert!(said.contains("part.h5") && said.contains("damaged"), "{said}");
+    assert!(!merged.out.exists());
 }
 
 #[cfg(unix)]

@@ -11,7 +11,7 @@ pub enum DataError {
     #[error("{path}: no such {what}", path = .0.display(), what = .1)]
     Missing(PathBuf, &'static str),
     /// A folder where a corpus is asked for.
-    #[error("{path}: a folder, not a corpus; make one of the files in it: riglab dataset import {path} -o corpus.h5", path = .0.display())]
+    #[error("{path}: a folder, not a corpus; make one of the files in it: riglab dataset import {quoted} -o corpus.h5", path = .0.display(), quoted = shell_words::quote(&.0.display().to_string()))]
     NoCorpus(PathBuf),
     /// A file where a folder is asked for.
     #[error("{path}: a file; give the folder it is in", path = .0.display())]
@@ -77,7 +77,7 @@ pub enum DataError {
     #[error("two assets are named `{0}`; `riglab dataset merge --prefix` tells corpora apart by their names")]
     DuplicateName(String),
     /// A folder without a file to import.
-    #[error("{path}: no rigged file (GLB, glTF, VRM, rig text with OBJ, npz, h5, pt) in this folder or below it", path = .0.display())]
+    #[error("{path}: no rigged file (GLB, glTF, VRM, FBX, rig text with OBJ, npz, h5, pt) in this folder or below it", path = .0.display())]
     NothingToImport(PathBuf),
     /// No model in a folder.
     #[error("{path}: no model in it (GLB, glTF, VRM, FBX or OBJ)", path = .0.display())]

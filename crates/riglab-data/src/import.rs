@@ -1,7 +1,6 @@
 //! A folder of rigged files to a corpus.
 
-use std::collections::{BTreeMap, HashMap};
-use std::io::Write;
+use std::collections::{BTreeMap, BTreeSet, HashSet};
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -10,10 +9,11 @@ use rayon::prelude::*;
 use riglab_asset::{
     ImportError, ImportOptions, Imported, count_assets, import, import_each, is_model_file, is_rig_file,
 };
-use riglab_core::{Asset, Provenance};
+use riglab_core::Asset;
 use riglab_files::{Below, make_folder_of};
-use serde::Deserialize;
 
+use crate::beside::whole_checksum;
+use crate::manifest::Manifest;
 use crate::split::{SplitNames, Splitter};
 use crate::{CorpusWriter, DataError};
 
@@ -28,6 +28,8 @@ pub struct ImportReport {
     pub notes: Vec<(String, Vec<String>)>,
     /// Assets of each split.
     pub splits: BTreeMap<String, usize>,
+    /// Sentences on what looks mistaken in `manifest.json` and in the splits.
+    pub warnings: Vec<String>,
 }
 
 /// A file that gave no rig.
@@ -41,57 +43,6 @@ pub struct Refused {
 
 /// Files imported before their assets are written: bounds memory.
 const AT_ONCE: usize = 64;
-
-/// What a `manifest.json` beside the files may say of each; all of it optional but the name.
-#[derive(Default, Deserialize)]
-#[serde(default)]
-struct Entry {
-    file: String,
-    source: String,
-    licence: String,
-    author: String,
-    category: String,
-}
-
-/// What `manifest.json` beside the files says of them: a list of objects with `file`, `source`, `licence`,
-/// `author`, `category`; nothing where there is none.
-pub struct Manifest(HashMap<String, Entry>);
-
-impl Manifest {
-    /// Reads that of a folder. One that is no such list is told on standard error and left out.
-    pub fn read(folder: &Path) -> Self {
-        let bytes = match std::fs::read(folder.join("manifest.json")) {
-            Err(e) if e.kind() == std::io::ErrorKind::NotFound => return Self(HashMap::new()),
-            read => read.map_err(|e| e.to_string()),
-        };
-        match bytes.and_then(|b| serde_json::from_slice::<Vec<Entry>>(&b).map_err(|e| e.to_string())) {
-            Ok(entries) => Self(entries.into_iter().map(|e| (e.file.clone(), e)).collect()),
-            Err(e) => {
-                let folder = folder.display();
-                let _ = writeln!(
-                    std::io::stderr(),
-                    "warning: {folder}/manifest.json is left out ({e}): no licences or authors from it"
-                );
-                Self(HashMap::new())
-            }
-        }
-    }
-
-    /// Adds what is said of an asset, by its own name or by that of its file.
-    pub fn describe(&self, asset: &str, file: &str, from: &mut Provenance) {
-        let Some(entry) = self.0.get(asset).or(self.0.get(file)) else { return };
-        for (to, value) in [
-            (&mut from.source, &entry.source),
-            (&mut from.licence, &entry.licence),
-            (&mut from.author, &entry.author),
-            (&mut from.category, &entry.category),
-        ] {
-            if !value.is_empty() {
-                to.clone_from(value);
-            }
-        }
-    }
-}
 
 /// The rigged files of a folder and those below it, by name.
 ///
@@ -214,7 +165,8 @@ fn write_all(
                         match writer.add(&asset) {
                             // As the same name in two other characters than UTF-8 has: no reason to leave out all.
                             Err(DataError::DuplicateName(name)) => {
-                                let reason = format!("{}: another asset is named alike", path.display());
+                                let why = "another asset is named alike, but for letters that are no UTF-8; rename one";
+                                let reason = format!("{}: {why}", path.display());
                                 report.refused.push(Refused { name, reason });
                                 return Ok(());
                             }
@@ -246,6 +198,14 @@ fn write_all(
         Some(splitter) => splitter.assign(&keys),
         None => vec![SplitNames::MESHES.into(); keys.len()],
     };
+    let names: BTreeSet<&str> = keys.iter().map(|(name, _)| name.as_str()).collect();
+    let files: HashSet<String> = files.iter().map(|path| name_below(folder, path)).collect();
+    let is_there = |name: &str| names.contains(name) || files.contains(name);
+    report.warnings.extend(manifest.told().iter().cloned().chain(manifest.strangers(is_there)));
+    if let Some(splitter) = splitter {
+        // What was refused is told already.
+        report.warnings.extend(splitter.doubts(&keys, &splits, is_there));
+    }
     for split in &splits {
         *report.splits.entry(split.clone()).or_default() += 1;
     }
@@ -269,7 +229,7 @@ fn one(folder: &Path, path: &Path, manifest: &Manifest, source: &Source<'_>) -> 
     if source.options.split && imported.reading.characters().len() > 1 {
         return Ok(Found::Several);
     }
-    let asset = asset(imported, &name, &name, manifest, source.make).map_err(refused)?;
+    let asset = asset(imported, &name, folder, path, manifest, source.make).map_err(refused)?;
     Ok(Found::One(Box::new(asset)))
 }
 
@@ -285,7 +245,7 @@ fn several(
     import_each(path, source.options, |imported| {
         let found = imported.and_then(|i| {
             let own = format!("{name}#{}", i.name);
-            asset(i, &own, &name, manifest, source.make)
+            asset(i, &own, folder, path, manifest, source.make)
         });
         done = add(found.map_err(|e| Refused { name: name.clone(), reason: e.to_string() }));
         if done.is_err() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
@@ -302,12 +262,14 @@ pub fn name_below(folder: &Path, path: &Path) -> String {
 fn asset(
     imported: Imported,
     name: &str,
-    file: &str,
+    folder: &Path,
+    path: &Path,
     manifest: &Manifest,
     make: fn(Imported) -> Result<Asset, ImportError>,
 ) -> Result<Asset, ImportError> {
     let mut asset = make(imported)?;
-    manifest.describe(name, file, &mut asset.provenance);
+    manifest.describe(name, &name_below(folder, path), &mut asset.provenance);
+    asset.provenance.checksum = whole_checksum(path, &asset.provenance.checksum);
     asset.name = name.to_owned();
     Ok(asset)
 }

@@ -11,8 +11,10 @@
 //!
 //! Leaves out: models, augmentation, curation.
 
+mod beside;
 mod error;
 mod import;
+mod manifest;
 mod merge;
 mod mixture;
 mod reader;
@@ -21,13 +23,15 @@ mod room;
 pub mod schema;
 mod split;
 mod stats;
+mod words;
 mod writer;
 
+pub use beside::{files_of, whole_checksum};
 pub use error::DataError;
 pub use import::{
-    ImportReport, Manifest, Refused, import_folder, import_meshes, models_below, name_below, rigged_below, rigged_files,
+    ImportReport, Refused, import_folder, import_meshes, models_below, name_below, rigged_below, rigged_files,
 };
-
+pub use manifest::Manifest;
 pub use merge::{MergeReport, merge};
 pub use mixture::Mixture;
 pub use reader::{Corpus, Fault};

@@ -1,8 +1,9 @@
 //! Several corpora as one.
 
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 use std::path::{Path, PathBuf};
 
+use crate::rewrite::same;
 use crate::{Corpus, CorpusWriter, DataError, Splitter};
 
 /// What became of several corpora.
@@ -13,6 +14,8 @@ pub struct MergeReport {
     /// Assets left out, as one with the same arrays, bones and motions was there already: name, and
     /// that of the other.
     pub repeated: Vec<(String, String)>,
+    /// Sentences on what looks mistaken in the splits that were made anew.
+    pub warnings: Vec<String>,
 }
 
 /// Writes the assets of several corpora to one at `out`, in their order, an asset at a time. Each asset
@@ -22,7 +25,8 @@ pub struct MergeReport {
 /// without ending, and `/` is put before the names of its assets.
 ///
 /// # Errors
-/// [`DataError::DuplicateName`] for unlike assets of one name, what is wrong with a corpus, and when the
+/// [`DataError::DuplicateName`] for unlike assets of one name, [`DataError::Damaged`] for one that is not what its digest
+/// was made of, [`DataError::Same`] where `out` is one of the corpora, what is wrong with a corpus, and when the
 /// disk refuses; an older corpus at `out` is left alone then.
 pub fn merge(
     corpora: &[PathBuf],
@@ -31,6 +35,9 @@ pub fn merge(
     splitter: Option<&Splitter>,
     mut progress: impl FnMut(usize),
 ) -> Result<MergeReport, DataError> {
+    if corpora.iter().any(|path| same(path, out)) {
+        return Err(DataError::Same(out.into()));
+    }
     let open: Vec<Corpus> = corpora.iter().map(|path| Corpus::open(path)).collect::<Result<_, _>>()?;
     let mut writer = CorpusWriter::create(out)?;
     let mut report = MergeReport::default();
@@ -51,7 +58,7 @@ pub fn merge(
                 report.repeated.push((name, other.clone()));
                 continue;
             }
-            let mut asset = corpus.asset(index)?;
+            let mut asset = corpus.verified(index)?;
             asset.name.clone_from(&name);
             writer.add(&asset)?;
             keys.extend(splitter.map(|_| Splitter::key(&asset)));
@@ -62,9 +69,21 @@ pub fn merge(
     report.assets = writer.len();
     if let Some(splitter) = splitter {
         splits = splitter.assign(&keys);
+        let names: HashSet<&str> = keys.iter().map(|(name, _)| name.as_str()).collect();
+        report.warnings = splitter.doubts(&keys, &splits, |name| names.contains(name));
     }
     writer.finish(&splits)?;
     Ok(report)
+}
+
+/// Flips a bit of the first joint of a corpus' first asset.
+#[cfg(test)]
+pub(crate) fn damage(path: &Path) {
+    let file = hdf5::File::open_rw(path).unwrap();
+    let joints = file.dataset("joints").unwrap();
+    let mut heads = joints.read_2d::<f32>().unwrap();
+    heads[[0, 0]] = f32::from_bits(heads[[0, 0]].to_bits() ^ 1 << 20);
+    joints.write(&heads).unwrap();
 }
 
 #[cfg(test)]
@@ -122,5 +141,19 @@ mod tests {
         assert!(matches!(error, DataError::DuplicateName(name) if name == "x"));
         assert_eq!(Corpus::open(&out).unwrap().names().unwrap(), ["old"]);
         assert_eq!(merge(&[a, b], &out, true, None, |_| ()).unwrap().assets, 2);
+    }
+
+    #[test]
+    fn damage_is_not_given_a_fresh_digest() {
+        let dir = tempfile::tempdir().unwrap();
+        let a = written(dir.path().join("a.h5"), &[("x", 0.0, "train"), ("y", 1.0, "val")]);
+        let b = written(dir.path().join("b.h5"), &[("z", 2.0, "train")]);
+        let out = dir.path().join("all.h5");
+        damage(&a);
+        let said = merge(&[b.clone(), a.clone()], &out, false, None, |_| ()).unwrap_err().to_string();
+        assert!(said.contains("a.h5") && said.contains("`x`") && said.contains("damaged"), "{said}");
+        assert!(!out.exists());
+        // Nor is one of those that are read written over.
+        assert!(matches!(merge(&[a, b.clone()], &b, false, None, |_| ()), Err(DataError::Same(_))));
     }
 }

@@ -8,8 +8,11 @@ use hdf5::{Dataset, H5Type};
 use riglab_core::{Asset, Clip, Joint, JointId, JointMap, Mesh, Provenance, Rig, Skeleton, SkinWeights, Vec3};
 
 use crate::DataError;
-use crate::schema::{CLIP_NAMES, FORMAT, JOINT_NAMES, OFFSETS, SCHEMA, TEXTS};
+use crate::schema::{CLIP_NAMES, DIGEST, FORMAT, JOINT_NAMES, OFFSETS, SCHEMA, TEXTS};
 use crate::writer::{digest, short};
+
+/// Said of an asset that is not what its digest was made of.
+const CHANGED: &str = "its arrays are not those that were written";
 
 /// An open corpus. Shared by threads; HDF5 serves one at a time.
 pub struct Corpus {
@@ -158,6 +161,22 @@ impl Corpus {
         self.read(index).map_err(|message| DataError::damaged(&self.path, index, &name, message))
     }
 
+    /// One asset, compared with the digest it was written with: for whoever writes it anew, which gives it a fresh digest
+    /// that would vouch for what is damaged.
+    ///
+    /// # Errors
+    /// [`DataError::Damaged`], as [`Self::asset`] and when they differ.
+    pub fn verified(&self, index: usize) -> Result<Asset, DataError> {
+        let asset = self.asset(index)?;
+        let damaged = |message: String| DataError::damaged(&self.path, index, &asset.name, message);
+        let wanted = self.tables.texts[DIGEST].read_slice_1d::<VarLenUnicode, _>(index..index + 1);
+        let wanted = wanted.map_err(|e| damaged(short(&e)))?;
+        if digest(&asset) != wanted[0].as_str() {
+            return Err(damaged(CHANGED.into()));
+        }
+        Ok(asset)
+    }
+
     fn read(&self, index: usize) -> Result<Asset, String> {
         if index >= self.len() {
             return Err(format!("the corpus has {} assets", self.len()));
@@ -251,7 +270,7 @@ impl Corpus {
             match self.asset(index) {
                 Err(e) => faults.push(Fault { index, message: e.to_string() }),
                 Ok(asset) if digest(&asset) != *wanted => {
-                    faults.push(Fault { index, message: "its arrays are not those that were written".into() });
+                    faults.push(Fault { index, message: CHANGED.into() });
                 }
                 Ok(_) => {}
             }
@@ -408,8 +427,14 @@ mod tests {
         let at = bytes.windows(8).position(|w| w == pattern).unwrap();
         bytes[at] ^= 1;
         std::fs::write(&path, &bytes).unwrap();
-        let faults = Corpus::open(&path).unwrap().verify(|_| ()).unwrap();
+        let corpus = Corpus::open(&path).unwrap();
+        let faults = corpus.verify(|_| ()).unwrap();
         assert_eq!(faults.len(), 1);
+        let index = faults[0].index;
+        assert!(corpus.asset(index).is_ok());
+        let said = corpus.verified(index).unwrap_err().to_string();
+        assert!(said.contains("c.h5") && said.contains("damaged: its arrays"), "{said}");
+        assert_eq!(corpus.verified(1 - index).unwrap(), corpus.asset(1 - index).unwrap());
     }
 
     #[test]
@@ -421,6 +446,11 @@ mod tests {
         assert!(matches!(Corpus::open(&dir.path().join("y.h5")), Err(DataError::Missing(..))));
         let said = Corpus::open(dir.path()).err().unwrap().to_string();
         assert!(said.contains("a folder, not a corpus") && said.contains("riglab dataset import"), "{said}");
+        // What is to be copied into a shell is quoted for one.
+        let odd = dir.path().join("a b");
+        std::fs::create_dir(&odd).unwrap();
+        let said = Corpus::open(&odd).err().unwrap().to_string();
+        assert!(said.contains("a b' -o corpus.h5"), "{said}");
         let here = dir.path().join("no/such/folder/c.h5");
         assert!(matches!(CorpusWriter::create(&here), Err(DataError::Io { .. })));
     }

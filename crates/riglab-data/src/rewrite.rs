@@ -19,7 +19,8 @@ pub struct Place<'a> {
 /// an asset at a time. `change` says in a sentence why it cannot.
 ///
 /// # Errors
-/// [`DataError::Refused`] with the sentence of `change`, [`DataError::Same`] where `out` is the corpus itself, what is
+/// [`DataError::Refused`] with the sentence of `change`, [`DataError::Damaged`] for an asset that is not what its digest
+/// was made of, [`DataError::Same`] where `out` is the corpus itself, what is
 /// wrong with the corpus, and when the disk refuses; an older corpus at `out` is left alone then.
 pub fn rewrite(
     corpus: &Path,
@@ -27,16 +28,14 @@ pub fn rewrite(
     mut change: impl FnMut(Asset, Place) -> Result<Asset, String>,
     mut progress: impl FnMut(usize),
 ) -> Result<usize, DataError> {
-    if let (Ok(a), Ok(b)) = (corpus.canonicalize(), out.canonicalize())
-        && a == b
-    {
+    if same(corpus, out) {
         return Err(DataError::Same(out.into()));
     }
     let open = Corpus::open(corpus)?;
     let mut writer = CorpusWriter::create(out)?;
     let splits = open.texts("split")?;
     for (index, split) in splits.iter().enumerate() {
-        let asset = open.asset(index)?;
+        let asset = open.verified(index)?;
         let name = asset.name.clone();
         let hash = blake3::hash(name.as_bytes());
         let key = hash.as_bytes().iter().take(8).fold(0, |key, byte| key << 8 | u64::from(*byte));
@@ -46,6 +45,11 @@ pub fn rewrite(
     }
     writer.finish(&splits)?;
     Ok(splits.len())
+}
+
+/// Whether two paths lead to one file.
+pub(crate) fn same(a: &Path, b: &Path) -> bool {
+    matches!((a.canonicalize(), b.canonicalize()), (Ok(a), Ok(b)) if a == b)
 }
 
 #[cfg(test)]
@@ -87,5 +91,10 @@ mod tests {
         assert!(error.to_string().ends_with("a.h5: asset `x`: no"), "{error}");
         assert_eq!(Corpus::open(&out).unwrap().len(), 2);
         assert!(matches!(rewrite(&from, &from, |a, _| Ok(a), |_| ()), Err(DataError::Same(_))));
+        // A damaged asset gets no fresh digest.
+        crate::merge::damage(&from);
+        let error = rewrite(&from, &out, |a, _| Ok(a), |_| ()).unwrap_err();
+        assert!(matches!(error, DataError::Damaged { .. }), "{error}");
+        assert_eq!(Corpus::open(&out).unwrap().verify(|_| ()).unwrap(), []);
     }
 }

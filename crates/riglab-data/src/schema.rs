@@ -20,7 +20,7 @@
 //! | `name` | n, string | identifies the asset; unique |
 //! | `split` | n, string | `train`, `val`, `test_seen`, `test_new` or a name of the user's |
 //! | `source`, `licence`, `author`, `category` | n, string | provenance; empty where unknown |
-//! | `checksum` | n, string | BLAKE3 of the source file, hexadecimal |
+//! | `checksum` | n, string | BLAKE3 of the source file, hexadecimal; with those read beside it, as a glTF's buffers |
 //! | `notes` | n, string | what the importer repaired or wants known, a line each |
 //! | `digest` | n, string | BLAKE3 of the asset's arrays, for `riglab dataset verify` |
 //! | `joint_names` | n, string | names in joint order, a line each |
@@ -51,6 +51,8 @@ pub(crate) const TEXTS: [&str; 11] =
     ["name", "split", "source", "licence", "author", "category", "checksum", "notes", "digest", "humanoid", "springs"];
 /// Where `split` stands among them.
 pub(crate) const SPLIT: usize = 1;
+/// Where `digest` stands among them.
+pub(crate) const DIGEST: usize = 8;
 /// Columns of strings with several lines, or several strings an asset.
 pub(crate) const JOINT_NAMES: &str = "joint_names";
 pub(crate) const CLIP_NAMES: &str = "clip_names";

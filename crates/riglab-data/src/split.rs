@@ -7,6 +7,7 @@ use riglab_core::Asset;
 use riglab_random::{Draw, stream};
 
 use crate::DataError;
+use crate::words::{nearest, some_of};
 
 /// The names of splits that evaluation knows: trained on, chosen by, tested on with skeletons of
 /// known and of new topology.
@@ -25,6 +26,8 @@ impl SplitNames {
     pub const MESHES: &str = "meshes";
     /// Assets that a split file does not name.
     pub const NONE: &str = "";
+    /// Those that mean something.
+    const KNOWN: [&str; 5] = [Self::TRAIN, Self::VAL, Self::TEST_SEEN, Self::TEST_NEW, Self::MESHES];
 }
 
 /// Gives assets their splits.
@@ -32,7 +35,8 @@ pub enum Splitter {
     /// By a file: names to splits.
     Given(HashMap<String, String>),
     /// By topology and seed: about 10 % of topologies are new ones for testing; of the rest 8 % of
-    /// assets are tested as seen, 8 % validate, the others train.
+    /// assets validate, 8 % are tested as seen, the others train. Of those to be tested as seen the ones
+    /// whose topology none trains are tested as new, unless that would be all.
     ByTopology(u64),
 }
 
@@ -67,6 +71,31 @@ impl Splitter {
         }
     }
 
+    /// Sentences on what looks mistaken in the splits of some assets: test splits that hold most of them or are not what
+    /// they are called, names that a split file has and nothing `is_there` for, names of splits that are nearly one that
+    /// evaluation knows.
+    pub fn doubts(&self, assets: &[(String, u64)], splits: &[String], is_there: impl Fn(&str) -> bool) -> Vec<String> {
+        match self {
+            Self::ByTopology(_) => mostly_tested(splits).into_iter().chain(none_seen(assets, splits)).collect(),
+            Self::Given(of) => {
+                let mut told = Vec::new();
+                for name in of.values().collect::<BTreeSet<_>>() {
+                    if let Some(near) = nearest(name, &SplitNames::KNOWN) {
+                        told.push(format!("the split file has a split `{name}`; did you mean `{near}`?"));
+                    }
+                }
+                let gone: Vec<&str> = of.keys().map(String::as_str).filter(|name| !is_there(name)).collect();
+                if !gone.is_empty() {
+                    let names = some_of(gone);
+                    told.push(format!(
+                        "the split file names what is not there: {names}; names are paths below the folder"
+                    ));
+                }
+                told
+            }
+        }
+    }
+
     /// Name and topology of an asset, for [`Self::assign`].
     pub fn key(asset: &Asset) -> (String, u64) {
         (asset.name.clone(), asset.rig.skeleton().topology())
@@ -91,7 +120,46 @@ fn by_topology(seed: u64, assets: &[(String, u64)]) -> Vec<String> {
             _ => SplitNames::TRAIN,
         };
     }
+    // Rare topologies may have fallen to validation and test alone: what trains and validates stays as it is, and so does a
+    // test that would be left without any asset.
+    let trained = topologies_of(assets, &splits, SplitNames::TRAIN);
+    if !topologies_of(assets, &splits, SplitNames::TEST_SEEN).is_disjoint(&trained) {
+        for (split, (_, topology)) in splits.iter_mut().zip(assets) {
+            if *split == SplitNames::TEST_SEEN && !trained.contains(topology) {
+                *split = SplitNames::TEST_NEW;
+            }
+        }
+    }
     splits.into_iter().map(String::from).collect()
+}
+
+fn topologies_of(assets: &[(String, u64)], splits: &[impl AsRef<str>], split: &str) -> BTreeSet<u64> {
+    assets.iter().zip(splits).filter(|(_, own)| own.as_ref() == split).map(|((_, topology), _)| *topology).collect()
+}
+
+/// Told where nothing that is tested as seen is.
+fn none_seen(assets: &[(String, u64)], splits: &[String]) -> Option<String> {
+    let [seen, trained] = [SplitNames::TEST_SEEN, SplitNames::TRAIN].map(|split| topologies_of(assets, splits, split));
+    (!seen.is_empty() && seen.is_disjoint(&trained)).then(|| {
+        "no asset of test_seen has a tree of joints (or source) that is trained on, as hardly any is there twice: what \
+         is said of that split is of new ones, too"
+            .into()
+    })
+}
+
+/// Told where test splits hold more than half of the assets.
+fn mostly_tested(splits: &[String]) -> Option<String> {
+    let count = |wanted: &str| splits.iter().filter(|split| *split == wanted).count();
+    let [train, seen, new] = [SplitNames::TRAIN, SplitNames::TEST_SEEN, SplitNames::TEST_NEW].map(count);
+    (2 * (seen + new) > splits.len()).then(|| {
+        format!(
+            "of {} assets {} are tested on (test_new {new}, test_seen {seen}) and {train} trained on: splits part whole \
+             trees of joints (or sources), of which few hold most of the assets here; another seed may part them \
+             better, and a split.json says it asset by asset",
+            splits.len(),
+            seen + new
+        )
+    })
 }
 
 #[cfg(test)]
@@ -109,6 +177,61 @@ mod tests {
             assert!(!of(name).is_empty(), "{name}");
         }
         assert_eq!(splits, Splitter::ByTopology(3).assign(&assets));
+    }
+
+    #[test]
+    fn what_is_tested_as_seen_is_trained_on() {
+        // Most trees are there once or twice.
+        let assets: Vec<(String, u64)> =
+            (0..300u64).map(|i| (format!("{i}"), if i < 60 { 7 } else { i / 2 })).collect();
+        for seed in 0..5 {
+            let splits = Splitter::ByTopology(seed).assign(&assets);
+            let of = |name: &str| -> BTreeSet<u64> {
+                (0..300).filter(|&i| splits[i] == name).map(|i| assets[i].1).collect()
+            };
+            assert!(of("test_seen").is_subset(&of("train")) && of("test_new").is_disjoint(&of("train")));
+            let count = |name: &str| splits.iter().filter(|s| *s == name).count();
+            // As many validate as were drawn for the other test: some of these are new.
+            assert!(count("test_seen") > 0 && count("test_seen") < count("val"));
+        }
+    }
+
+    #[test]
+    fn a_test_of_seen_trees_without_any_is_told() {
+        let splits_of = |kinds: u64| {
+            let assets: Vec<(String, u64)> = (0..20u64).map(|i| (format!("{i}"), i % kinds)).collect();
+            let splits = Splitter::ByTopology(0).assign(&assets);
+            assert!(splits.iter().any(|split| split == "test_seen"), "it is not left empty");
+            Splitter::ByTopology(0).doubts(&assets, &splits, |_| true)
+        };
+        assert!(splits_of(3).is_empty());
+        let told = splits_of(20);
+        assert!(told.len() == 1 && told[0].contains("no asset of test_seen"), "{told:?}");
+    }
+
+    #[test]
+    fn a_split_that_mostly_tests_is_told() {
+        let splits = |test: usize| -> Vec<String> {
+            (0..10).map(|i| if i < test { "test_new" } else { "train" }.to_owned()).collect()
+        };
+        let own = Splitter::ByTopology(0);
+        assert!(own.doubts(&[], &splits(5), |_| true).is_empty());
+        let told = own.doubts(&[], &splits(9), |_| true);
+        assert!(
+            told.len() == 1 && told[0].contains("of 10 assets 9 are tested on (test_new 9, test_seen 0)"),
+            "{told:?}"
+        );
+        // A person's own split is as the person wants it.
+        assert!(Splitter::Given(HashMap::new()).doubts(&[], &splits(9), |_| true).is_empty());
+    }
+
+    #[test]
+    fn typing_errors_of_split_files_are_told() {
+        let of = [("a.glb", "trian"), ("b.glb", "mine"), ("c.glb", "train"), ("gone.glb", "val")];
+        let given = Splitter::Given(of.iter().map(|(a, s)| ((*a).to_owned(), (*s).to_owned())).collect());
+        let told = given.doubts(&[], &[], |name| name != "gone.glb");
+        assert!(told.len() == 2 && told[0].contains("`trian`; did you mean `train`"), "{told:?}");
+        assert!(told[1].contains("`gone.glb`") && !told[1].contains("a.glb"), "{told:?}");
     }
 
     #[test]

@@ -95,8 +95,9 @@ function fate(asset) {
 }
 
 function facts(asset) {
-  const [joints, vertices, triangles] = asset.counts.map((n) => n.toLocaleString("en"));
+  const words = [["joint", "joints"], ["vertex", "vertices"], ["triangle", "triangles"]];
+  const counts = asset.counts.map((n, k) => `${n.toLocaleString("en")} ${words[k][n === 1 ? 0 : 1]}`);
   const label = asset.category ? ` \u00b7 ${asset.category} by ${asset.by || "the corpus"}` : "";
-  $("facts").textContent = `${joints} joints \u00b7 ${vertices} vertices \u00b7 ${triangles} triangles${label}`;
+  $("facts").textContent = counts.join(" \u00b7 ") + label;
   $("notes").replaceChildren(...asset.notes.map((note) => element("li", "", note)));
 }

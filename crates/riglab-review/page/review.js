@@ -33,7 +33,7 @@ function draw(takeFocus) {
   history.replaceState(null, "", `#${new URLSearchParams({ search, show, category, at })}`);
 }
 
-// Takes a decision: shown at once, taken back where it cannot be saved.
+// Takes a decision: shown at once, taken back where it cannot be saved. What another window decided meanwhile is shown instead.
 async function decide(asset, change, undoing) {
   const before = asset.decision;
   const after = { ...before, ...change };
@@ -43,14 +43,16 @@ async function decide(asset, change, undoing) {
   sheet.update(asset);
   $("status").textContent = "saving";
   try {
-    await server.decide(asset, after);
+    await server.decide(asset, after, before);
     $("alert").hidden = true;
     if (server.pending() <= 1) $("status").textContent = "saved";
   } catch (fault) {
-    if (asset.decision === after) asset.decision = before;
+    if (fault.newer) asset.decision = fault.newer;
+    else if (asset.decision === after) asset.decision = before;
     if (!undoing) model.forget(asset, before);
     $("status").textContent = "not saved";
-    complain(fault.message);
+    const lost = fault.newer && change.comment ? ` Your comment was: ${change.comment}` : "";
+    complain(fault.message + lost);
     sheet.update(asset);
     draw(false);
   }
@@ -199,13 +201,18 @@ function option(value, text) {
   return made;
 }
 
+// A word of a command, as a shell reads it.
+function quoted(word) {
+  return /^[\w@%+=:,./-]+$/.test(word) ? word : `'${word.replaceAll("'", "'\\''")}'`;
+}
+
 async function begin() {
   const loaded = await server.load();
   ({ categories, faults } = loaded);
   document.title = `${loaded.title} \u00b7 riglab review`;
   $("title").textContent = loaded.title;
   $("decisions").textContent = loaded.decisions;
-  $("command").textContent = `riglab curate FOLDER -o ${loaded.title} --decisions ${loaded.decisions}`;
+  $("command").textContent = `riglab curate FOLDER -o ${quoted(loaded.title)} --decisions ${quoted(loaded.decisions)}`;
   $("keys").replaceChildren(...KEYS.flatMap(([keys, what]) => {
     const term = sheet.element("dt");
     term.append(sheet.element("kbd", "", keys));

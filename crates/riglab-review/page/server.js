@@ -9,10 +9,11 @@ export async function load() {
   return answer.json();
 }
 
-// Resolves when the decision is on the disk; fails with a sentence.
-export function decide(asset, decision) {
+// Resolves when the decision is on the disk; fails with a sentence, and where another window decided since `was` with what
+// that one decided (`newer`).
+export function decide(asset, decision, was) {
   open += 1;
-  const sent = { name: asset.name, digest: asset.digest, ...decision };
+  const sent = { name: asset.name, digest: asset.digest, ...decision, was };
   const done = last.then(() => send(sent));
   last = done.catch(() => {}).then(() => { open -= 1; });
   return done;
@@ -26,6 +27,10 @@ async function send(decision) {
     answer = await fetch("decide", { method: "POST", headers, body: JSON.stringify(decision), keepalive: true });
   } catch {
     throw new Error("The server does not answer; the last decision was not saved. Start riglab review again and open the address it prints: all that was saved is there.");
+  }
+  if (answer.status === 409 && answer.headers.get("Content-Type") === "application/json") {
+    const { newer } = await answer.json();
+    throw Object.assign(new Error(`${decision.name} was decided about in another window meanwhile. That is shown now and yours is not saved: decide again if it is to be otherwise.`), { newer });
   }
   if (!answer.ok) throw new Error(`Not saved: ${(await answer.text()).trim()}`);
 }

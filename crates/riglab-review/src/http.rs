@@ -153,6 +153,11 @@ impl Answer {
         Self { status: 200, kind: "image/png", body, kept: true }
     }
 
+    /// What stands in the way of what was sent.
+    pub fn conflict(kind: &'static str, body: impl Into<Vec<u8>>) -> Self {
+        Self { status: 409, ..Self::found(kind, body) }
+    }
+
     /// A sentence on why not.
     pub fn refusal(status: u16, text: &str) -> Self {
         let body = Arc::new(format!("{text}\n").into_bytes());

@@ -8,11 +8,13 @@ use riglab_curate::CurateError;
 use riglab_curate::decisions::{Decision, Decisions, Verdict};
 
 use crate::deck::Card;
+use crate::hold::Hold;
 
 /// Decisions about cards.
 pub struct Ledger {
     path: PathBuf,
     state: Mutex<State>,
+    hold: Mutex<Option<Hold>>,
 }
 
 /// What the file said when it was last read or written.
@@ -38,7 +40,25 @@ impl Ledger {
     /// When it cannot be read, or with the first line that is no decision.
     pub fn open(path: &Path, cards: &[Card]) -> Result<Self, CurateError> {
         let state = matched(&Decisions::read(path)?, cards);
-        Ok(Self { path: path.into(), state: Mutex::new(state) })
+        Ok(Self { path: path.into(), state: Mutex::new(state), hold: Mutex::new(None) })
+    }
+
+    /// Keeps other servers from the file, until the end.
+    ///
+    /// # Errors
+    /// [`CurateError::Held`] when another has it.
+    pub fn hold(&self) -> Result<(), CurateError> {
+        self.held().map(|_| ())
+    }
+
+    /// The lock of the file as it is now: one that somebody put in its place is locked anew.
+    fn held(&self) -> Result<MutexGuard<'_, Option<Hold>>, CurateError> {
+        let mut hold = self.hold.lock().unwrap_or_else(PoisonError::into_inner);
+        if !hold.as_ref().is_some_and(|hold| hold.holds(&self.path)) {
+            *hold = None;
+            *hold = Some(Hold::take(&self.path)?);
+        }
+        Ok(hold)
     }
 
     /// The file.
@@ -62,21 +82,36 @@ impl Ledger {
     }
 
     /// Decides about a card and writes the file. What was decided about it under an earlier name, or about
-    /// an earlier state of its file, goes: a person has looked at it again.
+    /// an earlier state of its file, goes: a person has looked at it again. `was` is what that person took to be
+    /// decided, if it is known.
     ///
     /// Gives how many cards have a verdict now.
     ///
     /// # Errors
-    /// When the file cannot be read or written, or is in conflict; it stays as it was.
-    pub fn decide(&self, cards: &[Card], index: usize, decision: Decision) -> Result<usize, CurateError> {
+    /// When the file cannot be read or written, or is in conflict; [`CurateError::Newer`] where something else was decided
+    /// meanwhile. The file stays as it was.
+    pub fn decide(
+        &self,
+        cards: &[Card],
+        index: usize,
+        decision: Decision,
+        was: Option<&Decision>,
+    ) -> Result<usize, CurateError> {
         let mut state = self.locked();
+        let mut hold = self.held()?;
         let mut all = Decisions::read(&self.path)?;
         let card = &cards[index];
+        let now = &matched(&all, cards).of[index];
+        if was.is_some_and(|was| as_kept(was) != *now) && as_kept(&decision) != *now {
+            return Err(CurateError::Newer { name: card.name.clone(), decision: Box::new(now.clone()) });
+        }
         for (name, digest) in superseded(&all, cards, card) {
             all.set(&name, &digest, Decision::default());
         }
         all.set(&card.name, &card.digest, decision);
-        all.write(&self.path)?;
+        let write = |hold: &mut Hold| hold.write(&self.path, all.to_text().as_bytes());
+        let written = hold.as_mut().map_or(Ok(()), write);
+        written.map_err(|e| CurateError::Write { path: self.path.clone(), message: e.to_string() })?;
         *state = matched(&all, cards);
         Ok(state.decided())
     }
@@ -84,6 +119,13 @@ impl Ledger {
     fn locked(&self) -> MutexGuard<'_, State> {
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
+}
+
+/// A decision as the file has it.
+fn as_kept(decision: &Decision) -> Decision {
+    let mut one = Decisions::default();
+    one.set("", "", decision.clone());
+    one.get("", "").cloned().unwrap_or_default()
 }
 
 fn matched(decisions: &Decisions, cards: &[Card]) -> State {
@@ -151,9 +193,9 @@ mod tests {
         let state = ledger.state();
         assert_eq!((state.of[0].verdict, state.of[1].verdict), (Verdict::Open, Verdict::Reject));
         assert_eq!(state.told.len(), 2);
-        assert_eq!(ledger.decide(&cards, 0, verdict(Verdict::Accept)).unwrap(), 2);
+        assert_eq!(ledger.decide(&cards, 0, verdict(Verdict::Accept), None).unwrap(), 2);
         // Taking b's decision back leaves nothing of the old name either.
-        assert_eq!(ledger.decide(&cards, 1, Decision::default()).unwrap(), 1);
+        assert_eq!(ledger.decide(&cards, 1, Decision::default(), None).unwrap(), 1);
         let now = Decisions::read(&path).unwrap();
         let left: Vec<_> = now.iter().map(|(name, digest, _)| (name, digest)).collect();
         assert_eq!(left, [("a.glb", "12"), ("elsewhere.glb", "99")]);
@@ -168,11 +210,51 @@ mod tests {
         let mut other = Decisions::default();
         other.set("b", "2", verdict(Verdict::Reject));
         other.write(&path).unwrap();
-        assert_eq!(ledger.decide(&cards, 0, verdict(Verdict::Accept)).unwrap(), 2);
+        assert_eq!(ledger.decide(&cards, 0, verdict(Verdict::Accept), None).unwrap(), 2);
         let text = std::fs::read_to_string(&path).unwrap() + "<<<<<<< ours\n";
         std::fs::write(&path, &text).unwrap();
-        let said = ledger.decide(&cards, 0, Decision::default()).unwrap_err().to_string();
+        let said = ledger.decide(&cards, 0, Decision::default(), None).unwrap_err().to_string();
         assert!(said.contains("d.tsv:5") && said.contains("conflict"), "{said}");
         assert_eq!(std::fs::read_to_string(&path).unwrap(), text);
+    }
+
+    #[test]
+    fn what_another_window_decided_is_not_wiped() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("d.tsv");
+        let cards = [card("a", "1")];
+        let ledger = Ledger::open(&path, &cards).unwrap();
+        let (nothing, mut said) = (Decision::default(), verdict(Verdict::Accept));
+        said.comment = "look at the knees".into();
+        ledger.decide(&cards, 0, said.clone(), Some(&nothing)).unwrap();
+        // A window that loaded nothing, and would wipe the comment.
+        let stale = ledger.decide(&cards, 0, verdict(Verdict::Reject), Some(&nothing)).unwrap_err();
+        assert!(matches!(&stale, CurateError::Newer { decision, .. } if **decision == said), "{stale}");
+        assert_eq!(ledger.state().of[0], said);
+        // The same again loses nothing, and whoever has seen it may change it.
+        ledger.decide(&cards, 0, said.clone(), Some(&nothing)).unwrap();
+        ledger.decide(&cards, 0, verdict(Verdict::Reject), Some(&said)).unwrap();
+        // A fault with a comma is kept without it, and known again.
+        let odd =
+            |faults: &[&str]| Decision { faults: faults.iter().map(|f| (*f).into()).collect(), ..nothing.clone() };
+        ledger.decide(&cards, 0, odd(&["knees, both", "knees, both"]), Some(&verdict(Verdict::Reject))).unwrap();
+        assert_eq!(ledger.state().of[0].faults.len(), 1);
+        ledger.decide(&cards, 0, said, Some(&odd(&["knees, both"]))).unwrap();
+    }
+
+    #[test]
+    fn a_second_server_is_kept_out() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("d.tsv");
+        let cards = [card("a", "1")];
+        let [one, two] = [0, 1].map(|_| Ledger::open(&path, &cards).unwrap());
+        one.hold().unwrap();
+        assert!(matches!(two.hold(), Err(CurateError::Held(_))));
+        one.decide(&cards, 0, verdict(Verdict::Accept), None).unwrap();
+        let said = two.decide(&cards, 0, verdict(Verdict::Reject), None).unwrap_err().to_string();
+        assert!(said.contains("d.tsv: another `riglab review` keeps its decisions here"), "{said}");
+        drop(one);
+        two.hold().unwrap();
+        assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 1);
     }
 }

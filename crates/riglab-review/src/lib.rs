@@ -20,6 +20,7 @@
 mod deck;
 mod error;
 mod guard;
+mod hold;
 mod http;
 mod ledger;
 mod pictures;

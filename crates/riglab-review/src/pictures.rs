@@ -1,8 +1,8 @@
 //! Pictures of rigs, drawn when they are asked for and kept while there is room.
 
-use std::collections::HashMap;
+use std::collections::{BTreeSet, HashMap};
 use std::ops::ControlFlow;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
 
 use riglab_core::{Asset, Rig};
@@ -72,6 +72,18 @@ impl Pictures {
             Place::Corpus(_) => self.corpus.is_some(),
             Place::File(_) => self.files.is_some(),
         }
+    }
+
+    /// Of the files of cards that are in no corpus, how many are not in the folder, and how many there are.
+    pub fn gone(&self, cards: &[Card]) -> Option<(usize, usize)> {
+        let [folder, _] = self.files.as_ref()?;
+        let of = |card: &Card| match &card.place {
+            Place::File(file) => Some(folder.path(file)),
+            Place::Corpus(_) => None,
+        };
+        let files: BTreeSet<PathBuf> = cards.iter().filter_map(of).collect();
+        let gone = files.iter().filter(|file| !file.is_file()).count();
+        (gone > 0).then_some((gone, files.len()))
     }
 
     /// A picture as PNG.

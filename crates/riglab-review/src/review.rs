@@ -58,6 +58,12 @@ impl Review {
         self.deck.unreadable
     }
 
+    /// Of the files whose assets are not in the corpus, how many are not in the folder, and how many there are; `None` where
+    /// all are there, or no folder was given.
+    pub fn gone(&self) -> Option<(usize, usize)> {
+        self.pictures.gone(&self.deck.cards)
+    }
+
     /// Sentences on decisions that are about none of the assets.
     pub fn told(&self) -> Vec<String> {
         self.ledger.state().told

@@ -1,7 +1,7 @@
 //! What the page asks for.
 
-use riglab_curate::Category;
 use riglab_curate::decisions::{Decision, Verdict};
+use riglab_curate::{Category, CurateError};
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
@@ -52,6 +52,41 @@ struct Sent {
     category: String,
     faults: Vec<String>,
     comment: String,
+    /// What the page took to hold before; where something else does, another window decided meanwhile.
+    #[serde(default)]
+    was: Option<Record>,
+}
+
+/// What holds of an asset.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Record {
+    verdict: String,
+    category: String,
+    faults: Vec<String>,
+    comment: String,
+}
+
+impl Record {
+    fn decision(self) -> Result<Decision, String> {
+        let verdict = match self.verdict.as_str() {
+            "accept" => Verdict::Accept,
+            "reject" => Verdict::Reject,
+            "-" => Verdict::Open,
+            other => return Err(format!("`{other}` is no verdict")),
+        };
+        let category = match self.category.as_str() {
+            "" => None,
+            name => Some(name.parse()?),
+        };
+        if self.comment.chars().count() > COMMENT {
+            return Err(format!("a comment has at most {COMMENT} letters"));
+        }
+        if self.faults.len() > MARKS.0 || self.faults.iter().any(|f| f.chars().count() > MARKS.1) {
+            return Err(format!("at most {} faults, of at most {} letters each", MARKS.0, MARKS.1));
+        }
+        Ok(Decision { verdict, category, faults: self.faults, comment: self.comment.trim().to_owned() })
+    }
 }
 
 #[derive(Serialize)]
@@ -123,25 +158,14 @@ fn decide(review: &Review, request: &Request) -> Result<Answer, Answer> {
     let Ok(index) = cards.binary_search_by(|card| (&card.name, &card.digest).cmp(&key)) else {
         return Err(Answer::refusal(404, &format!("`{}` is not here; load the page anew", sent.name)));
     };
-    let verdict = match sent.verdict.as_str() {
-        "accept" => Verdict::Accept,
-        "reject" => Verdict::Reject,
-        "-" => Verdict::Open,
-        other => return Err(wrong(format!("`{other}` is no verdict"))),
-    };
-    let category = match sent.category.as_str() {
-        "" => None,
-        name => Some(name.parse().map_err(wrong)?),
-    };
-    if sent.comment.chars().count() > COMMENT {
-        return Err(wrong(format!("a comment has at most {COMMENT} letters")));
-    }
-    if sent.faults.len() > MARKS.0 || sent.faults.iter().any(|f| f.chars().count() > MARKS.1) {
-        return Err(wrong(format!("at most {} faults, of at most {} letters each", MARKS.0, MARKS.1)));
-    }
-    let decision = Decision { verdict, category, faults: sent.faults, comment: sent.comment.trim().to_owned() };
-    match review.ledger.decide(cards, index, decision) {
+    let Sent { verdict, category, faults, comment, was, .. } = sent;
+    let decision = Record { verdict, category, faults, comment }.decision().map_err(wrong)?;
+    let was = was.map(Record::decision).transpose().map_err(wrong)?;
+    match review.ledger.decide(cards, index, decision, was.as_ref()) {
         Ok(decided) => Ok(Answer::found(JSON, json!({ "decided": decided }).to_string())),
+        Err(CurateError::Newer { decision, .. }) => {
+            Err(Answer::conflict(JSON, json!({ "newer": told(&decision) }).to_string()))
+        }
         Err(e) => Err(Answer::refusal(409, &e.to_string())),
     }
 }

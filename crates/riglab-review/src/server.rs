@@ -41,14 +41,15 @@ impl Stop {
 }
 
 impl Server {
-    /// Takes a port; 0 takes any that is free.
+    /// Takes a port, 0 any that is free, and the file of decisions for itself.
     ///
     /// # Errors
-    /// When the port is taken, or there is no token.
+    /// When the port or the file is taken, or there is no token.
     pub fn bind(review: Review, port: u16) -> Result<Arc<Self>, ReviewError> {
         let fail = |e: io::Error| ReviewError::Port { port, message: e.to_string() };
         let listener = TcpListener::bind((Ipv4Addr::LOCALHOST, port)).map_err(fail)?;
         let address = listener.local_addr().map_err(fail)?;
+        review.ledger.hold()?;
         let (stopped, busy) = (AtomicBool::new(false), AtomicUsize::new(0));
         Ok(Arc::new(Self { listener, address, token: Token::new()?, review, stopped, busy }))
     }

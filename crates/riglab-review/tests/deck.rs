@@ -50,3 +50,22 @@ fn what_was_dropped_has_a_card_without_a_corpus() {
     let folder = Review::open(&corpus, Some(&dir.path().join("nowhere")), &dir.path().join("e.tsv"));
     assert!(matches!(folder, Err(ReviewError::Data(_))));
 }
+
+#[test]
+fn a_folder_that_was_not_curated_is_known() {
+    let dir = tempfile::tempdir().unwrap();
+    let corpus = dir.path().join("c.h5");
+    let list = dir.path().join("c.curation/assets.jsonl");
+    std::fs::create_dir(list.parent().unwrap()).unwrap();
+    let line =
+        |name: &str| format!("{{\"name\":\"{name}\",\"file\":\"{name}\",\"digest\":\"1\",\"stage\":\"bones\"}}\n");
+    std::fs::write(&list, line("a.glb") + &line("b.glb")).unwrap();
+    let files = dir.path().join("files");
+    std::fs::create_dir(&files).unwrap();
+    std::fs::write(files.join("a.glb"), "glTF").unwrap();
+    let gone = || Review::open(&corpus, Some(&files), &dir.path().join("d.tsv")).unwrap().gone();
+    assert_eq!(gone(), Some((1, 2)));
+    std::fs::write(files.join("b.glb"), "glTF").unwrap();
+    assert_eq!(gone(), None);
+    assert_eq!(Review::open(&corpus, None, &dir.path().join("d.tsv")).unwrap().gone(), None);
+}

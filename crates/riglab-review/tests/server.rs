@@ -246,6 +246,40 @@ fn decisions_are_on_the_disk_when_the_page_is_told_and_after_a_restart() {
 }
 
 #[test]
+fn a_stale_window_is_told_and_wipes_nothing() {
+    let running = Running::new(&["a.glb"]);
+    let was = |body: &str, was: &str| format!(r#"{},"was":{was}}}"#, &body[..body.len() - 1]);
+    let nothing = r#"{"verdict":"-","category":"","faults":[],"comment":""}"#;
+    let good = accept("a.glb", 0);
+    assert_eq!(running.decide(&was(&good, nothing)).0, 200);
+    // Another window of the same page, loaded before.
+    let stale = good.replace("accept", "reject").replace("a\\tb", "");
+    let (status, answer) = running.decide(&was(&stale, nothing));
+    assert!(status == 409 && answer.contains("application/json") && answer.contains("\"newer\":{"), "{answer}");
+    assert!(answer.contains(r#""comment":"a\tb""#), "{answer}");
+    let now = Decisions::read(&running.dir.path().join("d.tsv")).unwrap();
+    let kept = now.get("a.glb", "0000000000000000").unwrap();
+    assert_eq!((kept.verdict, kept.comment.as_str()), (Verdict::Accept, "a\tb"));
+    // It has seen it now.
+    let seen = r#"{"verdict":"accept","category":"","faults":["knees  both"],"comment":"a\tb"}"#;
+    assert_eq!(running.decide(&was(&stale, seen)).0, 200);
+    assert_eq!(running.decide(&was(&good, r#"{"verdict":"maybe"}"#)).0, 400);
+}
+
+#[test]
+fn a_second_server_on_the_same_decisions_is_refused() {
+    let running = Running::new(&["a.glb"]);
+    let second = || {
+        let review = Review::open(&running.dir.path().join("c.h5"), None, &running.dir.path().join("d.tsv")).unwrap();
+        Server::bind(review, 0).err().map(|e| e.to_string())
+    };
+    let said = second().unwrap();
+    assert!(said.contains("d.tsv: another `riglab review`"), "{said}");
+    assert_eq!(running.decide(&accept("a.glb", 0)).0, 200);
+    assert!(second().is_some());
+}
+
+#[test]
 fn what_is_no_decision_changes_nothing() {
     let running = Running::new(&["a.glb"]);
     let good = accept("a.glb", 0);

@@ -260,6 +260,16 @@ mod tests {
     }
 
     #[test]
+    fn legs_go_by_front_and_hind_alone() {
+        let legs = ["front_upper.L", "front_lower.L", "front_upper.R", "front_lower.R", "hind_upper.L", "hind_lower.L"];
+        let rest = ["hind_upper.R", "hind_lower.R", "ear.L", "ear.R", "tail_1", "tail_2", "head"];
+        let names: Vec<&str> = legs.into_iter().chain(rest).collect();
+        let whole = rig(Plan::Biped, 0, |_, j| names.get(usize::from(j)).map_or(format!("b{j}"), |n| (*n).to_owned()));
+        assert_eq!(Traits::of(&whole).legs, 4);
+        assert_eq!(judged(&whole), Category::Quadruped);
+    }
+
+    #[test]
     fn a_single_joint_is_something_else() {
         let mut joints = vec![Joint { name: "a".into(), parent: None, head: [0.0; 3] }];
         let whole = rig(Plan::Fish, 0, |n, _| n.into());

@@ -5,7 +5,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use glam::DVec3;
 use riglab_core::Rig;
 
-use super::vocabulary::{Part, creature, pair, part, side};
+use super::vocabulary::{Part, creature, pair, part, piece_of_leg, side};
 use super::{Category, Limbs};
 use crate::shape::{Point, surface};
 use crate::words::words;
@@ -103,8 +103,11 @@ impl Traits {
         let (mut machine, mut nameless, mut wings) = (0, 0, 0);
         for name in names {
             let words = words(name);
-            let parts: Vec<Part> = words.iter().filter_map(|w| part(w)).collect();
+            let mut parts: Vec<Part> = words.iter().filter_map(|w| part(w)).collect();
             let side = side(&words);
+            if parts.is_empty() && side.is_some() && piece_of_leg(&words) {
+                parts.push(Part::Leg);
+            }
             // `CATRig` is a tool.
             let tool = words.iter().any(|w| w == "rig");
             let own: BTreeSet<Category> = words.iter().filter(|_| !tool).filter_map(|w| creature(w)).collect();

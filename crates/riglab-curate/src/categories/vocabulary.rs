@@ -281,6 +281,12 @@ pub fn side(words: &[String]) -> Option<i8> {
     }
 }
 
+/// Whether a name without any part says which pair of legs it is of, and which piece of them: `front_upper.L`.
+pub fn piece_of_leg(words: &[String]) -> bool {
+    let says = |all: &[&str]| words.iter().any(|w| all.contains(&w.as_str()));
+    says(&["front", "fore", "hind", "rear"]) && says(&["upper", "lower"])
+}
+
 /// Which of several pairs of legs: the words that say so, in order of the alphabet.
 pub fn pair(words: &[String]) -> String {
     const WORDS: [&str; 13] = [
@@ -317,6 +323,8 @@ mod tests {
         assert_eq!(pair(&words("MidFrontLeg2.L")), "front mid");
         assert_eq!(pair(&words("jtBn_l_frontLeg_1")), "front");
         assert_eq!(pair(&words("frontleg_l")), "front");
+        assert!(piece_of_leg(&words("front_upper.L")) && piece_of_leg(&words("hind_lower.R")));
+        assert!(!piece_of_leg(&words("upper_back.L")) && !piece_of_leg(&words("front_wheel.L")));
         assert_eq!(creature("pig"), Some(crate::Category::Quadruped));
     }
 }

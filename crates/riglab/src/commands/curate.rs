@@ -3,11 +3,13 @@
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::Mutex;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 use anyhow::{Context, Result, bail};
 use riglab_curate::{
     CurateConfig, CurateError, Funnel, Places, Shard, SplitBy, SplitConfig, Tell, curate, merge_shards,
 };
+use riglab_report::shell::command;
 use riglab_slurm::SlurmConfig;
 use riglab_train::Progress;
 
@@ -17,9 +19,9 @@ use crate::presets;
 /// Make a clean corpus of files of mixed quality: repaired, filtered, without duplicates, labelled.
 ///
 /// Splits are those of the folder's split.json, where there is one and no setting says otherwise; else they are made by
-/// topology. Beside the corpus, OUT.curation/ holds the funnel report (report.html, funnel.json), a line an asset
-/// (assets.jsonl), and the journal by which a run that was broken off goes on. A file that cannot be read
-/// is a line of the report.
+/// topology. What looks mistyped in it and in the folder's manifest.json is told. Beside the corpus, OUT.curation/
+/// holds the funnel report (report.html, funnel.json), a line an asset (assets.jsonl), and the journal by which a run
+/// that was broken off goes on. A file that cannot be read is a line of the report.
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:
@@ -104,7 +106,15 @@ pub fn run(args: &Args) -> Result<ExitCode> {
         return on_slurm::run(folder, &args.out, &config, &desk, args.parts.into(), args.wait);
     }
     let bar: Mutex<Option<(String, Progress)>> = Mutex::new(None);
-    let tell: Tell = &|what, done, total| progress(&bar, what, done, total);
+    let journal = places.journal();
+    let begun = AtomicBool::new(false);
+    let tell: Tell = &|what, done, total| {
+        // Ctrl-C ends the process where it is.
+        if what == "looking" && done < total && !begun.swap(true, Ordering::Relaxed) {
+            tell!("note: when it is broken off, the same command goes on from {}", journal.display());
+        }
+        progress(&bar, what, done, total);
+    };
     let done = if args.merge {
         merge_shards(&args.inputs, &places, &config, tell)
     } else {
@@ -157,7 +167,8 @@ fn follow_list(split: &mut SplitConfig, told: bool, folder: &Path, part: bool) -
     (split.by, split.file) = (SplitBy::List, list.display().to_string());
     tell!("note: splits are those of {}; --set split.by=topology makes others", list.display());
     if part {
-        tell!("note: --merge takes them by --set split.by=list --set split.file={}", list.display());
+        let file = shell_quoted(&format!("split.file={}", list.display()));
+        tell!("note: --merge takes them by --set split.by=list --set {file}");
     }
     Ok(())
 }
@@ -198,6 +209,11 @@ fn show(funnel: &Funnel, places: &Places, json: bool) -> Result<()> {
     say!("{}: {} of {} assets ({})", shown(&places.out), funnel.kept, funnel.assets, splits.join(", "));
     say!("{}", shown(&places.report()));
     Ok(())
+}
+
+/// An argument as a shell reads it.
+fn shell_quoted(argument: &str) -> String {
+    command([argument]).split_once(' ').map_or(String::new(), |(_, quoted)| quoted.to_owned())
 }
 
 fn shown(path: &Path) -> String {

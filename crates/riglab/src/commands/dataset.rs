@@ -13,9 +13,12 @@ use riglab_core::Asset;
 use riglab_data::{
     Corpus, Place, Splitter, Stats, import_folder, import_meshes, merge, models_below, rewrite, rigged_files, stats,
 };
+use riglab_report::shell::command;
 use riglab_train::Progress;
 
 use crate::say::counted;
+
+use super::inspect::vertices;
 
 /// Make and look at corpora: HDF5 files of many rigs.
 #[derive(clap::Args)]
@@ -40,7 +43,7 @@ enum Command {
 ///
 /// A `manifest.json` in the folder adds licences and authors, a `split.json` says which asset is
 /// trained on; without one, splits are made by skeleton topology. Files that give no rig are listed
-/// and left out.
+/// and left out; what looks mistyped in the two is told.
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:
@@ -93,7 +96,8 @@ enum Roots {
 
 /// Write the assets of several corpora to one.
 ///
-/// Assets keep their splits unless --split or --seed splits them anew; equal ones come once.
+/// Assets keep their splits unless --split or --seed splits them anew; equal ones come once. Each is compared with its
+/// digest while it is read: damage is not merged.
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:
@@ -220,11 +224,13 @@ fn run_import(args: &Import) -> Result<ExitCode> {
     if let Ok(mut p) = progress.lock() {
         p.finish();
     }
+    report.warnings.iter().for_each(|warning| tell!("warning: {warning}"));
     if args.json {
         let refused: Vec<_> =
             report.refused.iter().map(|r| serde_json::json!({"file": r.name, "reason": r.reason})).collect();
         let notes: BTreeMap<_, _> = report.notes.iter().cloned().collect();
-        let value = serde_json::json!({"imported": report.imported, "refused": refused, "notes": notes, "splits": report.splits});
+        let value = serde_json::json!({"imported": report.imported, "refused": refused, "notes": notes, "splits": report.splits,
+            "warnings": report.warnings});
         say!("{value}");
         return Ok(ExitCode::SUCCESS);
     }
@@ -240,9 +246,9 @@ fn run_import(args: &Import) -> Result<ExitCode> {
     }
     if !report.notes.is_empty() {
         tell!(
-            "{} with notes (repairs, doubts); `riglab dataset inspect {} NAME` shows them",
+            "{} with notes (repairs, doubts); `{} NAME` shows them",
             counted(report.notes.len(), "file"),
-            args.out.display()
+            command(["dataset", "inspect", &shown(&args.out)])
         );
     }
     let splits: Vec<String> =
@@ -271,6 +277,7 @@ fn run_merge(args: &Merge) -> Result<ExitCode> {
         progress.set(done as u64, String::new);
     })?;
     progress.finish();
+    report.warnings.iter().for_each(|warning| tell!("warning: {warning}"));
     for (name, other) in &report.repeated {
         tell!("left out: `{name}` is equal to `{other}`");
     }
@@ -335,7 +342,9 @@ fn run_inspect(args: &Inspect) -> Result<ExitCode> {
             say!("{value}");
             return Ok(ExitCode::SUCCESS);
         }
-        say!("{}  ({v} vertices, {f} triangles, {j} joints, {w} weights, split `{}`)", asset.name, splits[index]);
+        let triangles = counted(f, "triangle");
+        let (joints, weights) = (counted(j, "joint"), counted(w, "weight"));
+        say!("{}  ({}, {triangles}, {joints}, {weights}, split `{}`)", asset.name, vertices(v), splits[index]);
         for (key, value) in [
             ("source", &from.source),
             ("licence", &from.licence),

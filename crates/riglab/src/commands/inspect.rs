@@ -27,10 +27,12 @@ pub struct Args {
     /// Read one of several characters in a file: its number, from 0, or the name of its root.
     #[arg(long, value_name = "WHICH")]
     character: Option<Character>,
-    /// One JSON object a line, in the file's own units and glTF's axes.
+    /// One JSON object a line, in the file's own units and glTF's axes, of what the file holds: joints have the parents
+    /// that it gives them, so there may be several roots; vertices, triangles and weights are those of skinned meshes,
+    /// and `rigid_*` count rigid parts, which the rig, and the text, have besides.
     #[arg(long)]
     json: bool,
-    /// With --json, every vertex as a sample.
+    /// With --json, every vertex of skinned meshes as a sample.
     #[arg(long, requires = "json")]
     all_vertices: bool,
     /// Of a file of several assets this one, counted from 0.
@@ -86,15 +88,20 @@ pub fn body(rig: &Rig) -> Vec<String> {
     lines
 }
 
+/// "1 vertex", "2 vertices".
+pub fn vertices(n: usize) -> String {
+    if n == 1 { "1 vertex".into() } else { format!("{n} vertices") }
+}
+
 fn print(imported: &Imported) {
     let from = &imported.provenance;
     let (mesh, reading) = (imported.mesh(), &imported.reading);
     say!("{}", from.source);
     let size = riglab_core::Bounds::of(mesh.positions().iter().copied()).map_or([0.0; 3], |b| b.size());
     say!(
-        "  mesh      {} vertices, {} triangles, {:.4} x {:.4} x {:.4} units",
-        mesh.positions().len(),
-        mesh.triangles().len(),
+        "  mesh      {}, {}, {:.4} x {:.4} x {:.4} units",
+        vertices(mesh.positions().len()),
+        counted(mesh.triangles().len(), "triangle"),
         size[0],
         size[1],
         size[2]

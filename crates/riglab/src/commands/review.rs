@@ -4,13 +4,14 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, ExitCode, Stdio};
 
 use anyhow::Result;
+use riglab_report::shell::command;
 use riglab_review::{Review, Server};
 
 /// Look at the assets of a corpus in a browser: accept, reject, re-categorise, mark faults, comment.
 ///
 /// Prints the address of a page that this machine alone can open, with a secret token in it, and serves it
 /// until Ctrl-C. Each decision is written at once to a text file made for version control, which the next
-/// `riglab curate --decisions FILE` applies.
+/// `riglab curate --decisions FILE` applies. One server at a time keeps its decisions in a file.
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:
@@ -50,6 +51,14 @@ pub fn run(args: &Args) -> Result<ExitCode> {
         let files = if unreadable == 1 { "file" } else { "files" };
         tell!("note: {unreadable} {files} could not be read and have no card; the curation's report lists them");
     }
+    if let (Some((gone, of)), Some(folder)) = (review.gone(), &args.files) {
+        let files = if of == 1 { "file" } else { "files" };
+        tell!(
+            "warning: {}: {gone} of {of} {files} with assets that are not in the corpus are not there, so these have no \
+             pictures; is it the folder that was curated?",
+            folder.display()
+        );
+    }
     let server = Server::bind(review, args.port)?;
     let stop = server.stop();
     // Where signals cannot be listened to, the default ends the process; nothing is lost by that.
@@ -72,8 +81,9 @@ pub fn run(args: &Args) -> Result<ExitCode> {
 
 /// The command that applies decisions.
 fn apply(corpus: &Path, files: Option<&Path>, decisions: &Path) -> String {
-    let folder = files.map_or("FOLDER".into(), |f| f.display().to_string());
-    format!("`riglab curate {folder} -o {} --decisions {}` applies them", corpus.display(), decisions.display())
+    let shown = |path: &Path| path.display().to_string();
+    let (folder, corpus, decisions) = (files.map_or("FOLDER".into(), shown), shown(corpus), shown(decisions));
+    format!("`{}` applies them", command(["curate", &folder, "-o", &corpus, "--decisions", &decisions]))
 }
 
 /// Asks the desktop for its browser. A machine without one has printed the address all the same.

@@ -11,6 +11,7 @@ use riglab_asset::to_glb;
 use riglab_core::Asset;
 use riglab_data::{CorpusWriter, Splitter};
 use riglab_files::make_folder_of;
+use riglab_report::shell::command;
 use riglab_synth::{Options, Plan, creature};
 use riglab_train::Progress;
 
@@ -94,7 +95,7 @@ pub fn run(args: &Args) -> Result<ExitCode> {
     progress.finish();
     // Written last: a folder with a manifest is complete.
     put(&out.join("manifest.json"), (serde_json::to_string_pretty(&manifest)? + "\n").as_bytes())?;
-    tell!("next: riglab dataset import {} -o corpus.h5", out.display());
+    tell!("next: {}", command(["dataset", "import", &out.to_string_lossy(), "-o", "corpus.h5"]));
     say!("{}: {}", out.display(), counted(manifest.len(), "creature"));
     Ok(ExitCode::SUCCESS)
 }
@@ -118,7 +119,8 @@ fn corpus(args: &Args, options: &Options) -> Result<ExitCode> {
     }
     writer.finish(&Splitter::ByTopology(args.seed).assign(&keys))?;
     progress.finish();
-    tell!("next: riglab train quickstart/fsq_cvae.toml --set data.corpora='[\"{}\"]'", args.out.display());
+    let corpora = format!("data.corpora=[\"{}\"]", args.out.display());
+    tell!("next: {}", command(["train", "quickstart/fsq_cvae.toml", "--set", &corpora]));
     say!("{}: {}", args.out.display(), counted(keys.len(), "creature"));
     Ok(ExitCode::SUCCESS)
 }

@@ -1,12 +1,12 @@
 //! The assets of a corpus as files.
 
-use std::collections::HashSet;
+use std::collections::{BTreeMap, HashSet};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use anyhow::{Context, Result, bail};
 use riglab_asset::{Target, export, write, written_paths};
-use riglab_core::Asset;
+use riglab_core::{Asset, Provenance};
 use riglab_data::Corpus;
 use riglab_files::make_folder_of;
 use riglab_train::Progress;
@@ -21,10 +21,12 @@ pub fn open(path: &Path) -> Option<Corpus> {
 /// Every asset into a file of its own, named as the asset without the ending that its file had.
 pub fn into(corpus: &Corpus, args: &Args, target: Target) -> Result<ExitCode> {
     let (mut written, mut failed, mut lost) = (0, 0, Lost::default());
+    let splits = corpus.texts("split")?;
+    let mut told = Beside::default();
     let mut taken: HashSet<PathBuf> = HashSet::new();
     let mut progress = Progress::new("writing", corpus.len() as u64, 0);
-    for index in 0..corpus.len() {
-        let stored = corpus.asset(index).map_err(anyhow::Error::from).and_then(|asset| {
+    for (index, split) in splits.iter().enumerate() {
+        let stored = corpus.verified(index).map_err(anyhow::Error::from).and_then(|asset| {
             let (folder, own) = place(&asset.name);
             let named = |again: usize| {
                 let name = if again == 1 { own.clone() } else { format!("{own}-{again}") };
@@ -35,6 +37,7 @@ pub fn into(corpus: &Corpus, args: &Args, target: Target) -> Result<ExitCode> {
             taken.extend(written_paths(&path, target));
             make_folder_of(&path)?;
             store(&asset, &path, target, args)?;
+            told.add(path.strip_prefix(&args.out).unwrap_or(&path), split, &asset.provenance);
             lost = lost.with_asset(&asset, target);
             Ok(())
         });
@@ -50,6 +53,7 @@ pub fn into(corpus: &Corpus, args: &Args, target: Target) -> Result<ExitCode> {
         progress.set(index as u64 + 1, String::new);
     }
     progress.finish();
+    told.write(&args.out)?;
     lost.tell(&args.input, target);
     say!("{written} written to {}, {failed} left out", args.out.display());
     Ok(if written == 0 { ExitCode::FAILURE } else { ExitCode::SUCCESS })
@@ -64,7 +68,7 @@ pub fn to(corpus: &Corpus, args: &Args, into_folder: bool, target: Target) -> Re
         Some(item) => item..item + 1,
         None => 0..corpus.len(),
     };
-    let assets = numbers.map(|index| corpus.asset(index)).collect::<Result<Vec<Asset>, _>>()?;
+    let assets = numbers.map(|index| corpus.verified(index)).collect::<Result<Vec<Asset>, _>>()?;
     let out = match &assets[..] {
         [only] if into_folder => args.out.join(file_name(&place(&only.name).1, target)),
         _ => args.out.clone(),
@@ -83,6 +87,55 @@ pub fn to(corpus: &Corpus, args: &Args, into_folder: bool, target: Target) -> Re
     assets.iter().fold(Lost::default(), |lost, asset| lost.with_asset(asset, target)).tell(&args.input, target);
     say!("{}", out.display());
     Ok(ExitCode::SUCCESS)
+}
+
+/// What a corpus says of its assets and their files cannot: `manifest.json` and `split.json`, as `riglab dataset import` and
+/// `riglab curate` read them.
+#[derive(Default)]
+struct Beside {
+    entries: Vec<serde_json::Value>,
+    splits: BTreeMap<String, Vec<String>>,
+}
+
+impl Beside {
+    /// Of a file, by its path below the folder.
+    fn add(&mut self, file: &Path, split: &str, from: &Provenance) {
+        let steps: Vec<_> = file.iter().map(|step| step.to_string_lossy()).collect();
+        let file = steps.join("/");
+        let all = [
+            ("source", &from.source),
+            ("licence", &from.licence),
+            ("author", &from.author),
+            ("category", &from.category),
+        ];
+        let said = all.into_iter().filter(|(_, value)| !value.is_empty());
+        let mut entry: serde_json::Map<_, _> =
+            said.map(|(key, value)| (key.to_owned(), value.as_str().into())).collect();
+        if !entry.is_empty() {
+            entry.insert("file".into(), file.as_str().into());
+            self.entries.push(entry.into());
+        }
+        if !split.is_empty() {
+            self.splits.entry(split.to_owned()).or_default().push(file);
+        }
+    }
+
+    fn write(&self, folder: &Path) -> Result<()> {
+        let all = [
+            ("manifest.json", self.entries.is_empty(), serde_json::to_string_pretty(&self.entries)?),
+            ("split.json", self.splits.is_empty(), serde_json::to_string_pretty(&self.splits)?),
+        ];
+        for (name, _, text) in all.iter().filter(|(_, empty, _)| !empty) {
+            let path = folder.join(name);
+            if path.exists() {
+                tell!("note: {} is there already and stays; the corpus' own is not written", path.display());
+                continue;
+            }
+            riglab_files::write(&path, (text.clone() + "\n").as_bytes())
+                .with_context(|| format!("{}", path.display()))?;
+        }
+        Ok(())
+    }
 }
 
 fn store(asset: &Asset, out: &Path, target: Target, args: &Args) -> Result<()> {

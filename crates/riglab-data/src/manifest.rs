@@ -1,0 +1,183 @@
+//! `manifest.json` beside files: where each is from.
+
+use std::collections::{BTreeMap, BTreeSet, HashMap};
+use std::path::Path;
+
+use riglab_core::Provenance;
+use serde::Deserialize;
+use serde_json::Value;
+
+use crate::words::{nearest, some_of};
+
+/// What may be said of each file; all of it optional but the name.
+#[derive(Default, Deserialize)]
+#[serde(default)]
+struct Entry {
+    file: String,
+    source: String,
+    licence: String,
+    author: String,
+    category: String,
+}
+
+const KEYS: [&str; 5] = ["file", "source", "licence", "author", "category"];
+
+/// What `manifest.json` beside the files says of them: a list of objects with `file`, `source`, `licence`,
+/// `author`, `category`; nothing where there is none.
+#[derive(Default)]
+pub struct Manifest {
+    of: HashMap<String, Entry>,
+    /// What is said of each file and of assets in it, as a number.
+    said: HashMap<String, u64>,
+    told: Vec<String>,
+}
+
+impl Manifest {
+    /// Reads that of a folder. One that is no such list is left out; an entry that is none costs itself alone.
+    pub fn read(folder: &Path) -> Self {
+        let place = folder.join("manifest.json");
+        let bytes = match std::fs::read(&place) {
+            Err(e) if e.kind() == std::io::ErrorKind::NotFound => return Self::default(),
+            read => read.map_err(|e| e.to_string()),
+        };
+        let place = place.display();
+        match bytes.and_then(|b| serde_json::from_slice::<Vec<Value>>(&b).map_err(|e| e.to_string())) {
+            Ok(entries) => Self::of(entries, &place.to_string()),
+            Err(e) => {
+                let told = vec![format!("{place} is left out ({e}): no licences or authors from it")];
+                Self { told, ..Self::default() }
+            }
+        }
+    }
+
+    fn of(entries: Vec<Value>, place: &str) -> Self {
+        let mut new = Self::default();
+        let (mut wrong, mut unnamed, mut foreign) = (Vec::new(), 0, BTreeSet::new());
+        for (number, value) in entries.into_iter().enumerate() {
+            let keys = value.as_object().into_iter().flat_map(|o| o.keys());
+            foreign.extend(keys.filter(|key| !KEYS.contains(&key.as_str())).cloned());
+            match serde_json::from_value::<Entry>(value) {
+                Ok(entry) if entry.file.is_empty() => unnamed += 1,
+                Ok(entry) => drop(new.of.insert(entry.file.clone(), entry)),
+                Err(e) => wrong.push(format!("{number} ({e})")),
+            }
+        }
+        if let Some(first) = wrong.first() {
+            let n = wrong.len();
+            let (entries, are) = if n == 1 { ("entry", "is") } else { ("entries", "are") };
+            new.told.push(format!("{place}: {n} {entries} {are} of a wrong form and left out, the first: {first}"));
+        }
+        if unnamed > 0 {
+            let entries = if unnamed == 1 { "entry names" } else { "entries name" };
+            new.told.push(format!("{place}: {unnamed} {entries} no file (key `file`) and say nothing"));
+        }
+        // Others are somebody's own, and no fault.
+        for (key, near) in foreign.iter().filter_map(|key| Some((key, nearest(key, &KEYS)?))) {
+            new.told.push(format!("{place}: the key `{key}` means nothing here; did you mean `{near}`?"));
+        }
+        new.said = said(&new.of);
+        new
+    }
+
+    /// Sentences on what is wrong with it, without what a look at the files would tell.
+    pub fn told(&self) -> &[String] {
+        &self.told
+    }
+
+    /// A sentence on the entries of what is not there.
+    pub fn strangers(&self, is_there: impl Fn(&str) -> bool) -> Option<String> {
+        let gone: Vec<&str> = self.of.keys().map(String::as_str).filter(|name| !is_there(name)).collect();
+        let names = (!gone.is_empty()).then(|| some_of(gone))?;
+        Some(format!("manifest.json has entries of what is not there: {names}; names are paths below the folder"))
+    }
+
+    /// The categories that are stated, each with how many times.
+    pub fn categories(&self) -> BTreeMap<&str, usize> {
+        let mut all = BTreeMap::new();
+        for entry in self.of.values().filter(|e| !e.category.is_empty()) {
+            *all.entry(entry.category.as_str()).or_default() += 1;
+        }
+        all
+    }
+
+    /// What is said of a file and of assets in it, as a number that changes with it; 0 for nothing.
+    pub fn said(&self, file: &str) -> u64 {
+        self.said.get(file).copied().unwrap_or(0)
+    }
+
+    /// Adds what is said of an asset, by its own name or by that of its file.
+    pub fn describe(&self, asset: &str, file: &str, from: &mut Provenance) {
+        let Some(entry) = self.of.get(asset).or(self.of.get(file)) else { return };
+        for (to, value) in [
+            (&mut from.source, &entry.source),
+            (&mut from.licence, &entry.licence),
+            (&mut from.author, &entry.author),
+            (&mut from.category, &entry.category),
+        ] {
+            if !value.is_empty() {
+                to.clone_from(value);
+            }
+        }
+    }
+}
+
+/// By file: what its own entry and those of assets in it (`set.npz#a`) say.
+fn said(of: &HashMap<String, Entry>) -> HashMap<String, u64> {
+    let mut hashes: HashMap<String, blake3::Hasher> = HashMap::new();
+    for (name, e) in of.iter().collect::<BTreeMap<_, _>>() {
+        let parts = name.match_indices('#').map(|(at, _)| &name[..at]);
+        for file in parts.chain([name.as_str()]) {
+            let hash = hashes.entry(file.to_owned()).or_default();
+            for text in [name, &e.source, &e.licence, &e.author, &e.category] {
+                hash.update(text.as_bytes()).update(b"\n");
+            }
+        }
+    }
+    let number = |hash: blake3::Hasher| {
+        hash.finalize().as_bytes().iter().take(8).fold(0, |number, byte| number << 8 | u64::from(*byte))
+    };
+    hashes.into_iter().map(|(file, hash)| (file, number(hash))).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn of(text: &str) -> Manifest {
+        let dir = tempfile::tempdir().unwrap();
+        std::fs::write(dir.path().join("manifest.json"), text).unwrap();
+        Manifest::read(dir.path())
+    }
+
+    #[test]
+    fn a_wrong_entry_costs_itself_alone() {
+        let manifest = of(r#"[{"file": "a", "licence": 3}, {"file": "b", "licence": "MIT"}, {"author": "x"}, 7]"#);
+        let mut from = Provenance::default();
+        manifest.describe("b", "b", &mut from);
+        assert_eq!(from.licence, "MIT");
+        let told = manifest.told();
+        assert!(told[0].contains("2 entries are of a wrong form") && told[0].contains("the first: 0 ("), "{told:?}");
+        assert!(told[1].contains("1 entry names no file"), "{told:?}");
+        assert!(of("{}").told()[0].contains("manifest.json is left out"));
+    }
+
+    #[test]
+    fn keys_and_names_that_mean_nothing_are_told() {
+        let manifest = of(r#"[{"file": "a.glb", "license": "MIT", "bytes": 3}, {"file": "b.glb", "bytes": 4}]"#);
+        let told = manifest.told();
+        assert!(told[0].ends_with("the key `license` means nothing here; did you mean `licence`?"), "{told:?}");
+        assert_eq!(told.len(), 1, "what is somebody's own is no fault: {told:?}");
+        let gone = manifest.strangers(|name| name == "a.glb").unwrap();
+        assert!(gone.contains("`b.glb`") && !gone.contains("a.glb"), "{gone}");
+        assert_eq!(manifest.strangers(|_| true), None);
+    }
+
+    #[test]
+    fn what_is_said_of_a_file_is_known_by_a_number() {
+        let number =
+            |category: &str| of(&format!(r#"[{{"file": "set.npz#a", "category": "{category}"}}]"#)).said("set.npz");
+        assert_eq!(number("aquatic"), number("aquatic"));
+        assert_ne!(number("aquatic"), number("reptile"));
+        assert_eq!(of("[]").said("set.npz"), 0);
+    }
+}
