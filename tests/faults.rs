@@ -314,6 +314,144 @@ fn a_damaged_checkpoint_is_told_of_and_an_older_one_gone_on_from() {
     assert!(said.contains("step-00000003") && said.contains("going on from step 2"), "{said}");
 }
 
+/// Cuts a file to half of its bytes.
+fn cut(path: &Path) {
+    let bytes = fs::read(path).unwrap();
+    fs::write(path, &bytes[..bytes.len() / 2]).unwrap();
+}
+
+#[test]
+fn of_a_checkpoint_that_is_cut_off_an_older_one_is_gone_on_from() {
+    let temp = tempfile::tempdir().unwrap();
+    let run = temp.path().join("run");
+    let more = ["--set", "train.save_every=1", "--set", "train.keep=3"];
+    must(&[&["train", text(&ready().join("config.toml")), "--run", text(&run)], more.as_slice()].concat());
+    let metrics = fs::read(run.join("metrics.jsonl")).unwrap();
+    for file in ["optimizer.safetensors", "model.safetensors", "ema.safetensors"] {
+        let newest = run.join("checkpoints/step-00000003");
+        let whole = fs::read(newest.join(file)).unwrap();
+        cut(&newest.join(file));
+        let done = must(&["train", "--resume", text(&run)]);
+        let said = String::from_utf8(done.stderr).unwrap();
+        assert!(said.contains(file) && said.contains("going on from step 2"), "{said}");
+        assert!(fs::read(run.join("metrics.jsonl")).unwrap() == metrics, "the last step is the same again");
+        assert!(fs::read(newest.join(file)).unwrap() == whole, "and its checkpoint whole");
+        assert!(run.join("checkpoints/step-00000002").is_dir(), "what is whole is kept");
+    }
+    // As a kill leaves it between a checkpoint and the link to it.
+    let best = run.join("checkpoints/best");
+    let named = fs::read_link(&best).unwrap();
+    fs::remove_file(&best).unwrap();
+    must(&["train", "--resume", text(&run)]);
+    assert_eq!(fs::read_link(&best).unwrap(), named);
+    // Without any that is whole, nothing is begun anew.
+    for step in 1..=3 {
+        cut(&run.join(format!("checkpoints/step-0000000{step}/model.safetensors")));
+    }
+    let said = refusal(&mut riglab(&["train", "--resume", text(&run)]));
+    assert!(said.contains("no checkpoint is left") && said.contains("model.safetensors"), "{said}");
+    assert!(said.contains("--run OTHER") && fs::read(run.join("metrics.jsonl")).unwrap() == metrics, "{said}");
+}
+
+#[test]
+fn a_run_whose_checkpoints_are_gone_is_not_begun_anew() {
+    let temp = tempfile::tempdir().unwrap();
+    copy(&ready().join("run"), &temp.path().join("run"));
+    let run = temp.path().join("run");
+    let before = ["metrics.jsonl", "run.json"].map(|file| fs::read(run.join(file)).unwrap());
+    for gone in [&run.join("checkpoints/step-00000003"), &run.join("checkpoints")] {
+        fs::remove_dir_all(gone).unwrap();
+        // Asking again changes nothing.
+        for _ in 0..2 {
+            let said = refusal(&mut riglab(&["train", "--resume", text(&run)]));
+            assert!(said.contains("3 steps were done, but no checkpoint is there"), "{said}");
+            assert!(said.contains("--run OTHER"), "{said}");
+            assert!(["metrics.jsonl", "run.json"].map(|file| fs::read(run.join(file)).unwrap()) == before);
+        }
+    }
+}
+
+#[test]
+fn an_evaluation_changes_nothing_that_was_trained() {
+    let run = ready().join("run");
+    let eval = |set: &str| refusal(&mut riglab(&["eval", text(&run), "--set", set]));
+    for (set, parts) in [
+        ("model.heads=2", &["--set model.heads=2", "trained with"][..]),
+        ("model={heads=2}", &["--set model."]),
+        ("train.seed=7", &["--set train.seed=7"]),
+        ("loss.dice=0.0", &["loss.dice"]),
+        ("data.up='z'", &["data.up"]),
+        ("data.test=[]", &["data.test names no split"]),
+        ("data.test=['test_new', 'test_new']", &["data.test", "test_new is named twice"]),
+        ("eval.prefixes=[16, 16]", &["eval.prefixes", "16 is named twice"]),
+        ("eval.cuts=[2.0]", &["eval.cuts", "a cut of 2"]),
+    ] {
+        let said = eval(set);
+        assert!(parts.iter().all(|part| said.contains(part)), "{set}: {said}");
+    }
+    assert!(!run.join("eval.json").exists());
+    let said = refusal(&mut riglab(&["eval", "runs/nope"]));
+    assert!(said.contains("runs/nope: no run here") && !said.contains("looked for"), "{said}");
+}
+
+#[test]
+fn models_of_every_task_are_shown_and_what_is_exported_is_said() {
+    let temp = tempfile::tempdir().unwrap();
+    let (run, file) = (ready().join("run"), temp.path().join("a.safetensors"));
+    let show = |path: &Path| String::from_utf8(must(&["checkpoint", "show", text(path)]).stdout).unwrap();
+    let of_run = show(&run);
+    assert!(of_run.contains("of task fsq_cvae") && of_run.contains("3 steps"), "{of_run}");
+    assert!(of_run.contains("No card was written"), "{of_run}");
+    must(&["checkpoint", "export", text(&run), "-o", text(&file)]);
+    let lines = |shown: &str| shown.lines().skip(1).map(str::to_owned).collect::<Vec<_>>();
+    assert_eq!(lines(&show(&file)), lines(&of_run), "but for the name");
+    // What is known of a model goes on with it.
+    let (folder, again, card) =
+        (temp.path().join("model"), temp.path().join("b.safetensors"), temp.path().join("c.md"));
+    fs::write(&card, "Of twelve creatures.").unwrap();
+    must(&["checkpoint", "export", text(&run), "-o", text(&folder), "--card", text(&card)]);
+    must(&["checkpoint", "export", text(&folder), "-o", text(&again)]);
+    assert!([&folder, &again].iter().all(|path| show(path).contains("Of twelve creatures.")));
+    let bare = temp.path().join("bare");
+    copy(&run, &bare);
+    fs::remove_file(bare.join("checkpoints/step-00000003/optimizer.safetensors")).unwrap();
+    let said = refusal(&mut riglab(&["train", "--resume", text(&bare)]));
+    assert!(said.contains("weights alone") && said.contains("train.start.from"), "{said}");
+
+    let other = temp.path().join("skin");
+    fs::create_dir(&other).unwrap();
+    fs::write(other.join("config.toml"), "task = 'unirig_skin'\n").unwrap();
+    let export = |run: &Path, more: &[&str]| {
+        refusal(&mut riglab(&[&["checkpoint", "export", text(run), "-o", text(&file)], more].concat()))
+    };
+    let said = export(&other, &[]);
+    assert!(said.contains("task `unirig_skin`") && said.contains("tokenrig, grpo and fsq_cvae alone"), "{said}");
+    let said = export(&run, &["--set", "model.heads=2"]);
+    assert!(said.contains("as it was trained") && said.contains("start.model"), "{said}");
+}
+
+#[test]
+fn parts_of_the_memory_add_up() {
+    let done = must(&["train", text(&ready().join("config.toml")), "--dry-run"]);
+    let said = String::from_utf8(done.stdout).unwrap();
+    let mb = |line: &str| line.split(" MB").next()?.split_whitespace().next_back()?.parse::<f64>().ok();
+    let mut lines = said.lines().skip_while(|line| !line.starts_with("memory"));
+    let total = mb(lines.next().unwrap()).unwrap();
+    let parts: Vec<f64> = lines.take_while(|line| line.starts_with("  ")).filter_map(mb).collect();
+    // Each is rounded by itself.
+    assert!(parts.len() >= 4 && (parts.iter().sum::<f64>() - total).abs() <= parts.len() as f64, "{said}");
+}
+
+#[test]
+fn a_training_that_diverged_says_so() {
+    let said = with("train.optim={adamw_lr=1e30, muon_lr=1e30}");
+    assert!(said.contains("at step") && said.contains("adamw_lr"), "{said}");
+    assert!(
+        said.contains("diverged") || said.contains("no finite loss") || said.contains("no step was taken"),
+        "{said}"
+    );
+}
+
 #[test]
 fn nothing_else_is_written_over_a_corpus() {
     let temp = tempfile::tempdir().unwrap();

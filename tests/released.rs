@@ -269,6 +269,11 @@ fn a_training_begins_with_a_published_backbone_or_with_another_run() {
     same();
     // Killed before it saved anything, it begins with them again.
     fs::remove_dir_all(whole.join("checkpoints")).unwrap();
+    fs::create_dir(whole.join("checkpoints")).unwrap();
+    let info = whole.join("run.json");
+    let ended = fs::read_to_string(&info).unwrap();
+    assert!(ended.contains("\"outcome\": \"finished\""));
+    fs::write(&info, ended.replace("\"outcome\": \"finished\"", "\"outcome\": \"\"")).unwrap();
     must(&["train", "--resume", text(&whole)]);
     same();
     // Where it came from is not asked for again.
@@ -278,7 +283,7 @@ fn a_training_begins_with_a_published_backbone_or_with_another_run() {
     // What does not fit is said, and nothing is left behind.
     let (none, args) = train("none", &[&start(&published)]);
     let refused = refusal(&mut riglab(&args.iter().map(String::as_str).collect::<Vec<_>>()));
-    assert!(refused.contains("backbone.pth does not have all of this network") && !none.exists(), "{refused}");
+    assert!(refused.contains("backbone.pth: does not have all of this network") && !none.exists(), "{refused}");
     let (_, args) = train("none", &[&start(&run)]);
     let refused = refusal(&mut riglab(&args.iter().map(String::as_str).collect::<Vec<_>>()));
     assert!(refused.contains("train.start.from") && !none.exists(), "{refused}");
@@ -418,6 +423,24 @@ fn what_does_not_fit_is_listed_and_refused() {
     tensors = whole.clone_all();
     tensors.retain(|name, _| !name.starts_with("vae."));
     assert!(refuse(&tensors, &[]).contains("--skin FILE"));
+    // Numbers that are no weights.
+    tensors = whole.clone_all();
+    let norm = "transformer.model.norm.weight";
+    for (wrong, told) in [
+        (whole[norm].full_like(f64::NAN), "holds NaN or infinity"),
+        (whole[norm].full_like(f64::INFINITY), "holds NaN or infinity"),
+    ] {
+        tensors.insert(norm.into(), wrong);
+        let said = refuse(&tensors, &[]);
+        assert!(said.contains(&format!("`{norm}` {told}")) && said.contains("fetch it again"), "{said}");
+    }
+    let whole_numbers = dir.path().join("a.ckpt.safetensors");
+    tensors.insert(norm.into(), whole[norm].to_kind(Kind::Int64));
+    riglab_nn::io::write(&whole_numbers, tensors.iter().map(|(n, t)| (n.as_str(), t))).unwrap();
+    let mut args = vec!["checkpoint", "import", text(&whole_numbers), "--set", "skin.codes=2"];
+    SIZES.iter().for_each(|set| args.extend(["--set", set]));
+    let said = refusal(&mut riglab(&args));
+    assert!(said.contains(&format!("`{norm}` holds whole numbers (Int64)")), "{said}");
     // Sizes that do not go with the release's heads.
     let said = refuse(&whole, &["--set", "auto_encoder.model.heads=7"]);
     assert!(said.contains("is not divisible by heads = 7; sizes are those of the tensors' shapes"), "{said}");
@@ -429,7 +452,8 @@ fn what_does_not_fit_is_listed_and_refused() {
         (&bytes[..bytes.len() / 2], "cut short"),
         (&b"version https://git-lfs.github.com/spec/v1"[..], "git lfs pull"),
         (b"\x80\x02}.", "save it again"),
-        (b"", "save it again"),
+        (b"", "is empty"),
+        (b"<!DOCTYPE html><title>Not found</title>\n", "is a text"),
     ] {
         fs::write(&file, bytes).unwrap();
         let said = refusal(&mut riglab(&["checkpoint", "import", text(&file)]));

@@ -106,6 +106,9 @@ fn all_forms_say_the_same(runs: &Runs) {
     // Spread by split and category.
     assert!(markdown.contains("| split | category | assets | undefined | IoU | IoU from | IoU to |"));
     assert!(html.contains("data-view=\"bone\"") && !html.contains("src=\"http") && !html.contains("href=\"http"));
+    // Pictures are linked from where the report lies.
+    let file = file_of(&evaluation);
+    assert!(markdown.contains(&format!("](<eval/{file}>)")) && runs.a.join("eval").join(file).is_file(), "{markdown}");
     // What they are of, and when that is out of date.
     let step = evaluation["checkpoint"]["step"].as_u64().unwrap();
     assert!(markdown.contains(&format!("the checkpoint of step {step} on ")), "{markdown}");
@@ -115,9 +118,15 @@ fn all_forms_say_the_same(runs: &Runs) {
     let out = runs.dir.path().join("old.md");
     must(&["report", text(&runs.a), "-o", text(&out)]);
     let said = read(&out);
+    assert!(said.contains(&format!("](<{}>)", runs.a.join("eval").join(file_of(&evaluation)).display())), "{said}");
     assert!(said.contains("The figures are of step 3, neither the best checkpoint (step "), "{said}");
     assert!(said.contains(" evaluates the best.") && !said.contains(");  "), "one space: {said}");
     change(&file, &of(3), &of(step));
+}
+
+/// The first picture of an evaluation.
+fn file_of(evaluation: &serde_json::Value) -> &str {
+    evaluation["gallery"][0]["file"].as_str().unwrap()
 }
 
 fn two_runs_stand_side_by_side(runs: &Runs) {
@@ -170,6 +179,11 @@ fn half_a_run_is_told(runs: &Runs) {
     assert!(said(&half).contains("there is config.toml but no run.json"));
     fs::remove_file(half.join("config.toml")).unwrap();
     assert!(said(&half).contains("no run here"));
+    let sweep = runs.dir.path().join("sweep");
+    fs::create_dir(&sweep).unwrap();
+    fs::write(sweep.join("sweep.json"), "{}").unwrap();
+    let told = said(&sweep);
+    assert!(told.contains("a sweep, and no run") && told.contains("riglab sweep"), "{told}");
     let ending = refusal(&mut riglab(&["report", text(&runs.a), "-o", text(&runs.dir.path().join("x.pdf"))]));
     assert!(ending.contains(".html, .md, .tex, .csv"), "{ending}");
 }

@@ -110,7 +110,10 @@ fn what_does_not_belong_to_a_sweep_is_refused_before_anything_is_written() {
     refused(&["`sweep.metrics`", "`[split=val.iou` is not closed"]);
 
     write("0", "");
-    assert!(dry(&["--dry-run"]).output().unwrap().status.success() && !out.exists());
+    let tried = dry(&["--dry-run"]).output().unwrap();
+    assert!(tried.status.success() && !out.exists());
+    let told = String::from_utf8_lossy(&tried.stderr).into_owned();
+    assert!(told.contains("c.h5: no such corpus"), "{told}");
     let said = refusal(&mut dry(&[]));
     assert!(said.contains("1 job failed") && said.contains("--retry"), "no corpus: {said}");
     write("1", "");
@@ -132,6 +135,35 @@ fn what_does_not_belong_to_a_sweep_is_refused_before_anything_is_written() {
     fs::remove_file(&base).unwrap();
     must(&["sweep", text(&out), "--dry-run"]);
     must(&["sweep", text(&out)]);
+}
+
+#[test]
+fn a_seed_is_added_and_what_is_done_stays() {
+    let dir = tempfile::tempdir().unwrap();
+    let made = corpus(dir.path(), 12);
+    let (file, out) = (dir.path().join("toy.toml"), dir.path().join("out"));
+    let base = config(dir.path(), &made, "[train]\nsteps = 2\n[eval]\nvalidation_vertices = 50\n");
+    let write = |seeds: &str| {
+        let arms = "[[sweep.arms]]\nname = 'a'\n[[sweep.arms]]\nname = 'same'\nset = { 'loss.dice' = 0.5 }\n";
+        fs::write(&file, format!("[sweep]\nseeds = [{seeds}]\nbase = '{}'\n{arms}", base.display())).unwrap();
+    };
+    let sweep = |more: &[&str]| must(&[&["sweep", text(&file), "-o", text(&out)], more].concat());
+    write("0");
+    let said = String::from_utf8(sweep(&[]).stderr).unwrap();
+    assert!(said.contains("`a` and `same` have the same settings"), "{said}");
+    let first = fs::read(out.join("jobs/same/seed-0/run.json")).unwrap();
+    write("0, 1");
+    let listed = String::from_utf8(sweep(&["--dry-run"]).stdout).unwrap();
+    let folders: Vec<&str> = listed.lines().filter_map(|line| line.split(' ').next()).collect();
+    assert_eq!(folders, ["jobs/a/seed-0", "jobs/same/seed-0", "jobs/a/seed-1", "jobs/same/seed-1"]);
+    sweep(&[]);
+    assert!(fs::read(out.join("jobs/same/seed-0/run.json")).unwrap() == first);
+    let table = fs::read_to_string(out.join("table.md")).unwrap();
+    assert!(table.contains("| a | 2 | 0 |") && table.contains("| same | 2 | 0 |"), "{table}");
+    // And one fewer is another sweep.
+    write("0");
+    let said = refusal(&mut riglab(&["sweep", text(&file), "-o", text(&out)]));
+    assert!(said.contains("holds another sweep") && said.contains("can be added"), "{said}");
 }
 
 #[test]

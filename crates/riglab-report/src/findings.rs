@@ -34,11 +34,12 @@ impl Metric {
         Self { higher: false, ..Self::higher(name, convention, digits) }
     }
 
-    /// Of some values the place of the best; the first of equals, `None` where none is a number.
-    pub(crate) fn best(&self, values: &[f64]) -> Option<usize> {
-        let sign = if self.higher { -1.0 } else { 1.0 };
-        let finite = (0..values.len()).filter(|&k| values[k].is_finite());
-        finite.min_by(|&a, &b| (sign * values[a]).total_cmp(&(sign * values[b])).then(a.cmp(&b)))
+    /// Of some values which are the best: all that are shown with the best one's digits; none that is no number.
+    pub(crate) fn best(&self, values: &[f64]) -> Vec<bool> {
+        let finite = values.iter().copied().filter(|v| v.is_finite());
+        let best = if self.higher { finite.reduce(f64::max) } else { finite.reduce(f64::min) };
+        let shown = |v: f64| format!("{v:.*}", self.digits);
+        values.iter().map(|&v| v.is_finite() && best.is_some_and(|best| shown(v) == shown(best))).collect()
     }
 }
 
@@ -274,8 +275,10 @@ pub(crate) mod tests {
     #[test]
     fn the_best_is_by_the_metric_and_never_undefined() {
         let values = [f64::NAN, 2.0, 1.0, 2.0];
-        assert_eq!(Metric::higher("x", "c", 1).best(&values), Some(1));
-        assert_eq!(Metric::lower("x", "c", 1).best(&values), Some(2));
-        assert_eq!(Metric::lower("x", "c", 1).best(&[f64::NAN]), None);
+        assert_eq!(Metric::higher("x", "c", 1).best(&values), [false, true, false, true], "equals are alike");
+        assert_eq!(Metric::lower("x", "c", 1).best(&values), [false, false, true, false]);
+        assert_eq!(Metric::lower("x", "c", 1).best(&[f64::NAN]), [false]);
+        // What a reader cannot tell apart.
+        assert_eq!(Metric::higher("x", "c", 1).best(&[2.04, 2.01, 1.9]), [true, true, false]);
     }
 }

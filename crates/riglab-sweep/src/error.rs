@@ -31,8 +31,8 @@ pub enum SweepError {
     Invalid(String),
     /// The folder belongs to another sweep.
     #[error(
-        "{folder} holds another sweep: {difference}\n\nhint: go on with that one by `riglab sweep {folder}`, or \
-         give this one a folder of its own with -o"
+        "{folder} holds another sweep: {difference}\n\nhint: arms and seeds can be added to it; go on with that one by \
+         `riglab sweep {folder}`, or give this one a folder of its own with -o"
     )]
     Another {
         /// The folder.

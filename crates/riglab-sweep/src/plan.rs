@@ -1,6 +1,7 @@
 //! All jobs of a sweep, listed before the first begins.
 
-use std::collections::BTreeSet;
+use std::collections::btree_map::Entry;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 use riglab_config::Config;
@@ -35,7 +36,7 @@ pub struct Job {
 pub struct Plan {
     /// What was asked.
     pub sweep: SweepFile,
-    /// The jobs, seeds of a point one after another.
+    /// The jobs, seeds of a point one after another, but for those that were added later: they come last.
     pub jobs: Vec<Job>,
 }
 
@@ -149,9 +150,41 @@ impl Plan {
 
     /// Names of the points, each once, in order.
     pub fn names(&self) -> Vec<&str> {
-        let mut names: Vec<&str> = self.jobs.iter().map(|j| j.point.as_str()).collect();
-        names.dedup();
-        names
+        let mut seen = BTreeSet::new();
+        self.jobs.iter().map(|j| j.point.as_str()).filter(|name| seen.insert(*name)).collect()
+    }
+
+    /// The same jobs after those of a folder's plan, where they have all of these: so a seed or an arm is added to a sweep
+    /// while what is done keeps its number. Another sweep's plan leaves them as they are.
+    #[must_use]
+    pub fn following(mut self, there: &Self) -> Self {
+        let same = |a: &Job, b: &Job| Job { number: 0, ..a.clone() } == Job { number: 0, ..b.clone() };
+        let place = |job: &Job| there.jobs.iter().position(|old| same(old, job));
+        if there.jobs.iter().all(|old| self.jobs.iter().any(|job| same(old, job))) {
+            // Those that are added stay in their order.
+            self.jobs.sort_by_key(|job| place(job).unwrap_or(usize::MAX));
+            (0..).zip(&mut self.jobs).for_each(|(number, job)| job.number = number);
+        }
+        self
+    }
+
+    /// Points that are the same runs: their names, of which the second has the settings of the first. `config`: of a job.
+    ///
+    /// # Errors
+    /// When a job has no sound config.
+    pub fn alike(
+        &self,
+        config: impl Fn(&Job) -> Result<String, SweepError>,
+    ) -> Result<Vec<(String, String)>, SweepError> {
+        let mut seen: BTreeMap<String, &str> = BTreeMap::new();
+        let mut out = Vec::new();
+        for job in self.jobs.iter().filter(|job| job.seed == self.sweep.seeds[0]) {
+            match seen.entry(config(job)?) {
+                Entry::Occupied(first) => out.push(((*first.get()).to_owned(), job.point.clone())),
+                Entry::Vacant(place) => drop(place.insert(&job.point)),
+            }
+        }
+        Ok(out)
     }
 
     /// Reads the plan of a sweep's folder; `None` where there is none.
@@ -170,8 +203,8 @@ impl Plan {
     }
 
     /// Writes it, and for each job the config that it is trained from, unless the folder has this plan already. A
-    /// folder whose jobs are the first of this plan's gets those that follow: so an arm is added to a sweep. The plan
-    /// comes last: a folder with one has all configs.
+    /// folder whose jobs are the first of this plan's ([`Self::following`]) gets those that follow: so an arm or a seed is
+    /// added to a sweep. The plan comes last: a folder with one has all configs.
     ///
     /// # Errors
     /// As [`Plan::fits`]; when the folder cannot be written.
@@ -376,6 +409,33 @@ mod tests {
         assert!(other.contains("its job 1 is `base` seed 2") && other.contains("hint"), "{other}");
         std::fs::write(file_of(dir.path()), "{").unwrap();
         assert!(Plan::read(dir.path()).unwrap_err().to_string().contains("cannot be understood"));
+    }
+
+    #[test]
+    fn seeds_and_arms_are_added_after_what_is_there() {
+        let of = |seeds: &str, arms: &[&str]| {
+            let arms: String = arms.iter().map(|name| format!("[[sweep.arms]]\nname = '{name}'\n")).collect();
+            Plan::new(file(&format!("[sweep]\nbase = 'b.toml'\nseeds = {seeds}\n{arms}")), &[]).unwrap()
+        };
+        let there = of("[0, 1]", &["a", "b"]);
+        let more = of("[0, 1, 2]", &["new", "a", "b"]).following(&there);
+        let jobs: Vec<(usize, &str, u64)> = more.jobs.iter().map(|j| (j.number, j.point.as_str(), j.seed)).collect();
+        assert_eq!(jobs[..5], [(0, "a", 0), (1, "a", 1), (2, "b", 0), (3, "b", 1), (4, "new", 0)]);
+        assert_eq!(jobs[5..], [(5, "new", 1), (6, "new", 2), (7, "a", 2), (8, "b", 2)]);
+        assert_eq!((&more.jobs[..4], more.names()), (&there.jobs[..], vec!["a", "b", "new"]));
+        // Of another sweep, nothing moves.
+        let other = of("[0, 2]", &["a", "b"]);
+        assert_eq!(other.clone().following(&there), other);
+    }
+
+    #[test]
+    fn points_of_the_same_settings_are_found() {
+        let text = "[sweep]\nbase = 'b'\nseeds = [1, 2]\n[[sweep.arms]]\nname = 'a'\n\
+                    [[sweep.arms]]\nname = 'b'\nset = { x = 1 }\n[[sweep.arms]]\nname = 'c'\nset = { x = 2 }";
+        let plan = Plan::new(file(text), &[]).unwrap();
+        // 1 is the default.
+        let config = |job: &Job| Ok(if job.sets[0] == "x=2" { "2" } else { "1" }.to_owned());
+        assert_eq!(plan.alike(config).unwrap(), [("a".to_owned(), "b".to_owned())]);
     }
 
     #[test]

@@ -102,6 +102,9 @@ impl Results {
             table.row(cells);
         }
         table.note = "Mean over seeds ± standard deviation (n - 1).".into();
+        if table.rows.iter().flatten().any(|cell| cell.strong) {
+            table.note += " Marked: the best of a column.";
+        }
         if let Some(sentence) = self.mixed() {
             table.note += &format!(" {}.", sentence.replacen('n', "N", 1));
         }
@@ -214,8 +217,9 @@ impl Results {
         };
         blocks.push(Block::Folded("Jobs".into(), self.plan.jobs.iter().map(changes).collect::<Vec<_>>().join("\n")));
         let subtitle = format!(
-            "{} jobs: {} finished, {} failed",
+            "{} {}: {} finished, {} failed",
             self.outcomes.len(),
+            if self.outcomes.len() == 1 { "job" } else { "jobs" },
             self.count("finished"),
             self.count("failed")
         );

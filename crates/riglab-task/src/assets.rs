@@ -9,6 +9,8 @@ use riglab_data::{Corpus, DataError, SplitNames};
 use riglab_random::{Draw, stream};
 use serde::{Deserialize, Serialize};
 
+use crate::settings::distinct;
+
 /// Which corpora a task reads.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
@@ -150,6 +152,15 @@ impl AssetId {
 }
 
 impl DataConfig {
+    /// Checks that no split is named twice.
+    ///
+    /// # Errors
+    /// (key path, message) of the first fault.
+    pub(crate) fn validate(&self) -> Result<(), (String, String)> {
+        distinct("data.train", &self.train)?;
+        distinct("data.test", &self.test)
+    }
+
     /// Of the assets of a split so many, 0 for all, the same ones each time: of all corpora, as many of each as their weights
     /// say while there are any, so that a few files are not lost among thousands of generated ones.
     pub(crate) fn some_of(&self, all: &[AssetId], most: usize, seed: u64) -> Vec<AssetId> {

@@ -3,7 +3,7 @@
 use std::collections::{BTreeMap, HashMap};
 
 use riglab_nn::io;
-use riglab_train::State;
+use riglab_train::{State, unsound};
 use serde::{Deserialize, Serialize};
 use tch::Tensor;
 
@@ -90,11 +90,39 @@ impl Bundle {
         if about.format != FORMAT {
             return Err(format!("{name}: format {}, this program reads format {FORMAT}", about.format));
         }
+        if let Some((tensor, fault)) = tensors.iter().find_map(|(n, t)| Some((n, unsound(t)?))) {
+            return Err(format!(
+                "{name}: tensor `{tensor}` {fault}: its training diverged, or the file was changed; copy it again, or take \
+                 another"
+            ));
+        }
         Ok(Self { kind: about.kind, card: about.card, settings: about.rig, skin: about.skin, tensors })
     }
 
     /// Numbers of tensors whose names start so, in all.
     pub fn numbers(&self, prefix: &str) -> usize {
         self.tensors.iter().filter(|(name, _)| name.starts_with(prefix)).map(|(_, t)| t.numel()).sum()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use tch::{Device, Kind};
+
+    use super::*;
+
+    #[test]
+    fn numbers_that_are_no_weights_are_refused() {
+        let state = State { task: "t".into(), step: 0, seed: 0, skipped: 0, skipped_in_a_row: 0, best: None };
+        let read = |t: Tensor| {
+            let card = Card { name: "m".into(), state: state.clone(), text: String::new() };
+            let tensors = BTreeMap::from([("a.weight".to_string(), t)]);
+            let bundle = Bundle { kind: "t".into(), card, settings: String::new(), skin: String::new(), tensors };
+            Bundle::of_bytes(&bundle.to_bytes().unwrap(), "m.safetensors").map(|_| ())
+        };
+        assert_eq!(read(Tensor::ones([2], (Kind::Half, Device::Cpu))), Ok(()));
+        let said = read(Tensor::from_slice(&[1.0f32, f32::NAN])).unwrap_err();
+        assert!(said.contains("m.safetensors: tensor `a.weight` holds NaN"), "{said}");
+        assert!(read(Tensor::from_slice(&[1i64])).unwrap_err().contains("whole numbers"));
     }
 }

@@ -4,7 +4,7 @@ use riglab_nn::params::Weights;
 use riglab_report::{Block, Turned, Turntable};
 use riglab_train::{At, Loss, LossOf, State, Task};
 use serde::Serialize;
-use tch::Device;
+use tch::{Device, Kind, Tensor};
 
 use crate::assets::Assets;
 
@@ -15,6 +15,11 @@ pub trait Experiment: Task {
 
     /// Sentences that someone who trains should read first, such as what is left out.
     fn notes(&self) -> Vec<String> {
+        Vec::new()
+    }
+
+    /// Networks that it computes with beside the trained one: the key that names each, and a checksum of its weights.
+    fn companions(&self) -> Vec<(String, String)> {
         Vec::new()
     }
 
@@ -35,6 +40,21 @@ pub trait Experiment: Task {
         pictures: usize,
         progress: &mut dyn FnMut(usize),
     ) -> Result<Examined, String>;
+}
+
+/// A checksum of a network's weights, whatever type they are stored in.
+pub(crate) fn checksum<'a>(weights: impl Iterator<Item = (&'a str, Tensor)>) -> String {
+    let mut hasher = blake3::Hasher::new();
+    for (name, tensor) in weights {
+        hasher.update(name.as_bytes());
+        let flat = tensor.detach().to_kind(Kind::Float).to_device(Device::Cpu).contiguous().view([-1]);
+        let values = Vec::<f32>::try_from(flat).unwrap_or_default();
+        values.chunks(1 << 16).for_each(|part| {
+            let bytes: Vec<u8> = part.iter().flat_map(|x| x.to_le_bytes()).collect();
+            hasher.update(&bytes);
+        });
+    }
+    hasher.finalize().to_hex().to_string()
 }
 
 /// A loss for threads beside each other, for [`Task::beside`]: on the CPU; another device does one thing at a time.
@@ -98,6 +118,11 @@ pub(crate) fn views<'a>(
         |(png, caption): (&str, String)| Some(Turned { caption, view: Turntable::from_bytes(read(&view_file(png))?)? });
     let found: Vec<Turned> = shown.into_iter().filter_map(view).collect();
     (!found.is_empty()).then_some(Block::Views(found))
+}
+
+/// "1 asset", "2 assets".
+pub(crate) fn counted(n: usize, what: &str) -> String {
+    format!("{n} {what}{}", if n == 1 { "" } else { "s" })
 }
 
 /// Which places of a ranking of `n` are shown, and why: the first `each`, the middle, the last

@@ -1,8 +1,9 @@
 //! The settings that a run's folder or a model's file holds.
 
+use std::fmt::Display;
 use std::path::Path;
 
-use riglab_config::Config;
+use riglab_config::{Config, Loader};
 use serde::de::DeserializeOwned;
 
 /// What a task is set by.
@@ -17,6 +18,17 @@ pub trait TaskSettings: DeserializeOwned {
     fn check(&self) -> Result<(), (String, String)>;
 }
 
+/// Checks that a list names nothing twice: what it names is counted once for each time.
+///
+/// # Errors
+/// (key, message) of the first that comes again.
+pub(crate) fn distinct<T: PartialEq + Display>(key: &str, list: &[T]) -> Result<(), (String, String)> {
+    match (1..list.len()).find(|&k| list[..k].contains(&list[k])) {
+        Some(k) => Err((key.into(), format!("{} is named twice, and would count twice: name it once", list[k]))),
+        None => Ok(()),
+    }
+}
+
 /// Settings as they are written, and where.
 pub struct Settings {
     name: String,
@@ -29,10 +41,23 @@ impl Settings {
     /// # Errors
     /// A sentence: no run there, or what cannot be understood.
     pub fn of_run(run: &Path) -> Result<Self, String> {
+        Self::of_run_with(run, &[])
+    }
+
+    /// As [`Self::of_run`], with values changed as `--set` does.
+    ///
+    /// # Errors
+    /// As [`Self::of_run`].
+    pub fn of_run_with(run: &Path, sets: &[String]) -> Result<Self, String> {
         let path = run.join("config.toml");
         let name = path.to_string_lossy();
-        let text = std::fs::read_to_string(&path).map_err(|e| format!("{name}: no run ({e})"))?;
-        Self::of_text(&name, &text)
+        let shown = run.display();
+        if run.is_file() {
+            return Err(format!("{shown}: a file, and no run's folder"));
+        }
+        let text = std::fs::read_to_string(&path).map_err(|e| format!("{shown}: no run here (config.toml: {e})"))?;
+        let config = Loader::new().parse(&name, &text, sets).map_err(|e| e.to_string())?;
+        Ok(Self { name: name.into(), config })
     }
 
     /// Of TOML; `name` stands in messages.
@@ -75,6 +100,13 @@ mod tests {
     use super::*;
     use crate::fsq_cvae::FsqCvaeTaskConfig;
     use crate::tokenrig::TokenRigTaskConfig;
+
+    #[test]
+    fn what_is_named_twice_is_told() {
+        assert_eq!(distinct("a", &[4, 16, 8]), Ok(()));
+        let (key, message) = distinct("eval.prefixes", &[4, 16, 8, 16]).unwrap_err();
+        assert!(key == "eval.prefixes" && message.starts_with("16 is named twice"), "{key}: {message}");
+    }
 
     #[test]
     fn a_run_says_its_task_and_faults_name_their_place() {

@@ -7,6 +7,7 @@ use std::cmp::Reverse;
 use std::collections::{BTreeMap, HashMap};
 
 use riglab_nn::params::Params;
+use riglab_train::unsound;
 use tch::Tensor;
 
 use crate::released::{Offered, plain_name};
@@ -63,7 +64,11 @@ pub fn take(params: &Params, parts: &[String], offered: &mut Offered<'_>) -> Res
                 continue;
             }
             numbers += own.numel();
-            all.insert(format!("{before}{rest}"), (offered.read)(name)?);
+            let read = (offered.read)(name)?;
+            if let Some(fault) = unsound(&read) {
+                return Err(format!("`{name}` {fault}: its training diverged; take an earlier checkpoint of it"));
+            }
+            all.insert(format!("{before}{rest}"), read);
         }
         if !missing.is_empty() || !unlike.is_empty() {
             let what = if part.is_empty() { "all of this network".into() } else { format!("all of `{part}`") };
@@ -177,6 +182,8 @@ mod tests {
         assert!(message.contains("1 of 2 tensors fit; missing: 1, `points.b.weight`"), "{message}");
         let message = refused(&["points"], &both, &[2, 4]);
         assert!(message.contains("`points.a.weight` is [2, 4], expected [2, 3]"), "{message}");
+        let message = refused(&["points"], &[("points.a.weight", 1.0), ("points.b.weight", f64::NAN)], &[2, 3]);
+        assert!(message.contains("`points.b.weight` holds NaN") && message.contains("earlier"), "{message}");
         let message = refused(&[], &both, &[2, 3]);
         assert!(message.contains("all of this network") && message.contains("`head.a.weight`"), "{message}");
     }

@@ -16,7 +16,9 @@ use serde::{Deserialize, Serialize};
 use tch::Tensor;
 
 use crate::TrainError;
+use crate::config::TrainConfig;
 use crate::run::Run;
+use crate::sound::unsound;
 use riglab_files::sync_folder;
 
 /// What a run remembers besides tensors.
@@ -98,9 +100,34 @@ impl Checkpoint {
         Ok(Self { path: path.into(), state })
     }
 
-    /// The one that a run goes on from, if it has any.
-    pub fn latest(run: &Run) -> Option<Self> {
-        Store { dir: run.path("checkpoints") }.latest()
+    /// The one that a run goes on from; `None` where it was stopped before it had any.
+    ///
+    /// # Errors
+    /// Where there was one: to begin anew would throw away what was trained.
+    pub fn latest(run: &Run, config: &TrainConfig) -> Result<Option<Self>, TrainError> {
+        let store = Store { dir: run.path(CHECKPOINTS) };
+        if let Some(found) = store.latest() {
+            return Ok(Some(found));
+        }
+        const REMEDY: &str = "put it back from a copy, or train anew in another folder (`riglab train config.toml --run \
+                              OTHER`)";
+        if let Some(damage) = store.damage() {
+            let message = format!("no checkpoint is left to go on from: {damage}; {REMEDY}");
+            return Err(TrainError::Checkpoint { path: run.dir().into(), message });
+        }
+        let steps = logged(&run.path("metrics.jsonl"));
+        // A run that is killed early has none yet.
+        let ended = run.info().is_some_and(|info| ["finished", "interrupted"].contains(&info.outcome.as_str()));
+        let saved = (config.save_every > 0 && steps > config.save_every) || ended || !store.dir.is_dir();
+        if steps == 0 || !saved {
+            return Ok(None);
+        }
+        let message = format!(
+            "{} steps were done, but no checkpoint is there, and to begin anew would replace them: {REMEDY}, or move \
+             metrics.jsonl and run.json away",
+            steps
+        );
+        Err(TrainError::Checkpoint { path: run.dir().into(), message })
     }
 
     /// The checkpoint that the rank who writes found in a run's folder.
@@ -137,6 +164,18 @@ impl Checkpoint {
         &self.state
     }
 
+    /// Whether its files can be read from end to end: one that is cut off is told by its head.
+    fn whole(self) -> Result<Self, TrainError> {
+        for name in [MODEL, AVERAGE, OPTIMIZER, KEPT] {
+            let file = self.path.join(name);
+            // Not every run has all of them.
+            if name == MODEL || file.is_file() {
+                io::Reader::open(&file)?;
+            }
+        }
+        Ok(self)
+    }
+
     /// Its folder.
     pub fn path(&self) -> &Path {
         &self.path
@@ -148,7 +187,15 @@ impl Checkpoint {
     /// When they are damaged, or of another network.
     pub fn load_weights(&self, params: &Params) -> Result<(), TrainError> {
         let file = self.weights();
-        self.take(&file, params, params.weights())
+        self.take(&file, params, params.weights())?;
+        let fault = |(name, t): (&str, &Tensor)| Some(format!("tensor `{name}` {}", unsound(t)?));
+        match params.named(params.weights()).find_map(fault) {
+            Some(fault) => {
+                let message = format!("{fault}: its training diverged, or it was damaged; take another checkpoint");
+                Err(TrainError::Checkpoint { path: file, message })
+            }
+            None => Ok(()),
+        }
     }
 
     /// The file of the weights to evaluate with.
@@ -166,6 +213,11 @@ impl Checkpoint {
         self.take(&file(MODEL), params, params.weights())?;
         if let Some(ema) = ema {
             self.take(&file(AVERAGE), params, ema.weights())?;
+        }
+        if !file(OPTIMIZER).is_file() {
+            let message =
+                "holds weights alone, no optimizer's state: begin a run of them with --set train.start.from=RUN";
+            return Err(TrainError::Checkpoint { path: self.path.clone(), message: message.into() });
         }
         let state = io::read(&file(OPTIMIZER))?;
         optimizer.load_state(params, &state).map_err(|e| self.foreign(&file(OPTIMIZER), &e))
@@ -216,21 +268,20 @@ impl Store {
 
     /// The newest complete checkpoint.
     pub fn latest(&self) -> Option<Checkpoint> {
-        let mut steps = self.steps();
-        while let Some(step) = steps.pop() {
-            if let Ok(found) = Checkpoint::open(&self.dir.join(folder(step))) {
-                return Some(found);
-            }
-        }
-        None
+        self.steps().into_iter().rev().find_map(|step| self.whole(step).ok())
+    }
+
+    fn whole(&self, step: u64) -> Result<Checkpoint, TrainError> {
+        Checkpoint::open(&self.dir.join(folder(step)))?.whole()
     }
 
     /// What is wrong with the newest checkpoint, if something is: older ones are gone on from then.
     pub fn damage(&self) -> Option<TrainError> {
-        self.steps().pop().and_then(|step| Checkpoint::open(&self.dir.join(folder(step))).err())
+        self.steps().pop().and_then(|step| self.whole(step).err())
     }
 
-    /// Writes a checkpoint, links `last` (and `best`) to it and removes the oldest beyond `keep`.
+    /// Writes a checkpoint, in place of one that is damaged, links `last` (and `best`) to it and removes the oldest beyond
+    /// `keep`.
     pub fn save(
         &self,
         params: &Params,
@@ -241,7 +292,7 @@ impl Store {
         keep: usize,
     ) -> Result<(), TrainError> {
         let target = self.dir.join(folder(state.step));
-        if !target.join(STATE).is_file() {
+        if !self.is_whole(state.step) {
             let temp = self.dir.join(format!(".tmp-{}-{}", folder(state.step), std::process::id()));
             let written = self.write(&temp, params, Some(optimizer), ema, state, kept);
             if let Err(e) = written.and_then(|()| self.put(&temp, &target)) {
@@ -250,8 +301,21 @@ impl Store {
             }
         }
         self.link("last", state.step)?;
+        self.link_best(state)?;
         self.prune(keep, state);
         Ok(())
+    }
+
+    /// Points `best` to what a state holds for it, where that is there: a run may have been killed before it was linked.
+    pub fn link_best(&self, state: &State) -> Result<(), TrainError> {
+        match state.best {
+            Some((step, _)) if self.is_whole(step) => self.link("best", step),
+            _ => Ok(()),
+        }
+    }
+
+    fn is_whole(&self, step: u64) -> bool {
+        self.whole(step).is_ok_and(|found| found.state().step == step)
     }
 
     fn write(
@@ -283,7 +347,7 @@ impl Store {
 
     fn put(&self, temp: &Path, target: &Path) -> Result<(), TrainError> {
         if target.exists() {
-            // Left over without its state: never complete.
+            // Never complete, or damaged.
             fs::remove_dir_all(target).map_err(|e| TrainError::io(target, "be replaced", &e))?;
         }
         fs::rename(temp, target)
@@ -300,11 +364,15 @@ impl Store {
             .map_err(|e| TrainError::io(&link, "be linked", &e))
     }
 
+    /// What is damaged does not count as kept, nor what a run that went on from before it has still to write anew.
     fn prune(&self, keep: usize, state: &State) {
         let best = state.best.map(|(step, _)| step);
-        let steps = self.steps();
-        for &step in &steps[..steps.len().saturating_sub(keep)] {
-            if Some(step) != best && step != state.step {
+        let (mut steps, mut kept) = (self.steps(), 0);
+        steps.retain(|&step| step <= state.step);
+        for &step in steps.iter().rev() {
+            if kept < keep && self.is_whole(step) {
+                kept += 1;
+            } else if Some(step) != best && step != state.step {
                 let _ = fs::remove_dir_all(self.dir.join(folder(step)));
             }
         }
@@ -321,6 +389,13 @@ impl Store {
         let Ok(entries) = fs::read_dir(&self.dir) else { return Vec::new() };
         entries.filter_map(|e| e.ok()?.file_name().into_string().ok()).collect()
     }
+}
+
+/// The last step that a run logged; 0 where it logged none.
+fn logged(metrics: &Path) -> u64 {
+    let text = fs::read_to_string(metrics).unwrap_or_default();
+    let step = |line: &str| serde_json::from_str::<serde_json::Value>(line).ok()?["step"].as_u64();
+    text.lines().rev().find_map(step).unwrap_or(0)
 }
 
 fn folder(step: u64) -> String {
@@ -349,6 +424,34 @@ mod tests {
         assert_eq!(named_by(&run), (dir.path().to_path_buf(), "last".to_string()));
         fs::write(run.join("config.toml"), "").unwrap();
         assert_eq!(named_by(&run), (run.clone(), "best".to_string()));
+    }
+
+    #[test]
+    fn what_was_trained_is_not_begun_anew() {
+        let dir = tempfile::tempdir().unwrap();
+        let run = Run::create(&dir.path().join("run"), "").unwrap();
+        let config = TrainConfig { save_every: 4, ..TrainConfig::default() };
+        let latest =
+            |config: &TrainConfig| Checkpoint::latest(&run, config).map(|c| c.is_some()).map_err(|e| e.to_string());
+        let steps = |n: u64| {
+            let lines: String = (1..=n).map(|step| format!("{{\"step\": {step}}}\n")).collect();
+            fs::write(run.path("metrics.jsonl"), lines + "{\"step\": 9").unwrap();
+        };
+        assert_eq!(latest(&config), Ok(false));
+        // Killed before its first checkpoint.
+        steps(4);
+        assert_eq!(latest(&config), Ok(false));
+        steps(7);
+        let said = latest(&config).unwrap_err();
+        assert!(said.contains("7 steps were done") && said.contains("--run OTHER"), "{said}");
+        let rarely = TrainConfig { save_every: 0, ..config };
+        assert_eq!(latest(&rarely), Ok(false));
+        run.write_info(&crate::RunInfo { outcome: "finished".into(), ..Default::default() }).unwrap();
+        assert!(latest(&rarely).is_err(), "its last step is saved in any case");
+        // One that nobody can read.
+        fs::create_dir_all(run.path("checkpoints/step-00000004")).unwrap();
+        let said = latest(&rarely).unwrap_err();
+        assert!(said.contains("no checkpoint is left") && said.contains("step-00000004"), "{said}");
     }
 
     #[test]

@@ -59,6 +59,7 @@ pub fn estimate<T: Task>(task: &T, config: &TrainConfig) -> Result<Estimate, Tra
     let mut stepper = Stepper::new(task, config, &ALONE)?;
     // As the last steps are: parts of a loss that the first ones do without have their weights there.
     let mut step = config.steps.saturating_sub(WARM + 1 + TIMED.end);
+    step -= step % task.period().max(1);
     let mut batches = stepper.batches(task, step);
     let (mut warm, begin) = (0, Instant::now());
     while warm == 0 || (warm < WARM && begin.elapsed().as_secs_f64() < SECONDS) {

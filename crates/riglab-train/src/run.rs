@@ -52,6 +52,9 @@ pub struct RunInfo {
     pub device: String,
     /// Corpora: path, checksum and number of assets.
     pub data: Vec<(String, String, usize)>,
+    /// Networks that it computes with beside the trained one: the key that names each, and a checksum of its weights.
+    #[serde(default)]
+    pub companions: Vec<(String, String)>,
     /// Numbers in the network.
     pub parameters: usize,
     /// When it began, UTC.

@@ -133,6 +133,12 @@ pub trait Task {
         None
     }
 
+    /// How many steps belong together, from the first on: a run begins, or goes on without what was kept, at the first of
+    /// them only.
+    fn period(&self) -> u64 {
+        1
+    }
+
     /// Validates weights.
     ///
     /// # Errors

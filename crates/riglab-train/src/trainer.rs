@@ -57,11 +57,10 @@ pub fn train<T: Task>(
 ) -> Result<Outcome, TrainError> {
     config.validate().map_err(|(key, message)| TrainError::Config { key, message })?;
     let mut stepper = Stepper::new(task, config, ranks)?;
+    let latest = if ranks.leads() { Checkpoint::latest(run, config)? } else { None };
     let store = if ranks.leads() { Some(Store::new(run.path("checkpoints"))?) } else { None };
-    let latest = store.as_ref().and_then(Store::latest);
-    if let Some(damage) = store.as_ref().and_then(Store::damage) {
-        let from = latest.as_ref().map_or("anew".into(), |c| format!("from step {}", c.state().step));
-        tell(format_args!("warning: {damage}; going on {from}"));
+    if let (Some(damage), Some(latest)) = (store.as_ref().and_then(Store::damage), &latest) {
+        tell(format_args!("warning: {damage}; going on from step {}", latest.state().step));
     }
     let last = match ranks.told(latest.as_ref().map(|c| c.state().step))? {
         Some(step) if latest.is_none() => Some(Checkpoint::of_step(run, step)?),
@@ -87,6 +86,7 @@ pub fn train<T: Task>(
     }
     let mut writes = None;
     if let Some(store) = store {
+        store.link_best(&state)?;
         let mut logs = Logs::open(run, state.step)?;
         if state.step == 0 {
             let text = std::fs::read_to_string(run.path("config.toml")).unwrap_or_default();
@@ -164,6 +164,13 @@ impl<T: Task> Trainer<'_, T> {
             }
         }
         progress.finish();
+        if ended == Ended::Finished && self.state.skipped == self.state.step {
+            return Err(TrainError::NotFinite(format!(
+                "no step was taken: none of {} gave a finite loss and gradient, so the weights are those that it began \
+                 with. Lower train.optim.muon_lr and train.optim.adamw_lr, or try precision = \"fp32\"",
+                self.state.step
+            )));
+        }
         let seconds = start.elapsed().as_secs_f64();
         Ok(Outcome {
             ended,
@@ -225,7 +232,7 @@ impl<T: Task> Trainer<'_, T> {
         let at = At { seed: self.config.seed, step, batch: step * self.config.accumulate, ranks: self.ranks };
         let mut found: Validation = {
             let _no_grad = tch::no_grad_guard();
-            task.validate(weights, at).map_err(TrainError::Task)?
+            task.validate(weights, at).map_err(|e| TrainError::Task(format!("validation at step {step}: {e}")))?
         };
         // What follows from it must be the same on machines that differ.
         found.metrics = self.ranks.told(found.metrics)?;
@@ -255,15 +262,10 @@ impl<T: Task> Trainer<'_, T> {
     }
 
     fn save(&mut self, task: &T) -> Result<(), TrainError> {
-        let best = self.best_is_now();
         let Some(Writes { store, logs }) = &mut self.writes else { return Ok(()) };
         logs.sync()?;
         let (optimizer, ema) = (&self.stepper.optimizer, self.stepper.ema.as_ref());
-        store.save(task.params(), optimizer, ema, &self.state, &task.kept(), self.config.keep)?;
-        if best {
-            store.link("best", self.state.step)?;
-        }
-        Ok(())
+        store.save(task.params(), optimizer, ema, &self.state, &task.kept(), self.config.keep)
     }
 
     fn perf(&mut self, waited: Duration) -> Result<(), TrainError> {

@@ -169,7 +169,10 @@ impl Subject {
                 } else {
                     notes.push(SubjectNote::RigIgnored { joints: reading.joints.len() });
                     // The model stands as it was bound then, not as the file shows it.
-                    let moved = reading.warnings.iter().filter(|w| matches!(w, Warning::RestIsNotBind { .. } | Warning::Bent { .. }));
+                    let moved = reading
+                        .warnings
+                        .iter()
+                        .filter(|w| matches!(w, Warning::RestIsNotBind { .. } | Warning::Bent { .. }));
                     notes.extend(moved.cloned().map(SubjectNote::Read));
                     let bare = gltf::export::strip(bytes, folder, &reading).map_err(|e| fail(fault(e)))?;
                     notes.extend(bare.notes.into_iter().map(SubjectNote::Stripped));

@@ -141,9 +141,7 @@ pub(super) fn groups(runs: &[Compared], of: &[&Findings]) -> Option<Table> {
                     Cell::text(if category.is_empty() { "without" } else { category }),
                     Cell::count(names.len()),
                 ];
-                cells.extend(
-                    means.iter().enumerate().map(|(k, m)| Cell::number(*m, metric.digits).strong_if(best == Some(k))),
-                );
+                cells.extend(means.iter().enumerate().map(|(k, m)| Cell::number(*m, metric.digits).strong_if(best[k])));
                 table.row(cells);
             }
         }

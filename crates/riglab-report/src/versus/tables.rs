@@ -44,7 +44,7 @@ pub(super) fn side_by_side(runs: &[Compared], of: &[&Findings]) -> Vec<Table> {
             }
             own_rows = if own { rows.len() } else { own_rows };
         }
-        let best: Vec<Option<usize>> = names
+        let best: Vec<Vec<bool>> = names
             .iter()
             .enumerate()
             .map(|(c, m)| m.best(&rows.iter().map(|(_, values)| values[c]).collect::<Vec<_>>()))
@@ -54,7 +54,7 @@ pub(super) fn side_by_side(runs: &[Compared], of: &[&Findings]) -> Vec<Table> {
                 table.line();
             }
             let numbers = values.iter().zip(&names).zip(&best);
-            cells.extend(numbers.map(|((v, m), best)| Cell::number(*v, m.digits).strong_if(*best == Some(n))));
+            cells.extend(numbers.map(|((v, m), best)| Cell::number(*v, m.digits).strong_if(best[n])));
             table.row(cells);
         }
         let published = of[0].published_rows();

@@ -6,7 +6,7 @@ use riglab_train::TrainConfig;
 use serde::{Deserialize, Serialize};
 
 use crate::assets::DataConfig;
-use crate::settings::TaskSettings;
+use crate::settings::{TaskSettings, distinct};
 
 /// Everything a run of the FSQ-CVAE is made of.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -180,6 +180,7 @@ impl FsqCvaeTaskConfig {
     /// (key path, message) of the first fault.
     pub fn validate(&self) -> Result<(), (String, String)> {
         let at = |part: &str, e: (&str, String)| (format!("{part}.{}", e.0), e.1);
+        self.data.validate()?;
         self.model.validate().map_err(|e| at("model", e))?;
         self.augment.validate().map_err(|e| at("augment", e))?;
         self.train.validate().map_err(|(k, m)| (format!("train.{k}"), m))?;
@@ -269,9 +270,11 @@ impl FsqCvaeTaskConfig {
                 format!("a prefix of {k} codes, the model has {fewest} to {}", self.model.skin_tokens),
             );
         }
-        if self.eval.prefixes.is_empty() || self.eval.cuts.is_empty() {
-            return fault("eval", "give at least one prefix and one cut".into());
+        distinct("eval.prefixes", &self.eval.prefixes)?;
+        if self.eval.prefixes.is_empty() {
+            return fault("eval.prefixes", "give at least one prefix".into());
         }
+        cuts("eval.cuts", &self.eval.cuts)?;
         cells("eval.baseline_resolution", self.eval.baseline_resolution)
     }
 }
@@ -281,6 +284,18 @@ impl TaskSettings for FsqCvaeTaskConfig {
 
     fn check(&self) -> Result<(), (String, String)> {
         self.validate()
+    }
+}
+
+/// Checks the cuts that a decode rule's is chosen among.
+///
+/// # Errors
+/// (key path, message).
+pub(crate) fn cuts(key: &str, all: &[f32]) -> Result<(), (String, String)> {
+    match all.iter().find(|cut| !(0.0..1.0).contains(*cut)) {
+        Some(cut) => Err((key.into(), format!("a cut of {cut} must lie in [0, 1): weights below it are dropped"))),
+        None if all.is_empty() => Err((key.into(), "give at least one cut".into())),
+        None => Ok(()),
     }
 }
 
@@ -295,6 +310,23 @@ pub(crate) fn cells(key: &str, n: usize) -> Result<(), (String, String)> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn what_would_count_twice_and_cuts_that_keep_nothing_are_refused() {
+        let key = |change: fn(&mut FsqCvaeTaskConfig)| {
+            let mut config = FsqCvaeTaskConfig::default();
+            change(&mut config);
+            config.validate().map_err(|(key, _)| key)
+        };
+        assert_eq!(key(|c| c.eval.prefixes = vec![16, 4, 16]), Err("eval.prefixes".into()));
+        assert_eq!(key(|c| c.eval.prefixes.clear()), Err("eval.prefixes".into()));
+        assert_eq!(key(|c| c.eval.cuts = vec![0.1, 2.0]), Err("eval.cuts".into()));
+        assert_eq!(key(|c| c.eval.cuts.clear()), Err("eval.cuts".into()));
+        assert_eq!(key(|c| c.data.test = vec!["a".into(), "a".into()]), Err("data.test".into()));
+        assert_eq!(key(|c| c.data.train = vec!["a".into(), "b".into(), "a".into()]), Err("data.train".into()));
+        // How often a length is drawn is said by how often it is named.
+        assert_eq!(key(|c| c.sampling.prefix.lengths = vec![4, 4, 8]), Ok(()));
+    }
 
     #[test]
     fn no_code_at_all_needs_a_prior_and_noise_needs_levels() {

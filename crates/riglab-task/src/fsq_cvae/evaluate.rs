@@ -17,6 +17,7 @@ use tch::{Kind, Tensor};
 use super::FsqCvaeTask;
 use super::batch::prepared;
 use super::coder::Coder;
+use super::gallery::finite;
 use super::prepare::{Point, Prepared};
 use crate::assets::AssetId;
 
@@ -319,6 +320,7 @@ impl FsqCvaeTask {
             let joints = encoded.rig.bones.len();
             let truth = Truth::new(&encoded.rig, Some((limit, at.seed ^ id.key())));
             let predicted = self.decode(w, &encoded, &encoded.codes, tokens, &truth.points);
+            finite(&predicted)?;
             let cuts = self.config.eval.cuts.iter();
             let ruled = cuts.map(|&cut| SkinTally::of(&truth.dense, &ruled(&predicted, joints, cut), joints)).collect();
             Ok((SkinTally::of(&truth.dense, &predicted, joints), ruled))
@@ -355,6 +357,7 @@ impl FsqCvaeTask {
             let joints = encoded.rig.bones.len();
             let truth = Truth::new(&encoded.rig, None);
             let predicted = self.decode(w, &encoded, &encoded.codes, all, &truth.points);
+            finite(&predicted)?;
             for (sums, &cut) in rules.iter_mut().zip(&self.config.eval.cuts) {
                 sums.add(&SkinTally::of(&truth.dense, &ruled(&predicted, joints, cut), joints));
             }
@@ -431,6 +434,7 @@ impl FsqCvaeTask {
             };
             for &k in &self.config.eval.prefixes {
                 let predicted = self.decode(w, &encoded, &encoded.codes, k, &truth.points);
+                finite(&predicted)?;
                 let raw = tally((k, "raw"), &predicted);
                 let rule = tally((k, "rule"), &ruled(&predicted, joints, report.cut));
                 if k == *self.config.eval.prefixes.iter().max().unwrap_or(&all) {

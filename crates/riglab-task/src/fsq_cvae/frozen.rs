@@ -24,6 +24,10 @@ pub struct Frozen {
     device: Device,
 }
 
+/// What to do where there is none.
+const REMEDY: &str = "train an auto-encoder with `riglab train skintokens/fsq_cvae_with_prior.toml` and give its folder \
+                      as skin.run";
+
 /// Codes that are real numbers are no tokens.
 fn has_tokens(config: &FsqCvaeTaskConfig) -> Result<(), String> {
     const REFUSED: &str = "the codes of this auto-encoder are real numbers, of which no tokens can be made: train one \
@@ -46,6 +50,12 @@ impl Frozen {
         if run.is_file() {
             return Self::of_file(run, device);
         }
+        if !run.exists() {
+            return Err(format!(
+                "skin.run: there is no {}; if it was moved, say where it is (--set skin.run=PATH), or {REMEDY}",
+                run.display()
+            ));
+        }
         let (run, checkpoint) = named_by(run);
         Self::of_run(&run, &checkpoint, device).map(|(own, _)| own)
     }
@@ -55,8 +65,6 @@ impl Frozen {
     /// # Errors
     /// As [`Self::open`].
     pub fn of_run(run: &Path, checkpoint: &str, device: Device) -> Result<(Self, State), String> {
-        const REMEDY: &str = "train an auto-encoder with `riglab train skintokens/fsq_cvae_with_prior.toml` and give its \
-                              folder as skin.run";
         let settings = Settings::of_run(run).map_err(|e| format!("{e}; {REMEDY}"))?;
         let (name, task) = (settings.name(), settings.task());
         if !settings.are::<FsqCvaeTaskConfig>() {

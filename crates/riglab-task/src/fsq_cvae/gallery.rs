@@ -78,6 +78,7 @@ impl FsqCvaeTask {
         let few = self.config.eval.prefixes.iter().copied().min().unwrap_or(all);
         let weights = |k: usize| {
             let raw = self.decode(w, encoded, &encoded.codes, k, &truth.points);
+            finite(&raw)?;
             let dense = ruled(&raw, joints, cut);
             sparse(rig, &dense).map(|sparse| (dense, sparse))
         };
@@ -128,8 +129,8 @@ pub(crate) fn worst_bone(truth: &[f32], predicted: &[f32], joints: usize) -> usi
 pub(crate) fn finite(dense: &[f32]) -> Result<(), String> {
     match dense.iter().all(|x| x.is_finite()) {
         true => Ok(()),
-        false => Err("the network gives no finite weights: its training went astray; lower train.optim.muon_lr and \
-                      train.optim.adamw_lr"
+        false => Err("the network gives no finite weights: its training diverged; lower train.optim.muon_lr and \
+                      train.optim.adamw_lr, and train anew"
             .into()),
     }
 }
@@ -141,7 +142,13 @@ pub(crate) fn sparse(rig: &Prepared, dense: &[f32]) -> Result<SkinWeights, Strin
     let rows = dense
         .chunks_exact(joints.len())
         .map(|row| row.iter().zip(&joints).filter(|(w, _)| **w > 0.0).map(|(&w, j)| (j.index() as u16, f64::from(w))));
-    SkinWeights::normalized(rows).map_err(|e| format!("{}: predicted weights are not weights: {e}", rig.name))
+    SkinWeights::normalized(rows).map_err(|e| {
+        format!(
+            "{}: what the network gives are no weights ({e}): its training diverged, or has hardly begun; lower \
+             train.optim.muon_lr and train.optim.adamw_lr, or train longer",
+            rig.name
+        )
+    })
 }
 
 #[cfg(test)]

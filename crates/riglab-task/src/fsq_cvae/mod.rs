@@ -24,8 +24,8 @@ use tch::{Device, Kind, Tensor};
 
 pub use batch::{Batch, BatchSource};
 pub use coder::Coder;
-pub(crate) use config::cells;
 pub use config::{EvalConfig, FsqCvaeTaskConfig, LossConfig, PointMix, PrefixConfig, SamplingConfig};
+pub(crate) use config::{cells, cuts};
 pub use evaluate::{AssetRow, BoneCodes, CodebookRow, Encoded, Report, Row, Truth, ruled};
 pub use frozen::Frozen;
 pub use gallery::Shown;

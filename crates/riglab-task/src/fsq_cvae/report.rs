@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use super::evaluate::{Report, Row};
 use super::gallery::Shown;
-use crate::experiment::views;
+use crate::experiment::{counted, views};
 
 /// What `riglab eval` writes.
 #[derive(Clone, Debug, Serialize, Deserialize)]
@@ -52,7 +52,7 @@ impl Evaluation {
         let of = report.convention.as_str();
         let total = |r: &Row| Total {
             split: r.split.clone(),
-            method: if r.own() { format!("{}, {} codes", r.method, r.tokens) } else { r.method.clone() },
+            method: if r.own() { format!("{}, {}", r.method, counted(r.tokens, "code")) } else { r.method.clone() },
             own: r.own(),
             assets: r.assets,
             values: vec![
@@ -144,8 +144,13 @@ fn verdict(report: &Report, split: &str) -> String {
     let other = rows().filter(|r| !r.own()).max_by(|a, b| a.pooled.iou.total_cmp(&b.pooled.iou));
     let Some(ours) = ours else { return format!("{split}: nothing was evaluated.") };
     let said = format!(
-        "{split}: over {} assets, {} codes a bone give IoU {:.3} ({:.3} as the mean of assets) and L1 {:.4}",
-        ours.assets, ours.tokens, ours.pooled.iou, ours.per_rig.iou, ours.pooled.l1
+        "{split}: over {}, {} a bone {} IoU {:.3} ({:.3} as the mean of assets) and L1 {:.4}",
+        counted(ours.assets, "asset"),
+        counted(ours.tokens, "code"),
+        if ours.tokens == 1 { "gives" } else { "give" },
+        ours.pooled.iou,
+        ours.per_rig.iou,
+        ours.pooled.l1
     );
     match other {
         Some(b) => {
@@ -160,7 +165,7 @@ fn table(report: &Report, split: &str) -> Table {
     let rows: Vec<&Row> = report.rows.iter().filter(|r| r.split == split).collect();
     let assets = rows.first().map_or(0, |r| r.assets);
     let head = ["method", "tokens", "IoU", "IoU per rig", "L1", "precision", "recall", "mask"];
-    let mut table = Table::new(format!("{split}: {assets} assets, all vertices"), &head);
+    let mut table = Table::new(format!("{split}: {}, all vertices", counted(assets, "asset")), &head);
     let most = rows.iter().map(|r| r.pooled.iou).fold(f64::NAN, f64::max);
     let most_each = rows.iter().map(|r| r.per_rig.iou).fold(f64::NAN, f64::max);
     let least = rows.iter().map(|r| r.pooled.l1).fold(f64::NAN, f64::min);

@@ -1,13 +1,14 @@
 //! An evaluation as lines for a terminal.
 
 use super::evaluate::{Report, Row};
+use crate::experiment::counted;
 
 /// The tables of all splits.
 pub fn lines(report: &Report) -> Vec<String> {
     let mut out = vec![format!("convention {}, decode rule: cut {}, top 4", report.convention, report.cut)];
     for (split, codes) in &report.codebook {
         let rows: Vec<&Row> = report.rows.iter().filter(|r| r.split == *split).collect();
-        out.push(format!("\n{split} ({} assets)", rows.first().map_or(0, |r| r.assets)));
+        out.push(format!("\n{split} ({})", counted(rows.first().map_or(0, |r| r.assets), "asset")));
         out.push(format!(
             "{:34} {:>6} {:>7} {:>8} {:>8} {:>6} {:>6} {:>6}",
             "method", "tokens", "IoU", "per rig", "L1", "prec.", "recall", "mask"

@@ -87,6 +87,9 @@ pub struct RolloutConfig {
     pub precision: Precision,
 }
 
+/// The highest temperature: beyond it, draws are as good as even over all that may follow.
+const HOTTEST: f32 = 100.0;
+
 impl Default for RolloutConfig {
     fn default() -> Self {
         Self {
@@ -158,6 +161,7 @@ impl GrpoTaskConfig {
     /// (key, message) of the first fault.
     pub fn validate(&self) -> Result<(), (String, String)> {
         let bad = |key: &str, message: String| Err((key.to_owned(), message));
+        self.data.validate()?;
         self.augment.validate().map_err(|(key, message)| (format!("augment.{key}"), message))?;
         self.train.validate().map_err(|(key, message)| (format!("train.{key}"), message))?;
         if !self.train.start.is_none() {
@@ -187,8 +191,9 @@ impl GrpoTaskConfig {
             let all = r.meshes * r.group;
             return bad("rollout.minibatches", format!("{all} rigs cannot be dealt into {} steps", r.minibatches));
         }
-        if !(r.temperature > 0.0 && r.temperature.is_finite()) {
-            return bad("rollout.temperature", format!("temperature = {} must be above 0", r.temperature));
+        if !(r.temperature > 0.0 && r.temperature <= HOTTEST) {
+            let message = format!("temperature = {} must be above 0 and at most {HOTTEST}", r.temperature);
+            return bad("rollout.temperature", message);
         }
         // Each batch of a step is a rollout of its own; one that is gone over several times is kept from step to step.
         if self.train.accumulate != 1 && r.updates() != 1 {
@@ -204,8 +209,12 @@ impl GrpoTaskConfig {
         if self.eval.consensus != 1 {
             return bad("eval.consensus", "GRPO is judged by `held_out.draws` rigs a mesh: leave it at 1".into());
         }
-        if !(self.guard.divergence > 0.0 && self.guard.worse >= 1.0) {
-            return bad("guard.divergence", "divergence must be above 0, and worse 1 or more".into());
+        let GuardConfig { divergence, worse } = self.guard;
+        if divergence.is_nan() || divergence <= 0.0 {
+            return bad("guard.divergence", format!("divergence = {divergence} must be above 0"));
+        }
+        if worse.is_nan() || worse < 1.0 {
+            return bad("guard.worse", format!("worse = {worse} is a factor: give 1 or more"));
         }
         Ok(())
     }
@@ -239,6 +248,9 @@ mod tests {
         assert_eq!(of(|c| c.reward.weights[1] = -1.0), Err("reward.weights".into()));
         assert_eq!(of(|c| c.train.start.from = "a".into()), Err("train.start".into()));
         assert_eq!(of(|c| c.objective.clip = 0.0), Err("objective.clip".into()));
-        assert_eq!(of(|c| c.guard.worse = 0.5), Err("guard.divergence".into()));
+        assert_eq!(of(|c| c.guard.worse = 0.5), Err("guard.worse".into()));
+        assert_eq!(of(|c| c.guard.divergence = 0.0), Err("guard.divergence".into()));
+        assert_eq!(of(|c| c.rollout.temperature = 1e30), Err("rollout.temperature".into()));
+        assert_eq!(of(|c| c.data.test = vec!["a".into(), "a".into()]), Err("data.test".into()));
     }
 }

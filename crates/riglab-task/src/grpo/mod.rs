@@ -39,7 +39,7 @@ use rollout::{floats, settle};
 pub use score::{Judged, candidates, rewards};
 
 use crate::assets::{Assets, DataConfig};
-use crate::experiment::{Examined, Experiment};
+use crate::experiment::{Examined, Experiment, checksum};
 use crate::settings::{Settings, TaskSettings};
 use crate::tokenrig::{Card, Rigger, TokenRigTask, TokenRigTaskConfig};
 use crate::unirig_skeleton::{self, SkeletonTask, SkeletonTaskConfig, Trained};
@@ -94,6 +94,15 @@ impl GrpoTask {
         let start = policy.params().weights().detached_copy();
         let (rollout, held) = (RefCell::default(), RefCell::default());
         Ok(Self { config, policy, start, rollout, first: Cell::new(None), held })
+    }
+
+    /// Whether a run's settings are of skeletons alone: of a model that makes no weights.
+    ///
+    /// # Errors
+    /// A sentence: the model to start from cannot be read.
+    pub fn of_skeletons(settings: &Settings, device: Device) -> Result<bool, String> {
+        let config: GrpoTaskConfig = settings.get()?;
+        Ok(matches!(Start::open(&config, device)?, Start::Skeletons(_)))
     }
 
     /// The policy as a model that makes rigs; `None` where it draws skeletons alone.
@@ -249,7 +258,10 @@ pub(crate) fn of_run(
     let checkpoint = Checkpoint::open(&run.join("checkpoints").join(checkpoint)).map_err(|e| e.to_string())?;
     checkpoint.load_weights(rigger.params()).map_err(|e| e.to_string())?;
     let name = run.display().to_string();
-    let text = format!("The run {name}: {}, refined by rewards.\n\n{}", card.name, card.text);
+    // A folder's path is of use on one machine only.
+    let start = Path::new(&card.name).file_name().map_or(card.name.clone(), |n| n.to_string_lossy().into_owned());
+    let text = format!("{start}, refined by rewards.\n\n{}", card.text);
+    let text = text.trim_end().to_string();
     Ok((rigger, Card { name, state: checkpoint.state().clone(), text }))
 }
 
@@ -274,6 +286,10 @@ impl Task for GrpoTask {
             cache: pool.cache.clone(),
             meshes: Mixture::new(self.config.train.seed, pool.train.to_vec()),
         })
+    }
+
+    fn period(&self) -> u64 {
+        self.config.rollout.updates()
     }
 
     fn loss(&self, w: &Weights, batch: &Batch, at: At) -> Result<Loss, String> {
@@ -315,6 +331,11 @@ impl Experiment for GrpoTask {
 
     fn notes(&self) -> Vec<String> {
         self.policy.notes()
+    }
+
+    fn companions(&self) -> Vec<(String, String)> {
+        let named = self.params().named(&self.start).map(|(name, tensor)| (name, tensor.shallow_clone()));
+        vec![("start.model".into(), checksum(named))]
     }
 
     fn examination_steps(&self) -> Result<usize, String> {

@@ -135,6 +135,12 @@ impl Evaluation {
         let pairs = self.report.gains.iter().zip(self.report.rows.chunks_exact(2));
         blocks.extend(pairs.map(|(gain, pair)| Block::Text(verdict(gain, pair))));
         blocks.push(Block::Table(self.table()));
+        if let Some(last) = self.report.rows.last() {
+            let how = last.skeletons.method.strip_prefix("after").unwrap_or_default();
+            blocks.push(Block::Text(format!(
+                "Pictures, their rewards, and the spread over assets are of the rigs of the rows \"before{how}\" and \"after{how}\"."
+            )));
+        }
         if !self.gallery.is_empty() {
             blocks.push(Block::Heading("Rigs before and after, from the most gained to the most lost".into()));
         }
@@ -223,12 +229,13 @@ fn verdict(gain: &Gain, pair: &[Row]) -> String {
     let change = |p: &Paired, by: f64| {
         format!("{:+.3} (95 % interval {:+.3} to {:+.3})", by * p.difference, by * p.low, by * p.high)
     };
-    let moved = |was: f64, is: f64| if is <= was { "not worse" } else { "worse" };
+    // Without an interval, no more is said than what the figures are.
+    let moved = |was: f64, is: f64| format!("{:.3}, {:.3} before", 100.0 * is, 100.0 * was);
     let (s, t) = (&before.skeletons, &after.skeletons);
     format!(
-        "{}{how}: over {} meshes the mean reward changed by {}, J2J x 100 by {}; J2B is {}, B2B {}.",
+        "{}{how}: over {} the mean reward changed by {}, J2J x 100 by {}; J2B x 100 is {}, B2B x 100 {}.",
         gain.split,
-        gain.reward.n,
+        if gain.reward.n == 1 { "1 mesh".into() } else { format!("{} meshes", gain.reward.n) },
         change(&gain.reward, 1.0),
         change(&gain.j2j, 100.0),
         moved(s.j2b, t.j2b),

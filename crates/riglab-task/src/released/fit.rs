@@ -25,6 +25,8 @@ pub struct Fit {
     pub left_over: Vec<(String, Vec<i64>)>,
     /// Sentences about what fits by its shape, but not by what it is.
     pub wrong: Vec<String>,
+    /// Sentences about what has its shape, but holds numbers that are no weights.
+    pub unsound: Vec<String>,
 }
 
 impl Fit {
@@ -44,6 +46,7 @@ impl Fit {
             unneeded: Vec::new(),
             left_over: Vec::new(),
             wrong: Vec::new(),
+            unsound: Vec::new(),
         };
         let mut own = BTreeSet::new();
         for (name, wanted) in network.shapes() {
@@ -76,9 +79,14 @@ impl Fit {
         self.wrong.push(format!("`{name}` is not `{from}`, as this network has it"));
     }
 
+    /// Tells that a tensor's numbers are no weights.
+    pub(super) fn unsound(&mut self, name: &str, fault: &str) {
+        self.unsound.push(format!("`{name}` {fault}"));
+    }
+
     /// Whether every parameter is there as it should be.
     pub fn is_whole(&self) -> bool {
-        self.missing.is_empty() && self.unlike.is_empty() && self.wrong.is_empty()
+        self.missing.is_empty() && self.unlike.is_empty() && self.wrong.is_empty() && self.unsound.is_empty()
     }
 
     /// A line for each thing that there is to say; at most `most` of each kind.
@@ -86,7 +94,8 @@ impl Fit {
         let (count, numbers) = self.fitting;
         let before = if self.prefix.is_empty() { String::new() } else { format!(" (names after `{}`)", self.prefix) };
         let title = self.model.title();
-        let mut out = vec![format!("{title}{before}: {count} tensors fit, {:.2} M numbers", numbers as f64 / 1e6)];
+        let fit = if count == 1 { "tensor fits" } else { "tensors fit" };
+        let mut out = vec![format!("{title}{before}: {count} {fit}, {:.2} M numbers", numbers as f64 / 1e6)];
         let shape = |s: &[i64]| format!("{s:?}");
         let missing = self.missing.iter().map(|(n, s)| format!("`{n}` {}", shape(s)));
         let unlike = self.unlike.iter().map(|(n, f, w)| format!("`{n}` is {}, expected {}", shape(f), shape(w)));
@@ -95,6 +104,7 @@ impl Fit {
         list(&mut out, "missing", missing.collect(), most);
         list(&mut out, "of another shape", unlike.collect(), most);
         list(&mut out, "other than they should be", self.wrong.clone(), most);
+        list(&mut out, "no weights", self.unsound.clone(), most);
         list(&mut out, "left over, without a place", left_over.collect(), most);
         list(&mut out, "not needed", unneeded.collect(), most);
         out

@@ -24,6 +24,7 @@ use riglab_nn::skeleton::SkeletonModel;
 use riglab_nn::skin_stage::SkinModel;
 use riglab_nn::tokenrig::{Layout, TokenRig};
 use riglab_token::Tokenizer;
+use riglab_train::unsound;
 use serde::Serialize;
 use tch::{Device, Kind, Tensor};
 
@@ -119,7 +120,13 @@ impl<'o, 'a> Part<'o, 'a> {
         }
         let all = network.shapes().map(|(name, _)| Ok((name.to_string(), self.read(name)?)));
         let all: Tensors = all.collect::<Result<_, String>>()?;
-        Ok((fit, Some(all)))
+        for (name, tensor) in &all {
+            if let Some(fault) = unsound(tensor) {
+                fit.unsound(name, &fault);
+            }
+        }
+        let whole = fit.is_whole();
+        Ok((fit, whole.then_some(all)))
     }
 
     fn read(&mut self, own: &str) -> Result<Tensor, String> {

@@ -36,7 +36,15 @@ impl Rigger {
     /// # Errors
     /// A sentence.
     pub fn of_run(run: &Path, checkpoint: &str, device: Device) -> Result<(Self, Card), String> {
-        let settings = Settings::of_run(run)?;
+        Self::of_run_with(run, checkpoint, &[], device)
+    }
+
+    /// As [`Self::of_run`], with settings changed as `--set` does: where models lie that the run builds on.
+    ///
+    /// # Errors
+    /// A sentence.
+    pub fn of_run_with(run: &Path, checkpoint: &str, sets: &[String], device: Device) -> Result<(Self, Card), String> {
+        let settings = Settings::of_run_with(run, sets)?;
         if settings.are::<GrpoTaskConfig>() {
             return crate::grpo::of_run(run, &settings, checkpoint, device);
         }
@@ -47,7 +55,9 @@ impl Rigger {
         let checkpoint = Checkpoint::open(&run.join("checkpoints").join(checkpoint)).map_err(|e| e.to_string())?;
         checkpoint.load_weights(&rigger.params).map_err(|e| e.to_string())?;
         let name = run.display().to_string();
-        let card = Card { text: format!("The run {name}."), name, state: checkpoint.state().clone() };
+        // One that was exported or imported has what was known of it.
+        let text = std::fs::read_to_string(run.join("card.md")).unwrap_or_default();
+        let card = Card { name, state: checkpoint.state().clone(), text };
         Ok((rigger, card))
     }
 
@@ -94,7 +104,7 @@ impl Rigger {
 fn rig_config(settings: &Settings) -> Result<TokenRigTaskConfig, String> {
     if !settings.are::<TokenRigTaskConfig>() {
         let (name, task) = (settings.name(), settings.task());
-        return Err(format!("{name}: a run of task `{task}`, but only `tokenrig` and `grpo` make rigs"));
+        return Err(format!("{name}: of task `{task}`, but only models of `tokenrig` and `grpo` make rigs"));
     }
     settings.get()
 }

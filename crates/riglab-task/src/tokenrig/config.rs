@@ -13,7 +13,7 @@ use serde::{Deserialize, Serialize};
 use crate::assets::DataConfig;
 use crate::fsq_cvae::cells;
 use crate::sequences::Sequences;
-use crate::settings::TaskSettings;
+use crate::settings::{TaskSettings, distinct};
 use crate::unirig_skeleton::agree::Agreement;
 
 /// Everything a run of TokenRig is made of.
@@ -214,6 +214,7 @@ impl TokenRigTaskConfig {
     /// (key, message) of the first fault.
     pub fn validate(&self) -> Result<(), (String, String)> {
         let bad = |key: &str, message: String| Err((key.to_owned(), message));
+        self.data.validate()?;
         self.model.validate().map_err(|(key, message)| (format!("model.{key}"), message))?;
         self.augment.validate().map_err(|(key, message)| (format!("augment.{key}"), message))?;
         self.train.validate().map_err(|(key, message)| (format!("train.{key}"), message))?;
@@ -236,6 +237,7 @@ impl TokenRigTaskConfig {
         if let Some(share) = self.eval.complete.iter().find(|share| !(0.0..1.0).contains(*share)) {
             return bad("eval.complete", format!("{share} is no share of joints to complete: give 0 up to below 1"));
         }
+        distinct("eval.complete", &self.eval.complete)?;
         if self.skin.codes == 0 {
             return bad("skin.codes", "a bone has at least 1 code".into());
         }

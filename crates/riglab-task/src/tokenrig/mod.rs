@@ -41,7 +41,7 @@ pub use skinner::Skinner;
 
 use crate::assets::{AssetId, Assets, Cache};
 pub use crate::bundle::Card;
-use crate::experiment::{Examined, Experiment, beside};
+use crate::experiment::{Examined, Experiment, beside, checksum};
 use crate::fsq_cvae::Frozen;
 use crate::sequences::LeftOut;
 use crate::settings::TaskSettings;
@@ -150,6 +150,12 @@ impl Experiment for TokenRigTask {
     fn notes(&self) -> Vec<String> {
         let c = &self.rigger.config;
         self.left_out.notes(&c.data, c.limits)
+    }
+
+    fn companions(&self) -> Vec<(String, String)> {
+        let tensors = self.rigger.vae.tensors();
+        let named = tensors.iter().map(|(name, tensor)| (name.as_str(), tensor.shallow_clone()));
+        vec![("skin.run".into(), checksum(named))]
     }
 
     fn examination_steps(&self) -> Result<usize, String> {

@@ -138,6 +138,7 @@ impl SkeletonTaskConfig {
     /// (key, message) of the first fault.
     pub fn validate(&self) -> Result<(), (String, String)> {
         let bad = |key: &str, message: String| Err((key.to_owned(), message));
+        self.data.validate()?;
         self.model.validate().map_err(|(key, message)| (format!("model.{key}"), message))?;
         self.augment.validate().map_err(|(key, message)| (format!("augment.{key}"), message))?;
         Sequences {

@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use super::evaluate::{AssetRow, Report, Row};
 use super::gallery::Shown;
-use crate::experiment::views;
+use crate::experiment::{counted, views};
 
 /// What `riglab eval` writes.
 #[derive(Clone, Debug, Serialize, Deserialize)]
@@ -55,7 +55,7 @@ pub fn lines(report: &Report) -> Vec<String> {
     out.extend(drawn(report));
     for split in splits(report) {
         let rows: Vec<&Row> = report.rows.iter().filter(|r| r.split == split).collect();
-        out.push(format!("\n{split} ({} assets)", rows.first().map_or(0, |r| r.assets)));
+        out.push(format!("\n{split} ({})", counted(rows.first().map_or(0, |r| r.assets), "asset")));
         out.push(format!(
             "{:12} {:>8} {:>7} {:>7} {:>7} {:>7} {:>9} {:>6} {:>9}",
             "method", "compared", "J2J", "J2B", "B2B", "valid", "joints", "true", "off"

@@ -14,7 +14,8 @@ use crate::settings::{Settings, TaskSettings};
 /// Its task.
 const KIND: &str = SkeletonTaskConfig::TASK;
 /// What may be started from.
-const REMEDY: &str = "give start.model the folder of a run or of one of its checkpoints, or a model's file";
+const REMEDY: &str = "give start.model the folder of a run or of one of its checkpoints, or a model's file (--set \
+                      start.model=PATH, where it was moved)";
 
 /// Settings and weights.
 pub(crate) struct Trained {

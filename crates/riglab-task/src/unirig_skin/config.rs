@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 use super::pairs::Told;
 use super::ready::Measured;
 use crate::assets::DataConfig;
-use crate::fsq_cvae::cells;
+use crate::fsq_cvae::{cells, cuts};
 use crate::settings::TaskSettings;
 
 /// Everything a run of UniRig's skin stage is made of.
@@ -264,6 +264,7 @@ impl SkinTaskConfig {
     /// (key path, message) of the first fault.
     pub fn validate(&self) -> Result<(), (String, String)> {
         let fault = |key: &str, message: String| Err((key.to_string(), message));
+        self.data.validate()?;
         self.model.validate().map_err(|(k, m)| (format!("model.{k}"), m))?;
         self.recipe.validate().map_err(|(k, m)| (format!("recipe.{k}"), m))?;
         self.augment.validate().map_err(|(k, m)| (format!("augment.{k}"), m))?;
@@ -317,10 +318,7 @@ impl SkinTaskConfig {
                 format!("spread = {} must lie in [0, 10], in distances to the nearest bone", self.eval.spread);
             return fault("eval.spread", message);
         }
-        if self.eval.cuts.is_empty() {
-            return fault("eval.cuts", "give at least one cut".into());
-        }
-        Ok(())
+        cuts("eval.cuts", &self.eval.cuts)
     }
 
     fn validate_loss(&self) -> Result<(), (String, String)> {
@@ -354,6 +352,10 @@ impl SkinTaskConfig {
         if l.attributes > 0.0 && !self.model.attributes {
             let message = "the network has no attributes: set model.attributes = true, or loss.attributes = 0";
             return Err(("loss.attributes".into(), message.into()));
+        }
+        if l.attributes > 0.0 && l.attribute_scale.iter().all(|&scale| scale == 0.0) {
+            let message = "every attribute is multiplied by 0, so none is learnt: give scales, or loss.attributes = 0";
+            return Err(("loss.attribute_scale".into(), message.into()));
         }
         Ok(())
     }
@@ -393,6 +395,9 @@ mod tests {
         assert_eq!(fault(|c| c.loss.released.l1 = f64::NAN), "loss.released.l1");
         assert_eq!(fault(|c| c.model.attributes = false), "loss.attributes");
         assert_eq!(fault(|c| c.loss.freeze.share = 1.5), "loss.freeze.share");
+        assert_eq!(fault(|c| c.loss.attribute_scale = [0.0; 7]), "loss.attribute_scale");
+        assert_eq!(fault(|c| c.eval.cuts = vec![2.0]), "eval.cuts");
+        assert_eq!(fault(|c| c.data.test = vec!["a".into(), "a".into()]), "data.test");
     }
 
     #[test]

@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use super::evaluate::{AssetRow, Report, Row};
 use super::gallery::Shown;
-use crate::experiment::views;
+use crate::experiment::{counted, views};
 use crate::fsq_cvae::skin_metrics;
 
 /// What `riglab eval` writes.
@@ -41,7 +41,7 @@ pub fn lines(report: &Report) -> Vec<String> {
     )];
     for split in splits(report) {
         let rows: Vec<&Row> = report.rows.iter().filter(|r| r.split == split).collect();
-        out.push(format!("\n{split} ({} assets)", rows.first().map_or(0, |r| r.assets)));
+        out.push(format!("\n{split} ({})", counted(rows.first().map_or(0, |r| r.assets), "asset")));
         let clips = with_clips(&rows);
         out.push(format!(
             "{:34} {:>8} {:>8} {:>6} {:>6} {:>6} {:>7} {:>8} {:>7}{}",
@@ -68,13 +68,18 @@ pub fn lines(report: &Report) -> Vec<String> {
         out.push("(ours): precision of our raw weights, cut where their recall is that of the row".into());
         if clips > 0 {
             out.push(format!(
-                "motion: in random poses; clips: in frames of their own clips, of {clips} assets with any"
+                "motion: in random poses; clips: in frames of their own clips, of {} with any",
+                counted(clips, "asset")
             ));
         }
         for a in report.attributes.iter().filter(|a| a.split == split) {
             out.push(format!(
-                "{:14} rms error {:>8.4}, of the mean {:>8.4} ({} bones that swing)",
-                a.name, a.model, a.mean, a.bones
+                "{:14} rms error {:>8.4}, of the mean {:>8.4} ({} that swing{})",
+                a.name,
+                a.model,
+                a.mean,
+                counted(a.bones, "bone"),
+                if a.name == "all" { "; each attribute over its usual spread" } else { "" }
             ));
         }
     }
@@ -197,9 +202,9 @@ fn verdict(report: &Report, split: &str) -> Option<String> {
     let by_iou = rows().filter(|r| !r.learned).max_by(|a, b| a.pooled.iou.total_cmp(&b.pooled.iou))?;
     let than = |better: bool| if better { "better" } else { "not better" };
     Some(format!(
-        "{split}: over {} assets, L1 {:.4}, {} than the best rule without learning ({}, {:.4}), and IoU {:.3}, {} than \
+        "{split}: over {}, L1 {:.4}, {} than the best rule without learning ({}, {:.4}), and IoU {:.3}, {} than \
          the best one there ({}, {:.3}).",
-        ours.assets,
+        counted(ours.assets, "asset"),
         ours.pooled.l1,
         than(ours.pooled.l1 < by_l1.pooled.l1),
         by_l1.method,
@@ -221,7 +226,7 @@ fn table(report: &Report, split: &str) -> Table {
     if clips > 0 {
         head.push("clips");
     }
-    let mut table = Table::new(format!("{split}: {assets} assets, all vertices"), &head);
+    let mut table = Table::new(format!("{split}: {}, all vertices", counted(assets, "asset")), &head);
     let least = |of: fn(&Row) -> f64| rows.iter().map(|r| of(r)).fold(f64::NAN, f64::min);
     let most = |of: fn(&Row) -> f64| rows.iter().map(|r| of(r)).fold(f64::NAN, f64::max);
     // Of a column: its value in a row, the best one, and how many digits are shown.
@@ -274,8 +279,10 @@ fn table(report: &Report, split: &str) -> Table {
 }
 
 fn attributes(report: &Report) -> Table {
-    let mut table =
-        Table::new("Root of the mean squared error", &["split", "attribute", "bones", "model", "mean of these bones"]);
+    let mut table = Table::new(
+        "Root of the mean squared error; of all together, each over its usual spread",
+        &["split", "attribute", "bones", "model", "mean of these bones"],
+    );
     for a in &report.attributes {
         table.row(vec![
             Cell::text(&a.split),

@@ -5,14 +5,15 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use anyhow::{Context, Result, anyhow, bail, ensure};
+use riglab_config::{Config, Difference};
 use riglab_files::{Unfinished, make_folder_of};
 use riglab_task::Experiment;
 use riglab_task::assets::DataConfig;
 use riglab_task::seen::{seen, warning};
-use riglab_train::{Checkpoint, Progress, named_by};
+use riglab_train::{Checkpoint, Progress, RunInfo, named_by};
 
 use super::device::DeviceArgs;
-use super::train::{tell_untested, untested};
+use super::train::{same_companions, tell_untested, untested};
 use crate::presets;
 use crate::registry::{TaskConfig, Visitor};
 
@@ -30,7 +31,7 @@ pub struct Args {
     /// Which checkpoint: best, last or step-N [default: best, or the one that is named].
     #[arg(long, value_name = "NAME")]
     checkpoint: Option<String>,
-    /// Change a value of the run's config.
+    /// Change a value of the run's config that says what is evaluated and how, such as data.* and eval.*.
     #[arg(long = "set", value_name = "KEY=VALUE")]
     sets: Vec<String>,
     /// Print eval.json instead of the table.
@@ -56,7 +57,16 @@ pub fn run(args: &Args, threads: usize) -> Result<ExitCode> {
     riglab_torch::init(riglab_torch::Settings { threads });
     let device = args.device.device()?;
     let read = |sets: &[String]| TaskConfig::read(&presets::load(&run.join("config.toml").to_string_lossy(), sets)?);
-    let config = read(&args.sets)?.of_run(&run);
+    if !run.join("config.toml").is_file() {
+        bail!("{}: no run here (there is no config.toml); `riglab train` makes one", run.display());
+    }
+    let config = read(&args.sets)?;
+    trained_so(&read(&[])?, &config)?;
+    let config = config.of_run(&run);
+    ensure!(
+        !config.data().test.is_empty(),
+        "data.test names no split to evaluate; give one: --set data.test='[\"test_new\"]'"
+    );
     let name = args.checkpoint.as_ref().unwrap_or(&named);
     let checkpoint = Checkpoint::open(&run.join("checkpoints").join(name))?;
     // There is such a run.
@@ -82,6 +92,30 @@ pub fn run(args: &Args, threads: usize) -> Result<ExitCode> {
     }
     let data = config.data().clone();
     config.with(device, Examination { args, run, checkpoint, data, seen, path, folder })
+}
+
+/// Settings by which a network was made or trained: other ones are another network, or mean nothing here.
+const OF_TRAINING: [&str; 11] =
+    ["task", "model", "train", "loss", "tokenizer", "objective", "guard", "augment", "recipe", "data.up", "skin.codes"];
+
+/// Refuses settings of an evaluation that are the training's.
+fn trained_so(own: &TaskConfig, config: &TaskConfig) -> Result<()> {
+    let read = |config: &TaskConfig| Ok::<_, anyhow::Error>(Config::from_toml_str("config", &config.to_toml()?)?);
+    let of_training = |path: &str| {
+        OF_TRAINING.iter().any(|key| path.strip_prefix(key).is_some_and(|r| r.is_empty() || r.starts_with('.')))
+    };
+    match read(own)?.diff(&read(config)?).into_iter().find(|d| of_training(&d.path)) {
+        Some(Difference { path, before, after }) => {
+            let shown = |value: Option<String>| value.unwrap_or_else(|| "nothing".into());
+            bail!(
+                "--set {path}={}: the run was trained with {}, which an evaluation cannot change; data.* and eval.* say what \
+                 is evaluated, and how",
+                shown(after),
+                shown(before)
+            )
+        }
+        None => Ok(()),
+    }
 }
 
 /// Where the numbers go, and the folder of the pictures.
@@ -134,6 +168,12 @@ impl Visitor for Examination<'_> {
     fn visit<T: Experiment>(self, task: T) -> Result<ExitCode> {
         let Self { args, run, checkpoint, data, seen, path, folder } = self;
         checkpoint.load_weights(task.params())?;
+        let info = std::fs::read(run.join("run.json")).ok().and_then(|text| serde_json::from_slice(&text).ok());
+        let mut companions = info.map_or_else(Vec::new, |info: RunInfo| info.companions);
+        // Others that were asked for are meant.
+        companions
+            .retain(|(key, _)| !args.sets.iter().any(|set| set.split('=').next().is_some_and(|k| k.trim() == key)));
+        same_companions(&companions, &task.companions()).with_context(|| run.display().to_string())?;
         let without = untested(&data, task.assets())?;
         if let Some(note) = tell_untested(&without) {
             ensure!(without.len() < data.test.len(), note);

@@ -47,13 +47,22 @@ pub fn run(args: &Args) -> Result<ExitCode> {
             _ => files(Path::new("comparison"))?,
         },
     };
+    for run in args.runs.iter().map(|run| named(run).1) {
+        if run.join("sweep.json").is_file() && !run.join("config.toml").is_file() {
+            bail!(
+                "{0}: a sweep, and no run; `riglab sweep {0} --status` shows its table, `riglab sweep {0}` writes \
+                 {0}/report.html, and its runs lie below {0}/jobs",
+                run.display()
+            );
+        }
+    }
     let page = match args.runs.as_slice() {
         [run] => single(&named(run).1, args.title.as_deref())?,
         runs => comparison(runs, args.title.as_deref())?,
     };
     for path in files {
         let text = match path.extension().and_then(|e| e.to_str()) {
-            Some("md") => page.to_markdown(),
+            Some("md") => page.to_markdown() + &linked(&args.runs, &path),
             Some("tex") => page.to_latex(),
             Some("csv") => page.to_csv(),
             _ => page.to_html()?,
@@ -62,6 +71,25 @@ pub fn run(args: &Args) -> Result<ExitCode> {
         say!("{}", path.display());
     }
     Ok(ExitCode::SUCCESS)
+}
+
+/// Links of a report in Markdown to the pictures of the run's evaluation, which lie beside it; nothing for several runs.
+fn linked(runs: &[String], report: &Path) -> String {
+    let [run] = runs else { return String::new() };
+    let run = named(run).1;
+    let text = std::fs::read_to_string(run.join("eval.json")).unwrap_or_default();
+    let evaluation: serde_json::Value = serde_json::from_str(&text).unwrap_or_default();
+    let of = |shown: &serde_json::Value| Some(format!("eval/{}", shown["file"].as_str()?));
+    let files: Vec<String> = evaluation["gallery"].as_array().into_iter().flatten().filter_map(of).collect();
+    // From elsewhere, by the whole path.
+    let beside = report.parent().is_some_and(|folder| folder == run);
+    let place = |file: &String| match std::path::absolute(run.join(file)) {
+        Ok(whole) if !beside => whole.display().to_string(),
+        _ => file.clone(),
+    };
+    let there = files.iter().filter(|file| run.join(file).is_file());
+    let links: String = there.map(|file| format!("\n![{file}](<{}>)\n", place(file))).collect();
+    if links.is_empty() { links } else { format!("\n## Pictures as files\n{links}") }
 }
 
 /// The files to write: one by its ending, all forms without one.

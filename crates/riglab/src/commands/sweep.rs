@@ -1,6 +1,6 @@
 //! `riglab sweep`
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 use std::process::{Command, ExitCode};
 use std::time::Duration;
@@ -101,6 +101,9 @@ pub fn run(args: &Args, threads: usize) -> Result<ExitCode> {
         for job in &plan.jobs {
             say!("{}  {}  {} {}", job.folder, job.point, job.base, job.sets.join(" "));
         }
+        for missing in missing(&plan, &folder)? {
+            tell!("warning: {missing}: no such corpus; the jobs that read it would fail");
+        }
         return Ok(ExitCode::SUCCESS);
     }
     // A folder that is there may get more jobs: nobody else is at it then.
@@ -159,20 +162,43 @@ pub fn run(args: &Args, threads: usize) -> Result<ExitCode> {
     conclude(&plan, &folder, "")
 }
 
+/// Tells of points that are the same runs.
+fn tell_alike(plan: &Plan) -> Result<()> {
+    for (first, second) in plan.alike(resolved)? {
+        tell!("warning: `{first}` and `{second}` have the same settings: their jobs are the same runs");
+    }
+    Ok(())
+}
+
+/// Corpora of jobs that are not there.
+fn missing(plan: &Plan, folder: &Path) -> Result<BTreeSet<String>> {
+    let mut missing = BTreeSet::new();
+    for job in &plan.jobs {
+        let corpora = job_settings(plan, folder, job).map_err(|e| unsound(job, &e))?.data().corpora.clone();
+        missing.extend(corpora.iter().filter(|path| !path.exists()).map(|path| path.display().to_string()));
+    }
+    Ok(missing)
+}
+
+/// The settings that a job is or will be trained with.
+fn job_settings(plan: &Plan, folder: &Path, job: &Job) -> Result<TaskConfig> {
+    let own = plan.config(folder, job);
+    match own.is_file() {
+        true => settings_of(&own.to_string_lossy(), &[]),
+        false => settings_of(&job.base, &job.sets),
+    }
+}
+
 /// What refuses jobs before anything is written: another sweep's folder, where the plan is `new` to it, and corpora that
 /// have changed.
 fn check(plan: &Plan, folder: &Path, new: bool, retry: bool) -> Result<()> {
     if new {
         plan.fits(folder, resolved)?;
+        tell_alike(plan)?;
     }
     let mut sums = BTreeMap::new();
     plan.same_corpora(folder, retry, |job| {
-        let own = plan.config(folder, job);
-        let read = || match own.is_file() {
-            true => settings_of(&own.to_string_lossy(), &[]),
-            false => settings_of(&job.base, &job.sets),
-        };
-        let paths = read().map_err(|e| unsound(job, &e))?.data().corpora.clone();
+        let paths = job_settings(plan, folder, job).map_err(|e| unsound(job, &e))?.data().corpora.clone();
         // Of one that cannot be opened its jobs tell.
         let sum = |path: PathBuf| {
             let open = || Corpus::open(&path).ok()?.checksum().ok();
@@ -238,6 +264,10 @@ fn plan(name: &str, args: &Args, threads: usize) -> Result<(Plan, PathBuf, Desk)
     let plan = Plan::new(file, &sets).map_err(|e| config.invalid("sweep", e))?;
     let stem = Path::new(name).file_stem().map_or("sweep".into(), |s| s.to_string_lossy().into_owned());
     let folder = args.out.clone().unwrap_or_else(|| Path::new("sweeps").join(stem));
+    let plan = match Plan::read(&folder)? {
+        Some(there) => plan.following(&there),
+        None => plan,
+    };
     let desk = Desk::new(&folder, slurm)?;
     Ok((plan, folder, asked(desk, args, threads)))
 }

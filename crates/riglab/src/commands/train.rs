@@ -10,7 +10,8 @@ use riglab_task::assets::{Assets, DataConfig};
 use riglab_task::seen::{seen, warning};
 use riglab_task::start::{Taken, take};
 use riglab_train::{
-    Checkpoint, Ended, Interrupt, Run, RunInfo, StartConfig, TrainConfig, estimate, product_speed, sides, train,
+    Checkpoint, Ended, Interrupt, Run, RunInfo, ScheduleKind, StartConfig, TrainConfig, estimate, product_speed, sides,
+    train,
 };
 use tch::Device;
 
@@ -137,7 +138,7 @@ fn together(args: &Args, threads: usize, ranks: &Ranks) -> Result<ExitCode> {
     }
     // What other weights begin with is asked for once.
     let fresh = match &place {
-        Place::There(run) if ranks.leads() => Checkpoint::latest(run).is_none(),
+        Place::There(run) if ranks.leads() => Checkpoint::latest(run, config.train())?.is_none(),
         _ => true,
     };
     let fresh = ranks.told(fresh)?;
@@ -150,6 +151,16 @@ fn freeze<T: Experiment>(task: &T, train: &TrainConfig) -> Result<Vec<String>> {
     let numbers = task.params().freeze(&train.frozen).map_err(|e| anyhow!("train.frozen: {e}"))?;
     let said = || format!("{:.2} M of the numbers stay as they began (train.frozen)", numbers as f64 / 1e6);
     Ok((numbers > 0).then(said).into_iter().collect())
+}
+
+/// What to say where the learning rate never comes to its peak.
+fn unwarmed(train: &TrainConfig) -> Option<String> {
+    let (warmup, steps) = (train.schedule.warmup, train.steps);
+    (train.schedule.kind != ScheduleKind::OneCycle && warmup > steps).then(|| {
+        format!(
+            "train.schedule.warmup = {warmup} is more than train.steps = {steps}: the learning rate ends below its peak"
+        )
+    })
 }
 
 /// What to say of assets that are both trained on and looked at, in one corpus or in two.
@@ -166,17 +177,18 @@ fn begin<T: Experiment>(task: &T, start: &StartConfig) -> Result<Vec<String>> {
     }
     let (shown, params) = (start.from.display(), task.params());
     let mut offered = open_weights(&start.from).context("train.start.from")?;
-    let taken = take(params, &start.parts, &mut offered).map_err(|e| anyhow!("train.start: {shown} {e}"))?;
+    let taken = take(params, &start.parts, &mut offered).map_err(|e| anyhow!("train.start: {shown}: {e}"))?;
     let line = |t: &Taken| {
         let what = if t.part.is_empty() { "the network".into() } else { format!("`{}`", t.part) };
         let below = if t.prefix.is_empty() { String::new() } else { format!(" below `{}`", t.prefix) };
         let left = match t.left_over.as_slice() {
             [] => String::new(),
+            [only] => format!("; a tensor there has no place here (`{only}`)"),
             [first, ..] => format!("; {} tensors there have no place here (`{first}`)", t.left_over.len()),
         };
         format!(
-            "{what} begins with {} tensors, {:.2} M numbers, of {shown}{below}{left}",
-            t.count.0,
+            "{what} begins with {}, {:.2} M numbers, of {shown}{below}{left}",
+            counted(t.count.0, "tensor"),
             t.count.1 as f64 / 1e6
         )
     };
@@ -260,6 +272,7 @@ impl Visitor for Session<'_> {
         let data = task.assets().summary()?;
         if let Some(before) = run.info().filter(|_| resumed) {
             same_data(&before.data, &data).with_context(|| run.dir().display().to_string())?;
+            same_companions(&before.companions, &task.companions()).with_context(|| run.dir().display().to_string())?;
         }
         let mut now = RunInfo::new(crate::VERSION, task.name(), threads, &device::name(device));
         now.ranks = ranks.size();
@@ -271,6 +284,7 @@ impl Visitor for Session<'_> {
             None => now,
         };
         info.data = data;
+        info.companions = task.companions();
         info.parameters = task.params().numel();
         info.ended.clear();
         run.write_info(&info)?;
@@ -289,6 +303,7 @@ impl Visitor for Session<'_> {
             run.dir().display()
         );
         begun.extend(tell_untested(&untested(config.data(), task.assets())?));
+        begun.extend(unwarmed(config.train()));
         begun.iter().chain(&task.notes()).chain(&overlap(config)?).for_each(|note| tell!("note: {note}"));
         let interrupt = Interrupt::listening_with(ranks);
         let outcome = train(&task, config.train(), &run, &interrupt, ranks);
@@ -302,7 +317,12 @@ impl Visitor for Session<'_> {
         run.write_info(&info)?;
         let outcome = outcome.with_context(|| format!("in {}", run.dir().display()))?;
         if outcome.skipped > 0 {
-            tell!("warning: {} steps were skipped because loss or gradient was not finite", outcome.skipped);
+            let were = if outcome.skipped == 1 { "was" } else { "were" };
+            tell!(
+                "warning: {} of {} {were} skipped because loss or gradient was not finite",
+                outcome.skipped,
+                counted(outcome.step as usize, "step")
+            );
         }
         if outcome.ended == Ended::Interrupted {
             tell!("interrupted after step {}; go on with: riglab train --resume {}", outcome.step, run.dir().display());
@@ -311,7 +331,9 @@ impl Visitor for Session<'_> {
         if let Some((step, value)) = outcome.best {
             tell!("best: {} {value:.4} at step {step}", task.objective().0);
         }
-        tell!("next: riglab eval {}", run.dir().display());
+        // Without one that was better than its start, there is none to take by itself.
+        let which = if outcome.best.is_none() { " --checkpoint last" } else { "" };
+        tell!("next: riglab eval {}{which}", run.dir().display());
         say!("{}", run.dir().display());
         Ok(ExitCode::SUCCESS)
     }
@@ -356,6 +378,22 @@ fn same_data(before: &[(String, String, usize)], now: &[(String, String, usize)]
     )
 }
 
+/// Refuses other networks beside the trained one than a run was begun with: a run that one of them is named by may have
+/// gone on since, and what was learned is about codes, or a policy, of before.
+pub fn same_companions(before: &[(String, String)], now: &[(String, String)]) -> Result<()> {
+    for (key, checksum) in before {
+        if let Some((_, other)) = now.iter().find(|(k, other)| k == key && other != checksum) {
+            let short = |sum: &str| sum.get(..12).unwrap_or(sum).to_owned();
+            bail!(
+                "{key} has other weights ({}) than those of the training ({}): was that run trained on since? Name the                  checkpoint that was its best then, {key} = \"RUN/checkpoints/step-N\" in config.toml, or train anew",
+                short(other),
+                short(checksum)
+            );
+        }
+    }
+    Ok(())
+}
+
 /// A run that is only begun.
 struct DryRun<'a> {
     config: &'a TaskConfig,
@@ -384,7 +422,10 @@ impl Visitor for DryRun<'_> {
         // What a GPU holds is not seen.
         let where_it_is = if gpu { ", beside the GPU's" } else { "" };
         say!("memory              {:>9.0} MB at most{where_it_is}", found.peak_memory_mb);
-        found.memory_mb.iter().filter(|_| !gpu).for_each(|(name, mb)| say!("  {name:20}{mb:>7.0} MB"));
+        let in_steps: f64 = found.memory_mb.iter().map(|(_, mb)| mb).sum();
+        let rest = ("reading, validation".to_string(), found.peak_memory_mb - in_steps);
+        let parts = found.memory_mb.iter().chain(Some(&rest).filter(|(_, mb)| *mb >= 0.5));
+        parts.filter(|_| !gpu).for_each(|(name, mb)| say!("  {name:20}{mb:>7.0} MB"));
         let (speed, most) = (found.flops / found.step_seconds, product_speed(train.precision, self.device));
         say!("a step              {:>9.3} s (mean of {})", found.step_seconds, found.timed);
         if let Some(tokens) = found.tokens {
@@ -431,6 +472,14 @@ fn next_free(config: &str) -> PathBuf {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_run_goes_on_with_the_networks_that_it_was_begun_with() {
+        let of = |sum: &str| vec![("skin.run".to_owned(), sum.to_owned())];
+        assert!(same_companions(&of("a"), &of("a")).is_ok() && same_companions(&[], &of("a")).is_ok());
+        let said = same_companions(&of("a"), &of("b")).unwrap_err().to_string();
+        assert!(said.contains("skin.run has other weights (b)") && said.contains("step-N"), "{said}");
+    }
 
     #[test]
     fn a_run_goes_on_with_its_own_corpora_alone() {

@@ -1,5 +1,6 @@
 //! `riglab checkpoint import`
 
+use std::io::Read;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
@@ -13,6 +14,7 @@ use tch::{Device, Kind};
 
 use crate::offered::open;
 use crate::presets;
+use crate::say::counted;
 
 /// Take over weights that UniRig's or SkinTokens' authors published.
 ///
@@ -60,12 +62,16 @@ pub fn import(args: &ImportArgs) -> Result<ExitCode> {
     if let Some(kind) = own(&args.file) {
         bail!("{}", already(&args.file, &kind));
     }
+    no_checkpoint(&args.file)?;
     let mut offered = open(&args.file)?;
     let found = recognise(offered.shapes.keys(), args.model).ok_or_else(|| unknown(args, &offered))?;
     let (config, skin) = settings(found.model, &args.sets)?;
     let mut other = args.skin.as_deref().map(open).transpose()?;
     let skin = skin.as_ref().map(|config| (config, other.as_mut()));
-    let outcome = read(&mut offered, &found, &config, skin, Device::Cpu).map_err(|e| anyhow!("{shown}: {e}"))?;
+    let outcome = read(&mut offered, &found, &config, skin, Device::Cpu);
+    // What the file's reader says names it already.
+    let outcome =
+        outcome.map_err(|e| if e.starts_with(&shown.to_string()) { anyhow!(e) } else { anyhow!("{shown}: {e}") })?;
     for fit in &outcome.fits {
         fit.lines(if args.all { usize::MAX } else { LISTED }).iter().for_each(|line| say!("{line}"));
     }
@@ -101,6 +107,24 @@ pub fn import(args: &ImportArgs) -> Result<ExitCode> {
     }
     tell!("next: {}", next(&model, out));
     Ok(ExitCode::SUCCESS)
+}
+
+/// Refuses what is plainly none: nothing, or a text.
+fn no_checkpoint(file: &Path) -> Result<()> {
+    let mut start = Vec::new();
+    if let Ok(opened) = std::fs::File::open(file) {
+        // Who opens it tells what cannot be read.
+        let _ = opened.take(512).read_to_end(&mut start);
+    }
+    let shown = file.display();
+    if start.is_empty() && file.is_file() {
+        bail!("{shown} is empty: it was never written, or not copied to its end; fetch or save it again");
+    }
+    let text = |b: &u8| b.is_ascii_graphic() || b.is_ascii_whitespace();
+    if !start.starts_with(b"PK") && !start.starts_with(b"version https://git-lfs") && start.iter().all(text) {
+        bail!("{shown} is a text and no checkpoint of torch or safetensors; was a page saved in its place?");
+    }
+    Ok(())
 }
 
 /// The task of a model that riglab wrote to a file itself, by the file's head.
@@ -152,19 +176,29 @@ fn unknown(args: &ImportArgs, offered: &Offered<'_>) -> anyhow::Error {
         None => "none of the published models is in it".into(),
     };
     anyhow!(
-        "{}: {what}; of its {} tensors the first are {}",
+        "{}: {what}; it has {}{}{}",
         args.file.display(),
-        offered.shapes.len(),
+        counted(offered.shapes.len(), "tensor"),
+        if some.is_empty() { "" } else { ", as " },
         some.join(", ")
     )
 }
 
 fn refused(found: &Found, fits: &[Fit]) -> String {
+    let unsound: Vec<&String> = fits.iter().flat_map(|fit| &fit.unsound).collect();
+    if let [first, others @ ..] = unsound.as_slice() {
+        let more =
+            if others.is_empty() { String::new() } else { format!(", and {} more are no weights", others.len()) };
+        return format!(
+            "{first}{more} (listed above): the training that it comes from diverged, or the file was changed on its way; \
+             fetch it again, or take an earlier checkpoint of that training"
+        );
+    }
     let count = |of: fn(&Fit) -> usize| fits.iter().map(of).sum::<usize>();
     let (missing, unlike, wrong) = (count(|f| f.missing.len()), count(|f| f.unlike.len()), count(|f| f.wrong.len()));
     format!(
-        "not {} as published: {missing} tensors are missing, {unlike} have another shape, {wrong} are not what they \
-         should be (listed above). Settings that shapes do not tell can be given, as --set model.heads=8; --as takes it \
+        "not {} as published: of its tensors {missing} missing, {unlike} of another shape, {wrong} not what they should \
+         be (listed above). Settings that shapes do not tell can be given, as --set model.heads=8; --as takes it \
          for another model",
         found.model.title()
     )

@@ -10,10 +10,17 @@ use anyhow::{Context, Result, anyhow, bail};
 use riglab_files::make_folder_of;
 use riglab_task::bundle::Bundle;
 use riglab_task::fsq_cvae::{Frozen, FsqCvaeTaskConfig};
+use riglab_task::grpo::{GrpoTask, GrpoTaskConfig};
 use riglab_task::released::Imported;
-use riglab_task::settings::Settings;
-use riglab_task::tokenrig::{Card, Rigger};
+use riglab_task::settings::{Settings, TaskSettings};
+use riglab_task::tokenrig::{Card, Rigger, TokenRigTaskConfig};
+use riglab_train::{Checkpoint, named_by};
 use tch::{Device, Kind};
+
+use crate::say::counted;
+
+/// Settings that say where models lie which a run builds on.
+const MOVED: [&str; 2] = ["start.model", "skin.run"];
 
 /// Trained models as single files: make one, look at one, take over what others published.
 #[derive(clap::Args)]
@@ -59,6 +66,9 @@ struct ExportArgs {
     /// The file's name for it [default: that of the file it came from, or of the run's folder].
     #[arg(long)]
     name: Option<String>,
+    /// Of a run: where a model lies now that it builds on, as start.model=PATH or skin.run=PATH.
+    #[arg(long = "set", value_name = "KEY=PATH")]
+    sets: Vec<String>,
     /// Markdown that says what it learned from, how good it is, and its licence [default: what the model has].
     #[arg(long, value_name = "FILE")]
     card: Option<PathBuf>,
@@ -90,27 +100,33 @@ fn export(args: &ExportArgs) -> Result<ExitCode> {
     if let (None, Some(checkpoint)) = (run, &args.checkpoint) {
         bail!("--checkpoint {checkpoint} is for runs' folders; a file holds one checkpoint");
     }
+    if let (None, Some(set)) = (run, args.sets.first()) {
+        bail!("--set {set} is for runs' folders; a file has its settings");
+    }
+    if let Some(set) = args.sets.iter().find(|set| !MOVED.iter().any(|key| set.trim_start().starts_with(key))) {
+        bail!(
+            "--set {set}: a model is exported as it was trained; only start.model and skin.run can be given, of models that were moved"
+        );
+    }
     let of_run = args.checkpoint.as_deref().unwrap_or("best");
     let opened = match (&args.run, run) {
-        (_, Some(run)) => of_folder(run, of_run),
+        (_, Some(run)) => of_folder(run, of_run, &args.sets),
         (Some(file), None) => Rigger::open(file, Device::Cpu).map(rigs),
         (None, None) => Rigger::shipped(Device::Cpu).map(rigs),
     };
     let (model, found) = opened.map_err(|e| anyhow!(e))?;
     let read =
         |path: &Path| std::fs::read_to_string(path).with_context(|| format!("{} cannot be read", path.display()));
-    // One that was exported into its folder before.
-    let card = run.map(|run| run.join("card.md")).filter(|card| card.is_file());
-    let text = match args.card.as_ref().or(card.as_ref()) {
+    let text = match &args.card {
         Some(path) => read(path)?,
-        None if run.is_none() => found.text,
-        None => "No card was written for this model.".into(),
+        None => found.text,
     };
     // A folder's path is of use on one machine only.
     let own = match run.and_then(|run| run.file_name()) {
         Some(run) => run.to_string_lossy().into_owned(),
         None => found.name,
     };
+    let text = written(text);
     let mut card = Card { name: args.name.clone().unwrap_or(own), text, state: found.state };
     if folder {
         let file = args.out.with_extension("safetensors");
@@ -141,16 +157,34 @@ fn rigs((rigger, card): (Rigger, Card)) -> (Imported, Card) {
 }
 
 /// The model of a run that rigs, or of an auto-encoder.
-fn of_folder(run: &Path, checkpoint: &str) -> Result<(Imported, Card), String> {
-    if !Settings::of_run(run)?.are::<FsqCvaeTaskConfig>() {
-        return Rigger::of_run(run, checkpoint, Device::Cpu).map(rigs);
+fn of_folder(run: &Path, checkpoint: &str, sets: &[String]) -> Result<(Imported, Card), String> {
+    let settings = Settings::of_run(run)?;
+    if settings.are::<TokenRigTaskConfig>() || settings.are::<GrpoTaskConfig>() {
+        return Rigger::of_run_with(run, checkpoint, sets, Device::Cpu).map(rigs);
+    }
+    let (shown, task) = (run.display(), settings.task());
+    if !settings.are::<FsqCvaeTaskConfig>() {
+        return Err(format!(
+            "{shown}: a run of task `{task}`; files are made of runs of tokenrig, grpo and fsq_cvae alone. Its folder is used \
+             as it is, by `riglab eval {shown}`"
+        ));
     }
     let (auto, state) = Frozen::of_run(run, checkpoint, Device::Cpu)?;
     let (mut config, params) = auto.into_parts();
     // Where it learned from is of no use elsewhere, and says more of a machine than it should.
     (config.data.corpora, config.data.weights) = (Vec::new(), Vec::new());
-    let card = Card { name: String::new(), state, text: String::new() };
+    let card = Card { name: String::new(), state, text: known(run) };
     Ok((Imported::FsqCvae(Box::new(config), params), card))
+}
+
+/// The card that lies in a run's folder; none where it was trained there.
+fn known(run: &Path) -> String {
+    std::fs::read_to_string(run.join("card.md")).unwrap_or_default()
+}
+
+/// A card's text, or that there is none.
+fn written(text: String) -> String {
+    if text.trim().is_empty() { "No card was written for this model.".into() } else { text }
 }
 
 /// Whether a model goes into a run's folder there, and not into a file.
@@ -167,13 +201,16 @@ fn into_folder(out: &Path) -> Result<bool> {
 }
 
 fn show(args: &ShowArgs) -> Result<ExitCode> {
-    let part = args.file.as_deref().filter(|file| file.is_file()).map(part).transpose()?.flatten();
-    if let Some(Bundle { kind, card, tensors, .. }) = part {
-        let numbers: usize = tensors.values().map(tch::Tensor::numel).sum();
+    let part = match args.file.as_deref() {
+        Some(file) if file.is_file() => part(file)?,
+        Some(run) => part_of_run(run)?,
+        None => None,
+    };
+    if let Some(Part { kind, card, numbers }) = part {
         say!("{}", card.name);
-        say!("{:.2} M parameters, of task {kind}: a part, which makes no rigs by itself", numbers as f64 / 1e6);
-        say!("{} steps", card.state.step);
-        say!("\n{}", card.text.trim_end());
+        say!("{:.2} M parameters, of task {kind}: {}", numbers as f64 / 1e6, use_of(&kind));
+        say!("{}", counted(card.state.step as usize, "step"));
+        say!("\n{}", written(card.text).trim_end());
         return Ok(ExitCode::SUCCESS);
     }
     let opened = match &args.file {
@@ -186,15 +223,50 @@ fn show(args: &ShowArgs) -> Result<ExitCode> {
     let own: usize = skin.tensors().iter().map(|(_, t)| t.numel()).sum();
     say!("{}", card.name);
     say!("{:.2} M parameters, {:.2} M of its auto-encoder", millions(rigger.params().numel()), millions(own));
-    say!("{} steps, up to {} joints, {} codes a bone", card.state.step, c.limits.joints, c.skin.codes);
-    say!("\n{}", card.text.trim_end());
+    let (steps, codes) = (counted(card.state.step as usize, "step"), counted(c.skin.codes, "code"));
+    say!("{steps}, up to {} joints, {codes} a bone", c.limits.joints);
+    say!("\n{}", written(card.text).trim_end());
     Ok(ExitCode::SUCCESS)
 }
 
+/// A model that makes no rigs.
+struct Part {
+    kind: String,
+    card: Card,
+    numbers: usize,
+}
+
+/// What it is for.
+fn use_of(kind: &str) -> &'static str {
+    match kind {
+        "unirig_skin" => "it makes weights for given skeletons",
+        "unirig_skeleton" | "grpo" => "it makes skeletons, without weights",
+        _ => "a part, which makes no rigs by itself",
+    }
+}
+
 /// What a file holds, if that is a model that makes no rigs.
-fn part(file: &Path) -> Result<Option<Bundle>> {
+fn part(file: &Path) -> Result<Option<Part>> {
     let name = file.display().to_string();
     let bytes = std::fs::read(file).with_context(|| format!("{name} cannot be read"))?;
-    let bundle = Bundle::of_bytes(&bytes, &name).map_err(|e| anyhow!(e))?;
-    Ok((bundle.kind != "tokenrig").then_some(bundle))
+    let Bundle { kind, card, tensors, .. } = Bundle::of_bytes(&bytes, &name).map_err(|e| anyhow!(e))?;
+    let numbers = tensors.values().map(tch::Tensor::numel).sum();
+    Ok((kind != TokenRigTaskConfig::TASK).then_some(Part { kind, card, numbers }))
+}
+
+/// As [`part`], of the folder of a run or of one of its checkpoints.
+fn part_of_run(folder: &Path) -> Result<Option<Part>> {
+    let (run, checkpoint) = named_by(folder);
+    let settings = Settings::of_run(&run).map_err(|e| anyhow!(e))?;
+    let refines_skeletons = || GrpoTask::of_skeletons(&settings, Device::Cpu);
+    let rigs = settings.are::<TokenRigTaskConfig>()
+        || settings.are::<GrpoTaskConfig>() && !refines_skeletons().map_err(|e| anyhow!(e))?;
+    if rigs {
+        return Ok(None);
+    }
+    let checkpoint = Checkpoint::open(&run.join("checkpoints").join(checkpoint))?;
+    let shapes = riglab_nn::io::Reader::open(&checkpoint.weights())?.shapes();
+    let numbers = shapes.values().map(|shape| shape.iter().product::<i64>() as usize).sum();
+    let card = Card { name: run.display().to_string(), state: checkpoint.state().clone(), text: known(&run) };
+    Ok(Some(Part { kind: settings.task(), card, numbers }))
 }
