@@ -130,7 +130,11 @@ impl fmt::Display for ExportNote {
                 write!(f, "{channels} animation channels that moved the old rig were dropped")
             }
             Self::TrianglesTurned { surfaces } => {
-                write!(f, "the triangles of {surfaces} mirrored meshes were turned round, so that they face as before")
+                let meshes = if *surfaces == 1 { "mesh" } else { "meshes" };
+                write!(
+                    f,
+                    "the triangles of {surfaces} mirrored {meshes} were turned round, so that they face as before"
+                )
             }
             Self::NoVrm { lacking } => {
                 write!(f, "human bones are in the extras of nodes, and the file is no VRM: {lacking}")

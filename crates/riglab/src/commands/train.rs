@@ -385,7 +385,8 @@ pub fn same_companions(before: &[(String, String)], now: &[(String, String)]) ->
         if let Some((_, other)) = now.iter().find(|(k, other)| k == key && other != checksum) {
             let short = |sum: &str| sum.get(..12).unwrap_or(sum).to_owned();
             bail!(
-                "{key} has other weights ({}) than those of the training ({}): was that run trained on since? Name the                  checkpoint that was its best then, {key} = \"RUN/checkpoints/step-N\" in config.toml, or train anew",
+                "{key} has other weights ({}) than those of the training ({}): was that run trained on since? Name the \
+                 checkpoint that was its best then, {key} = \"RUN/checkpoints/step-N\" in config.toml, or train anew",
                 short(other),
                 short(checksum)
             );
