@@ -321,16 +321,18 @@ pub fn is_rig_file(path: &Path) -> bool {
     }
 }
 
-/// The files that importing `path` reads: itself, and the other half of a pair of rig text and OBJ.
+/// The files that importing `path` reads: itself, and the other half of a pair of rig text and OBJ, or the buffers that a
+/// `.gltf` names in its folder, there or not. What a GLB keeps outside is not asked.
 pub fn files_read(path: &Path) -> Vec<PathBuf> {
     let folder = path.parent().map(|f| if f.as_os_str().is_empty() { Path::new(".") } else { f });
     let ending = path.extension().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
-    let other = folder.and_then(|folder| match ending.as_str() {
-        "txt" => peers::mesh_of(path, folder),
-        "obj" => peers::beside_obj(path, folder),
-        _ => None,
+    let others = folder.map(|folder| match ending.as_str() {
+        "txt" => peers::mesh_of(path, folder).into_iter().collect(),
+        "obj" => peers::beside_obj(path, folder).into_iter().collect(),
+        "gltf" => gltf::buffers_named(&std::fs::read(path).unwrap_or_default(), folder),
+        _ => Vec::new(),
     });
-    std::iter::once(path.to_path_buf()).chain(other).collect()
+    std::iter::once(path.to_path_buf()).chain(others.into_iter().flatten()).collect()
 }
 
 /// Whether the file at `path` is a glTF document, by its bytes.

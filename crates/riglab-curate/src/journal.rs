@@ -56,7 +56,7 @@ impl Stamp {
     /// Of a file, with those beside it; zeros for one that cannot be asked. `said` is a number for what the manifest says.
     pub fn of(path: &Path, said: u64) -> Self {
         let mut stamp = Self { bytes: 0, modified_ns: 0, said };
-        for file in riglab_data::files_of(path) {
+        for file in riglab_asset::files_read(path) {
             // One that is not there any more, or comes back as it was before another, is told by the turn.
             stamp.modified_ns = stamp.modified_ns.rotate_left(7);
             let Ok(meta) = std::fs::metadata(file) else { continue };

@@ -1,6 +1,6 @@
 //! The funnel as a page.
 
-use riglab_report::{Bars, Block, Cell, Page, Picture, Table};
+use riglab_report::{Bars, Block, Cell, Page, Picture, Table, counted};
 
 use crate::Category;
 use crate::config::CurateConfig;
@@ -63,10 +63,6 @@ pub fn page(funnel: &Funnel, pictures: &Pictures, config: &CurateConfig) -> Page
     }
     let subtitle = format!("{} of {} assets kept", funnel.kept, funnel.assets);
     Page { title: "Curation".into(), subtitle, blocks }
-}
-
-fn counted(n: usize, what: &str) -> String {
-    if n == 1 { format!("1 {what}") } else { format!("{n} {what}s") }
 }
 
 fn facts(funnel: &Funnel) -> Vec<(String, String)> {

@@ -52,10 +52,13 @@ impl Manifest {
 
     fn of(entries: Vec<Value>, place: &str) -> Self {
         let mut new = Self::default();
-        let (mut wrong, mut unnamed, mut foreign) = (Vec::new(), 0, BTreeSet::new());
+        let (mut wrong, mut unnamed, mut mistyped) = (Vec::new(), 0, BTreeSet::new());
         for (number, value) in entries.into_iter().enumerate() {
-            let keys = value.as_object().into_iter().flat_map(|o| o.keys());
-            foreign.extend(keys.filter(|key| !KEYS.contains(&key.as_str())).cloned());
+            // A key is mistyped where the entry lacks the one that it is like: others are somebody's own.
+            if let Some(keys) = value.as_object() {
+                let meant = |key: &String| nearest(key, &KEYS).filter(|near| !keys.contains_key(*near));
+                mistyped.extend(keys.keys().filter_map(|key| Some((key.clone(), meant(key)?))));
+            }
             match serde_json::from_value::<Entry>(value) {
                 Ok(entry) if entry.file.is_empty() => unnamed += 1,
                 Ok(entry) => drop(new.of.insert(entry.file.clone(), entry)),
@@ -71,8 +74,7 @@ impl Manifest {
             let entries = if unnamed == 1 { "entry names" } else { "entries name" };
             new.told.push(format!("{place}: {unnamed} {entries} no file (key `file`) and say nothing"));
         }
-        // Others are somebody's own, and no fault.
-        for (key, near) in foreign.iter().filter_map(|key| Some((key, nearest(key, &KEYS)?))) {
+        for (key, near) in mistyped {
             new.told.push(format!("{place}: the key `{key}` means nothing here; did you mean `{near}`?"));
         }
         new.said = said(&new.of);
@@ -163,7 +165,8 @@ mod tests {
 
     #[test]
     fn keys_and_names_that_mean_nothing_are_told() {
-        let manifest = of(r#"[{"file": "a.glb", "license": "MIT", "bytes": 3}, {"file": "b.glb", "bytes": 4}]"#);
+        let manifest =
+            of(r#"[{"file": "a.glb", "license": "MIT", "bytes": 3, "title": "A"}, {"file": "b.glb", "bytes": 4}]"#);
         let told = manifest.told();
         assert!(told[0].ends_with("the key `license` means nothing here; did you mean `licence`?"), "{told:?}");
         assert_eq!(told.len(), 1, "what is somebody's own is no fault: {told:?}");

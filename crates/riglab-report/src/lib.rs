@@ -35,3 +35,18 @@ pub use run::{RunError, RunView};
 pub use table::{Cell, Table};
 pub use versus::{Compared, Refusal, versus};
 pub use view::Turntable;
+
+/// "1 joint", "2 joints".
+pub fn counted(n: usize, what: &str) -> String {
+    format!("{n} {what}{}", if n == 1 { "" } else { "s" })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn one_is_no_plural() {
+        assert_eq!([0, 1, 2].map(|n| counted(n, "thread")), ["0 threads", "1 thread", "2 threads"]);
+    }
+}

@@ -120,11 +120,6 @@ pub(crate) fn views<'a>(
     (!found.is_empty()).then_some(Block::Views(found))
 }
 
-/// "1 asset", "2 assets".
-pub(crate) fn counted(n: usize, what: &str) -> String {
-    format!("{n} {what}{}", if n == 1 { "" } else { "s" })
-}
-
 /// Which places of a ranking of `n` are shown, and why: the first `each`, the middle, the last
 /// `each`, none twice.
 pub(crate) fn places(n: usize, each: usize) -> Vec<(&'static str, usize)> {

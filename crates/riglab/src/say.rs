@@ -20,18 +20,3 @@ pub fn line(text: Arguments) {
         riglab_files::leave(1);
     }
 }
-
-/// "1 joint", "2 joints".
-pub fn counted(n: usize, what: &str) -> String {
-    format!("{n} {what}{}", if n == 1 { "" } else { "s" })
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn one_is_no_plural() {
-        assert_eq!([0, 1, 2].map(|n| counted(n, "thread")), ["0 threads", "1 thread", "2 threads"]);
-    }
-}

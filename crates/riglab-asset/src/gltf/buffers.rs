@@ -200,6 +200,25 @@ enum Refused {
     Outside,
 }
 
+/// The files in a folder that the buffers of a document are in, there or not; none where it is no document.
+pub(crate) fn buffers_named(document: &[u8], folder: &Path) -> Vec<PathBuf> {
+    #[derive(Default, serde::Deserialize)]
+    struct Named {
+        #[serde(default)]
+        buffers: Vec<Buffer>,
+    }
+    #[derive(serde::Deserialize)]
+    struct Buffer {
+        uri: Option<String>,
+    }
+    let named: Named = serde_json::from_slice(document).unwrap_or_default();
+    let uris = named.buffers.into_iter().filter_map(|buffer| buffer.uri);
+    let mut files: Vec<PathBuf> = uris.filter_map(|uri| Some(folder.join(local_path(&uri).ok()?))).collect();
+    files.sort();
+    files.dedup();
+    files
+}
+
 /// The relative path that a uri names, percent signs decoded.
 fn local_path(uri: &str) -> Result<PathBuf, Refused> {
     let decoded = percent_decoded(uri);
@@ -251,6 +270,14 @@ mod tests {
         for scheme in ["http://a/b", "file:///a", "C:\\a", "c%3a/a", "a%00", "%ff"] {
             assert_eq!(local_path(scheme), Err(Refused::Scheme), "{scheme}");
         }
+    }
+
+    #[test]
+    fn files_of_buffers_are_those_that_are_followed() {
+        let uris = r#"[{"uri": "of%20a/b.bin"}, {"uri": "data:,"}, {"uri": "../c.bin"}, {"uri": "http://d"}, {}]"#;
+        let document = format!(r#"{{"buffers": {uris}}}"#);
+        assert_eq!(buffers_named(document.as_bytes(), Path::new("x")), [PathBuf::from("x/of a/b.bin")]);
+        assert!(buffers_named(b"no JSON", Path::new("x")).is_empty());
     }
 
     #[test]

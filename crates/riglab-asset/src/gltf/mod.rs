@@ -34,6 +34,7 @@ use crate::{Fault, ImportOptions, Reading, Rights, Warning};
 use accessor::Accessors;
 use bind::Binds;
 use buffers::Buffers;
+pub(crate) use buffers::buffers_named;
 use document::Document;
 pub use draco::decode_draco;
 pub use meshopt::decode_meshopt;

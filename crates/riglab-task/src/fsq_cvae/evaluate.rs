@@ -291,9 +291,21 @@ impl FsqCvaeTask {
     }
 
     /// Raw shares at points, a row a point, a column a bone, from the first `k` codes of each bone.
-    pub fn decode(&self, w: &Weights, encoded: &Encoded, codes: &Tensor, k: usize, points: &[Point]) -> Vec<f32> {
+    ///
+    /// # Errors
+    /// When the network gives what is no number.
+    pub fn decode(
+        &self,
+        w: &Weights,
+        encoded: &Encoded,
+        codes: &Tensor,
+        k: usize,
+        points: &[Point],
+    ) -> Result<Vec<f32>, String> {
         let (rig, codes) = (&encoded.rig, codes.narrow(1, 0, k as i64));
-        self.coder(w).decode(&encoded.cond, &codes, points, &rig.segments(), rig.told())
+        let raw = self.coder(w).decode(&encoded.cond, &codes, points, &rig.segments(), rig.told());
+        finite(&raw)?;
+        Ok(raw)
     }
 
     fn coder<'a>(&'a self, weights: &'a Weights) -> Coder<'a> {
@@ -319,8 +331,7 @@ impl FsqCvaeTask {
             let encoded = self.encode(w, id)?;
             let joints = encoded.rig.bones.len();
             let truth = Truth::new(&encoded.rig, Some((limit, at.seed ^ id.key())));
-            let predicted = self.decode(w, &encoded, &encoded.codes, tokens, &truth.points);
-            finite(&predicted)?;
+            let predicted = self.decode(w, &encoded, &encoded.codes, tokens, &truth.points)?;
             let cuts = self.config.eval.cuts.iter();
             let ruled = cuts.map(|&cut| SkinTally::of(&truth.dense, &ruled(&predicted, joints, cut), joints)).collect();
             Ok((SkinTally::of(&truth.dense, &predicted, joints), ruled))
@@ -356,8 +367,7 @@ impl FsqCvaeTask {
             let encoded = self.encode(w, id)?;
             let joints = encoded.rig.bones.len();
             let truth = Truth::new(&encoded.rig, None);
-            let predicted = self.decode(w, &encoded, &encoded.codes, all, &truth.points);
-            finite(&predicted)?;
+            let predicted = self.decode(w, &encoded, &encoded.codes, all, &truth.points)?;
             for (sums, &cut) in rules.iter_mut().zip(&self.config.eval.cuts) {
                 sums.add(&SkinTally::of(&truth.dense, &ruled(&predicted, joints, cut), joints));
             }
@@ -433,8 +443,7 @@ impl FsqCvaeTask {
                 t.metrics()
             };
             for &k in &self.config.eval.prefixes {
-                let predicted = self.decode(w, &encoded, &encoded.codes, k, &truth.points);
-                finite(&predicted)?;
+                let predicted = self.decode(w, &encoded, &encoded.codes, k, &truth.points)?;
                 let raw = tally((k, "raw"), &predicted);
                 let rule = tally((k, "rule"), &ruled(&predicted, joints, report.cut));
                 if k == *self.config.eval.prefixes.iter().max().unwrap_or(&all) {
@@ -457,13 +466,13 @@ impl FsqCvaeTask {
                 // What is told does not scatter.
                 let told = encoded.codes.size()[2] - away.size()[2];
                 let drawn = &encoded.codes + away.constant_pad_nd([told, 0]);
-                let predicted = self.decode(w, &encoded, &drawn, all, &truth.points);
+                let predicted = self.decode(w, &encoded, &drawn, all, &truth.points)?;
                 tally((all, "rule, drawn"), &ruled(&predicted, joints, report.cut));
             }
             // Every bone decoded with the codes of the next: the difference is what codes tell.
             let next = Tensor::from_slice(&(0..joints as i64).map(|j| (j + 1) % joints as i64).collect::<Vec<_>>());
             let exchanged = encoded.codes.index_select(0, &next.to_device(self.device));
-            let predicted = self.decode(w, &encoded, &exchanged, all, &truth.points);
+            let predicted = self.decode(w, &encoded, &exchanged, all, &truth.points)?;
             tally((all, "rule, codes exchanged"), &ruled(&predicted, joints, report.cut));
 
             let joints_of: Vec<JointId> = rig.bones.iter().map(|b| b.joint).collect();

@@ -1,7 +1,7 @@
 //! An evaluation as lines for a terminal.
 
 use super::evaluate::{Report, Row};
-use crate::experiment::counted;
+use riglab_report::counted;
 
 /// The tables of all splits.
 pub fn lines(report: &Report) -> Vec<String> {

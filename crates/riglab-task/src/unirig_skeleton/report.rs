@@ -1,12 +1,12 @@
 //! An evaluation as a file, as lines, and as a part of a report.
 
-use riglab_report::{Beside, Block, Cell, Findings, Metric, Picture, Single, Table, Total};
+use riglab_report::{Beside, Block, Cell, Findings, Metric, Picture, Single, Table, Total, counted};
 use riglab_train::State;
 use serde::{Deserialize, Serialize};
 
 use super::evaluate::{AssetRow, Report, Row};
 use super::gallery::Shown;
-use crate::experiment::{counted, views};
+use crate::experiment::views;
 
 /// What `riglab eval` writes.
 #[derive(Clone, Debug, Serialize, Deserialize)]

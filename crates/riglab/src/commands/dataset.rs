@@ -16,7 +16,7 @@ use riglab_data::{
 use riglab_report::shell::command;
 use riglab_train::Progress;
 
-use crate::say::counted;
+use riglab_report::counted;
 
 use super::inspect::vertices;
 

@@ -7,7 +7,7 @@ use anyhow::Result;
 use serde_json::json;
 use tch::{Cuda, Device, Kind, Tensor};
 
-use crate::say::counted;
+use riglab_report::counted;
 
 /// Show what this machine offers: libtorch, threads, bfloat16, CUDA, HDF5, and what is missing.
 #[derive(clap::Args)]

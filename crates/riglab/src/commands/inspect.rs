@@ -8,7 +8,7 @@ use anyhow::Result;
 use riglab_asset::{Character, Content, ImportOptions, Imported, import_each};
 use riglab_core::Rig;
 
-use crate::say::counted;
+use riglab_report::counted;
 
 /// Joints deeper than this are shown no further to the right.
 const DEEPEST: usize = 60;

@@ -15,7 +15,7 @@ use super::slurm::sweep::{Handed, run as hand_over, seen};
 use super::slurm::{Desk, On, apart, settings};
 use crate::presets;
 use crate::registry::TaskConfig;
-use crate::say::counted;
+use riglab_report::counted;
 
 /// Train many runs from one file: arms, grids and seeds.
 ///

@@ -15,7 +15,7 @@ use riglab_report::shell::command;
 use riglab_synth::{Options, Plan, creature};
 use riglab_train::Progress;
 
-use crate::say::counted;
+use riglab_report::counted;
 
 /// Make rigged creatures: files to try everything on, without any of your own.
 ///

@@ -20,7 +20,7 @@ use super::slurm::{On, apart, settings, train as on_slurm};
 use crate::offered::open_weights;
 use crate::presets;
 use crate::registry::{TaskConfig, Visitor};
-use crate::say::counted;
+use riglab_report::counted;
 
 /// Train a model from a config, or continue a run.
 ///

@@ -13,7 +13,7 @@ use riglab_render::{
     render_weights,
 };
 
-use crate::say::counted;
+use riglab_report::counted;
 
 /// Draw a file: its skeleton through its mesh, and its weights.
 ///

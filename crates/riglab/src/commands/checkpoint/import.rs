@@ -14,7 +14,7 @@ use tch::{Device, Kind};
 
 use crate::offered::open;
 use crate::presets;
-use crate::say::counted;
+use riglab_report::counted;
 
 /// Take over weights that UniRig's or SkinTokens' authors published.
 ///

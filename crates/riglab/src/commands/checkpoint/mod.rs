@@ -17,7 +17,7 @@ use riglab_task::tokenrig::{Card, Rigger, TokenRigTaskConfig};
 use riglab_train::{Checkpoint, named_by};
 use tch::{Device, Kind};
 
-use crate::say::counted;
+use riglab_report::counted;
 
 /// Settings that say where models lie which a run builds on.
 const MOVED: [&str; 2] = ["start.model", "skin.run"];

@@ -10,7 +10,7 @@ use riglab_core::{Asset, Rig};
 use serde::Deserialize;
 use serde::de::IgnoredAny;
 
-use crate::say::counted;
+use riglab_report::counted;
 
 /// What the files have that were written so far, beside skeleton, mesh and weights.
 ///

@@ -20,8 +20,8 @@ use riglab_files::make_folder_of;
 
 use super::glb::{Frames, Most};
 use super::keep_corpus;
-use crate::say::counted;
 use lost::Lost;
+use riglab_report::counted;
 
 /// Turn rigged files of any format that is read into any that is written.
 ///

@@ -16,8 +16,8 @@ use riglab_train::Progress;
 
 use super::device::DeviceArgs;
 use super::glb::{Frames, Most};
-use crate::say::counted;
 use model::Model;
+use riglab_report::counted;
 
 /// Rig a model: a skeleton and skin weights for a mesh.
 ///
