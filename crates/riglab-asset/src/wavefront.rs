@@ -84,16 +84,25 @@ fn joined(text: &str) -> String {
 }
 
 /// The lines of a material library that tobj is given. A colour of one number is a grey, as the format has it; what gives
-/// no numbers where they belong (`Kd spectral`), and pictures without a name, are left out.
+/// no numbers where they belong (`Kd spectral`), and pictures without a name, are left out, and `Tr` becomes `d`.
 pub(crate) fn mtl(bytes: &[u8]) -> Vec<u8> {
     let text = String::from_utf8_lossy(bytes);
     let mut out = String::with_capacity(text.len());
+    let mut dissolves = false;
     for line in text.lines() {
         let line = line.trim();
         let mut words = line.split_whitespace();
         let Some(word) = words.next() else { continue };
         let number = |word: &&str| word.parse::<f32>().is_ok();
+        dissolves = dissolves && word != "newmtl" || word == "d";
         match word {
+            // How much is seen through it, which tobj does not know. Files that tell both mean `d`.
+            "Tr" => {
+                let Some(clear) = words.next().and_then(|word| word.parse::<f32>().ok()).filter(|_| !dissolves) else {
+                    continue;
+                };
+                out.push_str(&format!("d {}", 1.0 - clear));
+            }
             "Ka" | "Kd" | "Ks" | "Ke" => {
                 let given: Vec<&str> = words.take_while(number).take(3).collect();
                 let Some(first) = given.first() else { continue };
@@ -126,6 +135,15 @@ mod tests {
 
     fn text(bytes: Vec<u8>) -> String {
         String::from_utf8(bytes).unwrap()
+    }
+
+    #[test]
+    fn what_is_seen_through_a_material_is_what_it_does_not_hide() {
+        let of = |lines: &str| text(mtl(lines.as_bytes()));
+        assert_eq!(of("newmtl a\nTr 0.25\n"), "newmtl a\nd 0.75\n");
+        // Who tells both means `d`, first or last; the next material is another.
+        assert_eq!(of("newmtl a\nd 0.5\nTr 0.5\nnewmtl b\nTr 1\nd 1"), "newmtl a\nd 0.5\nnewmtl b\nd 0\nd 1\n");
+        assert_eq!(of("newmtl a\nTr clear"), "newmtl a\n");
     }
 
     #[test]
