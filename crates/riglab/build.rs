@@ -7,6 +7,9 @@ mod rpath;
 
 fn main() {
     rpath::main();
+    // `include_dir!` (presets.rs) follows the files that are there, not those that are added.
+    println!("cargo:rerun-if-changed=build.rs\ncargo:rerun-if-changed=../../build/rpath.rs");
+    println!("cargo:rerun-if-changed=../../configs\ncargo:rerun-if-changed=../../experiments");
     let git = |args: &[&str]| {
         let out = Command::new("git").args(args).output().ok().filter(|out| out.status.success())?;
         Some(String::from_utf8_lossy(&out.stdout).trim().to_string())

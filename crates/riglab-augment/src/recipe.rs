@@ -70,22 +70,41 @@ impl Recipe {
     /// # Errors
     /// (key, message) of the first fault; keys as in the config, such as `pose.degrees`.
     pub fn validate(&self) -> Result<(), (String, String)> {
+        // Named one by one: the compiler tells of a field that is added and not checked.
+        let Self {
+            trim: _,
+            delete,
+            part,
+            reconnect,
+            pose,
+            scale,
+            turn_x,
+            turn_y,
+            turn_z,
+            flip,
+            rotate,
+            axes,
+            cube,
+            jitter,
+            joint_noise,
+            discretise,
+        } = self;
         let at = |part: &'static str| move |(key, message): Fault| (format!("{part}.{key}"), message);
-        self.delete.validate().map_err(at("delete"))?;
-        self.part.validate().map_err(at("part"))?;
-        self.reconnect.validate().map_err(at("reconnect"))?;
-        self.pose.validate().map_err(at("pose"))?;
-        self.scale.validate().map_err(at("scale"))?;
-        self.turn_x.validate().map_err(at("turn_x"))?;
-        self.turn_y.validate().map_err(at("turn_y"))?;
-        self.turn_z.validate().map_err(at("turn_z"))?;
-        self.flip.validate().map_err(at("flip"))?;
-        self.rotate.validate().map_err(at("rotate"))?;
-        self.axes.validate().map_err(at("axes"))?;
-        self.cube.validate().map_err(at("cube"))?;
-        self.jitter.validate().map_err(at("jitter"))?;
-        self.joint_noise.validate().map_err(at("joint_noise"))?;
-        self.discretise.validate().map_err(at("discretise"))
+        delete.validate().map_err(at("delete"))?;
+        part.validate().map_err(at("part"))?;
+        reconnect.validate().map_err(at("reconnect"))?;
+        pose.validate().map_err(at("pose"))?;
+        scale.validate().map_err(at("scale"))?;
+        turn_x.validate().map_err(at("turn_x"))?;
+        turn_y.validate().map_err(at("turn_y"))?;
+        turn_z.validate().map_err(at("turn_z"))?;
+        flip.validate().map_err(at("flip"))?;
+        rotate.validate().map_err(at("rotate"))?;
+        axes.validate().map_err(at("axes"))?;
+        cube.validate().map_err(at("cube"))?;
+        jitter.validate().map_err(at("jitter"))?;
+        joint_noise.validate().map_err(at("joint_noise"))?;
+        discretise.validate().map_err(at("discretise"))
     }
 
     /// Augments a rig by the draws of a seed and an index, say a step and an asset: same numbers, same
@@ -95,26 +114,44 @@ impl Recipe {
     /// None that a valid rig and a validated recipe can give; kept so that a fault of this crate costs
     /// a sample and not a run.
     pub fn apply(&self, rig: Rig, seed: u64, index: &[u64]) -> Result<Augmented, RigError> {
+        let Self {
+            trim,
+            delete,
+            part,
+            reconnect,
+            pose,
+            scale,
+            turn_x,
+            turn_y,
+            turn_z,
+            flip,
+            rotate,
+            axes,
+            cube,
+            jitter,
+            joint_noise,
+            discretise,
+        } = self;
         let mut draft = Draft::open(rig);
         let of = |purpose: &str| stream(seed, purpose, index);
-        self.trim.apply(&mut draft);
-        self.delete.apply(&mut draft, &mut of("augment delete"));
-        self.part.apply(&mut draft, &mut of("augment part"));
-        self.reconnect.apply(&mut draft, &mut of("augment reconnect"));
-        self.pose.apply(&mut draft, &mut of("augment pose"));
+        trim.apply(&mut draft);
+        delete.apply(&mut draft, &mut of("augment delete"));
+        part.apply(&mut draft, &mut of("augment part"));
+        reconnect.apply(&mut draft, &mut of("augment reconnect"));
+        pose.apply(&mut draft, &mut of("augment pose"));
         let mut turn = of("augment turn");
         let parts = LinearParts {
-            scale: self.scale.draw(&mut of("augment scale")),
-            turns: [self.turn_x.draw(0, &mut turn), self.turn_y.draw(1, &mut turn), self.turn_z.draw(2, &mut turn)],
-            flip: self.flip.draw(&mut of("augment flip")),
-            rotate: self.rotate.draw(&mut of("augment rotate")),
-            axes: self.axes.draw(&mut of("augment axes")),
+            scale: scale.draw(&mut of("augment scale")),
+            turns: [turn_x.draw(0, &mut turn), turn_y.draw(1, &mut turn), turn_z.draw(2, &mut turn)],
+            flip: flip.draw(&mut of("augment flip")),
+            rotate: rotate.draw(&mut of("augment rotate")),
+            axes: axes.draw(&mut of("augment axes")),
         };
-        linear(&mut draft, parts.matrix(), self.flip.keep_winding);
-        self.cube.apply(&mut draft, &mut of("augment cube"));
-        self.jitter.apply(&mut draft, &mut of("augment jitter"))?;
-        self.joint_noise.apply(&mut draft, &mut of("augment joint noise"));
-        self.discretise.apply(&mut draft, &mut of("augment discretise"));
+        linear(&mut draft, parts.matrix(), flip.keep_winding);
+        cube.apply(&mut draft, &mut of("augment cube"));
+        jitter.apply(&mut draft, &mut of("augment jitter"))?;
+        joint_noise.apply(&mut draft, &mut of("augment joint noise"));
+        discretise.apply(&mut draft, &mut of("augment discretise"));
         draft.close()
     }
 

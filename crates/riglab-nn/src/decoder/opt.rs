@@ -61,8 +61,10 @@ impl OptConfig {
         if self.heads == 0 || self.width == 0 || !self.width.is_multiple_of(self.heads.max(1)) {
             return bad("width", format!("({}) must be a multiple of heads ({})", self.width, self.heads));
         }
-        if self.ffn == 0 || self.positions == 0 {
-            return bad("ffn", "and positions must be at least 1".into());
+        for (key, size) in [("layers", self.layers), ("ffn", self.ffn), ("positions", self.positions)] {
+            if size == 0 {
+                return bad(key, "must be at least 1".into());
+            }
         }
         if !(0.0..1.0).contains(&self.dropout) {
             return bad("dropout", format!("({}) must be at least 0 and less than 1", self.dropout));

@@ -67,6 +67,7 @@ impl QwenConfig {
     pub fn validate(&self) -> Result<(), (&'static str, String)> {
         let sizes = [
             ("width", self.width),
+            ("layers", self.layers),
             ("heads", self.heads),
             ("kv_heads", self.kv_heads),
             ("head_width", self.head_width),

@@ -144,7 +144,7 @@ impl GrpoTask {
         let mean = |of: fn(&Rewards) -> f64| parts.iter().map(of).sum::<f64>() / n;
         let tokens: usize = sequences.iter().map(|s| s.ids.len()).sum();
         let (groups, joints) = (groups.len().max(1) as f64, joints as f64 / n);
-        let notes = vec![
+        let notes: [f64; NOTES.len()] = [
             mean(|r| r.total),
             mean(|r| r.coverage),
             mean(|r| r.containment),
@@ -158,7 +158,7 @@ impl GrpoTask {
             joints,
             gap,
         ];
-        Rollout { shapes: batch.shapes.clone(), sequences, notes }
+        Rollout { shapes: batch.shapes.clone(), sequences, notes: notes.to_vec() }
     }
 
     /// Asks the reference how likely the sequences were, and the policy where they are gone over more than once: else
