@@ -88,6 +88,8 @@ pub enum ExportNote {
         image: usize,
         /// What the source says, cut to a readable length.
         uri: String,
+        /// Whether it is in no folder that is looked in: the model's and those below it.
+        outside: bool,
     },
     /// Animations of the old rig do not apply any more.
     MotionDropped {
@@ -111,6 +113,21 @@ pub enum ExportNote {
         /// Capsules that became spheres.
         capsules: usize,
     },
+    /// Nodes that hold a mesh are moved by animations, which do nothing any more: a skinned mesh goes with its joints.
+    MotionIdle {
+        /// How many.
+        nodes: usize,
+    },
+    /// The file is a VRM that lacks human bones it must have.
+    NotHuman {
+        /// Their names in VRM 1.0.
+        lacking: Vec<String>,
+    },
+    /// Parts of a VRM that are about the old rig were dropped.
+    VrmDropped {
+        /// As the format calls them.
+        parts: Vec<&'static str>,
+    },
     /// Human bones and springs are those of the source: the rig has a root that the source has not.
     BodyLeft,
 }
@@ -123,11 +140,29 @@ impl fmt::Display for ExportNote {
                 "{vertices} vertices have more than {most} influences; the smallest were left out, \
                  at most a share of {lost:.4}"
             ),
-            Self::PictureLeft { image, uri } => {
+            Self::PictureLeft { image, uri, outside: true } => write!(
+                f,
+                "image {image} is not in the file: `{uri}` is not in the model's folder or below it, where alone is looked; \
+                 put it there"
+            ),
+            Self::PictureLeft { image, uri, .. } => {
                 write!(f, "image {image} is not in the file: `{uri}` cannot be read or is no known kind of picture")
             }
             Self::MotionDropped { channels } => {
                 write!(f, "{channels} animation channels that moved the old rig were dropped")
+            }
+            Self::MotionIdle { nodes } => {
+                let whose = if *nodes == 1 { "a node that holds a mesh" } else { "nodes that hold meshes" };
+                write!(f, "animations of {whose} move nothing any more: skinned meshes go with their joints")
+            }
+            Self::NotHuman { lacking } => write!(
+                f,
+                "programs that read VRM will refuse it: no {} was found among its joints; --names vrm names those of \
+                 humans, another --seed may find them",
+                lacking.join(", ")
+            ),
+            Self::VrmDropped { parts } => {
+                write!(f, "{} of the VRM spoke of the old rig and went with it", parts.join(", "))
             }
             Self::TrianglesTurned { surfaces } => {
                 let meshes = if *surfaces == 1 { "mesh" } else { "meshes" };

@@ -89,7 +89,7 @@ pub struct ImportOptions {
     /// which is refused otherwise, and `NAME_dup_K` joints of RigNet's predictions back into NAME.
     pub repair: bool,
     /// Whether a glTF without a skeleton is read without what is not shown: meshes that are colliders by the names of their
-    /// nodes.
+    /// nodes, that are not of its scene, or hidden.
     pub shown: bool,
 }
 

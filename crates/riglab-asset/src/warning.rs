@@ -85,6 +85,11 @@ pub enum Warning {
         /// The nodes that hold them.
         nodes: Vec<usize>,
     },
+    /// Meshes that a file without a skeleton does not show were left out.
+    Unseen {
+        /// The nodes that hold them.
+        nodes: Vec<usize>,
+    },
     /// Primitives of points or lines, or without positions, were left out.
     NoSurface {
         /// How many.
@@ -222,6 +227,15 @@ impl fmt::Display for Warning {
             Self::Colliders { nodes } => {
                 let nodes = numbered("node", nodes);
                 write!(f, "meshes that are colliders by name stay as they are, without a skin: {}", Some3(&nodes))
+            }
+            Self::Unseen { nodes } => {
+                let nodes = numbered("node", nodes);
+                write!(
+                    f,
+                    "meshes that the file does not show (of no scene or another one, hidden, or coarser forms) stay as they are, \
+                     without a skin: {}",
+                    Some3(&nodes)
+                )
             }
             Self::NoSurface { primitives } => {
                 write!(f, "{primitives} primitives of points or lines, or without positions, were left out")

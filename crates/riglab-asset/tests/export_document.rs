@@ -102,7 +102,7 @@ fn what_lies_beside_a_file_comes_into_it() {
     let imported = import(at("a.gltf"), &ImportOptions::default()).unwrap();
     let rig = imported.rig().unwrap();
     let exported = export::onto(at("a.gltf"), &imported, rig, &ExportOptions::default()).unwrap();
-    assert_eq!(exported.notes, [ExportNote::PictureLeft { image: 2, uri: "none.png".into() }]);
+    assert_eq!(exported.notes, [ExportNote::PictureLeft { image: 2, uri: "none.png".into(), outside: false }]);
     let after = parts(&exported.bytes);
     assert_eq!(pictures(&after), [PICTURE, PICTURE]);
     assert_eq!((&after.0["images"][0]["name"], &after.0["images"][0]["mimeType"]), (&json!("p"), &json!("image/png")));

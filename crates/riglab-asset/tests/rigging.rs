@@ -6,7 +6,7 @@ mod common;
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
-use riglab_asset::export::{self, ExportOptions, Influences, JointFrames};
+use riglab_asset::export::{self, ExportNote, ExportOptions, Influences, JointFrames};
 use riglab_asset::rigging::{Subject, SubjectNote, SubjectOptions, UpAxis};
 use riglab_asset::{Fault, ImportOptions, Warning, import, import_bytes};
 use riglab_core::{Rig, Skeleton, SkinWeights};
@@ -404,6 +404,83 @@ fn colliders_are_not_rigged_and_stay_as_they_are() {
     let all = bare.with("/nodes/0/name", json!("UCX_all")).glb();
     let all = Subject::from_bytes("a.glb", &all, None, &SubjectOptions::default()).unwrap();
     assert_eq!(all.mesh().triangles().len(), 4);
+}
+
+/// [`common::Tiny`] without its skin, below two nodes, and an animation that moves one node.
+fn walking(moved: usize) -> common::Tiny {
+    let floats = |all: &[f32]| all.iter().flat_map(|x| x.to_le_bytes()).collect::<Vec<u8>>();
+    let tiny = common::Tiny::new().with_accessor(5126, "SCALAR", 2, &floats(&[0.0, 1.0]));
+    let tiny = tiny.with_accessor(5126, "VEC3", 2, &floats(&[0.0, 0.0, 0.0, 2.0, 0.0, 0.0]));
+    let output = tiny.accessors() - 1;
+    let target = json!({"node": moved, "path": "translation"});
+    let walk =
+        json!({"channels": [{"sampler": 0, "target": target}], "samplers": [{"input": output - 1, "output": output}]});
+    let nodes = json!([
+        {"name": "body", "mesh": 0},
+        {"name": "walker", "children": [0], "scale": [2, 2, 2], "translation": [0, 3, 0]},
+        {"name": "world", "children": [1]},
+    ]);
+    tiny.with("/skins", json!([])).with("/nodes", nodes).with("/animations", json!([walk]))
+}
+
+#[test]
+fn a_motion_that_carries_the_model_carries_its_skeleton() {
+    let subject =
+        |moved| Subject::from_bytes("a.glb", &walking(moved).glb(), None, &SubjectOptions::default()).unwrap();
+    for (moved, above) in [(1, Some("walker")), (2, Some("world")), (0, None)] {
+        let subject = subject(moved);
+        let rig = on_one_joint(&subject, [0.5, 4.0, 0.0]);
+        let exported = subject.attach(&rig, &all_influences()).unwrap();
+        reads_back("walking", &exported.bytes, &rig, false);
+        let (json, _) = parts(&exported.bytes);
+        let nodes = json["nodes"].as_array().unwrap();
+        let armature = nodes.iter().position(|n| n["name"] == "Armature").unwrap();
+        let holds = |n: &&Value| n["children"].as_array().is_some_and(|c| c.contains(&json!(armature)));
+        assert_eq!(nodes.iter().find(holds).and_then(|n| n["name"].as_str()), above);
+        // A mesh that is moved by itself stays behind, and that is said.
+        let idle = ExportNote::MotionIdle { nodes: 1 };
+        assert_eq!(exported.notes.contains(&idle), above.is_none(), "{:?}", exported.notes);
+        assert_eq!(
+            json["animations"][0]["channels"][0]["target"]["node"].as_u64().map(|n| nodes[n as usize]["name"].clone()),
+            Some(json!(above.unwrap_or("body")))
+        );
+    }
+}
+
+#[test]
+fn what_a_file_does_not_show_is_not_rigged() {
+    let bare = common::Tiny::new().with("/skins", json!([])).with("/nodes/0", json!({"mesh": 0}));
+    let other = json!({"primitives": [{"attributes": {"POSITION": common::POSITION}, "indices": common::INDICES}]});
+    let two =
+        bare.with("/meshes/-", other).with("/nodes/-", json!({"mesh": 1, "name": "widget", "translation": [9, 0, 0]}));
+    let shown = |scenes: Value| {
+        let bytes = two.clone().with("/scenes", scenes).glb();
+        Subject::from_bytes("a.glb", &bytes, None, &SubjectOptions::default()).unwrap()
+    };
+    let (own, both) = (shown(json!([{"nodes": [0]}, {"nodes": [3]}])), shown(json!([{"nodes": [0, 3]}])));
+    assert_eq!((own.mesh().triangles().len(), both.mesh().triangles().len()), (4, 8));
+    let note = SubjectNote::Read(Warning::Unseen { nodes: vec![3] });
+    assert!(own.notes().contains(&note) && !both.notes().contains(&note), "{:?}", own.notes());
+    let bytes = own.attach(&on_one_joint(&own, [0.0; 3]), &all_influences()).unwrap().bytes;
+    let (json, _) = parts(&bytes);
+    let widget = json["nodes"].as_array().unwrap().iter().find(|n| n["name"] == "widget").unwrap();
+    assert!(widget.get("skin").is_none() && widget["translation"] == json!([9, 0, 0]), "{json}");
+}
+
+#[test]
+fn a_vrm_without_its_humanoid_says_what_it_lost() {
+    let vrm = json!({"VRMC_vrm": {"humanoid": {"humanBones": {"hips": {"node": 1}}}, "lookAt": {}, "meta": {}}});
+    let bytes = common::Tiny::new().with("/extensions", vrm).glb();
+    let subject = Subject::from_bytes("a.vrm", &bytes, None, &SubjectOptions::default()).unwrap();
+    let lost = SubjectNote::Stripped(ExportNote::VrmDropped { parts: vec!["humanoid", "lookAt"] });
+    assert!(subject.notes().contains(&lost), "{:?}", subject.notes());
+    let exported = subject.attach(&on_one_joint(&subject, [0.0; 3]), &all_influences()).unwrap();
+    let lacking =
+        |n: &ExportNote| matches!(n, ExportNote::NotHuman { lacking } if lacking.len() == 15 && lacking[0] == "hips");
+    assert!(exported.notes.iter().any(lacking), "{:?}", exported.notes);
+    // What is no VRM lacks nothing.
+    let subject = Subject::from_bytes("a.glb", &common::Tiny::new().glb(), None, &SubjectOptions::default()).unwrap();
+    assert_eq!(subject.attach(&on_one_joint(&subject, [0.0; 3]), &all_influences()).unwrap().notes, []);
 }
 
 #[test]

@@ -253,7 +253,9 @@ fn vrm_0_gets_its_own_form_and_a_note_of_what_it_cannot_say() {
     let imported = read(&bytes);
     let put = |rig: &Rig| export::onto_bytes("a.vrm", &bytes, None, &imported, rig, &ALONG).unwrap();
     let exported = put(&branched());
-    assert_eq!(exported.notes, [ExportNote::SpringsChanged { joints: 0, capsules: 1 }]);
+    // Nor is it a human.
+    let [ExportNote::NotHuman { lacking }, springs] = &exported.notes[..] else { panic!("{:?}", exported.notes) };
+    assert_eq!((lacking.len(), springs), (15, &ExportNote::SpringsChanged { joints: 0, capsules: 1 }));
     let written = document(&exported.bytes);
     assert!(written["extensions"].get("VRMC_springBone").is_none());
     let group = &written["extensions"]["VRM"]["secondaryAnimation"]["boneGroups"][0];

@@ -28,6 +28,9 @@ pub(super) struct Document {
     pub extensions_required: Vec<String>,
     /// Parts of files read here are loose in their types: VRM in the wild is.
     pub extensions: Value,
+    /// As loose: no rig needs them.
+    pub scene: Value,
+    pub scenes: Value,
     pub buffers: Vec<Buffer>,
     pub buffer_views: Vec<BufferView>,
     pub accessors: Vec<Accessor>,
@@ -130,6 +133,7 @@ pub(super) struct Node {
     pub rotation: Option<[f64; 4]>,
     pub scale: Option<[f64; 3]>,
     pub extras: Value,
+    pub extensions: Value,
 }
 
 #[derive(Debug, Deserialize)]

@@ -24,6 +24,7 @@ mod placing;
 mod primitives;
 mod rights;
 mod skins;
+mod unseen;
 mod vrm;
 mod write;
 
@@ -39,6 +40,7 @@ use document::Document;
 pub use draco::decode_draco;
 pub use meshopt::decode_meshopt;
 use nodes::Nodes;
+use placing::Apart;
 use skins::Skins;
 pub use write::to_glb;
 
@@ -64,8 +66,11 @@ pub(crate) fn read(bytes: &[u8], folder: Option<&Path>, options: &ImportOptions)
     let binds = Binds::new(&nodes, &skins, &sources.skin_boxes(skins.len()), &mut warnings);
     let joints = skins.joints(&document, &binds, &mut warnings)?;
     let scene = placing::Scene { accessors: &accessors, nodes: &nodes, skins: &skins, binds: &binds };
-    let colliders = if options.shown { colliders::colliders(&document) } else { Vec::new() };
-    let (vertex_sets, parts) = scene.place(sources, &joints, &colliders, &mut warnings)?;
+    let apart = match options.shown {
+        true => Apart { colliders: colliders::colliders(&document), unseen: unseen::unseen(&document) },
+        false => Apart::default(),
+    };
+    let (vertex_sets, parts) = scene.place(sources, &joints, &apart, &mut warnings)?;
     let body = vrm::read(&document, &scene, &mut warnings);
     let clips = options.clips.map(|resample| clips::read(chunks.json, &document, &scene, resample, &mut warnings));
     let clips = clips.unwrap_or_default();

@@ -33,6 +33,13 @@ enum Hold {
     None,
 }
 
+/// Nodes whose meshes are no part of what is seen of a model that has no skeleton.
+#[derive(Default)]
+pub(super) struct Apart {
+    pub(super) colliders: Vec<usize>,
+    pub(super) unseen: Vec<usize>,
+}
+
 impl Scene<'_, '_> {
     /// Places what hangs on the skeleton, or everything but the nodes `colliders` where there is none. The triangles of
     /// meshes that their nodes mirror are turned round, so that they face outwards as the format says (3.7.4 of glTF 2.0):
@@ -41,14 +48,15 @@ impl Scene<'_, '_> {
         &self,
         sources: Sources,
         joints: &[ReadJoint],
-        colliders: &[usize],
+        apart: &Apart,
         warnings: &mut Vec<Warning>,
     ) -> Result<(Vec<VertexSet>, Vec<Part>), Fault> {
         let mut sets = Vec::with_capacity(sources.sets.len());
         // The new number of each set that stays.
         let mut kept: HashMap<usize, usize> = HashMap::new();
         let mut repairs = Repairs::default();
-        let (mut rigid, mut left_out, mut bumped) = (Vec::new(), Vec::new(), Vec::new());
+        let (mut rigid, mut left_out) = (Vec::new(), Vec::new());
+        let (mut bumped, mut unseen) = (Vec::new(), Vec::new());
         let mut mirrored = Vec::with_capacity(sources.sets.len());
         for (number, source) in sources.sets.iter().enumerate() {
             let node = source.place.node;
@@ -67,7 +75,11 @@ impl Scene<'_, '_> {
                         let weights = Some(SkinWeights::normalized(rows)?);
                         (self.unskinned(source, &map, weights, Binding::Rigid)?, is_mirrored(&map))
                     }
-                    Hold::Free(_) if colliders.contains(&node) => {
+                    Hold::Free(_) if apart.unseen.contains(&node) => {
+                        unseen.push(node);
+                        continue;
+                    }
+                    Hold::Free(_) if apart.colliders.contains(&node) => {
                         bumped.push(node);
                         continue;
                     }
@@ -94,6 +106,7 @@ impl Scene<'_, '_> {
         rigid.dedup();
         left_out.dedup();
         bumped.dedup();
+        unseen.dedup();
         if !rigid.is_empty() {
             let names = rigid.iter().map(|&(_, joint)| joints[usize::from(joint)].name.clone()).collect();
             warnings.push(Warning::RigidParts { nodes: rigid.iter().map(|&(n, _)| n).collect(), joints: names });
@@ -103,6 +116,9 @@ impl Scene<'_, '_> {
         }
         if !bumped.is_empty() {
             warnings.push(Warning::Colliders { nodes: bumped });
+        }
+        if !unseen.is_empty() {
+            warnings.push(Warning::Unseen { nodes: unseen });
         }
         Ok((sets, parts))
     }

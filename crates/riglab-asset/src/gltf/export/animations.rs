@@ -1,5 +1,7 @@
 //! Animations, when nodes lose their motion.
 
+use std::collections::HashSet;
+
 use serde_json::{Value, json};
 
 use super::draft::{Draft, index, remove};
@@ -43,6 +45,13 @@ pub(super) fn drop_motion(
     dropped
 }
 
+/// The nodes that some animation moves, turns or scales.
+pub(super) fn moved_nodes(draft: &Draft) -> HashSet<usize> {
+    let channels = draft.list("animations").iter().filter_map(|a| a["channels"].as_array()).flatten();
+    let place = |path: &Value| ["translation", "rotation", "scale"].iter().any(|own| path == own);
+    channels.map(|c| &c["target"]).filter(|t| place(&t["path"])).filter_map(|t| index(&t["node"])).collect()
+}
+
 /// Drops the samplers that no channel uses.
 fn drop_samplers(animation: &mut Value) {
     let mut used: Vec<usize> = items(animation.get_mut("channels")).filter_map(|c| index(&c["sampler"])).collect();
@@ -64,6 +73,14 @@ fn drop_samplers(animation: &mut Value) {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn what_moves_a_node_is_told_from_what_changes_its_shape() {
+        let of = |node: usize, path: &str| json!({"sampler": 0, "target": {"node": node, "path": path}});
+        let all = [of(3, "translation"), of(4, "weights"), json!({"target": {"path": "scale"}}), of(5, "rotation")];
+        let draft = Draft::new(json!({"animations": [{"channels": all, "samplers": ["a"]}]}));
+        assert_eq!(moved_nodes(&draft), HashSet::from([3, 5]));
+    }
 
     #[test]
     fn motion_of_a_joint_goes_and_morphs_follow_their_mesh() {

@@ -1,6 +1,6 @@
 //! A rig put into a document.
 
-use std::collections::{BTreeMap, HashMap};
+use std::collections::{BTreeMap, HashMap, HashSet};
 
 use glam::DAffine3;
 use riglab_core::{Provenance, Rig};
@@ -15,7 +15,7 @@ use super::remove::{self, Successors};
 use super::rows::Rows;
 use super::scene::{Same, Scene, Surface, Weights};
 use super::springs::{self, Joints};
-use super::{frames, humanoid};
+use super::{animations, frames, humanoid};
 use crate::nearest::nearest_others;
 use crate::{ExportNote, ExportOptions, Fault, Influences, Reading};
 
@@ -126,7 +126,15 @@ impl Binder<'_, '_> {
         let root = frames::add_joints(draft, skeleton, &turned);
         let armature = draft.push("nodes", json!({"name": "Armature", "children": [root]}));
         let holders: Vec<usize> = scene.surfaces.iter().map(|s| s.node).collect();
-        place::add_to_scenes(draft, &scene.nodes, &holders, armature);
+        let moved = animations::moved_nodes(draft);
+        match place::carrier(scene, &holders, &moved) {
+            Some(carrier) => place::hang(draft, &scene.nodes, armature, carrier),
+            None => place::add_to_scenes(draft, &scene.nodes, &holders, armature),
+        }
+        let idle = holders.iter().filter(|node| moved.contains(node)).collect::<HashSet<_>>().len();
+        if idle > 0 && scene.skins.is_empty() {
+            self.notes.push(ExportNote::MotionIdle { nodes: idle });
+        }
         let binds = draft.accessor(&frames::inverse_binds(&turned), MAT4, None);
         let joints: Vec<usize> = (root..root + skeleton.len()).collect();
         let skin = draft.push("skins", json!({"joints": joints, "inverseBindMatrices": binds}));
@@ -165,6 +173,10 @@ impl Binder<'_, '_> {
         let successors = Successors { joints: new.collect(), meshes: moved };
         let joints = Joints { skeleton, nodes: joints, frames: turned };
         humanoid::set(self.draft, rig.humanoid(), |joint| joints.node(joint));
+        let lacking = humanoid::lacking_of_vrm(self.draft);
+        if !lacking.is_empty() {
+            self.notes.push(ExportNote::NotHuman { lacking });
+        }
         springs::set(self.draft, rig, &joints, self.notes);
         remove::old_rig(self.draft, scene, &successors, self.notes);
         Ok(())

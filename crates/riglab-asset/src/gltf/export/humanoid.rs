@@ -6,8 +6,10 @@
 //! apply. Nothing of this is ever made up: else, and in other documents, each bone is told by the `extras` of
 //! its node, which programs that know nothing of it keep.
 
+use std::collections::HashSet;
+
 use glam::Vec3;
-use riglab_core::{Humanoid, JointId, Provenance, Rig};
+use riglab_core::{HumanBone, Humanoid, JointId, Provenance, Rig};
 use serde_json::{Map, Value, json};
 
 use super::super::vrm::BONE_EXTRA;
@@ -40,6 +42,24 @@ pub(super) fn set(draft: &mut Draft, humanoid: &Humanoid, node: impl Fn(JointId)
     } else {
         set_extras(draft, &bones);
     }
+}
+
+/// The human bones that a VRM must have and this one lacks; none of what is no VRM.
+pub(super) fn lacking_of_vrm(draft: &Draft) -> Vec<String> {
+    let extensions = &draft.json["extensions"];
+    let own: HashSet<&str> = match (&extensions[VRM1], &extensions["VRM"]) {
+        (Value::Object(vrm), _) => {
+            let bones = vrm.get("humanoid").and_then(|own| own["humanBones"].as_object());
+            bones.into_iter().flatten().map(|(name, _)| name.as_str()).collect()
+        }
+        (_, Value::Object(vrm)) => {
+            let bones = vrm.get("humanoid").and_then(|own| own["humanBones"].as_array());
+            bones.into_iter().flatten().filter_map(|bone| bone["bone"].as_str()).collect()
+        }
+        _ => return Vec::new(),
+    };
+    let needed = HumanBone::all().filter(|bone| bone.is_required());
+    needed.map(HumanBone::name).filter(|name| !own.contains(name)).map(str::to_owned).collect()
 }
 
 /// Writes the human bones of a rig that stands alone.

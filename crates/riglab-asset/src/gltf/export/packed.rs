@@ -183,6 +183,7 @@ fn pictures(draft: &mut Draft, buffers: &Buffers<'_>, notes: &mut Vec<ExportNote
         }
         let found = buffers.outside(number, uri, MOST_PICTURE);
         let stated = image.get("mimeType").and_then(Value::as_str).map(str::to_owned);
+        let outside = matches!(found, Err(Fault::UriOutside { .. }));
         let packed = match found {
             Ok(Outside { bytes, kind }) => {
                 let stated = stated.or(kind.filter(|k| k.starts_with("image/")));
@@ -191,7 +192,7 @@ fn pictures(draft: &mut Draft, buffers: &Buffers<'_>, notes: &mut Vec<ExportNote
             Err(_) => None,
         };
         let Some((bytes, kind)) = packed else {
-            notes.push(ExportNote::PictureLeft { image: number, uri: uri.chars().take(200).collect() });
+            notes.push(ExportNote::PictureLeft { image: number, uri: uri.chars().take(200).collect(), outside });
             continue;
         };
         let view = draft.view(&bytes, None, None);

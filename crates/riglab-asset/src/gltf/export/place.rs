@@ -1,14 +1,16 @@
 //! Meshes where the rest pose shows them: geometry in the scene, on nodes at its top.
 
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 
+use glam::DAffine3;
 use serde_json::{Value, json};
 
 use super::super::accessor::Accessors;
 use super::super::nodes::Nodes;
 use super::bake::Baker;
 use super::draft::{Draft, ELEMENTS, Layout, U16, U32, index, remove};
-use super::scene::Surface;
+use super::scene::{Scene, Surface};
+use crate::maps::{FLAT, is_flat};
 use crate::{Fault, triangles};
 
 /// Whether the positions of a surface, as stored, are those of the rig bit for bit.
@@ -121,6 +123,38 @@ pub(super) fn add_to_scenes(draft: &mut Draft, nodes: &Nodes, beside: &[usize], 
         if shown && !listed.iter().any(|n| index(n) == Some(node)) {
             listed.push(json!(node));
         }
+    }
+}
+
+/// The node that a new skeleton has to hang on, so that motions which carry the whole model, such as a walk across the scene,
+/// carry it still: skinned meshes go with their joints alone. The deepest that an animation moves of those above all holders
+/// of meshes; none in a file that has skins, whose joints tell.
+pub(super) fn carrier(scene: &Scene, holders: &[usize], moved: &HashSet<usize>) -> Option<usize> {
+    let nodes = &scene.nodes;
+    if !scene.skins.is_empty() {
+        return None;
+    }
+    let mut node = nodes.common(holders.iter().copied());
+    // A mesh below which its own joints hang is more than programs expect.
+    while node != nodes.top() && (holders.contains(&node) || !moved.contains(&node)) {
+        node = nodes.parent(node);
+    }
+    let flat = |node: usize| is_flat(&nodes.global(node).matrix3, FLAT);
+    (node != nodes.top() && !flat(node)).then_some(node)
+}
+
+/// Hangs a node on another, where it stays in its place in the scene.
+pub(super) fn hang(draft: &mut Draft, nodes: &Nodes, node: usize, on: usize) {
+    let back = nodes.global(on).inverse();
+    if back != DAffine3::IDENTITY {
+        let [x, y, z] = [back.matrix3.x_axis, back.matrix3.y_axis, back.matrix3.z_axis].map(|axis| axis.extend(0.0));
+        let columns = [x, y, z, back.translation.extend(1.0)].map(|column| column.as_vec4().to_array());
+        draft.list_mut("nodes")[node]["matrix"] = json!(columns.as_flattened());
+    }
+    let own = &mut draft.list_mut("nodes")[on];
+    match own.get_mut("children").and_then(Value::as_array_mut) {
+        Some(children) => children.push(json!(node)),
+        None => own["children"] = json!([node]),
     }
 }
 

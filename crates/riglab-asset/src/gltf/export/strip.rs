@@ -57,7 +57,10 @@ pub(super) fn strip(
         remove(node, "skin");
     }
     remove::influences(draft);
-    vrm::strip(draft);
+    let parts = vrm::strip(draft);
+    if !parts.is_empty() {
+        notes.push(ExportNote::VrmDropped { parts });
+    }
     let successors = Successors { meshes: moved, ..Successors::default() };
     remove::old_rig(draft, scene, &successors, notes);
     Ok(())

@@ -63,26 +63,29 @@ pub(super) fn follow_meshes(json: &mut Value, to: impl Fn(usize) -> Option<usize
     });
 }
 
-/// Takes humanoid and springs away; what is said of materials, expressions and rights stays.
-pub(super) fn strip(draft: &mut Draft) {
-    if let Some(vrm) = draft.json.pointer_mut("/extensions/VRM") {
-        for part in ["humanoid", "secondaryAnimation", "firstPerson"] {
-            remove(vrm, part);
-        }
+/// Takes humanoid and springs away, and says which of them there were; what is said of materials, expressions and rights
+/// stays.
+pub(super) fn strip(draft: &mut Draft) -> Vec<&'static str> {
+    let mut dropped = Vec::new();
+    for (extension, parts) in
+        [("VRM", &["humanoid", "firstPerson", "secondaryAnimation"][..]), (VRM1, &["humanoid", "lookAt"])]
+    {
+        let Some(vrm) = draft.json.pointer_mut(&format!("/extensions/{extension}")) else { continue };
+        dropped.extend(parts.iter().filter(|part| remove(vrm, part).is_some()));
     }
-    if let Some(vrm) = draft.json.pointer_mut(&format!("/extensions/{VRM1}")) {
-        for part in ["humanoid", "lookAt"] {
-            remove(vrm, part);
-        }
-    }
+    let mut constraints = false;
     for node in draft.list_mut("nodes") {
+        constraints |= node["extensions"].get(CONSTRAINT).is_some();
         forget_member_extension(node, &[CONSTRAINT]);
     }
     humanoid::forget_extras(draft);
+    let springs = draft.json["extensions"].get(SPRINGS).is_some();
+    dropped.extend([(springs, SPRINGS), (constraints, CONSTRAINT)].into_iter().filter(|own| own.0).map(|own| own.1));
     forget_member_extension(&mut draft.json, &[SPRINGS]);
     for name in [SPRINGS, CONSTRAINT] {
         forget_extension(&mut draft.json, name);
     }
+    dropped
 }
 
 /// Gives every named node its successor, and drops what names one that has none: single bones, springs
