@@ -15,7 +15,7 @@ use serde::{Deserialize, Serialize};
 
 use super::complete::part;
 use super::sample::{codes, sample};
-use super::skin::{Codes, in_order};
+use super::skin::{Codes, Hold, in_order};
 use super::{Batch, Condition, Drawn, TokenRigTask, parts_of};
 use crate::assets::AssetId;
 use crate::fsq_cvae::evaluate::Methods;
@@ -375,7 +375,7 @@ impl TokenRigTask {
         let skin = &rigger.config.skin;
         let prepared = Prepared::of(String::new(), truth.clone(), !skin.empty);
         let own = codes(&rigger.vae, skin.codes, &prepared, &mut random);
-        let weights = rigger.pooled_skin(truth.mesh(), truth.skeleton(), &[own], key, 0.0)?;
+        let weights = rigger.pooled_skin(truth.mesh(), truth.skeleton(), &[own], key, Hold::default())?;
         ways.methods.add("given: auto-encoder".into(), &SkinTally::of(&true_weights, &dense(&weights, joints), joints));
         Ok(found)
     }

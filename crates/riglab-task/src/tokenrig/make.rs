@@ -6,7 +6,7 @@ use riglab_random::stream;
 use riglab_reward::{RewardConfig, Rewards, Scorer};
 use riglab_token::Bones;
 
-use super::skin::in_order;
+use super::skin::{Hold, in_order};
 use super::{Drawn, Rigger};
 use crate::grpo::{Judged, Subject, rewards};
 use crate::unirig_skeleton::agree::Agreement;
@@ -46,6 +46,10 @@ pub struct Wish<'a> {
     /// Skins that are drawn for the skeleton, of whose weights the mean is taken; as the model's config says where it is
     /// not told.
     pub skins: Option<usize>,
+    /// Joints that hold a vertex, at most; four where it is not told.
+    pub influences: Option<usize>,
+    /// Of each joint of `skeleton`, which is not completed then, whether it may hold anything; any may where it is not told.
+    pub holders: Option<&'a [bool]>,
     /// Seeds the points that the encoders see, and the draws.
     pub seed: u64,
 }
@@ -175,7 +179,10 @@ impl Rigger {
                 (in_cube.with_heads(heads).map_err(|e| e.to_string())?, in_cube, skins)
             }
         };
-        let weights = self.skin(&cube, &in_cube, &skins, wish.seed)?;
+        let holders = wish.holders.filter(|able| able.len() == in_cube.len() && able.contains(&true));
+        let hold = Hold { without_codes: eval.without_codes, holders, ..Hold::default() };
+        let hold = Hold { influences: wish.influences.unwrap_or(hold.influences).max(1), ..hold };
+        let weights = self.pooled_skin(&cube, &in_cube, &skins, wish.seed, hold)?;
         Ok(Made { skeleton, weights, sample, draws })
     }
 

@@ -96,6 +96,11 @@ impl Rules for Strict {
 }
 
 impl Rigger {
+    /// Joints of a skeleton that it writes, at most.
+    pub fn most_joints(&self) -> usize {
+        self.config.limits.joints
+    }
+
     /// With the network's starting weights; the config was validated.
     ///
     /// # Errors

@@ -53,10 +53,11 @@ impl Rigger {
     /// # Errors
     /// When mesh and skeleton make no rig.
     pub fn skin(&self, mesh: &Mesh, skeleton: &Skeleton, skins: &[Codes], key: u64) -> Result<SkinWeights, String> {
-        self.pooled_skin(mesh, skeleton, skins, key, self.config().eval.without_codes)
+        let hold = Hold { without_codes: self.config().eval.without_codes, ..Hold::default() };
+        self.pooled_skin(mesh, skeleton, skins, key, hold)
     }
 
-    /// As [`Self::skin`], with another share of what is said without any code.
+    /// As [`Self::skin`], where something else is wanted.
     ///
     /// # Errors
     /// As [`Self::skin`].
@@ -66,7 +67,7 @@ impl Rigger {
         skeleton: &Skeleton,
         skins: &[Codes],
         key: u64,
-        without_codes: f32,
+        hold: Hold<'_>,
     ) -> Result<SkinWeights, String> {
         let eval = &self.config().eval;
         let mut random = stream(eval.seed, "skin evaluation", &[key]);
@@ -75,16 +76,17 @@ impl Rigger {
         let half = skins.len() > 1 && riglab_torch::multiplies_bf16() && self.device() == tch::Device::Cpu;
         let skinner = if half { skinner.half() } else { skinner };
         let all = skeleton.segments();
+        let able: Vec<usize> = (0..skeleton.len()).filter(|&j| hold.holders.is_none_or(|able| able[j])).collect();
         let claims = |j: &usize| skins.iter().any(|codes| codes.get(*j).is_some_and(Option::is_some));
-        let claimed: Vec<usize> = (0..skeleton.len()).filter(claims).collect();
+        let claimed: Vec<usize> = able.iter().copied().filter(claims).collect();
         let segments: Vec<Vec<Segment>> = claimed.iter().map(|&j| all[j].clone()).collect();
         let mut priors = Priors::default();
         let mut raw = mean(&skinner, &mut priors, &claimed, &segments, skins);
-        if without_codes > 0.0 && skinner.has_prior() && !raw.is_empty() {
+        if hold.without_codes > 0.0 && skinner.has_prior() && !raw.is_empty() {
             let (all, none): (Vec<usize>, Vec<&[i64]>) = (0..claimed.len()).map(|c| (c, &[][..])).unzip();
             priors.add(&skinner, &segments, &all);
             let without = skinner.raw(&segments, &none, priors.of(&all));
-            pool(&mut raw, &without, claimed.len(), without_codes);
+            pool(&mut raw, &without, claimed.len(), hold.without_codes);
         }
         let far = f64::from(eval.spread);
         if far > 0.0 && !raw.is_empty() {
@@ -92,7 +94,8 @@ impl Rigger {
                 mesh.positions().par_iter().map(|&p| far * f64::from(to_nearest(&segments, p).1)).collect();
             raw = spread_weights(mesh, &raw, &distance);
         }
-        let rule = DecodeRule { cut: eval.cut, influences: 4 };
+        let rule = DecodeRule { cut: eval.cut, influences: hold.influences };
+        let of_able: Vec<Vec<Segment>> = able.iter().map(|&j| all[j].clone()).collect();
         let m = claimed.len();
         let mut row = vec![0.0; m];
         let rows = (0..mesh.positions().len()).map(|v| {
@@ -103,11 +106,28 @@ impl Rigger {
             let held = row.iter().zip(&claimed).filter(|(w, _)| **w > 0.0);
             let mut own: Vec<(u16, f64)> = held.map(|(w, &j)| (j as u16, f64::from(*w))).collect();
             if own.is_empty() {
-                own.push((to_nearest(&all, mesh.positions()[v]).0 as u16, 1.0));
+                own.push((able[to_nearest(&of_able, mesh.positions()[v]).0] as u16, 1.0));
             }
             own
         });
         SkinWeights::normalized(rows).map_err(|e| e.to_string())
+    }
+}
+
+/// What weights a skin may have.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Hold<'a> {
+    /// The share of what the auto-encoder says without any code (`eval.without_codes`).
+    pub without_codes: f32,
+    /// Joints that hold a vertex, at most.
+    pub influences: usize,
+    /// Of each joint whether it may hold anything; any may where it is not told. One at least.
+    pub holders: Option<&'a [bool]>,
+}
+
+impl Default for Hold<'_> {
+    fn default() -> Self {
+        Self { without_codes: 0.0, influences: 4, holders: None }
     }
 }
 

@@ -2,7 +2,7 @@
 
 use riglab_core::Mesh;
 use riglab_geom::{CloudConfig, CloudSampler};
-use riglab_metric::{consensus_with, refined};
+use riglab_metric::{Joints, consensus, refined};
 use riglab_nn::generate::GenerateConfig;
 use riglab_nn::perceiver::PerceiverConfig;
 use riglab_random::stream;
@@ -83,6 +83,11 @@ impl Agreement {
         }
     }
 
+    /// Of each draw whether it is made after a cloud in the mirror, those of one cloud after those of another.
+    pub fn draws_mirrored(&self) -> impl Iterator<Item = bool> {
+        self.shares().into_iter().enumerate().flat_map(|(cloud, own)| std::iter::repeat_n(self.mirrored(cloud), own))
+    }
+
     /// Of the draws for a mesh, those of one cloud after those of another, the one that the others agree with most, `None`
     /// where none can be taken. It is refined where the tokens of the refined one pass `fits`.
     pub fn of<'a>(
@@ -91,33 +96,17 @@ impl Agreement {
         drawn: impl Iterator<Item = Option<&'a Decoded>>,
         fits: impl Fn(&[u32]) -> bool,
     ) -> Option<Agreed> {
-        self.of_those(tokenizer, drawn, fits, |_| 0.0)
-    }
-
-    /// As [`Self::of`], where something else than the others speaks against a draw, too (see
-    /// [`riglab_metric::consensus_with`]).
-    pub fn of_those<'a>(
-        &self,
-        tokenizer: &Tokenizer,
-        drawn: impl Iterator<Item = Option<&'a Decoded>>,
-        fits: impl Fn(&[u32]) -> bool,
-        besides: impl Fn(&Decoded) -> f64,
-    ) -> Option<Agreed> {
-        let of_cloud = self.shares().into_iter().enumerate().flat_map(|(cloud, own)| std::iter::repeat_n(cloud, own));
         let (mut places, mut candidates, mut voters) = (Vec::new(), Vec::new(), Vec::new());
-        for (place, (decoded, cloud)) in drawn.zip(of_cloud).enumerate() {
+        for (place, (decoded, mirrored)) in drawn.zip(self.draws_mirrored()).enumerate() {
             let Some(decoded) = decoded else { continue };
-            if self.mirrored(cloud) {
-                let mut seen = joints(decoded);
-                seen.positions.iter_mut().for_each(|p| p[0] = -p[0]);
-                voters.push(seen);
+            if mirrored {
+                voters.push(joints_in_the_mirror(decoded));
             } else {
                 places.push((place, decoded));
                 candidates.push(joints(decoded));
             }
         }
-        let besides: Vec<f64> = places.iter().map(|(_, decoded)| besides(decoded)).collect();
-        let at = consensus_with(&candidates, &voters, &besides)?;
+        let at = consensus(&candidates, &voters)?;
         let (place, decoded) = places[at];
         let own = candidates[at].clone();
         voters.append(&mut candidates);
@@ -149,6 +138,13 @@ impl Agreement {
         let said = all.into_iter().filter(|(so, said)| *so && !said.is_empty()).map(|(_, said)| said);
         said.collect::<Vec<_>>().join("; ")
     }
+}
+
+/// The joints of a draw, turned back from the mirror that its cloud was seen in.
+pub(crate) fn joints_in_the_mirror(decoded: &Decoded) -> Joints {
+    let mut seen = joints(decoded);
+    seen.positions.iter_mut().for_each(|p| p[0] = -p[0]);
+    seen
 }
 
 #[cfg(test)]
@@ -191,6 +187,8 @@ mod tests {
         assert_eq!(of(2, 8), [1, 1], "no cloud that nothing is drawn after");
         assert_eq!(Agreement { clouds: 5, mirror: true, ..PLAIN }.straight(), [0, 2, 4]);
         assert_eq!(Agreement { clouds: 2, ..PLAIN }.straight(), [0, 1]);
+        let mirrored = Agreement { draws: 5, clouds: 2, mirror: true, ..PLAIN };
+        assert_eq!(mirrored.draws_mirrored().collect::<Vec<_>>(), [false, false, false, true, true]);
         assert_eq!(Agreement { clouds: 0, ..PLAIN }.validate().unwrap_err().0, "eval.clouds");
         assert_eq!(Agreement { draws: 0, ..PLAIN }.validate().unwrap_err().0, "eval.consensus");
     }

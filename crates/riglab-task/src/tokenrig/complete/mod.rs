@@ -1,28 +1,32 @@
 //! A skeleton of which some joints are given: the model writes the others.
 //!
-//! A free skeleton is made as always, of several draws, where those count for more that have the given joints by themselves.
-//! In it given joints take the places of drawn ones, limb by limb, and what is left of it are the joints that were missing.
+//! Skeletons are drawn freely, as always. In each of them given joints take the places of drawn ones, limb by limb, what was
+//! drawn around these follows them, and what is left of it are the joints that were missing: a draw as it would have been had
+//! the given joints been in it. Of those the one that the others agree with most is taken, and the joints that it adds are
+//! moved to where the others have them.
 //!
 //! The other way, to have the given joints read and the sequence go on from there, was measured, too (experiments/README.md):
-//! it is somewhat nearer to the truth where the given joints are like those that the model learned from, and loses its way
-//! where they are not.
+//! it is further from the truth, and loses its way where given joints are not like those that the model learned from.
 //!
 //! The papers leave directed topology as an open limitation; this needs no training of its own.
 
 mod merge;
 mod part;
 
+use glam::DVec3;
 use riglab_core::{Joint, JointId, Similarity, Skeleton};
+use riglab_metric::{Joints, consensus_with, refined};
 use riglab_nn::generate::GenerateConfig;
 use riglab_nn::params::Weights;
 use riglab_random::stream;
-use riglab_token::{Bones, Decoded};
+use riglab_token::Bones;
 
-use self::merge::{Merged, Tree, grafted};
+use self::merge::{Merged, grafted};
 pub(super) use self::part::part;
 use super::make::class_of;
 use super::{Condition, Rigger};
-use crate::unirig_skeleton::agree::{Agreed, Agreement};
+use crate::unirig_skeleton::agree::{Agreement, joints_in_the_mirror};
+use crate::unirig_skeleton::evaluate::joints;
 
 /// What a given joint counts, in the cube, that a draw has nowhere or further away: about what joints of two sane skeletons
 /// are apart at most.
@@ -43,24 +47,23 @@ impl Rigger {
         (agreement, seed): (Agreement, u64),
     ) -> Result<Skeleton, String> {
         self.given(begun, map)?;
-        let given = Tree {
-            joints: begun.heads().iter().map(|&p| map.apply(p).map(f64::from)).collect(),
+        let given = Joints {
+            positions: begun.heads().iter().map(|&p| map.apply(p).map(f64::from)).collect(),
             parents: begun.parents().iter().map(|p| p.map(JointId::index)).collect(),
         };
         let shares = agreement.shares();
         let mut streams: Vec<_> = (0..agreement.draws as u64).map(|k| stream(seed, "rig draws", &[k])).collect();
         let seen = seen.first(shares.len());
         let drawn = self.draw_skeletons(w, &seen, (&self.free(), &shares), how, &mut streams)?;
-        let decoded: Vec<Option<&Decoded>> = drawn.iter().map(|d| d.decoded.as_ref().ok()).collect();
-        let lost = |d: &Decoded| {
-            let all = grafted(&given, d);
-            // On average, as one more of the three distances between draws.
-            all.off.iter().map(|off| off.min(LOST)).sum::<f64>() / given.joints.len() as f64
-        };
-        let agreed = agreement.of_those(&self.tokenizer, decoded.iter().copied(), |_| true, lost);
-        let Agreed { place, refined } = agreed.ok_or("no skeleton came out; try another --seed")?;
-        let taken = refined.map(|(_, said)| said).or_else(|| decoded[place].cloned());
-        let all = grafted(&given, &taken.ok_or("no skeleton came out; try another --seed")?);
+        let (mut own, mut voters) = (Vec::new(), Vec::new());
+        for (drawn, mirrored) in drawn.iter().zip(agreement.draws_mirrored()) {
+            match &drawn.decoded {
+                Ok(decoded) if mirrored => voters.push(grafted(&given, &joints_in_the_mirror(decoded)).tree),
+                Ok(decoded) => own.push(grafted(&given, &joints(decoded))),
+                Err(_) => {}
+            }
+        }
+        let all = agreed(&own, voters, agreement.refine).ok_or("no skeleton came out; try another --seed")?;
         let joints = whole(begun, &all, map);
         // The first ones, where there is no room for all.
         let (mut count, limits) = (joints.len(), self.config.limits);
@@ -80,6 +83,31 @@ impl Rigger {
     }
 }
 
+/// Of draws with the given joints in them the one that the others and `voters` agree with most; what it adds is moved to
+/// where these have it.
+fn agreed(own: &[Merged], mut voters: Vec<Joints>, rounds: usize) -> Option<Merged> {
+    let mut candidates: Vec<Joints> = own.iter().map(|all| all.tree.clone()).collect();
+    let lost = |all: &Merged| {
+        let off = |by: &Option<DVec3>| by.map_or(LOST, |by| by.length().min(LOST));
+        let given = all.given.iter().zip(&all.moved).filter(|(given, _)| given.is_some());
+        let (count, sum) = given.fold((0, 0.0), |(count, sum), (_, by)| (count + 1, sum + off(by)));
+        // On average, as one more of the three distances between draws.
+        sum / f64::from(count.max(1))
+    };
+    let lost: Vec<f64> = own.iter().map(lost).collect();
+    let mut all = own.get(consensus_with(&candidates, &voters, &lost)?)?.clone();
+    voters.append(&mut candidates);
+    // What has no bones says nothing of where joints are.
+    voters.retain(|v| v.positions.len() > 1);
+    let moved = refined(&all.tree, &voters, rounds);
+    for (joint, given) in all.given.iter().enumerate() {
+        if given.is_none() {
+            all.tree.positions[joint] = moved.positions[joint];
+        }
+    }
+    Some(all)
+}
+
 /// The given joints as they are, and the others after them.
 fn whole(begun: &Skeleton, all: &Merged, map: Similarity) -> Vec<Joint> {
     let (names, parents, heads) = begun.clone().into_parts();
@@ -92,7 +120,7 @@ fn whole(begun: &Skeleton, all: &Merged, map: Similarity) -> Vec<Joint> {
         joints.push(Joint {
             name: (joints.len()..).map(|n| format!("bone_{n}")).find(free).unwrap_or_default(),
             parent: all.tree.parents[at].and_then(|p| u16::try_from(place[p]).ok()).map(JointId),
-            head: map.inverse().apply(all.tree.joints[at].map(|x| x as f32)),
+            head: map.inverse().apply(all.tree.positions[at].map(|x| x as f32)),
         });
     }
     joints

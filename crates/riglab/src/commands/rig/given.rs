@@ -72,12 +72,33 @@ pub fn stood(skeleton: &Skeleton, mesh: &Mesh, up: UpAxis, told: Option<UpAxis>)
              which axis points up in it",
             skeleton.len()
         ))
+    } else if let Some(note) = tiny(&turned, mesh) {
+        Some(note)
     } else if told.is_none() && axis != up {
         Some(format!("its joints lie within the model with {axis} up, not with {up}; --skeleton-up says otherwise"))
     } else {
         None
     };
     Ok(Stood { skeleton: turned, note })
+}
+
+/// A skeleton takes up less than this share of its model where it is told in another unit: a hand's of a whole body is
+/// larger.
+const TINY: f32 = 0.05;
+
+/// What to say of joints that all lie in one spot of the model.
+fn tiny(skeleton: &Skeleton, mesh: &Mesh) -> Option<String> {
+    let size = |points: &[Vec3]| Bounds::of(points.iter().copied()).map(|b| b.diagonal());
+    let (own, model) = (size(skeleton.heads())?, size(mesh.positions())?);
+    let note = || {
+        format!(
+            "its {} joints lie in one spot, within {:.3} of the model's size; is it in another unit? Scale one of the two, as \
+             metres are 1000 millimetres",
+            skeleton.len(),
+            own / model
+        )
+    };
+    (skeleton.len() > 2 && own < TINY * model).then(note)
 }
 
 /// How many of the joints lie within a model's box, as a share.
@@ -143,6 +164,15 @@ mod tests {
         assert!(stood(&odd, &mesh, UpAxis::Z, None).unwrap().note.unwrap().contains("--skeleton-up"));
         let told = stood(&odd, &mesh, UpAxis::Z, Some(UpAxis::MinusX)).unwrap();
         assert_eq!((told.skeleton.heads(), told.note), (skeleton.heads(), None));
+    }
+
+    #[test]
+    fn joints_in_another_unit_are_told() {
+        let (mesh, skeleton) = tower();
+        let metres = skeleton.with_heads(skeleton.heads().iter().map(|p| p.map(|x| x / 100.0)).collect()).unwrap();
+        let note = stood(&metres, &mesh, UpAxis::Y, None).unwrap().note.unwrap();
+        assert!(note.contains("another unit"), "{note}");
+        assert_eq!(stood(&skeleton, &mesh, UpAxis::Y, None).unwrap().note, None);
     }
 
     #[test]

@@ -50,6 +50,14 @@ impl Model {
         matches!(self.made_of, Kind::Whole(_))
     }
 
+    /// Joints of a skeleton that it writes, at most.
+    pub fn most_joints(&self) -> usize {
+        match &self.made_of {
+            Kind::Whole(rigger) => rigger.most_joints(),
+            Kind::Weights(_) => usize::MAX,
+        }
+    }
+
     /// Refuses what it cannot do.
     pub fn suits(&self, args: &Common, bones: &Bones) -> Result<()> {
         if self.draws() {

@@ -7,7 +7,7 @@ use anyhow::{Context, Result, anyhow, ensure};
 use riglab_asset::ImportOptions;
 use riglab_asset::export::{self, ExportNote};
 use riglab_asset::rigging::{Subject, SubjectOptions, name_added, name_joints};
-use riglab_core::{Bounds, Mesh, Skeleton};
+use riglab_core::{Bounds, Mesh, Rig, Skeleton};
 use riglab_files::make_folder_of;
 use riglab_reward::Rewards;
 use riglab_task::tokenrig::{Made, Rank, Wish};
@@ -38,6 +38,7 @@ pub fn rig(args: &Common, bones: &Bones, model: &Model, from: &Path, to: &Path) 
         Bones::Predicted { template, .. } => template.as_deref(),
         _ => None,
     };
+    let holders = subject.old_rig().filter(|_| bones.keeps_rig()).map(holders);
     let wish = Wish {
         skeleton: given.as_ref(),
         complete: bones.completed(),
@@ -50,6 +51,8 @@ pub fn rig(args: &Common, bones: &Bones, model: &Model, from: &Path, to: &Path) 
             rank => rank,
         },
         temperature: args.temperature,
+        influences: Some(args.export().influences.most()),
+        holders: holders.as_deref(),
         seed: args.seed,
     };
     let made = model.make(&subject, &wish, bones.keeps_rig());
@@ -69,6 +72,14 @@ pub fn rig(args: &Common, bones: &Bones, model: &Model, from: &Path, to: &Path) 
             if let Some(Template { class, .. }) = class.and_then(Template::of).filter(|t| without(t)) {
                 let note = format!(
                     "none of the named joints of `{class}` came out: this model does not know them; leave --template out"
+                );
+                tell!("note: {}: {note}", from.display());
+                notes.push(note);
+            }
+            if joints >= model.most_joints() {
+                let note = format!(
+                    "it got {joints} joints, as many as this model writes: look at it before you use it; a model that stands \
+                     otherwise (--up), or several in one file, come out so"
                 );
                 tell!("note: {}: {note}", from.display());
                 notes.push(note);
@@ -110,6 +121,15 @@ pub fn rig(args: &Common, bones: &Bones, model: &Model, from: &Path, to: &Path) 
         }
     }
     Ok(())
+}
+
+/// Of each joint of a rig that stays whether it holds anything. Others go on so: roots on the ground, ends, and what
+/// controls others in Rigify's rigs, which may be bound in spaces of their own.
+fn holders(rig: &Rig) -> Vec<bool> {
+    let mut holders = vec![false; rig.skeleton().len()];
+    let held = (0..rig.weights().rows()).flat_map(|v| rig.weights().row(v));
+    held.filter(|(_, weight)| *weight > 0.0).for_each(|(joint, _)| holders[joint.index()] = true);
+    holders
 }
 
 /// What is known of each draw, for `--json`.
