@@ -102,7 +102,7 @@ pub(crate) fn body(dice: &mut Dice, triangles: u32) -> Body {
     let shape = Shape::draw(&ARCHETYPES, 0.07, dice);
     let mut figure = Figure::new(shape, Names::VRoid, dice);
     (figure.mapped, figure.lopsided) = (true, 0.0);
-    figure.hand = if triangles < 3_500 { Hand::Mitten } else { Hand::Fingers(4) };
+    figure.hand = if triangles < 3_500 { Hand::Mitten } else { Hand::Four };
     let chest = figure.torso();
     let head = figure.head(chest, dice);
     for side in Side::BOTH {

@@ -182,8 +182,8 @@ pub(crate) fn body(dice: &mut Dice, triangles: u32) -> Body {
     figure.hand = match dice.below(4) {
         0 => Hand::Mitten,
         _ if triangles < 2_500 => Hand::Mitten,
-        1 => Hand::Fingers(3),
-        _ => Hand::Fingers(4),
+        1 => Hand::Three,
+        _ => Hand::Four,
     };
     figure.twists = triangles >= 2_500 && dice.chance(0.3);
     if names == Names::Blender {

@@ -17,7 +17,11 @@ pub(crate) fn body(dice: &mut Dice, triangles: u32) -> Body {
     let shape = deformed(Shape::draw(&biped::ARCHETYPES, 0.15, dice), dice);
     let names = if dice.chance(0.5) { Names::Mixamo } else { Names::Blender };
     let mut figure = Figure::new(shape, names, dice);
-    figure.hand = if triangles < 4_500 { Hand::Mitten } else { Hand::Fingers(dice.count(3, 4)) };
+    figure.hand = match triangles {
+        0..4_500 => Hand::Mitten,
+        _ if dice.count(3, 4) == 3 => Hand::Three,
+        _ => Hand::Four,
+    };
     figure.spine = dice.count(2, 3);
     let chest = figure.torso();
     let head = figure.head(chest, dice);

@@ -51,7 +51,12 @@ impl Figure {
         let width = 0.21 * length;
         let knuckles = wrist + along * (0.48 * length);
         let start = Node::new(side.of(wrist), Ring::oval(1.1 * r, 0.85 * r));
-        let Hand::Fingers(fingers) = self.hand else {
+        let names: &[(&str, f32)] = match self.hand {
+            Hand::Mitten => &[],
+            Hand::Three => &[("Index", 0.92), ("Middle", 1.0), ("Little", 0.8)],
+            Hand::Four => &[("Index", 0.93), ("Middle", 1.0), ("Ring", 0.94), ("Little", 0.76)],
+        };
+        if names.is_empty() {
             // Palm and closed fingers in one, the thumb beside.
             let end = Node::new(side.of(wrist + along * (0.82 * length)), Ring::oval(0.75 * width, 0.085 * length));
             self.body.flesh(&[hand], &[start.belly(0.25 * r), end], side.of(front));
@@ -59,17 +64,14 @@ impl Figure {
             let lean = side.of((along + front * 0.55).normalize());
             self.body.mass(hand, side.of(thumb), lean, Vec3::new(0.07 * length, 0.07 * length, 0.22 * length));
             return hand;
-        };
+        }
+        let fingers = names.len() as f32;
         let end = Node::new(side.of(knuckles), Ring::oval(width, 0.095 * length));
         self.body.flesh(&[hand], &[start, end], side.of(front));
-        let thick = 0.2 * length / (fingers as f32 + 0.2);
-        let names: &[(&str, f32)] = match fingers {
-            3 => &[("Index", 0.92), ("Middle", 1.0), ("Little", 0.8)],
-            _ => &[("Index", 0.93), ("Middle", 1.0), ("Ring", 0.94), ("Little", 0.76)],
-        };
+        let thick = 0.2 * length / (fingers + 0.2);
         for (k, (finger, reach)) in names.iter().enumerate() {
             // From +1 at the index to -1 at the little finger.
-            let off = 1.0 - 2.0 * k as f32 / (fingers as f32 - 1.0);
+            let off = 1.0 - 2.0 * k as f32 / (fingers - 1.0);
             let root = knuckles + front * (off * (width - 0.6 * thick)) - along * (0.03 * length * off * off);
             let spread = (along + front * (0.24 * off)).normalize();
             self.digit(hand, side, finger, root, spread, -up, reach * 0.5 * length, thick);

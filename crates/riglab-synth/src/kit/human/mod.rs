@@ -90,8 +90,10 @@ impl Stance {
 pub(crate) enum Hand {
     /// One joint.
     Mitten,
-    /// Thumb and two to four fingers of three joints each.
-    Fingers(usize),
+    /// Thumb and three fingers of three joints each.
+    Three,
+    /// Thumb and four fingers of three joints each.
+    Four,
 }
 
 /// A human figure in the making.

@@ -22,7 +22,7 @@ pub(crate) fn body(dice: &mut Dice, triangles: u32) -> Body {
     let joints = if triangles < 2_000 { 2 } else { dice.count(2, 4) };
     for side in Side::BOTH {
         for (k, name) in ["leg_front", "leg_middle", "leg_back"].into_iter().enumerate() {
-            insect.leg(side, name, k as f32 - 1.0, joints, dice);
+            insect.leg(side, name, 1.0 - k as f32, joints, dice);
         }
     }
     if shape.wing > 0.3 {
@@ -133,8 +133,6 @@ impl Insect {
     /// A leg; `place` is 1 for the front pair, -1 for the last.
     fn leg(&mut self, side: Side, name: &str, place: f32, joints: usize, dice: &mut Dice) {
         let s = self.shape;
-        // Numbered from behind, pairs point forward, aside, back.
-        let place = -place;
         let root = self.middle() + Vec3::new(0.55 * s.width, -0.6 * s.height, 0.05 + 0.26 * place);
         let longer = if place < -0.5 { 1.25 } else { 1.0 };
         let leg = Leg {
