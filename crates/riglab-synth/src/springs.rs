@@ -5,6 +5,7 @@ use riglab_core::{Collider, JointId, Shape, Spring, SpringJoint, Springs, Swing}
 
 use crate::body::Body;
 use crate::dice::Dice;
+use crate::part::Part;
 use crate::piece::Piece;
 use crate::turn::turned;
 
@@ -49,8 +50,11 @@ pub(crate) enum Kind {
     Bust,
 }
 
-/// Beside its flesh, a chain is as thick as this share of the creature: sheets have hardly any.
+/// Beside its flesh, a chain is as thick as this share of the creature: nothing swings like a wire.
 const WEARS: f32 = 0.01;
+/// How thick a rib of cloth of one layer is taken to be, as a share of the way to the next: two to four centimetres for
+/// a skirt, about what artists let stop it.
+const SPACED: f32 = 0.15;
 /// How much of a range is taste: two artists do not set the same chain alike.
 const TASTE: f32 = 0.1;
 
@@ -71,10 +75,10 @@ impl Kind {
     /// Length over thickness at the ends of [`Self::ranges`]: nine of ten creatures' chains lie between.
     fn slenderness(self) -> [f32; 2] {
         match self {
-            Self::Hair => [4.0, 40.0],
-            Self::Cloth => [14.0, 80.0],
+            Self::Hair => [2.5, 15.0],
+            Self::Cloth => [6.0, 18.0],
             Self::Tail => [5.0, 35.0],
-            Self::Ear => [6.0, 20.0],
+            Self::Ear => [2.6, 8.0],
             Self::Bust => [1.0, 1.6],
         }
     }
@@ -109,24 +113,36 @@ impl Body {
         }
     }
 
-    /// The far end of what a joint holds, and how thick that is.
-    pub fn tip(&self, joint: JointId) -> Option<(Vec3, f32)> {
+    /// The far end of what a joint holds; nothing where that goes on beyond another joint.
+    pub fn tip(&self, joint: JointId) -> Option<Vec3> {
         let head = self.at(joint);
         let limbs = self.parts.iter().filter(|part| part.joint == joint.0).map(|part| {
             // The far side of an ellipsoid, the far joint of a limb.
             let beyond = if part.a == part.b { (part.b - head).normalize_or_zero() * part.mean() } else { Vec3::ZERO };
-            (part.b + beyond, part.mean())
+            part.b + beyond
         });
-        let lofts = self.pieces.iter().filter_map(|piece| match piece {
-            Piece::Loft(loft) => loft.sections.last().filter(|s| s.joint == joint.0).map(|s| (s.at, s.ring.mean())),
+        let apart = self.pieces.iter().filter_map(|piece| match piece {
+            Piece::Loft(loft) => loft.sections.last().filter(|s| s.joint == joint.0).map(|s| s.at),
             Piece::Sheet(sheet) => {
                 let ends = sheet.ribs.iter().filter_map(|rib| rib.last()).filter(|c| c.joint == joint.0);
                 let (sum, n) = ends.fold((Vec3::ZERO, 0.0), |(sum, n), c| (sum + c.at, n + 1.0f32));
-                (n > 0.0).then(|| (sum / n, sheet.thickness))
+                (n > 0.0).then(|| sum / n)
             }
-            Piece::Ball(ball) => (ball.joint == joint.0).then(|| (ball.center, ball.mean())),
+            Piece::Ball(ball) => (ball.joint == joint.0).then_some(ball.center),
         });
-        limbs.chain(lofts).max_by(|a, b| head.distance_squared(a.0).total_cmp(&head.distance_squared(b.0)))
+        limbs.chain(apart).max_by(|a, b| head.distance_squared(*a).total_cmp(&head.distance_squared(*b)))
+    }
+
+    /// Half extent of the thickest thing a joint holds; 0 if it holds nothing.
+    fn thickness(&self, joint: JointId) -> f32 {
+        let limbs = self.parts.iter().filter(|part| part.joint == joint.0).map(Part::mean);
+        let apart = self.pieces.iter().filter_map(|piece| match piece {
+            Piece::Loft(loft) => loft.thickness_at(joint.0),
+            Piece::Sheet(sheet) if sheet.thickness > 0.0 => sheet.holds(joint.0).then_some(sheet.thickness),
+            Piece::Sheet(sheet) => sheet.spacing_at(joint.0).map(|gap| SPACED * gap),
+            Piece::Ball(ball) => (ball.joint == joint.0).then(|| ball.mean()),
+        });
+        limbs.chain(apart).fold(0.0, f32::max)
     }
 }
 
@@ -142,12 +158,11 @@ pub(crate) fn springs(body: &Body) -> Springs {
     let springs = body.swinging.iter().map(|chain| {
         // Each joint with its tail and how thick it is.
         let bones = chain.joints.iter().enumerate().map(|(k, &joint)| {
-            let tip = body.tip(joint);
             let tail = match chain.joints.get(k + 1) {
                 Some(&next) => body.at(next),
-                None => tip.map_or(body.at(joint), |(at, _)| at),
+                None => body.tip(joint).unwrap_or(body.at(joint)),
             };
-            (joint, tail, tip.map_or(0.0, |(_, thick)| thick))
+            (joint, tail, body.thickness(joint))
         });
         let bones: Vec<(JointId, Vec3, f32)> = bones.collect();
         let length: f32 = bones.iter().map(|(joint, tail, _)| body.at(*joint).distance(*tail)).sum();
@@ -167,6 +182,60 @@ pub(crate) fn springs(body: &Body) -> Springs {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::plan::Plan;
+
+    /// Twenty bodies of a plan before they are varied.
+    fn bodies(plan: Plan) -> impl Iterator<Item = Body> {
+        (0..20).map(move |k| plan.body(&mut Dice::new(riglab_random::stream(8, "springs", &[k])), 4_000))
+    }
+
+    #[test]
+    fn what_swings_is_as_thick_as_it_looks() {
+        for plan in Plan::ALL {
+            for body in bodies(plan) {
+                let springs = springs(&body);
+                for spring in springs.springs() {
+                    let bones: f32 = (spring.joints.iter())
+                        .map(|j| body.at(j.joint).distance(Vec3::from(j.tail.expect("each has one"))))
+                        .sum();
+                    for joint in &spring.joints {
+                        let r = joint.swing.hit_radius;
+                        // A bust is a ball on a short bone, a banner's cloth may be wider than long.
+                        let of = format!("{} {}: {r} of {bones}", plan.name(), spring.name);
+                        assert!(r > 0.004 * bones && r < bones, "{of}");
+                    }
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn inner_bones_of_a_strand_are_as_thick_as_their_sections() {
+        let mut body = Body::new("head", Vec3::ZERO);
+        let nodes = [0.3, 0.2, 0.1, 0.0].map(|r| crate::body::Node::round(Vec3::Y * (1.0 - r), r));
+        let chain = body.strand(Body::ROOT, ["a", "b", "c"].map(String::from), &nodes, Vec3::X);
+        let thick = chain.iter().map(|&joint| body.thickness(joint));
+        assert!(thick.zip([0.25, 0.15, 0.05]).all(|(found, r)| (found - r).abs() < 1e-6));
+    }
+
+    #[test]
+    fn most_chains_use_their_ranges() {
+        // Were chains taken for thinner than they are, all would be as limp as their kind may be, or the other way round.
+        for (plan, name) in [(Plan::Anime, "hair"), (Plan::Anime, "skirt")] {
+            let swings: Vec<(Kind, Swing)> = bodies(plan)
+                .flat_map(|body| {
+                    let of = |k: usize| (body.swinging[k].kind, body.swinging[k].name == name);
+                    let springs = springs(&body);
+                    let these = springs.springs().iter().enumerate().filter(|(k, _)| of(*k).1);
+                    these.map(|(k, s)| (of(k).0, s.joints[0].swing)).collect::<Vec<_>>()
+                })
+                .collect();
+            let [from, to] = swings[0].0.ranges()[0];
+            let inner = swings.iter().filter(|(_, s)| s.stiffness < from - 0.02 && s.stiffness > to + 0.02).count();
+            assert!(swings.iter().all(|(_, s)| (to - 0.03..from + 0.03).contains(&s.stiffness)));
+            assert!(2 * inner > swings.len(), "{name}: {inner} of {} between the ends", swings.len());
+        }
+    }
 
     #[test]
     fn what_is_longer_and_thinner_is_limper() {

@@ -55,7 +55,7 @@ impl Body {
         self.joints.iter().filter_map(|joint| joint.parent).for_each(|p| is_leaf[p.index()] = false);
         let size = self.size();
         for leaf in (0..is_leaf.len()).filter(|&j| is_leaf[j]).map(|j| JointId(j as u16)) {
-            let Some((tip, _)) = self.tip(leaf) else { continue };
+            let Some(tip) = self.tip(leaf) else { continue };
             if tip.distance(self.at(leaf)) > 0.01 * size {
                 let name = format!("{}_end", self.joints[leaf.index()].name);
                 self.joint(leaf, name, tip);

@@ -105,6 +105,14 @@ impl Loft {
         0.5 * (mean + widest)
     }
 
+    /// Mean half extent from the first section that a joint holds to the one after the last, where its bone ends.
+    pub fn thickness_at(&self, joint: u16) -> Option<f32> {
+        let first = self.sections.iter().position(|s| s.joint == joint)?;
+        let last = self.sections.iter().rposition(|s| s.joint == joint)?;
+        let held = &self.sections[first..(last + 2).min(self.sections.len())];
+        Some(held.iter().map(|s| s.ring.mean()).sum::<f32>() / held.len() as f32)
+    }
+
     pub fn mesh(&self, edge: f32) -> PieceMesh {
         let widest = self.sections.iter().map(|s| s.ring.mean()).fold(0.0, f32::max);
         let quarters = ((0.5 * std::f32::consts::PI * widest / edge + 0.3) as u32).clamp(1, 12);

@@ -26,6 +26,24 @@ impl Sheet {
         (across / m as f32, along / n as f32)
     }
 
+    /// Whether a joint holds some of it.
+    pub fn holds(&self, joint: u16) -> bool {
+        self.ribs.iter().flatten().any(|control| control.joint == joint)
+    }
+
+    /// Mean way to the next rib from where a joint holds the sheet.
+    pub fn spacing_at(&self, joint: u16) -> Option<f32> {
+        let n = self.ribs.len();
+        let (mut sum, mut count) = (0.0, 0);
+        for (a, b) in (0..self.gaps()).map(|k| (&self.ribs[k], &self.ribs[(k + 1) % n])) {
+            for (a, b) in a.iter().zip(b).filter(|(a, b)| a.joint == joint || b.joint == joint) {
+                sum += a.at.distance(b.at);
+                count += 1;
+            }
+        }
+        (count > 0).then(|| sum / count as f32)
+    }
+
     pub fn mesh(&self, edge: f32) -> PieceMesh {
         let (across, along) = self.extent();
         let m = self.ribs[0].len();

@@ -184,7 +184,7 @@ fn crest(beast: &mut Beast, tail: &[riglab_core::JointId], dice: &mut Dice) {
         let joint = beast.joint_at(t);
         spike(&mut beast.body, joint, root, Vec3::new(0.0, 1.0, -0.5).normalize(), height, 0.32 / n as f32, 0.014);
     }
-    if let Some((tip, _)) = tail.last().and_then(|&last| beast.body.tip(last)) {
+    if let Some(tip) = tail.last().and_then(|&last| beast.body.tip(last)) {
         let last = tail[tail.len() - 1];
         let along = (tip - beast.body.at(last)).normalize_or(-Vec3::Z);
         spike(&mut beast.body, last, tip - along * 0.05, along, 2.2 * height, 0.9 * height, 0.02);

@@ -243,7 +243,7 @@ impl Figure {
     /// A sword, a staff or a hammer across the palm, with a joint of its own at times.
     fn weapon(&mut self, hand: JointId, side: Side, dice: &mut Dice) {
         let (s, wrist) = (self.shape, self.body.at(hand));
-        let (palm, _) = self.body.tip(hand).unwrap_or((wrist, 0.0));
+        let palm = self.body.tip(hand).unwrap_or(wrist);
         let grip = wrist + (palm - wrist) * 0.75;
         let ahead = crate::turn::across((palm - wrist).normalize_or(Vec3::X), Vec3::Z);
         let joint =
