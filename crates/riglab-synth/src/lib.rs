@@ -163,9 +163,19 @@ mod tests {
         }
     }
 
+    /// Small fixtures enough that each of the seven kinds of them comes up: by the joints that tell kinds apart.
+    fn fixtures() -> Vec<Asset> {
+        let all = creatures(3, 0..60, &Options { plans: vec![Plan::Fixture], triangles: 1_000..=1_500 });
+        for told in ["item", "body_2", "lid", "moving", "hook", "neck", "moving_1"] {
+            let has = |asset: &Asset| asset.rig.skeleton().names().iter().any(|name| name == told);
+            assert!(all.iter().any(has), "no fixture has a joint `{told}`");
+        }
+        all
+    }
+
     #[test]
     fn every_joint_moves_something_and_stands_alone() {
-        for asset in some() {
+        for asset in some().iter().chain(&fixtures()) {
             let (rig, skeleton) = (&asset.rig, asset.rig.skeleton());
             let mut held = vec![0.0; skeleton.len()];
             (0..rig.weights().rows()).flat_map(|v| rig.weights().row(v)).for_each(|(j, w)| held[j.index()] += w);

@@ -193,7 +193,8 @@ fn hanging(dice: &mut Dice) -> Body {
     Body { rigid: true, ..body }
 }
 
-/// A little figure without limbs: a root that holds nothing, a torso, a neck at times, and a large head.
+/// A little figure without limbs: a root that holds nothing, a torso, at times a neck that holds its upper half, and a
+/// large head.
 fn mascot(dice: &mut Dice) -> Body {
     let (hip, waist) = (dice.between(0.05, 0.45), dice.between(0.12, 0.3));
     let head_at = hip + dice.between(0.15, 0.35);
@@ -205,6 +206,9 @@ fn mascot(dice: &mut Dice) -> Body {
     let mut above = torso;
     if dice.chance(0.5) {
         above = body.joint(torso, "neck", middle);
+        // Wider than torso and head are here, which would hide it.
+        let wide = (0.95 * waist).max(0.55 * r);
+        body.mass(above, middle, Vec3::Z, Vec3::new(wide, 0.4 * (head_at - hip), 0.8 * wide));
     }
     let head = body.joint(above, "head", Vec3::new(0.0, head_at, back));
     body.mass(torso, Vec3::new(0.0, hip, back), Vec3::Z, Vec3::new(waist, 0.6 * (head_at - hip) + 0.05, 0.8 * waist));
