@@ -240,6 +240,24 @@ mod tests {
     }
 
     #[test]
+    fn every_triangle_has_an_area() {
+        let winged = Options { plans: vec![Plan::Dragon, Plan::Monster], triangles: 2_500..=4_000 };
+        for asset in some().iter().chain(&creatures(3, 0..24, &winged)) {
+            let (mesh, diagonal) = (asset.rig.mesh(), f64::from(asset.rig.bounds().diagonal()));
+            for t in mesh.triangles() {
+                let [a, b, c] = t.map(|v| glam::DVec3::from(mesh.positions()[v as usize].map(f64::from)));
+                let area = 0.5 * (b - a).cross(c - a).length();
+                let held = asset.rig.weights().row(t[0] as usize).map(|(j, _)| asset.rig.skeleton().name(j));
+                let of = || format!("{}: {area} at {}", asset.name, held.collect::<Vec<_>>().join(", "));
+                assert!(area > LEAST_AREA * diagonal * diagonal, "{}", of());
+            }
+        }
+    }
+
+    /// In squares of a creature's diagonal. The slivers of the skin have a hundred times as much.
+    const LEAST_AREA: f64 = 1e-11;
+
+    #[test]
     fn avatars_have_springs_and_a_map_of_bones() {
         for asset in creatures(4, 0..6, &Options { plans: vec![Plan::Anime], ..Options::default() }) {
             assert!(asset.rig.humanoid().is_complete(), "{}", asset.name);

@@ -103,7 +103,9 @@ impl Wing {
             let nodes = [0.04, 0.5, 1.0].map(|s| Node::round(side.of(tip(s)), self.thick * (0.42 - 0.34 * s)));
             let names = (1..=2).map(|j| name(&format!("wing_finger_{}_{j}", k + 1)));
             let joints = body.strand(hand, names, &nodes, Vec3::Y);
-            ribs.push([(0.0, hand), (0.5, joints[0]), (1.0, joints[1])].map(|(s, joint)| (tip(s), joint)));
+            // Within the flesh of the hand, but not all in one point: triangles there would have no area.
+            let start = 0.5 * self.thick / length;
+            ribs.push([(start, hand), (0.5, joints[0]), (1.0, joints[1])].map(|(s, joint)| (tip(s), joint)));
         }
         let last = ribs[fingers - 1];
         let middle = elbow + self.back * (0.75 * self.chord);
