@@ -105,6 +105,7 @@ pub fn creatures(seed: u64, indices: Range<u64>, options: &Options) -> Vec<Asset
 
 #[cfg(test)]
 mod tests {
+    use std::collections::{BTreeMap, HashMap};
     use std::sync::LazyLock;
 
     use super::*;
@@ -217,25 +218,52 @@ mod tests {
     fn joints_lie_in_the_body_or_close_to_it() {
         for asset in some() {
             let (rig, diagonal) = (&asset.rig, asset.rig.bounds().diagonal());
+            // To the nearest of all vertices, and of those of which the joint holds a fifth: a joint in another's limb
+            // is close to the body, but not to what it moves.
+            let mut nearest = vec![[f32::INFINITY; 2]; rig.skeleton().len()];
+            for (v, &p) in rig.mesh().positions().iter().enumerate() {
+                let square = |head: [f32; 3]| (0..3).map(|k| (p[k] - head[k]).powi(2)).sum::<f32>();
+                for (&head, [any, _]) in rig.skeleton().heads().iter().zip(&mut nearest) {
+                    *any = any.min(square(head));
+                }
+                for (joint, _) in rig.weights().row(v).filter(|(_, w)| *w > 0.2) {
+                    let own = &mut nearest[joint.index()][1];
+                    *own = own.min(square(rig.skeleton().head(joint)));
+                }
+            }
             for joint in rig.skeleton().ids().filter(|&j| !bare(rig.skeleton().name(j))) {
-                let head = rig.skeleton().head(joint);
-                let square = |p: &[f32; 3]| (0..3).map(|k| (p[k] - head[k]).powi(2)).sum::<f32>();
-                let nearest = rig.mesh().positions().iter().map(square).fold(f32::INFINITY, f32::min).sqrt();
-                assert!(nearest < 0.2 * diagonal, "{}: {}", asset.name, rig.skeleton().name(joint));
+                let [any, own] = nearest[joint.index()].map(|square| square.sqrt() / diagonal);
+                let name = format!("{}: {}", asset.name, rig.skeleton().name(joint));
+                assert!(any < 0.13, "{name} is {any} diagonals from the body");
+                // A skirt of few triangles has none between its waist and its hem.
+                assert!(own < 0.16, "{name} is {own} diagonals from what it holds");
             }
         }
     }
 
     #[test]
     fn outsides_are_outside() {
+        // By components: one part that is inside out would not show in the sum.
         for asset in some() {
             let mesh = asset.rig.mesh();
-            let middle = glam::Vec3::from(asset.rig.bounds().center());
-            let six = mesh.triangles().iter().map(|t| {
-                let [a, b, c] = t.map(|v| glam::Vec3::from(mesh.positions()[v as usize]) - middle);
-                a.dot(b.cross(c))
-            });
-            assert!(six.sum::<f32>() > 0.0 || asset.name.starts_with("prop"), "{} is inside out", asset.name);
+            let roots = crate::surface::components(mesh.positions().len(), mesh.triangles());
+            let mut parts: BTreeMap<u32, Vec<[u32; 3]>> = BTreeMap::new();
+            mesh.triangles().iter().for_each(|t| parts.entry(roots[t[0] as usize]).or_default().push(*t));
+            for (first, part) in parts {
+                // Each edge of a closed surface is passed as often one way as the other.
+                let mut edges: HashMap<(u32, u32), i32> = HashMap::new();
+                let sides = part.iter().flat_map(|t| [(t[0], t[1]), (t[1], t[2]), (t[2], t[0])]);
+                sides.for_each(|(a, b)| *edges.entry((a.min(b), a.max(b))).or_default() += if a < b { 1 } else { -1 });
+                if edges.values().any(|&n| n != 0) {
+                    continue;
+                }
+                // About a point of its own, in f64: parts are small and far from the middle.
+                let at = |v: u32| glam::DVec3::from(mesh.positions()[v as usize].map(f64::from));
+                let about = at(first);
+                let six: f64 = (part.iter().map(|t| t.map(|v| at(v) - about))).map(|[a, b, c]| a.dot(b.cross(c))).sum();
+                let held = asset.rig.weights().row(first as usize).map(|(j, _)| asset.rig.skeleton().name(j));
+                assert!(six > 0.0, "{}: inside out at {}", asset.name, held.collect::<Vec<_>>().join(", "));
+            }
         }
     }
 
