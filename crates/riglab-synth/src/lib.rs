@@ -59,10 +59,10 @@ pub struct Options {
     /// Body plans; creature `i` has plan `i` modulo their number, so any run of indices is balanced.
     /// Must not be empty.
     pub plans: Vec<Plan>,
-    /// Triangles of a creature, 500 to 50,000, drawn evenly by order of magnitude. Mostly met to a
-    /// tenth; thin parts (fingers, tails, ears) need cells of their own size, so the count may double
-    /// for a wish of 2,000 and seldom be half as much again for one of 5,000. Below 800 creatures are
-    /// put together from solids, of which some have more than are wished for.
+    /// Triangles of a creature, 500 to 50,000, drawn evenly by order of magnitude: a wish. Thin
+    /// parts (fingers, tails, ears) need cells of their own size: of a wish of 4,000 a third of bipeds have more than 6,000, of
+    /// one of 500 to 2,000 a third of all more than 2,000, at most four times as many. Below 800 creatures are put together
+    /// from solids, of which some have more than are wished for.
     pub triangles: RangeInclusive<u32>,
 }
 
