@@ -12,6 +12,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use by_asset::{groups, tests};
 pub use refusal::Refusal;
 use refusal::same;
+use riglab_config::{Config, Loader};
 use tables::side_by_side;
 
 use crate::{Block, Cell, Chart, Findings, Metric, RunView, Series, Table};
@@ -40,7 +41,7 @@ pub struct Compared {
 pub fn versus(runs: &[Compared]) -> Result<Vec<Block>, Refusal> {
     let Some((first, others)) = runs.split_first() else { return Ok(Vec::new()) };
     others.iter().try_for_each(|other| same(first, other))?;
-    let mut blocks = vec![Block::Table(facts(runs)), Block::Table(settings(runs))];
+    let mut blocks = vec![Block::Table(facts(runs)), Block::Table(settings(runs)?)];
     for about in first.findings.iter().map(|f| f.about.as_str()) {
         let of: Option<Vec<&Findings>> = runs.iter().map(|r| find(r, about)).collect();
         let Some(of) = of else { continue };
@@ -92,23 +93,9 @@ fn facts(runs: &[Compared]) -> Table {
 const STEP: &str = "step evaluated";
 
 /// The settings in which the runs, as they were evaluated, differ.
-fn settings(runs: &[Compared]) -> Table {
+fn settings(runs: &[Compared]) -> Result<Table, Refusal> {
     let mut table = columns("Settings that differ", "setting", runs);
-    let flat: Vec<BTreeMap<String, String>> = runs
-        .iter()
-        .map(|r| {
-            let mut out = BTreeMap::new();
-            let read: toml::Table = r.view.config().parse().unwrap_or_default();
-            flatten("", &toml::Value::Table(read), &mut out);
-            for (key, value) in r.sets.iter().filter_map(|set| set.split_once('=')) {
-                // As the command reads it: a value that is no TOML is a text.
-                let told = format!("value = {value}").parse::<toml::Table>().ok();
-                let told = told.and_then(|mut of| of.remove("value"));
-                flatten(key.trim(), &told.unwrap_or_else(|| toml::Value::String(value.into())), &mut out);
-            }
-            out
-        })
-        .collect();
+    let flat = runs.iter().map(settings_of).collect::<Result<Vec<_>, _>>()?;
     let keys: BTreeSet<&String> = flat.iter().flat_map(BTreeMap::keys).collect();
     for key in keys {
         let values: Vec<&str> = flat.iter().map(|of| of.get(key).map_or("", String::as_str)).collect();
@@ -119,21 +106,25 @@ fn settings(runs: &[Compared]) -> Table {
     if table.rows.is_empty() {
         table.note = "None: the runs have the same config, and were evaluated with it.".into();
     }
-    table
+    Ok(table)
 }
 
-fn flatten(path: &str, value: &toml::Value, out: &mut BTreeMap<String, String>) {
-    match value {
-        toml::Value::Table(table) => {
-            for (key, value) in table {
-                let below = if path.is_empty() { key.clone() } else { format!("{path}.{key}") };
-                flatten(&below, value, out);
-            }
-        }
-        value => {
-            out.insert(path.into(), value.to_string());
+/// The settings that a run was evaluated with, by key.
+fn settings_of(run: &Compared) -> Result<BTreeMap<String, String>, Refusal> {
+    // As the command reads it: a seed may be any 64 bits, which is more than TOML's own integers hold.
+    let read = Config::from_toml_str(&format!("config.toml of {}", run.name), run.view.config());
+    let read = read.map_err(|e| Refusal::Config { run: run.name.clone(), fault: e.to_string() })?;
+    let values = |config: Config| config.leaves().into_iter().map(|leaf| (leaf.path, leaf.value));
+    let mut out: BTreeMap<String, String> = values(read).collect();
+    for set in &run.sets {
+        match (Loader::new().parse("", "", &[set]), set.split_once('=')) {
+            (Ok(own), _) => out.extend(values(own)),
+            // An evaluation was made with it all the same.
+            (Err(_), Some((key, value))) => drop(out.insert(key.trim().into(), value.trim().into())),
+            (Err(_), None) => {}
         }
     }
+    Ok(out)
 }
 
 fn columns(caption: &str, first: &str, runs: &[Compared]) -> Table {
@@ -178,9 +169,13 @@ mod tests {
     use crate::findings::tests::findings;
 
     fn run(name: &str, shift: f64, sum: &str) -> Compared {
+        trained_by(&format!("task = 't'\n[train]\nsteps = 5\nseed = {}\n", name.len()), name, shift, sum)
+    }
+
+    fn trained_by(config: &str, name: &str, shift: f64, sum: &str) -> Compared {
         let dir = tempfile::tempdir().unwrap();
         let write = |file: &str, text: &str| std::fs::write(dir.path().join(file), text).unwrap();
-        write("config.toml", &format!("task = 't'\n[train]\nsteps = 5\nseed = {}\n", name.len()));
+        write("config.toml", config);
         write("run.json", "{\"task\": \"t\", \"outcome\": \"finished\"}");
         write(
             "metrics.jsonl",
@@ -241,6 +236,24 @@ mod tests {
         assert_eq!(settings, [["eval.name", "", "\"x\""], ["train.steps", "5", "7"]]);
         assert!(runs.iter().any(|row| row[..] == ["step evaluated", "5", "3"]), "{runs:?}");
         assert!(differ(run("a", 0.0, "1"), run("b", 0.0, "1")).0.is_empty());
+    }
+
+    #[test]
+    fn settings_are_read_as_the_command_reads_them() {
+        let settings = |b: &str| {
+            // A seed may be any 64 bits, which the crate `toml` reads up to half of alone.
+            let a = "[train]\nsteps = 5\nseed = 18446744073709551615\n";
+            versus(&[trained_by(a, "a", 0.0, "1"), trained_by(b, "b", 0.0, "1")]).map(|blocks| {
+                let rows = table(&blocks, "Settings").rows.iter();
+                rows.map(|row| row.iter().map(|c| c.text.clone()).collect::<Vec<_>>()).collect::<Vec<_>>()
+            })
+        };
+        let rows = settings("[train]\nsteps = 7\nseed = 9223372036854775808\n").unwrap();
+        let seeds = ["train.seed", "18446744073709551615", "9223372036854775808"];
+        assert_eq!(rows, [seeds, ["train.steps", "5", "7"]]);
+        let said = settings("[train\n").unwrap_err().to_string();
+        assert!(said.starts_with("the settings of b cannot be read") && said.contains("config.toml of b:1:"), "{said}");
+        assert!(said.contains("put back"), "{said}");
     }
 
     #[test]

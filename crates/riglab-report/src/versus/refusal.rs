@@ -53,6 +53,17 @@ pub enum Refusal {
         /// What one has and the other has not.
         difference: String,
     },
+    /// One's config makes no sense: whether settings differ is not known.
+    #[error(
+        "the settings of {run} cannot be read, so they cannot be compared; put back its config.toml as it was written \
+         when the run was made: {fault}"
+    )]
+    Config {
+        /// The run.
+        run: String,
+        /// Where, and what is wrong.
+        fault: String,
+    },
     /// Nothing is measured by both.
     #[error("{first} and {other} cannot be compared: {first} measures {own}, {other} {theirs}")]
     Nothing {
