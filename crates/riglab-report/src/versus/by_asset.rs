@@ -7,14 +7,25 @@ use riglab_metric::statistics::Paired;
 use super::{Compared, shared};
 use crate::{Cell, Findings, Single, Table};
 
-/// Single assets of a run by split and name, those of a split or all; of equal names the first, the second, ...
-fn values<'a>(f: &'a Findings, split: Option<&str>, place: usize) -> BTreeMap<(&'a str, &'a str, usize), f64> {
-    let mut out = BTreeMap::new();
-    for s in f.singles.iter().filter(|s| split.is_none_or(|split| s.split == split)) {
-        let nth = (0..).find(|&n| !out.contains_key(&(&*s.split, &*s.name, n))).unwrap_or(0);
-        out.insert((s.split.as_str(), s.name.as_str(), nth), s.values[place]);
-    }
-    out
+/// What tells an asset from others: its split, its name, and of equal names the first, the second, ...
+type Key<'a> = (&'a str, &'a str, usize);
+
+/// The single assets of a run, each by what tells it from the others.
+fn keyed(f: &Findings) -> Vec<(Key<'_>, &Single)> {
+    let mut seen: BTreeMap<(&str, &str), usize> = BTreeMap::new();
+    let of = |s| {
+        let Single { split, name, .. }: &Single = s;
+        let count = seen.entry((split, name)).or_default();
+        *count += 1;
+        ((split.as_str(), name.as_str(), *count - 1), s)
+    };
+    f.singles.iter().map(of).collect()
+}
+
+/// A figure of a run's single assets, those of a split or all.
+fn values<'a>(f: &'a Findings, split: Option<&str>, place: usize) -> BTreeMap<Key<'a>, f64> {
+    let own = keyed(f).into_iter().filter(|(key, _)| split.is_none_or(|split| key.0 == split));
+    own.map(|(key, s)| (key, s.values[place])).collect()
 }
 
 /// Paired tests of each run against the first, asset by asset. `None` where nothing is known by asset.
@@ -114,23 +125,25 @@ pub(super) fn groups(runs: &[Compared], of: &[&Findings]) -> Option<Table> {
     let head = ["metric", "split", "category", "assets"].into_iter().chain(runs.iter().map(|r| r.name.as_str()));
     let head: Vec<&str> = head.collect();
     let mut table = Table::new(format!("{}: means by category", of[0].about), &head);
+    let all: Vec<Vec<(Key, &Single)>> = of.iter().map(|f| keyed(f)).collect();
     for (metric, at) in &metrics {
         if !table.rows.is_empty() {
             table.line();
         }
         for split in of[0].splits() {
             for category in &categories {
-                let is = |s: &&Single| s.split == split && s.category == *category;
-                let names: BTreeSet<&str> = of[0].singles.iter().filter(is).map(|s| s.name.as_str()).collect();
-                if names.is_empty() {
+                // The first run's categories are those of all: the assets are the same.
+                let is = |(_, s): &&(Key, &Single)| s.split == split && s.category == *category;
+                let keys: BTreeSet<Key> = all[0].iter().filter(is).map(|(key, _)| *key).collect();
+                if keys.is_empty() {
                     continue;
                 }
-                let means: Vec<f64> = of
+                let means: Vec<f64> = all
                     .iter()
                     .zip(at)
-                    .map(|(f, &at)| {
-                        let own = f.singles.iter().filter(|s| s.split == split && names.contains(s.name.as_str()));
-                        let finite: Vec<f64> = own.map(|s| s.values[at]).filter(|v| v.is_finite()).collect();
+                    .map(|(singles, &at)| {
+                        let own = singles.iter().filter(|(key, _)| keys.contains(key));
+                        let finite: Vec<f64> = own.map(|(_, s)| s.values[at]).filter(|v| v.is_finite()).collect();
                         finite.iter().sum::<f64>() / finite.len() as f64
                     })
                     .collect();
@@ -139,7 +152,7 @@ pub(super) fn groups(runs: &[Compared], of: &[&Findings]) -> Option<Table> {
                     Cell::text(&metric.name),
                     Cell::text(split),
                     Cell::text(if category.is_empty() { "without" } else { category }),
-                    Cell::count(names.len()),
+                    Cell::count(keys.len()),
                 ];
                 cells.extend(means.iter().enumerate().map(|(k, m)| Cell::number(*m, metric.digits).strong_if(best[k])));
                 table.row(cells);

@@ -257,6 +257,22 @@ mod tests {
     }
 
     #[test]
+    fn assets_of_equal_names_stay_apart_in_categories() {
+        let of = |name: &str, shift: f64| {
+            let mut run = run(name, shift, "1");
+            // A fish and a bird.
+            run.findings[0].singles[..2].iter_mut().for_each(|s| s.name = "model".into());
+            run
+        };
+        let blocks = versus(&[of("a", 0.0), of("b", 0.1)]).unwrap();
+        let groups = table(&blocks, "by category");
+        let rows: Vec<Vec<&str>> =
+            groups.rows[..2].iter().map(|row| row[2..].iter().map(|c| c.text.as_str()).collect()).collect();
+        // Birds are assets 1 and 3, fish 0, 2 and 4.
+        assert_eq!(rows, [["bird", "2", "0.5400", "0.6400"], ["fish", "3", "0.5400", "0.6400"]]);
+    }
+
+    #[test]
     fn what_stands_beside_is_told_apart_where_runs_found_other_numbers_of_it() {
         let mut other = run("b", 0.05, "1");
         let before = other.findings[0].totals.iter_mut().find(|t| !t.own && t.split == "test_seen").unwrap();
