@@ -258,8 +258,10 @@ impl Plan {
             let shown = |j: &Job| format!("`{}` seed {} ({} {})", j.point, j.seed, j.base, j.sets.join(" "));
             return Some(format!("its job {} is {}, here {}", a.number, shown(a), shown(b)));
         }
-        // What is asked and shown may change; what is run may not.
-        (self.sweep.evaluate != new.sweep.evaluate).then(|| "`evaluate` differs".into())
+        // What is asked and shown may change; what is run may not. That evaluations are wanted after all only adds to it:
+        // what has finished counts as trained again, and they are made.
+        let dropped = self.sweep.evaluate && !new.sweep.evaluate;
+        dropped.then(|| "it has `evaluate = true`, this one has not".into())
     }
 
     /// The file a job is trained from.
@@ -332,6 +334,7 @@ fn slug(name: &str) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::State;
 
     pub(crate) fn file(text: &str) -> SweepFile {
         let config = riglab_config::Config::from_toml_str("s.toml", text).unwrap();
@@ -409,6 +412,24 @@ mod tests {
         assert!(other.contains("its job 1 is `base` seed 2") && other.contains("hint"), "{other}");
         std::fs::write(file_of(dir.path()), "{").unwrap();
         assert!(Plan::read(dir.path()).unwrap_err().to_string().contains("cannot be understood"));
+    }
+
+    #[test]
+    fn evaluations_may_be_asked_for_later() {
+        let dir = tempfile::tempdir().unwrap();
+        let of = |more: &str| Plan::new(file(&format!("[sweep]\nbase = 'b'\nseeds = [1]\n{more}")), &[]).unwrap();
+        let config = |_: &Job| Ok(String::new());
+        of("").settle(dir.path(), config).unwrap();
+        let run = dir.path().join(&of("").jobs[0].folder);
+        std::fs::create_dir_all(&run).unwrap();
+        std::fs::write(run.join("run.json"), "{\"outcome\": \"finished\"}").unwrap();
+        // As a table without its column advises.
+        of("evaluate = true").settle(dir.path(), config).unwrap();
+        let plan = Plan::read(dir.path()).unwrap().unwrap();
+        let state = State::of(dir.path(), &plan, &plan.jobs[0], &[]);
+        assert_eq!((plan.sweep.evaluate, state), (true, State::Trained), "what is trained is evaluated now");
+        let said = of("").settle(dir.path(), config).unwrap_err().to_string();
+        assert!(said.contains("it has `evaluate = true`, this one has not"), "{said}");
     }
 
     #[test]

@@ -116,6 +116,9 @@ pub fn run(args: &Args, threads: usize) -> Result<ExitCode> {
     if args.retry {
         tell!("{}: tried again", counted(retry(&folder, &plan)?, "failed job"));
     }
+    for of in plan.sweep.unevaluated() {
+        tell!("warning: `{of}` comes of an evaluation, and none is made: the sweep's file has not `evaluate = true`");
+    }
     if args.on == Some(On::Slurm) {
         return match hand_over(&folder, &plan, &desk, args.wait)? {
             Handed::Queued => {
@@ -130,9 +133,6 @@ pub fn run(args: &Args, threads: usize) -> Result<ExitCode> {
             }
             Handed::Done => conclude(&plan, &folder, " --on slurm"),
         };
-    }
-    for of in plan.sweep.unevaluated() {
-        tell!("warning: `{of}` comes of an evaluation, and none is made: the sweep's file has not `evaluate = true`");
     }
     let threads = if threads > 0 { threads } else { plan.sweep.threads };
     let budget = Budget::new(args.jobs, args.cores, threads, args.memory);
