@@ -91,9 +91,13 @@ impl Plan {
         }
         let mut plan = Self { jobs: Vec::new(), sweep };
         let points = plan.points();
-        let names: BTreeSet<&String> = points.iter().map(|p| &p.name).collect();
-        if names.len() != points.len() {
-            return invalid("two arms of the sweep have the same name".into());
+        let mut names = BTreeSet::new();
+        if let Some(point) = points.iter().find(|p| !names.insert(&p.name)) {
+            return invalid(format!(
+                "two points of the sweep are called `{}`; give arms names of their own, and `product` and `zip` no value \
+                 twice",
+                point.name
+            ));
         }
         let mut folders = BTreeSet::new();
         for point in points {
@@ -376,7 +380,10 @@ mod tests {
         let figure = "seeds = [1]\n[[sweep.figures]]\ntitle = 'IoU'\nx = 'codes'\n";
         assert!(fault(&format!("{figure}at = []\nof = 'eval/iou{{}}'")).contains("\"IoU\" needs places in `at`"));
         assert!(fault(&format!("{figure}at = [4]\nof = 'eval/iou'")).contains("`{}` in `of`"));
-        assert!(fault("seeds = [1]\n[[sweep.arms]]\nname = 'a'\n[[sweep.arms]]\nname = 'a'").contains("same name"));
+        let twice = fault("seeds = [1]\n[[sweep.arms]]\nname = 'a'\n[[sweep.arms]]\nname = 'a'");
+        assert!(twice.starts_with("two points of the sweep are called `a`; give arms names"), "{twice}");
+        let twice = fault("seeds = [1]\n[sweep.product]\nx = [1, 1]");
+        assert!(twice.starts_with("two points of the sweep are called `x=1`; give"), "{twice}");
         let of = fault("seeds = [1]\n[[sweep.metrics]]\nof = 'eval.jsn:report.iou'");
         assert!(of.starts_with("`sweep.metrics`, of = \"eval.jsn:report.iou\": numbers of a file `eval.jsn`"), "{of}");
         let of = fault(&format!("{figure}at = [4]\nof = 'eval.json:rows[k={{}}.iou'"));
