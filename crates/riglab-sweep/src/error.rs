@@ -75,6 +75,12 @@ pub enum SweepError {
     /// Two processes at one sweep.
     #[error("{0}: another process is at this sweep; look at it with --status")]
     Held(PathBuf),
+    /// Two processes at the evaluation of one run.
+    #[error(
+        "{0}: another process is evaluating this run, and would write over what this one finds; wait until it has ended, \
+         or give another file with --out"
+    )]
+    Evaluated(PathBuf),
 }
 
 impl SweepError {

@@ -6,7 +6,7 @@
 //! looking again, and its table is the same.
 //!
 //! [`run`] keeps as many jobs running as processors and memory allow; one that fails is tried once more and never
-//! stops the rest; one that outlived a killed sweep is left to end. [`run_one`] does one job alone, for whoever has
+//! stops the rest; one that outlived a killed sweep, training or evaluating, is left to end. [`run_one`] does one job alone, for whoever has
 //! machines of his own for each. [`Results`] are the runs' own numbers, by seed,
 //! with tables of mean and spread.
 //!
@@ -32,5 +32,5 @@ pub use file::{Arm, Better, FigureOf, MetricOf, SweepFile};
 pub use plan::{Job, Plan};
 pub use pool::{Budget, Ended, Event, Stage, run, run_one};
 pub use results::{Outcome, Results};
-pub use state::{State, is_held};
+pub use state::{State, hold_evaluation, is_held};
 pub use values::value;

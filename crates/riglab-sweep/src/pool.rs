@@ -215,10 +215,10 @@ impl<'a> Pool<'a> {
             let Busy { job, stage, .. } = self.busy.swap_remove(k);
             if status.success() {
                 // What comes next is seen from the folder; ahead of others, so that results come early.
-                let state = State::of(self.folder, self.plan, self.job(job), &[]);
                 let went_on = match stage {
-                    Stage::Evaluate => state == State::Finished,
-                    Stage::Train | Stage::Resume => matches!(state, State::Trained | State::Finished),
+                    Stage::Evaluate => State::of(self.folder, self.plan, self.job(job), &[]) == State::Finished,
+                    // Whoever evaluates it by now holds it, and is waited for.
+                    Stage::Train | Stage::Resume => info(&self.run_of(job))["outcome"] == "finished",
                 };
                 if went_on {
                     self.waiting.push_front(job);
@@ -498,6 +498,32 @@ mod tests {
         let tell = |event: Event| adopted.set(adopted.get() + u32::from(matches!(event, Event::Adopted(_))));
         assert_eq!(run(dir.path(), &plan, BUDGET, command, || false, tell).unwrap(), Ended::Done);
         assert_eq!(adopted.get(), 1);
+        ends.join().unwrap();
+    }
+
+    #[test]
+    fn an_evaluation_that_outlived_its_sweep_is_waited_for() {
+        let (dir, plan) = (tempfile::tempdir().unwrap(), plan("evaluate = true\n"));
+        let run_1 = dir.path().join(&plan.jobs[0].folder);
+        std::fs::create_dir_all(&run_1).unwrap();
+        std::fs::write(run_1.join("run.json"), "{\"outcome\": \"finished\"}").unwrap();
+        let lock = crate::hold_evaluation(&run_1).unwrap();
+        let ends = std::thread::spawn(move || {
+            std::thread::sleep(Duration::from_millis(150));
+            std::fs::write(run_1.join("eval.json"), "{}").unwrap();
+            drop(lock);
+        });
+        let command = |job: &Job, stage: Stage, run: &Path| {
+            assert_ne!(job.seed, 1, "it was evaluated already");
+            match stage {
+                Stage::Evaluate => shell(format!("echo '{{}}' > '{}/eval.json'", run.display())),
+                _ => finishes(run, 0.0),
+            }
+        };
+        let adopted = Cell::new(0);
+        let tell = |event: Event| adopted.set(adopted.get() + u32::from(matches!(event, Event::Adopted(_))));
+        assert_eq!(run(dir.path(), &plan, BUDGET, command, || false, tell).unwrap(), Ended::Done);
+        assert_eq!((adopted.get(), attempts(dir.path()).len()), (1, 0));
         ends.join().unwrap();
     }
 

@@ -3,11 +3,20 @@
 use std::fs::{File, TryLockError};
 use std::io::{Read, Seek, SeekFrom};
 use std::path::Path;
+use std::time::Duration;
 
 use serde_json::Value;
 
 use crate::attempts::counted;
-use crate::{Attempt, Job, Plan};
+use crate::{Attempt, Job, Plan, SweepError};
+
+/// Held by who trains in a run's folder, and by who evaluates it there. An evaluation has one of its own: a run may be
+/// evaluated while it is trained.
+const TRAINED: &str = ".lock";
+const EVALUATED: &str = ".eval.lock";
+/// Between tries for a lock, and how many: whoever looks whether it is held holds it for a moment.
+const PAUSE: Duration = Duration::from_millis(20);
+const LOOKS: u32 = 5;
 
 /// Attempts that a job has, until somebody asks for more.
 pub(crate) const TRIES: usize = 2;
@@ -17,7 +26,7 @@ pub(crate) const TRIES: usize = 2;
 pub enum State {
     /// Nothing yet.
     Waiting,
-    /// A process is training in its folder; the last step of its log.
+    /// A process is at it, training or evaluating; the last step of its log.
     Running(u64),
     /// It was begun, and no process is at it.
     Interrupted(u64),
@@ -59,11 +68,35 @@ pub(crate) fn info(run: &Path) -> Value {
     serde_json::from_str(&text).unwrap_or_default()
 }
 
-/// Whether a process is training in the folder of a run: it holds the lock as long as it lives.
+/// Whether a process is at a run: training in its folder or, once that is done, evaluating it there. Both hold their lock
+/// as long as they live. An evaluation of a run that is not done yet stands in nobody's way.
 pub fn is_held(run: &Path) -> bool {
-    // A shared lock needs no right to write, which network file systems want for the other one.
-    let asked = File::open(run.join(".lock")).map(|lock| lock.try_lock_shared());
-    matches!(asked, Ok(Err(TryLockError::WouldBlock)))
+    let held = |name: &str| {
+        // A shared lock needs no right to write, which network file systems want for the other one.
+        let asked = File::open(run.join(name)).map(|lock| lock.try_lock_shared());
+        matches!(asked, Ok(Err(TryLockError::WouldBlock)))
+    };
+    held(TRAINED) || (held(EVALUATED) && info(run)["outcome"] == "finished")
+}
+
+/// The right to evaluate a run into its folder, as long as what it gives lives: a sweep that outlives its process finds it
+/// and does not evaluate beside it. `None` where the folder takes no lock, being read-only or on a disk that has none.
+///
+/// # Errors
+/// When another process has it.
+pub fn hold_evaluation(run: &Path) -> Result<Option<File>, SweepError> {
+    let Ok(lock) = File::create(run.join(EVALUATED)) else { return Ok(None) };
+    for look in 0..LOOKS {
+        if look > 0 {
+            std::thread::sleep(PAUSE);
+        }
+        match lock.try_lock() {
+            Ok(()) => return Ok(Some(lock)),
+            Err(TryLockError::WouldBlock) => {}
+            Err(TryLockError::Error(_)) => return Ok(None),
+        }
+    }
+    Err(SweepError::Evaluated(run.into()))
 }
 
 /// The step of the last whole line of the log; 0 without one.
@@ -119,5 +152,21 @@ mod tests {
         assert_eq!(state(&[]), State::Trained);
         std::fs::write(run.join("eval.json"), "{}").unwrap();
         assert_eq!(state(&[]), State::Finished);
+    }
+
+    #[test]
+    fn who_evaluates_a_trained_run_is_at_it_and_alone() {
+        let dir = tempfile::tempdir().unwrap();
+        // While it is trained, an evaluation keeps nobody from going on.
+        let lock = hold_evaluation(dir.path()).unwrap();
+        assert!(lock.is_some() && !is_held(dir.path()));
+        std::fs::write(dir.path().join("run.json"), "{\"outcome\": \"finished\"}").unwrap();
+        assert!(is_held(dir.path()));
+        let said = hold_evaluation(dir.path()).unwrap_err().to_string();
+        assert!(said.contains("another process is evaluating this run") && said.contains("--out"), "{said}");
+        drop(lock);
+        assert!(!is_held(dir.path()) && hold_evaluation(dir.path()).unwrap().is_some());
+        // A folder that takes no lock is evaluated all the same.
+        assert!(hold_evaluation(&dir.path().join("none")).unwrap().is_none());
     }
 }

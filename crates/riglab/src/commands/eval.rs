@@ -7,6 +7,7 @@ use std::process::ExitCode;
 use anyhow::{Context, Result, anyhow, bail, ensure};
 use riglab_config::{Config, Difference};
 use riglab_files::{Unfinished, make_folder_of};
+use riglab_sweep::hold_evaluation;
 use riglab_task::Experiment;
 use riglab_task::assets::DataConfig;
 use riglab_task::seen::{seen, warning};
@@ -54,12 +55,14 @@ pub fn run(args: &Args, threads: usize) -> Result<ExitCode> {
         bail!("{} names a checkpoint and --checkpoint {other} another; give one of them", args.run.display());
     }
     let (path, folder) = places(args, &run)?;
-    riglab_torch::init(riglab_torch::Settings { threads });
-    let device = args.device.device()?;
-    let read = |sets: &[String]| TaskConfig::read(&presets::load(&run.join("config.toml").to_string_lossy(), sets)?);
     if !run.join("config.toml").is_file() {
         bail!("{}: no run here (there is no config.toml); `riglab train` makes one", run.display());
     }
+    // Before anything that takes time: a sweep that looks at the run is to find it held.
+    let _held = if is_own(&path, &run) { hold_evaluation(&run)? } else { None };
+    riglab_torch::init(riglab_torch::Settings { threads });
+    let device = args.device.device()?;
+    let read = |sets: &[String]| TaskConfig::read(&presets::load(&run.join("config.toml").to_string_lossy(), sets)?);
     let config = read(&args.sets)?;
     trained_so(&read(&[])?, &config)?;
     let config = config.of_run(&run);
@@ -142,6 +145,16 @@ fn places(args: &Args, run: &Path) -> Result<(PathBuf, PathBuf)> {
     Ok((path, folder))
 }
 
+/// Whether a path is that of the run's own evaluation, however it is written.
+fn is_own(path: &Path, run: &Path) -> bool {
+    let whole = |folder: &Path| match folder.as_os_str().is_empty() {
+        true => Path::new(".").canonicalize().ok(),
+        false => folder.canonicalize().ok(),
+    };
+    let folder = path.parent().and_then(whole);
+    path.file_name().is_some_and(|name| name == "eval.json") && folder.is_some() && folder == whole(run)
+}
+
 /// Tries whether a file can be written: before the work, not after it.
 fn try_writing(path: &Path) -> Result<()> {
     // One that is not finished goes away by itself.
@@ -218,4 +231,20 @@ fn with_data(json: &str, data: &[(String, String, usize)], sets: &[String], seen
 
 fn write(path: &Path, bytes: &[u8]) -> Result<()> {
     riglab_files::write(path, bytes).with_context(|| format!("{} cannot be written", path.display()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_runs_own_evaluation_is_known_however_it_is_written() {
+        let dir = tempfile::tempdir().unwrap();
+        let run = dir.path().join("run");
+        fs::create_dir_all(run.join("checkpoints")).unwrap();
+        assert!(is_own(&run.join("eval.json"), &run) && is_own(&run.join("checkpoints/../eval.json"), &run));
+        for other in ["run/other.json", "eval.json", "run/checkpoints/eval.json", "nowhere/eval.json"] {
+            assert!(!is_own(&dir.path().join(other), &run), "{other}");
+        }
+    }
 }
