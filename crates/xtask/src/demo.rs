@@ -1,7 +1,7 @@
 //! `cargo xtask demo`: the main job at small scale, by the product's own commands.
 //!
 //! Each step leaves a file, and a step whose file is there is not done again: a demo that was
-//! stopped goes on where it was.
+//! stopped goes on where it was. The folder says which files it is of: it is not gone on with for others.
 
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
@@ -20,6 +20,9 @@ pub struct Options {
 
 /// Creatures of the default demo.
 const CREATURES: &str = "120";
+/// What a demo's folder says it is of: a whole path, or for the default demo words that are none.
+const SOURCE: &str = "input.txt";
+const MADE: &str = "creatures that riglab makes itself";
 
 impl Options {
     /// Reads `[--input DIR] [--out DIR]`.
@@ -50,12 +53,16 @@ impl Options {
 pub fn run(options: &Options) -> Result<()> {
     let Options { input, out } = options;
     let report = out.join("report.html");
+    let source = input.as_deref().map_or(MADE.into(), shown);
+    check(out, &source)?;
     if report.exists() {
         println!("{} is there already. Remove {} to run the demo again.", shown(&report), shown(out));
         return Ok(());
     }
     shell::cargo(&["build", "--release", "--bin", "riglab"])?;
     std::fs::create_dir_all(out).with_context(|| format!("{} cannot be made", shown(out)))?;
+    let note = out.join(SOURCE);
+    std::fs::write(&note, &source).with_context(|| format!("{} cannot be written", shown(&note)))?;
     // Ctrl-C goes to the running command, which saves its work and ends.
     ctrlc::set_handler(|| ()).context("cannot listen to Ctrl-C")?;
     let start = Instant::now();
@@ -69,7 +76,7 @@ pub fn run(options: &Options) -> Result<()> {
                     std::fs::remove_dir_all(&folder)
                         .with_context(|| format!("{} cannot be removed", shown(&folder)))?;
                 }
-                say("1/6", "rigged files: creatures that riglab makes itself");
+                say("1/6", &format!("rigged files: {MADE}"));
                 riglab(&["synth", "-o", &shown(&folder), "--count", CREATURES])?;
             }
             folder
@@ -120,6 +127,24 @@ pub fn run(options: &Options) -> Result<()> {
     Ok(())
 }
 
+/// Refuses a folder with a demo of other files: folders of input that end in the same name share one by default.
+fn check(out: &Path, source: &str) -> Result<()> {
+    let there = match std::fs::read_to_string(out.join(SOURCE)) {
+        Ok(there) => there,
+        Err(_) if out.join("files/manifest.json").exists() => MADE.into(),
+        Err(_) if out.join("corpus.h5").exists() => "files that it does not name".into(),
+        Err(_) => return Ok(()),
+    };
+    if there != source {
+        bail!(
+            "{0} holds a demo of other files ({there}; here: {source}); give this one a folder of its own with --out DIR, \
+             or remove {0}",
+            shown(out)
+        );
+    }
+    Ok(())
+}
+
 fn ending([report, gains]: &[&Path; 2], corpus: &Path, took: Duration, own: bool) {
     println!("\nDone in {:.1} minutes. The report: {}", took.as_secs_f64() / 60.0, shown(report));
     println!("and of the rigs before and after rewards: {}", shown(gains));
@@ -130,8 +155,8 @@ fn ending([report, gains]: &[&Path; 2], corpus: &Path, took: Duration, own: bool
         println!("  cargo xtask demo --input DIR          the same on your own GLB, glTF, VRM and FBX files");
     }
     println!(
-        "  cargo run --release --bin riglab -- train quickstart/fsq_cvae.toml --set data.corpora='[{:?}]'",
-        shown(corpus)
+        "  cargo run --release --bin riglab -- train quickstart/fsq_cvae.toml --set {}",
+        quoted(&format!("data.corpora=[{:?}]", shown(corpus)))
     );
     println!("                                        a quarter of an hour, a much better model");
     println!("  cargo run --release --bin riglab -- help what else there is");
@@ -143,7 +168,8 @@ fn say(step: &str, what: &str) {
 
 /// Runs a command of the product as a user would, and shows it.
 fn riglab(args: &[&str]) -> Result<()> {
-    println!("$ riglab {}", args.iter().map(|a| quoted(a)).collect::<Vec<_>>().join(" "));
+    let command = args.iter().map(|a| quoted(a)).collect::<Vec<_>>().join(" ");
+    println!("$ riglab {command}");
     let cargo = std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into());
     let mut all: Vec<OsString> = ["run", "--quiet", "--release", "--bin", "riglab", "--"].map(Into::into).into();
     all.extend(args.iter().map(Into::into));
@@ -151,16 +177,55 @@ fn riglab(args: &[&str]) -> Result<()> {
     match status.code() {
         Some(0) => Ok(()),
         Some(130) => bail!("stopped; the same command goes on from here"),
-        _ => bail!("`riglab {}` failed; its message is above", args.join(" ")),
+        _ => bail!("`riglab {command}` failed; its message is above"),
     }
 }
 
 /// An argument as one would type it.
 fn quoted(arg: &str) -> String {
     let plain = |c: char| c.is_ascii_alphanumeric() || "-_./,=:".contains(c);
-    if arg.chars().all(plain) { arg.into() } else { format!("'{arg}'") }
+    match !arg.is_empty() && arg.chars().all(plain) {
+        true => arg.into(),
+        // Within quotes a shell takes everything as it is, but the quote that ends them.
+        false => format!("'{}'", arg.replace('\'', "'\\''")),
+    }
 }
 
 fn shown(path: &Path) -> String {
     path.display().to_string()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_demo_is_not_gone_on_with_for_other_files() {
+        let dir = tempfile::tempdir().unwrap();
+        let out = dir.path();
+        let refused = |source: &str| check(out, source).unwrap_err().to_string();
+        check(out, "/a/rigs").unwrap();
+        std::fs::write(out.join("corpus.h5"), "").unwrap();
+        assert!(refused("/a/rigs").contains("files that it does not name"), "a folder that says nothing");
+        std::fs::write(out.join(SOURCE), "/a/rigs").unwrap();
+        check(out, "/a/rigs").unwrap();
+        let said = refused("/b/rigs");
+        assert!(said.contains("(/a/rigs; here: /b/rigs)") && said.contains("--out DIR, or remove"), "{said}");
+        assert!(refused(MADE).contains("(/a/rigs; here: creatures"), "input may be called as the default is");
+        std::fs::remove_file(out.join(SOURCE)).unwrap();
+        std::fs::create_dir(out.join("files")).unwrap();
+        std::fs::write(out.join("files/manifest.json"), "").unwrap();
+        check(out, MADE).unwrap();
+        assert!(refused("/x/creatures").contains("(creatures that"));
+    }
+
+    #[test]
+    fn a_shell_reads_back_what_is_shown() {
+        assert_eq!(quoted("data.corpora=a.h5"), "data.corpora=a.h5");
+        for odd in ["it's", "a b", "", "data.corpora=[\"/home/o'neil/rigs/corpus.h5\"]", "'"] {
+            let script = format!("printf %s {}", quoted(odd));
+            let said = Command::new("sh").args(["-c", &script]).output().unwrap();
+            assert_eq!(String::from_utf8(said.stdout).unwrap(), odd);
+        }
+    }
 }
