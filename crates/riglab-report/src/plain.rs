@@ -119,13 +119,15 @@ pub(crate) fn markdown(text: &str) -> String {
     out
 }
 
-/// A text that LaTeX shows as it is.
+/// A text that LaTeX shows as it is, wherever it stands: behind the end of a row a bare `[` begins an argument
+/// and a bare `*` belongs to it.
 pub(crate) fn latex(text: &str) -> String {
     let mut out = String::with_capacity(text.len());
     for c in text.chars() {
         match c {
             '&' | '%' | '$' | '#' | '_' | '{' | '}' => out.extend(['\\', c]),
             '\\' => out += "\\textbackslash{}",
+            '[' | '*' => out.extend(['{', c, '}']),
             '~' => out += "\\textasciitilde{}",
             '^' => out += "\\textasciicircum{}",
             '<' | '>' | '|' => out += &format!("${c}$"),
@@ -175,6 +177,15 @@ mod tests {
         assert!(latex.contains("\\caption{A \\& B}") && latex.contains("{lr}") && latex.contains("x\\_1"));
         assert!(latex.contains("a$|$b, \"c\" & \\textbf{0.50} \\\\\n  \\midrule\n") && latex.contains("100 \\%"));
         assert!(latex.contains("\\textit{12.00}"));
+    }
+
+    #[test]
+    fn a_row_may_begin_with_a_bracket_or_a_star() {
+        let mut t = Table::new("t", &["values", "x"]);
+        t.row(vec![Cell::text("[1, 2]"), Cell::number(0.5, 1)]);
+        t.row(vec![Cell::text("*"), Cell::number(0.5, 1)]);
+        let latex = t.to_latex();
+        assert!(latex.contains("  \\midrule\n  {[}1, 2] & 0.5 \\\\\n  {*} & 0.5 \\\\\n"), "{latex}");
     }
 
     #[test]
