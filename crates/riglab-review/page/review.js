@@ -212,7 +212,7 @@ async function begin() {
   document.title = `${loaded.title} \u00b7 riglab review`;
   $("title").textContent = loaded.title;
   $("decisions").textContent = loaded.decisions;
-  $("command").textContent = `riglab curate FOLDER -o ${quoted(loaded.title)} --decisions ${quoted(loaded.decisions)}`;
+  $("command").textContent = `riglab curate FOLDER -o ${quoted(loaded.corpus)} --decisions ${quoted(loaded.decisions)}`;
   $("keys").replaceChildren(...KEYS.flatMap(([keys, what]) => {
     const term = sheet.element("dt");
     term.append(sheet.element("kbd", "", keys));

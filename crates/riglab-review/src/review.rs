@@ -13,6 +13,8 @@ use crate::pictures::Pictures;
 pub struct Review {
     /// The name of the corpus, without its folder.
     pub(crate) title: String,
+    /// The corpus, as it was given.
+    pub(crate) corpus: PathBuf,
     pub(crate) deck: Deck,
     pub(crate) ledger: Ledger,
     pub(crate) pictures: Pictures,
@@ -45,7 +47,7 @@ impl Review {
         let ledger = Ledger::open(decisions, &deck.cards)?;
         let pictures = Pictures::new(stored, files)?;
         let title = corpus.file_name().unwrap_or(corpus.as_os_str()).to_string_lossy().into_owned();
-        Ok(Self { title, deck, ledger, pictures })
+        Ok(Self { title, corpus: corpus.into(), deck, ledger, pictures })
     }
 
     /// How far it is, by the last that was read or written.

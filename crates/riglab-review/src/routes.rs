@@ -131,7 +131,8 @@ fn assets(review: &Review) -> Result<Answer, Answer> {
     });
     let shown: Vec<Shown> = shown.collect();
     let all = json!({
-        "title": review.title, "decisions": review.ledger.path().display().to_string(),
+        "title": review.title, "corpus": review.corpus.display().to_string(),
+        "decisions": review.ledger.path().display().to_string(),
         "unreadable": review.deck.unreadable, "told": state.told, "faults": FAULTS,
         "categories": Category::ALL.map(Category::name), "assets": shown,
     });

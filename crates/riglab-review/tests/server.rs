@@ -127,6 +127,17 @@ fn the_page_and_its_parts_are_served_with_all_guards() {
 }
 
 #[test]
+fn the_page_knows_the_corpus_with_its_folder() {
+    // Its command for the next build would else write beside it.
+    let running = Running::new(&["a"]);
+    let (_, answer) = running.get("assets");
+    let all: serde_json::Value = serde_json::from_str(answer.split("\r\n\r\n").nth(1).unwrap()).unwrap();
+    let whole = running.dir.path().join("c.h5").display().to_string();
+    assert_eq!((all["title"].as_str(), all["corpus"].as_str()), (Some("c.h5"), Some(whole.as_str())));
+    assert!(running.get("review.js").1.contains("-o ${quoted(loaded.corpus)}"));
+}
+
+#[test]
 fn who_was_not_given_the_address_is_refused() {
     let running = Running::new(&["a.glb"]);
     let (host, token) = running.place();
