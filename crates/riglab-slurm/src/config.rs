@@ -5,8 +5,8 @@ use std::fmt;
 use serde::de::{self, Deserializer, Visitor};
 use serde::{Deserialize, Serialize};
 
-/// What a job asks of the cluster: the table `[slurm]` of an experiment, a sweep or a curation. Whatever is empty or 0
-/// is left to the cluster's own default.
+/// What a job asks of the cluster: the table `[slurm]` of an experiment, a sweep or a curation. Whatever is empty is
+/// left to the cluster's own default, and so are counts of 0.
 ///
 /// ```toml
 /// [slurm]
@@ -30,7 +30,8 @@ pub struct SlurmConfig {
     /// Features that nodes must have, as `--constraint` takes them.
     pub constraint: String,
     /// Time limit of a task as Slurm writes it: minutes, `minutes:seconds`, `hours:minutes:seconds`, `days-hours` or
-    /// `days-hours:minutes[:seconds]`. What is not done by then goes on in the next round.
+    /// `days-hours:minutes[:seconds]`. What is not done by then goes on in the next round. 0 and `UNLIMITED` ask for no
+    /// limit.
     #[serde(deserialize_with = "text_or_number")]
     pub time: String,
     /// Memory of a node: a number with K, M, G or T; without a letter megabytes.
@@ -123,12 +124,13 @@ impl SlurmConfig {
         {
             return fault(key, format!("{word:?} should be one word"));
         }
-        if !self.time.is_empty() && seconds(&self.time).is_none_or(|s| s == 0) {
+        if !self.time.is_empty() && !is_unlimited(&self.time) && seconds(&self.time).is_none() {
             let forms = "give minutes, `minutes:seconds`, `hours:minutes:seconds`, `days-hours` or \
-                         `days-hours:minutes:seconds`, such as \"90\", \"4:00:00\" or \"2-12\"";
+                         `days-hours:minutes:seconds`, such as \"90\", \"4:00:00\" or \"2-12\", or \"UNLIMITED\"";
             return fault("time", format!("`{}` is no time as Slurm takes it; {forms}", self.time));
         }
-        if let Some(limit) = seconds(&self.time)
+        // Without a limit nothing is told to leave before it.
+        if let Some(limit) = seconds(&self.time).filter(|s| *s > 0)
             && limit <= self.signal_seconds + EARLIER
         {
             let lead = self.signal_seconds;
@@ -189,7 +191,12 @@ fn text_or_number<'de, D: Deserializer<'de>>(deserializer: D) -> Result<String, 
     deserializer.deserialize_any(Either)
 }
 
-/// Seconds of a time limit; `None` where Slurm would not take it.
+/// Whether a time limit is a word for none, of which Slurm takes capitals and small letters.
+fn is_unlimited(text: &str) -> bool {
+    ["unlimited", "infinite"].iter().any(|word| text.eq_ignore_ascii_case(word))
+}
+
+/// Seconds of a time limit, 0 for none; `None` where Slurm would not take it, or it is a word.
 fn seconds(text: &str) -> Option<u64> {
     let number = |t: &str| if t.bytes().all(|b| b.is_ascii_digit()) { t.parse::<u64>().ok() } else { None };
     let parts = |t: &str| t.split(':').map(number).collect::<Option<Vec<u64>>>();
@@ -255,7 +262,9 @@ mod tests {
     fn faults_are_sentences() {
         let fault = |line: &str| read(&format!("[slurm]\n{line}\n")).unwrap_err();
         assert!(fault("time = '2h'").starts_with("slurm.time: `2h` is no time as Slurm takes it; give minutes"));
-        assert!(fault("time = '0'").contains("no time"));
+        for none in ["'0'", "0", "'0:00'", "'UNLIMITED'", "'unlimited'", "'INFINITE'"] {
+            assert!(read(&format!("[slurm]\ntime = {none}\n")).is_ok(), "{none} asks for no limit");
+        }
         assert!(fault("time = '2'").contains("120 seconds are no more than `signal_seconds` (120)"));
         assert!(fault("time = 3").contains("180 seconds are no more"));
         assert!(read("[slurm]\ntime = 2\nsignal_seconds = 50\n").is_ok());
