@@ -1,5 +1,6 @@
 //! Line charts as SVG.
 
+use plotters::element::DashedPathElement;
 use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
 
@@ -36,6 +37,9 @@ const COLORS: [RGBColor; 6] = [
     RGBColor(125, 95, 200),
     RGBColor(130, 130, 130),
 ];
+/// Dashes and gaps of the lines that come after as many as there are colours, and of those after these. Each shows in the
+/// legend's short line. Of four times as many lines as colours no two look alike.
+const DASHES: [(i32, i32); 3] = [(7, 4), (3, 3), (11, 2)];
 /// Points of a line at most; more are averaged.
 const POINTS: usize = 240;
 /// Of a chart without its legend.
@@ -119,10 +123,14 @@ impl Chart {
             .draw()
             .map_err(fault)?;
         for (k, (_, points)) in lines.iter().enumerate() {
-            let color = COLORS[k % COLORS.len()];
-            chart.draw_series(LineSeries::new(points.iter().copied(), color.stroke_width(2))).map_err(fault)?;
+            let (style, line) = (color(k).stroke_width(2), points.iter().copied());
+            let drawn = match dashes(k) {
+                None => chart.draw_series(LineSeries::new(line, style)).map(drop),
+                Some((dash, gap)) => chart.draw_series(DashedLineSeries::new(line, dash, gap, style)).map(drop),
+            };
+            drawn.map_err(fault)?;
             if let [point] = points[..] {
-                chart.draw_series([Circle::new(point, 3, color.filled())]).map_err(fault)?;
+                chart.draw_series([mark(point, k)]).map_err(fault)?;
             }
         }
         Ok(())
@@ -135,15 +143,39 @@ fn legend(
     lines: &[(&str, Vec<(f64, f64)>)],
 ) -> Result<(), ReportError> {
     let width = (SIZE.0 as i32 - 60) / LEGEND.1 as i32;
-    for (k, (name, _)) in lines.iter().enumerate() {
-        let color = COLORS[k % COLORS.len()].stroke_width(3);
+    for (k, (name, points)) in lines.iter().enumerate() {
+        let style = color(k).stroke_width(3);
         let (x, y) = (60 + width * (k % LEGEND.1) as i32, LEGEND.0 as i32 * (k / LEGEND.1) as i32 + 6);
-        below.draw(&PathElement::new(vec![(x, y), (x + 16, y)], color)).map_err(fault)?;
+        let line = [(x, y), (x + 16, y)];
+        match (points.len(), dashes(k)) {
+            (1, _) => below.draw(&mark((x + 8, y), k)),
+            (_, None) => below.draw(&PathElement::new(line, style)),
+            (_, Some((dash, gap))) => below.draw(&DashedPathElement::new(line, dash, gap, style)),
+        }
+        .map_err(fault)?;
         let style = ("sans-serif", 12).into_text_style(&SIZE).color(&BLACK);
         let style = style.pos(Pos::new(HPos::Left, VPos::Center));
         below.draw(&Text::new(shortened(name), (x + 21, y), style)).map_err(fault)?;
     }
     Ok(())
+}
+
+fn color(line: usize) -> RGBColor {
+    COLORS[line % COLORS.len()]
+}
+
+/// How a line is broken; `None` for one that is not.
+fn dashes(line: usize) -> Option<(i32, i32)> {
+    let before = [None].into_iter().chain(DASHES.map(Some));
+    before.cycle().nth(line / COLORS.len()).flatten()
+}
+
+/// What stands for a line of one point: a dot, and once colours come again rings, each wider.
+fn mark<At>(at: At, line: usize) -> Circle<At, i32> {
+    match (line / COLORS.len()) as i32 {
+        0 => Circle::new(at, 3, color(line).filled()),
+        again => Circle::new(at, 1 + 2 * again, color(line).stroke_width(1)),
+    }
 }
 
 /// A name that fits: its ends, which tell it from its like.
@@ -269,6 +301,32 @@ mod tests {
             labels.dedup();
             assert!(all >= 3 && labels.len() == all, "{low} to {high}: {labels:?}");
         }
+    }
+
+    #[test]
+    fn lines_of_one_colour_differ_in_their_dashes() {
+        let chart = |count: usize, points: usize| {
+            let line = |k: usize| (0..points).map(|x| (x as f64, k as f64)).collect();
+            let series = (0..count).map(|k| Series { name: format!("line {k}"), points: line(k) }).collect();
+            Chart { title: String::new(), x: "step".into(), series, log: false }.to_svg().unwrap()
+        };
+        // Strokes of the first and the second colour, in the plot and, wider, in the legend.
+        let strokes = |svg: &str, color: &str, width: u32| {
+            svg.matches(&format!("stroke=\"{color}\" stroke-width=\"{width}\"")).count()
+        };
+        let (first, second) = ("#1F77B4", "#E17000");
+        let seven = chart(COLORS.len() + 1, 2);
+        assert_eq!((strokes(&seven, second, 2), strokes(&seven, second, 3)), (1, 1));
+        assert!(strokes(&seven, first, 2) > 10 && strokes(&seven, first, 3) == 3, "the seventh is broken");
+        // What the legend shows of lines that share a colour.
+        let more = [13, 19].map(|count| strokes(&chart(count, 2), first, 3));
+        assert_eq!(more, [1 + 2 + 3, 1 + 2 + 3 + 2]);
+        let kinds: std::collections::BTreeSet<_> = (0..4).map(|n| dashes(n * COLORS.len())).collect();
+        assert_eq!(kinds.len(), 4);
+        // Lines of one point.
+        let dots = chart(COLORS.len() + 1, 1);
+        assert_eq!(dots.matches("<circle").count(), 2 * (COLORS.len() + 1));
+        assert_eq!(strokes(&dots, first, 1), 2, "{dots}");
     }
 
     #[test]
