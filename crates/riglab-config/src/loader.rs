@@ -1,6 +1,6 @@
 //! Files to one tree: finding them, `extends`, `--set`.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::io;
 use std::path::{Component, Path, PathBuf};
 use std::sync::Arc;
@@ -93,12 +93,12 @@ impl<'a> Loader<'a> {
 
     /// A file's content with what it extends.
     fn layer(&self, source: &Arc<Source>, place: &Place, chain: &mut Chain) -> Result<Table, ConfigError> {
-        chain.0.push((place.identity(), source.name.clone()));
+        chain.open.push((place.identity(), source.name.clone()));
         let mut table = parse::document(source)?;
         self.resolve(&mut table, Some(place), chain)?;
         // A file as a whole adds to what it is merged into; only a table inside chooses anew.
         table.anew = false;
-        chain.0.pop();
+        chain.open.pop();
         Ok(table)
     }
 
@@ -140,8 +140,14 @@ impl<'a> Loader<'a> {
                 .hint(missing.hint(name))
         })?;
         chain.check(&place, origin)?;
+        let whole = place.whole();
+        if let Some(table) = chain.known.get(&whole) {
+            return Ok(table.clone());
+        }
         let source = self.read(&place, Some(origin))?;
-        self.layer(&source, &place, chain)
+        let table = self.layer(&source, &place, chain)?;
+        chain.known.insert(whole, table.clone());
+        Ok(table)
     }
 
     /// Looks a name up: beside `from` (or in the working folder), in the roots, among the built-in.
@@ -226,17 +232,35 @@ impl Place {
             Self::BuiltIn(name) => Path::new("built-in").join(name),
         }
     }
+
+    /// Equal where a file extends the same: a link's names are looked up beside the link.
+    fn whole(&self) -> (PathBuf, PathBuf) {
+        let folder = match self {
+            Self::Disk(path) => {
+                let folder = path.parent().filter(|f| !f.as_os_str().is_empty()).unwrap_or(Path::new("."));
+                folder.canonicalize().unwrap_or_else(|_| folder.into())
+            }
+            Self::BuiltIn(_) => PathBuf::new(),
+        };
+        (self.identity(), folder)
+    }
 }
 
-/// The files being read, outermost first: identity and name.
+/// What one load has come through.
 #[derive(Debug, Default)]
-struct Chain(Vec<(PathBuf, String)>);
+struct Chain {
+    /// The files being read, outermost first: identity and name.
+    open: Vec<(PathBuf, String)>,
+    /// The content of those that were extended already, with all that they extend: read anew each time it is named, a file
+    /// that each of a few dozen others names twice would never come to an end.
+    known: BTreeMap<(PathBuf, PathBuf), Table>,
+}
 
 impl Chain {
     fn check(&self, place: &Place, origin: &Origin) -> Result<(), ConfigError> {
         let identity = place.identity();
-        let Some(start) = self.0.iter().position(|(id, _)| *id == identity) else { return Ok(()) };
-        let mut names: Vec<&str> = self.0[start..].iter().map(|(_, name)| name.as_str()).collect();
+        let Some(start) = self.open.iter().position(|(id, _)| *id == identity) else { return Ok(()) };
+        let mut names: Vec<&str> = self.open[start..].iter().map(|(_, name)| name.as_str()).collect();
         names.push(names[0]);
         let message = format!("`extends` goes in a circle: {}", names.join(" -> "));
         Err(Fault::at(FaultKind::Cycle, origin, message).into())
@@ -290,4 +314,45 @@ fn cleaned(path: &Path) -> String {
     }
     let clean: PathBuf = parts.into_iter().collect();
     clean.to_string_lossy().into_owned()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_file_that_is_extended_again_and_again_is_read_once() {
+        // Twice each: read anew each time, the last would be read 2^60 times.
+        let text = |k: usize| {
+            format!("k{k} = {k}\nextends = ['f{0}.toml', 'f{0}.toml']\n[t{k}]\nextends = 'end.toml'\n", k + 1)
+        };
+        let files: Vec<(String, String)> = (0..60).map(|k| (format!("f{k}.toml"), text(k))).collect();
+        let mut files: Vec<(&str, &str)> = files.iter().map(|(name, text)| (name.as_str(), text.as_str())).collect();
+        files.extend([("f60.toml", "k60 = 60"), ("end.toml", "x = 1")]);
+        let config = Loader::new().built_in(&files).load("f0.toml", &["t0.x=2", "s.extends='f0.toml'"]).unwrap();
+        assert_eq!((config.keys().count(), config.get_at::<u32>("k60").unwrap()), (61 + 60 + 1, 60));
+        let at = |path: &str| config.get_at::<u32>(path).unwrap();
+        assert_eq!([at("t0.x"), at("t59.x"), at("s.k60"), at("s.t0.x")], [2, 1, 60, 1]);
+        // A circle is one however often a file of it was come through.
+        let circle =
+            [("a.toml", "extends = ['b.toml', 'b.toml', 'c.toml']"), ("b.toml", ""), ("c.toml", "extends = 'a.toml'")];
+        let said = Loader::new().built_in(&circle).load("a.toml", &[] as &[&str]).unwrap_err().to_string();
+        assert!(said.contains("in a circle: a.toml -> c.toml -> a.toml"), "{said}");
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn a_link_extends_what_lies_beside_it() {
+        let dir = tempfile::tempdir().unwrap();
+        for (folder, x) in [("a", 1), ("b", 2)] {
+            std::fs::create_dir(dir.path().join(folder)).unwrap();
+            std::fs::write(dir.path().join(folder).join("own.toml"), format!("x = {x}")).unwrap();
+        }
+        std::fs::write(dir.path().join("a/block.toml"), "extends = 'own.toml'").unwrap();
+        std::os::unix::fs::symlink(dir.path().join("a/block.toml"), dir.path().join("b/block.toml")).unwrap();
+        let both = "[a]\nextends = 'a/block.toml'\n[b]\nextends = 'b/block.toml'\n";
+        std::fs::write(dir.path().join("both.toml"), both).unwrap();
+        let config = Config::load(dir.path().join("both.toml"), &[] as &[&str], &[]).unwrap();
+        assert_eq!(["a.x", "b.x"].map(|path| config.get_at::<u32>(path).unwrap()), [1, 2]);
+    }
 }
