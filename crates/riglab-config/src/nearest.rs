@@ -1,7 +1,7 @@
 //! The known word a wrong one was probably meant to be.
 
-/// The nearest of `known` to `word`, if near: at most a third of its letters off. Case and the choice
-/// of `-` or `_` do not count.
+/// The nearest of `known` to `word`, if near: at most one slip, and one more for every four letters of
+/// `word`, and fewer than the letters of the known word. Case and the choice of `-` or `_` do not count.
 pub(crate) fn nearest<'a>(word: &str, known: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
     let folded = fold(word);
     let limit = 1 + folded.chars().count() / 4;

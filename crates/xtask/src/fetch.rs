@@ -97,7 +97,7 @@ impl Wheel {
     }
 }
 
-/// Unpacks the members for which `to` names a place. Modes are kept.
+/// Unpacks the members for which `to` names a place. Modes are not kept: who unpacks programs sets theirs.
 pub fn unpack(wheel: &Path, mut to: impl FnMut(&str) -> Option<PathBuf>) -> Result<usize> {
     let shown = wheel.display();
     let mut zip = zip::ZipArchive::new(File::open(wheel)?).with_context(|| format!("{shown} is no zip"))?;
