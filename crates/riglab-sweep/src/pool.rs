@@ -14,7 +14,7 @@ use crate::{Attempt, Job, Plan, State, SweepError, attempts};
 
 /// Between looks at the processes: short against the start of one.
 const PAUSE: Duration = Duration::from_millis(20);
-/// Looks between those at runs that another process is at.
+/// Looks between those at runs that another process is at, and at jobs that wait for others to end.
 const LOOKS: u32 = 25;
 
 /// What of the machine a sweep may take.
@@ -147,6 +147,10 @@ struct Pool<'a> {
     adopted: BTreeSet<usize>,
     done: usize,
     failures: BTreeMap<usize, usize>,
+    /// The most memory that a finished run has had, in GB; `None` until somebody asks.
+    peak: Option<f64>,
+    /// Whether something ended, or is to be tried again, since jobs were started last: nothing else makes room.
+    stirred: bool,
     /// Whether stages have process groups of their own.
     apart: bool,
 }
@@ -156,7 +160,7 @@ impl<'a> Pool<'a> {
         let known = attempts(folder);
         let failures = plan.jobs.iter().map(|j| (j.number, counted(&known, j.number).len())).collect();
         let (busy, adopted) = (Vec::new(), BTreeSet::new());
-        Self { folder, plan, waiting, busy, adopted, done: 0, failures, apart }
+        Self { folder, plan, waiting, busy, adopted, done: 0, failures, peak: None, stirred: true, apart }
     }
 
     fn run(
@@ -178,7 +182,7 @@ impl<'a> Pool<'a> {
                 // Runs save and leave on this signal; a second one would make them leave at once.
                 self.busy.iter().for_each(|b| ask_to_leave(&b.child));
             }
-            if !asked {
+            if !asked && (std::mem::take(&mut self.stirred) || looks.is_multiple_of(LOOKS)) {
                 self.start(budget, &command, &mut tell)?;
             }
             if before != (self.done, self.busy.len()) || looks == 0 {
@@ -213,6 +217,7 @@ impl<'a> Pool<'a> {
                 Err(e) => return Err(SweepError::io(&self.run_of(self.busy[k].job), "waited for", &e)),
             };
             let Busy { job, stage, .. } = self.busy.swap_remove(k);
+            self.ended(job);
             if status.success() {
                 // What comes next is seen from the folder; ahead of others, so that results come early.
                 let went_on = match stage {
@@ -253,13 +258,23 @@ impl<'a> Pool<'a> {
         tell(Event::Failed(self.job(job), reason, again));
         // At the end of the queue: whatever it was may have passed by then. Counted when it is looked at.
         self.waiting.push_back(job);
+        self.stirred = true;
         Ok(())
+    }
+
+    /// Takes note that a process of a job ended, whoever started it.
+    fn ended(&mut self, job: usize) {
+        self.stirred = true;
+        if let Some(peak) = self.peak {
+            self.peak = Some(peak.max(peak_gb(&self.run_of(job))));
+        }
     }
 
     fn look_at_adopted(&mut self) {
         let free: Vec<usize> = self.adopted.iter().copied().filter(|j| !is_held(&self.run_of(*j))).collect();
         for job in free {
             self.adopted.remove(&job);
+            self.ended(job);
             self.waiting.push_front(job);
         }
     }
@@ -315,7 +330,7 @@ impl<'a> Pool<'a> {
     }
 
     /// Whether another job may run: always one, and more within the budget.
-    fn fits(&self, budget: Budget) -> bool {
+    fn fits(&mut self, budget: Budget) -> bool {
         let running = self.busy.len() + self.adopted.len();
         if running == 0 {
             return true;
@@ -325,13 +340,16 @@ impl<'a> Pool<'a> {
         }
         let each = match self.plan.sweep.memory_gb {
             told if told > 0.0 => told,
-            _ => self.plan.jobs.iter().map(|j| peak_gb(&self.folder.join(&j.folder))).fold(0.0, f64::max),
+            _ => {
+                let all = || self.plan.jobs.iter().map(|j| peak_gb(&self.folder.join(&j.folder))).fold(0.0, f64::max);
+                *self.peak.get_or_insert_with(all)
+            }
         };
         (running + 1) as f64 * each <= budget.memory_gb
     }
 }
 
-/// The most memory a run has had so far.
+/// The most memory that a finished run has had; 0 for others.
 fn peak_gb(run: &Path) -> f64 {
     if info(run)["outcome"] != "finished" {
         return 0.0;
@@ -456,6 +474,35 @@ mod tests {
         assert_eq!(most.get(), 2);
         // Alone, a process and a look take a few hundredths more; one at a time would take 0.9 at least.
         assert!(start.elapsed().as_secs_f64() >= 0.5, "{:?}", start.elapsed());
+    }
+
+    #[test]
+    fn what_a_finished_run_has_taken_is_read_once_and_kept() {
+        let (dir, plan) = (tempfile::tempdir().unwrap(), plan(""));
+        let known = dir.path().join(&plan.jobs[0].folder);
+        std::fs::create_dir_all(&known).unwrap();
+        std::fs::write(known.join("run.json"), "{\"outcome\": \"finished\"}").unwrap();
+        std::fs::write(known.join("perf.jsonl"), "{\"perf/peak_memory_mb\": 6000}\n").unwrap();
+        let most = Cell::new(0);
+        let tell = |event: Event| {
+            if let Event::Count(_, running) = event {
+                most.set(most.get().max(running));
+            }
+        };
+        // Two have no room beside each other, which is known from before.
+        let command = |job: &Job, _: Stage, run: &Path| {
+            if job.seed == 2 {
+                return shell(format!(
+                    "sleep 0.2; rm '{0}/perf.jsonl'; sleep 0.2; mkdir -p '{1}'; \
+                     echo '{{\"outcome\":\"finished\"}}' > '{1}/run.json'",
+                    known.display(),
+                    run.display()
+                ));
+            }
+            finishes(run, 0.0)
+        };
+        run(dir.path(), &plan, Budget { memory_gb: 8.0, ..BUDGET }, command, || false, tell).unwrap();
+        assert_eq!((most.get(), known.join("perf.jsonl").exists()), (1, false));
     }
 
     #[test]
