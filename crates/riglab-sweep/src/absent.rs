@@ -1,11 +1,12 @@
 //! Numbers that a sweep's file asks for and no run has: said, with the names that there are.
 
+use std::cell::LazyCell;
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 use serde_json::Value;
 
-use crate::values::{EVALUATION, evaluation, follow, last, value};
+use crate::values::{EVALUATION, Numbers, evaluation, follow};
 use crate::{Results, SweepFile};
 
 /// Names that are told.
@@ -15,13 +16,18 @@ impl Results {
     /// A sentence for each column and figure that stays empty because no finished run has its numbers. Empty while no run
     /// is finished.
     pub fn absent(&self, folder: &Path) -> Vec<String> {
-        let both = self.plan.jobs.iter().zip(&self.outcomes).filter(|(_, o)| o.state == "finished");
-        let runs: Vec<PathBuf> = both.map(|(job, _)| folder.join(&job.folder)).collect();
+        let all = self.plan.jobs.iter().zip(&self.outcomes).zip(&self.numbers);
+        let runs: Vec<(PathBuf, &Numbers)> = all
+            .filter(|((_, outcome), _)| outcome.state == "finished")
+            .map(|((job, _), numbers)| (folder.join(&job.folder), numbers))
+            .collect();
         let columns = self.plan.sweep.metrics.iter().map(|m| ("column", m.head(), vec![m.of.clone()]));
         let figures = self.plan.sweep.figures.iter().map(|f| ("figure", f.title.as_str(), f.places().collect()));
-        let empty = |of: &String| runs.iter().all(|run| value(run, of).is_none());
+        let empty = |of: &String| runs.iter().all(|(_, numbers)| numbers.value(of).is_none());
         let asked = columns.chain(figures).filter(|(.., places)| !runs.is_empty() && places.iter().all(empty));
-        asked.map(|(what, name, places)| sentence(what, name, &places[0], &runs)).collect()
+        // To tell what there is instead.
+        let example = LazyCell::new(|| runs.iter().find_map(|(run, _)| evaluation(run)));
+        asked.map(|(what, name, places)| sentence(what, name, &places[0], &runs, &example)).collect()
     }
 }
 
@@ -33,16 +39,22 @@ impl SweepFile {
     }
 }
 
-fn sentence(what: &str, name: &str, of: &str, runs: &[PathBuf]) -> String {
+fn sentence(
+    what: &str,
+    name: &str,
+    of: &str,
+    runs: &[(PathBuf, &Numbers)],
+    example: &LazyCell<Option<Value>, impl FnOnce() -> Option<Value>>,
+) -> String {
     let asked = if name == of { String::new() } else { format!(" (`{of}`)") };
     let there = match of.strip_prefix(EVALUATION) {
-        Some(path) => match runs.iter().find_map(|run| evaluation(run)) {
-            Some(json) => stuck(&json, path),
+        Some(path) => match &**example {
+            Some(json) => stuck(json, path),
             None => "no run was evaluated: set `evaluate = true` in the sweep's file".into(),
         },
         None => {
-            let names: BTreeSet<String> = runs.iter().flat_map(|run| last(run).into_keys()).collect();
-            format!("there {}", listed(of, names.iter().map(String::as_str)))
+            let names: BTreeSet<&str> = runs.iter().flat_map(|(_, n)| n.last.keys()).map(String::as_str).collect();
+            format!("there {}", listed(of, names.into_iter()))
         }
     };
     format!("the {what} `{name}`{asked} is empty, no finished run has it; {there}")

@@ -12,11 +12,10 @@ use crate::{Job, Plan, Results, State, SweepError, attempts};
 /// Corpora by path and checksum.
 pub(crate) type Corpora = BTreeSet<(String, String)>;
 
-/// What a run was trained and evaluated on.
-pub(crate) fn read_by(run: &Path) -> Corpora {
+/// What a run was trained and evaluated on, by its `run.json` and its `eval.json`.
+pub(crate) fn corpora(info: &Value, evaluation: &Value) -> Corpora {
     let word = |v: &Value| v.as_str().unwrap_or_default().to_owned();
-    let evaluated = evaluation(run).unwrap_or_default();
-    let both = [&info(run)["data"], &evaluated["data"]];
+    let both = [&info["data"], &evaluation["data"]];
     both.into_iter().filter_map(Value::as_array).flatten().map(|d| (word(&d[0]), word(&d[1]))).collect()
 }
 
@@ -43,7 +42,8 @@ impl Plan {
                 State::Running(_) | State::Finished => {}
             }
             if !matches!(state, State::Failed(_)) {
-                for (path, sum) in read_by(&folder.join(&job.folder)) {
+                let run = folder.join(&job.folder);
+                for (path, sum) in corpora(&info(&run), &evaluation(&run).unwrap_or_default()) {
                     before.entry(path).or_insert((sum, job));
                 }
             }
@@ -67,7 +67,8 @@ impl Results {
     pub fn mixed(&self) -> Option<String> {
         let mut groups: Vec<(BTreeSet<&String>, usize, &Corpora, &Job)> = Vec::new();
         // Old runs may not say it.
-        let known = self.plan.jobs.iter().zip(&self.corpora).filter(|(_, corpora)| !corpora.is_empty());
+        let known = self.plan.jobs.iter().zip(self.numbers.iter().map(|n| &n.corpora));
+        let known = known.filter(|(_, corpora)| !corpora.is_empty());
         for (job, corpora) in known {
             let sums: BTreeSet<&String> = corpora.iter().map(|(_, sum)| sum).collect();
             match groups.iter_mut().find(|(own, ..)| *own == sums) {

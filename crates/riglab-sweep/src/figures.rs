@@ -6,7 +6,7 @@ use std::path::Path;
 use riglab_metric::statistics::Mean;
 use riglab_report::{Block, Chart, Dots, RunView, Series};
 
-use crate::values::value;
+use crate::values::Numbers;
 use crate::{FigureOf, MetricOf, Outcome, Plan};
 
 /// Names whose curves are drawn at most.
@@ -26,15 +26,16 @@ pub(crate) fn spread(plan: &Plan, metrics: &[MetricOf], outcomes: &[Outcome]) ->
 }
 
 /// The figures that the sweep's file asks for, a line a point, each place the mean over seeds.
-pub(crate) fn figures(folder: &Path, plan: &Plan, outcomes: &[Outcome]) -> Option<Block> {
+pub(crate) fn figures(plan: &Plan, outcomes: &[Outcome], numbers: &[Numbers]) -> Option<Block> {
     let chart = |figure: &FigureOf| {
         let line = |point: &str| {
-            let runs = finished(folder, plan, outcomes, point);
-            let mean = |x: &f64| {
-                let of = figure.of.replace("{}", &x.to_string());
-                (*x, Mean::of(&runs.iter().filter_map(|run| value(run, &of)).collect::<Vec<_>>()).mean)
+            let both = outcomes.iter().zip(numbers).filter(|(o, _)| o.point == point && o.state == "finished");
+            let runs: Vec<&Numbers> = both.map(|(_, numbers)| numbers).collect();
+            let mean = |(x, of): (&f64, String)| {
+                (*x, Mean::of(&runs.iter().filter_map(|run| run.value(&of)).collect::<Vec<_>>()).mean)
             };
-            let points: Vec<_> = figure.at.iter().map(mean).filter(|(_, y)| y.is_finite()).collect();
+            let means = figure.at.iter().zip(figure.places()).map(mean);
+            let points: Vec<_> = means.filter(|(_, y)| y.is_finite()).collect();
             (!points.is_empty()).then(|| Series { name: point.into(), points })
         };
         let series: Vec<Series> = plan.names().into_iter().filter_map(line).collect();
@@ -111,6 +112,6 @@ mod tests {
         let titles: Vec<&str> = charts.iter().map(|c| c.title.as_str()).collect();
         assert_eq!(titles, ["train/loss", "eval/z@val", "eval/a@val"], "the loss, then what was asked for");
         assert_eq!(charts[1].series[0].points, [(1.0, 1.5)], "step 2 has one seed alone");
-        assert!(figures(dir.path(), &plan, &results.outcomes).is_none(), "none was asked for");
+        assert!(figures(&plan, &results.outcomes, &results.numbers).is_none(), "none was asked for");
     }
 }

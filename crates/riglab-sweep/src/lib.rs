@@ -33,4 +33,3 @@ pub use plan::{Job, Plan};
 pub use pool::{Budget, Ended, Event, Stage, run, run_one};
 pub use results::{Outcome, Results};
 pub use state::{State, hold_evaluation, is_held};
-pub use values::value;

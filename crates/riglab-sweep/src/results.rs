@@ -1,16 +1,16 @@
 //! What a sweep found.
 
+use std::collections::BTreeSet;
 use std::path::Path;
 
 use riglab_metric::statistics::Mean;
 use riglab_report::{Block, Cell, Page, Table, shell};
 use serde::{Deserialize, Serialize};
 
-use crate::corpora::{Corpora, read_by};
 use crate::figures::{figures, learning, spread};
 use crate::plan::write;
-use crate::values::{last, value};
-use crate::{Better, Job, MetricOf, Plan, State, SweepError, attempts};
+use crate::values::Numbers;
+use crate::{Better, FigureOf, Job, MetricOf, Plan, State, SweepError, attempts};
 
 /// A job with its numbers.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -36,8 +36,8 @@ pub struct Results {
     pub outcomes: Vec<Outcome>,
     /// Steps done of those that run.
     states: Vec<State>,
-    /// What the finished ones are of; empty for others.
-    pub(crate) corpora: Vec<Corpora>,
+    /// What the finished ones found; nothing for others.
+    pub(crate) numbers: Vec<Numbers>,
 }
 
 impl Results {
@@ -45,11 +45,16 @@ impl Results {
     pub fn read(folder: &Path, plan: &Plan) -> Self {
         let failed = attempts(folder);
         let states: Vec<State> = plan.jobs.iter().map(|j| State::of(folder, plan, j, &failed)).collect();
-        let metrics = metrics(folder, plan, &states);
-        let outcome = |(job, state): (&Job, &State)| {
-            let run = folder.join(&job.folder);
-            let found = |m: &MetricOf| value(&run, &m.of).filter(|v| v.is_finite());
-            let values = metrics.iter().map(|m| (*state == State::Finished).then(|| found(m)).flatten()).collect();
+        let columns = plan.sweep.metrics.iter().map(|m| m.of.clone());
+        let asked: Vec<String> = columns.chain(plan.sweep.figures.iter().flat_map(FigureOf::places)).collect();
+        let read = |(job, state): (&Job, &State)| match state {
+            State::Finished => Numbers::read(&folder.join(&job.folder), &asked),
+            _ => Numbers::default(),
+        };
+        let numbers: Vec<Numbers> = plan.jobs.iter().zip(&states).map(read).collect();
+        let metrics = metrics(plan, &numbers);
+        let outcome = |((job, state), numbers): ((&Job, &State), &Numbers)| {
+            let values = metrics.iter().map(|m| numbers.value(&m.of).filter(|v| v.is_finite())).collect();
             let (state, reason) = match state {
                 State::Finished => ("finished", String::new()),
                 State::Failed(reason) => ("failed", reason.clone()),
@@ -60,13 +65,8 @@ impl Results {
             };
             Outcome { point: job.point.clone(), seed: job.seed, state: state.into(), reason, values }
         };
-        let outcomes = plan.jobs.iter().zip(&states).map(outcome).collect();
-        let read = |(job, state): (&Job, &State)| match state {
-            State::Finished => read_by(&folder.join(&job.folder)),
-            _ => Corpora::new(),
-        };
-        let corpora = plan.jobs.iter().zip(&states).map(read).collect();
-        Self { plan: plan.clone(), metrics, outcomes, states, corpora }
+        let outcomes = plan.jobs.iter().zip(&states).zip(&numbers).map(outcome).collect();
+        Self { plan: plan.clone(), metrics, outcomes, states, numbers }
     }
 
     /// How many jobs are in a state of that name.
@@ -200,7 +200,7 @@ impl Results {
         blocks.extend(tables.into_iter().map(Block::Table));
         let (plan, outcomes) = (&self.plan, &self.outcomes);
         for (title, pictures) in [
-            ("Figures", figures(folder, plan, outcomes)),
+            ("Figures", figures(plan, outcomes, &self.numbers)),
             ("All seeds", spread(plan, &self.metrics, outcomes)),
             ("Learning", learning(folder, plan, &self.metrics, outcomes)),
         ] {
@@ -232,15 +232,12 @@ impl Results {
 }
 
 /// The columns: those asked for, or all that the finished runs' last validations have.
-fn metrics(folder: &Path, plan: &Plan, states: &[State]) -> Vec<MetricOf> {
+fn metrics(plan: &Plan, numbers: &[Numbers]) -> Vec<MetricOf> {
     if !plan.sweep.metrics.is_empty() {
         return plan.sweep.metrics.clone();
     }
-    let mut names = std::collections::BTreeSet::new();
-    for (job, _) in plan.jobs.iter().zip(states).filter(|(_, s)| **s == State::Finished) {
-        names.extend(last(&folder.join(&job.folder)).into_keys().filter(|n| n.starts_with("eval/")));
-    }
-    names.iter().map(|n| MetricOf::plain(n)).collect()
+    let all = numbers.iter().flat_map(|n| n.last.keys()).filter(|n| n.starts_with("eval/"));
+    all.collect::<BTreeSet<_>>().into_iter().map(|n| MetricOf::plain(n)).collect()
 }
 
 #[cfg(test)]
@@ -270,6 +267,11 @@ mod tests {
             crate::attempts::record(dir.path(), &failed).unwrap();
         }
         let results = Results::read(dir.path(), &plan);
+        // Evaluations may be large: what is asked of them was read at once.
+        for job in &plan.jobs[..3] {
+            std::fs::remove_file(dir.path().join(&job.folder).join("eval.json")).unwrap();
+        }
+        assert!(results.absent(dir.path()).is_empty());
         let table = results.table();
         let row = |k: usize| table.rows[k].iter().map(|c| c.text.as_str()).collect::<Vec<_>>();
         assert_eq!(row(0), ["with", "2", "0", "0.60 ± 0.14"]);

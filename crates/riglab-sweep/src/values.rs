@@ -5,14 +5,36 @@ use std::path::Path;
 
 use serde_json::Value;
 
+use crate::corpora::{Corpora, corpora};
+use crate::state::info;
+
 /// What stands before a path into a run's evaluation.
 pub(crate) const EVALUATION: &str = "eval.json:";
 
-/// The number that [`crate::MetricOf::of`] names, of a run; `None` where there is none.
-pub fn value(run: &Path, of: &str) -> Option<f64> {
-    match of.strip_prefix(EVALUATION) {
-        Some(path) => at(&evaluation(run)?, path),
-        None => last(run).get(of).copied(),
+/// What a finished run found, as far as a sweep asks for it: its files may be large, and are read once.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Numbers {
+    /// The last value of everything that its log has.
+    pub last: BTreeMap<String, f64>,
+    /// Of its evaluation what was asked for, by [`crate::MetricOf::of`].
+    evaluated: BTreeMap<String, f64>,
+    /// What it was trained and evaluated on.
+    pub corpora: Corpora,
+}
+
+impl Numbers {
+    /// Of a run, with the numbers of its evaluation that are `asked` for.
+    pub fn read(run: &Path, asked: &[String]) -> Self {
+        let evaluation = evaluation(run).unwrap_or_default();
+        let found = |of: &String| Some((of.clone(), at(&evaluation, of.strip_prefix(EVALUATION)?)?));
+        let evaluated = asked.iter().filter_map(found).collect();
+        Self { last: last(run), evaluated, corpora: corpora(&info(run), &evaluation) }
+    }
+
+    /// The number that [`crate::MetricOf::of`] names; `None` where there is none.
+    pub fn value(&self, of: &str) -> Option<f64> {
+        let all = if of.starts_with(EVALUATION) { &self.evaluated } else { &self.last };
+        all.get(of).copied()
     }
 }
 
@@ -48,7 +70,7 @@ pub(crate) fn evaluation(run: &Path) -> Option<Value> {
 }
 
 /// The last value of everything that the run's log has.
-pub(crate) fn last(run: &Path) -> BTreeMap<String, f64> {
+fn last(run: &Path) -> BTreeMap<String, f64> {
     let text = std::fs::read_to_string(run.join("metrics.jsonl")).unwrap_or_default();
     let mut out = BTreeMap::new();
     for line in text.lines().filter_map(|l| serde_json::from_str::<Value>(l).ok()) {
@@ -172,9 +194,10 @@ mod tests {
         let dir = tempfile::tempdir().unwrap();
         let log = "{\"step\":1,\"eval/x\":1.0}\n{\"step\":2,\"eval/x\":2.5,\"eval/y\":null}\n{\"step\":3,\"tr";
         std::fs::write(dir.path().join("metrics.jsonl"), log).unwrap();
-        assert_eq!(value(dir.path(), "eval/x"), Some(2.5));
-        assert!(value(dir.path(), "eval/y").unwrap().is_nan());
-        assert_eq!(value(dir.path(), "eval/z"), None);
-        assert_eq!(value(dir.path(), "eval.json:x"), None);
+        let numbers = Numbers::read(dir.path(), &["eval.json:x".into()]);
+        assert_eq!(numbers.value("eval/x"), Some(2.5));
+        assert!(numbers.value("eval/y").unwrap().is_nan());
+        assert_eq!(numbers.value("eval/z"), None);
+        assert_eq!(numbers.value("eval.json:x"), None);
     }
 }
