@@ -56,7 +56,10 @@ pub enum Fault {
     #[error("the file is empty")]
     Empty,
     /// Neither GLB nor JSON.
-    #[error("not a glTF, GLB or VRM file: no magic `glTF` and no JSON at its start; it looks like {0}")]
+    #[error(
+        "not a glTF, GLB or VRM file: no magic `glTF` and no JSON at its start; it looks like {0}. Read are these, FBX, OBJ and \
+         the formats of other research code (`riglab convert --help`); convert it to GLB, in Blender for example"
+    )]
     NotAModel(&'static str),
     /// A format that is known but not read.
     #[error("{format} is a format that is not read{hint}; convert the file to GLB, in Blender for example",

@@ -8,7 +8,8 @@
 //! [`Reading`] - joints possibly in several trees, meshes possibly unbound, numbered as in the file -
 //! and one builder, the same for all formats, turns a reading into a valid rig: one tree, parents
 //! first, weights that sum to 1. Whoever adds a format writes a module beside `gltf` that ends
-//! in a reading, and an arm where [`import_bytes`] chooses.
+//! in a reading, and arms wherever [`Format`] is matched: `look`, [`import_bytes`], `import_from`. A mesh format
+//! that is to keep its looks is read by [`rigging`], too.
 //!
 //! Holds: no input makes it panic, recurse without bound or allocate more than the file can fill;
 //! nothing outside the file's own folder is opened, and no connection made; nothing that is not

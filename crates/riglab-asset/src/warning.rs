@@ -12,6 +12,8 @@ pub enum Warning {
     NoSkeleton,
     /// The nodes of some skins' joints stand in another pose than the bind pose, which was read.
     RestIsNotBind {
+        /// How large the first of them is there, by what it is in the bind pose; 1 where it is about the same.
+        size: f64,
         /// Which skins.
         skins: Vec<usize>,
     },
@@ -169,11 +171,20 @@ impl fmt::Display for Warning {
         match self {
             Self::TrailingBytes(n) => write!(f, "{n} trailing bytes after the length in the header were ignored"),
             Self::NoSkeleton => f.write_str("the file has a mesh but no skin: there is no skeleton and no rig"),
-            Self::RestIsNotBind { skins } => write!(
-                f,
-                "the nodes stand in another pose than the bind pose ({}); the bind pose was read",
-                Some3(&numbered("skin", skins))
-            ),
+            Self::RestIsNotBind { skins, size } => {
+                let skins = numbered("skin", skins);
+                write!(
+                    f,
+                    "the nodes stand in another pose than the bind pose ({}); the bind pose was read",
+                    Some3(&skins)
+                )?;
+                match *size == 1.0 {
+                    true => Ok(()),
+                    false => {
+                        write!(f, ", in which the model has {} of the size that the file shows", rounded(1.0 / size))
+                    }
+                }
+            }
             Self::Bent { skins } => write!(
                 f,
                 "the rest pose would bend the mesh, as bind poses contradict each other ({}); \
@@ -306,6 +317,12 @@ impl fmt::Display for Some3<'_> {
 
 fn quoted(names: &[String]) -> Vec<String> {
     names.iter().map(|name| format!("`{name}`")).collect()
+}
+
+/// A number to two digits.
+fn rounded(x: f64) -> String {
+    let digits = (1.0 - x.abs().log10().floor()).clamp(0.0, 12.0) as usize;
+    format!("{x:.digits$}")
 }
 
 fn numbered(kind: &str, numbers: &[usize]) -> Vec<String> {

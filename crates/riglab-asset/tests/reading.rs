@@ -85,8 +85,23 @@ fn bind_poses_that_contradict_each_other_leave_the_mesh_as_stored() {
     assert_eq!(rig.skeleton().heads(), [[0.0, 1.0, 0.0], [0.0, 2.0, 0.0]]);
     assert_eq!(rig.mesh().positions()[2], [0.0, 2.5, 0.0]);
     let [bent, posed, roots] = imported.warnings() else { panic!("{:?}", imported.warnings()) };
-    assert_eq!((bent, posed), (&Warning::Bent { skins: vec![0] }, &Warning::RestIsNotBind { skins: vec![0] }));
+    assert_eq!(
+        (bent, posed),
+        (&Warning::Bent { skins: vec![0] }, &Warning::RestIsNotBind { skins: vec![0], size: 1.0 })
+    );
     assert!(matches!(roots, Warning::SeveralRoots { .. }));
+}
+
+#[test]
+fn a_model_that_is_shown_in_another_size_than_it_was_bound_says_so() {
+    let imported = read(&Tiny::new().with("/nodes/1/scale", json!([100, 100, 100])));
+    let [posed @ Warning::RestIsNotBind { size, .. }] = imported.warnings() else {
+        panic!("{:?}", imported.warnings())
+    };
+    assert!(
+        (size - 100.0).abs() < 1e-9
+            && posed.to_string().ends_with("the model has 0.010 of the size that the file shows")
+    );
 }
 
 #[test]
@@ -105,7 +120,7 @@ fn rigid_parts_go_into_the_bind_pose_with_their_joint() {
     assert_eq!(
         imported.warnings(),
         [
-            Warning::RestIsNotBind { skins: vec![0] },
+            Warning::RestIsNotBind { skins: vec![0], size: 1.0 },
             Warning::RigidParts { nodes: vec![3], joints: vec!["tip".into()] },
             Warning::LeftOut { nodes: vec![4] },
         ]

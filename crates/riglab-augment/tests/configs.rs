@@ -17,7 +17,8 @@ fn parse(text: &str) -> Result<Recipe, String> {
 #[test]
 fn config_files_are_the_presets() {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../configs/augment");
-    assert_eq!(std::fs::read_dir(folder).unwrap().count(), Recipe::presets().len());
+    let files = std::fs::read_dir(folder).unwrap().count();
+    assert_eq!(files, Recipe::presets().len(), "each file of configs/augment stands in Recipe::presets(), too");
     for (name, preset) in Recipe::presets() {
         assert_eq!(parse(&format!("extends = 'augment/{name}.toml'")).unwrap(), preset, "{name}");
     }

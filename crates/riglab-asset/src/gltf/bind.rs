@@ -41,7 +41,7 @@ impl Binds {
         let origin = if origin.as_vec3().is_finite() { origin } else { DVec3::ZERO };
 
         let mut maps: Vec<Vec<DAffine3>> = skins.iter().map(|skin| skin_maps(skin, &frames)).collect();
-        let (mut bent, mut posed) = (Vec::new(), Vec::new());
+        let (mut bent, mut posed, mut size) = (Vec::new(), Vec::new(), 1.0);
         for (number, skin) in skins.iter().enumerate() {
             let (Some(inverse), Some(corners)) = (&skin.inverse_binds, boxes[number].map(corners)) else { continue };
             let maps = &mut maps[number];
@@ -56,6 +56,9 @@ impl Binds {
                 }
             }
             if stands_elsewhere(nodes, skin, inverse, slot, &top, &like) {
+                if posed.is_empty() {
+                    size = larger(&(*nodes.global(skin.joints[slot]) * inverse[slot]), &top);
+                }
                 posed.push(number);
             }
         }
@@ -72,7 +75,7 @@ impl Binds {
             warnings.push(Warning::Bent { skins: bent });
         }
         if !posed.is_empty() {
-            warnings.push(Warning::RestIsNotBind { skins: posed });
+            warnings.push(Warning::RestIsNotBind { skins: posed, size });
         }
         Self { maps, frames, origin }
     }
@@ -184,6 +187,12 @@ fn skin_maps(skin: &Skin, frames: &[Option<DAffine3>]) -> Vec<DAffine3> {
 fn top_joint(nodes: &Nodes, skin: &Skin) -> usize {
     let top: HashSet<usize> = nodes.topmost(&skin.joints).into_iter().collect();
     skin.joints.iter().position(|node| top.contains(node)).unwrap_or(0)
+}
+
+/// How many times larger one map makes things than another; 1 where poses may explain it.
+fn larger(one: &DAffine3, other: &DAffine3) -> f64 {
+    let size = (one.matrix3.determinant() / other.matrix3.determinant()).abs().cbrt();
+    if size.is_normal() && !(0.8..=1.25).contains(&size) { size } else { 1.0 }
 }
 
 /// Whether the nodes of a skin's joints stand in another pose than the bind pose, in which `top` maps

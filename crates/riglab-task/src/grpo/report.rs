@@ -227,6 +227,10 @@ fn verdict(gain: &Gain, pair: &[Row]) -> String {
     let [before, after] = pair else { return String::new() };
     let how = after.skeletons.method.strip_prefix("after").unwrap_or_default();
     let change = |p: &Paired, by: f64| {
+        // One mesh has no interval.
+        if !p.low.is_finite() {
+            return format!("{:+.3}", by * p.difference);
+        }
         format!("{:+.3} (95 % interval {:+.3} to {:+.3})", by * p.difference, by * p.low, by * p.high)
     };
     // Without an interval, no more is said than what the figures are.
