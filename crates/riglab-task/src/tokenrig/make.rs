@@ -1,6 +1,8 @@
 //! A rig for a mesh: the whole way, in the mesh's own units.
 
-use riglab_core::{Bounds, Mesh, Similarity, Skeleton, SkinWeights};
+use glam::DVec3;
+use riglab_core::{Bounds, JointId, Mesh, Similarity, Skeleton, SkinWeights};
+use riglab_geom::voxel::{SolidConfig, solid};
 use riglab_nn::generate::GenerateConfig;
 use riglab_random::stream;
 use riglab_reward::{RewardConfig, Rewards, Scorer};
@@ -241,12 +243,51 @@ pub(super) fn class_of(names: &[String]) -> Option<&'static str> {
     riglab_token::Template::detect(names).map(|t| t.class)
 }
 
+/// Points of a bone that are asked for.
+const ALONG: usize = 20;
+
+/// The share of the length of a skeleton's bones that lies outside a body, both in the same units.
+pub fn outside(skeleton: &Skeleton, mesh: &Mesh) -> f64 {
+    let body = solid(mesh, &SolidConfig::DEFAULT);
+    let head = |joint: JointId| DVec3::from(skeleton.head(joint).map(f64::from));
+    let (mut all, mut outside) = (0.0, 0.0);
+    for (from, to) in skeleton.ids().filter_map(|joint| Some((head(skeleton.parent(joint)?), head(joint)))) {
+        let out =
+            (0..ALONG).filter(|&k| !body.contains(from.lerp(to, (k as f64 + 0.5) / ALONG as f64).to_array())).count();
+        all += from.distance(to);
+        outside += from.distance(to) * out as f64 / ALONG as f64;
+    }
+    if all > 0.0 { outside / all } else { 0.0 }
+}
+
 #[cfg(test)]
 mod tests {
     use riglab_nn::tokenrig::Head;
 
     use super::*;
     use crate::tokenrig::testing::{tetrahedron, untrained};
+
+    #[test]
+    fn bones_outside_the_body_are_told_by_their_length() {
+        // A cube of side 2, closed.
+        let corners = (0..8u8).map(|k| [0, 1, 2].map(|axis| f32::from(k >> axis & 1) * 2.0 - 1.0)).collect();
+        let sides = [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]];
+        let triangles = sides.iter().flat_map(|&[a, b, c, d]| [[a, b, c], [a, c, d]]).collect();
+        let cube = Mesh::new(corners, triangles).unwrap();
+        let joint = |name: &str, parent: Option<u16>, x: f32| riglab_core::Joint {
+            name: name.into(),
+            parent: parent.map(JointId),
+            head: [x, 0.0, 0.0],
+        };
+        let of = |ends: &[f32]| {
+            let joints = ends.iter().enumerate().map(|(k, &x)| joint(&format!("{k}"), Some(0), x));
+            Skeleton::new([joint("root", None, 0.0)].into_iter().chain(joints).collect()).unwrap()
+        };
+        assert_eq!(outside(&of(&[0.5, -0.8]), &cube), 0.0);
+        // One of 2 leaves it half way, beside another of .5.
+        assert!((outside(&of(&[2.0, -0.5]), &cube) - 0.4).abs() < 0.05, "{}", outside(&of(&[2.0, -0.5]), &cube));
+        assert_eq!(outside(&of(&[]), &cube), 0.0, "no bone");
+    }
 
     #[test]
     fn the_best_by_rewards_has_the_largest_total() {

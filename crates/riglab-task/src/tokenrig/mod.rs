@@ -31,7 +31,7 @@ pub use batch::{Batch, BatchSource};
 pub use condition::Condition;
 pub use config::{EvalConfig, LossConfig, SamplingConfig, SkinConfig, TokenRigTaskConfig};
 pub use evaluate::{Report, SkinAsset};
-pub use make::{Draw, Made, Rank, Wish};
+pub use make::{Draw, Made, Rank, Wish, outside};
 pub use report::Evaluation;
 pub(crate) use rigger::Strict;
 pub use rigger::{AUTO_ENCODER, Drawn, Rigger};

@@ -237,6 +237,30 @@ mod tests {
     }
 
     #[test]
+    fn joints_that_may_hold_nothing_hold_nothing() {
+        let (mesh, mut rigger) = (tetrahedron(), untrained(Head::Levels, true));
+        rigger.config.eval.cut = 0.0;
+        let joint = |name: &str, parent, head| riglab_core::Joint { name: name.into(), parent, head };
+        let joints = vec![
+            joint("root", None, [-0.8, -0.8, -0.8]),
+            joint("tip", Some(riglab_core::JointId(0)), [0.8, 0.8, -0.8]),
+        ];
+        let skeleton = riglab_core::Skeleton::new(joints).unwrap();
+        let of = |hold: Hold<'_>, codes| {
+            let weights = rigger.pooled_skin(&mesh, &skeleton, &[codes], 0, hold).unwrap();
+            [0, 1].map(|joint| (0..4).filter(|&v| weights.row(v).any(|(j, _)| j.index() == joint)).count())
+        };
+        let both = || vec![Some(vec![3, 5]), Some(vec![7, 1])];
+        assert_eq!(of(Hold::default(), both()), [4, 4]);
+        let one = Hold { holders: Some(&[false, true]), ..Hold::default() };
+        assert_eq!(of(one, both()), [0, 4]);
+        // Nor where no other joint has codes: vertices go to the nearest of those that may.
+        assert_eq!(of(one, vec![Some(vec![3, 5]), None]), [0, 4]);
+        let [root, tip] = of(Hold { influences: 1, ..Hold::default() }, both());
+        assert_eq!(root + tip, 4);
+    }
+
+    #[test]
     fn spread_weights_change_less_over_the_surface() {
         let mesh = tetrahedron();
         let mut rigger = untrained(Head::Levels, true);

@@ -10,7 +10,7 @@ use riglab_asset::rigging::{Subject, SubjectOptions, name_added, name_joints};
 use riglab_core::{Bounds, Mesh, Rig, Skeleton};
 use riglab_files::make_folder_of;
 use riglab_reward::Rewards;
-use riglab_task::tokenrig::{Made, Rank, Wish};
+use riglab_task::tokenrig::{Made, Rank, Wish, outside};
 use riglab_token::Template;
 
 use super::model::Model;
@@ -75,6 +75,17 @@ pub fn rig(args: &Common, bones: &Bones, model: &Model, from: &Path, to: &Path) 
                 );
                 tell!("note: {}: {note}", from.display());
                 notes.push(note);
+            } else if class.is_some()
+                && let outside = outside(&made.skeleton, subject.mesh())
+                && outside > ASTRAY
+            {
+                let note = format!(
+                    "{:.0} % of the length of its bones lies outside the body: this model lost its way with --template; leave it \
+                     out, and --names mixamo or vrm names the joints of a human by its body",
+                    100.0 * outside
+                );
+                tell!("note: {}: {note}", from.display());
+                notes.push(note);
             }
             if joints >= model.most_joints() {
                 let note = format!(
@@ -122,6 +133,9 @@ pub fn rig(args: &Common, bones: &Bones, model: &Model, from: &Path, to: &Path) 
     }
     Ok(())
 }
+
+/// The share of the length of its bones that a sane skeleton may have outside the body.
+const ASTRAY: f64 = 0.15;
 
 /// Of each joint of a rig that stays whether it holds anything. Others go on so: roots on the ground, ends, and what
 /// controls others in Rigify's rigs, which may be bound in spaces of their own.
