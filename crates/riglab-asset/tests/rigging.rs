@@ -448,6 +448,36 @@ fn a_motion_that_carries_the_model_carries_its_skeleton() {
 }
 
 #[test]
+fn what_hangs_on_joints_stays_on_them_where_weights_change() {
+    // The inverse bind matrix of the tip has a scale that rounding left: other weights move vertices by next to nothing.
+    let matrix = |scale: f32, y: f32| {
+        let mut m = [0.0f32; 16];
+        (m[0], m[5], m[10], m[15], m[13]) = (scale, scale, scale, 1.0, y);
+        m
+    };
+    let binds = [matrix(1.0, -1.0), matrix(1.000_000_2, -2.000_000_5)].concat();
+    let binds: Vec<u8> = binds.iter().flat_map(|x| x.to_le_bytes()).collect();
+    let tiny = common::Tiny::new().with_accessor(5126, "MAT4", 2, &binds);
+    let own = tiny.accessors() - 1;
+    let plain = tiny.with("/skins/0/inverseBindMatrices", json!(own));
+    let hung = |name: &str| plain.clone().with("/nodes/2/children", json!([3])).with("/nodes/-", json!({"name": name}));
+    for (tiny, in_place) in [(plain.clone(), false), (hung("tip_end"), false), (hung("socket"), true)] {
+        let keep = SubjectOptions { keep_rig: true, ..SubjectOptions::default() };
+        let subject = Subject::from_bytes("a.glb", &tiny.glb(), None, &keep).unwrap();
+        let rows = [[(0, 0.5), (1, 0.5)]; 4].into_iter();
+        let weights = SkinWeights::normalized(rows).unwrap();
+        let rig = subject.rigged(subject.old_rig().unwrap().skeleton().clone(), weights).unwrap();
+        let bytes = subject.attach(&rig, &all_influences()).unwrap().bytes;
+        reads_back("hung", &bytes, &rig, true);
+        let (json, _) = parts(&bytes);
+        let nodes = json["nodes"].as_array().unwrap();
+        assert_eq!(!nodes.iter().any(|n| n["name"] == "Armature"), in_place, "{json}");
+        let on_tip = |n: &&Value| n["name"] == "tip" && n["children"].as_array().is_some_and(|c| c.len() == 1);
+        assert_eq!(nodes.iter().filter(on_tip).count(), usize::from(in_place), "{json}");
+    }
+}
+
+#[test]
 fn what_a_file_does_not_show_is_not_rigged() {
     let bare = common::Tiny::new().with("/skins", json!([])).with("/nodes/0", json!({"mesh": 0}));
     let other = json!({"primitives": [{"attributes": {"POSITION": common::POSITION}, "indices": common::INDICES}]});

@@ -19,7 +19,7 @@ use super::{animations, frames, humanoid};
 use crate::nearest::nearest_others;
 use crate::{ExportNote, ExportOptions, Fault, Influences, Reading};
 
-/// How far a vertex may move for the sake of animations, as a share of the rig's diagonal.
+/// How far a vertex may move for the sake of animations and of what hangs on joints, as a share of the rig's diagonal.
 const SMALL: f64 = 1e-6;
 
 /// What is written, and to what.
@@ -43,7 +43,7 @@ pub(super) fn by_node<'s>(surfaces: impl Iterator<Item = &'s Surface>) -> BTreeM
 impl Binder<'_, '_> {
     /// Writes the weights of the rig on the joints that are there already, with their skins; what fits is left
     /// as it is. False, and nothing done, where they cannot all be told so, or where vertices would move and
-    /// no animation is lost by a skeleton that keeps them in place.
+    /// nothing is lost by a skeleton that keeps them in place: no animation, and nothing that hangs on a joint.
     pub(super) fn keep_skeleton(&mut self, same: &Same<'_>, reading: &Reading) -> Result<bool, Fault> {
         let weights = same.rig.weights();
         let most = self.options.influences.most();
@@ -62,8 +62,8 @@ impl Binder<'_, '_> {
             }
         }
         let unseen = SMALL * f64::from(same.rig.bounds().diagonal());
-        let animated = !self.draft.list("animations").is_empty();
-        if most_shift > 0.0 && !(animated && most_shift <= unseen) {
+        let loses = !self.draft.list("animations").is_empty() || self.scene.joints_carry(self.draft);
+        if most_shift > 0.0 && !(loses && most_shift <= unseen) {
             return Ok(false);
         }
         // The slot of each of the rig's joints, by skin.

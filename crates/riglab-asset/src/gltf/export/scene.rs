@@ -14,6 +14,7 @@ use super::super::nodes::Nodes;
 use super::super::placing;
 use super::super::primitives::{self, SourceSet};
 use super::super::skins::Skins;
+use super::draft::Draft;
 use super::{Source, rows};
 use crate::assemble::ordered_sets;
 use crate::influences::Repairs;
@@ -159,6 +160,16 @@ impl Scene {
     /// a node turns its triangles, skinned or not.
     pub(super) fn leaves(&self, node: usize) -> bool {
         self.below_joint(node) || is_mirrored(self.nodes.global(node))
+    }
+
+    /// Whether something hangs on a joint that is neither one itself nor a mesh that is rigged: a socket, a camera. What
+    /// exporters put where bones end is nothing.
+    pub(super) fn joints_carry(&self, draft: &Draft) -> bool {
+        let rigged: HashSet<usize> = self.surfaces.iter().map(|s| s.node).collect();
+        let is_end =
+            |node: usize| draft.list("nodes")[node]["name"].as_str().is_some_and(|name| name.ends_with("_end"));
+        (0..self.nodes.len())
+            .any(|node| !self.is_joint[node] && self.below_joint(node) && !rigged.contains(&node) && !is_end(node))
     }
 
     /// Whether a node is, or hangs below, a joint.
