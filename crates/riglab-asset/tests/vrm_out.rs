@@ -288,7 +288,7 @@ fn vrm_0_gets_its_own_form_and_a_note_of_what_it_cannot_say() {
     let springs = Springs::new(vec![spring], vec![ball], vec![vec![], vec![0]]).unwrap();
     let rig = rig.with_springs(springs).unwrap();
     let exported = put(&rig);
-    assert_eq!(exported.notes, [ExportNote::SpringsChanged { joints: 1, capsules: 0 }]);
+    assert_eq!(exported.notes[1..], [ExportNote::SpringsChanged { joints: 1, capsules: 0 }]);
     assert_eq!(compare(read(&exported.bytes).rig().unwrap(), &rig), Ok(1));
 }
 
