@@ -79,7 +79,7 @@ pub struct SkinArgs {
 struct Common {
     /// A model, or a folder of models with those below it.
     input: PathBuf,
-    /// The GLB to write, or the folder for those of a folder.
+    /// The GLB to write (of a VRM a VRM, too), or the folder for those of a folder.
     #[arg(long, short, value_name = "OUT")]
     out: PathBuf,
     /// A run's folder (task tokenrig or grpo; where the skeleton is given, unirig_skin, too), of which the best checkpoint is
@@ -262,8 +262,13 @@ fn jobs(input: &Path, out: &Path) -> Result<Vec<(PathBuf, PathBuf)>> {
         let into = out.is_dir() || out.as_os_str().to_string_lossy().ends_with('/');
         let name = Path::new(input.file_stem().unwrap_or_default()).with_extension("glb");
         let to = if into { out.join(name) } else { out.to_path_buf() };
-        if !to.extension().is_some_and(|e| e.eq_ignore_ascii_case("glb")) {
-            bail!("{}: only GLB is written; name it .glb (`riglab convert` makes FBX and others of it)", to.display());
+        let ends = |path: &Path, with: &str| path.extension().is_some_and(|e| e.eq_ignore_ascii_case(with));
+        // A VRM is a GLB by another name.
+        if !(ends(&to, "glb") || ends(&to, "vrm") && ends(input, "vrm")) {
+            bail!(
+                "{}: only GLB is written, and VRM of a VRM; name it .glb (`riglab convert` makes FBX and others of it)",
+                to.display()
+            );
         }
         if same(input, &to) {
             bail!("{} is the input itself, which is never changed; give another name", to.display());
@@ -332,6 +337,9 @@ mod tests {
         assert!(jobs(&a, &a).unwrap_err().to_string().contains("never changed"));
         assert!(jobs(&a, &dir.path().join("a.fbx")).unwrap_err().to_string().contains("only GLB"));
         assert_eq!(jobs(&dir.path().join("a.obj"), dir.path()).unwrap()[0].1, a);
+        let (avatar, again) = (dir.path().join("a.vrm"), dir.path().join("again.vrm"));
+        assert_eq!(jobs(&avatar, &again).unwrap()[0].1, again);
+        assert!(jobs(&a, &again).unwrap_err().to_string().contains("VRM of a VRM"));
         assert!(jobs(dir.path(), dir.path()).unwrap_err().to_string().contains("give another"));
         // Results may go to above the inputs.
         let sub = dir.path().join("sub");
