@@ -33,7 +33,7 @@ enum Hold {
     None,
 }
 
-/// Nodes whose meshes are no part of what is seen of a model that has no skeleton.
+/// Nodes whose meshes are no part of what is seen of a model that has no skeleton, each list rising.
 #[derive(Default)]
 pub(super) struct Apart {
     pub(super) colliders: Vec<usize>,
@@ -41,7 +41,7 @@ pub(super) struct Apart {
 }
 
 impl Scene<'_, '_> {
-    /// Places what hangs on the skeleton, or everything but the nodes `colliders` where there is none. The triangles of
+    /// Places what hangs on the skeleton, or everything but what stands `apart` where there is none. The triangles of
     /// meshes that their nodes mirror are turned round, so that they face outwards as the format says (3.7.4 of glTF 2.0):
     /// of skinned ones too, whose nodes move nothing else.
     pub(super) fn place(
@@ -75,11 +75,11 @@ impl Scene<'_, '_> {
                         let weights = Some(SkinWeights::normalized(rows)?);
                         (self.unskinned(source, &map, weights, Binding::Rigid)?, is_mirrored(&map))
                     }
-                    Hold::Free(_) if apart.unseen.contains(&node) => {
+                    Hold::Free(_) if apart.unseen.binary_search(&node).is_ok() => {
                         unseen.push(node);
                         continue;
                     }
-                    Hold::Free(_) if apart.colliders.contains(&node) => {
+                    Hold::Free(_) if apart.colliders.binary_search(&node).is_ok() => {
                         bumped.push(node);
                         continue;
                     }

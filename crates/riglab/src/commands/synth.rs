@@ -41,8 +41,8 @@ pub struct Args {
     seed: u64,
     #[arg(long, value_delimiter = ',', value_name = "PLAN,..", help = plans_help())]
     plans: Vec<String>,
-    /// Triangles of a creature, drawn between these; 500 to 50000 make sense. From 4000 on most plans meet it to a half; below
-    /// 2000 thin parts (fingers, tails, ears) need more, up to four times as many.
+    /// Triangles of a creature, drawn between these; 500 to 50000 make sense. It is a wish: thin parts (fingers, tails, ears)
+    /// need more where few are asked for, up to twice as many for 4000 and five times for 500.
     #[arg(long, default_value = "1000..14000", value_name = "MIN..MAX", value_parser = range)]
     triangles: RangeInclusive<u32>,
 }

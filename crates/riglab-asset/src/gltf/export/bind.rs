@@ -62,8 +62,8 @@ impl Binder<'_, '_> {
             }
         }
         let unseen = SMALL * f64::from(same.rig.bounds().diagonal());
-        let loses = !self.draft.list("animations").is_empty() || self.scene.joints_carry(self.draft);
-        if most_shift > 0.0 && !(loses && most_shift <= unseen) {
+        let loses = || !self.draft.list("animations").is_empty() || self.scene.joints_carry(self.draft);
+        if most_shift > 0.0 && !(most_shift <= unseen && loses()) {
             return Ok(false);
         }
         // The slot of each of the rig's joints, by skin.

@@ -168,8 +168,13 @@ impl Scene {
         let rigged: HashSet<usize> = self.surfaces.iter().map(|s| s.node).collect();
         let is_end =
             |node: usize| draft.list("nodes")[node]["name"].as_str().is_some_and(|name| name.ends_with("_end"));
-        (0..self.nodes.len())
-            .any(|node| !self.is_joint[node] && self.below_joint(node) && !rigged.contains(&node) && !is_end(node))
+        // Those above come first, so that no way up is gone twice.
+        let mut below = vec![false; self.nodes.len() + 1];
+        self.nodes.order().iter().any(|&node| {
+            let hangs = below[self.nodes.parent(node)];
+            below[node] = hangs || self.is_joint[node];
+            hangs && !self.is_joint[node] && !rigged.contains(&node) && !is_end(node)
+        })
     }
 
     /// Whether a node is, or hangs below, a joint.

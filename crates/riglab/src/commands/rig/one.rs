@@ -39,6 +39,15 @@ pub fn rig(args: &Common, bones: &Bones, model: &Model, from: &Path, to: &Path) 
         _ => None,
     };
     let holders = subject.old_rig().filter(|_| bones.keeps_rig()).map(holders);
+    let held = holders.iter().flatten().filter(|held| **held).count();
+    if let Some(all) = holders.as_ref().map(Vec::len).filter(|all| held > 0 && 2 * held < *all) {
+        let note = format!(
+            "{} of its {all} joints hold nothing and go on so; give --skeleton {} for weights on all of them",
+            all - held,
+            from.display()
+        );
+        noted(from, &mut notes, note);
+    }
     let wish = Wish {
         skeleton: given.as_ref(),
         complete: bones.completed(),
@@ -73,8 +82,7 @@ pub fn rig(args: &Common, bones: &Bones, model: &Model, from: &Path, to: &Path) 
                 let note = format!(
                     "none of the named joints of `{class}` came out: this model does not know them; leave --template out"
                 );
-                tell!("note: {}: {note}", from.display());
-                notes.push(note);
+                noted(from, &mut notes, note);
             } else if class.is_some()
                 && let outside = outside(&made.skeleton, subject.mesh())
                 && outside > ASTRAY
@@ -84,16 +92,14 @@ pub fn rig(args: &Common, bones: &Bones, model: &Model, from: &Path, to: &Path) 
                      out, and --names mixamo or vrm names the joints of a human by its body",
                     100.0 * outside
                 );
-                tell!("note: {}: {note}", from.display());
-                notes.push(note);
+                noted(from, &mut notes, note);
             }
             if joints >= model.most_joints() {
                 let note = format!(
                     "it got {joints} joints, as many as this model writes: look at it before you use it; a model that stands \
                      otherwise (--up), or several in one file, come out so"
                 );
-                tell!("note: {}: {note}", from.display());
-                notes.push(note);
+                noted(from, &mut notes, note);
             }
             let (skeleton, human) = name_joints(&made.skeleton, bounds, *names).with_context(about)?;
             subject.rigged(skeleton, weights).and_then(|rig| rig.with_humanoid(human))
@@ -136,6 +142,12 @@ pub fn rig(args: &Common, bones: &Bones, model: &Model, from: &Path, to: &Path) 
 
 /// The share of the length of its bones that a sane skeleton may have outside the body.
 const ASTRAY: f64 = 0.15;
+
+/// Says something of a model, and keeps it for `--json`.
+fn noted(from: &Path, notes: &mut Vec<String>, note: String) {
+    tell!("note: {}: {note}", from.display());
+    notes.push(note);
+}
 
 /// Of each joint of a rig that stays whether it holds anything. Others go on so: roots on the ground, ends, and what
 /// controls others in Rigify's rigs, which may be bound in spaces of their own.
