@@ -23,6 +23,7 @@ mod pieces;
 mod reskin;
 mod spread;
 mod surface;
+mod symmetry;
 mod transfer;
 pub mod voxel;
 
@@ -37,4 +38,5 @@ pub use pieces::pieces;
 pub use reskin::{Nearby, ReskinConfig, reskin};
 pub use spread::spread_weights;
 pub use surface::{SurfacePoint, SurfaceSampler, barycentric};
+pub use symmetry::{Yaw, symmetric_yaw};
 pub use transfer::Transfer;

@@ -19,11 +19,6 @@ pub fn consensus(candidates: &[Joints], voters: &[Joints]) -> Option<usize> {
 /// average.
 pub fn consensus_with(candidates: &[Joints], voters: &[Joints], besides: &[f64]) -> Option<usize> {
     let n = candidates.len();
-    let apart = |a: &Joints, b: &Joints| {
-        let d = SkeletonConvention::Unirig.distances(a, b);
-        let apart = d.j2j + d.j2b + d.b2b;
-        if apart.is_finite() { apart } else { FARTHEST }
-    };
     let all: Vec<&Joints> = candidates.iter().chain(voters).collect();
     let later = |a: usize| all[a + 1..].iter().map(|b| apart(all[a], b)).collect::<Vec<f64>>();
     let rows: Vec<Vec<f64>> = (0..n).into_par_iter().map(later).collect();
@@ -38,6 +33,20 @@ pub fn consensus_with(candidates: &[Joints], voters: &[Joints], besides: &[f64])
         }
     }
     (0..n).min_by(|&a, &b| sums[a].total_cmp(&sums[b]))
+}
+
+/// How far skeletons are apart on average, each from each other one, as [`consensus`] counts it; 0 of fewer than two.
+pub fn disagreement(all: &[Joints]) -> f64 {
+    let pairs: Vec<(usize, usize)> = (0..all.len()).flat_map(|a| (0..a).map(move |b| (a, b))).collect();
+    let each: Vec<f64> = pairs.par_iter().map(|&(a, b)| apart(&all[a], &all[b])).collect();
+    each.iter().sum::<f64>() / each.len().max(1) as f64
+}
+
+/// J2J + J2B + B2B.
+fn apart(a: &Joints, b: &Joints) -> f64 {
+    let d = SkeletonConvention::Unirig.distances(a, b);
+    let apart = d.j2j + d.j2b + d.b2b;
+    if apart.is_finite() { apart } else { FARTHEST }
 }
 
 /// How near a joint has to be to count no more than another that is nearer, in the cube [-1, 1]³: about half a cell of 256.
@@ -94,6 +103,16 @@ mod tests {
         let candidates = [chain(0.2, 3), chain(1.0, 3), chain(1.1, 3), chain(1.05, 3), chain(1.2, 3)];
         assert_eq!(consensus(&candidates, &[]), Some(3));
         assert_eq!(consensus(&[chain(1.0, 3), chain(1.0, 3)], &[]), Some(0), "the first of equals");
+    }
+
+    #[test]
+    fn disagreement_is_the_mean_over_pairs() {
+        let apart = |a: f64, b: f64| disagreement(&[chain(a, 3), chain(b, 3)]);
+        assert_eq!(disagreement(&[chain(1.0, 3)]), 0.0);
+        assert!(apart(1.0, 1.0) == 0.0 && apart(1.0, 1.1) < apart(1.0, 1.3));
+        let all = disagreement(&[chain(1.0, 3), chain(1.1, 3), chain(1.3, 3)]);
+        let mean = (apart(1.0, 1.1) + apart(1.1, 1.3) + apart(1.0, 1.3)) / 3.0;
+        assert!((all - mean).abs() < 1e-12);
     }
 
     #[test]

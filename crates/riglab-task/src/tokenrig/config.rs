@@ -139,6 +139,9 @@ pub struct EvalConfig {
     /// Rounds in which the joints of the one that is taken move to where the others have them (see
     /// [`riglab_metric::refined`]).
     pub refine: usize,
+    /// Whether a mesh that would be its own mirror image if it were turned about the vertical is looked at turned so, where
+    /// what is drawn then agrees far better (an extension): for models that learned from rigs that mostly look one way.
+    pub turn: bool,
     /// Shares of each true skeleton's joints, the root with them, that are given to the model to be completed, as `riglab rig
     /// --complete` does: each has its rows among the skeletons. None: that is not evaluated.
     pub complete: Vec<f64>,
@@ -179,6 +182,7 @@ impl Default for EvalConfig {
             clouds: 1,
             mirror: false,
             refine: 0,
+            turn: false,
             complete: Vec::new(),
             parents: Parents::default(),
             rows: 16,

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use riglab_core::{JointId, Mesh, Rig, Similarity, Skeleton, SkinWeights};
+use riglab_core::{JointId, Mesh, Rig, RigError, Similarity, Skeleton, SkinWeights};
 use riglab_geom::voxel::SolidConfig;
 use riglab_metric::{Joints, SkinMetrics, SkinTally, every_rule, nan_for_null};
 use riglab_nn::generate::GenerateConfig;
@@ -14,6 +14,7 @@ use riglab_train::Validation;
 use serde::{Deserialize, Serialize};
 
 use super::complete::part;
+use super::facing::Facing;
 use super::sample::{codes, sample};
 use super::skin::{Codes, Hold, in_order};
 use super::{Batch, Condition, Drawn, TokenRigTask, parts_of};
@@ -66,6 +67,36 @@ pub(super) struct Rigged {
     pub id: AssetId,
     /// The generated skeleton and weights; `None` where no skeleton came out.
     pub rig: Option<Rig>,
+}
+
+/// A rig as it is looked at, in the cube.
+struct Posed {
+    rig: Arc<Rig>,
+    facing: Facing,
+    /// Into the cube, after the turn.
+    map: Similarity,
+}
+
+impl Posed {
+    /// Joints of the turned rig, where they are in the rig as it is.
+    fn joints_back(&self, mut joints: Joints) -> Joints {
+        if !self.facing.is_none() {
+            let back = self.map.inverse();
+            let turned = |p: [f64; 3]| self.facing.back(back.apply(p.map(|x| x as f32))).map(f64::from);
+            joints.positions.iter_mut().for_each(|p| *p = turned(*p));
+        }
+        joints
+    }
+
+    /// A rig of the turned mesh, for the mesh as it is.
+    fn rig_back(&self, rig: Rig, as_it_is: &Rig) -> Result<Rig, RigError> {
+        if self.facing.is_none() {
+            return Ok(rig);
+        }
+        let back = self.map.inverse();
+        let heads = rig.skeleton().heads().iter().map(|&p| self.facing.back(back.apply(p))).collect();
+        Rig::new(rig.skeleton().with_heads(heads)?, as_it_is.mesh().clone(), rig.weights().clone())
+    }
 }
 
 /// The ways to get weights, and what rules need to know.
@@ -206,6 +237,16 @@ impl TokenRigTask {
         Ok(out)
     }
 
+    /// A rig as its mesh is looked at.
+    fn posed(&self, w: &Weights, rig: &Arc<Rig>, key: u64) -> Result<Posed, String> {
+        let facing = self.rigger.facing(w, rig.mesh(), key)?;
+        if facing.is_none() {
+            return Ok(Posed { rig: rig.clone(), facing, map: Similarity::NONE });
+        }
+        let (rig, map) = facing.rig(rig).map_err(|e| e.to_string())?;
+        Ok(Posed { rig: Arc::new(rig), facing, map })
+    }
+
     /// The rig that was drawn for a mesh.
     pub(crate) fn rigged(&self, mesh: &Mesh, decoded: &Decoded, skins: &[Codes], key: u64) -> Result<Rig, String> {
         let skeleton = decoded.skeleton().map_err(|e| e.to_string())?;
@@ -260,13 +301,17 @@ impl TokenRigTask {
             for ids in ids.chunks((c.eval.rows / c.eval.consensus).max(1)) {
                 let each = ids.iter().map(|&id| normalized(&self.assets, &self.cache, id));
                 let truths: Vec<Arc<Rig>> = each.collect::<Result<_, _>>()?;
-                let shape = |(rig, id): (&Arc<Rig>, &AssetId)| rigger.clouds(w, rig.mesh(), id.key());
-                let seen: Vec<Condition> = truths.iter().zip(ids).map(shape).collect();
+                // All of them as they are looked at.
+                let posed: Vec<Posed> =
+                    truths.iter().zip(ids).map(|(rig, id)| self.posed(w, rig, id.key())).collect::<Result<_, _>>()?;
+                let shape = |(posed, id): (&Posed, &AssetId)| rigger.clouds(w, posed.rig.mesh(), id.key());
+                let seen: Vec<Condition> = posed.iter().zip(ids).map(shape).collect();
                 let drawn = self.drawn(w, &seen, ids)?;
-                for (((drawn, seen), truth), &id) in drawn.into_iter().zip(&seen).zip(&truths).zip(ids) {
-                    let own = Joints::of(truth.skeleton());
-                    let found = drawn.decoded.as_ref().ok().map(joints);
-                    let offered = retrieval.offer(truth, id.key());
+                let all = drawn.into_iter().zip(&seen).zip(&posed).zip(&truths).zip(ids);
+                for ((((drawn, seen), posed), as_it_is), &id) in all {
+                    let (truth, own) = (&posed.rig, Joints::of(as_it_is.skeleton()));
+                    let found = drawn.decoded.as_ref().ok().map(|decoded| posed.joints_back(joints(decoded)));
+                    let offered = retrieval.offer(as_it_is, id.key());
                     let [model, nearest, fitted] = skeletons.add(found.as_ref(), offered.as_ref(), &own);
                     let name = self.assets.read(id).map_err(|e| e.to_string())?.name;
                     let category = self.assets.category(id)?;
@@ -305,8 +350,9 @@ impl TokenRigTask {
                     };
                     skin_assets.push(skin_asset("given", of));
                     for (sums, &share) in completed.iter_mut().zip(&c.eval.complete) {
-                        self.complete(w, seen, truth, (share, id.key()), sums)?;
+                        self.complete(w, seen, posed, (share, id.key()), sums)?;
                     }
+                    let rig = rig.map(|rig| posed.rig_back(rig, as_it_is)).transpose().map_err(|e| e.to_string())?;
                     rigs.push(Rigged { id, rig });
                     progress(assets.len());
                 }
@@ -331,7 +377,11 @@ impl TokenRigTask {
                 "data.test: the corpora have no asset in `{splits}`; `riglab dataset inspect` shows their splits"
             ));
         }
-        let (consensus, draws) = (c.eval.consensus, c.eval.agreement().told(&c.eval.generate));
+        let (consensus, mut draws) = (c.eval.consensus, c.eval.agreement().told(&c.eval.generate));
+        if c.eval.turn {
+            let turned = "turned about the vertical where its symmetry asks for it and draws agree better";
+            draws = [draws.as_str(), turned].into_iter().filter(|s| !s.is_empty()).collect::<Vec<_>>().join("; ");
+        }
         let skeletons = SkeletonReport { convention: "unirig".into(), consensus, draws, rows, assets };
         Ok((Report { skeletons, skin, convention: "skintokens".into(), skin_assets }, rigs))
     }
@@ -341,19 +391,20 @@ impl TokenRigTask {
         &self,
         w: &Weights,
         seen: &Condition,
-        truth: &Rig,
+        posed: &Posed,
         (share, key): (f64, u64),
         [own, alone]: &mut [Sums; 2],
     ) -> Result<(), String> {
         let (rigger, eval) = (&self.rigger, &self.rigger.config.eval);
         let mut random = stream(eval.seed, "given joints", &[key]);
-        let part = part(truth.skeleton(), share, &mut random).ok_or("a skeleton without joints")?;
+        let part = part(posed.rig.skeleton(), share, &mut random).ok_or("a skeleton without joints")?;
         let how = GenerateConfig { sample: true, ..eval.generate.clone() };
         // One that cannot be written within the limits counts as nothing made.
         let whole = rigger.completed(w, seen, (&part, Similarity::NONE), &how, (eval.agreement(), key)).ok();
-        let truth = Joints::of(truth.skeleton());
-        own.add_alone(whole.as_ref().map(Joints::of).as_ref(), &truth);
-        alone.add_alone(Some(&Joints::of(&part)), &truth);
+        let of = |skeleton: &Skeleton| posed.joints_back(Joints::of(skeleton));
+        let truth = of(posed.rig.skeleton());
+        own.add_alone(whole.as_ref().map(of).as_ref(), &truth);
+        alone.add_alone(Some(&of(&part)), &truth);
         Ok(())
     }
 

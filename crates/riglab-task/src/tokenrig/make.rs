@@ -2,6 +2,7 @@
 
 use glam::DVec3;
 use riglab_core::{Bounds, JointId, Mesh, Similarity, Skeleton, SkinWeights};
+use riglab_geom::Yaw;
 use riglab_geom::voxel::{SolidConfig, solid};
 use riglab_nn::generate::GenerateConfig;
 use riglab_random::stream;
@@ -63,6 +64,8 @@ pub struct Made {
     pub skeleton: Skeleton,
     /// Weights of every vertex.
     pub weights: SkinWeights,
+    /// How the mesh was turned to be looked at, where it was; joints and weights are of the mesh as it is.
+    pub yaw: Yaw,
     /// Which of the draws it is.
     pub sample: usize,
     /// All draws, in their order.
@@ -95,13 +98,16 @@ impl Rigger {
         let up = self.config.data.up;
         let mesh = up.mesh(mesh).map_err(|e| e.to_string())?;
         let turned = wish.skeleton.map(|s| up.skeleton(s)).transpose().map_err(|e| e.to_string())?;
+        let w = self.params.weights();
+        let facing = self.facing(w, &mesh, wish.seed)?;
+        let mesh = facing.mesh(&mesh).map_err(|e| e.to_string())?;
+        let turned = turned.map(|s| facing.skeleton(&s)).transpose().map_err(|e| e.to_string())?;
         let points = mesh.positions().iter().copied();
         let heads = turned.iter().flat_map(|s| s.heads().iter().copied());
         let bounds = Bounds::of(points.chain(heads)).ok_or("a mesh without vertices")?;
         let map = Similarity::into_cube(bounds);
         let moved = |p: &[[f32; 3]], map: Similarity| p.iter().map(|&p| map.apply(p)).collect::<Vec<_>>();
         let cube = mesh.with_positions(moved(mesh.positions(), map)).map_err(|e| e.to_string())?;
-        let w = self.params.weights();
         let eval = &self.config.eval;
         let clouds = self.clouds(w, &cube, wish.seed);
         let seen = clouds.first(1);
@@ -169,15 +175,18 @@ impl Rigger {
             Some((skeleton, encoded)) => {
                 let own = |codes| in_order(codes, &encoded.order, skeleton.len());
                 let in_cube = skeleton.with_heads(moved(skeleton.heads(), map)).map_err(|e| e.to_string())?;
-                // A turn of axes and back rounds nothing.
-                let heads = skeleton.heads().iter().map(|&p| up.back(p)).collect();
+                // A turn of axes and back rounds nothing, but turns by less than a quarter do: given joints stay what they are.
+                let mut heads: Vec<_> = skeleton.heads().iter().map(|&p| up.back(facing.back(p))).collect();
+                let given = wish.skeleton.map_or(&[][..], Skeleton::heads);
+                heads[..given.len()].copy_from_slice(given);
                 let own_axes = skeleton.with_heads(heads).map_err(|e| e.to_string())?;
                 (own_axes, in_cube, skins.into_iter().map(own).collect())
             }
             None => {
                 let decoded = drawn.decoded.map_err(|e| e.to_string())?;
                 let in_cube = decoded.skeleton().map_err(|e| e.to_string())?;
-                let heads = moved(in_cube.heads(), map.inverse()).into_iter().map(|p| up.back(p)).collect();
+                let heads =
+                    moved(in_cube.heads(), map.inverse()).into_iter().map(|p| up.back(facing.back(p))).collect();
                 (in_cube.with_heads(heads).map_err(|e| e.to_string())?, in_cube, skins)
             }
         };
@@ -185,7 +194,7 @@ impl Rigger {
         let hold = Hold { without_codes: eval.without_codes, holders, ..Hold::default() };
         let hold = Hold { influences: wish.influences.unwrap_or(hold.influences).max(1), ..hold };
         let weights = self.pooled_skin(&cube, &in_cube, &skins, wish.seed, hold)?;
-        Ok(Made { skeleton, weights, sample, draws })
+        Ok(Made { skeleton, weights, yaw: facing.yaw(), sample, draws })
     }
 
     /// What draws for a mesh in the cube are worth.

@@ -5,7 +5,7 @@ use std::path::Path;
 use anyhow::{Context, Result, anyhow, bail};
 use riglab_asset::rigging::Subject;
 use riglab_core::{Rig, SkinWeights};
-use riglab_task::tokenrig::{Card, Draw, Made, Rigger, Wish};
+use riglab_task::tokenrig::{Card, Draw, Made, Rigger, Wish, Yaw};
 use riglab_task::unirig_skin::{Holders, Skinner};
 use riglab_train::named_by;
 use tch::Device;
@@ -102,7 +102,7 @@ impl Model {
                 let rig = Rig::new(skeleton.clone(), mesh.clone(), weights)?;
                 let weights = skinner.weights(&rig, holders, wish.seed).map_err(|e| anyhow!(e))?;
                 let draws = vec![Draw { likelihood: f64::NAN, rewards: None }];
-                Ok(Made { skeleton, weights, sample: 0, draws })
+                Ok(Made { skeleton, weights, yaw: Yaw::NONE, sample: 0, draws })
             }
         }
     }

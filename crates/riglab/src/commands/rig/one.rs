@@ -74,9 +74,20 @@ pub fn rig(args: &Common, bones: &Bones, model: &Model, from: &Path, to: &Path) 
     let joints = made.skeleton.len();
     let added = given.as_ref().filter(|_| wish.complete).map(|given| joints - given.len());
     let about = || from.display().to_string();
+    let degrees = made.yaw.in_degrees();
+    if degrees != 0 {
+        let note = format!(
+            "the model was looked at turned by {degrees} degrees about y, as it seems to face another way than along z; it is \
+             written as it stands"
+        );
+        noted(from, &mut notes, note);
+    }
+    // Sides are told as it was looked at.
+    let heads = made.skeleton.heads().iter().map(|&p| made.yaw.apply(p)).collect();
+    let seen = made.skeleton.with_heads(heads).with_context(about)?;
+    let bounds = Bounds::of(subject.mesh().positions().iter().map(|&p| made.yaw.apply(p)));
     let rig = match bones {
         Bones::Predicted { names, .. } => {
-            let bounds = Bounds::of(subject.mesh().positions().iter().copied());
             let without = |t: &Template| !made.skeleton.names().iter().any(|name| t.has(name));
             if let Some(Template { class, .. }) = class.and_then(Template::of).filter(|t| without(t)) {
                 let note = format!(
@@ -101,13 +112,14 @@ pub fn rig(args: &Common, bones: &Bones, model: &Model, from: &Path, to: &Path) 
                 );
                 noted(from, &mut notes, note);
             }
-            let (skeleton, human) = name_joints(&made.skeleton, bounds, *names).with_context(about)?;
+            let (named, human) = name_joints(&seen, bounds, *names).with_context(about)?;
+            let skeleton = named.with_heads(made.skeleton.heads().to_vec()).with_context(about)?;
             subject.rigged(skeleton, weights).and_then(|rig| rig.with_humanoid(human))
         }
         Bones::Given { .. } => {
             let first = given.as_ref().map_or(0, Skeleton::len);
-            let bounds = Bounds::of(subject.mesh().positions().iter().copied());
-            let skeleton = name_added(&made.skeleton, first, bounds).with_context(about)?;
+            let named = name_added(&seen, first, bounds).with_context(about)?;
+            let skeleton = named.with_heads(made.skeleton.heads().to_vec()).with_context(about)?;
             subject.rigged(skeleton, weights)
         }
     };
