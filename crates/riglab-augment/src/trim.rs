@@ -24,7 +24,7 @@ impl TrimConfig {
 }
 
 /// Drops joints whose weights sum to 1e-6 or less, but for the root, forks with weight in two branches
-/// or more, and a joint alone below one with weight: it says where that bone ends.
+/// or more, and the first joint of a branch of such a fork.
 pub fn trim(draft: &mut Draft) {
     let children = draft.children();
     let has: Vec<bool> = draft.held().into_iter().map(|sum| sum > WEIGHTLESS).collect();
@@ -35,13 +35,10 @@ pub fn trim(draft: &mut Draft) {
             below[parent.index()] = true;
         }
     }
-    let keep: Vec<bool> = (0..has.len())
-        .map(|joint| {
-            let branches = children[joint].iter().filter(|&&c| below[c]).count();
-            let alone = draft.parents[joint].is_some_and(|p| has[p.index()] && children[p.index()].len() == 1);
-            has[joint] || branches > 1 || alone
-        })
-        .collect();
+    let branches: Vec<usize> = children.iter().map(|c| c.iter().filter(|&&c| below[c]).count()).collect();
+    let below_fork = |joint: usize| draft.parents[joint].is_some_and(|p| branches[p.index()] > 1);
+    let needed = |joint: usize| branches[joint] > 1 || branches[joint] == 1 && below_fork(joint);
+    let keep: Vec<bool> = (0..has.len()).map(|joint| has[joint] || needed(joint)).collect();
     draft.keep_joints(&keep, Colliders::Stay);
 }
 
@@ -57,26 +54,36 @@ mod tests {
         assert_eq!(after(|d| TrimConfig::default().apply(d)).rig, chain());
     }
 
-    #[test]
-    fn forks_and_ends_stay() {
-        let trimmed = |parents: &[u16], held: &[u16]| {
-            use riglab_core::{Joint, JointId, Mesh, Rig, Skeleton, SkinWeights};
-            let joint = |(j, parent): (usize, Option<u16>)| Joint {
-                name: format!("joint {j}"),
-                parent: parent.map(JointId),
-                head: [0.0; 3],
-            };
-            let parents = std::iter::once(None).chain(parents.iter().copied().map(Some)).enumerate();
-            let skeleton = Skeleton::new(parents.map(joint).collect()).unwrap();
-            let mesh = Mesh::new(vec![[0.0; 3]; held.len()], vec![[0; 3]]).unwrap();
-            let weights = SkinWeights::normalized(held.iter().map(|&j| [(j, 1.0)])).unwrap();
-            let mut draft = Draft::open(Rig::new(skeleton, mesh, weights).unwrap());
-            trim(&mut draft);
-            origins(&draft.close().unwrap())
+    /// What is left of a root and joints with these parents, when some of them hold a vertex each.
+    fn trimmed(parents: &[u16], held: &[u16]) -> Vec<u16> {
+        use riglab_core::{Joint, JointId, Mesh, Rig, Skeleton, SkinWeights};
+        let joint = |(j, parent): (usize, Option<u16>)| Joint {
+            name: format!("joint {j}"),
+            parent: parent.map(JointId),
+            head: [0.0; 3],
         };
-        // 1 is a fork of 2 and 3; 4 hangs alone on 3; 5 on 4, which holds nothing.
-        assert_eq!(trimmed(&[0, 1, 1, 3, 4], &[2, 3]), [0, 1, 2, 3, 4]);
+        let parents = std::iter::once(None).chain(parents.iter().copied().map(Some)).enumerate();
+        let skeleton = Skeleton::new(parents.map(joint).collect()).unwrap();
+        let mesh = Mesh::new(vec![[0.0; 3]; held.len()], vec![[0; 3]]).unwrap();
+        let weights = SkinWeights::normalized(held.iter().map(|&j| [(j, 1.0)])).unwrap();
+        let mut draft = Draft::open(Rig::new(skeleton, mesh, weights).unwrap());
+        trim(&mut draft);
+        origins(&draft.close().unwrap())
+    }
+
+    #[test]
+    fn forks_stay_and_the_ends_of_bones_go() {
+        // 1 is a fork of 2 and 3; 4 hangs alone on 3, 5 on 4.
+        assert_eq!(trimmed(&[0, 1, 1, 3, 4], &[2, 3]), [0, 1, 2, 3]);
         // One branch is no fork.
         assert_eq!(trimmed(&[0, 1, 1], &[2]), [0, 2]);
+    }
+
+    #[test]
+    fn the_first_joint_of_a_branch_stays() {
+        // Below the fork 1: 2 leads on to 5 by way of 4; 3 has weight; 6 leads nowhere.
+        assert_eq!(trimmed(&[0, 1, 1, 2, 4, 1], &[3, 5]), [0, 1, 2, 3, 5]);
+        // A joint with weight may be the fork.
+        assert_eq!(trimmed(&[0, 0, 1, 2], &[0, 3, 4]), [0, 1, 2, 3, 4]);
     }
 }
