@@ -45,7 +45,15 @@ impl Draft {
     /// Keeps the joints that are marked, and the root. Weights of the others, their children,
     /// springs' centres and, if they stay, colliders go to the nearest ancestor that is kept.
     pub(crate) fn keep_joints(&mut self, keep: &[bool], colliders: Colliders) {
-        let kept = |joint: usize| joint == 0 || keep[joint];
+        let mut keep = keep.to_vec();
+        keep[0] = true;
+        self.keep_tree(&keep, colliders);
+    }
+
+    /// The same where the root may go, too: those that are marked must have a common ancestor among them,
+    /// which takes what hung on joints above it.
+    pub(crate) fn keep_tree(&mut self, keep: &[bool], colliders: Colliders) {
+        let kept = |joint: usize| keep[joint];
         if (0..keep.len()).all(kept) {
             return;
         }
@@ -57,7 +65,7 @@ impl Draft {
                 heir[joint] = JointId(count as u16);
                 self.names.swap(count, joint);
                 self.heads[count] = self.heads[joint];
-                self.parents[count] = self.parents[joint].map(|p| heir[p.index()]);
+                self.parents[count] = self.parents[joint].filter(|_| count > 0).map(|p| heir[p.index()]);
                 self.motion.origins[count] = self.motion.origins[joint];
                 self.motion.rest[count] = self.motion.rest[joint];
                 count += 1;
@@ -187,6 +195,17 @@ mod tests {
         assert!(done.rig.springs().springs().is_empty());
         // The root stays whatever is asked.
         assert_eq!(origins(&done), [0, 1, 2, 5]);
+    }
+
+    #[test]
+    fn the_root_of_what_is_kept_takes_what_hung_above_it() {
+        let done = after(|d| d.keep_tree(&[false, false, true, false, true, false], Colliders::Stay));
+        assert_eq!(origins(&done), [2, 4]);
+        assert_eq!(done.rig.skeleton().parents(), [None, Some(JointId(0))]);
+        assert!((0..8).all(|v| done.rig.weights().row(v).eq([(JointId(0), 1.0)])));
+        let springs = done.rig.springs();
+        assert!(springs.colliders().iter().all(|c| c.joint == JointId(0)));
+        assert_eq!(springs.springs()[0].center, Some(JointId(0)));
     }
 
     #[test]

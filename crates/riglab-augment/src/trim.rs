@@ -23,8 +23,8 @@ impl TrimConfig {
     }
 }
 
-/// Drops joints whose weights sum to 1e-6 or less, but for the root, forks with weight in two branches
-/// or more, and the first joint of a branch of such a fork.
+/// Drops joints whose weights sum to 1e-6 or less, but for forks with weight in two branches or more, and
+/// the first joint of a branch of such a fork. So a root that only moves the whole goes, too.
 pub fn trim(draft: &mut Draft) {
     let children = draft.children();
     let has: Vec<bool> = draft.held().into_iter().map(|sum| sum > WEIGHTLESS).collect();
@@ -39,7 +39,8 @@ pub fn trim(draft: &mut Draft) {
     let below_fork = |joint: usize| draft.parents[joint].is_some_and(|p| branches[p.index()] > 1);
     let needed = |joint: usize| branches[joint] > 1 || branches[joint] == 1 && below_fork(joint);
     let keep: Vec<bool> = (0..has.len()).map(|joint| has[joint] || needed(joint)).collect();
-    draft.keep_joints(&keep, Colliders::Stay);
+    // One tree: two parts without a common joint would have been branches of a fork.
+    draft.keep_tree(&keep, Colliders::Stay);
 }
 
 #[cfg(test)]
@@ -74,16 +75,22 @@ mod tests {
     #[test]
     fn forks_stay_and_the_ends_of_bones_go() {
         // 1 is a fork of 2 and 3; 4 hangs alone on 3, 5 on 4.
-        assert_eq!(trimmed(&[0, 1, 1, 3, 4], &[2, 3]), [0, 1, 2, 3]);
+        assert_eq!(trimmed(&[0, 1, 1, 3, 4], &[2, 3]), [1, 2, 3]);
         // One branch is no fork.
-        assert_eq!(trimmed(&[0, 1, 1], &[2]), [0, 2]);
+        assert_eq!(trimmed(&[0, 1, 1], &[0, 2]), [0, 2]);
     }
 
     #[test]
     fn the_first_joint_of_a_branch_stays() {
         // Below the fork 1: 2 leads on to 5 by way of 4; 3 has weight; 6 leads nowhere.
-        assert_eq!(trimmed(&[0, 1, 1, 2, 4, 1], &[3, 5]), [0, 1, 2, 3, 5]);
+        assert_eq!(trimmed(&[0, 1, 1, 2, 4, 1], &[3, 5]), [1, 2, 3, 5]);
         // A joint with weight may be the fork.
         assert_eq!(trimmed(&[0, 0, 1, 2], &[0, 3, 4]), [0, 1, 2, 3, 4]);
+    }
+
+    #[test]
+    fn a_root_that_only_moves_the_whole_goes() {
+        assert_eq!(trimmed(&[0, 1, 2, 0], &[2, 3]), [2, 3]);
+        assert_eq!(trimmed(&[0, 0, 1, 2], &[3, 4]), [0, 1, 2, 3, 4]);
     }
 }
