@@ -115,8 +115,12 @@ fn dominant(draft: &Draft, vertex: usize) -> Option<usize> {
 }
 
 /// Keeps the joints that are marked, with their ancestors, and the vertices that any of them holds
-/// by more than 1e-5. All stay when no triangle would be left.
+/// by more than 1e-5. All stay when no joint is marked or no triangle would be left.
 pub fn keep_part(draft: &mut Draft, keep: &[bool]) {
+    // Closing upwards would mark the root, and leave what it alone holds.
+    if !keep.contains(&true) {
+        return;
+    }
     let mut keep = keep.to_vec();
     close_upwards(&mut keep, &draft.parents);
     let left: Vec<bool> = (0..draft.vertices()).map(|v| draft.row(v).any(|(j, w)| keep[j] && w > HOLDS)).collect();
@@ -157,6 +161,15 @@ mod tests {
         let done = after(|d| keep_part(d, &keep(2)));
         // Vertices beyond 2.5 are held by joints 3 and 4 alone.
         assert_eq!((origins(&done), done.rig.mesh().positions().len()), (vec![0, 1, 2, 5], 12));
+    }
+
+    #[test]
+    fn a_part_of_no_joints_is_the_whole() {
+        assert_eq!(after(|d| keep_part(d, &[false; 6])).rig, chain());
+        // The root's, once it is marked.
+        let mut keep = [false; 6];
+        keep[0] = true;
+        assert_eq!(origins(&after(|d| keep_part(d, &keep))), [0]);
     }
 
     #[test]

@@ -38,12 +38,15 @@ impl PartConfig {
         inside("at_least", self.at_least, 0.0, 1.0)
     }
 
-    /// Draws whether and which joints, and keeps these.
+    /// Draws whether and which joints, and keeps these; nothing is done where none is drawn.
     pub fn apply(&self, draft: &mut Draft, random: &mut Stream) {
         if !random.chance(self.probability) {
             return;
         }
         let mut keep: Vec<bool> = (0..draft.joints()).map(|_| random.chance(self.keep)).collect();
+        if !keep.contains(&true) {
+            return;
+        }
         close_upwards(&mut keep, &draft.parents);
         let kept = keep.iter().filter(|k| **k).count();
         if kept as f32 >= self.at_least * keep.len() as f32 {
@@ -65,5 +68,12 @@ mod tests {
         let left = |k| origins(&after(|d| config.apply(d, &mut stream(1, "test", &[k])))).len();
         let left: Vec<usize> = (0..200).map(left).collect();
         assert!(left.iter().all(|n| *n >= 3) && left.iter().any(|n| *n < 6));
+    }
+
+    #[test]
+    fn no_joint_drawn_is_no_part() {
+        // The root alone would be enough.
+        let config = PartConfig { probability: 1.0, keep: 0.0, at_least: 0.1 };
+        assert_eq!(origins(&after(|d| config.apply(d, &mut stream(1, "test", &[])))), [0, 1, 2, 3, 4, 5]);
     }
 }
