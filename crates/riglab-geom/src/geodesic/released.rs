@@ -136,10 +136,8 @@ impl Graph {
         let vertices: Vec<DVec3> = mesh.positions().iter().map(|p| DVec3::from(p.map(f64::from))).collect();
         let n = vertices.len();
         let cells: Vec<[usize; 3]> = voxels.places().collect();
-        let mut edges: Vec<(u32, u32, f64)> = Vec::new();
-        let mut join = |a: usize, b: usize, length: f64| {
-            edges.extend([(a as u32, b as u32, length), (b as u32, a as u32, length)]);
-        };
+        let mut given: Vec<(u32, u32, f64)> = Vec::new();
+        let mut join = |a: usize, b: usize, length: f64| given.push((a as u32, b as u32, length));
         for t in mesh.triangles() {
             for k in 0..3 {
                 let [a, b] = [t[k] as usize, t[(k + 1) % 3] as usize];
@@ -174,9 +172,9 @@ impl Graph {
             let links = near.within(*p, config.link, 3);
             links.into_iter().filter(|(d, _)| *d > 0.0).for_each(|(d, other)| join(v, other, d));
         }
-        edges.sort_unstable_by_key(|a| a.0);
         let mut nodes = vertices;
         nodes.extend(centers);
+        let edges = both_ways(given);
         let starts = (0..=nodes.len()).map(|k| edges.partition_point(|e| (e.0 as usize) < k) as u32).collect();
         Self { nodes, starts, ways: edges.into_iter().map(|(_, b, d)| (b, d)).collect(), vertices: n }
     }
@@ -214,6 +212,23 @@ impl Graph {
         best.truncate(self.vertices);
         best
     }
+}
+
+/// Ways by where they start. The lengths of one that is given several times in the same direction add up, as
+/// in the sparse matrix of the public code: an edge whose triangles wind against each other costs twice. A way
+/// may be gone in either direction; the shorter one counts.
+fn both_ways(mut given: Vec<(u32, u32, f64)>) -> Vec<(u32, u32, f64)> {
+    let ends = |way: &(u32, u32, f64)| (way.0, way.1);
+    given.sort_by_key(ends);
+    given.dedup_by(|again, first| {
+        let same = ends(again) == ends(first);
+        first.2 += if same { again.2 } else { 0.0 };
+        same
+    });
+    let back: Vec<_> = given.iter().map(|&(a, b, length)| (b, a, length)).collect();
+    given.extend(back);
+    given.sort_by_key(ends);
+    given
 }
 
 /// Points in boxes as large as what is asked for.
@@ -283,6 +298,24 @@ mod tests {
         }
         let far = &skin.weights[8 * 4..9 * 4];
         assert!(far[1] > far[0] && far[0] > far[3], "{far:?}");
+    }
+
+    #[test]
+    fn edges_given_twice_in_one_direction_cost_twice() {
+        let at = |x: f32, y: f32| [x, y, 0.0];
+        let corners = vec![at(0.0, 0.0), at(1.0, 0.0), at(0.4, 4.0), at(0.4, -4.0)];
+        let skeleton = Skeleton::new(vec![Joint { name: "a".into(), parent: None, head: [0.0; 3] }]).unwrap();
+        let far = |triangles: &[[u32; 3]]| {
+            let mesh = Mesh::new(corners.clone(), triangles.to_vec()).unwrap();
+            let voxels = Voxels::new(Lattice::around(&mesh, 8), []);
+            voxel_skin(&mesh, &skeleton, &voxels, &VoxelSkinConfig::unirig()).distances[1]
+        };
+        assert_eq!(far(&[[0, 1, 2]]), 1.0);
+        // Two triangles that wind alike go along their edge in both directions.
+        assert_eq!(far(&[[0, 1, 2], [1, 0, 3]]), 1.0);
+        assert_eq!(far(&[[0, 1, 2], [0, 1, 3]]), 2.0);
+        // The single direction is the shorter one.
+        assert_eq!(far(&[[0, 1, 2], [0, 1, 3], [1, 0, 3]]), 1.0);
     }
 
     #[test]
