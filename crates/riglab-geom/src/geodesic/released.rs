@@ -32,7 +32,8 @@ pub struct VoxelSkinConfig {
     pub cell_cost: f64,
     /// Vertices that are apart, but not as far as this, are joined; in units of the mesh.
     pub link: f64,
-    /// Whether a joint with one child counts from all of its bone.
+    /// Whether a joint with one child counts from all of its bone: from 11 points at equal steps, both ends among
+    /// them.
     pub bones: bool,
     /// How distances become weights.
     pub kernel: Kernel,
@@ -73,7 +74,7 @@ pub struct VoxelSkin {
 /// Mesh and skeleton are in the frame of the voxels; goldens have them in [-1, 1]³.
 pub fn voxel_skin(mesh: &Mesh, skeleton: &Skeleton, voxels: &Voxels, config: &VoxelSkinConfig) -> VoxelSkin {
     let graph = Graph::new(mesh, voxels, config);
-    let points = |joint: riglab_core::JointId| sources(skeleton, joint, config.bones, voxels.lattice().cell);
+    let points = |joint: riglab_core::JointId| sources(skeleton, joint, config.bones);
     let joints: Vec<_> = skeleton.ids().collect();
     let rows: Vec<Vec<f64>> =
         joints.par_iter().map(|j| graph.search(points(*j).into_iter().map(|p| graph.nearest(p)))).collect();
@@ -82,15 +83,14 @@ pub fn voxel_skin(mesh: &Mesh, skeleton: &Skeleton, voxels: &Voxels, config: &Vo
     VoxelSkin { distances: rows.concat(), weights }
 }
 
-fn sources(skeleton: &Skeleton, joint: riglab_core::JointId, bones: bool, cell: f64) -> Vec<DVec3> {
+fn sources(skeleton: &Skeleton, joint: riglab_core::JointId, bones: bool) -> Vec<DVec3> {
     let point = |j| DVec3::from(skeleton.head(j).map(f64::from));
     let head = point(joint);
     let mut children = skeleton.ids().filter(|c| skeleton.parent(*c) == Some(joint));
     match (bones, children.next(), children.next()) {
         (true, Some(child), None) => {
             let along = point(child) - head;
-            let steps = (along.length() / (0.5 * cell)).ceil().clamp(1.0, 1e4);
-            (0..=steps as usize).map(|k| head + along * (k as f64 / steps)).collect()
+            (0..=10).map(|k| head + along * (f64::from(k) / 10.0)).collect()
         }
         _ => vec![head],
     }
@@ -316,6 +316,25 @@ mod tests {
         assert_eq!(far(&[[0, 1, 2], [0, 1, 3]]), 2.0);
         // The single direction is the shorter one.
         assert_eq!(far(&[[0, 1, 2], [0, 1, 3], [1, 0, 3]]), 1.0);
+    }
+
+    #[test]
+    fn a_bone_counts_from_eleven_points() {
+        let corners = |x: f32| [[x, 0.0, 0.0], [x, 0.01, 0.0], [x, 0.0, 0.01]];
+        let triangles = (0..21).map(|k| [3 * k, 3 * k + 1, 3 * k + 2]);
+        let places = (0..21).flat_map(|k| corners(0.5 * k as f32));
+        let mesh = Mesh::new(places.collect(), triangles.collect()).unwrap();
+        let joint = |x: f32, parent: Option<u16>| Joint {
+            name: format!("{x}"),
+            parent: parent.map(JointId),
+            head: [x, 0.0, 0.0],
+        };
+        let skeleton = Skeleton::new(vec![joint(0.0, None), joint(10.0, Some(0))]).unwrap();
+        let voxels = Voxels::new(Lattice { origin: [-1.0; 3], cell: 0.01, size: [2; 3] }, []);
+        let config = VoxelSkinConfig { bones: true, ..VoxelSkinConfig::skintokens() };
+        let found = voxel_skin(&mesh, &skeleton, &voxels, &config).distances;
+        // What lies between two of the points is not reached, however fine the voxels are.
+        assert!((0..21).all(|k| if k % 2 == 0 { found[3 * k] == 0.0 } else { found[3 * k].is_infinite() }));
     }
 
     #[test]
