@@ -63,8 +63,8 @@ impl VoxelSkinConfig {
 pub struct VoxelSkin {
     /// J × N; infinite where there is no way.
     pub distances: Vec<f64>,
-    /// N × J, rows of sum 1. A vertex that no joint reaches has the straight distances to its three nearest
-    /// joints instead, what else has no way counts as far as the farthest.
+    /// N × J, rows of sum 1. A vertex that no joint reaches has the straight distances to the three nearest of
+    /// the points that joints count from instead, what else has no way counts as far as the farthest.
     pub weights: Vec<f64>,
 }
 
@@ -74,12 +74,11 @@ pub struct VoxelSkin {
 /// Mesh and skeleton are in the frame of the voxels; goldens have them in [-1, 1]³.
 pub fn voxel_skin(mesh: &Mesh, skeleton: &Skeleton, voxels: &Voxels, config: &VoxelSkinConfig) -> VoxelSkin {
     let graph = Graph::new(mesh, voxels, config);
-    let points = |joint: riglab_core::JointId| sources(skeleton, joint, config.bones);
     let joints: Vec<_> = skeleton.ids().collect();
-    let rows: Vec<Vec<f64>> =
-        joints.par_iter().map(|j| graph.search(points(*j).into_iter().map(|p| graph.nearest(p)))).collect();
-    let heads: Vec<DVec3> = skeleton.heads().iter().map(|p| DVec3::from(p.map(f64::from))).collect();
-    let weights = weights(&rows, &graph.nodes[..mesh.positions().len()], &heads, config.kernel);
+    let sources: Vec<Vec<DVec3>> = joints.iter().map(|j| sources(skeleton, *j, config.bones)).collect();
+    let (rows, farthest): (Vec<Vec<f64>>, Vec<f64>) = sources.par_iter().map(|points| graph.nearest_of(points)).unzip();
+    let farthest = farthest.into_iter().fold(0.0, f64::max);
+    let weights = weights(&rows, &graph.nodes[..mesh.positions().len()], &sources, farthest, config.kernel);
     VoxelSkin { distances: rows.concat(), weights }
 }
 
@@ -96,17 +95,27 @@ fn sources(skeleton: &Skeleton, joint: riglab_core::JointId, bones: bool) -> Vec
     }
 }
 
-fn weights(rows: &[Vec<f64>], vertices: &[DVec3], heads: &[DVec3], kernel: Kernel) -> Vec<f64> {
+fn weights(
+    rows: &[Vec<f64>],
+    vertices: &[DVec3],
+    sources: &[Vec<DVec3>],
+    mut farthest: f64,
+    kernel: Kernel,
+) -> Vec<f64> {
     let joints = rows.len();
     let mut d: Vec<f64> = (0..vertices.len()).flat_map(|v| rows.iter().map(move |row| row[v])).collect();
+    let points = || sources.iter().enumerate().flat_map(|(j, points)| points.iter().map(move |p| (j, p)));
     for (row, p) in d.chunks_exact_mut(joints).zip(vertices) {
         if row.iter().all(|d| d.is_infinite()) {
-            let mut near: Vec<(f64, usize)> = heads.iter().map(|h| h.distance(*p)).zip(0..).collect();
+            let mut near: Vec<(f64, usize)> = points().map(|(j, point)| (point.distance(*p), j)).collect();
             near.sort_by(|a, b| a.0.total_cmp(&b.0));
-            near.into_iter().take(3).for_each(|(d, j)| row[j] = d);
+            // No more points than joints, be it several of one bone.
+            for (d, j) in near.into_iter().take(joints.min(3)) {
+                row[j] = row[j].min(d);
+                farthest = farthest.max(d);
+            }
         }
     }
-    let farthest = d.iter().copied().filter(|d| d.is_finite()).fold(0.0, f64::max);
     let share = |d: f64| {
         let d = if d.is_finite() { d } else { farthest }.max(1e-6);
         match kernel {
@@ -187,14 +196,25 @@ impl Graph {
         best.1
     }
 
-    /// The shortest ways from any of some nodes to each vertex.
-    fn search(&self, from: impl IntoIterator<Item = usize>) -> Vec<f64> {
-        let mut best = vec![f64::INFINITY; self.nodes.len()];
-        let mut queue: BinaryHeap<Reverse<(u64, u32)>> = BinaryHeap::new();
-        for node in from {
-            best[node] = 0.0;
-            queue.push(Reverse((0, node as u32)));
+    /// From the nearest of some points to each vertex, and the farthest that any of them is from a vertex that
+    /// it reaches: points are searched from one by one for that.
+    fn nearest_of(&self, points: &[DVec3]) -> (Vec<f64>, f64) {
+        let mut best = vec![f64::INFINITY; self.vertices];
+        let mut farthest = 0.0;
+        for point in points {
+            for (best, d) in best.iter_mut().zip(self.search(self.nearest(*point))) {
+                *best = best.min(d);
+                farthest = if d.is_finite() { d.max(farthest) } else { farthest };
+            }
         }
+        (best, farthest)
+    }
+
+    /// The shortest ways from a node to each vertex.
+    fn search(&self, from: usize) -> Vec<f64> {
+        let mut best = vec![f64::INFINITY; self.nodes.len()];
+        best[from] = 0.0;
+        let mut queue = BinaryHeap::from([Reverse((0, from as u32))]);
         // Lengths are not negative: their bits are in their order.
         while let Some(Reverse((bits, node))) = queue.pop() {
             let d = f64::from_bits(bits);
@@ -298,43 +318,38 @@ mod tests {
         }
         let far = &skin.weights[8 * 4..9 * 4];
         assert!(far[1] > far[0] && far[0] > far[3], "{far:?}");
+        // The points nearest to it are on the bone from the third joint to the fourth.
+        let along = [[-0.9, 0.0, 0.0], [-0.9, 0.1, 0.0], [-0.9, 0.0, 0.0], [-0.5, 0.0, 0.0]];
+        let joints = along.iter().zip([None, Some(0), Some(0), Some(2)]).map(|(head, parent)| Joint {
+            name: format!("{head:?} {parent:?}"),
+            parent: parent.map(JointId),
+            head: *head,
+        });
+        let skeleton = Skeleton::new(joints.collect()).unwrap();
+        let config = VoxelSkinConfig { bones: true, ..VoxelSkinConfig::unirig() };
+        let skin = voxel_skin(&mesh, &skeleton, &shell(&mesh, &lattice), &config);
+        let far = &skin.weights[8 * 4..9 * 4];
+        assert!(far[2] == far[3] && far[0] == far[1] && far[2] > far[0], "{far:?}");
     }
 
     #[test]
-    fn edges_given_twice_in_one_direction_cost_twice() {
-        let at = |x: f32, y: f32| [x, y, 0.0];
-        let corners = vec![at(0.0, 0.0), at(1.0, 0.0), at(0.4, 4.0), at(0.4, -4.0)];
-        let skeleton = Skeleton::new(vec![Joint { name: "a".into(), parent: None, head: [0.0; 3] }]).unwrap();
-        let far = |triangles: &[[u32; 3]]| {
-            let mesh = Mesh::new(corners.clone(), triangles.to_vec()).unwrap();
-            let voxels = Voxels::new(Lattice::around(&mesh, 8), []);
-            voxel_skin(&mesh, &skeleton, &voxels, &VoxelSkinConfig::unirig()).distances[1]
-        };
-        assert_eq!(far(&[[0, 1, 2]]), 1.0);
-        // Two triangles that wind alike go along their edge in both directions.
-        assert_eq!(far(&[[0, 1, 2], [1, 0, 3]]), 1.0);
-        assert_eq!(far(&[[0, 1, 2], [0, 1, 3]]), 2.0);
-        // The single direction is the shorter one.
-        assert_eq!(far(&[[0, 1, 2], [0, 1, 3], [1, 0, 3]]), 1.0);
-    }
-
-    #[test]
-    fn a_bone_counts_from_eleven_points() {
-        let corners = |x: f32| [[x, 0.0, 0.0], [x, 0.01, 0.0], [x, 0.0, 0.01]];
-        let triangles = (0..21).map(|k| [3 * k, 3 * k + 1, 3 * k + 2]);
-        let places = (0..21).flat_map(|k| corners(0.5 * k as f32));
+    fn the_farthest_is_the_farthest_of_all_points_of_a_bone() {
+        // A strip along x, a bone from one end to the other, and another half the way back.
+        let places = (0..11).flat_map(|x| [[x as f32, 0.0, 0.0], [x as f32, 1e-3, 0.0]]);
+        let triangles = (0..10).flat_map(|k| [[2 * k, 2 * k + 2, 2 * k + 1], [2 * k + 1, 2 * k + 2, 2 * k + 3]]);
         let mesh = Mesh::new(places.collect(), triangles.collect()).unwrap();
         let joint = |x: f32, parent: Option<u16>| Joint {
             name: format!("{x}"),
             parent: parent.map(JointId),
             head: [x, 0.0, 0.0],
         };
-        let skeleton = Skeleton::new(vec![joint(0.0, None), joint(10.0, Some(0))]).unwrap();
+        let skeleton = Skeleton::new(vec![joint(0.0, None), joint(10.0, Some(0)), joint(5.0, Some(1))]).unwrap();
         let voxels = Voxels::new(Lattice { origin: [-1.0; 3], cell: 0.01, size: [2; 3] }, []);
-        let config = VoxelSkinConfig { bones: true, ..VoxelSkinConfig::skintokens() };
-        let found = voxel_skin(&mesh, &skeleton, &voxels, &config).distances;
-        // What lies between two of the points is not reached, however fine the voxels are.
-        assert!((0..21).all(|k| if k % 2 == 0 { found[3 * k] == 0.0 } else { found[3 * k].is_infinite() }));
+        let config = VoxelSkinConfig { bones: true, kernel: Kernel::Exp, ..VoxelSkinConfig::skintokens() };
+        let found = voxel_skin(&mesh, &skeleton, &voxels, &config).weights;
+        // At x = 6 both bones are at hand and the leaf is 1 away: a tenth of what the first point is from the end.
+        let (share, leaf) = ((-2.0f64).exp(), found[12 * 3 + 2]);
+        assert!((leaf - share / (2.0 + share)).abs() < 1e-4, "{leaf}");
     }
 
     #[test]
