@@ -54,7 +54,7 @@ impl VoxelSkinConfig {
 
     /// SkinTokens' post-processing: cells are joined across edges and corners, too.
     pub fn skintokens() -> Self {
-        Self { reach: 1.74, vertices_per_cell: 27, ..Self::unirig() }
+        Self { reach: 1.74, vertices_per_cell: 27, link: 1e-5, ..Self::unirig() }
     }
 }
 
@@ -177,9 +177,9 @@ impl Graph {
             }
         }
         for (v, p) in vertices.iter().enumerate() {
-            // Three nearest, itself among them.
-            let links = near.within(*p, config.link, 3);
-            links.into_iter().filter(|(d, _)| *d > 0.0).for_each(|(d, other)| join(v, other, d));
+            // The first of four is itself, or another one at the same place.
+            let links = near.within(*p, config.link, 4).into_iter().skip(1);
+            links.filter(|(d, _)| *d > 0.0).for_each(|(d, other)| join(v, other, d));
         }
         let mut nodes = vertices;
         nodes.extend(centers);
@@ -350,6 +350,34 @@ mod tests {
         // At x = 6 both bones are at hand and the leaf is 1 away: a tenth of what the first point is from the end.
         let (share, leaf) = ((-2.0f64).exp(), found[12 * 3 + 2]);
         assert!((leaf - share / (2.0 + share)).abs() < 1e-4, "{leaf}");
+    }
+
+    #[test]
+    fn a_vertex_is_linked_to_three_near_ones() {
+        // Triangles that have one corner each at these places along x, in too small a unit to be seen, and are
+        // far from each other otherwise; the joint is at the first.
+        let unit = 1e-6f32;
+        let reached = |near: &[f32], config: VoxelSkinConfig| {
+            let corners = near.iter().enumerate().flat_map(|(k, x)| {
+                let y = 10.0 + k as f32;
+                [[*x, 0.0, 0.0], [0.0, y, 1.0], [0.0, y, 2.0]]
+            });
+            let triangles = (0..near.len() as u32).map(|k| [3 * k, 3 * k + 1, 3 * k + 2]);
+            let mesh = Mesh::new(corners.collect(), triangles.collect()).unwrap();
+            let skeleton = Skeleton::new(vec![Joint { name: "a".into(), parent: None, head: [0.0; 3] }]).unwrap();
+            let voxels = Voxels::new(Lattice { origin: [-1.0; 3], cell: 0.01, size: [2; 3] }, []);
+            let found = voxel_skin(&mesh, &skeleton, &voxels, &config).distances;
+            (0..near.len()).map(|k| found[3 * k].is_finite()).collect::<Vec<_>>()
+        };
+        let released = [VoxelSkinConfig::unirig(), VoxelSkinConfig::skintokens()];
+        // The fourth is the first one's third. Itself it is linked to the last two before that.
+        let near = [0.0, 1.0, 2.0, -9.0, -11.0, -11.5].map(|x| x * unit);
+        assert_eq!(released.map(|config| reached(&near, config)), [[true; 6]; 2]);
+        let near = [0.0, 1.0, 2.0, 3.0, -9.0, -11.0, -11.5, -11.6].map(|x| x * unit);
+        let first = [true, true, true, true, false, false, false, false];
+        assert_eq!(released.map(|config| reached(&near, config)), [first; 2]);
+        let limit = [0.0, 10.005 * unit];
+        assert_eq!(released.map(|config| reached(&limit, config)), [[true, true], [true, false]]);
     }
 
     #[test]
