@@ -137,6 +137,23 @@ impl<'a> Archive<'a> {
         })
     }
 
+    /// Names, in an array of text or of objects that are text; `None` as in [`Self::numbers`].
+    pub(crate) fn texts(&mut self, field: &str) -> Result<Option<Vec<String>>, PeerFault> {
+        if !self.has(field) {
+            return Ok(None);
+        }
+        self.member(&format!("{field}.npy"), |input, budget, _| {
+            let header = npy::header(field, input)?;
+            if header.dtype.kind != b'O' {
+                return npy::numbers(field, header, input, budget)?.texts(field).map(Some);
+            }
+            let read = pickle::read(field, input, budget, None)?;
+            let (nodes, id) = read.ok_or_else(|| PeerFault::field(field, "is empty"))?;
+            let view = pickle::View { nodes: &nodes, id };
+            if is_missing(view) { Ok(None) } else { view.texts(field).map(Some) }
+        })
+    }
+
     /// As [`Self::numbers`], where the array must be there.
     pub(crate) fn required(&mut self, field: &str) -> Result<Numbers<'static>, PeerFault> {
         self.numbers(field)?.ok_or_else(|| PeerFault::field(field, "is missing"))
@@ -169,10 +186,42 @@ impl<'a> Archive<'a> {
 /// A pickled `None`, which stands for an array that is not there; any other object is refused.
 fn no_object(field: &str, input: &mut dyn Read, budget: &mut Budget) -> Result<(), PeerFault> {
     let read = pickle::read(field, input, budget, None)?;
-    let alone = read.as_ref().is_some_and(|(nodes, id)| {
-        let view = pickle::View { nodes, id: *id };
-        let mut members = view.members().into_iter().flatten();
-        view.is_none() || members.next().is_some_and(pickle::View::is_none) && members.next().is_none()
-    });
-    if alone { Ok(()) } else { Err(PeerFault::field(field, "holds objects where numbers should be")) }
+    let missing = read.as_ref().is_some_and(|(nodes, id)| is_missing(pickle::View { nodes, id: *id }));
+    if missing { Ok(()) } else { Err(PeerFault::field(field, "holds objects where numbers should be")) }
+}
+
+/// Whether an object is `None`, or an array of nothing else.
+fn is_missing(view: pickle::View<'_>) -> bool {
+    let mut members = view.members().into_iter().flatten();
+    view.is_none() || members.next().is_some_and(pickle::View::is_none) && members.next().is_none()
+}
+
+#[cfg(test)]
+mod tests {
+    use std::io::Write;
+
+    use super::*;
+
+    /// What is read of an npz whose `names` are an array of objects, of which the pickle lists these.
+    fn names(members: &[u8]) -> Result<Option<Vec<String>>, PeerFault> {
+        let mut header = b"{'descr': '|O', 'fortran_order': False, 'shape': (2,), }".to_vec();
+        header.resize(117, b' ');
+        header.push(b'\n');
+        let array = b"\x80\x03cnumpy.core.multiarray\n_reconstruct\ncnumpy\nndarray\nK\0\x85C\x01b\x87R(K\x01K\x02\x85\
+            cnumpy\ndtype\nX\x02\0\0\0O8\x89\x88\x87R(K\x03X\x01\0\0\0|NNNJ\xff\xff\xff\xffJ\xff\xff\xff\xffK\x3ftb\x89](";
+        let mut zip = zip::ZipWriter::new(Cursor::new(Vec::new()));
+        zip.start_file("names.npy", zip::write::SimpleFileOptions::default()).unwrap();
+        zip.write_all(&[b"\x93NUMPY\x01\0\x76\0", &header[..], array, members, b"etb."].concat()).unwrap();
+        let bytes = zip.finish().unwrap().into_inner();
+        Archive::open(Input::Bytes(&bytes))?.texts("names")
+    }
+
+    #[test]
+    fn names_may_be_objects_that_are_text() {
+        let two = names(b"X\x01\0\0\0aX\x02\0\0\0\xc3\xa9").unwrap();
+        assert_eq!(two, Some(vec!["a".to_owned(), "\u{e9}".to_owned()]));
+        assert_eq!(names(b"N").unwrap(), None);
+        let refused = names(b"X\x01\0\0\0aK\x02").unwrap_err().to_string();
+        assert!(refused.contains("`names`") && refused.contains("no list of text"), "{refused}");
+    }
 }

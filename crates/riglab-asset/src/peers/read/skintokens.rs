@@ -21,9 +21,7 @@ pub(super) fn read(archive: &mut Archive<'_>, extras: bool) -> Result<ArrayRig, 
     let matrices: &[[f32; 16]] = all.as_chunks().0;
     // By rows: the position is the last column, the bone's axis the second.
     rig.joints = matrices.iter().map(|m| [m[3], m[7], m[11]]).collect();
-    if let Some(names) = archive.numbers("joint_names")? {
-        rig.names = names.texts("joint_names")?;
-    }
+    rig.names = archive.texts("joint_names")?.unwrap_or_default();
     let parents = archive.required("parents")?.ints("parents")?;
     rig.parents = fields::parents(parents.into_iter().map(Some), joints)?;
     if let Some(lengths) = archive.numbers("lengths")? {

@@ -21,9 +21,7 @@ pub(super) fn read(archive: &mut Archive<'_>, extras: bool) -> Result<ArrayRig, 
     if let Some(tails) = archive.numbers("tails")? {
         rig.tails = tails.rows("tails")?;
     }
-    if let Some(names) = archive.numbers("names")? {
-        rig.names = names.texts("names")?;
-    }
+    rig.names = archive.texts("names")?.unwrap_or_default();
     if archive.has("parents") {
         rig.parents = parents(archive, rig.joints.len())?;
     }
