@@ -87,7 +87,8 @@ fn top_k(scores: &mut [f32], k: usize) {
 fn top_p(scores: &mut [f32], p: f32, keep: usize) {
     // What is impossible adds nothing to the sum.
     let mut order: Vec<usize> = (0..scores.len()).filter(|&id| scores[id] > f32::NEG_INFINITY).collect();
-    order.sort_by(|&a, &b| scores[a].total_cmp(&scores[b]));
+    // Equal ones in the order of ids; adding 0 makes -0 and +0 equal.
+    order.sort_by(|&a, &b| (scores[a] + 0.0).total_cmp(&(scores[b] + 0.0)));
     let own: Vec<f32> = order.iter().map(|&id| scores[id]).collect();
     let most = own.last().copied().unwrap_or(f32::NEG_INFINITY);
     // The sum in the order of ids, as over all scores.
@@ -105,6 +106,15 @@ fn top_p(scores: &mut [f32], p: f32, keep: usize) {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn of_equal_scores_the_first_is_dropped_whatever_the_sign_of_zero() {
+        for (first, second) in [(0.0, -0.0), (-0.0, 0.0), (1.0, 1.0)] {
+            let mut scores = [first, second];
+            top_p(&mut scores, 0.5, 1);
+            assert_eq!(scores, [f32::NEG_INFINITY, second]);
+        }
+    }
 
     #[test]
     fn shares_say_what_a_log_softmax_takes_off() {
