@@ -113,12 +113,13 @@ fn column(weights: &SkinWeights, joint: usize) -> Vec<f64> {
 fn farthest(case: &Golden) {
     let (points, count) = (case.points("in.fps.points"), case.shape("in.fps.points")[1]);
     for name in case.outputs("fps.") {
-        let ratio = match name.as_str() {
-            "out.fps.half" => 0.5,
-            "out.fps.quarter" => 0.25,
-            other => panic!("{}: unknown output `{other}`", case.name),
+        let part = |ratio: f64| (count as f64 * ratio).round_ties_even() as usize;
+        let picks = match name.strip_prefix("out.fps.").expect("a prefix") {
+            "half" => part(0.5),
+            "quarter" => part(0.25),
+            // A share in figures; or a name that tells none, whose count is that of the picks.
+            other => other.parse().map_or(case.shape(&name)[1], part),
         };
-        let picks = (count as f64 * ratio).round_ties_even() as usize;
         let all = points.chunks(count).flat_map(|cloud| farthest_points(cloud, picks, 0));
         case.check(&name, all.map(|k| k as f64));
     }

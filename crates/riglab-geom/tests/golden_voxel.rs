@@ -44,8 +44,10 @@ fn skintokens() {
             kernel: Kernel::Square { alpha: case.number("alpha") },
             vertices_per_cell: case.number("vertex_query") as usize,
             cell_cost: case.number("grid_weight"),
+            link: case.number("link_dis"),
             ..VoxelSkinConfig::skintokens()
         };
+        assert!(case.number("grid_query") >= 27.0, "{}: each cell is joined to all around it", case.name);
         let weights = |config| voxel_skin(&mesh, &skeleton, &given, &config).weights;
         case.check("out.square", weights(config));
         case.check("out.square_segments", weights(VoxelSkinConfig { bones: true, ..config }));
@@ -76,35 +78,61 @@ fn unirig() {
         close(&case, "out.norm_vertices", mesh.positions().as_flattened(), 1e-6);
         let skeleton = skeleton(&case, case.points("in.joints").into_iter().map(normal).collect());
         let surface = |grid: usize| fill(&shell(&mesh, &Lattice::unirig(&mesh, grid)), Between::Two);
-        for grid in [12, 20] {
-            cells(&case, &format!("out.open3d_g{grid}_cells"), &surface(grid));
-            cells(&case, &format!("out.pyrender_g{grid}_cells"), &by_depth(&mesh, grid));
+        for group in case.groups().iter().filter_map(|group| group.strip_suffix("_cells")) {
+            let (from, grid) = group.rsplit_once("_g").expect("a grid");
+            let grid = grid.parse().expect("a number");
+            let found = match from {
+                "open3d" => surface(grid),
+                "pyrender" => by_depth(&mesh, grid),
+                other => panic!("{}: unknown cells `{other}`", case.name),
+            };
+            cells(&case, &format!("out.{group}_cells"), &found);
         }
-        let released = VoxelSkinConfig::unirig();
-        let kinds = [
-            ("square", released),
-            ("exp", VoxelSkinConfig { kernel: Kernel::Exp, ..released }),
-            ("q27", VoxelSkinConfig { vertices_per_cell: 27, kernel: Kernel::Square { alpha: 0.3 }, ..released }),
-        ];
-        for (name, config) in kinds {
-            let skin = voxel_skin(&mesh, &skeleton, &surface(20), &config);
+        // "out.open3d_g20_cells for ..."
+        let told = case.config("cells_used").as_str().expect("cells that skins are of");
+        let grid = told.split("_g").nth(1).and_then(|s| s.split('_').next()?.parse().ok()).expect("a grid");
+        let kinds = case.groups();
+        for name in kinds.iter().filter_map(|group| group.strip_suffix("_skin")).filter(|name| !name.contains("full")) {
+            let skin = voxel_skin(&mesh, &skeleton, &surface(grid), &kind(&case, name));
             case.check(&format!("out.{name}_skin"), skin.weights);
             let distances = skin.distances.into_iter().map(|d| if d.is_finite() { d } else { -1.0 });
             case.check(&format!("out.{name}_vertex_dist"), distances);
             case.elsewhere(&format!("out.{name}_joint_nodes"), "told by the distances");
         }
-        full(&case, &mesh, &skeleton);
+        full(&case, &mesh, &skeleton, grid);
         case.done();
     }
 }
 
+/// What a kind of skin changes of the case's config: the kernel of its name, or what the config says of the name in
+/// words ("vertex_query 27, alpha 0.3").
+fn kind(case: &Golden, name: &str) -> VoxelSkinConfig {
+    let said = case.config(name).as_str().unwrap_or_default();
+    let number = |key: &str| {
+        let said = said.split(", ").find_map(|part| part.strip_prefix(key)?.trim().parse().ok());
+        said.unwrap_or_else(|| case.number(key))
+    };
+    assert!(number("grid_query") >= 7.0, "{}: {name}: each cell is joined to those beside it", case.name);
+    let kernel = match name {
+        "exp" => Kernel::Exp,
+        _ => Kernel::Square { alpha: number("alpha") },
+    };
+    VoxelSkinConfig {
+        vertices_per_cell: number("vertex_query") as usize,
+        cell_cost: number("grid_weight"),
+        link: 1.001 * number("link_dis"),
+        kernel,
+        ..VoxelSkinConfig::unirig()
+    }
+}
+
 /// From the mesh to the weights, with cells by the surface and by depth images.
-fn full(case: &Golden, mesh: &Mesh, skeleton: &Skeleton) {
-    let released = VoxelSkinConfig::unirig();
-    let at = |voxels: &Voxels| voxel_skin(mesh, skeleton, voxels, &released).weights;
+fn full(case: &Golden, mesh: &Mesh, skeleton: &Skeleton, grid: usize) {
+    let config = kind(case, "square");
+    let at = |voxels: &Voxels| voxel_skin(mesh, skeleton, voxels, &config).weights;
     let surface = |grid| fill(&shell(mesh, &Lattice::unirig(mesh, grid)), Between::Two);
-    case.check("out.full_open3d_skin", at(&surface(20)));
-    case.check("out.full_pyrender_skin", at(&by_depth(mesh, 20)));
+    case.check("out.full_open3d_skin", at(&surface(grid)));
+    case.check("out.full_pyrender_skin", at(&by_depth(mesh, grid)));
 }
 
 fn bounds(points: &[[f32; 3]]) -> ([f64; 3], [f64; 3]) {
