@@ -1,5 +1,7 @@
 //! The objective of GRPO against values worked out in double precision from the paper's equations.
 
+use std::collections::BTreeSet;
+
 use riglab_nn::grpo::{
     Objective, ObjectiveConfig, Policies, Scale, advantages, entropy, log_softmax_within, objective,
 };
@@ -17,7 +19,9 @@ fn numbers(t: &Tensor) -> Vec<f64> {
 fn objectives_of_small_groups() {
     riglab_torch::init(riglab_torch::Settings { threads: 1 });
     for (_, golden) in golden("grpo", &["objective"]) {
-        for name in golden.config("cases").as_object().unwrap().keys() {
+        // By their tensors: a side file may tell of cases that are left out.
+        let names: BTreeSet<&str> = golden.names("out.").filter_map(|name| Some(name.split_once('.')?.0)).collect();
+        for name in names {
             case(&golden, name);
         }
         golden.done();

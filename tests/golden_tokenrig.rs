@@ -214,7 +214,9 @@ fn generate(case: &Golden, of: &Golden) {
     let (net, params) = tiny_tokenrig(case, of, Kind::Float);
     let (w, layout) = (params.weights(), net.layout().clone());
     let codes = case.number("tokens_per_skin") as usize;
-    for (name, run) in case.config("runs").as_object().unwrap() {
+    for name in case.names("out.ids.") {
+        let run = &case.config("runs")[name];
+        assert!(run.is_object(), "{}: no run `{name}`", case.name);
         let number = |key: &str, usual: f64| run[key].as_f64().unwrap_or(usual);
         let rule = if run["corrected"] == true { SkinRule::Exact } else { SkinRule::Released };
         let config = GenerateConfig {

@@ -324,8 +324,10 @@ fn generate(case: &Golden, of: &Golden, net: &SkeletonModel, w: &Weights) {
     let cloud = Tensor::cat(&[&case.get("in.vertices"), &case.get("in.normals")], -1);
     let tokens = of.number("cond_tokens") as usize;
     let prefix = net.condition(w, &cloud, &picks(&cloud, &rows_of(&of.get("in.rows")), tokens));
-    for run in case.config("runs").as_array().unwrap() {
-        let name = run["name"].as_str().unwrap();
+    let runs = case.config("runs").as_array().unwrap();
+    for name in case.names("out.").filter_map(|name| name.strip_suffix(".ids")) {
+        let run = runs.iter().find(|run| run["name"].as_str() == Some(name));
+        let run = run.unwrap_or_else(|| panic!("{}: no run `{name}`", case.name));
         let kwargs = &run["kwargs"];
         let number = |key: &str, usual: f64| kwargs[key].as_f64().unwrap_or(usual);
         let config = GenerateConfig {
