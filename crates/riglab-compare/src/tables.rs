@@ -82,18 +82,20 @@ impl Comparison {
             for name in &names {
                 table.row(self.line(name, pair));
             }
+            let mut notes = Vec::new();
             if pair {
                 let [a, b] = [&self.systems[0].name, &self.systems[1].name];
-                table.note = format!(
+                notes.push(format!(
                     "difference: mean of {a} - {b} over assets where both are defined; p: share of sign flips over \
                      assets with a mean as far from 0"
-                );
+                ));
             }
             let without = self.without_failures(&names);
             if !without.is_empty() {
-                let before = if table.note.is_empty() { "" } else { ". " };
-                table.note += &format!("{before}Without failed and missing assets: {}", without.join(", "));
+                notes.push(format!("Without failed and missing assets: {}", without.join(", ")));
             }
+            notes.extend(self.marked(&names));
+            table.note = notes.join(". ");
             tables.push(table);
         }
         tables
@@ -113,14 +115,43 @@ impl Comparison {
         names.iter().filter(lacks).map(|name| name.split('@').next().unwrap_or(name)).collect()
     }
 
+    /// Which means are marked, and why some are not; nothing of a single system.
+    fn marked(&self, names: &[String]) -> Option<String> {
+        if self.systems.len() < 2 {
+            return None;
+        }
+        let judged: Vec<&String> = names.iter().filter(|name| lower_is_better(name).is_some()).collect();
+        let over = |name: &str| Over::of(&self.systems.iter().map(|s| s.values(name)).collect::<Vec<_>>());
+        let apart: Vec<&str> = judged
+            .iter()
+            .filter(|name| over(name) == Over::Different)
+            .map(|name| name.split('@').next().unwrap_or(name))
+            .collect();
+        let any = judged.iter().any(|name| over(name) == Over::Same);
+        match (any, apart.is_empty()) {
+            (true, true) => Some("Marked: the better mean, where several systems have one".into()),
+            (true, false) => Some(format!(
+                "Marked: the better mean, where the systems are scored on the same assets; they are not for {}",
+                apart.join(", ")
+            )),
+            (false, false) => Some(
+                "No mean is marked as the better one: the systems are scored on different assets (see n); compare with \
+                 `--failures worst`, which counts every asset"
+                    .into(),
+            ),
+            (false, true) => None,
+        }
+    }
+
     fn line(&self, name: &str, pair: bool) -> Vec<Cell> {
         let lower = lower_is_better(name);
         let values: Vec<Vec<f64>> = self.systems.iter().map(|s| s.values(name)).collect();
         let means: Vec<Mean> = values.iter().map(|v| Mean::of(v)).collect();
+        let comparable = lower.is_some() && Over::of(&values) == Over::Same;
         let best = |m: &Mean| {
             let others = means.iter().map(|o| o.mean).filter(|x| x.is_finite());
             let best = if lower == Some(true) { others.reduce(f64::min) } else { others.reduce(f64::max) };
-            lower.is_some() && means.len() > 1 && best == Some(m.mean)
+            comparable && best == Some(m.mean)
         };
         let arrow = match lower {
             Some(true) => "lower",
@@ -191,6 +222,31 @@ impl Comparison {
     }
 }
 
+/// What the means of a metric are over. A system that fails on what is hard has an easy mean: none is the better one
+/// then.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Over {
+    /// At most one system has a figure.
+    One,
+    /// All systems that have figures have them for the same assets.
+    Same,
+    /// They have figures for different assets.
+    Different,
+}
+
+impl Over {
+    /// Of a value an asset, a list a system.
+    fn of(values: &[Vec<f64>]) -> Self {
+        let defined = values.iter().map(|v| v.iter().map(|x| x.is_finite()).collect::<Vec<_>>());
+        let with: Vec<Vec<bool>> = defined.filter(|own| own.contains(&true)).collect();
+        match &with[..] {
+            [] | [_] => Self::One,
+            [first, others @ ..] if others.iter().all(|own| own == first) => Self::Same,
+            _ => Self::Different,
+        }
+    }
+}
+
 fn number(value: f64) -> Cell {
     Cell::number(value, 0).with_text(shown(value))
 }
@@ -238,7 +294,7 @@ mod tests {
     }
 
     #[test]
-    fn the_better_mean_is_marked_and_missing_assets_are_counted() {
+    fn missing_assets_are_counted_and_win_nothing() {
         let comparison = Comparison {
             truth: "t".into(),
             failures: Failures::Apart,
@@ -253,7 +309,8 @@ mod tests {
         let cells = &tables[0].rows[0];
         let texts: Vec<&str> = cells.iter().map(|c| c.text.as_str()).collect();
         assert_eq!((texts[0], texts[2], texts[4], texts[5], texts[7]), ("j2j", "0.1500", "2", "0.4000", "2"));
-        assert!(cells[2].strong && !cells[5].strong);
+        assert!(!cells[2].strong && !cells[5].strong, "they are over different assets");
+        assert!(tables[0].note.contains("No mean is marked") && tables[0].note.contains("--failures worst"));
         // Both are defined on the first asset alone.
         assert_eq!(texts[8], "-0.2000");
         assert_eq!(comparison.counts().rows[0][5].text, "1");
@@ -263,6 +320,25 @@ mod tests {
             (Some(1), Some(2))
         );
         assert_eq!(json["systems"][1]["rows"][1]["measures"]["j2j@rignet"], Value::Null);
+    }
+
+    #[test]
+    fn a_mean_is_better_than_another_over_the_same_assets_alone() {
+        let of = |systems: &[&[Option<f64>]]| {
+            let systems = systems.iter().enumerate().map(|(k, values)| system(&format!("s{k}"), values)).collect();
+            let all = Comparison { truth: "t".into(), failures: Failures::Apart, unread_truth: Vec::new(), systems };
+            let table = all.tables(&Preset::ALL).remove(0);
+            let strong: Vec<bool> =
+                table.rows[0].iter().skip(2).step_by(3).take(all.systems.len()).map(|c| c.strong).collect();
+            (strong, table.note)
+        };
+        let (two, some) = ([Some(0.1), Some(0.2)], [Some(0.3), Some(0.1)]);
+        let (strong, note) = of(&[&two, &some]);
+        assert_eq!(strong, [true, false]);
+        assert!(note.ends_with("Marked: the better mean, where several systems have one"), "{note}");
+        assert_eq!(of(&[&two, &[None, Some(f64::NAN)]]).0, [false, false], "the only one with figures is not the best");
+        assert_eq!(of(&[&two, &some, &[None, Some(0.01)]]).0, [false; 3], "the third has the easy asset alone");
+        assert_eq!(of(&[&two]), (vec![false], String::new()));
     }
 
     #[test]

@@ -34,8 +34,12 @@ impl Metric {
         Self { higher: false, ..Self::higher(name, convention, digits) }
     }
 
-    /// Of some values which are the best: all that are shown with the best one's digits; none that is no number.
+    /// Of some values which are the best: all that are shown with the best one's digits; none that is no number, and none
+    /// that is the only one.
     pub(crate) fn best(&self, values: &[f64]) -> Vec<bool> {
+        if values.iter().filter(|v| v.is_finite()).count() < 2 {
+            return vec![false; values.len()];
+        }
         let finite = values.iter().copied().filter(|v| v.is_finite());
         let best = if self.higher { finite.reduce(f64::max) } else { finite.reduce(f64::min) };
         let shown = |v: f64| format!("{v:.*}", self.digits);
@@ -278,6 +282,7 @@ pub(crate) mod tests {
         assert_eq!(Metric::higher("x", "c", 1).best(&values), [false, true, false, true], "equals are alike");
         assert_eq!(Metric::lower("x", "c", 1).best(&values), [false, false, true, false]);
         assert_eq!(Metric::lower("x", "c", 1).best(&[f64::NAN]), [false]);
+        assert_eq!(Metric::lower("x", "c", 1).best(&[f64::NAN, 1.0]), [false, false], "the only one is not the best");
         // What a reader cannot tell apart.
         assert_eq!(Metric::higher("x", "c", 1).best(&[2.04, 2.01, 1.9]), [true, true, false]);
     }

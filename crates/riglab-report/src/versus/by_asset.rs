@@ -5,7 +5,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use riglab_metric::statistics::Paired;
 
 use super::{Compared, shared};
-use crate::{Cell, Findings, Single, Table};
+use crate::{Cell, Findings, Metric, Single, Table};
 
 /// What tells an asset from others: its split, its name, and of equal names the first, the second, ...
 type Key<'a> = (&'a str, &'a str, usize);
@@ -26,6 +26,13 @@ fn keyed(f: &Findings) -> Vec<(Key<'_>, &Single)> {
 fn values<'a>(f: &'a Findings, split: Option<&str>, place: usize) -> BTreeMap<Key<'a>, f64> {
     let own = keyed(f).into_iter().filter(|(key, _)| split.is_none_or(|split| key.0 == split));
     own.map(|(key, s)| (key, s.values[place])).collect()
+}
+
+/// The assets of a split for which a run has a figure; `None` where figures by asset are not known.
+pub(super) fn defined<'a>(f: &'a Findings, split: &str, metric: &Metric) -> Option<BTreeSet<Key<'a>>> {
+    let place = f.singles_of.iter().position(|m| m.name == metric.name && m.convention == metric.convention)?;
+    let own = values(f, Some(split), place);
+    Some(own.into_iter().filter(|(_, v)| v.is_finite()).map(|(key, _)| key).collect())
 }
 
 /// Paired tests of each run against the first, asset by asset. `None` where nothing is known by asset.
@@ -138,16 +145,17 @@ pub(super) fn groups(runs: &[Compared], of: &[&Findings]) -> Option<Table> {
                 if keys.is_empty() {
                     continue;
                 }
-                let means: Vec<f64> = all
+                let found: Vec<BTreeMap<Key, f64>> = all
                     .iter()
                     .zip(at)
                     .map(|(singles, &at)| {
-                        let own = singles.iter().filter(|(key, _)| keys.contains(key));
-                        let finite: Vec<f64> = own.map(|(_, s)| s.values[at]).filter(|v| v.is_finite()).collect();
-                        finite.iter().sum::<f64>() / finite.len() as f64
+                        let own = singles.iter().filter(|(key, s)| keys.contains(key) && s.values[at].is_finite());
+                        own.map(|(key, s)| (*key, s.values[at])).collect()
                     })
                     .collect();
-                let best = metric.best(&means);
+                let means: Vec<f64> = found.iter().map(|of| of.values().sum::<f64>() / of.len() as f64).collect();
+                let alike = found.iter().all(|of| of.keys().eq(found[0].keys()));
+                let best = if alike { metric.best(&means) } else { vec![false; means.len()] };
                 let mut cells = vec![
                     Cell::text(&metric.name),
                     Cell::text(split),
@@ -159,6 +167,7 @@ pub(super) fn groups(runs: &[Compared], of: &[&Findings]) -> Option<Table> {
             }
         }
     }
-    table.note = "Means over the assets with a figure.".into();
+    table.note =
+        "Means over the assets with a figure; the best is marked where all runs have one for the same assets.".into();
     Some(table)
 }

@@ -273,6 +273,26 @@ mod tests {
     }
 
     #[test]
+    fn a_run_that_fails_on_some_assets_is_not_marked_as_the_best() {
+        let strong = |blocks: &[Block], split: &str| -> Vec<bool> {
+            let rows = &table(blocks, &format!("{split}: convention skintokens")).rows;
+            rows.iter().take(3).map(|row| row[3].strong).collect()
+        };
+        let mut fails = run("b", 0.1, "1");
+        fails.findings[0].singles[0].values[0] = f64::NAN;
+        let blocks = versus(&[run("a", 0.0, "1"), fails]).unwrap();
+        assert_eq!(strong(&blocks, "test_seen"), [false; 3]);
+        let note = &table(&blocks, "test_seen: convention").note;
+        assert!(note.starts_with("Not marked, as the runs have figures for different assets: IoU. Publ"), "{note}");
+        // Of the other split both lack the same asset; what stands beside them may have it.
+        assert_eq!(strong(&blocks, "test_new"), [false, true, false]);
+        let groups = table(&blocks, "by category");
+        let fish = groups.rows.iter().find(|row| row[2].text == "fish").unwrap();
+        assert!(!fish[4].strong && !fish[5].strong);
+        assert!(groups.rows[0][5].strong, "birds have figures in both");
+    }
+
+    #[test]
     fn what_stands_beside_is_told_apart_where_runs_found_other_numbers_of_it() {
         let mut other = run("b", 0.05, "1");
         let before = other.findings[0].totals.iter_mut().find(|t| !t.own && t.split == "test_seen").unwrap();

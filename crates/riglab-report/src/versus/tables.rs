@@ -1,5 +1,6 @@
 //! A table a split, with all runs side by side and what stands beside them.
 
+use super::by_asset::defined;
 use super::{Compared, shared};
 use crate::findings::{PUBLISHED, conventions};
 use crate::{Cell, Findings, Metric, Table};
@@ -44,11 +45,20 @@ pub(super) fn side_by_side(runs: &[Compared], of: &[&Findings]) -> Vec<Table> {
             }
             own_rows = if own { rows.len() } else { own_rows };
         }
-        let best: Vec<Vec<bool>> = names
-            .iter()
-            .enumerate()
-            .map(|(c, m)| m.best(&rows.iter().map(|(_, values)| values[c]).collect::<Vec<_>>()))
-            .collect();
+        let mut apart: Vec<&str> = Vec::new();
+        let mut best: Vec<Vec<bool>> = Vec::new();
+        for (c, m) in names.iter().enumerate() {
+            let rivals = rivals(of, split, m);
+            if rivals == Rivals::None {
+                apart.push(&m.name);
+            }
+            let may = |n: usize| rivals == Rivals::All || (rivals == Rivals::Runs && n < own_rows);
+            let value = |(n, (_, values)): (usize, &(Vec<Cell>, Vec<f64>))| if may(n) { values[c] } else { f64::NAN };
+            best.push(m.best(&rows.iter().enumerate().map(value).collect::<Vec<_>>()));
+        }
+        if !apart.is_empty() {
+            table.note = format!("Not marked, as the runs have figures for different assets: {}. ", apart.join(", "));
+        }
         for (n, (mut cells, values)) in rows.into_iter().enumerate() {
             if n == own_rows {
                 table.line();
@@ -60,8 +70,9 @@ pub(super) fn side_by_side(runs: &[Compared], of: &[&Findings]) -> Vec<Table> {
         let published = of[0].published_rows();
         if !published.is_empty() {
             table.line();
-            table.note = PUBLISHED.into();
+            table.note += PUBLISHED;
         }
+        table.note.truncate(table.note.trim_end().len());
         for (line, cells) in published {
             let place = |(_, at): &(Metric, Vec<usize>)| cells[at[0]].clone();
             let numbers: Vec<Cell> = metrics.iter().map(place).collect();
@@ -73,6 +84,28 @@ pub(super) fn side_by_side(runs: &[Compared], of: &[&Findings]) -> Vec<Table> {
         tables.push(table);
     }
     tables
+}
+
+/// Among which rows a metric has a best.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Rivals {
+    /// All: every run has a figure for every asset, or figures by asset are not known.
+    All,
+    /// The runs, which have figures for the same assets; what stands beside them may have others.
+    Runs,
+    /// None: the runs have figures for different assets, and one that fails on what is hard would win.
+    None,
+}
+
+fn rivals(of: &[&Findings], split: &str, metric: &Metric) -> Rivals {
+    let known: Option<Vec<_>> = of.iter().map(|f| defined(f, split, metric)).collect();
+    let Some(sets) = known else { return Rivals::All };
+    let all = of[0].singles.iter().filter(|s| s.split == split).count();
+    match sets.iter().all(|own| *own == sets[0]) {
+        true if sets[0].len() == all => Rivals::All,
+        true => Rivals::Runs,
+        false => Rivals::None,
+    }
 }
 
 /// Whether two lists hold the same numbers; what is undefined equals what is undefined.
