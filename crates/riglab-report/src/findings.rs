@@ -271,7 +271,7 @@ pub(crate) mod tests {
     #[test]
     fn published_numbers_come_in_the_unit_of_the_column() {
         let table = findings(0.0).published_table().unwrap();
-        let row = table.rows.iter().find(|r| r[0].text.contains("full, VRoid")).unwrap();
+        let row = table.rows.iter().find(|r| r[0].text.contains("FSQ-CVAE (SkinTokens paper), VRoid")).unwrap();
         assert_eq!([&row[1].text, &row[2].text], ["0.871", "0.00541"]);
         assert!(row[1].published && row[2].published && row[0].text.starts_with("published"));
     }

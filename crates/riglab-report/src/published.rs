@@ -20,6 +20,27 @@ pub fn names() -> Vec<String> {
 
 /// A published table by its name, every cell marked as published.
 pub fn table(name: &str) -> Option<Table> {
+    let mut table = read(name)?;
+    table.head.iter_mut().skip(1).for_each(|column| *column = headed(name, column));
+    Some(table)
+}
+
+/// What stands above a column.
+fn headed(table: &str, column: &str) -> String {
+    let (data, metric) = place(table, column);
+    let metric = match metric.as_str() {
+        "j2j" | "j2b" | "b2b" | "l1" => metric.to_uppercase(),
+        "l1_var" => "L1 variance".into(),
+        "iou" => "IoU".into(),
+        // The table is called after it.
+        "skin_l1" => "L1".into(),
+        other => other.replace('_', " "),
+    };
+    format!("{data} {metric}").trim().into()
+}
+
+/// A published table with its columns as they are named in the file.
+fn read(name: &str) -> Option<Table> {
     let (group, own) = name.split_once('.')?;
     let from = TABLES.get(group)?.get(own)?;
     let rows = from.get("rows")?.as_table()?;
@@ -47,7 +68,7 @@ pub fn table(name: &str) -> Option<Table> {
 pub struct Line {
     /// The table it is of, such as `skintokens.table3`.
     pub table: String,
-    /// The system, as the table calls it.
+    /// The system, and who measured it.
     pub system: String,
     /// The data set; empty where the table has one alone.
     pub data: String,
@@ -69,8 +90,13 @@ impl Line {
 
     /// What stands before its numbers.
     pub fn name(&self) -> String {
+        format!("published: {}", self.source())
+    }
+
+    /// The same where it is said already that it is published.
+    pub fn source(&self) -> String {
         let on = if self.data.is_empty() { String::new() } else { format!(", {}", self.data) };
-        format!("published: {}{on} ({})", self.system, self.table)
+        format!("{}{on} ({})", self.system, self.table)
     }
 }
 
@@ -86,22 +112,25 @@ const DATA: [(&str, &str); 8] = [
     ("rigxl_aug", "Rig-XL augmented"),
 ];
 
+/// The data set and the metric of a table's column; without a data set, an empty one.
+fn place(table: &str, column: &str) -> (String, String) {
+    let data = |key: &str| DATA.iter().find(|(k, _)| *k == key).map(|(_, name)| (*name).to_owned());
+    let split = column.split_once('_').and_then(|(first, metric)| Some((data(first)?, metric.to_owned())));
+    match data(column) {
+        Some(data) => (data, table.rsplit('.').next().unwrap_or(table).to_owned()),
+        None => split.unwrap_or_else(|| (String::new(), column.to_owned())),
+    }
+}
+
 /// A published table by system and data set: columns such as `mr_j2j` are a data set's metric, columns that are data
 /// sets have the metric that the table is called after. Empty where there is no such table.
 pub fn lines(name: &str) -> Vec<Line> {
-    let Some(table) = table(name) else { return Vec::new() };
-    let own = name.rsplit('.').next().unwrap_or(name);
-    let data = |key: &str| DATA.iter().find(|(k, _)| *k == key).map(|(_, name)| *name);
-    let place = |column: &str| match (data(column), column.split_once('_')) {
-        (Some(data), _) => (data.to_owned(), own.to_owned()),
-        (_, Some((first, metric))) if data(first).is_some() => (data(first).unwrap_or_default().into(), metric.into()),
-        _ => (String::new(), column.to_owned()),
-    };
+    let Some(table) = read(name) else { return Vec::new() };
     let mut out: Vec<Line> = Vec::new();
     for row in &table.rows {
         let start = out.len();
         for (column, cell) in table.head.iter().zip(row).skip(1) {
-            let (data, metric) = place(column);
+            let (data, metric) = place(name, column);
             let Ok(value) = cell.text.parse::<f64>() else { continue };
             match out[start..].iter_mut().find(|l| l.data == data) {
                 Some(line) => line.values.push((metric, value)),
@@ -149,17 +178,19 @@ mod tests {
         let of = |name: &str, system: &str, data: &str| {
             lines(name).into_iter().find(|l| l.system == system && l.data == data).unwrap_or_else(|| panic!("{name}"))
         };
-        let full = of("skintokens.table5", "full", "ModelsResource");
+        let full = of("skintokens.table5", "FSQ-CVAE (SkinTokens paper)", "ModelsResource");
         assert_eq!(full.values, [("l1".to_owned(), 0.0138), ("iou".into(), 91.1), ("mask".into(), 83.9)]);
         // As many digits as were printed, in the unit asked for.
         assert_eq!(full.cell("iou", 0.01).text, "0.911");
         assert_eq!((full.cell("j2j", 1.0).text.as_str(), full.cell("j2j", 1.0).published), ("", true));
-        let unirig = of("unirig.j2j", "ours", "VRoid augmented");
+        let unirig = of("unirig.j2j", "UniRig (its paper)", "VRoid augmented");
         assert_eq!(unirig.values, [("j2j".to_owned(), 0.0101)]);
         assert_eq!(unirig.cell("j2j", 100.0).text, "1.01");
-        assert_eq!(unirig.name(), "published: ours, VRoid augmented (unirig.j2j)");
+        assert_eq!(unirig.name(), "published: UniRig (its paper), VRoid augmented (unirig.j2j)");
         // What was not reported is no number.
-        assert!(!lines("unirig.j2j").iter().any(|l| l.system == "nbs" && l.data == "Rig-XL augmented"));
+        assert!(
+            !lines("unirig.j2j").iter().any(|l| l.system.starts_with("Neural Blend") && l.data == "Rig-XL augmented")
+        );
         assert_eq!(of("skintokens.table2", "8-8-8-8-8", "").values.len(), 3);
         assert!(lines("nowhere").is_empty());
     }
@@ -167,7 +198,21 @@ mod tests {
     #[test]
     fn numbers_are_as_printed() {
         let table = table("skintokens.table3").unwrap();
-        let row = table.rows.iter().find(|r| r[0].text == "tokenrig_4").unwrap();
+        let row = table.rows.iter().find(|r| r[0].text.starts_with("TokenRig, 4 tokens a bone (")).unwrap();
         assert_eq!(row[1..4].iter().map(|c| c.text.as_str()).collect::<Vec<_>>(), ["2.857", "2.025", "1.568"]);
+        assert_eq!(table.head[..3], ["published", "ModelsResource J2J", "ModelsResource J2B"]);
+    }
+
+    #[test]
+    fn names_and_notes_can_be_read_without_the_papers_or_other_files() {
+        for name in names() {
+            let table = table(&name).unwrap();
+            assert!(!table.caption.contains(".md"), "{name}: {}", table.caption);
+            for row in &table.rows {
+                let text = &row[0].text;
+                let short = ["ours", "full", "nbs"].contains(&text.as_str()) || text.contains('_');
+                assert!(!short, "{name}: `{text}` does not say whose it is");
+            }
+        }
     }
 }

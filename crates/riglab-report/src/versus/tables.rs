@@ -77,7 +77,7 @@ pub(super) fn side_by_side(runs: &[Compared], of: &[&Findings]) -> Vec<Table> {
             let place = |(_, at): &(Metric, Vec<usize>)| cells[at[0]].clone();
             let numbers: Vec<Cell> = metrics.iter().map(place).collect();
             if numbers.iter().any(|c| !c.text.is_empty()) {
-                let first = [Cell::text("published"), Cell::text(line.name()), Cell::none()];
+                let first = [Cell::text("published"), Cell::text(line.source()), Cell::none()];
                 table.row(first.into_iter().chain(numbers).collect());
             }
         }
