@@ -75,6 +75,15 @@ impl Page {
         }
         out
     }
+
+    /// Rows that stand in no other form, as comma-separated values a column a head; `None` for a page without a
+    /// sheet.
+    pub fn sheet(&self) -> Option<String> {
+        self.blocks.iter().find_map(|block| match block {
+            Block::Sheet(table) => Some(table.to_csv()),
+            _ => None,
+        })
+    }
 }
 
 /// A block's figures as tables.

@@ -54,6 +54,8 @@ pub enum Block {
     Facts(Vec<(String, String)>),
     /// A table.
     Table(Table),
+    /// Rows for a spreadsheet alone, too many for a page: see [`Page::sheet`].
+    Sheet(Table),
     /// Charts side by side.
     Charts(Vec<Chart>),
     /// Bars side by side.
@@ -108,6 +110,7 @@ fn block(block: &Block, room: &mut usize) -> Result<Value, ReportError> {
             let right: Vec<bool> = (0..table.head.len()).map(|k| table.is_number(k)).collect();
             context! { kind => "table", table => Value::from(Serde(table)), right }
         }
+        Block::Sheet(_) => context! { kind => "sheet" },
         Block::Charts(charts) => {
             let drawn = charts.iter().map(Chart::to_svg).collect::<Result<Vec<_>, _>>()?;
             let drawn: Vec<Value> = drawn.into_iter().filter(|s| !s.is_empty()).map(Value::from_safe_string).collect();

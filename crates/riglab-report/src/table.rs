@@ -27,6 +27,17 @@ impl Cell {
         Self { text, number: true, strong: false, published: false }
     }
 
+    /// A difference with its sign; nothing that is shown as 0 has one.
+    pub fn difference(value: f64, digits: usize) -> Self {
+        let shown = Self::number(value, digits);
+        let zero = shown.text.chars().all(|c| matches!(c, '-' | '0' | '.'));
+        match value.is_finite() {
+            true if zero => Self::number(0.0, digits),
+            true => Self::none().with_text(format!("{value:+.digits$}")),
+            false => shown,
+        }
+    }
+
     /// A whole number.
     pub fn count(value: usize) -> Self {
         Self { number: true, ..Self::text(value.to_string()) }
@@ -79,5 +90,17 @@ impl Table {
     /// Draws a line before the next row.
     pub fn line(&mut self) {
         self.breaks.push(self.rows.len());
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn differences_have_signs_and_zero_has_none() {
+        let shown = [0.25, -0.25, 0.00004, -0.00004, -0.0, f64::NAN].map(|v| Cell::difference(v, 3).text);
+        assert_eq!(shown, ["+0.250", "-0.250", "0.000", "0.000", "0.000", "–"]);
+        assert_eq!(Cell::difference(-0.4, 0).text, "0");
     }
 }

@@ -5,13 +5,20 @@ use std::collections::{BTreeMap, BTreeSet};
 use riglab_metric::statistics::Paired;
 
 use super::{Compared, shared};
-use crate::{Cell, Findings, Metric, Single, Table};
+use crate::findings::conventions;
+use crate::{Cell, Findings, Metric, Single, Table, Total};
 
 /// What tells an asset from others: its split, its name, and of equal names the first, the second, ...
-type Key<'a> = (&'a str, &'a str, usize);
+pub(super) type Key<'a> = (&'a str, &'a str, usize);
+
+/// What a metric is called where it is the mean of the assets' own figures. Totals of the same name may be pooled over
+/// all assets, which is another number.
+pub(super) fn per_rig(metric: &Metric) -> String {
+    if metric.name.ends_with("per rig") { metric.name.clone() } else { format!("{} per rig", metric.name) }
+}
 
 /// The single assets of a run, each by what tells it from the others.
-fn keyed(f: &Findings) -> Vec<(Key<'_>, &Single)> {
+pub(super) fn keyed(f: &Findings) -> Vec<(Key<'_>, &Single)> {
     let mut seen: BTreeMap<(&str, &str), usize> = BTreeMap::new();
     let of = |s| {
         let Single { split, name, .. }: &Single = s;
@@ -58,7 +65,9 @@ pub(super) fn tests(runs: &[Compared], of: &[&Findings]) -> Option<Table> {
         "worse",
         "p",
     ];
-    let mut table = Table::new(format!("{}: paired tests against {first}, asset by asset", of[0].about), &head);
+    let names: Vec<Metric> = metrics.iter().map(|(m, _)| m.clone()).collect();
+    let caption = format!("{}: paired tests against {first}, asset by asset, {}", of[0].about, conventions(&names));
+    let mut table = Table::new(caption, &head);
     let splits = of[0].splits();
     let all = (splits.len() > 1).then_some(None);
     for k in 1..runs.len() {
@@ -80,21 +89,17 @@ pub(super) fn tests(runs: &[Compared], of: &[&Findings]) -> Option<Table> {
                 let [smaller, equal, larger] = paired.smaller_equal_larger;
                 let (better, worse) = if metric.higher { (larger, smaller) } else { (smaller, larger) };
                 let digits = metric.digits;
-                let signed = |v: f64| match v.is_finite() {
-                    true => Cell::none().with_text(format!("{v:+.digits$}")),
-                    false => Cell::number(v, digits),
-                };
                 table.row(vec![
                     Cell::text(&runs[k].name),
                     Cell::text(split.unwrap_or("all splits")),
-                    Cell::text(&metric.name),
+                    Cell::text(per_rig(metric)),
                     Cell::count(total),
                     Cell::count(total - paired.n),
                     Cell::number(mean(&a), digits),
                     Cell::number(mean(&b), digits),
-                    signed(paired.difference),
-                    signed(paired.low),
-                    signed(paired.high),
+                    Cell::difference(paired.difference, digits),
+                    Cell::difference(paired.low, digits),
+                    Cell::difference(paired.high, digits),
                     Cell::count(better),
                     Cell::count(equal),
                     Cell::count(worse),
@@ -103,13 +108,61 @@ pub(super) fn tests(runs: &[Compared], of: &[&Findings]) -> Option<Table> {
             }
         }
     }
-    table.note =
-        "Means over the assets where both have a figure; undefined: those where one has none, such as failures. \
-                  from, to: 95 % interval of the difference by bootstrap over assets. p: how often a difference as \
-                  large would come about if the two runs were interchangeable on every asset (sign flips). It says \
-                  nothing about other seeds: for that, train several and use `riglab sweep`."
-            .into();
+    table.note = format!(
+        "{}Means over the assets where both have a figure; undefined: those where one has none, such as failures. from, \
+         to: 95 % interval of the difference by bootstrap over assets. p: how often a difference as large would come \
+         about if the two runs were interchangeable on every asset (sign flips). It says nothing about other seeds: for \
+         that, train several of each with `riglab sweep`, whose report has the differences seed by seed with their \
+         intervals.",
+        tested(of[0], &names)
+    );
     Some(table)
+}
+
+/// What is tested: of which rows, and which totals of the same name are other figures.
+fn tested(of: &Findings, metrics: &[Metric]) -> String {
+    let rows = tested_rows(of);
+    let mut methods: Vec<String> = rows.iter().map(|t| format!("`{}`", t.method)).collect();
+    methods.sort();
+    methods.dedup();
+    let is_pooled = |m: &&Metric| rows.iter().any(|row| is_mean(of, row, m, &m.name) == Some(false));
+    let pooled: Vec<&str> = metrics.iter().filter(is_pooled).map(|m| m.name.as_str()).collect();
+    let mut out = String::new();
+    if !methods.is_empty() {
+        out += &format!("Tested is what each run trained, in the tables above {}. ", methods.join(" and "));
+    }
+    if !pooled.is_empty() {
+        let are = if pooled.len() == 1 { "is another figure" } else { "are other figures" };
+        out += &format!(
+            "per rig: the mean of each asset's own figure; {} in the tables above {are}, pooled over all assets, so that \
+             large ones count more. ",
+            pooled.join(" and ")
+        );
+    }
+    out
+}
+
+/// The rows that the single assets are of: of what was trained those with the assets' means, such as the one with all
+/// codes of several numbers of codes; all where none has.
+fn tested_rows(of: &Findings) -> Vec<&Total> {
+    let own = || of.totals.iter().filter(|t| t.own);
+    let has = |t: &&Total| {
+        let is = |m: &Metric| [m.name.clone(), per_rig(m)].iter().any(|name| is_mean(of, t, m, name) == Some(true));
+        of.singles_of.iter().any(is)
+    };
+    let found: Vec<&Total> = own().filter(has).collect();
+    if found.is_empty() { own().collect() } else { found }
+}
+
+/// Whether the column `name` of a row is the mean of the single assets' metric; `None` where there is no such column or
+/// no mean.
+fn is_mean(of: &Findings, row: &Total, metric: &Metric, name: &str) -> Option<bool> {
+    let total = of.totals_of.iter().position(|m| m.name == name && m.convention == metric.convention)?;
+    let single = of.singles_of.iter().position(|m| m.name == metric.name && m.convention == metric.convention)?;
+    let own = of.singles.iter().filter(|s| s.split == row.split).map(|s| s.values[single]);
+    let finite: Vec<f64> = own.filter(|v| v.is_finite()).collect();
+    let mean = finite.iter().sum::<f64>() / finite.len() as f64;
+    mean.is_finite().then(|| (mean - row.values[total]).abs() <= 1e-6 * mean.abs())
 }
 
 /// A probability: no more digits than mean something, and never 0.
@@ -129,9 +182,10 @@ pub(super) fn groups(runs: &[Compared], of: &[&Findings]) -> Option<Table> {
     if metrics.is_empty() || categories.len() < 2 {
         return None;
     }
+    let names: Vec<Metric> = metrics.iter().map(|(m, _)| m.clone()).collect();
     let head = ["metric", "split", "category", "assets"].into_iter().chain(runs.iter().map(|r| r.name.as_str()));
     let head: Vec<&str> = head.collect();
-    let mut table = Table::new(format!("{}: means by category", of[0].about), &head);
+    let mut table = Table::new(format!("{}: means by category, {}", of[0].about, conventions(&names)), &head);
     let all: Vec<Vec<(Key, &Single)>> = of.iter().map(|f| keyed(f)).collect();
     for (metric, at) in &metrics {
         if !table.rows.is_empty() {
@@ -157,7 +211,7 @@ pub(super) fn groups(runs: &[Compared], of: &[&Findings]) -> Option<Table> {
                 let alike = found.iter().all(|of| of.keys().eq(found[0].keys()));
                 let best = if alike { metric.best(&means) } else { vec![false; means.len()] };
                 let mut cells = vec![
-                    Cell::text(&metric.name),
+                    Cell::text(per_rig(metric)),
                     Cell::text(split),
                     Cell::text(if category.is_empty() { "without" } else { category }),
                     Cell::count(keys.len()),

@@ -4,6 +4,7 @@
 //! refused with the difference named; what is left can be tested asset by asset.
 
 mod by_asset;
+mod changed;
 mod refusal;
 mod tables;
 
@@ -34,7 +35,7 @@ pub struct Compared {
 }
 
 /// The comparison of runs, at least two of them: settings, tables side by side with published numbers, paired tests
-/// against the first, categories, curves.
+/// against the first, the assets that changed most, categories, curves, and a sheet of all assets.
 ///
 /// # Errors
 /// As [`Refusal`] tells.
@@ -42,14 +43,18 @@ pub fn versus(runs: &[Compared]) -> Result<Vec<Block>, Refusal> {
     let Some((first, others)) = runs.split_first() else { return Ok(Vec::new()) };
     others.iter().try_for_each(|other| same(first, other))?;
     let mut blocks = vec![Block::Table(facts(runs)), Block::Table(settings(runs)?)];
+    let mut measured = Vec::new();
     for about in first.findings.iter().map(|f| f.about.as_str()) {
         let of: Option<Vec<&Findings>> = runs.iter().map(|r| find(r, about)).collect();
         let Some(of) = of else { continue };
         blocks.push(Block::Heading(about.into()));
         blocks.extend(side_by_side(runs, &of).into_iter().map(Block::Table));
         blocks.extend(tests(runs, &of).map(Block::Table));
+        blocks.extend(changed::most(runs, &of).map(Block::Table));
         blocks.extend(groups(runs, &of).map(Block::Table));
+        measured.push(of);
     }
+    blocks.extend(changed::all(runs, &measured).map(Block::Sheet));
     let curves = curves(runs);
     if !curves.is_empty() {
         blocks.push(Block::Heading("Training".into()));
@@ -208,12 +213,12 @@ mod tests {
         assert!(text(seen, 3)[0] == "published" && seen.rows[3][3].published && !seen.note.is_empty());
         let tests = table(&blocks, "paired tests against a");
         // Five assets, all better: of 32 flips two reach it.
-        assert_eq!(text(tests, 0)[..5], ["long", "test_seen", "IoU", "5", "0"]);
+        assert_eq!(text(tests, 0)[..5], ["long", "test_seen", "IoU per rig", "5", "0"]);
         assert_eq!(text(tests, 0)[7..], ["+0.0500", "+0.0500", "+0.0500", "5", "0", "0", "0.062"]);
-        assert_eq!(text(tests, 1)[1..5], ["test_new", "IoU", "3", "1"]);
-        assert_eq!(text(tests, 2)[1..5], ["all splits", "IoU", "8", "1"]);
+        assert_eq!(text(tests, 1)[1..5], ["test_new", "IoU per rig", "3", "1"]);
+        assert_eq!(text(tests, 2)[1..5], ["all splits", "IoU per rig", "8", "1"]);
         let groups = table(&blocks, "by category");
-        assert_eq!(text(groups, 0), ["IoU", "test_seen", "bird", "2", "0.5400", "0.5900"]);
+        assert_eq!(text(groups, 0), ["IoU per rig", "test_seen", "bird", "2", "0.5400", "0.5900"]);
         let Some(Block::Charts(charts)) = blocks.last() else { panic!("no curves") };
         assert_eq!(charts.iter().map(|c| c.title.as_str()).collect::<Vec<_>>(), ["train/loss", "eval/iou@val"]);
         assert_eq!(charts[0].series.len(), 2);
@@ -290,6 +295,59 @@ mod tests {
         let fish = groups.rows.iter().find(|row| row[2].text == "fish").unwrap();
         assert!(!fish[4].strong && !fish[5].strong);
         assert!(groups.rows[0][5].strong, "birds have figures in both");
+    }
+
+    #[test]
+    fn tests_say_what_they_are_of() {
+        let mut run = [run("a", 0.0, "1"), run("b", 0.1, "1")];
+        let said = |run: &[Compared]| {
+            let blocks = versus(run).unwrap();
+            let tests = table(&blocks, "paired tests against a");
+            (tests.caption.clone(), tests.note.clone())
+        };
+        let (caption, note) = said(&run);
+        assert!(caption.ends_with("asset by asset, convention skintokens"), "{caption}");
+        assert!(
+            note.starts_with(
+                "Tested is what each run trained, in the tables above `rule`. per rig: the mean of each asset's own"
+            ),
+            "{note}"
+        );
+        assert!(note.contains("IoU in the tables above is another figure, pooled over all assets"), "{note}");
+        // Totals that are these means are the same figure.
+        for total in run[0].findings[0].totals.iter_mut().filter(|t| t.own) {
+            total.values[0] = if total.split == "test_seen" { 0.54 } else { 0.61 };
+        }
+        let mut few = run[0].findings[0].totals[0].clone();
+        (few.method, few.values[0]) = ("rule, 4 codes".into(), 0.5);
+        run[0].findings[0].totals.push(few);
+        let note = said(&run).1;
+        assert!(!note.contains("pooled") && !note.contains("4 codes"), "{note}");
+    }
+
+    #[test]
+    fn assets_that_changed_most_are_named_and_all_stand_in_the_sheet() {
+        let mut other = run("b", 0.0, "1");
+        let own = |k: usize| 0.5 + 0.02 * k as f64;
+        let moved = [0.1, -0.2, 0.0, 0.3, -0.05, 0.0, f64::NAN, 1.0];
+        other.findings[0].singles.iter_mut().zip(moved).enumerate().for_each(|(k, (s, by))| s.values[0] = own(k) + by);
+        let blocks = versus(&[run("a", 0.0, "1"), other]).unwrap();
+        let most = table(&blocks, "changed most against a, by IoU per rig, convention skintokens");
+        let rows: Vec<Vec<&str>> = most.rows.iter().map(|row| row.iter().map(|c| c.text.as_str()).collect()).collect();
+        let order: Vec<[&str; 2]> = rows.iter().map(|row| [row[1], row[3]]).collect();
+        let worse = [["worse", "asset 6"], ["worse", "asset 1"], ["worse", "asset 4"]];
+        assert_eq!(order[..3], worse, "a failure first");
+        assert_eq!(order[3..], [["better", "asset 7"], ["better", "asset 3"], ["better", "asset 0"]]);
+        assert_eq!(rows[0][5..], ["0.6200", "–", "–"]);
+        assert_eq!(rows[1], ["b", "worse", "test_seen", "asset 1", "bird", "0.5200", "0.3200", "-0.2000"]);
+        assert_eq!(most.breaks, [3]);
+        let page = crate::Page { title: "t".into(), subtitle: "s".into(), blocks };
+        let sheet = page.sheet().unwrap();
+        assert_eq!(sheet.lines().count(), 1 + 8);
+        let line = "skin weights,IoU per rig,skintokens,higher,a,b,test_seen,asset 2,fish,0.54,0.54,0,equal";
+        assert!(sheet.lines().any(|l| l == line), "{sheet}");
+        assert!(sheet.contains("asset 6,fish,0.62,,,worse"), "{sheet}");
+        assert!(!page.to_html().unwrap().contains("asset 2") && !page.to_csv().contains("asset 2"));
     }
 
     #[test]

@@ -12,8 +12,9 @@ use crate::registry::{self, Evaluated};
 /// Write the report of a run, or compare several.
 ///
 /// Of one run: curves, tables with spread, published numbers and pictures. Of several: tables side by side, settings
-/// that differ, paired tests against the first, categories, curves laid over each other; runs of other corpora, splits
-/// or assets are refused. As one HTML file that works offline, as Markdown, LaTeX (booktabs) and comma-separated values.
+/// that differ, paired tests against the first, the assets that changed most, categories, curves laid over each other;
+/// runs of other corpora, splits or assets are refused. As one HTML file that works offline, as Markdown, LaTeX
+/// (booktabs) and comma-separated values; several runs have every asset in a file FILE.assets.csv of its own.
 ///
 /// A view of what is in the runs' folders; what is not there yet (an evaluation) is left out of a run's report.
 #[derive(clap::Args)]
@@ -67,10 +68,18 @@ pub fn run(args: &Args) -> Result<ExitCode> {
             Some("csv") => page.to_csv(),
             _ => page.to_html()?,
         };
-        riglab_files::write(&path, text.as_bytes()).with_context(|| format!("{} cannot be written", path.display()))?;
-        say!("{}", path.display());
+        write(&path, &text)?;
+        if let Some(sheet) = page.sheet().filter(|_| path.extension().is_some_and(|e| e == "csv")) {
+            write(&path.with_extension("assets.csv"), &sheet)?;
+        }
     }
     Ok(ExitCode::SUCCESS)
+}
+
+fn write(path: &Path, text: &str) -> Result<()> {
+    riglab_files::write(path, text.as_bytes()).with_context(|| format!("{} cannot be written", path.display()))?;
+    say!("{}", path.display());
+    Ok(())
 }
 
 /// Links of a report in Markdown to the pictures of the run's evaluation, which lie beside it; nothing for several runs.
