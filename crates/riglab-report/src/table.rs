@@ -23,6 +23,9 @@ impl Cell {
 
     /// A number with that many digits after the point; `–` where it is undefined.
     pub fn number(value: f64, digits: usize) -> Self {
+        // What rounding leaves nothing of has no sign.
+        let scale = 10f64.powi(digits as i32);
+        let value = if (value * scale).abs() < 0.5 { 0.0 } else { value };
         let text = if value.is_finite() { format!("{value:.digits$}") } else { "–".into() };
         Self { text, number: true, strong: false, published: false }
     }
@@ -30,12 +33,9 @@ impl Cell {
     /// A difference with its sign; nothing that is shown as 0 has one.
     pub fn difference(value: f64, digits: usize) -> Self {
         let shown = Self::number(value, digits);
-        let zero = shown.text.chars().all(|c| matches!(c, '-' | '0' | '.'));
-        match value.is_finite() {
-            true if zero => Self::number(0.0, digits),
-            true => Self::none().with_text(format!("{value:+.digits$}")),
-            false => shown,
-        }
+        let above = value > 0.0 && shown.text.contains(|c| matches!(c, '1'..='9'));
+        let text = if above { format!("+{}", shown.text) } else { shown.text.clone() };
+        shown.with_text(text)
     }
 
     /// A whole number.
@@ -102,5 +102,6 @@ mod tests {
         let shown = [0.25, -0.25, 0.00004, -0.00004, -0.0, f64::NAN].map(|v| Cell::difference(v, 3).text);
         assert_eq!(shown, ["+0.250", "-0.250", "0.000", "0.000", "0.000", "–"]);
         assert_eq!(Cell::difference(-0.4, 0).text, "0");
+        assert_eq!(Cell::number(-0.00004, 4).text, "0.0000");
     }
 }

@@ -23,6 +23,7 @@ mod file;
 mod plan;
 mod pool;
 mod results;
+mod seeds;
 mod state;
 mod values;
 

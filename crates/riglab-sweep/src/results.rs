@@ -3,12 +3,12 @@
 use std::collections::BTreeSet;
 use std::path::Path;
 
-use riglab_metric::statistics::Mean;
 use riglab_report::{Block, Cell, Page, Table, shell};
 use serde::{Deserialize, Serialize};
 
 use crate::figures::{figures, learning, spread};
 use crate::plan::write;
+use crate::seeds::Spread;
 use crate::values::Numbers;
 use crate::{Better, FigureOf, Job, MetricOf, Plan, State, SweepError, attempts};
 
@@ -80,30 +80,24 @@ impl Results {
         head.extend(self.metrics.iter().map(|m| m.head().to_owned()));
         let caption = if self.plan.sweep.question.is_empty() { "Sweep" } else { &self.plan.sweep.question };
         let mut table = Table { caption: caption.into(), head, ..Table::default() };
-        let means: Vec<Vec<Mean>> = self.plan.names().iter().map(|p| self.means(p)).collect();
-        for (point, own) in self.plan.names().iter().zip(&means) {
-            let of = |state: &str| self.outcomes.iter().filter(|o| o.point == *point && o.state == state).count();
-            let mut cells = vec![Cell::text(*point), Cell::count(of("finished")), Cell::count(of("failed"))];
-            for (k, (m, metric)) in own.iter().zip(&self.metrics).enumerate() {
-                let all = means.iter().map(|row| row[k].mean).filter(|v| v.is_finite());
-                let best = match metric.better {
-                    Some(Better::Higher) => all.reduce(f64::max),
-                    Some(Better::Lower) => all.reduce(f64::min),
-                    None => None,
-                };
-                let digits = metric.digits;
-                let text = match m.n {
-                    0 => "–".into(),
-                    1 => format!("{:.digits$}", m.mean),
-                    _ => format!("{:.digits$} ± {:.digits$}", m.mean, m.deviation),
-                };
-                cells.push(Cell::none().with_text(text).strong_if(means.len() > 1 && best == Some(m.mean)));
+        let best: Vec<Option<&str>> = (0..self.metrics.len()).map(|k| self.best(k)).collect();
+        for point in self.plan.names() {
+            let [finished, failed] = ["finished", "failed"].map(|state| Cell::count(self.runs(point, state)));
+            let mut cells = vec![Cell::text(point), finished, failed];
+            for (k, metric) in self.metrics.iter().enumerate() {
+                let text = with_deviation(Cell::number, self.spread(point, k), metric.digits);
+                cells.push(text.strong_if(best[k] == Some(point)));
             }
             table.row(cells);
         }
-        table.note = "Mean over seeds ± standard deviation (n - 1).".into();
-        if table.rows.iter().flatten().any(|cell| cell.strong) {
-            table.note += " Marked: the best of a column.";
+        table.note = "Mean over seeds ± standard deviation over seeds (n - 1).".into();
+        let marked = table.rows.iter().flatten().any(|cell| cell.strong);
+        if marked {
+            table.note += " Marked: the best of a column, where the 95 % interval of its difference from the next best, \
+                           seed by seed, is without 0.";
+        } else if self.plan.names().len() > 1 && self.metrics.iter().any(|m| m.better.is_some()) {
+            table.note += " No best is marked: none differs from the next best by more than seeds do, as far as these \
+                           seeds tell.";
         }
         if let Some(sentence) = self.mixed() {
             table.note += &format!(" {}.", sentence.replacen('n', "N", 1));
@@ -111,33 +105,108 @@ impl Results {
         table
     }
 
-    /// For each other point and metric the difference from the first point, seed by seed: its mean and spread. `None`
-    /// with a single point.
+    /// The point that is best by a metric, where its difference from the next best is beyond the noise of seeds.
+    fn best(&self, metric: usize) -> Option<&str> {
+        let better = self.metrics[metric].better?;
+        let means = self.plan.names().into_iter().map(|point| (point, self.spread(point, metric).mean));
+        let mut means: Vec<(&str, f64)> = means.filter(|(_, m)| m.is_finite()).collect();
+        means.sort_by(|a, b| match better {
+            Better::Higher => b.1.total_cmp(&a.1),
+            Better::Lower => a.1.total_cmp(&b.1),
+        });
+        let [(best, _), (next, _), ..] = means[..] else { return None };
+        self.difference(best, next, metric).is_beyond_noise().then_some(best)
+    }
+
+    /// For each metric and other point the difference from the first point, seed by seed: its mean, its spread and its
+    /// interval. `None` with a single point.
     pub fn differences(&self) -> Option<Table> {
         let names = self.plan.names();
         let (first, others) = names.split_first().filter(|(_, others)| !others.is_empty())?;
-        let mut head = vec![format!("difference from {first}")];
-        head.extend(self.metrics.iter().map(|m| m.head().to_owned()));
-        let mut table = Table { caption: "Differences, seed by seed".into(), head, ..Table::default() };
-        for point in others {
-            let mut cells = vec![Cell::text(*point)];
-            for (k, metric) in self.metrics.iter().enumerate() {
-                let of = |p: &str, seed| {
-                    self.outcomes.iter().find(|o| o.point == p && o.seed == seed).and_then(|o| o.values[k])
-                };
-                let apart = |seed: &u64| of(point, *seed).zip(of(first, *seed)).map(|(a, b)| a - b);
-                let pairs: Vec<f64> = self.plan.sweep.seeds.iter().filter_map(apart).collect();
-                let (m, digits) = (Mean::of(&pairs), metric.digits);
-                let text = match m.n {
-                    0 => "–".into(),
-                    1 => format!("{:+.digits$}", m.mean),
-                    _ => format!("{:+.digits$} ± {:.digits$}", m.mean, m.deviation),
-                };
-                cells.push(Cell::none().with_text(text));
+        let head = ["metric", "point", "difference", "95 % interval", "n"];
+        let mut table = Table::new(format!("Differences from {first}, seed by seed"), &head);
+        for (k, metric) in self.metrics.iter().enumerate() {
+            if k > 0 {
+                table.line();
             }
-            table.row(cells);
+            for point in others {
+                let (own, digits) = (self.difference(point, first, k), metric.digits);
+                let (low, high) = own.interval;
+                let interval = match low.is_finite() {
+                    true => [low, high].map(|v| Cell::difference(v, digits).text).join(" .. "),
+                    false => "–".into(),
+                };
+                let numbers = [with_deviation(Cell::difference, own, digits), Cell::none().with_text(interval)];
+                let texts = [metric.head(), *point].map(Cell::text);
+                table.row(texts.into_iter().chain(numbers).chain([Cell::count(own.n)]).collect());
+            }
         }
+        table.note = "Mean ± standard deviation over n seeds of what a point has more than the first under the same seed. \
+                      95 % interval: where the mean of many seeds lies, by Student's t over seeds; it takes two of them, \
+                      and is wide with few. A difference whose interval is without 0 is more than the noise of seeds; of \
+                      many intervals one in twenty is without 0 by chance."
+            .into();
         Some(table)
+    }
+
+    /// What both tables show, a row a point and metric, each number in a column of its own with all digits.
+    fn sheet(&self) -> Table {
+        let head = [
+            "point",
+            "metric",
+            "runs",
+            "failed",
+            "n",
+            "mean",
+            "sd",
+            "difference from",
+            "paired n",
+            "difference",
+            "difference sd",
+            "95 % from",
+            "95 % to",
+        ];
+        let mut table = Table::new("Points", &head);
+        let names = self.plan.names();
+        let digits = |v: f64| Cell::none().with_text(if v.is_finite() { v.to_string() } else { "–".into() });
+        for point in &names {
+            for (k, metric) in self.metrics.iter().enumerate() {
+                let own = self.spread(point, k);
+                let [finished, failed] = ["finished", "failed"].map(|state| Cell::count(self.runs(point, state)));
+                let mut cells =
+                    vec![Cell::text(*point), Cell::text(metric.head()), finished, failed, Cell::count(own.n)];
+                cells.extend([own.mean, own.deviation].map(digits));
+                match names.first().filter(|first| *first != point) {
+                    Some(first) => {
+                        let apart = self.difference(point, first, k);
+                        let (low, high) = apart.interval;
+                        cells.extend([Cell::text(*first), Cell::count(apart.n)]);
+                        cells.extend([apart.mean, apart.deviation, low, high].map(digits));
+                    }
+                    None => cells.extend([Cell::text(""), Cell::none()].into_iter().chain([f64::NAN; 4].map(digits))),
+                }
+                table.row(cells);
+            }
+        }
+        table
+    }
+
+    /// How many runs of a point are in a state.
+    fn runs(&self, point: &str, state: &str) -> usize {
+        self.outcomes.iter().filter(|o| o.point == point && o.state == state).count()
+    }
+
+    /// A metric of a point over its finished runs.
+    fn spread(&self, point: &str, metric: usize) -> Spread {
+        let own = self.outcomes.iter().filter(|o| o.point == point && o.state == "finished");
+        Spread::of(&own.filter_map(|o| o.values[metric]).collect::<Vec<_>>())
+    }
+
+    /// What a point has more of a metric than another, over the seeds that both have.
+    fn difference(&self, point: &str, other: &str, metric: usize) -> Spread {
+        let of = |p: &str, seed| self.outcomes.iter().find(|o| o.point == p && o.seed == seed)?.values[metric];
+        let apart = |seed: &u64| of(point, *seed).zip(of(other, *seed)).map(|(a, b)| a - b);
+        Spread::of(&self.plan.sweep.seeds.iter().filter_map(apart).collect::<Vec<_>>())
     }
 
     /// A row a job: what it has come to.
@@ -161,16 +230,8 @@ impl Results {
         table
     }
 
-    fn means(&self, point: &str) -> Vec<Mean> {
-        let of = |k: usize| {
-            let own = self.outcomes.iter().filter(|o| o.point == point && o.state == "finished");
-            Mean::of(&own.map(|o| o.values[k].unwrap_or(f64::NAN)).collect::<Vec<_>>())
-        };
-        (0..self.metrics.len()).map(of).collect()
-    }
-
-    /// Writes `results.jsonl`, which is the truth, and the tables as `table.md`, `table.tex`, `table.csv` and
-    /// `report.html`.
+    /// Writes `results.jsonl`, which is the truth, and the tables as `table.md`, `table.tex` and `report.html`; in
+    /// `table.csv` each number has a column of its own.
     ///
     /// # Errors
     /// When the folder cannot be written.
@@ -189,7 +250,7 @@ impl Results {
         let all = |form: fn(&Table) -> String| tables.iter().map(form).collect::<Vec<_>>().join("\n");
         write(&folder.join("table.md"), &all(Table::to_markdown))?;
         write(&folder.join("table.tex"), &all(Table::to_latex))?;
-        write(&folder.join("table.csv"), &self.table().to_csv())?;
+        write(&folder.join("table.csv"), &self.sheet().to_csv())?;
         let mut blocks = Vec::new();
         if !self.plan.sweep.expected.is_empty() {
             blocks.push(Block::Text(format!("Expected: {}", self.plan.sweep.expected)));
@@ -229,6 +290,13 @@ impl Results {
         let html = page.to_html().map_err(|e| SweepError::Invalid(e.to_string()))?;
         write(&folder.join("report.html"), &html)
     }
+}
+
+/// A mean as a cell, with its deviation where there is one.
+fn with_deviation(cell: fn(f64, usize) -> Cell, own: Spread, digits: usize) -> Cell {
+    let mean = cell(own.mean, digits);
+    let text = format!("{} ± {:.digits$}", mean.text, own.deviation);
+    if own.n > 1 { mean.with_text(text) } else { mean }
 }
 
 /// The columns: those asked for, or all that the finished runs' last validations have.
@@ -276,8 +344,9 @@ mod tests {
         let row = |k: usize| table.rows[k].iter().map(|c| c.text.as_str()).collect::<Vec<_>>();
         assert_eq!(row(0), ["with", "2", "0", "0.60 ± 0.14"]);
         assert_eq!(row(1), ["without", "1", "1", "0.40"]);
-        assert!(table.rows[0][3].strong && !table.rows[1][3].strong);
-        assert_eq!(results.differences().unwrap().rows[0][1].text, "-0.10");
+        assert!(!table.rows[0][3].strong && table.note.contains("No best is marked"), "{}", table.note);
+        let apart = results.differences().unwrap().rows.remove(0);
+        assert_eq!(apart.iter().map(|c| c.text.as_str()).collect::<Vec<_>>(), ["IoU", "without", "-0.10", "–", "1"]);
         results.write(dir.path()).unwrap();
         let lines = std::fs::read_to_string(dir.path().join("results.jsonl")).unwrap();
         assert!(lines.contains("\"eval/iou@val\":0.5") && lines.contains("\"reason\":\"train: x\""), "{lines}");
@@ -286,6 +355,42 @@ mod tests {
         assert!(html.contains("riglab train b --set") && !html.contains("--set x="), "quoted for a shell");
         assert_eq!(html.matches("<circle").count(), 3, "a dot a finished run");
         assert!(html.contains("by k") && html.contains("<polyline"), "a line a point");
-        assert!(std::fs::read_to_string(dir.path().join("table.md")).unwrap().contains("**0.60 ± 0.14**"));
+        assert!(std::fs::read_to_string(dir.path().join("table.md")).unwrap().contains("| 0.60 ± 0.14 |"));
+        let csv = std::fs::read_to_string(dir.path().join("table.csv")).unwrap();
+        let lines: Vec<&str> = csv.lines().collect();
+        assert!(
+            lines[0].starts_with("point,metric,runs,failed,n,mean,sd,difference from,paired n,difference,"),
+            "{csv}"
+        );
+        assert!(lines[1].starts_with("with,IoU,2,0,2,0.6,0.1414") && lines[1].ends_with(",,,,,,"), "{csv}");
+        assert!(lines[2].starts_with("without,IoU,1,1,1,0.4,,with,1,-0.0999"), "{csv}");
+    }
+
+    #[test]
+    fn the_best_is_marked_where_seeds_alone_would_not_make_it_so() {
+        let of = |a: [f64; 3], b: [f64; 3]| {
+            let dir = tempfile::tempdir().unwrap();
+            let text = "[sweep]\nbase = 'b'\nseeds = [1, 2, 3]\n[[sweep.arms]]\nname = 'a'\n[[sweep.arms]]\nname = 'b'\n\
+                [[sweep.metrics]]\nof = 'eval/l1@val'\nbetter = 'lower'\ndigits = 3\n";
+            let config = riglab_config::Config::from_toml_str("s.toml", text).unwrap();
+            let plan = Plan::new(config.get_at("sweep").unwrap(), &[]).unwrap();
+            for (job, l1) in plan.jobs.iter().zip(a.into_iter().chain(b)) {
+                let run = dir.path().join(&job.folder);
+                std::fs::create_dir_all(&run).unwrap();
+                std::fs::write(run.join("metrics.jsonl"), format!("{{\"step\":1,\"eval/l1@val\":{l1}}}\n")).unwrap();
+                std::fs::write(run.join("run.json"), "{\"outcome\": \"finished\"}").unwrap();
+            }
+            let results = Results::read(dir.path(), &plan);
+            let strong = results.table().rows.iter().map(|row| row[3].strong).collect::<Vec<_>>();
+            let apart = results.differences().unwrap().rows.remove(0);
+            (strong, apart.into_iter().skip(2).map(|c| c.text).collect::<Vec<_>>())
+        };
+        let (strong, apart) = of([0.1, 0.2, 0.3], [0.05, 0.151, 0.249]);
+        assert_eq!(
+            (strong, apart),
+            (vec![false, true], ["-0.050 ± 0.001", "-0.052 .. -0.048", "3"].map(String::from).to_vec())
+        );
+        assert_eq!(of([0.1, 0.2, 0.3], [0.3, 0.1, 0.15]).0, [false, false]);
+        assert_eq!(of([0.1; 3], [0.09999; 3]).1[0], "0.000 ± 0.000", "no -0.000");
     }
 }
