@@ -5,6 +5,7 @@ use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
 
 use crate::ReportError;
+use crate::labels::fitted;
 
 /// One line.
 #[derive(Clone, Debug)]
@@ -44,12 +45,13 @@ const DASHES: [(i32, i32); 3] = [(7, 4), (3, 3), (11, 2)];
 const POINTS: usize = 240;
 /// Of a chart without its legend.
 const SIZE: (u32, u32) = (560, 300);
-/// Height of a row of the legend, and names in one.
-const LEGEND: (u32, usize) = (17, 3);
+/// Height of a row of the legend.
+const LEGEND: u32 = 17;
+/// Names in a row of the legend and letters of each that it takes. Long names stand in fewer columns, whole, before
+/// letters are left out.
+const COLUMNS: [(usize, usize); 3] = [(3, 26), (2, 38), (1, 80)];
 /// Labels of an axis, about.
 const LABELS: u32 = 6;
-/// Letters of a name in the legend.
-const LETTERS: usize = 26;
 /// From the least to the most, from where on an axis goes by ratios.
 const FAR_APART: f64 = 10.0;
 
@@ -74,10 +76,11 @@ impl Chart {
         // Of what does not change, a strip that labels can tell apart.
         let pad = if y1 - y0 > 1e-4 * most { (0.05 * (y1 - y0)).max(1e-300) } else { (0.02 * most).max(1e-9) };
         let x1 = if x1 > x0 { x1 } else { x0 + 1.0 };
-        let rows = if lines.len() > 1 { lines.len().div_ceil(LEGEND.1) as u32 } else { 0 };
+        let (columns, letters) = columns(&lines);
+        let rows = if lines.len() > 1 { lines.len().div_ceil(columns) as u32 } else { 0 };
         let mut svg = String::new();
         {
-            let root = SVGBackend::with_string(&mut svg, (SIZE.0, SIZE.1 + rows * LEGEND.0)).into_drawing_area();
+            let root = SVGBackend::with_string(&mut svg, (SIZE.0, SIZE.1 + rows * LEGEND)).into_drawing_area();
             let (plot, below) = root.split_vertically(SIZE.1);
             let mut builder = ChartBuilder::on(&plot);
             builder.margin(8).margin_right(24).x_label_area_size(34).y_label_area_size(52);
@@ -91,7 +94,7 @@ impl Chart {
                 self.draw(chart.map_err(fault)?, &lines, &|v| spaced(v, apart))?;
             }
             if rows > 0 {
-                legend(&below, &lines)?;
+                legend(&below, &lines, columns, letters)?;
             }
             root.present().map_err(fault)?;
         }
@@ -137,15 +140,24 @@ impl Chart {
     }
 }
 
+/// How many names stand in a row of the legend, and of how many letters: as many as have room whole.
+fn columns(lines: &[(&str, Vec<(f64, f64)>)]) -> (usize, usize) {
+    let longest = lines.iter().map(|(name, _)| name.chars().count()).max().unwrap_or(0);
+    COLUMNS.into_iter().find(|(_, letters)| longest <= *letters).unwrap_or(COLUMNS[COLUMNS.len() - 1])
+}
+
 /// What each line is, below the axis, where no line runs.
 fn legend(
     below: &DrawingArea<SVGBackend, plotters::coord::Shift>,
     lines: &[(&str, Vec<(f64, f64)>)],
+    columns: usize,
+    letters: usize,
 ) -> Result<(), ReportError> {
-    let width = (SIZE.0 as i32 - 60) / LEGEND.1 as i32;
-    for (k, (name, points)) in lines.iter().enumerate() {
+    let width = (SIZE.0 as i32 - 60) / columns as i32;
+    let names = fitted(&lines.iter().map(|(name, _)| *name).collect::<Vec<_>>(), letters);
+    for (k, ((_, points), name)) in lines.iter().zip(names).enumerate() {
         let style = color(k).stroke_width(3);
-        let (x, y) = (60 + width * (k % LEGEND.1) as i32, LEGEND.0 as i32 * (k / LEGEND.1) as i32 + 6);
+        let (x, y) = (60 + width * (k % columns) as i32, LEGEND as i32 * (k / columns) as i32 + 6);
         let line = [(x, y), (x + 16, y)];
         match (points.len(), dashes(k)) {
             (1, _) => below.draw(&mark((x + 8, y), k)),
@@ -155,7 +167,7 @@ fn legend(
         .map_err(fault)?;
         let style = ("sans-serif", 12).into_text_style(&SIZE).color(&BLACK);
         let style = style.pos(Pos::new(HPos::Left, VPos::Center));
-        below.draw(&Text::new(shortened(name), (x + 21, y), style)).map_err(fault)?;
+        below.draw(&Text::new(name, (x + 21, y), style)).map_err(fault)?;
     }
     Ok(())
 }
@@ -176,16 +188,6 @@ fn mark<At>(at: At, line: usize) -> Circle<At, i32> {
         0 => Circle::new(at, 3, color(line).filled()),
         again => Circle::new(at, 1 + 2 * again, color(line).stroke_width(1)),
     }
-}
-
-/// A name that fits: its ends, which tell it from its like.
-fn shortened(name: &str) -> String {
-    let letters: Vec<char> = name.chars().collect();
-    if letters.len() <= LETTERS {
-        return name.to_owned();
-    }
-    let (first, last) = (LETTERS / 2 - 1, LETTERS / 2);
-    letters[..first].iter().chain(&['…']).chain(&letters[letters.len() - last..]).collect()
 }
 
 /// Where an axis by ratios is labelled: 1, 2 and 5 of each power of ten where these are few, else the powers, all or
@@ -330,13 +332,16 @@ mod tests {
     }
 
     #[test]
-    fn long_names_keep_their_ends() {
-        assert_eq!(shortened("loss"), "loss");
-        let long = shortened("runs/a_long_folder/of_sweeps/seed-1");
-        assert!(
-            long.starts_with("runs/a_long") && long.ends_with("seed-1") && long.chars().count() == LETTERS,
-            "{long}"
+    fn long_names_stand_whole_in_fewer_columns() {
+        let of = |name: &str| columns(&[(name, vec![]), ("a", vec![])]);
+        assert_eq!(
+            [of(&"n".repeat(26)).0, of(&"n".repeat(27)).0, of(&"n".repeat(39)).0, of(&"n".repeat(99)).0],
+            [3, 2, 1, 1]
         );
+        let names = ["baseline, as in the paper, dice=0.5", "baseline, as in the paper, dice=2.0"];
+        let series = names.map(|name| Series { name: name.into(), points: vec![(0.0, 1.0), (1.0, 2.0)] }).to_vec();
+        let svg = Chart { title: String::new(), x: "step".into(), series, log: false }.to_svg().unwrap();
+        assert!(names.iter().all(|name| svg.contains(&format!("\n{name}\n"))), "{svg}");
     }
 
     #[test]

@@ -3,6 +3,7 @@
 use std::fmt::Write;
 
 use crate::bars::{begun, escaped};
+use crate::labels::fitted;
 
 /// Repeated measurements by name, on one axis.
 #[derive(Clone, Debug)]
@@ -20,8 +21,8 @@ const WIDTH: f64 = 560.0;
 const AXIS: (f64, f64) = (170.0, 480.0);
 const ROW: f64 = 20.0;
 const TOP: f64 = 30.0;
-/// Letters of a name at most.
-const LETTERS: usize = 28;
+/// Letters of a name beside its line at most; longer ones stand above the lines, of so many letters.
+const LETTERS: (usize, usize) = (28, 84);
 
 impl Dots {
     /// An SVG element that takes its text colour from the page; nothing without values. The axis reaches from the least
@@ -44,19 +45,23 @@ impl Dots {
             AXIS.0 + share * (AXIS.1 - AXIS.0)
         };
         let digits = self.digits;
-        let bottom = TOP + ROW * finite.len() as f64 + 4.0;
-        let height = bottom + 18.0;
+        let names: Vec<&str> = finite.iter().map(|(name, _)| *name).collect();
+        let above = names.iter().any(|name| name.chars().count() > LETTERS.0);
+        let names = fitted(&names, if above { LETTERS.1 } else { LETTERS.0 });
+        let row = if above { 2.0 * ROW } else { ROW };
+        let bottom = TOP + row * finite.len() as f64 + 4.0;
+        let height = bottom + 38.0;
         let mut svg = begun(WIDTH, height, &self.title);
-        for (k, (name, own)) in finite.iter().enumerate() {
-            let y = TOP + ROW * (k as f64 + 0.5);
+        for (k, ((_, own), name)) in finite.iter().zip(names).enumerate() {
+            let y = TOP + row * (k + 1) as f64 - ROW / 2.0;
+            let (x, up, anchor) = if above { (12.0, 14.0, "start") } else { (AXIS.0 - 12.0, -4.0, "end") };
             // Writing to a String does not fail.
             let _ = write!(
                 svg,
-                "<text x=\"{}\" y=\"{:.1}\" text-anchor=\"end\">{}</text>\
+                "<text x=\"{x}\" y=\"{:.1}\" text-anchor=\"{anchor}\">{}</text>\
                  <line x1=\"{}\" y1=\"{y:.1}\" x2=\"{}\" y2=\"{y:.1}\" stroke=\"currentColor\" stroke-opacity=\"0.2\"/>",
-                AXIS.0 - 12.0,
-                y + 4.0,
-                escaped(&cut(name)),
+                y - up,
+                escaped(&name),
                 AXIS.0,
                 AXIS.1,
             );
@@ -92,16 +97,24 @@ impl Dots {
                 bottom + 11.0,
             );
         }
-        svg + "</svg>"
+        svg + &key(bottom + 28.0) + "</svg>"
     }
 }
 
-/// A name that does not reach out of the picture.
-fn cut(name: &str) -> String {
-    if name.chars().count() <= LETTERS {
-        return name.to_owned();
-    }
-    name.chars().take(LETTERS - 1).chain(['…']).collect()
+/// What dots and strokes are, on a line of that height.
+fn key(y: f64) -> String {
+    let (dot, stroke) = (AXIS.0 + 4.0, AXIS.0 + 104.0);
+    format!(
+        "<circle cx=\"{dot}\" cy=\"{y:.1}\" r=\"4\" fill=\"#1f77b4\" fill-opacity=\"0.6\"/>\
+         <text x=\"{}\" y=\"{text:.1}\">one value</text>\
+         <line x1=\"{stroke}\" y1=\"{:.1}\" x2=\"{stroke}\" y2=\"{:.1}\" stroke=\"#e17000\" stroke-width=\"2\"/>\
+         <text x=\"{}\" y=\"{text:.1}\">their mean, the number on the right</text>",
+        dot + 10.0,
+        y - 7.0,
+        y + 7.0,
+        stroke + 10.0,
+        text = y + 4.0,
+    )
 }
 
 #[cfg(test)]
@@ -116,7 +129,7 @@ mod tests {
             digits: 2,
         };
         let svg = dots.to_svg();
-        assert_eq!(svg.matches("<circle").count(), 3);
+        assert_eq!(svg.matches("<circle").count(), 3 + 1, "and one in the key");
         assert!(svg.contains("cx=\"170.0\"") && svg.contains("cx=\"325.0\"") && svg.contains("cx=\"480.0\""), "{svg}");
         assert!(
             svg.contains("a &lt;b&gt;") && svg.contains("x &amp; y") && svg.contains(">0.60<") && svg.contains(">–<")
@@ -132,5 +145,14 @@ mod tests {
         assert!(of(vec![2.0]).contains("cx=\"325.0\""));
         let wide = of(vec![f64::MIN, f64::MAX]);
         assert!(!wide.contains("NaN") && !wide.contains("inf") && wide.contains("…"));
+    }
+
+    #[test]
+    fn long_names_stand_whole_above_their_lines() {
+        let names = ["baseline, as in the paper, dice=0.5", "baseline, as in the paper, dice=2.0"];
+        let lines = names.map(|name| (name.to_owned(), vec![1.0, 2.0])).to_vec();
+        let svg = Dots { title: "t".into(), lines, digits: 1 }.to_svg();
+        assert!(names.iter().all(|name| svg.contains(&format!("text-anchor=\"start\">{name}<"))), "{svg}");
+        assert!(svg.contains("their mean"));
     }
 }

@@ -17,6 +17,7 @@ mod chart;
 mod dots;
 mod findings;
 mod forms;
+mod labels;
 mod page;
 mod plain;
 pub mod published;

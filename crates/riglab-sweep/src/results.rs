@@ -353,7 +353,7 @@ mod tests {
         let html = std::fs::read_to_string(dir.path().join("report.html")).unwrap();
         assert!(html.contains("Does x help?") && html.contains("0.60 ± 0.14"));
         assert!(html.contains("riglab train b --set") && !html.contains("--set x="), "quoted for a shell");
-        assert_eq!(html.matches("<circle").count(), 3, "a dot a finished run");
+        assert_eq!(html.matches("<circle").count(), 3 + 1, "a dot a finished run, and one in the key");
         assert!(html.contains("by k") && html.contains("<polyline"), "a line a point");
         assert!(std::fs::read_to_string(dir.path().join("table.md")).unwrap().contains("| 0.60 ± 0.14 |"));
         let csv = std::fs::read_to_string(dir.path().join("table.csv")).unwrap();
