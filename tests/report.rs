@@ -139,7 +139,8 @@ fn file_of(evaluation: &serde_json::Value) -> &str {
 }
 
 fn two_runs_stand_side_by_side(runs: &Runs) {
-    let out = runs.dir.path().join("comparison");
+    // In a folder that is not there yet.
+    let out = runs.dir.path().join("new/comparison");
     let named = format!("second={}", text(&runs.b));
     must(&["report", text(&runs.a), &named, "-o", text(&out)]);
     let markdown = read(&out.with_extension("md"));

@@ -5,6 +5,7 @@ use std::process::ExitCode;
 
 use anyhow::{Context, Result, bail};
 use riglab_compare::{Comparison, Failures, Kind, Predictions, Status, Truths, score};
+use riglab_files::make_folder_of;
 use riglab_metric::{Preset, SkinBaseline};
 use riglab_report::{Block, Page, Table};
 use riglab_train::Progress;
@@ -127,8 +128,8 @@ pub fn run(args: &Args) -> Result<ExitCode> {
     let text = text(args, &comparison, presets, published)?;
     match &args.out {
         Some(path) => {
-            riglab_files::write(path, text.as_bytes())
-                .with_context(|| format!("{} cannot be written", path.display()))?;
+            let written = make_folder_of(path).and_then(|()| riglab_files::write(path, text.as_bytes()));
+            written.with_context(|| format!("{} cannot be written", path.display()))?;
             say!("{}", path.display());
         }
         None => say!("{}", text.trim_end()),

@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use anyhow::{Context, Result, bail};
+use riglab_files::make_folder_of;
 use riglab_report::{Block, Compared, Page, RunView, versus};
 use riglab_train::Checkpoint;
 
@@ -77,7 +78,8 @@ pub fn run(args: &Args) -> Result<ExitCode> {
 }
 
 fn write(path: &Path, text: &str) -> Result<()> {
-    riglab_files::write(path, text.as_bytes()).with_context(|| format!("{} cannot be written", path.display()))?;
+    let written = make_folder_of(path).and_then(|()| riglab_files::write(path, text.as_bytes()));
+    written.with_context(|| format!("{} cannot be written", path.display()))?;
     say!("{}", path.display());
     Ok(())
 }
