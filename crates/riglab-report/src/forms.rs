@@ -3,6 +3,8 @@
 //! Charts are told by figures there: first, last, least and most of each line. Pictures and views of rigs are named,
 //! and stand in the page alone.
 
+use std::collections::BTreeMap;
+
 use crate::chart::short;
 use crate::plain::{latex, markdown};
 use crate::{Bars, Block, Cell, Chart, Dots, Page, Table};
@@ -36,6 +38,7 @@ impl Page {
     /// away in the page is left out.
     pub fn to_latex(&self) -> String {
         let one_line = |text: &str| text.replace(['\n', '\r'], " ");
+        let mut labels = BTreeMap::new();
         let mut out = format!("% {}\n% Needs \\usepackage{{booktabs}}.\n", one_line(&self.title));
         out += &format!("\\section*{{{}}}\n{}\n", latex(&self.title), latex(&self.subtitle));
         for block in &self.blocks {
@@ -49,7 +52,13 @@ impl Page {
                 }
                 Block::Folded(title, _) => out += &format!("% Left out: {}\n", one_line(title)),
                 _ => {
-                    tables(block).iter().for_each(|table| out += &format!("\n{}", table.to_latex()));
+                    for table in tables(block) {
+                        let label = table.label();
+                        let before = labels.entry(label.clone()).or_insert(0);
+                        *before += 1;
+                        let label = if *before == 1 { label } else { format!("{label}-{before}") };
+                        out += &format!("\n{}", table.to_latex_as(&label));
+                    }
                     shown(block).iter().for_each(|text| out += &format!("% In the page: {}\n", one_line(text)));
                 }
             }
@@ -209,8 +218,18 @@ mod tests {
         assert!(text.contains("\\section*{T $<$b$>$}") && text.contains("\\subsection*{H\\_1}"), "{text}");
         assert!(text.contains("a\\_b & theirs & \\textit{1.50}") && text.contains("\\texttt{riglab train"), "{text}");
         assert_eq!(text.matches("\\begin{table}").count(), text.matches("\\end{table}").count());
+        assert!(text.contains("riglab train -{}-set"), "an option keeps its two hyphens: {text}");
         // Each table's braces are paired.
         assert_eq!(text.matches('{').count(), text.matches('}').count());
+    }
+
+    #[test]
+    fn tables_of_latex_have_labels_that_differ() {
+        let mut page = page();
+        page.blocks.push(page.blocks[2].clone());
+        let text = page.to_latex();
+        let labels: Vec<&str> = text.lines().filter(|l| l.starts_with("\\label")).collect();
+        assert_eq!(labels, ["facts", "distances", "loss", "distances-2"].map(|l| format!("\\label{{tab:{l}}}")));
     }
 
     #[test]

@@ -50,8 +50,14 @@ impl Table {
         out
     }
 
-    /// LaTeX with the package booktabs: the best of a column bold, published numbers in italics.
+    /// LaTeX with the package booktabs: the best of a column bold, published numbers in italics. Its label is `tab:` and
+    /// its caption; a wide table is set smaller, one that even so is too wide for a page scaled (package graphicx).
     pub fn to_latex(&self) -> String {
+        self.to_latex_as(&self.label())
+    }
+
+    /// The same under a label, which has to be the only one of its document.
+    pub(crate) fn to_latex_as(&self, label: &str) -> String {
         let cell = |c: &Cell| match (c.strong, c.published, latex(&c.text)) {
             (_, _, text) if text.is_empty() => text,
             (true, _, text) => format!("\\textbf{{{text}}}"),
@@ -60,7 +66,16 @@ impl Table {
         };
         let line = |cells: Vec<String>| format!("  {} \\\\\n", cells.join(" & "));
         let sides: String = (0..self.head.len()).map(|k| if self.is_number(k) { 'r' } else { 'l' }).collect();
-        let mut out = format!("\\begin{{table}}\n\\centering\n\\caption{{{}}}\n", latex(&self.caption));
+        let fit = Fit::of(self);
+        let mut out = String::new();
+        if fit == Fit::Scaled {
+            out += "% Needs \\usepackage{graphicx}, too: the table is scaled to the width of the text.\n";
+        }
+        out += &format!("\\begin{{table}}\n\\centering{}\n", fit.size());
+        out += &format!("\\caption{{{}}}\n\\label{{{label}}}\n", latex(&self.caption));
+        if fit == Fit::Scaled {
+            out += "\\resizebox{\\linewidth}{!}{%\n";
+        }
         out += &format!("\\begin{{tabular}}{{{sides}}}\n  \\toprule\n");
         out += &line(self.head.iter().map(|h| latex(h)).collect());
         out += "  \\midrule\n";
@@ -70,11 +85,28 @@ impl Table {
             }
             out += &line(row.iter().map(cell).collect());
         }
-        out += "  \\bottomrule\n\\end{tabular}\n";
+        out += "  \\bottomrule\n\\end{tabular}";
+        out += if fit == Fit::Scaled { "}\n" } else { "\n" };
         if !self.note.is_empty() {
             out += &format!("\n\\smallskip\\footnotesize {}\n", latex(&self.note));
         }
         out + "\\end{table}\n"
+    }
+
+    /// What a document refers to it by.
+    pub(crate) fn label(&self) -> String {
+        let letters =
+            self.caption.chars().map(|c| if c.is_ascii_alphanumeric() { c.to_ascii_lowercase() } else { ' ' });
+        let words: String = letters.collect();
+        let mut label = "tab:".to_owned();
+        for word in words.split_whitespace() {
+            if label.len() + word.len() > 60 {
+                break;
+            }
+            label += if label.ends_with(':') { "" } else { "-" };
+            label += word;
+        }
+        label
     }
 
     /// Comma-separated values as RFC 4180 has them, the heads first.
@@ -106,6 +138,44 @@ impl Table {
     }
 }
 
+/// How a table fits between the margins of a page in LaTeX.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Fit {
+    /// As it is.
+    Plain,
+    /// With smaller letters and less between columns.
+    Small,
+    /// With the smallest that are read without pain.
+    Smallest,
+    /// Only scaled.
+    Scaled,
+}
+
+impl Fit {
+    /// By letters and columns, as wide as letters are on average, in points; `article` has a text of 345.
+    fn of(table: &Table) -> Self {
+        let cells = |k: usize| table.rows.iter().filter_map(move |row| row.get(k)).map(|c| c.text.chars().count());
+        let width = |(k, head): (usize, &String)| cells(k).max().unwrap_or(0).max(head.chars().count());
+        let letters: usize = table.head.iter().enumerate().map(width).sum();
+        let fits = |letter: f64, gap: f64| letter * letters as f64 + 2.0 * gap * table.head.len() as f64 <= 345.0;
+        match (fits(5.2, 6.0), fits(4.7, 3.0), fits(3.9, 2.0)) {
+            (true, ..) => Self::Plain,
+            (_, true, _) => Self::Small,
+            (.., true) => Self::Smallest,
+            _ => Self::Scaled,
+        }
+    }
+
+    /// Letters and what is left free on either side of a column.
+    fn size(self) -> &'static str {
+        match self {
+            Self::Plain | Self::Scaled => "",
+            Self::Small => "\\small\\setlength{\\tabcolsep}{3pt}",
+            Self::Smallest => "\\scriptsize\\setlength{\\tabcolsep}{2pt}",
+        }
+    }
+}
+
 /// A text that Markdown shows as it is, in one line.
 pub(crate) fn markdown(text: &str) -> String {
     let mut out = String::with_capacity(text.len());
@@ -131,6 +201,8 @@ pub(crate) fn latex(text: &str) -> String {
             '~' => out += "\\textasciitilde{}",
             '^' => out += "\\textasciicircum{}",
             '<' | '>' | '|' => out += &format!("${c}$"),
+            // Two would become a dash, and an option could not be copied.
+            '-' if out.ends_with('-') => out += "{}-",
             '±' => out += "$\\pm$",
             '–' => out += "--",
             '×' => out += "$\\times$",
@@ -177,6 +249,20 @@ mod tests {
         assert!(latex.contains("\\caption{A \\& B}") && latex.contains("{lr}") && latex.contains("x\\_1"));
         assert!(latex.contains("a$|$b, \"c\" & \\textbf{0.50} \\\\\n  \\midrule\n") && latex.contains("100 \\%"));
         assert!(latex.contains("\\textit{12.00}"));
+    }
+
+    #[test]
+    fn wide_tables_of_latex_become_smaller_and_the_widest_are_scaled() {
+        let of = |columns: usize| {
+            let head: Vec<String> = (0..columns).map(|k| format!("a head {k}")).collect();
+            Table { head, ..Table::default() }.to_latex()
+        };
+        assert!(!of(6).contains("tabcolsep") && !of(6).contains("resizebox"));
+        assert!(of(7).contains("\\small\\setlength{\\tabcolsep}"));
+        assert!(of(9).contains("\\scriptsize") && !of(9).contains("resizebox"));
+        let scaled = of(20);
+        assert!(scaled.starts_with("% Needs \\usepackage{graphicx}") && scaled.contains("\\end{tabular}}\n"));
+        assert_eq!(scaled.matches('{').count(), scaled.matches('}').count());
     }
 
     #[test]

@@ -59,7 +59,7 @@ pub struct Args {
     /// Tables in Markdown.
     #[arg(long, group = "form")]
     markdown: bool,
-    /// Tables in LaTeX, with booktabs.
+    /// Tables in LaTeX, with booktabs; tables wider than a page with graphicx, too.
     #[arg(long, group = "form")]
     latex: bool,
     /// A page.
