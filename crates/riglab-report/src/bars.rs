@@ -2,6 +2,8 @@
 
 use std::fmt::Write;
 
+use crate::forms::figure;
+
 /// Counts by name.
 #[derive(Clone, Debug)]
 pub struct Bars {
@@ -27,7 +29,8 @@ impl Bars {
         let shown = |v: f64| if v.is_finite() && v > 0.0 { v } else { 0.0 };
         let most = self.bars.iter().map(|b| shown(b.1)).fold(0.0, f64::max);
         let height = TOP + ROW * self.bars.len() as f64 + 8.0;
-        let mut svg = begun(WIDTH, height, &self.title);
+        let told: Vec<String> = self.bars.iter().map(|(name, value)| format!("{name} {}", figure(*value))).collect();
+        let mut svg = begun(WIDTH, height, &self.title, &told);
         for (k, (name, value)) in self.bars.iter().enumerate() {
             let y = TOP + ROW * k as f64;
             let length = if most > 0.0 { REACH * shown(*value) / most } else { 0.0 };
@@ -48,15 +51,26 @@ impl Bars {
     }
 }
 
-/// The beginning of an SVG element of that size, under a title.
-pub(crate) fn begun(width: f64, height: f64, title: &str) -> String {
+/// The beginning of an SVG element of that size, under a title, with what it tells whoever does not see it.
+pub(crate) fn begun(width: f64, height: f64, title: &str, told: &[String]) -> String {
     format!(
-        "<svg width=\"{width}\" height=\"{height}\" viewBox=\"0 0 {width} {height}\" xmlns=\"http://www.w3.org/2000/svg\" \
+        "<svg {} width=\"{width}\" height=\"{height}\" viewBox=\"0 0 {width} {height}\" xmlns=\"http://www.w3.org/2000/svg\" \
          font-family=\"sans-serif\" font-size=\"11\" fill=\"currentColor\">\n\
          <text x=\"{}\" y=\"18\" font-size=\"15\" text-anchor=\"middle\">{}</text>\n",
+        label(title, told),
         width / 2.0,
         escaped(title)
     )
+}
+
+/// Attributes of a picture for readers of screens: its title and what is in it, so many parts at most.
+pub(crate) fn label(title: &str, told: &[String]) -> String {
+    const PARTS: usize = 24;
+    let left = told.len().saturating_sub(PARTS);
+    let rest = if left > 0 { format!(", and {left} more") } else { String::new() };
+    let parts = told.iter().take(PARTS).cloned().collect::<Vec<_>>().join(", ");
+    let colon = if title.is_empty() || parts.is_empty() { "" } else { ": " };
+    format!("role=\"img\" aria-label=\"{}\"", escaped(&format!("{title}{colon}{parts}{rest}")))
 }
 
 /// As text of an element.
@@ -76,7 +90,10 @@ mod tests {
         };
         let svg = bars.to_svg();
         assert!(svg.contains("width=\"350.0\"") && svg.contains("width=\"87.5\"") && svg.contains("width=\"0.0\""));
+        assert!(svg.starts_with("<svg role=\"img\" aria-label=\"a &lt;b&gt;: x &amp; y 4, z 1, n NaN\""), "{svg}");
         assert!(svg.contains("x &amp; y") && svg.contains("a &lt;b&gt;") && svg.ends_with("</svg>"));
+        let many = vec!["x".to_owned(); 30];
+        assert!(label("t", &many).ends_with("x, and 6 more\"") && label("", &[]).ends_with("aria-label=\"\""));
         assert_eq!(Bars { title: "t".into(), bars: vec![] }.to_svg(), "");
         assert!(Bars { title: "t".into(), bars: vec![("a".into(), 0.0)] }.to_svg().contains("width=\"0.0\""));
     }

@@ -5,6 +5,8 @@ use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
 
 use crate::ReportError;
+use crate::bars::label;
+use crate::forms::figure;
 use crate::labels::fitted;
 
 /// One line.
@@ -98,7 +100,13 @@ impl Chart {
             }
             root.present().map_err(fault)?;
         }
-        Ok(svg.replace("#000000", "currentColor"))
+        let told = self.series.iter().filter_map(|s| {
+            let mut points = s.points.iter().map(|p| p.1).filter(|v| v.is_finite());
+            let first = points.next()?;
+            Some(format!("{} from {} to {}", s.name, figure(first), figure(points.next_back().unwrap_or(first))))
+        });
+        let label = label(&format!("{} over {}", self.title, self.x), &told.collect::<Vec<_>>());
+        Ok(svg.replacen("<svg ", &format!("<svg {label} "), 1).replace("#000000", "currentColor"))
     }
 
     fn draw<'a, Y>(
@@ -268,7 +276,9 @@ mod tests {
         assert_eq!(chart(vec![]).to_svg().unwrap(), "");
         assert!(chart(vec![(1.0, 2.0)]).to_svg().unwrap().starts_with("<svg"));
         let log = Chart { log: true, ..chart(vec![(0.0, 0.0), (1.0, 1e-3), (2.0, 10.0)]) };
-        assert!(log.to_svg().unwrap().contains("currentColor"));
+        let svg = log.to_svg().unwrap();
+        assert!(svg.contains("currentColor"));
+        assert!(svg.starts_with("<svg role=\"img\" aria-label=\"t over step: a from 0 to 10\""), "{svg}");
     }
 
     #[test]

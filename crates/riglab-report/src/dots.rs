@@ -51,7 +51,12 @@ impl Dots {
         let row = if above { 2.0 * ROW } else { ROW };
         let bottom = TOP + row * finite.len() as f64 + 4.0;
         let height = bottom + 38.0;
-        let mut svg = begun(WIDTH, height, &self.title);
+        let told = finite.iter().map(|(name, own)| match own.len() {
+            0 => format!("{name} without a value"),
+            1 => format!("{name} {:.digits$}", mean(own)),
+            n => format!("{name} {:.digits$}, the mean of {n}", mean(own)),
+        });
+        let mut svg = begun(WIDTH, height, &self.title, &told.collect::<Vec<_>>());
         for (k, ((_, own), name)) in finite.iter().zip(names).enumerate() {
             let y = TOP + row * (k + 1) as f64 - ROW / 2.0;
             let (x, up, anchor) = if above { (12.0, 14.0, "start") } else { (AXIS.0 - 12.0, -4.0, "end") };
@@ -76,7 +81,7 @@ impl Dots {
                 let _ = writeln!(svg, "<text x=\"{}\" y=\"{:.1}\">–</text>", AXIS.1 + 12.0, y + 4.0);
                 continue;
             }
-            let mean = own.iter().map(|v| v / own.len() as f64).sum::<f64>();
+            let mean = mean(own);
             let _ = writeln!(
                 svg,
                 "<line x1=\"{0:.1}\" y1=\"{1:.1}\" x2=\"{0:.1}\" y2=\"{2:.1}\" stroke=\"#e17000\" stroke-width=\"2\"/>\
@@ -99,6 +104,11 @@ impl Dots {
         }
         svg + &key(bottom + 28.0) + "</svg>"
     }
+}
+
+/// Of values whose sum need not be finite.
+fn mean(own: &[f64]) -> f64 {
+    own.iter().map(|v| v / own.len() as f64).sum()
 }
 
 /// What dots and strokes are, on a line of that height.
@@ -130,6 +140,9 @@ mod tests {
         };
         let svg = dots.to_svg();
         assert_eq!(svg.matches("<circle").count(), 3 + 1, "and one in the key");
+        assert!(
+            svg.contains("aria-label=\"a &lt;b&gt;: x &amp; y 0.60, the mean of 2, none without a value, z 0.90\"")
+        );
         assert!(svg.contains("cx=\"170.0\"") && svg.contains("cx=\"325.0\"") && svg.contains("cx=\"480.0\""), "{svg}");
         assert!(
             svg.contains("a &lt;b&gt;") && svg.contains("x &amp; y") && svg.contains(">0.60<") && svg.contains(">–<")

@@ -157,7 +157,7 @@ fn of_dots(dots: &Dots) -> Table {
 }
 
 /// A number with four digits or so.
-fn figure(value: f64) -> String {
+pub(crate) fn figure(value: f64) -> String {
     match value.abs() {
         a if a >= 1000.0 || value == 0.0 || (value.fract() == 0.0 && a < 1e6) => format!("{value:.0}"),
         a if a >= 0.01 => format!("{value:.4}"),

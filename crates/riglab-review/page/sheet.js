@@ -38,7 +38,7 @@ function card(asset, act) {
     const image = element("img");
     image.loading = "lazy";
     image.decoding = "async";
-    image.alt = "";
+    image.alt = `Skeleton and parts of ${asset.name}`;
     image.src = picture(asset.index, "small");
     image.addEventListener("error", () => { plate.classList.add("none"); plate.textContent = "no picture"; });
     plate.append(image);
