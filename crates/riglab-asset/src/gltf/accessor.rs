@@ -138,11 +138,16 @@ impl<'a> Accessors<'a> {
         self.buffers.budget()
     }
 
-    /// How many elements an accessor claims, within limits; whether the bytes are there is not checked.
-    pub(super) fn count(&self, number: usize) -> Result<usize, Fault> {
-        if let Some(corners) = self.corners.borrow().get(&number) {
-            return Ok(corners.len());
+    /// How many indices an accessor stands for: those put in place, else as many as it claims.
+    pub(super) fn index_count(&self, number: usize) -> Result<usize, Fault> {
+        match self.corners.borrow().get(&number) {
+            Some(corners) => Ok(corners.len()),
+            None => self.claimed(number),
         }
+    }
+
+    /// How many elements an accessor claims, within limits; whether the bytes are there is not checked.
+    fn claimed(&self, number: usize) -> Result<usize, Fault> {
         let accessor = self.get(number)?;
         let limit = if accessor.buffer_view.is_some() { MAX_COUNT } else { MAX_ZEROS };
         let too_large = || Fault::TooLarge { what: format!("accessor {number}"), count: accessor.count, limit };
@@ -280,10 +285,11 @@ impl<'a> Accessors<'a> {
         })
     }
 
-    /// Checks type and bounds.
+    /// Checks type and bounds. What Draco decoded does not count: it is no part of these bytes, and another use than as
+    /// indices may name the same accessor.
     fn elements<const N: usize>(&self, number: usize, usage: &Usage) -> Result<Elements<'_>, Fault> {
         let accessor = self.get(number)?;
-        let count = self.count(number)?;
+        let count = self.claimed(number)?;
         let component = Component::of(number, accessor.component_type)?;
         if accessor.shape != usage.shape || !usage.components.contains(&component) {
             let shape: String = accessor.shape.chars().take(20).collect();
@@ -407,4 +413,23 @@ fn cached<T: Clone>(
     let elements: Rc<[T]> = read()?.into();
     cache.borrow_mut().insert(number, Rc::clone(&elements));
     Ok(elements)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_draco_decoded_counts_as_indices_and_as_nothing_else() {
+        let json = br#"{"asset": {"version": "2.0"}, "buffers": [{"byteLength": 16}],
+            "bufferViews": [{"buffer": 0, "byteLength": 16}],
+            "accessors": [{"bufferView": 0, "componentType": 5126, "type": "VEC4", "count": 1}]}"#;
+        let document = Document::parse(json).unwrap();
+        let buffers = Buffers::new(&document, Some(&[0; 16]), None, Budget::new(json.len()));
+        let accessors = Accessors::new(&document, buffers);
+        assert!(accessors.put_indices(0, (0..12).collect()).unwrap());
+        assert_eq!((accessors.index_count(0).unwrap(), accessors.indices(0).unwrap().len()), (12, 12));
+        // As rotations of an animation, which may name the accessor too, it is the one that its bytes are.
+        assert_eq!(accessors.rotations(0).unwrap(), [[0.0; 4]]);
+    }
 }

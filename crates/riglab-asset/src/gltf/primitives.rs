@@ -223,7 +223,7 @@ impl Collector<'_, '_> {
     fn primitive(&mut self, place: Place, primitive: &Primitive, mode: u32, set: usize) -> Result<(), Fault> {
         let count = self.sources.sets[set].positions.len();
         let corners = match primitive.indices {
-            Some(indices) => self.accessors.count(indices)?,
+            Some(indices) => self.accessors.index_count(indices)?,
             None => count,
         };
         self.total = self.total.saturating_add(corners);
