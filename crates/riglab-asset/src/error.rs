@@ -9,7 +9,7 @@ use crate::{Format, PeerFault};
 
 /// A file that cannot be imported, and why.
 #[derive(Clone, Debug, Error, PartialEq)]
-#[error("{file}: {fault}")]
+#[error("{file}: {fault}{}", fault.remedy())]
 pub struct ImportError {
     /// Its path, as given.
     pub file: String,
@@ -412,6 +412,50 @@ pub enum Fault {
     #[error("no valid rig: {0}")]
     Rig(#[from] RigError),
 }
+
+impl Fault {
+    /// What to do about it, where the sentence of the fault does not say so: it is told of a rig that is left out, too.
+    fn remedy(&self) -> &'static str {
+        if self.is_of_rig() { "; `riglab rig` makes a new rig for it" } else { "" }
+    }
+
+    /// Whether it is the rig that is broken, skin or weights, and not the mesh.
+    fn is_of_rig(&self) -> bool {
+        match self {
+            Self::NotFinite { used, .. } | Self::AccessorType { used, .. } => OF_RIG.contains(used),
+            Self::Reference { from, to, .. } => from.starts_with("skin ") || *to == "skin",
+            Self::AttributeCount { .. }
+            | Self::AttributeMissing { .. }
+            | Self::JointIndex { .. }
+            | Self::EmptySkin(_)
+            | Self::JointTwice { .. }
+            | Self::InverseBindCount { .. }
+            | Self::Singular { .. }
+            | Self::JointNotFinite { .. } => true,
+            _ => false,
+        }
+    }
+
+    /// Whether the file may be sound without its rig: a fault of it, or one of bytes that does not tell whose they are.
+    pub(crate) fn may_lie_in_rig(&self) -> bool {
+        let of_bytes = matches!(
+            self,
+            Self::Reference { .. }
+                | Self::ViewBounds { .. }
+                | Self::AccessorBounds { .. }
+                | Self::Stride { .. }
+                | Self::ComponentType { .. }
+                | Self::AccessorType { .. }
+                | Self::SparseIndex { .. }
+                | Self::Compressed { .. }
+                | Self::VertexNotFinite { .. }
+        );
+        self.is_of_rig() || of_bytes
+    }
+}
+
+/// What accessors of a rig are used as.
+const OF_RIG: [&str; 3] = ["JOINTS", "WEIGHTS", "inverse bind matrices"];
 
 /// Some names with their numbers.
 fn listed(names: &[String]) -> String {

@@ -91,6 +91,8 @@ pub enum ExportNote {
         /// Whether it is in no folder that is looked in: the model's and those below it.
         outside: bool,
     },
+    /// The old rig could not be read, for this fault.
+    RigBroken(Fault),
     /// Animations of the old rig do not apply any more.
     MotionDropped {
         /// Channels dropped.
@@ -148,6 +150,10 @@ impl fmt::Display for ExportNote {
             Self::PictureLeft { image, uri, .. } => {
                 write!(f, "image {image} is not in the file: `{uri}` cannot be read or is no known kind of picture")
             }
+            Self::RigBroken(fault) => write!(
+                f,
+                "the old rig cannot be read and was left out: {fault}; the model stands where its nodes place it"
+            ),
             Self::MotionDropped { channels } => {
                 write!(f, "{channels} animation channels that moved the old rig were dropped")
             }
@@ -297,10 +303,10 @@ pub fn alone(name: &str, rig: &Rig, provenance: &Provenance, options: &ExportOpt
 
 /// The file at `path` without its rig: no skins, no weights, no nodes that were for joints alone, no motion
 /// of them, no humanoid or springs of VRM. Meshes stand where the rest pose shows them, as the importer reads
-/// it. A file without a rig comes back as it is, but for being one GLB.
+/// it, or, where the rig is broken, their nodes place them. A file without a rig comes back as it is, but for being one GLB.
 ///
 /// # Errors
-/// What is wrong with the file; [`ExportFault::NotADocument`] for other formats than glTF.
+/// What is wrong with the file beyond its rig; [`ExportFault::NotADocument`] for other formats than glTF.
 pub fn strip(path: impl AsRef<Path>, options: &ImportOptions) -> Result<Exported, ExportError> {
     let path = path.as_ref();
     strip_bytes(path, &read(path)?, Some(folder(path)), options)
@@ -323,8 +329,11 @@ pub fn strip_bytes(
     }
     // All characters go, and nothing is looked at that does not stand somewhere.
     let options = ImportOptions { character: None, clips: None, ..options.clone() };
-    let imported = import_from(path, bytes, folder, &options).map_err(|e| fail(e.fault.into()))?;
-    gltf::export::strip(bytes, folder, &imported.reading).map_err(fail)
+    match import_from(path, bytes, folder, &options) {
+        Ok(imported) => gltf::export::strip(bytes, folder, &imported.reading),
+        Err(e) => gltf::export::strip_broken(bytes, folder, &options, e.fault).map(|(_, exported)| exported),
+    }
+    .map_err(fail)
 }
 
 /// A rigged glTF with one motion more, `riglab preview`: each joint of each skin bends 25 degrees to and fro, one after

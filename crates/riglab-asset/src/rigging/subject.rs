@@ -17,7 +17,7 @@ use crate::{Binding, Fault, Format, ImportError, ImportOptions, Imported, Warnin
 pub struct SubjectOptions {
     /// Whether a rig that is there stays. Then the mesh is what that rig binds, and [`Subject::rig`] gives the
     /// rig. Else all surfaces of the file are the mesh, standing where the rest pose shows them, but for
-    /// colliders by name, which stay as they are.
+    /// colliders by name, which stay as they are; a rig that cannot be read is no hindrance then.
     pub keep_rig: bool,
     /// The axis that points up.
     pub up: UpAxis,
@@ -159,12 +159,23 @@ impl Subject {
         let (document, beside) = match Format::of(path, bytes).map_err(fail)? {
             Format::Gltf if options.keep_rig => (Cow::Borrowed(bytes), folder),
             Format::Gltf => {
-                let (reading, _) = gltf::read(bytes, folder, &keeps).map_err(fail)?;
+                // A rig that goes need not be one that can be read.
+                let (reading, bare) = match gltf::read(bytes, folder, &keeps) {
+                    Ok((reading, _)) => (reading, None),
+                    Err(of) => {
+                        let bare = gltf::export::strip_broken(bytes, folder, &keeps, of);
+                        let (reading, bare) = bare.map_err(|e| fail(fault(e)))?;
+                        (reading, Some(bare))
+                    }
+                };
                 if reading.faces_back && options.to_front {
                     turn.about = true;
                     notes.push(SubjectNote::FacesBack);
                 }
-                if reading.joints.is_empty() {
+                if let Some(bare) = bare {
+                    notes.extend(bare.notes.into_iter().map(SubjectNote::Stripped));
+                    (Cow::Owned(bare.bytes), None)
+                } else if reading.joints.is_empty() {
                     (Cow::Borrowed(bytes), folder)
                 } else {
                     notes.push(SubjectNote::RigIgnored { joints: reading.joints.len() });

@@ -2,13 +2,15 @@
 //!
 //! A file is packed into one run of bytes ([`packed`]), looked at as the importer does ([`scene`]), and
 //! altered as JSON ([`draft`]): a rig is put in ([`bind`]), with its human bones ([`humanoid`]) and springs
-//! ([`springs`]), or taken out ([`strip`], [`remove`]). Geometry is moved into the scene only where the nodes
+//! ([`springs`]), or taken out ([`strip`], [`remove`]), one
+//! that cannot be read too ([`broken`]). Geometry is moved into the scene only where the nodes
 //! would not leave it in its place ([`bake`], [`place`]); a motion may be added ([`mod@preview`], [`motion`]). At the end goes what nothing names any more
 //! ([`finish`]). All else stays as it was read.
 
 mod animations;
 mod bake;
 mod bind;
+mod broken;
 mod draft;
 mod finish;
 mod frames;
@@ -39,7 +41,7 @@ use super::accessor::Accessors;
 use super::buffers::Buffers;
 use super::document::Document;
 use crate::budget::Budget;
-use crate::{ExportFault, ExportNote, ExportOptions, Exported, Imported, Reading};
+use crate::{ExportFault, ExportNote, ExportOptions, Exported, Fault, ImportOptions, Imported, Reading};
 use bind::Binder;
 use draft::Draft;
 use scene::{Same, Scene};
@@ -75,6 +77,32 @@ pub(crate) fn strip(bytes: &[u8], folder: Option<&Path>, reading: &Reading) -> R
         strip::strip(draft, source.accessors, &scene, reading, notes)?;
         Ok(())
     })
+}
+
+/// As [`strip`], of a file of which reading says `fault`: where its rig is to blame, the file without it, and what is read
+/// of that. No bind pose is known then, so meshes stand where their nodes place them.
+pub(crate) fn strip_broken(
+    bytes: &[u8],
+    folder: Option<&Path>,
+    options: &ImportOptions,
+    fault: Fault,
+) -> Result<(Reading, Exported), ExportFault> {
+    if !fault.may_lie_in_rig() {
+        return Err(fault.into());
+    }
+    let (bare, joints) = broken::without_rig(bytes)?;
+    let (reading, _) = super::read(&bare, folder, options)?;
+    if reading.parts.is_empty() {
+        return Err(fault.into());
+    }
+    let exported = edit(&bare, folder, |draft, source, notes| {
+        notes.push(ExportNote::RigBroken(fault));
+        let mut scene = Scene::new(&source, &reading, None)?.ok_or(ExportFault::OtherSource)?;
+        joints.into_iter().for_each(|node| scene.is_joint[node] = true);
+        strip::strip(draft, source.accessors, &scene, &reading, notes)?;
+        Ok(())
+    })?;
+    Ok((reading, exported))
 }
 
 /// See [`crate::export::preview`].
