@@ -249,7 +249,10 @@ pub enum Fault {
         wanted: &'static str,
     },
     /// A count that no file this size can mean.
-    #[error("{what}: a count of {count} is too large, the limit is {limit}")]
+    #[error(
+        "{what}: a count of {count} is too large, the limit is {limit}; if the file means it, decimate its meshes or split \
+         it into several files, in Blender for example"
+    )]
     TooLarge {
         /// Of what.
         what: String,
@@ -257,6 +260,30 @@ pub enum Fault {
         count: u64,
         /// Allowed.
         limit: u64,
+    },
+    /// Few bytes that stand for many, in nodes that share meshes or by compression.
+    #[error(
+        "{what} comes to {bytes} bytes once decoded, more than a file of this size may ask for ({limit}); put fewer nodes on one \
+         mesh, join them into one mesh, or export without compression"
+    )]
+    Unfolded {
+        /// What of the file.
+        what: &'static str,
+        /// So far.
+        bytes: u64,
+        /// Allowed.
+        limit: u64,
+    },
+    /// More than were asked for.
+    #[error(
+        "{found} triangles are more than the {limit} that are read; `--max-triangles {found}` reads them, and decimating the \
+         model, in Blender for example, takes less time and memory"
+    )]
+    Triangles {
+        /// In the file.
+        found: usize,
+        /// Allowed.
+        limit: usize,
     },
     /// Sparse accessors replace elements by number.
     #[error("accessor {accessor}: a sparse index is {index}, out of range of its {count} elements")]

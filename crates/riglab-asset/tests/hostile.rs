@@ -81,14 +81,14 @@ fn claims_without_bytes_behind_them() {
     tiny.document["accessors"].as_array_mut().unwrap().extend(vec![zeros; MANY]);
     let many: Vec<_> = (0..MANY).map(|i| json!({"attributes": {"POSITION": 5 + i}, "indices": 3})).collect();
     let result = soon("zeros", &tiny.with("/meshes/0/primitives", json!(many)).glb());
-    assert!(matches!(result.unwrap_err().fault, Fault::TooLarge { .. }));
+    assert!(matches!(result.unwrap_err().fault, Fault::Unfolded { .. }));
 
     // The same many corners, again and again.
     let indices = vec![0u8; 100_000];
     let tiny = Tiny::new().with_accessor(5121, "SCALAR", indices.len(), &indices);
     let many = vec![json!({"attributes": skinned(POSITION), "indices": 5}); MANY];
     let result = soon("corners", &tiny.with("/meshes/0/primitives", json!(many)).glb());
-    assert!(matches!(result.unwrap_err().fault, Fault::TooLarge { .. }));
+    assert!(matches!(result.unwrap_err().fault, Fault::Unfolded { .. }));
 
     let many: serde_json::Map<_, _> = (0..MANY)
         .flat_map(|i| [(format!("JOINTS_{i}"), json!(JOINTS)), (format!("WEIGHTS_{i}"), json!(WEIGHTS))])
@@ -123,6 +123,22 @@ fn equal_names_and_vertices_without_weights() {
 }
 
 #[test]
+fn a_mesh_of_thousands_of_vertices_on_hundreds_of_nodes() {
+    let count = 3_600u16;
+    let positions: Vec<u8> =
+        (0..count).flat_map(|i| [0.0, f32::from(i), f32::from(i * i % 7)]).flat_map(f32::to_le_bytes).collect();
+    let mut tiny = Tiny::new().with_accessor(5126, "VEC3", count.into(), &positions);
+    tiny.document["skins"] = json!([]);
+    tiny.document["meshes"][0]["primitives"] = json!([{"attributes": {"POSITION": 5}}]);
+    tiny.document["nodes"] = json!(vec![json!({"mesh": 0}); 500]);
+    assert_eq!(soon("copies", &tiny.glb()).unwrap().mesh().positions().len(), 500 * usize::from(count));
+    // Of more there is a word on what to do.
+    tiny.document["nodes"] = json!(vec![json!({"mesh": 0}); 3_000]);
+    let said = soon("more copies", &tiny.glb()).unwrap_err().to_string();
+    assert!(said.contains("put fewer nodes on one mesh"), "{said}");
+}
+
+#[test]
 fn small_files_that_stand_for_large_ones() {
     // A sheet of triangles on many nodes.
     let corners = 30_000u32;
@@ -130,7 +146,7 @@ fn small_files_that_stand_for_large_ones() {
     let mut tiny = Tiny::new().with_accessor(5121, "SCALAR", indices.len(), &indices);
     tiny.document["meshes"][0]["primitives"][0]["indices"] = json!(5);
     tiny.document["nodes"].as_array_mut().unwrap().extend(vec![json!({"mesh": 0, "skin": 0}); MANY]);
-    assert!(matches!(soon("sheets", &tiny.glb()).unwrap_err().fault, Fault::TooLarge { .. }));
+    assert!(matches!(soon("sheets", &tiny.glb()).unwrap_err().fault, Fault::Unfolded { .. }));
 
     // JSON that takes many times its bytes in memory: more nodes than joints can be, and values without sense.
     let nodes = format!(r#"{{"asset":{{"version":"2.0"}},"nodes":[{}{{}}]}}"#, "{},".repeat(70_000));

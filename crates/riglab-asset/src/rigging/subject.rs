@@ -126,7 +126,7 @@ impl Subject {
     ///
     /// # Errors
     /// What is wrong with the file, with its path before it; [`Fault::NoMesh`] without triangles,
-    /// [`Fault::TooLarge`] for more of them than asked for.
+    /// [`Fault::Triangles`] for more of them than asked for.
     pub fn read(path: impl AsRef<Path>, options: &SubjectOptions) -> Result<Self, ImportError> {
         let path = path.as_ref();
         let fail = |fault| ImportError::new(&path.to_string_lossy(), fault);
@@ -244,7 +244,7 @@ impl Subject {
         let own = source.imported.mesh();
         let count = own.triangles().len();
         if count > options.max_triangles {
-            return Err(fail(too_large("triangles", count, options.max_triangles)));
+            return Err(fail(Fault::Triangles { found: count, limit: options.max_triangles }));
         }
         let warnings = source.imported.warnings().iter();
         notes.extend(warnings.filter(|w| !matches!(w, Warning::NoSkeleton)).cloned().map(SubjectNote::Read));
