@@ -80,7 +80,7 @@ pub enum Fault {
     Fbx(String),
 
     /// A line of an OBJ file.
-    #[error("cannot be read as OBJ: {0}")]
+    #[error("cannot be read as OBJ: {0}; export the file again, in Blender for example")]
     Obj(String),
 
     /// A GLB shorter than its header.

@@ -14,16 +14,17 @@ pub(crate) fn read(bytes: &[u8]) -> Result<Reading, Fault> {
     // What a material library holds does not matter.
     let lines = wavefront::obj(bytes, Asked::Surface);
     let (models, _) = tobj::load_obj_buf(&mut &lines[..], &options, |_| Err(LoadError::OpenFileFailed))
-        .map_err(|e| Fault::Obj(e.to_string()))?;
+        .map_err(|e| wavefront::explain(bytes, &e.to_string()))?;
     let mut reading = Reading::default();
     for (node, model) in models.into_iter().enumerate() {
         let positions: Vec<[f32; 3]> = model.mesh.positions.as_chunks().0.to_vec();
         if positions.as_flattened().iter().any(|x| !x.is_finite()) {
-            return Err(Fault::Obj(format!("object `{}` has a coordinate that is not finite", model.name)));
+            let reason = format!("object `{}` has a coordinate that is not finite", model.name);
+            return Err(wavefront::explain(bytes, &reason));
         }
         let count = positions.len() as u32;
         if let Some(v) = model.mesh.indices.iter().find(|v| **v >= count) {
-            return Err(Fault::Obj(format!("object `{}` names vertex {v} of {count}", model.name)));
+            return Err(wavefront::explain(bytes, &format!("object `{}` names vertex {v} of {count}", model.name)));
         }
         let mut triangles = triangles::from_indices(&model.mesh.indices, 4);
         if triangles.is_empty() {

@@ -1,6 +1,10 @@
 //! Lines of Wavefront files, OBJ and MTL, as tobj takes them: it refuses a whole file, or panics, at lines that files have
 //! and that other programs read.
 
+mod fault;
+
+pub(crate) use fault::explain;
+
 /// What of an OBJ is asked for.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Asked {

@@ -35,7 +35,7 @@ pub(super) fn read(
     };
     // Texture coordinates and normals that do not fit are no reason to refuse the surface.
     let loaded = load(Asked::All).or_else(|_| load(Asked::Looks));
-    let (models, materials) = loaded.map_err(|e| Fault::Obj(e.to_string()))?;
+    let (models, materials) = loaded.map_err(|e| wavefront::explain(bytes, &e.to_string()))?;
     notes.extend(missing.take().into_iter().map(SubjectNote::FileMissing));
     let mut model = Model { name: name.into(), ..Model::default() };
     let mut pictures = Pictures { folder, known: HashMap::new(), found: Vec::new(), notes };
@@ -47,7 +47,7 @@ pub(super) fn read(
         notes.push(SubjectNote::MapsLeft(left.into_iter().collect()));
     }
     for part in models {
-        let patch = patch(&part)?;
+        let patch = patch(&part).map_err(|reason| wavefront::explain(bytes, &reason))?;
         if patch.indices.is_empty() {
             continue;
         }
@@ -60,17 +60,18 @@ pub(super) fn read(
     Ok(model)
 }
 
-fn patch(part: &tobj::Model) -> Result<Patch, Fault> {
+/// A part, or what is wrong with it.
+fn patch(part: &tobj::Model) -> Result<Patch, String> {
     let mesh = &part.mesh;
     let positions: Vec<[f32; 3]> = mesh.positions.as_chunks().0.to_vec();
     if positions.as_flattened().iter().any(|x| !x.is_finite()) {
-        return Err(Fault::Obj(format!("object `{}` has a coordinate that is not finite", part.name)));
+        return Err(format!("object `{}` has a coordinate that is not finite", part.name));
     }
     let mut indices = mesh.indices.clone();
     indices.truncate(indices.len() / 3 * 3);
     let count = positions.len();
     if let Some(v) = indices.iter().find(|v| **v as usize >= count) {
-        return Err(Fault::Obj(format!("object `{}` names vertex {v} of {count}", part.name)));
+        return Err(format!("object `{}` names vertex {v} of {count}", part.name));
     }
     // Where a face leaves them out, there are fewer than vertices, and whose they are is not known.
     let whole = |list: &[f32], per: usize| list.len() == per * count && list.iter().all(|x| x.is_finite());
