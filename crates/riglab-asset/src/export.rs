@@ -93,6 +93,19 @@ pub enum ExportNote {
     },
     /// The old rig could not be read, for this fault.
     RigBroken(Fault),
+    /// What has numbers that are not finite, which the format does not allow, was mended or left out.
+    NotFinite {
+        /// Normals, which were made anew of the triangles around them.
+        normals: usize,
+        /// Texture coordinates, which are 0 now.
+        coordinates: usize,
+        /// What morph targets add to a vertex, which is nothing now.
+        offsets: usize,
+        /// Primitives whose tangents were left out.
+        tangents: usize,
+        /// Animation channels that were left out.
+        channels: usize,
+    },
     /// Animations of the old rig do not apply any more.
     MotionDropped {
         /// Channels dropped.
@@ -154,6 +167,22 @@ impl fmt::Display for ExportNote {
                 f,
                 "the old rig cannot be read and was left out: {fault}; the model stands where its nodes place it"
             ),
+            Self::NotFinite { normals, coordinates, offsets, tangents, channels } => {
+                let parts = [
+                    (normals, "normals were made anew"),
+                    (coordinates, "texture coordinates were set to 0"),
+                    (offsets, "offsets of morph targets were set to 0"),
+                    (tangents, "primitives lost their tangents"),
+                    (channels, "animation channels were left out"),
+                ];
+                let told = parts.iter().filter(|(count, _)| **count > 0).map(|(count, what)| format!("{count} {what}"));
+                let told: Vec<_> = told.collect();
+                write!(
+                    f,
+                    "numbers in it are not finite (NaN or infinity), which glTF does not allow: {}",
+                    told.join(", ")
+                )
+            }
             Self::MotionDropped { channels } => {
                 write!(f, "{channels} animation channels that moved the old rig were dropped")
             }

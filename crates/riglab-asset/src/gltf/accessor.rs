@@ -79,6 +79,12 @@ const ROTATIONS: Usage = Usage {
     wanted: "VEC4 of floats, or of normalised bytes or shorts",
 };
 const DIRECTION: Usage = Usage { name: "NORMAL or a morph target", ..POSITION };
+const TEXCOORD: Usage = Usage {
+    name: "TEXCOORD",
+    shape: "VEC2",
+    components: &[Component::F32, Component::U8, Component::U16],
+    wanted: "VEC2 of floats, unsigned bytes or shorts",
+};
 const TANGENT: Usage = Usage { name: "TANGENT", shape: "VEC4", ..POSITION };
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -118,6 +124,8 @@ struct Elements<'b> {
     component: Component,
     normalized: bool,
     count: usize,
+    /// Bytes of one, without the gap behind it.
+    size: usize,
     stride: usize,
     /// `None`: zeros.
     bytes: Option<&'b [u8]>,
@@ -171,6 +179,24 @@ impl<'a> Accessors<'a> {
     /// Tangents, the fourth component the side; not kept.
     pub(super) fn tangents(&self, number: usize) -> Result<Vec<[f32; 4]>, Fault> {
         self.floats(number, &TANGENT, usize::MAX)
+    }
+
+    /// Texture coordinates; not kept.
+    pub(super) fn coordinates(&self, number: usize) -> Result<Vec<[f32; 2]>, Fault> {
+        self.floats(number, &TEXCOORD, usize::MAX)
+    }
+
+    /// Whether an accessor has floats that are not finite; not where it cannot be read.
+    pub(super) fn is_broken(&self, number: usize) -> bool {
+        let broken = |elements: Result<Elements<'_>, Fault>| elements.is_ok_and(|e| e.is_broken());
+        let usage = |shape: &'static str| Usage { shape, ..INVERSE_BIND };
+        match self.document.accessors.get(number).map(|accessor| accessor.shape.as_str()) {
+            Some("SCALAR") => broken(self.elements::<1>(number, &usage("SCALAR"))),
+            Some("VEC2") => broken(self.elements::<2>(number, &usage("VEC2"))),
+            Some("VEC3") => broken(self.elements::<3>(number, &usage("VEC3"))),
+            Some("VEC4") => broken(self.elements::<4>(number, &usage("VEC4"))),
+            _ => false,
+        }
     }
 
     pub(super) fn weights(&self, number: usize) -> Result<Rc<[[f32; 4]]>, Fault> {
@@ -305,6 +331,7 @@ impl<'a> Accessors<'a> {
             component,
             normalized: accessor.normalized,
             count,
+            size,
             stride: dense.map_or(size, |(stride, _)| stride),
             bytes: dense.map(|(_, bytes)| bytes),
             replaced: self.replaced(number, accessor, count, size)?,
@@ -375,6 +402,13 @@ impl<'a> Accessors<'a> {
 }
 
 impl Elements<'_> {
+    /// Whether floats are not finite: those of the elements, or what takes their place.
+    fn is_broken(&self) -> bool {
+        let any = |bytes: &[u8]| bytes.as_chunks().0.iter().any(|b| !f32::from_le_bytes(*b).is_finite());
+        let own = self.bytes.is_some_and(|bytes| bytes.chunks(self.stride).any(|e| any(&e[..self.size.min(e.len())])));
+        own || self.replaced.as_ref().is_some_and(|(_, values)| any(values))
+    }
+
     /// The first `most` elements at most; `SIZE` is that of the component.
     fn decode<T: Copy + Default, const N: usize, const SIZE: usize>(
         &self,

@@ -28,7 +28,6 @@ mod subject;
 mod up;
 
 pub use names::{NameStyle, humanoid, name_added, name_joints};
-#[cfg(feature = "fbx")]
 pub(crate) use normals::complete as complete_normals;
 pub use note::SubjectNote;
 pub use seams::{agreed, twins};

@@ -36,13 +36,40 @@ pub(super) fn drop_motion(
         drop_samplers(animation);
     }
     if dropped > 0 {
-        let Some(animations) = draft.json.get_mut("animations").and_then(Value::as_array_mut) else { return dropped };
-        animations.retain(|a| a["channels"].as_array().is_none_or(|channels| !channels.is_empty()));
-        if animations.is_empty() {
-            remove(&mut draft.json, "animations");
-        }
+        drop_empty(draft);
     }
     dropped
+}
+
+/// Drops the channels over accessors of keys or values that `broken` says yes to, then animations without channels and
+/// samplers without use; gives how many channels went.
+pub(super) fn drop_broken(draft: &mut Draft, mut broken: impl FnMut(usize) -> bool) -> usize {
+    let mut dropped = 0;
+    for animation in draft.list_mut("animations") {
+        let accessors = |sampler: &Value| ["input", "output"].map(|key| index(&sampler[key]));
+        let samplers = items(animation.get_mut("samplers"));
+        let bad: Vec<bool> = samplers.map(|s| accessors(s).into_iter().flatten().any(&mut broken)).collect();
+        let Some(channels) = animation.get_mut("channels").and_then(Value::as_array_mut) else { continue };
+        let before = channels.len();
+        channels.retain(|channel| !index(&channel["sampler"]).and_then(|s| bad.get(s)).is_some_and(|bad| *bad));
+        if channels.len() < before {
+            dropped += before - channels.len();
+            drop_samplers(animation);
+        }
+    }
+    if dropped > 0 {
+        drop_empty(draft);
+    }
+    dropped
+}
+
+/// Drops animations without channels.
+fn drop_empty(draft: &mut Draft) {
+    let Some(animations) = draft.json.get_mut("animations").and_then(Value::as_array_mut) else { return };
+    animations.retain(|a| a["channels"].as_array().is_none_or(|channels| !channels.is_empty()));
+    if animations.is_empty() {
+        remove(&mut draft.json, "animations");
+    }
 }
 
 /// The nodes that some animation moves, turns or scales.

@@ -33,6 +33,7 @@ pub(super) struct Layout {
     pub(super) size: usize,
 }
 
+pub(super) const VEC2: Layout = Layout { component: F32, shape: "VEC2", size: 8 };
 pub(super) const VEC3: Layout = Layout { component: F32, shape: "VEC3", size: 12 };
 pub(super) const VEC4: Layout = Layout { component: F32, shape: "VEC4", size: 16 };
 pub(super) const MAT4: Layout = Layout { component: F32, shape: "MAT4", size: 64 };

@@ -1,6 +1,6 @@
 //! Documents with another rig, or without one.
 //!
-//! A file is packed into one run of bytes ([`packed`]), looked at as the importer does ([`scene`]), and
+//! A file is packed into one run of bytes ([`packed`]), rid of numbers that are not finite ([`finite`]), looked at as the importer does ([`scene`]), and
 //! altered as JSON ([`draft`]): a rig is put in ([`bind`]), with its human bones ([`humanoid`]) and springs
 //! ([`springs`]), or taken out ([`strip`], [`remove`]), one
 //! that cannot be read too ([`broken`]). Geometry is moved into the scene only where the nodes
@@ -13,6 +13,7 @@ mod bind;
 mod broken;
 mod draft;
 mod finish;
+mod finite;
 mod frames;
 mod humanoid;
 mod meshes;
@@ -143,15 +144,23 @@ fn edit(
 ) -> Result<Exported, ExportFault> {
     let mut notes = Vec::new();
     let (mut draft, rounded) = packed::open(bytes, folder, &mut notes)?;
-    let base = draft.freeze();
-    draft.json["buffers"][0]["byteLength"] = json!(base.len());
-    let document = Document::deserialize(&draft.json)
-        .map_err(|e| crate::Fault::Json { path: String::new(), reason: e.to_string() })?;
+    let mut base = draft.freeze();
+    let mut document = typed(&mut draft, &base)?;
+    if finite::mend(&mut draft, &document, &base, &mut notes) {
+        base.extend(draft.freeze());
+        document = typed(&mut draft, &base)?;
+    }
     let accessors = Accessors::new(&document, Buffers::new(&document, Some(&base), None, Budget::new(base.len())));
     alter(&mut draft, Source { document: &document, accessors: &accessors, rounded: &rounded }, &mut notes)?;
     let draft = finish::finish(draft, &base)?;
     let bytes = draft.into_glb().map_err(ExportFault::TooLong)?;
     Ok(Exported { bytes, notes })
+}
+
+/// What the importer sees of a draft whose bytes are `base`.
+fn typed(draft: &mut Draft, base: &[u8]) -> Result<Document, Fault> {
+    draft.json["buffers"][0]["byteLength"] = json!(base.len());
+    Document::deserialize(&draft.json).map_err(|e| Fault::Json { path: String::new(), reason: e.to_string() })
 }
 
 /// See [`crate::export::alone`].

@@ -1,0 +1,155 @@
+//! Numbers that are not finite (NaN or infinity) in what a rig has no part in: normals, tangents, texture coordinates,
+//! morph targets and motions.
+//!
+//! glTF allows none, and programs show black surfaces or nothing for them. Of positions, skins and weights the importer
+//! takes none. Where all are finite, nothing is changed, and what cannot be read stays as it is.
+
+use std::collections::HashMap;
+
+use serde_json::json;
+
+use super::super::accessor::Accessors;
+use super::super::buffers::Buffers;
+use super::super::document::{Document, Primitive};
+use super::animations;
+use super::draft::{ARRAY, Draft, VEC2, index, remove};
+use crate::budget::Budget;
+use crate::{ExportNote, rigging, triangles};
+
+/// How many of each were not finite.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+struct Mended {
+    normals: usize,
+    coordinates: usize,
+    offsets: usize,
+    tangents: usize,
+    channels: usize,
+}
+
+/// Mends a document whose bytes are `base`; what is new comes behind them. True where there was something to mend.
+pub(super) fn mend(draft: &mut Draft, document: &Document, base: &[u8], notes: &mut Vec<ExportNote>) -> bool {
+    let accessors = Accessors::new(document, Buffers::new(document, Some(base), None, Budget::new(base.len())));
+    let (known, done, mended) = Default::default();
+    let mut mender = Mender { document, accessors, known, done, mended };
+    for (m, mesh) in document.meshes.iter().enumerate() {
+        for (p, primitive) in mesh.primitives.iter().enumerate() {
+            mender.primitive(draft, (m, p), primitive);
+        }
+    }
+    mender.mended.channels = animations::drop_broken(draft, |accessor| mender.is_broken(accessor));
+    let mended = mender.mended;
+    let any = mended != Mended::default();
+    if any {
+        let Mended { normals, coordinates, offsets, tangents, channels } = mended;
+        notes.push(ExportNote::NotFinite { normals, coordinates, offsets, tangents, channels });
+    }
+    any || !draft.binary.is_empty()
+}
+
+struct Mender<'a> {
+    document: &'a Document,
+    accessors: Accessors<'a>,
+    /// Which accessors have such numbers.
+    known: HashMap<usize, bool>,
+    /// New accessors, by the old one and that of positions: primitives share them.
+    done: HashMap<(usize, Option<usize>), usize>,
+    mended: Mended,
+}
+
+impl Mender<'_> {
+    fn is_broken(&mut self, accessor: usize) -> bool {
+        let accessors = &self.accessors;
+        *self.known.entry(accessor).or_insert_with(|| accessors.is_broken(accessor))
+    }
+
+    fn primitive(&mut self, draft: &mut Draft, (mesh, number): (usize, usize), primitive: &Primitive) {
+        for (name, &accessor) in &primitive.attributes {
+            let known = ["NORMAL", "TANGENT"].contains(&name.as_str()) || name.starts_with("TEXCOORD_");
+            if !known || !self.is_broken(accessor) {
+                continue;
+            }
+            let position = primitive.attributes.get("POSITION").copied().filter(|_| name == "NORMAL");
+            let new = match (name.as_str(), self.done.get(&(accessor, position))) {
+                ("TANGENT", _) => None,
+                (_, Some(&new)) => Some(new),
+                ("NORMAL", None) => self.normals(draft, accessor, position),
+                _ => self.coordinates(draft, accessor),
+            };
+            let attributes = &mut draft.list_mut("meshes")[mesh]["primitives"][number]["attributes"];
+            match new {
+                Some(new) => {
+                    self.done.insert((accessor, position), new);
+                    attributes[name] = json!(new);
+                }
+                // Programs make them of normals and coordinates.
+                None if name == "TANGENT" => {
+                    remove(attributes, name);
+                    self.mended.tangents += 1;
+                }
+                None => {}
+            }
+        }
+        let count = draft.list("meshes")[mesh]["primitives"][number]["targets"].as_array().map_or(0, Vec::len);
+        for target in 0..count {
+            let own = draft.list("meshes")[mesh]["primitives"][number]["targets"][target].clone();
+            for (name, accessor) in own.as_object().into_iter().flatten() {
+                let Some(accessor) = index(accessor).filter(|accessor| self.is_broken(*accessor)) else { continue };
+                let new = self.done.get(&(accessor, None)).copied();
+                let Some(new) = new.or_else(|| self.offsets(draft, accessor)) else { continue };
+                self.done.insert((accessor, None), new);
+                draft.list_mut("meshes")[mesh]["primitives"][number]["targets"][target][name] = json!(new);
+            }
+        }
+    }
+
+    /// Those that point nowhere become the mean of the triangles around their places.
+    fn normals(&mut self, draft: &mut Draft, accessor: usize, position: Option<usize>) -> Option<usize> {
+        let position = position?;
+        let mut own = self.accessors.directions(accessor).ok()?;
+        let positions = self.accessors.positions(position).ok().filter(|all| all.len() == own.len())?;
+        let all = self.document.meshes.iter().flat_map(|mesh| &mesh.primitives);
+        let same = all.filter(|p| {
+            p.attributes.get("NORMAL") == Some(&accessor) && p.attributes.get("POSITION") == Some(&position)
+        });
+        let mut around = Vec::new();
+        for primitive in same {
+            let corners = match primitive.indices {
+                Some(indices) => self.accessors.indices(indices).unwrap_or_default(),
+                None => (0..own.len() as u32).collect(),
+            };
+            let faces = triangles::from_indices(&corners, primitive.mode.unwrap_or(4));
+            around.extend(faces.into_iter().filter(|face| face.iter().all(|v| (*v as usize) < own.len())));
+        }
+        let made = rigging::complete_normals(&own, &positions, &around);
+        for (own, made) in own.iter_mut().zip(made).filter(|(own, _)| !is_finite(&own[..])) {
+            *own = made;
+            self.mended.normals += 1;
+        }
+        Some(draft.vectors(&own, false, Some(ARRAY)))
+    }
+
+    fn coordinates(&mut self, draft: &mut Draft, accessor: usize) -> Option<usize> {
+        let mut own = self.accessors.coordinates(accessor).ok()?;
+        self.mended.coordinates += zero(&mut own);
+        let bytes: Vec<u8> = own.as_flattened().iter().flat_map(|x| x.to_le_bytes()).collect();
+        Some(draft.accessor(&bytes, VEC2, Some(ARRAY)))
+    }
+
+    /// What morph targets add.
+    fn offsets(&mut self, draft: &mut Draft, accessor: usize) -> Option<usize> {
+        let mut own = self.accessors.directions(accessor).ok()?;
+        self.mended.offsets += zero(&mut own);
+        // Those of positions have bounds, which do no harm to others.
+        Some(draft.vectors(&own, true, Some(ARRAY)))
+    }
+}
+
+/// Makes what is not finite 0; gives how many elements.
+fn zero<const N: usize>(all: &mut [[f32; N]]) -> usize {
+    let broken = all.iter_mut().filter(|own| !is_finite(&own[..]));
+    broken.map(|own| *own = [0.0; N]).count()
+}
+
+fn is_finite(numbers: &[f32]) -> bool {
+    numbers.iter().all(|x| x.is_finite())
+}
