@@ -48,6 +48,18 @@ pub enum DataError {
         /// What is missing.
         message: String,
     },
+    /// A dataset that claims far more rows than the file has.
+    #[error("{path}: its dataset `{name}` is damaged: it claims the shape {shape:?}, of which {stored} bytes are stored; import the corpus again", path = path.display())]
+    Overstated {
+        /// The file.
+        path: PathBuf,
+        /// The dataset.
+        name: String,
+        /// What it says.
+        shape: Vec<usize>,
+        /// Bytes that are there.
+        stored: u64,
+    },
     /// An asset whose rows cannot be read or are no rig.
     #[error("{path}: asset {index} (`{name}`) is damaged: {message}; import the corpus again", path = path.display())]
     Damaged {

@@ -12,6 +12,7 @@
 //! Leaves out: models, augmentation, curation.
 
 mod beside;
+mod claims;
 mod error;
 mod import;
 mod manifest;

@@ -8,6 +8,7 @@ use hdf5::{Dataset, H5Type};
 use riglab_core::{Asset, Clip, Joint, JointId, JointMap, Mesh, Provenance, Rig, Skeleton, SkinWeights, Vec3};
 
 use crate::DataError;
+use crate::claims;
 use crate::schema::{CLIP_NAMES, DIGEST, FORMAT, JOINT_NAMES, OFFSETS, SCHEMA, TEXTS};
 use crate::writer::{digest, short};
 
@@ -72,9 +73,14 @@ impl Corpus {
             return Err(foreign(format!("its schema is {schema}, this version reads {SCHEMA}")));
         }
         let tables = Tables::open(&file).map_err(|e| foreign(short(&e)))?;
+        for table in tables.all() {
+            claims::check(path, file.size(), table)?;
+        }
         let mut offsets: [Vec<i64>; OFFSETS.len()] = Default::default();
         for (name, column) in OFFSETS.iter().zip(&mut offsets) {
-            *column = file.dataset(name).and_then(|d| d.read_raw()).map_err(|e| foreign(short(&e)))?;
+            let dataset = file.dataset(name).map_err(|e| foreign(short(&e)))?;
+            claims::check(path, file.size(), &dataset)?;
+            *column = dataset.read_raw().map_err(|e| foreign(short(&e)))?;
         }
         let t = &tables;
         let ends = [&t.vertices, &t.faces, &t.joints, &t.weights, &t.clip_rates, &t.clip_maps];
@@ -296,6 +302,13 @@ impl Corpus {
 }
 
 impl Tables {
+    fn all(&self) -> impl Iterator<Item = &Dataset> {
+        let rows = [&self.vertices, &self.faces, &self.joints, &self.parents, &self.influences, &self.weight_joints];
+        let more =
+            [&self.weights, &self.joint_names, &self.clip_names, &self.clip_rates, &self.clip_frames, &self.clip_maps];
+        rows.into_iter().chain(more).chain(&self.texts)
+    }
+
     fn open(file: &hdf5::File) -> hdf5::Result<Self> {
         let columns = |name: &str, n: usize| {
             let d = file.dataset(name)?;
@@ -414,6 +427,28 @@ mod tests {
                 Ok(c) => c.verify(|_| ()).map(|f| f[0].message.clone()).unwrap_or_else(|e| e.to_string()),
             };
             assert!(message.contains("c.h5") && message.contains("import"), "{cut}: {message}");
+        }
+    }
+
+    #[test]
+    fn a_corpus_that_claims_rows_it_does_not_store_is_refused_when_it_is_opened() {
+        let tables = ["vertices", "faces", "joints", "parents", "weights", "clip_maps"];
+        for name in tables.into_iter().chain([OFFSETS[0], TEXTS[0]]) {
+            let dir = tempfile::tempdir().unwrap();
+            let path = written(dir.path());
+            let file = hdf5::File::open_rw(&path).unwrap();
+            let shape = file.dataset(name).unwrap().shape();
+            file.unlink(name).unwrap();
+            // Chunks that were never written.
+            let made = match (shape.len(), name) {
+                (1, "name") => file.new_dataset::<VarLenUnicode>().chunk((64,)).shape((1usize << 40,)).create(name),
+                (1, _) => file.new_dataset::<i64>().chunk((64,)).shape((1usize << 40,)).create(name),
+                _ => file.new_dataset::<f32>().chunk((64, shape[1])).shape((1usize << 40, shape[1])).create(name),
+            };
+            made.unwrap();
+            file.close().unwrap();
+            let said = Corpus::open(&path).err().unwrap().to_string();
+            assert!(said.contains("c.h5") && said.contains(&format!("`{name}`")) && said.contains("import"), "{said}");
         }
     }
 
