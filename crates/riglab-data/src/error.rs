@@ -88,6 +88,14 @@ pub enum DataError {
     /// Two assets of one name.
     #[error("two assets are named `{0}`; `riglab dataset merge --prefix` tells corpora apart by their names")]
     DuplicateName(String),
+    /// Two assets of one name in one corpus.
+    #[error("{path}: two assets in it are named `{name}`, and names tell assets apart; import the corpus again, or merge those it was made of", path = path.display())]
+    NamedTwice {
+        /// The corpus.
+        path: PathBuf,
+        /// The name.
+        name: String,
+    },
     /// A folder without a file to import.
     #[error("{path}: no rigged file (GLB, glTF, VRM, FBX, rig text with OBJ, npz, h5, pt) in this folder or below it", path = .0.display())]
     NothingToImport(PathBuf),

@@ -25,7 +25,8 @@ pub struct MergeReport {
 /// without ending, and `/` is put before the names of its assets.
 ///
 /// # Errors
-/// [`DataError::DuplicateName`] for unlike assets of one name, [`DataError::Damaged`] for one that is not what its digest
+/// [`DataError::DuplicateName`] for unlike assets of one name, [`DataError::NamedTwice`] where both are in one corpus, which
+/// no prefix helps, [`DataError::Damaged`] for one that is not what its digest
 /// was made of, [`DataError::Same`] where `out` is one of the corpora, what is wrong with a corpus, and when the
 /// disk refuses; an older corpus at `out` is left alone then.
 pub fn merge(
@@ -50,6 +51,7 @@ pub fn merge(
             false => String::new(),
         };
         let (digests, own) = (corpus.texts("digest")?, corpus.texts("split")?);
+        let mut named = HashSet::new();
         for (index, (digest, split)) in digests.into_iter().zip(own).enumerate() {
             done += 1;
             progress(done);
@@ -57,6 +59,9 @@ pub fn merge(
             if let Some(other) = seen.get(&digest) {
                 report.repeated.push((name, other.clone()));
                 continue;
+            }
+            if !named.insert(name.clone()) {
+                return Err(DataError::NamedTwice { path: path.clone(), name: corpus.names()?[index].clone() });
             }
             let mut asset = corpus.verified(index)?;
             asset.name.clone_from(&name);
@@ -84,6 +89,16 @@ pub(crate) fn damage(path: &Path) {
     let mut heads = joints.read_2d::<f32>().unwrap();
     heads[[0, 0]] = f32::from_bits(heads[[0, 0]].to_bits() ^ 1 << 20);
     joints.write(&heads).unwrap();
+}
+
+/// Gives all assets of a corpus one name.
+#[cfg(test)]
+pub(crate) fn rename_all(path: &Path, name: &str) {
+    use hdf5::types::VarLenUnicode;
+    let file = hdf5::File::open_rw(path).unwrap();
+    let names = file.dataset("name").unwrap();
+    let one: VarLenUnicode = name.parse().unwrap();
+    names.write_raw(&vec![one; names.shape()[0]]).unwrap();
 }
 
 #[cfg(test)]
@@ -141,6 +156,20 @@ mod tests {
         assert!(matches!(error, DataError::DuplicateName(name) if name == "x"));
         assert_eq!(Corpus::open(&out).unwrap().names().unwrap(), ["old"]);
         assert_eq!(merge(&[a, b], &out, true, None, |_| ()).unwrap().assets, 2);
+    }
+
+    #[test]
+    fn of_two_assets_of_one_name_in_one_corpus_the_corpus_is_named() {
+        let dir = tempfile::tempdir().unwrap();
+        let a = written(dir.path().join("a.h5"), &[("x", 0.0, "train"), ("y", 2.0, "train")]);
+        let b = written(dir.path().join("b.h5"), &[("z", 3.0, "train")]);
+        rename_all(&a, "x");
+        let out = dir.path().join("all.h5");
+        for prefix in [false, true] {
+            let said = merge(&[b.clone(), a.clone()], &out, prefix, None, |_| ()).unwrap_err().to_string();
+            assert!(said.contains("a.h5: two assets in it are named `x`") && !said.contains("--prefix"), "{said}");
+        }
+        assert!(!out.exists());
     }
 
     #[test]

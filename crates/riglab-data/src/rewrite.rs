@@ -20,7 +20,7 @@ pub struct Place<'a> {
 ///
 /// # Errors
 /// [`DataError::Refused`] with the sentence of `change`, [`DataError::Damaged`] for an asset that is not what its digest
-/// was made of, [`DataError::Same`] where `out` is the corpus itself, what is
+/// was made of, [`DataError::NamedTwice`], [`DataError::Same`] where `out` is the corpus itself, what is
 /// wrong with the corpus, and when the disk refuses; an older corpus at `out` is left alone then.
 pub fn rewrite(
     corpus: &Path,
@@ -40,7 +40,10 @@ pub fn rewrite(
         let hash = blake3::hash(name.as_bytes());
         let key = hash.as_bytes().iter().take(8).fold(0, |key, byte| key << 8 | u64::from(*byte));
         let refused = |message| DataError::Refused { path: corpus.into(), name, message };
-        writer.add(&change(asset, Place { split, key }).map_err(refused)?)?;
+        writer.add(&change(asset, Place { split, key }).map_err(refused)?).map_err(|e| match e {
+            DataError::DuplicateName(name) => DataError::NamedTwice { path: corpus.into(), name },
+            other => other,
+        })?;
         progress(index + 1);
     }
     writer.finish(&splits)?;
@@ -91,6 +94,12 @@ mod tests {
         assert!(error.to_string().ends_with("a.h5: asset `x`: no"), "{error}");
         assert_eq!(Corpus::open(&out).unwrap().len(), 2);
         assert!(matches!(rewrite(&from, &from, |a, _| Ok(a), |_| ()), Err(DataError::Same(_))));
+        // Two of one name.
+        let twice = dir.path().join("twice.h5");
+        std::fs::copy(&from, &twice).unwrap();
+        crate::merge::rename_all(&twice, "x");
+        let error = rewrite(&twice, &out, |a, _| Ok(a), |_| ()).unwrap_err().to_string();
+        assert!(error.contains("twice.h5: two assets in it are named `x`"), "{error}");
         // A damaged asset gets no fresh digest.
         crate::merge::damage(&from);
         let error = rewrite(&from, &out, |a, _| Ok(a), |_| ()).unwrap_err();
