@@ -13,9 +13,8 @@ use crate::Fault;
 const PIECE: u64 = 20;
 const ALL: u64 = 40;
 
-/// And as many for small files, which may put a mesh on hundreds of nodes.
-const SMALL_PIECE: u64 = 32 << 20;
-const SMALL: u64 = 192 << 20;
+/// And as many for small files.
+const SMALL: u64 = 32 << 20;
 
 /// What is left of a file's allowance.
 pub(crate) struct Budget {
@@ -35,25 +34,22 @@ impl Budget {
         self.file.set(self.file.get() + bytes as u64);
     }
 
-    fn limit(&self, share: u64, small: u64) -> u64 {
-        self.file.get().saturating_mul(share).max(small)
+    fn limit(&self, share: u64) -> u64 {
+        self.file.get().saturating_mul(share).max(SMALL)
     }
 
     /// How many elements of a size may still be asked for.
     pub(crate) fn left(&self, size: usize) -> u64 {
-        let piece = self.limit(PIECE, SMALL_PIECE);
-        self.limit(ALL, SMALL).saturating_sub(self.spent.get()).min(piece) / size as u64
+        self.limit(ALL).saturating_sub(self.spent.get()).min(self.limit(PIECE)) / size as u64
     }
 
     /// Before so many elements of a size are made.
     pub(crate) fn spend(&self, count: usize, size: usize) -> Result<(), Fault> {
         let bytes = (count as u64).saturating_mul(size as u64);
         self.spent.set(self.spent.get().saturating_add(bytes));
-        let found = [
-            (bytes, self.limit(PIECE, SMALL_PIECE), "a part of the geometry"),
-            (self.spent.get(), self.limit(ALL, SMALL), "the geometry of all meshes"),
-        ];
-        for (bytes, limit, what) in found {
+        let found = [(bytes, PIECE, "a part of the geometry"), (self.spent.get(), ALL, "the geometry of all meshes")];
+        for (bytes, share, what) in found {
+            let limit = self.limit(share);
             if bytes > limit {
                 return Err(Fault::Unfolded { what, bytes, limit });
             }
@@ -69,13 +65,11 @@ mod tests {
     #[test]
     fn large_files_may_ask_for_more() {
         let budget = Budget::new(10);
-        for _ in 0..SMALL / SMALL_PIECE {
-            assert!(budget.spend(SMALL_PIECE as usize / 4, 4).is_ok());
-        }
+        assert!(budget.spend(SMALL as usize / 4, 4).is_ok());
         assert_eq!(budget.left(12), 0);
         assert!(budget.spend(1, 1).is_err());
         // In two pieces, but not in one.
-        let buffer = 8 << 20;
+        let buffer = 4 << 20;
         budget.add_buffer(buffer);
         assert!(budget.spend(21 * buffer, 1).is_err());
         let budget = Budget::new(buffer);

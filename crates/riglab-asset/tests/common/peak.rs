@@ -60,9 +60,9 @@ pub struct Peak {
 
 impl Peak {
     /// Whether a file of so many bytes may take this: in one piece 20 times its bytes, in all 64 times (a compressed
-    /// file comes to 58), and 512 MiB if it is small, for it may put a mesh on many nodes.
+    /// file comes to 58), and 64 MiB if it is small.
     pub fn is_fair(&self, file: usize) -> bool {
-        let small = 512 << 20;
+        let small = 64 << 20;
         self.largest <= small.max(20 * file) && self.total <= small.max(64 * file)
     }
 
