@@ -95,11 +95,13 @@ pub fn run(args: &Args) -> Result<ExitCode> {
     }
     let published = published(&args.published)?;
     let Some(truth) = args.truth.as_ref().filter(|_| !args.systems.is_empty()) else {
-        let name = args.published.first().map_or("skintokens.table3", String::as_str);
-        bail!(
-            "--published shows a table below a comparison, so give folders of predictions and what they are compared \
-             with, too: riglab compare out/ --truth rigs.h5 --published {name}; `--published list` tells the names"
-        );
+        match args.published.first() {
+            Some(name) => bail!(
+                "--published shows a table below a comparison, so give folders of predictions and what they are compared \
+                 with, too: riglab compare out/ --truth rigs.h5 --published {name}; `--published list` tells the names"
+            ),
+            None => bail!("give folders of predictions, and with --truth what they are compared with"),
+        }
     };
     let truths = Truths::open(truth, args.split.as_deref())?;
     let mut systems: Vec<(String, Predictions)> = Vec::new();
