@@ -9,6 +9,7 @@ use riglab_random::stream;
 use riglab_reward::{RewardConfig, Rewards, Scorer};
 use riglab_token::Bones;
 
+use super::facing::Facing;
 use super::skin::{Hold, in_order};
 use super::{Drawn, Rigger};
 use crate::grpo::{Judged, Subject, rewards};
@@ -98,9 +99,20 @@ impl Rigger {
         let up = self.config.data.up;
         let mesh = up.mesh(mesh).map_err(|e| e.to_string())?;
         let turned = wish.skeleton.map(|s| up.skeleton(s)).transpose().map_err(|e| e.to_string())?;
-        let w = self.params.weights();
-        let facing = self.facing(w, &mesh, wish.seed)?;
-        let mesh = facing.mesh(&mesh).map_err(|e| e.to_string())?;
+        let facing = self.facing(self.params.weights(), &mesh, wish.seed)?;
+        self.make_facing(&mesh, turned, wish, facing)
+    }
+
+    /// The same of a mesh and a given skeleton in the network's axes, turned to be looked at.
+    pub(super) fn make_facing(
+        &self,
+        mesh: &Mesh,
+        turned: Option<Skeleton>,
+        wish: &Wish<'_>,
+        facing: Facing,
+    ) -> Result<Made, String> {
+        let (w, up) = (self.params.weights(), self.config.data.up);
+        let mesh = facing.mesh(mesh).map_err(|e| e.to_string())?;
         let turned = turned.map(|s| facing.skeleton(&s)).transpose().map_err(|e| e.to_string())?;
         let points = mesh.positions().iter().copied();
         let heads = turned.iter().flat_map(|s| s.heads().iter().copied());
