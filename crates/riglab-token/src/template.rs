@@ -11,6 +11,8 @@ pub struct Part {
     pub joints: &'static [&'static str],
     /// On which joint of the template each hangs, by its place; none of the root.
     pub parents: &'static [Option<u8>],
+    /// Which human bone each is, by its name in VRM 1.0.
+    pub bones: &'static [&'static str],
 }
 
 /// A skeleton of known make.
@@ -37,6 +39,17 @@ impl Template {
         self.parts.iter().any(|part| part.joints.contains(&name))
     }
 
+    /// Its joints in their order: each name, what it hangs on by its place, and the human bone that it is.
+    pub fn joints(&self) -> impl Iterator<Item = (&'static str, Option<usize>, &'static str)> + use<'_> {
+        let of = |part: &'_ Part| part.joints.iter().zip(part.parents).zip(part.bones);
+        self.parts.iter().flat_map(of).map(|((name, parent), bone)| (*name, parent.map(usize::from), *bone))
+    }
+
+    /// The human bone that a joint of this name is.
+    pub fn bone(&self, name: &str) -> Option<&'static str> {
+        self.joints().find(|(own, ..)| *own == name).map(|(.., bone)| bone)
+    }
+
     /// The template whose first part a skeleton has whole, by the names of its joints.
     pub fn detect<S: AsRef<str>>(names: &[S]) -> Option<&'static Self> {
         let has = |wanted: &&str| names.iter().any(|n| n.as_ref() == *wanted);
@@ -50,6 +63,65 @@ const BODY: [Option<u8>; 22] = parents([-1, 0, 1, 2, 3, 4, 3, 6, 7, 8, 3, 10, 11
 const HAND: [Option<u8>; 30] = parents([
     9, 22, 23, 9, 25, 26, 9, 28, 29, 9, 31, 32, 9, 34, 35, 13, 37, 38, 13, 40, 41, 13, 43, 44, 13, 46, 47, 13, 49, 50,
 ]);
+
+/// The human bones of both templates, as VRM 1.0 calls them.
+const BODY_BONES: [&str; 22] = [
+    "hips",
+    "spine",
+    "chest",
+    "upperChest",
+    "neck",
+    "head",
+    "leftShoulder",
+    "leftUpperArm",
+    "leftLowerArm",
+    "leftHand",
+    "rightShoulder",
+    "rightUpperArm",
+    "rightLowerArm",
+    "rightHand",
+    "leftUpperLeg",
+    "leftLowerLeg",
+    "leftFoot",
+    "leftToes",
+    "rightUpperLeg",
+    "rightLowerLeg",
+    "rightFoot",
+    "rightToes",
+];
+/// Those of the fingers.
+const HAND_BONES: [&str; 30] = [
+    "leftThumbMetacarpal",
+    "leftThumbProximal",
+    "leftThumbDistal",
+    "leftIndexProximal",
+    "leftIndexIntermediate",
+    "leftIndexDistal",
+    "leftMiddleProximal",
+    "leftMiddleIntermediate",
+    "leftMiddleDistal",
+    "leftRingProximal",
+    "leftRingIntermediate",
+    "leftRingDistal",
+    "leftLittleProximal",
+    "leftLittleIntermediate",
+    "leftLittleDistal",
+    "rightIndexProximal",
+    "rightIndexIntermediate",
+    "rightIndexDistal",
+    "rightThumbMetacarpal",
+    "rightThumbProximal",
+    "rightThumbDistal",
+    "rightMiddleProximal",
+    "rightMiddleIntermediate",
+    "rightMiddleDistal",
+    "rightRingProximal",
+    "rightRingIntermediate",
+    "rightRingDistal",
+    "rightLittleProximal",
+    "rightLittleIntermediate",
+    "rightLittleDistal",
+];
 
 const fn parents<const N: usize>(places: [i8; N]) -> [Option<u8>; N] {
     let (mut out, mut k) = ([None; N], 0);
@@ -84,8 +156,8 @@ pub(crate) fn usual_parents(parts: &[(usize, &Part)], count: usize) -> Vec<Optio
 const VROID: Template = Template {
     class: "vroid",
     parts: &[
-        Part { name: "body", first: 0, joints: &VROID_BODY, parents: &BODY },
-        Part { name: "hand", first: 22, joints: &VROID_HAND, parents: &HAND },
+        Part { name: "body", first: 0, joints: &VROID_BODY, parents: &BODY, bones: &BODY_BONES },
+        Part { name: "hand", first: 22, joints: &VROID_HAND, parents: &HAND, bones: &HAND_BONES },
     ],
 };
 
@@ -150,8 +222,8 @@ const VROID_HAND: [&str; 30] = [
 const MIXAMO: Template = Template {
     class: "mixamo",
     parts: &[
-        Part { name: "body", first: 0, joints: &MIXAMO_BODY, parents: &BODY },
-        Part { name: "hand", first: 22, joints: &MIXAMO_HAND, parents: &HAND },
+        Part { name: "body", first: 0, joints: &MIXAMO_BODY, parents: &BODY, bones: &BODY_BONES },
+        Part { name: "hand", first: 22, joints: &MIXAMO_HAND, parents: &HAND, bones: &HAND_BONES },
     ],
 };
 
@@ -246,6 +318,24 @@ mod tests {
                 ],
             };
             assert_eq!(parents[0], None);
+            // Bones are of the joint's side and kind.
+            for (name, _, bone) in template.joints() {
+                let told = name.rsplit(['_', ':']).next().unwrap_or(name).to_lowercase();
+                let kind = bone.trim_start_matches("left").trim_start_matches("right").to_lowercase();
+                let same = [("toes", "toebase"), ("upperarm", "arm"), ("lowerarm", "forearm"), ("upperleg", "upleg")];
+                let same = same.iter().find(|(ours, _)| *ours == kind).map_or("", |(_, theirs)| theirs);
+                let finger = |f: &str| told.contains(f) && kind.contains(&f.replace("pinky", "little"));
+                let spine = ["spine1", "spine2"].contains(&told.as_str()) && kind.ends_with("chest");
+                let fingers = ["thumb", "index", "middle", "ring", "little", "pinky"].into_iter().any(finger);
+                assert!(
+                    told.ends_with(&kind) || (!same.is_empty() && told.ends_with(same)) || fingers || spine,
+                    "{name}: {bone}"
+                );
+                let left = name.contains("Left") || name.contains("_L_");
+                let right = name.contains("Right") || name.contains("_R_");
+                assert_eq!((bone.starts_with("left"), bone.starts_with("right")), (left, right), "{name}: {bone}");
+                assert_eq!(template.bone(name), Some(bone));
+            }
             for (joint, parent) in pairs {
                 assert!(of(joint).ends_with(parent), "{joint} hangs on {}", of(joint));
             }

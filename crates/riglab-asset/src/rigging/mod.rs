@@ -27,7 +27,7 @@ mod seams;
 mod subject;
 mod up;
 
-pub use names::{NameStyle, humanoid, name_added, name_joints};
+pub use names::{NameStyle, human_bones, humanoid, name_added, name_joints, name_others};
 pub(crate) use normals::complete as complete_normals;
 pub use note::SubjectNote;
 pub use seams::{agreed, twins};

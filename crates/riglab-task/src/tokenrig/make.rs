@@ -1,16 +1,15 @@
 //! A rig for a mesh: the whole way, in the mesh's own units.
 
-use glam::DVec3;
-use riglab_core::{Bounds, JointId, Mesh, Similarity, Skeleton, SkinWeights};
+use riglab_core::{Bounds, Mesh, Similarity, Skeleton, SkinWeights};
 use riglab_geom::Yaw;
-use riglab_geom::voxel::{SolidConfig, solid};
 use riglab_nn::generate::GenerateConfig;
 use riglab_random::stream;
 use riglab_reward::{RewardConfig, Rewards, Scorer};
-use riglab_token::Bones;
+use riglab_token::{Bones, Template};
 
 use super::facing::Facing;
 use super::skin::{Hold, in_order};
+use super::template::{Anatomy, FindHuman, Placed};
 use super::{Drawn, Rigger};
 use crate::grpo::{Judged, Subject, rewards};
 use crate::unirig_skeleton::agree::Agreement;
@@ -32,7 +31,7 @@ pub enum Rank {
 const JUDGED: usize = 4096;
 
 /// What is wanted.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Default)]
 pub struct Wish<'a> {
     /// A skeleton that stays as it is: only its weights are made.
     pub skeleton: Option<&'a Skeleton>,
@@ -40,6 +39,9 @@ pub struct Wish<'a> {
     pub complete: bool,
     /// A class of skeletons to begin with, by its name: its named parts then come first.
     pub class: Option<&'a str>,
+    /// What tells the human bones of a skeleton: where they are in free draws is where the joints of a template (the class is
+    /// its name) are put if the model loses its way with it and draws are chosen by agreement.
+    pub human: Option<&'a FindHuman<'a>>,
     /// How many are drawn, of which the best is taken; the first takes the likeliest token each time. Where it is not
     /// told, as many as the model's `eval.consensus`, and one where the skeleton is given and not completed.
     pub samples: Option<usize>,
@@ -67,6 +69,10 @@ pub struct Made {
     pub weights: SkinWeights,
     /// How the mesh was turned to be looked at, where it was; joints and weights are of the mesh as it is.
     pub yaw: Yaw,
+    /// What became of the template, where one was asked for and [`Wish::human`] tells bodies.
+    pub placed: Option<Placed>,
+    /// How many of the draws are human bodies, where [`Wish::human`] tells them and one was chosen by agreement.
+    pub bodies: Option<usize>,
     /// Which of the draws it is.
     pub sample: usize,
     /// All draws, in their order.
@@ -112,6 +118,7 @@ impl Rigger {
         facing: Facing,
     ) -> Result<Made, String> {
         let (w, up) = (self.params.weights(), self.config.data.up);
+        let as_it_stands = mesh;
         let mesh = facing.mesh(mesh).map_err(|e| e.to_string())?;
         let turned = turned.map(|s| facing.skeleton(&s)).transpose().map_err(|e| e.to_string())?;
         let points = mesh.positions().iter().copied();
@@ -168,19 +175,40 @@ impl Rigger {
             drawn
         };
         let draws = self.judged(&cube, &drawn, wish)?;
+        let anatomy = wish.human.filter(|_| given.is_none()).map(|human| {
+            let bounds = Bounds::of(cube.positions().iter().map(|&p| up.back(p)));
+            Anatomy { human, up, bounds }
+        });
+        let template = anatomy.and_then(|anatomy| Some((wish.class.and_then(Template::of)?, anatomy)));
+        let bodies = anatomy.filter(|_| agree).map(|anatomy| anatomy.bodies(&drawn, &agreement));
         let whole = (0..drawn.len()).filter(|&at| drawn[at].decoded.is_ok());
         let worth = |at: usize| match (wish.rank, draws[at].rewards) {
             (Rank::Rewards, Some(rewards)) => rewards.total,
             _ => draws[at].likelihood,
         };
         let best = if agree {
-            Some(self.agreed(w, &seen, &agreement, drawn)?).filter(|(_, taken)| taken.decoded.is_ok())
+            let may = template.map(|(template, anatomy)| anatomy.may(template, &drawn, &agreement));
+            let may = |place: usize| may.as_ref().is_none_or(|may| may[place]);
+            Some(self.agreed_of(w, &seen, &agreement, drawn, may)?).filter(|(_, taken)| taken.decoded.is_ok())
         } else {
             // The first of equals.
             let best = whole.min_by(|a, b| worth(*b).total_cmp(&worth(*a)));
             best.and_then(|at| Some((at, drawn.into_iter().nth(at)?)))
         };
         let (sample, drawn) = best.ok_or("no skeleton came out; try --samples 8, or another --seed")?;
+        let placed = template.map(|(template, anatomy)| match &drawn.decoded {
+            Ok(decoded) if anatomy.written(template, decoded, false) => Placed::Written,
+            _ => Placed::Lost,
+        });
+        if let Some(template) = template.filter(|_| agree && placed == Some(Placed::Lost))
+            && let Some((voted, bodies)) = self.voted(w, &clouds, template, &how, (agreement, wish.seed))?
+        {
+            let heads = moved(voted.heads(), map.inverse()).into_iter().map(|p| facing.back(p)).collect();
+            let voted = voted.with_heads(heads).map_err(|e| e.to_string())?;
+            let given = Wish { class: None, samples: None, rank: Rank::Likelihood, ..wish.clone() };
+            let made = self.make_facing(as_it_stands, Some(voted), &given, facing)?;
+            return Ok(Made { placed: Some(Placed::Voted { bodies, draws: samples }), ..made });
+        }
         let count = wish.skins.unwrap_or(eval.skins);
         let skins = self.skins(w, &self.straight(&clouds), &drawn, count, wish.seed)?;
         let (skeleton, in_cube, skins) = match given {
@@ -206,7 +234,7 @@ impl Rigger {
         let hold = Hold { without_codes: eval.without_codes, holders, ..Hold::default() };
         let hold = Hold { influences: wish.influences.unwrap_or(hold.influences).max(1), ..hold };
         let weights = self.pooled_skin(&cube, &in_cube, &skins, wish.seed, hold)?;
-        Ok(Made { skeleton, weights, yaw: facing.yaw(), sample, draws })
+        Ok(Made { skeleton, weights, yaw: facing.yaw(), placed, bodies, sample, draws })
     }
 
     /// What draws for a mesh in the cube are worth.
@@ -253,7 +281,16 @@ impl Rigger {
     fn of_class(&self, class: &str) -> Result<Vec<u32>, String> {
         let ids = self.tokenizer.vocabulary();
         match ids.class_named(class) {
-            Some(number) => Ok(vec![ids.bos(), ids.class(number)]),
+            Some(number) => {
+                let begun = vec![ids.bos(), ids.class(number)];
+                let limits = self.config.limits;
+                self.may_begin(&begun).then_some(begun).ok_or_else(|| {
+                    format!(
+                        "the joints of `{class}` are more than this model writes ({} joints, {} tokens); leave the template out",
+                        limits.joints, limits.tokens
+                    )
+                })
+            }
             None => Err(format!("there is no template `{class}`; there are: {}", ids.classes().join(", "))),
         }
     }
@@ -264,51 +301,12 @@ pub(super) fn class_of(names: &[String]) -> Option<&'static str> {
     riglab_token::Template::detect(names).map(|t| t.class)
 }
 
-/// Points of a bone that are asked for.
-const ALONG: usize = 20;
-
-/// The share of the length of a skeleton's bones that lies outside a body, both in the same units.
-pub fn outside(skeleton: &Skeleton, mesh: &Mesh) -> f64 {
-    let body = solid(mesh, &SolidConfig::DEFAULT);
-    let head = |joint: JointId| DVec3::from(skeleton.head(joint).map(f64::from));
-    let (mut all, mut outside) = (0.0, 0.0);
-    for (from, to) in skeleton.ids().filter_map(|joint| Some((head(skeleton.parent(joint)?), head(joint)))) {
-        let out =
-            (0..ALONG).filter(|&k| !body.contains(from.lerp(to, (k as f64 + 0.5) / ALONG as f64).to_array())).count();
-        all += from.distance(to);
-        outside += from.distance(to) * out as f64 / ALONG as f64;
-    }
-    if all > 0.0 { outside / all } else { 0.0 }
-}
-
 #[cfg(test)]
 mod tests {
     use riglab_nn::tokenrig::Head;
 
     use super::*;
     use crate::tokenrig::testing::{tetrahedron, untrained};
-
-    #[test]
-    fn bones_outside_the_body_are_told_by_their_length() {
-        // A cube of side 2, closed.
-        let corners = (0..8u8).map(|k| [0, 1, 2].map(|axis| f32::from(k >> axis & 1) * 2.0 - 1.0)).collect();
-        let sides = [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]];
-        let triangles = sides.iter().flat_map(|&[a, b, c, d]| [[a, b, c], [a, c, d]]).collect();
-        let cube = Mesh::new(corners, triangles).unwrap();
-        let joint = |name: &str, parent: Option<u16>, x: f32| riglab_core::Joint {
-            name: name.into(),
-            parent: parent.map(JointId),
-            head: [x, 0.0, 0.0],
-        };
-        let of = |ends: &[f32]| {
-            let joints = ends.iter().enumerate().map(|(k, &x)| joint(&format!("{k}"), Some(0), x));
-            Skeleton::new([joint("root", None, 0.0)].into_iter().chain(joints).collect()).unwrap()
-        };
-        assert_eq!(outside(&of(&[0.5, -0.8]), &cube), 0.0);
-        // One of 2 leaves it half way, beside another of .5.
-        assert!((outside(&of(&[2.0, -0.5]), &cube) - 0.4).abs() < 0.05, "{}", outside(&of(&[2.0, -0.5]), &cube));
-        assert_eq!(outside(&of(&[]), &cube), 0.0, "no bone");
-    }
 
     #[test]
     fn the_best_by_rewards_has_the_largest_total() {

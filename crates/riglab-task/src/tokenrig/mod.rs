@@ -16,6 +16,7 @@ mod sample;
 mod shipped;
 mod skin;
 mod skinner;
+mod template;
 #[cfg(test)]
 pub(crate) mod testing;
 mod told;
@@ -32,7 +33,7 @@ pub use batch::{Batch, BatchSource};
 pub use condition::Condition;
 pub use config::{EvalConfig, LossConfig, SamplingConfig, SkinConfig, TokenRigTaskConfig};
 pub use evaluate::{Report, SkinAsset};
-pub use make::{Draw, Made, Rank, Wish, outside};
+pub use make::{Draw, Made, Rank, Wish};
 pub use report::Evaluation;
 pub(crate) use rigger::Strict;
 pub use rigger::{AUTO_ENCODER, Drawn, Rigger};
@@ -40,6 +41,7 @@ pub use riglab_geom::Yaw;
 pub use sample::Sample;
 pub use skin::Codes;
 pub use skinner::Skinner;
+pub use template::{FindHuman, Placed};
 
 use crate::assets::{AssetId, Assets, Cache};
 pub use crate::bundle::Card;

@@ -317,9 +317,21 @@ impl Rigger {
         w: &Weights,
         seen: &Condition,
         agreement: &Agreement,
-        mut drawn: Vec<Drawn>,
+        drawn: Vec<Drawn>,
     ) -> Result<(usize, Drawn), String> {
-        let decoded = drawn.iter().map(|d| d.decoded.as_ref().ok());
+        self.agreed_of(w, seen, agreement, drawn, |_| true)
+    }
+
+    /// As [`Self::agreed`], of the draws that `may` be taken and have a say.
+    pub(super) fn agreed_of(
+        &self,
+        w: &Weights,
+        seen: &Condition,
+        agreement: &Agreement,
+        mut drawn: Vec<Drawn>,
+        may: impl Fn(usize) -> bool,
+    ) -> Result<(usize, Drawn), String> {
+        let decoded = drawn.iter().enumerate().map(|(at, d)| d.decoded.as_ref().ok().filter(|_| may(at)));
         let agreed = agreement.of(&self.tokenizer, decoded, |ids| self.may_begin(ids));
         let Agreed { place, refined } = agreed.unwrap_or(Agreed { place: 0, refined: None });
         let mut taken = drawn.swap_remove(place);
@@ -331,7 +343,7 @@ impl Rigger {
     }
 
     /// Whether a skeleton may stand at the beginning of a sequence.
-    fn may_begin(&self, ids: &[u32]) -> bool {
+    pub(super) fn may_begin(&self, ids: &[u32]) -> bool {
         ids.len() <= self.config.limits.tokens && self.after(self.grammar(self.config.limits.tokens), ids).is_some()
     }
 

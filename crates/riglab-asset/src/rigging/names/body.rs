@@ -13,24 +13,36 @@ use super::tree::Tree;
 /// legs stand along z, along +x).
 pub fn humanoid(skeleton: &Skeleton, mesh: Option<Bounds>) -> Option<Humanoid> {
     let tree = Tree::new(skeleton);
-    if !(tree.size > 0.0 && tree.size.is_finite()) {
-        return None;
-    }
-    // Left and right are along x but for models that look along it, or between.
-    let half = 0.5f64.sqrt();
-    let sides = [DVec3::X, DVec3::NEG_Z, DVec3::new(half, 0.0, -half), DVec3::new(half, 0.0, half)];
-    sides.into_iter().find_map(|side| Body::find(&tree, side, mesh)).map(|body| body.humanoid())
+    Body::of(&tree, mesh).filter(|body| tree.is_below(body.legs.0, body.hips)).map(Body::humanoid)
+}
+
+/// As [`humanoid`], also of a tree that is none of a body: legs may hang on a root on the ground beside the hips, as they do
+/// in rigs whose feet are led. For who asks where bones are, not what hangs on what.
+pub fn human_bones(skeleton: &Skeleton, mesh: Option<Bounds>) -> Option<Humanoid> {
+    Body::of(&Tree::new(skeleton), mesh).map(Body::humanoid)
 }
 
 /// A body as found.
 struct Body {
     bones: Vec<(String, usize)>,
+    hips: usize,
+    legs: (usize, usize),
 }
 
 /// A leg or an arm: joints by their names without the side.
 type Limb = Vec<(&'static str, usize)>;
 
 impl Body {
+    fn of(tree: &Tree, mesh: Option<Bounds>) -> Option<Self> {
+        if !(tree.size > 0.0 && tree.size.is_finite()) {
+            return None;
+        }
+        // Left and right are along x but for models that look along it, or between.
+        let half = 0.5f64.sqrt();
+        let sides = [DVec3::X, DVec3::NEG_Z, DVec3::new(half, 0.0, -half), DVec3::new(half, 0.0, half)];
+        sides.into_iter().find_map(|side| Self::find(tree, side, mesh))
+    }
+
     fn find(tree: &Tree, side: DVec3, mesh: Option<Bounds>) -> Option<Self> {
         let lowest = tree.heads.iter().map(|h| h.y).fold(f64::INFINITY, f64::min);
         let highest = tree.heads.iter().map(|h| h.y).fold(f64::NEG_INFINITY, f64::max);
@@ -42,9 +54,13 @@ impl Body {
         if apart.dot(side).abs() < 0.85 * apart.x.hypot(apart.z) {
             return None;
         }
-        let (chest, arms) = arms(tree, side, fork, &legs, height)?;
+        let from = 0.5 * (tree.heads[legs.0] + tree.heads[legs.1]);
+        let from = if tree.heads[fork].y < rise(tree, legs) { from } else { tree.heads[fork] };
+        let (chest, arms) = arms(tree, side, (fork, from), &legs, height)?;
         // Where the legs hang on a bone of their own beside the spine, the joint above both is the hips.
         let hips = std::iter::successors(Some(fork), |&j| tree.parents[j]).find(|&j| tree.is_below(chest, j))?;
+        // A root on the ground is no hips: those are where the spine begins.
+        let hips = if tree.heads[hips].y < rise(tree, legs) { *tree.path(hips, chest).first()? } else { hips };
         let hips = if hips == chest { return None } else { hips };
         let spine = tree.path(hips, chest);
 
@@ -72,7 +88,7 @@ impl Body {
                 arm_bones(tree, start, ahead)?.into_iter().map(|(name, joint)| (format!("{prefix}{name}"), joint)),
             );
         }
-        Some(Self { bones })
+        Some(Self { bones, hips, legs })
     }
 
     fn humanoid(self) -> Humanoid {
@@ -86,6 +102,13 @@ impl Body {
     }
 }
 
+/// The height at a third of the legs, below which no hips are.
+fn rise(tree: &Tree, (a, b): (usize, usize)) -> f64 {
+    let top = 0.5 * (tree.heads[a].y + tree.heads[b].y);
+    let end = 0.5 * (tree.branches[a].end.y + tree.branches[b].end.y);
+    end + (top - end) / 3.0
+}
+
 /// The joint that legs hang on, and the legs: the pair that goes down the most, of those that reach the ground. Arms
 /// that hang down may nearly do so.
 fn legs(tree: &Tree, side: DVec3, ground: f64, height: f64) -> Option<(usize, (usize, usize))> {
@@ -93,7 +116,8 @@ fn legs(tree: &Tree, side: DVec3, ground: f64, height: f64) -> Option<(usize, (u
     for joint in 0..tree.heads.len() {
         for (a, b) in tree.pairs(joint, side) {
             let end = tree.branches[a].end.y.max(tree.branches[b].end.y);
-            let down = tree.heads[joint].y - end;
+            // From where they begin, should that be higher than what they hang on.
+            let down = tree.heads[joint].y.max(0.5 * (tree.heads[a].y + tree.heads[b].y)) - end;
             let score = down - 3.0 * (end - ground).max(0.0);
             let slim = tree.branches[a].joints >= 2 && tree.branches[b].joints >= 2;
             if slim
@@ -109,13 +133,20 @@ fn legs(tree: &Tree, side: DVec3, ground: f64, height: f64) -> Option<(usize, (u
 }
 
 /// The joint that arms hang on, and the arms: a pair above the legs, of a body that stands.
-fn arms(tree: &Tree, side: DVec3, fork: usize, legs: &(usize, usize), height: f64) -> Option<(usize, (usize, usize))> {
+/// `from`: the joint that legs hang on, and where they begin.
+fn arms(
+    tree: &Tree,
+    side: DVec3,
+    (fork, from): (usize, DVec3),
+    legs: &(usize, usize),
+    height: f64,
+) -> Option<(usize, (usize, usize))> {
     let mut best: Option<(f64, usize, (usize, usize))> = None;
     for joint in 0..tree.heads.len() {
         if tree.is_below(joint, legs.0) || tree.is_below(joint, legs.1) {
             continue;
         }
-        let up = tree.heads[joint] - tree.heads[fork];
+        let up = tree.heads[joint] - from;
         let along = (up - DVec3::Y * up.y).length();
         // A body that lies has front legs there.
         if up.y < 0.05 * height || along > up.y {

@@ -11,7 +11,7 @@ use std::str::FromStr;
 
 use riglab_core::{Bounds, Humanoid, Joint, RigError, Skeleton};
 
-pub use body::humanoid;
+pub use body::{human_bones, humanoid};
 
 /// How joints are called.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -79,6 +79,20 @@ pub fn name_added(skeleton: &Skeleton, first: usize, mesh: Option<Bounds>) -> Re
         names.splice(first.., plain::names(skeleton, mesh).into_iter().skip(first));
     }
     named(skeleton, names)
+}
+
+/// The skeleton with names for the joints that are not called well, by their places as with [`NameStyle::Plain`].
+///
+/// # Errors
+/// As [`name_joints`].
+pub fn name_others(
+    skeleton: &Skeleton,
+    well: impl Fn(&str) -> bool,
+    mesh: Option<Bounds>,
+) -> Result<Skeleton, RigError> {
+    let places = plain::names(skeleton, mesh);
+    let names = skeleton.names().iter().zip(places).map(|(own, place)| if well(own) { own.clone() } else { place });
+    named(skeleton, names.collect())
 }
 
 /// With other names, of which those that came before are numbered.

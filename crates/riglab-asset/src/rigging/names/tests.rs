@@ -117,6 +117,36 @@ fn bodies_on_four_legs_and_trees_are_no_humanoids() {
 }
 
 #[test]
+fn legs_beside_the_hips_are_those_of_a_body_whose_tree_is_none() {
+    // As rigs whose feet are led: a root on the ground holds the legs and, beside them, the hips.
+    let body = body();
+    let mut joints = vec![Joint { name: "root".into(), parent: None, head: [0.0; 3] }];
+    joints.extend(body.ids().map(|joint| {
+        let parent = match body.name(joint) {
+            "hips" | "leftUpperLeg" | "rightUpperLeg" => JointId(0),
+            _ => JointId(body.parent(joint).unwrap().0 + 1),
+        };
+        Joint { name: body.name(joint).to_owned(), parent: Some(parent), head: body.head(joint) }
+    }));
+    let led = Skeleton::new(joints).unwrap();
+    assert_eq!(humanoid(&led, None), None, "no engine moves such a tree as a body");
+    let human = human_bones(&led, None).unwrap();
+    assert!(human.is_complete() && right_bones(&led, &human) > 30);
+    // Of a body both say the same.
+    assert_eq!(human_bones(&body, None), humanoid(&body, None));
+}
+
+#[test]
+fn joints_that_are_called_well_keep_their_names() {
+    let body = body();
+    let named = name_others(&body, |name| name.starts_with("left"), None).unwrap();
+    for (own, name) in body.names().iter().zip(named.names()) {
+        assert_eq!(own == name, own.starts_with("left"), "{own} {name}");
+    }
+    assert_eq!((named.heads(), named.parents()), (body.heads(), body.parents()));
+}
+
+#[test]
 fn names_are_unlike_and_stable_and_leave_the_tree_alone() {
     let body = body();
     for style in ["keep", "mixamo", "vrm", "plain"].map(|s| s.parse::<NameStyle>().unwrap()) {

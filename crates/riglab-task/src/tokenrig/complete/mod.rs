@@ -74,7 +74,7 @@ impl Rigger {
     }
 
     /// How many tokens joints take; more than there are where they cannot be written.
-    fn length(&self, all: &[Joint], map: Similarity) -> usize {
+    pub(super) fn length(&self, all: &[Joint], map: Similarity) -> usize {
         let joints: Vec<_> = all.iter().map(|joint| map.apply(joint.head).map(f64::from)).collect();
         let parents: Vec<_> = all.iter().map(|joint| joint.parent.map(JointId::index)).collect();
         let names: Vec<_> = all.iter().map(|joint| joint.name.clone()).collect();

@@ -45,13 +45,13 @@ pub struct RigArgs {
     /// are missing. Its root is the root of the whole.
     #[arg(long)]
     complete: bool,
-    /// Begin with the named joints of a known make: `mixamo` or `vroid`; `--names keep` leaves them
-    /// their names.
+    /// Begin with the named joints of a known make: `mixamo` or `vroid`. A model that loses its way so has them where its
+    /// free draws see a human body.
     #[arg(long, value_name = "NAME")]
     template: Option<String>,
     /// How joints of a predicted skeleton are called: `mixamo` and `vrm` name human bones as those do, by their place in
     /// the body, and others by where they are; `plain` names all by where they are; `keep` as the model wrote them
-    /// [default: mixamo].
+    /// [default: mixamo; with --template its names, and others by where they are].
     #[arg(long, value_name = "mixamo|vrm|plain|keep")]
     names: Option<NameStyle>,
 }
@@ -153,7 +153,7 @@ impl From<Ranked> for Rank {
 
 /// Which skeleton a rig gets.
 enum Bones {
-    Predicted { template: Option<String>, names: NameStyle },
+    Predicted { template: Option<String>, names: Option<NameStyle> },
     Given { from: Given, complete: bool },
 }
 
@@ -187,7 +187,7 @@ pub fn rig(args: &RigArgs, threads: usize) -> Result<ExitCode> {
                 "--complete adds joints to a skeleton that is given: say which with --skeleton keep or --skeleton FILE"
             )
         }
-        "predict" => Bones::Predicted { template: args.template.clone(), names: args.names.unwrap_or_default() },
+        "predict" => Bones::Predicted { template: args.template.clone(), names: args.names },
         _ if args.template.is_some() => bail!("--template begins a predicted skeleton; leave --skeleton out"),
         _ if args.names.is_some() => {
             bail!("--names is for a predicted skeleton: one that is given keeps its joints' names; leave it out")

@@ -102,7 +102,7 @@ impl Model {
                 let rig = Rig::new(skeleton.clone(), mesh.clone(), weights)?;
                 let weights = skinner.weights(&rig, holders, wish.seed).map_err(|e| anyhow!(e))?;
                 let draws = vec![Draw { likelihood: f64::NAN, rewards: None }];
-                Ok(Made { skeleton, weights, yaw: Yaw::NONE, sample: 0, draws })
+                Ok(Made { skeleton, weights, yaw: Yaw::NONE, placed: None, bodies: None, sample: 0, draws })
             }
         }
     }

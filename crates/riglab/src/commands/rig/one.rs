@@ -6,11 +6,11 @@ use std::time::Instant;
 use anyhow::{Context, Result, anyhow, ensure};
 use riglab_asset::ImportOptions;
 use riglab_asset::export::{self, ExportNote};
-use riglab_asset::rigging::{Subject, SubjectOptions, name_added, name_joints};
-use riglab_core::{Bounds, Mesh, Rig, Skeleton};
+use riglab_asset::rigging::{Subject, SubjectOptions, human_bones, humanoid, name_added, name_joints, name_others};
+use riglab_core::{Bounds, Humanoid, Mesh, Rig, RigError, Skeleton};
 use riglab_files::make_folder_of;
 use riglab_reward::Rewards;
-use riglab_task::tokenrig::{Made, Rank, Wish, outside};
+use riglab_task::tokenrig::{Made, Placed, Rank, Wish};
 use riglab_token::Template;
 
 use super::model::Model;
@@ -52,6 +52,7 @@ pub fn rig(args: &Common, bones: &Bones, model: &Model, from: &Path, to: &Path) 
         skeleton: given.as_ref(),
         complete: bones.completed(),
         class,
+        human: Some(&human_bones),
         samples: args.samples.map(usize::from),
         skins: args.skins.map(usize::from),
         rank: match args.rank.into() {
@@ -88,21 +89,11 @@ pub fn rig(args: &Common, bones: &Bones, model: &Model, from: &Path, to: &Path) 
     let bounds = Bounds::of(subject.mesh().positions().iter().map(|&p| made.yaw.apply(p)));
     let rig = match bones {
         Bones::Predicted { names, .. } => {
-            let without = |t: &Template| !made.skeleton.names().iter().any(|name| t.has(name));
-            if let Some(Template { class, .. }) = class.and_then(Template::of).filter(|t| without(t)) {
-                let note = format!(
-                    "none of the named joints of `{class}` came out: this model does not know them; leave --template out"
-                );
+            let template = class.and_then(Template::of);
+            if let Some(note) = template.zip(made.placed).and_then(|(t, placed)| of_template(t, placed)) {
                 noted(from, &mut notes, note);
-            } else if class.is_some()
-                && let outside = outside(&made.skeleton, subject.mesh())
-                && outside > ASTRAY
-            {
-                let note = format!(
-                    "{:.0} % of the length of its bones lies outside the body: this model lost its way with --template; leave it \
-                     out, and --names mixamo or vrm names the joints of a human by its body",
-                    100.0 * outside
-                );
+            }
+            if let Some(note) = of_bodies(&made, humanoid(&seen, bounds).is_some(), class) {
                 noted(from, &mut notes, note);
             }
             if joints >= model.most_joints() {
@@ -112,7 +103,12 @@ pub fn rig(args: &Common, bones: &Bones, model: &Model, from: &Path, to: &Path) 
                 );
                 noted(from, &mut notes, note);
             }
-            let (named, human) = name_joints(&seen, bounds, *names).with_context(about)?;
+            let named = template.filter(|_| made.placed != Some(Placed::Lost));
+            let (named, human) = match (names, named) {
+                (None, Some(template)) => by_template(&seen, template, bounds),
+                (names, _) => name_joints(&seen, bounds, names.unwrap_or_default()),
+            }
+            .with_context(about)?;
             let skeleton = named.with_heads(made.skeleton.heads().to_vec()).with_context(about)?;
             subject.rigged(skeleton, weights).and_then(|rig| rig.with_humanoid(human))
         }
@@ -152,8 +148,52 @@ pub fn rig(args: &Common, bones: &Bones, model: &Model, from: &Path, to: &Path) 
     Ok(())
 }
 
-/// The share of the length of its bones that a sane skeleton may have outside the body.
-const ASTRAY: f64 = 0.15;
+/// What a person should know of a template that was asked for.
+fn of_template(template: &Template, placed: Placed) -> Option<String> {
+    match placed {
+        Placed::Written => None,
+        Placed::Voted { bodies, draws } => Some(format!(
+            "this model loses its way with --template; the joints of `{}` are where {bodies} of {draws} free draws see a \
+             human body",
+            template.class
+        )),
+        Placed::Lost => Some(format!(
+            "what this model wrote after --template is no body as `{}` has it, nor does it see one without; leave \
+             --template out",
+            template.class
+        )),
+    }
+}
+
+/// Where many draws are human bodies and the one that was taken has another tree: what makes one of them.
+fn of_bodies(made: &Made, human: bool, class: Option<&str>) -> Option<String> {
+    let (bodies, draws) = (made.bodies.filter(|_| !human && class.is_none())?, made.draws.len());
+    (MANY * bodies >= draws).then(|| {
+        format!(
+            "{bodies} of {draws} draws see a human body, and the one that they agree with most has no such tree; --template \
+             mixamo makes one"
+        )
+    })
+}
+
+/// Of so many draws one has to be a body for that to be told.
+const MANY: usize = 4;
+
+/// Joints of a template keep their names, which say what they are; others get one by place.
+fn by_template(
+    skeleton: &Skeleton,
+    template: &Template,
+    mesh: Option<Bounds>,
+) -> Result<(Skeleton, Humanoid), RigError> {
+    let named = name_others(skeleton, |name| template.has(name), mesh)?;
+    let mut human = Humanoid::default();
+    for (joint, name) in named.ids().zip(named.names()) {
+        if let Some(Ok(bone)) = template.bone(name).map(str::parse) {
+            human.insert(bone, joint);
+        }
+    }
+    Ok((named, human))
+}
 
 /// Says something of a model, and keeps it for `--json`.
 fn noted(from: &Path, notes: &mut Vec<String>, note: String) {
