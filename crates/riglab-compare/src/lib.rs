@@ -17,6 +17,7 @@ mod predictions;
 mod rows;
 mod tables;
 mod truths;
+mod unit;
 
 pub use error::CompareError;
 pub use fit::{Fitted, fit};

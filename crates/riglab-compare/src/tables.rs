@@ -1,11 +1,12 @@
 //! What a comparison found, as tables.
 
 use riglab_metric::statistics::{Mean, Paired};
-use riglab_metric::{Measure, Preset, lower_is_better};
+use riglab_metric::{Measure, Preset, lower_is_better, trades};
 use riglab_report::{Cell, Table};
 use serde::Serialize;
 use serde_json::{Value, json};
 
+use crate::unit::{SAID, factor};
 use crate::{Failures, Status, System, Unread};
 
 /// Systems over the same assets.
@@ -83,6 +84,9 @@ impl Comparison {
                 table.row(self.line(name, pair));
             }
             let mut notes = Vec::new();
+            if names.iter().any(|name| factor(name).is_some()) {
+                notes.push(SAID.to_owned());
+            }
             if pair {
                 let [a, b] = [&self.systems[0].name, &self.systems[1].name];
                 notes.push(format!(
@@ -120,7 +124,7 @@ impl Comparison {
         if self.systems.len() < 2 {
             return None;
         }
-        let judged: Vec<&String> = names.iter().filter(|name| lower_is_better(name).is_some()).collect();
+        let judged: Vec<&String> = names.iter().filter(|name| is_judged(name)).collect();
         let over = |name: &str| Over::of(&self.systems.iter().map(|s| s.values(name)).collect::<Vec<_>>());
         let apart: Vec<&str> = judged
             .iter()
@@ -128,7 +132,8 @@ impl Comparison {
             .map(|name| name.split('@').next().unwrap_or(name))
             .collect();
         let any = judged.iter().any(|name| over(name) == Over::Same);
-        match (any, apart.is_empty()) {
+        let traded = any && names.iter().any(|name| trades(name));
+        let marked = match (any, apart.is_empty()) {
             (true, true) => Some("Marked: the better mean, where several systems have one".into()),
             (true, false) => Some(format!(
                 "Marked: the better mean, where the systems are scored on the same assets; they are not for {}",
@@ -140,14 +145,19 @@ impl Comparison {
                     .into(),
             ),
             (false, true) => None,
-        }
+        };
+        let but =
+            if traded { "; of precision, recall and covered masks none, as each rises when another falls" } else { "" };
+        marked.map(|marked| marked + but)
     }
 
     fn line(&self, name: &str, pair: bool) -> Vec<Cell> {
         let lower = lower_is_better(name);
-        let values: Vec<Vec<f64>> = self.systems.iter().map(|s| s.values(name)).collect();
+        let scale = factor(name).unwrap_or(1.0);
+        let values = self.systems.iter().map(|s| s.values(name).into_iter().map(|v| scale * v).collect());
+        let values: Vec<Vec<f64>> = values.collect();
         let means: Vec<Mean> = values.iter().map(|v| Mean::of(v)).collect();
-        let comparable = lower.is_some() && Over::of(&values) == Over::Same;
+        let comparable = is_judged(name) && Over::of(&values) == Over::Same;
         let best = |m: &Mean| {
             let others = means.iter().map(|o| o.mean).filter(|x| x.is_finite());
             let best = if lower == Some(true) { others.reduce(f64::min) } else { others.reduce(f64::max) };
@@ -158,8 +168,7 @@ impl Comparison {
             Some(false) => "higher",
             None => "",
         };
-        let metric = name.split('@').next().unwrap_or(name);
-        let mut cells = vec![Cell::text(metric), Cell::text(arrow)];
+        let mut cells = vec![Cell::text(headed(name.split('@').next().unwrap_or(name), name)), Cell::text(arrow)];
         for m in &means {
             cells.extend([number(m.mean).strong_if(best(m)), interval(m.low, m.high), Cell::count(m.n)]);
         }
@@ -170,13 +179,17 @@ impl Comparison {
         cells
     }
 
-    /// A row an asset and system, with all figures of some presets; with all their digits, if `whole`.
+    /// A row an asset and system, with all figures of some presets; with all their digits and as the presets print them,
+    /// if `whole`.
     pub fn assets(&self, presets: &[Preset], whole: bool) -> Table {
         let names = self.metrics(presets);
         let mut head: Vec<String> =
             ["system", "asset", "status", "joints", "true joints", "notes"].map(String::from).to_vec();
-        head.extend(names.iter().cloned());
+        head.extend(names.iter().map(|name| if whole { name.clone() } else { headed(name, name) }));
         let mut table = Table { caption: "Assets".into(), head, ..Table::default() };
+        if !whole && names.iter().any(|name| factor(name).is_some()) {
+            table.note = format!("{SAID}.");
+        }
         for system in &self.systems {
             for row in &system.rows {
                 let (status, reason) = match &row.status {
@@ -198,7 +211,8 @@ impl Comparison {
                     true => number(value).with_text(value.to_string()),
                     false => number(value),
                 };
-                cells.extend(names.iter().map(|name| cell(of(name))));
+                let scale = |name: &String| if whole { 1.0 } else { factor(name).unwrap_or(1.0) };
+                cells.extend(names.iter().map(|name| cell(scale(name) * of(name))));
                 table.row(cells);
             }
         }
@@ -245,6 +259,16 @@ impl Over {
             _ => Self::Different,
         }
     }
+}
+
+/// Whether a metric tells which of several systems is the better one.
+fn is_judged(name: &str) -> bool {
+    lower_is_better(name).is_some() && !trades(name)
+}
+
+/// What stands for a metric, with its unit.
+fn headed(text: &str, name: &str) -> String {
+    if factor(name).is_some() { format!("{text} × 100") } else { text.into() }
 }
 
 fn number(value: f64) -> Cell {
@@ -308,11 +332,11 @@ mod tests {
         assert_eq!(tables.len(), 1);
         let cells = &tables[0].rows[0];
         let texts: Vec<&str> = cells.iter().map(|c| c.text.as_str()).collect();
-        assert_eq!((texts[0], texts[2], texts[4], texts[5], texts[7]), ("j2j", "0.1500", "2", "0.4000", "2"));
+        assert_eq!((texts[0], texts[2], texts[4], texts[5], texts[7]), ("j2j × 100", "15.00", "2", "40.00", "2"));
         assert!(!cells[2].strong && !cells[5].strong, "they are over different assets");
         assert!(tables[0].note.contains("No mean is marked") && tables[0].note.contains("--failures worst"));
         // Both are defined on the first asset alone.
-        assert_eq!(texts[8], "-0.2000");
+        assert_eq!(texts[8], "-20.00");
         assert_eq!(comparison.counts().rows[0][5].text, "1");
         let json = comparison.to_json(&Preset::ALL);
         assert_eq!(
@@ -320,6 +344,15 @@ mod tests {
             (Some(1), Some(2))
         );
         assert_eq!(json["systems"][1]["rows"][1]["measures"]["j2j@rignet"], Value::Null);
+        // A program reads what the preset prints.
+        assert_eq!(json["systems"][0]["rows"][0]["measures"]["j2j@rignet"], 0.1);
+        let of = |whole| {
+            let assets = comparison.assets(&Preset::ALL, whole);
+            (assets.head[6].clone(), assets.rows[0][6].text.clone(), assets.note)
+        };
+        assert_eq!(of(true), ("j2j@rignet".into(), "0.1".into(), String::new()));
+        assert_eq!(of(false), ("j2j@rignet × 100".into(), "10.00".into(), format!("{SAID}.")));
+        assert!(tables[0].note.starts_with(SAID));
     }
 
     #[test]
@@ -338,7 +371,34 @@ mod tests {
         assert!(note.ends_with("Marked: the better mean, where several systems have one"), "{note}");
         assert_eq!(of(&[&two, &[None, Some(f64::NAN)]]).0, [false, false], "the only one with figures is not the best");
         assert_eq!(of(&[&two, &some, &[None, Some(0.01)]]).0, [false; 3], "the third has the easy asset alone");
-        assert_eq!(of(&[&two]), (vec![false], String::new()));
+        assert_eq!(of(&[&two]), (vec![false], SAID.to_owned()));
+    }
+
+    #[test]
+    fn none_is_the_best_by_precision_or_recall_alone() {
+        let of = |metric: &'static str| {
+            let mut systems = vec![system("one", &[Some(0.1)]), system("two", &[Some(0.2)])];
+            let measures = systems.iter_mut().flat_map(|s| &mut s.rows).flat_map(|r| &mut r.measures);
+            let (mut iou, preset) = (Vec::new(), Preset::Skintokens);
+            for m in measures {
+                (m.metric, m.preset) = (metric, preset);
+                iou.push(m.value);
+            }
+            for (system, value) in systems.iter_mut().zip(iou) {
+                system.rows[0].measures.push(Measure { metric: "iou", preset, value });
+            }
+            let all = Comparison { truth: "t".into(), failures: Failures::Apart, unread_truth: Vec::new(), systems };
+            let table = all.tables(&Preset::ALL).remove(0);
+            let strong: Vec<bool> = table.rows.iter().flatten().filter(|c| c.strong).map(|c| c.number).collect();
+            (strong.len(), table.rows[0][1].text.clone(), table.note)
+        };
+        for metric in ["precision", "recall", "joint_recall", "mask_cover_bone"] {
+            let (strong, better, note) = of(metric);
+            assert_eq!((strong, better.as_str()), (1, "higher"), "{metric}: IoU alone is marked");
+            assert!(note.ends_with("of precision, recall and covered masks none, as each rises when another falls"));
+        }
+        let (strong, _, note) = of("l1");
+        assert!(strong == 2 && note.ends_with("where several systems have one"), "{note}");
     }
 
     #[test]
@@ -348,8 +408,8 @@ mod tests {
             Comparison { truth: "t".into(), failures, unread_truth: Vec::new(), systems }
         };
         let note = |failures| of(failures).tables(&Preset::ALL)[0].note.clone();
-        assert_eq!(note(Failures::Worst), "Without failed and missing assets: j2j");
-        assert_eq!(note(Failures::Apart), "");
+        assert_eq!(note(Failures::Worst), format!("{SAID}. Without failed and missing assets: j2j"));
+        assert_eq!(note(Failures::Apart), SAID);
     }
 
     #[test]

@@ -30,7 +30,7 @@ pub use geodesic::{geodesic_distances, geodesic_weights};
 pub use heat::heat_weights;
 pub use motion::{Frames, Motion, Poses, clip_frames, motion, motion_of_frames, motion_poses, posed};
 pub use rows::Rows;
-pub use score::{Measure, Preset, Truth, lower_is_better};
+pub use score::{Measure, Preset, Truth, lower_is_better, trades};
 pub use skeleton::{
     Connectivity, Graph, Joints, Matched, SkeletonConvention, SkeletonDistances, connectivity, consensus,
     consensus_with, disagreement, fit, local_shape_diameters, match_joints, nearest_shares, ordered_by_position,

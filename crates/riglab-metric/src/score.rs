@@ -93,6 +93,13 @@ pub fn lower_is_better(metric: &str) -> Option<bool> {
     }
 }
 
+/// Whether a metric is one side of a trade-off: precision falls as recall rises, and a mask that covers everything covers
+/// the truth. By it alone none of several systems is the best.
+pub fn trades(metric: &str) -> bool {
+    let base = metric.split('@').next().unwrap_or(metric);
+    base.starts_with("mask_cover") || ["precision", "recall"].iter().any(|side| base.contains(side))
+}
+
 /// The truth of one asset, prepared once for all that is measured against it.
 #[derive(Clone, Debug)]
 pub struct Truth {

@@ -18,18 +18,41 @@ pub fn names() -> Vec<String> {
     TABLES.iter().flat_map(below).collect()
 }
 
-/// A published table by its name, every cell marked as published.
+/// A published table by its name, every cell marked as published. Distances between skeletons are × 100 in all tables,
+/// as in those of measured ones, with as many digits as were printed.
 pub fn table(name: &str) -> Option<Table> {
     let mut table = read(name)?;
+    let share =
+        |key: &str| name.split_once('.').and_then(|(group, own)| TABLES.get(group)?.get(own)?.get(key)?.as_bool());
+    if share("share") == Some(true) {
+        for (k, _) in table.head.iter().enumerate().skip(1).filter(|(_, column)| is_distance(&place(name, column).1)) {
+            table.rows.iter_mut().for_each(|row| row[k].text = times_100(&row[k].text));
+        }
+        table.note = format!("Distances × 100; printed with the {}", table.note);
+    }
     table.head.iter_mut().skip(1).for_each(|column| *column = headed(name, column));
     Some(table)
+}
+
+/// Whether a metric is a distance between skeletons.
+fn is_distance(metric: &str) -> bool {
+    matches!(metric, "j2j" | "j2b" | "b2b")
+}
+
+/// A number as printed, times 100: its point two places on.
+fn times_100(printed: &str) -> String {
+    let digits = printed.split_once('.').map_or(0, |(_, d)| d.len());
+    printed
+        .parse::<f64>()
+        .map_or_else(|_| printed.to_owned(), |v| format!("{:.*}", digits.saturating_sub(2), 100.0 * v))
 }
 
 /// What stands above a column.
 fn headed(table: &str, column: &str) -> String {
     let (data, metric) = place(table, column);
     let metric = match metric.as_str() {
-        "j2j" | "j2b" | "b2b" | "l1" => metric.to_uppercase(),
+        own if is_distance(own) => format!("{} × 100", own.to_uppercase()),
+        "l1" => "L1".into(),
         "l1_var" => "L1 variance".into(),
         "iou" => "IoU".into(),
         // The table is called after it.
@@ -200,7 +223,21 @@ mod tests {
         let table = table("skintokens.table3").unwrap();
         let row = table.rows.iter().find(|r| r[0].text.starts_with("TokenRig, 4 tokens a bone (")).unwrap();
         assert_eq!(row[1..4].iter().map(|c| c.text.as_str()).collect::<Vec<_>>(), ["2.857", "2.025", "1.568"]);
-        assert_eq!(table.head[..3], ["published", "ModelsResource J2J", "ModelsResource J2B"]);
+        assert_eq!(table.head[..3], ["published", "ModelsResource J2J × 100", "ModelsResource J2B × 100"]);
+    }
+
+    #[test]
+    fn distances_are_in_one_unit() {
+        let table = table("unirig.j2j").unwrap();
+        let row = table.rows.iter().find(|r| r[0].text == "UniRig (its paper)").unwrap();
+        assert_eq!((table.head[1].as_str(), row[1].text.as_str()), ("Mixamo J2J × 100", "1.01"));
+        assert_eq!(row[5].text, "5.49");
+        assert!(table.note.starts_with("Distances × 100; printed with the unit: fraction"), "{}", table.note);
+        let undefined = table.rows.iter().find(|r| r[0].text.starts_with("Neural Blend")).unwrap();
+        assert_eq!(undefined[5].text, "–");
+        // Weights are no distances.
+        assert_eq!(super::table("unirig.skin_l1").unwrap().rows[0][1].text, "0.07898");
+        assert_eq!(times_100("7"), "700");
     }
 
     #[test]
