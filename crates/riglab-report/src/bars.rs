@@ -53,10 +53,12 @@ impl Bars {
 
 /// The beginning of an SVG element of that size, under a title, with what it tells whoever does not see it.
 pub(crate) fn begun(width: f64, height: f64, title: &str, told: &[String]) -> String {
+    // A long title has smaller letters, of a width of 0.56 of their size.
+    let size = ((width - 16.0) / (0.56 * title.chars().count().max(1) as f64)).clamp(8.0, 15.0);
     format!(
         "<svg {} width=\"{width}\" height=\"{height}\" viewBox=\"0 0 {width} {height}\" xmlns=\"http://www.w3.org/2000/svg\" \
          font-family=\"sans-serif\" font-size=\"11\" fill=\"currentColor\">\n\
-         <text x=\"{}\" y=\"18\" font-size=\"15\" text-anchor=\"middle\">{}</text>\n",
+         <text x=\"{}\" y=\"18\" font-size=\"{size:.1}\" text-anchor=\"middle\">{}</text>\n",
         label(title, told),
         width / 2.0,
         escaped(title)
@@ -92,6 +94,9 @@ mod tests {
         assert!(svg.contains("width=\"350.0\"") && svg.contains("width=\"87.5\"") && svg.contains("width=\"0.0\""));
         assert!(svg.starts_with("<svg role=\"img\" aria-label=\"a &lt;b&gt;: x &amp; y 4, z 1, n NaN\""), "{svg}");
         assert!(svg.contains("x &amp; y") && svg.contains("a &lt;b&gt;") && svg.ends_with("</svg>"));
+        assert!(svg.contains("font-size=\"15.0\" text-anchor=\"middle\">a &lt;b&gt;<"), "{svg}");
+        let long = Bars { title: "t".repeat(80), ..bars }.to_svg();
+        assert!(long.contains("font-size=\"12.1\" text-anchor=\"middle\">tttt"), "{long}");
         let many = vec!["x".to_owned(); 30];
         assert!(label("t", &many).ends_with("x, and 6 more\"") && label("", &[]).ends_with("aria-label=\"\""));
         assert_eq!(Bars { title: "t".into(), bars: vec![] }.to_svg(), "");

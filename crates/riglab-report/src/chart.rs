@@ -19,7 +19,7 @@ pub struct Series {
 }
 
 /// Lines over one axis.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct Chart {
     /// What it shows.
     pub title: String,
@@ -29,6 +29,10 @@ pub struct Chart {
     pub series: Vec<Series>,
     /// A vertical axis by ratios, where values lie so far apart that it helps.
     pub log: bool,
+    /// The vertical axis; empty where the title says it.
+    pub y: String,
+    /// What has to be known to read it, below the lines' names; often empty.
+    pub note: String,
 }
 
 /// Distinct on white and on black, also for the colour-blind.
@@ -45,13 +49,32 @@ const COLORS: [RGBColor; 6] = [
 const DASHES: [(i32, i32); 3] = [(7, 4), (3, 3), (11, 2)];
 /// Points of a line at most; more are averaged.
 const POINTS: usize = 240;
-/// Of a chart without its legend.
-const SIZE: (u32, u32) = (560, 300);
-/// Height of a row of the legend.
-const LEGEND: u32 = 17;
-/// Names in a row of the legend and letters of each that it takes. Long names stand in fewer columns, whole, before
-/// letters are left out.
-const COLUMNS: [(usize, usize); 3] = [(3, 26), (2, 38), (1, 80)];
+/// Where a chart is read: lengths in pixels, sizes of letters in the same.
+#[derive(Clone, Copy, Debug)]
+struct Look {
+    /// Of a chart without its legend.
+    size: (u32, u32),
+    /// Letters of the axes and of the note.
+    letters: i32,
+    /// Room of the horizontal axis and of the vertical one.
+    axes: (u32, u32),
+    /// Height of a row of the legend, and its letters.
+    legend: (u32, i32),
+    /// Names in a row of the legend and letters of each that it takes. Long names stand in fewer columns, whole, before
+    /// letters are left out.
+    columns: [(usize, usize); 3],
+}
+
+/// In a page, where charts stand side by side.
+const PAGE: Look =
+    Look { size: (560, 300), letters: 11, axes: (34, 52), legend: (17, 12), columns: [(3, 26), (2, 38), (1, 80)] };
+/// In a paper: letters are of 7 points where the chart is as wide as one of two columns, 240 points. Those of plotters are
+/// of 1 / 1.24 of the size that it is given.
+const PAPER: Look =
+    Look { size: (440, 290), letters: 16, axes: (46, 66), legend: (20, 16), columns: [(3, 14), (2, 22), (1, 48)] };
+/// How much larger the letters of a title are than those of axes at most, and how wide a letter is on average, as a share
+/// of its size.
+const TITLE: (f64, f64) = (1.3, 0.48);
 /// Labels of an axis, about.
 const LABELS: u32 = 6;
 /// From the least to the most, from where on an axis goes by ratios.
@@ -63,6 +86,15 @@ impl Chart {
     /// # Errors
     /// When the chart cannot be drawn.
     pub fn to_svg(&self) -> Result<String, ReportError> {
+        self.drawn(&PAGE)
+    }
+
+    /// The same for a paper: smaller, so that its letters are larger in a column.
+    pub(crate) fn to_svg_for_paper(&self) -> Result<String, ReportError> {
+        self.drawn(&PAPER)
+    }
+
+    fn drawn(&self, look: &Look) -> Result<String, ReportError> {
         let lines: Vec<(&str, Vec<(f64, f64)>)> =
             self.series.iter().map(|s| (s.name.as_str(), thinned(&s.points, self.log))).collect();
         let lines: Vec<_> = lines.into_iter().filter(|(_, points)| !points.is_empty()).collect();
@@ -77,26 +109,37 @@ impl Chart {
         let most = y1.abs().max(y0.abs());
         // Of what does not change, a strip that labels can tell apart.
         let pad = if y1 - y0 > 1e-4 * most { (0.05 * (y1 - y0)).max(1e-300) } else { (0.02 * most).max(1e-9) };
-        let x1 = if x1 > x0 { x1 } else { x0 + 1.0 };
-        let (columns, letters) = columns(&lines);
+        // A single place stands in the middle.
+        let (x0, x1) = if x1 > x0 { (x0, x1) } else { (x0 - 1.0, x0 + 1.0) };
+        let (columns, letters) = look.columns(&lines);
         let rows = if lines.len() > 1 { lines.len().div_ceil(columns) as u32 } else { 0 };
+        let note = look.wrapped(&self.note);
+        let line = look.letters as u32 + 4;
+        let below = rows * look.legend.0 + if note.is_empty() { 0 } else { line * note.len() as u32 + 6 };
         let mut svg = String::new();
         {
-            let root = SVGBackend::with_string(&mut svg, (SIZE.0, SIZE.1 + rows * LEGEND)).into_drawing_area();
-            let (plot, below) = root.split_vertically(SIZE.1);
+            let root = SVGBackend::with_string(&mut svg, (look.size.0, look.size.1 + below)).into_drawing_area();
+            let (plot, below) = root.split_vertically(look.size.1);
             let mut builder = ChartBuilder::on(&plot);
-            builder.margin(8).margin_right(24).x_label_area_size(34).y_label_area_size(52);
-            builder.caption(&self.title, ("sans-serif", 15));
+            builder.margin(8).margin_right(24).x_label_area_size(look.axes.0);
+            // What stands along the axis takes a line.
+            builder.y_label_area_size(look.axes.1 + if self.y.is_empty() { 0 } else { line });
+            builder.caption(&self.title, ("sans-serif", look.title(&self.title)));
             if self.log && y1 > FAR_APART * y0 {
                 let axis = (y0 * 0.9..y1 * 1.1).log_scale().with_key_points(ticks_by_ratio(y0 * 0.9, y1 * 1.1));
-                self.draw(builder.build_cartesian_2d(x0..x1, axis).map_err(fault)?, &lines, &short)?;
+                self.draw(builder.build_cartesian_2d(x0..x1, axis).map_err(fault)?, &lines, look, &short)?;
             } else {
                 let chart = builder.build_cartesian_2d(x0..x1, y0 - pad..y1 + pad);
                 let apart = (y1 - y0 + 2.0 * pad) / f64::from(LABELS);
-                self.draw(chart.map_err(fault)?, &lines, &|v| spaced(v, apart))?;
+                self.draw(chart.map_err(fault)?, &lines, look, &|v| spaced(v, apart))?;
             }
             if rows > 0 {
-                legend(&below, &lines, columns, letters)?;
+                look.legend(&below, &lines, columns, letters)?;
+            }
+            for (k, text) in note.into_iter().enumerate() {
+                let style = ("sans-serif", look.letters).into_text_style(&look.size).color(&BLACK);
+                let y = rows * look.legend.0 + line * k as u32 + 4;
+                below.draw(&Text::new(text, (8, y as i32), style)).map_err(fault)?;
             }
             root.present().map_err(fault)?;
         }
@@ -113,14 +156,18 @@ impl Chart {
         &self,
         mut chart: ChartContext<'a, SVGBackend<'a>, Cartesian2d<plotters::coord::types::RangedCoordf64, Y>>,
         lines: &[(&str, Vec<(f64, f64)>)],
+        look: &Look,
         label_of: &dyn Fn(f64) -> String,
     ) -> Result<(), ReportError>
     where
         Y: plotters::coord::ranged1d::ValueFormatter<f64> + Ranged<ValueType = f64> + 'a,
     {
-        let label = ("sans-serif", 11).into_text_style(&SIZE).color(&BLACK);
-        chart
-            .configure_mesh()
+        let label = ("sans-serif", look.letters).into_text_style(&look.size).color(&BLACK);
+        let mut mesh = chart.configure_mesh();
+        if !self.y.is_empty() {
+            mesh.y_desc(&self.y);
+        }
+        mesh.axis_desc_style(label.clone())
             .bold_line_style(RGBColor(128, 128, 128).mix(0.25))
             .light_line_style(TRANSPARENT)
             .axis_style(RGBColor(128, 128, 128))
@@ -148,36 +195,59 @@ impl Chart {
     }
 }
 
-/// How many names stand in a row of the legend, and of how many letters: as many as have room whole.
-fn columns(lines: &[(&str, Vec<(f64, f64)>)]) -> (usize, usize) {
-    let longest = lines.iter().map(|(name, _)| name.chars().count()).max().unwrap_or(0);
-    COLUMNS.into_iter().find(|(_, letters)| longest <= *letters).unwrap_or(COLUMNS[COLUMNS.len() - 1])
-}
-
-/// What each line is, below the axis, where no line runs.
-fn legend(
-    below: &DrawingArea<SVGBackend, plotters::coord::Shift>,
-    lines: &[(&str, Vec<(f64, f64)>)],
-    columns: usize,
-    letters: usize,
-) -> Result<(), ReportError> {
-    let width = (SIZE.0 as i32 - 60) / columns as i32;
-    let names = fitted(&lines.iter().map(|(name, _)| *name).collect::<Vec<_>>(), letters);
-    for (k, ((_, points), name)) in lines.iter().zip(names).enumerate() {
-        let style = color(k).stroke_width(3);
-        let (x, y) = (60 + width * (k % columns) as i32, LEGEND as i32 * (k / columns) as i32 + 6);
-        let line = [(x, y), (x + 16, y)];
-        match (points.len(), dashes(k)) {
-            (1, _) => below.draw(&mark((x + 8, y), k)),
-            (_, None) => below.draw(&PathElement::new(line, style)),
-            (_, Some((dash, gap))) => below.draw(&DashedPathElement::new(line, dash, gap, style)),
-        }
-        .map_err(fault)?;
-        let style = ("sans-serif", 12).into_text_style(&SIZE).color(&BLACK);
-        let style = style.pos(Pos::new(HPos::Left, VPos::Center));
-        below.draw(&Text::new(name, (x + 21, y), style)).map_err(fault)?;
+impl Look {
+    /// How many names stand in a row of the legend, and of how many letters: as many as have room whole.
+    fn columns(&self, lines: &[(&str, Vec<(f64, f64)>)]) -> (usize, usize) {
+        let longest = lines.iter().map(|(name, _)| name.chars().count()).max().unwrap_or(0);
+        self.columns.into_iter().find(|(_, letters)| longest <= *letters).unwrap_or(self.columns[2])
     }
-    Ok(())
+
+    /// What each line is, below the axis, where no line runs.
+    fn legend(
+        &self,
+        below: &DrawingArea<SVGBackend, plotters::coord::Shift>,
+        lines: &[(&str, Vec<(f64, f64)>)],
+        columns: usize,
+        letters: usize,
+    ) -> Result<(), ReportError> {
+        let (left, (row, size)) = (self.axes.1 as i32 + 8, self.legend);
+        let width = (self.size.0 as i32 - left) / columns as i32;
+        let names = fitted(&lines.iter().map(|(name, _)| *name).collect::<Vec<_>>(), letters);
+        for (k, ((_, points), name)) in lines.iter().zip(names).enumerate() {
+            let style = color(k).stroke_width(3);
+            let (x, y) = (left + width * (k % columns) as i32, row as i32 * (k / columns) as i32 + 6);
+            let line = [(x, y), (x + 16, y)];
+            match (points.len(), dashes(k)) {
+                (1, _) => below.draw(&mark((x + 8, y), k)),
+                (_, None) => below.draw(&PathElement::new(line, style)),
+                (_, Some((dash, gap))) => below.draw(&DashedPathElement::new(line, dash, gap, style)),
+            }
+            .map_err(fault)?;
+            let style = ("sans-serif", size).into_text_style(&self.size).color(&BLACK);
+            let style = style.pos(Pos::new(HPos::Left, VPos::Center));
+            below.draw(&Text::new(name, (x + 21, y), style)).map_err(fault)?;
+        }
+        Ok(())
+    }
+
+    /// The letters of a title, which are smaller where it is long.
+    fn title(&self, title: &str) -> f64 {
+        let fits = f64::from(self.size.0 - 16) / (TITLE.1 * title.chars().count().max(1) as f64);
+        fits.clamp(f64::from(self.letters - 3), TITLE.0 * f64::from(self.letters))
+    }
+
+    /// A text in lines that fit below a chart.
+    fn wrapped(&self, text: &str) -> Vec<String> {
+        let room = (f64::from(self.size.0 - 16) / (TITLE.1 * f64::from(self.letters))) as usize;
+        let mut lines: Vec<String> = Vec::new();
+        for word in text.split_whitespace() {
+            match lines.last_mut() {
+                Some(line) if line.chars().count() + 1 + word.chars().count() <= room => *line += &format!(" {word}"),
+                _ => lines.push(word.into()),
+            }
+        }
+        lines
+    }
 }
 
 fn color(line: usize) -> RGBColor {
@@ -271,7 +341,7 @@ mod tests {
             title: "t".into(),
             x: "step".into(),
             series: vec![Series { name: "a".into(), points }],
-            log: false,
+            ..Chart::default()
         };
         assert_eq!(chart(vec![]).to_svg().unwrap(), "");
         assert!(chart(vec![(1.0, 2.0)]).to_svg().unwrap().starts_with("<svg"));
@@ -290,7 +360,7 @@ mod tests {
             assert!((3..=12).contains(&ticks.len()), "{ticks:?}");
         }
         let line = |points: &[(f64, f64)]| Series { name: "a".into(), points: points.to_vec() };
-        let chart = |series| Chart { title: String::new(), x: "step".into(), series, log: true };
+        let chart = |series| Chart { x: "step".into(), series, log: true, ..Chart::default() };
         // A loss that falls to half is read off a plain axis.
         let near = chart(vec![line(&[(0.0, 2.0), (1.0, 1.0)])]).to_svg().unwrap();
         assert!(near.contains("\n1.2\n") && near.contains("\n1.8\n"), "{near}");
@@ -305,7 +375,7 @@ mod tests {
         for (low, high) in [(0.0031, 0.0039), (14_200.0, 14_900.0), (12.0, 12.0), (1e6, 1e6), (-0.5, 0.25), (0.0, 3e-9)]
         {
             let series = vec![Series { name: "a".into(), points: vec![(1.0, low), (2.0, high)] }];
-            let svg = Chart { title: String::new(), x: "step".into(), series, log: false }.to_svg().unwrap();
+            let svg = Chart { x: "step".into(), series, ..Chart::default() }.to_svg().unwrap();
             let mut labels: Vec<&str> =
                 svg.split("text-anchor=\"end\"").skip(1).filter_map(|t| t.split('\n').nth(1)).collect();
             let all = labels.len();
@@ -320,7 +390,7 @@ mod tests {
         let chart = |count: usize, points: usize| {
             let line = |k: usize| (0..points).map(|x| (x as f64, k as f64)).collect();
             let series = (0..count).map(|k| Series { name: format!("line {k}"), points: line(k) }).collect();
-            Chart { title: String::new(), x: "step".into(), series, log: false }.to_svg().unwrap()
+            Chart { x: "step".into(), series, ..Chart::default() }.to_svg().unwrap()
         };
         // Strokes of the first and the second colour, in the plot and, wider, in the legend.
         let strokes = |svg: &str, color: &str, width: u32| {
@@ -343,15 +413,41 @@ mod tests {
 
     #[test]
     fn long_names_stand_whole_in_fewer_columns() {
-        let of = |name: &str| columns(&[(name, vec![]), ("a", vec![])]);
+        let of = |name: &str| PAGE.columns(&[(name, vec![]), ("a", vec![])]);
         assert_eq!(
             [of(&"n".repeat(26)).0, of(&"n".repeat(27)).0, of(&"n".repeat(39)).0, of(&"n".repeat(99)).0],
             [3, 2, 1, 1]
         );
         let names = ["baseline, as in the paper, dice=0.5", "baseline, as in the paper, dice=2.0"];
         let series = names.map(|name| Series { name: name.into(), points: vec![(0.0, 1.0), (1.0, 2.0)] }).to_vec();
-        let svg = Chart { title: String::new(), x: "step".into(), series, log: false }.to_svg().unwrap();
+        let svg = Chart { x: "step".into(), series, ..Chart::default() }.to_svg().unwrap();
         assert!(names.iter().all(|name| svg.contains(&format!("\n{name}\n"))), "{svg}");
+    }
+
+    #[test]
+    fn what_has_to_be_known_stands_below_in_lines_that_fit() {
+        let line = Series { name: "a".into(), points: vec![(0.0, 1.0), (1.0, 2.0)] };
+        let chart = Chart {
+            title: "t".repeat(80),
+            x: "step".into(),
+            series: vec![line],
+            y: "IoU <pooled>".into(),
+            note: "word ".repeat(60),
+            ..Chart::default()
+        };
+        let plain = Chart { y: String::new(), note: String::new(), ..chart.clone() };
+        let [page, paper] = [chart.to_svg().unwrap(), chart.to_svg_for_paper().unwrap()];
+        for (svg, look) in [(&page, PAGE), (&paper, PAPER)] {
+            let words: Vec<&str> = svg.lines().filter(|l| l.starts_with("word")).collect();
+            let wide = words.iter().map(|l| l.len()).max().unwrap();
+            assert!(
+                words.len() >= 3 && TITLE.1 * (wide as f64) * f64::from(look.letters) <= f64::from(look.size.0),
+                "{words:?}"
+            );
+            assert!(svg.contains("IoU &lt;pooled&gt;"), "{svg}");
+        }
+        assert!(!plain.to_svg().unwrap().contains("word"));
+        assert_eq!((PAGE.title("loss").round(), PAGE.title(&"t".repeat(200))), (14.0, 8.0));
     }
 
     #[test]

@@ -130,7 +130,7 @@ fn of_chart(chart: &Chart) -> Option<Table> {
         let values = [first.1, last.1, least, most].map(|v| Cell::none().with_text(figure(v)));
         table.row(std::iter::once(Cell::text(&series.name)).chain(values).collect());
     }
-    table.note = format!("Over {}; the page has the whole lines.", chart.x);
+    table.note = format!("Over {}; the page has the whole lines. {}", chart.x, chart.note).trim_end().to_owned();
     (!table.rows.is_empty()).then_some(table)
 }
 
@@ -195,7 +195,13 @@ mod tests {
                 Block::Heading("H_1".into()),
                 Block::Facts(vec![("steps".into(), "7".into())]),
                 Block::Table(table),
-                Block::Charts(vec![Chart { title: "loss".into(), x: "step".into(), series: vec![line], log: true }]),
+                Block::Charts(vec![Chart {
+                    title: "loss".into(),
+                    x: "step".into(),
+                    series: vec![line],
+                    log: true,
+                    ..Chart::default()
+                }]),
                 Block::Pictures(vec![Picture { caption: "best".into(), png: vec![1] }]),
                 Block::Code("riglab train --set a='[1]'".into()),
                 Block::Folded("all".into(), "```\nx".into()),

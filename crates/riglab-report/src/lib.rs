@@ -4,6 +4,7 @@
 //! HTML file that works offline, in light and dark, on a phone and on a wide screen.
 //!
 //! The same page can be Markdown, LaTeX and comma-separated values; so can a [`Table`] alone, and text for a terminal.
+//! Its charts can be files of their own ([`Page::figures`]), for a paper.
 //!
 //! [`RunView`] reads what every run folder holds; what is special to a task, the task adds. A task also fills
 //! [`Findings`], from which come spread, categories, published numbers, and the comparison of several runs
@@ -15,22 +16,27 @@
 mod bars;
 mod chart;
 mod dots;
+mod figures;
 mod findings;
 mod forms;
 mod labels;
+mod losses;
 mod page;
 mod plain;
 pub mod published;
 mod run;
 pub mod shell;
 mod table;
+mod unit;
 mod versus;
 mod view;
 
 pub use bars::Bars;
 pub use chart::{Chart, Series};
 pub use dots::Dots;
+pub use figures::Figure;
 pub use findings::{Beside, Findings, Metric, Single, Total};
+pub use losses::Losses;
 pub use page::{Block, Page, Picture, ReportError, Turned};
 pub use run::{RunError, RunView};
 pub use table::{Cell, Table};

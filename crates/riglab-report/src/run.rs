@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use serde_json::Value;
 use thiserror::Error;
 
+use crate::unit::{TIMES_100, shown};
 use crate::{Block, Chart, Series, shell};
 
 /// Why a folder cannot be read as a run.
@@ -176,15 +177,25 @@ impl RunView {
         of
     }
 
+    /// The same by the names and in the units of tables.
+    pub(crate) fn shown(&self) -> BTreeMap<String, Vec<(f64, f64)>> {
+        let in_unit = |(name, points): (&str, Vec<(f64, f64)>)| {
+            let (name, factor) = shown(name);
+            (name, points.into_iter().map(|(x, y)| (x, factor * y)).collect())
+        };
+        self.logged().into_iter().map(in_unit).collect()
+    }
+
     /// Curves: the loss; its parts and what else was noted in a step, and every validated metric, each beside those of
     /// its size; gradient norm and learning rate.
     pub fn curves(&self) -> Block {
-        let of = self.logged();
+        let shown = self.shown();
+        let of: BTreeMap<&str, &Vec<(f64, f64)>> = shown.iter().map(|(name, points)| (name.as_str(), points)).collect();
         let chart = |title: String, names: &[&str], log: bool| {
             let found = names.iter().filter_map(|n| of.get_key_value(*n));
             let series =
-                found.map(|(n, p)| Series { name: n.rsplit('/').next().unwrap_or(n).into(), points: p.clone() });
-            Chart { title, x: "step".into(), series: series.collect(), log }
+                found.map(|(n, p)| Series { name: n.rsplit('/').next().unwrap_or(n).into(), points: p.to_vec() });
+            Chart { title, x: "step".into(), series: series.collect(), log, ..Chart::default() }
         };
         let noted = of.keys().copied().filter(|n| {
             let rest = n.strip_prefix("train/").unwrap_or("loss");
@@ -235,14 +246,21 @@ const LINES: usize = 6;
 /// Letters of names in a title.
 const ROOM: usize = 44;
 
-/// Metrics by how large they are in the end, those of a chart by name.
-fn of_a_size<'a>(of: &BTreeMap<&str, Vec<(f64, f64)>>, mut names: Vec<&'a str>) -> Vec<Vec<&'a str>> {
+/// Metrics by how large they are in the end, those of a chart by name and in one unit.
+fn of_a_size<'a>(of: &BTreeMap<&str, &Vec<(f64, f64)>>, mut names: Vec<&'a str>) -> Vec<Vec<&'a str>> {
     let size = |name: &&str| of[name].last().map_or(0.0, |p| p.1.abs());
-    names.sort_by(|a, b| size(a).total_cmp(&size(b)));
+    let unit = |name: &&str| name.contains(TIMES_100);
+    names.sort_by(|a, b| unit(a).cmp(&unit(b)).then(size(a).total_cmp(&size(b))));
     let mut groups: Vec<Vec<&str>> = Vec::new();
     for name in names {
         match groups.last_mut() {
-            Some(group) if size(&name) <= OF_A_SIZE * size(&group[0]) && group.len() < LINES => group.push(name),
+            Some(group)
+                if size(&name) <= OF_A_SIZE * size(&group[0])
+                    && unit(&name) == unit(&group[0])
+                    && group.len() < LINES =>
+            {
+                group.push(name);
+            }
             _ => groups.push(vec![name]),
         }
     }
@@ -256,7 +274,9 @@ fn listed(names: &[&str]) -> String {
     let bare: Vec<&str> = names.iter().map(|n| n.rsplit('/').next().unwrap_or(n)).collect();
     let split = |name: &str| name.split_once('@').map(|(_, split)| split.to_owned());
     let all = split(bare[0]).filter(|s| bare.iter().all(|n| split(n).as_ref() == Some(s)));
-    let on = all.as_ref().map_or(String::new(), |s| format!(" on {s}"));
+    let unit = if bare[0].contains(TIMES_100) { TIMES_100 } else { "" };
+    let bare: Vec<String> = bare.iter().map(|n| n.replace(TIMES_100, "")).collect();
+    let on = all.as_ref().map_or(unit.to_owned(), |s| format!("{unit} on {s}"));
     let mut text = String::new();
     for (k, name) in bare.iter().enumerate() {
         let name = if all.is_some() { name.split('@').next().unwrap_or_default() } else { name };
@@ -279,7 +299,8 @@ mod tests {
     fn metrics_share_a_chart_with_those_of_their_size() {
         let last =
             [("eval/iou@a", 0.7), ("eval/iou@b", 0.6), ("eval/j2j@a", 0.08), ("eval/l1@a", 0.06), ("eval/n@a", 0.0)];
-        let of: BTreeMap<&str, Vec<(f64, f64)>> = last.iter().map(|(n, v)| (*n, vec![(1.0, 9.0), (2.0, *v)])).collect();
+        let points = last.map(|(_, v)| vec![(1.0, 9.0), (2.0, v)]);
+        let of: BTreeMap<&str, &Vec<(f64, f64)>> = last.iter().map(|(n, _)| *n).zip(&points).collect();
         let groups = of_a_size(&of, of.keys().copied().collect());
         assert_eq!(groups, [vec!["eval/iou@a", "eval/iou@b"], vec!["eval/j2j@a", "eval/l1@a"], vec!["eval/n@a"]]);
         let titles: Vec<String> = groups.iter().map(|g| listed(g)).collect();
@@ -302,6 +323,19 @@ mod tests {
             charts.iter().map(|c| (c.title.as_str(), c.series.iter().map(|s| s.name.as_str()).collect())).collect();
         let parts = ("in a step: bce, mse", vec!["bce", "mse"]);
         assert_eq!(shown, [("loss", vec!["loss"]), parts, ("in a step: tokens", vec!["tokens"])]);
+    }
+
+    #[test]
+    fn distances_have_the_unit_of_tables() {
+        let lines = "{\"step\":1,\"eval/j2j@val\":0.25,\"eval/b2b@val\":0.125,\"eval/iou@val\":0.5}\n";
+        let dir = folder(&[("config.toml", ""), ("run.json", INFO), ("metrics.jsonl", lines)]);
+        let run = RunView::read(dir.path()).unwrap();
+        let Block::Charts(charts) = run.curves() else { panic!("charts") };
+        let titles: Vec<&str> = charts.iter().map(|c| c.title.as_str()).collect();
+        assert_eq!(titles, ["validation: b2b, j2j × 100 on val", "validation: iou on val"]);
+        assert_eq!(charts[0].series[1].name, "j2j × 100@val");
+        assert_eq!(charts[0].series[1].points, [(1.0, 25.0)]);
+        assert_eq!(run.logged()["eval/j2j@val"], [(1.0, 0.25)], "what was logged is as it was");
     }
 
     /// A run's folder with these files.

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 use riglab_metric::statistics::Mean;
-use riglab_report::{Block, Chart, Dots, RunView, Series};
+use riglab_report::{Block, Chart, Dots, Losses, RunView, Series};
 
 use crate::values::Numbers;
 use crate::{FigureOf, MetricOf, Outcome, Plan};
@@ -39,21 +39,30 @@ pub(crate) fn figures(plan: &Plan, outcomes: &[Outcome], numbers: &[Numbers]) ->
             (!points.is_empty()).then(|| Series { name: point.into(), points })
         };
         let series: Vec<Series> = plan.names().into_iter().filter_map(line).collect();
-        (!series.is_empty()).then(|| Chart { title: figure.title.clone(), x: figure.x.clone(), series, log: false })
+        (!series.is_empty()).then(|| Chart {
+            title: figure.title.clone(),
+            x: figure.x.clone(),
+            series,
+            ..Chart::default()
+        })
     };
     let charts: Vec<Chart> = plan.sweep.figures.iter().filter_map(chart).collect();
     (!charts.is_empty()).then_some(Block::Charts(charts))
 }
 
-/// The loss and what was validated over steps, a line a point, each place the mean over seeds.
+/// The loss and what was validated over steps, a line a point, each place the mean over seeds; the parts of the loss, too,
+/// where points weight them otherwise.
 pub(crate) fn learning(folder: &Path, plan: &Plan, metrics: &[MetricOf], outcomes: &[Outcome]) -> Option<Block> {
     let mut of: BTreeMap<String, Vec<Series>> = BTreeMap::new();
-    for point in plan.names() {
-        let views: Vec<RunView> =
-            finished(folder, plan, outcomes, point).iter().filter_map(|run| RunView::read(run).ok()).collect();
+    let read = |point: &str| -> Vec<RunView> {
+        finished(folder, plan, outcomes, point).iter().filter_map(|run| RunView::read(run).ok()).collect()
+    };
+    let points: Vec<(&str, Vec<RunView>)> = plan.names().into_iter().map(|point| (point, read(point))).collect();
+    let losses = Losses::of(points.iter().flat_map(|(_, views)| views).map(RunView::config));
+    for (point, views) in &points {
         let logs: Vec<_> = views.iter().map(RunView::logged).collect();
         let Some(first) = logs.first() else { continue };
-        for name in first.keys().filter(|n| **n == "train/loss" || n.starts_with("eval/")) {
+        for name in first.keys().filter(|n| **n == "train/loss" || n.starts_with("eval/") || losses.replaces(n)) {
             // Means of the same seeds at each place: a step that one of them has not would bend the line.
             let mut at: BTreeMap<u64, Vec<f64>> = BTreeMap::new();
             let own = logs.iter().filter_map(|l| l.get(name)).flatten();
@@ -61,18 +70,19 @@ pub(crate) fn learning(folder: &Path, plan: &Plan, metrics: &[MetricOf], outcome
             let whole = at.into_iter().filter(|(_, own)| own.len() == logs.len());
             let points: Vec<_> = whole.map(|(step, own)| (step as f64, Mean::of(&own).mean)).collect();
             if !points.is_empty() {
-                of.entry((*name).to_owned()).or_default().push(Series { name: point.into(), points });
+                of.entry((*name).to_owned()).or_default().push(Series { name: (*point).into(), points });
             }
         }
     }
     let asked = |name: &str| metrics.iter().any(|m| m.of == name);
     let mut names: Vec<String> = of.keys().cloned().collect();
-    // The loss first, then the table's columns.
-    names.sort_by_key(|n| (n != "train/loss", !asked(n)));
-    names.truncate(CURVES);
+    // The loss first, with its parts, then the table's columns.
+    names.sort_by_key(|n| (n != "train/loss", !losses.replaces(n), !asked(n)));
+    names.truncate(CURVES + names.iter().filter(|n| losses.replaces(n)).count());
     let chart = |name: String| {
         let series = of.remove(&name).unwrap_or_default();
-        Chart { log: name == "train/loss", title: name, x: "step".into(), series }
+        let (log, note) = (name == "train/loss", losses.note(&name));
+        Chart { title: name, x: "step".into(), series, log, note, ..Chart::default() }
     };
     let charts: Vec<Chart> = names.into_iter().map(chart).collect();
     (!charts.is_empty()).then_some(Block::Charts(charts))
@@ -113,5 +123,32 @@ mod tests {
         assert_eq!(titles, ["train/loss", "eval/z@val", "eval/a@val"], "the loss, then what was asked for");
         assert_eq!(charts[1].series[0].points, [(1.0, 1.5)], "step 2 has one seed alone");
         assert!(figures(&plan, &results.outcomes, &results.numbers).is_none(), "none was asked for");
+    }
+
+    #[test]
+    fn totals_of_other_weights_come_with_their_parts_and_a_word() {
+        let dir = tempfile::tempdir().unwrap();
+        let text = "[sweep]\nbase = 'b'\nseeds = [1]\n[[sweep.arms]]\nname = 'low'\nset = { 'loss.dice' = 0.5 }\n\
+                    [[sweep.arms]]\nname = 'high'\nset = { 'loss.dice' = 2.0 }\n";
+        let config = riglab_config::Config::from_toml_str("s.toml", text).unwrap();
+        let plan = Plan::new(config.get_at("sweep").unwrap(), &[]).unwrap();
+        for (job, dice) in plan.jobs.iter().zip(["0.5", "2.0"]) {
+            let run = dir.path().join(&job.folder);
+            std::fs::create_dir_all(&run).unwrap();
+            let evals: String = (0..9).map(|k| format!(",\"eval/m{k}@val\":1.0")).collect();
+            let line = format!("{{\"step\":1,\"train/loss\":2.0,\"train/dice\":0.5,\"train/bce\":0.25{evals}}}\n");
+            std::fs::write(run.join("metrics.jsonl"), line).unwrap();
+            std::fs::write(run.join("config.toml"), format!("[loss]\nbce = 1.0\ndice = {dice}\n")).unwrap();
+            std::fs::write(run.join("run.json"), "{\"task\": \"fsq_cvae\", \"outcome\": \"finished\"}").unwrap();
+        }
+        let results = crate::Results::read(dir.path(), &plan);
+        let Some(Block::Charts(charts)) = learning(dir.path(), &plan, &plan.sweep.metrics, &results.outcomes) else {
+            panic!("charts are drawn")
+        };
+        let titles: Vec<&str> = charts.iter().map(|c| c.title.as_str()).collect();
+        assert_eq!(titles[..4], ["train/loss", "train/bce", "train/dice", "eval/m0@val"]);
+        assert_eq!(titles.len(), CURVES + 2);
+        assert!(charts[0].note.contains("loss.dice") && charts[1].note.contains("without its weight"));
+        assert!(charts[3].note.is_empty());
     }
 }

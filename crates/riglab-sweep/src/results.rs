@@ -251,12 +251,18 @@ impl Results {
         write(&folder.join("table.md"), &all(Table::to_markdown))?;
         write(&folder.join("table.tex"), &all(Table::to_latex))?;
         write(&folder.join("table.csv"), &self.sheet().to_csv())?;
+        let html = self.page(folder).to_html().map_err(|e| SweepError::Invalid(e.to_string()))?;
+        write(&folder.join("report.html"), &html)
+    }
+
+    /// The report: tables, charts, and how to repeat the jobs, whose runs lie in the folder.
+    pub fn page(&self, folder: &Path) -> Page {
+        let mut tables: Vec<Table> = std::iter::once(self.table()).chain(self.differences()).collect();
         let mut blocks = Vec::new();
         if !self.plan.sweep.expected.is_empty() {
             blocks.push(Block::Text(format!("Expected: {}", self.plan.sweep.expected)));
         }
         // The question is the page's title already.
-        let mut tables = tables;
         tables[0].caption = "Points".into();
         blocks.extend(tables.into_iter().map(Block::Table));
         let (plan, outcomes) = (&self.plan, &self.outcomes);
@@ -286,9 +292,7 @@ impl Results {
         );
         let question = &self.plan.sweep.question;
         let title = if question.is_empty() { "Sweep".to_owned() } else { question.clone() };
-        let page = Page { title, subtitle, blocks };
-        let html = page.to_html().map_err(|e| SweepError::Invalid(e.to_string()))?;
-        write(&folder.join("report.html"), &html)
+        Page { title, subtitle, blocks }
     }
 }
 

@@ -107,7 +107,7 @@ fn chart(written: &Written) -> Chart {
             name: "writing".into(),
             points: written.costs.chunks(DRAWN).enumerate().map(mean).collect(),
         }],
-        log: false,
+        ..Chart::default()
     }
 }
 

@@ -5,6 +5,7 @@
 
 mod by_asset;
 mod changed;
+mod curves;
 mod refusal;
 mod tables;
 
@@ -16,7 +17,7 @@ use refusal::same;
 use riglab_config::{Config, Loader};
 use tables::side_by_side;
 
-use crate::{Block, Cell, Chart, Findings, Metric, RunView, Series, Table};
+use crate::{Block, Cell, Findings, Metric, RunView, Table};
 
 /// A run to be compared.
 pub struct Compared {
@@ -55,7 +56,7 @@ pub fn versus(runs: &[Compared]) -> Result<Vec<Block>, Refusal> {
         measured.push(of);
     }
     blocks.extend(changed::all(runs, &measured).map(Block::Sheet));
-    let curves = curves(runs);
+    let curves = curves::curves(runs);
     if !curves.is_empty() {
         blocks.push(Block::Heading("Training".into()));
         blocks.push(Block::Charts(curves));
@@ -147,27 +148,6 @@ fn shared(of: &[&Findings], metrics: fn(&Findings) -> &[Metric]) -> Vec<(Metric,
     all.filter_map(|m| Some((m.clone(), of.iter().map(|f| place(f, m)).collect::<Option<Vec<_>>>()?))).collect()
 }
 
-/// What at least two runs logged, a line a run: the loss and everything validated.
-fn curves(runs: &[Compared]) -> Vec<Chart> {
-    let logs: Vec<_> = runs.iter().map(|r| r.view.logged()).collect();
-    let names: BTreeSet<&str> = logs.iter().flat_map(|l| l.keys().copied()).collect();
-    let wanted = names.into_iter().filter(|n| *n == "train/loss" || n.starts_with("eval/"));
-    let mut charts = Vec::new();
-    for name in wanted {
-        let series: Vec<Series> = runs
-            .iter()
-            .zip(&logs)
-            .filter_map(|(r, log)| Some(Series { name: r.name.clone(), points: log.get(name)?.clone() }))
-            .collect();
-        if series.len() > 1 {
-            charts.push(Chart { title: name.into(), x: "step".into(), series, log: name == "train/loss" });
-        }
-    }
-    // The loss first.
-    charts.sort_by_key(|c| !c.log);
-    charts
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -222,6 +202,33 @@ mod tests {
         let Some(Block::Charts(charts)) = blocks.last() else { panic!("no curves") };
         assert_eq!(charts.iter().map(|c| c.title.as_str()).collect::<Vec<_>>(), ["train/loss", "eval/iou@val"]);
         assert_eq!(charts[0].series.len(), 2);
+    }
+
+    #[test]
+    fn losses_of_other_weights_are_not_compared_without_a_word() {
+        let of = |dice: &str, name: &str| {
+            let config = format!("task = 't'\n[loss]\nbce = 1.0\ndice = {dice}\n");
+            let mut run = trained_by(&config, name, 0.0, "1");
+            let dir = tempfile::tempdir().unwrap();
+            let write = |file: &str, text: &str| std::fs::write(dir.path().join(file), text).unwrap();
+            write("config.toml", &config);
+            write("run.json", "{\"task\": \"t\"}");
+            let line = "{\"step\":1,\"train/loss\":2.0,\"train/bce\":1.0,\"train/dice\":0.5,\"train/tokens\":7,\"eval/j2j@val\":0.5}\n";
+            write("metrics.jsonl", line);
+            run.view = RunView::read(dir.path()).unwrap();
+            run
+        };
+        let charts = |runs: [Compared; 2]| {
+            let Some(Block::Charts(charts)) = versus(&runs).unwrap().pop() else { panic!("no curves") };
+            charts.into_iter().map(|c| (c.title, c.note)).collect::<Vec<_>>()
+        };
+        let same = charts([of("1.0", "a"), of("1.0", "b")]);
+        let said: Vec<(&str, &str)> = same.iter().map(|(t, n)| (t.as_str(), n.as_str())).collect();
+        assert_eq!(said, [("train/loss", ""), ("eval/j2j × 100@val", "")]);
+        let other = charts([of("1.0", "a"), of("0.5", "b")]);
+        let titles: Vec<&str> = other.iter().map(|(title, _)| title.as_str()).collect();
+        assert_eq!(titles, ["train/loss", "train/bce", "train/dice", "eval/j2j × 100@val"]);
+        assert!(other[0].1.starts_with("Not comparable") && other[1].1.contains("without its weight"), "{other:?}");
     }
 
     #[test]

@@ -212,6 +212,7 @@ fn by_tokens(report: &Report, split: &str) -> Chart {
         title: format!("IoU by codes kept, {split}"),
         x: "codes".into(),
         series: vec![line("rule"), line("raw")],
-        log: false,
+        y: "IoU, pooled".into(),
+        ..Chart::default()
     }
 }

@@ -1,5 +1,6 @@
 //! One module a command.
 
+mod charts;
 pub mod checkpoint;
 pub mod compare;
 pub mod convert;

@@ -8,6 +8,7 @@ use riglab_files::make_folder_of;
 use riglab_report::{Block, Compared, Page, RunView, versus};
 use riglab_train::Checkpoint;
 
+use super::charts::charts;
 use crate::registry::{self, Evaluated};
 
 /// Write the report of a run, or compare several.
@@ -24,7 +25,8 @@ Examples:
   riglab report runs/fsq_cvae/001                   # report.html, .md, .tex and .csv in the run's folder
   riglab report runs/fsq_cvae/001 -o table.tex      # one form, by the ending
   riglab report runs/a runs/b runs/c -o comparison.html
-  riglab report with=runs/a without=runs/b          # names in the tables; comparison.html, .md, ...")]
+  riglab report with=runs/a without=runs/b          # names in the tables; comparison.html, .md, ...
+  riglab report runs/a runs/b --charts figures      # each chart as a file, for a paper, too")]
 pub struct Args {
     /// A run's folder, or several; NAME=DIR names a run in the tables.
     #[arg(required = true, value_name = "[NAME=]RUN")]
@@ -36,6 +38,10 @@ pub struct Args {
     /// Title of the page [default: the run's folder].
     #[arg(long)]
     title: Option<String>,
+    /// Write each chart into this folder, too: NAME.svg, dark on white and as wide as a column, and NAME.csv with all its
+    /// numbers. For LaTeX, `rsvg-convert -f pdf -o NAME.pdf NAME.svg` makes a PDF, and so does Inkscape.
+    #[arg(long, value_name = "DIR")]
+    charts: Option<PathBuf>,
 }
 
 /// The forms, by the ending of their files.
@@ -74,11 +80,13 @@ pub fn run(args: &Args) -> Result<ExitCode> {
             write(&path.with_extension("assets.csv"), &sheet)?;
         }
     }
+    args.charts.as_deref().map_or(Ok(()), |folder| charts(&page, folder))?;
     Ok(ExitCode::SUCCESS)
 }
 
-fn write(path: &Path, text: &str) -> Result<()> {
-    let written = make_folder_of(path).and_then(|()| riglab_files::write(path, text.as_bytes()));
+/// Writes a file and names it.
+pub fn write(path: &Path, content: impl AsRef<[u8]>) -> Result<()> {
+    let written = make_folder_of(path).and_then(|()| riglab_files::write(path, content.as_ref()));
     written.with_context(|| format!("{} cannot be written", path.display()))?;
     say!("{}", path.display());
     Ok(())

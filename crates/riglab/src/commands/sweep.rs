@@ -11,6 +11,7 @@ use riglab_report::{Cell, Table};
 use riglab_sweep::{Budget, Ended, Event, Job, Plan, Results, Stage, SweepError, SweepFile, retry, run as run_pool};
 use riglab_train::{Interrupt, Progress};
 
+use super::charts::charts;
 use super::slurm::sweep::{Handed, run as hand_over, seen};
 use super::slurm::{Desk, On, apart, settings};
 use crate::presets;
@@ -38,6 +39,7 @@ Examples:
   riglab sweep sweeps/mine            # goes on
   riglab sweep sweeps/mine --status   # how far it is
   riglab sweep sweeps/mine --retry    # what failed, too
+  riglab sweep sweeps/mine --charts figures   # each chart as a file, for a paper
   riglab sweep my_sweep.toml --on slurm --set slurm.partition=cpu --set slurm.time=4:00:00
   riglab sweep sweeps/my_sweep --on slurm --wait   # until the table is written")]
 pub struct Args {
@@ -74,6 +76,9 @@ pub struct Args {
     /// With --status: again every so many seconds, until all is done.
     #[arg(long, value_name = "SECONDS", requires = "status")]
     watch: Option<u64>,
+    /// When all is done, write each chart of the report into this folder, too, as `riglab report --charts` does.
+    #[arg(long, value_name = "DIR", conflicts_with_all = ["status", "list", "dry_run"])]
+    charts: Option<PathBuf>,
     /// List the jobs, if they can be done in the folder, and leave.
     #[arg(long)]
     dry_run: bool,
@@ -131,7 +136,7 @@ pub fn run(args: &Args, threads: usize) -> Result<ExitCode> {
                 tell!("the jobs go on; look again with: riglab sweep {} --on slurm --wait", folder.display());
                 Ok(ExitCode::from(130))
             }
-            Handed::Done => conclude(&plan, &folder, " --on slurm"),
+            Handed::Done => conclude(&plan, &folder, args, " --on slurm"),
         };
     }
     let threads = if threads > 0 { threads } else { plan.sweep.threads };
@@ -159,7 +164,7 @@ pub fn run(args: &Args, threads: usize) -> Result<ExitCode> {
         tell!("interrupted; go on with: riglab sweep {}", folder.display());
         return Ok(ExitCode::from(130));
     }
-    conclude(&plan, &folder, "")
+    conclude(&plan, &folder, args, "")
 }
 
 /// Tells of points that are the same runs.
@@ -211,7 +216,7 @@ fn check(plan: &Plan, folder: &Path, new: bool, retry: bool) -> Result<()> {
 }
 
 /// Writes and shows what a sweep found. `on`: what its command says of a cluster.
-fn conclude(plan: &Plan, folder: &Path, on: &str) -> Result<ExitCode> {
+fn conclude(plan: &Plan, folder: &Path, args: &Args, on: &str) -> Result<ExitCode> {
     let results = Results::read(folder, plan);
     results.write(folder)?;
     show(&results);
@@ -231,6 +236,9 @@ fn conclude(plan: &Plan, folder: &Path, on: &str) -> Result<ExitCode> {
         tell!("{} failed; try again with: riglab sweep {} --retry{on}", counted(failed, "job"), folder.display());
     }
     say!("{}", folder.join("report.html").display());
+    if let Some(figures) = &args.charts {
+        charts(&results.page(folder), figures)?;
+    }
     Ok(if failed == 0 && results.count("finished") > 0 { ExitCode::SUCCESS } else { ExitCode::FAILURE })
 }
 

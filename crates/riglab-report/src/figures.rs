@@ -1,0 +1,200 @@
+//! A page's charts as files of their own, for papers: each as SVG that needs no page around it, and its numbers.
+
+use crate::bars::escaped;
+use crate::{Bars, Block, Chart, Dots, Page, ReportError, Table};
+
+/// A chart as files.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Figure {
+    /// What its files are called, without an ending: small letters, digits and hyphens, like no other of its page. What is
+    /// measured is a curve, bars or dots, and these say so behind their title.
+    pub name: String,
+    /// A file of SVG: dark on white, with letters that every system has.
+    pub svg: String,
+    /// All its numbers as comma-separated values, to be drawn anew in another style.
+    pub csv: String,
+}
+
+/// Letters of a name at most.
+const NAME: usize = 60;
+/// How wide figures are in points: a chart as one of two columns of a paper, names with bars or dots as the text of one
+/// column.
+const COLUMN: f64 = 240.0;
+const TEXT: f64 = 345.0;
+/// Letters of a figure: of the same width and without serifs wherever it is opened.
+const FONTS: &str = "Helvetica, Arial, 'Liberation Sans', 'DejaVu Sans', sans-serif";
+
+impl Page {
+    /// All charts of the page, in its order; those without anything to show are left out, as in the page.
+    ///
+    /// # Errors
+    /// When a chart cannot be drawn.
+    pub fn figures(&self) -> Result<Vec<Figure>, ReportError> {
+        let mut out: Vec<Figure> = Vec::new();
+        let mut add = |title: &str, kind: &str, width: f64, svg: String, csv: String| {
+            if !svg.is_empty() {
+                let name = free(&(named(title) + kind), |name| out.iter().any(|f| f.name == name));
+                out.push(Figure { name, svg: alone(&svg, title, width), csv });
+            }
+        };
+        for block in &self.blocks {
+            match block {
+                Block::Charts(own) => {
+                    for chart in own {
+                        add(&chart.title, "", COLUMN, chart.to_svg_for_paper()?, points(chart));
+                    }
+                }
+                Block::Bars(own) => own.iter().for_each(|b| add(&b.title, "-bars", TEXT, b.to_svg(), lengths(b))),
+                Block::Dots(own) => own.iter().for_each(|d| add(&d.title, "-dots", TEXT, d.to_svg(), values(d))),
+                _ => {}
+            }
+        }
+        Ok(out)
+    }
+}
+
+/// An element of a page as a file: what it takes from the page becomes its own.
+fn alone(svg: &str, title: &str, width: f64) -> String {
+    let svg = svg.replace("currentColor", "#000000").replace("\"sans-serif\"", &format!("\"{FONTS}\""));
+    let inner = svg.find('>').map_or(svg.len(), |at| at + 1);
+    let (open, rest) = svg.split_at(inner);
+    let open = sized(open, width);
+    let own = format!("\n<title>{}</title>\n<rect width=\"100%\" height=\"100%\" fill=\"#FFFFFF\"/>", escaped(title));
+    let mut file = format!("<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n{open}{own}{}\n", rest.trim_end());
+    file.retain(in_xml);
+    file
+}
+
+/// The beginning of an element whose width and height are in pixels with a width in points, and a height that fits.
+fn sized(open: &str, width: f64) -> String {
+    let value = |key: &str| {
+        let start = open.find(&format!(" {key}=\""))? + key.len() + 3;
+        let length = open[start..].find('"')?;
+        Some((start..start + length, open[start..start + length].parse::<f64>().ok()?))
+    };
+    let (Some((wide, w)), Some((high, h))) = (value("width"), value("height")) else { return open.to_owned() };
+    let mut out = open.to_owned();
+    // From behind, so that places before stay what they are.
+    let mut places = [(wide, width), (high, width * h / w)];
+    places.sort_by_key(|(place, _)| std::cmp::Reverse(place.start));
+    places.into_iter().for_each(|(place, points)| out.replace_range(place, &format!("{points:.1}pt")));
+    out
+}
+
+/// Whether XML knows a letter: pages forgive others, files do not.
+fn in_xml(c: char) -> bool {
+    !matches!(c, '\0'..='\u{8}' | '\u{b}' | '\u{c}' | '\u{e}'..='\u{1f}' | '\u{fffe}' | '\u{ffff}')
+}
+
+/// A title as the name of a file.
+fn named(title: &str) -> String {
+    let letter = |c: char| if c.is_ascii_alphanumeric() { c.to_ascii_lowercase() } else { ' ' };
+    let words: String = title.chars().map(letter).collect();
+    let joined = words.split_whitespace().collect::<Vec<_>>().join("-");
+    let short: String = joined.chars().take(NAME).collect();
+    // Of letters that no file system takes for granted nothing is left.
+    if short.is_empty() { "chart".into() } else { short.trim_end_matches('-').into() }
+}
+
+/// The name, or the first of `name-2`, `name-3`, ... that is not taken.
+fn free(name: &str, taken: impl Fn(&str) -> bool) -> String {
+    let numbered = (2..).map(|n| format!("{name}-{n}"));
+    std::iter::once(name.to_owned()).chain(numbered).find(|n| !taken(n)).unwrap_or_default()
+}
+
+fn points(chart: &Chart) -> String {
+    let y = if chart.y.is_empty() { "value" } else { &chart.y };
+    let mut out = Table::csv_line(&["line", &chart.x, y]);
+    for series in &chart.series {
+        for (x, y) in series.points.iter().filter(|(x, y)| x.is_finite() && y.is_finite()) {
+            out += &Table::csv_line(&[&series.name, &x.to_string(), &y.to_string()]);
+        }
+    }
+    out
+}
+
+fn lengths(bars: &Bars) -> String {
+    let mut out = Table::csv_line(&["name", "value"]);
+    bars.bars.iter().for_each(|(name, value)| out += &Table::csv_line(&[name, &value.to_string()]));
+    out
+}
+
+fn values(dots: &Dots) -> String {
+    let mut out = Table::csv_line(&["name", "value"]);
+    for (name, own) in &dots.lines {
+        let finite = own.iter().filter(|v| v.is_finite());
+        finite.for_each(|v| out += &Table::csv_line(&[name, &v.to_string()]));
+    }
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::Series;
+
+    fn chart(title: &str, name: &str) -> Chart {
+        let line = Series { name: name.into(), points: vec![(1.0, 0.5), (2.0, f64::NAN), (3.0, 0.123_456_789)] };
+        Chart { title: title.into(), x: "step".into(), series: vec![line.clone(), line], ..Chart::default() }
+    }
+
+    fn page(blocks: Vec<Block>) -> Page {
+        Page { title: "t".into(), subtitle: "s".into(), blocks }
+    }
+
+    #[test]
+    fn every_chart_becomes_a_file_that_needs_no_page() {
+        let bars = Bars { title: "a & b".into(), bars: vec![("x <y>".into(), 2.0)] };
+        let dots = Dots { title: "IoU".into(), lines: vec![("arm".into(), vec![0.5, 0.25])], digits: 2 };
+        let empty = Chart { title: "nothing".into(), ..Chart::default() };
+        let charts = Block::Charts(vec![chart("loss \u{1}<1>", "one, \"two\" & <three>"), empty]);
+        let figures = page(vec![charts, Block::Bars(vec![bars]), Block::Dots(vec![dots])]).figures().unwrap();
+        assert_eq!(figures.iter().map(|f| f.name.as_str()).collect::<Vec<_>>(), ["loss-1", "a-b-bars", "iou-dots"]);
+        for figure in &figures {
+            let svg = &figure.svg;
+            assert!(svg.starts_with("<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n<svg ") && svg.ends_with("</svg>\n"));
+            assert!(
+                svg.contains("xmlns=\"http://www.w3.org/2000/svg\"") && svg.contains("fill=\"#FFFFFF\"/>"),
+                "{svg}"
+            );
+            let width = if figure.name == "loss-1" { "240.0pt" } else { "345.0pt" };
+            assert!(svg.contains(&format!(" width=\"{width}\" height=\"")) && svg.contains(" viewBox=\"0 0 "), "{svg}");
+            assert!(!svg.contains("currentColor") && !svg.contains("\"sans-serif\"") && svg.contains("Helvetica"));
+        }
+        assert!(figures[0].svg.contains("<title>loss &lt;1&gt;</title>"));
+        assert_eq!(figures[0].csv.lines().nth(1), Some("\"one, \"\"two\"\" & <three>\",1,0.5"));
+        assert!(figures[0].csv.contains(",3,0.123456789\r\n") && !figures[0].csv.contains("NaN"));
+        assert_eq!(figures[1].csv, "name,value\r\nx <y>,2\r\n");
+        assert_eq!(figures[2].csv, "name,value\r\narm,0.5\r\narm,0.25\r\n");
+    }
+
+    #[test]
+    fn figures_are_xml() {
+        let odd = "</svg>\u{0}\u{8}\u{fffe} & \"quoted\" <a> 骨 \u{1b}[0m";
+        let charts = Block::Charts(vec![Chart { y: odd.into(), note: odd.into(), ..chart(odd, odd) }]);
+        let bars = Block::Bars(vec![Bars { title: odd.into(), bars: vec![(odd.into(), 1.0)] }]);
+        let dots = Block::Dots(vec![Dots { title: odd.into(), lines: vec![(odd.into(), vec![1.0])], digits: 1 }]);
+        for figure in page(vec![charts, bars, dots]).figures().unwrap() {
+            let mut depth = 0;
+            // Every element is closed, and no letter is one that XML does not have.
+            for tag in figure.svg.split('<').skip(2) {
+                let (tag, text) = tag.split_once('>').unwrap();
+                assert!(!text.contains('>'), "{text}");
+                depth += if tag.starts_with('/') { -1 } else { i32::from(!tag.ends_with('/')) };
+            }
+            assert_eq!(depth, 0, "{}", figure.svg);
+            let bad = |c: char| (c < ' ' && !matches!(c, '\t' | '\n' | '\r')) || matches!(c, '\u{fffe}' | '\u{ffff}');
+            assert!(!figure.svg.contains(bad), "{:?}", figure.svg);
+        }
+    }
+
+    #[test]
+    fn names_are_told_apart_and_never_empty() {
+        let titles = ["a", "A!", "a-2", "骨", "", &"long ".repeat(40)];
+        let charts = titles.map(|title| chart(title, "x")).to_vec();
+        let figures = page(vec![Block::Charts(charts)]).figures().unwrap();
+        let names: Vec<&str> = figures.iter().map(|f| f.name.as_str()).collect();
+        assert_eq!(names[..5], ["a", "a-2", "a-2-2", "chart", "chart-2"]);
+        assert!(names[5].starts_with("long-long") && names[5].len() <= NAME);
+    }
+}

@@ -1,0 +1,96 @@
+//! Whether the losses of several runs are sums of the same parts with the same weights.
+//!
+//! A total is a number of its own weights: under others it is higher or lower without being worse or better. What is
+//! comparable then are the parts, which are logged without their weights.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use riglab_config::Config;
+
+/// What several runs minimise, by their resolved configs.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Losses {
+    /// Settings in which they differ and that decide what the total is; none where totals are comparable.
+    pub apart: Vec<String>,
+    /// Names under which a part of the loss may be logged.
+    parts: BTreeSet<String>,
+}
+
+/// The table of a config that says what is minimised.
+const TABLE: &str = "loss";
+
+impl Losses {
+    /// Of the texts of `config.toml`; one that cannot be read is passed over.
+    pub fn of<'a>(configs: impl IntoIterator<Item = &'a str>) -> Self {
+        let read = |text: &str| Config::from_toml_str("config.toml", text).ok();
+        let own = |key: &str| key == "task" || key.split('.').next() == Some(TABLE);
+        let leaves = |config: Config| config.leaves().into_iter().map(|leaf| (leaf.path, leaf.value));
+        let all: Vec<BTreeMap<String, String>> =
+            configs.into_iter().filter_map(read).map(|c| leaves(c).filter(|(key, _)| own(key)).collect()).collect();
+        let keys: BTreeSet<&String> = all.iter().flat_map(BTreeMap::keys).collect();
+        let differs = |key: &&&String| all.iter().any(|of| of.get(**key) != all[0].get(**key));
+        let apart = keys.iter().filter(differs).map(|key| (*key).clone()).collect();
+        let part = |key: &&String| Some(format!("train/{}", key.split('.').nth(1)?));
+        Self { apart, parts: keys.iter().filter_map(part).collect() }
+    }
+
+    /// Whether charts of what was logged under the name are called for beside the total's: it is a part of it, and the
+    /// totals are not comparable.
+    pub fn replaces(&self, name: &str) -> bool {
+        !self.apart.is_empty() && self.parts.contains(name)
+    }
+
+    /// What is said below a chart of something that was logged; nothing where there is nothing to say.
+    pub fn note(&self, name: &str) -> String {
+        let by = match self.apart.as_slice() {
+            [] => return String::new(),
+            apart if apart.iter().any(|key| key == "task") => "task".into(),
+            [first] => first.clone(),
+            [first, others @ ..] => format!("{first} and {} more", others.len()),
+        };
+        match name {
+            "train/loss" => format!(
+                "Not comparable between lines: their losses are different sums ({by}). Compare parts and validation."
+            ),
+            _ if self.parts.contains(name) => "As it was logged, without its weight in the loss.".into(),
+            _ => String::new(),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn totals_of_other_weights_are_told_from_those_of_the_same() {
+        let config = |dice: &str, seed: u64| {
+            format!(
+                "task = 't'\n[train]\nseed = {seed}\n[loss]\nbce = 1.0\ndice = {dice}\n[loss.physics]\nweight = 5.0\n"
+            )
+        };
+        let of = |texts: &[String]| Losses::of(texts.iter().map(String::as_str));
+        let same = of(&[config("0.5", 1), config("0.5", 2)]);
+        assert!(same.apart.is_empty() && !same.replaces("train/dice"));
+        assert_eq!((same.note("train/loss"), same.note("train/dice")), (String::new(), String::new()));
+        let other = of(&[config("0.5", 1), config("2.0", 1), config("0.5", 1)]);
+        assert_eq!(other.apart, ["loss.dice"]);
+        let shown = ["train/bce", "train/dice", "train/physics"];
+        assert!(shown.iter().all(|name| other.replaces(name)));
+        assert!(["train/loss", "train/tokens", "eval/dice@val"].iter().all(|name| !other.replaces(name)));
+        assert!(other.note("train/loss").starts_with("Not comparable between lines: "), "{}", other.note("train/loss"));
+        assert!(other.note("train/loss").contains("(loss.dice)"));
+        assert!(other.note("train/dice").contains("without its weight") && other.note("eval/iou@val").is_empty());
+    }
+
+    #[test]
+    fn other_tasks_have_other_losses_and_what_is_no_config_is_passed_over() {
+        let of = |texts: &[&str]| Losses::of(texts.iter().copied());
+        assert_eq!(of(&["task = 'a'", "task = 'b'\n[loss]\nx = 1"]).apart, ["loss.x", "task"]);
+        assert!(of(&["task = 'a'", "task = 'b'\n[loss]\nx = 1"]).note("train/loss").contains("(task)"));
+        let many = of(&["[loss]\na = 1\nb = 1\nc = 1", "[loss]\na = 2\nb = 2\nc = 2"]);
+        assert!(many.note("train/loss").contains("(loss.a and 2 more)"));
+        assert_eq!(of(&["task = 'a'", "[[["]), of(&["task = 'a'"]));
+        assert_eq!(of(&[]), Losses::default());
+    }
+}
