@@ -113,7 +113,10 @@ fn all_forms_say_the_same(runs: &Runs) {
     assert!(published.ends_with(",0.871,1"), "{published}");
     assert!(csv.lines().any(|l| l.contains(&format!(",{iou},0"))));
     // Spread by split and category.
-    assert!(markdown.contains("| split | category | assets | undefined | IoU | IoU from | IoU to |"));
+    assert!(
+        markdown
+            .contains("| split | category | assets | undefined | IoU per rig | IoU per rig from | IoU per rig to |")
+    );
     assert!(html.contains("data-view=\"bone\"") && !html.contains("src=\"http") && !html.contains("href=\"http"));
     // Pictures are linked from where the report lies.
     let file = file_of(&evaluation);
@@ -142,7 +145,13 @@ fn two_runs_stand_side_by_side(runs: &Runs) {
     // In a folder that is not there yet.
     let out = runs.dir.path().join("new/comparison");
     let named = format!("second={}", text(&runs.b));
-    must(&["report", text(&runs.a), &named, "-o", text(&out)]);
+    let charts = runs.dir.path().join("new/charts");
+    let said = must(&["report", text(&runs.a), &named, "-o", text(&out), "--charts", text(&charts)]).stdout;
+    let loss = charts.join("train-loss.svg");
+    assert!(String::from_utf8(said).unwrap().lines().any(|line| line == text(&loss)));
+    assert!(read(&loss).starts_with("<?xml") && read(&loss).contains("\nsecond\n"));
+    let points = read(&charts.join("train-loss.csv"));
+    assert!(points.starts_with("line,step,value\r\na,1,") && points.contains("\r\nsecond,16,"), "{points}");
     let markdown = read(&out.with_extension("md"));
     assert!(markdown.contains("| train.seed | 1 | 2 |"), "{markdown}");
     assert!(markdown.contains("paired tests against a, asset by asset"));

@@ -19,6 +19,9 @@ pub struct Metric {
     pub convention: String,
     /// Whether large values are the good ones.
     pub higher: bool,
+    /// Whether the best of several is told by it alone. Not by precision, recall or what else rises when another falls:
+    /// whoever says yes to everything has the best recall.
+    pub ranked: bool,
     /// Digits after the point.
     pub digits: usize,
 }
@@ -26,7 +29,7 @@ pub struct Metric {
 impl Metric {
     /// One of which large values are good.
     pub fn higher(name: &str, convention: &str, digits: usize) -> Self {
-        Self { name: name.into(), convention: convention.into(), higher: true, digits }
+        Self { name: name.into(), convention: convention.into(), higher: true, ranked: true, digits }
     }
 
     /// One of which small values are good.
@@ -34,10 +37,15 @@ impl Metric {
         Self { higher: false, ..Self::higher(name, convention, digits) }
     }
 
+    /// One side of a trade-off, of which large values are good but none is marked as the best.
+    pub fn traded(name: &str, convention: &str, digits: usize) -> Self {
+        Self { ranked: false, ..Self::higher(name, convention, digits) }
+    }
+
     /// Of some values which are the best: all that are shown with the best one's digits; none that is no number, and none
-    /// that is the only one.
+    /// that is the only one. None of a metric that is not ranked.
     pub(crate) fn best(&self, values: &[f64]) -> Vec<bool> {
-        if values.iter().filter(|v| v.is_finite()).count() < 2 {
+        if !self.ranked || values.iter().filter(|v| v.is_finite()).count() < 2 {
             return vec![false; values.len()];
         }
         let finite = values.iter().copied().filter(|v| v.is_finite());
@@ -121,7 +129,9 @@ impl Findings {
         }
         let mut head = vec!["split".to_owned(), "category".into(), "assets".into(), "undefined".into()];
         for m in &self.singles_of {
-            head.extend([m.name.clone(), format!("{} from", m.name), format!("{} to", m.name)]);
+            let name = per_rig(m);
+            head.extend([format!("{name} from"), format!("{name} to")]);
+            head.insert(head.len() - 2, name);
         }
         let caption = format!("{}: mean over assets, {}", self.about, conventions(&self.singles_of));
         let mut table = Table { caption, head, ..Table::default() };
@@ -138,10 +148,26 @@ impl Findings {
                 table.row(self.means(split, category, &of));
             }
         }
-        table.note = "from, to: the middle 95 % of means of as many assets drawn again with repetition (bootstrap). \
-                      undefined: assets whose first figure is none, such as failures; they are left out of the mean."
-            .into();
+        table.note = format!(
+            "{PER_RIG}{} from, to: the middle 95 % of means of as many assets drawn again with repetition (bootstrap). \
+                      undefined: assets whose first figure is none, such as failures; they are left out of the mean.",
+            self.pooled()
+        );
         Some(table)
+    }
+
+    /// What is said where totals have figures of nearly the same name over all pairs of a split.
+    fn pooled(&self) -> String {
+        let has = |m: &&Metric| self.totals_of.iter().any(|other| other.name == format!("{} per rig", m.name));
+        let names: Vec<&str> = self.totals_of.iter().filter(has).map(|m| m.name.as_str()).collect();
+        if names.is_empty() {
+            return String::new();
+        }
+        let are = if names.len() == 1 { "is another figure" } else { "are other figures" };
+        let names = names.join(" and ");
+        format!(
+            " {names} without these words {are}, over all vertex-bone pairs of a split, so that large assets count more."
+        )
     }
 
     fn means(&self, split: &str, category: &str, of: &[&Single]) -> Vec<Cell> {
@@ -194,6 +220,15 @@ impl Findings {
 /// What is said below published numbers.
 pub(crate) const PUBLISHED: &str = "Published numbers are as printed, in the unit of the column: measured by others, on \
                                     other assets and with other amounts of training. They are no part of any test here.";
+
+/// What a metric is called where it is the mean of the assets' own figures. Totals of the same name may be pooled over
+/// all assets, which is another number.
+pub(crate) fn per_rig(metric: &Metric) -> String {
+    if metric.name.ends_with("per rig") { metric.name.clone() } else { format!("{} per rig", metric.name) }
+}
+
+/// What is said below means of assets.
+const PER_RIG: &str = "per rig: the mean of each asset's own figure.";
 
 /// Assets by category, the largest first; nothing where all have the same.
 fn by_category<'a>(of: &[&'a Single]) -> Vec<(&'a str, Vec<&'a Single>)> {
@@ -259,6 +294,12 @@ pub(crate) mod tests {
     fn spread_counts_failures_and_has_rows_by_split_and_category() {
         let table = findings(0.0).spread().unwrap();
         let row = |k: usize| table.rows[k].iter().map(|c| c.text.clone()).collect::<Vec<_>>();
+        assert_eq!(table.head[4..], ["IoU per rig", "IoU per rig from", "IoU per rig to"]);
+        // The totals' column `IoU` is this one or another: as long as there are not both, it is not said.
+        assert!(table.note.starts_with("per rig: the mean of each asset's own figure. from, to:"), "{}", table.note);
+        let mut both = findings(0.0);
+        both.totals_of[1].name = "IoU per rig".into();
+        assert!(both.spread().unwrap().note.contains("figure. IoU without these words is another figure, over all"));
         assert_eq!(row(0)[..5], ["test_seen", "all", "5", "0", "0.5400"]);
         assert_eq!(row(1)[..5], ["test_seen", "fish", "3", "0", "0.5400"]);
         assert_eq!(row(3)[..5], ["test_new", "all", "3", "1", "0.6100"]);
@@ -283,6 +324,7 @@ pub(crate) mod tests {
         assert_eq!(Metric::lower("x", "c", 1).best(&values), [false, false, true, false]);
         assert_eq!(Metric::lower("x", "c", 1).best(&[f64::NAN]), [false]);
         assert_eq!(Metric::lower("x", "c", 1).best(&[f64::NAN, 1.0]), [false, false], "the only one is not the best");
+        assert_eq!(Metric::traded("x", "c", 1).best(&[1.0, 2.0]), [false, false], "none is by one side of a trade-off");
         // What a reader cannot tell apart.
         assert_eq!(Metric::higher("x", "c", 1).best(&[2.04, 2.01, 1.9]), [true, true, false]);
     }

@@ -5,17 +5,11 @@ use std::collections::{BTreeMap, BTreeSet};
 use riglab_metric::statistics::Paired;
 
 use super::{Compared, shared};
-use crate::findings::conventions;
+use crate::findings::{conventions, per_rig};
 use crate::{Cell, Findings, Metric, Single, Table, Total};
 
 /// What tells an asset from others: its split, its name, and of equal names the first, the second, ...
 pub(super) type Key<'a> = (&'a str, &'a str, usize);
-
-/// What a metric is called where it is the mean of the assets' own figures. Totals of the same name may be pooled over
-/// all assets, which is another number.
-pub(super) fn per_rig(metric: &Metric) -> String {
-    if metric.name.ends_with("per rig") { metric.name.clone() } else { format!("{} per rig", metric.name) }
-}
 
 /// The single assets of a run, each by what tells it from the others.
 pub(super) fn keyed(f: &Findings) -> Vec<(Key<'_>, &Single)> {

@@ -4,9 +4,9 @@
 use std::cmp::Ordering;
 use std::collections::BTreeMap;
 
-use super::by_asset::{Key, keyed, per_rig};
+use super::by_asset::{Key, keyed};
 use super::{Compared, shared};
-use crate::findings::conventions;
+use crate::findings::{conventions, per_rig};
 use crate::{Cell, Findings, Metric, Single, Table};
 
 /// Assets shown in each direction.

@@ -49,7 +49,7 @@ pub(super) fn side_by_side(runs: &[Compared], of: &[&Findings]) -> Vec<Table> {
         let mut best: Vec<Vec<bool>> = Vec::new();
         for (c, m) in names.iter().enumerate() {
             let rivals = rivals(of, split, m);
-            if rivals == Rivals::None {
+            if rivals == Rivals::None && m.ranked {
                 apart.push(&m.name);
             }
             let may = |n: usize| rivals == Rivals::All || (rivals == Rivals::Runs && n < own_rows);
@@ -58,6 +58,10 @@ pub(super) fn side_by_side(runs: &[Compared], of: &[&Findings]) -> Vec<Table> {
         }
         if !apart.is_empty() {
             table.note = format!("Not marked, as the runs have figures for different assets: {}. ", apart.join(", "));
+        }
+        let traded: Vec<&str> = names.iter().filter(|m| !m.ranked).map(|m| m.name.as_str()).collect();
+        if !traded.is_empty() {
+            table.note += &format!("Not marked, as one rises when another falls: {}. ", traded.join(", "));
         }
         for (n, (mut cells, values)) in rows.into_iter().enumerate() {
             if n == own_rows {

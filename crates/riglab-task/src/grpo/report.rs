@@ -146,7 +146,7 @@ impl Evaluation {
         }
         let caption = |shown: &Shown| {
             format!(
-                "{} ({}, {}): reward {:+.3}, J2J x 100 {:+.2}",
+                "{} ({}, {}): reward {:+.3}, J2J × 100 {:+.2}",
                 shown.name,
                 shown.split,
                 shown.why,
@@ -198,8 +198,21 @@ impl Evaluation {
     }
 
     fn table(&self) -> Table {
-        let head = ["split", "model", "rigs", "reward", "R_vj", "R_vk", "R_sc", "R_mo", "valid", "J2J", "J2B", "B2B"];
-        let title = format!("Rewards, and distances x 100 (convention {})", self.report.convention);
+        let head = [
+            "split",
+            "model",
+            "rigs",
+            "reward",
+            "R_vj",
+            "R_vk",
+            "R_sc",
+            "R_mo",
+            "valid",
+            "J2J × 100",
+            "J2B × 100",
+            "B2B × 100",
+        ];
+        let title = format!("Rewards, and distances × 100 (of the cube's edge; convention {})", self.report.convention);
         let mut table = Table::new(title, &head);
         for (k, Row { rewards: r, skeletons: s }) in self.report.rows.iter().enumerate() {
             if k > 0 && k % 2 == 0 {

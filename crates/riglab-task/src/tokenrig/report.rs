@@ -89,6 +89,7 @@ impl Evaluation {
                     r.pooled.iou,
                     r.per_rig.iou,
                     r.pooled.l1,
+                    r.per_rig.l1,
                     r.pooled.precision,
                     r.pooled.recall,
                     r.per_rig.mask_cover_bone,
@@ -128,7 +129,7 @@ impl Evaluation {
     }
 
     fn table(&self, split: &str) -> Table {
-        let head = ["method", "assets", "IoU", "IoU per rig", "L1", "precision", "recall"];
+        let head = ["method", "assets", "IoU", "IoU per rig", "L1", "L1 per rig", "precision", "recall"];
         let mut table = Table::new(format!("{split}: all vertices, convention {}", self.report.convention), &head);
         let mut mode = "";
         for r in rows(&self.report, split) {
@@ -144,11 +145,13 @@ impl Evaluation {
                 Cell::number(p.iou, 4),
                 Cell::number(r.per_rig.iou, 4),
                 Cell::number(p.l1, 5),
+                Cell::number(r.per_rig.l1, 5),
                 Cell::number(p.precision, 3),
                 Cell::number(p.recall, 3),
             ]);
         }
-        table.note = "generated: on the model's own skeleton, against the true weights with each joint's given to the \
+        table.note = "All but the columns per rig pool all vertex-bone pairs of the split; per rig: means of each asset's \
+                      own figures. generated: on the model's own skeleton, against the true weights with each joint's given to the \
                       generated joint nearest to it; the rules see the same skeleton and the joints that the model \
                       gave codes. given: on the true skeleton; the auto-encoder's row has the codes of the true weights."
             .into();

@@ -24,9 +24,9 @@ const HEAD: [&str; 11] = [
     "method",
     "assets",
     "compared",
-    "J2J",
-    "J2B",
-    "B2B",
+    "J2J × 100",
+    "J2B × 100",
+    "B2B × 100",
     "valid %",
     "joints, mean",
     "true joints, mean",
@@ -162,7 +162,7 @@ impl Evaluation {
     }
 
     fn table(&self) -> Table {
-        let mut table = Table::new("Distances × 100, convention unirig", &HEAD);
+        let mut table = Table::new("Distances × 100 (of the cube's edge), convention unirig", &HEAD);
         for r in &self.report.rows {
             table.row(vec![
                 Cell::text(&r.split),
