@@ -125,8 +125,9 @@ fn mesh(reading: &Reading, warnings: &mut Vec<Warning>) -> Result<Mesh, RigError
     for part in &reading.parts {
         parts_of[part.vertex_set].push(part);
     }
-    let mut positions = Vec::new();
-    let mut all = Vec::new();
+    // Room for all of it: what grows takes up to twice as much.
+    let mut positions = Vec::with_capacity(reading.vertex_sets.iter().map(|set| set.positions.len()).sum());
+    let mut all = Vec::with_capacity(reading.parts.iter().map(|part| part.triangles.len()).sum());
     let mut repeated = 0;
     for (number, set) in ordered_sets(reading) {
         let start = positions.len() as u32;
@@ -157,8 +158,11 @@ fn mesh(reading: &Reading, warnings: &mut Vec<Warning>) -> Result<Mesh, RigError
 /// The rows of all vertices, by joint of the rig; vertices without weight take those of the nearest
 /// vertex of their set.
 fn weights(reading: &Reading, joint_of: &[u16]) -> Result<SkinWeights, RigError> {
-    let mut offsets = vec![0];
-    let (mut joints, mut weights) = (Vec::new(), Vec::new());
+    let bound = || reading.vertex_sets.iter().filter_map(|set| set.weights.as_ref());
+    let mut offsets = Vec::with_capacity(1 + bound().map(SkinWeights::rows).sum::<usize>());
+    offsets.push(0);
+    let room = bound().map(SkinWeights::nonzero).sum();
+    let (mut joints, mut weights) = (Vec::with_capacity(room), Vec::with_capacity(room));
     let mut row = Vec::new();
     for (_, set) in ordered_sets(reading) {
         let Some(own) = &set.weights else { continue };

@@ -261,10 +261,21 @@ pub enum Fault {
         /// Allowed.
         limit: u64,
     },
-    /// Few bytes that stand for many, in nodes that share meshes or by compression.
+    /// Nodes that show meshes again and again.
     #[error(
-        "{what} comes to {bytes} bytes once decoded, more than a file of this size may ask for ({limit}); put fewer nodes on one \
-         mesh, join them into one mesh, or export without compression"
+        "the meshes of all nodes come to {bytes} bytes, as often as nodes show them, more than a file of this size may ask for \
+         ({limit}); put fewer nodes on one mesh, or simplify that mesh"
+    )]
+    Shown {
+        /// So far.
+        bytes: u64,
+        /// Allowed.
+        limit: u64,
+    },
+    /// Few bytes that stand for many, in primitives that share accessors or by compression.
+    #[error(
+        "{what} comes to {bytes} bytes once decoded, more than a file of this size may ask for ({limit}); export it without \
+         compression, and with accessors of their own for the primitives that share them"
     )]
     Unfolded {
         /// What of the file.

@@ -9,7 +9,7 @@ use ufbx::{Face, Mesh};
 use super::joints::{Joints, Skin};
 use super::scene::{Nodes, affine};
 use super::shown;
-use crate::budget::Budget;
+use crate::budget::{Budget, PART, RIGID_ROW, TRIANGLE, USED, VERTEX, row};
 use crate::influences::{Repairs, Rows};
 use crate::maps::{FLAT, is_flat};
 use crate::triangles::{self, Dropped};
@@ -42,14 +42,17 @@ pub(super) fn read(
     let mut repairs = Repairs::default();
     let mut dropped = Dropped::default();
     let (mut rigid, mut left_out, mut without_surface) = (Vec::new(), Vec::new(), 0);
+    let mut copies = nodes.copies();
     for (number, node) in nodes.all.iter().enumerate() {
         let Some(mesh) = node.mesh.as_deref() else { continue };
-        // Once for each node, as any number may show one mesh. Corners as numbers; a number and a position for each
-        // vertex, and a slot and a weight for each influence.
-        budget.spend(mesh.num_triangles.saturating_mul(3), size_of::<u32>())?;
-        budget.spend(mesh.num_vertices.min(mesh.num_indices), 16)?;
-        let weights = (&mesh.skin_deformers).into_iter().map(|skin| skin.weights.len()).sum();
-        budget.spend(weights, 16)?;
+        // Any number of nodes may show one mesh: the first asks for all of them, before there are copies.
+        let copies = copies.remove(&mesh.element.typed_id).unwrap_or(0);
+        let influences = (&mesh.skin_deformers).into_iter().map(|skin| skin.weights.len()).sum();
+        budget.piece(mesh.num_triangles.saturating_mul(3), size_of::<u32>())?;
+        budget.piece(mesh.num_vertices.min(mesh.num_indices), 16)?;
+        budget.piece(influences, 16)?;
+        budget.show(PART + mesh.num_triangles as u64 * TRIANGLE, copies)?;
+        budget.show(influences as u64 * (row(1) - row(0)), copies)?;
         let mut triangles = triangles_of(mesh)?;
         if triangles.is_empty() {
             without_surface += 1;
@@ -58,6 +61,7 @@ pub(super) fn read(
         let hold = hold(nodes, joints, number, mesh);
         let stored = triangles.len();
         let used = triangles::renumber(&mut triangles, mesh.vertices.len());
+        budget.show(used.len() as u64 * (USED + VERTEX + RIGID_ROW), copies)?;
         let now = triangles::keep_proper(&mut triangles, used.len());
         dropped.collapsed += now.collapsed;
         dropped.repeated += now.repeated;

@@ -9,10 +9,13 @@ use super::joints::Joints;
 use super::meshes::{Hold, MAX_POLYGON, hold, point, span};
 use super::scene::{Nodes, affine};
 use super::shown;
-use crate::budget::Budget;
+use crate::budget::{Budget, PART, TRIANGLE};
 use crate::gltf::export::model::{Look, Model, Object, Patch, Picture, is_picture};
 use crate::maps::{FLAT, is_flat};
 use crate::{Fault, Place};
+
+/// Bytes of a vertex: position, normal, coordinates and colour, as read and as written.
+const CORNER: u64 = 2 * (12 + 12 + 8 + 16);
 
 /// What comes of a file: the model, and the names of pictures that `find` did not find.
 ///
@@ -30,10 +33,14 @@ pub(crate) fn model(
     let mut pictures = Pictures { find, known: HashMap::new(), found: Vec::new(), missing: Vec::new() };
     let looks = (&scene.materials).into_iter().map(|material| look(material, &mut pictures)).collect();
     let mut model = Model { name: name.into(), looks, ..Model::default() };
+    let mut copies = nodes.copies();
     for (number, node) in nodes.all.iter().enumerate() {
         let Some(mesh) = node.mesh.as_deref() else { continue };
         // A corner may become a vertex of its own: position, normal, coordinates, index and the key that finds it.
-        budget.spend(mesh.num_triangles.saturating_mul(3), 64)?;
+        budget.piece(mesh.num_triangles.saturating_mul(3), 64)?;
+        // As in `meshes`, the first node asks for all. Half of what there is of a mesh is in the GLB.
+        let copies = copies.remove(&mesh.element.typed_id).unwrap_or(0);
+        budget.show(PART + mesh.num_triangles as u64 * TRIANGLE, copies)?;
         let map = match hold(&nodes, &joints, number, mesh) {
             Hold::Skin(skin) => skin.map,
             Hold::Joint(_, map) | Hold::Free(map) => map,
@@ -48,6 +55,8 @@ pub(crate) fn model(
         let materials = if of_node.is_empty() { of_mesh } else { of_node };
         let place = Place { node: number, mesh: mesh.element.typed_id as usize, primitive: 0 };
         let patches = patches(mesh, place, &map, &materials)?;
+        let vertices: usize = patches.iter().map(|patch| patch.positions.len()).sum();
+        budget.show(vertices as u64 * CORNER, copies)?;
         if !patches.is_empty() {
             model.objects.push(Object { name: node.element.name.to_string(), patches });
         }

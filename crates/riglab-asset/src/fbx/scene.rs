@@ -1,5 +1,7 @@
 //! The nodes as a tree, and the way from the file's axes and unit to ours.
 
+use std::collections::HashMap;
+
 use glam::{DAffine3, DMat3, DVec3};
 use ufbx::{CoordinateAxis, Matrix, Node, Scene, SceneSettings};
 
@@ -40,6 +42,15 @@ impl<'a> Nodes<'a> {
 
     pub(super) fn rank(&self, node: usize) -> usize {
         self.rank[node]
+    }
+
+    /// How many nodes show each mesh, by its number.
+    pub(super) fn copies(&self) -> HashMap<u32, usize> {
+        let mut copies = HashMap::new();
+        for mesh in self.all.iter().filter_map(|node| node.mesh.as_deref()) {
+            *copies.entry(mesh.element.typed_id).or_default() += 1;
+        }
+        copies
     }
 
     /// From a node's space to the file's world, in the pose in which the file was saved.

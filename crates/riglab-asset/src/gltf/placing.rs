@@ -51,21 +51,22 @@ impl Scene<'_, '_> {
         apart: &Apart,
         warnings: &mut Vec<Warning>,
     ) -> Result<(Vec<VertexSet>, Vec<Part>), Fault> {
-        let mut sets = Vec::with_capacity(sources.sets.len());
+        let Sources { sets: sources, parts: stored } = sources;
+        let mut sets = Vec::with_capacity(sources.len());
         // The new number of each set that stays.
         let mut kept: HashMap<usize, usize> = HashMap::new();
         let mut repairs = Repairs::default();
         let (mut rigid, mut left_out) = (Vec::new(), Vec::new());
         let (mut bumped, mut unseen) = (Vec::new(), Vec::new());
-        let mut mirrored = Vec::with_capacity(sources.sets.len());
-        for (number, source) in sources.sets.iter().enumerate() {
+        let mut mirrored = Vec::with_capacity(sources.len());
+        for (number, source) in sources.into_iter().enumerate() {
             let node = source.place.node;
             if source.numbers.is_empty() {
                 continue;
             }
-            // A number and a position, and a slot and a weight for each influence.
+            // A number and a position, and a slot and a weight for each influence. All sets together were asked for before.
             let size = 16 + 4 * 16 * source.influences().len();
-            self.accessors.budget().spend(source.numbers.len(), size)?;
+            self.accessors.budget().piece(source.numbers.len(), size)?;
             let (set, turned) = match source.skin {
                 Some(skin) => (self.skinned(source, skin, &mut repairs)?, is_mirrored(self.nodes.global(node))),
                 None => match self.hold(node) {
@@ -94,8 +95,8 @@ impl Scene<'_, '_> {
             mirrored.push(turned);
             sets.push(set);
         }
-        let mut parts: Vec<Part> = Vec::with_capacity(sources.parts.len());
-        for mut part in sources.parts {
+        let mut parts: Vec<Part> = Vec::with_capacity(stored.len());
+        for mut part in stored {
             let Some(&vertex_set) = kept.get(&part.vertex_set) else { continue };
             if mirrored[vertex_set] {
                 part.triangles.iter_mut().for_each(|corners| corners.swap(1, 2));
@@ -123,22 +124,22 @@ impl Scene<'_, '_> {
         Ok((sets, parts))
     }
 
-    fn skinned(&self, source: &SourceSet, skin: usize, repairs: &mut Repairs) -> Result<VertexSet, Fault> {
-        let rows = influences::read(source, skin, self.accessors, self.skins, repairs)?;
+    fn skinned(&self, source: SourceSet, skin: usize, repairs: &mut Repairs) -> Result<VertexSet, Fault> {
+        let rows = influences::read(&source, skin, self.accessors, self.skins, repairs)?;
         let maps = self.binds.maps(skin);
         let mut positions = Vec::with_capacity(source.numbers.len());
         for (at, &v) in source.numbers.iter().enumerate() {
-            let p = point(source, v)?;
+            let p = point(&source, v)?;
             let row = rows.row(at);
             let total: f64 = row.iter().map(|(_, w)| w).sum();
             let sum =
                 row.iter().fold(DVec3::ZERO, |sum, &(slot, w)| sum + maps[usize::from(slot)].transform_point3(p) * w);
-            positions.push(placed(source, v, sum / total)?);
+            positions.push(placed(&source, v, sum / total)?);
         }
         let joints = self.skins.get(skin).map_or(&[][..], |s| &s.numbers);
         let (weights, unweighted) = rows.into_weights(|slot| joints[usize::from(slot)])?;
         Ok(VertexSet {
-            numbers: source.numbers.clone(),
+            numbers: source.numbers,
             positions,
             weights: Some(weights),
             unweighted,
@@ -159,15 +160,18 @@ impl Scene<'_, '_> {
 
     fn unskinned(
         &self,
-        source: &SourceSet,
+        source: SourceSet,
         map: &DAffine3,
         weights: Option<SkinWeights>,
         binding: Binding,
     ) -> Result<VertexSet, Fault> {
-        let place = |&v: &u32| placed(source, v, map.transform_point3(point(source, v)?));
+        let mut positions = Vec::with_capacity(source.numbers.len());
+        for &v in &source.numbers {
+            positions.push(placed(&source, v, map.transform_point3(point(&source, v)?))?);
+        }
         Ok(VertexSet {
-            numbers: source.numbers.clone(),
-            positions: source.numbers.iter().map(place).collect::<Result<_, _>>()?,
+            numbers: source.numbers,
+            positions,
             weights,
             unweighted: Vec::new(),
             stored: source.positions.len(),

@@ -5,6 +5,7 @@
 //! takes the place of what its accessors claim, before they are asked.
 
 use std::collections::{HashMap, HashSet};
+use std::ops::Range;
 use std::rc::Rc;
 
 use glam::DVec3;
@@ -12,6 +13,7 @@ use glam::DVec3;
 use super::accessor::Accessors;
 use super::document::{Document, Primitive};
 use super::{draco, extensions};
+use crate::budget::{PART, RIGID_ROW, TRIANGLE, USED, VERTEX, row};
 use crate::maps::SkinBox;
 use crate::{Fault, Part, Place, Warning, triangles};
 
@@ -92,7 +94,15 @@ pub(super) fn collect(
         without_surface: 0,
         dropped: (0, 0),
         decoded: HashSet::new(),
+        rigid: !document.skins.is_empty(),
     };
+    // A mesh as it was read for the first of the nodes that show it, with a skin or without.
+    let mut read: HashMap<(usize, bool), Read> = HashMap::new();
+    let mut shown: HashMap<(usize, bool), usize> = HashMap::new();
+    for node in &document.nodes {
+        let Some(mesh) = node.mesh else { continue };
+        *shown.entry((mesh, node.skin.is_some())).or_default() += 1;
+    }
     for (number, node) in document.nodes.iter().enumerate() {
         let Some(mesh) = node.mesh else { continue };
         let reference = |to, index, count| Fault::Reference { from: format!("node {number}"), to, index, count };
@@ -102,7 +112,13 @@ pub(super) fn collect(
             return Err(reference("skin", skin, document.skins.len()));
         }
         let place = Place { node: number, mesh, primitive: 0 };
-        collector.mesh(place, node.skin, primitives)?;
+        let key = (mesh, node.skin.is_some());
+        match read.get(&key) {
+            Some(known) => collector.again(place, node.skin, known),
+            None => {
+                read.insert(key, collector.mesh(place, node.skin, primitives, shown[&key])?);
+            }
+        }
     }
     let Collector { sources, without_surface, dropped: (collapsed, repeated), .. } = collector;
     if without_surface > 0 {
@@ -124,11 +140,28 @@ struct Collector<'c, 'a> {
     dropped: (usize, usize),
     /// Compressed primitives in place already, by view and accessors.
     decoded: HashSet<(usize, Vec<usize>)>,
+    /// Whether meshes without a skin may hang on joints.
+    rigid: bool,
+}
+
+/// What came of a mesh.
+struct Read {
+    sets: Range<usize>,
+    parts: Range<usize>,
+    without_surface: usize,
+    dropped: (usize, usize),
 }
 
 impl Collector<'_, '_> {
-    /// Adds the primitives of one mesh on one node.
-    fn mesh(&mut self, mesh: Place, skin: Option<usize>, primitives: &[Primitive]) -> Result<(), Fault> {
+    /// Adds the primitives of one mesh on the first of the `nodes` that show it.
+    fn mesh(
+        &mut self,
+        mesh: Place,
+        skin: Option<usize>,
+        primitives: &[Primitive],
+        nodes: usize,
+    ) -> Result<Read, Fault> {
+        let (without_surface, dropped) = (self.without_surface, self.dropped);
         let first_set = self.sources.sets.len();
         let first_part = self.sources.parts.len();
         let mut known: HashMap<Attributes, usize> = HashMap::new();
@@ -156,10 +189,44 @@ impl Collector<'_, '_> {
                 }
             };
             let mode = if one_by_one { 4 } else { primitive.mode.unwrap_or(4) };
-            self.primitive(place, primitive, mode, set)?;
+            self.primitive(place, primitive, mode, set, nodes)?;
         }
         self.number_vertices(first_set, first_part);
-        Ok(())
+        for set in &self.sources.sets[first_set..] {
+            let row = match set.influences().len() as u64 {
+                0 if self.rigid => RIGID_ROW,
+                0 => 0,
+                sets => row(4 * sets),
+            };
+            self.accessors.budget().show(set.numbers.len() as u64 * (VERTEX + row), nodes)?;
+        }
+        Ok(Read {
+            sets: first_set..self.sources.sets.len(),
+            parts: first_part..self.sources.parts.len(),
+            without_surface: self.without_surface - without_surface,
+            dropped: (self.dropped.0 - dropped.0, self.dropped.1 - dropped.1),
+        })
+    }
+
+    /// Adds a mesh on one more of its nodes: it asked for them all when it was read.
+    fn again(&mut self, mesh: Place, skin: Option<usize>, read: &Read) {
+        let Sources { sets, parts } = &mut self.sources;
+        let shift = sets.len() - read.sets.start;
+        for at in read.sets.clone() {
+            let SourceSet { place, attributes, numbers, positions, .. } = &sets[at];
+            let place = Place { primitive: place.primitive, ..mesh };
+            let skin = skin.filter(|_| !attributes.influences.is_empty());
+            let (attributes, positions) = (attributes.clone(), Rc::clone(positions));
+            let copy = SourceSet { place, skin, attributes, numbers: numbers.clone(), positions };
+            sets.push(copy);
+        }
+        for at in read.parts.clone() {
+            let part = &parts[at];
+            parts.push(Part { node: mesh.node, vertex_set: part.vertex_set + shift, ..part.clone() });
+        }
+        self.without_surface += read.without_surface;
+        self.dropped.0 += read.dropped.0;
+        self.dropped.1 += read.dropped.1;
     }
 
     /// Decodes a compressed primitive. True where its triangles stand one by one, whatever its mode.
@@ -220,18 +287,28 @@ impl Collector<'_, '_> {
     }
 
     /// Adds one primitive: its triangles count in `used`, which still has the numbers of the file.
-    fn primitive(&mut self, place: Place, primitive: &Primitive, mode: u32, set: usize) -> Result<(), Fault> {
+    fn primitive(
+        &mut self,
+        place: Place,
+        primitive: &Primitive,
+        mode: u32,
+        set: usize,
+        nodes: usize,
+    ) -> Result<(), Fault> {
         let count = self.sources.sets[set].positions.len();
         let corners = match primitive.indices {
             Some(indices) => self.accessors.index_count(indices)?,
             None => count,
         };
-        self.total = self.total.saturating_add(corners);
+        let budget = self.accessors.budget();
+        let triangles = if mode == 4 { corners / 3 } else { corners };
+        budget.piece(corners, size_of::<u32>())?;
+        budget.show(PART + triangles as u64 * TRIANGLE, nodes)?;
+        self.total = self.total.saturating_add(corners.saturating_mul(nodes));
         if self.total > MAX_TOTAL * 3 {
             let (count, limit) = (self.total as u64, MAX_TOTAL as u64 * 3);
             return Err(Fault::TooLarge { what: "the triangle corners of all meshes".into(), count, limit });
         }
-        self.accessors.budget().spend(corners, size_of::<u32>())?;
         let indices = match primitive.indices {
             Some(indices) => self.accessors.indices(indices)?,
             None => (0..count as u32).collect(),
@@ -242,7 +319,9 @@ impl Collector<'_, '_> {
         }
         let stored = triangles.len();
         let used = triangles::renumber(&mut triangles, count);
+        budget.show(used.len() as u64 * USED, nodes)?;
         let dropped = triangles::keep_proper(&mut triangles, used.len());
+        triangles.shrink_to_fit();
         // Strips turn corners by collapsed triangles, so there they are no fault.
         self.dropped.0 += if mode == 4 { dropped.collapsed } else { 0 };
         self.dropped.1 += dropped.repeated;
