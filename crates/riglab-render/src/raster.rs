@@ -3,6 +3,7 @@
 //! Only visibility is found here, shading looks at each sample once afterwards: overdraw costs
 //! little, and what a surface looks like stays out of the inner loop.
 
+use std::collections::HashSet;
 use std::ops::Range;
 
 use glam::Vec3;
@@ -47,6 +48,9 @@ pub(crate) const REACH: isize = 2;
 
 /// Rows that one thread fills while they are in its cache. The result does not depend on it.
 const BAND: usize = 32;
+
+/// Scenes of more triangles are looked through for equal ones, which takes longer than to fill a few twice.
+const MANY: usize = 50_000;
 
 impl Layer {
     /// Finds the nearest triangle at every sample; of two at the same depth, the first.
@@ -115,8 +119,15 @@ impl Triangles<'_> {
 /// The triangles that touch each band of rows, in order.
 fn bins(height: usize, scene: &Triangles<'_>) -> Vec<Vec<u32>> {
     let mut bins = vec![Vec::new(); height.div_ceil(BAND)];
+    let mut known = HashSet::new();
+    let many = scene.triangles.len() > MANY;
     for triangle in 0..scene.triangles.len() as u32 {
-        let [a, b, c] = scene.corners(triangle).map(|p| p.y);
+        let corners = scene.corners(triangle);
+        // Of two in one place the first is seen: meshes that stand in one another need not be filled each.
+        if many && !known.insert(corners.map(|p| p.to_array().map(f32::to_bits))) {
+            continue;
+        }
+        let [a, b, c] = corners.map(|p| p.y);
         let (top, bottom) = (a.min(b).min(c), a.max(b).max(c));
         // Casts of floats saturate, and NaN is 0.
         if bottom >= 0.0 && top < height as f32 {
@@ -153,7 +164,7 @@ fn fill(hits: &mut [Hit], width: usize, top: usize, triangle: u32, [a, b, c]: [V
         let x = left as f32 + 0.5 - a.x;
         let start_b = (x * ac.y - y * ac.x) / area;
         let start_c = (y * ab.x - x * ab.y) / area;
-        for column in left..right {
+        for column in stretch([start_b, start_c], [step_b, step_c], left..right) {
             let along = (column - left) as f32;
             let (share_b, share_c) = (start_b + along * step_b, start_c + along * step_c);
             if share_b >= 0.0 && share_c >= 0.0 && share_b + share_c <= 1.0 {
@@ -165,6 +176,29 @@ fn fill(hits: &mut [Hit], width: usize, top: usize, triangle: u32, [a, b, c]: [V
             }
         }
     }
+}
+
+/// The columns of a row outside which no share can be as it has to be inside a triangle: a sliver's box is mostly empty,
+/// and a polygon of many corners is cut into slivers. Wider by what rounding may be off, so that the test at each sample
+/// decides as if all were looked at.
+fn stretch([b, c]: [f32; 2], [step_b, step_c]: [f32; 2], columns: Range<usize>) -> Range<usize> {
+    const ROUNDING: f32 = 1e-6;
+    let count = columns.len() as f32;
+    let (mut from, mut to) = (0.0f32, count);
+    let [size_b, size_c] = [(b, step_b), (c, step_c)].map(|(x, step)| x.abs() + count * step.abs());
+    let sum = (1.0 - b - c, -(step_b + step_c), 1.0 + size_b + size_c);
+    // Each is at least 0 inside. Where one is no number, `max` and `min` keep the other side.
+    for (start, step, size) in [(b, step_b, size_b), (c, step_c, size_c), sum] {
+        let (crossing, slack) = (-start / step, 1.0 + ROUNDING * size / step.abs());
+        if step > 0.0 {
+            from = from.max(crossing - slack);
+        } else if step < 0.0 {
+            to = to.min(crossing + slack + 1.0);
+        }
+    }
+    // Casts saturate.
+    let [from, to] = [from, to].map(|along| columns.start + (along as usize).min(columns.len()));
+    from..to.max(from)
 }
 
 #[cfg(test)]
@@ -198,6 +232,57 @@ mod tests {
         assert_eq!(render(&[far, near].concat()).at(5, 5).triangle, 1);
         let hit = *render(&near).at(34, 0);
         assert!((hit.shares[0] - 34.5 / 70.0).abs() < 1e-5 && hit.depth == 5.0);
+    }
+
+    /// Slivers and others, in and beyond the picture; every second one is of a fan about one hub.
+    fn many_triangles(count: u32) -> Vec<[f32; 3]> {
+        let mut state = 1u32;
+        let mut next = || {
+            state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            (state >> 8) as f32 / (1 << 24) as f32
+        };
+        let mut points = Vec::new();
+        for k in 0..count {
+            let [a, b] = [0, 1].map(|_| [120.0 * next() - 25.0, 120.0 * next() - 25.0, next()]);
+            let near = 10f32.powi(-((k % 9) as i32));
+            let (hub, shift) = (if k % 2 == 0 { [35.3, 34.1, 0.5] } else { a }, 20.0 * near * (next() - 0.5));
+            points.extend([hub, b, [b[0] + shift, b[1] + 20.0 * near * next(), next()]]);
+        }
+        points
+    }
+
+    #[test]
+    fn stretches_leave_out_nothing_that_is_covered() {
+        for points in many_triangles(20_000).as_chunks::<3>().0 {
+            let [a, b, c] = points.map(Vec3::from);
+            let (ab, ac) = ((b - a).truncate(), (c - a).truncate());
+            let area = ab.perp_dot(ac);
+            if area == 0.0 {
+                continue;
+            }
+            let steps = [ac.y / area, -ab.y / area];
+            for row in 0..70 {
+                let (x, y) = (0.5 - a.x, row as f32 + 0.5 - a.y);
+                let starts = [(x * ac.y - y * ac.x) / area, (y * ab.x - x * ab.y) / area];
+                let within = stretch(starts, steps, 0..70);
+                for column in (0..70usize).filter(|column| !within.contains(column)) {
+                    let [b, c] = [0, 1].map(|k| starts[k] + column as f32 * steps[k]);
+                    assert!(!(b >= 0.0 && c >= 0.0 && b + c <= 1.0), "{points:?}: {column} in {row}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn triangles_in_one_place_are_filled_once() {
+        let few = many_triangles(300);
+        let times = MANY / 300 + 1;
+        let (once, often) = (render(&few), render(&few.repeat(times)));
+        assert!(once.hits.iter().zip(&often.hits).all(|(a, b)| (a.triangle, a.depth) == (b.triangle, b.depth)));
+        let positions: Vec<Vec3> = few.repeat(times).into_iter().map(Vec3::from).collect();
+        let triangles: Vec<[u32; 3]> = (0..positions.len() as u32 / 3).map(|t| [3 * t, 3 * t + 1, 3 * t + 2]).collect();
+        let bins = bins(70, &Triangles { positions: &positions, triangles: &triangles });
+        assert!(bins.iter().all(|bin| bin.len() <= 300));
     }
 
     #[test]
