@@ -94,9 +94,13 @@ impl Checkpoint {
     pub fn open(path: &Path) -> Result<Self, TrainError> {
         let path = &numbered(path);
         let fault = |message: String| TrainError::Checkpoint { path: path.into(), message };
-        let text = fs::read_to_string(path.join(STATE))
+        let bytes = fs::read(path.join(STATE))
             .map_err(|e| fault(format!("no checkpoint here ({STATE}: {e}){}", beside(path))))?;
-        let state = serde_json::from_str(&text).map_err(|e| fault(format!("{STATE} cannot be understood ({e})")))?;
+        let state = serde_json::from_slice(&bytes).map_err(|e| {
+            let remedy =
+                "it was damaged or written by another version: put it back from a copy, or take another checkpoint";
+            fault(format!("{STATE} cannot be understood ({e}); {remedy}{}", beside(path)))
+        })?;
         Ok(Self { path: path.into(), state })
     }
 
@@ -211,8 +215,10 @@ impl Checkpoint {
     pub fn restore(&self, params: &Params, optimizer: &mut Optimizer, ema: Option<&Ema>) -> Result<(), TrainError> {
         let file = |name: &str| self.path.join(name);
         self.take(&file(MODEL), params, params.weights())?;
+        self.check(&file(MODEL), params.named(params.weights()))?;
         if let Some(ema) = ema {
             self.take(&file(AVERAGE), params, ema.weights())?;
+            self.check(&file(AVERAGE), params.named(ema.weights()))?;
         }
         if !file(OPTIMIZER).is_file() {
             let message =
@@ -220,7 +226,22 @@ impl Checkpoint {
             return Err(TrainError::Checkpoint { path: self.path.clone(), message: message.into() });
         }
         let state = io::read(&file(OPTIMIZER))?;
+        // Counts of steps may be whole numbers.
+        let moments = state.iter().filter(|(_, t)| t.is_floating_point());
+        self.check(&file(OPTIMIZER), moments.map(|(name, t)| (name.as_str(), t)))?;
         optimizer.load_state(params, &state).map_err(|e| self.foreign(&file(OPTIMIZER), &e))
+    }
+
+    /// That what a run goes on with is finite: from a number that is not, nothing can be learned.
+    fn check<'a>(&self, file: &Path, tensors: impl Iterator<Item = (&'a str, &'a Tensor)>) -> Result<(), TrainError> {
+        let fault = |(name, t): (&str, &Tensor)| Some(format!("tensor `{name}` {}", unsound(t)?));
+        let Some(fault) = { tensors }.find_map(fault) else { return Ok(()) };
+        let message = format!(
+            "{fault}: its training diverged, or it was damaged; move the folder {} out of the run, and `riglab train \
+             --resume` goes on from an earlier checkpoint",
+            self.path.file_name().unwrap_or_default().to_string_lossy()
+        );
+        Err(TrainError::Checkpoint { path: file.into(), message })
     }
 
     /// What the task kept; nothing where it keeps nothing.
