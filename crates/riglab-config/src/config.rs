@@ -143,6 +143,22 @@ impl Config {
         fault.into()
     }
 
+    /// The error for a key that somebody has to set and nothing sets, at the place of the table that lacks it, with what
+    /// to do.
+    ///
+    /// ```
+    /// # use riglab_config::Config;
+    /// let config = Config::from_toml_str("small.toml", "width = 100\n")?;
+    /// let error = config.lacks("task", "add for instance task = \"copy\"");
+    /// assert_eq!(error.to_string(), "small.toml: nothing sets `task`\n\nhint: add for instance task = \"copy\"");
+    /// # Ok::<(), riglab_config::ConfigError>(())
+    /// ```
+    pub fn lacks(&self, path: &str, hint: impl std::fmt::Display) -> ConfigError {
+        let above = self.root().find_above(path).unwrap_or(&self.root);
+        let message = format!("nothing sets `{}`", self.full(path));
+        Fault::at(FaultKind::MissingKey, &above.origin, message).hint(hint.to_string()).into()
+    }
+
     fn full(&self, path: &str) -> String {
         match (self.prefix.as_str(), path) {
             (prefix, "") => prefix.to_owned(),

@@ -166,9 +166,32 @@ impl<'a, 'u> Reader<'a, 'u> {
         visitor.visit_map(access).map_err(|e| self.place(e))
     }
 
+    /// What to do where one value stands for an array of any length: whether brackets around it would do, or what each
+    /// value should be, is found by reading it as one of them.
+    fn hint_of_array<V: Visitor<'a>>(&self, visitor: V) -> String {
+        let unknown = self.unknown.borrow().len();
+        let read = visitor.visit_seq(Items { reader: self, nodes: std::slice::from_ref(self.node).iter().enumerate() });
+        self.unknown.borrow_mut().truncate(unknown);
+        let Err(error) = read else {
+            return match &self.node.value {
+                Value::String(text) => format!("put it in brackets: [{text:?}]"),
+                Value::Table(_) => "put it in brackets".into(),
+                value => format!("put it in brackets: [{}]", value.described()),
+            };
+        };
+        let wanted = error.0.message.split_once(" should be ").and_then(|(_, rest)| rest.rsplit_once(", but is "));
+        wanted.map_or_else(String::new, |(wanted, _)| format!("each of its values should be {wanted}"))
+    }
+
     fn visit_array<V: Visitor<'a>>(self, len: Option<usize>, visitor: V) -> Result<V::Value, Error> {
         let expected = len.map_or("an array".to_owned(), |n| format!("an array of {}", counted(n, "value")));
-        let Value::Array(nodes) = &self.node.value else { return Err(self.wrong(expected)) };
+        let Value::Array(nodes) = &self.node.value else {
+            let mut error = self.wrong(expected);
+            if len.is_none() {
+                error.0.hint = self.hint_of_array(visitor);
+            }
+            return Err(error);
+        };
         if len.is_some_and(|n| n != nodes.len()) {
             let message = format!("should be {expected}, but has {}", nodes.len());
             return Err(self.place(Error::bare(FaultKind::OutOfRange, message)));

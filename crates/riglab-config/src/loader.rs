@@ -1,7 +1,6 @@
 //! Files to one tree: finding them, `extends`, `--set`.
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::io;
 use std::path::{Component, Path, PathBuf};
 use std::sync::Arc;
 
@@ -186,11 +185,12 @@ impl<'a> Loader<'a> {
             Place::BuiltIn(name) => (SourceKind::BuiltIn, name.clone(), self.text(name).map(str::to_owned)),
             Place::Disk(path) => {
                 let name = cleaned(path);
-                let text = std::fs::read(path)
-                    .and_then(|bytes| String::from_utf8(bytes).map_err(|e| io::Error::other(format!("not UTF-8: {e}"))))
-                    .map_err(|e| {
-                        Fault::new(FaultKind::Unreadable, format!("{name}: cannot be read: {e}"), said_at.cloned())
-                    })?;
+                let unreadable = |why: String| Fault::new(FaultKind::Unreadable, why, said_at.cloned());
+                let bytes = std::fs::read(path).map_err(|e| unreadable(format!("{name}: cannot be read: {e}")))?;
+                let text = String::from_utf8(bytes).map_err(|e| {
+                    let line = e.as_bytes()[..e.utf8_error().valid_up_to()].iter().filter(|b| **b == b'\n').count() + 1;
+                    unreadable(format!("{name}:{line}: a letter that is not UTF-8; save the file as UTF-8"))
+                })?;
                 (SourceKind::File, name, Some(text))
             }
         };
@@ -319,6 +319,15 @@ fn cleaned(path: &Path) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn text_in_another_encoding_is_told_once_and_with_its_line() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("latin1.toml");
+        std::fs::write(&path, b"task = 'x'\n# caf\xe9\n").unwrap();
+        let said = Loader::new().load(&path, &[] as &[&str]).unwrap_err().to_string();
+        assert!(said.ends_with("latin1.toml:2: a letter that is not UTF-8; save the file as UTF-8"), "{said}");
+    }
 
     #[test]
     fn a_file_that_is_extended_again_and_again_is_read_once() {

@@ -297,6 +297,32 @@ fn custom_types_report_at_their_value() {
 }
 
 #[test]
+fn a_value_for_an_array_is_told_how_to_be_one() {
+    #[derive(Debug, Deserialize)]
+    struct Start {
+        parts: Vec<String>,
+    }
+    let said = |value: &str| {
+        let config = Config::from_toml_str("a.toml", &format!("parts = {value}")).unwrap();
+        config.get::<Start>().unwrap_err().to_string()
+    };
+    assert_eq!(
+        said("'mesh_encoder'"),
+        "a.toml:1:9: `parts` should be an array, but is the string \"mesh_encoder\"
+  |
+1 | parts = 'mesh_encoder'
+  |         ^^^^^^^^^^^^^^
+
+hint: put it in brackets: [\"mesh_encoder\"]"
+    );
+    for value in ["3", "true", "{ a = 1 }"] {
+        let said = said(value);
+        assert!(said.starts_with("a.toml:1:9: `parts` should be an array, but is "), "{said}");
+        assert!(said.ends_with("hint: each of its values should be a string"), "{said}");
+    }
+}
+
+#[test]
 fn parts_are_read_one_at_a_time() {
     #[derive(Debug, Deserialize)]
     struct Outer {

@@ -181,7 +181,7 @@ hint: did you mean `base.toml`?"
     );
     assert_eq!(
         fault("latin.toml").lines().next().unwrap(),
-        "DIR/latin.toml:1:11: DIR/bytes.toml: cannot be read: not UTF-8: invalid utf-8 sequence of 1 bytes from index 5"
+        "DIR/latin.toml:1:11: DIR/bytes.toml:1: a letter that is not UTF-8; save the file as UTF-8"
     );
     let folder = Loader::new().load(dir.path(), &[] as &[&str]).unwrap_err().to_string();
     assert!(folder.contains("a folder, not a file") && folder.contains("TOML file"), "{folder}");

@@ -84,7 +84,10 @@ impl TaskConfig {
         let config = &config.clone().without("slurm").bounded()?;
         let name: String = match config.contains("task") {
             true => config.get_at("task")?,
-            false => bail!("the config says no `task`; add for instance task = \"fsq_cvae\""),
+            false => {
+                let remedy = format!("add for instance `task = \"{}\"`; there are: {}", NAMES[0], NAMES.join(", "));
+                return Err(config.lacks("task", remedy).into());
+            }
         };
         match name.as_str() {
             FsqCvaeTaskConfig::TASK => checked(config).map(Self::FsqCvae),

@@ -183,8 +183,10 @@ pub(super) fn body(json: &[u8]) -> &[u8] {
 /// The same as text.
 pub(super) fn text(json: &[u8]) -> Result<&str, Fault> {
     // Before serde, which does not look at what it skips.
-    std::str::from_utf8(body(json))
-        .map_err(|error| Fault::Json { path: String::new(), reason: format!("not UTF-8: {error}") })
+    std::str::from_utf8(body(json)).map_err(|error| {
+        let reason = format!("byte {} is no letter of UTF-8, which glTF is written in", error.valid_up_to());
+        Fault::Json { path: String::new(), reason }
+    })
 }
 
 /// Reads once more, slower, keeping track of where it is.
