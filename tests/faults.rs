@@ -9,6 +9,7 @@ use std::process::{Command, Stdio};
 use std::sync::OnceLock;
 
 use binary::{config, corpus, must, refusal, riglab, text};
+use serde_json::Value;
 
 /// One corpus and one short run for all tests.
 fn ready() -> &'static Path {
@@ -351,6 +352,58 @@ fn of_a_checkpoint_that_is_cut_off_an_older_one_is_gone_on_from() {
     let said = refusal(&mut riglab(&["train", "--resume", text(&run)]));
     assert!(said.contains("no checkpoint is left") && said.contains("model.safetensors"), "{said}");
     assert!(said.contains("--run OTHER") && fs::read(run.join("metrics.jsonl")).unwrap() == metrics, "{said}");
+}
+
+/// Puts NaN in the first number of a file of tensors; gives the tensor's name.
+fn spoil(path: &Path) -> String {
+    let mut bytes = fs::read(path).unwrap();
+    let head = u64::from_le_bytes(bytes[..8].try_into().unwrap()) as usize;
+    let tensors: Value = serde_json::from_slice(&bytes[8..8 + head]).unwrap();
+    let real =
+        |(_, info): &(&String, &Value)| info["dtype"] == "F32" && info["data_offsets"][1] != info["data_offsets"][0];
+    let (name, info) = tensors.as_object().unwrap().iter().find(real).unwrap();
+    let at = 8 + head + info["data_offsets"][0].as_u64().unwrap() as usize;
+    bytes[at..at + 4].copy_from_slice(&f32::NAN.to_le_bytes());
+    fs::write(path, bytes).unwrap();
+    name.clone()
+}
+
+#[test]
+fn a_checkpoint_that_holds_nan_is_not_gone_on_from() {
+    let temp = tempfile::tempdir().unwrap();
+    for file in ["optimizer.safetensors", "model.safetensors", "ema.safetensors"] {
+        let run = temp.path().join(file);
+        copy(&ready().join("run"), &run);
+        let name = spoil(&run.join("checkpoints/step-00000003").join(file));
+        let said = refusal(&mut riglab(&["train", "--resume", text(&run)]));
+        assert!(said.contains(&format!("{file}: tensor `{name}` holds NaN")), "{said}");
+        assert!(said.contains("step-00000003") && said.contains("earlier checkpoint"), "{said}");
+    }
+}
+
+#[test]
+fn a_damaged_state_says_what_to_do() {
+    let temp = tempfile::tempdir().unwrap();
+    let run = temp.path().join("run");
+    copy(&ready().join("run"), &run);
+    for state in [&b"{\"task\": 3"[..], b"\xff\xfe"] {
+        fs::write(run.join("checkpoints/step-00000003/state.json"), state).unwrap();
+        for command in [&["train", "--resume", text(&run)][..], &["eval", text(&run)]] {
+            let said = refusal(&mut riglab(command));
+            assert!(said.contains("state.json cannot be understood") && said.contains("from a copy"), "{said}");
+        }
+    }
+}
+
+#[test]
+fn a_config_without_a_task_is_named() {
+    let temp = tempfile::tempdir().unwrap();
+    let config = temp.path().join("mine.toml");
+    fs::write(&config, "[train]\nsteps = 3\n").unwrap();
+    for more in [&[][..], &["--set", "train.seed=1"]] {
+        let said = refusal(&mut riglab(&[&["train", text(&config)], more].concat()));
+        assert!(said.contains("mine.toml: nothing sets `task`") && said.contains("task = \"fsq_cvae\""), "{said}");
+    }
 }
 
 #[test]

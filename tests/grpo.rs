@@ -176,7 +176,16 @@ fn meshes_without_rigs_are_enough_to_train_on() {
     let data = format!("[data]\ncorpora = ['{}']\n", meshes.display());
     fs::write(&skeletons, format!("extends = 'quickstart/unirig_skeleton.toml'\n{data}")).unwrap();
     let said = refusal(&mut riglab(&["train", text(&skeletons)]));
-    assert!(said.contains("no asset in `train`"), "{said}");
+    assert!(said.contains("no asset in `train`") && said.contains("meshes.h5 holds bare meshes"), "{said}");
+    let both = format!("[\"{}\", \"{}\"]", corpus.display(), meshes.display());
+    let both = format!("data.corpora={both}");
+    for task in ["unirig_skeleton", "unirig_skin", "fsq_cvae"] {
+        let preset = format!("quickstart/{task}.toml");
+        for split in ["data.train=['train', 'meshes']", "data.validate='meshes'"] {
+            let said = refusal(&mut riglab(&["train", &preset, "--set", &both, "--set", split]));
+            assert!(said.contains("meshes.h5: 2 of its 2 assets are bare meshes") && said.contains("grpo"), "{said}");
+        }
+    }
 }
 
 #[test]

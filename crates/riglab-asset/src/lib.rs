@@ -109,6 +109,9 @@ impl Default for Resample {
     }
 }
 
+/// What the only joint of a mesh without a rig is called in a corpus ([`Imported::into_mesh_asset`]); that tells it from rigs.
+pub const LONE_JOINT: &str = "mesh";
+
 /// What a file holds.
 #[derive(Clone, Debug)]
 pub struct Imported {
@@ -168,7 +171,7 @@ impl Imported {
         }
     }
 
-    /// The mesh alone, as a corpus keeps one: held whole by a single joint, `mesh`, in the middle of its box. What the
+    /// The mesh alone, as a corpus keeps one: held whole by a single joint, [`LONE_JOINT`], in the middle of its box. What the
     /// file has of a skeleton, weights and motions is left behind.
     ///
     /// # Errors
@@ -184,7 +187,7 @@ impl Imported {
         let held = || -> Result<Rig, RigError> {
             let bounds = Bounds::of(mesh.positions().iter().copied());
             let head = bounds.map_or([0.0; 3], |b| std::array::from_fn(|k| 0.5 * (b.min[k] + b.max[k])));
-            let skeleton = Skeleton::new(vec![Joint { name: "mesh".into(), parent: None, head }])?;
+            let skeleton = Skeleton::new(vec![Joint { name: LONE_JOINT.into(), parent: None, head }])?;
             let weights = SkinWeights::normalized(mesh.positions().iter().map(|_| [(0, 1.0)]))?;
             Rig::new(skeleton, mesh, weights)
         };

@@ -321,6 +321,10 @@ mod tests {
         let rig = corpus.asset(1).unwrap().rig;
         assert_eq!(rig.skeleton().heads(), [[2.0, 1.0, 0.0]]);
         assert!(rig.weights().row(2).eq([(riglab_core::JointId(0), 1.0)]));
+        // They are told from rigs of one joint.
+        assert_eq!(corpus.bare().unwrap(), [0, 1]);
+        import_folder(dir.path(), &out, &Splitter::ByTopology(0), &options, |_| ()).unwrap();
+        assert!(crate::Corpus::open(&out).unwrap().bare().unwrap().is_empty());
     }
 
     #[test]

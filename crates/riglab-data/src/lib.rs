@@ -37,6 +37,7 @@ pub use merge::{MergeReport, merge};
 pub use mixture::Mixture;
 pub use reader::{Corpus, Fault};
 pub use rewrite::{Place, rewrite};
+pub use riglab_asset::LONE_JOINT;
 pub use split::{SplitNames, Splitter};
 pub use stats::{Stats, stats};
 pub use writer::CorpusWriter;

@@ -5,6 +5,7 @@ use std::sync::OnceLock;
 
 use hdf5::types::VarLenUnicode;
 use hdf5::{Dataset, H5Type};
+use riglab_asset::LONE_JOINT;
 use riglab_core::{Asset, Clip, Joint, JointId, JointMap, Mesh, Provenance, Rig, Skeleton, SkinWeights, Vec3};
 
 use crate::DataError;
@@ -156,6 +157,22 @@ impl Corpus {
     /// When the column cannot be read.
     pub fn split(&self, split: &str) -> Result<Vec<usize>, DataError> {
         Ok(self.texts("split")?.iter().enumerate().filter(|(_, s)| *s == split).map(|(i, _)| i).collect())
+    }
+
+    /// The assets that are bare meshes, as `riglab dataset import --meshes` writes them: held by one joint,
+    /// [`LONE_JOINT`]. Their split says so only until they are split anew.
+    ///
+    /// # Errors
+    /// When the column cannot be read.
+    pub fn bare(&self) -> Result<Vec<usize>, DataError> {
+        let lone: Vec<usize> = (0..self.len()).filter(|&index| self.counts(index)[2] == 1).collect();
+        if lone.is_empty() {
+            return Ok(lone);
+        }
+        let read: hdf5::Result<Vec<VarLenUnicode>> = self.tables.joint_names.read_raw();
+        let names = read.map_err(|e| DataError::NotHdf5 { path: self.path.clone(), message: short(&e) })?;
+        let is_bare = |index: &usize| names.get(*index).is_some_and(|name| name.as_str() == LONE_JOINT);
+        Ok(lone.into_iter().filter(is_bare).collect())
     }
 
     /// One asset.

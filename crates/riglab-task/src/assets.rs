@@ -229,9 +229,16 @@ impl Assets {
         let validation = assets.split(&config.validate).map_err(|e| e.to_string())?;
         if training.iter().all(|(_, ids)| ids.is_empty()) {
             let (split, most) = (config.train.join(", "), config.max_joints);
+            let mut bare = assets.corpora.iter().filter(|corpus| corpus.bare().is_ok_and(|bare| !bare.is_empty()));
+            let meshes = bare.next().map_or_else(String::new, |corpus| {
+                format!(
+                    ". {} holds bare meshes: they are for task = \"grpo\", which needs no rigs",
+                    display(corpus.path())
+                )
+            });
             return Err(format!(
                 "data.train: the corpora have no asset in `{split}` of at most data.max_joints = {most}; `riglab dataset \
-                 inspect` shows their splits, and --set data.train='[\"SPLIT\"]' names another"
+                 inspect` shows their splits, and --set data.train='[\"SPLIT\"]' names another{meshes}"
             ));
         }
         if validation.is_empty() {
@@ -242,6 +249,34 @@ impl Assets {
             ));
         }
         Ok((assets, training, validation))
+    }
+
+    /// Refuses bare meshes among the assets that a config names, for tasks that learn from rigs: such a mesh has one joint
+    /// in its middle, which is no rig to learn or to be measured by.
+    ///
+    /// # Errors
+    /// A sentence with the corpus, or that a column cannot be read.
+    pub fn rigged(&self, config: &DataConfig) -> Result<(), String> {
+        let named: Vec<&String> = config.train.iter().chain([&config.validate]).chain(&config.test).collect();
+        for corpus in &self.corpora {
+            let bare = corpus.bare().map_err(|e| e.to_string())?;
+            if bare.is_empty() {
+                continue;
+            }
+            let splits = corpus.texts("split").map_err(|e| e.to_string())?;
+            let used = bare.iter().filter(|&&index| named.contains(&&splits[index]));
+            let (count, Some(&first)) = (used.clone().count(), used.clone().next()) else { continue };
+            return Err(format!(
+                "{}: {count} of its {} assets are bare meshes (as of `riglab dataset import --meshes`) in splits that are \
+                 used here, the first in `{}`: they have no rigs to learn from or to be measured by. Leave the corpus out \
+                 of data.corpora, or name other splits in data.train, data.validate and data.test; task = \"grpo\" trains \
+                 on meshes alone",
+                display(corpus.path()),
+                corpus.len(),
+                splits[first]
+            ));
+        }
+        Ok(())
     }
 
     /// The corpora: path, checksum, number of assets.
@@ -435,6 +470,32 @@ mod tests {
             assert!(turned.iter().zip(Up::Z.turn(at)).all(|(a, b)| (a - b).abs() < 1e-6), "{turned:?} {at:?}");
         }
         assert_eq!(Up::Y.clip(&clip).unwrap(), clip);
+    }
+
+    #[test]
+    fn bare_meshes_are_refused_where_they_would_be_used() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("meshes.h5");
+        let mut writer = riglab_data::CorpusWriter::create(&path).unwrap();
+        for (name, joint) in [("rig", "hips"), ("mesh", riglab_data::LONE_JOINT)] {
+            let joint = Joint { name: joint.into(), parent: None, head: [0.0; 3] };
+            let weights = SkinWeights::normalized((0..4).map(|_| [(0u16, 1.0)])).unwrap();
+            let skeleton = Skeleton::new(vec![joint]).unwrap();
+            let rig = Rig::new(skeleton, crate::tokenrig::testing::tetrahedron(), weights).unwrap();
+            let provenance = riglab_core::Provenance::default();
+            writer.add(&Asset { name: name.into(), rig, clips: Vec::new(), provenance }).unwrap();
+        }
+        writer.finish(&["train", SplitNames::MESHES]).unwrap();
+        let assets = Assets::open(&[path]).unwrap();
+        let config = DataConfig::default();
+        assert_eq!(assets.rigged(&config), Ok(()), "nobody asked for it");
+        let meshes = vec![SplitNames::MESHES.to_string()];
+        for config in
+            [DataConfig { train: meshes.clone(), ..config.clone() }, DataConfig { test: meshes, ..config.clone() }]
+        {
+            let said = assets.rigged(&config).unwrap_err();
+            assert!(said.contains("meshes.h5: 1 of its 2 assets") && said.contains("grpo"), "{said}");
+        }
     }
 
     #[test]

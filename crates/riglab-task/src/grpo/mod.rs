@@ -73,7 +73,7 @@ impl GrpoTask {
                 if skinning != 0.0 || motion != 0.0 {
                     return Err(UNJUDGED.into());
                 }
-                let policy = SkeletonTask::new(skeleton_config(&config, &start.config), device)?;
+                let policy = SkeletonTask::on_meshes(skeleton_config(&config, &start.config), device)?;
                 Self::of(config, Box::new(policy), &start.params)
             }
         }

@@ -67,13 +67,15 @@ impl TokenRigTask {
     /// validated.
     ///
     /// # Errors
-    /// A sentence: a corpus or an auto-encoder that cannot be read, or a split without assets.
+    /// A sentence: a corpus or an auto-encoder that cannot be read, a split without assets, or one of bare meshes.
     pub fn new(config: TokenRigTaskConfig, device: Device) -> Result<Self, String> {
         let vae = Rigger::auto_encoder(&config, device)?;
-        Self::with(config, vae, device)
+        let task = Self::with(config, vae, device)?;
+        task.assets.rigged(&task.rigger.config.data)?;
+        Ok(task)
     }
 
-    /// As [`Self::new`], with an auto-encoder.
+    /// As [`Self::new`], with an auto-encoder; meshes may be bare, for who has them rewarded.
     ///
     /// # Errors
     /// As [`Self::new`].

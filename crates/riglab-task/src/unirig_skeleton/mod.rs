@@ -50,8 +50,18 @@ impl SkeletonTask {
     /// Opens the corpora and builds the network with its starting weights. The config was validated.
     ///
     /// # Errors
-    /// A sentence: a corpus that cannot be read, or a split without assets.
+    /// A sentence: a corpus that cannot be read, a split without assets, or one of bare meshes.
     pub fn new(config: SkeletonTaskConfig, device: Device) -> Result<Self, String> {
+        let task = Self::on_meshes(config, device)?;
+        task.assets.rigged(&task.config.data)?;
+        Ok(task)
+    }
+
+    /// As [`Self::new`]; meshes may be bare, for who has them rewarded.
+    ///
+    /// # Errors
+    /// As [`Self::new`].
+    pub(crate) fn on_meshes(config: SkeletonTaskConfig, device: Device) -> Result<Self, String> {
         let (assets, mut train_assets, validation_assets) = Assets::for_training(&config.data)?;
         let left_out = LeftOut::take(&assets, &config.data, config.limits, &mut train_assets)?;
         let tokenizer = Tokenizer::new(config.tokenizer.clone());
