@@ -322,7 +322,13 @@ mod tests {
             for (name, _, bone) in template.joints() {
                 let told = name.rsplit(['_', ':']).next().unwrap_or(name).to_lowercase();
                 let kind = bone.trim_start_matches("left").trim_start_matches("right").to_lowercase();
-                let same = [("toes", "toebase"), ("upperarm", "arm"), ("lowerarm", "forearm"), ("upperleg", "upleg")];
+                let same = [
+                    ("toes", "toebase"),
+                    ("upperarm", "arm"),
+                    ("lowerarm", "forearm"),
+                    ("upperleg", "upleg"),
+                    ("lowerleg", "leg"),
+                ];
                 let same = same.iter().find(|(ours, _)| *ours == kind).map_or("", |(_, theirs)| theirs);
                 let finger = |f: &str| told.contains(f) && kind.contains(&f.replace("pinky", "little"));
                 let spine = ["spine1", "spine2"].contains(&told.as_str()) && kind.ends_with("chest");
