@@ -9,7 +9,7 @@ use riglab_token::{Bones, Template};
 
 use super::facing::Facing;
 use super::skin::{Hold, in_order};
-use super::template::{Anatomy, FindHuman, Placed};
+use super::template::{Anatomy, FindHuman, Placed, alone, known};
 use super::{Drawn, Rigger};
 use crate::grpo::{Judged, Subject, rewards};
 use crate::unirig_skeleton::agree::Agreement;
@@ -186,8 +186,8 @@ impl Rigger {
             (Rank::Rewards, Some(rewards)) => rewards.total,
             _ => draws[at].likelihood,
         };
+        let may = template.filter(|_| agree).map(|(template, anatomy)| anatomy.may(template, &drawn, &agreement));
         let best = if agree {
-            let may = template.map(|(template, anatomy)| anatomy.may(template, &drawn, &agreement));
             let may = |place: usize| may.as_ref().is_none_or(|may| may[place]);
             Some(self.agreed_of(w, &seen, &agreement, drawn, may)?).filter(|(_, taken)| taken.decoded.is_ok())
         } else {
@@ -196,18 +196,42 @@ impl Rigger {
             best.and_then(|at| Some((at, drawn.into_iter().nth(at)?)))
         };
         let (sample, drawn) = best.ok_or("no skeleton came out; try --samples 8, or another --seed")?;
-        let placed = template.map(|(template, anatomy)| match &drawn.decoded {
-            Ok(decoded) if anatomy.written(template, decoded, false) => Placed::Written,
-            _ => Placed::Lost,
-        });
-        if let Some(template) = template.filter(|_| agree && placed == Some(Placed::Lost))
-            && let Some((voted, bodies)) = self.voted(w, &clouds, template, &how, (agreement, wish.seed))?
-        {
-            let heads = moved(voted.heads(), map.inverse()).into_iter().map(|p| facing.back(p)).collect();
-            let voted = voted.with_heads(heads).map_err(|e| e.to_string())?;
+        let mut placed = None;
+        if let Some((template, anatomy)) = template {
+            let written = drawn.decoded.as_ref().ok().filter(|decoded| anatomy.written(template, decoded, false));
             let given = Wish { class: None, samples: None, rank: Rank::Likelihood, ..wish.clone() };
-            let made = self.make_facing(as_it_stands, Some(voted), &given, facing)?;
-            return Ok(Made { placed: Some(Placed::Voted { bodies, draws: samples }), ..made });
+            // A skeleton in the cube, as it would be given.
+            let stood = |in_cube: &Skeleton| {
+                let heads = moved(in_cube.heads(), map.inverse()).into_iter().map(|p| facing.back(p)).collect();
+                in_cube.with_heads(heads).map_err(|e| e.to_string())
+            };
+            placed = Some(match written {
+                Some(decoded) => {
+                    let whole = decoded.skeleton().map_err(|e| e.to_string())?;
+                    let own = alone(&whole, template)?;
+                    let left_out = whole.len() - own.len();
+                    if left_out > 0 && may.is_some_and(|may| !known(&may)) {
+                        let made = self.make_facing(as_it_stands, Some(stood(&own)?), &given, facing)?;
+                        return Ok(Made { placed: Some(Placed::Written { left_out }), ..made });
+                    }
+                    Placed::Written { left_out: 0 }
+                }
+                None if agree => {
+                    let voted = self.voted(w, &clouds, (template, anatomy), &how, (agreement, wish.seed))?;
+                    let (made, placed) = match voted {
+                        Some((voted, bodies)) => {
+                            let made = self.make_facing(as_it_stands, Some(stood(&voted)?), &given, facing)?;
+                            (made, Placed::Voted { bodies, draws: samples })
+                        }
+                        None => {
+                            let free = Wish { class: None, ..wish.clone() };
+                            (self.make_facing(as_it_stands, None, &free, facing)?, Placed::Without)
+                        }
+                    };
+                    return Ok(Made { placed: Some(placed), ..made });
+                }
+                None => Placed::Lost,
+            });
         }
         let count = wish.skins.unwrap_or(eval.skins);
         let skins = self.skins(w, &self.straight(&clouds), &drawn, count, wish.seed)?;

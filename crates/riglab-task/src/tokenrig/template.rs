@@ -34,11 +34,18 @@ const NEAR: f64 = 0.005;
 /// The share of the bones that are found in a body which its joints have to be called as.
 const CALLED: f64 = 0.8;
 
+/// The share of draws that have to be bodies as the template has them for a model to know it. Of one that does not, joints
+/// beside the template's are mostly limbs written twice.
+const KNOWN: f64 = 0.9;
+
 /// What became of a template that was asked for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Placed {
     /// The model wrote it: its named joints are the bones of a body that they are called as.
-    Written,
+    Written {
+        /// Joints beside the template's that were left out, as the model knows it too little.
+        left_out: usize,
+    },
     /// Its joints are where free draws have a body's bones.
     Voted {
         /// How many of the draws are bodies.
@@ -46,7 +53,9 @@ pub enum Placed {
         /// How many there are.
         draws: usize,
     },
-    /// The model wrote something, but no body, and its free draws are none.
+    /// What the model wrote is no body, and free draws are none: it is as without the template.
+    Without,
+    /// What the model wrote is no body; free draws were not asked, as draws were not chosen by agreement.
     Lost,
 }
 
@@ -106,6 +115,26 @@ impl Anatomy<'_> {
         let taken = may.iter().zip(agreement.draws_mirrored()).any(|(may, mirrored)| *may && !mirrored);
         if taken { may } else { vec![true; may.len()] }
     }
+}
+
+/// Whether so many draws of all are bodies as a template has them that the model knows it.
+pub(super) fn known(may: &[bool]) -> bool {
+    may.iter().filter(|may| **may).count() as f64 >= KNOWN * may.len() as f64
+}
+
+/// The joints of a template alone; what hangs on others hangs on what these hang on.
+///
+/// # Errors
+/// None for a skeleton whose root is of the template.
+pub(super) fn alone(skeleton: &Skeleton, template: &Template) -> Result<Skeleton, String> {
+    let kept: Vec<JointId> = skeleton.ids().filter(|&joint| template.has(skeleton.name(joint))).collect();
+    let place = |joint: JointId| kept.binary_search(&joint).ok().and_then(|at| u16::try_from(at).ok()).map(JointId);
+    let joint = |&own: &JointId| Joint {
+        name: skeleton.name(own).to_owned(),
+        parent: std::iter::successors(skeleton.parent(own), |&above| skeleton.parent(above)).find_map(place),
+        head: skeleton.head(own),
+    };
+    Skeleton::new(kept.iter().map(joint).collect()).map_err(|e| e.to_string())
 }
 
 /// Bones of arms and legs, without their sides.
@@ -180,12 +209,16 @@ impl Votes {
         }
     }
 
-    /// The joints of a template; `None` where a bone that a body cannot do without was seen in none.
+    /// The joints of a template; `None` where a bone that a body cannot do without was seen in none, and where what they come
+    /// to stands as no human does.
     fn body(&self, template: &Template, mesh: Option<Bounds>) -> Option<Vec<Joint>> {
         let mut places: BTreeMap<&str, DVec3> = self.places.iter().map(|(b, all)| (*b, median(all))).collect();
         // One body's word is not enough for what others do without.
         places.retain(|bone, _| !WITHOUT.contains(&unsided(bone)) || self.places[bone].len() > 1);
         fill(&mut places, mesh)?;
+        if !stands(&places) {
+            return None;
+        }
         let enough =
             |bone: &&str| self.places.get(bone).is_some_and(|all| all.len() as f64 >= FINGERS * self.bodies as f64);
         let mut out: Vec<Joint> = Vec::new();
@@ -260,6 +293,21 @@ fn fill(places: &mut BTreeMap<&str, DVec3>, mesh: Option<Bounds>) -> Option<()> 
         places.entry(toes).or_insert(DVec3::new(ball.x, floor + 0.3 * (ankle.y - floor), ball.z));
     }
     Some(())
+}
+
+/// Whether bones stand as those of a human: one above the other from the hips to the head, without one step that is most of
+/// the way, and hips where legs begin. Four-legged bodies have hind legs for arms now and then.
+fn stands(places: &BTreeMap<&str, DVec3>) -> bool {
+    let spine = ["hips", "spine", "chest", "upperChest", "neck", "head"].map(|bone| places[bone]);
+    let steps: Vec<f64> = spine.windows(2).map(|two| two[0].distance(two[1])).collect();
+    let (longest, whole) = (steps.iter().copied().fold(0.0, f64::max), steps.iter().sum::<f64>());
+    let [hips, .., chest, _, head] = spine;
+    let upright = |from: DVec3, to: DVec3| (to - from).y > (to - from).x.hypot((to - from).z);
+    let legs = 0.5 * (places["leftUpperLeg"] + places["rightUpperLeg"]);
+    let leg = |side: [&str; 3]| places[side[0]].distance(places[side[1]]) + places[side[1]].distance(places[side[2]]);
+    let leg =
+        leg(["leftUpperLeg", "leftLowerLeg", "leftFoot"]).max(leg(["rightUpperLeg", "rightLowerLeg", "rightFoot"]));
+    upright(hips, chest) && upright(hips, head) && longest < 0.6 * whole && hips.distance(legs) < 0.5 * leg
 }
 
 /// The geometric median of some places, by Weiszfeld's steps from their mean.
@@ -399,15 +447,19 @@ mod tests {
         assert_eq!((last.name.as_str(), last.parent), ("mixamorig:LeftHandIndex2", Some(JointId(22))));
     }
 
-    /// Draws as bodies: their first joints are the bones.
-    fn first_ones(skeleton: &Skeleton, _: Option<Bounds>) -> Option<Humanoid> {
-        let needed = ["hips", "upperChest", "head", "leftUpperArm", "rightUpperArm", "leftLowerArm", "rightLowerArm"];
+    /// Draws as bodies: bones are taken by their heights.
+    fn by_height(skeleton: &Skeleton, _: Option<Bounds>) -> Option<Humanoid> {
+        let mut joints: Vec<JointId> = skeleton.ids().collect();
+        joints.sort_by(|&a, &b| skeleton.head(b)[1].total_cmp(&skeleton.head(a)[1]));
+        let bones = ["head", "upperChest", "leftUpperArm", "rightUpperArm", "leftLowerArm", "rightLowerArm", "hips"];
         let legs = ["leftUpperLeg", "rightUpperLeg", "leftLowerLeg", "rightLowerLeg"];
         let mut human = Humanoid::default();
-        for (k, bone) in needed.into_iter().chain(legs).enumerate() {
-            human.insert(bone.parse().unwrap(), JointId(k as u16));
+        let bones: Vec<&str> = bones.into_iter().chain(legs).collect();
+        let step = joints.len() / bones.len();
+        for (k, bone) in bones.iter().enumerate() {
+            human.insert(bone.parse().unwrap(), *joints.get(step * k)?);
         }
-        (skeleton.len() >= human.len()).then_some(human)
+        (step > 0).then_some(human)
     }
 
     #[test]
@@ -419,23 +471,69 @@ mod tests {
             rigger.make(&mesh, &Wish { class: Some("mixamo"), human, ..Wish::default() }).unwrap()
         };
         rigger.config.data.up = Up::Z;
-        let made = make(&rigger, Some(&first_ones));
+        let made = make(&rigger, Some(&by_height));
         let Some(Placed::Voted { bodies, draws: 6 }) = made.placed else { panic!("{:?}", made.placed) };
         assert!((BODIES..=6).contains(&bodies));
         let names: Vec<&str> = Template::of("mixamo").unwrap().joints().map(|(name, ..)| name).take(22).collect();
         assert_eq!(made.skeleton.names(), names);
         assert_eq!(made.weights.rows(), mesh.positions().len());
-        assert_eq!(made.skeleton, make(&rigger, Some(&first_ones)).skeleton, "the same each time");
+        assert_eq!(made.skeleton, make(&rigger, Some(&by_height)).skeleton, "the same each time");
         rigger.config.data.up = Up::Y;
-        // Where nothing is a body, or nothing tells, it is what the model writes.
-        let none = make(&rigger, Some(&|_: &Skeleton, _: Option<Bounds>| None));
-        let untold = make(&rigger, None);
-        assert_eq!((none.placed, untold.placed), (Some(Placed::Lost), None));
-        assert_eq!(none.skeleton, untold.skeleton);
+        // Where nothing is a body it is as without the template; where nothing tells, what the model writes.
+        let nobody: &FindHuman<'_> = &|_: &Skeleton, _: Option<Bounds>| None;
+        let none = make(&rigger, Some(nobody));
+        let free = rigger.make(&mesh, &Wish::default()).unwrap();
+        assert_eq!((none.placed, make(&rigger, None).placed), (Some(Placed::Without), None));
+        assert_eq!((&none.skeleton, &none.weights), (&free.skeleton, &free.weights));
+        let one = Wish { class: Some("mixamo"), human: Some(nobody), samples: Some(1), ..Wish::default() };
+        assert_eq!(rigger.make(&mesh, &one).unwrap().placed, Some(Placed::Lost), "free draws are not asked");
         // No room for the joints of the template.
         rigger.config.limits = Limits { joints: 21, tokens: 400 };
         let told = rigger.make(&mesh, &Wish { class: Some("mixamo"), ..Wish::default() }).unwrap_err();
         assert!(told.contains("`mixamo` are more than this model writes (21 joints"), "{told}");
+    }
+
+    #[test]
+    fn what_stands_as_no_human_is_no_body() {
+        let mixamo = Template::of("mixamo").unwrap();
+        let of = |change: &dyn Fn(&str, &mut [f32; 3])| {
+            let mut all = vec![bones(&[]); 3];
+            all.iter_mut().flatten().for_each(|(bone, head)| change(bone, head));
+            votes(&all).body(mixamo, None)
+        };
+        assert!(of(&|_, _| {}).is_some());
+        // Lying, hips far from the legs, one step for a spine.
+        assert!(of(&|_, [_, y, z]| (*y, *z) = (*z, *y)).is_none());
+        assert!(
+            of(&|bone, head| if bone == "hips" {
+                head[2] = -0.7
+            })
+            .is_none()
+        );
+        let up = |bone: &str| ["upperChest", "neck", "head", "chest"].contains(&bone);
+        assert!(
+            of(&|bone, head| if up(bone) {
+                head[1] += 2.0
+            })
+            .is_none()
+        );
+    }
+
+    #[test]
+    fn joints_beside_a_template_are_left_out() {
+        let mixamo = Template::of("mixamo").unwrap();
+        let joint = |name: &str, parent: Option<u16>| Joint {
+            name: name.into(),
+            parent: parent.map(JointId),
+            head: [0.0, f32::from(parent.unwrap_or(0)), 0.0],
+        };
+        let all = [("mixamorig:Hips", None), ("bone_1", Some(0)), ("mixamorig:Spine", Some(1)), ("bone_3", Some(2))];
+        let all = Skeleton::new(all.map(|(name, parent)| joint(name, parent)).to_vec()).unwrap();
+        let own = alone(&all, mixamo).unwrap();
+        assert_eq!(own.names(), ["mixamorig:Hips", "mixamorig:Spine"]);
+        assert_eq!(own.parents(), [None, Some(JointId(0))]);
+        assert_eq!(own.heads()[1], all.heads()[2]);
+        assert!(known(&[true; 10]) && !known(&[true, false]));
     }
 
     #[test]

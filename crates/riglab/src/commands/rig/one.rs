@@ -103,7 +103,7 @@ pub fn rig(args: &Common, bones: &Bones, model: &Model, from: &Path, to: &Path) 
                 );
                 noted(from, &mut notes, note);
             }
-            let named = template.filter(|_| made.placed != Some(Placed::Lost));
+            let named = template.filter(|_| !matches!(made.placed, Some(Placed::Lost | Placed::Without)));
             let (named, human) = match (names, named) {
                 (None, Some(template)) => by_template(&seen, template, bounds),
                 (names, _) => name_joints(&seen, bounds, names.unwrap_or_default()),
@@ -135,7 +135,7 @@ pub fn rig(args: &Common, bones: &Bones, model: &Model, from: &Path, to: &Path) 
             "file": from, "out": to, "joints": joints, "added": added, "vertices": mesh.positions().len(),
             "triangles": mesh.triangles().len(), "checkpoint": model.card.name, "steps": model.card.state.step,
             "likelihood": likelihood, "sample": sample, "rewards": rewards, "samples": draws, "seconds": start.elapsed().as_secs_f64(),
-            "notes": notes,
+            "template": made.placed.map(told_placed), "notes": notes,
         });
         say!("{line}");
     } else {
@@ -150,18 +150,33 @@ pub fn rig(args: &Common, bones: &Bones, model: &Model, from: &Path, to: &Path) 
 
 /// What a person should know of a template that was asked for.
 fn of_template(template: &Template, placed: Placed) -> Option<String> {
+    let class = template.class;
     match placed {
-        Placed::Written => None,
+        Placed::Written { left_out: 0 } => None,
+        Placed::Written { left_out } => Some(format!(
+            "{left_out} joints beside those of `{class}` were left out, as this model knows it too little to tell what they are"
+        )),
         Placed::Voted { bodies, draws } => Some(format!(
-            "this model loses its way with --template; the joints of `{}` are where {bodies} of {draws} free draws see a \
-             human body",
-            template.class
+            "this model loses its way with --template; the joints of `{class}` are where {bodies} of {draws} free draws see a \
+             human body"
+        )),
+        Placed::Without => Some(format!(
+            "this model wrote no body as `{class}` has it, and sees none without --template either: it was rigged without it"
         )),
         Placed::Lost => Some(format!(
-            "what this model wrote after --template is no body as `{}` has it, nor does it see one without; leave \
-             --template out",
-            template.class
+            "what this model wrote after --template is no body as `{class}` has it; leave --samples and --rank out, and the \
+             draws that are bodies are told from others"
         )),
+    }
+}
+
+/// The same in a word, for `--json`.
+fn told_placed(placed: Placed) -> &'static str {
+    match placed {
+        Placed::Written { .. } => "written",
+        Placed::Voted { .. } => "voted",
+        Placed::Without => "without",
+        Placed::Lost => "lost",
     }
 }
 
