@@ -232,8 +232,10 @@ impl Assets {
             let mut bare = assets.corpora.iter().filter(|corpus| corpus.bare().is_ok_and(|bare| !bare.is_empty()));
             let meshes = bare.next().map_or_else(String::new, |corpus| {
                 format!(
-                    ". {} holds bare meshes: they are for task = \"grpo\", which needs no rigs",
-                    display(corpus.path())
+                    ". {} holds bare meshes; task = \"grpo\", which needs no rigs, is trained on them with --set \
+                     data.train='[\"{split}\"]' --set data.validate='\"{split}\"' --set data.test='[\"{split}\"]'",
+                    display(corpus.path()),
+                    split = SplitNames::MESHES
                 )
             });
             return Err(format!(

@@ -341,6 +341,7 @@ mod tests {
                 let right = name.contains("Right") || name.contains("_R_");
                 assert_eq!((bone.starts_with("left"), bone.starts_with("right")), (left, right), "{name}: {bone}");
                 assert_eq!(template.bone(name), Some(bone));
+                assert!(bone.parse::<riglab_core::HumanBone>().is_ok(), "{bone}");
             }
             for (joint, parent) in pairs {
                 assert!(of(joint).ends_with(parent), "{joint} hangs on {}", of(joint));

@@ -71,7 +71,7 @@ pub struct Made {
     pub yaw: Yaw,
     /// What became of the template, where one was asked for and [`Wish::human`] tells bodies.
     pub placed: Option<Placed>,
-    /// How many of the draws are human bodies, where [`Wish::human`] tells them and one was chosen by agreement.
+    /// How many of the draws are human bodies, where [`Wish::human`] tells them and one of free ones was chosen by agreement.
     pub bodies: Option<usize>,
     /// Which of the draws it is.
     pub sample: usize,
@@ -180,15 +180,19 @@ impl Rigger {
             Anatomy { human, up, bounds }
         });
         let template = anatomy.and_then(|anatomy| Some((wish.class.and_then(Template::of)?, anatomy)));
-        let bodies = anatomy.filter(|_| agree).map(|anatomy| anatomy.bodies(&drawn, &agreement));
+        let bodies =
+            anatomy.filter(|_| agree && wish.class.is_none()).map(|anatomy| anatomy.bodies(&drawn, &agreement));
         let whole = (0..drawn.len()).filter(|&at| drawn[at].decoded.is_ok());
         let worth = |at: usize| match (wish.rank, draws[at].rewards) {
             (Rank::Rewards, Some(rewards)) => rewards.total,
             _ => draws[at].likelihood,
         };
-        let may = template.filter(|_| agree).map(|(template, anatomy)| anatomy.may(template, &drawn, &agreement));
+        let written = template.filter(|_| agree);
+        let written = written.map(|(template, anatomy)| anatomy.written_ones(template, &drawn, &agreement));
+        // Those alone are taken and have a say, if there is one that may be taken.
+        let only = written.as_deref().filter(|of| of.iter().zip(agreement.draws_mirrored()).any(|(w, m)| *w && !m));
         let best = if agree {
-            let may = |place: usize| may.as_ref().is_none_or(|may| may[place]);
+            let may = |place: usize| only.is_none_or(|written| written[place]);
             Some(self.agreed_of(w, &seen, &agreement, drawn, may)?).filter(|(_, taken)| taken.decoded.is_ok())
         } else {
             // The first of equals.
@@ -198,19 +202,19 @@ impl Rigger {
         let (sample, drawn) = best.ok_or("no skeleton came out; try --samples 8, or another --seed")?;
         let mut placed = None;
         if let Some((template, anatomy)) = template {
-            let written = drawn.decoded.as_ref().ok().filter(|decoded| anatomy.written(template, decoded, false));
+            let body = drawn.decoded.as_ref().ok().filter(|decoded| anatomy.written(template, decoded, false));
             let given = Wish { class: None, samples: None, rank: Rank::Likelihood, ..wish.clone() };
             // A skeleton in the cube, as it would be given.
             let stood = |in_cube: &Skeleton| {
                 let heads = moved(in_cube.heads(), map.inverse()).into_iter().map(|p| facing.back(p)).collect();
                 in_cube.with_heads(heads).map_err(|e| e.to_string())
             };
-            placed = Some(match written {
+            placed = Some(match body {
                 Some(decoded) => {
                     let whole = decoded.skeleton().map_err(|e| e.to_string())?;
-                    let own = alone(&whole, template)?;
-                    let left_out = whole.len() - own.len();
-                    if left_out > 0 && may.is_some_and(|may| !known(&may)) {
+                    let own = alone(&whole, template).filter(|own| own.len() < whole.len());
+                    if let Some(own) = own.filter(|_| written.is_some_and(|written| !known(&written))) {
+                        let left_out = whole.len() - own.len();
                         let made = self.make_facing(as_it_stands, Some(stood(&own)?), &given, facing)?;
                         return Ok(Made { placed: Some(Placed::Written { left_out }), ..made });
                     }

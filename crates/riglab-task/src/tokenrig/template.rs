@@ -10,6 +10,7 @@ use std::collections::BTreeMap;
 
 use glam::DVec3;
 use riglab_core::{Bounds, HumanBone, Humanoid, Joint, JointId, Similarity, Skeleton};
+use riglab_metric::{Joints, refined};
 use riglab_nn::generate::GenerateConfig;
 use riglab_nn::params::Weights;
 use riglab_random::stream;
@@ -27,10 +28,8 @@ pub type FindHuman<'a> = dyn Fn(&Skeleton, Option<Bounds>) -> Option<Humanoid> +
 const BODIES: usize = 3;
 /// The share of them that has to have a joint of a finger.
 const FINGERS: f64 = 0.3;
-/// Steps towards the median, and how near two places have to be to count the same (as
-/// [`refined`](riglab_metric::refined) has it).
+/// Steps towards the median.
 const STEPS: usize = 20;
-const NEAR: f64 = 0.005;
 /// The share of the bones that are found in a body which its joints have to be called as.
 const CALLED: f64 = 0.8;
 
@@ -105,28 +104,23 @@ impl Anatomy<'_> {
         drawn.iter().zip(agreement.draws_mirrored()).filter_map(of).filter(|s| self.bones(s).is_some()).count()
     }
 
-    /// Of draws after the token of a template those that are written; all of them where none that may be taken is.
-    pub fn may(&self, template: &Template, drawn: &[Drawn], agreement: &Agreement) -> Vec<bool> {
-        let all = || drawn.iter().zip(agreement.draws_mirrored());
+    /// Of each draw after the token of a template whether it is [`written`](Self::written).
+    pub fn written_ones(&self, template: &Template, drawn: &[Drawn], agreement: &Agreement) -> Vec<bool> {
         let written = |(drawn, mirrored): (&Drawn, bool)| {
             drawn.decoded.as_ref().is_ok_and(|decoded| self.written(template, decoded, mirrored))
         };
-        let may: Vec<bool> = all().map(written).collect();
-        let taken = may.iter().zip(agreement.draws_mirrored()).any(|(may, mirrored)| *may && !mirrored);
-        if taken { may } else { vec![true; may.len()] }
+        drawn.iter().zip(agreement.draws_mirrored()).map(written).collect()
     }
 }
 
 /// Whether so many draws of all are bodies as a template has them that the model knows it.
-pub(super) fn known(may: &[bool]) -> bool {
-    may.iter().filter(|may| **may).count() as f64 >= KNOWN * may.len() as f64
+pub(super) fn known(written: &[bool]) -> bool {
+    written.iter().filter(|written| **written).count() as f64 >= KNOWN * written.len() as f64
 }
 
-/// The joints of a template alone; what hangs on others hangs on what these hang on.
-///
-/// # Errors
-/// None for a skeleton whose root is of the template.
-pub(super) fn alone(skeleton: &Skeleton, template: &Template) -> Result<Skeleton, String> {
+/// The joints of a template alone; what hangs on others hangs on what these hang on. `None` where that is no tree, as other
+/// joints hold several of it together.
+pub(super) fn alone(skeleton: &Skeleton, template: &Template) -> Option<Skeleton> {
     let kept: Vec<JointId> = skeleton.ids().filter(|&joint| template.has(skeleton.name(joint))).collect();
     let place = |joint: JointId| kept.binary_search(&joint).ok().and_then(|at| u16::try_from(at).ok()).map(JointId);
     let joint = |&own: &JointId| Joint {
@@ -134,7 +128,7 @@ pub(super) fn alone(skeleton: &Skeleton, template: &Template) -> Result<Skeleton
         parent: std::iter::successors(skeleton.parent(own), |&above| skeleton.parent(above)).find_map(place),
         head: skeleton.head(own),
     };
-    Skeleton::new(kept.iter().map(joint).collect()).map_err(|e| e.to_string())
+    Skeleton::new(kept.iter().map(joint).collect()).ok()
 }
 
 /// Bones of arms and legs, without their sides.
@@ -313,13 +307,9 @@ fn stands(places: &BTreeMap<&str, DVec3>) -> bool {
 /// The geometric median of some places, by Weiszfeld's steps from their mean.
 fn median(all: &[DVec3]) -> DVec3 {
     let mean = all.iter().sum::<DVec3>() / all.len().max(1) as f64;
-    (0..STEPS).fold(mean, |at, _| {
-        let (sum, weight) = all.iter().fold((DVec3::ZERO, 0.0), |(sum, weight), &p| {
-            let own = 1.0 / (at.distance(p) + NEAR);
-            (sum + own * p, weight + own)
-        });
-        if weight > 0.0 { sum / weight } else { at }
-    })
+    let alone = |place: DVec3| Joints { positions: vec![place.to_array()], parents: vec![None] };
+    let voters: Vec<Joints> = all.iter().copied().map(alone).collect();
+    DVec3::from(refined(&alone(mean), &voters, STEPS).positions[0])
 }
 
 #[cfg(test)]
@@ -533,6 +523,9 @@ mod tests {
         assert_eq!(own.names(), ["mixamorig:Hips", "mixamorig:Spine"]);
         assert_eq!(own.parents(), [None, Some(JointId(0))]);
         assert_eq!(own.heads()[1], all.heads()[2]);
+        let held = [("bone_0", None), ("mixamorig:Hips", Some(0)), ("mixamorig:LeftUpLeg", Some(0))];
+        let held = Skeleton::new(held.map(|(name, parent)| joint(name, parent)).to_vec()).unwrap();
+        assert_eq!(alone(&held, mixamo), None, "two roots");
         assert!(known(&[true; 10]) && !known(&[true, false]));
     }
 

@@ -9,7 +9,7 @@ mod words;
 use std::collections::HashSet;
 use std::str::FromStr;
 
-use riglab_core::{Bounds, Humanoid, Joint, RigError, Skeleton};
+use riglab_core::{Bounds, Humanoid, Joint, JointId, RigError, Skeleton};
 
 pub use body::{human_bones, humanoid};
 
@@ -74,11 +74,7 @@ pub fn name_joints(
 /// # Errors
 /// As [`name_joints`].
 pub fn name_added(skeleton: &Skeleton, first: usize, mesh: Option<Bounds>) -> Result<Skeleton, RigError> {
-    let mut names = skeleton.names().to_vec();
-    if first < names.len() {
-        names.splice(first.., plain::names(skeleton, mesh).into_iter().skip(first));
-    }
-    named(skeleton, names)
+    named_but(skeleton, |joint| joint.index() < first, mesh)
 }
 
 /// The skeleton with names for the joints that are not called well, by their places as with [`NameStyle::Plain`].
@@ -90,9 +86,13 @@ pub fn name_others(
     well: impl Fn(&str) -> bool,
     mesh: Option<Bounds>,
 ) -> Result<Skeleton, RigError> {
-    let places = plain::names(skeleton, mesh);
-    let names = skeleton.names().iter().zip(places).map(|(own, place)| if well(own) { own.clone() } else { place });
-    named(skeleton, names.collect())
+    named_but(skeleton, |joint| well(skeleton.name(joint)), mesh)
+}
+
+/// With names by place but for joints that keep theirs.
+fn named_but(skeleton: &Skeleton, keeps: impl Fn(JointId) -> bool, mesh: Option<Bounds>) -> Result<Skeleton, RigError> {
+    let own = |(joint, place)| if keeps(joint) { skeleton.name(joint).to_owned() } else { place };
+    named(skeleton, skeleton.ids().zip(plain::names(skeleton, mesh)).map(own).collect())
 }
 
 /// With other names, of which those that came before are numbered.

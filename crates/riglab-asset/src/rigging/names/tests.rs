@@ -1,7 +1,5 @@
 use std::collections::BTreeSet;
 
-use riglab_core::JointId;
-
 use super::*;
 
 /// A skeleton of (name, parent, head).

@@ -164,8 +164,8 @@ fn of_template(template: &Template, placed: Placed) -> Option<String> {
             "this model wrote no body as `{class}` has it, and sees none without --template either: it was rigged without it"
         )),
         Placed::Lost => Some(format!(
-            "what this model wrote after --template is no body as `{class}` has it; leave --samples and --rank out, and the \
-             draws that are bodies are told from others"
+            "what this model wrote after --template is no body as `{class}` has it; with --samples 64, and --rank left \
+             out, draws that are bodies are told from others"
         )),
     }
 }
