@@ -1,9 +1,12 @@
 //! Heat that flows over a surface, and is told in equilibrium.
 
 use std::collections::HashMap;
+use std::ops::Range;
 
 use rayon::prelude::*;
 use riglab_core::Mesh;
+
+use crate::pieces::Groups;
 
 /// Sources nearer than this share of the mesh's longest edge heat no more than at it.
 const NEAREST: f64 = 1e-4;
@@ -19,17 +22,34 @@ pub const HOTTEST: usize = 8;
 /// areas and H = 1 / d², d a distance of each vertex over which its heat spreads (Pinocchio, Baran and Popović 2007,
 /// section 4: the distance from the nearest bone).
 ///
-/// Vertices of one place are one, as heat must cross seams; each such place has a row.
+/// Vertices of one place are one, as heat must cross seams; each such place has a row. Heat leaves no part of the surface
+/// that hangs together, so each is a system of its own.
 pub struct SurfaceHeat {
     /// The row of each vertex.
     place: Vec<usize>,
     /// A vertex of each row.
     speakers: Vec<usize>,
+    /// The rows of each part that heat does not leave, in order; together they are all rows.
+    parts: Vec<Range<usize>>,
     offsets: Vec<usize>,
     /// Columns beside the diagonal, with what they take away.
     entries: Vec<(u32, f64)>,
     diagonal: Vec<f64>,
     /// M H.
+    heat: Vec<f64>,
+}
+
+/// What one way to heat rows has in one part.
+struct Way<'a> {
+    /// Which of the ways it is.
+    number: usize,
+    heated: &'a [(usize, f64)],
+}
+
+/// The heat of all rows of a part, by one way to heat some.
+struct Solved {
+    number: usize,
+    rows: Range<usize>,
     heat: Vec<f64>,
 }
 
@@ -72,6 +92,7 @@ impl SurfaceHeat {
                 area[i] += double / 6.0;
             }
         }
+        let parts = order_by_parts(&mut place, &mut speakers, &mut edges, &mut area);
         edges.sort_unstable_by(|a, b| (a.0, a.1).cmp(&(b.0, b.1)).then(a.2.total_cmp(&b.2)));
         let mut out = Self {
             offsets: vec![0],
@@ -80,6 +101,7 @@ impl SurfaceHeat {
             heat: Vec::with_capacity(speakers.len()),
             place,
             speakers,
+            parts,
         };
         let mut edges = edges.into_iter().peekable();
         for (row, area) in area.into_iter().enumerate() {
@@ -112,43 +134,77 @@ impl SurfaceHeat {
         &self.speakers
     }
 
-    /// Heat of all rows for each of several ways to heat some, a row once with its p: conjugate gradients, the diagonal as
-    /// preconditioner, until that share of the first residual is left. The matrix is symmetric and its diagonal outweighs
-    /// the rest of every row. Each is solved as if it were alone, to the bit.
+    /// Heat of all rows for each of several ways to heat some, in the order of rows, a row once with its p: conjugate
+    /// gradients, the diagonal as preconditioner, until in each part that share of the first residual is left. The matrix is
+    /// symmetric and its diagonal outweighs the rest of every row. Each is solved as if it were alone, to the bit.
     pub fn solve(&self, heated: &[Vec<(usize, f64)>], residual: f64) -> Vec<Vec<f64>> {
-        // Beside each other an entry of the matrix is read once for all, and sums wait for none; but threads come first.
-        match heated.len() / rayon::current_num_threads() {
-            0..4 => self.solve_by::<1>(heated, residual),
-            4..8 => self.solve_by::<4>(heated, residual),
-            _ => self.solve_by::<8>(heated, residual),
+        let mut out = vec![vec![0.0; self.diagonal.len()]; heated.len()];
+        for part in self.by_parts(heated, residual) {
+            out[part.number][part.rows].copy_from_slice(&part.heat);
         }
+        out
     }
 
-    fn solve_by<const LANES: usize>(&self, heated: &[Vec<(usize, f64)>], residual: f64) -> Vec<Vec<f64>> {
-        heated.par_chunks(LANES).flat_map_iter(|some| self.beside_each_other::<LANES>(some, residual)).collect()
-    }
-
-    /// The matrix times x, and x times that.
-    fn times<const LANES: usize>(&self, x: &[[f64; LANES]], out: &mut [[f64; LANES]]) -> [f64; LANES] {
-        let mut product = [0.0; LANES];
-        for (row, out) in out.iter_mut().enumerate() {
-            let mut beside = [0.0; LANES];
-            for (column, w) in &self.entries[self.offsets[row]..self.offsets[row + 1]] {
-                let x = &x[*column as usize];
-                (0..LANES).for_each(|k| beside[k] += w * x[k]);
+    /// See [`Self::solve`]: what is heated at all, part after part, in each the ways in their order.
+    fn by_parts(&self, heated: &[Vec<(usize, f64)>], residual: f64) -> Vec<Solved> {
+        let mut ways: Vec<Vec<Way>> = Vec::new();
+        ways.resize_with(self.parts.len(), Vec::new);
+        for (number, own) in heated.iter().enumerate() {
+            let mut rest = own.as_slice();
+            while let Some(&(row, _)) = rest.first() {
+                let part = self.parts.partition_point(|rows| rows.end <= row);
+                let (here, beyond) = rest.split_at(rest.partition_point(|(row, _)| *row < self.parts[part].end));
+                ways[part].push(Way { number, heated: here });
+                rest = beyond;
             }
-            let (x, d) = (&x[row], self.diagonal[row]);
+        }
+        // Beside each other an entry of the matrix is read once for all, and sums wait for none; but threads come first.
+        let share = ways.iter().map(Vec::len).sum::<usize>() / rayon::current_num_threads();
+        let jobs: Vec<(&Range<usize>, &[Way], usize)> = (self.parts.iter().zip(&ways))
+            .flat_map(|(rows, ways)| {
+                let lanes = match share.min(ways.len()) {
+                    0..4 => 1,
+                    4..8 => 4,
+                    _ => 8,
+                };
+                ways.chunks(lanes).map(move |some| (rows, some, lanes))
+            })
+            .collect();
+        let solve = |(rows, ways, lanes): (&Range<usize>, &[Way], usize)| match lanes {
+            1 => self.beside_each_other::<1>(rows, ways, residual),
+            4 => self.beside_each_other::<4>(rows, ways, residual),
+            _ => self.beside_each_other::<8>(rows, ways, residual),
+        };
+        jobs.into_par_iter().flat_map_iter(solve).collect()
+    }
+
+    /// The matrix times x, and x times that, of the part that has these rows.
+    fn times<const N: usize>(&self, rows: &Range<usize>, x: &[[f64; N]], out: &mut [[f64; N]]) -> [f64; N] {
+        let mut product = [0.0; N];
+        for ((row, x_row), out) in rows.clone().zip(x).zip(out) {
+            let mut beside = [0.0; N];
+            for (column, w) in &self.entries[self.offsets[row]..self.offsets[row + 1]] {
+                let x = &x[*column as usize - rows.start];
+                (0..N).for_each(|k| beside[k] += w * x[k]);
+            }
+            let (x, d) = (x_row, self.diagonal[row]);
             *out = std::array::from_fn(|k| d * x[k] - beside[k]);
-            (0..LANES).for_each(|k| product[k] += x[k] * out[k]);
+            (0..N).for_each(|k| product[k] += x[k] * out[k]);
         }
         product
     }
 
-    fn beside_each_other<const LANES: usize>(&self, heated: &[Vec<(usize, f64)>], residual: f64) -> Vec<Vec<f64>> {
-        let n = self.diagonal.len();
+    fn beside_each_other<const LANES: usize>(&self, rows: &Range<usize>, ways: &[Way], residual: f64) -> Vec<Solved> {
+        let (diagonal, n) = (&self.diagonal[rows.clone()], rows.len());
         let (mut x, mut r) = (vec![[0.0; LANES]; n], vec![[0.0; LANES]; n]);
-        for (k, own) in heated.iter().enumerate() {
-            own.iter().for_each(|&(row, share)| r[row][k] = self.heat[row] * share);
+        for (k, way) in ways.iter().enumerate() {
+            match way.evenly(n) {
+                // All heated alike is as hot everywhere, and nothing is left to do.
+                Some(share) => x.iter_mut().for_each(|x| x[k] = share),
+                None => {
+                    way.heated.iter().for_each(|&(row, share)| r[row - rows.start][k] = self.heat[row] * share);
+                }
+            }
         }
         let mut rz = [0.0; LANES];
         let eased = |(r, d): (&[f64; LANES], &f64)| {
@@ -156,7 +212,7 @@ impl SurfaceHeat {
             (0..LANES).for_each(|k| rz[k] += r[k] * z[k]);
             z
         };
-        let mut p: Vec<[f64; LANES]> = r.iter().zip(&self.diagonal).map(eased).collect();
+        let mut p: Vec<[f64; LANES]> = r.iter().zip(diagonal).map(eased).collect();
         let mut ap = vec![[0.0; LANES]; n];
         let enough = rz.map(|rz| rz * residual * residual);
         let mut ended = [false; LANES];
@@ -174,11 +230,11 @@ impl SurfaceHeat {
             let of_those = |a: [f64; LANES], b: [f64; LANES]| -> [f64; LANES] {
                 std::array::from_fn(|k| if ended[k] { 0.0 } else { a[k] / b[k] })
             };
-            let product = self.times(&p, &mut ap);
+            let product = self.times(rows, &p, &mut ap);
             let step = of_those(rz, product);
             let mut next = [0.0; LANES];
             let states = x.iter_mut().zip(&mut r).zip(p.iter().zip(&mut ap));
-            for (((x, r), (p, ap)), d) in states.zip(&self.diagonal) {
+            for (((x, r), (p, ap)), d) in states.zip(diagonal) {
                 for k in 0..LANES {
                     x[k] += step[k] * p[k];
                     r[k] -= step[k] * ap[k];
@@ -193,7 +249,11 @@ impl SurfaceHeat {
             }
             rz = next;
         }
-        (0..heated.len()).map(|k| x.iter().map(|x| x[k]).collect()).collect()
+        let solved = |(k, way): (usize, &Way)| {
+            let heat = x.iter().map(|x| x[k]).collect();
+            Solved { number: way.number, rows: rows.clone(), heat }
+        };
+        ways.iter().enumerate().map(solved).collect()
     }
 
     /// Of each row the bones with most heat, the hottest first, with `u32::MAX` in places that none takes: each bone in
@@ -210,20 +270,59 @@ impl SurfaceHeat {
         let heated: Vec<usize> = (0..bones).filter(|&bone| !held[bone].is_empty()).collect();
         for some in heated.chunks(AT_ONCE) {
             let own: Vec<Vec<(usize, f64)>> = some.iter().map(|&bone| std::mem::take(&mut held[bone])).collect();
-            let solved = self.solve(&own, residual);
-            best.par_iter_mut().enumerate().for_each(|(row, best)| {
-                for (&bone, heat) in some.iter().zip(&solved) {
-                    let new = heat[row] as f32;
-                    if new > best[HOTTEST - 1].0 {
-                        let at = best.partition_point(|old| old.0 >= new);
-                        best[at..].rotate_right(1);
-                        best[at] = (new, bone as u32);
+            let solved = self.by_parts(&own, residual);
+            for part in solved.chunk_by(|a, b| a.rows == b.rows) {
+                best[part[0].rows.clone()].par_iter_mut().enumerate().for_each(|(row, best)| {
+                    for way in part {
+                        let new = way.heat[row] as f32;
+                        if new > best[HOTTEST - 1].0 {
+                            let at = best.partition_point(|old| old.0 >= new);
+                            best[at..].rotate_right(1);
+                            best[at] = (new, some[way.number] as u32);
+                        }
                     }
-                }
-            });
+                });
+            }
         }
         best
     }
+}
+
+impl Way<'_> {
+    /// The share of all rows of a part of so many, where all have the same.
+    fn evenly(&self, rows: usize) -> Option<f64> {
+        let share = self.heated[0].1;
+        (self.heated.len() == rows && self.heated.iter().all(|own| own.1 == share)).then_some(share)
+    }
+}
+
+/// Gives rows new numbers so that those which heat flows between are beside each other, otherwise as they were; says the
+/// rows of each such part.
+fn order_by_parts(
+    place: &mut [usize],
+    speakers: &mut Vec<usize>,
+    edges: &mut [(u32, u32, f64)],
+    area: &mut Vec<f64>,
+) -> Vec<Range<usize>> {
+    let mut groups = Groups::new(speakers.len());
+    edges.iter().for_each(|&(a, b, _)| _ = groups.join(a, b));
+    let roots: Vec<u32> = (0..speakers.len() as u32).map(|row| groups.root(row)).collect();
+    let mut order: Vec<usize> = (0..speakers.len()).collect();
+    order.sort_by_key(|&row| roots[row]);
+    let mut parts = Vec::new();
+    for part in order.chunk_by(|&a, &b| roots[a] == roots[b]) {
+        let start = parts.last().map_or(0, |rows: &Range<usize>| rows.end);
+        parts.push(start..start + part.len());
+    }
+    if parts.len() > 1 {
+        let mut number = vec![0; order.len()];
+        order.iter().enumerate().for_each(|(new, &old)| number[old] = new);
+        place.iter_mut().for_each(|row| *row = number[*row]);
+        edges.iter_mut().for_each(|e| (e.0, e.1) = (number[e.0 as usize] as u32, number[e.1 as usize] as u32));
+        *speakers = order.iter().map(|&old| speakers[old]).collect();
+        *area = order.iter().map(|&old| area[old]).collect();
+    }
+    parts
 }
 
 fn minus(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
@@ -280,7 +379,7 @@ pub(crate) mod tests {
         let all: Vec<(usize, f64)> = (0..mesh.positions().len()).map(|row| (row, 1.0)).collect();
         let [x, even] = surface.solve(&[heated, all], 1e-6).try_into().unwrap();
         let mut back = vec![[0.0]; x.len()];
-        surface.times(&x.iter().map(|x| [*x]).collect::<Vec<_>>(), &mut back);
+        surface.times(&(0..x.len()), &x.iter().map(|x| [*x]).collect::<Vec<_>>(), &mut back);
         for (row, [b]) in back.iter().enumerate() {
             let want = if row < 50 { surface.heat[row] } else { 0.0 };
             assert!((b - want).abs() < 1e-5 * surface.heat[row].max(1.0), "row {row}: {b}, expected {want}");
@@ -302,15 +401,76 @@ pub(crate) mod tests {
             _ => (0..n).filter(|row| row % 11 >= bone).map(|row| (row, 1.0 / (1 + bone) as f64)).collect(),
         };
         let heated: Vec<Vec<(usize, f64)>> = (0..11).map(of).collect();
-        let alone = surface.solve_by::<1>(&heated, 1e-3);
-        let by_threads = surface.solve(&heated, 1e-3);
-        for together in [surface.solve_by::<4>(&heated, 1e-3), surface.solve_by::<8>(&heated, 1e-3), by_threads] {
+        let alone: Vec<Vec<f64>> =
+            heated.iter().map(|own| surface.solve(std::slice::from_ref(own), 1e-3).remove(0)).collect();
+        let ways: Vec<Way> =
+            (0..11).filter(|&k| !heated[k].is_empty()).map(|k| Way { number: k, heated: &heated[k] }).collect();
+        let beside = |lanes: usize| {
+            let mut out = vec![vec![0.0; n]; heated.len()];
+            for ways in ways.chunks(lanes) {
+                let solved = match lanes {
+                    4 => surface.beside_each_other::<4>(&(0..n), ways, 1e-3),
+                    _ => surface.beside_each_other::<8>(&(0..n), ways, 1e-3),
+                };
+                solved.into_iter().for_each(|own| out[own.number] = own.heat);
+            }
+            out
+        };
+        for together in [beside(4), beside(8), surface.solve(&heated, 1e-3)] {
             assert_eq!(together.len(), heated.len());
             for (bone, (alone, own)) in alone.iter().zip(&together).enumerate() {
                 assert!(alone.iter().zip(own).all(|(a, b)| a.to_bits() == b.to_bits()), "bone {bone}");
                 assert!(bone == 5 || own.iter().all(|x| x.is_finite()));
             }
         }
+    }
+
+    #[test]
+    fn parts_that_heat_cannot_leave_are_solved_as_if_each_were_a_mesh() {
+        // A tube and one four times as large, whose rings take turns in the list of vertices, with lone vertices between them.
+        let one = tube(6, false);
+        let n = one.positions().len();
+        let at = |tube: usize, v: usize| tube * 8 + v / 8 * 17 + v % 8;
+        let mut positions = vec![[9.0; 3]; at(1, n - 1) + 1];
+        for (v, p) in one.positions().iter().enumerate() {
+            (positions[at(0, v)], positions[at(1, v)]) = (*p, p.map(|x| 4.0 * x));
+        }
+        (0..6).for_each(|r| positions[at(1, 8 * r + 7) + 1] = [99.0 + r as f32; 3]);
+        let of = |tube: usize| one.triangles().iter().map(move |t| t.map(|v| at(tube, v as usize) as u32));
+        let two = Mesh::new(positions, of(0).chain(of(1)).collect()).unwrap();
+        let distance = |v: usize| 0.2 + 0.01 * v as f64;
+        let alone = SurfaceHeat::new(&one, &(0..n).map(distance).collect::<Vec<_>>());
+        let mut apart = vec![1.0; two.positions().len()];
+        (0..n).for_each(|v| (apart[at(0, v)], apart[at(1, v)]) = (distance(v), 4.0 * distance(v)));
+        let both = SurfaceHeat::new(&two, &apart);
+        assert_eq!(both.parts.len(), 8, "two tubes and six lone vertices");
+        for (row, &v) in both.speakers().iter().enumerate() {
+            assert_eq!(both.rows()[v], row);
+        }
+        // The first ring of the one, the last two of the other, all of the first tube in half, and of both but one vertex.
+        let rings = |rows: Range<usize>, share: f64| rows.map(|v| (v, share)).collect::<Vec<_>>();
+        let own = [rings(0..8, 1.0), rings(n - 16..n, 1.0), rings(0..n, 0.5), rings(0..n - 1, 1.0)];
+        let mut heated: Vec<Vec<(usize, f64)>> = vec![Vec::new(); 4];
+        for (bone, tubes) in [(0, 0..1), (1, 1..2), (2, 0..1), (3, 0..2)] {
+            for tube in tubes {
+                heated[bone].extend(own[bone].iter().map(|&(v, share)| (both.rows()[at(tube, v)], share)));
+            }
+            heated[bone].sort_by_key(|(row, _)| *row);
+        }
+        let (alone, both_solved) = (alone.solve(&own, 1e-4), both.solve(&heated, 1e-4));
+        for (bone, tubes) in [(0, [true, false]), (1, [false, true]), (2, [true, false]), (3, [true, true])] {
+            for (tube, has) in tubes.into_iter().enumerate() {
+                for (v, alone) in alone[bone].iter().enumerate() {
+                    let want = if has { *alone } else { 0.0 };
+                    assert_eq!(
+                        both_solved[bone][both.rows()[at(tube, v)]].to_bits(),
+                        want.to_bits(),
+                        "{bone} {tube} {v}"
+                    );
+                }
+            }
+        }
+        assert!(alone[2].iter().all(|x| *x == 0.5), "heated evenly");
     }
 
     #[test]
