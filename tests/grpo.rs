@@ -247,6 +247,13 @@ fn a_skeleton_model_is_refined_by_what_is_about_joints() {
     assert!(row["rewards"]["coverage"].as_f64() > Some(0.0) && row["rewards"]["skinning"] == 0.0, "{row}");
     assert!(!evaluation["gallery"].as_array().unwrap().is_empty());
 
+    // It rigs as what it was refined from does.
+    let (files, out) = (dir.path().join("rigged"), dir.path().join("out.glb"));
+    must(&["synth", "-o", text(&files), "--count", "1", "--triangles", "400..800"]);
+    let mesh =
+        fs::read_dir(&files).unwrap().map(|e| e.unwrap().path()).find(|p| p.extension().is_some_and(|e| e == "glb"));
+    must(&["rig", text(&mesh.unwrap()), "-o", text(&out), "--checkpoint", text(&run)]);
+
     // It can be refined further, from any of its checkpoints.
     let (further, start) = (dir.path().join("further"), format!("start.model='{}/checkpoints/last'", run.display()));
     must(&["train", text(&config), "--run", text(&further), "--set", &start, "--set", "train.steps=1"]);

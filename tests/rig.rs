@@ -319,6 +319,69 @@ fn tokenrig_stands_on_an_auto_encoder_with_a_prior() {
     assert!(first["train/sampler_gap"].as_f64().unwrap() < 1e-4, "{first}");
 }
 
+/// UniRig's two stages one after the other, of runs and of files; or the first before what comes with the program.
+#[test]
+fn stages_of_unirig_rig_a_file() {
+    let dir = tempfile::tempdir().unwrap();
+    let corpus = binary::corpus_of(dir.path(), 8, "400..800");
+    let path = |name: &str| dir.path().join(name);
+    let corpora = format!("data.corpora=[{:?}]", text(&corpus));
+    let train = |config: &str, run: &Path, sets: &[&str]| {
+        let mut all = vec!["train", config, "--run", text(run), "--set", &corpora, "--set", "train.steps=2"];
+        sets.iter().for_each(|set| all.extend(["--set", set]));
+        must(&all);
+    };
+    let (skeletons, weights) = (path("skeletons"), path("weights"));
+    let limits =
+        ["limits={ joints = 80, tokens = 480 }", "sampling.rigs=4", "eval.consensus=3", "eval.validation_assets=1"];
+    let tiny = "model={ extends = \"model/unirig_skeleton/tiny.toml\" }";
+    train("quickstart/unirig_skeleton.toml", &skeletons, &[&limits[..], &[tiny]].concat());
+    let few =
+        ["sampling={ rigs = 2, points = 192, queries = 96, pool = 256, resolution = 32 }", "eval.validation_assets=1"];
+    let tiny = "model={ extends = \"model/unirig_skin/tiny.toml\" }";
+    train("quickstart/unirig_skin.toml", &weights, &[&few[..], &[tiny, "eval.baseline_resolution=32"]].concat());
+    let files = [path("s.safetensors"), path("w.safetensors")];
+    for (run, file) in [&skeletons, &weights].into_iter().zip(&files) {
+        must(&["checkpoint", "export", text(run), "-o", text(file)]);
+    }
+
+    let bare = &creatures(dir.path(), "1")[0].1;
+    let rig = |name: &str, checkpoint: &Path, more: &[&str]| {
+        let out = path(name);
+        let all = ["rig", text(bare), "-o", text(&out), "--json", "--checkpoint", text(checkpoint)];
+        let said: Value = serde_json::from_slice(&must(&[&all[..], more].concat()).stdout).unwrap();
+        (said, joints(&sound(&out)), fs::read(&out).unwrap())
+    };
+    let (said, by_shipped, _) = rig("a.glb", &skeletons, &[]);
+    assert!(said["weights_by"] == "tokenrig_small" && said["samples"].as_array().unwrap().len() == 3, "{said}");
+    let both = ["--weights", text(&weights)];
+    let (said, by_stages, bytes) = rig("b.glb", &skeletons, &both);
+    assert_eq!(said["weights_by"], text(&weights));
+    assert_eq!(by_shipped, by_stages, "the same skeleton, whatever holds the vertices");
+    assert!(rig("c.glb", &skeletons, &both).2 == bytes, "same seed, same bytes");
+    assert!(rig("d.glb", &skeletons, &[&both[..], &["--seed", "1"]].concat()).2 != bytes);
+    assert!(rig("e.glb", &files[0], &["--weights", text(&files[1])]).2 == bytes, "files as their runs");
+    let (_, named, _) = rig("f.glb", &skeletons, &["--template", "mixamo", "--samples", "1"]);
+    assert!(named.iter().any(|(name, _)| name.contains("Hips")), "{named:?}");
+    let made = |checkpoint: &Path, name: &str| {
+        must(&["skin", text(&path("b.glb")), "-o", text(&path(name)), "--checkpoint", text(checkpoint)]);
+        fs::read(path(name)).unwrap()
+    };
+    assert!(made(&weights, "g.glb") == made(&files[1], "h.glb"));
+
+    for (checkpoint, more, wanted) in [
+        (&skeletons, ["--weights", text(&skeletons)], "writes skeletons alone"),
+        (&skeletons, ["--rank", "rewards"], "leave --rank out"),
+        (&skeletons, ["--skeleton", "keep"], "makes no weights for one that is given"),
+        (&weights, ["--weights", text(&weights)], "--weights makes weights for skeletons of a model that writes these"),
+        (&weights, ["--samples", "1"], "give it as --weights"),
+    ] {
+        let all = ["rig", text(bare), "-o", text(&path("x.glb")), "--checkpoint", text(checkpoint)];
+        let said = refusal(&mut riglab(&[&all[..], &more].concat()));
+        assert!(said.contains(wanted), "{said}");
+    }
+}
+
 /// From files to a model of one's own, at the smallest scale that still learns something.
 #[test]
 fn tokenrig_is_trained_evaluated_and_exported() {

@@ -1,6 +1,7 @@
 //! Trained models as single files: tensors, settings, and what to know about them.
 
 use std::collections::{BTreeMap, HashMap};
+use std::path::Path;
 
 use riglab_nn::io;
 use riglab_train::{State, unsound};
@@ -22,6 +23,14 @@ pub struct Card {
     pub state: State,
     /// What it learned from, how good it is, its licence: Markdown.
     pub text: String,
+}
+
+impl Card {
+    /// Of a run at a checkpoint; one that was exported or imported has what was known of it.
+    pub fn of_run(run: &Path, state: &State) -> Self {
+        let text = std::fs::read_to_string(run.join("card.md")).unwrap_or_default();
+        Self { name: run.display().to_string(), state: state.clone(), text }
+    }
 }
 
 #[derive(Serialize, Deserialize)]
@@ -48,6 +57,13 @@ pub struct Bundle {
     pub skin: String,
     /// All tensors by name.
     pub tensors: BTreeMap<String, Tensor>,
+}
+
+/// The task of the model in a file, as its head says it; `None` where that is no model of riglab.
+pub fn kind(file: &Path) -> Option<String> {
+    let head = io::Reader::open(file).ok()?;
+    let about: serde_json::Value = serde_json::from_str(head.text(ABOUT)?).ok()?;
+    Some(about["kind"].as_str()?.to_owned())
 }
 
 impl Bundle {

@@ -54,11 +54,7 @@ impl Rigger {
         let rigger = Self::new(config, vae, device)?;
         let checkpoint = Checkpoint::open(&run.join("checkpoints").join(checkpoint)).map_err(|e| e.to_string())?;
         checkpoint.load_weights(&rigger.params).map_err(|e| e.to_string())?;
-        let name = run.display().to_string();
-        // One that was exported or imported has what was known of it.
-        let text = std::fs::read_to_string(run.join("card.md")).unwrap_or_default();
-        let card = Card { name, state: checkpoint.state().clone(), text };
-        Ok((rigger, card))
+        Ok((rigger, Card::of_run(run, checkpoint.state())))
     }
 
     /// One file with everything, numbers as `kind`.

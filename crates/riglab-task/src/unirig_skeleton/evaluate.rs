@@ -258,8 +258,8 @@ impl SkeletonTask {
                 let own = loss_of(&self.net, &plain, w, &batch, self.device, false)?;
                 part.losses = vec![(own.total().double_value(&[]) * count, count)];
             }
-            let asked: Vec<_> = rigs.iter().zip(ids).map(|(rig, id)| (&**rig, id.key())).collect();
-            for (drawn, rig) in self.draw(w, &asked).iter().zip(&rigs) {
+            let asked: Vec<_> = rigs.iter().zip(ids).map(|(rig, id)| (rig.mesh(), id.key())).collect();
+            for (drawn, rig) in self.drawer().draw(w, &asked).iter().zip(&rigs) {
                 part.skeletons.push((drawn.decoded.as_ref().ok().map(joints), Joints::of(rig.skeleton())));
             }
             Ok(part)
@@ -298,8 +298,8 @@ impl SkeletonTask {
                 let names = each.collect::<Result<Vec<_>, _>>()?;
                 let rigs =
                     ids.iter().map(|&id| normalized(&self.assets, &self.cache, id)).collect::<Result<Vec<_>, _>>()?;
-                let asked: Vec<_> = rigs.iter().zip(ids).map(|(rig, id)| (&**rig, id.key())).collect();
-                let drawn = self.draw_agreed(w, &asked);
+                let asked: Vec<_> = rigs.iter().zip(ids).map(|(rig, id)| (rig.mesh(), id.key())).collect();
+                let drawn = self.drawer().draw_agreed(w, &asked);
                 for (((drawn, rig), name), &id) in drawn.into_iter().zip(&rigs).zip(names).zip(ids) {
                     let truth = Joints::of(rig.skeleton());
                     let found = drawn.decoded.as_ref().ok().map(joints);

@@ -1,18 +1,18 @@
 //! Skeletons drawn from the model.
 
-use riglab_core::Rig;
+use riglab_core::Mesh;
 use riglab_geom::CloudSampler;
 use riglab_nn::decoder::Cache;
 use riglab_nn::generate::{Decoder, GenerateConfig, Grammar as Rules, chooser, log_softmax, rows};
 use riglab_nn::params::Weights;
 use riglab_nn::skeleton::SkeletonModel;
 use riglab_random::{Stream, stream};
-use riglab_token::{DecodeFault, Decoded, Grammar, Limits, Mask};
-use tch::{Kind, Tensor};
+use riglab_token::{DecodeFault, Decoded, Grammar, Limits, Mask, Tokenizer};
+use tch::{Device, Kind, Tensor};
 
 use super::agree::Agreed;
 use super::batch::{Batch, shape};
-use super::{SkeletonTask, shape_of};
+use super::{SkeletonTaskConfig, shape_of};
 
 /// What draws for assets are seeded by: one a key, or `each` of several.
 pub(crate) fn streams(seed: u64, keys: impl Iterator<Item = u64>, each: usize) -> Vec<Stream> {
@@ -88,7 +88,20 @@ pub struct Drawn {
     pub decoded: Result<Decoded, DecodeFault>,
 }
 
-impl SkeletonTask {
+/// What draws skeletons: a network with what is to be known of its sequences.
+#[derive(Clone, Copy)]
+pub struct Drawer<'a> {
+    /// Limits, and how is drawn.
+    pub config: &'a SkeletonTaskConfig,
+    /// What sequences say.
+    pub tokenizer: &'a Tokenizer,
+    /// The network.
+    pub net: &'a SkeletonModel,
+    /// Where it computes.
+    pub device: Device,
+}
+
+impl Drawer<'_> {
     /// What every skeleton begins with.
     pub(crate) fn start(&self) -> Vec<u32> {
         let vocabulary = self.tokenizer.vocabulary();
@@ -98,56 +111,74 @@ impl SkeletonTask {
 
     /// The grammar of skeletons of so many tokens at most.
     pub(crate) fn grammar(&self, tokens: usize) -> Grammar {
-        let c = &self.config;
-        Grammar::new(&self.tokenizer, Limits { tokens, ..c.limits }, c.eval.parents)
+        let c = self.config;
+        Grammar::new(self.tokenizer, Limits { tokens, ..c.limits }, c.eval.parents)
     }
 
-    /// Draws a skeleton for each rig's mesh; `keys` seed its points and its draws, so that a rig's skeleton does
-    /// not depend on those beside it.
-    pub fn draw(&self, w: &Weights, rigs: &[(&Rig, u64)]) -> Vec<Drawn> {
-        let c = &self.config;
-        let mut streams = streams(c.eval.seed, rigs.iter().map(|(_, key)| *key), 1);
-        self.draw_with(w, &self.prefix_of(w, &self.shapes_of(rigs)), &mut streams, &c.eval.generate)
+    /// Draws a skeleton for each mesh in the cube; keys seed its points and its draws, so that a mesh's skeleton does not
+    /// depend on those beside it.
+    pub fn draw(&self, w: &Weights, meshes: &[(&Mesh, u64)]) -> Vec<Drawn> {
+        let c = self.config;
+        let mut streams = streams(c.eval.seed, meshes.iter().map(|(_, key)| *key), 1);
+        self.draw_with(w, &self.prefix_of(w, &self.shapes_of(meshes)), &mut streams, &c.eval.generate)
     }
 
-    /// As [`Self::draw`], but with `eval.consensus` several are sampled for each rig, and the one is given that the
+    /// As [`Self::draw`], but with `eval.consensus` several are sampled for each mesh, and the one is given that the
     /// others agree with most, refined as `eval.refine` says.
-    pub fn draw_agreed(&self, w: &Weights, rigs: &[(&Rig, u64)]) -> Vec<Drawn> {
-        let (c, agreement) = (&self.config, self.config.eval.agreement());
-        let (each, shares) = (agreement.draws, agreement.shares());
+    pub fn draw_agreed(&self, w: &Weights, meshes: &[(&Mesh, u64)]) -> Vec<Drawn> {
+        let each = self.config.eval.agreement().draws;
         if each == 1 {
-            return self.draw(w, rigs);
+            return self.draw(w, meshes);
         }
-        let mut shapes = Batch::default();
-        for (rig, key) in rigs {
-            let how = (&c.sampling.cloud, &c.model.shape);
-            agreement.shapes(how, rig.mesh(), (c.eval.seed, *key), shares.len(), &mut shapes);
-        }
-        let prefix = repeated(&self.prefix_of(w, &shapes), &shares);
-        let mut streams = streams(c.eval.seed, rigs.iter().map(|(_, key)| *key), each);
-        let how = GenerateConfig { sample: true, ..c.eval.generate.clone() };
-        let mut drawn = self.draw_with(w, &prefix, &mut streams, &how);
-        let mut out = Vec::with_capacity(rigs.len());
+        let mut drawn = self.draw_several(w, meshes, None);
+        let mut out = Vec::with_capacity(meshes.len());
         while !drawn.is_empty() {
             let rest = drawn.split_off(each);
-            let decoded = drawn.iter().map(|d| d.decoded.as_ref().ok());
-            let agreed = agreement.of(&self.tokenizer, decoded, |ids| ids.len() <= c.limits.tokens);
-            out.push(match agreed {
-                Some(Agreed { refined: Some((ids, decoded)), .. }) => Drawn { ids, decoded: Ok(decoded) },
-                // The first where none is a skeleton.
-                agreed => drawn.swap_remove(agreed.map_or(0, |a| a.place)),
-            });
+            out.push(self.agreed(drawn).1);
             drawn = rest;
         }
         out
     }
 
-    /// The shapes of rigs, as the decoder's prefix is made of.
-    fn shapes_of(&self, rigs: &[(&Rig, u64)]) -> Batch {
-        let (c, mut batch) = (&self.config, Batch::default());
-        for (rig, key) in rigs {
+    /// `eval.consensus` skeletons for each mesh, those of one cloud after those of another; `likelihood` as of
+    /// [`Self::draw_told`].
+    pub(crate) fn draw_several(
+        &self,
+        w: &Weights,
+        meshes: &[(&Mesh, u64)],
+        likelihood: Option<&mut [(f64, usize)]>,
+    ) -> Vec<Drawn> {
+        let (c, agreement) = (self.config, self.config.eval.agreement());
+        let (shares, mut shapes) = (agreement.shares(), Batch::default());
+        for (mesh, key) in meshes {
+            let how = (&c.sampling.cloud, &c.model.shape);
+            agreement.shapes(how, mesh, (c.eval.seed, *key), shares.len(), &mut shapes);
+        }
+        let prefix = repeated(&self.prefix_of(w, &shapes), &shares);
+        let mut streams = streams(c.eval.seed, meshes.iter().map(|(_, key)| *key), agreement.draws);
+        let how = GenerateConfig { sample: true, ..c.eval.generate.clone() };
+        self.draw_told(w, &prefix, &mut streams, &how, likelihood)
+    }
+
+    /// Of the draws for a mesh the one that the others agree with most, and its place; the first where none is a skeleton.
+    pub(crate) fn agreed(&self, mut drawn: Vec<Drawn>) -> (usize, Drawn) {
+        let decoded = drawn.iter().map(|d| d.decoded.as_ref().ok());
+        let fits = |ids: &[u32]| ids.len() <= self.config.limits.tokens;
+        match self.config.eval.agreement().of(self.tokenizer, decoded, fits) {
+            Some(Agreed { place, refined: Some((ids, decoded)) }) => (place, Drawn { ids, decoded: Ok(decoded) }),
+            agreed => {
+                let place = agreed.map_or(0, |a| a.place);
+                (place, drawn.swap_remove(place))
+            }
+        }
+    }
+
+    /// The shapes of meshes, as the decoder's prefix is made of.
+    pub(crate) fn shapes_of(&self, meshes: &[(&Mesh, u64)]) -> Batch {
+        let (c, mut batch) = (self.config, Batch::default());
+        for (mesh, key) in meshes {
             let mut random = stream(c.eval.seed, "skeleton evaluation", &[*key]);
-            let sampler = CloudSampler::new(rig.mesh(), &c.sampling.cloud);
+            let sampler = CloudSampler::new(mesh, &c.sampling.cloud);
             shape(&c.sampling.cloud, &c.model.shape, &sampler, &mut random, &mut batch);
         }
         batch
@@ -156,7 +187,7 @@ impl SkeletonTask {
     /// What the decoder reads of each shape of a batch before its skeleton [b, p, d].
     pub fn prefix_of(&self, w: &Weights, batch: &Batch) -> Tensor {
         let _no_grad = tch::no_grad_guard();
-        let (cloud, picks) = shape_of(&self.config, batch, self.device);
+        let (cloud, picks) = shape_of(self.config, batch, self.device);
         self.net.condition(w, &cloud, &picks)
     }
 
@@ -191,7 +222,7 @@ impl SkeletonTask {
         let mut config = generate.clone();
         config.tokens = tokens - start.len();
         let cache = self.net.start(w, prefix, tokens as i64);
-        let mut reader = Reader { net: &self.net, weights: w, cache };
+        let mut reader = Reader { net: self.net, weights: w, cache };
         let mut first = Vec::new();
         for &id in &start {
             first = reader.next(&vec![id; streams.len()]);

@@ -8,6 +8,7 @@ pub(crate) mod gallery;
 pub(crate) mod generate;
 pub(crate) mod report;
 pub(crate) mod retrieval;
+mod sketcher;
 mod trained;
 
 use std::sync::Arc;
@@ -24,7 +25,9 @@ pub use batch::{Batch, BatchSource};
 pub use config::{EvalConfig, LossConfig, SamplingConfig, SkeletonTaskConfig};
 pub use evaluate::{AssetRow, Report, Row};
 pub use gallery::Shown;
+pub use generate::{Drawer, Drawn};
 pub use report::{Evaluation, lines};
+pub use sketcher::{Sketch, Sketched, Sketcher};
 pub(crate) use trained::Trained;
 
 use crate::assets::{AssetId, Assets, Cache};
@@ -100,6 +103,11 @@ impl SkeletonTask {
     /// Its network.
     pub fn net(&self) -> &SkeletonModel {
         &self.net
+    }
+
+    /// What draws skeletons with it.
+    pub fn drawer(&self) -> Drawer<'_> {
+        Drawer { config: &self.config, tokenizer: &self.tokenizer, net: &self.net, device: self.device }
     }
 
     /// Where batches of the training split come from.

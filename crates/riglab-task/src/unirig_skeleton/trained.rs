@@ -3,11 +3,12 @@
 use std::path::Path;
 
 use riglab_nn::params::Params;
-use riglab_train::{Checkpoint, named_by};
+use riglab_nn::skeleton::SkeletonModel;
+use riglab_train::{Checkpoint, State, named_by};
 use tch::Device;
 
 use super::{SkeletonTask, SkeletonTaskConfig};
-use crate::bundle::Bundle;
+use crate::bundle::{Bundle, Card};
 use crate::grpo::{descends, refined};
 use crate::settings::{Settings, TaskSettings};
 
@@ -17,10 +18,12 @@ const KIND: &str = SkeletonTaskConfig::TASK;
 const REMEDY: &str = "give start.model the folder of a run or of one of its checkpoints, or a model's file (--set \
                       start.model=PATH, where it was moved)";
 
-/// Settings and weights.
+/// Settings and weights, with what is known of them.
 pub(crate) struct Trained {
     pub config: SkeletonTaskConfig,
+    pub net: SkeletonModel,
     pub params: Params,
+    pub card: Card,
 }
 
 impl Trained {
@@ -39,21 +42,22 @@ impl Trained {
                 Some(start) => Self::open(&start, device)?,
                 None => Self::of_settings(&settings, device)?,
             };
-            let Some(own) = own else { return Ok(None) };
+            let Some(mut own) = own else { return Ok(None) };
             let checkpoint = Checkpoint::open(&run.join("checkpoints").join(checkpoint)).map_err(|e| e.to_string())?;
             checkpoint.load_weights(&own.params).map_err(|e| e.to_string())?;
+            own.card = Card::of_run(&run, checkpoint.state());
             return Ok(Some(own));
         }
         let name = path.to_string_lossy();
         let bytes = std::fs::read(path).map_err(|e| format!("{name}: no model to start from ({e}); {REMEDY}"))?;
-        let Bundle { kind, settings, tensors, .. } = Bundle::of_bytes(&bytes, &name)?;
+        let Bundle { kind, settings, tensors, card, .. } = Bundle::of_bytes(&bytes, &name)?;
         if kind != KIND {
             return Ok(None);
         }
         let own = Self::of_settings(&Settings::of_text(&name, &settings)?, device)?;
         let own = own.ok_or_else(|| format!("{name}: the settings inside are of another task"))?;
         own.params.load(&tensors).map_err(|e| format!("{name}: {e}"))?;
-        Ok(Some(own))
+        Ok(Some(Self { card, ..own }))
     }
 
     /// With starting weights.
@@ -62,7 +66,10 @@ impl Trained {
             return Ok(None);
         }
         let config: SkeletonTaskConfig = settings.get()?;
-        let (_, params) = SkeletonTask::network(&config, device).map_err(|e| format!("{}: {e}", settings.name()))?;
-        Ok(Some(Self { config, params }))
+        let made = SkeletonTask::network(&config, device);
+        let (net, params) = made.map_err(|e| format!("{}: {e}", settings.name()))?;
+        let state = State { task: KIND.into(), step: 0, seed: 0, skipped: 0, skipped_in_a_row: 0, best: None };
+        let card = Card { name: settings.name().to_owned(), state, text: String::new() };
+        Ok(Some(Self { config, net, params, card }))
     }
 }

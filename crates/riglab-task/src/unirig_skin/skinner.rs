@@ -6,13 +6,14 @@ use riglab_core::{DecodeRule, Rig, SkinWeights, Springs, Swing};
 use riglab_nn::params::Params;
 use riglab_nn::skin_stage::SkinModel;
 use riglab_random::stream;
-use riglab_train::{Checkpoint, State};
+use riglab_train::{Checkpoint, State, named_by};
 use tch::Device;
 
 use super::config::SkinTaskConfig;
 use super::predict::{Predicted, Predictor};
 use super::ready::{Ready, pool};
 use super::{Evaluation, SkinTask};
+use crate::bundle::{self, Bundle, Card};
 use crate::fsq_cvae::Prepared;
 use crate::settings::{Settings, TaskSettings};
 
@@ -38,29 +39,59 @@ pub enum Holders {
 }
 
 impl Skinner {
+    /// Reads a run's folder, that of one of its checkpoints, or a file of `riglab checkpoint export` or `import`; `None` where
+    /// that is of another task. What cannot be read is, too: who looks for another kind says what is wrong.
+    ///
+    /// # Errors
+    /// A sentence: what is wrong with it.
+    pub fn open(path: &Path, device: Device) -> Result<Option<(Self, Card)>, String> {
+        if path.is_dir() {
+            let (run, checkpoint) = named_by(path);
+            if !Settings::of_run(&run).is_ok_and(|settings| settings.are::<SkinTaskConfig>()) {
+                return Ok(None);
+            }
+            let (own, state) = Self::of_run(&run, &checkpoint, device)?;
+            return Ok(Some((own, Card::of_run(&run, &state))));
+        }
+        if bundle::kind(path).is_none_or(|kind| kind != SkinTaskConfig::TASK) {
+            return Ok(None);
+        }
+        let name = path.display().to_string();
+        let bytes = std::fs::read(path).map_err(|e| format!("{name}: cannot be read ({e})"))?;
+        let Bundle { settings, tensors, card, .. } = Bundle::of_bytes(&bytes, &name)?;
+        let own = Self::untrained(&Settings::of_text(&name, &settings)?, device)?;
+        own.params.load(&tensors).map_err(|e| format!("{name}: {e}"))?;
+        Ok(Some((own, card)))
+    }
+
     /// Of a run's checkpoint: `best`, `last` or `step-N`. The decode rule cuts where the run's evaluation found it best.
     ///
     /// # Errors
     /// A sentence: no run, or one of another task.
     pub fn of_run(run: &Path, checkpoint: &str, device: Device) -> Result<(Self, State), String> {
-        let settings = Settings::of_run(run)?;
+        let own = Self::untrained(&Settings::of_run(run)?, device)?;
+        let checkpoint = Checkpoint::open(&run.join("checkpoints").join(checkpoint)).map_err(|e| e.to_string())?;
+        checkpoint.load_weights(&own.params).map_err(|e| e.to_string())?;
+        let evaluated = std::fs::read_to_string(run.join("eval.json")).ok();
+        let evaluated = evaluated.and_then(|text| serde_json::from_str::<Evaluation>(&text).ok());
+        let cut = evaluated.map_or(CUT, |e| e.report.cut);
+        Ok((Self { cut, ..own }, checkpoint.state().clone()))
+    }
+
+    /// With starting weights.
+    fn untrained(settings: &Settings, device: Device) -> Result<Self, String> {
         if !settings.are::<SkinTaskConfig>() {
             let (name, task, own) = (settings.name(), settings.task(), SkinTaskConfig::TASK);
             return Err(format!("{name}: a run of task `{task}`; give one of `{own}`"));
         }
         let config: SkinTaskConfig = settings.get()?;
         let (net, params) = SkinTask::network(&config, device).map_err(|e| e.to_string())?;
-        let checkpoint = Checkpoint::open(&run.join("checkpoints").join(checkpoint)).map_err(|e| e.to_string())?;
-        checkpoint.load_weights(&params).map_err(|e| e.to_string())?;
-        let evaluated = std::fs::read_to_string(run.join("eval.json")).ok();
-        let evaluated = evaluated.and_then(|text| serde_json::from_str::<Evaluation>(&text).ok());
-        let cut = evaluated.map_or(CUT, |e| e.report.cut);
-        Ok((Self { config, net, params, device, cut }, checkpoint.state().clone()))
+        Ok(Self { config, net, params, device, cut: CUT })
     }
 
-    /// Whether a folder holds a run of this task.
-    pub fn is_run(run: &Path) -> bool {
-        Settings::of_run(run).is_ok_and(|settings| settings.are::<SkinTaskConfig>())
+    /// Its settings and weights.
+    pub fn into_parts(self) -> (SkinTaskConfig, Params) {
+        (self.config, self.params)
     }
 
     /// Whether it tells attributes of spring bones.

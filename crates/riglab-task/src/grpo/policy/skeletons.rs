@@ -83,7 +83,7 @@ impl Policy for SkeletonTask {
         let prefix =
             if prefix.size()[0] == rows { prefix.shallow_clone() } else { prefix.expand([rows, -1, -1], false) };
         let mut likelihood = vec![(0.0, 0); streams.len()];
-        let drawn = self.draw_told(w, &prefix.contiguous(), streams, how, Some(&mut likelihood));
+        let drawn = self.drawer().draw_told(w, &prefix.contiguous(), streams, how, Some(&mut likelihood));
         let whole = drawn.into_iter().zip(likelihood).map(|(own, likelihood)| Drawn {
             ids: own.ids.iter().map(|&id| i64::from(id)).collect(),
             skeleton: own.ids,
@@ -103,10 +103,11 @@ impl Policy for SkeletonTask {
         let Flat { ids, targets, lengths, meshes } = Flat::of(all, self.device);
         // Without dropout: the policy is what draws.
         let scores = self.net().logits_behind(w, &self.prefix(w, shapes), &meshes, &ids, &lengths);
-        let (vocabulary, prompt) = (scores.size()[1] as usize, self.start().len());
+        let (vocabulary, prompt) = (scores.size()[1] as usize, self.drawer().start().len());
         let (mut chosen, mut allowed) = (Vec::new(), Vec::new());
         for own in all {
-            let (of_targets, of_chosen) = free(self.grammar(self.config().limits.tokens), &own.ids, prompt, vocabulary);
+            let (of_targets, of_chosen) =
+                free(self.drawer().grammar(self.config().limits.tokens), &own.ids, prompt, vocabulary);
             chosen.extend(of_targets);
             allowed.extend(of_chosen);
         }

@@ -32,7 +32,7 @@ Examples:
 pub struct ImportArgs {
     /// The published file.
     file: PathBuf,
-    /// What to write: a file (.safetensors) for `riglab rig`, `grpo` and `skin.run`, or a run's folder for `riglab eval`.
+    /// What to write: a file (.safetensors) for `riglab rig` and `skin`, `grpo` and `skin.run`, or a run's folder for `riglab eval`.
     /// Without it, the file is only looked at.
     #[arg(long, short, value_name = "OUT")]
     out: Option<PathBuf>,
@@ -59,7 +59,7 @@ const LISTED: usize = 12;
 
 pub fn import(args: &ImportArgs) -> Result<ExitCode> {
     let shown = args.file.display();
-    if let Some(kind) = own(&args.file) {
+    if let Some(kind) = riglab_task::bundle::kind(&args.file) {
         bail!("{}", already(&args.file, &kind));
     }
     no_checkpoint(&args.file)?;
@@ -127,18 +127,14 @@ fn no_checkpoint(file: &Path) -> Result<()> {
     Ok(())
 }
 
-/// The task of a model that riglab wrote to a file itself, by the file's head.
-fn own(file: &Path) -> Option<String> {
-    let head = riglab_nn::io::Reader::open(file).ok()?;
-    let about: serde_json::Value = serde_json::from_str(head.text("riglab")?).ok()?;
-    Some(about["kind"].as_str()?.to_owned())
-}
-
 /// What to do with such a file.
 fn already(file: &Path, kind: &str) -> String {
     let shown = file.display();
     let used = match kind {
-        "tokenrig" => format!("`riglab rig MODEL.glb -o RIGGED.glb --checkpoint {shown}` rigs with it"),
+        "tokenrig" | "unirig_skeleton" => {
+            format!("`riglab rig MODEL.glb -o RIGGED.glb --checkpoint {shown}` rigs with it")
+        }
+        "unirig_skin" => format!("`riglab skin MODEL.glb -o AGAIN.glb --checkpoint {shown}` makes weights with it"),
         "fsq_cvae" => format!("`--set skin.run='\"{shown}\"'` trains with it"),
         _ => format!("it is a model of task {kind}"),
     };
@@ -220,6 +216,8 @@ fn next(model: &Imported, out: &Path) -> String {
     let shown = out.display();
     match model {
         Imported::TokenRig(_) => format!("riglab rig MODEL.glb -o RIGGED.glb --checkpoint {shown}"),
+        Imported::Skeleton(..) if out.is_file() => format!("riglab rig MODEL.glb -o RIGGED.glb --checkpoint {shown}"),
+        Imported::Skin(..) if out.is_file() => format!("riglab skin MODEL.glb -o AGAIN.glb --checkpoint {shown}"),
         Imported::FsqCvae(..) if out.is_file() => {
             format!(
                 "riglab checkpoint import TOKENRIG.ckpt --skin {shown}, or --set skin.run='\"{shown}\"' in training"

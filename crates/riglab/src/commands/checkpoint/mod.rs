@@ -8,12 +8,15 @@ use std::process::ExitCode;
 
 use anyhow::{Context, Result, anyhow, bail};
 use riglab_files::make_folder_of;
+use riglab_task::assets::DataConfig;
 use riglab_task::bundle::Bundle;
 use riglab_task::fsq_cvae::{Frozen, FsqCvaeTaskConfig};
 use riglab_task::grpo::{GrpoTask, GrpoTaskConfig};
 use riglab_task::released::Imported;
 use riglab_task::settings::{Settings, TaskSettings};
 use riglab_task::tokenrig::{Card, Rigger, TokenRigTaskConfig};
+use riglab_task::unirig_skeleton::Sketcher;
+use riglab_task::unirig_skin::Skinner;
 use riglab_train::{Checkpoint, named_by};
 use tch::{Device, Kind};
 
@@ -37,7 +40,7 @@ enum What {
 }
 
 /// Put a run's checkpoint, its auto-encoder and their settings into one file for `riglab rig`, or into a run's folder of
-/// its own, to be evaluated; or a run of an auto-encoder into a file for `skin.run`.
+/// its own, to be evaluated; of UniRig's stages for `riglab rig` and `riglab skin`; of an auto-encoder for `skin.run`.
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:
@@ -51,8 +54,7 @@ The model that comes with riglab, to be evaluated:
   riglab checkpoint export -o runs/small
   riglab eval runs/small --set data.corpora='[\"corpus.h5\"]'")]
 struct ExportArgs {
-    /// The folder of a run of task tokenrig, grpo or fsq_cvae, or a file of a model that rigs [default: the model that
-    /// comes with riglab].
+    /// The folder of a run, or a file of a model that rigs [default: the model that comes with riglab].
     run: Option<PathBuf>,
     /// What to write: a file (.safetensors), or a new folder of a run for `riglab eval`.
     #[arg(long, short, value_name = "OUT")]
@@ -156,23 +158,27 @@ fn rigs((rigger, card): (Rigger, Card)) -> (Imported, Card) {
     (Imported::TokenRig(Box::new(rigger)), card)
 }
 
-/// The model of a run that rigs, or of an auto-encoder.
+/// The model of a run.
 fn of_folder(run: &Path, checkpoint: &str, sets: &[String]) -> Result<(Imported, Card), String> {
-    let settings = Settings::of_run(run)?;
-    if settings.are::<TokenRigTaskConfig>() || settings.are::<GrpoTaskConfig>() {
-        return Rigger::of_run_with(run, checkpoint, sets, Device::Cpu).map(rigs);
+    let at = run.join("checkpoints").join(checkpoint);
+    // Where it learned from is of no use elsewhere, and says more of a machine than it should.
+    let anywhere = |data: &mut DataConfig| (data.corpora, data.weights) = (Vec::new(), Vec::new());
+    if let Some((sketcher, card)) = Sketcher::open(&at, Device::Cpu)? {
+        let (mut config, params) = sketcher.into_parts();
+        anywhere(&mut config.data);
+        return Ok((Imported::Skeleton(Box::new(config), params), card));
     }
-    let (shown, task) = (run.display(), settings.task());
-    if !settings.are::<FsqCvaeTaskConfig>() {
-        return Err(format!(
-            "{shown}: a run of task `{task}`; files are made of runs of tokenrig, grpo and fsq_cvae alone. Its folder is used \
-             as it is, by `riglab eval {shown}`"
-        ));
+    if let Some((skinner, card)) = Skinner::open(&at, Device::Cpu)? {
+        let (mut config, params) = skinner.into_parts();
+        anywhere(&mut config.data);
+        return Ok((Imported::Skin(Box::new(config), params), card));
+    }
+    if !Settings::of_run(run)?.are::<FsqCvaeTaskConfig>() {
+        return Rigger::of_run_with(run, checkpoint, sets, Device::Cpu).map(rigs);
     }
     let (auto, state) = Frozen::of_run(run, checkpoint, Device::Cpu)?;
     let (mut config, params) = auto.into_parts();
-    // Where it learned from is of no use elsewhere, and says more of a machine than it should.
-    (config.data.corpora, config.data.weights) = (Vec::new(), Vec::new());
+    anywhere(&mut config.data);
     let card = Card { name: String::new(), state, text: known(run) };
     Ok((Imported::FsqCvae(Box::new(config), params), card))
 }

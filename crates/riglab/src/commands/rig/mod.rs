@@ -33,7 +33,8 @@ Examples:
   riglab rig avatar.glb -o rigged.glb --skeleton bones_of.glb
   riglab rig dragon.glb -o rigged.glb --skeleton spine_and_wings.txt --complete
   riglab rig models/ -o rigged/
-  riglab rig fox.obj -o fox.glb --checkpoint runs/tokenrig/001")]
+  riglab rig fox.obj -o fox.glb --checkpoint runs/tokenrig/001
+  riglab rig fox.obj -o fox.glb --checkpoint runs/unirig_skeleton/001 --weights runs/unirig_skin/001")]
 pub struct RigArgs {
     #[command(flatten)]
     common: Common,
@@ -54,6 +55,10 @@ pub struct RigArgs {
     /// [default: mixamo; with --template its names, and others by where they are].
     #[arg(long, value_name = "mixamo|vrm|plain|keep")]
     names: Option<NameStyle>,
+    /// What makes the weights where --checkpoint is of UniRig's skeleton stage, which writes skeletons alone: the folder of a
+    /// run or a file, of task unirig_skin, tokenrig or grpo [default: the model that comes with riglab].
+    #[arg(long, value_name = "PATH")]
+    weights: Option<PathBuf>,
 }
 
 /// Make new weights for the skeleton that a model has.
@@ -82,9 +87,9 @@ struct Common {
     /// The GLB to write (of a VRM a VRM, too), or the folder for those of a folder.
     #[arg(long, short, value_name = "OUT")]
     out: PathBuf,
-    /// A run's folder (task tokenrig or grpo; where the skeleton is given, unirig_skin, too), of which the best checkpoint is
-    /// taken, or another's (RUN/checkpoints/last); or a file of `riglab checkpoint export` or `import` [default: the model
-    /// that comes with riglab].
+    /// A run's folder (task tokenrig, grpo or, for the skeleton, unirig_skeleton; where the skeleton is given, unirig_skin),
+    /// of which the best checkpoint is taken, or another's (RUN/checkpoints/last); or a file of `riglab checkpoint export` or
+    /// `import` [default: the model that comes with riglab].
     #[arg(long, value_name = "PATH")]
     checkpoint: Option<PathBuf>,
     /// Rigs that are drawn, of which the best is taken; the first takes the likeliest token each time [default: as
@@ -197,11 +202,11 @@ pub fn rig(args: &RigArgs, threads: usize) -> Result<ExitCode> {
         }
         given => Bones::Given { from: Given::of(given), complete: args.complete },
     };
-    run(&args.common, &bones, threads)
+    run(&args.common, &bones, args.weights.as_deref(), threads)
 }
 
 pub fn skin(args: &SkinArgs, threads: usize) -> Result<ExitCode> {
-    run(&args.common, &Bones::Given { from: Given::of(&args.skeleton), complete: false }, threads)
+    run(&args.common, &Bones::Given { from: Given::of(&args.skeleton), complete: false }, None, threads)
 }
 
 impl Common {
@@ -210,7 +215,7 @@ impl Common {
     }
 }
 
-fn run(args: &Common, bones: &Bones, threads: usize) -> Result<ExitCode> {
+fn run(args: &Common, bones: &Bones, weights: Option<&Path>, threads: usize) -> Result<ExitCode> {
     if args.temperature.is_some_and(|t| !(t > 0.0 && t.is_finite())) {
         bail!("--temperature must be a number above 0");
     }
@@ -219,14 +224,16 @@ fn run(args: &Common, bones: &Bones, threads: usize) -> Result<ExitCode> {
     }
     let jobs = jobs(&args.input, &args.out)?;
     riglab_torch::init(riglab_torch::Settings { threads });
-    let model = Model::open(args.checkpoint.as_deref(), args.device.device()?)?;
+    let model = Model::open(args.checkpoint.as_deref(), weights, args.device.device()?)?;
     model.suits(args, bones)?;
     let of = args.checkpoint.as_ref().map_or(String::new(), |path| format!(" {}", path.display()));
     let hint = match model.draws() {
         true => format!("; `riglab checkpoint show{of}` says how far to trust it"),
         false => String::new(),
     };
-    tell!("model: {}, {} steps{hint}", model.card.name, model.card.state.step);
+    let by =
+        model.of_weights().map_or(String::new(), |own| format!("; weights by {}, {} steps", own.name, own.state.step));
+    tell!("model: {}, {} steps{by}{hint}", model.card.name, model.card.state.step);
     if !args.input.is_dir() {
         let (from, to) = &jobs[0];
         one::rig(args, bones, &model, from, to)?;

@@ -1,16 +1,16 @@
-//! What rigs: a model that writes skeleton and weights, or one of weights alone.
+//! What rigs: a model that writes skeleton and weights, or one of either.
 
 use std::path::Path;
 
-use anyhow::{Context, Result, anyhow, bail};
+use anyhow::{Context, Result, anyhow, bail, ensure};
 use riglab_asset::rigging::Subject;
 use riglab_core::{Rig, SkinWeights};
-use riglab_task::tokenrig::{Card, Draw, Made, Rigger, Wish, Yaw};
+use riglab_task::tokenrig::{Card, Draw, Made, Rank, Rigger, Wish, Yaw};
+use riglab_task::unirig_skeleton::{Sketch, Sketcher};
 use riglab_task::unirig_skin::{Holders, Skinner};
-use riglab_train::named_by;
 use tch::Device;
 
-use super::{Bones, Common};
+use super::{Bones, Common, Ranked};
 
 /// A model with what to know about it.
 pub struct Model {
@@ -21,75 +21,117 @@ pub struct Model {
 enum Kind {
     Whole(Box<Rigger>),
     Weights(Box<Skinner>),
+    /// One that writes skeletons, and one that makes weights for them.
+    Stages(Box<Sketcher>, Box<Model>),
 }
 
 impl Model {
-    /// Of the folder of a run or of one of its checkpoints, or a file; without, the one that comes along.
-    pub fn open(path: Option<&Path>, device: Device) -> Result<Self> {
-        let whole = |(rigger, card)| Self { made_of: Kind::Whole(Box::new(rigger)), card };
-        let weights = |path: &Path| {
-            let (run, checkpoint) = named_by(path);
-            Skinner::is_run(&run).then(|| Skinner::of_run(&run, &checkpoint, device).map(|own| (run, own)))
+    /// Of the folder of a run or of one of its checkpoints, or a file; without, the one that comes along. `weights`: of what
+    /// makes the weights of skeletons that a model of skeletons alone writes.
+    pub fn open(path: Option<&Path>, weights: Option<&Path>, device: Device) -> Result<Self> {
+        let Some(path) = path else {
+            ensure!(weights.is_none(), "{ALONE}");
+            return Self::whole(Rigger::shipped(device));
         };
-        match path {
-            None => Rigger::shipped(device).map(whole),
-            Some(path) => match weights(path) {
-                Some(found) => found.map(|(run, (skinner, state))| {
-                    let name = run.display().to_string();
-                    let card = Card { text: format!("The run {name}."), name, state };
-                    Self { made_of: Kind::Weights(Box::new(skinner)), card }
-                }),
-                None => Rigger::open(path, device).map(whole),
-            },
+        if let Some((sketcher, card)) = Sketcher::open(path, device).map_err(|e| anyhow!(e))? {
+            let weights = Self::open(weights, None, device)?;
+            if let Kind::Stages(..) = weights.made_of {
+                bail!("--weights: {} writes skeletons alone; give a model that makes weights", weights.card.name);
+            }
+            return Ok(Self { made_of: Kind::Stages(Box::new(sketcher), Box::new(weights)), card });
         }
-        .map_err(|e| anyhow!(e))
+        ensure!(weights.is_none(), "{ALONE}");
+        match Skinner::open(path, device).map_err(|e| anyhow!(e))? {
+            Some((skinner, card)) => Ok(Self { made_of: Kind::Weights(Box::new(skinner)), card }),
+            None => Self::whole(Rigger::open(path, device)),
+        }
+    }
+
+    fn whole(opened: Result<(Rigger, Card), String>) -> Result<Self> {
+        let (rigger, card) = opened.map_err(|e| anyhow!(e))?;
+        Ok(Self { made_of: Kind::Whole(Box::new(rigger)), card })
     }
 
     /// Whether it draws what it makes.
     pub fn draws(&self) -> bool {
-        matches!(self.made_of, Kind::Whole(_))
+        !matches!(self.made_of, Kind::Weights(_))
+    }
+
+    /// What makes the weights, where that is another model.
+    pub fn of_weights(&self) -> Option<&Card> {
+        match &self.made_of {
+            Kind::Stages(_, weights) => Some(&weights.card),
+            _ => None,
+        }
     }
 
     /// Joints of a skeleton that it writes, at most.
     pub fn most_joints(&self) -> usize {
         match &self.made_of {
             Kind::Whole(rigger) => rigger.most_joints(),
+            Kind::Stages(sketcher, _) => sketcher.most_joints(),
             Kind::Weights(_) => usize::MAX,
         }
     }
 
     /// Refuses what it cannot do.
     pub fn suits(&self, args: &Common, bones: &Bones) -> Result<()> {
-        if self.draws() {
-            return Ok(());
+        let name = &self.card.name;
+        match &self.made_of {
+            Kind::Whole(_) => Ok(()),
+            Kind::Stages(_, weights) => {
+                if let Bones::Given { .. } = bones {
+                    bail!(
+                        "{name} is of task unirig_skeleton, which writes skeletons and makes no weights for one that is given: \
+                         leave --checkpoint out, or take a model of tokenrig or unirig_skin"
+                    );
+                }
+                if let Ranked::Rewards = args.rank {
+                    bail!(
+                        "{name} is of task unirig_skeleton; rewards judge rigs with their weights, which it does not draw: leave \
+                         --rank out"
+                    );
+                }
+                if args.skins.is_some() && !weights.draws() {
+                    bail!("{} is of task unirig_skin, which draws nothing: leave --skins out", weights.card.name);
+                }
+                Ok(())
+            }
+            Kind::Weights(_) => {
+                let task = format!("{name} is of task unirig_skin");
+                if matches!(bones, Bones::Predicted { .. }) {
+                    bail!(
+                        "{task}, which makes weights for a skeleton that is given: take `riglab skin`, or --skeleton keep or \
+                         FILE; or give it as --weights beside a --checkpoint of unirig_skeleton"
+                    );
+                }
+                if bones.completed() {
+                    bail!("{task}, which adds no joints: leave --complete out, or take a model that writes skeletons");
+                }
+                if args.samples.is_some_and(|n| n > 1) {
+                    bail!("{task}, which draws nothing: leave --samples out");
+                }
+                if args.skins.is_some() {
+                    bail!("{task}, which draws nothing: leave --skins out");
+                }
+                Ok(())
+            }
         }
-        if matches!(bones, Bones::Predicted { .. }) {
-            bail!(
-                "{} is a run of task unirig_skin, which makes weights for a skeleton that is given: take `riglab skin`, or \
-                 --skeleton keep or FILE",
-                self.card.name
-            );
-        }
-        if bones.completed() {
-            bail!(
-                "{} is a run of task unirig_skin, which adds no joints: leave --complete out, or take a model that writes \
-                 skeletons",
-                self.card.name
-            );
-        }
-        if args.samples.is_some_and(|n| n > 1) {
-            bail!("{} is a run of task unirig_skin, which draws nothing: leave --samples out", self.card.name);
-        }
-        if args.skins.is_some() {
-            bail!("{} is a run of task unirig_skin, which draws nothing: leave --skins out", self.card.name);
-        }
-        Ok(())
     }
 
     /// A skeleton and weights for a model.
     pub fn make(&self, subject: &Subject, wish: &Wish<'_>, kept: bool) -> Result<Made> {
         match &self.made_of {
             Kind::Whole(rigger) => rigger.make(subject.mesh(), wish).map_err(|e| anyhow!(e)),
+            Kind::Stages(sketcher, weights) => {
+                let Wish { class, samples, rank, temperature, seed, .. } = *wish;
+                let asked = Sketch { class, samples, rank, temperature, seed };
+                let own = sketcher.skeleton(subject.mesh(), &asked).map_err(|e| anyhow!(e))?;
+                let (skeleton, rank) = (Some(&own.skeleton), Rank::Likelihood);
+                let given = Wish { skeleton, class: None, samples: None, temperature: None, rank, ..wish.clone() };
+                let made = weights.make(subject, &given, false)?;
+                Ok(Made { sample: own.sample, draws: own.draws, ..made })
+            }
             Kind::Weights(skinner) => {
                 let skeleton = wish.skeleton.context("no skeleton")?.clone();
                 let mesh = subject.mesh();
@@ -107,3 +149,6 @@ impl Model {
         }
     }
 }
+
+const ALONE: &str = "--weights makes weights for skeletons of a model that writes these alone: give that with --checkpoint, \
+                     a run or a file of task unirig_skeleton; for a skeleton that a file has take `riglab skin`";

@@ -134,6 +134,7 @@ pub fn rig(args: &Common, bones: &Bones, model: &Model, from: &Path, to: &Path) 
         let line = serde_json::json!({
             "file": from, "out": to, "joints": joints, "added": added, "vertices": mesh.positions().len(),
             "triangles": mesh.triangles().len(), "checkpoint": model.card.name, "steps": model.card.state.step,
+            "weights_by": model.of_weights().map(|own| &own.name),
             "likelihood": likelihood, "sample": sample, "rewards": rewards, "samples": draws, "seconds": start.elapsed().as_secs_f64(),
             "template": made.placed.map(told_placed), "notes": notes,
         });
