@@ -113,6 +113,13 @@ impl Vocabulary {
         self.classes.iter().position(|c| c == name)
     }
 
+    /// The class that a person means by a name: the one of that name, else the only one whose name differs in case alone.
+    pub fn class_meant(&self, told: &str) -> Option<&str> {
+        let mut alike = self.classes.iter().filter(|class| class.eq_ignore_ascii_case(told));
+        let only = alike.next().filter(|_| alike.next().is_none());
+        self.classes.iter().find(|class| *class == told).or(only).map(String::as_str)
+    }
+
     /// The parts of a class' template that have a token: number and part.
     pub fn parts_of(&self, class: &str) -> Vec<(usize, &'static Part)> {
         let Some(template) = Template::of(class) else { return Vec::new() };
@@ -164,5 +171,19 @@ impl Vocabulary {
 
     pub(crate) fn unexpected(&self, at: usize, id: u32, wanted: &'static str) -> DecodeFault {
         DecodeFault::Unexpected { at, word: self.word(id), wanted }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_class_is_meant_in_any_case_where_that_tells_it_from_others() {
+        let classes = ["mixamo", "Dog", "dog"].map(String::from).to_vec();
+        let ids = Vocabulary::new(&TokenizerConfig { classes, ..TokenizerConfig::default() });
+        assert_eq!([ids.class_meant("Mixamo"), ids.class_meant("mixamo")], [Some("mixamo"); 2]);
+        assert_eq!([ids.class_meant("Dog"), ids.class_meant("dog")], [Some("Dog"), Some("dog")]);
+        assert_eq!([ids.class_meant("DOG"), ids.class_meant("cat")], [None, None], "it is not known which");
     }
 }

@@ -101,6 +101,11 @@ impl Rigger {
         self.config.limits.joints
     }
 
+    /// The class of skeletons that a name means, as [`Vocabulary::class_meant`](riglab_token::Vocabulary::class_meant).
+    pub fn class_meant(&self, told: &str) -> Option<&str> {
+        self.tokenizer.vocabulary().class_meant(told)
+    }
+
     /// With the network's starting weights; the config was validated.
     ///
     /// # Errors

@@ -31,7 +31,7 @@ impl FromStr for NameStyle {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, String> {
-        match text {
+        match text.to_ascii_lowercase().as_str() {
             "keep" => Ok(Self::Keep),
             "mixamo" => Ok(Self::Mixamo),
             "vrm" => Ok(Self::Vrm),

@@ -159,6 +159,7 @@ fn names_are_unlike_and_stable_and_leave_the_tree_alone() {
         };
         assert_eq!(named.names()[0], hips);
     }
+    assert_eq!("VRM".parse(), Ok(NameStyle::Vrm), "in any case");
     assert!("maya".parse::<NameStyle>().is_err());
 }
 

@@ -61,10 +61,10 @@ pub struct Args {
     #[arg(long)]
     repair: bool,
     /// For GLB: how many joints may hold a vertex; the largest weights stay [default: all].
-    #[arg(long, value_enum)]
+    #[arg(long, value_enum, ignore_case = true)]
     influences: Option<Most>,
     /// For GLB from other formats: how joints are turned at rest [default: parallel].
-    #[arg(long, value_enum)]
+    #[arg(long, value_enum, ignore_case = true)]
     frames: Option<Frames>,
 }
 

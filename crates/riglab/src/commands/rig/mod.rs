@@ -100,7 +100,7 @@ struct Common {
     /// have them (as eval.refine in the model's config), the one with the highest geometric rewards (SkinTokens 3.4.1: joints
     /// within the body, weights that hold every vertex, motions that tear nothing), or the likeliest, which is also what
     /// consensus takes where the skeleton is given.
-    #[arg(long, value_enum, default_value = "consensus")]
+    #[arg(long, value_enum, ignore_case = true, default_value = "consensus")]
     rank: Ranked,
     /// How freely several are drawn [default: as eval.generate in the model's config].
     #[arg(long, value_name = "T")]
@@ -113,10 +113,10 @@ struct Common {
     #[arg(long, default_value_t = 0)]
     seed: u64,
     /// How many joints may hold a vertex.
-    #[arg(long, value_enum, default_value = "4")]
+    #[arg(long, value_enum, ignore_case = true, default_value = "4")]
     influences: Most,
     /// How joints are turned at rest.
-    #[arg(long, value_enum, default_value = "bone")]
+    #[arg(long, value_enum, ignore_case = true, default_value = "bone")]
     frames: Frames,
     /// The axis that points up in the file.
     #[arg(long, default_value = "y", value_name = "AXIS", allow_hyphen_values = true)]
@@ -170,8 +170,13 @@ enum Given {
 
 impl Given {
     fn of(told: &str) -> Self {
-        if told == "keep" { Self::Kept } else { Self::File(told.into()) }
+        if is_word(told, "keep") { Self::Kept } else { Self::File(told.into()) }
     }
+}
+
+/// Whether a word is meant where a file may stand, too: in another case as long as no file is called so.
+fn is_word(told: &str, word: &str) -> bool {
+    told == word || (told.eq_ignore_ascii_case(word) && !Path::new(told).exists())
 }
 
 impl Bones {
@@ -186,13 +191,14 @@ impl Bones {
 }
 
 pub fn rig(args: &RigArgs, threads: usize) -> Result<ExitCode> {
+    let predict = is_word(&args.skeleton, "predict");
     let bones = match args.skeleton.as_str() {
-        "predict" if args.complete => {
+        _ if predict && args.complete => {
             bail!(
                 "--complete adds joints to a skeleton that is given: say which with --skeleton keep or --skeleton FILE"
             )
         }
-        "predict" => Bones::Predicted { template: args.template.clone(), names: args.names },
+        _ if predict => Bones::Predicted { template: args.template.clone(), names: args.names },
         _ if args.template.is_some() => bail!("--template begins a predicted skeleton; leave --skeleton out"),
         _ if args.names.is_some() => {
             bail!("--names is for a predicted skeleton: one that is given keeps its joints' names; leave it out")
@@ -325,7 +331,31 @@ fn jobs(input: &Path, out: &Path) -> Result<Vec<(PathBuf, PathBuf)>> {
 
 #[cfg(test)]
 mod tests {
+    use clap::Parser;
+
     use super::*;
+
+    #[derive(Parser)]
+    struct Called {
+        #[command(flatten)]
+        args: RigArgs,
+    }
+
+    #[test]
+    fn choices_are_known_in_any_case() {
+        let given = ["rig", "a.obj", "-o", "a.glb", "--rank", "Rewards", "--influences", "ALL", "--frames", "Parallel"];
+        let args = Called::try_parse_from(given.into_iter().chain(["--names", "VRM", "--up", "Z"])).unwrap().args;
+        assert!(matches!(args.common.rank, Ranked::Rewards) && matches!(args.common.influences, Most::All));
+        assert!(matches!(args.common.frames, Frames::Parallel));
+        assert_eq!((args.names, args.common.up), (Some(NameStyle::Vrm), UpAxis::Z));
+        assert!(matches!(Given::of("Keep"), Given::Kept) && matches!(Given::of("keeper"), Given::File(_)));
+        // A file is what it is called.
+        let dir = tempfile::tempdir().unwrap();
+        let file = dir.path().join("KEEP");
+        std::fs::write(&file, "").unwrap();
+        assert!(!is_word(file.to_str().unwrap(), file.to_str().unwrap().to_lowercase().as_str()));
+        assert!(is_word("Predict", "predict") && !is_word("predicted", "predict"));
+    }
 
     #[test]
     fn outputs_never_meet_inputs_or_each_other() {

@@ -74,6 +74,14 @@ impl Model {
         }
     }
 
+    /// The name of the template that is meant; one that it does not know as it is told.
+    pub fn template<'a>(&'a self, told: &'a str) -> &'a str {
+        match &self.made_of {
+            Kind::Whole(rigger) => rigger.class_meant(told).unwrap_or(told),
+            Kind::Weights(_) => told,
+        }
+    }
+
     /// Refuses what it cannot do.
     pub fn suits(&self, args: &Common, bones: &Bones) -> Result<()> {
         let name = &self.card.name;

@@ -35,7 +35,7 @@ pub fn rig(args: &Common, bones: &Bones, model: &Model, from: &Path, to: &Path) 
     let (given, note) = skeleton(args, bones, &subject, (from, &options))?;
     notes.extend(note);
     let class = match bones {
-        Bones::Predicted { template, .. } => template.as_deref(),
+        Bones::Predicted { template, .. } => template.as_deref().map(|told| model.template(told)),
         _ => None,
     };
     let holders = subject.old_rig().filter(|_| bones.keeps_rig()).map(holders);
