@@ -212,12 +212,12 @@ fn a_skeleton_model_is_refined_by_what_is_about_joints() {
     let small = "[model]\nextends = 'model/unirig_skeleton/tiny.toml'\n[train]\nsteps = 12\n[eval]\nvalidation_assets = 1\n\
                  consensus = 1\n[limits]\njoints = 24\ntokens = 96\n";
     fs::write(&skeletons, format!("extends = 'quickstart/unirig_skeleton.toml'\n{small}{data}")).unwrap();
-    let start = dir.path().join("start");
-    must(&["train", text(&skeletons), "--run", text(&start)]);
+    let start_run = dir.path().join("start");
+    must(&["train", text(&skeletons), "--run", text(&start_run)]);
 
     let config = dir.path().join("grpo.toml");
     let settings = SETTINGS.replace("skintokens/grpo_quick.toml", "unirig/skeleton_grpo.toml");
-    fs::write(&config, format!("{settings}[start]\nmodel = '{}'\n{data}", start.display())).unwrap();
+    fs::write(&config, format!("{settings}[start]\nmodel = '{}'\n{data}", start_run.display())).unwrap();
     let (run, broken) = (dir.path().join("run"), dir.path().join("broken"));
     must(&["train", text(&config), "--run", text(&run)]);
     let steps: Vec<Value> = lines(&run).into_iter().filter(|l| l["train/loss"].is_number()).collect();
@@ -247,28 +247,28 @@ fn a_skeleton_model_is_refined_by_what_is_about_joints() {
     assert!(row["rewards"]["coverage"].as_f64() > Some(0.0) && row["rewards"]["skinning"] == 0.0, "{row}");
     assert!(!evaluation["gallery"].as_array().unwrap().is_empty());
 
-    // It rigs as what it was refined from does.
-    let (files, out) = (dir.path().join("rigged"), dir.path().join("out.glb"));
-    must(&["synth", "-o", text(&files), "--count", "1", "--triangles", "400..800"]);
-    let mesh =
-        fs::read_dir(&files).unwrap().map(|e| e.unwrap().path()).find(|p| p.extension().is_some_and(|e| e == "glb"));
-    must(&["rig", text(&mesh.unwrap()), "-o", text(&out), "--checkpoint", text(&run)]);
-
     // It can be refined further, from any of its checkpoints.
     let (further, start) = (dir.path().join("further"), format!("start.model='{}/checkpoints/last'", run.display()));
     must(&["train", text(&config), "--run", text(&further), "--set", &start, "--set", "train.steps=1"]);
     let steps: Vec<Value> = lines(&further).into_iter().filter(|l| l["train/loss"].is_number()).collect();
     assert!(steps.len() == 1 && steps[0]["train/divergence"] == 0.0, "{steps:?}");
 
-    // Weights cannot be judged, and there is no rig to be made.
+    // Weights cannot be judged.
     let said = refusal(&mut riglab(&["train", text(&config), "--set", "reward.weights=[5.0, 1.0, 1.0, 1.0]"]));
     assert!(said.contains("reward.weights") && said.contains("skeleton model"), "{said}");
     let mesh = fs::read_dir(dir.path().join("files")).unwrap().map(|e| e.unwrap().path());
     let mesh = mesh.filter(|p| p.extension().is_some_and(|e| e == "glb")).min().unwrap();
     let out = dir.path().join("a.glb");
-    let rig = ["rig", text(&mesh), "-o", text(&out), "--skeleton", "predict", "--checkpoint", text(&run)];
-    let said = refusal(&mut riglab(&rig));
-    assert!(said.contains("no weights") && said.contains("riglab eval"), "{said}");
+    // It rigs as what it was refined from does, with weights by another; as one file, too.
+    let file = dir.path().join("model.safetensors");
+    must(&["checkpoint", "export", text(&run), "-o", text(&file)]);
+    let made = [&start_run, &run, &file].map(|checkpoint| {
+        let said = must(&["rig", text(&mesh), "-o", text(&out), "--json", "--checkpoint", text(checkpoint)]).stdout;
+        let said: Value = serde_json::from_slice(&said).unwrap();
+        assert_eq!(said["weights_by"], "tokenrig_small");
+        fs::read(&out).unwrap()
+    });
+    assert!(made[0] != made[1] && made[1] == made[2], "what was refined is what draws");
 }
 
 #[test]

@@ -361,8 +361,8 @@ fn stages_of_unirig_rig_a_file() {
     assert!(rig("c.glb", &skeletons, &both).2 == bytes, "same seed, same bytes");
     assert!(rig("d.glb", &skeletons, &[&both[..], &["--seed", "1"]].concat()).2 != bytes);
     assert!(rig("e.glb", &files[0], &["--weights", text(&files[1])]).2 == bytes, "files as their runs");
-    let (_, named, _) = rig("f.glb", &skeletons, &["--template", "mixamo", "--samples", "1"]);
-    assert!(named.iter().any(|(name, _)| name.contains("Hips")), "{named:?}");
+    let (_, named, _) = rig("f.glb", &skeletons, &["--template", "Mixamo", "--samples", "1"]);
+    assert!(named.iter().any(|(name, _)| name.starts_with("mixamorig:")), "{named:?}");
     let made = |checkpoint: &Path, name: &str| {
         must(&["skin", text(&path("b.glb")), "-o", text(&path(name)), "--checkpoint", text(checkpoint)]);
         fs::read(path(name)).unwrap()
@@ -376,7 +376,8 @@ fn stages_of_unirig_rig_a_file() {
         (&weights, ["--weights", text(&weights)], "--weights makes weights for skeletons of a model that writes these"),
         (&weights, ["--samples", "1"], "give it as --weights"),
     ] {
-        let all = ["rig", text(bare), "-o", text(&path("x.glb")), "--checkpoint", text(checkpoint)];
+        let out = path("x.glb");
+        let all = ["rig", text(bare), "-o", text(&out), "--checkpoint", text(checkpoint)];
         let said = refusal(&mut riglab(&[&all[..], &more].concat()));
         assert!(said.contains(wanted), "{said}");
     }

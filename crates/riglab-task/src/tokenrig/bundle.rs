@@ -23,8 +23,8 @@ impl Rigger {
     /// # Errors
     /// A sentence: what it is instead, or what is wrong with it.
     pub fn open(path: &Path, device: Device) -> Result<(Self, Card), String> {
-        if path.is_dir() {
-            let (run, checkpoint) = named_by(path);
+        let (run, checkpoint) = named_by(path);
+        if run.is_dir() {
             return Self::of_run(&run, &checkpoint, device);
         }
         let bytes = std::fs::read(path).map_err(|e| format!("{}: cannot be read ({e})", path.display()))?;

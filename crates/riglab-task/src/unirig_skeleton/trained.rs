@@ -33,8 +33,8 @@ impl Trained {
     /// # Errors
     /// A sentence: what cannot be read.
     pub fn open(path: &Path, device: Device) -> Result<Option<Self>, String> {
-        if path.is_dir() {
-            let (run, checkpoint) = named_by(path);
+        let (run, checkpoint) = named_by(path);
+        if run.is_dir() {
             descends(&run)?;
             let settings = Settings::of_run(&run).map_err(|e| format!("{e}; {REMEDY}"))?;
             let own = match refined(&settings)? {

@@ -45,8 +45,8 @@ impl Skinner {
     /// # Errors
     /// A sentence: what is wrong with it.
     pub fn open(path: &Path, device: Device) -> Result<Option<(Self, Card)>, String> {
-        if path.is_dir() {
-            let (run, checkpoint) = named_by(path);
+        let (run, checkpoint) = named_by(path);
+        if run.is_dir() {
             if !Settings::of_run(&run).is_ok_and(|settings| settings.are::<SkinTaskConfig>()) {
                 return Ok(None);
             }

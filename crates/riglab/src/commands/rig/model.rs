@@ -78,6 +78,7 @@ impl Model {
     pub fn template<'a>(&'a self, told: &'a str) -> &'a str {
         match &self.made_of {
             Kind::Whole(rigger) => rigger.class_meant(told).unwrap_or(told),
+            Kind::Stages(sketcher, _) => sketcher.class_meant(told).unwrap_or(told),
             Kind::Weights(_) => told,
         }
     }
