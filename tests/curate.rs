@@ -142,10 +142,32 @@ fn a_list_of_splits_in_the_folder_is_kept_unless_settings_say_otherwise() {
     let (kept, said) = splits("kept.h5", &[]);
     assert_eq!(kept, serde_json::json!({"train": 1, "mine": 3}));
     assert!(said.contains("split.json"), "{said}");
-    let (_, said) = splits("part.h5", &["--shard", "1/2"]);
-    assert!(said.contains("--merge takes them by --set split.by=list"), "{said}");
+    let parts = ["part1.h5", "part2.h5", "part3.h5"];
+    for (part, shard) in parts.iter().zip(["1/3", "2/3", "3/3"]) {
+        splits(part, &["--shard", shard]);
+    }
+    let merged = |name: &str, parts: &[&str], more: &[&str]| {
+        let parts: Vec<PathBuf> = parts.iter().map(|part| dir.path().join(part)).collect();
+        let out = dir.path().join(name);
+        let parts: Vec<&str> = parts.iter().map(|part| text(part)).collect();
+        let done = must(&[&["curate", "--merge"], &parts[..], &["-o", text(&out), "--json"], &ALL, more].concat());
+        let funnel: Value = serde_json::from_slice(&done.stdout).unwrap();
+        (funnel["splits"].clone(), String::from_utf8(done.stderr).unwrap())
+    };
+    let (same, said) = merged("merged.h5", &parts, &[]);
+    assert_eq!(same, kept);
+    assert!(said.contains("splits are those of the parts"), "{said}");
+    let (others, said) = merged("others.h5", &parts, &["--set", "split.by=topology"]);
+    assert!(others.get("mine").is_none() && said.contains("left aside"), "{others} {said}");
     let (made, said) = splits("made.h5", &["--set", "split.by=topology"]);
     assert!(made.get("mine").is_none() && said.contains("left aside"), "{made} {said}");
+    // One that a list split, and one that none did: the same files, of which the list's word counts.
+    let (both, said) = merged("both.h5", &["kept.h5", "made.h5"], &[]);
+    assert_eq!(both, kept);
+    assert!(
+        said.contains("kept.h5 are kept") && said.contains("none gave those of") && said.contains("made.h5"),
+        "{said}"
+    );
 }
 
 #[test]

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use serde::{Deserialize, Serialize};
 
 use crate::Category;
-use crate::config::CurateConfig;
+use crate::config::{CurateConfig, SplitBy};
 use crate::judge::{CATEGORY, DECISION, Judged};
 use crate::label::Labels;
 use crate::record::{READ, Record};
@@ -36,6 +36,9 @@ pub struct Funnel {
     pub repaired: usize,
     /// Kept assets by split.
     pub splits: BTreeMap<String, usize>,
+    /// How these were made; `list` where any are those of a list, which stay where parts are merged.
+    #[serde(default)]
+    pub split_by: SplitBy,
     /// What the rules say against what sources state, of all that could be read and state one of the eight.
     pub agreement: Agreement,
     /// Decisions that were applied.
@@ -144,6 +147,7 @@ impl Funnel {
             statistics: statistics(records, judged, &kept),
             repaired: records.iter().filter(|r| r.facts.as_ref().is_some_and(|f| f.repairs > 0)).count(),
             splits: split_counts,
+            split_by: config.split.by,
             agreement: agreement(records),
             decisions: judged.decisions.len(),
             warnings: judged.told.iter().cloned().chain(labels.fault).collect(),

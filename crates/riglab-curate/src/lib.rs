@@ -56,7 +56,7 @@ pub use journal::{Journal, Stamp};
 pub use judge::{Judged, judge};
 pub use read::{Folder, Found, Read, Seen};
 pub use repair::repair;
-pub use run::{Places, Shard, Tell, curate, merge_shards, nothing_left};
+pub use run::{Places, Shard, Tell, curate, listed, merge_shards, nothing_left};
 pub use shape::{Shape, TOLERANCE};
 pub use stages::StageName;
 pub use vlm::{Asker, VlmReport, category_in};

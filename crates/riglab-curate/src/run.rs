@@ -133,10 +133,13 @@ pub fn nothing_left(places: &Places) -> bool {
 /// Makes one corpus of the corpora that the shards of a folder gave, without the duplicates between them. One of which
 /// nothing passed has none, and counts with what was dropped.
 ///
+/// The assets of the corpora in `keep` keep their splits; the others get theirs as the config says, among themselves.
+///
 /// # Errors
 /// As [`curate`], and when a corpus has no journal beside it.
 pub fn merge_shards(
     corpora: &[PathBuf],
+    keep: &[PathBuf],
     places: &Places,
     config: &CurateConfig,
     tell: Tell,
@@ -146,15 +149,29 @@ pub fn merge_shards(
         tell(&missing, 0, 0);
     }
     let (mut all, mut open) = (BTreeMap::new(), Vec::new());
+    let mut splits = HashMap::new();
     for path in corpora {
         let corpus = if nothing_left(&Places::of(path)) { None } else { Some(Corpus::open(path)?) };
         for record in records(&Places::of(path).journal())? {
             all.insert(record.name.clone(), record);
         }
+        if let Some(corpus) = corpus.as_ref().filter(|_| keep.contains(path)) {
+            splits.extend(corpus.names()?.iter().cloned().zip(corpus.texts("split")?));
+        }
         open.extend(corpus);
         take_answers(&Places::of(path).work.join("answers"), &places.work.join("answers"))?;
     }
-    finish(&Source::Corpora(&open), all.into_values().collect(), places, None, config, tell)
+    finish(&Source::Corpora(&open, &splits), all.into_values().collect(), places, None, config, tell)
+}
+
+/// Those corpora of curations whose splits a list gave, as their reports say.
+pub fn listed(corpora: &[PathBuf]) -> Vec<PathBuf> {
+    let by_list = |path: &&PathBuf| {
+        let text = std::fs::read(Places::of(path).funnel()).ok();
+        let funnel: Option<Funnel> = text.and_then(|text| serde_json::from_slice(&text).ok());
+        funnel.is_some_and(|funnel| funnel.split_by == SplitBy::List)
+    };
+    corpora.iter().filter(by_list).cloned().collect()
 }
 
 /// The file beside a shard's corpus that says which one it is.
@@ -316,11 +333,18 @@ fn finish(
     let mut splits = Vec::new();
     let mut doubts = source.doubts();
     if !kept.is_empty() {
-        let splitter = splitter(config)?;
-        let keys = keys(&kept, config);
-        splits = splitter.assign(&keys);
-        let names: HashSet<&str> = records.iter().map(|r| r.name.as_str()).collect();
-        doubts.extend(splitter.doubts(&keys, &splits, |name| names.contains(name) || source.is_there(name)));
+        let open: Vec<&Record> = kept.iter().copied().filter(|r| source.split(&r.name).is_none()).collect();
+        let mut made = Vec::new();
+        if !open.is_empty() {
+            let splitter = splitter(config)?;
+            let keys = keys(&open, config);
+            made = splitter.assign(&keys);
+            let names: HashSet<&str> = records.iter().map(|r| r.name.as_str()).collect();
+            doubts.extend(splitter.doubts(&keys, &made, |name| names.contains(name) || source.is_there(name)));
+        }
+        let mut made = made.into_iter();
+        let own = |r: &&Record| source.split(&r.name).cloned().or_else(|| made.next()).unwrap_or_default();
+        splits = kept.iter().map(own).collect();
         write(source, &kept, &judged, &splits, &mut pictures, places, tell)?;
     }
     let others = pictures.missing(&records);
@@ -330,6 +354,9 @@ fn finish(
     })?;
     let mut funnel = Funnel::of(&records, &judged, labels, &splits, config);
     funnel.warnings.extend(doubts);
+    if kept.iter().any(|r| source.split(&r.name).is_some()) {
+        funnel.split_by = SplitBy::List;
+    }
     store(&places.assets(), judged.lines(&records, &splits).as_bytes())?;
     store(&places.funnel(), &serde_json::to_vec_pretty(&funnel).unwrap_or_default())?;
     store(&places.report(), report::page(&funnel, &pictures, config).to_html()?.as_bytes())?;
@@ -393,7 +420,7 @@ fn write(
                 let files = gone.iter().map(|r| r.file.clone()).collect();
                 CurateError::Changed { path, count, first, files }
             }
-            Source::Corpora(_) => {
+            Source::Corpora(..) => {
                 let are = if n == 1 { "is" } else { "are" };
                 let message = format!(
                     "{count} {are} in none of the corpora, `{first}` for one; merge with the settings and decisions that the shards had"

@@ -20,8 +20,8 @@ const AT_ONCE: usize = 64;
 pub(crate) enum Source<'a> {
     /// The folder's files, repaired as by these settings.
     Folder(&'a Folder, &'a CurateConfig),
-    /// The corpora of its shards.
-    Corpora(&'a [Corpus]),
+    /// The corpora of its shards, with the splits of theirs that stay, by asset.
+    Corpora(&'a [Corpus], &'a HashMap<String, String>),
 }
 
 impl Source<'_> {
@@ -29,7 +29,15 @@ impl Source<'_> {
     pub(crate) fn doubts(&self) -> Vec<String> {
         match self {
             Self::Folder(folder, _) => folder.doubts(),
-            Self::Corpora(_) => Vec::new(),
+            Self::Corpora(..) => Vec::new(),
+        }
+    }
+
+    /// The split of an asset, where it stays as it is.
+    pub(crate) fn split(&self, name: &str) -> Option<&String> {
+        match self {
+            Self::Corpora(_, splits) => splits.get(name),
+            Self::Folder(..) => None,
         }
     }
 
@@ -45,7 +53,7 @@ impl Source<'_> {
         mut each: impl FnMut(Vec<Asset>) -> Result<(), CurateError>,
     ) -> Result<(), CurateError> {
         match self {
-            Self::Corpora(corpora) => {
+            Self::Corpora(corpora, _) => {
                 let mut at = HashMap::new();
                 for (c, corpus) in corpora.iter().enumerate() {
                     for (i, name) in corpus.names()?.iter().enumerate() {

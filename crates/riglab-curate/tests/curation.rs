@@ -2,15 +2,17 @@
 
 mod common;
 
+use std::collections::BTreeMap;
 use std::io::{Read, Write};
 use std::net::TcpListener;
+use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use common::{copy, creatures, dropped, plain, run, run_shard, write};
 use riglab_curate::decisions::{Decision, Decisions, Verdict};
 use riglab_curate::record::Record;
-use riglab_curate::{Category, CurateError, Places, Shard, SplitBy, merge_shards};
+use riglab_curate::{Category, CurateError, Places, Shard, SplitBy, listed, merge_shards};
 use riglab_data::Corpus;
 
 #[test]
@@ -109,11 +111,45 @@ fn shards_merge_to_what_one_run_gives() {
         })
         .collect();
     let merged = out.path().join("merged.h5");
-    let funnel = merge_shards(&parts, &Places::of(&merged), &plain(), &|_, _, _| ()).unwrap();
+    let funnel = merge_shards(&parts, &[], &Places::of(&merged), &plain(), &|_, _, _| ()).unwrap();
     assert_eq!(funnel, whole);
     assert_eq!(dropped(&funnel, "duplicates").len(), 6);
     let sum = |path| Corpus::open(path).unwrap().checksum().unwrap();
     assert_eq!(sum(&merged), sum(&out.path().join("corpus.h5")));
+}
+
+#[test]
+fn splits_that_a_list_gave_stay_where_parts_merge() {
+    let dir = tempfile::tempdir().unwrap();
+    let (one, two) = (dir.path().join("one"), dir.path().join("two"));
+    let all = creatures(12);
+    for (folder, own) in [(&one, &all[..6]), (&two, &all[6..])] {
+        std::fs::create_dir(folder).unwrap();
+        write(folder, own);
+    }
+    let file = |k: usize| format!("{}.glb", all[k].name);
+    let list = serde_json::json!({"mine": [file(0), file(1), file(2)], "test_new": [file(3), file(4)]});
+    std::fs::write(one.join("split.json"), list.to_string()).unwrap();
+    let (mut by_list, places) = (plain(), |name: &str| Places::of(&dir.path().join(name)));
+    by_list.split.by = SplitBy::List;
+    by_list.split.file = one.join("split.json").display().to_string();
+    let parts = [places("one.h5").out, places("two.h5").out];
+    run_shard(&one, &parts[0], None, &by_list).unwrap();
+    run_shard(&two, &parts[1], None, &plain()).unwrap();
+    assert_eq!(listed(&parts), parts[..1]);
+    let merge = |of: &[PathBuf], out: &str| {
+        merge_shards(of, &listed(of), &places(out), &plain(), &|_, _, _| ()).unwrap();
+        let corpus = Corpus::open(&places(out).out).unwrap();
+        let splits = corpus.texts("split").unwrap();
+        corpus.names().unwrap().iter().cloned().zip(splits).collect::<BTreeMap<_, _>>()
+    };
+    let merged = merge(&parts, "merged.h5");
+    let wanted = ["mine", "mine", "mine", "test_new", "test_new", ""];
+    assert!((0..6).all(|k| merged[&file(k)] == wanted[k]), "{merged:?}");
+    // The others get theirs among themselves, as they would alone.
+    let alone = merge(&parts[1..], "alone.h5");
+    assert!(alone.iter().all(|(name, split)| merged[name] == *split && !split.is_empty()), "{merged:?}");
+    assert_eq!(listed(&[places("merged.h5").out, places("alone.h5").out]), [places("merged.h5").out]);
 }
 
 #[test]
@@ -406,7 +442,7 @@ fn a_damaged_shard_is_not_merged() {
     bytes[at] ^= 1;
     std::fs::write(&part, &bytes).unwrap();
     let merged = Places::of(&out.path().join("merged.h5"));
-    let said = merge_shards(&[part], &merged, &plain(), &|_, _, _| ()).unwrap_err().to_string();
+    let said = merge_shards(&[part], &[], &merged, &plain(), &|_, _, _| ()).unwrap_err().to_string();
     assert!(said.contains("part.h5") && said.contains("damaged"), "{said}");
     assert!(!merged.out.exists());
 }

@@ -7,9 +7,8 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use anyhow::{Context, Result, bail};
 use riglab_curate::{
-    CurateConfig, CurateError, Funnel, Places, Shard, SplitBy, SplitConfig, Tell, curate, merge_shards,
+    CurateConfig, CurateError, Funnel, Places, Shard, SplitBy, SplitConfig, Tell, curate, listed, merge_shards,
 };
-use riglab_report::shell::command;
 use riglab_slurm::SlurmConfig;
 use riglab_train::Progress;
 
@@ -19,7 +18,7 @@ use crate::presets;
 /// Make a clean corpus of files of mixed quality: repaired, filtered, without duplicates, labelled.
 ///
 /// Splits are those of the folder's split.json, where there is one and no setting says otherwise; else they are made by
-/// topology. What looks mistyped in it and in the folder's manifest.json is told. Beside the corpus, OUT.curation/
+/// topology. Parts that are merged keep those of a list. What looks mistyped in it and in the folder's manifest.json is told. Beside the corpus, OUT.curation/
 /// holds the funnel report (report.html, funnel.json), a line an asset (assets.jsonl), and the journal by which a run
 /// that was broken off goes on. A file that cannot be read is a line of the report.
 #[derive(clap::Args)]
@@ -91,8 +90,9 @@ pub fn run(args: &Args) -> Result<ExitCode> {
     }
     let (mut config, slurm, told) = settings(&args.config, &args.sets)?;
     if let ([folder], false) = (args.inputs.as_slice(), args.merge) {
-        follow_list(&mut config.split, told, folder, args.shard.is_some())?;
+        follow_list(&mut config.split, told, folder)?;
     }
+    let keep = if args.merge { keep_lists(&config.split, told, &args.inputs) } else { Vec::new() };
     if let Some(path) = &args.decisions {
         if !path.is_file() {
             bail!("{}: no such file of decisions", path.display());
@@ -116,7 +116,7 @@ pub fn run(args: &Args) -> Result<ExitCode> {
         progress(&bar, what, done, total);
     };
     let done = if args.merge {
-        merge_shards(&args.inputs, &places, &config, tell)
+        merge_shards(&args.inputs, &keep, &places, &config, tell)
     } else {
         let [folder] = args.inputs.as_slice() else {
             bail!("give one folder, or --merge with the corpora of shards");
@@ -152,7 +152,7 @@ fn settings(name: &str, sets: &[String]) -> Result<(CurateConfig, SlurmConfig, b
 
 /// Takes the splits of a folder's `split.json`, as `riglab dataset import` does, unless the settings say otherwise: what its
 /// makers tested on must not be trained on unasked.
-fn follow_list(split: &mut SplitConfig, told: bool, folder: &Path, part: bool) -> Result<()> {
+fn follow_list(split: &mut SplitConfig, told: bool, folder: &Path) -> Result<()> {
     let list = folder.join("split.json");
     if !list.is_file() {
         return Ok(());
@@ -166,11 +166,44 @@ fn follow_list(split: &mut SplitConfig, told: bool, folder: &Path, part: bool) -
     let list = std::path::absolute(&list).with_context(|| format!("{} has no place", list.display()))?;
     (split.by, split.file) = (SplitBy::List, list.display().to_string());
     tell!("note: splits are those of {}; --set split.by=topology makes others", list.display());
-    if part {
-        let file = shell_quoted(&format!("split.file={}", list.display()));
-        tell!("note: --merge takes them by --set split.by=list --set {file}");
-    }
     Ok(())
+}
+
+/// The parts whose splits stay, which are those that a list gave, unless the settings say otherwise; and what to say of it.
+fn keep_lists(split: &SplitConfig, told: bool, parts: &[PathBuf]) -> Vec<PathBuf> {
+    let keep = listed(parts);
+    let named = |parts: &[&PathBuf]| some_of(&parts.iter().map(|part| shown(part)).collect::<Vec<_>>());
+    let (theirs, others): (Vec<&PathBuf>, Vec<&PathBuf>) = parts.iter().partition(|part| keep.contains(part));
+    if keep.is_empty() {
+        return keep;
+    }
+    if told {
+        if split.by != SplitBy::List {
+            let are = named(&theirs);
+            tell!("note: the splits that a list gave {are} are left aside, since the settings say split.by");
+        }
+        return Vec::new();
+    }
+    let makes = "--set split.by=topology makes others";
+    match others.is_empty() {
+        true => tell!("note: splits are those of the parts, which a list gave; {makes}"),
+        false => tell!(
+            "warning: the splits of {} are kept, as a list gave them; none gave those of {}, which are made by topology \
+             among themselves, so that trees of joints of their test_new may be trained on in the others; {makes} for all",
+            named(&theirs),
+            named(&others)
+        ),
+    }
+    keep
+}
+
+/// Some names of many.
+fn some_of(names: &[String]) -> String {
+    const SOME: usize = 3;
+    match names.len() {
+        n if n > SOME + 1 => format!("{} and {} more", names[..SOME].join(", "), n - SOME),
+        _ => names.join(", "),
+    }
 }
 
 /// Shows how far a phase is; another phase ends the bar of the one before.
@@ -209,11 +242,6 @@ fn show(funnel: &Funnel, places: &Places, json: bool) -> Result<()> {
     say!("{}: {} of {} assets ({})", shown(&places.out), funnel.kept, funnel.assets, splits.join(", "));
     say!("{}", shown(&places.report()));
     Ok(())
-}
-
-/// An argument as a shell reads it.
-fn shell_quoted(argument: &str) -> String {
-    command([argument]).split_once(' ').map_or(String::new(), |(_, quoted)| quoted.to_owned())
 }
 
 fn shown(path: &Path) -> String {
