@@ -527,6 +527,43 @@ fn nothing_else_is_written_over_a_corpus() {
 }
 
 #[test]
+fn results_are_written_over_results_alone() {
+    let temp = tempfile::tempdir().unwrap();
+    let files = temp.path().join("files");
+    must(&["synth", "-o", text(&files), "--count", "1", "--triangles", "200..300"]);
+    let file =
+        fs::read_dir(&files).unwrap().map(|e| e.unwrap().path()).find(|p| p.extension().unwrap() == "glb").unwrap();
+    let (truth, run) = (fs::read(&file).unwrap(), ready().join("run"));
+    let (config, notes) = (temp.path().join("mine.toml"), temp.path().join("notes.md"));
+    fs::write(&config, "task = \"fsq_cvae\"").unwrap();
+    fs::write(&notes, "# Notes").unwrap();
+    let compare =
+        |out: &Path, form| ["compare", text(&files), "--truth", text(&files), form, "-o", text(out)].map(String::from);
+    for command in [
+        compare(&file, "--csv").to_vec(),
+        ["eval", text(&run), "-o", text(&config)].map(String::from).to_vec(),
+        ["report", text(&run), "-o", text(&notes)].map(String::from).to_vec(),
+    ] {
+        let said = refusal(&mut riglab(&command.iter().map(String::as_str).collect::<Vec<_>>()));
+        assert!(said.contains("is there already and no ") && said.contains("another name"), "{command:?}: {said}");
+    }
+    assert_eq!(fs::read(&file).unwrap(), truth);
+    assert_eq!(
+        (fs::read_to_string(&config).unwrap(), fs::read_to_string(&notes).unwrap().as_str()),
+        ("task = \"fsq_cvae\"".into(), "# Notes")
+    );
+    // Twice, and in another form.
+    let out = temp.path().join("scores");
+    for form in ["--csv", "--csv", "--json", "--markdown", "--latex", "--html", "--html"] {
+        must(&compare(&out, form).each_ref().map(String::as_str));
+    }
+    let out = temp.path().join("again.md");
+    for _ in 0..2 {
+        must(&["report", text(&run), "-o", text(&out)]);
+    }
+}
+
+#[test]
 fn outputs_that_cannot_be_are_refused_before_the_work() {
     let temp = tempfile::tempdir().unwrap();
     let (run, out) = (ready().join("run"), temp.path().join("eval"));

@@ -10,6 +10,8 @@ use riglab_metric::{Preset, SkinBaseline};
 use riglab_report::{Block, Page, Table};
 use riglab_train::Progress;
 
+use super::earlier::{Written, keep_others};
+
 /// Score rigs that other systems wrote against true ones.
 ///
 /// Files are matched to true assets by their path without ending, or by their name alone. Every true asset is
@@ -88,7 +90,7 @@ fn failures(name: &str) -> Result<Failures, String> {
 }
 
 pub fn run(args: &Args) -> Result<ExitCode> {
-    args.out.as_deref().map_or(Ok(()), super::keep_corpus)?;
+    args.out.as_deref().map_or(Ok(()), |out| keep_others(out, Written::Comparison))?;
     if args.published.iter().any(|name| name == "list") {
         riglab_report::published::names().iter().for_each(|name| say!("{name}"));
         return Ok(ExitCode::SUCCESS);

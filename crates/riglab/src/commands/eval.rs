@@ -14,6 +14,7 @@ use riglab_task::seen::{seen, warning};
 use riglab_train::{Checkpoint, Progress, RunInfo, named_by};
 
 use super::device::DeviceArgs;
+use super::earlier::{Written, keep_others};
 use super::train::{same_companions, tell_untested, untested};
 use crate::presets;
 use crate::registry::{TaskConfig, Visitor};
@@ -141,7 +142,10 @@ fn places(args: &Args, run: &Path) -> Result<(PathBuf, PathBuf)> {
             folder.display()
         );
     }
-    super::keep_corpus(&path)?;
+    // The run's own is replaced, whatever has become of it.
+    if !is_own(&path, run) {
+        keep_others(&path, Written::Evaluation)?;
+    }
     Ok((path, folder))
 }
 

@@ -8,6 +8,7 @@ pub mod curate;
 pub mod dataset;
 mod device;
 pub mod doctor;
+mod earlier;
 pub mod eval;
 mod glb;
 pub mod inspect;

@@ -9,6 +9,7 @@ use riglab_report::{Block, Compared, Page, RunView, versus};
 use riglab_train::Checkpoint;
 
 use super::charts::charts;
+use super::earlier::{Written, keep_others};
 use crate::registry::{self, Evaluated};
 
 /// Write the report of a run, or compare several.
@@ -62,6 +63,12 @@ pub fn run(args: &Args) -> Result<ExitCode> {
                  {0}/report.html, and its runs lie below {0}/jobs",
                 run.display()
             );
+        }
+    }
+    for file in &files {
+        keep_others(file, Written::Report)?;
+        if file.extension().is_some_and(|e| e == "csv") && args.runs.len() > 1 {
+            keep_others(&file.with_extension("assets.csv"), Written::Report)?;
         }
     }
     let page = match args.runs.as_slice() {
