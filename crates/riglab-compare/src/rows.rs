@@ -15,8 +15,9 @@ pub enum Failures {
     /// Apart: counted beside the means.
     #[default]
     Apart,
-    /// As if one joint had been predicted at the centre of the box, without weights. Formulas that need a bone are given
-    /// one there of no length, or of the least that they do not merge away.
+    /// As the worst that a figure's definition allows, which of weights is one bone for each vertex, a wrong one; of
+    /// distances between skeletons, which have no bound, as if one joint had been predicted at the centre of the box.
+    /// Formulas that need a bone are given one there of no length, or of the least that they do not merge away.
     Worst,
 }
 

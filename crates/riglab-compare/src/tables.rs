@@ -53,9 +53,10 @@ impl Comparison {
         table.note = match self.failures {
             Failures::Apart => "Means below are over the assets scored; failed and missing ones count here alone.",
             Failures::Worst => {
-                "Failed and missing assets count in the means as one joint at the centre of the box (where a formula \
-                 needs a bone, one of next to no length), without weights; a table says below itself which metrics \
-                 leave them out."
+                "Failed and missing assets count in the means as the worst that there is: shares as 0, weights as each \
+                 vertex on one wrong bone, skeletons, of which none is the worst, as one joint at the centre of the box \
+                 (where a formula needs a bone, one of next to no length); a table says below itself which metrics leave \
+                 them out."
             }
         }
         .into();
@@ -158,10 +159,14 @@ impl Comparison {
         let values: Vec<Vec<f64>> = values.collect();
         let means: Vec<Mean> = values.iter().map(|v| Mean::of(v)).collect();
         let comparable = is_judged(name) && Over::of(&values) == Over::Same;
-        let best = |m: &Mean| {
-            let others = means.iter().map(|o| o.mean).filter(|x| x.is_finite());
+        // One that failed everywhere is the better one in nothing, whatever a failure counts.
+        let found = self.systems.iter().map(|s| s.rows.iter().any(|r| r.status == Status::Scored));
+        let found: Vec<bool> = found.collect();
+        let best = |k: usize| {
+            let others =
+                means.iter().zip(&found).filter(|(o, found)| **found && o.mean.is_finite()).map(|(o, _)| o.mean);
             let best = if lower == Some(true) { others.reduce(f64::min) } else { others.reduce(f64::max) };
-            comparable && best == Some(m.mean)
+            comparable && found[k] && best == Some(means[k].mean)
         };
         let arrow = match lower {
             Some(true) => "lower",
@@ -169,8 +174,8 @@ impl Comparison {
             None => "",
         };
         let mut cells = vec![Cell::text(headed(name.split('@').next().unwrap_or(name), name)), Cell::text(arrow)];
-        for m in &means {
-            cells.extend([number(m.mean).strong_if(best(m)), interval(m.low, m.high), Cell::count(m.n)]);
+        for (k, m) in means.iter().enumerate() {
+            cells.extend([number(m.mean).strong_if(best(k)), interval(m.low, m.high), Cell::count(m.n)]);
         }
         if pair {
             let p = Paired::of(&values[0], &values[1]);
@@ -372,6 +377,16 @@ mod tests {
         assert_eq!(of(&[&two, &[None, Some(f64::NAN)]]).0, [false, false], "the only one with figures is not the best");
         assert_eq!(of(&[&two, &some, &[None, Some(0.01)]]).0, [false; 3], "the third has the easy asset alone");
         assert_eq!(of(&[&two]), (vec![false], SAID.to_owned()));
+    }
+
+    #[test]
+    fn a_system_that_failed_everywhere_is_the_best_in_nothing() {
+        let mut failed = system("none", &[Some(0.1), Some(0.2)]);
+        failed.rows.iter_mut().for_each(|row| row.status = Status::Missing);
+        let systems = vec![system("one", &[Some(0.3), Some(0.4)]), failed];
+        let all = Comparison { truth: "t".into(), failures: Failures::Worst, unread_truth: Vec::new(), systems };
+        let table = all.tables(&Preset::ALL).remove(0);
+        assert!(table.rows[0][2].strong && !table.rows[0][5].strong);
     }
 
     #[test]

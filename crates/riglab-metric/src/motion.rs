@@ -40,6 +40,18 @@ pub struct Motion {
 }
 
 impl Motion {
+    /// Of sums over frames and vertices of distances and their squares, over frames of the largest, and the largest.
+    fn of_sums(frames: usize, vertices: usize, [sum, squares, maxima, max]: [f64; 4]) -> Self {
+        let n = (frames * vertices) as f64;
+        Self {
+            mean: sum / n,
+            max: if n > 0.0 { max } else { f64::NAN },
+            mean_max: if n > 0.0 { maxima / frames as f64 } else { f64::NAN },
+            mse: squares / (3.0 * n),
+            rms: (squares / n).sqrt(),
+        }
+    }
+
     /// Names and values, in the order of the fields.
     pub fn figures(&self) -> crate::Figures {
         vec![
@@ -138,7 +150,7 @@ pub fn clip_frames(clips: &[Clip], scale: f64, shift: [f64; 3]) -> Frames {
 
 /// The distances over some poses; NaN without poses or vertices.
 pub fn motion(vertices: &[[f64; 3]], joints: &Joints, poses: &Poses, truth: &Rows, predicted: &Rows) -> Motion {
-    let frames: Frames = poses.iter().map(|pose| maps(joints, pose)).collect();
+    let frames = frames_of(joints, poses);
     let shares = Shares::new(joints.positions.len().min(joints.parents.len()), truth, predicted);
     moved(vertices, &frames, &shares)
 }
@@ -172,15 +184,45 @@ fn moved(vertices: &[[f64; 3]], frames: &Frames, shares: &Shares) -> Motion {
             maxima += largest[l];
         }
     }
-    let count = frames.len() * vertices.len();
-    let n = count as f64;
-    Motion {
-        mean: sum / n,
-        max: if count > 0 { max } else { f64::NAN },
-        mean_max: if count > 0 { maxima / frames.len() as f64 } else { f64::NAN },
-        mse: squares / (3.0 * n),
-        rms: (squares / n).sqrt(),
+    Motion::of_sums(frames.len(), vertices.len(), [sum, squares, maxima, max])
+}
+
+/// The maps of joints in poses.
+pub(crate) fn frames_of(joints: &Joints, poses: &Poses) -> Frames {
+    poses.iter().map(|pose| maps(joints, pose)).collect()
+}
+
+/// The farthest that any weights put vertices in these frames: of a mean over weighted maps no point is farther off than
+/// one of the maps puts it, or the origin, where one without weights is. Means are over the worst of each vertex,
+/// `mean_max` over the worst of each frame.
+pub(crate) fn farthest_motion(vertices: &[[f64; 3]], frames: &Frames, truth: &Rows) -> Motion {
+    let known = frames.iter().map(Vec::len).min().unwrap_or(0);
+    let vertices = &vertices[..vertices.len().min(truth.len())];
+    let (mut sum, mut squares, mut largest) = (0.0, 0.0, vec![0.0f64; frames.len()]);
+    for (v, row) in vertices.iter().zip(truth.iter()) {
+        let v = DVec3::from(*v);
+        let total =
+            row.iter().filter(|(j, _)| (*j as usize) < known).map(|(_, w)| f64::from(*w)).sum::<f64>() + EPSILON;
+        let shares = || row.iter().filter(|(j, _)| (*j as usize) < known);
+        let own = |frame: &Vec<DAffine3>| {
+            shares().map(|(j, w)| f64::from(*w) / total * frame[*j as usize].transform_point3(v)).sum::<DVec3>()
+        };
+        let own: Vec<DVec3> = frames.iter().map(own).collect();
+        let (mut far, mut far2) = (0.0f64, 0.0f64);
+        for bone in (0..known).map(Some).chain([None]) {
+            let (mut distances, mut squared) = (0.0, 0.0);
+            for ((frame, own), largest) in frames.iter().zip(&own).zip(&mut largest) {
+                let d2 = own.distance_squared(bone.map_or(DVec3::ZERO, |j| frame[j].transform_point3(v)));
+                let d = d2.sqrt();
+                (distances, squared) = (distances + d, squared + d2);
+                *largest = largest.max(d);
+            }
+            (far, far2) = (far.max(distances), far2.max(squared));
+        }
+        (sum, squares) = (sum + far, squares + far2);
     }
+    let max = largest.iter().copied().fold(0.0, f64::max);
+    Motion::of_sums(frames.len(), vertices.len(), [sum, squares, largest.iter().sum(), max])
 }
 
 /// A row of a map has three numbers that are multiplied by the coordinates and one that is added; each for some

@@ -2,6 +2,8 @@
 
 use riglab_core::{Clip, Mesh, Rig, Vec3};
 
+use crate::motion::{farthest_motion, frames_of};
+use crate::skin::farthest;
 use crate::{
     Frames, Joints, Poses, Rows, SkeletonConvention, SkinConvention, Skins, clip_frames, connectivity, edges_of,
     local_shape_diameters, match_joints, motion, motion_of_frames, motion_poses, nearest_shares, ordered_by_position,
@@ -302,12 +304,36 @@ impl Truth {
         Some(out)
     }
 
-    /// What an asset is given that failed, where failures are to count: one joint at the centre of the box, without
-    /// weights.
+    /// What an asset is given that failed, where failures are to count: of each figure that has a bound the worst that
+    /// there is, since a wrong bone is worse than none. Shares (precision, recall, IoU, Dice, masks) have 0; distances of
+    /// weights, and of what they move, have what the worst weights of sum 1 have: see [`farthest`] and
+    /// [`farthest_motion`]. NaN is the variance of weights' distances, whose worst is not known. Skeletons may be any
+    /// distance off: distances, `ted` and `joints_off` are those of one joint at the centre of the box.
     pub fn worst(&self) -> Vec<Measure> {
         let one = Joints { positions: vec![self.to_mesh_cube.center], parents: vec![None] };
-        let none = Rows::new((0..self.weights.len()).map(|_| []), self.weights.columns());
-        [self.skeleton(&one), self.skin(&none).unwrap_or_default()].concat()
+        let mut skin: Vec<Measure> = Vec::new();
+        for weights in farthest(&self.weights) {
+            let figures = self.skin(&weights).unwrap_or_default();
+            if skin.is_empty() {
+                skin = figures;
+                continue;
+            }
+            skin.iter_mut().zip(figures).for_each(|(m, other)| m.value = m.value.max(other.value));
+        }
+        let posed = farthest_motion(&self.vertices, &frames_of(&self.joints, &self.poses), &self.weights);
+        let clips = farthest_motion(&self.vertices, &self.frames, &self.weights);
+        let mut moved = posed.figures();
+        moved.extend([("clips", clips.mean), ("clips_mse", clips.mse)]);
+        // A mean of neighbours' weights is bounded as a vertex' own is.
+        moved.extend(skin.iter().find(|m| m.name() == "l1@puppeteer").map(|m| ("l1_ring", m.value)));
+        moved.push(("l1_var", f64::NAN));
+        for m in &mut skin {
+            m.value = moved.iter().find(|(name, _)| *name == m.metric).map_or(m.value, |(_, worst)| *worst);
+        }
+        let mut all = [self.skeleton(&one), skin].concat();
+        let shares = all.iter_mut().filter(|m| lower_is_better(m.metric) == Some(false) && !m.value.is_nan());
+        shares.for_each(|m| m.value = 0.0);
+        all
     }
 }
 
@@ -390,7 +416,47 @@ mod tests {
     fn a_failure_that_counts_is_bad_but_finite_where_it_can_be() {
         let worst = Truth::new("bar", &bar()).worst();
         assert!(value(&worst, "j2j@skintokens") > 10.0 && value(&worst, "recall@skintokens") == 0.0);
-        assert!(value(&worst, "j2b@skintokens").is_nan());
+        assert!(value(&worst, "j2b@skintokens").is_nan() && value(&worst, "l1_var@skintokens").is_nan());
+        // One joint in the middle of a chain of three is near the middle one.
+        assert_eq!(value(&worst, "joint_recall@anymate"), 0.0);
         assert!(Truth::new("bar", &bar()).skin(&Rows::dense(&[1.0], 1)).is_none());
+    }
+
+    #[test]
+    fn no_weights_are_worse_than_those_of_a_failure() {
+        use riglab_random::{Draw, stream};
+        let rig = bar();
+        let truth = Truth::new("bar", &rig);
+        let (worst, vertices) = (truth.worst(), rig.mesh().positions().len());
+        let mut random = stream(3, "test", &[]);
+        for round in 0..300 {
+            // Of one bone, of none, of some.
+            let mut row = || {
+                let power = [0.2, 1.0, 20.0][round % 3];
+                let row = [(); 3].map(|()| libm::powf(random.unit(), power));
+                let sum: f32 = row.iter().sum();
+                match round % 5 {
+                    0 => [(); 3].map(|()| 0.0),
+                    1 => std::array::from_fn(|k| f32::from(row[k] >= row.iter().copied().fold(0.0, f32::max))),
+                    _ => row.map(|w| w / sum),
+                }
+            };
+            let weights: Vec<f32> = (0..vertices).flat_map(|_| row()).collect();
+            for m in truth.skin(&Rows::dense(&weights, 3)).unwrap() {
+                let bound = value(&worst, &m.name());
+                let sound = match lower_is_better(m.metric) {
+                    Some(true) => bound.is_nan() || m.value <= bound + 1e-6,
+                    Some(false) => m.value.is_nan() || m.value >= bound,
+                    None => true,
+                };
+                assert!(sound, "{} {} is worse than {bound}", m.name(), m.value);
+            }
+        }
+        // What has no weights is not the worst, nor is what a bone holds that it should not.
+        let none = truth.skin(&Rows::new((0..vertices).map(|_| []), 3)).unwrap();
+        for name in ["l1@unirig", "l2@unirig", "smooth_l1@unirig", "bce@unirig", "zero_l1@unirig", "l1@skintokens"] {
+            assert!(value(&none, name) < value(&worst, name), "{name}");
+        }
+        assert!(value(&none, "mask_050@unirig") > 0.0 && value(&worst, "mask_050@unirig") == 0.0);
     }
 }

@@ -5,11 +5,14 @@ mod puppeteer;
 mod skintokens;
 mod unirig;
 mod vertexwise;
+mod worst;
 
 pub use curve::PrecisionRecall;
 pub use puppeteer::edges_of;
 use serde::{Deserialize, Serialize};
 pub use skintokens::{ACTIVE, SkinMetrics, SkinTally, nan_for_null};
+
+pub(crate) use worst::farthest;
 
 use crate::{Figures, Rows};
 

@@ -40,7 +40,7 @@ pub struct Args {
     /// anymate or riglab.
     #[arg(long = "preset", value_name = "NAME", value_parser = preset)]
     presets: Vec<Preset>,
-    /// How failed and missing assets count: apart, or worst (one joint at the centre, without weights).
+    /// How failed and missing assets count: apart, or worst (the worst weights, one joint at the centre).
     #[arg(long, default_value = "apart", value_parser = failures)]
     failures: Failures,
     /// Add what binds the true skeletons without learning: nearest bone, inverse distance, geodesic, heat diffusion.
