@@ -1,16 +1,21 @@
 //! Rotation, mirroring and scale about the origin of normalised coordinates.
 
+use std::f32::consts::PI;
+
 use glam::{EulerRot, Mat3, Quat, Vec3};
 use riglab_random::{Draw, Stream};
 use serde::{Deserialize, Serialize};
+
+use crate::jitter::MOST;
+use crate::rules::inside;
 
 /// What is drawn. The default changes nothing.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct AffineConfig {
-    /// Deviation of the turn about the vertical axis, in radians.
+    /// Deviation of the turn about the vertical axis, in radians; at most π.
     pub yaw: f32,
-    /// Deviation of the turns about both other axes, in radians.
+    /// Deviation of the turns about both other axes, in radians; at most π.
     pub tilt: f32,
     /// Probability of a turn to any orientation, all alike, before the other turns: some files lie on their back.
     pub tumble: f32,
@@ -20,7 +25,7 @@ pub struct AffineConfig {
     pub scale: [f32; 2],
     /// Largest relative change of each axis besides.
     pub stretch: f32,
-    /// Deviation of noise on positions, in normalised units.
+    /// Deviation of noise on positions, in normalised units; at most 1, half the cube.
     pub noise: f32,
 }
 
@@ -48,12 +53,18 @@ impl AffineConfig {
                 return Err((key, format!("{key} = {p} is a probability")));
             }
         }
-        for (key, v) in [("yaw", self.yaw), ("tilt", self.tilt), ("noise", self.noise)] {
-            if !(v >= 0.0 && v.is_finite()) {
-                return Err((key, format!("{key} = {v} must not be negative")));
+        for (key, v) in [("yaw", self.yaw), ("tilt", self.tilt)] {
+            // Degrees would turn everything anyhow, without a word.
+            if !(0.0..=PI).contains(&v) {
+                let degrees = if (PI..=180.0).contains(&v) {
+                    format!(": {v} degrees are {:.3}", v.to_radians())
+                } else {
+                    String::new()
+                };
+                return Err((key, format!("{key} = {v} must be in radians, from 0 to π{degrees}")));
             }
         }
-        Ok(())
+        inside("noise", self.noise, 0.0, MOST)
     }
 
     /// Draws a map. The same numbers are taken from the stream whatever the config, but for those of `tumble`, which are
@@ -159,5 +170,23 @@ mod tests {
         assert_eq!(map.position([1.0, 2.0, 3.0], &mut random), [1.0, 2.0, 3.0]);
         assert!(AffineConfig::default().validate().is_ok() && wild().validate().is_ok());
         assert!(AffineConfig { scale: [2.0, 1.0], ..wild() }.validate().is_err());
+    }
+
+    #[test]
+    fn angles_are_radians_and_noise_stays_in_the_cube() {
+        let said = |config: AffineConfig| config.validate().unwrap_err();
+        let (key, message) = said(AffineConfig { yaw: 45.0, ..wild() });
+        assert_eq!((key, message.as_str()), ("yaw", "yaw = 45 must be in radians, from 0 to π: 45 degrees are 0.785"));
+        for (key, config) in [
+            ("tilt", AffineConfig { tilt: 3.2, ..wild() }),
+            ("tilt", AffineConfig { tilt: -0.1, ..wild() }),
+            ("yaw", AffineConfig { yaw: f32::NAN, ..wild() }),
+            ("yaw", AffineConfig { yaw: 720.0, ..wild() }),
+            ("noise", AffineConfig { noise: 1.5, ..wild() }),
+        ] {
+            let (at, message) = said(config);
+            assert!(at == key && message.contains(key), "{at}: {message}");
+        }
+        assert!(AffineConfig { yaw: PI, tilt: 0.0, noise: 1.0, ..wild() }.validate().is_ok());
     }
 }

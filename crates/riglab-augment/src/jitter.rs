@@ -54,7 +54,7 @@ impl Default for JointNoiseConfig {
 }
 
 /// Largest deviation: half the cube.
-const MOST: f32 = 1.0;
+pub(crate) const MOST: f32 = 1.0;
 
 impl JitterConfig {
     /// Checks ranges.
