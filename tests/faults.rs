@@ -527,6 +527,35 @@ fn nothing_else_is_written_over_a_corpus() {
 }
 
 #[test]
+fn a_run_of_relative_paths_says_where_it_goes_on() {
+    let temp = tempfile::tempdir().unwrap();
+    let place = temp.path().join("my runs");
+    fs::create_dir(&place).unwrap();
+    fs::copy(ready().join("corpus.h5"), place.join("c.h5")).unwrap();
+    let config = config(&place, Path::new("c.h5"), "[train]\nsteps = 2\n[eval]\nvalidation_vertices = 20\n");
+    let run = place.join("run");
+    assert!(riglab(&["train", text(&config), "--run", text(&run)]).current_dir(&place).status().unwrap().success());
+    for (command, wanted) in [(["train", "--resume"].as_slice(), "cd '"), (["eval"].as_slice(), "'data.corpora=[\"")] {
+        let said = refusal(riglab(&[command, &[text(&run)]].concat()).current_dir(temp.path()));
+        assert!(said.contains("corpus c.h5 is not below this folder"), "{said}");
+        let hint = said.split_once("hint: ").unwrap().1.trim();
+        assert!(hint.contains(wanted), "{hint}");
+        // As a reader pastes it.
+        let script = format!("riglab() {{ \"$0\" --threads 1 \"$@\"; }}\n{hint}");
+        let pasted =
+            Command::new("sh").args(["-c", &script, env!("CARGO_BIN_EXE_riglab")]).current_dir(temp.path()).output();
+        let pasted = pasted.unwrap();
+        assert!(pasted.status.success(), "{hint}: {}", String::from_utf8_lossy(&pasted.stderr));
+    }
+    // One whose run does not say where it was begun.
+    let info = fs::read_to_string(run.join("run.json")).unwrap();
+    let lines: Vec<&str> = info.lines().filter(|line| !line.contains("\"folder\"")).collect();
+    fs::write(run.join("run.json"), lines.join("\n")).unwrap();
+    let said = refusal(riglab(&["train", "--resume", text(&run)]).current_dir(temp.path()));
+    assert!(said.contains("start it in the folder where the run was begun"), "{said}");
+}
+
+#[test]
 fn results_are_written_over_results_alone() {
     let temp = tempfile::tempdir().unwrap();
     let files = temp.path().join("files");

@@ -8,7 +8,7 @@ use thiserror::Error;
 #[derive(Debug, Error)]
 pub enum DataError {
     /// No such file or folder.
-    #[error("{path}: no such {what}", path = .0.display(), what = .1)]
+    #[error("{path}: no such {what}{from}", path = .0.display(), what = .1, from = looked_from(.0))]
     Missing(PathBuf, &'static str),
     /// A folder where a corpus is asked for.
     #[error("{path}: a folder, not a corpus; make one of the files in it: riglab dataset import {quoted} -o corpus.h5", path = .0.display(), quoted = shell_words::quote(&.0.display().to_string()))]
@@ -120,6 +120,14 @@ pub enum DataError {
         /// What is wrong.
         message: String,
     },
+}
+
+/// Where a path leads from that is none from the root.
+fn looked_from(path: &Path) -> String {
+    match std::env::current_dir() {
+        Ok(here) if path.is_relative() => format!(" (looked for from the folder {})", here.display()),
+        _ => String::new(),
+    }
 }
 
 impl DataError {

@@ -495,7 +495,12 @@ mod tests {
         let path = dir.path().join("x.h5");
         hdf5::File::create(&path).unwrap().close().unwrap();
         assert!(matches!(Corpus::open(&path), Err(DataError::NotCorpus { .. })));
-        assert!(matches!(Corpus::open(&dir.path().join("y.h5")), Err(DataError::Missing(..))));
+        let missing = Corpus::open(&dir.path().join("y.h5")).err().unwrap();
+        assert!(matches!(missing, DataError::Missing(..)) && !missing.to_string().contains("looked for"));
+        // A path that is of use in one folder alone says which.
+        let said = Corpus::open(Path::new("nowhere.h5")).err().unwrap().to_string();
+        let here = std::env::current_dir().unwrap();
+        assert_eq!(said, format!("nowhere.h5: no such corpus (looked for from the folder {})", here.display()));
         let said = Corpus::open(dir.path()).err().unwrap().to_string();
         assert!(said.contains("a folder, not a corpus") && said.contains("riglab dataset import"), "{said}");
         // What is to be copied into a shell is quoted for one.

@@ -6,6 +6,11 @@ pub fn command<'a>(arguments: impl IntoIterator<Item = &'a str>) -> String {
     shell_words::join(std::iter::once("riglab").chain(arguments))
 }
 
+/// An argument as a shell reads it.
+pub fn quoted(argument: &str) -> String {
+    shell_words::quote(argument).into_owned()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

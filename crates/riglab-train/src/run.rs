@@ -35,6 +35,9 @@ pub struct RunInfo {
     pub task: String,
     /// The command line.
     pub command: Vec<String>,
+    /// The folder where it was given, from which paths of the config lead; empty where it is not known.
+    #[serde(default)]
+    pub folder: String,
     /// Version of riglab, with the commit that it was built of.
     pub riglab: String,
     /// Version of libtorch and the instruction set it chose.
@@ -186,6 +189,7 @@ impl RunInfo {
         Self {
             task: task.into(),
             command: std::env::args_os().map(|arg| arg.to_string_lossy().into_owned()).collect(),
+            folder: std::env::current_dir().map_or(String::new(), |folder| folder.display().to_string()),
             riglab: riglab.into(),
             libtorch: format!("{} {}", riglab_torch::libtorch_version(), riglab_torch::cpu_capability()),
             commit: commit(),

@@ -12,6 +12,7 @@ use riglab_curate::{
 use riglab_slurm::SlurmConfig;
 use riglab_train::Progress;
 
+use super::shown;
 use super::slurm::{Desk, On, apart, curate as on_slurm, settings as slurm_settings};
 use crate::presets;
 
@@ -242,8 +243,4 @@ fn show(funnel: &Funnel, places: &Places, json: bool) -> Result<()> {
     say!("{}: {} of {} assets ({})", shown(&places.out), funnel.kept, funnel.assets, splits.join(", "));
     say!("{}", shown(&places.report()));
     Ok(())
-}
-
-fn shown(path: &Path) -> String {
-    path.display().to_string()
 }

@@ -19,6 +19,7 @@ use riglab_train::Progress;
 use riglab_report::counted;
 
 use super::inspect::vertices;
+use super::shown;
 
 /// Make and look at corpora: HDF5 files of many rigs.
 #[derive(clap::Args)]
@@ -431,8 +432,4 @@ fn run_verify(args: &Verify) -> Result<ExitCode> {
     }
     say!("{}: {}, {} damaged", shown(&args.corpus), counted(corpus.len(), "asset"), faults.len());
     Ok(if faults.is_empty() { ExitCode::SUCCESS } else { ExitCode::FAILURE })
-}
-
-fn shown(path: &Path) -> String {
-    path.display().to_string()
 }

@@ -15,7 +15,8 @@ use riglab_train::{Checkpoint, Progress, RunInfo, named_by};
 
 use super::device::DeviceArgs;
 use super::earlier::{Written, keep_others};
-use super::train::{same_companions, tell_untested, untested};
+use super::shown;
+use super::train::{reached, same_companions, tell_untested, untested};
 use crate::presets;
 use crate::registry::{TaskConfig, Visitor};
 
@@ -71,11 +72,17 @@ pub fn run(args: &Args, threads: usize) -> Result<ExitCode> {
         !config.data().test.is_empty(),
         "data.test names no split to evaluate; give one: --set data.test='[\"test_new\"]'"
     );
+    let own = read(&[])?;
+    if config.data().corpora == own.data().corpora {
+        reached(&run, config.data(), |corpora| {
+            let list: Vec<String> = corpora.iter().map(|path| shown(path)).collect();
+            vec!["eval".into(), shown(&args.run), "--set".into(), format!("data.corpora={list:?}")]
+        })?;
+    }
     let name = args.checkpoint.as_ref().unwrap_or(&named);
     let checkpoint = Checkpoint::open(&run.join("checkpoints").join(name))?;
     // There is such a run.
     try_writing(&path)?;
-    let own = read(&[])?;
     if own.data().corpora.is_empty() {
         tell!(
             "note: whether these assets were trained on is not known: the model names no corpora; {} may say what it learned \

@@ -24,6 +24,11 @@ pub mod tokens;
 pub mod train;
 pub mod view;
 
+/// A path in a text, or as an argument.
+fn shown(path: &std::path::Path) -> String {
+    path.display().to_string()
+}
+
 /// Refuses to write over a corpus, which takes long to make, what is none.
 fn keep_corpus(out: &std::path::Path) -> anyhow::Result<()> {
     if out.is_file() && riglab_data::Corpus::open(out).is_ok() {

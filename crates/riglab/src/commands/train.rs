@@ -16,11 +16,13 @@ use riglab_train::{
 use tch::Device;
 
 use super::device::{self, DeviceArgs};
+use super::shown;
 use super::slurm::{On, apart, settings, train as on_slurm};
 use crate::offered::open_weights;
 use crate::presets;
 use crate::registry::{TaskConfig, Visitor};
 use riglab_report::counted;
+use riglab_report::shell::{command, quoted};
 
 /// Train a model from a config, or continue a run.
 ///
@@ -112,7 +114,11 @@ fn together(args: &Args, threads: usize, ranks: &Ranks) -> Result<ExitCode> {
             let text = std::fs::read_to_string(run.path("config.toml"));
             let text =
                 ranks.told(if ranks.leads() { text.context("cannot read config.toml")? } else { String::new() })?;
-            (settled(&text, &run.path("config.toml"))?, Place::There(run))
+            let config = settled(&text, &run.path("config.toml"))?;
+            if ranks.leads() {
+                reached(dir, config.data(), |_| vec!["train".into(), "--resume".into(), whole(dir)])?;
+            }
+            (config, Place::There(run))
         }
         (None, Some(name)) if args.dry_run => {
             if ranks.size() > 1 {
@@ -337,6 +343,38 @@ impl Visitor for Session<'_> {
         say!("{}", run.dir().display());
         Ok(ExitCode::SUCCESS)
     }
+}
+
+/// Refuses a run whose corpora are named by paths that lead nowhere from this folder, though they did from the one where it
+/// was begun; `again` gives the arguments that go on, with the corpora's places from anywhere.
+pub fn reached(run: &Path, data: &DataConfig, again: impl Fn(&[PathBuf]) -> Vec<String>) -> Result<()> {
+    let Some(gone) = data.corpora.iter().find(|path| path.is_relative() && !path.exists()) else { return Ok(()) };
+    let here = std::env::current_dir().context("there is no working folder")?;
+    let info = std::fs::read(run.join("run.json")).ok().and_then(|text| serde_json::from_slice::<RunInfo>(&text).ok());
+    let begun = info.map(|info| PathBuf::from(info.folder)).filter(|folder| folder.join(gone).is_file());
+    let places: Vec<PathBuf> = data.corpora.iter().map(|path| begun.as_deref().unwrap_or(&here).join(path)).collect();
+    let arguments = again(&places);
+    let command = command(arguments.iter().map(String::as_str));
+    let names_them = arguments.iter().any(|argument| argument.starts_with("data.corpora="));
+    let hint = match begun {
+        Some(_) if names_them => command,
+        Some(folder) => format!("cd {} && {command}", quoted(&shown(&folder))),
+        None if names_them => {
+            "start it in the folder where the run was begun, or say where they are: --set data.corpora=...".into()
+        }
+        None => "start it in the folder where the run was begun".into(),
+    };
+    bail!(
+        "{}: its corpus {} is not below this folder, {}: paths of a run lead from where it was begun\n\nhint: {hint}",
+        run.display(),
+        gone.display(),
+        here.display()
+    )
+}
+
+/// A path from the root.
+fn whole(path: &Path) -> String {
+    shown(&std::path::absolute(path).unwrap_or_else(|_| path.into()))
 }
 
 /// The splits to be tested on that have no asset: mistyped, or not there.
