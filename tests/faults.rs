@@ -43,6 +43,7 @@ fn settings_that_cannot_be_are_refused_by_key() {
         ("train.steps='ten'", &["train.steps"]),
         ("sampling.shape_points=4", &["shape_points"]),
         ("data.train=['nowhere']", &["data.train", "nowhere"]),
+        ("data.test=['nope']", &["data.test", "no asset in `nope`", "--set data.test="]),
         ("loss.kl=0.1", &["loss.kl", "bottleneck"]),
         ("task='fsq_vae'", &["fsq_vae", "fsq_cvae"]),
         ("model.encoder_layers=1000000000000", &["encoder_layers", "at most 10000"]),
@@ -443,6 +444,15 @@ fn an_evaluation_changes_nothing_that_was_trained() {
         assert!(parts.iter().all(|part| said.contains(part)), "{set}: {said}");
     }
     assert!(!run.join("eval.json").exists());
+    let other = ready().join("other.json");
+    let said =
+        must(&["eval", text(&run), "-o", text(&other), "--pictures", "0", "--set", "data.test=['train']"]).stderr;
+    let said = String::from_utf8(said).unwrap();
+    assert!(
+        said.contains("other.json; riglab report shows those of RUN/eval.json") && !said.contains("next:"),
+        "{said}"
+    );
+    fs::remove_file(other).unwrap();
     let said = refusal(&mut riglab(&["eval", "runs/nope"]));
     assert!(said.contains("runs/nope: no run here") && !said.contains("looked for"), "{said}");
 }

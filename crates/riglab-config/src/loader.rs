@@ -187,6 +187,16 @@ impl<'a> Loader<'a> {
                 let name = cleaned(path);
                 let unreadable = |why: String| Fault::new(FaultKind::Unreadable, why, said_at.cloned());
                 let bytes = std::fs::read(path).map_err(|e| unreadable(format!("{name}: cannot be read: {e}")))?;
+                if bytes.starts_with(b"\x89HDF\r\n\x1a\n") {
+                    return Err(unreadable(format!(
+                        "{name}: an HDF5 file, as corpora are, and no config: configs are TOML, and name corpora by \
+                         data.corpora"
+                    ))
+                    .into());
+                }
+                if bytes.contains(&0) {
+                    return Err(unreadable(format!("{name}: no text, and no config: configs are TOML")).into());
+                }
                 let text = String::from_utf8(bytes).map_err(|e| {
                     let line = e.as_bytes()[..e.utf8_error().valid_up_to()].iter().filter(|b| **b == b'\n').count() + 1;
                     unreadable(format!("{name}:{line}: a letter that is not UTF-8; save the file as UTF-8"))
@@ -319,6 +329,19 @@ fn cleaned(path: &Path) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn what_is_no_text_is_told_as_what_it_is() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("corpus.h5");
+        let said = |bytes: &[u8]| {
+            std::fs::write(&path, bytes).unwrap();
+            Loader::new().load(&path, &[] as &[&str]).unwrap_err().to_string()
+        };
+        let of = said(b"\x89HDF\r\n\x1a\n\0\xff");
+        assert!(of.contains("corpus.h5: an HDF5 file") && of.contains("TOML") && of.contains("data.corpora"), "{of}");
+        assert!(said(b"glTF\x02\0\0\0").contains("configs are TOML"));
+    }
 
     #[test]
     fn text_in_another_encoding_is_told_once_and_with_its_line() {

@@ -57,9 +57,11 @@ impl Sequences<'_> {
         let least = self.tokenizer.least_joints.max(1);
         // Start, class, a spring token, joints, end.
         let shortest = 3 * least + 4;
-        if self.limits.tokens < shortest || self.limits.joints < least {
-            let message = format!("a skeleton takes at least {shortest} tokens and limits.joints = {least}");
-            return bad("limits.tokens", message);
+        if self.limits.joints < least {
+            return bad("limits.joints", format!("a skeleton takes at least {least}"));
+        }
+        if self.limits.tokens < shortest {
+            return bad("limits.tokens", format!("a skeleton takes at least {shortest} tokens"));
         }
         if self.generate.tokens < shortest {
             return bad("eval.generate.tokens", format!("a skeleton takes at least {shortest} tokens"));
@@ -123,5 +125,22 @@ impl LeftOut {
             data.max_joints, limits.joints, limits.tokens
         );
         if out > 0 { vec![note] } else { Vec::new() }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::tokenrig::TokenRigTaskConfig;
+
+    #[test]
+    fn limits_that_hold_no_skeleton_are_named_each() {
+        let of = |change: fn(&mut TokenRigTaskConfig)| {
+            let mut c = TokenRigTaskConfig::default();
+            change(&mut c);
+            c.validate().unwrap_err()
+        };
+        let (key, message) = of(|c| c.limits.joints = 0);
+        assert!(key == "limits.joints" && message.contains("at least 1"), "{key}: {message}");
+        assert_eq!(of(|c| c.limits.tokens = 3).0, "limits.tokens");
     }
 }

@@ -7,6 +7,7 @@ use riglab_train::named_by;
 
 use super::config::GrpoTaskConfig;
 use crate::settings::Settings;
+use crate::tokenrig::TokenRigTaskConfig;
 
 /// Where a run of GRPO started (empty: the model that comes with riglab), by its settings; `None` where it is of another
 /// task.
@@ -39,9 +40,40 @@ pub(crate) fn descends(run: &Path) -> Result<(), String> {
     Ok(())
 }
 
+/// Refuses a run of a task that draws no rigs and no skeletons.
+pub(super) fn startable(path: &Path) -> Result<(), String> {
+    let run = named_by(path).0;
+    let Some(settings) = run.join("config.toml").is_file().then(|| Settings::of_run(&run)).transpose()? else {
+        return Ok(());
+    };
+    if settings.are::<TokenRigTaskConfig>() || settings.are::<GrpoTaskConfig>() {
+        return Ok(());
+    }
+    Err(format!(
+        "start.model: {} is a run of task `{}`; rewards refine one of `tokenrig` or `grpo`, or of `unirig_skeleton`, as \
+         unirig/skeleton_grpo.toml does",
+        path.display(),
+        settings.task()
+    ))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn what_rewards_cannot_refine_is_told_with_what_they_can() {
+        let dir = tempfile::tempdir().unwrap();
+        let of = |task: &str| {
+            std::fs::write(dir.path().join("config.toml"), format!("task = '{task}'\n")).unwrap();
+            startable(dir.path())
+        };
+        assert!(of("tokenrig").is_ok() && of("grpo").is_ok());
+        let said = of("fsq_cvae").unwrap_err();
+        assert!(said.contains("a run of task `fsq_cvae`") && said.contains("`unirig_skeleton`"), "{said}");
+        // A file, and what is not there, say it themselves.
+        assert!(startable(&dir.path().join("model.safetensors")).is_ok());
+    }
 
     #[test]
     fn a_run_that_starts_from_itself_is_told() {

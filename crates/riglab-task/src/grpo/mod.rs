@@ -32,6 +32,7 @@ use tch::{Device, Kind, Tensor};
 
 pub use batch::{Batch, BatchSource, Subject};
 pub use config::{Dead, GrpoTaskConfig, GuardConfig, RolloutConfig, StartConfig};
+use lineage::startable;
 pub(crate) use lineage::{descends, refined};
 pub use report::{AssetRow, AssetScore, Evaluation, Report, Row};
 pub use rollout::{NOTES, Rollout, Sequence};
@@ -197,7 +198,7 @@ impl Start {
         }
         match Trained::open(path, device)? {
             Some(skeletons) => Ok(Self::Skeletons(Box::new(skeletons))),
-            None => Rigger::open(path, device).map(Self::rigs),
+            None => startable(path).and_then(|()| Rigger::open(path, device)).map(Self::rigs),
         }
     }
 

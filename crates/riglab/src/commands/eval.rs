@@ -7,6 +7,7 @@ use std::process::ExitCode;
 use anyhow::{Context, Result, anyhow, bail, ensure};
 use riglab_config::{Config, Difference};
 use riglab_files::{Unfinished, make_folder_of};
+use riglab_report::shell::command;
 use riglab_sweep::hold_evaluation;
 use riglab_task::Experiment;
 use riglab_task::assets::DataConfig;
@@ -222,7 +223,11 @@ impl Visitor for Examination<'_> {
             say!("{}", json.trim_end());
         } else {
             examined.text.iter().for_each(|line| say!("{line}"));
-            tell!("next: riglab report {}", run.display());
+            match is_own(&path, &run) {
+                true => tell!("next: {}", command(["report", &shown(&run)])),
+                // A report is of the run's own alone.
+                false => tell!("the numbers are in {}; riglab report shows those of RUN/eval.json", path.display()),
+            }
         }
         Ok(ExitCode::SUCCESS)
     }

@@ -5,11 +5,13 @@ use std::process::ExitCode;
 
 use anyhow::{Context, Result, bail};
 use riglab_files::make_folder_of;
+use riglab_report::shell::command;
 use riglab_report::{Block, Compared, Page, RunView, versus};
 use riglab_train::Checkpoint;
 
 use super::charts::charts;
 use super::earlier::{Written, keep_others};
+use super::shown;
 use crate::registry::{self, Evaluated};
 
 /// Write the report of a run, or compare several.
@@ -59,9 +61,10 @@ pub fn run(args: &Args) -> Result<ExitCode> {
     for run in args.runs.iter().map(|run| named(run).1) {
         if run.join("sweep.json").is_file() && !run.join("config.toml").is_file() {
             bail!(
-                "{0}: a sweep, and no run; `riglab sweep {0} --status` shows its table, `riglab sweep {0}` writes \
-                 {0}/report.html, and its runs lie below {0}/jobs",
-                run.display()
+                "{0}: a sweep, and no run; `{1} --status` shows its table, `{1}` writes {0}/report.html, and its runs lie \
+                 below {0}/jobs",
+                run.display(),
+                command(["sweep", &shown(&run)])
             );
         }
     }
@@ -149,7 +152,7 @@ fn single(run: &Path, title: Option<&str>) -> Result<Page> {
             }
         }
         None => {
-            let text = format!("Not evaluated yet: riglab eval {}", run.display());
+            let text = format!("Not evaluated yet: {}", evaluating(run));
             blocks.push(Block::Text(text.clone()));
             tell!("note: {text}");
         }
@@ -159,6 +162,16 @@ fn single(run: &Path, title: Option<&str>) -> Result<Page> {
     blocks.extend(view.repeat());
     let title = title.map_or_else(|| run.display().to_string(), String::from);
     Ok(Page { title, subtitle: view.subtitle(), blocks })
+}
+
+/// The command that evaluates a run: of one that no checkpoint was the best of, as where a guard refused all, the last.
+fn evaluating(run: &Path) -> String {
+    let there = |name: &str| run.join("checkpoints").join(name).exists();
+    let run = shown(run);
+    match !there("best") && there("last") {
+        true => command(["eval", &run, "--checkpoint", "last"]),
+        false => command(["eval", &run]),
+    }
 }
 
 /// What the figures are of.
@@ -177,9 +190,9 @@ fn outdated(evaluated: &Evaluated, run: &Path) -> Option<String> {
     let (step, best, last) = (evaluated.step?, step_of("best")?, step_of("last")?);
     (step != best && step != last).then(|| {
         format!(
-            "The figures are of step {step}, neither the best checkpoint (step {best}) nor the last (step {last}); \
-             `riglab eval {}` evaluates the best.",
-            run.display()
+            "The figures are of step {step}, neither the best checkpoint (step {best}) nor the last (step {last}); `{}` \
+             evaluates the best.",
+            evaluating(run)
         )
     })
 }
@@ -191,7 +204,8 @@ fn comparison(runs: &[String], title: Option<&str>) -> Result<Page> {
     for (name, dir) in names(runs)? {
         let view = RunView::read(&dir)?;
         let Some(evaluated) = registry::evaluation(&view.task(), &dir)? else {
-            bail!("{}: not evaluated yet, there is nothing to compare; run `riglab eval {0}` first", dir.display());
+            let first = evaluating(&dir);
+            bail!("{}: not evaluated yet, there is nothing to compare; run `{first}` first", dir.display());
         };
         // Older evaluations do not say what they saw: it was what the run was trained on.
         let corpora = if evaluated.corpora.is_empty() { view.corpora() } else { evaluated.corpora };
@@ -255,6 +269,17 @@ mod tests {
         assert_eq!(all, ["a/b.html", "a/b.md", "a/b.tex", "a/b.csv"].map(PathBuf::from));
         let e = files(Path::new("a.pdf")).unwrap_err().to_string();
         assert!(e.contains(".pdf") && e.contains(".html, .md, .tex, .csv"), "{e}");
+    }
+
+    #[test]
+    fn a_run_without_a_best_checkpoint_is_evaluated_at_its_last() {
+        let dir = tempfile::tempdir().unwrap();
+        let run = dir.path().join("my run");
+        std::fs::create_dir_all(run.join("checkpoints/last")).unwrap();
+        let quoted = format!("riglab eval '{}'", run.display());
+        assert_eq!(evaluating(&run), format!("{quoted} --checkpoint last"));
+        std::fs::create_dir_all(run.join("checkpoints/best")).unwrap();
+        assert_eq!(evaluating(&run), quoted);
     }
 
     #[test]

@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use anyhow::{Context, Result, anyhow, bail};
+use riglab_data::SplitNames;
 use riglab_ranks::{Ranks, processors};
 use riglab_task::Experiment;
 use riglab_task::assets::{Assets, DataConfig};
@@ -271,6 +272,9 @@ impl Visitor for Session<'_> {
             let outcome = train(&task, config.train(), &run, &Interrupt::listening_with(ranks), ranks)?;
             return Ok(if outcome.ended == Ended::Interrupted { ExitCode::from(130) } else { ExitCode::SUCCESS });
         }
+        if matches!(place, Place::New(_)) {
+            known_tests(config.data(), task.assets())?;
+        }
         let (run, resumed) = match place {
             Place::There(run) => (run, true),
             Place::New(dir) => (Run::create(&dir, &config.to_toml()?)?, false),
@@ -388,6 +392,17 @@ pub fn untested(data: &DataConfig, assets: &Assets) -> Result<Vec<String>> {
     Ok(without)
 }
 
+/// Refuses a split to be tested on that no corpus has and no splitting makes: mistyped, which would be told after the
+/// training alone. One that is usual may be missing: there are few assets.
+fn known_tests(data: &DataConfig, assets: &Assets) -> Result<()> {
+    let usual = [SplitNames::TRAIN, SplitNames::VAL, SplitNames::TEST_SEEN, SplitNames::TEST_NEW, SplitNames::MESHES];
+    let without = untested(data, assets)?;
+    match tell_untested(&without.into_iter().filter(|split| !usual.contains(&split.as_str())).collect::<Vec<_>>()) {
+        Some(fault) => bail!("{fault}, and --set data.test='[\"SPLIT\"]' names another"),
+        None => Ok(()),
+    }
+}
+
 /// What to say of them.
 pub fn tell_untested(splits: &[String]) -> Option<String> {
     let named: Vec<String> = splits.iter().map(|split| format!("`{split}`")).collect();
@@ -446,6 +461,7 @@ impl Visitor for DryRun<'_> {
 
     fn visit<T: Experiment>(self, task: T) -> Result<ExitCode> {
         let train = self.config.train();
+        known_tests(self.config.data(), task.assets())?;
         tell!("{}: {:.2} M parameters; trying a few steps", task.name(), task.params().numel() as f64 / 1e6);
         let mut begun = begin(&task, &train.start)?;
         begun.extend(freeze(&task, train)?);
