@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use serde_json::Value;
 use thiserror::Error;
 
+use crate::shell::command;
 use crate::unit::{TIMES_100, shown};
 use crate::{Block, Chart, Series, shell};
 
@@ -18,7 +19,8 @@ pub enum RunError {
     /// The run ended before it began to train, or was copied in part.
     #[error(
         "{0}: half-written run: there is config.toml but no run.json, so it ended before its first step or was copied in \
-         part; copy it whole, or repeat it with `riglab train {0}/config.toml`"
+         part; copy it whole, or repeat it with `{again}`",
+        again = command(["train", &.0.join("config.toml").to_string_lossy()])
     )]
     NoInfo(PathBuf),
     /// A file that is no JSON, such as one that was cut off.

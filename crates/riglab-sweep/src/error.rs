@@ -3,6 +3,7 @@
 use std::io;
 use std::path::{Path, PathBuf};
 
+use riglab_report::shell::command;
 use thiserror::Error;
 
 /// Why a sweep cannot begin or go on.
@@ -32,7 +33,8 @@ pub enum SweepError {
     /// The folder belongs to another sweep.
     #[error(
         "{folder} holds another sweep: {difference}\n\nhint: arms and seeds can be added to it; go on with that one by \
-         `riglab sweep {folder}`, or give this one a folder of its own with -o"
+         `{again}`, or give this one a folder of its own with -o",
+        again = command(["sweep", &folder.to_string_lossy()])
     )]
     Another {
         /// The folder.
@@ -43,7 +45,8 @@ pub enum SweepError {
     /// Jobs of the folder were written with other settings than they would be now.
     #[error(
         "{folder} holds jobs of other settings: {job} has {before}, where it would now have {after}; put the old value \
-         back, go on as it was by `riglab sweep {folder}`, or give the sweep a folder of its own with -o"
+         back, go on as it was by `{again}`, or give the sweep a folder of its own with -o",
+        again = command(["sweep", &folder.to_string_lossy()])
     )]
     Changed {
         /// The folder.

@@ -9,6 +9,7 @@ use riglab_asset::export::{self, ExportOptions, Influences};
 use riglab_asset::{ImportOptions, Imported, Resample, import, import_bytes, is_gltf};
 use riglab_core::{Bounds, Clip, Rig, skin};
 use riglab_render::{Theme, View, contact_sheet, render_parts};
+use riglab_report::shell::command;
 use riglab_simulate::{Lengths, Motion, MotionKind, generate, guess, play};
 use riglab_task::unirig_skin::Skinner;
 use riglab_train::named_by;
@@ -152,9 +153,10 @@ fn reading(args: &Args) -> ImportOptions {
 
 fn with_springs(args: &Args, imported: &Imported) -> Result<Rig> {
     let shown = args.input.display();
-    let rig = imported
-        .rig()
-        .with_context(|| format!("{shown} has no skeleton; `riglab rig {shown} -o RIGGED.glb` makes one"))?;
+    let rig = imported.rig().with_context(|| {
+        let rig = command(["rig", &args.input.to_string_lossy(), "-o", "RIGGED.glb"]);
+        format!("{shown} has no skeleton; `{rig}` makes one")
+    })?;
     let swing = |rig: &Rig| rig.springs().by_joint(rig.skeleton().len()).iter().any(Option::is_some);
     match args.springs {
         Source::File if swing(rig) => Ok(rig.clone()),

@@ -12,11 +12,13 @@ use riglab_sweep::{Budget, Ended, Event, Job, Plan, Results, Stage, SweepError, 
 use riglab_train::{Interrupt, Progress};
 
 use super::charts::charts;
+use super::shown;
 use super::slurm::sweep::{Handed, run as hand_over, seen};
 use super::slurm::{Desk, On, apart, settings};
 use crate::presets;
 use crate::registry::TaskConfig;
 use riglab_report::counted;
+use riglab_report::shell::command;
 
 /// Train many runs from one file: arms, grids and seeds.
 ///
@@ -124,16 +126,17 @@ pub fn run(args: &Args, threads: usize) -> Result<ExitCode> {
     for of in plan.sweep.unevaluated() {
         tell!("warning: `{of}` comes of an evaluation, and none is made: the sweep's file has not `evaluate = true`");
     }
+    let again = command(["sweep", &shown(&folder)]);
     if args.on == Some(On::Slurm) {
         return match hand_over(&folder, &plan, &desk, args.wait)? {
             Handed::Queued => {
-                tell!("follow them with: riglab sweep {} --status", folder.display());
-                tell!("the table comes by: riglab sweep {} --on slurm", folder.display());
+                tell!("follow them with: {again} --status");
+                tell!("the table comes by: {again} --on slurm");
                 say!("{}", folder.display());
                 Ok(ExitCode::SUCCESS)
             }
             Handed::Left => {
-                tell!("the jobs go on; look again with: riglab sweep {} --on slurm --wait", folder.display());
+                tell!("the jobs go on; look again with: {again} --on slurm --wait");
                 Ok(ExitCode::from(130))
             }
             Handed::Done => conclude(&plan, &folder, args, " --on slurm"),
@@ -151,17 +154,17 @@ pub fn run(args: &Args, threads: usize) -> Result<ExitCode> {
         budget.memory_gb
     );
     let own = std::env::current_exe().context("the program does not know its own file")?;
-    let command = |job: &Job, stage: Stage, run: &Path| {
+    let start = |job: &Job, stage: Stage, run: &Path| {
         process(Command::new(&own), budget.threads, &plan.config(&folder, job), stage, run)
     };
     let interrupt = Interrupt::listening();
     let mut progress = Progress::new("sweeping", total, 0);
-    let ended = run_pool(&folder, &plan, budget, command, || interrupt.raised(), |event| tell(&event, &mut progress));
+    let ended = run_pool(&folder, &plan, budget, start, || interrupt.raised(), |event| tell(&event, &mut progress));
     progress.finish();
     let ended = ended?;
     if ended == Ended::Interrupted {
         Results::read(&folder, &plan).write(&folder)?;
-        tell!("interrupted; go on with: riglab sweep {}", folder.display());
+        tell!("interrupted; go on with: {again}");
         return Ok(ExitCode::from(130));
     }
     conclude(&plan, &folder, args, "")
@@ -233,7 +236,8 @@ fn conclude(plan: &Plan, folder: &Path, args: &Args, on: &str) -> Result<ExitCod
     }
     let failed = results.count("failed");
     if failed > 0 {
-        tell!("{} failed; try again with: riglab sweep {} --retry{on}", counted(failed, "job"), folder.display());
+        let again = command(["sweep", &shown(folder)]);
+        tell!("{} failed; try again with: {again} --retry{on}", counted(failed, "job"));
     }
     say!("{}", folder.join("report.html").display());
     if let Some(figures) = &args.charts {

@@ -205,7 +205,8 @@ fn begin<T: Experiment>(task: &T, start: &StartConfig) -> Result<Vec<String>> {
 /// The config of a file or preset.
 fn named(name: &str, sets: &[String]) -> Result<TaskConfig> {
     if Path::new(name).join("config.toml").is_file() {
-        bail!("{name} is a run: go on with `riglab train --resume {name}`, or begin another of its {name}/config.toml");
+        let again = command(["train", "--resume", name]);
+        bail!("{name} is a run: go on with `{again}`, or begin another of its {name}/config.toml");
     }
     Ok(beside(TaskConfig::read(&presets::load(name, sets)?)?, Path::new(name)).settled())
 }
@@ -335,7 +336,8 @@ impl Visitor for Session<'_> {
             );
         }
         if outcome.ended == Ended::Interrupted {
-            tell!("interrupted after step {}; go on with: riglab train --resume {}", outcome.step, run.dir().display());
+            let again = command(["train", "--resume", &shown(run.dir())]);
+            tell!("interrupted after step {}; go on with: {again}", outcome.step);
             return Ok(ExitCode::from(130));
         }
         if let Some((step, value)) = outcome.best {
@@ -343,7 +345,7 @@ impl Visitor for Session<'_> {
         }
         // Without one that was better than its start, there is none to take by itself.
         let which = if outcome.best.is_none() { " --checkpoint last" } else { "" };
-        tell!("next: riglab eval {}{which}", run.dir().display());
+        tell!("next: {}{which}", command(["eval", &shown(run.dir())]));
         say!("{}", run.dir().display());
         Ok(ExitCode::SUCCESS)
     }

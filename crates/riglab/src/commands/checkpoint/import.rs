@@ -15,6 +15,7 @@ use tch::{Device, Kind};
 use crate::offered::open;
 use crate::presets;
 use riglab_report::counted;
+use riglab_report::shell::{command, quoted};
 
 /// Take over weights that UniRig's or SkinTokens' authors published.
 ///
@@ -131,17 +132,30 @@ fn no_checkpoint(file: &Path) -> Result<()> {
 fn already(file: &Path, kind: &str) -> String {
     let shown = file.display();
     let used = match kind {
-        "tokenrig" | "unirig_skeleton" => {
-            format!("`riglab rig MODEL.glb -o RIGGED.glb --checkpoint {shown}` rigs with it")
-        }
-        "unirig_skin" => format!("`riglab skin MODEL.glb -o AGAIN.glb --checkpoint {shown}` makes weights with it"),
-        "fsq_cvae" => format!("`--set skin.run='\"{shown}\"'` trains with it"),
+        "tokenrig" | "unirig_skeleton" => format!("`{}` rigs with it", rigging(file)),
+        "unirig_skin" => format!("`{}` makes weights with it", skinning(file)),
+        "fsq_cvae" => format!("`--set {}` trains with it", setting(file)),
         _ => format!("it is a model of task {kind}"),
     };
     format!(
-        "{shown}: it is riglab's already, there is nothing to import; {used}, `riglab checkpoint show {shown}` tells what \
-         it is"
+        "{shown}: it is riglab's already, there is nothing to import; {used}, `{}` tells what it is",
+        command(["checkpoint", "show", &file.to_string_lossy()])
     )
+}
+
+/// The command that rigs with a model.
+fn rigging(model: &Path) -> String {
+    command(["rig", "MODEL.glb", "-o", "RIGGED.glb", "--checkpoint", &model.to_string_lossy()])
+}
+
+/// What makes new weights with a model.
+fn skinning(model: &Path) -> String {
+    command(["skin", "MODEL.glb", "-o", "AGAIN.glb", "--checkpoint", &model.to_string_lossy()])
+}
+
+/// What makes a training take an auto-encoder, as a shell reads it.
+fn setting(auto_encoder: &Path) -> String {
+    quoted(&format!("skin.run=\"{}\"", auto_encoder.display()))
 }
 
 /// The settings of a release, and for TokenRig those of its auto-encoder.
@@ -213,17 +227,16 @@ fn card(model: Model, file: &Path, fits: &[Fit]) -> String {
 }
 
 fn next(model: &Imported, out: &Path) -> String {
-    let shown = out.display();
+    let shown = out.to_string_lossy();
     match model {
-        Imported::TokenRig(_) => format!("riglab rig MODEL.glb -o RIGGED.glb --checkpoint {shown}"),
-        Imported::Skeleton(..) if out.is_file() => format!("riglab rig MODEL.glb -o RIGGED.glb --checkpoint {shown}"),
-        Imported::Skin(..) if out.is_file() => format!("riglab skin MODEL.glb -o AGAIN.glb --checkpoint {shown}"),
+        Imported::TokenRig(_) => rigging(out),
+        Imported::Skeleton(..) if out.is_file() => rigging(out),
+        Imported::Skin(..) if out.is_file() => skinning(out),
         Imported::FsqCvae(..) if out.is_file() => {
-            format!(
-                "riglab checkpoint import TOKENRIG.ckpt --skin {shown}, or --set skin.run='\"{shown}\"' in training"
-            )
+            let whole = command(["checkpoint", "import", "TOKENRIG.ckpt", "--skin", &shown]);
+            format!("{whole}, or --set {} in training", setting(out))
         }
-        _ if out.is_file() => format!("riglab checkpoint show {shown}"),
-        _ => format!("riglab eval {shown} --set data.corpora='[\"corpus.h5\"]'"),
+        _ if out.is_file() => command(["checkpoint", "show", &shown]),
+        _ => format!("{} --set data.corpora='[\"corpus.h5\"]'", command(["eval", &shown])),
     }
 }

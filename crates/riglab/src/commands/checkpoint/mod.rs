@@ -21,6 +21,7 @@ use riglab_train::{Checkpoint, named_by};
 use tch::{Device, Kind};
 
 use riglab_report::counted;
+use riglab_report::shell::command;
 
 /// Settings that say where models lie which a run builds on.
 const MOVED: [&str; 2] = ["start.model", "skin.run"];
@@ -142,7 +143,7 @@ fn export(args: &ExportArgs) -> Result<ExitCode> {
         card.state.task = model.task().into();
         planted::folder(&args.out, &model, &card, "exported")?;
         say!("{}", args.out.display());
-        tell!("next: riglab eval {} --set data.corpora='[\"CORPUS.h5\"]'", args.out.display());
+        tell!("next: {} --set data.corpora='[\"CORPUS.h5\"]'", command(["eval", &args.out.to_string_lossy()]));
         return Ok(ExitCode::SUCCESS);
     }
     let kind = if args.half { Kind::Half } else { Kind::Float };

@@ -4,6 +4,7 @@ use std::path::Path;
 use std::process::ExitCode;
 
 use anyhow::{Context, Result, bail};
+use riglab_report::shell::command;
 use riglab_slurm::{SlurmConfig, state};
 use riglab_train::{Interrupt, Progress};
 
@@ -30,7 +31,8 @@ pub fn run(request: &Request, desk: &Desk) -> Result<ExitCode> {
     }
     match config {
         Some(_) if run.join("config.toml").exists() => {
-            bail!("{shown} holds a run already; go on with it by `riglab train --resume {shown} --on slurm`")
+            let again = command(["train", "--resume", &run.to_string_lossy(), "--on", "slurm"]);
+            bail!("{shown} holds a run already; go on with it by `{again}`")
         }
         Some(text) => write(&desk.file("config.toml"), text)?,
         None if !run.join("config.toml").is_file() && !desk.file("config.toml").is_file() => {
@@ -67,7 +69,7 @@ pub fn run(request: &Request, desk: &Desk) -> Result<ExitCode> {
     let text = std::fs::read_to_string(run.join("run.json")).unwrap_or_default();
     let info: serde_json::Value = serde_json::from_str(&text).unwrap_or_default();
     if info["outcome"] == "finished" {
-        tell!("next: riglab eval {shown}");
+        tell!("next: {}", command(["eval", &run.to_string_lossy()]));
         return Ok(ExitCode::SUCCESS);
     }
     let ended = state(&submission.job).unwrap_or_else(|| "ended".into());
