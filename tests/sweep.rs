@@ -109,6 +109,9 @@ fn what_does_not_belong_to_a_sweep_is_refused_before_anything_is_written() {
     write("0", "[[sweep.metrics]]\nof = 'eval.json:report.rows[split=val.iou'\n");
     refused(&["`sweep.metrics`", "`[split=val.iou` is not closed"]);
 
+    write("0", "[sweep.grid]\n'loss.bce' = [1.0, 2.0]\n");
+    refused(&["sweep.grid", "did you mean `product`?"]);
+
     write("0", "");
     let tried = dry(&["--dry-run"]).output().unwrap();
     assert!(tried.status.success() && !out.exists());

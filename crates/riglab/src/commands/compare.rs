@@ -11,6 +11,7 @@ use riglab_report::{Block, Page, Table};
 use riglab_train::Progress;
 
 use super::earlier::{Written, keep_others};
+use super::some_lines;
 
 /// Score rigs that other systems wrote against true ones.
 ///
@@ -200,10 +201,15 @@ fn tell(comparison: &Comparison) {
         for (file, why) in &system.unread {
             tell!("warning: {}: {file}: {why}", system.name);
         }
+        let missing: Vec<&str> =
+            system.rows.iter().filter(|row| row.status == Status::Missing).map(|row| row.asset.as_str()).collect();
+        let lines = missing.iter().map(|asset| format!("missing: {}: {asset}", system.name));
+        let more = format!("more assets of {} are missing; --assets or --csv shows them all", system.name);
+        some_lines(lines, &more).iter().for_each(|line| tell!("{line}"));
         for row in &system.rows {
             match &row.status {
                 Status::Failed(reason) => tell!("failed: {}: {}: {reason}", system.name, row.asset),
-                Status::Missing => tell!("missing: {}: {}", system.name, row.asset),
+                Status::Missing => {}
                 Status::Scored => {
                     if !row.without_weights.is_empty() {
                         tell!("note: {}: {}: {}", system.name, row.asset, row.without_weights);

@@ -1,7 +1,7 @@
 //! `riglab dataset`
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::process::ExitCode;
 use std::sync::Mutex;
 
@@ -19,7 +19,7 @@ use riglab_train::Progress;
 use riglab_report::counted;
 
 use super::inspect::vertices;
-use super::shown;
+use super::{shown, some_lines};
 
 /// Make and look at corpora: HDF5 files of many rigs.
 #[derive(clap::Args)]
@@ -279,9 +279,8 @@ fn run_merge(args: &Merge) -> Result<ExitCode> {
     })?;
     progress.finish();
     report.warnings.iter().for_each(|warning| tell!("warning: {warning}"));
-    for (name, other) in &report.repeated {
-        tell!("left out: `{name}` is equal to `{other}`");
-    }
+    let lines = report.repeated.iter().map(|(name, other)| format!("left out: `{name}` is equal to `{other}`"));
+    some_lines(lines, "more are left out, each equal to another").iter().for_each(|line| tell!("{line}"));
     let (assets, repeated) = (counted(report.assets, "asset"), counted(report.repeated.len(), "repeated one"));
     say!("{}: {assets}, {repeated} left out", shown(&args.out));
     Ok(ExitCode::SUCCESS)

@@ -29,6 +29,21 @@ fn shown(path: &std::path::Path) -> String {
     path.display().to_string()
 }
 
+/// How many lines of one kind are shown.
+const SHOWN: usize = 5;
+
+/// The lines to show of many: some, and how many more there are.
+fn some_lines(lines: impl ExactSizeIterator<Item = String>, more: &str) -> Vec<String> {
+    let count = lines.len();
+    // The last line is worth one of its kind.
+    let shown = if count > SHOWN + 1 { SHOWN } else { count };
+    let mut some: Vec<String> = lines.take(shown).collect();
+    if count > shown {
+        some.push(format!("{} {more}", count - shown));
+    }
+    some
+}
+
 /// Refuses to write over a corpus, which takes long to make, what is none.
 fn keep_corpus(out: &std::path::Path) -> anyhow::Result<()> {
     if out.is_file() && riglab_data::Corpus::open(out).is_ok() {
@@ -45,5 +60,19 @@ fn alone(command: &str) -> anyhow::Result<()> {
             "{n} processes were started, but `riglab {command}` is one; start it without mpirun (of all commands \
              `riglab train` alone is shared by several)"
         ),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn many_lines_are_some_and_a_count() {
+        let of = |count: usize| some_lines((0..count).map(|k| format!("line {k}")), "more lines");
+        assert_eq!(of(6).len(), 6);
+        let some = of(311);
+        assert_eq!((some.len(), some[4].as_str(), some[5].as_str()), (6, "line 4", "306 more lines"));
+        assert!(of(0).is_empty());
     }
 }

@@ -20,7 +20,7 @@ use crate::registry::TaskConfig;
 use riglab_report::counted;
 use riglab_report::shell::command;
 
-/// Train many runs from one file: arms, grids and seeds.
+/// Train many runs from one file: arms, grids (`[sweep.product]`) and seeds.
 ///
 /// All jobs are listed at once, each with its resolved config, and run as processes of this machine within a budget.
 /// A sweep that was stopped or killed goes on when it is called again; a run that fails is tried once more and never
@@ -265,6 +265,11 @@ fn plan(name: &str, args: &Args, threads: usize) -> Result<(Plan, PathBuf, Desk)
     }
     let config = presets::load(name, &cluster)?;
     config.check_keys(&["sweep", "slurm"])?;
+    if config.contains("sweep.grid") {
+        // What others call a grid.
+        let message = "a grid is [sweep.product] here: did you mean `product`?";
+        return Err(config.invalid("sweep.grid", message).into());
+    }
     let file: SweepFile = config.get_at("sweep")?;
     let mut slurm = settings(&config)?;
     if slurm.cpus == 0 {
