@@ -33,6 +33,10 @@ pub struct Chart {
     pub y: String,
     /// What has to be known to read it, below the lines' names; often empty.
     pub note: String,
+    /// The same as charts of their own, one a quantity, where a page draws several quantities in one to save room; else
+    /// empty. These are what become files ([`Page::figures`](crate::Page::figures)): which quantities share a chart
+    /// depends on their sizes, and so on the run.
+    pub apart: Vec<Chart>,
 }
 
 /// Distinct on white and on black, also for the colour-blind.

@@ -1,13 +1,15 @@
 //! A page's charts as files of their own, for papers: each as SVG that needs no page around it, and its numbers.
 
 use crate::bars::escaped;
+use crate::unit::TIMES_100;
 use crate::{Bars, Block, Chart, Dots, Page, ReportError, Table};
 
 /// A chart as files.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Figure {
-    /// What its files are called, without an ending: small letters, digits and hyphens, like no other of its page. What is
-    /// measured is a curve, bars or dots, and these say so behind their title.
+    /// What its files are called, without an ending: small letters, digits and hyphens, like no other of its page. It is
+    /// made of the title alone, so that a chart has the same name in every report. What is measured is a curve, bars or
+    /// dots, and these say so behind their title.
     pub name: String,
     /// A file of SVG: dark on white, with letters that every system has.
     pub svg: String,
@@ -25,22 +27,24 @@ const TEXT: f64 = 345.0;
 const FONTS: &str = "Helvetica, Arial, 'Liberation Sans', 'DejaVu Sans', sans-serif";
 
 impl Page {
-    /// All charts of the page, in its order; those without anything to show are left out, as in the page.
+    /// All charts of the page, in its order; those without anything to show are left out, as in the page. Quantities that
+    /// share a chart there have one each ([`Chart::apart`]).
     ///
     /// # Errors
     /// When a chart cannot be drawn.
     pub fn figures(&self) -> Result<Vec<Figure>, ReportError> {
         let mut out: Vec<Figure> = Vec::new();
-        let mut add = |title: &str, kind: &str, width: f64, svg: String, csv: String| {
+        let mut titles: Vec<(String, &str)> = Vec::new();
+        let mut add = |title: &str, kind: &'static str, width: f64, svg: String, csv: String| {
             if !svg.is_empty() {
-                let name = free(&(named(title) + kind), |name| out.iter().any(|f| f.name == name));
-                out.push(Figure { name, svg: alone(&svg, title, width), csv });
+                titles.push((title.to_owned(), kind));
+                out.push(Figure { name: String::new(), svg: alone(&svg, title, width), csv });
             }
         };
         for block in &self.blocks {
             match block {
                 Block::Charts(own) => {
-                    for chart in own {
+                    for chart in own.iter().flat_map(singles) {
                         add(&chart.title, "", COLUMN, chart.to_svg_for_paper()?, points(chart));
                     }
                 }
@@ -49,8 +53,14 @@ impl Page {
                 _ => {}
             }
         }
+        out.iter_mut().zip(names(&titles)).for_each(|(figure, name)| figure.name = name);
         Ok(out)
     }
+}
+
+/// A chart as files have it: one a quantity.
+fn singles(chart: &Chart) -> &[Chart] {
+    if chart.apart.is_empty() { std::slice::from_ref(chart) } else { &chart.apart }
 }
 
 /// An element of a page as a file: what it takes from the page becomes its own.
@@ -86,20 +96,48 @@ fn in_xml(c: char) -> bool {
     !matches!(c, '\0'..='\u{8}' | '\u{b}' | '\u{c}' | '\u{e}'..='\u{1f}' | '\u{fffe}' | '\u{ffff}')
 }
 
-/// A title as the name of a file.
-fn named(title: &str) -> String {
-    let letter = |c: char| if c.is_ascii_alphanumeric() { c.to_ascii_lowercase() } else { ' ' };
-    let words: String = title.chars().map(letter).collect();
-    let joined = words.split_whitespace().collect::<Vec<_>>().join("-");
-    let short: String = joined.chars().take(NAME).collect();
-    // Of letters that no file system takes for granted nothing is left.
-    if short.is_empty() { "chart".into() } else { short.trim_end_matches('-').into() }
+/// Names of files for titles and what stands behind them.
+///
+/// A paper names its figures by these, so they hang on nothing else that the page shows: titles whose words are the same
+/// are told apart by a sum of the whole title, not by their order. Only what has the very same title is numbered.
+fn names(titles: &[(String, &str)]) -> Vec<String> {
+    let plain: Vec<String> = titles.iter().map(|(title, kind)| named(title) + kind).collect();
+    let mut out: Vec<String> = Vec::new();
+    for ((title, kind), name) in titles.iter().zip(&plain) {
+        let shared = titles.iter().zip(&plain).any(|((other, _), taken)| taken == name && other != title);
+        let name = if shared { summed(&words(title), title) + kind } else { name.clone() };
+        let numbered = (2..).map(|n| format!("{name}-{n}"));
+        let mut free = std::iter::once(name.clone()).chain(numbered);
+        // A number is no other title's word.
+        let free = free.find(|n| !out.contains(n) && (*n == name || !plain.contains(n)));
+        out.push(free.unwrap_or_default());
+    }
+    out
 }
 
-/// The name, or the first of `name-2`, `name-3`, ... that is not taken.
-fn free(name: &str, taken: impl Fn(&str) -> bool) -> String {
-    let numbered = (2..).map(|n| format!("{name}-{n}"));
-    std::iter::once(name.to_owned()).chain(numbered).find(|n| !taken(n)).unwrap_or_default()
+/// A title as the name of a file. Where letters are lost, since there are too many or they are none that every file system
+/// takes, a sum of all stands behind the rest.
+fn named(title: &str) -> String {
+    // The unit is no part of what a chart is of: it is not the same in all reports.
+    let title = title.replace(TIMES_100, "");
+    let words = words(&title);
+    let lost = words.is_empty() || words.len() > NAME || title.chars().any(|c| c.is_alphanumeric() && !c.is_ascii());
+    if lost { summed(&words, &title) } else { words }
+}
+
+/// Letters and digits of a title, with hyphens between its words.
+fn words(title: &str) -> String {
+    let letter = |c: char| if c.is_ascii_alphanumeric() { c.to_ascii_lowercase() } else { ' ' };
+    let words: String = title.chars().map(letter).collect();
+    words.split_whitespace().collect::<Vec<_>>().join("-")
+}
+
+/// Words, as many as there is room for, and a sum of the title (FNV-1a).
+fn summed(words: &str, title: &str) -> String {
+    let sum = title.bytes().fold(0x811c_9dc5_u32, |sum, byte| (sum ^ u32::from(byte)).wrapping_mul(0x0100_0193));
+    let sum = format!("{sum:08x}");
+    let short = words[..words.len().min(NAME - sum.len() - 1)].trim_end_matches('-');
+    format!("{}-{sum}", if short.is_empty() { "chart" } else { short })
 }
 
 fn points(chart: &Chart) -> String {
@@ -188,13 +226,47 @@ mod tests {
         }
     }
 
+    fn names_of(titles: &[&str]) -> Vec<String> {
+        let charts = titles.iter().map(|title| chart(title, "x")).collect();
+        page(vec![Block::Charts(charts)]).figures().unwrap().into_iter().map(|figure| figure.name).collect()
+    }
+
     #[test]
     fn names_are_told_apart_and_never_empty() {
-        let titles = ["a", "A!", "a-2", "骨", "", &"long ".repeat(40)];
-        let charts = titles.map(|title| chart(title, "x")).to_vec();
+        let long = "long ".repeat(40);
+        let names = names_of(&["a", "a-2", "a", "骨", "骨格", "", &long, &(long.clone() + "er"), "loss", "loss"]);
+        assert_eq!(names[..3], ["a", "a-2", "a-3"]);
+        assert!(names[3..6].iter().all(|name| name.starts_with("chart-")), "{names:?}");
+        assert!(names[6..8].iter().all(|name| name.starts_with("long-long") && name.len() <= NAME), "{names:?}");
+        assert_eq!(names[8..], ["loss", "loss-2"]);
+        let set: std::collections::BTreeSet<&String> = names.iter().collect();
+        assert_eq!(set.len(), names.len(), "{names:?}");
+    }
+
+    #[test]
+    fn a_chart_has_one_name_whatever_is_beside_it() {
+        let long = "IoU of what was validated in the end, pooled over all bones, by codes kept";
+        let titles =
+            ["train/loss", "eval/iou@val", "eval/j2j × 100@val", "骨", &format!("{long}, a"), &format!("{long}, b")];
+        let all = names_of(&titles);
+        assert_eq!(all[..3], ["train-loss", "eval-iou-val", "eval-j2j-val"]);
+        for (title, name) in titles.iter().zip(&all) {
+            assert_eq!(names_of(&[title])[0], *name);
+        }
+        let mut turned = titles;
+        turned.reverse();
+        assert!(names_of(&turned).iter().eq(all.iter().rev()));
+        // Of words that are the same, none takes the other's name when their order changes.
+        let (one, other) = (names_of(&["a b", "A/b"]), names_of(&["A/b", "a b"]));
+        assert!(one[0] == other[1] && one[1] == other[0] && one[0] != one[1], "{one:?} {other:?}");
+    }
+
+    #[test]
+    fn what_shares_a_chart_in_a_page_has_a_file_each() {
+        let apart = vec![chart("train/bce", "bce"), chart("train/mse", "mse")];
+        let charts = vec![Chart { apart, ..chart("in a step: bce, mse", "bce") }];
         let figures = page(vec![Block::Charts(charts)]).figures().unwrap();
-        let names: Vec<&str> = figures.iter().map(|f| f.name.as_str()).collect();
-        assert_eq!(names[..5], ["a", "a-2", "a-2-2", "chart", "chart-2"]);
-        assert!(names[5].starts_with("long-long") && names[5].len() <= NAME);
+        assert_eq!(figures.iter().map(|f| f.name.as_str()).collect::<Vec<_>>(), ["train-bce", "train-mse"]);
+        assert!(figures[1].svg.contains("<title>train/mse</title>") && figures[1].csv.contains("\r\nmse,1,0.5"));
     }
 }

@@ -189,7 +189,7 @@ impl RunView {
     }
 
     /// Curves: the loss; its parts and what else was noted in a step, and every validated metric, each beside those of
-    /// its size; gradient norm and learning rate.
+    /// its size; gradient norm and learning rate. Of one quantity the title is its name, as where runs are compared.
     pub fn curves(&self) -> Block {
         let shown = self.shown();
         let of: BTreeMap<&str, &Vec<(f64, f64)>> = shown.iter().map(|(name, points)| (name.as_str(), points)).collect();
@@ -199,6 +199,19 @@ impl RunView {
                 found.map(|(n, p)| Series { name: n.rsplit('/').next().unwrap_or(n).into(), points: p.to_vec() });
             Chart { title, x: "step".into(), series: series.collect(), log, ..Chart::default() }
         };
+        // An axis by ratios has no place for 0.
+        let positive = |name: &&str| of[name].iter().all(|p| p.1 > 0.0);
+        let together = |what: &str, names: &[&str], by_ratio: bool| {
+            let log = |names: &[&str]| by_ratio && names.iter().all(positive);
+            let single = |name: &&str| chart((*name).to_owned(), &[*name], log(&[*name]));
+            match names {
+                [name] => single(name),
+                _ => {
+                    let apart = names.iter().map(single).collect();
+                    Chart { apart, ..chart(format!("{what}: {}", listed(names)), names, log(names)) }
+                }
+            }
+        };
         let noted = of.keys().copied().filter(|n| {
             let rest = n.strip_prefix("train/").unwrap_or("loss");
             // A part alone is the loss again; what never was tells nothing.
@@ -206,15 +219,10 @@ impl RunView {
                 && of.get("train/loss") != Some(&of[n])
                 && of[n].iter().any(|p| p.1 != 0.0)
         });
-        let mut charts = vec![chart("loss".into(), &["train/loss"], true)];
-        for names in of_a_size(&of, noted.collect()) {
-            // An axis by ratios has no place for 0.
-            let positive = names.iter().all(|n| of[n].iter().all(|p| p.1 > 0.0));
-            charts.push(chart(format!("in a step: {}", listed(&names)), &names, positive));
-        }
-        for names in of_a_size(&of, of.keys().copied().filter(|n| n.starts_with("eval/")).collect()) {
-            charts.push(chart(format!("validation: {}", listed(&names)), &names, false));
-        }
+        let mut charts = vec![chart("train/loss".into(), &["train/loss"], true)];
+        charts.extend(of_a_size(&of, noted.collect()).iter().map(|names| together("in a step", names, true)));
+        let validated = of.keys().copied().filter(|n| n.starts_with("eval/"));
+        charts.extend(of_a_size(&of, validated.collect()).iter().map(|names| together("validation", names, false)));
         charts.push(chart("gradient norm".into(), &["train/grad_norm"], true));
         charts.push(chart("learning rate, share of the highest".into(), &["train/lr_factor"], false));
         charts.retain(|c| !c.series.is_empty());
@@ -324,7 +332,10 @@ mod tests {
         let shown: Vec<(&str, Vec<&str>)> =
             charts.iter().map(|c| (c.title.as_str(), c.series.iter().map(|s| s.name.as_str()).collect())).collect();
         let parts = ("in a step: bce, mse", vec!["bce", "mse"]);
-        assert_eq!(shown, [("loss", vec!["loss"]), parts, ("in a step: tokens", vec!["tokens"])]);
+        assert_eq!(shown, [("train/loss", vec!["loss"]), parts, ("train/tokens", vec!["tokens"])]);
+        let apart: Vec<&str> = charts[1].apart.iter().map(|c| c.title.as_str()).collect();
+        assert_eq!(apart, ["train/bce", "train/mse"]);
+        assert!(charts[0].apart.is_empty() && charts[1].apart.iter().all(|c| c.series.len() == 1 && c.log));
     }
 
     #[test]
@@ -334,7 +345,9 @@ mod tests {
         let run = RunView::read(dir.path()).unwrap();
         let Block::Charts(charts) = run.curves() else { panic!("charts") };
         let titles: Vec<&str> = charts.iter().map(|c| c.title.as_str()).collect();
-        assert_eq!(titles, ["validation: b2b, j2j × 100 on val", "validation: iou on val"]);
+        assert_eq!(titles, ["validation: b2b, j2j × 100 on val", "eval/iou@val"]);
+        let apart: Vec<&str> = charts[0].apart.iter().map(|c| c.title.as_str()).collect();
+        assert_eq!(apart, ["eval/b2b × 100@val", "eval/j2j × 100@val"], "as where runs are compared");
         assert_eq!(charts[0].series[1].name, "j2j × 100@val");
         assert_eq!(charts[0].series[1].points, [(1.0, 25.0)]);
         assert_eq!(run.logged()["eval/j2j@val"], [(1.0, 0.25)], "what was logged is as it was");
