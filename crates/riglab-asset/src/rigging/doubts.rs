@@ -8,8 +8,16 @@ use super::{SubjectNote, UpAxis};
 
 /// From this share of the largest area on, a group of pieces may be a character.
 const LARGE: f64 = 0.3;
-/// Gaps wider than this share of the whole part characters.
+/// Gaps wider than this share of the whole part characters; in a crowd, of the two that they part.
 const GAP: f64 = 0.05;
+/// More groups than this are no crowd, but leaves, scales or hairs.
+const CROWD: usize = 2048;
+/// All of a crowd are at least so tall beside its tallest, and stand on one ground to within this share of its height.
+const TALL: f64 = 0.5;
+const GROUND: f64 = 0.1;
+/// Posts are thinner and tiles flatter than characters: these are as tall as this share of their width, or this many
+/// times it.
+const HEIGHTS: [f64; 2] = [0.1, 6.0];
 /// What is less than this share of the surface does not matter.
 const MUCH: f64 = 0.25;
 /// A model that stands on something has its lowest point this near to 0, as a share of its height.
@@ -29,7 +37,7 @@ pub(super) fn doubts(mesh: &Mesh, pieces: &[Piece], notes: &mut Vec<SubjectNote>
     if let Some(axis) = lies(mesh, low, high) {
         notes.push(SubjectNote::LiesDown { axis });
     }
-    let groups = characters(pieces, (high - low).length());
+    let groups = characters(pieces, (high - low).length()).max(crowd(pieces));
     if groups > 1 {
         notes.push(SubjectNote::StandApart { groups });
     }
@@ -78,6 +86,71 @@ fn characters(pieces: &[Piece], diagonal: f64) -> usize {
     groups.iter().filter(|g| g.2 >= LARGE * most && most > 0.0).count()
 }
 
+/// A group of pieces and the box around it.
+#[derive(Clone, Copy)]
+struct Group {
+    low: DVec3,
+    high: DVec3,
+    area: f64,
+}
+
+impl Group {
+    fn of(piece: &Piece) -> Self {
+        Self { low: piece.low, high: piece.high, area: piece.area }
+    }
+
+    fn with(self, other: Self) -> Self {
+        let (low, high) = (self.low.min(other.low), self.high.max(other.high));
+        Self { low, high, area: self.area + other.area }
+    }
+
+    fn size(&self) -> DVec3 {
+        self.high - self.low
+    }
+
+    /// Whether seen from above there is a gap between two.
+    fn is_beside(&self, other: &Self) -> bool {
+        let gap = (self.low - other.high).max(other.low - self.high);
+        gap.x.max(gap.z) > GAP * self.with(*other).size().length()
+    }
+
+    /// Whether it may be a character that stands on the ground, beside others of a height.
+    fn stands(&self, ground: f64, tallest: f64) -> bool {
+        let DVec3 { x, y, z } = self.size();
+        let [flat, thin] = HEIGHTS.map(|times| times * x.max(z));
+        y >= TALL * tallest && self.low.y - ground <= GROUND * tallest && (flat..=thin).contains(&y)
+    }
+}
+
+/// How many stand beside each other as a crowd does, however many there are; 0 where something else is large.
+///
+/// Beside a whole crowd the gaps in it are small, so each is measured against the two that it parts. Plates of armour,
+/// leaves and planks lie apart so, too. What only a crowd does is that all that is large stands on one ground, about as
+/// tall, nothing above anything else: a body has something over its feet.
+fn crowd(pieces: &[Piece]) -> usize {
+    let mut order: Vec<Group> = pieces.iter().map(Group::of).collect();
+    order.sort_by(|a, b| b.area.total_cmp(&a.area));
+    let mut groups: Vec<Group> = Vec::new();
+    for mut own in order {
+        // What grows may touch what it did not before.
+        while let Some(near) = groups.iter().position(|other| !own.is_beside(other)) {
+            own = own.with(groups.swap_remove(near));
+        }
+        groups.push(own);
+        if groups.len() > CROWD {
+            return 0;
+        }
+    }
+    let most = groups.iter().map(|g| g.area).fold(0.0, f64::max);
+    let total: f64 = groups.iter().map(|g| g.area).sum();
+    groups.retain(|g| g.area >= LARGE * most && most > 0.0);
+    let ground = groups.iter().map(|g| g.low.y).fold(f64::INFINITY, f64::min);
+    let tallest = groups.iter().map(|g| g.size().y).fold(0.0, f64::max);
+    let large: f64 = groups.iter().map(|g| g.area).sum();
+    let all = large >= (1.0 - MUCH) * total && groups.iter().all(|g| g.stands(ground, tallest));
+    if all { groups.len() } else { 0 }
+}
+
 /// The mesh with closed surfaces that face inwards turned round; tells how many triangles, if any.
 ///
 /// Pieces inside others, as the inside of a mouth is, face inwards for good reason and are left: turned is what
@@ -123,6 +196,62 @@ mod tests {
         let of = |x: f32, size: f32| notes(&both(tetrahedron([0.0; 3], 1.0), tetrahedron([x, 0.0, 0.0], size)));
         assert_eq!(of(3.0, 1.0), [SubjectNote::StandApart { groups: 2 }]);
         assert!(of(3.0, 0.2).is_empty() && of(1.01, 1.0).is_empty());
+    }
+
+    /// So many copies of pieces on a grid on the ground, each piece a tetrahedron by its place and size.
+    fn rows([wide, deep]: [usize; 2], step: [f32; 2], pieces: &[([f32; 3], f32)]) -> Mesh {
+        let (mut positions, mut triangles): (Vec<[f32; 3]>, Vec<[u32; 3]>) = (Vec::new(), Vec::new());
+        for (i, k) in (0..wide).flat_map(|i| (0..deep).map(move |k| (i, k))) {
+            for &([x, y, z], size) in pieces {
+                let (own, faces) = tetrahedron([x + step[0] * i as f32, y, z + step[1] * k as f32], size);
+                let from = positions.len() as u32;
+                positions.extend(own);
+                triangles.extend(faces.iter().map(|t| t.map(|v| v + from)));
+            }
+        }
+        Mesh::new(positions, triangles).unwrap()
+    }
+
+    #[test]
+    fn a_crowd_is_told_however_many_there_are() {
+        // A body, a head that floats over it, and buttons.
+        let one = [([0.0; 3], 1.0), ([0.1, 1.05, 0.1], 0.5), ([0.3, 0.5, 0.5], 0.02), ([0.3, 0.6, 0.5], 0.02)];
+        for [wide, deep] in [[3, 1], [10, 1], [12, 12], [40, 20]] {
+            let told = notes(&rows([wide, deep], [1.5, 1.4], &one));
+            assert_eq!(told, [SubjectNote::StandApart { groups: wide * deep }]);
+        }
+        // Some are half as tall, and some float a little.
+        let few = [([0.0; 3], 1.0), ([1.5, 0.05, 0.0], 0.6), ([3.0, 0.0, 0.0], 0.9)];
+        assert_eq!(notes(&rows([4, 1], [4.5, 1.0], &few)), [SubjectNote::StandApart { groups: 12 }]);
+    }
+
+    #[test]
+    fn one_model_of_many_pieces_is_no_crowd() {
+        // Plates that hang over each other, as armour and a robot's do; leaves in the air; steps of a stair.
+        let plates = [([0.0, 0.0, 0.0], 0.4), ([0.6, 0.0, 0.0], 0.4), ([0.2, 0.6, 0.0], 0.5), ([0.2, 1.3, 0.0], 0.4)];
+        let robot = rows([1, 1], [1.0; 2], &plates);
+        let arms = rows([1, 1], [1.0; 2], &[plates[2], ([-0.5, 0.7, 0.0], 0.4), ([0.9, 0.7, 0.0], 0.4)]);
+        let leaves: Vec<_> = (0..40).map(|k| ([0.3 * k as f32, (0.2 * k as f32).sin(), 0.0], 0.2)).collect();
+        let stair: Vec<_> = (0..9).map(|k| ([1.2 * k as f32, 0.7 * k as f32, 0.0], 1.0)).collect();
+        // A body that is larger than all the little ones on the ground around it.
+        let chicks: Vec<_> = (0..6).map(|k| ([4.2 + 0.3 * k as f32, 0.0, 0.0], 0.2)).chain([([0.0; 3], 4.0)]).collect();
+        let alone = |of: &[([f32; 3], f32)]| rows([1, 1], [1.0; 2], of);
+        for mesh in [robot, arms, alone(&leaves), alone(&stair), alone(&chicks)] {
+            assert!(crowd(&pieces(&mesh, &twins(mesh.positions()))) < 2);
+        }
+    }
+
+    #[test]
+    fn posts_of_a_fence_and_tiles_are_no_crowd() {
+        let of = |size: DVec3| {
+            let piece = |k: usize| {
+                let low = DVec3::new(2.0 * k as f64 * size.x, 0.0, 0.0);
+                Piece { triangles: Vec::new(), low, high: low + size, area: 1.0, volume: None }
+            };
+            crowd(&(0..30).map(piece).collect::<Vec<_>>())
+        };
+        assert_eq!(of(DVec3::new(1.0, 2.0, 0.5)), 30);
+        assert_eq!([of(DVec3::new(0.1, 1.0, 0.05)), of(DVec3::new(1.0, 0.05, 1.0))], [0, 0]);
     }
 
     #[test]
