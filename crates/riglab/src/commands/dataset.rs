@@ -390,32 +390,39 @@ fn run_stats(args: &StatsArgs) -> Result<ExitCode> {
     for (i, split) in corpus.texts("split")?.into_iter().enumerate() {
         of.entry(if split.is_empty() { "none".into() } else { split }).or_default().push(i);
     }
-    let mut rows: Vec<(String, Stats)> = of.into_iter().map(|(name, of)| (name, stats(&corpus, of))).collect();
-    rows.push(("all".into(), stats(&corpus, 0..corpus.len())));
+    let bare = corpus.bare()?;
+    let mut rows: Vec<(String, Stats)> = of.into_iter().map(|(name, of)| (name, stats(&corpus, of, &bare))).collect();
+    rows.push(("all".into(), stats(&corpus, 0..corpus.len(), &bare)));
     if args.json {
         say!("{}", serde_json::to_string(&rows.into_iter().collect::<BTreeMap<_, _>>())?);
         return Ok(ExitCode::SUCCESS);
     }
     say!(
-        "{:12} {:>7} {:>9} {:>9} {:>8} {:>10} {:>12}",
+        "{:12} {:>7} {:>9} {:>9} {:>8} {:>10} {:>12} {:>7}",
         "split",
         "assets",
         "mean N",
         "mean tri",
         "mean J",
         "mean W > 0",
-        "sparsity %"
+        "sparsity %",
+        "bare"
     );
+    let mean = |value: Option<f64>| value.map_or("–".into(), |v| format!("{v:.2}"));
     for (name, s) in rows {
         say!(
-            "{name:12} {:>7} {:>9.2} {:>9.2} {:>8.2} {:>10.2} {:>12.2}",
+            "{name:12} {:>7} {:>9.2} {:>9.2} {:>8} {:>10} {:>12} {:>7}",
             s.assets,
             s.vertices,
             s.triangles,
-            s.joints,
-            s.active,
-            s.sparsity_percent
+            mean(s.joints),
+            mean(s.active),
+            mean(s.sparsity_percent),
+            s.bare
         );
+    }
+    if !bare.is_empty() {
+        say!("bare: meshes without a rig; joints and weights are means over the others");
     }
     Ok(ExitCode::SUCCESS)
 }
