@@ -75,9 +75,9 @@ impl Page {
                 let texts: Vec<&str> = row.iter().filter(|c| !c.number).map(|c| c.text.as_str()).collect();
                 let name = if texts.is_empty() { (n + 1).to_string() } else { texts.join(" / ") };
                 for (head, cell) in table.head.iter().zip(row) {
-                    if cell.number && !cell.text.is_empty() && cell.text != "–" {
+                    if cell.number && !cell.plain().is_empty() {
                         let published = if cell.published { "1" } else { "0" };
-                        out += &Table::csv_line(&[&table.caption, &name, head, &cell.text, published]);
+                        out += &Table::csv_line(&[&table.caption, &name, head, cell.plain(), published]);
                     }
                 }
             }
@@ -236,6 +236,17 @@ mod tests {
         let text = page.to_latex();
         let labels: Vec<&str> = text.lines().filter(|l| l.starts_with("\\label")).collect();
         assert_eq!(labels, ["facts", "distances", "loss", "distances-2"].map(|l| format!("\\label{{tab:{l}}}")));
+    }
+
+    #[test]
+    fn csv_has_the_number_of_what_readers_are_shown_a_bound_of() {
+        let mut page = page();
+        let Block::Table(table) = &mut page.blocks[2] else { panic!("a table") };
+        table.row(vec![Cell::text("a_b"), Cell::text("p"), Cell::none().with_text("< 0.001").with_digits("2.500e-4")]);
+        let last = table.rows.len() - 1;
+        assert_eq!(table.to_csv().lines().nth(1 + last), Some("a_b,p,2.500e-4"));
+        assert!(page.to_csv().contains("Distances,a_b / p,J2J,2.500e-4,0\r\n"), "{}", page.to_csv());
+        assert!(page.to_markdown().contains("| a_b | p | < 0.001 |".replace('<', "\\<").as_str()));
     }
 
     #[test]

@@ -113,8 +113,7 @@ impl Table {
     pub fn to_csv(&self) -> String {
         let mut out = Self::csv_line(&self.head.iter().map(String::as_str).collect::<Vec<_>>());
         for row in &self.rows {
-            let defined = row.iter().map(|c| if c.number && c.text == "–" { "" } else { c.text.as_str() });
-            out += &Self::csv_line(&defined.collect::<Vec<_>>());
+            out += &Self::csv_line(&row.iter().map(Cell::plain).collect::<Vec<_>>());
         }
         out
     }

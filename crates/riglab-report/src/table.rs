@@ -13,12 +13,14 @@ pub struct Cell {
     pub strong: bool,
     /// Published by others, not measured here.
     pub published: bool,
+    /// The number for comma-separated values, where readers are shown something else, such as `< 0.001`.
+    pub digits: Option<String>,
 }
 
 impl Cell {
     /// A text.
     pub fn text(text: impl Into<String>) -> Self {
-        Self { text: text.into(), number: false, strong: false, published: false }
+        Self { text: text.into(), number: false, strong: false, published: false, digits: None }
     }
 
     /// A number with that many digits after the point; `–` where it is undefined.
@@ -27,7 +29,7 @@ impl Cell {
         let scale = 10f64.powi(digits as i32);
         let value = if (value * scale).abs() < 0.5 { 0.0 } else { value };
         let text = if value.is_finite() { format!("{value:.digits$}") } else { "–".into() };
-        Self { text, number: true, strong: false, published: false }
+        Self { number: true, ..Self::text(text) }
     }
 
     /// A difference with its sign; nothing that is shown as 0 has one.
@@ -52,6 +54,18 @@ impl Cell {
     pub fn with_text(mut self, text: impl Into<String>) -> Self {
         self.text = text.into();
         self
+    }
+
+    /// The same, with a number that is written in its stead where programs read.
+    pub fn with_digits(mut self, digits: impl Into<String>) -> Self {
+        self.digits = Some(digits.into());
+        self
+    }
+
+    /// What programs read: the number, else the text; nothing for a number that is undefined.
+    pub(crate) fn plain(&self) -> &str {
+        let text = self.digits.as_deref().unwrap_or(&self.text);
+        if self.number && text == "–" { "" } else { text }
     }
 
     /// Marked as the best.

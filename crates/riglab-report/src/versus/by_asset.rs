@@ -6,6 +6,7 @@ use riglab_metric::statistics::Paired;
 
 use super::{Compared, shared};
 use crate::findings::{conventions, per_rig};
+use crate::forms::figure;
 use crate::{Cell, Findings, Metric, Single, Table, Total};
 
 /// What tells an asset from others: its split, its name, and of equal names the first, the second, ...
@@ -161,12 +162,12 @@ fn is_mean(of: &Findings, row: &Total, metric: &Metric, name: &str) -> Option<bo
 
 /// A probability: no more digits than mean something, and never 0.
 fn chance(p: f64) -> Cell {
-    let text = match p {
-        p if !p.is_finite() => "–".into(),
-        p if p < 0.001 => "< 0.001".into(),
-        p => format!("{p:.3}"),
-    };
-    Cell::none().with_text(text)
+    match p {
+        p if !p.is_finite() => Cell::none().with_text("–"),
+        // What reads numbers has the number.
+        p if p < 0.001 => Cell::none().with_text("< 0.001").with_digits(figure(p)),
+        p => Cell::none().with_text(format!("{p:.3}")),
+    }
 }
 
 /// Means by split and category, a column a run. `None` where no asset has a category of its own.
@@ -218,4 +219,21 @@ pub(super) fn groups(runs: &[Compared], of: &[&Findings]) -> Option<Table> {
     table.note =
         "Means over the assets with a figure; the best is marked where all runs have one for the same assets.".into();
     Some(table)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::chance;
+
+    #[test]
+    fn a_small_chance_is_a_bound_to_readers_and_a_number_to_programs() {
+        let both = [0.0625, 0.001, 0.0002, 0.00012345, f64::NAN].map(|p| {
+            let cell = chance(p);
+            assert!(cell.plain().is_empty() || cell.plain().parse::<f64>().is_ok_and(|p| p > 0.0), "{}", cell.plain());
+            (cell.text.clone(), cell.plain().to_owned())
+        });
+        let shown = both.each_ref().map(|(text, plain)| (text.as_str(), plain.as_str()));
+        let small = [("< 0.001", "2.000e-4"), ("< 0.001", "1.234e-4")];
+        assert_eq!(shown, [("0.062", "0.062"), ("0.001", "0.001"), small[0], small[1], ("–", "")]);
+    }
 }
