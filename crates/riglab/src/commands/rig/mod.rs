@@ -18,6 +18,7 @@ use super::device::DeviceArgs;
 use super::glb::{Frames, Most};
 use model::Model;
 use riglab_report::counted;
+use riglab_report::shell::command;
 
 /// Rig a model: a skeleton and skin weights for a mesh.
 ///
@@ -232,9 +233,10 @@ fn run(args: &Common, bones: &Bones, weights: Option<&Path>, threads: usize) -> 
     riglab_torch::init(riglab_torch::Settings { threads });
     let model = Model::open(args.checkpoint.as_deref(), weights, args.device.device()?)?;
     model.suits(args, bones)?;
-    let of = args.checkpoint.as_ref().map_or(String::new(), |path| format!(" {}", path.display()));
+    let of = args.checkpoint.as_ref().map(|path| path.to_string_lossy());
+    let show = command(["checkpoint", "show"].into_iter().chain(of.as_deref()));
     let hint = match model.draws() {
-        true => format!("; `riglab checkpoint show{of}` says how far to trust it"),
+        true => format!("; `{show}` says how far to trust it"),
         false => String::new(),
     };
     let by =

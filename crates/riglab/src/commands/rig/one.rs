@@ -9,6 +9,7 @@ use riglab_asset::export::{self, ExportNote};
 use riglab_asset::rigging::{Subject, SubjectOptions, human_bones, humanoid, name_added, name_joints, name_others};
 use riglab_core::{Bounds, Humanoid, Mesh, Rig, RigError, Skeleton};
 use riglab_files::make_folder_of;
+use riglab_report::shell::command;
 use riglab_reward::Rewards;
 use riglab_task::tokenrig::{Made, Placed, Rank, Wish};
 use riglab_token::Template;
@@ -291,9 +292,9 @@ fn skeleton(
 
 /// The skeleton that a model has.
 fn kept(subject: &Subject, from: &Path) -> Result<Skeleton> {
-    let shown = from.display();
     let rig = subject.old_rig().with_context(|| {
-        format!("{shown} has no skeleton to keep; `riglab rig {shown} -o OUT.glb` makes one, --skeleton FILE takes one")
+        let makes = command(["rig", &from.to_string_lossy(), "-o", "OUT.glb"]);
+        format!("{} has no skeleton to keep; `{makes}` makes one, --skeleton FILE takes one", from.display())
     })?;
     Ok(rig.skeleton().clone())
 }
