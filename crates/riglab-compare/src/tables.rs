@@ -111,11 +111,15 @@ impl Comparison {
         if self.failures != Failures::Worst {
             return Vec::new();
         }
-        let failed = |r: &&crate::Row| r.status != Status::Scored;
         let has = |r: &crate::Row, name: &str| r.measures.iter().any(|m| m.name() == name && m.value.is_finite());
         let lacks = |name: &&String| {
-            let mut failures = self.systems.iter().flat_map(|s| &s.rows).filter(failed);
-            failures.any(|row| !has(row, name))
+            let rows = self.systems.iter().flat_map(|s| s.rows.iter().enumerate());
+            let mut failures = rows.filter(|(_, row)| row.status != Status::Scored).peekable();
+            // What no system has of an asset is not there to be had, as clips that it lacks.
+            let is_there = |asset: usize| self.systems.iter().any(|s| s.rows.get(asset).is_some_and(|r| has(r, name)));
+            failures.peek().is_some()
+                && (failures.clone().any(|(asset, row)| !has(row, name) && is_there(asset))
+                    || failures.all(|(_, row)| !has(row, name)))
         };
         names.iter().filter(lacks).map(|name| name.split('@').next().unwrap_or(name)).collect()
     }
@@ -424,6 +428,12 @@ mod tests {
         };
         let note = |failures| of(failures).tables(&Preset::ALL)[0].note.clone();
         assert_eq!(note(Failures::Worst), format!("{SAID}. Without failed and missing assets: j2j"));
+        // Of two failures one has it, and of the other no system has: the asset has no such thing.
+        let mut other = system("two", &[Some(0.3), None, Some(0.2)]);
+        other.rows[2].status = Status::Missing;
+        let systems = vec![system("one", &[Some(0.1), None, Some(0.4)]), other];
+        let both = Comparison { systems, ..of(Failures::Worst) };
+        assert!(!both.tables(&Preset::ALL)[0].note.contains("Without"), "{}", both.tables(&Preset::ALL)[0].note);
         assert_eq!(note(Failures::Apart), SAID);
     }
 
