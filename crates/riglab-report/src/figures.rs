@@ -132,10 +132,9 @@ fn words(title: &str) -> String {
     words.split_whitespace().collect::<Vec<_>>().join("-")
 }
 
-/// Words, as many as there is room for, and a sum of the title (FNV-1a).
+/// Words, as many as there is room for, and the first digits of the title's BLAKE3 sum.
 fn summed(words: &str, title: &str) -> String {
-    let sum = title.bytes().fold(0x811c_9dc5_u32, |sum, byte| (sum ^ u32::from(byte)).wrapping_mul(0x0100_0193));
-    let sum = format!("{sum:08x}");
+    let sum = &blake3::hash(title.as_bytes()).to_hex()[..8];
     let short = words[..words.len().min(NAME - sum.len() - 1)].trim_end_matches('-');
     format!("{}-{sum}", if short.is_empty() { "chart" } else { short })
 }

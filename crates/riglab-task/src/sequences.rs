@@ -3,7 +3,7 @@
 use riglab_geom::CloudConfig;
 use riglab_nn::generate::GenerateConfig;
 use riglab_nn::perceiver::PerceiverConfig;
-use riglab_token::{Limits, Merge, Parents, TokenizerConfig};
+use riglab_token::{Limits, Merge, Parents, TokenizerConfig, Vocabulary};
 
 use crate::assets::{AssetId, Assets, DataConfig};
 
@@ -126,6 +126,30 @@ impl LeftOut {
         );
         if out > 0 { vec![note] } else { Vec::new() }
     }
+}
+
+/// What is said where none of the draws for a mesh is a skeleton.
+pub(crate) const NO_SKELETON: &str = "no skeleton came out; try --samples 8, or another --seed";
+
+/// The beginning of sequences of a class, as long as sequences may begin so.
+///
+/// # Errors
+/// A sentence: the vocabulary has no such class, or there is no room for its joints.
+pub(crate) fn of_class(
+    ids: &Vocabulary,
+    class: &str,
+    limits: Limits,
+    may_begin: impl Fn(&[u32]) -> bool,
+) -> Result<Vec<u32>, String> {
+    let known = || format!("there is no template `{class}`; there are: {}", ids.classes().join(", "));
+    let begun = vec![ids.bos(), ids.class(ids.class_named(class).ok_or_else(known)?)];
+    if may_begin(&begun) {
+        return Ok(begun);
+    }
+    Err(format!(
+        "the joints of `{class}` are more than this model writes ({} joints, {} tokens); leave the template out",
+        limits.joints, limits.tokens
+    ))
 }
 
 #[cfg(test)]

@@ -12,6 +12,7 @@ use super::skin::{Hold, in_order};
 use super::template::{Anatomy, FindHuman, Placed, alone, known};
 use super::{Drawn, Rigger};
 use crate::grpo::{Judged, Subject, rewards};
+use crate::sequences::{NO_SKELETON, of_class};
 use crate::unirig_skeleton::agree::Agreement;
 
 /// By what the best of several rigs is told.
@@ -199,7 +200,7 @@ impl Rigger {
             let best = whole.min_by(|a, b| worth(*b).total_cmp(&worth(*a)));
             best.and_then(|at| Some((at, drawn.into_iter().nth(at)?)))
         };
-        let (sample, drawn) = best.ok_or("no skeleton came out; try --samples 8, or another --seed")?;
+        let (sample, drawn) = best.ok_or(NO_SKELETON)?;
         let mut placed = None;
         if let Some((template, anatomy)) = template {
             let body = drawn.decoded.as_ref().ok().filter(|decoded| anatomy.written(template, decoded, false));
@@ -307,20 +308,7 @@ impl Rigger {
 
     /// The beginning of sequences of a class.
     fn of_class(&self, class: &str) -> Result<Vec<u32>, String> {
-        let ids = self.tokenizer.vocabulary();
-        match ids.class_named(class) {
-            Some(number) => {
-                let begun = vec![ids.bos(), ids.class(number)];
-                let limits = self.config.limits;
-                self.may_begin(&begun).then_some(begun).ok_or_else(|| {
-                    format!(
-                        "the joints of `{class}` are more than this model writes ({} joints, {} tokens); leave the template out",
-                        limits.joints, limits.tokens
-                    )
-                })
-            }
-            None => Err(format!("there is no template `{class}`; there are: {}", ids.classes().join(", "))),
-        }
+        of_class(self.tokenizer.vocabulary(), class, self.config.limits, |ids| self.may_begin(ids))
     }
 }
 

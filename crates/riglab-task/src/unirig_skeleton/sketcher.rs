@@ -14,6 +14,7 @@ use super::generate::{Drawer, Drawn};
 use super::{SkeletonTaskConfig, Trained};
 use crate::bundle::{self, Card};
 use crate::grpo::{descends, refined};
+use crate::sequences::{NO_SKELETON, of_class};
 use crate::settings::{Settings, TaskSettings};
 use crate::tokenrig::{Draw, Rank};
 
@@ -89,7 +90,11 @@ impl Sketcher {
         config.eval.consensus = wish.samples.unwrap_or(config.eval.consensus).max(1);
         config.eval.generate.temperature = wish.temperature.unwrap_or(config.eval.generate.temperature);
         if let Some(class) = wish.class {
-            self.knows(class)?;
+            let may_begin = |ids: &[u32]| {
+                let mut grammar = Grammar::new(&self.tokenizer, config.limits, config.eval.parents);
+                ids.iter().all(|&id| grammar.advance(id).is_ok())
+            };
+            of_class(self.tokenizer.vocabulary(), class, config.limits, may_begin)?;
             class.clone_into(&mut config.class);
         }
         // From here on in the network's axes.
@@ -109,10 +114,10 @@ impl Sketcher {
                 drawer.agreed(drawer.draw_several(w, &[(&cube, wish.seed)], Some(&mut likelihood)))
             }
             Rank::Consensus | Rank::Likelihood => {
-                self.likeliest(&drawer, &cube, wish.seed, &mut likelihood).ok_or(NONE)?
+                self.likeliest(&drawer, &cube, wish.seed, &mut likelihood).ok_or(NO_SKELETON)?
             }
         };
-        let in_cube = drawn.decoded.map_err(|_| NONE)?.skeleton().map_err(|e| e.to_string())?;
+        let in_cube = drawn.decoded.map_err(|_| NO_SKELETON)?.skeleton().map_err(|e| e.to_string())?;
         let heads = in_cube.heads().iter().map(|&p| up.back(map.inverse().apply(p))).collect();
         let skeleton = in_cube.with_heads(heads).map_err(|e| e.to_string())?;
         let draw = |(sum, count): (f64, usize)| Draw { likelihood: sum / count.max(1) as f64, rewards: None };
@@ -145,25 +150,7 @@ impl Sketcher {
         let best = whole.min_by(|&a, &b| mean(b).total_cmp(&mean(a)))?;
         Some((best, drawn.swap_remove(best)))
     }
-
-    /// Refuses a class that it cannot begin with.
-    fn knows(&self, class: &str) -> Result<(), String> {
-        let (ids, limits) = (self.tokenizer.vocabulary(), self.own.config.limits);
-        let number = ids
-            .class_named(class)
-            .ok_or_else(|| format!("there is no template `{class}`; there are: {}", ids.classes().join(", ")))?;
-        let mut grammar = Grammar::new(&self.tokenizer, limits, self.own.config.eval.parents);
-        let begun = [ids.bos(), ids.class(number)];
-        begun.into_iter().try_for_each(|id| grammar.advance(id)).map_err(|_| {
-            format!(
-                "the joints of `{class}` are more than this model writes ({} joints, {} tokens); leave the template out",
-                limits.joints, limits.tokens
-            )
-        })
-    }
 }
-
-const NONE: &str = "no skeleton came out; try --samples 8, or another --seed";
 
 /// Whether a path is of a model of this task. What cannot be read is not: who looks for another kind says what is wrong.
 fn is_one(path: &Path) -> bool {
