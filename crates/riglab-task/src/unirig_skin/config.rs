@@ -179,7 +179,8 @@ pub struct EvalConfig {
     /// How far the decode rule spreads weights over the surface before it cuts, in distances of each vertex from its
     /// nearest bone; 0 leaves them as told vertex by vertex. Not in the paper.
     pub spread: f32,
-    /// Cuts among which the decode rule's is chosen, on the validation split.
+    /// Cuts among which the decode rule's is chosen, on the validation split; where there is but one, weights of files are
+    /// cut there, too.
     pub cuts: Vec<f32>,
     /// Pairs of bone and point at once: bounds memory.
     pub chunk: usize,

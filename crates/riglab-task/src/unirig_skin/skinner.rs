@@ -17,7 +17,7 @@ use crate::bundle::{self, Bundle, Card};
 use crate::fsq_cvae::Prepared;
 use crate::settings::{Settings, TaskSettings};
 
-/// The decode rule's cut of a run that was not evaluated.
+/// The decode rule's cut of a model that was not evaluated.
 const CUT: f32 = 0.05;
 
 /// The network of a run, with its weights.
@@ -26,7 +26,8 @@ pub struct Skinner {
     net: SkinModel,
     params: Params,
     device: Device,
-    cut: f32,
+    /// Where its evaluation found that the decode rule cuts best.
+    cut: Option<f32>,
 }
 
 /// Which joints may hold something.
@@ -74,7 +75,7 @@ impl Skinner {
         checkpoint.load_weights(&own.params).map_err(|e| e.to_string())?;
         let evaluated = std::fs::read_to_string(run.join("eval.json")).ok();
         let evaluated = evaluated.and_then(|text| serde_json::from_str::<Evaluation>(&text).ok());
-        let cut = evaluated.map_or(CUT, |e| e.report.cut);
+        let cut = evaluated.map(|e| e.report.cut).or(own.cut);
         Ok((Self { cut, ..own }, checkpoint.state().clone()))
     }
 
@@ -86,11 +87,19 @@ impl Skinner {
         }
         let config: SkinTaskConfig = settings.get()?;
         let (net, params) = SkinTask::network(&config, device).map_err(|e| e.to_string())?;
-        Ok(Self { config, net, params, device, cut: CUT })
+        let cut = match config.eval.cuts[..] {
+            [only] => Some(only),
+            _ => None,
+        };
+        Ok(Self { config, net, params, device, cut })
     }
 
-    /// Its settings and weights.
-    pub fn into_parts(self) -> (SkinTaskConfig, Params) {
+    /// Its settings and weights. Where its evaluation found a cut that is the only one of `eval.cuts`, so that what is made of
+    /// them cuts there.
+    pub fn into_parts(mut self) -> (SkinTaskConfig, Params) {
+        if let Some(cut) = self.cut {
+            self.config.eval.cuts = vec![cut];
+        }
         (self.config, self.params)
     }
 
@@ -107,7 +116,7 @@ impl Skinner {
     pub fn weights(&self, rig: &Rig, holders: Holders, seed: u64) -> Result<SkinWeights, String> {
         let (ready, found) = self.predict(rig, holders, seed)?;
         let bones = &ready.rig.bones;
-        let rule = DecodeRule { cut: self.cut, influences: 4 };
+        let rule = DecodeRule { cut: self.cut.unwrap_or(CUT), influences: 4 };
         let dense = self.predictor().spread(&ready, self.config.eval_points(), found.dense);
         let rows = dense.chunks_exact(bones.len()).map(|row| {
             let mut row = row.to_vec();
@@ -190,5 +199,18 @@ mod tests {
         assert!((told.gravity_direction[1] + 0.6).abs() < 1e-6 && (told.gravity_direction[2] - 0.8).abs() < 1e-6);
         let odd = swing(&[-1.0, 7.0, f32::NAN, 0.0, 0.0, 0.0, -2.0], 1.0);
         assert_eq!(odd, Swing { stiffness: 0.0, drag: 1.0, ..Swing::default() });
+    }
+
+    #[test]
+    fn what_is_made_of_an_evaluated_run_cuts_where_that_found_it_best() {
+        let of = |config: &SkinTaskConfig| {
+            let text = toml::to_string(config).unwrap();
+            Skinner::untrained(&Settings::of_text("test", &text).unwrap(), Device::Cpu).unwrap()
+        };
+        let config = SkinTaskConfig { task: SkinTaskConfig::TASK.into(), ..SkinTaskConfig::default() };
+        assert_eq!(of(&config).cut, None);
+        assert_eq!(of(&config).into_parts().0.eval.cuts, config.eval.cuts, "nothing was found");
+        let (evaluated, _) = Skinner { cut: Some(0.16), ..of(&config) }.into_parts();
+        assert_eq!(of(&evaluated).cut, Some(0.16));
     }
 }
