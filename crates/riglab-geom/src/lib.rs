@@ -38,5 +38,5 @@ pub use pieces::pieces;
 pub use reskin::{Nearby, ReskinConfig, reskin};
 pub use spread::spread_weights;
 pub use surface::{SurfacePoint, SurfaceSampler, barycentric};
-pub use symmetry::{Yaw, symmetric_yaw};
+pub use symmetry::{Yaw, mirror_plane, symmetric_yaw};
 pub use transfer::Transfer;

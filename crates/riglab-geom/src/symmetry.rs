@@ -1,4 +1,4 @@
-//! The turn about the vertical in which a shape is its own image in the mirror, left for right.
+//! Where a shape is its own image in the mirror, left for right, as it stands or turned about the vertical.
 
 use glam::{DVec3, Vec3A};
 use rayon::prelude::*;
@@ -12,6 +12,8 @@ const BESIDE: i32 = 2;
 const WORSE: f64 = 1.25;
 /// What is like its image is no farther from it than so many times as its points are from each other.
 const ALIKE: f64 = 2.0;
+/// As [`ALIKE`], of what is its own image as it stands: nothing but the sampling of points may make a difference, which is 1.
+const SAME: f64 = 1.3;
 /// A smaller turn, in degrees, is none.
 const LEAST: i32 = 10;
 
@@ -73,13 +75,24 @@ pub fn symmetric_yaw(points: &[Vec3]) -> Option<Yaw> {
     }
     let points: Vec<DVec3> = points.iter().map(|&p| DVec3::from(p.map(f64::from))).collect();
     let best = |turns: Vec<i32>| {
-        let apart: Vec<f64> = turns.par_iter().map(|&turn| unlike(&points, turn)).collect();
+        let apart: Vec<f64> = turns.par_iter().map(|&turn| unlike(&points, turn).0).collect();
         turns.into_iter().zip(apart).min_by(|a, b| a.1.total_cmp(&b.1))
     };
     let (turn, _) = best((-90..90).step_by(STEP as usize).collect())?;
     let (turn, least) = best((turn - BESIDE..=turn + BESIDE).collect())?;
-    let turned = turn.abs() >= LEAST && least <= ALIKE * spacing(&points) && unlike(&points, 0) > WORSE * least;
+    let turned = turn.abs() >= LEAST && least <= ALIKE * spacing(&points) && unlike(&points, 0).0 > WORSE * least;
     turned.then(|| Yaw::degrees(turn))
+}
+
+/// The x of the plane in whose mirror points lie alike as they stand; `None` where there is none. Likeness and time are those
+/// of [`symmetric_yaw`].
+pub fn mirror_plane(points: &[Vec3]) -> Option<f64> {
+    if points.len() < 2 || !points.iter().flatten().all(|x| x.is_finite()) {
+        return None;
+    }
+    let points: Vec<DVec3> = points.iter().map(|&p| DVec3::from(p.map(f64::from))).collect();
+    let (apart, plane) = unlike(&points, 0);
+    (apart < SAME * spacing(&points)).then_some(plane)
 }
 
 /// The mean distance of a point from the nearest other one.
@@ -91,8 +104,9 @@ fn spacing(points: &[DVec3]) -> f64 {
     (0..points.len()).map(nearest).sum::<f64>() / points.len() as f64
 }
 
-/// How far points are from their image in the mirror, whose normal turns to x by `turn` degrees.
-fn unlike(points: &[DVec3], turn: i32) -> f64 {
+/// How far points are from their image in the mirror, whose normal turns to x by `turn` degrees, and how far along the normal
+/// that stands.
+fn unlike(points: &[DVec3], turn: i32) -> (f64, f64) {
     let (sin, cos) = libm::sincos(f64::from(turn).to_radians());
     let normal = DVec3::new(cos, 0.0, sin);
     let along: Vec<f64> = points.iter().map(|p| p.dot(normal)).collect();
@@ -104,7 +118,8 @@ fn unlike(points: &[DVec3], turn: i32) -> f64 {
         let nearest = |at: Vec3A| near.iter().map(|p| p.distance_squared(at)).fold(f32::INFINITY, f32::min);
         points.iter().zip(&along).map(|of| f64::from(nearest(image(of)).sqrt())).sum::<f64>() / points.len() as f64
     };
-    through(0.5 * (low + high)).min(through(mean))
+    let [middle, mean] = [0.5 * (low + high), mean].map(|at| (through(at), at));
+    if mean.0 < middle.0 { mean } else { middle }
 }
 
 #[cfg(test)]
@@ -155,6 +170,21 @@ mod tests {
         assert_eq!(symmetric_yaw(&[]), None);
         assert_eq!(symmetric_yaw(&[[0.0; 3]; 9]), None);
         assert_eq!(symmetric_yaw(&[[0.0, f32::NAN, 0.0]; 9]), None);
+    }
+
+    #[test]
+    fn what_is_its_own_image_as_it_stands_has_a_plane() {
+        let body = body();
+        let moved: Vec<Vec3> = body.iter().map(|p| [p[0] + 0.25, p[1], p[2]]).collect();
+        assert!((mirror_plane(&moved).unwrap() - 0.25).abs() < 1e-6);
+        // One arm is enough to tell that it is not: what is a quarter of the body has no image.
+        let without: Vec<Vec3> = body.iter().copied().filter(|p| p[0] < 0.2).collect();
+        assert_eq!(mirror_plane(&without), None);
+        let turned: Vec<Vec3> = body.iter().map(|&p| Yaw::degrees(30).apply(p)).collect();
+        assert_eq!(mirror_plane(&turned), None);
+        assert_eq!(mirror_plane(&[]), None);
+        assert_eq!(mirror_plane(&[[0.0; 3]; 9]), None);
+        assert_eq!(mirror_plane(&[[0.0, f32::NAN, 0.0]; 9]), None);
     }
 
     #[test]

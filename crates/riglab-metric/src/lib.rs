@@ -34,7 +34,7 @@ pub use score::{Measure, Preset, Truth, lower_is_better, trades};
 pub use skeleton::{
     Connectivity, Graph, Joints, Matched, SkeletonConvention, SkeletonDistances, connectivity, consensus,
     consensus_with, disagreement, fit, local_shape_diameters, match_joints, nearest_shares, ordered_by_position,
-    refined, tree_edit_distance,
+    refined, symmetrised, tree_edit_distance,
 };
 pub use skin::{ACTIVE, PrecisionRecall, SkinConvention, SkinMetrics, SkinTally, Skins, edges_of, nan_for_null};
 pub use skin_baseline::{SkinBaseline, every_rule};

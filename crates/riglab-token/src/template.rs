@@ -1,5 +1,7 @@
 //! Skeletons of known make: which joints they have, by name and in which order.
 
+use riglab_core::HumanBone;
+
 /// A part of a template: joints that stand together at a fixed place of the sequence.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Part {
@@ -48,6 +50,13 @@ impl Template {
     /// The human bone that a joint of this name is.
     pub fn bone(&self, name: &str) -> Option<&'static str> {
         self.joints().find(|(own, ..)| *own == name).map(|(.., bone)| bone)
+    }
+
+    /// The joint of the other side, by the human bones that both are; itself in the middle.
+    pub fn mirrored(&self, name: &str) -> Option<&'static str> {
+        let bone: HumanBone = self.bone(name)?.parse().ok()?;
+        let other = bone.mirrored().name();
+        self.joints().find(|(.., bone)| *bone == other).map(|(name, ..)| name)
     }
 
     /// The template whose first part a skeleton has whole, by the names of its joints.
@@ -318,6 +327,7 @@ mod tests {
                 ],
             };
             assert_eq!(parents[0], None);
+            assert_eq!(template.mirrored("other"), None);
             // Bones are of the joint's side and kind.
             for (name, _, bone) in template.joints() {
                 let told = name.rsplit(['_', ':']).next().unwrap_or(name).to_lowercase();
@@ -341,6 +351,8 @@ mod tests {
                 let right = name.contains("Right") || name.contains("_R_");
                 assert_eq!((bone.starts_with("left"), bone.starts_with("right")), (left, right), "{name}: {bone}");
                 assert_eq!(template.bone(name), Some(bone));
+                let other = template.mirrored(name).unwrap();
+                assert_eq!((template.mirrored(other), other == name), (Some(name), !left && !right), "{name}: {other}");
                 assert!(bone.parse::<riglab_core::HumanBone>().is_ok(), "{bone}");
             }
             for (joint, parent) in pairs {

@@ -1,4 +1,5 @@
-//! Of several skeletons for one shape the one that the others agree with most, and where they have its joints.
+//! Of several skeletons for one shape the one that the others agree with most, where they have its joints, and where both
+//! sides have them.
 
 use glam::DVec3;
 use rayon::prelude::*;
@@ -83,6 +84,29 @@ pub fn refined(own: &Joints, voters: &[Joints], rounds: usize) -> Joints {
     Joints { positions: joints.iter().map(DVec3::to_array).collect(), parents: own.parents.clone() }
 }
 
+/// How far a joint may be from the image of another to be its partner, in the cube [-1, 1]³.
+const PARTNERS: f64 = 0.2;
+
+/// Moves joints that are partners across the plane x = `plane` to where both have them on average, one the image of the other
+/// in the mirror; one that is its own partner onto the plane. `known`: the partners that are known, as by names, none or one a
+/// joint; others are partners where each is the nearest to the image of the other. What has none stays.
+pub fn symmetrised(own: &Joints, plane: f64, known: &[Option<usize>]) -> Joints {
+    let joints: Vec<DVec3> = own.positions.iter().map(|&p| DVec3::from(p)).collect();
+    let image = |p: DVec3| DVec3::new(2.0 * plane - p.x, p.y, p.z);
+    let known = |joint: usize| known.get(joint).copied().flatten().filter(|&other| other < joints.len());
+    // Distances of images are the same the other way round.
+    let found: Vec<usize> = joints.iter().map(|&p| nearest(&joints, image(p))).collect();
+    let partner = |joint: usize| match known(joint) {
+        Some(other) => Some(other).filter(|&other| known(other) == Some(joint)),
+        None => Some(found[joint]).filter(|&other| {
+            let mutual = found[other] == joint && known(other).is_none();
+            mutual && joints[other].distance(image(joints[joint])) <= PARTNERS
+        }),
+    };
+    let place = |joint| partner(joint).map_or(joints[joint], |other| joints[joint].midpoint(image(joints[other])));
+    Joints { positions: (0..joints.len()).map(|joint| place(joint).to_array()).collect(), parents: own.parents.clone() }
+}
+
 /// The place of the nearest, of at least one; the first of equals.
 fn nearest(of: &[DVec3], to: DVec3) -> usize {
     let squared = |&k: &usize| of[k].distance_squared(to);
@@ -143,6 +167,26 @@ mod tests {
         }
         assert_eq!(refined(&chain(0.9, 3), &voters, 0), chain(0.9, 3));
         assert_eq!(refined(&chain(0.9, 3), &[], 5), chain(0.9, 3), "nobody says otherwise");
+    }
+
+    #[test]
+    fn partners_become_images_of_each_other() {
+        let positions = vec![[0.12, 0.0, 0.0], [0.5, 1.0, 0.0], [-0.3, 1.1, 0.1], [0.9, 0.3, 0.0], [0.1, -0.6, 0.0]];
+        let own = Joints { positions, parents: vec![None, Some(0), Some(0), Some(1), Some(0)] };
+        let moved = |known: &[Option<usize>]| {
+            let moved = symmetrised(&own, 0.1, known);
+            assert_eq!(moved.parents, own.parents);
+            moved.positions
+        };
+        let near = |a: [f64; 3], b: [f64; 3]| a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-12);
+        let by_place = moved(&[]);
+        let expected = [[0.1, 0.0, 0.0], [0.5, 1.05, 0.05], [-0.3, 1.05, 0.05], [0.9, 0.3, 0.0], [0.1, -0.6, 0.0]];
+        assert!(by_place.iter().zip(expected).all(|(a, b)| near(*a, b)), "{by_place:?}");
+        // What is known is not asked for, and is of no other's: a hand without a partner, and one that is far from its own.
+        let known = moved(&[Some(0), None, Some(3), Some(2), Some(7)]);
+        assert!(near(known[1], own.positions[1]) && near(known[4], own.positions[4]), "{known:?}");
+        assert!(near(known[3], [0.7, 0.7, 0.05]) && near(known[2], [-0.5, 0.7, 0.05]), "{known:?}");
+        assert!(symmetrised(&Joints { positions: Vec::new(), parents: Vec::new() }, 0.0, &[]).positions.is_empty());
     }
 
     #[test]

@@ -142,6 +142,9 @@ pub struct EvalConfig {
     /// Whether a mesh that would be its own mirror image if it were turned about the vertical is looked at turned so, where
     /// what is drawn then agrees far better (an extension): for models that learned from rigs that mostly look one way.
     pub turn: bool,
+    /// Whether joints of both sides are moved to where one side is the image of the other, of several draws, where a mesh is its
+    /// own image in the mirror (an extension; see [`riglab_metric::symmetrised`]). Such rigs serve mirrored motions.
+    pub symmetric: bool,
     /// Shares of each true skeleton's joints, the root with them, that are given to the model to be completed, as `riglab rig
     /// --complete` does: each has its rows among the skeletons. None: that is not evaluated.
     pub complete: Vec<f64>,
@@ -183,6 +186,7 @@ impl Default for EvalConfig {
             mirror: false,
             refine: 0,
             turn: false,
+            symmetric: false,
             complete: Vec::new(),
             parents: Parents::default(),
             rows: 16,

@@ -217,7 +217,7 @@ impl TokenRigTask {
 
     /// A rig for each of these assets after the clouds of its shape: as `eval.generate` says, or of several
     /// skeletons the one that the others agree with most, refined, with the likeliest codes.
-    fn drawn(&self, w: &Weights, seen: &[Condition], ids: &[AssetId]) -> Result<Vec<Drawn>, String> {
+    fn drawn(&self, w: &Weights, seen: &[Condition], posed: &[Posed], ids: &[AssetId]) -> Result<Vec<Drawn>, String> {
         let (rigger, c) = (&self.rigger, &self.rigger.config);
         let agreement = c.eval.agreement();
         let (each, shares) = (agreement.draws, agreement.shares());
@@ -229,9 +229,10 @@ impl TokenRigTask {
         let (free, firsts) = (rigger.free(), Condition::firsts(seen, shares.len()));
         let mut left = rigger.draw_skeletons(w, &firsts, (&free, &shares), &c.eval.generate, &mut streams)?;
         let mut out = Vec::with_capacity(ids.len());
-        for own in seen {
+        for ((own, posed), id) in seen.iter().zip(posed).zip(ids) {
             let rest = left.split_off(each);
-            out.push(rigger.agreed(w, &own.first(1), &agreement, left)?.1);
+            let plane = rigger.mirror_plane(posed.rig.mesh(), id.key());
+            out.push(rigger.agreed(w, &own.first(1), (&agreement, plane), left)?.1);
             left = rest;
         }
         Ok(out)
@@ -306,7 +307,7 @@ impl TokenRigTask {
                     truths.iter().zip(ids).map(|(rig, id)| self.posed(w, rig, id.key())).collect::<Result<_, _>>()?;
                 let shape = |(posed, id): (&Posed, &AssetId)| rigger.clouds(w, posed.rig.mesh(), id.key());
                 let seen: Vec<Condition> = posed.iter().zip(ids).map(shape).collect();
-                let drawn = self.drawn(w, &seen, ids)?;
+                let drawn = self.drawn(w, &seen, &posed, ids)?;
                 let all = drawn.into_iter().zip(&seen).zip(&posed).zip(&truths).zip(ids);
                 for ((((drawn, seen), posed), as_it_is), &id) in all {
                     let (truth, own) = (&posed.rig, Joints::of(as_it_is.skeleton()));
@@ -377,11 +378,13 @@ impl TokenRigTask {
                 "data.test: the corpora have no asset in `{splits}`; `riglab dataset inspect` shows their splits"
             ));
         }
-        let (consensus, mut draws) = (c.eval.consensus, c.eval.agreement().told(&c.eval.generate));
-        if c.eval.turn {
-            let turned = "turned about the vertical where its symmetry asks for it and draws agree better";
-            draws = [draws.as_str(), turned].into_iter().filter(|s| !s.is_empty()).collect::<Vec<_>>().join("; ");
-        }
+        let (consensus, draws) = (c.eval.consensus, c.eval.agreement().told(&c.eval.generate));
+        let besides = [
+            (c.eval.turn, "turned about the vertical where its symmetry asks for it and draws agree better"),
+            (c.eval.symmetric && consensus > 1, "both sides images of each other where the mesh is its own"),
+        ];
+        let all = std::iter::once(draws.as_str()).chain(besides.iter().filter(|(so, _)| *so).map(|(_, said)| *said));
+        let draws = all.filter(|said| !said.is_empty()).collect::<Vec<_>>().join("; ");
         let skeletons = SkeletonReport { convention: "unirig".into(), consensus, draws, rows, assets };
         Ok((Report { skeletons, skin, convention: "skintokens".into(), skin_assets }, rigs))
     }

@@ -8,7 +8,7 @@
 //! (`eval.turn`, an extension). Of both turned ones that agree, the likelier is taken.
 
 use riglab_core::{Bounds, Mesh, Rig, RigError, Similarity, Skeleton, Vec3};
-use riglab_geom::{SurfaceSampler, Yaw, symmetric_yaw};
+use riglab_geom::{SurfaceSampler, Yaw, mirror_plane, symmetric_yaw};
 use riglab_metric::{Joints, disagreement};
 use riglab_nn::generate::GenerateConfig;
 use riglab_nn::params::Weights;
@@ -88,10 +88,8 @@ impl Rigger {
         if !c.eval.turn {
             return Ok(stays);
         }
-        let mut random = stream(c.eval.seed, "symmetry", &[key]);
-        let sampler = SurfaceSampler::new(mesh);
-        let points = (0..POINTS).map(|_| stays.up.back(sampler.position(&sampler.draw(&mut random))));
-        let Some(yaw) = symmetric_yaw(&points.collect::<Vec<_>>()) else { return Ok(stays) };
+        let points: Vec<Vec3> = self.surface(mesh, key).map(|p| stays.up.back(p)).collect();
+        let Some(yaw) = symmetric_yaw(&points) else { return Ok(stays) };
         let ways = [Yaw::NONE, yaw, yaw.about()].map(|yaw| Facing { yaw, ..stays });
         let mut meshes = Vec::with_capacity(ways.len());
         for way in ways {
@@ -107,6 +105,20 @@ impl Rigger {
             (0..(ways.len() * TRIES) as u64).map(|k| stream(c.eval.seed, "turned draws", &[key, k])).collect();
         let drawn = self.draw_skeletons(w, &seen, (&self.free(), &[TRIES]), &how, &mut streams)?;
         Ok(ways[chosen(&drawn.chunks(TRIES).map(Told::of).collect::<Vec<_>>())])
+    }
+
+    /// The x of the plane in whose mirror a mesh as it is looked at is its own image; `None` where there is none, and unless
+    /// `eval.symmetric` says so.
+    pub(super) fn mirror_plane(&self, mesh: &Mesh, key: u64) -> Option<f64> {
+        let points = || mirror_plane(&self.surface(mesh, key).collect::<Vec<_>>());
+        self.config.eval.symmetric.then(points).flatten()
+    }
+
+    /// Points of a surface that tell its symmetry.
+    fn surface(&self, mesh: &Mesh, key: u64) -> impl Iterator<Item = Vec3> {
+        let mut random = stream(self.config.eval.seed, "symmetry", &[key]);
+        let sampler = SurfaceSampler::new(mesh);
+        (0..POINTS).map(move |_| sampler.position(&sampler.draw(&mut random)))
     }
 }
 
@@ -181,6 +193,20 @@ mod tests {
             let back = facing.back(map.inverse().apply(*there));
             assert!(back.iter().zip(own).all(|(a, b)| (a - b).abs() < 1e-5), "{back:?} for {own:?}");
         }
+    }
+
+    #[test]
+    fn a_mesh_that_is_its_own_image_has_a_plane_where_it_is_asked_for() {
+        let corners: Vec<Vec3> = (0..8).map(|k| [k & 1, k >> 1 & 1, k >> 2].map(|far| far as f32 - 0.4)).collect();
+        let sides = [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]];
+        let triangles: Vec<[u32; 3]> = sides.iter().flat_map(|&[a, b, c, d]| [[a, b, c], [a, c, d]]).collect();
+        let cube = Mesh::new(corners, triangles.clone()).unwrap();
+        let (mut rigger, whole) = (untrained(Head::Levels, true), |p: f64| (p - 0.1).abs() < 0.02);
+        assert_eq!(rigger.mirror_plane(&cube, 0), None, "nobody asks");
+        rigger.config.eval.symmetric = true;
+        assert!(rigger.mirror_plane(&cube, 0).is_some_and(whole));
+        let cut = cube.with_positions(cube.positions().iter().map(|p| [p[0] + p[1], p[1], p[2]]).collect()).unwrap();
+        assert_eq!(rigger.mirror_plane(&cut, 0), None);
     }
 
     #[test]

@@ -160,6 +160,7 @@ impl Rigger {
             (None, None) => self.free(),
         };
         let mut streams: Vec<_> = (0..samples as u64).map(|k| stream(wish.seed, "rig draws", &[k])).collect();
+        let plane = self.mirror_plane(&cube, wish.seed);
         // Which skeletons agree is known before any codes are.
         let agree = wish.rank == Rank::Consensus && given.is_none() && samples > 1;
         let agreement = Agreement { draws: samples, ..eval.agreement() };
@@ -178,7 +179,7 @@ impl Rigger {
         let draws = self.judged(&cube, &drawn, wish)?;
         let anatomy = wish.human.filter(|_| given.is_none()).map(|human| {
             let bounds = Bounds::of(cube.positions().iter().map(|&p| up.back(p)));
-            Anatomy { human, up, bounds }
+            Anatomy { human, up, bounds, plane }
         });
         let template = anatomy.and_then(|anatomy| Some((wish.class.and_then(Template::of)?, anatomy)));
         let bodies =
@@ -194,7 +195,7 @@ impl Rigger {
         let only = written.as_deref().filter(|of| of.iter().zip(agreement.draws_mirrored()).any(|(w, m)| *w && !m));
         let best = if agree {
             let may = |place: usize| only.is_none_or(|written| written[place]);
-            Some(self.agreed_of(w, &seen, &agreement, drawn, may)?).filter(|(_, taken)| taken.decoded.is_ok())
+            Some(self.agreed_of(w, &seen, (&agreement, plane), drawn, may)?).filter(|(_, taken)| taken.decoded.is_ok())
         } else {
             // The first of equals.
             let best = whole.min_by(|a, b| worth(*b).total_cmp(&worth(*a)));
@@ -363,8 +364,10 @@ mod tests {
         how.sample = true;
         whole.extend(rigger.draw(w, &prefix, &prompts[1..], &how, &mut streams[1..]).unwrap());
         let agreement = rigger.config.eval.agreement();
-        let at =
-            agreement.of(&rigger.tokenizer, whole.iter().map(|d| d.decoded.as_ref().ok()), |_| true).unwrap().place;
+        let at = agreement
+            .of(&rigger.tokenizer, whole.iter().map(|d| d.decoded.as_ref().ok()), None, |_| true)
+            .unwrap()
+            .place;
         assert_eq!(at, made.sample);
         let heads = |of: &riglab_token::Decoded| of.skeleton().unwrap().heads().to_vec();
         let back = |p: &[f32; 3]| map.inverse().apply(*p);

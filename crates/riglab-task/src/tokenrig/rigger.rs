@@ -312,8 +312,9 @@ impl Rigger {
         Ok(Drawn { likelihood: (a + b, m + n), ..whole })
     }
 
-    /// The skeleton of one mesh that its draws agree on, refined, with the likeliest codes for it after that one shape, and
-    /// which of the draws it is; the first as it is where none is a skeleton.
+    /// The skeleton of one mesh that its draws agree on, refined, and its own image in the mirror at x = `plane` where there is
+    /// one, with the likeliest codes for it after that one shape, and which of the draws it is; the first as it is where none
+    /// is a skeleton.
     ///
     /// # Errors
     /// As [`Self::draw`].
@@ -321,10 +322,10 @@ impl Rigger {
         &self,
         w: &Weights,
         seen: &Condition,
-        agreement: &Agreement,
+        (agreement, plane): (&Agreement, Option<f64>),
         drawn: Vec<Drawn>,
     ) -> Result<(usize, Drawn), String> {
-        self.agreed_of(w, seen, agreement, drawn, |_| true)
+        self.agreed_of(w, seen, (agreement, plane), drawn, |_| true)
     }
 
     /// As [`Self::agreed`], of the draws that `may` be taken and have a say.
@@ -332,12 +333,12 @@ impl Rigger {
         &self,
         w: &Weights,
         seen: &Condition,
-        agreement: &Agreement,
+        (agreement, plane): (&Agreement, Option<f64>),
         mut drawn: Vec<Drawn>,
         may: impl Fn(usize) -> bool,
     ) -> Result<(usize, Drawn), String> {
         let decoded = drawn.iter().enumerate().map(|(at, d)| d.decoded.as_ref().ok().filter(|_| may(at)));
-        let agreed = agreement.of(&self.tokenizer, decoded, |ids| self.may_begin(ids));
+        let agreed = agreement.of(&self.tokenizer, decoded, plane, |ids| self.may_begin(ids));
         let Agreed { place, refined } = agreed.unwrap_or(Agreed { place: 0, refined: None });
         let mut taken = drawn.swap_remove(place);
         if let Some((skeleton, decoded)) = refined {
@@ -514,7 +515,7 @@ mod tests {
         let how = GenerateConfig::default();
         let mut drawn = rigger.draw_skeletons(w, &prefix, (&rigger.free(), &[3]), &how, &mut streams).unwrap();
         let agreement = Agreement { draws: 3, clouds: 1, mirror: false, refine: 5 };
-        let of = |drawn: &[Drawn]| rigger.agreed(w, &prefix, &agreement, drawn.to_vec()).unwrap();
+        let of = |drawn: &[Drawn]| rigger.agreed(w, &prefix, (&agreement, None), drawn.to_vec()).unwrap();
         assert!(of(&drawn).1.decoded.is_ok());
         drawn.iter_mut().for_each(|d| d.decoded = Err(DecodeFault::NoEos));
         let (place, taken) = of(&drawn);

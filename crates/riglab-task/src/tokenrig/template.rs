@@ -10,7 +10,7 @@ use std::collections::BTreeMap;
 
 use glam::DVec3;
 use riglab_core::{Bounds, HumanBone, Humanoid, Joint, JointId, Similarity, Skeleton};
-use riglab_metric::{Joints, refined};
+use riglab_metric::{Joints, refined, symmetrised};
 use riglab_nn::generate::GenerateConfig;
 use riglab_nn::params::Weights;
 use riglab_random::stream;
@@ -18,7 +18,7 @@ use riglab_token::{Decoded, Template};
 
 use super::{Condition, Drawn, Rigger};
 use crate::assets::Up;
-use crate::unirig_skeleton::agree::{Agreement, joints_in_the_mirror};
+use crate::unirig_skeleton::agree::{Agreement, joints_in_the_mirror, partners};
 use crate::unirig_skeleton::evaluate::joints;
 
 /// The human bones of a skeleton with y up, in the box around its mesh; `None` for what is no body.
@@ -65,6 +65,8 @@ pub(super) struct Anatomy<'a> {
     pub up: Up,
     /// Around the mesh in the cube, y up.
     pub bounds: Option<Bounds>,
+    /// The x of the plane in whose mirror the mesh is its own image, where there is one.
+    pub plane: Option<f64>,
 }
 
 impl Anatomy<'_> {
@@ -173,7 +175,13 @@ impl Rigger {
         if !fits(&joints) {
             return Ok(None);
         }
-        let skeleton = Skeleton::new(joints).map_err(|e| e.to_string())?;
+        let mut skeleton = Skeleton::new(joints).map_err(|e| e.to_string())?;
+        if let Some(plane) = anatomy.plane {
+            let partners = partners(skeleton.names(), Some(template.class));
+            let both = symmetrised(&Joints::of(&skeleton), plane, &partners).positions;
+            let heads = both.iter().map(|p| p.map(|x| x as f32)).collect();
+            skeleton = skeleton.with_heads(heads).map_err(|e| e.to_string())?;
+        }
         Ok(Some((skeleton, votes.bodies)))
     }
 }
@@ -535,7 +543,7 @@ mod tests {
         let bones = bones(&[]);
         let human = skeleton(&bones).1;
         let find = move |_: &Skeleton, _: Option<Bounds>| Some(human.clone());
-        let anatomy = Anatomy { human: &find, up: Up::Y, bounds: None };
+        let anatomy = Anatomy { human: &find, up: Up::Y, bounds: None, plane: None };
         let name = |bone: &str| template.joints().find(|(.., b)| *b == bone).unwrap().0.to_owned();
         let mut decoded = Decoded {
             joints: bones.iter().map(|(_, head)| *head).collect(),

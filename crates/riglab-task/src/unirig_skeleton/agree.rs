@@ -2,11 +2,11 @@
 
 use riglab_core::Mesh;
 use riglab_geom::{CloudConfig, CloudSampler};
-use riglab_metric::{Joints, consensus, refined};
+use riglab_metric::{Joints, consensus, refined, symmetrised};
 use riglab_nn::generate::GenerateConfig;
 use riglab_nn::perceiver::PerceiverConfig;
 use riglab_random::stream;
-use riglab_token::{Bones, Decoded, Tokenizer};
+use riglab_token::{Bones, Decoded, Template, Tokenizer};
 
 use super::batch::{Batch, looked_at};
 use super::evaluate::joints;
@@ -89,11 +89,13 @@ impl Agreement {
     }
 
     /// Of the draws for a mesh, those of one cloud after those of another, the one that the others agree with most, `None`
-    /// where none can be taken. It is refined where the tokens of the refined one pass `fits`.
+    /// where none can be taken. It is refined, and made its own image in the mirror at x = `plane` where there is one, where
+    /// the tokens of what comes of it pass `fits`.
     pub fn of<'a>(
         &self,
         tokenizer: &Tokenizer,
         drawn: impl Iterator<Item = Option<&'a Decoded>>,
+        plane: Option<f64>,
         fits: impl Fn(&[u32]) -> bool,
     ) -> Option<Agreed> {
         let (mut places, mut candidates, mut voters) = (Vec::new(), Vec::new(), Vec::new());
@@ -113,13 +115,18 @@ impl Agreement {
         // What has no bones says nothing of where joints are.
         voters.retain(|v| v.positions.len() > 1);
         let moved = || {
-            let joints = refined(&own, &voters, self.refine).positions;
+            let mut joints = refined(&own, &voters, self.refine);
+            if let Some(plane) = plane {
+                joints = symmetrised(&joints, plane, &partners(&decoded.names, decoded.class.as_deref()));
+            }
+            let joints = joints.positions;
             let bones = Bones { joints: &joints, parents: &decoded.parents, names: &decoded.names };
             let ids = tokenizer.encode_bones(&bones, decoded.class.as_deref()).ok()?.ids;
             let said = tokenizer.decode(&ids).ok()?;
             fits(&ids).then_some((ids, said))
         };
-        let refined = (self.refine > 0 && own.positions.len() > 1).then(moved).flatten();
+        let moves = self.refine > 0 || plane.is_some();
+        let refined = (moves && own.positions.len() > 1).then(moved).flatten();
         Some(Agreed { place, refined })
     }
 
@@ -138,6 +145,13 @@ impl Agreement {
         let said = all.into_iter().filter(|(so, said)| *so && !said.is_empty()).map(|(_, said)| said);
         said.collect::<Vec<_>>().join("; ")
     }
+}
+
+/// Of the joints of a class that a template tells, which is whose on the other side; not of others.
+pub(crate) fn partners(names: &[String], class: Option<&str>) -> Vec<Option<usize>> {
+    let Some(template) = class.and_then(Template::of) else { return Vec::new() };
+    let place = |other: &str| names.iter().position(|name| name == other);
+    names.iter().map(|name| template.mirrored(name).and_then(place)).collect()
 }
 
 /// The joints of a draw, turned back from the mirror that its cloud was seen in.
@@ -164,7 +178,7 @@ mod tests {
 
     fn agreed(agreement: Agreement, drawn: &[Option<Decoded>]) -> Option<Agreed> {
         let tokenizer = Tokenizer::new(TokenizerConfig::default());
-        agreement.of(&tokenizer, drawn.iter().map(Option::as_ref), |ids| ids.len() < 20)
+        agreement.of(&tokenizer, drawn.iter().map(Option::as_ref), None, |ids| ids.len() < 20)
     }
 
     fn of(lengths: &[f32]) -> Vec<Option<Decoded>> {
@@ -216,7 +230,7 @@ mod tests {
         let found: Vec<f32> = said.joints.iter().map(|p| p[0]).collect();
         assert!(found.iter().zip([-0.5, 0.32, 0.95]).all(|(a, b)| (a - b).abs() < 0.02), "{found:?}");
         // What does not fit is left as it was drawn, and what has no bone has nothing to refine.
-        let refused = refine.of(&tokenizer, middle.iter().map(Option::as_ref), |_| false).unwrap();
+        let refused = refine.of(&tokenizer, middle.iter().map(Option::as_ref), None, |_| false).unwrap();
         assert_eq!((refused.place, refused.refined), (own.place, None));
         let own = middle[0].clone().unwrap();
         let point = Decoded { joints: vec![[0.5; 3]], parents: vec![None], names: vec!["bone_0".into()], ..own };
@@ -232,8 +246,34 @@ mod tests {
         let drawn = tokenizer.decode(&ids).unwrap();
         // Moved nowhere by others that say the same: the same tokens again.
         let three = [Some(&drawn); 3].into_iter();
-        let own = Agreement { refine: 3, ..PLAIN }.of(&tokenizer, three, |_| true).unwrap();
+        let own = Agreement { refine: 3, ..PLAIN }.of(&tokenizer, three, None, |_| true).unwrap();
         assert_eq!(own.refined, Some((ids, drawn.clone())));
+    }
+
+    #[test]
+    fn both_sides_are_images_of_each_other_where_the_mesh_is_its_own() {
+        let tokenizer = Tokenizer::new(TokenizerConfig::default());
+        // A root and a hand on either side, the right one lower: x and y.
+        let joints = [[0.0, 0.0], [0.5, 0.4], [-0.46, 0.3]].map(|[x, y]| [x, y, 0.0]);
+        let drawn = Decoded { joints: joints.to_vec(), parents: vec![None, Some(0), Some(0)], ..chain([0.0; 3]) };
+        let agreed = |plane| PLAIN.of(&tokenizer, [Some(&drawn); 3].into_iter(), plane, |_| true).unwrap().refined;
+        assert_eq!(agreed(None), None, "nothing moves");
+        let found = agreed(Some(0.0)).unwrap().1.joints;
+        let hand = |side: f32| found.iter().find(|p| p[0] * side > 0.1).unwrap();
+        let cell = 2.0 / 256.0;
+        assert!(
+            (hand(1.0)[0] + hand(-1.0)[0]).abs() <= cell && (hand(1.0)[1] - hand(-1.0)[1]).abs() < 1e-6,
+            "{found:?}"
+        );
+        assert!((hand(1.0)[0] - 0.48).abs() <= cell && (hand(1.0)[1] - 0.35).abs() <= cell, "{found:?}");
+    }
+
+    #[test]
+    fn what_a_template_names_is_told_by_its_names() {
+        let names = ["mixamorig:Hips", "mixamorig:LeftArm", "tail", "mixamorig:RightArm", "mixamorig:LeftHand"];
+        let names = names.map(str::to_owned);
+        assert_eq!(partners(&names, Some("mixamo")), [Some(0), Some(3), None, Some(1), None]);
+        assert_eq!(partners(&names, None), []);
     }
 
     #[test]

@@ -164,7 +164,7 @@ impl Drawer<'_> {
     pub(crate) fn agreed(&self, mut drawn: Vec<Drawn>) -> (usize, Drawn) {
         let decoded = drawn.iter().map(|d| d.decoded.as_ref().ok());
         let fits = |ids: &[u32]| ids.len() <= self.config.limits.tokens;
-        match self.config.eval.agreement().of(self.tokenizer, decoded, fits) {
+        match self.config.eval.agreement().of(self.tokenizer, decoded, None, fits) {
             Some(Agreed { place, refined: Some((ids, decoded)) }) => (place, Drawn { ids, decoded: Ok(decoded) }),
             agreed => {
                 let place = agreed.map_or(0, |a| a.place);
