@@ -32,7 +32,7 @@ pub use motion::{Frames, Motion, Poses, clip_frames, motion, motion_of_frames, m
 pub use rows::Rows;
 pub use score::{Measure, Preset, Truth, lower_is_better, trades};
 pub use skeleton::{
-    Connectivity, Graph, Joints, Matched, SkeletonConvention, SkeletonDistances, connectivity, consensus,
+    Connectivity, Graph, Joints, Matched, SkeletonConvention, SkeletonDistances, apart_from, connectivity, consensus,
     consensus_with, disagreement, fit, local_shape_diameters, match_joints, nearest_shares, ordered_by_position,
     refined, symmetrised, tree_edit_distance,
 };

@@ -43,6 +43,13 @@ pub fn disagreement(all: &[Joints]) -> f64 {
     each.iter().sum::<f64>() / each.len().max(1) as f64
 }
 
+/// How far a skeleton is from others on average: the mean of J2J, J2B and B2B, as reports show them
+/// ([`SkeletonConvention::Unirig`]); 0 where there are none. Of one that was made of draws of a model and these draws it tells
+/// how sure the model is.
+pub fn apart_from(own: &Joints, others: &[Joints]) -> f64 {
+    others.iter().map(|other| apart(own, other) / 3.0).sum::<f64>() / others.len().max(1) as f64
+}
+
 /// J2J + J2B + B2B.
 fn apart(a: &Joints, b: &Joints) -> f64 {
     let d = SkeletonConvention::Unirig.distances(a, b);
@@ -138,6 +145,9 @@ mod tests {
         let all = disagreement(&[chain(1.0, 3), chain(1.1, 3), chain(1.3, 3)]);
         let mean = (apart(1.0, 1.1) + apart(1.1, 1.3) + apart(1.0, 1.3)) / 3.0;
         assert!((all - mean).abs() < 1e-12);
+        let (own, others) = (chain(1.0, 3), [chain(1.1, 3), chain(1.3, 3)]);
+        let from = |others: &[Joints]| apart_from(&own, others);
+        assert!((from(&others) - (apart(1.0, 1.1) + apart(1.0, 1.3)) / 6.0).abs() < 1e-12 && from(&[]) == 0.0);
     }
 
     #[test]

@@ -11,7 +11,7 @@ mod merge;
 mod tree_edit;
 
 pub use connectivity::{Connectivity, connectivity};
-pub use consensus::{consensus, consensus_with, disagreement, refined, symmetrised};
+pub use consensus::{apart_from, consensus, consensus_with, disagreement, refined, symmetrised};
 pub use diameter::local_shape_diameters;
 pub use distances::{Joints, SkeletonConvention, SkeletonDistances};
 pub use fit::fit;

@@ -21,6 +21,7 @@ use super::{Batch, Condition, Drawn, TokenRigTask, parts_of};
 use crate::assets::AssetId;
 use crate::fsq_cvae::evaluate::Methods;
 use crate::fsq_cvae::{Prepared, Row as SkinRow};
+use crate::unirig_skeleton::agree::Taken;
 use crate::unirig_skeleton::batch::{encode, normalized, shape};
 use crate::unirig_skeleton::evaluate::{Beside, Sums, Validated, joints};
 use crate::unirig_skeleton::generate::streams;
@@ -217,14 +218,21 @@ impl TokenRigTask {
 
     /// A rig for each of these assets after the clouds of its shape: as `eval.generate` says, or of several
     /// skeletons the one that the others agree with most, refined, with the likeliest codes.
-    fn drawn(&self, w: &Weights, seen: &[Condition], posed: &[Posed], ids: &[AssetId]) -> Result<Vec<Drawn>, String> {
+    fn drawn(
+        &self,
+        w: &Weights,
+        seen: &[Condition],
+        posed: &[Posed],
+        ids: &[AssetId],
+    ) -> Result<Vec<Taken<Drawn>>, String> {
         let (rigger, c) = (&self.rigger, &self.rigger.config);
         let agreement = c.eval.agreement();
         let (each, shares) = (agreement.draws, agreement.shares());
         let mut streams = streams(c.eval.seed, ids.iter().map(|id| id.key()), each);
         if each == 1 {
             let firsts = Condition::firsts(seen, 1);
-            return rigger.draw(w, &firsts, &vec![rigger.free(); ids.len()], &c.eval.generate, &mut streams);
+            let drawn = rigger.draw(w, &firsts, &vec![rigger.free(); ids.len()], &c.eval.generate, &mut streams)?;
+            return Ok(drawn.into_iter().map(|drawn| Taken { place: 0, apart: None, drawn }).collect());
         }
         let (free, firsts) = (rigger.free(), Condition::firsts(seen, shares.len()));
         let mut left = rigger.draw_skeletons(w, &firsts, (&free, &shares), &c.eval.generate, &mut streams)?;
@@ -232,7 +240,7 @@ impl TokenRigTask {
         for ((own, posed), id) in seen.iter().zip(posed).zip(ids) {
             let rest = left.split_off(each);
             let plane = rigger.mirror_plane(posed.rig.mesh(), id.key());
-            out.push(rigger.agreed(w, &own.first(1), (&agreement, plane), left)?.1);
+            out.push(rigger.agreed(w, &own.first(1), (&agreement, plane), left)?);
             left = rest;
         }
         Ok(out)
@@ -309,7 +317,7 @@ impl TokenRigTask {
                 let seen: Vec<Condition> = posed.iter().zip(ids).map(shape).collect();
                 let drawn = self.drawn(w, &seen, &posed, ids)?;
                 let all = drawn.into_iter().zip(&seen).zip(&posed).zip(&truths).zip(ids);
-                for ((((drawn, seen), posed), as_it_is), &id) in all {
+                for ((((Taken { apart, drawn, .. }, seen), posed), as_it_is), &id) in all {
                     let (truth, own) = (&posed.rig, Joints::of(as_it_is.skeleton()));
                     let found = drawn.decoded.as_ref().ok().map(|decoded| posed.joints_back(joints(decoded)));
                     let offered = retrieval.offer(as_it_is, id.key());
@@ -333,6 +341,7 @@ impl TokenRigTask {
                         model,
                         retrieval: nearest,
                         template_fit: fitted,
+                        apart,
                     });
                     let rig = match &drawn.decoded {
                         Ok(decoded) => {

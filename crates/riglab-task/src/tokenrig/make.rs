@@ -13,7 +13,7 @@ use super::template::{Anatomy, FindHuman, Placed, alone, known};
 use super::{Drawn, Rigger};
 use crate::grpo::{Judged, Subject, rewards};
 use crate::sequences::{NO_SKELETON, of_class};
-use crate::unirig_skeleton::agree::Agreement;
+use crate::unirig_skeleton::agree::{Agreement, Taken};
 
 /// By what the best of several rigs is told.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -74,6 +74,9 @@ pub struct Made {
     pub placed: Option<Placed>,
     /// How many of the draws are human bodies, where [`Wish::human`] tells them and one of free ones was chosen by agreement.
     pub bodies: Option<usize>,
+    /// How far the skeleton is from the draws on average, where one of several was chosen by agreement: the mean of J2J, J2B
+    /// and B2B ([`riglab_metric::apart_from`]). What is far from them is mostly far from what an artist would make.
+    pub apart: Option<f64>,
     /// Which of the draws it is.
     pub sample: usize,
     /// All draws, in their order.
@@ -195,13 +198,13 @@ impl Rigger {
         let only = written.as_deref().filter(|of| of.iter().zip(agreement.draws_mirrored()).any(|(w, m)| *w && !m));
         let best = if agree {
             let may = |place: usize| only.is_none_or(|written| written[place]);
-            Some(self.agreed_of(w, &seen, (&agreement, plane), drawn, may)?).filter(|(_, taken)| taken.decoded.is_ok())
+            Some(self.agreed_of(w, &seen, (&agreement, plane), drawn, may)?).filter(|taken| taken.drawn.decoded.is_ok())
         } else {
             // The first of equals.
             let best = whole.min_by(|a, b| worth(*b).total_cmp(&worth(*a)));
-            best.and_then(|at| Some((at, drawn.into_iter().nth(at)?)))
+            best.and_then(|place| Some(Taken { place, apart: None, drawn: drawn.into_iter().nth(place)? }))
         };
-        let (sample, drawn) = best.ok_or(NO_SKELETON)?;
+        let Taken { place: sample, apart, drawn } = best.ok_or(NO_SKELETON)?;
         let mut placed = None;
         if let Some((template, anatomy)) = template {
             let body = drawn.decoded.as_ref().ok().filter(|decoded| anatomy.written(template, decoded, false));
@@ -264,7 +267,7 @@ impl Rigger {
         let hold = Hold { without_codes: eval.without_codes, holders, ..Hold::default() };
         let hold = Hold { influences: wish.influences.unwrap_or(hold.influences).max(1), ..hold };
         let weights = self.pooled_skin(&cube, &in_cube, &skins, wish.seed, hold)?;
-        Ok(Made { skeleton, weights, yaw: facing.yaw(), placed, bodies, sample, draws })
+        Ok(Made { skeleton, weights, yaw: facing.yaw(), placed, bodies, apart, sample, draws })
     }
 
     /// What draws for a mesh in the cube are worth.

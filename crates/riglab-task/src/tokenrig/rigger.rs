@@ -19,7 +19,7 @@ use super::skin::Codes;
 use super::told::{Sight, Teller};
 use crate::fsq_cvae::Frozen;
 use crate::unirig_skeleton::Batch as Shapes;
-use crate::unirig_skeleton::agree::{Agreed, Agreement};
+use crate::unirig_skeleton::agree::{Agreed, Agreement, Taken};
 use crate::unirig_skeleton::batch::shape;
 use crate::unirig_skeleton::shape_tensors;
 
@@ -324,7 +324,7 @@ impl Rigger {
         seen: &Condition,
         (agreement, plane): (&Agreement, Option<f64>),
         drawn: Vec<Drawn>,
-    ) -> Result<(usize, Drawn), String> {
+    ) -> Result<Taken<Drawn>, String> {
         self.agreed_of(w, seen, (agreement, plane), drawn, |_| true)
     }
 
@@ -336,16 +336,16 @@ impl Rigger {
         (agreement, plane): (&Agreement, Option<f64>),
         mut drawn: Vec<Drawn>,
         may: impl Fn(usize) -> bool,
-    ) -> Result<(usize, Drawn), String> {
+    ) -> Result<Taken<Drawn>, String> {
         let decoded = drawn.iter().enumerate().map(|(at, d)| d.decoded.as_ref().ok().filter(|_| may(at)));
         let agreed = agreement.of(&self.tokenizer, decoded, plane, |ids| self.may_begin(ids));
-        let Agreed { place, refined } = agreed.unwrap_or(Agreed { place: 0, refined: None });
+        let Agreed { place, apart, refined } = agreed.unwrap_or_default();
         let mut taken = drawn.swap_remove(place);
         if let Some((skeleton, decoded)) = refined {
             let ids = skeleton.iter().map(|&id| i64::from(id)).collect();
             taken = Drawn { skeleton, decoded: Ok(decoded), ids, ..taken };
         }
-        self.with_codes(w, seen, taken).map(|coded| (place, coded))
+        Ok(Taken { place, apart, drawn: self.with_codes(w, seen, taken)? })
     }
 
     /// Whether a skeleton may stand at the beginning of a sequence.
@@ -516,10 +516,11 @@ mod tests {
         let mut drawn = rigger.draw_skeletons(w, &prefix, (&rigger.free(), &[3]), &how, &mut streams).unwrap();
         let agreement = Agreement { draws: 3, clouds: 1, mirror: false, refine: 5 };
         let of = |drawn: &[Drawn]| rigger.agreed(w, &prefix, (&agreement, None), drawn.to_vec()).unwrap();
-        assert!(of(&drawn).1.decoded.is_ok());
+        assert!(of(&drawn).drawn.decoded.is_ok() && of(&drawn).apart.is_some());
         drawn.iter_mut().for_each(|d| d.decoded = Err(DecodeFault::NoEos));
-        let (place, taken) = of(&drawn);
-        assert_eq!((place, taken.decoded.is_err(), &taken.ids), (0, true, &drawn[0].ids));
+        let none = of(&drawn);
+        assert_eq!((none.place, none.apart, none.drawn.decoded.is_err()), (0, None, true));
+        assert_eq!(none.drawn.ids, drawn[0].ids);
     }
 
     #[test]

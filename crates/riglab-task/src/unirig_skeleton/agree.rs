@@ -2,7 +2,7 @@
 
 use riglab_core::Mesh;
 use riglab_geom::{CloudConfig, CloudSampler};
-use riglab_metric::{Joints, consensus, refined, symmetrised};
+use riglab_metric::{Joints, apart_from, consensus, refined, symmetrised};
 use riglab_nn::generate::GenerateConfig;
 use riglab_nn::perceiver::PerceiverConfig;
 use riglab_random::stream;
@@ -27,12 +27,24 @@ pub(crate) struct Agreement {
 }
 
 /// What came of the draws for a mesh.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub(crate) struct Agreed {
     /// The place of the draw that was taken.
     pub place: usize,
+    /// How far what comes of it is from the draws that have a say, where there are several: see [`apart_from`].
+    pub apart: Option<f64>,
     /// Its tokens and what they say with refined joints, where they move.
     pub refined: Option<(Vec<u32>, Decoded)>,
+}
+
+/// What is taken of the draws for a mesh.
+pub(crate) struct Taken<D> {
+    /// Which it is.
+    pub place: usize,
+    /// As [`Agreed::apart`].
+    pub apart: Option<f64>,
+    /// The draw, refined.
+    pub drawn: D,
 }
 
 impl Agreement {
@@ -127,7 +139,9 @@ impl Agreement {
         };
         let moves = self.refine > 0 || plane.is_some();
         let refined = (moves && own.positions.len() > 1).then(moved).flatten();
-        Some(Agreed { place, refined })
+        let found = refined.as_ref().map_or(decoded, |(_, said)| said);
+        let apart = (voters.len() > 1).then(|| apart_from(&joints(found), &voters));
+        Some(Agreed { place, apart, refined })
     }
 
     /// What a report says of how skeletons are drawn and one is made of several, where it is not as the papers do.
@@ -224,6 +238,8 @@ mod tests {
         let middle = [0.2, 0.3, 0.32, 0.34, 0.9].map(|middle| Some(chain([-0.5, middle, 0.95])));
         let own = agreed(refine, &middle).unwrap();
         let (ids, said) = own.refined.unwrap();
+        let apart = |drawn: &[Option<Decoded>]| agreed(refine, drawn).unwrap().apart.unwrap();
+        assert!(apart(&middle) > 0.01 && apart(&middle[1..4]) < 0.01, "{} {}", apart(&middle), apart(&middle[1..4]));
         let tokenizer = Tokenizer::new(TokenizerConfig::default());
         assert_eq!(tokenizer.decode(&ids).unwrap(), said);
         assert_eq!((said.parents, said.class), (vec![None, Some(0), Some(1)], None));
@@ -234,7 +250,8 @@ mod tests {
         assert_eq!((refused.place, refused.refined), (own.place, None));
         let own = middle[0].clone().unwrap();
         let point = Decoded { joints: vec![[0.5; 3]], parents: vec![None], names: vec!["bone_0".into()], ..own };
-        assert_eq!(agreed(Agreement { draws: 1, ..refine }, &[Some(point)]).unwrap().refined, None);
+        let alone = agreed(Agreement { draws: 1, ..refine }, &[Some(point)]).unwrap();
+        assert_eq!((alone.refined, alone.apart), (None, None));
     }
 
     #[test]

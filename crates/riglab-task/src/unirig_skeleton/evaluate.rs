@@ -9,6 +9,7 @@ use riglab_token::Decoded;
 use riglab_train::Validation;
 use serde::{Deserialize, Serialize};
 
+use super::agree::Taken;
 use super::batch::{Batch, encode, normalized, shape};
 use super::generate::Drawn;
 use super::retrieval::{Offered, Retrieval};
@@ -88,6 +89,10 @@ pub struct AssetRow {
     /// Those of that skeleton, fitted to the mesh.
     #[serde(default = "not_known")]
     pub template_fit: SkeletonDistances,
+    /// How far the model's skeleton is from its draws on average, where it is one of several: the mean of J2J, J2B and B2B
+    /// ([`riglab_metric::apart_from`]).
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub apart: Option<f64>,
 }
 
 fn not_known() -> SkeletonDistances {
@@ -300,7 +305,8 @@ impl SkeletonTask {
                     ids.iter().map(|&id| normalized(&self.assets, &self.cache, id)).collect::<Result<Vec<_>, _>>()?;
                 let asked: Vec<_> = rigs.iter().zip(ids).map(|(rig, id)| (rig.mesh(), id.key())).collect();
                 let drawn = self.drawer().draw_agreed(w, &asked);
-                for (((drawn, rig), name), &id) in drawn.into_iter().zip(&rigs).zip(names).zip(ids) {
+                for (((Taken { apart, drawn, .. }, rig), name), &id) in drawn.into_iter().zip(&rigs).zip(names).zip(ids)
+                {
                     let truth = Joints::of(rig.skeleton());
                     let found = drawn.decoded.as_ref().ok().map(joints);
                     let offered = retrieval.offer(rig, id.key());
@@ -314,6 +320,7 @@ impl SkeletonTask {
                         model,
                         retrieval: nearest,
                         template_fit: fitted,
+                        apart,
                     });
                     skeletons.push((id, drawn));
                     progress(assets.len());

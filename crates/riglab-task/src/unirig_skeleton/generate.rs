@@ -10,7 +10,7 @@ use riglab_random::{Stream, stream};
 use riglab_token::{DecodeFault, Decoded, Grammar, Limits, Mask, Tokenizer};
 use tch::{Device, Kind, Tensor};
 
-use super::agree::Agreed;
+use super::agree::{Agreed, Taken};
 use super::batch::{Batch, shape};
 use super::{SkeletonTaskConfig, shape_of};
 
@@ -125,16 +125,17 @@ impl Drawer<'_> {
 
     /// As [`Self::draw`], but with `eval.consensus` several are sampled for each mesh, and the one is given that the
     /// others agree with most, refined as `eval.refine` says.
-    pub fn draw_agreed(&self, w: &Weights, meshes: &[(&Mesh, u64)]) -> Vec<Drawn> {
+    pub(crate) fn draw_agreed(&self, w: &Weights, meshes: &[(&Mesh, u64)]) -> Vec<Taken<Drawn>> {
         let each = self.config.eval.agreement().draws;
         if each == 1 {
-            return self.draw(w, meshes);
+            let alone = |drawn| Taken { place: 0, apart: None, drawn };
+            return self.draw(w, meshes).into_iter().map(alone).collect();
         }
         let mut drawn = self.draw_several(w, meshes, None);
         let mut out = Vec::with_capacity(meshes.len());
         while !drawn.is_empty() {
             let rest = drawn.split_off(each);
-            out.push(self.agreed(drawn).1);
+            out.push(self.agreed(drawn));
             drawn = rest;
         }
         out
@@ -160,17 +161,17 @@ impl Drawer<'_> {
         self.draw_told(w, &prefix, &mut streams, &how, likelihood)
     }
 
-    /// Of the draws for a mesh the one that the others agree with most, and its place; the first where none is a skeleton.
-    pub(crate) fn agreed(&self, mut drawn: Vec<Drawn>) -> (usize, Drawn) {
+    /// Of the draws for a mesh the one that the others agree with most; the first where none is a skeleton.
+    pub(crate) fn agreed(&self, mut drawn: Vec<Drawn>) -> Taken<Drawn> {
         let decoded = drawn.iter().map(|d| d.decoded.as_ref().ok());
         let fits = |ids: &[u32]| ids.len() <= self.config.limits.tokens;
-        match self.config.eval.agreement().of(self.tokenizer, decoded, None, fits) {
-            Some(Agreed { place, refined: Some((ids, decoded)) }) => (place, Drawn { ids, decoded: Ok(decoded) }),
-            agreed => {
-                let place = agreed.map_or(0, |a| a.place);
-                (place, drawn.swap_remove(place))
-            }
-        }
+        let agreed = self.config.eval.agreement().of(self.tokenizer, decoded, None, fits);
+        let Agreed { place, apart, refined } = agreed.unwrap_or_default();
+        let drawn = match refined {
+            Some((ids, decoded)) => Drawn { ids, decoded: Ok(decoded) },
+            None => drawn.swap_remove(place),
+        };
+        Taken { place, apart, drawn }
     }
 
     /// The shapes of meshes, as the decoder's prefix is made of.

@@ -10,6 +10,7 @@ use riglab_token::{Grammar, Tokenizer};
 use riglab_train::named_by;
 use tch::Device;
 
+use super::agree::Taken;
 use super::generate::{Drawer, Drawn};
 use super::{SkeletonTaskConfig, Trained};
 use crate::bundle::{self, Card};
@@ -45,6 +46,8 @@ pub struct Sketch<'a> {
 pub struct Sketched {
     /// The joints, in the mesh's units.
     pub skeleton: Skeleton,
+    /// As [`Made::apart`](crate::tokenrig::Made::apart).
+    pub apart: Option<f64>,
     /// Which of the draws it is.
     pub sample: usize,
     /// All draws, in their order.
@@ -107,7 +110,7 @@ impl Sketcher {
         let (net, device) = (&self.own.net, self.device);
         let drawer = Drawer { config: &config, tokenizer: &self.tokenizer, net, device };
         let mut likelihood = vec![(0.0, 0); config.eval.consensus];
-        let (sample, drawn) = match wish.rank {
+        let Taken { place: sample, apart, drawn } = match wish.rank {
             Rank::Rewards => return Err("rewards judge whole rigs, and this model draws skeletons alone".into()),
             Rank::Consensus if config.eval.consensus > 1 => {
                 let w = self.own.params.weights();
@@ -121,7 +124,7 @@ impl Sketcher {
         let heads = in_cube.heads().iter().map(|&p| up.back(map.inverse().apply(p))).collect();
         let skeleton = in_cube.with_heads(heads).map_err(|e| e.to_string())?;
         let draw = |(sum, count): (f64, usize)| Draw { likelihood: sum / count.max(1) as f64, rewards: None };
-        Ok(Sketched { skeleton, sample, draws: likelihood.into_iter().map(draw).collect() })
+        Ok(Sketched { skeleton, apart, sample, draws: likelihood.into_iter().map(draw).collect() })
     }
 
     /// The likeliest of as many draws as there are places for their likelihoods: one of the likeliest tokens, and samples.
@@ -131,7 +134,7 @@ impl Sketcher {
         cube: &Mesh,
         seed: u64,
         likelihood: &mut [(f64, usize)],
-    ) -> Option<(usize, Drawn)> {
+    ) -> Option<Taken<Drawn>> {
         let w = self.own.params.weights();
         let prefix = drawer.prefix_of(w, &drawer.shapes_of(&[(cube, seed)]));
         let mut streams: Vec<Stream> =
@@ -148,7 +151,7 @@ impl Sketcher {
         let whole = (0..drawn.len()).filter(|&at| drawn[at].decoded.is_ok());
         // The first of equals.
         let best = whole.min_by(|&a, &b| mean(b).total_cmp(&mean(a)))?;
-        Some((best, drawn.swap_remove(best)))
+        Some(Taken { place: best, apart: None, drawn: drawn.swap_remove(best) })
     }
 }
 
@@ -202,7 +205,7 @@ mod tests {
             let mut config = own.own.config.clone();
             config.eval.consensus = consensus;
             let drawer = Drawer { config: &config, tokenizer: &own.tokenizer, net: &own.own.net, device: Device::Cpu };
-            let want = drawer.draw_agreed(w, &[(&cube, 3)]).remove(0).decoded.unwrap();
+            let want = drawer.draw_agreed(w, &[(&cube, 3)]).remove(0).drawn.decoded.unwrap();
             let wish = Sketch { samples: Some(consensus), seed: 3, ..Sketch::default() };
             let made = own.skeleton(&mesh, &wish).unwrap();
             assert_eq!((made.draws.len(), made.skeleton.len()), (consensus, want.joints.len()));

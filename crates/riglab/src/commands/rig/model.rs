@@ -139,7 +139,7 @@ impl Model {
                 let (skeleton, rank) = (Some(&own.skeleton), Rank::Likelihood);
                 let given = Wish { skeleton, class: None, samples: None, temperature: None, rank, ..wish.clone() };
                 let made = weights.make(subject, &given, false)?;
-                Ok(Made { sample: own.sample, draws: own.draws, ..made })
+                Ok(Made { apart: own.apart, sample: own.sample, draws: own.draws, ..made })
             }
             Kind::Weights(skinner) => {
                 let skeleton = wish.skeleton.context("no skeleton")?.clone();
@@ -153,7 +153,16 @@ impl Model {
                 let rig = Rig::new(skeleton.clone(), mesh.clone(), weights)?;
                 let weights = skinner.weights(&rig, holders, wish.seed).map_err(|e| anyhow!(e))?;
                 let draws = vec![Draw { likelihood: f64::NAN, rewards: None }];
-                Ok(Made { skeleton, weights, yaw: Yaw::NONE, placed: None, bodies: None, sample: 0, draws })
+                Ok(Made {
+                    skeleton,
+                    weights,
+                    yaw: Yaw::NONE,
+                    placed: None,
+                    bodies: None,
+                    apart: None,
+                    sample: 0,
+                    draws,
+                })
             }
         }
     }
