@@ -11,7 +11,7 @@ use riglab_data::Corpus;
 use riglab_files::make_folder_of;
 use riglab_train::Progress;
 
-use super::{Args, Lost, file_name, is_io, keep_corpus};
+use super::{Args, Lost, file_name, is_io, keep_corpus, numbered};
 
 /// The corpus at `path`, if it is one.
 pub fn open(path: &Path) -> Option<Corpus> {
@@ -28,10 +28,7 @@ pub fn into(corpus: &Corpus, args: &Args, target: Target) -> Result<ExitCode> {
     for (index, split) in splits.iter().enumerate() {
         let stored = corpus.verified(index).map_err(anyhow::Error::from).and_then(|asset| {
             let (folder, own) = place(&asset.name);
-            let named = |again: usize| {
-                let name = if again == 1 { own.clone() } else { format!("{own}-{again}") };
-                args.out.join(&folder).join(file_name(&name, target))
-            };
+            let named = |again| args.out.join(&folder).join(numbered(&own, again, target));
             let free = |path: &PathBuf| !written_paths(path, target).iter().any(|p| taken.contains(p));
             let path = (1..).map(named).find(free).context("no name is left")?;
             taken.extend(written_paths(&path, target));

@@ -171,7 +171,10 @@ fn into(
             let mut again = 1;
             while written_paths(folder.join(&name), target).iter().any(|path| taken.contains(path)) {
                 again += 1;
-                name = file_name(&format!("{}-{again}", imported.name), target);
+                name = numbered(&imported.name, again, target);
+            }
+            if again > 1 {
+                tell!("note: {}: written as {name}, as another is called so", file.display());
             }
             taken.extend(written_paths(folder.join(&name), target));
             let place = folder.join(&name);
@@ -354,6 +357,11 @@ fn holds_vrm(glb: &[u8]) -> bool {
 
 /// A file name for an asset: names come from files and may lead anywhere.
 fn file_name(name: &str, target: Target) -> String {
+    numbered(name, 1, target)
+}
+
+/// The same for the `again`th asset of a name.
+fn numbered(name: &str, again: usize, target: Target) -> String {
     let plain = |c: char| if c.is_control() || "/\\:*?\"<>|".contains(c) { '_' } else { c };
     let mut plain: String = name.chars().map(plain).collect();
     // File systems take 255 bytes.
@@ -361,7 +369,9 @@ fn file_name(name: &str, target: Target) -> String {
     if plain.is_empty() || plain.starts_with('.') {
         plain.insert(0, '_');
     }
-    format!("{plain}{}", target.suffix())
+    // After what was cut off, or names that begin alike would stay alike.
+    let number = if again > 1 { format!("-{again}") } else { String::new() };
+    format!("{plain}{number}{}", target.suffix())
 }
 
 /// Rigged files of a folder and those below it.
@@ -385,6 +395,9 @@ mod tests {
         assert_eq!(file_name("ab/../biped", Target::Glb), "ab_.._biped.glb");
         assert_eq!(file_name("..", Target::RigNet), "_.._rig.txt");
         assert_eq!(file_name("", Target::Anymate), "_.pt");
-        assert_eq!(file_name(&"骨".repeat(100), Target::Glb).len(), 154);
+        let long = "骨".repeat(100);
+        assert_eq!(file_name(&long, Target::Glb).len(), 154);
+        assert_eq!(numbered(&long, 2, Target::Glb), file_name(&long, Target::Glb).replace(".glb", "-2.glb"));
+        assert_eq!(numbered("a", 3, Target::RigNet), "a-3_rig.txt");
     }
 }
