@@ -76,8 +76,11 @@ impl Reading {
             joint.parent = joint.parent.and_then(|p| number[p]).map(usize::from);
         }
         self.keep_sets(&number)?;
-        self.body =
-            Body { humanoid: humanoid(&self.body.humanoid, stays), springs: springs(&self.body.springs, stays) };
+        self.body = Body {
+            vrm: self.body.vrm,
+            humanoid: humanoid(&self.body.humanoid, stays),
+            springs: springs(&self.body.springs, stays),
+        };
         self.clips = self.clips.iter().map(|clip| of_joints(clip, &number)).collect::<Result<_, _>>()?;
         Ok(())
     }

@@ -33,6 +33,8 @@ pub struct Reading {
 /// What a file says of the joints beyond their places, by joint of the reading.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Body {
+    /// Whether it says so as a VRM does; rigs that riglab wrote tell human bones by themselves.
+    pub vrm: bool,
     /// Which are human bones.
     pub humanoid: Humanoid,
     /// What swings.

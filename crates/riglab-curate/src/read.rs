@@ -52,6 +52,8 @@ pub struct Seen {
     pub parts: usize,
     /// Warnings of any kind.
     pub warnings: usize,
+    /// Whether the file is a VRM.
+    pub vrm: bool,
 }
 
 /// What came of reading.
@@ -202,6 +204,7 @@ fn seen(imported: &Imported) -> Seen {
         roots: 1,
         parts: nodes.len(),
         warnings: reading.warnings.len(),
+        vrm: reading.body.vrm,
         ..Seen::default()
     };
     for warning in &reading.warnings {

@@ -72,7 +72,7 @@ impl Record {
             Err(e) => return Self::refused(name, file, format!("its repair failed: {e}")),
         };
         let rig: &Rig = &read.asset.rig;
-        let Guess { category, because } = by_rules(rig);
+        let Guess { category, because } = by_rules(rig, read.seen.vrm);
         let from = &read.asset.provenance;
         let facts = Facts {
             checksum: from.checksum.clone(),

@@ -74,7 +74,7 @@ pub(super) fn read(document: &Document, file: &placing::Scene<'_, '_>, warnings:
     }
     warnings.extend(human.warning("humanoid"));
     warnings.extend(spring.warning("springs"));
-    Body { humanoid, springs }
+    Body { vrm: !bare, humanoid, springs }
 }
 
 impl Scene<'_> {

@@ -100,7 +100,9 @@ pub struct Guess {
     pub because: &'static str,
 }
 
-/// The category of a rig by rules.
-pub fn by_rules(rig: &Rig) -> Guess {
-    rules::judge(&Traits::of(rig))
+/// The category of a rig by rules; `vrm`: whether it is of a VRM, where its human bones are all told. What riglab rigs tells them,
+/// too, and is no avatar for that.
+pub fn by_rules(rig: &Rig, vrm: bool) -> Guess {
+    let traits = Traits::of(rig);
+    rules::judge(&Traits { vrm: vrm && traits.vrm, ..traits })
 }

@@ -260,6 +260,19 @@ mod tests {
     }
 
     #[test]
+    fn human_bones_make_an_avatar_in_a_vrm_alone() {
+        let whole = rig(Plan::Biped, 0, |name, _| name.into());
+        let mut human = riglab_core::Humanoid::default();
+        riglab_core::HumanBone::all().filter(|bone| bone.is_required()).for_each(|bone| {
+            human.insert(bone, JointId(0));
+        });
+        let whole = whole.with_humanoid(human).unwrap();
+        assert!(whole.humanoid().is_complete());
+        let judged = |vrm| crate::by_rules(&whole, vrm).category;
+        assert_eq!((judged(true), judged(false)), (Category::AnimeVrm, Category::Humanoid));
+    }
+
+    #[test]
     fn legs_go_by_front_and_hind_alone() {
         let legs = ["front_upper.L", "front_lower.L", "front_upper.R", "front_lower.R", "hind_upper.L", "hind_lower.L"];
         let rest = ["hind_upper.R", "hind_lower.R", "ear.L", "ear.R", "tail_1", "tail_2", "head"];
