@@ -213,10 +213,15 @@ fn a_folder_is_rigged_file_by_file() {
     assert_eq!(output.status.code(), Some(1), "one of them failed");
     let said = String::from_utf8(output.stdout).unwrap();
     assert!(said.contains("2 rigged") && said.contains("1 left out"), "{said}");
+    assert!(said.contains("% of its size apart"), "{said}");
     assert!(String::from_utf8_lossy(&output.stderr).contains("broken.obj"));
     let made: Vec<PathBuf> = fs::read_dir(&out).unwrap().map(|e| e.unwrap().path()).collect();
     assert_eq!(made.len(), 2);
     made.iter().for_each(|file| drop(sound(file)));
+    // A name that is no UTF-8 ends neither the folder nor its lines.
+    let odd = <std::ffi::OsStr as std::os::unix::ffi::OsStrExt>::from_bytes(b"l\xfc.glb");
+    let first = fs::read_dir(&input).unwrap().map(|e| e.unwrap().path()).find(|p| !p.ends_with("broken.obj")).unwrap();
+    fs::rename(first, input.join(odd)).unwrap();
     let few = ["--samples", "1", "--skins", "1"];
     let said =
         riglab(&[&["rig", text(&input), "-o", text(&out), "--json"][..], &few].concat()).output().unwrap().stdout;
@@ -225,6 +230,8 @@ fn a_folder_is_rigged_file_by_file() {
     let failed: Vec<&Value> = lines.iter().filter(|l| l["error"].is_string()).collect();
     assert!(lines.len() == 3 && failed.len() == 1, "{lines:?}");
     assert!(failed[0]["file"].as_str().unwrap().ends_with("broken.obj"));
+    let apart = |line: &&Value| line["error"].is_null() && !line["apart"].is_null();
+    assert_eq!(lines.iter().filter(apart).count(), 0, "one draw has no others");
 }
 
 #[test]

@@ -296,6 +296,9 @@ pub enum Fault {
         /// Allowed.
         limit: usize,
     },
+    /// A surface without area has nothing to rig.
+    #[error("none of its triangles has an area: there is no surface to rig; export the model again, at its own size")]
+    NoArea,
     /// Sparse accessors replace elements by number.
     #[error("accessor {accessor}: a sparse index is {index}, out of range of its {count} elements")]
     SparseIndex {

@@ -192,8 +192,8 @@ impl fmt::Display for ExportNote {
             }
             Self::NotHuman { lacking } => write!(
                 f,
-                "programs that read VRM will refuse it: no {} was found among its joints; --names vrm names those of \
-                 humans, another --seed may find them",
+                "programs that read VRM will refuse it: no {} was found among its joints, whatever they are called; another \
+                 --seed, or --template mixamo, may find them",
                 lacking.join(", ")
             ),
             Self::VrmDropped { parts } => {
@@ -255,7 +255,7 @@ pub enum ExportFault {
     #[error("the motion is of another skeleton ({0}); import the file again")]
     OtherMotion(String),
     /// Not glTF.
-    #[error("only glTF, GLB and VRM files can be stripped or animated; convert the file to GLB first")]
+    #[error("only glTF, GLB and VRM files can be written again as they are; convert the file to GLB first")]
     NotADocument,
     /// A GLB counts its bytes with 32 bits.
     #[error("the GLB would have {0} bytes, more than the format can say (4 GiB); leave out pictures or meshes")]

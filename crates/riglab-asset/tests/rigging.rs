@@ -269,6 +269,7 @@ fn what_cannot_be_rigged_is_told_in_a_sentence() {
     let few = SubjectOptions { max_triangles: 1, ..SubjectOptions::default() };
     let said = fault("a.obj", two, &few).to_string();
     assert!(said.starts_with("2 triangles are more than the 1 that are read; `--max-triangles 2`"), "{said}");
+    assert_eq!(fault("a.obj", b"v 1 1 1\nv 1 1 1\nv 1 1 1\nf 1 2 3\n", &all), Fault::NoArea);
     assert!(matches!(fault("a.obj", b"", &all), Fault::Empty));
     assert!(matches!(fault("a.png", b"\x89PNG", &all), Fault::NotAModel(_)));
     let Some(folder) = common::data("RIGLAB_RIGS_HARD", "rigs_hard") else { return };

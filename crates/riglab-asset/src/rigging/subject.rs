@@ -256,6 +256,9 @@ impl Subject {
         let twins = seams::twins(mesh.positions());
         let pieces = pieces(&mesh, &twins);
         doubts::doubts(&mesh, &pieces, &mut notes);
+        if notes.contains(&SubjectNote::Flat { triangles: mesh.triangles().len() }) {
+            return Err(fail(Fault::NoArea));
+        }
         let mesh = doubts::facing_out(mesh, &pieces, &mut notes);
         let name = stem(path);
         Ok(Self { file: path.to_path_buf(), name, mesh, rig, twins, notes, source, turn })

@@ -93,18 +93,24 @@ pub fn vertices(n: usize) -> String {
     if n == 1 { "1 vertex".into() } else { format!("{n} vertices") }
 }
 
+/// Digits after the point that show a model of such sides: four, and more where it is tiny.
+fn decimals(size: [f32; 3]) -> usize {
+    let longest = size.into_iter().fold(0.0, f32::max);
+    // At least three digits that are not leading zeros.
+    (4..12).find(|digits| longest >= 10f32.powi(2 - *digits)).unwrap_or(if longest > 0.0 { 12 } else { 4 }) as usize
+}
+
 fn print(imported: &Imported) {
     let from = &imported.provenance;
     let (mesh, reading) = (imported.mesh(), &imported.reading);
     say!("{}", from.source);
     let size = riglab_core::Bounds::of(mesh.positions().iter().copied()).map_or([0.0; 3], |b| b.size());
+    let digits = decimals(size);
+    let [x, y, z] = size;
     say!(
-        "  mesh      {}, {}, {:.4} x {:.4} x {:.4} units",
+        "  mesh      {}, {}, {x:.digits$} x {y:.digits$} x {z:.digits$} units",
         vertices(mesh.positions().len()),
         counted(mesh.triangles().len(), "triangle"),
-        size[0],
-        size[1],
-        size[2]
     );
     if let Content::Rigged(rig) = &imported.content {
         let weights = rig.weights();
@@ -121,7 +127,7 @@ fn print(imported: &Imported) {
         while let Some((joint, depth)) = open.pop() {
             let [x, y, z] = rig.skeleton().head(joint);
             say!(
-                "    {:indent$}{}  ({x:.4}, {y:.4}, {z:.4})",
+                "    {:indent$}{}  ({x:.digits$}, {y:.digits$}, {z:.digits$})",
                 "",
                 rig.skeleton().name(joint),
                 indent = 2 * usize::min(depth, DEEPEST)
@@ -138,5 +144,16 @@ fn print(imported: &Imported) {
     }
     for warning in imported.warnings() {
         say!("  warning   {warning}");
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::decimals;
+
+    #[test]
+    fn tiny_models_are_shown_with_digits_that_tell_them() {
+        assert_eq!([[2.0, 1.0, 0.0], [0.02, 0.01, 0.0], [0.0; 3]].map(decimals), [4, 4, 4]);
+        assert_eq!([[0.005, 0.0, 0.0], [1.5e-9, 1e-9, 1e-9], [1e-30, 0.0, 0.0]].map(decimals), [5, 11, 12]);
     }
 }

@@ -276,7 +276,8 @@ fn say_what(args: &Args, rig: &Rig, before: &Clip, after: &Clip) {
     let out = Path::new(&args.out).display();
     if args.json {
         let line = serde_json::json!({
-            "file": args.input, "out": args.out, "png": args.png, "motion": before.name(), "frames": after.frames(),
+            "file": args.input.to_string_lossy(), "out": args.out.to_string_lossy(),
+            "png": args.png.as_ref().map(|png| png.to_string_lossy()), "motion": before.name(), "frames": after.frames(),
             "fps": after.rate(), "seconds": seconds, "joints": rig.skeleton().len(), "swinging": count,
             "springs": rig.springs().springs().len(), "colliders": rig.springs().colliders().len(), "farthest": most,
         });

@@ -253,7 +253,7 @@ fn run(args: &Common, bones: &Bones, weights: Option<&Path>, threads: usize) -> 
         if let Err(e) = one::rig(args, bones, &model, from, to) {
             progress.line(&format!("left out: {e:#}"));
             if args.json {
-                say!("{}", serde_json::json!({ "file": from, "error": format!("{e:#}") }));
+                say!("{}", serde_json::json!({ "file": from.to_string_lossy(), "error": format!("{e:#}") }));
             }
             failed += 1;
         }

@@ -130,13 +130,13 @@ pub fn rig(args: &Common, bones: &Bones, model: &Model, from: &Path, to: &Path) 
     }
     let preview = if args.preview { Some(preview(&exported.bytes, from)?) } else { None };
     let bytes = preview.as_ref().unwrap_or(&exported.bytes);
-    make_folder_of(to)?;
+    make_folder_of(to).with_context(about)?;
     export::write(to, bytes).with_context(|| format!("{} cannot be written", to.display()))?;
     let mesh = rig.mesh();
     if args.json {
         notes.extend(exported.notes.iter().filter(said).map(ToString::to_string));
         let line = serde_json::json!({
-            "file": from, "out": to, "joints": joints, "added": added, "vertices": mesh.positions().len(),
+            "file": from.to_string_lossy(), "out": to.to_string_lossy(), "joints": joints, "added": added, "vertices": mesh.positions().len(),
             "triangles": mesh.triangles().len(), "checkpoint": model.card.name, "steps": model.card.state.step,
             "weights_by": model.of_weights().map(|own| &own.name),
             "likelihood": likelihood, "apart": made.apart, "sample": sample, "rewards": rewards, "samples": draws, "seconds": start.elapsed().as_secs_f64(),
