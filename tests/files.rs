@@ -53,6 +53,39 @@ fn a_creature_goes_through_every_format_and_back() {
 }
 
 #[test]
+fn what_is_of_another_kind_is_not_written_over() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = |name: &str| dir.path().join(name);
+    let creature = &creatures(&path("made"), 1)[0];
+    let [creature, notes, png, glb, model] =
+        [creature.clone(), path("notes.txt"), path("a.png"), path("a.glb"), path("a.safetensors")];
+    let [from, notes, png, glb, model] = [&creature, &notes, &png, &glb, &model].map(|path| text(path));
+    let calls = [
+        (notes, vec!["convert", from, notes, "--to", "rignet"], "another name or folder"),
+        (glb, vec!["convert", from, glb], "another name or folder"),
+        (glb, vec!["strip", from, glb], "another name"),
+        (glb, vec!["rig", from, "-o", glb], "another name"),
+        (glb, vec!["simulate", from, "-o", glb, "--springs", "guess"], "another name"),
+        (png, vec!["view", from, "--png", png], "--png another name"),
+        (model, vec!["checkpoint", "export", "-o", model], "--out another name"),
+    ];
+    for (file, call, remedy) in calls {
+        fs::write(file, "mine").unwrap();
+        let said = refusal(&mut riglab(&call));
+        assert!(said.contains(&format!("{file} is there already")) && said.contains(remedy), "{said}");
+        assert_eq!(fs::read_to_string(file).unwrap(), "mine");
+        fs::remove_file(file).unwrap();
+    }
+    // Those of the kind are replaced.
+    for call in
+        [vec!["convert", from, notes, "--to", "rignet"], vec!["strip", from, glb], vec!["view", from, "--png", png]]
+    {
+        must(&call);
+        must(&call);
+    }
+}
+
+#[test]
 fn what_a_format_cannot_hold_is_told() {
     let dir = tempfile::tempdir().unwrap();
     let path = |name: &str| dir.path().join(name);

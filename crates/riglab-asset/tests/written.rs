@@ -6,7 +6,7 @@ use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use riglab_asset::{ImportOptions, Target, import, import_each, write};
+use riglab_asset::{ImportOptions, Target, import, import_each, write, written_paths};
 use riglab_core::{Asset, JointId};
 
 /// All rigs of the golden samples, one of each name.
@@ -74,6 +74,7 @@ fn every_format_reads_back_equal() {
             write(std::slice::from_ref(asset), &path, target).unwrap_or_else(|e| panic!("{what}: {e}"));
             let read = import(&path, &ImportOptions::default()).unwrap_or_else(|e| panic!("{what}: {e}"));
             assert_same(&what, &read.into_asset().unwrap(), asset, named, tolerance);
+            assert!(written_paths(&path, target).iter().all(|path| target.is_at(path)), "{what}");
             // The same rig, the same bytes.
             let bytes = std::fs::read(&path).unwrap();
             write(std::slice::from_ref(asset), &path, target).unwrap();

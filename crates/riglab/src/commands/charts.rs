@@ -1,22 +1,34 @@
 //! Charts of a page as files, for papers.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
-use anyhow::Result;
+use anyhow::{Result, bail};
 use riglab_report::Page;
 
-use super::report::write;
+use super::earlier::{Written, keep_others};
 
-/// Writes a page's charts into a folder, each as SVG and as numbers.
-pub fn charts(page: &Page, folder: &Path) -> Result<()> {
-    let figures = page.figures()?;
-    if figures.is_empty() {
+/// The files of a page's charts in a folder, each as SVG and as numbers, with what to write into them.
+///
+/// # Errors
+/// Where one would take the place of what is no chart of ours: told before any of them is written.
+pub fn charts(page: &Page, folder: &Path) -> Result<Vec<(PathBuf, String)>> {
+    no_file(folder)?;
+    let mut files = Vec::new();
+    for figure in page.figures()? {
+        let path = |ending: &str| folder.join(format!("{}.{ending}", figure.name));
+        files.extend([(path("svg"), figure.svg), (path("csv"), figure.csv)]);
+    }
+    files.iter().try_for_each(|(path, _)| keep_others(path, Written::Chart))?;
+    if files.is_empty() {
         tell!("note: there is no chart to write into {}: nothing was logged yet", folder.display());
     }
-    for figure in figures {
-        let path = |ending: &str| folder.join(format!("{}.{ending}", figure.name));
-        write(&path("svg"), &figure.svg)?;
-        write(&path("csv"), &figure.csv)?;
+    Ok(files)
+}
+
+/// Refuses a file where the charts' folder is to be.
+pub fn no_file(folder: &Path) -> Result<()> {
+    if folder.is_file() {
+        bail!("{} is a file, where the charts' folder is to be; give --charts another folder", folder.display());
     }
     Ok(())
 }
@@ -34,13 +46,19 @@ mod tests {
         let page = Page { title: "t".into(), subtitle: "s".into(), blocks: vec![Block::Charts(vec![chart])] };
         let dir = tempfile::tempdir().unwrap();
         let folder = dir.path().join("paper/figures");
-        charts(&page, &folder).unwrap();
-        let read = |name: &str| std::fs::read_to_string(folder.join(name)).unwrap();
-        assert!(
-            read("iou-val.svg").starts_with("<?xml") && read("iou-val.csv").starts_with("line,step,value\r\nours,0,1")
-        );
+        let files = charts(&page, &folder).unwrap();
+        let [(svg, drawing), (csv, numbers)] = &files[..] else { panic!("{files:?}") };
+        assert!(svg.ends_with("figures/iou-val.svg") && drawing.starts_with("<?xml"));
+        assert!(csv.ends_with("figures/iou-val.csv") && numbers.starts_with("line,step,value\r\nours,0,1"));
+        // Earlier ones are replaced, what is another's is not, nor a file in the folder's place.
+        std::fs::create_dir_all(&folder).unwrap();
+        files.iter().for_each(|(path, content)| std::fs::write(path, content).unwrap());
+        assert_eq!(charts(&page, &folder).unwrap(), files);
+        std::fs::write(csv, "step,mine\n1,2\n").unwrap();
+        let said = charts(&page, &folder).unwrap_err().to_string();
+        assert!(said.contains("iou-val.csv is there already") && said.contains("--charts another folder"), "{said}");
+        assert!(charts(&page, csv).unwrap_err().to_string().contains("is a file"));
         // Nothing to draw is no fault.
-        charts(&Page { blocks: Vec::new(), ..page }, &dir.path().join("none")).unwrap();
-        assert!(!dir.path().join("none").exists());
+        assert!(charts(&Page { blocks: Vec::new(), ..page }, &dir.path().join("none")).unwrap().is_empty());
     }
 }

@@ -1,5 +1,6 @@
 //! Files that a command may write its result over: its own earlier ones alone.
 
+use std::io::Read;
 use std::path::Path;
 
 use anyhow::{Result, bail};
@@ -14,6 +15,14 @@ pub enum Written {
     Report,
     /// `riglab eval`.
     Evaluation,
+    /// `--charts`: a drawing, or its numbers.
+    Chart,
+    /// `--png`. Any picture may be replaced by another.
+    Picture,
+    /// A rigged model, or one without its rig. Any may be replaced by another.
+    Glb,
+    /// `riglab checkpoint export` and `import`.
+    Model,
 }
 
 impl Written {
@@ -22,6 +31,35 @@ impl Written {
             Self::Comparison => "comparison",
             Self::Report => "report",
             Self::Evaluation => "evaluation",
+            Self::Chart => "chart of riglab's",
+            Self::Picture => "PNG picture",
+            Self::Glb => "GLB",
+            Self::Model => "exported model",
+        }
+    }
+
+    /// What to do where another file is there.
+    fn remedy(self) -> &'static str {
+        match self {
+            Self::Chart => "give --charts another folder",
+            Self::Picture => "give --png another name",
+            Self::Glb => "give the output another name",
+            _ => "give --out another name",
+        }
+    }
+
+    /// Whether a file is one: large ones are known by how they begin.
+    fn is_at(self, path: &Path) -> bool {
+        let begins = |magic: &[u8]| {
+            let mut start = Vec::new();
+            let read = std::fs::File::open(path).and_then(|f| f.take(magic.len() as u64).read_to_end(&mut start));
+            read.is_ok() && start == magic
+        };
+        match self {
+            Self::Picture => begins(b"\x89PNG\r\n\x1a\n"),
+            Self::Glb => begins(b"glTF"),
+            Self::Model => riglab_task::bundle::kind(path).is_some(),
+            _ => std::fs::read_to_string(path).is_ok_and(|text| self.is(&text)),
         }
     }
 
@@ -45,6 +83,15 @@ impl Written {
                 csv || latex() || page() || (text.starts_with("# ") && text.lines().any(heading))
             }
             Self::Evaluation => object()["checkpoint"]["step"].is_u64(),
+            Self::Chart => {
+                let drawing = || {
+                    text.starts_with("<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n<svg ")
+                        && text.contains("\n<rect width=\"100%\" height=\"100%\" fill=\"#FFFFFF\"/>")
+                };
+                let head = text.split_once("\r\n").map_or("", |(head, _)| head);
+                head == "name,value" || head.starts_with("line,") || drawing()
+            }
+            Self::Picture | Self::Glb | Self::Model => false,
         }
     }
 }
@@ -54,23 +101,19 @@ impl Written {
 /// # Errors
 /// Where there is such a file: told before the work, not after it.
 pub fn keep_others(out: &Path, written: Written) -> Result<()> {
-    super::keep_corpus(out)?;
-    if !out.is_file() {
-        return Ok(());
-    }
-    let text = std::fs::read(out).map(String::from_utf8);
     // An empty file loses nothing, as one that `mktemp` made.
-    if matches!(&text, Ok(Ok(text)) if text.is_empty() || written.is(text)) {
+    if !out.is_file() || out.metadata().is_ok_and(|meta| meta.len() == 0) || written.is_at(out) {
         return Ok(());
     }
-    let what = written.name();
-    bail!("{} is there already and no {what}, which another {what} may replace; give --out another name", out.display())
+    super::keep_corpus(out)?;
+    let (what, remedy) = (written.name(), written.remedy());
+    bail!("{} is there already and no {what}, which another {what} may replace; {remedy}", out.display())
 }
 
 #[cfg(test)]
 mod tests {
     use riglab_compare::{Comparison, Failures};
-    use riglab_report::{Block, Page, Table};
+    use riglab_report::{Bars, Block, Chart, Page, Series, Table};
 
     use super::*;
 
@@ -102,6 +145,14 @@ mod tests {
         }
         assert!(may(page("").to_html().unwrap(), Written::Comparison));
         assert!(may("{\"data\": [], \"checkpoint\": {\"step\": 3}}", Written::Evaluation));
+        let series = vec![Series { name: "ours".into(), points: vec![(0.0, 1.0), (100.0, 0.5)] }];
+        let chart = Chart { title: "IoU".into(), x: "codes, kept".into(), series, ..Chart::default() };
+        let bars = Bars { title: "a & b".into(), bars: vec![("x".into(), 2.0)] };
+        let blocks = vec![Block::Charts(vec![chart]), Block::Bars(vec![bars])];
+        for figure in (Page { blocks, ..page("") }).figures().unwrap() {
+            assert!(may(&figure.svg, Written::Chart) && may(&figure.csv, Written::Chart), "{figure:?}");
+        }
+        assert!(may(b"\x89PNG\r\n\x1a\n\0\0", Written::Picture) && may(b"glTF\x02\xff", Written::Glb));
         // Nothing is lost with it.
         assert!(may("", Written::Evaluation));
         assert!(keep_others(Path::new("nowhere/at-all.json"), Written::Evaluation).is_ok());
@@ -110,22 +161,27 @@ mod tests {
     #[test]
     fn what_is_none_stays() {
         let evaluation = "{\"checkpoint\": {\"step\": 3}}";
-        for written in [Written::Comparison, Written::Report, Written::Evaluation] {
+        let all = [Written::Comparison, Written::Report, Written::Evaluation, Written::Chart, Written::Picture];
+        for written in all.into_iter().chain([Written::Glb, Written::Model]) {
             for other in [
                 "task = \"fsq_cvae\"\n",
                 "{\"train\": [\"a.glb\"]}",
                 "joints a 0 0 0\n",
                 "# Notes\n\nmine\n",
                 "a,b\n1,2\n",
+                "<svg xmlns=\"http://www.w3.org/2000/svg\"/>",
+                "line,of,mine\n",
             ] {
                 assert!(!may(other, written), "{written:?}: {other}");
             }
-            assert!(!may(b"glTF\x02\xff\xfe", written));
+            assert!(written == Written::Glb || !may(b"glTF\x02\xff\xfe", written));
             assert!(written == Written::Evaluation || !may(evaluation, written), "{written:?}");
         }
         let file = tempfile::NamedTempFile::new().unwrap();
         std::fs::write(file.path(), "mine").unwrap();
         let said = keep_others(file.path(), Written::Report).unwrap_err().to_string();
-        assert!(said.contains("no report") && said.contains("another name"), "{said}");
+        assert!(said.contains("no report") && said.contains("--out another name"), "{said}");
+        let said = keep_others(file.path(), Written::Chart).unwrap_err().to_string();
+        assert!(said.contains("no chart of riglab's") && said.contains("--charts another folder"), "{said}");
     }
 }

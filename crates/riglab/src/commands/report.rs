@@ -9,7 +9,7 @@ use riglab_report::shell::command;
 use riglab_report::{Block, Compared, Page, RunView, versus};
 use riglab_train::Checkpoint;
 
-use super::charts::charts;
+use super::charts::{charts, no_file};
 use super::earlier::{Written, keep_others};
 use super::shown;
 use crate::registry::{self, Evaluated};
@@ -74,10 +74,12 @@ pub fn run(args: &Args) -> Result<ExitCode> {
             keep_others(&file.with_extension("assets.csv"), Written::Report)?;
         }
     }
+    args.charts.as_deref().map_or(Ok(()), no_file)?;
     let page = match args.runs.as_slice() {
         [run] => single(&named(run).1, args.title.as_deref())?,
         runs => comparison(runs, args.title.as_deref())?,
     };
+    let charts = args.charts.as_deref().map_or(Ok(Vec::new()), |folder| charts(&page, folder))?;
     for path in files {
         let text = match path.extension().and_then(|e| e.to_str()) {
             Some("md") => page.to_markdown() + &linked(&args.runs, &path),
@@ -90,7 +92,7 @@ pub fn run(args: &Args) -> Result<ExitCode> {
             write(&path.with_extension("assets.csv"), &sheet)?;
         }
     }
-    args.charts.as_deref().map_or(Ok(()), |folder| charts(&page, folder))?;
+    charts.iter().try_for_each(|(path, content)| write(path, content))?;
     Ok(ExitCode::SUCCESS)
 }
 

@@ -15,6 +15,8 @@ use riglab_task::unirig_skin::Skinner;
 use riglab_train::named_by;
 use tch::Device;
 
+use super::earlier::{Written, keep_others};
+
 /// Play a motion with spring bones: hair, tails and clothes swing behind the body.
 ///
 /// Writes the file again with one motion more, a key a frame, which comes first; meshes, materials and other
@@ -133,6 +135,8 @@ fn check(args: &Args) -> Result<()> {
     if let Some(png) = args.png.as_ref().filter(|p| !p.extension().is_some_and(|e| e.eq_ignore_ascii_case("png"))) {
         bail!("{}: pictures are PNG; name it .png", png.display());
     }
+    keep_others(out, Written::Glb)?;
+    args.png.as_deref().map_or(Ok(()), |png| keep_others(png, Written::Picture))?;
     if !(args.fps > 0.0 && args.fps <= MOST_FPS) {
         bail!("--fps {}: give a number above 0, up to {MOST_FPS}", args.fps);
     }

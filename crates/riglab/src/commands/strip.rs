@@ -6,6 +6,8 @@ use std::process::ExitCode;
 use anyhow::{Context, Result, bail};
 use riglab_asset::{ImportOptions, Warning, export, import};
 
+use super::earlier::{Written, keep_others};
+
 /// Take the rig out of a file: skins, weights, joints, their animations, humanoid and springs of VRM.
 ///
 /// The mesh stands where it was bound, as `riglab inspect` reads it; materials, pictures, morph targets and names stay.
@@ -35,6 +37,10 @@ pub fn run(args: &Args) -> Result<ExitCode> {
             "{} is the input itself\n\nhint: give another name, or --in-place to replace it by the stripped file",
             output.display()
         );
+    }
+    // In its own place it is what it was.
+    if !in_place {
+        keep_others(output, Written::Glb)?;
     }
     for warning in import(input, &ImportOptions::default())?.warnings() {
         if matches!(warning, Warning::RestIsNotBind { .. } | Warning::Bent { .. }) {

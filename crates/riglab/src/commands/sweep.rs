@@ -11,7 +11,8 @@ use riglab_report::{Cell, Table};
 use riglab_sweep::{Budget, Ended, Event, Job, Plan, Results, Stage, SweepError, SweepFile, retry, run as run_pool};
 use riglab_train::{Interrupt, Progress};
 
-use super::charts::charts;
+use super::charts::{charts, no_file};
+use super::report::write;
 use super::shown;
 use super::slurm::sweep::{Handed, run as hand_over, seen};
 use super::slurm::{Desk, On, apart, settings};
@@ -97,6 +98,7 @@ pub fn run(args: &Args, threads: usize) -> Result<ExitCode> {
         return Ok(ExitCode::SUCCESS);
     }
     let Some(name) = &args.sweep else { bail!("give a sweep file, or the folder of a sweep") };
+    args.charts.as_deref().map_or(Ok(()), no_file)?;
     let (plan, folder, desk) = plan(name, args, threads)?;
     if args.status {
         return status(&plan, &folder, args.watch);
@@ -241,7 +243,7 @@ fn conclude(plan: &Plan, folder: &Path, args: &Args, on: &str) -> Result<ExitCod
     }
     say!("{}", folder.join("report.html").display());
     if let Some(figures) = &args.charts {
-        charts(&results.page(folder), figures)?;
+        charts(&results.page(folder), figures)?.iter().try_for_each(|(path, content)| write(path, content))?;
     }
     Ok(if failed == 0 && results.count("finished") > 0 { ExitCode::SUCCESS } else { ExitCode::FAILURE })
 }

@@ -13,6 +13,7 @@ use riglab_render::{
     render_weights,
 };
 
+use super::earlier::{Written, keep_others};
 use riglab_report::counted;
 
 /// Draw a file: its skeleton through its mesh, and its weights.
@@ -61,6 +62,7 @@ pub fn run(args: &Args) -> Result<ExitCode> {
     if !args.png.extension().is_some_and(|e| e.eq_ignore_ascii_case("png")) {
         bail!("{}: only PNG is written; name it .png", args.png.display());
     }
+    keep_others(&args.png, Written::Picture)?;
     let options = ImportOptions { item: args.item, character: args.character.clone(), ..ImportOptions::default() };
     let imported = import(&args.file, &options)?;
     for warning in imported.warnings() {

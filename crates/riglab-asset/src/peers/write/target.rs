@@ -1,10 +1,12 @@
 //! The formats that are written, by name and by ending.
 
 use std::fmt;
+use std::io::Read;
 use std::path::Path;
 use std::str::FromStr;
 
 use super::WriteError;
+use crate::peers::starts_as_rig;
 
 /// A format to write.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -94,6 +96,26 @@ impl Target {
         matches!(self, Self::PuppeteerH5 | Self::ArticulationXl | Self::Anymate)
     }
 
+    /// Whether a file that is there is one of the format, or the mesh beside one, and nothing else by that name.
+    pub fn is_at(self, path: &Path) -> bool {
+        let mut start = Vec::new();
+        // Comments of an OBJ may be long.
+        let read = std::fs::File::open(path).and_then(|file| file.take(1 << 20).read_to_end(&mut start));
+        let vertex = |line: &[u8]| matches!(line.trim_ascii_start(), [b'v', b' ' | b'\t', ..]);
+        let obj = |start: &[u8]| start.split(|b| *b == b'\n').any(vertex);
+        let text = path.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("txt"));
+        read.is_ok()
+            && match self {
+                Self::Glb => start.starts_with(b"glTF"),
+                Self::RigNet | Self::Puppeteer if text => starts_as_rig(path),
+                Self::Obj | Self::RigNet | Self::Puppeteer => obj(&start),
+                Self::PuppeteerH5 => start.starts_with(b"\x89HDF\r\n\x1a\n"),
+                Self::ArticulationXl | Self::UniRig | Self::SkinTokens | Self::Anymate => start.starts_with(b"PK"),
+                #[cfg(feature = "fbx")]
+                Self::Fbx => start.starts_with(b"Kaydara FBX Binary") || start.starts_with(b"; FBX"),
+            }
+    }
+
     /// The format that a file's name tells.
     ///
     /// # Errors
@@ -141,6 +163,21 @@ impl FromStr for Target {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn what_is_none_of_the_format_is_known() {
+        let dir = tempfile::tempdir().unwrap();
+        for &target in Target::ALL {
+            let path = dir.path().join(format!("a{}", target.suffix()));
+            for other in ["my notes\n", "task = \"fsq_cvae\"\n", "very = 1\n", "\u{1}\u{2}"] {
+                std::fs::write(&path, other).unwrap();
+                assert!(!target.is_at(&path), "{target}: {other}");
+            }
+        }
+        let obj = dir.path().join("a.obj");
+        std::fs::write(&obj, "# a comment\no body\nv 0 0 0\n").unwrap();
+        assert!(Target::Obj.is_at(&obj) && Target::RigNet.is_at(&obj) && !Target::Glb.is_at(&obj));
+    }
 
     #[test]
     fn names_and_endings_tell_the_format() {

@@ -12,6 +12,7 @@ use riglab_task::released::{Fit, Found, Imported, Model, Offered, import as read
 use riglab_train::State;
 use tch::{Device, Kind};
 
+use crate::commands::earlier::{Written, keep_others};
 use crate::offered::open;
 use crate::presets;
 use riglab_report::counted;
@@ -64,6 +65,10 @@ pub fn import(args: &ImportArgs) -> Result<ExitCode> {
         bail!("{}", already(&args.file, &kind));
     }
     no_checkpoint(&args.file)?;
+    if let Some(out) = &args.out {
+        super::into_folder(out)?;
+        keep_others(out, Written::Model)?;
+    }
     let mut offered = open(&args.file)?;
     let found = recognise(offered.shapes.keys(), args.model).ok_or_else(|| unknown(args, &offered))?;
     let (config, skin) = settings(found.model, &args.sets)?;
@@ -98,7 +103,6 @@ pub fn import(args: &ImportArgs) -> Result<ExitCode> {
     if !super::into_folder(out)? {
         let kind = if outcome.half { Kind::BFloat16 } else { Kind::Float };
         let bytes = model.bundle(&card, kind).map_err(|e| anyhow!(e))?;
-        crate::commands::keep_corpus(out)?;
         make_folder_of(out)?;
         riglab_files::write(out, &bytes).with_context(|| format!("{} cannot be written", out.display()))?;
         say!("{}: {:.1} MB", out.display(), bytes.len() as f64 / 1e6);

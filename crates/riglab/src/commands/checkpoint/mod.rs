@@ -20,6 +20,7 @@ use riglab_task::unirig_skin::Skinner;
 use riglab_train::{Checkpoint, named_by};
 use tch::{Device, Kind};
 
+use super::earlier::{Written, keep_others};
 use riglab_report::counted;
 use riglab_report::shell::command;
 
@@ -99,6 +100,7 @@ pub fn run(args: &Args) -> Result<ExitCode> {
 
 fn export(args: &ExportArgs) -> Result<ExitCode> {
     let folder = into_folder(&args.out)?;
+    keep_others(&args.out, Written::Model)?;
     let run = args.run.as_ref().filter(|run| !run.is_file());
     if let (None, Some(checkpoint)) = (run, &args.checkpoint) {
         bail!("--checkpoint {checkpoint} is for runs' folders; a file holds one checkpoint");
@@ -148,7 +150,6 @@ fn export(args: &ExportArgs) -> Result<ExitCode> {
     }
     let kind = if args.half { Kind::Half } else { Kind::Float };
     let bytes = model.bundle(&card, kind).map_err(|e| anyhow!(e))?;
-    crate::commands::keep_corpus(&args.out)?;
     make_folder_of(&args.out)?;
     riglab_files::write(&args.out, &bytes).with_context(|| format!("{} cannot be written", args.out.display()))?;
     say!("{}: {:.1} MB", args.out.display(), bytes.len() as f64 / 1e6);

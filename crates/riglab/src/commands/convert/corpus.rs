@@ -11,7 +11,7 @@ use riglab_data::Corpus;
 use riglab_files::make_folder_of;
 use riglab_train::Progress;
 
-use super::{Args, Lost, file_name, is_io, keep_corpus, numbered};
+use super::{Args, Lost, file_name, is_io, keep_others, numbered};
 
 /// The corpus at `path`, if it is one.
 pub fn open(path: &Path) -> Option<Corpus> {
@@ -32,6 +32,7 @@ pub fn into(corpus: &Corpus, args: &Args, target: Target) -> Result<ExitCode> {
             let free = |path: &PathBuf| !written_paths(path, target).iter().any(|p| taken.contains(p));
             let path = (1..).map(named).find(free).context("no name is left")?;
             taken.extend(written_paths(&path, target));
+            keep_others(&path, target)?;
             make_folder_of(&path)?;
             store(&asset, &path, target, args)?;
             told.add(path.strip_prefix(&args.out).unwrap_or(&path), split, &asset.provenance);
@@ -70,7 +71,7 @@ pub fn to(corpus: &Corpus, args: &Args, into_folder: bool, target: Target) -> Re
         [only] if into_folder => args.out.join(file_name(&place(&only.name).1, target)),
         _ => args.out.clone(),
     };
-    written_paths(&out, target).iter().try_for_each(|path| keep_corpus(path))?;
+    keep_others(&out, target)?;
     make_folder_of(&out)?;
     match &assets[..] {
         [] => bail!("{}: the corpus has no asset", args.input.display()),

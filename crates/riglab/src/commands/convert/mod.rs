@@ -273,7 +273,17 @@ fn spare(inputs: &HashSet<PathBuf>, out: &Path, target: Target) -> Result<()> {
         if path.canonicalize().is_ok_and(|real| inputs.contains(&real)) {
             bail!("{} is what is read; give another name or folder to write", path.display());
         }
+    }
+    keep_others(out, target)
+}
+
+/// Refuses to write over what is no file of the format.
+fn keep_others(out: &Path, target: Target) -> Result<()> {
+    for path in written_paths(out, target) {
         keep_corpus(&path)?;
+        if path.is_file() && path.metadata().is_ok_and(|meta| meta.len() > 0) && !target.is_at(&path) {
+            bail!("{} is there already and no file of {target}; give another name or folder to write", path.display());
+        }
     }
     Ok(())
 }

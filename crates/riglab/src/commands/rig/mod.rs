@@ -15,6 +15,7 @@ use riglab_task::tokenrig::Rank;
 use riglab_train::Progress;
 
 use super::device::DeviceArgs;
+use super::earlier::{Written, keep_others};
 use super::glb::{Frames, Most};
 use model::Model;
 use riglab_report::counted;
@@ -230,6 +231,7 @@ fn run(args: &Common, bones: &Bones, weights: Option<&Path>, threads: usize) -> 
         bail!("--skeleton-up tells of the file of --skeleton; give one");
     }
     let jobs = jobs(&args.input, &args.out)?;
+    jobs.iter().try_for_each(|(_, to)| keep_others(to, Written::Glb))?;
     riglab_torch::init(riglab_torch::Settings { threads });
     let model = Model::open(args.checkpoint.as_deref(), weights, args.device.device()?)?;
     model.suits(args, bones)?;
