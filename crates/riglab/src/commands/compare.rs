@@ -4,14 +4,14 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use anyhow::{Context, Result, bail};
-use riglab_compare::{Comparison, Failures, Kind, Predictions, Status, Truths, score};
+use riglab_compare::{Comparison, Failures, Kind, Predictions, Status, System, Truths, score};
 use riglab_files::make_folder_of;
 use riglab_metric::{Preset, SkinBaseline};
 use riglab_report::{Block, Page, Table};
 use riglab_train::Progress;
 
+use super::alike::by_reason;
 use super::earlier::{Written, keep_others};
-use super::some_lines;
 
 /// Score rigs that other systems wrote against true ones.
 ///
@@ -128,7 +128,11 @@ pub fn run(args: &Args) -> Result<ExitCode> {
         None => truth.display().to_string(),
     };
     let comparison = Comparison { truth, failures: args.failures, unread_truth, systems };
-    tell(&comparison);
+    let (said, cut) = told(&comparison);
+    said.iter().for_each(|line| tell!("{line}"));
+    if cut {
+        tell!("{}", whole(args));
+    }
     let presets = if args.presets.is_empty() { &Preset::ALL[..] } else { &args.presets };
     let text = text(args, &comparison, presets, published)?;
     match &args.out {
@@ -192,37 +196,48 @@ fn published(names: &[String]) -> Result<Vec<Table>> {
     names.iter().map(table).collect()
 }
 
-/// Reasons, on standard error.
-fn tell(comparison: &Comparison) {
-    for (file, why) in &comparison.unread_truth {
-        tell!("warning: not compared with, as it cannot be read: {file}: {why}");
-    }
-    for system in &comparison.systems {
-        for (file, why) in &system.unread {
-            tell!("warning: {}: {file}: {why}", system.name);
-        }
-        let missing: Vec<&str> =
-            system.rows.iter().filter(|row| row.status == Status::Missing).map(|row| row.asset.as_str()).collect();
-        let lines = missing.iter().map(|asset| format!("missing: {}: {asset}", system.name));
-        let more = format!("more assets of {} are missing; --assets or --csv shows them all", system.name);
-        some_lines(lines, &more).iter().for_each(|line| tell!("{line}"));
-        for row in &system.rows {
+/// What became of assets, in lines; and whether some are not named in them.
+fn told(comparison: &Comparison) -> (Vec<String>, bool) {
+    let both = |unread: &'_ [(String, String)]| unread.to_vec();
+    let mut said =
+        vec![("warning: not compared with, as it cannot be read: ".to_owned(), both(&comparison.unread_truth))];
+    for System { name, rows, unread, .. } in &comparison.systems {
+        said.push((format!("warning: {name}: "), both(unread)));
+        let (mut missing, mut failed, mut noted) = (Vec::new(), Vec::new(), Vec::new());
+        for row in rows {
+            let of = |reason: &str| (row.asset.clone(), reason.to_owned());
             match &row.status {
-                Status::Failed(reason) => tell!("failed: {}: {}: {reason}", system.name, row.asset),
-                Status::Missing => {}
+                Status::Failed(reason) => failed.push(of(reason)),
+                Status::Missing => missing.push(of("there is no prediction")),
                 Status::Scored => {
-                    if !row.without_weights.is_empty() {
-                        tell!("note: {}: {}: {}", system.name, row.asset, row.without_weights);
-                    }
-                    row.notes.iter().for_each(|note| tell!("note: {}: {}: {note}", system.name, row.asset));
+                    let reasons = std::iter::once(&row.without_weights).filter(|s| !s.is_empty()).chain(&row.notes);
+                    noted.extend(reasons.map(|note| of(note)));
                 }
             }
         }
+        for (what, of) in [("missing", missing), ("failed", failed), ("note", noted)] {
+            said.push((format!("{what}: {name}: "), of));
+        }
+    }
+    let lines: Vec<(Vec<String>, bool)> = said.iter().map(|(of, said)| by_reason(of, said)).collect();
+    let cut = lines.iter().any(|(_, cut)| *cut);
+    (lines.into_iter().flat_map(|(lines, _)| lines).collect(), cut)
+}
+
+/// Where all that was said in short is to be found.
+fn whole(args: &Args) -> String {
+    let all = "every asset with what is said of it";
+    match &args.out {
+        Some(out) if args.json || args.csv || args.assets => format!("{all}: {}", out.display()),
+        _ if args.json || args.csv || args.assets => format!("{all} follows"),
+        _ => format!("--assets shows {all}; --csv -o FILE and --json -o FILE write it"),
     }
 }
 
 #[cfg(test)]
 mod tests {
+    use riglab_compare::Row;
+
     use super::*;
 
     #[test]
@@ -233,6 +248,39 @@ mod tests {
         let odd = dir.path().join("k=1");
         std::fs::create_dir(&odd).unwrap();
         assert_eq!(named(odd.to_str().unwrap()), ("k=1".into(), odd));
+    }
+
+    #[test]
+    fn many_failures_are_few_lines() {
+        let row = |k: usize| {
+            let status = match k % 100 {
+                0 => Status::Missing,
+                1 => Status::Scored,
+                _ => Status::Failed(format!("out/a{k}.glb: it holds no skeleton")),
+            };
+            let asset = format!("a{k}.glb");
+            let (without_weights, notes, measures) = ("other joints".into(), Vec::new(), Vec::new());
+            Row { asset, status, joints: 1, true_joints: 1, without_weights, notes, measures }
+        };
+        let of = |count: usize| {
+            let rows = (0..count).map(row).collect();
+            let (name, folder) = ("ours".into(), "out".into());
+            let system = System { name, folder, rows, unmatched: Vec::new(), unread: Vec::new() };
+            let (truth, unread_truth) = ("t".into(), vec![("b.glb".into(), "it is empty".into())]);
+            told(&Comparison { truth, failures: Failures::Apart, unread_truth, systems: vec![system] })
+        };
+        let (lines, cut) = of(1000);
+        assert_eq!(
+            lines,
+            [
+                "warning: not compared with, as it cannot be read: b.glb: it is empty",
+                "missing: ours: a0.glb, a100.glb, a200.glb and 7 more: there is no prediction",
+                "failed: ours: a2.glb, a3.glb, a4.glb and 977 more: it holds no skeleton",
+                "note: ours: a1.glb, a101.glb, a201.glb and 7 more: other joints",
+            ]
+        );
+        let (few, all) = of(4);
+        assert!(cut && !all && few[2] == "failed: ours: a2.glb, a3.glb: it holds no skeleton", "{few:?}");
     }
 
     #[test]

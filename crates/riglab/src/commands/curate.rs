@@ -12,8 +12,8 @@ use riglab_curate::{
 use riglab_slurm::SlurmConfig;
 use riglab_train::Progress;
 
-use super::shown;
 use super::slurm::{Desk, On, apart, curate as on_slurm, settings as slurm_settings};
+use super::{shown, some_of};
 use crate::presets;
 
 /// Make a clean corpus of files of mixed quality: repaired, filtered, without duplicates, labelled.
@@ -196,15 +196,6 @@ fn keep_lists(split: &SplitConfig, told: bool, parts: &[PathBuf]) -> Vec<PathBuf
         ),
     }
     keep
-}
-
-/// Some names of many.
-fn some_of(names: &[String]) -> String {
-    const SOME: usize = 3;
-    match names.len() {
-        n if n > SOME + 1 => format!("{} and {} more", names[..SOME].join(", "), n - SOME),
-        _ => names.join(", "),
-    }
 }
 
 /// Shows how far a phase is; another phase ends the bar of the one before.

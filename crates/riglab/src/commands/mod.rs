@@ -1,5 +1,6 @@
 //! One module a command.
 
+mod alike;
 mod charts;
 pub mod checkpoint;
 pub mod compare;
@@ -42,6 +43,17 @@ fn some_lines(lines: impl ExactSizeIterator<Item = String>, more: &str) -> Vec<S
         some.push(format!("{} {more}", count - shown));
     }
     some
+}
+
+/// How many names are shown in a line.
+const SOME: usize = 3;
+
+/// Some names of many.
+fn some_of(names: &[String]) -> String {
+    match names.len() {
+        n if n > SOME + 1 => format!("{} and {} more", names[..SOME].join(", "), n - SOME),
+        _ => names.join(", "),
+    }
 }
 
 /// Refuses to write over a corpus, which takes long to make, what is none.
