@@ -7,7 +7,7 @@ use serde_json::Value;
 use thiserror::Error;
 
 use crate::shell::command;
-use crate::unit::{TIMES_100, shown};
+use crate::unit::{TIMES_100, in_unit};
 use crate::{Block, Chart, Series, shell};
 
 /// Why a folder cannot be read as a run.
@@ -181,11 +181,11 @@ impl RunView {
 
     /// The same by the names and in the units of tables.
     pub(crate) fn shown(&self) -> BTreeMap<String, Vec<(f64, f64)>> {
-        let in_unit = |(name, points): (&str, Vec<(f64, f64)>)| {
-            let (name, factor) = shown(name);
+        let shown = |(name, points): (&str, Vec<(f64, f64)>)| {
+            let (name, factor) = in_unit(name);
             (name, points.into_iter().map(|(x, y)| (x, factor * y)).collect())
         };
-        self.logged().into_iter().map(in_unit).collect()
+        self.logged().into_iter().map(shown).collect()
     }
 
     /// Curves: the loss; its parts and what else was noted in a step, and every validated metric, each beside those of

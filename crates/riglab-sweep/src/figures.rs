@@ -4,8 +4,9 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 use riglab_metric::statistics::Mean;
-use riglab_report::{Block, Chart, Dots, Losses, RunView, Series};
+use riglab_report::{Block, Chart, Dots, Losses, RunView, Series, in_unit};
 
+use crate::unit::{factor, named};
 use crate::values::Numbers;
 use crate::{FigureOf, MetricOf, Outcome, Plan};
 
@@ -16,7 +17,11 @@ const CURVES: usize = 6;
 pub(crate) fn spread(plan: &Plan, metrics: &[MetricOf], outcomes: &[Outcome]) -> Option<Block> {
     let names = plan.names();
     let of = |(k, metric): (usize, &MetricOf)| {
-        let own = |p: &str| outcomes.iter().filter(|o| o.point == p).filter_map(|o| o.values[k]).collect::<Vec<_>>();
+        let factor = factor(&metric.of);
+        let own = |p: &str| {
+            let values = outcomes.iter().filter(|o| o.point == p).filter_map(|o| o.values[k]);
+            values.map(|v| factor * v).collect::<Vec<_>>()
+        };
         let lines: Vec<_> = names.iter().map(|p| ((*p).to_owned(), own(p))).collect();
         let found = lines.iter().map(|(_, own)| own.len()).sum::<usize>();
         (found > 1).then(|| Dots { title: metric.head().into(), lines, digits: metric.digits })
@@ -32,7 +37,7 @@ pub(crate) fn figures(plan: &Plan, outcomes: &[Outcome], numbers: &[Numbers]) ->
             let both = outcomes.iter().zip(numbers).filter(|(o, _)| o.point == point && o.state == "finished");
             let runs: Vec<&Numbers> = both.map(|(_, numbers)| numbers).collect();
             let mean = |(x, of): (&f64, String)| {
-                (*x, Mean::of(&runs.iter().filter_map(|run| run.value(&of)).collect::<Vec<_>>()).mean)
+                (*x, factor(&of) * Mean::of(&runs.iter().filter_map(|run| run.value(&of)).collect::<Vec<_>>()).mean)
             };
             let means = figure.at.iter().zip(figure.places()).map(mean);
             let points: Vec<_> = means.filter(|(_, y)| y.is_finite()).collect();
@@ -40,7 +45,7 @@ pub(crate) fn figures(plan: &Plan, outcomes: &[Outcome], numbers: &[Numbers]) ->
         };
         let series: Vec<Series> = plan.names().into_iter().filter_map(line).collect();
         (!series.is_empty()).then(|| Chart {
-            title: figure.title.clone(),
+            title: named(&figure.title, &figure.of),
             x: figure.x.clone(),
             series,
             ..Chart::default()
@@ -82,7 +87,12 @@ pub(crate) fn learning(folder: &Path, plan: &Plan, metrics: &[MetricOf], outcome
     let chart = |name: String| {
         let series = of.remove(&name).unwrap_or_default();
         let (log, note) = (name == "train/loss", losses.note(&name));
-        Chart { title: name, x: "step".into(), series, log, note, ..Chart::default() }
+        // In the unit of the runs' own curves, which have the same title.
+        let (title, factor) = in_unit(&name);
+        let scaled =
+            |line: Series| Series { points: line.points.iter().map(|(x, y)| (*x, factor * y)).collect(), ..line };
+        let series = series.into_iter().map(scaled).collect();
+        Chart { title, x: "step".into(), series, log, note, ..Chart::default() }
     };
     let charts: Vec<Chart> = names.into_iter().map(chart).collect();
     (!charts.is_empty()).then_some(Block::Charts(charts))
@@ -105,8 +115,8 @@ mod tests {
         let config = riglab_config::Config::from_toml_str("s.toml", text).unwrap();
         let plan = Plan::new(config.get_at("sweep").unwrap(), &[]).unwrap();
         let logs = [
-            "{\"step\":1,\"eval/a@val\":4.0,\"eval/z@val\":1.0,\"train/loss\":2.0}\n{\"step\":2,\"eval/z@val\":3.0}\n",
-            "{\"step\":1,\"eval/a@val\":6.0,\"eval/z@val\":2.0,\"train/loss\":4.0}\n",
+            "{\"step\":1,\"eval/a@val\":4.0,\"eval/j2j@val\":0.25,\"eval/z@val\":1.0,\"train/loss\":2.0}\n{\"step\":2,\"eval/z@val\":3.0}\n",
+            "{\"step\":1,\"eval/a@val\":6.0,\"eval/j2j@val\":0.5,\"eval/z@val\":2.0,\"train/loss\":4.0}\n",
         ];
         for (job, log) in plan.jobs.iter().zip(logs) {
             let run = dir.path().join(&job.folder);
@@ -120,8 +130,10 @@ mod tests {
             panic!("charts are drawn")
         };
         let titles: Vec<&str> = charts.iter().map(|c| c.title.as_str()).collect();
-        assert_eq!(titles, ["train/loss", "eval/z@val", "eval/a@val"], "the loss, then what was asked for");
+        let wanted = ["train/loss", "eval/z@val", "eval/a@val", "eval/j2j × 100@val"];
+        assert_eq!(titles, wanted, "the loss, then what was asked for");
         assert_eq!(charts[1].series[0].points, [(1.0, 1.5)], "step 2 has one seed alone");
+        assert_eq!(charts[3].series[0].points, [(1.0, 37.5)], "as the curves of runs");
         assert!(figures(&plan, &results.outcomes, &results.numbers).is_none(), "none was asked for");
     }
 

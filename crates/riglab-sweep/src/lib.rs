@@ -25,6 +25,7 @@ mod pool;
 mod results;
 mod seeds;
 mod state;
+mod unit;
 mod values;
 
 pub use attempts::{Attempt, attempts, record, retry};

@@ -9,6 +9,7 @@ use serde::{Deserialize, Serialize};
 use crate::figures::{figures, learning, spread};
 use crate::plan::write;
 use crate::seeds::Spread;
+use crate::unit::{column, factor};
 use crate::values::Numbers;
 use crate::{Better, FigureOf, Job, MetricOf, Plan, State, SweepError, attempts};
 
@@ -31,6 +32,7 @@ pub struct Outcome {
 #[derive(Clone, Debug)]
 pub struct Results {
     pub(crate) plan: Plan,
+    /// The columns, by the names and with the digits that are shown.
     metrics: Vec<MetricOf>,
     /// In the order of the jobs.
     pub outcomes: Vec<Outcome>,
@@ -196,16 +198,18 @@ impl Results {
         self.outcomes.iter().filter(|o| o.point == point && o.state == state).count()
     }
 
-    /// A metric of a point over its finished runs.
+    /// A metric of a point over its finished runs, as it is shown.
     fn spread(&self, point: &str, metric: usize) -> Spread {
         let own = self.outcomes.iter().filter(|o| o.point == point && o.state == "finished");
-        Spread::of(&own.filter_map(|o| o.values[metric]).collect::<Vec<_>>())
+        let factor = factor(&self.metrics[metric].of);
+        Spread::of(&own.filter_map(|o| Some(factor * o.values[metric]?)).collect::<Vec<_>>())
     }
 
     /// What a point has more of a metric than another, over the seeds that both have.
     fn difference(&self, point: &str, other: &str, metric: usize) -> Spread {
+        let factor = factor(&self.metrics[metric].of);
         let of = |p: &str, seed| self.outcomes.iter().find(|o| o.point == p && o.seed == seed)?.values[metric];
-        let apart = |seed: &u64| of(point, *seed).zip(of(other, *seed)).map(|(a, b)| a - b);
+        let apart = |seed: &u64| of(point, *seed).zip(of(other, *seed)).map(|(a, b)| factor * (a - b));
         Spread::of(&self.plan.sweep.seeds.iter().filter_map(apart).collect::<Vec<_>>())
     }
 
@@ -306,10 +310,10 @@ fn with_deviation(cell: fn(f64, usize) -> Cell, own: Spread, digits: usize) -> C
 /// The columns: those asked for, or all that the finished runs' last validations have.
 fn metrics(plan: &Plan, numbers: &[Numbers]) -> Vec<MetricOf> {
     if !plan.sweep.metrics.is_empty() {
-        return plan.sweep.metrics.clone();
+        return plan.sweep.metrics.iter().cloned().map(column).collect();
     }
     let all = numbers.iter().flat_map(|n| n.last.keys()).filter(|n| n.starts_with("eval/"));
-    all.collect::<BTreeSet<_>>().into_iter().map(|n| MetricOf::plain(n)).collect()
+    all.collect::<BTreeSet<_>>().into_iter().map(|n| column(MetricOf::plain(n))).collect()
 }
 
 #[cfg(test)]
@@ -368,6 +372,29 @@ mod tests {
         );
         assert!(lines[1].starts_with("with,IoU,2,0,2,0.6,0.1414") && lines[1].ends_with(",,,,,,"), "{csv}");
         assert!(lines[2].starts_with("without,IoU,1,1,1,0.4,,with,1,-0.0999"), "{csv}");
+    }
+
+    #[test]
+    fn distances_are_shown_as_runs_show_them_and_kept_as_they_are() {
+        let dir = tempfile::tempdir().unwrap();
+        let text = "[sweep]\nbase = 'b'\nseeds = [1, 2]\n[[sweep.arms]]\nname = 'a'\n[[sweep.arms]]\nname = 'b'\n\
+            [[sweep.metrics]]\nof = 'eval/j2j@val'\nname = 'J2J, val'\n";
+        let config = riglab_config::Config::from_toml_str("s.toml", text).unwrap();
+        let plan = Plan::new(config.get_at("sweep").unwrap(), &[]).unwrap();
+        for (job, j2j) in plan.jobs.iter().zip([0.25, 0.75, 0.5, 1.0]) {
+            let run = dir.path().join(&job.folder);
+            std::fs::create_dir_all(&run).unwrap();
+            std::fs::write(run.join("metrics.jsonl"), format!("{{\"step\":1,\"eval/j2j@val\":{j2j}}}\n")).unwrap();
+            std::fs::write(run.join("run.json"), "{\"outcome\": \"finished\"}").unwrap();
+        }
+        let results = Results::read(dir.path(), &plan);
+        let table = results.table();
+        assert_eq!((table.head[3].as_str(), table.rows[0][3].text.as_str()), ("J2J × 100, val", "50.00 ± 35.36"));
+        assert_eq!(results.differences().unwrap().rows[0][2].text, "+25.00 ± 0.00");
+        results.write(dir.path()).unwrap();
+        let read = |name: &str| std::fs::read_to_string(dir.path().join(name)).unwrap();
+        assert!(read("table.csv").contains("a,\"J2J × 100, val\",2,0,2,50,35.35"), "{}", read("table.csv"));
+        assert!(read("results.jsonl").contains("{\"eval/j2j@val\":0.25}"));
     }
 
     #[test]
