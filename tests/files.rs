@@ -86,6 +86,25 @@ fn what_is_of_another_kind_is_not_written_over() {
 }
 
 #[test]
+fn bare_meshes_are_listed_as_such() {
+    let dir = tempfile::tempdir().unwrap();
+    let (made, corpus) = (dir.path().join("made"), dir.path().join("meshes.h5"));
+    creatures(&made, 1);
+    must(&["dataset", "import", text(&made), "-o", text(&corpus), "--meshes"]);
+    let said = |more: &[&str]| {
+        let all = [&["dataset", "inspect", text(&corpus)], more].concat();
+        String::from_utf8(must(&all).stdout).unwrap()
+    };
+    assert!(said(&[]).contains(" t   bare  ") && !said(&[]).contains("1 j"), "{}", said(&[]));
+    let of: Value = serde_json::from_str(&said(&["--json"])).unwrap();
+    assert_eq!((&of["joints"], &of["nonzero_weights"], &of["bare"]), (&0.into(), &0.into(), &true.into()));
+    let name = of["name"].as_str().unwrap();
+    assert!(said(&[name]).contains(" triangles, bare, split `meshes`)"), "{}", said(&[name]));
+    let of: Value = serde_json::from_str(&said(&[name, "--json"])).unwrap();
+    assert_eq!((&of["joints"], &of["joint_names"]), (&0.into(), &serde_json::json!([])));
+}
+
+#[test]
 fn what_a_format_cannot_hold_is_told() {
     let dir = tempfile::tempdir().unwrap();
     let path = |name: &str| dir.path().join(name);

@@ -326,6 +326,12 @@ fn run_inspect(args: &Inspect) -> Result<ExitCode> {
     let names = corpus.names()?.to_vec();
     let [splits, licences, categories] = ["split", "licence", "category"].map(|c| corpus.texts(c));
     let (splits, licences, categories) = (splits?, licences?, categories?);
+    let bare: BTreeSet<usize> = corpus.bare()?.into_iter().collect();
+    // A mesh without a rig is held by a joint that nobody made.
+    let counts = |index: usize| match corpus.counts(index) {
+        [v, f, ..] if bare.contains(&index) => [v, f, 0, 0],
+        counts => counts,
+    };
     if let Some(wanted) = &args.asset {
         let index = names.iter().position(|n| n == wanted);
         let index = index.with_context(|| {
@@ -333,18 +339,19 @@ fn run_inspect(args: &Inspect) -> Result<ExitCode> {
         })?;
         let asset = corpus.asset(index)?;
         let from = &asset.provenance;
-        let [v, f, j, w] = corpus.counts(index);
+        let ([v, f, j, w], bare) = (counts(index), bare.contains(&index));
         if args.json {
-            let value = serde_json::json!({"name": asset.name, "split": splits[index], "vertices": v, "triangles": f, "joints": j,
+            let names: &[String] = if bare { &[] } else { asset.rig.skeleton().names() };
+            let value = serde_json::json!({"name": asset.name, "split": splits[index], "vertices": v, "triangles": f, "joints": j, "bare": bare,
                 "nonzero_weights": w, "source": from.source, "licence": from.licence, "author": from.author, "category": from.category,
-                "checksum": from.checksum, "notes": from.notes, "joint_names": asset.rig.skeleton().names(),
+                "checksum": from.checksum, "notes": from.notes, "joint_names": names,
                 "humanoid": asset.rig.humanoid(), "springs": asset.rig.springs(), "clips": clips(&asset)});
             say!("{value}");
             return Ok(ExitCode::SUCCESS);
         }
         let triangles = counted(f, "triangle");
-        let (joints, weights) = (counted(j, "joint"), counted(w, "weight"));
-        say!("{}  ({}, {triangles}, {joints}, {weights}, split `{}`)", asset.name, vertices(v), splits[index]);
+        let rig = if bare { "bare".into() } else { format!("{}, {}", counted(j, "joint"), counted(w, "weight")) };
+        say!("{}  ({}, {triangles}, {rig}, split `{}`)", asset.name, vertices(v), splits[index]);
         for (key, value) in [
             ("source", &from.source),
             ("licence", &from.licence),
@@ -366,14 +373,15 @@ fn run_inspect(args: &Inspect) -> Result<ExitCode> {
     }
     let width = names.iter().map(String::len).max().unwrap_or(0).min(60);
     for (i, name) in names.iter().enumerate() {
-        let [v, f, j, w] = corpus.counts(i);
+        let ([v, f, j, w], bare) = (counts(i), bare.contains(&i));
         if args.json {
             say!(
                 "{}",
-                serde_json::json!({"name": name, "split": splits[i], "vertices": v, "triangles": f, "joints": j, "nonzero_weights": w, "licence": licences[i], "category": categories[i]})
+                serde_json::json!({"name": name, "split": splits[i], "vertices": v, "triangles": f, "joints": j, "bare": bare, "nonzero_weights": w, "licence": licences[i], "category": categories[i]})
             );
         } else {
-            say!("{name:width$}  {:10} {v:>7} v {f:>7} t {j:>4} j  {:18} {}", splits[i], categories[i], licences[i]);
+            let joints = if bare { "bare".into() } else { format!("{j} j") };
+            say!("{name:width$}  {:10} {v:>7} v {f:>7} t {joints:>6}  {:18} {}", splits[i], categories[i], licences[i]);
         }
     }
     Ok(ExitCode::SUCCESS)
