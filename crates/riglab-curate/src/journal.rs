@@ -9,7 +9,7 @@
 //! What is kept is what was found, not the assets: these are read again when the corpus is written, which
 //! takes a second reading but no second copy of the data.
 
-use std::collections::HashMap;
+use std::collections::{BTreeMap, HashMap};
 use std::fs::{File, OpenOptions};
 use std::io::{BufRead, BufReader, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
@@ -159,12 +159,7 @@ impl Journal {
     }
 
     fn append(&mut self, lines: &[Line]) -> Result<(), CurateError> {
-        let mut text = String::new();
-        for line in lines {
-            // Records are numbers and texts: nothing that JSON cannot hold.
-            text += &serde_json::to_string(line).unwrap_or_default();
-            text.push('\n');
-        }
+        let text: String = lines.iter().map(line).collect();
         self.appended += 1;
         let mut put = || -> std::io::Result<()> {
             self.file.write_all(text.as_bytes())?;
@@ -193,6 +188,25 @@ pub fn records(path: &Path) -> Result<Vec<Record>, CurateError> {
     })?;
     let (held, _) = read(&mut file, None).map_err(|e| CurateError::io(path, e))?;
     Ok(held.done.into_values().flat_map(|(_, records)| records).collect())
+}
+
+/// A whole journal of records that were looked at elsewhere, for whoever merges them again. A curation of the files looks at
+/// them itself: no file is as old and as long as these say.
+pub fn text(records: &[Record], config: &CurateConfig) -> String {
+    let mut files: BTreeMap<&str, Vec<&Record>> = BTreeMap::new();
+    records.iter().for_each(|record| files.entry(&record.file).or_default().push(record));
+    let stamp = Stamp { bytes: 0, modified_ns: 0, said: 0 };
+    let mut text = line(&Line::Head { version: VERSION, config: key(config) });
+    for (file, own) in files {
+        own.into_iter().for_each(|record| text += &line(&Line::Asset(Box::new(record.clone()))));
+        text += &line(&Line::Done { file: file.into(), stamp });
+    }
+    text
+}
+
+/// Records are numbers and texts: nothing that JSON cannot hold.
+fn line(line: &Line) -> String {
+    serde_json::to_string(line).unwrap_or_default() + "\n"
 }
 
 /// What is held, and how many bytes of it are sound: 0 for a journal of another config.
@@ -271,6 +285,20 @@ mod tests {
             assert_eq!(Journal::open(&path, &config).unwrap().1.done["b.glb"].0, stamp);
         }
         assert_eq!(records(&path).unwrap().len(), 2);
+    }
+
+    #[test]
+    fn a_journal_written_at_once_holds_its_records_and_says_no_file_is_done() {
+        let dir = tempfile::tempdir().unwrap();
+        let (path, config) = (dir.path().join("journal.jsonl"), CurateConfig::default());
+        let all = [record("a.glb", "a.glb"), record("set.npz#1", "set.npz"), record("set.npz#2", "set.npz")];
+        std::fs::write(&path, text(&all, &config)).unwrap();
+        let mut held = records(&path).unwrap();
+        held.sort_by(|a, b| a.name.cmp(&b.name));
+        assert_eq!(held, all);
+        std::fs::write(dir.path().join("a.glb"), "").unwrap();
+        let (_, held) = Journal::open(&path, &config).unwrap();
+        assert_ne!(held.done["a.glb"].0, Stamp::of(&dir.path().join("a.glb"), 0));
     }
 
     #[test]

@@ -13,7 +13,7 @@ use serde::{Deserialize, Serialize};
 use crate::config::{CurateConfig, SplitBy};
 use crate::decisions::Decisions;
 use crate::funnel::Funnel;
-use crate::journal::{Journal, Stamp, records};
+use crate::journal::{Journal, Stamp, records, text};
 use crate::judge::{Judged, judge_part};
 use crate::label::label;
 use crate::pictures::Pictures;
@@ -35,9 +35,14 @@ pub struct Shard {
 impl Shard {
     /// Whether a file is in this part: by its name alone, so that files may come and go.
     pub fn has(&self, file: &str) -> bool {
+        self.number_of(file) == self.number
+    }
+
+    /// The part of as many that a file is in.
+    fn number_of(&self, file: &str) -> u64 {
         let hash = blake3::hash(file.as_bytes());
         let first = hash.as_bytes().first_chunk::<8>().copied().unwrap_or_default();
-        u64::from_le_bytes(first) % self.of.max(1) == self.number.saturating_sub(1)
+        u64::from_le_bytes(first) % self.of.max(1) + 1
     }
 }
 
@@ -98,14 +103,22 @@ pub fn curate(
     let told = places.work.join(SHARD);
     match shard {
         Some(shard) => {
-            files.retain(|name| shard.has(name));
-            store(&told, &serde_json::to_vec(&shard).unwrap_or_default())?;
+            let mut filled = HashSet::new();
+            files.retain(|name| {
+                filled.insert(shard.number_of(name));
+                shard.has(name)
+            });
+            // Parts that no file falls into are as good as there: they have no corpus.
+            let empty = (1..=shard.of).filter(|number| *number != shard.number && !filled.contains(number));
+            let empty = empty.take(EMPTY).map(|number| Shard { number, ..shard });
+            let there: Vec<Shard> = std::iter::once(shard).chain(empty).collect();
+            store(&told, &serde_json::to_vec(&there).unwrap_or_default())?;
         }
         // The folder may have been a shard's before; mostly there is none.
         None => drop(std::fs::remove_file(&told)),
     }
     let (records, journal) = look(&files, places, config, tell)?;
-    let done = finish(&Source::Folder(&files, config), records, places, shard, config, tell);
+    let done = finish(&Source::Folder(&files, config), &records, places, shard, config, tell);
     if let Err(CurateError::Changed { files, .. }) = &done {
         // Whatever it was that changed: the next run does not rely on what this one saw.
         files.iter().try_for_each(|file| locked(&journal).forget(file))?;
@@ -131,7 +144,7 @@ pub fn nothing_left(places: &Places) -> bool {
 }
 
 /// Makes one corpus of the corpora that the shards of a folder gave, without the duplicates between them. One of which
-/// nothing passed has none, and counts with what was dropped.
+/// nothing passed has none, and counts with what was dropped. What is made can be merged with others in its turn.
 ///
 /// The assets of the corpora in `keep` keep their splits; the others get theirs as the config says, among themselves.
 ///
@@ -161,7 +174,14 @@ pub fn merge_shards(
         open.extend(corpus);
         take_answers(&Places::of(path).work.join("answers"), &places.work.join("answers"))?;
     }
-    finish(&Source::Corpora(&open, &splits), all.into_values().collect(), places, None, config, tell)
+    let all: Vec<Record> = all.into_values().collect();
+    let done = finish(&Source::Corpora(&open, &splits), &all, places, None, config, tell);
+    if matches!(done, Ok(_) | Err(CurateError::NothingLeft { .. })) {
+        store(&places.journal(), text(&all, config).as_bytes())?;
+        let there: Vec<Shard> = corpora.iter().flat_map(|path| shards(path)).collect();
+        store(&places.work.join(SHARD), &serde_json::to_vec(&there).unwrap_or_default())?;
+    }
+    done
 }
 
 /// Those corpora of curations whose splits a list gave, as their reports say.
@@ -174,18 +194,25 @@ pub fn listed(corpora: &[PathBuf]) -> Vec<PathBuf> {
     corpora.iter().filter(by_list).cloned().collect()
 }
 
-/// The file beside a shard's corpus that says which one it is.
+/// The file beside a corpus that says which shards it is of.
 const SHARD: &str = "shard.json";
+/// Shards without a file that it names at most.
+const EMPTY: usize = 1 << 16;
+
+/// The shards that a corpus is of, as far as that is said.
+fn shards(corpus: &Path) -> Vec<Shard> {
+    let text = std::fs::read(Places::of(corpus).work.join(SHARD)).unwrap_or_default();
+    // Earlier there was one.
+    let one = || serde_json::from_slice(&text).map_or(Vec::new(), |one| vec![one]);
+    serde_json::from_slice(&text).unwrap_or_else(|_| one())
+}
 
 /// Tells which shards are not among these, as far as they say of how many they are.
 fn missing(corpora: &[PathBuf]) -> Option<String> {
-    let read = |path: &PathBuf| {
-        let text = std::fs::read(Places::of(path).work.join(SHARD)).ok()?;
-        serde_json::from_slice::<Shard>(&text).ok()
-    };
-    let there: Vec<Shard> = corpora.iter().filter_map(read).collect();
+    let there: Vec<Shard> = corpora.iter().flat_map(|path| shards(path)).collect();
     let of = there.first()?.of;
-    let lacking = (1..=of).filter(|number| !there.iter().any(|s| (s.number, s.of) == (*number, of)));
+    let known: HashSet<u64> = there.iter().filter(|shard| shard.of == of).map(|shard| shard.number).collect();
+    let lacking = (1..=of).filter(|number| !known.contains(number));
     let lacking: Vec<String> = lacking.map(|number| format!("{number}/{of}")).collect();
     let (is, s) = if lacking.len() == 1 { ("is", "") } else { ("are", "s") };
     (!lacking.is_empty()).then(|| format!("shard{s} {} {is} missing: the corpus is not whole", lacking.join(", ")))
@@ -303,7 +330,7 @@ fn look_at(
 /// From records to corpus and report.
 fn finish(
     source: &Source,
-    records: Vec<Record>,
+    records: &[Record],
     places: &Places,
     shard: Option<Shard>,
     config: &CurateConfig,
@@ -316,9 +343,9 @@ fn finish(
     tell("comparing", 0, records.len());
     // What other parts hold is theirs to tell.
     let own = |name: &str| shard.is_none_or(|shard| shard.has(name.split_once('#').map_or(name, |(file, _)| file)));
-    let mut judged: Judged = judge_part(&records, &decisions, config, own);
+    let mut judged: Judged = judge_part(records, &decisions, config, own);
     tell("comparing", records.len(), records.len());
-    let labels = label(&records, &mut judged, config, &places.work, |wanted, each| {
+    let labels = label(records, &mut judged, config, &places.work, |wanted, each| {
         let done = AtomicUsize::new(0);
         tell("asking", 0, wanted.len());
         source.each_chunk(wanted, |assets| {
@@ -329,7 +356,7 @@ fn finish(
         })
     })?;
     let kept: Vec<&Record> = judged.kept().map(|i| &records[i]).collect();
-    let mut pictures = Pictures::choose(&records, &judged, &config.report);
+    let mut pictures = Pictures::choose(records, &judged, &config.report);
     let mut splits = Vec::new();
     let mut doubts = source.doubts();
     if !kept.is_empty() {
@@ -347,17 +374,17 @@ fn finish(
         splits = kept.iter().map(own).collect();
         write(source, &kept, &judged, &splits, &mut pictures, places, tell)?;
     }
-    let others = pictures.missing(&records);
+    let others = pictures.missing(records);
     source.each_chunk(&others, |assets| {
         assets.iter().for_each(|a| pictures.draw(a));
         Ok(())
     })?;
-    let mut funnel = Funnel::of(&records, &judged, labels, &splits, config);
+    let mut funnel = Funnel::of(records, &judged, labels, &splits, config);
     funnel.warnings.extend(doubts);
     if kept.iter().any(|r| source.split(&r.name).is_some()) {
         funnel.split_by = SplitBy::List;
     }
-    store(&places.assets(), judged.lines(&records, &splits).as_bytes())?;
+    store(&places.assets(), judged.lines(records, &splits).as_bytes())?;
     store(&places.funnel(), &serde_json::to_vec_pretty(&funnel).unwrap_or_default())?;
     store(&places.report(), report::page(&funnel, &pictures, config).to_html()?.as_bytes())?;
     if kept.is_empty() {

@@ -6,8 +6,8 @@ use std::collections::BTreeMap;
 use std::io::{Read, Write};
 use std::net::TcpListener;
 use std::path::PathBuf;
-use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::{Arc, Mutex};
 
 use common::{copy, creatures, dropped, plain, run, run_shard, write};
 use riglab_curate::decisions::{Decision, Decisions, Verdict};
@@ -116,6 +116,56 @@ fn shards_merge_to_what_one_run_gives() {
     assert_eq!(dropped(&funnel, "duplicates").len(), 6);
     let sum = |path| Corpus::open(path).unwrap().checksum().unwrap();
     assert_eq!(sum(&merged), sum(&out.path().join("corpus.h5")));
+}
+
+#[test]
+fn what_was_merged_merges_again() {
+    let dir = tempfile::tempdir().unwrap();
+    let mut all = creatures(8);
+    let copies: Vec<_> = (0..6).map(|k| copy(&all[k], &format!("copy_{k}"))).collect();
+    all.extend(copies);
+    write(dir.path(), &all);
+    let out = tempfile::tempdir().unwrap();
+    let whole = run(dir.path(), out.path(), &plain()).unwrap();
+    let path = |name: &str| out.path().join(name);
+    for number in 1..=3 {
+        run_shard(dir.path(), &path(&format!("part{number}.h5")), Some(Shard { number, of: 3 }), &plain()).unwrap();
+    }
+    let merge = |of: &[&str], to: &str| {
+        let (of, said): (Vec<PathBuf>, _) = (of.iter().map(|name| path(name)).collect(), Mutex::new(String::new()));
+        let tell =
+            |what: &str, _: usize, total: usize| said.lock().unwrap().push_str(if total == 0 { what } else { "" });
+        let funnel = merge_shards(&of, &[], &Places::of(&path(to)), &plain(), &tell).unwrap();
+        (funnel, said.into_inner().unwrap())
+    };
+    let (_, said) = merge(&["part3.h5", "part1.h5"], "some.h5");
+    assert!(said.contains("shard 2/3 is missing"), "{said}");
+    let (funnel, said) = merge(&["some.h5", "part2.h5"], "merged.h5");
+    assert!(funnel == whole && !said.contains("missing"), "{said}");
+    let sum = |path| Corpus::open(path).unwrap().checksum().unwrap();
+    assert_eq!(sum(&path("merged.h5")), sum(&path("corpus.h5")));
+}
+
+#[test]
+fn parts_that_no_file_falls_into_are_not_missing() {
+    let dir = tempfile::tempdir().unwrap();
+    write(dir.path(), &creatures(2));
+    let out = tempfile::tempdir().unwrap();
+    let mut parts = Vec::new();
+    for number in 1..=8 {
+        let path = out.path().join(format!("part{number}.h5"));
+        match run_shard(dir.path(), &path, Some(Shard { number, of: 8 }), &plain()) {
+            Ok(_) => parts.push(path),
+            Err(error) => assert!(matches!(error, CurateError::NothingLeft { assets: 0, .. }), "{error}"),
+        }
+    }
+    assert!((1..=2).contains(&parts.len()));
+    let merged = Places::of(&out.path().join("merged.h5"));
+    let tell = |what: &str, _: usize, _: usize| assert!(!what.contains("missing"), "{what}");
+    assert_eq!(merge_shards(&parts, &[], &merged, &plain(), &tell).unwrap().kept, 2);
+    // By their names they may be given, too.
+    let all: Vec<PathBuf> = (1..=8).map(|number| out.path().join(format!("part{number}.h5"))).collect();
+    assert_eq!(merge_shards(&all, &[], &merged, &plain(), &tell).unwrap().kept, 2);
 }
 
 #[test]

@@ -32,7 +32,7 @@ Examples:
   riglab curate models/ -o corpus.h5 --on slurm --parts 16 --set slurm.time=2:00:00
 
 Shards find the duplicates within themselves. `--merge` finds those between them too, by the journals beside
-the corpora; `riglab dataset merge` leaves out what is equal byte by byte.")]
+the corpora, and what it makes can be merged again; `riglab dataset merge` leaves out what is equal byte by byte.")]
 pub struct Args {
     /// Folder of files, with those below it; with --merge the corpora of its shards.
     #[arg(required = true, value_name = "FOLDER")]
@@ -127,16 +127,22 @@ pub fn run(args: &Args) -> Result<ExitCode> {
     if let Some((_, mut bar)) = bar.lock().ok().and_then(|mut b| b.take()) {
         bar.finish();
     }
-    match done {
-        Ok(funnel) => {
+    match (done, args.shard) {
+        (Ok(funnel), _) => {
             show(&funnel, &places, args.json)?;
             Ok(ExitCode::SUCCESS)
         }
-        Err(e @ CurateError::NothingLeft { .. }) => {
+        // A small folder leaves some of many parts without a file.
+        (Err(CurateError::NothingLeft { assets: 0, .. }), Some(Shard { number, of })) => {
+            let out = shown(&places.out);
+            tell!("note: no file falls into part {number} of {of}: {out} is not written, and --merge does without it");
+            Ok(ExitCode::SUCCESS)
+        }
+        (Err(e @ CurateError::NothingLeft { .. }), _) => {
             tell!("error: {e}");
             Ok(ExitCode::FAILURE)
         }
-        Err(e) => Err(e.into()),
+        (Err(e), _) => Err(e.into()),
     }
 }
 
