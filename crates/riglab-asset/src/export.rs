@@ -331,8 +331,9 @@ pub fn alone(name: &str, rig: &Rig, provenance: &Provenance, options: &ExportOpt
 }
 
 /// The file at `path` without its rig: no skins, no weights, no nodes that were for joints alone, no motion
-/// of them, no humanoid or springs of VRM. Meshes stand where the rest pose shows them, as the importer reads
-/// it, or, where the rig is broken, their nodes place them. A file without a rig comes back as it is, but for being one GLB.
+/// of them, no humanoid or springs of VRM. Meshes stand as the rest pose shows them, as the importer reads
+/// it (but by [`crate::Reading::shown_off`] away, so that they stay among what no joint moved), or, where the rig is broken,
+/// their nodes place them. A file without a rig comes back as it is, but for being one GLB.
 ///
 /// # Errors
 /// What is wrong with the file beyond its rig; [`ExportFault::NotADocument`] for other formats than glTF.

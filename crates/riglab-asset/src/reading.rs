@@ -22,6 +22,9 @@ pub struct Reading {
     pub clips: Vec<Clip>,
     /// Where a root above all joints would stand.
     pub origin: Vec3,
+    /// How far the file shows everything that hangs on the joints from where it was bound, and is read, where that is the same
+    /// way for all of it: quantised meshes are brought to size by their inverse bind matrices, which a rig has no scale for.
+    pub shown_off: Vec3,
     /// Which axis of the file points up; rigs have y up.
     pub up: Up,
     /// Whether the format says that a model's front is -z, as VRM 0.x does; what says nothing mostly faces +z.

@@ -3,7 +3,7 @@
 mod common;
 
 use common::{INDICES, JOINTS, POSITION, Tiny, WEIGHTS};
-use riglab_asset::{Binding, ImportOptions, Imported, RootPolicy, Warning, import, import_bytes};
+use riglab_asset::{Binding, ImportOptions, Imported, RootPolicy, Warning, export, import, import_bytes};
 use riglab_core::JointId;
 use serde_json::json;
 
@@ -218,6 +218,22 @@ fn a_skin_on_joints_that_another_had_moved_goes_with_them() {
     let imported = read(&quantised(tiny, 2, 0.25, 0.5));
     let positions = imported.mesh().positions();
     assert_eq!((positions[2], positions[6]), ([0.0, 2.5, 0.0], [0.0, 2.5, 0.0]));
+}
+
+#[test]
+fn quantised_models_without_their_rig_stand_where_the_file_shows_them() {
+    // The root's inverse bind matrix brings to size; the rig has no scale, and stands elsewhere. A hat hangs on nothing.
+    let hat = json!({"primitives": [{"attributes": {"POSITION": POSITION}, "indices": INDICES}]});
+    let mut tiny = quantised(Tiny::new(), 1, 0.25, 0.5).with("/nodes/-", json!({"mesh": 2})).with("/meshes/-", hat);
+    tiny.document["nodes"][0] = json!({"name": "body"});
+    let imported = read(&tiny);
+    assert_eq!((imported.mesh().positions()[0], imported.reading.shown_off), ([-2.0, 1.0, -2.0], [2.0, -1.0, 2.0]));
+    let bare = export::strip_bytes("a.glb", &tiny.glb(), None, &ImportOptions::default()).unwrap().bytes;
+    let bare = import_bytes("a.glb", &bare, &ImportOptions::default()).unwrap();
+    let shown = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 2.5, 0.0], [0.0, 0.0, 1.0]];
+    assert_eq!(bare.mesh().positions(), [shown, shown].concat());
+    // Of skins that are shown elsewhere by one and another way, nothing is moved.
+    assert_eq!(read(&quantised(Tiny::new(), 1, 0.25, 0.5)).reading.shown_off, [0.0; 3]);
 }
 
 #[test]

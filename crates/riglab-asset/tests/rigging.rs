@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 use riglab_asset::export::{self, ExportNote, ExportOptions, Influences, JointFrames};
 use riglab_asset::rigging::{Subject, SubjectNote, SubjectOptions, UpAxis};
 use riglab_asset::{Fault, ImportOptions, Warning, import, import_bytes};
-use riglab_core::{Rig, Skeleton, SkinWeights};
+use riglab_core::{Rig, Skeleton, SkinWeights, Vec3};
 use serde_json::{Value, json};
 
 /// JSON and binary chunk.
@@ -30,10 +30,12 @@ fn pictures((json, binary): &(Value, Vec<u8>)) -> Vec<Vec<u8>> {
     images.filter_map(|i| Some(view(i.get("bufferView")?.as_u64()?))).collect()
 }
 
-/// The rows of a rig for the mesh of a subject: those of a vertex in the same place, else the root's.
-fn true_rig(subject: &Subject, rig: &Rig) -> Rig {
+/// The rows of a rig for the mesh of a subject: those of the vertex that is moved `by` so much to the same place, else the
+/// root's.
+fn true_rig(subject: &Subject, rig: &Rig, by: Vec3) -> Rig {
     let key = |p: &[f32; 3]| p.map(|x| (x + 0.0).to_bits());
-    let at: HashMap<_, _> = rig.mesh().positions().iter().enumerate().map(|(v, p)| (key(p), v)).collect();
+    let shown = |p: &Vec3| -> Vec3 { std::array::from_fn(|k| p[k] + by[k]) };
+    let at: HashMap<_, _> = rig.mesh().positions().iter().map(shown).enumerate().map(|(v, p)| (key(&p), v)).collect();
     let rows = subject.mesh().positions().iter().map(|p| match at.get(&key(p)) {
         Some(&v) => rig.weights().row(v).map(|(j, w)| (j.0, f64::from(w))).collect(),
         None => vec![(0, 1.0)],
@@ -109,7 +111,7 @@ fn true_rigs_of_bare_models_read_back_and_looks_stay() {
         for input in [&bare, &path] {
             let before = std::fs::read(input).unwrap();
             let subject = Subject::read(input, &SubjectOptions::default()).unwrap();
-            let rig = true_rig(&subject, rig);
+            let rig = true_rig(&subject, rig, imported.reading.shown_off);
             let exported = subject.attach(&rig, &all_influences()).unwrap();
             assert_eq!(exported, subject.attach(&rig, &all_influences()).unwrap(), "{name}");
             reads_back(&name, &exported.bytes, &rig, false);
@@ -224,7 +226,7 @@ fn an_obj_takes_its_materials_along() {
     let path = write_obj(temp.path(), fox.rig().unwrap());
     let subject = Subject::read(&path, &SubjectOptions::default()).unwrap();
     assert!(subject.notes().iter().all(|n| !matches!(n, SubjectNote::FileMissing(_))), "{:?}", subject.notes());
-    let rig = true_rig(&subject, fox.rig().unwrap());
+    let rig = true_rig(&subject, fox.rig().unwrap(), [0.0; 3]);
     let exported = subject.attach(&rig, &all_influences()).unwrap();
     reads_back("fox.obj", &exported.bytes, &rig, false);
     let after = parts(&exported.bytes);
@@ -299,7 +301,7 @@ fn the_preview_bends_every_joint_and_changes_nothing_else() {
     for file in ["khronos_fox.glb", "quaternius_rts_archer.glb"] {
         let subject = Subject::read(folder.join(file), &SubjectOptions::default()).unwrap();
         let rig = import(folder.join(file), &ImportOptions::default()).unwrap();
-        let rig = true_rig(&subject, rig.rig().unwrap());
+        let rig = true_rig(&subject, rig.rig().unwrap(), [0.0; 3]);
         for frames in [JointFrames::Parallel, JointFrames::AlongBone] {
             let options = ExportOptions { frames, ..all_influences() };
             let bare = subject.attach(&rig, &options).unwrap().bytes;
@@ -363,7 +365,7 @@ fn an_fbx_is_rigged_anew_or_keeps_its_skeleton() {
         assert_eq!(subject.old_rig().is_some(), options.keep_rig);
         assert_eq!(subject.mesh().triangles().len(), fox.rig.mesh().triangles().len());
         let read = import_bytes("fox.fbx", &bytes, &ImportOptions::default()).unwrap();
-        let rig = true_rig(&subject, read.rig().unwrap());
+        let rig = true_rig(&subject, read.rig().unwrap(), [0.0; 3]);
         let bound = (0..rig.mesh().positions().len()).filter(|&v| rig.weights().row(v).any(|(j, _)| j.0 > 0));
         assert!(10 * bound.count() > 9 * rig.mesh().positions().len(), "vertices stand where the importer has them");
         reads_back("fox.fbx", &subject.attach(&rig, &all_influences()).unwrap().bytes, &rig, false);

@@ -29,6 +29,7 @@ pub(super) struct Binds {
     /// From joint space to the scene, by node; for bones only.
     frames: Vec<Option<DAffine3>>,
     origin: DVec3,
+    shown_off: DVec3,
 }
 
 impl Binds {
@@ -42,8 +43,14 @@ impl Binds {
 
         let mut maps: Vec<Vec<DAffine3>> = skins.iter().map(|skin| skin_maps(skin, &frames)).collect();
         let (mut bent, mut posed, mut size) = (Vec::new(), Vec::new(), 1.0);
+        // What the first skin says of that; whether all say the same.
+        let (mut shown_off, mut agreed) = (None, true);
         for (number, skin) in skins.iter().enumerate() {
-            let (Some(inverse), Some(corners)) = (&skin.inverse_binds, boxes[number].map(corners)) else { continue };
+            let Some(corners) = boxes[number].map(corners) else { continue };
+            let Some(inverse) = &skin.inverse_binds else {
+                agreed = false;
+                continue;
+            };
             let maps = &mut maps[number];
             let slot = top_joint(nodes, skin);
             let top = maps[slot];
@@ -55,13 +62,19 @@ impl Binds {
                     frames[node] = Some(top * inverse.inverse());
                 }
             }
-            if stands_elsewhere(nodes, skin, inverse, slot, &top, &like) {
+            if let Some(shift) = shown_off_by(nodes, skin, inverse, slot, &top, &like) {
+                let by = |shift| DAffine3::from_translation(shift) * top;
+                let first = *shown_off.get_or_insert(if like.same(&by(shift), &top) { DVec3::ZERO } else { shift });
+                agreed &= like.same(&by(first), &by(shift));
+            } else {
                 if posed.is_empty() {
                     size = larger(&(*nodes.global(skin.joints[slot]) * inverse[slot]), &top);
                 }
                 posed.push(number);
             }
         }
+        let alike = agreed && bent.is_empty() && posed.is_empty();
+        let shown_off = shown_off.filter(|_| alike).unwrap_or(DVec3::ZERO);
         if !bent.is_empty() {
             // Other skins go with the joints that were moved.
             for (number, skin) in skins.iter().enumerate().filter(|(number, _)| !bent.contains(number)) {
@@ -77,7 +90,7 @@ impl Binds {
         if !posed.is_empty() {
             warnings.push(Warning::RestIsNotBind { skins: posed, size });
         }
-        Self { maps, frames, origin }
+        Self { maps, frames, origin, shown_off }
     }
 
     /// From mesh space to the scene, by slot of a skin.
@@ -107,6 +120,11 @@ impl Binds {
     /// Where the deepest node above all joints is at rest.
     pub(super) fn origin(&self) -> DVec3 {
         self.origin
+    }
+
+    /// How far the nodes show all skins from where they are at rest, if that is the same for all and the pose is, too.
+    pub(super) fn shown_off(&self) -> DVec3 {
+        self.shown_off
     }
 }
 
@@ -195,19 +213,19 @@ fn larger(one: &DAffine3, other: &DAffine3) -> f64 {
     if size.is_normal() && !(0.8..=1.25).contains(&size) { size } else { 1.0 }
 }
 
-/// Whether the nodes of a skin's joints stand in another pose than the bind pose, in which `top` maps
-/// the mesh to the scene.
-fn stands_elsewhere(
+/// How far the nodes of a skin's joints show it from where `top` maps it to the scene in the bind pose; `None` where they
+/// stand in another pose.
+fn shown_off_by(
     nodes: &Nodes,
     skin: &Skin,
     inverse: &[DAffine3],
     slot: usize,
     top: &DAffine3,
     like: &Likeness,
-) -> bool {
+) -> Option<DVec3> {
     let posed = |slot: usize| *nodes.global(skin.joints[slot]) * inverse[slot];
     // Inverse bind matrices may carry a scale, as those of quantised meshes do. It is taken out bone by
-    // bone, which shifts the whole rig: no matter of pose.
+    // bone, which shifts the whole rig: no matter of pose, but what is not of the rig stays where it was.
     let scaled = (inverse[slot].matrix3.determinant().abs().cbrt() - 1.0).abs() > SAME;
     let shift = match scaled && !is_flat(&posed(slot).matrix3, FLAT) {
         true => like.shift(&posed(slot), top),
@@ -215,5 +233,6 @@ fn stands_elsewhere(
     };
     let expected = DAffine3::from_translation(shift) * *top;
     // A hidden joint stands nowhere.
-    (0..inverse.len()).map(posed).any(|posed| !is_flat(&posed.matrix3, FLAT) && !like.same(&posed, &expected))
+    let fits = |posed: DAffine3| is_flat(&posed.matrix3, FLAT) || like.same(&posed, &expected);
+    (0..inverse.len()).map(posed).all(fits).then_some(shift)
 }

@@ -75,9 +75,22 @@ pub(crate) fn read(bytes: &[u8], folder: Option<&Path>, options: &ImportOptions)
     let clips = options.clips.map(|resample| clips::read(chunks.json, &document, &scene, resample, &mut warnings));
     let clips = clips.unwrap_or_default();
     let origin = binds.origin().as_vec3().into();
+    let shown_off = binds.shown_off().as_vec3();
+    let shown_off = if shown_off.is_finite() { shown_off.into() } else { [0.0; 3] };
     let faces_back = vrm::faces_back(&document);
     Ok((
-        Reading { joints, vertex_sets, parts, body, clips, origin, faces_back, warnings, ..Reading::default() },
+        Reading {
+            joints,
+            vertex_sets,
+            parts,
+            body,
+            clips,
+            origin,
+            shown_off,
+            faces_back,
+            warnings,
+            ..Reading::default()
+        },
         rights::read(&document),
     ))
 }

@@ -281,6 +281,12 @@ impl Subject {
         self.rig.as_ref()
     }
 
+    /// How far the file shows the model from where the rig that is kept holds it, in the axes of [`Self::mesh`]; see
+    /// [`crate::Reading::shown_off`]. A model that is read without its rig stands where the file shows it.
+    pub fn shown_off(&self) -> Vec3 {
+        self.turn.onto_mesh(self.source.imported.reading.shown_off)
+    }
+
     /// What a person may want to know before and after.
     pub fn notes(&self) -> &[SubjectNote] {
         &self.notes

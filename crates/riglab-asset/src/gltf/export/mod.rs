@@ -74,7 +74,9 @@ pub(crate) fn onto(
 /// See [`crate::export::strip`].
 pub(crate) fn strip(bytes: &[u8], folder: Option<&Path>, reading: &Reading) -> Result<Exported, ExportFault> {
     edit(bytes, folder, |draft, source, notes| {
-        let scene = Scene::new(&source, reading, None)?.ok_or(ExportFault::OtherSource)?;
+        let mut scene = Scene::new(&source, reading, None)?.ok_or(ExportFault::OtherSource)?;
+        let shown = glam::DAffine3::from_translation(glam::Vec3::from(reading.shown_off).as_dvec3());
+        scene.surfaces.iter_mut().for_each(|surface| surface.map = shown * surface.map);
         strip::strip(draft, source.accessors, &scene, reading, notes)?;
         Ok(())
     })

@@ -1,5 +1,7 @@
 //! A document without its rig.
 
+use std::borrow::Cow;
+
 use super::super::accessor::Accessors;
 use super::bake::Baker;
 use super::bind::by_node;
@@ -12,7 +14,18 @@ use super::vrm;
 use crate::maps::is_mirrored;
 use crate::{ExportNote, Fault, Reading};
 
-/// Takes the rig out; what it moved stays where the rest pose shows it.
+/// Where the vertices of each set of a reading are shown.
+fn shown(reading: &Reading) -> Vec<Cow<'_, [[f32; 3]]>> {
+    let by = reading.shown_off;
+    let sets = reading.vertex_sets.iter().map(|set| &set.positions[..]);
+    if by == [0.0; 3] {
+        return sets.map(Cow::from).collect();
+    }
+    let moved = |p: &[f32; 3]| std::array::from_fn(|k| (p[k] + by[k]).clamp(f32::MIN, f32::MAX));
+    sets.map(|positions| positions.iter().map(moved).collect()).collect()
+}
+
+/// Takes the rig out; what it moved stays as the rest pose shows it, and where the file does. The maps of `scene` lead there.
 pub(super) fn strip(
     draft: &mut Draft,
     accessors: &Accessors<'_>,
@@ -23,7 +36,8 @@ pub(super) fn strip(
     let mut meshes = Meshes::new(draft);
     let mut moved = Moved::new();
     let mut turned = 0;
-    let at = |surface: &Surface| &reading.vertex_sets[surface.set].positions[..];
+    let placed = shown(reading);
+    let at = |surface: &Surface| &placed[surface.set][..];
     for (node, surfaces) in by_node(scene.surfaces.iter()) {
         let global = *scene.nodes.global(node);
         let by_node = |p: [f32; 3]| global.transform_point3(glam::Vec3::from(p).as_dvec3()).as_vec3().to_array();

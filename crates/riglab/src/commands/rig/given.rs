@@ -8,12 +8,13 @@ use riglab_asset::{ImportOptions, import, is_model_file, read_arrays};
 use riglab_core::{Bounds, Joint, JointId, Mesh, Skeleton, Vec3};
 
 /// Reads a skeleton: of a rigged file, or of a file of joints alone, as a rig text without mesh and weights or what a
-/// skeleton stage predicts.
+/// skeleton stage predicts. Where the file shows it, as a model is that is read without its rig.
 pub fn read(file: &Path) -> Result<Skeleton> {
     match import(file, &ImportOptions::default()) {
         Ok(imported) => {
             let rig = imported.rig().with_context(|| format!("{}: there is no skeleton in it", file.display()))?;
-            Ok(rig.skeleton().clone())
+            let (own, by) = (rig.skeleton(), imported.reading.shown_off);
+            Ok(own.with_heads(own.heads().iter().map(|p| std::array::from_fn(|k| p[k] + by[k])).collect())?)
         }
         Err(e) if is_model_file(file) => Err(e.into()),
         // What is no rig may have joints all the same; if not, why it is no rig is the fault.

@@ -7,7 +7,7 @@ use anyhow::{Context, Result, anyhow, ensure};
 use riglab_asset::ImportOptions;
 use riglab_asset::export::{self, ExportNote};
 use riglab_asset::rigging::{Subject, SubjectOptions, human_bones, humanoid, name_added, name_joints, name_others};
-use riglab_core::{Bounds, Humanoid, Mesh, Rig, RigError, Skeleton};
+use riglab_core::{Bounds, Humanoid, Rig, RigError, Skeleton, Vec3};
 use riglab_files::make_folder_of;
 use riglab_report::shell::command;
 use riglab_reward::Rewards;
@@ -294,13 +294,17 @@ fn skeleton(
         // A rig that gets more joints does not stay: it is read beside the bare model.
         Given::Kept if *complete => {
             let whole = Subject::read(from, &SubjectOptions { keep_rig: true, ..options.clone() })?;
+            // The bare model stands where the file shows it, its rig where it was bound.
+            let by = whole.shown_off();
+            let shown = |p: &Vec3| -> Vec3 { std::array::from_fn(|k| p[k] + by[k]) };
             ensure!(
-                alike(whole.mesh(), subject.mesh()),
+                alike(whole.mesh().positions().iter().map(shown), subject.mesh().positions().iter().copied()),
                 "{}: the model is shown in another pose than that in which its skeleton holds it; save it at rest, then \
                  complete it",
                 from.display()
             );
-            kept(&whole, from).map(|own| (Some(own), None))
+            let own = kept(&whole, from)?;
+            Ok((Some(own.with_heads(own.heads().iter().map(shown).collect())?), None))
         }
         Given::Kept => kept(subject, from).map(|own| (Some(own), None)),
         Given::File(file) => {
@@ -322,9 +326,9 @@ fn kept(subject: &Subject, from: &Path) -> Result<Skeleton> {
     Ok(rig.skeleton().clone())
 }
 
-/// Whether two meshes take up the same room, but for a twentieth.
-fn alike(a: &Mesh, b: &Mesh) -> bool {
-    let [Some(a), Some(b)] = [a, b].map(|mesh| Bounds::of(mesh.positions().iter().copied())) else { return false };
+/// Whether the vertices of two meshes take up the same room, but for a twentieth.
+fn alike(a: impl Iterator<Item = Vec3>, b: impl Iterator<Item = Vec3>) -> bool {
+    let (Some(a), Some(b)) = (Bounds::of(a), Bounds::of(b)) else { return false };
     let room = 0.05 * a.diagonal();
     (0..3).all(|k| (a.min[k] - b.min[k]).abs() <= room && (a.max[k] - b.max[k]).abs() <= room)
 }
