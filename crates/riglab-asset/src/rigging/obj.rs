@@ -8,7 +8,7 @@ use tobj::{LoadError, LoadOptions};
 
 use super::{SubjectNote, beside};
 use crate::Fault;
-use crate::gltf::export::model::{Look, Model, Object, Patch, Picture, is_picture};
+use crate::gltf::export::model::{Lie, Look, Model, Object, Patch, Picture, is_picture};
 use crate::wavefront::{self, Asked};
 
 /// Reads an OBJ; material libraries and pictures are looked for in `folder`, if at all. Positions stay bit
@@ -98,34 +98,68 @@ struct Pictures<'a> {
 }
 
 impl Pictures<'_> {
-    fn number(&mut self, named: Option<&String>) -> Option<usize> {
-        let named = named?;
+    /// The picture that a line of a material names, and how it lies.
+    fn number(&mut self, line: Option<&String>) -> (Option<usize>, Lie) {
+        let Some(line) = line else { return (None, Lie::PLAIN) };
+        let (lie, named) = options(line);
         if let Some(known) = self.known.get(named) {
-            return *known;
+            return (*known, lie);
         }
-        // Options such as `-s 2 2 2` stand before the name, which may have blanks itself.
-        let tail = |from: usize| named.split_whitespace().skip(from).collect::<Vec<_>>().join(" ");
-        let words = named.split_whitespace().count();
-        let options = if named.trim_start().starts_with('-') { 1 } else { words };
-        let bytes = beside::read(self.folder, named)
-            .or_else(|| (options..words).find_map(|from| beside::read(self.folder, &tail(from))));
-        let number = match bytes {
+        let number = match beside::read(self.folder, named) {
             Some(bytes) if is_picture(&bytes) => {
                 self.found.push(Picture { name: stem(named), bytes });
                 Some(self.found.len() - 1)
             }
             Some(_) => {
-                self.notes.push(SubjectNote::OtherPicture(named.clone()));
+                self.notes.push(SubjectNote::OtherPicture(named.to_owned()));
                 None
             }
             None => {
-                self.notes.push(SubjectNote::FileMissing(named.clone()));
+                self.notes.push(SubjectNote::FileMissing(named.to_owned()));
                 None
             }
         };
-        self.known.insert(named.clone(), number);
-        number
+        self.known.insert(named.to_owned(), number);
+        (number, lie)
     }
+}
+
+/// What stands before the name of a picture, such as `-s 2 2 2`, and the name, which may have blanks. Of options, the size of
+/// the texture and its offset count.
+fn options(line: &str) -> (Lie, &str) {
+    let (mut scale, mut offset) = ([1.0; 2], [0.0; 2]);
+    let mut rest = line.trim();
+    let word = |of: &str| of.split_whitespace().next().unwrap_or_default().len();
+    while rest.starts_with('-') {
+        let (option, mut behind) = rest.split_at(word(rest));
+        behind = behind.trim_start();
+        let most = match option {
+            "-s" | "-o" | "-t" => 3,
+            "-mm" => 2,
+            "-blendu" | "-blendv" | "-cc" | "-clamp" | "-boost" | "-bm" | "-texres" | "-imfchan" | "-type" => 1,
+            // A name that starts so.
+            _ => break,
+        };
+        let mut numbers = Vec::new();
+        for _ in 0..most {
+            let (value, further) = behind.split_at(word(behind));
+            let number = value.parse::<f32>().ok();
+            // Of three numbers one or two may be left out, but for the name nothing is left out.
+            if further.is_empty() || (most == 3 && number.is_none()) {
+                break;
+            }
+            numbers.extend(number);
+            behind = further.trim_start();
+        }
+        let of = match option {
+            "-s" => Some(&mut scale),
+            "-o" => Some(&mut offset),
+            _ => None,
+        };
+        of.into_iter().for_each(|of| of.iter_mut().zip(&numbers).for_each(|(own, told)| *own = *told));
+        rest = behind;
+    }
+    (Lie::from_below(scale, offset), rest)
 }
 
 /// The name of a file without folder and ending.
@@ -152,8 +186,8 @@ fn look(material: &tobj::Material, pictures: &mut Pictures<'_>) -> Look {
     let unit = |x: f32| if x.is_finite() { x.clamp(0.0, 1.0) } else { 0.0 };
     let extra = |name: &str| material.unknown_param.get(name).and_then(|v| v.parse::<f32>().ok()).map(unit);
     let plain = Look::plain(&material.name);
-    let picture = pictures.number(material.diffuse_texture.as_ref());
-    let normals = pictures.number(material.unknown_param.get("norm"));
+    let (picture, colour_lies) = pictures.number(material.diffuse_texture.as_ref());
+    let (normals, normals_lie) = pictures.number(material.unknown_param.get("norm"));
     let [r, g, b] = match (material.diffuse, picture) {
         // Black under a picture is what exporters write that know of no factor.
         (Some([0.0, 0.0, 0.0]) | None, Some(_)) => [1.0; 3],
@@ -169,6 +203,7 @@ fn look(material: &tobj::Material, pictures: &mut Pictures<'_>) -> Look {
         colour: [r, g, b, alpha],
         picture,
         normals,
+        lies: [colour_lies, normals_lie, Lie::PLAIN],
         glow: material.emissive.map_or([0.0; 3], |e| e.map(unit)),
         metallic: extra("Pm").unwrap_or(0.0),
         roughness: extra("Pr").unwrap_or(roughness),
@@ -209,6 +244,29 @@ mod tests {
         let first = &model.objects[0].patches[0];
         assert_eq!(first.coordinates, [[0.0, 1.0], [1.0, 0.75], [1.0, 1.0]]);
         assert_eq!((first.normals.as_slice(), first.look), (&[[0.0, 0.0, 1.0]; 3][..], Some(0)));
+    }
+
+    #[test]
+    fn options_before_a_picture_place_it_and_are_no_part_of_its_name() {
+        let lie = |offset, scale| Lie { offset, scale };
+        // From the upper left corner: v = 1 - (4 (1 - w) + 0.25).
+        let placed = (lie([0.5, -3.25], [2.0, 4.0]), "a b.png");
+        assert_eq!(options("-s 2 4 1 -o .5 .25 -clamp on a b.png"), placed);
+        assert_eq!(options("-mm 0 1 -o 0.5 -bm 2 a b.png"), (lie([0.5, 0.0], [1.0; 2]), "a b.png"));
+        for plain in ["a.png", "-s 1 1 1 a.png", "-s 0 0 a.png", "-s inf a.png", "-s a.png", "-type sphere a.png"] {
+            assert_eq!(options(plain), (Lie::PLAIN, "a.png"), "{plain}");
+        }
+        assert_eq!((options("-a.png").1, options("-s 2").1, options("-clamp").1), ("-a.png", "2", ""));
+        let folder = tempfile::tempdir().unwrap();
+        std::fs::write(folder.path().join("a.png"), b"\x89PNG\r\n\x1a\n and so on").unwrap();
+        let library = "newmtl m\nmap_Kd -s 4 4 1 a.png\nnewmtl n\nmap_Kd a.png\n";
+        std::fs::write(folder.path().join("a.mtl"), library).unwrap();
+        let text = format!("mtllib a.mtl\n{QUAD}usemtl m\nf 1/1 2/2 3/3\n");
+        let model = read("m", text.as_bytes(), Some(folder.path()), &mut Vec::new()).unwrap();
+        assert_eq!((model.pictures.len(), &model.pictures[0].name[..]), (1, "a"));
+        let glb = String::from_utf8_lossy(&model.into_glb().unwrap()).into_owned();
+        assert!(glb.contains(r#""KHR_texture_transform":{"offset":[0.0,-3.0],"scale":[4.0,4.0]}"#), "{glb}");
+        assert!(glb.contains(r#""extensionsUsed":["KHR_texture_transform"]"#), "{glb}");
     }
 
     #[test]

@@ -43,11 +43,32 @@ pub(crate) struct Look {
     /// Pictures, by number.
     pub(crate) picture: Option<usize>,
     pub(crate) normals: Option<usize>,
+    pub(crate) glow_picture: Option<usize>,
+    /// How each of those three lies on the surface.
+    pub(crate) lies: [Lie; 3],
     pub(crate) glow: [f32; 3],
     pub(crate) metallic: f32,
     pub(crate) roughness: f32,
     /// Whether the alpha of colour and picture is to be seen.
     pub(crate) transparent: bool,
+}
+
+/// How a picture lies on a surface: where texture coordinates are looked up in it, from its upper left corner.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Lie {
+    pub(crate) offset: [f32; 2],
+    pub(crate) scale: [f32; 2],
+}
+
+impl Lie {
+    pub(crate) const PLAIN: Self = Self { offset: [0.0; 2], scale: [1.0; 2] };
+
+    /// Of a scale and an offset after it, both of coordinates from the lower left corner; plain where they say nothing.
+    pub(crate) fn from_below([su, sv]: [f32; 2], [u, v]: [f32; 2]) -> Self {
+        let lie = Self { offset: [u, 1.0 - sv - v], scale: [su, sv] };
+        let sound = [lie.offset, lie.scale].as_flattened().iter().all(|x| x.is_finite()) && su != 0.0 && sv != 0.0;
+        if sound { lie } else { Self::PLAIN }
+    }
 }
 
 impl Look {
@@ -58,11 +79,19 @@ impl Look {
             colour: [0.8, 0.8, 0.8, 1.0],
             picture: None,
             normals: None,
+            glow_picture: None,
+            lies: [Lie::PLAIN; 3],
             glow: [0.0; 3],
             metallic: 0.0,
             roughness: 0.8,
             transparent: false,
         }
+    }
+
+    /// Whether a picture lies on the surface otherwise than texture coordinates say.
+    fn is_placed(&self) -> bool {
+        let pictures = [self.picture, self.normals, self.glow_picture];
+        pictures.iter().zip(&self.lies).any(|(picture, lie)| picture.is_some() && *lie != Lie::PLAIN)
     }
 }
 
@@ -92,6 +121,9 @@ impl Model {
         if !self.pictures.is_empty() {
             // Repeated, with mipmaps: what OBJ and FBX mean where they say nothing.
             draft.push("samplers", json!({"wrapS": 10497, "wrapT": 10497, "minFilter": 9987, "magFilter": 9729}));
+        }
+        if self.looks.iter().any(Look::is_placed) {
+            draft.json["extensionsUsed"] = json!(["KHR_texture_transform"]);
         }
         for look in &self.looks {
             draft.push("materials", material(look));
@@ -137,18 +169,30 @@ fn floats(draft: &mut Draft, all: &[f32], layout: Layout) -> usize {
     draft.accessor(&bytes, layout, Some(ARRAY))
 }
 
+fn texture(picture: usize, lie: Lie) -> Value {
+    if lie == Lie::PLAIN {
+        return json!({"index": picture});
+    }
+    let Lie { offset, scale } = lie;
+    json!({"index": picture, "extensions": {"KHR_texture_transform": {"offset": offset, "scale": scale}}})
+}
+
 fn material(look: &Look) -> Value {
+    let [colour_lies, normals_lie, glow_lies] = look.lies;
     let mut surface = json!({
         "baseColorFactor": look.colour,
         "metallicFactor": look.metallic,
         "roughnessFactor": look.roughness,
     });
     if let Some(picture) = look.picture {
-        surface["baseColorTexture"] = json!({"index": picture});
+        surface["baseColorTexture"] = texture(picture, colour_lies);
     }
     let mut all = json!({"name": look.name, "pbrMetallicRoughness": surface});
     if let Some(picture) = look.normals {
-        all["normalTexture"] = json!({"index": picture});
+        all["normalTexture"] = texture(picture, normals_lie);
+    }
+    if let Some(picture) = look.glow_picture {
+        all["emissiveTexture"] = texture(picture, glow_lies);
     }
     if look.glow != [0.0; 3] {
         all["emissiveFactor"] = json!(look.glow);
