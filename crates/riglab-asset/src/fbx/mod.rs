@@ -9,7 +9,7 @@
 //! may have normals and texture coordinates of their own, do not split them. Positions come out in metres,
 //! right-handed and y up, as the axes and the unit in the file's settings say.
 //!
-//! Not read: blend shapes and animation, and materials only where a model is to be rigged ([`model`]). Files that this one refers to are not opened.
+//! Not read: blend shapes and animation; materials only where a model is to be rigged ([`model`]), which tells what it leaves. Files that this one refers to are not opened.
 
 mod joints;
 mod meshes;

@@ -1,36 +1,46 @@
 //! The surfaces and looks of a file, without its rig.
 
-use std::collections::HashMap;
+use std::collections::{BTreeSet, HashMap, HashSet};
 
 use glam::{DAffine3, DVec3};
-use ufbx::{Material, MaterialMap, Mesh, Texture};
+use ufbx::{AnimLayer, Element, Material, MaterialMap, Mesh, PropFlags, Scene, Texture};
 
 use super::joints::Joints;
 use super::meshes::{Hold, MAX_POLYGON, hold, point, span};
 use super::scene::{Nodes, affine};
 use super::shown;
 use crate::budget::{Budget, PART, TRIANGLE};
-use crate::gltf::export::model::{Look, Model, Object, Patch, Picture, is_picture};
+use crate::gltf::export::model::{Lie, Look, Model, Object, Patch, Picture, is_picture};
 use crate::maps::{FLAT, is_flat};
 use crate::{Fault, Place};
 
 /// Bytes of a vertex: position, normal, coordinates and colour, as read and as written.
 const CORNER: u64 = 2 * (12 + 12 + 8 + 16);
 
-/// What comes of a file: the model, and the names of pictures that `find` did not find.
+/// What of a file is not in its model.
+#[derive(Debug, Default, PartialEq)]
+pub(crate) struct Left {
+    /// The names of pictures that were not found.
+    pub(crate) missing: Vec<String>,
+    /// Of those that are neither PNG nor JPEG.
+    pub(crate) other: Vec<String>,
+    /// The properties of materials whose pictures are not taken over, or not as they lie.
+    pub(crate) maps: BTreeSet<String>,
+    /// Of what else is left, how much.
+    pub(crate) things: Vec<String>,
+}
+
+/// What comes of a file: the model, and what is left.
 ///
 /// Meshes stand where [`super::read`] has them, and those that hang on no joint where their nodes do. `find` gives the
 /// contents of a picture by its name.
-pub(crate) fn model(
-    name: &str,
-    bytes: &[u8],
-    find: impl Fn(&str) -> Option<Vec<u8>>,
-) -> Result<(Model, Vec<String>), Fault> {
+pub(crate) fn model(name: &str, bytes: &[u8], find: impl Fn(&str) -> Option<Vec<u8>>) -> Result<(Model, Left), Fault> {
     let scene = super::load(bytes, false)?;
     let nodes = Nodes::new(&scene);
     let joints = Joints::read(&scene, &nodes, &mut Vec::new())?;
     let budget = Budget::new(bytes.len());
-    let mut pictures = Pictures { find, known: HashMap::new(), found: Vec::new(), missing: Vec::new() };
+    let left = Left { things: things_left(&scene), ..Left::default() };
+    let mut pictures = Pictures { find, known: HashMap::new(), found: Vec::new(), left };
     let looks = (&scene.materials).into_iter().map(|material| look(material, &mut pictures)).collect();
     let mut model = Model { name: name.into(), looks, ..Model::default() };
     let mut copies = nodes.copies();
@@ -62,7 +72,45 @@ pub(crate) fn model(
         }
     }
     model.pictures = pictures.found;
-    Ok((model, pictures.missing))
+    Ok((model, pictures.left))
+}
+
+/// What of a scene no model has, beside its rig and pictures.
+fn things_left(scene: &Scene) -> Vec<String> {
+    let meshes = || (&scene.meshes).into_iter();
+    let shapes: usize =
+        meshes().flat_map(|mesh| (&mesh.blend_deformers).into_iter()).map(|shapes| shapes.channels.len()).sum();
+    let sets: usize = meshes().map(|mesh| mesh.uv_sets.len().saturating_sub(1)).sum();
+    let holders = (&scene.nodes).into_iter().filter(|node| node.mesh.is_some()).map(|node| &node.element);
+    let owners = holders.chain((&scene.materials).into_iter().map(|material| &material.element));
+    let own: usize = owners.map(own_properties).sum();
+    // Exporters write one for files at rest, too, with no curves in it.
+    let moves =
+        |layer: &AnimLayer| (&layer.anim_values).into_iter().any(|value| value.curves.iter().any(Option::is_some));
+    let stacks = (&scene.anim_stacks).into_iter().filter(|stack| (&stack.layers).into_iter().any(moves)).count();
+    let counted = |n: usize, one: &str, many: &str| match n {
+        0 => None,
+        1 => Some(format!("1 {one}")),
+        n => Some(format!("{n} {many}")),
+    };
+    [
+        counted(shapes, "blend shape", "blend shapes"),
+        counted(sets, "further set of texture coordinates", "further sets of texture coordinates"),
+        counted(own, "user property", "user properties"),
+        counted(stacks, "animation", "animations"),
+    ]
+    .into_iter()
+    .flatten()
+    .collect()
+}
+
+/// How many properties a user gave an element; those that programs give all are none.
+fn own_properties(of: &Element) -> usize {
+    let named = |name: &str| ["currentUVSet", "MaxHandle", "UDP3DSMAX", "lockInfluenceWeights"].contains(&name);
+    (&of.props.props)
+        .into_iter()
+        .filter(|prop| prop.flags.has_any(PropFlags::USER_DEFINED) && !named(&prop.name))
+        .count()
 }
 
 fn number_of(material: &Material) -> usize {
@@ -180,7 +228,7 @@ struct Pictures<F> {
     find: F,
     known: HashMap<u32, Option<usize>>,
     found: Vec<Picture>,
-    missing: Vec<String>,
+    left: Left,
 }
 
 impl<F: Fn(&str) -> Option<Vec<u8>>> Pictures<F> {
@@ -192,44 +240,226 @@ impl<F: Fn(&str) -> Option<Vec<u8>>> Pictures<F> {
         }
         let embedded: &[u8] = texture.content.as_ref();
         let names = [&texture.relative_filename, &texture.filename].map(|name| name.to_string());
+        let beside = || names.iter().find_map(|name| (self.find)(name));
         let bytes = match is_picture(embedded) {
             true => Some(embedded.to_vec()),
-            false => names.iter().find_map(|name| (self.find)(name)).filter(|bytes| is_picture(bytes)),
+            // What is there, if it is no picture that glTF knows.
+            false => beside().or_else(|| (!embedded.is_empty()).then(|| embedded.to_vec())),
         };
-        let number = bytes.map(|bytes| {
-            self.found.push(Picture { name: texture.element.name.to_string(), bytes });
-            self.found.len() - 1
-        });
-        if number.is_none() {
-            self.missing.push(names[0].clone());
-        }
+        let number = match bytes {
+            Some(bytes) if is_picture(&bytes) => {
+                self.found.push(Picture { name: texture.element.name.to_string(), bytes });
+                Some(self.found.len() - 1)
+            }
+            Some(_) => {
+                self.left.other.push(names[0].clone());
+                None
+            }
+            None => {
+                self.left.missing.push(names[0].clone());
+                None
+            }
+        };
         self.known.insert(key, number);
         number
     }
+
+    /// The picture of a map and how it lies; turned ones lie straight, which is told.
+    fn placed(&mut self, map: &MaterialMap, property: &str) -> (Option<usize>, Lie) {
+        let Some(picture) = self.number(map) else { return (None, Lie::PLAIN) };
+        let Some(texture) = map.texture.as_deref().filter(|texture| texture.has_uv_transform) else {
+            return (Some(picture), Lie::PLAIN);
+        };
+        let m = &texture.uv_to_texture;
+        if m.m01.abs().max(m.m10.abs()) > 1e-6 * m.m00.abs().max(m.m11.abs()) {
+            self.left.maps.insert(format!("{property} (as they are turned)"));
+            return (Some(picture), Lie::PLAIN);
+        }
+        (Some(picture), Lie::from_below([m.m00 as f32, m.m11 as f32], [m.m03 as f32, m.m13 as f32]))
+    }
+}
+
+/// How much of a surface is seen, from 0 to 1. Old materials say so as an opacity, or as a colour that is seen through them
+/// times a factor; of several what hides least counts. 1 where a file hides all, as files do that mean nothing by it.
+fn alpha(material: &Material) -> f32 {
+    let fbx = &material.fbx;
+    let mut all = vec![1.0];
+    let pbr = &material.pbr.opacity;
+    all.extend(pbr.has_value.then_some(pbr.value_vec4.x));
+    all.extend(material.element.props.find_prop("Opacity").map(|opacity| opacity.value_vec4.x));
+    let colour = &fbx.transparency_color;
+    if colour.has_value && colour.texture.is_none() {
+        let c = colour.value_vec4;
+        let factor = if fbx.transparency_factor.has_value { fbx.transparency_factor.value_vec4.x } else { 1.0 };
+        all.push(1.0 - factor * (c.x + c.y + c.z) / 3.0);
+    }
+    let least = all.into_iter().filter(|a| a.is_finite() && *a > 0.0).fold(1.0, f64::min);
+    unit(least)
 }
 
 fn look<F: Fn(&str) -> Option<Vec<u8>>>(material: &Material, pictures: &mut Pictures<F>) -> Look {
     let plain = Look::plain(&material.element.name);
     let pbr = &material.pbr;
     let number = |map: &MaterialMap| map.has_value.then(|| unit(map.value_vec4.x));
-    let picture = pictures.number(&pbr.base_color);
+    let (picture, colour_lies) = pictures.placed(&pbr.base_color, "DiffuseColor");
+    let (normals, normals_lie) = pictures.placed(&pbr.normal_map, "NormalMap");
+    let (glow_picture, glow_lies) = pictures.placed(&pbr.emission_color, "EmissiveColor");
     let colour = pbr.base_color.has_value.then_some(pbr.base_color.value_vec4).map(|c| [c.x, c.y, c.z].map(unit));
     // Where there is a picture, it is the colour: few programs multiply the two.
     let [r, g, b] = match picture {
         Some(_) => [1.0; 3],
         None => colour.unwrap_or([0.8; 3]),
     };
-    let alpha = number(&pbr.opacity).filter(|a| *a > 0.0).unwrap_or(1.0);
+    let alpha = alpha(material);
+    // The picture of the colour once more: its alpha.
+    let key = |map: &MaterialMap| map.texture.as_deref().map(|texture| texture.element.element_id);
+    let clear = [&pbr.opacity, &material.fbx.transparency_color, &material.fbx.transparency_factor];
+    let by_picture =
+        picture.is_some() && clear.iter().any(|map| key(map).is_some() && key(map) == key(&pbr.base_color));
+    let taken: HashSet<u32> =
+        [&pbr.base_color, &pbr.normal_map, &pbr.emission_color].into_iter().filter_map(key).collect();
+    for of in (&material.textures).into_iter().filter(|of| !taken.contains(&of.texture.element.element_id)) {
+        pictures.left.maps.insert(super::shown(&of.material_prop));
+    }
     let strength = number(&pbr.emission_factor).unwrap_or(1.0);
     let glow = pbr.emission_color.has_value.then_some(pbr.emission_color.value_vec4);
+    let glow = glow.map_or([0.0; 3], |c| [c.x, c.y, c.z].map(unit));
+    // As with the colour.
+    let glow = if glow_picture.is_some() { [1.0; 3] } else { glow };
     Look {
         colour: [r, g, b, alpha],
         picture,
-        normals: pictures.number(&pbr.normal_map),
-        glow: glow.map_or([0.0; 3], |c| [c.x, c.y, c.z].map(|x| unit(x) * strength)),
+        normals,
+        glow_picture,
+        lies: [colour_lies, normals_lie, glow_lies],
+        glow: glow.map(|x| x * strength),
         metallic: number(&pbr.metalness).unwrap_or(0.0),
         roughness: number(&pbr.roughness).unwrap_or(plain.roughness),
-        transparent: alpha < 1.0,
+        transparent: alpha < 1.0 || by_picture,
         ..plain
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A triangle with two sets of coordinates and a blend shape, and with what is said of its material 5, pictures from 10 on
+    /// included.
+    fn file(material: &str, more: &str, connections: &str) -> Vec<u8> {
+        let set = |n: u32| {
+            format!(
+                "LayerElementUV: {n} {{\nName: \"map{n}\"\nMappingInformationType: \"ByPolygonVertex\"\n\
+                 ReferenceInformationType: \"Direct\"\nUV: *6 {{ a: 0,0,1,0,0,1 }}\n}}\n"
+            )
+        };
+        let layer =
+            |n: u32| format!("Layer: {n} {{\nLayerElement: {{\nType: \"LayerElementUV\"\nTypedIndex: {n}\n}}\n}}\n");
+        format!(
+            "; FBX 7.4.0 project file\nFBXHeaderExtension: {{\nFBXHeaderVersion: 1003\nFBXVersion: 7400\n}}\n\
+             Objects: {{\nGeometry: 2, \"Geometry::\", \"Mesh\" {{\nVertices: *9 {{ a: 0,0,0,1,0,0,0,1,0 }}\n\
+             PolygonVertexIndex: *3 {{ a: 0,1,-3 }}\n{}{}{}{}}}\n\
+             Geometry: 3, \"Geometry::up\", \"Shape\" {{\nIndexes: *1 {{ a: 0 }}\nVertices: *3 {{ a: 0,0,1 }}\n}}\n\
+             Deformer: 6, \"Deformer::\", \"BlendShape\" {{\n}}\n\
+             Deformer: 7, \"SubDeformer::up\", \"BlendShapeChannel\" {{\nFullWeights: *1 {{ a: 100 }}\n}}\n\
+             Model: 1, \"Model::body\", \"Mesh\" {{\nVersion: 232\nProperties70: {{\n\
+             P: \"currentUVSet\", \"KString\", \"\", \"U\", \"map0\"\nP: \"price\", \"KString\", \"\", \"U\", \"9\"\n}}\n}}\n\
+             Material: 5, \"Material::cloth\", \"\" {{\nVersion: 102\nShadingModel: \"lambert\"\nProperties70: {{\n\
+             P: \"DiffuseColor\", \"Color\", \"\", \"A\",0.1,0.2,0.9\n{material}\n}}\n}}\n{more}}}\n\
+             Connections: {{\nC: \"OO\",1,0\nC: \"OO\",2,1\nC: \"OO\",5,1\nC: \"OO\",6,2\nC: \"OO\",7,6\nC: \"OO\",3,7\n\
+             {connections}}}\n",
+            set(0),
+            set(1),
+            layer(0),
+            layer(1),
+        )
+        .into_bytes()
+    }
+
+    fn texture(id: u32, name: &str, more: &str) -> String {
+        format!(
+            "Texture: {id}, \"Texture::t{id}\", \"\" {{\nType: \"TextureVideoClip\"\nVersion: 202\nFileName: \"{name}\"\n\
+             RelativeFilename: \"{name}\"\nProperties70: {{\n{more}\n}}\n}}\n"
+        )
+    }
+
+    fn on(id: u32, property: &str) -> String {
+        format!("C: \"OP\",{id},5,\"{property}\"\n")
+    }
+
+    fn find(name: &str) -> Option<Vec<u8>> {
+        let kind = name.rsplit_once('.')?.1;
+        ["png", "tga"].contains(&kind).then(|| if kind == "png" { b"\x89PNG\r\n\x1a\n".to_vec() } else { vec![0; 18] })
+    }
+
+    fn read(material: &str, more: &str, connections: &str) -> (Model, Left) {
+        model("m", &file(material, more, connections), find).unwrap()
+    }
+
+    #[test]
+    fn what_no_model_has_is_told() {
+        let (_, left) = read("", "", "");
+        let things = ["1 blend shape", "1 further set of texture coordinates", "1 user property"];
+        assert_eq!(left, Left { things: things.map(String::from).to_vec(), ..Left::default() });
+        // A stack without curves moves nothing.
+        let stack = "AnimationStack: 20, \"AnimStack::Take\", \"\" {\n}\nAnimationLayer: 21, \"AnimLayer::Base\", \"\" {\n}\n\
+            AnimationCurveNode: 22, \"AnimCurveNode::T\", \"\" {\n}\n";
+        let connections = "C: \"OO\",21,20\nC: \"OO\",22,21\nC: \"OP\",22,1,\"Lcl Translation\"\n";
+        assert_eq!(read("", stack, connections).1, left);
+        let curve = "AnimationCurve: 23, \"AnimCurve::\", \"\" {\nKeyVer: 4008\nKeyTime: *1 { a: 0 }\n\
+            KeyValueFloat: *1 { a: 1 }\nKeyAttrFlags: *1 { a: 24836 }\nKeyAttrDataFloat: *4 { a: 0,0,0,0 }\n\
+            KeyAttrRefCount: *1 { a: 1 }\n}\n";
+        let (_, moving) = read("", &format!("{stack}{curve}"), &format!("{connections}C: \"OP\",23,22,\"d|X\"\n"));
+        assert_eq!(moving.things.last().map(String::as_str), Some("1 animation"));
+    }
+
+    #[test]
+    fn surfaces_are_as_clear_as_old_materials_say() {
+        let alpha = |material: &str| {
+            let (model, _) = read(material, "", "");
+            (model.looks[0].colour[3], model.looks[0].transparent)
+        };
+        let factor = |x: f64| format!("P: \"TransparencyFactor\", \"Number\", \"\", \"A\",{x}\n");
+        let colour = |x: f64| format!("P: \"TransparentColor\", \"Color\", \"\", \"A\",{x},{x},{x}\n");
+        let opacity = |x: f64| format!("P: \"Opacity\", \"double\", \"Number\", \"\",{x}\n");
+        for (material, wanted) in [
+            (String::new(), 1.0),
+            (opacity(0.5), 0.5),
+            (factor(0.25) + &colour(1.0), 0.75),
+            (factor(0.5) + &colour(0.5), 0.75),
+            (factor(0.5) + &colour(1.0) + &opacity(0.5), 0.5),
+            // Nothing of a colour, or a colour of nothing.
+            (factor(0.0) + &colour(1.0), 1.0),
+            (factor(1.0) + &colour(0.0), 1.0),
+            // All hidden: not meant.
+            (factor(1.0) + &colour(1.0), 1.0),
+            (opacity(0.0), 1.0),
+        ] {
+            assert_eq!(alpha(&material), (wanted, wanted < 1.0), "{material}");
+        }
+    }
+
+    #[test]
+    fn pictures_are_placed_and_those_left_are_told() {
+        // A scale of 2 shows the middle half of a picture, as in ufbx.
+        let placed =
+            "P: \"Translation\", \"Vector\", \"\", \"A\",0.5,0.25,0\nP: \"Scaling\", \"Vector\", \"\", \"A\",2,4,1";
+        let turned = "P: \"Rotation\", \"Vector\", \"\", \"A\",0,0,90";
+        let more = texture(10, "a.png", placed) + &texture(11, "e.png", turned) + &texture(12, "s.png", "");
+        let more = more + &texture(13, "n.tga", "") + &texture(14, "gone.jpg", "");
+        let connections =
+            on(10, "DiffuseColor") + &on(10, "TransparentColor") + &on(11, "EmissiveColor") + &on(12, "SpecularColor");
+        let connections = connections + &on(13, "NormalMap");
+        let (model, left) = read("", &more, &connections);
+        let look = &model.looks[0];
+        assert_eq!((look.picture, look.normals, look.glow_picture), (Some(0), None, Some(1)));
+        let lie = Lie { offset: [-0.25, 1.0 - 0.25 + 0.0625], scale: [0.5, 0.25] };
+        assert_eq!((look.lies, look.glow, look.transparent), ([lie, Lie::PLAIN, Lie::PLAIN], [1.0; 3], true));
+        let maps = ["EmissiveColor (as they are turned)", "SpecularColor"].map(String::from);
+        assert_eq!((left.maps, left.other, left.missing), (maps.into(), vec!["n.tga".to_owned()], vec![]));
+        let glb = String::from_utf8_lossy(&model.into_glb().unwrap()).into_owned();
+        assert!(glb.contains(r#""emissiveTexture":{"index":1}"#) && glb.contains("KHR_texture_transform"), "{glb}");
+        let (_, left) = read("", &more, &on(14, "DiffuseColor"));
+        assert_eq!((left.missing, left.other), (vec!["gone.jpg".to_owned()], vec![]));
     }
 }

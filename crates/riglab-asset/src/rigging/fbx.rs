@@ -13,7 +13,14 @@ pub(super) fn read(
     folder: Option<&Path>,
     notes: &mut Vec<SubjectNote>,
 ) -> Result<Model, Fault> {
-    let (model, missing) = crate::fbx::model(name, bytes, |picture| beside::read(folder, picture))?;
-    notes.extend(missing.into_iter().map(SubjectNote::FileMissing));
+    let (model, left) = crate::fbx::model(name, bytes, |picture| beside::read(folder, picture))?;
+    notes.extend(left.missing.into_iter().map(SubjectNote::FileMissing));
+    notes.extend(left.other.into_iter().map(SubjectNote::OtherPicture));
+    if !left.maps.is_empty() {
+        notes.push(SubjectNote::MapsLeft(left.maps.into_iter().collect()));
+    }
+    if !left.things.is_empty() {
+        notes.push(SubjectNote::ThingsLeft(left.things));
+    }
     Ok(model)
 }

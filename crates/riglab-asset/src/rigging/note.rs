@@ -47,6 +47,8 @@ pub enum SubjectNote {
     OtherPicture(String),
     /// Materials name pictures for what is not taken over, by the words of the format.
     MapsLeft(Vec<String>),
+    /// Other things of the file are not taken over: what and how many.
+    ThingsLeft(Vec<String>),
 }
 
 impl fmt::Display for SubjectNote {
@@ -86,6 +88,7 @@ impl fmt::Display for SubjectNote {
             Self::MapsLeft(words) => {
                 write!(f, "pictures for {} of its materials are not taken over", words.join(", "))
             }
+            Self::ThingsLeft(things) => write!(f, "not taken over from the file: {}", things.join(", ")),
         }
     }
 }
