@@ -97,7 +97,8 @@ pub enum Warning {
         /// How many.
         primitives: usize,
     },
-    /// Triangles that name a vertex twice, or the same vertices as another, were dropped.
+    /// Triangles that name a vertex twice, or the same vertices as another, are no part of the mesh. What is written into the
+    /// model's own document keeps them.
     Degenerate {
         /// Those that name a vertex twice.
         collapsed: usize,
@@ -253,7 +254,8 @@ impl fmt::Display for Warning {
             }
             Self::Degenerate { collapsed, repeated } => write!(
                 f,
-                "degenerate triangles were dropped: {collapsed} that name a vertex twice, {repeated} repeated ones"
+                "degenerate triangles are not looked at: {collapsed} that name a vertex twice, {repeated} repeated ones; a \
+                 model that gets a rig keeps them"
             ),
             Self::Unweighted { vertices } => {
                 write!(f, "{vertices} vertices have no weight; they took those of the nearest vertex with weights")
