@@ -263,9 +263,8 @@ mod tests {
     fn human_bones_make_an_avatar_in_a_vrm_alone() {
         let whole = rig(Plan::Biped, 0, |name, _| name.into());
         let mut human = riglab_core::Humanoid::default();
-        riglab_core::HumanBone::all().filter(|bone| bone.is_required()).for_each(|bone| {
-            human.insert(bone, JointId(0));
-        });
+        let required = riglab_core::HumanBone::all().filter(|bone| bone.is_required());
+        required.zip(whole.skeleton().ids()).for_each(|(bone, joint)| _ = human.insert(bone, joint));
         let whole = whole.with_humanoid(human).unwrap();
         assert!(whole.humanoid().is_complete());
         let judged = |vrm| crate::by_rules(&whole, vrm).category;
