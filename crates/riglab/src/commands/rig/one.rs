@@ -139,7 +139,7 @@ pub fn rig(args: &Common, bones: &Bones, model: &Model, from: &Path, to: &Path) 
             "file": from.to_string_lossy(), "out": to.to_string_lossy(), "joints": joints, "added": added, "vertices": mesh.positions().len(),
             "triangles": mesh.triangles().len(), "checkpoint": model.card.name, "steps": model.card.state.step,
             "weights_by": model.of_weights().map(|own| &own.name),
-            "likelihood": likelihood, "apart": made.apart, "sample": sample, "rewards": rewards, "samples": draws, "seconds": start.elapsed().as_secs_f64(),
+            "likelihood": likelihood, "apart": sure(&made), "sample": sample, "rewards": rewards, "samples": draws, "seconds": start.elapsed().as_secs_f64(),
             "template": made.placed.map(told_placed), "notes": notes,
         });
         say!("{line}");
@@ -147,7 +147,7 @@ pub fn rig(args: &Common, bones: &Bones, model: &Model, from: &Path, to: &Path) 
         let of_them = added.map_or(String::new(), |added| format!(", {added} of them added"));
         say!("{}: {joints} joints{of_them}, {:.1} s", to.display(), start.elapsed().as_secs_f64());
         if draws.len() > 1 || rewards.is_some() {
-            say!("  {}", taken(sample, wish.rank, (&draws, made.apart), rewards));
+            say!("  {}", taken(sample, wish.rank, (&draws, sure(&made)), rewards));
         }
     }
     Ok(())
@@ -203,9 +203,17 @@ const MANY: usize = 4;
 /// have (`experiments/README.md`, do draws that disagree tell a wrong skeleton).
 const FAR: f64 = 0.055;
 
+/// So few draws tell nothing of how sure the model is.
+const FEW: usize = 8;
+
+/// How far the skeleton is from its draws, where there are enough to tell.
+fn sure(made: &Made) -> Option<f64> {
+    made.apart.filter(|_| made.draws.len() >= FEW)
+}
+
 /// Where draws disagree: that the skeleton is to be looked at.
 fn of_apart(made: &Made) -> Option<String> {
-    let apart = made.apart.filter(|apart| *apart >= FAR)?;
+    let apart = sure(made).filter(|apart| *apart >= FAR)?;
     Some(format!(
         "its draws disagree ({:.1} % of its size apart, where this model knows a body some 2 %): look at the skeleton before you \
          use it",
