@@ -94,13 +94,17 @@ fn files_of_many_assets_give_each_and_go_on_too() {
     assert_eq!(run(dir.path(), out.path(), &plain()).unwrap().assets, 3);
 }
 
+/// Eight creatures, and six of them once more.
+fn with_copies() -> Vec<riglab_core::Asset> {
+    let all = creatures(8);
+    let copies: Vec<_> = (0..6).map(|k| copy(&all[k], &format!("copy_{k}"))).collect();
+    all.into_iter().chain(copies).collect()
+}
+
 #[test]
 fn shards_merge_to_what_one_run_gives() {
     let dir = tempfile::tempdir().unwrap();
-    let mut all = creatures(8);
-    let copies: Vec<_> = (0..6).map(|k| copy(&all[k], &format!("copy_{k}"))).collect();
-    all.extend(copies);
-    write(dir.path(), &all);
+    write(dir.path(), &with_copies());
     let out = tempfile::tempdir().unwrap();
     let whole = run(dir.path(), out.path(), &plain()).unwrap();
     let parts: Vec<_> = (1..=3)
@@ -121,10 +125,7 @@ fn shards_merge_to_what_one_run_gives() {
 #[test]
 fn what_was_merged_merges_again() {
     let dir = tempfile::tempdir().unwrap();
-    let mut all = creatures(8);
-    let copies: Vec<_> = (0..6).map(|k| copy(&all[k], &format!("copy_{k}"))).collect();
-    all.extend(copies);
-    write(dir.path(), &all);
+    write(dir.path(), &with_copies());
     let out = tempfile::tempdir().unwrap();
     let whole = run(dir.path(), out.path(), &plain()).unwrap();
     let path = |name: &str| out.path().join(name);
