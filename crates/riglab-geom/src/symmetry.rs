@@ -70,10 +70,7 @@ impl Yaw {
 /// through the middle of the points' extent and through their mean. Time grows with the square of the number of points: some
 /// hundred, drawn from the surface, tell enough.
 pub fn symmetric_yaw(points: &[Vec3]) -> Option<Yaw> {
-    if points.len() < 2 || !points.iter().flatten().all(|x| x.is_finite()) {
-        return None;
-    }
-    let points: Vec<DVec3> = points.iter().map(|&p| DVec3::from(p.map(f64::from))).collect();
+    let points = sound(points)?;
     let best = |turns: Vec<i32>| {
         let apart: Vec<f64> = turns.par_iter().map(|&turn| unlike(&points, turn).0).collect();
         turns.into_iter().zip(apart).min_by(|a, b| a.1.total_cmp(&b.1))
@@ -87,12 +84,15 @@ pub fn symmetric_yaw(points: &[Vec3]) -> Option<Yaw> {
 /// The x of the plane in whose mirror points lie alike as they stand; `None` where there is none. Likeness and time are those
 /// of [`symmetric_yaw`].
 pub fn mirror_plane(points: &[Vec3]) -> Option<f64> {
-    if points.len() < 2 || !points.iter().flatten().all(|x| x.is_finite()) {
-        return None;
-    }
-    let points: Vec<DVec3> = points.iter().map(|&p| DVec3::from(p.map(f64::from))).collect();
+    let points = sound(points)?;
     let (apart, plane) = unlike(&points, 0);
     (apart < SAME * spacing(&points)).then_some(plane)
+}
+
+/// Points that can be compared; `None` where they cannot.
+fn sound(points: &[Vec3]) -> Option<Vec<DVec3>> {
+    let sound = points.len() > 1 && points.iter().flatten().all(|x| x.is_finite());
+    sound.then(|| points.iter().map(|&p| DVec3::from(p.map(f64::from))).collect())
 }
 
 /// The mean distance of a point from the nearest other one.

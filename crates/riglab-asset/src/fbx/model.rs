@@ -280,7 +280,7 @@ impl<F: Fn(&str) -> Option<Vec<u8>>> Pictures<F> {
 }
 
 /// How much of a surface is seen, from 0 to 1. Old materials say so as an opacity, or as a colour that is seen through them
-/// times a factor; of several what hides least counts. 1 where a file hides all, as files do that mean nothing by it.
+/// times a factor; of several what hides most counts. 1 where a file hides all, as files do that mean nothing by it.
 fn alpha(material: &Material) -> f32 {
     let fbx = &material.fbx;
     let mut all = vec![1.0];

@@ -163,7 +163,7 @@ impl Rigger {
             (None, None) => self.free(),
         };
         let mut streams: Vec<_> = (0..samples as u64).map(|k| stream(wish.seed, "rig draws", &[k])).collect();
-        let plane = self.mirror_plane(&cube, wish.seed);
+        let plane = if given.is_none() { self.mirror_plane(&cube, wish.seed) } else { None };
         // Which skeletons agree is known before any codes are.
         let agree = wish.rank == Rank::Consensus && given.is_none() && samples > 1;
         let agreement = Agreement { draws: samples, ..eval.agreement() };
