@@ -4,6 +4,7 @@ use std::io::Read;
 use std::path::Path;
 
 use anyhow::{Result, bail};
+use riglab_asset::Target;
 use serde_json::Value;
 
 /// What a command writes.
@@ -23,11 +24,13 @@ pub enum Written {
     Glb,
     /// `riglab checkpoint export` and `import`.
     Model,
+    /// `riglab convert`: any file of the format may be replaced by another.
+    Format(Target),
 }
 
 impl Written {
-    fn name(self) -> &'static str {
-        match self {
+    fn name(self) -> String {
+        let name = match self {
             Self::Comparison => "comparison",
             Self::Report => "report",
             Self::Evaluation => "evaluation",
@@ -35,7 +38,9 @@ impl Written {
             Self::Picture => "PNG picture",
             Self::Glb => "GLB",
             Self::Model => "exported model",
-        }
+            Self::Format(target) => return format!("file of {target}"),
+        };
+        name.into()
     }
 
     /// What to do where another file is there.
@@ -44,6 +49,7 @@ impl Written {
             Self::Chart => "give --charts another folder",
             Self::Picture => "give --png another name",
             Self::Glb => "give the output another name",
+            Self::Format(_) => "give another name or folder to write",
             _ => "give --out another name",
         }
     }
@@ -59,6 +65,7 @@ impl Written {
             Self::Picture => begins(b"\x89PNG\r\n\x1a\n"),
             Self::Glb => begins(b"glTF"),
             Self::Model => riglab_task::bundle::kind(path).is_some(),
+            Self::Format(target) => target.is_at(path),
             _ => std::fs::read_to_string(path).is_ok_and(|text| self.is(&text)),
         }
     }
@@ -91,7 +98,7 @@ impl Written {
                 let head = text.split_once("\r\n").map_or("", |(head, _)| head);
                 head == "name,value" || head.starts_with("line,") || drawing()
             }
-            Self::Picture | Self::Glb | Self::Model => false,
+            Self::Picture | Self::Glb | Self::Model | Self::Format(_) => false,
         }
     }
 }

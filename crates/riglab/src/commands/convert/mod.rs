@@ -18,8 +18,8 @@ use riglab_asset::{
 use riglab_core::Asset;
 use riglab_files::make_folder_of;
 
+use super::earlier::{self, Written};
 use super::glb::{Frames, Most};
-use super::keep_corpus;
 use lost::Lost;
 use riglab_report::counted;
 
@@ -279,13 +279,7 @@ fn spare(inputs: &HashSet<PathBuf>, out: &Path, target: Target) -> Result<()> {
 
 /// Refuses to write over what is no file of the format.
 fn keep_others(out: &Path, target: Target) -> Result<()> {
-    for path in written_paths(out, target) {
-        keep_corpus(&path)?;
-        if path.is_file() && path.metadata().is_ok_and(|meta| meta.len() > 0) && !target.is_at(&path) {
-            bail!("{} is there already and no file of {target}; give another name or folder to write", path.display());
-        }
-    }
-    Ok(())
+    written_paths(out, target).iter().try_for_each(|path| earlier::keep_others(path, Written::Format(target)))
 }
 
 fn store(
