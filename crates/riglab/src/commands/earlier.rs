@@ -108,11 +108,12 @@ impl Written {
 /// # Errors
 /// Where there is such a file: told before the work, not after it.
 pub fn keep_others(out: &Path, written: Written) -> Result<()> {
+    // Before what a format takes for its own: a corpus is HDF5 as well.
+    super::keep_corpus(out)?;
     // An empty file loses nothing, as one that `mktemp` made.
     if !out.is_file() || out.metadata().is_ok_and(|meta| meta.len() == 0) || written.is_at(out) {
         return Ok(());
     }
-    super::keep_corpus(out)?;
     let (what, remedy) = (written.name(), written.remedy());
     bail!("{} is there already and no {what}, which another {what} may replace; {remedy}", out.display())
 }
