@@ -7,11 +7,10 @@ use rayon::prelude::*;
 use riglab_core::Mesh;
 
 use crate::pieces::Groups;
+use crate::system::System;
 
 /// Sources nearer than this share of the mesh's longest edge heat no more than at it.
 const NEAREST: f64 = 1e-4;
-/// Where any search for the equilibrium ends.
-const ROUNDS: usize = 1_000;
 /// Bones whose heat is held at a time.
 const AT_ONCE: usize = 32;
 /// Bones that a vertex is given to at most.
@@ -29,12 +28,8 @@ pub struct SurfaceHeat {
     place: Vec<usize>,
     /// A vertex of each row.
     speakers: Vec<usize>,
-    /// The rows of each part that heat does not leave, in order; together they are all rows.
-    parts: Vec<Range<usize>>,
-    offsets: Vec<usize>,
-    /// Columns beside the diagonal, with what they take away.
-    entries: Vec<(u32, f64)>,
-    diagonal: Vec<f64>,
+    /// The rows of each part that heat does not leave, in order, together all rows; and of each L + M H.
+    parts: Vec<(Range<usize>, System)>,
     /// M H.
     heat: Vec<f64>,
 }
@@ -94,34 +89,31 @@ impl SurfaceHeat {
         }
         let parts = order_by_parts(&mut place, &mut speakers, &mut edges, &mut area);
         edges.sort_unstable_by(|a, b| (a.0, a.1).cmp(&(b.0, b.1)).then(a.2.total_cmp(&b.2)));
-        let mut out = Self {
-            offsets: vec![0],
-            entries: Vec::with_capacity(edges.len()),
-            diagonal: vec![0.0; speakers.len()],
-            heat: Vec::with_capacity(speakers.len()),
-            place,
-            speakers,
-            parts,
-        };
-        let mut edges = edges.into_iter().peekable();
-        for (row, area) in area.into_iter().enumerate() {
-            let start = out.entries.len();
-            while let Some((_, column, w)) = edges.next_if(|e| e.0 as usize == row) {
-                match out.entries[start..].last_mut() {
-                    Some(last) if last.0 == column => last.1 += w,
-                    _ => out.entries.push((column, w)),
-                }
-            }
-            out.offsets.push(out.entries.len());
-            let least = (NEAREST * size).max(f64::MIN_POSITIVE.sqrt());
-            let heat = area / distance[out.speakers[row]].max(least).powi(2);
-            let flow: f64 = out.entries[start..].iter().map(|(_, w)| w).sum();
+        let least = (NEAREST * size).max(f64::MIN_POSITIVE.sqrt());
+        let heat = area.into_iter().zip(&speakers).map(|(area, &v)| {
+            let heat = area / distance[v].max(least).powi(2);
             // A vertex without area, or one whose numbers broke: it has the heat of its bone.
-            let heat = if heat > 0.0 && heat.is_finite() { heat } else { 1.0 };
-            out.heat.push(heat);
-            out.diagonal[row] = flow + heat;
-        }
-        out
+            if heat > 0.0 && heat.is_finite() { heat } else { 1.0 }
+        });
+        let heat: Vec<f64> = heat.collect();
+        let mut edges = edges.into_iter().peekable();
+        let system = |rows: Range<usize>| {
+            let mut system = System::default();
+            for row in rows.clone() {
+                let mut columns: Vec<(u32, f64)> = Vec::new();
+                while let Some((_, column, w)) = edges.next_if(|e| e.0 as usize == row) {
+                    let column = column - rows.start as u32;
+                    match columns.last_mut() {
+                        Some(last) if last.0 == column => last.1 += w,
+                        _ => columns.push((column, w)),
+                    }
+                }
+                system.add(&columns, heat[row]);
+            }
+            (rows, system)
+        };
+        let parts = parts.into_iter().map(system).collect();
+        Self { place, speakers, parts, heat }
     }
 
     /// The row of each vertex.
@@ -134,123 +126,64 @@ impl SurfaceHeat {
         &self.speakers
     }
 
-    /// Heat of all rows for each of several ways to heat some, in the order of rows, a row once with its p: conjugate
-    /// gradients, the diagonal as preconditioner, until in each part that share of the first residual is left. The matrix is
-    /// symmetric and its diagonal outweighs the rest of every row. Each is solved as if it were alone, to the bit.
-    pub fn solve(&self, heated: &[Vec<(usize, f64)>], residual: f64) -> Vec<Vec<f64>> {
-        let mut out = vec![vec![0.0; self.diagonal.len()]; heated.len()];
-        for part in self.by_parts(heated, residual) {
+    /// Heat of all rows for each of several ways to heat some, in the order of rows, a row once with its p. Each is solved
+    /// as if it were alone, to the bit.
+    pub fn solve(&self, heated: &[Vec<(usize, f64)>]) -> Vec<Vec<f64>> {
+        let mut out = vec![vec![0.0; self.heat.len()]; heated.len()];
+        for part in self.by_parts(heated) {
             out[part.number][part.rows].copy_from_slice(&part.heat);
         }
         out
     }
 
     /// See [`Self::solve`]: what is heated at all, part after part, in each the ways in their order.
-    fn by_parts(&self, heated: &[Vec<(usize, f64)>], residual: f64) -> Vec<Solved> {
+    fn by_parts(&self, heated: &[Vec<(usize, f64)>]) -> Vec<Solved> {
         let mut ways: Vec<Vec<Way>> = Vec::new();
         ways.resize_with(self.parts.len(), Vec::new);
         for (number, own) in heated.iter().enumerate() {
             let mut rest = own.as_slice();
             while let Some(&(row, _)) = rest.first() {
-                let part = self.parts.partition_point(|rows| rows.end <= row);
-                let (here, beyond) = rest.split_at(rest.partition_point(|(row, _)| *row < self.parts[part].end));
+                let part = self.parts.partition_point(|(rows, _)| rows.end <= row);
+                let (here, beyond) = rest.split_at(rest.partition_point(|(row, _)| *row < self.parts[part].0.end));
                 ways[part].push(Way { number, heated: here });
                 rest = beyond;
             }
         }
-        // Beside each other an entry of the matrix is read once for all, and sums wait for none; but threads come first.
+        // Beside each other a number of the system is read once for all, and sums wait for none; but threads come first.
         let share = ways.iter().map(Vec::len).sum::<usize>() / rayon::current_num_threads();
-        let jobs: Vec<(&Range<usize>, &[Way], usize)> = (self.parts.iter().zip(&ways))
-            .flat_map(|(rows, ways)| {
-                let lanes = match share.min(ways.len()) {
-                    0..4 => 1,
-                    4..8 => 4,
-                    _ => 8,
-                };
-                ways.chunks(lanes).map(move |some| (rows, some, lanes))
-            })
-            .collect();
-        let solve = |(rows, ways, lanes): (&Range<usize>, &[Way], usize)| match lanes {
-            1 => self.beside_each_other::<1>(rows, ways, residual),
-            4 => self.beside_each_other::<4>(rows, ways, residual),
-            _ => self.beside_each_other::<8>(rows, ways, residual),
-        };
-        jobs.into_par_iter().flat_map_iter(solve).collect()
-    }
-
-    /// The matrix times x, and x times that, of the part that has these rows.
-    fn times<const N: usize>(&self, rows: &Range<usize>, x: &[[f64; N]], out: &mut [[f64; N]]) -> [f64; N] {
-        let mut product = [0.0; N];
-        for ((row, x_row), out) in rows.clone().zip(x).zip(out) {
-            let mut beside = [0.0; N];
-            for (column, w) in &self.entries[self.offsets[row]..self.offsets[row + 1]] {
-                let x = &x[*column as usize - rows.start];
-                (0..N).for_each(|k| beside[k] += w * x[k]);
-            }
-            let (x, d) = (x_row, self.diagonal[row]);
-            *out = std::array::from_fn(|k| d * x[k] - beside[k]);
-            (0..N).for_each(|k| product[k] += x[k] * out[k]);
-        }
-        product
-    }
-
-    fn beside_each_other<const LANES: usize>(&self, rows: &Range<usize>, ways: &[Way], residual: f64) -> Vec<Solved> {
-        let (diagonal, n) = (&self.diagonal[rows.clone()], rows.len());
-        let (mut x, mut r) = (vec![[0.0; LANES]; n], vec![[0.0; LANES]; n]);
-        for (k, way) in ways.iter().enumerate() {
-            match way.evenly(n) {
-                // All heated alike is as hot everywhere, and nothing is left to do.
-                Some(share) => x.iter_mut().for_each(|x| x[k] = share),
-                None => {
-                    way.heated.iter().for_each(|&(row, share)| r[row - rows.start][k] = self.heat[row] * share);
-                }
-            }
-        }
-        let mut rz = [0.0; LANES];
-        let eased = |(r, d): (&[f64; LANES], &f64)| {
-            let z = r.map(|r| r / d);
-            (0..LANES).for_each(|k| rz[k] += r[k] * z[k]);
-            z
-        };
-        let mut p: Vec<[f64; LANES]> = r.iter().zip(diagonal).map(eased).collect();
-        let mut ap = vec![[0.0; LANES]; n];
-        let enough = rz.map(|rz| rz * residual * residual);
-        let mut ended = [false; LANES];
-        for _ in 0..ROUNDS {
-            for k in 0..LANES {
-                if !ended[k] && (rz[k].is_nan() || rz[k] <= enough[k]) {
-                    // It stays as it is while others go on: nothing moves what has no direction.
-                    ended[k] = true;
-                    r.iter_mut().zip(&mut p).for_each(|(r, p)| (r[k], p[k]) = (0.0, 0.0));
-                }
-            }
-            if ended == [true; LANES] {
-                break;
-            }
-            let of_those = |a: [f64; LANES], b: [f64; LANES]| -> [f64; LANES] {
-                std::array::from_fn(|k| if ended[k] { 0.0 } else { a[k] / b[k] })
+        let solve = |part: &(Range<usize>, System), ways: &[Way]| -> Vec<Solved> {
+            let (lanes, jobs) = match share.min(ways.len()) {
+                0..4 => (1, ways.par_chunks(1)),
+                4..8 => (4, ways.par_chunks(4)),
+                _ => (8, ways.par_chunks(8)),
             };
-            let product = self.times(rows, &p, &mut ap);
-            let step = of_those(rz, product);
-            let mut next = [0.0; LANES];
-            let states = x.iter_mut().zip(&mut r).zip(p.iter().zip(&mut ap));
-            for (((x, r), (p, ap)), d) in states.zip(diagonal) {
-                for k in 0..LANES {
-                    x[k] += step[k] * p[k];
-                    r[k] -= step[k] * ap[k];
-                    // The product is of no more use, and r eased by the diagonal has its place.
-                    ap[k] = r[k] / d;
-                    next[k] += r[k] * ap[k];
-                }
-            }
-            let turn = of_those(next, rz);
-            for (p, z) in p.iter_mut().zip(&ap) {
-                (0..LANES).for_each(|k| p[k] = z[k] + turn[k] * p[k]);
-            }
-            rz = next;
+            let some = |some: &[Way]| match lanes {
+                1 => self.beside_each_other::<1>(part, some),
+                4 => self.beside_each_other::<4>(part, some),
+                _ => self.beside_each_other::<8>(part, some),
+            };
+            jobs.flat_map_iter(some).collect()
+        };
+        let heated = self.parts.par_iter().zip(&ways).filter(|(_, ways)| !ways.is_empty());
+        heated.flat_map_iter(|(part, ways)| solve(part, ways)).collect()
+    }
+
+    fn beside_each_other<const LANES: usize>(
+        &self,
+        (rows, system): &(Range<usize>, System),
+        ways: &[Way],
+    ) -> Vec<Solved> {
+        let mut right = vec![[0.0; LANES]; rows.len()];
+        for (k, way) in ways.iter().enumerate().filter(|(_, way)| way.evenly(rows.len()).is_none()) {
+            way.heated.iter().for_each(|&(row, share)| right[row - rows.start][k] = self.heat[row] * share);
         }
+        let x = system.solve(right);
         let solved = |(k, way): (usize, &Way)| {
-            let heat = x.iter().map(|x| x[k]).collect();
+            let heat = match way.evenly(rows.len()) {
+                // All heated alike is as hot everywhere.
+                Some(share) => vec![share; rows.len()],
+                None => x.iter().map(|x| x[k]).collect(),
+            };
             Solved { number: way.number, rows: rows.clone(), heat }
         };
         ways.iter().enumerate().map(solved).collect()
@@ -258,8 +191,8 @@ impl SurfaceHeat {
 
     /// Of each row the bones with most heat, the hottest first, with `u32::MAX` in places that none takes: each bone in
     /// turn heats the vertices that it is nearest to, and those that several are equally near to in part. `near`: of each
-    /// vertex the nearest bones, numbers below `bones`. `residual` as in [`Self::solve`].
-    pub fn hottest(&self, near: &[Vec<u32>], bones: usize, residual: f64) -> Vec<[(f32, u32); HOTTEST]> {
+    /// vertex the nearest bones, numbers below `bones`.
+    pub fn hottest(&self, near: &[Vec<u32>], bones: usize) -> Vec<[(f32, u32); HOTTEST]> {
         // Of welded vertices the first speaks for all.
         let mut held: Vec<Vec<(usize, f64)>> = vec![Vec::new(); bones];
         for (row, &v) in self.speakers.iter().enumerate() {
@@ -270,7 +203,7 @@ impl SurfaceHeat {
         let heated: Vec<usize> = (0..bones).filter(|&bone| !held[bone].is_empty()).collect();
         for some in heated.chunks(AT_ONCE) {
             let own: Vec<Vec<(usize, f64)>> = some.iter().map(|&bone| std::mem::take(&mut held[bone])).collect();
-            let solved = self.by_parts(&own, residual);
+            let solved = self.by_parts(&own);
             for part in solved.chunk_by(|a, b| a.rows == b.rows) {
                 best[part[0].rows.clone()].par_iter_mut().enumerate().for_each(|(row, best)| {
                     for way in part {
@@ -370,6 +303,10 @@ pub(crate) mod tests {
         Mesh::new(positions, triangles).unwrap()
     }
 
+    fn wide(mesh: &Mesh, v: u32) -> [f64; 3] {
+        mesh.positions()[v as usize].map(f64::from)
+    }
+
     #[test]
     fn the_system_is_solved() {
         let mesh = tube(20, false);
@@ -377,12 +314,22 @@ pub(crate) mod tests {
         let surface = SurfaceHeat::new(&mesh, &distance);
         let heated: Vec<(usize, f64)> = (0..50).map(|row| (row, 1.0)).collect();
         let all: Vec<(usize, f64)> = (0..mesh.positions().len()).map(|row| (row, 1.0)).collect();
-        let [x, even] = surface.solve(&[heated, all], 1e-6).try_into().unwrap();
-        let mut back = vec![[0.0]; x.len()];
-        surface.times(&(0..x.len()), &x.iter().map(|x| [*x]).collect::<Vec<_>>(), &mut back);
-        for (row, [b]) in back.iter().enumerate() {
+        let [x, even] = surface.solve(&[heated, all]).try_into().unwrap();
+        // What a vertex has and its neighbours have not flows to them, and what heats it makes up for that.
+        let mut back: Vec<f64> = surface.heat.iter().zip(&x).map(|(heat, x)| heat * x).collect();
+        for t in mesh.triangles() {
+            for k in 0..3 {
+                let [i, j, o] = [0, 1, 2].map(|m| t[(k + m) % 3]);
+                let [a, b] = [i, j].map(|v| minus(wide(&mesh, v), wide(&mesh, o)));
+                let w = 0.5 * (dot(a, b) / length(cross(a, b))).max(0.0);
+                let [i, j] = [i, j].map(|v| surface.rows()[v as usize]);
+                back[i] += w * (x[i] - x[j]);
+                back[j] += w * (x[j] - x[i]);
+            }
+        }
+        for (row, b) in back.iter().enumerate() {
             let want = if row < 50 { surface.heat[row] } else { 0.0 };
-            assert!((b - want).abs() < 1e-5 * surface.heat[row].max(1.0), "row {row}: {b}, expected {want}");
+            assert!((b - want).abs() < 1e-9 * surface.heat[row].max(1.0), "row {row}: {b}, expected {want}");
         }
         // All heated: the same everywhere.
         assert!(even.iter().all(|x| (x - 1.0).abs() < 1e-5));
@@ -402,21 +349,22 @@ pub(crate) mod tests {
         };
         let heated: Vec<Vec<(usize, f64)>> = (0..11).map(of).collect();
         let alone: Vec<Vec<f64>> =
-            heated.iter().map(|own| surface.solve(std::slice::from_ref(own), 1e-3).remove(0)).collect();
+            heated.iter().map(|own| surface.solve(std::slice::from_ref(own)).remove(0)).collect();
+        let [part] = &surface.parts[..] else { panic!("a tube hangs together") };
         let ways: Vec<Way> =
             (0..11).filter(|&k| !heated[k].is_empty()).map(|k| Way { number: k, heated: &heated[k] }).collect();
         let beside = |lanes: usize| {
             let mut out = vec![vec![0.0; n]; heated.len()];
             for ways in ways.chunks(lanes) {
                 let solved = match lanes {
-                    4 => surface.beside_each_other::<4>(&(0..n), ways, 1e-3),
-                    _ => surface.beside_each_other::<8>(&(0..n), ways, 1e-3),
+                    4 => surface.beside_each_other::<4>(part, ways),
+                    _ => surface.beside_each_other::<8>(part, ways),
                 };
                 solved.into_iter().for_each(|own| out[own.number] = own.heat);
             }
             out
         };
-        for together in [beside(4), beside(8), surface.solve(&heated, 1e-3)] {
+        for together in [beside(4), beside(8), surface.solve(&heated)] {
             assert_eq!(together.len(), heated.len());
             for (bone, (alone, own)) in alone.iter().zip(&together).enumerate() {
                 assert!(alone.iter().zip(own).all(|(a, b)| a.to_bits() == b.to_bits()), "bone {bone}");
@@ -457,7 +405,7 @@ pub(crate) mod tests {
             }
             heated[bone].sort_by_key(|(row, _)| *row);
         }
-        let (alone, both_solved) = (alone.solve(&own, 1e-4), both.solve(&heated, 1e-4));
+        let (alone, both_solved) = (alone.solve(&own), both.solve(&heated));
         for (bone, tubes) in [(0, [true, false]), (1, [false, true]), (2, [true, false]), (3, [true, true])] {
             for (tube, has) in tubes.into_iter().enumerate() {
                 for (v, alone) in alone[bone].iter().enumerate() {
@@ -485,7 +433,7 @@ pub(crate) mod tests {
         };
         let near: Vec<Vec<u32>> = mesh.positions().iter().map(of).collect();
         let surface = SurfaceHeat::new(&mesh, &vec![0.7; near.len()]);
-        let found = surface.hottest(&near, 4, 1e-6);
+        let found = surface.hottest(&near, 4);
         let row = |y: f32| &found[surface.rows()[mesh.positions().iter().position(|p| p[1] == y).unwrap()]];
         assert_eq!([row(1.0)[0].1, row(5.5)[0].1, row(9.5)[0].1], [0, 1, 2]);
         assert!((row(3.0)[0].0 - row(3.0)[1].0).abs() < 1e-3, "{:?}", row(3.0));

@@ -13,6 +13,7 @@ mod bodies;
 mod cloud;
 mod dense;
 mod draws;
+mod factors;
 mod farthest;
 pub mod geodesic;
 mod heat;
@@ -24,6 +25,7 @@ mod reskin;
 mod spread;
 mod surface;
 mod symmetry;
+mod system;
 mod transfer;
 pub mod voxel;
 

@@ -5,8 +5,6 @@ use riglab_core::Mesh;
 
 use crate::heat::SurfaceHeat;
 
-/// Where the search for weights that spread ends: the share of the first residual that is left.
-const RESIDUAL: f64 = 1e-5;
 /// Bones whose weights are held at a time.
 const AT_ONCE: usize = 32;
 
@@ -34,7 +32,7 @@ pub fn spread_weights(mesh: &Mesh, weights: &[f32], distance: &[f64]) -> Vec<f32
     let mut out = vec![0.0f32; weights.len()];
     for first in (0..bones).step_by(AT_ONCE) {
         let some: Vec<Vec<(usize, f64)>> = (first..bones.min(first + AT_ONCE)).into_par_iter().map(held).collect();
-        let solved = surface.solve(&some, RESIDUAL);
+        let solved = surface.solve(&some);
         out.par_chunks_exact_mut(bones).zip(rows).for_each(|(row, &place)| {
             row[first..].iter_mut().zip(&solved).for_each(|(w, heat)| *w = heat[place].max(0.0) as f32);
         });

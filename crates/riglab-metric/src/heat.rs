@@ -10,8 +10,6 @@ use riglab_geom::voxel::SolidConfig;
 const AT_ONCE: usize = 32;
 /// Bones whose distances differ by less than this share are equally near.
 const EQUAL: f64 = 1e-4;
-/// Where the search for an equilibrium ends: the share of the first residual that is left.
-const RESIDUAL: f64 = 1e-6;
 
 /// Weights by heat diffusion, as Pinocchio binds a mesh (Baran and Popović 2007, section 4): each bone in turn is hot
 /// and heats the vertices it is nearest to, by 1 / d²; heat spreads over the surface, and what a vertex has in
@@ -26,7 +24,7 @@ pub fn heat_weights(mesh: &Mesh, skeleton: &Skeleton, joints: &[JointId], config
     let joints = if joints.is_empty() { &all } else { joints };
     let (near, distance) = nearest(mesh, skeleton, joints, config);
     let surface = SurfaceHeat::new(mesh, &distance);
-    let best = surface.hottest(&near, joints.len(), RESIDUAL);
+    let best = surface.hottest(&near, joints.len());
     let rows = surface.rows().iter().zip(&near).map(|(s, near)| {
         let mut row: Vec<(u16, f64)> = best[*s]
             .iter()

@@ -13,8 +13,6 @@ use riglab_nn::fsq_cvae::{PRIOR, REGION};
 use super::prepare::Place;
 use super::region::{Regions, Surface, areas};
 
-/// Where the search for heat's equilibrium ends: the share of the first residual that is left.
-const RESIDUAL: f64 = 1e-3;
 /// Bones whose distances differ by less than this share are equally near.
 const EQUAL: f32 = 1e-4;
 /// Less heat than this is none.
@@ -66,7 +64,7 @@ impl Prior {
     pub fn new(mesh: &Mesh, bones: &[Vec<Segment>]) -> Self {
         let (near, distance) = nearest(mesh, bones);
         let surface = SurfaceHeat::new(mesh, &distance);
-        let mut heat = surface.hottest(&near, bones.len(), RESIDUAL);
+        let mut heat = surface.hottest(&near, bones.len());
         for row in &mut heat {
             let sum: f32 = row.iter().map(|(w, _)| w).sum();
             if sum > 0.0 && sum.is_finite() {
