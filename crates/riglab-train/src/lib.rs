@@ -41,7 +41,7 @@ pub use error::TrainError;
 pub use estimate::{Estimate, estimate, product_speed};
 pub use interrupt::Interrupt;
 pub use prefetch::{Prefetch, Source};
-pub use progress::{Progress, tell};
+pub use progress::{Progress, Spinner, tell};
 pub use run::{Resumed, Run, RunInfo};
 pub use schedule::{beta1, factor};
 pub use sound::unsound;

@@ -9,6 +9,9 @@ use indicatif::{HumanDuration, ProgressBar, ProgressStyle};
 /// Time between plain lines.
 const EVERY: Duration = Duration::from_secs(15);
 
+/// Time between turns of a spinner.
+const TICK: Duration = Duration::from_millis(200);
+
 /// Writes a line on standard error. One that takes no more, such as a full disk, ends nothing: `eprintln!` would panic.
 pub fn tell(text: Arguments<'_>) {
     let _ = writeln!(std::io::stderr(), "{text}");
@@ -92,6 +95,31 @@ impl Progress {
         let per = self.start.elapsed().as_secs_f64() / done as f64;
         let left = per * self.total.saturating_sub(self.at) as f64;
         HumanDuration(Duration::from_secs_f64(left.min(1e9))).to_string()
+    }
+}
+
+/// Something that is worked on and whose end cannot be told: what it is and the time so far, on a terminal alone, as long
+/// as this lives. Nothing is to be printed meanwhile.
+pub struct Spinner(Option<ProgressBar>);
+
+impl Spinner {
+    /// Of what is done, such as "reading fox.obj".
+    pub fn new(what: &str) -> Self {
+        Self(std::io::stderr().is_terminal().then(|| {
+            let style = ProgressStyle::with_template("{spinner} {msg}, {elapsed}");
+            let bar = ProgressBar::new_spinner().with_message(what.to_string());
+            bar.set_style(style.unwrap_or_else(|_| ProgressStyle::default_spinner()));
+            bar.enable_steady_tick(TICK);
+            bar
+        }))
+    }
+}
+
+impl Drop for Spinner {
+    fn drop(&mut self) {
+        if let Some(bar) = self.0.take() {
+            bar.finish_and_clear();
+        }
     }
 }
 

@@ -13,6 +13,7 @@ use riglab_report::shell::command;
 use riglab_reward::Rewards;
 use riglab_task::tokenrig::{Made, Placed, Rank, Wish};
 use riglab_token::Template;
+use riglab_train::Spinner;
 
 use super::model::Model;
 use super::{Bones, Common, Given, given};
@@ -28,7 +29,14 @@ pub fn rig(args: &Common, bones: &Bones, model: &Model, from: &Path, to: &Path) 
         max_triangles: args.max_triangles,
         import: ImportOptions::default(),
     };
+    // Of a folder the bar tells.
+    let spinner = |what: &str| {
+        let name = from.file_name().unwrap_or_default().to_string_lossy();
+        (!args.input.is_dir()).then(|| Spinner::new(&format!("{what} {name}")))
+    };
+    let reading = spinner("reading");
     let subject = Subject::read(from, &options)?;
+    drop(reading);
     for note in subject.notes() {
         tell!("note: {}: {note}", from.display());
     }
@@ -66,7 +74,9 @@ pub fn rig(args: &Common, bones: &Bones, model: &Model, from: &Path, to: &Path) 
         holders: holders.as_deref(),
         seed: args.seed,
     };
+    let making = spinner("rigging");
     let made = model.make(&subject, &wish, bones.keeps_rig());
+    drop(making);
     let made = made.with_context(|| from.display().to_string())?;
     let draws = draws(&made, wish.rank);
     let (sample, likelihood, rewards) = (made.sample, made.taken().likelihood, made.taken().rewards);
@@ -124,7 +134,9 @@ pub fn rig(args: &Common, bones: &Bones, model: &Model, from: &Path, to: &Path) 
         }
     };
     let rig = rig.with_context(about)?;
+    let writing = spinner("writing");
     let exported = subject.attach(&rig, &args.export())?;
+    drop(writing);
     for note in exported.notes.iter().filter(said) {
         tell!("note: {}: {note}", from.display());
     }
