@@ -417,11 +417,11 @@ fn tokenrig_is_trained_evaluated_and_exported() {
     ]);
     let run = path("run");
     let weights = set("data.weights", "[]");
-    let skin = set("skin.run", &format!("{:?}", text(&auto)));
+    let skin_run = set("skin.run", &format!("{:?}", text(&auto)));
     let mut all = vec!["train", "quickstart/tokenrig.toml", "--run", text(&run)];
     for value in [
         corpora.as_str(),
-        &skin,
+        &skin_run,
         "model={ extends = \"model/tokenrig/tiny.toml\" }",
         "train.steps=60",
         "train.ema=0.8",
@@ -470,6 +470,24 @@ fn tokenrig_is_trained_evaluated_and_exported() {
         fs::read(path(name)).unwrap()
     };
     assert!(made(&run, "a.glb") == made(&file, "b.glb"));
+
+    // With another auto-encoder than that of its training it makes nothing, unless that one is asked for.
+    let info = run.join("run.json");
+    let kept = fs::read_to_string(&info).unwrap();
+    let mut other: Value = serde_json::from_str(&kept).unwrap();
+    other["companions"][0][1] = "0123456789abcdef".into();
+    fs::write(&info, other.to_string()).unwrap();
+    let (wrong, exported) = (path("wrong.glb"), path("wrong.safetensors"));
+    for command in [
+        vec!["rig", text(bare), "-o", text(&wrong), "--checkpoint", text(&run)],
+        vec!["checkpoint", "export", text(&run), "-o", text(&exported)],
+    ] {
+        let said = refusal(&mut riglab(&command));
+        assert!(said.contains("skin.run has other weights") && said.contains("0123456789ab"), "{command:?}: {said}");
+    }
+    assert!(!wrong.exists() && !exported.exists());
+    must(&["checkpoint", "export", text(&run), "-o", text(&exported), "--set", &skin_run]);
+    fs::write(&info, kept).unwrap();
     let said = String::from_utf8(must(&["checkpoint", "show", text(&file)]).stdout).unwrap();
     assert!(said.starts_with("mine\n"), "{said}");
 

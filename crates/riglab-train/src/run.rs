@@ -240,6 +240,33 @@ fn machine() -> String {
     format!("{cpu}, {cores} cores, {memory:.0} GB")
 }
 
+/// The networks that a run computes with beside the trained one, as [`RunInfo::companions`]; none of a run that does not
+/// say them.
+pub fn companions(run: &Path) -> Vec<(String, String)> {
+    let info = fs::read(run.join("run.json")).ok().and_then(|text| serde_json::from_slice::<RunInfo>(&text).ok());
+    info.map_or_else(Vec::new, |info| info.companions)
+}
+
+/// Refuses other networks beside the trained one than a run was begun with: a run that one of them is named by may have
+/// gone on since, and what was learned is about codes, or a policy, of before.
+///
+/// # Errors
+/// A sentence with the key that names it.
+pub fn same_companions(before: &[(String, String)], now: &[(String, String)]) -> Result<(), String> {
+    for (key, checksum) in before {
+        if let Some((_, other)) = now.iter().find(|(k, other)| k == key && other != checksum) {
+            let short = |sum: &str| sum.get(..12).unwrap_or(sum).to_owned();
+            return Err(format!(
+                "{key} has other weights ({}) than those of the training ({}): was that run trained on since? Name the \
+                 checkpoint that was its best then, {key} = \"RUN/checkpoints/step-N\" in config.toml, or train anew",
+                short(other),
+                short(checksum)
+            ));
+        }
+    }
+    Ok(())
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -257,5 +284,13 @@ mod tests {
         assert_eq!(read.resumed, info.resumed);
         let Resumed::With { riglab, threads, ranks, device, .. } = &read.resumed[1] else { panic!("with what") };
         assert_eq!((riglab.as_str(), *threads, *ranks, device.as_str()), ("2", 8, 3, "cuda:0"));
+    }
+
+    #[test]
+    fn a_run_is_used_with_the_networks_that_it_was_begun_with() {
+        let of = |sum: &str| vec![("skin.run".to_owned(), sum.to_owned())];
+        assert!(same_companions(&of("a"), &of("a")).is_ok() && same_companions(&[], &of("a")).is_ok());
+        let said = same_companions(&of("a"), &of("b")).unwrap_err();
+        assert!(said.contains("skin.run has other weights (b)") && said.contains("step-N"), "{said}");
     }
 }

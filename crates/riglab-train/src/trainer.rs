@@ -5,6 +5,7 @@ use std::time::{Duration, Instant};
 use riglab_nn::params::Params;
 use riglab_ranks::Ranks;
 
+use crate::Precision;
 use crate::checkpoint::{Checkpoint, State, Store};
 use crate::config::TrainConfig;
 use crate::error::TrainError;
@@ -167,8 +168,9 @@ impl<T: Task> Trainer<'_, T> {
         if ended == Ended::Finished && self.state.skipped == self.state.step {
             return Err(TrainError::NotFinite(format!(
                 "no step was taken: none of {} gave a finite loss and gradient, so the weights are those that it began \
-                 with. Lower train.optim.muon_lr and train.optim.adamw_lr, or try precision = \"fp32\"",
-                self.state.step
+                 with. Lower train.optim.muon_lr and train.optim.adamw_lr{}",
+                self.state.step,
+                self.in_full()
             )));
         }
         let seconds = start.elapsed().as_secs_f64();
@@ -210,6 +212,11 @@ impl<T: Task> Trainer<'_, T> {
         Ok(total)
     }
 
+    /// The further remedy of one that computes in fewer bits.
+    fn in_full(&self) -> &'static str {
+        if self.config.precision == Precision::Fp32 { "" } else { ", or try train.precision = \"fp32\"" }
+    }
+
     fn not_finite(&self, values: &[(String, f64)]) -> TrainError {
         let parts: Vec<&str> = values.iter().filter(|(_, v)| !v.is_finite()).map(|(n, _)| n.as_str()).collect();
         let kept = match self.writes.as_ref().and_then(|w| w.store.latest()) {
@@ -218,10 +225,11 @@ impl<T: Task> Trainer<'_, T> {
         };
         TrainError::NotFinite(format!(
             "stopped at step {}: {} steps in a row gave no finite loss and gradient (not finite now: {}); {kept}. \
-             Lower train.optim.muon_lr and train.optim.adamw_lr, lengthen train.schedule.warmup, or try precision = \"fp32\"",
+             Lower train.optim.muon_lr and train.optim.adamw_lr, lengthen train.schedule.warmup{}",
             self.state.step,
             self.state.skipped_in_a_row,
-            parts.join(", ")
+            parts.join(", "),
+            self.in_full()
         ))
     }
 

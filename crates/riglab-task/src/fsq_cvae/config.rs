@@ -229,6 +229,10 @@ impl FsqCvaeTaskConfig {
                 "a prefix has at least 1 code; none takes model.extensions.prior, and model.bottleneck = \"fsq\"";
             return fault("sampling.prefix.lengths", message.into());
         }
+        if let Some(k) = s.prefix.lengths.iter().find(|&&k| k > self.model.skin_tokens) {
+            let most = self.model.skin_tokens;
+            return fault("sampling.prefix.lengths", format!("a prefix of {k} codes, of model.skin_tokens = {most}"));
+        }
         if !(0.0..=1.0).contains(&s.code_noise) {
             return fault("sampling.code_noise", format!("code_noise = {} is a probability", s.code_noise));
         }
@@ -326,6 +330,8 @@ mod tests {
         assert_eq!(key(|c| c.data.train = vec!["a".into(), "b".into(), "a".into()]), Err("data.train".into()));
         // How often a length is drawn is said by how often it is named.
         assert_eq!(key(|c| c.sampling.prefix.lengths = vec![4, 4, 8]), Ok(()));
+        let beyond = |c: &mut FsqCvaeTaskConfig| c.sampling.prefix.lengths = vec![4, c.model.skin_tokens + 1];
+        assert_eq!(key(beyond), Err("sampling.prefix.lengths".into()));
     }
 
     #[test]

@@ -3,7 +3,7 @@
 use std::path::Path;
 use std::sync::Arc;
 
-use riglab_train::{Checkpoint, named_by};
+use riglab_train::{Checkpoint, companions, named_by, same_companions};
 use tch::{Device, Kind};
 
 use super::{Rigger, TokenRigTaskConfig};
@@ -52,6 +52,11 @@ impl Rigger {
         Self::own_auto_encoder(run, &mut config);
         let vae = Self::auto_encoder(&config, device)?;
         let rigger = Self::new(config, vae, device)?;
+        // One that was named for this is meant.
+        if !sets.iter().any(|set| set.trim_start().starts_with("skin.run")) {
+            let other = |e: String| format!("{}: {e}", run.display());
+            same_companions(&companions(run), &rigger.companions()).map_err(other)?;
+        }
         let checkpoint = Checkpoint::open(&run.join("checkpoints").join(checkpoint)).map_err(|e| e.to_string())?;
         checkpoint.load_weights(&rigger.params).map_err(|e| e.to_string())?;
         Ok((rigger, Card::of_run(run, checkpoint.state())))
@@ -87,7 +92,10 @@ impl Rigger {
         let fault = |e: String| format!("{name}: {e}");
         let bundle = Bundle::of_bytes(bytes, name)?;
         if bundle.kind != KIND {
-            return Err(fault(format!("a model of task `{}`, but only `tokenrig` makes rigs", bundle.kind)));
+            return Err(fault(format!(
+                "a model of task `{}`, but rigs are made by `tokenrig` and `grpo`, or by `unirig_skeleton` and `unirig_skin` together",
+                bundle.kind
+            )));
         }
         let config = rig_config(&Settings::of_text(name, &bundle.settings)?)?;
         let vae = Frozen::of_parts(name, &bundle.skin, &bundle.below(SKIN), device)?;
@@ -100,7 +108,9 @@ impl Rigger {
 fn rig_config(settings: &Settings) -> Result<TokenRigTaskConfig, String> {
     if !settings.are::<TokenRigTaskConfig>() {
         let (name, task) = (settings.name(), settings.task());
-        return Err(format!("{name}: of task `{task}`, but only models of `tokenrig` and `grpo` make rigs"));
+        return Err(format!(
+            "{name}: of task `{task}`, but rigs are made by models of `tokenrig` and `grpo`, or by `unirig_skeleton` and `unirig_skin` together"
+        ));
     }
     settings.get()
 }

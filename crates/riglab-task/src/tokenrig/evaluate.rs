@@ -320,7 +320,7 @@ impl TokenRigTask {
                 for ((((Taken { apart, drawn, .. }, seen), posed), as_it_is), &id) in all {
                     let (truth, own) = (&posed.rig, Joints::of(as_it_is.skeleton()));
                     let found = drawn.decoded.as_ref().ok().map(|decoded| posed.joints_back(joints(decoded)));
-                    let offered = retrieval.offer(as_it_is, id.key());
+                    let offered = retrieval.offer(as_it_is, id);
                     let [model, nearest, fitted] = skeletons.add(found.as_ref(), offered.as_ref(), &own);
                     let name = self.assets.read(id).map_err(|e| e.to_string())?.name;
                     let category = self.assets.category(id)?;

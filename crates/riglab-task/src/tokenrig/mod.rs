@@ -45,7 +45,7 @@ pub use template::{FindHuman, Placed};
 
 use crate::assets::{AssetId, Assets, Cache};
 pub use crate::bundle::Card;
-use crate::experiment::{Examined, Experiment, beside, checksum};
+use crate::experiment::{Examined, Experiment, beside};
 use crate::fsq_cvae::Frozen;
 use crate::sequences::LeftOut;
 use crate::settings::TaskSettings;
@@ -159,9 +159,7 @@ impl Experiment for TokenRigTask {
     }
 
     fn companions(&self) -> Vec<(String, String)> {
-        let tensors = self.rigger.vae.tensors();
-        let named = tensors.iter().map(|(name, tensor)| (name.as_str(), tensor.shallow_clone()));
-        vec![("skin.run".into(), checksum(named))]
+        self.rigger.companions()
     }
 
     fn examination_steps(&self) -> Result<usize, String> {

@@ -17,6 +17,7 @@ use super::config::TokenRigTaskConfig;
 use super::shipped::{self, WITH_PRIOR};
 use super::skin::Codes;
 use super::told::{Sight, Teller};
+use crate::experiment::checksum;
 use crate::fsq_cvae::Frozen;
 use crate::unirig_skeleton::Batch as Shapes;
 use crate::unirig_skeleton::agree::{Agreed, Agreement, Taken};
@@ -147,6 +148,13 @@ impl Rigger {
         if config.skin.run == Path::new(AUTO_ENCODER) && own.is_dir() {
             config.skin.run = own;
         }
+    }
+
+    /// The key that names its auto-encoder, and a checksum of that one's weights.
+    pub fn companions(&self) -> Vec<(String, String)> {
+        let tensors = self.vae.tensors();
+        let named = tensors.iter().map(|(name, tensor)| (name.as_str(), tensor.shallow_clone()));
+        vec![("skin.run".into(), checksum(named))]
     }
 
     /// Its settings.

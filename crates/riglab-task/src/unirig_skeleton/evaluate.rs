@@ -309,7 +309,7 @@ impl SkeletonTask {
                 {
                     let truth = Joints::of(rig.skeleton());
                     let found = drawn.decoded.as_ref().ok().map(joints);
-                    let offered = retrieval.offer(rig, id.key());
+                    let offered = retrieval.offer(rig, id);
                     let [model, nearest, fitted] = ways.add(found.as_ref(), offered.as_ref(), &truth);
                     assets.push(AssetRow {
                         split: split.clone(),

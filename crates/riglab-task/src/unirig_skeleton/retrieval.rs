@@ -12,6 +12,8 @@ use crate::assets::{AssetId, Assets, Cache};
 /// Training shapes as points, with their skeletons.
 pub struct Retrieval {
     shapes: Vec<(Vec<Vec3>, Joints)>,
+    /// Which assets they are of.
+    of: Vec<AssetId>,
     points: usize,
     seed: u64,
 }
@@ -37,15 +39,17 @@ impl Retrieval {
             let rig = normalized(assets, cache, id)?;
             Ok((cloud(&rig, points, seed, id.key()), Joints::of(rig.skeleton())))
         });
-        Ok(Self { shapes: shapes.collect::<Result<_, String>>()?, points, seed })
+        Ok(Self { shapes: shapes.collect::<Result<_, String>>()?, of: ids.to_vec(), points, seed })
     }
 
-    /// The skeleton of the nearest shape, by the mean distance of points to the nearest of the other, both ways.
-    pub fn offer(&self, rig: &Rig, key: u64) -> Option<Offered> {
-        let own = cloud(rig, self.points, self.seed, key);
+    /// The skeleton of the shape that is nearest to an asset's, by the mean distance of points to the nearest of the other,
+    /// both ways. An asset that is a training shape itself is compared with the others: its own skeleton would be the truth.
+    pub fn offer(&self, rig: &Rig, id: AssetId) -> Option<Offered> {
+        let own = cloud(rig, self.points, self.seed, id.key());
         let distances = self.shapes.par_iter().map(|(other, _)| chamfer(&own, other));
         let distances: Vec<f32> = distances.collect();
-        let best = (0..distances.len()).min_by(|&a, &b| distances[a].total_cmp(&distances[b]))?;
+        let others = (0..distances.len()).filter(|&k| self.of[k] != id);
+        let best = others.min_by(|&a, &b| distances[a].total_cmp(&distances[b]))?;
         let (shape, nearest) = &self.shapes[best];
         let some = |points: &[Vec3]| points[..points.len().min(FITTED)].to_vec();
         let positions = fit(&some(shape), &nearest.positions, &some(&own))?;

@@ -12,12 +12,12 @@ use riglab_sweep::hold_evaluation;
 use riglab_task::Experiment;
 use riglab_task::assets::DataConfig;
 use riglab_task::seen::{seen, warning};
-use riglab_train::{Checkpoint, Progress, RunInfo, named_by};
+use riglab_train::{Checkpoint, Progress, RunInfo, named_by, same_companions};
 
 use super::device::DeviceArgs;
 use super::earlier::{Written, keep_others};
 use super::shown;
-use super::train::{reached, same_companions, tell_untested, untested};
+use super::train::{reached, same_data, tell_untested, untested};
 use crate::presets;
 use crate::registry::{TaskConfig, Visitor};
 
@@ -101,6 +101,13 @@ pub fn run(args: &Args, threads: usize) -> Result<ExitCode> {
     };
     if let Some(warning) = warning(&seen, &config.data().test) {
         tell!("warning: {warning}");
+    }
+    let data = config.data();
+    if let Some(split) = data.test.iter().find(|split| data.train.contains(split)) {
+        tell!(
+            "warning: `{split}` stands in data.train and in data.test: what is compared with training assets, as retrieval \
+             is, takes the other assets of it"
+        );
     }
     let data = config.data().clone();
     config.with(device, Examination { args, run, checkpoint, data, seen, path, folder })
@@ -194,11 +201,18 @@ impl Visitor for Examination<'_> {
         let Self { args, run, checkpoint, data, seen, path, folder } = self;
         checkpoint.load_weights(task.params())?;
         let info = std::fs::read(run.join("run.json")).ok().and_then(|text| serde_json::from_slice(&text).ok());
-        let mut companions = info.map_or_else(Vec::new, |info: RunInfo| info.companions);
+        let (mut companions, begun) = info.map_or_else(Default::default, |i: RunInfo| (i.companions, i.data));
+        if !args.sets.iter().any(|set| set.trim_start().starts_with("data.corpora"))
+            && let Err(fault) = same_data(&begun, &task.assets().summary()?)
+        {
+            tell!("warning: these are not the assets of the training: {fault}");
+        }
         // Others that were asked for are meant.
         companions
             .retain(|(key, _)| !args.sets.iter().any(|set| set.split('=').next().is_some_and(|k| k.trim() == key)));
-        same_companions(&companions, &task.companions()).with_context(|| run.display().to_string())?;
+        same_companions(&companions, &task.companions())
+            .map_err(|e| anyhow!(e))
+            .with_context(|| run.display().to_string())?;
         let without = untested(&data, task.assets())?;
         if let Some(note) = tell_untested(&without) {
             ensure!(without.len() < data.test.len(), note);

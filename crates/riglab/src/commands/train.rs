@@ -11,8 +11,8 @@ use riglab_task::assets::{Assets, DataConfig};
 use riglab_task::seen::{seen, warning};
 use riglab_task::start::{Taken, take};
 use riglab_train::{
-    Checkpoint, Ended, Interrupt, Run, RunInfo, ScheduleKind, StartConfig, TrainConfig, estimate, product_speed, sides,
-    train,
+    Checkpoint, Ended, Interrupt, Run, RunInfo, ScheduleKind, StartConfig, TrainConfig, estimate, product_speed,
+    same_companions, sides, train,
 };
 use tch::Device;
 
@@ -283,7 +283,9 @@ impl Visitor for Session<'_> {
         let data = task.assets().summary()?;
         if let Some(before) = run.info().filter(|_| resumed) {
             same_data(&before.data, &data).with_context(|| run.dir().display().to_string())?;
-            same_companions(&before.companions, &task.companions()).with_context(|| run.dir().display().to_string())?;
+            same_companions(&before.companions, &task.companions())
+                .map_err(|e| anyhow!(e))
+                .with_context(|| run.dir().display().to_string())?;
         }
         let mut now = RunInfo::new(crate::VERSION, task.name(), threads, &device::name(device));
         now.ranks = ranks.size();
@@ -415,7 +417,7 @@ pub fn tell_untested(splits: &[String]) -> Option<String> {
 }
 
 /// Refuses corpora that are not those a run was begun on, which steps and figures would be of then.
-fn same_data(before: &[(String, String, usize)], now: &[(String, String, usize)]) -> Result<()> {
+pub fn same_data(before: &[(String, String, usize)], now: &[(String, String, usize)]) -> Result<()> {
     let sums = |of: &[(String, String, usize)]| of.iter().map(|(_, sum, _)| sum.clone()).collect::<Vec<_>>();
     // Older runs may not say what they saw.
     if before.is_empty() || sums(before) == sums(now) {
@@ -431,23 +433,6 @@ fn same_data(before: &[(String, String, usize)], now: &[(String, String, usize)]
         short(before),
         short(now)
     )
-}
-
-/// Refuses other networks beside the trained one than a run was begun with: a run that one of them is named by may have
-/// gone on since, and what was learned is about codes, or a policy, of before.
-pub fn same_companions(before: &[(String, String)], now: &[(String, String)]) -> Result<()> {
-    for (key, checksum) in before {
-        if let Some((_, other)) = now.iter().find(|(k, other)| k == key && other != checksum) {
-            let short = |sum: &str| sum.get(..12).unwrap_or(sum).to_owned();
-            bail!(
-                "{key} has other weights ({}) than those of the training ({}): was that run trained on since? Name the \
-                 checkpoint that was its best then, {key} = \"RUN/checkpoints/step-N\" in config.toml, or train anew",
-                short(other),
-                short(checksum)
-            );
-        }
-    }
-    Ok(())
 }
 
 /// A run that is only begun.
@@ -529,14 +514,6 @@ fn next_free(config: &str) -> PathBuf {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn a_run_goes_on_with_the_networks_that_it_was_begun_with() {
-        let of = |sum: &str| vec![("skin.run".to_owned(), sum.to_owned())];
-        assert!(same_companions(&of("a"), &of("a")).is_ok() && same_companions(&[], &of("a")).is_ok());
-        let said = same_companions(&of("a"), &of("b")).unwrap_err().to_string();
-        assert!(said.contains("skin.run has other weights (b)") && said.contains("step-N"), "{said}");
-    }
 
     #[test]
     fn a_run_goes_on_with_its_own_corpora_alone() {
