@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 use std::process::Stdio;
 use std::time::{Duration, Instant};
 
-use binary::{config, corpus, must, riglab, text};
+use binary::{config, corpus, must, refusal, riglab, text};
 
 const STEPS: u64 = 90;
 /// Kills of each broken run: 21 in all.
@@ -82,10 +82,73 @@ fn a_killed_run_goes_on_as_if_nothing_had_happened() {
     assert!(read(&other) != expected[&weights], "a resume without the optimizer's state cannot be");
 }
 
+#[test]
+fn an_extended_run_is_the_longer_one_where_nothing_follows_from_its_length() {
+    let dir = tempfile::tempdir().unwrap();
+    let corpus = corpus(dir.path(), 12);
+    let settings = "[train]\nsteps = 4\nsave_every = 2\nvalidate_every = 2\nschedule.kind = 'constant'\n\
+                    schedule.warmup = 2\n[eval]\nvalidation_vertices = 20\n";
+    let config = config(dir.path(), &corpus, settings);
+    let train = |run: &Path, more: &[&str]| {
+        must(&[&["train", text(&config), "--run", text(run)], more].concat());
+    };
+    let extend = |run: &Path, to: &str| {
+        let told = must(&["train", "--resume", text(run), "--set", &format!("train.steps={to}")]).stderr;
+        String::from_utf8(told).unwrap()
+    };
+    let [long, short, cosine] = ["long", "short", "jobs/cosine/seed-0"].map(|name| dir.path().join(name));
+    train(&long, &["--set", "train.steps=8"]);
+    train(&short, &[]);
+    let told = extend(&short, "8");
+    assert!(told.contains("extended at step 4 from 4 to 8 steps: the same as 8 steps from the start"), "{told}");
+    assert!(result_at(&short, 8) == result_at(&long, 8), "the longer run, bit for bit");
+    let read = |run: &Path, name: &str| fs::read_to_string(run.join(name)).unwrap();
+    assert_eq!(read(&short, "config.toml"), read(&long, "config.toml"));
+    let info: serde_json::Value = serde_json::from_str(&read(&short, "run.json")).unwrap();
+    let noted = &info["extended"][0];
+    assert_eq!((&noted["at"], &noted["from"], &noted["to"]), (&4.into(), &4.into(), &8.into()), "{noted}");
+    assert!(noted["as_from_start"] == true && info["outcome"] == "finished", "{info}");
+
+    // The same command again goes on, and has nothing to do or to note.
+    let told = extend(&short, "8");
+    assert!(!told.contains("extended"), "{told}");
+    let before = read(&short, "config.toml");
+    for (set, parts) in [
+        ("train.seed=1", ["settings of a run stand", "`--set train.seed=1`"]),
+        ("train.steps=6", ["is to have 8 steps", "train.steps = 6 are fewer"]),
+        ("train.steps=0", ["--set train.steps", "at least 1"]),
+    ] {
+        let said = refusal(&mut riglab(&["train", "--resume", text(&short), "--set", set]));
+        assert!(parts.iter().all(|part| said.contains(part)), "{set}: {said}");
+    }
+    // What cannot go on is not extended.
+    fs::rename(&corpus, dir.path().join("elsewhere.h5")).unwrap();
+    refusal(&mut riglab(&["train", "--resume", text(&short), "--set", "train.steps=9"]));
+    fs::rename(dir.path().join("elsewhere.h5"), &corpus).unwrap();
+    assert_eq!(read(&short, "config.toml"), before);
+
+    // A rate that comes down to the end was at its end.
+    train(&cosine, &["--set", "train.schedule.kind=cosine"]);
+    let told = extend(&cosine, "8");
+    assert!(told.contains("not what 8 steps from the start give") && told.contains("was 0.010 of its peak"), "{told}");
+    must(&["report", text(&cosine)]);
+    let report = read(&cosine, "report.md");
+    assert!(report.contains("at step 4 from 4 to 8") && report.contains("gives another run"), "{report}");
+    // Runs of a sweep stay as their table has them.
+    fs::write(dir.path().join("sweep.json"), "{}").unwrap();
+    let said = refusal(&mut riglab(&["train", "--resume", text(&cosine), "--set", "train.steps=9"]));
+    assert!(said.contains("a run of the sweep"), "{said}");
+}
+
 /// What must be equal: the metrics, and every file of the last checkpoint.
 fn result(run: &Path) -> BTreeMap<String, Vec<u8>> {
+    result_at(run, STEPS)
+}
+
+/// As [`result`], of a run of so many steps.
+fn result_at(run: &Path, steps: u64) -> BTreeMap<String, Vec<u8>> {
     let mut files = BTreeMap::from([("metrics.jsonl".to_string(), fs::read(run.join("metrics.jsonl")).unwrap())]);
-    let last = format!("step-{STEPS:08}");
+    let last = format!("step-{steps:08}");
     for entry in fs::read_dir(run.join("checkpoints").join(&last)).expect("the run came to its end") {
         let path: PathBuf = entry.unwrap().path();
         let name = format!("{last}/{}", path.file_name().unwrap().to_str().unwrap());

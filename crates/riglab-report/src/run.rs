@@ -130,6 +130,8 @@ impl RunView {
         }
         let steps = self.metrics.iter().filter_map(|l| l["step"].as_u64()).max();
         add("steps", steps.map_or(String::new(), |s| s.to_string()));
+        let extended = self.extended().map(|e| format!("at step {} from {} to {}", e["at"], e["from"], e["to"]));
+        add("extended", extended.collect::<Vec<_>>().join(", then "));
         if let Some(s) = self.info["seconds"].as_f64() {
             add("time of training", format!("{:.0} min {:02.0} s", (s / 60.0).floor(), (s % 60.0).floor()));
         }
@@ -232,12 +234,30 @@ impl RunView {
     /// The resolved config and the command line, to repeat the run.
     pub fn repeat(&self) -> Vec<Block> {
         let command = self.info["command"].as_array().into_iter().flatten().skip(1).filter_map(Value::as_str);
-        let command = shell::command(command);
+        let mut lines = vec![shell::command(command)];
+        for e in self.extended() {
+            lines.push(format!("# then, of its {} steps, when {} were done:", e["from"], e["at"]));
+            let steps = format!("train.steps={}", e["to"]);
+            lines.push(shell::command(["train", "--resume", "RUN", "--set", &steps]));
+        }
+        lines.push(match self.extended().last() {
+            Some(last) if last["as_from_start"] != true => format!(
+                "# The config below, which has {} steps from the start, gives another run: what is told by their number\n\
+                 # (the learning rate, train.schedule) was another before it was extended.",
+                last["to"]
+            ),
+            _ => "# or, from the resolved config below:\nriglab train config.toml".into(),
+        });
         vec![
             Block::Heading("To repeat it".into()),
-            Block::Code(format!("{command}\n# or, from the resolved config below:\nriglab train config.toml")),
+            Block::Code(lines.join("\n")),
             Block::Folded("config.toml".into(), self.config.clone()),
         ]
+    }
+
+    /// Where it was given other steps.
+    fn extended(&self) -> impl Iterator<Item = &Value> {
+        self.info["extended"].as_array().into_iter().flatten()
     }
 
     fn data(&self) -> impl Iterator<Item = &Value> {
@@ -381,6 +401,26 @@ mod tests {
         // Before the first line there is nothing to draw.
         let dir = folder(&[("config.toml", ""), ("run.json", INFO)]);
         assert!(matches!(RunView::read(dir.path()).unwrap().curves(), Block::Charts(c) if c.is_empty()));
+    }
+
+    #[test]
+    fn an_extended_run_is_repeated_by_both_commands() {
+        let of = |as_from_start: bool| {
+            let mut info: Value = serde_json::from_str(INFO).unwrap();
+            info["extended"] = json!([{"at": 40, "from": 90, "to": 120, "as_from_start": as_from_start}]);
+            let dir = folder(&[("config.toml", ""), ("run.json", &info.to_string())]);
+            let run = RunView::read(dir.path()).unwrap();
+            let Block::Facts(facts) = run.facts([]) else { panic!("facts") };
+            assert!(facts.contains(&("extended".into(), "at step 40 from 90 to 120".into())), "{facts:?}");
+            let [_, Block::Code(code), ..] = &run.repeat()[..] else { panic!("code") };
+            code.clone()
+        };
+        let begun = "riglab train 'a b.toml'\n# then, of its 90 steps, when 40 were done:\n\
+                     riglab train --resume RUN --set train.steps=120\n";
+        assert_eq!(of(true), format!("{begun}# or, from the resolved config below:\nriglab train config.toml"));
+        let other = of(false);
+        assert!(other.starts_with(begun) && other.contains("gives another run"), "{other}");
+        assert!(!other.contains("train config.toml"), "{other}");
     }
 
     #[test]

@@ -64,6 +64,12 @@ pub struct RunInfo {
     pub started: String,
     /// When it went on after an interruption, and with what.
     pub resumed: Vec<Resumed>,
+    /// Steps that it is to have; 0 where an earlier version began it.
+    #[serde(default)]
+    pub steps: u64,
+    /// Where it was given other steps than it was begun with.
+    #[serde(default)]
+    pub extended: Vec<Extended>,
     /// When it ended, UTC; empty while it runs.
     pub ended: String,
     /// How it ended: `finished`, `interrupted`, or the error.
@@ -97,6 +103,21 @@ pub enum Resumed {
         /// As [`RunInfo::device`].
         device: String,
     },
+}
+
+/// A run that was given other steps than it had.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Extended {
+    /// When, UTC.
+    pub when: String,
+    /// Steps done by then.
+    pub at: u64,
+    /// Steps that it was to have before.
+    pub from: u64,
+    /// Steps that it is to have since.
+    pub to: u64,
+    /// Whether it is what so many steps from the start give: what follows from their number was the same until then.
+    pub as_from_start: bool,
 }
 
 impl Run {
@@ -208,6 +229,16 @@ impl RunInfo {
         self.resumed.push(Resumed::With { at, riglab, libtorch, commit, machine, threads, ranks, device });
     }
 
+    /// Notes that the run, after `at` steps, is given `to` of them; `alike`: whether it was the same until then as one of so
+    /// many.
+    pub fn extend(&mut self, at: u64, to: u64, alike: bool) {
+        let as_from_start = alike && self.extended.iter().all(|e| e.as_from_start);
+        self.extended.push(Extended { when: now(), at, from: self.steps, to, as_from_start });
+        self.steps = to;
+        // It is not what it ended as any more.
+        self.outcome.clear();
+    }
+
     /// Now, UTC.
     pub fn now() -> String {
         now()
@@ -292,5 +323,24 @@ mod tests {
         assert!(same_companions(&of("a"), &of("a")).is_ok() && same_companions(&[], &of("a")).is_ok());
         let said = same_companions(&of("a"), &of("b")).unwrap_err();
         assert!(said.contains("skin.run has other weights (b)") && said.contains("step-N"), "{said}");
+    }
+
+    #[test]
+    fn more_steps_are_noted_with_those_that_were_done() {
+        let mut info = RunInfo { steps: 90, outcome: "finished".into(), ..RunInfo::default() };
+        for (at, to, alike) in [(90, 120, true), (100, 200, false), (200, 300, true)] {
+            info.extend(at, to, alike);
+        }
+        let noted: Vec<_> = info.extended.iter().map(|e| (e.at, e.from, e.to, e.as_from_start)).collect();
+        // What was another run once does not become the same again.
+        assert_eq!(noted, [(90, 90, 120, true), (100, 120, 200, false), (200, 200, 300, false)]);
+        assert!(info.steps == 300 && info.outcome.is_empty());
+        let older: RunInfo = serde_json::from_str(&{
+            let mut value = serde_json::to_value(&info).unwrap();
+            ["steps", "extended"].iter().for_each(|key| drop(value.as_object_mut().unwrap().remove(*key)));
+            value.to_string()
+        })
+        .unwrap();
+        assert!(older.steps == 0 && older.extended.is_empty());
     }
 }

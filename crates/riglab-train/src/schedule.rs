@@ -26,6 +26,11 @@ pub fn beta1(config: &ScheduleConfig, step: u64, steps: u64) -> Option<f64> {
     (config.kind == ScheduleKind::OneCycle).then(|| one_cycle(config, step, steps, [ends, peak, ends]))
 }
 
+/// The first of `until` steps whose learning rate or momentum is another in a run of `a` steps than in one of `b`.
+pub fn first_apart(config: &ScheduleConfig, [a, b]: [u64; 2], until: u64) -> Option<u64> {
+    (0..until).find(|&s| factor(config, s, a) != factor(config, s, b) || beta1(config, s, a) != beta1(config, s, b))
+}
+
 /// From the first value to the second and on to the third, by half a cosine each. The peak may lie between two
 /// steps; the step after it is on the way down then.
 fn one_cycle(config: &ScheduleConfig, step: u64, steps: u64, [start, peak, end]: [f64; 3]) -> f64 {
@@ -61,6 +66,25 @@ mod tests {
             let c = ScheduleConfig { one_cycle, ..c.clone() };
             assert!((0..steps + 2).all(|s| (0.0..=1.0).contains(&factor(&c, s, steps))), "{rise} {steps}");
         }
+    }
+
+    #[test]
+    fn runs_of_other_lengths_part_where_their_rates_do() {
+        let of = |kind| ScheduleConfig { kind, warmup: 10, ..ScheduleConfig::default() };
+        for (kind, apart) in [
+            (ScheduleKind::Constant, None),
+            (ScheduleKind::Linear, Some(11)),
+            (ScheduleKind::Cosine, Some(11)),
+            (ScheduleKind::OneCycle, Some(1)),
+        ] {
+            assert_eq!(first_apart(&of(kind), [100, 200], 100), apart, "{kind:?}");
+            assert_eq!(first_apart(&of(kind), [100, 100], 100), None, "{kind:?}");
+        }
+        assert_eq!(
+            first_apart(&of(ScheduleKind::Cosine), [100, 200], 11),
+            None,
+            "warm-up does not follow from the steps"
+        );
     }
 
     #[test]

@@ -139,6 +139,12 @@ pub trait Task {
         1
     }
 
+    /// What its loss takes that follows from how far a run is, at a step of a run of so many, such as weights that rise;
+    /// most have nothing of the kind. Runs of other lengths are the same as long as it is, and the learning rate.
+    fn pace(&self, _step: u64, _steps: u64) -> Vec<f64> {
+        Vec::new()
+    }
+
     /// Validates weights.
     ///
     /// # Errors

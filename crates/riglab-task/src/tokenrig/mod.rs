@@ -139,6 +139,10 @@ impl Task for TokenRigTask {
         })
     }
 
+    fn pace(&self, step: u64, steps: u64) -> Vec<f64> {
+        vec![self.rigger.config.loss.skin_weight(step as f64 / steps.max(1) as f64)]
+    }
+
     fn validate(&self, w: &Weights, at: At) -> Result<Validation, String> {
         self.validation(w, at.ranks)
     }

@@ -13,6 +13,7 @@ mod earlier;
 pub mod eval;
 mod glb;
 pub mod inspect;
+mod longer;
 pub mod report;
 pub mod review;
 pub mod rig;

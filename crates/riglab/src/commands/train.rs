@@ -17,6 +17,7 @@ use riglab_train::{
 use tch::Device;
 
 use super::device::{self, DeviceArgs};
+use super::longer::{self, Longer};
 use super::shown;
 use super::slurm::{On, apart, settings, train as on_slurm};
 use crate::offered::open_weights;
@@ -28,7 +29,7 @@ use riglab_report::shell::{command, quoted};
 /// Train a model from a config, or continue a run.
 ///
 /// A run folder is made with the resolved config, metrics and checkpoints; Ctrl-C saves and leaves,
-/// --resume goes on as if nothing had happened. With --on slurm it does so as a job of a cluster, requeued whenever
+/// --resume goes on as if nothing had happened, with --set train.steps=N to more steps. With --on slurm it does so as a job of a cluster, requeued whenever
 /// its time ends.
 ///
 /// Started as several processes by mpirun or srun, it shares the batches of each step (train.accumulate of them, a
@@ -40,6 +41,7 @@ Examples:
   riglab train quickstart/fsq_cvae.toml --set data.corpora='[\"corpus.h5\"]'
   riglab train my.toml --set train.seed=2 --run runs/mine/seed-2
   riglab train --resume runs/mine/seed-2
+  riglab train --resume runs/mine/seed-2 --set train.steps=8000   # to more steps than it was begun with
   riglab train my.toml --set train.start.from=runs/tokenrig/001
   riglab train unirig/skin_paper.toml --set data.corpora='[\"corpus.h5\"]' \\
       --set train.start.from=sampart3d.pth --set train.start.parts='[\"mesh_encoder\"]'
@@ -56,7 +58,7 @@ pub struct Args {
     /// The run's folder [default: the next free number below runs/<config>/].
     #[arg(long, value_name = "DIR")]
     run: Option<PathBuf>,
-    /// Continue the run in this folder.
+    /// Continue the run in this folder. Its settings stand, but for --set train.steps=N, which may grow.
     #[arg(long, value_name = "DIR", conflicts_with_all = ["config", "run"])]
     resume: Option<PathBuf>,
     /// Write nothing: go through a few steps and a validation, and say what the run would take: parameters, memory,
@@ -85,14 +87,14 @@ pub fn run(args: &Args, threads: usize) -> Result<ExitCode> {
         return Ok(ExitCode::SUCCESS);
     }
     let (cluster, sets) = apart(&args.sets);
-    if let (Some(dir), Some(set)) = (&args.resume, sets.first()) {
-        bail!("{}: the settings of a run stand; `--set {set}` belongs to a new one", dir.display());
+    if let Some(dir) = &args.resume {
+        longer::only(dir, &sets)?;
     }
     if let (None, Some(set)) = (args.on, cluster.first()) {
         bail!("`--set {set}` is about a cluster; add --on slurm");
     }
     if args.on == Some(On::Slurm) {
-        return hand_over(args, &cluster, threads);
+        return hand_over(args, &cluster, &sets, threads);
     }
     let ranks = riglab_ranks::world()?;
     let done = together(args, threads, &ranks);
@@ -108,13 +110,20 @@ fn together(args: &Args, threads: usize, ranks: &Ranks) -> Result<ExitCode> {
     let threads = if threads == 0 && ranks.size() > 1 { processors(ranks)? } else { threads };
     let threads = riglab_torch::init(riglab_torch::Settings { threads });
     let device = args.device.of_ranks(ranks)?;
+    let mut longer = None;
     let (config, place) = match (&args.resume, &args.config) {
         (Some(dir), _) => {
             let run = if ranks.leads() { Run::open(dir)? } else { Run::follow(dir) };
             // What the first rank reads counts: folders may be late on other machines.
             let text = std::fs::read_to_string(run.path("config.toml"));
-            let text =
-                ranks.told(if ranks.leads() { text.context("cannot read config.toml")? } else { String::new() })?;
+            let mut text = if ranks.leads() { text.context("cannot read config.toml")? } else { String::new() };
+            if ranks.leads()
+                && let Some(more) = Longer::of(&run, &args.sets)?
+            {
+                text = more.config.clone();
+                longer = Some(more);
+            }
+            let text = ranks.told(text)?;
             let config = settled(&text, &run.path("config.toml"))?;
             if ranks.leads() {
                 reached(dir, config.data(), |_| vec!["train".into(), "--resume".into(), whole(dir)])?;
@@ -144,12 +153,12 @@ fn together(args: &Args, threads: usize, ranks: &Ranks) -> Result<ExitCode> {
         bail!("train.{message}");
     }
     // What other weights begin with is asked for once.
-    let fresh = match &place {
-        Place::There(run) if ranks.leads() => Checkpoint::latest(run, config.train())?.is_none(),
-        _ => true,
+    let saved = match &place {
+        Place::There(run) if ranks.leads() => Checkpoint::latest(run, config.train())?.map(|c| c.state().step),
+        _ => None,
     };
-    let fresh = ranks.told(fresh)?;
-    config.with(device, Session { config: &config, place, fresh, threads, device, ranks })
+    let saved = ranks.told(saved)?;
+    config.with(device, Session { config: &config, place, longer, saved, threads, device, ranks })
 }
 
 /// Has the parts of a network stay that `train.frozen` names, if it does, before anything is written of the run; what to
@@ -225,9 +234,17 @@ fn beside(config: TaskConfig, file: &Path) -> TaskConfig {
 }
 
 /// Submits a training.
-fn hand_over(args: &Args, cluster: &[String], threads: usize) -> Result<ExitCode> {
+fn hand_over(args: &Args, cluster: &[String], sets: &[String], threads: usize) -> Result<ExitCode> {
     let (run, desk, config) = match (&args.resume, &args.config) {
-        (Some(dir), _) => (dir.clone(), on_slurm::desk(dir, None, cluster)?, None),
+        (Some(dir), _) => {
+            let desk = on_slurm::desk(dir, None, cluster)?;
+            // One that is in the queue is refused below.
+            if !sets.is_empty() && desk.queue()?.is_empty() {
+                let run = Run::open(dir)?;
+                Longer::of(&run, sets)?.map_or(Ok(()), |longer| longer.write(&run))?;
+            }
+            (dir.clone(), desk, None)
+        }
         (None, Some(name)) => {
             let config = presets::load(name, &args.sets)?;
             let text = beside(TaskConfig::read(&config)?, Path::new(name)).settled().to_toml()?;
@@ -251,8 +268,10 @@ enum Place {
 struct Session<'a> {
     config: &'a TaskConfig,
     place: Place,
-    /// Whether no step was saved yet.
-    fresh: bool,
+    /// More steps than the run was to have before, on the rank that writes.
+    longer: Option<Longer>,
+    /// The last step that was saved.
+    saved: Option<u64>,
     threads: usize,
     device: Device,
     ranks: &'a Ranks,
@@ -262,8 +281,8 @@ impl Visitor for Session<'_> {
     type Out = ExitCode;
 
     fn visit<T: Experiment>(self, task: T) -> Result<ExitCode> {
-        let Self { config, place, fresh, threads, device, ranks } = self;
-        let mut begun = if fresh { begin(&task, &config.train().start)? } else { Vec::new() };
+        let Self { config, place, longer, saved, threads, device, ranks } = self;
+        let mut begun = if saved.is_none() { begin(&task, &config.train().start)? } else { Vec::new() };
         begun.extend(freeze(&task, config.train())?);
         if !ranks.leads() {
             let run = match place {
@@ -287,11 +306,15 @@ impl Visitor for Session<'_> {
                 .map_err(|e| anyhow!(e))
                 .with_context(|| run.dir().display().to_string())?;
         }
+        if let Some(longer) = &longer {
+            longer.write(&run)?;
+        }
         let mut now = RunInfo::new(crate::VERSION, task.name(), threads, &device::name(device));
-        now.ranks = ranks.size();
+        (now.ranks, now.steps) = (ranks.size(), config.train().steps);
         let mut info = match run.info().filter(|_| resumed) {
             Some(mut info) => {
                 info.go_on(now);
+                begun.extend(longer::note(&task, config.train(), saved.unwrap_or(0), &mut info));
                 info
             }
             None => now,

@@ -1,0 +1,128 @@
+//! `riglab train --resume RUN --set train.steps=N`: a run that gets more steps than it was begun with.
+
+use std::path::Path;
+
+use anyhow::{Context, Result, bail};
+use riglab_report::counted;
+use riglab_train::{Run, RunInfo, Task, TrainConfig, factor, first_apart};
+
+use super::shown;
+use crate::presets;
+use crate::registry::TaskConfig;
+
+/// The one setting of a run that may change, and only grow: what was learned so far is still of it.
+const STEPS: &str = "train.steps";
+
+/// A run's settings with more steps.
+pub struct Longer {
+    /// Steps that it was to have.
+    from: u64,
+    /// Its `config.toml` with more of them.
+    pub config: String,
+}
+
+/// Refuses changes of what stands in a run.
+pub fn only(run: &Path, sets: &[String]) -> Result<()> {
+    let other = |set: &&String| set.split_once('=').is_none_or(|(key, _)| key.trim() != STEPS);
+    match sets.iter().find(other) {
+        Some(set) => bail!(
+            "{}: the settings of a run stand, all but {STEPS}, which may grow; `--set {set}` belongs to a new one",
+            run.display()
+        ),
+        None => Ok(()),
+    }
+}
+
+impl Longer {
+    /// Of changes that [`only`] passed; nothing where they are none, as when the same command is given again to go on.
+    ///
+    /// # Errors
+    /// When there would be fewer steps, or the run is one of a sweep.
+    pub fn of(run: &Run, sets: &[String]) -> Result<Option<Self>> {
+        if sets.is_empty() {
+            return Ok(None);
+        }
+        let (dir, path) = (shown(run.dir()), run.path("config.toml"));
+        let text = std::fs::read_to_string(&path).with_context(|| format!("{} cannot be read", path.display()))?;
+        let read = |sets: &[String]| TaskConfig::read(&presets::parse(&shown(&path), &text, sets)?);
+        let (config, from) = (read(sets)?, read(&[])?.train().steps);
+        let to = config.train().steps;
+        if to == from {
+            return Ok(None);
+        }
+        if to < from {
+            bail!(
+                "{dir} is to have {}, and {STEPS} = {to} are fewer: steps may be added alone; Ctrl-C stops a run where it is",
+                counted(from as usize, "step")
+            );
+        }
+        // Its table is of runs that have the same settings but for what their arms change.
+        let place = std::path::absolute(run.dir()).unwrap_or_default();
+        if let Some(sweep) = place.ancestors().nth(3).filter(|sweep| sweep.join("sweep.json").is_file()) {
+            bail!(
+                "{dir} is a run of the sweep {}, whose runs are compared as they are: begin another sweep with --set \
+                 {STEPS}={to}, or copy the run's folder and extend the copy",
+                sweep.display()
+            );
+        }
+        Ok(Some(Self { from, config: config.to_toml()? }))
+    }
+
+    /// Writes the settings; [`note`] records it when training goes on.
+    ///
+    /// # Errors
+    /// When the file system refuses.
+    pub fn write(&self, run: &Run) -> Result<()> {
+        // An earlier version did not say how many steps there were to be.
+        if let Some(info) = run.info().filter(|info| info.steps == 0) {
+            run.write_info(&RunInfo { steps: self.from, ..info })?;
+        }
+        let path = run.path("config.toml");
+        riglab_files::write(&path, self.config.as_bytes())
+            .with_context(|| format!("{} cannot be written", path.display()))
+    }
+}
+
+/// Notes in `info` that a run which did `at` steps has others to do than it says, however it got them; what to say of it.
+pub fn note<T: Task>(task: &T, train: &TrainConfig, at: u64, info: &mut RunInfo) -> Option<String> {
+    let (from, to) = (info.steps, train.steps);
+    if from == 0 {
+        // Not known of a run of an earlier version.
+        info.steps = to;
+    }
+    if [0, to].contains(&from) {
+        return None;
+    }
+    let rates = first_apart(&train.schedule, [from, to], at);
+    let paces = (0..at).find(|&step| task.pace(step, from) != task.pace(step, to));
+    info.extend(at, to, rates.is_none() && paces.is_none());
+    let same = info.extended.last().is_some_and(|e| e.as_from_start);
+    let told = format!("extended at step {at} from {from} to {to} steps");
+    let (was, is) = (factor(&train.schedule, at.saturating_sub(1), from), factor(&train.schedule, at, to));
+    Some(match (rates, paces) {
+        _ if same => format!("{told}: the same as {to} steps from the start"),
+        (Some(_), _) => format!(
+            "{told}: not what {to} steps from the start give, as the learning rate (train.schedule) follows from their number; \
+             it was {was:.3} of its peak and goes on at {is:.3}"
+        ),
+        (None, Some(_)) => format!(
+            "{told}: not what {to} steps from the start give, as the weights of the loss follow from their number"
+        ),
+        (None, None) => format!("{told}: not what {to} steps from the start give, as it was extended otherwise before"),
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn steps_alone_may_change() {
+        let of = |sets: &[&str]| only(Path::new("runs/a"), &sets.iter().map(|s| (*s).to_owned()).collect::<Vec<_>>());
+        assert!(of(&[]).is_ok() && of(&["train.steps=5", " train.steps = 7"]).is_ok());
+        for set in ["train.seed=2", "train.steps.x=1", "train.steps"] {
+            let said = of(&["train.steps=5", set]).unwrap_err().to_string();
+            assert!(said.contains("runs/a") && said.contains(&format!("`--set {set}` belongs to a new one")), "{said}");
+        }
+    }
+}
