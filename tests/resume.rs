@@ -140,6 +140,46 @@ fn an_extended_run_is_the_longer_one_where_nothing_follows_from_its_length() {
     assert!(said.contains("a run of the sweep"), "{said}");
 }
 
+#[test]
+fn creatures_go_on_where_they_were_broken_off() {
+    fn synth<'a>(out: &'a Path, seed: &'a str) -> [&'a str; 8] {
+        ["synth", "-o", text(out), "--count", "100", "--seed", seed, "--triangles=400..800"]
+    }
+    let dir = tempfile::tempdir().unwrap();
+    let [whole, broken] = ["whole", "broken"].map(|name| dir.path().join(name));
+    must(&synth(&whole, "3"));
+    let files = |folder: &Path| -> BTreeMap<String, Vec<u8>> {
+        let entries = fs::read_dir(folder).unwrap().map(|e| e.unwrap().path());
+        entries.map(|path| (text(path.strip_prefix(folder).unwrap()).into(), fs::read(&path).unwrap())).collect()
+    };
+    let made = || {
+        let glb = |e: &fs::DirEntry| e.path().extension().is_some_and(|of| of == "glb");
+        fs::read_dir(&broken).into_iter().flatten().flatten().filter(glb).count()
+    };
+    for wanted in [15, 45] {
+        let mut child = riglab(&synth(&broken, "3")).stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap();
+        while made() < wanted && child.try_wait().unwrap().is_none() {
+            std::thread::sleep(Duration::from_millis(1));
+        }
+        // SIGKILL: nothing can be tidied up.
+        assert!(child.try_wait().unwrap().is_none(), "it was too short to be killed");
+        child.kill().unwrap();
+        child.wait().unwrap();
+    }
+    let said = refusal(&mut riglab(&synth(&broken, "4")));
+    assert!(said.contains("begun with --seed 3, and not 4"), "{said}");
+    let mine = broken.join("mine.glb");
+    fs::write(&mine, "mine").unwrap();
+    let said = refusal(&mut riglab(&synth(&broken, "3")));
+    assert!(said.contains("mine.glb is none of the creatures"), "{said}");
+    fs::remove_file(&mine).unwrap();
+    let there = made();
+    let told = String::from_utf8(must(&synth(&broken, "3")).stderr).unwrap();
+    assert!(there < 100 && told.contains(&format!("{there} of 100 creatures are there already; going on")), "{told}");
+    assert!(files(&broken) == files(&whole), "the same bytes as of the unbroken call, and nothing else");
+    assert!(refusal(&mut riglab(&synth(&broken, "3"))).contains("not empty"));
+}
+
 /// What must be equal: the metrics, and every file of the last checkpoint.
 fn result(run: &Path) -> BTreeMap<String, Vec<u8>> {
     result_at(run, STEPS)

@@ -72,9 +72,29 @@ impl Default for Options {
     }
 }
 
+/// The plan of a creature.
+fn plan_of(index: u64, options: &Options) -> Plan {
+    options.plans[(index % options.plans.len() as u64) as usize]
+}
+
+/// What creature number `index` of a seed is called, told without making it.
+pub fn name(seed: u64, index: u64, options: &Options) -> String {
+    format!("{}-{seed}-{index:06}", plan_of(index, options).name())
+}
+
+/// Where it is from and what it is, told without making it.
+pub fn provenance(seed: u64, index: u64, options: &Options) -> Provenance {
+    Provenance {
+        source: format!("riglab synth seed {seed} index {index}"),
+        licence: "CC0-1.0".into(),
+        category: plan_of(index, options).category().into(),
+        ..Provenance::default()
+    }
+}
+
 /// Creature number `index` of a seed.
 pub fn creature(seed: u64, index: u64, options: &Options) -> Asset {
-    let plan = options.plans[(index % options.plans.len() as u64) as usize];
+    let plan = plan_of(index, options);
     let mut dice = Dice::new(riglab_random::stream(seed, "creature", &[index]));
     let (least, most) = (*options.triangles.start() as f32, *options.triangles.end() as f32);
     let target = (least * pow(most / least, dice.between(0.0, 1.0))) as u32;
@@ -86,15 +106,10 @@ pub fn creature(seed: u64, index: u64, options: &Options) -> Asset {
     };
     let body = plan.body(&mut dice, target).varied(&mut dice, target);
     Asset {
-        name: format!("{}-{seed}-{index:06}", plan.name()),
+        name: name(seed, index, options),
         rig: rig(&body, assemble(&body, &finish)),
         clips: vec![],
-        provenance: Provenance {
-            source: format!("riglab synth seed {seed} index {index}"),
-            licence: "CC0-1.0".into(),
-            category: plan.category().into(),
-            ..Provenance::default()
-        },
+        provenance: provenance(seed, index, options),
     }
 }
 

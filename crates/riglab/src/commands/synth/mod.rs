@@ -1,20 +1,22 @@
 //! `riglab synth`
 
-use std::fs;
+mod begun;
+
 use std::ops::RangeInclusive;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result};
 use rayon::prelude::*;
 use riglab_asset::to_glb;
 use riglab_core::Asset;
 use riglab_data::{CorpusWriter, Splitter};
 use riglab_files::make_folder_of;
 use riglab_report::shell::command;
-use riglab_synth::{Options, Plan, creature};
+use riglab_synth::{Options, Plan, creature, name, provenance};
 use riglab_train::Progress;
 
+use begun::Begun;
 use riglab_report::counted;
 
 /// Make rigged creatures: files to try everything on, without any of your own.
@@ -22,7 +24,8 @@ use riglab_report::counted;
 /// Each is drawn by seed and number, so the same command makes the same files. Plans are people,
 /// avatars with spring bones, animals of many kinds, monsters, machines and props; unless some are
 /// given, they come about as often as in corpora of real rigs. They become GLB files in a folder, with a
-/// manifest.json that states source, licence (CC0) and category, or at once a corpus, split by topology.
+/// manifest.json that states source, licence (CC0) and category, or at once a corpus, split by topology. A folder that was
+/// broken off goes on when the same command is given again; a corpus begins anew.
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:
@@ -30,7 +33,8 @@ Examples:
   riglab synth -o creatures.h5 --count 10000
   riglab synth -o fish --plans fish --seed 7 --triangles 500..2000")]
 pub struct Args {
-    /// Folder to write GLB files into, made if there is none, else it must be empty; or a corpus (.h5).
+    /// Folder to write GLB files into, made if there is none, else it must be empty or of the same command, broken off; or a
+    /// corpus (.h5).
     #[arg(long, short, value_name = "DIR|FILE.h5")]
     out: PathBuf,
     /// How many.
@@ -79,26 +83,51 @@ pub fn run(args: &Args) -> Result<ExitCode> {
     if out.extension().is_some_and(|e| e.eq_ignore_ascii_case("h5") || e.eq_ignore_ascii_case("hdf5")) {
         return corpus(args, &options);
     }
-    fs::create_dir_all(out).with_context(|| format!("{} cannot be made", out.display()))?;
-    let mut entries = fs::read_dir(out).with_context(|| format!("{} cannot be read", out.display()))?;
-    if entries.next().is_some() {
-        bail!("{} is not empty; give another folder, so that nothing is overwritten", out.display());
+    let begun = Begun::open(out, &settings(args, &options))?;
+    let file = |k: u64| format!("{}.glb", name(args.seed, k, &options));
+    let there = begun.files((0..args.count).map(file))?;
+    let open: Vec<u64> = (0..args.count).filter(|k| !there.contains(&file(*k))).collect();
+    let mut done = args.count - open.len() as u64;
+    if done > 0 {
+        tell!("note: {done} of {} are there already; going on", counted(args.count as usize, "creature"));
     }
-    let mut progress = Progress::new("making creatures", args.count, 0);
-    let mut manifest = Vec::new();
-    for from in (0..args.count).step_by(AT_ONCE) {
-        let these = from..args.count.min(from + AT_ONCE as u64);
-        let made: Result<Vec<serde_json::Value>> =
-            these.into_par_iter().map(|k| write(out, &creature(args.seed, k, &options))).collect();
-        manifest.extend(made?);
-        progress.set(manifest.len() as u64, String::new);
+    let mut progress = Progress::new("making creatures", args.count, done);
+    for these in open.chunks(AT_ONCE) {
+        let write = |&k: &u64| put(&out.join(file(k)), &to_glb(&creature(args.seed, k, &options)));
+        these.into_par_iter().map(write).collect::<Result<()>>()?;
+        done += these.len() as u64;
+        progress.set(done, String::new);
     }
     progress.finish();
+    let entry = |k: u64| {
+        let from = provenance(args.seed, k, &options);
+        serde_json::json!({"file": file(k), "source": from.source, "licence": from.licence, "category": from.category})
+    };
+    let manifest: Vec<serde_json::Value> = (0..args.count).map(entry).collect();
     // Written last: a folder with a manifest is complete.
-    put(&out.join("manifest.json"), (serde_json::to_string_pretty(&manifest)? + "\n").as_bytes())?;
+    put(&out.join(MANIFEST), (serde_json::to_string_pretty(&manifest)? + "\n").as_bytes())?;
+    begun.finish()?;
     tell!("next: {}", command(["dataset", "import", &out.to_string_lossy(), "-o", "corpus.h5"]));
     say!("{}: {}", out.display(), counted(manifest.len(), "creature"));
     Ok(ExitCode::SUCCESS)
+}
+
+/// What lists the creatures of a folder.
+const MANIFEST: &str = "manifest.json";
+
+/// What a folder's creatures follow from, by the options that say it.
+fn settings(args: &Args, options: &Options) -> Vec<(String, String)> {
+    let plans: Vec<&str> = options.plans.iter().map(|plan| plan.name()).collect();
+    let (least, most) = (args.triangles.start(), args.triangles.end());
+    [
+        ("--count", args.count.to_string()),
+        ("--seed", args.seed.to_string()),
+        ("--plans", plans.join(",")),
+        ("--triangles", format!("{least}..{most}")),
+        ("riglab", crate::VERSION.into()),
+    ]
+    .map(|(name, value)| (name.to_owned(), value))
+    .into()
 }
 
 /// Writes the creatures to a corpus as they are made.
@@ -124,14 +153,6 @@ fn corpus(args: &Args, options: &Options) -> Result<ExitCode> {
     tell!("next: {}", command(["train", "quickstart/fsq_cvae.toml", "--set", &corpora]));
     say!("{}: {}", args.out.display(), counted(keys.len(), "creature"));
     Ok(ExitCode::SUCCESS)
-}
-
-/// Writes one creature; gives its entry of the manifest.
-fn write(out: &Path, asset: &Asset) -> Result<serde_json::Value> {
-    let file = format!("{}.glb", asset.name);
-    put(&out.join(&file), &to_glb(asset))?;
-    let from = &asset.provenance;
-    Ok(serde_json::json!({"file": file, "source": from.source, "licence": from.licence, "category": from.category}))
 }
 
 fn put(path: &Path, bytes: &[u8]) -> Result<()> {
