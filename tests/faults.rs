@@ -279,6 +279,20 @@ fn a_folder_without_permission_is_named() {
 }
 
 #[test]
+fn a_place_where_nobody_may_write_is_told_once_before_the_work_with_the_remedy_that_helps() {
+    // Not even root.
+    let files = ready().join("files");
+    for (call, begun) in [
+        (["rig", text(&files), "-o", "/sys/out"].as_slice(), "model:"),
+        (&["curate", text(&files), "-o", "/sys/c.h5"], "looking"),
+    ] {
+        let said = refusal(&mut riglab(call));
+        assert!(said.matches("where you may write").count() == 1 && said.contains("/sys"), "{call:?}: {said}");
+        assert!(!said.contains("left out") && !said.contains("make room") && !said.contains(begun), "{said}");
+    }
+}
+
+#[test]
 fn what_is_there_is_not_overwritten() {
     let run = ready().join("run");
     let said = refusal(&mut riglab(&["train", text(&ready().join("config.toml")), "--run", text(&run)]));

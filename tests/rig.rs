@@ -222,11 +222,14 @@ fn a_folder_is_rigged_file_by_file() {
     let odd = <std::ffi::OsStr as std::os::unix::ffi::OsStrExt>::from_bytes(b"l\xfc.glb");
     let first = fs::read_dir(&input).unwrap().map(|e| e.unwrap().path()).find(|p| !p.ends_with("broken.obj")).unwrap();
     fs::rename(first, input.join(odd)).unwrap();
+    std::os::unix::fs::symlink("nowhere", input.join("dangling.glb")).unwrap();
     let few = ["--samples", "1", "--skins", "1"];
     let said =
         riglab(&[&["rig", text(&input), "-o", text(&out), "--json"][..], &few].concat()).output().unwrap().stdout;
-    let lines: Vec<Value> =
-        String::from_utf8(said).unwrap().lines().map(|l| serde_json::from_str(l).unwrap()).collect();
+    let all: Vec<Value> = String::from_utf8(said).unwrap().lines().map(|l| serde_json::from_str(l).unwrap()).collect();
+    // What cannot be looked at is no model that failed.
+    let (skipped, lines): (Vec<Value>, Vec<Value>) = all.into_iter().partition(|line| line["skipped"].is_string());
+    assert!(skipped.len() == 1 && skipped[0]["file"].as_str().unwrap().ends_with("dangling.glb"), "{skipped:?}");
     let failed: Vec<&Value> = lines.iter().filter(|l| l["error"].is_string()).collect();
     assert!(lines.len() == 3 && failed.len() == 1, "{lines:?}");
     assert!(failed[0]["file"].as_str().unwrap().ends_with("broken.obj"));
@@ -265,6 +268,15 @@ fn what_cannot_be_rigged_is_told() {
         let said = refusal(&mut riglab(&args));
         assert!(said.contains(wanted), "{args:?}: {said}");
         assert!(!out.exists());
+    }
+    // What is wrong for all models of a folder is told once, before the first.
+    let (all, out) = (bare.parent().unwrap(), path("all"));
+    fs::copy(&bare, all.join("again.glb")).unwrap();
+    for (option, wanted) in
+        [(["--template", "cat"], "there is no template `cat`"), (["--skeleton", "no.glb"], "no.glb")]
+    {
+        let said = refusal(&mut riglab(&[&["rig", text(all), "-o", text(&out)][..], &option].concat()));
+        assert!(said.matches(wanted).count() == 1 && !said.contains("left out") && !out.exists(), "{said}");
     }
 }
 

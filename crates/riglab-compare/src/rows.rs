@@ -90,7 +90,7 @@ pub fn score(
 ) -> Result<(Vec<System>, Unread), CompareError> {
     let mut out: Vec<System> = systems.iter().map(|(name, p)| System::empty(name, p)).collect();
     out.extend(baselines.iter().map(System::of_baseline));
-    let (mut broken, mut done) = (Vec::new(), 0);
+    let (mut broken, mut done) = (truths.unread.clone(), 0);
     let mut used: Vec<std::collections::BTreeSet<String>> = vec![Default::default(); systems.len()];
     let mut example = String::new();
     truths.each(|some| {

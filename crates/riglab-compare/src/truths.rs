@@ -9,6 +9,7 @@ use riglab_core::Asset;
 use riglab_data::{Corpus, name_below};
 
 use crate::CompareError;
+use crate::rows::Unread;
 
 /// Rigs held at a time.
 const AT_ONCE: usize = 64;
@@ -29,6 +30,8 @@ pub struct Truths {
     path: PathBuf,
     /// Where they are from.
     pub source: TruthSource,
+    /// Folders and links below the folder that could not be followed, with the reason.
+    pub(crate) unread: Unread,
 }
 
 impl Truths {
@@ -37,7 +40,7 @@ impl Truths {
     /// # Errors
     /// When there is none, or no such split.
     pub fn open(path: &Path, split: Option<&str>) -> Result<Self, CompareError> {
-        let at = |source| Self { path: path.into(), source };
+        let at = |source| Self { path: path.into(), source, unread: Unread::new() };
         let ending = path.extension().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
         // Puppeteer's files have the same ending as corpora.
         let corpus = if path.is_file() && ["h5", "hdf5"].contains(&ending.as_str()) {
@@ -64,11 +67,12 @@ impl Truths {
                     let stem = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
                     is_rig_file(path) && !stem.starts_with("predict_")
                 };
-                let files = riglab_files::below(path, wanted).files;
-                if files.is_empty() {
+                let found = riglab_files::below(path, wanted);
+                if found.files.is_empty() {
                     return Err(CompareError::NoTruth(path.into(), ": no rigged file below it".into()));
                 }
-                Ok(at(TruthSource::Files(files)))
+                let unread = found.unread.iter().map(|(own, why)| (name_below(path, own), why.clone())).collect();
+                Ok(Self { unread, ..at(TruthSource::Files(found.files)) })
             }
         }
     }

@@ -1,5 +1,6 @@
 //! What can go wrong with a curation as a whole; what is wrong with one asset is a line of the report.
 
+use std::io;
 use std::path::{Path, PathBuf};
 
 use riglab_data::DataError;
@@ -21,13 +22,15 @@ pub enum CurateError {
         /// What happened.
         message: String,
     },
-    /// The disk is full, or the like: what is finished is kept.
-    #[error("{path}: cannot be written ({message}); what is finished is kept, so make room and run the same command again", path = path.display())]
+    /// The disk is full, or nobody may write there.
+    #[error("{path}: cannot be written ({message}); {remedy}", path = path.display())]
     Write {
         /// The file.
         path: PathBuf,
         /// What happened.
         message: String,
+        /// What to do.
+        remedy: &'static str,
     },
     /// A file of decisions with a line that is none.
     #[error("{path}:{line}: {message}", path = path.display())]
@@ -86,7 +89,17 @@ impl CurateError {
         Self::Io { path: path.into(), message: e.to_string() }
     }
 
-    pub(crate) fn write(path: &Path, e: impl std::fmt::Display) -> Self {
-        Self::Write { path: path.into(), message: e.to_string() }
+    /// What the file system refused to write.
+    pub fn write(path: &Path, e: &io::Error) -> Self {
+        use io::ErrorKind::{NotADirectory, PermissionDenied, ReadOnlyFilesystem};
+        // In words alone, where it is the system's.
+        let message = e.raw_os_error().map_or_else(|| e.to_string(), |_| e.kind().to_string());
+        let remedy = match e.kind() {
+            PermissionDenied | ReadOnlyFilesystem | NotADirectory => {
+                "give a place where you may write, or make this one so"
+            }
+            _ => "what is finished is kept, so make room and run the same command again",
+        };
+        Self::Write { path: path.into(), message, remedy }
     }
 }

@@ -98,14 +98,14 @@ impl Journal {
             .create(true)
             .truncate(false)
             .open(path)
-            .map_err(|e| CurateError::io(path, e))?;
+            .map_err(|e| CurateError::write(path, &e))?;
         // Freed when the process ends, however it ends.
         if matches!(file.try_lock(), Err(std::fs::TryLockError::WouldBlock)) {
             return Err(CurateError::Busy(path.into()));
         }
         let key = key(config);
         let (mut held, sound) = read(&mut file, Some(&key)).map_err(|e| CurateError::io(path, e))?;
-        file.set_len(sound).and_then(|()| file.seek(SeekFrom::End(0))).map_err(|e| CurateError::write(path, e))?;
+        file.set_len(sound).and_then(|()| file.seek(SeekFrom::End(0))).map_err(|e| CurateError::write(path, &e))?;
         let mut journal = Self { path: path.into(), file, appended: 0 };
         if sound == 0 {
             held = Held { of_another: held.of_another, ..Held::default() };
@@ -165,7 +165,7 @@ impl Journal {
             self.file.write_all(text.as_bytes())?;
             if self.appended.is_multiple_of(SYNC_EVERY) { self.file.sync_data() } else { Ok(()) }
         };
-        put().map_err(|e| CurateError::write(&self.path, e.kind()))
+        put().map_err(|e| CurateError::write(&self.path, &e))
     }
 
     /// Makes all of it durable.
@@ -173,7 +173,7 @@ impl Journal {
     /// # Errors
     /// The file system's.
     pub fn sync(&self) -> Result<(), CurateError> {
-        self.file.sync_all().map_err(|e| CurateError::write(&self.path, e.kind()))
+        self.file.sync_all().map_err(|e| CurateError::write(&self.path, &e))
     }
 }
 

@@ -98,7 +98,7 @@ pub fn curate(
 ) -> Result<Funnel, CurateError> {
     begin(places)?;
     // Before hours of work, not after them.
-    riglab_files::make_folder_of(&places.out).map_err(|e| CurateError::write(&places.out, e))?;
+    riglab_files::make_folder_of(&places.out).map_err(|e| CurateError::write(&places.out, &e))?;
     let mut files = Folder::open(folder, &[&places.out, &places.work], &config.import)?;
     let told = places.work.join(SHARD);
     match shard {
@@ -133,7 +133,9 @@ fn begin(places: &Places) -> Result<(), CurateError> {
         return Err(CurateError::Io { path: places.out.clone(), message });
     }
     CorpusWriter::may_take(&places.out)?;
-    std::fs::create_dir_all(&places.work).map_err(|e| CurateError::write(&places.work, e.kind()))
+    let folder = places.out.parent().unwrap_or(Path::new(""));
+    riglab_files::may_write(folder).map_err(|e| CurateError::write(&places.out, &e))?;
+    std::fs::create_dir_all(&places.work).map_err(|e| CurateError::write(&places.work, &e))
 }
 
 /// Whether a curation has looked at all its files, and nothing passed: it has a report and no corpus.
@@ -221,7 +223,7 @@ fn missing(corpora: &[PathBuf]) -> Option<String> {
 /// Takes over answers that shards have paid for.
 fn take_answers(from: &Path, to: &Path) -> Result<(), CurateError> {
     let Ok(entries) = std::fs::read_dir(from) else { return Ok(()) };
-    std::fs::create_dir_all(to).map_err(|e| CurateError::write(to, e.kind()))?;
+    std::fs::create_dir_all(to).map_err(|e| CurateError::write(to, &e))?;
     for entry in entries.flatten().filter(|e| e.path().extension().is_some_and(|e| e == "json")) {
         let bytes = std::fs::read(entry.path()).map_err(|e| CurateError::io(&entry.path(), e))?;
         store(&to.join(entry.file_name()), &bytes)?;

@@ -5,5 +5,5 @@ use std::path::Path;
 use crate::CurateError;
 
 pub(crate) fn store(path: &Path, bytes: &[u8]) -> Result<(), CurateError> {
-    riglab_files::write(path, bytes).map_err(|e| CurateError::write(path, e))
+    riglab_files::write(path, bytes).map_err(|e| CurateError::write(path, &e))
 }

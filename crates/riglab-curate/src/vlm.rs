@@ -72,7 +72,7 @@ impl Asker {
     /// # Errors
     /// When the folder cannot be made.
     pub fn new(config: &VlmConfig, cache: &Path) -> Result<Self, CurateError> {
-        std::fs::create_dir_all(cache).map_err(|e| CurateError::write(cache, e.kind()))?;
+        std::fs::create_dir_all(cache).map_err(|e| CurateError::write(cache, &e))?;
         let key = std::env::var(&config.key_from).ok().filter(|k| !k.is_empty() && !config.key_from.is_empty());
         let client = Client::new(config, key);
         Ok(Self {

@@ -14,4 +14,4 @@ mod write;
 pub use signals::on_signals;
 pub use unfinished::{Unfinished, ask_to_leave, leave};
 pub use walk::{Below, below};
-pub use write::{make_folder_of, sync_folder, write};
+pub use write::{make_folder_of, may_write, sync_folder, write};

@@ -17,6 +17,21 @@ pub fn write(path: &Path, bytes: &[u8]) -> io::Result<()> {
     unfinished.finish()
 }
 
+/// Tries whether files can be written into a folder, which is made where it is not there yet: told before the work, not
+/// after it. Nothing stays behind.
+///
+/// # Errors
+/// Those of the file system, with the folder that refuses.
+pub fn may_write(folder: &Path) -> io::Result<()> {
+    let there = folder.ancestors().find(|above| above.exists()).filter(|above| !above.as_os_str().is_empty());
+    let there = there.unwrap_or(Path::new("."));
+    let named = |e: io::Error| io::Error::new(e.kind(), format!("{}: {}", there.display(), e.kind()));
+    if !there.is_dir() {
+        return Err(named(io::ErrorKind::NotADirectory.into()));
+    }
+    Unfinished::beside(&there.join(".riglab-probe")).map(drop).map_err(named)
+}
+
 /// Makes renames in a folder durable.
 ///
 /// # Errors
@@ -39,6 +54,27 @@ mod tests {
     use std::fs;
 
     use super::*;
+
+    #[test]
+    fn folders_are_tried_and_left_as_they_were() {
+        use std::os::unix::fs::PermissionsExt;
+        let _turn = crate::unfinished::TURN.lock().unwrap();
+        let dir = tempfile::tempdir().unwrap();
+        let (file, closed) = (dir.path().join("a"), dir.path().join("closed"));
+        may_write(&dir.path().join("not/there/yet")).unwrap();
+        may_write(Path::new("")).unwrap();
+        assert_eq!(fs::read_dir(dir.path()).unwrap().count(), 0);
+        fs::write(&file, "").unwrap();
+        let said = may_write(&file.join("b")).unwrap_err().to_string();
+        assert!(said.contains(&file.display().to_string()), "{said}");
+        fs::create_dir(&closed).unwrap();
+        fs::set_permissions(&closed, fs::Permissions::from_mode(0o500)).unwrap();
+        // Root may write everywhere.
+        if fs::write(closed.join("probe"), b"").is_err() {
+            let e = may_write(&closed.join("b/c")).unwrap_err();
+            assert!(e.kind() == io::ErrorKind::PermissionDenied && e.to_string().contains("closed"), "{e}");
+        }
+    }
 
     #[test]
     fn links_are_followed_and_devices_left_alone() {

@@ -111,7 +111,7 @@ impl Ledger {
         all.set(&card.name, &card.digest, decision);
         let write = |hold: &mut Hold| hold.write(&self.path, all.to_text().as_bytes());
         let written = hold.as_mut().map_or(Ok(()), write);
-        written.map_err(|e| CurateError::Write { path: self.path.clone(), message: e.to_string() })?;
+        written.map_err(|e| CurateError::write(&self.path, &e))?;
         *state = matched(&all, cards);
         Ok(state.decided())
     }

@@ -310,6 +310,14 @@ impl Rigger {
         Ok(encoded)
     }
 
+    /// Whether skeletons can begin as those of a class.
+    ///
+    /// # Errors
+    /// A sentence: there is no such class, or no room for its joints.
+    pub fn may_begin_with(&self, class: &str) -> Result<(), String> {
+        self.of_class(class).map(drop)
+    }
+
     /// The beginning of sequences of a class.
     fn of_class(&self, class: &str) -> Result<Vec<u32>, String> {
         of_class(self.tokenizer.vocabulary(), class, self.config.limits, |ids| self.may_begin(ids))

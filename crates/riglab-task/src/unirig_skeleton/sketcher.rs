@@ -84,6 +84,19 @@ impl Sketcher {
         self.tokenizer.vocabulary().class_meant(told)
     }
 
+    /// Whether skeletons can begin as those of a class.
+    ///
+    /// # Errors
+    /// A sentence: there is no such class, or no room for its joints.
+    pub fn may_begin_with(&self, class: &str) -> Result<(), String> {
+        let config = &self.own.config;
+        let may_begin = |ids: &[u32]| {
+            let mut grammar = Grammar::new(&self.tokenizer, config.limits, config.eval.parents);
+            ids.iter().all(|&id| grammar.advance(id).is_ok())
+        };
+        of_class(self.tokenizer.vocabulary(), class, config.limits, may_begin).map(drop)
+    }
+
     /// Draws a skeleton for a mesh.
     ///
     /// # Errors
@@ -93,11 +106,7 @@ impl Sketcher {
         config.eval.consensus = wish.samples.unwrap_or(config.eval.consensus).max(1);
         config.eval.generate.temperature = wish.temperature.unwrap_or(config.eval.generate.temperature);
         if let Some(class) = wish.class {
-            let may_begin = |ids: &[u32]| {
-                let mut grammar = Grammar::new(&self.tokenizer, config.limits, config.eval.parents);
-                ids.iter().all(|&id| grammar.advance(id).is_ok())
-            };
-            of_class(self.tokenizer.vocabulary(), class, config.limits, may_begin)?;
+            self.may_begin_with(class)?;
             class.clone_into(&mut config.class);
         }
         // From here on in the network's axes.

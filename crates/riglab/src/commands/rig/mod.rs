@@ -7,7 +7,7 @@ mod one;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result, anyhow, bail};
 use riglab_asset::export::ExportOptions;
 use riglab_asset::rigging::{NameStyle, UpAxis};
 use riglab_asset::{MODELS, is_model_file};
@@ -133,7 +133,7 @@ struct Common {
     /// Add a short motion that bends every joint, to see whether the rig works.
     #[arg(long)]
     preview: bool,
-    /// Say on standard output what was made, as a line of JSON a model; of one that is left out why.
+    /// Say on standard output what was made, as a line of JSON a model; of one that is left out, or skipped, why.
     #[arg(long)]
     json: bool,
     #[command(flatten)]
@@ -230,8 +230,15 @@ fn run(args: &Common, bones: &Bones, weights: Option<&Path>, threads: usize) -> 
     if args.skeleton_up.is_some() && !matches!(bones, Bones::Given { from: Given::File(_), .. }) {
         bail!("--skeleton-up tells of the file of --skeleton; give one");
     }
-    let jobs = jobs(&args.input, &args.out)?;
+    let (jobs, skipped) = jobs(&args.input, &args.out)?;
     jobs.iter().try_for_each(|(_, to)| keep_others(to, Written::Glb))?;
+    let into = if args.input.is_dir() { Some(args.out.as_path()) } else { jobs[0].1.parent() };
+    let remedy = "give --out a place where you may write, or make this one so";
+    into.map_or(Ok(()), riglab_files::may_write).map_err(|e| anyhow!("nothing can be written into {e}; {remedy}"))?;
+    // Of one file it is told with that.
+    if let (true, Bones::Given { from: Given::File(file), .. }) = (args.input.is_dir(), bones) {
+        given::read(file)?;
+    }
     riglab_torch::init(riglab_torch::Settings { threads });
     let model = Model::open(args.checkpoint.as_deref(), weights, args.device.device()?)?;
     model.suits(args, bones)?;
@@ -248,6 +255,11 @@ fn run(args: &Common, bones: &Bones, weights: Option<&Path>, threads: usize) -> 
         let (from, to) = &jobs[0];
         one::rig(args, bones, &model, from, to)?;
         return Ok(ExitCode::SUCCESS);
+    }
+    if args.json {
+        for (path, why) in &skipped {
+            say!("{}", serde_json::json!({ "file": path.to_string_lossy(), "skipped": why }));
+        }
     }
     let mut progress = Progress::new("rigging", jobs.len() as u64, 0);
     let mut failed = 0;
@@ -272,8 +284,10 @@ fn run(args: &Common, bones: &Bones, weights: Option<&Path>, threads: usize) -> 
     Ok(if failed > 0 { ExitCode::FAILURE } else { ExitCode::SUCCESS })
 }
 
-/// What is read, and where each is written.
-fn jobs(input: &Path, out: &Path) -> Result<Vec<(PathBuf, PathBuf)>> {
+/// What is read and where each is written; and what below a folder cannot be looked at, with the reason.
+type Jobs = (Vec<(PathBuf, PathBuf)>, Vec<(PathBuf, String)>);
+
+fn jobs(input: &Path, out: &Path) -> Result<Jobs> {
     let same = |a: &Path, b: &Path| a.canonicalize().is_ok_and(|a| b.canonicalize().is_ok_and(|b| a == b));
     if !input.is_dir() {
         let into = out.is_dir() || out.as_os_str().to_string_lossy().ends_with('/');
@@ -290,7 +304,7 @@ fn jobs(input: &Path, out: &Path) -> Result<Vec<(PathBuf, PathBuf)>> {
         if same(input, &to) {
             bail!("{} is the input itself, which is never changed; give another name", to.display());
         }
-        return Ok(vec![(input.to_path_buf(), to)]);
+        return Ok((vec![(input.to_path_buf(), to)], Vec::new()));
     }
     if out.is_file() {
         bail!("{} is a file; for a folder of models give a folder", out.display());
@@ -330,7 +344,7 @@ fn jobs(input: &Path, out: &Path) -> Result<Vec<(PathBuf, PathBuf)>> {
         }
         jobs.push((file, to));
     }
-    Ok(jobs)
+    Ok((jobs, found.unread))
 }
 
 #[cfg(test)]
@@ -370,20 +384,20 @@ mod tests {
             std::fs::write(path, b"x").unwrap();
         }
         let out = dir.path().join("out");
-        let all = jobs(dir.path(), &out).unwrap();
+        let (all, _) = jobs(dir.path(), &out).unwrap();
         let mut to: Vec<_> = all.iter().map(|(_, to)| to.strip_prefix(&out).unwrap().to_str().unwrap()).collect();
         to.sort_unstable();
         assert!(to == ["a.glb", "a.glb.glb", "sub/b.glb"] || to == ["a.glb", "a.obj.glb", "sub/b.glb"], "{to:?}");
         let a = dir.path().join("a.glb");
         assert!(jobs(&a, &a).unwrap_err().to_string().contains("never changed"));
         assert!(jobs(&a, &dir.path().join("a.fbx")).unwrap_err().to_string().contains("only GLB"));
-        assert_eq!(jobs(&dir.path().join("a.obj"), dir.path()).unwrap()[0].1, a);
+        assert_eq!(jobs(&dir.path().join("a.obj"), dir.path()).unwrap().0[0].1, a);
         let (avatar, again) = (dir.path().join("a.vrm"), dir.path().join("again.vrm"));
-        assert_eq!(jobs(&avatar, &again).unwrap()[0].1, again);
+        assert_eq!(jobs(&avatar, &again).unwrap().0[0].1, again);
         assert!(jobs(&a, &again).unwrap_err().to_string().contains("VRM of a VRM"));
         assert!(jobs(dir.path(), dir.path()).unwrap_err().to_string().contains("give another"));
         // Results may go to above the inputs.
         let sub = dir.path().join("sub");
-        assert_eq!(jobs(&sub, dir.path()).unwrap(), [(sub.join("b.FBX"), dir.path().join("b.glb"))]);
+        assert_eq!(jobs(&sub, dir.path()).unwrap().0, [(sub.join("b.FBX"), dir.path().join("b.glb"))]);
     }
 }

@@ -86,9 +86,14 @@ impl Model {
     /// Refuses what it cannot do.
     pub fn suits(&self, args: &Common, bones: &Bones) -> Result<()> {
         let name = &self.card.name;
+        let may_begin = |begin: &dyn Fn(&str) -> Result<(), String>| match bones {
+            Bones::Predicted { template: Some(told), .. } => begin(self.template(told)).map_err(|e| anyhow!(e)),
+            _ => Ok(()),
+        };
         match &self.made_of {
-            Kind::Whole(_) => Ok(()),
-            Kind::Stages(_, weights) => {
+            Kind::Whole(rigger) => may_begin(&|class| rigger.may_begin_with(class)),
+            Kind::Stages(sketcher, weights) => {
+                may_begin(&|class| sketcher.may_begin_with(class))?;
                 if let Bones::Given { .. } = bones {
                     bail!(
                         "{name} is of task unirig_skeleton, which writes skeletons and makes no weights for one that is given: \
