@@ -88,6 +88,8 @@ fn devices_that_are_not_there_are_refused_with_the_remedy() {
         let said = of(&["rig", "a.glb", "-o", "b.glb", "--device", name]);
         assert!(said.contains(&format!("--device {name}: give `cpu`, or `cuda:0` and so on")), "{said}");
     }
+    // The word in any case: what is told is about the file.
+    assert!(of(&["rig", "a.glb", "-o", "b.glb", "--device", "CPU"]).contains("a.glb"));
     // No machine has as many, with CUDA or without.
     for args in [&["train", "config.toml", "--dry-run"][..], &["eval", "run"]] {
         let said = refusal(riglab(args).current_dir(ready()).env("RIGLAB_DEVICE", "cuda:9999"));
@@ -628,6 +630,31 @@ fn outputs_that_cannot_be_are_refused_before_the_work() {
     let glb = temp.path().join("a.glb");
     let said = refusal(&mut riglab(&["simulate", "b.glb", "-o", text(&glb), "--png", text(&glb)]));
     assert!(said.contains("name it .png"), "{said}");
+}
+
+#[test]
+fn a_comparison_is_written_in_the_form_that_its_name_says() {
+    let temp = tempfile::tempdir().unwrap();
+    let files = temp.path().join("files");
+    must(&["synth", "-o", text(&files), "--count", "1", "--triangles", "200..300"]);
+    // What of the true rigs cannot be looked at is told, in JSON too.
+    std::os::unix::fs::symlink("nowhere", files.join("dangling.glb")).unwrap();
+    let compare = |out: &str, form: &[&str]| {
+        let out = temp.path().join(out);
+        let call = ["compare", text(&files), "--truth", text(&files), "--preset", "riglab", "-o", text(&out)];
+        riglab(&[&call[..], form].concat())
+    };
+    assert!(compare("all", &[]).output().unwrap().status.success());
+    let read = |name: &str| fs::read_to_string(temp.path().join(name)).unwrap();
+    assert!(read("all.html").starts_with("<!doctype html>") && read("all.tex").contains("\\begin{table}"));
+    assert!(read("all.csv").starts_with("system,asset,status,") && read("all.md").contains("| --"));
+    let json: Value = serde_json::from_str(&read("all.json")).unwrap();
+    assert_eq!(json["unread_truth"][0][0], "dangling.glb", "{json}");
+    assert!(!temp.path().join("all").exists());
+    assert!(compare("one.csv", &[]).output().unwrap().status.success());
+    assert!(read("one.csv") == read("all.csv"));
+    assert!(refusal(&mut compare("one.pdf", &[])).contains("no form has the ending .pdf"));
+    assert!(refusal(&mut compare("one.csv", &["--html"])).contains("does not end as the form does"));
 }
 
 #[test]

@@ -245,7 +245,8 @@ pub fn libtorch_version() -> String {
 /// # Errors
 /// A sentence: what the name may be, or what this machine lacks.
 pub fn device(name: &str) -> Result<Device, String> {
-    let (kind, number) = name.split_once(':').unwrap_or((name, "0"));
+    let name = name.to_ascii_lowercase();
+    let (kind, number) = name.split_once(':').unwrap_or((&name, "0"));
     let number = match (kind, number.parse::<usize>()) {
         ("cpu", Ok(0)) => return Ok(Device::Cpu),
         ("cuda", Ok(number)) => number,
@@ -324,6 +325,12 @@ mod tests {
         set_rng_state(Device::Cpu, &before).unwrap();
         assert_eq!(a, draw());
         assert!(set_rng_state(Device::Cpu, &[1, 2, 3]).is_err());
+    }
+
+    #[test]
+    fn devices_are_known_in_any_case() {
+        assert!(["cpu", "CPU", "Cpu:0"].iter().all(|name| device(name) == Ok(Device::Cpu)));
+        assert!(device("cpu:1").is_err() && device("gpu").is_err());
     }
 
     #[test]

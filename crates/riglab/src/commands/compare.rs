@@ -23,7 +23,7 @@ use super::earlier::{Written, keep_others};
 Examples:
   riglab compare predictions/ --truth rigs.h5 --split test_new
   riglab compare unirig=out/unirig puppeteer=out/puppeteer --truth rigs/ --preset skintokens --markdown
-  riglab compare out/ --truth rigs/ --assets --csv -o scores.csv")]
+  riglab compare out/ --truth rigs/ -o scores.csv")]
 pub struct Args {
     /// Folders of predictions, or files of several assets; NAME=DIR names a system in the tables.
     #[arg(required_unless_present = "published", value_name = "[NAME=]DIR")]
@@ -68,9 +68,72 @@ pub struct Args {
     /// A page.
     #[arg(long, group = "form")]
     html: bool,
-    /// Write to a file instead of standard output.
+    /// Write to a file instead of standard output: FILE.txt, .html, .md, .tex, .csv or .json is of that form, and without an
+    /// ending, where no option says the form, all but the first are written.
     #[arg(long, short, value_name = "FILE")]
     out: Option<PathBuf>,
+}
+
+/// What a comparison is written as.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Form {
+    Text,
+    Html,
+    Markdown,
+    Latex,
+    Csv,
+    Json,
+}
+
+impl Form {
+    /// By the ending of their files.
+    const ALL: [(&str, Self); 6] = [
+        ("txt", Self::Text),
+        ("html", Self::Html),
+        ("md", Self::Markdown),
+        ("tex", Self::Latex),
+        ("csv", Self::Csv),
+        ("json", Self::Json),
+    ];
+
+    /// The one that an option asks for.
+    fn asked(args: &Args) -> Option<Self> {
+        let asked = [
+            (args.html, Self::Html),
+            (args.markdown, Self::Markdown),
+            (args.latex, Self::Latex),
+            (args.csv, Self::Csv),
+            (args.json, Self::Json),
+        ];
+        asked.into_iter().find(|(asked, _)| *asked).map(|(_, form)| form)
+    }
+}
+
+/// The files to write, each with its form: as the option says, else as the ending does; all forms without either, as
+/// `riglab report` has it.
+fn files(out: &Path, asked: Option<Form>) -> Result<Vec<(PathBuf, Form)>> {
+    let ending = out.extension().map(|e| e.to_string_lossy().into_owned());
+    let told = ending.as_ref().and_then(|e| Form::ALL.iter().find(|(own, _)| own == e)).map(|(_, form)| *form);
+    match (asked, told, ending) {
+        // A text may be of any form.
+        (Some(asked), Some(told), _) if told != asked && told != Form::Text => {
+            let (fits, _) = Form::ALL.iter().find(|(_, form)| *form == asked).unwrap_or(&Form::ALL[0]);
+            bail!(
+                "{} does not end as the form does that an option asks for: leave the option out, or give a name that ends in \
+                 .{fits}",
+                out.display()
+            )
+        }
+        (Some(asked), ..) => Ok(vec![(out.into(), asked)]),
+        (None, Some(told), _) => Ok(vec![(out.into(), told)]),
+        (None, None, Some(e)) => {
+            let there = Form::ALL.map(|(own, _)| own).join(", .");
+            bail!("{}: no form has the ending .{e}; there are .{there}", out.display())
+        }
+        (None, None, None) => {
+            Ok(Form::ALL.iter().skip(1).map(|(ending, form)| (out.with_extension(ending), *form)).collect())
+        }
+    }
 }
 
 fn kind(name: &str) -> Result<Kind, String> {
@@ -91,7 +154,8 @@ fn failures(name: &str) -> Result<Failures, String> {
 }
 
 pub fn run(args: &Args) -> Result<ExitCode> {
-    args.out.as_deref().map_or(Ok(()), |out| keep_others(out, Written::Comparison))?;
+    let files = args.out.as_deref().map_or(Ok(Vec::new()), |out| files(out, Form::asked(args)))?;
+    files.iter().try_for_each(|(file, _)| keep_others(file, Written::Comparison))?;
     if args.published.iter().any(|name| name == "list") {
         riglab_report::published::names().iter().for_each(|name| say!("{name}"));
         return Ok(ExitCode::SUCCESS);
@@ -131,43 +195,43 @@ pub fn run(args: &Args) -> Result<ExitCode> {
     let (said, cut) = told(&comparison);
     said.iter().for_each(|line| tell!("{line}"));
     if cut {
-        tell!("{}", whole(args));
+        tell!("{}", whole(args, &files));
     }
     let presets = if args.presets.is_empty() { &Preset::ALL[..] } else { &args.presets };
-    let text = text(args, &comparison, presets, published)?;
-    match &args.out {
-        Some(path) => {
-            let written = make_folder_of(path).and_then(|()| riglab_files::write(path, text.as_bytes()));
-            written.with_context(|| format!("{} cannot be written", path.display()))?;
-            say!("{}", path.display());
-        }
-        None => say!("{}", text.trim_end()),
+    let text = |form| text(args, form, &comparison, presets, &published);
+    for (path, form) in &files {
+        let text = text(*form)?;
+        let written = make_folder_of(path).and_then(|()| riglab_files::write(path, text.as_bytes()));
+        written.with_context(|| format!("{} cannot be written", path.display()))?;
+        say!("{}", path.display());
+    }
+    if files.is_empty() {
+        say!("{}", text(Form::asked(args).unwrap_or(Form::Text))?.trim_end());
     }
     let any = comparison.systems.iter().any(|s| s.counts()[0] > 0);
     Ok(if any { ExitCode::SUCCESS } else { ExitCode::FAILURE })
 }
 
-/// What was asked for, in the form that was asked for.
-fn text(args: &Args, comparison: &Comparison, presets: &[Preset], published: Vec<Table>) -> Result<String> {
-    if args.json {
-        return Ok(serde_json::to_string_pretty(&comparison.to_json(presets))? + "\n");
-    }
-    if args.csv {
-        return Ok(comparison.assets(presets, true).to_csv());
+/// What was asked for, in a form.
+fn text(args: &Args, form: Form, comparison: &Comparison, presets: &[Preset], published: &[Table]) -> Result<String> {
+    match form {
+        Form::Json => return Ok(serde_json::to_string_pretty(&comparison.to_json(presets))? + "\n"),
+        Form::Csv => return Ok(comparison.assets(presets, true).to_csv()),
+        _ => {}
     }
     let mut tables = vec![comparison.counts()];
     tables.extend(if args.assets { vec![comparison.assets(presets, false)] } else { comparison.tables(presets) });
-    tables.extend(published);
-    if args.html {
+    tables.extend_from_slice(published);
+    if form == Form::Html {
         let title = "Comparison".to_owned();
         let names: Vec<&str> = comparison.systems.iter().map(|s| s.name.as_str()).collect();
         let subtitle = format!("{} against {}", names.join(", "), comparison.truth);
         let blocks = tables.into_iter().map(Block::Table).collect();
         return Ok(Page { title, subtitle, blocks }.to_html()?);
     }
-    let form = match (args.markdown, args.latex) {
-        (true, _) => Table::to_markdown,
-        (_, true) => Table::to_latex,
+    let form = match form {
+        Form::Markdown => Table::to_markdown,
+        Form::Latex => Table::to_latex,
         _ => Table::to_text,
     };
     Ok(tables.iter().map(form).collect::<Vec<_>>().join("\n"))
@@ -225,12 +289,12 @@ fn told(comparison: &Comparison) -> (Vec<String>, bool) {
 }
 
 /// Where all that was said in short is to be found.
-fn whole(args: &Args) -> String {
+fn whole(args: &Args, files: &[(PathBuf, Form)]) -> String {
     let all = "every asset with what is said of it";
-    match &args.out {
-        Some(out) if args.json || args.csv || args.assets => format!("{all}: {}", out.display()),
-        _ if args.json || args.csv || args.assets => format!("{all} follows"),
-        _ => format!("--assets shows {all}; --csv -o FILE and --json -o FILE write it"),
+    match files.iter().find(|(_, form)| args.assets || [Form::Csv, Form::Json].contains(form)) {
+        Some((file, _)) => format!("{all}: {}", file.display()),
+        None if files.is_empty() && (args.json || args.csv || args.assets) => format!("{all} follows"),
+        None => format!("--assets shows {all}; -o FILE.csv and -o FILE.json write it"),
     }
 }
 
@@ -239,6 +303,24 @@ mod tests {
     use riglab_compare::Row;
 
     use super::*;
+
+    #[test]
+    fn an_option_or_an_ending_names_the_form_and_neither_takes_all() {
+        let of = |out: &str, asked| files(Path::new(out), asked);
+        let one = |out: &str, form| vec![(PathBuf::from(out), form)];
+        assert_eq!(of("a/b.md", None).unwrap(), one("a/b.md", Form::Markdown));
+        assert_eq!(of("b.txt", None).unwrap(), one("b.txt", Form::Text));
+        for out in ["b", "b.json", "b.txt", "b.v2"] {
+            assert_eq!(of(out, Some(Form::Json)).unwrap(), one(out, Form::Json));
+        }
+        let all = of("a/b", None).unwrap();
+        let names: Vec<_> = all.iter().map(|(file, _)| file.to_str().unwrap()).collect();
+        assert_eq!(names, ["a/b.html", "a/b.md", "a/b.tex", "a/b.csv", "a/b.json"]);
+        let said = of("b.html", Some(Form::Csv)).unwrap_err().to_string();
+        assert!(said.contains("b.html does not end as the form does") && said.contains("ends in .csv"), "{said}");
+        let said = of("b.pdf", None).unwrap_err().to_string();
+        assert!(said.contains("no form has the ending .pdf; there are .txt, .html"), "{said}");
+    }
 
     #[test]
     fn systems_have_names() {
