@@ -283,15 +283,21 @@ fn a_folder_without_permission_is_named() {
 #[test]
 fn a_place_where_nobody_may_write_is_told_once_before_the_work_with_the_remedy_that_helps() {
     // Not even root.
-    let files = ready().join("files");
+    let closed = Path::new("/sys");
+    let (files, charts) = (ready().join("files"), closed.join("charts"));
+    let sweep = ready().join("closed.toml");
+    fs::write(&sweep, format!("[sweep]\nseeds = [0]\nbase = '{}'\n", text(&ready().join("config.toml")))).unwrap();
+    let out = ready().join("closed-sweep");
     for (call, begun) in [
         (["rig", text(&files), "-o", "/sys/out"].as_slice(), "model:"),
         (&["curate", text(&files), "-o", "/sys/c.h5"], "looking"),
+        (&["sweep", text(&sweep), "-o", text(&out), "--charts", text(&charts)], "1 job"),
     ] {
         let said = refusal(&mut riglab(call));
         assert!(said.matches("where you may write").count() == 1 && said.contains("/sys"), "{call:?}: {said}");
         assert!(!said.contains("left out") && !said.contains("make room") && !said.contains(begun), "{said}");
     }
+    assert!(!out.exists());
 }
 
 #[test]
@@ -630,6 +636,26 @@ fn outputs_that_cannot_be_are_refused_before_the_work() {
     let glb = temp.path().join("a.glb");
     let said = refusal(&mut riglab(&["simulate", "b.glb", "-o", text(&glb), "--png", text(&glb)]));
     assert!(said.contains("name it .png"), "{said}");
+}
+
+#[test]
+fn a_sweep_whose_charts_would_replace_other_files_is_refused_before_its_jobs() {
+    let temp = tempfile::tempdir().unwrap();
+    let (file, figures) = (temp.path().join("sweep.toml"), temp.path().join("figures"));
+    let base = format!("base = '{}'", text(&ready().join("config.toml")));
+    let figure = "[[sweep.figures]]\ntitle = 'By k'\nx = 'k'\nat = [4, 8]\nof = 'eval.json:rows[k={}].iou'";
+    fs::write(&file, format!("[sweep]\nseeds = [0]\n{base}\n{figure}\n")).unwrap();
+    let sweep = temp.path().join("out");
+    let call = ["sweep", text(&file), "-o", text(&sweep), "--charts", text(&figures)];
+    for name in ["train-loss.csv", "eval-iou-val.svg", "by-k.svg"] {
+        fs::create_dir_all(&figures).unwrap();
+        fs::write(figures.join(name), "mine").unwrap();
+        // One that is called as no chart may stay.
+        fs::write(figures.join("teaser.svg"), "mine").unwrap();
+        let said = refusal(&mut riglab(&call));
+        assert!(said.contains(name) && said.contains("--charts another folder") && !sweep.exists(), "{said}");
+        fs::remove_dir_all(&figures).unwrap();
+    }
 }
 
 #[test]

@@ -58,6 +58,12 @@ impl Page {
     }
 }
 
+/// What a chart's files are called by its title, as long as it is the only one of the page that is called so; bars and dots
+/// have what they are behind it.
+pub fn figure_name(title: &str) -> String {
+    named(title)
+}
+
 /// A chart as files have it: one a quantity.
 fn singles(chart: &Chart) -> &[Chart] {
     if chart.apart.is_empty() { std::slice::from_ref(chart) } else { &chart.apart }

@@ -34,7 +34,7 @@ mod view;
 pub use bars::Bars;
 pub use chart::{Chart, Series};
 pub use dots::Dots;
-pub use figures::Figure;
+pub use figures::{Figure, figure_name};
 pub use findings::{Beside, Findings, Metric, Single, Total};
 pub use losses::Losses;
 pub use page::{Block, Page, Picture, ReportError, Turned};

@@ -4,9 +4,9 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 use riglab_metric::statistics::Mean;
-use riglab_report::{Block, Chart, Dots, Losses, RunView, Series, in_unit};
+use riglab_report::{Block, Chart, Dots, Losses, RunView, Series, figure_name, in_unit};
 
-use crate::unit::{factor, named};
+use crate::unit::{column, factor, named};
 use crate::values::Numbers;
 use crate::{FigureOf, MetricOf, Outcome, Plan};
 
@@ -96,6 +96,15 @@ pub(crate) fn learning(folder: &Path, plan: &Plan, metrics: &[MetricOf], outcome
     };
     let charts: Vec<Chart> = names.into_iter().map(chart).collect();
     (!charts.is_empty()).then_some(Block::Charts(charts))
+}
+
+/// Whether a chart of a sweep's report may get this name as a file ([`riglab_report::Figure::name`]), as far as that can be
+/// told before a job has run: what is logged is not known then, but how its name begins.
+pub fn may_be_called(plan: &Plan, name: &str) -> bool {
+    let figures = plan.sweep.figures.iter().map(|f| figure_name(&named(&f.title, &f.of)));
+    let columns = plan.sweep.metrics.iter().cloned().map(column);
+    let known: Vec<String> = figures.chain(columns.map(|m| figure_name(m.head()) + "-dots")).collect();
+    known.iter().any(|k| k == name) || ["train-", "eval-"].iter().any(|logged| name.starts_with(logged))
 }
 
 /// Folders of a point's finished runs.

@@ -30,6 +30,7 @@ mod values;
 
 pub use attempts::{Attempt, attempts, record, retry};
 pub use error::SweepError;
+pub use figures::may_be_called;
 pub use file::{Arm, Better, FigureOf, MetricOf, SweepFile};
 pub use plan::{Job, Plan};
 pub use pool::{Budget, Ended, Event, Stage, run, run_one};

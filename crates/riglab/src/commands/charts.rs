@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use anyhow::{Result, bail};
+use anyhow::{Result, anyhow, bail};
 use riglab_report::Page;
 
 use super::earlier::{Written, keep_others};
@@ -23,6 +23,24 @@ pub fn charts(page: &Page, folder: &Path) -> Result<Vec<(PathBuf, String)>> {
         tell!("note: there is no chart to write into {}: nothing was logged yet", folder.display());
     }
     Ok(files)
+}
+
+/// Refuses a folder where charts cannot be written, or where one that `may` be called so would take the place of what is no
+/// chart of ours.
+///
+/// # Errors
+/// As told, and before the work that the charts are of.
+pub fn spare(folder: &Path, may: impl Fn(&str) -> bool) -> Result<()> {
+    no_file(folder)?;
+    let remedy = "give --charts a folder where you may write, or make this one so";
+    riglab_files::may_write(folder).map_err(|e| anyhow!("no charts can be written into {e}; {remedy}"))?;
+    let mut there: Vec<PathBuf> = std::fs::read_dir(folder).into_iter().flatten().flatten().map(|e| e.path()).collect();
+    there.retain(|path| {
+        let (stem, ending) = (path.file_stem().unwrap_or_default(), path.extension().unwrap_or_default());
+        (ending == "svg" || ending == "csv") && stem.to_str().is_some_and(&may)
+    });
+    there.sort();
+    there.iter().try_for_each(|path| keep_others(path, Written::Chart))
 }
 
 /// Refuses a file where the charts' folder is to be.

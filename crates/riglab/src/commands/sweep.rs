@@ -8,10 +8,12 @@ use std::time::Duration;
 use anyhow::{Context, Result, bail};
 use riglab_data::Corpus;
 use riglab_report::{Cell, Table};
-use riglab_sweep::{Budget, Ended, Event, Job, Plan, Results, Stage, SweepError, SweepFile, retry, run as run_pool};
+use riglab_sweep::{
+    Budget, Ended, Event, Job, Plan, Results, Stage, SweepError, SweepFile, may_be_called, retry, run as run_pool,
+};
 use riglab_train::{Interrupt, Progress};
 
-use super::charts::{charts, no_file};
+use super::charts::{charts, no_file, spare};
 use super::report::write;
 use super::shown;
 use super::slurm::sweep::{Handed, run as hand_over, seen};
@@ -100,6 +102,7 @@ pub fn run(args: &Args, threads: usize) -> Result<ExitCode> {
     let Some(name) = &args.sweep else { bail!("give a sweep file, or the folder of a sweep") };
     args.charts.as_deref().map_or(Ok(()), no_file)?;
     let (plan, folder, desk) = plan(name, args, threads)?;
+    args.charts.as_deref().map_or(Ok(()), |figures| spare(figures, |name| may_be_called(&plan, name)))?;
     if args.status {
         return status(&plan, &folder, args.watch);
     }
