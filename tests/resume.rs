@@ -5,7 +5,7 @@ mod binary;
 use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};
-use std::process::Stdio;
+use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
 use binary::{config, corpus, must, refusal, riglab, text};
@@ -108,6 +108,18 @@ fn an_extended_run_is_the_longer_one_where_nothing_follows_from_its_length() {
     let noted = &info["extended"][0];
     assert_eq!((&noted["at"], &noted["from"], &noted["to"]), (&4.into(), &4.into(), &8.into()), "{noted}");
     assert!(noted["as_from_start"] == true && info["outcome"] == "finished", "{info}");
+
+    // With as many threads as it was begun with, unless others are asked for.
+    let on = |threads: &[&str]| {
+        let args = [threads, &["train", "--resume", text(&short)]].concat();
+        let done = Command::new(env!("CARGO_BIN_EXE_riglab")).args(args).output().unwrap();
+        assert!(done.status.success());
+        String::from_utf8(done.stderr).unwrap()
+    };
+    let several = std::thread::available_parallelism().is_ok_and(|n| n.get() > 1);
+    assert_eq!(on(&[]).contains("note: it goes on with 1 thread, as it was begun"), several);
+    let told = on(&["--threads", "2"]);
+    assert!(told.contains("begun with 1 thread, and it goes on with 2 threads: sums round otherwise"), "{told}");
 
     // The same command again goes on, and has nothing to do or to note.
     let told = extend(&short, "8");

@@ -190,7 +190,7 @@ impl Run {
 
     /// `run.json`, if it can be read.
     pub fn info(&self) -> Option<RunInfo> {
-        serde_json::from_str(&fs::read_to_string(self.path("run.json")).ok()?).ok()
+        RunInfo::of(&self.dir)
     }
 
     /// Writes `run.json`.
@@ -205,6 +205,11 @@ impl Run {
 }
 
 impl RunInfo {
+    /// What a run's folder says of itself, if it can be read.
+    pub fn of(run: &Path) -> Option<Self> {
+        serde_json::from_str(&fs::read_to_string(run.join("run.json")).ok()?).ok()
+    }
+
     /// What can be known about program and machine, with the start set to now.
     pub fn new(riglab: &str, task: &str, threads: usize, device: &str) -> Self {
         Self {
@@ -269,13 +274,6 @@ fn machine() -> String {
     let cores = std::thread::available_parallelism().map_or(0, usize::from);
     let memory = riglab_torch::memory_gb("MemTotal").unwrap_or(0.0);
     format!("{cpu}, {cores} cores, {memory:.0} GB")
-}
-
-/// The networks that a run computes with beside the trained one, as [`RunInfo::companions`]; none of a run that does not
-/// say them.
-pub fn companions(run: &Path) -> Vec<(String, String)> {
-    let info = fs::read(run.join("run.json")).ok().and_then(|text| serde_json::from_slice::<RunInfo>(&text).ok());
-    info.map_or_else(Vec::new, |info| info.companions)
 }
 
 /// Refuses other networks beside the trained one than a run was begun with: a run that one of them is named by may have

@@ -389,7 +389,11 @@ mod tests {
             r.findings[0].singles.pop();
         });
         assert!(assets.contains("`test_new` differ (3 and 2 assets; only a has asset 7)"), "{assets}");
-        let nothing = said(|r| r.findings[0].about = "skeletons".into());
+        // Other corpora would be told only to be refused for this.
+        let nothing = said(|r| {
+            r.findings[0].about = "skeletons".into();
+            r.corpora[0].1 = "2".into();
+        });
         assert!(nothing.contains("a measures skin weights, b skeletons"), "{nothing}");
     }
 }

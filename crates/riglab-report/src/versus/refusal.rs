@@ -65,7 +65,10 @@ pub enum Refusal {
         fault: String,
     },
     /// Nothing is measured by both.
-    #[error("{first} and {other} cannot be compared: {first} measures {own}, {other} {theirs}")]
+    #[error(
+        "{first} and {other} cannot be compared: {first} measures {own}, {other} {theirs}; `riglab compare` measures the \
+         rigs that both make by one rule"
+    )]
     Nothing {
         /// A run.
         first: String,
@@ -82,15 +85,15 @@ pub enum Refusal {
 pub(super) fn same(first: &Compared, other: &Compared) -> Result<(), Refusal> {
     let (a, b) = (first.name.clone(), other.name.clone());
     let sums = |run: &Compared| run.corpora.iter().map(|(_, sum)| sum.clone()).collect::<BTreeSet<_>>();
-    if sums(first) != sums(other) {
-        let difference = corpora(first, other);
-        return Err(Refusal::Corpora { first: a, other: b, difference });
-    }
     let shared: Vec<(&Findings, &Findings)> =
         first.findings.iter().filter_map(|f| Some((f, find(other, &f.about)?))).collect();
     if shared.is_empty() {
         let measured = |run: &Compared| run.findings.iter().map(|f| f.about.clone()).collect::<Vec<_>>().join(" and ");
         return Err(Refusal::Nothing { own: measured(first), theirs: measured(other), first: a, other: b });
+    }
+    if sums(first) != sums(other) {
+        let difference = corpora(first, other);
+        return Err(Refusal::Corpora { first: a, other: b, difference });
     }
     for (f, g) in shared {
         let set = |f: &Findings| f.splits().into_iter().map(String::from).collect::<BTreeSet<_>>();

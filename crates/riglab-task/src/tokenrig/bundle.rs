@@ -3,7 +3,7 @@
 use std::path::Path;
 use std::sync::Arc;
 
-use riglab_train::{Checkpoint, companions, named_by, same_companions};
+use riglab_train::{Checkpoint, RunInfo, named_by, same_companions};
 use tch::{Device, Kind};
 
 use super::{Rigger, TokenRigTaskConfig};
@@ -54,8 +54,9 @@ impl Rigger {
         let rigger = Self::new(config, vae, device)?;
         // One that was named for this is meant.
         if !sets.iter().any(|set| set.trim_start().starts_with("skin.run")) {
+            let before = RunInfo::of(run).map_or_else(Vec::new, |info| info.companions);
             let other = |e: String| format!("{}: {e}", run.display());
-            same_companions(&companions(run), &rigger.companions()).map_err(other)?;
+            same_companions(&before, &rigger.companions()).map_err(other)?;
         }
         let checkpoint = Checkpoint::open(&run.join("checkpoints").join(checkpoint)).map_err(|e| e.to_string())?;
         checkpoint.load_weights(&rigger.params).map_err(|e| e.to_string())?;

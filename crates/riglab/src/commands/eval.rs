@@ -200,8 +200,7 @@ impl Visitor for Examination<'_> {
     fn visit<T: Experiment>(self, task: T) -> Result<ExitCode> {
         let Self { args, run, checkpoint, data, seen, path, folder } = self;
         checkpoint.load_weights(task.params())?;
-        let info = std::fs::read(run.join("run.json")).ok().and_then(|text| serde_json::from_slice(&text).ok());
-        let (mut companions, begun) = info.map_or_else(Default::default, |i: RunInfo| (i.companions, i.data));
+        let (mut companions, begun) = RunInfo::of(&run).map_or_else(Default::default, |i| (i.companions, i.data));
         if !args.sets.iter().any(|set| set.trim_start().starts_with("data.corpora"))
             && let Err(fault) = same_data(&begun, &task.assets().summary()?)
         {

@@ -107,6 +107,10 @@ pub fn run(args: &Args, threads: usize) -> Result<ExitCode> {
 
 /// What one of the processes does that train together.
 fn together(args: &Args, threads: usize, ranks: &Ranks) -> Result<ExitCode> {
+    let threads = match &args.resume {
+        Some(run) if threads == 0 && ranks.size() == 1 => as_begun(run),
+        _ => threads,
+    };
     let threads = if threads == 0 && ranks.size() > 1 { processors(ranks)? } else { threads };
     let threads = riglab_torch::init(riglab_torch::Settings { threads });
     let device = args.device.of_ranks(ranks)?;
@@ -159,6 +163,20 @@ fn together(args: &Args, threads: usize, ranks: &Ranks) -> Result<ExitCode> {
     };
     let saved = ranks.told(saved)?;
     config.with(device, Session { config: &config, place, longer, saved, threads, device, ranks })
+}
+
+/// The threads that a run was begun with, where there are as many; otherwise 0. Sums round by their number, and the run is
+/// to be what it would have been.
+fn as_begun(run: &Path) -> usize {
+    let all = std::thread::available_parallelism().map_or(1, usize::from);
+    let begun = RunInfo::of(run).map_or(0, |info| info.threads);
+    if begun > 0 && begun < all {
+        let (those, more) = (counted(begun, "thread"), counted(all, "thread"));
+        tell!(
+            "note: it goes on with {those}, as it was begun; --threads {all} takes {more}, and its sums round otherwise"
+        );
+    }
+    if begun <= all { begun } else { 0 }
 }
 
 /// Has the parts of a network stay that `train.frozen` names, if it does, before anything is written of the run; what to
@@ -305,6 +323,13 @@ impl Visitor for Session<'_> {
             same_companions(&before.companions, &task.companions())
                 .map_err(|e| anyhow!(e))
                 .with_context(|| run.dir().display().to_string())?;
+            if before.threads != threads && ranks.size() == 1 {
+                let (begun, now) = (counted(before.threads, "thread"), counted(threads, "thread"));
+                tell!(
+                    "note: begun with {begun}, and it goes on with {now}: sums round otherwise, so that it is another run than \
+                     one that was never stopped"
+                );
+            }
         }
         if let Some(longer) = &longer {
             longer.write(&run)?;
@@ -381,8 +406,7 @@ impl Visitor for Session<'_> {
 pub fn reached(run: &Path, data: &DataConfig, again: impl Fn(&[PathBuf]) -> Vec<String>) -> Result<()> {
     let Some(gone) = data.corpora.iter().find(|path| path.is_relative() && !path.exists()) else { return Ok(()) };
     let here = std::env::current_dir().context("there is no working folder")?;
-    let info = std::fs::read(run.join("run.json")).ok().and_then(|text| serde_json::from_slice::<RunInfo>(&text).ok());
-    let begun = info.map(|info| PathBuf::from(info.folder)).filter(|folder| folder.join(gone).is_file());
+    let begun = RunInfo::of(run).map(|info| PathBuf::from(info.folder)).filter(|folder| folder.join(gone).is_file());
     let places: Vec<PathBuf> = data.corpora.iter().map(|path| begun.as_deref().unwrap_or(&here).join(path)).collect();
     let arguments = again(&places);
     let command = command(arguments.iter().map(String::as_str));
