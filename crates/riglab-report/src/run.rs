@@ -416,7 +416,7 @@ mod tests {
             code.clone()
         };
         let begun = "riglab train 'a b.toml'\n# then, of its 90 steps, when 40 were done:\n\
-                     riglab train --resume RUN --set train.steps=120\n";
+                     riglab train --resume RUN --set 'train.steps=120'\n";
         assert_eq!(of(true), format!("{begun}# or, from the resolved config below:\nriglab train config.toml"));
         let other = of(false);
         assert!(other.starts_with(begun) && other.contains("gives another run"), "{other}");
