@@ -1,7 +1,7 @@
 //! `riglab dataset`
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::Mutex;
 
@@ -195,6 +195,29 @@ pub fn run(args: &Args) -> Result<ExitCode> {
     }
 }
 
+/// The corpus that stood where another is written: how many assets, and its checksum.
+struct Earlier(Option<(usize, String)>);
+
+impl Earlier {
+    fn at(out: &Path) -> Self {
+        Self(Corpus::open(out).ok().and_then(|corpus| Some((corpus.len(), corpus.checksum().ok()?))))
+    }
+
+    /// Says that it was another one: runs begun on it do not go on with this.
+    fn tell_replaced(&self, out: &Path) {
+        let (Some((assets, sum)), Self(Some((_, now)))) = (&self.0, Self::at(out)) else { return };
+        if *sum != now {
+            let assets = counted(*assets, "asset");
+            tell!("note: {} was another corpus before, of {assets} ({}), and is replaced", out.display(), short(sum));
+        }
+    }
+}
+
+/// As much of a checksum as tells it from others.
+fn short(sum: &str) -> &str {
+    sum.get(..12).unwrap_or(sum)
+}
+
 fn run_import(args: &Import) -> Result<ExitCode> {
     let beside = args.folder.join("split.json");
     let file = args.split.clone().or_else(|| (beside.is_file() && !args.meshes).then_some(beside));
@@ -217,6 +240,7 @@ fn run_import(args: &Import) -> Result<ExitCode> {
             p.set(done as u64, String::new);
         }
     };
+    let before = Earlier::at(&args.out);
     let report = if args.meshes {
         import_meshes(&args.folder, &args.out, &options, tell)?
     } else {
@@ -225,6 +249,7 @@ fn run_import(args: &Import) -> Result<ExitCode> {
     if let Ok(mut p) = progress.lock() {
         p.finish();
     }
+    before.tell_replaced(&args.out);
     report.warnings.iter().for_each(|warning| tell!("warning: {warning}"));
     if args.json {
         let refused: Vec<_> =
@@ -274,10 +299,12 @@ fn run_merge(args: &Merge) -> Result<ExitCode> {
         total += Corpus::open(path)?.len();
     }
     let mut progress = Progress::new("merging", total as u64, 0);
+    let before = Earlier::at(&args.out);
     let report = merge(&args.corpora, &args.out, args.prefix, splitter.as_ref(), |done| {
         progress.set(done as u64, String::new);
     })?;
     progress.finish();
+    before.tell_replaced(&args.out);
     report.warnings.iter().for_each(|warning| tell!("warning: {warning}"));
     let lines = report.repeated.iter().map(|(name, other)| format!("left out: `{name}` is equal to `{other}`"));
     some_lines(lines, "more are left out, each equal to another").iter().for_each(|line| tell!("{line}"));
