@@ -203,6 +203,57 @@ fn joints_of_another_file_land_in_a_model_that_lies() {
     assert!(refusal(&mut wrong).contains("--skeleton"));
 }
 
+/// A mesh of an OBJ as a text PLY and a text STL.
+fn as_scan_and_print(obj: &str) -> [String; 2] {
+    let rows = |word: &'static str| obj.lines().filter_map(move |line| line.strip_prefix(word));
+    let (vertices, faces): (Vec<&str>, Vec<&str>) = (rows("v ").collect(), rows("f ").collect());
+    let corners = |face: &str| -> Vec<usize> {
+        let first = |word: &str| word.split('/').next().unwrap().parse::<usize>().unwrap() - 1;
+        face.split_whitespace().map(first).collect()
+    };
+    let mut ply = format!(
+        "ply\nformat ascii 1.0\nelement vertex {}\nproperty float x\nproperty float y\nproperty float z\n\
+         element face {}\nproperty list uchar int vertex_indices\nend_header\n{}\n",
+        vertices.len(),
+        faces.len(),
+        vertices.join("\n")
+    );
+    let mut stl = String::from("solid creature\n");
+    for face in faces {
+        let [a, b, c] = corners(face)[..] else { panic!("{face}") };
+        ply += &format!("3 {a} {b} {c}\n");
+        let lines: String = [a, b, c].map(|v| format!("vertex {}\n", vertices[v])).concat();
+        stl += &format!("facet normal 0 0 0\nouter loop\n{lines}endloop\nendfacet\n");
+    }
+    [ply, stl + "endsolid creature\n"]
+}
+
+#[test]
+fn scans_and_prints_are_rigged_as_an_obj_is() {
+    let dir = tempfile::tempdir().unwrap();
+    let bare = creatures(dir.path(), "1").remove(0).1;
+    let path = |name: &str| dir.path().join(name);
+    must(&["convert", text(&bare), text(&path("a.obj"))]);
+    let [ply, stl] = as_scan_and_print(&fs::read_to_string(path("a.obj")).unwrap());
+    let (input, out) = (path("scans"), path("out"));
+    fs::create_dir(&input).unwrap();
+    fs::write(input.join("scan.PLY"), ply).unwrap();
+    fs::write(input.join("print.stl"), stl).unwrap();
+    fs::copy(path("a.obj"), input.join("mesh.obj")).unwrap();
+    must(&["rig", text(&input), "-o", text(&out), "--samples", "1", "--skins", "1"]);
+    let triangles = inspect(&bare)["triangles"].clone();
+    for (name, made) in [("scan.PLY", "scan.glb"), ("print.stl", "print.glb"), ("mesh.obj", "mesh.glb")] {
+        assert_eq!(sound(&out.join(made))["triangles"], triangles, "{made}");
+        must(&["view", text(&input.join(name)), "--png", text(&path("seen.png"))]);
+        must(&["convert", text(&input.join(name)), text(&path("again.obj"))]);
+        must(&["convert", text(&input.join(name)), text(&path("again.glb"))]);
+        assert_eq!(inspect(&path("again.glb"))["triangles"], triangles, "{name}");
+    }
+    let corpus = path("meshes.h5");
+    let said = must(&["dataset", "import", text(&input), "-o", text(&corpus), "--meshes"]).stdout;
+    assert!(String::from_utf8(said).unwrap().contains("3 assets"));
+}
+
 #[test]
 fn a_folder_is_rigged_file_by_file() {
     let dir = tempfile::tempdir().unwrap();
@@ -243,10 +294,15 @@ fn what_cannot_be_rigged_is_told() {
     let (rigged, bare) = creatures(dir.path(), "1").remove(0);
     let path = |name: &str| dir.path().join(name);
     fs::write(path("points.obj"), "v 0 0 0\nv 1 0 0\nv 0 1 0\n").unwrap();
+    let points = "element vertex 1\nproperty float x\nproperty float y\nproperty float z\nend_header\n0 0 0\n";
+    fs::write(path("points.ply"), format!("ply\nformat ascii 1.0\n{points}")).unwrap();
+    fs::write(path("cut.stl"), [255; 100]).unwrap();
     fs::write(path("no.safetensors"), b"no checkpoint").unwrap();
     let out = path("out.glb");
     for (args, wanted) in [
         (vec!["rig", text(&path("points.obj")), "-o", text(&out)], "points.obj"),
+        (vec!["rig", text(&path("points.ply")), "-o", text(&out)], "points.ply: the file has no mesh with triangles"),
+        (vec!["rig", text(&path("cut.stl")), "-o", text(&out)], "cut.stl: cannot be read as STL"),
         (vec!["rig", text(&path("none.glb")), "-o", text(&out)], "none.glb"),
         (vec!["rig", text(&bare), "-o", text(&bare)], "never changed"),
         (vec!["rig", text(&bare), "-o", "out.fbx"], "only GLB"),

@@ -57,8 +57,8 @@ pub enum Fault {
     Empty,
     /// Neither GLB nor JSON.
     #[error(
-        "not a glTF, GLB or VRM file: no magic `glTF` and no JSON at its start; it looks like {0}. Read are these, FBX, OBJ and \
-         the formats of other research code (`riglab convert --help`); convert it to GLB, in Blender for example"
+        "not a glTF, GLB or VRM file: no magic `glTF` and no JSON at its start; it looks like {0}. Read are these, FBX, OBJ, \
+         PLY, STL and the formats of other research code (`riglab convert --help`); convert it to GLB, in Blender for example"
     )]
     NotAModel(&'static str),
     /// A format that is known but not read.
@@ -82,6 +82,14 @@ pub enum Fault {
     /// A line of an OBJ file.
     #[error("cannot be read as OBJ: {0}; export the file again, in Blender for example")]
     Obj(String),
+
+    /// A head, row or number of a PLY file.
+    #[error("cannot be read as PLY: {0}; export the file again, in Blender for example")]
+    Ply(String),
+
+    /// A line or triangle of an STL file.
+    #[error("cannot be read as STL: {0}; export the file again, in Blender for example")]
+    Stl(String),
 
     /// A GLB shorter than its header.
     #[error("the GLB header is cut short: {0} bytes of 12")]

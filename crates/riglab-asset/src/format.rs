@@ -14,6 +14,10 @@ pub enum Format {
     Fbx,
     /// Wavefront OBJ.
     Obj,
+    /// Polygons of scanners, or points alone.
+    Ply,
+    /// Triangles for printing.
+    Stl,
     /// Text of joints and weights (RigNet, Puppeteer), or a list of folders (UniRig).
     RigText,
     /// Arrays of numpy (Articulation-XL, UniRig, SkinTokens).
@@ -41,11 +45,16 @@ impl Format {
         if bytes.starts_with(b"Kaydara FBX Binary") || bytes.starts_with(b"; FBX") || ending == "fbx" {
             return Ok(Self::Fbx);
         }
+        if bytes.starts_with(b"ply\n") || bytes.starts_with(b"ply\r") {
+            return Ok(Self::Ply);
+        }
         if bytes.starts_with(b"\x89HDF\r\n\x1a\n") {
             return Ok(Self::Hdf5);
         }
         match ending.as_str() {
             "obj" => return Ok(Self::Obj),
+            "ply" => return Ok(Self::Ply),
+            "stl" => return Ok(Self::Stl),
             "txt" => return Ok(Self::RigText),
             "npz" => return Ok(Self::Npz),
             "h5" | "hdf5" => return Ok(Self::Hdf5),
@@ -65,6 +74,8 @@ impl fmt::Display for Format {
             Self::Gltf => "glTF",
             Self::Fbx => "FBX",
             Self::Obj => "OBJ",
+            Self::Ply => "PLY",
+            Self::Stl => "STL",
             Self::RigText => "rig text",
             Self::Npz => "npz",
             Self::Hdf5 => "HDF5",

@@ -27,7 +27,7 @@
 //!
 //! A model without a rig is a [`rigging::Subject`]: one mesh to be rigged, and the way back into its document.
 //!
-//! Leaves out: what pictures and materials look like, but to take them from OBJ and FBX into a glTF.
+//! Leaves out: what pictures and materials look like, but to take them from OBJ, FBX and PLY into a glTF.
 
 mod assemble;
 mod budget;
@@ -45,9 +45,12 @@ mod names;
 mod nearest;
 mod obj;
 mod peers;
+mod ply;
 mod reading;
 pub mod rigging;
 mod skeletons;
+mod stl;
+mod surface;
 mod triangles;
 mod warning;
 mod wavefront;
@@ -300,7 +303,7 @@ pub fn count_assets(path: impl AsRef<Path>) -> Result<usize, ImportError> {
 }
 
 /// Endings of files that hold a model, rigged or not.
-pub const MODELS: [&str; 5] = ["glb", "gltf", "vrm", "fbx", "obj"];
+pub const MODELS: [&str; 7] = ["glb", "gltf", "vrm", "fbx", "obj", "ply", "stl"];
 
 /// Whether a file found in a folder holds a model, by its ending.
 pub fn is_model_file(path: &Path) -> bool {
@@ -373,7 +376,7 @@ pub fn import_bytes(name: &str, bytes: &[u8], options: &ImportOptions) -> Result
         Format::RigText | Format::Npz | Format::Hdf5 | Format::TorchZip => {
             peers::one(&peers::Source { path, format, input: peers::Input::Bytes(bytes), folder: None }, options)
         }
-        Format::Gltf | Format::Fbx | Format::Obj => import_from(path, bytes, None, options),
+        Format::Gltf | Format::Fbx | Format::Obj | Format::Ply | Format::Stl => import_from(path, bytes, None, options),
     }
 }
 
@@ -391,7 +394,7 @@ fn look(path: &Path) -> Result<(Option<Format>, Option<PathBuf>), ImportError> {
     let read = std::fs::File::open(path).and_then(|f| f.take(4096).read_to_end(&mut start));
     read.map_err(|e| fail(Fault::Unreadable(e.to_string())))?;
     let peer = match Format::of(path, &start).map_err(fail)? {
-        Format::Gltf | Format::Fbx => None,
+        Format::Gltf | Format::Fbx | Format::Ply | Format::Stl => None,
         // Without a rig text beside it, it is a mesh alone.
         Format::Obj => folder.as_deref().and_then(|f| peers::beside_obj(path, f)).map(|_| Format::Obj),
         peer => Some(peer),
@@ -419,6 +422,8 @@ fn import_from(
     let (mut reading, origin) = match Format::of(path, bytes).map_err(fail)? {
         Format::Gltf => gltf::read(bytes, folder, options).map_err(fail)?,
         Format::Obj => (obj::read(bytes).map_err(fail)?, Rights::default()),
+        Format::Ply => (ply::read(bytes).map_err(fail)?.into_reading(), Rights::default()),
+        Format::Stl => (stl::read(bytes).map_err(fail)?.into_reading(), Rights::default()),
         #[cfg(feature = "fbx")]
         Format::Fbx => (fbx::read(bytes).map_err(fail)?, Rights::default()),
         other => return Err(fail(Fault::OtherFormat(other))),

@@ -112,7 +112,46 @@ fn seeds() -> Vec<(String, Vec<u8>)> {
         seeds.extend(names.map(|name| (name.to_owned(), std::fs::read(folder.join(name)).unwrap())));
     }
     seeds.extend(peers());
+    seeds.extend(surfaces());
     seeds
+}
+
+/// A triangle and a quad in the formats of scans and prints.
+fn surfaces() -> Vec<(String, Vec<u8>)> {
+    let head = |format: &str| {
+        format!(
+            "ply\nformat {format} 1.0\nelement vertex 4\nproperty float x\nproperty float y\nproperty float z\n\
+             property uchar red\nproperty uchar green\nproperty uchar blue\nelement face 2\n\
+             property list uchar int vertex_indices\nend_header\n"
+        )
+    };
+    let corners = [[0u8, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]];
+    let mut text = head("ascii");
+    let (mut binary, mut solid) = (head("binary_big_endian").into_bytes(), String::from("solid a\n"));
+    for [x, y, z] in corners {
+        text += &format!("{x} {y} {z} 255 0 9\n");
+        binary.extend([x, y, z].into_iter().flat_map(|x| f32::from(x).to_be_bytes()).chain([255, 0, 9]));
+    }
+    text += "4 0 1 2 3\n3 0 1 2\n";
+    for face in [&[0i32, 1, 2, 3][..], &[0, 1, 2]] {
+        binary.push(face.len() as u8);
+        binary.extend(face.iter().flat_map(|v| v.to_be_bytes()));
+    }
+    let mut facets = [[0; 80].as_slice(), &2u32.to_le_bytes()].concat();
+    for face in [[0, 1, 2], [0, 2, 3]] {
+        let of = face.map(|v: usize| corners[v]);
+        let vertices: String = of.iter().map(|[x, y, z]| format!("vertex {x} {y} {z}\n")).collect();
+        solid += &format!("facet normal 0 0 1\nouter loop\n{vertices}endloop\nendfacet\n");
+        facets.extend([0, 0, 1].into_iter().chain(of.concat()).flat_map(|x| f32::from(x).to_le_bytes()));
+        facets.extend([0, 0]);
+    }
+    solid += "endsolid a\n";
+    vec![
+        ("text.ply".to_owned(), text.into_bytes()),
+        ("binary.ply".to_owned(), binary),
+        ("text.stl".to_owned(), solid.into_bytes()),
+        ("binary.stl".to_owned(), facets),
+    ]
 }
 
 /// The tiny rig in the peers' formats, and their own samples where they are.
@@ -336,7 +375,7 @@ fn exchange_number(text: &mut String, n: &mut Numbers) {
 #[test]
 fn files_that_once_did_not_survive() {
     let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/regressions");
-    let files = common::files(&folder, &["glb", "gltf", "vrm", "obj", "fbx", "npz", "pt", "h5", "txt"]);
+    let files = common::files(&folder, &["glb", "gltf", "vrm", "obj", "ply", "stl", "fbx", "npz", "pt", "h5", "txt"]);
     assert!(!files.is_empty());
     for path in files {
         survives(&path.file_name().unwrap().to_string_lossy(), &std::fs::read(&path).unwrap());

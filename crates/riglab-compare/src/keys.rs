@@ -1,8 +1,8 @@
 //! What predictions and true assets are called when they are matched.
 
 /// Endings of files that hold rigs.
-const ENDINGS: [&str; 13] =
-    ["glb", "gltf", "vrm", "fbx", "obj", "txt", "npz", "h5", "hdf5", "pt", "pth", "json", "ply"];
+const ENDINGS: [&str; 14] =
+    ["glb", "gltf", "vrm", "fbx", "obj", "txt", "npz", "h5", "hdf5", "pt", "pth", "json", "ply", "stl"];
 /// What systems add to the name of what they were given.
 const ADDED: [&str; 10] =
     ["_rig", "_skin", "_skel", "_skeleton", "_pred", "_predict", "_rigged", "_skinned", "_results", "_ori"];

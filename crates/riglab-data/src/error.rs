@@ -100,7 +100,7 @@ pub enum DataError {
     #[error("{path}: no rigged file (GLB, glTF, VRM, FBX, rig text with OBJ, npz, h5, pt) in this folder or below it", path = .0.display())]
     NothingToImport(PathBuf),
     /// No model in a folder.
-    #[error("{path}: no model in it (GLB, glTF, VRM, FBX or OBJ)", path = .0.display())]
+    #[error("{path}: no model in it (GLB, glTF, VRM, FBX, OBJ, PLY or STL)", path = .0.display())]
     NoModels(PathBuf),
     /// Every file was refused.
     #[error("{path}: none of the {count} files could be imported; the first: {first}", path = path.display())]

@@ -150,7 +150,9 @@ fn ending([report, gains]: &[&Path; 2], corpus: &Path, took: Duration, own: bool
     println!("and of the rigs before and after rewards: {}", shown(gains));
     println!("\nTry next:");
     println!("  cargo run --release --bin riglab -- rig MODEL -o rigged.glb --preview");
-    println!("                                        rig a GLB, FBX or OBJ of yours with the model that comes along");
+    println!(
+        "                                        rig a GLB, FBX, OBJ, PLY or STL of yours with the model that comes along"
+    );
     if !own {
         println!("  cargo xtask demo --input DIR          the same on your own GLB, glTF, VRM and FBX files");
     }

@@ -8,9 +8,11 @@ use riglab_asset::{ImportError, ImportOptions, Imported, Resample, TensorFile, i
 pub use zipped::mutate as mutate_archive;
 
 /// The targets, each with the endings of the files it starts from.
-pub const TARGETS: [(&str, &[&str]); 9] = [
+pub const TARGETS: [(&str, &[&str]); 11] = [
     ("gltf", &["glb", "gltf", "vrm"]),
     ("obj", &["obj"]),
+    ("ply", &["ply"]),
+    ("stl", &["stl"]),
     ("fbx", &["fbx"]),
     ("npz", &["npz"]),
     ("pt", &["pt"]),

@@ -30,6 +30,7 @@ mod zip_claims;
 pub(crate) use archive::Input;
 pub use array_rig::{Array, ArrayRig, SparseRows, Up};
 pub use fault::PeerFault;
+pub(crate) use fault::shown;
 pub(crate) use import::{Source, count, each, one, read_arrays};
 pub(crate) use read::{beside_obj, mesh_of, starts_as_rig};
 pub use tensors::{StoredKind, StoredTensor, TensorFile};

@@ -5,8 +5,8 @@
 //! [`Subject::attach`], which writes the document again with them; [`preview`](crate::export::preview) adds a
 //! motion that bends every joint, to see whether the rig works.
 //!
-//! The one idea: **every model is a document first.** A glTF is one. A rig that is in it is taken out, an OBJ or FBX
-//! is made into one, and from there on there is one way: import, attach.
+//! The one idea: **every model is a document first.** A glTF is one. A rig that is in it is taken out, an OBJ, FBX,
+//! PLY or STL is made into one, and from there on there is one way: import, attach.
 //!
 //! Holds: the input file is never changed; the mesh is in the file's own units, so that whoever normalises it
 //! loses nothing; a turn of axes rounds nothing; what was written reads back with the joints and weights that were
@@ -25,6 +25,7 @@ mod obj;
 mod pieces;
 mod seams;
 mod subject;
+mod surface;
 mod up;
 
 pub use names::{NameStyle, human_bones, humanoid, name_added, name_joints, name_others};

@@ -6,11 +6,13 @@ use std::path::{Path, PathBuf};
 use riglab_core::{Mesh, Rig, RigError, Skeleton, SkinWeights, Springs, Vec3};
 
 use super::pieces::pieces;
-use super::{SubjectNote, UpAxis, doubts, obj, seams};
+use super::{SubjectNote, UpAxis, doubts, obj, seams, surface};
 use crate::assemble::ordered_sets;
 use crate::export::{self, ExportError, ExportOptions, Exported};
 use crate::gltf::export::model::Model;
-use crate::{Binding, Fault, Format, ImportError, ImportOptions, Imported, Warning, gltf, import, import_from};
+use crate::{
+    Binding, Fault, Format, ImportError, ImportOptions, Imported, Warning, gltf, import, import_from, ply, stl,
+};
 
 /// How a model is read.
 #[derive(Clone, Debug)]
@@ -110,7 +112,7 @@ pub struct Origin {
 impl Subject {
     /// Reads the model at `path`: anything riglab imports, rigged or not.
     ///
-    /// glTF and VRM keep their document; OBJ (with its materials) and FBX become one. Formats of arrays have a
+    /// glTF and VRM keep their document; OBJ (with its materials), FBX, PLY and STL become one. Formats of arrays have a
     /// mesh and nothing else.
     ///
     /// ```no_run
@@ -131,14 +133,14 @@ impl Subject {
         let path = path.as_ref();
         let fail = |fault| ImportError::new(&path.to_string_lossy(), fault);
         let format = format(path).map_err(fail)?;
-        if !matches!(format, Format::Gltf | Format::Fbx | Format::Obj) {
+        if !matches!(format, Format::Gltf | Format::Fbx | Format::Obj | Format::Ply | Format::Stl) {
             return Self::of_arrays(path, options);
         }
         let bytes = std::fs::read(path).map_err(|e| fail(Fault::Unreadable(e.to_string())))?;
         Self::from_bytes(path, &bytes, Some(export::folder(path)), options)
     }
 
-    /// As [`Self::read`], with the bytes of a glTF, FBX or OBJ file; `folder` is where what belongs to it is looked
+    /// As [`Self::read`], with the bytes of a glTF, FBX, OBJ, PLY or STL file; `folder` is where what belongs to it is looked
     /// for, if at all.
     ///
     /// # Errors
@@ -191,12 +193,15 @@ impl Subject {
                 }
             }
             format => {
+                let name = stem(path);
                 let mut model = match format {
-                    Format::Obj => obj::read(&stem(path), bytes, folder, &mut notes).map_err(fail)?,
+                    Format::Obj => obj::read(&name, bytes, folder, &mut notes).map_err(fail)?,
+                    Format::Ply => surface::model(&name, ply::read(bytes).map_err(fail)?, folder, &mut notes),
+                    Format::Stl => surface::model(&name, stl::read(bytes).map_err(fail)?, folder, &mut notes),
                     #[cfg(feature = "fbx")]
                     Format::Fbx => {
                         rig = old_fbx_rig(path, bytes, options, &mut notes)?;
-                        super::fbx::read(&stem(path), bytes, folder, &mut notes).map_err(fail)?
+                        super::fbx::read(&name, bytes, folder, &mut notes).map_err(fail)?
                     }
                     other => return Err(fail(Fault::OtherFormat(other))),
                 };

@@ -65,7 +65,7 @@ struct Import {
     /// What becomes of loose roots: children of the largest tree's root, or all below a new one.
     #[arg(long, value_enum, default_value = "reattach")]
     roots: Roots,
-    /// Take models as bare meshes, rigged or not, OBJ too: for GRPO, which needs no rigs. All are of the split
+    /// Take models as bare meshes, rigged or not, OBJ, PLY and STL too: for GRPO, which needs no rigs. All are of the split
     /// `meshes`; train on them with --set data.train='["meshes"]'.
     #[arg(long, conflicts_with_all = ["split", "seed", "roots", "clips", "repair"])]
     meshes: bool,

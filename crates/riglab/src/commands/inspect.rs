@@ -21,7 +21,7 @@ Examples:
   riglab inspect fox.glb --json --all-vertices > fox.json
   riglab inspect articulation_xlv2_test.npz --item 12")]
 pub struct Args {
-    /// GLB, glTF, VRM, FBX, OBJ, rig text, npz, h5 or pt files.
+    /// GLB, glTF, VRM, FBX, OBJ, PLY, STL, rig text, npz, h5 or pt files.
     #[arg(required = true)]
     files: Vec<PathBuf>,
     /// Read one of several characters in a file: its number, from 0, or the name of its root.

@@ -36,7 +36,7 @@ pub struct Args {
     /// Show the weights of this joint, by its name; as often as needed.
     #[arg(long = "bone", value_name = "NAME")]
     bones: Vec<String>,
-    /// The axis that points up in the file.
+    /// The axis that points up in the file; in PLY and STL, which do not say, it often is z.
     #[arg(long, default_value = "y", value_name = "AXIS", allow_hyphen_values = true)]
     up: UpAxis,
     /// Pixels along the longer side of each picture.

@@ -156,8 +156,9 @@ fn store(asset: &Asset, out: &Path, target: Target, args: &Args) -> Result<()> {
 fn place(name: &str) -> (PathBuf, String) {
     let mut steps: Vec<&str> = name.split('/').filter(|s| !["", ".", ".."].contains(s)).collect();
     let own = steps.pop().unwrap_or("asset");
-    let known =
-        |ending: &str| ["glb", "gltf", "vrm", "fbx", "obj", "txt"].contains(&ending.to_ascii_lowercase().as_str());
+    let known = |ending: &str| {
+        ["glb", "gltf", "vrm", "fbx", "obj", "ply", "stl", "txt"].contains(&ending.to_ascii_lowercase().as_str())
+    };
     let own =
         own.rsplit_once('.').filter(|(stem, ending)| !stem.is_empty() && known(ending)).map_or(own, |(stem, _)| stem);
     (steps.into_iter().collect(), own.to_owned())

@@ -23,7 +23,7 @@ use riglab_report::shell::command;
 
 /// Rig a model: a skeleton and skin weights for a mesh.
 ///
-/// Reads GLB, glTF, VRM, FBX and OBJ, and writes a GLB: meshes, materials, pictures, placement and names stay; an
+/// Reads GLB, glTF, VRM, FBX, OBJ, PLY and STL, and writes a GLB: meshes, materials, pictures, placement and names stay; an
 /// armature, a skin and weights are added. A rig that the file has is taken out first. The model that does it is
 /// the small one that comes with riglab, or another (--checkpoint). The input is never changed.
 #[derive(clap::Args)]
@@ -31,6 +31,7 @@ use riglab_report::shell::command;
 Examples:
   riglab rig creature.obj -o creature.glb
   riglab rig avatar.glb -o rigged.glb --preview
+  riglab rig scan.ply -o scan.glb --up z
   riglab rig avatar.glb -o rigged.glb --samples 8 --rank rewards --seed 1
   riglab rig avatar.glb -o rigged.glb --skeleton bones_of.glb
   riglab rig dragon.glb -o rigged.glb --skeleton spine_and_wings.txt --complete
@@ -120,7 +121,7 @@ struct Common {
     /// How joints are turned at rest.
     #[arg(long, value_enum, ignore_case = true, default_value = "bone")]
     frames: Frames,
-    /// The axis that points up in the file.
+    /// The axis that points up in the file; in PLY and STL, which do not say, it often is z.
     #[arg(long, default_value = "y", value_name = "AXIS", allow_hyphen_values = true)]
     up: UpAxis,
     /// The axis that points up in the file of --skeleton [default: as --up, as long as its joints then lie within the

@@ -1,0 +1,97 @@
+//! A mesh of a format without materials, as a document.
+
+use std::path::Path;
+
+use super::obj::stem;
+use super::{SubjectNote, beside, normals};
+use crate::gltf::export::model::{Look, Model, Object, Patch, Picture, is_picture};
+use crate::surface::Surface;
+
+/// A model of one mesh. Its picture is looked for in `folder`, if at all. Normals that are missing are the mean of the
+/// triangles around each place.
+pub(super) fn model(name: &str, of: Surface, folder: Option<&Path>, notes: &mut Vec<SubjectNote>) -> Model {
+    let mut model = Model { name: name.into(), ..Model::default() };
+    if !of.left.is_empty() {
+        notes.push(SubjectNote::ThingsLeft(of.left));
+    }
+    if of.triangles.is_empty() {
+        return model;
+    }
+    let normals = normals::complete(&of.normals, &of.positions, &of.triangles);
+    let sound = |all: &[f32]| all.iter().all(|x| x.is_finite());
+    let mut patch = Patch { normals, ..Patch::default() };
+    if sound(of.coordinates.as_flattened()) {
+        patch.coordinates = of.coordinates.iter().map(|&[u, v]| [u, 1.0 - v]).collect();
+    }
+    if sound(of.colours.as_flattened()) {
+        patch.colours = of.colours.iter().map(|&[r, g, b, a]| [linear(r), linear(g), linear(b), a]).collect();
+    }
+    // A mesh has one look, and so one picture.
+    let named = of.pictures.first().filter(|_| !patch.coordinates.is_empty());
+    if let Some(named) = named {
+        match beside::read(folder, named) {
+            Some(bytes) if is_picture(&bytes) => model.pictures.push(Picture { name: stem(named), bytes }),
+            Some(_) => notes.push(SubjectNote::OtherPicture(named.clone())),
+            None => notes.push(SubjectNote::FileMissing(named.clone())),
+        }
+    }
+    let picture = (!model.pictures.is_empty()).then_some(0);
+    // What is grey by itself would darken both.
+    if picture.is_some() || !patch.colours.is_empty() {
+        let transparent = patch.colours.iter().any(|c| c[3] < 1.0);
+        model.looks.push(Look { colour: [1.0; 4], picture, transparent, ..Look::plain(name) });
+        patch.look = Some(0);
+    }
+    patch.positions = of.positions;
+    patch.indices = of.triangles.into_flattened();
+    model.objects.push(Object { name: name.into(), patches: vec![patch] });
+    model
+}
+
+/// A share of light as glTF has those of vertices, from one as pictures have it (IEC 61966-2-1).
+fn linear(share: f32) -> f32 {
+    if share <= 0.04045 { share / 12.92 } else { ((share + 0.055) / 1.055).powf(2.4) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn triangle() -> Surface {
+        Surface {
+            positions: vec![[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]],
+            triangles: vec![[0, 1, 2]],
+            ..Surface::default()
+        }
+    }
+
+    #[test]
+    fn colours_become_those_of_gltf_and_show_on_white() {
+        let colours = vec![[0.0, 0.04, 0.5, 1.0], [1.0; 4], [1.0, 1.0, 1.0, 0.5]];
+        let model = model("a", Surface { colours, ..triangle() }, None, &mut Vec::new());
+        let [first, second, third] = model.objects[0].patches[0].colours[..] else { panic!() };
+        assert!((first[2] - 0.2140).abs() < 1e-4 && (first[1] - 0.0031).abs() < 1e-4 && first[0] == 0.0, "{first:?}");
+        assert_eq!((second, third[3]), ([1.0; 4], 0.5));
+        assert_eq!((model.looks[0].colour, model.looks[0].transparent), ([1.0; 4], true));
+        assert_eq!(model.objects[0].patches[0].normals, [[0.0, 0.0, 1.0]; 3]);
+        assert!(super::model("a", triangle(), None, &mut Vec::new()).looks.is_empty());
+    }
+
+    #[test]
+    fn a_picture_is_found_beside_the_file_where_there_are_coordinates_for_it() {
+        let folder = tempfile::tempdir().unwrap();
+        std::fs::write(folder.path().join("a b.png"), b"\x89PNG\r\n\x1a\n and so on").unwrap();
+        let mut notes = Vec::new();
+        let mut of = |picture: &str, u: f32| {
+            let coordinates = vec![[u, 0.25]; 3];
+            let surface = Surface { coordinates, pictures: vec![picture.into()], ..triangle() };
+            model("a", surface, Some(folder.path()), &mut notes)
+        };
+        let seen = of("C:\\scans\\a b.png", 0.5);
+        assert_eq!((seen.pictures[0].name.as_str(), seen.looks[0].picture), ("a b", Some(0)));
+        assert_eq!(seen.objects[0].patches[0].coordinates, [[0.5, 0.75]; 3]);
+        assert!(of("a b.png", f32::NAN).looks.is_empty());
+        assert!(of("gone.png", 0.5).looks.is_empty());
+        assert_eq!(notes, [SubjectNote::FileMissing("gone.png".into())]);
+    }
+}
