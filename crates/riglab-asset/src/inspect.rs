@@ -47,6 +47,8 @@ pub struct Inspection<'a> {
     pub licence: &'a str,
     /// Who is to be credited.
     pub author: &'a str,
+    /// How far the file shows the model from where joints and vertices are told to be; see [`Reading::shown_off`].
+    pub shown_off: Vec3,
 }
 
 /// A joint.
@@ -111,6 +113,7 @@ impl Imported {
             springs: &reading.body.springs,
             licence: &self.provenance.licence,
             author: &self.provenance.author,
+            shown_off: reading.up.to_y(reading.shown_off),
         }
     }
 }

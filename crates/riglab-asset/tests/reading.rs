@@ -228,6 +228,7 @@ fn quantised_models_without_their_rig_stand_where_the_file_shows_them() {
     tiny.document["nodes"][0] = json!({"name": "body"});
     let imported = read(&tiny);
     assert_eq!((imported.mesh().positions()[0], imported.reading.shown_off), ([-2.0, 1.0, -2.0], [2.0, -1.0, 2.0]));
+    assert_eq!(serde_json::to_value(imported.inspect(false)).unwrap()["shown_off"], json!([2.0, -1.0, 2.0]));
     let bare = export::strip_bytes("a.glb", &tiny.glb(), None, &ImportOptions::default()).unwrap().bytes;
     let bare = import_bytes("a.glb", &bare, &ImportOptions::default()).unwrap();
     let shown = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 2.5, 0.0], [0.0, 0.0, 1.0]];

@@ -29,7 +29,8 @@ pub struct Args {
     character: Option<Character>,
     /// One JSON object a line, in the file's own units and glTF's axes, of what the file holds: joints have the parents
     /// that it gives them, so there may be several roots; vertices, triangles and weights are those of skinned meshes,
-    /// and `rigid_*` count rigid parts, which the rig, and the text, have besides.
+    /// and `rigid_*` count rigid parts, which the rig, and the text, have besides. `shown_off` is how far the file shows the model
+    /// from there, where its bind pose stands elsewhere.
     #[arg(long)]
     json: bool,
     /// With --json, every vertex of skinned meshes as a sample.
@@ -88,6 +89,19 @@ pub fn body(rig: &Rig) -> Vec<String> {
     lines
 }
 
+/// Where the file shows the model, if that is not where it is read: its bind pose is, and quantised meshes stand elsewhere
+/// in it.
+pub fn shown_elsewhere(imported: &Imported) -> Option<String> {
+    let by = imported.reading.up.to_y(imported.reading.shown_off);
+    let [x, y, z] = by;
+    let digits = decimals(by.map(f32::abs));
+    (by != [0.0; 3]).then(|| {
+        format!(
+            "the file shows the model ({x:.digits$}, {y:.digits$}, {z:.digits$}) from where it was bound, which is read"
+        )
+    })
+}
+
 /// "1 vertex", "2 vertices".
 pub fn vertices(n: usize) -> String {
     if n == 1 { "1 vertex".into() } else { format!("{n} vertices") }
@@ -142,6 +156,9 @@ fn print(imported: &Imported) {
             say!("  {name:9} {value}");
         }
     }
+    if let Some(note) = shown_elsewhere(imported) {
+        say!("  note      {note}");
+    }
     for warning in imported.warnings() {
         say!("  warning   {warning}");
     }
@@ -149,7 +166,19 @@ fn print(imported: &Imported) {
 
 #[cfg(test)]
 mod tests {
-    use super::decimals;
+    use riglab_asset::{ImportOptions, import_bytes};
+
+    use super::{decimals, shown_elsewhere};
+
+    #[test]
+    fn a_model_that_is_shown_elsewhere_says_so() {
+        let text = b"v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\n";
+        let mut imported = import_bytes("a.obj", text, &ImportOptions::default()).unwrap();
+        assert_eq!(shown_elsewhere(&imported), None);
+        imported.reading.shown_off = [0.0, -0.5, 2.0];
+        let wanted = "the file shows the model (0.0000, -0.5000, 2.0000) from where it was bound, which is read";
+        assert_eq!(shown_elsewhere(&imported).as_deref(), Some(wanted));
+    }
 
     #[test]
     fn tiny_models_are_shown_with_digits_that_tell_them() {

@@ -2,9 +2,10 @@
 
 use std::collections::{HashMap, HashSet};
 use std::fs::File;
-use std::io::{Read, Seek, SeekFrom};
+use std::io::{Cursor, Read, Seek, SeekFrom};
 use std::path::Path;
 
+use riglab_asset::rigging::{Subject, SubjectOptions};
 use riglab_asset::{Imported, Target, is_gltf};
 use riglab_core::{Asset, Rig};
 use serde::Deserialize;
@@ -28,6 +29,7 @@ pub struct Lost {
     materials: usize,
     pictures: usize,
     uv_maps: usize,
+    colour_sets: usize,
 }
 
 impl Lost {
@@ -44,19 +46,32 @@ impl Lost {
             self.meshes += meshes;
         }
         let source = Path::new(&imported.provenance.source);
-        if let Some(document) = is_gltf(source).then(|| Document::read(source)).flatten() {
-            self.animations += document.animations.len();
-            self.materials += document.materials.len();
-            self.pictures += document.images.len();
-            self.morph_targets += document.meshes.iter().map(Mesh::targets).sum::<usize>();
-            self.uv_maps += document.meshes.iter().filter(|mesh| mesh.has_coordinates()).count();
-        } else if source.extension().is_some_and(|e| e.eq_ignore_ascii_case("obj")) {
+        let ends = |ending: &str| source.extension().is_some_and(|e| e.eq_ignore_ascii_case(ending));
+        if is_gltf(source) {
+            self.add(Document::read(source).unwrap_or_default());
+        } else if ends("fbx") {
+            self.add(Document::with_looks(source).unwrap_or_default());
+        } else if ends("ply") {
+            // The material that shows its colours is none of the file.
+            self.add(Document { materials: Vec::new(), ..Document::with_looks(source).unwrap_or_default() });
+        } else if ends("obj") {
             let text = std::fs::read(source).unwrap_or_default();
             let lines = || text.split(|b| *b == b'\n');
             self.materials += lines().filter(|l| l.starts_with(b"usemtl ")).collect::<HashSet<_>>().len();
             self.uv_maps += usize::from(lines().any(|l| l.starts_with(b"vt ")));
         }
         self
+    }
+
+    /// And what a document has.
+    fn add(&mut self, document: Document) {
+        let having = |attribute: &str| document.meshes.iter().filter(|mesh| mesh.has(attribute)).count();
+        self.animations += document.animations.len();
+        self.materials += document.materials.len();
+        self.pictures += document.images.len();
+        self.morph_targets += document.meshes.iter().map(Mesh::targets).sum::<usize>();
+        self.uv_maps += having("TEXCOORD_0");
+        self.colour_sets += having("COLOR_0");
     }
 
     /// And of an asset of a corpus, which has no more than its rig and motions.
@@ -89,6 +104,7 @@ impl Lost {
             (self.materials, "material"),
             (self.pictures, "picture"),
             (self.uv_maps, "UV map"),
+            (self.colour_sets, "colour set"),
         ];
         let lost: Vec<String> = kinds.iter().filter(|(n, _)| *n > 0).map(|(n, what)| counted(*n, what)).collect();
         let mut lines = Vec::new();
@@ -129,8 +145,8 @@ struct Primitive {
 }
 
 impl Mesh {
-    fn has_coordinates(&self) -> bool {
-        self.primitives.iter().any(|p| p.attributes.contains_key("TEXCOORD_0"))
+    fn has(&self, attribute: &str) -> bool {
+        self.primitives.iter().any(|p| p.attributes.contains_key(attribute))
     }
 
     /// The primitives of a mesh have the same ones.
@@ -142,7 +158,16 @@ impl Mesh {
 impl Document {
     /// Of a file that was imported before; `None` where it is not as it was.
     fn read(path: &Path) -> Option<Self> {
-        let mut file = File::open(path).ok()?;
+        Self::of(File::open(path).ok()?)
+    }
+
+    /// Of a file of another format, as the document that it becomes when it is rigged.
+    fn with_looks(path: &Path) -> Option<Self> {
+        let options = SubjectOptions { max_triangles: usize::MAX, ..SubjectOptions::default() };
+        Self::of(Cursor::new(Subject::read(path, &options).ok()?.document()?))
+    }
+
+    fn of(mut file: impl Read + Seek) -> Option<Self> {
         let (mut head, mut json) = ([0; 20], Vec::new());
         file.read_exact(&mut head).ok()?;
         if head.starts_with(b"glTF") {
@@ -178,6 +203,39 @@ mod tests {
         assert!(Lost { files: 2, ..Lost::default() }.lines(Target::Glb).is_empty());
     }
 
+    fn told(name: &str, bytes: &[u8]) -> Vec<String> {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join(name);
+        std::fs::write(&path, bytes).unwrap();
+        let imported = riglab_asset::import(&path, &Default::default()).unwrap();
+        Lost::default().with(&imported, Target::Obj).lines(Target::Obj)
+    }
+
+    #[test]
+    fn a_scan_loses_its_colours_and_no_material() {
+        let columns = ["float x", "float y", "float z", "uchar red", "uchar green", "uchar blue", "float u", "float v"];
+        let columns: String = columns.map(|of| format!("property {of}\n")).concat();
+        let rows = "0 0 0 9 9 9 0 0\n1 0 0 9 9 9 1 0\n0 1 0 9 9 9 0 1\n3 0 1 2\n";
+        let head = format!("ply\nformat ascii 1.0\nelement vertex 3\n{columns}element face 1\n");
+        let ply = format!("{head}property list uchar int vertex_index\nend_header\n{rows}");
+        let wanted = "not written, for obj as riglab writes it holds none: 1 UV map and 1 colour set";
+        assert_eq!(told("a.ply", ply.as_bytes()), [wanted]);
+    }
+
+    #[cfg(feature = "fbx")]
+    #[test]
+    fn an_fbx_loses_its_material_and_coordinates() {
+        let fbx = "; FBX 7.4.0 project file\nFBXHeaderExtension: {\nFBXVersion: 7400\n}\nObjects: {\n\
+            Geometry: 2, \"Geometry::\", \"Mesh\" {\nVertices: *9 { a: 0,0,0,1,0,0,0,1,0 }\n\
+            PolygonVertexIndex: *3 { a: 0,1,-3 }\nLayerElementUV: 0 {\nName: \"map\"\n\
+            MappingInformationType: \"ByPolygonVertex\"\nReferenceInformationType: \"Direct\"\n\
+            UV: *6 { a: 0,0,1,0,0,1 }\n}\nLayer: 0 {\nLayerElement: {\nType: \"LayerElementUV\"\nTypedIndex: 0\n}\n}\n}\n\
+            Model: 1, \"Model::body\", \"Mesh\" {\nVersion: 232\n}\nMaterial: 5, \"Material::cloth\", \"\" {\nVersion: 102\n}\n\
+            }\nConnections: {\nC: \"OO\",1,0\nC: \"OO\",2,1\nC: \"OO\",5,1\n}\n";
+        let wanted = "not written, for obj as riglab writes it holds none: 1 material and 1 UV map";
+        assert_eq!(told("a.fbx", fbx.as_bytes()), [wanted]);
+    }
+
     #[test]
     fn a_document_is_counted_in_both_its_forms() {
         let dir = tempfile::tempdir().unwrap();
@@ -195,7 +253,7 @@ mod tests {
         for path in [plain, binary] {
             let found = Document::read(&path).unwrap();
             let targets: usize = found.meshes.iter().map(Mesh::targets).sum();
-            assert_eq!(found.meshes.iter().map(Mesh::has_coordinates).collect::<Vec<_>>(), [true, false]);
+            assert_eq!(found.meshes.iter().map(|mesh| mesh.has("TEXCOORD_0")).collect::<Vec<_>>(), [true, false]);
             assert_eq!((found.animations.len(), found.materials.len(), found.images.len(), targets), (2, 0, 1, 2));
         }
     }

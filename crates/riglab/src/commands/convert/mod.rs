@@ -20,6 +20,7 @@ use riglab_files::make_folder_of;
 
 use super::earlier::{self, Written};
 use super::glb::{Frames, Most};
+use super::inspect::shown_elsewhere;
 use lost::Lost;
 use riglab_report::counted;
 
@@ -230,6 +231,7 @@ fn together(
             if let Ok(imported) = &imported {
                 warn(imported);
                 if imported.rig().is_some() {
+                    tell_place(imported);
                     lost = lost.with(imported, target);
                 }
             }
@@ -267,6 +269,13 @@ fn warn(imported: &Imported) {
     }
 }
 
+/// Says so where what is written stands elsewhere than the file shows it.
+fn tell_place(imported: &Imported) {
+    if let Some(note) = shown_elsewhere(imported) {
+        tell!("note: {}: {note}", imported.provenance.source);
+    }
+}
+
 /// Refuses to write over what is read.
 fn spare(inputs: &HashSet<PathBuf>, out: &Path, target: Target) -> Result<()> {
     for path in written_paths(out, target) {
@@ -296,6 +305,7 @@ fn store(
         return store_glb(&imported, out, args, lost);
     }
     let with = lost.with(&imported, target);
+    tell_place(&imported);
     if let (Content::Bare(mesh), Target::Obj) = (&imported.content, target) {
         write_mesh(mesh, out)?;
     } else {
@@ -321,6 +331,7 @@ fn store_glb(imported: &Imported, out: &Path, args: &Args, lost: &mut Lost) -> R
     let one_of_several = whole.as_ref().is_some_and(|all| all.reading.characters().len() > 1);
     if one_of_several {
         tell!("note: {source}: of one character the rig is written; materials, pictures and motions are left out");
+        tell_place(imported);
     }
     let exported = match imported.rig() {
         Some(rig) if document && !one_of_several => export::onto(source, imported, rig, &args.export())?,
