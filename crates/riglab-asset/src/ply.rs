@@ -97,6 +97,10 @@ fn vertices(element: &Element, rows: &mut Rows<'_>, surface: &mut Surface) -> Re
 fn polygon(corners: &[f64], triangles: &mut Vec<[u32; 3]>) -> Result<(), String> {
     let [first, rim @ ..] = corners else { return Ok(()) };
     let first = corner(*first)?;
+    // A corner may take one byte: what grows twofold would come to 24 a byte of the file.
+    if triangles.capacity() - triangles.len() < rim.len() {
+        triangles.reserve_exact(rim.len().max(triangles.len() / 2));
+    }
     for w in rim.windows(2) {
         triangles.push([first, corner(w[0])?, corner(w[1])?]);
     }

@@ -316,6 +316,25 @@ fn files_with_changed_numbers_survive() {
     assert!(rigs > 0);
 }
 
+/// Corners of a byte each are the least that a triangle can take.
+#[test]
+fn polygons_of_many_corners_keep_within_what_their_file_may_ask_for() {
+    let head = "ply\nformat binary_little_endian 1.0\nelement vertex 4\nproperty uchar x\nproperty uchar y\n\
+        property uchar z\n";
+    for (faces, corners) in [(1usize, 5_000_000u32), (1000, 5001), (70_000, 72)] {
+        let list = format!("element face {faces}\nproperty list uint uchar vertex_indices\nend_header\n");
+        let mut bytes = [head.as_bytes(), list.as_bytes(), &[0, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0, 1]].concat();
+        for face in 0..faces {
+            bytes.extend(corners.to_le_bytes());
+            bytes.extend((0..corners).map(|k| (k as usize + face) as u8 % 4));
+        }
+        let (read, peak) = peak::of(|| import_bytes("a.ply", &bytes, &ImportOptions::default()));
+        assert!(peak.is_fair(bytes.len()), "{faces} faces: {peak:?} for a file of {}", bytes.len());
+        // Of all fans over four corners there are few unlike triangles.
+        assert_eq!(read.unwrap().mesh().triangles().len(), if faces == 1 { 2 } else { 4 });
+    }
+}
+
 /// Bytes of one member exchanged, sums of the archive kept right: this reaches arrays and pickles.
 #[test]
 fn archives_with_changed_members_survive() {
