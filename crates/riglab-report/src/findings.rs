@@ -205,9 +205,10 @@ impl Findings {
         head.extend(self.totals_of.iter().map(|m| m.name.clone()));
         let mut table = Table { caption: format!("{}: published numbers", self.about), head, ..Table::default() };
         for (line, cells) in self.published_rows() {
+            say(&mut table.note, &line);
             table.row(std::iter::once(Cell::text(line.name())).chain(cells).collect());
         }
-        table.note = PUBLISHED.into();
+        table.note = format!("{PUBLISHED}{}", table.note);
         (!table.rows.is_empty()).then_some(table)
     }
 
@@ -220,6 +221,13 @@ impl Findings {
 /// What is said below published numbers.
 pub(crate) const PUBLISHED: &str = "Published numbers are as printed, in the unit of the column: measured by others, on \
                                     other assets and with other amounts of training. They are no part of any test here.";
+
+/// Adds what has to be known of a published line to what is said below a table, once.
+pub(crate) fn say(note: &mut String, line: &Line) {
+    if let Some((_, sentence)) = line.caveat.as_ref().filter(|(_, sentence)| !note.contains(sentence)) {
+        *note += &format!(" {sentence}");
+    }
+}
 
 /// What a metric is called where it is the mean of the assets' own figures. Totals of the same name may be pooled over
 /// all assets, which is another number.
@@ -315,6 +323,22 @@ pub(crate) mod tests {
         let row = table.rows.iter().find(|r| r[0].text.contains("FSQ-CVAE (SkinTokens paper), VRoid")).unwrap();
         assert_eq!([&row[1].text, &row[2].text], ["0.871", "0.00541"]);
         assert!(row[1].published && row[2].published && row[0].text.starts_with("published"));
+    }
+
+    #[test]
+    fn a_published_row_that_misleads_says_so_in_every_form() {
+        let beside = Beside { table: "skintokens.table3", columns: &[("J2J × 100", "j2j", 1.0)] };
+        let totals_of = vec![Metric::lower("J2J × 100", "skintokens", 3)];
+        let found = Findings { about: "skeletons".into(), totals_of, published: vec![beside], ..Findings::default() };
+        let table = found.published_table().unwrap();
+        let swapped = "the row of MagicArticulate has its two data sets swapped";
+        assert_eq!(table.note.matches(swapped).count(), 1, "{}", table.note);
+        let page = crate::Page { title: "t".into(), subtitle: "s".into(), blocks: vec![Block::Table(table)] };
+        for form in [page.to_html().unwrap(), page.to_markdown(), page.to_latex()] {
+            assert!(form.contains(swapped), "{form}");
+        }
+        assert_eq!(page.to_csv().matches("MagicArticulate").count(), 2);
+        assert_eq!(page.to_csv().matches("data sets swapped").count(), 2, "{}", page.to_csv());
     }
 
     #[test]

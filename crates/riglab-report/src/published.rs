@@ -74,7 +74,8 @@ fn read(name: &str) -> Option<Table> {
         Some(columns) => head.extend(columns.iter().filter_map(Value::as_str).map(String::from)),
         None => head.push("value".into()),
     }
-    let mut table = Table { caption: format!("Published: {name}. {}", text("what")), head, ..Table::default() };
+    let said = caveats(from).map(|(_, _, sentence)| format!(" {sentence}")).collect::<String>();
+    let mut table = Table { caption: format!("Published: {name}. {}{said}", text("what")), head, ..Table::default() };
     for (row, values) in rows {
         let values = values.as_array().cloned().unwrap_or_else(|| vec![values.clone()]);
         let cells = values.iter().map(|v| Cell { published: true, ..number(v) });
@@ -84,6 +85,12 @@ fn read(name: &str) -> Option<Table> {
         table.note = format!("unit: {}", text("unit"));
     }
     Some(table)
+}
+
+/// What has to be known of rows to read them right: the row, a few words, a sentence.
+fn caveats(table: &Value) -> impl Iterator<Item = (&str, &str, &str)> {
+    let rows = table.get("caveats").and_then(Value::as_table).into_iter().flatten();
+    rows.filter_map(|(row, said)| Some((row.as_str(), said.get(0)?.as_str()?, said.get(1)?.as_str()?)))
 }
 
 /// What a published system reached on a data set.
@@ -97,6 +104,8 @@ pub struct Line {
     pub data: String,
     /// Its numbers by metric, as printed.
     pub values: Vec<(String, f64)>,
+    /// What has to be known to read them right, in a few words and as a sentence.
+    pub caveat: Option<(String, String)>,
 }
 
 impl Line {
@@ -119,7 +128,9 @@ impl Line {
     /// The same where it is said already that it is published.
     pub fn source(&self) -> String {
         let on = if self.data.is_empty() { String::new() } else { format!(", {}", self.data) };
-        format!("{}{on} ({})", self.system, self.table)
+        // Beside the name, as a note below is no part of comma-separated values.
+        let caveat = self.caveat.as_ref().map_or(String::new(), |(short, _)| format!("; {short}"));
+        format!("{}{on} ({}{caveat})", self.system, self.table)
     }
 }
 
@@ -149,6 +160,11 @@ fn place(table: &str, column: &str) -> (String, String) {
 /// sets have the metric that the table is called after. Empty where there is no such table.
 pub fn lines(name: &str) -> Vec<Line> {
     let Some(table) = read(name) else { return Vec::new() };
+    let from = name.split_once('.').and_then(|(group, own)| TABLES.get(group)?.get(own));
+    let caveat_of = |system: &str| {
+        let (_, short, sentence) = caveats(from?).find(|(row, ..)| *row == system)?;
+        Some((short.to_owned(), sentence.to_owned()))
+    };
     let mut out: Vec<Line> = Vec::new();
     for row in &table.rows {
         let start = out.len();
@@ -159,7 +175,8 @@ pub fn lines(name: &str) -> Vec<Line> {
                 Some(line) => line.values.push((metric, value)),
                 None => {
                     let (table, system) = (name.to_owned(), row[0].text.clone());
-                    out.push(Line { table, system, data, values: vec![(metric, value)] });
+                    let caveat = caveat_of(&system);
+                    out.push(Line { table, system, data, values: vec![(metric, value)], caveat });
                 }
             }
         }
@@ -216,6 +233,22 @@ mod tests {
         );
         assert_eq!(of("skintokens.table2", "8-8-8-8-8", "").values.len(), 3);
         assert!(lines("nowhere").is_empty());
+    }
+
+    #[test]
+    fn caveats_are_of_rows_that_there_are_and_stand_in_their_names() {
+        for name in names() {
+            let (group, own) = name.split_once('.').unwrap();
+            let rows = read(&name).unwrap().rows;
+            for (row, ..) in caveats(&TABLES[group][own]) {
+                assert!(rows.iter().any(|r| r[0].text == row), "{name}: {row}");
+            }
+        }
+        let own = lines("skintokens.table3").into_iter().filter(|l| l.caveat.is_some()).map(|l| l.source());
+        let swapped = ["ModelsResource", "Articulation-XL 2.0"]
+            .map(|data| format!("MagicArticulate (SkinTokens paper), {data} (skintokens.table3; data sets swapped)"));
+        assert_eq!(own.collect::<Vec<_>>(), swapped);
+        assert!(table("skintokens.table3").unwrap().caption.contains("has its two data sets swapped: its authors'"));
     }
 
     #[test]

@@ -2,7 +2,7 @@
 
 use super::by_asset::defined;
 use super::{Compared, shared};
-use crate::findings::{PUBLISHED, conventions};
+use crate::findings::{PUBLISHED, conventions, say};
 use crate::{Cell, Findings, Metric, Table};
 
 /// A table a split: what each run trained, what stands beside it, published numbers. What is not trained stands once
@@ -81,6 +81,7 @@ pub(super) fn side_by_side(runs: &[Compared], of: &[&Findings]) -> Vec<Table> {
             let place = |(_, at): &(Metric, Vec<usize>)| cells[at[0]].clone();
             let numbers: Vec<Cell> = metrics.iter().map(place).collect();
             if numbers.iter().any(|c| !c.text.is_empty()) {
+                say(&mut table.note, &line);
                 let first = [Cell::text("published"), Cell::text(line.source()), Cell::none()];
                 table.row(first.into_iter().chain(numbers).collect());
             }
