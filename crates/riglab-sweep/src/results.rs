@@ -82,24 +82,32 @@ impl Results {
         head.extend(self.metrics.iter().map(|m| m.head().to_owned()));
         let caption = if self.plan.sweep.question.is_empty() { "Sweep" } else { &self.plan.sweep.question };
         let mut table = Table { caption: caption.into(), head, ..Table::default() };
-        let best: Vec<Option<&str>> = (0..self.metrics.len()).map(|k| self.best(k)).collect();
+        let leads: Vec<Option<(&str, Spread)>> = (0..self.metrics.len()).map(|k| self.lead(k)).collect();
         for point in self.plan.names() {
             let [finished, failed] = ["finished", "failed"].map(|state| Cell::count(self.runs(point, state)));
             let mut cells = vec![Cell::text(point), finished, failed];
             for (k, metric) in self.metrics.iter().enumerate() {
                 let text = with_deviation(Cell::number, self.spread(point, k), metric.digits);
-                cells.push(text.strong_if(best[k] == Some(point)));
+                let best = leads[k].is_some_and(|(best, lead)| best == point && lead.is_beyond_noise());
+                cells.push(text.strong_if(best));
             }
             table.row(cells);
         }
-        table.note = "Mean over seeds ± standard deviation over seeds (n - 1).".into();
+        let several = self.plan.names().iter().any(|p| (0..self.metrics.len()).any(|k| self.spread(p, k).n > 1));
+        table.note = match several {
+            true => "Mean over seeds ± standard deviation over seeds (n - 1).".into(),
+            false => "One run a point at most: how far apart seeds lie is not known.".into(),
+        };
         let marked = table.rows.iter().flatten().any(|cell| cell.strong);
         if marked {
             table.note += " Marked: the best of a column, where the 95 % interval of its difference from the next best, \
                            seed by seed, is without 0.";
-        } else if self.plan.names().len() > 1 && self.metrics.iter().any(|m| m.better.is_some()) {
+        } else if leads.iter().flatten().any(|(_, lead)| lead.n > 1) {
             table.note += " No best is marked: none differs from the next best by more than seeds do, as far as these \
                            seeds tell.";
+        } else if self.plan.names().len() > 1 && self.metrics.iter().any(|m| m.better.is_some()) {
+            table.note +=
+                " No best is marked: whether a difference is more than seeds make takes two seeds of both points.";
         }
         if let Some(sentence) = self.mixed() {
             table.note += &format!(" {}.", sentence.replacen('n', "N", 1));
@@ -107,8 +115,9 @@ impl Results {
         table
     }
 
-    /// The point that is best by a metric, where its difference from the next best is beyond the noise of seeds.
-    fn best(&self, metric: usize) -> Option<&str> {
+    /// The point that is first by a metric, and its difference from the next: the best where that is beyond the noise of
+    /// seeds.
+    fn lead(&self, metric: usize) -> Option<(&str, Spread)> {
         let better = self.metrics[metric].better?;
         let means = self.plan.names().into_iter().map(|point| (point, self.spread(point, metric).mean));
         let mut means: Vec<(&str, f64)> = means.filter(|(_, m)| m.is_finite()).collect();
@@ -117,7 +126,7 @@ impl Results {
             Better::Lower => a.1.total_cmp(&b.1),
         });
         let [(best, _), (next, _), ..] = means[..] else { return None };
-        self.difference(best, next, metric).is_beyond_noise().then_some(best)
+        Some((best, self.difference(best, next, metric)))
     }
 
     /// For each metric and other point the difference from the first point, seed by seed: its mean, its spread and its
@@ -352,7 +361,9 @@ mod tests {
         let row = |k: usize| table.rows[k].iter().map(|c| c.text.as_str()).collect::<Vec<_>>();
         assert_eq!(row(0), ["with", "2", "0", "0.60 ± 0.14"]);
         assert_eq!(row(1), ["without", "1", "1", "0.40"]);
-        assert!(!table.rows[0][3].strong && table.note.contains("No best is marked"), "{}", table.note);
+        // Both have a run of seed 1 alone.
+        assert!(!table.rows[0][3].strong && table.note.contains("takes two seeds of both points"), "{}", table.note);
+        assert!(table.note.starts_with("Mean over seeds ±") && !table.note.contains("as far as"), "{}", table.note);
         let apart = results.differences().unwrap().rows.remove(0);
         assert_eq!(apart.iter().map(|c| c.text.as_str()).collect::<Vec<_>>(), ["IoU", "without", "-0.10", "–", "1"]);
         results.write(dir.path()).unwrap();
@@ -398,6 +409,26 @@ mod tests {
     }
 
     #[test]
+    fn of_one_seed_nothing_is_said_about_seeds() {
+        let dir = tempfile::tempdir().unwrap();
+        let text = "[sweep]\nbase = 'b'\nseeds = [0]\n[[sweep.arms]]\nname = 'a'\n[[sweep.arms]]\nname = 'b'\n\
+            [[sweep.metrics]]\nof = 'eval/iou@val'\nbetter = 'higher'\n";
+        let config = riglab_config::Config::from_toml_str("s.toml", text).unwrap();
+        let plan = Plan::new(config.get_at("sweep").unwrap(), &[]).unwrap();
+        for (job, iou) in plan.jobs.iter().zip([0.43, 0.14]) {
+            let run = dir.path().join(&job.folder);
+            std::fs::create_dir_all(&run).unwrap();
+            std::fs::write(run.join("metrics.jsonl"), format!("{{\"step\":1,\"eval/iou@val\":{iou}}}\n")).unwrap();
+            std::fs::write(run.join("run.json"), "{\"outcome\": \"finished\"}").unwrap();
+        }
+        assert_eq!(
+            Results::read(dir.path(), &plan).table().note,
+            "One run a point at most: how far apart seeds lie is not known. No best is marked: whether a difference is \
+             more than seeds make takes two seeds of both points."
+        );
+    }
+
+    #[test]
     fn the_best_is_marked_where_seeds_alone_would_not_make_it_so() {
         let of = |a: [f64; 3], b: [f64; 3]| {
             let dir = tempfile::tempdir().unwrap();
@@ -412,8 +443,10 @@ mod tests {
                 std::fs::write(run.join("run.json"), "{\"outcome\": \"finished\"}").unwrap();
             }
             let results = Results::read(dir.path(), &plan);
-            let strong = results.table().rows.iter().map(|row| row[3].strong).collect::<Vec<_>>();
+            let table = results.table();
+            let strong = table.rows.iter().map(|row| row[3].strong).collect::<Vec<_>>();
             let apart = results.differences().unwrap().rows.remove(0);
+            assert_eq!(table.note.contains("none differs from the next best"), !strong.contains(&true));
             (strong, apart.into_iter().skip(2).map(|c| c.text).collect::<Vec<_>>())
         };
         let (strong, apart) = of([0.1, 0.2, 0.3], [0.05, 0.151, 0.249]);
