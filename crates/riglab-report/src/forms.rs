@@ -6,7 +6,7 @@
 use std::collections::BTreeMap;
 
 use crate::chart::short;
-use crate::plain::{latex, markdown};
+use crate::plain::{latex, markdown, verbatim};
 use crate::{Bars, Block, Cell, Chart, Dots, Page, Table};
 
 impl Page {
@@ -35,19 +35,26 @@ impl Page {
     }
 
     /// LaTeX with the package booktabs, to be taken into a document: headings, sentences and tables. What is folded
-    /// away in the page is left out.
+    /// away in the page is left out, and so are sections of pictures with what is said of them.
     pub fn to_latex(&self) -> String {
         let one_line = |text: &str| text.replace(['\n', '\r'], " ");
         let mut labels = BTreeMap::new();
         let mut out = format!("% {}\n% Needs \\usepackage{{booktabs}}.\n", one_line(&self.title));
         out += &format!("\\section*{{{}}}\n{}\n", latex(&self.title), latex(&self.subtitle));
-        for block in &self.blocks {
+        let mut left_out = false;
+        for (k, block) in self.blocks.iter().enumerate() {
+            if let Block::Heading(_) = block {
+                left_out = of_pictures(&self.blocks[k + 1..]);
+            }
             match block {
+                Block::Heading(text) | Block::Text(text) if left_out => {
+                    out += &format!("% In the page: {}\n", one_line(text));
+                }
                 Block::Heading(text) => out += &format!("\n\\subsection*{{{}}}\n", latex(text)),
                 Block::Text(text) => out += &format!("\n{}\n", latex(text)),
                 Block::Code(text) => {
                     for line in text.lines() {
-                        out += &format!("\n\\noindent\\texttt{{{}}}\n", latex(line));
+                        out += &format!("\n\\noindent\\texttt{{{}}}\n", verbatim(line));
                     }
                 }
                 Block::Folded(title, _) => out += &format!("% Left out: {}\n", one_line(title)),
@@ -109,6 +116,13 @@ fn tables(block: &Block) -> Vec<Table> {
         Block::Dots(dots) => dots.iter().map(of_dots).collect(),
         _ => Vec::new(),
     }
+}
+
+/// Whether a section, whose blocks these begin with, is of pictures and what is said of them alone.
+fn of_pictures(blocks: &[Block]) -> bool {
+    let section = || blocks.iter().take_while(|b| !matches!(b, Block::Heading(_)));
+    let others = |b: &Block| !tables(b).is_empty() || matches!(b, Block::Code(_));
+    section().any(|b| !shown(b).is_empty()) && !section().any(others)
 }
 
 /// What a block shows in the page alone.
@@ -227,6 +241,24 @@ mod tests {
         assert!(text.contains("riglab train -{}-set"), "an option keeps its two hyphens: {text}");
         // Each table's braces are paired.
         assert_eq!(text.matches('{').count(), text.matches('}').count());
+    }
+
+    #[test]
+    fn latex_says_nothing_of_pictures_that_it_does_not_have() {
+        let picture = || Block::Pictures(vec![Picture { caption: "the best".into(), png: vec![1] }]);
+        let (heading, text) =
+            (|text: &str| Block::Heading(text.into()), |text: &str| Block::Text(format!("Said of {text}.")));
+        let mut page = page();
+        let table = page.blocks[2].clone();
+        page.blocks =
+            vec![heading("Pictures"), text("pictures"), picture(), heading("Both"), text("both"), picture(), table];
+        let latex = page.to_latex();
+        let shown: Vec<&str> = latex.lines().filter(|l| !l.starts_with('%')).collect();
+        let shown = shown.join("\n");
+        assert!(!shown.contains("Pictures") && !shown.contains("Said of pictures"), "{shown}");
+        assert!(shown.contains("\\subsection*{Both}") && shown.contains("Said of both"), "{shown}");
+        assert_eq!(latex.matches("% In the page: Picture: the best").count(), 2);
+        assert!(page.to_markdown().contains("Said of pictures"));
     }
 
     #[test]

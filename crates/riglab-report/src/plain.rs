@@ -1,6 +1,11 @@
 //! Tables outside of pages: for the terminal, Markdown, LaTeX and spreadsheets.
 
+use std::ops::Range;
+
 use crate::{Cell, Table};
+
+/// Height that a table takes of a page in LaTeX at most, in points; pages of `article` have 550 on letter paper.
+const PAGE: f64 = 500.0;
 
 impl Table {
     /// For a terminal: columns aligned by blanks, the best of a column with `*`.
@@ -51,14 +56,16 @@ impl Table {
     }
 
     /// LaTeX with the package booktabs: the best of a column bold, published numbers in italics. Its label is `tab:` and
-    /// its caption; a wide table is set smaller, one that even so is too wide for a page scaled (package graphicx).
+    /// its caption; a wide table is set smaller, one that even so is too wide for a page scaled (package graphicx). One
+    /// that is too long for a page goes on in further tables of the same number: LaTeX cuts off what a page has no room
+    /// for, and tables of the package longtable stand in no document of two columns.
     pub fn to_latex(&self) -> String {
         self.to_latex_as(&self.label())
     }
 
     /// The same under a label, which has to be the only one of its document.
     pub(crate) fn to_latex_as(&self, label: &str) -> String {
-        let cell = |c: &Cell| match (c.strong, c.published, latex(&c.text)) {
+        let cell = |c: &Cell| match (c.strong, c.published, in_cell(c)) {
             (_, _, text) if text.is_empty() => text,
             (true, _, text) => format!("\\textbf{{{text}}}"),
             (_, true, text) => format!("\\textit{{{text}}}"),
@@ -71,26 +78,54 @@ impl Table {
         if fit == Fit::Scaled {
             out += "% Needs \\usepackage{graphicx}, too: the table is scaled to the width of the text.\n";
         }
-        out += &format!("\\begin{{table}}\n\\centering{}\n", fit.size());
-        out += &format!("\\caption{{{}}}\n\\label{{{label}}}\n", latex(&self.caption));
-        if fit == Fit::Scaled {
-            out += "\\resizebox{\\linewidth}{!}{%\n";
-        }
-        out += &format!("\\begin{{tabular}}{{{sides}}}\n  \\toprule\n");
-        out += &line(self.head.iter().map(|h| latex(h)).collect());
-        out += "  \\midrule\n";
-        for (n, row) in self.rows.iter().enumerate() {
-            if n > 0 && self.breaks.contains(&n) {
-                out += "  \\midrule\n";
+        let parts = self.parts(fit);
+        let last = parts.len() - 1;
+        for (part, rows) in parts.into_iter().enumerate() {
+            out += if part > 0 { "\n" } else { "" };
+            out += &format!("\\begin{{table}}\n\\centering{}\n", fit.size());
+            out += &match part {
+                0 => format!("\\caption{{{}}}\n\\label{{{label}}}\n", latex(&self.caption)),
+                _ => format!("\\addtocounter{{table}}{{-1}}\\caption{{{} (continued)}}\n", latex(&self.caption)),
+            };
+            if fit == Fit::Scaled {
+                out += "\\resizebox{\\linewidth}{!}{%\n";
             }
-            out += &line(row.iter().map(cell).collect());
+            out += &format!("\\begin{{tabular}}{{{sides}}}\n  \\toprule\n");
+            out += &line(self.head.iter().map(|h| latex(h)).collect());
+            out += "  \\midrule\n";
+            for n in rows.clone() {
+                if n > rows.start && self.breaks.contains(&n) {
+                    out += "  \\midrule\n";
+                }
+                out += &line(self.rows[n].iter().map(cell).collect());
+            }
+            out += "  \\bottomrule\n\\end{tabular}";
+            out += if fit == Fit::Scaled { "}\n" } else { "\n" };
+            if part == last && !self.note.is_empty() {
+                out += &format!("\n\\smallskip\\footnotesize {}\n", latex(&self.note));
+            }
+            out += "\\end{table}\n";
         }
-        out += "  \\bottomrule\n\\end{tabular}";
-        out += if fit == Fit::Scaled { "}\n" } else { "\n" };
-        if !self.note.is_empty() {
-            out += &format!("\n\\smallskip\\footnotesize {}\n", latex(&self.note));
+        out
+    }
+
+    /// The rows that stand on a page each, with the caption, and with the note below the last.
+    fn parts(&self, fit: Fit) -> Vec<Range<usize>> {
+        let lines = |text: &str, letters: usize| text.chars().count().div_ceil(letters) as f64;
+        let begun = 12.0 * lines(&self.caption, 70) + 45.0;
+        let ended = 9.5 * lines(&self.note, 80) + 10.0;
+        let row = |n: usize| fit.row(self) + if self.breaks.contains(&n) { 5.0 } else { 0.0 };
+        let (mut parts, mut start, mut height) = (Vec::new(), 0, begun);
+        for n in 0..self.rows.len() {
+            let below = if n + 1 == self.rows.len() { ended } else { 0.0 };
+            if n > start && height + row(n) + below > PAGE {
+                parts.push(start..n);
+                (start, height) = (n, begun);
+            }
+            height += row(n);
         }
-        out + "\\end{table}\n"
+        parts.push(start..self.rows.len());
+        parts
     }
 
     /// What a document refers to it by.
@@ -153,15 +188,33 @@ enum Fit {
 impl Fit {
     /// By letters and columns, as wide as letters are on average, in points; `article` has a text of 345.
     fn of(table: &Table) -> Self {
-        let cells = |k: usize| table.rows.iter().filter_map(move |row| row.get(k)).map(|c| c.text.chars().count());
-        let width = |(k, head): (usize, &String)| cells(k).max().unwrap_or(0).max(head.chars().count());
-        let letters: usize = table.head.iter().enumerate().map(width).sum();
+        let letters = Self::letters(table);
         let fits = |letter: f64, gap: f64| letter * letters as f64 + 2.0 * gap * table.head.len() as f64 <= 345.0;
         match (fits(5.2, 6.0), fits(4.7, 3.0), fits(3.9, 2.0)) {
             (true, ..) => Self::Plain,
             (_, true, _) => Self::Small,
             (.., true) => Self::Smallest,
             _ => Self::Scaled,
+        }
+    }
+
+    /// Letters of the widest cells of all columns.
+    fn letters(table: &Table) -> usize {
+        let cells = |k: usize| table.rows.iter().filter_map(move |row| row.get(k)).map(|c| c.text.chars().count());
+        let width = |(k, head): (usize, &String)| cells(k).max().unwrap_or(0).max(head.chars().count());
+        table.head.iter().enumerate().map(width).sum()
+    }
+
+    /// Height of a row, in points. What is scaled by width is as much lower.
+    fn row(self, table: &Table) -> f64 {
+        match self {
+            Self::Plain => 12.0,
+            Self::Small => 11.0,
+            Self::Smallest => 8.0,
+            Self::Scaled => {
+                let natural = 4.7 * Self::letters(table) as f64 + 12.0 * table.head.len() as f64;
+                12.0 * (345.0 / natural).min(1.0)
+            }
         }
     }
 
@@ -188,9 +241,28 @@ pub(crate) fn markdown(text: &str) -> String {
     out
 }
 
+/// What LaTeX shows in a cell: the hyphens of numbers as what they mean.
+fn in_cell(cell: &Cell) -> String {
+    if cell.number { latex(&cell.text.replace('-', "−")) } else { latex(&cell.text) }
+}
+
+/// A text in LaTeX: hyphens before numbers become minus signs.
+pub(crate) fn latex(text: &str) -> String {
+    let mut out = String::with_capacity(text.len());
+    let mut before = ' ';
+    let mut rest = text.chars();
+    while let Some(c) = rest.next() {
+        let ahead = rest.as_str().trim_start_matches('.');
+        let minus = c == '-' && matches!(before, ' ' | '(') && ahead.starts_with(|c: char| c.is_ascii_digit());
+        out.push(if minus { '−' } else { c });
+        before = c;
+    }
+    verbatim(&out)
+}
+
 /// A text that LaTeX shows as it is, wherever it stands: behind the end of a row a bare `[` begins an argument
 /// and a bare `*` belongs to it.
-pub(crate) fn latex(text: &str) -> String {
+pub(crate) fn verbatim(text: &str) -> String {
     let mut out = String::with_capacity(text.len());
     for c in text.chars() {
         match c {
@@ -262,6 +334,44 @@ mod tests {
         let scaled = of(20);
         assert!(scaled.starts_with("% Needs \\usepackage{graphicx}") && scaled.contains("\\end{tabular}}\n"));
         assert_eq!(scaled.matches('{').count(), scaled.matches('}').count());
+    }
+
+    #[test]
+    fn long_tables_of_latex_go_on_in_others_of_the_same_number() {
+        let of = |rows: usize, columns: usize, note: &str| {
+            let head: Vec<String> = (0..columns).map(|k| format!("a head {k}")).collect();
+            let mut table = Table { caption: "A long one".into(), head, note: note.into(), ..Table::default() };
+            (0..rows).for_each(|n| table.row(vec![Cell::text(format!("row {n}."))]));
+            table
+        };
+        let latex = of(245, 3, "a note").to_latex();
+        assert_eq!(latex.matches("\\begin{table}").count(), 7);
+        assert_eq!(latex.matches("(continued)").count(), 6);
+        assert_eq!(latex.matches("\\addtocounter{table}{-1}\\caption").count(), 6);
+        assert_eq!((latex.matches("\\label").count(), latex.matches("a note").count()), (1, 1));
+        assert!(latex.find("a note") > latex.find("row 244."));
+        assert_eq!(latex.matches("a head 0 &").count(), 7, "heads stand above each");
+        assert!((0..245).all(|n| latex.contains(&format!("row {n}."))));
+        assert_eq!(latex.matches('{').count(), latex.matches('}').count());
+        let parts = |table: &Table| table.parts(Fit::of(table)).len();
+        // Smaller rows, more of them; a long note takes room.
+        assert!([3, 7, 9, 20].map(|columns| parts(&of(60, columns, ""))) == [2, 2, 2, 1]);
+        assert_eq!((parts(&of(30, 3, "")), parts(&of(30, 3, &"note ".repeat(200)))), (1, 2));
+        assert_eq!((parts(&of(0, 3, "")), parts(&of(1, 3, &"note ".repeat(2000)))), (1, 1));
+    }
+
+    #[test]
+    fn negative_numbers_of_latex_have_a_minus_and_options_and_dates_none() {
+        let mut t = Table::new("t", &["setting", "x"]);
+        t.row(vec![Cell::text("a-1 of 2026-11-28"), Cell::difference(-0.25, 2)]);
+        t.row(vec![Cell::text("weights of -.5"), Cell::none().with_text("-0.052 .. -0.048")]);
+        t.row(vec![Cell::text("--set a=1"), Cell::none().with_text("2.5e-4")]);
+        let latex = t.to_latex();
+        assert!(latex.contains("a-1 of 2026-11-28 & $-$0.25 \\\\"), "{latex}");
+        assert!(latex.contains("weights of $-$.5 & $-$0.052 .. $-$0.048 \\\\"), "{latex}");
+        assert!(latex.contains("-{}-set a=1 & 2.5e$-$4 \\\\"), "{latex}");
+        assert_eq!(super::latex("(95 % interval -0.1 to +0.2)"), "(95 \\% interval $-$0.1 to +0.2)");
+        assert_eq!(verbatim("head -3 x"), "head -3 x", "a command stays as it is typed");
     }
 
     #[test]
