@@ -29,7 +29,7 @@ pub struct Chart {
     pub series: Vec<Series>,
     /// A vertical axis by ratios, where values lie so far apart that it helps.
     pub log: bool,
-    /// The vertical axis; empty where the title says it.
+    /// The vertical axis; empty where the title says it. One by ratios says so besides.
     pub y: String,
     /// What has to be known to read it, below the lines' names; often empty.
     pub note: String,
@@ -51,6 +51,8 @@ const COLORS: [RGBColor; 6] = [
 /// Dashes and gaps of the lines that come after as many as there are colours, and of those after these. Each shows in the
 /// legend's short line. Of four times as many lines as colours no two look alike.
 const DASHES: [(i32, i32); 3] = [(7, 4), (3, 3), (11, 2)];
+/// Lines of which so large a share is no farther apart than so many pixels lie on each other.
+const ON_EACH_OTHER: (f64, f64) = (0.5, 1.5);
 /// Points of a line at most; more are averaged.
 const POINTS: usize = 240;
 /// Where a chart is read: lengths in pixels, sizes of letters in the same.
@@ -84,6 +86,16 @@ const LABELS: u32 = 6;
 /// From the least to the most, from where on an axis goes by ratios.
 const FAR_APART: f64 = 10.0;
 
+/// A line's name and its points.
+type Line<'a> = (&'a str, Vec<(f64, f64)>);
+
+/// What is drawn: lines, how each is broken, and what stands along the vertical axis.
+struct Drawn<'a> {
+    lines: &'a [Line<'a>],
+    dashes: &'a [Option<(i32, i32)>],
+    axis: &'a str,
+}
+
 impl Chart {
     /// An SVG element that takes its text colour from the page.
     ///
@@ -99,8 +111,7 @@ impl Chart {
     }
 
     fn drawn(&self, look: &Look) -> Result<String, ReportError> {
-        let lines: Vec<(&str, Vec<(f64, f64)>)> =
-            self.series.iter().map(|s| (s.name.as_str(), thinned(&s.points, self.log))).collect();
+        let lines: Vec<Line> = self.series.iter().map(|s| (s.name.as_str(), thinned(&s.points, self.log))).collect();
         let lines: Vec<_> = lines.into_iter().filter(|(_, points)| !points.is_empty()).collect();
         let all = || lines.iter().flat_map(|(_, p)| p.iter());
         let range = |f: fn(&(f64, f64)) -> f64| {
@@ -119,6 +130,15 @@ impl Chart {
         let rows = if lines.len() > 1 { lines.len().div_ceil(columns) as u32 } else { 0 };
         let note = look.wrapped(&self.note);
         let line = look.letters as u32 + 4;
+        let by_ratio = self.log && y1 > FAR_APART * y0;
+        let axis: Vec<&str> =
+            [self.y.as_str(), if by_ratio { "log scale" } else { "" }].into_iter().filter(|t| !t.is_empty()).collect();
+        let axis = axis.join(", ");
+        let dashes = {
+            let place = |y: f64| if by_ratio { y.ln() } else { y };
+            let (low, high) = if by_ratio { (place(y0), place(y1)) } else { (y0 - pad, y1 + pad) };
+            look.dashes(&lines, |y| (place(y) - low) / (high - low))
+        };
         let below = rows * look.legend.0 + if note.is_empty() { 0 } else { line * note.len() as u32 + 6 };
         let mut svg = String::new();
         {
@@ -127,18 +147,19 @@ impl Chart {
             let mut builder = ChartBuilder::on(&plot);
             builder.margin(8).margin_right(24).x_label_area_size(look.axes.0);
             // What stands along the axis takes a line.
-            builder.y_label_area_size(look.axes.1 + if self.y.is_empty() { 0 } else { line });
+            builder.y_label_area_size(look.axes.1 + if axis.is_empty() { 0 } else { line });
             builder.caption(&self.title, ("sans-serif", look.title(&self.title)));
-            if self.log && y1 > FAR_APART * y0 {
+            let drawn = Drawn { lines: &lines, dashes: &dashes, axis: &axis };
+            if by_ratio {
                 let axis = (y0 * 0.9..y1 * 1.1).log_scale().with_key_points(ticks_by_ratio(y0 * 0.9, y1 * 1.1));
-                self.draw(builder.build_cartesian_2d(x0..x1, axis).map_err(fault)?, &lines, look, &short)?;
+                self.draw(builder.build_cartesian_2d(x0..x1, axis).map_err(fault)?, &drawn, look, &short)?;
             } else {
                 let chart = builder.build_cartesian_2d(x0..x1, y0 - pad..y1 + pad);
                 let apart = (y1 - y0 + 2.0 * pad) / f64::from(LABELS);
-                self.draw(chart.map_err(fault)?, &lines, look, &|v| spaced(v, apart))?;
+                self.draw(chart.map_err(fault)?, &drawn, look, &|v| spaced(v, apart))?;
             }
             if rows > 0 {
-                look.legend(&below, &lines, columns, letters)?;
+                look.legend(&below, &drawn, columns, letters)?;
             }
             for (k, text) in note.into_iter().enumerate() {
                 let style = ("sans-serif", look.letters).into_text_style(&look.size).color(&BLACK);
@@ -159,7 +180,7 @@ impl Chart {
     fn draw<'a, Y>(
         &self,
         mut chart: ChartContext<'a, SVGBackend<'a>, Cartesian2d<plotters::coord::types::RangedCoordf64, Y>>,
-        lines: &[(&str, Vec<(f64, f64)>)],
+        drawn: &Drawn,
         look: &Look,
         label_of: &dyn Fn(f64) -> String,
     ) -> Result<(), ReportError>
@@ -168,8 +189,8 @@ impl Chart {
     {
         let label = ("sans-serif", look.letters).into_text_style(&look.size).color(&BLACK);
         let mut mesh = chart.configure_mesh();
-        if !self.y.is_empty() {
-            mesh.y_desc(&self.y);
+        if !drawn.axis.is_empty() {
+            mesh.y_desc(drawn.axis);
         }
         mesh.axis_desc_style(label.clone())
             .bold_line_style(RGBColor(128, 128, 128).mix(0.25))
@@ -184,9 +205,9 @@ impl Chart {
             .y_label_formatter(&|v| label_of(*v))
             .draw()
             .map_err(fault)?;
-        for (k, (_, points)) in lines.iter().enumerate() {
+        for (k, ((_, points), dashes)) in drawn.lines.iter().zip(drawn.dashes).enumerate() {
             let (style, line) = (color(k).stroke_width(2), points.iter().copied());
-            let drawn = match dashes(k) {
+            let drawn = match *dashes {
                 None => chart.draw_series(LineSeries::new(line, style)).map(drop),
                 Some((dash, gap)) => chart.draw_series(DashedLineSeries::new(line, dash, gap, style)).map(drop),
             };
@@ -201,7 +222,7 @@ impl Chart {
 
 impl Look {
     /// How many names stand in a row of the legend, and of how many letters: as many as have room whole.
-    fn columns(&self, lines: &[(&str, Vec<(f64, f64)>)]) -> (usize, usize) {
+    fn columns(&self, lines: &[Line]) -> (usize, usize) {
         let longest = lines.iter().map(|(name, _)| name.chars().count()).max().unwrap_or(0);
         self.columns.into_iter().find(|(_, letters)| longest <= *letters).unwrap_or(self.columns[2])
     }
@@ -210,18 +231,18 @@ impl Look {
     fn legend(
         &self,
         below: &DrawingArea<SVGBackend, plotters::coord::Shift>,
-        lines: &[(&str, Vec<(f64, f64)>)],
+        Drawn { lines, dashes, .. }: &Drawn,
         columns: usize,
         letters: usize,
     ) -> Result<(), ReportError> {
         let (left, (row, size)) = (self.axes.1 as i32 + 8, self.legend);
         let width = (self.size.0 as i32 - left) / columns as i32;
         let names = fitted(&lines.iter().map(|(name, _)| *name).collect::<Vec<_>>(), letters);
-        for (k, ((_, points), name)) in lines.iter().zip(names).enumerate() {
+        for (k, (((_, points), dashes), name)) in lines.iter().zip(*dashes).zip(names).enumerate() {
             let style = color(k).stroke_width(3);
             let (x, y) = (left + width * (k % columns) as i32, row as i32 * (k / columns) as i32 + 6);
             let line = [(x, y), (x + 16, y)];
-            match (points.len(), dashes(k)) {
+            match (points.len(), *dashes) {
                 (1, _) => below.draw(&mark((x + 8, y), k)),
                 (_, None) => below.draw(&PathElement::new(line, style)),
                 (_, Some((dash, gap))) => below.draw(&DashedPathElement::new(line, dash, gap, style)),
@@ -232,6 +253,22 @@ impl Look {
             below.draw(&Text::new(name, (x + 21, y), style)).map_err(fault)?;
         }
         Ok(())
+    }
+
+    /// How each line is broken: once colours come again, and where it lies on lines before it, whose colours then show in
+    /// its gaps. `place` is where on the vertical axis a value is, as a share of it.
+    fn dashes(&self, lines: &[Line], place: impl Fn(f64) -> f64) -> Vec<Option<(i32, i32)>> {
+        let height = f64::from(self.size.1 - self.axes.0);
+        let on = |a: &[(f64, f64)], b: &[(f64, f64)]| {
+            let apart = |at: &(f64, f64)| Some(height * (place(at.1) - place(at_x(b, at.0)?)).abs());
+            let near = a.iter().filter(|at| apart(at).is_some_and(|pixels| pixels <= ON_EACH_OTHER.1));
+            near.count() as f64 >= ON_EACH_OTHER.0 * a.len() as f64
+        };
+        let class = |k: usize| match lines.len() <= COLORS.len() {
+            true => lines[..k].iter().filter(|(_, before)| on(&lines[k].1, before)).count(),
+            false => k / COLORS.len(),
+        };
+        (0..lines.len()).map(|k| dashes(class(k))).collect()
     }
 
     /// The letters of a title, which are smaller where it is long.
@@ -258,10 +295,20 @@ fn color(line: usize) -> RGBColor {
     COLORS[line % COLORS.len()]
 }
 
-/// How a line is broken; `None` for one that is not.
-fn dashes(line: usize) -> Option<(i32, i32)> {
+/// How lines of a class are broken; `None` for those that are not.
+fn dashes(class: usize) -> Option<(i32, i32)> {
     let before = [None].into_iter().chain(DASHES.map(Some));
-    before.cycle().nth(line / COLORS.len()).flatten()
+    before.cycle().nth(class).flatten()
+}
+
+/// The value of a line at a place between its ends.
+fn at_x(points: &[(f64, f64)], x: f64) -> Option<f64> {
+    let after = points.partition_point(|p| p.0 < x);
+    let (b, a) = (points.get(after)?, points.get(after.saturating_sub(1))?);
+    match b.0 == x {
+        true => Some(b.1),
+        false => (after > 0).then(|| a.1 + (b.1 - a.1) * (x - a.0) / (b.0 - a.0)),
+    }
 }
 
 /// What stands for a line of one point: a dot, and once colours come again rings, each wider.
@@ -407,12 +454,58 @@ mod tests {
         // What the legend shows of lines that share a colour.
         let more = [13, 19].map(|count| strokes(&chart(count, 2), first, 3));
         assert_eq!(more, [1 + 2 + 3, 1 + 2 + 3 + 2]);
-        let kinds: std::collections::BTreeSet<_> = (0..4).map(|n| dashes(n * COLORS.len())).collect();
+        let kinds: std::collections::BTreeSet<_> = (0..4).map(dashes).collect();
         assert_eq!(kinds.len(), 4);
         // Lines of one point.
         let dots = chart(COLORS.len() + 1, 1);
         assert_eq!(dots.matches("<circle").count(), 2 * (COLORS.len() + 1));
         assert_eq!(strokes(&dots, first, 1), 2, "{dots}");
+    }
+
+    #[test]
+    fn a_line_on_another_is_broken_so_that_both_show() {
+        let line = |name: &str, f: fn(f64) -> f64| {
+            let points = (0..40).map(|x| (f64::from(x), f(f64::from(x)))).collect();
+            Series { name: name.into(), points }
+        };
+        let dashes = |series: Vec<Series>, log: bool| {
+            let svg = Chart { x: "step".into(), series, log, ..Chart::default() }.to_svg().unwrap();
+            // Strokes of a legend's line: one of a whole line.
+            COLORS.map(|RGBColor(r, g, b)| {
+                svg.matches(&format!("stroke=\"#{r:02X}{g:02X}{b:02X}\" stroke-width=\"3\"")).count()
+            })
+        };
+        let apart = vec![line("a", |x| x), line("b", |x| 40.0 - x), line("c", |_| 20.0)];
+        assert_eq!(dashes(apart, false)[..3], [1, 1, 1]);
+        let on = |more: f64| {
+            vec![
+                line("a", |x| x),
+                line("b", |x| x + 1e-3),
+                Series { name: "c".into(), points: vec![(0.0, more), (39.0, 39.0 + more)] },
+            ]
+        };
+        let both = dashes(on(0.0), false);
+        assert!(both[0] == 1 && both[1] > 1 && both[2] > 1 && both[1] != both[2], "{both:?}");
+        assert_eq!(dashes(on(5.0), false)[2], 1);
+        // What lies on the floor of a plain axis is apart by ratios.
+        let far =
+            || vec![line("a", |x| 1e-3 * (x + 1.0)), line("b", |x| 1e-2 * (x + 1.0)), line("c", |x| 1e3 * (x + 1.0))];
+        assert!(dashes(far(), false)[1] > 1 && dashes(far(), true)[1] == 1);
+        assert_eq!(
+            [at_x(&[(1.0, 2.0), (3.0, 6.0)], 2.0), at_x(&[(1.0, 2.0)], 1.0), at_x(&[(1.0, 2.0)], 0.5)],
+            [Some(4.0), Some(2.0), None]
+        );
+        assert_eq!((at_x(&[(1.0, 2.0)], 2.0), at_x(&[], 2.0)), (None, None));
+    }
+
+    #[test]
+    fn an_axis_by_ratios_says_so() {
+        let chart = |high: f64, y: &str| {
+            let series = vec![Series { name: "a".into(), points: vec![(0.0, 1.0), (1.0, high)] }];
+            Chart { x: "step".into(), series, log: true, y: y.into(), ..Chart::default() }.to_svg().unwrap()
+        };
+        assert!(chart(100.0, "").contains("\nlog scale\n") && chart(100.0, "loss").contains("\nloss, log scale\n"));
+        assert!(!chart(2.0, "").contains("log scale") && chart(2.0, "loss").contains("\nloss\n"));
     }
 
     #[test]
