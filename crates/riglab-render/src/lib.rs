@@ -55,10 +55,12 @@ pub fn render_mesh(mesh: &Mesh, view: &View) -> Picture {
     Scene::of(mesh).draw(view)
 }
 
-/// A mesh painted by the weight of each vertex, from 0 to 1; grey below [`WEIGHT_SHOWN`] and where
-/// there is no number. For one joint of a rig the values are [`joint_weights`].
+/// A mesh painted by the weight of each vertex, from 0 to 1, with a legend; grey below [`WEIGHT_SHOWN`]
+/// and where there is no number. For one joint of a rig the values are [`joint_weights`].
 pub fn render_weights(mesh: &Mesh, values: &[f32], view: &View, palette: Palette) -> Picture {
-    Scene::of(mesh).values_from(values, palette, WEIGHT_SHOWN).draw(view)
+    let mut picture = Scene::of(mesh).values_from(values, palette, WEIGHT_SHOWN).draw(view);
+    picture.legend(palette, 0.0, 1.0, view.theme);
+    picture
 }
 
 /// A mesh painted by an error of each vertex, from 0 to `limit` and what is beyond, with a legend.

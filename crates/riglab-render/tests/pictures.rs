@@ -65,6 +65,17 @@ fn weights_have_their_colours_and_none_is_grey() {
 }
 
 #[test]
+fn weights_have_a_legend_below_them() {
+    let picture = render_weights(square().mesh(), &[0.0; 8], &front(), Palette::Dusk);
+    let colours = [0.0, 0.5, 1.0].map(|share| Palette::Dusk.color(share).0);
+    let below = &picture.pixels()[90 * picture.width()..];
+    let near = |a: [u8; 3], b: [u8; 3]| a.iter().zip(b).all(|(a, b)| a.abs_diff(b) <= 8);
+    assert!(colours.iter().all(|colour| below.iter().any(|pixel| near(*pixel, *colour))));
+    // 0 and 1 stand beside it.
+    assert!(below.iter().any(|pixel| *pixel == Theme::Light.ink().0));
+}
+
+#[test]
 fn parts_have_the_colours_of_their_joints_on_both_windings() {
     let rig = square();
     let picture = render_parts(&rig, &front());

@@ -98,11 +98,7 @@ pub fn run(args: &Args) -> Result<ExitCode> {
             for name in &args.bones {
                 let joint = named(rig.skeleton(), name).with_context(|| shown.to_string())?;
                 let weights = joint_weights(rig.weights(), joint);
-                row(rig.skeleton().name(joint), &|view| {
-                    let mut picture = render_weights(rig.mesh(), &weights, view, Palette::Paint);
-                    picture.legend(Palette::Paint, 0.0, 1.0, theme);
-                    picture
-                });
+                row(rig.skeleton().name(joint), &|view| render_weights(rig.mesh(), &weights, view, Palette::Paint));
             }
             joints
         }
