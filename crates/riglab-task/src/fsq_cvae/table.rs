@@ -21,6 +21,7 @@ pub fn lines(report: &Report) -> Vec<String> {
                 r.method, p.iou, r.per_rig.iou, p.l1, p.precision, p.recall, r.per_rig.mask_cover_bone
             ));
         }
+        out.push("per rig, mask: means of each asset's own figures; the others pool all vertex-bone pairs".into());
         out.push(if codes.distinct == 0 && codes.tokens > 0 {
             format!("codes: {} of real numbers, {:.1} bits each", codes.tokens, codes.bits)
         } else {
