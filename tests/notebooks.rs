@@ -79,3 +79,40 @@ fn every_notebook_runs_from_top_to_bottom() {
         assert!(cells.iter().all(|c| c["outputs"].as_array().is_none_or(Vec::is_empty)), "{name} holds outputs");
     }
 }
+
+#[test]
+fn the_notebook_of_a_run_reads_what_grpo_found() {
+    let Some(python) = python() else { return };
+    let dir = tempfile::tempdir().unwrap();
+    let write = |file: &str, text: &str| fs::write(dir.path().join(file), text).unwrap();
+    write(
+        "metrics.jsonl",
+        "{\"step\":1,\"train/loss\":0.5}\n{\"step\":2,\"train/loss\":0.4,\"eval/j2j_all@val\":0.2,\"eval/coverage@val\":0.7}\n",
+    );
+    // Distances and rewards stand apart in a row, and assets have them before and after.
+    let row = |method: &str| {
+        serde_json::json!({
+            "rewards": {"coverage": 0.8, "containment": 0.1, "skinning": 0.5, "motion": 0.7, "total": 5.3},
+            "skeletons": {"split": "test_new", "method": method, "assets": 2, "compared": 2, "j2j": 0.2, "j2b": 0.2,
+                          "b2b": 0.1, "valid": 1.0, "joints": 9.0, "true_joints": 8.0, "joints_off": 0.1},
+        })
+    };
+    let score = serde_json::json!({"reward": 5.0, "distances": {"j2j": 0.25, "j2b": 0.2, "b2b": 0.1}});
+    let asset = |name: &str| serde_json::json!({"split": "test_new", "name": name, "category": "", "before": score, "after": score});
+    let report = serde_json::json!({"convention": "unirig", "rows": [row("before"), row("after")],
+                                    "gains": [], "assets": [asset("a"), asset("b")]});
+    write("eval.json", &serde_json::json!({"report": report, "gallery": []}).to_string());
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../notebooks");
+    let out = Command::new(python)
+        .args([folder.join("run.py"), folder.join("look_at_a_run.ipynb")])
+        .env("RIGLAB_RUN", dir.path())
+        .env("RIGLAB_CORPUS", dir.path().join("none.h5"))
+        .envs([("OMP_NUM_THREADS", "1"), ("PYTHONDONTWRITEBYTECODE", "1")])
+        .output()
+        .unwrap();
+    let said = format!("{}{}", String::from_utf8_lossy(&out.stdout), String::from_utf8_lossy(&out.stderr));
+    assert!(
+        out.status.success() && said.contains("after.distances.j2j") && said.contains("rewards.coverage"),
+        "{said}"
+    );
+}
