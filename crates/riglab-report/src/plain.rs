@@ -88,7 +88,7 @@ impl Table {
                 _ => format!("\\addtocounter{{table}}{{-1}}\\caption{{{} (continued)}}\n", latex(&self.caption)),
             };
             if fit == Fit::Scaled {
-                out += "\\resizebox{\\linewidth}{!}{%\n";
+                out += "\\resizebox{\\ifdim\\width>\\linewidth\\linewidth\\else\\width\\fi}{!}{%\n";
             }
             out += &format!("\\begin{{tabular}}{{{sides}}}\n  \\toprule\n");
             out += &line(self.head.iter().map(|h| latex(h)).collect());
@@ -114,15 +114,22 @@ impl Table {
         let lines = |text: &str, letters: usize| text.chars().count().div_ceil(letters) as f64;
         let begun = 12.0 * lines(&self.caption, 70) + 45.0;
         let ended = 9.5 * lines(&self.note, 80) + 10.0;
-        let row = |n: usize| fit.row(self) + if self.breaks.contains(&n) { 5.0 } else { 0.0 };
-        let (mut parts, mut start, mut height) = (Vec::new(), 0, begun);
+        let heads: Vec<usize> = self.head.iter().map(|head| head.chars().count()).collect();
+        let with = |widths: &[usize], n: usize| -> Vec<usize> {
+            let own = |k: usize| self.rows[n].get(k).map_or(0, |cell| cell.text.chars().count());
+            widths.iter().enumerate().map(|(k, width)| own(k).max(*width)).collect()
+        };
+        // Of the part that grows: where it begins, the lines between its rows, letters of its widest cells.
+        let (mut parts, mut start, mut breaks, mut widths) = (Vec::new(), 0, 0, heads.clone());
         for n in 0..self.rows.len() {
+            widths = with(&widths, n);
+            breaks += usize::from(self.breaks.contains(&n));
             let below = if n + 1 == self.rows.len() { ended } else { 0.0 };
-            if n > start && height + row(n) + below > PAGE {
+            let height = begun + fit.row(&widths) * (n + 1 - start) as f64 + 5.0 * breaks as f64 + below;
+            if n > start && height > PAGE {
                 parts.push(start..n);
-                (start, height) = (n, begun);
+                (start, breaks, widths) = (n, 0, with(&heads, n));
             }
-            height += row(n);
         }
         parts.push(start..self.rows.len());
         parts
@@ -188,7 +195,9 @@ enum Fit {
 impl Fit {
     /// By letters and columns, as wide as letters are on average, in points; `article` has a text of 345.
     fn of(table: &Table) -> Self {
-        let letters = Self::letters(table);
+        let cells = |k: usize| table.rows.iter().filter_map(move |row| row.get(k)).map(|c| c.text.chars().count());
+        let width = |(k, head): (usize, &String)| cells(k).max().unwrap_or(0).max(head.chars().count());
+        let letters: usize = table.head.iter().enumerate().map(width).sum();
         let fits = |letter: f64, gap: f64| letter * letters as f64 + 2.0 * gap * table.head.len() as f64 <= 345.0;
         match (fits(5.2, 6.0), fits(4.7, 3.0), fits(3.9, 2.0)) {
             (true, ..) => Self::Plain,
@@ -198,22 +207,16 @@ impl Fit {
         }
     }
 
-    /// Letters of the widest cells of all columns.
-    fn letters(table: &Table) -> usize {
-        let cells = |k: usize| table.rows.iter().filter_map(move |row| row.get(k)).map(|c| c.text.chars().count());
-        let width = |(k, head): (usize, &String)| cells(k).max().unwrap_or(0).max(head.chars().count());
-        table.head.iter().enumerate().map(width).sum()
-    }
-
-    /// Height of a row, in points. What is scaled by width is as much lower.
-    fn row(self, table: &Table) -> f64 {
+    /// Height of a row between others whose widest cells have so many letters, in points. What is scaled to the width is as
+    /// much lower; letters are taken for narrow ones, so that it is rather higher.
+    fn row(self, letters: &[usize]) -> f64 {
         match self {
             Self::Plain => 12.0,
             Self::Small => 11.0,
             Self::Smallest => 8.0,
             Self::Scaled => {
-                let natural = 4.7 * Self::letters(table) as f64 + 12.0 * table.head.len() as f64;
-                12.0 * (345.0 / natural).min(1.0)
+                let wide = 4.2 * letters.iter().sum::<usize>() as f64 + 12.0 * letters.len() as f64;
+                12.0 * (345.0 / wide).min(1.0)
             }
         }
     }
@@ -357,6 +360,12 @@ mod tests {
         // Smaller rows, more of them; a long note takes room.
         assert!([3, 7, 9, 20].map(|columns| parts(&of(60, columns, ""))) == [2, 2, 2, 1]);
         assert_eq!((parts(&of(30, 3, "")), parts(&of(30, 3, &"note ".repeat(200)))), (1, 2));
+        // One long cell does not make the rows of other pages lower.
+        let mut wide = of(300, 3, "");
+        wide.rows[0][0].text = "wide ".repeat(60);
+        let ranges = wide.parts(Fit::of(&wide));
+        let rows: Vec<usize> = ranges.iter().map(Range::len).collect();
+        assert!(Fit::of(&wide) == Fit::Scaled && rows.len() > 3 && rows[0] > 100 && rows[1..].iter().all(|n| *n <= 36));
         assert_eq!((parts(&of(0, 3, "")), parts(&of(1, 3, &"note ".repeat(2000)))), (1, 1));
     }
 
