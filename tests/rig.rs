@@ -163,7 +163,7 @@ fn the_best_of_several_is_told_by_likelihood_or_rewards() {
     assert!(likely["rewards"].is_null() && worth["rewards"]["coverage"].as_f64().unwrap() > 0.0);
     sound(&out);
     let said = rig(&["--rank", "rewards"]);
-    assert!(said.contains("of 4 by rewards: R = ") && said.contains("bones inside"), "{said}");
+    assert!(said.contains("of 4 by rewards: R = ") && said.contains("containment R_vk"), "{said}");
 }
 
 #[test]

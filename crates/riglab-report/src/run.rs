@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use serde_json::Value;
 use thiserror::Error;
 
+use crate::glossary::glossary;
 use crate::shell::command;
 use crate::unit::{TIMES_100, in_unit};
 use crate::{Block, Chart, Series, shell};
@@ -195,11 +196,13 @@ impl RunView {
     pub fn curves(&self) -> Block {
         let shown = self.shown();
         let of: BTreeMap<&str, &Vec<(f64, f64)>> = shown.iter().map(|(name, points)| (name.as_str(), points)).collect();
+        let task = self.task();
         let chart = |title: String, names: &[&str], log: bool| {
             let found = names.iter().filter_map(|n| of.get_key_value(*n));
             let series =
                 found.map(|(n, p)| Series { name: n.rsplit('/').next().unwrap_or(n).into(), points: p.to_vec() });
-            Chart { title, x: "step".into(), series: series.collect(), log, ..Chart::default() }
+            let note = glossary(&task, names);
+            Chart { title, x: "step".into(), series: series.collect(), log, note, ..Chart::default() }
         };
         // An axis by ratios has no place for 0.
         let positive = |name: &&str| of[name].iter().all(|p| p.1 > 0.0);

@@ -3,6 +3,7 @@
 use std::collections::BTreeSet;
 
 use super::Compared;
+use crate::glossary::glossary;
 use crate::{Chart, Losses, Series};
 
 /// What at least two runs logged, a line a run: the loss and everything validated, and the parts of the loss where the
@@ -19,7 +20,8 @@ pub(super) fn curves(runs: &[Compared]) -> Vec<Chart> {
             .filter_map(|(r, log)| Some(Series { name: r.name.clone(), points: log.get(*name)?.clone() }))
             .collect();
         if series.len() > 1 {
-            let (title, note) = ((*name).clone(), losses.note(name));
+            let said = glossary(&runs[0].view.task(), &[name]);
+            let (title, note) = ((*name).clone(), format!("{} {said}", losses.note(name)).trim().to_owned());
             charts.push(Chart {
                 title,
                 x: "step".into(),

@@ -100,15 +100,29 @@ pub struct Evaluation {
     pub gallery: Vec<Shown>,
 }
 
+/// What rewards are called in the paper.
+const SYMBOLS: &str = "R_vj, R_vk, R_sc, R_mo";
+
 /// The table of all splits.
 pub fn lines(report: &Report) -> Vec<String> {
     let mut out = vec![format!(
-        "{:12} {:15} {:>6} {:>7} {:>7} {:>7} {:>7} {:>7} {:>6} {:>7} {:>7} {:>7}",
-        "split", "model", "rigs", "reward", "cover", "inside", "skin", "motion", "valid", "J2J", "J2B", "B2B"
+        "{:12} {:15} {:>6} {:>7} {:>8} {:>11} {:>8} {:>7} {:>6} {:>7} {:>7} {:>7}",
+        "split",
+        "model",
+        "rigs",
+        "reward",
+        "coverage",
+        "containment",
+        "skinning",
+        "motion",
+        "valid",
+        "J2J",
+        "J2B",
+        "B2B"
     )];
     for Row { rewards: r, skeletons: s } in &report.rows {
         out.push(format!(
-            "{:12} {:15} {:>6} {:>7.4} {:>7.4} {:>7.4} {:>7.4} {:>7.4} {:>6.3} {:>7.3} {:>7.3} {:>7.3}",
+            "{:12} {:15} {:>6} {:>7.4} {:>8.4} {:>11.4} {:>8.4} {:>7.4} {:>6.3} {:>7.3} {:>7.3} {:>7.3}",
             s.split,
             s.method,
             s.assets,
@@ -123,6 +137,7 @@ pub fn lines(report: &Report) -> Vec<String> {
             100.0 * s.b2b
         ));
     }
+    out.push(format!("coverage, containment, skinning, motion: {SYMBOLS}"));
     out.push(format!("distances x 100, convention {}", report.convention));
     out.extend(report.gains.iter().zip(report.rows.chunks_exact(2)).map(|(gain, pair)| verdict(gain, pair)));
     out
@@ -146,12 +161,12 @@ impl Evaluation {
         }
         let caption = |shown: &Shown| {
             format!(
-                "{} ({}, {}): reward {:+.3}, J2J × 100 {:+.2}",
+                "{} ({}, {}): reward {}, J2J × 100 {}",
                 shown.name,
                 shown.split,
                 shown.why,
-                shown.gain,
-                100.0 * shown.j2j
+                Cell::difference(shown.gain, 3).text,
+                Cell::difference(100.0 * shown.j2j, 2).text
             )
         };
         let shown = |s: &Shown| Some(Picture { caption: caption(s), png: picture(&s.file)? });
@@ -203,10 +218,10 @@ impl Evaluation {
             "model",
             "rigs",
             "reward",
-            "R_vj",
-            "R_vk",
-            "R_sc",
-            "R_mo",
+            "coverage R_vj",
+            "containment R_vk",
+            "skinning R_sc",
+            "motion R_mo",
             "valid",
             "J2J × 100",
             "J2B × 100",
@@ -229,8 +244,11 @@ impl Evaluation {
             "before: the model that the run started from; after: this checkpoint. Both rig the same meshes, with \
                       the same points and draws: several rigs a mesh drawn as in training, or one (greedy: always the \
                       likeliest token). The reward is higher, the distances are lower for a better rig; a rig that \
-                      cannot be decoded has reward 0. A model of skeletons alone draws no weights to be judged: its R_sc \
-                      and R_mo are 0."
+                      cannot be decoded has reward 0. The reward is the sum of four, each from 0 to 1, by the run's \
+                      reward.weights: coverage (R_vj), joints near all of the body; containment (R_vk), bones inside \
+                      the body; skinning (R_sc), vertices held, and by four bones at most; motion (R_mo), a surface \
+                      that stays whole in poses. A model of skeletons alone draws no weights to be judged: its \
+                      skinning and motion are 0."
                 .into();
         table
     }
@@ -239,13 +257,6 @@ impl Evaluation {
 fn verdict(gain: &Gain, pair: &[Row]) -> String {
     let [before, after] = pair else { return String::new() };
     let how = after.skeletons.method.strip_prefix("after").unwrap_or_default();
-    let change = |p: &Paired, by: f64| {
-        // One mesh has no interval.
-        if !p.low.is_finite() {
-            return format!("{:+.3}", by * p.difference);
-        }
-        format!("{:+.3} (95 % interval {:+.3} to {:+.3})", by * p.difference, by * p.low, by * p.high)
-    };
     // Without an interval, no more is said than what the figures are.
     let moved = |was: f64, is: f64| format!("{:.3}, {:.3} before", 100.0 * is, 100.0 * was);
     let (s, t) = (&before.skeletons, &after.skeletons);
@@ -258,4 +269,40 @@ fn verdict(gain: &Gain, pair: &[Row]) -> String {
         moved(s.j2b, t.j2b),
         moved(s.b2b, t.b2b)
     )
+}
+
+/// A mean difference with its interval, in a unit.
+fn change(p: &Paired, by: f64) -> String {
+    let values = [p.difference, p.low, p.high].map(|v| by * v);
+    let digits = digits(&values);
+    let [difference, low, high] = values.map(|v| Cell::difference(v, digits).text);
+    // One mesh has no interval.
+    match p.low.is_finite() {
+        true => format!("{difference} (95 % interval {low} to {high})"),
+        false => difference,
+    }
+}
+
+/// Digits after the point that differences take: three, and more where the largest would have fewer than two of its own.
+fn digits(values: &[f64]) -> usize {
+    let most = values.iter().filter(|v| v.is_finite()).fold(0.0, |most: f64, v| most.max(v.abs()));
+    let own = if most > 0.0 { 1.0 - most.log10().floor() } else { 0.0 };
+    own.clamp(3.0, 7.0) as usize
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn changes_have_digits_enough_and_nothing_has_no_sign() {
+        let paired = |difference: f64, low: f64, high: f64| {
+            change(&Paired { n: 7, difference, low, high, smaller_equal_larger: [1, 6, 0], p: 1.0 }, 1.0)
+        };
+        assert_eq!(paired(0.0219, -0.0024, 0.0687), "+0.022 (95 % interval -0.002 to +0.069)");
+        assert_eq!(paired(-5.29e-5, -1.59e-4, 0.0), "-0.00005 (95 % interval -0.00016 to 0.00000)");
+        assert_eq!(paired(-0.0, 0.0, 0.0), "0.000 (95 % interval 0.000 to 0.000)");
+        assert_eq!(paired(12.5, f64::NAN, f64::NAN), "+12.500");
+        assert_eq!(paired(1e-300, -1e-300, 0.0), "0.0000000 (95 % interval 0.0000000 to 0.0000000)");
+    }
 }

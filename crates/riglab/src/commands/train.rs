@@ -23,8 +23,8 @@ use super::slurm::{On, apart, settings, train as on_slurm};
 use crate::offered::open_weights;
 use crate::presets;
 use crate::registry::{TaskConfig, Visitor};
-use riglab_report::counted;
 use riglab_report::shell::{command, quoted};
+use riglab_report::{counted, explained, in_unit};
 
 /// Train a model from a config, or continue a run.
 ///
@@ -391,7 +391,11 @@ impl Visitor for Session<'_> {
             return Ok(ExitCode::from(130));
         }
         if let Some((step, value)) = outcome.best {
-            tell!("best: {} {value:.4} at step {step}", task.objective().0);
+            let name = task.objective().0;
+            let (shown, factor) = in_unit(name);
+            let digits = if factor == 1.0 { 4 } else { 3 };
+            let said = explained(task.name(), name).map_or(String::new(), |said| format!(" ({said})"));
+            tell!("best: {shown} {:.digits$} at step {step}{said}", factor * value);
         }
         // Without one that was better than its start, there is none to take by itself.
         let which = if outcome.best.is_none() { " --checkpoint last" } else { "" };

@@ -290,8 +290,8 @@ fn taken(
     let least = totals.fold(r.total, f64::min);
     let others = if draws.len() > 1 { format!(" (the worst: {least:.3})") } else { String::new() };
     format!(
-        "{which} by rewards: R = {:.3} of 8{others}; joints throughout the body {:.3}, bones inside {:.3}, weights \
-         whole {:.3}, motion smooth {:.3}",
+        "{which} by rewards: R = {:.3} of 8{others}; coverage R_vj {:.3}, containment R_vk {:.3}, skinning R_sc {:.3}, \
+         motion R_mo {:.3}",
         r.total, r.coverage, r.containment, r.skinning, r.motion
     )
 }
