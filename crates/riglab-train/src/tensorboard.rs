@@ -28,12 +28,13 @@ pub struct TensorBoard {
 
 impl TensorBoard {
     /// Begins a file in `dir` for a run that has done `step` steps. Points after that step in older
-    /// files of the folder are dropped by TensorBoard.
+    /// files of the folder are dropped by TensorBoard; all of them where the run begins again.
     ///
     /// # Errors
     /// The file system's.
     pub fn create(dir: &Path, step: u64) -> io::Result<Self> {
         fs::create_dir_all(dir)?;
+        let others = fs::read_dir(dir)?.flatten().any(|file| file.file_name().to_string_lossy().contains("tfevents"));
         let seconds = now() as u64;
         // A process id keeps runs of one second apart, a count the files of one process.
         let name = |n: usize| format!("events.out.tfevents.{seconds:010}.riglab.{}.{n}", std::process::id());
@@ -48,12 +49,14 @@ impl TensorBoard {
         let mut version = Event::new();
         version.set_file_version("brain.Event:2".into());
         board.event(version, 0)?;
-        if step > 0 {
+        // A run that was killed before its first checkpoint begins again, and says its settings again, too.
+        let again = if step > 0 { Some(step + 1) } else { others.then_some(0) };
+        if let Some(from) = again {
             let mut log = SessionLog::new();
             log.set_status(SessionLog_SessionStatus::START);
             let mut restart = Event::new();
             restart.set_session_log(log);
-            board.event(restart, step + 1)?;
+            board.event(restart, from)?;
         }
         board.flush()?;
         Ok(board)
@@ -234,4 +237,39 @@ fn histogram(values: &[f32]) -> HistogramProto {
     h.set_bucket_limit((1..=BUCKETS).map(|i| low + width * i as f64).collect());
     h.set_bucket(counts);
     h
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The events of a file: a record is its length in 8 bytes, a checksum of 4, the message, and one of 4 again.
+    fn events(path: &Path) -> Vec<Event> {
+        let bytes = fs::read(path).unwrap();
+        let (mut rest, mut events) = (&bytes[..], Vec::new());
+        while let Some((length, more)) = rest.split_first_chunk::<8>() {
+            let length = u64::from_le_bytes(*length) as usize;
+            events.push(Event::parse_from_bytes(&more[4..4 + length]).unwrap());
+            rest = &more[length + 8..];
+        }
+        events
+    }
+
+    #[test]
+    fn points_of_older_files_are_dropped_from_where_a_run_goes_on() {
+        let dir = tempfile::tempdir().unwrap();
+        let mut seen: Vec<std::path::PathBuf> = Vec::new();
+        // The first; one that was killed before its first checkpoint; one that goes on after step 7.
+        let from = [0, 0, 7].map(|step| {
+            let mut board = TensorBoard::create(dir.path(), step).unwrap();
+            board.scalar("train/loss", 0.5, step + 1).unwrap();
+            board.flush().unwrap();
+            let files = fs::read_dir(dir.path()).unwrap().map(|file| file.unwrap().path());
+            let new: Vec<_> = files.filter(|path| !seen.contains(path)).collect();
+            seen.extend(new.clone());
+            let starts = events(&new[0]).into_iter().filter(Event::has_session_log);
+            starts.map(|e| e.get_step()).collect::<Vec<_>>()
+        });
+        assert_eq!(from, [vec![], vec![0], vec![8]]);
+    }
 }
