@@ -67,7 +67,8 @@ struct ExportArgs {
     /// Numbers of 16 bits: half the size.
     #[arg(long)]
     half: bool,
-    /// The file's name for it [default: that of the file it came from, or of the run's folder].
+    /// The file's name for it [default: that of the file it came from, or of the run's folder, where that is a number
+    /// behind that of the folder above it].
     #[arg(long)]
     name: Option<String>,
     /// Of a run: where a model lies now that it builds on, as start.model=PATH or skin.run=PATH.
@@ -127,10 +128,7 @@ fn export(args: &ExportArgs) -> Result<ExitCode> {
         None => found.text,
     };
     // A folder's path is of use on one machine only.
-    let own = match run.and_then(|run| run.file_name()) {
-        Some(run) => run.to_string_lossy().into_owned(),
-        None => found.name,
-    };
+    let own = run.and_then(|run| called(run)).unwrap_or(found.name);
     let text = written(text);
     let mut card = Card { name: args.name.clone().unwrap_or(own), text, state: found.state };
     if folder {
@@ -262,6 +260,17 @@ fn part(file: &Path) -> Result<Option<Part>> {
     Ok((kind != TokenRigTaskConfig::TASK).then_some(Part { kind, card, numbers }))
 }
 
+/// What a run is called by its folder, `001` of `runs/tokenrig` as `tokenrig-001`: each experiment has one of that number.
+fn called(run: &Path) -> Option<String> {
+    let run = std::path::absolute(run).ok()?;
+    let name = |folder: &Path| Some(folder.file_name()?.to_string_lossy().into_owned());
+    let own = name(&run)?;
+    match run.parent().and_then(name) {
+        Some(above) if own.chars().all(|c| c.is_ascii_digit()) => Some(format!("{above}-{own}")),
+        _ => Some(own),
+    }
+}
+
 /// As [`part`], of the folder of a run or of one of its checkpoints.
 fn part_of_run(folder: &Path) -> Result<Option<Part>> {
     let (run, checkpoint) = named_by(folder);
@@ -277,4 +286,16 @@ fn part_of_run(folder: &Path) -> Result<Option<Part>> {
     let numbers = shapes.values().map(|shape| shape.iter().product::<i64>() as usize).sum();
     let card = Card { name: run.display().to_string(), state: checkpoint.state().clone(), text: known(&run) };
     Ok(Some(Part { kind: settings.task(), card, numbers }))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_run_that_is_a_number_is_called_by_the_folder_above_it_too() {
+        let of = |run: &str| called(Path::new(run)).unwrap_or_default();
+        assert_eq!([of("runs/trig/001"), of("/runs/trig/001/"), of("/runs/mine")], ["trig-001", "trig-001", "mine"]);
+        assert_eq!([of("/001"), of("/runs/v2/small-3"), of("/")], ["001", "small-3", ""]);
+    }
 }
