@@ -547,9 +547,8 @@ fn nothing_else_is_written_over_a_corpus() {
         fs::read_dir(&files).unwrap().map(|e| e.unwrap().path()).find(|p| p.extension().unwrap() == "glb").unwrap();
     must(&["dataset", "import", text(&files), "-o", text(&kept)]);
     // Another import may replace it, and says so where it is another.
-    let import = |files: &Path| {
-        String::from_utf8(must(&["dataset", "import", text(files), "-o", text(&kept)]).stderr).unwrap()
-    };
+    let import =
+        |files: &Path| String::from_utf8(must(&["dataset", "import", text(files), "-o", text(&kept)]).stderr).unwrap();
     assert!(!import(&files).contains("another corpus"));
     let others = temp.path().join("others");
     must(&["synth", "-o", text(&others), "--count", "1", "--seed", "1", "--triangles", "200..300"]);
