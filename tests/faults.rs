@@ -587,8 +587,22 @@ fn a_run_of_relative_paths_says_where_it_goes_on() {
         let pasted = pasted.unwrap();
         assert!(pasted.status.success(), "{hint}: {}", String::from_utf8_lossy(&pasted.stderr));
     }
-    // One whose run does not say where it was begun.
+    // One whose corpus was replaced: not gone on with, and evaluated with a warning, unless others are asked for.
     let info = fs::read_to_string(run.join("run.json")).unwrap();
+    let mut begun: serde_json::Value = serde_json::from_str(&info).unwrap();
+    begun["data"][0][1] = "0123456789abcdef".into();
+    fs::write(run.join("run.json"), begun.to_string()).unwrap();
+    let other = "begun on c.h5 (0123456789ab), but now there is c.h5 (";
+    let said = refusal(riglab(&["train", "--resume", text(&run)]).current_dir(&place));
+    let remedies = ["put the former corpora back", "--set train.start.from=RUN"];
+    assert!(said.contains(other) && remedies.iter().all(|remedy| said.contains(remedy)), "{said}");
+    for (sets, warned) in [([].as_slice(), true), (&["--set", "data.corpora=['c.h5']"], false)] {
+        let args = [&["eval", text(&run), "--pictures", "0"], sets].concat();
+        let done = riglab(&args).current_dir(&place).output().unwrap();
+        let told = String::from_utf8_lossy(&done.stderr);
+        assert!(done.status.success() && told.contains(other) == warned, "{sets:?}: {told}");
+    }
+    // One whose run does not say where it was begun.
     let lines: Vec<&str> = info.lines().filter(|line| !line.contains("\"folder\"")).collect();
     fs::write(run.join("run.json"), lines.join("\n")).unwrap();
     let said = refusal(riglab(&["train", "--resume", text(&run)]).current_dir(temp.path()));

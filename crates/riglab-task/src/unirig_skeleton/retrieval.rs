@@ -72,3 +72,38 @@ fn chamfer(a: &[Vec3], b: &[Vec3]) -> f32 {
     };
     one(a, b) + one(b, a)
 }
+
+#[cfg(test)]
+mod tests {
+    use riglab_core::{Asset, Joint, Provenance, Skeleton, SkinWeights};
+    use riglab_data::CorpusWriter;
+
+    use super::*;
+    use crate::tokenrig::testing::tetrahedron;
+
+    #[test]
+    fn an_asset_finds_itself_only_as_another() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("c.h5");
+        let mut writer = CorpusWriter::create(&path).unwrap();
+        for (name, height) in [("a", 0.0), ("b", 0.5)] {
+            let joint = Joint { name: "a".into(), parent: None, head: [0.0, height, 0.0] };
+            let weights = SkinWeights::normalized((0..4).map(|_| [(0u16, 1.0)])).unwrap();
+            let rig = Rig::new(Skeleton::new(vec![joint]).unwrap(), tetrahedron(), weights).unwrap();
+            let provenance = Provenance::default();
+            writer.add(&Asset { name: name.into(), rig, clips: Vec::new(), provenance }).unwrap();
+        }
+        writer.finish(&["train", "train"]).unwrap();
+        let (assets, cache) = (Assets::open(&[path]).unwrap(), Cache::new(1));
+        let ids = assets.split("train").unwrap();
+        let [a, b] = [0, 1].map(|k| normalized(&assets, &cache, ids[k]).unwrap());
+        let found = |ids: &[AssetId], rig: &Rig, id| {
+            Retrieval::new(&assets, &cache, ids, 32, 0).unwrap().offer(rig, id).map(|o| o.nearest.positions)
+        };
+        // Both have the same mesh, so that only their numbers tell them apart.
+        assert_eq!(found(&ids, &a, ids[0]).unwrap(), Joints::of(b.skeleton()).positions);
+        assert_eq!(found(&ids, &b, ids[1]).unwrap(), Joints::of(a.skeleton()).positions);
+        assert_eq!(found(&ids[..1], &b, ids[1]).unwrap(), Joints::of(a.skeleton()).positions);
+        assert!(found(&ids[..1], &a, ids[0]).is_none(), "nothing but itself");
+    }
+}

@@ -19,7 +19,7 @@ use riglab_train::Progress;
 use riglab_report::counted;
 
 use super::inspect::vertices;
-use super::{shown, some_lines};
+use super::{short, shown, some_lines};
 
 /// Make and look at corpora: HDF5 files of many rigs.
 #[derive(clap::Args)]
@@ -211,11 +211,6 @@ impl Earlier {
             tell!("note: {} was another corpus before, of {assets} ({}), and is replaced", out.display(), short(sum));
         }
     }
-}
-
-/// As much of a checksum as tells it from others.
-fn short(sum: &str) -> &str {
-    sum.get(..12).unwrap_or(sum)
 }
 
 fn run_import(args: &Import) -> Result<ExitCode> {

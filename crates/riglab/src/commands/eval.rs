@@ -17,7 +17,7 @@ use riglab_train::{Checkpoint, Progress, RunInfo, named_by, same_companions};
 use super::device::DeviceArgs;
 use super::earlier::{Written, keep_others};
 use super::shown;
-use super::train::{reached, same_data, tell_untested, untested};
+use super::train::{other_data, reached, tell_untested, untested};
 use crate::presets;
 use crate::registry::{TaskConfig, Visitor};
 
@@ -202,9 +202,9 @@ impl Visitor for Examination<'_> {
         checkpoint.load_weights(task.params())?;
         let (mut companions, begun) = RunInfo::of(&run).map_or_else(Default::default, |i| (i.companions, i.data));
         if !args.sets.iter().any(|set| set.trim_start().starts_with("data.corpora"))
-            && let Err(fault) = same_data(&begun, &task.assets().summary()?)
+            && let Some(other) = other_data(&begun, &task.assets().summary()?)
         {
-            tell!("warning: these are not the assets of the training: {fault}");
+            tell!("warning: {other}: figures of others are not to be set beside those of this run");
         }
         // Others that were asked for are meant.
         companions

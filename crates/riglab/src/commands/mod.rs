@@ -65,6 +65,11 @@ fn keep_corpus(out: &std::path::Path) -> anyhow::Result<()> {
     Ok(())
 }
 
+/// As much of a checksum as tells it from others.
+fn short(sum: &str) -> &str {
+    sum.get(..12).unwrap_or(sum)
+}
+
 /// Refuses what several processes would do all over again, each into the same files.
 fn alone(command: &str) -> anyhow::Result<()> {
     match riglab_ranks::launched() {

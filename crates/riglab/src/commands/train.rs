@@ -18,8 +18,8 @@ use tch::Device;
 
 use super::device::{self, DeviceArgs};
 use super::longer::{self, Longer};
-use super::shown;
 use super::slurm::{On, apart, settings, train as on_slurm};
+use super::{short, shown};
 use crate::offered::open_weights;
 use crate::presets;
 use crate::registry::{TaskConfig, Visitor};
@@ -29,8 +29,8 @@ use riglab_report::{counted, explained, in_unit};
 /// Train a model from a config, or continue a run.
 ///
 /// A run folder is made with the resolved config, metrics and checkpoints; Ctrl-C saves and leaves,
-/// --resume goes on as if nothing had happened, with --set train.steps=N to more steps. With --on slurm it does so as a job of a cluster, requeued whenever
-/// its time ends.
+/// --resume goes on as if nothing had happened, with --set train.steps=N to more steps. With --on slurm it does so as a
+/// job of a cluster, requeued whenever its time ends.
 ///
 /// Started as several processes by mpirun or srun, it shares the batches of each step (train.accumulate of them, a
 /// multiple of the number of processes) among them: with a thread each, the run is the same on any
@@ -319,7 +319,13 @@ impl Visitor for Session<'_> {
         };
         let data = task.assets().summary()?;
         if let Some(before) = run.info().filter(|_| resumed) {
-            same_data(&before.data, &data).with_context(|| run.dir().display().to_string())?;
+            // Steps and figures would be of others then.
+            if let Some(other) = other_data(&before.data, &data) {
+                let dir = run.dir().display();
+                bail!(
+                    "{dir}: {other}; put the former corpora back, or begin a run anew with --set train.start.from=RUN"
+                );
+            }
             same_companions(&before.companions, &task.companions())
                 .map_err(|e| anyhow!(e))
                 .with_context(|| run.dir().display().to_string())?;
@@ -467,23 +473,17 @@ pub fn tell_untested(splits: &[String]) -> Option<String> {
     (!splits.is_empty()).then(told)
 }
 
-/// Refuses corpora that are not those a run was begun on, which steps and figures would be of then.
-pub fn same_data(before: &[(String, String, usize)], now: &[(String, String, usize)]) -> Result<()> {
+/// What to say of corpora that are not those a run was begun on; nothing of the same, or where it does not say.
+pub fn other_data(before: &[(String, String, usize)], now: &[(String, String, usize)]) -> Option<String> {
     let sums = |of: &[(String, String, usize)]| of.iter().map(|(_, sum, _)| sum.clone()).collect::<Vec<_>>();
     // Older runs may not say what they saw.
     if before.is_empty() || sums(before) == sums(now) {
-        return Ok(());
+        return None;
     }
-    let short = |of: &[(String, String, usize)]| {
-        let one = |(path, sum, _): &(String, String, usize)| format!("{path} ({})", sum.get(..12).unwrap_or(sum));
-        of.iter().map(one).collect::<Vec<_>>().join(", ")
+    let list = |of: &[(String, String, usize)]| {
+        of.iter().map(|(path, sum, _)| format!("{path} ({})", short(sum))).collect::<Vec<_>>().join(", ")
     };
-    bail!(
-        "begun on {}, but now there is {}; put the former corpora back, or begin a run anew with --set \
-         train.start.from=RUN",
-        short(before),
-        short(now)
-    )
+    Some(format!("begun on {}, but now there is {}", list(before), list(now)))
 }
 
 /// A run that is only begun.
@@ -569,15 +569,12 @@ mod tests {
     #[test]
     fn a_run_goes_on_with_its_own_corpora_alone() {
         let of = |sum: &str| vec![("c.h5".to_owned(), sum.to_owned(), 3)];
-        assert!(same_data(&of("0123456789abcdef"), &of("0123456789abcdef")).is_ok());
-        assert!(same_data(&[], &of("0123456789abcdef")).is_ok(), "not said");
+        assert_eq!(other_data(&of("0123456789abcdef"), &of("0123456789abcdef")), None);
+        assert_eq!(other_data(&[], &of("0123456789abcdef")), None, "not said");
         // The same elsewhere.
         let moved = vec![("d.h5".to_owned(), "0123456789abcdef".to_owned(), 3)];
-        assert!(same_data(&of("0123456789abcdef"), &moved).is_ok());
-        let said = same_data(&of("0123456789abcdef"), &of("fedcba9876543210")).unwrap_err().to_string();
-        assert!(
-            said.contains("0123456789ab") && said.contains("fedcba987654") && said.contains("train.start"),
-            "{said}"
-        );
+        assert_eq!(other_data(&of("0123456789abcdef"), &moved), None);
+        let said = other_data(&of("0123456789abcdef"), &of("fedcba9876543210")).unwrap();
+        assert_eq!(said, "begun on c.h5 (0123456789ab), but now there is c.h5 (fedcba987654)");
     }
 }
