@@ -6,8 +6,12 @@ use riglab_core::{Clip, Humanoid, Joint, JointId, JointMap, Mesh, Rig, RigError,
 
 use crate::names::Names;
 use crate::nearest::nearest_others;
+use crate::rigging::UpAxis;
 use crate::warning::MANY_JOINTS;
 use crate::{Binding, Body, Content, Fault, ImportOptions, Part, Reading, Up, VertexSet, Warning, triangles};
+
+/// A share of a mesh's size below which places may be rounded.
+const COARSE: f32 = 1e-4;
 
 /// What becomes of a skeleton with several roots, since a rig has one.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -24,6 +28,11 @@ pub enum RootPolicy {
 pub(crate) fn content(reading: &mut Reading, options: &ImportOptions) -> Result<(Content, Vec<Clip>), Fault> {
     let mut warnings = Vec::new();
     let mut clips = Vec::new();
+    if options.up != UpAxis::Y {
+        let places = reading.vertex_sets.iter_mut().flat_map(|set| &mut set.positions);
+        places.chain(reading.joints.iter_mut().map(|joint| &mut joint.head)).for_each(|p| *p = options.up.to_y(*p));
+        reading.origin = options.up.to_y(reading.origin);
+    }
     if reading.up != Up::Y {
         warnings.push(Warning::TurnedUp);
     }
@@ -44,8 +53,26 @@ pub(crate) fn content(reading: &mut Reading, options: &ImportOptions) -> Result<
         let (humanoid, springs) = body(&reading.body, &joint_of);
         Content::Rigged(rig.with_humanoid(humanoid)?.with_springs(springs)?)
     };
+    let mesh = match &content {
+        Content::Rigged(rig) => rig.mesh(),
+        Content::Bare(mesh) => mesh,
+    };
+    warnings.extend(far(mesh));
     reading.warnings.extend(warnings);
     Ok((content, clips))
+}
+
+/// Told of a mesh that stands so far from the origin that single precision has few places in it: what stands at places on
+/// Earth, as scans do.
+fn far(mesh: &Mesh) -> Option<Warning> {
+    let (mut low, mut high) = ([f32::INFINITY; 3], [f32::NEG_INFINITY; 3]);
+    for p in mesh.positions() {
+        (0..3).for_each(|k| (low[k], high[k]) = (low[k].min(p[k]), high[k].max(p[k])));
+    }
+    let size = (0..3).map(|k| high[k] - low[k]).fold(0.0, f32::max);
+    // What lies between two numbers of 24 bits.
+    let step = (0..3).map(|k| low[k].abs().max(high[k].abs())).fold(0.0, f32::max) * f32::EPSILON;
+    (size > 0.0 && step > COARSE * size).then(|| Warning::Far { steps: (size / step) as usize })
 }
 
 /// The joints in one tree, and the number in it of each joint of the reading.

@@ -22,7 +22,7 @@ use std::fmt;
 use std::io;
 use std::path::Path;
 
-use riglab_core::{Clip, Provenance, Rig, Skeleton};
+use riglab_core::{Asset, Clip, Provenance, Rig, Skeleton};
 use thiserror::Error;
 
 use crate::{Fault, Format, ImportOptions, Imported, gltf, import_from};
@@ -330,6 +330,16 @@ pub fn alone(name: &str, rig: &Rig, provenance: &Provenance, options: &ExportOpt
     gltf::export::alone(name, rig, provenance, options).map_err(|fault| ExportError { file: name.into(), fault })
 }
 
+/// An asset as [`alone`] writes its rig, with its motions: a key a frame for each joint that they move.
+///
+/// # Errors
+/// [`ExportFault::TooLong`].
+pub fn moving(asset: &Asset, options: &ExportOptions) -> Result<Exported, ExportError> {
+    let exported = alone(&asset.name, &asset.rig, &asset.provenance, options)?;
+    gltf::export::with_motions(exported, asset.rig.skeleton(), &asset.clips)
+        .map_err(|fault| ExportError { file: asset.name.clone(), fault })
+}
+
 /// The file at `path` without its rig: no skins, no weights, no nodes that were for joints alone, no motion
 /// of them, no humanoid or springs of VRM. Meshes stand as the rest pose shows them, as the importer reads
 /// it (but by [`crate::Reading::shown_off`] away, so that they stay among what no joint moved), or, where the rig is broken,
@@ -401,7 +411,7 @@ pub fn animate(
     if Format::of(Path::new(file), bytes).map_err(|f| fail(f.into()))? != Format::Gltf {
         return Err(fail(ExportFault::NotADocument));
     }
-    gltf::export::animate(bytes, folder, &imported.reading, skeleton, clip).map_err(fail)
+    gltf::export::animate(bytes, folder, &imported.reading, skeleton, std::slice::from_ref(clip)).map_err(fail)
 }
 
 /// Writes a file whole or not at all: under a temporary name in the same folder, synced, then renamed. A kill

@@ -92,6 +92,9 @@ pub struct ImportOptions {
     /// Whether to repair what takes a guess: joints of a rig text beside its tree go below the root,
     /// which is refused otherwise, and `NAME_dup_K` joints of RigNet's predictions back into NAME.
     pub repair: bool,
+    /// The axis that points up, for files that do not keep to y and do not say so: positions and joints are turned. Motions and
+    /// springs are not.
+    pub up: rigging::UpAxis,
     /// Whether a glTF without a skeleton is read without what is not shown: meshes that are colliders by the names of their
     /// nodes, that are not of its scene, or hidden.
     pub shown: bool,
@@ -104,6 +107,14 @@ pub struct Resample {
     pub rate: f32,
     /// Frames of a clip at most; what follows is cut off.
     pub frames: usize,
+}
+
+#[cfg(feature = "fbx")]
+impl Resample {
+    /// Motions whole, but for those beyond all measure.
+    pub(crate) fn whole(rate: f32) -> Self {
+        Self { rate, frames: 1 << 16 }
+    }
 }
 
 impl Default for Resample {
@@ -425,7 +436,7 @@ fn import_from(
         Format::Ply => (ply::read(bytes).map_err(fail)?.into_reading(), Rights::default()),
         Format::Stl => (stl::read(bytes).map_err(fail)?.into_reading(), Rights::default()),
         #[cfg(feature = "fbx")]
-        Format::Fbx => (fbx::read(bytes).map_err(fail)?, Rights::default()),
+        Format::Fbx => (fbx::read(bytes, options.clips).map_err(fail)?, Rights::default()),
         other => return Err(fail(Fault::OtherFormat(other))),
     };
     if let Some(item) = options.item.filter(|&item| item > 0) {

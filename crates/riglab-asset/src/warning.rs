@@ -129,6 +129,11 @@ pub enum Warning {
     },
     /// The file has z up; the rig has y up, as all rigs.
     TurnedUp,
+    /// The mesh stands so far from the origin that its places are rounded to few.
+    Far {
+        /// How many places single precision has along its largest side.
+        steps: usize,
+    },
     /// Joints lie outside the mesh.
     JointsOutside {
         /// How many.
@@ -274,6 +279,11 @@ impl fmt::Display for Warning {
             Self::Vrm { part, dropped } => {
                 write!(f, "what is broken in the VRM {part} was left out: {}", Some3(dropped))
             }
+            Self::Far { steps } => write!(
+                f,
+                "it stands so far from the origin that its places are rounded to {steps} along its largest side: move it to the \
+                 origin in the program that it comes from"
+            ),
             Self::TurnedUp => f.write_str("the file has z up; it was turned so that y is up"),
             Self::JointsOutside { outside, joints } => write!(
                 f,

@@ -3,9 +3,9 @@
 mod common;
 
 use common::{Tiny, dance, data, files};
-use riglab_asset::export::{ExportFault, animate};
+use riglab_asset::export::{ExportFault, ExportOptions, animate, moving};
 use riglab_asset::{ImportOptions, Imported, Resample, import, import_bytes};
-use riglab_core::{Clip, Rig};
+use riglab_core::{Asset, Clip, Provenance, Rig};
 use serde_json::{Value, json};
 
 const RATE: f32 = 20.0;
@@ -88,6 +88,20 @@ fn nodes_with_matrices_and_poses_are_moved_too() {
     assert!(off(&import_bytes("again.glb", &out.bytes, &reading()).unwrap(), rig, &clip) < 1e-5);
     let nodes = &document(&out.bytes)["nodes"];
     assert!(nodes[2].get("matrix").is_none() && nodes[2]["translation"] == json!([0.0, 1.0, 0.0]), "{nodes}");
+}
+
+#[test]
+fn an_asset_keeps_its_motions_in_their_order() {
+    let (_, imported) = tiny(|t| t);
+    let rig = imported.rig().unwrap().clone();
+    let (first, second) = (dance(&rig, 5, RATE), dance(&rig, 9, RATE));
+    let second = Clip::new("second".into(), RATE, second.joints(), second.maps().to_vec()).unwrap();
+    let (clips, provenance) = (vec![first.clone(), second], Provenance::default());
+    let asset = Asset { name: "a".into(), rig: rig.clone(), clips, provenance };
+    let out = moving(&asset, &ExportOptions::default()).unwrap();
+    let read = import_bytes("a.glb", &out.bytes, &reading()).unwrap();
+    assert!(off(&read, &rig, &first) < 1e-5);
+    assert_eq!((read.clips.len(), read.clips[1].name(), read.clips[1].frames()), (2, "second", 9));
 }
 
 #[test]

@@ -8,8 +8,10 @@ mod common;
 mod peak;
 
 use ascii_fbx::{Ascii, Cluster, SIDES, TETRAHEDRON, moved, scaled_and_moved, tiny};
-use riglab_asset::{Character, Fault, ImportOptions, Imported, Warning, import, import_bytes, to_fbx};
-use riglab_core::{Rig, Vec3};
+use riglab_asset::export::ExportOptions;
+use riglab_asset::rigging::{SubjectNote, dressed};
+use riglab_asset::{Character, Fault, ImportOptions, Imported, Resample, Warning, import, import_bytes, to_fbx};
+use riglab_core::{Rig, Vec3, skin};
 
 fn read(file: &Ascii) -> Result<Imported, Fault> {
     import_bytes("test.fbx", &file.bytes(), &ImportOptions::default()).map_err(|e| e.fault)
@@ -51,6 +53,99 @@ fn a_file_in_centimetres_comes_out_in_metres() {
     assert_near(rig.mesh().positions(), &CORNERS);
     let row: Vec<f32> = rig.weights().row(3).map(|(_, w)| w).collect();
     assert_eq!(row, [0.25, 0.75]);
+}
+
+/// The hips turn by a quarter about z within a second, and rise within the next; the tip does nothing.
+fn turning(file: Ascii) -> Ascii {
+    let turn = (1, "Lcl Rotation", "d|Z", &[(0.0, 0.0), (1.0, 90.0)][..]);
+    let rise = (1, "Lcl Translation", "d|Y", &[(1.0, 10.0), (2.0, 30.0)][..]);
+    // What moves no joint is no motion of the rig.
+    let other = (10, "Lcl Translation", "d|Y", &[(0.0, 0.0), (9.0, 10.0)][..]);
+    tiny(file).motion("turn", Some([0.0, 2.0]), &[turn, rise, other]).motion("mesh", None, &[other])
+}
+
+/// Where vertices stand in a frame.
+fn posed(imported: &Imported, frame: usize) -> Vec<Vec3> {
+    skin(imported.rig().unwrap(), &imported.clips[0].frame(frame)).unwrap()
+}
+
+fn with_clips(name: &str, bytes: &[u8], rate: f32) -> Imported {
+    let clips = Some(Resample { rate, ..Resample::default() });
+    import_bytes(name, bytes, &ImportOptions { clips, ..ImportOptions::default() }).unwrap()
+}
+
+#[test]
+fn motions_are_read_where_they_are_asked_for() {
+    let bytes = turning(Ascii::new()).bytes();
+    assert!(import_bytes("a.fbx", &bytes, &ImportOptions::default()).unwrap().clips.is_empty());
+    let imported = with_clips("a.fbx", &bytes, 4.0);
+    assert_eq!(imported.warnings(), []);
+    let [clip] = &imported.clips[..] else { panic!("{:?}", imported.clips) };
+    assert_eq!((clip.name(), clip.rate(), clip.joints(), clip.frames()), ("turn", 4.0, 2, 9));
+    assert_near(&posed(&imported, 0), &CORNERS);
+    // The corner that the tip holds goes round the hips, which stand at .1.
+    let half = 0.5f32.sqrt();
+    assert_near(&posed(&imported, 2)[2..3], &[[-0.15 * half, 0.1 + 0.15 * half, 0.0]]);
+    assert_near(&posed(&imported, 4)[2..3], &[[-0.15, 0.1, 0.0]]);
+    assert_near(&posed(&imported, 8)[2..3], &[[-0.15, 0.3, 0.0]]);
+    // In metres, z up, what goes up goes up, too: the file's x, y and z are x, -z and y.
+    let other = with_clips("a.fbx", &turning(Ascii::with_space([(2, 1), (1, -1), (0, 1)], 100.0)).bytes(), 4.0);
+    assert_near(&posed(&other, 8)[2..3], &[[-15.0, 0.0, -30.0]]);
+    // A part of the keys is the motion, where the file says so.
+    let part = Ascii::new();
+    let part = tiny(part).motion("", Some([1.0, 1.5]), &[(1, "Lcl Translation", "d|Y", &[(0.0, 10.0), (2.0, 30.0)])]);
+    let part = with_clips("a.fbx", &part.bytes(), 4.0);
+    assert_eq!((part.clips[0].name(), part.clips[0].frames()), ("animation 0", 3));
+    assert_near(&posed(&part, 2)[2..3], &[[0.0, 0.4, 0.0]]);
+}
+
+#[test]
+fn motions_beyond_measure_are_cut_or_left_out() {
+    let long = |end: f64| {
+        let keys = [(0.0, 10.0), (end, 30.0)];
+        with_clips(
+            "a.fbx",
+            &tiny(Ascii::new()).motion("long", None, &[(1, "Lcl Translation", "d|Y", &keys)]).bytes(),
+            30.0,
+        )
+    };
+    let cut = long(3600.0);
+    assert_eq!(cut.clips[0].frames(), Resample::default().frames);
+    assert!(matches!(cut.warnings(), [Warning::ClipsCut { .. }]), "{:?}", cut.warnings());
+    let endless = Ascii::new();
+    let keys = [(0.0, 10.0), (1e8, 30.0)];
+    let endless = tiny(endless).motion("endless", None, &[(1, "Lcl Translation", "d|Y", &keys)]).bytes();
+    let all = ImportOptions { clips: Some(Resample { rate: 1000.0, frames: usize::MAX }), ..ImportOptions::default() };
+    let imported = import_bytes("a.fbx", &endless, &all).unwrap();
+    assert!(imported.clips.is_empty());
+    assert!(matches!(imported.warnings(), [Warning::ClipsLeftOut { .. }]), "{:?}", imported.warnings());
+}
+
+#[test]
+fn as_glb_it_keeps_looks_rig_and_motions() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("a.fbx");
+    let free = turning(Ascii::new()).mesh(20, 0, &TETRAHEDRON, &SIDES, "");
+    let bytes = free.bytes();
+    std::fs::write(&path, &bytes).unwrap();
+    let (exported, notes) = dressed(&path, &ImportOptions::default(), &ExportOptions::default()).unwrap();
+    // Of the mesh, which moves alone.
+    assert_eq!(notes, [SubjectNote::ThingsLeft(vec!["1 animation".into()])]);
+    let (fbx, glb) = (with_clips("a.fbx", &bytes, 30.0), with_clips("a.glb", &exported.bytes, 30.0));
+    let [before, after] = [&fbx, &glb].map(|of| of.rig().unwrap());
+    assert_eq!(joints(before), joints(after));
+    // The free mesh is none of the rig's.
+    let count = after.mesh().positions().len();
+    assert_eq!((before.mesh().triangles().len(), after.mesh().triangles().len()), (4, 4));
+    let row = |rig: &Rig, v: usize| rig.weights().row(v).map(|(j, w)| (j.0, w)).collect::<Vec<_>>();
+    let twin = |v: usize| before.mesh().positions().iter().position(|p| *p == after.mesh().positions()[v]).unwrap();
+    assert!((0..count).all(|v| row(after, v) == row(before, twin(v))));
+    let names = glb.clips.iter().map(riglab_core::Clip::name).collect::<Vec<_>>();
+    assert_eq!((names, glb.clips[0].frames()), (vec!["turn"], 61));
+    for frame in 0..61 {
+        let (found, wanted) = (posed(&glb, frame), posed(&fbx, frame));
+        assert_near(&found, &(0..count).map(|v| wanted[twin(v)]).collect::<Vec<_>>());
+    }
 }
 
 #[test]

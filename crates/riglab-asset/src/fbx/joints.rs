@@ -102,6 +102,24 @@ impl Joints {
         (!is_flat(&world.matrix3, FLAT)).then(|| self.frame(node) * world.inverse())
     }
 
+    /// The node of each joint, and what takes the file's world at rest to the space of the joint; `None` where a joint is
+    /// flattened.
+    pub(super) fn to_joints(&self) -> Option<Vec<(usize, DAffine3)>> {
+        let to_joint = |&node: &usize| Some(self.frame(node)).filter(is_sound).map(|frame| (node, frame.inverse()));
+        self.nodes.iter().map(to_joint).collect()
+    }
+
+    /// Whether each node is a joint or stands above one, so that it moves one.
+    pub(super) fn movers(&self, nodes: &Nodes<'_>) -> Vec<bool> {
+        let mut moves: Vec<bool> = self.number.iter().map(Option::is_some).collect();
+        for &node in nodes.order.iter().rev() {
+            if let Some(parent) = nodes.parent(node) {
+                moves[parent] |= moves[node];
+            }
+        }
+        moves
+    }
+
     /// Where the node stands below which all joints hang; the world's origin where that differs.
     pub(super) fn origin(&self, nodes: &Nodes<'_>) -> DVec3 {
         let mut above =

@@ -1,7 +1,7 @@
 //! Autodesk FBX, binary and as text, versions 3 to 8; reading is by ufbx.
 //!
 //! Read in this order: the scene with its nodes ([`scene`]), which nodes are joints and where they were
-//! bound ([`joints`]), and the meshes at rest ([`meshes`]).
+//! bound ([`joints`]), the meshes at rest ([`meshes`]), and, where asked for, motions ([`clips`]).
 //!
 //! Rest is where the skin was bound, as in glTF: a cluster's `TransformLink` is the place of its bone in the
 //! world when it was bound, and that times its `Transform` the place of the mesh, whatever the pose in which
@@ -9,8 +9,10 @@
 //! may have normals and texture coordinates of their own, do not split them. Positions come out in metres,
 //! right-handed and y up, as the axes and the unit in the file's settings say.
 //!
-//! Not read: blend shapes and animation; materials only where a model is to be rigged ([`model`]), which tells what it leaves. Files that this one refers to are not opened.
+//! Materials and blend shapes are read where a model is to be written with its looks ([`model`]), which tells what it leaves.
+//! Files that this one refers to are not opened.
 
+mod clips;
 mod joints;
 mod meshes;
 mod model;
@@ -20,9 +22,9 @@ mod write;
 use ufbx::{AllocatorOpts, ErrorType, FileFormat, IndexErrorHandling, LoadOpts, SceneRoot};
 
 use crate::budget::Budget;
-use crate::{Fault, Reading};
+use crate::{Fault, Reading, Resample};
 use joints::Joints;
-pub(crate) use model::model;
+pub(crate) use model::{Left, Origin, Taken, counted, model};
 use scene::Nodes;
 pub use write::to_fbx;
 
@@ -32,8 +34,8 @@ const MEMORY: usize = 10;
 /// And as much as this for small ones, since arrays are compressed.
 const SMALL: usize = 16 << 20;
 
-pub(crate) fn read(bytes: &[u8]) -> Result<Reading, Fault> {
-    let scene = load(bytes, true)?;
+pub(crate) fn read(bytes: &[u8], motions: Option<Resample>) -> Result<Reading, Fault> {
+    let scene = load(bytes, Load { motions: motions.is_some(), pictures: false })?;
     let nodes = Nodes::new(&scene);
     let mut warnings = Vec::new();
     let joints = Joints::read(&scene, &nodes, &mut warnings)?;
@@ -41,24 +43,43 @@ pub(crate) fn read(bytes: &[u8]) -> Result<Reading, Fault> {
     let (vertex_sets, parts) = meshes::read(&nodes, &joints, &read_joints, &Budget::new(bytes.len()), &mut warnings)?;
     let origin = joints.origin(&nodes).as_vec3();
     let origin = if origin.is_finite() { origin.into() } else { [0.0; 3] };
-    Ok(Reading { joints: read_joints, vertex_sets, parts, origin, warnings, ..Reading::default() })
+    let clips = motions.map(|resample| clips::read(&scene, &nodes, &joints, resample, memory(bytes), &mut warnings));
+    let clips = clips.unwrap_or_default();
+    Ok(Reading { joints: read_joints, vertex_sets, parts, origin, clips, warnings, ..Reading::default() })
 }
 
-/// The scene of a file's bytes, with the pictures in it unless they are bare.
-fn load(bytes: &[u8], bare: bool) -> Result<SceneRoot, Fault> {
-    let allocator = || AllocatorOpts {
-        memory_limit: bytes.len().saturating_mul(MEMORY).max(SMALL),
+/// What of a file is wanted beside meshes and nodes.
+#[derive(Clone, Copy)]
+struct Load {
+    /// The keys of its animations.
+    motions: bool,
+    /// The pictures that it holds.
+    pictures: bool,
+}
+
+/// What ufbx may allocate for a file.
+fn memory(bytes: &[u8]) -> usize {
+    bytes.len().saturating_mul(MEMORY).max(SMALL)
+}
+
+fn allocator(memory: usize) -> AllocatorOpts {
+    AllocatorOpts {
+        memory_limit: memory,
         // Else ufbx takes chunks of 16 MiB where a few KiB are wanted.
         huge_threshold: 1 << 16,
         max_chunk_size: 1 << 20,
         ..Default::default()
-    };
+    }
+}
+
+/// The scene of a file's bytes.
+fn load(bytes: &[u8], Load { motions, pictures }: Load) -> Result<SceneRoot, Fault> {
     let options = LoadOpts {
-        temp_allocator: allocator(),
-        result_allocator: allocator(),
+        temp_allocator: allocator(memory(bytes)),
+        result_allocator: allocator(memory(bytes)),
         file_format: FileFormat::Fbx,
-        ignore_animation: true,
-        ignore_embedded: bare,
+        ignore_animation: !motions,
+        ignore_embedded: !pictures,
         load_external_files: false,
         skip_mesh_parts: true,
         // Numbers of what is not there: told here for vertices, of no matter elsewhere.

@@ -3,16 +3,23 @@
 use std::collections::{BTreeSet, HashMap, HashSet};
 
 use glam::{DAffine3, DVec3};
-use ufbx::{AnimLayer, Element, Material, MaterialMap, Mesh, PropFlags, Scene, Texture};
+use ufbx::{AnimLayer, Element, ElementType, Material, MaterialMap, Mesh, PropFlags, Scene, Texture};
 
 use super::joints::Joints;
 use super::meshes::{Hold, MAX_POLYGON, hold, point, span};
 use super::scene::{Nodes, affine};
-use super::shown;
+use super::{Load, shown};
 use crate::budget::{Budget, PART, TRIANGLE};
-use crate::gltf::export::model::{Lie, Look, Model, Object, Patch, Picture, is_picture};
+use crate::gltf::export::model::{Lie, Look, Model, Object, Patch, Picture, Shape, is_picture};
 use crate::maps::{FLAT, is_flat};
-use crate::{Fault, Place};
+use crate::rigging::linear;
+use crate::{Fault, Place, Resample};
+
+/// Bytes of a vertex that a blend shape moves, as read and as written.
+const OFFSET: u64 = 2 * 16;
+
+/// Bytes of a blend shape of a patch, most of them its lines in the document.
+const SHAPE: u64 = 1000;
 
 /// Bytes of a vertex: position, normal, coordinates and colour, as read and as written.
 const CORNER: u64 = 2 * (12 + 12 + 8 + 16);
@@ -30,12 +37,34 @@ pub(crate) struct Left {
     pub(crate) things: Vec<String>,
 }
 
-/// What comes of a file: the model, and what is left.
+/// What comes of a file.
+#[derive(Debug)]
+pub(crate) struct Taken {
+    pub(crate) model: Model,
+    /// Where the vertices of each object come from.
+    pub(crate) origins: Vec<Origin>,
+    /// Frames a second that the file is worked on in.
+    pub(crate) rate: f32,
+    /// How many animations move something.
+    pub(crate) animations: usize,
+    pub(crate) left: Left,
+}
+
+/// Where an object's vertices come from.
+#[derive(Debug)]
+pub(crate) struct Origin {
+    /// The node that shows the mesh, as parts of a reading have it.
+    pub(crate) node: usize,
+    /// Control points, by patch and vertex.
+    pub(crate) controls: Vec<Vec<u32>>,
+}
+
+/// The surfaces and looks of a file.
 ///
 /// Meshes stand where [`super::read`] has them, and those that hang on no joint where their nodes do. `find` gives the
 /// contents of a picture by its name.
-pub(crate) fn model(name: &str, bytes: &[u8], find: impl Fn(&str) -> Option<Vec<u8>>) -> Result<(Model, Left), Fault> {
-    let scene = super::load(bytes, false)?;
+pub(crate) fn model(name: &str, bytes: &[u8], find: impl Fn(&str) -> Option<Vec<u8>>) -> Result<Taken, Fault> {
+    let scene = super::load(bytes, Load { motions: false, pictures: true })?;
     let nodes = Nodes::new(&scene);
     let joints = Joints::read(&scene, &nodes, &mut Vec::new())?;
     let budget = Budget::new(bytes.len());
@@ -43,11 +72,12 @@ pub(crate) fn model(name: &str, bytes: &[u8], find: impl Fn(&str) -> Option<Vec<
     let mut pictures = Pictures { find, known: HashMap::new(), found: Vec::new(), left };
     let looks = (&scene.materials).into_iter().map(|material| look(material, &mut pictures)).collect();
     let mut model = Model { name: name.into(), looks, ..Model::default() };
+    let mut origins = Vec::new();
     let mut copies = nodes.copies();
     for (number, node) in nodes.all.iter().enumerate() {
         let Some(mesh) = node.mesh.as_deref() else { continue };
         // A corner may become a vertex of its own: position, normal, coordinates, index and the key that finds it.
-        budget.piece(mesh.num_triangles.saturating_mul(3), 64)?;
+        budget.piece(mesh.num_triangles.saturating_mul(3), 96)?;
         // As in `meshes`, the first node asks for all. Half of what there is of a mesh is in the GLB.
         let copies = copies.remove(&mesh.element.typed_id).unwrap_or(0);
         budget.show(PART + mesh.num_triangles as u64 * TRIANGLE, copies)?;
@@ -64,44 +94,102 @@ pub(crate) fn model(name: &str, bytes: &[u8], find: impl Fn(&str) -> Option<Vec<
         let of_mesh: Vec<usize> = (&mesh.materials).into_iter().map(number_of).collect();
         let materials = if of_node.is_empty() { of_mesh } else { of_node };
         let place = Place { node: number, mesh: mesh.element.typed_id as usize, primitive: 0 };
-        let patches = patches(mesh, place, &map, &materials)?;
+        let (patches, controls) = patches(mesh, place, &map, &materials)?;
         let vertices: usize = patches.iter().map(|patch| patch.positions.len()).sum();
         budget.show(vertices as u64 * CORNER, copies)?;
         if !patches.is_empty() {
-            model.objects.push(Object { name: node.element.name.to_string(), patches });
+            let shapes = shapes(mesh, &map, &controls, &budget, copies)?;
+            model.objects.push(Object { name: node.element.name.to_string(), patches, shapes });
+            origins.push(Origin { node: number, controls });
         }
     }
     model.pictures = pictures.found;
-    Ok((model, pictures.left))
+    let rate = scene.settings.frames_per_second as f32;
+    let rate = if (1.0..=240.0).contains(&rate) { rate } else { Resample::default().rate };
+    Ok(Taken { model, origins, rate, animations: animations(&scene), left: pictures.left })
 }
 
-/// What of a scene no model has, beside its rig and pictures.
+/// The blend shapes of a mesh, of each channel the last; `controls` are those of the vertices of its patches.
+fn shapes(
+    mesh: &Mesh,
+    map: &DAffine3,
+    controls: &[Vec<u32>],
+    budget: &Budget,
+    copies: usize,
+) -> Result<Vec<Shape>, Fault> {
+    let channels = || (&mesh.blend_deformers).into_iter().flat_map(|deformer| &deformer.channels);
+    if channels().next().is_none() {
+        return Ok(Vec::new());
+    }
+    // Where the vertices of each control point are.
+    let mut places: HashMap<u32, Vec<(usize, u32)>> = HashMap::new();
+    for (patch, controls) in controls.iter().enumerate() {
+        for (vertex, control) in (0u32..).zip(controls) {
+            places.entry(*control).or_default().push((patch, vertex));
+        }
+    }
+    let mut shapes = Vec::new();
+    for channel in channels() {
+        let Some(last) = channel.keyframes.last() else { continue };
+        let mut offsets = vec![Vec::new(); controls.len()];
+        let mut moved = 0;
+        for (control, by) in last.shape.offset_vertices.iter().zip(&last.shape.position_offsets) {
+            let by = (map.matrix3 * DVec3::new(by.x, by.y, by.z)).as_vec3();
+            if !by.is_finite() || by == glam::Vec3::ZERO {
+                continue;
+            }
+            for &(patch, vertex) in places.get(control).map_or(&[][..], Vec::as_slice) {
+                offsets[patch].push((vertex, by.to_array()));
+                moved += 1;
+            }
+        }
+        budget.show(OFFSET * moved + SHAPE * controls.len() as u64, copies)?;
+        for own in &mut offsets {
+            own.sort_unstable_by_key(|(vertex, _)| *vertex);
+            own.dedup_by_key(|(vertex, _)| *vertex);
+        }
+        let weight = channel.weight as f32;
+        let weight = if weight.is_finite() { weight } else { 0.0 };
+        shapes.push(Shape { name: channel.element.name.to_string(), weight, offsets });
+    }
+    Ok(shapes)
+}
+
+/// How many animations have keys. Exporters write one for files at rest, too, with no curves in it.
+fn animations(scene: &Scene) -> usize {
+    let moves =
+        |layer: &AnimLayer| (&layer.anim_values).into_iter().any(|value| value.curves.iter().any(Option::is_some));
+    (&scene.anim_stacks).into_iter().filter(|stack| (&stack.layers).into_iter().any(moves)).count()
+}
+
+/// What of a scene no model has, beside its rig, motions and pictures.
 fn things_left(scene: &Scene) -> Vec<String> {
     let meshes = || (&scene.meshes).into_iter();
-    let shapes: usize =
-        meshes().flat_map(|mesh| (&mesh.blend_deformers).into_iter()).map(|shapes| shapes.channels.len()).sum();
+    let stacks = (&scene.anim_stacks).into_iter().flat_map(|stack| &stack.layers).flat_map(|layer| &layer.anim_props);
+    let shapes = stacks.filter(|prop| {
+        prop.element.type_ == ElementType::BlendChannel && prop.anim_value.curves.iter().any(Option::is_some)
+    });
     let sets: usize = meshes().map(|mesh| mesh.uv_sets.len().saturating_sub(1)).sum();
     let holders = (&scene.nodes).into_iter().filter(|node| node.mesh.is_some()).map(|node| &node.element);
     let owners = holders.chain((&scene.materials).into_iter().map(|material| &material.element));
     let own: usize = owners.map(own_properties).sum();
-    // Exporters write one for files at rest, too, with no curves in it.
-    let moves =
-        |layer: &AnimLayer| (&layer.anim_values).into_iter().any(|value| value.curves.iter().any(Option::is_some));
-    let stacks = (&scene.anim_stacks).into_iter().filter(|stack| (&stack.layers).into_iter().any(moves)).count();
-    let counted = |n: usize, one: &str, many: &str| match n {
-        0 => None,
-        1 => Some(format!("1 {one}")),
-        n => Some(format!("{n} {many}")),
-    };
     [
-        counted(shapes, "blend shape", "blend shapes"),
+        counted(shapes.count(), "motion of a blend shape", "motions of blend shapes"),
         counted(sets, "further set of texture coordinates", "further sets of texture coordinates"),
         counted(own, "user property", "user properties"),
-        counted(stacks, "animation", "animations"),
     ]
     .into_iter()
     .flatten()
     .collect()
+}
+
+/// So many of something, if any.
+pub(crate) fn counted(n: usize, one: &str, many: &str) -> Option<String> {
+    match n {
+        0 => None,
+        1 => Some(format!("1 {one}")),
+        n => Some(format!("{n} {many}")),
+    }
 }
 
 /// How many properties a user gave an element; those that programs give all are none.
@@ -117,18 +205,30 @@ fn number_of(material: &Material) -> usize {
     material.element.typed_id as usize
 }
 
-/// What makes two corners one vertex: control point, and what the lists of normals, coordinates and colours say.
-type Corner = [u32; 4];
+/// What makes two corners one vertex: control point, normal, coordinates and colour. Their values, as files may list them for
+/// each corner anew; normals by steps of [`ALIKE`].
+type Corner = (u32, [i32; 3], [u32; 2], [u32; 4]);
+
+/// Normals that differ by a quarter of a degree look the same: programs round those of corners, each otherwise.
+const ALIKE: f32 = 1.0 / 256.0;
 
 /// A patch on its way: the vertex of each corner met so far.
 #[derive(Default)]
 struct Growing {
     patch: Patch,
+    /// The control point of each vertex.
+    controls: Vec<u32>,
     known: HashMap<Corner, u32>,
 }
 
-/// The triangles of a mesh by material, in the order in which materials are first used.
-fn patches(mesh: &Mesh, place: Place, map: &DAffine3, materials: &[usize]) -> Result<Vec<Patch>, Fault> {
+/// The triangles of a mesh by material, in the order in which materials are first used; and the control points of their
+/// vertices.
+fn patches(
+    mesh: &Mesh,
+    place: Place,
+    map: &DAffine3,
+    materials: &[usize],
+) -> Result<(Vec<Patch>, Vec<Vec<u32>>), Fault> {
     let broken = |what: &str| Fault::Fbx(format!("mesh `{}`: {what}", shown(&mesh.element.name)));
     let mirrored = map.matrix3.determinant() < 0.0;
     let of_normals = map.matrix3.inverse().transpose();
@@ -154,7 +254,7 @@ fn patches(mesh: &Mesh, place: Place, map: &DAffine3, materials: &[usize]) -> Re
         let look = slot.and_then(|slot| materials.get(slot)).copied();
         let at = order.iter().position(|known| *known == look).unwrap_or_else(|| {
             order.push(look);
-            growing.push(Growing { patch: Patch { look, ..Patch::default() }, known: HashMap::new() });
+            growing.push(Growing { patch: Patch { look, ..Patch::default() }, ..Growing::default() });
             order.len() - 1
         });
         for mut triangle in found {
@@ -167,12 +267,13 @@ fn patches(mesh: &Mesh, place: Place, map: &DAffine3, materials: &[usize]) -> Re
             }
         }
     }
-    let mut patches: Vec<Patch> = growing.into_iter().map(|g| g.patch).filter(|p| !p.indices.is_empty()).collect();
+    let drawn = growing.into_iter().filter(|g| !g.patch.indices.is_empty());
+    let (mut patches, controls): (Vec<Patch>, Vec<_>) = drawn.map(|g| (g.patch, g.controls)).unzip();
     for patch in &mut patches {
         let triangles = patch.indices.as_chunks().0;
         patch.normals = crate::rigging::complete_normals(&patch.normals, &patch.positions, triangles);
     }
-    Ok(patches)
+    Ok((patches, controls))
 }
 
 impl Growing {
@@ -193,28 +294,34 @@ impl Growing {
                 format!("mesh `{name}`: a polygon names vertex {control}, an index out of range: there are {count}");
             return Err(Fault::Fbx(what));
         }
-        let normal = value(mesh.vertex_normal.indices.as_ref());
-        let coordinates = value(mesh.vertex_uv.indices.as_ref());
-        let colour = value(mesh.vertex_color.indices.as_ref());
-        if let Some(&known) = self.known.get(&[control, normal, coordinates, colour]) {
+        let own = mesh.vertex_normal.values.get(value(mesh.vertex_normal.indices.as_ref()) as usize);
+        let turned = own.map_or(DVec3::ZERO, |n| (*of_normals * DVec3::new(n.x, n.y, n.z)).normalize_or_zero());
+        let normal = turned.as_vec3().to_array();
+        let own = mesh.vertex_uv.values.get(value(mesh.vertex_uv.indices.as_ref()) as usize);
+        let finite = |x: f64| if (x as f32).is_finite() { x as f32 } else { 0.0 };
+        let coordinates = own.map_or([0.0; 2], |uv| [finite(uv.x), finite(1.0 - uv.y)]);
+        let own = mesh.vertex_color.values.get(value(mesh.vertex_color.indices.as_ref()) as usize);
+        let [r, g, b, a] = own.map_or([1.0; 4], |c| [c.x, c.y, c.z, c.w].map(unit));
+        let colour = [linear(r), linear(g), linear(b), a];
+        // -0 and 0 are one value.
+        let bits = |x: f32| (x + 0.0).to_bits();
+        let step = |x: f32| (x / ALIKE).round() as i32;
+        let key = (control, normal.map(step), coordinates.map(bits), colour.map(bits));
+        if let Some(&known) = self.known.get(&key) {
             return Ok(known);
         }
         let patch = &mut self.patch;
         let number = patch.positions.len() as u32;
         patch.positions.push(point(mesh, place, control, map)?);
-        let own = mesh.vertex_normal.values.get(normal as usize);
-        let turned = own.map_or(DVec3::ZERO, |n| (*of_normals * DVec3::new(n.x, n.y, n.z)).normalize_or_zero());
-        patch.normals.push(turned.as_vec3().to_array());
+        self.controls.push(control);
+        patch.normals.push(normal);
         if mesh.vertex_uv.exists {
-            let own = mesh.vertex_uv.values.get(coordinates as usize);
-            let finite = |x: f64| if (x as f32).is_finite() { x as f32 } else { 0.0 };
-            patch.coordinates.push(own.map_or([0.0; 2], |uv| [finite(uv.x), finite(1.0 - uv.y)]));
+            patch.coordinates.push(coordinates);
         }
         if mesh.vertex_color.exists {
-            let own = mesh.vertex_color.values.get(colour as usize);
-            patch.colours.push(own.map_or([1.0; 4], |c| [c.x, c.y, c.z, c.w].map(unit)));
+            patch.colours.push(colour);
         }
-        self.known.insert([control, normal, coordinates, colour], number);
+        self.known.insert(key, number);
         Ok(number)
     }
 }
@@ -393,24 +500,33 @@ mod tests {
     }
 
     fn read(material: &str, more: &str, connections: &str) -> (Model, Left) {
-        model("m", &file(material, more, connections), find).unwrap()
+        let taken = model("m", &file(material, more, connections), find).unwrap();
+        (taken.model, taken.left)
     }
 
     #[test]
     fn what_no_model_has_is_told() {
-        let (_, left) = read("", "", "");
-        let things = ["1 blend shape", "1 further set of texture coordinates", "1 user property"];
+        let (model, left) = read("", "", "");
+        // A blend shape is: the first corner goes up.
+        let [shape] = &model.objects[0].shapes[..] else { panic!("{:?}", model.objects) };
+        assert_eq!(
+            (shape.name.as_str(), shape.weight, &shape.offsets),
+            ("up", 0.0, &vec![vec![(0, [0.0, 0.0, 0.01])]])
+        );
+        let glb = String::from_utf8_lossy(&model.into_glb().unwrap()).into_owned();
+        assert!(glb.contains(r#""targetNames":["up"]"#) && glb.contains(r#""max":[0.0,0.0,0.01"#), "{glb}");
+        let things = ["1 further set of texture coordinates", "1 user property"];
         assert_eq!(left, Left { things: things.map(String::from).to_vec(), ..Left::default() });
         // A stack without curves moves nothing.
         let stack = "AnimationStack: 20, \"AnimStack::Take\", \"\" {\n}\nAnimationLayer: 21, \"AnimLayer::Base\", \"\" {\n}\n\
             AnimationCurveNode: 22, \"AnimCurveNode::T\", \"\" {\n}\n";
         let connections = "C: \"OO\",21,20\nC: \"OO\",22,21\nC: \"OP\",22,1,\"Lcl Translation\"\n";
-        assert_eq!(read("", stack, connections).1, left);
+        let moving = |more: &str, connections: &str| model("m", &file("", more, connections), find).unwrap().animations;
+        assert_eq!(moving(stack, connections), 0);
         let curve = "AnimationCurve: 23, \"AnimCurve::\", \"\" {\nKeyVer: 4008\nKeyTime: *1 { a: 0 }\n\
             KeyValueFloat: *1 { a: 1 }\nKeyAttrFlags: *1 { a: 24836 }\nKeyAttrDataFloat: *4 { a: 0,0,0,0 }\n\
             KeyAttrRefCount: *1 { a: 1 }\n}\n";
-        let (_, moving) = read("", &format!("{stack}{curve}"), &format!("{connections}C: \"OP\",23,22,\"d|X\"\n"));
-        assert_eq!(moving.things.last().map(String::as_str), Some("1 animation"));
+        assert_eq!(moving(&format!("{stack}{curve}"), &format!("{connections}C: \"OP\",23,22,\"d|X\"\n")), 1);
     }
 
     #[test]

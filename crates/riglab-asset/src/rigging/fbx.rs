@@ -4,23 +4,24 @@ use std::path::Path;
 
 use super::{SubjectNote, beside};
 use crate::Fault;
-use crate::gltf::export::model::Model;
+use crate::fbx::{Left, Taken, counted};
 
 /// Reads an FBX without its rig; pictures that it does not hold are looked for in `folder`, if at all. Metres, y up.
-pub(super) fn read(
-    name: &str,
-    bytes: &[u8],
-    folder: Option<&Path>,
-    notes: &mut Vec<SubjectNote>,
-) -> Result<Model, Fault> {
-    let (model, left) = crate::fbx::model(name, bytes, |picture| beside::read(folder, picture))?;
-    notes.extend(left.missing.into_iter().map(SubjectNote::FileMissing));
+pub(super) fn read(name: &str, bytes: &[u8], folder: Option<&Path>) -> Result<Taken, Fault> {
+    crate::fbx::model(name, bytes, |picture| beside::read(folder, picture))
+}
+
+/// What of a file is not in its model, nor so many of its animations.
+pub(super) fn left(left: Left, animations: usize) -> Vec<SubjectNote> {
+    let mut notes: Vec<SubjectNote> = left.missing.into_iter().map(SubjectNote::FileMissing).collect();
     notes.extend(left.other.into_iter().map(SubjectNote::OtherPicture));
     if !left.maps.is_empty() {
         notes.push(SubjectNote::MapsLeft(left.maps.into_iter().collect()));
     }
-    if !left.things.is_empty() {
-        notes.push(SubjectNote::ThingsLeft(left.things));
+    let mut things = left.things;
+    things.extend(counted(animations, "animation", "animations"));
+    if !things.is_empty() {
+        notes.push(SubjectNote::ThingsLeft(things));
     }
-    Ok(model)
+    notes
 }

@@ -17,6 +17,8 @@
 mod beside;
 mod doubts;
 #[cfg(feature = "fbx")]
+mod dressed;
+#[cfg(feature = "fbx")]
 mod fbx;
 mod names;
 mod normals;
@@ -28,9 +30,12 @@ mod subject;
 mod surface;
 mod up;
 
+#[cfg(feature = "fbx")]
+pub use dressed::dressed;
 pub use names::{NameStyle, human_bones, humanoid, name_added, name_joints, name_others};
 pub(crate) use normals::complete as complete_normals;
 pub use note::SubjectNote;
 pub use seams::{agreed, twins};
 pub use subject::{Origin, Subject, SubjectOptions};
+pub(crate) use surface::linear;
 pub use up::UpAxis;

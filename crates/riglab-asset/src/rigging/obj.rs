@@ -6,6 +6,7 @@ use std::path::Path;
 
 use tobj::{LoadError, LoadOptions};
 
+use super::surface::linear;
 use super::{SubjectNote, beside};
 use crate::Fault;
 use crate::gltf::export::model::{Lie, Look, Model, Object, Patch, Picture, is_picture};
@@ -54,7 +55,7 @@ pub(super) fn read(
         // A change of material makes a part of its own, under the same name.
         match model.objects.last_mut().filter(|object| object.name == part.name) {
             Some(object) => object.patches.push(patch),
-            None => model.objects.push(Object { name: part.name, patches: vec![patch] }),
+            None => model.objects.push(Object { name: part.name, patches: vec![patch], shapes: Vec::new() }),
         }
     }
     Ok(model)
@@ -81,7 +82,7 @@ fn patch(part: &tobj::Model) -> Result<Patch, String> {
     }
     let mut colours: Vec<[f32; 4]> = Vec::new();
     if whole(&mesh.vertex_color, 3) {
-        let one = |c: f32| c.clamp(0.0, 1.0);
+        let one = |c: f32| linear(c.clamp(0.0, 1.0));
         colours.extend(mesh.vertex_color.as_chunks().0.iter().map(|&[r, g, b]| [one(r), one(g), one(b), 1.0]));
     }
     let own: &[f32] = if whole(&mesh.normals, 3) { &mesh.normals } else { &[] };

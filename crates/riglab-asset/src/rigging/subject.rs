@@ -3,7 +3,7 @@
 use std::borrow::Cow;
 use std::path::{Path, PathBuf};
 
-use riglab_core::{Mesh, Rig, RigError, Skeleton, SkinWeights, Springs, Vec3};
+use riglab_core::{Clip, Mesh, Rig, RigError, Skeleton, SkinWeights, Springs, Vec3};
 
 use super::pieces::pieces;
 use super::{SubjectNote, UpAxis, doubts, obj, seams, surface};
@@ -54,6 +54,17 @@ pub struct Subject {
     notes: Vec<SubjectNote>,
     source: Source,
     turn: Turn,
+    /// What a file that is no glTF has of motions: those of the rig that is kept.
+    motions: Option<Motions>,
+    /// How many animations such a file has.
+    animations: usize,
+}
+
+/// Motions that go with a skeleton.
+#[derive(Clone, Debug)]
+struct Motions {
+    skeleton: Skeleton,
+    clips: Vec<Clip>,
 }
 
 /// From the document's axes to the mesh's.
@@ -158,6 +169,8 @@ impl Subject {
         keeps.clips = None;
         let mut turn = Turn::from(options.up);
         let mut rig = None;
+        #[cfg_attr(not(feature = "fbx"), expect(unused_mut))]
+        let (mut motions, mut animations) = (None, 0);
         let (document, beside) = match Format::of(path, bytes).map_err(fail)? {
             Format::Gltf if options.keep_rig => (Cow::Borrowed(bytes), folder),
             Format::Gltf => {
@@ -200,8 +213,15 @@ impl Subject {
                     Format::Stl => surface::model(&name, stl::read(bytes).map_err(fail)?, folder, &mut notes),
                     #[cfg(feature = "fbx")]
                     Format::Fbx => {
-                        rig = old_fbx_rig(path, bytes, options, &mut notes)?;
-                        super::fbx::read(&name, bytes, folder, &mut notes).map_err(fail)?
+                        let taken = super::fbx::read(&name, bytes, folder).map_err(fail)?;
+                        if let Some(old) = old_fbx_rig(path, bytes, options, taken.rate, &mut notes)? {
+                            motions = Motions::of(&old);
+                            rig = old.rig().cloned();
+                        }
+                        animations = taken.animations;
+                        let kept = motions.as_ref().map_or(0, |motions| motions.clips.len());
+                        notes.extend(super::fbx::left(taken.left, taken.animations.saturating_sub(kept)));
+                        taken.model
                     }
                     other => return Err(fail(Fault::OtherFormat(other))),
                 };
@@ -222,7 +242,7 @@ impl Subject {
             rig = Some(own.clone());
         }
         let source = Source { document: Some((document.into_owned(), beside.map(Path::to_path_buf))), imported };
-        Self::new(path, source, rig, turn, notes, options)
+        Ok(Self { motions, animations, ..Self::new(path, source, rig, turn, notes, options)? })
     }
 
     /// A model of a format that has no looks.
@@ -266,7 +286,7 @@ impl Subject {
         }
         let mesh = doubts::facing_out(mesh, &pieces, &mut notes);
         let name = stem(path);
-        Ok(Self { file: path.to_path_buf(), name, mesh, rig, twins, notes, source, turn })
+        Ok(Self { file: path.to_path_buf(), name, mesh, rig, twins, notes, source, turn, motions: None, animations: 0 })
     }
 
     /// The file's name without folder and ending.
@@ -300,6 +320,11 @@ impl Subject {
     /// See [`super::twins`]: for each vertex the first one in the same place.
     pub fn twins(&self) -> &[u32] {
         &self.twins
+    }
+
+    /// How many animations the file has that its document does not: those of formats which become one.
+    pub fn animations_left(&self) -> usize {
+        self.animations
     }
 
     /// The weights with those of vertices in one place made one, so that no seam opens.
@@ -370,8 +395,8 @@ impl Subject {
     /// joint stay as they are, and so do the file's axes. An armature (`Armature`, with a node a joint) and one
     /// skin are added, JOINTS_0 and WEIGHTS_0 on every primitive; points and lines go with the nearest vertex. With
     /// the skeleton that a kept rig has (by names, tree and heads) the file's own nodes and skins stay and only weights
-    /// are written, as far as each mesh has a skin with the joints that it needs. The same subject, rig and options
-    /// give the same bytes.
+    /// are written, as far as each mesh has a skin with the joints that it needs; the motions of an FBX come along with it. The
+    /// same subject, rig and options give the same bytes.
     ///
     /// glTF ignores the transform of a node whose mesh is skinned: a mesh that its nodes do not leave where it
     /// is stored has its vertices moved to where they were shown.
@@ -397,7 +422,13 @@ impl Subject {
         let back = back.with_springs(springs).map_err(invalid)?;
         match document {
             Some((bytes, folder)) => {
-                gltf::export::onto(bytes, folder.as_deref(), imported, &back, options).map_err(fail)
+                let exported = gltf::export::onto(bytes, folder.as_deref(), imported, &back, options).map_err(fail)?;
+                match &self.motions {
+                    Some(Motions { skeleton, clips }) if skeleton == back.skeleton() => {
+                        gltf::export::with_motions(exported, skeleton, clips).map_err(fail)
+                    }
+                    _ => Ok(exported),
+                }
             }
             None => gltf::export::alone(&self.name, &back, &imported.provenance, options).map_err(fail),
         }
@@ -456,19 +487,34 @@ fn turned_rig(rig: &Rig, by: Turn, turn: fn(Turn, Vec3) -> Vec3) -> Result<Rig, 
     Rig::new(skeleton, mesh, rig.weights().clone())?.with_humanoid(rig.humanoid().clone())
 }
 
-/// The rig of an FBX, if it has one: kept, or told that it is not.
+#[cfg(feature = "fbx")]
+impl Motions {
+    /// Of a rig, if it has any.
+    fn of(imported: &Imported) -> Option<Self> {
+        let rig = imported.rig().filter(|_| !imported.clips.is_empty())?;
+        Some(Self { skeleton: rig.skeleton().clone(), clips: imported.clips.clone() })
+    }
+}
+
+/// The rig of an FBX, if it has one, with its motions at a rate: kept, or told that it is not.
 #[cfg(feature = "fbx")]
 fn old_fbx_rig(
     path: &Path,
     bytes: &[u8],
     options: &SubjectOptions,
+    rate: f32,
     notes: &mut Vec<SubjectNote>,
-) -> Result<Option<Rig>, ImportError> {
-    match import_from(path, bytes, None, &ImportOptions { clips: None, ..options.import.clone() }) {
-        Ok(Imported { content: crate::Content::Rigged(rig), .. }) if options.keep_rig => Ok(Some(
-            turned_rig(&rig, options.up.into(), Turn::onto_mesh)
-                .map_err(|e| ImportError::new(&path.to_string_lossy(), e.into()))?,
-        )),
+) -> Result<Option<Imported>, ImportError> {
+    // Those of a model that is turned would have to be turned as well.
+    let clips = (options.keep_rig && options.up == UpAxis::Y).then(|| crate::Resample::whole(rate));
+    match import_from(path, bytes, None, &ImportOptions { clips, ..options.import.clone() }) {
+        Ok(mut imported) if options.keep_rig && imported.rig().is_some() => {
+            if let crate::Content::Rigged(rig) = &mut imported.content {
+                *rig = turned_rig(rig, options.up.into(), Turn::onto_mesh)
+                    .map_err(|e| ImportError::new(&path.to_string_lossy(), e.into()))?;
+            }
+            Ok(Some(imported))
+        }
         Ok(Imported { content: crate::Content::Rigged(rig), .. }) => {
             notes.push(SubjectNote::RigIgnored { joints: rig.skeleton().len() });
             Ok(None)

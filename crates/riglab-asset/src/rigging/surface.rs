@@ -24,9 +24,16 @@ pub(super) fn model(name: &str, of: Surface, folder: Option<&Path>, notes: &mut 
         patch.coordinates = of.coordinates.iter().map(|&[u, v]| [u, 1.0 - v]).collect();
     }
     if sound(of.colours.as_flattened()) {
-        patch.colours = of.colours.iter().map(|&[r, g, b, a]| [linear(r), linear(g), linear(b), a]).collect();
+        // Nothing of a surface that is seen through everywhere would be: not meant.
+        let hidden = of.colours.iter().all(|c| c[3] == 0.0);
+        let alpha = |a: f32| if hidden { 1.0 } else { a };
+        patch.colours = of.colours.iter().map(|&[r, g, b, a]| [linear(r), linear(g), linear(b), alpha(a)]).collect();
     }
     // A mesh has one look, and so one picture.
+    if of.pictures.len() > 1 {
+        let others = of.pictures[1..].iter().map(|name| format!("the picture `{name}`"));
+        notes.push(SubjectNote::ThingsLeft(others.collect()));
+    }
     let named = of.pictures.first().filter(|_| !patch.coordinates.is_empty());
     if let Some(named) = named {
         match beside::read(folder, named) {
@@ -44,12 +51,12 @@ pub(super) fn model(name: &str, of: Surface, folder: Option<&Path>, notes: &mut 
     }
     patch.positions = of.positions;
     patch.indices = of.triangles.into_flattened();
-    model.objects.push(Object { name: name.into(), patches: vec![patch] });
+    model.objects.push(Object { name: name.into(), patches: vec![patch], shapes: Vec::new() });
     model
 }
 
 /// A share of light as glTF has those of vertices, from one as pictures have it (IEC 61966-2-1).
-fn linear(share: f32) -> f32 {
+pub(crate) fn linear(share: f32) -> f32 {
     if share <= 0.04045 { share / 12.92 } else { ((share + 0.055) / 1.055).powf(2.4) }
 }
 
@@ -75,6 +82,10 @@ mod tests {
         assert_eq!((model.looks[0].colour, model.looks[0].transparent), ([1.0; 4], true));
         assert_eq!(model.objects[0].patches[0].normals, [[0.0, 0.0, 1.0]; 3]);
         assert!(super::model("a", triangle(), None, &mut Vec::new()).looks.is_empty());
+        // All of it hidden: not meant.
+        let colours = vec![[1.0, 1.0, 1.0, 0.0]; 3];
+        let model = super::model("a", Surface { colours, ..triangle() }, None, &mut Vec::new());
+        assert!(!model.looks[0].transparent && model.objects[0].patches[0].colours == [[1.0; 4]; 3]);
     }
 
     #[test]
@@ -93,5 +104,10 @@ mod tests {
         assert!(of("a b.png", f32::NAN).looks.is_empty());
         assert!(of("gone.png", 0.5).looks.is_empty());
         assert_eq!(notes, [SubjectNote::FileMissing("gone.png".into())]);
+        notes.clear();
+        let pictures = vec!["a b.png".into(), "b.png".into()];
+        let surface = Surface { coordinates: vec![[0.5; 2]; 3], pictures, ..triangle() };
+        model("a", surface, Some(folder.path()), &mut notes);
+        assert_eq!(notes, [SubjectNote::ThingsLeft(vec!["the picture `b.png`".into()])]);
     }
 }

@@ -99,6 +99,43 @@ impl Ascii {
         self
     }
 
+    /// An animation: keys (seconds, value) of axes of properties of nodes, with straight lines between. `span` is the time
+    /// that the file gives it, where it gives one.
+    pub fn motion(mut self, name: &str, span: Option<[f64; 2]>, curves: &[(u32, &str, &str, &[(f64, f64)])]) -> Self {
+        // Ticks of a second.
+        let ticks = |seconds: f64| (seconds * 46_186_158_000.0) as i64;
+        let (stack, layer) = (self.next(), self.next());
+        let span = span.map_or(String::new(), |[start, end]| {
+            let time = |name: &str, at| format!("P: \"{name}\", \"KTime\", \"Time\", \"\",{}\n", ticks(at));
+            time("LocalStart", start) + &time("LocalStop", end)
+        });
+        write!(
+            self.objects,
+            "AnimationStack: {stack}, \"AnimStack::{name}\", \"\" {{\nProperties70: {{\n{span}}}\n}}\n\
+             AnimationLayer: {layer}, \"AnimLayer::Base\", \"\" {{\n}}\n"
+        )
+        .unwrap();
+        self = self.connect(layer, stack);
+        for (node, property, axis, keys) in curves {
+            let (values, curve) = (self.next(), self.next());
+            let (times, heights): (Vec<i64>, Vec<f64>) = keys.iter().map(|(at, value)| (ticks(*at), *value)).unzip();
+            write!(
+                self.objects,
+                "AnimationCurveNode: {values}, \"AnimCurveNode::V\", \"\" {{\n}}\n\
+                 AnimationCurve: {curve}, \"AnimCurve::\", \"\" {{\nKeyVer: 4008\nKeyTime: {}\nKeyValueFloat: {}\n\
+                 KeyAttrFlags: *1 {{ a: 4 }}\nKeyAttrDataFloat: *4 {{ a: 0,0,0,0 }}\nKeyAttrRefCount: *1 {{ a: {} }}\n}}\n",
+                list(&times),
+                list(&heights),
+                keys.len(),
+            )
+            .unwrap();
+            self = self.connect(values, layer);
+            writeln!(self.connections, "C: \"OP\",{values},{node},\"{property}\"").unwrap();
+            writeln!(self.connections, "C: \"OP\",{curve},{values},\"{axis}\"").unwrap();
+        }
+        self
+    }
+
     pub fn connect(mut self, what: u32, to: u32) -> Self {
         writeln!(self.connections, "C: \"OO\",{what},{to}").unwrap();
         self

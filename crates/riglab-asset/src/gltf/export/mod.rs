@@ -122,12 +122,28 @@ pub(crate) fn animate(
     folder: Option<&Path>,
     reading: &Reading,
     skeleton: &Skeleton,
-    clip: &Clip,
+    clips: &[Clip],
 ) -> Result<Exported, ExportFault> {
     edit(bytes, folder, |draft, source, _| {
         let scene = Scene::new(&source, reading, None)?.ok_or(ExportFault::OtherSource)?;
-        motion::add(draft, source.document, &scene, reading, skeleton, clip)
+        // Each comes before those that are there.
+        clips.iter().rev().try_for_each(|clip| motion::add(draft, source.document, &scene, reading, skeleton, clip))
     })
+}
+
+/// A file of ours with motions of a skeleton that it has.
+pub(crate) fn with_motions(
+    Exported { bytes, mut notes }: Exported,
+    skeleton: &Skeleton,
+    clips: &[Clip],
+) -> Result<Exported, ExportFault> {
+    if clips.is_empty() {
+        return Ok(Exported { bytes, notes });
+    }
+    let (reading, _) = super::read(&bytes, None, &ImportOptions::default())?;
+    let moving = animate(&bytes, None, &reading, skeleton, clips)?;
+    notes.extend(moving.notes);
+    Ok(Exported { bytes: moving.bytes, notes })
 }
 
 /// A packed file as the importer reads it.

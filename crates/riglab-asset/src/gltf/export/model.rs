@@ -19,6 +19,17 @@ pub(crate) struct Model {
 pub(crate) struct Object {
     pub(crate) name: String,
     pub(crate) patches: Vec<Patch>,
+    pub(crate) shapes: Vec<Shape>,
+}
+
+/// A blend shape: what it adds to positions at its full weight.
+#[derive(Debug)]
+pub(crate) struct Shape {
+    pub(crate) name: String,
+    /// How much of it is seen where nothing says otherwise.
+    pub(crate) weight: f32,
+    /// By patch, the vertices that it moves, rising, and how.
+    pub(crate) offsets: Vec<Vec<(u32, [f32; 3])>>,
 }
 
 /// Triangles of one look. Lists other than positions are empty or as long as those.
@@ -130,8 +141,24 @@ impl Model {
         }
         let mut roots = Vec::with_capacity(self.objects.len());
         for object in &self.objects {
-            let patches: Vec<Value> = object.patches.iter().map(|patch| primitive(&mut draft, patch)).collect();
-            let mesh = draft.push("meshes", json!({"name": object.name, "primitives": patches}));
+            let mut patches: Vec<Value> = object.patches.iter().map(|patch| primitive(&mut draft, patch)).collect();
+            for ((own, patch), at) in patches.iter_mut().zip(&object.patches).zip(0..) {
+                let target = |shape: &Shape| json!({"POSITION": offsets(&mut draft, patch.positions.len(), shape.offsets.get(at))});
+                let targets: Vec<Value> = object.shapes.iter().map(target).collect();
+                if !targets.is_empty() {
+                    own["targets"] = json!(targets);
+                }
+            }
+            let mut mesh = json!({"name": object.name, "primitives": patches});
+            if !object.shapes.is_empty() {
+                // Where programs look for the names.
+                let names: Vec<&str> = object.shapes.iter().map(|shape| shape.name.as_str()).collect();
+                mesh["extras"] = json!({"targetNames": names});
+            }
+            if object.shapes.iter().any(|shape| shape.weight != 0.0) {
+                mesh["weights"] = json!(object.shapes.iter().map(|shape| shape.weight).collect::<Vec<_>>());
+            }
+            let mesh = draft.push("meshes", mesh);
             roots.push(draft.push("nodes", json!({"name": object.name, "mesh": mesh})));
         }
         let mut scene = json!({"nodes": roots});
@@ -162,6 +189,30 @@ fn primitive(draft: &mut Draft, patch: &Patch) -> Value {
         own["material"] = json!(look);
     }
     own
+}
+
+/// An accessor of what is added to `count` positions, with those alone that are moved.
+fn offsets(draft: &mut Draft, count: usize, moved: Option<&Vec<(u32, [f32; 3])>>) -> usize {
+    let moved = moved.map_or(&[][..], Vec::as_slice);
+    let bound = |pick: fn(f32, f32) -> f32| -> [f32; 3] {
+        // What is not moved is 0.
+        let start = if moved.len() < count { 0.0 } else { moved.first().map_or(0.0, |_| f32::NAN) };
+        std::array::from_fn(|k| moved.iter().map(|(_, by)| by[k]).fold(start, pick))
+    };
+    let mut accessor = json!({
+        "componentType": F32, "type": "VEC3", "count": count, "min": bound(f32::min), "max": bound(f32::max),
+    });
+    if !moved.is_empty() {
+        let numbers: Vec<u8> = moved.iter().flat_map(|(vertex, _)| vertex.to_le_bytes()).collect();
+        let values: Vec<u8> = moved.iter().flat_map(|(_, by)| *by).flat_map(f32::to_le_bytes).collect();
+        let (numbers, values) = (draft.view(&numbers, None, None), draft.view(&values, None, None));
+        accessor["sparse"] = json!({
+            "count": moved.len(),
+            "indices": {"bufferView": numbers, "componentType": U32},
+            "values": {"bufferView": values},
+        });
+    }
+    draft.push("accessors", accessor)
 }
 
 fn floats(draft: &mut Draft, all: &[f32], layout: Layout) -> usize {

@@ -54,7 +54,7 @@ pub fn into(corpus: &Corpus, args: &Args, target: Target) -> Result<ExitCode> {
     told.write(&args.out)?;
     lost.tell(&args.input, target);
     say!("{written} written to {}, {failed} left out", args.out.display());
-    Ok(if written == 0 { ExitCode::FAILURE } else { ExitCode::SUCCESS })
+    Ok(if failed > 0 || written == 0 { ExitCode::FAILURE } else { ExitCode::SUCCESS })
 }
 
 /// One asset, or all in a format that holds several.
@@ -139,7 +139,7 @@ impl Beside {
 fn store(asset: &Asset, out: &Path, target: Target, args: &Args) -> Result<()> {
     let notes = match target {
         Target::Glb => {
-            let exported = export::alone(&asset.name, &asset.rig, &asset.provenance, &args.export())?;
+            let exported = export::moving(asset, &args.export())?;
             riglab_files::write(out, &exported.bytes).with_context(|| format!("{}", out.display()))?;
             exported.notes.iter().map(ToString::to_string).collect()
         }

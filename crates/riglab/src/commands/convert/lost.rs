@@ -50,7 +50,10 @@ impl Lost {
         if is_gltf(source) {
             self.add(Document::read(source).unwrap_or_default());
         } else if ends("fbx") {
-            self.add(Document::with_looks(source).unwrap_or_default());
+            if let Some(subject) = subject(source) {
+                self.animations += subject.animations_left();
+                self.add(Document::of_subject(&subject).unwrap_or_default());
+            }
         } else if ends("ply") {
             // The material that shows its colours is none of the file.
             self.add(Document { materials: Vec::new(), ..Document::with_looks(source).unwrap_or_default() });
@@ -77,7 +80,9 @@ impl Lost {
     /// And of an asset of a corpus, which has no more than its rig and motions.
     pub fn with_asset(mut self, asset: &Asset, target: Target) -> Self {
         self.files += 1;
-        self.animations += asset.clips.len();
+        if target != Target::Glb {
+            self.animations += asset.clips.len();
+        }
         self.add_body(&asset.rig, target);
         self
     }
@@ -163,8 +168,11 @@ impl Document {
 
     /// Of a file of another format, as the document that it becomes when it is rigged.
     fn with_looks(path: &Path) -> Option<Self> {
-        let options = SubjectOptions { max_triangles: usize::MAX, ..SubjectOptions::default() };
-        Self::of(Cursor::new(Subject::read(path, &options).ok()?.document()?))
+        Self::of_subject(&subject(path)?)
+    }
+
+    fn of_subject(subject: &Subject) -> Option<Self> {
+        Self::of(Cursor::new(subject.document()?))
     }
 
     fn of(mut file: impl Read + Seek) -> Option<Self> {
@@ -180,6 +188,12 @@ impl Document {
         }
         serde_json::from_slice(json.strip_prefix(b"\xef\xbb\xbf").unwrap_or(&json)).ok()
     }
+}
+
+/// A model that becomes a document.
+fn subject(path: &Path) -> Option<Subject> {
+    let options = SubjectOptions { max_triangles: usize::MAX, ..SubjectOptions::default() };
+    Subject::read(path, &options).ok()
 }
 
 #[cfg(test)]

@@ -10,7 +10,7 @@ use std::process::ExitCode;
 
 use anyhow::{Context, Result, bail};
 use riglab_asset::export::{self, ExportOptions, Influences, JointFrames};
-use riglab_asset::rigging::{Subject, SubjectOptions};
+use riglab_asset::rigging::{self, Subject, SubjectOptions};
 use riglab_asset::{
     Character, Content, ImportOptions, Imported, Target, count_assets, files_read, import, import_each, is_gltf,
     is_rig_file, write, write_mesh, written_paths,
@@ -70,6 +70,11 @@ pub struct Args {
 }
 
 impl Args {
+    fn import(&self) -> ImportOptions {
+        let (item, character, repair) = (self.item, self.character.clone(), self.repair);
+        ImportOptions { item, character, repair, ..ImportOptions::default() }
+    }
+
     fn export(&self) -> ExportOptions {
         let influences = self.influences.map_or(Influences::All, Into::into);
         let frames = self.frames.map_or(JointFrames::Parallel, Into::into);
@@ -78,8 +83,7 @@ impl Args {
 }
 
 pub fn run(args: &Args) -> Result<ExitCode> {
-    let (item, character, repair) = (args.item, args.character.clone(), args.repair);
-    let options = ImportOptions { item, character, repair, ..Default::default() };
+    let options = args.import();
     let corpus = corpus::open(&args.input);
     let files = if args.input.is_dir() { rigged(&args.input)? } else { vec![args.input.clone()] };
     let several = args.input.is_dir()
@@ -335,6 +339,12 @@ fn store_glb(imported: &Imported, out: &Path, args: &Args, lost: &mut Lost) -> R
     }
     let exported = match imported.rig() {
         Some(rig) if document && !one_of_several => export::onto(source, imported, rig, &args.export())?,
+        #[cfg(feature = "fbx")]
+        Some(_) if is_fbx(source) => {
+            let (exported, notes) = rigging::dressed(Path::new(source), &args.import(), &args.export())?;
+            notes.iter().for_each(|note| tell!("note: {source}: {note}"));
+            exported
+        }
         Some(rig) => export::alone(&imported.name, rig, &imported.provenance, &args.export())?,
         // Nothing to take out: the document as one file.
         None if document => export::strip(source, &ImportOptions::default())?,
@@ -347,11 +357,15 @@ fn store_glb(imported: &Imported, out: &Path, args: &Args, lost: &mut Lost) -> R
         tell!("note: {source}: {note}");
     }
     export::write(out, &exported.bytes).with_context(|| format!("{}", out.display()))?;
-    // A bare model keeps its looks.
-    if !document && imported.rig().is_some() {
+    // A bare model keeps its looks, and so does an FBX.
+    if !document && !is_fbx(source) && imported.rig().is_some() {
         *lost = lost.with(imported, Target::Glb);
     }
     Ok(())
+}
+
+fn is_fbx(source: &str) -> bool {
+    cfg!(feature = "fbx") && Path::new(source).extension().is_some_and(|of| of.eq_ignore_ascii_case("fbx"))
 }
 
 /// A model of another format as a GLB with its looks.

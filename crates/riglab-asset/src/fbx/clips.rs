@@ -1,0 +1,117 @@
+//! Animations, sampled at a steady rate, as those of glTF are: for each frame the map of every joint from rest to pose.
+//!
+//! Rest is where the skin was bound. A vertex that a joint holds wholly goes from there to world(joint, t) * frame⁻¹, where
+//! `frame` is the joint's place in the world when it was bound. ufbx poses the scene: pivots, the orders of angles, layers of
+//! an animation and how nodes inherit scales are its concern.
+
+use std::ops::RangeInclusive;
+
+use glam::DAffine3;
+use riglab_core::{Clip, JointMap};
+use ufbx::{AnimStack, ElementType, EvaluateOpts, Scene};
+
+use super::allocator;
+use super::joints::Joints;
+use super::scene::{Nodes, affine};
+use super::shown;
+use crate::{Resample, Warning};
+
+/// Joints of all clips of a file, frame by frame: 100 MB. Files claim long times in few bytes.
+const MAX_MAPS: usize = 1 << 21;
+
+/// Elements of the scene that are posed, frame by frame: seconds.
+const MAX_ELEMENTS: usize = 1 << 24;
+
+/// The clips of a file that move its joints, by joint of the reading. A clip that cannot be read is left out, with a
+/// warning.
+pub(super) fn read(
+    scene: &Scene,
+    nodes: &Nodes<'_>,
+    joints: &Joints,
+    resample: Resample,
+    memory: usize,
+    warnings: &mut Vec<Warning>,
+) -> Vec<Clip> {
+    let moving = joints.movers(nodes);
+    let (mut clips, mut left_out, mut cut) = (Vec::new(), Vec::new(), Vec::new());
+    let mut room = [MAX_MAPS, MAX_ELEMENTS];
+    for (number, stack) in (&scene.anim_stacks).into_iter().enumerate() {
+        let Some(time) = time(stack, &moving) else { continue };
+        let name = match &*stack.element.name {
+            "" => format!("animation {number}"),
+            name => name.to_owned(),
+        };
+        match clip(scene, stack, (nodes, joints), (time, resample), (memory, &mut room), &name) {
+            Ok((clip, whole)) => {
+                cut.extend((!whole).then(|| shown(&name)));
+                clips.push(clip);
+            }
+            Err(reason) => left_out.push(format!("`{}` ({reason})", shown(&name))),
+        }
+    }
+    if !cut.is_empty() {
+        warnings.push(Warning::ClipsCut { clips: cut, frames: resample.frames });
+    }
+    if !left_out.is_empty() {
+        warnings.push(Warning::ClipsLeftOut { clips: left_out });
+    }
+    clips
+}
+
+/// From the first to the last key of what moves joints, within what the stack says of its time; `None` of one that moves
+/// none.
+fn time(stack: &AnimStack, moving: &[bool]) -> Option<RangeInclusive<f64>> {
+    let props = (&stack.layers).into_iter().flat_map(|layer| &layer.anim_props);
+    let own = props.filter(|prop| {
+        prop.element.type_ == ElementType::Node && moving.get(prop.element.typed_id as usize) == Some(&true)
+    });
+    let curves = own.flat_map(|prop| prop.anim_value.curves.iter().flatten());
+    let mut keys = (f64::INFINITY, f64::NEG_INFINITY);
+    for curve in curves.filter(|curve| !curve.keyframes.is_empty()) {
+        keys = (keys.0.min(curve.min_time), keys.1.max(curve.max_time));
+    }
+    let (first, last) = keys;
+    if !(first.is_finite() && last.is_finite()) {
+        return None;
+    }
+    let within = (first.max(stack.time_begin), last.min(stack.time_end));
+    // Takes of nothing: writers that do not say the time.
+    Some(if within.0 < within.1 { within.0..=within.1 } else { first..=last })
+}
+
+/// A clip, and whether it is whole.
+fn clip(
+    scene: &Scene,
+    stack: &AnimStack,
+    (nodes, joints): (&Nodes<'_>, &Joints),
+    (time, resample): (RangeInclusive<f64>, Resample),
+    (memory, room): (usize, &mut [usize; 2]),
+    name: &str,
+) -> Result<(Clip, bool), String> {
+    // The last frame is the last whole one; a thousandth of one for rounding of key times.
+    let whole = ((time.end() - time.start()) * f64::from(resample.rate) + 1e-3).floor();
+    let frames = (whole as usize).saturating_add(1).min(resample.frames.max(1));
+    let to_joints = joints.to_joints().ok_or("a joint is flat at rest")?;
+    for (room, each) in room.iter_mut().zip([to_joints.len(), scene.elements.len()]) {
+        let left = room.checked_sub(frames.saturating_mul(each));
+        *room = left.ok_or("the clips of the file are longer than is read")?;
+    }
+    let back = nodes.space.inverse();
+    let mut maps: Vec<JointMap> = Vec::with_capacity(frames * to_joints.len());
+    for frame in 0..frames {
+        let at = time.start() + frame as f64 / f64::from(resample.rate);
+        let options = EvaluateOpts {
+            temp_allocator: allocator(memory),
+            result_allocator: allocator(memory),
+            ..EvaluateOpts::default()
+        };
+        let posed = ufbx::evaluate_scene(scene, &stack.anim, at, options).map_err(|e| e.description.to_string())?;
+        maps.extend(to_joints.iter().map(|&(node, to_joint)| {
+            let world = posed.nodes.get(node).map_or(DAffine3::NAN, |node| affine(&node.node_to_world));
+            let map = nodes.space * world * to_joint * back;
+            [map.matrix3.x_axis, map.matrix3.y_axis, map.matrix3.z_axis, map.translation].map(|v| v.as_vec3().into())
+        }));
+    }
+    let clip = Clip::new(name.to_owned(), resample.rate, to_joints.len(), maps).map_err(|e| e.to_string())?;
+    Ok((clip, whole < frames as f64))
+}

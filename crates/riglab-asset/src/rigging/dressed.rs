@@ -1,0 +1,85 @@
+//! A rigged FBX as a GLB: rig, looks and motions.
+
+use std::collections::HashMap;
+use std::path::Path;
+
+use riglab_core::{Rig, RigError, SkinWeights};
+
+use super::{SubjectNote, fbx};
+use crate::assemble::ordered_sets;
+use crate::export::{self, ExportError, ExportFault, ExportOptions, Exported};
+use crate::fbx::Origin;
+use crate::{Fault, ImportOptions, Reading, Resample, gltf, import_from};
+
+/// The rigged FBX at `path` as a GLB: the meshes that its rig holds with their materials, pictures, normals, texture
+/// coordinates, colours and blend shapes, bound as the importer reads it, and its motions of joints, sampled at the file's own
+/// rate. With it what of the file is not in the GLB.
+///
+/// # Errors
+/// What is wrong with the file; [`Fault::NothingBound`] without a rig.
+pub fn dressed(
+    path: &Path,
+    options: &ImportOptions,
+    how: &ExportOptions,
+) -> Result<(Exported, Vec<SubjectNote>), ExportError> {
+    let fail = |fault: ExportFault| ExportError { file: path.to_string_lossy().into_owned(), fault };
+    let source = |fault: Fault| fail(fault.into());
+    let invalid = |e: RigError| source(e.into());
+    let bytes = std::fs::read(path).map_err(|e| source(Fault::Unreadable(e.to_string())))?;
+    let name = path.file_stem().unwrap_or_default().to_string_lossy();
+    let mut taken = fbx::read(&name, &bytes, Some(export::folder(path))).map_err(source)?;
+    let clips = Some(Resample::whole(taken.rate));
+    let imported = import_from(path, &bytes, None, &ImportOptions { clips, ..options.clone() });
+    let imported = imported.map_err(|e| source(e.fault))?;
+    let old = imported.rig().ok_or_else(|| source(Fault::NothingBound))?;
+
+    // What hangs on no joint is no part of the rig.
+    let held: Vec<bool> =
+        taken.origins.iter().map(|of| imported.reading.parts.iter().any(|part| part.node == of.node)).collect();
+    let (mut objects, mut origins) = (held.iter(), held.iter());
+    taken.model.objects.retain(|_| objects.next() == Some(&true));
+    taken.origins.retain(|_| origins.next() == Some(&true));
+
+    let glb = taken.model.into_glb().map_err(|found| fail(ExportFault::TooLong(found)))?;
+    let bare = import_from(path, &glb, None, &ImportOptions::default()).map_err(|e| source(e.fault))?;
+    let weights = weights(old, &imported.reading, &taken.origins, &bare.reading).map_err(invalid)?;
+    let rig = Rig::new(old.skeleton().clone(), bare.mesh().clone(), weights).map_err(invalid)?;
+    let exported = gltf::export::onto(&glb, None, &bare, &rig, how).map_err(fail)?;
+    let exported = gltf::export::with_motions(exported, old.skeleton(), &imported.clips).map_err(fail)?;
+    // Of those that move no joint, and those that could not be read, of which the importer warned.
+    let unread = taken.animations.saturating_sub(imported.clips.len());
+    Ok((exported, fbx::left(taken.left, unread)))
+}
+
+/// The weights of a rig for the vertices of the document that its file's model became.
+fn weights(old: &Rig, of: &Reading, origins: &[Origin], document: &Reading) -> Result<SkinWeights, RigError> {
+    // Where the vertices of each node begin in the rig, and which control points they are.
+    let mut sets: HashMap<usize, (usize, &[u32])> = HashMap::new();
+    let mut start = 0;
+    for (number, set) in ordered_sets(of) {
+        for part in of.parts.iter().filter(|part| part.vertex_set == number) {
+            sets.insert(part.node, (start, &set.numbers));
+        }
+        start += set.positions.len();
+    }
+    let (mut offsets, mut joints, mut shares) = (vec![0u32], Vec::new(), Vec::new());
+    for (number, set) in ordered_sets(document) {
+        let part = document.parts.iter().find(|part| part.vertex_set == number);
+        let from = part.and_then(|part| {
+            let origin = origins.get(part.node)?;
+            Some((sets.get(&origin.node)?, origin.controls.get(part.primitive)?))
+        });
+        for &vertex in &set.numbers {
+            let row = from.and_then(|(&(start, numbers), controls)| {
+                Some(start + numbers.binary_search(controls.get(vertex as usize)?).ok()?)
+            });
+            // All are there: both ways read the same corners.
+            for (joint, share) in row.into_iter().flat_map(|row| old.weights().row(row)) {
+                joints.push(joint.0);
+                shares.push(share);
+            }
+            offsets.push(joints.len() as u32);
+        }
+    }
+    SkinWeights::new(offsets, joints, shares)
+}
