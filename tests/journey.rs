@@ -3,6 +3,7 @@
 mod binary;
 
 use std::fs;
+use std::path::{Path, PathBuf};
 
 use binary::{config, corpus, corpus_of, must, refusal, riglab, text};
 use serde_json::Value;
@@ -65,7 +66,7 @@ fn from_files_to_a_report() {
     // The resolved config repeats the run.
     let again = dir.path().join("again");
     must(&["train", text(&run.join("config.toml")), "--run", text(&again)]);
-    let read = |run: &std::path::Path| fs::read(run.join("checkpoints/step-00000120/model.safetensors")).unwrap();
+    let read = |run: &Path| fs::read(run.join("checkpoints/step-00000120/model.safetensors")).unwrap();
     assert!(read(&run) == read(&again));
 }
 
@@ -99,6 +100,14 @@ fn creatures_are_the_same_for_the_same_seed() {
         all
     };
     assert_eq!(shown(&one), shown(&other));
+}
+
+/// A corpus whose assets are all tested on, of a few other files.
+fn tests_alone(dir: &Path) -> PathBuf {
+    let (files, corpus) = (dir.join("mine"), dir.join("mine.h5"));
+    must(&["synth", "-o", text(&files), "--count", "3", "--seed", "9", "--triangles", "800..1600"]);
+    must(&["dataset", "import", text(&files), "-o", text(&corpus), "--all-in", "test_new"]);
+    corpus
 }
 
 #[test]
@@ -144,6 +153,13 @@ fn from_files_to_skeletons() {
     assert!(said.contains("of 3 sampled skeletons") && said.contains("100.0%"), "{said}");
     let agreed: Value = serde_json::from_slice(&fs::read(out).unwrap()).unwrap();
     assert_eq!(agreed["checkpoint"]["step"], 30);
+    // Test rigs alone, which nothing is retrieved for. The weights of the training's corpora are not theirs.
+    let (alone, out) = (tests_alone(dir.path()), dir.path().join("alone.json"));
+    let set = format!("data.corpora=['{}']", alone.display());
+    must(&["eval", text(&run), "--pictures", "0", "--set", &set, "-o", text(&out)]);
+    let found: Value = serde_json::from_slice(&fs::read(&out).unwrap()).unwrap();
+    let rows = found["report"]["rows"].as_array().unwrap();
+    assert!(rows.len() == 1 && rows[0]["method"] == "model" && rows[0]["compared"].as_u64() > Some(0), "{rows:?}");
     let said = refusal(&mut riglab(&["eval", text(&half), "--checkpoint", "last"]));
     assert!(said.contains("step-00000030 names a checkpoint and --checkpoint last another"), "{said}");
     let said = refusal(&mut riglab(&["eval", text(&run.join("checkpoints/lost"))]));
@@ -152,7 +168,7 @@ fn from_files_to_skeletons() {
     // The resolved config repeats the run, with another number of workers.
     let again = dir.path().join("again");
     must(&["train", text(&run.join("config.toml")), "--run", text(&again), "--set", "train.workers=3"]);
-    let read = |run: &std::path::Path| fs::read(run.join("checkpoints/step-00000060/model.safetensors")).unwrap();
+    let read = |run: &Path| fs::read(run.join("checkpoints/step-00000060/model.safetensors")).unwrap();
     assert!(read(&run) == read(&again));
 }
 
@@ -201,6 +217,14 @@ fn from_files_to_weights_for_given_skeletons() {
     assert_eq!((&evaluation["report"]["spread"], &plain["report"]["spread"]), (&0.35.into(), &0.0.into()));
     assert_eq!(l1(&evaluation, "raw"), l1(&plain, "raw"));
     assert_ne!(l1(&evaluation, "rule"), l1(&plain, "rule"));
+    // Test rigs alone: there is nothing to choose a cut by.
+    let (set, out) = (format!("data.corpora=['{}']", tests_alone(dir.path()).display()), dir.path().join("alone.json"));
+    let eval = ["eval", text(&run), "--pictures", "0", "-o", text(&out), "--set", &set];
+    let said = refusal(&mut riglab(&eval));
+    assert!(said.contains("no asset in `val` to choose") && said.contains("--set eval.cuts='[0.1]'"), "{said}");
+    must(&[&eval[..], &["--set", "eval.cuts=[0.1]"]].concat());
+    let found: Value = serde_json::from_slice(&fs::read(&out).unwrap()).unwrap();
+    assert!((found["report"]["cut"].as_f64().unwrap() - 0.1).abs() < 1e-6);
     let report = dir.path().join("report.html");
     must(&["report", text(&run), "-o", text(&report)]);
     let html = fs::read_to_string(&report).unwrap();
@@ -209,7 +233,7 @@ fn from_files_to_weights_for_given_skeletons() {
     // The resolved config repeats the run, with another number of workers.
     let again = dir.path().join("again");
     must(&["train", text(&run.join("config.toml")), "--run", text(&again), "--set", "train.workers=3"]);
-    let read = |run: &std::path::Path| fs::read(run.join("checkpoints/step-00000080/model.safetensors")).unwrap();
+    let read = |run: &Path| fs::read(run.join("checkpoints/step-00000080/model.safetensors")).unwrap();
     assert!(read(&run) == read(&again));
 
     // How the hair of an avatar swings, as the run tells it.
@@ -226,7 +250,7 @@ fn from_files_to_weights_for_given_skeletons() {
     // New weights for its skeleton, and none for a mesh without one.
     let again = dir.path().join("skinned.glb");
     must(&["skin", text(&avatar), "-o", text(&again), "--checkpoint", text(&run)]);
-    let joints = |file: &std::path::Path| {
+    let joints = |file: &Path| {
         let said: Value = serde_json::from_slice(&must(&["inspect", text(file), "--json"]).stdout).unwrap();
         said["joints"].clone()
     };

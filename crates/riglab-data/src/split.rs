@@ -38,6 +38,8 @@ pub enum Splitter {
     /// assets validate, 8 % are tested as seen, the others train. Of those to be tested as seen the ones
     /// whose topology none trains are tested as new, unless that would be all.
     ByTopology(u64),
+    /// All into one split, as a test set of one's own.
+    All(String),
 }
 
 impl Splitter {
@@ -68,6 +70,7 @@ impl Splitter {
                 assets.iter().map(|(name, _)| split(name)).collect()
             }
             Self::ByTopology(seed) => by_topology(*seed, assets),
+            Self::All(split) => vec![split.clone(); assets.len()],
         }
     }
 
@@ -77,6 +80,10 @@ impl Splitter {
     pub fn doubts(&self, assets: &[(String, u64)], splits: &[String], is_there: impl Fn(&str) -> bool) -> Vec<String> {
         match self {
             Self::ByTopology(_) => mostly_tested(splits).into_iter().chain(none_seen(assets, splits)).collect(),
+            Self::All(name) => {
+                let near = nearest(name, &SplitNames::KNOWN);
+                near.map(|near| format!("all are of the split `{name}`; did you mean `{near}`?")).into_iter().collect()
+            }
             Self::Given(of) => {
                 let mut told = Vec::new();
                 for name in of.values().collect::<BTreeSet<_>>() {
@@ -232,6 +239,16 @@ mod tests {
         let told = given.doubts(&[], &[], |name| name != "gone.glb");
         assert!(told.len() == 2 && told[0].contains("`trian`; did you mean `train`"), "{told:?}");
         assert!(told[1].contains("`gone.glb`") && !told[1].contains("a.glb"), "{told:?}");
+    }
+
+    #[test]
+    fn all_may_be_of_one_split() {
+        let assets: Vec<(String, u64)> = (0..4u64).map(|i| (format!("{i}"), i)).collect();
+        let all = Splitter::All("test_new".into());
+        assert_eq!(all.assign(&assets), ["test_new"; 4]);
+        assert!(all.doubts(&assets, &all.assign(&assets), |_| true).is_empty());
+        let told = Splitter::All("tets_new".into()).doubts(&[], &[], |_| true);
+        assert!(told.len() == 1 && told[0].contains("did you mean `test_new`"), "{told:?}");
     }
 
     #[test]

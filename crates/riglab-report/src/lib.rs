@@ -42,7 +42,7 @@ pub use losses::Losses;
 pub use page::{Block, Page, Picture, ReportError, Turned};
 pub use run::{RunError, RunView};
 pub use table::{Cell, Table};
-pub use unit::{TIMES_100, in_unit};
+pub use unit::{TIMES_100, in_unit, told};
 pub use versus::{Compared, Refusal, versus};
 pub use view::Turntable;
 

@@ -19,6 +19,12 @@ pub fn in_unit(name: &str) -> (String, f64) {
     (format!("{bare}{TIMES_100}{}", split.map_or(String::new(), |s| format!("@{s}"))), 100.0)
 }
 
+/// A logged value as a line says it: `j2j × 100@val 6.543`.
+pub fn told(name: &str, value: f64) -> String {
+    let (shown, factor) = in_unit(name);
+    format!("{shown} {:.*}", if factor == 1.0 { 4 } else { 3 }, factor * value)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -33,6 +39,8 @@ mod tests {
         ] {
             assert_eq!(in_unit(name), (wanted.to_owned(), 100.0));
         }
+        assert_eq!(told("j2j_all@val", 0.083_14), "j2j_all × 100@val 8.314");
+        assert_eq!(told("iou_rule@val", 0.083_14), "iou_rule@val 0.0831");
         for name in ["eval/iou@j2j", "train/loss", "eval/j2jx@val", "j2j/loss", ""] {
             assert_eq!(in_unit(name), (name.to_owned(), 1.0));
         }

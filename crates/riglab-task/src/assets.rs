@@ -161,6 +161,21 @@ impl DataConfig {
         distinct("data.test", &self.test)
     }
 
+    /// Refuses to choose among several cuts of a decode rule by no asset.
+    ///
+    /// # Errors
+    /// A sentence.
+    pub(crate) fn can_choose(&self, cuts: &[f32], by: &[AssetId]) -> Result<(), String> {
+        if cuts.len() == 1 || !by.is_empty() {
+            return Ok(());
+        }
+        Err(format!(
+            "data.validate: the corpora have no asset in `{}` to choose one of eval.cuts by; name one, as \
+             --set eval.cuts='[0.1]', or in data.corpora also a corpus with that split, as that of the training",
+            self.validate
+        ))
+    }
+
     /// Of the assets of a split so many, 0 for all, the same ones each time: of all corpora, as many of each as their weights
     /// say while there are any, so that a few files are not lost among thousands of generated ones.
     pub(crate) fn some_of(&self, all: &[AssetId], most: usize, seed: u64) -> Vec<AssetId> {
@@ -204,13 +219,13 @@ impl Assets {
         Ok(Self { corpora, up: Up::default(), categories })
     }
 
-    /// Opens the corpora of a config; gives them with the assets trained on and those validated on, neither
-    /// empty.
+    /// Opens the corpora of a config; gives them with the assets trained on and those validated on. Either may be empty:
+    /// test assets alone can be evaluated ([`Self::trainable`] says what a training needs).
     ///
     /// # Errors
-    /// A sentence: no corpus, one that cannot be read, or a split without assets.
+    /// A sentence: no corpus, one that cannot be read, two of the same assets, or weights that do not fit.
     #[allow(clippy::type_complexity)] // two lists, each named where it goes
-    pub fn for_training(config: &DataConfig) -> Result<(Self, Vec<(f32, Vec<AssetId>)>, Vec<AssetId>), String> {
+    pub fn of(config: &DataConfig) -> Result<(Self, Vec<(f32, Vec<AssetId>)>, Vec<AssetId>), String> {
         if config.corpora.is_empty() {
             return Err("data.corpora names no corpus; give one with --set data.corpora='[\"corpus.h5\"]' (`riglab dataset import` makes it)".into());
         }
@@ -227,9 +242,17 @@ impl Assets {
         }
         let training = assets.training(config)?;
         let validation = assets.split(&config.validate).map_err(|e| e.to_string())?;
-        if training.iter().all(|(_, ids)| ids.is_empty()) {
+        Ok((assets, training, validation))
+    }
+
+    /// Checks that there is something to train on, and something to validate on.
+    ///
+    /// # Errors
+    /// A sentence: a split without assets, or a column that cannot be read.
+    pub fn trainable(&self, config: &DataConfig) -> Result<(), String> {
+        if self.training(config)?.iter().all(|(_, ids)| ids.is_empty()) {
             let (split, most) = (config.train.join(", "), config.max_joints);
-            let mut bare = assets.corpora.iter().filter(|corpus| corpus.bare().is_ok_and(|bare| !bare.is_empty()));
+            let mut bare = self.corpora.iter().filter(|corpus| corpus.bare().is_ok_and(|bare| !bare.is_empty()));
             let meshes = bare.next().map_or_else(String::new, |corpus| {
                 format!(
                     ". {} holds bare meshes; task = \"grpo\", which needs no rigs, is trained on them with --set \
@@ -243,14 +266,14 @@ impl Assets {
                  inspect` shows their splits, and --set data.train='[\"SPLIT\"]' names another{meshes}"
             ));
         }
-        if validation.is_empty() {
+        if self.split(&config.validate).map_err(|e| e.to_string())?.is_empty() {
             return Err(format!(
                 "data.validate: the corpora have no asset in `{}`; `riglab dataset inspect` shows their splits, and --set \
                  data.validate=SPLIT names another",
                 config.validate
             ));
         }
-        Ok((assets, training, validation))
+        Ok(())
     }
 
     /// Refuses bare meshes among the assets that a config names, for tasks that learn from rigs: such a mesh has one joint

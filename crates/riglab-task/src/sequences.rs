@@ -101,12 +101,14 @@ impl LeftOut {
             let joints = assets.counts(*id)[2];
             joints <= limits.joints && 3 * joints + 3 <= limits.tokens
         };
+        let none: Vec<bool> = training.iter().map(|(_, ids)| ids.is_empty()).collect();
         training.iter_mut().for_each(|(_, ids)| ids.retain(fits));
         let mut all = 0;
         for split in &data.train {
             all += assets.split(split).map_err(|e| e.to_string())?.len();
         }
-        if training.iter().any(|(_, ids)| ids.is_empty()) {
+        // Where there was nothing, nothing is trained on.
+        if training.iter().zip(none).any(|((_, ids), none)| ids.is_empty() && !none) {
             let Limits { joints, tokens } = limits;
             return Err(format!(
                 "no asset of a corpus fits limits.joints = {joints} and limits.tokens = {tokens}; raise them"

@@ -154,6 +154,11 @@ pub trait Task {
     /// The metric of [`Self::validate`] by which the best checkpoint is chosen.
     fn objective(&self) -> (&'static str, Better);
 
+    /// A value of the objective as people are told it: its name, and the value in the unit that tables have.
+    fn told(&self, value: f64) -> String {
+        format!("{} {value:.4}", self.objective().0)
+    }
+
     /// What it keeps from one step to the next besides its parameters, for checkpoints. Most keep nothing.
     fn kept(&self) -> BTreeMap<String, Tensor> {
         BTreeMap::new()

@@ -260,7 +260,7 @@ impl<T: Task> Trainer<'_, T> {
             if self.state.best.is_none_or(|(_, best)| better.than(value, best)) {
                 self.state.best = Some((step, value));
             }
-            progress.line(&format!("step {step}: {name} {value:.4}"));
+            progress.line(&format!("step {step}: {}", task.told(value)));
         }
         Ok(value)
     }

@@ -358,9 +358,10 @@ impl FsqCvaeTask {
     /// `progress` is told how many assets are done.
     ///
     /// # Errors
-    /// When an asset cannot be read.
+    /// When an asset cannot be read, or none is there to choose a cut by.
     pub fn evaluate(&self, w: &Weights, mut progress: impl FnMut(usize)) -> Result<Report, String> {
         let all = self.config.model.skin_tokens;
+        self.config.data.can_choose(&self.config.eval.cuts, &self.validation_assets)?;
         let mut done = 0;
         let mut rules: Vec<Sums> = self.config.eval.cuts.iter().map(|_| Sums::default()).collect();
         for &id in &self.validation_assets {

@@ -254,8 +254,10 @@ impl GrpoTask {
         let mut warnings = Vec::new();
         if !within {
             warnings.push(format!(
-                "J2J is {own:.4}, that of the start was {first:.4}: rewards are gained at the cost of the skeletons. This \
-                 checkpoint cannot become the best one (guard.worse = {worse})"
+                "J2J × 100 is {:.2}, that of the start was {:.2}: rewards are gained at the cost of the skeletons. This \
+                 checkpoint cannot become the best one (guard.worse = {worse})",
+                100.0 * own,
+                100.0 * first
             ));
         }
         let shown = all.first().filter(|_| at.ranks.leads());

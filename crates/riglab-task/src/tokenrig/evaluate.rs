@@ -305,7 +305,7 @@ impl TokenRigTask {
         let body = SolidConfig { resolution: c.eval.baseline_resolution, ..SolidConfig::DEFAULT };
         for split in &c.data.test {
             let ids = self.assets.split(split).map_err(|e| e.to_string())?;
-            let (mut skeletons, mut ways) = (Beside::default(), Ways { methods: Methods::default(), body });
+            let (mut skeletons, mut ways) = (Beside::to(&retrieval), Ways { methods: Methods::default(), body });
             let mut completed: Vec<[Sums; 2]> = c.eval.complete.iter().map(|_| Default::default()).collect();
             for ids in ids.chunks((c.eval.rows / c.eval.consensus).max(1)) {
                 let each = ids.iter().map(|&id| normalized(&self.assets, &self.cache, id));

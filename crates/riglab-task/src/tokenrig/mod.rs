@@ -80,7 +80,7 @@ impl TokenRigTask {
     /// # Errors
     /// As [`Self::new`].
     pub fn with(config: TokenRigTaskConfig, vae: Arc<Frozen>, device: Device) -> Result<Self, String> {
-        let (assets, mut train_assets, validation_assets) = Assets::for_training(&config.data)?;
+        let (assets, mut train_assets, validation_assets) = Assets::of(&config.data)?;
         let left_out = LeftOut::take(&assets, &config.data, config.limits, &mut train_assets)?;
         let (cache, samples) = (Arc::new(Cache::new(config.data.cache_mb)), Arc::new(Cache::new(config.data.cache_mb)));
         let rigger = Rigger::new(config, vae, device)?;
@@ -149,6 +149,10 @@ impl Task for TokenRigTask {
 
     fn objective(&self) -> (&'static str, Better) {
         ("j2j_all@val", Better::Lower)
+    }
+
+    fn told(&self, value: f64) -> String {
+        riglab_report::told(self.objective().0, value)
     }
 }
 

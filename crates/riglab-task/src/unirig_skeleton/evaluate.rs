@@ -182,10 +182,18 @@ impl Sums {
 
 /// A model's skeletons beside those without learning, over a split.
 #[derive(Default)]
-pub(crate) struct Beside([Sums; 3]);
+pub(crate) struct Beside {
+    sums: [Sums; 3],
+    /// Whether there are training shapes to be compared with.
+    rivals: bool,
+}
 
 impl Beside {
     const METHODS: [&'static str; 3] = ["model", "retrieval", "template fit"];
+
+    pub(crate) fn to(retrieval: &Retrieval) -> Self {
+        Self { rivals: !retrieval.is_empty(), ..Self::default() }
+    }
 
     /// Adds what was found for an asset; gives the distances of each method.
     pub(crate) fn add(
@@ -195,16 +203,18 @@ impl Beside {
         truth: &Joints,
     ) -> [SkeletonDistances; 3] {
         let all = [found, offered.map(|o| &o.nearest), offered.map(|o| &o.fitted)];
-        let own = std::array::from_fn(|k| self.0[k].add(all[k], truth));
+        let own = std::array::from_fn(|k| self.sums[k].add(all[k], truth));
         // Means are over the assets that all can be compared for.
-        if own.iter().all(|d: &SkeletonDistances| d.j2j.is_finite()) {
-            self.0.iter_mut().zip(own).for_each(|(sums, d)| sums.distances.push(d));
+        let compared = if self.rivals { &own[..] } else { &own[..1] };
+        if compared.iter().all(|d: &SkeletonDistances| d.j2j.is_finite()) {
+            self.sums.iter_mut().zip(compared).for_each(|(sums, d)| sums.distances.push(*d));
         }
         own
     }
 
     pub(crate) fn rows(&self, split: &str) -> impl Iterator<Item = Row> {
-        self.0.iter().zip(Self::METHODS).map(move |(sums, method)| sums.row(split, method))
+        let methods = if self.rivals { &Self::METHODS[..] } else { &Self::METHODS[..1] };
+        self.sums.iter().zip(methods).map(move |(sums, method)| sums.row(split, method))
     }
 }
 
@@ -297,7 +307,7 @@ impl SkeletonTask {
         let (mut rows, mut assets, mut skeletons) = (Vec::new(), Vec::new(), Vec::new());
         for split in &self.config.data.test {
             let ids = self.assets.split(split).map_err(|e| e.to_string())?;
-            let mut ways = Beside::default();
+            let mut ways = Beside::to(&retrieval);
             for ids in ids.chunks((self.config.eval.rows / self.config.eval.consensus).max(1)) {
                 let each = ids.iter().map(|&id| self.assets.read(id).map(|a| a.name).map_err(|e| e.to_string()));
                 let names = each.collect::<Result<Vec<_>, _>>()?;

@@ -65,7 +65,7 @@ impl SkeletonTask {
     /// # Errors
     /// As [`Self::new`].
     pub(crate) fn on_meshes(config: SkeletonTaskConfig, device: Device) -> Result<Self, String> {
-        let (assets, mut train_assets, validation_assets) = Assets::for_training(&config.data)?;
+        let (assets, mut train_assets, validation_assets) = Assets::of(&config.data)?;
         let left_out = LeftOut::take(&assets, &config.data, config.limits, &mut train_assets)?;
         let tokenizer = Tokenizer::new(config.tokenizer.clone());
         let (net, params) = Self::network(&config, device).map_err(|e| e.to_string())?;
@@ -149,6 +149,10 @@ impl Task for SkeletonTask {
 
     fn objective(&self) -> (&'static str, Better) {
         ("j2j_all@val", Better::Lower)
+    }
+
+    fn told(&self, value: f64) -> String {
+        riglab_report::told(self.objective().0, value)
     }
 }
 

@@ -148,7 +148,13 @@ impl Evaluation {
 
     fn verdict(&self, split: &str) -> Option<String> {
         let of = |method: &str| self.report.rows.iter().find(|r| r.split == split && r.method == method);
-        let (model, rival) = (of("model")?, of("retrieval")?);
+        let model = of("model")?;
+        let Some(rival) = of("retrieval") else {
+            return Some(format!(
+                "{split}: J2J × 100 is {:.2}; there is no training shape here to compare with.",
+                100.0 * model.j2j
+            ));
+        };
         let fitted =
             of("template fit").map(|r| format!(", fitted to the mesh {:.2}", 100.0 * r.j2j)).unwrap_or_default();
         let better = [(model.j2j, rival.j2j), (model.j2b, rival.j2b), (model.b2b, rival.b2b)];
@@ -180,9 +186,12 @@ impl Evaluation {
         }
         table.note = "Distances: means over the assets that can be compared, those with a bone on both sides. Joints: \
                       means over all, none where nothing could be decoded; joints off: of |joints - true joints| / \
-                      true joints. retrieval: the skeleton of the nearest training shape, by chamfer distance of \
-                      points. template fit: the same, carried along as that shape is bent onto the mesh."
+                      true joints."
             .into();
+        if self.report.rows.iter().any(|r| r.method == "retrieval") {
+            table.note += " retrieval: the skeleton of the nearest training shape, by chamfer distance of points. template \
+                           fit: the same, carried along as that shape is bent onto the mesh.";
+        }
         if let Some(drawn) = drawn(&self.report) {
             table.note = format!("{} {drawn}.", table.note);
         }

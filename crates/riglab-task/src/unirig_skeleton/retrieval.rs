@@ -42,6 +42,11 @@ impl Retrieval {
         Ok(Self { shapes: shapes.collect::<Result<_, String>>()?, of: ids.to_vec(), points, seed })
     }
 
+    /// Whether there is nothing to offer.
+    pub fn is_empty(&self) -> bool {
+        self.shapes.is_empty()
+    }
+
     /// The skeleton of the shape that is nearest to an asset's, by the mean distance of points to the nearest of the other,
     /// both ways. An asset that is a training shape itself is compared with the others: its own skeleton would be the truth.
     pub fn offer(&self, rig: &Rig, id: AssetId) -> Option<Offered> {

@@ -59,7 +59,7 @@ impl SkinTask {
     /// # Errors
     /// A sentence: a corpus that cannot be read, or a split without assets.
     pub fn new(config: SkinTaskConfig, device: Device) -> Result<Self, String> {
-        let (assets, train_assets, validation_assets) = Assets::for_training(&config.data)?;
+        let (assets, train_assets, validation_assets) = Assets::of(&config.data)?;
         assets.rigged(&config.data)?;
         let (net, params) = Self::network(&config, device).map_err(|e| e.to_string())?;
         Ok(Self {

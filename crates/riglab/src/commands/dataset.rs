@@ -1,12 +1,13 @@
 //! `riglab dataset`
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::process::ExitCode;
 use std::sync::Mutex;
 
 use anyhow::{Context, Result};
 use clap::Subcommand;
+use riglab_asset::rigging::UpAxis;
 use riglab_asset::{ImportOptions, Resample, RootPolicy};
 use riglab_augment::Recipe;
 use riglab_core::Asset;
@@ -18,8 +19,9 @@ use riglab_train::Progress;
 
 use riglab_report::counted;
 
+use super::earlier::Earlier;
 use super::inspect::vertices;
-use super::{short, shown, some_lines};
+use super::{shown, some_lines};
 
 /// Make and look at corpora: HDF5 files of many rigs.
 #[derive(clap::Args)]
@@ -49,6 +51,7 @@ enum Command {
 #[command(after_help = "\
 Examples:
   riglab dataset import models/ -o corpus.h5
+  riglab dataset import mine/ -o mine.h5 --all-in test_new     # for riglab eval RUN --set data.corpora='[\"mine.h5\"]'
   riglab dataset import scans/ -o meshes.h5 --meshes")]
 struct Import {
     /// Folder of files, with those below it.
@@ -59,6 +62,9 @@ struct Import {
     /// JSON object of lists of file names by split [default: FOLDER/split.json if there is one].
     #[arg(long, value_name = "FILE")]
     split: Option<PathBuf>,
+    /// Put all assets into this split instead, as a test set of your own: test_new, say.
+    #[arg(long, value_name = "SPLIT", value_parser = clap::builder::NonEmptyStringValueParser::new(), conflicts_with_all = ["split", "seed"])]
+    all_in: Option<String>,
     /// Seed of the splits made without a split file.
     #[arg(long, default_value_t = 0)]
     seed: u64,
@@ -67,8 +73,11 @@ struct Import {
     roots: Roots,
     /// Take models as bare meshes, rigged or not, OBJ, PLY and STL too: for GRPO, which needs no rigs. All are of the split
     /// `meshes`; train on them with --set data.train='["meshes"]'.
-    #[arg(long, conflicts_with_all = ["split", "seed", "roots", "clips", "repair"])]
+    #[arg(long, conflicts_with_all = ["split", "all_in", "seed", "roots", "clips", "repair"])]
     meshes: bool,
+    /// With --meshes, the axis that points up in the files, where that is not y as in glTF: z in most scans and prints.
+    #[arg(long, default_value = "y", value_name = "AXIS", requires = "meshes", allow_hyphen_values = true)]
+    up: UpAxis,
     /// Take each of several characters in a file as an asset of its own.
     #[arg(long)]
     split_characters: bool,
@@ -195,30 +204,14 @@ pub fn run(args: &Args) -> Result<ExitCode> {
     }
 }
 
-/// The corpus that stood where another is written: how many assets, and its checksum.
-struct Earlier(Option<(usize, String)>);
-
-impl Earlier {
-    fn at(out: &Path) -> Self {
-        Self(Corpus::open(out).ok().and_then(|corpus| Some((corpus.len(), corpus.checksum().ok()?))))
-    }
-
-    /// Says that it was another one: runs begun on it do not go on with this.
-    fn tell_replaced(&self, out: &Path) {
-        let (Some((assets, sum)), Self(Some((_, now)))) = (&self.0, Self::at(out)) else { return };
-        if *sum != now {
-            let assets = counted(*assets, "asset");
-            tell!("note: {} was another corpus before, of {assets} ({}), and is replaced", out.display(), short(sum));
-        }
-    }
-}
-
 fn run_import(args: &Import) -> Result<ExitCode> {
     let beside = args.folder.join("split.json");
-    let file = args.split.clone().or_else(|| (beside.is_file() && !args.meshes).then_some(beside));
-    let splitter = match &file {
-        Some(path) => Splitter::read(path)?,
-        None => Splitter::ByTopology(args.seed),
+    let beside = (beside.is_file() && !args.meshes && args.all_in.is_none()).then_some(beside);
+    let file = args.split.clone().or(beside);
+    let splitter = match (&file, &args.all_in) {
+        (Some(path), _) => Splitter::read(path)?,
+        (None, Some(split)) => Splitter::All(split.clone()),
+        (None, None) => Splitter::ByTopology(args.seed),
     };
     let roots = match args.roots {
         Roots::Reattach => RootPolicy::Reattach,
@@ -229,7 +222,7 @@ fn run_import(args: &Import) -> Result<ExitCode> {
     let progress = Mutex::new(Progress::new("importing", total, 0));
     let clips = args.clips.map(|rate| Resample { rate, ..Resample::default() });
     let (split, repair) = (args.split_characters, args.repair);
-    let options = ImportOptions { roots, clips, split, repair, ..ImportOptions::default() };
+    let options = ImportOptions { roots, clips, split, repair, up: args.up, ..ImportOptions::default() };
     let tell = |done: usize| {
         if let Ok(mut p) = progress.lock() {
             p.set(done as u64, String::new);
@@ -337,8 +330,10 @@ fn run_vary(args: &Vary) -> Result<ExitCode> {
         Ok(asset)
     };
     let mut progress = Progress::new("varying", total, 0);
+    let before = Earlier::at(&args.out);
     let written = rewrite(&args.corpus, &args.out, change, |done| progress.set(done as u64, String::new))?;
     progress.finish();
+    before.tell_replaced(&args.out);
     say!("{}: {}, {varied} of them varied", shown(&args.out), counted(written, "asset"));
     Ok(ExitCode::SUCCESS)
 }

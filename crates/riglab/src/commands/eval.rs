@@ -66,7 +66,7 @@ pub fn run(args: &Args, threads: usize) -> Result<ExitCode> {
     riglab_torch::init(riglab_torch::Settings { threads });
     let device = args.device.device()?;
     let read = |sets: &[String]| TaskConfig::read(&presets::load(&run.join("config.toml").to_string_lossy(), sets)?);
-    let config = read(&args.sets)?;
+    let config = read(&with_their_weights(&args.sets))?;
     trained_so(&read(&[])?, &config)?;
     let config = config.of_run(&run);
     ensure!(
@@ -111,6 +111,20 @@ pub fn run(args: &Args, threads: usize) -> Result<ExitCode> {
     }
     let data = config.data().clone();
     config.with(device, Examination { args, run, checkpoint, data, seen, path, folder })
+}
+
+/// Settings with those that follow: weights of the training's corpora say nothing of others.
+fn with_their_weights(sets: &[String]) -> Vec<String> {
+    let mut all = sets.to_vec();
+    if sets_key(sets, "data.corpora") && !sets_key(sets, "data.weights") {
+        all.push("data.weights=[]".into());
+    }
+    all
+}
+
+/// Whether a setting of this key is given.
+fn sets_key(sets: &[String], key: &str) -> bool {
+    sets.iter().any(|set| set.split('=').next().is_some_and(|k| k.trim() == key))
 }
 
 /// Settings by which a network was made or trained: other ones are another network, or mean nothing here.
@@ -201,14 +215,13 @@ impl Visitor for Examination<'_> {
         let Self { args, run, checkpoint, data, seen, path, folder } = self;
         checkpoint.load_weights(task.params())?;
         let (mut companions, begun) = RunInfo::of(&run).map_or_else(Default::default, |i| (i.companions, i.data));
-        if !args.sets.iter().any(|set| set.trim_start().starts_with("data.corpora"))
+        if !sets_key(&args.sets, "data.corpora")
             && let Some(other) = other_data(&begun, &task.assets().summary()?)
         {
             tell!("warning: {other}: figures of others are not to be set beside those of this run");
         }
         // Others that were asked for are meant.
-        companions
-            .retain(|(key, _)| !args.sets.iter().any(|set| set.split('=').next().is_some_and(|k| k.trim() == key)));
+        companions.retain(|(key, _)| !sets_key(&args.sets, key));
         same_companions(&companions, &task.companions())
             .map_err(|e| anyhow!(e))
             .with_context(|| run.display().to_string())?;
