@@ -488,6 +488,11 @@ fn models_of_every_task_are_shown_and_what_is_exported_is_said() {
     assert!(of_run.contains("of task fsq_cvae") && of_run.contains("3 steps"), "{of_run}");
     assert!(of_run.contains("No card was written"), "{of_run}");
     must(&["checkpoint", "export", text(&run), "-o", text(&file)]);
+    let (last, best) = (run.join("checkpoints/last"), fs::read(&file).unwrap());
+    must(&["checkpoint", "export", text(&last), "-o", text(&file)]);
+    let said = refusal(&mut riglab(&["checkpoint", "export", text(&last), "--checkpoint", "best", "-o", text(&file)]));
+    assert!(said.contains("names a checkpoint and --checkpoint best another"), "{said}");
+    fs::write(&file, best).unwrap();
     let lines = |shown: &str| shown.lines().skip(1).map(str::to_owned).collect::<Vec<_>>();
     assert_eq!(lines(&show(&file)), lines(&of_run), "but for the name");
     // What is known of a model goes on with it.

@@ -53,6 +53,51 @@ fn a_creature_goes_through_every_format_and_back() {
 }
 
 #[test]
+fn what_is_left_out_of_a_corpus_is_an_error() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = |name: &str| dir.path().join(name);
+    must(&["synth", "-o", text(&path("c.h5")), "--count", "2", "--triangles", "400..800"]);
+    must(&["convert", text(&path("c.h5")), text(&path("out/")), "--to", "glb"]);
+    let written = fs::read_dir(path("out")).unwrap().map(|entry| entry.unwrap().path());
+    let glb = written.filter(|p| p.extension().is_some_and(|e| e == "glb")).min().unwrap();
+    fs::write(&glb, "mine").unwrap();
+    let said = String::from_utf8(
+        riglab(&["convert", text(&path("c.h5")), text(&path("out/")), "--to", "glb"]).output().unwrap().stdout,
+    )
+    .unwrap();
+    assert!(said.contains("1 written") && said.contains("1 left out"), "{said}");
+    refusal(&mut riglab(&["convert", text(&path("c.h5")), text(&path("out/")), "--to", "glb"]));
+    assert_eq!(fs::read_to_string(glb).unwrap(), "mine");
+}
+
+#[test]
+fn scans_stand_up_and_those_far_away_are_told() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = |name: &str| dir.path().join(name);
+    let scan = |name: &str, far: f64| {
+        let head = "ply\nformat ascii 1.0\nelement vertex 4\nproperty double x\nproperty double y\nproperty double z\n\
+                    element face 4\nproperty list uchar int vertex_indices\nend_header\n";
+        let rows: String = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.2, 0.2, 2.0]]
+            .iter()
+            .map(|[x, y, z]| format!("{} {} {z}\n", x + far, y + far))
+            .collect();
+        fs::create_dir_all(path("scans")).unwrap();
+        fs::write(path("scans").join(name), format!("{head}{rows}3 0 2 1\n3 0 1 3\n3 1 2 3\n3 2 0 3\n")).unwrap();
+    };
+    scan("near.ply", 0.0);
+    must(&["dataset", "import", text(&path("scans")), "-o", text(&path("m.h5")), "--meshes", "--up", "z"]);
+    must(&["convert", text(&path("m.h5")), text(&path("m.glb"))]);
+    let said = String::from_utf8(must(&["inspect", text(&path("m.glb"))]).stdout).unwrap();
+    assert!(said.contains("1.0000 x 2.0000 x 1.0000"), "{said}");
+    scan("far.ply", 5_000_000.0);
+    let said = String::from_utf8(must(&["inspect", text(&path("scans/far.ply"))]).stdout).unwrap();
+    assert!(said.contains("so far from the origin that its places are rounded to"), "{said}");
+    let said =
+        refusal(&mut riglab(&["dataset", "import", text(&path("scans")), "-o", text(&path("x.h5")), "--up", "z"]));
+    assert!(said.contains("--meshes"), "{said}");
+}
+
+#[test]
 fn what_is_of_another_kind_is_not_written_over() {
     let dir = tempfile::tempdir().unwrap();
     let path = |name: &str| dir.path().join(name);

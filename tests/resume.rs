@@ -139,6 +139,15 @@ fn an_extended_run_is_the_longer_one_where_nothing_follows_from_its_length() {
     fs::rename(dir.path().join("elsewhere.h5"), &corpus).unwrap();
     assert_eq!(read(&short, "config.toml"), before);
 
+    // The last step is validated in any case: it may be the best.
+    let odd = dir.path().join("odd");
+    train(&odd, &["--set", "train.validate_every=0"]);
+    let told = extend(&odd, "8");
+    assert!(
+        told.contains("weights are those of 8 steps from the start, but step 4 was validated as the last"),
+        "{told}"
+    );
+
     // A rate that comes down to the end was at its end.
     train(&cosine, &["--set", "train.schedule.kind=cosine"]);
     let told = extend(&cosine, "8");

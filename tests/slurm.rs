@@ -201,6 +201,49 @@ fn without_slurm_it_is_a_sentence() {
     assert!(said.contains("--on slurm"), "{said}");
 }
 
+#[test]
+fn a_run_is_extended_by_a_job_or_stays_as_it_is() {
+    use std::os::unix::fs::PermissionsExt;
+    let dir = tempfile::tempdir().unwrap();
+    let corpus = corpus(dir.path(), 8);
+    let base =
+        config(dir.path(), &corpus, "[train]\nsteps = 2\nvalidate_every = 0\n[eval]\nvalidation_vertices = 20\n");
+    let (run, bin) = (dir.path().join("run"), dir.path().join("bin"));
+    must(&["train", text(&base), "--run", text(&run)]);
+    fs::create_dir(&bin).unwrap();
+    let says = |program: &str, script: &str| {
+        let file = bin.join(program);
+        fs::write(&file, format!("#!/bin/sh\n{script}\n")).unwrap();
+        fs::set_permissions(&file, fs::Permissions::from_mode(0o755)).unwrap();
+    };
+    says("squeue", "exit 0");
+    says("scontrol", "echo 'JobId=7 JobState=OUT_OF_MEMORY Reason=x'");
+    says("sbatch", "echo 'sbatch: error: Invalid account' >&2; exit 1");
+    let path = format!("{}:{}", bin.display(), std::env::var("PATH").unwrap());
+    let extend = |steps: &str| {
+        let set = format!("train.steps={steps}");
+        let args = ["train", "--resume", text(&run), "--on", "slurm", "--wait", "--set", &set];
+        refusal(riglab(&args).env("PATH", &path))
+    };
+    let before = ["config.toml", "run.json"].map(|name| read(&run.join(name)));
+    // The cluster does not want it.
+    let said = extend("5");
+    assert!(said.contains("Invalid account"), "{said}");
+    assert_eq!(["config.toml", "run.json"].map(|name| read(&run.join(name))), before);
+    // Nor can a run go on whose corpus is another one.
+    let former = fs::read(&corpus).unwrap();
+    must(&["synth", "-o", text(&corpus), "--count", "3", "--seed", "5", "--triangles", "300..500"]);
+    let said = extend("5");
+    assert!(said.contains("put the former corpora back"), "{said}");
+    fs::write(&corpus, former).unwrap();
+    assert_eq!(["config.toml", "run.json"].map(|name| read(&run.join(name))), before);
+    // A job that died trained nothing, though the run was finished before.
+    says("sbatch", "echo 7");
+    let said = extend("5");
+    assert!(said.contains("is not finished: job 7 OUT_OF_MEMORY"), "{said}");
+    assert!(read(&run.join("config.toml")).contains("steps = 5"));
+}
+
 /// Calls the binary on the cluster; it must end well. Gives all it said.
 fn on(cluster: &Cluster, args: &[&str]) -> String {
     let Output { status, stdout, stderr } = cluster.known_to(&mut riglab(args)).output().unwrap();

@@ -210,10 +210,13 @@ pub(crate) mod tests {
 
     #[test]
     fn numbers_are_read_however_programs_write_them() {
-        let read = text(&format!("{POINTS}{FACES}"), "0 .5 1.\n+1e0\t0 -nan\n\n 0 1 0 9 9\n3 0 1 2").unwrap_err();
+        let read = text(&format!("{POINTS}{FACES}"), "0 .5 1.\n+1e0\t0 -nan\n\n 0 1 0\n3 0 1 2").unwrap_err();
         assert_eq!(read, "vertex 1, counted from 0, has a coordinate that is no finite number");
-        let read = text(&format!("{POINTS}{FACES}"), "0 .5 1.\n+1e0\t0 1.5E1\n\n 0 1 0 9 9\n3 0 1 2").unwrap();
+        let read = text(&format!("{POINTS}{FACES}"), "0 .5 1.\n+1e0\t0 1.5E1\n\n 0 1 0\n3 0 1 2").unwrap();
         assert_eq!(read.positions, [[0.0, 0.5, 1.0], [1.0, 0.0, 15.0], [0.0, 1.0, 0.0]]);
+        // Two rows on a line would leave one out.
+        let said = text(&format!("{POINTS}{FACES}"), "0 .5 1 +1e0 0 1.5E1\n0 1 0\n2 1 0\n3 0 1 2").unwrap_err();
+        assert!(said.contains("has more numbers than its header tells of"), "{said}");
     }
 
     #[test]

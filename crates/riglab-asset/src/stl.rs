@@ -63,7 +63,14 @@ fn binary(bytes: &[u8]) -> Result<Vec<Vec3>, String> {
 fn text(bytes: &[u8]) -> Result<Vec<Vec3>, String> {
     let mut all: Vec<Vec3> = Vec::new();
     let (mut facet, mut ended, mut lines) = (Vec::new(), true, 0);
-    for line in bytes.split(|b| matches!(b, b'\n' | b'\r')) {
+    let mut before = None;
+    for line in bytes.split_inclusive(|b| matches!(b, b'\n' | b'\r')) {
+        // Between CR and LF there is no line.
+        if before == Some(b'\r') && line == b"\n" {
+            before = Some(b'\n');
+            continue;
+        }
+        before = line.last().copied();
         lines += 1;
         let mut words = line.split(u8::is_ascii_whitespace).filter(|word| !word.is_empty());
         let Some(word) = words.next() else { continue };
@@ -165,6 +172,11 @@ pub(crate) mod tests {
         let plain = read(&as_text());
         assert_eq!(read(&as_text().to_uppercase()), plain);
         assert_eq!(read(&as_text().replace(" a facet", "").replace('\n', "\r\n")), plain);
+        for end in ["\n", "\r\n", "\r"] {
+            let said =
+                text(["solid", "facet normal 0 0 1", "outer loop", "vertex 0 x 0"].join(end).as_bytes()).unwrap_err();
+            assert!(said.starts_with("line 4: `x`"), "{said}");
+        }
         assert!(read("solid\nendsolid").triangles.is_empty());
     }
 

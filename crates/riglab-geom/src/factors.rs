@@ -3,9 +3,12 @@
 use clarabel::algebra::CscMatrix;
 use clarabel::qdldl::{QDLDLFactorisation, QDLDLSettings};
 
-/// Numbers below the diagonal, as many a row, beyond which a system is not taken apart: a surface has about 50, however
-/// fine it is; triangles between any vertices would take all memory.
+/// Numbers below the diagonal, as many a row, beyond which a system is not taken apart. A surface has 30 to 60, which grow
+/// with the logarithm of its rows; triangles between any vertices would take all memory.
 const MOST: usize = 128;
+
+/// And as many in all: 1.6 GB.
+const MOST_IN_ALL: usize = 100_000_000;
 
 /// A matrix A = L D Lᵀ, with L lower triangular with ones on its diagonal and D diagonal, its rows in an order that
 /// leaves L few numbers (approximate minimum degree).
@@ -37,7 +40,7 @@ impl Factors {
         }
         let n = starts.len() - 1;
         let (perm, _, told) = amd::order(n, &starts, &columns, &amd::Control::default()).ok()?;
-        if told.lnz > MOST * n {
+        if told.lnz > MOST * n || told.lnz > MOST_IN_ALL {
             return None;
         }
         let settings = QDLDLSettings { perm: Some(perm), regularize_enable: false, ..Default::default() };

@@ -88,7 +88,9 @@ impl Results {
             let mut cells = vec![Cell::text(point), finished, failed];
             for (k, metric) in self.metrics.iter().enumerate() {
                 let text = with_deviation(Cell::number, self.spread(point, k), metric.digits);
-                let best = leads[k].is_some_and(|(best, lead)| best == point && lead.is_beyond_noise());
+                let best = leads[k].is_some_and(|(best, lead)| {
+                    best == point && metric.better.is_some_and(|better| lead.is_beyond_noise(better))
+                });
                 cells.push(text.strong_if(best));
             }
             table.row(cells);
@@ -436,7 +438,7 @@ mod tests {
                 [[sweep.metrics]]\nof = 'eval/l1@val'\nbetter = 'lower'\ndigits = 3\n";
             let config = riglab_config::Config::from_toml_str("s.toml", text).unwrap();
             let plan = Plan::new(config.get_at("sweep").unwrap(), &[]).unwrap();
-            for (job, l1) in plan.jobs.iter().zip(a.into_iter().chain(b)) {
+            for (job, l1) in plan.jobs.iter().zip(a.into_iter().chain(b)).filter(|(_, l1)| l1.is_finite()) {
                 let run = dir.path().join(&job.folder);
                 std::fs::create_dir_all(&run).unwrap();
                 std::fs::write(run.join("metrics.jsonl"), format!("{{\"step\":1,\"eval/l1@val\":{l1}}}\n")).unwrap();
@@ -455,6 +457,8 @@ mod tests {
             (vec![false, true], ["-0.050 ± 0.001", "-0.052 .. -0.048", "3"].map(String::from).to_vec())
         );
         assert_eq!(of([0.1, 0.2, 0.3], [0.3, 0.1, 0.15]).0, [false, false]);
+        // Better on the mean of its own seeds, and worse on those that both have.
+        assert_eq!(of([0.3, 0.2, 0.9], [0.301, 0.2011, f64::NAN]).0, [false, false]);
         assert_eq!(of([0.1; 3], [0.09999; 3]).1[0], "0.000 ± 0.000", "no -0.000");
     }
 }

@@ -2,6 +2,8 @@
 
 use riglab_metric::statistics::Mean;
 
+use crate::file::Better;
+
 /// The mean of some numbers of seeds, and where the mean of many seeds lies.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Spread {
@@ -24,9 +26,13 @@ impl Spread {
         Self { n, mean, deviation, interval: (mean - half, mean + half) }
     }
 
-    /// Whether the mean is farther from 0 than seeds alone would bring it: its interval is without 0.
-    pub fn is_beyond_noise(&self) -> bool {
-        self.interval.0 > 0.0 || self.interval.1 < 0.0
+    /// Whether a difference is farther on the better side of 0 than seeds alone would bring it: its whole interval is there.
+    /// Where seeds are missing, that of the seeds which both have may lie on the other side than that of the means.
+    pub fn is_beyond_noise(&self, better: Better) -> bool {
+        match better {
+            Better::Higher => self.interval.0 > 0.0,
+            Better::Lower => self.interval.1 < 0.0,
+        }
     }
 }
 
@@ -61,12 +67,16 @@ mod tests {
     #[test]
     fn an_interval_takes_two_seeds_and_tells_noise() {
         let one = Spread::of(&[0.5]);
-        assert!((one.n, one.mean) == (1, 0.5) && one.interval.0.is_nan() && !one.is_beyond_noise());
+        assert!((one.n, one.mean) == (1, 0.5) && one.interval.0.is_nan() && !one.is_beyond_noise(Better::Higher));
         let noisy = Spread::of(&[0.1, 0.3]);
-        assert!(noisy.interval.0 < 0.0 && noisy.interval.1 > 0.0 && !noisy.is_beyond_noise());
+        assert!(noisy.interval.0 < 0.0 && noisy.interval.1 > 0.0 && !noisy.is_beyond_noise(Better::Higher));
         // Student's own: three differences of mean 0.2 and deviation 0.01.
         let sure = Spread::of(&[0.19, 0.20, 0.21]);
-        assert!((sure.interval.0 - (0.2 - 4.3027 * 0.01 / 3f64.sqrt())).abs() < 1e-9 && sure.is_beyond_noise());
+        assert!(
+            (sure.interval.0 - (0.2 - 4.3027 * 0.01 / 3f64.sqrt())).abs() < 1e-9
+                && sure.is_beyond_noise(Better::Higher)
+        );
+        assert!(!sure.is_beyond_noise(Better::Lower) && Spread::of(&[-0.19, -0.20]).is_beyond_noise(Better::Lower));
         assert!(Spread::of(&[]).mean.is_nan());
     }
 }

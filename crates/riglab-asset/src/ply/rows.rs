@@ -118,7 +118,7 @@ impl<'a> Rows<'a> {
                 }
             }
         }
-        Ok(())
+        if numbers.next().is_some() { Err("has more numbers than its header tells of".into()) } else { Ok(()) }
     }
 
     /// A row of bytes.

@@ -5,7 +5,11 @@ use std::path::Path;
 
 use anyhow::{Result, bail};
 use riglab_asset::Target;
+use riglab_data::Corpus;
+use riglab_report::counted;
 use serde_json::Value;
+
+use super::short;
 
 /// What a command writes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -116,6 +120,24 @@ pub fn keep_others(out: &Path, written: Written) -> Result<()> {
     }
     let (what, remedy) = (written.name(), written.remedy());
     bail!("{} is there already and no {what}, which another {what} may replace; {remedy}", out.display())
+}
+
+/// The corpus that stood where another is written: how many assets, and its checksum.
+pub struct Earlier(Option<(usize, String)>);
+
+impl Earlier {
+    pub fn at(out: &Path) -> Self {
+        Self(Corpus::open(out).ok().and_then(|corpus| Some((corpus.len(), corpus.checksum().ok()?))))
+    }
+
+    /// Says that it was another one: runs begun on it do not go on with this.
+    pub fn tell_replaced(&self, out: &Path) {
+        let (Some((assets, sum)), Self(Some((_, now)))) = (&self.0, Self::at(out)) else { return };
+        if *sum != now {
+            let assets = counted(*assets, "asset");
+            tell!("note: {} was another corpus before, of {assets} ({}), and is replaced", out.display(), short(sum));
+        }
+    }
 }
 
 #[cfg(test)]

@@ -1,12 +1,14 @@
 //! `riglab train --resume RUN --set train.steps=N`: a run that gets more steps than it was begun with.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
 use riglab_report::counted;
+use riglab_task::assets::Assets;
 use riglab_train::{Run, RunInfo, Task, TrainConfig, factor, first_apart};
 
 use super::shown;
+use super::train::{other_data, reached, whole};
 use crate::presets;
 use crate::registry::TaskConfig;
 
@@ -68,6 +70,31 @@ impl Longer {
         Ok(Some(Self { from, config: config.to_toml()? }))
     }
 
+    /// Writes the settings for a job, which finds a run that is not finished; gives what stood there.
+    ///
+    /// # Errors
+    /// When the corpora are others than the run was begun on, or the file system refuses.
+    pub fn hand_over(&self, run: &Run) -> Result<Former> {
+        let (dir, path) = (run.dir(), run.path("config.toml"));
+        let config = TaskConfig::read(&presets::parse(&shown(&path), &self.config, &[])?)?;
+        reached(dir, config.data(), |_| vec!["train".into(), "--resume".into(), whole(dir)])?;
+        let now = Assets::open(&config.data().corpora)?.summary()?;
+        if let Some(other) = run.info().and_then(|info| other_data(&info.data, &now)) {
+            bail!("{}: {other}; put the former corpora back", dir.display());
+        }
+        let files = [path, run.path("run.json")].into_iter().filter(|path| path.is_file());
+        let read = |path: PathBuf| {
+            let bytes = std::fs::read(&path).with_context(|| format!("{} cannot be read", path.display()))?;
+            Ok((path, bytes))
+        };
+        let former = Former(files.map(read).collect::<Result<_>>()?);
+        self.write(run)?;
+        if let Some(info) = run.info() {
+            run.write_info(&RunInfo { outcome: String::new(), ..info })?;
+        }
+        Ok(former)
+    }
+
     /// Writes the settings; [`note`] records it when training goes on.
     ///
     /// # Errors
@@ -83,6 +110,21 @@ impl Longer {
     }
 }
 
+/// What stood in a run's folder before it was to have more steps.
+pub struct Former(Vec<(PathBuf, Vec<u8>)>);
+
+impl Former {
+    /// Writes it again.
+    ///
+    /// # Errors
+    /// When the file system refuses.
+    pub fn put_back(self) -> Result<()> {
+        self.0.iter().try_for_each(|(path, bytes)| {
+            riglab_files::write(path, bytes).with_context(|| format!("{} cannot be written", path.display()))
+        })
+    }
+}
+
 /// Notes in `info` that a run which did `at` steps has others to do than it says, however it got them; what to say of it.
 pub fn note<T: Task>(task: &T, train: &TrainConfig, at: u64, info: &mut RunInfo) -> Option<String> {
     let (from, to) = (info.steps, train.steps);
@@ -95,7 +137,10 @@ pub fn note<T: Task>(task: &T, train: &TrainConfig, at: u64, info: &mut RunInfo)
     }
     let rates = first_apart(&train.schedule, [from, to], at);
     let paces = (0..at).find(|&step| task.pace(step, from) != task.pace(step, to));
-    info.extend(at, to, rates.is_none() && paces.is_none());
+    // The last step is validated in any case, and may be the best.
+    let regular = train.validate_every > 0 && from % train.validate_every == 0;
+    let validated = at < from || regular;
+    info.extend(at, to, rates.is_none() && paces.is_none() && validated);
     let same = info.extended.last().is_some_and(|e| e.as_from_start);
     let told = format!("extended at step {at} from {from} to {to} steps");
     let (was, is) = (factor(&train.schedule, at.saturating_sub(1), from), factor(&train.schedule, at, to));
@@ -107,6 +152,10 @@ pub fn note<T: Task>(task: &T, train: &TrainConfig, at: u64, info: &mut RunInfo)
         ),
         (None, Some(_)) => format!(
             "{told}: not what {to} steps from the start give, as the weights of the loss follow from their number"
+        ),
+        (None, None) if !validated => format!(
+            "{told}: its weights are those of {to} steps from the start, but step {from} was validated as the last, and may be \
+             the best"
         ),
         (None, None) => format!("{told}: not what {to} steps from the start give, as it was extended otherwise before"),
     })

@@ -10,7 +10,7 @@ use super::earlier::{Written, keep_others};
 
 /// Take the rig out of a file: skins, weights, joints, their animations, humanoid and springs of VRM.
 ///
-/// The mesh stands where it was bound, as `riglab inspect` reads it; materials, pictures, morph targets and names stay.
+/// The mesh stands at rest, where the file shows it; materials, pictures, morph targets and names stay.
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:

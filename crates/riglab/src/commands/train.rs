@@ -24,7 +24,7 @@ use crate::offered::open_weights;
 use crate::presets;
 use crate::registry::{TaskConfig, Visitor};
 use riglab_report::shell::{command, quoted};
-use riglab_report::{counted, explained, in_unit};
+use riglab_report::{counted, explained};
 
 /// Train a model from a config, or continue a run.
 ///
@@ -253,13 +253,14 @@ fn beside(config: TaskConfig, file: &Path) -> TaskConfig {
 
 /// Submits a training.
 fn hand_over(args: &Args, cluster: &[String], sets: &[String], threads: usize) -> Result<ExitCode> {
+    let mut former = None;
     let (run, desk, config) = match (&args.resume, &args.config) {
         (Some(dir), _) => {
             let desk = on_slurm::desk(dir, None, cluster)?;
             // One that is in the queue is refused below.
             if !sets.is_empty() && desk.queue()?.is_empty() {
                 let run = Run::open(dir)?;
-                Longer::of(&run, sets)?.map_or(Ok(()), |longer| longer.write(&run))?;
+                former = Longer::of(&run, sets)?.map(|longer| longer.hand_over(&run)).transpose()?;
             }
             (dir.clone(), desk, None)
         }
@@ -273,7 +274,15 @@ fn hand_over(args: &Args, cluster: &[String], sets: &[String], threads: usize) -
         (None, None) => bail!("give a config, or --resume RUN"),
     };
     let request = on_slurm::Request { run: &run, config: config.as_deref(), threads, wait: args.wait };
-    on_slurm::run(&request, &desk)
+    let submitted = match (on_slurm::submit(&request, &desk), former) {
+        (Ok(submitted), _) => submitted,
+        (Err(e), former) => {
+            // What does not go on is not extended.
+            former.map_or(Ok(()), longer::Former::put_back)?;
+            return Err(e);
+        }
+    };
+    on_slurm::follow(&request, &desk, &submitted)
 }
 
 /// A run's folder, which is made when the task has been opened: a corpus that is missing leaves none behind.
@@ -300,6 +309,7 @@ impl Visitor for Session<'_> {
 
     fn visit<T: Experiment>(self, task: T) -> Result<ExitCode> {
         let Self { config, place, longer, saved, threads, device, ranks } = self;
+        task.assets().trainable(config.data()).map_err(|e| anyhow!(e))?;
         let mut begun = if saved.is_none() { begin(&task, &config.train().start)? } else { Vec::new() };
         begun.extend(freeze(&task, config.train())?);
         if !ranks.leads() {
@@ -398,10 +408,8 @@ impl Visitor for Session<'_> {
         }
         if let Some((step, value)) = outcome.best {
             let name = task.objective().0;
-            let (shown, factor) = in_unit(name);
-            let digits = if factor == 1.0 { 4 } else { 3 };
             let said = explained(task.name(), name).map_or(String::new(), |said| format!(" ({said})"));
-            tell!("best: {shown} {:.digits$} at step {step}{said}", factor * value);
+            tell!("best: {} at step {step}{said}", task.told(value));
         }
         // Without one that was better than its start, there is none to take by itself.
         let which = if outcome.best.is_none() { " --checkpoint last" } else { "" };
@@ -438,7 +446,7 @@ pub fn reached(run: &Path, data: &DataConfig, again: impl Fn(&[PathBuf]) -> Vec<
 }
 
 /// A path from the root.
-fn whole(path: &Path) -> String {
+pub fn whole(path: &Path) -> String {
     shown(&std::path::absolute(path).unwrap_or_else(|_| path.into()))
 }
 
@@ -499,6 +507,7 @@ impl Visitor for DryRun<'_> {
 
     fn visit<T: Experiment>(self, task: T) -> Result<ExitCode> {
         let train = self.config.train();
+        task.assets().trainable(self.config.data()).map_err(|e| anyhow!(e))?;
         known_tests(self.config.data(), task.assets())?;
         tell!("{}: {:.2} M parameters; trying a few steps", task.name(), task.params().numel() as f64 / 1e6);
         let mut begun = begin(&task, &train.start)?;

@@ -102,7 +102,17 @@ pub fn run(args: &Args) -> Result<ExitCode> {
 fn export(args: &ExportArgs) -> Result<ExitCode> {
     let folder = into_folder(&args.out)?;
     keep_others(&args.out, Written::Model)?;
-    let run = args.run.as_ref().filter(|run| !run.is_file());
+    let folder_of = args.run.as_ref().filter(|run| !run.is_file()).map(|run| named_by(run));
+    if let (Some((run, named)), Some(other)) = (&folder_of, &args.checkpoint)
+        && args.run.as_ref() != Some(run)
+        && other != named
+    {
+        bail!(
+            "{} names a checkpoint and --checkpoint {other} another; give one of them",
+            args.run.as_deref().unwrap_or(run).display()
+        );
+    }
+    let run = folder_of.as_ref().map(|(run, _)| run);
     if let (None, Some(checkpoint)) = (run, &args.checkpoint) {
         bail!("--checkpoint {checkpoint} is for runs' folders; a file holds one checkpoint");
     }
@@ -114,7 +124,7 @@ fn export(args: &ExportArgs) -> Result<ExitCode> {
             "--set {set}: a model is exported as it was trained; only start.model and skin.run can be given, of models that were moved"
         );
     }
-    let of_run = args.checkpoint.as_deref().unwrap_or("best");
+    let of_run = args.checkpoint.as_deref().or(folder_of.as_ref().map(|(_, named)| named.as_str())).unwrap_or("best");
     let opened = match (&args.run, run) {
         (_, Some(run)) => of_folder(run, of_run, &args.sets),
         (Some(file), None) => Rigger::open(file, Device::Cpu).map(rigs),

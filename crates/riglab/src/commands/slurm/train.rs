@@ -1,6 +1,6 @@
 //! A training as a job.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use anyhow::{Context, Result, bail};
@@ -22,9 +22,18 @@ pub struct Request<'a> {
     pub wait: bool,
 }
 
-/// Submits a training, and with `wait` follows it to its end.
-pub fn run(request: &Request, desk: &Desk) -> Result<ExitCode> {
-    let Request { run, config, threads, wait } = *request;
+/// A training that is in the queue.
+pub struct Submitted {
+    job: String,
+    log: PathBuf,
+}
+
+/// Submits a training.
+///
+/// # Errors
+/// When it is in the queue already, or the cluster refuses it: nothing goes on then.
+pub fn submit(request: &Request, desk: &Desk) -> Result<Submitted> {
+    let Request { run, config, threads, .. } = *request;
     let shown = run.display();
     if let Some(queued) = desk.queue()?.first() {
         bail!("{shown} is in the queue already, as job {} ({})", queued.job, queued.state.to_lowercase());
@@ -56,14 +65,23 @@ pub fn run(request: &Request, desk: &Desk) -> Result<ExitCode> {
     let log = desk.logs().join(format!("{}.log", submission.job));
     tell!("job {}: messages in {}; `squeue -j {0}` shows it", submission.job, log.display());
     say!("{shown}");
-    if !wait {
+    Ok(Submitted { job: submission.job, log })
+}
+
+/// With `wait` follows it to its end.
+///
+/// # Errors
+/// When it does not end as a finished run.
+pub fn follow(request: &Request, desk: &Desk, submitted: &Submitted) -> Result<ExitCode> {
+    let (run, shown, Submitted { job, log }) = (request.run, request.run.display(), submitted);
+    if !request.wait {
         return Ok(ExitCode::SUCCESS);
     }
     let mut progress = Progress::new("training", 1, 0);
     let emptied = desk.follow(&Interrupt::listening(), |queue| progress.set(0, || counted(queue)))?;
     progress.finish();
     if !emptied {
-        tell!("the job goes on; `scancel {}` would end it", submission.job);
+        tell!("the job goes on; `scancel {job}` would end it");
         return Ok(ExitCode::from(130));
     }
     let text = std::fs::read_to_string(run.join("run.json")).unwrap_or_default();
@@ -72,8 +90,8 @@ pub fn run(request: &Request, desk: &Desk) -> Result<ExitCode> {
         tell!("next: {}", command(["eval", &run.to_string_lossy()]));
         return Ok(ExitCode::SUCCESS);
     }
-    let ended = state(&submission.job).unwrap_or_else(|| "ended".into());
-    bail!("{shown} is not finished: job {} {}; its messages are in {}", submission.job, ended, log.display())
+    let ended = state(job).unwrap_or_else(|| "ended".into());
+    bail!("{shown} is not finished: job {job} {ended}; its messages are in {}", log.display())
 }
 
 /// The desk of a run: with the settings of a config, or those that the run was begun with.

@@ -16,6 +16,7 @@ use riglab_report::shell::command;
 use riglab_synth::{Options, Plan, creature, name, provenance};
 use riglab_train::Progress;
 
+use super::earlier::Earlier;
 use begun::Begun;
 use riglab_report::counted;
 
@@ -133,6 +134,7 @@ fn settings(args: &Args, options: &Options) -> Vec<(String, String)> {
 /// Writes the creatures to a corpus as they are made.
 fn corpus(args: &Args, options: &Options) -> Result<ExitCode> {
     make_folder_of(&args.out)?;
+    let before = Earlier::at(&args.out);
     let mut writer = CorpusWriter::create(&args.out)?;
     let mut progress = Progress::new("making creatures", args.count, 0);
     let mut keys = Vec::new();
@@ -149,6 +151,7 @@ fn corpus(args: &Args, options: &Options) -> Result<ExitCode> {
     }
     writer.finish(&Splitter::ByTopology(args.seed).assign(&keys))?;
     progress.finish();
+    before.tell_replaced(&args.out);
     let corpora = format!("data.corpora=[\"{}\"]", args.out.display());
     tell!("next: {}", command(["train", "quickstart/fsq_cvae.toml", "--set", &corpora]));
     say!("{}: {}", args.out.display(), counted(keys.len(), "creature"));
