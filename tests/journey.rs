@@ -217,14 +217,30 @@ fn from_files_to_weights_for_given_skeletons() {
     assert_eq!((&evaluation["report"]["spread"], &plain["report"]["spread"]), (&0.35.into(), &0.0.into()));
     assert_eq!(l1(&evaluation, "raw"), l1(&plain, "raw"));
     assert_ne!(l1(&evaluation, "rule"), l1(&plain, "rule"));
-    // Test rigs alone: there is nothing to choose a cut by.
+    // Test rigs alone: there is nothing to choose a cut by, and no evaluation that chose one.
+    let hidden = run.join("hidden.json");
+    fs::rename(run.join("eval.json"), &hidden).unwrap();
     let (set, out) = (format!("data.corpora=['{}']", tests_alone(dir.path()).display()), dir.path().join("alone.json"));
     let eval = ["eval", text(&run), "--pictures", "0", "-o", text(&out), "--set", &set];
     let said = refusal(&mut riglab(&eval));
     assert!(said.contains("no asset in `val` to choose") && said.contains("--set eval.cuts='[0.1]'"), "{said}");
-    must(&[&eval[..], &["--set", "eval.cuts=[0.1]"]].concat());
-    let found: Value = serde_json::from_slice(&fs::read(&out).unwrap()).unwrap();
-    assert!((found["report"]["cut"].as_f64().unwrap() - 0.1).abs() < 1e-6);
+    let cut = |more: &[&str]| {
+        let said = must(&[&eval[..], more].concat()).stderr;
+        let found: Value = serde_json::from_slice(&fs::read(&out).unwrap()).unwrap();
+        (found["report"]["cut"].as_f64().unwrap(), String::from_utf8(said).unwrap())
+    };
+    assert!((cut(&["--set", "eval.cuts=[0.1]"]).0 - 0.1).abs() < 1e-6);
+    // The one that the run's own evaluation chose.
+    fs::rename(&hidden, run.join("eval.json")).unwrap();
+    let (own, said) = cut(&[]);
+    assert!(
+        Some(own) == evaluation["report"]["cut"].as_f64() && said.contains("no asset to choose a cut by"),
+        "{said}"
+    );
+    assert!(said.contains("next: riglab report") && said.contains("--eval"), "{said}");
+    let other = dir.path().join("other.html");
+    must(&["report", text(&run), "--eval", text(&out), "-o", text(&other)]);
+    assert!(fs::read_to_string(&other).unwrap().contains("mine.h5"));
     let report = dir.path().join("report.html");
     must(&["report", text(&run), "-o", text(&report)]);
     let html = fs::read_to_string(&report).unwrap();

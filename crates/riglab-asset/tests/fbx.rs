@@ -11,7 +11,7 @@ use ascii_fbx::{Ascii, Cluster, SIDES, TETRAHEDRON, moved, scaled_and_moved, tin
 use riglab_asset::export::ExportOptions;
 use riglab_asset::rigging::{SubjectNote, dressed};
 use riglab_asset::{Character, Fault, ImportOptions, Imported, Resample, Warning, import, import_bytes, to_fbx};
-use riglab_core::{Rig, Vec3, skin};
+use riglab_core::{Rig, Springs, Vec3, skin};
 
 fn read(file: &Ascii) -> Result<Imported, Fault> {
     import_bytes("test.fbx", &file.bytes(), &ImportOptions::default()).map_err(|e| e.fault)
@@ -100,6 +100,28 @@ fn motions_are_read_where_they_are_asked_for() {
 }
 
 #[test]
+fn nodes_that_inherit_scales_otherwise_move_alike() {
+    // The tip does not grow with the hips, which are twice as large in the end.
+    let file = |inherit: u32| {
+        let more = format!("P: \"InheritType\", \"enum\", \"\", \"\",{inherit}");
+        let grow = (1, "Lcl Scaling", "d|Y", &[(0.0, 1.0), (1.0, 2.0)][..]);
+        let turn = (1, "Lcl Rotation", "d|Z", &[(0.0, 0.0), (1.0, 90.0)][..]);
+        let [hips, tip] = [[0.0, 10.0, 0.0], [0.0, 20.0, 0.0]];
+        let link =
+            |bone, weights, at: [f64; 3]| Cluster { bone, weights, transform: moved(at.map(|x| -x)), link: moved(at) };
+        Ascii::new()
+            .bone(1, "hips", 0, hips)
+            .node(2, "tip", "LimbNode", 1, hips, &more)
+            .mesh(10, 0, &TETRAHEDRON, &SIDES, "")
+            .skin(10, &[link(1, &[(0, 1.0), (1, 1.0), (3, 1.0)], hips), link(2, &[(2, 1.0)], tip)])
+            .motion("grow", None, &[grow, turn])
+    };
+    let top = |inherit| posed(&with_clips("a.fbx", &file(inherit).bytes(), 4.0), 4)[2];
+    // The corner stands .05 above the tip, which stands .1 above the hips and is .2 from them then.
+    assert_near(&[top(1), top(2)], &[[-0.3, 0.1, 0.0], [-0.25, 0.1, 0.0]]);
+}
+
+#[test]
 fn motions_beyond_measure_are_cut_or_left_out() {
     let long = |end: f64| {
         let keys = [(0.0, 10.0), (end, 30.0)];
@@ -128,7 +150,8 @@ fn as_glb_it_keeps_looks_rig_and_motions() {
     let free = turning(Ascii::new()).mesh(20, 0, &TETRAHEDRON, &SIDES, "");
     let bytes = free.bytes();
     std::fs::write(&path, &bytes).unwrap();
-    let (exported, notes) = dressed(&path, &ImportOptions::default(), &ExportOptions::default()).unwrap();
+    let (exported, notes) =
+        dressed(&path, &ImportOptions::default(), &Springs::default(), &ExportOptions::default()).unwrap();
     // Of the mesh, which moves alone.
     assert_eq!(notes, [SubjectNote::ThingsLeft(vec!["1 animation".into()])]);
     let (fbx, glb) = (with_clips("a.fbx", &bytes, 30.0), with_clips("a.glb", &exported.bytes, 30.0));

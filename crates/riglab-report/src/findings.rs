@@ -51,7 +51,10 @@ impl Metric {
         let finite = values.iter().copied().filter(|v| v.is_finite());
         let best = if self.higher { finite.reduce(f64::max) } else { finite.reduce(f64::min) };
         let shown = |v: f64| format!("{v:.*}", self.digits);
-        values.iter().map(|&v| v.is_finite() && best.is_some_and(|best| shown(v) == shown(best))).collect()
+        let is_best = |v: f64| v.is_finite() && best.is_some_and(|best| shown(v) == shown(best));
+        // Where all are alike, none is better than others.
+        let all = values.iter().filter(|v| v.is_finite()).all(|v| is_best(*v));
+        values.iter().map(|&v| !all && is_best(v)).collect()
     }
 }
 

@@ -170,8 +170,8 @@ impl DataConfig {
             return Ok(());
         }
         Err(format!(
-            "data.validate: the corpora have no asset in `{}` to choose one of eval.cuts by; name one, as \
-             --set eval.cuts='[0.1]', or in data.corpora also a corpus with that split, as that of the training",
+            "data.validate: the corpora have no asset in `{}` to choose one of eval.cuts by. Evaluate the run as it was \
+             trained first, which chooses one that is taken then (`riglab eval RUN`), or name one: --set eval.cuts='[0.1]'",
             self.validate
         ))
     }

@@ -1,6 +1,6 @@
 //! The tasks by name: the one place that knows them all.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, anyhow, bail};
 use riglab_config::Config;
@@ -111,6 +111,15 @@ impl TaskConfig {
         each!(self, c => &c.data)
     }
 
+    /// Whether an evaluation chooses the cut of a decode rule among several.
+    pub fn chooses_a_cut(&self) -> bool {
+        match self {
+            Self::FsqCvae(c) => c.eval.cuts.len() > 1,
+            Self::UnirigSkin(c) => c.eval.cuts.len() > 1,
+            Self::Grpo(_) | Self::TokenRig(_) | Self::UnirigSkeleton(_) => false,
+        }
+    }
+
     /// The same with what is left to this machine decided: the precision.
     pub fn settled(mut self) -> Self {
         each!(&mut self, c => c.train.precision = c.train.precision.resolved());
@@ -151,32 +160,44 @@ pub struct Evaluated {
     pub step: Option<u64>,
     /// Settings with which it was made that are not the run's, as KEY=VALUE.
     pub sets: Vec<String>,
+    /// What is to be said where assets were tested on that were trained on.
+    pub warning: Option<String>,
 }
 
-/// Reads a run's evaluation; `None` before the first.
-pub fn evaluation(task: &str, run: &Path) -> Result<Option<Evaluated>> {
-    let path = run.join("eval.json");
+/// The folder of an evaluation's pictures, beside its file.
+pub fn pictures(evaluation: &Path) -> PathBuf {
+    match evaluation.with_extension("") {
+        // A name without an ending is the file's.
+        same if same == evaluation => evaluation.with_extension("pictures"),
+        folder => folder,
+    }
+}
+
+/// Reads an evaluation of a run, `eval.json` or what `riglab eval --out` wrote; `None` where there is no such file.
+pub fn evaluation(task: &str, run: &Path, path: &Path) -> Result<Option<Evaluated>> {
     if !path.exists() {
         return Ok(None);
     }
     let shown = || path.display();
     let text = std::fs::read_to_string(&path).with_context(|| format!("{} cannot be read", shown()))?;
-    let picture = |file: &str| std::fs::read(run.join("eval").join(file)).ok();
+    let folder = pictures(path);
+    let picture = |file: &str| std::fs::read(folder.join(file)).ok();
     let unclear =
         || format!("{} cannot be understood: cut off, or of another version; make it anew with `riglab eval`", shown());
     let saw: serde_json::Value = serde_json::from_str(&text).with_context(unclear)?;
     let word = |v: &serde_json::Value| v.as_str().unwrap_or_default().to_owned();
     let seen: Vec<String> = saw["trained_on"].as_array().into_iter().flatten().map(word).collect();
-    let seen = warning(&seen, &["the splits that were evaluated".into()]);
+    let warned = warning(&seen, &["the splits that were evaluated".into()]);
     let corpora = saw["data"].as_array().into_iter().flatten().map(|d| (word(&d[0]), word(&d[1]))).collect();
     let step = saw["checkpoint"]["step"].as_u64();
     let sets: Vec<String> = saw["set"].as_array().into_iter().flatten().map(word).collect();
     macro_rules! read {
         ($task:ident) => {{
             let evaluation: $task::Evaluation = serde_json::from_str(&text).with_context(unclear)?;
-            let mut blocks = Vec::from_iter(seen.map(Block::Text));
+            let mut blocks = Vec::from_iter(warned.clone().map(Block::Text));
             blocks.extend(evaluation.blocks(picture));
-            Ok(Some(Evaluated { blocks, findings: evaluation.findings(), corpora, step, sets }))
+            let findings = evaluation.findings();
+            Ok(Some(Evaluated { blocks, findings, corpora, step, sets, warning: warned }))
         }};
     }
     match task {

@@ -8,7 +8,7 @@ use std::ops::RangeInclusive;
 
 use glam::DAffine3;
 use riglab_core::{Clip, JointMap};
-use ufbx::{AnimStack, ElementType, EvaluateOpts, Scene};
+use ufbx::{AnimStack, ElementType, EvaluateOpts, InheritMode, Scene};
 
 use super::allocator;
 use super::joints::Joints;
@@ -92,26 +92,80 @@ fn clip(
     let whole = ((time.end() - time.start()) * f64::from(resample.rate) + 1e-3).floor();
     let frames = (whole as usize).saturating_add(1).min(resample.frames.max(1));
     let to_joints = joints.to_joints().ok_or("a joint is flat at rest")?;
-    for (room, each) in room.iter_mut().zip([to_joints.len(), scene.elements.len()]) {
+    let poser = Poser::new(scene, stack, nodes, joints);
+    for (room, each) in room.iter_mut().zip([to_joints.len(), poser.cost()]) {
         let left = room.checked_sub(frames.saturating_mul(each));
         *room = left.ok_or("the clips of the file are longer than is read")?;
     }
     let back = nodes.space.inverse();
     let mut maps: Vec<JointMap> = Vec::with_capacity(frames * to_joints.len());
+    let mut worlds: Vec<DAffine3> = (0..nodes.all.len()).map(|node| nodes.world(node)).collect();
     for frame in 0..frames {
         let at = time.start() + frame as f64 / f64::from(resample.rate);
-        let options = EvaluateOpts {
-            temp_allocator: allocator(memory),
-            result_allocator: allocator(memory),
-            ..EvaluateOpts::default()
-        };
-        let posed = ufbx::evaluate_scene(scene, &stack.anim, at, options).map_err(|e| e.description.to_string())?;
+        poser.pose(at, memory, &mut worlds)?;
         maps.extend(to_joints.iter().map(|&(node, to_joint)| {
-            let world = posed.nodes.get(node).map_or(DAffine3::NAN, |node| affine(&node.node_to_world));
-            let map = nodes.space * world * to_joint * back;
+            let map = nodes.space * worlds[node] * to_joint * back;
             [map.matrix3.x_axis, map.matrix3.y_axis, map.matrix3.z_axis, map.translation].map(|v| v.as_vec3().into())
         }));
     }
     let clip = Clip::new(name.to_owned(), resample.rate, to_joints.len(), maps).map_err(|e| e.to_string())?;
     Ok((clip, whole < frames as f64))
+}
+
+/// What poses nodes.
+struct Poser<'a> {
+    scene: &'a Scene,
+    stack: &'a AnimStack,
+    nodes: &'a Nodes<'a>,
+    /// Nodes at and above joints, parents first, with whether the stack says something of them; `None` where one of them
+    /// inherits scales otherwise than by its parent's place, which ufbx does for whole scenes alone.
+    chain: Option<Vec<(usize, bool)>>,
+}
+
+impl<'a> Poser<'a> {
+    fn new(scene: &'a Scene, stack: &'a AnimStack, nodes: &'a Nodes<'a>, joints: &Joints) -> Self {
+        let mut told = vec![false; nodes.all.len()];
+        for prop in (&stack.layers).into_iter().flat_map(|layer| &layer.anim_props) {
+            if prop.element.type_ == ElementType::Node
+                && let Some(told) = told.get_mut(prop.element.typed_id as usize)
+            {
+                *told = true;
+            }
+        }
+        let moving = joints.movers(nodes);
+        let of_chain = || nodes.order.iter().copied().filter(|&node| moving[node] && nodes.parent(node).is_some());
+        let plain = of_chain().all(|node| nodes.all[node].inherit_mode == InheritMode::Normal);
+        let chain = plain.then(|| of_chain().map(|node| (node, told[node])).collect());
+        Self { scene, stack, nodes, chain }
+    }
+
+    /// How many elements it looks at for a frame.
+    fn cost(&self) -> usize {
+        self.chain.as_ref().map_or(self.scene.elements.len(), Vec::len)
+    }
+
+    /// Where nodes at and above joints stand at a time.
+    fn pose(&self, at: f64, memory: usize, worlds: &mut [DAffine3]) -> Result<(), String> {
+        let Some(chain) = &self.chain else {
+            let options = EvaluateOpts {
+                temp_allocator: allocator(memory),
+                result_allocator: allocator(memory),
+                ..EvaluateOpts::default()
+            };
+            let posed = ufbx::evaluate_scene(self.scene, &self.stack.anim, at, options);
+            let posed = posed.map_err(|e| e.description.to_string())?;
+            worlds.iter_mut().zip(&posed.nodes).for_each(|(world, node)| *world = affine(&node.node_to_world));
+            return Ok(());
+        };
+        for &(number, told) in chain {
+            let node = self.nodes.all[number];
+            let local = match told {
+                true => affine(&ufbx::transform_to_matrix(&ufbx::evaluate_transform(&self.stack.anim, node, at))),
+                false => affine(&node.node_to_parent),
+            };
+            let above = self.nodes.parent(number).map_or(DAffine3::IDENTITY, |parent| worlds[parent]);
+            worlds[number] = above * local;
+        }
+        Ok(())
+    }
 }

@@ -3,7 +3,7 @@
 use std::collections::HashMap;
 use std::path::Path;
 
-use riglab_core::{Rig, RigError, SkinWeights};
+use riglab_core::{Rig, RigError, SkinWeights, Springs};
 
 use super::{SubjectNote, fbx};
 use crate::assemble::ordered_sets;
@@ -13,13 +13,14 @@ use crate::{Fault, ImportOptions, Reading, Resample, gltf, import_from};
 
 /// The rigged FBX at `path` as a GLB: the meshes that its rig holds with their materials, pictures, normals, texture
 /// coordinates, colours and blend shapes, bound as the importer reads it, and its motions of joints, sampled at the file's own
-/// rate. With it what of the file is not in the GLB.
+/// rate. `springs` are of its joints; FBX has none. With it what of the file is not in the GLB.
 ///
 /// # Errors
 /// What is wrong with the file; [`Fault::NothingBound`] without a rig.
 pub fn dressed(
     path: &Path,
     options: &ImportOptions,
+    springs: &Springs,
     how: &ExportOptions,
 ) -> Result<(Exported, Vec<SubjectNote>), ExportError> {
     let fail = |fault: ExportFault| ExportError { file: path.to_string_lossy().into_owned(), fault };
@@ -44,6 +45,7 @@ pub fn dressed(
     let bare = import_from(path, &glb, None, &ImportOptions::default()).map_err(|e| source(e.fault))?;
     let weights = weights(old, &imported.reading, &taken.origins, &bare.reading).map_err(invalid)?;
     let rig = Rig::new(old.skeleton().clone(), bare.mesh().clone(), weights).map_err(invalid)?;
+    let rig = rig.with_springs(springs.clone()).map_err(invalid)?;
     let exported = gltf::export::onto(&glb, None, &bare, &rig, how).map_err(fail)?;
     let exported = gltf::export::with_motions(exported, old.skeleton(), &imported.clips).map_err(fail)?;
     // Of those that move no joint, and those that could not be read, of which the importer warned.

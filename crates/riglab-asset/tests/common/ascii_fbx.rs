@@ -119,9 +119,13 @@ impl Ascii {
         for (node, property, axis, keys) in curves {
             let (values, curve) = (self.next(), self.next());
             let (times, heights): (Vec<i64>, Vec<f64>) = keys.iter().map(|(at, value)| (ticks(*at), *value)).unzip();
+            // What axes without keys have.
+            let still = if *property == "Lcl Scaling" { 1 } else { 0 };
+            let axes =
+                ["X", "Y", "Z"].map(|axis| format!("P: \"d|{axis}\", \"Number\", \"\", \"A\",{still}\n")).concat();
             write!(
                 self.objects,
-                "AnimationCurveNode: {values}, \"AnimCurveNode::V\", \"\" {{\n}}\n\
+                "AnimationCurveNode: {values}, \"AnimCurveNode::V\", \"\" {{\nProperties70: {{\n{axes}}}\n}}\n\
                  AnimationCurve: {curve}, \"AnimCurve::\", \"\" {{\nKeyVer: 4008\nKeyTime: {}\nKeyValueFloat: {}\n\
                  KeyAttrFlags: *1 {{ a: 4 }}\nKeyAttrDataFloat: *4 {{ a: 0,0,0,0 }}\nKeyAttrRefCount: *1 {{ a: {} }}\n}}\n",
                 list(&times),

@@ -31,6 +31,8 @@ pub struct Compared {
     pub step: Option<u64>,
     /// Settings of that evaluation that are not the run's, as KEY=VALUE.
     pub sets: Vec<String>,
+    /// What a reader must know of its figures, as that it was trained on what it was tested on.
+    pub warning: Option<String>,
     /// What its evaluation found.
     pub findings: Vec<Findings>,
 }
@@ -43,7 +45,9 @@ pub struct Compared {
 pub fn versus(runs: &[Compared]) -> Result<Vec<Block>, Refusal> {
     let Some((first, others)) = runs.split_first() else { return Ok(Vec::new()) };
     others.iter().try_for_each(|other| same(first, other))?;
-    let mut blocks = vec![Block::Table(facts(runs)), Block::Table(settings(runs)?)];
+    let warned = |run: &Compared| Some(Block::Text(format!("{}: {}", run.name, run.warning.as_ref()?)));
+    let mut blocks: Vec<Block> = runs.iter().filter_map(warned).collect();
+    blocks.extend([Block::Table(facts(runs)), Block::Table(settings(runs)?)]);
     let mut measured = Vec::new();
     for about in first.findings.iter().map(|f| f.about.as_str()) {
         let of: Option<Vec<&Findings>> = runs.iter().map(|r| find(r, about)).collect();
@@ -74,15 +78,18 @@ fn facts(runs: &[Compared]) -> Table {
     let lists: Vec<BTreeMap<String, String>> = runs
         .iter()
         .map(|r| {
-            let mut of: BTreeMap<_, _> = r.view.fact_list().into_iter().collect();
+            let (corpora, facts): (Vec<_>, Vec<_>) = r.view.fact_list().into_iter().partition(|(n, _)| n == CORPUS);
+            let mut of: BTreeMap<_, _> = facts.into_iter().collect();
+            let corpora: Vec<String> = corpora.into_iter().map(|(_, corpus)| corpus).collect();
+            of.insert(TRAINED_ON.into(), corpora.join(", "));
             of.insert("task".into(), r.view.task());
             of.insert("ended".into(), r.view.outcome());
             of.insert(STEP.into(), r.step.map_or(String::new(), |step| step.to_string()));
             of
         })
         .collect();
-    let mut names = vec!["task".to_owned(), "ended".into(), STEP.into()];
-    let more = runs.iter().flat_map(|r| r.view.fact_list()).map(|(name, _)| name).filter(|n| n != "corpus");
+    let mut names = vec!["task".to_owned(), TRAINED_ON.into(), "ended".into(), STEP.into()];
+    let more = runs.iter().flat_map(|r| r.view.fact_list()).map(|(name, _)| name).filter(|n| n != CORPUS);
     for name in more {
         if !names.contains(&name) {
             names.push(name);
@@ -97,6 +104,15 @@ fn facts(runs: &[Compared]) -> Table {
 
 /// What the step of the checkpoint is called.
 const STEP: &str = "step evaluated";
+
+/// What a corpus is called among the facts of a run, and all of them in the table: runs that are tested on the same may have
+/// learned from others.
+const CORPUS: &str = "corpus";
+const TRAINED_ON: &str = "trained on";
+
+/// Settings that say what was learned from. An evaluation on other corpora, which are the same for all runs here, changes
+/// nothing of that.
+const OF_TRAINING: [&str; 3] = ["data.corpora", "data.weights", "data.train"];
 
 /// The settings in which the runs, as they were evaluated, differ.
 fn settings(runs: &[Compared]) -> Result<Table, Refusal> {
@@ -122,7 +138,8 @@ fn settings_of(run: &Compared) -> Result<BTreeMap<String, String>, Refusal> {
     let read = read.map_err(|e| Refusal::Config { run: run.name.clone(), fault: e.to_string() })?;
     let values = |config: Config| config.leaves().into_iter().map(|leaf| (leaf.path, leaf.value));
     let mut out: BTreeMap<String, String> = values(read).collect();
-    for set in &run.sets {
+    let key = |set: &str| set.split('=').next().unwrap_or_default().trim().to_owned();
+    for set in run.sets.iter().filter(|set| !OF_TRAINING.contains(&key(set).as_str())) {
         match (Loader::new().parse("", "", &[set]), set.split_once('=')) {
             (Ok(own), _) => out.extend(values(own)),
             // An evaluation was made with it all the same.
@@ -168,7 +185,8 @@ mod tests {
         );
         let corpora = vec![("c.h5".into(), sum.into())];
         let view = RunView::read(dir.path()).unwrap();
-        Compared { name: name.into(), view, corpora, step: Some(5), sets: Vec::new(), findings: vec![findings(shift)] }
+        let findings = vec![findings(shift)];
+        Compared { name: name.into(), view, corpora, step: Some(5), sets: Vec::new(), warning: None, findings }
     }
 
     fn table<'a>(blocks: &'a [Block], caption: &str) -> &'a Table {
@@ -248,6 +266,35 @@ mod tests {
         assert_eq!(settings, [["eval.name", "", "\"x\""], ["train.steps", "5", "7"]]);
         assert!(runs.iter().any(|row| row[..] == ["step evaluated", "5", "3"]), "{runs:?}");
         assert!(differ(run("a", 0.0, "1"), run("b", 0.0, "1")).0.is_empty());
+    }
+
+    #[test]
+    fn runs_that_learned_from_other_corpora_differ_in_that() {
+        let learned = |name: &str, corpus: &str| {
+            let config = format!("task = 't'\n[data]\ncorpora = ['{corpus}']\n");
+            let mut run = trained_by(&config, name, 0.0, "1");
+            let dir = tempfile::tempdir().unwrap();
+            std::fs::write(dir.path().join("config.toml"), config).unwrap();
+            let info = format!("{{\"task\": \"t\", \"data\": [[\"{corpus}\", \"0123456789abcdef\", 7]]}}");
+            std::fs::write(dir.path().join("run.json"), info).unwrap();
+            run.view = RunView::read(dir.path()).unwrap();
+            run.sets = vec!["data.corpora=['mine.h5']".into()];
+            run
+        };
+        let (a, mut b) = (learned("a", "x.h5"), learned("b", "y.h5"));
+        b.warning = Some("3 assets are trained on, too.".into());
+        let blocks = versus(&[a, b]).unwrap();
+        assert!(
+            matches!(&blocks[0], Block::Text(said) if said == "b: 3 assets are trained on, too."),
+            "{:?}",
+            blocks[0]
+        );
+        let row = |caption: &str, first: &str| -> Vec<String> {
+            let row = table(&blocks, caption).rows.iter().find(|row| row[0].text == first).unwrap();
+            row.iter().skip(1).map(|c| c.text.clone()).collect()
+        };
+        assert_eq!(row("Runs", "trained on"), ["x.h5 (0123456789ab)", "y.h5 (0123456789ab)"]);
+        assert_eq!(row("Settings", "data.corpora"), ["[\"x.h5\"]", "[\"y.h5\"]"]);
     }
 
     #[test]

@@ -106,7 +106,7 @@ const SYMBOLS: &str = "R_vj, R_vk, R_sc, R_mo";
 /// The table of all splits.
 pub fn lines(report: &Report) -> Vec<String> {
     let mut out = vec![format!(
-        "{:12} {:15} {:>6} {:>7} {:>8} {:>11} {:>8} {:>7} {:>6} {:>7} {:>7} {:>7}",
+        "{:12} {:15} {:>6} {:>7} {:>8} {:>11} {:>8} {:>7} {:>6} {:>8} {:>7} {:>7} {:>7}",
         "split",
         "model",
         "rigs",
@@ -116,13 +116,14 @@ pub fn lines(report: &Report) -> Vec<String> {
         "skinning",
         "motion",
         "valid",
+        "compared",
         "J2J",
         "J2B",
         "B2B"
     )];
     for Row { rewards: r, skeletons: s } in &report.rows {
         out.push(format!(
-            "{:12} {:15} {:>6} {:>7.4} {:>8.4} {:>11.4} {:>8.4} {:>7.4} {:>6.3} {:>7.3} {:>7.3} {:>7.3}",
+            "{:12} {:15} {:>6} {:>7.4} {:>8.4} {:>11.4} {:>8.4} {:>7.4} {:>6.3} {:>8} {:>7.3} {:>7.3} {:>7.3}",
             s.split,
             s.method,
             s.assets,
@@ -132,13 +133,17 @@ pub fn lines(report: &Report) -> Vec<String> {
             r.skinning,
             r.motion,
             s.valid,
+            s.compared,
             100.0 * s.j2j,
             100.0 * s.j2b,
             100.0 * s.b2b
         ));
     }
     out.push(format!("coverage, containment, skinning, motion: {SYMBOLS}"));
-    out.push(format!("distances x 100, convention {}", report.convention));
+    out.push(format!(
+        "distances x 100, convention {}, means over the rigs that can be compared (those with a bone)",
+        report.convention
+    ));
     out.extend(report.gains.iter().zip(report.rows.chunks_exact(2)).map(|(gain, pair)| verdict(gain, pair)));
     out
 }
@@ -223,6 +228,7 @@ impl Evaluation {
             "skinning R_sc",
             "motion R_mo",
             "valid",
+            "compared",
             "J2J × 100",
             "J2B × 100",
             "B2B × 100",
@@ -236,7 +242,7 @@ impl Evaluation {
             let mut cells = vec![Cell::text(&s.split), Cell::text(&s.method), Cell::count(s.assets)];
             let rewards = [r.total, r.coverage, r.containment, r.skinning, r.motion];
             cells.extend(rewards.map(|x| Cell::number(x, 4)));
-            cells.push(Cell::number(s.valid, 3));
+            cells.extend([Cell::number(s.valid, 3), Cell::count(s.compared)]);
             cells.extend([s.j2j, s.j2b, s.b2b].map(|x| Cell::number(100.0 * x, 3)));
             table.row(cells);
         }
@@ -244,7 +250,8 @@ impl Evaluation {
             "before: the model that the run started from; after: this checkpoint. Both rig the same meshes, with \
                       the same points and draws: several rigs a mesh drawn as in training, or one (greedy: always the \
                       likeliest token). The reward is higher, the distances are lower for a better rig; a rig that \
-                      cannot be decoded has reward 0. The reward is the sum of four, each from 0 to 1, by the run's \
+                      cannot be decoded has reward 0. Distances are means over the rigs that can be compared, those with a \
+                      bone; what is said above is of meshes with such rigs before and after. The reward is the sum of four, each from 0 to 1, by the run's \
                       reward.weights: coverage (R_vj), joints near all of the body; containment (R_vk), bones inside \
                       the body; skinning (R_sc), vertices held, and by four bones at most; motion (R_mo), a surface \
                       that stays whole in poses. A model of skeletons alone draws no weights to be judged: its \

@@ -199,20 +199,18 @@ impl Evaluation {
     }
 
     fn assets(&self) -> String {
-        let head = ["split", "J2J", "retrieval", "template", "joints", "true"];
-        let [split, model, nearest, fitted, joints, wanted] = head;
-        let mut text = format!("{split:12} {model:>7} {nearest:>9} {fitted:>8} {joints:>7} {wanted:>7}  name\n");
+        // Distances that nothing has are no columns.
+        let all: [(&str, fn(&AssetRow) -> f64); 3] =
+            [("J2J", |a| a.model.j2j), ("retrieval", |a| a.retrieval.j2j), ("template", |a| a.template_fit.j2j)];
+        let known = |of: fn(&AssetRow) -> f64| self.report.assets.iter().any(|a| of(a).is_finite());
+        let columns: Vec<_> = all.into_iter().filter(|(name, of)| *name == "J2J" || known(*of)).collect();
+        let mut text = format!("{:12}", "split");
+        columns.iter().for_each(|(name, _)| text += &format!(" {name:>9}"));
+        text += &format!(" {:>7} {:>7}  name\n", "joints", "true");
         for a in &self.report.assets {
-            text += &format!(
-                "{:12} {:>7.2} {:>9.2} {:>8.2} {:>7} {:>7}  {}\n",
-                a.split,
-                100.0 * a.model.j2j,
-                100.0 * a.retrieval.j2j,
-                100.0 * a.template_fit.j2j,
-                a.joints,
-                a.true_joints,
-                a.name
-            );
+            text += &format!("{:12}", a.split);
+            columns.iter().for_each(|(_, of)| text += &format!(" {:>9.2}", 100.0 * of(a)));
+            text += &format!(" {:>7} {:>7}  {}\n", a.joints, a.true_joints, a.name);
         }
         text
     }

@@ -10,7 +10,7 @@ use riglab_files::{Unfinished, make_folder_of};
 use riglab_report::shell::command;
 use riglab_sweep::hold_evaluation;
 use riglab_task::Experiment;
-use riglab_task::assets::DataConfig;
+use riglab_task::assets::{Assets, DataConfig};
 use riglab_task::seen::{seen, warning};
 use riglab_train::{Checkpoint, Progress, RunInfo, named_by, same_companions};
 
@@ -19,7 +19,7 @@ use super::earlier::{Written, keep_others};
 use super::shown;
 use super::train::{other_data, reached, tell_untested, untested};
 use crate::presets;
-use crate::registry::{TaskConfig, Visitor};
+use crate::registry::{TaskConfig, Visitor, pictures};
 
 /// Evaluate a run's checkpoint on whole meshes of the test splits.
 ///
@@ -58,6 +58,13 @@ pub fn run(args: &Args, threads: usize) -> Result<ExitCode> {
         bail!("{} names a checkpoint and --checkpoint {other} another; give one of them", args.run.display());
     }
     let (path, folder) = places(args, &run)?;
+    if run.is_file() {
+        let file = run.display();
+        bail!(
+            "{file} is a file; a model that was exported is evaluated as a run's folder, which `{} FOLDER` makes of it",
+            command(["checkpoint", "export", &shown(&run), "-o"])
+        );
+    }
     if !run.join("config.toml").is_file() {
         bail!("{}: no run here (there is no config.toml); `riglab train` makes one", run.display());
     }
@@ -66,7 +73,8 @@ pub fn run(args: &Args, threads: usize) -> Result<ExitCode> {
     riglab_torch::init(riglab_torch::Settings { threads });
     let device = args.device.device()?;
     let read = |sets: &[String]| TaskConfig::read(&presets::load(&run.join("config.toml").to_string_lossy(), sets)?);
-    let config = read(&with_their_weights(&args.sets))?;
+    let sets = with_their_weights(&args.sets);
+    let config = read(&with_its_cut(&run, sets, &read)?)?;
     trained_so(&read(&[])?, &config)?;
     let config = config.of_run(&run);
     ensure!(
@@ -122,6 +130,47 @@ fn with_their_weights(sets: &[String]) -> Vec<String> {
     all
 }
 
+/// Settings with the cut of the decode rule that the run's own evaluation chose, where these corpora have nothing to choose one
+/// by.
+fn with_its_cut(
+    run: &Path,
+    mut sets: Vec<String>,
+    read: &impl Fn(&[String]) -> Result<TaskConfig>,
+) -> Result<Vec<String>> {
+    let config = read(&sets)?.of_run(run);
+    if !config.chooses_a_cut() || sets_key(&sets, "eval.cuts") || !sets_key(&sets, "data.corpora") {
+        return Ok(sets);
+    }
+    // What is wrong with the corpora is told where they are opened for good.
+    let none = Assets::open(&config.data().corpora)
+        .is_ok_and(|assets| assets.split(&config.data().validate).is_ok_and(|validation| validation.is_empty()));
+    let own = || {
+        let text = fs::read_to_string(run.join("eval.json")).ok()?;
+        serde_json::from_str::<serde_json::Value>(&text).ok()?["report"]["cut"].as_f64()
+    };
+    if let (true, Some(cut)) = (none, own()) {
+        tell!(
+            "note: these corpora have no asset to choose a cut by; it is {cut:.4}, as in {}",
+            run.join("eval.json").display()
+        );
+        sets.push(format!("eval.cuts=[{cut}]"));
+    }
+    Ok(sets)
+}
+
+/// What is said where the run's own evaluation, which is there, was of other corpora.
+fn replaced(path: &Path, corpora: &[(String, String, usize)]) -> Option<String> {
+    let text = fs::read_to_string(path).ok()?;
+    let before: serde_json::Value = serde_json::from_str(&text).ok()?;
+    let word = |of: &serde_json::Value, k: usize| of[k].as_str().map(String::from);
+    let before: Option<Vec<(String, String)>> =
+        before["data"].as_array()?.iter().map(|of| Some((word(of, 0)?, word(of, 1)?))).collect();
+    let before = before.filter(|of| !of.is_empty())?;
+    let same = before.iter().map(|(_, sum)| sum).eq(corpora.iter().map(|(_, sum, _)| sum));
+    let names = || before.iter().map(|(name, _)| name.as_str()).collect::<Vec<_>>().join(", ");
+    (!same).then(|| format!("the evaluation on {} is replaced; --out FILE keeps both", names()))
+}
+
 /// Whether a setting of this key is given.
 fn sets_key(sets: &[String], key: &str) -> bool {
     sets.iter().any(|set| set.split('=').next().is_some_and(|k| k.trim() == key))
@@ -157,11 +206,7 @@ fn trained_so(own: &TaskConfig, config: &TaskConfig) -> Result<()> {
 /// Where something else is in their place: told before the work, not after it.
 fn places(args: &Args, run: &Path) -> Result<(PathBuf, PathBuf)> {
     let path = args.out.clone().unwrap_or_else(|| run.join("eval.json"));
-    let folder = match path.with_extension("") {
-        // A name without an ending is the file's.
-        same if same == path => path.with_extension("pictures"),
-        folder => folder,
-    };
+    let folder = pictures(&path);
     if path.is_dir() {
         bail!("{} is a folder; give --out a file", path.display());
     }
@@ -238,6 +283,9 @@ impl Visitor for Examination<'_> {
         });
         progress.finish();
         let examined = examined.map_err(|e| anyhow!(e))?;
+        if let Some(note) = replaced(&path, &task.assets().summary()?) {
+            tell!("note: {}: {note}", path.display());
+        }
         let json = with_data(&examined.json, &task.assets().summary()?, &args.sets, &seen)?;
         // The numbers first: they took longest.
         write(&path, json.as_bytes())?;
@@ -252,7 +300,10 @@ impl Visitor for Examination<'_> {
             match is_own(&path, &run) {
                 true => tell!("next: {}", command(["report", &shown(&run)])),
                 // A report is of the run's own alone.
-                false => tell!("the numbers are in {}; riglab report shows those of RUN/eval.json", path.display()),
+                false => {
+                    let report = ["report", &shown(&run), "--eval", &shown(&path), "-o"];
+                    tell!("next: {} REPORT", command(report));
+                }
             }
         }
         Ok(ExitCode::SUCCESS)

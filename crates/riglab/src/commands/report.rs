@@ -38,6 +38,9 @@ pub struct Args {
     /// RUN/report, or comparison for several runs].
     #[arg(long, short, value_name = "FILE")]
     out: Option<PathBuf>,
+    /// Of one run: another evaluation of it, as `riglab eval --out` wrote it [default: RUN/eval.json].
+    #[arg(long, value_name = "FILE")]
+    eval: Option<PathBuf>,
     /// Title of the page [default: the run's folder].
     #[arg(long)]
     title: Option<String>,
@@ -75,14 +78,18 @@ pub fn run(args: &Args) -> Result<ExitCode> {
         }
     }
     args.charts.as_deref().map_or(Ok(()), no_file)?;
-    let page = match args.runs.as_slice() {
-        [run] => single(&named(run).1, args.title.as_deref())?,
-        runs => comparison(runs, args.title.as_deref())?,
+    if let Some(file) = args.eval.as_ref().filter(|file| !file.is_file()) {
+        bail!("{}: there is no such evaluation; `riglab eval RUN --out FILE` writes one", file.display());
+    }
+    let page = match (args.runs.as_slice(), &args.eval) {
+        ([run], _) => single(&named(run).1, &evaluated_in(args, run), args.title.as_deref())?,
+        (_, Some(file)) => bail!("--eval {} is of one run; give that run alone", file.display()),
+        (runs, None) => comparison(runs, args.title.as_deref())?,
     };
     let charts = args.charts.as_deref().map_or(Ok(Vec::new()), |folder| charts(&page, folder))?;
     for path in files {
         let text = match path.extension().and_then(|e| e.to_str()) {
-            Some("md") => page.to_markdown() + &linked(&args.runs, &path),
+            Some("md") => page.to_markdown() + &linked(args, &path),
             Some("tex") => page.to_latex(),
             Some("csv") => page.to_csv(),
             _ => page.to_html()?,
@@ -96,6 +103,11 @@ pub fn run(args: &Args) -> Result<ExitCode> {
     Ok(ExitCode::SUCCESS)
 }
 
+/// The evaluation of a run that is shown.
+fn evaluated_in(args: &Args, run: &str) -> PathBuf {
+    args.eval.clone().unwrap_or_else(|| named(run).1.join("eval.json"))
+}
+
 /// Writes a file and names it.
 pub fn write(path: &Path, content: impl AsRef<[u8]>) -> Result<()> {
     let written = make_folder_of(path).and_then(|()| riglab_files::write(path, content.as_ref()));
@@ -105,20 +117,22 @@ pub fn write(path: &Path, content: impl AsRef<[u8]>) -> Result<()> {
 }
 
 /// Links of a report in Markdown to the pictures of the run's evaluation, which lie beside it; nothing for several runs.
-fn linked(runs: &[String], report: &Path) -> String {
-    let [run] = runs else { return String::new() };
-    let run = named(run).1;
-    let text = std::fs::read_to_string(run.join("eval.json")).unwrap_or_default();
+fn linked(args: &Args, report: &Path) -> String {
+    let [run] = args.runs.as_slice() else { return String::new() };
+    let evaluated = evaluated_in(args, run);
+    let (home, folder) = (evaluated.parent().unwrap_or(Path::new("")), registry::pictures(&evaluated));
+    let text = std::fs::read_to_string(&evaluated).unwrap_or_default();
     let evaluation: serde_json::Value = serde_json::from_str(&text).unwrap_or_default();
-    let of = |shown: &serde_json::Value| Some(format!("eval/{}", shown["file"].as_str()?));
+    let name = folder.file_name().unwrap_or_default().to_string_lossy();
+    let of = |shown: &serde_json::Value| Some(format!("{name}/{}", shown["file"].as_str()?));
     let files: Vec<String> = evaluation["gallery"].as_array().into_iter().flatten().filter_map(of).collect();
     // From elsewhere, by the whole path.
-    let beside = report.parent().is_some_and(|folder| folder == run);
-    let place = |file: &String| match std::path::absolute(run.join(file)) {
+    let beside = report.parent().is_some_and(|folder| folder == home);
+    let place = |file: &String| match std::path::absolute(home.join(file)) {
         Ok(whole) if !beside => whole.display().to_string(),
         _ => file.clone(),
     };
-    let there = files.iter().filter(|file| run.join(file).is_file());
+    let there = files.iter().filter(|file| home.join(file).is_file());
     let links: String = there.map(|file| format!("\n![{file}](<{}>)\n", place(file))).collect();
     if links.is_empty() { links } else { format!("\n## Pictures as files\n{links}") }
 }
@@ -135,9 +149,9 @@ fn files(out: &Path) -> Result<Vec<PathBuf>> {
 }
 
 /// The report of one run.
-fn single(run: &Path, title: Option<&str>) -> Result<Page> {
+fn single(run: &Path, evaluation: &Path, title: Option<&str>) -> Result<Page> {
     let view = RunView::read(run)?;
-    let evaluated = registry::evaluation(&view.task(), run)?;
+    let evaluated = registry::evaluation(&view.task(), run, evaluation)?;
     let subject = evaluated.as_ref().map(|evaluated| ("evaluated".to_string(), subject(evaluated, &view)));
     let mut blocks = vec![view.facts(subject)];
     match evaluated {
@@ -205,14 +219,14 @@ fn comparison(runs: &[String], title: Option<&str>) -> Result<Page> {
     let mut compared = Vec::new();
     for (name, dir) in names(runs)? {
         let view = RunView::read(&dir)?;
-        let Some(evaluated) = registry::evaluation(&view.task(), &dir)? else {
+        let Some(evaluated) = registry::evaluation(&view.task(), &dir, &dir.join("eval.json"))? else {
             let first = evaluating(&dir);
             bail!("{}: not evaluated yet, there is nothing to compare; run `{first}` first", dir.display());
         };
         // Older evaluations do not say what they saw: it was what the run was trained on.
         let corpora = if evaluated.corpora.is_empty() { view.corpora() } else { evaluated.corpora };
-        let (step, sets) = (evaluated.step, evaluated.sets);
-        compared.push(Compared { name, view, corpora, step, sets, findings: evaluated.findings });
+        let (step, sets, warning) = (evaluated.step, evaluated.sets, evaluated.warning);
+        compared.push(Compared { name, view, corpora, step, sets, warning, findings: evaluated.findings });
     }
     let mut blocks = versus(&compared)?;
     blocks.push(Block::Heading("To repeat it".into()));

@@ -6,15 +6,20 @@ use std::process::ExitCode;
 use anyhow::{Context, Result, anyhow, bail};
 use clap::ValueEnum;
 use riglab_asset::export::{self, ExportOptions, Influences};
-use riglab_asset::{ImportOptions, Imported, Resample, import, import_bytes, is_gltf};
+#[cfg(feature = "fbx")]
+use riglab_asset::rigging::dressed;
+use riglab_asset::{ImportOptions, Imported, Resample, Warning, import, import_bytes, is_gltf};
 use riglab_core::{Bounds, Clip, Rig, skin};
 use riglab_render::{Theme, View, contact_sheet, render_parts};
+use riglab_report::counted;
 use riglab_report::shell::command;
 use riglab_simulate::{Lengths, Motion, MotionKind, generate, guess, play};
 use riglab_task::unirig_skin::Skinner;
 use riglab_train::named_by;
 use tch::Device;
 
+#[cfg(feature = "fbx")]
+use super::convert::is_fbx;
 use super::earlier::{Written, keep_others};
 
 /// Play a motion with spring bones: hair, tails and clothes swing behind the body.
@@ -86,6 +91,8 @@ enum Length {
 const MOST_FPS: f32 = 1000.0;
 const MOST_SECONDS: f64 = 600.0;
 const MOST_KEYS: f64 = 2e6;
+/// What is added to the name of a motion.
+const OWN: &str = " with springs";
 /// Pictures of a sheet.
 const PICTURES: usize = 12;
 
@@ -93,10 +100,16 @@ pub fn run(args: &Args) -> Result<ExitCode> {
     check(args)?;
     let shown = args.input.display();
     let imported = import(&args.input, &reading(args))?;
-    for warning in imported.warnings() {
+    // Motions that are not played are as long as they were.
+    for warning in imported.warnings().iter().filter(|w| !matches!(w, Warning::ClipsCut { .. })) {
         tell!("warning: {shown}: {warning}");
     }
     let about = if imported.reading.faces_back { 180.0 } else { 0.0 };
+    let cut = imported
+        .warnings()
+        .iter()
+        .filter_map(|w| if let Warning::ClipsCut { clips, .. } = w { Some(clips) } else { None });
+    let cuts: Vec<String> = cut.flatten().cloned().collect();
     let rig = with_attributes(args, with_springs(args, &imported)?)?;
     let (bytes, source) = document(args, imported, &rig)?;
     let clip = motion(args, &source, &rig)?;
@@ -105,7 +118,10 @@ pub fn run(args: &Args) -> Result<ExitCode> {
         Length::Lagging => Lengths::Lagging,
     };
     let played = play(&rig, &clip, lengths).with_context(|| format!("{shown}, motion `{}`", clip.name()))?;
-    let played = named(&played, &format!("{} with springs", clip.name()))?;
+    if cuts.iter().any(|name| name == clip.name()) && args.seconds.is_none() {
+        tell!("warning: {shown}: the motion `{}` is cut after {}", clip.name(), counted(clip.frames(), "frame"));
+    }
+    let played = named(&played, &format!("{}{OWN}", clip.name().strip_suffix(OWN).unwrap_or(clip.name())))?;
     let folder = args.input.parent();
     let out = export::animate(&bytes, folder, &source, rig.skeleton(), &played)?;
     for note in &out.notes {
@@ -198,13 +214,20 @@ fn document(args: &Args, imported: Imported, rig: &Rig) -> Result<(Vec<u8>, Impo
     let options = ExportOptions { influences: Influences::All, ..ExportOptions::default() };
     let made = match gltf {
         true => export::onto(path, &imported, rig, &options)?,
+        #[cfg(feature = "fbx")]
+        false if is_fbx(&path.to_string_lossy()) => {
+            let (made, notes) = dressed(path, &ImportOptions::default(), rig.springs(), &options)?;
+            notes.iter().for_each(|note| tell!("note: {}: {note}", path.display()));
+            made
+        }
         false => export::alone(&imported.name, rig, &imported.provenance, &options)?,
     };
     for note in &made.notes {
         tell!("note: {}: {note}", path.display());
     }
     let mut again = import_bytes(&path.with_extension("glb").to_string_lossy(), &made.bytes, &reading(args))?;
-    if !gltf {
+    // A document has its own.
+    if !gltf && again.clips.is_empty() {
         again.clips = imported.clips;
     }
     Ok((made.bytes, again))
@@ -225,7 +248,9 @@ fn motion(args: &Args, source: &Imported, rig: &Rig) -> Result<Clip> {
         Ok(generate(rig, &Motion { kind, seconds, rate: args.fps, seed: args.seed }))
     };
     let Some(wanted) = &args.motion else {
-        return source.clips.first().map_or_else(|| made(MotionKind::Shake), |clip| Ok(clip.clone()));
+        // What an earlier call made is of a motion that is there, too.
+        let first = source.clips.iter().find(|clip| !clip.name().ends_with(OWN)).or(source.clips.first());
+        return first.map_or_else(|| made(MotionKind::Shake), |clip| Ok(clip.clone()));
     };
     if let Some(clip) = source.clips.iter().find(|c| c.name() == wanted) {
         return Ok(clip.clone());

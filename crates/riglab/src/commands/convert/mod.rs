@@ -15,7 +15,7 @@ use riglab_asset::{
     Character, Content, ImportOptions, Imported, Target, count_assets, files_read, import, import_each, is_gltf,
     is_rig_file, write, write_mesh, written_paths,
 };
-use riglab_core::Asset;
+use riglab_core::{Asset, Springs};
 use riglab_files::make_folder_of;
 
 use super::earlier::{self, Written};
@@ -341,7 +341,8 @@ fn store_glb(imported: &Imported, out: &Path, args: &Args, lost: &mut Lost) -> R
         Some(rig) if document && !one_of_several => export::onto(source, imported, rig, &args.export())?,
         #[cfg(feature = "fbx")]
         Some(_) if is_fbx(source) => {
-            let (exported, notes) = rigging::dressed(Path::new(source), &args.import(), &args.export())?;
+            let (exported, notes) =
+                rigging::dressed(Path::new(source), &args.import(), &Springs::default(), &args.export())?;
             notes.iter().for_each(|note| tell!("note: {source}: {note}"));
             exported
         }
@@ -364,7 +365,7 @@ fn store_glb(imported: &Imported, out: &Path, args: &Args, lost: &mut Lost) -> R
     Ok(())
 }
 
-fn is_fbx(source: &str) -> bool {
+pub fn is_fbx(source: &str) -> bool {
     cfg!(feature = "fbx") && Path::new(source).extension().is_some_and(|of| of.eq_ignore_ascii_case("fbx"))
 }
 

@@ -254,8 +254,11 @@ fn run(args: &Common, bones: &Bones, weights: Option<&Path>, threads: usize) -> 
     tell!("model: {}, {} steps{by}{hint}", model.card.name, model.card.state.step);
     if !args.input.is_dir() {
         let (from, to) = &jobs[0];
-        one::rig(args, bones, &model, from, to)?;
-        return Ok(ExitCode::SUCCESS);
+        let done = one::rig(args, bones, &model, from, to);
+        if let (Err(e), true) = (&done, args.json) {
+            say!("{}", serde_json::json!({ "file": from.to_string_lossy(), "error": format!("{e:#}") }));
+        }
+        return done.map(|()| ExitCode::SUCCESS);
     }
     if args.json {
         for (path, why) in &skipped {
@@ -307,8 +310,8 @@ fn jobs(input: &Path, out: &Path) -> Result<Jobs> {
         }
         return Ok((vec![(input.to_path_buf(), to)], Vec::new()));
     }
-    if out.is_file() {
-        bail!("{} is a file; for a folder of models give a folder", out.display());
+    if out.is_file() || !out.is_dir() && is_model_file(out) {
+        bail!("{} is a file, or is called like one; for a folder of models give a folder", out.display());
     }
     if same(input, out) {
         bail!("{} is the folder of the inputs, which are never changed; give another", out.display());

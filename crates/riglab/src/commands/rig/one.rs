@@ -6,7 +6,9 @@ use std::time::Instant;
 use anyhow::{Context, Result, anyhow, ensure};
 use riglab_asset::ImportOptions;
 use riglab_asset::export::{self, ExportNote};
-use riglab_asset::rigging::{Subject, SubjectOptions, human_bones, humanoid, name_added, name_joints, name_others};
+use riglab_asset::rigging::{
+    Subject, SubjectOptions, UpAxis, human_bones, humanoid, name_added, name_joints, name_others,
+};
 use riglab_core::{Bounds, Humanoid, Rig, RigError, Skeleton, Vec3};
 use riglab_files::make_folder_of;
 use riglab_report::shell::command;
@@ -107,7 +109,10 @@ pub fn rig(args: &Common, bones: &Bones, model: &Model, from: &Path, to: &Path) 
             if let Some(note) = of_bodies(&made, humanoid(&seen, bounds).is_some(), class) {
                 noted(from, &mut notes, note);
             }
-            if let Some(note) = of_apart(&made) {
+            // Formats that do not say what is up, in which it often is z.
+            let may_lie = args.up == UpAxis::Y
+                && from.extension().is_some_and(|e| ["obj", "ply", "stl"].iter().any(|of| e.eq_ignore_ascii_case(of)));
+            if let Some(note) = of_apart(&made, may_lie) {
                 noted(from, &mut notes, note);
             }
             if joints >= model.most_joints() {
@@ -224,12 +229,13 @@ fn sure(made: &Made) -> Option<f64> {
 }
 
 /// Where draws disagree: that the skeleton is to be looked at.
-fn of_apart(made: &Made) -> Option<String> {
+fn of_apart(made: &Made, may_lie: bool) -> Option<String> {
     let apart = sure(made).filter(|apart| *apart >= FAR)?;
     Some(format!(
         "its draws disagree ({:.1} % of its size apart, where this model knows a body some 2 %): look at the skeleton before you \
-         use it",
-        100.0 * apart
+         use it{}",
+        100.0 * apart,
+        if may_lie { "; where z points up in the file, as in most scans and prints, give --up z" } else { "" }
     ))
 }
 

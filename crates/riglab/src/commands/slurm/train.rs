@@ -79,6 +79,9 @@ pub fn follow(request: &Request, desk: &Desk, submitted: &Submitted) -> Result<E
     }
     let mut progress = Progress::new("training", 1, 0);
     let emptied = desk.follow(&Interrupt::listening(), |queue| progress.set(0, || counted(queue)))?;
+    if emptied {
+        progress.set(1, String::new);
+    }
     progress.finish();
     if !emptied {
         tell!("the job goes on; `scancel {job}` would end it");
