@@ -514,14 +514,15 @@ mod tests {
             ("up", 0.0, &vec![vec![(0, [0.0, 0.0, 0.01])]])
         );
         let glb = String::from_utf8_lossy(&model.into_glb().unwrap()).into_owned();
-        assert!(glb.contains(r#""targetNames":["up"]"#) && glb.contains(r#""max":[0.0,0.0,0.01"#), "{glb}");
+        assert!(glb.contains(r#""targetNames":["up"]"#) && glb.contains(r#""max":[0.0,0.0,0.00999"#), "{glb}");
         let things = ["1 further set of texture coordinates", "1 user property"];
         assert_eq!(left, Left { things: things.map(String::from).to_vec(), ..Left::default() });
         // A stack without curves moves nothing.
         let stack = "AnimationStack: 20, \"AnimStack::Take\", \"\" {\n}\nAnimationLayer: 21, \"AnimLayer::Base\", \"\" {\n}\n\
             AnimationCurveNode: 22, \"AnimCurveNode::T\", \"\" {\n}\n";
         let connections = "C: \"OO\",21,20\nC: \"OO\",22,21\nC: \"OP\",22,1,\"Lcl Translation\"\n";
-        let moving = |more: &str, connections: &str| model("m", &file("", more, connections), find).unwrap().animations;
+        let moving =
+            |more: &str, connections: &str| super::model("m", &file("", more, connections), find).unwrap().animations;
         assert_eq!(moving(stack, connections), 0);
         let curve = "AnimationCurve: 23, \"AnimCurve::\", \"\" {\nKeyVer: 4008\nKeyTime: *1 { a: 0 }\n\
             KeyValueFloat: *1 { a: 1 }\nKeyAttrFlags: *1 { a: 24836 }\nKeyAttrDataFloat: *4 { a: 0,0,0,0 }\n\
