@@ -7,7 +7,9 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 
-use riglab_asset::{ArrayRig, ImportError, ImportOptions, Imported, import, import_each, read_arrays};
+use riglab_asset::{
+    ArrayRig, ImportError, ImportOptions, Imported, export, import, import_bytes, import_each, read_arrays,
+};
 use safetensors::{Dtype, SafeTensors};
 use serde_json::Value;
 
@@ -373,4 +375,28 @@ fn joints_beside_the_tree_are_refused_or_repaired() {
     assert_eq!(skeleton.ids().map(|j| skeleton.name(j)).collect::<Vec<_>>(), ["hips", "leg", "ik"]);
     assert_eq!(rig.weights().row(1).map(|(j, w)| (j.index(), w)).collect::<Vec<_>>(), [(0, 1.0)]);
     assert_eq!(repaired.provenance.notes, told);
+}
+
+/// Two octahedra as Blender compresses them: the accessor of indices is one, what Draco decodes for it are two.
+#[test]
+fn compressed_geometry_that_shares_an_accessor_is_told_apart() {
+    let bytes = include_bytes!("data/two_draco.glb");
+    let imported = import_bytes("two.glb", bytes, &Default::default()).unwrap();
+    let mesh = imported.mesh();
+    assert_eq!((mesh.positions().len(), mesh.triangles().len()), (12, 16));
+    // An octahedron's triangles never join opposite corners, and each of its 12 edges is one of two triangles.
+    for triangles in mesh.triangles().chunks(8) {
+        let edges = triangles.iter().flat_map(|&[a, b, c]| [[a, b], [b, c], [c, a]]);
+        let opposite = |[a, b]: [u32; 2]| {
+            let [p, q] = [a, b].map(|v| mesh.positions()[v as usize]);
+            let middle = if p[0] + q[0] < 0.0 { -0.3 } else { 0.3 };
+            (p[0] + q[0] - 2.0 * middle).abs() + (p[1] + q[1]).abs() + (p[2] + q[2]).abs() < 1e-3
+        };
+        assert!(!edges.clone().any(opposite));
+        assert_eq!(edges.map(|[a, b]| [a.min(b), a.max(b)]).collect::<BTreeSet<_>>().len(), 12);
+    }
+    // What is written plain is the same.
+    let plain = export::strip_bytes("two.glb", bytes, None, &Default::default()).unwrap();
+    let again = import_bytes("two.glb", &plain.bytes, &Default::default()).unwrap();
+    assert_eq!(again.mesh(), mesh);
 }

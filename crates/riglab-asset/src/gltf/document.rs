@@ -145,6 +145,21 @@ pub(super) struct Skin {
     pub skeleton: Option<usize>,
 }
 
+impl Accessor {
+    /// What it says of its elements, without bytes; of its type no more than `letters` bytes, as copies may be many.
+    pub(super) fn bare_copy(&self, letters: usize) -> Self {
+        Self {
+            buffer_view: None,
+            byte_offset: 0,
+            component_type: self.component_type,
+            normalized: self.normalized,
+            count: self.count,
+            shape: self.shape.chars().take(letters).collect(),
+            sparse: None,
+        }
+    }
+}
+
 impl Document {
     /// Reads and checks the version; references are checked where they are followed.
     pub(super) fn parse(json: &[u8]) -> Result<Self, Fault> {

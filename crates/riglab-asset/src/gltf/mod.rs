@@ -20,6 +20,7 @@ mod glb;
 mod influences;
 mod meshopt;
 mod nodes;
+mod parted;
 mod placing;
 mod primitives;
 mod rights;
@@ -56,7 +57,8 @@ pub(crate) fn read(bytes: &[u8], folder: Option<&Path>, options: &ImportOptions)
     if chunks.trailing > 0 {
         warnings.push(Warning::TrailingBytes(chunks.trailing));
     }
-    let document = Document::parse(chunks.json)?;
+    let mut document = Document::parse(chunks.json)?;
+    parted::part(&mut document);
     extensions::check_required(&document)?;
     let accessors = Accessors::new(&document, Buffers::new(&document, chunks.binary, folder, Budget::new(bytes.len())));
 

@@ -138,8 +138,8 @@ struct Collector<'c, 'a> {
     without_surface: usize,
     /// Triangles, collapsed and repeated.
     dropped: (usize, usize),
-    /// Compressed primitives in place already, by view and accessors.
-    decoded: HashSet<(usize, Vec<usize>)>,
+    /// What is decoded and in place already: by accessor, the view and the number of the attribute, none for triangles.
+    decoded: HashSet<(usize, usize, Option<u32>)>,
     /// Whether meshes without a skin may hang on joints.
     rigid: bool,
 }
@@ -239,20 +239,26 @@ impl Collector<'_, '_> {
         let failed = |reason| Fault::Compressed { what: place.to_string(), extension: extensions::DRACO, reason };
         let settings = draco::Settings::read(settings).map_err(failed)?;
         let Some(indices) = primitive.indices else { return Err(failed("the primitive has no indices".into())) };
-        let mut own: Vec<usize> =
-            settings.attributes.keys().filter_map(|name| primitive.attributes.get(name).copied()).collect();
-        own.push(indices);
-        // The same mesh on a second node.
-        if !self.decoded.insert((settings.buffer_view, own)) {
+        let view = settings.buffer_view;
+        let attributes = settings.attributes.iter();
+        let named = attributes.filter_map(|(name, &number)| Some((name, number, *primitive.attributes.get(name)?)));
+        // The same mesh on a second node, or the same geometry in another mesh.
+        let known = named.clone().all(|(_, number, own)| self.decoded.contains(&(own, view, Some(number))));
+        if known && self.decoded.contains(&(indices, view, None)) {
             return Ok(true);
         }
-        let bytes = self.accessors.view(settings.buffer_view, || place.to_string())?.bytes;
+        let bytes = self.accessors.view(view, || place.to_string())?.bytes;
         // Each has three numbers of four bytes.
         let mesh = draco::Decoded::new(bytes, self.accessors.budget().left(12)).map_err(failed)?;
-        let mut put = self.accessors.put_indices(indices, mesh.corners())?;
-        for (name, &number) in &settings.attributes {
-            let Some(&accessor) = primitive.attributes.get(name) else { continue };
+        let mut put = true;
+        if self.decoded.insert((indices, view, None)) {
+            put &= self.accessors.put_indices(indices, mesh.corners())?;
+        }
+        for (name, number, accessor) in named {
             self.accessors.check(accessor, || place.to_string())?;
+            if !self.decoded.insert((accessor, view, Some(number))) {
+                continue;
+            }
             let normalized = self.accessors.normalized(accessor)?;
             put &= if name == "POSITION" {
                 let values = mesh.attribute(number, normalized).map_err(failed)?;

@@ -10,6 +10,7 @@ use serde_json::{Value, json};
 
 use super::super::buffers::{Buffers, Outside};
 use super::super::document::{self, Document};
+use super::super::parted::{self, Parted};
 use super::super::{draco, extensions, split};
 use super::draft::{ARRAY, Draft, ELEMENTS, U8, U16, U32, remove};
 use crate::budget::Budget;
@@ -18,8 +19,8 @@ use crate::{ExportNote, Fault};
 /// Pictures beside a file, each.
 const MOST_PICTURE: u64 = 1 << 28;
 
-/// Takes a file apart and packs it. Accessors, views and all else keep their numbers. Gives the accessors of
-/// weights that were compressed, too.
+/// Takes a file apart and packs it. Accessors, views and all else keep their numbers; [`part`] adds accessors. Gives the
+/// accessors of weights that were compressed, too.
 pub(super) fn open(
     bytes: &[u8],
     folder: Option<&Path>,
@@ -27,12 +28,14 @@ pub(super) fn open(
 ) -> Result<(Draft, HashSet<usize>), Fault> {
     let chunks = split(bytes)?;
     let text = document::text(chunks.json)?;
-    let typed = Document::parse(chunks.json)?;
+    let mut typed = Document::parse(chunks.json)?;
+    let parted = parted::part(&mut typed);
     extensions::check_required(&typed)?;
     let json: Value =
         serde_json::from_str(text).map_err(|e| Fault::Json { path: String::new(), reason: e.to_string() })?;
     let buffers = Buffers::new(&typed, chunks.binary, folder, Budget::new(bytes.len()));
     let mut draft = Draft::new(json);
+    part(&mut draft, &typed, &parted);
     views(&mut draft, &typed, &buffers)?;
     let weights = plain_primitives(&mut draft, &typed, &buffers)?;
     pictures(&mut draft, &buffers, notes)?;
@@ -40,6 +43,30 @@ pub(super) fn open(
         forget_extension(&mut draft.json, name);
     }
     Ok((draft, weights))
+}
+
+/// Gives the JSON the accessors that primitives of the typed document got of their own.
+fn part(draft: &mut Draft, typed: &Document, parted: &[Parted]) {
+    for Parted { mesh, primitive, attribute, before, now } in parted {
+        // The first that has it.
+        if *now == draft.list("accessors").len() {
+            let own = &typed.accessors[*now];
+            let mut copy = json!({"componentType": own.component_type, "type": own.shape, "count": own.count});
+            if own.normalized {
+                copy["normalized"] = json!(true);
+            }
+            // Bounds are asked for of positions; what is decoded has its own.
+            for key in ["min", "max"].into_iter().filter(|key| draft.list("accessors")[*before].get(key).is_some()) {
+                copy[key] = Value::Null;
+            }
+            draft.push("accessors", copy);
+        }
+        let own = &mut draft.list_mut("meshes")[*mesh]["primitives"][*primitive];
+        match attribute {
+            Some(name) => own["attributes"][name] = json!(now),
+            None => own["indices"] = json!(now),
+        }
+    }
 }
 
 /// Puts the buffers one after another, and what meshopt compressed behind them.
@@ -111,17 +138,22 @@ fn plain_primitives(draft: &mut Draft, typed: &Document, buffers: &Buffers<'_>) 
             if primitive.mode == Some(5) {
                 own["mode"] = json!(4);
             }
-            // Another primitive over the same accessors.
-            if draft.list("accessors")[*position].get("bufferView").is_some() {
+            let settings = draco::Settings::read(settings).map_err(failed)?;
+            let decoded = settings.attributes.keys().filter_map(|name| primitive.attributes.get(name));
+            let is_filled = |draft: &Draft, n: usize| {
+                draft.list("accessors").get(n).is_some_and(|accessor| accessor.get("bufferView").is_some())
+            };
+            // Another primitive has the same geometry.
+            if decoded.chain(&primitive.indices).all(|&n| is_filled(draft, n)) {
                 continue;
             }
-            let settings = draco::Settings::read(settings).map_err(failed)?;
             let bytes = buffers.view(settings.buffer_view, || what.clone())?.bytes;
             // Each has three numbers of four bytes.
             let mesh = draco::Decoded::new(bytes, buffers.budget().left(12)).map_err(failed)?;
             buffers.budget().spend(mesh.points() * settings.attributes.len().max(1), 16)?;
             if let Some(indices) = primitive.indices
                 && let Some(accessor) = bare(&indices)?
+                && !is_filled(draft, indices)
             {
                 let corners = mesh.corners();
                 // The largest number of a type is none that the format allows.
@@ -138,7 +170,9 @@ fn plain_primitives(draft: &mut Draft, typed: &Document, buffers: &Buffers<'_>) 
             }
             for (name, &number) in &settings.attributes {
                 let Some(accessor_number) = primitive.attributes.get(name) else { continue };
-                let Some(accessor) = bare(accessor_number)? else { continue };
+                let Some(accessor) = bare(accessor_number)?.filter(|_| !is_filled(draft, *accessor_number)) else {
+                    continue;
+                };
                 let values = mesh.values(number, &accessor.shape).map_err(failed)?;
                 let components = values.len() / mesh.points().max(1);
                 let (bytes, stride) = draco::element_bytes(&values, components, accessor.component_type);
@@ -156,7 +190,9 @@ fn plain_primitives(draft: &mut Draft, typed: &Document, buffers: &Buffers<'_>) 
 /// Bounds that are stated become those of what was decoded, which is rounded.
 fn renew_bounds(accessor: &mut Value, values: &[f32], components: usize) {
     for (key, pick) in [("min", f32::min as fn(f32, f32) -> f32), ("max", f32::max)] {
-        if accessor.get(key).is_some() && !values.is_empty() {
+        if values.is_empty() && accessor.get(key).is_some_and(Value::is_null) {
+            remove(accessor, key);
+        } else if accessor.get(key).is_some() && !values.is_empty() {
             let bound = |k: usize| values.iter().skip(k).step_by(components).copied().reduce(pick);
             accessor[key] = (0..components).map(|k| json!(bound(k))).collect();
         }
