@@ -4,6 +4,7 @@ use std::fmt;
 use std::path::Path;
 
 use crate::Fault;
+use crate::marked::unmarked;
 
 /// A kind of file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -45,7 +46,8 @@ impl Format {
         if bytes.starts_with(b"Kaydara FBX Binary") || bytes.starts_with(b"; FBX") || ending == "fbx" {
             return Ok(Self::Fbx);
         }
-        if bytes.starts_with(b"ply\n") || bytes.starts_with(b"ply\r") {
+        let text = unmarked(bytes);
+        if text.starts_with(b"ply\n") || text.starts_with(b"ply\r") {
             return Ok(Self::Ply);
         }
         if bytes.starts_with(b"\x89HDF\r\n\x1a\n") {

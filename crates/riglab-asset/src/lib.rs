@@ -41,6 +41,7 @@ mod gltf;
 mod influences;
 mod inspect;
 mod maps;
+mod marked;
 mod names;
 mod nearest;
 mod obj;

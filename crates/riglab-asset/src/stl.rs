@@ -7,6 +7,7 @@
 use riglab_core::Vec3;
 
 use crate::Fault;
+use crate::marked::unmarked;
 use crate::peers::shown;
 use crate::rigging::twins;
 use crate::surface::Surface;
@@ -17,7 +18,7 @@ const HEAD: usize = 84;
 const TRIANGLE: usize = 50;
 
 pub(crate) fn read(bytes: &[u8]) -> Result<Surface, Fault> {
-    let corners = if is_text(bytes) { text(bytes) } else { binary(bytes) }.map_err(Fault::Stl)?;
+    let corners = if is_text(bytes) { text(unmarked(bytes)) } else { binary(bytes) }.map_err(Fault::Stl)?;
     let first = twins(&corners);
     let triangles = first.as_chunks().0.to_vec();
     let surface = Surface { positions: corners, triangles, ..Surface::default() };
@@ -30,7 +31,7 @@ pub(crate) fn read(bytes: &[u8]) -> Result<Surface, Fault> {
 /// Whether a file is a text. Heads of binary files begin with `solid`, too; these have a length that tells them, or bytes 0,
 /// of which no text has any.
 fn is_text(bytes: &[u8]) -> bool {
-    let begins = bytes.trim_ascii_start().get(..5).is_some_and(|word| word.eq_ignore_ascii_case(b"solid"));
+    let begins = unmarked(bytes).trim_ascii_start().get(..5).is_some_and(|word| word.eq_ignore_ascii_case(b"solid"));
     begins && claimed(bytes) != Some(bytes.len() as u64) && !bytes[..bytes.len().min(1024)].contains(&0)
 }
 
@@ -177,6 +178,7 @@ pub(crate) mod tests {
                 text(["solid", "facet normal 0 0 1", "outer loop", "vertex 0 x 0"].join(end).as_bytes()).unwrap_err();
             assert!(said.starts_with("line 4: `x`"), "{said}");
         }
+        assert_eq!(read(&format!("\u{feff}{}", as_text())), plain);
         assert!(read("solid\nendsolid").triangles.is_empty());
     }
 

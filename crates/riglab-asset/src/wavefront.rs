@@ -3,6 +3,8 @@
 
 mod fault;
 
+use crate::marked::unmarked;
+
 pub(crate) use fault::explain;
 
 /// What of an OBJ is asked for.
@@ -19,7 +21,7 @@ pub(crate) enum Asked {
 /// The lines of an OBJ that tobj is given: valid UTF-8, without comments, points and lines (which it takes for faces), of
 /// texture coordinates two numbers, of vertices three and what else is asked for.
 pub(crate) fn obj(bytes: &[u8], asked: Asked) -> Vec<u8> {
-    let text = String::from_utf8_lossy(bytes);
+    let text = String::from_utf8_lossy(unmarked(bytes));
     // A line goes on in the next one after a backslash.
     let text = if text.contains('\\') { joined(&text).into() } else { text };
     let coloured = asked != Asked::Surface
@@ -90,7 +92,7 @@ fn joined(text: &str) -> String {
 /// The lines of a material library that tobj is given. A colour of one number is a grey, as the format has it; what gives
 /// no numbers where they belong (`Kd spectral`), and pictures without a name, are left out, and `Tr` becomes `d`.
 pub(crate) fn mtl(bytes: &[u8]) -> Vec<u8> {
-    let text = String::from_utf8_lossy(bytes);
+    let text = String::from_utf8_lossy(unmarked(bytes));
     let mut out = String::with_capacity(text.len());
     let mut dissolves = false;
     for line in text.lines() {
@@ -157,6 +159,14 @@ mod tests {
         assert_eq!(text(obj(file, Asked::Surface)), "v 0 0 0 1\nv 1 0 0\nv 0 1 0\nf 1 2   3\n");
         let all = "v 0 0 0 1\nv 1 0 0\nv 0 1 0\nusemtl red\nvt 1 0\nf 1 2   3\n";
         assert_eq!(text(obj(file, Asked::All)), all);
+    }
+
+    #[test]
+    fn a_byte_order_mark_costs_no_line() {
+        assert_eq!(text(obj(b"\xef\xbb\xbfv 0 0 0\nv 1 0 0\n", Asked::All)), "v 0 0 0\nv 1 0 0\n");
+        assert_eq!(text(mtl(b"\xef\xbb\xbfnewmtl a\nKd 1 1 1\n")), "newmtl a\nKd 1 1 1\n");
+        // Nor does what is wrong stand elsewhere.
+        assert_eq!(explain(b"\xef\xbb\xbfv 0 0 x\n", ""), explain(b"v 0 0 x\n", ""));
     }
 
     #[test]

@@ -211,7 +211,7 @@ pub(crate) fn buffers_named(document: &[u8], folder: &Path) -> Vec<PathBuf> {
     struct Buffer {
         uri: Option<String>,
     }
-    let named: Named = serde_json::from_slice(document).unwrap_or_default();
+    let named: Named = serde_json::from_slice(super::document::body(document)).unwrap_or_default();
     let uris = named.buffers.into_iter().filter_map(|buffer| buffer.uri);
     let mut files: Vec<PathBuf> = uris.filter_map(|uri| Some(folder.join(local_path(&uri).ok()?))).collect();
     files.sort();

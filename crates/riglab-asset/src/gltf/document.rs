@@ -9,6 +9,7 @@ use serde::Deserialize;
 use serde_json::Value;
 
 use crate::Fault;
+use crate::marked::unmarked;
 
 /// Brackets within brackets that are still read. Real files need a dozen.
 const MAX_DEPTH: usize = 100;
@@ -191,7 +192,7 @@ impl Document {
 
 /// The JSON without what writers put around it: a byte-order mark, and zeros instead of blanks.
 pub(super) fn body(json: &[u8]) -> &[u8] {
-    let json = json.strip_prefix(b"\xef\xbb\xbf").unwrap_or(json).trim_ascii_end();
+    let json = unmarked(json).trim_ascii_end();
     &json[..json.len() - json.iter().rev().take_while(|b| **b == 0).count()]
 }
 

@@ -32,6 +32,7 @@ mod write;
 use std::path::Path;
 
 use crate::budget::Budget;
+use crate::marked::unmarked;
 use crate::{Fault, ImportOptions, Reading, Rights, Warning};
 use accessor::Accessors;
 use bind::Binds;
@@ -47,7 +48,7 @@ pub use write::to_glb;
 
 /// Whether bytes may be the JSON of a glTF file: an opening brace, with or without a byte-order mark.
 pub(crate) fn looks_like_json(bytes: &[u8]) -> bool {
-    bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes).trim_ascii_start().starts_with(b"{")
+    unmarked(bytes).trim_ascii_start().starts_with(b"{")
 }
 
 /// Reads a file's bytes; `folder` is where buffers in files of their own are looked for, if at all.

@@ -1,5 +1,6 @@
 //! What the head of a PLY says of the rest.
 
+use crate::marked::unmarked;
 use crate::peers::shown;
 
 /// How numbers are written.
@@ -96,6 +97,7 @@ pub(super) struct Header {
 /// # Errors
 /// What is wrong with it, with the line.
 pub(super) fn read(bytes: &[u8]) -> Result<(Header, &[u8]), String> {
+    let bytes = unmarked(bytes);
     let mut encoding = None;
     let (mut elements, mut pictures): (Vec<Element>, Vec<String>) = (Vec::new(), Vec::new());
     // All lines end as the first does: a byte 10 behind a `\r` may be the first of the data.
@@ -171,6 +173,7 @@ mod tests {
             assert_eq!((header.elements[1].list("vertex_indices"), header.pictures.len()), (Some(0), 1));
         }
         assert_eq!(read(text.as_bytes()).unwrap().0.pictures, ["a b.png"]);
+        assert_eq!(read(format!("\u{feff}{text}").as_bytes()).unwrap(), read(text.as_bytes()).unwrap());
         let latin = b"ply\ncomment \xe9t\xe9\nformat ascii 1.0\nend_header\n";
         assert!(read(latin).unwrap().0.elements.is_empty());
     }

@@ -1,10 +1,11 @@
 //! Where an OBJ is wrong. tobj, which refuses it, tells neither line nor word.
 
 use crate::Fault;
+use crate::marked::unmarked;
 
 /// What is wrong with the first line of places and faces that is no sound one; `otherwise` where all are.
 pub(crate) fn explain(bytes: &[u8], otherwise: &str) -> Fault {
-    let text = String::from_utf8_lossy(bytes);
+    let text = String::from_utf8_lossy(unmarked(bytes));
     let lines = numbered(&text);
     let all = lines.iter().filter(|(_, line)| line.split_whitespace().next() == Some("v")).count();
     let mut before = 0;

@@ -17,6 +17,7 @@ use std::path::Path;
 use super::archive::{Archive, Input};
 use super::array_rig::ArrayRig;
 use super::fault::PeerFault;
+use crate::marked::unmarked;
 use crate::{Fault, Format};
 
 /// What is wanted of a file.
@@ -81,7 +82,7 @@ pub(crate) fn open<'a>(
         Format::Obj => one(text::with_obj(path, &bytes(input)?, folder)?),
         _ => {
             let bytes = bytes(input)?;
-            let list = folder.and_then(|folder| data_list::open(std::str::from_utf8(&bytes).ok()?, folder));
+            let list = folder.and_then(|folder| data_list::open(std::str::from_utf8(unmarked(&bytes)).ok()?, folder));
             match list {
                 Some(list) => Box::new(list),
                 None => one(text::read(path, &bytes, folder)?),

@@ -6,6 +6,7 @@ use super::super::array_rig::ArrayRig;
 use super::super::fault::PeerFault;
 use super::{obj, rig_text, skeleton_text};
 use crate::Fault;
+use crate::marked::unmarked;
 
 /// What is put between the common part of a pair's names and `.txt`; the one with weights comes before
 /// the one without.
@@ -70,7 +71,7 @@ pub(crate) fn starts_as_rig(path: &Path) -> bool {
     use std::io::Read;
     let mut start = Vec::new();
     let read = std::fs::File::open(path).and_then(|f| f.take(4096).read_to_end(&mut start));
-    read.is_ok() && rig_text::is_one(&String::from_utf8_lossy(&start))
+    read.is_ok() && rig_text::is_one(&String::from_utf8_lossy(unmarked(&start)))
 }
 
 /// Names that the OBJ of a rig text may have.
@@ -97,8 +98,7 @@ fn read_file(path: &Path) -> Result<Vec<u8>, Fault> {
 }
 
 fn utf8(bytes: &[u8]) -> Result<&str, PeerFault> {
-    let bytes = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes);
-    std::str::from_utf8(bytes).map_err(|e| PeerFault::NotUtf8(e.valid_up_to()))
+    std::str::from_utf8(unmarked(bytes)).map_err(|e| PeerFault::NotUtf8(e.valid_up_to()))
 }
 
 #[cfg(test)]
