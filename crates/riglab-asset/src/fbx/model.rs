@@ -330,6 +330,14 @@ fn unit(x: f64) -> f32 {
     if x.is_finite() { (x as f32).clamp(0.0, 1.0) } else { 0.0 }
 }
 
+/// The name of a file without folders, of whichever system, and ending: exporters call textures after what they are for, many
+/// of one file alike.
+fn stem(name: &str) -> Option<&str> {
+    let file = name.rsplit(['/', '\\']).next().unwrap_or_default();
+    let stem = file.rsplit_once('.').map_or(file, |(stem, _)| stem);
+    (!stem.is_empty()).then_some(stem)
+}
+
 /// Pictures by texture.
 struct Pictures<F> {
     find: F,
@@ -355,7 +363,8 @@ impl<F: Fn(&str) -> Option<Vec<u8>>> Pictures<F> {
         };
         let number = match bytes {
             Some(bytes) if is_picture(&bytes) => {
-                self.found.push(Picture { name: texture.element.name.to_string(), bytes });
+                let name = names.iter().find_map(|name| stem(name)).unwrap_or(&texture.element.name);
+                self.found.push(Picture { name: name.to_owned(), bytes });
                 Some(self.found.len() - 1)
             }
             Some(_) => {
@@ -505,6 +514,20 @@ mod tests {
     }
 
     #[test]
+    fn files_are_called_by_their_stems() {
+        for (name, wanted) in [
+            ("C:\\work\\a.b.png", Some("a.b")),
+            ("../tex/skin.jpg", Some("skin")),
+            ("plain", Some("plain")),
+            ("tex/", None),
+            (".png", None),
+            ("", None),
+        ] {
+            assert_eq!(stem(name), wanted, "{name}");
+        }
+    }
+
+    #[test]
     fn what_no_model_has_is_told() {
         let (model, left) = read("", "", "");
         // A blend shape is: the first corner goes up.
@@ -574,6 +597,8 @@ mod tests {
         assert_eq!((look.lies, look.glow, look.transparent), ([lie, Lie::PLAIN, Lie::PLAIN], [1.0; 3], true));
         let maps = ["EmissiveColor (as they are turned)", "SpecularColor"].map(String::from);
         assert_eq!((left.maps, left.other, left.missing), (maps.into(), vec!["n.tga".to_owned()], vec![]));
+        // By their files, not by the texture, which is called after its use.
+        assert_eq!(model.pictures.iter().map(|picture| picture.name.as_str()).collect::<Vec<_>>(), ["a", "e"]);
         let glb = String::from_utf8_lossy(&model.into_glb().unwrap()).into_owned();
         assert!(glb.contains(r#""emissiveTexture":{"index":1}"#) && glb.contains("KHR_texture_transform"), "{glb}");
         let (_, left) = read("", &more, &on(14, "DiffuseColor"));
