@@ -312,7 +312,7 @@ pub fn onto_bytes(
         return Err(fail(ExportFault::OtherSource));
     }
     match Format::of(path, bytes).map_err(|f| fail(f.into()))? {
-        Format::Gltf => gltf::export::onto(bytes, folder, imported, rig, options).map_err(fail),
+        Format::Gltf => gltf::export::onto(bytes, folder, imported, rig, [0.0; 3], options).map_err(fail),
         _ => gltf::export::alone(&imported.name, rig, &imported.provenance, options).map_err(fail),
     }
 }

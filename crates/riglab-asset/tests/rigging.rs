@@ -155,6 +155,29 @@ fn rigid_parts_keep_their_joint_and_the_file_its_motions_under_other_weights() {
 }
 
 #[test]
+fn a_kept_rig_under_other_weights_stands_where_the_file_shows_it() {
+    let Some(folder) = common::data("RIGLAB_RIGS_HARD", "rigs_hard") else { return };
+    // Its inverse bind matrices bring quantised positions to size, so that its rig is held elsewhere than it is shown.
+    let path = folder.join("ok_quantized.glb");
+    let subject = Subject::read(&path, &SubjectOptions { keep_rig: true, ..Default::default() }).unwrap();
+    let (old, by) = (subject.old_rig().unwrap(), subject.shown_off());
+    assert!(by[1] > 0.4, "{by:?}");
+    // As the file has them, and all on one joint.
+    let one = SkinWeights::normalized((0..subject.mesh().positions().len()).map(|_| [(0, 1.0)])).unwrap();
+    for weights in [old.weights().clone(), one] {
+        let rig = subject.rigged(old.skeleton().clone(), weights).unwrap();
+        let bytes = subject.attach(&rig, &all_influences()).unwrap().bytes;
+        let back = import_bytes("back.glb", &bytes, &ImportOptions::default()).unwrap();
+        let (own, off) = (back.rig().unwrap(), back.reading.shown_off);
+        let pairs = own.mesh().positions().iter().zip(rig.mesh().positions());
+        let heads = own.skeleton().heads().iter().zip(rig.skeleton().heads());
+        for (a, b) in pairs.chain(heads) {
+            assert!((0..3).all(|k| (a[k] + off[k] - b[k] - by[k]).abs() < 1e-5), "{a:?} {b:?}");
+        }
+    }
+}
+
+#[test]
 fn a_kept_skeleton_stays_with_its_nodes() {
     let Some(folder) = common::data("RIGLAB_RIGS", "rigs") else { return };
     let file = "khronos_fox.glb";

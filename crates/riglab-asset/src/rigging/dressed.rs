@@ -46,7 +46,7 @@ pub fn dressed(
     let weights = weights(old, &imported.reading, &taken.origins, &bare.reading).map_err(invalid)?;
     let rig = Rig::new(old.skeleton().clone(), bare.mesh().clone(), weights).map_err(invalid)?;
     let rig = rig.with_springs(springs.clone()).map_err(invalid)?;
-    let exported = gltf::export::onto(&glb, None, &bare, &rig, how).map_err(fail)?;
+    let exported = gltf::export::onto(&glb, None, &bare, &rig, [0.0; 3], how).map_err(fail)?;
     let exported = gltf::export::with_motions(exported, old.skeleton(), &imported.clips).map_err(fail)?;
     // Of those that move no joint, and those that could not be read, of which the importer warned.
     let unread = taken.animations.saturating_sub(imported.clips.len());

@@ -399,7 +399,8 @@ impl Subject {
     /// same subject, rig and options give the same bytes.
     ///
     /// glTF ignores the transform of a node whose mesh is skinned: a mesh that its nodes do not leave where it
-    /// is stored has its vertices moved to where they were shown.
+    /// is stored has its vertices moved to where they were shown. All stands where the file shows it: a kept rig that is
+    /// held elsewhere is shifted by [`Self::shown_off`].
     ///
     /// # Errors
     /// [`crate::ExportFault::OtherMesh`] for a rig of another mesh; what [`export::onto`] says.
@@ -422,7 +423,10 @@ impl Subject {
         let back = back.with_springs(springs).map_err(invalid)?;
         match document {
             Some((bytes, folder)) => {
-                let exported = gltf::export::onto(bytes, folder.as_deref(), imported, &back, options).map_err(fail)?;
+                // What is not of the rig stays where it was, so the rig is to be where the file shows it.
+                let off = imported.reading.shown_off;
+                let exported =
+                    gltf::export::onto(bytes, folder.as_deref(), imported, &back, off, options).map_err(fail)?;
                 match &self.motions {
                     Some(Motions { skeleton, clips }) if skeleton == back.skeleton() => {
                         gltf::export::with_motions(exported, skeleton, clips).map_err(fail)

@@ -3,7 +3,7 @@
 use std::collections::{BTreeMap, HashMap, HashSet};
 
 use glam::DAffine3;
-use riglab_core::{Provenance, Rig};
+use riglab_core::{Provenance, Rig, Vec3};
 use serde_json::{Value, json};
 
 use super::super::accessor::Accessors;
@@ -118,13 +118,17 @@ impl Binder<'_, '_> {
         }
     }
 
-    /// Puts a skeleton of its own beside the meshes, and binds all of them to it. Old skins and joints go.
-    pub(super) fn new_skeleton(&mut self, rig: &Rig, reading: &Reading) -> Result<(), Fault> {
+    /// Puts a skeleton of its own beside the meshes, and binds all of them to it. Old skins and joints go. It stands `off` from
+    /// where the rig is, and so do the meshes, whose own places do not matter once they are skinned.
+    pub(super) fn new_skeleton(&mut self, rig: &Rig, reading: &Reading, off: Vec3) -> Result<(), Fault> {
         let (draft, scene) = (&mut *self.draft, self.scene);
         let skeleton = rig.skeleton();
         let turned = frames::of(skeleton, self.options.frames);
         let root = frames::add_joints(draft, skeleton, &turned);
         let armature = draft.push("nodes", json!({"name": "Armature", "children": [root]}));
+        if off != [0.0; 3] {
+            draft.list_mut("nodes")[armature]["translation"] = json!(off);
+        }
         let holders: Vec<usize> = scene.surfaces.iter().map(|s| s.node).collect();
         let moved = animations::moved_nodes(draft);
         match place::carrier(scene, &holders, &moved) {

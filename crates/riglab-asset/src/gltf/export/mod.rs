@@ -34,7 +34,7 @@ mod vrm;
 use std::collections::HashSet;
 use std::path::Path;
 
-use riglab_core::{Clip, Provenance, Rig, Skeleton};
+use riglab_core::{Clip, Provenance, Rig, Skeleton, Vec3};
 use serde::Deserialize;
 use serde_json::json;
 
@@ -47,12 +47,13 @@ use bind::Binder;
 use draft::Draft;
 use scene::{Same, Scene};
 
-/// See [`crate::export::onto`].
+/// See [`crate::export::onto`]. A skeleton that is not the file's own stands, with all that it holds, `off` from where the rig is.
 pub(crate) fn onto(
     bytes: &[u8],
     folder: Option<&Path>,
     imported: &Imported,
     rig: &Rig,
+    off: Vec3,
     options: &ExportOptions,
 ) -> Result<Exported, ExportFault> {
     edit(bytes, folder, |draft, source, notes| {
@@ -65,7 +66,7 @@ pub(crate) fn onto(
             (Some(same), Some(before)) if binder.keep_skeleton(same, reading)? => {
                 binder.change_body(same, before, reading);
             }
-            _ => binder.new_skeleton(rig, reading)?,
+            _ => binder.new_skeleton(rig, reading, off)?,
         }
         Ok(())
     })
