@@ -74,7 +74,7 @@ pub use peers::{
     Array, ArrayRig, PeerFault, SparseRows, StoredKind, StoredTensor, Target, TensorFile, Up, WriteError, write,
     write_mesh, written_paths,
 };
-pub use reading::{Binding, Body, Part, ReadJoint, Reading, VertexSet};
+pub use reading::{Binding, Body, Part, ReadJoint, Reading, Shaped, VertexSet};
 pub use warning::Warning;
 
 /// How to read.

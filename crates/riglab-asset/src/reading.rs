@@ -29,8 +29,23 @@ pub struct Reading {
     pub up: Up,
     /// Whether the format says that a model's front is -z, as VRM 0.x does; what says nothing mostly faces +z.
     pub faces_back: bool,
+    /// Meshes that the file shows with blend shapes, without which they are read.
+    pub shaped: Vec<Shaped>,
     /// What was repaired or is doubtful.
     pub warnings: Vec<Warning>,
+}
+
+/// A mesh that is shown with blend shapes before anything moves.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Shaped {
+    /// The node that shows it.
+    pub node: usize,
+    /// Its name, or else its number.
+    pub mesh: String,
+    /// How many shapes have a weight.
+    pub weighted: usize,
+    /// Of how many.
+    pub shapes: usize,
 }
 
 /// What a file says of the joints beyond their places, by joint of the reading.

@@ -475,6 +475,24 @@ fn a_motion_that_carries_the_model_carries_its_skeleton() {
 }
 
 #[test]
+fn blend_shapes_that_are_shown_and_not_looked_at_are_told() {
+    let zeros: Vec<u8> = vec![0; 48];
+    let tiny = common::Tiny::new().with_accessor(5126, "VEC3", 4, &zeros);
+    let offsets = json!([{"POSITION": tiny.accessors() - 1}, {"POSITION": tiny.accessors() - 1}]);
+    let tiny = tiny.with("/meshes/0/primitives/0/targets", offsets).with("/meshes/0/name", json!("face"));
+    for (weights, told) in
+        [(json!([0, 0]), None), (json!([0, 0.5]), Some("`face` is shown with blend shapes at 1 of 2"))]
+    {
+        let shown = tiny.clone().with("/meshes/0/weights", weights).glb();
+        let subject = Subject::from_bytes("a.glb", &shown, None, &SubjectOptions::default()).unwrap();
+        let notes = subject.notes().iter().filter(|note| matches!(note, SubjectNote::Shaped(_)));
+        let notes: Vec<String> = notes.map(ToString::to_string).collect();
+        assert!(notes.len() == usize::from(told.is_some()), "{notes:?}");
+        assert!(told.is_none_or(|told| notes[0].starts_with(told)), "{notes:?}");
+    }
+}
+
+#[test]
 fn what_hangs_on_joints_stays_on_them_where_weights_change() {
     // The inverse bind matrix of the tip has a scale that rounding left: other weights move vertices by next to nothing.
     let matrix = |scale: f32, y: f32| {

@@ -109,6 +109,11 @@ pub(super) struct SparseValues {
 #[derive(Debug, Deserialize)]
 pub(super) struct Mesh {
     #[serde(default)]
+    pub name: Value,
+    /// Of morph targets; as loose as those of a node.
+    #[serde(default)]
+    pub weights: Value,
+    #[serde(default)]
     pub primitives: Vec<Primitive>,
 }
 
@@ -133,6 +138,7 @@ pub(super) struct Node {
     pub translation: Option<[f64; 3]>,
     pub rotation: Option<[f64; 4]>,
     pub scale: Option<[f64; 3]>,
+    pub weights: Value,
     pub extras: Value,
     pub extensions: Value,
 }

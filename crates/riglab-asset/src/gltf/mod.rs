@@ -24,6 +24,7 @@ mod parted;
 mod placing;
 mod primitives;
 mod rights;
+mod shaped;
 mod skins;
 mod unseen;
 mod vrm;
@@ -91,6 +92,7 @@ pub(crate) fn read(bytes: &[u8], folder: Option<&Path>, options: &ImportOptions)
             origin,
             shown_off,
             faces_back,
+            shaped: shaped::shaped(&document),
             warnings,
             ..Reading::default()
         },

@@ -3,7 +3,7 @@
 use std::fmt;
 
 use super::UpAxis;
-use crate::{ExportNote, Warning};
+use crate::{ExportNote, Shaped, Warning};
 
 /// Something about a model that a person may want to know. Its text is a sentence without a full stop.
 #[derive(Clone, Debug, PartialEq)]
@@ -41,6 +41,8 @@ pub enum SubjectNote {
         /// How many.
         triangles: usize,
     },
+    /// Meshes are shown with blend shapes, without which they are looked at.
+    Shaped(Vec<Shaped>),
     /// A file that the model names is not there.
     FileMissing(String),
     /// A picture that the model names is no PNG or JPEG.
@@ -78,6 +80,19 @@ impl fmt::Display for SubjectNote {
                  and are written as they were"
             ),
             Self::Flat { triangles } => write!(f, "{triangles} triangles have no area; they stay, and say nothing"),
+            Self::Shaped(meshes) => {
+                let first = meshes.first().map_or(("", 0, 0), |m| (m.mesh.as_str(), m.weighted, m.shapes));
+                let (mesh, weighted, shapes) = (short(first.0), first.1, first.2);
+                let more = match meshes.len() {
+                    0 | 1 => String::new(),
+                    many => format!(", and {} more likewise", many - 1),
+                };
+                write!(
+                    f,
+                    "`{mesh}` is shown with blend shapes at {weighted} of {shapes} weights{more}; it was looked at without \
+                     them: if it fits badly, apply them in the program that it comes from"
+                )
+            }
             Self::FileMissing(name) => {
                 write!(f, "`{}` is not beside the file; the model is rigged without it", short(name))
             }

@@ -1,6 +1,7 @@
 //! A model as input of rigging.
 
 use std::borrow::Cow;
+use std::collections::HashSet;
 use std::path::{Path, PathBuf};
 
 use riglab_core::{Clip, Mesh, Rig, RigError, Skeleton, SkinWeights, Springs, Vec3};
@@ -273,6 +274,16 @@ impl Subject {
         }
         let warnings = source.imported.warnings().iter();
         notes.extend(warnings.filter(|w| !matches!(w, Warning::NoSkeleton)).cloned().map(SubjectNote::Read));
+        let reading = &source.imported.reading;
+        let holders: HashSet<usize> = reading.parts.iter().map(|part| part.node).collect();
+        let mut shaped = reading.shaped.clone();
+        shaped.retain(|shown| holders.contains(&shown.node));
+        // One mesh on several nodes is told once.
+        let mut told = HashSet::new();
+        shaped.retain(|shown| told.insert((shown.mesh.clone(), shown.weighted, shown.shapes)));
+        if !shaped.is_empty() {
+            notes.push(SubjectNote::Shaped(shaped));
+        }
         let mesh = turned_mesh(own, turn).map_err(|e| fail(e.into()))?;
         let rig = match rig {
             Some(rig) => Some(turned_rig(&rig, turn, Turn::onto_mesh).map_err(|e| fail(e.into()))?),
