@@ -128,10 +128,13 @@ pub enum ExportNote {
         /// Capsules that became spheres.
         capsules: usize,
     },
-    /// Nodes that hold a mesh are moved by animations, which do nothing any more: a skinned mesh goes with its joints.
+    /// Nodes that hold a mesh, or stand above one, are moved by animations, which do nothing to it any more: a skinned mesh
+    /// goes with its joints.
     MotionIdle {
-        /// How many.
+        /// How many hold one.
         nodes: usize,
+        /// How many others stand above one.
+        above: usize,
     },
     /// The file is a VRM that lacks human bones it must have.
     NotHuman {
@@ -186,9 +189,17 @@ impl fmt::Display for ExportNote {
             Self::MotionDropped { channels } => {
                 write!(f, "{channels} animation channels that moved the old rig were dropped")
             }
-            Self::MotionIdle { nodes } => {
-                let whose = if *nodes == 1 { "a node that holds a mesh" } else { "nodes that hold meshes" };
-                write!(f, "animations of {whose} move nothing any more: skinned meshes go with their joints")
+            Self::MotionIdle { nodes, above } => {
+                let holding = if *nodes == 1 { "a node that holds a mesh" } else { "nodes that hold meshes" };
+                let higher = if *above == 1 { "a node above a mesh" } else { "nodes above meshes" };
+                let whose: Vec<_> =
+                    [(nodes, holding), (above, higher)].iter().filter(|(n, _)| **n > 0).map(|(_, who)| *who).collect();
+                let nothing = if *above == 0 { "nothing" } else { "no mesh" };
+                write!(
+                    f,
+                    "animations of {} move {nothing} any more: skinned meshes go with their joints",
+                    whose.join(" and of ")
+                )
             }
             Self::NotHuman { lacking } => write!(
                 f,

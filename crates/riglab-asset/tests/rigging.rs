@@ -465,13 +465,32 @@ fn a_motion_that_carries_the_model_carries_its_skeleton() {
         let holds = |n: &&Value| n["children"].as_array().is_some_and(|c| c.contains(&json!(armature)));
         assert_eq!(nodes.iter().find(holds).and_then(|n| n["name"].as_str()), above);
         // A mesh that is moved by itself stays behind, and that is said.
-        let idle = ExportNote::MotionIdle { nodes: 1 };
+        let idle = ExportNote::MotionIdle { nodes: 1, above: 0 };
         assert_eq!(exported.notes.contains(&idle), above.is_none(), "{:?}", exported.notes);
         assert_eq!(
             json["animations"][0]["channels"][0]["target"]["node"].as_u64().map(|n| nodes[n as usize]["name"].clone()),
             Some(json!(above.unwrap_or("body")))
         );
     }
+}
+
+#[test]
+fn a_motion_above_some_of_the_meshes_is_told_to_be_lost() {
+    // A second body hangs on nothing that moves, so the skeleton cannot go with the node above the first.
+    let mut tiny = walking(1).with("/nodes/-", json!({"name": "other", "mesh": 0}));
+    let attached = |tiny: &common::Tiny| {
+        let subject = Subject::from_bytes("a.glb", &tiny.glb(), None, &SubjectOptions::default()).unwrap();
+        subject.attach(&on_one_joint(&subject, [0.5, 4.0, 0.0]), &all_influences()).unwrap().notes
+    };
+    let idle = ExportNote::MotionIdle { nodes: 0, above: 1 };
+    assert_eq!(attached(&tiny), [idle.clone()]);
+    assert_eq!(
+        idle.to_string(),
+        "animations of a node above a mesh move no mesh any more: skinned meshes go with their joints"
+    );
+    // Above both it carries all.
+    tiny.document["nodes"][1]["children"] = json!([0, 3]);
+    assert_eq!(attached(&tiny), []);
 }
 
 #[test]

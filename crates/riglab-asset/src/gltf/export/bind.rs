@@ -1,6 +1,6 @@
 //! A rig put into a document.
 
-use std::collections::{BTreeMap, HashMap, HashSet};
+use std::collections::{BTreeMap, HashMap};
 
 use glam::DAffine3;
 use riglab_core::{Provenance, Rig, Vec3};
@@ -131,13 +131,14 @@ impl Binder<'_, '_> {
         }
         let holders: Vec<usize> = scene.surfaces.iter().map(|s| s.node).collect();
         let moved = animations::moved_nodes(draft);
-        match place::carrier(scene, &holders, &moved) {
+        let carrier = place::carrier(scene, &holders, &moved);
+        match carrier {
             Some(carrier) => place::hang(draft, &scene.nodes, armature, carrier),
             None => place::add_to_scenes(draft, &scene.nodes, &holders, armature),
         }
-        let idle = holders.iter().filter(|node| moved.contains(node)).collect::<HashSet<_>>().len();
-        if idle > 0 && scene.skins.is_empty() {
-            self.notes.push(ExportNote::MotionIdle { nodes: idle });
+        let (nodes, above) = place::idle(scene, &holders, &moved, carrier);
+        if nodes + above > 0 && scene.skins.is_empty() {
+            self.notes.push(ExportNote::MotionIdle { nodes, above });
         }
         let binds = draft.accessor(&frames::inverse_binds(&turned), MAT4, None);
         let joints: Vec<usize> = (root..root + skeleton.len()).collect();

@@ -143,6 +143,27 @@ pub(super) fn carrier(scene: &Scene, holders: &[usize], moved: &HashSet<usize>) 
     (node != nodes.top() && !flat(node)).then_some(node)
 }
 
+/// How many nodes that hold meshes, and how many above those, are moved by animations that move these meshes no more, as they
+/// are skinned: all but those that carry the new skeleton.
+pub(super) fn idle(scene: &Scene, holders: &[usize], moved: &HashSet<usize>, carrier: Option<usize>) -> (usize, usize) {
+    let nodes = &scene.nodes;
+    let mut seen = HashSet::new();
+    // Nodes from one up that were not met before.
+    let mut climb = |mut node: usize| -> Vec<usize> {
+        let mut met = Vec::new();
+        while node != nodes.top() && seen.insert(node) {
+            met.push(node);
+            node = nodes.parent(node);
+        }
+        met
+    };
+    carrier.map(&mut climb);
+    let own: HashSet<usize> = holders.iter().copied().collect();
+    let idle = holders.iter().flat_map(|&holder| climb(holder)).filter(|node| moved.contains(node));
+    let (holding, above): (Vec<usize>, Vec<usize>) = idle.partition(|node| own.contains(node));
+    (holding.len(), above.len())
+}
+
 /// Hangs a node on another, where it stays in its place in the scene.
 pub(super) fn hang(draft: &mut Draft, nodes: &Nodes, node: usize, on: usize) {
     let back = nodes.global(on).inverse();
