@@ -25,6 +25,7 @@ use std::path::Path;
 use riglab_core::{Asset, Clip, Provenance, Rig, Skeleton};
 use thiserror::Error;
 
+use crate::warning::{of_number, rounded};
 use crate::{Fault, Format, ImportOptions, Imported, gltf, import_from};
 
 /// How to write.
@@ -111,6 +112,11 @@ pub enum ExportNote {
         /// Channels dropped.
         channels: usize,
     },
+    /// What is written stands as it was bound, too, which is another size than the file shows.
+    Resized {
+        /// By what the file shows.
+        size: f64,
+    },
     /// Mirrored meshes without skin had their triangles turned round.
     TrianglesTurned {
         /// How many.
@@ -155,8 +161,8 @@ impl fmt::Display for ExportNote {
         match self {
             Self::InfluencesCut { vertices, most, lost } => write!(
                 f,
-                "{vertices} vertices have more than {most} influences; the smallest were left out, \
-                 at most a share of {lost:.4}"
+                "{} more than {most} influences; the smallest were left out, at most a share of {lost:.4}",
+                of_number(*vertices, "vertex has", "vertices have")
             ),
             Self::PictureLeft { image, uri, outside: true } => write!(
                 f,
@@ -172,13 +178,13 @@ impl fmt::Display for ExportNote {
             ),
             Self::NotFinite { normals, coordinates, offsets, tangents, channels } => {
                 let parts = [
-                    (normals, "normals were made anew"),
-                    (coordinates, "texture coordinates were set to 0"),
-                    (offsets, "offsets of morph targets were set to 0"),
-                    (tangents, "primitives lost their tangents"),
-                    (channels, "animation channels were left out"),
+                    (normals, "normal was made anew", "normals were made anew"),
+                    (coordinates, "texture coordinate was set to 0", "texture coordinates were set to 0"),
+                    (offsets, "offset of a morph target was set to 0", "offsets of morph targets were set to 0"),
+                    (tangents, "primitive lost its tangents", "primitives lost their tangents"),
+                    (channels, "animation channel was left out", "animation channels were left out"),
                 ];
-                let told = parts.iter().filter(|(count, _)| **count > 0).map(|(count, what)| format!("{count} {what}"));
+                let told = parts.iter().filter(|(n, ..)| **n > 0).map(|(n, one, many)| of_number(**n, one, many));
                 let told: Vec<_> = told.collect();
                 write!(
                     f,
@@ -187,8 +193,19 @@ impl fmt::Display for ExportNote {
                 )
             }
             Self::MotionDropped { channels } => {
-                write!(f, "{channels} animation channels that moved the old rig were dropped")
+                let dropped = of_number(
+                    *channels,
+                    "animation channel that moved the old rig was dropped",
+                    "animation channels that moved the old rig were dropped",
+                );
+                f.write_str(&dropped)
             }
+            Self::Resized { size } => write!(
+                f,
+                "it is written as it was bound, so that what is written has {} of the size that the file shows, too: \
+                 scale it where it is used, or apply the scale of its armature beforehand",
+                rounded(*size)
+            ),
             Self::MotionIdle { nodes, above } => {
                 let holding = if *nodes == 1 { "a node that holds a mesh" } else { "nodes that hold meshes" };
                 let higher = if *above == 1 { "a node above a mesh" } else { "nodes above meshes" };

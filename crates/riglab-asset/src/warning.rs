@@ -255,22 +255,42 @@ impl fmt::Display for Warning {
                 )
             }
             Self::NoSurface { primitives } => {
-                write!(f, "{primitives} primitives of points or lines, or without positions, were left out")
+                let were = of_number(
+                    *primitives,
+                    "primitive of points or lines, or without positions, was",
+                    "primitives of points or lines, or without positions, were",
+                );
+                write!(f, "{were} left out")
             }
-            Self::Degenerate { collapsed, repeated } => write!(
-                f,
-                "degenerate triangles are not looked at: {collapsed} that name a vertex twice, {repeated} repeated ones; a \
-                 model that gets a rig keeps them"
-            ),
+            Self::Degenerate { collapsed, repeated } => {
+                let kinds = [
+                    (*collapsed, of_number(*collapsed, "that names a vertex twice", "that name a vertex twice")),
+                    (*repeated, of_number(*repeated, "repeated one", "repeated ones")),
+                ];
+                let told: Vec<String> = kinds.into_iter().filter(|(n, _)| *n > 0).map(|(_, kind)| kind).collect();
+                write!(
+                    f,
+                    "degenerate triangles are not looked at: {}; a model that gets a rig keeps them",
+                    told.join(", ")
+                )
+            }
             Self::Unweighted { vertices } => {
-                write!(f, "{vertices} vertices have no weight; they took those of the nearest vertex with weights")
+                let lack = of_number(*vertices, "vertex has no weight; it", "vertices have no weight; they");
+                write!(f, "{lack} took those of the nearest vertex with weights")
             }
             Self::NotNormalised { vertices, sums: (low, high) } => {
-                write!(f, "weights of {vertices} vertices were normalised; they summed to {low:.4} up to {high:.4}")
+                let vertices = of_number(*vertices, "vertex", "vertices");
+                write!(f, "weights of {vertices} were normalised; they summed to {low:.4} up to {high:.4}")
             }
-            Self::NegativeWeights { vertices } => write!(f, "negative weights of {vertices} vertices were set to 0"),
+            Self::NegativeWeights { vertices } => {
+                write!(f, "negative weights of {} were set to 0", of_number(*vertices, "vertex", "vertices"))
+            }
             Self::DuplicateInfluences { vertices } => {
-                write!(f, "duplicate joints in {vertices} vertices: their weights were added")
+                write!(
+                    f,
+                    "duplicate joints in {}: their weights were added",
+                    of_number(*vertices, "vertex", "vertices")
+                )
             }
             Self::ClipsLeftOut { clips } => write!(f, "animations were left out: {}", Some3(clips)),
             Self::ClipsCut { clips, frames } => {
@@ -296,7 +316,8 @@ impl fmt::Display for Warning {
                  the weights may be those of other vertices"
             ),
             Self::UnusedJointIndex { vertices } => {
-                write!(f, "joint indices out of range, but without weight, were ignored in {vertices} vertices")
+                let vertices = of_number(*vertices, "vertex", "vertices");
+                write!(f, "joint indices out of range, but without weight, were ignored in {vertices}")
             }
         }
     }
@@ -331,12 +352,35 @@ fn quoted(names: &[String]) -> Vec<String> {
     names.iter().map(|name| format!("`{name}`")).collect()
 }
 
+/// So many of something.
+pub(crate) fn of_number(n: usize, one: &str, many: &str) -> String {
+    format!("{n} {}", if n == 1 { one } else { many })
+}
+
 /// A number to two digits.
-fn rounded(x: f64) -> String {
+pub(crate) fn rounded(x: f64) -> String {
     let digits = (1.0 - x.abs().log10().floor()).clamp(0.0, 12.0) as usize;
     format!("{x:.digits$}")
 }
 
 fn numbered(kind: &str, numbers: &[usize]) -> Vec<String> {
     numbers.iter().map(|n| format!("{kind} {n}")).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn one_is_told_as_one_and_none_not_at_all() {
+        let degenerate = |collapsed, repeated| Warning::Degenerate { collapsed, repeated }.to_string();
+        assert_eq!(
+            degenerate(0, 4608),
+            "degenerate triangles are not looked at: 4608 repeated ones; a model that gets a rig keeps them"
+        );
+        assert!(degenerate(1, 1).contains(": 1 that names a vertex twice, 1 repeated one;"), "{}", degenerate(1, 1));
+        let unweighted = |vertices| Warning::Unweighted { vertices }.to_string();
+        assert!(unweighted(1).starts_with("1 vertex has no weight; it took"));
+        assert!(unweighted(2).starts_with("2 vertices have no weight; they took"));
+    }
 }

@@ -3,6 +3,7 @@
 mod common;
 
 use common::{INDICES, JOINTS, POSITION, Tiny, WEIGHTS};
+use riglab_asset::export::{ExportNote, ExportOptions};
 use riglab_asset::{Binding, ImportOptions, Imported, RootPolicy, Warning, export, import, import_bytes};
 use riglab_core::JointId;
 use serde_json::json;
@@ -102,6 +103,17 @@ fn a_model_that_is_shown_in_another_size_than_it_was_bound_says_so() {
         (size - 100.0).abs() < 1e-9
             && posed.to_string().ends_with("the model has 0.010 of the size that the file shows")
     );
+    // What is written has that size, too, unless the file's own nodes stay.
+    let bytes = Tiny::new().with("/nodes/1/scale", json!([100, 100, 100])).glb();
+    let resized = |notes: &[ExportNote]| matches!(notes, [ExportNote::Resized { size }] if (size - 0.01).abs() < 1e-9);
+    let stripped = export::strip_bytes("a.glb", &bytes, None, &ImportOptions::default()).unwrap();
+    assert!(resized(&stripped.notes), "{:?}", stripped.notes);
+    let own = imported.rig().unwrap();
+    let options = ExportOptions::default();
+    let kept = export::onto_bytes("a.glb", &bytes, None, &imported, own, &options).unwrap();
+    assert!(kept.notes.is_empty(), "{:?}", kept.notes);
+    let renamed = export::onto_bytes("a.glb", &bytes, None, &imported, &common::renamed(own), &options).unwrap();
+    assert!(resized(&renamed.notes), "{:?}", renamed.notes);
 }
 
 #[test]

@@ -3,6 +3,7 @@
 use std::fmt;
 
 use super::UpAxis;
+use crate::warning::of_number;
 use crate::{ExportNote, Shaped, Warning};
 
 /// Something about a model that a person may want to know. Its text is a sentence without a full stop.
@@ -59,8 +60,8 @@ impl fmt::Display for SubjectNote {
             Self::Read(warning) => warning.fmt(f),
             Self::Stripped(note) => note.fmt(f),
             Self::RigIgnored { joints } => {
-                let s = if *joints == 1 { "" } else { "s" };
-                write!(f, "the file has a rig of {joints} joint{s} already, which was taken out")
+                let joints = of_number(*joints, "joint", "joints");
+                write!(f, "the file has a rig of {joints} already, which was taken out")
             }
             Self::LiesDown { axis } => write!(
                 f,
@@ -79,7 +80,14 @@ impl fmt::Display for SubjectNote {
                 "closed surfaces face inwards ({triangles} of {of} triangles); they were turned round to be looked at, \
                  and are written as they were"
             ),
-            Self::Flat { triangles } => write!(f, "{triangles} triangles have no area; they stay, and say nothing"),
+            Self::Flat { triangles } => {
+                let flat = of_number(
+                    *triangles,
+                    "triangle has no area; it stays, and says nothing",
+                    "triangles have no area; they stay, and say nothing",
+                );
+                f.write_str(&flat)
+            }
             Self::Shaped(meshes) => {
                 let first = meshes.first().map_or(("", 0, 0), |m| (m.mesh.as_str(), m.weighted, m.shapes));
                 let (mesh, weighted, shapes) = (short(first.0), first.1, first.2);

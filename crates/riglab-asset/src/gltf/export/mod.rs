@@ -42,12 +42,13 @@ use super::accessor::Accessors;
 use super::buffers::Buffers;
 use super::document::Document;
 use crate::budget::Budget;
-use crate::{ExportFault, ExportNote, ExportOptions, Exported, Fault, ImportOptions, Imported, Reading};
+use crate::{ExportFault, ExportNote, ExportOptions, Exported, Fault, ImportOptions, Imported, Reading, Warning};
 use bind::Binder;
 use draft::Draft;
 use scene::{Same, Scene};
 
-/// See [`crate::export::onto`]. A skeleton that is not the file's own stands, with all that it holds, `off` from where the rig is.
+/// See [`crate::export::onto`]. A skeleton that is not the file's own stands, with all that it holds, `off` from where the rig
+/// is.
 pub(crate) fn onto(
     bytes: &[u8],
     folder: Option<&Path>,
@@ -66,7 +67,10 @@ pub(crate) fn onto(
             (Some(same), Some(before)) if binder.keep_skeleton(same, reading)? => {
                 binder.change_body(same, before, reading);
             }
-            _ => binder.new_skeleton(rig, reading, off)?,
+            _ => {
+                binder.new_skeleton(rig, reading, off)?;
+                tell_size(reading, notes);
+            }
         }
         Ok(())
     })
@@ -79,8 +83,18 @@ pub(crate) fn strip(bytes: &[u8], folder: Option<&Path>, reading: &Reading) -> R
         let shown = glam::DAffine3::from_translation(glam::Vec3::from(reading.shown_off).as_dvec3());
         scene.surfaces.iter_mut().for_each(|surface| surface.map = shown * surface.map);
         strip::strip(draft, source.accessors, &scene, reading, notes)?;
+        tell_size(reading, notes);
         Ok(())
     })
+}
+
+/// Tells where what was read, and is written, has another size than the file shows.
+fn tell_size(reading: &Reading, notes: &mut Vec<ExportNote>) {
+    let size = reading.warnings.iter().find_map(|warning| match warning {
+        Warning::RestIsNotBind { size, .. } if *size != 1.0 => Some(1.0 / size),
+        _ => None,
+    });
+    notes.extend(size.map(|size| ExportNote::Resized { size }));
 }
 
 /// As [`strip`], of a file of which reading says `fault`: where its rig is to blame, the file without it, and what is read
