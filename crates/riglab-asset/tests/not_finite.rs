@@ -99,9 +99,9 @@ fn what_is_not_finite_is_mended_and_told_and_the_rest_stays() {
     }
     assert_eq!(
         TOLD.to_string(),
-        "numbers in it are not finite (NaN or infinity), which glTF does not allow: 1 normals were made anew, 1 texture \
-         coordinates were set to 0, 1 offsets of morph targets were set to 0, 1 primitives lost their tangents, 1 animation \
-         channels were left out"
+        "numbers in it are not finite (NaN or infinity), which glTF does not allow: 1 normal was made anew, 1 texture \
+         coordinate was set to 0, 1 offset of a morph target was set to 0, 1 primitive lost its tangents, 1 animation \
+         channel was left out"
     );
 }
 
