@@ -471,7 +471,7 @@ fn an_evaluation_changes_nothing_that_was_trained() {
         must(&["eval", text(&run), "-o", text(&other), "--pictures", "0", "--set", "data.test=['train']"]).stderr;
     let said = String::from_utf8(said).unwrap();
     assert!(
-        said.contains("other.json; riglab report shows those of RUN/eval.json") && !said.contains("next:"),
+        said.contains("next: riglab report") && said.contains("--eval") && said.contains("other.json -o REPORT"),
         "{said}"
     );
     fs::remove_file(other).unwrap();
