@@ -22,6 +22,9 @@ pub struct Cluster<'a> {
     pub link: Matrix,
 }
 
+/// A curve: node, property, axis, and keys (seconds, value).
+pub type Curve<'a> = (u32, &'a str, &'a str, &'a [(f64, f64)]);
+
 /// A file that grows; objects have numbers of the test's choice, 0 is the root.
 pub struct Ascii {
     settings: String,
@@ -101,7 +104,7 @@ impl Ascii {
 
     /// An animation: keys (seconds, value) of axes of properties of nodes, with straight lines between. `span` is the time
     /// that the file gives it, where it gives one.
-    pub fn motion(mut self, name: &str, span: Option<[f64; 2]>, curves: &[(u32, &str, &str, &[(f64, f64)])]) -> Self {
+    pub fn motion(mut self, name: &str, span: Option<[f64; 2]>, curves: &[Curve<'_>]) -> Self {
         // Ticks of a second.
         let ticks = |seconds: f64| (seconds * 46_186_158_000.0) as i64;
         let (stack, layer) = (self.next(), self.next());
