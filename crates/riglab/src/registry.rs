@@ -179,7 +179,7 @@ pub fn evaluation(task: &str, run: &Path, path: &Path) -> Result<Option<Evaluate
         return Ok(None);
     }
     let shown = || path.display();
-    let text = std::fs::read_to_string(&path).with_context(|| format!("{} cannot be read", shown()))?;
+    let text = std::fs::read_to_string(path).with_context(|| format!("{} cannot be read", shown()))?;
     let folder = pictures(path);
     let picture = |file: &str| std::fs::read(folder.join(file)).ok();
     let unclear =

@@ -124,6 +124,9 @@ pub(crate) const SKELETONS_OF_SKINTOKENS: Beside = Beside {
     columns: &[("J2J × 100", "j2j", 1.0), ("J2B × 100", "j2b", 1.0), ("B2B × 100", "b2b", 1.0)],
 };
 
+/// A column of distances: its name, and the distance of an asset.
+type Column = (&'static str, fn(&AssetRow) -> f64);
+
 impl Evaluation {
     /// What it found, in the form in which runs are compared.
     pub fn findings(&self) -> Vec<Findings> {
@@ -200,7 +203,7 @@ impl Evaluation {
 
     fn assets(&self) -> String {
         // Distances that nothing has are no columns.
-        let all: [(&str, fn(&AssetRow) -> f64); 3] =
+        let all: [Column; 3] =
             [("J2J", |a| a.model.j2j), ("retrieval", |a| a.retrieval.j2j), ("template", |a| a.template_fit.j2j)];
         let known = |of: fn(&AssetRow) -> f64| self.report.assets.iter().any(|a| of(a).is_finite());
         let columns: Vec<_> = all.into_iter().filter(|(name, of)| *name == "J2J" || known(*of)).collect();
