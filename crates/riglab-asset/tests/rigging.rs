@@ -483,7 +483,7 @@ fn a_motion_above_some_of_the_meshes_is_told_to_be_lost() {
         subject.attach(&on_one_joint(&subject, [0.5, 4.0, 0.0]), &all_influences()).unwrap().notes
     };
     let idle = ExportNote::MotionIdle { nodes: 0, above: 1 };
-    assert_eq!(attached(&tiny), [idle.clone()]);
+    assert_eq!(attached(&tiny), std::slice::from_ref(&idle));
     assert_eq!(
         idle.to_string(),
         "animations of a node above a mesh move no mesh any more: skinned meshes go with their joints"
