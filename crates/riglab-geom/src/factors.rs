@@ -3,7 +3,7 @@
 use clarabel::algebra::CscMatrix;
 use clarabel::qdldl::{QDLDLFactorisation, QDLDLSettings};
 
-/// Numbers below the diagonal, as many a row, beyond which a system is not taken apart. A surface has 30 to 60, which grow
+/// Numbers below the diagonal, as many a row, beyond which a system is not taken apart. A surface has some tens, which grow
 /// with the logarithm of its rows; triangles between any vertices would take all memory.
 const MOST: usize = 128;
 

@@ -12,7 +12,8 @@ use super::{Load, shown};
 use crate::budget::{Budget, PART, TRIANGLE};
 use crate::gltf::export::model::{Lie, Look, Model, Object, Patch, Picture, Shape, is_picture};
 use crate::maps::{FLAT, is_flat};
-use crate::rigging::linear;
+use crate::rigging::{linear, stem};
+use crate::warning::of_number;
 use crate::{Fault, Place, Resample};
 
 /// Bytes of a vertex that a blend shape moves, as read and as written.
@@ -185,11 +186,7 @@ fn things_left(scene: &Scene) -> Vec<String> {
 
 /// So many of something, if any.
 pub(crate) fn counted(n: usize, one: &str, many: &str) -> Option<String> {
-    match n {
-        0 => None,
-        1 => Some(format!("1 {one}")),
-        n => Some(format!("{n} {many}")),
-    }
+    (n > 0).then(|| of_number(n, one, many))
 }
 
 /// How many properties a user gave an element; those that programs give all are none.
@@ -330,14 +327,6 @@ fn unit(x: f64) -> f32 {
     if x.is_finite() { (x as f32).clamp(0.0, 1.0) } else { 0.0 }
 }
 
-/// The name of a file without folders, of whichever system, and ending: exporters call textures after what they are for, many
-/// of one file alike.
-fn stem(name: &str) -> Option<&str> {
-    let file = name.rsplit(['/', '\\']).next().unwrap_or_default();
-    let stem = file.rsplit_once('.').map_or(file, |(stem, _)| stem);
-    (!stem.is_empty()).then_some(stem)
-}
-
 /// Pictures by texture.
 struct Pictures<F> {
     find: F,
@@ -363,8 +352,10 @@ impl<F: Fn(&str) -> Option<Vec<u8>>> Pictures<F> {
         };
         let number = match bytes {
             Some(bytes) if is_picture(&bytes) => {
-                let name = names.iter().find_map(|name| stem(name)).unwrap_or(&texture.element.name);
-                self.found.push(Picture { name: name.to_owned(), bytes });
+                // Exporters call textures after what they are for, many of one file alike.
+                let of_files = names.iter().map(|name| stem(name)).find(|stem| !stem.is_empty());
+                let name = of_files.unwrap_or_else(|| texture.element.name.to_string());
+                self.found.push(Picture { name, bytes });
                 Some(self.found.len() - 1)
             }
             Some(_) => {
@@ -511,20 +502,6 @@ mod tests {
     fn read(material: &str, more: &str, connections: &str) -> (Model, Left) {
         let taken = model("m", &file(material, more, connections), find).unwrap();
         (taken.model, taken.left)
-    }
-
-    #[test]
-    fn files_are_called_by_their_stems() {
-        for (name, wanted) in [
-            ("C:\\work\\a.b.png", Some("a.b")),
-            ("../tex/skin.jpg", Some("skin")),
-            ("plain", Some("plain")),
-            ("tex/", None),
-            (".png", None),
-            ("", None),
-        ] {
-            assert_eq!(stem(name), wanted, "{name}");
-        }
     }
 
     #[test]

@@ -37,6 +37,6 @@ pub(crate) use normals::complete as complete_normals;
 pub use note::SubjectNote;
 pub use seams::{agreed, twins};
 pub use subject::{Origin, Subject, SubjectOptions};
-#[cfg(feature = "fbx")]
-pub(crate) use surface::linear;
 pub use up::UpAxis;
+#[cfg(feature = "fbx")]
+pub(crate) use {obj::stem, surface::linear};

@@ -163,8 +163,8 @@ fn options(line: &str) -> (Lie, &str) {
     (Lie::from_below(scale, offset), rest)
 }
 
-/// The name of a file without folder and ending.
-pub(super) fn stem(path: &str) -> String {
+/// The name of a file without folder, of whichever system, and ending.
+pub(crate) fn stem(path: &str) -> String {
     let name = path.rsplit(['/', '\\']).next().unwrap_or_default();
     name.rsplit_once('.').map_or(name, |(stem, _)| stem).to_owned()
 }
@@ -219,6 +219,21 @@ mod tests {
     use super::*;
 
     const QUAD: &str = "o a\nv 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nvt 0 0\nvt 1 0.25\nvt 1\nvt 0 1 0\n";
+
+    #[test]
+    fn files_are_called_by_their_stems() {
+        let all = [
+            ("C:\\work\\a.b.png", "a.b"),
+            ("../tex/skin.jpg", "skin"),
+            ("plain", "plain"),
+            ("tex/", ""),
+            (".png", ""),
+            ("", ""),
+        ];
+        for (name, wanted) in all {
+            assert_eq!(stem(name), wanted, "{name}");
+        }
+    }
 
     #[test]
     fn materials_pictures_and_coordinates_are_read() {

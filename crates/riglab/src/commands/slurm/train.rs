@@ -79,17 +79,16 @@ pub fn follow(request: &Request, desk: &Desk, submitted: &Submitted) -> Result<E
     }
     let mut progress = Progress::new("training", 1, 0);
     let emptied = desk.follow(&Interrupt::listening(), |queue| progress.set(0, || counted(queue)))?;
-    if emptied {
-        progress.set(1, String::new);
-    }
+    let text = std::fs::read_to_string(run.join("run.json")).unwrap_or_default();
+    let info: serde_json::Value = serde_json::from_str(&text).unwrap_or_default();
+    let finished = info["outcome"] == "finished";
+    progress.set(u64::from(emptied && finished), String::new);
     progress.finish();
     if !emptied {
         tell!("the job goes on; `scancel {job}` would end it");
         return Ok(ExitCode::from(130));
     }
-    let text = std::fs::read_to_string(run.join("run.json")).unwrap_or_default();
-    let info: serde_json::Value = serde_json::from_str(&text).unwrap_or_default();
-    if info["outcome"] == "finished" {
+    if finished {
         tell!("next: {}", command(["eval", &run.to_string_lossy()]));
         return Ok(ExitCode::SUCCESS);
     }
