@@ -57,7 +57,7 @@ pub enum Fault {
     Empty,
     /// Neither GLB nor JSON.
     #[error(
-        "not a glTF, GLB or VRM file: no magic `glTF` and no JSON at its start; it looks like {0}. Read are these, FBX, OBJ, \
+        "not a glTF, GLB or VRM file: no magic `glTF` and no JSON at its start; it looks like {0}. riglab reads these, FBX, OBJ, \
          PLY, STL and the formats of other research code (`riglab convert --help`); convert it to GLB, in Blender for example"
     )]
     NotAModel(&'static str),

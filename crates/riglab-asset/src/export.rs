@@ -166,8 +166,8 @@ impl fmt::Display for ExportNote {
             ),
             Self::PictureLeft { image, uri, outside: true } => write!(
                 f,
-                "image {image} is not in the file: `{uri}` is not in the model's folder or below it, where alone is looked; \
-                 put it there"
+                "image {image} is not in the file: `{uri}` lies outside the model's folder, and only that is searched; put it \
+                 there"
             ),
             Self::PictureLeft { image, uri, .. } => {
                 write!(f, "image {image} is not in the file: `{uri}` cannot be read or is no known kind of picture")
@@ -202,8 +202,8 @@ impl fmt::Display for ExportNote {
             }
             Self::Resized { size } => write!(
                 f,
-                "it is written as it was bound, so that what is written has {} of the size that the file shows, too: \
-                 scale it where it is used, or apply the scale of its armature beforehand",
+                "it is written in its bind pose, so the output is {} times the size that the file shows: scale it where it is \
+                 used, or apply the armature's scale beforehand",
                 rounded(*size)
             ),
             Self::MotionIdle { nodes, above } => {
@@ -225,7 +225,7 @@ impl fmt::Display for ExportNote {
                 lacking.join(", ")
             ),
             Self::VrmDropped { parts } => {
-                write!(f, "{} of the VRM spoke of the old rig and went with it", parts.join(", "))
+                write!(f, "{} of the VRM referred to the old rig and were removed with it", parts.join(", "))
             }
             Self::TrianglesTurned { surfaces } => {
                 let meshes = if *surfaces == 1 { "mesh" } else { "meshes" };

@@ -46,6 +46,7 @@ mod names;
 mod nearest;
 mod obj;
 mod peers;
+mod pictures;
 mod ply;
 mod reading;
 pub mod rigging;

@@ -181,7 +181,7 @@ impl fmt::Display for Warning {
                 let skins = numbered("skin", skins);
                 write!(
                     f,
-                    "the nodes stand in another pose than the bind pose ({}); the bind pose was read",
+                    "the file shows another pose than the bind pose ({}); the bind pose was used",
                     Some3(&skins)
                 )?;
                 match *size == 1.0 {
@@ -203,8 +203,8 @@ impl fmt::Display for Warning {
                 Some3(&numbered("node", nodes))
             ),
             Self::Renamed { joints, first: (node, from, to) } => {
-                let more = if *joints > 1 { format!("; so had {} more", joints - 1) } else { String::new() };
-                write!(f, "the joint of node {node} had no name of its own: `{from}` became `{to}`{more}")
+                let more = if *joints > 1 { format!("; {} more were renamed", joints - 1) } else { String::new() };
+                write!(f, "the joint of node {node} had no unique name: `{from}` became `{to}`{more}")
             }
             Self::SeveralRoots { roots, remedy } => {
                 write!(f, "the skeleton has {} roots ({}); {remedy}", roots.len(), Some3(roots))
@@ -239,7 +239,7 @@ impl fmt::Display for Warning {
             }
             Self::LeftOut { nodes } => {
                 let nodes = numbered("node", nodes);
-                write!(f, "unskinned meshes not on a joint, or hidden, were left out: {}", Some3(&nodes))
+                write!(f, "unskinned meshes that are hidden or hang on no joint were left out: {}", Some3(&nodes))
             }
             Self::Colliders { nodes } => {
                 let nodes = numbered("node", nodes);
@@ -249,8 +249,8 @@ impl fmt::Display for Warning {
                 let nodes = numbered("node", nodes);
                 write!(
                     f,
-                    "meshes that the file does not show (of no scene or another one, hidden, or coarser forms) stay as they are, \
-                     without a skin: {}",
+                    "meshes that the file does not show (in no scene or another one, hidden, or lower levels of detail) stay as \
+                     they are, without a skin: {}",
                     Some3(&nodes)
                 )
             }
@@ -270,7 +270,7 @@ impl fmt::Display for Warning {
                 let told: Vec<String> = kinds.into_iter().filter(|(n, _)| *n > 0).map(|(_, kind)| kind).collect();
                 write!(
                     f,
-                    "degenerate triangles are not looked at: {}; a model that gets a rig keeps them",
+                    "degenerate triangles are ignored: {}; they stay in the file when a rig is added",
                     told.join(", ")
                 )
             }
@@ -376,7 +376,7 @@ mod tests {
         let degenerate = |collapsed, repeated| Warning::Degenerate { collapsed, repeated }.to_string();
         assert_eq!(
             degenerate(0, 4608),
-            "degenerate triangles are not looked at: 4608 repeated ones; a model that gets a rig keeps them"
+            "degenerate triangles are ignored: 4608 repeated ones; they stay in the file when a rig is added"
         );
         assert!(degenerate(1, 1).contains(": 1 that names a vertex twice, 1 repeated one;"), "{}", degenerate(1, 1));
         let unweighted = |vertices| Warning::Unweighted { vertices }.to_string();

@@ -10,8 +10,9 @@ use super::meshes::{Hold, MAX_POLYGON, hold, point, span};
 use super::scene::{Nodes, affine};
 use super::{Load, shown};
 use crate::budget::{Budget, PART, TRIANGLE};
-use crate::gltf::export::model::{Lie, Look, Model, Object, Patch, Picture, Shape, is_picture};
+use crate::gltf::export::model::{Lie, Look, Model, Object, Patch, Picture, Shape};
 use crate::maps::{FLAT, is_flat};
+use crate::pictures::for_gltf;
 use crate::rigging::{linear, stem};
 use crate::warning::of_number;
 use crate::{Fault, Place, Resample};
@@ -30,7 +31,7 @@ const CORNER: u64 = 2 * (12 + 12 + 8 + 16);
 pub(crate) struct Left {
     /// The names of pictures that were not found.
     pub(crate) missing: Vec<String>,
-    /// Of those that are neither PNG nor JPEG.
+    /// Of those that are of no kind that is read.
     pub(crate) other: Vec<String>,
     /// The properties of materials whose pictures are not taken over, or not as they lie.
     pub(crate) maps: BTreeSet<String>,
@@ -344,21 +345,24 @@ impl<F: Fn(&str) -> Option<Vec<u8>>> Pictures<F> {
         }
         let embedded: &[u8] = texture.content.as_ref();
         let names = [&texture.relative_filename, &texture.filename].map(|name| name.to_string());
-        let beside = || names.iter().find_map(|name| (self.find)(name));
-        let bytes = match is_picture(embedded) {
-            true => Some(embedded.to_vec()),
-            // What is there, if it is no picture that glTF knows.
-            false => beside().or_else(|| (!embedded.is_empty()).then(|| embedded.to_vec())),
-        };
-        let number = match bytes {
-            Some(bytes) if is_picture(&bytes) => {
+        let name = names.iter().find(|name| !name.is_empty()).map_or("", String::as_str);
+        let mut there = !embedded.is_empty();
+        let mut picture = for_gltf(name, embedded.to_vec());
+        if picture.is_none()
+            && let Some(bytes) = names.iter().find_map(|name| (self.find)(name))
+        {
+            there = true;
+            picture = for_gltf(name, bytes);
+        }
+        let number = match picture {
+            Some(bytes) => {
                 // Exporters call textures after what they are for, many of one file alike.
                 let of_files = names.iter().map(|name| stem(name)).find(|stem| !stem.is_empty());
                 let name = of_files.unwrap_or_else(|| texture.element.name.to_string());
                 self.found.push(Picture { name, bytes });
                 Some(self.found.len() - 1)
             }
-            Some(_) => {
+            None if there => {
                 self.left.other.push(names[0].clone());
                 None
             }

@@ -4,11 +4,24 @@ use std::fs::File;
 use std::io::Read;
 use std::path::{Component, Path, PathBuf};
 
+use super::SubjectNote;
+use super::obj::stem;
+use crate::gltf::export::model::Picture;
+use crate::pictures::for_gltf;
+
 /// The largest that is read: 256 MiB.
 const LARGEST: u64 = 256 << 20;
 
+/// Entries of a folder that are looked through.
+const ENTRIES: usize = 4096;
+
+/// Folders in a folder that are looked through; where there are more, they are not those of one model.
+const FOLDERS: usize = 32;
+
 /// The contents of a file that a model names, looked for in the model's folder alone, below it as named, else
-/// by the last part of the name: exporters write paths of their own machine. `None` where there is none.
+/// by the last part of the name: exporters write paths of their own machine. Then in the folders of that folder, where
+/// letters may be large or small: those who share models sort pictures into folders. `None` where there is none, or where
+/// several folders have one.
 ///
 /// Nothing is opened before it is sure to be a file of the folder, or below it.
 pub(super) fn read(folder: Option<&Path>, name: &str) -> Option<Vec<u8>> {
@@ -18,8 +31,8 @@ pub(super) fn read(folder: Option<&Path>, name: &str) -> Option<Vec<u8>> {
         return None;
     }
     let last = name.rsplit('/').next().unwrap_or_default();
-    [name.as_str(), last].into_iter().filter_map(below).find_map(|path| {
-        let path = folder.join(path).canonicalize().ok().filter(|path| path.starts_with(&folder))?;
+    let open = |path: PathBuf| {
+        let path = path.canonicalize().ok().filter(|path| path.starts_with(&folder))?;
         let about = path.metadata().ok()?;
         if !about.is_file() || about.len() > LARGEST {
             return None;
@@ -27,7 +40,41 @@ pub(super) fn read(folder: Option<&Path>, name: &str) -> Option<Vec<u8>> {
         let mut bytes = Vec::new();
         File::open(&path).ok()?.take(LARGEST).read_to_end(&mut bytes).ok()?;
         Some(bytes)
-    })
+    };
+    let named = || [name.as_str(), last].into_iter().filter_map(below).find_map(|path| open(folder.join(path)));
+    named().or_else(|| alike(&folder, last).and_then(open))
+}
+
+/// The file of a folder, else the only one of its folders, that is called so but for large and small letters.
+fn alike(folder: &Path, name: &str) -> Option<PathBuf> {
+    let entries = |of: &Path| {
+        let found = std::fs::read_dir(of).into_iter().flatten().flatten().take(ENTRIES);
+        let mut paths: Vec<PathBuf> = found.map(|entry| entry.path()).collect();
+        paths.sort_unstable();
+        paths
+    };
+    let called = |path: &PathBuf| {
+        let own = path.file_name().unwrap_or_default().to_string_lossy().to_lowercase();
+        !own.is_empty() && own == name.to_lowercase()
+    };
+    let here = entries(folder);
+    if let Some(own) = here.iter().find(|path| called(path) && path.is_file()) {
+        return Some(own.clone());
+    }
+    let folders: Vec<&PathBuf> = here.iter().filter(|path| path.is_dir() && !path.is_symlink()).collect();
+    if folders.len() > FOLDERS {
+        return None;
+    }
+    let found: Vec<PathBuf> = folders.into_iter().flat_map(|path| entries(path)).filter(called).collect();
+    let [only] = &found[..] else { return None };
+    Some(only.clone())
+}
+
+/// A picture that a model names, looked for as by [`read`]; else what to tell.
+pub(super) fn picture(folder: Option<&Path>, name: &str) -> Result<Picture, SubjectNote> {
+    let bytes = read(folder, name).ok_or_else(|| SubjectNote::FileMissing(name.to_owned()))?;
+    let bytes = for_gltf(name, bytes).ok_or_else(|| SubjectNote::OtherPicture(name.to_owned()))?;
+    Ok(Picture { name: stem(name), bytes })
 }
 
 /// A relative path that does not leave where it starts.
@@ -55,13 +102,24 @@ mod tests {
         for name in ["c.png", "C:\\work\\c.png", "/home/someone/c.png", "../elsewhere/c.png"] {
             assert_eq!(found(name), Some(b"2".to_vec()), "{name}");
         }
-        for name in ["../secret", "secret", "", "tex", "/etc/passwd", "a\0b", ".."] {
+        // In a folder of the folder, and in letters that other systems take for the same.
+        for name in ["/home/someone/a b.png", "A B.PNG", "textures\\a b.png", "TEX/A b.png"] {
+            assert_eq!(found(name), Some(b"1".to_vec()), "{name}");
+        }
+        assert_eq!(found("C.png"), Some(b"2".to_vec()));
+        std::fs::create_dir(inner.join("other")).unwrap();
+        std::fs::write(inner.join("other/A b.png"), b"3").unwrap();
+        assert_eq!((found("A b.png"), found("tex/a b.png")), (None, Some(b"1".to_vec())));
+        for name in ["../secret", "secret", "", "tex", "TEX", "/etc/passwd", "a\0b", ".."] {
             assert_eq!(found(name), None, "{name}");
         }
         #[cfg(unix)]
         {
             std::os::unix::fs::symlink(folder.path().join("secret"), inner.join("link")).unwrap();
-            assert_eq!(found("link"), None);
+            std::os::unix::fs::symlink(folder.path(), inner.join("out")).unwrap();
+            for name in ["link", "LINK", "out/secret", "SECRET"] {
+                assert_eq!(found(name), None, "{name}");
+            }
         }
         assert_eq!(read(None, "c.png"), None);
     }

@@ -46,7 +46,7 @@ pub enum SubjectNote {
     Shaped(Vec<Shaped>),
     /// A file that the model names is not there.
     FileMissing(String),
-    /// A picture that the model names is no PNG or JPEG.
+    /// A picture that the model names is of no kind that is read.
     OtherPicture(String),
     /// Materials name pictures for what is not taken over, by the words of the format.
     MapsLeft(Vec<String>),
@@ -61,14 +61,11 @@ impl fmt::Display for SubjectNote {
             Self::Stripped(note) => note.fmt(f),
             Self::RigIgnored { joints } => {
                 let joints = of_number(*joints, "joint", "joints");
-                write!(f, "the file has a rig of {joints} already, which was taken out")
+                write!(f, "the file already has a rig ({joints}), which was removed for the new one")
             }
-            Self::LiesDown { axis } => write!(
-                f,
-                "the model seems to stand along {axis}, not y; if so, `--up {axis}` rigs it as it should stand"
-            ),
+            Self::LiesDown { axis } => write!(f, "{axis} seems to be up in the file, not y; if so, give `--up {axis}`"),
             Self::FacesBack => {
-                f.write_str("models of VRM 0.x face -z; it was turned round to be looked at, and is written as it was")
+                f.write_str("VRM 0.x models face -z: it was turned to +z for rigging, and is written as it stood")
             }
             Self::StandApart { groups } => write!(
                 f,
@@ -77,14 +74,14 @@ impl fmt::Display for SubjectNote {
             ),
             Self::InsideOut { triangles, of } => write!(
                 f,
-                "closed surfaces face inwards ({triangles} of {of} triangles); they were turned round to be looked at, \
-                 and are written as they were"
+                "closed surfaces face inwards ({triangles} of {of} triangles); they were flipped for rigging only, and are \
+                 written as they were"
             ),
             Self::Flat { triangles } => {
                 let flat = of_number(
                     *triangles,
-                    "triangle has no area; it stays, and says nothing",
-                    "triangles have no area; they stay, and say nothing",
+                    "triangle has no area; it is kept, but ignored for rigging",
+                    "triangles have no area; they are kept, but ignored for rigging",
                 );
                 f.write_str(&flat)
             }
@@ -106,10 +103,14 @@ impl fmt::Display for SubjectNote {
             }
             Self::OtherPicture(name) => {
                 let name = short(name);
-                write!(f, "`{name}` is no PNG or JPEG picture, as glTF has them; the model is rigged without it")
+                write!(
+                    f,
+                    "texture `{name}` is no picture that can be read (BMP, DDS, JPEG, PNG, TGA, TIFF, WebP); the model is written \
+                     without it"
+                )
             }
             Self::MapsLeft(words) => {
-                write!(f, "pictures for {} of its materials are not taken over", words.join(", "))
+                write!(f, "textures of its materials that are not taken over: {}", words.join(", "))
             }
             Self::ThingsLeft(things) => write!(f, "not taken over from the file: {}", things.join(", ")),
         }

@@ -9,7 +9,7 @@ use tobj::{LoadError, LoadOptions};
 use super::surface::linear;
 use super::{SubjectNote, beside};
 use crate::Fault;
-use crate::gltf::export::model::{Lie, Look, Model, Object, Patch, Picture, is_picture};
+use crate::gltf::export::model::{Lie, Look, Model, Object, Patch, Picture};
 use crate::wavefront::{self, Asked};
 
 /// Reads an OBJ; material libraries and pictures are looked for in `folder`, if at all. Positions stay bit
@@ -106,17 +106,13 @@ impl Pictures<'_> {
         if let Some(known) = self.known.get(named) {
             return (*known, lie);
         }
-        let number = match beside::read(self.folder, named) {
-            Some(bytes) if is_picture(&bytes) => {
-                self.found.push(Picture { name: stem(named), bytes });
+        let number = match beside::picture(self.folder, named) {
+            Ok(picture) => {
+                self.found.push(picture);
                 Some(self.found.len() - 1)
             }
-            Some(_) => {
-                self.notes.push(SubjectNote::OtherPicture(named.to_owned()));
-                None
-            }
-            None => {
-                self.notes.push(SubjectNote::FileMissing(named.to_owned()));
+            Err(note) => {
+                self.notes.push(note);
                 None
             }
         };

@@ -2,9 +2,8 @@
 
 use std::path::Path;
 
-use super::obj::stem;
 use super::{SubjectNote, beside, normals};
-use crate::gltf::export::model::{Look, Model, Object, Patch, Picture, is_picture};
+use crate::gltf::export::model::{Look, Model, Object, Patch};
 use crate::surface::Surface;
 
 /// A model of one mesh. Its picture is looked for in `folder`, if at all. Normals that are missing are the mean of the
@@ -36,10 +35,9 @@ pub(super) fn model(name: &str, of: Surface, folder: Option<&Path>, notes: &mut 
     }
     let named = of.pictures.first().filter(|_| !patch.coordinates.is_empty());
     if let Some(named) = named {
-        match beside::read(folder, named) {
-            Some(bytes) if is_picture(&bytes) => model.pictures.push(Picture { name: stem(named), bytes }),
-            Some(_) => notes.push(SubjectNote::OtherPicture(named.clone())),
-            None => notes.push(SubjectNote::FileMissing(named.clone())),
+        match beside::picture(folder, named) {
+            Ok(picture) => model.pictures.push(picture),
+            Err(note) => notes.push(note),
         }
     }
     let picture = (!model.pictures.is_empty()).then_some(0);
