@@ -44,7 +44,7 @@ pub struct SweepFile {
     /// What is expected, and why.
     #[serde(default)]
     pub expected: String,
-    /// Config of all jobs: a file, or a built-in experiment.
+    /// Config of all jobs: a file, of the working folder or beside the sweep's, or a built-in experiment.
     pub base: String,
     /// Seeds; each point of the sweep is run with each.
     pub seeds: Vec<u64>,

@@ -27,12 +27,12 @@ use riglab_report::shell::command;
 ///
 /// All jobs are listed at once, each with its resolved config, and run as processes of this machine within a budget.
 /// A sweep that was stopped or killed goes on when it is called again; a run that fails is tried once more and never
-/// stops the rest; with --retry it is tried anew. Arms that the file gets at its end join the runs that are there, as
-/// long as these would have the same settings and corpora now. At the end stands a table of means and spreads over
+/// stops the rest; with --retry it is tried anew. Arms (named variants) added at the end of the file join the existing
+/// runs, as long as their settings and corpora are unchanged. The result is a table of means and spreads over
 /// seeds, in results.jsonl, table.md, table.tex, table.csv and report.html. TensorBoard compares the runs:
 /// `tensorboard --logdir SWEEP/jobs`.
 ///
-/// It fails when a run failed.
+/// Its exit code is 1 if a run failed.
 ///
 /// With --on slurm the jobs are tasks of an array, which save when their time ends, are requeued and go on. The same
 /// command again hands over what is neither done nor in the queue, and writes the table when all is.
@@ -84,7 +84,7 @@ pub struct Args {
     /// When all is done, write each chart of the report into this folder, too, as `riglab report --charts` does.
     #[arg(long, value_name = "DIR", conflicts_with_all = ["status", "list", "dry_run"])]
     charts: Option<PathBuf>,
-    /// List the jobs, if they can be done in the folder, and leave.
+    /// Check that the jobs can be done in the folder, list them, and leave.
     #[arg(long)]
     dry_run: bool,
     /// List the built-in sweeps.
@@ -275,7 +275,9 @@ fn plan(name: &str, args: &Args, threads: usize) -> Result<(Plan, PathBuf, Desk)
         let message = "a grid is [sweep.product] here: did you mean `product`?";
         return Err(config.invalid("sweep.grid", message).into());
     }
-    let file: SweepFile = config.get_at("sweep")?;
+    let mut file: SweepFile = config.get_at("sweep")?;
+    let bases = [&mut file.base].into_iter().chain(file.arms.iter_mut().filter_map(|arm| arm.base.as_mut()));
+    bases.for_each(|base| *base = beside(Path::new(name), base));
     let mut slurm = settings(&config)?;
     if slurm.cpus == 0 {
         slurm.cpus = file.threads;
@@ -292,6 +294,13 @@ fn plan(name: &str, args: &Args, threads: usize) -> Result<(Plan, PathBuf, Desk)
     };
     let desk = Desk::new(&folder, slurm)?;
     Ok((plan, folder, asked(desk, args, threads)))
+}
+
+/// Where the config is that a sweep's file names: as named if it is there, else beside the file if it is there, as what a config
+/// extends; else as named, for a built-in one.
+fn beside(file: &Path, named: &str) -> String {
+    let own = file.parent().unwrap_or(Path::new("")).join(named);
+    if !Path::new(named).is_file() && own.is_file() { shown(&own) } else { named.to_owned() }
 }
 
 /// With the jobs at a time, and the threads of each, that the command line asks for.
@@ -401,6 +410,18 @@ fn status(plan: &Plan, folder: &Path, watch: Option<u64>) -> Result<ExitCode> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_base_is_looked_for_beside_its_sweep() {
+        let folder = tempfile::tempdir().unwrap();
+        let (file, own) = (folder.path().join("s.toml"), folder.path().join("base_of_it.toml"));
+        std::fs::write(&own, "").unwrap();
+        assert_eq!(beside(&file, "base_of_it.toml"), shown(&own));
+        assert_eq!(beside(&file, &shown(&own)), shown(&own));
+        // Files of the working folder are meant where there are such, and built-in ones where there is none.
+        assert_eq!(beside(&file, "Cargo.toml"), "Cargo.toml");
+        assert_eq!(beside(&file, "quickstart/fsq_cvae.toml"), "quickstart/fsq_cvae.toml");
+    }
 
     #[test]
     fn every_built_in_sweep_has_sound_jobs() {
