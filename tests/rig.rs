@@ -448,7 +448,7 @@ fn stages_of_unirig_rig_a_file() {
         (&skeletons, ["--weights", text(&skeletons)], "writes skeletons alone"),
         (&skeletons, ["--rank", "rewards"], "leave --rank out"),
         (&skeletons, ["--skeleton", "keep"], "makes no weights for one that is given"),
-        (&weights, ["--weights", text(&weights)], "--weights makes weights for skeletons of a model that writes these"),
+        (&weights, ["--weights", text(&weights)], "--weights is for a --checkpoint that writes skeletons only"),
         (&weights, ["--samples", "1"], "give it as --weights"),
     ] {
         let out = path("x.glb");

@@ -124,7 +124,7 @@ pub struct EvalConfig {
     pub cuts: Vec<f32>,
     /// Pairs of bone and vertex decoded at once: bounds memory.
     pub chunk: usize,
-    /// Cells along the longest side of the body for the rules without learning.
+    /// Cells along the longest side of the body for the baselines without learning.
     pub baseline_resolution: usize,
     /// Seeds the points that the encoders see.
     pub seed: u64,

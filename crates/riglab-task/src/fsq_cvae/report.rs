@@ -162,7 +162,7 @@ fn verdict(report: &Report, split: &str) -> String {
     match other {
         Some(b) => {
             let than = if ours.pooled.iou > b.pooled.iou { "above" } else { "not above" };
-            format!("{said}: {than} the best rule without learning ({}, {:.3}).", b.method, b.pooled.iou)
+            format!("{said}: {than} the best baseline without learning ({}, {:.3}).", b.method, b.pooled.iou)
         }
         None => said + ".",
     }

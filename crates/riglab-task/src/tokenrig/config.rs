@@ -171,7 +171,7 @@ pub struct EvalConfig {
     /// Codes are asked for weights at so many vertices at most; the others of a larger mesh are told by the eight
     /// nearest of those, as released.
     pub vertices: usize,
-    /// Cells along the longest side of the body for the rules without learning.
+    /// Cells along the longest side of the body for the baselines without learning.
     pub baseline_resolution: usize,
     /// Seeds the points that the encoders see, and the draws.
     pub seed: u64,

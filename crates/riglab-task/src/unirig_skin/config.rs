@@ -184,7 +184,7 @@ pub struct EvalConfig {
     pub cuts: Vec<f32>,
     /// Pairs of bone and point at once: bounds memory.
     pub chunk: usize,
-    /// Cells along the longest side of the body for the rules without learning.
+    /// Cells along the longest side of the body for the baselines without learning.
     pub baseline_resolution: usize,
     /// Seeds the points that the network sees.
     pub seed: u64,

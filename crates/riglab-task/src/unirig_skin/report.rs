@@ -171,7 +171,7 @@ impl Evaluation {
             "L1",
             "IoU",
             "motion",
-            "best rule",
+            "best baseline",
             shown("clips".into()),
             "vertices",
             "bones"
@@ -191,7 +191,7 @@ impl Evaluation {
                 a.name
             );
         }
-        text += "best rule: the motion of the rule without learning that has the least over the split\n";
+        text += "best baseline: the motion of the baseline without learning that has the least over the split\n";
         text
     }
 }
@@ -204,8 +204,8 @@ fn verdict(report: &Report, split: &str) -> Option<String> {
     let by_iou = rows().filter(|r| !r.learned).max_by(|a, b| a.pooled.iou.total_cmp(&b.pooled.iou))?;
     let than = |better: bool| if better { "better" } else { "not better" };
     Some(format!(
-        "{split}: over {}, L1 {:.4}, {} than the best rule without learning ({}, {:.4}), and IoU {:.3}, {} than \
-         the best one there ({}, {:.3}).",
+        "{split}: over {}, L1 {:.4}, {} than the best baseline without learning ({}, {:.4}), and IoU {:.3}, {} than \
+         the best baseline by IoU ({}, {:.3}).",
         counted(ours.assets, "asset"),
         ours.pooled.l1,
         than(ours.pooled.l1 < by_l1.pooled.l1),

@@ -16,8 +16,8 @@ use super::earlier::{Written, keep_others};
 /// Score rigs that other systems wrote against true ones.
 ///
 /// Files are matched to true assets by their path without ending, or by their name alone. Every true asset is
-/// counted: scored, failed (with the reason) or missing. Metrics follow the formulas of each peer; the preset stands
-/// beside the number. Weights are compared where a prediction has the truth's joints.
+/// counted: scored, failed (with the reason) or missing. Metrics follow each paper's own formulas (--preset), named beside
+/// each number. Weights are compared only where a prediction has the joints of the true rig.
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:
@@ -41,10 +41,11 @@ pub struct Args {
     /// anymate or riglab.
     #[arg(long = "preset", value_name = "NAME", value_parser = preset)]
     presets: Vec<Preset>,
-    /// How failed and missing assets count: apart, or worst (the worst weights, one joint at the centre).
+    /// How failed and missing assets count: apart (not in the means), or worst (as the worst weights, and one joint at the
+    /// centre).
     #[arg(long, default_value = "apart", value_parser = failures)]
     failures: Failures,
-    /// Add what binds the true skeletons without learning: nearest bone, inverse distance, geodesic, heat diffusion.
+    /// Add baselines that skin the true skeletons without learning: nearest bone, inverse distance, geodesic, heat diffusion.
     #[arg(long)]
     baselines: bool,
     /// Show published numbers below: the name of a table; `list`, alone, tells the names.

@@ -19,9 +19,9 @@ use crate::presets;
 /// Make a clean corpus of files of mixed quality: repaired, filtered, without duplicates, labelled.
 ///
 /// Splits are those of the folder's split.json, where there is one and no setting says otherwise; else they are made by
-/// topology. Parts that are merged keep those of a list. What looks mistyped in it and in the folder's manifest.json is told. Beside the corpus, OUT.curation/
-/// holds the funnel report (report.html, funnel.json), a line an asset (assets.jsonl), and the journal by which a run
-/// that was broken off goes on. A file that cannot be read is a line of the report.
+/// topology. Merged shards keep splits that came from a split.json. Likely typing errors in split.json and manifest.json are
+/// reported. Beside the corpus, OUT.curation/ holds the funnel report (report.html, funnel.json), a line per asset
+/// (assets.jsonl), and the journal by which an interrupted run goes on. A file that cannot be read is a line of the report.
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:

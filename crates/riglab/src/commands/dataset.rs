@@ -68,7 +68,7 @@ struct Import {
     /// Seed of the splits made without a split file.
     #[arg(long, default_value_t = 0)]
     seed: u64,
-    /// What becomes of loose roots: children of the largest tree's root, or all below a new one.
+    /// What becomes of loose roots: reattach makes them children of the largest tree's root, virtual puts all below a new one.
     #[arg(long, value_enum, default_value = "reattach")]
     roots: Roots,
     /// Take models as bare meshes, rigged or not, OBJ, PLY and STL too: for GRPO, which needs no rigs. All are of the split
@@ -84,8 +84,8 @@ struct Import {
     /// Keep the files' motions, sampled at so many frames a second [default rate: 30].
     #[arg(long, value_name = "RATE", num_args = 0..=1, default_missing_value = "30", value_parser = rate)]
     clips: Option<f32>,
-    /// Repair what takes a guess: joints of a rig text beside its tree go below the root, `NAME_dup_K`
-    /// joints of RigNet's predictions back into NAME.
+    /// Make repairs that need a guess: joints of a rig text outside its tree become children of the root, `NAME_dup_K`
+    /// joints of RigNet's predictions are merged back into NAME.
     #[arg(long)]
     repair: bool,
     /// Print the result as JSON.

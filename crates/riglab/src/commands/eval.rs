@@ -41,10 +41,11 @@ pub struct Args {
     /// Print eval.json instead of the table.
     #[arg(long)]
     json: bool,
-    /// Where to write the result [default: RUN/eval.json]; pictures stand beside, in FILE without ending (or FILE.pictures).
+    /// Where to write the result [default: RUN/eval.json]; pictures go into a folder beside it, named as FILE without its
+    /// ending (or FILE.pictures).
     #[arg(long, short, value_name = "FILE")]
     out: Option<PathBuf>,
-    /// Best and worst assets of each split to draw.
+    /// How many best and how many worst assets of each split to show.
     #[arg(long, default_value_t = 2, value_name = "N")]
     pictures: usize,
     #[command(flatten)]
@@ -113,8 +114,8 @@ pub fn run(args: &Args, threads: usize) -> Result<ExitCode> {
     let data = config.data();
     if let Some(split) = data.test.iter().find(|split| data.train.contains(split)) {
         tell!(
-            "warning: `{split}` stands in data.train and in data.test: what is compared with training assets, as retrieval \
-             is, takes the other assets of it"
+            "warning: `{split}` is both in data.train and in data.test: baselines from training assets, such as retrieval, \
+             take its other assets"
         );
     }
     let data = config.data().clone();
@@ -150,7 +151,7 @@ fn with_its_cut(
     };
     if let (true, Some(cut)) = (none, own()) {
         tell!(
-            "note: these corpora have no asset to choose a cut by; it is {cut:.4}, as in {}",
+            "note: these corpora have no asset to choose a cut by (eval.cuts); {cut:.4} is taken from {}",
             run.join("eval.json").display()
         );
         sets.push(format!("eval.cuts=[{cut}]"));
@@ -263,7 +264,7 @@ impl Visitor for Examination<'_> {
         if !sets_key(&args.sets, "data.corpora")
             && let Some(other) = other_data(&begun, &task.assets().summary()?)
         {
-            tell!("warning: {other}: figures of others are not to be set beside those of this run");
+            tell!("warning: {other}: results on other corpora are not comparable with this run's");
         }
         // Others that were asked for are meant.
         companions.retain(|(key, _)| !sets_key(&args.sets, key));

@@ -18,7 +18,7 @@ use crate::registry::{self, Evaluated};
 ///
 /// Of one run: curves, tables with spread, published numbers and pictures. Of several: tables side by side, settings
 /// that differ, paired tests against the first, the assets that changed most, categories, curves laid over each other;
-/// runs of other corpora, splits or assets are refused. As one HTML file that works offline, as Markdown, LaTeX
+/// runs evaluated on different corpora, splits or assets are refused. As one HTML file that works offline, as Markdown, LaTeX
 /// (booktabs) and comma-separated values; several runs have every asset in a file FILE.assets.csv of its own.
 ///
 /// A view of what is in the runs' folders; what is not there yet (an evaluation) is left out of a run's report.

@@ -28,9 +28,9 @@ use riglab_report::{counted, explained};
 
 /// Train a model from a config, or continue a run.
 ///
-/// A run folder is made with the resolved config, metrics and checkpoints; Ctrl-C saves and leaves,
-/// --resume goes on as if nothing had happened, with --set train.steps=N to more steps. With --on slurm it does so as a
-/// job of a cluster, requeued whenever its time ends.
+/// Makes a run folder with the resolved config, metrics and checkpoints. Ctrl-C saves and leaves; --resume goes on as if
+/// nothing had happened, and with --set train.steps=N trains longer. With --on slurm the training is a job of a cluster,
+/// requeued whenever its time limit ends it.
 ///
 /// Started as several processes by mpirun or srun, it shares the batches of each step (train.accumulate of them, a
 /// multiple of the number of processes) among them: with a thread each, the run is the same on any
@@ -58,14 +58,14 @@ pub struct Args {
     /// The run's folder [default: the next free number below runs/<config>/].
     #[arg(long, value_name = "DIR")]
     run: Option<PathBuf>,
-    /// Continue the run in this folder. Its settings stand, but for --set train.steps=N, which may grow.
+    /// Continue the run in this folder with its own settings; only train.steps may be raised (--set train.steps=N).
     #[arg(long, value_name = "DIR", conflicts_with_all = ["config", "run"])]
     resume: Option<PathBuf>,
     /// Write nothing: go through a few steps and a validation, and say what the run would take: parameters, memory,
     /// operations and time.
     #[arg(long, conflicts_with_all = ["resume", "run"])]
     dry_run: bool,
-    /// Say it as a line of JSON.
+    /// With --dry-run: print the estimate as a line of JSON.
     #[arg(long, requires = "dry_run", conflicts_with_all = ["resume", "run"])]
     json: bool,
     /// Hand the training to a cluster instead of doing it here.
@@ -173,7 +173,7 @@ fn as_begun(run: &Path) -> usize {
     if begun > 0 && begun < all {
         let (those, more) = (counted(begun, "thread"), counted(all, "thread"));
         tell!(
-            "note: it goes on with {those}, as it was begun; --threads {all} takes {more}, and its sums round otherwise"
+            "note: it goes on with {those}, as it was begun; --threads {all} takes {more}, with sums that round differently"
         );
     }
     if begun <= all { begun } else { 0 }
@@ -183,7 +183,7 @@ fn as_begun(run: &Path) -> usize {
 /// say of it.
 fn freeze<T: Experiment>(task: &T, train: &TrainConfig) -> Result<Vec<String>> {
     let numbers = task.params().freeze(&train.frozen).map_err(|e| anyhow!("train.frozen: {e}"))?;
-    let said = || format!("{:.2} M of the numbers stay as they began (train.frozen)", numbers as f64 / 1e6);
+    let said = || format!("{:.2} M parameters are frozen (train.frozen)", numbers as f64 / 1e6);
     Ok((numbers > 0).then(said).into_iter().collect())
 }
 
@@ -217,8 +217,8 @@ fn begin<T: Experiment>(task: &T, start: &StartConfig) -> Result<Vec<String>> {
         let below = if t.prefix.is_empty() { String::new() } else { format!(" below `{}`", t.prefix) };
         let left = match t.left_over.as_slice() {
             [] => String::new(),
-            [only] => format!("; a tensor there has no place here (`{only}`)"),
-            [first, ..] => format!("; {} tensors there have no place here (`{first}`)", t.left_over.len()),
+            [only] => format!("; a tensor of that file is not used (`{only}`)"),
+            [first, ..] => format!("; {} tensors of that file are not used (`{first}`, ...)", t.left_over.len()),
         };
         format!(
             "{what} begins with {}, {:.2} M numbers, of {shown}{below}{left}",
@@ -342,8 +342,8 @@ impl Visitor for Session<'_> {
             if before.threads != threads && ranks.size() == 1 {
                 let (begun, now) = (counted(before.threads, "thread"), counted(threads, "thread"));
                 tell!(
-                    "note: begun with {begun}, and it goes on with {now}: sums round otherwise, so that it is another run than \
-                     one that was never stopped"
+                    "note: begun with {begun}, and it goes on with {now}: sums round otherwise, so results will differ from \
+                     those of an uninterrupted run"
                 );
             }
         }
@@ -438,7 +438,7 @@ pub fn reached(run: &Path, data: &DataConfig, again: impl Fn(&[PathBuf]) -> Vec<
         None => "start it in the folder where the run was begun".into(),
     };
     bail!(
-        "{}: its corpus {} is not below this folder, {}: paths of a run lead from where it was begun\n\nhint: {hint}",
+        "{}: its corpus {} is not below this folder, {}: a run's relative paths start where it was begun\n\nhint: {hint}",
         run.display(),
         gone.display(),
         here.display()
@@ -534,7 +534,7 @@ impl Visitor for DryRun<'_> {
             say!("  tokens            {tokens:>12.0}");
         }
         say!(
-            "  products          {:>9.2} GFLOP, {:.0} GFLOP/s: {:.*} % of what large ones reach here{}",
+            "  matrix products   {:>9.2} GFLOP, {:.0} GFLOP/s: {:.*} % of what large ones reach here{}",
             found.flops / 1e9,
             speed / 1e9,
             usize::from(gpu),
@@ -545,7 +545,7 @@ impl Visitor for DryRun<'_> {
         say!("the run             {:>9} for {} steps", time(found.seconds), train.steps);
         if found.waiting > 0.05 {
             say!(
-                "It waited for batches {:.0} % of the time, caches being empty; that is not counted.",
+                "{:.0} % of the time went into waiting for batches, as caches were empty; that is not counted.",
                 100.0 * found.waiting
             );
         }

@@ -41,8 +41,8 @@ enum What {
     Show(ShowArgs),
 }
 
-/// Put a run's checkpoint, its auto-encoder and their settings into one file for `riglab rig`, or into a run's folder of
-/// its own, to be evaluated; of UniRig's stages for `riglab rig` and `riglab skin`; of an auto-encoder for `skin.run`.
+/// Export a run's checkpoint with its auto-encoder and settings: as one file for `riglab rig` (one of UniRig's stages: for
+/// `riglab rig` and `riglab skin`; an auto-encoder: for `skin.run`), or as a new run's folder, for `riglab eval`.
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:
@@ -67,8 +67,8 @@ struct ExportArgs {
     /// Numbers of 16 bits: half the size.
     #[arg(long)]
     half: bool,
-    /// The file's name for it [default: that of the file it came from, or of the run's folder, where that is a number
-    /// behind that of the folder above it].
+    /// The model's name in the file [default: that of the source file, or the run's folder: a number gets the name of the
+    /// folder above it before it, as tokenrig-001].
     #[arg(long)]
     name: Option<String>,
     /// Of a run: where a model lies now that it builds on, as start.model=PATH or skin.run=PATH.

@@ -61,10 +61,10 @@ pub struct Args {
     /// joints of RigNet's predictions back into NAME.
     #[arg(long)]
     repair: bool,
-    /// For GLB: how many joints may hold a vertex; the largest weights stay [default: all].
+    /// For GLB: most joints that may influence a vertex; the largest weights stay [default: all].
     #[arg(long, value_enum, ignore_case = true)]
     influences: Option<Most>,
-    /// For GLB from other formats: how joints are turned at rest [default: parallel].
+    /// For GLB from other formats: orientation of the joints at rest [default: parallel].
     #[arg(long, value_enum, ignore_case = true)]
     frames: Option<Frames>,
 }

@@ -23,9 +23,9 @@ use riglab_report::shell::command;
 
 /// Rig a model: a skeleton and skin weights for a mesh.
 ///
-/// Reads GLB, glTF, VRM, FBX, OBJ, PLY and STL, and writes a GLB: meshes, materials, pictures, placement and names stay; an
-/// armature, a skin and weights are added. A rig that the file has is taken out first. The model that does it is
-/// the small one that comes with riglab, or another (--checkpoint). The input is never changed.
+/// Reads GLB, glTF, VRM, FBX, OBJ, PLY and STL, and writes a GLB: meshes, materials, textures, transforms and names stay; an
+/// armature, a skin and weights are added. A rig that the file already has is removed first. The network used is the small
+/// one that comes with riglab, or another (--checkpoint). The input is never changed.
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:
@@ -49,13 +49,13 @@ pub struct RigArgs {
     /// are missing. Its root is the root of the whole.
     #[arg(long)]
     complete: bool,
-    /// Begin with the named joints of a known make: `mixamo` or `vroid`. A model that loses its way so has them where its
-    /// free draws see a human body.
+    /// Begin with the named joints of a convention: `mixamo` or `vroid`. If what the model then writes is no body, they go
+    /// where its samples without the template show a human body.
     #[arg(long, value_name = "NAME")]
     template: Option<String>,
-    /// How joints of a predicted skeleton are called: `mixamo` and `vrm` name human bones as those do, by their place in
-    /// the body, and others by where they are; `plain` names all by where they are; `keep` as the model wrote them
-    /// [default: mixamo; with --template its names, and others by where they are].
+    /// Names of predicted joints: `mixamo` and `vrm` give human bones the names of those conventions and name other joints by
+    /// position; `plain` names all by position (`spine_1`); `keep` leaves them as the model wrote them [default: mixamo; with
+    /// --template the template's names, and others by position].
     #[arg(long, value_name = "mixamo|vrm|plain|keep")]
     names: Option<NameStyle>,
     /// What makes the weights where --checkpoint is of UniRig's skeleton stage, which writes skeletons alone: the folder of a
@@ -66,8 +66,8 @@ pub struct RigArgs {
 
 /// Make new weights for the skeleton that a model has.
 ///
-/// As `riglab rig --skeleton keep`: joints stay as they are, and those of the file's own rig that hold nothing go on so. A model
-/// reads so many joints at most: 100 the one that comes with riglab.
+/// As `riglab rig --skeleton keep`: joints stay as they are, and joints of the file's own rig that influence no vertex stay
+/// without weights. Networks have a limit of joints: 100 for the one that comes with riglab.
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:
@@ -85,40 +85,40 @@ pub struct SkinArgs {
 
 #[derive(clap::Args)]
 struct Common {
-    /// A model, or a folder of models with those below it.
+    /// A model, or a folder of models, subfolders included.
     input: PathBuf,
-    /// The GLB to write (of a VRM a VRM, too), or the folder for those of a folder.
+    /// The GLB to write (or a VRM, if the input is one); a folder, if the input is one.
     #[arg(long, short, value_name = "OUT")]
     out: PathBuf,
-    /// A run's folder (task tokenrig, grpo or, for the skeleton, unirig_skeleton; where the skeleton is given, unirig_skin),
-    /// of which the best checkpoint is taken, or another's (RUN/checkpoints/last); or a file of `riglab checkpoint export` or
-    /// `import` [default: the model that comes with riglab].
+    /// The network: a run's folder (its best checkpoint is used), the folder of one checkpoint (RUN/checkpoints/last), or a
+    /// file of `riglab checkpoint export` or `import`. Its task is tokenrig or grpo; unirig_skeleton, for the skeleton; or
+    /// unirig_skin, where the skeleton is given [default: the model that comes with riglab].
     #[arg(long, value_name = "PATH")]
     checkpoint: Option<PathBuf>,
-    /// Rigs that are drawn, of which the best is taken; the first takes the likeliest token each time [default: as
-    /// eval.consensus in the model's config, 64 for the one that comes with riglab; 1 where the skeleton is given].
+    /// Number of rigs to sample, of which the best is taken (--rank); the first is decoded greedily [default: eval.consensus
+    /// of the model's config, 64 for the one that comes with riglab; 1 where the skeleton is given].
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=4096))]
     samples: Option<u16>,
-    /// Which of several is the best: the one whose skeleton the others agree with most, its joints moved to where these
-    /// have them (as eval.refine in the model's config), the one with the highest geometric rewards (SkinTokens 3.4.1: joints
-    /// within the body, weights that hold every vertex, motions that tear nothing), or the likeliest, which is also what
-    /// consensus takes where the skeleton is given.
+    /// Which sample is the best. consensus: the skeleton closest to the others, its joints moved to where these have them
+    /// (eval.refine of the model's config). rewards: the highest geometric rewards (SkinTokens 3.4.1: joints within the body,
+    /// weights that hold every vertex, motions that tear nothing). likelihood: the likeliest, which consensus also takes
+    /// where the skeleton is given.
     #[arg(long, value_enum, ignore_case = true, default_value = "consensus")]
     rank: Ranked,
-    /// How freely several are drawn [default: as eval.generate in the model's config].
+    /// Sampling temperature [default: eval.generate of the model's config].
     #[arg(long, value_name = "T")]
     temperature: Option<f32>,
-    /// Skins that are drawn for the skeleton, of whose weights the mean is taken: surer than the likeliest alone, and as
-    /// many times slower [default: as eval.skins in the model's config, 8 for the one that comes with riglab].
+    /// Number of skins to sample for the skeleton; their mean weights are written: more reliable than the likeliest alone,
+    /// and as many times slower [default: eval.skins of the model's config, 8 for the one that comes with riglab].
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
     skins: Option<u16>,
     /// Seeds the points that are looked at and the draws: same seed, same file.
     #[arg(long, default_value_t = 0)]
     seed: u64,
-    /// How many joints may hold a vertex.
+    /// Most joints that may influence a vertex.
     #[arg(long, value_enum, ignore_case = true, default_value = "4")]
     influences: Most,
-    /// How joints are turned at rest.
+    /// Orientation of the joints at rest.
     #[arg(long, value_enum, ignore_case = true, default_value = "bone")]
     frames: Frames,
     /// The axis that points up in the file; in PLY and STL, which do not say, it often is z.
@@ -134,7 +134,7 @@ struct Common {
     /// Add a short motion that bends every joint, to see whether the rig works.
     #[arg(long)]
     preview: bool,
-    /// Say on standard output what was made, as a line of JSON a model; of one that is left out, or skipped, why.
+    /// Print a line of JSON per file to standard output: what was made, or why it was left out or skipped.
     #[arg(long)]
     json: bool,
     #[command(flatten)]
@@ -229,7 +229,7 @@ fn run(args: &Common, bones: &Bones, weights: Option<&Path>, threads: usize) -> 
         bail!("--temperature must be a number above 0");
     }
     if args.skeleton_up.is_some() && !matches!(bones, Bones::Given { from: Given::File(_), .. }) {
-        bail!("--skeleton-up tells of the file of --skeleton; give one");
+        bail!("--skeleton-up is about the file of --skeleton FILE, which is not given");
     }
     let (jobs, skipped) = jobs(&args.input, &args.out)?;
     jobs.iter().try_for_each(|(_, to)| keep_others(to, Written::Glb))?;
@@ -330,7 +330,7 @@ fn jobs(input: &Path, out: &Path) -> Result<Jobs> {
         model && !own(path)
     });
     if passed.get() > 0 {
-        tell!("note: what is in {} already is no input: {}", out.display(), counted(passed.get(), "model"));
+        tell!("note: not taken as input: {} in the output folder {}", counted(passed.get(), "model"), out.display());
     }
     for (path, why) in &found.unread {
         tell!("left out: {}: {why}", path.display());

@@ -173,5 +173,5 @@ impl Model {
     }
 }
 
-const ALONE: &str = "--weights makes weights for skeletons of a model that writes these alone: give that with --checkpoint, \
-                     a run or a file of task unirig_skeleton; for a skeleton that a file has take `riglab skin`";
+const ALONE: &str = "--weights is for a --checkpoint that writes skeletons only (a run or a file of task unirig_skeleton); \
+                     for the skeleton that a file has, use `riglab skin`";

@@ -53,7 +53,7 @@ pub fn rig(args: &Common, bones: &Bones, model: &Model, from: &Path, to: &Path) 
     let held = holders.iter().flatten().filter(|held| **held).count();
     if let Some(all) = holders.as_ref().map(Vec::len).filter(|all| held > 0 && 2 * held < *all) {
         let note = format!(
-            "{} of its {all} joints hold nothing and go on so; give --skeleton {} for weights on all of them",
+            "{} of its {all} joints influence no vertex and stay so; give --skeleton {} for weights on all of them",
             all - held,
             from.display()
         );
@@ -91,8 +91,8 @@ pub fn rig(args: &Common, bones: &Bones, model: &Model, from: &Path, to: &Path) 
     let degrees = made.yaw.in_degrees();
     if degrees != 0 {
         let note = format!(
-            "the model was looked at turned by {degrees} degrees about y, as it seems to face another way than along z; it is \
-             written as it stands"
+            "the mesh seems not to face along z: it was rigged turned by {degrees} degrees about y, and is written as it \
+             stood"
         );
         noted(from, &mut notes, note);
     }
@@ -117,8 +117,8 @@ pub fn rig(args: &Common, bones: &Bones, model: &Model, from: &Path, to: &Path) 
             }
             if joints >= model.most_joints() {
                 let note = format!(
-                    "it got {joints} joints, as many as this model writes: look at it before you use it; a model that stands \
-                     otherwise (--up), or several in one file, come out so"
+                    "it got {joints} joints, the most that this network writes: check it before you use it; a wrong up axis \
+                     (--up), or several characters in one file, cause this"
                 );
                 noted(from, &mut notes, note);
             }
@@ -179,15 +179,15 @@ fn of_template(template: &Template, placed: Placed) -> Option<String> {
             "{left_out} joints beside those of `{class}` were left out, as this model knows it too little to tell what they are"
         )),
         Placed::Voted { bodies, draws } => Some(format!(
-            "this model loses its way with --template; the joints of `{class}` are where {bodies} of {draws} free draws see a \
-             human body"
+            "with --template this network wrote no body; the joints of `{class}` were placed where {bodies} of {draws} samples \
+             without it show a human body"
         )),
         Placed::Without => Some(format!(
-            "this model wrote no body as `{class}` has it, and sees none without --template either: it was rigged without it"
+            "this network wrote no body as `{class}` has it, nor any body without --template: it was rigged without it"
         )),
         Placed::Lost => Some(format!(
-            "what this model wrote after --template is no body as `{class}` has it; with --samples 64, and --rank left \
-             out, draws that are bodies are told from others"
+            "what this network wrote with --template is no body as `{class}` has it; --samples 64 without --rank picks \
+             samples that are bodies"
         )),
     }
 }
@@ -206,10 +206,7 @@ fn told_placed(placed: Placed) -> &'static str {
 fn of_bodies(made: &Made, human: bool, class: Option<&str>) -> Option<String> {
     let (bodies, draws) = (made.bodies.filter(|_| !human && class.is_none())?, made.draws.len());
     (MANY * bodies >= draws).then(|| {
-        format!(
-            "{bodies} of {draws} draws see a human body, and the one that they agree with most has no such tree; --template \
-             mixamo makes one"
-        )
+        format!("{bodies} of {draws} samples are human bodies, but the one taken is not; --template mixamo makes one")
     })
 }
 
@@ -232,7 +229,7 @@ fn sure(made: &Made) -> Option<f64> {
 fn of_apart(made: &Made, may_lie: bool) -> Option<String> {
     let apart = sure(made).filter(|apart| *apart >= FAR)?;
     Some(format!(
-        "its draws disagree ({:.1} % of its size apart, where this model knows a body some 2 %): look at the skeleton before you \
+        "its samples disagree ({:.1} % of its size apart; some 2 % where this network is sure): check the skeleton before you \
          use it{}",
         100.0 * apart,
         if may_lie { "; where z points up in the file, as in most scans and prints, give --up z" } else { "" }
@@ -288,7 +285,7 @@ fn taken(
 ) -> String {
     let which = format!("sample {} of {}", sample + 1, draws.len());
     let Some(r) = rewards else {
-        let why = if rank == Rank::Consensus { "the others agree with it most" } else { "the likeliest" };
+        let why = if rank == Rank::Consensus { "the closest to the others" } else { "the likeliest" };
         let apart = apart.map_or(String::new(), |apart| format!(" ({:.1} % of its size apart)", 100.0 * apart));
         return format!("{which}: {why}{apart}");
     };
