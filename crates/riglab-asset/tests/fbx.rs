@@ -172,6 +172,59 @@ fn as_glb_it_keeps_looks_rig_and_motions() {
 }
 
 #[test]
+fn as_glb_motions_of_blend_shapes_go_with_those_of_joints() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("a.fbx");
+    let turn = (1, "Lcl Rotation", "d|Z", &[(1.0, 0.0), (2.0, 90.0)][..]);
+    let talk = (30, "DeformPercent", "d|DeformPercent", &[(1.5, 0.0), (2.5, 100.0)][..]);
+    // A mesh that hangs on no joint comes before the one that does, and its blend shape moves, too.
+    let other = (31, "DeformPercent", "d|DeformPercent", &[(0.0, 0.0), (1.0, 100.0)][..]);
+    let file = Ascii::new().mesh(40, 0, &TETRAHEDRON, &SIDES, "").shape(40, 31, 0, [1.0, 0.0, 0.0]);
+    let file = tiny(file).shape(10, 30, 2, [0.0, 10.0, 0.0]);
+    let file =
+        file.motion("turn", None, &[turn, talk, other]).motion("wink", None, &[talk]).motion("wave", None, &[turn]);
+    std::fs::write(&path, file.bytes()).unwrap();
+    let (exported, notes) =
+        dressed(&path, &ImportOptions::default(), &Springs::default(), &ExportOptions::default()).unwrap();
+    assert_eq!(notes, []);
+    let glb = gltf(&exported.bytes);
+    let animations = glb["animations"].as_array().unwrap();
+    let names: Vec<&str> = animations.iter().map(|own| own["name"].as_str().unwrap()).collect();
+    assert_eq!(names, ["turn", "wave", "wink"]);
+    let of_weights = |own: &serde_json::Value| {
+        let channels = own["channels"].as_array().unwrap().iter();
+        let found: Vec<_> = channels.filter(|channel| channel["target"]["path"] == "weights").cloned().collect();
+        found.first().map(|first| {
+            let sampler = &own["samplers"][first["sampler"].as_u64().unwrap() as usize];
+            let accessor = |key: &str| &glb["accessors"][sampler[key].as_u64().unwrap() as usize];
+            let node = &glb["nodes"][first["target"]["node"].as_u64().unwrap() as usize];
+            (
+                found.len(),
+                node["name"].clone(),
+                accessor("output")["count"].clone(),
+                accessor("input")["max"][0].clone(),
+            )
+        })
+    };
+    // The turn begins at 1 and the mouth is open at 2.5; by itself it begins at 1.5. A file that says none has 24 frames a second.
+    let (turn, wave, wink) = (of_weights(&animations[0]), of_weights(&animations[1]), of_weights(&animations[2]));
+    assert_eq!(turn, Some((1, "mesh10".into(), 37.into(), 1.5.into())));
+    assert_eq!((wave, wink), (None, Some((1, "mesh10".into(), 25.into(), 1.0.into()))));
+    // Joints move as they do without.
+    let clips = with_clips("a.glb", &exported.bytes, 30.0);
+    assert_eq!(
+        clips.clips.iter().map(|clip| (clip.name(), clip.frames())).collect::<Vec<_>>(),
+        [("turn", 31), ("wave", 31)]
+    );
+}
+
+/// The document of a GLB.
+fn gltf(glb: &[u8]) -> serde_json::Value {
+    let length = u32::from_le_bytes(glb[12..16].try_into().unwrap()) as usize;
+    serde_json::from_slice(&glb[20..20 + length]).unwrap()
+}
+
+#[test]
 fn other_axes_and_units_are_undone() {
     // Z up, looking along y, in metres: what was (x, y, z) is (x, z, -y).
     let (turned, _) = rig(&tiny(Ascii::with_space([(2, 1), (1, -1), (0, 1)], 100.0)));

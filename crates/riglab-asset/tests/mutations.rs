@@ -95,7 +95,9 @@ fn seeds() -> Vec<(String, Vec<u8>)> {
     #[cfg(feature = "fbx")]
     {
         let turn = (1, "Lcl Rotation", "d|Z", &[(0.0, 0.0), (1.0, 90.0)][..]);
-        let text = ascii_fbx::tiny(ascii_fbx::Ascii::new()).motion("turn", Some([0.0, 1.0]), &[turn]).bytes();
+        let text = ascii_fbx::tiny(ascii_fbx::Ascii::new()).shape(10, 30, 2, [0.0, 10.0, 0.0]);
+        let talk = (30, "DeformPercent", "d|DeformPercent", &[(0.0, 0.0), (1.0, 100.0)][..]);
+        let text = text.motion("turn", Some([0.0, 1.0]), &[turn, talk]).bytes();
         let imported = import_bytes("tiny.fbx", &text, &ImportOptions::default()).unwrap();
         let binary = riglab_asset::to_fbx(imported.rig().unwrap()).unwrap();
         seeds.extend([("text.fbx".to_owned(), text), ("binary.fbx".to_owned(), binary)]);

@@ -376,7 +376,7 @@ mod tests {
         assert!(fault("seeds = []").contains("is empty"));
         assert!(fault("seeds = [1, 1]").contains("twice"));
         assert!(fault("seeds = [1]\n[sweep.product]\nx = []").contains("no values"));
-        assert!(fault("seeds = [1]\n[sweep.zip]\nx = [1]\ny = [1, 2]").contains("`x` has 1 values and `y` has 2"));
+        assert!(fault("seeds = [1]\n[sweep.zip]\nx = [1]\ny = [1, 2]").contains("`x` has 1 values and `y` 2"));
         let figure = "seeds = [1]\n[[sweep.figures]]\ntitle = 'IoU'\nx = 'codes'\n";
         assert!(fault(&format!("{figure}at = []\nof = 'eval/iou{{}}'")).contains("\"IoU\" needs places in `at`"));
         assert!(fault(&format!("{figure}at = [4]\nof = 'eval/iou'")).contains("`{}` in `of`"));

@@ -8,7 +8,7 @@ use std::ops::RangeInclusive;
 
 use glam::DAffine3;
 use riglab_core::{Clip, JointMap};
-use ufbx::{AnimStack, ElementType, EvaluateOpts, InheritMode, Scene};
+use ufbx::{AnimProp, AnimStack, ElementType, EvaluateOpts, InheritMode, Scene};
 
 use super::allocator;
 use super::joints::Joints;
@@ -37,10 +37,7 @@ pub(super) fn read(
     let mut room = [MAX_MAPS, MAX_ELEMENTS];
     for (number, stack) in (&scene.anim_stacks).into_iter().enumerate() {
         let Some(time) = time(stack, &moving) else { continue };
-        let name = match &*stack.element.name {
-            "" => format!("animation {number}"),
-            name => name.to_owned(),
-        };
+        let name = called(stack, number);
         match clip(scene, stack, (nodes, joints), (time, resample), (memory, &mut room), &name) {
             Ok((clip, whole)) => {
                 cut.extend((!whole).then(|| shown(&name)));
@@ -58,13 +55,25 @@ pub(super) fn read(
     clips
 }
 
-/// From the first to the last key of what moves joints, within what the stack says of its time; `None` of one that moves
-/// none.
-fn time(stack: &AnimStack, moving: &[bool]) -> Option<RangeInclusive<f64>> {
-    let props = (&stack.layers).into_iter().flat_map(|layer| &layer.anim_props);
-    let own = props.filter(|prop| {
+/// The name of an animation, by its number where it has none.
+pub(super) fn called(stack: &AnimStack, number: usize) -> String {
+    match &*stack.element.name {
+        "" => format!("animation {number}"),
+        name => name.to_owned(),
+    }
+}
+
+/// From the first to the last key of what moves joints, as [`span`] has it.
+pub(super) fn time(stack: &AnimStack, moving: &[bool]) -> Option<RangeInclusive<f64>> {
+    span(stack, |prop| {
         prop.element.type_ == ElementType::Node && moving.get(prop.element.typed_id as usize) == Some(&true)
-    });
+    })
+}
+
+/// From the first to the last key of some properties, within what the stack says of its time; `None` where none has keys.
+pub(super) fn span(stack: &AnimStack, is_own: impl Fn(&AnimProp) -> bool) -> Option<RangeInclusive<f64>> {
+    let props = (&stack.layers).into_iter().flat_map(|layer| &layer.anim_props);
+    let own = props.filter(|prop| is_own(prop));
     let curves = own.flat_map(|prop| prop.anim_value.curves.iter().flatten());
     let mut keys = (f64::INFINITY, f64::NEG_INFINITY);
     for curve in curves.filter(|curve| !curve.keyframes.is_empty()) {

@@ -17,6 +17,7 @@ mod joints;
 mod meshes;
 mod model;
 mod scene;
+mod shapes;
 mod write;
 
 use ufbx::{AllocatorOpts, ErrorType, FileFormat, IndexErrorHandling, LoadOpts, SceneRoot};

@@ -3,25 +3,21 @@
 use std::collections::{BTreeSet, HashMap, HashSet};
 
 use glam::{DAffine3, DVec3};
-use ufbx::{AnimLayer, Element, ElementType, Material, MaterialMap, Mesh, PropFlags, Scene, Texture};
+use ufbx::{AnimLayer, AnimStack, Element, ElementType, Material, MaterialMap, Mesh, PropFlags, Scene, Texture};
 
+use super::clips::time;
 use super::joints::Joints;
 use super::meshes::{Hold, MAX_POLYGON, hold, point, span};
 use super::scene::{Nodes, affine};
+use super::shapes::{shapes, swings};
 use super::{Load, shown};
 use crate::budget::{Budget, PART, TRIANGLE};
-use crate::gltf::export::model::{Lie, Look, Model, Object, Patch, Picture, Shape};
+use crate::gltf::export::model::{Lie, Look, Model, Object, Patch, Picture};
 use crate::maps::{FLAT, is_flat};
 use crate::pictures::for_gltf;
 use crate::rigging::{linear, stem};
 use crate::warning::of_number;
 use crate::{Fault, Place, Resample};
-
-/// Bytes of a vertex that a blend shape moves, as read and as written.
-const OFFSET: u64 = 2 * 16;
-
-/// Bytes of a blend shape of a patch, most of them its lines in the document.
-const SHAPE: u64 = 1000;
 
 /// Bytes of a vertex: position, normal, coordinates and colour, as read and as written.
 const CORNER: u64 = 2 * (12 + 12 + 8 + 16);
@@ -66,7 +62,7 @@ pub(crate) struct Origin {
 /// Meshes stand where [`super::read`] has them, and those that hang on no joint where their nodes do. `find` gives the
 /// contents of a picture by its name.
 pub(crate) fn model(name: &str, bytes: &[u8], find: impl Fn(&str) -> Option<Vec<u8>>) -> Result<Taken, Fault> {
-    let scene = super::load(bytes, Load { motions: false, pictures: true })?;
+    let scene = super::load(bytes, Load { motions: true, pictures: true })?;
     let nodes = Nodes::new(&scene);
     let joints = Joints::read(&scene, &nodes, &mut Vec::new())?;
     let budget = Budget::new(bytes.len());
@@ -74,7 +70,7 @@ pub(crate) fn model(name: &str, bytes: &[u8], find: impl Fn(&str) -> Option<Vec<
     let mut pictures = Pictures { find, known: HashMap::new(), found: Vec::new(), left };
     let looks = (&scene.materials).into_iter().map(|material| look(material, &mut pictures)).collect();
     let mut model = Model { name: name.into(), looks, ..Model::default() };
-    let mut origins = Vec::new();
+    let (mut origins, mut meshes) = (Vec::new(), Vec::new());
     let mut copies = nodes.copies();
     for (number, node) in nodes.all.iter().enumerate() {
         let Some(mesh) = node.mesh.as_deref() else { continue };
@@ -103,80 +99,39 @@ pub(crate) fn model(name: &str, bytes: &[u8], find: impl Fn(&str) -> Option<Vec<
             let shapes = shapes(mesh, &map, &controls, &budget, copies)?;
             model.objects.push(Object { name: node.element.name.to_string(), patches, shapes });
             origins.push(Origin { node: number, controls });
+            meshes.push(mesh);
         }
     }
     model.pictures = pictures.found;
     let rate = scene.settings.frames_per_second as f32;
     let rate = if (1.0..=240.0).contains(&rate) { rate } else { Resample::default().rate };
-    Ok(Taken { model, origins, rate, animations: animations(&scene), left: pictures.left })
+    let moving = joints.movers(&nodes);
+    let of_joints = |stack: &AnimStack| time(stack, &moving).map(|time| *time.start());
+    let (swings, too_long) = swings(&scene, &meshes, rate, of_joints);
+    model.swings = swings;
+    let mut left = pictures.left;
+    left.things.extend(counted(too_long, "long motion of blend shapes", "long motions of blend shapes"));
+    Ok(Taken { model, origins, rate, animations: animations(&scene), left })
 }
 
-/// The blend shapes of a mesh, of each channel the last; `controls` are those of the vertices of its patches.
-fn shapes(
-    mesh: &Mesh,
-    map: &DAffine3,
-    controls: &[Vec<u32>],
-    budget: &Budget,
-    copies: usize,
-) -> Result<Vec<Shape>, Fault> {
-    let channels = || (&mesh.blend_deformers).into_iter().flat_map(|deformer| &deformer.channels);
-    if channels().next().is_none() {
-        return Ok(Vec::new());
-    }
-    // Where the vertices of each control point are.
-    let mut places: HashMap<u32, Vec<(usize, u32)>> = HashMap::new();
-    for (patch, controls) in controls.iter().enumerate() {
-        for (vertex, control) in (0u32..).zip(controls) {
-            places.entry(*control).or_default().push((patch, vertex));
-        }
-    }
-    let mut shapes = Vec::new();
-    for channel in channels() {
-        let Some(last) = channel.keyframes.last() else { continue };
-        let mut offsets = vec![Vec::new(); controls.len()];
-        let mut moved = 0;
-        for (control, by) in last.shape.offset_vertices.iter().zip(&last.shape.position_offsets) {
-            let by = (map.matrix3 * DVec3::new(by.x, by.y, by.z)).as_vec3();
-            if !by.is_finite() || by == glam::Vec3::ZERO {
-                continue;
-            }
-            for &(patch, vertex) in places.get(control).map_or(&[][..], Vec::as_slice) {
-                offsets[patch].push((vertex, by.to_array()));
-                moved += 1;
-            }
-        }
-        budget.show(OFFSET * moved + SHAPE * controls.len() as u64, copies)?;
-        for own in &mut offsets {
-            own.sort_unstable_by_key(|(vertex, _)| *vertex);
-            own.dedup_by_key(|(vertex, _)| *vertex);
-        }
-        let weight = channel.weight as f32;
-        let weight = if weight.is_finite() { weight } else { 0.0 };
-        shapes.push(Shape { name: channel.element.name.to_string(), weight, offsets });
-    }
-    Ok(shapes)
-}
-
-/// How many animations have keys. Exporters write one for files at rest, too, with no curves in it.
+/// How many animations have keys of something else than blend shapes. Exporters write one for files at rest, too, with no
+/// curves in it.
 fn animations(scene: &Scene) -> usize {
-    let moves =
-        |layer: &AnimLayer| (&layer.anim_values).into_iter().any(|value| value.curves.iter().any(Option::is_some));
+    let moves = |layer: &AnimLayer| {
+        let others = (&layer.anim_props).into_iter().filter(|prop| prop.element.type_ != ElementType::BlendChannel);
+        others.flat_map(|prop| &prop.anim_value.curves).any(Option::is_some)
+    };
     (&scene.anim_stacks).into_iter().filter(|stack| (&stack.layers).into_iter().any(moves)).count()
 }
 
 /// What of a scene no model has, beside its rig, motions and pictures.
 fn things_left(scene: &Scene) -> Vec<String> {
     let meshes = || (&scene.meshes).into_iter();
-    let stacks = (&scene.anim_stacks).into_iter().flat_map(|stack| &stack.layers).flat_map(|layer| &layer.anim_props);
-    let shapes = stacks.filter(|prop| {
-        prop.element.type_ == ElementType::BlendChannel && prop.anim_value.curves.iter().any(Option::is_some)
-    });
     let sets: usize = meshes().map(|mesh| mesh.uv_sets.len().saturating_sub(1)).sum();
     let holders = (&scene.nodes).into_iter().filter(|node| node.mesh.is_some()).map(|node| &node.element);
     let owners = holders.chain((&scene.materials).into_iter().map(|material| &material.element));
     let own: usize = owners.map(own_properties).sum();
     [
-        counted(shapes.count(), "motion of a blend shape", "motions of blend shapes"),
         counted(sets, "further set of texture coordinates", "further sets of texture coordinates"),
         counted(own, "user property", "user properties"),
     ]
@@ -532,6 +487,46 @@ mod tests {
             KeyValueFloat: *1 { a: 1 }\nKeyAttrFlags: *1 { a: 24836 }\nKeyAttrDataFloat: *4 { a: 0,0,0,0 }\n\
             KeyAttrRefCount: *1 { a: 1 }\n}\n";
         assert_eq!(moving(&format!("{stack}{curve}"), &format!("{connections}C: \"OP\",23,22,\"d|X\"\n")), 1);
+    }
+
+    /// An animation of a curve from 0 to `to` in a tenth of a second, of a property of an element.
+    fn curve(to: f64, element: u32, property: &str) -> (String, String) {
+        let second = 46_186_158_000_u64;
+        let more = format!(
+            "AnimationStack: 20, \"AnimStack::Talk\", \"\" {{\n}}\nAnimationLayer: 21, \"AnimLayer::Base\", \"\" {{\n}}\n\
+             AnimationCurveNode: 22, \"AnimCurveNode::\", \"\" {{\n}}\nAnimationCurve: 23, \"AnimCurve::\", \"\" {{\n\
+             KeyVer: 4008\nKeyTime: *2 {{ a: {second},{} }}\nKeyValueFloat: *2 {{ a: 0,{to} }}\n\
+             KeyAttrFlags: *1 {{ a: 24836 }}\nKeyAttrDataFloat: *4 {{ a: 0,0,0,0 }}\nKeyAttrRefCount: *1 {{ a: 2 }}\n}}\n",
+            second + second / 10
+        );
+        let connections = format!(
+            "C: \"OO\",21,20\nC: \"OO\",22,21\nC: \"OP\",22,{element},\"{property}\"\nC: \"OP\",23,22,\"d|{property}\"\n"
+        );
+        (more, connections)
+    }
+
+    #[test]
+    fn blend_shapes_keep_their_motions() {
+        let (more, connections) = curve(50.0, 7, "DeformPercent");
+        let taken = super::model("m", &file("", &more, &connections), find).unwrap();
+        let [swing] = &taken.model.swings[..] else { panic!("{:?}", taken.model.swings) };
+        // A file that does not say its rate has 24 or 30 frames a second; the time begins where the motion does.
+        let frames = (0.1 * swing.rate + 1e-3).floor() as usize + 1;
+        assert_eq!((swing.name.as_str(), swing.frames, swing.weights.len()), ("Talk", frames, 1));
+        let (object, weights) = &swing.weights[0];
+        assert_eq!((*object, weights.len(), weights[0]), (0, frames, 0.0));
+        let last = 0.5 * (frames - 1) as f32 / (0.1 * swing.rate);
+        assert!((weights[frames - 1] - last).abs() < 1e-3, "{weights:?} for {last}");
+        // It is no animation that is left, and told as none.
+        assert_eq!((taken.animations, taken.left.things.len()), (0, 2), "{:?}", taken.left);
+        let glb = String::from_utf8_lossy(&taken.model.into_glb().unwrap()).into_owned();
+        assert!(glb.contains(r#""channels":[{"sampler":0,"target":{"node":0,"path":"weights"}}]"#), "{glb}");
+
+        // What moves the node is one that is.
+        let (more, connections) = curve(1.0, 1, "Lcl Translation");
+        let taken =
+            super::model("m", &file("", &more, &connections.replace("d|Lcl Translation", "d|X")), find).unwrap();
+        assert_eq!((taken.animations, taken.model.swings.len()), (1, 0));
     }
 
     #[test]

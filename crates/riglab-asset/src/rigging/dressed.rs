@@ -12,8 +12,8 @@ use crate::fbx::Origin;
 use crate::{Fault, ImportOptions, Reading, Resample, gltf, import_from};
 
 /// The rigged FBX at `path` as a GLB: the meshes that its rig holds with their materials, pictures, normals, texture
-/// coordinates, colours and blend shapes, bound as the importer reads it, and its motions of joints, sampled at the file's own
-/// rate. `springs` are of its joints; FBX has none. With it what of the file is not in the GLB.
+/// coordinates, colours and blend shapes, bound as the importer reads it, and its motions of joints and blend shapes, sampled at
+/// the file's own rate. `springs` are of its joints; FBX has none. With it what of the file is not in the GLB.
 ///
 /// # Errors
 /// What is wrong with the file; [`Fault::NothingBound`] without a rig.
@@ -40,6 +40,11 @@ pub fn dressed(
     let (mut objects, mut origins) = (held.iter(), held.iter());
     taken.model.objects.retain(|_| objects.next() == Some(&true));
     taken.origins.retain(|_| origins.next() == Some(&true));
+    for swing in &mut taken.model.swings {
+        swing.weights.retain(|(object, _)| held[*object]);
+        swing.weights.iter_mut().for_each(|(object, _)| *object = held[..*object].iter().filter(|held| **held).count());
+    }
+    taken.model.swings.retain(|swing| !swing.weights.is_empty());
 
     let glb = taken.model.into_glb().map_err(|found| fail(ExportFault::TooLong(found)))?;
     let bare = import_from(path, &glb, None, &ImportOptions::default()).map_err(|e| source(e.fault))?;

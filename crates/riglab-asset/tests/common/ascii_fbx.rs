@@ -102,6 +102,21 @@ impl Ascii {
         self
     }
 
+    /// A blend shape of the mesh on node `mesh` that moves one vertex; `id` is its channel's, which animations move.
+    pub fn shape(mut self, mesh: u32, id: u32, vertex: usize, by: [f64; 3]) -> Self {
+        let (deformer, shape) = (self.next(), self.next());
+        write!(
+            self.objects,
+            "Geometry: {shape}, \"Geometry::s{id}\", \"Shape\" {{\nIndexes: {}\nVertices: {}\n}}\n\
+             Deformer: {deformer}, \"Deformer::\", \"BlendShape\" {{\n}}\n\
+             Deformer: {id}, \"SubDeformer::s{id}\", \"BlendShapeChannel\" {{\nFullWeights: *1 {{ a: 100 }}\n}}\n",
+            list(&[vertex]),
+            list(&by),
+        )
+        .unwrap();
+        self.connect(deformer, mesh + 1).connect(id, deformer).connect(shape, id)
+    }
+
     /// An animation: keys (seconds, value) of axes of properties of nodes, with straight lines between. `span` is the time
     /// that the file gives it, where it gives one.
     pub fn motion(mut self, name: &str, span: Option<[f64; 2]>, curves: &[Curve<'_>]) -> Self {

@@ -33,6 +33,7 @@ pub(super) struct Layout {
     pub(super) size: usize,
 }
 
+pub(super) const SCALAR: Layout = Layout { component: F32, shape: "SCALAR", size: 4 };
 pub(super) const VEC2: Layout = Layout { component: F32, shape: "VEC2", size: 8 };
 pub(super) const VEC3: Layout = Layout { component: F32, shape: "VEC3", size: 12 };
 pub(super) const VEC4: Layout = Layout { component: F32, shape: "VEC4", size: 16 };
@@ -111,6 +112,18 @@ impl Draft {
         let count = bytes.len() / size;
         let accessor = json!({"bufferView": view, "componentType": component, "type": shape, "count": count});
         self.push("accessors", accessor)
+    }
+
+    /// Adds the times of frames at a steady rate, in seconds from 0.
+    pub(super) fn times(&mut self, frames: usize, rate: f32) -> usize {
+        let times: Vec<f32> = (0..frames).map(|frame| (frame as f64 / f64::from(rate)) as f32).collect();
+        let bytes: Vec<u8> = times.iter().flat_map(|t| t.to_le_bytes()).collect();
+        let number = self.accessor(&bytes, SCALAR, None);
+        let bounds = times.first().zip(times.last());
+        let own = &mut self.list_mut("accessors")[number];
+        (own["min"], own["max"]) =
+            bounds.map_or((json!([]), json!([])), |(first, last)| (json!([first]), json!([last])));
+        number
     }
 
     /// Adds vectors of floats; positions get the bounds that glTF asks for.

@@ -157,8 +157,12 @@ pub(crate) fn with_motions(
     }
     let (reading, _) = super::read(&bytes, None, &ImportOptions::default())?;
     let moving = animate(&bytes, None, &reading, skeleton, clips)?;
+    let joined = edit(&moving.bytes, None, |draft, _, _| {
+        motion::join_weights(draft);
+        Ok(())
+    })?;
     notes.extend(moving.notes);
-    Ok(Exported { bytes: moving.bytes, notes })
+    Ok(Exported { bytes: joined.bytes, notes })
 }
 
 /// A packed file as the importer reads it.

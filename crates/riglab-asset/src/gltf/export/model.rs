@@ -2,7 +2,7 @@
 
 use serde_json::{Value, json};
 
-use super::draft::{ARRAY, Draft, ELEMENTS, F32, Layout, U32, VEC4};
+use super::draft::{ARRAY, Draft, ELEMENTS, F32, Layout, SCALAR, U32, VEC4};
 use super::packed::picture_type;
 
 /// What other formats say of a model.
@@ -12,6 +12,18 @@ pub(crate) struct Model {
     pub(crate) objects: Vec<Object>,
     pub(crate) looks: Vec<Look>,
     pub(crate) pictures: Vec<Picture>,
+    pub(crate) swings: Vec<Swing>,
+}
+
+/// A motion of blend shapes.
+#[derive(Debug)]
+pub(crate) struct Swing {
+    pub(crate) name: String,
+    /// Frames a second.
+    pub(crate) rate: f32,
+    pub(crate) frames: usize,
+    /// Of each object that it moves, by its number, the weights of all its shapes, frame by frame.
+    pub(crate) weights: Vec<(usize, Vec<f32>)>,
 }
 
 /// A mesh on a node of its own, in the scene's space.
@@ -160,6 +172,18 @@ impl Model {
             }
             let mesh = draft.push("meshes", mesh);
             roots.push(draft.push("nodes", json!({"name": object.name, "mesh": mesh})));
+        }
+        for swing in &self.swings {
+            let input = draft.times(swing.frames, swing.rate);
+            let (mut samplers, mut channels): (Vec<Value>, Vec<Value>) = (Vec::new(), Vec::new());
+            for (object, weights) in &swing.weights {
+                let bytes: Vec<u8> = weights.iter().flat_map(|weight| weight.to_le_bytes()).collect();
+                let output = draft.accessor(&bytes, SCALAR, None);
+                channels
+                    .push(json!({"sampler": samplers.len(), "target": {"node": roots[*object], "path": "weights"}}));
+                samplers.push(json!({"input": input, "output": output, "interpolation": "LINEAR"}));
+            }
+            draft.push("animations", json!({"name": swing.name, "samplers": samplers, "channels": channels}));
         }
         let mut scene = json!({"nodes": roots});
         if !self.name.is_empty() {

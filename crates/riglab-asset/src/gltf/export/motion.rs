@@ -8,7 +8,7 @@ use serde_json::{Value, json};
 
 use super::super::document::Document;
 use super::super::nodes::parts;
-use super::draft::{Draft, F32, Layout, VEC3, VEC4, remove};
+use super::draft::{Draft, Layout, VEC3, VEC4, remove};
 use super::scene::Scene;
 use crate::{ExportFault, Reading};
 
@@ -60,11 +60,7 @@ pub(super) fn add(
         }
     }
 
-    let times: Vec<f32> = (0..clip.frames()).map(|f| (f as f64 / f64::from(clip.rate())) as f32).collect();
-    let bytes: Vec<u8> = times.iter().flat_map(|t| t.to_le_bytes()).collect();
-    let input = draft.accessor(&bytes, Layout { component: F32, shape: "SCALAR", size: 4 }, None);
-    draft.list_mut("accessors")[input]["min"] = json!([times[0]]);
-    draft.list_mut("accessors")[input]["max"] = json!([times[times.len() - 1]]);
+    let input = draft.times(clip.frames(), clip.rate());
     let (mut samplers, mut channels): (Vec<Value>, Vec<Value>) = (Vec::new(), Vec::new());
     for (&node, locals) in nodes.iter().zip(&locals) {
         let (scale, rest, place) = parts(&document.nodes[node]);
@@ -92,6 +88,31 @@ pub(super) fn add(
         all.rotate_right(1);
     }
     Ok(())
+}
+
+/// Makes motions of blend shapes part of the animation before them that is called the same, as programs that play one
+/// animation at a time expect.
+pub(super) fn join_weights(draft: &mut Draft) {
+    let Some(all) = draft.json.get_mut("animations").and_then(Value::as_array_mut) else { return };
+    let list = |of: &Value, name: &str| of[name].as_array().cloned().unwrap_or_default();
+    let shapes_only = |of: &Value| list(of, "channels").iter().all(|channel| channel["target"]["path"] == "weights");
+    let mut joined: Vec<Value> = Vec::with_capacity(all.len());
+    for own in all.drain(..) {
+        let alike = |known: &&mut Value| known["name"] == own["name"] && !shapes_only(known);
+        let Some(body) = joined.iter_mut().find(alike).filter(|_| shapes_only(&own)) else {
+            joined.push(own);
+            continue;
+        };
+        let first = list(body, "samplers").len();
+        let samplers = [list(body, "samplers"), list(&own, "samplers")].concat();
+        let channels = list(&own, "channels").into_iter().map(|mut channel| {
+            channel["sampler"] = json!(first as u64 + channel["sampler"].as_u64().unwrap_or(0));
+            channel
+        });
+        body["channels"] = list(body, "channels").into_iter().chain(channels).collect();
+        body["samplers"] = json!(samplers);
+    }
+    *all = joined;
 }
 
 /// The channels of a node that goes through some places, and stands elsewhere by itself.

@@ -1,0 +1,117 @@
+//! Blend shapes, and their motions.
+
+use std::collections::{HashMap, HashSet};
+
+use glam::{DAffine3, DVec3};
+use ufbx::{AnimProp, AnimStack, BlendChannel, ElementType, Mesh, Scene};
+
+use super::clips::{called, span};
+use crate::Fault;
+use crate::budget::Budget;
+use crate::gltf::export::model::{Shape, Swing};
+
+/// Bytes of a vertex that a blend shape moves, as read and as written.
+const OFFSET: u64 = 2 * 16;
+
+/// Bytes of a blend shape of a patch, most of them its lines in the document.
+const SHAPE: u64 = 1000;
+
+/// Weights of all motions of a file: 16 MB. Files claim long times in few bytes.
+const MAX_WEIGHTS: usize = 1 << 22;
+
+/// The channels of a mesh that [`shapes`] makes a shape of each.
+fn channels(mesh: &Mesh) -> impl Iterator<Item = &BlendChannel> {
+    let all = (&mesh.blend_deformers).into_iter().flat_map(|deformer| &deformer.channels);
+    all.filter(|channel| channel.keyframes.last().is_some())
+}
+
+/// The blend shapes of a mesh, of each channel the last; `controls` are those of the vertices of its patches.
+pub(super) fn shapes(
+    mesh: &Mesh,
+    map: &DAffine3,
+    controls: &[Vec<u32>],
+    budget: &Budget,
+    copies: usize,
+) -> Result<Vec<Shape>, Fault> {
+    if channels(mesh).next().is_none() {
+        return Ok(Vec::new());
+    }
+    // Where the vertices of each control point are.
+    let mut places: HashMap<u32, Vec<(usize, u32)>> = HashMap::new();
+    for (patch, controls) in controls.iter().enumerate() {
+        for (vertex, control) in (0u32..).zip(controls) {
+            places.entry(*control).or_default().push((patch, vertex));
+        }
+    }
+    let mut shapes = Vec::new();
+    for channel in channels(mesh) {
+        let Some(last) = channel.keyframes.last() else { continue };
+        let mut offsets = vec![Vec::new(); controls.len()];
+        let mut moved = 0;
+        for (control, by) in last.shape.offset_vertices.iter().zip(&last.shape.position_offsets) {
+            let by = (map.matrix3 * DVec3::new(by.x, by.y, by.z)).as_vec3();
+            if !by.is_finite() || by == glam::Vec3::ZERO {
+                continue;
+            }
+            for &(patch, vertex) in places.get(control).map_or(&[][..], Vec::as_slice) {
+                offsets[patch].push((vertex, by.to_array()));
+                moved += 1;
+            }
+        }
+        budget.show(OFFSET * moved + SHAPE * controls.len() as u64, copies)?;
+        for own in &mut offsets {
+            own.sort_unstable_by_key(|(vertex, _)| *vertex);
+            own.dedup_by_key(|(vertex, _)| *vertex);
+        }
+        let weight = channel.weight as f32;
+        let weight = if weight.is_finite() { weight } else { 0.0 };
+        shapes.push(Shape { name: channel.element.name.to_string(), weight, offsets });
+    }
+    Ok(shapes)
+}
+
+/// The motions of the blend shapes of `meshes`, by their number there, at a steady rate; and how many are longer than is
+/// read. Each begins where `joints` says that the same animation of joints does.
+pub(super) fn swings(
+    scene: &Scene,
+    meshes: &[&Mesh],
+    rate: f32,
+    joints: impl Fn(&AnimStack) -> Option<f64>,
+) -> (Vec<Swing>, usize) {
+    let (mut swings, mut too_long, mut room) = (Vec::new(), 0, MAX_WEIGHTS);
+    for (number, stack) in (&scene.anim_stacks).into_iter().enumerate() {
+        let is_own = |prop: &AnimProp| prop.element.type_ == ElementType::BlendChannel;
+        let Some(time) = span(stack, is_own) else { continue };
+        let props = (&stack.layers).into_iter().flat_map(|layer| &layer.anim_props).filter(|prop| is_own(prop));
+        let told: HashSet<u32> = props.map(|prop| prop.element.element_id).collect();
+        let moved = |mesh: &Mesh| channels(mesh).any(|channel| told.contains(&channel.element.element_id));
+        let moved: Vec<(usize, &Mesh)> = meshes.iter().copied().enumerate().filter(|(_, mesh)| moved(mesh)).collect();
+        if moved.is_empty() {
+            continue;
+        }
+        let begin = joints(stack).unwrap_or(*time.start());
+        // The last frame is the last whole one; a thousandth of one for rounding of key times.
+        let frames = ((time.end() - begin).max(0.0) * f64::from(rate) + 1e-3).floor() as usize;
+        let frames = frames.saturating_add(1);
+        let each: usize = moved.iter().map(|(_, mesh)| channels(mesh).count()).sum();
+        let Some(left) = frames.checked_mul(each).and_then(|weights| room.checked_sub(weights)) else {
+            too_long += 1;
+            continue;
+        };
+        room = left;
+        let at = |frame: usize| begin + frame as f64 / f64::from(rate);
+        let weight = |channel: &BlendChannel, frame: usize| {
+            let weight = ufbx::evaluate_blend_weight(&stack.anim, channel, at(frame)) as f32;
+            if weight.is_finite() { weight } else { 0.0 }
+        };
+        let weights = |mesh: &Mesh| {
+            (0..frames)
+                .flat_map(|frame| channels(mesh).map(move |channel| (channel, frame)))
+                .map(|(c, f)| weight(c, f))
+                .collect()
+        };
+        let weights = moved.iter().map(|(object, mesh)| (*object, weights(mesh))).collect();
+        swings.push(Swing { name: called(stack, number), rate, frames, weights });
+    }
+    (swings, too_long)
+}
