@@ -171,7 +171,7 @@ fn what_a_format_cannot_hold_is_told() {
             continue;
         }
         assert_eq!(said.len(), 1, "{said:?}");
-        let start = format!("note: {}: not written, for {format} as riglab writes it holds none: ", moved.display());
+        let start = format!("note: {}: not written, as riglab's {format} files hold none: ", moved.display());
         assert!(said[0].starts_with(&start) && said[0].contains("1 animation, "), "{said:?}");
         assert!(said[0].contains(&format!("{springs} springs")), "{said:?}");
     }

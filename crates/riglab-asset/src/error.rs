@@ -258,7 +258,7 @@ pub enum Fault {
     },
     /// A count that no file this size can mean.
     #[error(
-        "{what}: a count of {count} is too large, the limit is {limit}; if the file means it, decimate its meshes or split \
+        "{what}: a count of {count} is too large, the limit is {limit}; if it is real, decimate its meshes or split \
          it into several files, in Blender for example"
     )]
     TooLarge {
@@ -271,8 +271,8 @@ pub enum Fault {
     },
     /// Nodes that show meshes again and again.
     #[error(
-        "the meshes of all nodes come to {bytes} bytes, as often as nodes show them, more than a file of this size may ask for \
-         ({limit}); put fewer nodes on one mesh, or simplify that mesh"
+        "the meshes, counted once for each node that shows them, take {bytes} bytes, more than a file of this size may \
+         need ({limit}); put fewer nodes on one mesh, or simplify that mesh"
     )]
     Shown {
         /// So far.
@@ -406,7 +406,7 @@ pub enum Fault {
     #[error("skin {0} has no joints")]
     EmptySkin(usize),
     /// A slot a node.
-    #[error("skin {skin} has a duplicate joint: node {node} is listed twice, so its bind pose is not one")]
+    #[error("skin {skin} has a duplicate joint: node {node} is listed twice, so its bind pose is ambiguous")]
     JointTwice {
         /// Which skin.
         skin: usize,

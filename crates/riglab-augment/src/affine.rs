@@ -50,7 +50,7 @@ impl AffineConfig {
         }
         for (key, p) in [("mirror", self.mirror), ("tumble", self.tumble)] {
             if !(0.0..=1.0).contains(&p) {
-                return Err((key, format!("{key} = {p} is a probability")));
+                return Err((key, format!("{key} = {p} must lie in [0, 1]")));
             }
         }
         for (key, v) in [("yaw", self.yaw), ("tilt", self.tilt)] {

@@ -27,8 +27,8 @@ pub enum CompareError {
     NoTruth(PathBuf, String),
     /// Not one name of the truth among the predictions.
     #[error(
-        "{folder}: none of its {found} is named as a true asset: for instance `{theirs}`, \
-         where the truth has `{ours}`; files are matched by their path without ending, or by their name alone"
+        "{folder}: none of its {found} is named like a true asset: it has for instance `{theirs}`, \
+         the truth `{ours}`; files are matched by their path without the extension, or by their name only"
     )]
     NothingMatches {
         /// The folder.

@@ -51,12 +51,12 @@ impl Comparison {
             table.row([vec![Cell::text(&system.name)], cells.to_vec()].concat());
         }
         table.note = match self.failures {
-            Failures::Apart => "Means below are over the assets scored; failed and missing ones count here alone.",
+            Failures::Apart => "Means below are over the assets scored; failed and missing ones are counted only here.",
             Failures::Worst => {
-                "Failed and missing assets count in the means as the worst that there is: shares as 0, weights as each \
-                 vertex on one wrong bone, skeletons, of which none is the worst, as one joint at the centre of the box \
-                 (where a formula needs a bone, one of next to no length); a table says below itself which metrics leave \
-                 them out."
+                "Failed and missing assets count in the means as the worst case: shares as 0, weights as each vertex \
+                 on one wrong bone, skeletons, for which there is no worst case, as one joint at the centre of the box \
+                 (where a formula needs a bone, one of almost no length); the note below a table says which metrics \
+                 leave them out."
             }
         }
         .into();
@@ -92,7 +92,7 @@ impl Comparison {
                 let [a, b] = [&self.systems[0].name, &self.systems[1].name];
                 notes.push(format!(
                     "difference: mean of {a} - {b} over assets where both are defined; p: share of sign flips over \
-                     assets with a mean as far from 0"
+                     assets that give a mean at least as far from 0"
                 ));
             }
             let without = self.without_failures(&names);
@@ -152,7 +152,7 @@ impl Comparison {
             (false, true) => None,
         };
         let but =
-            if traded { "; of precision, recall and covered masks none, as each rises when another falls" } else { "" };
+            if traded { "; none of precision, recall, covered masks, as each rises when another falls" } else { "" };
         marked.map(|marked| marked + but)
     }
 
@@ -414,7 +414,7 @@ mod tests {
         for metric in ["precision", "recall", "joint_recall", "mask_cover_bone"] {
             let (strong, better, note) = of(metric);
             assert_eq!((strong, better.as_str()), (1, "higher"), "{metric}: IoU alone is marked");
-            assert!(note.ends_with("of precision, recall and covered masks none, as each rises when another falls"));
+            assert!(note.ends_with("none of precision, recall, covered masks, as each rises when another falls"));
         }
         let (strong, _, note) = of("l1");
         assert!(strong == 2 && note.ends_with("where several systems have one"), "{note}");

@@ -189,13 +189,13 @@ impl<'a> Loader<'a> {
                 let bytes = std::fs::read(path).map_err(|e| unreadable(format!("{name}: cannot be read: {e}")))?;
                 if bytes.starts_with(b"\x89HDF\r\n\x1a\n") {
                     return Err(unreadable(format!(
-                        "{name}: an HDF5 file, as corpora are, and no config: configs are TOML, and name corpora by \
+                        "{name}: an HDF5 file such as a corpus, not a config; configs are TOML and name corpora in \
                          data.corpora"
                     ))
                     .into());
                 }
                 if bytes.contains(&0) {
-                    return Err(unreadable(format!("{name}: no text, and no config: configs are TOML")).into());
+                    return Err(unreadable(format!("{name}: a binary file, not a config; configs are TOML")).into());
                 }
                 let text = String::from_utf8(bytes).map_err(|e| {
                     let line = e.as_bytes()[..e.utf8_error().valid_up_to()].iter().filter(|b| **b == b'\n').count() + 1;

@@ -46,7 +46,7 @@ pub enum CurateError {
     #[error("{path}: another `riglab review` keeps its decisions here; use its page, end it, or give another --decisions", path = .0.display())]
     Held(PathBuf),
     /// Somebody else decided about an asset meanwhile.
-    #[error("`{name}` was decided about elsewhere meanwhile")]
+    #[error("`{name}` was decided elsewhere in the meantime")]
     Newer {
         /// The asset.
         name: String,

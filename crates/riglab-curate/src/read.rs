@@ -82,7 +82,7 @@ impl Folder {
             let name = name_below(root, file);
             if !there.insert(name.clone()) {
                 let own = (2..).map(|n| format!("{name}#{n}")).find(|own| there.insert(own.clone()));
-                let why = "another file is named alike, but for letters that are no UTF-8; rename one";
+                let why = "another file is named alike, but for bytes that are not UTF-8; rename one";
                 unread.push((own.unwrap_or(name), why.into()));
                 return false;
             }

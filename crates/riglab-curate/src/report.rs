@@ -24,9 +24,9 @@ pub fn page(funnel: &Funnel, pictures: &Pictures, config: &CurateConfig) -> Page
         blocks.push(Block::Table(confusion(funnel)));
     }
     if let Some(vlm) = &funnel.vlm {
-        let gave_up = if vlm.gave_up { " Asking was given up after faults in a row." } else { "" };
+        let gave_up = if vlm.gave_up { " No more were sent after several failures in a row." } else { "" };
         blocks.push(Block::Text(format!(
-            "The model {} was sent {} requests; {} answers were known already, {} named no category, {} requests failed.{gave_up}",
+            "The model {} got {} requests; {} answers were cached, {} named no category, {} requests failed.{gave_up}",
             config.categories.vlm.model, vlm.requests, vlm.cached, vlm.senseless, vlm.failed
         )));
     }
@@ -146,7 +146,7 @@ fn confusion(funnel: &Funnel) -> Table {
     let percent = 100.0 * a.same as f64 / a.of as f64;
     let head: Vec<&str> = std::iter::once("stated by the source").chain(Category::ALL.map(Category::name)).collect();
     let mut table =
-        Table::new(format!("Categories by rules: {} of {} as stated ({percent:.1} %)", a.same, a.of), &head);
+        Table::new(format!("Categories by rules: {} of {} as the source states ({percent:.1} %)", a.same, a.of), &head);
     for stated in Category::ALL {
         let row = a.confusion.get(&stated);
         let count = |c: Category| row.and_then(|r| r.get(&c)).copied().unwrap_or(0);

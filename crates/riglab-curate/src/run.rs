@@ -240,7 +240,7 @@ fn look(
 ) -> Result<(Vec<Record>, Mutex<Journal>), CurateError> {
     let (journal, mut held) = Journal::open(&places.journal(), config)?;
     if held.of_another {
-        tell("the journal is of other settings: all files are looked at again", 0, 0);
+        tell("the journal was written with other settings: all files are read again", 0, 0);
     }
     let refused = |(name, why): &(String, String)| Record::refused(name.clone(), name.clone(), why.clone());
     let mut all: Vec<Record> = files.unread().iter().map(refused).collect();

@@ -119,7 +119,7 @@ fn size(rig: &Rig, config: &CurateConfig) -> Option<String> {
 fn objects(rig: &Rig, seen: &Seen, config: &CurateConfig) -> Option<String> {
     let c = &config.objects;
     if seen.left_out > c.left_out {
-        return Some(format!("{} unskinned meshes stand beside the rig, at most {} may", seen.left_out, c.left_out));
+        return Some(format!("{} unskinned meshes are beside the rig, {} are allowed", seen.left_out, c.left_out));
     }
     if seen.parts > c.parts {
         return Some(format!("its mesh is on {} nodes, at most {} are kept", seen.parts, c.parts));
@@ -129,7 +129,7 @@ fn objects(rig: &Rig, seen: &Seen, config: &CurateConfig) -> Option<String> {
     }
     let gap = largest_gap(rig.mesh());
     let percent = 100.0 * gap;
-    (gap > c.gap).then(|| format!("a gap of {percent:.0} % of its diagonal parts its mesh in two objects"))
+    (gap > c.gap).then(|| format!("a gap of {percent:.0} % of its diagonal splits its mesh into two objects"))
 }
 
 fn outside(rig: &Rig, config: &CurateConfig) -> Option<String> {

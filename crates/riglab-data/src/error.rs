@@ -83,10 +83,10 @@ pub enum DataError {
         message: String,
     },
     /// A corpus that would be written over itself.
-    #[error("{path}: the corpus that is read; give another file to write", path = .0.display())]
+    #[error("{path}: this corpus is the input; give another file to write", path = .0.display())]
     Same(PathBuf),
     /// Two assets of one name.
-    #[error("two assets are named `{0}`; `riglab dataset merge --prefix` tells corpora apart by their names")]
+    #[error("two assets are named `{0}`; `riglab dataset merge --prefix` puts its corpus' name before each asset's")]
     DuplicateName(String),
     /// Two assets of one name in one corpus.
     #[error("{path}: two assets in it are named `{name}`, and names tell assets apart; import the corpus again, or merge those it was made of", path = path.display())]

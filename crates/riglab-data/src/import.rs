@@ -165,7 +165,7 @@ fn write_all(
                         match writer.add(&asset) {
                             // As the same name in two other characters than UTF-8 has: no reason to leave out all.
                             Err(DataError::DuplicateName(name)) => {
-                                let why = "another asset is named alike, but for letters that are no UTF-8; rename one";
+                                let why = "another asset is named alike, but for bytes that are not UTF-8; rename one";
                                 let reason = format!("{}: {why}", path.display());
                                 report.refused.push(Refused { name, reason });
                                 return Ok(());

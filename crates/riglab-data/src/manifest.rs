@@ -72,7 +72,7 @@ impl Manifest {
         }
         if unnamed > 0 {
             let entries = if unnamed == 1 { "entry names" } else { "entries name" };
-            new.told.push(format!("{place}: {unnamed} {entries} no file (key `file`) and say nothing"));
+            new.told.push(format!("{place}: {unnamed} {entries} no file (key `file`) and were ignored"));
         }
         for (key, near) in mistyped {
             new.told.push(format!("{place}: the key `{key}` means nothing here; did you mean `{near}`?"));

@@ -148,8 +148,8 @@ fn topologies_of(assets: &[(String, u64)], splits: &[impl AsRef<str>], split: &s
 fn none_seen(assets: &[(String, u64)], splits: &[String]) -> Option<String> {
     let [seen, trained] = [SplitNames::TEST_SEEN, SplitNames::TRAIN].map(|split| topologies_of(assets, splits, split));
     (!seen.is_empty() && seen.is_disjoint(&trained)).then(|| {
-        "no asset of test_seen has a tree of joints (or source) that is trained on, as hardly any is there twice: what \
-         is said of that split is of new ones, too"
+        "no asset of test_seen shares its tree of joints (or source) with a training asset, as hardly any occurs \
+         twice: results on that split are for new ones, too"
             .into()
     })
 }
@@ -160,9 +160,9 @@ fn mostly_tested(splits: &[String]) -> Option<String> {
     let [train, seen, new] = [SplitNames::TRAIN, SplitNames::TEST_SEEN, SplitNames::TEST_NEW].map(count);
     (2 * (seen + new) > splits.len()).then(|| {
         format!(
-            "of {} assets {} are tested on (test_new {new}, test_seen {seen}) and {train} trained on: splits part whole \
-             trees of joints (or sources), of which few hold most of the assets here; another seed may part them \
-             better, and a split.json says it asset by asset",
+            "of {} assets {} are tested on (test_new {new}, test_seen {seen}) and {train} trained on: splits keep each \
+             tree of joints (or source) whole, and a few of these hold most assets here; another seed may split them \
+             better, and a split.json decides asset by asset",
             splits.len(),
             seen + new
         )

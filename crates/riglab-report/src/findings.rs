@@ -152,8 +152,8 @@ impl Findings {
             }
         }
         table.note = format!(
-            "{PER_RIG}{} from, to: the middle 95 % of means of as many assets drawn again with repetition (bootstrap). \
-                      undefined: assets whose first figure is none, such as failures; they are left out of the mean.",
+            "{PER_RIG}{} from, to: 95 % bootstrap interval of the mean, over assets. \
+                      undefined: assets whose first metric is undefined, such as failures; the mean is without them.",
             self.pooled()
         );
         Some(table)
@@ -166,10 +166,10 @@ impl Findings {
         if names.is_empty() {
             return String::new();
         }
-        let are = if names.len() == 1 { "is another figure" } else { "are other figures" };
+        let are = if names.len() == 1 { "is a different metric" } else { "are different metrics" };
         let names = names.join(" and ");
         format!(
-            " {names} without these words {are}, over all vertex-bone pairs of a split, so that large assets count more."
+            " {names} without `per rig` {are}, over all vertex-bone pairs of a split, so that large assets count more."
         )
     }
 
@@ -222,8 +222,8 @@ impl Findings {
 }
 
 /// What is said below published numbers.
-pub(crate) const PUBLISHED: &str = "Published numbers are as printed, in the unit of the column: measured by others, on \
-                                    other assets and with other amounts of training. They are no part of any test here.";
+pub(crate) const PUBLISHED: &str = "Published numbers are as printed, but in the column's unit. Others measured them, \
+                                    on other assets and with other amounts of training; no test here uses them.";
 
 /// Adds what has to be known of a published line to what is said below a table, once.
 pub(crate) fn say(note: &mut String, line: &Line) {
@@ -310,7 +310,7 @@ pub(crate) mod tests {
         assert!(table.note.starts_with("per rig: the mean of each asset's own figure. from, to:"), "{}", table.note);
         let mut both = findings(0.0);
         both.totals_of[1].name = "IoU per rig".into();
-        assert!(both.spread().unwrap().note.contains("figure. IoU without these words is another figure, over all"));
+        assert!(both.spread().unwrap().note.contains("figure. IoU without `per rig` is a different metric, over all"));
         assert_eq!(row(0)[..5], ["test_seen", "all", "5", "0", "0.5400"]);
         assert_eq!(row(1)[..5], ["test_seen", "fish", "3", "0", "0.5400"]);
         assert_eq!(row(3)[..5], ["test_new", "all", "3", "1", "0.6100"]);

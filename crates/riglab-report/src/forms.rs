@@ -144,7 +144,7 @@ fn of_chart(chart: &Chart) -> Option<Table> {
         let values = [first.1, last.1, least, most].map(|v| Cell::none().with_text(figure(v)));
         table.row(std::iter::once(Cell::text(&series.name)).chain(values).collect());
     }
-    table.note = format!("Over {}; the page has the whole lines. {}", chart.x, chart.note).trim_end().to_owned();
+    table.note = format!("Over {}; the HTML report has the full lines. {}", chart.x, chart.note).trim_end().to_owned();
     (!table.rows.is_empty()).then_some(table)
 }
 

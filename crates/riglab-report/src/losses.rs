@@ -50,7 +50,7 @@ impl Losses {
         };
         match name {
             "train/loss" => format!(
-                "Not comparable between lines: their losses are different sums ({by}). Compare parts and validation."
+                "Not comparable between lines: losses are defined differently ({by}). Compare parts and validation."
             ),
             _ if self.parts.contains(name) => "As it was logged, without its weight in the loss.".into(),
             _ => String::new(),

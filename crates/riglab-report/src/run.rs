@@ -239,14 +239,14 @@ impl RunView {
         let command = self.info["command"].as_array().into_iter().flatten().skip(1).filter_map(Value::as_str);
         let mut lines = vec![shell::command(command)];
         for e in self.extended() {
-            lines.push(format!("# then, of its {} steps, when {} were done:", e["from"], e["at"]));
+            lines.push(format!("# then, after {} of its {} steps:", e["at"], e["from"]));
             let steps = format!("train.steps={}", e["to"]);
             lines.push(shell::command(["train", "--resume", "RUN", "--set", &steps]));
         }
         lines.push(match self.extended().last() {
             Some(last) if last["as_from_start"] != true => format!(
-                "# The config below, which has {} steps from the start, gives another run: what is told by their number\n\
-                 # (the learning rate, train.schedule) was another before it was extended.",
+                "# The config below, which has {} steps from the start, gives another run: what depends on them\n\
+                 # (the learning rate, train.schedule) was different before it was extended.",
                 last["to"]
             ),
             _ => "# or, from the resolved config below:\nriglab train config.toml".into(),
@@ -418,7 +418,7 @@ mod tests {
             let [_, Block::Code(code), ..] = &run.repeat()[..] else { panic!("code") };
             code.clone()
         };
-        let begun = "riglab train 'a b.toml'\n# then, of its 90 steps, when 40 were done:\n\
+        let begun = "riglab train 'a b.toml'\n# then, after 40 of its 90 steps:\n\
                      riglab train --resume RUN --set 'train.steps=120'\n";
         assert_eq!(of(true), format!("{begun}# or, from the resolved config below:\nriglab train config.toml"));
         let other = of(false);

@@ -12,8 +12,8 @@ let faults = [];
 const KEYS = [
   ["\u2190 \u2191 \u2192 \u2193", "another asset"], ["Page Up, Page Down", "another sheet"], ["Home, End", "the first, the last"],
   ["A", "accept, and go on"], ["R", "reject, and go on"], ["O", "leave open: the stages decide"],
-  ["1 to 8", "category; the same again takes it back"], ["F", "faults of the skeleton"], ["C", "comment"],
-  ["U", "undo"], ["N", "next undecided"], ["/", "search"], ["G", "list anew: what no longer passes the filters goes"], ["?", "these keys"],
+  ["1 to 8", "category; the same key again clears it"], ["F", "faults of the skeleton"], ["C", "comment"],
+  ["U", "undo"], ["N", "next undecided"], ["/", "search"], ["G", "refresh the list: drop what no longer passes the filters"], ["?", "these keys"],
 ];
 
 function draw(takeFocus) {
@@ -27,7 +27,7 @@ function draw(takeFocus) {
   $("shown").textContent = shown === all ? "" : `${shown} shown`;
   const stale = model.stale();
   $("again").hidden = stale === 0;
-  $("again").textContent = `${stale} no longer match: list anew (G)`;
+  $("again").textContent = `${stale} no longer match: refresh the list (G)`;
   const { search, show, category } = model.view;
   const at = model.current()?.name ?? "";
   history.replaceState(null, "", `#${new URLSearchParams({ search, show, category, at })}`);

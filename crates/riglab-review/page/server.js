@@ -30,7 +30,7 @@ async function send(decision) {
   }
   if (answer.status === 409 && answer.headers.get("Content-Type") === "application/json") {
     const { newer } = await answer.json();
-    throw Object.assign(new Error(`${decision.name} was decided about in another window meanwhile. That is shown now and yours is not saved: decide again if it is to be otherwise.`), { newer });
+    throw Object.assign(new Error(`${decision.name} was decided in another window in the meantime. That decision is shown now and yours was not saved: decide again to change it.`), { newer });
   }
   if (!answer.ok) throw new Error(`Not saved: ${(await answer.text()).trim()}`);
 }

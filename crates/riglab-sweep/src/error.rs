@@ -76,7 +76,7 @@ pub enum SweepError {
         after: String,
     },
     /// Two processes at one sweep.
-    #[error("{0}: another process is at this sweep; look at it with --status")]
+    #[error("{0}: another process is running this sweep; --status shows how far it is")]
     Held(PathBuf),
     /// Two processes at the evaluation of one run.
     #[error(

@@ -71,7 +71,7 @@ impl Plan {
             && let Some((key, other)) = lengths.find(|(_, l)| *l != length)
         {
             return invalid(format!(
-                "`sweep.zip`: `{first}` has {length} values and `{key}` has {other}; they change together"
+                "`sweep.zip`: `{first}` has {length} values and `{key}` {other}; they change together: give as many"
             ));
         }
         for figure in &sweep.figures {

@@ -98,18 +98,18 @@ impl Results {
         let several = self.plan.names().iter().any(|p| (0..self.metrics.len()).any(|k| self.spread(p, k).n > 1));
         table.note = match several {
             true => "Mean over seeds ± standard deviation over seeds (n - 1).".into(),
-            false => "One run a point at most: how far apart seeds lie is not known.".into(),
+            false => "At most one run per point: the spread over seeds is not known.".into(),
         };
         let marked = table.rows.iter().flatten().any(|cell| cell.strong);
         if marked {
             table.note += " Marked: the best of a column, where the 95 % interval of its difference from the next best, \
-                           seed by seed, is without 0.";
+                           seed by seed, excludes 0.";
         } else if leads.iter().flatten().any(|(_, lead)| lead.n > 1) {
             table.note += " No best is marked: none differs from the next best by more than seeds do, as far as these \
                            seeds tell.";
         } else if self.plan.names().len() > 1 && self.metrics.iter().any(|m| m.better.is_some()) {
             table.note +=
-                " No best is marked: whether a difference is more than seeds make takes two seeds of both points.";
+                " No best is marked: telling a difference from the noise of seeds takes two seeds of both points.";
         }
         if let Some(sentence) = self.mixed() {
             table.note += &format!(" {}.", sentence.replacen('n', "N", 1));
@@ -154,10 +154,10 @@ impl Results {
                 table.row(texts.into_iter().chain(numbers).chain([Cell::count(own.n)]).collect());
             }
         }
-        table.note = "Mean ± standard deviation over n seeds of what a point has more than the first under the same seed. \
+        table.note = "Mean ± standard deviation over n seeds of a point's value minus the first point's, seed by seed. \
                       95 % interval: where the mean of many seeds lies, by Student's t over seeds; it takes two of them, \
-                      and is wide with few. A difference whose interval is without 0 is more than the noise of seeds; of \
-                      many intervals one in twenty is without 0 by chance."
+                      and is wide with few. A difference whose interval excludes 0 is more than the noise of seeds; of \
+                      many intervals one in twenty excludes 0 by chance."
             .into();
         Some(table)
     }
@@ -425,8 +425,8 @@ mod tests {
         }
         assert_eq!(
             Results::read(dir.path(), &plan).table().note,
-            "One run a point at most: how far apart seeds lie is not known. No best is marked: whether a difference is \
-             more than seeds make takes two seeds of both points."
+            "At most one run per point: the spread over seeds is not known. No best is marked: telling a difference \
+             from the noise of seeds takes two seeds of both points."
         );
     }
 

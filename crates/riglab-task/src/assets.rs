@@ -17,8 +17,8 @@ use crate::settings::distinct;
 pub struct DataConfig {
     /// Corpus files, as `riglab dataset import` writes them.
     pub corpora: Vec<PathBuf>,
-    /// How much of the training comes from each corpus, one weight each, and of the assets that are validated on where
-    /// these are some of many; by their size where it is empty.
+    /// How much of the training comes from each corpus, one weight each; also of the validation assets, where only
+    /// some of them are used. Empty: by the corpora's sizes.
     pub weights: Vec<f32>,
     /// Splits that are trained on.
     pub train: Vec<String>,
@@ -170,8 +170,8 @@ impl DataConfig {
             return Ok(());
         }
         Err(format!(
-            "data.validate: the corpora have no asset in `{}` to choose one of eval.cuts by. Evaluate the run as it was \
-             trained first, which chooses one that is taken then (`riglab eval RUN`), or name one: --set eval.cuts='[0.1]'",
+            "data.validate: the corpora have no asset in `{}` by which to choose one of eval.cuts. First evaluate the \
+             run on its own corpora (`riglab eval RUN`), whose cut is then used, or give one: --set eval.cuts='[0.1]'",
             self.validate
         ))
     }
@@ -235,8 +235,8 @@ impl Assets {
             // Its assets would count twice in every table and test.
             if let Some((other, ..)) = sums[..at].iter().find(|(_, before, _)| before == sum) {
                 return Err(format!(
-                    "data.corpora: {other} and {path} hold the same assets; name one of them, and say with data.weights how \
-                     often it is drawn from"
+                    "data.corpora: {other} and {path} hold the same assets; name only one of them (data.weights sets \
+                     how often a corpus is sampled)"
                 ));
             }
         }
@@ -337,7 +337,7 @@ impl Assets {
         if weights.iter().any(|w| !(w.is_finite() && *w >= 0.0))
             || !weights.is_empty() && weights.iter().all(|w| *w == 0.0)
         {
-            return Err("data.weights must be numbers from 0 on, and one of them above it".into());
+            return Err("data.weights must not be negative, and at least one must be above 0".into());
         }
         let mut ids = Vec::new();
         for split in &config.train {
@@ -354,7 +354,7 @@ impl Assets {
         let parts: Vec<(f32, Vec<AssetId>)> = weights.iter().enumerate().map(|(k, &weight)| (weight, of(k))).collect();
         match parts.iter().position(|(weight, of)| *weight > 0.0 && of.is_empty()) {
             Some(k) => Err(format!(
-                "{}: no asset of data.train, but a weight in data.weights; `riglab dataset inspect` shows its splits",
+                "{}: has a weight (data.weights) but no asset in data.train; `riglab dataset inspect` shows its splits",
                 config.corpora[k].display()
             )),
             // What has no weight is not trained on, nor compared with.

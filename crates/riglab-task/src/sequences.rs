@@ -47,7 +47,7 @@ impl Sequences<'_> {
         let (points, asked) = (self.cloud.points, self.shape.tokens * self.shape.drawn);
         if points < asked {
             let of = format!("{} tokens × {} drawn", self.shape.tokens, self.shape.drawn);
-            return bad("sampling.cloud.points", format!("{points} points for model.shape's {of}"));
+            return bad("sampling.cloud.points", format!("{points} points are too few for model.shape: {of}"));
         }
         let [low, high] = self.tokenizer.range;
         if self.tokenizer.bins < 2 || !(low <= -1.0 && high >= 1.0 && low.is_finite() && high.is_finite()) {
@@ -131,7 +131,7 @@ impl LeftOut {
 }
 
 /// What is said where none of the draws for a mesh is a skeleton.
-pub(crate) const NO_SKELETON: &str = "no skeleton came out; try --samples 8, or another --seed";
+pub(crate) const NO_SKELETON: &str = "no sample is a valid skeleton; try more --samples, or another --seed";
 
 /// The beginning of sequences of a class, as long as sequences may begin so.
 ///

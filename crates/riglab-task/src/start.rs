@@ -77,7 +77,7 @@ pub fn take(params: &Params, parts: &[String], offered: &mut Offered<'_>) -> Res
             message += &some("missing", &missing);
             message += &some("of another shape", &unlike);
             return Err(
-                message + ". Settings of the network have to be those of the file; train.start.parts takes less"
+                message + ". The network's settings must match the file's; train.start.parts loads only some parts"
             );
         }
         let known = |name: &&String| name.strip_prefix(&prefix).is_some_and(|rest| !wanted.contains_key(rest));

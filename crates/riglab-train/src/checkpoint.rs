@@ -127,7 +127,7 @@ impl Checkpoint {
             return Ok(None);
         }
         let message = format!(
-            "{} steps were done, but no checkpoint is there, and to begin anew would replace them: {REMEDY}, or move \
+            "{} steps were done, but no checkpoint is there, and starting over would replace them: {REMEDY}, or move \
              metrics.jsonl and run.json away",
             steps
         );
@@ -222,7 +222,7 @@ impl Checkpoint {
         }
         if !file(OPTIMIZER).is_file() {
             let message =
-                "holds weights alone, no optimizer's state: begin a run of them with --set train.start.from=RUN";
+                "holds weights alone, no optimizer state: start a new run from them with --set train.start.from=RUN";
             return Err(TrainError::Checkpoint { path: self.path.clone(), message: message.into() });
         }
         let state = io::read(&file(OPTIMIZER))?;

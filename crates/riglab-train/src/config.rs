@@ -14,7 +14,7 @@ use crate::together::Deal;
 pub struct TrainConfig {
     /// Seeds everything random.
     pub seed: u64,
-    /// Weights that the first step begins with, if not drawn ones.
+    /// Weights to start from, instead of randomly initialised ones.
     pub start: StartConfig,
     /// Parts of the network that stay as they began, by the beginning of their parameters' names, as `mesh_encoder`.
     pub frozen: Vec<String>,
@@ -202,7 +202,7 @@ impl TrainConfig {
             }
         }
         if self.start.is_none() && !self.start.parts.is_empty() {
-            return fault("start.parts", "parts of nothing: name the weights in train.start.from".into());
+            return fault("start.parts", "parts of which file or run? Name it in train.start.from".into());
         }
         if self.keep == 0 {
             return fault("keep", "keep must be at least 1: a run resumes from its last checkpoint".into());

@@ -39,7 +39,7 @@ impl Interrupt {
                 riglab_files::leave(130);
             }
             if says {
-                tell(format_args!("\ninterrupted: saving after this step (once more to leave at once)"));
+                tell(format_args!("\ninterrupted: saving after this step (Ctrl-C again to quit at once)"));
             }
         });
         interrupt

@@ -105,7 +105,7 @@ pub fn run(options: &Options) -> Result<()> {
     let written = out.join("auto-encoder.html");
     riglab(&["report", &shown(&run), "-o", &shown(&written), "--title", &title])?;
     let (refined, gains) = (out.join("refined"), out.join("refined.html"));
-    say("6/6", "GRPO: the model that comes along, refined by geometric rewards on these meshes");
+    say("6/6", "GRPO: the model that comes with riglab, refined by geometric rewards on these meshes");
     if refined.join("config.toml").exists() {
         riglab(&["train", "--resume", &shown(&refined)])?;
     } else {
@@ -146,13 +146,11 @@ fn check(out: &Path, source: &str) -> Result<()> {
 }
 
 fn ending([report, gains]: &[&Path; 2], corpus: &Path, took: Duration, own: bool) {
-    println!("\nDone in {:.1} minutes. The report: {}", took.as_secs_f64() / 60.0, shown(report));
-    println!("and of the rigs before and after rewards: {}", shown(gains));
+    println!("\nDone in {:.1} minutes. Report on the auto-encoder: {}", took.as_secs_f64() / 60.0, shown(report));
+    println!("Report on rigs before and after GRPO: {}", shown(gains));
     println!("\nTry next:");
     println!("  cargo run --release --bin riglab -- rig MODEL -o rigged.glb --preview");
-    println!(
-        "                                        rig a GLB, FBX, OBJ, PLY or STL of yours with the model that comes along"
-    );
+    println!("                                        rig your own GLB, FBX, OBJ, PLY or STL with riglab's model");
     if !own {
         println!("  cargo xtask demo --input DIR          the same on your own GLB, glTF, VRM and FBX files");
     }
@@ -161,7 +159,8 @@ fn ending([report, gains]: &[&Path; 2], corpus: &Path, took: Duration, own: bool
         quoted(&format!("data.corpora=[{:?}]", shown(corpus)))
     );
     println!("                                        a quarter of an hour, a much better model");
-    println!("  cargo run --release --bin riglab -- help what else there is");
+    println!("  cargo run --release --bin riglab -- help");
+    println!("                                        all other commands");
 }
 
 fn say(step: &str, what: &str) {
@@ -178,7 +177,7 @@ fn riglab(args: &[&str]) -> Result<()> {
     let status = Command::new(cargo).args(all).current_dir(shell::root()).status().context("cannot start cargo")?;
     match status.code() {
         Some(0) => Ok(()),
-        Some(130) => bail!("stopped; the same command goes on from here"),
+        Some(130) => bail!("stopped; run the same command again to continue from here"),
         _ => bail!("`riglab {command}` failed; its message is above"),
     }
 }

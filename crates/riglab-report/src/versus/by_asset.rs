@@ -104,11 +104,11 @@ pub(super) fn tests(runs: &[Compared], of: &[&Findings]) -> Option<Table> {
         }
     }
     table.note = format!(
-        "{}Means over the assets where both have a figure; undefined: those where one has none, such as failures. from, \
-         to: 95 % interval of the difference by bootstrap over assets. p: how often a difference as large would come \
-         about if the two runs were interchangeable on every asset (sign flips). It says nothing about other seeds: for \
-         that, train several of each with `riglab sweep`, whose report has the differences seed by seed with their \
-         intervals.",
+        "{}Means over the assets where both runs have a value; undefined: assets where one has none, such as failures. \
+         from, to: 95 % interval of the difference by bootstrap over assets. p: how often a difference this large \
+         would arise if the two runs were interchangeable on every asset (sign-flip test). It says nothing about \
+         other seeds: train several of each run with `riglab sweep`, whose report has the differences seed by seed \
+         with their intervals.",
         tested(of[0], &names)
     );
     Some(table)
@@ -124,10 +124,10 @@ fn tested(of: &Findings, metrics: &[Metric]) -> String {
     let pooled: Vec<&str> = metrics.iter().filter(is_pooled).map(|m| m.name.as_str()).collect();
     let mut out = String::new();
     if !methods.is_empty() {
-        out += &format!("Tested is what each run trained, in the tables above {}. ", methods.join(" and "));
+        out += &format!("Tested: what each run trained, row {} in the tables above. ", methods.join(" and "));
     }
     if !pooled.is_empty() {
-        let are = if pooled.len() == 1 { "is another figure" } else { "are other figures" };
+        let are = if pooled.len() == 1 { "is a different metric" } else { "are different metrics" };
         out += &format!(
             "per rig: the mean of each asset's own figure; {} in the tables above {are}, pooled over all assets, so that \
              large ones count more. ",

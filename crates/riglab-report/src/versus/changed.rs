@@ -115,9 +115,9 @@ pub(super) fn most(runs: &[Compared], of: &[&Findings]) -> Option<Table> {
         }
     }
     table.note = format!(
-        "At most {SHOWN} in each direction, the largest change first; –: no figure, such as a failure, which is further \
-         than any change. All assets under all metrics stand in the file NAME.assets.csv that `riglab report` writes \
-         beside NAME.csv."
+        "At most {SHOWN} in each direction, the largest change first; –: no value, such as a failure, which ranks \
+         before any change. NAME.assets.csv, which `riglab report` writes beside NAME.csv, has all assets under all \
+         metrics."
     );
     (!table.rows.is_empty()).then_some(table)
 }

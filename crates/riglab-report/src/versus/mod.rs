@@ -342,7 +342,7 @@ mod tests {
         let blocks = versus(&[run("a", 0.0, "1"), fails]).unwrap();
         assert_eq!(strong(&blocks, "test_seen"), [false; 3]);
         let note = &table(&blocks, "test_seen: convention").note;
-        assert!(note.starts_with("Not marked, as the runs have figures for different assets: IoU. Publ"), "{note}");
+        assert!(note.starts_with("No best marked, as runs have values for different assets: IoU. Publ"), "{note}");
         // Of the other split both lack the same asset; what stands beside them may have it.
         assert_eq!(strong(&blocks, "test_new"), [false, true, false]);
         let groups = table(&blocks, "by category");
@@ -363,11 +363,11 @@ mod tests {
         assert!(caption.ends_with("asset by asset, convention skintokens"), "{caption}");
         assert!(
             note.starts_with(
-                "Tested is what each run trained, in the tables above `rule`. per rig: the mean of each asset's own"
+                "Tested: what each run trained, row `rule` in the tables above. per rig: the mean of each asset's own"
             ),
             "{note}"
         );
-        assert!(note.contains("IoU in the tables above is another figure, pooled over all assets"), "{note}");
+        assert!(note.contains("IoU in the tables above is a different metric, pooled over all assets"), "{note}");
         // Totals that are these means are the same figure.
         for total in run[0].findings[0].totals.iter_mut().filter(|t| t.own) {
             total.values[0] = if total.split == "test_seen" { 0.54 } else { 0.61 };

@@ -67,7 +67,7 @@ pub enum Refusal {
     /// Nothing is measured by both.
     #[error(
         "{first} and {other} cannot be compared: {first} measures {own}, {other} {theirs}; `riglab compare` measures the \
-         rigs that both make by one rule"
+         rigs of both by the same metrics"
     )]
     Nothing {
         /// A run.

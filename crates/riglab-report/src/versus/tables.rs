@@ -57,11 +57,11 @@ pub(super) fn side_by_side(runs: &[Compared], of: &[&Findings]) -> Vec<Table> {
             best.push(m.best(&rows.iter().enumerate().map(value).collect::<Vec<_>>()));
         }
         if !apart.is_empty() {
-            table.note = format!("Not marked, as the runs have figures for different assets: {}. ", apart.join(", "));
+            table.note = format!("No best marked, as runs have values for different assets: {}. ", apart.join(", "));
         }
         let traded: Vec<&str> = names.iter().filter(|m| !m.ranked).map(|m| m.name.as_str()).collect();
         if !traded.is_empty() {
-            table.note += &format!("Not marked, as one rises when another falls: {}. ", traded.join(", "));
+            table.note += &format!("No best marked, as one rises when another falls: {}. ", traded.join(", "));
         }
         for (n, (mut cells, values)) in rows.into_iter().enumerate() {
             if n == own_rows {

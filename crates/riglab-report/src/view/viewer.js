@@ -309,8 +309,8 @@
       find("play").textContent = state.playing ? "Pause" : "Play";
       find("play").setAttribute("aria-pressed", String(state.playing));
       find("skeleton").checked = state.skeleton;
-      find("said").textContent = state.paint === "bone" ? `weight of ${version.names[state.bone] ?? "no bone"}, from 0 (grey) over violet to 1 (yellow)`
-        : state.paint === "misplaced" ? "share of weight on another joint than true, from 0 (pale) to a half and more (crimson)"
+      find("said").textContent = state.paint === "bone" ? `weight of ${version.names[state.bone] ?? "no bone"}, from 0 (grey) through violet to 1 (yellow)`
+        : state.paint === "misplaced" ? "share of weight on a wrong joint, from 0 (pale) to a half or more (crimson)"
         : state.paint === "parts" ? "each joint's colour, mixed by weight" : "the mesh alone";
       again();
     }

@@ -202,7 +202,7 @@ impl FsqCvaeTaskConfig {
             let (points, tokens) = (s.shape_points, self.model.shape_tokens);
             return fault(
                 "sampling.shape_points",
-                format!("{points} shape points for model.shape_tokens = {tokens}: each token starts at a point"),
+                format!("{points} shape points are fewer than model.shape_tokens = {tokens}: each starts at a point"),
             );
         }
         let needed = match self.model.skin_queries {
@@ -221,20 +221,19 @@ impl FsqCvaeTaskConfig {
             return fault("sampling.vertex_share", format!("vertex_share = {} must lie in [0, 1]", s.vertex_share));
         }
         if !(0.0..=1.0).contains(&s.prefix.full) {
-            return fault("sampling.prefix.full", format!("full = {} is a probability", s.prefix.full));
+            return fault("sampling.prefix.full", format!("full = {} must lie in [0, 1]", s.prefix.full));
         }
         let fewest = self.model.fewest_codes();
         if s.prefix.lengths.iter().any(|&k| k < fewest) {
-            let message =
-                "a prefix has at least 1 code; none takes model.extensions.prior, and model.bottleneck = \"fsq\"";
+            let message = "a prefix of 0 codes needs model.extensions.prior = true and model.bottleneck = \"fsq\"";
             return fault("sampling.prefix.lengths", message.into());
         }
         if let Some(k) = s.prefix.lengths.iter().find(|&&k| k > self.model.skin_tokens) {
             let most = self.model.skin_tokens;
-            return fault("sampling.prefix.lengths", format!("a prefix of {k} codes, of model.skin_tokens = {most}"));
+            return fault("sampling.prefix.lengths", format!("{k} codes are more than model.skin_tokens = {most}"));
         }
         if !(0.0..=1.0).contains(&s.code_noise) {
-            return fault("sampling.code_noise", format!("code_noise = {} is a probability", s.code_noise));
+            return fault("sampling.code_noise", format!("code_noise = {} must lie in [0, 1]", s.code_noise));
         }
         if s.code_noise > 0.0 && self.model.bottleneck == Bottleneck::Gaussian {
             let message = "real numbers have no levels: set code_noise = 0, or model.bottleneck = \"fsq\"";

@@ -32,8 +32,8 @@ impl Evaluation {
         if !self.gallery.is_empty() {
             blocks.push(Block::Heading("Pictures".into()));
             blocks.push(Block::Text(
-                "Above: skeleton, the artist's weights as coloured parts, ours, and the share of each vertex's weight \
-                 that is on a wrong bone. Below: the bone whose weights are off by most."
+                "Top row: skeleton, the true weights as coloured parts, the predicted ones, and the share of each \
+                 vertex's weight that is on a wrong bone. Bottom row: the bone whose weights have the largest error."
                     .into(),
             ));
             let caption =
@@ -105,10 +105,11 @@ impl Evaluation {
                 Cell::number(c.compression_ratio_16_bit, 1),
             ]);
         }
-        table.note = "Compression: 16-bit weights of every vertex over the bits of the codes, mean over assets. Few \
-                      tokens cannot use many codes: read utilisation beside the number of tokens. Bits: what a code tells \
-                      at most, by the entropy of each axis; of axes that are real numbers (model.bottleneck = \
-                      \"gaussian\") by their divergence from N(0, 1): what draws tell (\"rule, drawn\"), not the means."
+        table.note = "Compression: bits of 16-bit weights at every vertex / bits of the codes, mean over assets; last \
+                      column: with 2 bytes a code. Few tokens cannot use many codes: read utilisation beside the \
+                      number of tokens. Bits: at most what a code holds, the entropies of its axes summed; for real \
+                      axes (model.bottleneck = \"gaussian\") their divergence from N(0, 1): what sampled codes hold \
+                      (\"rule, drawn\"), not the means."
             .into();
         table
     }
@@ -142,7 +143,7 @@ pub(crate) fn skin_metrics(convention: &str) -> Vec<Metric> {
 
 /// What is said of columns that have no best.
 pub(crate) const TRADED: &str =
-    "Precision, recall and mask have no best: each rises when more, or less, is predicted, and another falls.";
+    "No best is marked for precision, recall and mask: predicting more, or less, raises one and lowers another.";
 
 /// The sentence that says how good it is.
 fn verdict(report: &Report, split: &str) -> String {
@@ -151,7 +152,7 @@ fn verdict(report: &Report, split: &str) -> String {
     let other = rows().filter(|r| !r.own()).max_by(|a, b| a.pooled.iou.total_cmp(&b.pooled.iou));
     let Some(ours) = ours else { return format!("{split}: nothing was evaluated.") };
     let said = format!(
-        "{split}: over {}, {} a bone {} IoU {:.3} ({:.3} as the mean of assets) and L1 {:.4}",
+        "{split}: over {}, {} a bone {} IoU {:.3} ({:.3} per rig) and L1 {:.4}",
         counted(ours.assets, "asset"),
         counted(ours.tokens, "code"),
         if ours.tokens == 1 { "gives" } else { "give" },
@@ -162,7 +163,7 @@ fn verdict(report: &Report, split: &str) -> String {
     match other {
         Some(b) => {
             let than = if ours.pooled.iou > b.pooled.iou { "above" } else { "not above" };
-            format!("{said}: {than} the best baseline without learning ({}, {:.3}).", b.method, b.pooled.iou)
+            format!("{said}; its IoU is {than} the best baseline without learning ({}, {:.3}).", b.method, b.pooled.iou)
         }
         None => said + ".",
     }
@@ -198,11 +199,11 @@ fn table(report: &Report, split: &str) -> Table {
     }
     table.note = format!(
         "Convention {}: weights above 0.01 are active; IoU, L1, precision and recall pool all vertex-bone pairs of the \
-         split, bones that move nothing left out; mask and the columns per rig are means of each asset's own figures. \
-         {TRADED} raw: the network's output; rule: cut at {}, the four largest kept, rows made to sum to \
-         1. codes exchanged: each bone decoded from the codes of the next one, so the lower, the more the codes tell. \
-         Below the line: no learning, weights from distances to the bones, straight or through the body, and from heat \
-         that flows over the surface.",
+         split, bones that move nothing left out; mask: share of bones all of whose vertices are predicted; mask and \
+         per rig: means over assets. {TRADED} raw: the network's output; rule: the same after the decode rule (cut at \
+         {}, the four largest kept, rows normalised to sum to 1). codes exchanged: each bone decoded from the next \
+         one's codes: the lower, the more the codes hold. Below the line: baselines without learning, from distances \
+         to the bones, straight or through the body, or from heat diffused over the surface.",
         report.convention, report.cut
     );
     table

@@ -75,9 +75,9 @@ pub struct RolloutConfig {
     pub group: usize,
     /// Scores are divided by it, when drawing and when training.
     pub temperature: f32,
-    /// How often the rigs of a rollout are gone over.
+    /// Passes over the rigs of a rollout.
     pub epochs: usize,
-    /// Into how many steps the rigs of a rollout are dealt, each time.
+    /// Steps in each pass, among which the rigs of a rollout are divided.
     pub minibatches: usize,
     /// What is done with groups without spread.
     pub dead: Dead,
@@ -116,7 +116,7 @@ impl RolloutConfig {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct HeldOutConfig {
-    /// So many rigs of each are drawn as in training, and their mean counts: it is what training raises, and one rig a
+    /// Rigs of each that are sampled as in training, whose mean counts: that is what training raises, and one rig a
     /// mesh is too few to see it. 0: one of each counts, made as `eval.generate` says.
     pub draws: usize,
 }
@@ -189,7 +189,10 @@ impl GrpoTaskConfig {
         }
         if r.minibatches > r.meshes * r.group {
             let all = r.meshes * r.group;
-            return bad("rollout.minibatches", format!("{all} rigs cannot be dealt into {} steps", r.minibatches));
+            return bad(
+                "rollout.minibatches",
+                format!("{all} rigs cannot be split into {} minibatches", r.minibatches),
+            );
         }
         if !(r.temperature > 0.0 && r.temperature <= HOTTEST) {
             let message = format!("temperature = {} must be above 0 and at most {HOTTEST}", r.temperature);
@@ -201,8 +204,8 @@ impl GrpoTaskConfig {
             return bad(
                 "train.accumulate",
                 format!(
-                    "a rollout that is gone over in {updates} steps is the only one of each: give rollout.meshes for more \
-                     rigs, or rollout.epochs = 1 and rollout.minibatches = 1 for several rollouts a step"
+                    "must be 1 where a rollout is used for {updates} steps: raise rollout.meshes for more rigs, or set \
+                     rollout.epochs = 1 and rollout.minibatches = 1 for several rollouts a step"
                 ),
             );
         }

@@ -254,8 +254,8 @@ impl GrpoTask {
         let mut warnings = Vec::new();
         if !within {
             warnings.push(format!(
-                "J2J × 100 is {:.2}, that of the start was {:.2}: rewards are gained at the cost of the skeletons. This \
-                 checkpoint cannot become the best one (guard.worse = {worse})",
+                "J2J × 100 is {:.2}, {:.2} at the start: the skeletons got worse than guard.worse = {worse} allows, \
+                 so this checkpoint cannot become the best one",
                 100.0 * own,
                 100.0 * first
             ));

@@ -158,11 +158,11 @@ impl Evaluation {
         if let Some(last) = self.report.rows.last() {
             let how = last.skeletons.method.strip_prefix("after").unwrap_or_default();
             blocks.push(Block::Text(format!(
-                "Pictures, their rewards, and the spread over assets are of the rigs of the rows \"before{how}\" and \"after{how}\"."
+                "Pictures, their rewards and the spread over assets are of rows \"before{how}\" and \"after{how}\"."
             )));
         }
         if !self.gallery.is_empty() {
-            blocks.push(Block::Heading("Rigs before and after, from the most gained to the most lost".into()));
+            blocks.push(Block::Heading("Rigs before and after, from the largest gain to the largest loss".into()));
         }
         let caption = |shown: &Shown| {
             format!(
@@ -248,14 +248,15 @@ impl Evaluation {
         }
         table.note =
             "before: the model that the run started from; after: this checkpoint. Both rig the same meshes, with \
-                      the same points and draws: several rigs a mesh drawn as in training, or one (greedy: always the \
-                      likeliest token). The reward is higher, the distances are lower for a better rig; a rig that \
+                      the same points and random numbers: several rigs a mesh sampled as in training, or one (greedy: \
+                      the likeliest token). The reward is higher, the distances are lower for a better rig; a rig that \
                       cannot be decoded has reward 0. Distances are means over the rigs that can be compared, those with a \
-                      bone; what is said above is of meshes with such rigs before and after. The reward is the sum of four, each from 0 to 1, by the run's \
+                      bone; the sentences above are over meshes with such rigs before and after. The reward is the sum \
+                      of four, each from 0 to 1, weighted by the run's \
                       reward.weights: coverage (R_vj), joints near all of the body; containment (R_vk), bones inside \
-                      the body; skinning (R_sc), vertices held, and by four bones at most; motion (R_mo), a surface \
-                      that stays whole in poses. A model of skeletons alone draws no weights to be judged: its \
-                      skinning and motion are 0."
+                      the body; skinning (R_sc), every vertex bound, to at most four bones; motion (R_mo), a surface \
+                      that stays whole in poses. A skeleton model makes no weights: its skinning and motion \
+                      are 0."
                 .into();
         table
     }

@@ -22,8 +22,8 @@ use crate::unirig_skeleton::agree::Agreement;
 pub struct TokenRigTaskConfig {
     /// The task's name: `tokenrig`.
     pub task: String,
-    /// The class that skeletons drawn freely begin with; empty: none is told. Models that others trained with a class
-    /// always before them need one.
+    /// The class token that generated skeletons begin with; empty for none. Published models that always had a class in
+    /// training need one.
     pub class: String,
     /// Corpora and splits.
     pub data: DataConfig,
@@ -51,8 +51,8 @@ pub struct TokenRigTaskConfig {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct SkinConfig {
-    /// The folder of its run (task `fsq_cvae`); or a file of `riglab checkpoint`: of one, or of a model that rigs; or
-    /// a word: `shipped_with_prior`, that of the model that comes with riglab; `shipped`, that of the one before.
+    /// The folder of its run (task `fsq_cvae`); or a file of `riglab checkpoint`: an auto-encoder or a model that rigs;
+    /// or `shipped_with_prior`, that of the model that comes with riglab; or `shipped`, that of the model before it.
     pub run: PathBuf,
     /// Codes of a bone, T_D: the first so many of those it was trained with. The paper: 4.
     pub codes: usize,
@@ -75,7 +75,7 @@ pub struct SamplingConfig {
     pub rigs: usize,
     /// The points of each.
     pub cloud: CloudConfig,
-    /// How often a rig's class is not told: its joints are then written as any other's.
+    /// How often a rig's class is left out: its joints are then written like any other's.
     pub class_dropout: f32,
     /// Ways in which each rig is varied; the codes of each are made once, from points that stay the same, and kept. 0
     /// varies every rig anew each time.
@@ -142,8 +142,8 @@ pub struct EvalConfig {
     /// Whether a mesh that would be its own mirror image if it were turned about the vertical is looked at turned so, where
     /// what is drawn then agrees far better (an extension): for models that learned from rigs that mostly look one way.
     pub turn: bool,
-    /// Whether joints of both sides are moved to where one side is the image of the other, of several draws, where a mesh is its
-    /// own image in the mirror (an extension; see [`riglab_metric::symmetrised`]). Such rigs serve mirrored motions.
+    /// Whether, on a mesh that is its own mirror image, the joints of both sides are made mirror images of each other
+    /// where there are several samples (an extension; see [`riglab_metric::symmetrised`]). For mirrored motions.
     pub symmetric: bool,
     /// Shares of each true skeleton's joints, the root with them, that are given to the model to be completed, as `riglab rig
     /// --complete` does: each has its rows among the skeletons. None: that is not evaluated.
@@ -156,12 +156,12 @@ pub struct EvalConfig {
     pub validation_assets: usize,
     /// Points that the baseline compares shapes by.
     pub retrieval_points: usize,
-    /// Skins that are drawn for a skeleton, of whose weights the mean is taken: the likeliest, then so many draws that
-    /// there are as many. 1, the likeliest alone, is the paper's.
+    /// Skins sampled for a skeleton, whose weights are averaged: the likeliest and random samples, so many in all. 1,
+    /// the likeliest only, is the paper's.
     pub skins: usize,
-    /// How much what the auto-encoder says without any code counts beside that mean (an extension): weights are the one to
-    /// the power of 1 less this, times the other to the power of this. Codes for a mesh unlike those that were learned from
-    /// tell less than geometry does. Auto-encoders without `model.extensions.prior` have nothing to say then, and it is 0.
+    /// Share s of the auto-encoder's prediction without any code beside that mean (an extension): weights are the mean
+    /// to the power of 1 - s, times that prediction to the power of s. On a mesh unlike the training ones, codes say
+    /// less than geometry does. Auto-encoders without `model.extensions.prior` have no such prediction: it is then 0.
     pub without_codes: f32,
     /// How far weights that codes say are spread over the surface before they are cut, in distances of each vertex from
     /// its nearest bone; 0 leaves them as they are said vertex by vertex. Not in the paper.

@@ -389,8 +389,8 @@ impl TokenRigTask {
         }
         let (consensus, draws) = (c.eval.consensus, c.eval.agreement().told(&c.eval.generate));
         let besides = [
-            (c.eval.turn, "turned about the vertical where its symmetry asks for it and draws agree better"),
-            (c.eval.symmetric && consensus > 1, "both sides images of each other where the mesh is its own"),
+            (c.eval.turn, "turned about the vertical where symmetry suggests it and samples then agree better"),
+            (c.eval.symmetric && consensus > 1, "both sides made mirror images where the mesh is symmetric"),
         ];
         let all = std::iter::once(draws.as_str()).chain(besides.iter().filter(|(so, _)| *so).map(|(_, said)| *said));
         let draws = all.filter(|said| !said.is_empty()).collect::<Vec<_>>().join("; ");

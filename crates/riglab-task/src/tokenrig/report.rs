@@ -150,11 +150,12 @@ impl Evaluation {
                 Cell::number(p.recall, 3),
             ]);
         }
-        table.note = "All but the columns per rig pool all vertex-bone pairs of the split; per rig: means of each asset's \
-                      own figures. generated: on the model's own skeleton, against the true weights with each joint's given to the \
-                      generated joint nearest to it; the rules see the same skeleton and the joints that the model \
-                      gave codes. given: on the true skeleton; the auto-encoder's row has the codes of the true weights."
-            .into();
+        table.note =
+            "All but the columns per rig pool all vertex-bone pairs of the split; per rig: means of each asset's \
+                      own values. generated: on the model's own skeleton, against the true weights, each joint's moved \
+                      to the nearest generated joint; the baselines get the same skeleton and the joints that the \
+                      model gave codes. given: on the true skeleton; auto-encoder: from the codes of the true weights."
+                .into();
         table
     }
 }

@@ -147,13 +147,13 @@ impl Agreement {
     /// What a report says of how skeletons are drawn and one is made of several, where it is not as the papers do.
     pub fn told(&self, generate: &GenerateConfig) -> String {
         let clouds = self.shares().len();
-        let mirror = if self.mirror { ", every other in the mirror" } else { "" };
+        let mirror = if self.mirror { ", every other one mirrored" } else { "" };
         let all = [
             (true, generate.draws(self.draws)),
-            (clouds > 1, format!("after {clouds} point clouds{mirror}")),
+            (clouds > 1, format!("from {clouds} point clouds{mirror}")),
             (
                 self.draws > 1 && self.refine > 0,
-                "joints of the one taken moved to where the others have them".to_owned(),
+                "the chosen one's joints moved to where the others have them".to_owned(),
             ),
         ];
         let said = all.into_iter().filter(|(so, said)| *so && !said.is_empty()).map(|(_, said)| said);
@@ -327,10 +327,11 @@ mod tests {
         let cooler = GenerateConfig { temperature: 0.8, ..plain.clone() };
         assert_eq!(
             all.told(&cooler),
-            "temperature 0.8; after 8 point clouds, every other in the mirror; joints of the one taken moved to where the others have them"
+            "temperature 0.8; from 8 point clouds, every other one mirrored; the chosen one's joints moved to \
+             where the others have them"
         );
         assert_eq!(Agreement { draws: 1, ..all }.told(&plain), "");
         let two = Agreement { draws: 2, refine: 0, ..all };
-        assert_eq!(two.told(&plain), "after 2 point clouds, every other in the mirror");
+        assert_eq!(two.told(&plain), "from 2 point clouds, every other one mirrored");
     }
 }

@@ -46,7 +46,7 @@ fn drawn(report: &Report) -> Option<String> {
         return Some(format!("model: a skeleton sampled for each mesh ({})", report.draws));
     }
     let draws = if report.draws.is_empty() { String::new() } else { format!(" ({})", report.draws) };
-    (n > 1).then(|| format!("model: of {n} sampled skeletons{draws} the one that the others agree with most"))
+    (n > 1).then(|| format!("model: the one of {n} sampled skeletons{draws} that the others agree with most"))
 }
 
 /// The tables of all splits.
@@ -188,12 +188,12 @@ impl Evaluation {
             ]);
         }
         table.note = "Distances: means over the assets that can be compared, those with a bone on both sides. Joints: \
-                      means over all, none where nothing could be decoded; joints off: of |joints - true joints| / \
-                      true joints."
+                      means over all assets, 0 where nothing could be decoded; joints off: mean of |joints - true \
+                      joints| / true joints."
             .into();
         if self.report.rows.iter().any(|r| r.method == "retrieval") {
             table.note += " retrieval: the skeleton of the nearest training shape, by chamfer distance of points. template \
-                           fit: the same, carried along as that shape is bent onto the mesh.";
+                           fit: the same, moved along as that shape is deformed onto the mesh.";
         }
         if let Some(drawn) = drawn(&self.report) {
             table.note = format!("{} {drawn}.", table.note);

@@ -289,7 +289,7 @@ impl SkinTaskConfig {
         }
         if s.queries > s.points || s.points > s.pool {
             let (q, n, p) = (s.queries, s.points, s.pool);
-            return fault("sampling.pool", format!("{q} queries of {n} points of a pool of {p}: each must have room"));
+            return fault("sampling.pool", format!("queries <= points <= pool must hold; they are {q}, {n}, {p}"));
         }
         for (key, p) in [
             ("sampling.vertex_share", s.vertex_share),
@@ -348,7 +348,7 @@ impl SkinTaskConfig {
             }
         }
         if l.skin == 0.0 && p.weight == 0.0 && !l.released.is_on() {
-            return Err(("loss.skin".into(), "nothing that is minimised has to do with weights".into()));
+            return Err(("loss.skin".into(), "no term of the loss trains weights: set loss.skin above 0".into()));
         }
         if l.attributes > 0.0 && !self.model.attributes {
             let message = "the network has no attributes: set model.attributes = true, or loss.attributes = 0";

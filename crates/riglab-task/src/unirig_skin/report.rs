@@ -65,7 +65,7 @@ pub fn lines(report: &Report) -> Vec<String> {
                 r.method, p.l1, e.l1, p.precision, p.recall, ours, p.iou, e.iou, r.motion
             ));
         }
-        out.push("(ours): precision of our raw weights, cut where their recall is that of the row".into());
+        out.push("(ours): precision of the raw weights at the threshold where their recall equals the row's".into());
         if clips > 0 {
             out.push(format!(
                 "motion: in random poses; clips: in frames of their own clips, of {} with any",
@@ -74,12 +74,12 @@ pub fn lines(report: &Report) -> Vec<String> {
         }
         for a in report.attributes.iter().filter(|a| a.split == split) {
             out.push(format!(
-                "{:14} rms error {:>8.4}, of the mean {:>8.4} ({} that swing{})",
+                "{:14} rms error {:>8.4}, predicting the mean {:>8.4} ({} that swing{})",
                 a.name,
                 a.model,
                 a.mean,
                 counted(a.bones, "bone"),
-                if a.name == "all" { "; each attribute over its usual spread" } else { "" }
+                if a.name == "all" { "; each attribute divided by its usual spread" } else { "" }
             ));
         }
     }
@@ -100,8 +100,8 @@ impl Evaluation {
         if !self.gallery.is_empty() {
             blocks.push(Block::Heading("Pictures".into()));
             blocks.push(Block::Text(
-                "Above: skeleton, the artist's weights as coloured parts, ours, and the share of each vertex's weight \
-                 that is on a wrong bone. Below: the bone whose weights are off by most."
+                "Top row: skeleton, the true weights as coloured parts, the predicted ones, and the share of each \
+                 vertex's weight that is on a wrong bone. Bottom row: the bone whose weights have the largest error."
                     .into(),
             ));
             let caption = |s: &Shown| format!("{} of {}: {}, L1 {:.4}; bone {}", s.why, s.split, s.name, s.l1, s.bone);
@@ -191,7 +191,7 @@ impl Evaluation {
                 a.name
             );
         }
-        text += "best baseline: the motion of the baseline without learning that has the least over the split\n";
+        text += "best baseline: the motion of the baseline without learning whose mean over the split is lowest\n";
         text
     }
 }
@@ -258,12 +258,13 @@ fn table(report: &Report, split: &str) -> Table {
     }
     table.note = format!(
         "Convention {}: weights above 0.01 are active; all but the columns per rig pool all vertex-bone pairs of the \
-         split, bones that move nothing left out. Precision and recall have no best: one rises as the other falls. raw: the network's output; rule: {}cut at {}, the four largest kept, \
-         rows made to sum to 1. ours at recall: the precision of our raw weights where the threshold from which they \
-         are active gives them the recall of this row. motion: how far vertices are from where the true weights take \
+         split, bones that move nothing left out. No best is marked for precision and recall: one rises as the other \
+         falls. raw: the network's output; rule: the same after the decode rule ({}cut at {}, the four largest kept, \
+         rows normalised to sum to 1). ours at recall: precision of the raw weights at the threshold where their \
+         recall equals this row's. motion: how far vertices are from where the true weights take \
          them, mean over ten poses with random turns up to 30 degrees about each axis, then over rigs; the rig fills a \
-         cube of side 2. {}Below the line: no learning, weights from distances to the bones, straight or through the \
-         body, or by heat that spreads over the surface.",
+         cube of side 2. {}Below the line: baselines without learning, from distances to the bones, straight or \
+         through the body, or from heat diffused over the surface.",
         report.convention,
         if report.spread > 0.0 {
             format!("spread over the surface as heat, over {} of the way to the nearest bone, ", report.spread)
@@ -294,8 +295,8 @@ fn attributes(report: &Report) -> Table {
             Cell::number(a.mean, 4).strong_if(a.mean < a.model),
         ]);
     }
-    table.note = "all: over all attributes, each over its usual spread. The right column is what one number for \
-                  all bones could do at best. Hit radius in the normalised cube."
+    table.note = "all: all attributes, each divided by its usual spread. The right column is the best that one \
+                  constant for all bones could do. Hit radius is in the normalised cube."
         .into();
     table
 }

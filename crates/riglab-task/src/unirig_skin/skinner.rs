@@ -134,7 +134,7 @@ impl Skinner {
     /// For a network without attributes, and for a rig without springs.
     pub fn springs(&self, rig: &Rig, seed: u64) -> Result<Springs, String> {
         if !self.has_attributes() {
-            return Err("the run has model.attributes = false: it tells weights alone".into());
+            return Err("the run has model.attributes = false: it predicts weights only".into());
         }
         if rig.springs().springs().is_empty() {
             return Err("there are no spring bones whose attributes could be told".into());

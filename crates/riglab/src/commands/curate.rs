@@ -50,10 +50,10 @@ pub struct Args {
     /// A file of decisions, applied to what it names.
     #[arg(long, value_name = "FILE")]
     decisions: Option<PathBuf>,
-    /// Look at one of several parts of the files, the first of eight as 1/8.
+    /// Curate only one of several parts of the files: 1/8 is the first of eight.
     #[arg(long, value_name = "I/N", value_parser = shard, conflicts_with_all = ["merge", "on"])]
     shard: Option<Shard>,
-    /// Make one corpus of those that shards gave.
+    /// Merge the corpora of shards into one.
     #[arg(long, conflicts_with = "on")]
     merge: bool,
     /// Hand the parts to a cluster, and a job that merges them, instead of looking at the files here.
@@ -112,7 +112,7 @@ pub fn run(args: &Args) -> Result<ExitCode> {
     let tell: Tell = &|what, done, total| {
         // Ctrl-C ends the process where it is.
         if what == "looking" && done < total && !begun.swap(true, Ordering::Relaxed) {
-            tell!("note: when it is broken off, the same command goes on from {}", journal.display());
+            tell!("note: if it is interrupted, the same command continues from {}", journal.display());
         }
         progress(&bar, what, done, total);
     };

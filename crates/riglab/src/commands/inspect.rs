@@ -96,9 +96,7 @@ pub fn shown_elsewhere(imported: &Imported) -> Option<String> {
     let [x, y, z] = by;
     let digits = decimals(by.map(f32::abs));
     (by != [0.0; 3]).then(|| {
-        format!(
-            "the file shows the model ({x:.digits$}, {y:.digits$}, {z:.digits$}) from where it was bound, which is read"
-        )
+        format!("the file shows the model ({x:.digits$}, {y:.digits$}, {z:.digits$}) from its bind pose, which is read")
     })
 }
 
@@ -176,7 +174,7 @@ mod tests {
         let mut imported = import_bytes("a.obj", text, &ImportOptions::default()).unwrap();
         assert_eq!(shown_elsewhere(&imported), None);
         imported.reading.shown_off = [0.0, -0.5, 2.0];
-        let wanted = "the file shows the model (0.0000, -0.5000, 2.0000) from where it was bound, which is read";
+        let wanted = "the file shows the model (0.0000, -0.5000, 2.0000) from its bind pose, which is read";
         assert_eq!(shown_elsewhere(&imported).as_deref(), Some(wanted));
     }
 

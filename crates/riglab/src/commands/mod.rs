@@ -60,7 +60,7 @@ fn some_of(names: &[String]) -> String {
 /// Refuses to write over a corpus, which takes long to make, what is none.
 fn keep_corpus(out: &std::path::Path) -> anyhow::Result<()> {
     if out.is_file() && riglab_data::Corpus::open(out).is_ok() {
-        anyhow::bail!("{} is a corpus, which nothing else is written over; give another name", out.display());
+        anyhow::bail!("{} is a corpus, which only another corpus may replace; give another name", out.display());
     }
     Ok(())
 }

@@ -168,7 +168,7 @@ fn single(run: &Path, evaluation: &Path, title: Option<&str>) -> Result<Page> {
             }
         }
         None => {
-            let text = format!("Not evaluated yet: {}", evaluating(run));
+            let text = format!("Not evaluated yet; to evaluate it: {}", evaluating(run));
             blocks.push(Block::Text(text.clone()));
             tell!("note: {text}");
         }
@@ -241,7 +241,7 @@ fn comparison(runs: &[String], title: Option<&str>) -> Result<Page> {
     // Some evaluations hold totals alone.
     let count = if assets == 0 { String::new() } else { format!("{assets} ") };
     let subtitle = format!(
-        "{}: the same {count}assets of {}; {} is what the others are tested against",
+        "{}: the same {count}assets of {}; the others are tested against {}",
         names.join(", "),
         corpora.unwrap_or_default().join(", "),
         names.first().unwrap_or(&"")

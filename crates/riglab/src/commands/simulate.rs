@@ -187,8 +187,8 @@ fn with_springs(args: &Args, imported: &Imported) -> Result<Rig> {
             let springs = guess(rig);
             if springs.is_empty() {
                 bail!(
-                    "{shown}: no joint is named as what swings (hair, skirt, tail, ear ..)\n\nhint: name some, or take a \
-                     file with spring bones"
+                    "{shown}: no joint is named after something that swings (hair, skirt, tail, ear ..)\n\nhint: \
+                     rename some, or take a file with spring bones"
                 );
             }
             Ok(rig.clone().with_springs(springs)?)
@@ -240,7 +240,7 @@ fn motion(args: &Args, source: &Imported, rig: &Rig) -> Result<Clip> {
         let seconds = args.seconds.unwrap_or(4.0);
         if seconds * f64::from(args.fps) * rig.skeleton().len() as f64 > MOST_KEYS {
             bail!(
-                "{shown} has {} joints, too many for {seconds} s at {} frames a second; give less of either",
+                "{shown} has {} joints, too many for {seconds} s at {} frames a second; lower --seconds or --fps",
                 rig.skeleton().len(),
                 args.fps
             );

@@ -149,8 +149,8 @@ fn show(asset: &Asset, tokenizer: &Tokenizer, args: &Args) -> Result<()> {
     say!("{}  ({} joints, {} tokens; plain {plain}, {saved:.1} % saved)", asset.name, trip.joints, trip.tokens);
     say!("  {}", lines(&words).join("\n  "));
     say!(
-        "  comes back {:.5} from its place on average, {} joints below another parent, {} moved to a free cell, {} set to \
-         the border",
+        "  round trip: joints {:.5} off on average, {} with another parent, {} moved to a free cell, {} clamped to the \
+         border",
         trip.error,
         trip.astray,
         trip.moved,

@@ -82,7 +82,7 @@ pub fn import(args: &ImportArgs) -> Result<ExitCode> {
         fit.lines(if args.all { usize::MAX } else { LISTED }).iter().for_each(|line| say!("{line}"));
     }
     for sizes in &outcome.sizes {
-        tell!("note: other sizes than the release's. {sizes}. What shapes do not tell, as heads, stays: look at it");
+        tell!("note: other sizes than the release's. {sizes}. What shapes do not show (heads) stays: check it");
     }
     let Some(model) = outcome.model else { bail!("{shown}: {}", refused(&found, &outcome.fits)) };
     let Some(out) = &args.out else {
@@ -127,7 +127,7 @@ fn no_checkpoint(file: &Path) -> Result<()> {
     }
     let text = |b: &u8| b.is_ascii_graphic() || b.is_ascii_whitespace();
     if !start.starts_with(b"PK") && !start.starts_with(b"version https://git-lfs") && start.iter().all(text) {
-        bail!("{shown} is a text and no checkpoint of torch or safetensors; was a page saved in its place?");
+        bail!("{shown} is a text file, no checkpoint of torch or safetensors; was a web page saved instead?");
     }
     Ok(())
 }

@@ -115,7 +115,7 @@ impl Lost {
         let mut lines = Vec::new();
         if let Some((last, others)) = lost.split_last() {
             let all = if others.is_empty() { last.clone() } else { format!("{} and {last}", others.join(", ")) };
-            lines.push(format!("not written, for {target} as riglab writes it holds none: {all}"));
+            lines.push(format!("not written, as riglab's {target} files hold none: {all}"));
         }
         match (self.merged, self.files) {
             (0, _) => {}
@@ -204,13 +204,13 @@ mod tests {
     fn what_is_lost_is_told_by_kind() {
         let one = Lost { files: 1, merged: 1, meshes: 3, animations: 2, springs: 3, pictures: 1, ..Lost::default() };
         let wanted = [
-            "not written, for obj as riglab writes it holds none: 2 animations, 3 springs and 1 picture",
+            "not written, as riglab's obj files hold none: 2 animations, 3 springs and 1 picture",
             "3 meshes became one",
         ];
         assert_eq!(one.lines(Target::Obj), wanted);
         let many = Lost { files: 9, merged: 4, meshes: 12, materials: 7, ..Lost::default() };
         let wanted = [
-            "not written, for anymate as riglab writes it holds none: 7 materials",
+            "not written, as riglab's anymate files hold none: 7 materials",
             "4 files of several meshes: they became one each",
         ];
         assert_eq!(many.lines(Target::Anymate), wanted);
@@ -232,7 +232,7 @@ mod tests {
         let rows = "0 0 0 9 9 9 0 0\n1 0 0 9 9 9 1 0\n0 1 0 9 9 9 0 1\n3 0 1 2\n";
         let head = format!("ply\nformat ascii 1.0\nelement vertex 3\n{columns}element face 1\n");
         let ply = format!("{head}property list uchar int vertex_index\nend_header\n{rows}");
-        let wanted = "not written, for obj as riglab writes it holds none: 1 UV map and 1 colour set";
+        let wanted = "not written, as riglab's obj files hold none: 1 UV map and 1 colour set";
         assert_eq!(told("a.ply", ply.as_bytes()), [wanted]);
     }
 
@@ -246,7 +246,7 @@ mod tests {
             UV: *6 { a: 0,0,1,0,0,1 }\n}\nLayer: 0 {\nLayerElement: {\nType: \"LayerElementUV\"\nTypedIndex: 0\n}\n}\n}\n\
             Model: 1, \"Model::body\", \"Mesh\" {\nVersion: 232\n}\nMaterial: 5, \"Material::cloth\", \"\" {\nVersion: 102\n}\n\
             }\nConnections: {\nC: \"OO\",1,0\nC: \"OO\",2,1\nC: \"OO\",5,1\n}\n";
-        let wanted = "not written, for obj as riglab writes it holds none: 1 material and 1 UV map";
+        let wanted = "not written, as riglab's obj files hold none: 1 material and 1 UV map";
         assert_eq!(told("a.fbx", fbx.as_bytes()), [wanted]);
     }
 

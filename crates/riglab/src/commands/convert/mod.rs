@@ -104,7 +104,7 @@ pub fn run(args: &Args) -> Result<ExitCode> {
     };
     if !into_folder && args.out.extension().is_some_and(|of| !fits(of)) {
         let (out, ending) = (args.out.display(), target.ending());
-        bail!("{out} does not end as files of {target} do, which --to asks for: give a name that ends in .{ending}");
+        bail!("{out} is no name for a file of {target} (--to): give a name that ends in .{ending}");
     }
     // A file without an ending would not be known again.
     if !into_folder && args.out.extension().is_none() && (!several || target.holds_several()) {
@@ -179,7 +179,7 @@ fn into(
                 name = numbered(&imported.name, again, target);
             }
             if again > 1 {
-                tell!("note: {}: written as {name}, as another is called so", file.display());
+                tell!("note: {}: written as {name}, as another file has its name", file.display());
             }
             taken.extend(written_paths(folder.join(&name), target));
             let place = folder.join(&name);
@@ -284,7 +284,7 @@ fn tell_place(imported: &Imported) {
 fn spare(inputs: &HashSet<PathBuf>, out: &Path, target: Target) -> Result<()> {
     for path in written_paths(out, target) {
         if path.canonicalize().is_ok_and(|real| inputs.contains(&real)) {
-            bail!("{} is what is read; give another name or folder to write", path.display());
+            bail!("{} is the input; give another name or folder to write", path.display());
         }
     }
     keep_others(out, target)
@@ -334,7 +334,7 @@ fn store_glb(imported: &Imported, out: &Path, args: &Args, lost: &mut Lost) -> R
     let imported = whole.as_ref().filter(|all| all.reading.characters().len() == 1).unwrap_or(imported);
     let one_of_several = whole.as_ref().is_some_and(|all| all.reading.characters().len() > 1);
     if one_of_several {
-        tell!("note: {source}: of one character the rig is written; materials, pictures and motions are left out");
+        tell!("note: {source}: of one character only the rig is written; materials, pictures, motions are left out");
         tell_place(imported);
     }
     let exported = match imported.rig() {

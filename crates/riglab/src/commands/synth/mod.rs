@@ -46,8 +46,8 @@ pub struct Args {
     seed: u64,
     #[arg(long, value_delimiter = ',', value_name = "PLAN,..", help = plans_help())]
     plans: Vec<String>,
-    /// Triangles of a creature, drawn between these; 500 to 50000 make sense. It is a wish: thin parts (fingers, tails, ears)
-    /// need more where few are asked for, up to twice as many for 4000 and five times for 500.
+    /// Triangles of a creature, chosen at random between these; 500 to 50000 make sense. A target: thin parts (fingers,
+    /// tails, ears) need more where few are asked for, up to twice as many for 4000 and five times for 500.
     #[arg(long, default_value = "1000..14000", value_name = "MIN..MAX", value_parser = range)]
     triangles: RangeInclusive<u32>,
 }
@@ -56,7 +56,7 @@ fn plans_help() -> String {
     let (mixed, asked): (Vec<Plan>, Vec<Plan>) = Plan::ALL.into_iter().partition(|plan| Plan::MIXTURE.contains(plan));
     let [mixed, asked] = [mixed, asked].map(|plans| plans.into_iter().map(Plan::name).collect::<Vec<_>>().join(", "));
     format!(
-        "Body plans, taken in turn, one perhaps more than once [default: a mixture of {mixed}]; where it is asked for: \
+        "Body plans, used in turn; one may be named several times [default: a mixture of {mixed}]; only on request: \
          {asked}"
     )
 }
