@@ -100,6 +100,9 @@ pub struct ImportOptions {
     /// Whether a glTF without a skeleton is read without what is not shown: meshes that are colliders by the names of their
     /// nodes, that are not of its scene, or hidden.
     pub shown: bool,
+    /// Whether the meshes of a glTF are read with the blend shapes that the file shows them with ([`Reading::shaped`]), in
+    /// place of their stored positions. Only for looking at: what is written onto a document starts from stored positions.
+    pub shaped: bool,
 }
 
 /// How motions are sampled.

@@ -494,21 +494,34 @@ fn a_motion_above_some_of_the_meshes_is_told_to_be_lost() {
 }
 
 #[test]
-fn blend_shapes_that_are_shown_and_not_looked_at_are_told() {
-    let zeros: Vec<u8> = vec![0; 48];
-    let tiny = common::Tiny::new().with_accessor(5126, "VEC3", 4, &zeros);
+fn blend_shapes_that_are_shown_are_looked_at_or_told() {
+    // The third vertex goes up by 4 at full weight.
+    let mut by = vec![0f32; 12];
+    by[7] = 4.0;
+    let by: Vec<u8> = by.iter().flat_map(|x| x.to_le_bytes()).collect();
+    let tiny = common::Tiny::new().with_accessor(5126, "VEC3", 4, &by);
     let offsets = json!([{"POSITION": tiny.accessors() - 1}, {"POSITION": tiny.accessors() - 1}]);
     let tiny = tiny.with("/meshes/0/primitives/0/targets", offsets).with("/meshes/0/name", json!("face"));
-    for (weights, told) in
-        [(json!([0, 0]), None), (json!([0, 0.5]), Some("`face` is shown with blend shapes at 1 of 2"))]
-    {
-        let shown = tiny.clone().with("/meshes/0/weights", weights).glb();
-        let subject = Subject::from_bytes("a.glb", &shown, None, &SubjectOptions::default()).unwrap();
+    let read = |weights: &[f64], keep_rig: bool| {
+        let shown = tiny.clone().with("/meshes/0/weights", json!(weights)).glb();
+        let options = SubjectOptions { keep_rig, ..SubjectOptions::default() };
+        Subject::from_bytes("a.glb", &shown, None, &options).unwrap()
+    };
+    let told = |subject: &Subject| -> Vec<String> {
         let notes = subject.notes().iter().filter(|note| matches!(note, SubjectNote::Shaped(_)));
-        let notes: Vec<String> = notes.map(ToString::to_string).collect();
-        assert!(notes.len() == usize::from(told.is_some()), "{notes:?}");
-        assert!(told.is_none_or(|told| notes[0].starts_with(told)), "{notes:?}");
-    }
+        notes.map(ToString::to_string).collect()
+    };
+    let (plain, shaped, kept) = (read(&[0.0, 0.0], false), read(&[0.5, 0.25], false), read(&[0.0, 0.5], true));
+    assert!(told(&plain).is_empty() && told(&shaped).is_empty());
+    assert!(told(&kept)[0].starts_with("`face` is shown with blend shapes at 1 of 2"), "{:?}", told(&kept));
+    let mut wanted = plain.mesh().positions().to_vec();
+    wanted[2][1] += 3.0;
+    assert_eq!((shaped.mesh().positions(), kept.mesh().positions()), (&wanted[..], plain.mesh().positions()));
+
+    // What is stored stays, and so do the shapes: the file shows them once.
+    let written = shaped.attach(&on_one_joint(&shaped, [0.5, 4.0, 0.0]), &all_influences()).unwrap().bytes;
+    let again = import_bytes("a.glb", &written, &ImportOptions::default()).unwrap();
+    assert_eq!((again.mesh().positions(), again.reading.shaped.len()), (plain.mesh().positions(), 1));
 }
 
 #[test]

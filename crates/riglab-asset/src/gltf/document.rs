@@ -123,6 +123,9 @@ pub(super) struct Primitive {
     pub attributes: BTreeMap<String, usize>,
     pub indices: Option<usize>,
     pub mode: Option<u32>,
+    /// Morph targets, as loose as their weights.
+    #[serde(default)]
+    pub targets: Value,
     #[serde(default)]
     pub extensions: BTreeMap<String, Value>,
 }

@@ -2,16 +2,53 @@
 
 use serde_json::Value;
 
-use super::document::Document;
+use super::accessor::Accessors;
+use super::document::{Document, Node};
+use super::primitives::Sources;
 use crate::Shaped;
 
 /// Letters of a mesh's name that are kept: nodes that show it may be many.
 const NAME: usize = 80;
 
+/// Vertices that shapes may move, each time: half a second. Nodes that show one mesh may be many.
+const MAX_MOVED: usize = 1 << 27;
+
+/// Moves vertices to where the shapes that a file shows its meshes with have them. A shape that cannot be read moves none.
+pub(super) fn apply(document: &Document, accessors: &Accessors<'_>, sources: &mut Sources) {
+    let weights = |of: &Value| {
+        let all = of.as_array()?;
+        Some(all.iter().map(|weight| weight.as_f64().unwrap_or(0.0) as f32).collect::<Vec<f32>>())
+    };
+    let mut room = MAX_MOVED;
+    for set in &mut sources.sets {
+        let (node, mesh) = (&document.nodes[set.place.node], &document.meshes[set.place.mesh]);
+        let Some(weights) = weights(&node.weights).or_else(|| weights(&mesh.weights)) else { continue };
+        let Some(targets) = mesh.primitives[set.place.primitive].targets.as_array() else { continue };
+        let mut moved: Option<Vec<[f32; 3]>> = None;
+        for (weight, target) in weights.into_iter().zip(targets).filter(|(weight, _)| *weight != 0.0) {
+            let Some(left) = room.checked_sub(set.positions.len()) else { return };
+            room = left;
+            let accessor = target["POSITION"].as_u64().and_then(|number| usize::try_from(number).ok());
+            let Some(Ok(by)) = accessor.map(|number| accessors.directions(number)) else { continue };
+            if by.len() != set.positions.len() {
+                continue;
+            }
+            let all = moved.get_or_insert_with(|| set.positions.to_vec());
+            for (x, by) in all.as_flattened_mut().iter_mut().zip(by.as_flattened()) {
+                let to = *x + weight * by;
+                *x = if to.is_finite() { to } else { *x };
+            }
+        }
+        if let Some(moved) = moved {
+            set.positions = moved.into();
+        }
+    }
+}
+
 /// The nodes whose meshes are shown so, rising. A node's weights take the place of those of its mesh.
 pub(super) fn shaped(document: &Document) -> Vec<Shaped> {
     let of_meshes: Vec<_> = document.meshes.iter().map(|mesh| counts(&mesh.weights)).collect();
-    let shown = |(number, node): (usize, &super::document::Node)| {
+    let shown = |(number, node): (usize, &Node)| {
         let mesh = node.mesh?;
         let (weighted, shapes) =
             counts(&node.weights).or(*of_meshes.get(mesh)?).filter(|(weighted, _)| *weighted > 0)?;

@@ -94,7 +94,7 @@ impl fmt::Display for SubjectNote {
                 };
                 write!(
                     f,
-                    "`{mesh}` is shown with blend shapes at {weighted} of {shapes} weights{more}; it was looked at without \
+                    "`{mesh}` is shown with blend shapes at {weighted} of {shapes} weights{more}; it was rigged without \
                      them: if it fits badly, apply them in the program that it comes from"
                 )
             }

@@ -43,7 +43,7 @@ impl Default for SubjectOptions {
 /// A model to be rigged: a mesh in riglab's axes (y up, as glTF), and all it takes to write the file again with a
 /// rig for that mesh.
 ///
-/// Units are those of the file. Vertices that no triangle uses are left out, and so are triangles that name
+/// Units are those of the file. Without a rig that is kept, blend shapes are applied as the file shows them. Vertices that no triangle uses are left out, and so are triangles that name
 /// a vertex twice; triangles without area stay.
 #[derive(Clone, Debug)]
 pub struct Subject {
@@ -242,8 +242,15 @@ impl Subject {
         if let (true, Some(own)) = (options.keep_rig, imported.rig()) {
             rig = Some(own.clone());
         }
+        // Looked at as the file shows it; the rig is for what is stored.
+        let mut looks = None;
+        if !options.keep_rig && !imported.reading.shaped.is_empty() {
+            let shown = import_from(path, &document, beside, &ImportOptions { shaped: true, ..keeps })?;
+            let alike = shown.mesh().triangles() == imported.mesh().triangles();
+            looks = alike.then(|| shown.mesh().clone());
+        }
         let source = Source { document: Some((document.into_owned(), beside.map(Path::to_path_buf))), imported };
-        Ok(Self { motions, animations, ..Self::new(path, source, rig, turn, notes, options)? })
+        Ok(Self { motions, animations, ..Self::new(path, source, rig, (turn, looks), notes, options)? })
     }
 
     /// A model of a format that has no looks.
@@ -255,14 +262,14 @@ impl Subject {
             notes.push(SubjectNote::RigIgnored { joints: own.skeleton().len() });
             rig = None;
         }
-        Self::new(path, Source { document: None, imported }, rig, options.up.into(), notes, options)
+        Self::new(path, Source { document: None, imported }, rig, (options.up.into(), None), notes, options)
     }
 
     fn new(
         path: &Path,
         source: Source,
         rig: Option<Rig>,
-        turn: Turn,
+        (turn, looks): (Turn, Option<Mesh>),
         mut notes: Vec<SubjectNote>,
         options: &SubjectOptions,
     ) -> Result<Self, ImportError> {
@@ -281,10 +288,10 @@ impl Subject {
         // One mesh on several nodes is told once.
         let mut told = HashSet::new();
         shaped.retain(|shown| told.insert((shown.mesh.clone(), shown.weighted, shown.shapes)));
-        if !shaped.is_empty() {
+        if !shaped.is_empty() && looks.is_none() {
             notes.push(SubjectNote::Shaped(shaped));
         }
-        let mesh = turned_mesh(own, turn).map_err(|e| fail(e.into()))?;
+        let mesh = turned_mesh(looks.as_ref().unwrap_or(own), turn).map_err(|e| fail(e.into()))?;
         let rig = match rig {
             Some(rig) => Some(turned_rig(&rig, turn, Turn::onto_mesh).map_err(|e| fail(e.into()))?),
             None => None,
