@@ -70,7 +70,7 @@ fn a_killed_curation_goes_on_and_gives_what_the_unbroken_one_gives() {
     assert!(kills > 0, "the run was too short to be killed");
     let said = must(&curate(&files, &broken, &ALL)).stderr;
     let said = String::from_utf8(said).unwrap();
-    assert!(said.contains("goes on from") && said.contains("journal.jsonl"), "{said}");
+    assert!(said.contains("continues from") && said.contains("journal.jsonl"), "{said}");
     assert!(said.contains("comparing: 150/150"), "{said}");
     // A head, and two lines a file: none was looked at twice.
     assert_eq!(lines(&journal), 1 + 2 * 150);

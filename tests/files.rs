@@ -461,7 +461,7 @@ fn what_is_read_is_spared_in_every_format() {
         must(&["convert", text(creature), text(&path(name)), "--to", format]);
         let before = fs::read(path(name)).unwrap();
         let said = refusal(&mut riglab(&["convert", text(&path(name)), text(&path(name)), "--to", format]));
-        assert!(said.contains(name) && said.contains("what is read"), "{said}");
+        assert!(said.contains(name) && said.contains("is the input"), "{said}");
         assert_eq!(fs::read(path(name)).unwrap(), before);
     }
     // The other half of a pair, too.
