@@ -223,7 +223,10 @@ fn from_files_to_weights_for_given_skeletons() {
     let (set, out) = (format!("data.corpora=['{}']", tests_alone(dir.path()).display()), dir.path().join("alone.json"));
     let eval = ["eval", text(&run), "--pictures", "0", "-o", text(&out), "--set", &set];
     let said = refusal(&mut riglab(&eval));
-    assert!(said.contains("no asset in `val` by which to choose") && said.contains("--set eval.cuts='[0.1]'"), "{said}");
+    assert!(
+        said.contains("no asset in `val` by which to choose") && said.contains("--set eval.cuts='[0.1]'"),
+        "{said}"
+    );
     let cut = |more: &[&str]| {
         let said = must(&[&eval[..], more].concat()).stderr;
         let found: Value = serde_json::from_slice(&fs::read(&out).unwrap()).unwrap();
