@@ -126,8 +126,8 @@ fn an_extended_run_is_the_longer_one_where_nothing_follows_from_its_length() {
     assert!(!told.contains("extended"), "{told}");
     let before = read(&short, "config.toml");
     for (set, parts) in [
-        ("train.seed=1", ["settings of a run stand", "`--set train.seed=1`"]),
-        ("train.steps=6", ["is to have 8 steps", "train.steps = 6 are fewer"]),
+        ("train.seed=1", ["a run keeps its settings", "`--set train.seed=1`"]),
+        ("train.steps=6", ["is set to 8 steps", "can only be raised, and 6 is fewer"]),
         ("train.steps=0", ["--set train.steps", "at least 1"]),
     ] {
         let said = refusal(&mut riglab(&["train", "--resume", text(&short), "--set", set]));
@@ -138,6 +138,14 @@ fn an_extended_run_is_the_longer_one_where_nothing_follows_from_its_length() {
     refusal(&mut riglab(&["train", "--resume", text(&short), "--set", "train.steps=9"]));
     fs::rename(dir.path().join("elsewhere.h5"), &corpus).unwrap();
     assert_eq!(read(&short, "config.toml"), before);
+
+    // Sums of other threads round otherwise.
+    let other = dir.path().join("other");
+    train(&other, &[]);
+    let args = ["--threads", "2", "train", "--resume", text(&other), "--set", "train.steps=8"];
+    let done = Command::new(env!("CARGO_BIN_EXE_riglab")).args(args).output().unwrap();
+    let told = String::from_utf8(done.stderr).unwrap();
+    assert!(done.status.success() && told.contains("as it did not always run on 1 thread of one device"), "{told}");
 
     // The last step is validated in any case: it may be the best.
     let odd = dir.path().join("odd");

@@ -264,7 +264,7 @@ fn a_folder_is_rigged_file_by_file() {
     assert_eq!(output.status.code(), Some(1), "one of them failed");
     let said = String::from_utf8(output.stdout).unwrap();
     assert!(said.contains("2 rigged") && said.contains("1 left out"), "{said}");
-    assert!(said.contains("% of its size apart"), "{said}");
+    assert!(said.contains("% of the model's size apart"), "{said}");
     assert!(String::from_utf8_lossy(&output.stderr).contains("broken.obj"));
     let made: Vec<PathBuf> = fs::read_dir(&out).unwrap().map(|e| e.unwrap().path()).collect();
     assert_eq!(made.len(), 2);
@@ -314,9 +314,9 @@ fn what_cannot_be_rigged_is_told() {
         ),
         (
             vec!["rig", text(&bare), "-o", text(&out), "--checkpoint", text(&path("no.safetensors"))],
-            "no model of riglab",
+            "not a riglab model",
         ),
-        (vec!["rig", text(&bare), "-o", text(&out), "--checkpoint", text(&rigged)], "no model of riglab"),
+        (vec!["rig", text(&bare), "-o", text(&out), "--checkpoint", text(&rigged)], "not a riglab model"),
         (vec!["rig", text(&bare), "-o", text(&out), "--device", "cuda:9"], "GPUs"),
         (vec!["rig", text(&bare), "-o", text(&out), "--samples", "0"], "is not in 1..=4096"),
         (vec!["rig", text(&bare), "-o", text(&out), "--max-triangles", "10"], "triangles"),

@@ -225,7 +225,7 @@ impl fmt::Display for ExportNote {
                 lacking.join(", ")
             ),
             Self::VrmDropped { parts } => {
-                write!(f, "{} of the VRM referred to the old rig and were removed with it", parts.join(", "))
+                write!(f, "{} (of VRM) referred to the old rig and were removed with it", parts.join(", "))
             }
             Self::TrianglesTurned { surfaces } => {
                 let meshes = if *surfaces == 1 { "mesh" } else { "meshes" };

@@ -498,7 +498,7 @@ fn a_motion_above_some_of_the_meshes_is_told_to_be_lost() {
 #[test]
 fn blend_shapes_that_are_shown_are_looked_at_or_told() {
     // The third vertex goes up by 4 at full weight.
-    let mut by = vec![0f32; 12];
+    let mut by = [0f32; 12];
     by[7] = 4.0;
     let by: Vec<u8> = by.iter().flat_map(|x| x.to_le_bytes()).collect();
     let tiny = common::Tiny::new().with_accessor(5126, "VEC3", 4, &by);

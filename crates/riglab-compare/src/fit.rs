@@ -263,7 +263,7 @@ fn on_truth(rows: &Rows, order: Option<&[usize]>, same: &[Option<usize>], joints
     if others > 0 {
         let held = holds.iter().filter(|h| **h).count();
         return Err(format!(
-            "{others} of the {held} joints that hold its vertices are none of the truth's: weights cannot be compared"
+            "{others} of its {held} joints that hold vertices are not in the true rig, so weights are not compared"
         ));
     }
     let row = |v: usize| {

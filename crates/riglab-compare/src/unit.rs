@@ -19,8 +19,8 @@ pub(crate) fn factor(name: &str) -> Option<f64> {
 }
 
 /// What is said where distances are shown.
-pub(crate) const SAID: &str = "Distances are × 100 of the longest side whatever the convention prints; --json and --csv \
-                               have them as it prints them";
+pub(crate) const SAID: &str = "Distances are 100 × their share of the longest side in every convention; --json and \
+                               --csv have them as the convention prints them";
 
 #[cfg(test)]
 mod tests {

@@ -40,6 +40,9 @@ pub enum DataError {
         /// HDF5's message.
         message: String,
     },
+    /// A file of another kind.
+    #[error("{path}: not a corpus; `riglab dataset import FOLDER -o corpus.h5` makes one of rigged files", path = .0.display())]
+    OtherKind(PathBuf),
     /// An HDF5 file, but no corpus of ours.
     #[error("{path}: an HDF5 file, but no corpus that this version reads ({message}); `riglab dataset import` makes one", path = path.display())]
     NotCorpus {

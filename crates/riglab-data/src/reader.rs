@@ -62,7 +62,10 @@ impl Corpus {
         if !path.is_file() {
             return Err(DataError::Missing(path.into(), "corpus"));
         }
-        let file = hdf5::File::open(path).map_err(|e| DataError::NotHdf5 { path: path.into(), message: short(&e) })?;
+        let file = hdf5::File::open(path).map_err(|e| match is_called_corpus(path) {
+            true => DataError::NotHdf5 { path: path.into(), message: short(&e) },
+            false => DataError::OtherKind(path.into()),
+        })?;
         let foreign = |message: String| DataError::NotCorpus { path: path.into(), message };
         let format: Option<VarLenUnicode> = file.attr("format").and_then(|a| a.read_scalar()).ok();
         if format.as_deref() != Some(FORMAT) {
@@ -366,6 +369,11 @@ fn rows_of<T: H5Type + Copy, const N: usize>(
 /// What a JSON column says; the default where it is empty.
 fn parsed<T: Default + serde::de::DeserializeOwned>(text: &str) -> Result<T, String> {
     if text.is_empty() { Ok(T::default()) } else { serde_json::from_str(text).map_err(|e| e.to_string()) }
+}
+
+/// Whether a file ends as corpora do: one that is no HDF5 file was cut off.
+fn is_called_corpus(path: &Path) -> bool {
+    path.extension().is_some_and(|ending| ["h5", "hdf5"].iter().any(|own| ending.eq_ignore_ascii_case(own)))
 }
 
 #[cfg(test)]

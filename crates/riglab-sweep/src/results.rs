@@ -96,8 +96,10 @@ impl Results {
             table.row(cells);
         }
         let several = self.plan.names().iter().any(|p| (0..self.metrics.len()).any(|k| self.spread(p, k).n > 1));
+        let none = self.plan.names().iter().all(|p| (0..self.metrics.len()).all(|k| self.spread(p, k).n == 0));
         table.note = match several {
             true => "Mean over seeds ± standard deviation over seeds (n - 1).".into(),
+            false if none => "No run has a value in this table.".into(),
             false => "At most one run per point: the spread over seeds is not known.".into(),
         };
         let marked = table.rows.iter().flatten().any(|cell| cell.strong);
@@ -155,7 +157,7 @@ impl Results {
             }
         }
         table.note = "Mean ± standard deviation over n seeds of a point's value minus the first point's, seed by seed. \
-                      95 % interval: where the mean of many seeds lies, by Student's t over seeds; it takes two of them, \
+                      95 % interval: where the mean of many seeds lies, by Student's t over seeds; it needs at least two, \
                       and is wide with few. A difference whose interval excludes 0 is more than the noise of seeds; of \
                       many intervals one in twenty excludes 0 by chance."
             .into();

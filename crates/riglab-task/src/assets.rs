@@ -268,8 +268,8 @@ impl Assets {
         }
         if self.split(&config.validate).map_err(|e| e.to_string())?.is_empty() {
             return Err(format!(
-                "data.validate: the corpora have no asset in `{}`; `riglab dataset inspect` shows their splits, and --set \
-                 data.validate=SPLIT names another",
+                "data.validate: the corpora have no asset in `{}`, as small ones may; `riglab dataset inspect` shows their \
+                 splits, and --set data.validate=SPLIT names another",
                 config.validate
             ));
         }

@@ -97,7 +97,7 @@ impl Bundle {
     pub fn of_bytes(bytes: &[u8], name: &str) -> Result<Self, String> {
         let other = || {
             format!(
-                "{name}: no model of riglab: give a folder that `riglab train` made, or a file made by `riglab checkpoint \
+                "{name}: not a riglab model: give a folder that `riglab train` made, or a file made by `riglab checkpoint \
                  export` or `import`"
             )
         };

@@ -4,30 +4,43 @@ use std::collections::HashSet;
 
 use crate::assets::{AssetId, Assets, DataConfig};
 
-/// Names of the assets in splits of `data`'s corpora that training by `trained` takes too, whatever corpora these are of:
-/// read from the same file, or the same in every number. Split by split, in corpus order.
+/// Assets that are evaluated and trained on.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Seen {
+    /// Their names, split by split, in corpus order.
+    pub names: Vec<String>,
+    /// The splits that have some.
+    pub splits: Vec<String>,
+}
+
+/// The assets in splits of `data`'s corpora that training by `trained` takes too, whatever corpora these are of:
+/// read from the same file, or the same in every number.
 ///
 /// # Errors
 /// A sentence: a corpus that cannot be read, or as [`Assets::training`].
-pub fn seen(data: &DataConfig, splits: &[String], trained: &DataConfig) -> Result<Vec<String>, String> {
+pub fn seen(data: &DataConfig, splits: &[String], trained: &DataConfig) -> Result<Seen, String> {
     let assets = Assets::open(&trained.corpora).map_err(|e| e.to_string())?;
     let ids: Vec<AssetId> = assets.training(trained)?.into_iter().flat_map(|(_, ids)| ids).collect();
     let marks = assets.marks(&ids).map_err(|e| e.to_string())?;
     let known: HashSet<String> = marks.into_iter().flat_map(|(_, marks)| marks).collect();
     let assets = Assets::open(&data.corpora).map_err(|e| e.to_string())?;
-    let mut names = Vec::new();
+    let mut found = Seen::default();
     for split in splits {
         let marks = assets.split(split).and_then(|ids| assets.marks(&ids)).map_err(|e| e.to_string())?;
         let both = marks.into_iter().filter(|(_, marks)| marks.iter().any(|mark| known.contains(mark)));
-        names.extend(both.map(|(name, _)| name));
+        let before = found.names.len();
+        found.names.extend(both.map(|(name, _)| name));
+        if found.names.len() > before {
+            found.splits.push(split.clone());
+        }
     }
-    Ok(names)
+    Ok(found)
 }
 
 /// A sentence on such assets, for who trains or evaluates; `None` without any.
-pub fn warning(seen: &[String], splits: &[String]) -> Option<String> {
-    let (first, splits) = (seen.first()?, splits.join(", "));
-    Some(match seen.len() {
+pub fn warning(seen: &Seen) -> Option<String> {
+    let (first, splits) = (seen.names.first()?, seen.splits.join(", "));
+    Some(match seen.names.len() {
         1 => format!("`{first}`, of {splits}, is trained on too: its scores say nothing of new assets"),
         n => format!(
             "{n} assets of {splits} are trained on too (`{first}`, ...): their scores say nothing of new assets"
@@ -80,21 +93,28 @@ mod tests {
         let looked_at = corpus(dir.path().join("looked_at.h5"), &others);
         let (trained, looked_at) = (data(&[&trained]), data(&[&looked_at]));
         let splits = &looked_at.test;
-        assert_eq!(seen(&looked_at, splits, &trained).unwrap(), ["same file", "same numbers"]);
-        assert!(seen(&trained, splits, &trained).unwrap().is_empty());
+        let found = seen(&looked_at, splits, &trained).unwrap();
+        assert_eq!(found.names, ["same file", "same numbers"]);
+        let new = ["test_new".to_owned()];
+        assert_eq!((found.splits, seen(&looked_at, &new, &trained).unwrap().splits), (splits.clone(), new.to_vec()));
+        assert_eq!(seen(&trained, splits, &trained).unwrap(), Seen::default());
         // One file in two corpora of a training, in another split each.
         let both = DataConfig { corpora: [&trained.corpora[..], &looked_at.corpora[..]].concat(), ..trained.clone() };
-        assert_eq!(seen(&both, splits, &both).unwrap().len(), 2);
+        assert_eq!(seen(&both, splits, &both).unwrap().names.len(), 2);
+        // Only splits that have some are named.
+        let splits_of_all = ["train", "test_new"].map(String::from);
+        assert_eq!(seen(&trained, &splits_of_all, &trained).unwrap().splits, ["train"]);
         // What has no weight, or too many joints, is not trained on.
         let weights = DataConfig { weights: vec![0.0, 1.0], ..both.clone() };
-        assert!(seen(&looked_at, splits, &weights).unwrap().is_empty());
-        assert!(seen(&looked_at, splits, &DataConfig { max_joints: 0, ..trained }).unwrap().is_empty());
+        assert_eq!(seen(&looked_at, splits, &weights).unwrap(), Seen::default());
+        assert_eq!(seen(&looked_at, splits, &DataConfig { max_joints: 0, ..trained }).unwrap(), Seen::default());
         assert!(seen(&looked_at, splits, &data(&[&dir.path().join("gone.h5")])).is_err());
     }
 
     #[test]
     fn a_warning_names_one_and_counts_them_all() {
-        let say = |seen: &[&str]| warning(&seen.iter().map(|s| (*s).to_string()).collect::<Vec<_>>(), &["val".into()]);
+        let names = |seen: &[&str]| seen.iter().map(|s| (*s).to_string()).collect();
+        let say = |seen: &[&str]| warning(&Seen { names: names(seen), splits: vec!["val".into()] });
         assert_eq!(say(&[]), None);
         assert!(say(&["a.glb"]).unwrap().starts_with("`a.glb`, of val, is trained on too"));
         assert!(say(&["a.glb", "b.glb"]).unwrap().starts_with("2 assets of val are trained on too (`a.glb`"));

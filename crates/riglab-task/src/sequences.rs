@@ -121,8 +121,8 @@ impl LeftOut {
     pub fn notes(self, data: &DataConfig, limits: Limits) -> Vec<String> {
         let Self { out, all } = self;
         let note = format!(
-            "{out} of {all} training assets are left out: they have more joints than data.max_joints = {} or than fit \
-             limits.joints = {} and limits.tokens = {}; those that only augmentation makes too long are counted in \
+            "{out} of {all} training assets are left out: they have more joints than data.max_joints = {} or \
+             limits.joints = {}, or more tokens than limits.tokens = {}; those that only augmentation makes too long are counted in \
              train/skipped_assets",
             data.max_joints, limits.joints, limits.tokens
         );

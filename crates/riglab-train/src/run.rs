@@ -244,6 +244,17 @@ impl RunInfo {
         self.outcome.clear();
     }
 
+    /// Whether it ran on the same device with the same threads whenever it went on, so that its sums round alike.
+    pub fn is_steady(&self) -> bool {
+        self.resumed.iter().all(|resumed| match resumed {
+            Resumed::When(_) => true,
+            // Processes of a thread each are alike in any number.
+            Resumed::With { threads, ranks, device, .. } => {
+                *device == self.device && (*ranks > 1 || *threads == self.threads)
+            }
+        })
+    }
+
     /// Now, UTC.
     pub fn now() -> String {
         now()

@@ -206,7 +206,7 @@ mod tests {
         let seen = table(&blocks, "test_seen: convention skintokens");
         assert_eq!(text(seen, 0), ["a", "rule", "5", "0.7000", "0.01000"]);
         assert_eq!(text(seen, 1), ["long", "rule", "5", "0.7500", "0.01000"]);
-        assert_eq!(text(seen, 2), ["beside", "nearest bone", "5", "0.6000", "0.01000"]);
+        assert_eq!(text(seen, 2), ["baseline", "nearest bone", "5", "0.6000", "0.01000"]);
         assert!(seen.rows[1][3].strong && !seen.rows[0][3].strong);
         assert!(text(seen, 3)[0] == "published" && seen.rows[3][3].published && !seen.note.is_empty());
         let tests = table(&blocks, "paired tests against a");
@@ -414,8 +414,8 @@ mod tests {
             let rows = &table(&blocks, &format!("{split}: convention skintokens")).rows;
             rows.iter().map(|r| r[0].text.clone()).collect()
         };
-        assert_eq!(heads("test_seen")[..4], ["a", "b", "beside a", "beside b"]);
-        assert_eq!(heads("test_new").iter().filter(|h| *h == "beside").count(), 1);
+        assert_eq!(heads("test_seen")[..4], ["a", "b", "baseline of a", "baseline of b"]);
+        assert_eq!(heads("test_new").iter().filter(|h| *h == "baseline").count(), 1);
     }
 
     #[test]

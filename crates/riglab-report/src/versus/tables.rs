@@ -36,9 +36,9 @@ pub(super) fn side_by_side(runs: &[Compared], of: &[&Findings]) -> Vec<Table> {
                         if beside.iter().find(|o| alike(o)).is_some_and(|first| first.3 != *k) {
                             continue;
                         }
-                        "beside".into()
+                        "baseline".into()
                     }
-                    false => format!("beside {}", runs[*k].name),
+                    false => format!("baseline of {}", runs[*k].name),
                 };
                 let cells = vec![Cell::text(name), Cell::text(*method), Cell::count(*assets)];
                 rows.push((cells, values.clone()));

@@ -1,5 +1,7 @@
 //! An evaluation as a file, and as a part of a report.
 
+use std::collections::BTreeSet;
+
 use riglab_report::{Beside, Block, Cell, Chart, Findings, Metric, Picture, Series, Single, Table, Total, counted};
 use riglab_train::State;
 use serde::{Deserialize, Serialize};
@@ -85,15 +87,17 @@ impl Evaluation {
         }]
     }
 
+    /// The splits that have assets, in the order in which they were evaluated.
     fn splits(&self) -> impl Iterator<Item = &str> {
-        self.report.codebook.keys().map(String::as_str)
+        let mut seen = BTreeSet::new();
+        self.report.rows.iter().map(|row| row.split.as_str()).filter(move |split| seen.insert(*split))
     }
 
     fn codes(&self) -> Table {
         let head =
             ["split", "tokens", "distinct", "utilisation", "perplexity", "bits", "compression", "(2 bytes a code)"];
         let mut table = Table::new("How the codebook is used, all codes kept", &head);
-        for (split, c) in &self.report.codebook {
+        for (split, c) in self.splits().filter_map(|split| self.report.codebook.get_key_value(split)) {
             table.row(vec![
                 Cell::text(split),
                 Cell::count(c.tokens as usize),

@@ -20,7 +20,7 @@ mod score;
 
 use std::cell::{Cell, RefCell};
 use std::collections::BTreeMap;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use riglab_data::Mixture;
@@ -253,6 +253,8 @@ pub(crate) fn of_run(
             run.display()
         ));
     };
+    let file = |path: &PathBuf| path.file_name().map(|name| name.to_string_lossy().into_owned());
+    let corpora: Vec<String> = config.data.corpora.iter().filter_map(file).collect();
     // It rigs as the model that it started from; `config.eval` says how rewards are told.
     let config = TokenRigTaskConfig { eval: start.config().eval.clone(), ..policy_config(&config, &start) };
     let rigger = Rigger::new(config, start.shared_vae(), device)?;
@@ -261,7 +263,12 @@ pub(crate) fn of_run(
     let name = run.display().to_string();
     // A folder's path is of use on one machine only.
     let start = Path::new(&card.name).file_name().map_or(card.name.clone(), |n| n.to_string_lossy().into_owned());
-    let text = format!("{start}, refined by rewards.\n\n{}", card.text);
+    let text = format!(
+        "{start}, refined by geometric rewards (GRPO) on meshes of {}. It has no card of its own: what follows describes \
+         the model that it started from, whose scores, data and licence are not those of this one.\n\n{}",
+        corpora.join(", "),
+        card.text
+    );
     let text = text.trim_end().to_string();
     Ok((rigger, Card { name, state: checkpoint.state().clone(), text }))
 }

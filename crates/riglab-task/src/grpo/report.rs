@@ -141,7 +141,7 @@ pub fn lines(report: &Report) -> Vec<String> {
     }
     out.push(format!("coverage, containment, skinning, motion: {SYMBOLS}"));
     out.push(format!(
-        "distances x 100, convention {}, means over the rigs that can be compared (those with a bone)",
+        "distances × 100, convention {}, means over the rigs that can be compared (those with a bone)",
         report.convention
     ));
     out.extend(report.gains.iter().zip(report.rows.chunks_exact(2)).map(|(gain, pair)| verdict(gain, pair)));
@@ -269,7 +269,7 @@ fn verdict(gain: &Gain, pair: &[Row]) -> String {
     let moved = |was: f64, is: f64| format!("{:.3}, {:.3} before", 100.0 * is, 100.0 * was);
     let (s, t) = (&before.skeletons, &after.skeletons);
     format!(
-        "{}{how}: over {} the mean reward changed by {}, J2J x 100 by {}; J2B x 100 is {}, B2B x 100 {}.",
+        "{}{how}: over {} the mean reward changed by {}, J2J × 100 by {}; J2B × 100 is {}, B2B × 100 {}.",
         gain.split,
         if gain.reward.n == 1 { "1 mesh".into() } else { format!("{} meshes", gain.reward.n) },
         change(&gain.reward, 1.0),

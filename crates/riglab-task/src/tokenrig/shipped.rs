@@ -10,6 +10,8 @@ use crate::fsq_cvae::Frozen;
 
 /// Made by `riglab checkpoint export`; see the card in it, and `experiments/README.md`.
 const TOKENRIG_SMALL: &[u8] = include_bytes!("../../assets/tokenrig_small.safetensors");
+/// Its card, in place of the one in the file, which would have to be written anew for each word.
+const CARD: &str = include_str!("../../assets/tokenrig_small.md");
 /// The auto-encoder of the model that came with earlier versions.
 const FSQ_CVAE_WITH_FRAMES: &[u8] = include_bytes!("../../assets/fsq_cvae_with_frames.safetensors");
 
@@ -24,7 +26,8 @@ impl Rigger {
     /// # Errors
     /// None that a whole program gives.
     pub fn shipped(device: Device) -> Result<(Self, Card), String> {
-        Self::of_bundle(TOKENRIG_SMALL, "the model that comes with riglab", device)
+        let (model, card) = Self::of_bundle(TOKENRIG_SMALL, "the model that comes with riglab", device)?;
+        Ok((model, Card { text: CARD.into(), ..card }))
     }
 }
 

@@ -162,9 +162,20 @@ impl Evaluation {
             of("template fit").map(|r| format!(", fitted to the mesh {:.2}", 100.0 * r.j2j)).unwrap_or_default();
         let better = [(model.j2j, rival.j2j), (model.j2b, rival.j2b), (model.b2b, rival.b2b)];
         let better = better.iter().filter(|(a, b)| a < b).count();
+        let better = ["none", "one", "two", "all three"][better];
+        // A network that has not learned when to stop covers a mesh with joints, which distances like.
+        let many = if (0.5..=2.0).contains(&(model.joints / model.true_joints)) {
+            String::new()
+        } else {
+            format!(
+                " Its skeletons have {:.1} joints on average, the true ones {:.1}: look at them before you trust these \
+                 distances.",
+                model.joints, model.true_joints
+            )
+        };
         Some(format!(
             "{split}: J2J × 100 is {:.2}; the skeleton of the nearest training shape gives {:.2}{fitted}. The model is \
-             better than retrieval in {better} of the three distances.",
+             better than retrieval in {better} of the distances J2J, J2B and B2B.{many}",
             100.0 * model.j2j,
             100.0 * rival.j2j
         ))

@@ -23,7 +23,8 @@ pub fn by_reason(of: &str, said: &[(String, String)]) -> (Vec<String>, bool) {
         let (name, reason) = members[0];
         let said = if members.len() > 1 { own(name, reason) } else { reason };
         let others = members.iter().any(|(name, reason)| own(name, reason) != said);
-        format!("{of}{}: {said}{}", some_of(&names), if others && members.len() > 1 { ", or alike" } else { "" })
+        let alike = if others && members.len() > 1 { " (of the first; the others alike)" } else { "" };
+        format!("{of}{}: {said}{alike}", some_of(&names))
     });
     (some_lines(lines, &format!("more reasons, of others: {}", of.trim_end_matches([':', ' ']))), cut)
 }
@@ -73,7 +74,7 @@ mod tests {
             lines,
             [
                 "failed: ours: fox0.glb, fox1.glb, fox2.glb and 297 more: it holds no skeleton",
-                "failed: ours: hen.glb, cow.glb: cut off at byte 30, or alike",
+                "failed: ours: hen.glb, cow.glb: cut off at byte 30 (of the first; the others alike)",
                 "failed: ours: one.glb: out/one.npz: of another mesh",
             ]
         );

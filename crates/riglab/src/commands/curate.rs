@@ -31,8 +31,8 @@ Examples:
   riglab curate --merge part*.h5 -o corpus.h5
   riglab curate models/ -o corpus.h5 --on slurm --parts 16 --set slurm.time=2:00:00
 
-Shards find the duplicates within themselves. `--merge` finds those between them too, by the journals beside
-the corpora, and what it makes can be merged again; `riglab dataset merge` leaves out what is equal byte by byte.")]
+Shards find the duplicates within themselves. `--merge` finds those between them too, by the journals beside the \
+corpora, and what it makes can be merged again; `riglab dataset merge` leaves out what is equal byte by byte.")]
 pub struct Args {
     /// Folder of files, with those below it; with --merge the corpora of its shards.
     #[arg(required = true, value_name = "FOLDER")]

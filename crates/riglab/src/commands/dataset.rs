@@ -46,7 +46,7 @@ enum Command {
 ///
 /// A `manifest.json` in the folder adds licences and authors, a `split.json` says which asset is
 /// trained on; without one, splits are made by skeleton topology. Files that give no rig are listed
-/// and left out; what looks mistyped in the two is told.
+/// and left out; likely typing errors in either file are reported.
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:
@@ -253,6 +253,13 @@ fn run_import(args: &Import) -> Result<ExitCode> {
             "warning: {} names none of the assets, so none has a split; it names files by their path below {}",
             path.display(),
             args.folder.display()
+        );
+    }
+    let few = args.all_in.is_none() && file.is_none() && !args.meshes;
+    if few && report.imported > 0 && !report.splits.contains_key("val") {
+        tell!(
+            "warning: too few kinds of skeletons for a split `val`: training needs one to validate on (data.validate), and \
+             evaluation needs test splits; a split.json decides asset by asset"
         );
     }
     for r in &report.refused {

@@ -11,7 +11,7 @@ use riglab_report::shell::command;
 use riglab_sweep::hold_evaluation;
 use riglab_task::Experiment;
 use riglab_task::assets::{Assets, DataConfig};
-use riglab_task::seen::{seen, warning};
+use riglab_task::seen::{Seen, seen, warning};
 use riglab_train::{Checkpoint, Progress, RunInfo, named_by, same_companions};
 
 use super::device::DeviceArgs;
@@ -105,10 +105,10 @@ pub fn run(args: &Args, threads: usize) -> Result<ExitCode> {
         // Its corpora may be gone or moved: no fault of an evaluation on others.
         Err(e) => {
             tell!("note: whether these assets were trained on is not known: {e}");
-            Vec::new()
+            Seen::default()
         }
     };
-    if let Some(warning) = warning(&seen, &config.data().test) {
+    if let Some(warning) = warning(&seen) {
         tell!("warning: {warning}");
     }
     let data = config.data();
@@ -119,7 +119,7 @@ pub fn run(args: &Args, threads: usize) -> Result<ExitCode> {
         );
     }
     let data = config.data().clone();
-    config.with(device, Examination { args, run, checkpoint, data, seen, path, folder })
+    config.with(device, Examination { args, run, checkpoint, data, seen: seen.names, path, folder })
 }
 
 /// Settings with those that follow: weights of the training's corpora say nothing of others.

@@ -28,7 +28,7 @@ pub fn only(run: &Path, sets: &[String]) -> Result<()> {
     let other = |set: &&String| set.split_once('=').is_none_or(|(key, _)| key.trim() != STEPS);
     match sets.iter().find(other) {
         Some(set) => bail!(
-            "{}: the settings of a run stand, all but {STEPS}, which may grow; `--set {set}` belongs to a new one",
+            "{}: a run keeps its settings, and only {STEPS} may be raised; `--set {set}` belongs to a new one",
             run.display()
         ),
         None => Ok(()),
@@ -54,7 +54,7 @@ impl Longer {
         }
         if to < from {
             bail!(
-                "{dir} is to have {}, and {STEPS} = {to} are fewer: steps may be added alone; Ctrl-C stops a run where it is",
+                "{dir} is set to {}; {STEPS} can only be raised, and {to} is fewer. Ctrl-C stops a run where it is",
                 counted(from as usize, "step")
             );
         }
@@ -140,7 +140,8 @@ pub fn note<T: Task>(task: &T, train: &TrainConfig, at: u64, info: &mut RunInfo)
     // The last step is validated in any case, and may be the best.
     let regular = train.validate_every > 0 && from % train.validate_every == 0;
     let validated = at < from || regular;
-    info.extend(at, to, rates.is_none() && paces.is_none() && validated);
+    let steady = info.is_steady();
+    info.extend(at, to, rates.is_none() && paces.is_none() && validated && steady);
     let same = info.extended.last().is_some_and(|e| e.as_from_start);
     let told = format!("extended at step {at} from {from} to {to} steps");
     let (was, is) = (factor(&train.schedule, at.saturating_sub(1), from), factor(&train.schedule, at, to));
@@ -152,6 +153,10 @@ pub fn note<T: Task>(task: &T, train: &TrainConfig, at: u64, info: &mut RunInfo)
         ),
         (None, Some(_)) => format!(
             "{told}: not what {to} steps from the start give, as the weights of the loss follow from their number"
+        ),
+        (None, None) if !steady => format!(
+            "{told}: not what {to} steps from the start give, as it did not always run on {} of one device",
+            counted(info.threads, "thread")
         ),
         (None, None) if !validated => format!(
             "{told}: its weights are those of {to} steps from the start, but step {from} was validated as the last, and may be \

@@ -24,7 +24,7 @@ use super::earlier::{Written, keep_others};
 
 /// Play a motion with spring bones: hair, tails and clothes swing behind the body.
 ///
-/// Writes the file again with one motion more, a key a frame, which comes first; meshes, materials and other
+/// Writes the file again with one more motion (one key per frame), placed first; meshes, materials and other
 /// motions stay. Spring bones are those of the file (VRM 0.x or 1.0, or creatures of `riglab synth`) and follow VRM's rule,
 /// in which stiffness and gravity are lengths a second in the file's units. A motion is one of the file, or one of
 /// `shake`, `turn` and `hop`, in which the whole body moves and then stands. The input is never changed.

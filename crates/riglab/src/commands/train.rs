@@ -201,7 +201,7 @@ fn unwarmed(train: &TrainConfig) -> Option<String> {
 fn overlap(config: &TaskConfig) -> Result<Option<String>> {
     let data = config.data();
     let splits: Vec<String> = std::iter::once(&data.validate).chain(&data.test).cloned().collect();
-    Ok(warning(&seen(data, &splits, data).map_err(|e| anyhow!(e))?, &splits))
+    Ok(warning(&seen(data, &splits, data).map_err(|e| anyhow!(e))?))
 }
 
 /// Gives a network the weights that `train.start` names, if it does; what to say of it.
@@ -523,7 +523,7 @@ impl Visitor for DryRun<'_> {
         let gpu = self.device != Device::Cpu;
         // What a GPU holds is not seen.
         let where_it_is = if gpu { ", beside the GPU's" } else { "" };
-        say!("memory              {:>9.0} MB at most{where_it_is}", found.peak_memory_mb);
+        say!("memory              {:>9.0} MB at the peak{where_it_is}; allow 10 % more", found.peak_memory_mb);
         let in_steps: f64 = found.memory_mb.iter().map(|(_, mb)| mb).sum();
         let rest = ("reading, validation".to_string(), found.peak_memory_mb - in_steps);
         let parts = found.memory_mb.iter().chain(Some(&rest).filter(|(_, mb)| *mb >= 0.5));

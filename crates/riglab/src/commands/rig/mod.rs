@@ -245,9 +245,11 @@ fn run(args: &Common, bones: &Bones, weights: Option<&Path>, threads: usize) -> 
     model.suits(args, bones)?;
     let of = args.checkpoint.as_ref().map(|path| path.to_string_lossy());
     let show = command(["checkpoint", "show"].into_iter().chain(of.as_deref()));
-    let hint = match model.draws() {
-        true => format!("; `{show}` says how far to trust it"),
-        false => String::new(),
+    let hint = match (model.draws(), model.card.text.trim().is_empty()) {
+        (true, false) => format!("; `{show}` says how far to trust it"),
+        // A run of one's own.
+        (true, true) => "; `riglab eval` of its run measures how far to trust it".into(),
+        (false, _) => String::new(),
     };
     let by =
         model.of_weights().map_or(String::new(), |own| format!("; weights by {}, {} steps", own.name, own.state.step));

@@ -7,10 +7,11 @@ use anyhow::{Context, Result, anyhow, ensure};
 use riglab_asset::ImportOptions;
 use riglab_asset::export::{self, ExportNote};
 use riglab_asset::rigging::{
-    Subject, SubjectOptions, UpAxis, human_bones, humanoid, name_added, name_joints, name_others,
+    Subject, SubjectNote, SubjectOptions, UpAxis, human_bones, humanoid, name_added, name_joints, name_others,
 };
 use riglab_core::{Bounds, Humanoid, Rig, RigError, Skeleton, Vec3};
 use riglab_files::make_folder_of;
+use riglab_report::counted;
 use riglab_report::shell::command;
 use riglab_reward::Rewards;
 use riglab_task::tokenrig::{Made, Placed, Rank, Wish};
@@ -39,10 +40,17 @@ pub fn rig(args: &Common, bones: &Bones, model: &Model, from: &Path, to: &Path) 
     let reading = spinner("reading");
     let subject = Subject::read(from, &options)?;
     drop(reading);
+    let mut notes = Vec::new();
     for note in subject.notes() {
-        tell!("note: {}: {note}", from.display());
+        let said = match (note, bones) {
+            (SubjectNote::RigIgnored { joints }, Bones::Given { from: Given::Kept, .. }) => {
+                let joints = counted(*joints, "joint");
+                format!("the file already has a rig ({joints}): its joints are kept, its weights are made anew")
+            }
+            (note, _) => note.to_string(),
+        };
+        noted(from, &mut notes, said);
     }
-    let mut notes: Vec<String> = subject.notes().iter().map(ToString::to_string).collect();
     let (given, note) = skeleton(args, bones, &subject, (from, &options))?;
     notes.extend(note);
     let class = match bones {
@@ -118,7 +126,7 @@ pub fn rig(args: &Common, bones: &Bones, model: &Model, from: &Path, to: &Path) 
             if joints >= model.most_joints() {
                 let note = format!(
                     "it got {joints} joints, the most that this network writes: check it before you use it; a wrong up axis \
-                     (--up), or several characters in one file, cause this"
+                     (--up), several characters in one file, or a network that has not learned enough cause this"
                 );
                 noted(from, &mut notes, note);
             }
@@ -176,7 +184,8 @@ fn of_template(template: &Template, placed: Placed) -> Option<String> {
     match placed {
         Placed::Written { left_out: 0 } => None,
         Placed::Written { left_out } => Some(format!(
-            "{left_out} joints beside those of `{class}` were left out, as this model knows it too little to tell what they are"
+            "{left_out} joints beside those of `{class}` were left out, as this network has learned from too few such rigs to \
+             tell what they are"
         )),
         Placed::Voted { bodies, draws } => Some(format!(
             "with --template this network wrote no body; the joints of `{class}` were placed where {bodies} of {draws} samples \
@@ -229,8 +238,8 @@ fn sure(made: &Made) -> Option<f64> {
 fn of_apart(made: &Made, may_lie: bool) -> Option<String> {
     let apart = sure(made).filter(|apart| *apart >= FAR)?;
     Some(format!(
-        "its samples disagree ({:.1} % of its size apart; some 2 % where this network is sure): check the skeleton before you \
-         use it{}",
+        "its samples disagree (by {:.1} % of the model's size; some 2 % where this network is sure): check the skeleton \
+         before you use it{}",
         100.0 * apart,
         if may_lie { "; where z points up in the file, as in most scans and prints, give --up z" } else { "" }
     ))
@@ -286,7 +295,8 @@ fn taken(
     let which = format!("sample {} of {}", sample + 1, draws.len());
     let Some(r) = rewards else {
         let why = if rank == Rank::Consensus { "the closest to the others" } else { "the likeliest" };
-        let apart = apart.map_or(String::new(), |apart| format!(" ({:.1} % of its size apart)", 100.0 * apart));
+        let apart = apart
+            .map_or(String::new(), |apart| format!(" (on average {:.1} % of the model's size apart)", 100.0 * apart));
         return format!("{which}: {why}{apart}");
     };
     let totals = draws.iter().filter_map(|d| d["rewards"]["total"].as_f64());

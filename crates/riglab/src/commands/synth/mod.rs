@@ -25,8 +25,8 @@ use riglab_report::counted;
 /// Each is drawn by seed and number, so the same command makes the same files. Plans are people,
 /// avatars with spring bones, animals of many kinds, monsters, machines and props; unless some are
 /// given, they come about as often as in corpora of real rigs. They become GLB files in a folder, with a
-/// manifest.json that states source, licence (CC0) and category, or at once a corpus, split by topology. A folder that was
-/// broken off goes on when the same command is given again; a corpus begins anew.
+/// manifest.json that states source, licence (CC0) and category, or at once a corpus, split by topology. An
+/// interrupted folder is continued when the same command is given again; a corpus starts over.
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:
