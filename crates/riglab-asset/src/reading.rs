@@ -29,7 +29,8 @@ pub struct Reading {
     pub up: Up,
     /// Whether the format says that a model's front is -z, as VRM 0.x does; what says nothing mostly faces +z.
     pub faces_back: bool,
-    /// Meshes that the file shows with blend shapes, without which they are read.
+    /// Meshes that the file shows with blend shapes, without which they are read; none where [`crate::ImportOptions::shaped`] asks
+    /// for these and all could be applied.
     pub shaped: Vec<Shaped>,
     /// What was repaired or is doubtful.
     pub warnings: Vec<Warning>,

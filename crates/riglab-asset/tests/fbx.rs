@@ -218,6 +218,32 @@ fn as_glb_motions_of_blend_shapes_go_with_those_of_joints() {
     );
 }
 
+#[test]
+fn of_animations_called_the_same_each_keeps_its_own_shapes() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("a.fbx");
+    let turn = (1, "Lcl Rotation", "d|Z", &[(0.0, 0.0), (1.0, 90.0)][..]);
+    let talk = |to| [(0.0, 0.0), (to, 100.0)];
+    let [short, long] = [talk(1.0), talk(2.0)];
+    let talks = [&short, &long].map(|keys| (30, "DeformPercent", "d|DeformPercent", &keys[..]));
+    let file = tiny(Ascii::new()).shape(10, 30, 2, [0.0, 10.0, 0.0]);
+    let file = file.motion("Take", None, &[turn, talks[0]]).motion("Take", None, &[turn, talks[1]]);
+    std::fs::write(&path, file.bytes()).unwrap();
+    let (exported, _) =
+        dressed(&path, &ImportOptions::default(), &Springs::default(), &ExportOptions::default()).unwrap();
+    let glb = gltf(&exported.bytes);
+    let counts: Vec<usize> = glb["animations"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .map(|own| {
+            let channels = own["channels"].as_array().unwrap().iter();
+            channels.filter(|channel| channel["target"]["path"] == "weights").count()
+        })
+        .collect();
+    assert_eq!(counts, [1, 1]);
+}
+
 /// The document of a GLB.
 fn gltf(glb: &[u8]) -> serde_json::Value {
     let length = u32::from_le_bytes(glb[12..16].try_into().unwrap()) as usize;

@@ -246,7 +246,7 @@ impl RunView {
         lines.push(match self.extended().last() {
             Some(last) if last["as_from_start"] != true => format!(
                 "# The config below, which has {} steps from the start, gives another run: what depends on them\n\
-                 # (the learning rate, train.schedule) was different before it was extended.",
+                 # (such as the learning rate, train.schedule), or the threads or device, was different before.",
                 last["to"]
             ),
             _ => "# or, from the resolved config below:\nriglab train config.toml".into(),

@@ -24,7 +24,7 @@ use toml::Value;
 /// "model.width" = [128, 256]
 /// [sweep.zip]                   # first with first, second with second
 /// "train.steps" = [400, 800]
-/// "train.schedule.lr" = [2e-3, 1e-3]
+/// "train.optim.muon_lr" = [2e-3, 1e-3]
 ///
 /// [[sweep.metrics]]
 /// of = "eval/iou_rule@val"

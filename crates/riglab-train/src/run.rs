@@ -116,7 +116,8 @@ pub struct Extended {
     pub from: u64,
     /// Steps that it is to have since.
     pub to: u64,
-    /// Whether it is what so many steps from the start give: what follows from their number was the same until then.
+    /// Whether it is what so many steps from the start give: what follows from their number was the same until then, and so
+    /// were the threads and the device.
     pub as_from_start: bool,
 }
 
@@ -250,7 +251,8 @@ impl RunInfo {
             Resumed::When(_) => true,
             // Processes of a thread each are alike in any number.
             Resumed::With { threads, ranks, device, .. } => {
-                *device == self.device && (*ranks > 1 || *threads == self.threads)
+                let alike = *threads == 1 || (*ranks).max(1) == self.ranks.max(1);
+                *device == self.device && *threads == self.threads && alike
             }
         })
     }

@@ -62,12 +62,16 @@ pub(crate) struct Origin {
 /// Meshes stand where [`super::read`] has them, and those that hang on no joint where their nodes do. `find` gives the
 /// contents of a picture by its name.
 pub(crate) fn model(name: &str, bytes: &[u8], find: impl Fn(&str) -> Option<Vec<u8>>) -> Result<Taken, Fault> {
-    let scene = super::load(bytes, Load { motions: true, pictures: true })?;
+    // Motions that cannot be read are no reason to refuse the surface.
+    let (scene, still) = match super::load(bytes, Load { motions: true, pictures: true }) {
+        Ok(scene) => (scene, false),
+        Err(_) => (super::load(bytes, Load { motions: false, pictures: true })?, true),
+    };
     let nodes = Nodes::new(&scene);
     let joints = Joints::read(&scene, &nodes, &mut Vec::new())?;
     let budget = Budget::new(bytes.len());
     let left = Left { things: things_left(&scene), ..Left::default() };
-    let mut pictures = Pictures { find, known: HashMap::new(), found: Vec::new(), left };
+    let mut pictures = Pictures { find, known: HashMap::new(), made: HashMap::new(), found: Vec::new(), left };
     let looks = (&scene.materials).into_iter().map(|material| look(material, &mut pictures)).collect();
     let mut model = Model { name: name.into(), looks, ..Model::default() };
     let (mut origins, mut meshes) = (Vec::new(), Vec::new());
@@ -110,6 +114,7 @@ pub(crate) fn model(name: &str, bytes: &[u8], find: impl Fn(&str) -> Option<Vec<
     let (swings, too_long) = swings(&scene, &meshes, rate, of_joints);
     model.swings = swings;
     let mut left = pictures.left;
+    left.things.extend(still.then(|| "motions of blend shapes, which could not be read".to_owned()));
     left.things.extend(counted(too_long, "long motion of blend shapes", "long motions of blend shapes"));
     Ok(Taken { model, origins, rate, animations: animations(&scene), left })
 }
@@ -287,6 +292,8 @@ fn unit(x: f64) -> f32 {
 struct Pictures<F> {
     find: F,
     known: HashMap<u32, Option<usize>>,
+    /// By the contents of files.
+    made: HashMap<[u8; 32], Option<usize>>,
     found: Vec<Picture>,
     left: Left,
 }
@@ -301,32 +308,36 @@ impl<F: Fn(&str) -> Option<Vec<u8>>> Pictures<F> {
         let embedded: &[u8] = texture.content.as_ref();
         let names = [&texture.relative_filename, &texture.filename].map(|name| name.to_string());
         let name = names.iter().find(|name| !name.is_empty()).map_or("", String::as_str);
+        // Exporters call textures after what they are for, many of one file alike.
+        let of_files = names.iter().map(|name| stem(name)).find(|stem| !stem.is_empty());
+        let called = of_files.unwrap_or_else(|| texture.element.name.to_string());
+        let mut number = self.made(&called, name, embedded);
         let mut there = !embedded.is_empty();
-        let mut picture = for_gltf(name, embedded.to_vec());
-        if picture.is_none()
+        if number.is_none()
             && let Some(bytes) = names.iter().find_map(|name| (self.find)(name))
         {
             there = true;
-            picture = for_gltf(name, bytes);
+            number = self.made(&called, name, &bytes);
         }
-        let number = match picture {
-            Some(bytes) => {
-                // Exporters call textures after what they are for, many of one file alike.
-                let of_files = names.iter().map(|name| stem(name)).find(|stem| !stem.is_empty());
-                let name = of_files.unwrap_or_else(|| texture.element.name.to_string());
-                self.found.push(Picture { name, bytes });
-                Some(self.found.len() - 1)
-            }
-            None if there => {
-                self.left.other.push(names[0].clone());
-                None
-            }
-            None => {
-                self.left.missing.push(names[0].clone());
-                None
-            }
-        };
+        if number.is_none() {
+            let left = if there { &mut self.left.other } else { &mut self.left.missing };
+            left.push(names[0].clone());
+        }
         self.known.insert(key, number);
+        number
+    }
+
+    /// The number of a picture by its contents, which several textures may have; `None` of what is none.
+    fn made(&mut self, called: &str, name: &str, bytes: &[u8]) -> Option<usize> {
+        let key = *blake3::hash(bytes).as_bytes();
+        if let Some(known) = self.made.get(&key) {
+            return *known;
+        }
+        let number = for_gltf(name, bytes.to_vec()).map(|bytes| {
+            self.found.push(Picture { name: called.to_owned(), bytes });
+            self.found.len() - 1
+        });
+        self.made.insert(key, number);
         number
     }
 
@@ -455,7 +466,8 @@ mod tests {
 
     fn find(name: &str) -> Option<Vec<u8>> {
         let kind = name.rsplit_once('.')?.1;
-        ["png", "tga"].contains(&kind).then(|| if kind == "png" { b"\x89PNG\r\n\x1a\n".to_vec() } else { vec![0; 18] })
+        let png = [b"\x89PNG\r\n\x1a\n", name.as_bytes()].concat();
+        ["png", "tga"].contains(&kind).then(|| if kind == "png" { png } else { vec![0; 18] })
     }
 
     fn read(material: &str, more: &str, connections: &str) -> (Model, Left) {

@@ -16,7 +16,8 @@ const OFFSET: u64 = 2 * 16;
 /// Bytes of a blend shape of a patch, most of them its lines in the document.
 const SHAPE: u64 = 1000;
 
-/// Weights of all motions of a file: 16 MB. Files claim long times in few bytes.
+/// Weights of all motions of a file, each as often as its animation has layers: 16 MB, and seconds. Files claim long times in
+/// few bytes.
 const MAX_WEIGHTS: usize = 1 << 22;
 
 /// The channels of a mesh that [`shapes`] makes a shape of each.
@@ -94,6 +95,7 @@ pub(super) fn swings(
         let frames = ((time.end() - begin).max(0.0) * f64::from(rate) + 1e-3).floor() as usize;
         let frames = frames.saturating_add(1);
         let each: usize = moved.iter().map(|(_, mesh)| channels(mesh).count()).sum();
+        let each = each.saturating_mul(stack.layers.len().max(1));
         let Some(left) = frames.checked_mul(each).and_then(|weights| room.checked_sub(weights)) else {
             too_long += 1;
             continue;

@@ -67,9 +67,7 @@ pub(crate) fn read(bytes: &[u8], folder: Option<&Path>, options: &ImportOptions)
     let nodes = Nodes::new(&document)?;
     let skins = Skins::read(&document, &nodes, &accessors, &mut warnings)?;
     let mut sources = primitives::collect(&document, &accessors, &mut warnings)?;
-    if options.shaped {
-        shaped::apply(&document, &accessors, &mut sources);
-    }
+    let whole = options.shaped && shaped::apply(&document, &accessors, &mut sources);
     let binds = Binds::new(&nodes, &skins, &sources.skin_boxes(skins.len()), &mut warnings);
     let joints = skins.joints(&document, &binds, &mut warnings)?;
     let scene = placing::Scene { accessors: &accessors, nodes: &nodes, skins: &skins, binds: &binds };
@@ -95,7 +93,7 @@ pub(crate) fn read(bytes: &[u8], folder: Option<&Path>, options: &ImportOptions)
             origin,
             shown_off,
             faces_back,
-            shaped: shaped::shaped(&document),
+            shaped: if whole { Vec::new() } else { shaped::shaped(&document) },
             warnings,
             ..Reading::default()
         },

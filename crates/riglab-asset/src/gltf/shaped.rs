@@ -10,39 +10,46 @@ use crate::Shaped;
 /// Letters of a mesh's name that are kept: nodes that show it may be many.
 const NAME: usize = 80;
 
-/// Vertices that shapes may move, each time: half a second. Nodes that show one mesh may be many.
+/// Vertices that shapes may move, and weights that are gone through: half a second. Nodes that show one mesh may be many.
 const MAX_MOVED: usize = 1 << 27;
 
-/// Moves vertices to where the shapes that a file shows its meshes with have them. A shape that cannot be read moves none.
-pub(super) fn apply(document: &Document, accessors: &Accessors<'_>, sources: &mut Sources) {
-    let weights = |of: &Value| {
-        let all = of.as_array()?;
-        Some(all.iter().map(|weight| weight.as_f64().unwrap_or(0.0) as f32).collect::<Vec<f32>>())
-    };
+/// Moves vertices to where the shapes that a file shows its meshes with have them. Whether all of them could be; where one
+/// cannot, what follows stays.
+pub(super) fn apply(document: &Document, accessors: &Accessors<'_>, sources: &mut Sources) -> bool {
     let mut room = MAX_MOVED;
-    for set in &mut sources.sets {
+    sources.sets.iter_mut().all(|set| {
         let (node, mesh) = (&document.nodes[set.place.node], &document.meshes[set.place.mesh]);
-        let Some(weights) = weights(&node.weights).or_else(|| weights(&mesh.weights)) else { continue };
-        let Some(targets) = mesh.primitives[set.place.primitive].targets.as_array() else { continue };
+        let Some(weights) = node.weights.as_array().or_else(|| mesh.weights.as_array()) else { return true };
+        let Some(left) = room.checked_sub(weights.len()) else { return false };
+        room = left;
+        let targets = mesh.primitives[set.place.primitive].targets.as_array();
         let mut moved: Option<Vec<[f32; 3]>> = None;
-        for (weight, target) in weights.into_iter().zip(targets).filter(|(weight, _)| *weight != 0.0) {
-            let Some(left) = room.checked_sub(set.positions.len()) else { return };
+        for (number, weight) in weights.iter().enumerate() {
+            let weight = weight.as_f64().unwrap_or(0.0) as f32;
+            // What moves no positions may move normals.
+            let target = targets.and_then(|all| all.get(number)).and_then(|target| target.get("POSITION"));
+            let (true, Some(target)) = (weight != 0.0, target) else { continue };
+            let accessor = target.as_u64().and_then(|number| usize::try_from(number).ok());
+            let Some(left) = room.checked_sub(set.positions.len()) else { return false };
             room = left;
-            let accessor = target["POSITION"].as_u64().and_then(|number| usize::try_from(number).ok());
-            let Some(Ok(by)) = accessor.map(|number| accessors.directions(number)) else { continue };
+            let Some(Ok(by)) = accessor.map(|number| accessors.directions(number)) else { return false };
             if by.len() != set.positions.len() {
-                continue;
+                return false;
             }
             let all = moved.get_or_insert_with(|| set.positions.to_vec());
             for (x, by) in all.as_flattened_mut().iter_mut().zip(by.as_flattened()) {
                 let to = *x + weight * by;
-                *x = if to.is_finite() { to } else { *x };
+                if !to.is_finite() {
+                    return false;
+                }
+                *x = to;
             }
         }
         if let Some(moved) = moved {
             set.positions = moved.into();
         }
-    }
+        true
+    })
 }
 
 /// The nodes whose meshes are shown so, rising. A node's weights take the place of those of its mesh.

@@ -1,5 +1,7 @@
 //! Files that a model names: material libraries and pictures.
 
+use std::cell::OnceCell;
+use std::collections::HashMap;
 use std::fs::File;
 use std::io::Read;
 use std::path::{Component, Path, PathBuf};
@@ -18,63 +20,75 @@ const ENTRIES: usize = 4096;
 /// Folders in a folder that are looked through; where there are more, they are not those of one model.
 const FOLDERS: usize = 32;
 
-/// The contents of a file that a model names, looked for in the model's folder alone, below it as named, else
-/// by the last part of the name: exporters write paths of their own machine. Then in the folders of that folder, where
-/// letters may be large or small: those who share models sort pictures into folders. `None` where there is none, or where
-/// several folders have one.
-///
-/// Nothing is opened before it is sure to be a file of the folder, or below it.
-pub(super) fn read(folder: Option<&Path>, name: &str) -> Option<Vec<u8>> {
-    let folder = folder?.canonicalize().ok()?;
-    let name = name.trim().trim_matches('"').replace('\\', "/");
-    if name.contains('\0') {
-        return None;
-    }
-    let last = name.rsplit('/').next().unwrap_or_default();
-    let open = |path: PathBuf| {
-        let path = path.canonicalize().ok().filter(|path| path.starts_with(&folder))?;
-        let about = path.metadata().ok()?;
-        if !about.is_file() || about.len() > LARGEST {
-            return None;
-        }
-        let mut bytes = Vec::new();
-        File::open(&path).ok()?.take(LARGEST).read_to_end(&mut bytes).ok()?;
-        Some(bytes)
-    };
-    let named = || [name.as_str(), last].into_iter().filter_map(below).find_map(|path| open(folder.join(path)));
-    named().or_else(|| alike(&folder, last).and_then(open))
+/// What lies in a model's folder.
+pub(super) struct Beside {
+    /// `None` where nothing is looked for.
+    folder: Option<PathBuf>,
+    /// The files of the folder and of its folders, by their names in small letters; `None` where several have one. Made when a
+    /// name is not found as it is.
+    names: OnceCell<HashMap<String, Option<PathBuf>>>,
 }
 
-/// The file of a folder, else the only one of its folders, that is called so but for large and small letters.
-fn alike(folder: &Path, name: &str) -> Option<PathBuf> {
+impl Beside {
+    pub(super) fn new(folder: Option<&Path>) -> Self {
+        Self { folder: folder.and_then(|folder| folder.canonicalize().ok()), names: OnceCell::new() }
+    }
+
+    /// The contents of a file that a model names, looked for in the model's folder alone, below it as named, else
+    /// by the last part of the name: exporters write paths of their own machine. Then in the folders of that folder, where
+    /// letters may be large or small: those who share models sort pictures into folders. `None` where there is none, or where
+    /// several folders have one.
+    ///
+    /// Nothing is opened before it is sure to be a file of the folder, or below it.
+    pub(super) fn read(&self, name: &str) -> Option<Vec<u8>> {
+        let folder = self.folder.as_ref()?;
+        let name = name.trim().trim_matches('"').replace('\\', "/");
+        if name.contains('\0') {
+            return None;
+        }
+        let last = name.rsplit('/').next().unwrap_or_default();
+        let open = |path: PathBuf| {
+            let path = path.canonicalize().ok().filter(|path| path.starts_with(folder))?;
+            let about = path.metadata().ok()?;
+            if !about.is_file() || about.len() > LARGEST {
+                return None;
+            }
+            let mut bytes = Vec::new();
+            File::open(&path).ok()?.take(LARGEST).read_to_end(&mut bytes).ok()?;
+            Some(bytes)
+        };
+        let named = || [name.as_str(), last].into_iter().filter_map(below).find_map(|path| open(folder.join(path)));
+        let alike = || self.names.get_or_init(|| names(folder)).get(&last.to_lowercase())?.clone();
+        named().or_else(|| open(alike()?))
+    }
+
+    /// A picture that a model names, looked for as by [`Self::read`]; else what to tell.
+    pub(super) fn picture(&self, name: &str) -> Result<Picture, SubjectNote> {
+        let bytes = self.read(name).ok_or_else(|| SubjectNote::FileMissing(name.to_owned()))?;
+        let bytes = for_gltf(name, bytes).ok_or_else(|| SubjectNote::OtherPicture(name.to_owned()))?;
+        Ok(Picture { name: stem(name), bytes })
+    }
+}
+
+/// See [`Beside::names`]; what lies in the folder itself counts before what lies in its folders.
+fn names(folder: &Path) -> HashMap<String, Option<PathBuf>> {
     let entries = |of: &Path| {
         let found = std::fs::read_dir(of).into_iter().flatten().flatten().take(ENTRIES);
         let mut paths: Vec<PathBuf> = found.map(|entry| entry.path()).collect();
         paths.sort_unstable();
         paths
     };
-    let called = |path: &PathBuf| {
-        let own = path.file_name().unwrap_or_default().to_string_lossy().to_lowercase();
-        !own.is_empty() && own == name.to_lowercase()
-    };
-    let here = entries(folder);
-    if let Some(own) = here.iter().find(|path| called(path) && path.is_file()) {
-        return Some(own.clone());
+    let called = |path: &Path| path.file_name().unwrap_or_default().to_string_lossy().to_lowercase();
+    let (folders, files): (Vec<PathBuf>, Vec<PathBuf>) = entries(folder).into_iter().partition(|path| path.is_dir());
+    let mut names = HashMap::new();
+    if folders.len() <= FOLDERS {
+        for path in folders.iter().filter(|path| !path.is_symlink()).flat_map(|path| entries(path)) {
+            names.entry(called(&path)).and_modify(|known| *known = None).or_insert(Some(path));
+        }
     }
-    let folders: Vec<&PathBuf> = here.iter().filter(|path| path.is_dir() && !path.is_symlink()).collect();
-    if folders.len() > FOLDERS {
-        return None;
-    }
-    let found: Vec<PathBuf> = folders.into_iter().flat_map(|path| entries(path)).filter(called).collect();
-    let [only] = &found[..] else { return None };
-    Some(only.clone())
-}
-
-/// A picture that a model names, looked for as by [`read`]; else what to tell.
-pub(super) fn picture(folder: Option<&Path>, name: &str) -> Result<Picture, SubjectNote> {
-    let bytes = read(folder, name).ok_or_else(|| SubjectNote::FileMissing(name.to_owned()))?;
-    let bytes = for_gltf(name, bytes).ok_or_else(|| SubjectNote::OtherPicture(name.to_owned()))?;
-    Ok(Picture { name: stem(name), bytes })
+    // The first of several that differ in large and small letters.
+    names.extend(files.into_iter().rev().map(|path| (called(&path), Some(path))));
+    names
 }
 
 /// A relative path that does not leave where it starts.
@@ -96,7 +110,7 @@ mod tests {
         std::fs::write(folder.path().join("secret"), b"s").unwrap();
         std::fs::write(inner.join("tex/a b.png"), b"1").unwrap();
         std::fs::write(inner.join("c.png"), b"2").unwrap();
-        let found = |name: &str| read(Some(&inner), name);
+        let found = |name: &str| Beside::new(Some(&inner)).read(name);
         assert_eq!(found("tex\\a b.png"), Some(b"1".to_vec()));
         assert_eq!(found("\"./tex/a b.png\""), Some(b"1".to_vec()));
         for name in ["c.png", "C:\\work\\c.png", "/home/someone/c.png", "../elsewhere/c.png"] {
@@ -121,6 +135,6 @@ mod tests {
                 assert_eq!(found(name), None, "{name}");
             }
         }
-        assert_eq!(read(None, "c.png"), None);
+        assert_eq!(Beside::new(None).read("c.png"), None);
     }
 }

@@ -40,9 +40,16 @@ pub fn dressed(
     let (mut objects, mut origins) = (held.iter(), held.iter());
     taken.model.objects.retain(|_| objects.next() == Some(&true));
     taken.origins.retain(|_| origins.next() == Some(&true));
+    // Each one's number among those that stay.
+    let count = |kept: &mut usize, held: &bool| {
+        let number = *kept;
+        *kept += usize::from(*held);
+        Some(number)
+    };
+    let numbers: Vec<usize> = held.iter().scan(0, count).collect();
     for swing in &mut taken.model.swings {
         swing.weights.retain(|(object, _)| held[*object]);
-        swing.weights.iter_mut().for_each(|(object, _)| *object = held[..*object].iter().filter(|held| **held).count());
+        swing.weights.iter_mut().for_each(|(object, _)| *object = numbers[*object]);
     }
     taken.model.swings.retain(|swing| !swing.weights.is_empty());
 

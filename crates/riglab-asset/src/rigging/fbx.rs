@@ -2,13 +2,15 @@
 
 use std::path::Path;
 
-use super::{SubjectNote, beside};
+use super::SubjectNote;
+use super::beside::Beside;
 use crate::Fault;
 use crate::fbx::{Left, Taken, counted};
 
 /// Reads an FBX without its rig; pictures that it does not hold are looked for in `folder`, if at all. Metres, y up.
 pub(super) fn read(name: &str, bytes: &[u8], folder: Option<&Path>) -> Result<Taken, Fault> {
-    crate::fbx::model(name, bytes, |picture| beside::read(folder, picture))
+    let beside = Beside::new(folder);
+    crate::fbx::model(name, bytes, |picture| beside.read(picture))
 }
 
 /// What of a file is not in its model, nor so many of its animations.

@@ -99,13 +99,17 @@ impl fmt::Display for SubjectNote {
                 )
             }
             Self::FileMissing(name) => {
-                write!(f, "`{}` is not beside the file; the model is rigged without it", short(name))
+                write!(
+                    f,
+                    "`{}` is not in the model's folder nor in one folder there; the model is written without it",
+                    short(name)
+                )
             }
             Self::OtherPicture(name) => {
                 let name = short(name);
                 write!(
                     f,
-                    "texture `{name}` is no picture that can be read (BMP, DDS, JPEG, PNG, TGA, TIFF, WebP); the model is written \
+                    "texture `{name}` is no picture that can be read (BMP, DDS of DXT, JPEG, PNG, TGA, TIFF, WebP); the model is written \
                      without it"
                 )
             }

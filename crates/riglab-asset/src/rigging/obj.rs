@@ -6,8 +6,9 @@ use std::path::Path;
 
 use tobj::{LoadError, LoadOptions};
 
+use super::SubjectNote;
+use super::beside::Beside;
 use super::surface::linear;
-use super::{SubjectNote, beside};
 use crate::Fault;
 use crate::gltf::export::model::{Lie, Look, Model, Object, Patch, Picture};
 use crate::wavefront::{self, Asked};
@@ -21,13 +22,14 @@ pub(super) fn read(
     notes: &mut Vec<SubjectNote>,
 ) -> Result<Model, Fault> {
     let options = LoadOptions { triangulate: true, single_index: true, ignore_points: true, ignore_lines: true };
+    let beside = Beside::new(folder);
     let missing = RefCell::new(Vec::new());
     let load = |asked: Asked| {
         let lines = wavefront::obj(bytes, asked);
         missing.borrow_mut().clear();
         tobj::load_obj_buf(&mut &lines[..], &options, |library| {
             let library = library.to_string_lossy();
-            let Some(bytes) = beside::read(folder, &library) else {
+            let Some(bytes) = beside.read(&library) else {
                 missing.borrow_mut().push(library.into_owned());
                 return Err(LoadError::OpenFileFailed);
             };
@@ -39,7 +41,7 @@ pub(super) fn read(
     let (models, materials) = loaded.map_err(|e| wavefront::explain(bytes, &e.to_string()))?;
     notes.extend(missing.take().into_iter().map(SubjectNote::FileMissing));
     let mut model = Model { name: name.into(), ..Model::default() };
-    let mut pictures = Pictures { folder, known: HashMap::new(), found: Vec::new(), notes };
+    let mut pictures = Pictures { beside: &beside, known: HashMap::new(), found: Vec::new(), notes };
     let materials = materials.unwrap_or_default();
     model.looks = materials.iter().map(|material| look(material, &mut pictures)).collect();
     model.pictures = pictures.found;
@@ -92,7 +94,7 @@ fn patch(part: &tobj::Model) -> Result<Patch, String> {
 
 /// Pictures by the name that materials give them.
 struct Pictures<'a> {
-    folder: Option<&'a Path>,
+    beside: &'a Beside,
     known: HashMap<String, Option<usize>>,
     found: Vec<Picture>,
     notes: &'a mut Vec<SubjectNote>,
@@ -106,7 +108,7 @@ impl Pictures<'_> {
         if let Some(known) = self.known.get(named) {
             return (*known, lie);
         }
-        let number = match beside::picture(self.folder, named) {
+        let number = match self.beside.picture(named) {
             Ok(picture) => {
                 self.found.push(picture);
                 Some(self.found.len() - 1)

@@ -245,9 +245,11 @@ impl Subject {
         // Looked at as the file shows it; the rig is for what is stored.
         let mut looks = None;
         if !options.keep_rig && !imported.reading.shaped.is_empty() {
-            let shown = import_from(path, &document, beside, &ImportOptions { shaped: true, ..keeps })?;
-            let alike = shown.mesh().triangles() == imported.mesh().triangles();
-            looks = alike.then(|| shown.mesh().clone());
+            let shown = import_from(path, &document, beside, &ImportOptions { shaped: true, ..keeps });
+            let whole = |shown: &Imported| {
+                shown.reading.shaped.is_empty() && shown.mesh().triangles() == imported.mesh().triangles()
+            };
+            looks = shown.ok().filter(whole).map(|shown| shown.mesh().clone());
         }
         let source = Source { document: Some((document.into_owned(), beside.map(Path::to_path_buf))), imported };
         Ok(Self { motions, animations, ..Self::new(path, source, rig, (turn, looks), notes, options)? })
@@ -488,6 +490,8 @@ fn stand(model: &mut Model, up: UpAxis) {
     for patch in model.objects.iter_mut().flat_map(|object| &mut object.patches) {
         patch.positions.iter_mut().chain(&mut patch.normals).for_each(|v| *v = up.to_y(*v));
     }
+    let shapes = model.objects.iter_mut().flat_map(|object| &mut object.shapes);
+    shapes.flat_map(|shape| &mut shape.offsets).flatten().for_each(|(_, by)| *by = up.to_y(*by));
 }
 
 fn turned_mesh(mesh: &Mesh, by: Turn) -> Result<Mesh, RigError> {

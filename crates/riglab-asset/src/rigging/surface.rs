@@ -2,7 +2,8 @@
 
 use std::path::Path;
 
-use super::{SubjectNote, beside, normals};
+use super::beside::Beside;
+use super::{SubjectNote, normals};
 use crate::gltf::export::model::{Look, Model, Object, Patch};
 use crate::surface::Surface;
 
@@ -35,7 +36,7 @@ pub(super) fn model(name: &str, of: Surface, folder: Option<&Path>, notes: &mut 
     }
     let named = of.pictures.first().filter(|_| !patch.coordinates.is_empty());
     if let Some(named) = named {
-        match beside::picture(folder, named) {
+        match Beside::new(folder).picture(named) {
             Ok(picture) => model.pictures.push(picture),
             Err(note) => notes.push(note),
         }

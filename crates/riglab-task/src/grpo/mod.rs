@@ -263,12 +263,12 @@ pub(crate) fn of_run(
     let name = run.display().to_string();
     // A folder's path is of use on one machine only.
     let start = Path::new(&card.name).file_name().map_or(card.name.clone(), |n| n.to_string_lossy().into_owned());
-    let text = format!(
-        "{start}, refined by geometric rewards (GRPO) on meshes of {}. It has no card of its own: what follows describes \
-         the model that it started from, whose scores, data and licence are not those of this one.\n\n{}",
-        corpora.join(", "),
-        card.text
-    );
+    let mut text = format!("{start}, refined by geometric rewards (GRPO) on meshes of {}.", corpora.join(", "));
+    if !card.text.trim().is_empty() {
+        text += " It has no card of its own: what follows describes the model that it started from, whose scores, data and \
+                 licence are not those of this one.\n\n";
+        text += &card.text;
+    }
     let text = text.trim_end().to_string();
     Ok((rigger, Card { name, state: checkpoint.state().clone(), text }))
 }

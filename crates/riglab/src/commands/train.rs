@@ -523,7 +523,7 @@ impl Visitor for DryRun<'_> {
         let gpu = self.device != Device::Cpu;
         // What a GPU holds is not seen.
         let where_it_is = if gpu { ", beside the GPU's" } else { "" };
-        say!("memory              {:>9.0} MB at the peak{where_it_is}; allow 10 % more", found.peak_memory_mb);
+        say!("memory              {:>9.0} MB at the peak{where_it_is}; allow 20 % more", found.peak_memory_mb);
         let in_steps: f64 = found.memory_mb.iter().map(|(_, mb)| mb).sum();
         let rest = ("reading, validation".to_string(), found.peak_memory_mb - in_steps);
         let parts = found.memory_mb.iter().chain(Some(&rest).filter(|(_, mb)| *mb >= 0.5));

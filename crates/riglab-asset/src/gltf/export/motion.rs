@@ -91,14 +91,16 @@ pub(super) fn add(
 }
 
 /// Makes motions of blend shapes part of the animation before them that is called the same, as programs that play one
-/// animation at a time expect.
+/// animation at a time expect; of several called the same each takes one.
 pub(super) fn join_weights(draft: &mut Draft) {
     let Some(all) = draft.json.get_mut("animations").and_then(Value::as_array_mut) else { return };
     let list = |of: &Value, name: &str| of[name].as_array().cloned().unwrap_or_default();
-    let shapes_only = |of: &Value| list(of, "channels").iter().all(|channel| channel["target"]["path"] == "weights");
+    let moves_shapes = |channel: &Value| channel["target"]["path"] == "weights";
+    let shapes_only = |of: &Value| list(of, "channels").iter().all(moves_shapes);
     let mut joined: Vec<Value> = Vec::with_capacity(all.len());
     for own in all.drain(..) {
-        let alike = |known: &&mut Value| known["name"] == own["name"] && !shapes_only(known);
+        let alike =
+            |known: &&mut Value| known["name"] == own["name"] && !list(known, "channels").iter().any(moves_shapes);
         let Some(body) = joined.iter_mut().find(alike).filter(|_| shapes_only(&own)) else {
             joined.push(own);
             continue;
