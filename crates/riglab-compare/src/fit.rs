@@ -364,7 +364,7 @@ mod tests {
         let mut moved = own(&rig);
         moved.joints.positions[1][1] += 0.3;
         let fitted = fit(&moved, &rig).unwrap();
-        assert!(fitted.weights.unwrap_err().contains("1 of the 3 joints") && fitted.parents.is_none());
+        assert!(fitted.weights.unwrap_err().contains("1 of its 3 joints") && fitted.parents.is_none());
         let mut sparse = own(&rig);
         sparse.vertices.truncate(3);
         sparse.vertices[1] = [10.0, 1.0, 0.0];
