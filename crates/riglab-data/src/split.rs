@@ -79,7 +79,10 @@ impl Splitter {
     /// evaluation knows.
     pub fn doubts(&self, assets: &[(String, u64)], splits: &[String], is_there: impl Fn(&str) -> bool) -> Vec<String> {
         match self {
-            Self::ByTopology(_) => mostly_tested(splits).into_iter().chain(none_seen(assets, splits)).collect(),
+            Self::ByTopology(_) => {
+                let found = [mostly_tested(splits), none_seen(assets, splits), unvalidated(splits)];
+                found.into_iter().flatten().collect()
+            }
             Self::All(name) => {
                 let near = nearest(name, &SplitNames::KNOWN);
                 near.map(|near| format!("all are of the split `{name}`; did you mean `{near}`?")).into_iter().collect()
@@ -154,6 +157,15 @@ fn none_seen(assets: &[(String, u64)], splits: &[String]) -> Option<String> {
     })
 }
 
+/// Told where there is nothing to validate on.
+fn unvalidated(splits: &[String]) -> Option<String> {
+    (!splits.is_empty() && splits.iter().all(|split| split != SplitNames::VAL)).then(|| {
+        "too few kinds of skeletons for a split `val`, which training needs (data.validate); a split.json decides asset \
+         by asset"
+            .into()
+    })
+}
+
 /// Told where test splits hold more than half of the assets.
 fn mostly_tested(splits: &[String]) -> Option<String> {
     let count = |wanted: &str| splits.iter().filter(|split| *split == wanted).count();
@@ -217,9 +229,21 @@ mod tests {
     }
 
     #[test]
+    fn assets_without_any_to_validate_on_are_told() {
+        let told = |splits: &[&str]| {
+            let splits: Vec<String> = splits.iter().map(|split| (*split).to_owned()).collect();
+            Splitter::ByTopology(0).doubts(&[], &splits, |_| true)
+        };
+        assert!(told(&[]).is_empty() && told(&["train", "val"]).is_empty());
+        let told = told(&["train", "train"]);
+        assert!(told.len() == 1 && told[0].contains("for a split `val`"), "{told:?}");
+    }
+
+    #[test]
     fn a_split_that_mostly_tests_is_told() {
         let splits = |test: usize| -> Vec<String> {
-            (0..10).map(|i| if i < test { "test_new" } else { "train" }.to_owned()).collect()
+            let of = |i: usize| if i < test { "test_new" } else { ["train", "val"][usize::from(i == 9)] };
+            (0..10).map(|i| of(i).to_owned()).collect()
         };
         let own = Splitter::ByTopology(0);
         assert!(own.doubts(&[], &splits(5), |_| true).is_empty());

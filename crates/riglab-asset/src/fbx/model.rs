@@ -293,7 +293,7 @@ struct Pictures<F> {
     find: F,
     known: HashMap<u32, Option<usize>>,
     /// By the contents of files.
-    made: HashMap<[u8; 32], Option<usize>>,
+    made: HashMap<[u8; 32], usize>,
     found: Vec<Picture>,
     left: Left,
 }
@@ -331,14 +331,12 @@ impl<F: Fn(&str) -> Option<Vec<u8>>> Pictures<F> {
     fn made(&mut self, called: &str, name: &str, bytes: &[u8]) -> Option<usize> {
         let key = *blake3::hash(bytes).as_bytes();
         if let Some(known) = self.made.get(&key) {
-            return *known;
+            return Some(*known);
         }
-        let number = for_gltf(name, bytes.to_vec()).map(|bytes| {
-            self.found.push(Picture { name: called.to_owned(), bytes });
-            self.found.len() - 1
-        });
-        self.made.insert(key, number);
-        number
+        let bytes = for_gltf(name, bytes.to_vec())?;
+        self.found.push(Picture { name: called.to_owned(), bytes });
+        self.made.insert(key, self.found.len() - 1);
+        Some(self.found.len() - 1)
     }
 
     /// The picture of a map and how it lies; turned ones lie straight, which is told.

@@ -101,7 +101,8 @@ impl fmt::Display for SubjectNote {
             Self::FileMissing(name) => {
                 write!(
                     f,
-                    "`{}` is not in the model's folder nor in one folder there; the model is written without it",
+                    "`{}` is not in the model's folder or one of its subfolders (or in several of them); the model is written \
+                     without it",
                     short(name)
                 )
             }

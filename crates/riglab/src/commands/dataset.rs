@@ -255,13 +255,6 @@ fn run_import(args: &Import) -> Result<ExitCode> {
             args.folder.display()
         );
     }
-    let few = args.all_in.is_none() && file.is_none() && !args.meshes;
-    if few && report.imported > 0 && !report.splits.contains_key("val") {
-        tell!(
-            "warning: too few kinds of skeletons for a split `val`: training needs one to validate on (data.validate), and \
-             evaluation needs test splits; a split.json decides asset by asset"
-        );
-    }
     for r in &report.refused {
         tell!("left out: {}", r.reason);
     }

@@ -139,11 +139,19 @@ pub(crate) fn animate(
     skeleton: &Skeleton,
     clips: &[Clip],
 ) -> Result<Exported, ExportFault> {
-    edit(bytes, folder, |draft, source, _| {
-        let scene = Scene::new(&source, reading, None)?.ok_or(ExportFault::OtherSource)?;
-        // Each comes before those that are there.
-        clips.iter().rev().try_for_each(|clip| motion::add(draft, source.document, &scene, reading, skeleton, clip))
-    })
+    edit(bytes, folder, |draft, source, _| add_motions(draft, &source, reading, skeleton, clips))
+}
+
+fn add_motions(
+    draft: &mut Draft,
+    source: &Source<'_, '_>,
+    reading: &Reading,
+    skeleton: &Skeleton,
+    clips: &[Clip],
+) -> Result<(), ExportFault> {
+    let scene = Scene::new(source, reading, None)?.ok_or(ExportFault::OtherSource)?;
+    // Each comes before those that are there.
+    clips.iter().rev().try_for_each(|clip| motion::add(draft, source.document, &scene, reading, skeleton, clip))
 }
 
 /// A file of ours with motions of a skeleton that it has.
@@ -156,13 +164,13 @@ pub(crate) fn with_motions(
         return Ok(Exported { bytes, notes });
     }
     let (reading, _) = super::read(&bytes, None, &ImportOptions::default())?;
-    let moving = animate(&bytes, None, &reading, skeleton, clips)?;
-    let joined = edit(&moving.bytes, None, |draft, _, _| {
+    let moving = edit(&bytes, None, |draft, source, _| {
+        add_motions(draft, &source, &reading, skeleton, clips)?;
         motion::join_weights(draft);
         Ok(())
     })?;
     notes.extend(moving.notes);
-    Ok(Exported { bytes: joined.bytes, notes })
+    Ok(Exported { bytes: moving.bytes, notes })
 }
 
 /// A packed file as the importer reads it.
