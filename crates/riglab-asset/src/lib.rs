@@ -76,7 +76,7 @@ pub use peers::{
     write_mesh, written_paths,
 };
 pub use reading::{Binding, Body, Part, ReadJoint, Reading, Shaped, VertexSet};
-pub use warning::Warning;
+pub use warning::{NodeName, Warning};
 
 /// How to read.
 #[derive(Clone, Debug, Default)]

@@ -27,7 +27,7 @@ pub enum Warning {
     /// pose alone was read.
     ZeroScale {
         /// Which nodes.
-        nodes: Vec<usize>,
+        nodes: Vec<NodeName>,
     },
     /// Joints without a name, or with that of another, got a new one.
     Renamed {
@@ -73,24 +73,24 @@ pub enum Warning {
     /// Unskinned meshes at or below a joint were bound to it with weight 1.
     RigidParts {
         /// The nodes that hold them.
-        nodes: Vec<usize>,
+        nodes: Vec<NodeName>,
         /// The joints they hang on, one a node.
         joints: Vec<String>,
     },
     /// Unskinned meshes elsewhere, or flattened by a scale of 0, were left out.
     LeftOut {
         /// The nodes that hold them.
-        nodes: Vec<usize>,
+        nodes: Vec<NodeName>,
     },
     /// Meshes that are colliders by the names of their nodes were left out of a file without a skeleton.
     Colliders {
         /// The nodes that hold them.
-        nodes: Vec<usize>,
+        nodes: Vec<NodeName>,
     },
     /// Meshes that a file without a skeleton does not show were left out.
     Unseen {
         /// The nodes that hold them.
-        nodes: Vec<usize>,
+        nodes: Vec<NodeName>,
     },
     /// Primitives of points or lines, or without positions, were left out.
     NoSurface {
@@ -200,7 +200,7 @@ impl fmt::Display for Warning {
             Self::ZeroScale { nodes } => write!(
                 f,
                 "joints, or nodes above them, have a scale of 0 ({}); only their bind pose was read",
-                Some3(&numbered("node", nodes))
+                Some3(&told(nodes))
             ),
             Self::Renamed { joints, first: (node, from, to) } => {
                 let more = if *joints > 1 { format!("; {} more were renamed", joints - 1) } else { String::new() };
@@ -234,19 +234,19 @@ impl fmt::Display for Warning {
                 write!(
                     f,
                     "unskinned meshes became rigid parts of the joints they hang on: {}",
-                    Some3(&nodes.iter().zip(joints).map(|(n, j)| format!("node {n} on `{j}`")).collect::<Vec<_>>())
+                    Some3(&nodes.iter().zip(joints).map(|(n, j)| format!("{n} on `{j}`")).collect::<Vec<_>>())
                 )
             }
             Self::LeftOut { nodes } => {
-                let nodes = numbered("node", nodes);
+                let nodes = told(nodes);
                 write!(f, "unskinned meshes that are hidden or hang on no joint were left out: {}", Some3(&nodes))
             }
             Self::Colliders { nodes } => {
-                let nodes = numbered("node", nodes);
+                let nodes = told(nodes);
                 write!(f, "meshes that are colliders by name stay as they are, without a skin: {}", Some3(&nodes))
             }
             Self::Unseen { nodes } => {
-                let nodes = numbered("node", nodes);
+                let nodes = told(nodes);
                 write!(
                     f,
                     "meshes that the file does not show (in no scene or another one, hidden, or lower levels of detail) stay as \
@@ -323,6 +323,25 @@ impl fmt::Display for Warning {
     }
 }
 
+/// A node of a file: its number there, from 0, and what it is called. Displays as "node 3 `Sword`".
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct NodeName {
+    /// Its number.
+    pub number: usize,
+    /// Its name; empty where it has none.
+    pub name: String,
+}
+
+impl fmt::Display for NodeName {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "node {}", self.number)?;
+        // Names come from the file and may be of any length.
+        let name: String = self.name.chars().take(40).map(|c| if c.is_control() { ' ' } else { c }).collect();
+        let cut = if self.name.chars().count() > 40 { "..." } else { "" };
+        if name.trim().is_empty() { Ok(()) } else { write!(f, " `{name}{cut}`") }
+    }
+}
+
 /// What most published methods take as the most joints of a skeleton.
 pub(crate) const MANY_JOINTS: usize = 256;
 
@@ -361,6 +380,10 @@ pub(crate) fn of_number(n: usize, one: &str, many: &str) -> String {
 pub(crate) fn rounded(x: f64) -> String {
     let digits = (1.0 - x.abs().log10().floor()).clamp(0.0, 12.0) as usize;
     format!("{x:.digits$}")
+}
+
+fn told(nodes: &[NodeName]) -> Vec<String> {
+    nodes.iter().map(NodeName::to_string).collect()
 }
 
 fn numbered(kind: &str, numbers: &[usize]) -> Vec<String> {

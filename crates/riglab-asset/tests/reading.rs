@@ -4,7 +4,7 @@ mod common;
 
 use common::{INDICES, JOINTS, POSITION, Tiny, WEIGHTS};
 use riglab_asset::export::{ExportNote, ExportOptions};
-use riglab_asset::{Binding, ImportOptions, Imported, RootPolicy, Warning, export, import, import_bytes};
+use riglab_asset::{Binding, ImportOptions, Imported, NodeName, RootPolicy, Warning, export, import, import_bytes};
 use riglab_core::JointId;
 use serde_json::json;
 
@@ -121,7 +121,7 @@ fn rigid_parts_go_into_the_bind_pose_with_their_joint() {
     // The tip is bent and turned over in the nodes; a mesh hangs on it, one up.
     let tiny = Tiny::new()
         .with("/nodes/2", json!({"name": "tip", "translation": [5, 1, 0], "rotation": [1, 0, 0, 0], "children": [3]}))
-        .with("/nodes/-", json!({"mesh": 1, "translation": [0, 1, 0]}))
+        .with("/nodes/-", json!({"mesh": 1, "name": "hand", "translation": [0, 1, 0]}))
         .with("/nodes/-", json!({"mesh": 1}))
         .with("/meshes/-", json!({"primitives": [{"attributes": {"POSITION": POSITION}, "indices": 3}]}));
     let imported = read(&tiny);
@@ -133,10 +133,15 @@ fn rigid_parts_go_into_the_bind_pose_with_their_joint() {
         imported.warnings(),
         [
             Warning::RestIsNotBind { skins: vec![0], size: 1.0 },
-            Warning::RigidParts { nodes: vec![3], joints: vec!["tip".into()] },
-            Warning::LeftOut { nodes: vec![4] },
+            Warning::RigidParts {
+                nodes: vec![NodeName { number: 3, name: "hand".into() }],
+                joints: vec!["tip".into()]
+            },
+            Warning::LeftOut { nodes: vec![NodeName { number: 4, name: String::new() }] },
         ]
     );
+    let told: Vec<String> = imported.warnings().iter().map(Warning::to_string).collect();
+    assert!(told[1].ends_with("node 3 `hand` on `tip`") && told[2].ends_with(": node 4"), "{told:?}");
 }
 
 #[test]

@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 
 use riglab_asset::export::{self, ExportNote, ExportOptions, Influences, JointFrames};
 use riglab_asset::rigging::{Subject, SubjectNote, SubjectOptions, UpAxis};
-use riglab_asset::{Fault, ImportOptions, Warning, import, import_bytes};
+use riglab_asset::{Fault, ImportOptions, NodeName, Warning, import, import_bytes};
 use riglab_core::{Rig, Skeleton, SkinWeights, Vec3};
 use serde_json::{Value, json};
 
@@ -417,7 +417,8 @@ fn colliders_are_not_rigged_and_stay_as_they_are() {
     };
     let (plain, own) = (subject("Tiny"), subject("Tiny_collider"));
     assert_eq!((plain.mesh().triangles().len(), own.mesh().triangles().len()), (5, 4));
-    let note = SubjectNote::Read(Warning::Colliders { nodes: vec![3] });
+    let note =
+        SubjectNote::Read(Warning::Colliders { nodes: vec![NodeName { number: 3, name: "Tiny_collider".into() }] });
     assert!(own.notes().contains(&note) && !plain.notes().contains(&note), "{:?}", own.notes());
     for (subject, skinned) in [(plain, true), (own, false)] {
         let rig = on_one_joint(&subject, [0.0; 3]);
@@ -568,7 +569,7 @@ fn what_a_file_does_not_show_is_not_rigged() {
     };
     let (own, both) = (shown(json!([{"nodes": [0]}, {"nodes": [3]}])), shown(json!([{"nodes": [0, 3]}])));
     assert_eq!((own.mesh().triangles().len(), both.mesh().triangles().len()), (4, 8));
-    let note = SubjectNote::Read(Warning::Unseen { nodes: vec![3] });
+    let note = SubjectNote::Read(Warning::Unseen { nodes: vec![NodeName { number: 3, name: "widget".into() }] });
     assert!(own.notes().contains(&note) && !both.notes().contains(&note), "{:?}", own.notes());
     let bytes = own.attach(&on_one_joint(&own, [0.0; 3]), &all_influences()).unwrap().bytes;
     let (json, _) = parts(&bytes);

@@ -122,7 +122,8 @@ impl Config {
     }
 
     /// The error for a value that is wrong in a way only its reader knows, at the place of the value.
-    /// One that nothing set has its default: the place is that of the table around it.
+    /// One that nothing set has its default: the place is that of the table around it. Where it is
+    /// built in, the hint is what the person set instead, of what the message names.
     ///
     /// ```
     /// # use riglab_config::Config;
@@ -134,7 +135,11 @@ impl Config {
     pub fn invalid(&self, path: &str, message: impl std::fmt::Display) -> ConfigError {
         let full = self.full(path);
         let fault = match self.root().find(path) {
-            Some(node) => Fault::at(FaultKind::Invalid, &node.origin, format!("`{full}`: {message}")),
+            Some(node) => {
+                let message = message.to_string();
+                let hint = if node.origin.is_built_in() { self.own(path, &message) } else { String::new() };
+                Fault::at(FaultKind::Invalid, &node.origin, format!("`{full}`: {message}")).hint(hint)
+            }
             None => {
                 let above = self.root().find_above(path).unwrap_or(&self.root);
                 Fault::at(FaultKind::Invalid, &above.origin, format!("`{full}` (not set, its default): {message}"))
@@ -157,6 +162,19 @@ impl Config {
         let above = self.root().find_above(path).unwrap_or(&self.root);
         let message = format!("nothing sets `{}`", self.full(path));
         Fault::at(FaultKind::MissingKey, &above.origin, message).hint(hint.to_string()).into()
+    }
+
+    /// Of a fault between values, at one that is built in: those that a person set, as far as the message names them.
+    fn own(&self, path: &str, message: &str) -> String {
+        let words: Vec<&str> = message.split(|c: char| !(c.is_alphanumeric() || "_.-".contains(c))).collect();
+        let said = |name: &str| words.iter().any(|word| word.trim_matches('.') == name);
+        let part = |path: &str| path.split('.').next().unwrap_or_default().to_owned();
+        let near = |other: &str| part(other) == part(path) && said(other.rsplit('.').next().unwrap_or_default());
+        let set = self.leaves().into_iter().filter(|leaf| {
+            leaf.path != path && !leaf.origin.is_built_in() && (said(&self.full(&leaf.path)) || near(&leaf.path))
+        });
+        let set = set.map(|leaf| format!("`{} = {}` is from {}", self.full(&leaf.path), leaf.value, leaf.origin));
+        set.collect::<Vec<_>>().join("; ")
     }
 
     fn full(&self, path: &str) -> String {

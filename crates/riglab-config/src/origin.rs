@@ -46,6 +46,11 @@ impl Origin {
         Self::new(source, 0..0)
     }
 
+    /// Whether it comes with the program, as no person's file or `--set` does.
+    pub(crate) fn is_built_in(&self) -> bool {
+        self.source.kind == SourceKind::BuiltIn
+    }
+
     pub(crate) fn is_whole(&self) -> bool {
         self.span == (0..0)
     }

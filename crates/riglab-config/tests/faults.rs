@@ -5,7 +5,7 @@
 use std::collections::BTreeMap;
 use std::num::NonZeroUsize;
 
-use riglab_config::{Config, FaultKind};
+use riglab_config::{Config, FaultKind, Loader};
 use serde::Deserialize;
 use serde::de::IgnoredAny;
 
@@ -275,6 +275,27 @@ small.toml:1:1: `model.heads` (not set, its default): at least 1
 
 hint: the paper takes 12"
     );
+}
+
+#[test]
+fn a_fault_at_a_built_in_value_tells_what_a_person_set_against_it() {
+    let built_in = [("small.toml", "[model]\nframe = true\nlevels = [8, 8, 8, 8]\nwidth = 8\n[train]\nlevels = 3\n")];
+    let parse = |sets: &[&str]| {
+        Loader::new().built_in(&built_in).parse("own.toml", "extends = 'small.toml'\n[model]\nwidth = 9", sets)
+    };
+    let said = |sets: &[&str], key: &str, message: &str| parse(sets).unwrap().invalid(key, message).to_string();
+    let frames =
+        said(&["model.levels=[8, 8]", "train.levels=4"], "model.frame", "give at least four levels, not fewer");
+    assert!(frames.starts_with("built-in small.toml:2:9: `model.frame`: give at least four levels"), "{frames}");
+    assert!(frames.ends_with("hint: `model.levels = [8, 8]` is from --set model.levels=[8, 8]"), "{frames}");
+    // Other tables' keys count by their whole names, and what is built in explains nothing.
+    let other = said(&["train.levels=4"], "model.frame", "more levels than train.levels = 4.");
+    assert!(other.ends_with("hint: `train.levels = 4` is from --set train.levels=4"), "{other}");
+    let file = said(&[], "model.levels", "too many for the width");
+    assert!(file.ends_with("hint: `model.width = 9` is from own.toml:3:9"), "{file}");
+    // Where a person set the value itself, that is the place.
+    assert!(!said(&["model.frame=true", "model.levels=[8]"], "model.frame", "more levels").contains("hint"));
+    assert!(!said(&[], "model.frame", "give at least four levels").contains("hint"));
 }
 
 #[test]

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 
-use crate::{Plan, State, SweepError};
+use crate::{Job, Plan, State, SweepError};
 
 /// What stands for the stage in a line by which a job is tried again.
 const RETRY: &str = "retry";
@@ -51,10 +51,15 @@ pub fn retry(folder: &Path, plan: &Plan) -> Result<usize, SweepError> {
     let failed = plan.jobs.iter().filter(|job| matches!(State::of(folder, plan, job, &known), State::Failed(_)));
     let mut count = 0;
     for job in failed {
-        record(folder, &Attempt { job: job.number, stage: RETRY.into(), reason: String::new(), given_up: false })?;
+        again(folder, job)?;
         count += 1;
     }
     Ok(count)
+}
+
+/// Has a job tried again, whatever has become of it.
+pub(crate) fn again(folder: &Path, job: &Job) -> Result<(), SweepError> {
+    record(folder, &Attempt { job: job.number, stage: RETRY.into(), reason: String::new(), given_up: false })
 }
 
 /// Adds one to the sweep's list. Several processes, of several machines, may do so at a time.

@@ -11,7 +11,8 @@
 //! with tables of mean and spread.
 //!
 //! Holds: every job has a row in the results, failed ones with the reason; jobs join others only where these would have
-//! the same settings and find the same corpora now, and runs of different corpora are named below their table.
+//! the same settings and find the same corpora now, and runs of different corpora are named below their table. Only jobs
+//! that failed may get other settings; what they left is kept apart.
 //! Leaves out: what a run does. Whoever calls says how a job's config is made and which commands train and evaluate.
 
 mod absent;
@@ -24,6 +25,7 @@ mod plan;
 mod pool;
 mod results;
 mod seeds;
+mod settle;
 mod state;
 mod unit;
 mod values;
@@ -35,4 +37,5 @@ pub use file::{Arm, Better, FigureOf, MetricOf, SweepFile};
 pub use plan::{Job, Plan};
 pub use pool::{Budget, Ended, Event, Stage, run, run_one};
 pub use results::{Outcome, Results};
+pub use settle::{Fit, REPLACED};
 pub use state::{State, hold_evaluation, is_held};

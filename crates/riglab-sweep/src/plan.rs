@@ -4,7 +4,6 @@ use std::collections::btree_map::Entry;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
-use riglab_config::Config;
 use serde::{Deserialize, Serialize};
 use toml::Value;
 
@@ -158,20 +157,6 @@ impl Plan {
         self.jobs.iter().map(|j| j.point.as_str()).filter(|name| seen.insert(*name)).collect()
     }
 
-    /// The same jobs after those of a folder's plan, where they have all of these: so a seed or an arm is added to a sweep
-    /// while what is done keeps its number. Another sweep's plan leaves them as they are.
-    #[must_use]
-    pub fn following(mut self, there: &Self) -> Self {
-        let same = |a: &Job, b: &Job| Job { number: 0, ..a.clone() } == Job { number: 0, ..b.clone() };
-        let place = |job: &Job| there.jobs.iter().position(|old| same(old, job));
-        if there.jobs.iter().all(|old| self.jobs.iter().any(|job| same(old, job))) {
-            // Those that are added stay in their order.
-            self.jobs.sort_by_key(|job| place(job).unwrap_or(usize::MAX));
-            (0..).zip(&mut self.jobs).for_each(|(number, job)| job.number = number);
-        }
-        self
-    }
-
     /// Points that are the same runs: their names, of which the second has the settings of the first. `config`: of a job.
     ///
     /// # Errors
@@ -191,83 +176,6 @@ impl Plan {
         Ok(out)
     }
 
-    /// Reads the plan of a sweep's folder; `None` where there is none.
-    ///
-    /// # Errors
-    /// When there is a file that cannot be read or makes no sense.
-    pub fn read(folder: &Path) -> Result<Option<Self>, SweepError> {
-        let path = file_of(folder);
-        let text = match std::fs::read_to_string(&path) {
-            Ok(text) => text,
-            Err(e) if e.kind() == std::io::ErrorKind::NotFound => return Ok(None),
-            Err(e) => return Err(SweepError::io(&path, "read", &e)),
-        };
-        let plan = serde_json::from_str(&text);
-        plan.map(Some).map_err(|e| SweepError::Unclear { path, reason: e.to_string() })
-    }
-
-    /// Writes it, and for each job the config that it is trained from, unless the folder has this plan already. A
-    /// folder whose jobs are the first of this plan's ([`Self::following`]) gets those that follow: so an arm or a seed is
-    /// added to a sweep. The plan comes last: a folder with one has all configs.
-    ///
-    /// # Errors
-    /// As [`Plan::fits`]; when the folder cannot be written.
-    pub fn settle(&self, folder: &Path, config: impl Fn(&Job) -> Result<String, SweepError>) -> Result<(), SweepError> {
-        let (there, configs) = self.fits(folder, config)?;
-        if there.as_ref() == Some(self) {
-            return Ok(());
-        }
-        let added = &self.jobs[there.map_or(0, |t| t.jobs.len())..];
-        for (job, text) in added.iter().zip(configs) {
-            write(&self.config(folder, job), &text)?;
-        }
-        let text = serde_json::to_string_pretty(self).map_err(|e| SweepError::Invalid(e.to_string()))?;
-        write(&file_of(folder), &(text + "\n"))
-    }
-
-    /// The plan that a folder has, and the configs of the jobs that it has not. Writes nothing.
-    ///
-    /// # Errors
-    /// When the folder has another sweep, or jobs of which the same config would be another now: a job that is added
-    /// would differ from them in more than it says. When a job has no sound config.
-    pub fn fits(
-        &self,
-        folder: &Path,
-        config: impl Fn(&Job) -> Result<String, SweepError>,
-    ) -> Result<(Option<Self>, Vec<String>), SweepError> {
-        let there = Self::read(folder)?;
-        if let Some(difference) = there.as_ref().and_then(|there| there.difference(self)) {
-            return Err(SweepError::Another { folder: folder.into(), difference });
-        }
-        let (old, added) = self.jobs.split_at(there.as_ref().map_or(0, |there| there.jobs.len()));
-        for job in old {
-            // Read as a base, so that what it does not say is what it is run with: this version's default.
-            let written =
-                Job { base: self.config(folder, job).to_string_lossy().into_owned(), sets: Vec::new(), ..job.clone() };
-            if let Some((before, after)) = changed(&config(&written)?, &config(job)?)? {
-                return Err(SweepError::Changed { folder: folder.into(), job: job.shown(), before, after });
-            }
-        }
-        let configs = added.iter().map(config).collect::<Result<_, _>>()?;
-        Ok((there, configs))
-    }
-
-    /// What differs first between this plan and a new one, which may have more jobs after the same ones.
-    fn difference(&self, new: &Self) -> Option<String> {
-        if self.jobs.len() > new.jobs.len() {
-            return Some(format!("it has {} jobs, this one {}", self.jobs.len(), new.jobs.len()));
-        }
-        let changed = |(a, b): &(&Job, &Job)| a != b;
-        if let Some((a, b)) = self.jobs.iter().zip(&new.jobs).find(changed) {
-            let shown = |j: &Job| format!("`{}` seed {} ({} {})", j.point, j.seed, j.base, j.sets.join(" "));
-            return Some(format!("its job {} is {}, here {}", a.number, shown(a), shown(b)));
-        }
-        // What is asked and shown may change; what is run may not. That evaluations are wanted after all only adds to it:
-        // what has finished counts as trained again, and they are made.
-        let dropped = self.sweep.evaluate && !new.sweep.evaluate;
-        dropped.then(|| "it has `evaluate = true`, this one has not".into())
-    }
-
     /// The file a job is trained from.
     pub fn config(&self, folder: &Path, job: &Job) -> PathBuf {
         folder.join(format!("{}.toml", job.folder.replacen("jobs/", "configs/", 1)))
@@ -276,28 +184,9 @@ impl Plan {
 
 impl Job {
     /// As messages name it.
-    pub(crate) fn shown(&self) -> String {
+    pub fn shown(&self) -> String {
         format!("`{}`, seed {}", self.point, self.seed)
     }
-}
-
-/// What differs first between two configs: what one has, and the other.
-fn changed(before: &str, after: &str) -> Result<Option<(String, String)>, SweepError> {
-    let read = |text| Config::from_toml_str("config", text).map_err(|e| SweepError::Invalid(e.to_string()));
-    let differences = read(before)?.diff(&read(after)?);
-    let Some(first) = differences.first() else { return Ok(None) };
-    let had = first.before.as_ref().map_or_else(|| format!("no {}", first.path), |v| format!("{} = {v}", first.path));
-    let more = if differences.len() > 1 { format!(" ({} keys differ)", differences.len()) } else { String::new() };
-    Ok(Some((had, first.after.clone().unwrap_or_else(|| "none".into()) + &more)))
-}
-
-pub(crate) fn file_of(folder: &Path) -> PathBuf {
-    folder.join("sweep.json")
-}
-
-pub(crate) fn write(path: &Path, text: &str) -> Result<(), SweepError> {
-    let written = riglab_files::make_folder_of(path).and_then(|()| riglab_files::write(path, text.as_bytes()));
-    written.map_err(|e| SweepError::io(path, "written", &e))
 }
 
 struct Point {
@@ -336,9 +225,8 @@ fn slug(name: &str) -> String {
 }
 
 #[cfg(test)]
-mod tests {
+pub(crate) mod tests {
     use super::*;
-    use crate::State;
 
     pub(crate) fn file(text: &str) -> SweepFile {
         let config = riglab_config::Config::from_toml_str("s.toml", text).unwrap();
@@ -392,71 +280,6 @@ mod tests {
     }
 
     #[test]
-    fn a_folder_keeps_its_plan() {
-        let dir = tempfile::tempdir().unwrap();
-        let of = |seeds: &str| Plan::new(file(&format!("[sweep]\nbase = 'b.toml'\nseeds = {seeds}")), &[]).unwrap();
-        let config = |job: &Job| Ok(format!("seed = {}\n", job.seed));
-        of("[1, 2]").settle(dir.path(), config).unwrap();
-        of("[1, 2]").settle(dir.path(), config).unwrap();
-        let plan = Plan::read(dir.path()).unwrap().unwrap();
-        assert_eq!(plan, of("[1, 2]"));
-        assert_eq!(std::fs::read_to_string(plan.config(dir.path(), &plan.jobs[1])).unwrap(), "seed = 2\n");
-        // What is shown may change, and is remembered.
-        let mut shown = of("[1, 2]");
-        shown.sweep.question = "Why?".into();
-        shown.settle(dir.path(), config).unwrap();
-        assert_eq!(Plan::read(dir.path()).unwrap().unwrap(), shown);
-        // One seed more comes after.
-        of("[1, 2, 3]").fits(dir.path(), config).unwrap();
-        assert_eq!(Plan::read(dir.path()).unwrap().unwrap(), shown, "nothing is written by looking");
-        of("[1, 2, 3]").settle(dir.path(), config).unwrap();
-        let plan = Plan::read(dir.path()).unwrap().unwrap();
-        assert_eq!(plan, of("[1, 2, 3]"));
-        assert_eq!(std::fs::read_to_string(plan.config(dir.path(), &plan.jobs[2])).unwrap(), "seed = 3\n");
-        let fewer = of("[1, 2]").settle(dir.path(), config).unwrap_err().to_string();
-        assert!(fewer.contains("it has 3 jobs, this one 2"), "{fewer}");
-        let other = of("[1, 3, 4]").settle(dir.path(), config).unwrap_err().to_string();
-        assert!(other.contains("its job 1 is `base` seed 2") && other.contains("hint"), "{other}");
-        std::fs::write(file_of(dir.path()), "{").unwrap();
-        assert!(Plan::read(dir.path()).unwrap_err().to_string().contains("cannot be understood"));
-    }
-
-    #[test]
-    fn evaluations_may_be_asked_for_later() {
-        let dir = tempfile::tempdir().unwrap();
-        let of = |more: &str| Plan::new(file(&format!("[sweep]\nbase = 'b'\nseeds = [1]\n{more}")), &[]).unwrap();
-        let config = |_: &Job| Ok(String::new());
-        of("").settle(dir.path(), config).unwrap();
-        let run = dir.path().join(&of("").jobs[0].folder);
-        std::fs::create_dir_all(&run).unwrap();
-        std::fs::write(run.join("run.json"), "{\"outcome\": \"finished\"}").unwrap();
-        // As a table without its column advises.
-        of("evaluate = true").settle(dir.path(), config).unwrap();
-        let plan = Plan::read(dir.path()).unwrap().unwrap();
-        let state = State::of(dir.path(), &plan, &plan.jobs[0], &[]);
-        assert_eq!((plan.sweep.evaluate, state), (true, State::Trained), "what is trained is evaluated now");
-        let said = of("").settle(dir.path(), config).unwrap_err().to_string();
-        assert!(said.contains("it has `evaluate = true`, this one has not"), "{said}");
-    }
-
-    #[test]
-    fn seeds_and_arms_are_added_after_what_is_there() {
-        let of = |seeds: &str, arms: &[&str]| {
-            let arms: String = arms.iter().map(|name| format!("[[sweep.arms]]\nname = '{name}'\n")).collect();
-            Plan::new(file(&format!("[sweep]\nbase = 'b.toml'\nseeds = {seeds}\n{arms}")), &[]).unwrap()
-        };
-        let there = of("[0, 1]", &["a", "b"]);
-        let more = of("[0, 1, 2]", &["new", "a", "b"]).following(&there);
-        let jobs: Vec<(usize, &str, u64)> = more.jobs.iter().map(|j| (j.number, j.point.as_str(), j.seed)).collect();
-        assert_eq!(jobs[..5], [(0, "a", 0), (1, "a", 1), (2, "b", 0), (3, "b", 1), (4, "new", 0)]);
-        assert_eq!(jobs[5..], [(5, "new", 1), (6, "new", 2), (7, "a", 2), (8, "b", 2)]);
-        assert_eq!((&more.jobs[..4], more.names()), (&there.jobs[..], vec!["a", "b", "new"]));
-        // Of another sweep, nothing moves.
-        let other = of("[0, 2]", &["a", "b"]);
-        assert_eq!(other.clone().following(&there), other);
-    }
-
-    #[test]
     fn points_of_the_same_settings_are_found() {
         let text = "[sweep]\nbase = 'b'\nseeds = [1, 2]\n[[sweep.arms]]\nname = 'a'\n\
                     [[sweep.arms]]\nname = 'b'\nset = { x = 1 }\n[[sweep.arms]]\nname = 'c'\nset = { x = 2 }";
@@ -464,46 +287,6 @@ mod tests {
         // 1 is the default.
         let config = |job: &Job| Ok(if job.sets[0] == "x=2" { "2" } else { "1" }.to_owned());
         assert_eq!(plan.alike(config).unwrap(), [("a".to_owned(), "b".to_owned())]);
-    }
-
-    #[test]
-    fn arms_join_no_jobs_of_other_settings() {
-        let dir = tempfile::tempdir().unwrap();
-        let base = dir.path().join("b.toml");
-        let of = |seeds: &str| {
-            let text = format!("[sweep]\nbase = {:?}\nseeds = {seeds}", base.display());
-            Plan::new(file(&text), &[]).unwrap()
-        };
-        // Settings as riglab has them: a key that is not set has its default.
-        let config = |job: &Job| {
-            let own = Config::load(&job.base, &job.sets, &[]).unwrap();
-            let bce: f64 = if own.contains("loss.bce") { own.get_at("loss.bce").unwrap() } else { 1.0 };
-            let seed: u64 = own.get_at("train.seed").unwrap();
-            let kl = if own.contains("loss.kl") { "kl = 0.5\n" } else { "" };
-            Ok(format!("[loss]\nbce = {bce:?}\n{kl}[train]\nseed = {seed}\n"))
-        };
-        std::fs::write(&base, "").unwrap();
-        of("[1]").settle(dir.path(), config).unwrap();
-        let there = |plan: &Plan| plan.config(dir.path(), &plan.jobs[0]);
-        // Written by a version that had no such key, and by hand: the same settings.
-        std::fs::write(there(&of("[1]")), "[train]\nseed = 1 # here\n").unwrap();
-        of("[1, 2]").settle(dir.path(), config).unwrap();
-        std::fs::write(&base, "[loss]\nbce = 3.0\n").unwrap();
-        for seeds in ["[1, 2, 3]", "[1, 2]"] {
-            let said = of(seeds).settle(dir.path(), config).unwrap_err().to_string();
-            let wanted =
-                "holds jobs of other settings: `base`, seed 1 has loss.bce = 1.0, where it would now have 3.0; put";
-            assert!(said.contains(wanted) && said.contains("-o"), "{said}");
-        }
-        std::fs::write(&base, "[loss]\nkl = 0.5\nbce = 2.0\n").unwrap();
-        let said = of("[1, 2, 3]").settle(dir.path(), config).unwrap_err().to_string();
-        assert!(said.contains("loss.bce = 1.0, where it would now have 2.0 (2 keys differ);"), "{said}");
-        std::fs::write(&base, "[loss]\nkl = 0.5\n").unwrap();
-        let said = of("[1, 2, 3]").settle(dir.path(), config).unwrap_err().to_string();
-        assert!(said.contains("seed 1 has no loss.kl, where it would now have 0.5;"), "{said}");
-        assert_eq!(Plan::read(dir.path()).unwrap().unwrap(), of("[1, 2]"), "no arm was added");
-        std::fs::write(&base, "[loss]\nbce = 1.0\n").unwrap();
-        of("[1, 2, 3]").settle(dir.path(), config).unwrap();
     }
 
     #[test]

@@ -7,8 +7,8 @@ use riglab_report::{Block, Cell, Page, Table, shell};
 use serde::{Deserialize, Serialize};
 
 use crate::figures::{figures, learning, spread};
-use crate::plan::write;
 use crate::seeds::Spread;
+use crate::settle::write;
 use crate::unit::{column, factor};
 use crate::values::Numbers;
 use crate::{Better, FigureOf, Job, MetricOf, Plan, State, SweepError, attempts};

@@ -1,6 +1,6 @@
 //! The configs and experiments of the source tree, compiled in: the program works without it.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use include_dir::{Dir, include_dir};
 use riglab_config::{Config, ConfigError, Loader};
@@ -12,8 +12,14 @@ static EXPERIMENTS: Dir = include_dir!("$CARGO_MANIFEST_DIR/../../experiments");
 /// (`quickstart/fsq_cvae.toml`). What it extends is looked up beside it, in `configs/` and
 /// `experiments/` of the working folder, then among the compiled-in ones.
 pub fn load(name: &str, sets: &[String]) -> Result<Config, ConfigError> {
+    load_beside(None, name, sets)
+}
+
+/// [`load`], where the name may also be one beside a file that says it.
+pub fn load_beside(file: Option<&Path>, name: &str, sets: &[String]) -> Result<Config, ConfigError> {
     let built_in = [texts(&CONFIGS), texts(&EXPERIMENTS)].concat();
-    let search = [PathBuf::from("configs"), PathBuf::from("experiments")];
+    let own = file.map(|file| file.parent().unwrap_or(Path::new("")).to_owned());
+    let search: Vec<PathBuf> = own.into_iter().chain(["configs".into(), "experiments".into()]).collect();
     let loader = Loader::new().search(&search).built_in(&built_in);
     let wanted = name.strip_prefix("experiments/").unwrap_or(name);
     match EXPERIMENTS.get_file(wanted).and_then(|f| f.contents_utf8()) {

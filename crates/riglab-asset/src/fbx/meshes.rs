@@ -113,10 +113,10 @@ pub(super) fn read(
     repairs.warn(warnings);
     if !rigid.is_empty() {
         let names = rigid.iter().map(|&(_, joint)| read_joints[usize::from(joint)].name.clone()).collect();
-        warnings.push(Warning::RigidParts { nodes: rigid.iter().map(|&(node, _)| node).collect(), joints: names });
+        warnings.push(Warning::RigidParts { nodes: nodes.named(rigid.iter().map(|&(node, _)| node)), joints: names });
     }
     if !left_out.is_empty() {
-        warnings.push(Warning::LeftOut { nodes: left_out });
+        warnings.push(Warning::LeftOut { nodes: nodes.named(left_out) });
     }
     Ok((sets, parts))
 }

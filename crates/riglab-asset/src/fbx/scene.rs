@@ -5,6 +5,8 @@ use std::collections::HashMap;
 use glam::{DAffine3, DMat3, DVec3};
 use ufbx::{CoordinateAxis, Matrix, Node, Scene, SceneSettings};
 
+use crate::NodeName;
+
 /// The nodes of a scene by their number in it.
 pub(super) struct Nodes<'a> {
     /// By number.
@@ -42,6 +44,12 @@ impl<'a> Nodes<'a> {
 
     pub(super) fn rank(&self, node: usize) -> usize {
         self.rank[node]
+    }
+
+    /// Nodes as messages name them.
+    pub(super) fn named(&self, nodes: impl IntoIterator<Item = usize>) -> Vec<NodeName> {
+        let name = |number: usize| self.all[number].element.name.to_string();
+        nodes.into_iter().map(|number| NodeName { number, name: name(number) }).collect()
     }
 
     /// How many nodes show each mesh, by its number.

@@ -3,7 +3,7 @@
 use glam::{DAffine3, DMat3, DQuat, DVec3};
 
 use super::document::{Document, Node};
-use crate::Fault;
+use crate::{Fault, NodeName};
 
 /// Nodes under one another. "Above everything" counts as one more node, [`Nodes::top`], at the origin.
 ///
@@ -28,6 +28,8 @@ pub(super) struct Nodes {
     local_rigid: Vec<DAffine3>,
     /// Node to scene.
     global: Vec<DAffine3>,
+    /// What each node is called; empty where it has no name.
+    names: Vec<String>,
 }
 
 impl Nodes {
@@ -82,7 +84,13 @@ impl Nodes {
             jump[node] = if depth[above] - depth[near] == depth[near] - depth[far] { far } else { above };
             global[node] = global[above] * local[node];
         }
-        Ok(Self { parent, order, rank, end, depth, jump, local, local_rigid, global })
+        let names = nodes.iter().map(|node| node.name.clone().unwrap_or_default()).collect();
+        Ok(Self { parent, order, rank, end, depth, jump, local, local_rigid, global, names })
+    }
+
+    /// Nodes as messages name them.
+    pub(super) fn named(&self, nodes: impl IntoIterator<Item = usize>) -> Vec<NodeName> {
+        nodes.into_iter().map(|number| NodeName { number, name: self.names[number].clone() }).collect()
     }
 
     /// The node above everything; one more than the last.

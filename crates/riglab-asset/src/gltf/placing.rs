@@ -110,16 +110,17 @@ impl Scene<'_, '_> {
         unseen.dedup();
         if !rigid.is_empty() {
             let names = rigid.iter().map(|&(_, joint)| joints[usize::from(joint)].name.clone()).collect();
-            warnings.push(Warning::RigidParts { nodes: rigid.iter().map(|&(n, _)| n).collect(), joints: names });
+            warnings
+                .push(Warning::RigidParts { nodes: self.nodes.named(rigid.iter().map(|&(n, _)| n)), joints: names });
         }
         if !left_out.is_empty() {
-            warnings.push(Warning::LeftOut { nodes: left_out });
+            warnings.push(Warning::LeftOut { nodes: self.nodes.named(left_out) });
         }
         if !bumped.is_empty() {
-            warnings.push(Warning::Colliders { nodes: bumped });
+            warnings.push(Warning::Colliders { nodes: self.nodes.named(bumped) });
         }
         if !unseen.is_empty() {
-            warnings.push(Warning::Unseen { nodes: unseen });
+            warnings.push(Warning::Unseen { nodes: self.nodes.named(unseen) });
         }
         Ok((sets, parts))
     }

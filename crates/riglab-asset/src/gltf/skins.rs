@@ -190,6 +190,6 @@ fn warn_of_zero_scales(nodes: &Nodes, joints: &[usize], warnings: &mut Vec<Warni
     }
     if !flat.is_empty() {
         flat.sort_unstable();
-        warnings.push(Warning::ZeroScale { nodes: flat });
+        warnings.push(Warning::ZeroScale { nodes: nodes.named(flat) });
     }
 }

@@ -6,10 +6,12 @@ use std::process::{Command, ExitCode};
 use std::time::Duration;
 
 use anyhow::{Context, Result, bail};
+use riglab_config::{Config, ConfigError, FaultKind};
 use riglab_data::Corpus;
 use riglab_report::{Cell, Table};
 use riglab_sweep::{
-    Budget, Ended, Event, Job, Plan, Results, Stage, SweepError, SweepFile, may_be_called, retry, run as run_pool,
+    Budget, Ended, Event, Job, Plan, REPLACED, Results, Stage, SweepError, SweepFile, may_be_called, retry,
+    run as run_pool,
 };
 use riglab_train::{Interrupt, Progress};
 
@@ -28,7 +30,8 @@ use riglab_report::shell::command;
 /// All jobs are listed at once, each with its resolved config, and run as processes of this machine within a budget.
 /// A sweep that was stopped or killed goes on when it is called again; a run that fails is tried once more and never
 /// stops the rest; with --retry it is tried anew. Arms (named variants) added at the end of the file join the existing
-/// runs, as long as their settings and corpora are unchanged. The result is a table of means and spreads over
+/// runs, as long as their settings and corpora are unchanged; an arm whose jobs failed may be changed, and they are begun
+/// anew. The result is a table of means and spreads over
 /// seeds, in results.jsonl, table.md, table.tex, table.csv and report.html. TensorBoard compares the runs:
 /// `tensorboard --logdir SWEEP/jobs`.
 ///
@@ -122,7 +125,14 @@ pub fn run(args: &Args, threads: usize) -> Result<ExitCode> {
     let held = folder.is_dir().then(|| hold(&folder)).transpose()?;
     check(&plan, &folder, new, args.retry)?;
     if new {
-        plan.settle(&folder, resolved)?;
+        let anew: Vec<String> = plan.settle(&folder, resolved)?.iter().map(|job| job.shown()).collect();
+        if !anew.is_empty() {
+            let kept = shown(&folder.join(REPLACED));
+            tell!(
+                "begun anew, as they had failed and have other settings now: {}; what they left is in {kept}",
+                anew.join("; ")
+            );
+        }
     }
     let _held = held.map_or_else(|| hold(&folder), Ok)?;
     if args.retry {
@@ -276,8 +286,11 @@ fn plan(name: &str, args: &Args, threads: usize) -> Result<(Plan, PathBuf, Desk)
         return Err(config.invalid("sweep.grid", message).into());
     }
     let mut file: SweepFile = config.get_at("sweep")?;
-    let bases = [&mut file.base].into_iter().chain(file.arms.iter_mut().filter_map(|arm| arm.base.as_mut()));
-    bases.for_each(|base| *base = beside(Path::new(name), base));
+    let arms = file.arms.iter_mut().enumerate();
+    let arms = arms.filter_map(|(k, arm)| arm.base.as_mut().map(|base| (format!("sweep.arms[{k}].base"), base)));
+    for (key, base) in [("sweep.base".to_owned(), &mut file.base)].into_iter().chain(arms) {
+        *base = based(&config, &key, Path::new(name), base)?;
+    }
     let mut slurm = settings(&config)?;
     if slurm.cpus == 0 {
         slurm.cpus = file.threads;
@@ -294,6 +307,16 @@ fn plan(name: &str, args: &Args, threads: usize) -> Result<(Plan, PathBuf, Desk)
     };
     let desk = Desk::new(&folder, slurm)?;
     Ok((plan, folder, asked(desk, args, threads)))
+}
+
+/// Where the config is that a sweep's file names under a key; that there is none is told at the key.
+fn based(config: &Config, key: &str, file: &Path, named: &str) -> Result<String, ConfigError> {
+    let loaded = presets::load_beside(Some(file), named, &[]).err();
+    let missing = loaded.as_ref().and_then(|e| e.faults().first()).filter(|f| f.origin.is_none());
+    match missing.filter(|f| f.kind == FaultKind::Unreadable) {
+        Some(fault) => Err(config.invalid(key, &fault.message).with_hint(&fault.hint)),
+        None => Ok(beside(file, named)),
+    }
 }
 
 /// Where the config is that a sweep's file names: as named if it is there, else beside the file if it is there, as what a config
@@ -421,6 +444,26 @@ mod tests {
         // Files of the working folder are meant where there are such, and built-in ones where there is none.
         assert_eq!(beside(&file, "Cargo.toml"), "Cargo.toml");
         assert_eq!(beside(&file, "quickstart/fsq_cvae.toml"), "quickstart/fsq_cvae.toml");
+    }
+
+    #[test]
+    fn a_base_that_is_nowhere_is_told_at_its_key_with_what_lies_near() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("s.toml");
+        std::fs::write(folder.path().join("base_of_it.toml"), "").unwrap();
+        let said = |named: &str| {
+            let text = format!("[sweep]\nbase = 'quickstart/fsq_cvae.toml'\n[[sweep.arms]]\nbase = '{named}'\n");
+            let config = presets::parse("s.toml", &text, &[]).unwrap();
+            based(&config, "sweep.arms[0].base", &file, named).map_err(|e| e.to_string())
+        };
+        let near = said("base_off_it.toml").unwrap_err();
+        assert!(near.starts_with("s.toml:4:8: `sweep.arms[0].base`: base_off_it.toml: no such file"), "{near}");
+        assert!(near.ends_with("hint: did you mean `base_of_it.toml`?"), "{near}");
+        let nowhere = said("elsewhere.toml").unwrap_err();
+        let tried = shown(&folder.path().join("elsewhere.toml"));
+        assert!(nowhere.contains(&format!("`{tried}`")) && nowhere.contains("built-in"), "{nowhere}");
+        assert_eq!(said("base_of_it.toml").unwrap(), shown(&folder.path().join("base_of_it.toml")));
+        assert_eq!(said("quickstart/fsq_cvae.toml").unwrap(), "quickstart/fsq_cvae.toml");
     }
 
     #[test]
