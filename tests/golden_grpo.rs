@@ -5,10 +5,10 @@ use std::collections::BTreeSet;
 use riglab_nn::grpo::{
     Objective, ObjectiveConfig, Policies, Scale, advantages, entropy, log_softmax_within, objective,
 };
-use riglab_nn::optim::{OptimConfig, Optimizer};
+use riglab_nn::optim::Optimizer;
 use riglab_nn::params::Weights;
 use riglab_nn::tokenrig::{Asked, Sequences, TokenRig};
-use riglab_tests::{Golden, golden, tiny_tokenrig};
+use riglab_tests::{Golden, golden, optimizer, sizes, started, tiny_tokenrig};
 use tch::{Kind, Tensor};
 
 fn numbers(t: &Tensor) -> Vec<f64> {
@@ -42,6 +42,8 @@ fn case(golden: &Golden, name: &str) {
     let groups: Vec<usize> = numbers(&given("groups")).iter().map(|g| *g as usize).collect();
     let own = advantages(&numbers(&given("rewards")), &groups, Scale::Group);
     golden.check(&format!("out.{name}.adv"), &Tensor::from_slice(&own));
+    let population = advantages(&numbers(&given("rewards")), &groups, Scale::Population);
+    golden.check_if_there(&format!("out.{name}.adv_population"), &Tensor::from_slice(&population));
     let config = ObjectiveConfig { clip: number("eps"), beta: number("beta"), ..ObjectiveConfig::default() };
     let (old, reference) = (tokens(&given("old_logp")), tokens(&given("ref_logp")));
     let policies = Policies { now: &now, old: &old, reference: &reference };
@@ -74,10 +76,9 @@ fn case(golden: &Golden, name: &str) {
 fn two_updates_of_a_tiny_rig_decoder() {
     riglab_torch::init(riglab_torch::Settings { threads: 1 });
     let start = golden("skintokens", &["tokenrig_generate", "tokenrig_forward"]);
-    let of = |kind: &str| start.iter().find(|(_, c)| c.name == kind).map(|(_, c)| c);
     for (_, golden) in golden("grpo", &["policy_step"]) {
-        let name = golden.config("start").as_str().unwrap().trim_start_matches("skintokens/");
-        updates(&golden, of(name).unwrap(), of("tokenrig_forward").unwrap());
+        let weights = started(golden.config("start").as_str().unwrap(), &start);
+        updates(&golden, weights, sizes(weights, &start));
         golden.done();
     }
 }
@@ -102,18 +103,11 @@ fn scored(net: &TokenRig, w: &Weights, prefix: &Tensor, ids: &[Vec<i64>], prompt
 fn updates(golden: &Golden, weights: &Golden, sizes: &Golden) {
     let (net, params) = tiny_tokenrig(weights, sizes, Kind::Double);
     let number = |key: &str| golden.number(key);
-    let config = OptimConfig {
-        adamw_lr: number("adamw.lr"),
-        adamw_betas: [0.9, 0.999],
-        adamw_eps: number("adamw.eps"),
-        weight_decay: number("adamw.weight_decay"),
-        muon: Vec::new(),
-        clip: 0.0,
-        ..OptimConfig::default()
-    };
+    let config = optimizer(golden);
     let mut optimizer = Optimizer::new(&params, config);
     let w = params.weights();
-    let prefix = weights.get("in.cond").narrow(0, 0, 1).to_kind(Kind::Double);
+    let of = golden.config("cond").as_i64().unwrap_or(0);
+    let prefix = weights.get("in.cond").narrow(0, of, 1).to_kind(Kind::Double);
     assert_eq!(prefix.size()[1], number("prefix_vectors") as i64);
     let rewards = numbers(&golden.get("in.rewards"));
     let n = rewards.len();
@@ -121,31 +115,30 @@ fn updates(golden: &Golden, weights: &Golden, sizes: &Golden) {
         (0..n).map(|s| Vec::<i64>::try_from(golden.get(&format!("in.ids.{s}"))).unwrap()).collect();
     let all = |key: &str| Tensor::cat(&(0..n).map(|s| golden.get(&format!("in.{key}.{s}"))).collect::<Vec<_>>(), 0);
     let (old, reference) = (all("old_logp"), all("ref_logp"));
-    let groups = vec![0; n];
+    let told = |key: &str| golden.has(key).then(|| numbers(&golden.get(key)));
+    let groups: Vec<usize> = told("in.groups").map_or(vec![0; n], |all| all.iter().map(|g| *g as usize).collect());
     let own = advantages(&rewards, &groups, Scale::Group);
     golden.check("out.adv", &Tensor::from_slice(&own));
     let c = ObjectiveConfig { clip: number("eps"), beta: number("beta"), ..ObjectiveConfig::default() };
     let reached: Vec<_> = params.ids().filter(|&id| params.name(id).starts_with("transformer.")).collect();
-    for step in 0..2 {
+    let steps = golden.names("out.loss_").count();
+    for step in 0..steps {
         let (now, lengths) = scored(&net, w, &prefix, &ids, number("prompt_tokens") as usize);
         let policies = Policies { now: &now, old: &old, reference: &reference };
         let loss = objective(&policies, &lengths, &groups, &own, &c).loss;
         golden.check(&format!("out.loss_{step}"), &loss);
         if step == 0 {
             for (s, own) in now.detach().split_with_sizes(&lengths, 0).iter().enumerate() {
-                golden.check(&format!("out.logp.{s}"), own);
+                golden.check_if_there(&format!("out.logp.{s}"), own);
             }
         }
         let inputs: Vec<&Tensor> = reached.iter().map(|&id| &w[id]).collect();
         let found = Tensor::run_backward(&[loss], &inputs, false, false);
         if step == 0 {
             let norm = found.iter().map(|g| g.square().sum(Kind::Double).double_value(&[])).sum::<f64>().sqrt();
-            golden.check("out.grad_norm", &Tensor::from(norm));
+            golden.check_if_there("out.grad_norm", &Tensor::from(norm));
             for (&id, grad) in reached.iter().zip(&found) {
-                let name = format!("grad.{}", params.name(id).trim_start_matches("transformer."));
-                if golden.tensors.contains_key(&name) {
-                    golden.check(&name, grad);
-                }
+                golden.check_if_there(&format!("grad.{}", params.name(id).trim_start_matches("transformer.")), grad);
             }
         }
         let mut grads: Vec<Tensor> = w.tensors().iter().map(Tensor::zeros_like).collect();
@@ -156,9 +149,6 @@ fn updates(golden: &Golden, weights: &Golden, sizes: &Golden) {
     }
     for &id in &reached {
         let own = params.name(id).trim_start_matches("transformer.model.");
-        let name = format!("out.{}", own.trim_end_matches(".weight"));
-        if golden.tensors.contains_key(&name) {
-            golden.check(&name, &w[id]);
-        }
+        golden.check_if_there(&format!("out.{}", own.trim_end_matches(".weight")), &w[id]);
     }
 }

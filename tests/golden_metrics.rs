@@ -91,7 +91,7 @@ fn aggregate(case: &Golden) {
     let ids: Vec<String> = assets.iter().map(|i| format!("case{:03}", i.as_u64().unwrap())).collect();
     let there = |id: &String| case.tensors.contains_key(&format!("{id}.in.skin_gt"));
     if ids.is_empty() || !ids.iter().all(there) {
-        println!("skipped: {}: assets of the aggregate are not among the cases", case.name);
+        case.aside("aggregate.out.", "its assets are not among the cases");
         return;
     }
     let tally = |id: &String| {

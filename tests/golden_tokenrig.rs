@@ -2,14 +2,16 @@
 
 use std::collections::BTreeMap;
 
+use riglab_nn::decoder::Packed;
 use riglab_nn::embed::{EmbedConfig, EmbedKind};
 use riglab_nn::fsq_cvae::{FsqCvae, FsqCvaeConfig};
 use riglab_nn::generate::{GenerateConfig, Grammar, argmax, beams, best, process, rows};
 use riglab_nn::layers::{HeadSplit, Linear, RmsNorm};
-use riglab_nn::optim::{OptimConfig, Optimizer};
+use riglab_nn::optim::Optimizer;
 use riglab_nn::params::{Builder, Role};
 use riglab_nn::tokenrig::{Asked, Layout, Reader, Sequences};
-use riglab_tests::{Golden, golden, tiny_tokenrig};
+use riglab_task::tokenrig::LossConfig;
+use riglab_tests::{Golden, golden, optimizer, sizes, started, tiny_tokenrig};
 use riglab_token::{Mask, Preset, RigGrammar, SkinIds, SkinRule, Tokenizer, Walk};
 use tch::{Device, Kind, Tensor};
 
@@ -32,12 +34,11 @@ fn unpadded(ids: &Tensor, mask: &Tensor) -> Vec<i64> {
 fn released_tokenrig() {
     riglab_torch::init(riglab_torch::Settings { threads: 1 });
     let all = golden("skintokens", &["tokenrig_forward", "tokenrig_train", "tokenrig_generate", "mesh_condition"]);
-    let of = |kind: &str| all.iter().find(|(k, c)| *k == kind && c.name == kind).map(|(_, c)| c);
     for (kind, case) in &all {
         match *kind {
             "tokenrig_forward" => forward(case),
-            "tokenrig_train" => train(case, of("tokenrig_forward").unwrap()),
-            "tokenrig_generate" => tch::no_grad(|| generate(case, of("tokenrig_forward").unwrap())),
+            "tokenrig_train" => train(case, started(case.config("start").as_str().unwrap(), &all)),
+            "tokenrig_generate" => tch::no_grad(|| generate(case, sizes(case, &all))),
             _ => condition(case),
         }
         case.done();
@@ -65,10 +66,30 @@ fn forward(case: &Golden) {
     let w = params.weights();
     let prefix = case.get("in.cond").set_requires_grad(true);
     let (ids, lengths) = sequences(case, net.layout());
-    // The assembled sequences are the released ones, without their padding.
-    let (padded, mask) = (case.get("out.input_ids"), case.get("out.attention_mask"));
-    let wanted: Vec<i64> = (0..lengths.len() as i64).flat_map(|b| unpadded(&padded.get(b), &mask.get(b))).collect();
-    assert_eq!(ids, wanted, "{}: assembled sequences", case.name);
+    let skeleton = net.layout().skeleton();
+    // The assembled sequences are the released ones, without their padding: that is taken from the case.
+    let padded = |name: &str, of: &dyn Fn(&[i64]) -> Vec<i64>| {
+        let wanted = case.get(name);
+        let mut left = &ids[..];
+        let rows = lengths.iter().enumerate().map(|(b, &n)| {
+            let (own, rest) = left.split_at(n as usize);
+            left = rest;
+            let pads = wanted.get(b as i64).narrow(0, n, wanted.size()[1] - n).to_kind(Kind::Int64);
+            Tensor::cat(&[Tensor::from_slice(&of(own)), pads], 0)
+        });
+        case.check(name, &Tensor::stack(&rows.collect::<Vec<_>>(), 0));
+    };
+    padded("out.input_ids", &|own| own.to_vec());
+    let mask = case.get("out.attention_mask");
+    assert_eq!(ids_of(&mask.sum_dim_intlist(-1, false, Kind::Int64)), lengths, "{}: pads", case.name);
+    padded("out.attention_mask", &|own| vec![1; own.len()]);
+    // Codes and the final end are the skin's, all before them the skeleton's.
+    let part = |skin: bool| move |own: &[i64]| own.iter().map(|&id| i64::from((id >= skeleton) == skin)).collect();
+    for (name, skin) in [("out.skeleton_part", false), ("out.skin_part", true)] {
+        if case.has(name) {
+            padded(name, &part(skin));
+        }
+    }
     let ids = Tensor::from_slice(&ids);
     let given = Sequences { ids: &ids, lengths: &lengths, told: None };
     let hidden = net.forward(w, &prefix, &given, true);
@@ -87,19 +108,31 @@ fn forward(case: &Golden) {
         })
         .collect();
     case.check("out.logits", &Tensor::stack(&filled, 0));
-    for (b, (own, ids)) in own.iter().zip(&each).enumerate() {
-        let n = own.size()[0];
-        let mine = -own.log_softmax(-1, Kind::Float).gather(1, &ids.narrow(0, 1, n).unsqueeze(1), false).squeeze_dim(1);
-        let off = (mine - ce.get(b as i64).narrow(0, 0, n)).abs().max().double_value(&[]);
-        assert!(off < 1e-4, "{}: token_ce of row {b} is off by {off}", case.name);
+    let scored: Vec<Tensor> = own
+        .iter()
+        .zip(&each)
+        .enumerate()
+        .map(|(b, (own, ids))| {
+            let (n, wanted) = (own.size()[0], ce.get(b as i64));
+            let likely = own.log_softmax(-1, Kind::Float).gather(1, &ids.narrow(0, 1, n).unsqueeze(1), false);
+            Tensor::cat(&[-likely.squeeze_dim(1), wanted.narrow(0, n, wanted.size()[0] - n)], 0)
+        })
+        .collect();
+    case.check("out.token_ce", &Tensor::stack(&scored, 0));
+    if case.has("out.logits_prefix_last") {
+        // What follows the shape is always the beginning; nobody asks for it.
+        let (b, p, d) = prefix.size3().unwrap();
+        let shapes = net.decoder().forward(w, &prefix.view([b * p, d]), &Packed::new(vec![p; b as usize]), false);
+        let last = shapes.view([b, p, d]).select(1, p - 1);
+        case.check("out.logits_prefix_last", &net.decoder().logits(w, &last));
     }
     let parts = net.losses(w, &Asked { hidden: &hidden, targets: &targets, bins: 256, spread: 0.0 });
     let count = (parts.skeleton_tokens + parts.skin_tokens) as f64;
     let loss = (&parts.skeleton + &parts.skin) / count;
     case.check("out.loss", &loss);
     let [skeleton, skin] = parts.means();
-    case.check("out.loss_skeleton", &skeleton);
-    case.check("out.loss_skin", &skin);
+    case.check_if_there("out.loss_skeleton", &skeleton);
+    case.check_if_there("out.loss_skin", &skin);
     let wanted: Vec<_> = params
         .ids()
         .filter_map(|id| {
@@ -119,13 +152,7 @@ fn forward(case: &Golden) {
 
 fn train(case: &Golden, start: &Golden) {
     let (net, params) = tiny_tokenrig(start, start, Kind::Double);
-    let config = OptimConfig {
-        muon_lr: case.number("lr"),
-        adamw_lr: case.number("lr"),
-        clip: 0.0,
-        muon_bf16: false,
-        ..OptimConfig::default()
-    };
+    let config = optimizer(case);
     let mut optimizer = Optimizer::new(&params, config);
     let w = params.weights();
     let prefix = start.get("in.cond").to_kind(Kind::Double);
@@ -158,11 +185,10 @@ fn train(case: &Golden, start: &Golden) {
         let Some(name) = params.name(id).strip_prefix("transformer.") else { continue };
         if name == "model.embed_tokens.weight" {
             let rows: Vec<i64> =
-                case.config("embed_rows").as_array().unwrap().iter().map(|v| v.as_i64().unwrap()).collect();
-            case.check("out.embed_rows", &w[id].index_select(0, &Tensor::from_slice(&rows)));
-        } else if case.tensors.contains_key(&format!("out.{name}")) {
-            case.check(&format!("out.{name}"), &w[id]);
+                case.config("embed_rows").as_array().into_iter().flatten().map(|v| v.as_i64().unwrap()).collect();
+            case.check_if_there("out.embed_rows", &w[id].index_select(0, &Tensor::from_slice(&rows)));
         }
+        case.check_if_there(&format!("out.{name}"), &w[id]);
     }
 }
 
@@ -180,8 +206,13 @@ fn condition(case: &Golden) {
     let out = norm.forward(w, &linear.forward(w, &case.get("out.latent")));
     case.check("out.cond", &out);
     let pull = (out * case.get("in.g")).sum(None::<Kind>);
-    let gain = params.ids().find(|&id| params.name(id) == "output_proj.1.weight").unwrap();
-    case.check("grad.output_proj.1.weight", &Tensor::run_backward(&[pull], &[&w[gain]], false, false)[0]);
+    let inputs: Vec<&Tensor> = w.tensors().iter().collect();
+    for (id, grad) in params.ids().zip(Tensor::run_backward(&[pull], &inputs, false, false)) {
+        case.check_if_there(&format!("grad.{}", params.name(id)), &grad);
+    }
+    for encoder in ["out.latent", "out.query", "grad.encoder."] {
+        case.aside(encoder, "compared with UniRig's encoder, which is the same");
+    }
 }
 
 /// The grammar of whole rigs over the released one of skeletons.
@@ -245,7 +276,10 @@ fn generate(case: &Golden, of: &Golden) {
         let whole: Vec<u32> = prompt.into_iter().chain(found).collect();
         let ids = layout.ids(&whole).unwrap();
         case.check(&format!("out.ids.{name}"), &Tensor::from_slice(&ids));
-        decoded(case, name, &ids, codes);
+        decoded(case, name, &ids, (codes, layout.skeleton()));
+    }
+    if !case.has("out.switch_allowed") {
+        return;
     }
     let whole: Vec<u32> = ids_of(&case.get("out.ids.greedy_0")).iter().map(|&id| id as u32).collect();
     let allowed: Vec<Tensor> = ids_of(&case.get("in.switch_prefix_len"))
@@ -261,8 +295,8 @@ fn generate(case: &Golden, of: &Golden) {
     case.check("out.switch_allowed", &Tensor::stack(&allowed, 0));
 }
 
-/// The skeleton and the skin that a sequence says.
-fn decoded(case: &Golden, name: &str, ids: &[i64], codes: usize) {
+/// The skeleton and the skin that a sequence says, with so many codes a joint, the first of which has that id.
+fn decoded(case: &Golden, name: &str, ids: &[i64], (codes, first): (usize, i64)) {
     if !case.tensors.contains_key(&format!("out.parents.{name}")) {
         return;
     }
@@ -273,7 +307,7 @@ fn decoded(case: &Golden, name: &str, ids: &[i64], codes: usize) {
     case.check(&format!("out.parents.{name}"), &Tensor::from_slice(&parents));
     let flat: Vec<f32> = decoded.joints.iter().flatten().copied().collect();
     case.check(&format!("out.joints.{name}"), &Tensor::from_slice(&flat).view([-1, 3]));
-    let skin: Vec<i64> = ids[at + 1..].iter().map(|id| id - 267).take(decoded.joints.len() * codes).collect();
+    let skin: Vec<i64> = ids[at + 1..].iter().map(|id| id - first).take(decoded.joints.len() * codes).collect();
     let skin = Tensor::from_slice(&skin);
     case.check(&format!("out.skin_code.{name}"), &skin);
     let n = |key: &str| case.number(&format!("vae.{key}")) as usize;
@@ -320,19 +354,15 @@ fn released_filters() {
             .iter()
             .map(|t| ids_of(t).into_iter().map(|id| id as u32).collect())
             .collect();
+        // `reppen2_temp07` would be a chain; `then_` adds to the chain of those before.
         let plain = GenerateConfig { sample: true, ..GenerateConfig::default() };
-        let chained = GenerateConfig { repetition_penalty: 2.0, ..plain.clone() };
-        let cool = GenerateConfig { temperature: 0.7, ..chained.clone() };
-        let five = GenerateConfig { top_k: 5, ..cool.clone() };
-        let all = GenerateConfig { top_p: 0.95, ..five.clone() };
-        for (name, config, keep) in [
-            ("reppen2", chained, 1),
-            ("then_temp07", cool, 1),
-            ("then_topk5", five, 1),
-            ("then_topp095", all, 1),
-            ("topp090_alone", GenerateConfig { top_p: 0.9, ..plain.clone() }, 1),
-            ("topp050_keep2", GenerateConfig { top_p: 0.5, ..plain.clone() }, 2),
-        ] {
+        let names: Vec<String> = case.names("out.").filter(|name| *name != "warmup_rate").map(String::from).collect();
+        for name in names {
+            let mut config = plain.clone();
+            for step in chain(&name) {
+                set(&mut config, &step);
+            }
+            let keep = name.rsplit_once("_keep").map_or(1, |(_, n)| n.parse().unwrap());
             let mine: Vec<Tensor> = rows
                 .iter()
                 .zip(&before)
@@ -342,10 +372,51 @@ fn released_filters() {
                     Tensor::from_slice(&scores)
                 })
                 .collect();
-            let (mine, wanted) = (Tensor::stack(&mine, 0), case.get(&format!("out.{name}")));
-            assert!(mine.isneginf().equal(&wanted.isneginf()), "{}: {name} removes others", case.name);
-            let off = (mine.nan_to_num(0.0, None, -1e3) - wanted.nan_to_num(0.0, None, -1e3)).abs().max();
-            assert!(off.double_value(&[]) < 2e-5, "{}: {name}", case.name);
+            case.check_scores(&format!("out.{name}"), &Tensor::stack(&mine, 0));
         }
+        if case.has("out.warmup_rate") {
+            let of = |key: &str| case.number(&format!("warmup.{key}"));
+            // From the first step of one epoch to the last of another.
+            let (from, to) =
+                (of("start_epoch") * of("steps_per_epoch"), (of("end_epoch") + 1.0) * of("steps_per_epoch"));
+            let loss = LossConfig { skin_warmup: [from / to, 1.0], ..LossConfig::default() };
+            let rates: Vec<f64> = case
+                .get("in.warmup_epoch_step")
+                .unbind(0)
+                .iter()
+                .map(|row| loss.skin_weight(row.double_value(&[1]) / to))
+                .collect();
+            case.check("out.warmup_rate", &Tensor::from_slice(&rates));
+        }
+        case.done();
+    }
+}
+
+/// The filters of a recorded chain, in the order of the release: `then_topk5` comes after penalty and temperature.
+fn chain(name: &str) -> Vec<String> {
+    const ORDER: [&str; 4] = ["reppen2", "temp07", "topk5", "topp095"];
+    let Some(last) = name.strip_prefix("then_") else {
+        return name.split('_').map(String::from).collect();
+    };
+    let stem = last.trim_end_matches(|c: char| c.is_ascii_digit());
+    let at = ORDER.iter().position(|step| step.starts_with(stem)).unwrap_or_else(|| panic!("no filter {name}"));
+    ORDER[..at].iter().copied().chain([last]).map(String::from).collect()
+}
+
+/// What `topk5`, `topp095`, `temp07` or `reppen2` stands for: digits after a 0 are decimals.
+fn set(config: &mut GenerateConfig, step: &str) {
+    let stem = step.trim_end_matches(|c: char| c.is_ascii_digit());
+    let digits = &step[stem.len()..];
+    let number = || match digits.strip_prefix('0') {
+        Some(decimals) => format!("0.{decimals}").parse::<f32>().unwrap(),
+        None => digits.parse().unwrap(),
+    };
+    match stem {
+        "reppen" => config.repetition_penalty = number(),
+        "temp" => config.temperature = number(),
+        "topk" => config.top_k = digits.parse().unwrap(),
+        "topp" => config.top_p = number(),
+        "alone" | "keep" => {}
+        other => panic!("no filter {other} in {step}"),
     }
 }

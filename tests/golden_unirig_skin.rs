@@ -1,13 +1,14 @@
 //! UniRig's released skin model, against values recorded from the public code.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
-use riglab_geom::{Nearby, ReskinConfig, reskin};
+use riglab_geom::{Nearby, ReskinConfig, farthest_points, reskin};
+use riglab_metric::{Rows, SkinConvention, Skins};
 use riglab_nn::params::{Builder, Params, Weights};
 use riglab_nn::perceiver::PerceiverConfig;
 use riglab_nn::skin_stage::loss::{Released, lbs, released};
 use riglab_nn::skin_stage::ptv3::{
-    Curve, Layout, Norm, Patches, Places, Pool, Pooled, Ptv3, Ptv3Config, SubmConv, TapTensors, Taps, Unpool,
+    Curve, Layout, Norm, Patches, Places, Pool, Pooled, Ptv3, Ptv3Config, Reduce, SubmConv, TapTensors, Taps, Unpool,
 };
 use riglab_nn::skin_stage::{
     ATTRIBUTE_SCALE, BoneConfig, PointConfig, PointEncoder, Read, Seen, SkinModel, SkinModelConfig, masked, shares,
@@ -61,20 +62,13 @@ fn curve(name: &str) -> Curve {
 
 fn curves(case: &Golden) {
     for name in case.names("out.") {
-        let (which, depth) = name.rsplit_once('_').unwrap();
-        let (coords, batch, bits) = match depth.strip_prefix('d') {
-            Some(bits) => {
-                (case.get(&format!("in.coord_{depth}")), Some(case.get(&format!("in.batch_{depth}"))), bits.parse())
-            }
-            // All cells of a cube, without clouds.
-            None => (case.get(&format!("in.{depth}")), None, Ok(0)),
-        };
-        let coords = cells(&coords);
-        let bits = match bits.unwrap() {
-            0 => u32::BITS - coords.iter().flatten().max().unwrap().leading_zeros(),
-            bits => bits,
-        };
-        let batch = batch.map_or_else(|| vec![0; coords.len()], |b| ints(&b));
+        let (which, depth) = name.rsplit_once('_').unwrap_or_else(|| panic!("{}: output `{name}`", case.name));
+        // A depth, or all cells of a cube, which has no clouds.
+        let bits = depth.strip_prefix('d').and_then(|bits| bits.parse().ok());
+        let at = if bits.is_some() { format!("in.coord_{depth}") } else { format!("in.{depth}") };
+        let coords = cells(&case.get(&at));
+        let bits = bits.unwrap_or_else(|| u32::BITS - coords.iter().flatten().max().unwrap().leading_zeros());
+        let batch = case.tensors.get(&format!("in.batch_{depth}")).map_or_else(|| vec![0; coords.len()], ints);
         let codes: Vec<i64> = coords.iter().zip(batch).map(|(c, b)| curve(which).code(*c, b as usize, bits)).collect();
         case.check(&format!("out.{name}"), &Tensor::from_slice(&codes));
     }
@@ -95,8 +89,8 @@ fn convolution(case: &Golden) {
     let (coord, batch) = (cells(&case.get("in.coord")), ints(&case.get("in.batch")));
     let sizes = sizes(&batch);
     let last = *sizes.last().unwrap() as i64;
-    for kernel in case.config("kernels").as_array().unwrap() {
-        let side = kernel.as_u64().unwrap() as usize;
+    let kernels: BTreeSet<usize> = case.names("w.k").filter_map(|name| name.split_once('.')?.0.parse().ok()).collect();
+    for side in kernels {
         let own = case.below(&format!("w.k{side}."));
         let mut builder = Builder::default();
         let bias = own.contains_key("bias");
@@ -105,13 +99,10 @@ fn convolution(case: &Golden) {
         let feat = case.get("in.feat").set_requires_grad(true);
         let taps = TapTensors::new(&Taps::new(&coord, &sizes, side), Device::Cpu);
         let out = conv.forward(params.weights(), &feat, &taps);
-        case.check(&format!("out.k{side}"), &out);
+        case.check_if_there(&format!("out.k{side}"), &out);
         // Gradients are of the last cloud alone, which has no cell twice.
         let loss = out.narrow(0, out.size()[0] - last, last).square().sum(None::<Kind>);
-        let weight = params.ids().find(|&id| params.name(id) == "weight").unwrap();
-        let grads = Tensor::run_backward(&[loss], &[&feat, &params.weights()[weight]], false, false);
-        case.check(&format!("grad.k{side}.feat"), &grads[0]);
-        case.check(&format!("grad.k{side}.weight"), &grads[1]);
+        gradients(case, &format!("grad.k{side}."), &params, &loss, &[("feat", &feat)]);
     }
 }
 
@@ -120,13 +111,20 @@ fn numbers(case: &Golden, key: &str) -> Vec<usize> {
 }
 
 fn backbone(case: &Golden) {
+    let ends = ints(&case.get("in.offset"));
+    let sizes: Vec<usize> =
+        ends.iter().scan(0, |last, &end| Some((end - std::mem::replace(last, end)) as usize)).collect();
     let norm = if case.config("layer_norm") == true { Norm::Layer } else { Norm::Batch };
+    // The public code cuts a cloud into patches once, of the size that its first stage has; where it does without flash
+    // attention, of the smallest cloud's size at most.
+    let patch = numbers(case, "enc_patch_size")[0];
+    let most = if case.config("enable_flash") == false { *sizes.iter().min().unwrap() } else { patch };
     let config = Ptv3Config {
         grid: case.number("grid_size") as f32,
         depths: numbers(case, "enc_depths"),
         channels: numbers(case, "enc_channels"),
         heads: numbers(case, "enc_num_head"),
-        patch: numbers(case, "enc_patch_size")[0],
+        patch: patch.min(most),
         mlp_ratio: case.number("mlp_ratio") as usize,
         qk_norm: case.config("enable_qknorm") == true,
         norm,
@@ -134,86 +132,115 @@ fn backbone(case: &Golden) {
         shuffle: case.config("shuffle_orders") == true,
     };
     config.validate().unwrap();
-    let ends = ints(&case.get("in.offset"));
-    let sizes: Vec<usize> =
-        ends.iter().scan(0, |last, &end| Some((end - std::mem::replace(last, end)) as usize)).collect();
+    let told = orders(case);
+    let turns: Vec<usize> = told.iter().map(|c| Curve::ALL.iter().position(|own| own == c).unwrap()).collect();
+    assert!(
+        Curve::ALL.len().is_multiple_of(turns.len()),
+        "{}: {} orders take no turns of four",
+        case.name,
+        turns.len()
+    );
     let layout = Layout::new(&triples(&case.get("in.coord")), &sizes, config.grid);
     let cells: Vec<i64> = layout.cells.iter().flatten().map(|&c| i64::from(c)).collect();
-    case.check("out.grid_coord", &Tensor::from_slice(&cells).view([-1, 3]));
-    case.check("out.order", &stacked(&layout.orders));
+    case.check_if_there("out.grid_coord", &Tensor::from_slice(&cells).view([-1, 3]));
+    let own: Vec<Vec<i64>> = turns.iter().map(|&turn| layout.orders[turn].clone()).collect();
+    case.check_if_there("out.order", &stacked(&own));
     let inverse = |order: &Vec<i64>| {
         let mut back = vec![0; order.len()];
         order.iter().enumerate().for_each(|(place, &point)| back[point as usize] = place as i64);
         back
     };
-    case.check("out.inverse", &stacked(&layout.orders.iter().map(inverse).collect::<Vec<_>>()));
+    case.check_if_there("out.inverse", &stacked(&own.iter().map(inverse).collect::<Vec<_>>()));
     let patches = Patches::new(&sizes, config.patch);
-    case.check("out.pad", &Tensor::from_slice(&patches.pad));
-    case.check("out.unpad", &Tensor::from_slice(&patches.unpad));
+    case.check_if_there("out.pad", &Tensor::from_slice(&patches.pad));
+    case.check_if_there("out.unpad", &Tensor::from_slice(&patches.unpad));
     let starts = patches.lengths.iter().scan(0, |sum, n| {
         *sum += n;
         Some(*sum)
     });
     let starts: Vec<i64> = std::iter::once(0).chain(starts).collect();
-    case.check("out.cu_seqlens", &Tensor::from_slice(&starts));
+    case.check_if_there("out.cu_seqlens", &Tensor::from_slice(&starts));
 
     let feat = case.get("in.feat").set_requires_grad(true);
     let mut builder = Builder::default();
     let net = Ptv3::new(builder.root(), &config, feat.size()[1] as usize);
     let params = loaded(builder, &case.below("w."));
-    let (w, places) = (params.weights(), Places::new(&layout, &config, [0, 1, 2, 3], Device::Cpu));
+    let turns = std::array::from_fn(|k| turns[k % turns.len()]);
+    let (w, places) = (params.weights(), Places::new(&layout, &config, turns, Device::Cpu));
     let embedded = net.embed(w, &feat, &places);
-    case.check("out.embedding", &embedded);
-    let first = &net.blocks(0)[0];
-    let placed = first.placed(w, &embedded, &places);
-    case.check("out.block0_cpe", &placed);
-    case.check("out.block0_attn", &first.attended(w, &(&embedded + &placed), &places));
-    case.check("out.block0", &first.forward(w, &embedded, &places));
+    case.check_if_there("out.embedding", &embedded);
+    let mut x = embedded;
+    for (k, block) in net.blocks(0).iter().enumerate() {
+        let placed = block.placed(w, &x, &places);
+        case.check_if_there(&format!("out.block{k}_cpe"), &placed);
+        case.check_if_there(&format!("out.block{k}_attn"), &block.attended(w, &(&x + &placed), &places));
+        x = block.forward(w, &x, &places);
+        case.check_if_there(&format!("out.block{k}"), &x);
+    }
     let out = net.forward(w, &feat, &places);
-    case.check("out.feat", &out);
-    gradients(case, &params, &(out * case.get("in.grad_out")).sum(None::<Kind>), &[("feat", &feat)]);
+    case.check_if_there("out.feat", &out);
+    if let Some(pull) = case.tensors.get("in.grad_out") {
+        gradients(case, "grad.", &params, &(out * pull).sum(None::<Kind>), &[("feat", &feat)]);
+    }
+}
+
+/// The curves that a case takes, in turn.
+fn orders(case: &Golden) -> Vec<Curve> {
+    case.config("order").as_array().unwrap().iter().map(|n| curve(n.as_str().unwrap())).collect()
 }
 
 fn stacked(rows: &[Vec<i64>]) -> Tensor {
     Tensor::stack(&rows.iter().map(|r| Tensor::from_slice(r)).collect::<Vec<_>>(), 0)
 }
 
-/// Compares the gradients of a loss by all inputs and parameters that the case has.
-fn gradients(case: &Golden, params: &Params, loss: &Tensor, inputs: &[(&str, &Tensor)]) {
+/// Compares the gradients of a loss by all inputs and parameters that the case has, by their names below `at`.
+fn gradients(case: &Golden, at: &str, params: &Params, loss: &Tensor, inputs: &[(&str, &Tensor)]) {
     let own = params.ids().map(|id| (params.name(id), &params.weights()[id]));
-    let all: Vec<(&str, &Tensor)> = inputs.iter().copied().chain(own).collect();
-    let wanted: Vec<_> = all.into_iter().filter(|(n, _)| case.tensors.contains_key(&format!("grad.{n}"))).collect();
-    assert!(!wanted.is_empty(), "{}: no gradient is recorded", case.name);
-    let tensors: Vec<&Tensor> = wanted.iter().map(|(_, t)| *t).collect();
-    for ((name, _), grad) in wanted.iter().zip(Tensor::run_backward(&[loss], &tensors, false, false)) {
-        case.check(&format!("grad.{name}"), &grad);
+    let all = inputs.iter().copied().chain(own).map(|(name, t)| (format!("{at}{name}"), t));
+    let (names, tensors): (Vec<String>, Vec<&Tensor>) = all.filter(|(name, _)| case.has(name)).unzip();
+    if names.is_empty() {
+        return;
+    }
+    for (name, grad) in names.iter().zip(Tensor::run_backward(&[loss], &tensors, false, false)) {
+        case.check(name, &grad);
     }
 }
 
 fn pooling(case: &Golden) {
     let channels = numbers(case, "channels");
-    let order: Vec<Curve> =
-        case.config("order").as_array().unwrap().iter().map(|n| curve(n.as_str().unwrap())).collect();
     let ends = ints(&case.get("in.offset"));
     let batch = (0..*ends.last().unwrap()).map(|i| ends.partition_point(|&e| e <= i)).collect();
-    let fine = Pooled::finest(cells(&case.get("in.grid_coord")), batch, &order);
-    let coarse = fine.coarser((case.number("stride") as u32).ilog2());
-    case.check("out.cluster", &Tensor::from_slice(&coarse.cluster));
-    case.check("out.pooled_code", &stacked(&coarse.codes));
-    case.check("out.pooled_order", &stacked(&coarse.orders));
+    let fine = Pooled::finest(cells(&case.get("in.grid_coord")), batch, &orders(case));
+    let stride = case.number("stride") as u32;
+    assert!(stride.is_power_of_two(), "{}: stride {stride} is no power of two", case.name);
+    let coarse = fine.coarser(stride.ilog2());
+    case.check_if_there("out.cluster", &Tensor::from_slice(&coarse.cluster));
+    case.check_if_there("out.pooled_code", &stacked(&coarse.codes));
+    case.check_if_there("out.pooled_order", &stacked(&coarse.orders));
     let batch: Vec<i64> = coarse.batch.iter().map(|&b| b as i64).collect();
-    case.check("out.pooled_batch", &Tensor::from_slice(&batch));
+    case.check_if_there("out.pooled_batch", &Tensor::from_slice(&batch));
     let cells: Vec<i64> = coarse.cells.iter().flatten().map(|&c| i64::from(c)).collect();
-    case.check("out.pooled_grid_coord", &Tensor::from_slice(&cells).view([-1, 3]));
-    case.check("out.pooled_coord", &Pool::positions(&case.get("in.coord"), &coarse));
+    case.check_if_there("out.pooled_grid_coord", &Tensor::from_slice(&cells).view([-1, 3]));
+    case.check_if_there("out.pooled_coord", &Pool::positions(&case.get("in.coord"), &coarse));
+    let reduce = match case.config("reduce").as_str() {
+        Some("max") | None => Reduce::Max,
+        Some("min") => Reduce::Min,
+        Some("mean") => Reduce::Mean,
+        Some("sum") => Reduce::Sum,
+        Some(other) => panic!("{}: points are not joined by `{other}`", case.name),
+    };
     let mut builder = Builder::default();
-    let pool = Pool::new(builder.root().sub("pool"), channels[0], channels[1]);
+    let pool = Pool::new(builder.root().sub("pool"), channels[0], channels[1], reduce);
     let unpool = Unpool::new(builder.root().sub("unpool"), channels[1], channels[0], channels[2]);
     let params = loaded(builder, &case.below("w."));
-    let feat = case.get("in.feat");
+    let feat = case.get("in.feat").set_requires_grad(true);
     let pooled = pool.forward(params.weights(), &feat, &coarse);
-    case.check("out.pooled_feat", &pooled);
-    case.check("out.unpooled_feat", &unpool.forward(params.weights(), &pooled, &feat, &coarse));
+    case.check_if_there("out.pooled_feat", &pooled);
+    let unpooled = unpool.forward(params.weights(), &pooled, &feat, &coarse);
+    case.check_if_there("out.unpooled_feat", &unpooled);
+    if let Some(pull) = case.tensors.get("in.grad_out") {
+        gradients(case, "grad.", &params, &(unpooled * pull).sum(None::<Kind>), &[("feat", &feat)]);
+    }
 }
 
 fn transfer(case: &Golden) {
@@ -222,11 +249,16 @@ fn transfer(case: &Golden) {
     let faces: Vec<[u32; 3]> = cells(&case.get("in.faces"));
     let (points, weights) = (triples(&case.get("in.sampled_vertices")), floats(&case.get("in.sampled_skin")));
     for name in case.names("out.") {
+        assert!(case.config(name).is_object(), "{}: the config does not tell of `{name}`", case.name);
         let of = |key: &str| case.config(&format!("{name}.{key}"));
         let number = |key: &str, usual: f64| of(key).as_f64().unwrap_or(usual);
         let config = ReskinConfig {
             nearest: number("nearest_samples", 7.0) as usize,
-            nearby: if of("sample_method") == "median" { Nearby::Median } else { Nearby::Mean },
+            nearby: match of("sample_method").as_str() {
+                Some("median") => Nearby::Median,
+                Some("mean") | None => Nearby::Mean,
+                Some(other) => panic!("{}: unknown method `{other}`", case.name),
+            },
             falloff: number("alpha", 2.0) as f32,
             steps: number("iter_steps", 1.0) as usize,
             threshold: number("threshold", 0.01) as f32,
@@ -240,6 +272,12 @@ fn transfer(case: &Golden) {
 /// stands in its place without being asked, so its layer is as wide as the backbone's.
 fn model(case: &Golden) -> (SkinModel, Params) {
     let of = |key: &str| case.number(key) as usize;
+    let says = |key: &str, value: bool| case.config(&format!("global_encoder.{key}")) == value;
+    assert!(!says("include_pi", true) && !says("use_ln_post", false), "{}: no such shape encoder", case.name);
+    // What no key tells: layers of the last network, frequencies of the joints' places.
+    let layers = case.names("w.skinweight_pred.net.").filter_map(|name| name.split_once('.')?.0.parse::<usize>().ok());
+    let mlp_layers = layers.max().expect("a network") / 3;
+    let frequencies = (case.get("w.bone_encoder.bone_encoder.1.weight").size()[1] as usize - 3) / 6;
     let shape = |key: &str| case.number(&format!("global_encoder.{key}"));
     let shape = PerceiverConfig {
         tokens: shape("token_num") as usize,
@@ -249,7 +287,7 @@ fn model(case: &Golden) -> (SkinModel, Params) {
         layers: shape("num_encoder_layers") as usize,
         frequencies: shape("num_freqs") as usize,
         sorted: false,
-        qkv_bias: case.config("global_encoder.qkv_bias") == true,
+        qkv_bias: says("qkv_bias", true),
         init_scale: shape("init_scale"),
     };
     let backbone =
@@ -258,14 +296,14 @@ fn model(case: &Golden) -> (SkinModel, Params) {
         width: of("feat_dim"),
         heads: of("num_heads"),
         mlp: of("mlp_dim"),
-        mlp_layers: 4,
+        mlp_layers,
         pair: 1,
         pair_width: 0,
         shape,
         bones: BoneConfig {
             seen: Seen::Joint,
             from_corner: true,
-            frequencies: 6,
+            frequencies,
             embed: of("bone_embed_dim"),
             layers: of("num_bone_attn"),
         },
@@ -304,55 +342,66 @@ fn skin(case: &Golden) {
     let drawn = ints(&case.get("in.rows"));
     let tokens = case.number("global_encoder.token_num") as usize;
     // Of each cloud, the farthest of the rows drawn.
-    let picks: Vec<i64> = (0..clouds)
+    let found: Vec<usize> = (0..clouds)
         .flat_map(|b| {
             let all = triples(&cloud.get(b).narrow(1, 0, 3));
             let own: Vec<[f32; 3]> = drawn.iter().map(|&r| all[r as usize]).collect();
-            riglab_geom::farthest_points(&own, tokens, 0).into_iter().map(|i| drawn[i]).collect::<Vec<_>>()
+            farthest_points(&own, tokens, 0)
         })
         .collect();
+    // The public code counts them over the rows drawn of all clouds.
+    let counted = found.iter().enumerate().map(|(k, i)| (k / tokens * drawn.len() + i) as i64);
+    case.check_if_there("out.fps", &Tensor::from_slice(&counted.collect::<Vec<_>>()));
+    let picks: Vec<i64> = found.iter().map(|&i| drawn[i]).collect();
     let picks = Tensor::from_slice(&picks).view([clouds, tokens as i64]);
     let joints = case.get("in.joints");
     let read = net.read(w, &cloud, &picks, &joints);
-    case.check("out.global_latents", &read.shape);
-    case.check("out.bone_embed", &read.embedded.flatten(0, 1));
-    case.check("out.bone_feat", &read.bones);
+    case.check_if_there("out.global_latents", &read.shape);
+    case.check_if_there("out.bone_embed", &read.embedded.flatten(0, 1));
+    case.check_if_there("out.bone_feat", &read.bones);
     let encoded = case.get("in.point_feat").view([clouds, cloud.size()[1], -1]);
-    case.check("out.mesh_feat_mapped", &net.map(w, &encoded).flatten(0, 1));
+    case.check_if_there("out.mesh_feat_mapped", &net.map(w, &encoded).flatten(0, 1));
     let points = net.points(w, &read, &encoded);
-    case.check("out.mesh_feat", &points);
+    case.check_if_there("out.mesh_feat", &points);
 
     let voxel = case.get("in.voxel_skin");
     let counts = ints(&case.get("in.num_bones"));
     let unmasked = shares(&net.logits(w, &read, &points, &voxel.unsqueeze(-1)), &counts);
-    case.check("out.skin_eval_unmasked", &unmasked);
+    case.check_if_there("out.skin_eval_unmasked", &unmasked);
     evaluated(case, &net, w, &read, &points, &unmasked);
 
     let rows = case.get("in.train_rows");
     let own = |t: &Tensor| t.index_select(1, &rows);
     let logits = net.logits(w, &read, &net.points(w, &read, &own(&encoded)), &own(&voxel).unsqueeze(-1));
     let trained = shares(&logits, &counts);
-    case.check("out.skin_train", &trained);
+    case.check_if_there("out.skin_train", &trained);
+    losses(case, &params, &trained, &own(&case.get("in.skin")), &own(&case.get("in.vertices")));
+}
+
+/// The losses of weights [b, n, j] where the model is trained, and what is logged beside them.
+fn losses(case: &Golden, params: &Params, trained: &Tensor, truth: &Tensor, places: &Tensor) {
+    let counts = ints(&case.get("in.num_bones"));
+    let clouds = counts.len() as i64;
     let maps = case.get("in.pose_matrix").matmul(&case.get("in.matrix_local").inverse()).narrow(2, 0, 3);
-    let (truth, places) = (own(&case.get("in.skin")), own(&case.get("in.vertices")));
-    let each: Vec<Released> = (0..clouds)
-        .map(|b| {
-            let count = counts[b as usize];
-            let bones = |t: &Tensor| t.get(b).narrow(1, 0, count);
-            let maps = maps.get(b).narrow(0, 0, count);
-            released(&bones(&trained), &bones(&truth), &maps, &places.get(b))
-        })
-        .collect();
     let moved = |skin: &Tensor| {
         Tensor::stack(&(0..clouds).map(|b| lbs(&skin.get(b), &maps.get(b), &places.get(b))).collect::<Vec<_>>(), 0)
     };
-    case.check("out.vertices_pred", &moved(&trained));
-    let rows_to_one = &truth / (truth.sum_dim_intlist(-1, true, None::<Kind>) + 1e-6);
-    case.check("out.vertices_gt", &moved(&rows_to_one));
+    case.check_if_there("out.vertices_pred", &moved(trained));
+    let rows_to_one = truth / (truth.sum_dim_intlist(-1, true, None::<Kind>) + 1e-6);
+    case.check_if_there("out.vertices_gt", &moved(&rows_to_one));
+    let of_bones = |t: &Tensor, b: i64| t.get(b).narrow(1, 0, counts[b as usize]);
+    let each: Vec<Released> = (0..clouds)
+        .map(|b| {
+            let maps = maps.get(b).narrow(0, 0, counts[b as usize]);
+            released(&of_bones(trained, b), &of_bones(truth, b), &maps, &places.get(b))
+        })
+        .collect();
     let mean = |of: fn(&Released) -> &Tensor| {
         Tensor::stack(&each.iter().map(|r| of(r).shallow_clone()).collect::<Vec<_>>(), 0).mean(None::<Kind>)
     };
+    let weights = case.config("loss_weights").as_object().expect("weights of losses");
     let mut sum = Tensor::from(0f32);
+    let mut weighed = 0;
     for (name, of) in [
         ("vertex_loss", (|r| &r.vertex) as fn(&Released) -> &Tensor),
         ("normalization_loss", |r| &r.normalization),
@@ -362,11 +411,37 @@ fn skin(case: &Golden) {
         ("skin_non_zero_l1_loss", |r| &r.non_zero_l1),
     ] {
         let value = mean(of);
-        case.check(&format!("out.loss.{name}"), &value.view([1]));
-        sum += value * case.number(&format!("loss_weights.{name}"));
+        case.check_if_there(&format!("out.loss.{name}"), &value.view([1]));
+        if let Some(weight) = weights.get(name) {
+            sum += value * weight.as_f64().expect("a number");
+            weighed += 1;
+        }
     }
-    case.check("out.loss.loss_sum", &sum.view([1]));
-    gradients(case, &params, &sum, &[]);
+    assert_eq!(weighed, weights.len(), "{}: other losses: {weights:?}", case.name);
+    case.check_if_there("out.loss.loss_sum", &sum.view([1]));
+    gradients(case, "grad.", params, &sum, &[]);
+
+    // The figures of each rig, of its own bones; what is recorded is their mean.
+    let figures: Vec<_> = (0..clouds)
+        .map(|b| {
+            let rows = |t: &Tensor| Rows::dense(&floats(&of_bones(t, b)), counts[b as usize] as usize);
+            let (truth, predicted) = (rows(&rows_to_one), rows(&trained.detach()));
+            SkinConvention::Unirig.figures(&Skins { truth: &truth, predicted: &predicted, edges: &[] })
+        })
+        .collect();
+    for (k, (name, _)) in figures[0].iter().enumerate() {
+        let mean = figures.iter().map(|own| own[k].1).sum::<f64>() / clouds as f64;
+        let name = match name.split_once('_') {
+            Some(("mask", limit)) => format!("mask_accu_{limit}"),
+            Some(("iou", _)) => name.to_string(),
+            _ => match *name {
+                "bce" => "bce_loss".into(),
+                "nonzero_l1" => "skin_non_zero_l1_loss".into(),
+                other => format!("skin_{other}_loss"),
+            },
+        };
+        case.check_if_there(&format!("out.loss.{name}"), &Tensor::from_slice(&[mean]));
+    }
 }
 
 /// Weights where the model is used: with the mask, rig by rig and bit by bit.
@@ -383,7 +458,8 @@ fn evaluated(case: &Golden, net: &SkinModel, w: &Weights, read: &Read, points: &
         })
         .collect();
     let mask = Tensor::stack(&masks, 0);
-    case.check("out.skin_eval", &masked(unmasked, &mask, case.number("voxel_mask")));
+    let weights = masked(unmasked, &mask, case.number("voxel_mask"));
+    case.check_if_there("out.skin_eval", &weights);
     for (b, &count) in counts.iter().enumerate().filter(|(_, c)| **c == bones) {
         let one = |t: &Tensor| t.narrow(0, b as i64, 1);
         let own = Read {
@@ -395,7 +471,7 @@ fn evaluated(case: &Golden, net: &SkinModel, w: &Weights, read: &Read, points: &
         let pairs = |start, n| voxel.get(b as i64).narrow(0, start, n).unsqueeze(-1);
         for at_once in [1, 3 * count as usize, 1 << 20] {
             let found = net.predict(w, &own, &points.get(b as i64), pairs, Some(&masks[b]), at_once);
-            let off = (found - case.get("out.skin_eval").get(b as i64)).abs().max().double_value(&[]);
+            let off = (found - weights.get(b as i64)).abs().max().double_value(&[]);
             assert!(off <= 1e-5, "{} at once: {off}", at_once);
         }
     }

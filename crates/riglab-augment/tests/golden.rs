@@ -4,14 +4,18 @@
 #[path = "../../riglab-geom/tests/common/golden.rs"]
 mod golden;
 
-use glam::{Affine3A, Mat3A, Vec3A};
-use golden::{Golden, golden, table};
+use glam::{Affine3A, Mat3A, Quat, Vec3A};
+use golden::{Golden, after, golden, leading, table};
 use riglab_augment::{
-    Augmented, DiscretiseConfig, Draft, LinearParts, Noise, about, delete, into_cube, keep_part, linear, pose,
-    reconnect, rotation, signed_axes, trim, unit,
+    Augmented, DiscretiseConfig, Draft, JitterConfig, LinearParts, Noise, PartConfig, about, delete, into_cube,
+    keep_part, linear, pose, reconnect, rotation, signed_axes, trim, unit,
 };
 use riglab_core::{JointId, Rig, Spring, SpringJoint, Springs, Swing};
 use riglab_geom::{normals_by_angle, triangle_normals};
+use riglab_random::stream;
+use serde_json::Value;
+
+const AXES: [&str; 3] = ["x", "y", "z"];
 
 #[test]
 fn skintokens() {
@@ -24,96 +28,166 @@ fn skintokens() {
 }
 
 fn skintokens_group(case: &Golden, group: &str) {
-    let frames = frames(case, "in.matrix_local");
+    let input = |what: &str| case.input(group, what);
+    let recorded = |what: &str| Some(input(what)).filter(|name| case.has(name));
+    let frames = frames(case, &input("matrix_local"));
     let heads: Vec<[f32; 3]> = frames.iter().map(|f| f.translation.into()).collect();
-    let rig = || case.rig(&heads, "in.skin");
-    let number = |name: &str| case.values(name)[0] as f32;
-    let range = || {
-        let into = case.config("affine.normalize_into").as_array().expect("a range");
-        [into[0].as_f64().unwrap() as f32, into[1].as_f64().unwrap() as f32]
+    let rig = || case.rig(group, &heads, &input("skin"));
+    let drawn = |keep: fn(f64, f64) -> bool| -> Vec<bool> {
+        let rate = case.number_of(group, "rate");
+        case.values(&input("draws")).iter().map(|draw| keep(*draw, rate)).collect()
     };
-    match group {
-        "affine" => compare(case, group, &done(rig(), |d| into_cube(d, range(), 1.0, [0.0; 3]))),
-        "affine_rand" => {
-            let (scale, shift) = (number("in.affine_rand.scale"), case.points("in.affine_rand.shift")[0]);
-            compare(case, group, &done(rig(), |d| into_cube(d, range(), scale, shift)));
+    match first_word(group) {
+        "affine" => {
+            let into = case.setting(group, "normalize_into").expect("a range");
+            let into = [0, 1].map(|k| into[k].as_f64().expect("a range") as f32);
+            let scale = recorded("scale").map_or(1.0, |name| case.floats(&name)[0]);
+            let shift = recorded("shift").map_or([0.0; 3], |name| case.points(&name)[0]);
+            compare(case, group, &done(rig(), |d| into_cube(d, into, scale, shift)));
         }
-        "linear" => {
-            let angles = case.points("in.linear.angles_deg_xyz")[0];
-            let perm = case.indices("in.linear.perm");
-            let flip =
-                |axis: &str| if case.config(&format!("linear.random_flip_{axis}_p")) == 1.0 { -1.0 } else { 1.0 };
-            let parts = LinearParts {
-                rotate: rotation(case.points("in.linear.rotvec")[0]),
-                flip: Mat3A::from_diagonal(["x", "y", "z"].map(flip).into()),
-                turns: std::array::from_fn(|axis| about(axis, -angles[axis])),
-                scale: Mat3A::from_diagonal(case.points("in.linear.scale")[0].into()),
-                axes: signed_axes([perm[0], perm[1], perm[2]], case.points("in.linear.sign")[0]),
-            };
-            compare(case, group, &done(rig(), |d| linear(d, parts.matrix(), true)));
-        }
+        "linear" => compare(case, group, &done(rig(), |d| linear(d, skintokens_matrix(case, group), true))),
         "delete" => {
-            let keep = marked(case.indices("in.delete.selected"), heads.len());
+            let keep = marked(&case.indices(&input("selected")), heads.len());
             compare(case, group, &done(rig(), |d| delete(d, &keep)));
         }
-        "drop" => {
-            let keep: Vec<bool> = case.values("in.drop.draws").iter().map(|x| *x < case.number("drop.rate")).collect();
-            compare(case, group, &done(rig(), |d| keep_part(d, &keep)));
-        }
-        "collapse" => {
-            let rate = case.number("collapse.rate");
-            let keep: Vec<bool> = case.values("in.collapse.draws").iter().map(|x| *x >= rate).collect();
-            compare(case, group, &done(rig(), |d| reconnect(d, &keep)));
-        }
-        "trim" => compare(case, group, &done(case.rig(&heads, "in.trim.skin"), trim)),
+        "drop" => compare(case, group, &done(rig(), |d| keep_part(d, &drawn(|draw, rate| draw < rate)))),
+        "collapse" => compare(case, group, &done(rig(), |d| reconnect(d, &drawn(|draw, rate| draw >= rate)))),
+        "trim" => compare(case, group, &done(rig(), trim)),
         "lbs" => {
-            let (turns, scales) = (case.points("in.lbs.rotvec"), case.floats("in.lbs.scale"));
+            let (turns, scales) = (case.points(&input("rotvec")), case.floats(&input("scale")));
             let local = turns
                 .iter()
                 .zip(&scales)
                 .map(|(v, s)| Affine3A { matrix3: rotation(*v) * *s, translation: Vec3A::ZERO });
             let local: Vec<_> = frames.iter().zip(local).map(|(f, b)| in_world(f, b)).collect();
-            let result = done(rig(), |d| assert!(pose(d, &local)));
-            case.check_points("out.lbs.vertices", result.rig.mesh().positions());
-            case.check("out.lbs.matrix_local", matrices(result.motion.rest.iter().zip(&frames).map(|(r, f)| *r * *f)));
+            compare(case, group, &done(rig(), |d| assert!(pose(d, &local))));
         }
         "jitter" => {
-            let mut noisy = noisy(case, "vertex", "vertex_noise", rig().mesh().positions());
-            case.check_points("out.jitter.vertices", &noisy);
-            noisy = noisy_normals(case);
-            case.check_points("out.jitter.vertex_normals", &noisy);
-        }
-        "normalize" => {
-            let normals: Vec<_> = noisy_normals(case).into_iter().map(unit).collect();
-            case.check_points("out.normalize.vertex_normals", &normals);
-        }
-        "discrete" => {
-            let config = DiscretiseConfig { cells: case.number("discrete") as u32, ..DiscretiseConfig::default() };
-            let joints: Vec<_> = heads.iter().map(|h| h.map(|x| config.rounded(x))).collect();
-            case.check_points("out.discrete.joints", &joints);
-        }
-        "vertex_normals" => case.check_points("out.vertex_normals", &normals_by_angle(rig().mesh())),
-        "face_normals" => case.check_points("out.face_normals", &triangle_normals(rig().mesh())),
-        "order" => {
-            for part in ["parents", "skin"] {
-                case.elsewhere(&format!("out.order.{part}"), "joints of a rig stay in an order of parents first");
+            let name = |what: &str| format!("out.{group}.{what}");
+            if case.has(&name("vertices")) {
+                let points = noisy(case, group, "vertex", "vertex_noise", rig().mesh().positions());
+                case.check_points(&name("vertices"), &points);
+            }
+            if case.has(&name("vertex_normals")) {
+                case.check_points(&name("vertex_normals"), &noisy_normals(case, group));
             }
         }
-        "dfs_order" => case.elsewhere("out.dfs_order", "the order of joints is the tokenizer's"),
-        other => panic!("{}: unknown output `{other}`", case.name),
+        "normalize" => {
+            // With noise of its own, or that of `jitter`.
+            let of = if recorded("scale_normal").is_some() { group } else { "jitter" };
+            let normals: Vec<_> = noisy_normals(case, of).into_iter().map(unit).collect();
+            case.check_points(&format!("out.{group}.vertex_normals"), &normals);
+        }
+        "discrete" => {
+            let config = cells(case, group);
+            let joints: Vec<_> = heads.iter().map(|h| h.map(|x| config.rounded(x))).collect();
+            case.check_points(&format!("out.{group}.joints"), &joints);
+        }
+        "vertex" | "face" if case.has(&format!("out.{group}")) => {
+            let mesh = case.mesh_of(group);
+            let by = if first_word(group) == "vertex" { normals_by_angle } else { triangle_normals };
+            case.check_points(&format!("out.{group}"), &by(&mesh));
+        }
+        "order" => ordered(case, group, rig()),
+        "dfs" => case.elsewhere(&format!("out.{group}"), "compared by the tokenizer's tests"),
+        _ => panic!("{}: unknown output `{group}`", case.name),
     }
 }
 
-fn noisy(case: &Golden, what: &str, draws: &str, points: &[[f32; 3]]) -> Vec<[f32; 3]> {
-    let strength = case.values(&format!("in.jitter.scale_{what}"))[0];
-    let of = |key: &str| (case.number(&format!("jitter.{what}_{key}")) * strength) as f32;
+fn first_word(group: &str) -> &str {
+    group.split('_').next().unwrap_or(group)
+}
+
+/// The matrix of what is done with certainty, or has a draw of the group's own.
+fn skintokens_matrix(case: &Golden, group: &str) -> Mat3A {
+    let input = |what: &str| case.input(group, what);
+    let setting = |key: &str| match case.config(group) {
+        Value::Object(own) => own.get(key).cloned(),
+        _ => case.setting(group, key),
+    };
+    let is_on = |key: &str, draw: &str| {
+        setting(key).is_some_and(|p| p.as_f64() == Some(1.0)) || case.has(&format!("in.{group}.{draw}"))
+    };
+    let mut parts = still();
+    if is_on("random_rotate_p", "rotvec") {
+        parts.rotate = rotation(case.points(&input("rotvec"))[0]);
+    }
+    let flip = |axis| if is_on(&format!("random_flip_{axis}_p"), &format!("flip_{axis}")) { -1.0 } else { 1.0 };
+    parts.flip = Mat3A::from_diagonal(AXES.map(flip).into());
+    for axis in 0..3 {
+        let key = format!("static_rotate_{}", AXES[axis]);
+        if is_on(&format!("{key}_p"), "angles_deg_xyz") {
+            let drawn = Some(input("angles_deg_xyz")).filter(|name| case.has(name));
+            let angle = drawn.map_or_else(|| setting(&key)?[0].as_f64(), |name| Some(case.values(&name)[axis]));
+            parts.turns[axis] = about(axis, -angle.expect("an angle") as f32);
+        }
+    }
+    if is_on("random_scale_p", "scale") {
+        parts.scale = Mat3A::from_diagonal(case.points(&input("scale"))[0].into());
+    }
+    if is_on("random_transpose", "perm") {
+        let perm = case.indices(&input("perm"));
+        parts.axes = signed_axes([perm[0], perm[1], perm[2]], case.points(&input("sign"))[0]);
+    }
+    parts.matrix()
+}
+
+fn still() -> LinearParts {
+    let same = Mat3A::IDENTITY;
+    LinearParts { rotate: same, flip: same, turns: [same; 3], scale: same, axes: same }
+}
+
+/// Some of the joints in another order; what is left out leaves its weights to the nearest ancestor. A rig has parents
+/// before children and its root first, so the order itself is brought about here.
+fn ordered(case: &Golden, group: &str, rig: Rig) {
+    let new = case.indices(&case.input(group, "new"));
+    let keep = marked(&new, rig.skeleton().len());
+    if !keep[0] {
+        for name in case.outputs(&format!("{group}.")) {
+            case.elsewhere(&name, "a rig does not lose its root");
+        }
+        return;
+    }
+    let Augmented { rig, motion, .. } = done(rig, |d| reconnect(d, &keep));
+    let place = |joint: &usize| motion.origins.iter().position(|o| o.index() == *joint).expect("a joint that is kept");
+    let places: Vec<usize> = new.iter().map(place).collect();
+    for name in case.outputs(&format!("{group}.")) {
+        let skeleton = rig.skeleton();
+        let got: Vec<f64> = match name.rsplit_once('.').expect("a part").1 {
+            "parents" => {
+                let parent = |p: JointId| places.iter().position(|at| *at == p.index()).expect("a parent") as f64;
+                places.iter().map(|at| skeleton.parents()[*at].map_or(-1.0, parent)).collect()
+            }
+            "skin" => {
+                let weights = table(rig.weights(), places.len());
+                let rows = weights.chunks_exact(places.len());
+                rows.flat_map(|row| places.iter().map(|at| row[*at])).collect()
+            }
+            "joints" => places.iter().flat_map(|at| skeleton.heads()[*at].map(f64::from)).collect(),
+            _ => panic!("{}: unknown output `{name}`", case.name),
+        };
+        case.check(&name, got);
+    }
+}
+
+fn noisy(case: &Golden, group: &str, what: &str, draws: &str, points: &[[f32; 3]]) -> Vec<[f32; 3]> {
+    let strength = case.values(&case.input(group, &format!("scale_{what}")))[0];
+    let of = |key: &str| (case.number_of(group, &format!("{what}_{key}")) * strength) as f32;
     let noise = Noise { sigma: of("sigma"), clip: of("clip") };
-    let draws = case.points(&format!("in.jitter.{draws}"));
+    let draws = case.points(&case.input(group, draws));
     points.iter().zip(draws).map(|(p, d)| noise.on(*p, d)).collect()
 }
 
-fn noisy_normals(case: &Golden) -> Vec<[f32; 3]> {
-    noisy(case, "normal", "vertex_normal_noise", &normals_by_angle(&case.mesh()))
+fn noisy_normals(case: &Golden, group: &str) -> Vec<[f32; 3]> {
+    noisy(case, group, "normal", "vertex_normal_noise", &normals_by_angle(&case.mesh_of(group)))
+}
+
+/// Cells by the config, else by a number at the end of the group's name, else as many as usual.
+fn cells(case: &Golden, group: &str) -> DiscretiseConfig {
+    let named = || group.rsplit_once('_')?.1.parse().ok();
+    let told = case.config(group).as_u64().or_else(named).or_else(|| case.config("discrete").as_u64());
+    let usual = DiscretiseConfig::default();
+    DiscretiseConfig { cells: told.map_or(usual.cells, |cells| cells as u32), ..usual }
 }
 
 #[test]
@@ -127,149 +201,229 @@ fn unirig() {
 }
 
 fn unirig_group(case: &Golden, group: &str) {
-    let heads = case.points("in.joints");
-    let rig = || with_tails(case.rig(&heads, "in.skin"), &case.points("in.tails"));
-    let (kind, rest) = group.split_once('_').unwrap_or((group, ""));
-    match kind {
+    let input = |what: &str| case.input(group, what);
+    let (heads, tails) = (case.points(&input("joints")), case.points(&input("tails")));
+    let rig_by = |weights: &str| with_tails(case.rig(group, &heads, weights), &tails);
+    let rig = || rig_by(&input("skin"));
+    match first_word(group) {
         "affine" => {
-            let numbers = numbers(case.config(group).as_str().expect("words"));
-            let (into, scale, shift) = match (rest, numbers.as_slice()) {
-                ("" | "unit", [low, high, ..]) => ([*low, *high], 1.0, 0.0),
-                ("fixed_scale_shift", [scale, shift]) => ([-1.0, 1.0], *scale, *shift),
-                _ => panic!("{}: unknown output `{group}`", case.name),
-            };
-            compare(case, group, &done(rig(), |d| into_cube(d, into, scale, [shift; 3])));
+            let into = said(case, group, "into").try_into().unwrap_or([-1.0, 1.0]);
+            let scale = said(case, group, "scale").first().map_or(1.0, |scale| *scale);
+            let shift = by_axis(&said(case, group, "shift")).unwrap_or([0.0; 3]);
+            compare(case, group, &done(rig(), |d| into_cube(d, into, scale, shift)));
         }
-        "linear" => {
-            let mut parts = LinearParts {
-                rotate: Mat3A::IDENTITY,
-                flip: Mat3A::IDENTITY,
-                turns: [Mat3A::IDENTITY; 3],
-                scale: Mat3A::IDENTITY,
-                axes: Mat3A::IDENTITY,
-            };
-            let mut words = rest.split('_');
-            while let Some(word) = words.next() {
-                let axis = |letter: &str| "xyz".find(letter).unwrap_or_else(|| panic!("{}: `{group}`", case.name));
-                match word {
-                    "flip" => {
-                        let mut signs = [1.0; 3];
-                        words.next().expect("axes").chars().for_each(|c| signs[axis(&c.to_string())] = -1.0);
-                        parts.flip = Mat3A::from_diagonal(signs.into());
-                    }
-                    "scale" => {
-                        let scale = *numbers(case.config("linear").as_str().expect("words")).last().expect("a scale");
-                        parts.scale = Mat3A::from_diagonal([scale; 3].into());
-                    }
-                    turn => {
-                        let (letter, degrees) = turn.split_at(1);
-                        let degrees: f32 = degrees.parse().unwrap_or_else(|_| panic!("{}: `{group}`", case.name));
-                        parts.turns[axis(letter)] = about(axis(letter), -degrees);
-                    }
-                }
-            }
-            compare(case, group, &done(rig(), |d| linear(d, parts.matrix(), true)));
-        }
+        "linear" => compare(case, group, &done(rig(), |d| linear(d, unirig_matrix(case, group), true))),
         "collapse" => {
-            let keep = case.config("collapse_keep").as_array().expect("joints").iter();
-            let keep = marked(keep.map(|j| j.as_u64().unwrap() as usize).collect(), heads.len());
+            let keep = marked(&kept(case, group).0, heads.len());
             compare(case, group, &done(rig(), |d| reconnect(d, &keep)));
         }
         "drop" => {
-            let keep = numbers(case.config("drop_part_keep").as_str().expect("words"));
-            let keep = marked(keep.into_iter().map(|j| j as usize).collect(), heads.len());
-            let rig = with_tails(case.rig(&heads, "in.skin_sparse"), &case.points("in.tails"));
-            compare(case, group, &done(rig, |d| keep_part(d, &keep)));
+            let (joints, weights) = kept(case, group);
+            let rig = rig_by(&weights.unwrap_or_else(|| input("skin")));
+            let mut keep = marked(&joints, heads.len());
+            for joint in (0..heads.len()).rev().filter(|j| joints.contains(j)) {
+                let up = std::iter::successors(Some(joint), |j| Some(rig.skeleton().parents()[*j]?.index()));
+                up.for_each(|j| keep[j] = true);
+            }
+            let enough =
+                keep.iter().filter(|k| **k).count() as f32 >= PartConfig::default().at_least * heads.len() as f32;
+            // What has noise keeps its normals, as all does there: next to none.
+            let noise = JitterConfig { sigma: 0.0, normal_sigma: 1e-9, probability: 1.0, ..JitterConfig::default() };
+            let part = |d: &mut Draft| {
+                noise.apply(d, &mut stream(0, "golden", &[])).expect("normals");
+                if enough {
+                    keep_part(d, &keep);
+                }
+            };
+            compare(case, group, &done(rig, part));
         }
-        "joint" => {
-            let config = DiscretiseConfig::default();
-            let round =
-                |name: &str| -> Vec<_> { case.points(name).iter().map(|h| h.map(|x| config.rounded(x))).collect() };
-            case.check_points("out.joint_discrete.joints", &round("in.joints"));
-            case.check_points("out.joint_discrete.tails", &round("in.tails"));
-            case.check("out.joint_discrete.parents", case.values("in.parents").to_vec());
-        }
-        "tail" => case.elsewhere(&format!("out.{group}.tails"), "a rig's joints have no tails of their own"),
-        "sample" => {
-            for part in ["face", "face_weight", "normals", "points", "skin"] {
-                case.elsewhere(&format!("out.sample.{part}"), "see the sampler's tests");
+        "joint" if group.starts_with("joint_discrete") => {
+            let config = cells(case, group);
+            for name in case.outputs(&format!("{group}.")) {
+                let part = name.rsplit_once('.').expect("a part").1;
+                match part {
+                    "joints" | "tails" => {
+                        let points = case.points(&input(part));
+                        let round: Vec<_> = points.iter().map(|h| h.map(|x| config.rounded(x))).collect();
+                        case.check_points(&name, &round);
+                    }
+                    "parents" => case.check(&name, case.values(&input(part)).to_vec()),
+                    _ => panic!("{}: unknown output `{name}`", case.name),
+                }
             }
         }
-        other => panic!("{}: unknown output `{other}` of {group}", case.name),
+        "tail" => {
+            // A tail at the head of an only child; of others as in the file, or at the own head.
+            let [connect, copy] = ["connect", "copy"].map(|word| group.split('_').any(|w| w == word));
+            assert!(connect || copy, "{}: unknown output `{group}`", case.name);
+            let rig = rig();
+            let (found, children) = (rig.skeleton().tails(), rig.skeleton().children());
+            let tail = |j: usize| match (connect && children[j].len() == 1, copy) {
+                (true, _) => found[j],
+                (_, true) => heads[j],
+                _ => tails[j],
+            };
+            let rig = with_tails(rig, &(0..heads.len()).map(tail).collect::<Vec<_>>());
+            compare(case, group, &done(rig, |_| ()));
+        }
+        "sample" => {
+            for name in case.outputs(&format!("{group}.")) {
+                case.elsewhere(&name, "compared by the sampler's tests");
+            }
+        }
+        _ => panic!("{}: unknown output `{group}`", case.name),
+    }
+}
+
+/// The numbers of a group under a word: recorded, of its object or text in the config, or of its name.
+fn said(case: &Golden, group: &str, word: &str) -> Vec<f32> {
+    let recorded = format!("in.{group}.{word}");
+    if case.has(&recorded) {
+        return case.floats(&recorded);
+    }
+    let found = match case.config(group) {
+        Value::String(words) => after(words, word),
+        Value::Object(all) => match all.iter().find(|(key, _)| key.ends_with(word)).map(|(_, v)| v) {
+            Some(Value::Array(list)) => list.iter().filter_map(Value::as_f64).collect(),
+            Some(other) => other.as_f64().into_iter().collect(),
+            None => Vec::new(),
+        },
+        _ => after(&group.replace('_', " "), word),
+    };
+    found.into_iter().map(|x| x as f32).collect()
+}
+
+/// One number for all axes, or one for each.
+fn by_axis(numbers: &[f32]) -> Option<[f32; 3]> {
+    match *numbers {
+        [] => None,
+        [all] => Some([all; 3]),
+        [x, y, z] => Some([x, y, z]),
+        _ => panic!("for three axes: {numbers:?}"),
+    }
+}
+
+/// The matrix by the words of a group's name, such as `linear_x90_flip_yz_scale`.
+fn unirig_matrix(case: &Golden, group: &str) -> Mat3A {
+    let mut parts = still();
+    let mut words = group.split('_').skip(1).peekable();
+    while let Some(word) = words.next() {
+        let number = |text: &str| -> Option<f32> { text.parse().ok() };
+        let axis = AXES.iter().position(|axis| word.starts_with(axis));
+        if word == "flip" {
+            let mut signs = [1.0; 3];
+            while let Some(axes) = words.next_if(|w| w.chars().all(|c| "xyz".contains(c))) {
+                axes.chars().for_each(|c| signs["xyz".find(c).expect("an axis")] = -1.0);
+            }
+            parts.flip = Mat3A::from_diagonal(signs.into());
+        } else if word == "rotate" || word == "rotvec" {
+            parts.rotate = rotation(case.points(&case.input(group, "rotvec"))[0]);
+        } else if let Some(told) = word.strip_prefix("scale") {
+            let own = number(told).map_or_else(|| said(case, group, "scale"), |scale| vec![scale]);
+            let all = || by_axis(&said(case, "linear", "scale")).expect("a scale");
+            while words.next_if(|w| number(w).is_some()).is_some() {}
+            parts.scale = Mat3A::from_diagonal(by_axis(&own).unwrap_or_else(all).into());
+        } else if let Some((axis, degrees)) = axis.and_then(|axis| Some((axis, number(&word[1..])?))) {
+            parts.turns[axis] = about(axis, -degrees);
+        } else {
+            panic!("{}: `{word}` of unknown output `{group}`", case.name);
+        }
+    }
+    parts.matrix()
+}
+
+/// Which joints a group keeps, and the weights that are told beside them.
+fn kept(case: &Golden, group: &str) -> (Vec<usize>, Option<String>) {
+    let recorded = case.input(group, "keep");
+    if case.has(&recorded) {
+        return (case.indices(&recorded), None);
+    }
+    match case.setting(group, "keep") {
+        Some(Value::Array(joints)) => (joints.iter().map(|j| j.as_u64().expect("a joint") as usize).collect(), None),
+        Some(Value::String(words)) => {
+            let weights = words.split_whitespace().find(|w| w.starts_with("in."));
+            (leading(&words).into_iter().map(|j| j as usize).collect(), weights.map(str::to_owned))
+        }
+        other => panic!("{}: {group} keeps {other:?}", case.name),
     }
 }
 
 #[test]
 fn poses() {
     for case in golden("unirig", "lbs_fk") {
-        let (heads, frames) = (case.points("in.joints"), frames(&case, "in.matrix_local"));
-        let basis = self::frames(&case, "in.matrix_basis");
-        let posed = |local: Vec<Affine3A>| {
-            let rig = with_tails(case.rig(&heads, "in.skin"), &case.points("in.tails"));
-            done(rig, |d| assert!(pose(d, &local)))
-        };
         for group in case.groups() {
-            match group.as_str() {
-                "posed" => {
-                    compare(&case, &group, &posed(frames.iter().zip(&basis).map(|(f, b)| in_world(f, *b)).collect()))
-                }
-                "posed_no_rest_rotation" => compare(&case, &group, &posed(basis.clone())),
-                "pose_matrix" => {
-                    let result = posed(frames.iter().zip(&basis).map(|(f, b)| in_world(f, *b)).collect());
-                    case.check(
-                        "out.pose_matrix",
-                        matrices(result.motion.rest.iter().zip(&frames).map(|(r, f)| *r * *f)),
-                    );
-                }
-                "pose_matrix_no_rest_rotation" => {
-                    let at = |h: &[f32; 3]| Affine3A::from_translation((*h).into());
-                    let rest = posed(basis.clone()).motion.rest;
-                    case.check(
-                        "out.pose_matrix_no_rest_rotation",
-                        matrices(rest.iter().zip(&heads).map(|(r, h)| *r * at(h))),
-                    );
-                }
-                "basis_rotation" => {
-                    let rows =
-                        case.points("in.rotvec").into_iter().flat_map(|v| rotation(v).transpose().to_cols_array());
-                    case.check("out.basis_rotation", rows.map(f64::from));
-                }
-                name => {
-                    let known = ["lbs_unnormalised", "matrix_quaternion_wxyz", "quaternion_matrix", "quaternion_wxyz"];
-                    assert!(known.contains(&name), "{}: unknown output `{name}`", case.name);
-                    case.elsewhere(
-                        &format!("out.{name}"),
-                        "no augmentation: weights of a rig sum to 1, turns are matrices",
-                    );
-                }
-            }
+            poses_group(&case, &group);
         }
         case.done();
     }
 }
 
+fn poses_group(case: &Golden, group: &str) {
+    let input = |what: &str| case.input(group, what);
+    let (heads, frames) = (case.points(&input("joints")), frames(case, &input("matrix_local")));
+    let turns = |what: &str| case.points(&input(what)).into_iter().map(rotation);
+    let posed = || {
+        let basis = self::frames(case, &input("matrix_basis"));
+        let local = match has_no_frames(group) {
+            true => basis,
+            false => frames.iter().zip(&basis).map(|(f, b)| in_world(f, *b)).collect(),
+        };
+        let rig = with_tails(case.rig(group, &heads, &input("skin")), &case.points(&input("tails")));
+        done(rig, |d| assert!(pose(d, &local)))
+    };
+    let name = format!("out.{group}");
+    if group.starts_with("posed") {
+        compare(case, group, &posed());
+    } else if group.starts_with("pose_matrix") {
+        case.check(&name, posed_frames(case, group, &posed()));
+    } else if group.starts_with("basis_rotation") || group.starts_with("quaternion_matrix") {
+        let what = if group.starts_with("basis") { "rotvec" } else { "axis_angle" };
+        let rows = turns(what).flat_map(|m| m.transpose().to_cols_array());
+        case.check(&name, rows.map(f64::from).collect::<Vec<_>>());
+    } else if group.contains("quaternion_wxyz") {
+        // Either sign is the same turn.
+        let signed = |(m, want): (Mat3A, &[f64; 4])| {
+            let q = Quat::from_mat3a(&m);
+            let q = [q.w, q.x, q.y, q.z].map(f64::from);
+            let same: f64 = q.iter().zip(want).map(|(a, b)| a * b).sum();
+            q.map(|x| if same < 0.0 { -x } else { x })
+        };
+        let wanted = case.values(&name).as_chunks::<4>().0;
+        case.check(&name, turns("axis_angle").zip(wanted).flat_map(signed).collect::<Vec<_>>());
+    } else if group.starts_with("lbs_unnormalised") {
+        case.elsewhere(&name, "weights of a rig sum to 1; compared by the rewards' tests");
+    } else {
+        panic!("{}: unknown output `{group}`", case.name);
+    }
+}
+
+/// Whether a group takes the joints' frames for turned as the world is.
+fn has_no_frames(group: &str) -> bool {
+    group.contains("no_rest_rotation")
+}
+
+/// Where the frames of joints are after all.
+fn posed_frames(case: &Golden, group: &str, result: &Augmented) -> Vec<f64> {
+    let mut frames = frames(case, &case.input(group, "matrix_local"));
+    if has_no_frames(group) {
+        frames.iter_mut().for_each(|f| f.matrix3 = Mat3A::IDENTITY);
+    }
+    let motion = &result.motion;
+    // The normalisation of UniRig's public code moves frames without scaling them.
+    let unscaled = |m: Affine3A| {
+        let scale = if group.starts_with("affine") { motion.world.matrix3.x_axis.length() } else { 1.0 };
+        Affine3A { matrix3: m.matrix3 * (1.0 / scale), ..m }
+    };
+    matrices(motion.rest.iter().zip(&motion.origins).map(|(r, o)| unscaled(*r * frames[o.index()])))
+}
+
 /// Checks whatever is recorded of a result.
 fn compare(case: &Golden, group: &str, result: &Augmented) {
-    let (rig, motion) = (&result.rig, &result.motion);
-    let prefix = format!("out.{group}.");
-    for part in [
-        "vertices",
-        "joints",
-        "parents",
-        "faces",
-        "skin",
-        "tails",
-        "matrix",
-        "matrix_local",
-        "vertex_normals",
-        "face_normals",
-    ] {
-        let name = format!("{prefix}{part}");
-        if !case.has(&name) {
-            continue;
-        }
+    let rig = &result.rig;
+    for name in case.outputs(&format!("{group}.")) {
         let flat = |points: &[[f32; 3]]| points.as_flattened().iter().map(|x| f64::from(*x)).collect::<Vec<_>>();
-        let got: Vec<f64> = match part {
+        let normals = result.normals.as_ref();
+        let got: Vec<f64> = match name.rsplit_once('.').expect("a part").1 {
             "vertices" => flat(rig.mesh().positions()),
             "joints" => flat(rig.skeleton().heads()),
             "parents" => rig.skeleton().parents().iter().map(|p| p.map_or(-1.0, |p| f64::from(p.0))).collect(),
@@ -279,26 +433,11 @@ fn compare(case: &Golden, group: &str, result: &Augmented) {
                 let joints = rig.springs().springs().iter().flat_map(|s| &s.joints);
                 flat(&joints.map(|j| j.tail.expect("a tail")).collect::<Vec<_>>())
             }
-            "matrix" => matrices([motion.world]),
-            "matrix_local" => {
-                let mut frames = frames(case, "in.matrix_local");
-                if group.ends_with("no_rest_rotation") {
-                    frames.iter_mut().for_each(|f| f.matrix3 = Mat3A::IDENTITY);
-                }
-                // The normalisation of UniRig's public code moves frames without scaling them.
-                let unscaled = |m: Affine3A| {
-                    let scale = if group.starts_with("affine") { motion.world.matrix3.x_axis.length() } else { 1.0 };
-                    Affine3A { matrix3: m.matrix3 * (1.0 / scale), ..m }
-                };
-                matrices(motion.rest.iter().zip(&motion.origins).map(|(r, o)| unscaled(*r * frames[o.index()])))
-            }
-            "vertex_normals" if group == "drop_part" => {
-                case.elsewhere(&name, "normals are those of what is left, here those of the whole");
-                continue;
-            }
-            "vertex_normals" => flat(&normals_by_angle(rig.mesh())),
-            "face_normals" => flat(&triangle_normals(rig.mesh())),
-            other => unreachable!("{other}"),
+            "matrix" => matrices([result.motion.world]),
+            "matrix_local" => posed_frames(case, group, result),
+            "vertex_normals" => normals.map_or_else(|| flat(&normals_by_angle(rig.mesh())), |n| flat(&n.vertices)),
+            "face_normals" => normals.map_or_else(|| flat(&triangle_normals(rig.mesh())), |n| flat(&n.triangles)),
+            _ => panic!("{}: unknown output `{name}`", case.name),
         };
         case.check(&name, got);
     }
@@ -310,13 +449,8 @@ fn done<T>(rig: Rig, step: impl FnOnce(&mut Draft) -> T) -> Augmented {
     draft.close().expect("a rig")
 }
 
-fn marked(joints: Vec<usize>, count: usize) -> Vec<bool> {
+fn marked(joints: &[usize], count: usize) -> Vec<bool> {
     (0..count).map(|j| joints.contains(&j)).collect()
-}
-
-/// The numbers in a text.
-fn numbers(text: &str) -> Vec<f32> {
-    text.split(|c: char| !(c.is_ascii_digit() || c == '.' || c == '-')).filter_map(|w| w.parse().ok()).collect()
 }
 
 /// Affine maps from 4x4 matrices by rows.

@@ -66,9 +66,26 @@ fn every_format_is_the_rig_that_it_is() {
     let puppeteer = of("puppeteer", "rignet");
     same(row(&puppeteer, "biped_rig.txt"));
     assert_eq!(row(&puppeteer, "single_rig.txt").status, Status::Missing);
-    let anymate = of("anymate", "rignet");
-    same(row(&anymate, "biped_rig.txt"));
-    assert!(row(&anymate, "biped_rig.txt").notes[0].contains("scaled by 0.500"));
+    // A file by itself: several may hold a rig of one name.
+    let mut held = 0;
+    for file in names(&formats.join("anymate"), ".pt").into_iter().filter(|file| !file.starts_with("refuse")) {
+        let truth = formats.join("rignet");
+        let file = formats.join(format!("anymate/{file}.pt"));
+        let anymate = match scored(&file, &truth, Kind::Auto, Failures::Apart) {
+            Ok(found) => found,
+            // One with other rigs alone.
+            Err(e) if e.to_string().contains("matched by their path") => continue,
+            Err(e) => panic!("{}: {e}", file.display()),
+        };
+        let biped = row(&anymate, "biped_rig.txt");
+        if biped.status == Status::Missing {
+            continue;
+        }
+        same(biped);
+        assert!(biped.notes[0].contains("scaled by 0.500"), "{}: {:?}", file.display(), biped.notes);
+        held += 1;
+    }
+    assert!(held > 0, "no file of anymate has the biped");
     let set = of("articulation_xl/row_numpy2.npz", "puppeteer/articulation_test.h5");
     same(row(&set, "articulation_test.h5#b1p3d"));
     assert_eq!(set.counts(), [1, 0, 1]);

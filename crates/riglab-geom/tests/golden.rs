@@ -7,7 +7,8 @@ mod golden;
 use golden::{Golden, golden, table};
 use riglab_core::{Mesh, SkinWeights};
 use riglab_geom::{
-    CloudConfig, CloudSampler, DenseConfig, DenseSampler, Place, SurfaceSampler, Transfer, farthest_points, near_bone,
+    Cloud, CloudConfig, CloudSampler, DenseConfig, DenseSampler, Place, SurfaceSampler, Transfer, farthest_points,
+    near_bone,
 };
 use riglab_random::numpy_choice;
 
@@ -15,29 +16,34 @@ use riglab_random::numpy_choice;
 fn skintokens() {
     for case in golden("skintokens", "sampler") {
         for group in case.groups() {
-            match group.as_str() {
-                "face_mask" => masks(&case),
-                "uniform" => uniform(&case),
-                "dense" => dense(&case),
-                "fps" => farthest(&case),
-                "transfer_k8" => transfer(&case),
-                other => panic!("{}: unknown output `{other}`", case.name),
+            match group.split('_').next().unwrap_or(&group) {
+                "face" if group.starts_with("face_mask") => masks(&case, &group),
+                "uniform" => uniform(&case, &group),
+                "dense" => dense(&case, &group),
+                "fps" => farthest(&case, &group),
+                "transfer" => transfer(&case, &group),
+                _ => panic!("{}: unknown output `{group}`", case.name),
             }
         }
         case.done();
     }
 }
 
+/// The mesh of a group and its weights, with the number of joints.
+fn skinned(case: &Golden, group: &str) -> (Mesh, SkinWeights, usize) {
+    let skin = case.input(group, "skin");
+    (case.mesh_of(group), case.weights(&skin), case.shape(&skin)[1])
+}
+
 /// Of every joint, for the two limits in the output's name.
-fn masks(case: &Golden) {
-    let (mesh, weights) = (case.mesh(), case.weights("in.skin"));
-    let columns = weights.columns(case.shape("in.skin")[1]);
-    for name in case.outputs("face_mask.") {
-        let (reach, share) = name.rsplit_once('_').expect("two limits");
-        let reach = reach.rsplit_once("mask.").expect("a limit").1;
+fn masks(case: &Golden, group: &str) {
+    let (mesh, weights, joints) = skinned(case, group);
+    let columns = weights.columns(joints);
+    for name in case.outputs(&format!("{group}.")) {
+        let limits = name[format!("out.{group}.").len()..].split_once('_').expect("two limits");
         let config = DenseConfig {
-            reach: reach.parse().expect("a number"),
-            reach_share: share.parse().expect("a number"),
+            reach: limits.0.parse().expect("a number"),
+            reach_share: limits.1.parse().expect("a number"),
             ..DenseConfig::default()
         };
         let marked = columns.iter().flat_map(|column| near_bone(&mesh, column, &config));
@@ -60,49 +66,76 @@ fn drawn(case: &Golden, mesh: &Mesh, draws: [&str; 2], weight: impl Fn(usize, f6
     both.map(|(share, on_it)| Place::Surface(sampler.at(*share, *on_it))).collect()
 }
 
-fn uniform(case: &Golden) {
-    let (mesh, weights) = (case.mesh(), case.weights("in.skin"));
-    let sampler = CloudSampler::new(&mesh, &CloudConfig::skintokens());
-    let places = drawn(case, &mesh, ["in.uniform.face_draws", "in.uniform.bary_draws"], |_, area| area);
-    let cloud = sampler.at(places);
-    case.check_points("out.uniform.vertices", &cloud.positions);
-    case.check_points("out.uniform.normals", &cloud.normals);
-    let found = cloud.weights(&mesh, &weights).unwrap();
-    case.check("out.uniform.skin", table(&found, case.shape("in.skin")[1]));
+/// A cloud by the draws of a group, or those of `uniform`.
+fn cloud(case: &Golden, mesh: &Mesh, group: &str) -> Cloud {
+    let own = case.has(&case.input(group, "face_draws"));
+    let draws = ["face_draws", "bary_draws"].map(|what| case.input(if own { group } else { "uniform" }, what));
+    let places = drawn(case, mesh, draws.each_ref().map(String::as_str), |_, area| area);
+    CloudSampler::new(mesh, &CloudConfig::skintokens()).at(places)
 }
 
-/// Weights of the uniform cloud, told for the vertices.
-fn transfer(case: &Golden) {
-    let (mesh, weights) = (case.mesh(), case.weights("in.skin"));
-    let sampler = CloudSampler::new(&mesh, &CloudConfig::skintokens());
-    let places = drawn(case, &mesh, ["in.uniform.face_draws", "in.uniform.bary_draws"], |_, area| area);
-    let cloud = sampler.at(places);
-    let joints = case.shape("in.skin")[1];
+fn uniform(case: &Golden, group: &str) {
+    let (mesh, weights, joints) = skinned(case, group);
+    let cloud = cloud(case, &mesh, group);
+    let skin = table(&cloud.weights(&mesh, &weights).unwrap(), joints);
+    sampled(case, group, &cloud, &skin);
+}
+
+/// Checks whatever is recorded of a cloud.
+fn sampled(case: &Golden, group: &str, cloud: &Cloud, skin: &[f64]) {
+    for name in case.outputs(&format!("{group}.")) {
+        match name.rsplit_once('.').expect("a part").1 {
+            "vertices" | "points" => case.check_points(&name, &cloud.positions),
+            "normals" => case.check_points(&name, &cloud.normals),
+            "skin" => case.check(&name, skin.to_vec()),
+            "face" => {
+                let faces = cloud.places.iter().map(|p| match p {
+                    Place::Surface(s) => f64::from(s.triangle),
+                    Place::Vertex(_) => panic!("a vertex"),
+                });
+                case.check(&name, faces);
+            }
+            "face_weight" => {
+                let mesh = case.mesh_of(group);
+                let area = |t| glam::Vec3::from(mesh.area_vector(t)).length_squared();
+                case.check(&name, (0..mesh.triangles().len()).map(|t| f64::from(area(t))));
+            }
+            _ => panic!("{}: unknown output `{name}`", case.name),
+        }
+    }
+}
+
+/// Weights of the uniform cloud, told for the vertices by as many points as the name says.
+fn transfer(case: &Golden, group: &str) {
+    let (mesh, weights, joints) = skinned(case, group);
+    let count = group.split('_').find_map(|word| word.strip_prefix('k')?.parse().ok()).unwrap_or(8);
+    let cloud = cloud(case, &mesh, group);
     let known = table(&cloud.weights(&mesh, &weights).unwrap(), joints);
-    let shares = Transfer::new(&cloud.positions, 8).shares(mesh.positions());
+    let shares = Transfer::new(&cloud.positions, count).shares(mesh.positions());
     let told = shares.iter().flat_map(|shares| {
         (0..joints).map(|j| shares.iter().map(|&(k, w)| f64::from(w) * known[k as usize * joints + j]).sum::<f64>())
     });
-    case.check("out.transfer_k8", told.collect::<Vec<_>>());
+    case.check(&format!("out.{group}"), told.collect::<Vec<_>>());
 }
 
-fn dense(case: &Golden) {
-    let (mesh, weights) = (case.mesh(), case.weights("in.skin"));
-    let marked: Vec<bool> = case.values("in.dense.mask").iter().map(|m| *m > 0.0).collect();
-    let order: Vec<u32> = case.indices("in.dense.permutation").iter().map(|k| *k as u32).collect();
-    let vertices = (case.number("num_vertex_samples") as usize).min(order.len());
+fn dense(case: &Golden, group: &str) {
+    let (mesh, weights, _) = skinned(case, group);
+    let input = |what: &str| case.input(group, what);
+    let marked: Vec<bool> = case.values(&input("mask")).iter().map(|m| *m > 0.0).collect();
+    let order: Vec<u32> = case.indices(&input("permutation")).iter().map(|k| *k as u32).collect();
+    let vertices = (case.number_of(group, "num_vertex_samples") as usize).min(order.len());
     let config = DenseConfig { vertices, ..DenseConfig::default() };
     let whole = CloudSampler::new(&mesh, &CloudConfig::skintokens());
     let sampler = DenseSampler::new(&whole, &marked, &config);
     let mut places = sampler.vertices(&order[..vertices]);
     let within = |t: usize, area: f64| if marked[t] { area } else { 0.0 };
-    places.extend(drawn(case, &mesh, ["in.dense.face_draws", "in.dense.bary_draws"], within));
-    assert_eq!(places.len(), case.number("num_skin_samples") as usize);
+    places.extend(drawn(case, &mesh, [&input("face_draws"), &input("bary_draws")], within));
+    assert_eq!(places.len(), case.number_of(group, "num_skin_samples") as usize);
     let cloud = whole.at(places);
-    case.check_points("out.dense.vertices", &cloud.positions);
-    case.check_points("out.dense.normals", &cloud.normals);
-    let bone = case.number("dense_joint") as usize;
-    case.check("out.dense.skin", column(&cloud.weights(&mesh, &weights).unwrap(), bone));
+    // The joint is named beside the group, not in it.
+    let bone = case.setting(group, "joint").and_then(|j| j.as_u64());
+    let bone = bone.unwrap_or_else(|| case.number("dense_joint") as u64) as usize;
+    sampled(case, group, &cloud, &column(&cloud.weights(&mesh, &weights).unwrap(), bone));
 }
 
 fn column(weights: &SkinWeights, joint: usize) -> Vec<f64> {
@@ -110,15 +143,19 @@ fn column(weights: &SkinWeights, joint: usize) -> Vec<f64> {
     (0..weights.rows()).map(of).collect()
 }
 
-fn farthest(case: &Golden) {
-    let (points, count) = (case.points("in.fps.points"), case.shape("in.fps.points")[1]);
-    for name in case.outputs("fps.") {
+fn farthest(case: &Golden, group: &str) {
+    let name = case.input(group, "points");
+    let (points, shape) = (case.points(&name), case.shape(&name));
+    let count = shape[shape.len() - 2];
+    for name in case.outputs(&format!("{group}.")) {
         let part = |ratio: f64| (count as f64 * ratio).round_ties_even() as usize;
-        let picks = match name.strip_prefix("out.fps.").expect("a prefix") {
+        let picks = match &name[format!("out.{group}.").len()..] {
             "half" => part(0.5),
             "quarter" => part(0.25),
+            "third" => part(1.0 / 3.0),
+            "all" => count,
             // A share in figures; or a name that tells none, whose count is that of the picks.
-            other => other.parse().map_or(case.shape(&name)[1], part),
+            other => other.parse().map_or(*case.shape(&name).last().expect("picks"), part),
         };
         let all = points.chunks(count).flat_map(|cloud| farthest_points(cloud, picks, 0));
         case.check(&name, all.map(|k| k as f64));
@@ -128,29 +165,34 @@ fn farthest(case: &Golden) {
 #[test]
 fn unirig() {
     for case in golden("unirig", "transforms") {
-        let (mesh, weights) = (case.mesh(), case.weights("in.skin"));
-        let sampler = CloudSampler::new(&mesh, &CloudConfig::unirig_ar());
-        let squares = |_, area: f64| area * area;
-        let cloud = sampler.at(drawn(&case, &mesh, ["in.sample.u", "in.sample.uv"], squares));
-        let faces = cloud.places.iter().map(|p| match p {
-            Place::Surface(s) => f64::from(s.triangle),
-            Place::Vertex(_) => panic!("a vertex"),
-        });
-        case.check("out.sample.face", faces);
-        case.check_points("out.sample.points", &cloud.positions);
-        case.check_points("out.sample.normals", &cloud.normals);
-        case.check("out.sample.skin", table(&cloud.weights(&mesh, &weights).unwrap(), case.shape("in.skin")[1]));
-        let area = |t| glam::Vec3::from(mesh.area_vector(t)).length_squared();
-        case.check("out.sample.face_weight", (0..mesh.triangles().len()).map(|t| f64::from(area(t))));
+        for group in case.groups().into_iter().filter(|group| group.starts_with("sample")) {
+            let (mesh, weights, joints) = skinned(&case, &group);
+            let squares = |_, area: f64| area * area;
+            let places = drawn(&case, &mesh, [&case.input(&group, "u"), &case.input(&group, "uv")], squares);
+            let cloud = CloudSampler::new(&mesh, &CloudConfig::unirig_ar()).at(places);
+            sampled(&case, &group, &cloud, &table(&cloud.weights(&mesh, &weights).unwrap(), joints));
+        }
     }
 }
 
+/// How many of how many, and the seed where it is not 0, are in the output's name.
 #[test]
 fn rows_of_the_shape_encoder() {
     for case in golden("unirig", "rng_choice") {
         for name in case.outputs("") {
-            let (n, count) = name.strip_prefix("out.n").and_then(|s| s.split_once("_k")).expect("two numbers");
-            let rows = numpy_choice(0, n.parse().expect("a number"), count.parse().expect("a number"));
+            let (mut seed, mut of) = (0, [None; 2]);
+            for word in name["out.".len()..].split('_') {
+                let at = word.find(|c: char| c.is_ascii_digit()).expect("a number");
+                let number = word[at..].parse().expect("a number");
+                match &word[..at] {
+                    "n" => of[0] = Some(number),
+                    "k" => of[1] = Some(number),
+                    "s" | "seed" => seed = number,
+                    _ => panic!("{}: unknown output `{name}`", case.name),
+                }
+            }
+            let [n, count] = of.map(|number| number.expect("two numbers"));
+            let rows = numpy_choice(seed, n as u32, count as usize);
             case.check(&name, rows.into_iter().map(f64::from));
         }
         case.done();

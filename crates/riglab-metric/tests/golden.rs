@@ -11,10 +11,20 @@ use riglab_metric::{Joints, SkeletonConvention};
 fn unirig() {
     for case in golden("unirig", "metrics") {
         for pair in case.groups() {
+            // Distances are shares of the range, which is [-1, 1] in the product.
+            let end = |k: usize| case.config("continuous_range")[k].as_f64().unwrap_or([-1.0, 1.0][k]);
+            let share = 2.0 / (end(1) - end(0));
+            let samples = case.config("samples_per_bone").as_u64().unwrap_or(100);
             let [truth, predicted] = ["gt", "pred"].map(|side| joints(&case, &pair, side));
             let found = SkeletonConvention::Unirig.distances(&predicted, &truth);
-            for (name, found) in [("j2j", found.j2j), ("j2b", found.j2b), ("b2b", found.b2b)] {
-                let name = format!("out.{pair}.{name}");
+            for name in case.outputs(&format!("{pair}.")) {
+                let found = share
+                    * match name.rsplit_once('.').expect("a part").1 {
+                        "j2j" => found.j2j,
+                        "j2b" if samples == 100 => found.j2b,
+                        "b2b" if samples == 100 => found.b2b,
+                        _ => panic!("{}: unknown output `{name}`", case.name),
+                    };
                 if predicted == truth {
                     rounded(&case, &name, found);
                 } else {
@@ -36,14 +46,20 @@ fn rounded(case: &Golden, name: &str, found: f64) {
 
 /// Joints, and the parents that the bones tell: a row for each joint but the root, from its parent's place to its own.
 fn joints(case: &Golden, pair: &str, side: &str) -> Joints {
-    let rows = |what: &str| case.values(&format!("in.{pair}.{what}_{side}"));
+    let rows = |what: &str| case.values(&case.input(pair, &format!("{what}_{side}")));
     let positions = rows("joints").as_chunks::<3>().0.to_vec();
-    let parent = |(bone, own): (&[f64; 6], &[f64; 3])| {
-        assert_eq!(bone[3..], *own, "{}: bones of {pair}", case.name);
-        let at = positions.iter().position(|p| *p == bone[..3]);
-        assert!(at.is_some(), "{}: a bone of {pair} begins at no joint", case.name);
-        at
-    };
-    let parents = std::iter::once(None).chain(rows("bones").as_chunks().0.iter().zip(&positions[1..]).map(parent));
-    Joints { parents: parents.collect(), positions }
+    let bones = rows("bones").as_chunks::<6>().0;
+    let mut parents = vec![None; positions.len()];
+    let mut is_ended = vec![false; positions.len()];
+    for (row, bone) in bones.iter().enumerate() {
+        let [from, to] = [&bone[..3], &bone[3..]];
+        let parent = positions.iter().position(|p| p[..] == *from);
+        assert!(parent.is_some(), "{}: a bone of {pair} begins at no joint", case.name);
+        // The joints in order, behind the root; else whichever no bone ends at yet.
+        let fits = |joint: &usize| positions.get(*joint).is_some_and(|p| p[..] == *to) && !is_ended[*joint];
+        let joint = std::iter::once(row + 1).chain(0..positions.len()).find(fits);
+        let joint = joint.unwrap_or_else(|| panic!("{}: a bone of {pair} ends at no joint", case.name));
+        (parents[joint], is_ended[joint]) = (parent, true);
+    }
+    Joints { parents, positions }
 }

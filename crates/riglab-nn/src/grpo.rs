@@ -14,9 +14,11 @@ pub const LEAST_SPREAD: f64 = 1e-4;
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Scale {
-    /// The standard deviation of the sequence's group (the paper's).
+    /// The standard deviation of the sequence's group by n - 1 (the paper's; it does not say by which).
     #[default]
     Group,
+    /// The same by n.
+    Population,
     /// The standard deviation of what is left of all rewards without their groups' means: easy and hard meshes then
     /// count by how much there is to gain.
     Batch,
@@ -83,7 +85,7 @@ impl ObjectiveConfig {
     }
 }
 
-/// A_i = (R_i - mean) / (deviation + 1e-4), means and deviations (by n - 1) of each group; exactly 0 in a group whose
+/// A_i = (R_i - mean) / (deviation + 1e-4), means and deviations of each group; exactly 0 in a group whose
 /// rewards are equal, and in one of a single sequence. `groups`: the group of each sequence.
 pub fn advantages(rewards: &[f64], groups: &[usize], scale: Scale) -> Vec<f64> {
     let count = groups.iter().max().map_or(0, |g| g + 1);
@@ -99,7 +101,7 @@ pub fn advantages(rewards: &[f64], groups: &[usize], scale: Scale) -> Vec<f64> {
         }
         let mean = of(group).sum::<f64>() / n;
         let sum: f64 = of(group).map(|r| (r - mean).powi(2)).sum();
-        *spread = (sum / (n - 1.0)).sqrt();
+        *spread = (sum / if scale == Scale::Population { n } else { n - 1.0 }).sqrt();
         squares += sum;
         freedom += n - 1.0;
         for ((left, r), _) in left.iter_mut().zip(rewards).zip(groups).filter(|(_, g)| **g == group) {
@@ -108,7 +110,7 @@ pub fn advantages(rewards: &[f64], groups: &[usize], scale: Scale) -> Vec<f64> {
     }
     let all = if freedom > 0.0 { (squares / freedom).sqrt() } else { 0.0 };
     let by = |group: usize| match scale {
-        Scale::Group => spreads[group] + LEAST_SPREAD,
+        Scale::Group | Scale::Population => spreads[group] + LEAST_SPREAD,
         Scale::Batch => all + LEAST_SPREAD,
         Scale::None => 1.0,
     };
@@ -238,6 +240,8 @@ mod tests {
         near(&advantages(&rewards, &groups, Scale::Group), &[-1.0 / d, 1.0 / d, 0.0, 0.0, 0.0]);
         near(&advantages(&rewards, &groups, Scale::Batch), &[-1.0 / d, 1.0 / d, 0.0, 0.0, 0.0]);
         near(&advantages(&rewards, &groups, Scale::None), &[-1.0, 1.0, 0.0, 0.0, 0.0]);
+        let d = 1.0 + LEAST_SPREAD;
+        near(&advantages(&rewards, &groups, Scale::Population), &[-1.0 / d, 1.0 / d, 0.0, 0.0, 0.0]);
         // Rewards whose mean is not one of them to the last bit are still equal.
         assert_eq!(advantages(&[0.1; 3], &[0; 3], Scale::Group), [0.0; 3]);
         assert_eq!(advantages(&[], &[], Scale::Group), [0.0; 0]);

@@ -29,6 +29,9 @@ pub enum Siblings {
     YUp,
     /// Depth first, siblings by (z, y, x): UniRig's paper, in its axes.
     ZUp,
+    /// Depth first, siblings by (z, x, y), in the axes as given: an option of SkinTokens' release, which then writes
+    /// neither parts nor springs.
+    Zxy,
 }
 
 /// When a `spring` token tells that what follows is no part of a template.

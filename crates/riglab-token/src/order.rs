@@ -23,6 +23,7 @@ pub(crate) fn walk(bones: &Bones<'_>, siblings: Siblings) -> Vec<usize> {
         Siblings::AsGiven => return (0..count).collect(),
         Siblings::YUp => [1, 2, 0],
         Siblings::ZUp => [2, 1, 0],
+        Siblings::Zxy => [2, 0, 1],
     };
     // The children of each joint, one joint's after another's.
     let mut starts = vec![0; count + 1];
@@ -116,4 +117,25 @@ pub fn extraction_order(parents: &[Option<usize>], first: usize) -> Option<Vec<u
         open.extend(children[bone].iter().rev());
     }
     Some(order)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn siblings_stand_as_asked_for() {
+        // The last stands where the first child does.
+        let joints = [[0.0; 3], [1.0, 2.0, 1.0], [2.0, 1.0, 1.0], [5.0; 3], [0.0, 3.0, 0.0], [1.0, 2.0, 1.0]];
+        let parents = [None, Some(0), Some(0), Some(2), Some(0), Some(0)];
+        let bones = Bones { joints: &joints, parents: &parents, names: &[] };
+        for (siblings, order) in [
+            (Siblings::AsGiven, [0, 1, 2, 3, 4, 5]),
+            (Siblings::YUp, [0, 2, 3, 1, 5, 4]),
+            (Siblings::ZUp, [0, 4, 2, 3, 1, 5]),
+            (Siblings::Zxy, [0, 4, 1, 5, 2, 3]),
+        ] {
+            assert_eq!(walk(&bones, siblings), order, "{siblings:?}");
+        }
+    }
 }

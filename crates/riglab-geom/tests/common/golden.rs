@@ -20,17 +20,32 @@ pub struct Golden {
 /// The cases of a folder of `RIGLAB_GOLDEN` whose names start with `kind`; empty, with a word about it,
 /// where there is no such folder. A folder without any such case is a fault.
 pub fn golden(sub: &str, kind: &str) -> Vec<Golden> {
+    let Some((dir, names)) = named(sub, kind, ".safetensors") else { return Vec::new() };
+    names.iter().map(|name| Golden::read(&dir, name)).collect()
+}
+
+/// The same of cases that are lists in one JSON each, by name.
+pub fn lists(sub: &str, kind: &str) -> Vec<(String, Value)> {
+    let Some((dir, names)) = named(sub, kind, ".json") else { return Vec::new() };
+    let read = |name: String| {
+        let text = std::fs::read(dir.join(format!("{name}.json"))).expect("a readable case");
+        (name, serde_json::from_slice(&text).expect("a case is JSON"))
+    };
+    names.into_iter().map(read).collect()
+}
+
+fn named(sub: &str, kind: &str, ending: &str) -> Option<(PathBuf, Vec<String>)> {
     let shared = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/golden");
     let dir = std::env::var_os("RIGLAB_GOLDEN").map_or(shared, PathBuf::from).join(sub);
     let Ok(entries) = std::fs::read_dir(&dir) else {
         println!("skipped: no such folder {} (set RIGLAB_GOLDEN)", dir.display());
-        return Vec::new();
+        return None;
     };
-    let files = entries.filter_map(|e| e.ok()?.file_name().to_str()?.strip_suffix(".safetensors").map(String::from));
+    let files = entries.filter_map(|e| e.ok()?.file_name().to_str()?.strip_suffix(ending).map(String::from));
     let mut names: Vec<String> = files.filter(|n| n.starts_with(kind)).collect();
     names.sort();
     assert!(!names.is_empty(), "{}: no case of {kind}", dir.display());
-    names.iter().map(|name| Golden::read(&dir, name)).collect()
+    Some((dir, names))
 }
 
 impl Golden {
@@ -56,10 +71,20 @@ impl Golden {
         Self { name: name.into(), json, arrays, checked: RefCell::default() }
     }
 
-    /// The groups of outputs: what stands between `out.` and the next dot.
+    /// The groups of outputs: what stands between `out.` and the next dot but a number's.
     pub fn groups(&self) -> BTreeSet<String> {
-        let outputs = self.arrays.keys().filter_map(|k| k.strip_prefix("out."));
-        outputs.map(|rest| rest.split('.').next().expect("one part").to_string()).collect()
+        let group = |rest: &str| {
+            let digit = |at: Option<usize>| at.and_then(|at| rest.as_bytes().get(at)).is_some_and(u8::is_ascii_digit);
+            let dots = rest.match_indices('.').map(|(at, _)| at);
+            let end = dots.into_iter().find(|at| !(digit(at.checked_sub(1)) && digit(Some(at + 1))));
+            rest[..end.unwrap_or(rest.len())].to_owned()
+        };
+        self.arrays.keys().filter_map(|k| k.strip_prefix("out.")).map(group).collect()
+    }
+
+    /// The names of all arrays, inputs too.
+    pub fn names(&self) -> impl Iterator<Item = &str> {
+        self.arrays.keys().map(String::as_str)
     }
 
     /// The full names of the outputs that start so.
@@ -106,11 +131,43 @@ impl Golden {
         path.split('.').fold(&self.json["config"], |v, key| &v[key])
     }
 
+    /// The input of a group: under the group's own name, or a shorter one that it begins with (`in.drop.draws` of
+    /// `drop_half`), else that of all groups.
+    pub fn input(&self, group: &str, what: &str) -> String {
+        let own = shorter(group).map(|name| format!("in.{name}.{what}")).find(|name| self.has(name));
+        own.unwrap_or_else(|| format!("in.{what}"))
+    }
+
+    /// What the config has for a group under a key: in the group's object, as `GROUP_key`, or in words ("alpha 0.3"),
+    /// of the group's own name or a shorter one that it begins with; else what it has for all groups.
+    pub fn setting(&self, group: &str, key: &str) -> Option<Value> {
+        let of = |name: &str| {
+            let own = self.config(name);
+            let words = own.as_str().and_then(|text| after(text, key).first().copied()).map(Value::from);
+            [own[key].clone(), self.config(&format!("{name}_{key}")).clone()]
+                .into_iter()
+                .find(|v| !v.is_null())
+                .or(words)
+        };
+        let all = || Some(self.config(key).clone()).filter(|v| !v.is_null() && !v.is_object());
+        shorter(group).find_map(of).or_else(all)
+    }
+
+    /// The same, a number.
+    pub fn number_of(&self, group: &str, key: &str) -> f64 {
+        let found = self.setting(group, key).and_then(|v| v.as_f64());
+        found.unwrap_or_else(|| panic!("{}: no number `{key}` for {group}", self.name))
+    }
+
     /// Compares with the expected array: |got - want| <= abs + rel |want|. Counts as compared.
     pub fn check(&self, name: &str, got: impl IntoIterator<Item = f64>) {
+        self.check_within(name, got, self.tolerance(name));
+    }
+
+    /// The same within a tolerance, (abs, rel), where the case has none.
+    pub fn check_within(&self, name: &str, got: impl IntoIterator<Item = f64>, (abs, rel): (f64, f64)) {
         let got: Vec<f64> = got.into_iter().collect();
         let want = self.values(name);
-        let (abs, rel) = self.tolerance(name);
         assert_eq!(got.len(), want.len(), "{}: size of `{name}`", self.name);
         for (at, (g, w)) in got.iter().zip(want).enumerate() {
             let most = abs + rel * w.abs();
@@ -139,22 +196,20 @@ impl Golden {
 
     fn tolerance(&self, name: &str) -> (f64, f64) {
         let table = self.json["tolerance"].as_object().expect("a case has tolerances");
-        // A star stands for anything, at the end or between dots.
-        let fits = |pattern: &str| match pattern.split_once('*') {
-            Some((first, last)) => {
-                name.len() >= first.len() + last.len() && name.starts_with(first) && name.ends_with(last)
-            }
-            None => name == pattern,
-        };
-        let best = table.iter().filter(|(p, _)| fits(p)).max_by_key(|(p, _)| p.len());
+        let best = table.iter().filter(|(p, _)| fits(p, name)).max_by_key(|(p, _)| p.len());
         let (_, t) = best.unwrap_or_else(|| panic!("{}: no tolerance for `{name}`", self.name));
         (t["abs"].as_f64().expect("abs"), t["rel"].as_f64().unwrap_or(0.0))
     }
 
     pub fn mesh(&self) -> Mesh {
-        let faces = self.indices("in.faces");
+        self.mesh_of("")
+    }
+
+    /// The mesh of a group.
+    pub fn mesh_of(&self, group: &str) -> Mesh {
+        let faces = self.indices(&self.input(group, "faces"));
         let faces = faces.as_chunks::<3>().0.iter().map(|t| t.map(|v| v as u32));
-        Mesh::new(self.points("in.vertices"), faces.collect()).expect("a mesh")
+        Mesh::new(self.points(&self.input(group, "vertices")), faces.collect()).expect("a mesh")
     }
 
     /// The weights of a table, each row divided by its sum; an empty one is held by the root.
@@ -167,17 +222,48 @@ impl Golden {
         SkinWeights::normalized(rows).expect("weights")
     }
 
-    /// The rig with joints at `heads` and the weights of a table.
-    pub fn rig(&self, heads: &[[f32; 3]], weights: &str) -> Rig {
-        let parents = self.values("in.parents");
+    /// The rig of a group, with joints at `heads` and the weights of a table.
+    pub fn rig(&self, group: &str, heads: &[[f32; 3]], weights: &str) -> Rig {
+        let parents = self.values(&self.input(group, "parents"));
         let joints = parents.iter().zip(heads).enumerate().map(|(j, (&parent, &head))| Joint {
             name: format!("joint {j}"),
             parent: (parent >= 0.0).then_some(JointId(parent as u16)),
             head,
         });
         let skeleton = Skeleton::new(joints.collect()).expect("a tree");
-        Rig::new(skeleton, self.mesh(), self.weights(weights)).expect("parts that fit")
+        Rig::new(skeleton, self.mesh_of(group), self.weights(weights)).expect("parts that fit")
     }
+}
+
+/// A name, and the shorter ones that it begins with: `a_b_c`, `a_b`, `a`.
+fn shorter(name: &str) -> impl Iterator<Item = &str> {
+    std::iter::successors(Some(name), |name| Some(name.rsplit_once('_')?.0))
+}
+
+/// Whether a name is as a pattern says, where a star stands for anything.
+fn fits(pattern: &str, name: &str) -> bool {
+    match pattern.split_once('*') {
+        None => name == pattern,
+        Some((first, rest)) => name
+            .strip_prefix(first)
+            .is_some_and(|left| (0..=left.len()).any(|at| left.is_char_boundary(at) && fits(rest, &left[at..]))),
+    }
+}
+
+/// The numbers that follow a word in a text, up to the next word: 0.1 of `shift` in "scale 2, shift 0.1 on each".
+pub fn after(text: &str, word: &str) -> Vec<f64> {
+    let of_a_word = |c: char| c.is_alphanumeric() || c == '_';
+    let whole = |at: &usize| !text[..*at].ends_with(of_a_word) && !text[at + word.len()..].starts_with(of_a_word);
+    match text.match_indices(word).map(|(at, _)| at).find(whole) {
+        Some(at) => leading(&text[at + word.len()..]),
+        None => Vec::new(),
+    }
+}
+
+/// The numbers that a text begins with.
+pub fn leading(text: &str) -> Vec<f64> {
+    let between = |c: char| c.is_whitespace() || ",;:=()[]".contains(c);
+    text.split(between).filter(|w| !w.is_empty()).map_while(|w| w.trim_end_matches('.').parse().ok()).collect()
 }
 
 /// A table of weights, row by row, zeros included.

@@ -23,7 +23,7 @@ pub use block::Block;
 pub use conv::{SubmConv, TapTensors};
 pub use curves::Curve;
 pub use layout::{Layout, Patches, Taps, order};
-pub use pool::{Pool, Pooled, Unpool};
+pub use pool::{Pool, Pooled, Reduce, Unpool};
 
 use crate::layers::Linear;
 use crate::params::{Role, Scope, Weights};

@@ -75,36 +75,64 @@ impl Pooled {
     fn clusters(&self, device: Device) -> Tensor {
         Tensor::from_slice(&self.cluster).to_device(device)
     }
+
+    /// x [n, c] summed over each cluster, [m, c].
+    fn sums(&self, x: &Tensor) -> Tensor {
+        let room = Tensor::zeros([self.cells.len() as i64, x.size()[1]], (x.kind(), x.device()));
+        room.index_add(0, &self.clusters(x.device()), x)
+    }
+
+    fn means(&self, x: &Tensor) -> Tensor {
+        self.sums(x) / self.sums(&x.narrow(1, 0, 1).ones_like())
+    }
 }
 
-/// Features of a finer cloud to those of a coarser one: a linear map, the largest of each cluster, a norm, GELU.
+/// What becomes of the points of a cluster, channel by channel.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Reduce {
+    /// The largest.
+    Max,
+    /// The least.
+    Min,
+    /// Their mean.
+    Mean,
+    /// Their sum.
+    Sum,
+}
+
+/// Features of a finer cloud to those of a coarser one: a linear map, one point of each cluster, a norm, GELU.
 pub struct Pool {
     proj: Linear,
     norm: LayerNorm,
+    reduce: Reduce,
 }
 
 impl Pool {
     /// From and to so many channels.
-    pub fn new(mut at: Scope, input: usize, output: usize) -> Self {
+    pub fn new(mut at: Scope, input: usize, output: usize, reduce: Reduce) -> Self {
         let proj = Linear::new(at.sub("proj"), Role::Projection, input, output, true);
-        Self { proj, norm: LayerNorm::new(at.sub("norm").sub(0), output) }
+        Self { proj, norm: LayerNorm::new(at.sub("norm").sub(0), output), reduce }
     }
 
     /// x [n, in] to [m, out].
     pub fn forward(&self, w: &Weights, x: &Tensor, to: &Pooled) -> Tensor {
         let x = self.proj.forward(w, x);
-        let (m, c) = (to.cells.len() as i64, x.size()[1]);
-        let members = Tensor::from_slice(&to.members()).to_device(x.device());
-        let most = x.index_select(0, &members).view([m, -1, c]).amax([1], false);
-        self.norm.forward(w, &most).gelu("none")
+        let apart = || {
+            let members = Tensor::from_slice(&to.members()).to_device(x.device());
+            x.index_select(0, &members).view([to.cells.len() as i64, -1, x.size()[1]])
+        };
+        let joined = match self.reduce {
+            Reduce::Max => apart().amax([1], false),
+            Reduce::Min => apart().amin([1], false),
+            Reduce::Mean => to.means(&x),
+            Reduce::Sum => to.sums(&x),
+        };
+        self.norm.forward(w, &joined).gelu("none")
     }
 
     /// Mean positions of the clusters: [n, 3] to [m, 3].
     pub fn positions(positions: &Tensor, to: &Pooled) -> Tensor {
-        let index = to.clusters(positions.device());
-        let room = |columns| Tensor::zeros([to.cells.len() as i64, columns], (positions.kind(), positions.device()));
-        let ones = positions.narrow(1, 0, 1).ones_like();
-        room(3).index_add(0, &index, positions) / room(1).index_add(0, &index, &ones)
+        to.means(positions)
     }
 }
 
