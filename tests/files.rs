@@ -71,6 +71,74 @@ fn what_is_left_out_of_a_corpus_is_an_error() {
 }
 
 #[test]
+fn files_that_a_corpus_was_made_of_stay() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = |name: &str| dir.path().join(name);
+    let creature = &creatures(&path("made"), 1)[0];
+    fs::create_dir(path("mine")).unwrap();
+    // As another program wrote it, with what no corpus holds.
+    let bytes = fs::read(creature).unwrap();
+    let at = bytes.windows(7).position(|w| w == b"riglab ").expect("who made it");
+    let other = [&bytes[..at], b"blender", &bytes[at + 7..]].concat();
+    fs::write(path("mine/own.glb"), &other).unwrap();
+    must(&["dataset", "import", text(&path("mine")), "-o", text(&path("c.h5")), "--all-in", "train"]);
+    for out in [path("mine/"), path("mine/own.glb")] {
+        let said = refusal(&mut riglab(&["convert", text(&path("c.h5")), text(&out), "--to", "glb"]));
+        assert!(said.contains("what the corpus was made of"), "{said}");
+        assert_eq!(fs::read(path("mine/own.glb")).unwrap(), other);
+    }
+    must(&["convert", text(&path("c.h5")), text(&path("again/")), "--to", "glb"]);
+    must(&["convert", text(&path("c.h5")), text(&path("again/")), "--to", "glb"]);
+    // Its own as well, of any format: they are known by their contents.
+    for (format, name) in [("glb", "made.glb"), ("fbx", "made.fbx"), ("puppeteer", "made.txt")] {
+        let (folder, corpus) = (path(format), path(&format!("{format}.h5")));
+        must(&["convert", text(creature), text(&folder.join(name)), "--to", format]);
+        let before = fs::read(folder.join(name)).unwrap();
+        must(&["dataset", "import", text(&folder), "-o", text(&corpus), "--all-in", "train"]);
+        let into = format!("{}/", folder.display());
+        let said = refusal(&mut riglab(&["convert", text(&corpus), &into, "--to", format]));
+        assert!(said.contains("what the corpus was made of"), "{format}: {said}");
+        assert_eq!(fs::read(folder.join(name)).unwrap(), before);
+    }
+    let said = refusal(&mut riglab(&["convert", text(&path("c.h5")), text(&path("d.h5"))]));
+    assert!(said.contains("--to puppeteer-h5"), "{said}");
+}
+
+#[test]
+fn meshes_of_a_corpus_are_no_rigs() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = |name: &str| dir.path().join(name);
+    creatures(&path("made"), 1);
+    must(&["dataset", "import", text(&path("made")), "-o", text(&path("m.h5")), "--meshes"]);
+    must(&["convert", text(&path("m.h5")), text(&path("out.glb"))]);
+    let bytes = fs::read(path("out.glb")).unwrap();
+    let json: Value =
+        serde_json::from_slice(&bytes[20..20 + u32::from_le_bytes(bytes[12..16].try_into().unwrap()) as usize])
+            .unwrap();
+    assert!(json["skins"].is_null() && json["meshes"].is_array(), "{json}");
+    must(&["convert", text(&path("m.h5")), text(&path("out.obj"))]);
+    let said =
+        refusal(&mut riglab(&["convert", text(&path("m.h5")), text(&path("out.npz")), "--to", "articulation-xl"]));
+    assert!(said.contains("without a rig"), "{said}");
+    let said = refusal(&mut riglab(&["tokens", text(&path("m.h5"))]));
+    assert!(said.contains("1 mesh without a rig") && said.contains("no asset has a sequence"), "{said}");
+}
+
+#[cfg(unix)]
+#[test]
+fn pipes_are_told_as_what_they_are() {
+    let dir = tempfile::tempdir().unwrap();
+    let pipe = dir.path().join("pipe.glb");
+    assert!(std::process::Command::new("mkfifo").arg(&pipe).status().unwrap().success());
+    for command in
+        [&["inspect", text(&pipe)][..], &["rig", text(&pipe), "-o", "out.glb"], &["strip", text(&pipe), "out.glb"]]
+    {
+        let said = refusal(&mut riglab(command));
+        assert!(said.contains("a pipe or a device"), "{command:?}: {said}");
+    }
+}
+
+#[test]
 fn scans_stand_up_and_those_far_away_are_told() {
     let dir = tempfile::tempdir().unwrap();
     let path = |name: &str| dir.path().join(name);

@@ -123,7 +123,7 @@ fn the_auto_encoder() {
         case.check("out.pred", &net.decode(w, &codes, &cond, &all, None).sigmoid());
         // As other tasks take it.
         assert_eq!(Frozen::open(&file, Device::Cpu).unwrap().levels(), net.fsq().levels());
-        case.done();
+        case.done_in_part();
     }
 }
 
@@ -164,7 +164,7 @@ fn the_skeleton_stage() {
         (0..).zip(&lengths).map(|(b, n)| case.get("out.logits").get(b).narrow(0, 6, n - 1)).collect();
     near("logits", &logits, &Tensor::cat(&wanted, 0), 1e-4);
     case.check("out.ce_loss", &cross_entropy(&logits, &Tensor::cat(&targets, 0)).view([1]));
-    case.done();
+    case.done_in_part();
 }
 
 fn near(what: &str, found: &Tensor, wanted: &Tensor, tolerance: f64) {
@@ -209,7 +209,7 @@ fn the_skin_stage() {
         let own = &params_of(&params)[&format!("mesh_encoder.{name}")];
         assert!(own.equal(&wanted), "{name}");
     }
-    case.done();
+    case.done_in_part();
 }
 
 /// A run's weights as they are trained, not their moving average.

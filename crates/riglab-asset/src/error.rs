@@ -52,6 +52,9 @@ pub enum Fault {
         "it is a folder; give one of the files in it (`riglab dataset import` and `riglab convert` take all of them)"
     )]
     Folder,
+    /// What can be read but once.
+    #[error("it is a pipe or a device, and files are read more than once: write it to a file first")]
+    Pipe,
     /// No bytes at all.
     #[error("the file is empty")]
     Empty,

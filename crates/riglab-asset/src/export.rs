@@ -461,8 +461,9 @@ pub fn same_file(a: impl AsRef<Path>, b: impl AsRef<Path>) -> bool {
 }
 
 fn read(path: &Path) -> Result<Vec<u8>, ExportError> {
-    let fault = |e: io::Error| ExportFault::Source(Fault::Unreadable(e.to_string()));
-    std::fs::read(path).map_err(|e| ExportError { file: path.to_string_lossy().into_owned(), fault: fault(e) })
+    let fail = |fault| ExportError { file: path.to_string_lossy().into_owned(), fault: ExportFault::Source(fault) };
+    crate::no_pipe(path).map_err(fail)?;
+    std::fs::read(path).map_err(|e| fail(Fault::Unreadable(e.to_string())))
 }
 
 /// The folder of a bare file name is "", which does not canonicalise.

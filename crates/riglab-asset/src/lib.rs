@@ -361,6 +361,9 @@ pub fn files_read(path: &Path) -> Vec<PathBuf> {
 /// Whether the file at `path` is a glTF document, by its bytes.
 pub fn is_gltf(path: &Path) -> bool {
     use std::io::Read;
+    if !path.is_file() {
+        return false;
+    }
     let mut start = Vec::new();
     let read = std::fs::File::open(path).and_then(|f| f.take(4096).read_to_end(&mut start));
     read.is_ok() && matches!(Format::of(path, &start), Ok(Format::Gltf))
@@ -406,6 +409,7 @@ fn look(path: &Path) -> Result<(Option<Format>, Option<PathBuf>), ImportError> {
     if path.is_dir() {
         return Err(fail(Fault::Folder));
     }
+    no_pipe(path).map_err(fail)?;
     let mut start = Vec::new();
     let read = std::fs::File::open(path).and_then(|f| f.take(4096).read_to_end(&mut start));
     read.map_err(|e| fail(Fault::Unreadable(e.to_string())))?;
@@ -416,6 +420,11 @@ fn look(path: &Path) -> Result<(Option<Format>, Option<PathBuf>), ImportError> {
         peer => Some(peer),
     };
     Ok((peer, folder))
+}
+
+/// Refuses what waits for somebody who writes, or is gone once it was read.
+pub(crate) fn no_pipe(path: &Path) -> Result<(), Fault> {
+    if path.metadata().is_ok_and(|meta| !meta.is_file() && !meta.is_dir()) { Err(Fault::Pipe) } else { Ok(()) }
 }
 
 fn source<'a>(path: &'a Path, format: Format, folder: Option<&'a Path>) -> peers::Source<'a> {

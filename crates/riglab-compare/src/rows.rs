@@ -1,5 +1,7 @@
 //! A row for every true asset.
 
+use std::collections::BTreeSet;
+
 use rayon::prelude::*;
 use riglab_core::{Asset, Bounds, Rig};
 use riglab_geom::voxel::SolidConfig;
@@ -118,6 +120,7 @@ pub fn score(
         }
         progress(done);
     });
+    out.iter_mut().for_each(System::leave_what_none_has);
     for ((system, (_, predictions)), used) in out.iter_mut().zip(systems).zip(used) {
         system.unmatched = predictions.keys().filter(|k| !used.contains(*k)).map(String::from).collect();
         if let (true, Some(theirs)) = (used.is_empty() && !system.rows.is_empty(), system.unmatched.first()) {
@@ -154,6 +157,17 @@ impl System {
     fn of_baseline(baseline: &SkinBaseline) -> Self {
         let (name, folder) = (baseline.name(), "the true skeleton".to_owned());
         Self { name, folder, rows: Vec::new(), unmatched: Vec::new(), unread: Vec::new() }
+    }
+
+    /// Takes from failures the figures that no scored asset has: of a system whose weights cannot be compared anywhere, worst
+    /// weights would be all there is.
+    fn leave_what_none_has(&mut self) {
+        let scored = self.rows.iter().filter(|row| row.status == Status::Scored);
+        let had: BTreeSet<String> = scored.clone().flat_map(|row| row.measures.iter().map(Measure::name)).collect();
+        if scored.count() > 0 {
+            let failed = self.rows.iter_mut().filter(|row| row.status != Status::Scored);
+            failed.for_each(|row| row.measures.retain(|m| had.contains(&m.name())));
+        }
     }
 
     /// Scored, failed and missing assets.
@@ -256,6 +270,35 @@ mod tests {
     use riglab_metric::Preset;
 
     use super::*;
+
+    #[test]
+    fn failures_have_no_figure_that_no_other_asset_has() {
+        let row = |status: Status, metrics: &[&'static str]| Row {
+            asset: "a".into(),
+            status,
+            joints: 2,
+            true_joints: 2,
+            without_weights: String::new(),
+            notes: Vec::new(),
+            measures: metrics.iter().map(|m| Measure { metric: m, preset: Preset::Unirig, value: 1.0 }).collect(),
+        };
+        let left = |first: Row| {
+            let failed = row(Status::Failed("no".into()), &["j2j", "l1"]);
+            let mut system = System {
+                name: "s".into(),
+                folder: String::new(),
+                rows: vec![first, failed, row(Status::Missing, &["j2j", "l1"])],
+                unmatched: Vec::new(),
+                unread: Vec::new(),
+            };
+            system.leave_what_none_has();
+            system.rows[1..].iter().map(|r| r.measures.len()).collect::<Vec<_>>()
+        };
+        assert_eq!(left(row(Status::Scored, &["j2j"])), [1, 1]);
+        assert_eq!(left(row(Status::Scored, &["j2j", "l1"])), [2, 2]);
+        // A system that failed everywhere has the worst of all.
+        assert_eq!(left(row(Status::Missing, &["j2j", "l1"])), [2, 2]);
+    }
 
     #[test]
     fn a_failure_has_every_distance() {

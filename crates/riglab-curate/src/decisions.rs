@@ -110,7 +110,11 @@ impl Decisions {
             let fail = |message: String| (number + 1, message);
             let fields: Vec<String> = line.split('\t').map(unescaped).collect();
             let [name, digest, verdict, category, faults, comment] = fields.as_slice() else {
-                let message = format!("{} fields, not 6 parted by tabs", fields.len());
+                let message = format!(
+                    "{} fields, not the 6 of a decision, parted by tabs: name, digest, verdict (accept, reject, -), category, \
+                     faults, comment",
+                    fields.len()
+                );
                 return Err(fail(if line.starts_with("<<<<<<<") || line.starts_with(">>>>>>>") {
                     "a conflict of two versions; keep one of the lines".into()
                 } else {

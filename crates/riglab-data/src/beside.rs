@@ -21,6 +21,15 @@ pub fn whole_checksum(path: &Path, own: &str) -> String {
     hash.finalize().to_hex().to_string()
 }
 
+/// What a file on disk may have as an asset's checksum: that of the file itself, and with those beside it. Empty where it
+/// cannot be read.
+pub fn checksums(path: &Path) -> Vec<String> {
+    let mut hash = blake3::Hasher::new();
+    let read = std::fs::File::open(path).and_then(|open| hash.update_reader(open).map(|_| ()));
+    let own = read.map(|()| hash.finalize().to_hex().to_string());
+    own.map_or_else(|_| Vec::new(), |own| vec![whole_checksum(path, &own), own])
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -42,5 +51,7 @@ mod tests {
         // What is whole in itself keeps its own.
         std::fs::write(&path, "no JSON").unwrap();
         assert_eq!(whole_checksum(&path, "own"), "own");
+        let own = blake3::hash(b"no JSON").to_hex().to_string();
+        assert_eq!((checksums(&path), checksums(dir.path())), (vec![own.clone(), own], Vec::new()));
     }
 }

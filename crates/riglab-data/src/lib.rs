@@ -27,7 +27,7 @@ mod stats;
 mod words;
 mod writer;
 
-pub use beside::whole_checksum;
+pub use beside::{checksums, whole_checksum};
 pub use error::DataError;
 pub use import::{
     ImportReport, Refused, import_folder, import_meshes, models_below, name_below, rigged_below, rigged_files,

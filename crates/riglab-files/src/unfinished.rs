@@ -102,7 +102,9 @@ pub(crate) fn folder(path: &Path) -> &Path {
 }
 
 pub(crate) fn plain(e: &io::Error) -> io::Error {
-    io::Error::new(e.kind(), e.kind().to_string())
+    // Of a file that is to be made, its folder alone can be missing.
+    let kind = e.kind();
+    io::Error::new(kind, if kind == io::ErrorKind::NotFound { "no such folder".into() } else { kind.to_string() })
 }
 
 /// Asks a process to leave (SIGTERM), as [`leave`] answers; one that has ended meanwhile needs no word.

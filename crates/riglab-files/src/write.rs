@@ -25,7 +25,7 @@ pub fn write(path: &Path, bytes: &[u8]) -> io::Result<()> {
 pub fn may_write(folder: &Path) -> io::Result<()> {
     let there = folder.ancestors().find(|above| above.exists()).filter(|above| !above.as_os_str().is_empty());
     let there = there.unwrap_or(Path::new("."));
-    let named = |e: io::Error| io::Error::new(e.kind(), format!("{}: {}", there.display(), e.kind()));
+    let named = |e: io::Error| io::Error::new(e.kind(), format!("{}: {}", there.display(), plain(&e)));
     if !there.is_dir() {
         return Err(named(io::ErrorKind::NotADirectory.into()));
     }

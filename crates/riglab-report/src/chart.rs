@@ -123,7 +123,11 @@ impl Chart {
         }
         let most = y1.abs().max(y0.abs());
         // Of what does not change, a strip that labels can tell apart.
-        let pad = if y1 - y0 > 1e-4 * most { (0.05 * (y1 - y0)).max(1e-300) } else { (0.02 * most).max(1e-9) };
+        let pad = match y1 - y0 > 1e-4 * most {
+            true => (0.05 * (y1 - y0)).max(1e-300),
+            false if most == 0.0 => 0.5,
+            false => (0.02 * most).max(1e-9),
+        };
         // A single place stands in the middle.
         let (x0, x1) = if x1 > x0 { (x0, x1) } else { (x0 - 1.0, x0 + 1.0) };
         let (columns, letters) = look.columns(&lines);

@@ -8,12 +8,13 @@ const ANY: [(&str, &str); 3] = [
 ];
 
 /// Of GRPO, whose rewards have symbols in the paper.
-const GRPO: [(&str, &str); 6] = [
+const GRPO: [(&str, &str); 7] = [
     ("coverage", "R_vj"),
     ("containment", "R_vk"),
     ("skinning", "R_sc"),
     ("motion", "R_mo"),
     ("start_j2j", "j2j_all of the model that the run started from"),
+    ("start_reward", "the reward of the model that the run started from"),
     ("guarded_reward", "the reward, where j2j_all has not worsened beyond guard.worse"),
 ];
 

@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use riglab_config::Config;
 
 use crate::attempts::{again, attempts};
+use crate::state::info;
 use crate::{Job, Plan, State, SweepError};
 
 impl Plan {
@@ -40,8 +41,9 @@ impl Plan {
 
     /// Writes it, and for each job the config that it is trained from, unless the folder has this plan already. A
     /// folder whose jobs are the first of this plan's ([`Self::following`]) gets those that follow: so an arm or a seed is
-    /// added to a sweep. Jobs that failed and have other settings now are begun anew, and what they left is put into
-    /// `replaced/`. The plan comes last: a folder with one has all configs. Returns the jobs that are begun anew.
+    /// added to a sweep. Jobs that failed and that the sweep's file says otherwise now are begun anew, and what they left is
+    /// put into `replaced/`. The plan comes after all configs: a folder with one has them. Returns the jobs that are begun
+    /// anew.
     ///
     /// # Errors
     /// As [`Plan::fits`]; when the folder cannot be written.
@@ -57,21 +59,22 @@ impl Plan {
         for (job, text) in &replaced {
             put_aside(folder, job)?;
             write(&self.config(folder, job), text)?;
-            again(folder, job)?;
         }
         for (job, text) in added {
             write(&self.config(folder, job), &text)?;
         }
         let text = serde_json::to_string_pretty(self).map_err(|e| SweepError::Invalid(e.to_string()))?;
         write(&file_of(folder), &(text + "\n"))?;
+        // Not before: until the plan says otherwise they have failed, and are begun anew by the next call.
+        replaced.iter().try_for_each(|(job, _)| again(folder, job))?;
         Ok(replaced.into_iter().map(|(job, _)| job).collect())
     }
 
     /// What it changes in a folder. Writes nothing.
     ///
     /// # Errors
-    /// When the folder has another sweep, or jobs that did not fail of which the same config would be another now: a job
-    /// that is added would differ from them in more than it says. When a job has no sound config.
+    /// When the folder has another sweep, or jobs of which the same config would be another now: a job that is added would
+    /// differ from them in more than it says. When a job has no sound config.
     pub fn fits(
         &self,
         folder: &Path,
@@ -82,29 +85,30 @@ impl Plan {
         if let Some(difference) = there.as_ref().and_then(|there| there.difference(self, &failed)) {
             return Err(SweepError::Another { folder: folder.into(), difference });
         }
-        let (old, added) = self.jobs.split_at(there.as_ref().map_or(0, |there| there.jobs.len()));
+        let before = there.as_ref().map_or(&[][..], |there| &there.jobs);
+        let (old, added) = self.jobs.split_at(before.len());
         let mut replaced = Vec::new();
-        for job in old {
+        for (before, job) in before.iter().zip(old) {
+            if before != job {
+                replaced.push((job, config(job)?));
+                continue;
+            }
             // Read as a base, so that what it does not say is what it is run with: this version's default.
             let written =
                 Job { base: self.config(folder, job).to_string_lossy().into_owned(), sets: Vec::new(), ..job.clone() };
-            let now = config(job)?;
-            match changed(&config(&written)?, &now)? {
-                None => {}
-                Some(_) if failed.contains(&job.number) => replaced.push((job, now)),
-                Some((before, after)) => {
-                    return Err(SweepError::Changed { folder: folder.into(), job: job.shown(), before, after });
-                }
+            if let Some((before, after)) = changed(&config(&written)?, &config(job)?)? {
+                return Err(SweepError::Changed { folder: folder.into(), job: job.shown(), before, after });
             }
         }
         let added = added.iter().map(|job| Ok((job, config(job)?))).collect::<Result<_, SweepError>>()?;
         Ok(Fit { there, replaced, added })
     }
 
-    /// The numbers of the jobs that have failed for good: there is nothing to lose by other settings.
+    /// The numbers of the jobs whose training has failed for good: there is nothing to lose by other settings.
     fn failed(&self, folder: &Path) -> BTreeSet<usize> {
         let known = attempts(folder);
-        let failed = |job: &&Job| matches!(State::of(folder, self, job, &known), State::Failed(_));
+        let trained = |job: &Job| info(&folder.join(&job.folder))["outcome"] == "finished";
+        let failed = |job: &&Job| matches!(State::of(folder, self, job, &known), State::Failed(_)) && !trained(job);
         self.jobs.iter().filter(failed).map(|job| job.number).collect()
     }
 
@@ -132,7 +136,7 @@ impl Plan {
 pub struct Fit<'a> {
     /// The plan that is there.
     pub there: Option<Plan>,
-    /// Jobs that failed with other settings, and their configs now.
+    /// Jobs that failed and are said otherwise now, and their configs.
     pub replaced: Vec<(&'a Job, String)>,
     /// Jobs that are added, and their configs.
     pub added: Vec<(&'a Job, String)>,
@@ -292,6 +296,19 @@ mod tests {
             |name: &str| std::fs::read_to_string(dir.path().join("replaced/bad").join(name).join("config.toml"));
         assert_eq!(aside("seed-1").unwrap(), "first");
         assert!(anew.settle(dir.path(), config).unwrap().is_empty(), "nothing more to do");
+        // Killed before the plan was written, it has still failed, and is begun anew by the next call.
+        there.settle(&dir.path().join("old"), config).unwrap();
+        fail(2);
+        std::fs::copy(dir.path().join("old/sweep.json"), file_of(dir.path())).unwrap();
+        fail(3);
+        assert_eq!(anew.settle(dir.path(), config).unwrap().len(), 2);
+        // What is trained is not trained again because its evaluation failed.
+        std::fs::create_dir_all(run(3)).unwrap();
+        std::fs::write(run(3).join("run.json"), "{\"outcome\": \"finished\"}").unwrap();
+        [2, 3].into_iter().for_each(fail);
+        let said = of("0.5", "[[sweep.arms]]\nname = 'new'").settle(dir.path(), config).unwrap_err().to_string();
+        assert!(said.contains("its job 3 is `bad` seed 2"), "{said}");
+        std::fs::remove_file(run(3).join("run.json")).unwrap();
         std::fs::create_dir_all(run(2)).unwrap();
         std::fs::write(run(2).join("config.toml"), "second").unwrap();
         [2, 3].into_iter().for_each(fail);

@@ -245,6 +245,19 @@ impl Assets {
         Ok((assets, training, validation))
     }
 
+    /// Of corpora that hold bare meshes, a sentence that says how to train on those; none of others.
+    fn on_meshes(&self) -> String {
+        let mut bare = self.corpora.iter().filter(|corpus| corpus.bare().is_ok_and(|bare| !bare.is_empty()));
+        bare.next().map_or_else(String::new, |corpus| {
+            format!(
+                ". {} holds bare meshes; task = \"grpo\", which needs no rigs, is trained on them with --set \
+                 data.train='[\"{split}\"]' --set data.validate='\"{split}\"' --set data.test='[\"{split}\"]'",
+                display(corpus.path()),
+                split = SplitNames::MESHES
+            )
+        })
+    }
+
     /// Checks that there is something to train on, and something to validate on.
     ///
     /// # Errors
@@ -252,15 +265,7 @@ impl Assets {
     pub fn trainable(&self, config: &DataConfig) -> Result<(), String> {
         if self.training(config)?.iter().all(|(_, ids)| ids.is_empty()) {
             let (split, most) = (config.train.join(", "), config.max_joints);
-            let mut bare = self.corpora.iter().filter(|corpus| corpus.bare().is_ok_and(|bare| !bare.is_empty()));
-            let meshes = bare.next().map_or_else(String::new, |corpus| {
-                format!(
-                    ". {} holds bare meshes; task = \"grpo\", which needs no rigs, is trained on them with --set \
-                     data.train='[\"{split}\"]' --set data.validate='\"{split}\"' --set data.test='[\"{split}\"]'",
-                    display(corpus.path()),
-                    split = SplitNames::MESHES
-                )
-            });
+            let meshes = self.on_meshes();
             return Err(format!(
                 "data.train: the corpora have no asset in `{split}` of at most data.max_joints = {most}; `riglab dataset \
                  inspect` shows their splits, and --set data.train='[\"SPLIT\"]' names another{meshes}"
@@ -269,8 +274,9 @@ impl Assets {
         if self.split(&config.validate).map_err(|e| e.to_string())?.is_empty() {
             return Err(format!(
                 "data.validate: the corpora have no asset in `{}`, as small ones may; `riglab dataset inspect` shows their \
-                 splits, and --set data.validate=SPLIT names another",
-                config.validate
+                 splits, and --set data.validate=SPLIT names another{}",
+                config.validate,
+                self.on_meshes()
             ));
         }
         Ok(())
@@ -391,6 +397,15 @@ impl Assets {
             (name, marks.into_iter().filter(|mark| !mark.is_empty()).collect())
         };
         Ok(ids.iter().map(of).collect())
+    }
+
+    /// Whether any of some assets has spring bones.
+    ///
+    /// # Errors
+    /// When the column cannot be read.
+    pub fn any_springs(&self, ids: impl IntoIterator<Item = AssetId>) -> Result<bool, DataError> {
+        let all = self.corpora.iter().map(|corpus| corpus.texts("springs")).collect::<Result<Vec<_>, _>>()?;
+        Ok(ids.into_iter().any(|id| !all[id.corpus][id.index].is_empty()))
     }
 
     /// Vertices, triangles, joints, non-zero weights, without reading the asset.

@@ -462,6 +462,7 @@ impl Subject {
 /// The format of the file at `path`.
 fn format(path: &Path) -> Result<Format, Fault> {
     use std::io::Read;
+    crate::no_pipe(path)?;
     let mut start = Vec::new();
     let read = std::fs::File::open(path).and_then(|f| f.take(4096).read_to_end(&mut start));
     read.map_err(|e| Fault::Unreadable(e.to_string()))?;

@@ -16,10 +16,10 @@ use riglab_reward::{Rewards, Scorer};
 use riglab_train::{At, Validation};
 use tch::Tensor;
 
-use super::GrpoTask;
 use super::batch::Subject;
 use super::report::{AssetRow, AssetScore, Gain, Report, Row, Shown};
 use super::score::rewards;
+use super::{First, GrpoTask};
 use crate::assets::AssetId;
 use crate::experiment::{Sheet, places};
 use crate::tokenrig::Drawn;
@@ -229,14 +229,15 @@ impl GrpoTask {
         let first = match self.first.get() {
             Some(first) => first,
             None => {
-                let first = of(&self.validation_row(&self.start, &all, at.ranks)?);
+                let row = self.validation_row(&self.start, &all, at.ranks)?;
+                let first = First { j2j: of(&row), reward: row.rewards.total };
                 self.first.set(Some(first));
                 first
             }
         };
         let row = self.validation_row(w, &all, at.ranks)?;
         let (own, worse) = (of(&row), self.config.guard.worse);
-        let within = own <= first * worse;
+        let within = own <= first.j2j * worse;
         let r = row.rewards;
         let mut metrics = row.skeletons.validation();
         for (name, value) in [
@@ -245,7 +246,8 @@ impl GrpoTask {
             ("containment@val", r.containment),
             ("skinning@val", r.skinning),
             ("motion@val", r.motion),
-            ("start_j2j@val", first),
+            ("start_j2j@val", first.j2j),
+            ("start_reward@val", first.reward),
             // What is not finite never is the best.
             ("guarded_reward@val", if within { r.total } else { f64::NAN }),
         ] {
@@ -257,7 +259,13 @@ impl GrpoTask {
                 "J2J × 100 is {:.2}, {:.2} at the start: the skeletons got worse than guard.worse = {worse} allows, \
                  so this checkpoint cannot become the best one",
                 100.0 * own,
-                100.0 * first
+                100.0 * first.j2j
+            ));
+        }
+        if r.total < first.reward {
+            warnings.push(format!(
+                "the mean reward is {:.4}; the model that the run started from has {:.4}, so this is no better yet",
+                r.total, first.reward
             ));
         }
         let shown = all.first().filter(|_| at.ranks.leads());

@@ -46,6 +46,15 @@ use crate::tokenrig::{Card, Rigger, TokenRigTask, TokenRigTaskConfig};
 use crate::unirig_skeleton::{self, SkeletonTask, SkeletonTaskConfig, Trained};
 use policy::Policy;
 
+/// What the model that a run starts from has on the validation split.
+#[derive(Clone, Copy, Debug)]
+struct First {
+    /// Its J2J over all meshes.
+    j2j: f64,
+    /// Its mean reward; NaN in runs that were begun before it was kept.
+    reward: f64,
+}
+
 /// The task, with its policy and data.
 pub struct GrpoTask {
     config: GrpoTaskConfig,
@@ -55,8 +64,8 @@ pub struct GrpoTask {
     start: Weights,
     /// What is gone over.
     rollout: RefCell<Option<Rollout>>,
-    /// J2J of the start on the validation split, once it is known.
-    first: Cell<Option<f64>>,
+    /// The start on the validation split, once it is known.
+    first: Cell<Option<First>>,
     /// The meshes of the validation split, prepared when they are first asked for.
     held: RefCell<Option<Vec<Arc<evaluate::Held>>>>,
 }
@@ -254,7 +263,8 @@ pub(crate) fn of_run(
         ));
     };
     let file = |path: &PathBuf| path.file_name().map(|name| name.to_string_lossy().into_owned());
-    let corpora: Vec<String> = config.data.corpora.iter().filter_map(file).collect();
+    let corpora = config.data.corpora.iter().filter_map(file).collect::<Vec<_>>().join(", ");
+    let splits = config.data.train.iter().map(|split| format!("`{split}`")).collect::<Vec<_>>().join(", ");
     // It rigs as the model that it started from; `config.eval` says how rewards are told.
     let config = TokenRigTaskConfig { eval: start.config().eval.clone(), ..policy_config(&config, &start) };
     let rigger = Rigger::new(config, start.shared_vae(), device)?;
@@ -263,7 +273,7 @@ pub(crate) fn of_run(
     let name = run.display().to_string();
     // A folder's path is of use on one machine only.
     let start = Path::new(&card.name).file_name().map_or(card.name.clone(), |n| n.to_string_lossy().into_owned());
-    let mut text = format!("{start}, refined by geometric rewards (GRPO) on meshes of {}.", corpora.join(", "));
+    let mut text = format!("{start}, refined by geometric rewards (GRPO) on meshes of {corpora} (splits {splits}).");
     if !card.text.trim().is_empty() {
         text += " It has no card of its own: what follows describes the model that it started from, whose scores, data and \
                  licence are not those of this one.\n\n";
@@ -321,12 +331,15 @@ impl Task for GrpoTask {
 
     fn kept(&self) -> BTreeMap<String, Tensor> {
         let mut all = self.rollout.borrow().as_ref().map(Rollout::tensors).unwrap_or_default();
-        all.extend(self.first.get().map(|first| ("first.j2j".to_string(), Tensor::from(first))));
+        let first = self.first.get().map(|first| [("first.j2j", first.j2j), ("first.reward", first.reward)]);
+        all.extend(first.into_iter().flatten().map(|(name, value)| (name.to_string(), Tensor::from(value))));
         all
     }
 
     fn resume(&self, kept: &BTreeMap<String, Tensor>) -> Result<(), String> {
-        self.first.set(kept.get("first.j2j").map(|t| t.double_value(&[])));
+        let value = |name: &str| kept.get(name).map(|t| t.double_value(&[]));
+        let reward = value("first.reward").unwrap_or(f64::NAN);
+        self.first.set(value("first.j2j").map(|j2j| First { j2j, reward }));
         self.rollout.replace(Rollout::of(kept));
         Ok(())
     }

@@ -268,11 +268,18 @@ fn verdict(gain: &Gain, pair: &[Row]) -> String {
     // Without an interval, no more is said than what the figures are.
     let moved = |was: f64, is: f64| format!("{:.3}, {:.3} before", 100.0 * is, 100.0 * was);
     let (s, t) = (&before.skeletons, &after.skeletons);
-    format!(
-        "{}{how}: over {} the mean reward changed by {}, J2J × 100 by {}; J2B × 100 is {}, B2B × 100 {}.",
+    let reward = format!(
+        "{}{how}: over {} the mean reward changed by {}",
         gain.split,
         if gain.reward.n == 1 { "1 mesh".into() } else { format!("{} meshes", gain.reward.n) },
-        change(&gain.reward, 1.0),
+        change(&gain.reward, 1.0)
+    );
+    // Meshes without a rig have nothing to be far from.
+    if gain.j2j.n == 0 {
+        return reward + ".";
+    }
+    format!(
+        "{reward}, J2J × 100 by {}; J2B × 100 is {}, B2B × 100 {}.",
         change(&gain.j2j, 100.0),
         moved(s.j2b, t.j2b),
         moved(s.b2b, t.b2b)

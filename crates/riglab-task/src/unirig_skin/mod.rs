@@ -141,6 +141,19 @@ impl Experiment for SkinTask {
         &self.assets
     }
 
+    fn notes(&self) -> Vec<String> {
+        let wanted = self.config.model.attributes && self.config.loss.attributes > 0.0;
+        let ids = self.train_assets.iter().flat_map(|(_, ids)| ids).copied();
+        // Where the column cannot be read, the first batch says so.
+        match wanted && !self.assets.any_springs(ids).unwrap_or(true) {
+            true => vec![
+                "no training asset has spring bones: attributes are not learned (model.attributes = false leaves them out)"
+                    .into(),
+            ],
+            false => Vec::new(),
+        }
+    }
+
     fn examination_steps(&self) -> Result<usize, String> {
         self.examined_assets()
     }

@@ -6,6 +6,7 @@ use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use anyhow::{Context, Result, bail};
+use riglab_curate::decisions::Decisions;
 use riglab_curate::{
     CurateConfig, CurateError, Funnel, Places, Shard, SplitBy, SplitConfig, Tell, curate, listed, merge_shards,
 };
@@ -47,7 +48,8 @@ pub struct Args {
     /// Change a setting: `--set bones.min=4`.
     #[arg(long = "set", value_name = "KEY=VALUE")]
     sets: Vec<String>,
-    /// A file of decisions, applied to what it names.
+    /// A file of decisions, applied to what it names, as `riglab review` writes it: lines of name, digest, verdict
+    /// (accept, reject, -), category, faults and comment, parted by tabs.
     #[arg(long, value_name = "FILE")]
     decisions: Option<PathBuf>,
     /// Curate only one of several parts of the files: 1/8 is the first of eight.
@@ -98,6 +100,8 @@ pub fn run(args: &Args) -> Result<ExitCode> {
         if !path.is_file() {
             bail!("{}: no such file of decisions", path.display());
         }
+        // Before hours of looking at files, not after them.
+        Decisions::read(path)?;
         config.decisions = path.display().to_string();
     }
     let places = Places::of(&args.out);

@@ -121,7 +121,7 @@ pub fn run(args: &Args) -> Result<ExitCode> {
     if cuts.iter().any(|name| name == clip.name()) && args.seconds.is_none() {
         tell!("warning: {shown}: the motion `{}` is cut after {}", clip.name(), counted(clip.frames(), "frame"));
     }
-    let played = named(&played, &format!("{}{OWN}", clip.name().strip_suffix(OWN).unwrap_or(clip.name())))?;
+    let played = named(&played, &free_name(clip.name(), |name| source.clips.iter().any(|clip| clip.name() == name)))?;
     let folder = args.input.parent();
     let out = export::animate(&bytes, folder, &source, rig.skeleton(), &played)?;
     for note in &out.notes {
@@ -136,6 +136,19 @@ pub fn run(args: &Args) -> Result<ExitCode> {
     }
     say_what(args, &rig, &clip, &played);
     Ok(ExitCode::SUCCESS)
+}
+
+/// What the motion of another is called: numbered where an earlier call made one of it.
+fn free_name(of: &str, taken: impl Fn(&str) -> bool) -> String {
+    let own = format!("{}{OWN}", base(of));
+    let numbered = |k: usize| if k == 1 { own.clone() } else { format!("{own} {k}") };
+    (1..).map(numbered).find(|name| !taken(name)).unwrap_or(own.clone())
+}
+
+/// Of a motion that an earlier call made, what it was made of; of others the whole name.
+fn base(name: &str) -> &str {
+    let number = |rest: &str| rest.chars().all(|c| c == ' ' || c.is_ascii_digit());
+    name.rfind(OWN).filter(|at| number(&name[at + OWN.len()..])).map_or(name, |at| &name[..at])
 }
 
 fn check(args: &Args) -> Result<()> {
@@ -249,7 +262,7 @@ fn motion(args: &Args, source: &Imported, rig: &Rig) -> Result<Clip> {
     };
     let Some(wanted) = &args.motion else {
         // What an earlier call made is of a motion that is there, too.
-        let first = source.clips.iter().find(|clip| !clip.name().ends_with(OWN)).or(source.clips.first());
+        let first = source.clips.iter().find(|clip| base(clip.name()) == clip.name()).or(source.clips.first());
         return first.map_or_else(|| made(MotionKind::Shake), |clip| Ok(clip.clone()));
     };
     if let Some(clip) = source.clips.iter().find(|c| c.name() == wanted) {
@@ -317,5 +330,18 @@ fn say_what(args: &Args, rig: &Rig, before: &Clip, after: &Clip) {
             before.name(),
             rig.skeleton().len()
         );
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn motions_of_earlier_calls_keep_their_names() {
+        assert_eq!(free_name("Walk", |_| false), "Walk with springs");
+        let there = ["Walk", "Walk with springs", "Walk with springs 2"];
+        assert_eq!(free_name("Walk with springs 2", |name| there.contains(&name)), "Walk with springs 3");
+        assert_eq!([base("Walk with springs"), base("Bed with springs creaks")], ["Walk", "Bed with springs creaks"]);
     }
 }

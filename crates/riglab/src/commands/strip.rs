@@ -29,6 +29,9 @@ pub struct Args {
 
 pub fn run(args: &Args) -> Result<ExitCode> {
     let Args { input, output, in_place } = args;
+    if input.is_dir() {
+        bail!("{} is a folder; one file is stripped at a time", input.display());
+    }
     if !output.extension().is_some_and(|e| e.eq_ignore_ascii_case("glb")) {
         bail!("{}: only GLB is written, with all that belongs to it inside; name it .glb", output.display());
     }

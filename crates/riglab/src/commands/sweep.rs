@@ -17,9 +17,9 @@ use riglab_train::{Interrupt, Progress};
 
 use super::charts::{charts, no_file, spare};
 use super::report::write;
-use super::shown;
 use super::slurm::sweep::{Handed, run as hand_over, seen};
 use super::slurm::{Desk, On, apart, settings};
+use super::{keep_apart, shown};
 use crate::presets;
 use crate::registry::TaskConfig;
 use riglab_report::counted;
@@ -112,7 +112,10 @@ pub fn run(args: &Args, threads: usize) -> Result<ExitCode> {
     // A folder's own plan is settled: it goes on even where the files that it was made of are gone or others.
     let new = !Path::new(name).is_dir();
     if args.dry_run {
-        check(&plan, &folder, new, args.retry)?;
+        let anew = check(&plan, &folder, new, args.retry)?;
+        if !anew.is_empty() {
+            tell!("would be begun anew, as they had failed and have other settings now: {}", anew.join("; "));
+        }
         for job in &plan.jobs {
             say!("{}  {}  {} {}", job.folder, job.point, job.base, job.sets.join(" "));
         }
@@ -213,10 +216,11 @@ fn job_settings(plan: &Plan, folder: &Path, job: &Job) -> Result<TaskConfig> {
 }
 
 /// What refuses jobs before anything is written: another sweep's folder, where the plan is `new` to it, and corpora that
-/// have changed.
-fn check(plan: &Plan, folder: &Path, new: bool, retry: bool) -> Result<()> {
+/// have changed. Returns the jobs that would be begun anew.
+fn check(plan: &Plan, folder: &Path, new: bool, retry: bool) -> Result<Vec<String>> {
+    let mut anew = Vec::new();
     if new {
-        plan.fits(folder, resolved)?;
+        anew = plan.fits(folder, resolved)?.replaced.iter().map(|(job, _)| job.shown()).collect();
         tell_alike(plan)?;
     }
     let mut sums = BTreeMap::new();
@@ -230,7 +234,7 @@ fn check(plan: &Plan, folder: &Path, new: bool, retry: bool) -> Result<()> {
         };
         Ok(paths.into_iter().filter_map(sum).collect())
     })?;
-    Ok(())
+    Ok(anew)
 }
 
 /// Writes and shows what a sweep found. `on`: what its command says of a cluster.
@@ -286,9 +290,11 @@ fn plan(name: &str, args: &Args, threads: usize) -> Result<(Plan, PathBuf, Desk)
         return Err(config.invalid("sweep.grid", message).into());
     }
     let mut file: SweepFile = config.get_at("sweep")?;
+    // Where each arm has its own, that of the sweep is not read.
+    let used = file.arms.is_empty() || file.arms.iter().any(|arm| arm.base.is_none());
     let arms = file.arms.iter_mut().enumerate();
     let arms = arms.filter_map(|(k, arm)| arm.base.as_mut().map(|base| (format!("sweep.arms[{k}].base"), base)));
-    for (key, base) in [("sweep.base".to_owned(), &mut file.base)].into_iter().chain(arms) {
+    for (key, base) in [("sweep.base".to_owned(), &mut file.base)].into_iter().filter(|_| used).chain(arms) {
         *base = based(&config, &key, Path::new(name), base)?;
     }
     let mut slurm = settings(&config)?;
@@ -303,7 +309,10 @@ fn plan(name: &str, args: &Args, threads: usize) -> Result<(Plan, PathBuf, Desk)
     let folder = args.out.clone().unwrap_or_else(|| Path::new("sweeps").join(stem));
     let plan = match Plan::read(&folder)? {
         Some(there) => plan.following(&there),
-        None => plan,
+        None => {
+            keep_apart(&folder)?;
+            plan
+        }
     };
     let desk = Desk::new(&folder, slurm)?;
     Ok((plan, folder, asked(desk, args, threads)))
@@ -311,6 +320,9 @@ fn plan(name: &str, args: &Args, threads: usize) -> Result<(Plan, PathBuf, Desk)
 
 /// Where the config is that a sweep's file names under a key; that there is none is told at the key.
 fn based(config: &Config, key: &str, file: &Path, named: &str) -> Result<String, ConfigError> {
+    if named.is_empty() {
+        return Err(config.invalid(key, "it names no config; `riglab train --list` shows the built-in ones"));
+    }
     let loaded = presets::load_beside(Some(file), named, &[]).err();
     let missing = loaded.as_ref().and_then(|e| e.faults().first()).filter(|f| f.origin.is_none());
     match missing.filter(|f| f.kind == FaultKind::Unreadable) {

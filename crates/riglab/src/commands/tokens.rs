@@ -210,9 +210,14 @@ impl Sum {
 }
 
 fn of_corpus(corpus: &Corpus, tokenizer: &Tokenizer, args: &Args) -> Result<()> {
-    let categories = corpus.texts("category")?;
+    let (categories, bare) = (corpus.texts("category")?, corpus.bare()?);
+    if !bare.is_empty() {
+        let meshes = if bare.len() == 1 { "mesh" } else { "meshes" };
+        tell!("note: {}: {} {meshes} without a rig left out", corpus.path().display(), bare.len());
+    }
     let trips: Vec<(usize, Result<Trip>)> = (0..corpus.len())
         .into_par_iter()
+        .filter(|index| !bare.contains(index))
         .map(|index| {
             let found = corpus.asset(index).map_err(anyhow::Error::from);
             (index, found.and_then(|asset| trip(&asset, tokenizer, args.class.as_deref())).map(|(_, trip)| trip))

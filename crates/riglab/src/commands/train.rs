@@ -19,7 +19,7 @@ use tch::Device;
 use super::device::{self, DeviceArgs};
 use super::longer::{self, Longer};
 use super::slurm::{On, apart, settings, train as on_slurm};
-use super::{short, shown};
+use super::{keep_apart, short, shown};
 use crate::offered::open_weights;
 use crate::presets;
 use crate::registry::{TaskConfig, Visitor};
@@ -87,6 +87,7 @@ pub fn run(args: &Args, threads: usize) -> Result<ExitCode> {
         return Ok(ExitCode::SUCCESS);
     }
     let (cluster, sets) = apart(&args.sets);
+    args.run.as_deref().map_or(Ok(()), keep_apart)?;
     if let Some(dir) = &args.resume {
         longer::only(dir, &sets)?;
     }

@@ -125,6 +125,16 @@ fn export(args: &ExportArgs) -> Result<ExitCode> {
         );
     }
     let of_run = args.checkpoint.as_deref().or(folder_of.as_ref().map(|(_, named)| named.as_str())).unwrap_or("best");
+    if let (true, Some(file), None) = (folder, &args.run, run) {
+        let kind = riglab_task::bundle::kind(file).unwrap_or_default();
+        if kind.starts_with("unirig_") {
+            bail!(
+                "{} is a model of task `{kind}`, and only whole rig models become runs' folders again: evaluate the run that it \
+                 was exported from (`riglab rig --checkpoint` takes the file)",
+                file.display()
+            );
+        }
+    }
     let opened = match (&args.run, run) {
         (_, Some(run)) => of_folder(run, of_run, &args.sets),
         (Some(file), None) => Rigger::open(file, Device::Cpu).map(rigs),

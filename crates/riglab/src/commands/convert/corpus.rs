@@ -1,13 +1,14 @@
 //! The assets of a corpus as files.
 
 use std::collections::{BTreeMap, HashSet};
+use std::io::Read;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use anyhow::{Context, Result, bail};
-use riglab_asset::{Target, export, write, written_paths};
+use riglab_asset::{ImportOptions, Target, export, write, write_mesh, written_paths};
 use riglab_core::{Asset, Provenance};
-use riglab_data::Corpus;
+use riglab_data::{Corpus, checksums};
 use riglab_files::make_folder_of;
 use riglab_train::Progress;
 
@@ -21,20 +22,25 @@ pub fn open(path: &Path) -> Option<Corpus> {
 /// Every asset into a file of its own, named as the asset without the ending that its file had.
 pub fn into(corpus: &Corpus, args: &Args, target: Target) -> Result<ExitCode> {
     let (mut written, mut failed, mut lost) = (0, 0, Lost::default());
-    let splits = corpus.texts("split")?;
+    let (splits, bare) = (corpus.texts("split")?, corpus.bare()?);
+    let originals = Originals::of(corpus)?;
     let mut told = Beside::default();
     let mut taken: HashSet<PathBuf> = HashSet::new();
     let mut progress = Progress::new("writing", corpus.len() as u64, 0);
     for (index, split) in splits.iter().enumerate() {
         let stored = corpus.verified(index).map_err(anyhow::Error::from).and_then(|asset| {
+            let bare = bare.contains(&index);
+            if bare && !holds_bare(target) {
+                bail!("{}: {NO_RIG}", asset.name);
+            }
             let (folder, own) = place(&asset.name);
             let named = |again| args.out.join(&folder).join(numbered(&own, again, target));
             let free = |path: &PathBuf| !written_paths(path, target).iter().any(|p| taken.contains(p));
             let path = (1..).map(named).find(free).context("no name is left")?;
             taken.extend(written_paths(&path, target));
-            keep_others(&path, target)?;
+            originals.keep(&path, target)?;
             make_folder_of(&path)?;
-            store(&asset, &path, target, args)?;
+            store(&asset, bare, &path, target, args)?;
             told.add(path.strip_prefix(&args.out).unwrap_or(&path), split, &asset.provenance);
             lost = lost.with_asset(&asset, target);
             Ok(())
@@ -66,16 +72,23 @@ pub fn to(corpus: &Corpus, args: &Args, into_folder: bool, target: Target) -> Re
         Some(item) => item..item + 1,
         None => 0..corpus.len(),
     };
-    let assets = numbers.map(|index| corpus.verified(index)).collect::<Result<Vec<Asset>, _>>()?;
+    let bare = corpus.bare()?;
+    let (left_out, kept): (Vec<usize>, Vec<usize>) =
+        numbers.partition(|index| bare.contains(index) && !holds_bare(target));
+    for &index in &left_out {
+        tell!("left out: {}: {NO_RIG}", corpus.names()?[index]);
+    }
+    let assets = kept.iter().map(|&index| corpus.verified(index)).collect::<Result<Vec<Asset>, _>>()?;
     let out = match &assets[..] {
         [only] if into_folder => args.out.join(file_name(&place(&only.name).1, target)),
         _ => args.out.clone(),
     };
-    keep_others(&out, target)?;
+    Originals::of(corpus)?.keep(&out, target)?;
     make_folder_of(&out)?;
     match &assets[..] {
-        [] => bail!("{}: the corpus has no asset", args.input.display()),
-        [only] => store(only, &out, target, args)?,
+        [] if corpus.is_empty() => bail!("{}: the corpus has no asset", args.input.display()),
+        [] => bail!("{}: the corpus has no rig to write", args.input.display()),
+        [only] => store(only, bare.contains(&kept[0]), &out, target, args)?,
         several => {
             for note in write(several, &out, target)? {
                 tell!("note: {note}");
@@ -84,7 +97,56 @@ pub fn to(corpus: &Corpus, args: &Args, into_folder: bool, target: Target) -> Re
     }
     assets.iter().fold(Lost::default(), |lost, asset| lost.with_asset(asset, target)).tell(&args.input, target);
     say!("{}", out.display());
-    Ok(ExitCode::SUCCESS)
+    Ok(if left_out.is_empty() { ExitCode::SUCCESS } else { ExitCode::FAILURE })
+}
+
+const NO_RIG: &str = "a mesh without a rig, which only glb and obj can hold";
+
+/// Whether a mesh without a rig can be written so.
+fn holds_bare(target: Target) -> bool {
+    matches!(target, Target::Glb | Target::Obj)
+}
+
+/// The files that a corpus was made of, by their checksums: they may have looks and motions that no corpus holds.
+struct Originals(HashSet<String>);
+
+impl Originals {
+    fn of(corpus: &Corpus) -> Result<Self> {
+        Ok(Self(corpus.texts("checksum")?.into_iter().filter(|sum| !sum.is_empty()).collect()))
+    }
+
+    /// Refuses to write over one of them, and over a GLB that is not of riglab's making.
+    fn keep(&self, out: &Path, target: Target) -> Result<()> {
+        keep_others(out, target)?;
+        let original = |path: &Path| {
+            let foreign = target == Target::Glb && path.metadata().is_ok_and(|meta| meta.len() > 0) && !is_own(path);
+            foreign || checksums(path).iter().any(|sum| self.0.contains(sum))
+        };
+        match written_paths(out, target).iter().find(|path| path.is_file() && original(path)) {
+            Some(path) => bail!(
+                "{} is there already and may be what the corpus was made of; give another name or folder to write, or take it \
+                 away first",
+                path.display()
+            ),
+            None => Ok(()),
+        }
+    }
+}
+
+/// Whether a GLB says that riglab made it.
+fn is_own(glb: &Path) -> bool {
+    let generator = || {
+        let mut file = std::fs::File::open(glb).ok()?;
+        let mut head = [0; 20];
+        file.read_exact(&mut head).ok()?;
+        let length = u32::from_le_bytes(*head[12..].first_chunk::<4>()?);
+        // A chunk may say that it is longer than its file.
+        let mut chunk = Vec::new();
+        file.take(length.into()).read_to_end(&mut chunk).ok()?;
+        let json: serde_json::Value = serde_json::from_slice(&chunk).ok()?;
+        Some(json["asset"]["generator"].as_str()?.starts_with("riglab "))
+    };
+    generator().unwrap_or(false)
 }
 
 /// What a corpus says of its assets and their files cannot: `manifest.json` and `split.json`, as `riglab dataset import` and
@@ -136,12 +198,21 @@ impl Beside {
     }
 }
 
-fn store(asset: &Asset, out: &Path, target: Target, args: &Args) -> Result<()> {
+/// `bare`: what a corpus holds of a mesh without a rig is a joint for all of it, which is nobody's.
+fn store(asset: &Asset, bare: bool, out: &Path, target: Target, args: &Args) -> Result<()> {
     let notes = match target {
         Target::Glb => {
             let exported = export::moving(asset, &args.export())?;
+            let exported = match bare {
+                true => export::strip_bytes("mesh.glb", &exported.bytes, None, &ImportOptions::default())?,
+                false => exported,
+            };
             riglab_files::write(out, &exported.bytes).with_context(|| format!("{}", out.display()))?;
             exported.notes.iter().map(ToString::to_string).collect()
+        }
+        Target::Obj if bare => {
+            write_mesh(asset.rig.mesh(), out)?;
+            Vec::new()
         }
         _ => write(std::slice::from_ref(asset), out, target)?,
     };

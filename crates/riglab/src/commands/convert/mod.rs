@@ -28,7 +28,7 @@ use riglab_report::counted;
 ///
 /// Written are glb, obj (the mesh alone), rignet (text and OBJ), puppeteer (text and OBJ),
 /// puppeteer-h5, articulation-xl, unirig (raw_data.npz), skintokens, anymate and fbx. The ending of OUT tells
-/// which; npz and txt need --to. A folder or a file of several assets goes into a folder, a file an
+/// which; npz, txt and a corpus' h5 need --to. A folder or a file of several assets goes into a folder, a file an
 /// asset, or into one file of a format that holds several. Z up becomes Y up and back by the formats.
 /// glTF and VRM become a GLB with all they had: materials, pictures, morph targets, motions, extensions.
 /// Anything a format cannot hold is reported on standard error. A corpus is written as its assets; a manifest.json and a
@@ -96,6 +96,11 @@ pub fn run(args: &Args) -> Result<ExitCode> {
     let target = match args.to {
         Some(target) => target,
         None if into_folder => bail!("{} is a folder; say with --to which format to write", args.out.display()),
+        None if corpus.is_some() && Target::of(&args.out).is_ok_and(|of| of == Target::PuppeteerH5) => bail!(
+            "{} could be a corpus or a file of Puppeteer's: say --to puppeteer-h5 for the latter; corpora are put together by \
+             `riglab dataset merge`",
+            args.out.display()
+        ),
         None => Target::of(&args.out)?,
     };
     // A VRM is a GLB, and what has no ending may be a folder.
