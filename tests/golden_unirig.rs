@@ -385,9 +385,11 @@ struct Reader<'a> {
     cache: Cache,
     /// What each row has read behind the prompt.
     ids: Vec<Vec<u32>>,
-    /// Of every step, what each row had read, and its raw scores.
-    steps: Vec<(Vec<Vec<u32>>, Vec<Vec<f32>>)>,
+    steps: Vec<Step>,
 }
+
+/// Of a step, what each row had read, and its raw scores.
+type Step = (Vec<Vec<u32>>, Vec<Vec<f32>>);
 
 fn floats(t: &Tensor) -> Vec<f32> {
     Vec::<f32>::try_from(t.contiguous().view([-1])).unwrap()

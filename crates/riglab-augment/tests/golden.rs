@@ -114,8 +114,8 @@ fn skintokens_matrix(case: &Golden, group: &str) -> Mat3A {
     }
     let flip = |axis| if is_on(&format!("random_flip_{axis}_p"), &format!("flip_{axis}")) { -1.0 } else { 1.0 };
     parts.flip = Mat3A::from_diagonal(AXES.map(flip).into());
-    for axis in 0..3 {
-        let key = format!("static_rotate_{}", AXES[axis]);
+    for (axis, name) in AXES.iter().enumerate() {
+        let key = format!("static_rotate_{name}");
         if is_on(&format!("{key}_p"), "angles_deg_xyz") {
             let drawn = Some(input("angles_deg_xyz")).filter(|name| case.has(name));
             let angle = drawn.map_or_else(|| setting(&key)?[0].as_f64(), |name| Some(case.values(&name)[axis]));
