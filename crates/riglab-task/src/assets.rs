@@ -539,6 +539,31 @@ mod tests {
     }
 
     #[test]
+    fn springs_are_known_without_reading_assets() {
+        use riglab_core::{JointId, Spring, SpringJoint, Springs, Swing};
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("c.h5");
+        let mut writer = riglab_data::CorpusWriter::create(&path).unwrap();
+        for name in ["stiff", "swings"] {
+            let joint = Joint { name: "hair".into(), parent: None, head: [0.0; 3] };
+            let weights = SkinWeights::normalized((0..4).map(|_| [(0u16, 1.0)])).unwrap();
+            let skeleton = Skeleton::new(vec![joint]).unwrap();
+            let mut rig = Rig::new(skeleton, crate::tokenrig::testing::tetrahedron(), weights).unwrap();
+            if name == "swings" {
+                let joint = SpringJoint { joint: JointId(0), tail: Some([0.0, 1.0, 0.0]), swing: Swing::default() };
+                let spring = Spring { name: "hair".into(), joints: vec![joint], groups: vec![], center: None };
+                rig = rig.with_springs(Springs::new(vec![spring], vec![], vec![]).unwrap()).unwrap();
+            }
+            let provenance = riglab_core::Provenance::default();
+            writer.add(&Asset { name: name.into(), rig, clips: Vec::new(), provenance }).unwrap();
+        }
+        writer.finish(&["train", "val"]).unwrap();
+        let assets = Assets::open(&[path]).unwrap();
+        let any = |split: &str| assets.any_springs(assets.split(split).unwrap()).unwrap();
+        assert_eq!([any("train"), any("val"), any("none")], [false, true, false]);
+    }
+
+    #[test]
     fn some_assets_are_of_all_corpora_by_their_weights() {
         let of = |corpus: usize, count| (0..count).map(move |index| AssetId { corpus, index });
         let all: Vec<AssetId> = of(0, 25).chain(of(1, 284)).chain(of(2, 9)).collect();

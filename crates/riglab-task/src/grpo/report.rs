@@ -310,6 +310,30 @@ mod tests {
     use super::*;
 
     #[test]
+    fn of_meshes_without_a_rig_rewards_alone_are_told() {
+        let row = |method: &str, j2b: f64| -> Row {
+            let skeletons = serde_json::json!({"split": "meshes", "method": method, "assets": 7, "compared": 7, "j2j": null,
+                "j2b": j2b, "b2b": j2b, "valid": 1.0, "joints": 9.0, "true_joints": 1.0, "joints_off": 8.0});
+            let rewards =
+                serde_json::json!({"coverage": 0.5, "containment": 0.5, "skinning": 0.5, "motion": 0.5, "total": 4.0});
+            serde_json::from_value(serde_json::json!({"rewards": rewards, "skeletons": skeletons})).unwrap()
+        };
+        let paired = |n| Paired { n, difference: 0.1, low: 0.05, high: 0.2, smaller_equal_larger: [1, 0, 6], p: 0.1 };
+        let said = |n| {
+            let gain = Gain { split: "meshes".into(), reward: paired(7), j2j: paired(n) };
+            verdict(&gain, &[row("before", 0.1), row("after", 0.2)])
+        };
+        let bare = "meshes: over 7 meshes the mean reward changed by +0.100 (95 % interval +0.050 to +0.200)";
+        assert_eq!(said(0), format!("{bare}."));
+        assert!(said(7).starts_with(&format!("{bare}, J2J × 100 by +10.000")), "{}", said(7));
+        assert!(
+            said(7).ends_with("J2B × 100 is 20.000, 10.000 before, B2B × 100 20.000, 10.000 before."),
+            "{}",
+            said(7)
+        );
+    }
+
+    #[test]
     fn changes_have_digits_enough_and_nothing_has_no_sign() {
         let paired = |difference: f64, low: f64, high: f64| {
             change(&Paired { n: 7, difference, low, high, smaller_equal_larger: [1, 6, 0], p: 1.0 }, 1.0)

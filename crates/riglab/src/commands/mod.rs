@@ -108,6 +108,20 @@ mod tests {
     use super::*;
 
     #[test]
+    fn runs_stay_out_of_folders_of_models() {
+        let folder = tempfile::tempdir().unwrap();
+        let write = |name: &str| std::fs::write(folder.path().join(name), "").unwrap();
+        assert!(keep_apart(&folder.path().join("none")).is_ok());
+        ["corpus.h5", "note.txt", "job.sh"].into_iter().for_each(write);
+        assert!(keep_apart(folder.path()).is_ok());
+        write("Fox.GLB");
+        let said = keep_apart(folder.path()).unwrap_err().to_string();
+        assert!(said.contains("holds models, such as Fox.GLB"), "{said}");
+        write("config.toml");
+        assert!(keep_apart(folder.path()).is_ok(), "a run's folder is another's to refuse");
+    }
+
+    #[test]
     fn many_lines_are_some_and_a_count() {
         let of = |count: usize| some_lines((0..count).map(|k| format!("line {k}")), "more lines");
         assert_eq!(of(6).len(), 6);

@@ -1,6 +1,6 @@
 //! `riglab tokens`
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, HashSet};
 use std::ops::ControlFlow;
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -210,7 +210,7 @@ impl Sum {
 }
 
 fn of_corpus(corpus: &Corpus, tokenizer: &Tokenizer, args: &Args) -> Result<()> {
-    let (categories, bare) = (corpus.texts("category")?, corpus.bare()?);
+    let (categories, bare) = (corpus.texts("category")?, HashSet::<usize>::from_iter(corpus.bare()?));
     if !bare.is_empty() {
         let meshes = if bare.len() == 1 { "mesh" } else { "meshes" };
         tell!("note: {}: {} {meshes} without a rig left out", corpus.path().display(), bare.len());

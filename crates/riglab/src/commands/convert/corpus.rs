@@ -22,7 +22,7 @@ pub fn open(path: &Path) -> Option<Corpus> {
 /// Every asset into a file of its own, named as the asset without the ending that its file had.
 pub fn into(corpus: &Corpus, args: &Args, target: Target) -> Result<ExitCode> {
     let (mut written, mut failed, mut lost) = (0, 0, Lost::default());
-    let (splits, bare) = (corpus.texts("split")?, corpus.bare()?);
+    let (splits, bare) = (corpus.texts("split")?, HashSet::<usize>::from_iter(corpus.bare()?));
     let originals = Originals::of(corpus)?;
     let mut told = Beside::default();
     let mut taken: HashSet<PathBuf> = HashSet::new();
@@ -72,12 +72,11 @@ pub fn to(corpus: &Corpus, args: &Args, into_folder: bool, target: Target) -> Re
         Some(item) => item..item + 1,
         None => 0..corpus.len(),
     };
-    let bare = corpus.bare()?;
+    let bare = HashSet::<usize>::from_iter(corpus.bare()?);
     let (left_out, kept): (Vec<usize>, Vec<usize>) =
         numbers.partition(|index| bare.contains(index) && !holds_bare(target));
-    for &index in &left_out {
-        tell!("left out: {}: {NO_RIG}", corpus.names()?[index]);
-    }
+    let names = corpus.names()?;
+    left_out.iter().for_each(|&index| tell!("left out: {}: {NO_RIG}", names[index]));
     let assets = kept.iter().map(|&index| corpus.verified(index)).collect::<Result<Vec<Asset>, _>>()?;
     let out = match &assets[..] {
         [only] if into_folder => args.out.join(file_name(&place(&only.name).1, target)),
