@@ -170,6 +170,36 @@ fn a_seed_is_added_and_what_is_done_stays() {
 }
 
 #[test]
+fn an_arm_that_failed_is_corrected_and_the_rest_stays() {
+    let dir = tempfile::tempdir().unwrap();
+    let made = corpus(dir.path(), 12);
+    let (file, out) = (dir.path().join("toy.toml"), dir.path().join("out"));
+    let base = config(dir.path(), &made, "[train]\nsteps = 2\n[eval]\nvalidation_vertices = 50\n");
+    let write = |corpus: &str| {
+        let arms = format!(
+            "[[sweep.arms]]\nname = 'a'\n[[sweep.arms]]\nname = 'b'\nset = {{ 'data.corpora' = ['{corpus}'] }}\n"
+        );
+        fs::write(&file, format!("[sweep]\nseeds = [0]\nbase = '{}'\n{arms}", base.display())).unwrap();
+    };
+    let args = ["sweep", text(&file), "-o", text(&out)];
+    write("nowhere.h5");
+    let said = refusal(&mut riglab(&args));
+    assert!(said.contains("1 job failed"), "{said}");
+    let first = fs::read(out.join("jobs/a/seed-0/run.json")).unwrap();
+    write(text(&made));
+    let dry = String::from_utf8(must(&[&args[..], &["--dry-run"]].concat()).stderr).unwrap();
+    assert!(
+        dry.contains("would be begun anew") && dry.contains("`b`, seed 0") && !dry.contains("no such corpus"),
+        "{dry}"
+    );
+    let said = String::from_utf8(must(&args).stderr).unwrap();
+    assert!(said.contains("begun anew") && said.contains("replaced"), "{said}");
+    assert!(fs::read(out.join("jobs/a/seed-0/run.json")).unwrap() == first);
+    let table = fs::read_to_string(out.join("table.md")).unwrap();
+    assert!(table.contains("| a | 1 | 0 |") && table.contains("| b | 1 | 0 |"), "{table}");
+}
+
+#[test]
 fn jobs_take_the_threads_that_the_command_line_gives() {
     let dir = tempfile::tempdir().unwrap();
     let base = config(dir.path(), &dir.path().join("nowhere.h5"), "");

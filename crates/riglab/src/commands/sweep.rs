@@ -119,7 +119,7 @@ pub fn run(args: &Args, threads: usize) -> Result<ExitCode> {
         for job in &plan.jobs {
             say!("{}  {}  {} {}", job.folder, job.point, job.base, job.sets.join(" "));
         }
-        for missing in missing(&plan, &folder)? {
+        for missing in missing(&plan, &folder, &anew)? {
             tell!("warning: {missing}: no such corpus; the jobs that read it would fail");
         }
         return Ok(ExitCode::SUCCESS);
@@ -197,19 +197,19 @@ fn tell_alike(plan: &Plan) -> Result<()> {
 }
 
 /// Corpora of jobs that are not there.
-fn missing(plan: &Plan, folder: &Path) -> Result<BTreeSet<String>> {
+fn missing(plan: &Plan, folder: &Path, anew: &[String]) -> Result<BTreeSet<String>> {
     let mut missing = BTreeSet::new();
     for job in &plan.jobs {
-        let corpora = job_settings(plan, folder, job).map_err(|e| unsound(job, &e))?.data().corpora.clone();
+        let corpora = job_settings(plan, (folder, anew), job).map_err(|e| unsound(job, &e))?.data().corpora.clone();
         missing.extend(corpora.iter().filter(|path| !path.exists()).map(|path| path.display().to_string()));
     }
     Ok(missing)
 }
 
-/// The settings that a job is or will be trained with.
-fn job_settings(plan: &Plan, folder: &Path, job: &Job) -> Result<TaskConfig> {
+/// The settings that a job is or will be trained with. `anew`: jobs whose settings in the folder are no longer theirs.
+fn job_settings(plan: &Plan, (folder, anew): (&Path, &[String]), job: &Job) -> Result<TaskConfig> {
     let own = plan.config(folder, job);
-    match own.is_file() {
+    match own.is_file() && !anew.contains(&job.shown()) {
         true => settings_of(&own.to_string_lossy(), &[]),
         false => settings_of(&job.base, &job.sets),
     }
@@ -225,7 +225,7 @@ fn check(plan: &Plan, folder: &Path, new: bool, retry: bool) -> Result<Vec<Strin
     }
     let mut sums = BTreeMap::new();
     plan.same_corpora(folder, retry, |job| {
-        let paths = job_settings(plan, folder, job).map_err(|e| unsound(job, &e))?.data().corpora.clone();
+        let paths = job_settings(plan, (folder, &anew), job).map_err(|e| unsound(job, &e))?.data().corpora.clone();
         // Of one that cannot be opened its jobs tell.
         let sum = |path: PathBuf| {
             let open = || Corpus::open(&path).ok()?.checksum().ok();
