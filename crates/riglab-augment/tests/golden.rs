@@ -247,7 +247,7 @@ fn unirig_group(case: &Golden, group: &str) {
                         let round: Vec<_> = points.iter().map(|h| h.map(|x| config.rounded(x))).collect();
                         case.check_points(&name, &round);
                     }
-                    "parents" => case.check(&name, case.values(&input(part)).to_vec()),
+                    "parents" => case.elsewhere(&name, "rounding places leaves the tree"),
                     _ => panic!("{}: unknown output `{name}`", case.name),
                 }
             }
