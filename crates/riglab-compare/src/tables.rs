@@ -192,9 +192,10 @@ impl Comparison {
     /// if `whole`.
     pub fn assets(&self, presets: &[Preset], whole: bool) -> Table {
         let names = self.metrics(presets);
-        let mut head: Vec<String> =
-            ["system", "asset", "status", "joints", "true joints", "notes"].map(String::from).to_vec();
+        let mut head: Vec<String> = ["system", "asset", "status", "joints", "true joints"].map(String::from).to_vec();
         head.extend(names.iter().map(|name| if whole { name.clone() } else { headed(name, name) }));
+        // Sentences come last: figures stay beside the asset that they are of.
+        head.push("notes".into());
         let mut table = Table { caption: "Assets".into(), head, ..Table::default() };
         if !whole && names.iter().any(|name| factor(name).is_some()) {
             table.note = format!("{SAID}.");
@@ -213,7 +214,6 @@ impl Comparison {
                     Cell::text(status),
                     Cell::count(row.joints),
                     Cell::count(row.true_joints),
-                    Cell::text(told.collect::<Vec<_>>().join("; ")),
                 ];
                 let of = |name: &String| row.measures.iter().find(|m| m.name() == *name).map_or(f64::NAN, |m| m.value);
                 let cell = |value: f64| match whole && value.is_finite() {
@@ -222,6 +222,7 @@ impl Comparison {
                 };
                 let scale = |name: &String| if whole { 1.0 } else { factor(name).unwrap_or(1.0) };
                 cells.extend(names.iter().map(|name| cell(scale(name) * of(name))));
+                cells.push(Cell::text(told.collect::<Vec<_>>().join("; ")));
                 table.row(cells);
             }
         }
@@ -357,7 +358,8 @@ mod tests {
         assert_eq!(json["systems"][0]["rows"][0]["measures"]["j2j@rignet"], 0.1);
         let of = |whole| {
             let assets = comparison.assets(&Preset::ALL, whole);
-            (assets.head[6].clone(), assets.rows[0][6].text.clone(), assets.note)
+            assert_eq!(assets.head.last().map(String::as_str), Some("notes"));
+            (assets.head[5].clone(), assets.rows[0][5].text.clone(), assets.note)
         };
         assert_eq!(of(true), ("j2j@rignet".into(), "0.1".into(), String::new()));
         assert_eq!(of(false), ("j2j@rignet × 100".into(), "10.00".into(), format!("{SAID}.")));

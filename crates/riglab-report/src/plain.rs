@@ -285,11 +285,45 @@ pub(crate) fn verbatim(text: &str) -> String {
             '−' => out += "$-$",
             '≥' => out += "$\\geq$",
             '≤' => out += "$\\leq$",
+            '≈' => out += "$\\approx$",
+            '→' => out += "$\\rightarrow$",
+            '∞' => out += "$\\infty$",
+            '…' => out += "\\ldots{}",
             '\n' => out.push(' '),
-            c => out.push(c),
+            c => match greek(c) {
+                Some(name) => out += &format!("$\\{name}$"),
+                None => out.push(c),
+            },
         }
     }
     out
+}
+
+/// What LaTeX calls a Greek letter, as names of settings have them: pdflatex knows none of them in a text.
+fn greek(c: char) -> Option<&'static str> {
+    const SMALL: [&str; 25] = [
+        "alpha", "beta", "gamma", "delta", "epsilon", "zeta", "eta", "theta", "iota", "kappa", "lambda", "mu", "nu",
+        "xi", "omicron", "pi", "rho", "varsigma", "sigma", "tau", "upsilon", "phi", "chi", "psi", "omega",
+    ];
+    Some(match c {
+        'µ' => "mu",
+        'ϵ' => "epsilon",
+        'ϕ' => "phi",
+        // LaTeX has no name for what looks like a Latin letter.
+        'ο' => return None,
+        'α'..='ω' => SMALL[c as usize - 'α' as usize],
+        'Γ' => "Gamma",
+        'Δ' => "Delta",
+        'Θ' => "Theta",
+        'Λ' => "Lambda",
+        'Ξ' => "Xi",
+        'Π' => "Pi",
+        'Σ' => "Sigma",
+        'Φ' => "Phi",
+        'Ψ' => "Psi",
+        'Ω' => "Omega",
+        _ => return None,
+    })
 }
 
 #[cfg(test)]
@@ -323,6 +357,16 @@ mod tests {
         assert!(latex.contains("\\caption{A \\& B}") && latex.contains("{lr}") && latex.contains("x\\_1"));
         assert!(latex.contains("a$|$b, \"c\" & \\textbf{0.50} \\\\\n  \\midrule\n") && latex.contains("100 \\%"));
         assert!(latex.contains("\\textit{12.00}"));
+    }
+
+    #[test]
+    fn greek_letters_and_arrows_are_formulas_in_latex() {
+        assert_eq!(
+            latex("α = 1 → Δλ ≈ ∞…"),
+            "$\\alpha$ = 1 $\\rightarrow$ $\\Delta$$\\lambda$ $\\approx$ $\\infty$\\ldots{}"
+        );
+        assert_eq!(latex("ς, σ, ω, µ"), "$\\varsigma$, $\\sigma$, $\\omega$, $\\mu$");
+        assert_eq!(latex("ο, é"), "ο, é");
     }
 
     #[test]

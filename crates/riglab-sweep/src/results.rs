@@ -113,6 +113,10 @@ impl Results {
             table.note +=
                 " No best is marked: telling a difference from the noise of seeds takes two seeds of both points.";
         }
+        if self.plan.sweep.evaluate && self.plan.sweep.metrics.is_empty() {
+            table.note += " Columns are those of the last validation, as the sweep's file has no [[sweep.metrics]]: these name \
+                           figures of the evaluations, too (`eval.json:`).";
+        }
         if let Some(sentence) = self.mixed() {
             table.note += &format!(" {}.", sentence.replacen('n', "N", 1));
         }
@@ -410,6 +414,20 @@ mod tests {
         let read = |name: &str| std::fs::read_to_string(dir.path().join(name)).unwrap();
         assert!(read("table.csv").contains("a,\"J2J × 100, val\",2,0,2,50,35.35"), "{}", read("table.csv"));
         assert!(read("results.jsonl").contains("{\"eval/j2j@val\":0.25}"));
+    }
+
+    #[test]
+    fn a_sweep_that_evaluates_and_asks_for_nothing_of_it_says_how_to() {
+        let note = |more: &str| {
+            let text = format!("[sweep]\nbase = 'b'\nseeds = [1]\n{more}");
+            let config = riglab_config::Config::from_toml_str("s.toml", &text).unwrap();
+            let plan = Plan::new(config.get_at("sweep").unwrap(), &[]).unwrap();
+            Results::read(tempfile::tempdir().unwrap().path(), &plan).table().note
+        };
+        assert!(note("evaluate = true\n").contains("has no [[sweep.metrics]]"));
+        for more in ["", "evaluate = true\n[[sweep.metrics]]\nof = 'eval/iou@val'\n"] {
+            assert!(!note(more).contains("sweep.metrics"), "{more}");
+        }
     }
 
     #[test]

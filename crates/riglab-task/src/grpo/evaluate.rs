@@ -391,7 +391,8 @@ impl GrpoTask {
                 "data.test: the corpora have no asset in `{splits}`; `riglab dataset inspect` shows their splits"
             ));
         }
-        Ok((Report { convention: "unirig".into(), rows, gains, assets }, sheets))
+        let (convention, reward_weights) = ("unirig".into(), Some(self.config.reward.weights));
+        Ok((Report { convention, reward_weights, rows, gains, assets }, sheets))
     }
 
     fn sheet(&self, id: AssetId, was: &Found, is: &Found) -> Result<Option<Sheet>, String> {

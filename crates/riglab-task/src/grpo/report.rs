@@ -25,6 +25,9 @@ pub struct Row {
 pub struct Report {
     /// Which formulas, of the distances.
     pub convention: String,
+    /// Of coverage, containment, skinning and motion, in the reward; nothing where an earlier version wrote it.
+    #[serde(default)]
+    pub reward_weights: Option<[f64; 4]>,
     /// Before and after, of each split and way to make rigs.
     pub rows: Vec<Row>,
     /// What became of each such pair.
@@ -246,18 +249,20 @@ impl Evaluation {
             cells.extend([s.j2j, s.j2b, s.b2b].map(|x| Cell::number(100.0 * x, 3)));
             table.row(cells);
         }
-        table.note =
-            "before: the model that the run started from; after: this checkpoint. Both rig the same meshes, with \
-                      the same points and random numbers: several rigs a mesh sampled as in training, or one (greedy: \
-                      the likeliest token). The reward is higher, the distances are lower for a better rig; a rig that \
-                      cannot be decoded has reward 0. Distances are means over the rigs that can be compared, those with a \
-                      bone; the sentences above are over meshes with such rigs before and after. The reward is the sum \
-                      of four, each from 0 to 1, weighted by the run's \
-                      reward.weights: coverage (R_vj), joints near all of the body; containment (R_vk), bones inside \
-                      the body; skinning (R_sc), every vertex bound, to at most four bones; motion (R_mo), a surface \
-                      that stays whole in poses. A skeleton model makes no weights: its skinning and motion \
-                      are 0."
-                .into();
+        let weights = match self.report.reward_weights {
+            Some(weights) => format!("reward.weights, {}", weights.map(|w| w.to_string()).join(", ")),
+            None => "reward.weights".into(),
+        };
+        table.note = format!(
+            "before: the model that the run started from; after: this checkpoint. Both rig the same meshes, with the same \
+             points and random numbers: several rigs a mesh sampled as in training, or one (greedy: the likeliest token). \
+             The reward is higher, the distances are lower for a better rig; a rig that cannot be decoded has reward 0. \
+             Distances are means over the rigs that can be compared, those with a bone; the sentences above are over meshes \
+             with such rigs before and after. The reward is the sum of four, each from 0 to 1, weighted by the run's \
+             {weights}: coverage (R_vj), joints near all of the body; containment (R_vk), bones inside the body; skinning \
+             (R_sc), every vertex bound, to at most four bones; motion (R_mo), a surface that stays whole in poses. A \
+             skeleton model makes no weights: its skinning and motion are 0."
+        );
         table
     }
 }

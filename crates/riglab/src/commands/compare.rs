@@ -230,12 +230,14 @@ fn text(args: &Args, form: Form, comparison: &Comparison, presets: &[Preset], pu
         let blocks = tables.into_iter().map(Block::Table).collect();
         return Ok(Page { title, subtitle, blocks }.to_html()?);
     }
-    let form = match form {
+    let latex = form == Form::Latex;
+    let to = match form {
         Form::Markdown => Table::to_markdown,
         Form::Latex => Table::to_latex,
         _ => Table::to_text,
     };
-    Ok(tables.iter().map(form).collect::<Vec<_>>().join("\n"))
+    let needs = if latex { "% Needs \\usepackage{booktabs}.\n\n" } else { "" };
+    Ok(needs.to_owned() + &tables.iter().map(to).collect::<Vec<_>>().join("\n"))
 }
 
 /// The name of a system and its folder; without a name, that of the folder.
@@ -266,7 +268,9 @@ fn told(comparison: &Comparison) -> (Vec<String>, bool) {
     let both = |unread: &'_ [(String, String)]| unread.to_vec();
     let mut said =
         vec![("warning: not compared with, as it cannot be read: ".to_owned(), both(&comparison.unread_truth))];
-    for System { name, rows, unread, .. } in &comparison.systems {
+    // Of predictions without truth nothing is said elsewhere.
+    let mut others = Vec::new();
+    for System { name, rows, unread, unmatched, .. } in &comparison.systems {
         said.push((format!("warning: {name}: "), both(unread)));
         let (mut missing, mut failed, mut noted) = (Vec::new(), Vec::new(), Vec::new());
         for row in rows {
@@ -283,10 +287,13 @@ fn told(comparison: &Comparison) -> (Vec<String>, bool) {
         for (what, of) in [("missing", missing), ("failed", failed), ("note", noted)] {
             said.push((format!("{what}: {name}: "), of));
         }
+        let unmatched: Vec<_> =
+            unmatched.iter().map(|key| (key.clone(), "no true asset has this name".to_owned())).collect();
+        others.extend(by_reason(&format!("note: {name}: "), &unmatched).0);
     }
     let lines: Vec<(Vec<String>, bool)> = said.iter().map(|(of, said)| by_reason(of, said)).collect();
     let cut = lines.iter().any(|(_, cut)| *cut);
-    (lines.into_iter().flat_map(|(lines, _)| lines).collect(), cut)
+    (lines.into_iter().flat_map(|(lines, _)| lines).chain(others).collect(), cut)
 }
 
 /// Where all that was said in short is to be found.
@@ -348,7 +355,8 @@ mod tests {
         let of = |count: usize| {
             let rows = (0..count).map(row).collect();
             let (name, folder) = ("ours".into(), "out".into());
-            let system = System { name, folder, rows, unmatched: Vec::new(), unread: Vec::new() };
+            let unmatched = vec!["x".into(), "y".into()];
+            let system = System { name, folder, rows, unmatched, unread: Vec::new() };
             let (truth, unread_truth) = ("t".into(), vec![("b.glb".into(), "it is empty".into())]);
             told(&Comparison { truth, failures: Failures::Apart, unread_truth, systems: vec![system] })
         };
@@ -360,6 +368,7 @@ mod tests {
                 "missing: ours: a0.glb, a100.glb, a200.glb and 7 more: there is no prediction",
                 "failed: ours: a2.glb, a3.glb, a4.glb and 977 more: it holds no skeleton",
                 "note: ours: a1.glb, a101.glb, a201.glb and 7 more: other joints",
+                "note: ours: x, y: no true asset has this name",
             ]
         );
         let (few, all) = of(4);
