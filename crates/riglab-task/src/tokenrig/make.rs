@@ -77,6 +77,9 @@ pub struct Made {
     /// How far the skeleton is from the draws on average, where one of several was chosen by agreement: the mean of J2J, J2B
     /// and B2B ([`riglab_metric::apart_from`]). What is far from them is mostly far from what an artist would make.
     pub apart: Option<f64>,
+    /// How many joints stood for all of a given skeleton, where it has more than the model reads: what these hold was shared
+    /// out to the others by how near their bones are.
+    pub thinned: Option<usize>,
     /// Which of the draws it is.
     pub sample: usize,
     /// All draws, in their order.
@@ -153,12 +156,13 @@ impl Rigger {
             None if turned.is_none() => eval.consensus.max(1),
             _ => 1,
         };
+        let holders = |skeleton: &Skeleton| wish.holders.filter(|a| a.len() == skeleton.len() && a.contains(&true));
         let given = match &turned {
-            Some(skeleton) => Some((skeleton, self.given(skeleton, map)?)),
+            Some(skeleton) => Some((skeleton, self.read(skeleton, map, holders(skeleton))?)),
             None => None,
         };
         let prompt = match (&given, wish.class) {
-            (Some((_, encoded)), _) => encoded.ids.clone(),
+            (Some((_, read)), _) => read.encoded.ids.clone(),
             (None, Some(class)) => self.of_class(class)?,
             (None, None) => self.free(),
         };
@@ -244,30 +248,32 @@ impl Rigger {
         }
         let count = wish.skins.unwrap_or(eval.skins);
         let skins = self.skins(w, &self.straight(&clouds), &drawn, count, wish.seed)?;
-        let (skeleton, in_cube, skins) = match given {
-            Some((skeleton, encoded)) => {
-                let own = |codes| in_order(codes, &encoded.order, skeleton.len());
+        let hold = Hold { without_codes: eval.without_codes, ..Hold::default() };
+        let hold = Hold { influences: wish.influences.unwrap_or(hold.influences).max(1), ..hold };
+        let (skeleton, weights, thinned) = match &given {
+            Some((skeleton, read)) => {
+                let own = |codes| in_order(codes, &read.encoded.order, read.skeleton.len());
+                let skins: Vec<_> = skins.into_iter().map(own).collect();
                 let in_cube = skeleton.with_heads(moved(skeleton.heads(), map)).map_err(|e| e.to_string())?;
+                let weights =
+                    self.read_skin((&cube, &in_cube), (read, map), &skins, wish.seed, (holders(skeleton), hold))?;
                 // A turn of axes and back rounds nothing, but turns by less than a quarter do: given joints stay what they are.
                 let mut heads: Vec<_> = skeleton.heads().iter().map(|&p| up.back(facing.back(p))).collect();
                 let given = wish.skeleton.map_or(&[][..], Skeleton::heads);
                 heads[..given.len()].copy_from_slice(given);
-                let own_axes = skeleton.with_heads(heads).map_err(|e| e.to_string())?;
-                (own_axes, in_cube, skins.into_iter().map(own).collect())
+                let thinned = read.stands.is_some().then(|| read.skeleton.len());
+                (skeleton.with_heads(heads).map_err(|e| e.to_string())?, weights, thinned)
             }
             None => {
                 let decoded = drawn.decoded.map_err(|e| e.to_string())?;
                 let in_cube = decoded.skeleton().map_err(|e| e.to_string())?;
+                let weights = self.pooled_skin(&cube, &in_cube, &skins, wish.seed, hold)?;
                 let heads =
                     moved(in_cube.heads(), map.inverse()).into_iter().map(|p| up.back(facing.back(p))).collect();
-                (in_cube.with_heads(heads).map_err(|e| e.to_string())?, in_cube, skins)
+                (in_cube.with_heads(heads).map_err(|e| e.to_string())?, weights, None)
             }
         };
-        let holders = wish.holders.filter(|able| able.len() == in_cube.len() && able.contains(&true));
-        let hold = Hold { without_codes: eval.without_codes, holders, ..Hold::default() };
-        let hold = Hold { influences: wish.influences.unwrap_or(hold.influences).max(1), ..hold };
-        let weights = self.pooled_skin(&cube, &in_cube, &skins, wish.seed, hold)?;
-        Ok(Made { skeleton, weights, yaw: facing.yaw(), placed, bodies, apart, sample, draws })
+        Ok(Made { skeleton, weights, yaw: facing.yaw(), placed, bodies, apart, thinned, sample, draws })
     }
 
     /// What draws for a mesh in the cube are worth.

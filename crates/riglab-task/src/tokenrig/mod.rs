@@ -19,6 +19,7 @@ mod skinner;
 mod template;
 #[cfg(test)]
 pub(crate) mod testing;
+mod thinned;
 mod told;
 
 use std::sync::Arc;

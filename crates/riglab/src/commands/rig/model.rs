@@ -165,6 +165,7 @@ impl Model {
                     placed: None,
                     bodies: None,
                     apart: None,
+                    thinned: None,
                     sample: 0,
                     draws,
                 })

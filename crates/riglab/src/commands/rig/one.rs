@@ -96,6 +96,13 @@ pub fn rig(args: &Common, bones: &Bones, model: &Model, from: &Path, to: &Path) 
     let joints = made.skeleton.len();
     let added = given.as_ref().filter(|_| wish.complete).map(|given| joints - given.len());
     let about = || from.display().to_string();
+    if let Some(read) = made.thinned {
+        let note = format!(
+            "{joints} joints are more than this model reads: {read} of them got weights from it, which they share with the \
+             others near them by distance; check hair, clothes and fingers"
+        );
+        noted(from, &mut notes, note);
+    }
     let degrees = made.yaw.in_degrees();
     if degrees != 0 {
         let note = format!(
@@ -164,7 +171,7 @@ pub fn rig(args: &Common, bones: &Bones, model: &Model, from: &Path, to: &Path) 
             "file": from.to_string_lossy(), "out": to.to_string_lossy(), "joints": joints, "added": added, "vertices": mesh.positions().len(),
             "triangles": mesh.triangles().len(), "checkpoint": model.card.name, "steps": model.card.state.step,
             "weights_by": model.of_weights().map(|own| &own.name),
-            "likelihood": likelihood, "apart": sure(&made), "sample": sample, "rewards": rewards, "samples": draws, "seconds": start.elapsed().as_secs_f64(),
+            "read": made.thinned, "likelihood": likelihood, "apart": sure(&made), "sample": sample, "rewards": rewards, "samples": draws, "seconds": start.elapsed().as_secs_f64(),
             "template": made.placed.map(told_placed), "notes": notes,
         });
         say!("{line}");

@@ -1,0 +1,191 @@
+//! Skeletons of more joints than a model reads: some of the joints stand for those beside them.
+
+use std::borrow::Cow;
+
+use rayon::prelude::*;
+use riglab_core::{DecodeRule, Joint, JointId, Mesh, Segment, Similarity, Skeleton, SkinWeights};
+use riglab_token::{Encoded, Template};
+
+use super::Rigger;
+use super::make::class_of;
+use super::skin::{Codes, Hold};
+
+/// A given skeleton as the model reads it.
+pub(super) struct Read<'a> {
+    /// The joints that it reads: all of them, where it can.
+    pub skeleton: Cow<'a, Skeleton>,
+    /// Their sequence.
+    pub encoded: Encoded,
+    /// Of each given joint which of those stands for it, where some are left out.
+    pub stands: Option<Vec<usize>>,
+}
+
+impl Rigger {
+    /// A skeleton as the model reads it; one of more joints or tokens than it takes is thinned out, see [`Thinning`].
+    /// `holders`: whether each joint may hold anything; any may where it is not told.
+    ///
+    /// # Errors
+    /// As [`Self::given`], where not even few of the joints can be read.
+    pub(super) fn read<'a>(
+        &self,
+        skeleton: &'a Skeleton,
+        map: Similarity,
+        holders: Option<&[bool]>,
+    ) -> Result<Read<'a>, String> {
+        let told = match self.given(skeleton, map) {
+            Ok(encoded) => return Ok(Read { skeleton: Cow::Borrowed(skeleton), encoded, stands: None }),
+            Err(told) => told,
+        };
+        let mut thinning = Thinning::new(skeleton, holders);
+        while thinning.contract() {
+            if thinning.left > self.config.limits.joints {
+                continue;
+            }
+            let (left, stands) = thinning.made(skeleton)?;
+            if let Ok(encoded) = self.given(&left, map) {
+                return Ok(Read { skeleton: Cow::Owned(left), encoded, stands: Some(stands) });
+            }
+        }
+        Err(told)
+    }
+
+    /// Weights for all joints of a skeleton, in the cube, by codes of those that were read; `map`: into the cube. As
+    /// [`Self::pooled_skin`] of these where they are all, else [`shared_out`].
+    ///
+    /// # Errors
+    /// As [`Self::skin`].
+    pub(super) fn read_skin(
+        &self,
+        (mesh, whole): (&Mesh, &Skeleton),
+        (read, map): (&Read<'_>, Similarity),
+        skins: &[Codes],
+        key: u64,
+        (holders, hold): (Option<&[bool]>, Hold<'_>),
+    ) -> Result<SkinWeights, String> {
+        let Some(stands) = &read.stands else {
+            return self.pooled_skin(mesh, whole, skins, key, Hold { holders, ..hold });
+        };
+        let heads = read.skeleton.heads().iter().map(|&p| map.apply(p)).collect();
+        let left = read.skeleton.with_heads(heads).map_err(|e| e.to_string())?;
+        // What stands for a joint that may hold something may do so.
+        let mut able = vec![false; left.len()];
+        stands.iter().enumerate().for_each(|(j, &of)| able[of] |= holders.is_none_or(|holders| holders[j]));
+        let weights = self.pooled_skin(mesh, &left, skins, key, Hold { holders: Some(&able), ..hold })?;
+        let rule = DecodeRule { cut: self.config.eval.cut, influences: hold.influences };
+        shared_out(mesh, whole, (&weights, stands), holders, rule)
+    }
+}
+
+/// Takes joints out of a skeleton one by one, each into its parent, which then stands for it: first those that hold nothing,
+/// then those that are no part of the skeleton's template (hair and clothes of an avatar), of these always the one that is
+/// nearest to its parent. Chains become coarser so, and keep where they end.
+struct Thinning {
+    heads: Vec<glam::Vec3>,
+    /// The parent among those that are left.
+    parents: Vec<Option<usize>>,
+    /// In which of three kinds a joint is taken; the root is in none.
+    kinds: Vec<u8>,
+    gone: Vec<bool>,
+    left: usize,
+}
+
+impl Thinning {
+    fn new(skeleton: &Skeleton, holders: Option<&[bool]>) -> Self {
+        let names = skeleton.names();
+        let template = class_of(names).and_then(Template::of);
+        let kind = |j: usize| match (holders.is_none_or(|able| able[j]), template.is_some_and(|t| t.has(&names[j]))) {
+            (false, _) => 0,
+            (true, false) => 1,
+            (true, true) => 2,
+        };
+        Self {
+            heads: skeleton.heads().iter().map(|&p| p.into()).collect(),
+            parents: skeleton.parents().iter().map(|p| p.map(JointId::index)).collect(),
+            kinds: (0..skeleton.len()).map(kind).collect(),
+            gone: vec![false; skeleton.len()],
+            left: skeleton.len(),
+        }
+    }
+
+    /// Takes out the next one; `false` where the root alone is left.
+    fn contract(&mut self) -> bool {
+        let away = |j: usize| Some((self.kinds[j], (self.heads[j] - self.heads[self.parents[j]?]).length()));
+        let left = (0..self.gone.len()).filter(|&j| !self.gone[j]).filter_map(|j| Some((j, away(j)?)));
+        let Some((next, _)) = left.min_by(|(_, a), (_, b)| a.0.cmp(&b.0).then(a.1.total_cmp(&b.1))) else {
+            return false;
+        };
+        let parent = self.parents[next];
+        self.gone[next] = true;
+        self.left -= 1;
+        for (child, own) in self.parents.iter_mut().enumerate() {
+            if *own == Some(next) && !self.gone[child] {
+                *own = parent;
+            }
+        }
+        true
+    }
+
+    /// What is left, and of each joint which of those stands for it.
+    fn made(&self, whole: &Skeleton) -> Result<(Skeleton, Vec<usize>), String> {
+        let (mut places, mut joints) = (Vec::with_capacity(self.gone.len()), Vec::with_capacity(self.left));
+        for j in 0..self.gone.len() {
+            // Parents come before their children: theirs is known.
+            let above = self.parents[j].map(|parent| places[parent]);
+            places.push(match above.filter(|_| self.gone[j]) {
+                Some(stands) => stands,
+                None => joints.len(),
+            });
+            if !self.gone[j] {
+                let parent = above.map(|parent: usize| JointId(parent as u16));
+                joints.push(Joint { name: whole.names()[j].clone(), parent, head: whole.heads()[j] });
+            }
+        }
+        Ok((Skeleton::new(joints).map_err(|e| e.to_string())?, places))
+    }
+}
+
+/// Weights of all joints by those of the ones that stand for them: each shares what it holds of a vertex out among the joints
+/// that it stands for, by the fourth power of how near their bones are, as the best rule by straight distances does
+/// ([`super::told`]). `holders` as for [`Rigger::read`]; what stands for none that may hold anything keeps what it has.
+///
+/// # Errors
+/// When the weights cannot be those of a skeleton.
+pub(super) fn shared_out(
+    mesh: &Mesh,
+    whole: &Skeleton,
+    (weights, stands): (&SkinWeights, &[usize]),
+    holders: Option<&[bool]>,
+    rule: DecodeRule,
+) -> Result<SkinWeights, String> {
+    let segments = whole.segments();
+    let mut groups = vec![Vec::new(); stands.iter().max().map_or(0, |most| most + 1)];
+    let able = |j: &usize| holders.is_none_or(|able| able[*j]);
+    (0..stands.len()).filter(able).for_each(|j| groups[stands[j]].push(j));
+    for (j, &stands) in stands.iter().enumerate() {
+        // Nobody else can hold it.
+        if groups[stands].is_empty() {
+            groups[stands].push(j);
+        }
+    }
+    let near = |j: usize, v: usize| {
+        let d = Segment::nearest_of(&segments[j], mesh.positions()[v]).1.max(NEAR);
+        d.powi(-4)
+    };
+    let row = |v: usize| -> Vec<(u16, f64)> {
+        let (mut joints, mut row) = (Vec::new(), Vec::new());
+        for (stands, weight) in weights.row(v) {
+            let own = &groups[stands.index()];
+            let shares: Vec<f32> = own.iter().map(|&j| if own.len() > 1 { near(j, v) } else { 1.0 }).collect();
+            let sum: f32 = shares.iter().sum();
+            joints.extend(own.iter().map(|&j| j as u16));
+            row.extend(shares.iter().map(|share| weight * share / sum));
+        }
+        rule.apply(&mut row);
+        joints.into_iter().zip(row.into_iter().map(f64::from)).filter(|(_, w)| *w > 0.0).collect()
+    };
+    let rows: Vec<_> = (0..weights.rows()).into_par_iter().map(row).collect();
+    SkinWeights::normalized(rows).map_err(|e| e.to_string())
+}
+
+/// Nothing is nearer to a bone than this, in the cube of side 2: half of a cell of the tokens.
+const NEAR: f32 = 1.0 / 256.0;
