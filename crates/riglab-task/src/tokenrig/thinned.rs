@@ -189,3 +189,114 @@ pub(super) fn shared_out(
 
 /// Nothing is nearer to a bone than this, in the cube of side 2: half of a cell of the tokens.
 const NEAR: f32 = 1.0 / 256.0;
+
+#[cfg(test)]
+mod tests {
+    use riglab_nn::tokenrig::Head;
+
+    use super::*;
+    use crate::tokenrig::testing::{tetrahedron, untrained};
+    use crate::tokenrig::{Rank, Wish};
+
+    /// A chain of joints up the y axis, at these heights.
+    fn chain(heights: &[f32]) -> Skeleton {
+        let joint = |(k, &y): (usize, &f32)| Joint {
+            name: format!("j{k}"),
+            parent: k.checked_sub(1).map(|p| JointId(p as u16)),
+            head: [0.0, y, 0.0],
+        };
+        Skeleton::new(heights.iter().enumerate().map(joint).collect()).unwrap()
+    }
+
+    /// What is left of a skeleton of so many joints, and what stands for each.
+    fn thinned(skeleton: &Skeleton, holders: Option<&[bool]>, left: usize) -> (Vec<String>, Vec<usize>) {
+        let mut thinning = Thinning::new(skeleton, holders);
+        while thinning.left > left && thinning.contract() {}
+        let (left, stands) = thinning.made(skeleton).unwrap();
+        (left.names().to_vec(), stands)
+    }
+
+    #[test]
+    fn the_joint_nearest_to_its_parent_goes_first_and_those_that_hold_nothing_before_it() {
+        let skeleton = chain(&[0.0, 1.0, 1.1, 3.0, 3.5]);
+        assert_eq!(
+            thinned(&skeleton, None, 4),
+            (["j0", "j1", "j3", "j4"].map(String::from).into(), vec![0, 1, 1, 2, 3])
+        );
+        // The next is the tip; what hung on a joint that went hangs on what stands for it.
+        assert_eq!(thinned(&skeleton, None, 3), (["j0", "j1", "j3"].map(String::from).into(), vec![0, 1, 1, 2, 2]));
+        assert_eq!(thinned(&skeleton, None, 1), (vec!["j0".into()], vec![0; 5]));
+        let holders = [true, true, true, false, true];
+        assert_eq!(thinned(&skeleton, Some(&holders), 4).1, [0, 1, 2, 2, 3]);
+        assert!(!{
+            let mut one = Thinning::new(&chain(&[0.0]), None);
+            one.contract()
+        });
+    }
+
+    #[test]
+    fn parts_of_a_template_stay_longest() {
+        let template = Template::ALL.iter().find(|t| t.class == "mixamo").unwrap();
+        let mut joints: Vec<Joint> = template
+            .joints()
+            .enumerate()
+            .map(|(k, (name, parent, _))| Joint {
+                name: name.into(),
+                parent: parent.map(|p| JointId(p as u16)),
+                head: [0.0, 0.01 * k as f32, 0.0],
+            })
+            .collect();
+        let body = joints.len();
+        let hair = (0..3u16).map(|k| Joint {
+            name: format!("hair{k}"),
+            parent: Some(JointId(if k == 0 { 5 } else { body as u16 + k - 1 })),
+            head: [f32::from(k + 1), 0.0, 0.0],
+        });
+        joints.extend(hair);
+        let (left, stands) = thinned(&Skeleton::new(joints).unwrap(), None, body);
+        assert!(left.iter().all(|name| template.has(name)) && stands[body..] == [5; 3], "{stands:?}");
+    }
+
+    #[test]
+    fn weights_are_shared_out_by_distance_among_what_stands_together() {
+        let mesh = tetrahedron();
+        let whole = chain(&[-1.0, -0.5, 1.0]);
+        // The first two stand for themselves, the second for the third.
+        let weights = SkinWeights::normalized((0..4).map(|_| [(0, 0.25), (1, 0.75)])).unwrap();
+        let of = |holders: Option<&[bool]>, rule| {
+            let all = shared_out(&mesh, &whole, (&weights, &[0, 1, 1]), holders, rule).unwrap();
+            let row = |v: usize| -> Vec<(usize, f32)> { all.row(v).map(|(j, w)| (j.index(), w)).collect() };
+            (0..4).map(row).collect::<Vec<_>>()
+        };
+        let rule = DecodeRule { cut: 0.0, influences: 4 };
+        for row in of(None, rule) {
+            let [root, stands, other] = row[..] else { panic!("{row:?}") };
+            assert!((root.1 - 0.25).abs() < 1e-6 && (stands.1 + other.1 - 0.75).abs() < 1e-6, "{row:?}");
+        }
+        // The second vertex is above, the first below: the nearer bone has more.
+        let rows = of(None, rule);
+        assert!(rows[1][2].1 > rows[0][2].1, "{rows:?}");
+        // What may hold nothing gets nothing, the rest has all of it.
+        assert!(of(Some(&[true, true, false]), rule).iter().all(|row| row[..] == [(0, 0.25), (1, 0.75)]));
+        assert!(of(Some(&[true, false, true]), rule).iter().all(|row| row[..] == [(0, 0.25), (2, 0.75)]));
+        assert!(of(Some(&[true, false, false]), rule).iter().all(|row| row[..] == [(0, 0.25), (1, 0.75)]));
+        assert!(of(None, DecodeRule { influences: 2, ..rule }).iter().all(|row| row.len() == 2));
+    }
+
+    #[test]
+    fn a_skeleton_of_more_joints_than_the_model_reads_keeps_them_all() {
+        let (mesh, rigger) = (tetrahedron(), untrained(Head::Levels, true));
+        let most = rigger.most_joints();
+        let heights: Vec<f32> = (0..3 * most).map(|k| -0.9 + 1.8 * k as f32 / (3 * most) as f32).collect();
+        let skeleton = chain(&heights);
+        let wish = Wish { skeleton: Some(&skeleton), rank: Rank::Likelihood, ..Wish::default() };
+        let made = rigger.make(&mesh, &wish).unwrap();
+        assert_eq!((&made.skeleton, made.weights.rows()), (&skeleton, 4));
+        assert!(made.thinned.is_some_and(|read| (1..=most).contains(&read)), "{:?}", made.thinned);
+        let few = chain(&heights[..2]);
+        assert_eq!(rigger.make(&mesh, &Wish { skeleton: Some(&few), ..wish }).unwrap().thinned, None);
+        // Joints are added to what is read whole alone.
+        let whole = Wish { skeleton: Some(&skeleton), complete: true, ..Wish::default() };
+        assert!(rigger.make(&mesh, &whole).unwrap_err().contains("reads at most 6 joints"));
+    }
+}

@@ -98,8 +98,8 @@ pub fn rig(args: &Common, bones: &Bones, model: &Model, from: &Path, to: &Path) 
     let about = || from.display().to_string();
     if let Some(read) = made.thinned {
         let note = format!(
-            "{joints} joints are more than this model reads: {read} of them got weights from it, which they share with the \
-             others near them by distance; check hair, clothes and fingers"
+            "{joints} joints are more than this model reads: it gave weights to {read} of them, which share these with the \
+             others beside them by distance; check hair, clothes and fingers"
         );
         noted(from, &mut notes, note);
     }
@@ -171,7 +171,7 @@ pub fn rig(args: &Common, bones: &Bones, model: &Model, from: &Path, to: &Path) 
             "file": from.to_string_lossy(), "out": to.to_string_lossy(), "joints": joints, "added": added, "vertices": mesh.positions().len(),
             "triangles": mesh.triangles().len(), "checkpoint": model.card.name, "steps": model.card.state.step,
             "weights_by": model.of_weights().map(|own| &own.name),
-            "read": made.thinned, "likelihood": likelihood, "apart": sure(&made), "sample": sample, "rewards": rewards, "samples": draws, "seconds": start.elapsed().as_secs_f64(),
+            "joints_read": made.thinned, "likelihood": likelihood, "apart": sure(&made), "sample": sample, "rewards": rewards, "samples": draws, "seconds": start.elapsed().as_secs_f64(),
             "template": made.placed.map(told_placed), "notes": notes,
         });
         say!("{line}");
