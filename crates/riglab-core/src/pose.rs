@@ -24,11 +24,6 @@ impl Pose {
         *now = turn * *now;
     }
 
-    /// Sets a joint's rotation matrix, given by rows.
-    pub fn set_matrix(&mut self, joint: JointId, rows: [Vec3; 3]) {
-        self.rotations[joint.index()] = Mat3A::from_cols_array_2d(&rows).transpose();
-    }
-
     /// Shifts the root, and so everything.
     pub fn shift_root(&mut self, by: Vec3) {
         self.root_shift = by;

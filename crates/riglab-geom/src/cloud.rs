@@ -59,11 +59,6 @@ impl CloudConfig {
         Self { points: 65_536, vertices: 8_192, by: By::SquaredArea }
     }
 
-    /// UniRig's skin model where it is trained.
-    pub fn unirig_skin_training() -> Self {
-        Self { points: 16_384, vertices: 8_192, by: By::SquaredArea }
-    }
-
     /// UniRig's skin model where it is used.
     pub fn unirig_skin() -> Self {
         Self { points: 32_768, vertices: 8_192, by: By::SquaredArea }

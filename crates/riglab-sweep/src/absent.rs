@@ -29,6 +29,45 @@ impl Results {
         let example = LazyCell::new(|| runs.iter().find_map(|(run, _)| evaluation(run)));
         asked.map(|(what, name, places)| sentence(what, name, &places[0], &runs, &example)).collect()
     }
+
+    /// A sentence for each column and figure whose conditions fit several rows of the first evaluation, of which the first is
+    /// taken.
+    pub fn ambiguous(&self, folder: &Path) -> Vec<String> {
+        let finished = self.plan.jobs.iter().zip(&self.outcomes).filter(|(_, outcome)| outcome.state == "finished");
+        let Some(json) = finished.map(|(job, _)| folder.join(&job.folder)).find_map(|run| evaluation(&run)) else {
+            return Vec::new();
+        };
+        let columns = self.plan.sweep.metrics.iter().map(|m| ("column", m.head(), Some(m.of.clone())));
+        let figures = self.plan.sweep.figures.iter().map(|f| ("figure", f.title.as_str(), f.places().next()));
+        let of = |(what, name, place): (&str, &str, Option<String>)| {
+            let several = several(&json, place?.strip_prefix(EVALUATION)?)?;
+            Some(format!("the {what} `{name}` takes the first {several}"))
+        };
+        columns.chain(figures).filter_map(of).collect()
+    }
+}
+
+/// Where conditions of a path fit several rows: how many, and in what they differ.
+fn several(json: &Value, path: &str) -> Option<String> {
+    let (rows, rest) = path.split_once('[')?;
+    let (conditions, rest) = rest.split_once(']')?;
+    let all = follow(json, rows).ok()?.as_array()?;
+    let fits = |row: &&Value| follow(&Value::Array(vec![(*row).clone()]), &format!("[{conditions}]")).is_ok();
+    let fitting: Vec<&Value> = all.iter().filter(fits).collect();
+    let first = fitting.first()?;
+    if fitting.len() < 2 {
+        return several(first, rest);
+    }
+    // What tells rows apart is a word or a whole number; measures are neither.
+    let keys = first.as_object()?.iter().filter(|(_, value)| value.is_string() || value.is_u64());
+    let values = |key: &String| -> BTreeSet<String> {
+        fitting.iter().filter_map(|row| row.get(key)).map(|v| v.to_string().trim_matches('"').to_owned()).collect()
+    };
+    let differ = keys.map(|(key, _)| (key, values(key))).find(|(_, values)| values.len() == fitting.len());
+    let advice = differ.map_or(String::new(), |(key, values)| {
+        format!("; add a condition, such as {key}={}", values.into_iter().next().unwrap_or_default())
+    });
+    Some(format!("of the {} rows of `{}` that fit [{conditions}]{advice}", fitting.len(), rows.trim_start_matches('.')))
 }
 
 impl SweepFile {
@@ -155,5 +194,25 @@ mod tests {
             "in `report` is `rows`",
         ];
         assert_eq!(ends, wanted);
+    }
+
+    #[test]
+    fn conditions_that_fit_several_rows_are_told() {
+        let json = serde_json::json!({"rows": [
+            {"split": "new", "k": 1, "iou": 0.1, "pooled": {"all": [{"w": "a", "x": 1.0}, {"w": "b", "x": 1.0}]}},
+            {"split": "new", "k": 4, "iou": 0.1},
+            {"split": "val", "k": 4, "iou": 0.3},
+        ]});
+        let of = |path: &str| several(&json, path);
+        assert_eq!(
+            of("rows[split=new].iou").unwrap(),
+            "of the 2 rows of `rows` that fit [split=new]; add a condition, such as k=1"
+        );
+        assert_eq!(
+            [of("rows[split=new,k=4].iou"), of("rows[split=val].iou"), of("rows[split=x].iou"), of("rows")],
+            [const { None }; 4]
+        );
+        let below = of("rows[split=new,k=1].pooled.all[x=1.0].x").unwrap();
+        assert_eq!(below, "of the 2 rows of `pooled.all` that fit [x=1.0]; add a condition, such as w=a");
     }
 }

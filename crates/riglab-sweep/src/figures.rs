@@ -11,7 +11,7 @@ use crate::values::Numbers;
 use crate::{FigureOf, MetricOf, Outcome, Plan};
 
 /// Names whose curves are drawn at most.
-const CURVES: usize = 6;
+const CURVES: usize = 16;
 
 /// For each column of the table the values of all seeds, a line a point.
 pub(crate) fn spread(plan: &Plan, metrics: &[MetricOf], outcomes: &[Outcome]) -> Option<Block> {

@@ -137,6 +137,23 @@ pub struct FigureOf {
     pub of: String,
 }
 
+impl SweepFile {
+    /// The first of `sets` that is of a key in which points or seeds differ, and that key.
+    pub(crate) fn overridden<'a>(&self, sets: &'a [String]) -> Option<(&'a str, String)> {
+        let of_arms = self.arms.iter().flat_map(|arm| arm.set.keys());
+        let own: Vec<&String> =
+            of_arms.chain(self.product.keys()).chain(self.zip.keys()).chain([&self.seed_key]).collect();
+        // A table holds the keys below it.
+        let within = |key: &str, table: &str| key.strip_prefix(table).is_some_and(|rest| rest.starts_with('.'));
+        let of = |set: &'a String| {
+            let key = set.split('=').next()?.trim();
+            let hit = own.iter().find(|own| *own == &key || within(own, key) || within(key, own))?;
+            Some((set.as_str(), (*hit).clone()))
+        };
+        sets.iter().find_map(of)
+    }
+}
+
 impl MetricOf {
     /// What stands above its column.
     pub fn head(&self) -> &str {

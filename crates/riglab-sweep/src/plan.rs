@@ -44,7 +44,8 @@ impl Plan {
     /// all of them.
     ///
     /// # Errors
-    /// When a list is empty or of another length, two points have the same name, or a column or figure can have no number.
+    /// When a list is empty or of another length, two points have the same name, a column or figure can have no number, or
+    /// one of `sets` is of a key in which points or seeds differ.
     pub fn new(sweep: SweepFile, sets: &[String]) -> Result<Self, SweepError> {
         let invalid = |message: String| Err(SweepError::Invalid(message));
         if sweep.seeds.is_empty() {
@@ -87,6 +88,12 @@ impl Plan {
             if let Some(fault) = fault(&place) {
                 return invalid(format!("`sweep.{table}`, of = {of:?}: {fault}"));
             }
+        }
+        if let Some((set, key)) = sweep.overridden(sets) {
+            return invalid(format!(
+                "--set {set}: the sweep itself sets `{key}` from run to run, and its points are called by these values; \
+                 change it in the sweep's file"
+            ));
         }
         let mut plan = Self { jobs: Vec::new(), sweep };
         let points = plan.points();
@@ -277,6 +284,27 @@ pub(crate) mod tests {
         let of = fault(&format!("{figure}at = [4]\nof = 'eval.json:rows[k={{}}.iou'"));
         let wanted = "`sweep.figures`, of = \"eval.json:rows[k={}.iou\": the bracket of `[k=4.iou` is not closed";
         assert!(of.starts_with(wanted), "{of}");
+    }
+
+    #[test]
+    fn what_points_differ_in_is_not_set_for_all_of_them() {
+        let text = "[sweep]\nbase = 'b'\nseeds = [1]\nset = { 'train.steps' = 9 }\n\
+                    [[sweep.arms]]\nname = 'a'\nset = { 'loss.dice' = 0 }\n\
+                    [sweep.product]\n'model.width' = [1, 2]\n[sweep.zip]\n'a.x' = [1, 2]\n";
+        let of = |set: &str| Plan::new(file(text), &[set.into()]).map_err(|e| e.to_string());
+        for (set, key) in [
+            ("model.width=3", "model.width"),
+            ("model={ width = 3 }", "model.width"),
+            ("a.x=3", "a.x"),
+            ("loss.dice=1", "loss.dice"),
+            ("train.seed=7", "train.seed"),
+        ] {
+            let said = of(set).unwrap_err();
+            assert!(said.starts_with(&format!("--set {set}: the sweep itself sets `{key}`")), "{said}");
+        }
+        for set in ["train.steps=3", "model.widths=3", "loss.bce=1"] {
+            assert!(of(set).is_ok(), "{set}");
+        }
     }
 
     #[test]

@@ -109,7 +109,7 @@ impl Results {
         } else if leads.iter().flatten().any(|(_, lead)| lead.n > 1) {
             table.note += " No best is marked: none differs from the next best by more than seeds do, as far as these \
                            seeds tell.";
-        } else if self.plan.names().len() > 1 && self.metrics.iter().any(|m| m.better.is_some()) {
+        } else if leads.iter().flatten().next().is_some() {
             table.note +=
                 " No best is marked: telling a difference from the noise of seeds takes two seeds of both points.";
         }
@@ -287,12 +287,16 @@ impl Results {
         tables[0].caption = "Points".into();
         blocks.extend(tables.into_iter().map(Block::Table));
         let (plan, outcomes) = (&self.plan, &self.outcomes);
+        let means = |title: &str| match plan.sweep.seeds.len() {
+            1 => title.to_owned(),
+            _ => format!("{title}: means over seeds"),
+        };
         for (title, pictures) in [
-            ("Figures", figures(plan, outcomes, &self.numbers)),
-            ("All seeds", spread(plan, &self.metrics, outcomes)),
-            ("Learning", learning(folder, plan, &self.metrics, outcomes)),
+            (means("Figures"), figures(plan, outcomes, &self.numbers)),
+            ("All seeds".into(), spread(plan, &self.metrics, outcomes)),
+            (means("Learning"), learning(folder, plan, &self.metrics, outcomes)),
         ] {
-            blocks.extend(pictures.into_iter().flat_map(|own| [Block::Heading(title.into()), own]));
+            blocks.extend(pictures.into_iter().flat_map(|own| [Block::Heading(title.clone()), own]));
         }
         if self.outcomes.iter().any(|o| o.state != "finished") {
             blocks.push(Block::Table(self.status()));

@@ -130,6 +130,43 @@ impl LeftOut {
     }
 }
 
+/// How often another asset is tried in place of one whose sequence is too long.
+const TRIES: u64 = 256;
+/// Far beyond the places of any run.
+const ELSEWHERE: u64 = 1 << 40;
+
+/// Fills batch `number` with `rigs` rigs: `add` takes the one of a place, and says whether it has a sequence within `limits`;
+/// another place is tried where it has none. How many have none.
+///
+/// # Errors
+/// Those of `add`, and a sentence where none of many assets fits.
+pub(crate) fn filled(
+    number: u64,
+    rigs: usize,
+    limits: Limits,
+    mut add: impl FnMut(u64) -> Result<bool, String>,
+) -> Result<usize, String> {
+    let (rigs, mut skipped) = (rigs as u64, 0);
+    for place in number * rigs..(number + 1) * rigs {
+        let mut found = false;
+        for place in (0..TRIES).map(|t| t * ELSEWHERE + place) {
+            found = add(place)?;
+            if found {
+                break;
+            }
+            skipped += 1;
+        }
+        if !found {
+            return Err(format!(
+                "of {TRIES} assets none has a sequence within limits.tokens = {} and limits.joints = {}; raise them, or \
+                 lower data.max_joints",
+                limits.tokens, limits.joints
+            ));
+        }
+    }
+    Ok(skipped)
+}
+
 /// What is said where none of the draws for a mesh is a skeleton.
 pub(crate) const NO_SKELETON: &str = "no sample is a valid skeleton; try more --samples, or another --seed";
 
@@ -156,7 +193,22 @@ pub(crate) fn of_class(
 
 #[cfg(test)]
 mod tests {
+    use super::*;
     use crate::tokenrig::TokenRigTaskConfig;
+
+    #[test]
+    fn a_rig_without_a_sequence_makes_room_for_one_from_elsewhere() {
+        let (mut taken, limits) = (Vec::new(), Limits { joints: 7, tokens: 9 });
+        let skipped = filled(2, 3, limits, |place| {
+            let fits = place != 7 && place != ELSEWHERE + 7;
+            taken.extend(fits.then_some(place));
+            Ok(fits)
+        });
+        assert_eq!((skipped, taken), (Ok(2), vec![6, 2 * ELSEWHERE + 7, 8]));
+        let said = filled(0, 1, limits, |_| Ok(false)).unwrap_err();
+        assert!(said.contains("none has a sequence within limits.tokens = 9 and limits.joints = 7"), "{said}");
+        assert_eq!(filled(0, 1, limits, |_| Err("x".into())), Err("x".into()));
+    }
 
     #[test]
     fn limits_that_hold_no_skeleton_are_named_each() {

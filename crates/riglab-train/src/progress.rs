@@ -2,6 +2,8 @@
 
 use std::fmt::Arguments;
 use std::io::{IsTerminal, Write};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
+use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use indicatif::{HumanDuration, ProgressBar, ProgressStyle};
@@ -98,28 +100,56 @@ impl Progress {
     }
 }
 
-/// Something that is worked on and whose end cannot be told: what it is and the time so far, on a terminal alone, as long
-/// as this lives. Nothing is to be printed meanwhile.
-pub struct Spinner(Option<ProgressBar>);
+/// Something that is worked on and whose end cannot be told, as long as this lives: what it is and the time so far. On a
+/// terminal nothing is to be printed meanwhile.
+pub struct Spinner(Shown);
+
+enum Shown {
+    Bar(ProgressBar),
+    /// Lines of a thread that ends with the sender.
+    Lines(Option<(Sender<()>, JoinHandle<()>)>),
+}
 
 impl Spinner {
     /// Of what is done, such as "reading fox.obj".
     pub fn new(what: &str) -> Self {
-        Self(std::io::stderr().is_terminal().then(|| {
+        Self(if std::io::stderr().is_terminal() {
             let style = ProgressStyle::with_template("{spinner} {msg}, {elapsed}");
             let bar = ProgressBar::new_spinner().with_message(what.to_string());
             bar.set_style(style.unwrap_or_else(|_| ProgressStyle::default_spinner()));
             bar.enable_steady_tick(TICK);
-            bar
-        }))
+            Shown::Bar(bar)
+        } else {
+            let (ends, ended) = channel();
+            let what = what.to_owned();
+            let lines = move || so_far(&ended, EVERY, |time| tell(format_args!("{what}: {time} so far")));
+            let thread = std::thread::Builder::new().name("progress".into()).spawn(lines);
+            // Without one more thread it goes on in silence.
+            Shown::Lines(thread.ok().map(|thread| (ends, thread)))
+        })
     }
 }
 
 impl Drop for Spinner {
     fn drop(&mut self) {
-        if let Some(bar) = self.0.take() {
-            bar.finish_and_clear();
+        match &mut self.0 {
+            Shown::Bar(bar) => bar.finish_and_clear(),
+            Shown::Lines(lines) => {
+                if let Some((ends, thread)) = lines.take() {
+                    drop(ends);
+                    let _ = thread.join();
+                }
+            }
         }
+    }
+}
+
+/// Says how long it has taken: after `every` for the first time, then after twice as long each time, until it has `ended`.
+fn so_far(ended: &Receiver<()>, every: Duration, mut say: impl FnMut(HumanDuration)) {
+    let (start, mut wait) = (Instant::now(), every);
+    while ended.recv_timeout(wait) == Err(RecvTimeoutError::Timeout) {
+        say(HumanDuration(start.elapsed()));
+        wait *= 2;
     }
 }
 
@@ -128,5 +158,24 @@ impl Drop for Progress {
         if let Some(bar) = self.bar.take() {
             bar.finish_and_clear();
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_takes_long_is_told_now_and_then_and_ends_at_once() {
+        let (ends, ended) = channel();
+        let (said, hears) = channel();
+        let thread = std::thread::spawn(move || so_far(&ended, Duration::from_millis(1), |_| _ = said.send(())));
+        assert!((0..3).all(|_| hears.recv_timeout(Duration::from_secs(60)).is_ok()));
+        drop(ends);
+        thread.join().unwrap();
+        // What is short says nothing and is not waited for.
+        let start = Instant::now();
+        drop(Spinner::new("x"));
+        assert!(start.elapsed() < EVERY);
     }
 }

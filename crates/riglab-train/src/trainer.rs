@@ -256,6 +256,12 @@ impl<T: Task> Trainer<'_, T> {
         found.warnings.iter().for_each(|warning| progress.line(&format!("warning: step {step}: {warning}")));
         let (name, better) = task.objective();
         let value = found.metrics.iter().find(|(n, _)| n == name).map(|(_, v)| *v);
+        // A task that names what it does not measure would have no best checkpoint, and nobody would be told.
+        if value.is_none() && !found.metrics.is_empty() {
+            return Err(TrainError::Task(format!(
+                "the validation measures no `{name}`, by which checkpoints are chosen"
+            )));
+        }
         if let Some(value) = value.filter(|v| v.is_finite()) {
             if self.state.best.is_none_or(|(_, best)| better.than(value, best)) {
                 self.state.best = Some((step, value));

@@ -32,7 +32,7 @@ mod up;
 
 #[cfg(feature = "fbx")]
 pub use dressed::dressed;
-pub use names::{NameStyle, human_bones, humanoid, name_added, name_joints, name_others};
+pub use names::{NameStyle, human_bones, humanoid, name_added, name_bones, name_joints, name_others};
 pub(crate) use normals::complete as complete_normals;
 pub use note::SubjectNote;
 pub use seams::{agreed, twins};

@@ -209,8 +209,11 @@ impl GrpoTaskConfig {
                 ),
             );
         }
-        if self.eval.consensus != 1 {
-            return bad("eval.consensus", "GRPO is judged by `held_out.draws` rigs a mesh: leave it at 1".into());
+        self.eval.validate()?;
+        if let Some(key) = unread(&self.eval) {
+            let message = "GRPO does not read it: its rigs are single draws, judged by `held_out.draws` of them a mesh; leave \
+                           it out, and give it to `riglab eval` of the model that comes out";
+            return bad(&format!("eval.{key}"), message.into());
         }
         let GuardConfig { divergence, worse } = self.guard;
         if divergence.is_nan() || divergence <= 0.0 {
@@ -221,6 +224,48 @@ impl GrpoTaskConfig {
         }
         Ok(())
     }
+}
+
+/// The first setting that says how other evaluations make rigs, and that is not as it is by default: GRPO would pass over it.
+fn unread(eval: &EvalConfig) -> Option<&'static str> {
+    let own = EvalConfig::default();
+    let EvalConfig {
+        // What is read.
+        generate: _,
+        parents: _,
+        rows: _,
+        validation_assets: _,
+        cut: _,
+        vertices: _,
+        seed: _,
+        consensus,
+        clouds,
+        mirror,
+        refine,
+        turn,
+        symmetric,
+        complete,
+        retrieval_points,
+        skins,
+        without_codes,
+        spread,
+        baseline_resolution,
+    } = eval;
+    let same = [
+        ("consensus", *consensus == own.consensus),
+        ("clouds", *clouds == own.clouds),
+        ("mirror", *mirror == own.mirror),
+        ("refine", *refine == own.refine),
+        ("turn", *turn == own.turn),
+        ("symmetric", *symmetric == own.symmetric),
+        ("complete", *complete == own.complete),
+        ("retrieval_points", *retrieval_points == own.retrieval_points),
+        ("skins", *skins == own.skins),
+        ("without_codes", *without_codes == own.without_codes),
+        ("spread", *spread == own.spread),
+        ("baseline_resolution", *baseline_resolution == own.baseline_resolution),
+    ];
+    same.into_iter().find(|(_, same)| !same).map(|(key, _)| key)
 }
 
 impl TaskSettings for GrpoTaskConfig {
@@ -255,5 +300,11 @@ mod tests {
         assert_eq!(of(|c| c.guard.divergence = 0.0), Err("guard.divergence".into()));
         assert_eq!(of(|c| c.rollout.temperature = 1e30), Err("rollout.temperature".into()));
         assert_eq!(of(|c| c.data.test = vec!["a".into(), "a".into()]), Err("data.test".into()));
+        // What would change the rewards, or nothing.
+        assert_eq!(of(|c| c.eval.cut = 2.0), Err("eval.cut".into()));
+        assert_eq!(of(|c| c.eval.rows = 0), Err("eval.rows".into()));
+        assert_eq!(of(|c| c.eval.consensus = 8), Err("eval.consensus".into()));
+        assert_eq!(of(|c| c.eval.skins = 8), Err("eval.skins".into()));
+        assert_eq!(of(|c| (c.eval.cut, c.eval.seed, c.eval.vertices) = (0.1, 3, 64)), Ok(()));
     }
 }

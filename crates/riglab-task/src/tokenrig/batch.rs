@@ -15,6 +15,7 @@ use super::sample::{Sample, sample, skeleton};
 use super::told::Teller;
 use crate::assets::{AssetId, Assets, Cache};
 use crate::fsq_cvae::Frozen;
+use crate::sequences::filled;
 use crate::unirig_skeleton::Batch as Shapes;
 use crate::unirig_skeleton::batch::{normalized, shape};
 
@@ -60,11 +61,6 @@ pub struct BatchSource {
     pub(super) samples: Arc<Cache<Option<Sample>, (AssetId, u64)>>,
     pub(super) rigs: Mixture<AssetId>,
 }
-
-/// How often another asset is tried in place of one whose sequence is too long.
-const TRIES: u64 = 256;
-/// Far beyond the places of any run.
-const ELSEWHERE: u64 = 1 << 40;
 
 impl BatchSource {
     /// Adds the rig at a place of the endless training sequence, augmented; false where its sequence is too
@@ -125,27 +121,12 @@ impl Source for BatchSource {
 
     fn batch(&self, number: u64) -> Result<Batch, String> {
         let c = &self.config;
-        let rigs = c.sampling.rigs as u64;
         // Codes come last and change nothing before them: what has no weight need not be read.
         let done = (number / c.train.accumulate) as f64 / c.train.steps.max(1) as f64;
         let skin = c.loss.skin_weight(done) > 0.0;
         let mut batch = Batch::default();
-        for k in 0..rigs {
-            let place = number * rigs + k;
-            let mut tries = (0..TRIES).map(|t| if t == 0 { place } else { t * ELSEWHERE + place });
-            let mut found = false;
-            while let (false, Some(place)) = (found, tries.next()) {
-                found = self.add(place, skin, &mut batch)?;
-                batch.shapes.skipped += usize::from(!found);
-            }
-            if !found {
-                return Err(format!(
-                    "of {TRIES} assets none has a sequence within limits.tokens = {} and limits.joints = {}; raise them, or \
-                     lower data.max_joints",
-                    c.limits.tokens, c.limits.joints
-                ));
-            }
-        }
+        let skipped = filled(number, c.sampling.rigs, c.limits, |place| self.add(place, skin, &mut batch))?;
+        batch.shapes.skipped += skipped;
         Ok(batch)
     }
 }

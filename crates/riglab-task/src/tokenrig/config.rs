@@ -208,6 +208,38 @@ impl EvalConfig {
     pub(crate) fn agreement(&self) -> Agreement {
         Agreement { draws: self.consensus, clouds: self.clouds, mirror: self.mirror, refine: self.refine }
     }
+
+    /// Checks what is not a matter of all sequences.
+    ///
+    /// # Errors
+    /// (key, message) of the first fault.
+    pub(crate) fn validate(&self) -> Result<(), (String, String)> {
+        let bad = |key: &str, message: String| Err((key.to_owned(), message));
+        self.agreement().validate().map_err(|(key, message)| (key.to_owned(), message))?;
+        if let Some(share) = self.complete.iter().find(|share| !(0.0..1.0).contains(*share)) {
+            return bad("eval.complete", format!("{share} is no share of joints to complete: give 0 up to below 1"));
+        }
+        distinct("eval.complete", &self.complete)?;
+        if self.vertices == 0 {
+            return bad("eval.vertices", "weights are made at 1 vertex or more".into());
+        }
+        cells("eval.baseline_resolution", self.baseline_resolution)?;
+        if !(1..=1024).contains(&self.skins) {
+            return bad("eval.skins", format!("skins = {} must lie in [1, 1024]", self.skins));
+        }
+        if !(0.0..=1.0).contains(&self.without_codes) {
+            let message = format!("without_codes = {} is a share: give 0 to 1", self.without_codes);
+            return bad("eval.without_codes", message);
+        }
+        if !(0.0..=10.0).contains(&self.spread) {
+            let message = format!("spread = {} must lie in [0, 10], in distances to the nearest bone", self.spread);
+            return bad("eval.spread", message);
+        }
+        if !(0.0..1.0).contains(&self.cut) {
+            return bad("eval.cut", format!("cut = {} must lie in [0, 1)", self.cut));
+        }
+        Ok(())
+    }
 }
 
 impl TokenRigTaskConfig {
@@ -241,35 +273,12 @@ impl TokenRigTaskConfig {
             spread: self.loss.spread,
         }
         .validate()?;
-        self.eval.agreement().validate().map_err(|(key, message)| (key.to_owned(), message))?;
-        if let Some(share) = self.eval.complete.iter().find(|share| !(0.0..1.0).contains(*share)) {
-            return bad("eval.complete", format!("{share} is no share of joints to complete: give 0 up to below 1"));
-        }
-        distinct("eval.complete", &self.eval.complete)?;
+        self.eval.validate()?;
         if self.skin.codes == 0 {
             return bad("skin.codes", "a bone has at least 1 code".into());
         }
         if self.skin.empty && self.model.head != Head::Levels {
             return bad("skin.empty", "bones without codes need model.head = \"levels\"".into());
-        }
-        if self.eval.vertices == 0 {
-            return bad("eval.vertices", "weights are made at 1 vertex or more".into());
-        }
-        cells("eval.baseline_resolution", self.eval.baseline_resolution)?;
-        if !(1..=1024).contains(&self.eval.skins) {
-            return bad("eval.skins", format!("skins = {} must lie in [1, 1024]", self.eval.skins));
-        }
-        if !(0.0..=1.0).contains(&self.eval.without_codes) {
-            let message = format!("without_codes = {} is a share: give 0 to 1", self.eval.without_codes);
-            return bad("eval.without_codes", message);
-        }
-        if !(0.0..=10.0).contains(&self.eval.spread) {
-            let message =
-                format!("spread = {} must lie in [0, 10], in distances to the nearest bone", self.eval.spread);
-            return bad("eval.spread", message);
-        }
-        if !(0.0..1.0).contains(&self.eval.cut) {
-            return bad("eval.cut", format!("cut = {} must lie in [0, 1)", self.eval.cut));
         }
         let l = &self.loss;
         let weights = [l.skeleton, l.skin];

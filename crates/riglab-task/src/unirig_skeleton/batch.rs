@@ -15,6 +15,7 @@ use tch::Device;
 
 use super::config::SkeletonTaskConfig;
 use crate::assets::{AssetId, Assets, Cache};
+use crate::sequences::filled;
 
 /// Plain arrays: b rigs, n points, p picked ones.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -89,11 +90,6 @@ pub struct BatchSource {
     rigs: Mixture<AssetId>,
 }
 
-/// How often another asset is tried in place of one whose sequence is too long.
-const TRIES: u64 = 256;
-/// Far beyond the places of any run.
-const ELSEWHERE: u64 = 1 << 40;
-
 impl BatchSource {
     /// Batches of assets with the weights of their corpora; not empty.
     pub fn new(
@@ -144,25 +140,11 @@ impl Source for BatchSource {
     type Batch = Batch;
 
     fn batch(&self, number: u64) -> Result<Batch, String> {
-        let rigs = self.config.sampling.rigs as u64;
-        let points = 6 * self.config.sampling.cloud.points * self.config.sampling.rigs;
+        let c = &self.config;
+        let points = 6 * c.sampling.cloud.points * c.sampling.rigs;
         let mut batch = Batch { cloud: Vec::with_capacity(points), ..Batch::default() };
-        for k in 0..rigs {
-            let place = number * rigs + k;
-            let mut tries = (0..TRIES).map(|t| if t == 0 { place } else { t * ELSEWHERE + place });
-            let mut found = false;
-            while let (false, Some(place)) = (found, tries.next()) {
-                found = self.add(place, &mut batch)?;
-                batch.skipped += usize::from(!found);
-            }
-            if !found {
-                return Err(format!(
-                    "of {TRIES} assets none has a sequence within limits.tokens = {} and limits.joints = {}; raise them, or \
-                     lower data.max_joints",
-                    self.config.limits.tokens, self.config.limits.joints
-                ));
-            }
-        }
+        let skipped = filled(number, c.sampling.rigs, c.limits, |place| self.add(place, &mut batch))?;
+        batch.skipped += skipped;
         Ok(batch)
     }
 }

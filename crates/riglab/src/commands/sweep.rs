@@ -242,6 +242,7 @@ fn conclude(plan: &Plan, folder: &Path, args: &Args, on: &str) -> Result<ExitCod
     let results = Results::read(folder, plan);
     results.write(folder)?;
     show(&results);
+    results.ambiguous(folder).iter().for_each(|sentence| tell!("warning: {sentence}"));
     let absent = results.absent(folder);
     absent.iter().for_each(|sentence| tell!("warning: {sentence}"));
     if !absent.is_empty() {
@@ -433,7 +434,10 @@ fn status(plan: &Plan, folder: &Path, watch: Option<u64>) -> Result<ExitCode> {
         }
         table.caption = format!("{}: {}", folder.display(), counts.join(", "));
         say!("{}", table.to_text());
-        show(&results);
+        // Before that all of it is empty.
+        if results.count("finished") > 0 {
+            show(&results);
+        }
         let left = results.outcomes.len() - results.count("finished") - results.count("failed");
         match watch {
             Some(seconds) if left > 0 => std::thread::sleep(Duration::from_secs(seconds.max(1))),

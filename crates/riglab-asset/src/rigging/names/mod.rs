@@ -53,7 +53,19 @@ pub fn name_joints(
     mesh: Option<Bounds>,
     style: NameStyle,
 ) -> Result<(Skeleton, Humanoid), RigError> {
-    let human = humanoid(skeleton, mesh).unwrap_or_default();
+    name_bones(skeleton, mesh, humanoid(skeleton, mesh).unwrap_or_default(), style)
+}
+
+/// As [`name_joints`], where it is known which joints are human bones, as of a template's: these go by what they are.
+///
+/// # Errors
+/// As [`name_joints`].
+pub fn name_bones(
+    skeleton: &Skeleton,
+    mesh: Option<Bounds>,
+    human: Humanoid,
+    style: NameStyle,
+) -> Result<(Skeleton, Humanoid), RigError> {
     if style == NameStyle::Keep {
         return Ok((skeleton.clone(), human));
     }

@@ -173,3 +173,16 @@ fn joints_that_were_added_are_named_by_place_and_others_keep_their_names() {
     assert!(named.names()[2].starts_with(&plain.names()[2]) && named.parents() == chain.parents());
     assert_eq!(name_added(&chain, 3, None).unwrap(), chain, "none");
 }
+
+#[test]
+fn bones_that_are_known_are_named_whatever_their_places_say() {
+    let joint = |name: &str, parent, head| Joint { name: name.into(), parent, head };
+    let joints = vec![joint("a", None, [0.0; 3]), joint("b", Some(JointId(0)), [0.0, 1.0, 0.0])];
+    let skeleton = Skeleton::new(joints).unwrap();
+    let mut human = Humanoid::default();
+    human.insert("neck".parse().unwrap(), JointId(1));
+    let (named, kept) = name_bones(&skeleton, None, human.clone(), NameStyle::Vrm).unwrap();
+    assert_eq!((named.names()[1].as_str(), &kept), ("neck", &human));
+    assert_eq!(name_bones(&skeleton, None, human, NameStyle::Keep).unwrap().0, skeleton);
+    assert_eq!(name_joints(&skeleton, None, NameStyle::Vrm).unwrap().1, Humanoid::default(), "its places say nothing");
+}

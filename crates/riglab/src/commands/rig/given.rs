@@ -8,17 +8,19 @@ use riglab_asset::{ImportOptions, import, is_model_file, read_arrays};
 use riglab_core::{Bounds, Joint, JointId, Mesh, Skeleton, Vec3};
 
 /// Reads a skeleton: of a rigged file, or of a file of joints alone, as a rig text without mesh and weights or what a
-/// skeleton stage predicts. Where the file shows it, as a model is that is read without its rig.
-pub fn read(file: &Path) -> Result<Skeleton> {
+/// skeleton stage predicts. Where the file shows it, as a model is that is read without its rig; with what was repaired or is
+/// doubtful.
+pub fn read(file: &Path) -> Result<(Skeleton, Vec<String>)> {
     match import(file, &ImportOptions::default()) {
         Ok(imported) => {
             let rig = imported.rig().with_context(|| format!("{}: there is no skeleton in it", file.display()))?;
             let (own, by) = (rig.skeleton(), imported.reading.shown_off);
-            Ok(own.with_heads(own.heads().iter().map(|p| std::array::from_fn(|k| p[k] + by[k])).collect())?)
+            let heads = own.heads().iter().map(|p| std::array::from_fn(|k| p[k] + by[k])).collect();
+            Ok((own.with_heads(heads)?, imported.provenance.notes))
         }
         Err(e) if is_model_file(file) => Err(e.into()),
         // What is no rig may have joints all the same; if not, why it is no rig is the fault.
-        Err(e) => joints_of(file).map_err(|_| e.into()),
+        Err(e) => joints_of(file).map(|own| (own, Vec::new())).map_err(|_| e.into()),
     }
 }
 
@@ -120,7 +122,8 @@ mod tests {
         let dir = tempfile::tempdir().unwrap();
         let file = dir.path().join("own_rig.txt");
         std::fs::write(&file, "joints tip 0 2 0\njoints base 0 0 1\nroot base\nhier base tip\n").unwrap();
-        let own = read(&file).unwrap();
+        let (own, notes) = read(&file).unwrap();
+        assert!(notes.is_empty());
         assert_eq!(
             (own.names(), own.heads()),
             (&["base".to_owned(), "tip".into()][..], &[[0.0, 0.0, 1.0], [0.0, 2.0, 0.0]][..])

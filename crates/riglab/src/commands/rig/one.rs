@@ -7,7 +7,8 @@ use anyhow::{Context, Result, anyhow, ensure};
 use riglab_asset::ImportOptions;
 use riglab_asset::export::{self, ExportNote};
 use riglab_asset::rigging::{
-    Subject, SubjectNote, SubjectOptions, UpAxis, human_bones, humanoid, name_added, name_joints, name_others,
+    Subject, SubjectNote, SubjectOptions, UpAxis, human_bones, humanoid, name_added, name_bones, name_joints,
+    name_others,
 };
 use riglab_core::{Bounds, Humanoid, Rig, RigError, Skeleton, Vec3};
 use riglab_files::make_folder_of;
@@ -51,8 +52,8 @@ pub fn rig(args: &Common, bones: &Bones, model: &Model, from: &Path, to: &Path) 
         };
         noted(from, &mut notes, said);
     }
-    let (given, note) = skeleton(args, bones, &subject, (from, &options))?;
-    notes.extend(note);
+    let (given, said) = skeleton(args, bones, &subject, (from, &options))?;
+    notes.extend(said);
     let class = match bones {
         Bones::Predicted { template, .. } => template.as_deref().map(|told| model.template(told)),
         _ => None,
@@ -140,7 +141,11 @@ pub fn rig(args: &Common, bones: &Bones, model: &Model, from: &Path, to: &Path) 
             let named = template.filter(|_| !matches!(made.placed, Some(Placed::Lost | Placed::Without)));
             let (named, human) = match (names, named) {
                 (None, Some(template)) => by_template(&seen, template, bounds),
-                (names, _) => name_joints(&seen, bounds, names.unwrap_or_default()),
+                // What they are is known, better than their places tell.
+                (Some(style), Some(template)) => {
+                    by_template(&seen, template, bounds).and_then(|(_, human)| name_bones(&seen, bounds, human, *style))
+                }
+                (names, None) => name_joints(&seen, bounds, names.unwrap_or_default()),
             }
             .with_context(about)?;
             let skeleton = named.with_heads(made.skeleton.heads().to_vec()).with_context(about)?;
@@ -328,8 +333,8 @@ fn skeleton(
     bones: &Bones,
     subject: &Subject,
     (from, options): (&Path, &SubjectOptions),
-) -> Result<(Option<Skeleton>, Option<String>)> {
-    let Bones::Given { from: given, complete } = bones else { return Ok((None, None)) };
+) -> Result<(Option<Skeleton>, Vec<String>)> {
+    let Bones::Given { from: given, complete } = bones else { return Ok((None, Vec::new())) };
     match given {
         // A rig that gets more joints does not stay: it is read beside the bare model.
         Given::Kept if *complete => {
@@ -344,15 +349,15 @@ fn skeleton(
                 from.display()
             );
             let own = kept(&whole, from)?;
-            Ok((Some(own.with_heads(own.heads().iter().map(shown).collect())?), None))
+            Ok((Some(own.with_heads(own.heads().iter().map(shown).collect())?), Vec::new()))
         }
-        Given::Kept => kept(subject, from).map(|own| (Some(own), None)),
+        Given::Kept => kept(subject, from).map(|own| (Some(own), Vec::new())),
         Given::File(file) => {
-            let stood = given::stood(&given::read(file)?, subject.mesh(), args.up, args.skeleton_up)?;
-            if let Some(note) = &stood.note {
-                tell!("note: {}: {note}", file.display());
-            }
-            Ok((Some(stood.skeleton), stood.note))
+            let (skeleton, mut notes) = given::read(file)?;
+            let stood = given::stood(&skeleton, subject.mesh(), args.up, args.skeleton_up)?;
+            notes.extend(stood.note);
+            notes.iter().for_each(|note| tell!("note: {}: {note}", file.display()));
+            Ok((Some(stood.skeleton), notes))
         }
     }
 }
