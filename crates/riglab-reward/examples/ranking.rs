@@ -17,7 +17,10 @@ use riglab_core::Rig;
 use riglab_random::{Draw, Stream, stream};
 use riglab_reward::{Candidate, Faults, RawWeights, RewardConfig, Rewards, Scorer};
 
-const NAMES: [&str; 5] = ["coverage", "containment", "skinning", "motion", "total"];
+/// What the columns are.
+fn names() -> impl Iterator<Item = &'static str> {
+    Rewards::PARTS.iter().map(|part| part.name).chain(["total"])
+}
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let mut args = std::env::args().skip(1);
@@ -34,7 +37,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         let scorer = Scorer::new(rig.mesh(), &config);
         let samples =
             rigs.map(|rig| Sample { rewards: scorer.score(&rig), faults: Faults::of(rig.weights(), config.beta) });
-        for (part, name) in NAMES.iter().enumerate() {
+        for (part, name) in names().enumerate() {
             let [a, b, c] = [0, 1, 2].map(|kind: usize| samples[kind].parts()[part]);
             if !(a > b && b > c) {
                 println!("{name}: {a:.4} {b:.4} {c:.4}: {}", file.display());
@@ -47,7 +50,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         found.len()
     );
     println!("|---|---|---|---|---|");
-    for (part, name) in NAMES.iter().enumerate() {
+    for (part, name) in names().enumerate() {
         let of = |s: &[Sample; 3]| [0, 1, 2].map(|kind: usize| s[kind].parts()[part]);
         print_row(name, &found, of);
     }
@@ -80,9 +83,9 @@ struct Sample {
 }
 
 impl Sample {
-    fn parts(&self) -> [f64; 5] {
-        let Rewards { coverage, containment, skinning, motion, total } = self.rewards;
-        [coverage, containment, skinning, motion, total]
+    /// All of them, then their total.
+    fn parts(&self) -> Vec<f64> {
+        self.rewards.parts().into_iter().chain([self.rewards.total]).collect()
     }
 }
 

@@ -20,6 +20,7 @@ mod exp;
 mod motion;
 mod physics;
 mod poses;
+mod rewards;
 mod scorer;
 mod skinning;
 
@@ -29,5 +30,6 @@ pub use coverage::{Coverage, coverage};
 pub use motion::{motion, skinned, stretches};
 pub use physics::physics;
 pub use poses::{maps, random_poses};
-pub use scorer::{RewardConfig, Rewards, Scorer};
+pub use rewards::{Part, Rewards};
+pub use scorer::{RewardConfig, Scorer};
 pub use skinning::{Faults, skinning};

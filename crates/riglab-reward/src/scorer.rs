@@ -7,7 +7,8 @@ use serde::{Deserialize, Serialize};
 
 use crate::coverage::Coverage;
 use crate::motion::stretches_by;
-use crate::{Candidate, containment, maps, random_poses, skinning};
+use crate::rewards::COUNT;
+use crate::{Candidate, Rewards, containment, maps, random_poses, skinning};
 
 /// How rewards are taken and added up. Defaults are the paper's where it gives a value, else chosen on true,
 /// perturbed and broken rigs (see `experiments/README.md`).
@@ -35,8 +36,8 @@ pub struct RewardConfig {
     pub pose_degrees: f64,
     /// Seed of the poses.
     pub seed: u64,
-    /// Weights of coverage, containment, skinning and motion in the total. The paper's 5, 1, 1, 1.
-    pub weights: [f64; 4],
+    /// Weights of [`Rewards::PARTS`] in the total. The paper's 5, 1, 1, 1.
+    pub weights: [f64; COUNT],
 }
 
 impl Default for RewardConfig {
@@ -87,26 +88,11 @@ impl RewardConfig {
                 return Err((key, format!("{key} = {value} must be above 0")));
             }
         }
-        if !self.weights.iter().all(|w| w.is_finite() && *w >= 0.0) || self.weights == [0.0; 4] {
+        if !self.weights.iter().all(|w| w.is_finite() && *w >= 0.0) || self.weights == [0.0; COUNT] {
             return Err(("weights", "weights are from 0 on, and one of them is above".into()));
         }
         Ok(())
     }
-}
-
-/// The rewards of a candidate.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct Rewards {
-    /// R_vj, see [`crate::coverage`].
-    pub coverage: f64,
-    /// R_vk, see [`crate::containment`].
-    pub containment: f64,
-    /// R_sc, see [`crate::skinning`].
-    pub skinning: f64,
-    /// R_mo, see [`crate::motion`].
-    pub motion: f64,
-    /// R = 5 R_vj + R_vk + R_sc + R_mo, by the config's weights.
-    pub total: f64,
 }
 
 /// A mesh prepared for scoring: voxels and edges are made once.
@@ -166,9 +152,7 @@ impl Scorer {
         let bones = [self.cells.of(heads, c.alpha), containment(&self.voxels, heads, parents, c.bone_steps, true)];
         let weights = if rows == 0 { [0.0; 2] } else { self.of_weights(candidate) };
         let parts = [bones[0], bones[1], weights[0], weights[1]];
-        let [coverage, containment, skinning, motion] = parts.map(|r| if r.is_finite() { r } else { 0.0 });
-        let total = [coverage, containment, skinning, motion].iter().zip(c.weights).map(|(r, w)| r * w).sum();
-        Rewards { coverage, containment, skinning, motion, total }
+        Rewards::of(parts, c.weights)
     }
 
     /// Those of skinning and motion.

@@ -353,9 +353,8 @@ fn checked(training: &Training<GrpoTask>, c: &GrpoTaskConfig) -> Result<(Vec<Vec
     // Without meshes: once more over the same rigs.
     let loss = task.loss(&elsewhere, &Batch::default(), at).map_err(|e| anyhow!(e))?.total().double_value(&[]);
     let rows = drawn.iter().map(|d| d.ids[1..].iter().map(|id| *id as u32).collect()).collect();
-    let four = |r: &Rewards| [r.coverage, r.containment, r.skinning, r.motion];
     let log = Vec::<f64>::try_from(flat("rollout.old"))?;
-    Ok((rows, Checked { rewards: found.iter().map(four).collect(), log, norm, loss }))
+    Ok((rows, Checked { rewards: found.iter().map(Rewards::parts).collect(), log, norm, loss }))
 }
 
 /// Seconds of the next step by part: what comes first is done once more by itself, the same rigs are drawn.

@@ -90,8 +90,7 @@ pub fn serve() -> Result<()> {
             let start = Instant::now();
             let rewards = Scorer::new(rig.mesh(), &RewardConfig::default()).score_group(group);
             let seconds = start.elapsed().as_secs_f64();
-            let parts = |r: &Rewards| [r.coverage, r.containment, r.skinning, r.motion];
-            Ok(json!(Scored { seconds, rewards: rewards.iter().map(parts).collect() }))
+            Ok(json!(Scored { seconds, rewards: rewards.iter().map(Rewards::parts).collect() }))
         }
     })
 }

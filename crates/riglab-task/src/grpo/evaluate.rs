@@ -94,18 +94,7 @@ impl Tally {
     }
 
     fn row(&self, split: &str, model: &str) -> Row {
-        let n = self.rewards.len() as f64;
-        let mean = |of: fn(&Rewards) -> f64| self.rewards.iter().map(of).sum::<f64>() / n;
-        Row {
-            rewards: Rewards {
-                coverage: mean(|r| r.coverage),
-                containment: mean(|r| r.containment),
-                skinning: mean(|r| r.skinning),
-                motion: mean(|r| r.motion),
-                total: mean(|r| r.total),
-            },
-            skeletons: self.sums.row(split, model),
-        }
+        Row { rewards: Rewards::mean(&self.rewards), skeletons: self.sums.row(split, model) }
     }
 }
 
@@ -240,12 +229,9 @@ impl GrpoTask {
         let within = own <= first.j2j * worse;
         let r = row.rewards;
         let mut metrics = row.skeletons.validation();
+        metrics.push(("reward@val".into(), r.total));
+        metrics.extend(Rewards::PARTS.iter().zip(r.parts()).map(|(part, value)| (format!("{}@val", part.name), value)));
         for (name, value) in [
-            ("reward@val", r.total),
-            ("coverage@val", r.coverage),
-            ("containment@val", r.containment),
-            ("skinning@val", r.skinning),
-            ("motion@val", r.motion),
             ("start_j2j@val", first.j2j),
             ("start_reward@val", first.reward),
             // What is not finite never is the best.

@@ -35,8 +35,8 @@ pub use config::{Dead, GrpoTaskConfig, GuardConfig, RolloutConfig, StartConfig};
 use lineage::startable;
 pub(crate) use lineage::{descends, refined};
 pub use report::{AssetRow, AssetScore, Evaluation, Report, Row};
-pub use rollout::{NOTES, Rollout, Sequence};
-use rollout::{floats, settle};
+use rollout::{GAP, floats, settle};
+pub use rollout::{Rollout, Sequence, noted};
 pub use score::{Judged, candidates, rewards};
 
 use crate::assets::{Assets, DataConfig};
@@ -146,9 +146,7 @@ impl GrpoTask {
         let (likely, lengths) = self.policy.likely(w, &rollout.shapes, &sequences, temperature);
         if c.rollout.updates() == 1 && sequences.iter().all(|s| s.old.is_empty()) {
             let gap = settle(&mut rollout.sequences, places, &floats(&likely.log), &lengths);
-            if let Some(note) = rollout.notes.last_mut() {
-                *note = gap;
-            }
+            noted().zip(&mut rollout.notes).filter(|(name, _)| *name == GAP).for_each(|(_, note)| *note = gap);
             // As many numbers of each: a checkpoint keeps both side by side.
             rollout.sequences.iter_mut().filter(|s| s.old.is_empty()).for_each(|s| s.reference.clear());
         }
@@ -183,7 +181,7 @@ impl GrpoTask {
             .note("clip_fraction", own.clip_fraction)
             .note("ratio", if own.ratio.numel() == 0 { 1.0 } else { mean(&own.ratio) })
             .note("entropy", mean(&likely.entropy));
-        for (name, value) in NOTES.iter().zip(&rollout.notes) {
+        for (name, value) in noted().zip(&rollout.notes) {
             loss = loss.note(name, *value);
         }
         Ok(loss)

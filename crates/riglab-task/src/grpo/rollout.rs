@@ -45,27 +45,21 @@ pub struct Rollout {
     pub shapes: Shapes,
     /// The rigs.
     pub sequences: Vec<Sequence>,
-    /// What is logged of it, in the order of [`NOTES`].
+    /// What is logged of it, in the order of [`noted`].
     pub notes: Vec<f64>,
 }
 
 /// What is logged of a rollout: means over its rigs, but for `spread`, the mean deviation within groups, `dead`, the
 /// share of groups without any, and `sampler_gap`, how far the log-probability of a token differs between the sampler
 /// and the trainer.
-pub const NOTES: [&str; 12] = [
-    "reward",
-    "coverage",
-    "containment",
-    "skinning",
-    "motion",
-    "valid",
-    "spread",
-    "dead",
-    "distinct",
-    "length",
-    "joints",
-    "sampler_gap",
-];
+pub fn noted() -> impl Iterator<Item = &'static str> {
+    let parts = Rewards::PARTS.iter().map(|part| part.name);
+    let others = ["valid", "spread", "dead", "distinct", "length", "joints", GAP];
+    std::iter::once("reward").chain(parts).chain(others)
+}
+
+/// What is known once the trainer has looked.
+pub(super) const GAP: &str = "sampler_gap";
 
 /// How often a dead group is drawn anew.
 const TRIES: u64 = 3;
@@ -141,15 +135,10 @@ impl GrpoTask {
         }
         let gap = self.remember(w, &batch.shapes, &mut sequences);
         let n = sequences.len().max(1) as f64;
-        let mean = |of: fn(&Rewards) -> f64| parts.iter().map(of).sum::<f64>() / n;
+        let rewards = if parts.is_empty() { Rewards::default() } else { Rewards::mean(&parts) };
         let tokens: usize = sequences.iter().map(|s| s.ids.len()).sum();
         let (groups, joints) = (groups.len().max(1) as f64, joints as f64 / n);
-        let notes: [f64; NOTES.len()] = [
-            mean(|r| r.total),
-            mean(|r| r.coverage),
-            mean(|r| r.containment),
-            mean(|r| r.skinning),
-            mean(|r| r.motion),
+        let others = [
             valid as f64 / n,
             spread / groups,
             dead as f64 / groups,
@@ -158,7 +147,8 @@ impl GrpoTask {
             joints,
             gap,
         ];
-        Rollout { shapes: batch.shapes.clone(), sequences, notes: notes.to_vec() }
+        let notes = std::iter::once(rewards.total).chain(rewards.parts()).chain(others).collect();
+        Rollout { shapes: batch.shapes.clone(), sequences, notes }
     }
 
     /// Asks the reference how likely the sequences were, and the policy where they are gone over more than once: else
@@ -285,7 +275,9 @@ impl Rollout {
             picks: whole("picks")?,
             ..Shapes::default()
         };
-        Some(Self { shapes, sequences, notes: double("notes")? })
+        // Of a version with other rewards they would be logged by names that are not theirs.
+        let notes = double("notes").filter(|notes| notes.len() == noted().count())?;
+        Some(Self { shapes, sequences, notes })
     }
 }
 
@@ -333,7 +325,11 @@ mod tests {
             reference: vec![-0.25; n - 2],
         };
         let shapes = Shapes { rigs: 2, cloud: vec![0.5; 24], picks: vec![1, 0], ..Shapes::default() };
-        let all = Rollout { shapes, sequences: vec![own(0, 5), own(1, 2), own(1, 4)], notes: vec![1.0 / 3.0; 12] };
+        let all = Rollout {
+            shapes,
+            sequences: vec![own(0, 5), own(1, 2), own(1, 4)],
+            notes: vec![1.0 / 3.0; noted().count()],
+        };
         assert_eq!(Rollout::of(&all.tensors()), Some(all));
         assert_eq!(Rollout::of(&BTreeMap::new()), None);
     }

@@ -14,7 +14,7 @@ use riglab_core::{Bounds, Humanoid, Rig, RigError, Skeleton, Vec3};
 use riglab_files::make_folder_of;
 use riglab_report::counted;
 use riglab_report::shell::command;
-use riglab_reward::Rewards;
+use riglab_reward::{RewardConfig, Rewards};
 use riglab_task::tokenrig::{Made, Placed, Rank, Wish};
 use riglab_token::Template;
 use riglab_train::Spinner;
@@ -314,11 +314,10 @@ fn taken(
     let totals = draws.iter().filter_map(|d| d["rewards"]["total"].as_f64());
     let least = totals.fold(r.total, f64::min);
     let others = if draws.len() > 1 { format!(" (the worst: {least:.3})") } else { String::new() };
-    format!(
-        "{which} by rewards: R = {:.3} of 8{others}; coverage R_vj {:.3}, containment R_vk {:.3}, skinning R_sc {:.3}, \
-         motion R_mo {:.3}",
-        r.total, r.coverage, r.containment, r.skinning, r.motion
-    )
+    let most: f64 = RewardConfig::default().weights.iter().sum();
+    let parts = Rewards::PARTS.iter().zip(r.parts());
+    let parts: Vec<String> = parts.map(|(part, r)| format!("{} {} {r:.3}", part.name, part.symbol)).collect();
+    format!("{which} by rewards: R = {:.3} of {most}{others}; {}", r.total, parts.join(", "))
 }
 
 /// With the motion that bends every joint.
