@@ -2,14 +2,12 @@
 
 use riglab_core::{Bounds, Mesh, Similarity, Skeleton, SkinWeights};
 use riglab_geom::Yaw;
-use riglab_nn::generate::GenerateConfig;
-use riglab_random::stream;
 use riglab_reward::{RewardConfig, Rewards, Scorer};
 use riglab_token::{Bones, Template};
 
 use super::facing::Facing;
-use super::skin::{Hold, in_order};
-use super::template::{Anatomy, FindHuman, Placed, alone, known};
+use super::stage::Settled;
+use super::template::{Anatomy, FindHuman, Placed};
 use super::{Drawn, Rigger};
 use crate::grpo::{Judged, Subject, rewards};
 use crate::sequences::{NO_SKELETON, of_class};
@@ -124,30 +122,14 @@ impl Rigger {
         wish: &Wish<'_>,
         facing: Facing,
     ) -> Result<Made, String> {
-        let (w, up) = (self.params.weights(), self.config.data.up);
-        let as_it_stands = mesh;
-        let mesh = facing.mesh(mesh).map_err(|e| e.to_string())?;
-        let turned = turned.map(|s| facing.skeleton(&s)).transpose().map_err(|e| e.to_string())?;
-        let points = mesh.positions().iter().copied();
-        let heads = turned.iter().flat_map(|s| s.heads().iter().copied());
-        let bounds = Bounds::of(points.chain(heads)).ok_or("a mesh without vertices")?;
-        let map = Similarity::into_cube(bounds);
-        let moved = |p: &[[f32; 3]], map: Similarity| p.iter().map(|&p| map.apply(p)).collect::<Vec<_>>();
-        let cube = mesh.with_positions(moved(mesh.positions(), map)).map_err(|e| e.to_string())?;
-        let eval = &self.config.eval;
-        let clouds = self.clouds(w, &cube, wish.seed);
-        let seen = clouds.first(1);
-        let how = GenerateConfig {
-            sample: true,
-            temperature: wish.temperature.unwrap_or(eval.generate.temperature),
-            tokens: self.config.limits.tokens,
-            ..eval.generate.clone()
-        };
+        let (w, up, eval) = (self.params.weights(), self.config.data.up, &self.config.eval);
+        let (stage, turned) = self.stage(mesh, turned, wish, facing)?;
         let turned = match turned {
             Some(begun) if wish.complete => {
                 let draws = wish.samples.unwrap_or(eval.consensus).max(1);
                 let agreement = Agreement { draws, ..eval.agreement() };
-                Some(self.completed(w, &clouds, (&begun, map), &how, (agreement, wish.seed))?)
+                let how = (agreement, wish.seed);
+                Some(self.completed(w, &stage.clouds, (&begun, stage.map), &stage.how, how)?)
             }
             turned => turned,
         };
@@ -156,123 +138,52 @@ impl Rigger {
             None if turned.is_none() => eval.consensus.max(1),
             _ => 1,
         };
-        let holders = |skeleton: &Skeleton| wish.holders.filter(|a| a.len() == skeleton.len() && a.contains(&true));
-        let given = match &turned {
-            Some(skeleton) => Some((skeleton, self.read(skeleton, map, holders(skeleton))?)),
-            None => None,
-        };
+        let read = |skeleton| Ok::<_, String>((skeleton, self.read(skeleton, stage.map, wish.holders_of(skeleton))?));
+        let given = turned.as_ref().map(read).transpose()?;
         let prompt = match (&given, wish.class) {
             (Some((_, read)), _) => read.encoded.ids.clone(),
             (None, Some(class)) => self.of_class(class)?,
             (None, None) => self.free(),
         };
-        let mut streams: Vec<_> = (0..samples as u64).map(|k| stream(wish.seed, "rig draws", &[k])).collect();
-        let plane = if given.is_none() { self.mirror_plane(&cube, wish.seed) } else { None };
-        // Which skeletons agree is known before any codes are.
-        let agree = wish.rank == Rank::Consensus && given.is_none() && samples > 1;
+        let plane = if given.is_none() { self.mirror_plane(&stage.cube, wish.seed) } else { None };
         let agreement = Agreement { draws: samples, ..eval.agreement() };
-        let drawn = if agree {
-            let shares = agreement.shares();
-            self.draw_skeletons(w, &clouds.first(shares.len()), (&prompt, &shares), &how, &mut streams)?
-        } else {
-            let (first, others) = streams.split_at_mut(1);
-            let likeliest = GenerateConfig { sample: false, ..how.clone() };
-            let mut drawn = self.draw(w, &seen, std::slice::from_ref(&prompt), &likeliest, first)?;
-            if samples > 1 {
-                drawn.extend(self.draw(w, &seen, &vec![prompt; samples - 1], &how, others)?);
-            }
-            drawn
-        };
-        let draws = self.judged(&cube, &drawn, wish)?;
+        let agree = Some(agreement).filter(|_| wish.rank == Rank::Consensus && given.is_none() && samples > 1);
+        let drawn = self.candidates(w, &stage, (prompt, samples), agree.as_ref(), wish.seed)?;
+        let draws = self.judged(&stage.cube, &drawn, wish)?;
         let anatomy = wish.human.filter(|_| given.is_none()).map(|human| {
-            let bounds = Bounds::of(cube.positions().iter().map(|&p| up.back(p)));
+            let bounds = Bounds::of(stage.cube.positions().iter().map(|&p| up.back(p)));
             Anatomy { human, up, bounds, plane }
         });
         let template = anatomy.and_then(|anatomy| Some((wish.class.and_then(Template::of)?, anatomy)));
-        let bodies =
-            anatomy.filter(|_| agree && wish.class.is_none()).map(|anatomy| anatomy.bodies(&drawn, &agreement));
-        let whole = (0..drawn.len()).filter(|&at| drawn[at].decoded.is_ok());
-        let worth = |at: usize| match (wish.rank, draws[at].rewards) {
-            (Rank::Rewards, Some(rewards)) => rewards.total,
-            _ => draws[at].likelihood,
-        };
-        let written = template.filter(|_| agree);
-        let written = written.map(|(template, anatomy)| anatomy.written_ones(template, &drawn, &agreement));
+        let bodies = anatomy.zip(agree).filter(|_| wish.class.is_none());
+        let bodies = bodies.map(|(anatomy, agreement)| anatomy.bodies(&drawn, &agreement));
+        let written = template.zip(agree);
+        let written =
+            written.map(|((template, anatomy), agreement)| anatomy.written_ones(template, &drawn, &agreement));
         // Those alone are taken and have a say, if there is one that may be taken.
         let only = written.as_deref().filter(|of| of.iter().zip(agreement.draws_mirrored()).any(|(w, m)| *w && !m));
-        let best = if agree {
+        let best = if let Some(agreement) = &agree {
             let may = |place: usize| only.is_none_or(|written| written[place]);
-            Some(self.agreed_of(w, &seen, (&agreement, plane), drawn, may)?).filter(|taken| taken.drawn.decoded.is_ok())
+            let taken = self.agreed_of(w, &stage.clouds.first(1), (agreement, plane), drawn, may)?;
+            Some(taken).filter(|taken| taken.drawn.decoded.is_ok())
         } else {
+            let worth = |at: usize| match (wish.rank, draws[at].rewards) {
+                (Rank::Rewards, Some(rewards)) => rewards.total,
+                _ => draws[at].likelihood,
+            };
             // The first of equals.
+            let whole = (0..drawn.len()).filter(|&at| drawn[at].decoded.is_ok());
             let best = whole.min_by(|a, b| worth(*b).total_cmp(&worth(*a)));
             best.and_then(|place| Some(Taken { place, apart: None, drawn: drawn.into_iter().nth(place)? }))
         };
         let Taken { place: sample, apart, drawn } = best.ok_or(NO_SKELETON)?;
-        let mut placed = None;
-        if let Some((template, anatomy)) = template {
-            let body = drawn.decoded.as_ref().ok().filter(|decoded| anatomy.written(template, decoded, false));
-            let given = Wish { class: None, samples: None, rank: Rank::Likelihood, ..wish.clone() };
-            // A skeleton in the cube, as it would be given.
-            let stood = |in_cube: &Skeleton| {
-                let heads = moved(in_cube.heads(), map.inverse()).into_iter().map(|p| facing.back(p)).collect();
-                in_cube.with_heads(heads).map_err(|e| e.to_string())
-            };
-            placed = Some(match body {
-                Some(decoded) => {
-                    let whole = decoded.skeleton().map_err(|e| e.to_string())?;
-                    let own = alone(&whole, template).filter(|own| own.len() < whole.len());
-                    if let Some(own) = own.filter(|_| written.is_some_and(|written| !known(&written))) {
-                        let left_out = whole.len() - own.len();
-                        let made = self.make_facing(as_it_stands, Some(stood(&own)?), &given, facing)?;
-                        return Ok(Made { placed: Some(Placed::Written { left_out }), ..made });
-                    }
-                    Placed::Written { left_out: 0 }
-                }
-                None if agree => {
-                    let voted = self.voted(w, &clouds, (template, anatomy), &how, (agreement, wish.seed))?;
-                    let (made, placed) = match voted {
-                        Some((voted, bodies)) => {
-                            let made = self.make_facing(as_it_stands, Some(stood(&voted)?), &given, facing)?;
-                            (made, Placed::Voted { bodies, draws: samples })
-                        }
-                        None => {
-                            let free = Wish { class: None, ..wish.clone() };
-                            (self.make_facing(as_it_stands, None, &free, facing)?, Placed::Without)
-                        }
-                    };
-                    return Ok(Made { placed: Some(placed), ..made });
-                }
-                None => Placed::Lost,
-            });
-        }
-        let count = wish.skins.unwrap_or(eval.skins);
-        let skins = self.skins(w, &self.straight(&clouds), &drawn, count, wish.seed)?;
-        let hold = Hold { without_codes: eval.without_codes, ..Hold::default() };
-        let hold = Hold { influences: wish.influences.unwrap_or(hold.influences).max(1), ..hold };
-        let (skeleton, weights, thinned) = match &given {
-            Some((skeleton, read)) => {
-                let own = |codes| in_order(codes, &read.encoded.order, read.skeleton.len());
-                let skins: Vec<_> = skins.into_iter().map(own).collect();
-                let in_cube = skeleton.with_heads(moved(skeleton.heads(), map)).map_err(|e| e.to_string())?;
-                let weights =
-                    self.read_skin((&cube, &in_cube), (read, map), &skins, wish.seed, (holders(skeleton), hold))?;
-                // A turn of axes and back rounds nothing, but turns by less than a quarter do: given joints stay what they are.
-                let mut heads: Vec<_> = skeleton.heads().iter().map(|&p| up.back(facing.back(p))).collect();
-                let given = wish.skeleton.map_or(&[][..], Skeleton::heads);
-                heads[..given.len()].copy_from_slice(given);
-                let thinned = read.stands.is_some().then(|| read.skeleton.len());
-                (skeleton.with_heads(heads).map_err(|e| e.to_string())?, weights, thinned)
-            }
-            None => {
-                let decoded = drawn.decoded.map_err(|e| e.to_string())?;
-                let in_cube = decoded.skeleton().map_err(|e| e.to_string())?;
-                let weights = self.pooled_skin(&cube, &in_cube, &skins, wish.seed, hold)?;
-                let heads =
-                    moved(in_cube.heads(), map.inverse()).into_iter().map(|p| up.back(facing.back(p))).collect();
-                (in_cube.with_heads(heads).map_err(|e| e.to_string())?, weights, None)
-            }
+        let agree = agree.zip(written.as_deref());
+        let placed = match template.map(|template| self.settled(&stage, wish, template, &drawn, agree)).transpose()? {
+            Some(Settled::Instead(made)) => return Ok(*made),
+            Some(Settled::Stays(placed)) => Some(placed),
+            None => None,
         };
+        let (skeleton, weights, thinned) = self.finished(&stage, wish, given.as_ref(), drawn)?;
         Ok(Made { skeleton, weights, yaw: facing.yaw(), placed, bodies, apart, thinned, sample, draws })
     }
 
@@ -338,6 +249,7 @@ pub(super) fn class_of(names: &[String]) -> Option<&'static str> {
 #[cfg(test)]
 mod tests {
     use riglab_nn::tokenrig::Head;
+    use riglab_random::stream;
 
     use super::*;
     use crate::tokenrig::testing::{tetrahedron, untrained};

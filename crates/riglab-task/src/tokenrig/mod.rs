@@ -16,6 +16,7 @@ mod sample;
 mod shipped;
 mod skin;
 mod skinner;
+mod stage;
 mod template;
 #[cfg(test)]
 pub(crate) mod testing;
