@@ -200,6 +200,9 @@ mod tests {
         let html = page.to_html().unwrap();
         assert!(html.contains("&lt;script&gt;") && !html.contains("<script"));
         assert!(html.contains("data:image/png;base64,AQID") && html.contains("0.500"));
+        // Only what is no number may take several lines; a caption is no wider than the screen.
+        assert!(html.contains("<td class=\"\"><span>&lt;script&gt;</span></td><td class=\"number strong\">0.500</td>"));
+        assert!(html.contains("<caption><span>a &amp; b</span></caption>"));
         assert!(!html.contains("http://") && !html.contains("https://"));
     }
 }
