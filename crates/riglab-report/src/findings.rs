@@ -184,35 +184,31 @@ impl Findings {
         cells
     }
 
-    /// Published lines with a cell for each column of totals; lines that have none of them are left out.
-    pub(crate) fn published_rows(&self) -> Vec<(Line, Vec<Cell>)> {
-        let mut out = Vec::new();
+    /// What others published, in those columns of the totals that anyone published. `None` where there is nothing.
+    pub fn published_table(&self) -> Option<Table> {
+        self.published_in(&self.totals_of)
+    }
+
+    /// The same in some of these columns. Lines that have none of them are left out.
+    pub(crate) fn published_in(&self, metrics: &[Metric]) -> Option<Table> {
+        let mut head = vec!["published".to_owned()];
+        head.extend(metrics.iter().map(|m| m.name.clone()));
+        let mut table = Table { caption: format!("{}: published numbers", self.about), head, ..Table::default() };
         for beside in &self.published {
             for line in lines(beside.table) {
                 let cell = |m: &Metric| {
                     let found = beside.columns.iter().find(|(own, ..)| *own == m.name);
                     found.map_or(Cell { published: true, ..Cell::none() }, |(_, name, factor)| line.cell(name, *factor))
                 };
-                let cells: Vec<Cell> = self.totals_of.iter().map(cell).collect();
+                let cells: Vec<Cell> = metrics.iter().map(cell).collect();
                 if cells.iter().any(|c| !c.text.is_empty()) {
-                    out.push((line, cells));
+                    say(&mut table.note, &line);
+                    table.row(std::iter::once(Cell::text(line.name())).chain(cells).collect());
                 }
             }
         }
-        out
-    }
-
-    /// What others published, in the columns of the totals. `None` where there is nothing.
-    pub fn published_table(&self) -> Option<Table> {
-        let mut head = vec!["published".to_owned()];
-        head.extend(self.totals_of.iter().map(|m| m.name.clone()));
-        let mut table = Table { caption: format!("{}: published numbers", self.about), head, ..Table::default() };
-        for (line, cells) in self.published_rows() {
-            say(&mut table.note, &line);
-            table.row(std::iter::once(Cell::text(line.name())).chain(cells).collect());
-        }
         table.note = format!("{PUBLISHED}{}", table.note);
-        (!table.rows.is_empty()).then_some(table)
+        (!table.rows.is_empty()).then(|| table.without_empty_columns())
     }
 
     /// Spread, categories and published numbers, for the report of one run.
@@ -222,11 +218,11 @@ impl Findings {
 }
 
 /// What is said below published numbers.
-pub(crate) const PUBLISHED: &str = "Published numbers are as printed, but in the column's unit. Others measured them, \
+const PUBLISHED: &str = "Published numbers are as printed, but in the column's unit. Others measured them, \
                                     on other assets and with other amounts of training; no test here uses them.";
 
 /// Adds what has to be known of a published line to what is said below a table, once.
-pub(crate) fn say(note: &mut String, line: &Line) {
+fn say(note: &mut String, line: &Line) {
     if let Some((_, sentence)) = line.caveat.as_ref().filter(|(_, sentence)| !note.contains(sentence)) {
         *note += &format!(" {sentence}");
     }
@@ -326,6 +322,10 @@ pub(crate) mod tests {
         let row = table.rows.iter().find(|r| r[0].text.contains("FSQ-CVAE (SkinTokens paper), VRoid")).unwrap();
         assert_eq!([&row[1].text, &row[2].text], ["0.871", "0.00541"]);
         assert!(row[1].published && row[2].published && row[0].text.starts_with("published"));
+        // What nobody published is no column.
+        let mut more = findings(0.0);
+        more.totals_of.insert(0, Metric::higher("valid %", "skintokens", 1));
+        assert_eq!(more.published_table().unwrap().head, ["published", "IoU", "L1"]);
     }
 
     #[test]

@@ -122,15 +122,10 @@ impl Line {
 
     /// What stands before its numbers.
     pub fn name(&self) -> String {
-        format!("published: {}", self.source())
-    }
-
-    /// The same where it is said already that it is published.
-    pub fn source(&self) -> String {
         let on = if self.data.is_empty() { String::new() } else { format!(", {}", self.data) };
         // Beside the name, as a note below is no part of comma-separated values.
         let caveat = self.caveat.as_ref().map_or(String::new(), |(short, _)| format!("; {short}"));
-        format!("{}{on} ({}{caveat})", self.system, self.table)
+        format!("published: {}{on} ({}{caveat})", self.system, self.table)
     }
 }
 
@@ -244,9 +239,10 @@ mod tests {
                 assert!(rows.iter().any(|r| r[0].text == row), "{name}: {row}");
             }
         }
-        let own = lines("skintokens.table3").into_iter().filter(|l| l.caveat.is_some()).map(|l| l.source());
-        let swapped = ["ModelsResource", "Articulation-XL 2.0"]
-            .map(|data| format!("MagicArticulate (SkinTokens paper), {data} (skintokens.table3; data sets swapped)"));
+        let own = lines("skintokens.table3").into_iter().filter(|l| l.caveat.is_some()).map(|l| l.name());
+        let swapped = ["ModelsResource", "Articulation-XL 2.0"].map(|data| {
+            format!("published: MagicArticulate (SkinTokens paper), {data} (skintokens.table3; data sets swapped)")
+        });
         assert_eq!(own.collect::<Vec<_>>(), swapped);
         assert!(table("skintokens.table3").unwrap().caption.contains("has its two data sets swapped: its authors'"));
     }

@@ -105,11 +105,34 @@ impl Table {
     pub fn line(&mut self) {
         self.breaks.push(self.rows.len());
     }
+
+    /// Leaves out columns that no row has anything in.
+    pub(crate) fn without_empty_columns(mut self) -> Self {
+        let filled = |k: usize| self.rows.iter().any(|row| row.get(k).is_some_and(|cell| !cell.text.is_empty()));
+        let keep: Vec<bool> = (0..self.head.len()).map(filled).collect();
+        let of = |k: usize| keep.get(k).copied().unwrap_or(true);
+        for row in &mut self.rows {
+            *row = std::mem::take(row).into_iter().enumerate().filter(|(k, _)| of(*k)).map(|(_, cell)| cell).collect();
+        }
+        self.head = self.head.into_iter().enumerate().filter(|(k, _)| of(*k)).map(|(_, head)| head).collect();
+        self
+    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn columns_without_anything_can_be_left_out() {
+        let mut table = Table::new("t", &["name", "a", "b", "c"]);
+        table.row(vec![Cell::text("x"), Cell::none(), Cell::number(1.0, 0), Cell::none()]);
+        table.row(vec![Cell::text("y"), Cell::none(), Cell::none(), Cell::number(f64::NAN, 0)]);
+        let table = table.without_empty_columns();
+        let row = |k: usize| table.rows[k].iter().map(|c| c.text.as_str()).collect::<Vec<_>>();
+        assert_eq!(table.head, ["name", "b", "c"]);
+        assert_eq!([row(0), row(1)], [["x", "1", ""], ["y", "", "–"]]);
+    }
 
     #[test]
     fn differences_have_signs_and_zero_has_none() {

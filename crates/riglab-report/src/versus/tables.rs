@@ -1,12 +1,13 @@
-//! A table a split, with all runs side by side and what stands beside them.
+//! A table a split, with all runs side by side and what stands beside them, and one of published numbers.
 
 use super::by_asset::defined;
 use super::{Compared, shared};
-use crate::findings::{PUBLISHED, conventions, say};
+use crate::findings::conventions;
 use crate::{Cell, Findings, Metric, Table};
 
-/// A table a split: what each run trained, what stands beside it, published numbers. What is not trained stands once
-/// where all runs found the same of it; where a run found something else (its model before GRPO, say), under its name.
+/// A table a split: what each run trained, and what stands beside it. What is not trained stands once where all runs found
+/// the same of it; where a run found something else (its model before GRPO, say), under its name. Below them, published
+/// numbers.
 pub(super) fn side_by_side(runs: &[Compared], of: &[&Findings]) -> Vec<Table> {
     let metrics = shared(of, |f| &f.totals_of);
     let names: Vec<Metric> = metrics.iter().map(|(m, _)| m.clone()).collect();
@@ -71,23 +72,11 @@ pub(super) fn side_by_side(runs: &[Compared], of: &[&Findings]) -> Vec<Table> {
             cells.extend(numbers.map(|((v, m), best)| Cell::number(*v, m.digits).strong_if(best[n])));
             table.row(cells);
         }
-        let published = of[0].published_rows();
-        if !published.is_empty() {
-            table.line();
-            table.note += PUBLISHED;
-        }
         table.note.truncate(table.note.trim_end().len());
-        for (line, cells) in published {
-            let place = |(_, at): &(Metric, Vec<usize>)| cells[at[0]].clone();
-            let numbers: Vec<Cell> = metrics.iter().map(place).collect();
-            if numbers.iter().any(|c| !c.text.is_empty()) {
-                say(&mut table.note, &line);
-                let first = [Cell::text("published"), Cell::text(line.source()), Cell::none()];
-                table.row(first.into_iter().chain(numbers).collect());
-            }
-        }
         tables.push(table);
     }
+    // Once: others' numbers are of no split here.
+    tables.extend(of[0].published_in(&names));
     tables
 }
 
