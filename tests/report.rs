@@ -112,6 +112,11 @@ fn all_forms_say_the_same(runs: &Runs) {
         .unwrap();
     assert!(published.ends_with(",0.871,1"), "{published}");
     assert!(csv.lines().any(|l| l.contains(&format!(",{iou},0"))));
+    let row = csv.lines().find(|l| l.contains(&format!(",{iou},0")) && l.starts_with("\"test_new")).unwrap();
+    assert!(row.contains(",\"rule, 16 codes\",IoU,"), "{row}");
+    let keys: Vec<&str> = csv.lines().filter_map(|l| l.rsplitn(3, ',').last()).collect();
+    let once: std::collections::BTreeSet<&&str> = keys.iter().collect();
+    assert_eq!(once.len(), keys.len(), "a line a value");
     // Spread by split and category.
     assert!(
         markdown

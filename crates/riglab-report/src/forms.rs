@@ -74,17 +74,24 @@ impl Page {
     }
 
     /// A line a value: `table,row,column,value,published`. The row is named by its texts; `published` is 1 for values
-    /// that others printed and 0 for those that were measured here; values that are undefined are left out.
+    /// that others printed and 0 for those that were measured here; values that are undefined are left out. No two lines
+    /// are of the same table, row and column.
     pub fn to_csv(&self) -> String {
         let mut out = Table::csv_line(&["table", "row", "column", "value", "published"]);
-        for table in self.blocks.iter().flat_map(tables) {
-            for (n, row) in table.rows.iter().enumerate() {
+        let all: Vec<Table> = self.blocks.iter().flat_map(tables).collect();
+        let captions = distinct(all.iter().map(|table| table.caption.clone()));
+        for (table, caption) in all.iter().zip(&captions) {
+            let named = |(n, row): (usize, &Vec<Cell>)| {
                 let texts: Vec<&str> = row.iter().filter(|c| !c.number).map(|c| c.text.as_str()).collect();
-                let name = if texts.is_empty() { (n + 1).to_string() } else { texts.join(" / ") };
-                for (head, cell) in table.head.iter().zip(row) {
+                if texts.is_empty() { (n + 1).to_string() } else { texts.join(" / ") }
+            };
+            let names = distinct(table.rows.iter().enumerate().map(named));
+            let heads = distinct(table.head.iter().cloned());
+            for (row, name) in table.rows.iter().zip(&names) {
+                for (head, cell) in heads.iter().zip(row) {
                     if cell.number && !cell.plain().is_empty() {
                         let published = if cell.published { "1" } else { "0" };
-                        out += &Table::csv_line(&[&table.caption, &name, head, cell.plain(), published]);
+                        out += &Table::csv_line(&[caption, name, head, cell.plain(), published]);
                     }
                 }
             }
@@ -132,6 +139,17 @@ fn shown(block: &Block) -> Vec<String> {
         Block::Views(views) => views.iter().map(|v| format!("View: {}", v.caption)).collect(),
         _ => Vec::new(),
     }
+}
+
+/// Names of which no two are the same: what comes again is numbered.
+fn distinct(names: impl Iterator<Item = String>) -> Vec<String> {
+    let mut out: Vec<String> = Vec::new();
+    for name in names {
+        let numbered = (2..).map(|n| format!("{name} ({n})"));
+        let free = std::iter::once(name.clone()).chain(numbered).find(|name| !out.contains(name));
+        out.push(free.unwrap_or(name));
+    }
+    out
 }
 
 fn of_chart(chart: &Chart) -> Option<Table> {
@@ -279,6 +297,23 @@ mod tests {
         assert_eq!(table.to_csv().lines().nth(1 + last), Some("a_b,p,2.500e-4"));
         assert!(page.to_csv().contains("Distances,a_b / p,J2J,2.500e-4,0\r\n"), "{}", page.to_csv());
         assert!(page.to_markdown().contains("| a_b | p | < 0.001 |".replace('<', "\\<").as_str()));
+    }
+
+    #[test]
+    fn no_two_lines_of_csv_are_of_the_same_table_row_and_column() {
+        let mut table = Table::new("a", &["name", "x", "x"]);
+        (0..3).for_each(|_| table.row(vec![Cell::text("b"), Cell::number(1.0, 0), Cell::number(2.0, 0)]));
+        let page = Page {
+            title: "t".into(),
+            subtitle: "s".into(),
+            blocks: vec![Block::Table(table.clone()), Block::Table(table)],
+        };
+        let csv = page.to_csv();
+        let mut keys: Vec<&str> = csv.lines().map(|line| line.rsplitn(3, ',').last().unwrap()).collect();
+        assert_eq!(keys[1..4], ["a,b,x", "a,b,x (2)", "a,b (2),x"]);
+        keys.sort_unstable();
+        keys.dedup();
+        assert_eq!(keys.len(), 1 + 2 * 3 * 2);
     }
 
     #[test]

@@ -54,7 +54,7 @@ impl Evaluation {
         let of = report.convention.as_str();
         let total = |r: &Row| Total {
             split: r.split.clone(),
-            method: if r.own() { format!("{}, {}", r.method, counted(r.tokens, "code")) } else { r.method.clone() },
+            method: named(r),
             own: r.own(),
             assets: r.assets,
             values: vec![
@@ -131,6 +131,14 @@ impl Evaluation {
     }
 }
 
+/// A row's method, with its codes where there are rows of several numbers of them.
+fn named(row: &Row) -> String {
+    match row.method.as_str() {
+        "raw" | "rule" => format!("{}, {}", row.method, counted(row.tokens, "code")),
+        other => other.to_owned(),
+    }
+}
+
 /// Columns of a table of skin weights: IoU, IoU per rig, L1, L1 per rig, precision, recall, mask.
 pub(crate) fn skin_metrics(convention: &str) -> Vec<Metric> {
     vec![
@@ -176,7 +184,7 @@ fn verdict(report: &Report, split: &str) -> String {
 fn table(report: &Report, split: &str) -> Table {
     let rows: Vec<&Row> = report.rows.iter().filter(|r| r.split == split).collect();
     let assets = rows.first().map_or(0, |r| r.assets);
-    let head = ["method", "tokens", "IoU", "IoU per rig", "L1", "L1 per rig", "precision", "recall", "mask"];
+    let head = ["method", "IoU", "IoU per rig", "L1", "L1 per rig", "precision", "recall", "mask"];
     let mut table = Table::new(format!("{split}: {}, all vertices", counted(assets, "asset")), &head);
     let most = rows.iter().map(|r| r.pooled.iou).fold(f64::NAN, f64::max);
     let most_each = rows.iter().map(|r| r.per_rig.iou).fold(f64::NAN, f64::max);
@@ -190,8 +198,7 @@ fn table(report: &Report, split: &str) -> Table {
         learned = r.own();
         let p = &r.pooled;
         table.row(vec![
-            Cell::text(&r.method),
-            if r.own() { Cell::count(r.tokens) } else { Cell::none() },
+            Cell::text(named(r)),
             Cell::number(p.iou, 4).strong_if(p.iou == most),
             Cell::number(r.per_rig.iou, 4).strong_if(r.per_rig.iou == most_each),
             Cell::number(p.l1, 5).strong_if(p.l1 == least),
@@ -205,8 +212,8 @@ fn table(report: &Report, split: &str) -> Table {
         "Convention {}: weights above 0.01 are active; IoU, L1, precision and recall pool all vertex-bone pairs of the \
          split, bones that move nothing left out; mask: share of bones all of whose vertices are predicted; mask and \
          per rig: means over assets. {TRADED} raw: the network's output; rule: the same after the decode rule (cut at \
-         {}, the four largest kept, rows normalised to sum to 1). codes exchanged: each bone decoded from the next \
-         one's codes: the lower, the more the codes hold. Below the line: baselines without learning, from distances \
+         {}, the four largest kept, rows normalised to sum to 1). codes exchanged: each bone decoded from all of \
+         the next one's codes: the lower, the more the codes hold. Below the line: baselines without learning, from distances \
          to the bones, straight or through the body, or from heat diffused over the surface.",
         report.convention, report.cut
     );
@@ -229,5 +236,46 @@ fn by_tokens(report: &Report, split: &str) -> Chart {
         series: vec![line("rule"), line("raw")],
         y: "IoU, pooled".into(),
         ..Chart::default()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::collections::BTreeMap;
+
+    use riglab_metric::SkinTally;
+
+    use super::*;
+
+    #[test]
+    fn rows_of_several_numbers_of_codes_have_names_of_their_own() {
+        let metrics = SkinTally::of(&[1.0, 0.0], &[1.0, 0.0], 2).metrics();
+        let row = |method: &str, tokens: usize| Row {
+            split: "test_new".into(),
+            method: method.into(),
+            tokens,
+            assets: 1,
+            pooled: metrics,
+            per_rig: metrics,
+        };
+        let rows = vec![
+            row("raw", 1),
+            row("rule", 1),
+            row("raw", 4),
+            row("rule", 4),
+            row("rule, codes exchanged", 4),
+            row("1/d^2", 0),
+        ];
+        let report = Report {
+            convention: "skintokens".into(),
+            cut: 0.1,
+            rows,
+            assets: Vec::new(),
+            codebook: BTreeMap::new(),
+            codes: Vec::new(),
+        };
+        let names: Vec<String> = table(&report, "test_new").rows.iter().map(|row| row[0].text.clone()).collect();
+        let all = ["raw, 1 code", "rule, 1 code", "raw, 4 codes", "rule, 4 codes", "rule, codes exchanged", "1/d^2"];
+        assert_eq!(names, all);
     }
 }
