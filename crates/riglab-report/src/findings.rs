@@ -67,7 +67,7 @@ pub struct Total {
     pub method: String,
     /// Whether it is what the run trained, and no rule or reference beside it.
     pub own: bool,
-    /// Assets.
+    /// Assets, or what else its values are over: see [`Findings::over`].
     pub assets: usize,
     /// A value for each of [`Findings::totals_of`].
     pub values: Vec<f64>,
@@ -100,6 +100,8 @@ pub struct Beside {
 pub struct Findings {
     /// What it is about.
     pub about: String,
+    /// What totals are over, where that is not assets: several rigs of each, say.
+    pub over: Option<&'static str>,
     /// The columns of totals.
     pub totals_of: Vec<Metric>,
     /// Methods over splits.
@@ -284,6 +286,7 @@ pub(crate) mod tests {
         };
         Findings {
             about: "skin weights".into(),
+            over: None,
             totals_of: vec![Metric::higher("IoU", "skintokens", 4), Metric::lower("L1", "skintokens", 5)],
             totals: vec![
                 total("test_seen", true, 0.7 + shift),

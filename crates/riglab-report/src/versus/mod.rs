@@ -424,6 +424,19 @@ mod tests {
     }
 
     #[test]
+    fn what_totals_are_over_stands_above_their_number() {
+        let of = |over| {
+            let both = ["a", "b"].map(|name| {
+                let mut run = run(name, 0.0, "1");
+                run.findings[0].over = over;
+                run
+            });
+            table(&versus(&both).unwrap(), "test_seen: convention").head[2].clone()
+        };
+        assert_eq!([of(None), of(Some("rigs"))], ["assets", "rigs"]);
+    }
+
+    #[test]
     fn what_is_not_of_the_same_assets_is_refused_with_the_difference() {
         let said = |change: fn(&mut Compared)| {
             let mut other = run("b", 0.1, "1");

@@ -13,7 +13,8 @@ pub(super) fn side_by_side(runs: &[Compared], of: &[&Findings]) -> Vec<Table> {
     let names: Vec<Metric> = metrics.iter().map(|(m, _)| m.clone()).collect();
     let mut tables = Vec::new();
     for split in of[0].splits() {
-        let mut head = vec!["run".to_owned(), "method".into(), "assets".into()];
+        let over = of.iter().find_map(|f| f.over).unwrap_or("assets");
+        let mut head = vec!["run".to_owned(), "method".into(), over.into()];
         head.extend(names.iter().map(|m| m.name.clone()));
         let mut table =
             Table { caption: format!("{}, {split}: {}", of[0].about, conventions(&names)), head, ..Table::default() };

@@ -76,6 +76,7 @@ impl Evaluation {
         };
         vec![Findings {
             about: "Skin weights from their codes".into(),
+            over: None,
             totals_of: skin_metrics(of),
             totals: report.rows.iter().filter(shown).map(total).collect(),
             singles_of: vec![Metric::higher("IoU", of, 4), Metric::lower("L1", of, 5)],

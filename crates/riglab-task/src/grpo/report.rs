@@ -109,7 +109,7 @@ const SYMBOLS: &str = "R_vj, R_vk, R_sc, R_mo";
 /// The table of all splits.
 pub fn lines(report: &Report) -> Vec<String> {
     let mut out = vec![format!(
-        "{:12} {:15} {:>6} {:>7} {:>8} {:>11} {:>8} {:>7} {:>6} {:>8} {:>7} {:>7} {:>7}",
+        "{:12} {:15} {:>6} {:>7} {:>8} {:>11} {:>8} {:>7} {:>7} {:>8} {:>7} {:>7} {:>7}",
         "split",
         "model",
         "rigs",
@@ -118,7 +118,7 @@ pub fn lines(report: &Report) -> Vec<String> {
         "containment",
         "skinning",
         "motion",
-        "valid",
+        "valid %",
         "compared",
         "J2J",
         "J2B",
@@ -126,7 +126,7 @@ pub fn lines(report: &Report) -> Vec<String> {
     )];
     for Row { rewards: r, skeletons: s } in &report.rows {
         out.push(format!(
-            "{:12} {:15} {:>6} {:>7.4} {:>8.4} {:>11.4} {:>8.4} {:>7.4} {:>6.3} {:>8} {:>7.3} {:>7.3} {:>7.3}",
+            "{:12} {:15} {:>6} {:>7.4} {:>8.4} {:>11.4} {:>8.4} {:>7.4} {:>7.1} {:>8} {:>7.3} {:>7.3} {:>7.3}",
             s.split,
             s.method,
             s.assets,
@@ -135,7 +135,7 @@ pub fn lines(report: &Report) -> Vec<String> {
             r.containment,
             r.skinning,
             r.motion,
-            s.valid,
+            100.0 * s.valid,
             s.compared,
             100.0 * s.j2j,
             100.0 * s.j2b,
@@ -212,6 +212,8 @@ impl Evaluation {
         singles_of.push(reward());
         vec![Findings {
             about: "Skeletons".into(),
+            // Several of a mesh, where they are sampled as in training.
+            over: Some("rigs"),
             totals_of,
             totals: self.report.rows.iter().map(total).collect(),
             singles_of,
@@ -230,7 +232,7 @@ impl Evaluation {
             "containment R_vk",
             "skinning R_sc",
             "motion R_mo",
-            "valid",
+            "valid %",
             "compared",
             "J2J × 100",
             "J2B × 100",
@@ -245,7 +247,7 @@ impl Evaluation {
             let mut cells = vec![Cell::text(&s.split), Cell::text(&s.method), Cell::count(s.assets)];
             let rewards = [r.total, r.coverage, r.containment, r.skinning, r.motion];
             cells.extend(rewards.map(|x| Cell::number(x, 4)));
-            cells.extend([Cell::number(s.valid, 3), Cell::count(s.compared)]);
+            cells.extend([Cell::number(100.0 * s.valid, 1), Cell::count(s.compared)]);
             cells.extend([s.j2j, s.j2b, s.b2b].map(|x| Cell::number(100.0 * x, 3)));
             table.row(cells);
         }

@@ -99,6 +99,7 @@ impl Evaluation {
         let singles = self.report.skin_assets.iter().filter(|a| a.mode == mode);
         Findings {
             about: about.into(),
+            over: None,
             totals_of: skin_metrics(of),
             totals: self.report.skin.iter().filter_map(total).collect(),
             singles_of: vec![Metric::higher("IoU", of, 4), Metric::lower("L1", of, 5)],

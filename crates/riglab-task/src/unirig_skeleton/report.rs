@@ -107,6 +107,7 @@ pub(crate) fn skeleton_findings(report: &Report) -> Findings {
     };
     Findings {
         about: "Skeletons".into(),
+        over: None,
         totals_of,
         totals: report.rows.iter().map(total).collect(),
         singles_of: skeleton_metrics(of),

@@ -151,6 +151,7 @@ impl Evaluation {
         vec![Findings {
             // TokenRig's are of all joints, those that move nothing too, which no rule is told there.
             about: "Skin weights of given skeletons, of joints that hold some".into(),
+            over: None,
             totals_of: skin_metrics(of).into_iter().chain([moved.clone()]).chain(clips.clone()).collect(),
             totals: report.rows.iter().filter(|r| r.method != "raw").map(total).collect(),
             singles_of: [Metric::higher("IoU", of, 4), Metric::lower("L1", of, 5), moved]
