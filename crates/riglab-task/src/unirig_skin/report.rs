@@ -4,7 +4,7 @@ use riglab_report::{Beside, Block, Cell, Findings, Metric, Picture, Single, Tabl
 use riglab_train::State;
 use serde::{Deserialize, Serialize};
 
-use super::evaluate::{AssetRow, Report, Row};
+use super::evaluate::{AssetRow, AttributeRow, Report, Row};
 use super::gallery::Shown;
 use crate::experiment::views;
 use crate::fsq_cvae::skin_metrics;
@@ -148,7 +148,7 @@ impl Evaluation {
             category: a.category.clone(),
             values: with_clips(vec![a.iou, a.l1, a.motion], a.clips),
         };
-        vec![Findings {
+        let mut found = vec![Findings {
             // TokenRig's are of all joints, those that move nothing too, which no rule is told there.
             about: "Skin weights of given skeletons, of joints that hold some".into(),
             over: None,
@@ -160,7 +160,9 @@ impl Evaluation {
                 .collect(),
             singles: report.assets.iter().map(single).collect(),
             published: vec![Beside { table: "unirig.skin_l1", columns: &[("L1", "skin_l1", 1.0)] }],
-        }]
+        }];
+        found.extend(of_springs(&report.attributes));
+        found
     }
 
     fn assets(&self) -> String {
@@ -282,6 +284,28 @@ fn table(report: &Report, split: &str) -> Table {
     table
 }
 
+/// Attributes of spring bones, a column each; `None` where a model tells none. What they are of single assets is not known.
+fn of_springs(attributes: &[AttributeRow]) -> Option<Findings> {
+    let mut out = Findings {
+        about: "Attributes of spring bones, root of the mean squared error".into(),
+        over: Some("bones"),
+        ..Findings::default()
+    };
+    // Attributes of a split stand one after another, those of the next behind them, in the same order.
+    for of in attributes.chunk_by(|a, b| a.split == b.split) {
+        let total = |method: &str, own: bool, value: fn(&AttributeRow) -> f64| Total {
+            split: of[0].split.clone(),
+            method: method.into(),
+            own,
+            assets: of[0].bones,
+            values: of.iter().map(value).collect(),
+        };
+        out.totals_of = of.iter().map(|a| Metric::lower(&a.name, "riglab", 4)).collect();
+        out.totals.extend([total("model", true, |a| a.model), total("mean of these bones", false, |a| a.mean)]);
+    }
+    (!out.totals.is_empty()).then_some(out)
+}
+
 fn attributes(report: &Report) -> Table {
     let mut table = Table::new(
         "Root of the mean squared error; of all together, each over its usual spread",
@@ -300,4 +324,27 @@ fn attributes(report: &Report) -> Table {
                   constant for all bones could do. Hit radius is in the normalised cube."
         .into();
     table
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn attributes_of_spring_bones_are_compared_like_other_findings() {
+        let row = |split: &str, name: &str, model: f64| AttributeRow {
+            split: split.into(),
+            name: name.into(),
+            bones: 6,
+            model,
+            mean: 0.5,
+        };
+        let rows = [row("a", "drag", 0.25), row("a", "all", 1.0), row("b", "drag", 0.75), row("b", "all", 2.0)];
+        let found = of_springs(&rows).unwrap();
+        assert_eq!(found.totals_of.iter().map(|m| m.name.as_str()).collect::<Vec<_>>(), ["drag", "all"]);
+        assert_eq!(found.splits(), ["a", "b"]);
+        let own: Vec<&Vec<f64>> = found.totals.iter().filter(|t| t.own).map(|t| &t.values).collect();
+        assert_eq!(own, [&vec![0.25, 1.0], &vec![0.75, 2.0]]);
+        assert!(found.blocks().is_empty() && of_springs(&[]).is_none());
+    }
 }
