@@ -15,7 +15,7 @@ pub fn page(funnel: &Funnel, pictures: &Pictures, config: &CurateConfig) -> Page
     let mut blocks = vec![Block::Facts(facts(funnel)), Block::Table(stages(funnel))];
     if !funnel.warnings.is_empty() {
         blocks.push(Block::Heading("Warnings".into()));
-        blocks.push(Block::Text(funnel.warnings.join(". ") + "."));
+        blocks.extend(funnel.warnings.iter().map(|warning| Block::Text(sentence(warning))));
     }
     blocks.push(Block::Heading("What was kept".into()));
     blocks.push(Block::Bars(vec![categories(funnel), bones(funnel)]));
@@ -63,6 +63,12 @@ pub fn page(funnel: &Funnel, pictures: &Pictures, config: &CurateConfig) -> Page
     }
     let subtitle = format!("{} of {} assets kept", funnel.kept, funnel.assets);
     Page { title: "Curation".into(), subtitle, blocks }
+}
+
+/// A warning as a paragraph of its own: with a full stop, unless it ends as a sentence already.
+fn sentence(warning: &str) -> String {
+    let ends = warning.ends_with(['.', '?', '!']);
+    format!("{warning}{}", if ends { "" } else { "." })
 }
 
 fn facts(funnel: &Funnel) -> Vec<(String, String)> {
@@ -156,4 +162,15 @@ fn confusion(funnel: &Funnel) -> Table {
     }
     table.note = "Of all assets that can be read and whose source states one of the eight categories.".into();
     table
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn warnings_end_once() {
+        let said = ["is `a.glb` meant?", "b.glb is left out", "c.glb is left out."].map(sentence);
+        assert_eq!(said, ["is `a.glb` meant?", "b.glb is left out.", "c.glb is left out."]);
+    }
 }

@@ -28,6 +28,7 @@ pub mod published;
 mod run;
 pub mod shell;
 mod table;
+mod ticks;
 mod unit;
 mod versus;
 mod view;

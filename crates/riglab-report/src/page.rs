@@ -9,6 +9,7 @@ use crate::bars::Bars;
 use crate::chart::Chart;
 use crate::dots::Dots;
 use crate::table::Table;
+use crate::ticks;
 use crate::view::{Turntable, script};
 
 /// Why a page cannot be made.
@@ -94,6 +95,7 @@ impl Page {
         let script = if room < VIEWS { Value::from_safe_string(script()) } else { Value::from("") };
         let mut env = Environment::new();
         env.add_template("page.html", include_str!("page.html")).map_err(fault)?;
+        env.add_filter("code", |text: &str| Value::from_safe_string(ticks::html(text)));
         let page = env.get_template("page.html").map_err(fault)?;
         page.render(context! { title => self.title.as_str(), subtitle => self.subtitle.as_str(), blocks, script })
             .map_err(fault)
@@ -191,6 +193,7 @@ mod tests {
             subtitle: "s".into(),
             blocks: vec![
                 Block::Heading("h".into()),
+                Block::Text("see `a <b>`".into()),
                 Block::Table(table),
                 Block::Facts(vec![("k".into(), "v".into())]),
                 Block::Pictures(vec![Picture { caption: "c".into(), png: vec![1, 2, 3] }]),
@@ -200,6 +203,7 @@ mod tests {
         let html = page.to_html().unwrap();
         assert!(html.contains("&lt;script&gt;") && !html.contains("<script"));
         assert!(html.contains("data:image/png;base64,AQID") && html.contains("0.500"));
+        assert!(html.contains("<p>see <code>a &lt;b&gt;</code></p>"));
         // Only what is no number may take several lines; a caption is no wider than the screen.
         assert!(html.contains("<td class=\"\"><span>&lt;script&gt;</span></td><td class=\"number strong\">0.500</td>"));
         assert!(html.contains("<caption><span>a &amp; b</span></caption>"));

@@ -2,7 +2,7 @@
 
 use std::ops::Range;
 
-use crate::{Cell, Table};
+use crate::{Cell, Table, ticks};
 
 /// Height that a table takes of a page in LaTeX at most, in points; pages of `article` have 550 on letter paper.
 const PAGE: f64 = 500.0;
@@ -231,8 +231,12 @@ impl Fit {
     }
 }
 
-/// A text that Markdown shows as it is, in one line.
+/// A text that Markdown shows as it is, in one line, with what stands between backticks as code.
 pub(crate) fn markdown(text: &str) -> String {
+    ticks::markdown(text, plain_markdown)
+}
+
+fn plain_markdown(text: &str) -> String {
     let mut out = String::with_capacity(text.len());
     for c in text.chars() {
         match c {
@@ -249,8 +253,12 @@ fn in_cell(cell: &Cell) -> String {
     if cell.number { latex(&cell.text.replace('-', "−")) } else { latex(&cell.text) }
 }
 
-/// A text in LaTeX: hyphens before numbers become minus signs.
+/// A text in LaTeX: hyphens before numbers become minus signs, what stands between backticks code.
 pub(crate) fn latex(text: &str) -> String {
+    ticks::latex(text, plain_latex)
+}
+
+fn plain_latex(text: &str) -> String {
     let mut out = String::with_capacity(text.len());
     let mut before = ' ';
     let mut rest = text.chars();
