@@ -31,7 +31,7 @@ pub fn page(funnel: &Funnel, pictures: &Pictures, config: &CurateConfig) -> Page
         )));
     }
     if let Some(png) = pictures.sheet(None) {
-        blocks.push(Block::Pictures(vec![Picture { caption: "Some of the kept assets".into(), png }]));
+        blocks.push(Block::Pictures(vec![Picture { caption: "Some of the kept assets".into(), file: None, png }]));
     }
     blocks.push(Block::Heading("What was dropped".into()));
     for stage in funnel.stages.iter().filter(|s| !s.dropped.is_empty()) {
@@ -45,8 +45,8 @@ pub fn page(funnel: &Funnel, pictures: &Pictures, config: &CurateConfig) -> Page
         }
         blocks.push(Block::Table(table));
         if let Some(png) = pictures.sheet(Some(&stage.stage)) {
-            blocks
-                .push(Block::Pictures(vec![Picture { caption: format!("Some that `{}` dropped", stage.stage), png }]));
+            let caption = format!("Some that `{}` dropped", stage.stage);
+            blocks.push(Block::Pictures(vec![Picture { caption, file: None, png }]));
         }
     }
     if !funnel.duplicates.is_empty() {

@@ -3,11 +3,11 @@
 //! Charts are told by figures there: first, last, least and most of each line. Pictures and views of rigs are named,
 //! and stand in the page alone.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use crate::chart::short;
 use crate::plain::{latex, markdown, verbatim};
-use crate::{Bars, Block, Cell, Chart, Dots, Page, Table};
+use crate::{Bars, Block, Cell, Chart, Dots, Page, Picture, Table};
 
 impl Page {
     /// GitHub's Markdown.
@@ -23,7 +23,7 @@ impl Page {
                 }
                 _ => {
                     let tables = tables(block).iter().map(Table::to_markdown).collect::<Vec<_>>().join("\n");
-                    let shown = shown(block).into_iter().map(|text| format!("- {}\n", markdown(&text)));
+                    let shown = shown(block, &self.blocks).into_iter().map(|text| format!("- {}\n", markdown(&text)));
                     tables + &shown.collect::<String>()
                 }
             };
@@ -66,7 +66,9 @@ impl Page {
                         let label = if *before == 1 { label } else { format!("{label}-{before}") };
                         out += &format!("\n{}", table.to_latex_as(&label));
                     }
-                    shown(block).iter().for_each(|text| out += &format!("% In the page: {}\n", one_line(text)));
+                    shown(block, &self.blocks)
+                        .iter()
+                        .for_each(|text| out += &format!("% In the page: {}\n", one_line(text)));
                 }
             }
         }
@@ -129,14 +131,30 @@ fn tables(block: &Block) -> Vec<Table> {
 fn of_pictures(blocks: &[Block]) -> bool {
     let section = || blocks.iter().take_while(|b| !matches!(b, Block::Heading(_)));
     let others = |b: &Block| !tables(b).is_empty() || matches!(b, Block::Code(_));
-    section().any(|b| !shown(b).is_empty()) && !section().any(others)
+    section().any(|b| matches!(b, Block::Pictures(_) | Block::Views(_))) && !section().any(others)
 }
 
-/// What a block shows in the page alone.
-fn shown(block: &Block) -> Vec<String> {
+/// What a block shows in the page alone. A rig that is there as a picture and to be turned is named once.
+fn shown(block: &Block, page: &[Block]) -> Vec<String> {
+    let (mut pictured, mut turned) = (BTreeSet::new(), BTreeSet::new());
+    for other in page {
+        match other {
+            Block::Pictures(pictures) => pictured.extend(pictures.iter().map(|p| p.caption.as_str())),
+            Block::Views(views) => turned.extend(views.iter().map(|v| v.caption.as_str())),
+            _ => {}
+        }
+    }
+    let picture = |p: &Picture| {
+        let what = if turned.contains(p.caption.as_str()) { "Picture and view" } else { "Picture" };
+        let file = p.file.as_ref().map_or(String::new(), |file| format!(" (`{file}`)"));
+        format!("{what}: {}{file}", p.caption)
+    };
     match block {
-        Block::Pictures(pictures) => pictures.iter().map(|p| format!("Picture: {}", p.caption)).collect(),
-        Block::Views(views) => views.iter().map(|v| format!("View: {}", v.caption)).collect(),
+        Block::Pictures(pictures) => pictures.iter().map(picture).collect(),
+        Block::Views(views) => {
+            let alone = views.iter().filter(|v| !pictured.contains(v.caption.as_str()));
+            alone.map(|v| format!("View: {}", v.caption)).collect()
+        }
         _ => Vec::new(),
     }
 }
@@ -212,7 +230,7 @@ fn html(text: &str) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{Picture, Series};
+    use crate::{Series, Turned};
 
     fn page() -> Page {
         let mut table = Table::new("Distances", &["split", "method", "J2J"]);
@@ -234,7 +252,7 @@ mod tests {
                     log: true,
                     ..Chart::default()
                 }]),
-                Block::Pictures(vec![Picture { caption: "best".into(), png: vec![1] }]),
+                Block::Pictures(vec![Picture { caption: "best".into(), file: None, png: vec![1] }]),
                 Block::Code("riglab train --set a='[1]'".into()),
                 Block::Folded("all".into(), "```\nx".into()),
             ],
@@ -263,7 +281,7 @@ mod tests {
 
     #[test]
     fn latex_says_nothing_of_pictures_that_it_does_not_have() {
-        let picture = || Block::Pictures(vec![Picture { caption: "the best".into(), png: vec![1] }]);
+        let picture = || Block::Pictures(vec![Picture { caption: "the best".into(), file: None, png: vec![1] }]);
         let (heading, text) =
             (|text: &str| Block::Heading(text.into()), |text: &str| Block::Text(format!("Said of {text}.")));
         let mut page = page();
@@ -277,6 +295,24 @@ mod tests {
         assert!(shown.contains("\\subsection*{Both}") && shown.contains("Said of both"), "{shown}");
         assert_eq!(latex.matches("% In the page: Picture: the best").count(), 2);
         assert!(page.to_markdown().contains("Said of pictures"));
+    }
+
+    #[test]
+    fn a_rig_that_is_pictured_and_can_be_turned_is_named_once_with_its_file() {
+        let picture =
+            |caption: &str, file: &str| Picture { caption: caption.into(), file: Some(file.into()), png: vec![1] };
+        let view = |caption: &str| Turned { caption: caption.into(), view: crate::view::tests_rig() };
+        let mut page = page();
+        page.blocks = vec![
+            Block::Pictures(vec![picture("the best", "a_0.png"), picture("the worst", "a_1.png")]),
+            Block::Views(vec![view("the best"), view("another")]),
+        ];
+        let listed = |text: String, mark: &str| -> Vec<String> {
+            text.lines().filter_map(|line| Some(line.strip_prefix(mark)?.to_owned())).collect()
+        };
+        let all = ["Picture and view: the best (`a_0.png`)", "Picture: the worst (`a_1.png`)", "View: another"];
+        assert_eq!(listed(page.to_markdown(), "- "), all);
+        assert_eq!(listed(page.to_latex(), "% In the page: "), all);
     }
 
     #[test]

@@ -28,6 +28,8 @@ pub enum ReportError {
 pub struct Picture {
     /// What it shows.
     pub caption: String,
+    /// What its file is called, where it has one beside the page.
+    pub file: Option<String>,
     /// The bytes of a PNG file.
     pub png: Vec<u8>,
 }
@@ -196,7 +198,7 @@ mod tests {
                 Block::Text("see `a <b>`".into()),
                 Block::Table(table),
                 Block::Facts(vec![("k".into(), "v".into())]),
-                Block::Pictures(vec![Picture { caption: "c".into(), png: vec![1, 2, 3] }]),
+                Block::Pictures(vec![Picture { caption: "c".into(), file: None, png: vec![1, 2, 3] }]),
                 Block::Folded("more".into(), "text".into()),
             ],
         };

@@ -1,7 +1,7 @@
 //! What commands need of a task besides training it.
 
 use riglab_nn::params::Weights;
-use riglab_report::{Block, Turned, Turntable};
+use riglab_report::{Block, Picture, Turned, Turntable};
 use riglab_train::{At, Loss, LossOf, State, Task};
 use serde::Serialize;
 use tch::{Device, Kind, Tensor};
@@ -107,6 +107,15 @@ impl Examined {
 /// The file of the view beside a PNG.
 fn view_file(png: &str) -> String {
     format!("{}.view", png.strip_suffix(".png").unwrap_or(png))
+}
+
+/// Pictures, given by file and caption; those whose files are gone are left out.
+pub(crate) fn pictures<'a>(
+    shown: impl IntoIterator<Item = (&'a str, String)>,
+    read: impl Fn(&str) -> Option<Vec<u8>>,
+) -> Block {
+    let picture = |(file, caption)| Some(Picture { caption, file: Some(String::from(file)), png: read(file)? });
+    Block::Pictures(shown.into_iter().filter_map(picture).collect())
 }
 
 /// The views beside PNGs, given by file and caption; nothing where there are none, as in evaluations of older versions.

@@ -2,13 +2,13 @@
 
 use std::collections::BTreeSet;
 
-use riglab_report::{Beside, Block, Cell, Chart, Findings, Metric, Picture, Series, Single, Table, Total, counted};
+use riglab_report::{Beside, Block, Cell, Chart, Findings, Metric, Series, Single, Table, Total, counted};
 use riglab_train::State;
 use serde::{Deserialize, Serialize};
 
 use super::evaluate::{Report, Row};
 use super::gallery::Shown;
-use crate::experiment::views;
+use crate::experiment::{pictures, views};
 
 /// What `riglab eval` writes.
 #[derive(Clone, Debug, Serialize, Deserialize)]
@@ -40,8 +40,7 @@ impl Evaluation {
             ));
             let caption =
                 |s: &Shown| format!("{} of {}: {}, IoU {:.3}; bone {}", s.why, s.split, s.name, s.iou, s.bone);
-            let shown = |s: &Shown| picture(&s.file).map(|png| Picture { caption: caption(s), png });
-            blocks.push(Block::Pictures(self.gallery.iter().filter_map(shown).collect()));
+            blocks.push(pictures(self.gallery.iter().map(|s| (s.file.as_str(), caption(s))), &picture));
             blocks.extend(views(self.gallery.iter().map(|s| (s.file.as_str(), caption(s))), &picture));
         }
         blocks.push(Block::Folded("Every asset".into(), self.assets()));

@@ -2,12 +2,12 @@
 
 use riglab_metric::statistics::Paired;
 use riglab_metric::{SkeletonDistances, nan_for_null};
-use riglab_report::{Block, Cell, Findings, Metric, Picture, Single, Table, Total};
+use riglab_report::{Block, Cell, Findings, Metric, Single, Table, Total};
 use riglab_reward::Rewards;
 use riglab_train::State;
 use serde::{Deserialize, Serialize};
 
-use crate::experiment::views;
+use crate::experiment::{pictures, views};
 use crate::unirig_skeleton::Row as SkeletonRow;
 use crate::unirig_skeleton::report::{SKELETONS_OF_SKINTOKENS, SKELETONS_OF_UNIRIG, skeleton_metrics};
 
@@ -177,8 +177,7 @@ impl Evaluation {
                 Cell::difference(100.0 * shown.j2j, 2).text
             )
         };
-        let shown = |s: &Shown| Some(Picture { caption: caption(s), png: picture(&s.file)? });
-        blocks.push(Block::Pictures(self.gallery.iter().filter_map(shown).collect()));
+        blocks.push(pictures(self.gallery.iter().map(|s| (s.file.as_str(), caption(s))), &picture));
         blocks.extend(views(self.gallery.iter().map(|s| (s.file.as_str(), caption(s))), &picture));
         blocks
     }

@@ -1,12 +1,12 @@
 //! An evaluation as a file, as lines, and as a part of a report.
 
-use riglab_report::{Beside, Block, Cell, Findings, Metric, Picture, Single, Table, Total, counted};
+use riglab_report::{Beside, Block, Cell, Findings, Metric, Single, Table, Total, counted};
 use riglab_train::State;
 use serde::{Deserialize, Serialize};
 
 use super::evaluate::{AssetRow, Report, Row};
 use super::gallery::Shown;
-use crate::experiment::views;
+use crate::experiment::{pictures, views};
 
 /// What `riglab eval` writes.
 #[derive(Clone, Debug, Serialize, Deserialize)]
@@ -142,8 +142,7 @@ impl Evaluation {
         if !self.gallery.is_empty() {
             blocks.push(Block::Heading("Pictures".into()));
             let caption = |s: &Shown| format!("{} of {}: {}, J2J × 100 {:.2}", s.why, s.split, s.name, 100.0 * s.j2j);
-            let shown = |s: &Shown| picture(&s.file).map(|png| Picture { caption: caption(s), png });
-            blocks.push(Block::Pictures(self.gallery.iter().filter_map(shown).collect()));
+            blocks.push(pictures(self.gallery.iter().map(|s| (s.file.as_str(), caption(s))), &picture));
             blocks.extend(views(self.gallery.iter().map(|s| (s.file.as_str(), caption(s))), &picture));
         }
         blocks.push(Block::Folded("Every asset".into(), self.assets()));
