@@ -109,6 +109,15 @@ fn view_file(png: &str) -> String {
     format!("{}.view", png.strip_suffix(".png").unwrap_or(png))
 }
 
+/// The heading of what was found on some splits. Whether their assets were unseen is known of none: the splits are named.
+pub(crate) fn of_splits<'a>(what: &str, splits: impl IntoIterator<Item = &'a str>) -> String {
+    match splits.into_iter().collect::<Vec<_>>().as_slice() {
+        [] => what.to_owned(),
+        [split] => format!("{what} of the split {split}"),
+        splits => format!("{what} of the splits {}", splits.join(", ")),
+    }
+}
+
 /// Pictures, given by file and caption; those whose files are gone are left out.
 pub(crate) fn pictures<'a>(
     shown: impl IntoIterator<Item = (&'a str, String)>,
@@ -145,6 +154,13 @@ pub(crate) fn places(n: usize, each: usize) -> Vec<(&'static str, usize)> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn headings_name_the_splits() {
+        assert_eq!(of_splits("Skeletons", ["val"]), "Skeletons of the split val");
+        assert_eq!(of_splits("Skeletons", ["test_seen", "test_new"]), "Skeletons of the splits test_seen, test_new");
+        assert_eq!(of_splits("Skeletons", []), "Skeletons");
+    }
 
     #[test]
     fn best_median_and_worst_are_shown_once_each() {

@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 
 use super::evaluate::{Report, Row};
 use super::gallery::Shown;
-use crate::experiment::{pictures, views};
+use crate::experiment::{of_splits, pictures, views};
 
 /// What `riglab eval` writes.
 #[derive(Clone, Debug, Serialize, Deserialize)]
@@ -25,7 +25,7 @@ impl Evaluation {
     /// Its part of a report; `picture` finds the bytes of a file of the gallery.
     pub fn blocks(&self, picture: impl Fn(&str) -> Option<Vec<u8>>) -> Vec<Block> {
         let report = &self.report;
-        let mut blocks = vec![Block::Heading("Skin weights of unseen assets".into())];
+        let mut blocks = vec![Block::Heading(of_splits("Skin weights", self.splits()))];
         blocks.extend(self.splits().map(|split| Block::Text(verdict(report, split))));
         blocks.extend(self.splits().map(|split| Block::Table(table(report, split))));
         blocks.push(Block::Charts(self.splits().map(|split| by_tokens(report, split)).collect()));

@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use super::evaluate::{AssetRow, Report, Row};
 use super::gallery::Shown;
-use crate::experiment::{pictures, views};
+use crate::experiment::{of_splits, pictures, views};
 
 /// What `riglab eval` writes.
 #[derive(Clone, Debug, Serialize, Deserialize)]
@@ -136,7 +136,7 @@ impl Evaluation {
 
     /// Its part of a report; `picture` finds the bytes of a file of the gallery.
     pub fn blocks(&self, picture: impl Fn(&str) -> Option<Vec<u8>>) -> Vec<Block> {
-        let mut blocks = vec![Block::Heading("Skeletons of unseen assets".into())];
+        let mut blocks = vec![Block::Heading(of_splits("Skeletons", splits(&self.report)))];
         blocks.extend(splits(&self.report).into_iter().filter_map(|s| self.verdict(s)).map(Block::Text));
         blocks.push(Block::Table(self.table()));
         if !self.gallery.is_empty() {

@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use super::evaluate::{AssetRow, AttributeRow, Report, Row};
 use super::gallery::Shown;
-use crate::experiment::{pictures, views};
+use crate::experiment::{of_splits, pictures, views};
 use crate::fsq_cvae::skin_metrics;
 
 /// What `riglab eval` writes.
@@ -90,7 +90,7 @@ impl Evaluation {
     /// Its part of a report; `picture` finds the bytes of a file of the gallery.
     pub fn blocks(&self, picture: impl Fn(&str) -> Option<Vec<u8>>) -> Vec<Block> {
         let report = &self.report;
-        let mut blocks = vec![Block::Heading("Skin weights of unseen assets, given their skeletons".into())];
+        let mut blocks = vec![Block::Heading(of_splits("Skin weights, given the skeletons,", splits(report)))];
         blocks.extend(splits(report).into_iter().filter_map(|s| verdict(report, s)).map(Block::Text));
         blocks.extend(splits(report).into_iter().map(|s| Block::Table(table(report, s))));
         if !report.attributes.is_empty() {
