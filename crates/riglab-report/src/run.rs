@@ -108,9 +108,18 @@ impl RunView {
 
     /// One sentence: what was trained on what, when, and how it ended.
     pub fn subtitle(&self) -> String {
+        let (task, state, started) = (self.task(), self.outcome(), self.word("started"));
+        if !self.was_trained() {
+            return format!("{task}, {state} {started}");
+        }
         let assets: u64 = self.data().map(|d| d[2].as_u64().unwrap_or(0)).sum();
-        let state = self.outcome();
-        format!("{} on a corpus of {assets} assets, begun {}, {state}", self.task(), self.word("started"))
+        format!("{task} on a corpus of {assets} assets, begun {started}, {state}")
+    }
+
+    /// Whether the folder is a training's. One that was made of a model's file does not know what that was trained on, where
+    /// or for how long: its machine and times are those of the command that made the folder.
+    fn was_trained(&self) -> bool {
+        !["exported", "imported"].contains(&self.word("outcome").as_str())
     }
 
     /// The facts that make the numbers repeatable, and others after them.
@@ -133,7 +142,7 @@ impl RunView {
         add("steps", steps.map_or(String::new(), |s| s.to_string()));
         let extended = self.extended().map(|e| format!("at step {} from {} to {}", e["at"], e["from"], e["to"]));
         add("extended", extended.collect::<Vec<_>>().join(", then "));
-        if let Some(s) = self.info["seconds"].as_f64() {
+        if let Some(s) = self.info["seconds"].as_f64().filter(|_| self.was_trained()) {
             add("time of training", format!("{:.0} min {:02.0} s", (s / 60.0).floor(), (s % 60.0).floor()));
         }
         let column = |name: &str| self.perf.iter().filter_map(|l| l[name].as_f64()).collect::<Vec<f64>>();
@@ -144,7 +153,8 @@ impl RunView {
         if let Some(mb) = column("perf/peak_memory_mb").into_iter().reduce(f64::max) {
             add("peak memory", format!("{mb:.0} MB"));
         }
-        for key in ["threads", "device", "machine", "libtorch", "riglab", "commit"] {
+        let of_training = ["threads", "device", "machine", "libtorch"];
+        for key in of_training.into_iter().filter(|_| self.was_trained()).chain(["riglab", "commit"]) {
             add(key, self.along(key));
         }
         for d in self.data() {
@@ -243,14 +253,16 @@ impl RunView {
             let steps = format!("train.steps={}", e["to"]);
             lines.push(shell::command(["train", "--resume", "RUN", "--set", &steps]));
         }
-        lines.push(match self.extended().last() {
-            Some(last) if last["as_from_start"] != true => format!(
+        match self.extended().last() {
+            Some(last) if last["as_from_start"] != true => lines.push(format!(
                 "# The config below, which has {} steps from the start, gives another run: what depends on them\n\
                  # (such as the learning rate, train.schedule), or the threads or device, was different before.",
                 last["to"]
-            ),
-            _ => "# or, from the resolved config below:\nriglab train config.toml".into(),
-        });
+            )),
+            // Its config alone does not give a model that was trained elsewhere.
+            _ if !self.was_trained() => {}
+            _ => lines.push("# or, from the resolved config below:\nriglab train config.toml".into()),
+        }
         vec![
             Block::Heading("To repeat it".into()),
             Block::Code(lines.join("\n")),
@@ -424,6 +436,19 @@ mod tests {
         let other = of(false);
         assert!(other.starts_with(begun) && other.contains("gives another run"), "{other}");
         assert!(!other.contains("train config.toml"), "{other}");
+    }
+
+    #[test]
+    fn the_folder_of_an_exported_model_says_nothing_of_its_training() {
+        let info = json!({"task": "t", "command": ["/bin/riglab", "checkpoint", "export", "a", "-o", "b"], "data": [],
+            "parameters": 90000, "threads": 1, "device": "cpu", "machine": "m", "riglab": "0.1.0", "steps": 0,
+            "started": "2026-01-01T00:00:00Z", "outcome": "exported", "seconds": 0.0});
+        let dir = folder(&[("config.toml", ""), ("run.json", &info.to_string())]);
+        let run = RunView::read(dir.path()).unwrap();
+        assert_eq!(run.subtitle(), "t, exported 2026-01-01T00:00:00Z");
+        let facts = [("parameters", "0.09 M"), ("riglab", "0.1.0")].map(|(name, value)| (name.into(), value.into()));
+        assert_eq!(run.fact_list(), facts);
+        assert!(matches!(&run.repeat()[1], Block::Code(c) if c == "riglab checkpoint export a -o b"));
     }
 
     #[test]
