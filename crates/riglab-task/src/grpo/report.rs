@@ -103,38 +103,26 @@ pub struct Evaluation {
     pub gallery: Vec<Shown>,
 }
 
-/// What rewards are called in the paper.
-const SYMBOLS: &str = "R_vj, R_vk, R_sc, R_mo";
-
 /// The table of all splits.
 pub fn lines(report: &Report) -> Vec<String> {
+    // As wide as their heads, and as four digits are.
+    let rewards = |of: &dyn Fn(usize) -> String| -> String {
+        let wide = |(k, part): (usize, &riglab_reward::Part)| format!(" {:>1$}", of(k), part.name.len().max(7));
+        Rewards::PARTS.iter().enumerate().map(wide).collect()
+    };
+    let names = rewards(&|k| Rewards::PARTS[k].name.into());
     let mut out = vec![format!(
-        "{:12} {:15} {:>6} {:>7} {:>8} {:>11} {:>8} {:>7} {:>7} {:>8} {:>7} {:>7} {:>7}",
-        "split",
-        "model",
-        "rigs",
-        "reward",
-        "coverage",
-        "containment",
-        "skinning",
-        "motion",
-        "valid %",
-        "compared",
-        "J2J",
-        "J2B",
-        "B2B"
+        "{:12} {:15} {:>6} {:>7}{names} {:>7} {:>8} {:>7} {:>7} {:>7}",
+        "split", "model", "rigs", "reward", "valid %", "compared", "J2J", "J2B", "B2B"
     )];
     for Row { rewards: r, skeletons: s } in &report.rows {
         out.push(format!(
-            "{:12} {:15} {:>6} {:>7.4} {:>8.4} {:>11.4} {:>8.4} {:>7.4} {:>7.1} {:>8} {:>7.3} {:>7.3} {:>7.3}",
+            "{:12} {:15} {:>6} {:>7.4}{} {:>7.1} {:>8} {:>7.3} {:>7.3} {:>7.3}",
             s.split,
             s.method,
             s.assets,
             r.total,
-            r.coverage,
-            r.containment,
-            r.skinning,
-            r.motion,
+            rewards(&|k| format!("{:.4}", r.parts()[k])),
             100.0 * s.valid,
             s.compared,
             100.0 * s.j2j,
@@ -142,7 +130,9 @@ pub fn lines(report: &Report) -> Vec<String> {
             100.0 * s.b2b
         ));
     }
-    out.push(format!("coverage, containment, skinning, motion: {SYMBOLS}"));
+    let [names, symbols] = [|p: &riglab_reward::Part| p.name, |p: &riglab_reward::Part| p.symbol]
+        .map(|of| Rewards::PARTS.iter().map(of).collect::<Vec<_>>().join(", "));
+    out.push(format!("{names}: {symbols}"));
     out.push(format!(
         "distances × 100, convention {}, means over the rigs that can be compared (those with a bone)",
         report.convention
@@ -222,30 +212,18 @@ impl Evaluation {
     }
 
     fn table(&self) -> Table {
-        let head = [
-            "split",
-            "model",
-            "rigs",
-            "reward",
-            "coverage R_vj",
-            "containment R_vk",
-            "skinning R_sc",
-            "motion R_mo",
-            "valid %",
-            "compared",
-            "J2J × 100",
-            "J2B × 100",
-            "B2B × 100",
-        ];
+        let parts = Rewards::PARTS.iter().map(|part| format!("{} {}", part.name, part.symbol));
+        let before = ["split", "model", "rigs", "reward"].map(String::from).into_iter();
+        let after = ["valid %", "compared", "J2J × 100", "J2B × 100", "B2B × 100"].map(String::from);
+        let head: Vec<String> = before.chain(parts).chain(after).collect();
         let title = format!("Rewards, and distances × 100 (of the cube's edge; convention {})", self.report.convention);
-        let mut table = Table::new(title, &head);
+        let mut table = Table { caption: title, head, ..Table::default() };
         for (k, Row { rewards: r, skeletons: s }) in self.report.rows.iter().enumerate() {
             if k > 0 && k % 2 == 0 {
                 table.line();
             }
             let mut cells = vec![Cell::text(&s.split), Cell::text(&s.method), Cell::count(s.assets)];
-            let rewards = [r.total, r.coverage, r.containment, r.skinning, r.motion];
-            cells.extend(rewards.map(|x| Cell::number(x, 4)));
+            cells.extend(std::iter::once(r.total).chain(r.parts()).map(|x| Cell::number(x, 4)));
             cells.extend([Cell::number(100.0 * s.valid, 1), Cell::count(s.compared)]);
             cells.extend([s.j2j, s.j2b, s.b2b].map(|x| Cell::number(100.0 * x, 3)));
             table.row(cells);
@@ -254,15 +232,14 @@ impl Evaluation {
             Some(weights) => format!("reward.weights, {}", weights.map(|w| w.to_string()).join(", ")),
             None => "reward.weights".into(),
         };
+        let asked = Rewards::PARTS.map(|part| format!("{} ({}), {}", part.name, part.symbol, part.asks)).join("; ");
         table.note = format!(
             "before: the model that the run started from; after: this checkpoint. Both rig the same meshes, with the same \
              points and random numbers: several rigs a mesh sampled as in training, or one (greedy: the likeliest token). \
              The reward is higher, the distances are lower for a better rig; a rig that cannot be decoded has reward 0. \
              Distances are means over the rigs that can be compared, those with a bone; the sentences above are over meshes \
-             with such rigs before and after. The reward is the sum of four, each from 0 to 1, weighted by the run's \
-             {weights}: coverage (R_vj), joints near all of the body; containment (R_vk), bones inside the body; skinning \
-             (R_sc), every vertex bound, to at most four bones; motion (R_mo), a surface that stays whole in poses. A \
-             skeleton model makes no weights: its skinning and motion are 0."
+             with such rigs before and after. The reward is the sum of these, each from 0 to 1, weighted by the run's \
+             {weights}: {asked}. A skeleton model makes no weights: its skinning and motion are 0."
         );
         table
     }
@@ -337,6 +314,28 @@ mod tests {
             "{}",
             said(7)
         );
+    }
+
+    #[test]
+    fn every_reward_is_shown_and_explained() {
+        let rewards = Rewards::of([0.125, 0.25, 0.5, 0.75], [5.0, 1.0, 1.0, 1.0]);
+        let skeletons = serde_json::json!({"split": "val", "method": "before", "assets": 7, "compared": 7, "j2j": 0.1,
+            "j2b": 0.1, "b2b": 0.1, "valid": 1.0, "joints": 9.0, "true_joints": 1.0, "joints_off": 8.0});
+        let row = Row { rewards, skeletons: serde_json::from_value(skeletons).unwrap() };
+        let (convention, reward_weights) = ("unirig".into(), Some([5.0, 1.0, 1.0, 1.0]));
+        let report = Report { convention, reward_weights, rows: vec![row], gains: Vec::new(), assets: Vec::new() };
+        let lines = lines(&report);
+        // Heads stand above their figures.
+        let ends = |line: &str, word: &str| line.find(word).unwrap() + word.len();
+        for (part, value) in Rewards::PARTS.iter().zip(rewards.parts()) {
+            assert_eq!(ends(&lines[0], part.name), ends(&lines[1], &format!("{value:.4}")), "{lines:?}");
+            assert!(lines[2].contains(part.name) && lines[2].contains(part.symbol), "{}", lines[2]);
+            assert_eq!(riglab_report::explained("grpo", &format!("eval/{}@val", part.name)), Some(part.symbol));
+        }
+        let checkpoint = State { task: "grpo".into(), step: 1, seed: 0, skipped: 0, skipped_in_a_row: 0, best: None };
+        let table = Evaluation { checkpoint, report, gallery: Vec::new() }.table();
+        assert!(table.head.len() == table.rows[0].len() && table.head[4] == "coverage R_vj", "{:?}", table.head);
+        assert!(table.note.contains("reward.weights, 5, 1, 1, 1: coverage (R_vj), joints near all of the body; "));
     }
 
     #[test]
