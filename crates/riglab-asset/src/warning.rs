@@ -92,6 +92,13 @@ pub enum Warning {
         /// The nodes that hold them.
         nodes: Vec<NodeName>,
     },
+    /// Meshes that an extension draws several times were read once, as their nodes stand.
+    Instanced {
+        /// The nodes that hold them.
+        nodes: Vec<NodeName>,
+        /// How often each is drawn.
+        times: Vec<u64>,
+    },
     /// Primitives of points or lines, or without positions, were left out.
     NoSurface {
         /// How many.
@@ -252,6 +259,16 @@ impl fmt::Display for Warning {
                     "meshes that the file does not show (in no scene or another one, hidden, or lower levels of detail) stay as \
                      they are, without a skin: {}",
                     Some3(&nodes)
+                )
+            }
+            Self::Instanced { nodes, times } => {
+                let each: Vec<_> =
+                    nodes.iter().zip(times).map(|(node, times)| format!("{node}: {times} times")).collect();
+                write!(
+                    f,
+                    "meshes that EXT_mesh_gpu_instancing draws several times were read once, as their nodes stand ({}); make \
+                     real copies of them first, in the program that the file comes from",
+                    Some3(&each)
                 )
             }
             Self::NoSurface { primitives } => {

@@ -18,6 +18,7 @@ pub(crate) mod export;
 mod extensions;
 mod glb;
 mod influences;
+mod instances;
 mod meshopt;
 mod nodes;
 mod parted;
@@ -65,6 +66,7 @@ pub(crate) fn read(bytes: &[u8], folder: Option<&Path>, options: &ImportOptions)
     let accessors = Accessors::new(&document, Buffers::new(&document, chunks.binary, folder, Budget::new(bytes.len())));
 
     let nodes = Nodes::new(&document)?;
+    warnings.extend(instances::told(&document, &nodes));
     let skins = Skins::read(&document, &nodes, &accessors, &mut warnings)?;
     let mut sources = primitives::collect(&document, &accessors, &mut warnings)?;
     let whole = options.shaped && shaped::apply(&document, &accessors, &mut sources);

@@ -46,7 +46,7 @@ pub fn run(args: &Args) -> Result<ExitCode> {
         keep_others(output, Written::Glb)?;
     }
     for warning in import(input, &ImportOptions::default())?.warnings() {
-        if matches!(warning, Warning::RestIsNotBind { .. } | Warning::Bent { .. }) {
+        if matches!(warning, Warning::RestIsNotBind { .. } | Warning::Bent { .. } | Warning::Instanced { .. }) {
             tell!("warning: {}: {warning}", input.display());
         }
     }
