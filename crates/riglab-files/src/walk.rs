@@ -1,5 +1,6 @@
 //! Files of a folder and those below it.
 
+use std::collections::{BTreeSet, HashMap};
 use std::path::{Path, PathBuf};
 
 use walkdir::WalkDir;
@@ -14,28 +15,88 @@ pub struct Below {
 }
 
 /// The files of a folder and those below it that are `wanted`. Links are followed, as data sets are
-/// often put together from them; one that leads back above itself is not. A folder that cannot be read
-/// is told and does not end the walk.
+/// often put together from them; one that leads back above itself is not, nor is one to a folder that is
+/// read already: each folder is read once, by its own place where that is below, else by the first link to it.
+/// A folder that cannot be read is told and does not end the walk.
 pub fn below(folder: &Path, wanted: impl Fn(&Path) -> bool) -> Below {
-    let mut found = Below::default();
-    for entry in WalkDir::new(folder).follow_links(true) {
-        match entry {
-            Ok(entry) if entry.file_type().is_file() && wanted(entry.path()) => found.files.push(entry.into_path()),
-            Ok(_) => {}
-            Err(e) => {
-                let path = e.path().unwrap_or(folder).to_path_buf();
-                let reason = match (e.loop_ancestor(), e.io_error()) {
-                    (Some(above), _) => format!("it leads back to {}", above.display()),
-                    (_, Some(io)) => io.to_string(),
-                    _ => e.to_string(),
-                };
-                found.unread.push((path, reason));
-            }
-        }
+    let mut walk = Walk { wanted, found: Below::default(), read: HashMap::new(), links: BTreeSet::new() };
+    walk.tree(folder);
+    // Links come after all that has a place of its own, in an order that no file system chooses.
+    while let Some(link) = walk.links.pop_first() {
+        walk.link(&link);
     }
+    let mut found = walk.found;
     found.files.sort();
     found.unread.sort();
     found
+}
+
+struct Walk<W> {
+    wanted: W,
+    found: Below,
+    /// Folders that were read: the path that they were read by, by the real one.
+    read: HashMap<PathBuf, PathBuf>,
+    /// Links to folders that are still to be followed.
+    links: BTreeSet<PathBuf>,
+}
+
+impl<W: Fn(&Path) -> bool> Walk<W> {
+    /// Follows a link to a folder, unless that was read.
+    fn link(&mut self, link: &Path) {
+        let real = match link.canonicalize() {
+            Ok(real) => real,
+            Err(e) => return self.found.unread.push((link.into(), e.to_string())),
+        };
+        let within = link.parent().and_then(|above| above.canonicalize().ok());
+        let told = self.read.get(&real).map_or(real.as_path(), PathBuf::as_path).display();
+        let reason = match within.is_some_and(|within| within.starts_with(&real)) {
+            true => format!("it leads back to {told}"),
+            false if self.read.contains_key(&real) => format!("it leads to {told}, which is read there"),
+            false => return self.tree(link),
+        };
+        self.found.unread.push((link.into(), reason));
+    }
+
+    /// Reads a folder and those below it that were not read yet, links aside.
+    fn tree(&mut self, folder: &Path) {
+        let real = folder.canonicalize().unwrap_or_else(|_| folder.into());
+        let mut entries = WalkDir::new(folder).into_iter();
+        while let Some(entry) = entries.next() {
+            let entry = match entry {
+                Ok(entry) => entry,
+                Err(e) => {
+                    let path = e.path().unwrap_or(folder).to_path_buf();
+                    let reason = e.io_error().map_or_else(|| e.to_string(), ToString::to_string);
+                    self.found.unread.push((path, reason));
+                    continue;
+                }
+            };
+            let path = entry.path();
+            // What a link leads to, and what is given may be one.
+            let kind = match entry.path_is_symlink() {
+                true => path.metadata().map(|meta| meta.file_type()).map_err(|e| e.to_string()),
+                false => Ok(entry.file_type()),
+            };
+            match kind {
+                Ok(kind) if kind.is_dir() && entry.path_is_symlink() && entry.depth() > 0 => {
+                    self.links.insert(path.into());
+                }
+                Ok(kind) if kind.is_dir() => {
+                    // Nothing on the way down is a link.
+                    let own = path.strip_prefix(folder).map_or_else(|_| real.clone(), |below| real.join(below));
+                    let known = self.read.contains_key(&own);
+                    if known {
+                        entries.skip_current_dir();
+                    } else {
+                        self.read.insert(own, path.into());
+                    }
+                }
+                Ok(kind) if kind.is_file() && (self.wanted)(path) => self.found.files.push(path.into()),
+                Ok(_) => {}
+                Err(reason) => self.found.unread.push((path.into(), reason)),
+            }
+        }
+    }
 }
 
 #[cfg(all(test, unix))]
@@ -44,6 +105,10 @@ mod tests {
     use std::os::unix::fs::symlink;
 
     use super::*;
+
+    fn models(folder: &Path) -> Below {
+        below(folder, |p| p.extension().is_some_and(|e| e == "glb"))
+    }
 
     #[test]
     fn links_are_followed_but_not_in_circles() {
@@ -57,10 +122,39 @@ mod tests {
         symlink(other.path(), at("linked")).unwrap();
         symlink(dir.path(), at("a/up")).unwrap();
         symlink(at("nowhere"), at("broken.glb")).unwrap();
-        let found = below(dir.path(), |p| p.extension().is_some_and(|e| e == "glb"));
+        let found = models(dir.path());
         assert_eq!(found.files, ["a/c.glb", "b.glb", "linked/e.glb"].map(at));
         let unread: Vec<_> = found.unread.iter().map(|(p, _)| p.clone()).collect();
         assert_eq!(unread, [at("a/up"), at("broken.glb")]);
         assert!(found.unread[0].1.contains("leads back"), "{}", found.unread[0].1);
+        // The folder itself may be a link.
+        symlink(dir.path(), other.path().join("all")).unwrap();
+        assert_eq!(models(&other.path().join("all")).files.len(), 3);
+    }
+
+    #[test]
+    fn each_folder_is_read_once_however_many_links_lead_to_it() {
+        let (dir, other) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
+        let at = |name: &str| dir.path().join(name);
+        fs::create_dir_all(at("in/sub")).unwrap();
+        fs::create_dir_all(other.path().join("far")).unwrap();
+        for file in [at("out.glb"), at("in/a.glb"), at("in/sub/b.glb"), other.path().join("far/c.glb")] {
+            fs::write(file, b"").unwrap();
+        }
+        // Above the input, from one folder to another, and two links to one place, which itself leads back.
+        symlink("..", at("in/loop")).unwrap();
+        symlink("sub", at("in/again")).unwrap();
+        symlink(other.path(), at("in/x")).unwrap();
+        symlink(other.path().join("far"), at("in/y")).unwrap();
+        symlink(at("in"), other.path().join("back")).unwrap();
+        let found = models(&at("in"));
+        assert_eq!(found.files, ["in/a.glb", "in/sub/b.glb", "in/x/far/c.glb"].map(at));
+        let told: Vec<_> = found.unread.iter().map(|(path, reason)| (path.clone(), reason.as_str())).collect();
+        let [again, up, back, y] = &told[..] else { panic!("{told:?}") };
+        assert_eq!([&again.0, &up.0, &back.0, &y.0], [&at("in/again"), &at("in/loop"), &at("in/x/back"), &at("in/y")]);
+        assert!(up.1.starts_with("it leads back to "), "{told:?}");
+        for ((_, said), place) in [(again, "in/sub"), (back, "in"), (y, "in/x/far")] {
+            assert_eq!(*said, format!("it leads to {}, which is read there", at(place).display()));
+        }
     }
 }

@@ -12,6 +12,7 @@ pub mod doctor;
 mod earlier;
 pub mod eval;
 mod glb;
+mod inputs;
 pub mod inspect;
 mod longer;
 pub mod report;

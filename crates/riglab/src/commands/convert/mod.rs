@@ -20,6 +20,7 @@ use riglab_files::make_folder_of;
 
 use super::earlier::{self, Written};
 use super::glb::{Frames, Most};
+use super::inputs;
 use super::inspect::shown_elsewhere;
 use lost::Lost;
 use riglab_report::counted;
@@ -85,7 +86,7 @@ impl Args {
 pub fn run(args: &Args) -> Result<ExitCode> {
     let options = args.import();
     let corpus = corpus::open(&args.input);
-    let files = if args.input.is_dir() { rigged(&args.input)? } else { vec![args.input.clone()] };
+    let files = if args.input.is_dir() { rigged(&args.input, &args.out)? } else { vec![args.input.clone()] };
     let several = args.input.is_dir()
         || args.item.is_none()
             && match &corpus {
@@ -409,12 +410,9 @@ fn numbered(name: &str, again: usize, target: Target) -> String {
     format!("{plain}{number}{}", target.suffix())
 }
 
-/// Rigged files of a folder and those below it.
-fn rigged(folder: &Path) -> Result<Vec<PathBuf>> {
-    let found = riglab_files::below(folder, is_rig_file);
-    for (path, reason) in &found.unread {
-        tell!("left out: {}: {reason}", path.display());
-    }
+/// Rigged files of a folder and those below it, without those that an earlier call wrote there.
+fn rigged(folder: &Path, out: &Path) -> Result<Vec<PathBuf>> {
+    let found = inputs::below(folder, out, "file", is_rig_file);
     if found.files.is_empty() {
         bail!("{}: no rigged file in this folder or below it", folder.display());
     }
