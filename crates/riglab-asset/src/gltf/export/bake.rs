@@ -24,8 +24,10 @@ enum Use {
     Point,
     /// What a morph target adds to a point.
     Offset,
-    /// What it adds to a normal or tangent.
-    Turn,
+    /// What it adds to the normals of an accessor.
+    NormalOffset(usize),
+    /// What it adds to the tangents of an accessor.
+    TangentOffset(usize),
     Normal,
     Tangent,
 }
@@ -48,14 +50,20 @@ impl<'a, 'd> Baker<'a, 'd> {
         positions: Option<usize>,
     ) -> Result<(), Fault> {
         let mut own = draft.list("meshes")[mesh]["primitives"][primitive].clone();
+        let [normals, tangents] = ["NORMAL", "TANGENT"].map(|name| own["attributes"].get(name).and_then(index));
         if let Some(attributes) = own.get_mut("attributes") {
             self.attribute(draft, attributes, "POSITION", Use::Point, positions)?;
             self.attribute(draft, attributes, "NORMAL", Use::Normal, None)?;
             self.attribute(draft, attributes, "TANGENT", Use::Tangent, None)?;
         }
         for target in own.get_mut("targets").and_then(Value::as_array_mut).into_iter().flatten() {
-            for (name, used) in [("POSITION", Use::Offset), ("NORMAL", Use::Turn), ("TANGENT", Use::Turn)] {
-                self.attribute(draft, target, name, used, None)?;
+            self.attribute(draft, target, "POSITION", Use::Offset, None)?;
+            // Nothing is added to what is not there: the format asks for both or none.
+            if let Some(normals) = normals {
+                self.attribute(draft, target, "NORMAL", Use::NormalOffset(normals), None)?;
+            }
+            if let Some(tangents) = tangents {
+                self.attribute(draft, target, "TANGENT", Use::TangentOffset(tangents), None)?;
             }
         }
         draft.list_mut("meshes")[mesh]["primitives"][primitive] = own;
@@ -87,8 +95,6 @@ impl<'a, 'd> Baker<'a, 'd> {
     fn moved(&self, draft: &mut Draft, accessor: usize, used: Use) -> Result<usize, Fault> {
         self.accessors.check(accessor, || "a primitive".into())?;
         let linear = self.map.matrix3;
-        // Normals keep their length.
-        let scale = linear.determinant().abs().cbrt().max(f64::MIN_POSITIVE);
         let finite = |v: DVec3| if v.as_vec3().is_finite() { v.as_vec3() } else { glam::Vec3::ZERO }.to_array();
         let of = |v: [f32; 3]| glam::Vec3::from(v).as_dvec3();
         if used == Use::Tangent {
@@ -100,19 +106,103 @@ impl<'a, 'd> Baker<'a, 'd> {
             }
             return Ok(draft.accessor(&bytes, VEC4, Some(ARRAY)));
         }
+        let bases: Vec<DVec3> = match used {
+            Use::NormalOffset(normals) => self.accessors.directions(normals)?.into_iter().map(of).collect(),
+            Use::TangentOffset(tangents) => {
+                self.accessors.tangents(tangents)?.into_iter().map(|[x, y, z, _]| of([x, y, z])).collect()
+            }
+            _ => Vec::new(),
+        };
         let mut vectors = match used {
             Use::Point => self.accessors.positions(accessor)?.to_vec(),
             _ => self.accessors.directions(accessor)?,
         };
-        for v in &mut vectors {
+        // What is added to a vector is shortened or drawn out as that vector is by its new length: so their sum, at whatever
+        // weight, looks where the map takes the sum of the old ones.
+        let added = |map: DMat3, v: [f32; 3], base: Option<&DVec3>| {
+            let length = base.map_or(0.0, |base| (map * *base).length());
+            if length > 0.0 { map * of(v) / length } else { DVec3::ZERO }
+        };
+        for (number, v) in vectors.iter_mut().enumerate() {
             *v = finite(match used {
                 Use::Point => self.map.transform_point3(of(*v)),
                 Use::Normal => (self.across * of(*v)).normalize_or(DVec3::Y),
-                Use::Offset => linear * of(*v),
-                Use::Turn | Use::Tangent => linear * of(*v) / scale,
+                Use::Offset | Use::Tangent => linear * of(*v),
+                Use::NormalOffset(_) => added(self.across, *v, bases.get(number)),
+                Use::TangentOffset(_) => added(linear, *v, bases.get(number)),
             });
         }
         // Morph targets of positions have bounds, too.
         Ok(draft.vectors(&vectors, matches!(used, Use::Point | Use::Offset), Some(ARRAY)))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::{DQuat, Vec3};
+
+    use super::super::super::buffers::Buffers;
+    use super::*;
+    use crate::budget::Budget;
+
+    /// Vectors of an accessor that was written.
+    fn vectors(draft: &Draft, accessor: &Value) -> Vec<DVec3> {
+        let accessor = &draft.json["accessors"][accessor.as_u64().unwrap() as usize];
+        let view = &draft.json["bufferViews"][accessor["bufferView"].as_u64().unwrap() as usize];
+        let [from, length] = ["byteOffset", "byteLength"].map(|key| view[key].as_u64().unwrap() as usize);
+        let bytes = &draft.binary[from - draft.base..from - draft.base + length];
+        let wide = if accessor["type"] == "VEC4" { 4 } else { 3 };
+        let numbers: Vec<f32> = bytes.as_chunks().0.iter().map(|b| f32::from_le_bytes(*b)).collect();
+        numbers.chunks(wide).map(|v| Vec3::new(v[0], v[1], v[2]).as_dvec3()).collect()
+    }
+
+    #[test]
+    fn morphed_normals_and_tangents_look_where_the_map_takes_them_at_every_weight() {
+        let (normals, tangents) = ([[0.0, 1.0, 0.0], [0.6, 0.0, 0.8]], [[1.0, 0.0, 0.0, 1.0], [0.8, 0.0, -0.6, -1.0]]);
+        let offsets = [[0.3, -0.4, 0.2], [-0.1, 0.7, 0.05f32]];
+        let mut draft = Draft::new(json!({}));
+        let floats = |all: &[f32]| all.iter().flat_map(|x| x.to_le_bytes()).collect::<Vec<u8>>();
+        let normal = draft.vectors(&normals, false, None);
+        let tangent = draft.accessor(&floats(tangents.as_flattened()), VEC4, None);
+        let offset = draft.vectors(&offsets, false, None);
+        draft.json["meshes"] = json!([{"primitives": [{
+            "attributes": {"NORMAL": normal, "TANGENT": tangent}, "targets": [{"NORMAL": offset, "TANGENT": offset}],
+        }]}]);
+        draft.json["buffers"] = json!([{"byteLength": draft.binary.len()}]);
+        draft.json["asset"] = json!({"version": "2.0"});
+        let base = draft.freeze();
+        let document = super::super::super::document::Document::parse(draft.json.to_string().as_bytes()).unwrap();
+        let accessors = Accessors::new(&document, Buffers::new(&document, Some(&base), None, Budget::new(base.len())));
+
+        let turn = DQuat::from_rotation_z(0.8);
+        let mirrored = DAffine3::from_scale_rotation_translation(DVec3::new(-2.0, 3.0, 1.4), turn, DVec3::ONE);
+        let sheared = DAffine3::from_cols_array_2d(&[[1.0, 0.0, 0.0], [0.3, 1.0, 0.0], [0.0, 0.0, 1.0], [0.0; 3]]);
+        let plain = DAffine3::from_translation(DVec3::ONE);
+        for map in [mirrored, sheared, mirrored * sheared, plain] {
+            let mut baker = Baker::new(&accessors, map);
+            let mut own = Draft { json: draft.json.clone(), base: draft.base, binary: Vec::new() };
+            baker.primitive(&mut own, (0, 0), None).unwrap();
+            let baked = &own.list("meshes")[0]["primitives"][0];
+            let to_normal = map.matrix3.inverse().transpose();
+            for (name, old, through) in [
+                ("NORMAL", normals.to_vec(), to_normal),
+                ("TANGENT", tangents.map(|[x, y, z, _]| [x, y, z]).to_vec(), map.matrix3),
+            ] {
+                let new = vectors(&own, &baked["attributes"][name]);
+                let added = vectors(&own, &baked["targets"][0][name]);
+                for v in 0..2 {
+                    assert!((new[v].length() - 1.0).abs() < 1e-6);
+                    for weight in [0.0, 0.4, 1.0] {
+                        let before = Vec3::from(old[v]).as_dvec3() + weight * Vec3::from(offsets[v]).as_dvec3();
+                        let (wanted, is) = ((through * before).normalize(), (new[v] + weight * added[v]).normalize());
+                        assert!(is.abs_diff_eq(wanted, 1e-6), "{name} {v} at {weight}: {is} for {wanted}");
+                    }
+                }
+                // What is only moved stays as it is.
+                if map == plain {
+                    assert_eq!(added, offsets.map(|v| Vec3::from(v).as_dvec3()));
+                }
+            }
+        }
     }
 }
