@@ -53,6 +53,7 @@ pub fn dressed(
     }
     taken.model.swings.retain(|swing| !swing.weights.is_empty());
 
+    let parts = taken.model.drop_unplaced_pictures();
     let glb = taken.model.into_glb().map_err(|found| fail(ExportFault::TooLong(found)))?;
     let bare = import_from(path, &glb, None, &ImportOptions::default()).map_err(|e| source(e.fault))?;
     let weights = weights(old, &imported.reading, &taken.origins, &bare.reading).map_err(invalid)?;
@@ -62,7 +63,9 @@ pub fn dressed(
     let exported = gltf::export::with_motions(exported, old.skeleton(), &imported.clips).map_err(fail)?;
     // Of those that move no joint, and those that could not be read, of which the importer warned.
     let unread = taken.animations.saturating_sub(imported.clips.len());
-    Ok((exported, fbx::left(taken.left, unread)))
+    let mut notes = fbx::left(taken.left, unread);
+    notes.extend((parts > 0).then_some(SubjectNote::Unplaced { parts }));
+    Ok((exported, notes))
 }
 
 /// The weights of a rig for the vertices of the document that its file's model became.

@@ -48,6 +48,11 @@ pub enum SubjectNote {
     FileMissing(String),
     /// A picture that the model names is of no kind that is read.
     OtherPicture(String),
+    /// Parts have a material with a picture, but no texture coordinates to lay it on them by.
+    Unplaced {
+        /// How many.
+        parts: usize,
+    },
     /// Materials name pictures for what is not taken over, by the words of the format.
     MapsLeft(Vec<String>),
     /// Other things of the file are not taken over: what and how many.
@@ -113,6 +118,14 @@ impl fmt::Display for SubjectNote {
                     "texture `{name}` is no picture that can be read (BMP, DDS of DXT, JPEG, PNG, TGA, TIFF, WebP); the model is written \
                      without it"
                 )
+            }
+            Self::Unplaced { parts } => {
+                let have = of_number(
+                    *parts,
+                    "part has a material with a texture, but no texture coordinates (UVs); it is",
+                    "parts have a material with a texture, but no texture coordinates (UVs); they are",
+                );
+                write!(f, "{have} written without the texture")
             }
             Self::MapsLeft(words) => {
                 write!(f, "textures of its materials that are not taken over: {}", words.join(", "))

@@ -226,6 +226,10 @@ impl Subject {
                     }
                     other => return Err(fail(Fault::OtherFormat(other))),
                 };
+                let parts = model.drop_unplaced_pictures();
+                if parts > 0 {
+                    notes.push(SubjectNote::Unplaced { parts });
+                }
                 stand(&mut model, options.up);
                 turn = Turn::NONE;
                 let document = model.into_glb();

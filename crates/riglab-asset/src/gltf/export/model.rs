@@ -1,5 +1,7 @@
 //! A document of a model that comes from another format: surfaces with their looks, and no rig.
 
+use std::collections::{HashMap, HashSet};
+
 use serde_json::{Value, json};
 
 use super::draft::{ARRAY, Draft, ELEMENTS, F32, Layout, SCALAR, U32, VEC4};
@@ -111,6 +113,11 @@ impl Look {
         }
     }
 
+    /// All pictures that it names.
+    fn pictures(&mut self) -> [&mut Option<usize>; 3] {
+        [&mut self.picture, &mut self.normals, &mut self.glow_picture]
+    }
+
     /// Whether a picture lies on the surface otherwise than texture coordinates say.
     fn is_placed(&self) -> bool {
         let pictures = [self.picture, self.normals, self.glow_picture];
@@ -131,6 +138,51 @@ pub(crate) fn is_picture(bytes: &[u8]) -> bool {
 }
 
 impl Model {
+    /// Gives patches that have no texture coordinates looks without pictures, which glTF asks coordinates for. Pictures that
+    /// nothing shows then go. How many patches there were.
+    pub(crate) fn drop_unplaced_pictures(&mut self) -> usize {
+        let mut pictured: Vec<bool> =
+            self.looks.iter_mut().map(|look| look.pictures().iter().any(|picture| picture.is_some())).collect();
+        pictured.push(false);
+        let none = self.looks.len();
+        let patches = || self.objects.iter().flat_map(|object| &object.patches);
+        let placed: HashSet<usize> = patches().filter(|p| !p.coordinates.is_empty()).filter_map(|p| p.look).collect();
+        let unplaced = |patch: &Patch| patch.coordinates.is_empty() && pictured[patch.look.unwrap_or(none)];
+        let mut bare: HashMap<usize, usize> = HashMap::new();
+        let mut count = 0;
+        for patch in self.objects.iter_mut().flat_map(|object| &mut object.patches).filter(|patch| unplaced(patch)) {
+            let Some(look) = patch.look else { continue };
+            count += 1;
+            patch.look = Some(*bare.entry(look).or_insert_with(|| {
+                let mut own = Look { lies: [Lie::PLAIN; 3], ..self.looks[look].clone() };
+                own.pictures().into_iter().for_each(|picture| *picture = None);
+                if placed.contains(&look) {
+                    self.looks.push(own);
+                    return self.looks.len() - 1;
+                }
+                self.looks[look] = own;
+                look
+            }));
+        }
+        if count > 0 {
+            self.drop_unnamed_pictures();
+        }
+        count
+    }
+
+    fn drop_unnamed_pictures(&mut self) {
+        let named: HashSet<usize> = self.looks.iter_mut().flat_map(Look::pictures).filter_map(|of| *of).collect();
+        let mut numbers: HashMap<usize, usize> = HashMap::new();
+        let all = std::mem::take(&mut self.pictures).into_iter().enumerate();
+        for (number, picture) in all.filter(|(number, _)| named.contains(number)) {
+            numbers.insert(number, self.pictures.len());
+            self.pictures.push(picture);
+        }
+        for of in self.looks.iter_mut().flat_map(Look::pictures) {
+            *of = of.and_then(|number| numbers.get(&number).copied());
+        }
+    }
+
     /// As a GLB; its length where that is more than the format can say.
     pub(crate) fn into_glb(self) -> Result<Vec<u8>, usize> {
         let generator = concat!("riglab ", env!("CARGO_PKG_VERSION"));
@@ -276,4 +328,35 @@ fn material(look: &Look) -> Value {
         all["alphaMode"] = json!("BLEND");
     }
     all
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_has_no_texture_coordinates_gets_no_picture() {
+        let patch = |look: usize, mapped: bool| Patch {
+            positions: vec![[0.0; 3]; 3],
+            coordinates: if mapped { vec![[0.0; 2]; 3] } else { Vec::new() },
+            look: Some(look),
+            ..Patch::default()
+        };
+        let look = |picture: Option<usize>| Look { picture, ..Look::plain("cloth") };
+        let picture = |name: &str| Picture { name: name.into(), bytes: Vec::new() };
+        let patches = vec![patch(0, true), patch(0, false), patch(1, false), patch(2, false), patch(1, false)];
+        let mut model = Model {
+            objects: vec![Object { name: String::new(), patches, shapes: Vec::new() }],
+            looks: vec![look(Some(1)), look(Some(0)), look(None)],
+            pictures: vec![picture("hidden"), picture("shown")],
+            ..Model::default()
+        };
+        assert_eq!(model.drop_unplaced_pictures(), 3);
+        let looks: Vec<_> = model.objects[0].patches.iter().map(|patch| patch.look.unwrap()).collect();
+        assert_eq!(looks, [0, 3, 1, 2, 1]);
+        assert_eq!(model.looks.iter().map(|look| look.picture).collect::<Vec<_>>(), [Some(0), None, None, None]);
+        let names: Vec<_> = model.pictures.iter().map(|picture| picture.name.as_str()).collect();
+        assert_eq!(names, ["shown"]);
+        assert_eq!(model.drop_unplaced_pictures(), 0, "once is enough");
+    }
 }
