@@ -23,8 +23,9 @@ const MUCH: f64 = 0.25;
 /// A model that stands on something has its lowest point this near to 0, as a share of its height.
 const STANDS: f64 = 0.02;
 
-/// What may be doubted of a model that should have y up.
-pub(super) fn doubts(mesh: &Mesh, pieces: &[Piece], notes: &mut Vec<SubjectNote>) {
+/// What may be doubted of a model that should have y up, as the file's axis that was `given` for up has been turned there;
+/// `about` tells whether the model was then turned round.
+pub(super) fn doubts(mesh: &Mesh, pieces: &[Piece], given: UpAxis, about: bool, notes: &mut Vec<SubjectNote>) {
     let flat = (0..mesh.triangles().len() as u32).filter(|&t| {
         let [a, b, c] = corners(mesh, t);
         (b - a).cross(c - a) == DVec3::ZERO
@@ -34,8 +35,13 @@ pub(super) fn doubts(mesh: &Mesh, pieces: &[Piece], notes: &mut Vec<SubjectNote>
         notes.push(SubjectNote::Flat { triangles: flat });
     }
     let (low, high) = bounds(pieces);
-    if let Some(axis) = lies(mesh, low, high) {
-        notes.push(SubjectNote::LiesDown { axis });
+    let round = |[x, y, z]: [f32; 3]| if about { [-x, y, -z] } else { [x, y, z] };
+    // Hardly any file has another axis up.
+    let other = [(UpAxis::Y, [0.0, 1.0, 0.0]), (UpAxis::Z, [0.0, 0.0, 1.0])]
+        .into_iter()
+        .find(|(axis, up)| *axis != given && stands_along(mesh, low, high, round(given.to_y(*up))));
+    if let Some((axis, _)) = other {
+        notes.push(SubjectNote::LiesDown { axis, given });
     }
     let groups = characters(pieces, (high - low).length()).max(crowd(pieces));
     if groups > 1 {
@@ -47,23 +53,26 @@ fn bounds(pieces: &[Piece]) -> (DVec3, DVec3) {
     pieces.iter().fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(low, high), p| (low.min(p.low), high.max(p.high)))
 }
 
-/// The axis that seems to point up, where that is not y.
+/// Whether `up`, an axis other than y, seems to point up.
 ///
 /// A symmetric body says nothing of what is up: both y and z lie in its plane. What says something is where
 /// models stand: on their origin, with most of the body above it. A model that stands so along z, is taller than it is
 /// deep that way, and lies in the middle of y, was hardly made with y up. Models that float, and those that
 /// were centred, are not told.
-fn lies(mesh: &Mesh, low: DVec3, high: DVec3) -> Option<UpAxis> {
+fn stands_along(mesh: &Mesh, low: DVec3, high: DVec3, up: [f32; 3]) -> bool {
     let size = high - low;
-    let on_origin = |axis: usize| low[axis].abs() <= STANDS * size[axis] && size[axis] > 0.0;
+    let axis = (0..3).find(|&axis| up[axis] != 0.0).unwrap_or(1);
+    let ground = if up[axis] > 0.0 { low[axis] } else { high[axis] };
+    let on_origin = |axis: usize, ground: f64| ground.abs() <= STANDS * size[axis] && size[axis] > 0.0;
     let about_origin = |axis: usize| (low[axis] + high[axis]).abs() <= 0.5 * size[axis];
-    let tall = size[2] > 1.3 * size[1];
-    if !(on_origin(2) && tall && about_origin(1) && about_origin(0) && !on_origin(1)) {
-        return None;
+    // What stands on its head is as tall so.
+    let tall = axis == 1 || size[axis] > 1.3 * size[1];
+    let beside = (0..3).filter(|other| *other != axis).all(about_origin);
+    if !(on_origin(axis, ground) && tall && beside && !on_origin(1, low[1])) {
+        return false;
     }
     // Feet: what touches the ground is less than a body that lies on its side shows.
-    let near = mesh.positions().iter().filter(|p| f64::from(p[2]) - low.z <= STANDS * size.z).count();
-    (near >= 3).then_some(UpAxis::Z)
+    mesh.positions().iter().filter(|p| (f64::from(p[axis]) - ground).abs() <= STANDS * size[axis]).count() >= 3
 }
 
 /// How many large groups of pieces stand apart. Pieces whose boxes are nearer than a gap are of one group.
@@ -180,7 +189,7 @@ mod tests {
     fn notes(mesh: &Mesh) -> Vec<SubjectNote> {
         let mut notes = Vec::new();
         let pieces = pieces(mesh, &twins(mesh.positions()));
-        doubts(mesh, &pieces, &mut notes);
+        doubts(mesh, &pieces, UpAxis::Y, false, &mut notes);
         facing_out(mesh.clone(), &pieces, &mut notes);
         notes
     }
@@ -274,12 +283,31 @@ mod tests {
         }
         points.extend([[0.0, 0.0, 2.0], [0.1, 0.1, 2.0]]);
         let triangles = vec![[0, 1, 8], [2, 3, 8], [4, 5, 9], [6, 7, 9]];
-        let standing = |axis: UpAxis| {
-            let at = points.iter().map(|p| axis.to_y(*p)).collect();
-            notes(&Mesh::new(at, triangles.clone()).unwrap())
+        // As a file in which `axis` is up is looked at whose user says that `given` is.
+        let told = |axis: UpAxis, given: UpAxis| {
+            let at = points.iter().map(|p| given.to_y(axis.from_y(UpAxis::Z.to_y(*p)))).collect();
+            let mesh = Mesh::new(at, triangles.clone()).unwrap();
+            let mut notes = Vec::new();
+            doubts(&mesh, &pieces(&mesh, &twins(mesh.positions())), given, false, &mut notes);
+            notes.into_iter().find_map(|note| match note {
+                SubjectNote::LiesDown { axis, given: told } if told == given => Some(axis),
+                _ => None,
+            })
         };
-        assert!(standing(UpAxis::Y).contains(&SubjectNote::LiesDown { axis: UpAxis::Z }));
-        assert!(!standing(UpAxis::Z).iter().any(|n| matches!(n, SubjectNote::LiesDown { .. })));
+        assert_eq!(told(UpAxis::Z, UpAxis::Y), Some(UpAxis::Z));
+        for given in [UpAxis::X, UpAxis::MinusX, UpAxis::MinusY, UpAxis::Z, UpAxis::MinusZ] {
+            assert_eq!(told(UpAxis::Y, given), Some(UpAxis::Y), "{given}");
+        }
+        for given in UpAxis::ALL {
+            assert_eq!(told(given, given), None, "{given}");
+        }
+        // A VRM 0.x is turned round once it stands.
+        let round = |[x, y, z]: [f32; 3]| [-x, y, -z];
+        let at = points.iter().map(|p| round(*p)).collect();
+        let mesh = Mesh::new(at, triangles.clone()).unwrap();
+        let mut notes = Vec::new();
+        doubts(&mesh, &pieces(&mesh, &twins(mesh.positions())), UpAxis::Y, true, &mut notes);
+        assert!(notes.contains(&SubjectNote::LiesDown { axis: UpAxis::Z, given: UpAxis::Y }), "{notes:?}");
     }
 
     #[test]

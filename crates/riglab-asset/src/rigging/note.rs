@@ -18,10 +18,12 @@ pub enum SubjectNote {
         /// How many joints it has.
         joints: usize,
     },
-    /// The model stands as if another axis than y were up.
+    /// The model stands as if another axis were up than was given.
     LiesDown {
-        /// Which.
+        /// Which, in the file.
         axis: UpAxis,
+        /// What was given.
+        given: UpAxis,
     },
     /// The format says that the model faces -z.
     FacesBack,
@@ -68,7 +70,9 @@ impl fmt::Display for SubjectNote {
                 let joints = of_number(*joints, "joint", "joints");
                 write!(f, "the file already has a rig ({joints}), which was removed for the new one")
             }
-            Self::LiesDown { axis } => write!(f, "{axis} seems to be up in the file, not y; if so, give `--up {axis}`"),
+            Self::LiesDown { axis, given } => {
+                write!(f, "{axis} seems to be up in the file, not {given}; if so, give `--up {axis}`")
+            }
             Self::FacesBack => {
                 f.write_str("VRM 0.x models face -z: it was turned to +z for rigging, and is written as it stood")
             }

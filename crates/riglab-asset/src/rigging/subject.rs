@@ -304,7 +304,7 @@ impl Subject {
         };
         let twins = seams::twins(mesh.positions());
         let pieces = pieces(&mesh, &twins);
-        doubts::doubts(&mesh, &pieces, &mut notes);
+        doubts::doubts(&mesh, &pieces, options.up, turn.about, &mut notes);
         if notes.contains(&SubjectNote::Flat { triangles: mesh.triangles().len() }) {
             return Err(fail(Fault::NoArea));
         }
