@@ -49,6 +49,11 @@ impl Likeness {
         self.size == 0.0 || self.corners.iter().all(|c| apart(c) <= SAME * self.size)
     }
 
+    /// How far apart two points of the scene are, as a share of the box's size there.
+    pub(crate) fn apart(&self, a: DVec3, b: DVec3) -> f64 {
+        if self.size > 0.0 { (a - b).length() / self.size } else { 0.0 }
+    }
+
     /// How far `a` takes the first corner from where `b` takes it.
     pub(crate) fn shift(&self, a: &DAffine3, b: &DAffine3) -> DVec3 {
         a.transform_point3(self.corners[0]) - b.transform_point3(self.corners[0])

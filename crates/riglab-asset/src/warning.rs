@@ -14,6 +14,9 @@ pub enum Warning {
     RestIsNotBind {
         /// How large the first of them is there, by what it is in the bind pose; 1 where it is about the same.
         size: f64,
+        /// How far joints stand there from where they were bound, at most, as a share of the mesh's size; 0 where that is not
+        /// known, as in another size.
+        off: f64,
         /// Which skins.
         skins: Vec<usize>,
     },
@@ -184,19 +187,24 @@ impl fmt::Display for Warning {
         match self {
             Self::TrailingBytes(n) => write!(f, "{n} trailing bytes after the length in the header were ignored"),
             Self::NoSkeleton => f.write_str("the file has a mesh but no skin: there is no skeleton and no rig"),
-            Self::RestIsNotBind { skins, size } => {
+            Self::RestIsNotBind { skins, size, off } => {
                 let skins = numbered("skin", skins);
                 write!(
                     f,
                     "the file shows another pose than the bind pose ({}); the bind pose was used",
                     Some3(&skins)
                 )?;
-                match *size == 1.0 {
-                    true => Ok(()),
-                    false => {
-                        write!(f, ", in which the model has {} of the size that the file shows", rounded(1.0 / size))
-                    }
+                if *size != 1.0 {
+                    write!(f, ", in which the model has {} of the size that the file shows", rounded(1.0 / size))?;
                 }
+                if *off > FEW {
+                    let percent = 100.0 * off;
+                    write!(
+                        f,
+                        ", in which joints are up to {percent:.0} % of the model's size from where the file shows them"
+                    )?;
+                }
+                Ok(())
             }
             Self::Bent { skins } => write!(
                 f,
@@ -362,6 +370,9 @@ impl fmt::Display for NodeName {
 /// What most published methods take as the most joints of a skeleton.
 pub(crate) const MANY_JOINTS: usize = 256;
 
+/// A share of a model's size that is worth telling.
+const FEW: f64 = 0.03;
+
 /// "a, b, c and 5 more".
 struct Some3<'a>(&'a [String]);
 
@@ -419,6 +430,10 @@ mod tests {
             "degenerate triangles are ignored: 4608 repeated ones; they stay in the file when a rig is added"
         );
         assert!(degenerate(1, 1).contains(": 1 that names a vertex twice, 1 repeated one;"), "{}", degenerate(1, 1));
+        let posed = |size, off| Warning::RestIsNotBind { skins: vec![0], size, off }.to_string();
+        assert!(posed(1.0, 0.02).ends_with("(skin 0); the bind pose was used"));
+        let far = "used, in which joints are up to 34 % of the model's size from where the file shows them";
+        assert!(posed(1.0, 0.341).ends_with(far), "{}", posed(1.0, 0.341));
         let unweighted = |vertices| Warning::Unweighted { vertices }.to_string();
         assert!(unweighted(1).starts_with("1 vertex has no weight; it took"));
         assert!(unweighted(2).starts_with("2 vertices have no weight; they took"));

@@ -58,7 +58,7 @@ impl Joints {
             warnings.push(Warning::Bent { skins: bent });
         }
         if !posed.is_empty() {
-            warnings.push(Warning::RestIsNotBind { skins: posed, size: 1.0 });
+            warnings.push(Warning::RestIsNotBind { skins: posed, size: 1.0, off: 0.0 });
         }
 
         let is_joint = joint_nodes(nodes, &skins);

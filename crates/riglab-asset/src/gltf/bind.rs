@@ -42,7 +42,7 @@ impl Binds {
         let origin = if origin.as_vec3().is_finite() { origin } else { DVec3::ZERO };
 
         let mut maps: Vec<Vec<DAffine3>> = skins.iter().map(|skin| skin_maps(skin, &frames)).collect();
-        let (mut bent, mut posed, mut size) = (Vec::new(), Vec::new(), 1.0);
+        let (mut bent, mut posed, mut size, mut off) = (Vec::new(), Vec::new(), 1.0, 0.0f64);
         // What the first skin says of that; whether all say the same.
         let (mut shown_off, mut agreed) = (None, true);
         for (number, skin) in skins.iter().enumerate() {
@@ -67,8 +67,13 @@ impl Binds {
                 let first = *shown_off.get_or_insert(if like.same(&by(shift), &top) { DVec3::ZERO } else { shift });
                 agreed &= like.same(&by(first), &by(shift));
             } else {
+                let larger = larger(&(*nodes.global(skin.joints[slot]) * inverse[slot]), &top);
                 if posed.is_empty() {
-                    size = larger(&(*nodes.global(skin.joints[slot]) * inverse[slot]), &top);
+                    size = larger;
+                }
+                // Of what is shown in another size all is elsewhere.
+                if larger == 1.0 {
+                    off = skin.joints.iter().map(|&joint| apart(nodes, &frames, joint, &like)).fold(off, f64::max);
                 }
                 posed.push(number);
             }
@@ -88,7 +93,7 @@ impl Binds {
             warnings.push(Warning::Bent { skins: bent });
         }
         if !posed.is_empty() {
-            warnings.push(Warning::RestIsNotBind { skins: posed, size });
+            warnings.push(Warning::RestIsNotBind { skins: posed, size, off });
         }
         Self { maps, frames, origin, shown_off }
     }
@@ -211,6 +216,13 @@ fn top_joint(nodes: &Nodes, skin: &Skin) -> usize {
 fn larger(one: &DAffine3, other: &DAffine3) -> f64 {
     let size = (one.matrix3.determinant() / other.matrix3.determinant()).abs().cbrt();
     if size.is_normal() && !(0.8..=1.25).contains(&size) { size } else { 1.0 }
+}
+
+/// How far from its place in the bind pose the nodes show a joint, as a share of the mesh's size. A hidden one stands nowhere.
+fn apart(nodes: &Nodes, frames: &[Option<DAffine3>], joint: usize, like: &Likeness) -> f64 {
+    let (shown, bound) = (nodes.global(joint), frames[joint]);
+    let share = bound.map_or(0.0, |bound| like.apart(shown.translation, bound.translation));
+    if share.is_finite() && !is_flat(&shown.matrix3, FLAT) { share } else { 0.0 }
 }
 
 /// How far the nodes of a skin's joints show it from where `top` maps it to the scene in the bind pose; `None` where they

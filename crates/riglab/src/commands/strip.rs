@@ -10,7 +10,8 @@ use super::earlier::{Written, keep_others};
 
 /// Take the rig out of a file: skins, weights, joints, their animations, humanoid and springs of VRM.
 ///
-/// The mesh stands at rest, where the file shows it; materials, pictures, morph targets and names stay.
+/// The mesh stands as the file shows it; where that is another pose than it was bound in, it stands as it was bound, and a
+/// warning says so. Materials, pictures, morph targets and names stay.
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:
