@@ -80,7 +80,7 @@ pub enum Warning {
         /// The joints they hang on, one a node.
         joints: Vec<String>,
     },
-    /// Unskinned meshes elsewhere, or flattened by a scale of 0, were left out.
+    /// Unskinned meshes elsewhere, or flattened by a scale of 0, are not of the rig.
     LeftOut {
         /// The nodes that hold them.
         nodes: Vec<NodeName>,
@@ -102,10 +102,12 @@ pub enum Warning {
         /// How often each is drawn.
         times: Vec<u64>,
     },
-    /// Primitives of points or lines, or without positions, were left out.
+    /// Primitives of points or lines, or without positions, are not of the mesh.
     NoSurface {
         /// How many.
         primitives: usize,
+        /// The nodes that hold nothing else and hang on no joint: nothing moves them with the model.
+        still: Vec<NodeName>,
     },
     /// Triangles that name a vertex twice, or the same vertices as another, are no part of the mesh. What is written into the
     /// model's own document keeps them.
@@ -254,7 +256,12 @@ impl fmt::Display for Warning {
             }
             Self::LeftOut { nodes } => {
                 let nodes = told(nodes);
-                write!(f, "unskinned meshes that are hidden or hang on no joint were left out: {}", Some3(&nodes))
+                write!(
+                    f,
+                    "unskinned meshes that are hidden or hang on no joint are not rigged: {}; what is written of a glTF's own \
+                     document keeps them as they are, all else lacks them",
+                    Some3(&nodes)
+                )
             }
             Self::Colliders { nodes } => {
                 let nodes = told(nodes);
@@ -279,13 +286,21 @@ impl fmt::Display for Warning {
                     Some3(&each)
                 )
             }
-            Self::NoSurface { primitives } => {
-                let were = of_number(
+            Self::NoSurface { primitives, still } => {
+                let are = of_number(
                     *primitives,
-                    "primitive of points or lines, or without positions, was",
-                    "primitives of points or lines, or without positions, were",
+                    "primitive of points or lines, or without positions, is",
+                    "primitives of points or lines, or without positions, are",
                 );
-                write!(f, "{were} left out")
+                write!(
+                    f,
+                    "{are} not looked at; what is written of a glTF's own document has them still, moving with the surface of \
+                     their mesh"
+                )?;
+                match still.is_empty() {
+                    true => Ok(()),
+                    false => write!(f, ", but for what has none, which stays where it is: {}", Some3(&told(still))),
+                }
             }
             Self::Degenerate { collapsed, repeated } => {
                 let kinds = [

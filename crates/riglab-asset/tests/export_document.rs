@@ -252,7 +252,7 @@ fn lines_go_with_the_mesh_they_are_on() {
     let shares: Vec<f32> =
         view(&after, &accessor["bufferView"]).as_chunks().0.iter().map(|b| f32::from_le_bytes(*b)).collect();
     assert_eq!(shares[12..14], [0.75, 0.25]);
-    assert_eq!(read(&exported.bytes).warnings(), [Warning::NoSurface { primitives: 1 }]);
+    assert_eq!(read(&exported.bytes).warnings(), [Warning::NoSurface { primitives: 1, still: Vec::new() }]);
 }
 
 #[test]

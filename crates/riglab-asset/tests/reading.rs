@@ -142,7 +142,21 @@ fn rigid_parts_go_into_the_bind_pose_with_their_joint() {
         ]
     );
     let told: Vec<String> = imported.warnings().iter().map(Warning::to_string).collect();
-    assert!(told[1].ends_with("node 3 `hand` on `tip`") && told[2].ends_with(": node 4"), "{told:?}");
+    assert!(told[1].ends_with("node 3 `hand` on `tip`") && told[2].contains(": node 4;"), "{told:?}");
+}
+
+#[test]
+fn nodes_of_lines_alone_are_named_unless_a_joint_moves_them() {
+    let lines = json!({"primitives": [{"attributes": {"POSITION": POSITION}, "mode": 1}]});
+    let tiny = Tiny::new()
+        .with("/meshes/-", lines)
+        .with("/nodes/2/children", json!([4]))
+        .with("/nodes/-", json!({"mesh": 1, "name": "grid"}))
+        .with("/nodes/-", json!({"mesh": 1, "name": "string"}));
+    let still = vec![NodeName { number: 3, name: "grid".into() }];
+    assert_eq!(read(&tiny).warnings(), [Warning::NoSurface { primitives: 2, still }]);
+    let told = read(&tiny).warnings()[0].to_string();
+    assert!(told.starts_with("2 primitives of") && told.ends_with("which stays where it is: node 3 `grid`"), "{told}");
 }
 
 #[test]

@@ -161,7 +161,11 @@ fn what_stands_along_z_is_told_and_turned_when_asked() {
         Subject::from_bytes("figure.stl", text.as_bytes(), None, &options).unwrap()
     };
     let (lying, standing) = (read(UpAxis::Y), read(UpAxis::Z));
-    assert!(lying.notes().contains(&SubjectNote::LiesDown { axis: UpAxis::Z, given: UpAxis::Y }), "{:?}", lying.notes());
+    assert!(
+        lying.notes().contains(&SubjectNote::LiesDown { axis: UpAxis::Z, given: UpAxis::Y }),
+        "{:?}",
+        lying.notes()
+    );
     assert!(!standing.notes().iter().any(|n| matches!(n, SubjectNote::LiesDown { .. })), "{:?}", standing.notes());
     let stood: Vec<Vec3> = lying.mesh().positions().iter().map(|p| UpAxis::Z.to_y(*p)).collect();
     assert_eq!(standing.mesh().positions(), stood);

@@ -104,7 +104,7 @@ pub(super) fn read(
         });
     }
     if without_surface > 0 {
-        warnings.push(Warning::NoSurface { primitives: without_surface });
+        warnings.push(Warning::NoSurface { primitives: without_surface, still: Vec::new() });
     }
     let Dropped { collapsed, repeated } = dropped;
     if collapsed + repeated > 0 {

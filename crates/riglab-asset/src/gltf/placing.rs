@@ -51,7 +51,7 @@ impl Scene<'_, '_> {
         apart: &Apart,
         warnings: &mut Vec<Warning>,
     ) -> Result<(Vec<VertexSet>, Vec<Part>), Fault> {
-        let Sources { sets: sources, parts: stored } = sources;
+        let Sources { sets: sources, parts: stored, without_surface, bare } = sources;
         let mut sets = Vec::with_capacity(sources.len());
         // The new number of each set that stays.
         let mut kept: HashMap<usize, usize> = HashMap::new();
@@ -104,6 +104,11 @@ impl Scene<'_, '_> {
             parts.push(Part { vertex_set, ..part });
         }
         repairs.warn(warnings);
+        if without_surface > 0 {
+            let moves = |node: &usize| matches!(self.hold(*node), Hold::Joint(..));
+            let still = self.nodes.named(bare.into_iter().filter(|node| !moves(node)));
+            warnings.push(Warning::NoSurface { primitives: without_surface, still });
+        }
         rigid.dedup();
         left_out.dedup();
         bumped.dedup();

@@ -29,6 +29,10 @@ pub(super) struct Sources {
     pub(super) sets: Vec<SourceSet>,
     /// By node; their `vertex_set` counts in `sets`.
     pub(super) parts: Vec<Part>,
+    /// How many primitives are no surface.
+    pub(super) without_surface: usize,
+    /// The nodes without a skin that hold such primitives alone.
+    pub(super) bare: Vec<usize>,
 }
 
 /// Vertices that primitives of one node share.
@@ -91,7 +95,6 @@ pub(super) fn collect(
         accessors,
         sources: Sources::default(),
         total: 0,
-        without_surface: 0,
         dropped: (0, 0),
         decoded: HashSet::new(),
         rigid: !document.skins.is_empty(),
@@ -113,17 +116,19 @@ pub(super) fn collect(
         }
         let place = Place { node: number, mesh, primitive: 0 };
         let key = (mesh, node.skin.is_some());
+        let before = collector.sources.without_surface;
         match read.get(&key) {
             Some(known) => collector.again(place, node.skin, known),
             None => {
                 read.insert(key, collector.mesh(place, node.skin, primitives, shown[&key])?);
             }
         }
+        let sources = &mut collector.sources;
+        if node.skin.is_none() && !primitives.is_empty() && sources.without_surface - before == primitives.len() {
+            sources.bare.push(number);
+        }
     }
-    let Collector { sources, without_surface, dropped: (collapsed, repeated), .. } = collector;
-    if without_surface > 0 {
-        warnings.push(Warning::NoSurface { primitives: without_surface });
-    }
+    let Collector { sources, dropped: (collapsed, repeated), .. } = collector;
     if collapsed + repeated > 0 {
         warnings.push(Warning::Degenerate { collapsed, repeated });
     }
@@ -135,7 +140,6 @@ struct Collector<'c, 'a> {
     sources: Sources,
     /// Indices read so far.
     total: usize,
-    without_surface: usize,
     /// Triangles, collapsed and repeated.
     dropped: (usize, usize),
     /// What is decoded and in place already: by accessor, the view and the number of the attribute, none for triangles.
@@ -161,14 +165,14 @@ impl Collector<'_, '_> {
         primitives: &[Primitive],
         nodes: usize,
     ) -> Result<Read, Fault> {
-        let (without_surface, dropped) = (self.without_surface, self.dropped);
+        let (without_surface, dropped) = (self.sources.without_surface, self.dropped);
         let first_set = self.sources.sets.len();
         let first_part = self.sources.parts.len();
         let mut known: HashMap<Attributes, usize> = HashMap::new();
         for (number, primitive) in primitives.iter().enumerate() {
             let place = Place { primitive: number, ..mesh };
             let Some(position) = self.surface(place, primitive)? else {
-                self.without_surface += 1;
+                self.sources.without_surface += 1;
                 continue;
             };
             let one_by_one = self.decode(place, primitive, position)?;
@@ -203,14 +207,14 @@ impl Collector<'_, '_> {
         Ok(Read {
             sets: first_set..self.sources.sets.len(),
             parts: first_part..self.sources.parts.len(),
-            without_surface: self.without_surface - without_surface,
+            without_surface: self.sources.without_surface - without_surface,
             dropped: (self.dropped.0 - dropped.0, self.dropped.1 - dropped.1),
         })
     }
 
     /// Adds a mesh on one more of its nodes: it asked for them all when it was read.
     fn again(&mut self, mesh: Place, skin: Option<usize>, read: &Read) {
-        let Sources { sets, parts } = &mut self.sources;
+        let Sources { sets, parts, without_surface, .. } = &mut self.sources;
         let shift = sets.len() - read.sets.start;
         for at in read.sets.clone() {
             let SourceSet { place, attributes, numbers, positions, .. } = &sets[at];
@@ -224,7 +228,7 @@ impl Collector<'_, '_> {
             let part = &parts[at];
             parts.push(Part { node: mesh.node, vertex_set: part.vertex_set + shift, ..part.clone() });
         }
-        self.without_surface += read.without_surface;
+        *without_surface += read.without_surface;
         self.dropped.0 += read.dropped.0;
         self.dropped.1 += read.dropped.1;
     }
@@ -338,7 +342,7 @@ impl Collector<'_, '_> {
 
     /// Numbers the vertices of a mesh's sets from 0, leaving out those that no part uses.
     fn number_vertices(&mut self, first_set: usize, first_part: usize) {
-        let Sources { sets, parts } = &mut self.sources;
+        let Sources { sets, parts, .. } = &mut self.sources;
         let mut parts_of: Vec<Vec<&mut Part>> = sets[first_set..].iter().map(|_| Vec::new()).collect();
         for part in &mut parts[first_part..] {
             parts_of[part.vertex_set - first_set].push(part);
