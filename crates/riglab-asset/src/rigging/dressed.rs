@@ -54,6 +54,7 @@ pub fn dressed(
     taken.model.swings.retain(|swing| !swing.weights.is_empty());
 
     let parts = taken.model.drop_unplaced_pictures();
+    let shapes_move = !taken.model.swings.is_empty();
     let glb = taken.model.into_glb().map_err(|found| fail(ExportFault::TooLong(found)))?;
     let bare = import_from(path, &glb, None, &ImportOptions::default()).map_err(|e| source(e.fault))?;
     let weights = weights(old, &imported.reading, &taken.origins, &bare.reading).map_err(invalid)?;
@@ -63,7 +64,7 @@ pub fn dressed(
     let exported = gltf::export::with_motions(exported, old.skeleton(), &imported.clips).map_err(fail)?;
     // Of those that move no joint, and those that could not be read, of which the importer warned.
     let unread = taken.animations.saturating_sub(imported.clips.len());
-    let mut notes = fbx::left(taken.left, unread);
+    let mut notes = fbx::left(taken.left, unread, shapes_move);
     notes.extend((parts > 0).then_some(SubjectNote::Unplaced { parts }));
     Ok((exported, notes))
 }

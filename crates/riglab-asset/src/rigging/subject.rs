@@ -221,7 +221,8 @@ impl Subject {
                         }
                         animations = taken.animations;
                         let kept = motions.as_ref().map_or(0, |motions| motions.clips.len());
-                        notes.extend(super::fbx::left(taken.left, taken.animations.saturating_sub(kept)));
+                        let (left, missing) = (taken.left, taken.animations.saturating_sub(kept));
+                        notes.extend(super::fbx::left(left, missing, !taken.model.swings.is_empty()));
                         taken.model
                     }
                     other => return Err(fail(Fault::OtherFormat(other))),
