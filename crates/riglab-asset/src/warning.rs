@@ -229,7 +229,8 @@ impl fmt::Display for Warning {
             Self::SeparateSkeletons { skeletons, roots, remedy } => {
                 write!(
                     f,
-                    "{skeletons} separate skeletons in one file (roots {}); {remedy}; `--character` reads one alone",
+                    "{skeletons} separate skeletons in one file (roots {}); {remedy}; `riglab convert IN OUT --character 0` \
+                     takes one alone, by its number or the name of its root",
                     Some3(roots)
                 )
             }

@@ -123,7 +123,9 @@ pub enum PeerFault {
         parent: String,
     },
     /// A joint beside the tree.
-    #[error("joint {0} is not reachable from the root: no `hier` line leads there; `--repair` puts it below the root")]
+    #[error(
+        "joint {0} is not reachable from the root: no `hier` line leads there; `riglab convert IN OUT --repair` puts it below the root"
+    )]
     Unreachable(String),
     /// No weights at all.
     #[error("there is a skeleton, but no weight on any vertex: the file is the output of a skeleton stage, not a rig")]
@@ -139,7 +141,9 @@ pub enum PeerFault {
     SkeletonOnly,
 
     /// Which one?
-    #[error("the file holds {0} assets; choose one by its number from 0 (`--item N`), or import all of them")]
+    #[error(
+        "the file holds {0} assets; `riglab convert IN OUT --item N` takes one, by its number from 0; `riglab dataset import` takes all"
+    )]
     Several(usize),
     /// Not that many.
     #[error("there is no asset {item}: the file holds {count}, counted from 0")]
