@@ -10,6 +10,7 @@ use riglab_asset::{Imported, Target, is_gltf};
 use riglab_core::{Asset, Rig};
 use serde::Deserialize;
 use serde::de::IgnoredAny;
+use serde_json::Value;
 
 use riglab_report::counted;
 
@@ -30,6 +31,10 @@ pub struct Lost {
     pictures: usize,
     uv_maps: usize,
     colour_sets: usize,
+    cameras: usize,
+    lights: usize,
+    variants: usize,
+    extras: usize,
 }
 
 impl Lost {
@@ -75,6 +80,10 @@ impl Lost {
         self.morph_targets += document.meshes.iter().map(Mesh::targets).sum::<usize>();
         self.uv_maps += having("TEXCOORD_0");
         self.colour_sets += having("COLOR_0");
+        self.cameras += document.cameras.len();
+        self.lights += document.listed("KHR_lights_punctual", "lights");
+        self.variants += document.listed("KHR_materials_variants", "variants");
+        self.extras += document.extras();
     }
 
     /// And of an asset of a corpus, which has no more than its rig and motions.
@@ -110,8 +119,12 @@ impl Lost {
             (self.pictures, "picture"),
             (self.uv_maps, "UV map"),
             (self.colour_sets, "colour set"),
+            (self.cameras, "camera"),
+            (self.lights, "light"),
+            (self.variants, "material variant"),
         ];
-        let lost: Vec<String> = kinds.iter().filter(|(n, _)| *n > 0).map(|(n, what)| counted(*n, what)).collect();
+        let mut lost: Vec<String> = kinds.iter().filter(|(n, _)| *n > 0).map(|(n, what)| counted(*n, what)).collect();
+        lost.extend((self.extras > 0).then(|| format!("{} with extras", counted(self.extras, "object"))));
         let mut lines = Vec::new();
         if let Some((last, others)) = lost.split_last() {
             let all = if others.is_empty() { last.clone() } else { format!("{} and {last}", others.join(", ")) };
@@ -131,15 +144,40 @@ impl Lost {
 #[serde(default)]
 struct Document {
     animations: Vec<IgnoredAny>,
-    materials: Vec<IgnoredAny>,
+    materials: Vec<Object>,
     images: Vec<IgnoredAny>,
     meshes: Vec<Mesh>,
+    cameras: Vec<IgnoredAny>,
+    nodes: Vec<Object>,
+    scenes: Vec<Object>,
+    extensions: Value,
+    extras: Value,
+}
+
+/// Anything that may have data of its own.
+#[derive(Default, Deserialize)]
+#[serde(default)]
+struct Object {
+    extras: Value,
+}
+
+/// Extras that say what is told by another name: names of morph targets, and human bones as riglab writes them.
+const TOLD: [&str; 2] = ["targetNames", "riglabHumanBone"];
+
+/// Whether extras say something.
+fn say(extras: &Value) -> bool {
+    match extras {
+        Value::Null => false,
+        Value::Object(members) => members.keys().any(|key| !TOLD.contains(&key.as_str())),
+        _ => true,
+    }
 }
 
 #[derive(Default, Deserialize)]
 #[serde(default)]
 struct Mesh {
     primitives: Vec<Primitive>,
+    extras: Value,
 }
 
 #[derive(Default, Deserialize)]
@@ -161,6 +199,17 @@ impl Mesh {
 }
 
 impl Document {
+    /// How long a list of an extension of the document is.
+    fn listed(&self, extension: &str, list: &str) -> usize {
+        self.extensions[extension][list].as_array().map_or(0, Vec::len)
+    }
+
+    /// How many objects say something in their extras.
+    fn extras(&self) -> usize {
+        let objects = self.nodes.iter().chain(&self.scenes).chain(&self.materials).map(|object| &object.extras);
+        objects.chain(self.meshes.iter().map(|mesh| &mesh.extras)).chain([&self.extras]).filter(|of| say(of)).count()
+    }
+
     /// Of a file that was imported before; `None` where it is not as it was.
     fn read(path: &Path) -> Option<Self> {
         Self::of(File::open(path).ok()?)
@@ -214,6 +263,8 @@ mod tests {
             "4 files of several meshes: they became one each",
         ];
         assert_eq!(many.lines(Target::Anymate), wanted);
+        let extras = |extras| Lost { files: 1, extras, ..Lost::default() }.lines(Target::Obj);
+        assert!(extras(1)[0].ends_with(": 1 object with extras") && extras(2)[0].ends_with(": 2 objects with extras"));
         assert!(Lost { files: 2, ..Lost::default() }.lines(Target::Glb).is_empty());
     }
 
@@ -248,6 +299,17 @@ mod tests {
             }\nConnections: {\nC: \"OO\",1,0\nC: \"OO\",2,1\nC: \"OO\",5,1\n}\n";
         let wanted = "not written, as riglab's obj files hold none: 1 material and 1 UV map";
         assert_eq!(told("a.fbx", fbx.as_bytes()), [wanted]);
+    }
+
+    #[test]
+    fn what_a_scene_has_beside_its_meshes_is_counted() {
+        let json = r#"{"cameras": [{}], "extras": {"made": "here"}, "nodes": [{"extras": {"riglabHumanBone": "head"}},
+            {"extras": 3}, {"extras": {}}], "meshes": [{"extras": {"targetNames": ["a"]}}, {"extras": {"targetNames": [], "b": 1}}],
+            "extensions": {"KHR_lights_punctual": {"lights": [{}, {}]}, "KHR_materials_variants": {"variants": [{}, {}, {}]}}}"#;
+        let mut lost = Lost { files: 1, ..Lost::default() };
+        lost.add(Document::of(Cursor::new(json)).unwrap());
+        assert_eq!((lost.cameras, lost.lights, lost.variants, lost.extras), (1, 2, 3, 3));
+        assert_eq!(Document::of(Cursor::new(r#"{"extensions": [], "images": []}"#)).unwrap().listed("a", "b"), 0);
     }
 
     #[test]
