@@ -8,7 +8,7 @@ use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result, anyhow, bail};
 use riglab_asset::export::{self, ExportOptions, Influences, JointFrames};
 use riglab_asset::rigging::{self, Subject, SubjectOptions};
 use riglab_asset::{
@@ -120,6 +120,10 @@ pub fn run(args: &Args) -> Result<ExitCode> {
     if target != Target::Glb && (args.influences.is_some() || args.frames.is_some()) {
         bail!("--influences and --frames are for GLB; {target} is written as the rig is");
     }
+    let own_folder = into_folder || several && !target.holds_several();
+    let place = if own_folder { Some(args.out.as_path()) } else { args.out.parent() };
+    let remedy = "give OUT a place where you may write, or make this one so";
+    place.map_or(Ok(()), riglab_files::may_write).map_err(|e| anyhow!("nothing can be written into {e}; {remedy}"))?;
     // What is read is never written over, nor the other half of a pair.
     let inputs: HashSet<PathBuf> =
         files.iter().flat_map(|file| files_read(file)).filter_map(|file| file.canonicalize().ok()).collect();
