@@ -13,7 +13,7 @@ use riglab_asset::export::{self, ExportOptions, Influences, JointFrames};
 use riglab_asset::rigging::{self, Subject, SubjectOptions};
 use riglab_asset::{
     Character, Content, ImportOptions, Imported, Target, count_assets, files_read, import, import_each, is_gltf,
-    is_rig_file, write, write_mesh, written_paths,
+    is_model_file, is_rig_file, write, write_mesh, written_paths,
 };
 use riglab_core::{Asset, Springs};
 use riglab_files::make_folder_of;
@@ -416,16 +416,44 @@ fn numbered(name: &str, again: usize, target: Target) -> String {
 
 /// Rigged files of a folder and those below it, without those that an earlier call wrote there.
 fn rigged(folder: &Path, out: &Path) -> Result<Vec<PathBuf>> {
-    let found = inputs::below(folder, out, "file", is_rig_file);
-    if found.files.is_empty() {
+    let found = inputs::below(folder, out, "file", |path| is_rig_file(path) || is_model_file(path));
+    let (files, bare): (Vec<PathBuf>, Vec<PathBuf>) = found.files.into_iter().partition(|path| is_rig_file(path));
+    let bare = bare_names(folder, &files, bare);
+    if !bare.is_empty() {
+        let named = super::some_of(&bare);
+        tell!("note: {}: not converted, as their formats hold no rig: {named}; give them one by one", folder.display());
+    }
+    if files.is_empty() {
         bail!("{}: no rigged file in this folder or below it", folder.display());
     }
-    Ok(found.files)
+    Ok(files)
+}
+
+/// Which of `bare` belong to none of the rigged files, as the OBJ of a rig text does: by their places below the folder.
+fn bare_names(folder: &Path, rigged: &[PathBuf], mut bare: Vec<PathBuf>) -> Vec<String> {
+    let read: HashSet<PathBuf> = rigged.iter().flat_map(|file| files_read(file)).collect();
+    bare.retain(|path| !read.contains(path));
+    bare.iter().map(|path| path.strip_prefix(folder).unwrap_or(path).display().to_string()).collect()
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn meshes_without_a_rig_are_named_and_those_of_rig_texts_are_not() {
+        let dir = tempfile::tempdir().unwrap();
+        let at = |name: &str| dir.path().join(name);
+        std::fs::create_dir(at("sub")).unwrap();
+        for name in ["a.glb", "sub/b.obj", "c.obj", "d.stl"] {
+            std::fs::write(at(name), "v 0 0 0\n").unwrap();
+        }
+        std::fs::write(at("c_rig.txt"), "joints a 0 0 0\nroot a\n").unwrap();
+        let rigged = rigged(dir.path(), &at("out")).unwrap();
+        assert_eq!(rigged, [at("a.glb"), at("c_rig.txt")]);
+        let bare = ["c.obj", "d.stl", "sub/b.obj"].map(at).to_vec();
+        assert_eq!(bare_names(dir.path(), &rigged, bare), ["d.stl", "sub/b.obj"]);
+    }
 
     #[test]
     fn names_from_files_stay_in_their_folder() {
