@@ -549,6 +549,7 @@ fn what_is_read_is_spared_in_every_format() {
     let said = must(&["convert", text(&path("b.obj")), text(&path("b.glb"))]).stderr;
     let said = String::from_utf8(said).unwrap();
     assert!(!said.contains("not written"), "its looks come along: {said}");
+    assert_eq!(said.matches("only 1 triangle").count(), 1, "told once: {said}");
     must(&["convert", text(&path("a.obj")), text(&path("bare.glb"))]);
     let shown = String::from_utf8(must(&["inspect", text(&path("bare.glb"))]).stdout).unwrap();
     assert!(shown.contains("vertices"), "{shown}");

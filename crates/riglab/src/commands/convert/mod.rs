@@ -10,7 +10,7 @@ use std::process::ExitCode;
 
 use anyhow::{Context, Result, anyhow, bail};
 use riglab_asset::export::{self, ExportOptions, Influences, JointFrames};
-use riglab_asset::rigging::{self, Subject, SubjectOptions};
+use riglab_asset::rigging::{self, Subject, SubjectNote, SubjectOptions};
 use riglab_asset::{
     Character, Content, ImportOptions, Imported, Target, count_assets, files_read, import, import_each, is_gltf,
     is_model_file, is_rig_file, write, write_mesh, written_paths,
@@ -382,7 +382,19 @@ pub fn is_fbx(source: &str) -> bool {
 /// A model of another format as a GLB with its looks.
 fn bare(source: &str) -> Result<export::Exported> {
     let subject = Subject::read(source, &SubjectOptions::default())?;
-    subject.notes().iter().for_each(|note| tell!("note: {source}: {note}"));
+    for note in subject.notes() {
+        match note {
+            // What was told as it was imported, and what only matters to who makes a rig.
+            SubjectNote::Read(_)
+            | SubjectNote::StandApart { .. }
+            | SubjectNote::InsideOut { .. }
+            | SubjectNote::Flat { .. } => {}
+            SubjectNote::LiesDown { axis, .. } => {
+                tell!("note: {source}: {axis} seems to be up in it, and y is in a GLB: there it lies on its side");
+            }
+            note => tell!("note: {source}: {note}"),
+        }
+    }
     let bytes = subject.document().map(<[u8]>::to_vec);
     let bytes = bytes
         .with_context(|| format!("{source}: the file has a mesh but no skeleton, which is written as obj only"))?;
