@@ -521,6 +521,29 @@ fn an_interrupted_import_leaves_nothing_behind() {
 }
 
 #[test]
+fn a_folder_is_converted_below_itself_as_often_as_one_likes() {
+    let dir = tempfile::tempdir().unwrap();
+    let made = dir.path().join("made");
+    creatures(&made, 2);
+    fs::create_dir(made.join("sub")).unwrap();
+    fs::write(made.join("sub/scan.obj"), "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n").unwrap();
+    let out = made.join("out");
+    let convert = |into: &Path| must(&["convert", text(&made), text(into), "--to", "glb"]);
+    let said = String::from_utf8(convert(&out).stderr).unwrap();
+    assert!(said.contains("not converted") && said.contains("sub/scan.obj"), "{said}");
+    let again = convert(&out);
+    let said = String::from_utf8(again.stderr).unwrap();
+    assert!(said.contains("not taken as input: 2 files in the output folder"), "{said}");
+    assert!(String::from_utf8_lossy(&again.stdout).starts_with("2 written"));
+    assert_eq!(fs::read_dir(&out).unwrap().count(), 2);
+    // Nowhere to write is told before anything is read.
+    let file = dir.path().join("file");
+    fs::write(&file, "").unwrap();
+    let said = refusal(&mut riglab(&["convert", text(&made), text(&file.join("out/")), "--to", "glb"]));
+    assert!(said.contains("nothing can be written into") && !said.contains("scan.obj: "), "{said}");
+}
+
+#[test]
 fn what_is_read_is_spared_in_every_format() {
     let dir = tempfile::tempdir().unwrap();
     let creature = &creatures(&dir.path().join("made"), 1)[0];
