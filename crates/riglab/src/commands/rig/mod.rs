@@ -4,6 +4,7 @@ mod given;
 mod model;
 mod one;
 
+use std::collections::HashSet;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
@@ -17,8 +18,8 @@ use riglab_train::Progress;
 use super::device::DeviceArgs;
 use super::earlier::{Written, keep_others};
 use super::glb::{Frames, Most};
+use super::some_of;
 use model::Model;
-use riglab_report::counted;
 use riglab_report::shell::command;
 
 /// Rig a model: a skeleton and skin weights for a mesh.
@@ -318,39 +319,41 @@ fn jobs(input: &Path, out: &Path) -> Result<Jobs> {
     if same(input, out) {
         bail!("{} is the folder of the inputs, which are never changed; give another", out.display());
     }
-    // What an earlier call wrote below the inputs is no input.
-    let within = out.canonicalize().ok();
-    let within = within.filter(|out| input.canonicalize().is_ok_and(|input| out.starts_with(input)));
-    let own = |path: &Path| match (&within, path.canonicalize()) {
-        (Some(out), Ok(path)) => path.starts_with(out),
-        _ => false,
-    };
-    let passed = std::cell::Cell::new(0);
-    let found = riglab_files::below(input, |path| {
-        let model = is_model_file(path);
-        passed.set(passed.get() + usize::from(model && own(path)));
-        model && !own(path)
-    });
-    if passed.get() > 0 {
-        tell!("note: not taken as input: {} in the output folder {}", counted(passed.get(), "model"), out.display());
-    }
-    for (path, why) in &found.unread {
-        tell!("left out: {}: {why}", path.display());
-    }
+    let found = super::inputs::below(input, out, "model", is_model_file);
     if found.files.is_empty() {
         bail!("{}: no model with the ending {}", input.display(), MODELS.join(", "));
     }
-    let mut jobs: Vec<(PathBuf, PathBuf)> = Vec::new();
-    for file in found.files {
-        let below = file.strip_prefix(input).context("a file below its folder")?;
-        let mut to = out.join(below.with_extension("glb"));
-        // a.obj and a.fbx do not overwrite each other.
-        if jobs.iter().any(|(_, taken)| *taken == to) {
-            to = out.join(format!("{}.glb", below.display()));
-        }
-        jobs.push((file, to));
+    let jobs = targets(found.files, input, out)?;
+    let longer = jobs.iter().filter(|(file, to)| to.file_stem() == file.file_name());
+    let longer: Vec<String> = longer.map(|(_, to)| to.strip_prefix(out).unwrap_or(to).display().to_string()).collect();
+    if !longer.is_empty() {
+        tell!("note: of models that are called alike, the others are written with their ending: {}", some_of(&longer));
     }
     Ok((jobs, found.unread))
+}
+
+/// Where each file of a folder is written: below `out` as it lies below `input`, as a GLB. Of those called alike a GLB keeps
+/// its name, or else the first one; the others keep their ending, too, so that none overwrites another.
+fn targets(files: Vec<PathBuf>, input: &Path, out: &Path) -> Result<Vec<(PathBuf, PathBuf)>> {
+    let below = |file: &Path| file.strip_prefix(input).map(Path::to_path_buf).context("a file below its folder");
+    let is_glb = |file: &Path| file.extension().is_some_and(|e| e == "glb");
+    let glbs: Result<Vec<PathBuf>> = files.iter().filter(|file| is_glb(file)).map(|file| below(file)).collect();
+    let mut taken: HashSet<PathBuf> = glbs?.into_iter().collect();
+    let mut jobs = Vec::with_capacity(files.len());
+    for file in files {
+        let own = below(&file)?;
+        let short = own.with_extension("glb");
+        let mut name = short;
+        if !is_glb(&file) && taken.contains(&name) {
+            name = own;
+            while taken.contains(&name) || name.extension().is_none_or(|e| e != "glb") {
+                name.as_mut_os_string().push(".glb");
+            }
+        }
+        taken.insert(name.clone());
+        jobs.push((file, out.join(name)));
+    }
+    Ok(jobs)
 }
 
 #[cfg(test)]
@@ -363,6 +366,19 @@ mod tests {
     struct Called {
         #[command(flatten)]
         args: RigArgs,
+    }
+
+    #[test]
+    fn models_that_are_called_alike_overwrite_none() {
+        let of = |names: &[&str]| {
+            let files = names.iter().map(|name| Path::new("in").join(name)).collect();
+            let jobs = targets(files, Path::new("in"), Path::new("out")).unwrap();
+            jobs.iter().map(|(_, to)| to.strip_prefix("out").unwrap().display().to_string()).collect::<Vec<_>>()
+        };
+        assert_eq!(of(&["fox.fbx", "fox.glb", "fox.obj"]), ["fox.fbx.glb", "fox.glb", "fox.obj.glb"]);
+        assert_eq!(of(&["a/fox.fbx", "a/fox.obj", "fox.obj"]), ["a/fox.glb", "a/fox.obj.glb", "fox.glb"]);
+        assert_eq!(of(&["fox.FBX", "fox.v2.obj"]), ["fox.glb", "fox.v2.glb"]);
+        assert_eq!(of(&["fox.fbx", "fox.fbx.glb", "fox.glb"]), ["fox.fbx.glb.glb", "fox.fbx.glb", "fox.glb"]);
     }
 
     #[test]
