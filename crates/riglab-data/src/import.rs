@@ -13,6 +13,7 @@ use riglab_core::Asset;
 use riglab_files::{Below, make_folder_of};
 
 use crate::beside::whole_checksum;
+use crate::copies;
 use crate::manifest::Manifest;
 use crate::split::{SplitNames, Splitter};
 use crate::{CorpusWriter, DataError};
@@ -88,7 +89,8 @@ fn files_below(folder: &Path, wanted: fn(&Path) -> bool, none: fn(PathBuf) -> Da
 ///
 /// `manifest.json` in the folder adds provenance (a list of objects with `file`, `source`,
 /// `licence`, `author`, `category`). A file that gives no rig is a row of the report. `progress` is
-/// told how many files are done.
+/// told how many files are done. Equal assets under two names are in one split, where the splitter makes the splits, and are
+/// told.
 ///
 /// # Errors
 /// When no file gives a rig, or the corpus cannot be written.
@@ -195,7 +197,7 @@ fn write_all(
         return Err(DataError::AllRefused { path: folder.into(), count, first });
     }
     let splits = match splitter {
-        Some(splitter) => splitter.assign(&keys),
+        Some(splitter) => splitter.assign_equal(&keys, &writer.digests()),
         None => vec![SplitNames::MESHES.into(); keys.len()],
     };
     let names: BTreeSet<&str> = keys.iter().map(|(name, _)| name.as_str()).collect();
@@ -205,6 +207,8 @@ fn write_all(
     if let Some(splitter) = splitter {
         // What was refused is told already.
         report.warnings.extend(splitter.doubts(&keys, &splits, is_there));
+        let names: Vec<&str> = keys.iter().map(|(name, _)| name.as_str()).collect();
+        report.warnings.extend(copies::told(&names, &writer.digests(), &splits));
     }
     for split in &splits {
         *report.splits.entry(split.clone()).or_default() += 1;
@@ -353,5 +357,27 @@ mod tests {
         riglab_asset::write(&[a.clone(), a, b], &set, riglab_asset::Target::ArticulationXl).unwrap();
         let report = import_folder(dir.path(), &out, &Splitter::ByTopology(0), &options, |_| ()).unwrap();
         assert_eq!((report.imported, report.refused), (5, vec![]));
+    }
+
+    #[test]
+    fn one_rig_of_two_names_is_in_one_split() {
+        let dir = tempfile::tempdir().unwrap();
+        (0..12).for_each(|k| pair(dir.path(), &format!("rig{k:02}")));
+        let out = dir.path().join("c.h5");
+        let import = |splitter: &Splitter| {
+            let report = import_folder(dir.path(), &out, splitter, &ImportOptions::default(), |_| ()).unwrap();
+            let told: Vec<String> = report.warnings.into_iter().filter(|said| said.contains("equal")).collect();
+            (crate::Corpus::open(&out).unwrap().texts("split").unwrap(), told)
+        };
+        let (splits, told) = import(&Splitter::ByTopology(0));
+        assert_eq!(splits, ["train"; 12]);
+        assert!(told.len() == 1 && told[0].starts_with("11 assets are equal to another"), "{told:?}");
+        let given = [("rig00_rig.txt", "train"), ("rig01_rig.txt", "test_new")];
+        let given = given.iter().map(|(name, split)| ((*name).to_owned(), (*split).to_owned())).collect();
+        let (_, told) = import(&Splitter::Given(given));
+        assert!(
+            told.len() == 1 && told[0].contains("`rig01_rig.txt` of test_new to `rig00_rig.txt` of train"),
+            "{told:?}"
+        );
     }
 }

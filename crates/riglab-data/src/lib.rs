@@ -13,6 +13,7 @@
 
 mod beside;
 mod claims;
+mod copies;
 mod error;
 mod import;
 mod manifest;

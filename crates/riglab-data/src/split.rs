@@ -7,6 +7,7 @@ use riglab_core::Asset;
 use riglab_random::{Draw, stream};
 
 use crate::DataError;
+use crate::copies::firsts;
 use crate::words::{nearest, some_of};
 
 /// The names of splits that evaluation knows: trained on, chosen by, tested on with skeletons of
@@ -72,6 +73,20 @@ impl Splitter {
             Self::ByTopology(seed) => by_topology(*seed, assets),
             Self::All(split) => vec![split.clone(); assets.len()],
         }
+    }
+
+    /// As [`Self::assign`], with equal assets in one split where this makes the splits: of two files of one rig, one would be
+    /// tested on what the other trained. Assets are equal where their `contents` are, such as their digests. Splits of assets
+    /// that all differ are those of [`Self::assign`].
+    pub fn assign_equal(&self, assets: &[(String, u64)], contents: &[impl AsRef<str>]) -> Vec<String> {
+        if !matches!(self, Self::ByTopology(_)) {
+            return self.assign(assets);
+        }
+        let firsts = firsts(contents);
+        let own: Vec<usize> = (0..assets.len()).filter(|&k| firsts[k] == k).collect();
+        let splits = self.assign(&own.iter().map(|&k| assets[k].clone()).collect::<Vec<_>>());
+        let of: HashMap<usize, String> = own.into_iter().zip(splits).collect();
+        firsts.iter().map(|first| of[first].clone()).collect()
     }
 
     /// Sentences on what looks mistaken in the splits of some assets: test splits that hold most of them or are not what
@@ -196,6 +211,25 @@ mod tests {
             assert!(!of(name).is_empty(), "{name}");
         }
         assert_eq!(splits, Splitter::ByTopology(3).assign(&assets));
+    }
+
+    #[test]
+    fn equal_assets_are_of_one_split_and_change_no_other() {
+        let assets: Vec<(String, u64)> = (0..60u64).map(|i| (format!("{i}"), i % 5)).collect();
+        let contents: Vec<String> = (0..60).map(|i| format!("{i}")).collect();
+        let own = Splitter::ByTopology(2);
+        let alone = own.assign(&assets);
+        assert_eq!(own.assign_equal(&assets, &contents), alone, "none is there twice");
+        // Copies of all.
+        let copies = assets.iter().map(|(name, kind)| (format!("copy of {name}"), *kind));
+        let both: Vec<(String, u64)> = assets.iter().cloned().chain(copies).collect();
+        let twice = [&contents[..], &contents].concat();
+        let splits = own.assign_equal(&both, &twice);
+        assert_eq!((&splits[..60], &splits[60..]), (&alone[..], &alone[..]));
+        assert_ne!(own.assign(&both)[60..], alone, "by chance they would be apart");
+        // A person's own split stays.
+        let given = Splitter::Given([("0".to_owned(), "val".to_owned())].into());
+        assert_eq!(given.assign_equal(&both[..2], &["x", "x"]), ["val", ""]);
     }
 
     #[test]

@@ -12,7 +12,7 @@ use riglab_files::Unfinished;
 
 use crate::DataError;
 use crate::room::{release, reserve};
-use crate::schema::{CLIP_NAMES, FORMAT, JOINT_NAMES, OFFSETS, SCHEMA, SPLIT, TEXTS};
+use crate::schema::{CLIP_NAMES, DIGEST, FORMAT, JOINT_NAMES, OFFSETS, SCHEMA, SPLIT, TEXTS};
 
 /// Rows are kept in memory until they come to this many bytes.
 const BUFFER: usize = 8 << 20;
@@ -135,6 +135,11 @@ impl CorpusWriter {
     /// Whether none was added yet.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
+    }
+
+    /// The digests of those that were added: equal for assets that are equal but for their names and where they are from.
+    pub fn digests(&self) -> Vec<&str> {
+        self.texts[DIGEST].iter().map(VarLenUnicode::as_str).collect()
     }
 
     /// Whether a corpus may take a place: a folder, a device, or somebody's own file is not replaced; an earlier corpus is,

@@ -45,7 +45,7 @@ enum Command {
 /// Rig texts are read with the OBJ beside them, and each asset of an npz, h5 or pt file of several.
 ///
 /// A `manifest.json` in the folder adds licences and authors, a `split.json` says which asset is
-/// trained on; without one, splits are made by skeleton topology. Files that give no rig are listed
+/// trained on; without one, splits are made by skeleton topology, with equal assets in one split. Files that give no rig are listed
 /// and left out; likely typing errors in either file are reported.
 #[derive(clap::Args)]
 #[command(after_help = "\
