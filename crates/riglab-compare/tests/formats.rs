@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use riglab_compare::{CompareError, Failures, Kind, Predictions, Row, Status, System, Truths, score};
-use riglab_metric::SkinBaseline;
+use riglab_metric::{Baseline, SkinBaseline};
 
 fn golden() -> Option<PathBuf> {
     let shared = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/golden");
@@ -136,7 +136,7 @@ fn baselines_stand_beside_systems() {
     let Some(formats) = golden() else { return };
     let truths = Truths::open(&formats.join("rignet"), None).unwrap();
     let systems = [("puppeteer".to_owned(), Predictions::find(&formats.join("puppeteer"), Kind::Auto).unwrap())];
-    let baselines = [SkinBaseline::SHOWN[0], SkinBaseline::Heat];
+    let baselines = [SkinBaseline::Straight(Baseline::Nearest), SkinBaseline::Heat];
     let (found, _) = score(&truths, &systems, &baselines, Failures::Apart, |_| ()).unwrap();
     assert_eq!(found.len(), 3);
     let rigs = names(&formats.join("rignet"), "_rig.txt").len();

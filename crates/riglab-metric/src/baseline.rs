@@ -27,17 +27,6 @@ pub enum Baseline {
 }
 
 impl Baseline {
-    /// Those that reports show: the nearest bone, and inverse distance in its sharp forms, as it is
-    /// and with the cuts that were best in validation.
-    pub const SHOWN: [Self; 6] = [
-        Self::Nearest,
-        Self::Inverse { power: 2 },
-        Self::Inverse { power: 8 },
-        Self::InverseCut { power: 2, cut: 0.15 },
-        Self::InverseCut { power: 4, cut: 0.15 },
-        Self::InverseCut { power: 16, cut: 0.05 },
-    ];
-
     /// Its name in tables.
     pub fn name(&self) -> String {
         match self {
@@ -226,6 +215,15 @@ pub fn bone_distances(rig: &Rig, joints: &[JointId]) -> Vec<f32> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::SkinBaseline;
+
+    /// The rules over straight distances that tables show.
+    fn straight() -> impl Iterator<Item = Baseline> {
+        SkinBaseline::all().filter_map(|baseline| match baseline {
+            SkinBaseline::Straight(rule) => Some(rule),
+            _ => None,
+        })
+    }
 
     #[test]
     fn weights_follow_distance() {
@@ -247,7 +245,7 @@ mod tests {
         let corners = vec![[1.0, 0.0, 0.0], [0.3, 0.9, 0.0], [3.0, 2.0, 1.0], [-1.0, 0.5, 0.0]];
         let mesh = Mesh::new(corners, vec![[0, 1, 2], [0, 3, 1]]).unwrap();
         let skeleton = Skeleton::new(joints).unwrap();
-        for rule in Baseline::SHOWN {
+        for rule in straight() {
             let rig = rule.rig(skeleton.clone(), mesh.clone()).unwrap();
             let ids: Vec<JointId> = rig.skeleton().ids().collect();
             let dense = rule.weights(&bone_distances(&rig, &ids), 3);
@@ -263,7 +261,7 @@ mod tests {
 
     #[test]
     fn a_vertex_on_a_bone_is_finite() {
-        for b in Baseline::SHOWN {
+        for b in straight() {
             let w = b.weights(&[0.0, 0.0, 1.0], 3);
             assert!((w.iter().sum::<f32>() - 1.0).abs() < 1e-6, "{}", b.name());
         }

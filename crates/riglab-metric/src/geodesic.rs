@@ -13,15 +13,6 @@ const NEAREST: usize = 8;
 const AT_ONCE: usize = 32;
 
 impl Baseline {
-    /// Rules over voxel geodesic distances that reports show: the nearest bone, and the sharp forms that were
-    /// best in validation.
-    pub const SHOWN_GEODESIC: [Self; 4] = [
-        Self::Nearest,
-        Self::Inverse { power: 16 },
-        Self::InverseCut { power: 3, cut: 0.15 },
-        Self::InverseCut { power: 16, cut: 0.15 },
-    ];
-
     /// Its name in tables where distances are geodesic.
     pub fn geodesic_name(&self) -> String {
         format!("geodesic {}", self.name())
@@ -91,6 +82,7 @@ mod tests {
     use riglab_core::{Joint, Rig};
 
     use super::*;
+    use crate::SkinBaseline;
     use crate::bone_distances;
 
     const COARSE: SolidConfig = SolidConfig { resolution: 48, ..SolidConfig::DEFAULT };
@@ -152,7 +144,8 @@ mod tests {
                 &[[1e25; 3]],
                 &[[f32::MAX; 3], [-f32::MAX; 3]],
             ] {
-                for rule in Baseline::SHOWN_GEODESIC {
+                for baseline in SkinBaseline::all() {
+                    let SkinBaseline::Geodesic(rule) = baseline else { continue };
                     let weights = geodesic_weights(&mesh, &skeleton(heads), &[], rule, &COARSE);
                     assert_eq!(weights.rows(), mesh.positions().len());
                 }

@@ -183,9 +183,9 @@ pub fn run(args: &Args) -> Result<ExitCode> {
     // A file may hold many.
     let total = truths.len() as u64;
     let mut progress = Progress::new("scoring", total, 0);
-    let baselines = if args.baselines { &SkinBaseline::SHOWN[..] } else { &[] };
+    let baselines: Vec<SkinBaseline> = SkinBaseline::compared().filter(|_| args.baselines).collect();
     let scored =
-        score(&truths, &systems, baselines, args.failures, |done| progress.set(total.min(done as u64), String::new));
+        score(&truths, &systems, &baselines, args.failures, |done| progress.set(total.min(done as u64), String::new));
     progress.finish();
     let (systems, unread_truth) = scored?;
     let truth = match &args.split {
