@@ -70,6 +70,8 @@ pub struct System {
     pub name: String,
     /// Where its predictions are.
     pub folder: String,
+    /// Whether it is a baseline, which binds the true skeletons.
+    pub baseline: bool,
     /// A row for each true asset.
     pub rows: Vec<Row>,
     /// Predictions of no true asset.
@@ -148,6 +150,7 @@ impl System {
         Self {
             name: name.into(),
             folder: predictions.folder().display().to_string(),
+            baseline: false,
             rows: Vec::new(),
             unmatched: Vec::new(),
             unread,
@@ -156,7 +159,7 @@ impl System {
 
     fn of_baseline(baseline: &SkinBaseline) -> Self {
         let (name, folder) = (baseline.name(), "the true skeleton".to_owned());
-        Self { name, folder, rows: Vec::new(), unmatched: Vec::new(), unread: Vec::new() }
+        Self { name, folder, baseline: true, rows: Vec::new(), unmatched: Vec::new(), unread: Vec::new() }
     }
 
     /// Takes from failures the figures that no scored asset has: of a system whose weights cannot be compared anywhere, worst
@@ -287,6 +290,7 @@ mod tests {
             let mut system = System {
                 name: "s".into(),
                 folder: String::new(),
+                baseline: false,
                 rows: vec![first, failed, row(Status::Missing, &["j2j", "l1"])],
                 unmatched: Vec::new(),
                 unread: Vec::new(),

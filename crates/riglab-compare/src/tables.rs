@@ -9,6 +9,14 @@ use serde_json::{Value, json};
 use crate::unit::{SAID, factor};
 use crate::{Failures, Status, System, Unread};
 
+/// Values that are no further apart than this are equal: what lies between them is rounding.
+const EQUAL: f64 = 1e-9;
+
+/// Said where baselines stand beside systems: an evaluation of a run has them under the same names.
+const BASELINES: &str = " Baselines here may bind vertices to every joint of the true skeleton, as a system may; those of \
+                         `riglab eval` are told which joints move something and are scored on these alone, so that their \
+                         figures differ a little.";
+
 /// Systems over the same assets.
 #[derive(Clone, Debug, Serialize)]
 pub struct Comparison {
@@ -60,6 +68,9 @@ impl Comparison {
             }
         }
         .into();
+        if self.systems.iter().any(|system| system.baseline) {
+            table.note += BASELINES;
+        }
         table
     }
 
@@ -321,6 +332,7 @@ mod tests {
         System {
             name: name.into(),
             folder: name.into(),
+            baseline: false,
             rows: values.iter().enumerate().map(row).collect(),
             unmatched: Vec::new(),
             unread: Vec::new(),
@@ -383,6 +395,30 @@ mod tests {
         assert_eq!(of(&[&two, &[None, Some(f64::NAN)]]).0, [false, false], "the only one with figures is not the best");
         assert_eq!(of(&[&two, &some, &[None, Some(0.01)]]).0, [false; 3], "the third has the easy asset alone");
         assert_eq!(of(&[&two]), (vec![false], SAID.to_owned()));
+    }
+
+    #[test]
+    fn what_differs_by_rounding_alone_has_no_best() {
+        let strong = |means: [f64; 3]| {
+            let named = |(k, mean): (usize, &f64)| system(&format!("s{k}"), &[Some(*mean)]);
+            let systems = means.iter().enumerate().map(named).collect();
+            let all = Comparison { truth: "t".into(), failures: Failures::Apart, unread_truth: Vec::new(), systems };
+            let table = all.tables(&Preset::ALL).remove(0);
+            [2, 5, 8].map(|column| table.rows[0][column].strong)
+        };
+        assert_eq!(strong([0.0, 3.8e-17, -1e-13]), [false; 3]);
+        assert_eq!(strong([0.1, 0.1 + 1e-13, 0.2]), [true, true, false]);
+        assert_eq!(strong([0.1, 0.1 + 1e-8, 0.2]), [true, false, false]);
+    }
+
+    #[test]
+    fn baselines_are_told_to_differ_from_those_of_evaluations() {
+        let of = |baseline| {
+            let systems = vec![System { baseline, ..system("nearest bone", &[Some(0.1)]) }];
+            let all = Comparison { truth: "t".into(), failures: Failures::Apart, unread_truth: Vec::new(), systems };
+            all.counts().note.contains("`riglab eval`")
+        };
+        assert!(of(true) && !of(false));
     }
 
     #[test]

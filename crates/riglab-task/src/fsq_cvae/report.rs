@@ -153,6 +153,10 @@ pub(crate) fn skin_metrics(convention: &str) -> Vec<Metric> {
     ]
 }
 
+/// What is said of baselines in an evaluation.
+pub(crate) const BONES_KNOWN: &str = "they are told which bones move something, as those of `riglab compare --baselines` \
+                                      are not.";
+
 /// What is said of columns that have no best.
 pub(crate) const TRADED: &str =
     "No best is marked for precision, recall and mask: predicting more, or less, raises one and lowers another.";

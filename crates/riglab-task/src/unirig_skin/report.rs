@@ -266,7 +266,7 @@ fn table(report: &Report, split: &str) -> Table {
          recall equals this row's. motion: how far vertices are from where the true weights take \
          them, mean over ten poses with random turns up to 30 degrees about each axis, then over rigs; the rig fills a \
          cube of side 2. {}Below the line: baselines without learning, from distances to the bones, straight or \
-         through the body, or from heat diffused over the surface.",
+         through the body, or from heat diffused over the surface; {BONES_KNOWN}",
         report.convention,
         if report.spread > 0.0 {
             format!("spread over the surface as heat, over {} of the way to the nearest bone, ", report.spread)

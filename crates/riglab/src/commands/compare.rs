@@ -356,7 +356,7 @@ mod tests {
             let rows = (0..count).map(row).collect();
             let (name, folder) = ("ours".into(), "out".into());
             let unmatched = vec!["x".into(), "y".into()];
-            let system = System { name, folder, rows, unmatched, unread: Vec::new() };
+            let system = System { name, folder, baseline: false, rows, unmatched, unread: Vec::new() };
             let (truth, unread_truth) = ("t".into(), vec![("b.glb".into(), "it is empty".into())]);
             told(&Comparison { truth, failures: Failures::Apart, unread_truth, systems: vec![system] })
         };
