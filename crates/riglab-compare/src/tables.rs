@@ -177,12 +177,13 @@ impl Comparison {
         // One that failed everywhere is the better one in nothing, whatever a failure counts.
         let found = self.systems.iter().map(|s| s.rows.iter().any(|r| r.status == Status::Scored));
         let found: Vec<bool> = found.collect();
-        let best = |k: usize| {
-            let others =
-                means.iter().zip(&found).filter(|(o, found)| **found && o.mean.is_finite()).map(|(o, _)| o.mean);
-            let best = if lower == Some(true) { others.reduce(f64::min) } else { others.reduce(f64::max) };
-            comparable && found[k] && best == Some(means[k].mean)
-        };
+        let defined = || means.iter().zip(&found).filter(|(o, _)| o.mean.is_finite());
+        let others = defined().filter(|(_, found)| **found).map(|(o, _)| o.mean);
+        let best = if lower == Some(true) { others.reduce(f64::min) } else { others.reduce(f64::max) };
+        // Where all are equal none is the better one.
+        let near = |a: f64| best.is_some_and(|best| (a - best).abs() <= EQUAL);
+        let differ = defined().any(|(o, _)| !near(o.mean));
+        let best = |k: usize| comparable && found[k] && differ && near(means[k].mean);
         let arrow = match lower {
             Some(true) => "lower",
             Some(false) => "higher",
@@ -301,11 +302,11 @@ fn interval(low: f64, high: f64) -> Cell {
     Cell::none().with_text(text)
 }
 
-/// Four digits that count; powers of ten below a thousandth.
+/// Four digits that count; powers of ten below a thousandth. What is smaller than rounding is 0.
 fn shown(value: f64) -> String {
     match value.abs() {
         a if !a.is_finite() => "–".into(),
-        0.0 => "0".into(),
+        a if a < EQUAL => "0".into(),
         a if a < 1e-3 => format!("{value:.2e}"),
         a if a < 1.0 => format!("{value:.4}"),
         a if a < 10.0 => format!("{value:.3}"),
@@ -478,8 +479,8 @@ mod tests {
     #[test]
     fn numbers_have_four_digits_that_count() {
         assert_eq!(
-            [0.0, 4.83e-5, 0.15, 2.857, 12.3456, 512.34].map(shown),
-            ["0", "4.83e-5", "0.1500", "2.857", "12.35", "512.3"]
+            [0.0, -3.83e-17, 1.2e-9, 4.83e-5, 0.15, 2.857, 12.3456, 512.34].map(shown),
+            ["0", "0", "1.20e-9", "4.83e-5", "0.1500", "2.857", "12.35", "512.3"]
         );
     }
 }
