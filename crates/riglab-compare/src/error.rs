@@ -25,6 +25,22 @@ pub enum CompareError {
     /// No true rig.
     #[error("{0}: no true rig to compare with{1}")]
     NoTruth(PathBuf, String),
+    /// A split of files, which have none.
+    #[error(
+        "--split: only a corpus has splits, and {path} is none; leave --split out, or make a corpus of the files: \
+         riglab dataset import FOLDER -o truth.h5", path = .0.display()
+    )]
+    NoSplits(PathBuf),
+    /// A split that the corpus does not have.
+    #[error("{path}: no split `{split}` in this corpus; there are {there}", path = path.display())]
+    NoSplit {
+        /// The corpus.
+        path: PathBuf,
+        /// The split.
+        split: String,
+        /// Those that it has.
+        there: String,
+    },
     /// Not one name of the truth among the predictions.
     #[error(
         "{folder}: none of its {found} is named like a true asset: it has for instance `{theirs}`, \

@@ -10,6 +10,7 @@
 //!
 //! Leaves out: models; how predictions came about.
 
+mod corpora;
 mod error;
 mod fit;
 mod keys;

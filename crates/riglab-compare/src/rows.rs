@@ -1,6 +1,7 @@
 //! A row for every true asset.
 
 use std::collections::BTreeSet;
+use std::path::Path;
 
 use rayon::prelude::*;
 use riglab_core::{Asset, Bounds, Rig};
@@ -95,7 +96,7 @@ pub fn score(
     let mut out: Vec<System> = systems.iter().map(|(name, p)| System::empty(name, p)).collect();
     out.extend(baselines.iter().map(System::of_baseline));
     let (mut broken, mut done) = (truths.unread.clone(), 0);
-    let mut used: Vec<std::collections::BTreeSet<String>> = vec![Default::default(); systems.len()];
+    let mut used: Vec<BTreeSet<String>> = vec![Default::default(); systems.len()];
     let mut example = String::new();
     truths.each(|some| {
         let rows: Vec<Result<Vec<Row>, (String, String)>> = some
@@ -138,10 +139,19 @@ pub fn score(
         }
     }
     if out.iter().any(|s| s.rows.is_empty()) {
-        let first = broken.first().map(|(name, e)| format!(": {name}: {e}")).unwrap_or_default();
+        let first = broken.first().map(|(name, e)| first_fault(truths.path(), name, e)).unwrap_or_default();
         return Err(CompareError::NoTruth(truths.path().into(), first));
     }
     Ok((out, broken))
+}
+
+/// Why the first true file cannot be read, with no name that is said already: that of the only file, or what its reader names.
+fn first_fault(truth: &Path, name: &str, fault: &str) -> String {
+    match fault.strip_prefix(&format!("{}: ", truth.display())) {
+        Some(rest) => format!(": {rest}"),
+        None if fault.starts_with(&truth.join(name).display().to_string()) => format!(": {fault}"),
+        None => format!(": {name}: {fault}"),
+    }
 }
 
 impl System {

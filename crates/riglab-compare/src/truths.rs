@@ -1,14 +1,16 @@
 //! The true rigs.
 
+use std::collections::BTreeSet;
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 
 use rayon::prelude::*;
 use riglab_asset::{ImportOptions, Resample, count_assets, import, import_each, is_rig_file};
 use riglab_core::Asset;
-use riglab_data::{Corpus, name_below};
+use riglab_data::{Corpus, DataError, name_below};
 
 use crate::CompareError;
+use crate::corpora::corpus_at;
 use crate::rows::Unread;
 
 /// Rigs held at a time.
@@ -32,49 +34,40 @@ pub struct Truths {
     pub source: TruthSource,
     /// Folders and links below the folder that could not be followed, with the reason.
     pub(crate) unread: Unread,
+    /// Assets of the corpus' other splits.
+    pub(crate) elsewhere: Vec<String>,
 }
 
 impl Truths {
     /// A corpus (a split of it, if one is named), a folder of rigged files, or a file.
     ///
     /// # Errors
-    /// When there is none, or no such split.
+    /// When there is none, no such split, or no splits at all.
     pub fn open(path: &Path, split: Option<&str>) -> Result<Self, CompareError> {
-        let at = |source| Self { path: path.into(), source, unread: Unread::new() };
-        let ending = path.extension().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
-        // Puppeteer's files have the same ending as corpora.
-        let corpus = if path.is_file() && ["h5", "hdf5"].contains(&ending.as_str()) {
-            Corpus::open(path)
-        } else {
-            Err(riglab_data::DataError::Missing(path.into(), "corpus or folder"))
-        };
-        match corpus {
-            Ok(corpus) => {
-                let assets = match split {
-                    Some(split) => corpus.split(split)?,
-                    None => (0..corpus.len()).collect(),
-                };
-                if assets.is_empty() {
-                    let of = split.map(|s| format!(" in its split `{s}`")).unwrap_or_default();
-                    return Err(CompareError::NoTruth(path.into(), of));
-                }
-                Ok(at(TruthSource::Corpus(Box::new(corpus), assets)))
-            }
-            Err(_) if path.is_file() => Ok(at(TruthSource::Files(vec![path.into()]))),
-            Err(e) if !path.is_dir() => Err(e.into()),
-            Err(_) => {
-                let wanted = |path: &Path| {
-                    let stem = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
-                    is_rig_file(path) && !stem.starts_with("predict_")
-                };
-                let found = riglab_files::below(path, wanted);
-                if found.files.is_empty() {
-                    return Err(CompareError::NoTruth(path.into(), ": no rigged file below it".into()));
-                }
-                let unread = found.unread.iter().map(|(own, why)| (name_below(path, own), why.clone())).collect();
-                Ok(Self { unread, ..at(TruthSource::Files(found.files)) })
-            }
+        let at = |source| Self { path: path.into(), source, unread: Unread::new(), elsewhere: Vec::new() };
+        if let Some(corpus) = corpus_at(path)? {
+            let (assets, elsewhere) = chosen(&corpus, split)?;
+            return Ok(Self { elsewhere, ..at(TruthSource::Corpus(Box::new(corpus), assets)) });
         }
+        if !path.exists() {
+            return Err(DataError::Missing(path.into(), "corpus or folder").into());
+        }
+        if split.is_some() {
+            return Err(CompareError::NoSplits(path.into()));
+        }
+        if path.is_file() {
+            return Ok(at(TruthSource::Files(vec![path.into()])));
+        }
+        let wanted = |path: &Path| {
+            let stem = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
+            is_rig_file(path) && !stem.starts_with("predict_")
+        };
+        let found = riglab_files::below(path, wanted);
+        if found.files.is_empty() {
+            return Err(CompareError::NoTruth(path.into(), ": no rigged file below it".into()));
+        }
+        let unread = found.unread.iter().map(|(own, why)| (name_below(path, own), why.clone())).collect();
+        Ok(Self { unread, ..at(TruthSource::Files(found.files)) })
     }
 
     /// The corpus or folder.
@@ -121,6 +114,26 @@ impl Truths {
             }
         }
     }
+}
+
+/// The assets of a corpus' split, or all of them, by number, and the names of the others.
+fn chosen(corpus: &Corpus, split: Option<&str>) -> Result<(Vec<usize>, Vec<String>), CompareError> {
+    let path = corpus.path();
+    let Some(split) = split else {
+        return match corpus.is_empty() {
+            true => Err(CompareError::NoTruth(path.into(), String::new())),
+            false => Ok(((0..corpus.len()).collect(), Vec::new())),
+        };
+    };
+    let splits = corpus.texts("split")?;
+    let (own, others): (Vec<usize>, Vec<usize>) = (0..splits.len()).partition(|&k| splits[k] == split);
+    if own.is_empty() {
+        let there: BTreeSet<&String> = splits.iter().filter(|s| !s.is_empty()).collect();
+        let there = there.into_iter().map(|s| format!("`{s}`")).collect::<Vec<_>>().join(", ");
+        return Err(CompareError::NoSplit { path: path.into(), split: split.into(), there });
+    }
+    let names = corpus.names()?;
+    Ok((own, others.into_iter().map(|k| names[k].clone()).collect()))
 }
 
 /// With the motions of files: weights are tried in them too.

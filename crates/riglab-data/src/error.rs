@@ -4,6 +4,8 @@ use std::path::{Path, PathBuf};
 
 use thiserror::Error;
 
+use crate::schema::FORMAT;
+
 /// Why a corpus cannot be written or read. Messages name the file and the remedy.
 #[derive(Debug, Error)]
 pub enum DataError {
@@ -43,7 +45,10 @@ pub enum DataError {
     /// A file of another kind.
     #[error("{path}: not a corpus; `riglab dataset import FOLDER -o corpus.h5` makes one of rigged files", path = .0.display())]
     OtherKind(PathBuf),
-    /// An HDF5 file, but no corpus of ours.
+    /// An HDF5 file of another kind, as Puppeteer's.
+    #[error("{path}: an HDF5 file, but no corpus (attribute `format` is not `{FORMAT}`); `riglab dataset import` makes one", path = .0.display())]
+    OtherHdf5(PathBuf),
+    /// A corpus of another version, or with parts that are missing.
     #[error("{path}: an HDF5 file, but no corpus that this version reads ({message}); `riglab dataset import` makes one", path = path.display())]
     NotCorpus {
         /// The file.

@@ -69,7 +69,7 @@ impl Corpus {
         let foreign = |message: String| DataError::NotCorpus { path: path.into(), message };
         let format: Option<VarLenUnicode> = file.attr("format").and_then(|a| a.read_scalar()).ok();
         if format.as_deref() != Some(FORMAT) {
-            return Err(foreign(format!("attribute `format` is not `{FORMAT}`")));
+            return Err(DataError::OtherHdf5(path.into()));
         }
         let schema: u32 =
             file.attr("schema").and_then(|a| a.read_scalar()).map_err(|_| foreign("no attribute `schema`".into()))?;
@@ -502,7 +502,7 @@ mod tests {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("x.h5");
         hdf5::File::create(&path).unwrap().close().unwrap();
-        assert!(matches!(Corpus::open(&path), Err(DataError::NotCorpus { .. })));
+        assert!(matches!(Corpus::open(&path), Err(DataError::OtherHdf5(_))));
         let missing = Corpus::open(&dir.path().join("y.h5")).err().unwrap();
         assert!(matches!(missing, DataError::Missing(..)) && !missing.to_string().contains("looked for"));
         // A path that is of use in one folder alone says which.
