@@ -1,14 +1,17 @@
 //! What a system wrote: found, named and read.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, HashSet};
+use std::fmt;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use riglab_asset::{ArrayRig, ImportOptions, import, is_rig_file, read_arrays};
-use riglab_core::Vec3;
+use riglab_core::{Rig, Vec3};
+use riglab_data::{Corpus, DataError};
 use riglab_metric::{Joints, Rows};
 
 use crate::CompareError;
+use crate::corpora::corpus_at;
 use crate::keys::{key, own_name};
 
 /// Which files are predictions.
@@ -25,7 +28,7 @@ pub enum Kind {
     Rignet,
     /// UniRig's, SkinTokens' and Articulation-XL's archives.
     Npz,
-    /// Puppeteer's HDF5.
+    /// HDF5: Puppeteer's, and riglab's own corpora.
     H5,
     /// Anymate's archives.
     Pt,
@@ -83,8 +86,28 @@ pub struct Prediction {
 #[derive(Clone, Debug)]
 struct Place {
     file: PathBuf,
-    /// Of a file of several, which is read once.
-    read: Option<Arc<Result<Prediction, String>>>,
+    held: Held,
+}
+
+/// How a prediction lies in its file.
+#[derive(Clone)]
+enum Held {
+    /// Alone.
+    Alone,
+    /// As one of several of a file, which is read once.
+    Read(Arc<Result<Prediction, String>>),
+    /// As an asset of a corpus, by number.
+    Asset(Arc<Corpus>, usize),
+}
+
+impl fmt::Debug for Held {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Alone => f.write_str("Alone"),
+            Self::Read(read) => f.debug_tuple("Read").field(read).finish(),
+            Self::Asset(_, index) => f.debug_tuple("Asset").field(index).finish(),
+        }
+    }
 }
 
 /// The predictions below a folder, by key.
@@ -99,14 +122,16 @@ pub struct Predictions {
 }
 
 impl Predictions {
-    /// Finds what lies below `folder`, or in a file of several assets.
+    /// Finds what lies below `folder`, or in a file of several assets: a corpus, too.
     ///
     /// # Errors
-    /// When there is no such folder, or no file of the kind in it.
+    /// When there is no such folder, no file of the kind in it, or a corpus that cannot be read.
     pub fn find(folder: &Path, kind: Kind) -> Result<Self, CompareError> {
         let ending = |path: &Path| path.extension().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
         let wanted = |path: &Path| kind.takes(&ending(path)) && is_rig_file(path);
         let (files, unread) = if folder.is_file() {
+            // One that was cut off is told before anything is looked for in it.
+            corpus_at(folder)?;
             (vec![folder.to_path_buf()], Vec::new())
         } else if folder.is_dir() {
             let below = riglab_files::below(folder, wanted);
@@ -130,11 +155,23 @@ impl Predictions {
     }
 
     fn add(&mut self, file: PathBuf, folder: &Path) {
+        match corpus_at(&file).and_then(|corpus| corpus.map(|corpus| self.add_corpus(&file, corpus)).transpose()) {
+            Ok(None) => {}
+            Ok(Some(())) => return,
+            // It keeps its key: reading it will say so, in its row.
+            Err(DataError::NotHdf5 { .. }) => {}
+            // The file is named beside it.
+            Err(e) => {
+                let said = e.to_string();
+                let fault = said.strip_prefix(&format!("{}: ", file.display())).unwrap_or(&said).to_owned();
+                return self.unread.push((file, fault));
+            }
+        }
         let name = file.strip_prefix(folder).unwrap_or(&file).to_string_lossy().into_owned();
         let name = if name.is_empty() { file.to_string_lossy().into_owned() } else { name };
         // One that cannot be counted keeps its key: reading it will say what is wrong, in its row.
         if riglab_asset::count_assets(&file).unwrap_or(1) <= 1 {
-            self.places.entry(key(&name)).or_default().push(Place { file, read: None });
+            self.places.entry(key(&name)).or_default().push(Place { file, held: Held::Alone });
             return;
         }
         let all = match read_arrays(&file) {
@@ -147,8 +184,19 @@ impl Predictions {
             let own = if own.is_empty() { format!("{stem}-{item:06}") } else { key(own) };
             let files = vec![file.clone()];
             let read = rig.map(|rig| Prediction { files, ..of_arrays(&rig) }).map_err(|e| e.to_string());
-            self.places.entry(own).or_default().push(Place { file: file.clone(), read: Some(Arc::new(read)) });
+            self.places.entry(own).or_default().push(Place { file: file.clone(), held: Held::Read(Arc::new(read)) });
         }
+    }
+
+    /// The assets of a corpus by their names, which are those of the files that it was made of; what are bare meshes is none.
+    fn add_corpus(&mut self, file: &Path, corpus: Corpus) -> Result<(), DataError> {
+        let bare: HashSet<usize> = corpus.bare()?.into_iter().collect();
+        let corpus = Arc::new(corpus);
+        for (index, name) in corpus.names()?.iter().enumerate().filter(|(index, _)| !bare.contains(index)) {
+            let held = Held::Asset(corpus.clone(), index);
+            self.places.entry(key(name)).or_default().push(Place { file: file.into(), held });
+        }
+        Ok(())
     }
 
     /// Where UniRig's two stages lie beside what they were given, they are the prediction.
@@ -213,22 +261,20 @@ fn is_stage(place: &Place) -> bool {
 }
 
 fn read(place: &Place) -> Result<Prediction, String> {
-    if let Some(read) = &place.read {
-        return read.as_ref().clone();
+    let files = vec![place.file.clone()];
+    match &place.held {
+        Held::Alone => {}
+        Held::Read(read) => return read.as_ref().clone(),
+        Held::Asset(corpus, index) => {
+            let asset = corpus.asset(*index).map_err(|e| e.to_string())?;
+            return Ok(of_rig(&asset.rig, files));
+        }
     }
     let ending = place.file.extension().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
-    let files = vec![place.file.clone()];
     if ["glb", "gltf", "vrm", "fbx"].contains(&ending.as_str()) {
         let imported = import(&place.file, &ImportOptions::default()).map_err(|e| e.to_string())?;
         let rig = imported.rig().ok_or_else(|| format!("{}: it holds no skeleton", place.file.display()))?;
-        return Ok(Prediction {
-            files,
-            joints: Joints::of(rig.skeleton()),
-            names: rig.skeleton().names().to_vec(),
-            vertices: rig.mesh().positions().to_vec(),
-            is_mesh: true,
-            weights: Some(Rows::of(rig.weights(), rig.skeleton().len())),
-        });
+        return Ok(of_rig(rig, files));
     }
     let mut all = read_arrays(&place.file).map_err(|e| e.to_string())?;
     if all.is_empty() {
@@ -236,6 +282,17 @@ fn read(place: &Place) -> Result<Prediction, String> {
     }
     let rig = all.swap_remove(0).map_err(|e| e.to_string())?;
     Ok(Prediction { files, ..of_arrays(&rig) })
+}
+
+fn of_rig(rig: &Rig, files: Vec<PathBuf>) -> Prediction {
+    Prediction {
+        files,
+        joints: Joints::of(rig.skeleton()),
+        names: rig.skeleton().names().to_vec(),
+        vertices: rig.mesh().positions().to_vec(),
+        is_mesh: true,
+        weights: Some(Rows::of(rig.weights(), rig.skeleton().len())),
+    }
 }
 
 /// Arrays with y up, joints with their parents first.

@@ -25,8 +25,8 @@ Examples:
   riglab compare unirig=out/unirig puppeteer=out/puppeteer --truth rigs/ --preset skintokens --markdown
   riglab compare out/ --truth rigs/ -o scores.csv")]
 pub struct Args {
-    /// Folders of predictions, or files of several assets; NAME=DIR names a system in the tables.
-    #[arg(required_unless_present = "published", value_name = "[NAME=]DIR")]
+    /// Folders of predictions, files of several assets, or corpora; NAME=DIR names a system in the tables.
+    #[arg(required_unless_present_any = ["published", "baselines"], value_name = "[NAME=]DIR")]
     systems: Vec<String>,
     /// True rigs: a corpus, a folder of rigged files, or a file.
     #[arg(long, required_unless_present = "published", value_name = "CORPUS_OR_DIR")]
