@@ -44,7 +44,7 @@ pub enum CompareError {
     /// Not one name of the truth among the predictions.
     #[error(
         "{folder}: none of its {found} is named like a true asset: it has for instance `{theirs}`, \
-         the truth `{ours}`; files are matched by their path without the extension, or by their name only"
+         the truth `{ours}`; files are matched by their path without the extension, or by their name only{elsewhere}"
     )]
     NothingMatches {
         /// The folder.
@@ -55,5 +55,7 @@ pub enum CompareError {
         theirs: String,
         /// A true asset.
         ours: String,
+        /// How many of the predictions are of other splits of the corpus, if some are, in words.
+        elsewhere: String,
     },
 }

@@ -75,7 +75,7 @@ pub struct System {
     pub baseline: bool,
     /// A row for each true asset.
     pub rows: Vec<Row>,
-    /// Predictions of no true asset.
+    /// Predictions of no true asset, nor of one in another split of the corpus.
     pub unmatched: Vec<String>,
     /// Files that could not be looked into, with the reason.
     pub unread: Unread,
@@ -125,16 +125,23 @@ pub fn score(
     });
     out.iter_mut().for_each(System::leave_what_none_has);
     for ((system, (_, predictions)), used) in out.iter_mut().zip(systems).zip(used) {
-        system.unmatched = predictions.keys().filter(|k| !used.contains(*k)).map(String::from).collect();
-        if let (true, Some(theirs)) = (used.is_empty() && !system.rows.is_empty(), system.unmatched.first()) {
+        // Those of the corpus' other splits are not asked for, and no fault.
+        let elsewhere: BTreeSet<&str> = truths.elsewhere.iter().filter_map(|name| predictions.key_of(name)).collect();
+        let unmatched = predictions.keys().filter(|k| !used.contains(*k) && !elsewhere.contains(k));
+        system.unmatched = unmatched.map(String::from).collect();
+        if let (true, Some(theirs)) = (used.is_empty() && !system.rows.is_empty(), predictions.keys().next()) {
             return Err(CompareError::NothingMatches {
                 folder: predictions.folder().into(),
                 found: match predictions.len() {
                     1 => "1 prediction".into(),
                     n => format!("{n} predictions"),
                 },
-                theirs: theirs.clone(),
+                theirs: theirs.into(),
                 ours: crate::key(&example),
+                elsewhere: match elsewhere.len() {
+                    0 => String::new(),
+                    n => format!("; {n} of them are of other splits of the corpus: --split chooses one"),
+                },
             });
         }
     }

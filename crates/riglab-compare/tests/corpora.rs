@@ -1,0 +1,113 @@
+//! Corpora, as truths and as predictions, and their splits.
+
+use std::path::{Path, PathBuf};
+
+use riglab_compare::{CompareError, Failures, Kind, Predictions, Status, System, Truths, score};
+use riglab_core::{Asset, Joint, JointId, Mesh, Provenance, Rig, Skeleton, SkinWeights};
+use riglab_data::CorpusWriter;
+use riglab_metric::SkinBaseline;
+
+/// A tetrahedron on two joints, the second at a height.
+fn asset(name: &str, height: f32) -> Asset {
+    let joint = |k: u16, head| Joint { name: format!("{k}"), parent: k.checked_sub(1).map(JointId), head };
+    let skeleton = Skeleton::new(vec![joint(0, [0.0; 3]), joint(1, [0.0, height, 0.0])]).unwrap();
+    let corners = vec![[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
+    let mesh = Mesh::new(corners, vec![[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]]).unwrap();
+    let weights = SkinWeights::normalized((0..4u16).map(|v| [(v % 2, 1.0)])).unwrap();
+    let rig = Rig::new(skeleton, mesh, weights).unwrap();
+    Asset { name: name.into(), rig, clips: Vec::new(), provenance: Provenance::default() }
+}
+
+fn corpus(path: PathBuf, assets: &[(&str, &str, f32)]) -> PathBuf {
+    let mut writer = CorpusWriter::create(&path).unwrap();
+    assets.iter().for_each(|(name, _, height)| writer.add(&asset(name, *height)).unwrap());
+    writer.finish(&assets.iter().map(|(_, split, _)| *split).collect::<Vec<_>>()).unwrap();
+    path
+}
+
+fn of_a_split(predictions: &Path, truth: &Path, split: &str) -> Result<System, CompareError> {
+    let systems = [("it".to_owned(), Predictions::find(predictions, Kind::Auto)?)];
+    let (mut found, _) = score(&Truths::open(truth, Some(split))?, &systems, &[], Failures::Apart, |_| ())?;
+    Ok(found.remove(0))
+}
+
+const ALL: [(&str, &str, f32); 3] = [("a.glb", "train", 0.5), ("b.glb", "test_new", 0.6), ("c.glb", "test_new", 0.7)];
+
+#[test]
+fn a_corpus_is_a_system_as_files_are() {
+    let dir = tempfile::tempdir().unwrap();
+    let truth = corpus(dir.path().join("truth.h5"), &ALL);
+    let other = [("a.glb", "train", 0.5), ("b.glb", "test_new", 0.8), ("strange.glb", "", 0.7), ALL[2]];
+    let other = corpus(dir.path().join("other.h5"), &other);
+    let found = of_a_split(&other, &truth, "test_new").unwrap();
+    assert_eq!(found.counts(), [2, 0, 0], "{found:?}");
+    // Of two joints of the first one is off by a fifth of the cube's edge.
+    let off = found.values("j2j@riglab");
+    assert!((off[0] - 0.1).abs() < 1e-6 && off[1] == 0.0, "{off:?}");
+    assert_eq!(found.values("iou@skintokens")[1], 1.0);
+    assert_eq!(found.unmatched, ["strange"], "the training asset is of another split");
+}
+
+#[test]
+fn predictions_of_other_splits_alone_are_told() {
+    let dir = tempfile::tempdir().unwrap();
+    let truth = corpus(dir.path().join("truth.h5"), &ALL);
+    let trained = corpus(dir.path().join("trained.h5"), &ALL[..1]);
+    let said = of_a_split(&trained, &truth, "test_new").unwrap_err().to_string();
+    assert!(said.contains("it has for instance `a`") && said.contains("1 of them are of other splits"), "{said}");
+}
+
+#[test]
+fn a_split_that_is_not_there_is_told_with_those_that_are() {
+    let dir = tempfile::tempdir().unwrap();
+    let truth = corpus(dir.path().join("truth.h5"), &ALL);
+    let said = |truth: &Path| Truths::open(truth, Some("test")).err().unwrap().to_string();
+    assert!(
+        said(&truth).ends_with("no split `test` in this corpus; there are `test_new`, `train`"),
+        "{}",
+        said(&truth)
+    );
+    // A folder has none.
+    std::fs::write(dir.path().join("a.glb"), b"glTF").unwrap();
+    for files in [dir.path().to_path_buf(), dir.path().join("a.glb")] {
+        assert!(said(&files).contains("only a corpus has splits") && said(&files).contains("leave --split out"));
+    }
+}
+
+#[test]
+fn a_corpus_that_was_cut_off_says_so_once() {
+    let dir = tempfile::tempdir().unwrap();
+    let truth = corpus(dir.path().join("truth.h5"), &ALL);
+    let cut = dir.path().join("cut.h5");
+    std::fs::write(&cut, &std::fs::read(&truth).unwrap()[..4000]).unwrap();
+    for said in [Truths::open(&cut, None).err().unwrap(), Predictions::find(&cut, Kind::Auto).err().unwrap()] {
+        let said = said.to_string();
+        assert_eq!(said.matches("cut.h5").count(), 1, "{said}");
+        assert!(said.contains("eof = 4000") && said.contains("cut off"), "{said}");
+    }
+    // Below a folder it is the prediction of an asset, which failed.
+    std::fs::remove_file(dir.path().join("truth.h5")).unwrap();
+    let other = tempfile::tempdir().unwrap();
+    let truth = corpus(other.path().join("truth.h5"), &[("cut.glb", "val", 0.5)]);
+    let found = of_a_split(dir.path(), &truth, "val").unwrap();
+    assert!(matches!(&found.rows[0].status, Status::Failed(why) if why.contains("HDF5")), "{found:?}");
+    // And true files that cannot be read are named once.
+    let text = other.path().join("x.glb");
+    std::fs::write(&text, b"glTF").unwrap();
+    let systems = [("it".to_owned(), Predictions::find(&truth, Kind::Auto).unwrap())];
+    let said = score(&Truths::open(&text, None).unwrap(), &systems, &[], Failures::Apart, |_| ()).unwrap_err();
+    assert_eq!(said.to_string().matches("x.glb").count(), 1, "{said}");
+}
+
+#[test]
+fn baselines_may_stand_alone() {
+    let dir = tempfile::tempdir().unwrap();
+    let truths = Truths::open(&corpus(dir.path().join("truth.h5"), &ALL), None).unwrap();
+    let baselines: Vec<SkinBaseline> = SkinBaseline::compared().take(2).collect();
+    let (found, _) = score(&truths, &[], &baselines, Failures::Apart, |_| ()).unwrap();
+    assert_eq!(
+        found.iter().map(|system| system.name.as_str()).collect::<Vec<_>>(),
+        ["nearest bone", "1/d^4, top 4, cut 0.15"]
+    );
+    assert!(found.iter().all(|system| system.baseline && system.counts() == [3, 0, 0]), "{found:?}");
+}
