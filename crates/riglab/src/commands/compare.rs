@@ -23,7 +23,8 @@ use super::earlier::{Written, keep_others};
 Examples:
   riglab compare predictions/ --truth rigs.h5 --split test_new
   riglab compare unirig=out/unirig puppeteer=out/puppeteer --truth rigs/ --preset skintokens --markdown
-  riglab compare out/ --truth rigs/ -o scores.csv")]
+  riglab compare out/ --truth rigs/ -o scores.csv
+  riglab compare --baselines --truth rigs.h5        # the baselines alone")]
 pub struct Args {
     /// Folders of predictions, files of several assets, or corpora; NAME=DIR names a system in the tables.
     #[arg(required_unless_present_any = ["published", "baselines"], value_name = "[NAME=]DIR")]
@@ -162,7 +163,7 @@ pub fn run(args: &Args) -> Result<ExitCode> {
         return Ok(ExitCode::SUCCESS);
     }
     let published = published(&args.published)?;
-    let Some(truth) = args.truth.as_ref().filter(|_| !args.systems.is_empty()) else {
+    let Some(truth) = args.truth.as_ref().filter(|_| args.baselines || !args.systems.is_empty()) else {
         match args.published.first() {
             Some(name) => bail!(
                 "--published shows a table below a comparison, so give folders of predictions and what they are compared \
