@@ -186,6 +186,13 @@ pub fn evaluation(task: &str, run: &Path, path: &Path) -> Result<Option<Evaluate
         || format!("{} cannot be understood: cut off, or of another version; make it anew with `riglab eval`", shown());
     let saw: serde_json::Value = serde_json::from_str(&text).with_context(unclear)?;
     let word = |v: &serde_json::Value| v.as_str().unwrap_or_default().to_owned();
+    if let Some(other) = saw["checkpoint"]["task"].as_str().filter(|other| *other != task) {
+        bail!(
+            "{}: an evaluation of a run of task `{other}`, and {} is of `{task}`; give an evaluation of this run",
+            shown(),
+            run.display()
+        );
+    }
     let names: Vec<String> = saw["trained_on"].as_array().into_iter().flatten().map(word).collect();
     let warned = warning(&Seen { names, splits: vec!["the splits that were evaluated".into()] });
     let corpora = saw["data"].as_array().into_iter().flatten().map(|d| (word(&d[0]), word(&d[1]))).collect();

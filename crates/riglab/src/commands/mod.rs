@@ -26,6 +26,7 @@ pub mod synth;
 pub mod tokens;
 pub mod train;
 pub mod view;
+mod whose;
 
 /// A path in a text, or as an argument.
 fn shown(path: &std::path::Path) -> String {

@@ -11,7 +11,7 @@ use riglab_train::Checkpoint;
 
 use super::charts::{charts, no_file};
 use super::earlier::{Written, keep_others};
-use super::shown;
+use super::{shown, whose};
 use crate::registry::{self, Evaluated};
 
 /// Write the report of a run, or compare several.
@@ -82,7 +82,7 @@ pub fn run(args: &Args) -> Result<ExitCode> {
         bail!("{}: there is no such evaluation; `riglab eval RUN --out FILE` writes one", file.display());
     }
     let page = match (args.runs.as_slice(), &args.eval) {
-        ([run], _) => single(&named(run).1, &evaluated_in(args, run), args.title.as_deref())?,
+        ([run], _) => single(args, &named(run).1, &evaluated_in(args, run))?,
         (_, Some(file)) => bail!("--eval {} is of one run; give that run alone", file.display()),
         (runs, None) => comparison(runs, args.title.as_deref())?,
     };
@@ -149,9 +149,12 @@ fn files(out: &Path) -> Result<Vec<PathBuf>> {
 }
 
 /// The report of one run.
-fn single(run: &Path, evaluation: &Path, title: Option<&str>) -> Result<Page> {
+fn single(args: &Args, run: &Path, evaluation: &Path) -> Result<Page> {
     let view = RunView::read(run)?;
     let evaluated = registry::evaluation(&view.task(), run, evaluation)?;
+    if args.eval.is_some() {
+        whose::of_run(evaluation, run, &view)?;
+    }
     let subject = evaluated.as_ref().map(|evaluated| ("evaluated".to_string(), subject(evaluated, &view)));
     let mut blocks = vec![view.facts(subject)];
     match evaluated {
@@ -176,7 +179,7 @@ fn single(run: &Path, evaluation: &Path, title: Option<&str>) -> Result<Page> {
     blocks.push(Block::Heading("Training".into()));
     blocks.push(view.curves());
     blocks.extend(view.repeat());
-    let title = title.map_or_else(|| run.display().to_string(), String::from);
+    let title = args.title.clone().unwrap_or_else(|| run.display().to_string());
     Ok(Page { title, subtitle: view.subtitle(), blocks })
 }
 
