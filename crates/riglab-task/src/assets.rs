@@ -319,6 +319,15 @@ impl Assets {
         self.corpora.iter().map(each).collect()
     }
 
+    /// How many assets of each corpus are of one of some splits.
+    ///
+    /// # Errors
+    /// When a column cannot be read.
+    pub fn in_splits(&self, splits: &[&str]) -> Result<Vec<usize>, DataError> {
+        let count = |c: &Corpus| Ok(c.texts("split")?.iter().filter(|own| splits.contains(&own.as_str())).count());
+        self.corpora.iter().map(count).collect()
+    }
+
     /// The assets of a split, over all corpora.
     ///
     /// # Errors
@@ -529,6 +538,8 @@ mod tests {
         let assets = Assets::open(&[path]).unwrap();
         let config = DataConfig::default();
         assert_eq!(assets.rigged(&config), Ok(()), "nobody asked for it");
+        let of = |splits: &[&str]| assets.in_splits(splits).unwrap();
+        assert_eq!((of(&["train", "meshes"]), of(&["meshes", "val"]), of(&["val"])), (vec![2], vec![1], vec![0]));
         let meshes = vec![SplitNames::MESHES.to_string()];
         for config in
             [DataConfig { train: meshes.clone(), ..config.clone() }, DataConfig { test: meshes, ..config.clone() }]

@@ -287,7 +287,7 @@ impl Visitor for Examination<'_> {
         if let Some(note) = replaced(&path, &task.assets().summary()?) {
             tell!("note: {}: {note}", path.display());
         }
-        let json = with_data(&examined.json, &task.assets().summary()?, &args.sets, &seen)?;
+        let json = with_data(&examined.json, &looked_at(task.assets(), &data)?, &args.sets, &seen)?;
         // The numbers first: they took longest.
         write(&path, json.as_bytes())?;
         for (file, png) in &examined.pictures {
@@ -311,9 +311,20 @@ impl Visitor for Examination<'_> {
     }
 }
 
-/// An evaluation's file with the corpora it is of: path, checksum, number of assets; with the settings that are not the
+/// A corpus of an evaluation: path, checksum, number of assets, and how many of these were looked at.
+type LookedAt = (String, String, usize, usize);
+
+/// The corpora, with the number of assets that are tested on or chosen by: an evaluation of a run that trains on more corpora,
+/// such as bare meshes, is of the same assets.
+fn looked_at(assets: &Assets, data: &DataConfig) -> Result<Vec<LookedAt>> {
+    let splits: Vec<&str> = data.test.iter().chain([&data.validate]).map(String::as_str).collect();
+    let corpora = assets.summary()?.into_iter().zip(assets.in_splits(&splits)?);
+    Ok(corpora.map(|((path, sum, all), count)| (path, sum, all, count)).collect())
+}
+
+/// An evaluation's file with the corpora it is of; with the settings that are not the
 /// run's, and the names of the assets that were trained on, where there are some.
-fn with_data(json: &str, data: &[(String, String, usize)], sets: &[String], seen: &[String]) -> Result<String> {
+fn with_data(json: &str, data: &[LookedAt], sets: &[String], seen: &[String]) -> Result<String> {
     let Some(rest) = json.strip_prefix("{\n") else { bail!("the task's evaluation is no object over several lines") };
     let named = |name: &str, of: &[String]| match of {
         [] => Ok(String::new()),
