@@ -1,6 +1,6 @@
 //! `riglab checkpoint import`
 
-use std::io::Read;
+use std::io::{ErrorKind, Read};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
@@ -114,15 +114,16 @@ pub fn import(args: &ImportArgs) -> Result<ExitCode> {
     Ok(ExitCode::SUCCESS)
 }
 
-/// Refuses what is plainly none: nothing, or a text.
+/// Refuses what is plainly none: no file, nothing in it, or a text.
 fn no_checkpoint(file: &Path) -> Result<()> {
-    let mut start = Vec::new();
-    if let Ok(opened) = std::fs::File::open(file) {
+    let (shown, mut start) = (file.display(), Vec::new());
+    match std::fs::File::open(file).and_then(|opened| opened.take(512).read_to_end(&mut start)) {
+        Err(e) if e.kind() == ErrorKind::NotFound => bail!("{shown}: there is no such file"),
         // Who opens it tells what cannot be read.
-        let _ = opened.take(512).read_to_end(&mut start);
+        Err(_) => return Ok(()),
+        Ok(_) => {}
     }
-    let shown = file.display();
-    if start.is_empty() && file.is_file() {
+    if start.is_empty() {
         bail!("{shown} is empty: it was never written, or not copied to its end; fetch or save it again");
     }
     let text = |b: &u8| b.is_ascii_graphic() || b.is_ascii_whitespace();
@@ -242,5 +243,28 @@ fn next(model: &Imported, out: &Path) -> String {
         }
         _ if out.is_file() => command(["checkpoint", "show", &shown]),
         _ => format!("{} --set data.corpora='[\"corpus.h5\"]'", command(["eval", &shown])),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_plainly_no_checkpoint_is_told() {
+        let dir = tempfile::tempdir().unwrap();
+        let said = |name: &str, bytes: &[u8]| {
+            std::fs::write(dir.path().join(name), bytes).unwrap();
+            no_checkpoint(&dir.path().join(name)).map_err(|e| e.to_string())
+        };
+        assert!(said("empty.ckpt", b"").unwrap_err().contains("is empty"));
+        assert!(said("page.ckpt", b"<html>\n").unwrap_err().contains("was a web page saved"));
+        assert!(said("some.ckpt", b"PK\x03\x04").is_ok());
+        for absent in ["absent.ckpt", "absent.pt", "absent.safetensors", "absent/a.pt"] {
+            let fault = no_checkpoint(&dir.path().join(absent)).unwrap_err().to_string();
+            assert!(fault.ends_with(&format!("{absent}: there is no such file")), "{fault}");
+        }
+        // What opens it says that it is a folder.
+        assert!(no_checkpoint(dir.path()).is_ok());
     }
 }
