@@ -121,7 +121,7 @@ impl Checkpoint {
         }
         let steps = logged(&run.path("metrics.jsonl"));
         // A run that is killed early has none yet.
-        let ended = run.info().is_some_and(|info| ["finished", "interrupted"].contains(&info.outcome.as_str()));
+        let ended = run.info()?.is_some_and(|info| ["finished", "interrupted"].contains(&info.outcome.as_str()));
         let saved = (config.save_every > 0 && steps > config.save_every) || ended || !store.dir.is_dir();
         if steps == 0 || !saved {
             return Ok(None);

@@ -1,6 +1,7 @@
 //! The folder of a run.
 
-use std::fs::{self, File};
+use std::fs::{self, File, TryLockError};
+use std::io;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, SystemTime};
 
@@ -165,18 +166,15 @@ impl Run {
     fn hold(dir: &Path) -> Result<Self, TrainError> {
         let path = dir.join(".lock");
         let lock = File::create(&path).map_err(|e| TrainError::io(&path, "be written", &e))?;
-        // Whoever looks whether it is held holds it for a moment.
-        let free = (0..LOOKS).any(|look| {
-            if look > 0 {
-                std::thread::sleep(PAUSE);
-            }
-            lock.try_lock().is_ok()
-        });
-        if !free {
-            let message = "another process is training in this folder".into();
-            return Err(TrainError::Io { path: dir.into(), message });
+        let fault = |message: String| TrainError::Io { path: dir.into(), message };
+        match taken(|| lock.try_lock()) {
+            Ok(true) => Ok(Self { dir: dir.into(), _lock: Some(lock) }),
+            Ok(false) => Err(fault("another process is training in this folder".into())),
+            Err(e) => Err(fault(format!(
+                "its file system refuses the lock that keeps two processes from training in one folder ({e}); put the run on \
+                 another, such as a local disk"
+            ))),
         }
-        Ok(Self { dir: dir.into(), _lock: Some(lock) })
     }
 
     /// The folder.
@@ -189,9 +187,12 @@ impl Run {
         self.dir.join(name)
     }
 
-    /// `run.json`, if it can be read.
-    pub fn info(&self) -> Option<RunInfo> {
-        RunInfo::of(&self.dir)
+    /// `run.json`, if there is one.
+    ///
+    /// # Errors
+    /// As [`RunInfo::read`].
+    pub fn info(&self) -> Result<Option<RunInfo>, TrainError> {
+        RunInfo::read(&self.dir)
     }
 
     /// Writes `run.json`.
@@ -206,9 +207,30 @@ impl Run {
 }
 
 impl RunInfo {
-    /// What a run's folder says of itself, if it can be read.
+    /// What a run's folder says of itself, if it can be read: for whoever can do without.
     pub fn of(run: &Path) -> Option<Self> {
-        serde_json::from_str(&fs::read_to_string(run.join("run.json")).ok()?).ok()
+        Self::read(run).ok().flatten()
+    }
+
+    /// What a run's folder says of itself; `None` where it holds no `run.json`.
+    ///
+    /// # Errors
+    /// When there is one that cannot be read or understood: what the run was begun with is not known then, and a new one in
+    /// its place would lose it for good.
+    pub fn read(run: &Path) -> Result<Option<Self>, TrainError> {
+        let path = run.join("run.json");
+        let bytes = match fs::read(&path) {
+            Ok(bytes) => bytes,
+            Err(e) if matches!(e.kind(), io::ErrorKind::NotFound | io::ErrorKind::NotADirectory) => return Ok(None),
+            Err(e) => return Err(TrainError::io(&path, "be read", &e)),
+        };
+        serde_json::from_slice(&bytes).map(Some).map_err(|e| {
+            let message = format!(
+                "cannot be understood ({e}): it was cut off, or changed; put it back from a copy, or move it away, and what \
+                 the run was begun with is no longer known or compared"
+            );
+            TrainError::Io { path, message }
+        })
     }
 
     /// What can be known about program and machine, with the start set to now.
@@ -261,6 +283,21 @@ impl RunInfo {
     pub fn now() -> String {
         now()
     }
+}
+
+/// Whether a lock is had at last: whoever looks whether it is held holds it for a moment.
+fn taken(mut attempt: impl FnMut() -> Result<(), TryLockError>) -> io::Result<bool> {
+    for look in 0..LOOKS {
+        if look > 0 {
+            std::thread::sleep(PAUSE);
+        }
+        match attempt() {
+            Ok(()) => return Ok(true),
+            Err(TryLockError::WouldBlock) => {}
+            Err(TryLockError::Error(e)) => return Err(e),
+        }
+    }
+    Ok(false)
 }
 
 fn now() -> String {
@@ -321,11 +358,44 @@ mod tests {
         info.resumed.push(Resumed::When("2026-01-01T00:00:00Z".into()));
         info.go_on(RunInfo { ranks: 3, ..RunInfo::new("2", "t", 8, "cuda:0") });
         run.write_info(&info).unwrap();
-        let read = run.info().unwrap();
+        let read = run.info().unwrap().unwrap();
         assert_eq!((read.riglab.as_str(), read.threads, read.device.as_str()), ("1", 2, "cpu"));
         assert_eq!(read.resumed, info.resumed);
         let Resumed::With { riglab, threads, ranks, device, .. } = &read.resumed[1] else { panic!("with what") };
         assert_eq!((riglab.as_str(), *threads, *ranks, device.as_str()), ("2", 8, 3, "cuda:0"));
+    }
+
+    #[test]
+    fn a_broken_run_json_is_not_taken_for_a_missing_one() {
+        let dir = tempfile::tempdir().unwrap();
+        assert!(
+            RunInfo::read(dir.path()).unwrap().is_none() && RunInfo::read(&dir.path().join("gone")).unwrap().is_none()
+        );
+        for broken in [&b"{\"task\": \"t\", \"comm"[..], b"{}", b"\xff\xfe", b""] {
+            fs::write(dir.path().join("run.json"), broken).unwrap();
+            let said = RunInfo::read(dir.path()).unwrap_err().to_string();
+            assert!(said.contains("run.json: cannot be understood") && said.contains("from a copy"), "{said}");
+            assert!(RunInfo::of(dir.path()).is_none());
+        }
+    }
+
+    #[test]
+    fn a_lock_that_cannot_be_had_is_no_other_process() {
+        let dir = tempfile::tempdir().unwrap();
+        let held = Run::create(dir.path(), "").unwrap();
+        let said = Run::open(dir.path()).err().unwrap().to_string();
+        assert!(said.contains("another process is training"), "{said}");
+        drop(held);
+        assert!(Run::open(dir.path()).is_ok());
+        // One who only looks lets go of it.
+        let mut looks = 0;
+        let momentary = taken(|| {
+            looks += 1;
+            if looks < 3 { Err(TryLockError::WouldBlock) } else { Ok(()) }
+        });
+        assert!(momentary.unwrap() && looks == 3);
+        let unsupported = || Err(TryLockError::Error(io::Error::from(io::ErrorKind::Unsupported)));
+        assert_eq!(taken(unsupported).unwrap_err().kind(), io::ErrorKind::Unsupported);
     }
 
     #[test]

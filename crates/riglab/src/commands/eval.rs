@@ -260,7 +260,7 @@ impl Visitor for Examination<'_> {
     fn visit<T: Experiment>(self, task: T) -> Result<ExitCode> {
         let Self { args, run, checkpoint, data, seen, path, folder } = self;
         checkpoint.load_weights(task.params())?;
-        let (mut companions, begun) = RunInfo::of(&run).map_or_else(Default::default, |i| (i.companions, i.data));
+        let (mut companions, begun) = RunInfo::read(&run)?.map_or_else(Default::default, |i| (i.companions, i.data));
         if !sets_key(&args.sets, "data.corpora")
             && let Some(other) = other_data(&begun, &task.assets().summary()?)
         {

@@ -79,7 +79,7 @@ impl Longer {
         let config = TaskConfig::read(&presets::parse(&shown(&path), &self.config, &[])?)?;
         reached(dir, config.data(), |_| vec!["train".into(), "--resume".into(), whole(dir)])?;
         let now = Assets::open(&config.data().corpora)?.summary()?;
-        if let Some(other) = run.info().and_then(|info| other_data(&info.data, &now)) {
+        if let Some(other) = run.info()?.and_then(|info| other_data(&info.data, &now)) {
             bail!("{}: {other}; put the former corpora back", dir.display());
         }
         let files = [path, run.path("run.json")].into_iter().filter(|path| path.is_file());
@@ -89,7 +89,7 @@ impl Longer {
         };
         let former = Former(files.map(read).collect::<Result<_>>()?);
         self.write(run)?;
-        if let Some(info) = run.info() {
+        if let Some(info) = run.info()? {
             run.write_info(&RunInfo { outcome: String::new(), ..info })?;
         }
         Ok(former)
@@ -101,7 +101,7 @@ impl Longer {
     /// When the file system refuses.
     pub fn write(&self, run: &Run) -> Result<()> {
         // An earlier version did not say how many steps there were to be.
-        if let Some(info) = run.info().filter(|info| info.steps == 0) {
+        if let Some(info) = run.info()?.filter(|info| info.steps == 0) {
             run.write_info(&RunInfo { steps: self.from, ..info })?;
         }
         let path = run.path("config.toml");

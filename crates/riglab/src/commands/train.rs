@@ -329,7 +329,8 @@ impl Visitor for Session<'_> {
             Place::New(dir) => (Run::create(&dir, &config.to_toml()?)?, false),
         };
         let data = task.assets().summary()?;
-        if let Some(before) = run.info().filter(|_| resumed) {
+        let before = if resumed { run.info()? } else { None };
+        if let Some(before) = &before {
             // Steps and figures would be of others then.
             if let Some(other) = other_data(&before.data, &data) {
                 let dir = run.dir().display();
@@ -353,7 +354,9 @@ impl Visitor for Session<'_> {
         }
         let mut now = RunInfo::new(crate::VERSION, task.name(), threads, &device::name(device));
         (now.ranks, now.steps) = (ranks.size(), config.train().steps);
-        let mut info = match run.info().filter(|_| resumed) {
+        // Again, with what was noted of it only now.
+        let noted = if resumed { run.info()? } else { None };
+        let mut info = match noted {
             Some(mut info) => {
                 info.go_on(now);
                 begun.extend(longer::note(&task, config.train(), saved.unwrap_or(0), &mut info));
