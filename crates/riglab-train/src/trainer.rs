@@ -132,8 +132,9 @@ impl<T: Task> Trainer<'_, T> {
         let (config, start) = (self.config, Instant::now());
         let mut batches = self.stepper.batches(task, self.state.step);
         let mut progress = match self.writes {
-            Some(_) => Progress::new("training", config.steps, self.state.step),
-            None => Progress::silent(),
+            Some(_) if self.state.step < config.steps => Progress::new("training", config.steps, self.state.step),
+            // A run that is finished has nothing to tell of.
+            _ => Progress::silent(),
         };
         let (mut waited, mut ended) = (Duration::ZERO, Ended::Finished);
         let mut objective: Option<f64> = None;

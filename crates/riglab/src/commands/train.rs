@@ -370,6 +370,10 @@ impl Visitor for Session<'_> {
         info.ended.clear();
         run.write_info(&info)?;
         let steps = config.train().steps;
+        if resumed && saved.is_some_and(|done| done >= steps) {
+            let longer = ["train", "--resume", &shown(run.dir()), "--set", &format!("train.steps={}", 2 * steps)];
+            tell!("note: all its {} are done; `{}` trains longer", counted(steps as usize, "step"), command(longer));
+        }
         tell!(
             "{}: {:.2} M parameters, {}, {}{}{}, in {}",
             task.name(),
