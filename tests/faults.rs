@@ -419,6 +419,29 @@ fn a_damaged_state_says_what_to_do() {
 }
 
 #[test]
+fn what_a_run_was_begun_with_is_not_lost_by_a_broken_file() {
+    let temp = tempfile::tempdir().unwrap();
+    let run = temp.path().join("run");
+    copy(&ready().join("run"), &run);
+    cut(&run.join("run.json"));
+    let left = fs::read(run.join("run.json")).unwrap();
+    for command in [&["train", "--resume", text(&run)][..], &["eval", text(&run)]] {
+        let said = refusal(&mut riglab(command));
+        assert!(said.contains("run.json: cannot be understood") && said.contains("from a copy"), "{said}");
+    }
+    assert!(fs::read(run.join("run.json")).unwrap() == left);
+}
+
+#[test]
+fn a_sweep_is_not_trained_as_a_run() {
+    let temp = tempfile::tempdir().unwrap();
+    let file = temp.path().join("sweep.toml");
+    fs::write(&file, "[sweep]\nbase = \"quickstart/fsq_cvae.toml\"\nseeds = [0]\n").unwrap();
+    let said = refusal(&mut riglab(&["train", text(&file)]));
+    assert!(said.contains("is a sweep of several runs") && said.contains("riglab sweep"), "{said}");
+}
+
+#[test]
 fn a_config_without_a_task_is_named() {
     let temp = tempfile::tempdir().unwrap();
     let config = temp.path().join("mine.toml");

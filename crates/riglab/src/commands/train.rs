@@ -236,7 +236,11 @@ fn named(name: &str, sets: &[String]) -> Result<TaskConfig> {
         let again = command(["train", "--resume", name]);
         bail!("{name} is a run: go on with `{again}`, or begin another of its {name}/config.toml");
     }
-    Ok(beside(TaskConfig::read(&presets::load(name, sets)?)?, Path::new(name)).settled())
+    let config = presets::load(name, sets)?;
+    if !config.contains("task") && config.contains("sweep") {
+        bail!("{name} is a sweep of several runs: `{}` trains them", command(["sweep", name]));
+    }
+    Ok(beside(TaskConfig::read(&config)?, Path::new(name)).settled())
 }
 
 /// The config that a run's `config.toml` holds, or will hold.
@@ -266,8 +270,8 @@ fn hand_over(args: &Args, cluster: &[String], sets: &[String], threads: usize) -
             (dir.clone(), desk, None)
         }
         (None, Some(name)) => {
+            let text = named(name, &args.sets)?.to_toml()?;
             let config = presets::load(name, &args.sets)?;
-            let text = beside(TaskConfig::read(&config)?, Path::new(name)).settled().to_toml()?;
             let dir = args.run.clone().unwrap_or_else(|| next_free(name));
             let desk = on_slurm::desk(&dir, Some(settings(&config)?), &[])?;
             (dir, desk, Some(text))
