@@ -34,7 +34,7 @@ pub use import::{
     ImportReport, Refused, import_folder, import_meshes, models_below, name_below, rigged_below, rigged_files,
 };
 pub use manifest::Manifest;
-pub use merge::{MergeReport, merge};
+pub use merge::{Member, MergeReport, Repeated, merge};
 pub use mixture::Mixture;
 pub use reader::{Corpus, Fault};
 pub use rewrite::{Place, rewrite};

@@ -11,11 +11,30 @@ use crate::{Corpus, CorpusWriter, DataError, Splitter};
 pub struct MergeReport {
     /// Assets written.
     pub assets: usize,
-    /// Assets left out, as one with the same arrays, bones and motions was there already: name, and
-    /// that of the other.
-    pub repeated: Vec<(String, String)>,
+    /// Assets left out, as one with the same arrays, bones and motions was there already.
+    pub repeated: Vec<Repeated>,
     /// Sentences on what looks mistaken in the splits that were made anew.
     pub warnings: Vec<String>,
+}
+
+/// An asset that is equal to one before it.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Repeated {
+    /// Which it is.
+    pub left_out: Member,
+    /// The one that is written.
+    pub kept: Member,
+}
+
+/// An asset of one of the corpora.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Member {
+    /// Its name, with the prefix if it gets one.
+    pub name: String,
+    /// The corpus.
+    pub corpus: PathBuf,
+    /// Its split there.
+    pub split: String,
 }
 
 /// Writes the assets of several corpora to one at `out`, in their order, an asset at a time. Each asset
@@ -43,7 +62,7 @@ pub fn merge(
     let mut writer = CorpusWriter::create(out)?;
     let mut report = MergeReport::default();
     let (mut splits, mut keys) = (Vec::new(), Vec::new());
-    let mut seen: HashMap<String, String> = HashMap::new();
+    let mut seen: HashMap<String, Member> = HashMap::new();
     let mut done = 0;
     for (corpus, path) in open.iter().zip(corpora) {
         let before = match prefix {
@@ -56,8 +75,9 @@ pub fn merge(
             done += 1;
             progress(done);
             let name = format!("{before}{}", corpus.names()?[index]);
+            let member = Member { name: name.clone(), corpus: path.clone(), split: split.clone() };
             if let Some(other) = seen.get(&digest) {
-                report.repeated.push((name, other.clone()));
+                report.repeated.push(Repeated { left_out: member, kept: other.clone() });
                 continue;
             }
             if !named.insert(name.clone()) {
@@ -68,7 +88,7 @@ pub fn merge(
             writer.add(&asset)?;
             keys.extend(splitter.map(|_| Splitter::key(&asset)));
             splits.push(split);
-            seen.insert(digest, name);
+            seen.insert(digest, member);
         }
     }
     report.assets = writer.len();
@@ -130,7 +150,13 @@ mod tests {
         let b = written(dir.path().join("b.h5"), &[("z", 2.0, "test_new"), ("again", 1.0, "train")]);
         let out = dir.path().join("all.h5");
         let report = merge(&[a.clone(), b.clone()], &out, false, None, |_| ()).unwrap();
-        assert_eq!((report.assets, report.repeated), (3, vec![("again".into(), "y".into())]));
+        let member = |name: &str, corpus: &PathBuf, split: &str| Member {
+            name: name.into(),
+            corpus: corpus.clone(),
+            split: split.into(),
+        };
+        let repeated = Repeated { left_out: member("again", &b, "train"), kept: member("y", &a, "val") };
+        assert_eq!((report.assets, report.repeated), (3, vec![repeated]));
         let all = Corpus::open(&out).unwrap();
         assert_eq!(all.names().unwrap(), ["x", "y", "z"]);
         assert_eq!(all.texts("split").unwrap(), ["train", "val", "test_new"]);

@@ -12,7 +12,8 @@ use riglab_asset::{ImportOptions, Resample, RootPolicy};
 use riglab_augment::Recipe;
 use riglab_core::Asset;
 use riglab_data::{
-    Corpus, Place, Splitter, Stats, import_folder, import_meshes, merge, models_below, rewrite, rigged_files, stats,
+    Corpus, Member, Place, Repeated, Splitter, Stats, import_folder, import_meshes, merge, models_below, rewrite,
+    rigged_files, stats,
 };
 use riglab_report::shell::command;
 use riglab_train::Progress;
@@ -106,7 +107,7 @@ enum Roots {
 
 /// Write the assets of several corpora to one.
 ///
-/// Assets keep their splits unless --split or --seed splits them anew; equal ones come once. Each is compared with its
+/// Assets keep their splits unless --split or --seed splits them anew; equal ones come once, in the split of the first. Each is compared with its
 /// digest while it is read: damage is not merged.
 #[derive(clap::Args)]
 #[command(after_help = "\
@@ -294,11 +295,20 @@ fn run_merge(args: &Merge) -> Result<ExitCode> {
     progress.finish();
     before.tell_replaced(&args.out);
     report.warnings.iter().for_each(|warning| tell!("warning: {warning}"));
-    let lines = report.repeated.iter().map(|(name, other)| format!("left out: `{name}` is equal to `{other}`"));
+    let lines = report.repeated.iter().map(|repeated| left_out(repeated, splitter.is_some()));
     some_lines(lines, "more are left out, each equal to another").iter().for_each(|line| tell!("{line}"));
     let (assets, repeated) = (counted(report.assets, "asset"), counted(report.repeated.len(), "repeated one"));
     say!("{}: {assets}, {repeated} left out", shown(&args.out));
     Ok(ExitCode::SUCCESS)
+}
+
+/// What is said of an asset that is equal to one before it. It is of that one's split, unless all are split anew.
+fn left_out(Repeated { left_out, kept }: &Repeated, anew: bool) -> String {
+    let split = |own: &Member| if own.split.is_empty() { "none".to_owned() } else { own.split.clone() };
+    let of = |member: &Member| format!("`{}` of {}", member.name, shown(&member.corpus));
+    let other = !anew && left_out.split != kept.split;
+    let but = if other { format!(", in split {}, not {}", split(kept), split(left_out)) } else { String::new() };
+    format!("left out: {} is equal to {}{but}", of(left_out), of(kept))
 }
 
 fn run_vary(args: &Vary) -> Result<ExitCode> {
