@@ -27,6 +27,8 @@ pub struct ImportReport {
     pub refused: Vec<Refused>,
     /// Imported files with something to tell: name, and a sentence each.
     pub notes: Vec<(String, Vec<String>)>,
+    /// Motions of all assets.
+    pub clips: usize,
     /// Assets of each split.
     pub splits: BTreeMap<String, usize>,
     /// Sentences on what looks mistaken in `manifest.json` and in the splits.
@@ -175,6 +177,7 @@ fn write_all(
                             added => added?,
                         }
                         keys.push(Splitter::key(&asset));
+                        report.clips += asset.clips.len();
                         if !asset.provenance.notes.is_empty() {
                             report.notes.push((asset.name, asset.provenance.notes));
                         }

@@ -245,7 +245,7 @@ fn run_import(args: &Import) -> Result<ExitCode> {
             report.refused.iter().map(|r| serde_json::json!({"file": r.name, "reason": r.reason})).collect();
         let notes: BTreeMap<_, _> = report.notes.iter().cloned().collect();
         let value = serde_json::json!({"imported": report.imported, "refused": refused, "notes": notes, "splits": report.splits,
-            "warnings": report.warnings});
+            "clips": report.clips, "warnings": report.warnings});
         say!("{value}");
         return Ok(ExitCode::SUCCESS);
     }
@@ -258,6 +258,9 @@ fn run_import(args: &Import) -> Result<ExitCode> {
     }
     for r in &report.refused {
         tell!("left out: {}", r.reason);
+    }
+    if args.clips.is_some() {
+        tell!("{}", kept_motions(report.clips));
     }
     if !report.notes.is_empty() {
         tell!(
@@ -276,6 +279,14 @@ fn run_import(args: &Import) -> Result<ExitCode> {
         counted(report.refused.len(), "file")
     );
     Ok(ExitCode::SUCCESS)
+}
+
+/// What --clips came to.
+fn kept_motions(clips: usize) -> String {
+    match clips {
+        0 => "note: --clips: none of the files has a motion; they are read from GLB, glTF, VRM and FBX".into(),
+        n => format!("{} kept", counted(n, "motion")),
+    }
 }
 
 fn run_merge(args: &Merge) -> Result<ExitCode> {
@@ -473,4 +484,28 @@ fn run_verify(args: &Verify) -> Result<ExitCode> {
     }
     say!("{}: {}, {} damaged", shown(&args.corpus), counted(corpus.len(), "asset"), faults.len());
     Ok(if faults.is_empty() { ExitCode::SUCCESS } else { ExitCode::FAILURE })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_a_merge_leaves_out_is_told_with_its_corpus_and_split() {
+        let member =
+            |corpus: &str, split: &str| Member { name: "fox.glb".into(), corpus: corpus.into(), split: split.into() };
+        let said = |split: &str, anew| {
+            left_out(&Repeated { left_out: member("b.h5", split), kept: member("a.h5", "train") }, anew)
+        };
+        let equal = "left out: `fox.glb` of b.h5 is equal to `fox.glb` of a.h5";
+        assert_eq!([said("train", false), said("val", true)], [equal, equal]);
+        assert_eq!(said("val", false), format!("{equal}, in split train, not val"));
+        assert_eq!(said("", false), format!("{equal}, in split train, not none"));
+    }
+
+    #[test]
+    fn motions_that_were_asked_for_are_counted() {
+        assert!(kept_motions(0).contains("none of the files has a motion"));
+        assert_eq!(kept_motions(2), "2 motions kept");
+    }
 }
