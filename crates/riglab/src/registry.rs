@@ -244,7 +244,7 @@ mod tests {
         };
         let (rigs, meshes) = (("rigs.h5".to_owned(), "ab".to_owned()), ("meshes.h5".to_owned(), "cd".to_owned()));
         write("grpo", &two(", 8"));
-        assert!(corpora().iter().eq([&rigs]));
+        assert_eq!(corpora(), std::slice::from_ref(&rigs));
         write("grpo", &two(""));
         assert_eq!(corpora(), [rigs, meshes], "it does not say");
         write("fsq_cvae", "[]");

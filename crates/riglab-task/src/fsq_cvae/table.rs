@@ -71,7 +71,10 @@ mod tests {
             cut: 0.1,
             rows: vec![row("test_seen", "raw"), row("test_seen", "rule"), row("test_new", "raw")],
             assets: Vec::new(),
-            codebook: BTreeMap::from(["test_seen", "test_new"].map(|split| (split.into(), codes.clone()))),
+            // Earlier versions noted of a split without assets that it has no codes.
+            codebook: BTreeMap::from(
+                ["test_seen", "test_new", "without_assets"].map(|split| (split.into(), codes.clone())),
+            ),
             codes: Vec::new(),
         };
         let lines = lines(&report);

@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 use super::evaluate::{AssetRow, AttributeRow, Report, Row};
 use super::gallery::Shown;
 use crate::experiment::{of_splits, pictures, views};
-use crate::fsq_cvae::skin_metrics;
+use crate::fsq_cvae::{BONES_KNOWN, skin_metrics};
 
 /// What `riglab eval` writes.
 #[derive(Clone, Debug, Serialize, Deserialize)]

@@ -124,16 +124,21 @@ fn linked(args: &Args, report: &Path) -> String {
     let text = std::fs::read_to_string(&evaluated).unwrap_or_default();
     let evaluation: serde_json::Value = serde_json::from_str(&text).unwrap_or_default();
     let name = folder.file_name().unwrap_or_default().to_string_lossy();
-    let of = |shown: &serde_json::Value| Some(format!("{name}/{}", shown["file"].as_str()?));
-    let files: Vec<String> = evaluation["gallery"].as_array().into_iter().flatten().filter_map(of).collect();
+    let of = |shown: &serde_json::Value| {
+        let file = format!("{name}/{}", shown["file"].as_str()?);
+        let words: Vec<&str> = ["name", "split", "why"].iter().filter_map(|key| shown[key].as_str()).collect();
+        let said = if words.is_empty() { file.clone() } else { words.join(", ").replace(['[', ']'], " ") };
+        Some((file, said))
+    };
+    let files: Vec<_> = evaluation["gallery"].as_array().into_iter().flatten().filter_map(of).collect();
     // From elsewhere, by the whole path.
     let beside = report.parent().is_some_and(|folder| folder == home);
     let place = |file: &String| match std::path::absolute(home.join(file)) {
         Ok(whole) if !beside => whole.display().to_string(),
         _ => file.clone(),
     };
-    let there = files.iter().filter(|file| home.join(file).is_file());
-    let links: String = there.map(|file| format!("\n![{file}](<{}>)\n", place(file))).collect();
+    let there = files.iter().filter(|(file, _)| home.join(file).is_file());
+    let links: String = there.map(|(file, said)| format!("\n![{said}](<{}>)\n", place(file))).collect();
     if links.is_empty() { links } else { format!("\n## Pictures as files\n{links}") }
 }
 
@@ -176,8 +181,11 @@ fn single(args: &Args, run: &Path, evaluation: &Path) -> Result<Page> {
             tell!("note: {text}");
         }
     }
-    blocks.push(Block::Heading("Training".into()));
-    blocks.push(view.curves());
+    // A model that was exported has none.
+    let curves = view.curves();
+    if !matches!(&curves, Block::Charts(charts) if charts.is_empty()) {
+        blocks.extend([Block::Heading("Training".into()), curves]);
+    }
     blocks.extend(view.repeat());
     let title = args.title.clone().unwrap_or_else(|| run.display().to_string());
     Ok(Page { title, subtitle: view.subtitle(), blocks })
