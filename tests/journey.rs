@@ -247,7 +247,7 @@ fn from_files_to_weights_for_given_skeletons() {
     let report = dir.path().join("report.html");
     must(&["report", text(&run), "-o", text(&report)]);
     let html = fs::read_to_string(&report).unwrap();
-    assert!(html.contains("given their skeletons") && html.contains("data:image/png"));
+    assert!(html.contains("given the skeletons") && html.contains("data:image/png"));
 
     // The resolved config repeats the run, with another number of workers.
     let again = dir.path().join("again");

@@ -124,7 +124,7 @@ fn an_extended_run_is_the_longer_one_where_nothing_follows_from_its_length() {
     // The same command again goes on, and has nothing to do or to note.
     let told = extend(&short, "8");
     assert!(!told.contains("extended") && !told.contains("training:"), "{told}");
-    assert!(told.contains("all its 8 steps are done") && told.contains("train.steps=16' trains longer"), "{told}");
+    assert!(told.contains("all its 8 steps are done") && told.contains("'train.steps=16'` trains longer"), "{told}");
     let before = read(&short, "config.toml");
     for (set, parts) in [
         ("train.seed=1", ["a run keeps its settings", "`--set train.seed=1`"]),

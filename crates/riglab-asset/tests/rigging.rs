@@ -362,7 +362,8 @@ fn doubts_are_rare_where_there_is_nothing_to_doubt() {
             let Ok(subject) = Subject::read(&path, &SubjectOptions { up, ..Default::default() }) else { continue };
             for note in subject.notes() {
                 let kind = match note {
-                    SubjectNote::LiesDown { axis: UpAxis::Z, .. } => "lies",
+                    // Of those that were put down y is to be told, as it is up in the file.
+                    SubjectNote::LiesDown { axis, .. } if up == UpAxis::Y || *axis == UpAxis::Y => "lies",
                     SubjectNote::StandApart { .. } => "apart",
                     SubjectNote::InsideOut { .. } => "inside out",
                     _ => continue,

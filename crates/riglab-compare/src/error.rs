@@ -32,13 +32,13 @@ pub enum CompareError {
     )]
     NoSplits(PathBuf),
     /// A split that the corpus does not have.
-    #[error("{path}: no split `{split}` in this corpus; there are {there}", path = path.display())]
+    #[error("{path}: no split `{split}` in this corpus; {there}", path = path.display())]
     NoSplit {
         /// The corpus.
         path: PathBuf,
         /// The split.
         split: String,
-        /// Those that it has.
+        /// Those that it has, in words.
         there: String,
     },
     /// Not one name of the truth among the predictions.

@@ -158,13 +158,15 @@ impl Predictions {
         match corpus_at(&file).and_then(|corpus| corpus.map(|corpus| self.add_corpus(&file, corpus)).transpose()) {
             Ok(None) => {}
             Ok(Some(())) => return,
-            // It keeps its key: reading it will say so, in its row.
-            Err(DataError::NotHdf5 { .. }) => {}
             // The file is named beside it.
             Err(e) => {
                 let said = e.to_string();
                 let fault = said.strip_prefix(&format!("{}: ", file.display())).unwrap_or(&said).to_owned();
-                return self.unread.push((file, fault));
+                self.unread.push((file.clone(), fault));
+                // One that is no corpus for all that is known keeps its key, and has a row if it is named like an asset.
+                if !matches!(e, DataError::NotHdf5 { .. }) {
+                    return;
+                }
             }
         }
         let name = file.strip_prefix(folder).unwrap_or(&file).to_string_lossy().into_owned();

@@ -129,7 +129,12 @@ fn chosen(corpus: &Corpus, split: Option<&str>) -> Result<(Vec<usize>, Vec<Strin
     let (own, others): (Vec<usize>, Vec<usize>) = (0..splits.len()).partition(|&k| splits[k] == split);
     if own.is_empty() {
         let there: BTreeSet<&String> = splits.iter().filter(|s| !s.is_empty()).collect();
-        let there = there.into_iter().map(|s| format!("`{s}`")).collect::<Vec<_>>().join(", ");
+        let there = match there.is_empty() {
+            true => "none of its assets is in a split: leave --split out".to_owned(),
+            false => {
+                format!("there are {}", there.into_iter().map(|s| format!("`{s}`")).collect::<Vec<_>>().join(", "))
+            }
+        };
         return Err(CompareError::NoSplit { path: path.into(), split: split.into(), there });
     }
     let names = corpus.names()?;

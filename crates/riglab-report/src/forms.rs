@@ -161,13 +161,17 @@ fn shown(block: &Block, page: &[Block]) -> Vec<String> {
 
 /// Names of which no two are the same: what comes again is numbered.
 fn distinct(names: impl Iterator<Item = String>) -> Vec<String> {
-    let mut out: Vec<String> = Vec::new();
-    for name in names {
-        let numbered = (2..).map(|n| format!("{name} ({n})"));
-        let free = std::iter::once(name.clone()).chain(numbered).find(|name| !out.contains(name));
-        out.push(free.unwrap_or(name));
-    }
-    out
+    let (mut taken, mut next): (BTreeSet<String>, BTreeMap<String, usize>) = Default::default();
+    let mut free = |name: String| {
+        let mut own = name.clone();
+        while !taken.insert(own.clone()) {
+            let number = next.entry(name.clone()).or_insert(1);
+            *number += 1;
+            own = format!("{name} ({number})");
+        }
+        own
+    };
+    names.map(&mut free).collect()
 }
 
 fn of_chart(chart: &Chart) -> Option<Table> {

@@ -156,7 +156,7 @@ mod tests {
         for (job, dice) in plan.jobs.iter().zip(["0.5", "2.0"]) {
             let run = dir.path().join(&job.folder);
             std::fs::create_dir_all(&run).unwrap();
-            let evals: String = (0..9).map(|k| format!(",\"eval/m{k}@val\":1.0")).collect();
+            let evals: String = (0..2 * CURVES).map(|k| format!(",\"eval/m{k}@val\":1.0")).collect();
             let line = format!("{{\"step\":1,\"train/loss\":2.0,\"train/dice\":0.5,\"train/bce\":0.25{evals}}}\n");
             std::fs::write(run.join("metrics.jsonl"), line).unwrap();
             std::fs::write(run.join("config.toml"), format!("[loss]\nbce = 1.0\ndice = {dice}\n")).unwrap();

@@ -143,15 +143,34 @@ impl SweepFile {
         let of_arms = self.arms.iter().flat_map(|arm| arm.set.keys());
         let own: Vec<&String> =
             of_arms.chain(self.product.keys()).chain(self.zip.keys()).chain([&self.seed_key]).collect();
-        // A table holds the keys below it.
         let within = |key: &str, table: &str| key.strip_prefix(table).is_some_and(|rest| rest.starts_with('.'));
         let of = |set: &'a String| {
-            let key = set.split('=').next()?.trim();
-            let hit = own.iter().find(|own| *own == &key || within(own, key) || within(key, own))?;
+            let keys = leaves(set);
+            // What is no table takes the place of a whole one.
+            let same = |own: &str, key: &str| own == key || within(own, key) || within(key, own);
+            let hit = own.iter().find(|own| keys.iter().any(|key| same(own, key)))?;
             Some((set.as_str(), (*hit).clone()))
         };
         sets.iter().find_map(of)
     }
+}
+
+/// The keys that `KEY=VALUE` sets: those of a table one by one, as tables are merged.
+fn leaves(set: &str) -> Vec<String> {
+    fn add(key: &str, value: &Value, out: &mut Vec<String>) {
+        match value {
+            Value::Table(table) => table.iter().for_each(|(own, value)| add(&format!("{key}.{own}"), value, out)),
+            _ => out.push(key.to_owned()),
+        }
+    }
+    let (key, value) = set.split_once('=').unwrap_or((set, ""));
+    let (key, mut out) = (key.trim(), Vec::new());
+    // A word without quotes is no TOML, and no table either.
+    match toml::from_str::<toml::Table>(&format!("v = {value}")) {
+        Ok(table) => add(key, &table["v"], &mut out),
+        Err(_) => out.push(key.to_owned()),
+    }
+    out
 }
 
 impl MetricOf {

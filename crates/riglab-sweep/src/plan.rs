@@ -91,8 +91,7 @@ impl Plan {
         }
         if let Some((set, key)) = sweep.overridden(sets) {
             return invalid(format!(
-                "--set {set}: the sweep itself sets `{key}` from run to run, and its points are called by these values; \
-                 change it in the sweep's file"
+                "--set {set}: the sweep itself sets `{key}`, which differs between its runs; change it in the sweep's file"
             ));
         }
         let mut plan = Self { jobs: Vec::new(), sweep };
@@ -302,7 +301,7 @@ pub(crate) mod tests {
             let said = of(set).unwrap_err();
             assert!(said.starts_with(&format!("--set {set}: the sweep itself sets `{key}`")), "{said}");
         }
-        for set in ["train.steps=3", "model.widths=3", "loss.bce=1"] {
+        for set in ["train.steps=3", "model.widths=3", "loss.bce=1", "train={ steps = 3 }", "a.y=word"] {
             assert!(of(set).is_ok(), "{set}");
         }
     }

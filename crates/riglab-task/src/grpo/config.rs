@@ -210,10 +210,8 @@ impl GrpoTaskConfig {
             );
         }
         self.eval.validate()?;
-        if let Some(key) = unread(&self.eval) {
-            let message = "GRPO does not read it: its rigs are single draws, judged by `held_out.draws` of them a mesh; leave \
-                           it out, and give it to `riglab eval` of the model that comes out";
-            return bad(&format!("eval.{key}"), message.into());
+        if self.eval.consensus != 1 {
+            return bad("eval.consensus", "GRPO is judged by `held_out.draws` rigs a mesh: leave it at 1".into());
         }
         let GuardConfig { divergence, worse } = self.guard;
         if divergence.is_nan() || divergence <= 0.0 {
@@ -226,8 +224,8 @@ impl GrpoTaskConfig {
     }
 }
 
-/// The first setting that says how other evaluations make rigs, and that is not as it is by default: GRPO would pass over it.
-fn unread(eval: &EvalConfig) -> Option<&'static str> {
+/// A sentence on settings that say how other evaluations make rigs and are not as they are by default: GRPO passes over them.
+pub(super) fn unread(eval: &EvalConfig) -> Option<String> {
     let own = EvalConfig::default();
     let EvalConfig {
         // What is read.
@@ -238,7 +236,7 @@ fn unread(eval: &EvalConfig) -> Option<&'static str> {
         cut: _,
         vertices: _,
         seed: _,
-        consensus,
+        consensus: _,
         clouds,
         mirror,
         refine,
@@ -252,7 +250,6 @@ fn unread(eval: &EvalConfig) -> Option<&'static str> {
         baseline_resolution,
     } = eval;
     let same = [
-        ("consensus", *consensus == own.consensus),
         ("clouds", *clouds == own.clouds),
         ("mirror", *mirror == own.mirror),
         ("refine", *refine == own.refine),
@@ -265,7 +262,14 @@ fn unread(eval: &EvalConfig) -> Option<&'static str> {
         ("spread", *spread == own.spread),
         ("baseline_resolution", *baseline_resolution == own.baseline_resolution),
     ];
-    same.into_iter().find(|(_, same)| !same).map(|(key, _)| key)
+    let keys: Vec<String> = same.into_iter().filter(|(_, same)| !same).map(|(key, _)| format!("eval.{key}")).collect();
+    (!keys.is_empty()).then(|| {
+        format!(
+            "GRPO does not read {}: its rigs are single draws, judged by `held_out.draws` of them a mesh; \
+             `riglab checkpoint export` makes a folder of the refined model, of which `riglab eval` reads them",
+            keys.join(", ")
+        )
+    })
 }
 
 impl TaskSettings for GrpoTaskConfig {
@@ -304,7 +308,16 @@ mod tests {
         assert_eq!(of(|c| c.eval.cut = 2.0), Err("eval.cut".into()));
         assert_eq!(of(|c| c.eval.rows = 0), Err("eval.rows".into()));
         assert_eq!(of(|c| c.eval.consensus = 8), Err("eval.consensus".into()));
-        assert_eq!(of(|c| c.eval.skins = 8), Err("eval.skins".into()));
+        assert_eq!(of(|c| c.eval.skins = 8), Ok(()), "a run that was begun with it goes on");
+        let note = |change: fn(&mut EvalConfig)| {
+            let mut eval = EvalConfig::default();
+            change(&mut eval);
+            unread(&eval)
+        };
+        assert_eq!(note(|eval| (eval.cut, eval.rows) = (0.1, 2)), None);
+        assert!(
+            note(|eval| (eval.skins, eval.mirror) = (8, true)).unwrap().contains("not read eval.mirror, eval.skins:")
+        );
         assert_eq!(of(|c| (c.eval.cut, c.eval.seed, c.eval.vertices) = (0.1, 3, 64)), Ok(()));
     }
 }

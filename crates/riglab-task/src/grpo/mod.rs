@@ -349,7 +349,7 @@ impl Experiment for GrpoTask {
     }
 
     fn notes(&self) -> Vec<String> {
-        self.policy.notes()
+        self.policy.notes().into_iter().chain(config::unread(&self.config.eval)).collect()
     }
 
     fn companions(&self) -> Vec<(String, String)> {

@@ -3,7 +3,7 @@
 use riglab_core::{Bounds, Mesh, Similarity, Skeleton, SkinWeights};
 use riglab_geom::Yaw;
 use riglab_reward::{RewardConfig, Rewards, Scorer};
-use riglab_token::{Bones, Template};
+use riglab_token::{Bones, Encoded, Template};
 
 use super::facing::Facing;
 use super::stage::Settled;
@@ -205,26 +205,42 @@ impl Rigger {
     }
 
     /// A skeleton's sequence.
-    pub(super) fn given(&self, skeleton: &Skeleton, map: Similarity) -> Result<riglab_token::Encoded, String> {
+    ///
+    /// # Errors
+    /// A sentence: it cannot be written as tokens, or has more joints or tokens than the model reads.
+    pub(super) fn given(&self, skeleton: &Skeleton, map: Similarity) -> Result<Encoded, String> {
+        let (encoded, c) = (self.encoded(skeleton, map)?, &self.config.limits);
+        if self.reads(&encoded, skeleton.len()) {
+            return Ok(encoded);
+        }
+        Err(format!(
+            "the given skeleton has {} joints and takes {} tokens; this model reads at most {} joints and {} tokens. Remove \
+             joints that move nothing, or use a model with larger limits",
+            skeleton.len(),
+            encoded.ids.len(),
+            c.joints,
+            c.tokens
+        ))
+    }
+
+    /// Whether a skeleton of so many joints is within the limits.
+    pub(super) fn reads(&self, encoded: &Encoded, joints: usize) -> bool {
         let c = &self.config.limits;
+        joints <= c.joints && encoded.ids.len() <= c.tokens
+    }
+
+    /// A skeleton's sequence, however long.
+    ///
+    /// # Errors
+    /// A sentence: it cannot be written as tokens.
+    pub(super) fn encoded(&self, skeleton: &Skeleton, map: Similarity) -> Result<Encoded, String> {
         let joints: Vec<_> = skeleton.heads().iter().map(|&p| map.apply(p).map(f64::from)).collect();
         let parents: Vec<_> = skeleton.parents().iter().map(|p| p.map(riglab_core::JointId::index)).collect();
         let names = skeleton.names();
         let class = class_of(names);
         let bones = Bones { joints: &joints, parents: &parents, names };
         let encoded = self.tokenizer.encode_bones(&bones, class);
-        let encoded = encoded.map_err(|e| format!("the given skeleton cannot be written as tokens: {e}"))?;
-        if joints.len() > c.joints || encoded.ids.len() > c.tokens {
-            return Err(format!(
-                "the given skeleton has {} joints and takes {} tokens; this model reads at most {} joints and {} tokens. \
-                 Remove joints that move nothing, or use a model with larger limits",
-                joints.len(),
-                encoded.ids.len(),
-                c.joints,
-                c.tokens
-            ));
-        }
-        Ok(encoded)
+        encoded.map_err(|e| format!("the given skeleton cannot be written as tokens: {e}"))
     }
 
     /// Whether skeletons can begin as those of a class.

@@ -32,21 +32,23 @@ impl Rigger {
         map: Similarity,
         holders: Option<&[bool]>,
     ) -> Result<Read<'a>, String> {
-        let told = match self.given(skeleton, map) {
-            Ok(encoded) => return Ok(Read { skeleton: Cow::Borrowed(skeleton), encoded, stands: None }),
-            Err(told) => told,
-        };
+        let encoded = self.encoded(skeleton, map)?;
+        if self.reads(&encoded, skeleton.len()) {
+            return Ok(Read { skeleton: Cow::Borrowed(skeleton), encoded, stands: None });
+        }
         let mut thinning = Thinning::new(skeleton, holders);
         while thinning.contract() {
             if thinning.left > self.config.limits.joints {
                 continue;
             }
             let (left, stands) = thinning.made(skeleton)?;
-            if let Ok(encoded) = self.given(&left, map) {
+            let encoded = self.encoded(&left, map)?;
+            if self.reads(&encoded, left.len()) {
                 return Ok(Read { skeleton: Cow::Owned(left), encoded, stands: Some(stands) });
             }
         }
-        Err(told)
+        // Not even its root is within the limits: which says how far it is from them.
+        self.given(skeleton, map).map(|encoded| Read { skeleton: Cow::Borrowed(skeleton), encoded, stands: None })
     }
 
     /// Weights for all joints of a skeleton, in the cube, by codes of those that were read; `map`: into the cube. As

@@ -324,7 +324,7 @@ fn jobs(input: &Path, out: &Path) -> Result<Jobs> {
         bail!("{}: no model with the ending {}", input.display(), MODELS.join(", "));
     }
     let jobs = targets(found.files, input, out)?;
-    let longer = jobs.iter().filter(|(file, to)| to.file_stem() == file.file_name());
+    let longer = jobs.iter().filter(|(file, to)| to.file_name() != file.with_extension("glb").file_name());
     let longer: Vec<String> = longer.map(|(_, to)| to.strip_prefix(out).unwrap_or(to).display().to_string()).collect();
     if !longer.is_empty() {
         tell!("note: of models that are called alike, the others are written with their ending: {}", some_of(&longer));

@@ -99,8 +99,8 @@ pub fn rig(args: &Common, bones: &Bones, model: &Model, from: &Path, to: &Path) 
     let about = || from.display().to_string();
     if let Some(read) = made.thinned {
         let note = format!(
-            "{joints} joints are more than this model reads: it gave weights to {read} of them, which share these with the \
-             others beside them by distance; check hair, clothes and fingers"
+            "{joints} joints are more than this model reads, or take more tokens: it gave weights to {read} of them, which \
+             share these with the others beside them by distance; check hair, clothes and fingers"
         );
         noted(from, &mut notes, note);
     }
