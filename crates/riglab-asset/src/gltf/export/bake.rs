@@ -1,6 +1,7 @@
 //! Geometry moved into the scene: positions, normals, tangents and morph targets of primitives.
 
 use std::collections::HashMap;
+use std::rc::Rc;
 
 use glam::{DAffine3, DMat3, DVec3};
 use serde_json::{Value, json};
@@ -17,6 +18,8 @@ pub(super) struct Baker<'a, 'd> {
     across: DMat3,
     /// What was moved already, by accessor and what it is used as: primitives share accessors.
     done: HashMap<(usize, Use), usize>,
+    /// How long the vectors become that morph targets add to: all targets of a primitive have them in common.
+    lengths: HashMap<Use, Rc<[f64]>>,
 }
 
 #[derive(Clone, Copy, PartialEq, Eq, Hash)]
@@ -38,7 +41,7 @@ impl<'a, 'd> Baker<'a, 'd> {
         let [x, y, z] = [map.matrix3.x_axis, map.matrix3.y_axis, map.matrix3.z_axis];
         let across = DMat3::from_cols(y.cross(z), z.cross(x), x.cross(y));
         let across = if map.matrix3.determinant() < 0.0 { -across } else { across };
-        Self { accessors, map, across, done: HashMap::new() }
+        Self { accessors, map, across, done: HashMap::new(), lengths: HashMap::new() }
     }
 
     /// Moves everything of a primitive that lies or points somewhere. `positions` are where its vertices
@@ -92,7 +95,7 @@ impl<'a, 'd> Baker<'a, 'd> {
         Ok(())
     }
 
-    fn moved(&self, draft: &mut Draft, accessor: usize, used: Use) -> Result<usize, Fault> {
+    fn moved(&mut self, draft: &mut Draft, accessor: usize, used: Use) -> Result<usize, Fault> {
         self.accessors.check(accessor, || "a primitive".into())?;
         let linear = self.map.matrix3;
         let finite = |v: DVec3| if v.as_vec3().is_finite() { v.as_vec3() } else { glam::Vec3::ZERO }.to_array();
@@ -106,34 +109,48 @@ impl<'a, 'd> Baker<'a, 'd> {
             }
             return Ok(draft.accessor(&bytes, VEC4, Some(ARRAY)));
         }
-        let bases: Vec<DVec3> = match used {
-            Use::NormalOffset(normals) => self.accessors.directions(normals)?.into_iter().map(of).collect(),
-            Use::TangentOffset(tangents) => {
-                self.accessors.tangents(tangents)?.into_iter().map(|[x, y, z, _]| of([x, y, z])).collect()
-            }
-            _ => Vec::new(),
-        };
+        let lengths = self.lengths(used)?;
         let mut vectors = match used {
             Use::Point => self.accessors.positions(accessor)?.to_vec(),
             _ => self.accessors.directions(accessor)?,
         };
         // What is added to a vector is shortened or drawn out as that vector is by its new length: so their sum, at whatever
         // weight, looks where the map takes the sum of the old ones.
-        let added = |map: DMat3, v: [f32; 3], base: Option<&DVec3>| {
-            let length = base.map_or(0.0, |base| (map * *base).length());
-            if length > 0.0 { map * of(v) / length } else { DVec3::ZERO }
+        let added = |map: DMat3, v: [f32; 3], number: usize| match lengths.get(number) {
+            Some(&length) if length > 0.0 => map * of(v) / length,
+            _ => DVec3::ZERO,
         };
         for (number, v) in vectors.iter_mut().enumerate() {
             *v = finite(match used {
                 Use::Point => self.map.transform_point3(of(*v)),
                 Use::Normal => (self.across * of(*v)).normalize_or(DVec3::Y),
                 Use::Offset | Use::Tangent => linear * of(*v),
-                Use::NormalOffset(_) => added(self.across, *v, bases.get(number)),
-                Use::TangentOffset(_) => added(linear, *v, bases.get(number)),
+                Use::NormalOffset(_) => added(self.across, *v, number),
+                Use::TangentOffset(_) => added(linear, *v, number),
             });
         }
         // Morph targets of positions have bounds, too.
         Ok(draft.vectors(&vectors, matches!(used, Use::Point | Use::Offset), Some(ARRAY)))
+    }
+
+    /// How long the vectors that something is added to are once they are moved; none of other uses.
+    fn lengths(&mut self, used: Use) -> Result<Rc<[f64]>, Fault> {
+        if let Some(known) = self.lengths.get(&used) {
+            return Ok(known.clone());
+        }
+        let length = |map: DMat3, v: [f32; 3]| (map * glam::Vec3::from(v).as_dvec3()).length();
+        let found: Rc<[f64]> = match used {
+            Use::NormalOffset(normals) => {
+                self.accessors.directions(normals)?.into_iter().map(|v| length(self.across, v)).collect()
+            }
+            Use::TangentOffset(tangents) => {
+                let all = self.accessors.tangents(tangents)?.into_iter();
+                all.map(|[x, y, z, _]| length(self.map.matrix3, [x, y, z])).collect()
+            }
+            Use::Point | Use::Offset | Use::Normal | Use::Tangent => Rc::default(),
+        };
+        self.lengths.insert(used, found.clone());
+        Ok(found)
     }
 }
 
