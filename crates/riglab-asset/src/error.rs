@@ -5,7 +5,7 @@ use std::fmt;
 use riglab_core::RigError;
 use thiserror::Error;
 
-use crate::{Format, PeerFault};
+use crate::PeerFault;
 
 /// A file that cannot be imported, and why.
 #[derive(Clone, Debug, Error, PartialEq)]
@@ -65,9 +65,13 @@ pub enum Fault {
     )]
     NotAModel(&'static str),
     /// A format that is known but not read.
-    #[error("{format} is a format that is not read{hint}; convert the file to GLB, in Blender for example",
-            format = .0, hint = without_feature(.0))]
-    OtherFormat(Format),
+    #[error("{format} is a format that is not read{hint}; convert the file to GLB, in Blender for example")]
+    OtherFormat {
+        /// The format.
+        format: &'static str,
+        /// What this build lacks for it, or nothing.
+        hint: &'static str,
+    },
 
     /// A character that the file does not have.
     #[error("no character {wanted}; the file has {}", listed(found))]
@@ -518,9 +522,4 @@ fn listed(names: &[String]) -> String {
     let shown: Vec<_> = names.iter().take(SHOWN).enumerate().map(|(i, name)| format!("{i} (`{name}`)")).collect();
     let more = names.len().saturating_sub(SHOWN);
     shown.join(", ") + &if more > 0 { format!(" and {more} more") } else { String::new() }
-}
-
-/// What a build may lack for a format.
-fn without_feature(format: &Format) -> &'static str {
-    if *format == Format::Fbx { " without the feature `fbx` (build with `--features fbx`)" } else { "" }
 }

@@ -339,9 +339,9 @@ pub fn onto_bytes(
     if blake3::hash(bytes).to_hex().to_string() != imported.provenance.checksum {
         return Err(fail(ExportFault::OtherSource));
     }
-    match Format::of(path, bytes).map_err(|f| fail(f.into()))? {
-        Format::Gltf => gltf::export::onto(bytes, folder, imported, rig, [0.0; 3], options).map_err(fail),
-        _ => gltf::export::alone(&imported.name, rig, &imported.provenance, options).map_err(fail),
+    match Format::of(path, bytes).map_err(|f| fail(f.into()))? == Format::GLTF {
+        true => gltf::export::onto(bytes, folder, imported, rig, [0.0; 3], options).map_err(fail),
+        false => gltf::export::alone(&imported.name, rig, &imported.provenance, options).map_err(fail),
     }
 }
 
@@ -392,7 +392,7 @@ pub fn strip_bytes(
 ) -> Result<Exported, ExportError> {
     let path = path.as_ref();
     let fail = |fault| ExportError { file: path.to_string_lossy().into_owned(), fault };
-    if Format::of(path, bytes).map_err(|f| fail(f.into()))? != Format::Gltf {
+    if Format::of(path, bytes).map_err(|f| fail(f.into()))? != Format::GLTF {
         return Err(fail(ExportFault::NotADocument));
     }
     // All characters go, and nothing is looked at that does not stand somewhere.
@@ -436,7 +436,7 @@ pub fn animate(
     if blake3::hash(bytes).to_hex().to_string() != imported.provenance.checksum {
         return Err(fail(ExportFault::OtherSource));
     }
-    if Format::of(Path::new(file), bytes).map_err(|f| fail(f.into()))? != Format::Gltf {
+    if Format::of(Path::new(file), bytes).map_err(|f| fail(f.into()))? != Format::GLTF {
         return Err(fail(ExportFault::NotADocument));
     }
     gltf::export::animate(bytes, folder, &imported.reading, skeleton, std::slice::from_ref(clip)).map_err(fail)

@@ -1,88 +1,168 @@
-//! Which format a file has: by its first bytes, and by its ending where those say nothing.
+//! The formats that are read: what riglab asks of one ([`Reads`]), and the list of all ([`Format::ALL`]).
+//!
+//! Whoever adds a format implements [`Reads`] in a module of its own and adds a line to the list.
 
 use std::fmt;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
-use crate::Fault;
-use crate::marked::unmarked;
+use crate::peers::{self, Assets, Source};
+use crate::rigging::{Looks, SubjectNote, Unrigged};
+use crate::{Fault, ImportOptions, Reading, Rights};
 
-/// A kind of file.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Format {
-    /// glTF 2.0 as JSON or GLB; VRM is a GLB.
-    Gltf,
-    /// Autodesk FBX.
-    Fbx,
-    /// Wavefront OBJ.
-    Obj,
-    /// Polygons of scanners, or points alone.
-    Ply,
-    /// Triangles for printing.
-    Stl,
-    /// Text of joints and weights (RigNet, Puppeteer), or a list of folders (UniRig).
-    RigText,
-    /// Arrays of numpy (Articulation-XL, UniRig, SkinTokens).
-    Npz,
-    /// HDF5 (Puppeteer).
-    Hdf5,
-    /// What torch saves (Anymate).
-    TorchZip,
+/// All that riglab asks of a format that it reads.
+///
+/// A format of *surfaces* gives a [`Reading`] of its bytes, and its looks where a rig is to be attached to the model. A format
+/// of *arrays*, as data sets have, is opened and hands out its assets one by one. OBJ is both: beside a rig text it is
+/// the mesh of that.
+pub(crate) trait Reads: Sync {
+    /// What it is called in sentences.
+    fn name(&self) -> &'static str;
+
+    /// How names of its files end, in lower case.
+    fn endings(&self) -> &'static [&'static str];
+
+    /// Whether it begins with these bytes, as no other does.
+    fn starts(&self, _bytes: &[u8]) -> bool {
+        false
+    }
+
+    /// Whether a file with one of its endings is one where no format's bytes tell.
+    fn ending_tells(&self) -> bool {
+        true
+    }
+
+    /// Whether it may begin with these bytes, where neither bytes nor ending told.
+    fn may_start(&self, _bytes: &[u8]) -> bool {
+        false
+    }
+
+    /// Whether its files hold models to be rigged.
+    fn has_models(&self) -> bool {
+        true
+    }
+
+    /// How commands call it where they choose among formats of rigs; `None` for one that has none.
+    fn short(&self) -> Option<&'static str>;
+
+    /// Whether a file with one of its endings, found in a folder, is to be imported as a rig.
+    fn is_rig(&self, path: &Path) -> bool;
+
+    /// What else is read with a file.
+    fn beside(&self, _path: &Path, _folder: &Path) -> Vec<PathBuf> {
+        Vec::new()
+    }
+
+    /// Whether a file may hold several assets, and says how many.
+    fn holds_several(&self) -> bool {
+        false
+    }
+
+    /// Whether the file at `path` is read as arrays; `folder` is where what belongs to it is looked for, if at all.
+    fn in_arrays(&self, _path: &Path, _folder: Option<&Path>) -> bool {
+        false
+    }
+
+    /// Opens a file of arrays, with those that make no difference to a rig (`extras`) if they are asked for.
+    fn open<'a>(&self, _file: &Source<'a>, _extras: bool) -> Result<Box<dyn Assets + 'a>, Fault> {
+        Err(self.unread())
+    }
+
+    /// Reads a file of surfaces; `folder` is where what belongs to it is looked for, if at all.
+    fn read(&self, _: &[u8], _folder: Option<&Path>, _: &ImportOptions) -> Result<(Reading, Rights), Fault> {
+        Err(self.unread())
+    }
+
+    /// Reads a model of surfaces with its looks, to become a document. A glTF is one.
+    fn looks(&self, _file: &Unrigged<'_>, _notes: &mut Vec<SubjectNote>) -> Result<Looks, Fault> {
+        Err(self.unread())
+    }
+
+    /// That it is known, but not read in this way.
+    fn unread(&self) -> Fault {
+        Fault::OtherFormat { format: self.name(), hint: "" }
+    }
 }
 
+/// A format that is read.
+#[derive(Clone, Copy)]
+pub struct Format(&'static dyn Reads);
+
 impl Format {
-    /// The format of a file of this name that starts with these bytes.
+    /// glTF 2.0 as JSON or GLB; VRM is a GLB.
+    pub(crate) const GLTF: Self = Self(&crate::gltf::Gltf);
+
+    /// All of them.
+    pub const ALL: &[Self] = &[
+        Self::GLTF,
+        Self(&crate::fbx_format::Fbx),
+        Self(&crate::obj::Obj),
+        Self(&crate::ply::Ply),
+        Self(&crate::stl::Stl),
+        Self(&peers::RigText),
+        Self(&peers::Npz),
+        Self(&peers::Hdf5),
+        Self(&peers::TorchZip),
+    ];
+
+    /// The format of a file of this name that starts with these bytes: by them, and by its ending where they say nothing.
     ///
     /// # Errors
     /// [`Fault::Empty`], or [`Fault::NotAModel`] with what the file seems to be instead.
     pub fn of(path: &Path, bytes: &[u8]) -> Result<Self, Fault> {
-        let ending = path.extension().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
         if bytes.is_empty() {
             return Err(Fault::Empty);
         }
-        if bytes.starts_with(b"glTF") {
-            return Ok(Self::Gltf);
-        }
-        // In binary, or as text with the comment that all exporters begin with.
-        if bytes.starts_with(b"Kaydara FBX Binary") || bytes.starts_with(b"; FBX") || ending == "fbx" {
-            return Ok(Self::Fbx);
-        }
-        let text = unmarked(bytes);
-        if text.starts_with(b"ply\n") || text.starts_with(b"ply\r") {
-            return Ok(Self::Ply);
-        }
-        if bytes.starts_with(b"\x89HDF\r\n\x1a\n") {
-            return Ok(Self::Hdf5);
-        }
-        match ending.as_str() {
-            "obj" => return Ok(Self::Obj),
-            "ply" => return Ok(Self::Ply),
-            "stl" => return Ok(Self::Stl),
-            "txt" => return Ok(Self::RigText),
-            "npz" => return Ok(Self::Npz),
-            "h5" | "hdf5" => return Ok(Self::Hdf5),
-            "pt" | "pth" => return Ok(Self::TorchZip),
-            _ => {}
-        }
-        if crate::gltf::looks_like_json(bytes) {
-            return Ok(Self::Gltf);
-        }
-        Err(Fault::NotAModel(guess(bytes)))
+        let all = || Self::ALL.iter().copied();
+        (all().find(|format| format.0.starts(bytes)))
+            .or_else(|| Self::by_ending(path).filter(|format| format.0.ending_tells()))
+            .or_else(|| all().find(|format| format.0.may_start(bytes)))
+            .ok_or_else(|| Fault::NotAModel(guess(bytes)))
+    }
+
+    /// The format whose files are called like this one.
+    pub fn by_ending(path: &Path) -> Option<Self> {
+        let ending = path.extension()?.to_string_lossy().to_ascii_lowercase();
+        Self::ALL.iter().copied().find(|format| format.endings().contains(&ending.as_str()))
+    }
+
+    /// How names of its files end, in lower case.
+    pub fn endings(self) -> &'static [&'static str] {
+        self.0.endings()
+    }
+
+    /// Whether its files hold models to be rigged.
+    pub fn has_models(self) -> bool {
+        self.0.has_models()
+    }
+
+    /// How commands call it where they choose among formats of rigs; `None` for one that has none.
+    pub fn short(self) -> Option<&'static str> {
+        self.0.short()
+    }
+
+    /// What it does.
+    pub(crate) fn reads(self) -> &'static dyn Reads {
+        self.0
     }
 }
 
+impl PartialEq for Format {
+    fn eq(&self, other: &Self) -> bool {
+        self.0.name() == other.0.name()
+    }
+}
+
+impl Eq for Format {}
+
 impl fmt::Display for Format {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            Self::Gltf => "glTF",
-            Self::Fbx => "FBX",
-            Self::Obj => "OBJ",
-            Self::Ply => "PLY",
-            Self::Stl => "STL",
-            Self::RigText => "rig text",
-            Self::Npz => "npz",
-            Self::Hdf5 => "HDF5",
-            Self::TorchZip => "torch",
-        })
+        f.write_str(self.0.name())
+    }
+}
+
+impl fmt::Debug for Format {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.0.name())
     }
 }
 
@@ -98,4 +178,35 @@ fn guess(bytes: &[u8]) -> &'static str {
         (b"<", "a web page or XML"),
     ];
     MAGICS.iter().find(|(magic, _)| bytes.starts_with(magic)).map_or("something else", |(_, name)| name)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn no_two_formats_share_a_name_or_an_ending() {
+        let endings: Vec<_> = Format::ALL.iter().flat_map(|format| format.endings()).collect();
+        let names: Vec<_> = Format::ALL.iter().map(|format| format.to_string()).collect();
+        let short: Vec<_> = Format::ALL.iter().filter_map(|format| format.short()).collect();
+        let unique = |of: &[String]| of.iter().collect::<std::collections::HashSet<_>>().len() == of.len();
+        assert!(unique(&names));
+        assert!(unique(&endings.iter().map(ToString::to_string).collect::<Vec<_>>()));
+        assert!(unique(&short.iter().map(ToString::to_string).collect::<Vec<_>>()));
+        assert!(endings.iter().all(|ending| **ending == ending.to_ascii_lowercase()));
+    }
+
+    #[test]
+    fn bytes_tell_before_the_ending_does() {
+        let of = |name: &str, bytes: &[u8]| Format::of(Path::new(name), bytes).map(|format| format.to_string());
+        assert_eq!(of("a.obj", b"glTF\x02").unwrap(), "glTF");
+        assert_eq!(of("a.OBJ", b"v 0 0 0\n").unwrap(), "OBJ");
+        assert_eq!(of("a.txt", b"ply\nformat ascii 1.0\n").unwrap(), "PLY");
+        assert_eq!(of("a.obj", b"{\"asset\": {}}").unwrap(), "OBJ");
+        assert_eq!(of("a", b"\xef\xbb\xbf {\"asset\": {}}").unwrap(), "glTF");
+        assert_eq!(of("a.bin", b"; FBX 7.4.0 project file\n").unwrap(), "FBX");
+        // A name alone makes no GLB.
+        assert!(matches!(of("a.glb", b"PK\x03\x04"), Err(Fault::NotAModel("a ZIP archive"))));
+        assert!(matches!(of("a.glb", b""), Err(Fault::Empty)));
+    }
 }

@@ -8,8 +8,7 @@
 //! [`Reading`] - joints possibly in several trees, meshes possibly unbound, numbered as in the file -
 //! and one builder, the same for all formats, turns a reading into a valid rig: one tree, parents
 //! first, weights that sum to 1. Whoever adds a format writes a module beside `gltf` that ends
-//! in a reading, and arms wherever [`Format`] is matched: `look`, [`import_bytes`], `import_from`. A mesh format
-//! that is to keep its looks is read by [`rigging`], too.
+//! in a reading and says there all that is asked of a format (`format::Reads`), and adds a line to [`Format::ALL`].
 //!
 //! Holds: no input makes it panic, recurse without bound or allocate more than the file can fill;
 //! nothing outside the file's own folder is opened, and no connection made; nothing that is not
@@ -36,6 +35,7 @@ mod error;
 pub mod export;
 #[cfg(feature = "fbx")]
 mod fbx;
+mod fbx_format;
 mod format;
 mod gltf;
 mod influences;
@@ -310,7 +310,7 @@ pub fn count_assets(path: impl AsRef<Path>) -> Result<usize, ImportError> {
     let path = path.as_ref();
     let (format, folder) = look(path)?;
     match format {
-        Some(format @ (Format::Npz | Format::Hdf5 | Format::TorchZip)) => {
+        Some(format) if format.reads().holds_several() => {
             let counted = peers::count(&source(path, format, folder.as_deref()));
             counted.map_err(|fault| ImportError::new(&path.to_string_lossy(), fault))
         }
@@ -319,42 +319,27 @@ pub fn count_assets(path: impl AsRef<Path>) -> Result<usize, ImportError> {
 }
 
 /// Endings of files that hold a model, rigged or not.
-pub const MODELS: [&str; 7] = ["glb", "gltf", "vrm", "fbx", "obj", "ply", "stl"];
+pub fn model_endings() -> impl Iterator<Item = &'static str> {
+    Format::ALL.iter().filter(|format| format.has_models()).flat_map(|format| format.endings()).copied()
+}
 
 /// Whether a file found in a folder holds a model, by its ending.
 pub fn is_model_file(path: &Path) -> bool {
-    let ending = path.extension().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
-    MODELS.contains(&ending.as_str())
+    Format::by_ending(path).is_some_and(Format::has_models)
 }
 
 /// Whether a file found in a folder is one to import as a rig: by its ending, and of texts those that
 /// are rig texts. A pair of text and OBJ counts once, as its text; of two texts for one OBJ, the one
 /// with weights.
 pub fn is_rig_file(path: &Path) -> bool {
-    let ending = path.extension().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
-    match ending.as_str() {
-        "glb" | "gltf" | "vrm" | "npz" | "h5" | "hdf5" | "pt" | "pth" => true,
-        "fbx" => cfg!(feature = "fbx"),
-        "txt" if peers::starts_as_rig(path) => {
-            let mesh = path.parent().and_then(|folder| peers::mesh_of(path, folder));
-            let chosen = mesh.and_then(|mesh| peers::beside_obj(&mesh, mesh.parent()?));
-            chosen.is_none_or(|chosen| chosen == path)
-        }
-        _ => false,
-    }
+    Format::by_ending(path).is_some_and(|format| format.reads().is_rig(path))
 }
 
 /// The files that importing `path` reads: itself, and the other half of a pair of rig text and OBJ, or the buffers that a
 /// `.gltf` names in its folder, there or not. What a GLB keeps outside is not asked.
 pub fn files_read(path: &Path) -> Vec<PathBuf> {
     let folder = path.parent().map(|f| if f.as_os_str().is_empty() { Path::new(".") } else { f });
-    let ending = path.extension().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
-    let others = folder.map(|folder| match ending.as_str() {
-        "txt" => peers::mesh_of(path, folder).into_iter().collect(),
-        "obj" => peers::beside_obj(path, folder).into_iter().collect(),
-        "gltf" => gltf::buffers_named(&std::fs::read(path).unwrap_or_default(), folder),
-        _ => Vec::new(),
-    });
+    let others = folder.zip(Format::by_ending(path)).map(|(folder, format)| format.reads().beside(path, folder));
     std::iter::once(path.to_path_buf()).chain(others.into_iter().flatten()).collect()
 }
 
@@ -366,7 +351,15 @@ pub fn is_gltf(path: &Path) -> bool {
     }
     let mut start = Vec::new();
     let read = std::fs::File::open(path).and_then(|f| f.take(4096).read_to_end(&mut start));
-    read.is_ok() && matches!(Format::of(path, &start), Ok(Format::Gltf))
+    read.is_ok() && Format::of(path, &start).is_ok_and(|format| format == Format::GLTF)
+}
+
+/// Whether the file at `path` is one of arrays ([`read_arrays`]), rather than of surfaces.
+///
+/// # Errors
+/// What is wrong with the file.
+pub fn holds_arrays(path: impl AsRef<Path>) -> Result<bool, ImportError> {
+    look(path.as_ref()).map(|(format, _)| format.is_some())
 }
 
 /// Reads the arrays of a text, npz, h5 or pt file (or of an OBJ with a rig text) as they are, in the
@@ -391,15 +384,13 @@ pub fn read_arrays(path: impl AsRef<Path>) -> Result<Vec<Result<ArrayRig, Import
 pub fn import_bytes(name: &str, bytes: &[u8], options: &ImportOptions) -> Result<Imported, ImportError> {
     let path = Path::new(name);
     let format = Format::of(path, bytes).map_err(|fault| ImportError::new(name, fault))?;
-    match format {
-        Format::RigText | Format::Npz | Format::Hdf5 | Format::TorchZip => {
-            peers::one(&peers::Source { path, format, input: peers::Input::Bytes(bytes), folder: None }, options)
-        }
-        Format::Gltf | Format::Fbx | Format::Obj | Format::Ply | Format::Stl => import_from(path, bytes, None, options),
+    if format.reads().in_arrays(path, None) {
+        return peers::one(&peers::Source { path, format, input: peers::Input::Bytes(bytes), folder: None }, options);
     }
+    import_from(path, bytes, None, options)
 }
 
-/// The format of the file at `path`, if it is a peer's, and the file's folder.
+/// The format of the file at `path`, if that is read as arrays, and the file's folder.
 fn look(path: &Path) -> Result<(Option<Format>, Option<PathBuf>), ImportError> {
     use std::io::Read;
     let fail = |fault| ImportError::new(&path.to_string_lossy(), fault);
@@ -413,12 +404,8 @@ fn look(path: &Path) -> Result<(Option<Format>, Option<PathBuf>), ImportError> {
     let mut start = Vec::new();
     let read = std::fs::File::open(path).and_then(|f| f.take(4096).read_to_end(&mut start));
     read.map_err(|e| fail(Fault::Unreadable(e.to_string())))?;
-    let peer = match Format::of(path, &start).map_err(fail)? {
-        Format::Gltf | Format::Fbx | Format::Ply | Format::Stl => None,
-        // Without a rig text beside it, it is a mesh alone.
-        Format::Obj => folder.as_deref().and_then(|f| peers::beside_obj(path, f)).map(|_| Format::Obj),
-        peer => Some(peer),
-    };
+    let format = Format::of(path, &start).map_err(fail)?;
+    let peer = Some(format).filter(|format| format.reads().in_arrays(path, folder.as_deref()));
     Ok((peer, folder))
 }
 
@@ -444,15 +431,8 @@ fn import_from(
 ) -> Result<Imported, ImportError> {
     let source = path.to_string_lossy();
     let fail = |fault| ImportError::new(&source, fault);
-    let (mut reading, origin) = match Format::of(path, bytes).map_err(fail)? {
-        Format::Gltf => gltf::read(bytes, folder, options).map_err(fail)?,
-        Format::Obj => (obj::read(bytes).map_err(fail)?, Rights::default()),
-        Format::Ply => (ply::read(bytes).map_err(fail)?.into_reading(), Rights::default()),
-        Format::Stl => (stl::read(bytes).map_err(fail)?.into_reading(), Rights::default()),
-        #[cfg(feature = "fbx")]
-        Format::Fbx => (fbx::read(bytes, options.clips).map_err(fail)?, Rights::default()),
-        other => return Err(fail(Fault::OtherFormat(other))),
-    };
+    let format = Format::of(path, bytes).map_err(fail)?;
+    let (mut reading, origin) = format.reads().read(bytes, folder, options).map_err(fail)?;
     if let Some(item) = options.item.filter(|&item| item > 0) {
         return Err(fail(PeerFault::NoSuchItem { item, count: 1 }.into()));
     }

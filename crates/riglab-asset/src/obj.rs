@@ -4,12 +4,59 @@
 //! Vertices come in the order in which the faces of each object first name them. RigNet's pairs of
 //! OBJ and `rig.txt`, whose weights count vertices of the file, need a reader of their own.
 
+use std::path::{Path, PathBuf};
+
 use tobj::{LoadError, LoadOptions};
 
+use crate::format::Reads;
+use crate::peers::{Assets, Source, beside_obj, open_pair};
+use crate::rigging::{Looks, SubjectNote, Unrigged, obj_model};
 use crate::wavefront::{self, Asked};
-use crate::{Binding, Fault, Part, Reading, VertexSet, triangles};
+use crate::{Binding, Fault, ImportOptions, Part, Reading, Rights, VertexSet, triangles};
 
-pub(crate) fn read(bytes: &[u8]) -> Result<Reading, Fault> {
+/// Wavefront OBJ: the mesh of the rig text beside it, or a mesh alone.
+pub(crate) struct Obj;
+
+impl Reads for Obj {
+    fn name(&self) -> &'static str {
+        "OBJ"
+    }
+
+    fn endings(&self) -> &'static [&'static str] {
+        &["obj"]
+    }
+
+    fn short(&self) -> Option<&'static str> {
+        None
+    }
+
+    /// A pair counts once, as its text.
+    fn is_rig(&self, _: &Path) -> bool {
+        false
+    }
+
+    fn beside(&self, path: &Path, folder: &Path) -> Vec<PathBuf> {
+        beside_obj(path, folder).into_iter().collect()
+    }
+
+    fn in_arrays(&self, path: &Path, folder: Option<&Path>) -> bool {
+        folder.is_some_and(|folder| beside_obj(path, folder).is_some())
+    }
+
+    fn open<'a>(&self, file: &Source<'a>, _: bool) -> Result<Box<dyn Assets + 'a>, Fault> {
+        open_pair(file)
+    }
+
+    fn read(&self, bytes: &[u8], _: Option<&Path>, _: &ImportOptions) -> Result<(Reading, Rights), Fault> {
+        Ok((read(bytes)?, Rights::default()))
+    }
+
+    fn looks(&self, file: &Unrigged<'_>, notes: &mut Vec<SubjectNote>) -> Result<Looks, Fault> {
+        Ok(obj_model(&file.name, file.bytes, file.folder, notes)?.into())
+    }
+}
+
+fn read(bytes: &[u8]) -> Result<Reading, Fault> {
     let options = LoadOptions { triangulate: true, ignore_points: true, ignore_lines: true, ..Default::default() };
     // What a material library holds does not matter.
     let lines = wavefront::obj(bytes, Asked::Surface);

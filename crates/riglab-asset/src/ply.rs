@@ -6,11 +6,16 @@
 mod header;
 mod rows;
 
+use std::path::Path;
+
 use header::{Element, Kind};
 use rows::{Row, Rows};
 
+use crate::format::Reads;
+use crate::marked::unmarked;
+use crate::rigging::{Looks, SubjectNote, Unrigged, surface_model};
 use crate::surface::Surface;
-use crate::{Fault, triangles};
+use crate::{Fault, ImportOptions, Reading, Rights, triangles};
 
 /// What lists of corners are called.
 const CORNERS: [&str; 2] = ["vertex_indices", "vertex_index"];
@@ -21,6 +26,40 @@ const NORMAL: [&[&str]; 3] = [&["nx"], &["ny"], &["nz"]];
 const COORDINATES: [&[&str]; 2] = [&["s", "u", "texture_u"], &["t", "v", "texture_v"]];
 const COLOUR: [&[&str]; 3] = [&["red", "r"], &["green", "g"], &["blue", "b"]];
 const ALPHA: &[&str] = &["alpha", "a"];
+
+/// Polygons of scanners, or points alone.
+pub(crate) struct Ply;
+
+impl Reads for Ply {
+    fn name(&self) -> &'static str {
+        "PLY"
+    }
+
+    fn endings(&self) -> &'static [&'static str] {
+        &["ply"]
+    }
+
+    fn starts(&self, bytes: &[u8]) -> bool {
+        let text = unmarked(bytes);
+        text.starts_with(b"ply\n") || text.starts_with(b"ply\r")
+    }
+
+    fn short(&self) -> Option<&'static str> {
+        None
+    }
+
+    fn is_rig(&self, _: &Path) -> bool {
+        false
+    }
+
+    fn read(&self, bytes: &[u8], _: Option<&Path>, _: &ImportOptions) -> Result<(Reading, Rights), Fault> {
+        Ok((read(bytes)?.into_reading(), Rights::default()))
+    }
+
+    fn looks(&self, file: &Unrigged<'_>, notes: &mut Vec<SubjectNote>) -> Result<Looks, Fault> {
+        Ok(surface_model(&file.name, read(file.bytes)?, file.folder, notes).into())
+    }
+}
 
 pub(crate) fn read(bytes: &[u8]) -> Result<Surface, Fault> {
     surface(bytes).map_err(Fault::Ply)

@@ -4,18 +4,50 @@
 //!
 //! Which axis is up and what the units are the format does not say, so both stay.
 
+use std::path::Path;
+
 use riglab_core::Vec3;
 
-use crate::Fault;
+use crate::format::Reads;
 use crate::marked::unmarked;
 use crate::peers::shown;
-use crate::rigging::twins;
+use crate::rigging::{Looks, SubjectNote, Unrigged, surface_model, twins};
 use crate::surface::Surface;
+use crate::{Fault, ImportOptions, Reading, Rights};
 
 /// Bytes before the triangles of a binary file: 80 of any kind, and the number of triangles.
 const HEAD: usize = 84;
 /// Bytes of a triangle: its normal and corners, and two to spare.
 const TRIANGLE: usize = 50;
+
+/// Triangles for printing.
+pub(crate) struct Stl;
+
+impl Reads for Stl {
+    fn name(&self) -> &'static str {
+        "STL"
+    }
+
+    fn endings(&self) -> &'static [&'static str] {
+        &["stl"]
+    }
+
+    fn short(&self) -> Option<&'static str> {
+        None
+    }
+
+    fn is_rig(&self, _: &Path) -> bool {
+        false
+    }
+
+    fn read(&self, bytes: &[u8], _: Option<&Path>, _: &ImportOptions) -> Result<(Reading, Rights), Fault> {
+        Ok((read(bytes)?.into_reading(), Rights::default()))
+    }
+
+    fn looks(&self, file: &Unrigged<'_>, notes: &mut Vec<SubjectNote>) -> Result<Looks, Fault> {
+        Ok(surface_model(&file.name, read(file.bytes)?, file.folder, notes).into())
+    }
+}
 
 pub(crate) fn read(bytes: &[u8]) -> Result<Surface, Fault> {
     let corners = if is_text(bytes) { text(unmarked(bytes)) } else { binary(bytes) }.map_err(Fault::Stl)?;

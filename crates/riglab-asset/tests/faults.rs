@@ -40,7 +40,7 @@ fn files_that_are_no_gltf() {
         let fault = of("a.glb", fbx);
         let read = cfg!(feature = "fbx");
         assert!(
-            if read { matches!(fault, Fault::Fbx(_)) } else { matches!(fault, Fault::OtherFormat(_)) },
+            if read { matches!(fault, Fault::Fbx(_)) } else { matches!(fault, Fault::OtherFormat { .. }) },
             "{fault:?}"
         );
         assert!(fault.to_string().contains("FBX") && fault.to_string().contains("GLB"), "{fault}");

@@ -162,7 +162,7 @@ fn peers() -> Vec<(String, Vec<u8>)> {
     let tiny = import_bytes("tiny.glb", &Tiny::new().glb(), &ImportOptions::default()).unwrap().into_asset().unwrap();
     let dir = tempfile::tempdir().unwrap();
     let mut seeds = Vec::new();
-    for target in Target::ALL.iter().copied().filter(|t| *t != Target::Glb) {
+    for target in Target::ALL.iter().copied().filter(|t| *t != Target::GLB) {
         let name = format!("{target}{}", target.suffix());
         let path = dir.path().join(&name);
         riglab_asset::write(std::slice::from_ref(&tiny), &path, target).unwrap();

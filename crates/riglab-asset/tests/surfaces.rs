@@ -5,7 +5,7 @@ use std::fmt::Write;
 
 use riglab_asset::export::ExportOptions;
 use riglab_asset::rigging::{Subject, SubjectNote, SubjectOptions, UpAxis};
-use riglab_asset::{Fault, ImportOptions, Imported, MODELS, import_bytes, is_model_file};
+use riglab_asset::{Fault, ImportOptions, Imported, import_bytes, is_model_file, model_endings};
 use riglab_core::{Joint, Mesh, Skeleton, SkinWeights, Vec3};
 
 /// A tube of quads with lids of many corners: vertices and polygons. Its middle is away from the origin, and no coordinate is
@@ -113,7 +113,7 @@ fn each_format_gives_the_mesh_that_an_obj_gives() {
     }
     // By its bytes a PLY is known under any name.
     assert_eq!(imported("a.glb", &files[2].1).mesh(), imported("a.ply", &files[2].1).mesh());
-    assert_eq!(&MODELS[5..], ["ply", "stl"]);
+    assert!(["ply", "stl"].iter().all(|ending| model_endings().any(|of| of == *ending)));
 }
 
 #[test]

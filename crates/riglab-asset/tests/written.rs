@@ -64,10 +64,10 @@ fn path(folder: &Path, asset: &Asset, target: Target) -> PathBuf {
 fn every_format_reads_back_equal() {
     let Some(rigs) = rigs() else { return };
     let dir = tempfile::tempdir().unwrap();
-    for target in Target::ALL.iter().copied().filter(|t| !matches!(t, Target::Obj)) {
-        let named = !matches!(target, Target::PuppeteerH5 | Target::Anymate);
+    for target in Target::ALL.iter().copied().filter(|t| *t != Target::OBJ) {
+        let named = ![Target::PUPPETEER_H5, Target::ANYMATE].contains(&target);
         // Weights of Anymate have sixteen bits.
-        let tolerance = if target == Target::Anymate { 1e-3 } else { 1e-6 };
+        let tolerance = if target == Target::ANYMATE { 1e-3 } else { 1e-6 };
         for asset in &rigs {
             let path = path(dir.path(), asset, target);
             let what = format!("{target} {}", asset.name);

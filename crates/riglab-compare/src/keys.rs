@@ -1,8 +1,9 @@
 //! What predictions and true assets are called when they are matched.
 
-/// Endings of files that hold rigs.
-const ENDINGS: [&str; 14] =
-    ["glb", "gltf", "vrm", "fbx", "obj", "txt", "npz", "h5", "hdf5", "pt", "pth", "json", "ply", "stl"];
+use std::path::Path;
+
+use riglab_asset::Format;
+
 /// What systems add to the name of what they were given.
 const ADDED: [&str; 10] =
     ["_rig", "_skin", "_skel", "_skeleton", "_pred", "_predict", "_rigged", "_skinned", "_results", "_ori"];
@@ -25,7 +26,7 @@ pub fn key(name: &str) -> String {
     let name = name.replace('\\', "/");
     let (folder, file) = name.rsplit_once('/').unwrap_or(("", &name));
     let mut file = match file.rsplit_once('.') {
-        Some((stem, ending)) if !stem.is_empty() && ENDINGS.contains(&ending.to_ascii_lowercase().as_str()) => stem,
+        Some((stem, ending)) if !stem.is_empty() && (is_format(file) || ending.eq_ignore_ascii_case("json")) => stem,
         _ => file,
     };
     if COMMON.contains(&file) && !folder.is_empty() {
@@ -35,6 +36,11 @@ pub fn key(name: &str) -> String {
         file = file.strip_suffix(added).filter(|rest| !rest.is_empty()).unwrap_or(file);
     }
     if folder.is_empty() { file.to_owned() } else { format!("{folder}/{file}") }
+}
+
+/// Whether a file is called like those of a format that is read.
+fn is_format(file: &str) -> bool {
+    Format::by_ending(Path::new(file)).is_some()
 }
 
 /// The last step of a key.

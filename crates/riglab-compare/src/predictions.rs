@@ -5,7 +5,7 @@ use std::fmt;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use riglab_asset::{ArrayRig, ImportOptions, import, is_rig_file, read_arrays};
+use riglab_asset::{ArrayRig, Format, ImportOptions, holds_arrays, import, is_rig_file, read_arrays};
 use riglab_core::{Rig, Vec3};
 use riglab_data::{Corpus, DataError};
 use riglab_metric::{Joints, Rows};
@@ -14,54 +14,27 @@ use crate::CompareError;
 use crate::corpora::corpus_at;
 use crate::keys::{key, own_name};
 
-/// Which files are predictions.
+/// Which files are predictions: those of a format, or all that hold rigs.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Kind {
-    /// All that hold rigs.
-    #[default]
-    Auto,
-    /// GLB, glTF and VRM.
-    Glb,
-    /// FBX.
-    Fbx,
-    /// Texts of RigNet and Puppeteer, with or without an OBJ.
-    Rignet,
-    /// UniRig's, SkinTokens' and Articulation-XL's archives.
-    Npz,
-    /// HDF5: Puppeteer's, and riglab's own corpora.
-    H5,
-    /// Anymate's archives.
-    Pt,
-}
+pub struct Kind(Option<Format>);
 
 impl Kind {
+    /// All that hold rigs.
+    pub const AUTO: Self = Self(None);
+
     /// All with their names.
-    pub const ALL: [(&'static str, Self); 7] = [
-        ("auto", Self::Auto),
-        ("glb", Self::Glb),
-        ("fbx", Self::Fbx),
-        ("rignet", Self::Rignet),
-        ("npz", Self::Npz),
-        ("h5", Self::H5),
-        ("pt", Self::Pt),
-    ];
+    pub fn all() -> impl Iterator<Item = (&'static str, Self)> {
+        let formats = Format::ALL.iter().filter_map(|format| Some((format.short()?, Self(Some(*format)))));
+        std::iter::once(("auto", Self::AUTO)).chain(formats)
+    }
 
     /// What its files are called in a sentence.
     fn name(self) -> &'static str {
-        let named = Self::ALL.iter().find(|(_, k)| *k == self && *k != Self::Auto);
-        named.map_or("rigged", |(name, _)| name)
+        self.0.and_then(Format::short).unwrap_or("rigged")
     }
 
-    fn takes(self, ending: &str) -> bool {
-        match self {
-            Self::Auto => true,
-            Self::Glb => ["glb", "gltf", "vrm"].contains(&ending),
-            Self::Fbx => ending == "fbx",
-            Self::Rignet => ending == "txt",
-            Self::Npz => ending == "npz",
-            Self::H5 => ["h5", "hdf5"].contains(&ending),
-            Self::Pt => ["pt", "pth"].contains(&ending),
-        }
+    fn takes(self, path: &Path) -> bool {
+        self.0.is_none_or(|format| Format::by_ending(path) == Some(format))
     }
 }
 
@@ -127,8 +100,7 @@ impl Predictions {
     /// # Errors
     /// When there is no such folder, no file of the kind in it, or a corpus that cannot be read.
     pub fn find(folder: &Path, kind: Kind) -> Result<Self, CompareError> {
-        let ending = |path: &Path| path.extension().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
-        let wanted = |path: &Path| kind.takes(&ending(path)) && is_rig_file(path);
+        let wanted = |path: &Path| kind.takes(path) && is_rig_file(path);
         let (files, unread) = if folder.is_file() {
             // One that was cut off is told before anything is looked for in it.
             corpus_at(folder)?;
@@ -272,8 +244,7 @@ fn read(place: &Place) -> Result<Prediction, String> {
             return Ok(of_rig(&asset.rig, files));
         }
     }
-    let ending = place.file.extension().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
-    if ["glb", "gltf", "vrm", "fbx"].contains(&ending.as_str()) {
+    if !holds_arrays(&place.file).map_err(|e| e.to_string())? {
         let imported = import(&place.file, &ImportOptions::default()).map_err(|e| e.to_string())?;
         let rig = imported.rig().ok_or_else(|| format!("{}: it holds no skeleton", place.file.display()))?;
         return Ok(of_rig(rig, files));

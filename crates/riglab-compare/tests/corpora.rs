@@ -26,7 +26,7 @@ fn corpus(path: PathBuf, assets: &[(&str, &str, f32)]) -> PathBuf {
 }
 
 fn of_a_split(predictions: &Path, truth: &Path, split: &str) -> Result<System, CompareError> {
-    let systems = [("it".to_owned(), Predictions::find(predictions, Kind::Auto)?)];
+    let systems = [("it".to_owned(), Predictions::find(predictions, Kind::AUTO)?)];
     let (mut found, _) = score(&Truths::open(truth, Some(split))?, &systems, &[], Failures::Apart, |_| ())?;
     Ok(found.remove(0))
 }
@@ -80,7 +80,7 @@ fn a_corpus_that_was_cut_off_says_so_once() {
     let truth = corpus(dir.path().join("truth.h5"), &ALL);
     let cut = dir.path().join("cut.h5");
     std::fs::write(&cut, &std::fs::read(&truth).unwrap()[..4000]).unwrap();
-    for said in [Truths::open(&cut, None).err().unwrap(), Predictions::find(&cut, Kind::Auto).err().unwrap()] {
+    for said in [Truths::open(&cut, None).err().unwrap(), Predictions::find(&cut, Kind::AUTO).err().unwrap()] {
         let said = said.to_string();
         assert_eq!(said.matches("cut.h5").count(), 1, "{said}");
         assert!(said.contains("eof = 4000") && said.contains("cut off"), "{said}");
@@ -94,7 +94,7 @@ fn a_corpus_that_was_cut_off_says_so_once() {
     // And true files that cannot be read are named once.
     let text = other.path().join("x.glb");
     std::fs::write(&text, b"glTF").unwrap();
-    let systems = [("it".to_owned(), Predictions::find(&truth, Kind::Auto).unwrap())];
+    let systems = [("it".to_owned(), Predictions::find(&truth, Kind::AUTO).unwrap())];
     let said = score(&Truths::open(&text, None).unwrap(), &systems, &[], Failures::Apart, |_| ()).unwrap_err();
     assert_eq!(said.to_string().matches("x.glb").count(), 1, "{said}");
 }

@@ -15,6 +15,10 @@ fn golden() -> Option<PathBuf> {
     None
 }
 
+fn kind(named: &str) -> Kind {
+    Kind::all().find(|(name, _)| *name == named).unwrap().1
+}
+
 fn scored(predictions: &Path, truth: &Path, kind: Kind, failures: Failures) -> Result<System, CompareError> {
     let truths = Truths::open(truth, None)?;
     let systems = [("system".to_owned(), Predictions::find(predictions, kind)?)];
@@ -61,7 +65,7 @@ fn names(folder: &Path, ending: &str) -> Vec<String> {
 fn every_format_is_the_rig_that_it_is() {
     let Some(formats) = golden() else { return };
     let of = |system: &str, truth: &str| {
-        scored(&formats.join(system), &formats.join(truth), Kind::Auto, Failures::Apart).unwrap()
+        scored(&formats.join(system), &formats.join(truth), Kind::AUTO, Failures::Apart).unwrap()
     };
     let puppeteer = of("puppeteer", "rignet");
     same(row(&puppeteer, "biped_rig.txt"));
@@ -71,7 +75,7 @@ fn every_format_is_the_rig_that_it_is() {
     for file in names(&formats.join("anymate"), ".pt").into_iter().filter(|file| !file.starts_with("refuse")) {
         let truth = formats.join("rignet");
         let file = formats.join(format!("anymate/{file}.pt"));
-        let anymate = match scored(&file, &truth, Kind::Auto, Failures::Apart) {
+        let anymate = match scored(&file, &truth, Kind::AUTO, Failures::Apart) {
             Ok(found) => found,
             // One with other rigs alone.
             Err(e) if e.to_string().contains("matched by their path") => continue,
@@ -98,7 +102,7 @@ fn every_format_is_the_rig_that_it_is() {
     let dir = tempfile::tempdir().unwrap();
     std::fs::create_dir(dir.path().join("tail")).unwrap();
     std::fs::copy(formats.join("unirig/tail_f16/raw_data.npz"), dir.path().join("tail/raw_data.npz")).unwrap();
-    let tail = scored(&formats.join("skintokens"), dir.path(), Kind::Npz, Failures::Apart).unwrap();
+    let tail = scored(&formats.join("skintokens"), dir.path(), kind("npz"), Failures::Apart).unwrap();
     same(row(&tail, "tail/raw_data.npz"));
 }
 
@@ -117,7 +121,7 @@ fn broken_predictions_are_rows_with_a_reason() {
     // A skeleton alone: joints, but no weights.
     std::fs::write(theirs.path().join("whole.npz"), &bytes).unwrap();
     for failures in [Failures::Apart, Failures::Worst] {
-        let found = scored(theirs.path(), truth.path(), Kind::Auto, failures).unwrap();
+        let found = scored(theirs.path(), truth.path(), Kind::AUTO, failures).unwrap();
         assert_eq!(found.counts(), [1, 2, 1], "{found:?}");
         for name in ["cut", "hostile"] {
             let Status::Failed(reason) = &row(&found, &format!("{name}_rig.txt")).status else { panic!("{found:?}") };
@@ -135,7 +139,7 @@ fn broken_predictions_are_rows_with_a_reason() {
 fn baselines_stand_beside_systems() {
     let Some(formats) = golden() else { return };
     let truths = Truths::open(&formats.join("rignet"), None).unwrap();
-    let systems = [("puppeteer".to_owned(), Predictions::find(&formats.join("puppeteer"), Kind::Auto).unwrap())];
+    let systems = [("puppeteer".to_owned(), Predictions::find(&formats.join("puppeteer"), Kind::AUTO).unwrap())];
     let baselines = [SkinBaseline::Straight(Baseline::Nearest), SkinBaseline::Heat];
     let (found, _) = score(&truths, &systems, &baselines, Failures::Apart, |_| ()).unwrap();
     assert_eq!(found.len(), 3);
@@ -155,12 +159,12 @@ fn what_cannot_begin_says_why() {
     let fails = |theirs: &str, truth: &str, kind| {
         scored(&formats.join(theirs), &formats.join(truth), kind, Failures::Apart).unwrap_err().to_string()
     };
-    assert!(fails("nowhere", "rignet", Kind::Auto).contains("no such folder or file of predictions"));
-    assert!(fails("rignet", "nowhere", Kind::Auto).contains("no such corpus or folder"));
-    assert!(fails("rignet", "unirig", Kind::Glb).contains("no glb file below it"));
+    assert!(fails("nowhere", "rignet", Kind::AUTO).contains("no such folder or file of predictions"));
+    assert!(fails("rignet", "nowhere", Kind::AUTO).contains("no such corpus or folder"));
+    assert!(fails("rignet", "unirig", kind("glb")).contains("no glb file below it"));
     let empty = tempfile::tempdir().unwrap();
-    assert!(fails(empty.path().to_str().unwrap(), "unirig", Kind::Auto).contains("no rigged file below it"));
-    let other = fails("skintokens", "rignet", Kind::Auto);
+    assert!(fails(empty.path().to_str().unwrap(), "unirig", Kind::AUTO).contains("no rigged file below it"));
+    let other = fails("skintokens", "rignet", Kind::AUTO);
     let first = format!("for instance `{}`", names(&formats.join("skintokens"), ".npz")[0]);
     assert!(other.contains(&first) && other.contains("matched by their path"), "{other}");
 }

@@ -78,7 +78,7 @@ fn a_run_goes_on_where_it_was_broken_off_and_gives_the_same_bytes() {
 fn files_of_many_assets_give_each_and_go_on_too() {
     let dir = tempfile::tempdir().unwrap();
     let all = creatures(5);
-    riglab_asset::write(&all, dir.path().join("set.npz"), riglab_asset::Target::ArticulationXl).unwrap();
+    riglab_asset::write(&all, dir.path().join("set.npz"), riglab_asset::Target::ARTICULATION_XL).unwrap();
     let out = tempfile::tempdir().unwrap();
     let funnel = run(dir.path(), out.path(), &plain()).unwrap();
     assert_eq!((funnel.assets, funnel.kept), (5, 5));
@@ -89,7 +89,7 @@ fn files_of_many_assets_give_each_and_go_on_too() {
     assert_eq!(run(dir.path(), out.path(), &plain()).unwrap(), funnel);
     // The set is another now: what was begun of it does not count.
     std::fs::write(places.journal(), &whole[..cut]).unwrap();
-    riglab_asset::write(&all[2..], dir.path().join("set.npz"), riglab_asset::Target::ArticulationXl).unwrap();
+    riglab_asset::write(&all[2..], dir.path().join("set.npz"), riglab_asset::Target::ARTICULATION_XL).unwrap();
     assert_eq!(run(dir.path(), out.path(), &plain()).unwrap().assets, 3);
     assert_eq!(run(dir.path(), out.path(), &plain()).unwrap().assets, 3);
 }

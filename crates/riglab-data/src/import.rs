@@ -345,7 +345,7 @@ mod tests {
         let read = |name: &str| import(dir.path().join(name), &options).unwrap().into_asset().unwrap();
         let both = [read("a_rig.txt"), read("b_rig.txt")];
         let set = dir.path().join("set.npz");
-        riglab_asset::write(&both, &set, riglab_asset::Target::ArticulationXl).unwrap();
+        riglab_asset::write(&both, &set, riglab_asset::Target::ARTICULATION_XL).unwrap();
         let names: Vec<_> = rigged_files(dir.path()).unwrap().iter().map(|p| name_below(dir.path(), p)).collect();
         assert_eq!(names, ["a_rig.txt", "b_rig.txt", "set.npz"]);
         let out = dir.path().join("c.h5");
@@ -357,7 +357,7 @@ mod tests {
         assert_eq!(corpus.names().unwrap(), ["a_rig.txt", "b_rig.txt", "set.npz#a", "set.npz#b"]);
         // One that is in its set twice gets a name of its own.
         let [a, b] = both;
-        riglab_asset::write(&[a.clone(), a, b], &set, riglab_asset::Target::ArticulationXl).unwrap();
+        riglab_asset::write(&[a.clone(), a, b], &set, riglab_asset::Target::ARTICULATION_XL).unwrap();
         let report = import_folder(dir.path(), &out, &Splitter::ByTopology(0), &options, |_| ()).unwrap();
         assert_eq!((report.imported, report.refused), (5, vec![]));
     }

@@ -31,15 +31,16 @@ mod unseen;
 mod vrm;
 mod write;
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use crate::budget::Budget;
+use crate::format::Reads;
 use crate::marked::unmarked;
 use crate::{Fault, ImportOptions, Reading, Rights, Warning};
 use accessor::Accessors;
 use bind::Binds;
 use buffers::Buffers;
-pub(crate) use buffers::buffers_named;
+use buffers::buffers_named;
 use document::Document;
 pub use draco::decode_draco;
 pub use meshopt::decode_meshopt;
@@ -48,9 +49,51 @@ use placing::Apart;
 use skins::Skins;
 pub use write::to_glb;
 
-/// Whether bytes may be the JSON of a glTF file: an opening brace, with or without a byte-order mark.
-pub(crate) fn looks_like_json(bytes: &[u8]) -> bool {
-    unmarked(bytes).trim_ascii_start().starts_with(b"{")
+/// glTF 2.0 as JSON or GLB; VRM is a GLB.
+pub(crate) struct Gltf;
+
+impl Reads for Gltf {
+    fn name(&self) -> &'static str {
+        "glTF"
+    }
+
+    fn endings(&self) -> &'static [&'static str] {
+        &["glb", "gltf", "vrm"]
+    }
+
+    fn starts(&self, bytes: &[u8]) -> bool {
+        bytes.starts_with(b"glTF")
+    }
+
+    /// Bytes of a glTF do.
+    fn ending_tells(&self) -> bool {
+        false
+    }
+
+    /// The brace that JSON opens with, with or without a byte-order mark.
+    fn may_start(&self, bytes: &[u8]) -> bool {
+        unmarked(bytes).trim_ascii_start().starts_with(b"{")
+    }
+
+    fn short(&self) -> Option<&'static str> {
+        Some("glb")
+    }
+
+    fn is_rig(&self, _: &Path) -> bool {
+        true
+    }
+
+    /// The buffers that a `.gltf` names, there or not. What a GLB keeps outside is not asked.
+    fn beside(&self, path: &Path, folder: &Path) -> Vec<PathBuf> {
+        match path.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("gltf")) {
+            true => buffers_named(&std::fs::read(path).unwrap_or_default(), folder),
+            false => Vec::new(),
+        }
+    }
+
+    fn read(&self, bytes: &[u8], folder: Option<&Path>, of: &ImportOptions) -> Result<(Reading, Rights), Fault> {
+        read(bytes, folder, of)
+    }
 }
 
 /// Reads a file's bytes; `folder` is where buffers in files of their own are looked for, if at all.

@@ -9,7 +9,7 @@ use super::archive::Input;
 use super::array_rig::ArrayRig;
 use super::budget::Budget;
 use super::fault::PeerFault;
-use super::read::{self, Wanted};
+use super::read::Wanted;
 use super::{fields, reading, repair};
 use crate::names::Names;
 use crate::{Fault, Format, ImportError, ImportOptions, Imported, Warning, assemble};
@@ -57,7 +57,7 @@ fn try_each(
     each: Each<'_>,
 ) -> Result<(), Fault> {
     let checksum = checksum(source.input).map_err(|e| Fault::Unreadable(e.to_string()))?;
-    let mut assets = read::open(source.format, source.path, source.input, source.folder, false)?;
+    let mut assets = source.format.reads().open(source, false)?;
     let count = assets.count();
     let fault = match options.item {
         _ if count == 0 => Some(PeerFault::NoAsset),
@@ -94,13 +94,13 @@ fn try_each(
 
 /// How many assets there are.
 pub(crate) fn count(source: &Source<'_>) -> Result<usize, Fault> {
-    Ok(read::open(source.format, source.path, source.input, source.folder, false)?.count())
+    Ok(source.format.reads().open(source, false)?.count())
 }
 
 /// Reads arrays as they are in the file, every asset of it; the second of each pair is what is wrong.
 pub(crate) fn read_arrays(source: &Source<'_>) -> Result<Vec<Result<ArrayRig, Fault>>, Fault> {
     let mut out = Vec::new();
-    let mut assets = read::open(source.format, source.path, source.input, source.folder, true)?;
+    let mut assets = source.format.reads().open(source, true)?;
     assets.each(Wanted { item: None, extras: true }, &mut |_, rig| {
         let checked = rig.and_then(|rig| fields::check(&rig).map(|()| rig));
         out.push(checked.map_err(Fault::from));

@@ -32,6 +32,6 @@ pub use array_rig::{Array, ArrayRig, SparseRows, Up};
 pub use fault::PeerFault;
 pub(crate) use fault::shown;
 pub(crate) use import::{Source, count, each, one, read_arrays};
-pub(crate) use read::{beside_obj, mesh_of, starts_as_rig};
+pub(crate) use read::{Assets, Hdf5, Npz, RigText, TorchZip, beside_obj, open_pair, starts_as_rig};
 pub use tensors::{StoredKind, StoredTensor, TensorFile};
 pub use write::{Target, WriteError, write, write_mesh, written_paths};

@@ -2,10 +2,53 @@
 
 use std::path::Path;
 
-use super::SubjectNote;
 use super::beside::Beside;
-use crate::Fault;
+use super::looks::{Looks, Motions, Unrigged};
+use super::subject::{Turn, turned_rig};
+use super::{SubjectNote, UpAxis};
 use crate::fbx::{Left, Taken, counted};
+use crate::{Content, Fault, ImportOptions, Imported, Resample, import_from};
+
+/// Reads an FBX as a model, with its rig and motions where they are kept.
+pub(crate) fn looks(file: &Unrigged<'_>, notes: &mut Vec<SubjectNote>) -> Result<Looks, Fault> {
+    let taken = read(&file.name, file.bytes, file.folder)?;
+    let old = old_rig(file, taken.rate, notes)?;
+    let motions = old.as_ref().and_then(motions);
+    let rig = old.and_then(|old| old.rig().cloned());
+    let kept = motions.as_ref().map_or(0, |motions| motions.clips.len());
+    let missing = taken.animations.saturating_sub(kept);
+    notes.extend(left(taken.left, missing, !taken.model.swings.is_empty()));
+    Ok(Looks { model: taken.model, rig, motions, animations: taken.animations })
+}
+
+/// Of a rig, if it has any.
+fn motions(imported: &Imported) -> Option<Motions> {
+    let rig = imported.rig().filter(|_| !imported.clips.is_empty())?;
+    Some(Motions { skeleton: rig.skeleton().clone(), clips: imported.clips.clone() })
+}
+
+/// The rig of a file, if it has one, with its motions at a rate: kept, or told that it is not.
+fn old_rig(file: &Unrigged<'_>, rate: f32, notes: &mut Vec<SubjectNote>) -> Result<Option<Imported>, Fault> {
+    let options = file.options;
+    // Those of a model that is turned would have to be turned as well.
+    let clips = (options.keep_rig && options.up == UpAxis::Y).then(|| Resample::whole(rate));
+    match import_from(file.path, file.bytes, None, &ImportOptions { clips, ..options.import.clone() }) {
+        Ok(mut imported) if options.keep_rig && imported.rig().is_some() => {
+            if let Content::Rigged(rig) = &mut imported.content {
+                *rig = turned_rig(rig, options.up.into(), Turn::onto_mesh)?;
+            }
+            Ok(Some(imported))
+        }
+        Ok(Imported { content: Content::Rigged(rig), .. }) => {
+            notes.push(SubjectNote::RigIgnored { joints: rig.skeleton().len() });
+            Ok(None)
+        }
+        // A rig that cannot be read is of no matter where it is not kept.
+        Ok(_) => Ok(None),
+        Err(e) if options.keep_rig => Err(e.fault),
+        Err(_) => Ok(None),
+    }
+}
 
 /// Reads an FBX without its rig; pictures that it does not hold are looked for in `folder`, if at all. Metres, y up.
 pub(super) fn read(name: &str, bytes: &[u8], folder: Option<&Path>) -> Result<Taken, Fault> {

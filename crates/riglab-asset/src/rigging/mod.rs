@@ -20,6 +20,7 @@ mod doubts;
 mod dressed;
 #[cfg(feature = "fbx")]
 mod fbx;
+mod looks;
 mod names;
 mod normals;
 mod note;
@@ -32,11 +33,14 @@ mod up;
 
 #[cfg(feature = "fbx")]
 pub use dressed::dressed;
+pub(crate) use looks::{Looks, Unrigged};
 pub use names::{NameStyle, human_bones, humanoid, name_added, name_bones, name_joints, name_others};
 pub(crate) use normals::complete as complete_normals;
 pub use note::SubjectNote;
+pub(crate) use obj::read as obj_model;
 pub use seams::{agreed, twins};
 pub use subject::{Origin, Subject, SubjectOptions};
+pub(crate) use surface::model as surface_model;
 pub use up::UpAxis;
 #[cfg(feature = "fbx")]
-pub(crate) use {obj::stem, surface::linear};
+pub(crate) use {fbx::looks as fbx_looks, obj::stem, surface::linear};

@@ -15,7 +15,7 @@ use crate::wavefront::{self, Asked};
 
 /// Reads an OBJ; material libraries and pictures are looked for in `folder`, if at all. Positions stay bit
 /// for bit. Normals that are missing are the mean of the triangles around each place.
-pub(super) fn read(
+pub(crate) fn read(
     name: &str,
     bytes: &[u8],
     folder: Option<&Path>,

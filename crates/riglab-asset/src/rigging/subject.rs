@@ -4,16 +4,15 @@ use std::borrow::Cow;
 use std::collections::HashSet;
 use std::path::{Path, PathBuf};
 
-use riglab_core::{Clip, Mesh, Rig, RigError, Skeleton, SkinWeights, Springs, Vec3};
+use riglab_core::{Mesh, Rig, RigError, Skeleton, SkinWeights, Springs, Vec3};
 
+use super::looks::{Motions, Unrigged};
 use super::pieces::pieces;
-use super::{SubjectNote, UpAxis, doubts, obj, seams, surface};
+use super::{SubjectNote, UpAxis, doubts, seams};
 use crate::assemble::ordered_sets;
 use crate::export::{self, ExportError, ExportOptions, Exported};
 use crate::gltf::export::model::Model;
-use crate::{
-    Binding, Fault, Format, ImportError, ImportOptions, Imported, Warning, gltf, import, import_from, ply, stl,
-};
+use crate::{Binding, Fault, Format, ImportError, ImportOptions, Imported, Warning, gltf, import, import_from};
 
 /// How a model is read.
 #[derive(Clone, Debug)]
@@ -61,16 +60,9 @@ pub struct Subject {
     animations: usize,
 }
 
-/// Motions that go with a skeleton.
-#[derive(Clone, Debug)]
-struct Motions {
-    skeleton: Skeleton,
-    clips: Vec<Clip>,
-}
-
 /// From the document's axes to the mesh's.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-struct Turn {
+pub(super) struct Turn {
     /// What points up in the document.
     up: UpAxis,
     /// Whether the model, once it stands, is turned round.
@@ -87,7 +79,7 @@ impl Turn {
     const NONE: Self = Self { up: UpAxis::Y, about: false };
 
     /// A point or direction, as the mesh has it. No number is rounded, and left and right stay what they are.
-    fn onto_mesh(self, p: Vec3) -> Vec3 {
+    pub(super) fn onto_mesh(self, p: Vec3) -> Vec3 {
         self.round(self.up.to_y(p))
     }
 
@@ -145,7 +137,7 @@ impl Subject {
         let path = path.as_ref();
         let fail = |fault| ImportError::new(&path.to_string_lossy(), fault);
         let format = format(path).map_err(fail)?;
-        if !matches!(format, Format::Gltf | Format::Fbx | Format::Obj | Format::Ply | Format::Stl) {
+        if !format.reads().has_models() {
             return Self::of_arrays(path, options);
         }
         let bytes = std::fs::read(path).map_err(|e| fail(Fault::Unreadable(e.to_string())))?;
@@ -170,72 +162,54 @@ impl Subject {
         keeps.clips = None;
         let mut turn = Turn::from(options.up);
         let mut rig = None;
-        #[cfg_attr(not(feature = "fbx"), expect(unused_mut))]
         let (mut motions, mut animations) = (None, 0);
-        let (document, beside) = match Format::of(path, bytes).map_err(fail)? {
-            Format::Gltf if options.keep_rig => (Cow::Borrowed(bytes), folder),
-            Format::Gltf => {
-                // A rig that goes need not be one that can be read.
-                let (reading, bare) = match gltf::read(bytes, folder, &keeps) {
-                    Ok((reading, _)) => (reading, None),
-                    Err(of) => {
-                        let bare = gltf::export::strip_broken(bytes, folder, &keeps, of);
-                        let (reading, bare) = bare.map_err(|e| fail(fault(e)))?;
-                        (reading, Some(bare))
-                    }
-                };
-                if reading.faces_back && options.to_front {
-                    turn.about = true;
-                    notes.push(SubjectNote::FacesBack);
-                }
-                if let Some(bare) = bare {
-                    notes.extend(bare.notes.into_iter().map(SubjectNote::Stripped));
-                    (Cow::Owned(bare.bytes), None)
-                } else if reading.joints.is_empty() {
-                    (Cow::Borrowed(bytes), folder)
-                } else {
-                    notes.push(SubjectNote::RigIgnored { joints: reading.joints.len() });
-                    // The model stands as it was bound then, not as the file shows it.
-                    let moved = reading
-                        .warnings
-                        .iter()
-                        .filter(|w| matches!(w, Warning::RestIsNotBind { .. } | Warning::Bent { .. }));
-                    notes.extend(moved.cloned().map(SubjectNote::Read));
-                    let bare = gltf::export::strip(bytes, folder, &reading).map_err(|e| fail(fault(e)))?;
-                    notes.extend(bare.notes.into_iter().map(SubjectNote::Stripped));
-                    (Cow::Owned(bare.bytes), None)
-                }
+        let format = Format::of(path, bytes).map_err(fail)?;
+        let (document, beside) = if format != Format::GLTF {
+            let file = Unrigged { path, name: stem(path), bytes, folder, options };
+            let looks = format.reads().looks(&file, &mut notes).map_err(fail)?;
+            (rig, motions, animations) = (looks.rig, looks.motions, looks.animations);
+            let mut model = looks.model;
+            let parts = model.drop_unplaced_pictures();
+            if parts > 0 {
+                notes.push(SubjectNote::Unplaced { parts });
             }
-            format => {
-                let name = stem(path);
-                let mut model = match format {
-                    Format::Obj => obj::read(&name, bytes, folder, &mut notes).map_err(fail)?,
-                    Format::Ply => surface::model(&name, ply::read(bytes).map_err(fail)?, folder, &mut notes),
-                    Format::Stl => surface::model(&name, stl::read(bytes).map_err(fail)?, folder, &mut notes),
-                    #[cfg(feature = "fbx")]
-                    Format::Fbx => {
-                        let taken = super::fbx::read(&name, bytes, folder).map_err(fail)?;
-                        if let Some(old) = old_fbx_rig(path, bytes, options, taken.rate, &mut notes)? {
-                            motions = Motions::of(&old);
-                            rig = old.rig().cloned();
-                        }
-                        animations = taken.animations;
-                        let kept = motions.as_ref().map_or(0, |motions| motions.clips.len());
-                        let (left, missing) = (taken.left, taken.animations.saturating_sub(kept));
-                        notes.extend(super::fbx::left(left, missing, !taken.model.swings.is_empty()));
-                        taken.model
-                    }
-                    other => return Err(fail(Fault::OtherFormat(other))),
-                };
-                let parts = model.drop_unplaced_pictures();
-                if parts > 0 {
-                    notes.push(SubjectNote::Unplaced { parts });
+            stand(&mut model, options.up);
+            turn = Turn::NONE;
+            let document = model.into_glb();
+            let too_long = |found: usize| too_large("bytes of the file as GLB", found, u32::MAX as usize);
+            (Cow::Owned(document.map_err(|found| fail(too_long(found)))?), None)
+        } else if options.keep_rig {
+            (Cow::Borrowed(bytes), folder)
+        } else {
+            // A rig that goes need not be one that can be read.
+            let (reading, bare) = match gltf::read(bytes, folder, &keeps) {
+                Ok((reading, _)) => (reading, None),
+                Err(of) => {
+                    let bare = gltf::export::strip_broken(bytes, folder, &keeps, of);
+                    let (reading, bare) = bare.map_err(|e| fail(fault(e)))?;
+                    (reading, Some(bare))
                 }
-                stand(&mut model, options.up);
-                turn = Turn::NONE;
-                let document = model.into_glb();
-                let too_long = |found: usize| too_large("bytes of the file as GLB", found, u32::MAX as usize);
-                (Cow::Owned(document.map_err(|found| fail(too_long(found)))?), None)
+            };
+            if reading.faces_back && options.to_front {
+                turn.about = true;
+                notes.push(SubjectNote::FacesBack);
+            }
+            if let Some(bare) = bare {
+                notes.extend(bare.notes.into_iter().map(SubjectNote::Stripped));
+                (Cow::Owned(bare.bytes), None)
+            } else if reading.joints.is_empty() {
+                (Cow::Borrowed(bytes), folder)
+            } else {
+                notes.push(SubjectNote::RigIgnored { joints: reading.joints.len() });
+                // The model stands as it was bound then, not as the file shows it.
+                let moved = reading
+                    .warnings
+                    .iter()
+                    .filter(|w| matches!(w, Warning::RestIsNotBind { .. } | Warning::Bent { .. }));
+                notes.extend(moved.cloned().map(SubjectNote::Read));
+                let bare = gltf::export::strip(bytes, folder, &reading).map_err(|e| fail(fault(e)))?;
+                notes.extend(bare.notes.into_iter().map(SubjectNote::Stripped));
+                (Cow::Owned(bare.bytes), None)
             }
         };
         // All of the model that is seen, whoever it was that the old rig moved.
@@ -510,50 +484,11 @@ fn turned_skeleton(skeleton: &Skeleton, by: Turn, turn: fn(Turn, Vec3) -> Vec3) 
 
 /// A rig in other axes. Springs, whose directions are told in more ways than one, go along only where nothing turns;
 /// the document keeps its own.
-fn turned_rig(rig: &Rig, by: Turn, turn: fn(Turn, Vec3) -> Vec3) -> Result<Rig, RigError> {
+pub(super) fn turned_rig(rig: &Rig, by: Turn, turn: fn(Turn, Vec3) -> Vec3) -> Result<Rig, RigError> {
     if by == Turn::NONE {
         return Ok(rig.clone());
     }
     let mesh = rig.mesh().with_positions(rig.mesh().positions().iter().map(|p| turn(by, *p)).collect())?;
     let skeleton = turned_skeleton(rig.skeleton(), by, turn)?;
     Rig::new(skeleton, mesh, rig.weights().clone())?.with_humanoid(rig.humanoid().clone())
-}
-
-#[cfg(feature = "fbx")]
-impl Motions {
-    /// Of a rig, if it has any.
-    fn of(imported: &Imported) -> Option<Self> {
-        let rig = imported.rig().filter(|_| !imported.clips.is_empty())?;
-        Some(Self { skeleton: rig.skeleton().clone(), clips: imported.clips.clone() })
-    }
-}
-
-/// The rig of an FBX, if it has one, with its motions at a rate: kept, or told that it is not.
-#[cfg(feature = "fbx")]
-fn old_fbx_rig(
-    path: &Path,
-    bytes: &[u8],
-    options: &SubjectOptions,
-    rate: f32,
-    notes: &mut Vec<SubjectNote>,
-) -> Result<Option<Imported>, ImportError> {
-    // Those of a model that is turned would have to be turned as well.
-    let clips = (options.keep_rig && options.up == UpAxis::Y).then(|| crate::Resample::whole(rate));
-    match import_from(path, bytes, None, &ImportOptions { clips, ..options.import.clone() }) {
-        Ok(mut imported) if options.keep_rig && imported.rig().is_some() => {
-            if let crate::Content::Rigged(rig) = &mut imported.content {
-                *rig = turned_rig(rig, options.up.into(), Turn::onto_mesh)
-                    .map_err(|e| ImportError::new(&path.to_string_lossy(), e.into()))?;
-            }
-            Ok(Some(imported))
-        }
-        Ok(Imported { content: crate::Content::Rigged(rig), .. }) => {
-            notes.push(SubjectNote::RigIgnored { joints: rig.skeleton().len() });
-            Ok(None)
-        }
-        // A rig that cannot be read is of no matter where it is not kept.
-        Ok(_) => Ok(None),
-        Err(e) if options.keep_rig => Err(e),
-        Err(_) => Ok(None),
-    }
 }

@@ -9,7 +9,7 @@ use crate::surface::Surface;
 
 /// A model of one mesh. Its picture is looked for in `folder`, if at all. Normals that are missing are the mean of the
 /// triangles around each place.
-pub(super) fn model(name: &str, of: Surface, folder: Option<&Path>, notes: &mut Vec<SubjectNote>) -> Model {
+pub(crate) fn model(name: &str, of: Surface, folder: Option<&Path>, notes: &mut Vec<SubjectNote>) -> Model {
     let mut model = Model { name: name.into(), ..Model::default() };
     if !of.left.is_empty() {
         notes.push(SubjectNote::ThingsLeft(of.left));

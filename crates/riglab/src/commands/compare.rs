@@ -139,8 +139,8 @@ fn files(out: &Path, asked: Option<Form>) -> Result<Vec<(PathBuf, Form)>> {
 }
 
 fn kind(name: &str) -> Result<Kind, String> {
-    let found = Kind::ALL.iter().find(|(n, _)| *n == name).map(|(_, kind)| *kind);
-    found.ok_or_else(|| format!("there are {}", Kind::ALL.map(|(n, _)| n).join(", ")))
+    let found = Kind::all().find(|(n, _)| *n == name).map(|(_, kind)| kind);
+    found.ok_or_else(|| format!("there are {}", Kind::all().map(|(n, _)| n).collect::<Vec<_>>().join(", ")))
 }
 
 fn preset(name: &str) -> Result<Preset, String> {

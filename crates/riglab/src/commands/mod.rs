@@ -62,14 +62,10 @@ fn some_of(names: &[String]) -> String {
 /// Refuses a folder of models for the many files of a new run or sweep: they would lie among them. Of a run or sweep that is
 /// there already others say more.
 fn keep_apart(folder: &std::path::Path) -> anyhow::Result<()> {
-    const KINDS: [&str; 7] = ["glb", "gltf", "vrm", "fbx", "obj", "ply", "stl"];
     if folder.join("config.toml").is_file() {
         return Ok(());
     }
-    let model = |path: &std::path::PathBuf| {
-        let ending = path.extension().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
-        path.is_file() && KINDS.contains(&ending.as_str())
-    };
+    let model = |path: &std::path::PathBuf| path.is_file() && riglab_asset::is_model_file(path);
     let entries = folder.read_dir().into_iter().flatten().flatten();
     match entries.map(|entry| entry.path()).filter(model).min() {
         Some(file) => anyhow::bail!(

@@ -2,6 +2,7 @@
 
 use std::borrow::Cow;
 use std::collections::HashSet;
+use std::path::Path;
 
 use super::super::archive::Input;
 use super::super::array_rig::{Array, ArrayRig, SparseRows};
@@ -11,6 +12,9 @@ use super::super::numbers::{Numbers, elements};
 use super::super::pickle::{self, Id, Node, View};
 use super::super::torch::TorchArchive;
 use super::{Assets, Give, Wanted};
+use crate::Fault;
+use crate::format::Reads;
+use crate::peers::Source;
 use riglab_core::Vec3;
 
 /// Joints from a root to a leaf, at most.
@@ -19,13 +23,50 @@ const DEEP: usize = 1000;
 /// Bones of an asset, at most; the format's own indices end at 127.
 const BONES: usize = 1 << 15;
 
-pub(super) struct Anymate<'a> {
+/// What torch saves, as Anymate has it.
+pub(crate) struct TorchZip;
+
+impl Reads for TorchZip {
+    fn name(&self) -> &'static str {
+        "torch"
+    }
+
+    fn endings(&self) -> &'static [&'static str] {
+        &["pt", "pth"]
+    }
+
+    fn has_models(&self) -> bool {
+        false
+    }
+
+    fn short(&self) -> Option<&'static str> {
+        Some("pt")
+    }
+
+    fn is_rig(&self, _: &Path) -> bool {
+        true
+    }
+
+    fn holds_several(&self) -> bool {
+        true
+    }
+
+    fn in_arrays(&self, _: &Path, _: Option<&Path>) -> bool {
+        true
+    }
+
+    fn open<'a>(&self, file: &Source<'a>, _: bool) -> Result<Box<dyn Assets + 'a>, Fault> {
+        Ok(Box::new(open(file.input)?))
+    }
+}
+
+struct Anymate<'a> {
     file: TorchArchive<'a>,
     nodes: Vec<Node>,
     assets: Vec<Id>,
 }
 
-pub(super) fn open(input: Input<'_>) -> Result<Anymate<'_>, PeerFault> {
+fn open(input: Input<'_>) -> Result<Anymate<'_>, PeerFault> {
     let mut file = TorchArchive::open(input)?;
     let bytes = file.pickle()?;
     let read = pickle::read("data.pkl", &mut &bytes[..], &mut file.archive.budget, None)?;

@@ -3,6 +3,7 @@
 mod anymate;
 mod articulation;
 mod data_list;
+mod npz;
 mod obj;
 mod puppeteer;
 mod rig_text;
@@ -12,13 +13,11 @@ mod text;
 mod unirig;
 
 use std::ops::ControlFlow;
-use std::path::Path;
 
-use super::archive::{Archive, Input};
+use super::archive::Input;
 use super::array_rig::ArrayRig;
 use super::fault::PeerFault;
-use crate::marked::unmarked;
-use crate::{Fault, Format};
+use crate::Fault;
 
 /// What is wanted of a file.
 #[derive(Clone, Copy, Default)]
@@ -53,6 +52,12 @@ pub(crate) trait Assets {
 /// A file of a single asset.
 struct One(Option<ArrayRig>);
 
+impl One {
+    fn boxed<'a>(rig: ArrayRig) -> Box<dyn Assets + 'a> {
+        Box::new(Self(Some(rig)))
+    }
+}
+
 impl Assets for One {
     fn count(&self) -> usize {
         1
@@ -66,49 +71,10 @@ impl Assets for One {
     }
 }
 
-/// Opens a file of a peer's format; `folder` is where the other half of a pair is looked for, if at all.
-pub(crate) fn open<'a>(
-    format: Format,
-    path: &Path,
-    input: Input<'a>,
-    folder: Option<&'a Path>,
-    extras: bool,
-) -> Result<Box<dyn Assets + 'a>, Fault> {
-    let one = |rig| Box::new(One(Some(rig))) as Box<dyn Assets + 'a>;
-    Ok(match format {
-        Format::Npz => open_npz(Archive::open(input)?, extras)?,
-        Format::TorchZip => Box::new(anymate::open(input)?),
-        Format::Hdf5 => Box::new(puppeteer::open(input)?),
-        Format::Obj => one(text::with_obj(path, &bytes(input)?, folder)?),
-        _ => {
-            let bytes = bytes(input)?;
-            let list = folder.and_then(|folder| data_list::open(std::str::from_utf8(unmarked(&bytes)).ok()?, folder));
-            match list {
-                Some(list) => Box::new(list),
-                None => one(text::read(path, &bytes, folder)?),
-            }
-        }
-    })
-}
-
-pub(crate) use anymate::bone_parents;
-/// Which files are two halves of a rig.
-pub(crate) use text::{beside_obj, mesh_of, starts_as_rig};
-
-fn open_npz<'a>(mut archive: Archive<'a>, extras: bool) -> Result<Box<dyn Assets + 'a>, PeerFault> {
-    if archive.has("arr_0") {
-        return Ok(Box::new(articulation::open(archive)?));
-    }
-    let own = ["mesh_names", "joint_names", "lengths", "matrix_world", "armature_name"];
-    let rig = if own.iter().any(|f| archive.has(f)) {
-        skintokens::read(&mut archive, extras)?
-    } else if archive.has("vertices") || archive.has("joints") {
-        unirig::read(&mut archive, extras)?
-    } else {
-        return Err(PeerFault::UnknownMembers(archive.listed()));
-    };
-    Ok(Box::new(One(Some(rig))))
-}
+pub(crate) use anymate::{TorchZip, bone_parents};
+pub(crate) use npz::Npz;
+pub(crate) use puppeteer::Hdf5;
+pub(crate) use text::{RigText, beside_obj, open_pair, starts_as_rig};
 
 fn bytes(input: Input<'_>) -> Result<std::borrow::Cow<'_, [u8]>, Fault> {
     match input {

@@ -1,5 +1,7 @@
 //! Puppeteer's h5: a group a sample.
 
+use std::path::Path;
+
 use hdf5_pure::{Dataset, Datatype, DatatypeByteOrder, File, Group, VlenStringReadOptions};
 
 use super::super::archive::Input;
@@ -9,6 +11,9 @@ use super::super::fault::{PeerFault, shown};
 use super::super::numbers::{Dtype, Numbers, elements};
 use super::super::{fields, npy};
 use super::{Assets, Give, Wanted};
+use crate::Fault;
+use crate::format::Reads;
+use crate::peers::Source;
 
 /// Elements of a dense matrix read in one go.
 const BLOCK: usize = 1 << 16;
@@ -16,7 +21,48 @@ const BLOCK: usize = 1 << 16;
 /// A chunk that any file may have: h5py makes them up to a megabyte, however well they shrink.
 const CHUNK: u64 = 2 << 20;
 
-pub(super) struct Puppeteer {
+/// HDF5, as Puppeteer has it.
+pub(crate) struct Hdf5;
+
+impl Reads for Hdf5 {
+    fn name(&self) -> &'static str {
+        "HDF5"
+    }
+
+    fn endings(&self) -> &'static [&'static str] {
+        &["h5", "hdf5"]
+    }
+
+    fn starts(&self, bytes: &[u8]) -> bool {
+        bytes.starts_with(b"\x89HDF\r\n\x1a\n")
+    }
+
+    fn has_models(&self) -> bool {
+        false
+    }
+
+    fn short(&self) -> Option<&'static str> {
+        Some("h5")
+    }
+
+    fn is_rig(&self, _: &Path) -> bool {
+        true
+    }
+
+    fn holds_several(&self) -> bool {
+        true
+    }
+
+    fn in_arrays(&self, _: &Path, _: Option<&Path>) -> bool {
+        true
+    }
+
+    fn open<'a>(&self, file: &Source<'a>, _: bool) -> Result<Box<dyn Assets + 'a>, Fault> {
+        Ok(Box::new(open(file.input)?))
+    }
+}
+
+struct Puppeteer {
     file: File,
     length: u64,
     samples: Vec<String>,
@@ -26,7 +72,7 @@ fn fault(e: impl std::fmt::Display) -> PeerFault {
     PeerFault::Hdf5(shown(&e.to_string()))
 }
 
-pub(super) fn open(input: Input<'_>) -> Result<Puppeteer, PeerFault> {
+fn open(input: Input<'_>) -> Result<Puppeteer, PeerFault> {
     let length = input.len().map_err(fault)?;
     let file = match input {
         Input::Bytes(bytes) => File::from_bytes(bytes.to_vec()),

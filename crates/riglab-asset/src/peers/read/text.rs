@@ -4,16 +4,63 @@ use std::path::{Path, PathBuf};
 
 use super::super::array_rig::ArrayRig;
 use super::super::fault::PeerFault;
-use super::{obj, rig_text, skeleton_text};
+use super::{Assets, One, bytes, data_list, obj, rig_text, skeleton_text};
 use crate::Fault;
+use crate::format::Reads;
 use crate::marked::unmarked;
+use crate::peers::Source;
+
+/// Text of joints and weights (RigNet, Puppeteer), or a list of folders (UniRig).
+pub(crate) struct RigText;
+
+impl Reads for RigText {
+    fn name(&self) -> &'static str {
+        "rig text"
+    }
+
+    fn endings(&self) -> &'static [&'static str] {
+        &["txt"]
+    }
+
+    fn has_models(&self) -> bool {
+        false
+    }
+
+    fn short(&self) -> Option<&'static str> {
+        Some("rignet")
+    }
+
+    /// Of two texts for one OBJ, the one with weights. Any text may lie in a folder.
+    fn is_rig(&self, path: &Path) -> bool {
+        let mesh = || mesh_of(path, path.parent()?);
+        let chosen = || mesh().and_then(|mesh| beside_obj(&mesh, mesh.parent()?));
+        starts_as_rig(path) && chosen().is_none_or(|chosen| chosen == path)
+    }
+
+    fn beside(&self, path: &Path, folder: &Path) -> Vec<PathBuf> {
+        mesh_of(path, folder).into_iter().collect()
+    }
+
+    fn in_arrays(&self, _: &Path, _: Option<&Path>) -> bool {
+        true
+    }
+
+    fn open<'a>(&self, file: &Source<'a>, _: bool) -> Result<Box<dyn Assets + 'a>, Fault> {
+        let bytes = bytes(file.input)?;
+        let text = || std::str::from_utf8(unmarked(&bytes)).ok();
+        match file.folder.and_then(|folder| data_list::open(text()?, folder)) {
+            Some(list) => Ok(Box::new(list)),
+            None => Ok(One::boxed(read(file.path, &bytes, file.folder)?)),
+        }
+    }
+}
 
 /// What is put between the common part of a pair's names and `.txt`; the one with weights comes before
 /// the one without.
 const SUFFIXES: [&str; 4] = ["_rig", "_skin", "", "_skel"];
 
 /// A rig text and the OBJ beside it. A text without OBJ is read without mesh.
-pub(super) fn read(path: &Path, bytes: &[u8], folder: Option<&Path>) -> Result<ArrayRig, Fault> {
+fn read(path: &Path, bytes: &[u8], folder: Option<&Path>) -> Result<ArrayRig, Fault> {
     let text = utf8(bytes)?;
     if !rig_text::is_one(text) {
         if skeleton_text::is_one(text) {
@@ -38,7 +85,7 @@ pub(super) fn read(path: &Path, bytes: &[u8], folder: Option<&Path>) -> Result<A
 
 /// The OBJ of a rig text: beside it or, as RigNet's data set has it, in `obj` beside `rig_info` and in
 /// `obj_remesh` beside `rig_info_remesh`.
-pub(crate) fn mesh_of(path: &Path, folder: &Path) -> Option<PathBuf> {
+fn mesh_of(path: &Path, folder: &Path) -> Option<PathBuf> {
     let name = folder.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
     let other = name.strip_prefix("rig_info").map(|rest| folder.with_file_name(format!("obj{rest}")));
     let names = obj_names(path);
@@ -49,8 +96,13 @@ pub(crate) fn mesh_of(path: &Path, folder: &Path) -> Option<PathBuf> {
         .find(|p| p.is_file())
 }
 
+/// An OBJ with the rig text beside it.
+pub(crate) fn open_pair<'a>(file: &Source<'a>) -> Result<Box<dyn Assets + 'a>, Fault> {
+    Ok(One::boxed(with_obj(file.path, &bytes(file.input)?, file.folder)?))
+}
+
 /// An OBJ and the rig text beside it.
-pub(super) fn with_obj(path: &Path, bytes: &[u8], folder: Option<&Path>) -> Result<ArrayRig, Fault> {
+fn with_obj(path: &Path, bytes: &[u8], folder: Option<&Path>) -> Result<ArrayRig, Fault> {
     let text = match folder.and_then(|folder| beside_obj(path, folder)) {
         Some(text) => read_file(&text)?,
         None => return Err(PeerFault::NoRigText.into()),

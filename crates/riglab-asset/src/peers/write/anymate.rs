@@ -1,6 +1,7 @@
 //! Anymate's pt: a list of dictionaries of tensors, as torch saves it.
 
 use std::collections::{BTreeSet, HashMap};
+use std::path::Path;
 
 use riglab_core::{Asset, Rig, Vec3};
 
@@ -8,6 +9,7 @@ use super::super::read::bone_parents;
 use super::npz::{Npz, corners, f16s, f32s, i64s};
 use super::pickle::Pickle;
 use super::surface::{self, Point};
+use super::target::{Writes, Written};
 use super::{Target, WriteError, tails};
 
 /// Points of the sampled surface.
@@ -18,12 +20,37 @@ const CELLS: f32 = 64.0;
 
 const FOLDER: &str = "archive";
 
-pub(super) fn file(assets: &[Asset], notes: &mut Vec<String>) -> Result<Vec<u8>, WriteError> {
+/// Anymate's pt.
+pub(super) struct Anymate;
+
+impl Writes for Anymate {
+    fn name(&self) -> &'static str {
+        "anymate"
+    }
+
+    fn suffix(&self) -> &'static str {
+        ".pt"
+    }
+
+    fn holds_several(&self) -> bool {
+        true
+    }
+
+    fn is_at(&self, _: &Path, start: &[u8]) -> bool {
+        start.starts_with(b"PK")
+    }
+
+    fn files(&self, assets: &[Asset], notes: &mut Vec<String>) -> Result<Written, WriteError> {
+        Ok(file(assets, notes)?.into())
+    }
+}
+
+fn file(assets: &[Asset], notes: &mut Vec<String>) -> Result<Vec<u8>, WriteError> {
     notes.push("joint names are not in it: the format has no place for them".to_owned());
     let mut file = Saved { zip: Npz::new(false), pickle: Pickle::new(2), storages: 0 };
     file.pickle.op(b"](");
     for asset in assets {
-        let fault = |reason| WriteError::Cannot { asset: asset.name.clone(), format: Target::Anymate, reason };
+        let fault = |reason| WriteError::Cannot { asset: asset.name.clone(), format: Target::ANYMATE, reason };
         file.asset(asset).map_err(fault)?;
     }
     file.pickle.op(b"e");

@@ -1,10 +1,13 @@
 //! Articulation-XL's npz: a pickled list of dictionaries, keys as in the released data.
 
+use std::path::Path;
+
 use riglab_core::Asset;
 
 use super::npz::{Npz, corners, f16s, f32s, i64s};
 use super::pickle::Pickle;
-use super::surface;
+use super::target::{Writes, Written};
+use super::{WriteError, surface};
 
 /// Points of the sampled surface, as the format has it.
 const POINTS: usize = 8192;
@@ -12,7 +15,37 @@ const POINTS: usize = 8192;
 /// Their largest coordinate.
 const REACH: f32 = 0.9995;
 
-pub(super) fn file(assets: &[Asset]) -> Vec<u8> {
+/// Articulation-XL's npz.
+pub(super) struct ArticulationXl;
+
+impl Writes for ArticulationXl {
+    fn name(&self) -> &'static str {
+        "articulation-xl"
+    }
+
+    fn suffix(&self) -> &'static str {
+        ".npz"
+    }
+
+    /// Others are npz, too.
+    fn is_told_by(&self, _: &str) -> bool {
+        false
+    }
+
+    fn holds_several(&self) -> bool {
+        true
+    }
+
+    fn is_at(&self, _: &Path, start: &[u8]) -> bool {
+        start.starts_with(b"PK")
+    }
+
+    fn files(&self, assets: &[Asset], _: &mut Vec<String>) -> Result<Written, WriteError> {
+        Ok(file(assets).into())
+    }
+}
+
+fn file(assets: &[Asset]) -> Vec<u8> {
     let mut npz = Npz::new(true);
     npz.objects("arr_0", &[assets.len()], |pickle| assets.iter().for_each(|asset| dictionary(asset, pickle)));
     npz.end()

@@ -7,6 +7,7 @@ mod anymate;
 mod articulation;
 mod npz;
 mod pickle;
+mod plain;
 mod puppeteer;
 mod skintokens;
 mod surface;
@@ -21,8 +22,6 @@ use riglab_core::{Asset, Mesh};
 use thiserror::Error;
 
 pub use target::Target;
-
-use crate::to_glb;
 
 /// Why something cannot be written.
 #[derive(Debug, Error)]
@@ -73,10 +72,7 @@ pub enum WriteError {
 /// The files that [`write()`] makes at a path: the file, and the mesh beside a rig text.
 pub fn written_paths(path: impl AsRef<Path>, target: Target) -> Vec<PathBuf> {
     let path = path.as_ref();
-    match target {
-        Target::RigNet | Target::Puppeteer => vec![path.to_path_buf(), text::mesh_path(path)],
-        _ => vec![path.to_path_buf()],
-    }
+    std::iter::once(path.to_path_buf()).chain(target.writes().beside(path)).collect()
 }
 
 /// Writes assets to `path`, and tells in sentences what the format does not hold. Nothing is left
@@ -95,35 +91,16 @@ pub fn write(assets: &[Asset], path: impl AsRef<Path>, target: Target) -> Result
         return Err(WriteError::One { format: target, count: assets.len() });
     }
     let mut notes = Vec::new();
-    let bytes = match target {
-        Target::Glb => assets.iter().flat_map(to_glb).collect(),
-        Target::Obj => {
-            notes.push("an OBJ holds the mesh alone: skeleton and weights are not in it".to_owned());
-            assets.iter().flat_map(|a| text::obj(a.rig.mesh()).into_bytes()).collect()
+    let written = target.writes().files(assets, &mut notes)?;
+    if let (Some(beside), Some(bytes)) = (target.writes().beside(path), written.beside) {
+        // One that was cut off between the two has the same.
+        let own = |there: Vec<u8>| there == bytes;
+        if !path.exists() && beside.exists() && !std::fs::read(&beside).is_ok_and(own) {
+            return Err(WriteError::Taken { path: beside });
         }
-        Target::RigNet | Target::Puppeteer => {
-            for asset in assets {
-                let (beside, mesh) = (text::mesh_path(path), text::obj(asset.rig.mesh()));
-                // One that was cut off between the two has the same mesh.
-                let own = |there: Vec<u8>| there == mesh.as_bytes();
-                if !path.exists() && beside.exists() && !std::fs::read(&beside).is_ok_and(own) {
-                    return Err(WriteError::Taken { path: beside });
-                }
-                store(&beside, mesh.as_bytes())?;
-            }
-            assets.iter().flat_map(|a| text::rig(&a.rig, target, &mut notes).into_bytes()).collect()
-        }
-        Target::ArticulationXl => articulation::file(assets),
-        Target::UniRig => unirig::file(&assets[0].rig),
-        Target::SkinTokens => skintokens::file(&assets[0]),
-        Target::PuppeteerH5 => puppeteer::file(assets, &mut notes)?,
-        Target::Anymate => anymate::file(assets, &mut notes)?,
-        #[cfg(feature = "fbx")]
-        Target::Fbx => {
-            crate::to_fbx(&assets[0].rig).map_err(|e| WriteError::Io { path: path.into(), message: e.to_string() })?
-        }
-    };
-    store(path, &bytes)?;
+        store(&beside, &bytes)?;
+    }
+    store(path, &written.file)?;
     Ok(notes)
 }
 

@@ -1,12 +1,14 @@
 //! Puppeteer's HDF5: a group a sample.
 
 use std::collections::BTreeSet;
+use std::path::Path;
 
 use hdf5_pure::{AttrValue, Datatype, DatatypeByteOrder, FileBuilder, FloatingPointLayout, GroupBuilder};
 use riglab_core::{Asset, Rig, Skeleton};
 
 use super::articulation::cloud;
 use super::npz::{corners, dense, f16s};
+use super::target::{Writes, Written};
 use super::{Target, WriteError};
 
 /// Joints the peer's own networks take.
@@ -15,7 +17,32 @@ const JOINTS: usize = 70;
 /// Joints whose table of steps between each two, and whose dense weights, are still written.
 const MOST_JOINTS: usize = 4096;
 
-pub(super) fn file(assets: &[Asset], notes: &mut Vec<String>) -> Result<Vec<u8>, WriteError> {
+/// Puppeteer's HDF5.
+pub(super) struct PuppeteerH5;
+
+impl Writes for PuppeteerH5 {
+    fn name(&self) -> &'static str {
+        "puppeteer-h5"
+    }
+
+    fn suffix(&self) -> &'static str {
+        ".h5"
+    }
+
+    fn holds_several(&self) -> bool {
+        true
+    }
+
+    fn is_at(&self, _: &Path, start: &[u8]) -> bool {
+        start.starts_with(b"\x89HDF\r\n\x1a\n")
+    }
+
+    fn files(&self, assets: &[Asset], notes: &mut Vec<String>) -> Result<Written, WriteError> {
+        Ok(file(assets, notes)?.into())
+    }
+}
+
+fn file(assets: &[Asset], notes: &mut Vec<String>) -> Result<Vec<u8>, WriteError> {
     let mut file = FileBuilder::new();
     file.set_attr("num_samples", AttrValue::I64(assets.len() as i64));
     file.set_attr("version", AttrValue::String("1.0".into()));
@@ -28,7 +55,7 @@ pub(super) fn file(assets: &[Asset], notes: &mut Vec<String>) -> Result<Vec<u8>,
         if joints > MOST_JOINTS {
             return Err(WriteError::Cannot {
                 asset: asset.name.clone(),
-                format: Target::PuppeteerH5,
+                format: Target::PUPPETEER_H5,
                 reason: format!(
                     "{joints} joints; the format has a table of each with each, so {MOST_JOINTS} is the most"
                 ),
@@ -40,7 +67,7 @@ pub(super) fn file(assets: &[Asset], notes: &mut Vec<String>) -> Result<Vec<u8>,
     }
     file.finish().map_err(|e| WriteError::Cannot {
         asset: assets.first().map(|a| a.name.clone()).unwrap_or_default(),
-        format: Target::PuppeteerH5,
+        format: Target::PUPPETEER_H5,
         reason: e.to_string(),
     })
 }

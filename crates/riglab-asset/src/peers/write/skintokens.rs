@@ -1,12 +1,41 @@
 //! SkinTokens' npz: what its public loader takes, z up.
 
+use std::path::Path;
+
 use riglab_core::Asset;
 
 use super::super::array_rig::Up;
 use super::npz::{Npz, corners, dense, turned};
-use super::tails;
+use super::target::{Writes, Written};
+use super::{WriteError, tails};
 
-pub(super) fn file(asset: &Asset) -> Vec<u8> {
+/// SkinTokens' npz.
+pub(super) struct SkinTokens;
+
+impl Writes for SkinTokens {
+    fn name(&self) -> &'static str {
+        "skintokens"
+    }
+
+    fn suffix(&self) -> &'static str {
+        ".npz"
+    }
+
+    /// Others are npz, too.
+    fn is_told_by(&self, _: &str) -> bool {
+        false
+    }
+
+    fn is_at(&self, _: &Path, start: &[u8]) -> bool {
+        start.starts_with(b"PK")
+    }
+
+    fn files(&self, assets: &[Asset], _: &mut Vec<String>) -> Result<Written, WriteError> {
+        Ok(file(&assets[0]).into())
+    }
+}
+
+fn file(asset: &Asset) -> Vec<u8> {
     let rig = &asset.rig;
     let (mesh, skeleton) = (rig.mesh(), rig.skeleton());
     let joints = skeleton.len();

@@ -1,70 +1,106 @@
-//! The formats that are written, by name and by ending.
+//! The formats that are written: what riglab asks of one ([`Writes`]), and the list of all ([`Target::ALL`]).
 
 use std::fmt;
 use std::io::Read;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
-use super::WriteError;
-use crate::peers::starts_as_rig;
+use riglab_core::Asset;
 
-/// A format to write.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Target {
-    /// glTF in one file.
-    Glb,
-    /// A mesh alone.
-    Obj,
-    /// RigNet's text, `_rig.txt`, with an OBJ.
-    RigNet,
-    /// Puppeteer's text with an OBJ.
-    Puppeteer,
-    /// Puppeteer's HDF5.
-    PuppeteerH5,
-    /// Articulation-XL's npz.
-    ArticulationXl,
-    /// UniRig's `raw_data.npz`.
-    UniRig,
-    /// SkinTokens' npz.
-    SkinTokens,
-    /// Anymate's pt.
-    Anymate,
-    /// Autodesk FBX 7.5, binary.
-    #[cfg(feature = "fbx")]
-    Fbx,
+use super::WriteError;
+
+/// All that riglab asks of a format that it writes. Whoever adds one implements this in a module of its own and adds a line
+/// to the list.
+pub(crate) trait Writes: Sync {
+    /// Its name on the command line.
+    fn name(&self) -> &'static str;
+
+    /// What a file of one asset is called: `NAME` and this, in lower case.
+    fn suffix(&self) -> &'static str;
+
+    /// Whether a file's name, in lower case, tells this format from all others.
+    fn is_told_by(&self, name: &str) -> bool {
+        name.ends_with(self.suffix())
+    }
+
+    /// Whether a file may hold several assets.
+    fn holds_several(&self) -> bool {
+        false
+    }
+
+    /// Whether the file at `path`, which starts with `start`, is one of the format, or one that is written beside one.
+    fn is_at(&self, path: &Path, start: &[u8]) -> bool;
+
+    /// What is written beside a file.
+    fn beside(&self, _path: &Path) -> Option<PathBuf> {
+        None
+    }
+
+    /// The bytes of a file, and of the one beside it. What the format does not hold is told in `notes`.
+    ///
+    /// `assets` is one, or as many as the format holds.
+    fn files(&self, assets: &[Asset], notes: &mut Vec<String>) -> Result<Written, WriteError>;
 }
 
+/// What a file becomes.
+pub(crate) struct Written {
+    /// Its bytes.
+    pub file: Vec<u8>,
+    /// Those of the file beside it.
+    pub beside: Option<Vec<u8>>,
+}
+
+impl From<Vec<u8>> for Written {
+    fn from(file: Vec<u8>) -> Self {
+        Self { file, beside: None }
+    }
+}
+
+/// A format to write.
+#[derive(Clone, Copy)]
+pub struct Target(&'static dyn Writes);
+
 impl Target {
+    /// glTF in one file.
+    pub const GLB: Self = Self(&super::plain::Glb);
+    /// A mesh alone.
+    pub const OBJ: Self = Self(&super::plain::Obj);
+    /// RigNet's text, `_rig.txt`, with an OBJ.
+    pub const RIGNET: Self = Self(&super::text::RigNet);
+    /// Puppeteer's text with an OBJ.
+    pub const PUPPETEER: Self = Self(&super::text::Puppeteer);
+    /// Puppeteer's HDF5.
+    pub const PUPPETEER_H5: Self = Self(&super::puppeteer::PuppeteerH5);
+    /// Articulation-XL's npz.
+    pub const ARTICULATION_XL: Self = Self(&super::articulation::ArticulationXl);
+    /// UniRig's `raw_data.npz`.
+    pub const UNIRIG: Self = Self(&super::unirig::UniRig);
+    /// SkinTokens' npz.
+    pub const SKINTOKENS: Self = Self(&super::skintokens::SkinTokens);
+    /// Anymate's pt.
+    pub const ANYMATE: Self = Self(&super::anymate::Anymate);
+    /// Autodesk FBX 7.5, binary.
+    #[cfg(feature = "fbx")]
+    pub const FBX: Self = Self(&super::plain::Fbx);
+
     /// All of them.
     pub const ALL: &[Self] = &[
-        Self::Glb,
-        Self::Obj,
-        Self::RigNet,
-        Self::Puppeteer,
-        Self::PuppeteerH5,
-        Self::ArticulationXl,
-        Self::UniRig,
-        Self::SkinTokens,
-        Self::Anymate,
+        Self::GLB,
+        Self::OBJ,
+        Self::RIGNET,
+        Self::PUPPETEER,
+        Self::PUPPETEER_H5,
+        Self::ARTICULATION_XL,
+        Self::UNIRIG,
+        Self::SKINTOKENS,
+        Self::ANYMATE,
         #[cfg(feature = "fbx")]
-        Self::Fbx,
+        Self::FBX,
     ];
 
     /// Its name on the command line.
     pub fn name(self) -> &'static str {
-        match self {
-            Self::Glb => "glb",
-            Self::Obj => "obj",
-            Self::RigNet => "rignet",
-            Self::Puppeteer => "puppeteer",
-            Self::PuppeteerH5 => "puppeteer-h5",
-            Self::ArticulationXl => "articulation-xl",
-            Self::UniRig => "unirig",
-            Self::SkinTokens => "skintokens",
-            Self::Anymate => "anymate",
-            #[cfg(feature = "fbx")]
-            Self::Fbx => "fbx",
-        }
+        self.0.name()
     }
 
     pub(super) fn names() -> String {
@@ -73,17 +109,7 @@ impl Target {
 
     /// What a file of one asset is called: `NAME` and this.
     pub fn suffix(self) -> &'static str {
-        match self {
-            Self::Glb => ".glb",
-            Self::Obj => ".obj",
-            Self::RigNet => "_rig.txt",
-            Self::Puppeteer => ".txt",
-            Self::PuppeteerH5 => ".h5",
-            Self::ArticulationXl | Self::UniRig | Self::SkinTokens => ".npz",
-            Self::Anymate => ".pt",
-            #[cfg(feature = "fbx")]
-            Self::Fbx => ".fbx",
-        }
+        self.0.suffix()
     }
 
     /// What stands after the dot in names of its files.
@@ -93,7 +119,7 @@ impl Target {
 
     /// Whether a file may hold several assets.
     pub fn holds_several(self) -> bool {
-        matches!(self, Self::PuppeteerH5 | Self::ArticulationXl | Self::Anymate)
+        self.0.holds_several()
     }
 
     /// Whether a file that is there is one of the format, or the mesh beside one, and nothing else by that name.
@@ -101,19 +127,7 @@ impl Target {
         let mut start = Vec::new();
         // Comments of an OBJ may be long.
         let read = std::fs::File::open(path).and_then(|file| file.take(1 << 20).read_to_end(&mut start));
-        let vertex = |line: &[u8]| matches!(line.trim_ascii_start(), [b'v', b' ' | b'\t', ..]);
-        let obj = |start: &[u8]| start.split(|b| *b == b'\n').any(vertex);
-        let text = path.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("txt"));
-        read.is_ok()
-            && match self {
-                Self::Glb => start.starts_with(b"glTF"),
-                Self::RigNet | Self::Puppeteer if text => starts_as_rig(path),
-                Self::Obj | Self::RigNet | Self::Puppeteer => obj(&start),
-                Self::PuppeteerH5 => start.starts_with(b"\x89HDF\r\n\x1a\n"),
-                Self::ArticulationXl | Self::UniRig | Self::SkinTokens | Self::Anymate => start.starts_with(b"PK"),
-                #[cfg(feature = "fbx")]
-                Self::Fbx => start.starts_with(b"Kaydara FBX Binary") || start.starts_with(b"; FBX"),
-            }
+        read.is_ok() && self.0.is_at(path, &start)
     }
 
     /// The format that a file's name tells.
@@ -123,30 +137,31 @@ impl Target {
     /// name tells, and for unknown endings.
     pub fn of(path: &Path) -> Result<Self, WriteError> {
         let name = path.file_name().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
-        if name == "raw_data.npz" {
-            return Ok(Self::UniRig);
-        }
-        if name.ends_with(Self::RigNet.suffix()) {
-            return Ok(Self::RigNet);
-        }
-        // A VRM is a GLB with extensions, which come along from a VRM.
-        if name.ends_with(".vrm") {
-            return Ok(Self::Glb);
-        }
-        let clear = [
-            Self::Glb,
-            Self::Obj,
-            Self::PuppeteerH5,
-            Self::Anymate,
-            #[cfg(feature = "fbx")]
-            Self::Fbx,
-        ];
-        let found = clear.into_iter().find(|t| name.ends_with(t.suffix()));
+        let found = Self::ALL.iter().copied().find(|target| target.0.is_told_by(&name));
         found.ok_or_else(|| WriteError::WhichFormat(path.display().to_string()))
+    }
+
+    /// What it does.
+    pub(super) fn writes(self) -> &'static dyn Writes {
+        self.0
     }
 }
 
+impl PartialEq for Target {
+    fn eq(&self, other: &Self) -> bool {
+        self.name() == other.name()
+    }
+}
+
+impl Eq for Target {}
+
 impl fmt::Display for Target {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.name())
+    }
+}
+
+impl fmt::Debug for Target {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(self.name())
     }
@@ -176,7 +191,7 @@ mod tests {
         }
         let obj = dir.path().join("a.obj");
         std::fs::write(&obj, "# a comment\no body\nv 0 0 0\n").unwrap();
-        assert!(Target::Obj.is_at(&obj) && Target::RigNet.is_at(&obj) && !Target::Glb.is_at(&obj));
+        assert!(Target::OBJ.is_at(&obj) && Target::RIGNET.is_at(&obj) && !Target::GLB.is_at(&obj));
     }
 
     #[test]
@@ -185,10 +200,10 @@ mod tests {
             assert_eq!(target.name().parse::<Target>().unwrap(), target);
         }
         for (path, target) in [
-            ("a/B.GLB", Target::Glb),
-            ("a.vrm", Target::Glb),
-            ("raw_data.npz", Target::UniRig),
-            ("7_rig.txt", Target::RigNet),
+            ("a/B.GLB", Target::GLB),
+            ("a.vrm", Target::GLB),
+            ("raw_data.npz", Target::UNIRIG),
+            ("7_rig.txt", Target::RIGNET),
         ] {
             assert_eq!(Target::of(Path::new(path)).unwrap(), target);
         }

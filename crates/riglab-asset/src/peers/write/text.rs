@@ -4,13 +4,95 @@ use std::collections::VecDeque;
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
 
-use riglab_core::{JointId, Mesh, Rig};
+use riglab_core::{Asset, JointId, Mesh, Rig};
 
-use super::Target;
+use super::WriteError;
+use super::target::{Writes, Written};
 use crate::names::Names;
+use crate::peers::starts_as_rig;
+
+/// RigNet's text, `_rig.txt`, with an OBJ.
+pub(super) struct RigNet;
+
+/// Puppeteer's text with an OBJ.
+pub(super) struct Puppeteer;
+
+impl Writes for RigNet {
+    fn name(&self) -> &'static str {
+        "rignet"
+    }
+
+    fn suffix(&self) -> &'static str {
+        "_rig.txt"
+    }
+
+    fn is_at(&self, path: &Path, start: &[u8]) -> bool {
+        is_half(path, start)
+    }
+
+    fn beside(&self, path: &Path) -> Option<PathBuf> {
+        Some(mesh_path(path))
+    }
+
+    fn files(&self, assets: &[Asset], notes: &mut Vec<String>) -> Result<Written, WriteError> {
+        Ok(pair(assets, notes, |of| [of.joints, of.root, of.skin, of.hier]))
+    }
+}
+
+impl Writes for Puppeteer {
+    fn name(&self) -> &'static str {
+        "puppeteer"
+    }
+
+    fn suffix(&self) -> &'static str {
+        ".txt"
+    }
+
+    /// RigNet's are texts, too.
+    fn is_told_by(&self, _: &str) -> bool {
+        false
+    }
+
+    fn is_at(&self, path: &Path, start: &[u8]) -> bool {
+        is_half(path, start)
+    }
+
+    fn beside(&self, path: &Path) -> Option<PathBuf> {
+        Some(mesh_path(path))
+    }
+
+    fn files(&self, assets: &[Asset], notes: &mut Vec<String>) -> Result<Written, WriteError> {
+        Ok(pair(assets, notes, |of| [of.joints, of.root, of.hier, of.skin]))
+    }
+}
+
+/// Whether a file is a rig text or the mesh of one.
+fn is_half(path: &Path, start: &[u8]) -> bool {
+    match path.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("txt")) {
+        true => starts_as_rig(path),
+        false => is_obj(start),
+    }
+}
+
+/// Whether a file that starts like this is an OBJ.
+pub(super) fn is_obj(start: &[u8]) -> bool {
+    let vertex = |line: &[u8]| matches!(line.trim_ascii_start(), [b'v', b' ' | b'\t', ..]);
+    start.split(|b| *b == b'\n').any(vertex)
+}
+
+/// The meshes of assets.
+pub(super) fn objs(assets: &[Asset]) -> Vec<u8> {
+    assets.iter().flat_map(|asset| obj(asset.rig.mesh()).into_bytes()).collect()
+}
+
+/// A text with its blocks in an order, and the mesh.
+fn pair(assets: &[Asset], notes: &mut Vec<String>, order: fn(Blocks) -> [String; 4]) -> Written {
+    let file = assets.iter().flat_map(|asset| order(blocks(&asset.rig, notes)).concat().into_bytes()).collect();
+    Written { file, beside: Some(objs(assets)) }
+}
 
 /// Where the mesh of a rig text goes.
-pub(super) fn mesh_path(path: &Path) -> PathBuf {
+fn mesh_path(path: &Path) -> PathBuf {
     let stem = path.file_stem().unwrap_or_default().to_string_lossy();
     path.with_file_name(format!("{}.obj", stem.strip_suffix("_rig").unwrap_or(&stem)))
 }
@@ -31,8 +113,15 @@ pub(super) fn obj(mesh: &Mesh) -> String {
     out
 }
 
-/// Joints, root, tree and weights in the order of blocks of `target`.
-pub(super) fn rig(rig: &Rig, target: Target, notes: &mut Vec<String>) -> String {
+/// What a rig text says.
+struct Blocks {
+    joints: String,
+    root: String,
+    hier: String,
+    skin: String,
+}
+
+fn blocks(rig: &Rig, notes: &mut Vec<String>) -> Blocks {
     let skeleton = rig.skeleton();
     let mut unique = Names::default();
     let mut changed = 0;
@@ -69,8 +158,5 @@ pub(super) fn rig(rig: &Rig, target: Target, notes: &mut Vec<String>) -> String 
         skin.push('\n');
     }
     let root = format!("root {}\n", names[0]);
-    match target {
-        Target::Puppeteer => joints + &root + &hier + &skin,
-        _ => joints + &root + &skin + &hier,
-    }
+    Blocks { joints, root, hier, skin }
 }

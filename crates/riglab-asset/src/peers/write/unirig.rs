@@ -1,12 +1,41 @@
 //! UniRig's `raw_data.npz`: exactly the thirteen members its loader knows, z up.
 
-use riglab_core::{Mesh, Rig, Vec3};
+use std::path::Path;
+
+use riglab_core::{Asset, Mesh, Rig, Vec3};
 
 use super::super::array_rig::Up;
 use super::npz::{Npz, corners, dense, turned};
-use super::tails;
+use super::target::{Writes, Written};
+use super::{WriteError, tails};
 
-pub(super) fn file(rig: &Rig) -> Vec<u8> {
+/// UniRig's `raw_data.npz`.
+pub(super) struct UniRig;
+
+impl Writes for UniRig {
+    fn name(&self) -> &'static str {
+        "unirig"
+    }
+
+    fn suffix(&self) -> &'static str {
+        ".npz"
+    }
+
+    /// Others are npz, too.
+    fn is_told_by(&self, name: &str) -> bool {
+        name == "raw_data.npz"
+    }
+
+    fn is_at(&self, _: &Path, start: &[u8]) -> bool {
+        start.starts_with(b"PK")
+    }
+
+    fn files(&self, assets: &[Asset], _: &mut Vec<String>) -> Result<Written, WriteError> {
+        Ok(file(&assets[0].rig).into())
+    }
+}
+
+fn file(rig: &Rig) -> Vec<u8> {
     let (mesh, skeleton) = (rig.mesh(), rig.skeleton());
     let heads = turned(Up::Z, skeleton.heads());
     let ends = turned(Up::Z, &tails::tails(skeleton));

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use anyhow::{Context, Result, bail};
-use riglab_asset::{ImportOptions, Target, export, write, write_mesh, written_paths};
+use riglab_asset::{Format, ImportOptions, Target, export, write, write_mesh, written_paths};
 use riglab_core::{Asset, Provenance};
 use riglab_data::{Corpus, checksums};
 use riglab_files::make_folder_of;
@@ -103,7 +103,7 @@ const NO_RIG: &str = "a mesh without a rig, which only glb and obj can hold";
 
 /// Whether a mesh without a rig can be written so.
 fn holds_bare(target: Target) -> bool {
-    matches!(target, Target::Glb | Target::Obj)
+    [Target::GLB, Target::OBJ].contains(&target)
 }
 
 /// The files that a corpus was made of, by their checksums: they may have looks and motions that no corpus holds.
@@ -118,7 +118,7 @@ impl Originals {
     fn keep(&self, out: &Path, target: Target) -> Result<()> {
         keep_others(out, target)?;
         let original = |path: &Path| {
-            let foreign = target == Target::Glb && path.metadata().is_ok_and(|meta| meta.len() > 0) && !is_own(path);
+            let foreign = target == Target::GLB && path.metadata().is_ok_and(|meta| meta.len() > 0) && !is_own(path);
             foreign || checksums(path).iter().any(|sum| self.0.contains(sum))
         };
         match written_paths(out, target).iter().find(|path| path.is_file() && original(path)) {
@@ -199,21 +199,19 @@ impl Beside {
 
 /// `bare`: what a corpus holds of a mesh without a rig is a joint for all of it, which is nobody's.
 fn store(asset: &Asset, bare: bool, out: &Path, target: Target, args: &Args) -> Result<()> {
-    let notes = match target {
-        Target::Glb => {
-            let exported = export::moving(asset, &args.export())?;
-            let exported = match bare {
-                true => export::strip_bytes("mesh.glb", &exported.bytes, None, &ImportOptions::default())?,
-                false => exported,
-            };
-            riglab_files::write(out, &exported.bytes).with_context(|| format!("{}", out.display()))?;
-            exported.notes.iter().map(ToString::to_string).collect()
-        }
-        Target::Obj if bare => {
-            write_mesh(asset.rig.mesh(), out)?;
-            Vec::new()
-        }
-        _ => write(std::slice::from_ref(asset), out, target)?,
+    let notes = if target == Target::GLB {
+        let exported = export::moving(asset, &args.export())?;
+        let exported = match bare {
+            true => export::strip_bytes("mesh.glb", &exported.bytes, None, &ImportOptions::default())?,
+            false => exported,
+        };
+        riglab_files::write(out, &exported.bytes).with_context(|| format!("{}", out.display()))?;
+        exported.notes.iter().map(ToString::to_string).collect()
+    } else if target == Target::OBJ && bare {
+        write_mesh(asset.rig.mesh(), out)?;
+        Vec::new()
+    } else {
+        write(std::slice::from_ref(asset), out, target)?
     };
     for note in notes {
         tell!("note: {}: {note}", asset.name);
@@ -226,11 +224,8 @@ fn store(asset: &Asset, bare: bool, out: &Path, target: Target, args: &Args) -> 
 fn place(name: &str) -> (PathBuf, String) {
     let mut steps: Vec<&str> = name.split('/').filter(|s| !["", ".", ".."].contains(s)).collect();
     let own = steps.pop().unwrap_or("asset");
-    let known = |ending: &str| {
-        ["glb", "gltf", "vrm", "fbx", "obj", "ply", "stl", "txt"].contains(&ending.to_ascii_lowercase().as_str())
-    };
-    let own =
-        own.rsplit_once('.').filter(|(stem, ending)| !stem.is_empty() && known(ending)).map_or(own, |(stem, _)| stem);
+    let of_file = Format::by_ending(Path::new(own)).is_some();
+    let own = own.rsplit_once('.').filter(|(stem, _)| of_file && !stem.is_empty()).map_or(own, |(stem, _)| stem);
     (steps.into_iter().collect(), own.to_owned())
 }
 

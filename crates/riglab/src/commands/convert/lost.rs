@@ -89,7 +89,7 @@ impl Lost {
     /// And of an asset of a corpus, which has no more than its rig and motions.
     pub fn with_asset(mut self, asset: &Asset, target: Target) -> Self {
         self.files += 1;
-        if target != Target::Glb {
+        if target != Target::GLB {
             self.animations += asset.clips.len();
         }
         self.add_body(&asset.rig, target);
@@ -98,7 +98,7 @@ impl Lost {
 
     fn add_body(&mut self, rig: &Rig, target: Target) {
         // A GLB has both.
-        if target != Target::Glb {
+        if target != Target::GLB {
             self.springs += rig.springs().springs().len();
             self.human_bones += rig.humanoid().len();
         }
@@ -256,16 +256,16 @@ mod tests {
             "not written, as riglab's obj files hold none: 2 animations, 3 springs and 1 picture",
             "3 meshes became one",
         ];
-        assert_eq!(one.lines(Target::Obj), wanted);
+        assert_eq!(one.lines(Target::OBJ), wanted);
         let many = Lost { files: 9, merged: 4, meshes: 12, materials: 7, ..Lost::default() };
         let wanted = [
             "not written, as riglab's anymate files hold none: 7 materials",
             "4 files of several meshes: they became one each",
         ];
-        assert_eq!(many.lines(Target::Anymate), wanted);
-        let extras = |extras| Lost { files: 1, extras, ..Lost::default() }.lines(Target::Obj);
+        assert_eq!(many.lines(Target::ANYMATE), wanted);
+        let extras = |extras| Lost { files: 1, extras, ..Lost::default() }.lines(Target::OBJ);
         assert!(extras(1)[0].ends_with(": 1 object with extras") && extras(2)[0].ends_with(": 2 objects with extras"));
-        assert!(Lost { files: 2, ..Lost::default() }.lines(Target::Glb).is_empty());
+        assert!(Lost { files: 2, ..Lost::default() }.lines(Target::GLB).is_empty());
     }
 
     fn told(name: &str, bytes: &[u8]) -> Vec<String> {
@@ -273,7 +273,7 @@ mod tests {
         let path = dir.path().join(name);
         std::fs::write(&path, bytes).unwrap();
         let imported = riglab_asset::import(&path, &Default::default()).unwrap();
-        Lost::default().with(&imported, Target::Obj).lines(Target::Obj)
+        Lost::default().with(&imported, Target::OBJ).lines(Target::OBJ)
     }
 
     #[test]

@@ -97,7 +97,7 @@ pub fn run(args: &Args) -> Result<ExitCode> {
     let target = match args.to {
         Some(target) => target,
         None if into_folder => bail!("{} is a folder; say with --to which format to write", args.out.display()),
-        None if corpus.is_some() && Target::of(&args.out).is_ok_and(|of| of == Target::PuppeteerH5) => bail!(
+        None if corpus.is_some() && Target::of(&args.out).is_ok_and(|of| of == Target::PUPPETEER_H5) => bail!(
             "{} could be a corpus or a file of Puppeteer's: say --to puppeteer-h5 for the latter; corpora are put together by \
              `riglab dataset merge`",
             args.out.display()
@@ -106,7 +106,7 @@ pub fn run(args: &Args) -> Result<ExitCode> {
     };
     // A VRM is a GLB, and what has no ending may be a folder.
     let fits = |of: &std::ffi::OsStr| {
-        of.eq_ignore_ascii_case(target.ending()) || target == Target::Glb && of.eq_ignore_ascii_case("vrm")
+        of.eq_ignore_ascii_case(target.ending()) || target == Target::GLB && of.eq_ignore_ascii_case("vrm")
     };
     if !into_folder && args.out.extension().is_some_and(|of| !fits(of)) {
         let (out, ending) = (args.out.display(), target.ending());
@@ -117,7 +117,7 @@ pub fn run(args: &Args) -> Result<ExitCode> {
         let (out, ending) = (args.out.display(), target.ending());
         bail!("{out} has no ending: give a name that ends in .{ending}, or a folder with / at its end");
     }
-    if target != Target::Glb && (args.influences.is_some() || args.frames.is_some()) {
+    if target != Target::GLB && (args.influences.is_some() || args.frames.is_some()) {
         bail!("--influences and --frames are for GLB; {target} is written as the rig is");
     }
     let own_folder = into_folder || several && !target.holds_several();
@@ -315,17 +315,18 @@ fn store(
 ) -> Result<()> {
     spare(inputs, out, target)?;
     warn(&imported);
-    if target == Target::Glb {
+    if target == Target::GLB {
         return store_glb(&imported, out, args, lost);
     }
     let with = lost.with(&imported, target);
     tell_place(&imported);
-    if let (Content::Bare(mesh), Target::Obj) = (&imported.content, target) {
-        write_mesh(mesh, out)?;
-    } else {
-        let source = imported.provenance.source.clone();
-        for note in write(&[imported.into_asset()?], out, target)? {
-            tell!("note: {source}: {note}");
+    match &imported.content {
+        Content::Bare(mesh) if target == Target::OBJ => write_mesh(mesh, out)?,
+        _ => {
+            let source = imported.provenance.source.clone();
+            for note in write(&[imported.into_asset()?], out, target)? {
+                tell!("note: {source}: {note}");
+            }
         }
     }
     *lost = with;
@@ -370,7 +371,7 @@ fn store_glb(imported: &Imported, out: &Path, args: &Args, lost: &mut Lost) -> R
     export::write(out, &exported.bytes).with_context(|| format!("{}", out.display()))?;
     // A bare model keeps its looks, and so does an FBX.
     if !document && !is_fbx(source) && imported.rig().is_some() {
-        *lost = lost.with(imported, Target::Glb);
+        *lost = lost.with(imported, Target::GLB);
     }
     Ok(())
 }
@@ -469,12 +470,12 @@ mod tests {
 
     #[test]
     fn names_from_files_stay_in_their_folder() {
-        assert_eq!(file_name("ab/../biped", Target::Glb), "ab_.._biped.glb");
-        assert_eq!(file_name("..", Target::RigNet), "_.._rig.txt");
-        assert_eq!(file_name("", Target::Anymate), "_.pt");
+        assert_eq!(file_name("ab/../biped", Target::GLB), "ab_.._biped.glb");
+        assert_eq!(file_name("..", Target::RIGNET), "_.._rig.txt");
+        assert_eq!(file_name("", Target::ANYMATE), "_.pt");
         let long = "骨".repeat(100);
-        assert_eq!(file_name(&long, Target::Glb).len(), 154);
-        assert_eq!(numbered(&long, 2, Target::Glb), file_name(&long, Target::Glb).replace(".glb", "-2.glb"));
-        assert_eq!(numbered("a", 3, Target::RigNet), "a-3_rig.txt");
+        assert_eq!(file_name(&long, Target::GLB).len(), 154);
+        assert_eq!(numbered(&long, 2, Target::GLB), file_name(&long, Target::GLB).replace(".glb", "-2.glb"));
+        assert_eq!(numbered("a", 3, Target::RIGNET), "a-3_rig.txt");
     }
 }

@@ -11,7 +11,7 @@ use std::process::ExitCode;
 use anyhow::{Context, Result, anyhow, bail};
 use riglab_asset::export::ExportOptions;
 use riglab_asset::rigging::{NameStyle, UpAxis};
-use riglab_asset::{MODELS, is_model_file};
+use riglab_asset::{is_model_file, model_endings};
 use riglab_task::tokenrig::Rank;
 use riglab_train::Progress;
 
@@ -321,7 +321,7 @@ fn jobs(input: &Path, out: &Path) -> Result<Jobs> {
     }
     let found = super::inputs::below(input, out, "model", is_model_file);
     if found.files.is_empty() {
-        bail!("{}: no model with the ending {}", input.display(), MODELS.join(", "));
+        bail!("{}: no model with the ending {}", input.display(), model_endings().collect::<Vec<_>>().join(", "));
     }
     let jobs = targets(found.files, input, out)?;
     let longer = jobs.iter().filter(|(file, to)| to.file_name() != file.with_extension("glb").file_name());

@@ -1,0 +1,84 @@
+//! Formats that are written by modules of their own: what riglab asks of them.
+
+use std::path::Path;
+
+use riglab_core::Asset;
+
+use super::target::{Writes, Written};
+use super::{WriteError, text};
+
+/// glTF in one file. A VRM is a GLB with extensions, which come along from a VRM.
+pub(super) struct Glb;
+
+impl Writes for Glb {
+    fn name(&self) -> &'static str {
+        "glb"
+    }
+
+    fn suffix(&self) -> &'static str {
+        ".glb"
+    }
+
+    fn is_told_by(&self, name: &str) -> bool {
+        name.ends_with(".glb") || name.ends_with(".vrm")
+    }
+
+    fn is_at(&self, _: &Path, start: &[u8]) -> bool {
+        start.starts_with(b"glTF")
+    }
+
+    fn files(&self, assets: &[Asset], _: &mut Vec<String>) -> Result<Written, WriteError> {
+        Ok(assets.iter().flat_map(crate::to_glb).collect::<Vec<u8>>().into())
+    }
+}
+
+/// A mesh alone.
+pub(super) struct Obj;
+
+impl Writes for Obj {
+    fn name(&self) -> &'static str {
+        "obj"
+    }
+
+    fn suffix(&self) -> &'static str {
+        ".obj"
+    }
+
+    fn is_at(&self, _: &Path, start: &[u8]) -> bool {
+        text::is_obj(start)
+    }
+
+    fn files(&self, assets: &[Asset], notes: &mut Vec<String>) -> Result<Written, WriteError> {
+        notes.push("an OBJ holds the mesh alone: skeleton and weights are not in it".to_owned());
+        Ok(text::objs(assets).into())
+    }
+}
+
+/// Autodesk FBX 7.5, binary.
+#[cfg(feature = "fbx")]
+pub(super) struct Fbx;
+
+#[cfg(feature = "fbx")]
+impl Writes for Fbx {
+    fn name(&self) -> &'static str {
+        "fbx"
+    }
+
+    fn suffix(&self) -> &'static str {
+        ".fbx"
+    }
+
+    fn is_at(&self, _: &Path, start: &[u8]) -> bool {
+        start.starts_with(b"Kaydara FBX Binary") || start.starts_with(b"; FBX")
+    }
+
+    fn files(&self, assets: &[Asset], _: &mut Vec<String>) -> Result<Written, WriteError> {
+        let cannot = |asset: &Asset, reason| WriteError::Cannot {
+            asset: asset.name.clone(),
+            format: super::Target::FBX,
+            reason,
+        };
+        let asset = &assets[0];
+        Ok(crate::to_fbx(&asset.rig).map_err(|e| cannot(asset, e.to_string()))?.into())
+    }
+}

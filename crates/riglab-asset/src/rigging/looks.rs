@@ -1,0 +1,45 @@
+//! A model with its looks, on the way to a document: what formats of surfaces hand to rigging.
+
+use std::path::Path;
+
+use riglab_core::{Clip, Rig, Skeleton};
+
+use super::SubjectOptions;
+use crate::gltf::export::model::Model;
+
+/// A file to read a model from.
+#[cfg_attr(not(feature = "fbx"), expect(dead_code, reason = "FBX alone has a rig of its own to read"))]
+pub(crate) struct Unrigged<'a> {
+    /// Where it is, for messages and for how it is read.
+    pub path: &'a Path,
+    /// Its name without folder and ending.
+    pub name: String,
+    pub bytes: &'a [u8],
+    /// Where what belongs to it is looked for, if at all.
+    pub folder: Option<&'a Path>,
+    pub options: &'a SubjectOptions,
+}
+
+/// A model with its looks, and what goes beside it.
+pub(crate) struct Looks {
+    pub model: Model,
+    /// The file's own rig, where it is kept.
+    pub rig: Option<Rig>,
+    /// Its motions.
+    pub motions: Option<Motions>,
+    /// How many animations the file has.
+    pub animations: usize,
+}
+
+/// Motions that go with a skeleton.
+#[derive(Clone, Debug)]
+pub(crate) struct Motions {
+    pub skeleton: Skeleton,
+    pub clips: Vec<Clip>,
+}
+
+impl From<Model> for Looks {
+    fn from(model: Model) -> Self {
+        Self { model, rig: None, motions: None, animations: 0 }
+    }
+}
