@@ -23,6 +23,7 @@ mod poses;
 mod rewards;
 mod scorer;
 mod skinning;
+mod weights;
 
 pub use candidate::{Candidate, CandidateError, RawWeights};
 pub use containment::containment;
@@ -33,3 +34,4 @@ pub use poses::{maps, random_poses};
 pub use rewards::{Part, Rewards};
 pub use scorer::{RewardConfig, Scorer};
 pub use skinning::{Faults, skinning};
+pub use weights::RewardWeights;

@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 /// A reward of those that the total is made of.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Part {
     /// What it is called in configs, logs and tables.
     pub name: &'static str,
@@ -11,6 +11,10 @@ pub struct Part {
     pub symbol: &'static str,
     /// What it asks of a rig, in a few words.
     pub asks: &'static str,
+    /// What it counts in the total where a config does not say: as in the paper.
+    pub weight: f64,
+    /// Whether it judges skin weights, and not only joints and bones.
+    pub of_weights: bool,
 }
 
 /// How many there are.
@@ -32,12 +36,24 @@ pub struct Rewards {
 }
 
 impl Rewards {
-    /// All of them, in the order of [`crate::RewardConfig::weights`].
+    /// All of them.
     pub const PARTS: [Part; COUNT] = [
-        Part { name: "coverage", symbol: "R_vj", asks: "joints near all of the body" },
-        Part { name: "containment", symbol: "R_vk", asks: "bones inside the body" },
-        Part { name: "skinning", symbol: "R_sc", asks: "every vertex bound, to at most four bones" },
-        Part { name: "motion", symbol: "R_mo", asks: "a surface that stays whole in poses" },
+        Part { name: "coverage", symbol: "R_vj", asks: "joints near all of the body", weight: 5.0, of_weights: false },
+        Part { name: "containment", symbol: "R_vk", asks: "bones inside the body", weight: 1.0, of_weights: false },
+        Part {
+            name: "skinning",
+            symbol: "R_sc",
+            asks: "every vertex bound, to at most four bones",
+            weight: 1.0,
+            of_weights: true,
+        },
+        Part {
+            name: "motion",
+            symbol: "R_mo",
+            asks: "a surface that stays whole in poses",
+            weight: 1.0,
+            of_weights: true,
+        },
     ];
 
     /// Those of the parts, in their order, with their total by weights. What is not finite counts as 0.

@@ -7,8 +7,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::coverage::Coverage;
 use crate::motion::stretches_by;
-use crate::rewards::COUNT;
-use crate::{Candidate, Rewards, containment, maps, random_poses, skinning};
+use crate::{Candidate, RewardWeights, Rewards, containment, maps, random_poses, skinning};
 
 /// How rewards are taken and added up. Defaults are the paper's where it gives a value, else chosen on true,
 /// perturbed and broken rigs (see `experiments/README.md`).
@@ -36,8 +35,8 @@ pub struct RewardConfig {
     pub pose_degrees: f64,
     /// Seed of the poses.
     pub seed: u64,
-    /// Weights of [`Rewards::PARTS`] in the total. The paper's 5, 1, 1, 1.
-    pub weights: [f64; COUNT],
+    /// What each reward counts in the total. The paper's 5 for coverage, and 1.
+    pub weights: RewardWeights,
 }
 
 impl Default for RewardConfig {
@@ -53,7 +52,7 @@ impl Default for RewardConfig {
             poses: 5,
             pose_degrees: 30.0,
             seed: 0,
-            weights: [5.0, 1.0, 1.0, 1.0],
+            weights: RewardWeights::default(),
         }
     }
 }
@@ -88,10 +87,7 @@ impl RewardConfig {
                 return Err((key, format!("{key} = {value} must be above 0")));
             }
         }
-        if !self.weights.iter().all(|w| w.is_finite() && *w >= 0.0) || self.weights == [0.0; COUNT] {
-            return Err(("weights", "weights are from 0 on, and one of them is above".into()));
-        }
-        Ok(())
+        self.weights.validate()
     }
 }
 
@@ -152,7 +148,7 @@ impl Scorer {
         let bones = [self.cells.of(heads, c.alpha), containment(&self.voxels, heads, parents, c.bone_steps, true)];
         let weights = if rows == 0 { [0.0; 2] } else { self.of_weights(candidate) };
         let parts = [bones[0], bones[1], weights[0], weights[1]];
-        Rewards::of(parts, c.weights)
+        Rewards::of(parts, c.weights.all())
     }
 
     /// Those of skinning and motion.

@@ -278,6 +278,19 @@ impl TaskSettings for GrpoTaskConfig {
     fn check(&self) -> Result<(), (String, String)> {
         self.validate()
     }
+
+    fn train(&self) -> &TrainConfig {
+        &self.train
+    }
+
+    fn data(&self) -> &DataConfig {
+        &self.data
+    }
+
+    fn settle(&mut self) {
+        self.train.precision = self.train.precision.resolved();
+        self.rollout.precision = self.rollout.precision.resolved();
+    }
 }
 
 #[cfg(test)]
@@ -297,7 +310,10 @@ mod tests {
         assert_eq!(of(|c| c.train.accumulate = 2), Ok(()));
         let twice = |c: &mut GrpoTaskConfig| (c.train.accumulate, c.rollout.epochs) = (2, 2);
         assert_eq!(of(twice), Err("train.accumulate".into()));
-        assert_eq!(of(|c| c.reward.weights[1] = -1.0), Err("reward.weights".into()));
+        assert_eq!(
+            of(|c| c.reward.weights = riglab_reward::RewardWeights::new([5.0, -1.0, 1.0, 1.0])),
+            Err("reward.weights".into())
+        );
         assert_eq!(of(|c| c.train.start.from = "a".into()), Err("train.start".into()));
         assert_eq!(of(|c| c.objective.clip = 0.0), Err("objective.clip".into()));
         assert_eq!(of(|c| c.guard.worse = 0.5), Err("guard.worse".into()));

@@ -79,8 +79,7 @@ impl GrpoTask {
         match Start::open(&config, device)? {
             Start::Rigs(start, _) => Self::with(config, &start, device),
             Start::Skeletons(start) => {
-                let [_, _, skinning, motion] = config.reward.weights;
-                if skinning != 0.0 || motion != 0.0 {
+                if config.reward.weights.judge_weights() {
                     return Err(UNJUDGED.into());
                 }
                 let policy = SkeletonTask::on_meshes(skeleton_config(&config, &start.config), device)?;
@@ -189,7 +188,7 @@ impl GrpoTask {
 }
 
 const UNJUDGED: &str = "reward.weights: start.model is a skeleton model, which draws no weights to be judged: set \
-                        reward.weights = [5.0, 1.0, 0.0, 0.0], as unirig/skeleton_grpo.toml does";
+                        reward.weights.skinning and reward.weights.motion to 0, as unirig/skeleton_grpo.toml does";
 
 /// The model that a config starts from.
 enum Start {

@@ -3,13 +3,13 @@
 use riglab_metric::statistics::Paired;
 use riglab_metric::{SkeletonDistances, nan_for_null};
 use riglab_report::{Block, Cell, Findings, Metric, Single, Table, Total};
-use riglab_reward::Rewards;
+use riglab_reward::{RewardWeights, Rewards};
 use riglab_train::State;
 use serde::{Deserialize, Serialize};
 
 use crate::experiment::{pictures, views};
 use crate::unirig_skeleton::Row as SkeletonRow;
-use crate::unirig_skeleton::report::{SKELETONS_OF_SKINTOKENS, SKELETONS_OF_UNIRIG, skeleton_metrics};
+use crate::unirig_skeleton::report::{SKELETONS_OF_SKINTOKENS, SKELETONS_OF_UNIRIG, skeleton_columns};
 
 /// Means of a model on a split.
 #[derive(Clone, Debug, Serialize, Deserialize)]
@@ -27,7 +27,7 @@ pub struct Report {
     pub convention: String,
     /// Of coverage, containment, skinning and motion, in the reward; nothing where an earlier version wrote it.
     #[serde(default)]
-    pub reward_weights: Option<[f64; 4]>,
+    pub reward_weights: Option<RewardWeights>,
     /// Before and after, of each split and way to make rigs.
     pub rows: Vec<Row>,
     /// What became of each such pair.
@@ -176,8 +176,11 @@ impl Evaluation {
     pub fn findings(&self) -> Vec<Findings> {
         let of = self.report.convention.as_str();
         let reward = || Metric::higher("reward", "riglab", 4);
-        let mut totals_of = skeleton_metrics(of);
-        totals_of.extend([reward(), Metric::higher("valid %", of, 1)]);
+        let totals_of = skeleton_columns(of, |r: &Row| [r.skeletons.j2j, r.skeletons.j2b, r.skeletons.b2b])
+            .with(reward(), |r| r.rewards.total)
+            .with(Metric::higher("valid %", of, 1), |r| 100.0 * r.skeletons.valid);
+        let after = |a: &AssetRow| [a.after.distances.j2j, a.after.distances.j2b, a.after.distances.b2b];
+        let singles_of = skeleton_columns(of, after).with(reward(), |a| a.after.reward);
         let total = |r: &Row| {
             let s = &r.skeletons;
             Total {
@@ -185,27 +188,22 @@ impl Evaluation {
                 method: format!("{}, {} compared", s.method, s.compared),
                 own: s.method.starts_with("after"),
                 assets: s.assets,
-                values: vec![100.0 * s.j2j, 100.0 * s.j2b, 100.0 * s.b2b, r.rewards.total, 100.0 * s.valid],
+                values: totals_of.values(r),
             }
         };
-        let single = |a: &AssetRow| {
-            let d = &a.after.distances;
-            Single {
-                split: a.split.clone(),
-                name: a.name.clone(),
-                category: a.category.clone(),
-                values: vec![100.0 * d.j2j, 100.0 * d.j2b, 100.0 * d.b2b, a.after.reward],
-            }
+        let single = |a: &AssetRow| Single {
+            split: a.split.clone(),
+            name: a.name.clone(),
+            category: a.category.clone(),
+            values: singles_of.values(a),
         };
-        let mut singles_of = skeleton_metrics(of);
-        singles_of.push(reward());
         vec![Findings {
             about: "Skeletons".into(),
             // Several of a mesh, where they are sampled as in training.
             over: Some("rigs"),
-            totals_of,
+            totals_of: totals_of.metrics(),
             totals: self.report.rows.iter().map(total).collect(),
-            singles_of,
+            singles_of: singles_of.metrics(),
             singles: self.report.assets.iter().map(single).collect(),
             published: vec![SKELETONS_OF_SKINTOKENS, SKELETONS_OF_UNIRIG],
         }]
@@ -229,7 +227,10 @@ impl Evaluation {
             table.row(cells);
         }
         let weights = match self.report.reward_weights {
-            Some(weights) => format!("reward.weights, {}", weights.map(|w| w.to_string()).join(", ")),
+            Some(weights) => {
+                let named: Vec<_> = weights.named().map(|(name, weight)| format!("{name} {weight}")).collect();
+                format!("reward.weights ({})", named.join(", "))
+            }
             None => "reward.weights".into(),
         };
         let asked = Rewards::PARTS.map(|part| format!("{} ({}), {}", part.name, part.symbol, part.asks)).join("; ");
@@ -322,7 +323,7 @@ mod tests {
         let skeletons = serde_json::json!({"split": "val", "method": "before", "assets": 7, "compared": 7, "j2j": 0.1,
             "j2b": 0.1, "b2b": 0.1, "valid": 1.0, "joints": 9.0, "true_joints": 1.0, "joints_off": 8.0});
         let row = Row { rewards, skeletons: serde_json::from_value(skeletons).unwrap() };
-        let (convention, reward_weights) = ("unirig".into(), Some([5.0, 1.0, 1.0, 1.0]));
+        let (convention, reward_weights) = ("unirig".into(), Some(RewardWeights::default()));
         let report = Report { convention, reward_weights, rows: vec![row], gains: Vec::new(), assets: Vec::new() };
         let lines = lines(&report);
         // Heads stand above their figures.
@@ -335,7 +336,7 @@ mod tests {
         let checkpoint = State { task: "grpo".into(), step: 1, seed: 0, skipped: 0, skipped_in_a_row: 0, best: None };
         let table = Evaluation { checkpoint, report, gallery: Vec::new() }.table();
         assert!(table.head.len() == table.rows[0].len() && table.head[4] == "coverage R_vj", "{:?}", table.head);
-        assert!(table.note.contains("reward.weights, 5, 1, 1, 1: coverage (R_vj), joints near all of the body; "));
+        assert!(table.note.contains("reward.weights (coverage 5, containment 1, skinning 1, motion 1): coverage (R_vj), joints near all of the body; "));
     }
 
     #[test]

@@ -314,7 +314,7 @@ fn taken(
     let totals = draws.iter().filter_map(|d| d["rewards"]["total"].as_f64());
     let least = totals.fold(r.total, f64::min);
     let others = if draws.len() > 1 { format!(" (the worst: {least:.3})") } else { String::new() };
-    let most: f64 = RewardConfig::default().weights.iter().sum();
+    let most: f64 = RewardConfig::default().weights.all().iter().sum();
     let parts = Rewards::PARTS.iter().zip(r.parts());
     let parts: Vec<String> = parts.map(|(part, r)| format!("{} {} {r:.3}", part.name, part.symbol)).collect();
     format!("{which} by rewards: R = {:.3} of {most}{others}; {}", r.total, parts.join(", "))
