@@ -15,6 +15,7 @@
 
 mod bars;
 mod chart;
+mod columns;
 mod dots;
 mod figures;
 mod findings;
@@ -35,6 +36,7 @@ mod view;
 
 pub use bars::Bars;
 pub use chart::{Chart, Series};
+pub use columns::Columns;
 pub use dots::Dots;
 pub use figures::{Figure, figure_name};
 pub use findings::{Beside, Findings, Metric, Single, Total};

@@ -4,10 +4,14 @@ use std::fmt::Display;
 use std::path::Path;
 
 use riglab_config::{Config, Loader};
+use riglab_train::TrainConfig;
+use serde::Serialize;
 use serde::de::DeserializeOwned;
 
+use crate::assets::DataConfig;
+
 /// What a task is set by.
-pub trait TaskSettings: DeserializeOwned {
+pub trait TaskSettings: DeserializeOwned + Serialize {
     /// The task, as `task` names it.
     const TASK: &'static str;
 
@@ -16,6 +20,23 @@ pub trait TaskSettings: DeserializeOwned {
     /// # Errors
     /// (key, message) of the first fault.
     fn check(&self) -> Result<(), (String, String)>;
+
+    /// How it trains.
+    fn train(&self) -> &TrainConfig;
+
+    /// The corpora it reads.
+    fn data(&self) -> &DataConfig;
+
+    /// Decides what is left to this machine: the precision.
+    fn settle(&mut self);
+
+    /// Finds what the folder of a run holds beside its config.
+    fn in_run(&mut self, _run: &Path) {}
+
+    /// Whether an evaluation chooses the cut of a decode rule among several.
+    fn chooses_a_cut(&self) -> bool {
+        false
+    }
 }
 
 /// Checks that a list names nothing twice: what it names is counted once for each time.

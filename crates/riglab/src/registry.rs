@@ -7,37 +7,116 @@ use riglab_config::Config;
 use riglab_report::{Block, Findings};
 use riglab_task::Experiment;
 use riglab_task::assets::DataConfig;
-use riglab_task::fsq_cvae::{self, FsqCvaeTask, FsqCvaeTaskConfig};
-use riglab_task::grpo::{self, GrpoTask, GrpoTaskConfig};
 use riglab_task::seen::{Seen, warning};
 use riglab_task::settings::TaskSettings;
-use riglab_task::tokenrig::{self, Rigger, TokenRigTask, TokenRigTaskConfig};
-use riglab_task::unirig_skeleton::{self, SkeletonTask, SkeletonTaskConfig};
-use riglab_task::unirig_skin::{self, SkinTask, SkinTaskConfig};
+use riglab_task::{fsq_cvae, grpo, tokenrig, unirig_skeleton, unirig_skin};
 use riglab_train::TrainConfig;
 use tch::Device;
 
-/// A task's settings, checked.
-pub enum TaskConfig {
-    /// `fsq_cvae`
-    FsqCvae(Box<FsqCvaeTaskConfig>),
-    /// `grpo`
-    Grpo(Box<GrpoTaskConfig>),
-    /// `tokenrig`
-    TokenRig(Box<TokenRigTaskConfig>),
-    /// `unirig_skeleton`
-    UnirigSkeleton(Box<SkeletonTaskConfig>),
-    /// `unirig_skin`
-    UnirigSkin(Box<SkinTaskConfig>),
+/// Makes of the list of all tasks what is said for each of them.
+macro_rules! tasks {
+    ($($(#[$doc:meta])* $name:ident: $module:ident::{$task:ident, $config:ident},)*) => {
+        /// A task's settings, checked.
+        pub enum TaskConfig {
+            $($(#[$doc])* $name(Box<$module::$config>),)*
+        }
+
+        const NAMES: &[&str] = &[$($module::$config::TASK),*];
+
+        impl TaskConfig {
+            /// Those of the task of this name; `None` where there is none.
+            fn named(name: &str, config: &Config) -> Option<Result<Self>> {
+                match name {
+                    $($module::$config::TASK => Some(checked(config).map(Self::$name)),)*
+                    _ => None,
+                }
+            }
+
+            fn settings(&self) -> &dyn Settings {
+                match self {
+                    $(Self::$name(c) => c.as_ref(),)*
+                }
+            }
+
+            fn settings_mut(&mut self) -> &mut dyn Settings {
+                match self {
+                    $(Self::$name(c) => c.as_mut(),)*
+                }
+            }
+
+            /// Opens data and network, and hands the task on.
+            pub fn with<V: Visitor>(&self, device: Device, visitor: V) -> Result<V::Out> {
+                match self {
+                    $(Self::$name(c) => {
+                        visitor.visit($module::$task::new(c.as_ref().clone(), device).map_err(|e| anyhow!(e))?)
+                    })*
+                }
+            }
+        }
+
+        /// What an evaluation of the task of this name says, with its pictures; `None` where there is no such task.
+        fn of_task(name: &str, text: &str, picture: impl Fn(&str) -> Option<Vec<u8>>) -> Option<serde_json::Result<Shown>> {
+            match name {
+                $($module::$config::TASK => Some(
+                    serde_json::from_str::<$module::Evaluation>(text).map(|e| (e.blocks(picture), e.findings())),
+                ),)*
+                _ => None,
+            }
+        }
+    };
 }
 
-const NAMES: [&str; 5] = [
-    FsqCvaeTaskConfig::TASK,
-    GrpoTaskConfig::TASK,
-    TokenRigTaskConfig::TASK,
-    SkeletonTaskConfig::TASK,
-    SkinTaskConfig::TASK,
-];
+tasks! {
+    /// `fsq_cvae`
+    FsqCvae: fsq_cvae::{FsqCvaeTask, FsqCvaeTaskConfig},
+    /// `grpo`
+    Grpo: grpo::{GrpoTask, GrpoTaskConfig},
+    /// `tokenrig`
+    TokenRig: tokenrig::{TokenRigTask, TokenRigTaskConfig},
+    /// `unirig_skeleton`
+    UnirigSkeleton: unirig_skeleton::{SkeletonTask, SkeletonTaskConfig},
+    /// `unirig_skin`
+    UnirigSkin: unirig_skin::{SkinTask, SkinTaskConfig},
+}
+
+/// A task's part of the report, and the same in the form in which runs are compared.
+type Shown = (Vec<Block>, Vec<Findings>);
+
+/// [`TaskSettings`] of whichever task.
+trait Settings {
+    fn train(&self) -> &TrainConfig;
+    fn data(&self) -> &DataConfig;
+    fn settle(&mut self);
+    fn in_run(&mut self, run: &Path);
+    fn chooses_a_cut(&self) -> bool;
+    fn to_toml(&self) -> Result<String>;
+}
+
+impl<T: TaskSettings> Settings for T {
+    fn train(&self) -> &TrainConfig {
+        TaskSettings::train(self)
+    }
+
+    fn data(&self) -> &DataConfig {
+        TaskSettings::data(self)
+    }
+
+    fn settle(&mut self) {
+        TaskSettings::settle(self);
+    }
+
+    fn in_run(&mut self, run: &Path) {
+        TaskSettings::in_run(self, run);
+    }
+
+    fn chooses_a_cut(&self) -> bool {
+        TaskSettings::chooses_a_cut(self)
+    }
+
+    fn to_toml(&self) -> Result<String> {
+        Ok(toml::to_string(self)?)
+    }
+}
 
 /// As a task's settings; a fault of one that no type says is told with the line that set it.
 fn checked<T: TaskSettings>(config: &Config) -> Result<Box<T>> {
@@ -55,25 +134,10 @@ pub trait Visitor {
     fn visit<T: Experiment>(self, task: T) -> Result<Self::Out>;
 }
 
-/// The same for every task's settings.
-macro_rules! each {
-    ($config:expr, $c:ident => $what:expr) => {
-        match $config {
-            TaskConfig::FsqCvae($c) => $what,
-            TaskConfig::Grpo($c) => $what,
-            TaskConfig::TokenRig($c) => $what,
-            TaskConfig::UnirigSkeleton($c) => $what,
-            TaskConfig::UnirigSkin($c) => $what,
-        }
-    };
-}
-
 impl TaskConfig {
     /// Of the run in a folder: finds what the folder holds beside the config.
     pub fn of_run(mut self, run: &Path) -> Self {
-        if let Self::TokenRig(c) = &mut self {
-            Rigger::own_auto_encoder(run, c);
-        }
+        self.settings_mut().in_run(run);
         self
     }
 
@@ -89,62 +153,35 @@ impl TaskConfig {
                 return Err(config.lacks("task", remedy).into());
             }
         };
-        match name.as_str() {
-            FsqCvaeTaskConfig::TASK => checked(config).map(Self::FsqCvae),
-            GrpoTaskConfig::TASK => checked(config).map(Self::Grpo),
-            TokenRigTaskConfig::TASK => checked(config).map(Self::TokenRig),
-            SkeletonTaskConfig::TASK => checked(config).map(Self::UnirigSkeleton),
-            SkinTaskConfig::TASK => checked(config).map(Self::UnirigSkin),
-            _ => Err(config
-                .invalid("task", format!("there is no task `{name}`; there are: {}", NAMES.join(", ")))
-                .into()),
-        }
+        Self::named(&name, config).unwrap_or_else(|| {
+            Err(config.invalid("task", format!("there is no task `{name}`; there are: {}", NAMES.join(", "))).into())
+        })
     }
 
     /// How it trains.
     pub fn train(&self) -> &TrainConfig {
-        each!(self, c => &c.train)
+        self.settings().train()
     }
 
     /// The corpora it reads.
     pub fn data(&self) -> &DataConfig {
-        each!(self, c => &c.data)
+        self.settings().data()
     }
 
     /// Whether an evaluation chooses the cut of a decode rule among several.
     pub fn chooses_a_cut(&self) -> bool {
-        match self {
-            Self::FsqCvae(c) => c.eval.cuts.len() > 1,
-            Self::UnirigSkin(c) => c.eval.cuts.len() > 1,
-            Self::Grpo(_) | Self::TokenRig(_) | Self::UnirigSkeleton(_) => false,
-        }
+        self.settings().chooses_a_cut()
     }
 
     /// The same with what is left to this machine decided: the precision.
     pub fn settled(mut self) -> Self {
-        each!(&mut self, c => c.train.precision = c.train.precision.resolved());
-        if let Self::Grpo(c) = &mut self {
-            c.rollout.precision = c.rollout.precision.resolved();
-        }
+        self.settings_mut().settle();
         self
     }
 
     /// Everything, defaults included, as TOML: reading it back gives the same run.
     pub fn to_toml(&self) -> Result<String> {
-        each!(self, c => Ok(toml::to_string(c.as_ref())?))
-    }
-
-    /// Opens data and network, and hands the task on.
-    pub fn with<V: Visitor>(&self, device: Device, visitor: V) -> Result<V::Out> {
-        match self {
-            Self::FsqCvae(c) => visitor.visit(FsqCvaeTask::new(c.as_ref().clone(), device).map_err(|e| anyhow!(e))?),
-            Self::Grpo(c) => visitor.visit(GrpoTask::new(c.as_ref().clone(), device).map_err(|e| anyhow!(e))?),
-            Self::TokenRig(c) => visitor.visit(TokenRigTask::new(c.as_ref().clone(), device).map_err(|e| anyhow!(e))?),
-            Self::UnirigSkeleton(c) => {
-                visitor.visit(SkeletonTask::new(c.as_ref().clone(), device).map_err(|e| anyhow!(e))?)
-            }
-            Self::UnirigSkin(c) => visitor.visit(SkinTask::new(c.as_ref().clone(), device).map_err(|e| anyhow!(e))?),
-        }
+        self.settings().to_toml()
     }
 }
 
@@ -201,23 +238,12 @@ pub fn evaluation(task: &str, run: &Path, path: &Path) -> Result<Option<Evaluate
     let corpora = corpora.map(|d| (word(&d[0]), word(&d[1]))).collect();
     let step = saw["checkpoint"]["step"].as_u64();
     let sets: Vec<String> = saw["set"].as_array().into_iter().flatten().map(word).collect();
-    macro_rules! read {
-        ($task:ident) => {{
-            let evaluation: $task::Evaluation = serde_json::from_str(&text).with_context(unclear)?;
-            let mut blocks = Vec::from_iter(warned.clone().map(Block::Text));
-            blocks.extend(evaluation.blocks(picture));
-            let findings = evaluation.findings();
-            Ok(Some(Evaluated { blocks, findings, corpora, step, sets, warning: warned }))
-        }};
-    }
-    match task {
-        "fsq_cvae" => read!(fsq_cvae),
-        "grpo" => read!(grpo),
-        "tokenrig" => read!(tokenrig),
-        "unirig_skeleton" => read!(unirig_skeleton),
-        "unirig_skin" => read!(unirig_skin),
-        _ => bail!("{}: run.json names no known task (`{task}`)", run.display()),
-    }
+    let Some(said) = of_task(task, &text, picture) else {
+        bail!("{}: run.json names no known task (`{task}`)", run.display());
+    };
+    let (own, findings) = said.with_context(unclear)?;
+    let blocks = warned.clone().map(Block::Text).into_iter().chain(own).collect();
+    Ok(Some(Evaluated { blocks, findings, corpora, step, sets, warning: warned }))
 }
 
 #[cfg(test)]

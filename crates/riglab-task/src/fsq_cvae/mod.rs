@@ -33,7 +33,7 @@ pub use prepare::{Bone, Ground, Patch, Place, Point, Prepared};
 pub use prior::{Prior, Told};
 pub(crate) use region::{Regions, Surface};
 pub use report::Evaluation;
-pub(crate) use report::{BONES_KNOWN, skin_metrics};
+pub(crate) use report::{BONES_KNOWN, asset_columns, skin_columns};
 
 use crate::assets::{AssetId, Assets, Cache};
 use crate::experiment::{Examined, Experiment, beside};

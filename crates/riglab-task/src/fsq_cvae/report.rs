@@ -2,11 +2,12 @@
 
 use std::collections::BTreeSet;
 
-use riglab_report::{Beside, Block, Cell, Chart, Findings, Metric, Series, Single, Table, Total, counted};
+use riglab_metric::SkinMetrics;
+use riglab_report::{Beside, Block, Cell, Chart, Columns, Findings, Metric, Series, Single, Table, Total, counted};
 use riglab_train::State;
 use serde::{Deserialize, Serialize};
 
-use super::evaluate::{Report, Row};
+use super::evaluate::{AssetRow, Report, Row};
 use super::gallery::Shown;
 use crate::experiment::{of_splits, pictures, views};
 
@@ -51,34 +52,28 @@ impl Evaluation {
     pub fn findings(&self) -> Vec<Findings> {
         let report = &self.report;
         let of = report.convention.as_str();
+        let totals_of = skin_columns(of, |r: &Row| (&r.pooled, &r.per_rig));
         let total = |r: &Row| Total {
             split: r.split.clone(),
             method: named(r),
             own: r.own(),
             assets: r.assets,
-            values: vec![
-                r.pooled.iou,
-                r.per_rig.iou,
-                r.pooled.l1,
-                r.per_rig.l1,
-                r.pooled.precision,
-                r.pooled.recall,
-                r.per_rig.mask_cover_bone,
-            ],
+            values: totals_of.values(r),
         };
         let shown = |r: &&Row| !r.own() || r.method == "rule";
-        let single = |a: &super::evaluate::AssetRow| Single {
+        let singles_of = asset_columns(of, |a: &AssetRow| [a.iou, a.l1]);
+        let single = |a: &AssetRow| Single {
             split: a.split.clone(),
             name: a.name.clone(),
             category: a.category.clone(),
-            values: vec![a.iou, a.l1],
+            values: singles_of.values(a),
         };
         vec![Findings {
             about: "Skin weights from their codes".into(),
             over: None,
-            totals_of: skin_metrics(of),
+            totals_of: totals_of.metrics(),
             totals: report.rows.iter().filter(shown).map(total).collect(),
-            singles_of: vec![Metric::higher("IoU", of, 4), Metric::lower("L1", of, 5)],
+            singles_of: singles_of.metrics(),
             singles: report.assets.iter().map(single).collect(),
             published: vec![Beside {
                 table: "skintokens.table5",
@@ -139,18 +134,27 @@ fn named(row: &Row) -> String {
     }
 }
 
-/// Columns of a table of skin weights: IoU, IoU per rig, L1, L1 per rig, precision, recall, mask.
-pub(crate) fn skin_metrics(convention: &str) -> Vec<Metric> {
-    vec![
-        Metric::higher("IoU", convention, 4),
-        Metric::higher("IoU per rig", convention, 4),
-        Metric::lower("L1", convention, 5),
-        Metric::lower("L1 per rig", convention, 5),
-        Metric::traded("precision", convention, 3),
-        Metric::traded("recall", convention, 3),
+/// Columns of a table of skin weights, out of a row's figures over all vertices and as means over rigs.
+pub(crate) fn skin_columns<R: 'static>(
+    convention: &str,
+    of: impl Fn(&R) -> (&SkinMetrics, &SkinMetrics) + Copy + 'static,
+) -> Columns<R> {
+    Columns::default()
+        .with(Metric::higher("IoU", convention, 4), move |r| of(r).0.iou)
+        .with(Metric::higher("IoU per rig", convention, 4), move |r| of(r).1.iou)
+        .with(Metric::lower("L1", convention, 5), move |r| of(r).0.l1)
+        .with(Metric::lower("L1 per rig", convention, 5), move |r| of(r).1.l1)
+        .with(Metric::traded("precision", convention, 3), move |r| of(r).0.precision)
+        .with(Metric::traded("recall", convention, 3), move |r| of(r).0.recall)
         // The share of bones whose influence lies within the predicted one: who says yes to everything has them all.
-        Metric::traded("mask", convention, 3),
-    ]
+        .with(Metric::traded("mask", convention, 3), move |r| of(r).1.mask_cover_bone)
+}
+
+/// Columns of single assets' skin weights, out of an asset's IoU and L1.
+pub(crate) fn asset_columns<R: 'static>(convention: &str, of: impl Fn(&R) -> [f64; 2] + Copy + 'static) -> Columns<R> {
+    Columns::default()
+        .with(Metric::higher("IoU", convention, 4), move |a| of(a)[0])
+        .with(Metric::lower("L1", convention, 5), move |a| of(a)[1])
 }
 
 /// What is said of baselines in an evaluation.

@@ -1,6 +1,6 @@
 //! Settings of the task.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use riglab_augment::Recipe;
 use riglab_geom::CloudConfig;
@@ -10,6 +10,7 @@ use riglab_token::{Limits, Parents, TokenizerConfig};
 use riglab_train::TrainConfig;
 use serde::{Deserialize, Serialize};
 
+use super::Rigger;
 use crate::assets::DataConfig;
 use crate::fsq_cvae::cells;
 use crate::sequences::Sequences;
@@ -309,6 +310,22 @@ impl TaskSettings for TokenRigTaskConfig {
 
     fn check(&self) -> Result<(), (String, String)> {
         self.validate()
+    }
+
+    fn train(&self) -> &TrainConfig {
+        &self.train
+    }
+
+    fn data(&self) -> &DataConfig {
+        &self.data
+    }
+
+    fn settle(&mut self) {
+        self.train.precision = self.train.precision.resolved();
+    }
+
+    fn in_run(&mut self, run: &Path) {
+        Rigger::own_auto_encoder(run, self);
     }
 }
 

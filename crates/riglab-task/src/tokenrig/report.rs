@@ -1,11 +1,11 @@
 //! An evaluation as a file, as lines, and as a part of a report.
 
-use riglab_report::{Beside, Block, Cell, Findings, Metric, Single, Table, Total};
+use riglab_report::{Beside, Block, Cell, Findings, Single, Table, Total};
 use riglab_train::State;
 use serde::{Deserialize, Serialize};
 
-use super::evaluate::Report;
-use crate::fsq_cvae::{Row, skin_metrics};
+use super::evaluate::{Report, SkinAsset};
+use crate::fsq_cvae::{Row, asset_columns, skin_columns};
 use crate::unirig_skeleton::report::{SKELETONS_OF_SKINTOKENS, skeleton_findings};
 use crate::unirig_skeleton::{Evaluation as SkeletonEvaluation, Shown, lines as skeleton_lines};
 
@@ -78,6 +78,8 @@ impl Evaluation {
 
     fn skin(&self, mode: &str, about: &str) -> Findings {
         let of = self.report.convention.as_str();
+        let totals_of = skin_columns(of, |r: &Row| (&r.pooled, &r.per_rig));
+        let singles_of = asset_columns(of, |a: &SkinAsset| [a.iou, a.l1]);
         let total = |r: &Row| {
             let (own, method) = r.method.split_once(": ").filter(|(own, _)| *own == mode)?;
             Some(Total {
@@ -85,30 +87,22 @@ impl Evaluation {
                 method: method.into(),
                 own: r.method == format!("{own}: model"),
                 assets: r.assets,
-                values: vec![
-                    r.pooled.iou,
-                    r.per_rig.iou,
-                    r.pooled.l1,
-                    r.per_rig.l1,
-                    r.pooled.precision,
-                    r.pooled.recall,
-                    r.per_rig.mask_cover_bone,
-                ],
+                values: totals_of.values(r),
             })
         };
         let singles = self.report.skin_assets.iter().filter(|a| a.mode == mode);
         Findings {
             about: about.into(),
             over: None,
-            totals_of: skin_metrics(of),
+            totals_of: totals_of.metrics(),
             totals: self.report.skin.iter().filter_map(total).collect(),
-            singles_of: vec![Metric::higher("IoU", of, 4), Metric::lower("L1", of, 5)],
+            singles_of: singles_of.metrics(),
             singles: singles
                 .map(|a| Single {
                     split: a.split.clone(),
                     name: a.name.clone(),
                     category: a.category.clone(),
-                    values: vec![a.iou, a.l1],
+                    values: singles_of.values(a),
                 })
                 .collect(),
             published: vec![Beside {

@@ -179,4 +179,16 @@ impl TaskSettings for SkeletonTaskConfig {
     fn check(&self) -> Result<(), (String, String)> {
         self.validate()
     }
+
+    fn train(&self) -> &TrainConfig {
+        &self.train
+    }
+
+    fn data(&self) -> &DataConfig {
+        &self.data
+    }
+
+    fn settle(&mut self) {
+        self.train.precision = self.train.precision.resolved();
+    }
 }

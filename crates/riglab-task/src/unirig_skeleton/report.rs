@@ -1,6 +1,6 @@
 //! An evaluation as a file, as lines, and as a part of a report.
 
-use riglab_report::{Beside, Block, Cell, Findings, Metric, Single, Table, Total, counted};
+use riglab_report::{Beside, Block, Cell, Columns, Findings, Metric, Single, Table, Total, counted};
 use riglab_train::State;
 use serde::{Deserialize, Serialize};
 
@@ -78,39 +78,45 @@ pub fn lines(report: &Report) -> Vec<String> {
     out
 }
 
-/// Columns of a table of skeletons, in shares of the cube's edge times 100.
-pub(crate) fn skeleton_metrics(convention: &str) -> Vec<Metric> {
-    ["J2J × 100", "J2B × 100", "B2B × 100"].iter().map(|name| Metric::lower(name, convention, 3)).collect()
+/// Columns of a table of skeletons, out of a row's J2J, J2B and B2B: shares of the cube's edge times 100.
+pub(crate) fn skeleton_columns<R: 'static>(
+    convention: &str,
+    of: impl Fn(&R) -> [f64; 3] + Copy + 'static,
+) -> Columns<R> {
+    let column = |name| Metric::lower(name, convention, 3);
+    Columns::default()
+        .with(column("J2J × 100"), move |r| 100.0 * of(r)[0])
+        .with(column("J2B × 100"), move |r| 100.0 * of(r)[1])
+        .with(column("B2B × 100"), move |r| 100.0 * of(r)[2])
 }
 
 /// What an evaluation of skeletons found, in the form in which runs are compared.
 pub(crate) fn skeleton_findings(report: &Report) -> Findings {
     let of = report.convention.as_str();
-    let mut totals_of = skeleton_metrics(of);
-    let counts = ["joints in all, off %", "joints off %"].map(|name| Metric::lower(name, of, 1));
-    totals_of.push(Metric::higher("valid %", of, 1));
-    totals_of.extend(counts);
+    let totals_of = skeleton_columns(of, |r: &Row| [r.j2j, r.j2b, r.b2b])
+        .with(Metric::higher("valid %", of, 1), |r| 100.0 * r.valid)
+        .with(Metric::lower("joints in all, off %", of, 1), |r| 100.0 * (r.joints / r.true_joints - 1.0).abs())
+        .with(Metric::lower("joints off %", of, 1), |r| 100.0 * r.joints_off);
+    let singles_of = skeleton_columns(of, |a: &AssetRow| [a.model.j2j, a.model.j2b, a.model.b2b]);
     let total = |r: &Row| Total {
         split: r.split.clone(),
         method: format!("{}, {} compared", r.method, r.compared),
         own: r.method == "model",
         assets: r.assets,
-        values: [r.j2j, r.j2b, r.b2b, r.valid, (r.joints / r.true_joints - 1.0).abs(), r.joints_off]
-            .map(|v| 100.0 * v)
-            .to_vec(),
+        values: totals_of.values(r),
     };
     let single = |a: &AssetRow| Single {
         split: a.split.clone(),
         name: a.name.clone(),
         category: a.category.clone(),
-        values: [a.model.j2j, a.model.j2b, a.model.b2b].map(|v| 100.0 * v).to_vec(),
+        values: singles_of.values(a),
     };
     Findings {
         about: "Skeletons".into(),
         over: None,
-        totals_of,
+        totals_of: totals_of.metrics(),
         totals: report.rows.iter().map(total).collect(),
-        singles_of: skeleton_metrics(of),
+        singles_of: singles_of.metrics(),
         singles: report.assets.iter().map(single).collect(),
         published: vec![SKELETONS_OF_UNIRIG],
     }

@@ -373,6 +373,22 @@ impl TaskSettings for SkinTaskConfig {
     fn check(&self) -> Result<(), (String, String)> {
         self.validate()
     }
+
+    fn train(&self) -> &TrainConfig {
+        &self.train
+    }
+
+    fn data(&self) -> &DataConfig {
+        &self.data
+    }
+
+    fn settle(&mut self) {
+        self.train.precision = self.train.precision.resolved();
+    }
+
+    fn chooses_a_cut(&self) -> bool {
+        self.eval.cuts.len() > 1
+    }
 }
 
 #[cfg(test)]

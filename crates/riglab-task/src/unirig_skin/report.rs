@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 use super::evaluate::{AssetRow, AttributeRow, Report, Row};
 use super::gallery::Shown;
 use crate::experiment::{of_splits, pictures, views};
-use crate::fsq_cvae::{BONES_KNOWN, skin_metrics};
+use crate::fsq_cvae::{BONES_KNOWN, asset_columns, skin_columns};
 
 /// What `riglab eval` writes.
 #[derive(Clone, Debug, Serialize, Deserialize)]
@@ -116,47 +116,37 @@ impl Evaluation {
     pub fn findings(&self) -> Vec<Findings> {
         let report = &self.report;
         let of = report.convention.as_str();
-        let moved = Metric::lower("motion", of, 5);
-        let clips = report.rows.iter().any(|r| r.clip_assets > 0).then(|| Metric::lower("clips", of, 5));
-        let with_clips = |mut values: Vec<f64>, value: f64| {
-            values.extend(clips.as_ref().map(|_| value));
-            values
-        };
+        let [motion, clips] = ["motion", "clips"].map(|name| Metric::lower(name, of, 5));
+        let moves = report.rows.iter().any(|r| r.clip_assets > 0);
+        let totals_of = skin_columns(of, |r: &Row| (&r.pooled, &r.per_rig)).with(motion.clone(), |r| r.motion).with_if(
+            moves,
+            clips.clone(),
+            |r| r.clips,
+        );
+        let singles_of =
+            asset_columns(of, |a: &AssetRow| [a.iou, a.l1])
+                .with(motion, |a| a.motion)
+                .with_if(moves, clips, |a| a.clips);
         let total = |r: &Row| Total {
             split: r.split.clone(),
             method: r.method.clone(),
             own: r.learned,
             assets: r.assets,
-            values: with_clips(
-                vec![
-                    r.pooled.iou,
-                    r.per_rig.iou,
-                    r.pooled.l1,
-                    r.per_rig.l1,
-                    r.pooled.precision,
-                    r.pooled.recall,
-                    r.per_rig.mask_cover_bone,
-                    r.motion,
-                ],
-                r.clips,
-            ),
+            values: totals_of.values(r),
         };
         let single = |a: &AssetRow| Single {
             split: a.split.clone(),
             name: a.name.clone(),
             category: a.category.clone(),
-            values: with_clips(vec![a.iou, a.l1, a.motion], a.clips),
+            values: singles_of.values(a),
         };
         let mut found = vec![Findings {
             // TokenRig's are of all joints, those that move nothing too, which no rule is told there.
             about: "Skin weights of given skeletons, of joints that hold some".into(),
             over: None,
-            totals_of: skin_metrics(of).into_iter().chain([moved.clone()]).chain(clips.clone()).collect(),
+            totals_of: totals_of.metrics(),
             totals: report.rows.iter().filter(|r| r.method != "raw").map(total).collect(),
-            singles_of: [Metric::higher("IoU", of, 4), Metric::lower("L1", of, 5), moved]
-                .into_iter()
-                .chain(clips.clone())
-                .collect(),
+            singles_of: singles_of.metrics(),
             singles: report.assets.iter().map(single).collect(),
             published: vec![Beside { table: "unirig.skin_l1", columns: &[("L1", "skin_l1", 1.0)] }],
         }];
