@@ -36,7 +36,7 @@ pub use heat::{HOTTEST, SurfaceHeat};
 pub use near::{BLOCK, Lane, bone_distances};
 pub use nearest::Blocks;
 pub use normals::{normals_by_angle, triangle_normals};
-pub use pieces::pieces;
+pub use pieces::{main_piece, pieces};
 pub use reskin::{Nearby, ReskinConfig, reskin};
 pub use spread::spread_weights;
 pub use surface::{SurfacePoint, SurfaceSampler, barycentric};

@@ -1,6 +1,8 @@
 //! What hangs together.
 
-use riglab_core::Mesh;
+use std::collections::{BTreeMap, HashMap};
+
+use riglab_core::{Mesh, Vec3};
 
 use crate::SurfaceHeat;
 
@@ -30,6 +32,45 @@ pub fn pieces(mesh: &Mesh, surface: &SurfaceHeat) -> (Vec<u32>, usize) {
     };
     let of_vertices = rows.iter().map(piece).collect();
     (of_vertices, count as usize)
+}
+
+/// The piece of surface that has most of the area, as a mesh of its own, and how many others there are; vertices in one place
+/// are one. `None` where there are no others, or where it has less than `share` of the area.
+pub fn main_piece(mesh: &Mesh, share: f64) -> Option<(Mesh, usize)> {
+    let mut places: HashMap<[u32; 3], u32> = HashMap::with_capacity(mesh.positions().len());
+    let place = |(p, v): (&Vec3, u32)| *places.entry(p.map(|x| (x + 0.0).to_bits())).or_insert(v);
+    let first: Vec<u32> = mesh.positions().iter().zip(0u32..).map(place).collect();
+    let mut groups = Groups::new(first.len());
+    for corners in mesh.triangles() {
+        let [a, b, c] = corners.map(|v| first[v as usize]);
+        groups.join(a, b);
+        groups.join(a, c);
+    }
+    let of: Vec<u32> = mesh.triangles().iter().map(|t| groups.root(first[t[0] as usize])).collect();
+    let mut areas: BTreeMap<u32, f64> = BTreeMap::new();
+    for (triangle, root) in of.iter().enumerate() {
+        let area = f64::from(glam::Vec3::from(mesh.area_vector(triangle)).length());
+        *areas.entry(*root).or_default() += area;
+    }
+    // The first of equals.
+    let (&main, &area) = areas.iter().rev().max_by(|a, b| a.1.total_cmp(b.1))?;
+    let whole: f64 = areas.values().sum();
+    if areas.len() < 2 || area < share * whole {
+        return None;
+    }
+    let mut number = vec![u32::MAX; first.len()];
+    let mut positions = Vec::new();
+    let mut own = |v: u32| {
+        let at = &mut number[v as usize];
+        if *at == u32::MAX {
+            *at = positions.len() as u32;
+            positions.push(mesh.positions()[v as usize]);
+        }
+        *at
+    };
+    let kept = mesh.triangles().iter().zip(&of).filter(|(_, root)| **root == main);
+    let triangles: Vec<[u32; 3]> = kept.map(|(triangle, _)| triangle.map(&mut own)).collect();
+    Some((Mesh::new(positions, triangles).ok()?, areas.len() - 1))
 }
 
 /// Sets that are joined.
@@ -79,5 +120,19 @@ mod tests {
         let mesh = Mesh::new(corners.to_vec(), vec![[0, 1, 2], [3, 5, 4], [6, 7, 8]]).unwrap();
         let surface = SurfaceHeat::new(&mesh, &[1.0; 10]);
         assert_eq!(pieces(&mesh, &surface), (vec![0, 0, 0, 0, 0, 0, 1, 1, 1, 2], 3));
+    }
+
+    #[test]
+    fn the_main_piece_has_most_of_the_area() {
+        let large =
+            [[0.0, 0.0, 0.0], [2.0, 0.0, 0.0], [0.0, 2.0, 0.0], [2.0, 0.0, -0.0], [0.0, 2.0, 0.0], [2.0, 2.0, 0.0]];
+        let small = [[5.0, 0.0, 0.0], [6.0, 0.0, 0.0], [5.0, 1.0, 0.0]];
+        let triangles = vec![[6, 7, 8], [0, 1, 2], [3, 5, 4]];
+        let mesh = Mesh::new([&large[..], &small].concat(), triangles).unwrap();
+        let (main, others) = main_piece(&mesh, 0.5).unwrap();
+        assert_eq!((main.positions().len(), main.triangles().len(), others), (6, 2, 1));
+        assert_eq!(main.positions()[..3], large[..3]);
+        assert_eq!(main_piece(&mesh, 0.9), None, "8 of 9");
+        assert_eq!(main_piece(&main, 0.5), None, "there is no other");
     }
 }

@@ -278,6 +278,10 @@ impl Subject {
             None => None,
         };
         let twins = seams::twins(mesh.positions());
+        // Which object each vertex is of. What the mesh was put together from is numbered in this order.
+        let sets = ordered_sets(reading).into_iter().zip(0u32..);
+        let sets: Vec<u32> = sets.flat_map(|((_, set), n)| std::iter::repeat_n(n, set.positions.len())).collect();
+        let welded = seams::welded(&mesh, &sets);
         let pieces = pieces(&mesh, &twins);
         doubts::doubts(&mesh, &pieces, options.up, turn.about, &mut notes);
         if notes.contains(&SubjectNote::Flat { triangles: mesh.triangles().len() }) {
@@ -285,7 +289,18 @@ impl Subject {
         }
         let mesh = doubts::facing_out(mesh, &pieces, &mut notes);
         let name = stem(path);
-        Ok(Self { file: path.to_path_buf(), name, mesh, rig, twins, notes, source, turn, motions: None, animations: 0 })
+        Ok(Self {
+            file: path.to_path_buf(),
+            name,
+            mesh,
+            rig,
+            twins: welded,
+            notes,
+            source,
+            turn,
+            motions: None,
+            animations: 0,
+        })
     }
 
     /// The file's name without folder and ending.
@@ -316,7 +331,8 @@ impl Subject {
         &self.notes
     }
 
-    /// See [`super::twins`]: for each vertex the first one in the same place.
+    /// For each vertex the first one in the same place, by [`super::twins`], or as near as makes no difference: what rounding
+    /// put apart, or the borders of two objects that are one surface.
     pub fn twins(&self) -> &[u32] {
         &self.twins
     }

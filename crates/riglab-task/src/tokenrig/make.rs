@@ -1,6 +1,6 @@
 //! A rig for a mesh: the whole way, in the mesh's own units.
 
-use riglab_core::{Bounds, Mesh, Similarity, Skeleton, SkinWeights};
+use riglab_core::{Mesh, Similarity, Skeleton, SkinWeights};
 use riglab_geom::Yaw;
 use riglab_reward::{RewardConfig, Rewards, Scorer};
 use riglab_token::{Bones, Encoded, Template};
@@ -72,6 +72,11 @@ pub struct Made {
     pub placed: Option<Placed>,
     /// How many of the draws are human bodies, where [`Wish::human`] tells them and one of free ones was chosen by agreement.
     pub bodies: Option<usize>,
+    /// Whether the skeleton is a human body, where [`Wish::human`] tells them and it is not given.
+    pub human: bool,
+    /// How many pieces of surface were left out while the skeleton was made, as draws showed bodies without them only
+    /// (`tokenrig/beside.rs`).
+    pub beside: Option<usize>,
     /// How far the skeleton is from the draws on average, where one of several was chosen by agreement: the mean of J2J, J2B
     /// and B2B ([`riglab_metric::apart_from`]). What is far from them is mostly far from what an artist would make.
     pub apart: Option<f64>,
@@ -122,7 +127,7 @@ impl Rigger {
         wish: &Wish<'_>,
         facing: Facing,
     ) -> Result<Made, String> {
-        let (w, up, eval) = (self.params.weights(), self.config.data.up, &self.config.eval);
+        let (w, eval) = (self.params.weights(), &self.config.eval);
         let (stage, turned) = self.stage(mesh, turned, wish, facing)?;
         let turned = match turned {
             Some(begun) if wish.complete => {
@@ -150,10 +155,8 @@ impl Rigger {
         let agree = Some(agreement).filter(|_| wish.rank == Rank::Consensus && given.is_none() && samples > 1);
         let drawn = self.candidates(w, &stage, (prompt, samples), agree.as_ref(), wish.seed)?;
         let draws = self.judged(&stage.cube, &drawn, wish)?;
-        let anatomy = wish.human.filter(|_| given.is_none()).map(|human| {
-            let bounds = Bounds::of(stage.cube.positions().iter().map(|&p| up.back(p)));
-            Anatomy { human, up, bounds, plane }
-        });
+        let human = wish.human.filter(|_| given.is_none());
+        let anatomy = human.map(|human| Anatomy { plane, ..self.anatomy(&stage, human) });
         let template = anatomy.and_then(|anatomy| Some((wish.class.and_then(Template::of)?, anatomy)));
         let bodies = anatomy.zip(agree).filter(|_| wish.class.is_none());
         let bodies = bodies.map(|(anatomy, agreement)| anatomy.bodies(&drawn, &agreement));
@@ -176,7 +179,14 @@ impl Rigger {
             let best = whole.min_by(|a, b| worth(*b).total_cmp(&worth(*a)));
             best.and_then(|place| Some(Taken { place, apart: None, drawn: drawn.into_iter().nth(place)? }))
         };
-        let Taken { place: sample, apart, drawn } = best.ok_or(NO_SKELETON)?;
+        let best = best.ok_or(NO_SKELETON)?;
+        if let (Some(anatomy), Some(agreement), None) = (anatomy, &agree, wish.class)
+            && let Some(made) = self.without_beside(&stage, wish, anatomy, (agreement, &best))?
+        {
+            return Ok(made);
+        }
+        let Taken { place: sample, apart, drawn } = best;
+        let human = anatomy.zip(drawn.decoded.as_ref().ok()).is_some_and(|(anatomy, own)| anatomy.is_body(own));
         let agree = agree.zip(written.as_deref());
         let placed = match template.map(|template| self.settled(&stage, wish, template, &drawn, agree)).transpose()? {
             Some(Settled::Instead(made)) => return Ok(*made),
@@ -184,7 +194,19 @@ impl Rigger {
             None => None,
         };
         let (skeleton, weights, thinned) = self.finished(&stage, wish, given.as_ref(), drawn)?;
-        Ok(Made { skeleton, weights, yaw: facing.yaw(), placed, bodies, apart, thinned, sample, draws })
+        Ok(Made {
+            skeleton,
+            weights,
+            yaw: facing.yaw(),
+            placed,
+            bodies,
+            human,
+            beside: None,
+            apart,
+            thinned,
+            sample,
+            draws,
+        })
     }
 
     /// What draws for a mesh in the cube are worth.
@@ -264,6 +286,7 @@ pub(super) fn class_of(names: &[String]) -> Option<&'static str> {
 
 #[cfg(test)]
 mod tests {
+    use riglab_core::Bounds;
     use riglab_nn::tokenrig::Head;
     use riglab_random::stream;
 

@@ -2,6 +2,7 @@
 //! sequence.
 
 mod batch;
+mod beside;
 mod bundle;
 mod complete;
 mod condition;

@@ -106,6 +106,11 @@ impl Anatomy<'_> {
         drawn.iter().zip(agreement.draws_mirrored()).filter_map(of).filter(|s| self.bones(s).is_some()).count()
     }
 
+    /// Whether a draw, of the mesh and no mirror image of it, is a body.
+    pub fn is_body(&self, decoded: &Decoded) -> bool {
+        self.skeleton(decoded, false).is_some_and(|skeleton| self.bones(&skeleton).is_some())
+    }
+
     /// Of each draw after the token of a template whether it is [`written`](Self::written).
     pub fn written_ones(&self, template: &Template, drawn: &[Drawn], agreement: &Agreement) -> Vec<bool> {
         let written = |(drawn, mirrored): (&Drawn, bool)| {

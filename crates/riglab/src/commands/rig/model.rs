@@ -165,6 +165,8 @@ impl Model {
                     placed: None,
                     bodies: None,
                     apart: None,
+                    human: false,
+                    beside: None,
                     thinned: None,
                     sample: 0,
                     draws,

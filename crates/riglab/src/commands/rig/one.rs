@@ -104,6 +104,15 @@ pub fn rig(args: &Common, bones: &Bones, model: &Model, from: &Path, to: &Path) 
         );
         noted(from, &mut notes, note);
     }
+    if let Some(others) = made.beside {
+        let (those, they) =
+            if others == 1 { ("1 separate part", "it") } else { (&*format!("{others} separate parts"), "they") };
+        let note = format!(
+            "its samples were no human bodies until {those} beside the body had been left out: the skeleton was made so, and \
+             {they} got weights on it; check what is held or worn"
+        );
+        noted(from, &mut notes, note);
+    }
     let degrees = made.yaw.in_degrees();
     if degrees != 0 {
         let note = format!(
@@ -176,7 +185,7 @@ pub fn rig(args: &Common, bones: &Bones, model: &Model, from: &Path, to: &Path) 
             "file": from.to_string_lossy(), "out": to.to_string_lossy(), "joints": joints, "added": added, "vertices": mesh.positions().len(),
             "triangles": mesh.triangles().len(), "checkpoint": model.card.name, "steps": model.card.state.step,
             "weights_by": model.of_weights().map(|own| &own.name),
-            "joints_read": made.thinned, "likelihood": likelihood, "apart": sure(&made), "sample": sample, "rewards": rewards, "samples": draws, "seconds": start.elapsed().as_secs_f64(),
+            "joints_read": made.thinned, "beside": made.beside, "likelihood": likelihood, "apart": sure(&made), "sample": sample, "rewards": rewards, "samples": draws, "seconds": start.elapsed().as_secs_f64(),
             "template": made.placed.map(told_placed), "notes": notes,
         });
         say!("{line}");
