@@ -9,6 +9,7 @@ use serde_json::{Value, json};
 use super::super::accessor::Accessors;
 use super::draft::{ARRAY, Draft, VEC4, index};
 use crate::Fault;
+use crate::maps::is_mirrored;
 
 /// Moves the primitives of one node by one map.
 pub(super) struct Baker<'a, 'd> {
@@ -101,11 +102,14 @@ impl<'a, 'd> Baker<'a, 'd> {
         let finite = |v: DVec3| if v.as_vec3().is_finite() { v.as_vec3() } else { glam::Vec3::ZERO }.to_array();
         let of = |v: [f32; 3]| glam::Vec3::from(v).as_dvec3();
         if used == Use::Tangent {
+            // The bitangent is the cross product of normal and tangent times the side, and a mirrored map takes such products
+            // to the opposite of what it takes the bitangent to.
+            let hand = if is_mirrored(&self.map) { -1.0 } else { 1.0 };
             let tangents = self.accessors.tangents(accessor)?;
             let mut bytes = Vec::with_capacity(16 * tangents.len());
             for [x, y, z, side] in tangents {
                 let along = finite((linear * of([x, y, z])).normalize_or(DVec3::X));
-                bytes.extend([along[0], along[1], along[2], side].iter().flat_map(|x| x.to_le_bytes()));
+                bytes.extend([along[0], along[1], along[2], hand * side].iter().flat_map(|x| x.to_le_bytes()));
             }
             return Ok(draft.accessor(&bytes, VEC4, Some(ARRAY)));
         }
@@ -162,25 +166,42 @@ mod tests {
     use super::*;
     use crate::budget::Budget;
 
-    /// Vectors of an accessor that was written.
-    fn vectors(draft: &Draft, accessor: &Value) -> Vec<DVec3> {
+    /// Numbers of an accessor of floats that was written, by element.
+    fn numbers(draft: &Draft, accessor: &Value) -> Vec<Vec<f32>> {
         let accessor = &draft.json["accessors"][accessor.as_u64().unwrap() as usize];
         let view = &draft.json["bufferViews"][accessor["bufferView"].as_u64().unwrap() as usize];
         let [from, length] = ["byteOffset", "byteLength"].map(|key| view[key].as_u64().unwrap() as usize);
         let bytes = &draft.binary[from - draft.base..from - draft.base + length];
         let wide = if accessor["type"] == "VEC4" { 4 } else { 3 };
         let numbers: Vec<f32> = bytes.as_chunks().0.iter().map(|b| f32::from_le_bytes(*b)).collect();
-        numbers.chunks(wide).map(|v| Vec3::new(v[0], v[1], v[2]).as_dvec3()).collect()
+        numbers.chunks(wide).map(<[f32]>::to_vec).collect()
     }
 
-    #[test]
-    fn morphed_normals_and_tangents_look_where_the_map_takes_them_at_every_weight() {
-        let (normals, tangents) = ([[0.0, 1.0, 0.0], [0.6, 0.0, 0.8]], [[1.0, 0.0, 0.0, 1.0], [0.8, 0.0, -0.6, -1.0]]);
-        let offsets = [[0.3, -0.4, 0.2], [-0.1, 0.7, 0.05f32]];
+    fn vector(v: &[f32]) -> DVec3 {
+        Vec3::new(v[0], v[1], v[2]).as_dvec3()
+    }
+
+    fn vectors(draft: &Draft, accessor: &Value) -> Vec<DVec3> {
+        numbers(draft, accessor).iter().map(|v| vector(v)).collect()
+    }
+
+    const NORMALS: [[f32; 3]; 2] = [[0.0, 1.0, 0.0], [0.6, 0.0, 0.8]];
+    const TANGENTS: [[f32; 4]; 2] = [[1.0, 0.0, 0.0, 1.0], [0.8, 0.0, -0.6, -1.0]];
+
+    /// Mirrored, sheared, both, and neither.
+    fn maps() -> [DAffine3; 4] {
+        let turn = DQuat::from_rotation_z(0.8);
+        let mirrored = DAffine3::from_scale_rotation_translation(DVec3::new(-2.0, 3.0, 1.4), turn, DVec3::ONE);
+        let sheared = DAffine3::from_cols_array_2d(&[[1.0, 0.0, 0.0], [0.3, 1.0, 0.0], [0.0, 0.0, 1.0], [0.0; 3]]);
+        [mirrored, sheared, mirrored * sheared, DAffine3::from_translation(DVec3::ONE)]
+    }
+
+    /// [`NORMALS`] and [`TANGENTS`] with what a morph target adds to both, moved by each of the maps.
+    fn moved(offsets: [[f32; 3]; 2]) -> Vec<(DAffine3, Draft)> {
         let mut draft = Draft::new(json!({}));
         let floats = |all: &[f32]| all.iter().flat_map(|x| x.to_le_bytes()).collect::<Vec<u8>>();
-        let normal = draft.vectors(&normals, false, None);
-        let tangent = draft.accessor(&floats(tangents.as_flattened()), VEC4, None);
+        let normal = draft.vectors(&NORMALS, false, None);
+        let tangent = draft.accessor(&floats(TANGENTS.as_flattened()), VEC4, None);
         let offset = draft.vectors(&offsets, false, None);
         draft.json["meshes"] = json!([{"primitives": [{
             "attributes": {"NORMAL": normal, "TANGENT": tangent}, "targets": [{"NORMAL": offset, "TANGENT": offset}],
@@ -191,19 +212,37 @@ mod tests {
         let document = super::super::super::document::Document::parse(draft.json.to_string().as_bytes()).unwrap();
         let accessors = Accessors::new(&document, Buffers::new(&document, Some(&base), None, Budget::new(base.len())));
 
-        let turn = DQuat::from_rotation_z(0.8);
-        let mirrored = DAffine3::from_scale_rotation_translation(DVec3::new(-2.0, 3.0, 1.4), turn, DVec3::ONE);
-        let sheared = DAffine3::from_cols_array_2d(&[[1.0, 0.0, 0.0], [0.3, 1.0, 0.0], [0.0, 0.0, 1.0], [0.0; 3]]);
-        let plain = DAffine3::from_translation(DVec3::ONE);
-        for map in [mirrored, sheared, mirrored * sheared, plain] {
-            let mut baker = Baker::new(&accessors, map);
+        let baked = |map: DAffine3| {
             let mut own = Draft { json: draft.json.clone(), base: draft.base, binary: Vec::new() };
-            baker.primitive(&mut own, (0, 0), None).unwrap();
+            Baker::new(&accessors, map).primitive(&mut own, (0, 0), None).unwrap();
+            (map, own)
+        };
+        maps().map(baked).into()
+    }
+
+    #[test]
+    fn bitangents_of_normal_maps_keep_their_side_where_a_map_mirrors() {
+        for (map, own) in moved([[0.0; 3]; 2]) {
+            let attributes = &own.list("meshes")[0]["primitives"][0]["attributes"];
+            let (normals, tangents) = (vectors(&own, &attributes["NORMAL"]), numbers(&own, &attributes["TANGENT"]));
+            for v in 0..2 {
+                let across = |normal: DVec3, tangent: &[f32]| normal.cross(vector(tangent)) * f64::from(tangent[3]);
+                let wanted = map.matrix3 * across(vector(&NORMALS[v]), &TANGENTS[v]);
+                let is = across(normals[v], &tangents[v]);
+                assert!(wanted.normalize().dot(is) > 0.5, "{v}: {is} for {wanted} by {map}");
+            }
+        }
+    }
+
+    #[test]
+    fn morphed_normals_and_tangents_look_where_the_map_takes_them_at_every_weight() {
+        let offsets = [[0.3, -0.4, 0.2], [-0.1, 0.7, 0.05f32]];
+        for (map, own) in moved(offsets) {
             let baked = &own.list("meshes")[0]["primitives"][0];
             let to_normal = map.matrix3.inverse().transpose();
             for (name, old, through) in [
-                ("NORMAL", normals.to_vec(), to_normal),
-                ("TANGENT", tangents.map(|[x, y, z, _]| [x, y, z]).to_vec(), map.matrix3),
+                ("NORMAL", NORMALS.to_vec(), to_normal),
+                ("TANGENT", TANGENTS.map(|[x, y, z, _]| [x, y, z]).to_vec(), map.matrix3),
             ] {
                 let new = vectors(&own, &baked["attributes"][name]);
                 let added = vectors(&own, &baked["targets"][0][name]);
@@ -216,7 +255,7 @@ mod tests {
                     }
                 }
                 // What is only moved stays as it is.
-                if map == plain {
+                if map == maps()[3] {
                     assert_eq!(added, offsets.map(|v| Vec3::from(v).as_dvec3()));
                 }
             }
