@@ -92,6 +92,32 @@ fn bind_poses_that_contradict_each_other_leave_the_mesh_as_stored() {
 }
 
 #[test]
+fn inverse_binds_of_joints_that_hold_nothing_tell_no_pose() {
+    // A leaf bone whose inverse bind matrix leaves its turn out, as Blender writes them.
+    let matrix = |y: f32| {
+        let [x, y, z, w] = [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, y, 0.0, 1.0f32]];
+        [x, y, z, w].as_flattened().to_vec()
+    };
+    let binds: Vec<u8> = [-1.0, -2.0, -3.0].into_iter().flat_map(matrix).flat_map(f32::to_le_bytes).collect();
+    let tiny = Tiny::new().with_accessor(5126, "MAT4", 3, &binds);
+    let own = tiny.accessors() - 1;
+    let tiny = tiny
+        .with("/nodes/2/children", json!([3]))
+        .with("/nodes/-", json!({"name": "tip_leaf", "translation": [0, 1, 0], "rotation": [1, 0, 0, 0]}))
+        .with("/skins/0", json!({"joints": [1, 2, 3], "inverseBindMatrices": own}));
+    let imported = read(&tiny);
+    assert_eq!(imported.warnings(), []);
+    assert_eq!(imported.rig().unwrap().skeleton().heads()[2], [0.0, 3.0, 0.0]);
+    // What hangs on it is placed by it.
+    let tiny = tiny
+        .with("/nodes/3/children", json!([4]))
+        .with("/nodes/-", json!({"mesh": 1, "name": "ring"}))
+        .with("/meshes/-", json!({"primitives": [{"attributes": {"POSITION": POSITION}, "indices": 3}]}));
+    let imported = read(&tiny);
+    assert!(matches!(imported.warnings(), [Warning::RestIsNotBind { .. }, ..]), "{:?}", imported.warnings());
+}
+
+#[test]
 fn a_model_that_is_shown_in_another_size_than_it_was_bound_says_so() {
     let imported = read(&Tiny::new().with("/nodes/1/scale", json!([100, 100, 100])));
     let [posed @ Warning::RestIsNotBind { size, .. }] = imported.warnings() else {

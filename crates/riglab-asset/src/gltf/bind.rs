@@ -17,10 +17,12 @@ use std::collections::HashSet;
 
 use glam::{DAffine3, DVec3};
 
+use super::accessor::Accessors;
 use super::nodes::{Nodes, rigid};
+use super::primitives::Sources;
 use super::skins::{Skin, Skins};
 use crate::Warning;
-use crate::maps::{FLAT, Likeness, SAME, SkinBox, corners, is_flat};
+use crate::maps::{FLAT, Likeness, SAME, corners, is_flat};
 
 /// Where joints and vertices are at rest.
 pub(super) struct Binds {
@@ -33,7 +35,14 @@ pub(super) struct Binds {
 }
 
 impl Binds {
-    pub(super) fn new(nodes: &Nodes, skins: &Skins, boxes: &[SkinBox], warnings: &mut Vec<Warning>) -> Self {
+    pub(super) fn new(
+        nodes: &Nodes,
+        skins: &Skins,
+        sources: &Sources,
+        accessors: &Accessors<'_>,
+        warnings: &mut Vec<Warning>,
+    ) -> Self {
+        let boxes = sources.skin_boxes(skins.len());
         let bones = bones(nodes, skins);
         let inverse_binds = known_inverse_binds(nodes, skins);
         let mut frames = frames(nodes, &bones, &inverse_binds);
@@ -62,7 +71,13 @@ impl Binds {
                     frames[node] = Some(top * inverse.inverse());
                 }
             }
-            if let Some(shift) = shown_off_by(nodes, skin, inverse, slot, &top, &like) {
+            let shift =
+                |counts: &dyn Fn(usize) -> bool| shown_off_by(nodes, skin, inverse, (slot, &top), &like, counts);
+            let of_holders = || {
+                let held = held(nodes, skins, number, sources, accessors);
+                shift(&|slot| held[slot])
+            };
+            if let Some(shift) = shift(&|_| true).or_else(of_holders) {
                 let by = |shift| DAffine3::from_translation(shift) * top;
                 let first = *shown_off.get_or_insert(if like.same(&by(shift), &top) { DVec3::ZERO } else { shift });
                 agreed &= like.same(&by(first), &by(shift));
@@ -225,15 +240,44 @@ fn apart(nodes: &Nodes, frames: &[Option<DAffine3>], joint: usize, like: &Likene
     if share.is_finite() && !is_flat(&shown.matrix3, FLAT) { share } else { 0.0 }
 }
 
-/// How far the nodes of a skin's joints show it from where `top` maps it to the scene in the bind pose; `None` where they
-/// stand in another pose.
+/// Which joints of a skin, by slot, hold something: weights of a vertex, or a mesh that hangs on them. Of the others, such as the
+/// leaf bones that some exporters add, inverse bind matrices are often wrong, and nothing shows it.
+fn held(nodes: &Nodes, skins: &Skins, skin: usize, sources: &Sources, accessors: &Accessors<'_>) -> Vec<bool> {
+    let joints = skins.get(skin).map_or(&[][..], |skin| &skin.joints);
+    let mut held = vec![false; joints.len()];
+    for set in sources.sets.iter().filter(|set| set.skin == Some(skin)) {
+        for &(joints, weights) in set.influences() {
+            // What cannot be read is told where it is read for its own sake.
+            let (Ok(joints), Ok(weights)) = (accessors.joints(joints), accessors.weights(weights)) else { continue };
+            let rows = set.numbers.iter().filter_map(|&v| joints.get(v as usize).zip(weights.get(v as usize)));
+            for (&joint, &weight) in rows.flat_map(|(joints, weights)| joints.iter().zip(weights)) {
+                if let Some(held) = held.get_mut(joint as usize).filter(|_| weight > 0.0) {
+                    *held = true;
+                }
+            }
+        }
+    }
+    for set in sources.sets.iter().filter(|set| set.skin.is_none()) {
+        let mut node = set.place.node;
+        while node != nodes.top() && skins.joint_of_node(node).is_none() {
+            node = nodes.parent(node);
+        }
+        if let Some(slot) = joints.iter().position(|&joint| joint == node) {
+            held[slot] = true;
+        }
+    }
+    held
+}
+
+/// How far the nodes of a skin's joints show it from where its top joint (its slot and map) takes it to the scene in the bind
+/// pose; `None` where joints that `counts` names by slot stand in another pose.
 fn shown_off_by(
     nodes: &Nodes,
     skin: &Skin,
     inverse: &[DAffine3],
-    slot: usize,
-    top: &DAffine3,
+    (slot, top): (usize, &DAffine3),
     like: &Likeness,
+    counts: &dyn Fn(usize) -> bool,
 ) -> Option<DVec3> {
     let posed = |slot: usize| *nodes.global(skin.joints[slot]) * inverse[slot];
     // Inverse bind matrices may carry a scale, as those of quantised meshes do. It is taken out bone by
@@ -246,5 +290,5 @@ fn shown_off_by(
     let expected = DAffine3::from_translation(shift) * *top;
     // A hidden joint stands nowhere.
     let fits = |posed: DAffine3| is_flat(&posed.matrix3, FLAT) || like.same(&posed, &expected);
-    (0..inverse.len()).map(posed).all(fits).then_some(shift)
+    (0..inverse.len()).filter(|&slot| counts(slot)).map(posed).all(fits).then_some(shift)
 }

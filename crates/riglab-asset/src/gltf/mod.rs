@@ -113,7 +113,7 @@ pub(crate) fn read(bytes: &[u8], folder: Option<&Path>, options: &ImportOptions)
     let skins = Skins::read(&document, &nodes, &accessors, &mut warnings)?;
     let mut sources = primitives::collect(&document, &accessors, &mut warnings)?;
     let whole = options.shaped && shaped::apply(&document, &accessors, &mut sources);
-    let binds = Binds::new(&nodes, &skins, &sources.skin_boxes(skins.len()), &mut warnings);
+    let binds = Binds::new(&nodes, &skins, &sources, &accessors, &mut warnings);
     let joints = skins.joints(&document, &binds, &mut warnings)?;
     let scene = placing::Scene { accessors: &accessors, nodes: &nodes, skins: &skins, binds: &binds };
     let apart = match options.shown {

@@ -103,7 +103,7 @@ impl Scene {
         let nodes = Nodes::new(document)?;
         let skins = Skins::read(document, &nodes, accessors, &mut warnings)?;
         let sources = primitives::collect(document, accessors, &mut warnings)?;
-        let binds = Binds::new(&nodes, &skins, &sources.skin_boxes(skins.len()), &mut warnings);
+        let binds = Binds::new(&nodes, &skins, &sources, accessors, &mut warnings);
         let scene = placing::Scene { accessors, nodes: &nodes, skins: &skins, binds: &binds };
 
         let source_of: HashMap<(usize, usize), usize> =
