@@ -386,6 +386,16 @@ fn human_bones_of_a_new_rig_are_written_in_the_words_of_the_version() {
     assert_eq!(after["extensions"]["VRM"]["humanoid"]["humanBones"], json!([]));
 }
 
+/// The file's mesh on a new skeleton of a single joint.
+fn on_one_joint(bytes: &[u8]) -> Exported {
+    let imported = read(bytes);
+    let joint = riglab_core::Joint { name: "new".into(), parent: None, head: [0.0; 3] };
+    let skeleton = riglab_core::Skeleton::new(vec![joint]).unwrap();
+    let rows = vec![vec![(0u16, 1.0)]; imported.mesh().positions().len()];
+    let rig = Rig::new(skeleton, imported.mesh().clone(), SkinWeights::normalized(rows).unwrap()).unwrap();
+    export::onto_bytes("tiny.glb", bytes, None, &imported, &rig, &ExportOptions::default()).unwrap()
+}
+
 #[test]
 fn meshes_bound_anew_stand_on_no_node_that_mirrors_them() {
     // A mirrored copy beside joints, and a bare model of which a part is one.
@@ -396,12 +406,7 @@ fn meshes_bound_anew_stand_on_no_node_that_mirrors_them() {
     for (name, tiny) in [("bare", loose), ("skinned", skinned)] {
         let bytes = tiny.glb();
         let imported = read(&bytes);
-        let joint = riglab_core::Joint { name: "new".into(), parent: None, head: [0.0; 3] };
-        let skeleton = riglab_core::Skeleton::new(vec![joint]).unwrap();
-        let rows = vec![vec![(0u16, 1.0)]; imported.mesh().positions().len()];
-        let rig = Rig::new(skeleton, imported.mesh().clone(), SkinWeights::normalized(rows).unwrap()).unwrap();
-        let exported =
-            export::onto_bytes("tiny.glb", &bytes, None, &imported, &rig, &ExportOptions::default()).unwrap();
+        let exported = on_one_joint(&bytes);
         let (document, _) = parts(&exported.bytes);
         for node in document["nodes"].as_array().unwrap().iter().filter(|node| node.get("skin").is_some()) {
             assert!(node.get("scale").is_none(), "{name}: {node}");
@@ -414,4 +419,28 @@ fn meshes_bound_anew_stand_on_no_node_that_mirrors_them() {
         );
         assert_eq!(read(&exported.bytes).mesh(), imported.mesh(), "{name}");
     }
+}
+
+#[test]
+fn a_part_that_mirrors_itself_stays_below_its_parents() {
+    let bare = json!({"primitives": [{"attributes": {"POSITION": POSITION}, "indices": INDICES}]});
+    let of = |part: Value| {
+        let mut tiny = Tiny::new()
+            .with("/nodes/0", json!({"name": "group", "translation": [0, 0, 1], "children": [3]}))
+            .with("/nodes/-", part)
+            .with("/nodes/-", json!({"name": "socket"}))
+            .with("/meshes/-", bare.clone());
+        tiny.document.as_object_mut().unwrap().remove("skins");
+        let exported = on_one_joint(&tiny.glb());
+        let nodes = parts(&exported.bytes).0["nodes"].as_array().unwrap().clone();
+        let at = nodes.iter().position(|node| node.get("skin").is_some()).unwrap();
+        let group = nodes.iter().find(|node| node["name"] == "group").unwrap();
+        let below = group["children"].as_array().is_some_and(|children| children.contains(&json!(at)));
+        (nodes[at].clone(), below)
+    };
+    let (part, below) = of(json!({"name": "arm", "mesh": 1, "scale": [-1, 1, 1], "translation": [2, 0, 0]}));
+    assert!(below && part.get("scale").is_none() && part.get("translation").is_none(), "{part}");
+    // What hangs on it stays where it is.
+    let (part, below) = of(json!({"name": "arm", "mesh": 1, "scale": [-1, 1, 1], "children": [4]}));
+    assert!(!below && part.get("children").is_none(), "{part}");
 }

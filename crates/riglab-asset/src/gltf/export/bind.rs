@@ -13,7 +13,7 @@ use super::meshes::Meshes;
 use super::place::{self, Moved};
 use super::remove::{self, Successors};
 use super::rows::Rows;
-use super::scene::{Same, Scene, Surface, Weights};
+use super::scene::{Leaves, Same, Scene, Surface, Weights};
 use super::springs::{self, Joints};
 use super::{animations, frames, humanoid};
 use crate::nearest::nearest_others;
@@ -165,8 +165,10 @@ impl Binder<'_, '_> {
             }
             self.others(rig, mesh, &surfaces)?;
             self.draft.list_mut("nodes")[node]["skin"] = json!(skin);
-            if scene.leaves(node) {
-                place::to_top(self.draft, &scene.nodes, node, &mut moved);
+            match scene.leaves(node) {
+                Leaves::Nothing => {}
+                Leaves::OwnTransform => place::in_place(self.draft, &scene.nodes, node, &mut moved),
+                Leaves::ForTop => place::to_top(self.draft, &scene.nodes, node, &mut moved),
             }
         }
         self.tell_cut(cut, lost);

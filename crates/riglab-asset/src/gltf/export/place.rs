@@ -85,9 +85,8 @@ pub(super) type Moved = HashMap<usize, usize>;
 /// Puts the mesh of a node at the top of the scene, with nothing moving it. A node that others hang on stays
 /// where it is, without the mesh.
 pub(super) fn to_top(draft: &mut Draft, nodes: &Nodes, node: usize, moved: &mut Moved) {
-    let own = &mut draft.list_mut("nodes")[node];
-    let holds_others = own.get("children").and_then(Value::as_array).is_some_and(|c| !c.is_empty());
-    let at = if holds_others {
+    let at = if holds_others(draft, node) {
+        let own = &mut draft.list_mut("nodes")[node];
         let mut new = json!({});
         for key in ["mesh", "skin", "weights"] {
             if let Some(value) = remove(own, key) {
@@ -99,9 +98,7 @@ pub(super) fn to_top(draft: &mut Draft, nodes: &Nodes, node: usize, moved: &mut 
         }
         draft.push("nodes", new)
     } else {
-        for key in ["matrix", "translation", "rotation", "scale"] {
-            remove(own, key);
-        }
+        stand(draft, node);
         if nodes.parent(node) == nodes.top() {
             moved.insert(node, node);
             return;
@@ -112,6 +109,26 @@ pub(super) fn to_top(draft: &mut Draft, nodes: &Nodes, node: usize, moved: &mut 
     };
     moved.insert(node, at);
     add_to_scenes(draft, nodes, &[node], at);
+}
+
+/// Takes from the node of a skinned mesh what moves it. One that others hang on keeps that, and its mesh goes to the top.
+pub(super) fn in_place(draft: &mut Draft, nodes: &Nodes, node: usize, moved: &mut Moved) {
+    if holds_others(draft, node) {
+        return to_top(draft, nodes, node, moved);
+    }
+    stand(draft, node);
+    moved.insert(node, node);
+}
+
+fn holds_others(draft: &Draft, node: usize) -> bool {
+    draft.list("nodes")[node].get("children").and_then(Value::as_array).is_some_and(|c| !c.is_empty())
+}
+
+/// Takes from a node what moves it within the one above.
+fn stand(draft: &mut Draft, node: usize) {
+    for key in ["matrix", "translation", "rotation", "scale"] {
+        remove(&mut draft.list_mut("nodes")[node], key);
+    }
 }
 
 /// Lists a node in every scene that shows one of `beside`.

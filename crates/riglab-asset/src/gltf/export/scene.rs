@@ -57,6 +57,15 @@ pub(super) enum Weights {
     Foreign,
 }
 
+/// What a node leaves when its mesh takes a skin.
+pub(super) enum Leaves {
+    Nothing,
+    /// What moves it, which moves no skinned mesh.
+    OwnTransform,
+    /// All nodes above it.
+    ForTop,
+}
+
 /// A document, looked at as the importer does.
 pub(super) struct Scene {
     pub(super) nodes: Nodes,
@@ -156,10 +165,16 @@ impl Scene {
         Ok(Some(Self { nodes, rests, is_joint, skins, surfaces }))
     }
 
-    /// Whether a mesh that takes a skin has to leave its node: what a joint carries goes with the joint, and what mirrors
-    /// a node turns its triangles, skinned or not.
-    pub(super) fn leaves(&self, node: usize) -> bool {
-        self.below_joint(node) || is_mirrored(self.nodes.global(node))
+    /// What becomes of the node of a mesh that takes a skin: what a joint carries goes with the joint, and what mirrors a node
+    /// turns its triangles, skinned or not. A node that alone mirrors itself need not leave those above it.
+    pub(super) fn leaves(&self, node: usize) -> Leaves {
+        if self.below_joint(node) || is_mirrored(self.nodes.global(self.nodes.parent(node))) {
+            Leaves::ForTop
+        } else if is_mirrored(self.nodes.global(node)) {
+            Leaves::OwnTransform
+        } else {
+            Leaves::Nothing
+        }
     }
 
     /// Whether something hangs on a joint that is neither one itself nor a mesh that is rigged: a socket, a camera. What
