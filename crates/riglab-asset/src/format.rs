@@ -168,16 +168,43 @@ impl fmt::Debug for Format {
 
 /// What else people give to importers.
 fn guess(bytes: &[u8]) -> &'static str {
-    const MAGICS: [(&[u8], &str); 7] = [
+    const MAGICS: [(&[u8], &str); 11] = [
         (b"\x89PNG", "a PNG picture"),
         (b"\xff\xd8\xff", "a JPEG picture"),
         (b"PK\x03\x04", "a ZIP archive"),
         (b"\x1f\x8b", "a gzip archive"),
+        (b"\x28\xb5\x2f\xfd", "a Zstandard archive"),
         (b"BLENDER", "a Blender file"),
+        (b"PXR-USDC", "a USD file"),
+        (b"#usda", "a USD file"),
+        (b"Ogawa", "an Alembic file"),
         (b"version https://git-lfs", "a Git LFS pointer; fetch the file itself"),
         (b"<", "a web page or XML"),
     ];
-    MAGICS.iter().find(|(magic, _)| bytes.starts_with(magic)).map_or("something else", |(_, name)| name)
+    let begins = |magic: &[u8]| bytes.starts_with(magic);
+    let head = &bytes[..bytes.len().min(1 << 10)];
+    let soon = |word: &[u8]| head.windows(word.len()).any(|at| at == word);
+    // What the archives and the XML of other scenes begin with.
+    if begins(b"PK\x03\x04") && first_member(bytes).is_some_and(is_usd) {
+        return "a USDZ file";
+    }
+    if begins(b"\x28\xb5\x2f\xfd") && soon(b"BLENDER") {
+        return "a Blender file";
+    }
+    if begins(b"<") && soon(b"<COLLADA") {
+        return "a COLLADA file";
+    }
+    MAGICS.iter().find(|(magic, _)| begins(magic)).map_or("something else", |(_, name)| name)
+}
+
+/// The name of the first file in a ZIP archive.
+fn first_member(zip: &[u8]) -> Option<&[u8]> {
+    let length = zip.get(26..28)?;
+    zip.get(30..)?.get(..usize::from(u16::from_le_bytes([length[0], length[1]])))
+}
+
+fn is_usd(name: &[u8]) -> bool {
+    [&b".usd"[..], b".usda", b".usdc"].iter().any(|ending| name.to_ascii_lowercase().ends_with(ending))
 }
 
 #[cfg(test)]
@@ -208,5 +235,25 @@ mod tests {
         // A name alone makes no GLB.
         assert!(matches!(of("a.glb", b"PK\x03\x04"), Err(Fault::NotAModel("a ZIP archive"))));
         assert!(matches!(of("a.glb", b""), Err(Fault::Empty)));
+    }
+
+    #[test]
+    fn scenes_of_other_programs_are_called_by_their_names() {
+        let zip = |name: &str| {
+            let mut bytes = b"PK\x03\x04".to_vec();
+            bytes.resize(26, 0);
+            bytes.extend((name.len() as u16).to_le_bytes());
+            bytes.extend([0; 2]);
+            [&bytes, name.as_bytes(), b"and so on"].concat()
+        };
+        assert_eq!([guess(&zip("hero.USDC")), guess(&zip("hero.usda"))], ["a USDZ file"; 2]);
+        assert_eq!([guess(&zip("hero.txt")), guess(b"PK\x03\x04")], ["a ZIP archive"; 2]);
+        let blend = b"\x28\xb5\x2f\xfd\x60\x19\x05\x1d\x07\x00\x34\x0bBLENDER17-01v0500";
+        assert_eq!([guess(blend), guess(b"BLENDER-v300")], ["a Blender file"; 2]);
+        assert_eq!(guess(&blend[..12]), "a Zstandard archive");
+        assert_eq!([guess(b"PXR-USDC\0\x08"), guess(b"#usda 1.0\n")], ["a USD file"; 2]);
+        assert_eq!(guess(b"Ogawa\xff\0\x01"), "an Alembic file");
+        assert_eq!(guess(b"<?xml version=\"1.0\"?>\n<COLLADA xmlns=\"\">"), "a COLLADA file");
+        assert_eq!(guess(b"<html><body>"), "a web page or XML");
     }
 }
