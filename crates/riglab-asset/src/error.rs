@@ -140,7 +140,7 @@ pub enum Fault {
     #[error("asset.version is `{0}`, only version 2 of glTF is read")]
     Version(String),
     /// The file cannot be read rightly without it.
-    #[error("requires the extension {0}, which is not known; export the file without it")]
+    #[error("requires the extension {extension}, {does}", extension = .0, does = unread(.0))]
     RequiredExtension(String),
     /// Compressed geometry that is not what its extension defines.
     #[error("{what} cannot be decoded: {extension}: {reason}; export without compression")]
@@ -522,4 +522,15 @@ fn listed(names: &[String]) -> String {
     let shown: Vec<_> = names.iter().take(SHOWN).enumerate().map(|(i, name)| format!("{i} (`{name}`)")).collect();
     let more = names.len().saturating_sub(SHOWN);
     shown.join(", ") + &if more > 0 { format!(" and {more} more") } else { String::new() }
+}
+
+/// What an extension does that is not read, and what helps.
+fn unread(extension: &str) -> &'static str {
+    match extension {
+        "EXT_mesh_gpu_instancing" => {
+            "which draws a mesh several times on one node, so that no joint could move one copy alone; make real copies of \
+             them first, in the program that the file comes from"
+        }
+        _ => "which is not known; export the file without it",
+    }
 }

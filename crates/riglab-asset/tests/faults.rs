@@ -57,6 +57,8 @@ fn files_that_are_no_gltf() {
 #[test]
 fn extensions_that_change_geometry() {
     assert_fault!(fault("/extensionsRequired", json!(["XX_unknown"])), Fault::RequiredExtension(_));
+    let said = fault("/extensionsRequired", json!(["EXT_mesh_gpu_instancing"])).to_string();
+    assert!(said.contains("EXT_mesh_gpu_instancing, which draws a mesh several times"), "{said}");
     let harmless = json!(["VRMC_vrm", "KHR_materials_unlit", "KHR_mesh_quantization", "EXT_meshopt_compression"]);
     assert!(read(&Tiny::new().with("/extensionsRequired", harmless).glb()).is_ok());
     // Not required, but without plain bytes beside.
