@@ -9,7 +9,7 @@ mod peak;
 
 use ascii_fbx::{Ascii, Cluster, SIDES, TETRAHEDRON, moved, scaled_and_moved, tiny};
 use riglab_asset::export::ExportOptions;
-use riglab_asset::rigging::{SubjectNote, dressed};
+use riglab_asset::rigging::{Subject, SubjectNote, SubjectOptions, dressed};
 use riglab_asset::{Character, Fault, ImportOptions, Imported, Resample, Warning, import, import_bytes, to_fbx};
 use riglab_core::{Rig, Springs, Vec3, skin};
 
@@ -169,6 +169,39 @@ fn as_glb_it_keeps_looks_rig_and_motions() {
         let (found, wanted) = (posed(&glb, frame), posed(&fbx, frame));
         assert_near(&found, &(0..count).map(|v| wanted[twin(v)]).collect::<Vec<_>>());
     }
+}
+
+#[test]
+fn groups_and_sockets_stay_and_what_does_not_is_told() {
+    let file = tiny(Ascii::new())
+        .node(5, "group", "Null", 0, [10.0, 0.0, 0.0], "")
+        .mesh(20, 5, &TETRAHEDRON, &SIDES, "")
+        .node(6, "socket", "Null", 5, [0.0, 10.0, 0.0], "")
+        .node(7, "tip of it", "Null", 6, [0.0, 5.0, 0.0], "")
+        .node(8, "grip", "Null", 2, [0.0, 1.0, 0.0], "")
+        .node(9, "below", "Null", 20, [0.0, 1.0, 0.0], "")
+        .node(12, "view", "Camera", 0, [0.0; 3], "")
+        .node(13, "sun", "Light", 0, [0.0; 3], "");
+    let subject = Subject::from_bytes("a.fbx", &file.bytes(), None, &SubjectOptions::default()).unwrap();
+    let things = ["1 camera", "1 light", "1 empty node below a joint", "1 node's place below a mesh"];
+    let told = SubjectNote::ThingsLeft(things.map(String::from).to_vec());
+    assert!(subject.notes().contains(&told), "{:?}", subject.notes());
+
+    let joint = riglab_core::Joint { name: "new".into(), parent: None, head: [0.0; 3] };
+    let skeleton = riglab_core::Skeleton::new(vec![joint]).unwrap();
+    let rows = subject.mesh().positions().iter().map(|_| [(0u16, 1.0)]);
+    let rig = subject.rigged(skeleton, riglab_core::SkinWeights::normalized(rows).unwrap()).unwrap();
+    let glb = gltf(&subject.attach(&rig, &ExportOptions::default()).unwrap().bytes);
+    let nodes = glb["nodes"].as_array().unwrap();
+    let named = |name: &str| nodes.iter().position(|node| node["name"] == name).unwrap();
+    let [group, socket] = ["group", "socket"].map(|name| &nodes[named(name)]);
+    // Meshes are in the scene's space, so what holds them moves nothing.
+    assert!(group.get("translation").is_none(), "{group}");
+    assert_eq!(group["children"], serde_json::json!([named("mesh20"), named("below"), named("socket")]));
+    assert_eq!(socket["children"], serde_json::json!([named("tip of it")]));
+    let at =
+        |node: &serde_json::Value| -> Vec3 { std::array::from_fn(|k| node["translation"][k].as_f64().unwrap() as f32) };
+    assert_near(&[at(socket), at(&nodes[named("tip of it")])], &[[0.1, 0.1, 0.0], [0.0, 0.05, 0.0]]);
 }
 
 #[test]

@@ -85,6 +85,10 @@ impl Joints {
         self.nodes.is_empty()
     }
 
+    pub(super) fn is_joint(&self, node: usize) -> bool {
+        self.number[node].is_some()
+    }
+
     /// The nearest joint at or above a node.
     pub(super) fn at_or_above(&self, nodes: &Nodes<'_>, mut node: usize) -> Option<u16> {
         loop {

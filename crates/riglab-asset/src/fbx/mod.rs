@@ -13,6 +13,7 @@
 //! Files that this one refers to are not opened.
 
 mod clips;
+mod groups;
 mod joints;
 mod meshes;
 mod model;

@@ -3,9 +3,13 @@
 use std::collections::{BTreeSet, HashMap, HashSet};
 
 use glam::{DAffine3, DVec3};
-use ufbx::{AnimLayer, AnimStack, Element, ElementType, Material, MaterialMap, Mesh, PropFlags, Scene, Texture};
+use ufbx::{
+    AnimLayer, AnimStack, Element, ElementType, Material, MaterialMap, Mesh, PropFlags, Scene, Texture, VertexVec2,
+    VertexVec4,
+};
 
 use super::clips::time;
+use super::groups::Groups;
 use super::joints::Joints;
 use super::meshes::{Hold, MAX_POLYGON, hold, point, span};
 use super::scene::{Nodes, affine};
@@ -20,7 +24,9 @@ use crate::warning::of_number;
 use crate::{Fault, Place, Resample};
 
 /// Bytes of a vertex: position, normal, coordinates and colour, as read and as written.
-const CORNER: u64 = 2 * (12 + 12 + 8 + 16);
+const CORNER: u64 = 2 * (12 + 12 + COORDINATES + COLOUR);
+const COORDINATES: u64 = 8;
+const COLOUR: u64 = 16;
 
 /// What of a file is not in its model.
 #[derive(Debug, Default, PartialEq)]
@@ -70,7 +76,9 @@ pub(crate) fn model(name: &str, bytes: &[u8], find: impl Fn(&str) -> Option<Vec<
     let nodes = Nodes::new(&scene);
     let joints = Joints::read(&scene, &nodes, &mut Vec::new())?;
     let budget = Budget::new(bytes.len());
-    let left = Left { things: things_left(&scene), ..Left::default() };
+    let mut groups = Groups::read(&nodes, &joints);
+    let mut left = Left { things: things_left(&scene), ..Left::default() };
+    left.things.append(&mut groups.left);
     let mut pictures = Pictures { find, known: HashMap::new(), made: HashMap::new(), found: Vec::new(), left };
     let looks = (&scene.materials).into_iter().map(|material| look(material, &mut pictures)).collect();
     let mut model = Model { name: name.into(), looks, ..Model::default() };
@@ -79,7 +87,8 @@ pub(crate) fn model(name: &str, bytes: &[u8], find: impl Fn(&str) -> Option<Vec<
     for (number, node) in nodes.all.iter().enumerate() {
         let Some(mesh) = node.mesh.as_deref() else { continue };
         // A corner may become a vertex of its own: position, normal, coordinates, index and the key that finds it.
-        budget.piece(mesh.num_triangles.saturating_mul(3), 96)?;
+        let more = COORDINATES * further(mesh.uv_sets.len()) + COLOUR * further(mesh.color_sets.len());
+        budget.piece(mesh.num_triangles.saturating_mul(3), 96 + 2 * more as usize)?;
         // As in `meshes`, the first node asks for all. Half of what there is of a mesh is in the GLB.
         let copies = copies.remove(&mesh.element.typed_id).unwrap_or(0);
         budget.show(PART + mesh.num_triangles as u64 * TRIANGLE, copies)?;
@@ -98,14 +107,16 @@ pub(crate) fn model(name: &str, bytes: &[u8], find: impl Fn(&str) -> Option<Vec<
         let place = Place { node: number, mesh: mesh.element.typed_id as usize, primitive: 0 };
         let (patches, controls) = patches(mesh, place, &map, &materials)?;
         let vertices: usize = patches.iter().map(|patch| patch.positions.len()).sum();
-        budget.show(vertices as u64 * CORNER, copies)?;
+        budget.show(vertices as u64 * (CORNER + 2 * more), copies)?;
         if !patches.is_empty() {
             let shapes = shapes(mesh, &map, &controls, &budget, copies)?;
-            model.objects.push(Object { name: node.element.name.to_string(), patches, shapes });
+            let group = groups.above(number);
+            model.objects.push(Object { name: node.element.name.to_string(), group, patches, shapes });
             origins.push(Origin { node: number, controls });
             meshes.push(mesh);
         }
     }
+    model.groups = groups.all;
     model.pictures = pictures.found;
     let rate = scene.settings.frames_per_second as f32;
     let rate = if (1.0..=240.0).contains(&rate) { rate } else { Resample::default().rate };
@@ -131,18 +142,15 @@ fn animations(scene: &Scene) -> usize {
 
 /// What of a scene no model has, beside its rig, motions and pictures.
 fn things_left(scene: &Scene) -> Vec<String> {
-    let meshes = || (&scene.meshes).into_iter();
-    let sets: usize = meshes().map(|mesh| mesh.uv_sets.len().saturating_sub(1)).sum();
     let holders = (&scene.nodes).into_iter().filter(|node| node.mesh.is_some()).map(|node| &node.element);
     let owners = holders.chain((&scene.materials).into_iter().map(|material| &material.element));
     let own: usize = owners.map(own_properties).sum();
-    [
-        counted(sets, "further set of texture coordinates", "further sets of texture coordinates"),
-        counted(own, "user property", "user properties"),
-    ]
-    .into_iter()
-    .flatten()
-    .collect()
+    counted(own, "user property", "user properties").into_iter().collect()
+}
+
+/// How many sets there are beside the first.
+fn further(sets: usize) -> u64 {
+    sets.saturating_sub(1) as u64
 }
 
 /// So many of something, if any.
@@ -163,9 +171,9 @@ fn number_of(material: &Material) -> usize {
     material.element.typed_id as usize
 }
 
-/// What makes two corners one vertex: control point, normal, coordinates and colour. Their values, as files may list them for
-/// each corner anew; normals by steps of [`ALIKE`].
-type Corner = (u32, [i32; 3], [u32; 2], [u32; 4]);
+/// What makes two corners one vertex: control point, normal, coordinates and colour, and those of further sets. Their values, as
+/// files may list them for each corner anew; normals by steps of [`ALIKE`].
+type Corner = (u32, [i32; 3], [u32; 2], [u32; 4], Vec<u32>);
 
 /// Normals that differ by a quarter of a degree look the same: programs round those of corners, each otherwise.
 const ALIKE: f32 = 1.0 / 256.0;
@@ -255,16 +263,18 @@ impl Growing {
         let own = mesh.vertex_normal.values.get(value(mesh.vertex_normal.indices.as_ref()) as usize);
         let turned = own.map_or(DVec3::ZERO, |n| (*of_normals * DVec3::new(n.x, n.y, n.z)).normalize_or_zero());
         let normal = turned.as_vec3().to_array();
-        let own = mesh.vertex_uv.values.get(value(mesh.vertex_uv.indices.as_ref()) as usize);
-        let finite = |x: f64| if (x as f32).is_finite() { x as f32 } else { 0.0 };
-        let coordinates = own.map_or([0.0; 2], |uv| [finite(uv.x), finite(1.0 - uv.y)]);
-        let own = mesh.vertex_color.values.get(value(mesh.vertex_color.indices.as_ref()) as usize);
-        let [r, g, b, a] = own.map_or([1.0; 4], |c| [c.x, c.y, c.z, c.w].map(unit));
-        let colour = [linear(r), linear(g), linear(b), a];
+        let coordinates = coordinates(&mesh.vertex_uv, corner);
+        let colour = colour(&mesh.vertex_color, corner);
+        let more_coordinates: Vec<[f32; 2]> =
+            (&mesh.uv_sets).into_iter().skip(1).map(|set| self::coordinates(&set.vertex_uv, corner)).collect();
+        let more_colours: Vec<[f32; 4]> =
+            (&mesh.color_sets).into_iter().skip(1).map(|set| self::colour(&set.vertex_color, corner)).collect();
         // -0 and 0 are one value.
         let bits = |x: f32| (x + 0.0).to_bits();
         let step = |x: f32| (x / ALIKE).round() as i32;
-        let key = (control, normal.map(step), coordinates.map(bits), colour.map(bits));
+        let more =
+            more_coordinates.as_flattened().iter().chain(more_colours.as_flattened()).map(|x| bits(*x)).collect();
+        let key = (control, normal.map(step), coordinates.map(bits), colour.map(bits), more);
         if let Some(&known) = self.known.get(&key) {
             return Ok(known);
         }
@@ -279,9 +289,31 @@ impl Growing {
         if mesh.vertex_color.exists {
             patch.colours.push(colour);
         }
+        push_each(&mut patch.more_coordinates, more_coordinates);
+        push_each(&mut patch.more_colours, more_colours);
         self.known.insert(key, number);
         Ok(number)
     }
+}
+
+/// The values of further sets at a vertex, each to its set.
+fn push_each<T>(sets: &mut Vec<Vec<T>>, values: Vec<T>) {
+    sets.resize_with(values.len(), Vec::new);
+    sets.iter_mut().zip(values).for_each(|(set, value)| set.push(value));
+}
+
+/// Those of a corner, from the upper left corner of the picture; 0 where there are none.
+fn coordinates(of: &VertexVec2, corner: usize) -> [f32; 2] {
+    let own = of.indices.get(corner).and_then(|at| of.values.get(*at as usize));
+    let finite = |x: f64| if (x as f32).is_finite() { x as f32 } else { 0.0 };
+    own.map_or([0.0; 2], |uv| [finite(uv.x), finite(1.0 - uv.y)])
+}
+
+/// That of a corner, linear; white where there is none.
+fn colour(of: &VertexVec4, corner: usize) -> [f32; 4] {
+    let own = of.indices.get(corner).and_then(|at| of.values.get(*at as usize));
+    let [r, g, b, a] = own.map_or([1.0; 4], |c| [c.x, c.y, c.z, c.w].map(unit));
+    [linear(r), linear(g), linear(b), a]
 }
 
 fn unit(x: f64) -> f32 {
@@ -474,6 +506,24 @@ mod tests {
     }
 
     #[test]
+    fn further_sets_of_coordinates_and_colours_stay() {
+        // Corners that differ in a further set alone are vertices of their own.
+        let (mut model, _) = read("", "", "");
+        let patch = &model.objects[0].patches[0];
+        assert_eq!(patch.more_coordinates, [[[0.0, 1.0], [1.0, 1.0], [0.0, 0.0]]]);
+        let (mut sets, mut colours) = (vec![vec![[1.0f32; 2]]], Vec::new());
+        push_each(&mut sets, vec![[2.0; 2]]);
+        push_each(&mut colours, vec![[0.5f32; 4]]);
+        assert_eq!((sets, colours), (vec![vec![[1.0; 2], [2.0; 2]]], vec![vec![[0.5; 4]]]));
+        let patch = &mut model.objects[0].patches[0];
+        (patch.colours, patch.more_colours) = (vec![[1.0; 4]; 3], vec![vec![[0.5; 4]; 3]]);
+        let glb = String::from_utf8_lossy(&model.into_glb().unwrap()).into_owned();
+        for name in ["TEXCOORD_0", "TEXCOORD_1", "COLOR_0", "COLOR_1"] {
+            assert!(glb.contains(&format!("\"{name}\"")), "{name}");
+        }
+    }
+
+    #[test]
     fn what_no_model_has_is_told() {
         let (model, left) = read("", "", "");
         // A blend shape is: the first corner goes up.
@@ -484,7 +534,7 @@ mod tests {
         );
         let glb = String::from_utf8_lossy(&model.into_glb().unwrap()).into_owned();
         assert!(glb.contains(r#""targetNames":["up"]"#) && glb.contains(r#""max":[0.0,0.0,0.00999"#), "{glb}");
-        let things = ["1 further set of texture coordinates", "1 user property"];
+        let things = ["1 user property"];
         assert_eq!(left, Left { things: things.map(String::from).to_vec(), ..Left::default() });
         // A stack without curves moves nothing.
         let stack = "AnimationStack: 20, \"AnimStack::Take\", \"\" {\n}\nAnimationLayer: 21, \"AnimLayer::Base\", \"\" {\n}\n\
@@ -528,7 +578,7 @@ mod tests {
         let last = 0.5 * (frames - 1) as f32 / (0.1 * swing.rate);
         assert!((weights[frames - 1] - last).abs() < 1e-3, "{weights:?} for {last}");
         // It is no animation that is left, and told as none.
-        assert_eq!((taken.animations, taken.left.things.len()), (0, 2), "{:?}", taken.left);
+        assert_eq!((taken.animations, taken.left.things.len()), (0, 1), "{:?}", taken.left);
         let glb = String::from_utf8_lossy(&taken.model.into_glb().unwrap()).into_owned();
         assert!(glb.contains(r#""channels":[{"sampler":0,"target":{"node":0,"path":"weights"}}]"#), "{glb}");
 

@@ -57,7 +57,9 @@ pub(crate) fn read(
         // A change of material makes a part of its own, under the same name.
         match model.objects.last_mut().filter(|object| object.name == part.name) {
             Some(object) => object.patches.push(patch),
-            None => model.objects.push(Object { name: part.name, patches: vec![patch], shapes: Vec::new() }),
+            None => {
+                model.objects.push(Object { name: part.name, group: None, patches: vec![patch], shapes: Vec::new() })
+            }
         }
     }
     Ok(model)
@@ -89,7 +91,7 @@ fn patch(part: &tobj::Model) -> Result<Patch, String> {
     }
     let own: &[f32] = if whole(&mesh.normals, 3) { &mesh.normals } else { &[] };
     let normals = super::normals::complete(own.as_chunks().0, &positions, indices.as_chunks().0);
-    Ok(Patch { positions, normals, coordinates, colours, indices, look: mesh.material_id })
+    Ok(Patch { positions, normals, coordinates, colours, indices, look: mesh.material_id, ..Patch::default() })
 }
 
 /// Pictures by the name that materials give them.

@@ -2,16 +2,19 @@
 
 use std::collections::{HashMap, HashSet};
 
+use glam::{DAffine3, DQuat, DVec3};
 use serde_json::{Value, json};
 
 use super::draft::{ARRAY, Draft, ELEMENTS, F32, Layout, SCALAR, U32, VEC4};
 use super::packed::picture_type;
+use super::place::add_child;
 
 /// What other formats say of a model.
 #[derive(Debug, Default)]
 pub(crate) struct Model {
     pub(crate) name: String,
     pub(crate) objects: Vec<Object>,
+    pub(crate) groups: Vec<Group>,
     pub(crate) looks: Vec<Look>,
     pub(crate) pictures: Vec<Picture>,
     pub(crate) swings: Vec<Swing>,
@@ -28,10 +31,22 @@ pub(crate) struct Swing {
     pub(crate) weights: Vec<(usize, Vec<f32>)>,
 }
 
+/// A node without a mesh.
+#[derive(Debug)]
+pub(crate) struct Group {
+    pub(crate) name: String,
+    /// The one that it hangs on, which comes before it.
+    pub(crate) parent: Option<usize>,
+    /// Where it stands there, turned but in no other size. Those that objects hang on are in the scene's space.
+    pub(crate) place: DAffine3,
+}
+
 /// A mesh on a node of its own, in the scene's space.
 #[derive(Debug)]
 pub(crate) struct Object {
     pub(crate) name: String,
+    /// What it hangs on.
+    pub(crate) group: Option<usize>,
     pub(crate) patches: Vec<Patch>,
     pub(crate) shapes: Vec<Shape>,
 }
@@ -55,6 +70,9 @@ pub(crate) struct Patch {
     /// From the upper left corner of the picture.
     pub(crate) coordinates: Vec<[f32; 2]>,
     pub(crate) colours: Vec<[f32; 4]>,
+    /// Further sets of either.
+    pub(crate) more_coordinates: Vec<Vec<[f32; 2]>>,
+    pub(crate) more_colours: Vec<Vec<[f32; 4]>>,
     pub(crate) indices: Vec<u32>,
     pub(crate) look: Option<usize>,
 }
@@ -203,7 +221,7 @@ impl Model {
         for look in &self.looks {
             draft.push("materials", material(look));
         }
-        let mut roots = Vec::with_capacity(self.objects.len());
+        let mut nodes = Vec::with_capacity(self.objects.len());
         for object in &self.objects {
             let mut patches: Vec<Value> = object.patches.iter().map(|patch| primitive(&mut draft, patch)).collect();
             for ((own, patch), at) in patches.iter_mut().zip(&object.patches).zip(0..) {
@@ -223,7 +241,7 @@ impl Model {
                 mesh["weights"] = json!(object.shapes.iter().map(|shape| shape.weight).collect::<Vec<_>>());
             }
             let mesh = draft.push("meshes", mesh);
-            roots.push(draft.push("nodes", json!({"name": object.name, "mesh": mesh})));
+            nodes.push(draft.push("nodes", json!({"name": object.name, "mesh": mesh})));
         }
         for swing in &self.swings {
             let input = draft.times(swing.frames, swing.rate);
@@ -232,10 +250,19 @@ impl Model {
                 let bytes: Vec<u8> = weights.iter().flat_map(|weight| weight.to_le_bytes()).collect();
                 let output = draft.accessor(&bytes, SCALAR, None);
                 channels
-                    .push(json!({"sampler": samplers.len(), "target": {"node": roots[*object], "path": "weights"}}));
+                    .push(json!({"sampler": samplers.len(), "target": {"node": nodes[*object], "path": "weights"}}));
                 samplers.push(json!({"input": input, "output": output, "interpolation": "LINEAR"}));
             }
             draft.push("animations", json!({"name": swing.name, "samplers": samplers, "channels": channels}));
+        }
+        let groups: Vec<usize> = self.groups.iter().map(|group| draft.push("nodes", group.node())).collect();
+        let mut roots = Vec::new();
+        let above = self.objects.iter().map(|object| object.group).chain(self.groups.iter().map(|group| group.parent));
+        for (&node, group) in nodes.iter().chain(&groups).zip(above) {
+            match group {
+                Some(group) => add_child(&mut draft.list_mut("nodes")[groups[group]], node),
+                None => roots.push(node),
+            }
         }
         let mut scene = json!({"nodes": roots});
         if !self.name.is_empty() {
@@ -246,17 +273,31 @@ impl Model {
     }
 }
 
+impl Group {
+    fn node(&self) -> Value {
+        let mut node = json!({"name": self.name});
+        let (_, turn, at) = self.place.to_scale_rotation_translation();
+        if at != DVec3::ZERO {
+            node["translation"] = json!(at.as_vec3().to_array());
+        }
+        if turn != DQuat::IDENTITY {
+            node["rotation"] = json!(turn.normalize().as_quat().to_array());
+        }
+        node
+    }
+}
+
 fn primitive(draft: &mut Draft, patch: &Patch) -> Value {
     let mut attributes = json!({"POSITION": draft.vectors(&patch.positions, true, Some(ARRAY))});
     if !patch.normals.is_empty() {
         attributes["NORMAL"] = json!(draft.vectors(&patch.normals, false, Some(ARRAY)));
     }
-    if !patch.coordinates.is_empty() {
-        let layout = Layout { component: F32, shape: "VEC2", size: 8 };
-        attributes["TEXCOORD_0"] = json!(floats(draft, patch.coordinates.as_flattened(), layout));
+    let layout = || Layout { component: F32, shape: "VEC2", size: 8 };
+    for (set, number) in numbered(&patch.coordinates, &patch.more_coordinates) {
+        attributes[format!("TEXCOORD_{number}")] = json!(floats(draft, set.as_flattened(), layout()));
     }
-    if !patch.colours.is_empty() {
-        attributes["COLOR_0"] = json!(floats(draft, patch.colours.as_flattened(), VEC4));
+    for (set, number) in numbered(&patch.colours, &patch.more_colours) {
+        attributes[format!("COLOR_{number}")] = json!(floats(draft, set.as_flattened(), VEC4));
     }
     let corners: Vec<u8> = patch.indices.iter().flat_map(|v| v.to_le_bytes()).collect();
     let layout = Layout { component: U32, shape: "SCALAR", size: 4 };
@@ -265,6 +306,12 @@ fn primitive(draft: &mut Draft, patch: &Patch) -> Value {
         own["material"] = json!(look);
     }
     own
+}
+
+/// The first set, if there is one, and further ones, with their numbers.
+fn numbered<'a, T>(first: &'a [T], more: &'a [Vec<T>]) -> impl Iterator<Item = (&'a [T], usize)> {
+    let first = Some(first).filter(|set| !set.is_empty());
+    first.into_iter().chain(more.iter().map(Vec::as_slice)).zip(0..)
 }
 
 /// An accessor of what is added to `count` positions, with those alone that are moved.
@@ -346,7 +393,7 @@ mod tests {
         let picture = |name: &str| Picture { name: name.into(), bytes: Vec::new() };
         let patches = vec![patch(0, true), patch(0, false), patch(1, false), patch(2, false), patch(1, false)];
         let mut model = Model {
-            objects: vec![Object { name: String::new(), patches, shapes: Vec::new() }],
+            objects: vec![Object { name: String::new(), group: None, patches, shapes: Vec::new() }],
             looks: vec![look(Some(1)), look(Some(0)), look(None)],
             pictures: vec![picture("hidden"), picture("shown")],
             ..Model::default()

@@ -189,10 +189,13 @@ pub(super) fn hang(draft: &mut Draft, nodes: &Nodes, node: usize, on: usize) {
         let columns = [x, y, z, back.translation.extend(1.0)].map(|column| column.as_vec4().to_array());
         draft.list_mut("nodes")[node]["matrix"] = json!(columns.as_flattened());
     }
-    let own = &mut draft.list_mut("nodes")[on];
-    match own.get_mut("children").and_then(Value::as_array_mut) {
-        Some(children) => children.push(json!(node)),
-        None => own["children"] = json!([node]),
+    add_child(&mut draft.list_mut("nodes")[on], node);
+}
+
+pub(super) fn add_child(node: &mut Value, child: usize) {
+    match node.get_mut("children").and_then(Value::as_array_mut) {
+        Some(children) => children.push(json!(child)),
+        None => node["children"] = json!([child]),
     }
 }
 
