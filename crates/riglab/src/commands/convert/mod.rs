@@ -32,6 +32,7 @@ use riglab_report::counted;
 /// which; npz, txt and a corpus' h5 need --to. A folder or a file of several assets goes into a folder, a file an
 /// asset, or into one file of a format that holds several. Z up becomes Y up and back by the formats.
 /// glTF and VRM become a GLB with all they had: materials, pictures, morph targets, motions, extensions.
+/// An FBX holds mesh, skeleton and weights alone: no materials, texture coordinates, normals or motions.
 /// Anything a format cannot hold is reported on standard error. A corpus is written as its assets; a manifest.json and a
 /// split.json beside them, where none are yet, say what it knows of sources, licences, categories and splits.
 #[derive(clap::Args)]

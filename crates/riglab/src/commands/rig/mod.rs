@@ -304,7 +304,8 @@ fn jobs(input: &Path, out: &Path) -> Result<Jobs> {
         // A VRM is a GLB by another name.
         if !(ends(&to, "glb") || ends(&to, "vrm") && ends(input, "vrm")) {
             bail!(
-                "{}: only GLB is written, and VRM of a VRM; name it .glb (`riglab convert` makes FBX and others of it)",
+                "{}: only GLB is written, and VRM of a VRM; name it .glb (`riglab convert` then makes other formats of \
+                 it; an FBX of its holds mesh, skeleton and weights, no materials or pictures)",
                 to.display()
             );
         }
