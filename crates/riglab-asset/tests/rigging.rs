@@ -515,12 +515,23 @@ fn blend_shapes_that_are_shown_are_looked_at_or_told() {
         let notes = subject.notes().iter().filter(|note| matches!(note, SubjectNote::Shaped(_)));
         notes.map(ToString::to_string).collect()
     };
-    let (plain, shaped, kept) = (read(&[0.0, 0.0], false), read(&[0.5, 0.25], false), read(&[0.0, 0.5], true));
-    assert!(told(&plain).is_empty() && told(&shaped).is_empty());
-    assert!(told(&kept)[0].starts_with("`face` is shown with blend shapes at 1 of 2"), "{:?}", told(&kept));
+    let (plain, shaped, kept) = (read(&[0.0, 0.0], false), read(&[0.5, 0.25], false), read(&[0.5, 0.25], true));
+    assert!([&plain, &shaped, &kept].iter().all(|subject| told(subject).is_empty()));
     let mut wanted = plain.mesh().positions().to_vec();
     wanted[2][1] += 3.0;
-    assert_eq!((shaped.mesh().positions(), kept.mesh().positions()), (&wanted[..], plain.mesh().positions()));
+    assert_eq!((shaped.mesh().positions(), kept.mesh().positions()), (&wanted[..], &wanted[..]));
+    // One that cannot be applied, as it is no list of vectors, is told.
+    let mut broken = tiny.clone().with("/meshes/0/weights", json!([0.0, 0.5]));
+    broken.document["meshes"][0]["primitives"][0]["targets"][1]["POSITION"] = json!(common::INVERSE_BIND);
+    let broken = Subject::from_bytes("a.glb", &broken.glb(), None, &SubjectOptions::default()).unwrap();
+    assert!(told(&broken)[0].starts_with("`face` is shown with blend shapes at 1 of 2"), "{:?}", told(&broken));
+
+    // A kept rig is written on what is stored.
+    let rig =
+        kept.rigged(kept.old_rig().unwrap().skeleton().clone(), kept.old_rig().unwrap().weights().clone()).unwrap();
+    let bytes = kept.attach(&rig, &all_influences()).unwrap().bytes;
+    let again = import_bytes("a.glb", &bytes, &ImportOptions::default()).unwrap();
+    assert_eq!((again.mesh().positions(), again.reading.shaped.len()), (plain.mesh().positions(), 1));
 
     // What is stored stays, and so do the shapes: the file shows them once.
     let written = shaped.attach(&on_one_joint(&shaped, [0.5, 4.0, 0.0]), &all_influences()).unwrap().bytes;

@@ -42,7 +42,7 @@ impl Default for SubjectOptions {
 /// A model to be rigged: a mesh in riglab's axes (y up, as glTF), and all it takes to write the file again with a
 /// rig for that mesh.
 ///
-/// Units are those of the file. Without a rig that is kept, blend shapes are applied as the file shows them. Vertices that no triangle uses are left out, and so are triangles that name
+/// Units are those of the file. Blend shapes are applied as the file shows them. Vertices that no triangle uses are left out, and so are triangles that name
 /// a vertex twice; triangles without area stay.
 #[derive(Clone, Debug)]
 pub struct Subject {
@@ -223,7 +223,7 @@ impl Subject {
         }
         // Looked at as the file shows it; the rig is for what is stored.
         let mut looks = None;
-        if !options.keep_rig && !imported.reading.shaped.is_empty() {
+        if !imported.reading.shaped.is_empty() {
             let shown = import_from(path, &document, beside, &ImportOptions { shaped: true, ..keeps });
             let whole = |shown: &Imported| {
                 shown.reading.shaped.is_empty() && shown.mesh().triangles() == imported.mesh().triangles()
