@@ -325,6 +325,13 @@ fn what_cannot_be_rigged_is_told() {
         assert!(said.contains(wanted), "{args:?}: {said}");
         assert!(!out.exists());
     }
+    // As a line of JSON, too, whatever it is.
+    for wrong in [["--template", "cat"], ["--names", "vrm"]] {
+        let args = [&["rig", text(&bare), "-o", text(&out), "--json"][..], &wrong].concat();
+        let args = if wrong[0] == "--names" { [&args[..], &["--skeleton", "keep"]].concat() } else { args };
+        let said: Value = serde_json::from_slice(&riglab(&args).output().unwrap().stdout).unwrap();
+        assert!(said["file"] == text(&bare) && said["error"].is_string(), "{said}");
+    }
     // What is wrong for all models of a folder is told once, before the first.
     let (all, out) = (bare.parent().unwrap(), path("all"));
     fs::copy(&bare, all.join("again.glb")).unwrap();

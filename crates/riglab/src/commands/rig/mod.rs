@@ -195,8 +195,26 @@ impl Bones {
 }
 
 pub fn rig(args: &RigArgs, threads: usize) -> Result<ExitCode> {
+    told(&args.common, || run(&args.common, &bones(args)?, args.weights.as_deref(), threads))
+}
+
+pub fn skin(args: &SkinArgs, threads: usize) -> Result<ExitCode> {
+    let bones = Bones::Given { from: Given::of(&args.skeleton), complete: false };
+    told(&args.common, || run(&args.common, &bones, None, threads))
+}
+
+/// With --json, what ends all is a line of it, too.
+fn told(args: &Common, work: impl FnOnce() -> Result<ExitCode>) -> Result<ExitCode> {
+    work().inspect_err(|e| {
+        if args.json {
+            say!("{}", serde_json::json!({ "file": args.input.to_string_lossy(), "error": format!("{e:#}") }));
+        }
+    })
+}
+
+fn bones(args: &RigArgs) -> Result<Bones> {
     let predict = is_word(&args.skeleton, "predict");
-    let bones = match args.skeleton.as_str() {
+    Ok(match args.skeleton.as_str() {
         _ if predict && args.complete => {
             bail!(
                 "--complete adds joints to a skeleton that is given: say which with --skeleton keep or --skeleton FILE"
@@ -211,12 +229,7 @@ pub fn rig(args: &RigArgs, threads: usize) -> Result<ExitCode> {
             bail!("--complete takes the joints that draws agree on; leave --rank out")
         }
         given => Bones::Given { from: Given::of(given), complete: args.complete },
-    };
-    run(&args.common, &bones, args.weights.as_deref(), threads)
-}
-
-pub fn skin(args: &SkinArgs, threads: usize) -> Result<ExitCode> {
-    run(&args.common, &Bones::Given { from: Given::of(&args.skeleton), complete: false }, None, threads)
+    })
 }
 
 impl Common {
@@ -257,11 +270,7 @@ fn run(args: &Common, bones: &Bones, weights: Option<&Path>, threads: usize) -> 
     tell!("model: {}, {} steps{by}{hint}", model.card.name, model.card.state.step);
     if !args.input.is_dir() {
         let (from, to) = &jobs[0];
-        let done = one::rig(args, bones, &model, from, to);
-        if let (Err(e), true) = (&done, args.json) {
-            say!("{}", serde_json::json!({ "file": from.to_string_lossy(), "error": format!("{e:#}") }));
-        }
-        return done.map(|()| ExitCode::SUCCESS);
+        return one::rig(args, bones, &model, from, to).map(|()| ExitCode::SUCCESS);
     }
     if args.json {
         for (path, why) in &skipped {
