@@ -269,12 +269,22 @@ fn a_folder_is_rigged_file_by_file() {
     let made: Vec<PathBuf> = fs::read_dir(&out).unwrap().map(|e| e.unwrap().path()).collect();
     assert_eq!(made.len(), 2);
     made.iter().for_each(|file| drop(sound(file)));
+    // Begun again, it goes on where it was.
+    fs::remove_file(&made[0]).unwrap();
+    let few = ["--samples", "1", "--skins", "1"];
+    let again = [&["rig", text(&input), "-o", text(&out), "--skip-existing"][..], &few].concat();
+    let kept = fs::metadata(&made[1]).unwrap().modified().unwrap();
+    let said = String::from_utf8(riglab(&again).output().unwrap().stdout).unwrap();
+    assert!(said.contains("1 rigged") && said.contains("1 already there"), "{said}");
+    assert!(made[0].exists() && fs::metadata(&made[1]).unwrap().modified().unwrap() == kept);
+    let one = dir.path().join("one.glb");
+    let said = refusal(&mut riglab(&["rig", text(&made[0]), "-o", text(&one), "--skip-existing"]));
+    assert!(said.contains("is for a folder of models"), "{said}");
     // A name that is no UTF-8 ends neither the folder nor its lines.
     let odd = <std::ffi::OsStr as std::os::unix::ffi::OsStrExt>::from_bytes(b"l\xfc.glb");
     let first = fs::read_dir(&input).unwrap().map(|e| e.unwrap().path()).find(|p| !p.ends_with("broken.obj")).unwrap();
     fs::rename(first, input.join(odd)).unwrap();
     std::os::unix::fs::symlink("nowhere", input.join("dangling.glb")).unwrap();
-    let few = ["--samples", "1", "--skins", "1"];
     let said =
         riglab(&[&["rig", text(&input), "-o", text(&out), "--json"][..], &few].concat()).output().unwrap().stdout;
     let all: Vec<Value> = String::from_utf8(said).unwrap().lines().map(|l| serde_json::from_str(l).unwrap()).collect();

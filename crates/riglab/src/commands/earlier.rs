@@ -59,7 +59,7 @@ impl Written {
     }
 
     /// Whether a file is one: large ones are known by how they begin.
-    fn is_at(self, path: &Path) -> bool {
+    pub fn is_at(self, path: &Path) -> bool {
         let begins = |magic: &[u8]| {
             let mut start = Vec::new();
             let read = std::fs::File::open(path).and_then(|f| f.take(magic.len() as u64).read_to_end(&mut start));

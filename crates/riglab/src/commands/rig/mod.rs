@@ -37,6 +37,7 @@ Examples:
   riglab rig avatar.glb -o rigged.glb --skeleton bones_of.glb
   riglab rig dragon.glb -o rigged.glb --skeleton spine_and_wings.txt --complete
   riglab rig models/ -o rigged/
+  riglab rig models/ -o rigged/ --skip-existing
   riglab rig fox.obj -o fox.glb --checkpoint runs/tokenrig/001
   riglab rig fox.obj -o fox.glb --checkpoint runs/unirig_skeleton/001 --weights runs/unirig_skin/001")]
 pub struct RigArgs {
@@ -135,6 +136,10 @@ struct Common {
     /// Add a short motion that bends every joint, to see whether the rig works.
     #[arg(long)]
     preview: bool,
+    /// Of a folder: leave models out whose GLB is there already, as after a run that was interrupted, which leaves no file
+    /// half-written. With what options it was made is not asked.
+    #[arg(long)]
+    skip_existing: bool,
     /// Print a line of JSON per file to standard output: what was made, or why it was left out or skipped.
     #[arg(long)]
     json: bool,
@@ -245,8 +250,14 @@ fn run(args: &Common, bones: &Bones, weights: Option<&Path>, threads: usize) -> 
     if args.skeleton_up.is_some() && !matches!(bones, Bones::Given { from: Given::File(_), .. }) {
         bail!("--skeleton-up is about the file of --skeleton FILE, which is not given");
     }
-    let (jobs, skipped) = jobs(&args.input, &args.out)?;
+    if args.skip_existing && !args.input.is_dir() {
+        bail!("--skip-existing is for a folder of models, and {} is none; leave it out", args.input.display());
+    }
+    let (jobs, mut skipped) = jobs(&args.input, &args.out)?;
     jobs.iter().try_for_each(|(_, to)| keep_others(to, Written::Glb))?;
+    let (there, jobs): (Vec<_>, Vec<_>) =
+        jobs.into_iter().partition(|(_, to)| args.skip_existing && Written::Glb.is_at(to));
+    skipped.extend(there.iter().map(|(from, to)| (from.clone(), format!("{} is there already", to.display()))));
     let into = if args.input.is_dir() { Some(args.out.as_path()) } else { jobs[0].1.parent() };
     let remedy = "give --out a place where you may write, or make this one so";
     into.map_or(Ok(()), riglab_files::may_write).map_err(|e| anyhow!("nothing can be written into {e}; {remedy}"))?;
@@ -290,7 +301,8 @@ fn run(args: &Common, bones: &Bones, weights: Option<&Path>, threads: usize) -> 
         progress.set(done as u64 + 1, String::new);
     }
     progress.finish();
-    let counts = format!("{} rigged in {}, {failed} left out", jobs.len() - failed, args.out.display());
+    let earlier = if there.is_empty() { String::new() } else { format!(", {} already there", there.len()) };
+    let counts = format!("{} rigged in {}, {failed} left out{earlier}", jobs.len() - failed, args.out.display());
     // What reads lines of JSON is told each failure as one.
     if args.json {
         tell!("{counts}")
