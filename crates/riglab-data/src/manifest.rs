@@ -4,20 +4,43 @@ use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::path::Path;
 
 use riglab_core::Provenance;
-use serde::Deserialize;
+use serde::{Deserialize, Deserializer};
 use serde_json::Value;
 
-use crate::words::{nearest, some_of};
+use crate::words::{listed_name, nearest, some_of, without_mark};
 
 /// What may be said of each file; all of it optional but the name.
-#[derive(Default, Deserialize)]
+#[derive(Default, PartialEq, Deserialize)]
 #[serde(default)]
 struct Entry {
+    #[serde(deserialize_with = "text")]
     file: String,
+    #[serde(deserialize_with = "text")]
     source: String,
+    #[serde(deserialize_with = "text")]
     licence: String,
+    #[serde(deserialize_with = "text")]
     author: String,
+    #[serde(deserialize_with = "text")]
     category: String,
+}
+
+/// A text; null says as little as an empty one.
+fn text<'de, D: Deserializer<'de>>(value: D) -> Result<String, D::Error> {
+    Option::<String>::deserialize(value).map(Option::unwrap_or_default)
+}
+
+impl Entry {
+    /// The first thing that two entries of one file say differently: its key, and what each says.
+    fn contradicts<'a>(&'a self, other: &'a Self) -> Option<(&'static str, &'a str, &'a str)> {
+        let all = [
+            ("licence", &self.licence, &other.licence),
+            ("author", &self.author, &other.author),
+            ("source", &self.source, &other.source),
+            ("category", &self.category, &other.category),
+        ];
+        all.into_iter().find(|(_, a, b)| a != b).map(|(key, a, b)| (key, a.as_str(), b.as_str()))
+    }
 }
 
 const KEYS: [&str; 5] = ["file", "source", "licence", "author", "category"];
@@ -41,7 +64,7 @@ impl Manifest {
             read => read.map_err(|e| e.to_string()),
         };
         let place = place.display();
-        match bytes.and_then(|b| serde_json::from_slice::<Vec<Value>>(&b).map_err(|e| e.to_string())) {
+        match bytes.and_then(|b| serde_json::from_slice::<Vec<Value>>(without_mark(&b)).map_err(|e| e.to_string())) {
             Ok(entries) => Self::of(entries, &place.to_string()),
             Err(e) => {
                 let told = vec![format!("{place} is left out ({e}): no licences or authors from it")];
@@ -53,6 +76,7 @@ impl Manifest {
     fn of(entries: Vec<Value>, place: &str) -> Self {
         let mut new = Self::default();
         let (mut wrong, mut unnamed, mut mistyped) = (Vec::new(), 0, BTreeSet::new());
+        let mut twice = Vec::new();
         for (number, value) in entries.into_iter().enumerate() {
             // A key is mistyped where the entry lacks the one that it is like: others are somebody's own.
             if let Some(keys) = value.as_object() {
@@ -61,7 +85,14 @@ impl Manifest {
             }
             match serde_json::from_value::<Entry>(value) {
                 Ok(entry) if entry.file.is_empty() => unnamed += 1,
-                Ok(entry) => drop(new.of.insert(entry.file.clone(), entry)),
+                Ok(mut entry) => {
+                    entry.file = listed_name(&entry.file).to_owned();
+                    let name = entry.file.clone();
+                    let other = new.of.insert(name.clone(), entry);
+                    if let Some((key, a, b)) = other.as_ref().and_then(|other| other.contradicts(&new.of[&name])) {
+                        twice.push(format!("`{name}` (`{key}` is `{a}` and then `{b}`)"));
+                    }
+                }
                 Err(e) => wrong.push(format!("{number} ({e})")),
             }
         }
@@ -73,6 +104,12 @@ impl Manifest {
         if unnamed > 0 {
             let entries = if unnamed == 1 { "entry names" } else { "entries name" };
             new.told.push(format!("{place}: {unnamed} {entries} no file (key `file`) and were ignored"));
+        }
+        if let Some(first) = twice.first() {
+            let more = if twice.len() > 1 { format!(" and {} more", twice.len() - 1) } else { String::new() };
+            new.told.push(format!(
+                "{place}: entries of one file say different things, and the last counts: {first}{more}; keep one of them"
+            ));
         }
         for (key, near) in mistyped {
             new.told.push(format!("{place}: the key `{key}` means nothing here; did you mean `{near}`?"));
@@ -161,6 +198,26 @@ mod tests {
         assert!(told[0].contains("2 entries are of a wrong form") && told[0].contains("the first: 0 ("), "{told:?}");
         assert!(told[1].contains("1 entry names no file"), "{told:?}");
         assert!(of("{}").told()[0].contains("manifest.json is left out"));
+    }
+
+    #[test]
+    fn two_entries_of_a_file_that_differ_are_told() {
+        let twice = |licence: &str| {
+            let entries = format!(r#"[{{"file": "a", "licence": "MIT"}}, {{"file": "./a", "licence": "{licence}"}}]"#);
+            of(&entries).told().concat()
+        };
+        assert_eq!(twice("MIT"), "");
+        let told = twice("CC-BY-NC-4.0");
+        assert!(told.contains("`a` (`licence` is `MIT` and then `CC-BY-NC-4.0`)"), "{told}");
+    }
+
+    #[test]
+    fn nulls_steps_to_the_same_folder_and_byte_order_marks_cost_nothing() {
+        let manifest = of("\u{feff}[{\"file\": \"./a/b\", \"licence\": \"MIT\", \"author\": null}]");
+        let mut from = Provenance { author: "file's own".into(), ..Provenance::default() };
+        manifest.describe("a/b", "a/b", &mut from);
+        assert_eq!((from.licence.as_str(), from.author.as_str()), ("MIT", "file's own"));
+        assert!(manifest.told().is_empty() && manifest.strangers(|name| name == "a/b").is_none());
     }
 
     #[test]

@@ -8,7 +8,7 @@ use riglab_random::{Draw, stream};
 
 use crate::DataError;
 use crate::copies::firsts;
-use crate::words::{nearest, some_of};
+use crate::words::{listed_name, nearest, some_of, without_mark};
 
 /// The names of splits that evaluation knows: trained on, chosen by, tested on with skeletons of
 /// known and of new topology.
@@ -50,12 +50,15 @@ impl Splitter {
     /// [`DataError::BadSplit`].
     pub fn read(path: &Path) -> Result<Self, DataError> {
         let bad = |message: String| DataError::BadSplit { path: path.into(), message };
-        let text = std::fs::read_to_string(path).map_err(|e| bad(e.to_string()))?;
-        let lists: BTreeMap<String, Vec<String>> = serde_json::from_str(&text).map_err(|e| bad(e.to_string()))?;
+        let bytes = std::fs::read(path).map_err(|e| bad(e.to_string()))?;
+        let lists: BTreeMap<String, Vec<String>> =
+            serde_json::from_slice(without_mark(&bytes)).map_err(|e| bad(e.to_string()))?;
         let mut of = HashMap::new();
         for (split, names) in lists {
             for name in names {
-                if let Some(other) = of.insert(name.clone(), split.clone()) {
+                let name = listed_name(&name).to_owned();
+                // Twice in one list is once too often, but no question.
+                if let Some(other) = of.insert(name.clone(), split.clone()).filter(|other| *other != split) {
                     return Err(bad(format!("`{name}` is in `{other}` and in `{split}`")));
                 }
             }
@@ -325,7 +328,8 @@ mod tests {
         assert!(Splitter::read(&path).err().unwrap().to_string().contains("`a` is in"));
         std::fs::write(&path, "[]").unwrap();
         assert!(Splitter::read(&path).is_err());
-        std::fs::write(&path, r#"{"train": ["a"], "val": ["b"]}"#).unwrap();
+        // As some editors write it: with a byte order mark, and a name twice.
+        std::fs::write(&path, "\u{feff}{\"train\": [\"a\", \"./a\"], \"val\": [\"b\"]}").unwrap();
         let all = [("a".to_string(), 0), ("b".to_string(), 0), ("c".to_string(), 0)];
         assert_eq!(Splitter::read(&path).unwrap().assign(&all), ["train", "val", ""]);
     }

@@ -1,4 +1,4 @@
-//! Words for what was mistyped.
+//! Words of lists that people write: what was mistyped, and what stands for the same.
 
 /// How many names a sentence lists.
 const LISTED: usize = 6;
@@ -21,6 +21,19 @@ pub(crate) fn some_of<'a>(names: impl IntoIterator<Item = &'a str>) -> String {
     shown.join(", ") + &if more > 0 { format!(" and {more} more") } else { String::new() }
 }
 
+/// The name that a list means by one: `./a.glb` is `a.glb`.
+pub(crate) fn listed_name(mut name: &str) -> &str {
+    while let Some(rest) = name.strip_prefix("./") {
+        name = rest.trim_start_matches('/');
+    }
+    name
+}
+
+/// A text without the byte order mark that some editors put before it.
+pub(crate) fn without_mark(bytes: &[u8]) -> &[u8] {
+    bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -31,6 +44,11 @@ mod tests {
         let of = |word| nearest(word, &known);
         assert_eq!((of("license"), of("File"), of("athor")), (Some("licence"), Some("file"), Some("author")));
         assert_eq!((of("file"), of("vertices")), (None, None));
+    }
+
+    #[test]
+    fn names_of_lists_are_paths_below_the_folder() {
+        assert_eq!(["./a", ".//./a/./b", ".a", "../a"].map(listed_name), ["a", "a/./b", ".a", "../a"]);
     }
 
     #[test]
