@@ -56,6 +56,16 @@ pub enum CurateError {
     /// A corpus that is to be merged as a shard, without the journal of its curation.
     #[error("{path}: there is no journal of a curation; --merge takes the corpora of `riglab curate --shard`, with what it wrote beside them: `riglab dataset merge` takes any", path = .0.display())]
     NoJournal(PathBuf),
+    /// Two assets of one name that are not of one file.
+    #[error("{first} and {second} each have an asset `{name}`, of different files; --merge takes the shards of one folder: `riglab dataset merge --prefix` takes the corpora of several, or curate a folder that holds both", first = first.display(), second = second.display())]
+    Unlike {
+        /// The asset.
+        name: String,
+        /// One corpus.
+        first: PathBuf,
+        /// Another.
+        second: PathBuf,
+    },
     /// Files that were others when they were read for the second time.
     #[error("{path}: {count} changed while they were curated, `{first}` for one; run the same command again", path = path.display())]
     Changed {

@@ -190,13 +190,24 @@ pub fn records(path: &Path) -> Result<Vec<Record>, CurateError> {
     Ok(held.done.into_values().flat_map(|(_, records)| records).collect())
 }
 
+/// What a journal says of the settings by which files were looked at: a text that is equal for equal ones. Empty where it
+/// cannot be read.
+pub fn settings(path: &Path) -> String {
+    let mut first = String::new();
+    let _ = File::open(path).and_then(|file| BufReader::new(file).read_line(&mut first));
+    match serde_json::from_str(&first) {
+        Ok(Line::Head { config, .. }) => config,
+        _ => String::new(),
+    }
+}
+
 /// A whole journal of records that were looked at elsewhere, for whoever merges them again. A curation of the files looks at
-/// them itself: no file is as old and as long as these say.
-pub fn text(records: &[Record], config: &CurateConfig) -> String {
+/// them itself: no file is as old and as long as these say. `config` is what [`settings`] is to say of it.
+pub fn text(records: &[Record], config: &str) -> String {
     let mut files: BTreeMap<&str, Vec<&Record>> = BTreeMap::new();
     records.iter().for_each(|record| files.entry(&record.file).or_default().push(record));
     let stamp = Stamp { bytes: 0, modified_ns: 0, said: 0 };
-    let mut text = line(&Line::Head { version: VERSION, config: key(config) });
+    let mut text = line(&Line::Head { version: VERSION, config: config.into() });
     for (file, own) in files {
         own.into_iter().for_each(|record| text += &line(&Line::Asset(Box::new(record.clone()))));
         text += &line(&Line::Done { file: file.into(), stamp });
@@ -245,7 +256,7 @@ fn read(file: &mut File, key: Option<&str>) -> std::io::Result<(Held, u64)> {
 }
 
 /// What records depend on.
-fn key(config: &CurateConfig) -> String {
+pub fn key(config: &CurateConfig) -> String {
     let c = config;
     let parts = (&c.import, &c.repair, &c.stages, &c.bones, &c.tree, &c.weights, &c.size, &c.objects);
     let all = (parts, &c.outside, &c.humanoid, env!("CARGO_PKG_VERSION"));
@@ -292,7 +303,8 @@ mod tests {
         let dir = tempfile::tempdir().unwrap();
         let (path, config) = (dir.path().join("journal.jsonl"), CurateConfig::default());
         let all = [record("a.glb", "a.glb"), record("set.npz#1", "set.npz"), record("set.npz#2", "set.npz")];
-        std::fs::write(&path, text(&all, &config)).unwrap();
+        std::fs::write(&path, text(&all, &key(&config))).unwrap();
+        assert_eq!(settings(&path), key(&config));
         let mut held = records(&path).unwrap();
         held.sort_by(|a, b| a.name.cmp(&b.name));
         assert_eq!(held, all);

@@ -1,24 +1,25 @@
-//! A curation from a folder, or from the corpora of its shards, to a corpus and its report.
+//! A curation from a folder to a corpus and its report.
 
-use std::collections::{BTreeMap, HashMap, HashSet};
+use std::collections::{HashMap, HashSet};
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use rayon::prelude::*;
-use riglab_data::{Corpus, CorpusWriter, Splitter};
+use riglab_data::{CorpusWriter, Splitter};
 use serde::{Deserialize, Serialize};
 
 use crate::config::{CurateConfig, SplitBy};
 use crate::decisions::Decisions;
 use crate::funnel::Funnel;
-use crate::journal::{Journal, Stamp, records, text};
+use crate::journal::{Journal, Stamp};
 use crate::judge::{Judged, judge_part};
 use crate::label::label;
 use crate::pictures::Pictures;
 use crate::read::{Folder, Found};
 use crate::record::Record;
+use crate::shards::SHARD;
 use crate::source::Source;
 use crate::store::store;
 use crate::{CurateError, report};
@@ -82,6 +83,9 @@ impl Places {
     }
 }
 
+/// Shards without a file that are named at most.
+const EMPTY: usize = 1 << 16;
+
 /// What a run tells while it goes: what it does, how much of it is done, and of how much.
 pub type Tell<'a> = &'a (dyn Fn(&str, usize, usize) + Sync);
 
@@ -127,7 +131,7 @@ pub fn curate(
 }
 
 /// Makes the folder beside the corpus, if the corpus may be where it is to be: told before hours of work, not after them.
-fn begin(places: &Places) -> Result<(), CurateError> {
+pub(crate) fn begin(places: &Places) -> Result<(), CurateError> {
     if places.out == places.work {
         let message = "is the name of the folder beside the corpus; give the corpus another, such as corpus.h5".into();
         return Err(CurateError::Io { path: places.out.clone(), message });
@@ -136,99 +140,6 @@ fn begin(places: &Places) -> Result<(), CurateError> {
     let folder = places.out.parent().unwrap_or(Path::new(""));
     riglab_files::may_write(folder).map_err(|e| CurateError::write(&places.out, &e))?;
     std::fs::create_dir_all(&places.work).map_err(|e| CurateError::write(&places.work, &e))
-}
-
-/// Whether a curation has looked at all its files, and nothing passed: it has a report and no corpus.
-pub fn nothing_left(places: &Places) -> bool {
-    let text = std::fs::read_to_string(places.funnel()).unwrap_or_default();
-    let funnel: serde_json::Value = serde_json::from_str(&text).unwrap_or_default();
-    !places.out.exists() && funnel["kept"] == 0
-}
-
-/// Makes one corpus of the corpora that the shards of a folder gave, without the duplicates between them. One of which
-/// nothing passed has none, and counts with what was dropped. What is made can be merged with others in its turn.
-///
-/// The assets of the corpora in `keep` keep their splits; the others get theirs as the config says, among themselves.
-///
-/// # Errors
-/// As [`curate`], and when a corpus has no journal beside it.
-pub fn merge_shards(
-    corpora: &[PathBuf],
-    keep: &[PathBuf],
-    places: &Places,
-    config: &CurateConfig,
-    tell: Tell,
-) -> Result<Funnel, CurateError> {
-    begin(places)?;
-    if let Some(missing) = missing(corpora) {
-        tell(&missing, 0, 0);
-    }
-    let (mut all, mut open) = (BTreeMap::new(), Vec::new());
-    let mut splits = HashMap::new();
-    for path in corpora {
-        let corpus = if nothing_left(&Places::of(path)) { None } else { Some(Corpus::open(path)?) };
-        for record in records(&Places::of(path).journal())? {
-            all.insert(record.name.clone(), record);
-        }
-        if let Some(corpus) = corpus.as_ref().filter(|_| keep.contains(path)) {
-            splits.extend(corpus.names()?.iter().cloned().zip(corpus.texts("split")?));
-        }
-        open.extend(corpus);
-        take_answers(&Places::of(path).work.join("answers"), &places.work.join("answers"))?;
-    }
-    let all: Vec<Record> = all.into_values().collect();
-    let done = finish(&Source::Corpora(&open, &splits), &all, places, None, config, tell);
-    if matches!(done, Ok(_) | Err(CurateError::NothingLeft { .. })) {
-        store(&places.journal(), text(&all, config).as_bytes())?;
-        let there: Vec<Shard> = corpora.iter().flat_map(|path| shards(path)).collect();
-        store(&places.work.join(SHARD), &serde_json::to_vec(&there).unwrap_or_default())?;
-    }
-    done
-}
-
-/// Those corpora of curations whose splits a list gave, as their reports say.
-pub fn listed(corpora: &[PathBuf]) -> Vec<PathBuf> {
-    let by_list = |path: &&PathBuf| {
-        let text = std::fs::read(Places::of(path).funnel()).ok();
-        let funnel: Option<Funnel> = text.and_then(|text| serde_json::from_slice(&text).ok());
-        funnel.is_some_and(|funnel| funnel.split_by == SplitBy::List)
-    };
-    corpora.iter().filter(by_list).cloned().collect()
-}
-
-/// The file beside a corpus that says which shards it is of.
-const SHARD: &str = "shard.json";
-/// Shards without a file that it names at most.
-const EMPTY: usize = 1 << 16;
-
-/// The shards that a corpus is of, as far as that is said.
-fn shards(corpus: &Path) -> Vec<Shard> {
-    let text = std::fs::read(Places::of(corpus).work.join(SHARD)).unwrap_or_default();
-    // Earlier there was one.
-    let one = || serde_json::from_slice(&text).map_or(Vec::new(), |one| vec![one]);
-    serde_json::from_slice(&text).unwrap_or_else(|_| one())
-}
-
-/// Tells which shards are not among these, as far as they say of how many they are.
-fn missing(corpora: &[PathBuf]) -> Option<String> {
-    let there: Vec<Shard> = corpora.iter().flat_map(|path| shards(path)).collect();
-    let of = there.first()?.of;
-    let known: HashSet<u64> = there.iter().filter(|shard| shard.of == of).map(|shard| shard.number).collect();
-    let lacking = (1..=of).filter(|number| !known.contains(number));
-    let lacking: Vec<String> = lacking.map(|number| format!("{number}/{of}")).collect();
-    let (is, s) = if lacking.len() == 1 { ("is", "") } else { ("are", "s") };
-    (!lacking.is_empty()).then(|| format!("shard{s} {} {is} missing: the corpus is not whole", lacking.join(", ")))
-}
-
-/// Takes over answers that shards have paid for.
-fn take_answers(from: &Path, to: &Path) -> Result<(), CurateError> {
-    let Ok(entries) = std::fs::read_dir(from) else { return Ok(()) };
-    std::fs::create_dir_all(to).map_err(|e| CurateError::write(to, &e))?;
-    for entry in entries.flatten().filter(|e| e.path().extension().is_some_and(|e| e == "json")) {
-        let bytes = std::fs::read(entry.path()).map_err(|e| CurateError::io(&entry.path(), e))?;
-        store(&to.join(entry.file_name()), &bytes)?;
-    }
-    Ok(())
 }
 
 /// Looks at all files, those of the journal excepted.
@@ -330,7 +241,7 @@ fn look_at(
 }
 
 /// From records to corpus and report.
-fn finish(
+pub(crate) fn finish(
     source: &Source,
     records: &[Record],
     places: &Places,
@@ -462,27 +373,4 @@ fn write(
         written.iter().map(|name| split_of.get(name.as_str()).map_or(String::new(), |s| (*s).clone())).collect();
     writer.finish(&of)?;
     Ok(())
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn shards_that_are_not_there_are_told() {
-        let dir = tempfile::tempdir().unwrap();
-        let part = |number: u64, of: u64| {
-            let path = dir.path().join(format!("part{number}.h5"));
-            let work = Places::of(&path).work;
-            std::fs::create_dir_all(&work).unwrap();
-            std::fs::write(work.join(SHARD), serde_json::to_vec(&Shard { number, of }).unwrap()).unwrap();
-            path
-        };
-        let parts: Vec<PathBuf> = (1..=4).map(|number| part(number, 4)).collect();
-        assert_eq!(missing(&parts), None);
-        let told = missing(&parts[1..3]).unwrap();
-        assert!(told.contains("1/4, 4/4 are missing"), "{told}");
-        // What does not say that it is a shard is asked nothing.
-        assert_eq!(missing(&[dir.path().join("whole.h5")]), None);
-    }
 }

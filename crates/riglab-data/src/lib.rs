@@ -37,7 +37,7 @@ pub use manifest::Manifest;
 pub use merge::{Member, MergeReport, Repeated, merge};
 pub use mixture::Mixture;
 pub use reader::{Corpus, Fault};
-pub use rewrite::{Place, rewrite};
+pub use rewrite::{Place, rewrite, same};
 pub use riglab_asset::LONE_JOINT;
 pub use split::{SplitNames, Splitter};
 pub use stats::{Stats, stats};

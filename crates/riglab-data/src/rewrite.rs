@@ -51,7 +51,7 @@ pub fn rewrite(
 }
 
 /// Whether two paths lead to one file.
-pub(crate) fn same(a: &Path, b: &Path) -> bool {
+pub fn same(a: &Path, b: &Path) -> bool {
     matches!((a.canonicalize(), b.canonicalize()), (Ok(a), Ok(b)) if a == b)
 }
 
