@@ -82,16 +82,25 @@ pub enum CurateError {
     #[error("{path}: another curation is at work here; wait for it, or give another --out", path = .0.display())]
     Busy(PathBuf),
     /// Nothing passed all stages.
-    #[error("none of the {assets} assets passed; {report} says why", report = report.display())]
+    #[error("none of the {assets} assets passed; {report} says why{stays}", report = report.display(), stays = stays(.older.as_deref()))]
     NothingLeft {
         /// How many there were.
         assets: usize,
         /// The report.
         report: PathBuf,
+        /// The corpus of an earlier curation, which is still there.
+        older: Option<PathBuf>,
     },
     /// The report cannot be made.
     #[error(transparent)]
     Report(#[from] riglab_report::ReportError),
+}
+
+/// What is said of an older corpus beside a newer report.
+fn stays(older: Option<&Path>) -> String {
+    older.map_or_else(String::new, |corpus| {
+        format!("; {} is of an earlier curation and stays, though the report is not about it", corpus.display())
+    })
 }
 
 impl CurateError {

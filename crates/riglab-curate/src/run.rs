@@ -301,7 +301,11 @@ pub(crate) fn finish(
     store(&places.funnel(), &serde_json::to_vec_pretty(&funnel).unwrap_or_default())?;
     store(&places.report(), report::page(&funnel, &pictures, config).to_html()?.as_bytes())?;
     if kept.is_empty() {
-        return Err(CurateError::NothingLeft { assets: records.len(), report: places.report() });
+        return Err(CurateError::NothingLeft {
+            assets: records.len(),
+            report: places.report(),
+            older: places.out.exists().then(|| places.out.clone()),
+        });
     }
     Ok(funnel)
 }
