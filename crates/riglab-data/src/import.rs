@@ -275,7 +275,12 @@ fn asset(
     make: fn(Imported) -> Result<Asset, ImportError>,
 ) -> Result<Asset, ImportError> {
     let mut asset = make(imported)?;
-    manifest.describe(name, &name_below(folder, path), &mut asset.provenance);
+    let file = name_below(folder, path);
+    // How the folder was given is no property of the asset: corpora of one folder are equal, wherever it lies.
+    if let Some(part) = asset.provenance.source.strip_prefix(&*path.to_string_lossy()) {
+        asset.provenance.source = format!("{file}{part}");
+    }
+    manifest.describe(name, &file, &mut asset.provenance);
     asset.provenance.checksum = whole_checksum(path, &asset.provenance.checksum);
     asset.name = name.to_owned();
     Ok(asset)
@@ -355,6 +360,7 @@ mod tests {
         }
         let corpus = crate::Corpus::open(&out).unwrap();
         assert_eq!(corpus.names().unwrap(), ["a_rig.txt", "b_rig.txt", "set.npz#a", "set.npz#b"]);
+        assert_eq!(corpus.texts("source").unwrap(), ["a_rig.txt", "b_rig.txt", "set.npz#0", "set.npz#1"]);
         // One that is in its set twice gets a name of its own.
         let [a, b] = both;
         riglab_asset::write(&[a.clone(), a, b], &set, riglab_asset::Target::ARTICULATION_XL).unwrap();
