@@ -41,7 +41,8 @@ pub struct Member {
 /// keeps its split unless a splitter is given, which then splits all of them anew.
 ///
 /// Assets that are equal by their digest are written once. With `prefix`, the name of each corpus' file,
-/// without ending, and `/` is put before the names of its assets.
+/// without ending, and `/` is put before the names of its assets; where that is the name of several corpora, with the
+/// folders that tell them apart.
 ///
 /// # Errors
 /// [`DataError::DuplicateName`] for unlike assets of one name, [`DataError::NamedTwice`] where both are in one corpus, which
@@ -64,11 +65,8 @@ pub fn merge(
     let (mut splits, mut keys) = (Vec::new(), Vec::new());
     let mut seen: HashMap<String, Member> = HashMap::new();
     let mut done = 0;
-    for (corpus, path) in open.iter().zip(corpora) {
-        let before = match prefix {
-            true => format!("{}/", path.file_stem().unwrap_or_default().to_string_lossy()),
-            false => String::new(),
-        };
+    let before = if prefix { prefixes(corpora) } else { vec![String::new(); corpora.len()] };
+    for ((corpus, path), before) in open.iter().zip(corpora).zip(before) {
         let (digests, own) = (corpus.texts("digest")?, corpus.texts("split")?);
         let mut named = HashSet::new();
         for (index, (digest, split)) in digests.into_iter().zip(own).enumerate() {
@@ -99,6 +97,25 @@ pub fn merge(
     }
     writer.finish(&splits)?;
     Ok(report)
+}
+
+/// What is put before the names of each corpus' assets: as much of the end of its path as no other has.
+fn prefixes(corpora: &[PathBuf]) -> Vec<String> {
+    let whole = |path: &PathBuf| std::path::absolute(path).unwrap_or_else(|_| path.clone()).with_extension("");
+    let paths: Vec<Vec<String>> = corpora
+        .iter()
+        .map(|path| whole(path).iter().map(|step| step.to_string_lossy().into_owned()).collect())
+        .collect();
+    let end = |path: &[String], steps: usize| path[path.len().saturating_sub(steps)..].to_vec();
+    let of = |path: &Vec<String>| {
+        let alone = |steps: &usize| {
+            let own = end(path, *steps);
+            paths.iter().filter(|other| *other != path).all(|other| end(other, *steps) != own)
+        };
+        let steps = (1..path.len()).find(alone).unwrap_or(path.len());
+        end(path, steps).join("/") + "/"
+    };
+    paths.iter().map(of).collect()
 }
 
 /// Flips a bit of the first joint of a corpus' first asset.
@@ -182,6 +199,21 @@ mod tests {
         assert!(matches!(error, DataError::DuplicateName(name) if name == "x"));
         assert_eq!(Corpus::open(&out).unwrap().names().unwrap(), ["old"]);
         assert_eq!(merge(&[a, b], &out, true, None, |_| ()).unwrap().assets, 2);
+    }
+
+    #[test]
+    fn corpora_of_one_name_are_told_apart_by_their_folders() {
+        let dir = tempfile::tempdir().unwrap();
+        ["a", "b"].iter().for_each(|name| std::fs::create_dir(dir.path().join(name)).unwrap());
+        let at = |name: &str, place| written(dir.path().join(name), &[("x", place, "train")]);
+        let corpora = [at("a/c.h5", 0.0), at("b/c.h5", 1.0), at("a/d.v1.h5", 2.0)];
+        let out = dir.path().join("all.h5");
+        assert_eq!(merge(&corpora, &out, true, None, |_| ()).unwrap().assets, 3);
+        assert_eq!(Corpus::open(&out).unwrap().names().unwrap(), ["a/c/x", "b/c/x", "d.v1/x"]);
+        // One that is given twice is itself.
+        let twice = [corpora[0].clone(), corpora[0].clone()];
+        assert_eq!(merge(&twice, &out, true, None, |_| ()).unwrap().assets, 1);
+        assert_eq!(Corpus::open(&out).unwrap().names().unwrap(), ["c/x"]);
     }
 
     #[test]

@@ -121,7 +121,7 @@ struct Merge {
     /// The corpus to write.
     #[arg(long, short, value_name = "FILE")]
     out: PathBuf,
-    /// Put the name of its corpus before each asset's.
+    /// Put the name of its corpus before each asset's, with folders where corpora are named alike.
     #[arg(long)]
     prefix: bool,
     /// Split all assets by this file, as import does.
