@@ -100,6 +100,10 @@ fn creatures_are_the_same_for_the_same_seed() {
         all
     };
     assert_eq!(shown(&one), shown(&other));
+    // To the last bit, so that merging leaves each in once.
+    let both = dir.path().join("both.h5");
+    let merged = must(&["dataset", "merge", text(&one), text(&other), "-o", text(&both)]).stdout;
+    assert!(String::from_utf8(merged).unwrap().contains("3 assets, 3 repeated ones left out"));
 }
 
 /// A corpus whose assets are all tested on, of a few other files.

@@ -8,7 +8,7 @@ use std::process::ExitCode;
 
 use anyhow::{Context, Result};
 use rayon::prelude::*;
-use riglab_asset::to_glb;
+use riglab_asset::{ImportOptions, import_bytes, to_glb};
 use riglab_core::Asset;
 use riglab_data::{CorpusWriter, Splitter};
 use riglab_files::make_folder_of;
@@ -141,7 +141,8 @@ fn corpus(args: &Args, options: &Options) -> Result<ExitCode> {
     let mut from = 0;
     while from < args.count {
         let to = args.count.min(from + AT_ONCE as u64);
-        let made: Vec<Asset> = (from..to).into_par_iter().map(|k| creature(args.seed, k, options)).collect();
+        let make = |k| as_imported(creature(args.seed, k, options));
+        let made: Vec<Asset> = (from..to).into_par_iter().map(make).collect::<Result<_>>()?;
         for asset in &made {
             writer.add(asset)?;
             keys.push(Splitter::key(asset));
@@ -156,6 +157,14 @@ fn corpus(args: &Args, options: &Options) -> Result<ExitCode> {
     tell!("next: {}", command(["train", "quickstart/fsq_cvae.toml", "--set", &corpora]));
     say!("{}: {}", args.out.display(), counted(keys.len(), "creature"));
     Ok(ExitCode::SUCCESS)
+}
+
+/// A creature as importing its file gives it, which has its joints in the file's order: corpora of the same creatures are
+/// equal, whether they were made at once or of files, and merging them leaves each in once.
+fn as_imported(creature: Asset) -> Result<Asset> {
+    let file = format!("{}.glb", creature.name);
+    let read = import_bytes(&file, &to_glb(&creature), &ImportOptions::default())?.into_asset()?;
+    Ok(Asset { rig: read.rig, ..creature })
 }
 
 fn put(path: &Path, bytes: &[u8]) -> Result<()> {
