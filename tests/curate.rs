@@ -124,6 +124,50 @@ fn parts_merge_and_the_report_says_what_became_of_each() {
 }
 
 #[test]
+fn parts_that_do_not_belong_together_are_told() {
+    let dir = tempfile::tempdir().unwrap();
+    let (one, two) = (dir.path().join("one"), dir.path().join("two"));
+    for (seed, folder) in [("0", &one), ("1", &two)] {
+        must(&["synth", "-o", text(folder), "--count", "1", "--seed", seed, "--triangles", "400..800"]);
+        let made = fs::read_dir(folder).unwrap().map(|e| e.unwrap().path());
+        let glb = made.into_iter().find(|p| p.extension().unwrap() == "glb").unwrap();
+        fs::rename(glb, folder.join("x.glb")).unwrap();
+        fs::remove_file(folder.join("manifest.json")).unwrap();
+    }
+    let [a, b, other, out] = ["a.h5", "b.h5", "other.h5", "ab.h5"].map(|name| dir.path().join(name));
+    must(&curate(&one, &a, &ALL));
+    must(&curate(&two, &b, &ALL));
+    must(&[curate(&one, &other, &ALL), vec!["--set", "bones.min=2"]].concat());
+    let merge = |parts: [&Path; 2], out: &Path, more: &[&str]| {
+        let args = [&["curate", "--merge", text(parts[0]), text(parts[1]), "-o", text(out)], &ALL[..], more].concat();
+        riglab(&args)
+    };
+    let said = refusal(&mut merge([&a, &b], &out, &[]));
+    assert!(said.contains("each have an asset `x.glb`, of different files") && !out.exists(), "{said}");
+    let before = fs::read(&a).unwrap();
+    let said = refusal(&mut merge([&a, &other], &a, &[]));
+    assert!(said.contains("this corpus is the input") && fs::read(&a).unwrap() == before, "{said}");
+    let said = |more: &[&str], parts| String::from_utf8(merge(parts, &out, more).output().unwrap().stderr).unwrap();
+    let told = said(&[], [&a, &other]);
+    assert!(told.contains("made with different settings"), "{told}");
+    let told = said(&["--set", "bones.min=2"], [&a, &a]);
+    assert!(told.contains("have no effect"), "{told}");
+    assert!(!said(&[], [&a, &a]).contains("settings"));
+    // An older corpus beside a newer report.
+    let said = refusal(&mut riglab(
+        &[
+            curate(&one, &a, &ALL),
+            vec!["--set", "stages=['bones']", "--set", "bones.min=5000", "--set", "bones.max=6000"],
+        ]
+        .concat(),
+    ));
+    assert!(said.contains("is of an earlier curation and stays") && fs::read(&a).unwrap() == before, "{said}");
+    // Another corpus in its place.
+    let said = String::from_utf8(must(&curate(&two, &other, &ALL)).stderr).unwrap();
+    assert!(said.contains("was another corpus before"), "{said}");
+}
+
+#[test]
 fn a_list_of_splits_in_the_folder_is_kept_unless_settings_say_otherwise() {
     let dir = tempfile::tempdir().unwrap();
     let files = creatures(dir.path(), 4);

@@ -231,6 +231,19 @@ mod tests {
     }
 
     #[test]
+    fn a_write_protected_corpus_stays() {
+        let dir = tempfile::tempdir().unwrap();
+        let a = written(dir.path().join("a.h5"), &[("x", 0.0, "train")]);
+        let old = written(dir.path().join("old.h5"), &[("y", 1.0, "train")]);
+        let mut kept = old.metadata().unwrap().permissions();
+        kept.set_readonly(true);
+        std::fs::set_permissions(&old, kept).unwrap();
+        let said = merge(&[a], &old, false, None, |_| ()).unwrap_err().to_string();
+        assert!(said.contains("old.h5: is there already and write-protected"), "{said}");
+        assert_eq!(Corpus::open(&old).unwrap().names().unwrap(), ["y"]);
+    }
+
+    #[test]
     fn damage_is_not_given_a_fresh_digest() {
         let dir = tempfile::tempdir().unwrap();
         let a = written(dir.path().join("a.h5"), &[("x", 0.0, "train"), ("y", 1.0, "val")]);

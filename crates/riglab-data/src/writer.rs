@@ -142,14 +142,21 @@ impl CorpusWriter {
         self.texts[DIGEST].iter().map(VarLenUnicode::as_str).collect()
     }
 
-    /// Whether a corpus may take a place: a folder, a device, or somebody's own file is not replaced; an earlier corpus is,
-    /// sound or broken. For whoever works long before the corpus is begun.
+    /// Whether a corpus may take a place: a folder, a device, somebody's own file, or what is write-protected is not replaced;
+    /// an earlier corpus is, sound or broken. For whoever works long before the corpus is begun.
     ///
     /// # Errors
     /// When it may not.
     pub fn may_take(path: &Path) -> Result<(), DataError> {
         if path.exists() && !replaceable(path) {
             return Err(DataError::io(path, "is there already and no corpus; give another name"));
+        }
+        // The folder's permissions would let a rename replace it all the same.
+        if path.metadata().is_ok_and(|meta| meta.permissions().readonly()) {
+            return Err(DataError::io(
+                path,
+                "is there already and write-protected; allow writing, or give another name",
+            ));
         }
         Ok(())
     }

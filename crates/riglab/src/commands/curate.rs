@@ -13,6 +13,7 @@ use riglab_curate::{
 use riglab_slurm::SlurmConfig;
 use riglab_train::Progress;
 
+use super::earlier::Earlier;
 use super::slurm::{Desk, On, apart, curate as on_slurm, settings as slurm_settings};
 use super::{shown, some_of};
 use crate::presets;
@@ -120,6 +121,7 @@ pub fn run(args: &Args) -> Result<ExitCode> {
         }
         progress(&bar, what, done, total);
     };
+    let before = Earlier::at(&args.out);
     let done = if args.merge {
         merge_shards(&args.inputs, &keep, &places, &config, tell)
     } else {
@@ -133,6 +135,7 @@ pub fn run(args: &Args) -> Result<ExitCode> {
     }
     match (done, args.shard) {
         (Ok(funnel), _) => {
+            before.tell_replaced(&args.out);
             show(&funnel, &places, args.json)?;
             Ok(ExitCode::SUCCESS)
         }
