@@ -289,7 +289,9 @@ impl Missing {
         for path in &self.tried {
             let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
             let above = Path::new(name).parent().unwrap_or(Path::new(""));
-            for file in folder.read_dir().into_iter().flatten().flatten() {
+            let files = folder.read_dir().into_iter().flatten().flatten();
+            // No config is a folder.
+            for file in files.filter(|file| file.path().is_file()) {
                 known.insert(above.join(file.file_name()).to_string_lossy().into_owned());
             }
         }

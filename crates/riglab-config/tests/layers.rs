@@ -125,6 +125,13 @@ hint: name the other file as the experiment"
 }
 
 #[test]
+fn no_folder_is_meant_by_a_name() {
+    let dir = folder(&[("nope.toml/a.toml", "")]);
+    let said = |name: &str| Config::load(dir.path().join(name), NONE, &[]).unwrap_err().to_string();
+    assert!(!said("nope.tom").contains("did you mean"), "{}", said("nope.tom"));
+}
+
+#[test]
 fn circles_name_the_chain() {
     let dir = folder(&[
         ("a.toml", "extends = 'sub/b.toml'\n"),
