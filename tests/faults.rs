@@ -133,6 +133,18 @@ fn a_reader_that_leaves_early_ends_the_command_quietly() {
 }
 
 #[test]
+fn notes_that_nobody_reads_end_no_work() {
+    let dir = tempfile::tempdir().unwrap();
+    let (files, out) = (dir.path().join("files"), dir.path().join("c.h5"));
+    must(&["synth", "-o", text(&files), "--count", "2", "--triangles", "400..800"]);
+    let args = ["curate", text(&files), "-o", text(&out), "--config", "curation/any.toml"];
+    let mut child = riglab(&args).stdout(Stdio::null()).stderr(Stdio::piped()).spawn().unwrap();
+    drop(child.stderr.take());
+    assert!(child.wait().unwrap().success());
+    must(&["dataset", "verify", text(&out)]);
+}
+
+#[test]
 fn a_corpus_that_is_missing_cut_off_or_something_else_is_named() {
     let dir = tempfile::tempdir().unwrap();
     let whole = fs::read(ready().join("corpus.h5")).unwrap();

@@ -61,8 +61,6 @@ fn leave_clean() {
 }
 
 fn main() -> ExitCode {
-    // `riglab inspect FILE | head` ends quietly when `head` has enough.
-    sigpipe::reset();
     let cli = Cli::parse();
     // Training, sweeps, reviews and tasks of a cluster leave by their own rules, and so does who waits for these.
     let own_rules = match &cli.command {

@@ -13,9 +13,17 @@ macro_rules! tell {
     ($($text:tt)*) => { riglab_train::tell(format_args!($($text)*)) };
 }
 
+/// What a shell gives for a process that ended as nobody read on: 128 and SIGPIPE.
+const NOBODY_READS: i32 = 141;
+
 /// Writes a line, or ends the process with a sentence.
 pub fn line(text: Arguments) {
     if let Err(e) = writeln!(std::io::stdout().lock(), "{text}") {
+        // `riglab inspect FILE | head` ends quietly when `head` has enough. The signal would leave half-written files, and
+        // would come for standard error, too, whose reader may go while the work goes on.
+        if e.kind() == std::io::ErrorKind::BrokenPipe {
+            riglab_files::leave(NOBODY_READS);
+        }
         tell!("error: standard output takes no more ({e})");
         riglab_files::leave(1);
     }
