@@ -2,11 +2,13 @@
 //!
 //! The one idea: **what is unfinished has another name.** A file is written under a temporary name in
 //! its own folder, synced and renamed, so a kill at any moment leaves what was there; the names of
-//! unfinished files are known, so a process that is asked to leave takes them with it.
+//! unfinished files are known, so a process that is asked to leave takes them with it. Those of one that was killed are
+//! removed by the next that writes into their folder on the same machine.
 //!
 //! Leaves out: what is in the files.
 
 mod signals;
+mod stale;
 mod unfinished;
 mod walk;
 mod write;

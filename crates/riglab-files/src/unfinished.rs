@@ -5,6 +5,8 @@ use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, MutexGuard};
 
+use crate::stale;
+
 /// Temporary files of this process that have not got their name yet. A file is made, and removed, while
 /// this is held, so that whoever leaves the process sees every one that is there.
 static OPEN: Mutex<Vec<PathBuf>> = Mutex::new(Vec::new());
@@ -39,8 +41,10 @@ impl Unfinished {
             // Temporary files are private by default; this one is to be as any other.
             builder.permissions(fs::Permissions::from_mode(0o666));
         }
-        builder.prefix(".riglab-").suffix(".tmp");
+        let prefix = stale::prefix();
+        builder.prefix(&prefix).suffix(stale::SUFFIX);
         let mut open = open();
+        stale::remove(folder(&place));
         let made = builder.tempfile_in(folder(&place)).map_err(|e| plain(&e))?;
         let (file, temp) = made.keep().map_err(|e| plain(&e.error))?;
         open.push(temp.clone());
