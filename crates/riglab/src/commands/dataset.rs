@@ -66,9 +66,9 @@ struct Import {
     /// Put all assets into this split instead, as a test set of your own: test_new, say.
     #[arg(long, value_name = "SPLIT", value_parser = clap::builder::NonEmptyStringValueParser::new(), conflicts_with_all = ["split", "seed"])]
     all_in: Option<String>,
-    /// Seed of the splits made without a split file.
-    #[arg(long, default_value_t = 0)]
-    seed: u64,
+    /// Seed of the splits made without a split file [default: 0].
+    #[arg(long)]
+    seed: Option<u64>,
     /// What becomes of loose roots: reattach makes them children of the largest tree's root, virtual puts all below a new one.
     #[arg(long, value_enum, default_value = "reattach")]
     roots: Roots,
@@ -212,8 +212,12 @@ fn run_import(args: &Import) -> Result<ExitCode> {
     let splitter = match (&file, &args.all_in) {
         (Some(path), _) => Splitter::read(path)?,
         (None, Some(split)) => Splitter::All(split.clone()),
-        (None, None) => Splitter::ByTopology(args.seed),
+        (None, None) => Splitter::ByTopology(args.seed.unwrap_or(0)),
     };
+    if let (Some(list), None) = (&file, &args.split) {
+        let seed = if args.seed.is_some() { "--seed has no effect on them, and " } else { "" };
+        tell!("note: splits are those of {}; {seed}--split or --all-in gives others", list.display());
+    }
     let roots = match args.roots {
         Roots::Reattach => RootPolicy::Reattach,
         Roots::Virtual => RootPolicy::Virtual,
