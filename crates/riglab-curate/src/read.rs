@@ -21,6 +21,7 @@ pub struct Folder {
     /// Names of all files, whatever part of them is looked at.
     there: HashSet<String>,
     unread: Vec<(String, String)>,
+    hidden: Option<String>,
     manifest: Manifest,
     options: ImportOptions,
 }
@@ -70,7 +71,9 @@ impl Folder {
     /// # Errors
     /// When there is no such folder, or no file in it.
     pub fn open(root: &Path, without: &[&Path], import: &ImportConfig) -> Result<Self, DataError> {
-        let Below { mut files, unread } = rigged_below(root)?;
+        let found = rigged_below(root)?;
+        let hidden = found.left_aside();
+        let Below { mut files, unread, .. } = found;
         files.retain(|file| !without.iter().any(|other| file.starts_with(other)));
         let roots = if import.virtual_root { RootPolicy::Virtual } else { RootPolicy::Reattach };
         let clips = (import.clips > 0.0).then(|| Resample { rate: import.clips, ..Resample::default() });
@@ -91,7 +94,7 @@ impl Folder {
             }
             true
         });
-        Ok(Self { root: root.into(), files, odd, there, unread, manifest: Manifest::read(root), options })
+        Ok(Self { root: root.into(), files, odd, there, unread, hidden, manifest: Manifest::read(root), options })
     }
 
     /// Whether a name is that of a file here, or of an asset in one.
@@ -130,6 +133,11 @@ impl Folder {
     /// Folders and links that could not be followed: their names, and why.
     pub fn unread(&self) -> &[(String, String)] {
         &self.unread
+    }
+
+    /// A sentence on what is hidden in the folder and was left aside.
+    pub fn hidden(&self) -> Option<&str> {
+        self.hidden.as_deref()
     }
 
     /// Leaves the files that `keep` wants, by their names.

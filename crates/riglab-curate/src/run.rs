@@ -104,6 +104,9 @@ pub fn curate(
     // Before hours of work, not after them.
     riglab_files::make_folder_of(&places.out).map_err(|e| CurateError::write(&places.out, &e))?;
     let mut files = Folder::open(folder, &[&places.out, &places.work], &config.import)?;
+    if let Some(hidden) = files.hidden() {
+        tell(hidden, 0, 0);
+    }
     let told = places.work.join(SHARD);
     match shard {
         Some(shard) => {

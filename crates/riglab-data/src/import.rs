@@ -135,7 +135,7 @@ struct Source<'a> {
 
 fn write_all(
     folder: &Path,
-    Below { mut files, unread }: Below,
+    Below { mut files, unread, .. }: Below,
     out: &Path,
     splitter: Option<&Splitter>,
     source: &Source<'_>,

@@ -1,6 +1,7 @@
 //! Files of a folder and those below it.
 
 use std::collections::{BTreeSet, HashMap};
+use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 
 use walkdir::WalkDir;
@@ -12,12 +13,32 @@ pub struct Below {
     pub files: Vec<PathBuf>,
     /// Folders and links that could not be followed, with the reason.
     pub unread: Vec<(PathBuf, String)>,
+    /// Hidden folders, whatever is in them, and hidden files that would have been wanted: left aside.
+    pub hidden: Vec<PathBuf>,
+}
+
+impl Below {
+    /// A sentence on what is hidden, where there is any.
+    pub fn left_aside(&self) -> Option<String> {
+        let first = self.hidden.first()?;
+        let name = first.display();
+        Some(match self.hidden.len() - 1 {
+            0 => format!("hidden and not taken: {name}"),
+            more => format!("hidden and not taken: {name} and {more} more"),
+        })
+    }
+}
+
+/// Whether a name is hidden, or of a folder where macOS's archives keep what is none of their files.
+fn is_hidden(name: &OsStr) -> bool {
+    name.as_encoded_bytes().starts_with(b".") || name == "__MACOSX"
 }
 
 /// The files of a folder and those below it that are `wanted`. Links are followed, as data sets are
 /// often put together from them; one that leads back above itself is not, nor is one to a folder that is
 /// read already: each folder is read once, by its own place where that is below, else by the first link to it.
-/// A folder that cannot be read is told and does not end the walk.
+/// A folder that cannot be read is told and does not end the walk, and so is what has a file's name and is neither file nor
+/// folder. What is hidden below the folder is left aside: a `.git`, or the `._a.glb` that macOS puts beside an `a.glb`.
 pub fn below(folder: &Path, wanted: impl Fn(&Path) -> bool) -> Below {
     let mut walk = Walk { wanted, found: Below::default(), read: HashMap::new(), links: BTreeSet::new() };
     walk.tree(folder);
@@ -28,6 +49,7 @@ pub fn below(folder: &Path, wanted: impl Fn(&Path) -> bool) -> Below {
     let mut found = walk.found;
     found.files.sort();
     found.unread.sort();
+    found.hidden.sort();
     found
 }
 
@@ -71,12 +93,21 @@ impl<W: Fn(&Path) -> bool> Walk<W> {
                 }
             };
             let path = entry.path();
+            let hidden = entry.depth() > 0 && is_hidden(entry.file_name());
             // What a link leads to, and what is given may be one.
             let kind = match entry.path_is_symlink() {
                 true => path.metadata().map(|meta| meta.file_type()).map_err(|e| e.to_string()),
                 false => Ok(entry.file_type()),
             };
             match kind {
+                Ok(kind) if hidden && kind.is_dir() => {
+                    if !entry.path_is_symlink() {
+                        entries.skip_current_dir();
+                    }
+                    self.found.hidden.push(path.into());
+                }
+                Ok(_) if hidden && (self.wanted)(path) => self.found.hidden.push(path.into()),
+                _ if hidden => {}
                 Ok(kind) if kind.is_dir() && entry.path_is_symlink() && entry.depth() > 0 => {
                     self.links.insert(path.into());
                 }
@@ -90,7 +121,10 @@ impl<W: Fn(&Path) -> bool> Walk<W> {
                         self.read.insert(own, path.into());
                     }
                 }
-                Ok(kind) if kind.is_file() && (self.wanted)(path) => self.found.files.push(path.into()),
+                Ok(kind) if (self.wanted)(path) => match kind.is_file() {
+                    true => self.found.files.push(path.into()),
+                    false => self.found.unread.push((path.into(), "it is no plain file".into())),
+                },
                 Ok(_) => {}
                 Err(reason) => self.found.unread.push((path.into(), reason)),
             }
@@ -129,6 +163,27 @@ mod tests {
         // The folder itself may be a link.
         symlink(dir.path(), other.path().join("all")).unwrap();
         assert_eq!(models(&other.path().join("all")).files.len(), 3);
+    }
+
+    #[test]
+    fn what_is_hidden_and_what_is_no_plain_file_is_told_and_not_taken() {
+        let (dir, other) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
+        // The folder itself may be hidden.
+        let root = dir.path().join(".models");
+        let at = |name: &str| root.join(name);
+        ["a/.git", "__MACOSX"].iter().for_each(|name| fs::create_dir_all(at(name)).unwrap());
+        for file in ["a/b.glb", "a/.git/c.glb", "__MACOSX/d.glb", "._b.glb", ".notes"] {
+            fs::write(at(file), b"").unwrap();
+        }
+        symlink(other.path(), at(".linked")).unwrap();
+        let _socket = std::os::unix::net::UnixListener::bind(at("e.glb")).unwrap();
+        let found = models(&root);
+        assert_eq!(found.files, [at("a/b.glb")]);
+        assert_eq!(found.hidden, ["._b.glb", ".linked", "__MACOSX", "a/.git"].map(at));
+        let told = found.left_aside().unwrap();
+        assert!(told.ends_with("._b.glb and 3 more"), "{told}");
+        assert_eq!(found.unread, [(at("e.glb"), "it is no plain file".to_owned())]);
+        assert_eq!(Below::default().left_aside(), None);
     }
 
     #[test]

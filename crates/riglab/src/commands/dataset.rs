@@ -13,7 +13,7 @@ use riglab_augment::Recipe;
 use riglab_core::Asset;
 use riglab_data::{
     Corpus, Member, Place, Repeated, Splitter, Stats, import_folder, import_meshes, merge, models_below, rewrite,
-    rigged_files, stats,
+    rigged_below, stats,
 };
 use riglab_report::shell::command;
 use riglab_train::Progress;
@@ -222,8 +222,11 @@ fn run_import(args: &Import) -> Result<ExitCode> {
         Roots::Reattach => RootPolicy::Reattach,
         Roots::Virtual => RootPolicy::Virtual,
     };
-    let files = if args.meshes { models_below(&args.folder)?.files } else { rigged_files(&args.folder)? };
-    let total = files.len() as u64;
+    let found = if args.meshes { models_below(&args.folder)? } else { rigged_below(&args.folder)? };
+    if let Some(hidden) = found.left_aside() {
+        tell!("note: {hidden}");
+    }
+    let total = found.files.len() as u64;
     let progress = Mutex::new(Progress::new("importing", total, 0));
     let clips = args.clips.map(|rate| Resample { rate, ..Resample::default() });
     let (split, repair) = (args.split_characters, args.repair);

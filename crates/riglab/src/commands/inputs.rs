@@ -23,6 +23,9 @@ pub fn below(folder: &Path, out: &Path, what: &str, wanted: impl Fn(&Path) -> bo
         let place = if out.is_dir() { "in the output folder " } else { "written before, " };
         tell!("note: not taken as input: {} {place}{}", counted(passed.get(), what), out.display());
     }
+    if let Some(hidden) = found.left_aside() {
+        tell!("note: {hidden}");
+    }
     for (path, why) in &found.unread {
         tell!("left out: {}: {why}", path.display());
     }
