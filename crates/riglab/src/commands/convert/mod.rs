@@ -85,6 +85,9 @@ impl Args {
 }
 
 pub fn run(args: &Args) -> Result<ExitCode> {
+    if args.input.is_dir() && args.item.is_some() {
+        bail!("{} is a folder: --item chooses an asset of a corpus or of one file; give that", args.input.display());
+    }
     let options = args.import();
     let corpus = corpus::open(&args.input);
     let files = if args.input.is_dir() { rigged(&args.input, &args.out)? } else { vec![args.input.clone()] };
