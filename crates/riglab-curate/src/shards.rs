@@ -28,7 +28,8 @@ pub fn nothing_left(places: &Places) -> bool {
 /// The assets of the corpora in `keep` keep their splits; the others get theirs as the config says, among themselves.
 ///
 /// # Errors
-/// As [`curate`], and when a corpus has no journal beside it.
+/// As [`crate::curate`], when a corpus has no journal beside it, [`CurateError::Unlike`] for assets of one name and different
+/// files, and when `places` are those of one of the corpora.
 pub fn merge_shards(
     corpora: &[PathBuf],
     keep: &[PathBuf],
