@@ -6,8 +6,8 @@ use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use riglab_asset::{ImportOptions, Target, import, import_each, write, written_paths};
-use riglab_core::{Asset, JointId};
+use riglab_asset::{Array, ImportOptions, Target, import, import_each, read_arrays, write, written_paths};
+use riglab_core::{Asset, Bounds, Joint, JointId, Rig, Similarity, Skeleton};
 
 /// All rigs of the golden samples, one of each name.
 fn rigs() -> Option<Vec<Asset>> {
@@ -138,4 +138,76 @@ fn python_reads_what_is_written() {
     let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/python/read_written.py");
     let out = Command::new(python).arg(script).arg(dir.path()).output().unwrap();
     assert!(out.status.success(), "{}", String::from_utf8_lossy(&out.stderr));
+}
+
+#[test]
+fn rigs_fill_the_cube_of_a_format_on_request_and_are_told_where_they_leave_it() {
+    let Some(rigs) = rigs() else { return };
+    let dir = tempfile::tempdir().unwrap();
+    // None of the golden samples is as large, wherever they are.
+    let far = Similarity { scale: 7.0, shift: [3.0, -2.0, 5.0] };
+    let asset = Asset { rig: rigs[0].rig.transformed(far), ..rigs[0].clone() };
+    let cubes = [(Target::ARTICULATION_XL, 0.5), (Target::PUPPETEER_H5, 0.9995), (Target::ANYMATE, 1.0)];
+    for (target, half) in cubes {
+        let told = |asset: &Asset| {
+            let notes = write(std::slice::from_ref(asset), path(dir.path(), asset, target), target).unwrap();
+            notes.iter().any(|note| note.contains(&format!("beyond the {half}")) && note.contains("`--fit`"))
+        };
+        assert!(told(&asset), "{target}");
+        let fitted = Asset { rig: target.fitted(&asset.rig).unwrap(), ..asset.clone() };
+        assert!(!told(&fitted), "{target}");
+        let back = import(path(dir.path(), &asset, target), &ImportOptions::default()).unwrap().into_asset().unwrap();
+        let Bounds { min, max } = back.rig.bounds();
+        for axis in 0..3 {
+            assert!((min[axis] + max[axis]).abs() < 1e-5 && max[axis] < half + 1e-5, "{target}: {min:?} {max:?}");
+        }
+        let longest = (0..3).map(|axis| max[axis] - min[axis]).fold(0.0, f32::max);
+        assert!((longest - 2.0 * half).abs() < 1e-5, "{target}: {longest}");
+    }
+    assert!(Target::UNIRIG.fitted(&asset.rig).is_none() && !Target::UNIRIG.has_cube() && Target::ANYMATE.has_cube());
+}
+
+#[test]
+fn a_fitted_cloud_goes_by_the_map_of_the_vertices() {
+    let Some(rigs) = rigs() else { return };
+    let dir = tempfile::tempdir().unwrap();
+    for (target, half) in [(Target::ARTICULATION_XL, 0.5), (Target::PUPPETEER_H5, 0.9995)] {
+        let asset = Asset { rig: target.fitted(&rigs[0].rig).unwrap(), ..rigs[0].clone() };
+        let file = path(dir.path(), &asset, target);
+        write(std::slice::from_ref(&asset), &file, target).unwrap();
+        let arrays = read_arrays(&file).unwrap().remove(0).unwrap();
+        let Array { data, .. } = &arrays.extras["points"];
+        let mesh = asset.rig.mesh();
+        let bounds = Bounds::of(mesh.positions().iter().copied()).unwrap();
+        // On the mesh's own box, but for halves of floats and what lies between the points.
+        for (column, (low, high)) in bounds.min.iter().zip(bounds.max).enumerate() {
+            let all = || data.chunks(6).map(|row| row[column]);
+            let (min, max) = (all().fold(f32::MAX, f32::min), all().fold(f32::MIN, f32::max));
+            let (low, high) = (low * 0.9995 / half, high * 0.9995 / half);
+            assert!(min >= low - 1e-3 && max <= high + 1e-3 && min < low + 0.1 && max > high - 0.1, "{target}");
+        }
+    }
+}
+
+#[test]
+fn what_a_format_has_no_form_for_is_known_before() {
+    let Some(rigs) = rigs() else { return };
+    assert!(Target::ALL.iter().all(|target| target.holds(&rigs[0]).is_ok()));
+    // More heads and ends of bones than the format has numbers for.
+    let mut joints: Vec<Joint> = (0..200u16)
+        .map(|k| Joint {
+            name: format!("j{k}"),
+            parent: (k > 0).then(|| JointId(k - 1)),
+            head: [f32::from(k), 0.0, 0.0],
+        })
+        .collect();
+    let asset = |joints: &[Joint]| {
+        let (_, mesh, weights) = rigs[1].rig.clone().into_parts();
+        let rig = Rig::new(Skeleton::new(joints.to_vec()).unwrap(), mesh, weights).unwrap();
+        Asset { rig, ..rigs[1].clone() }
+    };
+    let fault = Target::ANYMATE.holds(&asset(&joints)).unwrap_err().to_string();
+    assert!(fault.contains("cannot be written as anymate") && fault.contains("up to 127"), "{fault}");
+    joints.truncate(100);
+    assert!(Target::ANYMATE.holds(&asset(&joints)).is_ok());
 }

@@ -36,6 +36,15 @@ impl Writes for Anymate {
         true
     }
 
+    fn lacks(&self, rig: &Rig) -> Option<String> {
+        joints(rig).err()
+    }
+
+    /// That of its voxels.
+    fn half_cube(&self) -> Option<f32> {
+        Some(1.0)
+    }
+
     fn is_at(&self, _: &Path, start: &[u8]) -> bool {
         start.starts_with(b"PK")
     }

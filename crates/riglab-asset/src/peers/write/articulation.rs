@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use riglab_core::Asset;
+use riglab_core::{Asset, Bounds, Rig, Similarity};
 
 use super::npz::{Npz, corners, f16s, f32s, i64s};
 use super::pickle::Pickle;
@@ -13,7 +13,10 @@ use super::{WriteError, surface};
 const POINTS: usize = 8192;
 
 /// Their largest coordinate.
-const REACH: f32 = 0.9995;
+pub(super) const REACH: f32 = 0.9995;
+
+/// The largest coordinate of vertices.
+const HALF: f32 = 0.5;
 
 /// Articulation-XL's npz.
 pub(super) struct ArticulationXl;
@@ -34,6 +37,10 @@ impl Writes for ArticulationXl {
 
     fn holds_several(&self) -> bool {
         true
+    }
+
+    fn half_cube(&self) -> Option<f32> {
+        Some(HALF)
     }
 
     fn is_at(&self, _: &Path, start: &[u8]) -> bool {
@@ -71,7 +78,7 @@ fn dictionary(asset: &Asset, out: &mut Pickle) {
     out.text("bones").array("i8", &[bones.len() / 2, 2], &i64s(bones.iter().copied()));
     out.text("root_index").int(0);
     out.text("uuid").text(&asset.name);
-    out.text("pc_w_norm").array("f2", &[POINTS, 6], &f16s(&cloud(rig)));
+    out.text("pc_w_norm").array("f2", &[POINTS, 6], &f16s(&cloud(rig, HALF)));
     out.text("joint_names").op(b"](");
     for name in skeleton.names() {
         out.text(name);
@@ -84,12 +91,22 @@ fn dictionary(asset: &Asset, out: &mut Pickle) {
     out.op(b"u");
 }
 
-/// Points with normals, moved and scaled into their own cube, as the format has them.
-pub(super) fn cloud(rig: &riglab_core::Rig) -> Vec<f32> {
+/// Points with normals, moved and scaled into their own cube, as the format has them: by what `half`, half a side of the cube
+/// of vertices, says where these fill theirs, so that both go by one map.
+pub(super) fn cloud(rig: &Rig, half: f32) -> Vec<f32> {
     let mut points = surface::points(rig.mesh(), POINTS);
-    if let Some(bounds) = riglab_core::Bounds::of(points.iter().map(|p| p.position)) {
-        let map = riglab_core::Similarity::into_cube(bounds);
+    let own = || Bounds::of(points.iter().map(|p| p.position)).map(Similarity::into_cube);
+    let unit = if fills(rig, half) { Some(Similarity { scale: 1.0 / half, shift: [0.0; 3] }) } else { own() };
+    if let Some(map) = unit {
         points.iter_mut().for_each(|p| p.position = map.apply(p.position).map(|x| REACH * x));
     }
     surface::six(&points)
+}
+
+/// Whether a rig fills a cube about the origin, but for rounding.
+fn fills(rig: &Rig, half: f32) -> bool {
+    let bounds = rig.bounds();
+    let longest = bounds.size().into_iter().fold(0.0f32, f32::max);
+    let off = bounds.center().into_iter().fold((longest - 2.0 * half).abs(), |most, x| most.max(x.abs()));
+    off <= 1e-5 * half
 }

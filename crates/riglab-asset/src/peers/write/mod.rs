@@ -1,7 +1,8 @@
 //! Rigs as files of the peers' formats.
 //!
 //! Coordinates are written as they are, turned where the format has z up; scale is kept, though a
-//! peer's networks may want their own. What a format cannot hold is told, not dropped in silence.
+//! peer's networks may want their own, which is told, and which [`Target::fitted`] gives. What a format
+//! cannot hold is told, not dropped in silence.
 
 mod anymate;
 mod articulation;
@@ -90,7 +91,7 @@ pub fn write(assets: &[Asset], path: impl AsRef<Path>, target: Target) -> Result
     if !target.holds_several() && assets.len() != 1 {
         return Err(WriteError::One { format: target, count: assets.len() });
     }
-    let mut notes = Vec::new();
+    let mut notes: Vec<String> = target.beyond(assets).into_iter().collect();
     let written = target.writes().files(assets, &mut notes)?;
     if let (Some(beside), Some(bytes)) = (target.writes().beside(path), written.beside) {
         // One that was cut off between the two has the same.

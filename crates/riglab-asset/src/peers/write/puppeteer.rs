@@ -6,7 +6,7 @@ use std::path::Path;
 use hdf5_pure::{AttrValue, Datatype, DatatypeByteOrder, FileBuilder, FloatingPointLayout, GroupBuilder};
 use riglab_core::{Asset, Rig, Skeleton};
 
-use super::articulation::cloud;
+use super::articulation::{REACH, cloud};
 use super::npz::{corners, dense, f16s};
 use super::target::{Writes, Written};
 use super::{Target, WriteError};
@@ -33,6 +33,16 @@ impl Writes for PuppeteerH5 {
         true
     }
 
+    fn lacks(&self, rig: &Rig) -> Option<String> {
+        let joints = rig.skeleton().len();
+        let why = "the format has a table of each with each, so";
+        (joints > MOST_JOINTS).then(|| format!("{joints} joints; {why} {MOST_JOINTS} is the most"))
+    }
+
+    fn half_cube(&self) -> Option<f32> {
+        Some(REACH)
+    }
+
     fn is_at(&self, _: &Path, start: &[u8]) -> bool {
         start.starts_with(b"\x89HDF\r\n\x1a\n")
     }
@@ -52,15 +62,7 @@ fn file(assets: &[Asset], notes: &mut Vec<String>) -> Result<Vec<u8>, WriteError
         if joints > JOINTS {
             notes.push(format!("`{}` has {joints} joints, the format's own readers take up to {JOINTS}", asset.name));
         }
-        if joints > MOST_JOINTS {
-            return Err(WriteError::Cannot {
-                asset: asset.name.clone(),
-                format: Target::PUPPETEER_H5,
-                reason: format!(
-                    "{joints} joints; the format has a table of each with each, so {MOST_JOINTS} is the most"
-                ),
-            });
-        }
+        Target::PUPPETEER_H5.holds(asset)?;
         let mut group = file.create_group(&format!("sample_{number}"));
         sample(asset, &mut group);
         file.add_group(group.finish());
@@ -107,7 +109,7 @@ fn sample(asset: &Asset, group: &mut GroupBuilder) {
         .with_chunks(&square)
         .with_deflate(4);
     group.create_dataset("root_index").with_i32_data(&[0]).with_shape(&[]);
-    let points = cloud(rig);
+    let points = cloud(rig, REACH);
     let shape = [points.len() as u64 / 6, 6];
     group
         .create_dataset("pc_w_norm")

@@ -5,7 +5,7 @@ use std::io::Read;
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
-use riglab_core::Asset;
+use riglab_core::{Asset, Bounds, Rig, Similarity};
 
 use super::WriteError;
 
@@ -28,6 +28,16 @@ pub(crate) trait Writes: Sync {
         false
     }
 
+    /// Why the format has no form for an asset, where it has none.
+    fn lacks(&self, _rig: &Rig) -> Option<String> {
+        None
+    }
+
+    /// Half a side of the cube about the origin that the format's own loaders expect vertices and joints in.
+    fn half_cube(&self) -> Option<f32> {
+        None
+    }
+
     /// Whether the file at `path`, which starts with `start`, is one of the format, or one that is written beside one.
     fn is_at(&self, path: &Path, start: &[u8]) -> bool;
 
@@ -41,6 +51,9 @@ pub(crate) trait Writes: Sync {
     /// `assets` is one, or as many as the format holds.
     fn files(&self, assets: &[Asset], notes: &mut Vec<String>) -> Result<Written, WriteError>;
 }
+
+/// Share of a cube that coordinates may lie beyond it by rounding.
+const ROUNDING: f32 = 1e-3;
 
 /// What a file becomes.
 pub(crate) struct Written {
@@ -120,6 +133,48 @@ impl Target {
     /// Whether a file may hold several assets.
     pub fn holds_several(self) -> bool {
         self.0.holds_several()
+    }
+
+    /// Whether the format has a form for an asset.
+    ///
+    /// # Errors
+    /// [`WriteError::Cannot`], as writing it would give.
+    pub fn holds(self, asset: &Asset) -> Result<(), WriteError> {
+        match self.0.lacks(&asset.rig) {
+            Some(reason) => Err(WriteError::Cannot { asset: asset.name.clone(), format: self, reason }),
+            None => Ok(()),
+        }
+    }
+
+    /// Whether the format's own loaders expect vertices and joints in a cube.
+    pub fn has_cube(self) -> bool {
+        self.0.half_cube().is_some()
+    }
+
+    /// The rig moved and scaled as a whole to fill the cube that the format's own loaders expect; `None` where there is no
+    /// such cube. It holds joints as well as vertices: loaders take the ones and the others only from within.
+    pub fn fitted(self, rig: &Rig) -> Option<Rig> {
+        let half = self.0.half_cube()?;
+        let Similarity { scale, shift } = Similarity::into_cube(rig.bounds());
+        Some(rig.transformed(Similarity { scale: half * scale, shift: shift.map(|s| half * s) }))
+    }
+
+    /// A sentence on assets that reach out of the cube that the format's own loaders expect.
+    pub(super) fn beyond(self, assets: &[Asset]) -> Option<String> {
+        let half = self.0.half_cube()?;
+        let reaches = |asset: &Asset| {
+            let Bounds { min, max } = asset.rig.bounds();
+            min.into_iter().chain(max).fold(0.0f32, |most, x| most.max(x.abs()))
+        };
+        let beyond: Vec<f32> = assets.iter().map(reaches).filter(|most| *most > half * (1.0 + ROUNDING)).collect();
+        let most = beyond.iter().fold(0.0f32, |most, own| most.max(*own));
+        let whose = if assets.len() == 1 { "it reaches".into() } else { format!("{} assets reach", beyond.len()) };
+        (!beyond.is_empty()).then(|| {
+            format!(
+                "{whose} beyond the {half} from the origin that the format's own loaders expect, to {most}; `--fit` moves \
+                 and scales vertices and joints together"
+            )
+        })
     }
 
     /// Whether a file that is there is one of the format, or the mesh beside one, and nothing else by that name.
