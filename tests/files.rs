@@ -416,6 +416,113 @@ fn a_corpus_becomes_files_again() {
 }
 
 #[test]
+fn a_corpus_in_one_file_keeps_what_the_file_cannot_say_beside_it() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = |name: &str| dir.path().join(name);
+    creatures(&path("made"), 3);
+    must(&["dataset", "import", text(&path("made")), "-o", text(&path("c.h5"))]);
+    let known = |corpus: &Path| -> Vec<Value> {
+        let listed = must(&["dataset", "inspect", text(corpus), "--json"]).stdout;
+        let own = |line: &str| {
+            let of: Value = serde_json::from_str(line).unwrap();
+            ["split", "source", "licence", "author", "category"].map(|key| of[key].clone()).to_vec().into()
+        };
+        String::from_utf8(listed).unwrap().lines().map(own).collect()
+    };
+    for (format, name) in [("articulation-xl", "all.npz"), ("puppeteer-h5", "all.h5"), ("anymate", "all.pt")] {
+        let folder = path(format);
+        let said = must(&["convert", text(&path("c.h5")), text(&folder.join(name)), "--to", format, "--fit"]).stderr;
+        let said = String::from_utf8(said).unwrap();
+        assert!(said.contains("manifest.json and ") && said.contains("split.json"), "{said}");
+        assert!(said.contains("reading: 3/3") && !said.contains("own loaders expect"), "{said}");
+        let back = path(&format!("{format}.h5"));
+        must(&["dataset", "import", text(&folder), "-o", text(&back)]);
+        assert_eq!(known(&back), known(&path("c.h5")), "{format}");
+        let said = must(&["convert", text(&path("c.h5")), text(&folder.join(name)), "--to", format]).stderr;
+        let said = String::from_utf8(said).unwrap();
+        assert!(said.contains("own loaders expect") && said.contains("split.json is there already"), "{said}");
+    }
+    // Of one asset in a place of any kind nothing is said beside it.
+    must(&["convert", text(&path("c.h5")), text(&path("one/a.glb")), "--item", "0"]);
+    assert_eq!(fs::read_dir(path("one")).unwrap().count(), 1);
+    let said = refusal(&mut riglab(&["convert", text(&path("made")), text(&path("f/")), "--to", "unirig", "--fit"]));
+    assert!(said.contains("articulation-xl, anymate") && said.contains("unirig is of any size"), "{said}");
+    let said = refusal(&mut riglab(&["convert", text(&path("made")), text(&path("f/")), "--to", "glb", "--item", "3"]));
+    assert!(said.contains("is a folder: --item") && !path("f").exists(), "{said}");
+}
+
+#[test]
+fn what_one_file_of_many_cannot_hold_is_left_out() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = |name: &str| dir.path().join(name);
+    creatures(&path("made"), 2);
+    // A chain of more joints than Anymate's pt has numbers for.
+    let joints = (0..200).map(|k| format!("joints j{k} {k} 0 0\n")).collect::<String>();
+    let tree = (1..200).map(|k| format!("hier j{} j{k}\n", k - 1)).collect::<String>();
+    let skin = "root j0\nskin 0 j0 1\nskin 1 j0 1\nskin 2 j0 1\n";
+    fs::write(path("made/long_rig.txt"), joints + skin + &tree).unwrap();
+    fs::write(path("made/long.obj"), "v 0 0 0\nv 200 0 0\nv 0 9 0\nf 1 2 3\n").unwrap();
+    must(&["dataset", "import", text(&path("made")), "-o", text(&path("c.h5")), "--all-in", "train"]);
+    for input in ["c.h5", "made"] {
+        let out = path(&format!("{input}.pt"));
+        let done = riglab(&["convert", text(&path(input)), text(&out), "--to", "anymate"]).output().unwrap();
+        let said = String::from_utf8(done.stderr).unwrap();
+        assert_eq!(done.status.code(), Some(1), "{said}");
+        let left_out: Vec<&str> = said.lines().filter(|line| line.starts_with("left out: ")).collect();
+        assert!(left_out.len() == 1 && left_out[0].contains("`long") && left_out[0].contains("up to 127"), "{said}");
+        let lines = must(&["inspect", "--json", text(&out)]).stdout;
+        assert_eq!(String::from_utf8(lines).unwrap().lines().count(), 2);
+    }
+}
+
+#[cfg(unix)]
+#[test]
+fn hidden_files_and_write_protected_corpora_are_left_alone() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = |name: &str| dir.path().join(name);
+    let made = creatures(&path("made"), 2);
+    fs::create_dir_all(path("made/.git")).unwrap();
+    for hidden in ["made/.git/a.glb", "made/._a.glb"] {
+        fs::copy(&made[0], path(hidden)).unwrap();
+    }
+    assert!(std::process::Command::new("mkfifo").arg(path("made/pipe.glb")).status().unwrap().success());
+    let import = ["dataset", "import", text(&path("made")), "-o", text(&path("c.h5"))].map(String::from);
+    let import: Vec<&str> = import.iter().map(String::as_str).collect();
+    for (args, skipped) in [
+        (import.clone(), "hidden and not taken"),
+        (vec!["curate", text(&path("made")), "-o", text(&path("k.h5"))], "hidden and not taken"),
+        (vec!["convert", text(&path("made")), text(&path("out")), "--to", "obj"], "hidden and not taken"),
+    ] {
+        let done = riglab(&args).output().unwrap();
+        let said = String::from_utf8(done.stderr).unwrap();
+        assert_eq!(said.matches(skipped).count(), 1, "{args:?}: {said}");
+        assert!(args[0] == "curate" || said.contains("pipe.glb: it is no plain file"), "{said}");
+    }
+    assert_eq!(fs::read_dir(path("out")).unwrap().count(), 2);
+    let mut mode = path("c.h5").metadata().unwrap().permissions();
+    mode.set_readonly(true);
+    fs::set_permissions(path("c.h5"), mode).unwrap();
+    assert!(refusal(&mut riglab(&import)).contains("c.h5: is there already and write-protected"));
+}
+
+#[test]
+fn splits_that_the_folder_lists_are_told() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = |name: &str| dir.path().join(name);
+    creatures(&path("made"), 2);
+    fs::write(path("made/split.json"), "{}").unwrap();
+    let said = |more: &[&str]| {
+        let base = ["dataset", "import", text(&path("made")), "-o", text(&path("c.h5"))].map(String::from);
+        let base: Vec<&str> = base.iter().map(String::as_str).collect();
+        String::from_utf8(must(&[&base, more].concat()).stderr).unwrap()
+    };
+    let told = said(&[]);
+    assert!(told.contains("splits are those of") && !told.contains("--seed"), "{told}");
+    assert!(said(&["--seed", "5"]).contains("--seed has no effect"));
+    assert!(!said(&["--all-in", "train"]).contains("splits are those of"));
+}
+
+#[test]
 fn test_rigs_of_a_corpus_are_posed_scaled_and_turned() {
     let dir = tempfile::tempdir().unwrap();
     let (made, corpus) = (dir.path().join("made"), dir.path().join("c.h5"));

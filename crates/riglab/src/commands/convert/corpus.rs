@@ -13,6 +13,7 @@ use riglab_files::make_folder_of;
 use riglab_train::Progress;
 
 use super::{Args, Lost, file_name, is_io, keep_others, numbered};
+use crate::commands::shown;
 
 /// The corpus at `path`, if it is one.
 pub fn open(path: &Path) -> Option<Corpus> {
@@ -40,8 +41,10 @@ pub fn into(corpus: &Corpus, args: &Args, target: Target) -> Result<ExitCode> {
             taken.extend(written_paths(&path, target));
             originals.keep(&path, target)?;
             make_folder_of(&path)?;
+            let asset = args.placed(asset, target);
             store(&asset, bare, &path, target, args)?;
-            told.add(path.strip_prefix(&args.out).unwrap_or(&path), split, &asset.provenance);
+            let steps = path.strip_prefix(&args.out).unwrap_or(&path).iter().map(|step| step.to_string_lossy());
+            told.add(&steps.collect::<Vec<_>>().join("/"), split, &asset.provenance);
             lost = lost.with_asset(&asset, target);
             Ok(())
         });
@@ -63,7 +66,7 @@ pub fn into(corpus: &Corpus, args: &Args, target: Target) -> Result<ExitCode> {
     Ok(if failed > 0 || written == 0 { ExitCode::FAILURE } else { ExitCode::SUCCESS })
 }
 
-/// One asset, or all in a format that holds several.
+/// One asset, or all in a format that holds several. What the format has no form for is left out of several.
 pub fn to(corpus: &Corpus, args: &Args, into_folder: bool, target: Target) -> Result<ExitCode> {
     let numbers = match args.item {
         Some(item) if item >= corpus.len() => {
@@ -72,12 +75,32 @@ pub fn to(corpus: &Corpus, args: &Args, into_folder: bool, target: Target) -> Re
         Some(item) => item..item + 1,
         None => 0..corpus.len(),
     };
+    let several = numbers.len() > 1;
     let bare = HashSet::<usize>::from_iter(corpus.bare()?);
-    let (left_out, kept): (Vec<usize>, Vec<usize>) =
-        numbers.partition(|index| bare.contains(index) && !holds_bare(target));
     let names = corpus.names()?;
-    left_out.iter().for_each(|&index| tell!("left out: {}: {NO_RIG}", names[index]));
-    let assets = kept.iter().map(|&index| corpus.verified(index)).collect::<Result<Vec<Asset>, _>>()?;
+    let mut progress = if several { Progress::new("reading", numbers.len() as u64, 0) } else { Progress::silent() };
+    let (mut assets, mut kept, mut left_out): (Vec<Asset>, Vec<usize>, usize) = (Vec::new(), Vec::new(), 0);
+    for (done, index) in numbers.enumerate() {
+        let fault = if bare.contains(&index) && !holds_bare(target) {
+            Some(format!("{}: {NO_RIG}", names[index]))
+        } else {
+            // As it is written: rounding may put joints into one place that were a hair apart.
+            let asset = args.placed(corpus.verified(index)?, target);
+            // Of one alone it is an error, which writing it tells.
+            let fault = target.holds(&asset).err().filter(|_| several).map(|e| e.to_string());
+            if fault.is_none() {
+                assets.push(asset);
+                kept.push(index);
+            }
+            fault
+        };
+        if let Some(fault) = fault {
+            tell!("left out: {fault}");
+            left_out += 1;
+        }
+        progress.set(done as u64 + 1, String::new);
+    }
+    progress.finish();
     let out = match &assets[..] {
         [only] if into_folder => args.out.join(file_name(&place(&only.name).1, target)),
         _ => args.out.clone(),
@@ -94,9 +117,34 @@ pub fn to(corpus: &Corpus, args: &Args, into_folder: bool, target: Target) -> Re
             }
         }
     }
+    // A single file may go anywhere, where others' lists stand or would be astray.
+    if args.item.is_none() && (several || into_folder) {
+        beside(corpus, &assets, &kept, &out)?;
+    }
     assets.iter().fold(Lost::default(), |lost, asset| lost.with_asset(asset, target)).tell(&args.input, target);
     say!("{}", out.display());
-    Ok(if left_out.is_empty() { ExitCode::SUCCESS } else { ExitCode::FAILURE })
+    Ok(if left_out == 0 { ExitCode::SUCCESS } else { ExitCode::FAILURE })
+}
+
+/// Writes beside a file of these assets of a corpus, by their numbers there, what the file cannot say of them.
+fn beside(corpus: &Corpus, assets: &[Asset], numbers: &[usize], out: &Path) -> Result<()> {
+    let file = out.file_name().unwrap_or_default().to_string_lossy();
+    let splits = corpus.texts("split")?;
+    let mut told = Beside::default();
+    for (asset, &number) in assets.iter().zip(numbers) {
+        let own = if assets.len() > 1 { format!("{file}#{}", asset.name.trim()) } else { file.to_string() };
+        told.add(&own, &splits[number], &asset.provenance);
+    }
+    let written = told.write(out.parent().unwrap_or(Path::new("")))?;
+    if !written.is_empty() {
+        // Whoever imports the folder gets these splits for all that is in it.
+        let written: Vec<String> = written.iter().map(|path| shown(path)).collect();
+        tell!(
+            "note: what the corpus knows of sources, licences, categories and splits is in {}",
+            written.join(" and ")
+        );
+    }
+    Ok(())
 }
 
 const NO_RIG: &str = "a mesh without a rig, which only glb and obj can hold";
@@ -157,10 +205,8 @@ struct Beside {
 }
 
 impl Beside {
-    /// Of a file, by its path below the folder.
-    fn add(&mut self, file: &Path, split: &str, from: &Provenance) {
-        let steps: Vec<_> = file.iter().map(|step| step.to_string_lossy()).collect();
-        let file = steps.join("/");
+    /// Of an asset, by the name that importing gives to it: its file's path below the folder, and its own in a file of several.
+    fn add(&mut self, name: &str, split: &str, from: &Provenance) {
         let all = [
             ("source", &from.source),
             ("licence", &from.licence),
@@ -171,15 +217,17 @@ impl Beside {
         let mut entry: serde_json::Map<_, _> =
             said.map(|(key, value)| (key.to_owned(), value.as_str().into())).collect();
         if !entry.is_empty() {
-            entry.insert("file".into(), file.as_str().into());
+            entry.insert("file".into(), name.into());
             self.entries.push(entry.into());
         }
         if !split.is_empty() {
-            self.splits.entry(split.to_owned()).or_default().push(file);
+            self.splits.entry(split.to_owned()).or_default().push(name.to_owned());
         }
     }
 
-    fn write(&self, folder: &Path) -> Result<()> {
+    /// Gives the files that were written.
+    fn write(&self, folder: &Path) -> Result<Vec<PathBuf>> {
+        let mut written = Vec::new();
         let all = [
             ("manifest.json", self.entries.is_empty(), serde_json::to_string_pretty(&self.entries)?),
             ("split.json", self.splits.is_empty(), serde_json::to_string_pretty(&self.splits)?),
@@ -192,8 +240,9 @@ impl Beside {
             }
             riglab_files::write(&path, (text.clone() + "\n").as_bytes())
                 .with_context(|| format!("{}", path.display()))?;
+            written.push(path);
         }
-        Ok(())
+        Ok(written)
     }
 }
 

@@ -17,6 +17,7 @@ use riglab_asset::{
 };
 use riglab_core::{Asset, Springs};
 use riglab_files::make_folder_of;
+use riglab_train::Progress;
 
 use super::earlier::{self, Written};
 use super::glb::{Frames, Most};
@@ -33,8 +34,9 @@ use riglab_report::counted;
 /// asset, or into one file of a format that holds several. Z up becomes Y up and back by the formats.
 /// glTF and VRM become a GLB with all they had: materials, pictures, morph targets, motions, extensions.
 /// An FBX holds mesh, skeleton and weights alone: no materials, texture coordinates, normals or motions.
-/// Anything a format cannot hold is reported on standard error. A corpus is written as its assets; a manifest.json and a
-/// split.json beside them, where none are yet, say what it knows of sources, licences, categories and splits.
+/// Anything a format cannot hold is reported on standard error, and so are coordinates beyond what the format's own loaders
+/// expect (see --fit). A corpus is written as its assets; a manifest.json and a split.json beside them, where none are yet, say
+/// what it knows of sources, licences, authors, categories and splits.
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:
@@ -42,7 +44,7 @@ Examples:
   riglab convert fox_rig.txt fox.glb
   riglab convert fox.gltf fox.glb --influences 4
   riglab convert articulation_xlv2_test.npz rigs/ --to glb
-  riglab convert rigs/ rigs.npz --to articulation-xl
+  riglab convert rigs/ rigs.npz --to articulation-xl --fit
   riglab convert Anymate_test.pt horse.glb --item 12
   riglab convert corpus.h5 rigs/ --to glb")]
 pub struct Args {
@@ -69,9 +71,21 @@ pub struct Args {
     /// For GLB from other formats: orientation of the joints at rest [default: parallel].
     #[arg(long, value_enum, ignore_case = true)]
     frames: Option<Frames>,
+    /// Move and scale each asset as a whole into the cube that the format's own loaders expect, which is 0.5 in each
+    /// direction for articulation-xl, 0.9995 for puppeteer-h5 and 1 for anymate. Without it all coordinates stay.
+    #[arg(long)]
+    fit: bool,
 }
 
 impl Args {
+    /// An asset as it is written: with --fit in the cube of the format.
+    fn placed(&self, asset: Asset, target: Target) -> Asset {
+        match self.fit.then(|| target.fitted(&asset.rig)).flatten() {
+            Some(rig) => Asset { rig, ..asset },
+            None => asset,
+        }
+    }
+
     fn import(&self) -> ImportOptions {
         let (item, character, repair) = (self.item, self.character.clone(), self.repair);
         ImportOptions { item, character, repair, ..ImportOptions::default() }
@@ -123,6 +137,10 @@ pub fn run(args: &Args) -> Result<ExitCode> {
     }
     if target != Target::GLB && (args.influences.is_some() || args.frames.is_some()) {
         bail!("--influences and --frames are for GLB; {target} is written as the rig is");
+    }
+    if args.fit && !target.has_cube() {
+        let with: Vec<_> = Target::ALL.iter().filter(|of| of.has_cube()).map(|of| of.name()).collect();
+        bail!("--fit is for formats whose own loaders expect a cube: {}; {target} is of any size", with.join(", "));
     }
     let own_folder = into_folder || several && !target.holds_several();
     let place = if own_folder { Some(args.out.as_path()) } else { args.out.parent() };
@@ -244,7 +262,8 @@ fn together(
     let (mut assets, mut failed): (Vec<Asset>, usize) = (Vec::new(), 0);
     let mut lost = Lost::default();
     let mut names = HashSet::new();
-    for file in files {
+    let mut progress = Progress::new("reading", files.len() as u64, 0);
+    for (done, file) in files.iter().enumerate() {
         import_each(file, options, |imported| {
             if let Ok(imported) = &imported {
                 warn(imported);
@@ -253,7 +272,9 @@ fn together(
                     lost = lost.with(imported, target);
                 }
             }
-            match imported.and_then(Imported::into_asset) {
+            let placed = imported.and_then(Imported::into_asset).map(|asset| args.placed(asset, target));
+            let held = |asset: Asset| target.holds(&asset).map(|()| asset).map_err(anyhow::Error::from);
+            match placed.map_err(anyhow::Error::from).and_then(held) {
                 Ok(mut asset) => {
                     let (own, mut again) = (asset.name.clone(), 1);
                     while !names.insert(asset.name.clone()) {
@@ -269,7 +290,9 @@ fn together(
             }
             ControlFlow::Continue(())
         });
+        progress.set(done as u64 + 1, String::new);
     }
+    progress.finish();
     if assets.is_empty() {
         bail!("none of {} gave a rig", counted(files.len(), "file"));
     }
@@ -328,7 +351,7 @@ fn store(
         Content::Bare(mesh) if target == Target::OBJ => write_mesh(mesh, out)?,
         _ => {
             let source = imported.provenance.source.clone();
-            for note in write(&[imported.into_asset()?], out, target)? {
+            for note in write(&[args.placed(imported.into_asset()?, target)], out, target)? {
                 tell!("note: {source}: {note}");
             }
         }
