@@ -117,10 +117,26 @@ impl Results {
             table.note += " Columns are those of the last validation, as the sweep's file has no [[sweep.metrics]]: these name \
                            figures of the evaluations, too (`eval.json:`).";
         }
+        if let Some(sentence) = self.without_best() {
+            table.note += &format!(" {sentence}.");
+        }
         if let Some(sentence) = self.mixed() {
             table.note += &format!(" {}.", sentence.replacen('n', "N", 1));
         }
         table
+    }
+
+    /// Which runs were evaluated at their last step, as they have no best one.
+    pub fn without_best(&self) -> Option<String> {
+        let of = self.outcomes.iter().zip(&self.numbers).filter(|(_, numbers)| numbers.without_best);
+        let runs: Vec<String> = of.map(|(o, _)| format!("{}, seed {}", o.point, o.seed)).collect();
+        (!runs.is_empty()).then(|| {
+            format!(
+                "Evaluated at the last step, as no checkpoint was the best (guard.worse refused all, or what they are chosen \
+                 by was never finite): {}",
+                runs.join("; ")
+            )
+        })
     }
 
     /// The point that is first by a metric, and its difference from the next: the best where that is beyond the noise of
@@ -356,7 +372,10 @@ mod tests {
             let Some(iou) = iou else { continue };
             std::fs::write(run.join("metrics.jsonl"), format!("{{\"step\":1,\"eval/iou@val\":{iou}}}\n")).unwrap();
             std::fs::write(run.join("run.json"), "{\"outcome\": \"finished\"}").unwrap();
-            let eval = format!("{{\"rows\": [{{\"k\": 4, \"iou\": {iou}}}, {{\"k\": 8, \"iou\": 0.9}}]}}");
+            let best = if k == 1 { "null" } else { "[1, 0.5]" };
+            let eval = format!(
+                "{{\"checkpoint\": {{\"best\": {best}}}, \"rows\": [{{\"k\": 4, \"iou\": {iou}}}, {{\"k\": 8, \"iou\": 0.9}}]}}"
+            );
             std::fs::write(run.join("eval.json"), eval).unwrap();
         }
         for _ in 0..2 {
@@ -373,6 +392,8 @@ mod tests {
         let row = |k: usize| table.rows[k].iter().map(|c| c.text.as_str()).collect::<Vec<_>>();
         assert_eq!(row(0), ["with", "2", "0", "0.60 ± 0.14"]);
         assert_eq!(row(1), ["without", "1", "1", "0.40"]);
+        let evaluated = "Evaluated at the last step, as no checkpoint was the best";
+        assert!(table.note.contains(evaluated) && table.note.contains("finite): with, seed 2."), "{}", table.note);
         // Both have a run of seed 1 alone.
         assert!(!table.rows[0][3].strong && table.note.contains("takes two seeds of both points"), "{}", table.note);
         assert!(table.note.starts_with("Mean over seeds ±") && !table.note.contains("as far as"), "{}", table.note);

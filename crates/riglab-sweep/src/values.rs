@@ -20,6 +20,8 @@ pub(crate) struct Numbers {
     evaluated: BTreeMap<String, f64>,
     /// What it was trained and evaluated on.
     pub corpora: Corpora,
+    /// Whether its evaluation is of a checkpoint though none was the run's best.
+    pub without_best: bool,
 }
 
 impl Numbers {
@@ -28,7 +30,8 @@ impl Numbers {
         let evaluation = evaluation(run).unwrap_or_default();
         let found = |of: &String| Some((of.clone(), at(&evaluation, of.strip_prefix(EVALUATION)?)?));
         let evaluated = asked.iter().filter_map(found).collect();
-        Self { last: last(run), evaluated, corpora: corpora(&info(run), &evaluation) }
+        let without_best = evaluation.pointer("/checkpoint/best").is_some_and(Value::is_null);
+        Self { last: last(run), evaluated, corpora: corpora(&info(run), &evaluation), without_best }
     }
 
     /// The number that [`crate::MetricOf::of`] names; `None` where there is none.

@@ -58,6 +58,26 @@ pub fn named_by(folder: &Path) -> (PathBuf, String) {
     within().unwrap_or_else(|| (folder.to_path_buf(), "best".to_string()))
 }
 
+/// Whether a run has checkpoints of which none is its best, as where a guard refused all.
+pub fn without_best(run: &Path) -> bool {
+    let there = |name: &str| run.join(CHECKPOINTS).join(name).exists();
+    !there("best") && there("last")
+}
+
+/// Why no checkpoint is where one was looked for: of a `best` beside a `last`, what to take instead.
+fn missing(path: &Path, e: &std::io::Error) -> String {
+    let last = path.with_file_name("last");
+    if !path.ends_with("best") || path.exists() || !last.exists() {
+        return format!("no checkpoint here ({STATE}: {e}){}", beside(path));
+    }
+    format!(
+        "no checkpoint is the best of this run: none passed guard.worse, or what they are chosen by was never measured or \
+         never finite; take the last: --checkpoint last, or {} where a folder is named{}",
+        last.display(),
+        beside(path)
+    )
+}
+
 /// What checkpoints there are where one was looked for, for an error.
 fn beside(path: &Path) -> String {
     let entries = path.parent().and_then(|folder| fs::read_dir(folder).ok()).into_iter().flatten().flatten();
@@ -94,8 +114,7 @@ impl Checkpoint {
     pub fn open(path: &Path) -> Result<Self, TrainError> {
         let path = &numbered(path);
         let fault = |message: String| TrainError::Checkpoint { path: path.into(), message };
-        let bytes = fs::read(path.join(STATE))
-            .map_err(|e| fault(format!("no checkpoint here ({STATE}: {e}){}", beside(path))))?;
+        let bytes = fs::read(path.join(STATE)).map_err(|e| fault(missing(path, &e)))?;
         let state = serde_json::from_slice(&bytes).map_err(|e| {
             let remedy =
                 "it was damaged or written by another version: put it back from a copy, or take another checkpoint";
@@ -473,6 +492,21 @@ mod tests {
         fs::create_dir_all(run.path("checkpoints/step-00000004")).unwrap();
         let said = latest(&rarely).unwrap_err();
         assert!(said.contains("no checkpoint is left") && said.contains("step-00000004"), "{said}");
+    }
+
+    #[test]
+    fn a_run_without_a_best_says_what_to_take_instead() {
+        let dir = tempfile::tempdir().unwrap();
+        let of = |name: &str| Checkpoint::open(&dir.path().join(CHECKPOINTS).join(name)).unwrap_err().to_string();
+        assert!(!without_best(dir.path()) && of("best").contains("no checkpoint here"));
+        let last = dir.path().join(CHECKPOINTS).join("last");
+        fs::create_dir_all(&last).unwrap();
+        assert!(without_best(dir.path()));
+        let said = of("best");
+        assert!(said.contains("none passed guard.worse") && said.contains("--checkpoint last, or "), "{said}");
+        assert!(of("last").contains("no checkpoint here") && of("step-3").contains("no checkpoint here"));
+        fs::create_dir_all(last.with_file_name("best")).unwrap();
+        assert!(!without_best(dir.path()) && of("best").contains("no checkpoint here"));
     }
 
     #[test]

@@ -35,7 +35,7 @@ mod together;
 mod trainer;
 
 pub use beside::sides;
-pub use checkpoint::{Checkpoint, State, named_by};
+pub use checkpoint::{Checkpoint, State, named_by, without_best};
 pub use config::{OneCycleConfig, Precision, ScheduleConfig, ScheduleKind, StartConfig, TrainConfig};
 pub use error::TrainError;
 pub use estimate::{Estimate, estimate, product_speed};

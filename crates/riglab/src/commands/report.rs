@@ -7,7 +7,7 @@ use anyhow::{Context, Result, bail};
 use riglab_files::make_folder_of;
 use riglab_report::shell::command;
 use riglab_report::{Block, Compared, Page, RunView, versus};
-use riglab_train::Checkpoint;
+use riglab_train::{Checkpoint, without_best};
 
 use super::charts::{charts, no_file};
 use super::earlier::{Written, keep_others};
@@ -193,11 +193,9 @@ fn single(args: &Args, run: &Path, evaluation: &Path) -> Result<Page> {
 
 /// The command that evaluates a run: of one that no checkpoint was the best of, as where a guard refused all, the last.
 fn evaluating(run: &Path) -> String {
-    let there = |name: &str| run.join("checkpoints").join(name).exists();
-    let run = shown(run);
-    match !there("best") && there("last") {
-        true => command(["eval", &run, "--checkpoint", "last"]),
-        false => command(["eval", &run]),
+    match without_best(run) {
+        true => command(["eval", &shown(run), "--checkpoint", "last"]),
+        false => command(["eval", &shown(run)]),
     }
 }
 

@@ -13,7 +13,7 @@ use riglab_sweep::{
     Budget, Ended, Event, Job, Plan, REPLACED, Results, Stage, SweepError, SweepFile, may_be_called, retry,
     run as run_pool,
 };
-use riglab_train::{Interrupt, Progress};
+use riglab_train::{Interrupt, Progress, without_best};
 
 use super::charts::{charts, no_file, spare};
 use super::report::write;
@@ -371,6 +371,8 @@ pub fn process(riglab: Command, threads: usize, config: &Path, stage: Stage, run
     match stage {
         Stage::Train => command.arg("train").arg(config).arg("--run").arg(run),
         Stage::Resume => command.args(["train", "--resume"]).arg(run),
+        // Of a run that no checkpoint is the best of, the last: to leave it out would leave out what went wrong.
+        Stage::Evaluate if without_best(run) => command.arg("eval").arg(run).args(["--checkpoint", "last"]),
         Stage::Evaluate => command.arg("eval").arg(run),
     };
     command
@@ -460,6 +462,20 @@ mod tests {
         // Files of the working folder are meant where there are such, and built-in ones where there is none.
         assert_eq!(beside(&file, "Cargo.toml"), "Cargo.toml");
         assert_eq!(beside(&file, "quickstart/fsq_cvae.toml"), "quickstart/fsq_cvae.toml");
+    }
+
+    #[test]
+    fn a_run_without_a_best_is_evaluated_at_its_last_step() {
+        let run = tempfile::tempdir().unwrap();
+        let asked = || {
+            let command = process(Command::new("riglab"), 1, Path::new("c.toml"), Stage::Evaluate, run.path());
+            command.get_args().skip(3).map(|a| a.to_string_lossy().into_owned()).collect::<Vec<_>>().join(" ")
+        };
+        let (last, best) = (run.path().join("checkpoints/last"), run.path().join("checkpoints/best"));
+        std::fs::create_dir_all(last).unwrap();
+        assert_eq!(asked(), format!("{} --checkpoint last", run.path().display()));
+        std::fs::create_dir_all(best).unwrap();
+        assert_eq!(asked(), run.path().display().to_string());
     }
 
     #[test]
