@@ -27,7 +27,7 @@ pub struct Chart {
     pub x: String,
     /// The lines.
     pub series: Vec<Series>,
-    /// A vertical axis by ratios, where values lie so far apart that it helps.
+    /// A vertical axis by ratios, where values lie so far apart that it helps, and all above 0: it has no place for others.
     pub log: bool,
     /// The vertical axis; empty where the title says it. One by ratios says so besides.
     pub y: String,
@@ -110,8 +110,14 @@ impl Chart {
         self.drawn(&PAPER)
     }
 
+    /// Whether all values of all lines are above 0.
+    fn is_positive(&self) -> bool {
+        let mut points = self.series.iter().flat_map(|s| &s.points);
+        points.all(|(x, y)| !x.is_finite() || !y.is_finite() || *y > 0.0)
+    }
+
     fn drawn(&self, look: &Look) -> Result<String, ReportError> {
-        let lines: Vec<Line> = self.series.iter().map(|s| (s.name.as_str(), thinned(&s.points, self.log))).collect();
+        let lines: Vec<Line> = self.series.iter().map(|s| (s.name.as_str(), thinned(&s.points))).collect();
         let lines: Vec<_> = lines.into_iter().filter(|(_, points)| !points.is_empty()).collect();
         let all = || lines.iter().flat_map(|(_, p)| p.iter());
         let range = |f: fn(&(f64, f64)) -> f64| {
@@ -134,7 +140,8 @@ impl Chart {
         let rows = if lines.len() > 1 { lines.len().div_ceil(columns) as u32 } else { 0 };
         let note = look.wrapped(&self.note);
         let line = look.letters as u32 + 4;
-        let by_ratio = self.log && y1 > FAR_APART * y0;
+        // The mean of neighbours may be above 0 where one of them is not.
+        let by_ratio = self.log && self.is_positive() && y1 > FAR_APART * y0;
         let axis: Vec<&str> =
             [self.y.as_str(), if by_ratio { "log scale" } else { "" }].into_iter().filter(|t| !t.is_empty()).collect();
         let axis = axis.join(", ");
@@ -340,9 +347,8 @@ fn fault(e: impl std::fmt::Display) -> ReportError {
 }
 
 /// At most [`POINTS`] points, each the mean of its neighbours.
-fn thinned(points: &[(f64, f64)], log: bool) -> Vec<(f64, f64)> {
-    let good: Vec<(f64, f64)> =
-        points.iter().copied().filter(|(x, y)| x.is_finite() && y.is_finite() && (!log || *y > 0.0)).collect();
+fn thinned(points: &[(f64, f64)]) -> Vec<(f64, f64)> {
+    let good: Vec<(f64, f64)> = points.iter().copied().filter(|(x, y)| x.is_finite() && y.is_finite()).collect();
     let group = good.len().div_ceil(POINTS).max(1);
     let mean = |c: &[(f64, f64)]| {
         let n = c.len() as f64;
@@ -386,7 +392,7 @@ mod tests {
     #[test]
     fn many_points_are_averaged_and_holes_left_out() {
         let points: Vec<(f64, f64)> = (0..1000).map(|i| (f64::from(i), if i == 7 { f64::NAN } else { 1.0 })).collect();
-        let thin = thinned(&points, false);
+        let thin = thinned(&points);
         assert!(thin.len() <= POINTS && thin.iter().all(|p| p.1 == 1.0));
     }
 
@@ -419,6 +425,10 @@ mod tests {
         // A loss that falls to half is read off a plain axis.
         let near = chart(vec![line(&[(0.0, 2.0), (1.0, 1.0)])]).to_svg().unwrap();
         assert!(near.contains("\n1.2\n") && near.contains("\n1.8\n"), "{near}");
+        // Of a line that falls below 0 nothing is left out, whatever the others are.
+        let below = chart(vec![line(&[(0.0, 100.0), (1.0, 1.0)]), line(&[(0.0, 1.0), (1.0, -5.0), (2.0, f64::NAN)])]);
+        let below = below.to_svg().unwrap();
+        assert!(!below.contains("log scale") && below.contains("a from 1 to -5"), "{below}");
         // Each of several lines is named once.
         let named = chart(vec![line(&[(0.0, 1.0), (1.0, 2.0)]); 4]).to_svg().unwrap();
         assert_eq!(named.matches("\na\n").count(), 4);

@@ -214,16 +214,13 @@ impl RunView {
             let note = glossary(&task, names);
             Chart { title, x: "step".into(), series: series.collect(), log, note, ..Chart::default() }
         };
-        // An axis by ratios has no place for 0.
-        let positive = |name: &&str| of[name].iter().all(|p| p.1 > 0.0);
         let together = |what: &str, names: &[&str], by_ratio: bool| {
-            let log = |names: &[&str]| by_ratio && names.iter().all(positive);
-            let single = |name: &&str| chart((*name).to_owned(), &[*name], log(&[*name]));
+            let single = |name: &&str| chart((*name).to_owned(), &[*name], by_ratio);
             match names {
                 [name] => single(name),
                 _ => {
                     let apart = names.iter().map(single).collect();
-                    Chart { apart, ..chart(format!("{what}: {}", listed(names)), names, log(names)) }
+                    Chart { apart, ..chart(format!("{what}: {}", listed(names)), names, by_ratio) }
                 }
             }
         };
