@@ -3,7 +3,7 @@
 //! A task fills [`Findings`] from its own evaluation; tables of spread, of categories and of published numbers come from
 //! it without knowing the task.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use riglab_metric::statistics::Mean;
 
@@ -24,12 +24,15 @@ pub struct Metric {
     pub ranked: bool,
     /// Digits after the point.
     pub digits: usize,
+    /// Settings, or tables of them, that say what it is: runs that differ in these have other quantities under its name.
+    pub defined_by: Vec<String>,
 }
 
 impl Metric {
     /// One of which large values are good.
     pub fn higher(name: &str, convention: &str, digits: usize) -> Self {
-        Self { name: name.into(), convention: convention.into(), higher: true, ranked: true, digits }
+        let (name, convention, defined_by) = (name.into(), convention.into(), Vec::new());
+        Self { name, convention, higher: true, ranked: true, digits, defined_by }
     }
 
     /// One of which small values are good.
@@ -40,6 +43,20 @@ impl Metric {
     /// One side of a trade-off, of which large values are good but none is marked as the best.
     pub fn traded(name: &str, convention: &str, digits: usize) -> Self {
         Self { ranked: false, ..Self::higher(name, convention, digits) }
+    }
+
+    /// The same as what these settings, or tables of them, define it.
+    pub fn defined_by(self, settings: &[&str]) -> Self {
+        Self { defined_by: settings.iter().map(|s| (*s).to_owned()).collect(), ..self }
+    }
+
+    /// Those of some settings that say what it is.
+    pub(crate) fn among<'a>(&self, settings: &'a BTreeSet<String>) -> Vec<&'a str> {
+        let defines = |key: &&String| {
+            let of = |own: &String| key.strip_prefix(own).is_some_and(|rest| rest.is_empty() || rest.starts_with('.'));
+            self.defined_by.iter().any(of)
+        };
+        settings.iter().filter(defines).map(String::as_str).collect()
     }
 
     /// Of some values which are the best: all that are shown with the best one's digits; none that is no number, and none
@@ -125,6 +142,19 @@ impl Findings {
             }
         }
         out
+    }
+
+    /// Without those figures of single assets that are other quantities where these settings are others.
+    pub(crate) fn comparable(&self, differ: &BTreeSet<String>) -> Self {
+        let kept: Vec<bool> = self.singles_of.iter().map(|m| m.among(differ).is_empty()).collect();
+        let mut own = self.clone();
+        let mut keep = kept.iter();
+        own.singles_of.retain(|_| keep.next() == Some(&true));
+        for single in &mut own.singles {
+            let mut keep = kept.iter();
+            single.values.retain(|_| keep.next() == Some(&true));
+        }
+        own
     }
 
     /// A row a split and a category in it: means over assets with their intervals. `None` without assets.

@@ -12,26 +12,34 @@ use riglab_config::Config;
 pub struct Losses {
     /// Settings in which they differ and that decide what the total is; none where totals are comparable.
     pub apart: Vec<String>,
+    /// Settings in which they differ and that decide what the reward is, where one is maximised.
+    rewards: Vec<String>,
     /// Names under which a part of the loss may be logged.
     parts: BTreeSet<String>,
 }
 
-/// The table of a config that says what is minimised.
+/// The table of a config that says what is minimised, and the one that says what the rewards are.
 const TABLE: &str = "loss";
+const REWARDS: &str = "reward";
+/// What totals of rewards are logged as.
+const TOTALS: [&str; 3] = ["reward", "guarded_reward", "start_reward"];
 
 impl Losses {
     /// Of the texts of `config.toml`; one that cannot be read is passed over.
     pub fn of<'a>(configs: impl IntoIterator<Item = &'a str>) -> Self {
         let read = |text: &str| Config::from_toml_str("config.toml", text).ok();
-        let own = |key: &str| key == "task" || key.split('.').next() == Some(TABLE);
+        let table = |key: &str| key.split('.').next().unwrap_or_default().to_owned();
+        let own = |key: &str| key == "task" || [TABLE, REWARDS].contains(&table(key).as_str());
         let leaves = |config: Config| config.leaves().into_iter().map(|leaf| (leaf.path, leaf.value));
         let all: Vec<BTreeMap<String, String>> =
             configs.into_iter().filter_map(read).map(|c| leaves(c).filter(|(key, _)| own(key)).collect()).collect();
         let keys: BTreeSet<&String> = all.iter().flat_map(BTreeMap::keys).collect();
         let differs = |key: &&&String| all.iter().any(|of| of.get(**key) != all[0].get(**key));
-        let apart = keys.iter().filter(differs).map(|key| (*key).clone()).collect();
+        let apart = keys.iter().filter(differs).map(|key| (*key).clone());
+        let (rewards, apart) = apart.partition(|key| table(key) == REWARDS);
         let part = |key: &&String| Some(format!("train/{}", key.split('.').nth(1)?));
-        Self { apart, parts: keys.iter().filter_map(part).collect() }
+        let parts = keys.iter().filter(|key| table(key) == TABLE).filter_map(part).collect();
+        Self { apart, rewards, parts }
     }
 
     /// Whether charts of what was logged under the name are called for beside the total's: it is a part of it, and the
@@ -42,11 +50,18 @@ impl Losses {
 
     /// What is said below a chart of something that was logged; nothing where there is nothing to say.
     pub fn note(&self, name: &str) -> String {
+        let bare = name.split('@').next().and_then(|name| name.rsplit('/').next()).unwrap_or_default();
+        if TOTALS.contains(&bare) && !self.rewards.is_empty() {
+            let by = listed(&self.rewards);
+            return format!(
+                "Not comparable between lines: rewards are defined differently ({by}). Compare the parts, where these are \
+                 defined alike."
+            );
+        }
         let by = match self.apart.as_slice() {
             [] => return String::new(),
             apart if apart.iter().any(|key| key == "task") => "task".into(),
-            [first] => first.clone(),
-            [first, others @ ..] => format!("{first} and {} more", others.len()),
+            apart => listed(apart),
         };
         match name {
             "train/loss" => format!(
@@ -55,6 +70,15 @@ impl Losses {
             _ if self.parts.contains(name) => "As it was logged, without its weight in the loss.".into(),
             _ => String::new(),
         }
+    }
+}
+
+/// The first of some settings, and how many more there are.
+fn listed(keys: &[String]) -> String {
+    match keys {
+        [] => String::new(),
+        [first] => first.clone(),
+        [first, others @ ..] => format!("{first} and {} more", others.len()),
     }
 }
 
@@ -81,6 +105,18 @@ mod tests {
         assert!(other.note("train/loss").starts_with("Not comparable between lines: "), "{}", other.note("train/loss"));
         assert!(other.note("train/loss").contains("(loss.dice)"));
         assert!(other.note("train/dice").contains("without its weight") && other.note("eval/iou@val").is_empty());
+    }
+
+    #[test]
+    fn rewards_of_other_weights_are_told_without_a_word_of_the_loss() {
+        let of = |weight: f64| Losses::of(["[reward]\nweights = [5.0]", &format!("[reward]\nweights = [{weight:?}]")]);
+        let other = of(1.0);
+        for name in ["eval/reward@val", "eval/guarded_reward@val"] {
+            assert!(other.note(name).contains("rewards are defined differently (reward.weights)"), "{name}");
+            assert!(of(5.0).note(name).is_empty());
+        }
+        assert!(["train/loss", "eval/motion@val"].iter().all(|name| other.note(name).is_empty()));
+        assert!(other.apart.is_empty() && !other.replaces("train/weights"));
     }
 
     #[test]

@@ -15,6 +15,8 @@ pub struct Part {
     pub weight: f64,
     /// Whether it judges skin weights, and not only joints and bones.
     pub of_weights: bool,
+    /// Settings ([`crate::RewardConfig`]) that say what it measures: under others it is another quantity.
+    pub settings: &'static [&'static str],
 }
 
 /// How many there are.
@@ -38,14 +40,29 @@ pub struct Rewards {
 impl Rewards {
     /// All of them.
     pub const PARTS: [Part; COUNT] = [
-        Part { name: "coverage", symbol: "R_vj", asks: "joints near all of the body", weight: 5.0, of_weights: false },
-        Part { name: "containment", symbol: "R_vk", asks: "bones inside the body", weight: 1.0, of_weights: false },
+        Part {
+            name: "coverage",
+            symbol: "R_vj",
+            asks: "joints near all of the body",
+            weight: 5.0,
+            of_weights: false,
+            settings: &["resolution", "alpha"],
+        },
+        Part {
+            name: "containment",
+            symbol: "R_vk",
+            asks: "bones inside the body",
+            weight: 1.0,
+            of_weights: false,
+            settings: &["resolution", "bone_steps"],
+        },
         Part {
             name: "skinning",
             symbol: "R_sc",
             asks: "every vertex bound, to at most four bones",
             weight: 1.0,
             of_weights: true,
+            settings: &["beta", "unbound_exponent", "crowded_exponent"],
         },
         Part {
             name: "motion",
@@ -53,6 +70,7 @@ impl Rewards {
             asks: "a surface that stays whole in poses",
             weight: 1.0,
             of_weights: true,
+            settings: &["stretch_scale", "poses", "pose_degrees", "seed"],
         },
     ];
 
@@ -95,6 +113,15 @@ mod tests {
             assert_eq!(json[part.name].as_f64(), Some(value), "{}", part.name);
         }
         assert_eq!(json.as_object().unwrap().len(), COUNT + 1);
+    }
+
+    #[test]
+    fn every_setting_belongs_to_a_part_or_weighs_them() {
+        let config = serde_json::to_value(crate::RewardConfig::default()).unwrap();
+        let of_parts = Rewards::PARTS.iter().flat_map(|part| part.settings.iter().copied());
+        let known: std::collections::BTreeSet<&str> = of_parts.chain(["weights"]).collect();
+        let all: std::collections::BTreeSet<&str> = config.as_object().unwrap().keys().map(String::as_str).collect();
+        assert_eq!(known, all);
     }
 
     #[test]

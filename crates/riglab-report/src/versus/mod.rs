@@ -47,13 +47,16 @@ pub fn versus(runs: &[Compared]) -> Result<Vec<Block>, Refusal> {
     others.iter().try_for_each(|other| same(first, other))?;
     let warned = |run: &Compared| Some(Block::Text(format!("{}: {}", run.name, run.warning.as_ref()?)));
     let mut blocks: Vec<Block> = runs.iter().filter_map(warned).collect();
-    blocks.extend([Block::Table(facts(runs)), Block::Table(settings(runs)?)]);
+    let settings = settings(runs)?;
+    let differ = settings.rows.iter().map(|row| row[0].text.clone()).collect();
+    blocks.extend([Block::Table(facts(runs)), Block::Table(settings)]);
+    let found = |f: &Findings| runs.iter().map(|r| Some(find(r, &f.about)?.comparable(&differ))).collect();
+    let found: Vec<Vec<Findings>> = first.findings.iter().filter_map(found).collect();
     let mut measured = Vec::new();
-    for about in first.findings.iter().map(|f| f.about.as_str()) {
-        let of: Option<Vec<&Findings>> = runs.iter().map(|r| find(r, about)).collect();
-        let Some(of) = of else { continue };
-        blocks.push(Block::Heading(about.into()));
-        blocks.extend(side_by_side(runs, &of).into_iter().map(Block::Table));
+    for of in &found {
+        let of: Vec<&Findings> = of.iter().collect();
+        blocks.push(Block::Heading(of[0].about.clone()));
+        blocks.extend(side_by_side(runs, &of, &differ).into_iter().map(Block::Table));
         blocks.extend(tests(runs, &of).map(Block::Table));
         blocks.extend(changed::most(runs, &of).map(Block::Table));
         blocks.extend(groups(runs, &of).map(Block::Table));
@@ -252,6 +255,34 @@ mod tests {
         let titles: Vec<&str> = other.iter().map(|(title, _)| title.as_str()).collect();
         assert_eq!(titles, ["train/loss", "train/bce", "train/dice", "eval/j2j × 100@val"]);
         assert!(other[0].1.starts_with("Not comparable") && other[1].1.contains("without its weight"), "{other:?}");
+    }
+
+    #[test]
+    fn quantities_that_settings_define_otherwise_are_not_ranked_or_tested() {
+        let of = |weights: &str, name: &str, shift: f64| {
+            let config = format!("task = 't'\n[reward]\nweights = {weights}\nalpha = 0.5\n");
+            let mut run = trained_by(&config, name, shift, "1");
+            let reward = || Metric::higher("reward", "riglab", 4).defined_by(&["reward"]);
+            let own = &mut run.findings[0];
+            own.totals_of.push(reward());
+            own.totals.iter_mut().for_each(|t| t.values.push(t.values[0]));
+            own.singles_of.insert(0, reward());
+            own.singles.iter_mut().for_each(|s| s.values.insert(0, 5.0));
+            run
+        };
+        let seen = |runs: [Compared; 2]| {
+            let blocks = versus(&runs).unwrap();
+            let totals = table(&blocks, "test_seen: convention");
+            let tested = table(&blocks, "paired tests").rows.iter().map(|row| row[2].text.clone()).collect::<Vec<_>>();
+            (totals.rows[1][3].strong, totals.rows[1][5].strong, totals.note.clone(), tested, blocks)
+        };
+        let (iou, reward, note, tested, _) = seen([of("[5.0]", "a", 0.0), of("[5.0]", "b", 0.1)]);
+        assert!(iou && reward && note.is_empty() && tested.iter().any(|m| m == "reward per rig"), "{tested:?}");
+        let (iou, reward, note, tested, blocks) = seen([of("[5.0]", "a", 0.0), of("[1.0]", "b", 0.1)]);
+        assert!(iou && !reward && tested.iter().all(|m| m == "IoU per rig") && !tested.is_empty(), "{tested:?}");
+        assert_eq!(note, "Not comparable between lines, being defined differently (reward.weights): reward.");
+        // The figures of what is left stay with their names.
+        assert_eq!(table(&blocks, "paired tests").rows[0][5].text, "0.5400");
     }
 
     #[test]

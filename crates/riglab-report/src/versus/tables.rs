@@ -1,5 +1,7 @@
 //! A table a split, with all runs side by side and what stands beside them, and one of published numbers.
 
+use std::collections::BTreeSet;
+
 use super::by_asset::defined;
 use super::{Compared, shared};
 use crate::findings::conventions;
@@ -7,8 +9,8 @@ use crate::{Cell, Findings, Metric, Table};
 
 /// A table a split: what each run trained, and what stands beside it. What is not trained stands once where all runs found
 /// the same of it; where a run found something else (its model before GRPO, say), under its name. Below them, published
-/// numbers.
-pub(super) fn side_by_side(runs: &[Compared], of: &[&Findings]) -> Vec<Table> {
+/// numbers. `differ`: settings in which the runs differ.
+pub(super) fn side_by_side(runs: &[Compared], of: &[&Findings], differ: &BTreeSet<String>) -> Vec<Table> {
     let metrics = shared(of, |f| &f.totals_of);
     let names: Vec<Metric> = metrics.iter().map(|(m, _)| m.clone()).collect();
     let mut tables = Vec::new();
@@ -48,8 +50,13 @@ pub(super) fn side_by_side(runs: &[Compared], of: &[&Findings]) -> Vec<Table> {
             own_rows = if own { rows.len() } else { own_rows };
         }
         let mut apart: Vec<&str> = Vec::new();
+        let other: Vec<bool> = names.iter().map(|m| !m.among(differ).is_empty()).collect();
         let mut best: Vec<Vec<bool>> = Vec::new();
         for (c, m) in names.iter().enumerate() {
+            if other[c] {
+                best.push(vec![false; rows.len()]);
+                continue;
+            }
             let rivals = rivals(of, split, m);
             if rivals == Rivals::None && m.ranked {
                 apart.push(&m.name);
@@ -61,6 +68,7 @@ pub(super) fn side_by_side(runs: &[Compared], of: &[&Findings]) -> Vec<Table> {
         if !apart.is_empty() {
             table.note = format!("No best marked, as runs have values for different assets: {}. ", apart.join(", "));
         }
+        table.note += &not_comparable(&names, differ);
         let traded: Vec<&str> = names.iter().filter(|m| !m.ranked).map(|m| m.name.as_str()).collect();
         if !traded.is_empty() {
             table.note += &format!("No best marked, as one rises when another falls: {}. ", traded.join(", "));
@@ -79,6 +87,18 @@ pub(super) fn side_by_side(runs: &[Compared], of: &[&Findings]) -> Vec<Table> {
     // Once: others' numbers are of no split here.
     tables.extend(of[0].published_in(&names));
     tables
+}
+
+/// What is said of metrics that are other quantities in each run, by the settings that make them so.
+fn not_comparable(metrics: &[Metric], differ: &BTreeSet<String>) -> String {
+    let own = metrics.iter().map(|m| (m.name.as_str(), m.among(differ))).filter(|(_, keys)| !keys.is_empty());
+    let (names, keys): (Vec<&str>, Vec<Vec<&str>>) = own.unzip();
+    if names.is_empty() {
+        return String::new();
+    }
+    let keys: BTreeSet<&str> = keys.into_iter().flatten().collect();
+    let keys = keys.into_iter().collect::<Vec<_>>().join(", ");
+    format!("Not comparable between lines, being defined differently ({keys}): {}. ", names.join(", "))
 }
 
 /// Among which rows a metric has a best.

@@ -349,7 +349,11 @@ impl GrpoTask {
             let mut found: Vec<(AssetId, Found, Found)> =
                 before.found.into_iter().zip(after.found).zip(&ids).map(|((was, is), &id)| (id, was, is)).collect();
             for (id, was, is) in &found {
-                let judged = |f: &Found| AssetScore { reward: f.rewards.total, distances: f.distances };
+                let judged = |f: &Found| AssetScore {
+                    reward: f.rewards.total,
+                    rewards: Some(f.rewards),
+                    distances: f.distances,
+                };
                 assets.push(AssetRow {
                     split: split.clone(),
                     name: self.policy.pool().assets.read(*id).map_err(|e| e.to_string())?.name,

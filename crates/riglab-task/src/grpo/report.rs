@@ -2,8 +2,8 @@
 
 use riglab_metric::statistics::Paired;
 use riglab_metric::{SkeletonDistances, nan_for_null};
-use riglab_report::{Block, Cell, Findings, Metric, Single, Table, Total};
-use riglab_reward::{RewardWeights, Rewards};
+use riglab_report::{Block, Cell, Columns, Findings, Metric, Single, Table, Total};
+use riglab_reward::{Part, RewardWeights, Rewards};
 use riglab_train::State;
 use serde::{Deserialize, Serialize};
 
@@ -54,6 +54,9 @@ pub struct Gain {
 pub struct AssetScore {
     /// The reward; 0 for a rig that cannot be decoded.
     pub reward: f64,
+    /// What the reward is made of; nothing where an earlier version wrote it.
+    #[serde(default)]
+    pub rewards: Option<Rewards>,
     /// The distances.
     pub distances: SkeletonDistances,
 }
@@ -175,12 +178,16 @@ impl Evaluation {
     /// What it found, in the form in which runs are compared: of this checkpoint, with the start beside it.
     pub fn findings(&self) -> Vec<Findings> {
         let of = self.report.convention.as_str();
-        let reward = || Metric::higher("reward", "riglab", 4);
+        let reward = || Metric::higher("reward", "riglab", 4).defined_by(&["reward"]);
         let totals_of = skeleton_columns(of, |r: &Row| [r.skeletons.j2j, r.skeletons.j2b, r.skeletons.b2b])
-            .with(reward(), |r| r.rewards.total)
+            .with(reward(), |r| r.rewards.total);
+        let totals_of = with_parts(totals_of, |r| Some(r.rewards))
             .with(Metric::higher("valid %", of, 1), |r| 100.0 * r.skeletons.valid);
         let after = |a: &AssetRow| [a.after.distances.j2j, a.after.distances.j2b, a.after.distances.b2b];
-        let singles_of = skeleton_columns(of, after).with(reward(), |a| a.after.reward);
+        let mut singles_of = skeleton_columns(of, after).with(reward(), |a| a.after.reward);
+        if self.report.assets.iter().all(|a| a.after.rewards.is_some()) {
+            singles_of = with_parts(singles_of, |a| a.after.rewards);
+        }
         let total = |r: &Row| {
             let s = &r.skeletons;
             Total {
@@ -244,6 +251,20 @@ impl Evaluation {
         );
         table
     }
+}
+
+/// With a column for each part of the reward, which are comparable where its weights are not the same.
+fn with_parts<R>(columns: Columns<R>, of: fn(&R) -> Option<Rewards>) -> Columns<R>
+where
+    R: 'static,
+{
+    let with = |columns: Columns<R>, (k, part): (usize, &Part)| {
+        let settings: Vec<String> = part.settings.iter().map(|key| format!("reward.{key}")).collect();
+        let settings: Vec<&str> = settings.iter().map(String::as_str).collect();
+        let metric = Metric::higher(&format!("{} {}", part.name, part.symbol), "riglab", 4).defined_by(&settings);
+        columns.with(metric, move |row| of(row).map_or(f64::NAN, |r| r.parts()[k]))
+    };
+    Rewards::PARTS.iter().enumerate().fold(columns, with)
 }
 
 fn verdict(gain: &Gain, pair: &[Row]) -> String {
@@ -337,6 +358,34 @@ mod tests {
         let table = Evaluation { checkpoint, report, gallery: Vec::new() }.table();
         assert!(table.head.len() == table.rows[0].len() && table.head[4] == "coverage R_vj", "{:?}", table.head);
         assert!(table.note.contains("reward.weights (coverage 5, containment 1, skinning 1, motion 1): coverage (R_vj), joints near all of the body; "));
+    }
+
+    #[test]
+    fn findings_have_every_reward_of_each_asset_that_is_known() {
+        let rewards = Rewards::of([0.125, 0.25, 0.5, 0.75], [5.0, 1.0, 1.0, 1.0]);
+        let asset = |rewards: Option<Rewards>| {
+            let distances = serde_json::json!({"j2j": 0.1, "j2b": 0.1, "b2b": 0.1});
+            let score = AssetScore { reward: 2.125, rewards, distances: serde_json::from_value(distances).unwrap() };
+            let (split, name, category) = ("val".into(), "a".into(), String::new());
+            AssetRow { split, name, category, before: score.clone(), after: score }
+        };
+        let findings = |assets: Vec<AssetRow>| {
+            let (convention, reward_weights) = ("unirig".into(), Some(RewardWeights::default()));
+            let report = Report { convention, reward_weights, rows: Vec::new(), gains: Vec::new(), assets };
+            let checkpoint =
+                State { task: "grpo".into(), step: 1, seed: 0, skipped: 0, skipped_in_a_row: 0, best: None };
+            Evaluation { checkpoint, report, gallery: Vec::new() }.findings().remove(0)
+        };
+        let all = findings(vec![asset(Some(rewards))]);
+        let names: Vec<&str> = all.singles_of.iter().map(|m| m.name.as_str()).collect();
+        let at = names.iter().position(|name| *name == "reward").unwrap();
+        assert_eq!(names[at + 1..], ["coverage R_vj", "containment R_vk", "skinning R_sc", "motion R_mo"]);
+        assert_eq!(all.singles[0].values[at..], [2.125, 0.125, 0.25, 0.5, 0.75]);
+        // The total is of all settings, a part of its own alone.
+        assert_eq!(all.singles_of[at].defined_by, ["reward"]);
+        assert_eq!(all.singles_of[at + 1].defined_by, ["reward.resolution", "reward.alpha"]);
+        let before = findings(vec![asset(Some(rewards)), asset(None)]);
+        assert_eq!((before.singles_of.len(), before.totals_of.len()), (at + 1, all.totals_of.len()));
     }
 
     #[test]
