@@ -337,7 +337,7 @@ pub fn same_companions(before: &[(String, String)], now: &[(String, String)]) ->
             let short = |sum: &str| sum.get(..12).unwrap_or(sum).to_owned();
             return Err(format!(
                 "{key} has other weights ({}) than those of the training ({}): was that run trained on since? Name the \
-                 checkpoint that was its best then, {key} = \"RUN/checkpoints/step-N\" in config.toml, or train anew",
+                 checkpoint that was its best then (--set {key}=RUN/checkpoints/step-N, or in config.toml), or train anew",
                 short(other),
                 short(checksum)
             ));

@@ -1,4 +1,5 @@
-//! `riglab train --resume RUN --set train.steps=N`: a run that gets more steps than it was begun with.
+//! `riglab train --resume RUN --set KEY=VALUE`: a run that gets more steps than it was begun with, or whose start model or
+//! auto-encoder lies elsewhere now.
 
 use std::path::{Path, PathBuf};
 
@@ -7,15 +8,15 @@ use riglab_report::counted;
 use riglab_task::assets::Assets;
 use riglab_train::{Run, RunInfo, Task, TrainConfig, factor, first_apart};
 
-use super::shown;
 use super::train::{other_data, reached, whole};
+use super::{MOVED, shown};
 use crate::presets;
 use crate::registry::TaskConfig;
 
-/// The one setting of a run that may change, and only grow: what was learned so far is still of it.
+/// The one setting of a run that may be another, and only grow: what was learned so far is still of it.
 const STEPS: &str = "train.steps";
 
-/// A run's settings with more steps.
+/// A run's settings with more steps, or with other places of what it builds on.
 pub struct Longer {
     /// Steps that it was to have.
     from: u64,
@@ -25,11 +26,31 @@ pub struct Longer {
 
 /// Refuses changes of what stands in a run.
 pub fn only(run: &Path, sets: &[String]) -> Result<()> {
-    let other = |set: &&String| set.split_once('=').is_none_or(|(key, _)| key.trim() != STEPS);
+    let other = |set: &&String| key(set).is_none_or(|key| key != STEPS && !MOVED.contains(&key));
     match sets.iter().find(other) {
         Some(set) => bail!(
-            "{}: a run keeps its settings, and only {STEPS} may be raised; `--set {set}` belongs to a new one",
-            run.display()
+            "{}: a run keeps its settings: only {STEPS} may be raised, and {} name a model that was moved; `--set {set}` \
+             belongs to a new one",
+            run.display(),
+            MOVED.join(" and ")
+        ),
+        None => Ok(()),
+    }
+}
+
+fn key(set: &str) -> Option<&str> {
+    set.split_once('=').map(|(key, _)| key.trim())
+}
+
+/// Refuses another place of a model whose weights are not known: nothing would tell whether it is the same.
+fn known(run: &Run, sets: &[String]) -> Result<()> {
+    let companions = run.info()?.map_or_else(Vec::new, |info| info.companions);
+    let unknown = |moved: &&str| companions.iter().all(|(known, _)| known != moved);
+    match sets.iter().filter_map(|set| key(set)).filter(|key| MOVED.contains(key)).find(unknown) {
+        Some(moved) => bail!(
+            "{}: its run.json has no checksum of {moved}, so that another place of it cannot be told from another model: \
+             put the model back where it was",
+            run.dir().display()
         ),
         None => Ok(()),
     }
@@ -49,9 +70,13 @@ impl Longer {
         let read = |sets: &[String]| TaskConfig::read(&presets::parse(&shown(&path), &text, sets)?);
         let (config, from) = (read(sets)?, read(&[])?.train().steps);
         let to = config.train().steps;
+        let whole = config.to_toml()?;
         if to == from {
-            return Ok(None);
+            // Given again, it changes nothing. That a model is the same is seen later, by its checksum.
+            let moved = whole != read(&[])?.to_toml()?;
+            return if moved { known(run, sets).map(|()| Some(Self { from, config: whole })) } else { Ok(None) };
         }
+        known(run, sets)?;
         if to < from {
             bail!(
                 "{dir} is set to {}; {STEPS} can only be raised, and {to} is fewer. Ctrl-C stops a run where it is",
@@ -67,7 +92,7 @@ impl Longer {
                 sweep.display()
             );
         }
-        Ok(Some(Self { from, config: config.to_toml()? }))
+        Ok(Some(Self { from, config: whole }))
     }
 
     /// Writes the settings for a job, which finds a run that is not finished; gives what stood there.
@@ -171,9 +196,24 @@ mod tests {
     use super::*;
 
     #[test]
-    fn steps_alone_may_change() {
+    fn a_model_that_was_moved_is_named_anew_where_its_weights_are_known() {
+        let dir = tempfile::tempdir().unwrap();
+        let of = |run: &Run, place: &str| Longer::of(run, &[format!("start.model='{place}'")]);
+        let run = Run::create(dir.path(), "task = 'grpo'\n[start]\nmodel = 'here'\n").unwrap();
+        run.write_info(&RunInfo::default()).unwrap();
+        let said = of(&run, "there").err().unwrap().to_string();
+        assert!(said.contains("no checksum of start.model") && said.contains("put the model back"), "{said}");
+        assert!(of(&run, "here").unwrap().is_none(), "nothing changes");
+        run.write_info(&RunInfo { companions: vec![("start.model".into(), "ab".into())], ..RunInfo::default() })
+            .unwrap();
+        assert!(of(&run, "there").unwrap().unwrap().config.contains("model = \"there\""));
+    }
+
+    #[test]
+    fn steps_and_places_of_models_alone_may_change() {
         let of = |sets: &[&str]| only(Path::new("runs/a"), &sets.iter().map(|s| (*s).to_owned()).collect::<Vec<_>>());
         assert!(of(&[]).is_ok() && of(&["train.steps=5", " train.steps = 7"]).is_ok());
+        assert!(of(&["start.model=elsewhere", "skin.run = 'there'"]).is_ok());
         for set in ["train.seed=2", "train.steps.x=1", "train.steps"] {
             let said = of(&["train.steps=5", set]).unwrap_err().to_string();
             assert!(said.contains("runs/a") && said.contains(&format!("`--set {set}` belongs to a new one")), "{said}");

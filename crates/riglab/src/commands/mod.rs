@@ -28,6 +28,9 @@ pub mod train;
 pub mod view;
 mod whose;
 
+/// Settings that say where models lie which a run builds on: they may have been moved since.
+const MOVED: [&str; 2] = ["start.model", "skin.run"];
+
 /// A path in a text, or as an argument.
 fn shown(path: &std::path::Path) -> String {
     path.display().to_string()

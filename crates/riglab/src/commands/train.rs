@@ -29,7 +29,8 @@ use riglab_report::{counted, explained};
 /// Train a model from a config, or continue a run.
 ///
 /// Makes a run folder with the resolved config, metrics and checkpoints. Ctrl-C saves and leaves; --resume goes on as if
-/// nothing had happened, and with --set train.steps=N trains longer. With --on slurm the training is a job of a cluster,
+/// nothing had happened, and with --set train.steps=N trains longer (a start model or an auto-encoder that was moved is named
+/// anew by --set start.model=PATH or skin.run=PATH). With --on slurm the training is a job of a cluster,
 /// requeued whenever its time limit ends it.
 ///
 /// Started as several processes by mpirun or srun, it shares the batches of each step (train.accumulate of them, a
@@ -58,7 +59,8 @@ pub struct Args {
     /// The run's folder [default: the next free number below runs/<config>/].
     #[arg(long, value_name = "DIR")]
     run: Option<PathBuf>,
-    /// Continue the run in this folder with its own settings; only train.steps may be raised (--set train.steps=N).
+    /// Continue the run in this folder with its own settings; only train.steps may be raised (--set train.steps=N), and
+    /// start.model and skin.run name a model that was moved.
     #[arg(long, value_name = "DIR", conflicts_with_all = ["config", "run"])]
     resume: Option<PathBuf>,
     /// Write nothing: go through a few steps and a validation, and say what the run would take: parameters, memory,

@@ -20,12 +20,10 @@ use riglab_task::unirig_skin::Skinner;
 use riglab_train::{Checkpoint, named_by};
 use tch::{Device, Kind};
 
+use super::MOVED;
 use super::earlier::{Written, keep_others};
 use riglab_report::counted;
 use riglab_report::shell::command;
-
-/// Settings that say where models lie which a run builds on.
-const MOVED: [&str; 2] = ["start.model", "skin.run"];
 
 /// Trained models as single files: make one, look at one, take over what others published.
 #[derive(clap::Args)]
