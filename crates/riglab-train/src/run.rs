@@ -332,18 +332,27 @@ fn machine() -> String {
 /// # Errors
 /// A sentence with the key that names it.
 pub fn same_companions(before: &[(String, String)], now: &[(String, String)]) -> Result<(), String> {
-    for (key, checksum) in before {
-        if let Some((_, other)) = now.iter().find(|(k, other)| k == key && other != checksum) {
-            let short = |sum: &str| sum.get(..12).unwrap_or(sum).to_owned();
-            return Err(format!(
-                "{key} has other weights ({}) than those of the training ({}): was that run trained on since? Name the \
-                 checkpoint that was its best then (--set {key}=RUN/checkpoints/step-N, or in config.toml), or train anew",
-                short(other),
-                short(checksum)
-            ));
-        }
+    match other_companions(before, now).first() {
+        None => Ok(()),
+        Some((key, other, checksum)) => Err(format!(
+            "{key} has other weights ({other}) than those of the training ({checksum}): was that run trained on since? Name \
+             the checkpoint that was its best then (--set {key}=RUN/checkpoints/step-N, or in config.toml), or train anew"
+        )),
     }
-    Ok(())
+}
+
+/// Of networks beside the trained one those that have other weights than the ones that a run was begun with: key, and the
+/// short checksums of now and of then.
+pub fn other_companions<'a>(
+    before: &'a [(String, String)],
+    now: &'a [(String, String)],
+) -> Vec<(&'a str, &'a str, &'a str)> {
+    let short = |sum: &'a str| sum.get(..12).unwrap_or(sum);
+    let other = |(key, checksum): &'a (String, String)| {
+        let (_, other) = now.iter().find(|(k, other)| k == key && other != checksum)?;
+        Some((key.as_str(), short(other), short(checksum)))
+    };
+    before.iter().filter_map(other).collect()
 }
 
 #[cfg(test)]

@@ -197,7 +197,7 @@ pub struct Evaluated {
     pub step: Option<u64>,
     /// Settings with which it was made that are not the run's, as KEY=VALUE.
     pub sets: Vec<String>,
-    /// What is to be said where assets were tested on that were trained on.
+    /// What is to be said where assets were tested on that were trained on, or other models were taken than the run's.
     pub warning: Option<String>,
 }
 
@@ -231,7 +231,9 @@ pub fn evaluation(task: &str, run: &Path, path: &Path) -> Result<Option<Evaluate
         );
     }
     let names: Vec<String> = saw["trained_on"].as_array().into_iter().flatten().map(word).collect();
-    let warned = warning(&Seen { names, splits: vec!["the splits that were evaluated".into()] });
+    let seen = warning(&Seen { names, splits: vec!["the splits that were evaluated".into()] });
+    let others = saw["other_models"].as_array().into_iter().flatten().map(|said| word(said) + ".");
+    let warned: Vec<String> = seen.into_iter().chain(others).collect();
     // One of which no asset was looked at, as of bare meshes to train on, says nothing of the figures. Earlier versions did
     // not count.
     let corpora = saw["data"].as_array().into_iter().flatten().filter(|d| d[3] != 0);
@@ -242,8 +244,9 @@ pub fn evaluation(task: &str, run: &Path, path: &Path) -> Result<Option<Evaluate
         bail!("{}: run.json names no known task (`{task}`)", run.display());
     };
     let (own, findings) = said.with_context(unclear)?;
-    let blocks = warned.clone().map(Block::Text).into_iter().chain(own).collect();
-    Ok(Some(Evaluated { blocks, findings, corpora, step, sets, warning: warned }))
+    let warning = (!warned.is_empty()).then(|| warned.join(" "));
+    let blocks = warned.into_iter().map(Block::Text).chain(own).collect();
+    Ok(Some(Evaluated { blocks, findings, corpora, step, sets, warning }))
 }
 
 #[cfg(test)]
@@ -273,6 +276,11 @@ mod tests {
         assert_eq!(corpora(), std::slice::from_ref(&rigs));
         write("grpo", &two(""));
         assert_eq!(corpora(), [rigs, meshes], "it does not say");
+        let text = std::fs::read_to_string(&path).unwrap();
+        std::fs::write(&path, text.replacen('{', "{\"other_models\": [\"start.model names another\"],", 1)).unwrap();
+        let read = evaluation("grpo", dir.path(), &path).unwrap().unwrap();
+        assert_eq!(read.warning.as_deref(), Some("start.model names another."));
+        assert!(matches!(&read.blocks[0], Block::Text(said) if said == "start.model names another."));
         write("fsq_cvae", "[]");
         let said = evaluation("grpo", dir.path(), &path).err().unwrap().to_string();
         assert!(

@@ -370,6 +370,11 @@ impl Experiment for GrpoTask {
         let (report, sheets) = self.compare(weights, pictures, progress)?;
         let text = report::lines(&report);
         let checkpoint = checkpoint.clone();
-        Examined::of(text, sheets, |s| &s.file, |gallery| Evaluation { checkpoint, report, gallery })
+        Examined::of(
+            text,
+            sheets,
+            |s| &s.file,
+            |gallery| Evaluation { checkpoint, report, gallery, other_models: Vec::new() },
+        )
     }
 }

@@ -104,6 +104,9 @@ pub struct Evaluation {
     pub report: Report,
     /// The pictures, in the folder beside the file.
     pub gallery: Vec<Shown>,
+    /// What `riglab eval` says where it was given another start than the run's.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub other_models: Vec<String>,
 }
 
 /// The table of all splits.
@@ -240,9 +243,13 @@ impl Evaluation {
             }
             None => "reward.weights".into(),
         };
+        let before = match self.other_models.is_empty() {
+            true => "the model that the run started from",
+            false => "another model than the run started from, which was named for this evaluation",
+        };
         let asked = Rewards::PARTS.map(|part| format!("{} ({}), {}", part.name, part.symbol, part.asks)).join("; ");
         table.note = format!(
-            "before: the model that the run started from; after: this checkpoint. Both rig the same meshes, with the same \
+            "before: {before}; after: this checkpoint. Both rig the same meshes, with the same \
              points and random numbers: several rigs a mesh sampled as in training, or one (greedy: the likeliest token). \
              The reward is higher, the distances are lower for a better rig; a rig that cannot be decoded has reward 0. \
              Distances are means over the rigs that can be compared, those with a bone; the sentences above are over meshes \
@@ -355,9 +362,13 @@ mod tests {
             assert_eq!(riglab_report::explained("grpo", &format!("eval/{}@val", part.name)), Some(part.symbol));
         }
         let checkpoint = State { task: "grpo".into(), step: 1, seed: 0, skipped: 0, skipped_in_a_row: 0, best: None };
-        let table = Evaluation { checkpoint, report, gallery: Vec::new() }.table();
+        let mut evaluation = Evaluation { checkpoint, report, gallery: Vec::new(), other_models: Vec::new() };
+        let table = evaluation.table();
         assert!(table.head.len() == table.rows[0].len() && table.head[4] == "coverage R_vj", "{:?}", table.head);
         assert!(table.note.contains("reward.weights (coverage 5, containment 1, skinning 1, motion 1): coverage (R_vj), joints near all of the body; "));
+        assert!(table.note.starts_with("before: the model that the run started from; "), "{}", table.note);
+        evaluation.other_models.push("start.model names another model".into());
+        assert!(evaluation.table().note.starts_with("before: another model than the run started from, "));
     }
 
     #[test]
@@ -374,7 +385,7 @@ mod tests {
             let report = Report { convention, reward_weights, rows: Vec::new(), gains: Vec::new(), assets };
             let checkpoint =
                 State { task: "grpo".into(), step: 1, seed: 0, skipped: 0, skipped_in_a_row: 0, best: None };
-            Evaluation { checkpoint, report, gallery: Vec::new() }.findings().remove(0)
+            Evaluation { checkpoint, report, gallery: Vec::new(), other_models: Vec::new() }.findings().remove(0)
         };
         let all = findings(vec![asset(Some(rewards))]);
         let names: Vec<&str> = all.singles_of.iter().map(|m| m.name.as_str()).collect();

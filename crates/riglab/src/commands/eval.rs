@@ -12,7 +12,7 @@ use riglab_sweep::hold_evaluation;
 use riglab_task::Experiment;
 use riglab_task::assets::{Assets, DataConfig};
 use riglab_task::seen::{Seen, seen, warning};
-use riglab_train::{Checkpoint, Progress, RunInfo, named_by, same_companions};
+use riglab_train::{Checkpoint, Progress, RunInfo, named_by, other_companions, same_companions};
 
 use super::device::DeviceArgs;
 use super::earlier::{Written, keep_others};
@@ -260,17 +260,18 @@ impl Visitor for Examination<'_> {
     fn visit<T: Experiment>(self, task: T) -> Result<ExitCode> {
         let Self { args, run, checkpoint, data, seen, path, folder } = self;
         checkpoint.load_weights(task.params())?;
-        let (mut companions, begun) = RunInfo::read(&run)?.map_or_else(Default::default, |i| (i.companions, i.data));
+        let (companions, begun) = RunInfo::read(&run)?.map_or_else(Default::default, |i| (i.companions, i.data));
         if !sets_key(&args.sets, "data.corpora")
             && let Some(other) = other_data(&begun, &task.assets().summary()?)
         {
             tell!("warning: {other}: results on other corpora are not comparable with this run's");
         }
-        // Others that were asked for are meant.
-        companions.retain(|(key, _)| !sets_key(&args.sets, key));
-        same_companions(&companions, &task.companions())
-            .map_err(|e| anyhow!(e))
-            .with_context(|| run.display().to_string())?;
+        // Others that were asked for are meant: that they are others is told with the figures.
+        let now = task.companions();
+        let (named, same): (Vec<_>, Vec<_>) = companions.into_iter().partition(|(key, _)| sets_key(&args.sets, key));
+        let others: Vec<String> = other_companions(&named, &now).into_iter().map(other_model).collect();
+        others.iter().for_each(|sentence| tell!("warning: {sentence}"));
+        same_companions(&same, &now).map_err(|e| anyhow!(e)).with_context(|| run.display().to_string())?;
         let without = untested(&data, task.assets())?;
         if let Some(note) = tell_untested(&without) {
             ensure!(without.len() < data.test.len(), note);
@@ -287,7 +288,8 @@ impl Visitor for Examination<'_> {
         if let Some(note) = replaced(&path, &task.assets().summary()?) {
             tell!("note: {}: {note}", path.display());
         }
-        let json = with_data(&examined.json, &looked_at(task.assets(), &data)?, &args.sets, &seen)?;
+        let lists = [("set", args.sets.as_slice()), ("trained_on", &seen), ("other_models", &others)];
+        let json = with_data(&examined.json, &looked_at(task.assets(), &data)?, &lists)?;
         // The numbers first: they took longest.
         write(&path, json.as_bytes())?;
         for (file, png) in &examined.pictures {
@@ -322,16 +324,23 @@ fn looked_at(assets: &Assets, data: &DataConfig) -> Result<Vec<LookedAt>> {
     Ok(corpora.map(|((path, sum, all), count)| (path, sum, all, count)).collect())
 }
 
-/// An evaluation's file with the corpora it is of; with the settings that are not the
-/// run's, and the names of the assets that were trained on, where there are some.
-fn with_data(json: &str, data: &[LookedAt], sets: &[String], seen: &[String]) -> Result<String> {
+/// What is said of a model that a setting names in the place of another: the key, and what tells both.
+fn other_model((key, now, then): (&str, &str, &str)) -> String {
+    format!(
+        "{key} names another model ({now}) than the run was trained with ({then}): the figures are of both together"
+    )
+}
+
+/// An evaluation's file with the corpora it is of; and by name, where they have something, the lists of the settings that
+/// are not the run's, of the assets that were trained on, and of what is said of other models.
+fn with_data(json: &str, data: &[LookedAt], lists: &[(&str, &[String])]) -> Result<String> {
     let Some(rest) = json.strip_prefix("{\n") else { bail!("the task's evaluation is no object over several lines") };
     let named = |name: &str, of: &[String]| match of {
         [] => Ok(String::new()),
         some => serde_json::to_string(some).map(|list| format!("  \"{name}\": {list},\n")),
     };
-    let (sets, seen) = (named("set", sets)?, named("trained_on", seen)?);
-    Ok(format!("{{\n  \"data\": {},\n{sets}{seen}{rest}", serde_json::to_string(data)?))
+    let lists = lists.iter().map(|(name, of)| named(name, of)).collect::<Result<String, _>>()?;
+    Ok(format!("{{\n  \"data\": {},\n{lists}{rest}", serde_json::to_string(data)?))
 }
 
 fn write(path: &Path, bytes: &[u8]) -> Result<()> {
@@ -341,6 +350,16 @@ fn write(path: &Path, bytes: &[u8]) -> Result<()> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn an_evaluation_with_another_model_says_so_in_its_file() {
+        let said = other_model(("start.model", "ab", "cd"));
+        assert!(said.starts_with("start.model names another model (ab) than the run was trained with (cd)"), "{said}");
+        let json =
+            with_data("{\n  \"report\": 1\n}\n", &[], &[("set", &[]), ("other_models", &[said.clone()])]).unwrap();
+        let read: serde_json::Value = serde_json::from_str(&json).unwrap();
+        assert!(read["other_models"][0] == said && read["report"] == 1 && read["set"].is_null(), "{json}");
+    }
 
     #[test]
     fn the_runs_own_evaluation_is_known_however_it_is_written() {
