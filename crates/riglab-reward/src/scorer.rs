@@ -70,6 +70,12 @@ impl RewardConfig {
         if self.bone_steps == 0 {
             return Err(("bone_steps", "a bone has at least 1 step".into()));
         }
+        if self.poses == 0 {
+            return Err((
+                "poses",
+                "motion is judged in 1 pose or more; reward.weights leaves it out of the total".into(),
+            ));
+        }
         if !(self.beta > 0.0 && self.beta < 1.0) {
             return Err(("beta", format!("beta = {} must lie between 0 and 1", self.beta)));
         }

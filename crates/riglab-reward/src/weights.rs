@@ -9,6 +9,9 @@ use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use crate::Rewards;
 use crate::rewards::COUNT;
 
+/// The largest weight: sums of what is far larger lose their digits.
+const MOST: f64 = 1e6;
+
 /// The weight of each of [`Rewards::PARTS`]. Configs name them, as in `{ coverage = 5.0, motion = 0.0 }`; one that is not
 /// named has its default. A list of all, in their order, as earlier configs have it, is read too.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -36,8 +39,8 @@ impl RewardWeights {
     }
 
     pub(crate) fn validate(self) -> Result<(), (&'static str, String)> {
-        if !self.0.iter().all(|w| w.is_finite() && *w >= 0.0) || self.0 == [0.0; COUNT] {
-            return Err(("weights", "weights are from 0 on, and one of them is above".into()));
+        if !self.0.iter().all(|w| (0.0..=MOST).contains(w)) || self.0 == [0.0; COUNT] {
+            return Err(("weights", format!("weights lie between 0 and {MOST}, and one of them is above 0")));
         }
         Ok(())
     }
@@ -131,6 +134,15 @@ mod tests {
         assert_eq!(of("[5, 1, 0, 0]"), Ok(RewardWeights::new([5.0, 1.0, 0.0, 0.0])));
         for wrong in ["[5, 1, 0]", "[5, 1, 0, 0, 1]", "5"] {
             assert!(of(wrong).unwrap_err().contains("coverage, containment, skinning, motion, by name"), "{wrong}");
+        }
+    }
+
+    #[test]
+    fn weights_that_lose_all_digits_are_refused() {
+        let of = |first: f64| RewardWeights::new([first, 0.0, 0.0, 0.0]).validate().map_err(|(_, said)| said);
+        assert!(of(1.0).is_ok() && of(1e6).is_ok());
+        for weight in [0.0, -1.0, 1e300, f64::INFINITY, f64::NAN] {
+            assert!(of(weight).unwrap_err().contains("between 0 and 1000000"), "{weight}");
         }
     }
 

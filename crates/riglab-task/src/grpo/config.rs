@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use riglab_augment::Recipe;
 use riglab_nn::generate::GenerateConfig;
-use riglab_nn::grpo::ObjectiveConfig;
+use riglab_nn::grpo::{Norm, ObjectiveConfig};
 use riglab_reward::RewardConfig;
 use riglab_train::{Precision, TrainConfig};
 use serde::{Deserialize, Serialize};
@@ -81,7 +81,8 @@ pub struct RolloutConfig {
     pub minibatches: usize,
     /// What is done with groups without spread.
     pub dead: Dead,
-    /// Codes are asked for weights at so many vertices of a mesh at most; the others are told by their neighbours.
+    /// Codes are asked for weights at so many vertices of a mesh at most; the others are told by their neighbours. Held-out
+    /// meshes are judged at no more, either, whatever `eval.vertices` is.
     pub vertices: usize,
     /// What the auto-encoder computes with when rigs are judged.
     pub precision: Precision,
@@ -272,6 +273,31 @@ pub(super) fn unread(eval: &EvalConfig) -> Option<String> {
     })
 }
 
+/// Sentences on settings that were changed and have no effect beside others.
+pub(super) fn idle(config: &GrpoTaskConfig) -> Vec<String> {
+    let (own, default) = (&config.objective, ObjectiveConfig::default());
+    let (used, asked) = (config.rollout.vertices, config.eval.vertices);
+    let clips =
+        [("objective.clip", own.clip != default.clip), ("objective.clip_high", own.clip_high != default.clip_high)];
+    let mut notes = Vec::new();
+    for (key, _) in clips.iter().filter(|(_, set)| *set && config.rollout.updates() == 1) {
+        notes.push(format!(
+            "{key} has no effect: each rollout is used for one step, in which all ratios are 1; raise rollout.epochs or \
+             rollout.minibatches"
+        ));
+    }
+    if own.length != default.length && own.norm != Norm::Constant {
+        notes.push("objective.length has no effect: only objective.norm = \"constant\" reads it".into());
+    }
+    if asked != EvalConfig::default().vertices && asked > used {
+        notes.push(format!(
+            "eval.vertices = {asked} is for pictures alone: rewards are judged at rollout.vertices = {used} of them at most, \
+             as in training"
+        ));
+    }
+    notes
+}
+
 impl TaskSettings for GrpoTaskConfig {
     const TASK: &'static str = "grpo";
 
@@ -298,6 +324,23 @@ mod tests {
     use super::*;
 
     #[test]
+    fn settings_without_effect_are_told() {
+        let of = |change: fn(&mut GrpoTaskConfig)| {
+            let mut c = GrpoTaskConfig::default();
+            change(&mut c);
+            idle(&c).iter().map(|note| note.split(' ').next().unwrap_or_default().to_owned()).collect::<Vec<_>>()
+        };
+        assert!(of(|_| ()).is_empty());
+        let clips = |c: &mut GrpoTaskConfig| (c.objective.clip, c.objective.clip_high) = (0.1, 0.3);
+        assert_eq!(of(clips), ["objective.clip", "objective.clip_high"]);
+        assert!(of(|c| (c.objective.clip, c.rollout.minibatches) = (0.1, 2)).is_empty());
+        assert_eq!(of(|c| c.objective.length = 100.0), ["objective.length"]);
+        assert!(of(|c| (c.objective.length, c.objective.norm) = (100.0, Norm::Constant)).is_empty());
+        assert_eq!(of(|c| c.eval.vertices = 2048), ["eval.vertices"]);
+        assert!(of(|c| c.eval.vertices = 64).is_empty());
+    }
+
+    #[test]
     fn faults_name_their_key() {
         let of = |change: fn(&mut GrpoTaskConfig)| {
             let mut c = GrpoTaskConfig::default();
@@ -315,6 +358,7 @@ mod tests {
             Err("reward.weights".into())
         );
         assert_eq!(of(|c| c.train.start.from = "a".into()), Err("train.start".into()));
+        assert_eq!(of(|c| c.reward.poses = 0), Err("reward.poses".into()));
         assert_eq!(of(|c| c.objective.clip = 0.0), Err("objective.clip".into()));
         assert_eq!(of(|c| c.guard.worse = 0.5), Err("guard.worse".into()));
         assert_eq!(of(|c| c.guard.divergence = 0.0), Err("guard.divergence".into()));

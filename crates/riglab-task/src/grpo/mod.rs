@@ -348,7 +348,8 @@ impl Experiment for GrpoTask {
     }
 
     fn notes(&self) -> Vec<String> {
-        self.policy.notes().into_iter().chain(config::unread(&self.config.eval)).collect()
+        let own = config::unread(&self.config.eval).into_iter().chain(config::idle(&self.config));
+        self.policy.notes().into_iter().chain(own).collect()
     }
 
     fn companions(&self) -> Vec<(String, String)> {
