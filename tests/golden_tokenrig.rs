@@ -271,7 +271,7 @@ fn generate(case: &Golden, of: &Golden) {
         let found = if config.beams > 1 {
             beams(&mut reader, &first[0], &grammar, &config, |_, sums| best(sums, 2 * config.beams)).remove(0).ids
         } else {
-            rows(&mut reader, first, vec![grammar], &config, |_, _, scores| argmax(scores)).remove(0)
+            rows(&mut reader, first, vec![grammar], &config, |_, _, scores| argmax(scores)).unwrap().remove(0)
         };
         let whole: Vec<u32> = prompt.into_iter().chain(found).collect();
         let ids = layout.ids(&whole).unwrap();

@@ -561,7 +561,7 @@ fn generate_run(
             processed.push(scores.to_vec());
             if draws.is_some() { draw(step)[0] as u32 } else { argmax(scores) }
         });
-        all.remove(0)
+        all.as_mut().unwrap().remove(0)
     };
     let whole: Vec<i64> = prompt.iter().chain(&found).map(|&id| i64::from(id)).collect();
     case.check_if_there(&format!("out.{name}.ids"), &Tensor::from_slice(&whole));

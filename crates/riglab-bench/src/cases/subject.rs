@@ -109,7 +109,7 @@ impl Subject for SkeletonTask {
 
     fn draw(&self, prefix: &Tensor, keys: &[u64], how: &GenerateConfig) -> Result<Vec<Vec<u32>>, String> {
         let mut streams: Vec<_> = keys.iter().map(|key| stream(0, "bench draws", &[*key])).collect();
-        let drawn = self.drawer().draw_with(self.params().weights(), prefix, &mut streams, how);
+        let drawn = self.drawer().draw_with(self.params().weights(), prefix, &mut streams, how)?;
         // What is drawn begins with the start, which theirs is given.
         Ok(drawn.into_iter().map(|d| d.ids[1..].to_vec()).collect())
     }

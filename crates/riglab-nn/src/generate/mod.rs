@@ -6,12 +6,14 @@
 //! its members.
 
 mod beams;
+mod finite;
 mod processors;
 mod rows;
 
 use serde::{Deserialize, Serialize};
 
 pub use beams::{BeamDraw, beams, best, chooser as beam_chooser, draws};
+pub use finite::NotFinite;
 pub use processors::{log_softmax, process, shares, softmax};
 pub use rows::{argmax, chooser, draw, rows};
 

@@ -3,7 +3,7 @@
 use riglab_random::{Draw, Stream};
 
 use super::processors::{process, softmax};
-use super::{Decoder, GenerateConfig, Grammar};
+use super::{Decoder, GenerateConfig, Grammar, NotFinite};
 
 /// The id of the highest score, the first of equals.
 pub fn argmax(scores: &[f32]) -> u32 {
@@ -36,13 +36,16 @@ pub fn draw(probabilities: &[f32], random: &mut Stream) -> u32 {
 /// `first`: each row's scores of the first token, after its prompt. `choose` is given row, step and processed
 /// scores. Rows that have ended leave the batch, and the last ones take their places. A step is a token that is
 /// read, which may be drawn in several parts.
+///
+/// # Errors
+/// Scores that are no numbers: what is drawn by them keeps to no grammar.
 pub fn rows<G: Grammar>(
     decoder: &mut dyn Decoder,
     first: Vec<Vec<f32>>,
     mut grammars: Vec<G>,
     config: &GenerateConfig,
     mut choose: impl FnMut(usize, usize, &[f32]) -> u32,
-) -> Vec<Vec<u32>> {
+) -> Result<Vec<Vec<u32>>, NotFinite> {
     let mut drawn = vec![Vec::new(); grammars.len()];
     // Which row each row of the batch is.
     let mut live: Vec<usize> = (0..grammars.len()).collect();
@@ -53,6 +56,7 @@ pub fn rows<G: Grammar>(
         for (at, &row) in live.iter().enumerate() {
             let mut own = std::mem::take(&mut scores[at]);
             let id = loop {
+                NotFinite::refuse(&own)?;
                 process(&mut own, &drawn[row], Some(&grammars[row].allowed()), config, 1);
                 let id = choose(row, step, &own);
                 drawn[row].push(id);
@@ -84,7 +88,7 @@ pub fn rows<G: Grammar>(
         let ids: Vec<u32> = go_on.iter().filter_map(|&at| next[at]).collect();
         scores = decoder.next(&ids);
     }
-    drawn
+    Ok(drawn)
 }
 
 /// As `choose` of [`rows`]: the likeliest token, or one drawn from the row's own stream.

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use riglab_core::{JointId, Mesh, Rig, RigError, Similarity, Skeleton, SkinWeights};
 use riglab_geom::voxel::SolidConfig;
 use riglab_metric::{Joints, SkinMetrics, SkinTally, every_rule, nan_for_null};
-use riglab_nn::generate::GenerateConfig;
+use riglab_nn::generate::{GenerateConfig, NotFinite};
 use riglab_nn::params::Weights;
 use riglab_random::stream;
 use riglab_ranks::Ranks;
@@ -198,9 +198,11 @@ impl TokenRigTask {
             let prefix = rigger.condition(w, &meshes);
             let mut streams: Vec<_> = ids.iter().map(|id| stream(c.eval.seed, "skeleton draws", &[id.key()])).collect();
             let prompts = vec![rigger.free(); ids.len()];
-            let drawn = rigger.draw(w, &prefix, &prompts, &c.eval.generate, &mut streams)?;
-            for (drawn, rig) in drawn.iter().zip(&rigs) {
-                part.skeletons.push((drawn.decoded.as_ref().ok().map(joints), Joints::of(rig.skeleton())));
+            // Of a network that diverged the run goes on to say so: it makes no rig.
+            let drawn = NotFinite::unless(rigger.draw(w, &prefix, &prompts, &c.eval.generate, &mut streams))?;
+            for (k, rig) in rigs.iter().enumerate() {
+                let found = drawn.as_ref().and_then(|drawn| drawn.get(k)?.decoded.as_ref().ok());
+                part.skeletons.push((found.map(joints), Joints::of(rig.skeleton())));
             }
             Ok(part)
         };

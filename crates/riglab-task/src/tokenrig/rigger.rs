@@ -408,7 +408,8 @@ impl Rigger {
             told.lock().unwrap_or_else(PoisonError::into_inner)[row].clone_from(&own);
             own
         };
-        let room = c.longest();
+        // A whole sequence begins with the prompt.
+        let room = c.longest().saturating_sub(prompts.first().map_or(0, Vec::len)).max(1);
         let started = Reader::start(&self.net, w, seen.prefix(), prompts, (room, vocabulary.eos()), &joints);
         let (mut reader, first) = started.ok_or("a prompt ends within a code")?;
         let config = GenerateConfig { tokens: room, ..how.clone() };
@@ -419,7 +420,7 @@ impl Rigger {
             likelihood[row].0 += f64::from(scores[id as usize] - off);
             likelihood[row].1 += 1;
             id
-        });
+        })?;
         drop(reader);
         let told = told.into_inner().unwrap_or_else(PoisonError::into_inner);
         let whole =

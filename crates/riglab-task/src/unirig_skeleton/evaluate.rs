@@ -2,6 +2,7 @@
 
 use riglab_geom::CloudSampler;
 use riglab_metric::{Joints, SkeletonConvention, SkeletonDistances, nan_for_null};
+use riglab_nn::generate::NotFinite;
 use riglab_nn::params::Weights;
 use riglab_random::stream;
 use riglab_ranks::Ranks;
@@ -274,8 +275,11 @@ impl SkeletonTask {
                 part.losses = vec![(own.total().double_value(&[]) * count, count)];
             }
             let asked: Vec<_> = rigs.iter().zip(ids).map(|(rig, id)| (rig.mesh(), id.key())).collect();
-            for (drawn, rig) in self.drawer().draw(w, &asked).iter().zip(&rigs) {
-                part.skeletons.push((drawn.decoded.as_ref().ok().map(joints), Joints::of(rig.skeleton())));
+            // Of a network that diverged the run goes on to say so: it makes no skeleton.
+            let drawn = NotFinite::unless(self.drawer().draw(w, &asked))?;
+            for (k, rig) in rigs.iter().enumerate() {
+                let found = drawn.as_ref().and_then(|drawn| drawn.get(k)?.decoded.as_ref().ok());
+                part.skeletons.push((found.map(joints), Joints::of(rig.skeleton())));
             }
             Ok(part)
         };
@@ -314,7 +318,7 @@ impl SkeletonTask {
                 let rigs =
                     ids.iter().map(|&id| normalized(&self.assets, &self.cache, id)).collect::<Result<Vec<_>, _>>()?;
                 let asked: Vec<_> = rigs.iter().zip(ids).map(|(rig, id)| (rig.mesh(), id.key())).collect();
-                let drawn = self.drawer().draw_agreed(w, &asked);
+                let drawn = self.drawer().draw_agreed(w, &asked)?;
                 for (((Taken { apart, drawn, .. }, rig), name), &id) in drawn.into_iter().zip(&rigs).zip(names).zip(ids)
                 {
                     let truth = Joints::of(rig.skeleton());

@@ -117,7 +117,10 @@ impl Drawer<'_> {
 
     /// Draws a skeleton for each mesh in the cube; keys seed its points and its draws, so that a mesh's skeleton does not
     /// depend on those beside it.
-    pub fn draw(&self, w: &Weights, meshes: &[(&Mesh, u64)]) -> Vec<Drawn> {
+    ///
+    /// # Errors
+    /// A sentence: the network diverged. So all of these.
+    pub fn draw(&self, w: &Weights, meshes: &[(&Mesh, u64)]) -> Result<Vec<Drawn>, String> {
         let c = self.config;
         let mut streams = streams(c.eval.seed, meshes.iter().map(|(_, key)| *key), 1);
         self.draw_with(w, &self.prefix_of(w, &self.shapes_of(meshes)), &mut streams, &c.eval.generate)
@@ -125,20 +128,20 @@ impl Drawer<'_> {
 
     /// As [`Self::draw`], but with `eval.consensus` several are sampled for each mesh, and the one is given that the
     /// others agree with most, refined as `eval.refine` says.
-    pub(crate) fn draw_agreed(&self, w: &Weights, meshes: &[(&Mesh, u64)]) -> Vec<Taken<Drawn>> {
+    pub(crate) fn draw_agreed(&self, w: &Weights, meshes: &[(&Mesh, u64)]) -> Result<Vec<Taken<Drawn>>, String> {
         let each = self.config.eval.agreement().draws;
         if each == 1 {
             let alone = |drawn| Taken { place: 0, apart: None, drawn };
-            return self.draw(w, meshes).into_iter().map(alone).collect();
+            return Ok(self.draw(w, meshes)?.into_iter().map(alone).collect());
         }
-        let mut drawn = self.draw_several(w, meshes, None);
+        let mut drawn = self.draw_several(w, meshes, None)?;
         let mut out = Vec::with_capacity(meshes.len());
         while !drawn.is_empty() {
             let rest = drawn.split_off(each);
             out.push(self.agreed(drawn));
             drawn = rest;
         }
-        out
+        Ok(out)
     }
 
     /// `eval.consensus` skeletons for each mesh, those of one cloud after those of another; `likelihood` as of
@@ -148,7 +151,7 @@ impl Drawer<'_> {
         w: &Weights,
         meshes: &[(&Mesh, u64)],
         likelihood: Option<&mut [(f64, usize)]>,
-    ) -> Vec<Drawn> {
+    ) -> Result<Vec<Drawn>, String> {
         let (c, agreement) = (self.config, self.config.eval.agreement());
         let (shares, mut shapes) = (agreement.shares(), Batch::default());
         for (mesh, key) in meshes {
@@ -193,13 +196,16 @@ impl Drawer<'_> {
     }
 
     /// Draws a skeleton after each prefix [b, p, d], each by its stream.
+    ///
+    /// # Errors
+    /// As [`Self::draw`].
     pub fn draw_with(
         &self,
         w: &Weights,
         prefix: &Tensor,
         streams: &mut [Stream],
         generate: &GenerateConfig,
-    ) -> Vec<Drawn> {
+    ) -> Result<Vec<Drawn>, String> {
         self.draw_told(w, prefix, streams, generate, None)
     }
 
@@ -212,7 +218,7 @@ impl Drawer<'_> {
         streams: &mut [Stream],
         generate: &GenerateConfig,
         mut likelihood: Option<&mut [(f64, usize)]>,
-    ) -> Vec<Drawn> {
+    ) -> Result<Vec<Drawn>, String> {
         let _no_grad = tch::no_grad_guard();
         let vocabulary = self.tokenizer.vocabulary();
         // The grammar ends each sequence before the tokens do.
@@ -238,11 +244,11 @@ impl Drawer<'_> {
                 *own = (own.0 + f64::from(scores[id as usize]), own.1 + 1);
             }
             id
-        });
+        })?;
         let whole = |own: Vec<u32>| {
             let ids: Vec<u32> = start.iter().copied().chain(own).collect();
             Drawn { decoded: self.tokenizer.decode(&ids), ids }
         };
-        all.into_iter().map(whole).collect()
+        Ok(all.into_iter().map(whole).collect())
     }
 }

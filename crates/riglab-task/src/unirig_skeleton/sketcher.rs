@@ -123,10 +123,10 @@ impl Sketcher {
             Rank::Rewards => return Err("rewards judge whole rigs, and this model draws skeletons alone".into()),
             Rank::Consensus if config.eval.consensus > 1 => {
                 let w = self.own.params.weights();
-                drawer.agreed(drawer.draw_several(w, &[(&cube, wish.seed)], Some(&mut likelihood)))
+                drawer.agreed(drawer.draw_several(w, &[(&cube, wish.seed)], Some(&mut likelihood))?)
             }
             Rank::Consensus | Rank::Likelihood => {
-                self.likeliest(&drawer, &cube, wish.seed, &mut likelihood).ok_or(NO_SKELETON)?
+                self.likeliest(&drawer, &cube, wish.seed, &mut likelihood)?.ok_or(NO_SKELETON)?
             }
         };
         let in_cube = drawn.decoded.map_err(|_| NO_SKELETON)?.skeleton().map_err(|e| e.to_string())?;
@@ -143,7 +143,7 @@ impl Sketcher {
         cube: &Mesh,
         seed: u64,
         likelihood: &mut [(f64, usize)],
-    ) -> Option<Taken<Drawn>> {
+    ) -> Result<Option<Taken<Drawn>>, String> {
         let w = self.own.params.weights();
         let prefix = drawer.prefix_of(w, &drawer.shapes_of(&[(cube, seed)]));
         let mut streams: Vec<Stream> =
@@ -151,16 +151,16 @@ impl Sketcher {
         let how = |sample| GenerateConfig { sample, ..drawer.config.eval.generate.clone() };
         let (first, others) = streams.split_at_mut(1);
         let (of_first, of_others) = likelihood.split_at_mut(1);
-        let mut drawn = drawer.draw_told(w, &prefix, first, &how(false), Some(of_first));
+        let mut drawn = drawer.draw_told(w, &prefix, first, &how(false), Some(of_first))?;
         if !others.is_empty() {
             let prefix = prefix.expand([others.len() as i64, -1, -1], false).contiguous();
-            drawn.extend(drawer.draw_told(w, &prefix, others, &how(true), Some(of_others)));
+            drawn.extend(drawer.draw_told(w, &prefix, others, &how(true), Some(of_others))?);
         }
         let mean = |at: usize| likelihood[at].0 / likelihood[at].1.max(1) as f64;
         let whole = (0..drawn.len()).filter(|&at| drawn[at].decoded.is_ok());
         // The first of equals.
-        let best = whole.min_by(|&a, &b| mean(b).total_cmp(&mean(a)))?;
-        Some(Taken { place: best, apart: None, drawn: drawn.swap_remove(best) })
+        let best = whole.min_by(|&a, &b| mean(b).total_cmp(&mean(a)));
+        Ok(best.map(|best| Taken { place: best, apart: None, drawn: drawn.swap_remove(best) }))
     }
 }
 
@@ -214,7 +214,7 @@ mod tests {
             let mut config = own.own.config.clone();
             config.eval.consensus = consensus;
             let drawer = Drawer { config: &config, tokenizer: &own.tokenizer, net: &own.own.net, device: Device::Cpu };
-            let want = drawer.draw_agreed(w, &[(&cube, 3)]).remove(0).drawn.decoded.unwrap();
+            let want = drawer.draw_agreed(w, &[(&cube, 3)]).unwrap().remove(0).drawn.decoded.unwrap();
             let wish = Sketch { samples: Some(consensus), seed: 3, ..Sketch::default() };
             let made = own.skeleton(&mesh, &wish).unwrap();
             assert_eq!((made.draws.len(), made.skeleton.len()), (consensus, want.joints.len()));

@@ -83,7 +83,7 @@ impl Policy for SkeletonTask {
         let prefix =
             if prefix.size()[0] == rows { prefix.shallow_clone() } else { prefix.expand([rows, -1, -1], false) };
         let mut likelihood = vec![(0.0, 0); streams.len()];
-        let drawn = self.drawer().draw_told(w, &prefix.contiguous(), streams, how, Some(&mut likelihood));
+        let drawn = self.drawer().draw_told(w, &prefix.contiguous(), streams, how, Some(&mut likelihood))?;
         let whole = drawn.into_iter().zip(likelihood).map(|(own, likelihood)| Drawn {
             ids: own.ids.iter().map(|&id| i64::from(id)).collect(),
             skeleton: own.ids,
