@@ -105,9 +105,9 @@ fn what_does_not_belong_to_a_sweep_is_refused_before_anything_is_written() {
         assert_eq!(out.exists().then(plan), before);
     };
     write("0", "[[sweep.metrics]]\nof = 'eval.jsn:report.rows[split=val].iou'\n");
-    refused(&["`sweep.metrics`", "eval.jsn", "eval.json:"]);
+    refused(&["toy.toml:7:6: `sweep.metrics[0].of`", "eval.jsn", "eval.json:"]);
     write("0", "[[sweep.metrics]]\nof = 'eval.json:report.rows[split=val.iou'\n");
-    refused(&["`sweep.metrics`", "`[split=val.iou` is not closed"]);
+    refused(&["toy.toml:7:6: `sweep.metrics[0].of`", "`[split=val.iou` is not closed"]);
 
     write("0", "[sweep.grid]\n'loss.bce' = [1.0, 2.0]\n");
     refused(&["sweep.grid", "did you mean `product`?"]);

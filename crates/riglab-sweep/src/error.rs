@@ -30,6 +30,14 @@ pub enum SweepError {
     /// The sweep file.
     #[error("{0}")]
     Invalid(String),
+    /// A key of the sweep file.
+    #[error("`sweep.{key}`: {message}")]
+    Key {
+        /// The key, below `sweep`.
+        key: String,
+        /// What is wrong with it.
+        message: String,
+    },
     /// The folder belongs to another sweep.
     #[error(
         "{folder} holds another sweep: {difference}\n\nhint: arms and seeds can be added to it, and arms of which \

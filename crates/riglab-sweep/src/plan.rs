@@ -48,14 +48,12 @@ impl Plan {
     /// one of `sets` is of a key in which points or seeds differ.
     pub fn new(sweep: SweepFile, sets: &[String]) -> Result<Self, SweepError> {
         let invalid = |message: String| Err(SweepError::Invalid(message));
+        let at = |key: String, message: String| Err(SweepError::Key { key, message });
         if sweep.seeds.is_empty() {
             return invalid("`sweep.seeds` is empty; give at least one, three for a spread".into());
         }
-        if let Some(metric) = sweep.metrics.iter().find(|m| m.digits > DIGITS) {
-            return invalid(format!(
-                "`sweep.metrics`, {}: digits = {}; give at most {DIGITS}",
-                metric.of, metric.digits
-            ));
+        if let Some(k) = sweep.metrics.iter().position(|m| m.digits > DIGITS) {
+            return at(format!("metrics[{k}].digits"), format!("{}; give at most {DIGITS}", sweep.metrics[k].digits));
         }
         let different: BTreeSet<u64> = sweep.seeds.iter().copied().collect();
         if different.len() != sweep.seeds.len() {
@@ -74,19 +72,19 @@ impl Plan {
                 "`sweep.zip`: `{first}` has {length} values and `{key}` {other}; they change together: give as many"
             ));
         }
-        for figure in &sweep.figures {
-            if figure.at.is_empty() || !figure.of.contains("{}") {
-                return invalid(format!(
-                    "`sweep.figures`: {:?} needs places in `at`, and `{{}}` in `of` where the place belongs",
-                    figure.title
-                ));
+        for (k, figure) in sweep.figures.iter().enumerate() {
+            for (key, lacks) in [("at", figure.at.is_empty()), ("of", !figure.of.contains("{}"))] {
+                if lacks {
+                    let needs = "needs places in `at`, and `{}` in `of` where the place belongs";
+                    return at(format!("figures[{k}].{key}"), format!("{:?} {needs}", figure.title));
+                }
             }
         }
-        let columns = sweep.metrics.iter().map(|m| ("metrics", &m.of, m.of.clone()));
-        let figures = sweep.figures.iter().filter_map(|f| Some(("figures", &f.of, f.places().next()?)));
-        for (table, of, place) in columns.chain(figures) {
+        let columns = sweep.metrics.iter().map(|m| m.of.clone()).enumerate().map(|of| ("metrics", of));
+        let places = sweep.figures.iter().map(|f| f.places().next().unwrap_or_default());
+        for (table, (k, place)) in columns.chain(places.enumerate().map(|place| ("figures", place))) {
             if let Some(fault) = fault(&place) {
-                return invalid(format!("`sweep.{table}`, of = {of:?}: {fault}"));
+                return at(format!("{table}[{k}].of"), fault);
             }
         }
         if let Some((set, key)) = sweep.overridden(sets) {
@@ -279,9 +277,9 @@ pub(crate) mod tests {
         let twice = fault("seeds = [1]\n[sweep.product]\nx = [1, 1]");
         assert!(twice.starts_with("two points of the sweep are called `x=1`; give"), "{twice}");
         let of = fault("seeds = [1]\n[[sweep.metrics]]\nof = 'eval.jsn:report.iou'");
-        assert!(of.starts_with("`sweep.metrics`, of = \"eval.jsn:report.iou\": numbers of a file `eval.jsn`"), "{of}");
+        assert!(of.starts_with("`sweep.metrics[0].of`: numbers of a file `eval.jsn`"), "{of}");
         let of = fault(&format!("{figure}at = [4]\nof = 'eval.json:rows[k={{}}.iou'"));
-        let wanted = "`sweep.figures`, of = \"eval.json:rows[k={}.iou\": the bracket of `[k=4.iou` is not closed";
+        let wanted = "`sweep.figures[0].of`: the bracket of `[k=4.iou` is not closed";
         assert!(of.starts_with(wanted), "{of}");
     }
 

@@ -38,8 +38,10 @@ impl Sequences<'_> {
             let there = self.tokenizer.classes.join(", ");
             return bad("class", format!("the tokenizer has no class `{}`; there are: {there}", self.class));
         }
-        if self.rigs == 0 || self.rows == 0 {
-            return bad("sampling.rigs", "rigs of a batch and eval.rows must be at least 1".into());
+        for (key, rigs) in [("sampling.rigs", self.rigs), ("eval.rows", self.rows)] {
+            if rigs == 0 {
+                return bad(key, "it takes at least 1 rig at a time".into());
+            }
         }
         if !(0.0..=1.0).contains(&self.class_dropout) {
             return bad("sampling.class_dropout", format!("{} must lie in [0, 1]", self.class_dropout));
@@ -50,9 +52,11 @@ impl Sequences<'_> {
             return bad("sampling.cloud.points", format!("{points} points are too few for model.shape: {of}"));
         }
         let [low, high] = self.tokenizer.range;
-        if self.tokenizer.bins < 2 || !(low <= -1.0 && high >= 1.0 && low.is_finite() && high.is_finite()) {
-            let message = "rigs are set between -1 and 1: the range must hold that, with 2 bins or more";
-            return bad("tokenizer.range", message.into());
+        if self.tokenizer.bins < 2 {
+            return bad("tokenizer.bins", "a coordinate takes 2 bins or more".into());
+        }
+        if !(low <= -1.0 && high >= 1.0 && low.is_finite() && high.is_finite()) {
+            return bad("tokenizer.range", "rigs are set between -1 and 1: the range must hold that".into());
         }
         let least = self.tokenizer.least_joints.max(1);
         // Start, class, a spring token, joints, end.
@@ -220,5 +224,8 @@ mod tests {
         let (key, message) = of(|c| c.limits.joints = 0);
         assert!(key == "limits.joints" && message.contains("at least 1"), "{key}: {message}");
         assert_eq!(of(|c| c.limits.tokens = 3).0, "limits.tokens");
+        assert_eq!([of(|c| c.eval.rows = 0).0, of(|c| c.sampling.rigs = 0).0], ["eval.rows", "sampling.rigs"]);
+        assert_eq!(of(|c| c.tokenizer.bins = 1).0, "tokenizer.bins");
+        assert_eq!(of(|c| c.tokenizer.range = [0.0, 1.0]).0, "tokenizer.range");
     }
 }

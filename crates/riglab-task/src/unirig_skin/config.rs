@@ -289,7 +289,9 @@ impl SkinTaskConfig {
         }
         if s.queries > s.points || s.points > s.pool {
             let (q, n, p) = (s.queries, s.points, s.pool);
-            return fault("sampling.pool", format!("queries <= points <= pool must hold; they are {q}, {n}, {p}"));
+            // The larger of the two is the one that is more likely meant otherwise.
+            let key = if q > n { "sampling.queries" } else { "sampling.pool" };
+            return fault(key, format!("queries <= points <= pool must hold; they are {q}, {n}, {p}"));
         }
         for (key, p) in [
             ("sampling.vertex_share", s.vertex_share),
@@ -406,6 +408,7 @@ mod tests {
         assert_eq!(fault(|c| c.sampling.told = Told::Features), "model.pair");
         assert_eq!(fault(|c| c.sampling.points = 100), "sampling.points");
         assert_eq!(fault(|c| c.sampling.pool = 5000), "sampling.pool");
+        assert_eq!(fault(|c| c.sampling.queries = 999_999), "sampling.queries");
         assert_eq!(fault(|c| (c.loss.skin, c.loss.physics.weight) = (0.0, 0.0)), "loss.skin");
         assert_eq!(fault(|c| c.loss.physics.frames = 0), "loss.physics.frames");
         assert_eq!(fault(|c| c.loss.physics.seconds = f64::NAN), "loss.physics.seconds");

@@ -305,7 +305,10 @@ fn plan(name: &str, args: &Args, threads: usize) -> Result<(Plan, PathBuf, Desk)
     if slurm.memory.is_empty() && file.memory_gb > 0.0 {
         slurm.memory = format!("{:.0}M", (file.memory_gb * 1024.0).ceil());
     }
-    let plan = Plan::new(file, &sets).map_err(|e| config.invalid("sweep", e))?;
+    let plan = Plan::new(file, &sets).map_err(|e| match e {
+        SweepError::Key { key, message } => config.invalid(&format!("sweep.{key}"), message),
+        e => config.invalid("sweep", e),
+    })?;
     let stem = Path::new(name).file_stem().map_or("sweep".into(), |s| s.to_string_lossy().into_owned());
     let folder = args.out.clone().unwrap_or_else(|| Path::new("sweeps").join(stem));
     let plan = match Plan::read(&folder)? {
