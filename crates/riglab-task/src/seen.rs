@@ -25,7 +25,8 @@ pub fn seen(data: &DataConfig, splits: &[String], trained: &DataConfig) -> Resul
     let known: HashSet<String> = marks.into_iter().flat_map(|(_, marks)| marks).collect();
     let assets = Assets::open(&data.corpora).map_err(|e| e.to_string())?;
     let mut found = Seen::default();
-    for split in splits {
+    // A split may be both validated and tested on: its assets are there once.
+    for (_, split) in splits.iter().enumerate().filter(|(k, split)| !splits[..*k].contains(split)) {
         let marks = assets.split(split).and_then(|ids| assets.marks(&ids)).map_err(|e| e.to_string())?;
         let both = marks.into_iter().filter(|(_, marks)| marks.iter().any(|mark| known.contains(mark)));
         let before = found.names.len();
@@ -97,6 +98,8 @@ mod tests {
         assert_eq!(found.names, ["same file", "same numbers"]);
         let new = ["test_new".to_owned()];
         assert_eq!((found.splits, seen(&looked_at, &new, &trained).unwrap().splits), (splits.clone(), new.to_vec()));
+        let twice = [new.to_vec(), new.to_vec()].concat();
+        assert_eq!(seen(&looked_at, &twice, &trained).unwrap(), seen(&looked_at, &new, &trained).unwrap());
         assert_eq!(seen(&trained, splits, &trained).unwrap(), Seen::default());
         // One file in two corpora of a training, in another split each.
         let both = DataConfig { corpora: [&trained.corpora[..], &looked_at.corpora[..]].concat(), ..trained.clone() };

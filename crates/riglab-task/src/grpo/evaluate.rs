@@ -127,6 +127,22 @@ impl Pair {
     }
 }
 
+/// What a validation logs; what compares with true rigs only where some are `known`.
+fn metrics(row: &Row, first: First, within: bool, known: bool) -> Vec<(String, f64)> {
+    let r = row.rewards;
+    let mut metrics = row.skeletons.validation();
+    if !known {
+        metrics.retain(|(name, _)| name == "valid@val");
+    }
+    metrics.push(("reward@val".into(), r.total));
+    metrics.extend(Rewards::PARTS.iter().zip(r.parts()).map(|(part, value)| (format!("{}@val", part.name), value)));
+    metrics.extend(known.then(|| ("start_j2j@val".into(), first.j2j)));
+    metrics.push(("start_reward@val".into(), first.reward));
+    // What is not finite never is the best.
+    metrics.push(("guarded_reward@val".into(), if within { r.total } else { f64::NAN }));
+    metrics
+}
+
 impl GrpoTask {
     fn held_of(&self, id: AssetId) -> Result<Held, String> {
         let pool = self.policy.pool();
@@ -228,17 +244,9 @@ impl GrpoTask {
         let (own, worse) = (of(&row), self.config.guard.worse);
         let within = own <= first.j2j * worse;
         let r = row.rewards;
-        let mut metrics = row.skeletons.validation();
-        metrics.push(("reward@val".into(), r.total));
-        metrics.extend(Rewards::PARTS.iter().zip(r.parts()).map(|(part, value)| (format!("{}@val", part.name), value)));
-        for (name, value) in [
-            ("start_j2j@val", first.j2j),
-            ("start_reward@val", first.reward),
-            // What is not finite never is the best.
-            ("guarded_reward@val", if within { r.total } else { f64::NAN }),
-        ] {
-            metrics.push((name.into(), value));
-        }
+        // A bare mesh has one joint in its middle.
+        let known = all.iter().any(|held| Joints::of(held.rig.skeleton()).positions.len() > 1);
+        let metrics = metrics(&row, first, within, known);
         let mut warnings = Vec::new();
         if !within {
             warnings.push(format!(
@@ -400,5 +408,26 @@ impl GrpoTask {
         ];
         let view = Turntable::of(&[("true", &truth), ("before", &old), ("after", &new)]);
         Ok(Some(Sheet { png: contact_sheet(&cells, 4, Theme::Light).to_png(), view }))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn meshes_without_rigs_are_not_compared_with_any() {
+        let skeletons = serde_json::json!({"split": "val", "method": "policy", "assets": 7, "compared": 0, "j2j": null,
+            "j2b": null, "b2b": null, "valid": 1.0, "joints": 9.0, "true_joints": 1.0, "joints_off": 8.0});
+        let rewards = Rewards::of([0.5; 4], [5.0, 1.0, 1.0, 1.0]);
+        let row = Row { rewards, skeletons: serde_json::from_value(skeletons).unwrap() };
+        let names = |known: bool| -> Vec<String> {
+            metrics(&row, First { j2j: 1.0, reward: 4.0 }, true, known).into_iter().map(|(name, _)| name).collect()
+        };
+        let bare =
+            ["valid", "reward", "coverage", "containment", "skinning", "motion", "start_reward", "guarded_reward"];
+        assert_eq!(names(false), bare.map(|name| format!("{name}@val")));
+        let more = ["j2j_all@val", "j2j@val", "j2b@val", "b2b@val", "joints_off@val", "start_j2j@val"];
+        assert!(more.iter().all(|name| names(true).iter().any(|own| own == name)) && names(true).len() == 8 + 6);
     }
 }
