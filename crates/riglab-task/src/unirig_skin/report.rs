@@ -74,16 +74,20 @@ pub fn lines(report: &Report) -> Vec<String> {
         }
         for a in report.attributes.iter().filter(|a| a.split == split) {
             out.push(format!(
-                "{:14} rms error {:>8.4}, predicting the mean {:>8.4} ({} that swing{})",
+                "{:14} rms error {:>8.4}, predicting the mean {:>8.4} ({}{})",
                 a.name,
                 a.model,
                 a.mean,
-                counted(a.bones, "bone"),
+                swinging(a.bones),
                 if a.name == "all" { "; each attribute divided by its usual spread" } else { "" }
             ));
         }
     }
     out
+}
+
+fn swinging(bones: usize) -> String {
+    format!("{} that {}", counted(bones, "bone"), if bones == 1 { "swings" } else { "swing" })
 }
 
 impl Evaluation {
@@ -318,6 +322,11 @@ fn attributes(report: &Report) -> Table {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn bones_that_swing_are_counted_in_words() {
+        assert_eq!([swinging(1), swinging(2)], ["1 bone that swings", "2 bones that swing"]);
+    }
 
     #[test]
     fn attributes_of_spring_bones_are_compared_like_other_findings() {
