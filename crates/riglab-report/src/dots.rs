@@ -6,7 +6,7 @@ use crate::bars::{begun, escaped};
 use crate::labels::fitted;
 
 /// Repeated measurements by name, on one axis.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct Dots {
     /// What was measured.
     pub title: String,
@@ -14,6 +14,17 @@ pub struct Dots {
     pub lines: Vec<(String, Vec<f64>)>,
     /// Digits after the point of the numbers beside the lines.
     pub digits: usize,
+    /// What tells the measurements of a line apart, where something does.
+    pub by: Option<By>,
+}
+
+/// What tells repeated measurements apart, such as seeds.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct By {
+    /// What it is called.
+    pub name: String,
+    /// What it is of each measurement of each line, in their order.
+    pub of: Vec<Vec<String>>,
 }
 
 const WIDTH: f64 = 560.0;
@@ -137,6 +148,7 @@ mod tests {
             title: "a <b>".into(),
             lines: vec![("x & y".into(), vec![0.5, 0.7, f64::NAN]), ("none".into(), vec![]), ("z".into(), vec![0.9])],
             digits: 2,
+            ..Dots::default()
         };
         let svg = dots.to_svg();
         assert_eq!(svg.matches("<circle").count(), 3 + 1, "and one in the key");
@@ -151,8 +163,9 @@ mod tests {
 
     #[test]
     fn nothing_one_value_and_extremes_are_drawn_or_left_out() {
-        let of =
-            |values: Vec<f64>| Dots { title: "t".into(), lines: vec![("n".repeat(99), values)], digits: 3 }.to_svg();
+        let of = |values: Vec<f64>| {
+            Dots { title: "t".into(), lines: vec![("n".repeat(99), values)], digits: 3, by: None }.to_svg()
+        };
         assert_eq!(of(vec![]), "");
         assert_eq!(of(vec![f64::INFINITY]), "");
         assert!(of(vec![2.0]).contains("cx=\"325.0\""));
@@ -164,7 +177,7 @@ mod tests {
     fn long_names_stand_whole_above_their_lines() {
         let names = ["baseline, as in the paper, dice=0.5", "baseline, as in the paper, dice=2.0"];
         let lines = names.map(|name| (name.to_owned(), vec![1.0, 2.0])).to_vec();
-        let svg = Dots { title: "t".into(), lines, digits: 1 }.to_svg();
+        let svg = Dots { title: "t".into(), lines, digits: 1, by: None }.to_svg();
         assert!(names.iter().all(|name| svg.contains(&format!("text-anchor=\"start\">{name}<"))), "{svg}");
         assert!(svg.contains("their mean"));
     }

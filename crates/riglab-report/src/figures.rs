@@ -2,7 +2,7 @@
 
 use crate::bars::escaped;
 use crate::unit::TIMES_100;
-use crate::{Bars, Block, Chart, Dots, Page, ReportError, Table};
+use crate::{Bars, Block, By, Chart, Dots, Page, ReportError, Table};
 
 /// A chart as files.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -163,10 +163,17 @@ fn lengths(bars: &Bars) -> String {
 }
 
 fn values(dots: &Dots) -> String {
-    let mut out = Table::csv_line(&["name", "value"]);
-    for (name, own) in &dots.lines {
-        let finite = own.iter().filter(|v| v.is_finite());
-        finite.for_each(|v| out += &Table::csv_line(&[name, &v.to_string()]));
+    let by = dots.by.as_ref();
+    let line = |name: &str, by: Option<&str>, value: &str| match by {
+        Some(by) => Table::csv_line(&[name, by, value]),
+        None => Table::csv_line(&[name, value]),
+    };
+    let mut out = line("name", by.map(|by| by.name.as_str()), "value");
+    for (n, (name, own)) in dots.lines.iter().enumerate() {
+        for (k, value) in own.iter().enumerate().filter(|(_, v)| v.is_finite()) {
+            let label = |by: &By| by.of.get(n).and_then(|of| of.get(k)).cloned().unwrap_or_default();
+            out += &line(name, by.map(label).as_deref(), &value.to_string());
+        }
     }
     out
 }
@@ -188,11 +195,16 @@ mod tests {
     #[test]
     fn every_chart_becomes_a_file_that_needs_no_page() {
         let bars = Bars { title: "a & b".into(), bars: vec![("x <y>".into(), 2.0)] };
-        let dots = Dots { title: "IoU".into(), lines: vec![("arm".into(), vec![0.5, 0.25])], digits: 2 };
+        let dots = Dots { title: "IoU".into(), lines: vec![("arm".into(), vec![0.5, 0.25])], digits: 2, by: None };
+        let of = vec![vec!["3".into(), "7".into()]];
+        let seeds = Dots { title: "L1".into(), by: Some(By { name: "seed".into(), of }), ..dots.clone() };
         let empty = Chart { title: "nothing".into(), ..Chart::default() };
         let charts = Block::Charts(vec![chart("loss \u{1}<1>", "one, \"two\" & <three>"), empty]);
-        let figures = page(vec![charts, Block::Bars(vec![bars]), Block::Dots(vec![dots])]).figures().unwrap();
-        assert_eq!(figures.iter().map(|f| f.name.as_str()).collect::<Vec<_>>(), ["loss-1", "a-b-bars", "iou-dots"]);
+        let figures = page(vec![charts, Block::Bars(vec![bars]), Block::Dots(vec![dots, seeds])]).figures().unwrap();
+        assert_eq!(
+            figures.iter().map(|f| f.name.as_str()).collect::<Vec<_>>(),
+            ["loss-1", "a-b-bars", "iou-dots", "l1-dots"]
+        );
         for figure in &figures {
             let svg = &figure.svg;
             assert!(svg.starts_with("<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n<svg ") && svg.ends_with("</svg>\n"));
@@ -209,6 +221,7 @@ mod tests {
         assert!(figures[0].csv.contains(",3,0.123456789\r\n") && !figures[0].csv.contains("NaN"));
         assert_eq!(figures[1].csv, "name,value\r\nx <y>,2\r\n");
         assert_eq!(figures[2].csv, "name,value\r\narm,0.5\r\narm,0.25\r\n");
+        assert_eq!(figures[3].csv, "name,seed,value\r\narm,3,0.5\r\narm,7,0.25\r\n");
     }
 
     #[test]
@@ -216,7 +229,8 @@ mod tests {
         let odd = "</svg>\u{0}\u{8}\u{fffe} & \"quoted\" <a> 骨 \u{1b}[0m";
         let charts = Block::Charts(vec![Chart { y: odd.into(), note: odd.into(), ..chart(odd, odd) }]);
         let bars = Block::Bars(vec![Bars { title: odd.into(), bars: vec![(odd.into(), 1.0)] }]);
-        let dots = Block::Dots(vec![Dots { title: odd.into(), lines: vec![(odd.into(), vec![1.0])], digits: 1 }]);
+        let dots =
+            Block::Dots(vec![Dots { title: odd.into(), lines: vec![(odd.into(), vec![1.0])], digits: 1, by: None }]);
         for figure in page(vec![charts, bars, dots]).figures().unwrap() {
             let mut depth = 0;
             // Every element is closed, and no letter is one that XML does not have.

@@ -37,7 +37,7 @@ mod view;
 pub use bars::Bars;
 pub use chart::{Chart, Series};
 pub use columns::Columns;
-pub use dots::Dots;
+pub use dots::{By, Dots};
 pub use figures::{Figure, figure_name};
 pub use findings::{Beside, Findings, Metric, Single, Total};
 pub use glossary::explained;

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 use riglab_metric::statistics::Mean;
-use riglab_report::{Block, Chart, Dots, Losses, RunView, Series, figure_name, in_unit};
+use riglab_report::{Block, By, Chart, Dots, Losses, RunView, Series, figure_name, in_unit};
 
 use crate::unit::{column, factor, named};
 use crate::values::Numbers;
@@ -18,13 +18,15 @@ pub(crate) fn spread(plan: &Plan, metrics: &[MetricOf], outcomes: &[Outcome]) ->
     let names = plan.names();
     let of = |(k, metric): (usize, &MetricOf)| {
         let factor = factor(&metric.of);
-        let own = |p: &str| {
-            let values = outcomes.iter().filter(|o| o.point == p).filter_map(|o| o.values[k]);
-            values.map(|v| factor * v).collect::<Vec<_>>()
+        let own = |p: &str| -> (Vec<f64>, Vec<String>) {
+            let of = outcomes.iter().filter(|o| o.point == p);
+            of.filter_map(|o| Some((factor * o.values[k]?, o.seed.to_string()))).unzip()
         };
-        let lines: Vec<_> = names.iter().map(|p| ((*p).to_owned(), own(p))).collect();
+        let own = names.iter().map(|p| ((*p).to_owned(), own(p)));
+        let (lines, of): (Vec<_>, Vec<_>) = own.map(|(name, (own, seeds))| ((name, own), seeds)).unzip();
         let found = lines.iter().map(|(_, own)| own.len()).sum::<usize>();
-        (found > 1).then(|| Dots { title: metric.head().into(), lines, digits: metric.digits })
+        let by = Some(By { name: "seed".into(), of });
+        (found > 1).then(|| Dots { title: metric.head().into(), lines, digits: metric.digits, by })
     };
     let dots: Vec<Dots> = metrics.iter().enumerate().filter_map(of).collect();
     (!dots.is_empty()).then_some(Block::Dots(dots))
@@ -144,6 +146,11 @@ mod tests {
         assert_eq!(charts[1].series[0].points, [(1.0, 1.5)], "step 2 has one seed alone");
         assert_eq!(charts[3].series[0].points, [(1.0, 37.5)], "as the curves of runs");
         assert!(figures(&plan, &results.outcomes, &results.numbers).is_none(), "none was asked for");
+        let Some(Block::Dots(dots)) = spread(&plan, &plan.sweep.metrics, &results.outcomes) else {
+            panic!("dots are drawn")
+        };
+        assert_eq!(dots[0].lines[0].1, [3.0, 2.0]);
+        assert_eq!(dots[0].by, Some(By { name: "seed".into(), of: vec![vec!["1".into(), "2".into()]] }));
     }
 
     #[test]
