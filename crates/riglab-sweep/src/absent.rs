@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use serde_json::Value;
 
 use crate::values::{EVALUATION, Numbers, evaluation, follow};
-use crate::{Results, SweepFile};
+use crate::{FigureOf, Results, SweepFile};
 
 /// Names that are told.
 const TOLD: usize = 5;
@@ -28,6 +28,25 @@ impl Results {
         // To tell what there is instead.
         let example = LazyCell::new(|| runs.iter().find_map(|(run, _)| evaluation(run)));
         asked.map(|(what, name, places)| sentence(what, name, &places[0], &runs, &example)).collect()
+    }
+
+    /// A sentence for each figure that has numbers at some places and none at others, as far as finished runs tell.
+    pub fn gaps(&self) -> Vec<String> {
+        let runs: Vec<&Numbers> = self.finished().collect();
+        let empty = |of: &String| runs.iter().all(|numbers| numbers.value(of).is_none());
+        let of = |figure: &FigureOf| {
+            let at = figure.at.iter().zip(figure.places());
+            let missing: Vec<String> = at.filter(|(_, of)| empty(of)).map(|(x, _)| x.to_string()).collect();
+            let some = !missing.is_empty() && missing.len() < figure.at.len();
+            some.then(|| {
+                format!("the figure `{}` has a gap at {}: no finished run has these", figure.title, missing.join(", "))
+            })
+        };
+        self.plan.sweep.figures.iter().filter_map(of).collect()
+    }
+
+    fn finished(&self) -> impl Iterator<Item = &Numbers> {
+        self.outcomes.iter().zip(&self.numbers).filter(|(outcome, _)| outcome.state == "finished").map(|(_, n)| n)
     }
 
     /// A sentence for each column and figure whose conditions fit several rows of the first evaluation, of which the first is
@@ -194,6 +213,24 @@ mod tests {
             "in `report` is `rows`",
         ];
         assert_eq!(ends, wanted);
+    }
+
+    #[test]
+    fn places_of_a_figure_that_no_run_has_are_told() {
+        let dir = tempfile::tempdir().unwrap();
+        let text = "[sweep]\nbase = 'b'\nseeds = [1, 2]\n\
+            [[sweep.figures]]\ntitle = 'by k'\nx = 'k'\nat = [4, 8, 16]\nof = 'eval.json:report.rows[k={}].iou'\n\
+            [[sweep.figures]]\ntitle = 'none'\nx = 'k'\nat = [3]\nof = 'eval.json:report.rows[k={}].iou'\n";
+        let config = riglab_config::Config::from_toml_str("s.toml", text).unwrap();
+        let plan = Plan::new(config.get_at("sweep").unwrap(), &[]).unwrap();
+        let gaps = || Results::read(dir.path(), &plan).gaps();
+        assert!(gaps().is_empty(), "nothing is finished yet");
+        let run = dir.path().join(&plan.jobs[1].folder);
+        std::fs::create_dir_all(&run).unwrap();
+        std::fs::write(run.join("run.json"), "{\"outcome\": \"finished\"}").unwrap();
+        std::fs::write(run.join("eval.json"), "{\"report\": {\"rows\": [{\"k\": 8, \"iou\": 0.5}]}}").unwrap();
+        // One that is empty is told as that.
+        assert_eq!(gaps(), ["the figure `by k` has a gap at 4, 16: no finished run has these"]);
     }
 
     #[test]

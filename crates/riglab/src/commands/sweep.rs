@@ -177,7 +177,17 @@ pub fn run(args: &Args, threads: usize) -> Result<ExitCode> {
     };
     let interrupt = Interrupt::listening();
     let mut progress = Progress::new("sweeping", total, 0);
-    let ended = run_pool(&folder, &plan, budget, start, || interrupt.raised(), |event| tell(&event, &mut progress));
+    // Hours before all is done, the first finished run tells what stays empty.
+    let mut told = plan.jobs.len() == 1;
+    let hear = |event: Event| {
+        tell(&event, &mut progress);
+        if matches!(event, Event::Finished(_)) && !std::mem::replace(&mut told, true) {
+            let results = Results::read(&folder, &plan);
+            let early = results.absent(&folder).into_iter().chain(results.gaps());
+            early.for_each(|sentence| progress.line(&format!("warning, after the first finished run: {sentence}")));
+        }
+    };
+    let ended = run_pool(&folder, &plan, budget, start, || interrupt.raised(), hear);
     progress.finish();
     let ended = ended?;
     if ended == Ended::Interrupted {
@@ -243,7 +253,7 @@ fn conclude(plan: &Plan, folder: &Path, args: &Args, on: &str) -> Result<ExitCod
     results.write(folder)?;
     show(&results);
     results.ambiguous(folder).iter().for_each(|sentence| tell!("warning: {sentence}"));
-    let absent = results.absent(folder);
+    let absent = [results.absent(folder), results.gaps()].concat();
     absent.iter().for_each(|sentence| tell!("warning: {sentence}"));
     if !absent.is_empty() {
         tell!("correct the sweep's file and give it again: what is trained stays, and the table is written anew");
