@@ -106,6 +106,11 @@ impl RunView {
         &self.config
     }
 
+    /// With its config written in another way, as by another version.
+    pub fn with_config(self, config: String) -> Self {
+        Self { config, ..self }
+    }
+
     /// One sentence: what was trained on what, when, and how it ended.
     pub fn subtitle(&self) -> String {
         let (task, state, started) = (self.task(), self.outcome(), self.word("started"));

@@ -12,7 +12,8 @@ use riglab_train::{Checkpoint, without_best};
 use super::charts::{charts, no_file};
 use super::earlier::{Written, keep_others};
 use super::{shown, whose};
-use crate::registry::{self, Evaluated};
+use crate::presets;
+use crate::registry::{self, Evaluated, TaskConfig};
 
 /// Write the report of a run, or compare several.
 ///
@@ -222,12 +223,22 @@ fn outdated(evaluated: &Evaluated, run: &Path) -> Option<String> {
     })
 }
 
+/// A run's config as this version writes it, so that settings that are written otherwise are not taken for others; `None` of
+/// one that it does not understand.
+fn rewritten(config: &str) -> Option<String> {
+    TaskConfig::read(&presets::parse("config.toml", config, &[]).ok()?).ok()?.to_toml().ok()
+}
+
 /// Several runs side by side.
 fn comparison(runs: &[String], title: Option<&str>) -> Result<Page> {
     let runs: Vec<(String, PathBuf)> = runs.iter().map(|r| named(r)).collect();
     let mut compared = Vec::new();
     for (name, dir) in names(runs)? {
         let view = RunView::read(&dir)?;
+        let view = match rewritten(view.config()) {
+            Some(config) => view.with_config(config),
+            None => view,
+        };
         let Some(evaluated) = registry::evaluation(&view.task(), &dir, &dir.join("eval.json"))? else {
             let first = evaluating(&dir);
             bail!("{}: not evaluated yet, there is nothing to compare; run `{first}` first", dir.display());
@@ -305,6 +316,14 @@ mod tests {
         assert_eq!(evaluating(&run), format!("{quoted} --checkpoint last"));
         std::fs::create_dir_all(run.join("checkpoints/best")).unwrap();
         assert_eq!(evaluating(&run), quoted);
+    }
+
+    #[test]
+    fn settings_written_by_another_version_are_the_same() {
+        let of = |weights: &str| rewritten(&format!("task = 'grpo'\n[reward]\nweights = {weights}\n"));
+        let list = of("[4.0, 1.0, 1.0, 1.0]");
+        assert!(list.is_some() && list == of("{ coverage = 4.0 }") && list != of("{ coverage = 5.0 }"));
+        assert_eq!(rewritten("task = 'unknown'"), None);
     }
 
     #[test]
