@@ -233,7 +233,13 @@ mod tests {
         std::fs::write(&a.out, "a corpus").unwrap();
         // The folder beside it is that of a.h5, too.
         for out in [a.out.clone(), dir.path().join("a.hdf5")] {
-            let done = merge_shards(&[a.out.clone()], &[], &Places::of(&out), &CurateConfig::default(), &|_, _, _| ());
+            let done = merge_shards(
+                std::slice::from_ref(&a.out),
+                &[],
+                &Places::of(&out),
+                &CurateConfig::default(),
+                &|_, _, _| (),
+            );
             assert!(done.unwrap_err().to_string().contains("is the input"), "{}", out.display());
         }
         assert_eq!(records(&a.journal()).unwrap().len(), 1);

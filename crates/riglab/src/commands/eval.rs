@@ -356,7 +356,8 @@ mod tests {
         let said = other_model(("start.model", "ab", "cd"));
         assert!(said.starts_with("start.model names another model (ab) than the run was trained with (cd)"), "{said}");
         let json =
-            with_data("{\n  \"report\": 1\n}\n", &[], &[("set", &[]), ("other_models", &[said.clone()])]).unwrap();
+            with_data("{\n  \"report\": 1\n}\n", &[], &[("set", &[]), ("other_models", std::slice::from_ref(&said))])
+                .unwrap();
         let read: serde_json::Value = serde_json::from_str(&json).unwrap();
         assert!(read["other_models"][0] == said && read["report"] == 1 && read["set"].is_null(), "{json}");
     }
