@@ -36,16 +36,20 @@ pub(crate) trait Reads: Sync {
         false
     }
 
-    /// Whether its files hold models to be rigged.
+    /// Whether its files hold models to be rigged, as surfaces do; else it is one of arrays.
     fn has_models(&self) -> bool {
         true
     }
 
     /// How commands call it where they choose among formats of rigs; `None` for one that has none.
-    fn short(&self) -> Option<&'static str>;
+    fn short(&self) -> Option<&'static str> {
+        None
+    }
 
     /// Whether a file with one of its endings, found in a folder, is to be imported as a rig.
-    fn is_rig(&self, path: &Path) -> bool;
+    fn is_rig(&self, _path: &Path) -> bool {
+        !self.has_models()
+    }
 
     /// What else is read with a file.
     fn beside(&self, _path: &Path, _folder: &Path) -> Vec<PathBuf> {
@@ -54,12 +58,12 @@ pub(crate) trait Reads: Sync {
 
     /// Whether a file may hold several assets, and says how many.
     fn holds_several(&self) -> bool {
-        false
+        !self.has_models()
     }
 
     /// Whether the file at `path` is read as arrays; `folder` is where what belongs to it is looked for, if at all.
     fn in_arrays(&self, _path: &Path, _folder: Option<&Path>) -> bool {
-        false
+        !self.has_models()
     }
 
     /// Opens a file of arrays, with those that make no difference to a rig (`extras`) if they are asked for.

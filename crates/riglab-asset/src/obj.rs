@@ -14,7 +14,7 @@ use crate::rigging::{Looks, SubjectNote, Unrigged, obj_model};
 use crate::wavefront::{self, Asked};
 use crate::{Binding, Fault, ImportOptions, Part, Reading, Rights, VertexSet, triangles};
 
-/// Wavefront OBJ: the mesh of the rig text beside it, or a mesh alone.
+/// Wavefront OBJ: the mesh of the rig text beside it, or a mesh alone. In a folder such a pair counts once, as its text.
 pub(crate) struct Obj;
 
 impl Reads for Obj {
@@ -24,15 +24,6 @@ impl Reads for Obj {
 
     fn endings(&self) -> &'static [&'static str] {
         &["obj"]
-    }
-
-    fn short(&self) -> Option<&'static str> {
-        None
-    }
-
-    /// A pair counts once, as its text.
-    fn is_rig(&self, _: &Path) -> bool {
-        false
     }
 
     fn beside(&self, path: &Path, folder: &Path) -> Vec<PathBuf> {

@@ -44,14 +44,6 @@ impl Reads for Ply {
         text.starts_with(b"ply\n") || text.starts_with(b"ply\r")
     }
 
-    fn short(&self) -> Option<&'static str> {
-        None
-    }
-
-    fn is_rig(&self, _: &Path) -> bool {
-        false
-    }
-
     fn read(&self, bytes: &[u8], _: Option<&Path>, _: &ImportOptions) -> Result<(Reading, Rights), Fault> {
         Ok((read(bytes)?.into_reading(), Rights::default()))
     }

@@ -32,14 +32,6 @@ impl Reads for Stl {
         &["stl"]
     }
 
-    fn short(&self) -> Option<&'static str> {
-        None
-    }
-
-    fn is_rig(&self, _: &Path) -> bool {
-        false
-    }
-
     fn read(&self, bytes: &[u8], _: Option<&Path>, _: &ImportOptions) -> Result<(Reading, Rights), Fault> {
         Ok((read(bytes)?.into_reading(), Rights::default()))
     }

@@ -409,7 +409,8 @@ impl Rigger {
             own
         };
         // A whole sequence begins with the prompt.
-        let room = c.longest().saturating_sub(prompts.first().map_or(0, Vec::len)).max(1);
+        let begun = prompts.iter().map(Vec::len).min().unwrap_or(0);
+        let room = c.longest().saturating_sub(begun).max(1);
         let started = Reader::start(&self.net, w, seen.prefix(), prompts, (room, vocabulary.eos()), &joints);
         let (mut reader, first) = started.ok_or("a prompt ends within a code")?;
         let config = GenerateConfig { tokens: room, ..how.clone() };

@@ -1,9 +1,5 @@
 //! Anymate: a list of dictionaries of tensors, as torch saves it.
 
-use std::borrow::Cow;
-use std::collections::HashSet;
-use std::path::Path;
-
 use super::super::archive::Input;
 use super::super::array_rig::{Array, ArrayRig, SparseRows};
 use super::super::fault::PeerFault;
@@ -16,6 +12,8 @@ use crate::Fault;
 use crate::format::Reads;
 use crate::peers::Source;
 use riglab_core::Vec3;
+use std::borrow::Cow;
+use std::collections::HashSet;
 
 /// Joints from a root to a leaf, at most.
 const DEEP: usize = 1000;
@@ -41,18 +39,6 @@ impl Reads for TorchZip {
 
     fn short(&self) -> Option<&'static str> {
         Some("pt")
-    }
-
-    fn is_rig(&self, _: &Path) -> bool {
-        true
-    }
-
-    fn holds_several(&self) -> bool {
-        true
-    }
-
-    fn in_arrays(&self, _: &Path, _: Option<&Path>) -> bool {
-        true
     }
 
     fn open<'a>(&self, file: &Source<'a>, _: bool) -> Result<Box<dyn Assets + 'a>, Fault> {

@@ -1,7 +1,5 @@
 //! Archives of numpy: Articulation-XL's, UniRig's and SkinTokens', told apart by their members.
 
-use std::path::Path;
-
 use super::super::archive::Archive;
 use super::super::fault::PeerFault;
 use super::{Assets, One, articulation, skintokens, unirig};
@@ -27,18 +25,6 @@ impl Reads for Npz {
 
     fn short(&self) -> Option<&'static str> {
         Some("npz")
-    }
-
-    fn is_rig(&self, _: &Path) -> bool {
-        true
-    }
-
-    fn holds_several(&self) -> bool {
-        true
-    }
-
-    fn in_arrays(&self, _: &Path, _: Option<&Path>) -> bool {
-        true
     }
 
     fn open<'a>(&self, file: &Source<'a>, extras: bool) -> Result<Box<dyn Assets + 'a>, Fault> {

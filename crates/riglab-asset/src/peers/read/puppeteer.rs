@@ -1,7 +1,5 @@
 //! Puppeteer's h5: a group a sample.
 
-use std::path::Path;
-
 use hdf5_pure::{Dataset, Datatype, DatatypeByteOrder, File, Group, VlenStringReadOptions};
 
 use super::super::archive::Input;
@@ -43,18 +41,6 @@ impl Reads for Hdf5 {
 
     fn short(&self) -> Option<&'static str> {
         Some("h5")
-    }
-
-    fn is_rig(&self, _: &Path) -> bool {
-        true
-    }
-
-    fn holds_several(&self) -> bool {
-        true
-    }
-
-    fn in_arrays(&self, _: &Path, _: Option<&Path>) -> bool {
-        true
     }
 
     fn open<'a>(&self, file: &Source<'a>, _: bool) -> Result<Box<dyn Assets + 'a>, Fault> {

@@ -41,8 +41,9 @@ impl Reads for RigText {
         mesh_of(path, folder).into_iter().collect()
     }
 
-    fn in_arrays(&self, _: &Path, _: Option<&Path>) -> bool {
-        true
+    /// A list does not say it.
+    fn holds_several(&self) -> bool {
+        false
     }
 
     fn open<'a>(&self, file: &Source<'a>, _: bool) -> Result<Box<dyn Assets + 'a>, Fault> {
