@@ -27,8 +27,14 @@ pub trait TaskSettings: DeserializeOwned + Serialize {
     /// The corpora it reads.
     fn data(&self) -> &DataConfig;
 
+    /// How it trains, to be changed.
+    fn train_mut(&mut self) -> &mut TrainConfig;
+
     /// Decides what is left to this machine: the precision.
-    fn settle(&mut self);
+    fn settle(&mut self) {
+        let train = self.train_mut();
+        train.precision = train.precision.resolved();
+    }
 
     /// Finds what the folder of a run holds beside its config.
     fn in_run(&mut self, _run: &Path) {}
@@ -38,6 +44,28 @@ pub trait TaskSettings: DeserializeOwned + Serialize {
         false
     }
 }
+
+/// What is the same in all [`TaskSettings`]: a check of their own, and the fields `train` and `data`.
+macro_rules! own_settings {
+    () => {
+        fn check(&self) -> Result<(), (String, String)> {
+            self.validate()
+        }
+
+        fn train(&self) -> &riglab_train::TrainConfig {
+            &self.train
+        }
+
+        fn train_mut(&mut self) -> &mut riglab_train::TrainConfig {
+            &mut self.train
+        }
+
+        fn data(&self) -> &crate::assets::DataConfig {
+            &self.data
+        }
+    };
+}
+pub(crate) use own_settings;
 
 /// Checks that a list names nothing twice: what it names is counted once for each time.
 ///

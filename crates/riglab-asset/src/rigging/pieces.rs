@@ -74,7 +74,8 @@ pub(super) fn corners(mesh: &Mesh, triangle: u32) -> [DVec3; 3] {
     mesh.corners(triangle as usize).map(|p| glam::Vec3::from(p).as_dvec3())
 }
 
-fn root(above: &mut [u32], mut v: u32) -> u32 {
+/// The first of the group that a vertex is in; `above` names for each another one of its group, and itself for the first.
+pub(super) fn root(above: &mut [u32], mut v: u32) -> u32 {
     while above[v as usize] != v {
         above[v as usize] = above[above[v as usize] as usize];
         v = above[v as usize];

@@ -4,6 +4,8 @@ use std::collections::HashMap;
 
 use riglab_core::{Bounds, Mesh, SkinWeights, Vec3};
 
+use super::pieces::root;
+
 /// What rounding may move a vertex by, as a share of the diagonal of the mesh's box: the transforms of the nodes that
 /// hold two halves of a body, or a sine of 2π. Measured: up to 2e-7.
 const ROUNDING: f32 = 1e-6;
@@ -55,14 +57,14 @@ pub(super) fn welded(mesh: &Mesh, sets: &[u32]) -> Vec<u32> {
         let apart = between(a).distance(between(b));
         (apart <= OF_EDGE * edges[a as usize].min(edges[b as usize])).then_some(apart)
     };
-    let mut groups = Groups(exact.clone());
-    groups.join(positions, &places, ROUNDING * diagonal, apart);
+    let mut groups = exact;
+    join(&mut groups, positions, &places, ROUNDING * diagonal, apart);
     if sets.len() == positions.len() && sets.iter().any(|set| *set != sets[0]) {
         let border = border(mesh, &mut groups);
         let of_two = |a: u32, b: u32| (sets[a as usize] != sets[b as usize]).then(|| apart(a, b)).flatten();
-        groups.join(positions, &border, BORDER * diagonal, of_two);
+        join(&mut groups, positions, &border, BORDER * diagonal, of_two);
     }
-    (0..positions.len() as u32).map(|v| groups.first(v)).collect()
+    (0..positions.len() as u32).map(|v| root(&mut groups, v)).collect()
 }
 
 /// The shortest edge that is one at each place, by the first vertex there; infinite where there is none.
@@ -82,10 +84,10 @@ fn shortest_edges(mesh: &Mesh, first: &[u32]) -> Vec<f32> {
 }
 
 /// Vertices, one a place, at the ends of edges that a single triangle has.
-fn border(mesh: &Mesh, groups: &mut Groups) -> Vec<u32> {
+fn border(mesh: &Mesh, groups: &mut [u32]) -> Vec<u32> {
     let mut edges: Vec<[u32; 2]> = Vec::with_capacity(3 * mesh.triangles().len());
     for triangle in mesh.triangles() {
-        let [a, b, c] = triangle.map(|v| groups.first(v));
+        let [a, b, c] = triangle.map(|v| root(groups, v));
         edges.extend([[a, b], [b, c], [c, a]].map(|[a, b]| [a.min(b), a.max(b)]));
     }
     edges.sort_unstable();
@@ -96,41 +98,27 @@ fn border(mesh: &Mesh, groups: &mut Groups) -> Vec<u32> {
     vertices
 }
 
-/// Vertices that belong together: for each another one of its group, and for the first of a group itself.
-struct Groups(Vec<u32>);
-
-impl Groups {
-    fn first(&mut self, v: u32) -> u32 {
-        let mut at = v;
-        while self.0[at as usize] != at {
-            at = self.0[at as usize];
+/// Joins each of `vertices` with the nearest one before it that lies within `reach`; `apart` says how far two are, and nothing
+/// of two that stay apart.
+fn join(groups: &mut [u32], positions: &[Vec3], vertices: &[u32], reach: f32, apart: impl Fn(u32, u32) -> Option<f32>) {
+    // Wide, so that most vertices look into one cell.
+    let (reach_wide, side) = (f64::from(reach), 8.0 * f64::from(reach));
+    let cell = |p: [f64; 3]| p.map(|x| (x / side).floor() as i64);
+    let mut cells: HashMap<[i64; 3], Vec<u32>> = HashMap::with_capacity(vertices.len());
+    for &v in vertices {
+        let at = positions[v as usize].map(f64::from);
+        let [low, high] = [-reach_wide, reach_wide].map(|by| cell(at.map(|x| x + by)));
+        let range = |k: usize| low[k]..=high[k];
+        let near = range(0).flat_map(|x| range(1).flat_map(move |y| range(2).map(move |z| [x, y, z])));
+        let others = near.filter_map(|cell| cells.get(&cell)).flatten();
+        let within = others.filter_map(|&other| Some((apart(v, other).filter(|d| *d <= reach)?, other)));
+        if let Some((_, other)) = within.min_by(|a, b| a.0.total_cmp(&b.0)) {
+            let (a, b) = (root(groups, v), root(groups, other));
+            groups[a.max(b) as usize] = a.min(b);
         }
-        self.0[v as usize] = at;
-        at
-    }
-
-    /// Joins each of `vertices` with the nearest one before it that lies within `reach`; `apart` says how far two are, and
-    /// nothing of two that stay apart.
-    fn join(&mut self, positions: &[Vec3], vertices: &[u32], reach: f32, apart: impl Fn(u32, u32) -> Option<f32>) {
-        // Wide, so that most vertices look into one cell.
-        let (reach_wide, side) = (f64::from(reach), 8.0 * f64::from(reach));
-        let cell = |p: [f64; 3]| p.map(|x| (x / side).floor() as i64);
-        let mut cells: HashMap<[i64; 3], Vec<u32>> = HashMap::with_capacity(vertices.len());
-        for &v in vertices {
-            let at = positions[v as usize].map(f64::from);
-            let [low, high] = [-reach_wide, reach_wide].map(|by| cell(at.map(|x| x + by)));
-            let range = |k: usize| low[k]..=high[k];
-            let near = range(0).flat_map(|x| range(1).flat_map(move |y| range(2).map(move |z| [x, y, z])));
-            let others = near.filter_map(|cell| cells.get(&cell)).flatten();
-            let within = others.filter_map(|&other| Some((apart(v, other).filter(|d| *d <= reach)?, other)));
-            if let Some((_, other)) = within.min_by(|a, b| a.0.total_cmp(&b.0)) {
-                let (a, b) = (self.first(v), self.first(other));
-                self.0[a.max(b) as usize] = a.min(b);
-            }
-            let own = cells.entry(cell(at)).or_default();
-            if own.len() < CROWD {
-                own.push(v);
-            }
+        let own = cells.entry(cell(at)).or_default();
+        if own.len() < CROWD {
+            own.push(v);
         }
     }
 }

@@ -6,7 +6,7 @@ use riglab_train::TrainConfig;
 use serde::{Deserialize, Serialize};
 
 use crate::assets::DataConfig;
-use crate::settings::{TaskSettings, distinct};
+use crate::settings::{TaskSettings, distinct, own_settings};
 
 /// Everything a run of the FSQ-CVAE is made of.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -285,21 +285,7 @@ impl FsqCvaeTaskConfig {
 impl TaskSettings for FsqCvaeTaskConfig {
     const TASK: &'static str = "fsq_cvae";
 
-    fn check(&self) -> Result<(), (String, String)> {
-        self.validate()
-    }
-
-    fn train(&self) -> &TrainConfig {
-        &self.train
-    }
-
-    fn data(&self) -> &DataConfig {
-        &self.data
-    }
-
-    fn settle(&mut self) {
-        self.train.precision = self.train.precision.resolved();
-    }
+    own_settings!();
 
     fn chooses_a_cut(&self) -> bool {
         self.eval.cuts.len() > 1

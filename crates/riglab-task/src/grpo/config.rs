@@ -10,7 +10,7 @@ use riglab_train::{Precision, TrainConfig};
 use serde::{Deserialize, Serialize};
 
 use crate::assets::DataConfig;
-use crate::settings::TaskSettings;
+use crate::settings::{TaskSettings, own_settings};
 use crate::tokenrig::EvalConfig;
 
 /// Everything a run of GRPO is made of (SkinTokens 3.4).
@@ -301,17 +301,7 @@ pub(super) fn idle(config: &GrpoTaskConfig) -> Vec<String> {
 impl TaskSettings for GrpoTaskConfig {
     const TASK: &'static str = "grpo";
 
-    fn check(&self) -> Result<(), (String, String)> {
-        self.validate()
-    }
-
-    fn train(&self) -> &TrainConfig {
-        &self.train
-    }
-
-    fn data(&self) -> &DataConfig {
-        &self.data
-    }
+    own_settings!();
 
     fn settle(&mut self) {
         self.train.precision = self.train.precision.resolved();

@@ -21,7 +21,7 @@ const MOST: f64 = 0.5;
 const TRIES: usize = 16;
 
 /// Whether so many draws are bodies that it may be one. Of a man of whom all is seen about half are.
-fn many(bodies: usize, draws: usize) -> bool {
+pub fn many_bodies(bodies: usize, draws: usize) -> bool {
     4 * bodies >= draws
 }
 
@@ -49,13 +49,13 @@ impl Rigger {
         let (alone, _) = self.stage(&body, None, wish, facing)?;
         let tried =
             self.candidates(self.params.weights(), &alone, (self.free(), tries.draws), Some(&tries), wish.seed)?;
-        if !many(self.anatomy(&alone, anatomy.human).bodies(&tried, &tries), tries.draws) {
+        if !many_bodies(self.anatomy(&alone, anatomy.human).bodies(&tried, &tries), tries.draws) {
             return Ok(None);
         }
         let one = Wish { skins: Some(1), ..wish.clone() };
         let body = self.make_facing(&body, None, &one, facing)?;
         let agreed = body.apart.zip(taken.apart).is_none_or(|(without, with)| without < with);
-        if !(agreed && body.human && body.bodies.is_some_and(|bodies| many(bodies, agreement.draws))) {
+        if !(agreed && body.human && body.bodies.is_some_and(|bodies| many_bodies(bodies, agreement.draws))) {
             return Ok(None);
         }
         let up = self.config.data.up;

@@ -14,7 +14,7 @@ use super::Rigger;
 use crate::assets::DataConfig;
 use crate::fsq_cvae::cells;
 use crate::sequences::Sequences;
-use crate::settings::{TaskSettings, distinct};
+use crate::settings::{TaskSettings, distinct, own_settings};
 use crate::unirig_skeleton::agree::Agreement;
 
 /// Everything a run of TokenRig is made of.
@@ -308,21 +308,7 @@ impl TokenRigTaskConfig {
 impl TaskSettings for TokenRigTaskConfig {
     const TASK: &'static str = "tokenrig";
 
-    fn check(&self) -> Result<(), (String, String)> {
-        self.validate()
-    }
-
-    fn train(&self) -> &TrainConfig {
-        &self.train
-    }
-
-    fn data(&self) -> &DataConfig {
-        &self.data
-    }
-
-    fn settle(&mut self) {
-        self.train.precision = self.train.precision.resolved();
-    }
+    own_settings!();
 
     fn in_run(&mut self, run: &Path) {
         Rigger::own_auto_encoder(run, self);

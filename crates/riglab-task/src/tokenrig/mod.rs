@@ -33,6 +33,7 @@ use riglab_train::{At, Better, Loss, LossOf, Source, State, Task, Validation};
 use tch::{Device, Tensor};
 
 pub use batch::{Batch, BatchSource};
+pub use beside::many_bodies;
 pub use condition::Condition;
 pub use config::{EvalConfig, LossConfig, SamplingConfig, SkinConfig, TokenRigTaskConfig};
 pub use evaluate::{Report, SkinAsset};

@@ -11,7 +11,7 @@ use serde::{Deserialize, Serialize};
 use super::agree::Agreement;
 use crate::assets::DataConfig;
 use crate::sequences::Sequences;
-use crate::settings::TaskSettings;
+use crate::settings::{TaskSettings, own_settings};
 
 /// Everything a run of UniRig's skeleton stage is made of.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -176,19 +176,5 @@ impl SkeletonTaskConfig {
 impl TaskSettings for SkeletonTaskConfig {
     const TASK: &'static str = "unirig_skeleton";
 
-    fn check(&self) -> Result<(), (String, String)> {
-        self.validate()
-    }
-
-    fn train(&self) -> &TrainConfig {
-        &self.train
-    }
-
-    fn data(&self) -> &DataConfig {
-        &self.data
-    }
-
-    fn settle(&mut self) {
-        self.train.precision = self.train.precision.resolved();
-    }
+    own_settings!();
 }

@@ -9,7 +9,7 @@ use super::pairs::Told;
 use super::ready::Measured;
 use crate::assets::DataConfig;
 use crate::fsq_cvae::{cells, cuts};
-use crate::settings::TaskSettings;
+use crate::settings::{TaskSettings, own_settings};
 
 /// Everything a run of UniRig's skin stage is made of.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -372,21 +372,7 @@ impl SkinTaskConfig {
 impl TaskSettings for SkinTaskConfig {
     const TASK: &'static str = "unirig_skin";
 
-    fn check(&self) -> Result<(), (String, String)> {
-        self.validate()
-    }
-
-    fn train(&self) -> &TrainConfig {
-        &self.train
-    }
-
-    fn data(&self) -> &DataConfig {
-        &self.data
-    }
-
-    fn settle(&mut self) {
-        self.train.precision = self.train.precision.resolved();
-    }
+    own_settings!();
 
     fn chooses_a_cut(&self) -> bool {
         self.eval.cuts.len() > 1

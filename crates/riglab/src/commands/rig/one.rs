@@ -15,7 +15,7 @@ use riglab_files::make_folder_of;
 use riglab_report::counted;
 use riglab_report::shell::command;
 use riglab_reward::{RewardConfig, Rewards};
-use riglab_task::tokenrig::{Made, Placed, Rank, Wish};
+use riglab_task::tokenrig::{Made, Placed, Rank, Wish, many_bodies};
 use riglab_token::Template;
 use riglab_train::Spinner;
 
@@ -235,13 +235,10 @@ fn told_placed(placed: Placed) -> &'static str {
 /// Where many draws are human bodies and the one that was taken has another tree: what makes one of them.
 fn of_bodies(made: &Made, human: bool, class: Option<&str>) -> Option<String> {
     let (bodies, draws) = (made.bodies.filter(|_| !human && class.is_none())?, made.draws.len());
-    (MANY * bodies >= draws).then(|| {
+    many_bodies(bodies, draws).then(|| {
         format!("{bodies} of {draws} samples are human bodies, but the one taken is not; --template mixamo makes one")
     })
 }
-
-/// Of so many draws one has to be a body for that to be told.
-const MANY: usize = 4;
 
 /// What is as far from its draws is mostly wrong: 39 of 90 real models are, of which 28 have a J2J above .08, as 2 of the others
 /// have (`experiments/README.md`, do draws that disagree tell a wrong skeleton).
