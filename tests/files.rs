@@ -717,3 +717,41 @@ fn links_are_followed_and_pairs_of_one_mesh_kept_apart() {
     assert_eq!(texts.len(), 2);
     texts.iter().for_each(|text_file| drop(must(&["inspect", text(text_file)])));
 }
+
+#[test]
+fn rigs_are_judged_by_rewards_without_true_ones() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = |name: &str| dir.path().join(name);
+    let made = creatures(&path("made"), 3);
+    must(&["convert", text(&path("made")), text(&path("fbx/")), "--to", "fbx"]);
+    let json = |args: &[&str]| -> Value {
+        let out = must(&[&["rewards", "--json", "--set", "reward.resolution=48"], args].concat());
+        serde_json::from_slice(&out.stdout).unwrap()
+    };
+    let both = json(&[&format!("glb={}", text(&path("made"))), &format!("fbx={}", text(&path("fbx")))]);
+    let totals = |k: usize| {
+        let rigs = both["systems"][k]["rigs"].as_array().unwrap().iter();
+        rigs.map(|rig| rig["total"].as_f64().unwrap()).collect::<Vec<f64>>()
+    };
+    // Of 8 at most; every part of a true rig is worth something.
+    assert!(totals(0).len() == 3 && totals(0).iter().all(|r| (4.0..8.0).contains(r)), "{both}");
+    let rig = &both["systems"][0]["rigs"][0];
+    assert!(["coverage", "containment", "skinning", "motion"].iter().all(|r| rig[r].as_f64() > Some(0.1)), "{rig}");
+    // The format changes a rig by rounding alone.
+    assert!(totals(0).iter().zip(totals(1)).all(|(a, b)| (a - b).abs() < 1e-3), "{both}");
+    assert_eq!(both["second_minus_first"]["R"]["n"], 3);
+    let without = json(&["--set", "reward.weights.coverage=0", text(&made[0])]);
+    let (with, without) = (totals(0)[0], without["systems"][0]["rigs"][0]["total"].as_f64().unwrap());
+    assert!((with - 5.0 * rig["coverage"].as_f64().unwrap() - without).abs() < 1e-9, "{with} {without}");
+
+    // A table of rewards replaces another one and nothing else; what has no rig is named.
+    let csv = path("rewards.csv");
+    (0..2).for_each(|_| drop(must(&["rewards", text(&path("made")), "-o", text(&csv)])));
+    assert_eq!(fs::read_to_string(&csv).unwrap().lines().count(), 4);
+    fs::write(path("mine.csv"), "a,b\n").unwrap();
+    let said = refusal(&mut riglab(&["rewards", text(&made[0]), "-o", text(&path("mine.csv"))]));
+    assert!(said.contains("no table of rewards"), "{said}");
+    must(&["strip", text(&made[0]), text(&path("bare.glb"))]);
+    let said = refusal(&mut riglab(&["rewards", text(&path("bare.glb"))]));
+    assert!(said.contains("not judged: bare.glb"), "{said}");
+}

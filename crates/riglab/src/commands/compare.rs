@@ -1,17 +1,17 @@
 //! `riglab compare`
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::process::ExitCode;
 
-use anyhow::{Context, Result, bail};
+use anyhow::{Result, bail};
 use riglab_compare::{Comparison, Failures, Kind, Predictions, Status, System, Truths, score};
-use riglab_files::make_folder_of;
 use riglab_metric::{Preset, SkinBaseline};
-use riglab_report::{Block, Page, Table};
+use riglab_report::Table;
 use riglab_train::Progress;
 
 use super::alike::by_reason;
-use super::earlier::{Written, keep_others};
+use super::earlier::Written;
+use super::forms::{Form, Forms, systems};
 
 /// Score rigs that other systems wrote against true ones.
 ///
@@ -55,87 +55,8 @@ pub struct Args {
     /// Show every asset instead of means.
     #[arg(long)]
     assets: bool,
-    /// Everything as JSON.
-    #[arg(long, group = "form")]
-    json: bool,
-    /// Comma-separated values: every asset.
-    #[arg(long, group = "form")]
-    csv: bool,
-    /// Tables in Markdown.
-    #[arg(long, group = "form")]
-    markdown: bool,
-    /// Tables in LaTeX, with booktabs; tables wider than a page with graphicx, too.
-    #[arg(long, group = "form")]
-    latex: bool,
-    /// A page.
-    #[arg(long, group = "form")]
-    html: bool,
-    /// Write to a file instead of standard output: FILE.txt, .html, .md, .tex, .csv or .json is of that form, and without an
-    /// ending, where no option says the form, all but the first are written.
-    #[arg(long, short, value_name = "FILE")]
-    out: Option<PathBuf>,
-}
-
-/// What a comparison is written as.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Form {
-    Text,
-    Html,
-    Markdown,
-    Latex,
-    Csv,
-    Json,
-}
-
-impl Form {
-    /// By the ending of their files.
-    const ALL: [(&str, Self); 6] = [
-        ("txt", Self::Text),
-        ("html", Self::Html),
-        ("md", Self::Markdown),
-        ("tex", Self::Latex),
-        ("csv", Self::Csv),
-        ("json", Self::Json),
-    ];
-
-    /// The one that an option asks for.
-    fn asked(args: &Args) -> Option<Self> {
-        let asked = [
-            (args.html, Self::Html),
-            (args.markdown, Self::Markdown),
-            (args.latex, Self::Latex),
-            (args.csv, Self::Csv),
-            (args.json, Self::Json),
-        ];
-        asked.into_iter().find(|(asked, _)| *asked).map(|(_, form)| form)
-    }
-}
-
-/// The files to write, each with its form: as the option says, else as the ending does; all forms without either, as
-/// `riglab report` has it.
-fn files(out: &Path, asked: Option<Form>) -> Result<Vec<(PathBuf, Form)>> {
-    let ending = out.extension().map(|e| e.to_string_lossy().into_owned());
-    let told = ending.as_ref().and_then(|e| Form::ALL.iter().find(|(own, _)| own == e)).map(|(_, form)| *form);
-    match (asked, told, ending) {
-        // A text may be of any form.
-        (Some(asked), Some(told), _) if told != asked && told != Form::Text => {
-            let (fits, _) = Form::ALL.iter().find(|(_, form)| *form == asked).unwrap_or(&Form::ALL[0]);
-            bail!(
-                "{} does not end as the form does that an option asks for: leave the option out, or give a name that ends in \
-                 .{fits}",
-                out.display()
-            )
-        }
-        (Some(asked), ..) => Ok(vec![(out.into(), asked)]),
-        (None, Some(told), _) => Ok(vec![(out.into(), told)]),
-        (None, None, Some(e)) => {
-            let there = Form::ALL.map(|(own, _)| own).join(", .");
-            bail!("{}: no form has the ending .{e}; there are .{there}", out.display())
-        }
-        (None, None, None) => {
-            Ok(Form::ALL.iter().skip(1).map(|(ending, form)| (out.with_extension(ending), *form)).collect())
-        }
-    }
+    #[command(flatten)]
+    forms: Forms,
 }
 
 fn kind(name: &str) -> Result<Kind, String> {
@@ -156,8 +77,7 @@ fn failures(name: &str) -> Result<Failures, String> {
 }
 
 pub fn run(args: &Args) -> Result<ExitCode> {
-    let files = args.out.as_deref().map_or(Ok(Vec::new()), |out| files(out, Form::asked(args)))?;
-    files.iter().try_for_each(|(file, _)| keep_others(file, Written::Comparison))?;
+    let files = args.forms.files(Written::Comparison)?;
     if args.published.iter().any(|name| name == "list") {
         riglab_report::published::names().iter().for_each(|name| say!("{name}"));
         return Ok(ExitCode::SUCCESS);
@@ -173,14 +93,8 @@ pub fn run(args: &Args) -> Result<ExitCode> {
         }
     };
     let truths = Truths::open(truth, args.split.as_deref())?;
-    let mut systems: Vec<(String, Predictions)> = Vec::new();
-    for text in &args.systems {
-        let (name, folder) = named(text);
-        if systems.iter().any(|(taken, _)| *taken == name) {
-            bail!("two systems are called `{name}`; name them: NAME=DIR");
-        }
-        systems.push((name, Predictions::find(&folder, args.format)?));
-    }
+    let found = |(name, folder): (String, PathBuf)| Ok((name, Predictions::find(&folder, args.format)?));
+    let systems: Vec<(String, Predictions)> = systems(&args.systems)?.into_iter().map(found).collect::<Result<_>>()?;
     // A file may hold many.
     let total = truths.len() as u64;
     let mut progress = Progress::new("scoring", total, 0);
@@ -200,16 +114,7 @@ pub fn run(args: &Args) -> Result<ExitCode> {
         tell!("{}", whole(args, &files));
     }
     let presets = if args.presets.is_empty() { &Preset::ALL[..] } else { &args.presets };
-    let text = |form| text(args, form, &comparison, presets, &published);
-    for (path, form) in &files {
-        let text = text(*form)?;
-        let written = make_folder_of(path).and_then(|()| riglab_files::write(path, text.as_bytes()));
-        written.with_context(|| format!("{} cannot be written", path.display()))?;
-        say!("{}", path.display());
-    }
-    if files.is_empty() {
-        say!("{}", text(Form::asked(args).unwrap_or(Form::Text))?.trim_end());
-    }
+    args.forms.write(&files, |form| text(args, form, &comparison, presets, &published))?;
     let any = comparison.systems.iter().any(|s| s.counts()[0] > 0);
     Ok(if any { ExitCode::SUCCESS } else { ExitCode::FAILURE })
 }
@@ -224,33 +129,8 @@ fn text(args: &Args, form: Form, comparison: &Comparison, presets: &[Preset], pu
     let mut tables = vec![comparison.counts()];
     tables.extend(if args.assets { vec![comparison.assets(presets, false)] } else { comparison.tables(presets) });
     tables.extend_from_slice(published);
-    if form == Form::Html {
-        let title = "Comparison".to_owned();
-        let names: Vec<&str> = comparison.systems.iter().map(|s| s.name.as_str()).collect();
-        let subtitle = format!("{} against {}", names.join(", "), comparison.truth);
-        let blocks = tables.into_iter().map(Block::Table).collect();
-        return Ok(Page { title, subtitle, blocks }.to_html()?);
-    }
-    let latex = form == Form::Latex;
-    let to = match form {
-        Form::Markdown => Table::to_markdown,
-        Form::Latex => Table::to_latex,
-        _ => Table::to_text,
-    };
-    let needs = if latex { "% Needs \\usepackage{booktabs}.\n\n" } else { "" };
-    Ok(needs.to_owned() + &tables.iter().map(to).collect::<Vec<_>>().join("\n"))
-}
-
-/// The name of a system and its folder; without a name, that of the folder.
-fn named(text: &str) -> (String, PathBuf) {
-    match text.split_once('=') {
-        Some((name, folder)) if !name.is_empty() && !Path::new(text).exists() => (name.into(), folder.into()),
-        _ => {
-            let path = PathBuf::from(text);
-            let name = path.canonicalize().ok().and_then(|p| Some(p.file_name()?.to_string_lossy().into_owned()));
-            (name.unwrap_or_else(|| text.to_owned()), path)
-        }
-    }
+    let names: Vec<&str> = comparison.systems.iter().map(|s| s.name.as_str()).collect();
+    form.of(tables, "Comparison", &format!("{} against {}", names.join(", "), comparison.truth))
 }
 
 /// The published tables asked for.
@@ -302,7 +182,7 @@ fn whole(args: &Args, files: &[(PathBuf, Form)]) -> String {
     let all = "every asset with what is said of it";
     match files.iter().find(|(_, form)| args.assets || [Form::Csv, Form::Json].contains(form)) {
         Some((file, _)) => format!("{all}: {}", file.display()),
-        None if files.is_empty() && (args.json || args.csv || args.assets) => format!("{all} follows"),
+        None if files.is_empty() && (args.forms.json || args.forms.csv || args.assets) => format!("{all} follows"),
         None => format!("--assets shows {all}; -o FILE.csv and -o FILE.json write it"),
     }
 }
@@ -312,34 +192,6 @@ mod tests {
     use riglab_compare::Row;
 
     use super::*;
-
-    #[test]
-    fn an_option_or_an_ending_names_the_form_and_neither_takes_all() {
-        let of = |out: &str, asked| files(Path::new(out), asked);
-        let one = |out: &str, form| vec![(PathBuf::from(out), form)];
-        assert_eq!(of("a/b.md", None).unwrap(), one("a/b.md", Form::Markdown));
-        assert_eq!(of("b.txt", None).unwrap(), one("b.txt", Form::Text));
-        for out in ["b", "b.json", "b.txt", "b.v2"] {
-            assert_eq!(of(out, Some(Form::Json)).unwrap(), one(out, Form::Json));
-        }
-        let all = of("a/b", None).unwrap();
-        let names: Vec<_> = all.iter().map(|(file, _)| file.to_str().unwrap()).collect();
-        assert_eq!(names, ["a/b.html", "a/b.md", "a/b.tex", "a/b.csv", "a/b.json"]);
-        let said = of("b.html", Some(Form::Csv)).unwrap_err().to_string();
-        assert!(said.contains("b.html does not end as the form does") && said.contains("ends in .csv"), "{said}");
-        let said = of("b.pdf", None).unwrap_err().to_string();
-        assert!(said.contains("no form has the ending .pdf; there are .txt, .html"), "{said}");
-    }
-
-    #[test]
-    fn systems_have_names() {
-        assert_eq!(named("a=b/c"), ("a".into(), "b/c".into()));
-        assert_eq!(named("nowhere/x"), ("nowhere/x".into(), "nowhere/x".into()));
-        let dir = tempfile::tempdir().unwrap();
-        let odd = dir.path().join("k=1");
-        std::fs::create_dir(&odd).unwrap();
-        assert_eq!(named(odd.to_str().unwrap()), ("k=1".into(), odd));
-    }
 
     #[test]
     fn many_failures_are_few_lines() {

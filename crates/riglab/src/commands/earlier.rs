@@ -16,6 +16,8 @@ use super::short;
 pub enum Written {
     /// `riglab compare`, in whatever form.
     Comparison,
+    /// `riglab rewards`, in whatever form.
+    Rewards,
     /// `riglab report`, in whatever form.
     Report,
     /// `riglab eval`.
@@ -36,6 +38,7 @@ impl Written {
     fn name(self) -> String {
         let name = match self {
             Self::Comparison => "comparison",
+            Self::Rewards => "table of rewards",
             Self::Report => "report",
             Self::Evaluation => "evaluation",
             Self::Chart => "chart of riglab's",
@@ -84,6 +87,11 @@ impl Written {
                 let tables = ["Assets of ", "**Assets of ", "system,asset,status,"].iter().any(|s| text.starts_with(s));
                 let latex = || text.contains("\\begin{table}\n") && text.contains("\\caption{Assets of ");
                 tables || latex() || page() || object().get("systems").zip(object().get("truth")).is_some()
+            }
+            Self::Rewards => {
+                let tables = ["Rewards: ", "**Rewards: ", "system,rig,joints,"].iter().any(|s| text.starts_with(s));
+                let latex = || text.contains("\\begin{table}\n") && text.contains("\\caption{Rewards: ");
+                tables || latex() || page() || object().get("systems").zip(object().get("reward")).is_some()
             }
             Self::Report => {
                 let csv = ["table,row,column,value,published", "about,metric,convention,better,first run,"]
@@ -191,7 +199,14 @@ mod tests {
     #[test]
     fn what_is_none_stays() {
         let evaluation = "{\"checkpoint\": {\"step\": 3}}";
-        let all = [Written::Comparison, Written::Report, Written::Evaluation, Written::Chart, Written::Picture];
+        let all = [
+            Written::Comparison,
+            Written::Rewards,
+            Written::Report,
+            Written::Evaluation,
+            Written::Chart,
+            Written::Picture,
+        ];
         for written in all.into_iter().chain([Written::Glb, Written::Model]) {
             for other in [
                 "task = \"fsq_cvae\"\n",
