@@ -227,6 +227,28 @@ fn result_at(run: &Path, steps: u64) -> BTreeMap<String, Vec<u8>> {
     files
 }
 
+#[cfg(unix)]
+#[test]
+fn a_run_that_is_asked_to_leave_saves_and_says_by_which_signal() {
+    use rustix::process::{Pid, Signal, kill_process};
+    let dir = tempfile::tempdir().unwrap();
+    let corpus = corpus(dir.path(), 6);
+    let config = config(dir.path(), &corpus, "[train]\nsteps = 100000\nsave_every = 100000\nvalidate_every = 100000\n");
+    for (signal, code) in [(Signal::INT, 130), (Signal::TERM, 143)] {
+        let run = dir.path().join(code.to_string());
+        let mut child = riglab(&["train", text(&config), "--run", text(&run)]).stderr(Stdio::null()).spawn().unwrap();
+        let start = Instant::now();
+        while fs::metadata(run.join("metrics.jsonl")).map_or(0, |meta| meta.len()) == 0 {
+            assert!(start.elapsed() < Duration::from_secs(120) && child.try_wait().unwrap().is_none());
+            std::thread::sleep(Duration::from_millis(20));
+        }
+        kill_process(Pid::from_child(&child), signal).unwrap();
+        assert_eq!(child.wait().unwrap().code(), Some(code));
+        assert!(run.join("checkpoints/last").exists());
+        assert!(fs::read_to_string(run.join("run.json")).unwrap().contains("\"interrupted\""));
+    }
+}
+
 /// Starts it and kills it after a while; false when it was done before.
 fn killed_after(args: &[&str], delay: Duration) -> bool {
     let mut child = riglab(args).stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap();

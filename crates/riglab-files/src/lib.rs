@@ -13,7 +13,7 @@ mod unfinished;
 mod walk;
 mod write;
 
-pub use signals::on_signals;
+pub use signals::{Signal, on_signals, was_asked};
 pub use unfinished::{Unfinished, ask_to_leave, leave};
 pub use walk::{Below, below};
 pub use write::{make_folder_of, may_write, sync_folder, write};

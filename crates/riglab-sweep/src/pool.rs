@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::time::Duration;
 
-use riglab_files::ask_to_leave;
+use riglab_files::{ask_to_leave, was_asked};
 
 use crate::attempts::{counted, record};
 use crate::state::{info, is_held};
@@ -230,7 +230,7 @@ impl<'a> Pool<'a> {
                 } else {
                     self.fail(job, stage, "it ended well, but left no result".into(), tell)?;
                 }
-            } else if asked || status.code() == Some(130) {
+            } else if asked || was_asked(status.code()) {
                 // It was asked to leave: no fault of its own.
                 if !asked {
                     self.waiting.push_back(job);

@@ -1,9 +1,10 @@
 //! Ctrl-C: the first asks the run to save and leave, the second ends the process.
 
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicU8, Ordering};
 use std::time::{Duration, Instant};
 
+use riglab_files::Signal;
 use riglab_ranks::Ranks;
 
 use crate::progress::tell;
@@ -11,9 +12,9 @@ use crate::progress::tell;
 /// Signals so close together are one wish: a cluster tells every process of a job, and those that run others pass it on.
 const ONE_WISH: Duration = Duration::from_secs(1);
 
-/// A wish to stop, shared by whoever has it.
+/// A wish to stop, shared by whoever has it: the code that the process then ends with, or 0 where there is none.
 #[derive(Clone, Default)]
-pub struct Interrupt(Arc<AtomicBool>);
+pub struct Interrupt(Arc<AtomicU8>);
 
 impl Interrupt {
     /// Listens for SIGINT and SIGTERM. Only the first call of a process can; later ones give an
@@ -31,12 +32,12 @@ impl Interrupt {
         let interrupt = Self::default();
         let raised = interrupt.0.clone();
         let mut first: Option<Instant> = None;
-        let _ = riglab_files::on_signals(move || {
+        let _ = riglab_files::on_signals(move |signal| {
             if is_the_same_wish(&mut first, Instant::now()) {
                 return;
             }
-            if raised.swap(true, Ordering::SeqCst) {
-                riglab_files::leave(130);
+            if raised.swap(signal.code(), Ordering::SeqCst) != 0 {
+                riglab_files::leave(signal.code().into());
             }
             if says {
                 tell(format_args!("\ninterrupted: saving after this step (Ctrl-C again to quit at once)"));
@@ -47,12 +48,20 @@ impl Interrupt {
 
     /// Raises it.
     pub fn raise(&self) {
-        self.0.store(true, Ordering::SeqCst);
+        self.0.store(Signal::INTERRUPT.code(), Ordering::SeqCst);
     }
 
     /// Whether it was raised.
     pub fn raised(&self) -> bool {
-        self.0.load(Ordering::SeqCst)
+        self.0.load(Ordering::SeqCst) != 0
+    }
+
+    /// What the process ends with that has left for it: by the signal, and as by Ctrl-C where another process heard that.
+    pub fn code(&self) -> u8 {
+        match self.0.load(Ordering::SeqCst) {
+            0 => Signal::INTERRUPT.code(),
+            code => code,
+        }
     }
 }
 
@@ -70,6 +79,15 @@ fn is_the_same_wish(first: &mut Option<Instant>, now: Instant) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn the_code_is_that_of_the_signal() {
+        let interrupt = Interrupt::default();
+        assert!(!interrupt.raised());
+        assert_eq!(interrupt.code(), 130);
+        interrupt.0.store(143, Ordering::SeqCst);
+        assert!(interrupt.raised() && interrupt.clone().code() == 143);
+    }
 
     #[test]
     fn signals_of_one_moment_are_one_wish() {

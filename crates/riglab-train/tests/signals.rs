@@ -15,10 +15,10 @@ use tch::{Device, Kind, Tensor};
 fn signals_leave_products_alone() {
     let heard = Arc::new(AtomicUsize::new(0));
     let counted = heard.clone();
-    assert!(on_signals(move || {
+    assert!(on_signals(move |_| {
         counted.fetch_add(1, Ordering::SeqCst);
     }));
-    assert!(!on_signals(|| ()), "one a process");
+    assert!(!on_signals(|_| ()), "one a process");
     let options = (Kind::Float, Device::Cpu);
     // As in a training in f32: sums of so few terms over so many rows are oneDNN's on some processors.
     let (x, w) = (Tensor::randn([3840, 128], options), Tensor::randn([512, 128], options));

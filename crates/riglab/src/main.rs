@@ -1,7 +1,7 @@
 //! The `riglab` command.
 //!
 //! Results go to standard output, progress and messages to standard error. Exit codes: 0 done, 1
-//! failed, 2 wrong use, 130 interrupted.
+//! failed, 2 wrong use, 130 interrupted by Ctrl-C, 143 by SIGTERM, 129 by SIGHUP.
 
 #[macro_use]
 mod say;
@@ -58,7 +58,7 @@ enum Command {
 /// Takes files that are half-written along when the process is asked to leave.
 fn leave_clean() {
     // Where signals cannot be listened to, the default ends the process all the same.
-    let _ = riglab_files::on_signals(|| riglab_files::leave(130));
+    let _ = riglab_files::on_signals(|signal| riglab_files::leave(signal.code().into()));
 }
 
 fn main() -> ExitCode {

@@ -62,7 +62,7 @@ pub fn run(args: &Args) -> Result<ExitCode> {
     let server = Server::bind(review, args.port)?;
     let stop = server.stop();
     // Where signals cannot be listened to, the default ends the process; nothing is lost by that.
-    let _ = riglab_files::on_signals(move || stop.stop());
+    let _ = riglab_files::on_signals(move |_| stop.stop());
     tell!("{} of {} decided; decisions are kept in {}", tally.decided, tally.of, decisions.display());
     let url = server.url();
     say!("{url}");

@@ -153,9 +153,9 @@ pub fn run(args: &Args, threads: usize) -> Result<ExitCode> {
                 say!("{}", folder.display());
                 Ok(ExitCode::SUCCESS)
             }
-            Handed::Left => {
+            Handed::Left(code) => {
                 tell!("the jobs go on; look again with: {again} --on slurm --wait");
-                Ok(ExitCode::from(130))
+                Ok(ExitCode::from(code))
             }
             Handed::Done => conclude(&plan, &folder, args, " --on slurm"),
         };
@@ -193,7 +193,7 @@ pub fn run(args: &Args, threads: usize) -> Result<ExitCode> {
     if ended == Ended::Interrupted {
         Results::read(&folder, &plan).write(&folder)?;
         tell!("interrupted; go on with: {again}");
-        return Ok(ExitCode::from(130));
+        return Ok(ExitCode::from(interrupt.code()));
     }
     conclude(&plan, &folder, args, "")
 }

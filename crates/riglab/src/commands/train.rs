@@ -324,8 +324,10 @@ impl Visitor for Session<'_> {
                 Place::There(run) => run,
                 Place::New(dir) => Run::follow(&dir),
             };
-            let outcome = train(&task, config.train(), &run, &Interrupt::listening_with(ranks), ranks)?;
-            return Ok(if outcome.ended == Ended::Interrupted { ExitCode::from(130) } else { ExitCode::SUCCESS });
+            let interrupt = Interrupt::listening_with(ranks);
+            let outcome = train(&task, config.train(), &run, &interrupt, ranks)?;
+            let interrupted = outcome.ended == Ended::Interrupted;
+            return Ok(if interrupted { ExitCode::from(interrupt.code()) } else { ExitCode::SUCCESS });
         }
         if matches!(place, Place::New(_)) {
             known_tests(config.data(), task.assets())?;
@@ -418,7 +420,7 @@ impl Visitor for Session<'_> {
         if outcome.ended == Ended::Interrupted {
             let again = command(["train", "--resume", &shown(run.dir())]);
             tell!("interrupted after step {}; go on with: {again}", outcome.step);
-            return Ok(ExitCode::from(130));
+            return Ok(ExitCode::from(interrupt.code()));
         }
         if let Some((step, value)) = outcome.best {
             let name = task.objective().0;

@@ -90,13 +90,14 @@ pub fn run(
         return Ok(ExitCode::SUCCESS);
     }
     let mut progress = Progress::new("curating", parts as u64 + 1, 0);
-    let emptied = desk.follow(&Interrupt::listening(), |queue| {
+    let interrupt = Interrupt::listening();
+    let emptied = desk.follow(&interrupt, |queue| {
         progress.set((parts as u64 + 1).saturating_sub(queue.len() as u64), || counted(queue));
     })?;
     progress.finish();
     if !emptied {
         tell!("the jobs go on; `scancel {} {}` would end them", looked.join(" "), merge.job);
-        return Ok(ExitCode::from(130));
+        return Ok(ExitCode::from(interrupt.code()));
     }
     match state(&merge.job).as_deref() {
         Some("COMPLETED") | None if out.is_file() => {

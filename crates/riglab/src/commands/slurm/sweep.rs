@@ -18,7 +18,7 @@ pub enum Handed {
     /// Nothing is left in it, nor to be handed over.
     Done,
     /// Whoever waited had enough; the jobs go on.
-    Left,
+    Left(u8),
 }
 
 /// Hands what is left of a sweep to the cluster. With `wait` it does so again with what comes back unfinished, until
@@ -49,7 +49,7 @@ pub fn run(folder: &Path, plan: &Plan, desk: &Desk, wait: bool) -> Result<Handed
         })?;
         progress.finish();
         if !emptied {
-            return Ok(Handed::Left);
+            return Ok(Handed::Left(interrupt.code()));
         }
     }
     Ok(Handed::Done)

@@ -7,6 +7,7 @@ use std::time::Duration;
 
 use anyhow::{Context, Result, bail};
 use riglab_curate::{Places, nothing_left};
+use riglab_files::was_asked;
 use riglab_slurm::{SlurmConfig, Task, attend, attend_steps};
 use riglab_sweep::{Attempt, Ended, Event, Job, Plan, Stage, State, attempts, is_held, record, run_one};
 use riglab_train::Interrupt;
@@ -46,7 +47,8 @@ enum Kind {
 enum Done {
     Well,
     Failed,
-    Saved,
+    /// With this code.
+    Saved(u8),
 }
 
 pub fn run(args: &Args, threads: usize) -> Result<ExitCode> {
@@ -64,10 +66,10 @@ pub fn run(args: &Args, threads: usize) -> Result<ExitCode> {
     match done {
         Done::Well => Ok(ExitCode::SUCCESS),
         Done::Failed => Ok(ExitCode::FAILURE),
-        Done::Saved => {
+        Done::Saved(code) => {
             let again = task.requeue()?;
             tell!("task {}: saved and left{}", task.id(), if again { "; it is put back into the queue" } else { "" });
-            Ok(ExitCode::from(130))
+            Ok(ExitCode::from(code))
         }
     }
 }
@@ -100,7 +102,7 @@ fn sweep(task: &Task, folder: &Path, number: usize) -> Result<Done> {
         Event::Finished(_) | Event::Count(..) => {}
     };
     if run_one(folder, &plan, job, command, || interrupt.raised(), tell)? == Ended::Interrupted {
-        return Ok(Done::Saved);
+        return Ok(Done::Saved(interrupt.code()));
     }
     let finished = State::of(folder, &plan, job, &attempts(folder)) == State::Finished;
     Ok(if finished { Done::Well } else { Done::Failed })
@@ -116,7 +118,7 @@ fn train(task: &Task, run: &Path, threads: usize) -> Result<Done> {
     // One that Slurm has just ended may not have let go yet.
     while is_held(run) {
         if interrupt.raised() {
-            return Ok(Done::Saved);
+            return Ok(Done::Saved(interrupt.code()));
         }
         std::thread::sleep(Duration::from_millis(200));
     }
@@ -176,9 +178,9 @@ fn attended(command: Command, interrupt: &Interrupt) -> Result<Done> {
     let status = attend(command, || interrupt.raised())?;
     Ok(match status.code() {
         Some(0) => Done::Well,
-        Some(130) => Done::Saved,
+        code if was_asked(code) => Done::Saved(interrupt.code()),
         // Killed by what it was told, before it listened.
-        _ if interrupt.raised() => Done::Saved,
+        _ if interrupt.raised() => Done::Saved(interrupt.code()),
         _ => Done::Failed,
     })
 }

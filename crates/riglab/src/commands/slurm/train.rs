@@ -78,7 +78,8 @@ pub fn follow(request: &Request, desk: &Desk, submitted: &Submitted) -> Result<E
         return Ok(ExitCode::SUCCESS);
     }
     let mut progress = Progress::new("training", 1, 0);
-    let emptied = desk.follow(&Interrupt::listening(), |queue| progress.set(0, || counted(queue)))?;
+    let interrupt = Interrupt::listening();
+    let emptied = desk.follow(&interrupt, |queue| progress.set(0, || counted(queue)))?;
     let text = std::fs::read_to_string(run.join("run.json")).unwrap_or_default();
     let info: serde_json::Value = serde_json::from_str(&text).unwrap_or_default();
     let finished = info["outcome"] == "finished";
@@ -86,7 +87,7 @@ pub fn follow(request: &Request, desk: &Desk, submitted: &Submitted) -> Result<E
     progress.finish();
     if !emptied {
         tell!("the job goes on; `scancel {job}` would end it");
-        return Ok(ExitCode::from(130));
+        return Ok(ExitCode::from(interrupt.code()));
     }
     if finished {
         tell!("next: {}", command(["eval", &run.to_string_lossy()]));
