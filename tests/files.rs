@@ -196,6 +196,20 @@ fn what_is_of_another_kind_is_not_written_over() {
         must(&call);
         must(&call);
     }
+    // Where others wrote them, on request alone.
+    let bytes = fs::read(glb).unwrap();
+    let at = bytes.windows(7).position(|w| w == b"riglab ").expect("who made it");
+    fs::write(glb, [&bytes[..at], b"blender", &bytes[at + 7..]].concat()).unwrap();
+    let changed = fs::read_to_string(notes).unwrap().replacen("joints ", "joints my_", 1);
+    fs::write(notes, changed).unwrap();
+    for call in [vec!["convert", from, notes, "--to", "rignet"], vec!["strip", from, glb]] {
+        let before = [notes, glb].map(|file| fs::read(file).unwrap());
+        let said = refusal(&mut riglab(&call));
+        assert!(said.contains("not marked as written by riglab") && said.contains("--overwrite"), "{said}");
+        assert_eq!([notes, glb].map(|file| fs::read(file).unwrap()), before);
+        must(&[&call[..], &["--overwrite"]].concat());
+        must(&call);
+    }
 }
 
 #[test]

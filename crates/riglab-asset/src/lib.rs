@@ -40,6 +40,7 @@ mod format;
 mod gltf;
 mod influences;
 mod inspect;
+mod maker;
 mod maps;
 mod marked;
 mod names;

@@ -75,6 +75,7 @@ fn every_format_reads_back_equal() {
             let read = import(&path, &ImportOptions::default()).unwrap_or_else(|e| panic!("{what}: {e}"));
             assert_same(&what, &read.into_asset().unwrap(), asset, named, tolerance);
             assert!(written_paths(&path, target).iter().all(|path| target.is_at(path)), "{what}");
+            assert!(written_paths(&path, target).iter().all(|path| target.is_own(path)), "{what}");
             // The same rig, the same bytes.
             let bytes = std::fs::read(&path).unwrap();
             write(std::slice::from_ref(asset), &path, target).unwrap();
@@ -106,6 +107,32 @@ fn several_assets_go_into_one_file_and_come_out_in_order() {
         });
         assert_eq!(seen, rigs.len());
     }
+}
+
+#[test]
+fn files_of_others_and_texts_that_were_changed_are_not_riglabs() {
+    let Some(root) = common::data("RIGLAB_GOLDEN", "golden") else { return };
+    let formats = root.join("formats");
+    for (file, target) in [
+        ("rignet/biped_rig.txt", Target::RIGNET),
+        ("puppeteer/articulation_test.h5", Target::PUPPETEER_H5),
+        ("articulation_xl/row_numpy2.npz", Target::ARTICULATION_XL),
+        ("unirig/tail_f16/raw_data.npz", Target::UNIRIG),
+        ("skintokens/tail.npz", Target::SKINTOKENS),
+        ("anymate/Anymate_test.pt", Target::ANYMATE),
+    ] {
+        let file = formats.join(file);
+        assert!(target.is_at(&file) && !target.is_own(&file), "{target}");
+    }
+    let Some(rigs) = rigs() else { return };
+    let dir = tempfile::tempdir().unwrap();
+    let [text, mesh] = ["a_rig.txt", "a.obj"].map(|name| dir.path().join(name));
+    write(&rigs[..1], &text, Target::RIGNET).unwrap();
+    let changed = std::fs::read_to_string(&text).unwrap().replacen("joints ", "joints changed_", 1);
+    std::fs::write(&text, changed).unwrap();
+    assert!(Target::RIGNET.is_at(&text) && !Target::RIGNET.is_own(&text) && Target::RIGNET.is_own(&mesh));
+    std::fs::remove_file(&mesh).unwrap();
+    assert!(!Target::RIGNET.is_own(&text));
 }
 
 /// Numpy, torch and h5py as the peers use them, where a Python with them is.

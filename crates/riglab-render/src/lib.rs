@@ -39,7 +39,7 @@ mod skeleton;
 mod view;
 
 pub use color::{Palette, Rgb, joint_color};
-pub use picture::Picture;
+pub use picture::{Picture, is_own_png};
 pub use scene::Scene;
 pub use sheet::contact_sheet;
 pub use skeleton::BoneColors;

@@ -1,11 +1,15 @@
 //! Finished pictures.
 
-use std::io::Cursor;
-
-use image::codecs::png::{CompressionType, FilterType, PngEncoder};
-use image::{ExtendedColorType, ImageEncoder};
-
 use crate::{Rgb, font};
+
+/// PNG's own word for the program that made a picture.
+const SOFTWARE: &str = "Software";
+
+/// Whether a PNG that starts like this, with its first 256 bytes, says that riglab made it.
+pub fn is_own_png(start: &[u8]) -> bool {
+    let said = [SOFTWARE.as_bytes(), b"\0riglab "].concat();
+    start.windows(said.len()).take(256).any(|bytes| bytes == said)
+}
 
 /// A picture: rows of sRGB pixels from the top left.
 #[derive(Clone, PartialEq)]
@@ -42,13 +46,18 @@ impl Picture {
         &self.pixels
     }
 
-    /// The picture as a PNG file.
+    /// The picture as a PNG file, which says that riglab made it ([`is_own_png`]).
     pub fn to_png(&self) -> Vec<u8> {
-        let mut out = Cursor::new(Vec::new());
-        PngEncoder::new_with_quality(&mut out, CompressionType::Default, FilterType::Adaptive)
-            .write_image(self.pixels.as_flattened(), self.width as u32, self.height as u32, ExtendedColorType::Rgb8)
+        let mut out = Vec::new();
+        let mut encoder = png::Encoder::new(&mut out, self.width as u32, self.height as u32);
+        encoder.set_color(png::ColorType::Rgb);
+        encoder.set_depth(png::BitDepth::Eight);
+        encoder.set_filter(png::Filter::Adaptive);
+        let said = encoder.add_text_chunk(SOFTWARE.into(), concat!("riglab ", env!("CARGO_PKG_VERSION")).into());
+        said.and_then(|()| encoder.write_header())
+            .and_then(|mut writer| writer.write_image_data(self.pixels.as_flattened()))
             .expect("sizes agree, and memory can be written");
-        out.into_inner()
+        out
     }
 
     /// Copies another picture onto this one; what lies outside is cut off.

@@ -145,9 +145,13 @@ fn pictures_do_not_depend_on_the_number_of_threads() {
 #[test]
 fn png_files_read_back() {
     let picture = render_parts(&square(), &View { width: 61, height: 40, ..View::default() });
-    let read = image::load_from_memory(&picture.to_png()).unwrap().into_rgb8();
+    let file = picture.to_png();
+    let read = image::load_from_memory(&file).unwrap().into_rgb8();
     assert_eq!(read.dimensions(), (61, 40));
     assert_eq!(read.as_raw().as_slice(), picture.pixels().as_flattened());
+    let mut other = std::io::Cursor::new(Vec::new());
+    read.write_to(&mut other, image::ImageFormat::Png).unwrap();
+    assert!(riglab_render::is_own_png(&file) && !riglab_render::is_own_png(other.get_ref()));
 }
 
 #[test]

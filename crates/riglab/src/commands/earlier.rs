@@ -1,4 +1,5 @@
-//! Files that a command may write its result over: its own earlier ones alone.
+//! Files that a command may write its result over: what riglab wrote, and what others wrote in the same format where
+//! `--overwrite` says so. A file of another kind always stays.
 
 use std::io::Read;
 use std::path::Path;
@@ -6,6 +7,7 @@ use std::path::Path;
 use anyhow::{Result, bail};
 use riglab_asset::Target;
 use riglab_data::Corpus;
+use riglab_render::is_own_png;
 use riglab_report::counted;
 use serde_json::Value;
 
@@ -24,13 +26,13 @@ pub enum Written {
     Evaluation,
     /// `--charts`: a drawing, or its numbers.
     Chart,
-    /// `--png`. Any picture may be replaced by another.
+    /// `--png`.
     Picture,
-    /// A rigged model, or one without its rig. Any may be replaced by another.
+    /// A rigged model, or one without its rig.
     Glb,
     /// `riglab checkpoint export` and `import`.
     Model,
-    /// `riglab convert`: any file of the format may be replaced by another.
+    /// `riglab convert`.
     Format(Target),
 }
 
@@ -63,17 +65,22 @@ impl Written {
 
     /// Whether a file is one: large ones are known by how they begin.
     pub fn is_at(self, path: &Path) -> bool {
-        let begins = |magic: &[u8]| {
-            let mut start = Vec::new();
-            let read = std::fs::File::open(path).and_then(|f| f.take(magic.len() as u64).read_to_end(&mut start));
-            read.is_ok() && start == magic
-        };
         match self {
-            Self::Picture => begins(b"\x89PNG\r\n\x1a\n"),
-            Self::Glb => begins(b"glTF"),
+            Self::Picture => start(path).starts_with(b"\x89PNG\r\n\x1a\n"),
+            Self::Glb => Target::GLB.is_at(path),
             Self::Model => riglab_task::bundle::kind(path).is_some(),
             Self::Format(target) => target.is_at(path),
             _ => std::fs::read_to_string(path).is_ok_and(|text| self.is(&text)),
+        }
+    }
+
+    /// Whether riglab wrote a file that is one: of most kinds it alone writes any.
+    fn is_own(self, path: &Path) -> bool {
+        match self {
+            Self::Picture => is_own_png(&start(path)),
+            Self::Glb => Target::GLB.is_own(path),
+            Self::Format(target) => target.is_own(path),
+            _ => true,
         }
     }
 
@@ -115,19 +122,54 @@ impl Written {
     }
 }
 
-/// Refuses to write over a file that is no earlier result of the same command: it may be what was read, or somebody's work.
+/// How large pictures begin.
+fn start(path: &Path) -> Vec<u8> {
+    let mut start = Vec::new();
+    let read = std::fs::File::open(path).and_then(|file| file.take(1 << 10).read_to_end(&mut start));
+    read.map_or(Vec::new(), |_| start)
+}
+
+/// Of commands whose results are of formats that others write, too.
+#[derive(Clone, Copy, Default, clap::Args)]
+pub struct Overwrite {
+    /// Let the output also replace a file of its format that riglab did not write.
+    #[arg(long)]
+    overwrite: bool,
+}
+
+impl Overwrite {
+    /// Refuses to write over a file that riglab did not write, unless it is of the format and may go: it may be what was read,
+    /// or somebody's work.
+    ///
+    /// # Errors
+    /// Where there is such a file: told before the work, not after it.
+    pub fn keep_others(self, out: &Path, written: Written) -> Result<()> {
+        // Before what a format takes for its own: a corpus is HDF5 as well.
+        super::keep_corpus(out)?;
+        // An empty file loses nothing, as one that `mktemp` made.
+        if !out.is_file() || out.metadata().is_ok_and(|meta| meta.len() == 0) {
+            return Ok(());
+        }
+        let (what, remedy) = (written.name(), written.remedy());
+        match written.is_at(out) {
+            true if self.overwrite || written.is_own(out) => Ok(()),
+            true => bail!(
+                "{} is there already and not marked as written by riglab; {remedy}, or --overwrite to replace it",
+                out.display()
+            ),
+            false => {
+                bail!("{} is there already and no {what}, which another {what} may replace; {remedy}", out.display())
+            }
+        }
+    }
+}
+
+/// The same where nobody else writes files of the kind.
 ///
 /// # Errors
-/// Where there is such a file: told before the work, not after it.
+/// As [`Overwrite::keep_others`].
 pub fn keep_others(out: &Path, written: Written) -> Result<()> {
-    // Before what a format takes for its own: a corpus is HDF5 as well.
-    super::keep_corpus(out)?;
-    // An empty file loses nothing, as one that `mktemp` made.
-    if !out.is_file() || out.metadata().is_ok_and(|meta| meta.len() == 0) || written.is_at(out) {
-        return Ok(());
-    }
-    let (what, remedy) = (written.name(), written.remedy());
-    bail!("{} is there already and no {what}, which another {what} may replace; {remedy}", out.display())
+    Overwrite::default().keep_others(out, written)
 }
 
 /// The corpus that stood where another is written: how many assets, and its checksum.
@@ -151,6 +193,7 @@ impl Earlier {
 #[cfg(test)]
 mod tests {
     use riglab_compare::{Comparison, Failures};
+    use riglab_render::{Picture, Rgb};
     use riglab_report::{Bars, Block, Chart, Page, Series, Table};
 
     use super::*;
@@ -190,10 +233,27 @@ mod tests {
         for figure in (Page { blocks, ..page("") }).figures().unwrap() {
             assert!(may(&figure.svg, Written::Chart) && may(&figure.csv, Written::Chart), "{figure:?}");
         }
-        assert!(may(b"\x89PNG\r\n\x1a\n\0\0", Written::Picture) && may(b"glTF\x02\xff", Written::Glb));
+        assert!(may(Picture::filled(2, 2, Rgb([0; 3])).to_png(), Written::Picture));
         // Nothing is lost with it.
         assert!(may("", Written::Evaluation));
         assert!(keep_others(Path::new("nowhere/at-all.json"), Written::Evaluation).is_ok());
+    }
+
+    #[test]
+    fn what_others_wrote_in_the_format_goes_on_request_alone() {
+        let file = tempfile::NamedTempFile::new().unwrap();
+        for (content, written) in [
+            (&b"\x89PNG\r\n\x1a\n\0\0"[..], Written::Picture),
+            (b"glTF\x02\xff", Written::Glb),
+            (b"v 0 0 0\n", Written::Format(Target::OBJ)),
+        ] {
+            std::fs::write(file.path(), content).unwrap();
+            let said = keep_others(file.path(), written).unwrap_err().to_string();
+            assert!(said.contains("not marked as written by riglab") && said.contains("--overwrite"), "{said}");
+            assert!(Overwrite { overwrite: true }.keep_others(file.path(), written).is_ok());
+            std::fs::write(file.path(), "mine").unwrap();
+            assert!(Overwrite { overwrite: true }.keep_others(file.path(), written).is_err());
+        }
     }
 
     #[test]
@@ -219,7 +279,7 @@ mod tests {
             ] {
                 assert!(!may(other, written), "{written:?}: {other}");
             }
-            assert!(written == Written::Glb || !may(b"glTF\x02\xff\xfe", written));
+            assert!(!may(b"glTF\x02\xff\xfe", written));
             assert!(written == Written::Evaluation || !may(evaluation, written), "{written:?}");
         }
         let file = tempfile::NamedTempFile::new().unwrap();

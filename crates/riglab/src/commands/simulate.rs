@@ -20,7 +20,7 @@ use tch::Device;
 
 #[cfg(feature = "fbx")]
 use super::convert::is_fbx;
-use super::earlier::{Written, keep_others};
+use super::earlier::{Overwrite, Written};
 
 /// Play a motion with spring bones: hair, tails and clothes swing behind the body.
 ///
@@ -69,6 +69,8 @@ pub struct Args {
     /// Say on standard output what was made, as a line of JSON.
     #[arg(long)]
     json: bool,
+    #[command(flatten)]
+    overwrite: Overwrite,
 }
 
 #[derive(Clone, Copy, PartialEq, ValueEnum)]
@@ -164,8 +166,8 @@ fn check(args: &Args) -> Result<()> {
     if let Some(png) = args.png.as_ref().filter(|p| !p.extension().is_some_and(|e| e.eq_ignore_ascii_case("png"))) {
         bail!("{}: pictures are PNG; name it .png", png.display());
     }
-    keep_others(out, Written::Glb)?;
-    args.png.as_deref().map_or(Ok(()), |png| keep_others(png, Written::Picture))?;
+    args.overwrite.keep_others(out, Written::Glb)?;
+    args.png.as_deref().map_or(Ok(()), |png| args.overwrite.keep_others(png, Written::Picture))?;
     if !(args.fps > 0.0 && args.fps <= MOST_FPS) {
         bail!("--fps {}: give a number above 0, up to {MOST_FPS}", args.fps);
     }

@@ -6,7 +6,7 @@ use std::process::ExitCode;
 use anyhow::{Context, Result, bail};
 use riglab_asset::{ImportOptions, Warning, export, import};
 
-use super::earlier::{Written, keep_others};
+use super::earlier::{Overwrite, Written};
 
 /// Take the rig out of a file: skins, weights, joints, their animations, humanoid and springs of VRM.
 ///
@@ -21,15 +21,17 @@ Examples:
 pub struct Args {
     /// GLB, glTF or VRM.
     input: PathBuf,
-    /// The GLB to write; one that exists is replaced when the new one is whole.
+    /// The GLB to write; one that riglab wrote is replaced when the new one is whole.
     output: PathBuf,
     /// Let the output take the place of the input.
     #[arg(long)]
     in_place: bool,
+    #[command(flatten)]
+    overwrite: Overwrite,
 }
 
 pub fn run(args: &Args) -> Result<ExitCode> {
-    let Args { input, output, in_place } = args;
+    let Args { input, output, in_place, overwrite } = args;
     if input.is_dir() {
         bail!("{} is a folder; one file is stripped at a time", input.display());
     }
@@ -44,7 +46,7 @@ pub fn run(args: &Args) -> Result<ExitCode> {
     }
     // In its own place it is what it was.
     if !in_place {
-        keep_others(output, Written::Glb)?;
+        overwrite.keep_others(output, Written::Glb)?;
     }
     for warning in import(input, &ImportOptions::default())?.warnings() {
         if matches!(warning, Warning::RestIsNotBind { .. } | Warning::Bent { .. } | Warning::Instanced { .. }) {

@@ -13,7 +13,7 @@ use riglab_render::{
     render_weights,
 };
 
-use super::earlier::{Written, keep_others};
+use super::earlier::{Overwrite, Written};
 use riglab_report::counted;
 
 /// Draw a file: its skeleton through its mesh, and its weights.
@@ -51,6 +51,8 @@ pub struct Args {
     /// One of several characters in a file: its number, from 0, or the name of its root.
     #[arg(long, value_name = "WHICH")]
     character: Option<Character>,
+    #[command(flatten)]
+    overwrite: Overwrite,
 }
 
 /// Names of the sides, how far around they are, and how far above.
@@ -62,7 +64,7 @@ pub fn run(args: &Args) -> Result<ExitCode> {
     if !args.png.extension().is_some_and(|e| e.eq_ignore_ascii_case("png")) {
         bail!("{}: only PNG is written; name it .png", args.png.display());
     }
-    keep_others(&args.png, Written::Picture)?;
+    args.overwrite.keep_others(&args.png, Written::Picture)?;
     let options = ImportOptions { item: args.item, character: args.character.clone(), ..ImportOptions::default() };
     let imported = import(&args.file, &options)?;
     for warning in imported.warnings() {

@@ -42,6 +42,7 @@ use super::accessor::Accessors;
 use super::buffers::Buffers;
 use super::document::Document;
 use crate::budget::Budget;
+use crate::maker::MAKER;
 use crate::{ExportFault, ExportNote, ExportOptions, Exported, Fault, ImportOptions, Imported, Reading, Warning};
 use bind::Binder;
 use draft::Draft;
@@ -197,7 +198,8 @@ fn edit(
     }
     let accessors = Accessors::new(&document, Buffers::new(&document, Some(&base), None, Budget::new(base.len())));
     alter(&mut draft, Source { document: &document, accessors: &accessors, rounded: &rounded }, &mut notes)?;
-    let draft = finish::finish(draft, &base)?;
+    let mut draft = finish::finish(draft, &base)?;
+    super::own::mark(&mut draft.json);
     let bytes = draft.into_glb().map_err(ExportFault::TooLong)?;
     Ok(Exported { bytes, notes })
 }
@@ -216,7 +218,7 @@ pub(crate) fn alone(
     options: &ExportOptions,
 ) -> Result<Exported, ExportFault> {
     let mut notes = Vec::new();
-    let mut header = json!({"version": "2.0", "generator": concat!("riglab ", env!("CARGO_PKG_VERSION"))});
+    let mut header = json!({"version": "2.0", "generator": MAKER});
     if !from.author.is_empty() {
         header["copyright"] = json!(from.author);
     }

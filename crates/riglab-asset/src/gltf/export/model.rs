@@ -8,6 +8,7 @@ use serde_json::{Value, json};
 use super::draft::{ARRAY, Draft, ELEMENTS, F32, Layout, SCALAR, U32, VEC4};
 use super::packed::picture_type;
 use super::place::add_child;
+use crate::maker::MAKER;
 
 /// What other formats say of a model.
 #[derive(Debug, Default)]
@@ -203,8 +204,7 @@ impl Model {
 
     /// As a GLB; its length where that is more than the format can say.
     pub(crate) fn into_glb(self) -> Result<Vec<u8>, usize> {
-        let generator = concat!("riglab ", env!("CARGO_PKG_VERSION"));
-        let mut draft = Draft::new(json!({"asset": {"version": "2.0", "generator": generator}, "scene": 0}));
+        let mut draft = Draft::new(json!({"asset": {"version": "2.0", "generator": MAKER}, "scene": 0}));
         for picture in &self.pictures {
             let view = draft.view(&picture.bytes, None, None);
             let kind = picture_type(&picture.bytes);

@@ -6,7 +6,7 @@ use std::path::Path;
 use riglab_core::{Asset, Rig, Vec3};
 
 use super::super::read::bone_parents;
-use super::npz::{Npz, corners, f16s, f32s, i64s};
+use super::npz::{self, Npz, corners, f16s, f32s, i64s};
 use super::pickle::Pickle;
 use super::surface::{self, Point};
 use super::target::{Writes, Written};
@@ -47,6 +47,10 @@ impl Writes for Anymate {
 
     fn is_at(&self, _: &Path, start: &[u8]) -> bool {
         start.starts_with(b"PK")
+    }
+
+    fn is_own(&self, path: &Path, _: &[u8]) -> bool {
+        npz::is_own(path)
     }
 
     fn files(&self, assets: &[Asset], notes: &mut Vec<String>) -> Result<Written, WriteError> {

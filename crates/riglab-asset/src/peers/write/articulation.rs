@@ -4,7 +4,7 @@ use std::path::Path;
 
 use riglab_core::{Asset, Bounds, Rig, Similarity};
 
-use super::npz::{Npz, corners, f16s, f32s, i64s};
+use super::npz::{self, Npz, corners, f16s, f32s, i64s};
 use super::pickle::Pickle;
 use super::target::{Writes, Written};
 use super::{WriteError, surface};
@@ -45,6 +45,10 @@ impl Writes for ArticulationXl {
 
     fn is_at(&self, _: &Path, start: &[u8]) -> bool {
         start.starts_with(b"PK")
+    }
+
+    fn is_own(&self, path: &Path, _: &[u8]) -> bool {
+        npz::is_own(path)
     }
 
     fn files(&self, assets: &[Asset], _: &mut Vec<String>) -> Result<Written, WriteError> {

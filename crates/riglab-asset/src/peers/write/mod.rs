@@ -95,7 +95,7 @@ pub fn write(assets: &[Asset], path: impl AsRef<Path>, target: Target) -> Result
     let written = target.writes().files(assets, &mut notes)?;
     if let (Some(beside), Some(bytes)) = (target.writes().beside(path), written.beside) {
         // One that was cut off between the two has the same.
-        let own = |there: Vec<u8>| there == bytes;
+        let own = |there: Vec<u8>| text::bare_obj(&there) == text::bare_obj(&bytes);
         if !path.exists() && beside.exists() && !std::fs::read(&beside).is_ok_and(own) {
             return Err(WriteError::Taken { path: beside });
         }

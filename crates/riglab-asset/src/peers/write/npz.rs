@@ -1,6 +1,8 @@
 //! Npz archives.
 
-use std::io::{Cursor, Write};
+use std::fs::File;
+use std::io::{Cursor, Read, Seek, SeekFrom, Write};
+use std::path::Path;
 
 use riglab_core::{Rig, Vec3};
 use zip::write::SimpleFileOptions;
@@ -8,6 +10,7 @@ use zip::{CompressionMethod, ZipWriter};
 
 use super::super::array_rig::Up;
 use super::pickle::Pickle;
+use crate::maker::{MAKER, is_maker};
 
 /// An archive being filled. The same content gives the same bytes.
 pub(super) struct Npz {
@@ -18,10 +21,9 @@ pub(super) struct Npz {
 impl Npz {
     pub(super) fn new(compressed: bool) -> Self {
         let method = if compressed { CompressionMethod::Deflated } else { CompressionMethod::Stored };
-        Self {
-            zip: ZipWriter::new(Cursor::new(Vec::new())),
-            options: SimpleFileOptions::default().compression_method(method).large_file(true),
-        }
+        let mut zip = ZipWriter::new(Cursor::new(Vec::new()));
+        zip.set_comment(MAKER);
+        Self { zip, options: SimpleFileOptions::default().compression_method(method).large_file(true) }
     }
 
     /// A member of any name.
@@ -75,6 +77,25 @@ impl Npz {
     pub(super) fn end(self) -> Vec<u8> {
         self.zip.finish().map(Cursor::into_inner).unwrap_or_default()
     }
+}
+
+/// Whether an archive says that riglab wrote it: in the comment at its end.
+pub(super) fn is_own(path: &Path) -> bool {
+    // An end of 22 bytes, the comment's length among them, and the comment, which is short.
+    const TAIL: u64 = 64;
+    const END: usize = 22;
+    let tail = || {
+        let mut file = File::open(path)?;
+        let length = file.metadata()?.len();
+        file.seek(SeekFrom::Start(length.saturating_sub(TAIL)))?;
+        let mut tail = Vec::new();
+        file.take(TAIL).read_to_end(&mut tail)?;
+        std::io::Result::Ok(tail)
+    };
+    tail().is_ok_and(|tail| {
+        let end = tail.windows(4).rposition(|word| word == b"PK\x05\x06");
+        end.and_then(|at| tail.get(at + END..)).is_some_and(is_maker)
+    })
 }
 
 pub(super) fn f32s(data: &[f32]) -> Vec<u8> {

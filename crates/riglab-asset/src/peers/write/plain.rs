@@ -27,6 +27,10 @@ impl Writes for Glb {
         start.starts_with(b"glTF")
     }
 
+    fn is_own(&self, path: &Path, _: &[u8]) -> bool {
+        crate::gltf::is_own(path)
+    }
+
     fn files(&self, assets: &[Asset], _: &mut Vec<String>) -> Result<Written, WriteError> {
         Ok(assets.iter().flat_map(crate::to_glb).collect::<Vec<u8>>().into())
     }
@@ -46,6 +50,10 @@ impl Writes for Obj {
 
     fn is_at(&self, _: &Path, start: &[u8]) -> bool {
         text::is_obj(start)
+    }
+
+    fn is_own(&self, _: &Path, start: &[u8]) -> bool {
+        text::is_own_obj(start)
     }
 
     fn files(&self, assets: &[Asset], notes: &mut Vec<String>) -> Result<Written, WriteError> {
@@ -70,6 +78,14 @@ impl Writes for Fbx {
 
     fn is_at(&self, _: &Path, start: &[u8]) -> bool {
         start.starts_with(b"Kaydara FBX Binary") || start.starts_with(b"; FBX")
+    }
+
+    /// A node's name, the kind of its value, and four bytes of length stand before the value.
+    fn is_own(&self, _: &Path, start: &[u8]) -> bool {
+        const CREATOR: &[u8] = b"CreatorS";
+        let start = &start[..start.len().min(1 << 12)];
+        let mut named = start.windows(CREATOR.len()).enumerate().filter(|(_, word)| *word == CREATOR);
+        named.any(|(at, word)| start.get(at + word.len() + 4..).is_some_and(crate::maker::is_maker))
     }
 
     fn files(&self, assets: &[Asset], _: &mut Vec<String>) -> Result<Written, WriteError> {

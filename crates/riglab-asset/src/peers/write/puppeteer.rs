@@ -3,19 +3,23 @@
 use std::collections::BTreeSet;
 use std::path::Path;
 
-use hdf5_pure::{AttrValue, Datatype, DatatypeByteOrder, FileBuilder, FloatingPointLayout, GroupBuilder};
+use hdf5_pure::{AttrValue, Datatype, DatatypeByteOrder, File, FileBuilder, FloatingPointLayout, GroupBuilder};
 use riglab_core::{Asset, Rig, Skeleton};
 
 use super::articulation::{REACH, cloud};
 use super::npz::{corners, dense, f16s};
 use super::target::{Writes, Written};
 use super::{Target, WriteError};
+use crate::maker::{MAKER, is_maker};
 
 /// Joints the peer's own networks take.
 const JOINTS: usize = 70;
 
 /// Joints whose table of steps between each two, and whose dense weights, are still written.
 const MOST_JOINTS: usize = 4096;
+
+/// The attribute that says who wrote a file.
+const WRITER: &str = "writer";
 
 /// Puppeteer's HDF5.
 pub(super) struct PuppeteerH5;
@@ -47,6 +51,11 @@ impl Writes for PuppeteerH5 {
         start.starts_with(b"\x89HDF\r\n\x1a\n")
     }
 
+    fn is_own(&self, path: &Path, _: &[u8]) -> bool {
+        let writer = || File::open_streaming(path).ok()?.root().attrs().ok()?.remove(WRITER);
+        matches!(writer(), Some(AttrValue::String(own)) if is_maker(own.as_bytes()))
+    }
+
     fn files(&self, assets: &[Asset], notes: &mut Vec<String>) -> Result<Written, WriteError> {
         Ok(file(assets, notes)?.into())
     }
@@ -56,6 +65,7 @@ fn file(assets: &[Asset], notes: &mut Vec<String>) -> Result<Vec<u8>, WriteError
     let mut file = FileBuilder::new();
     file.set_attr("num_samples", AttrValue::I64(assets.len() as i64));
     file.set_attr("version", AttrValue::String("1.0".into()));
+    file.set_attr(WRITER, AttrValue::String(MAKER.into()));
     notes.push("joint names are not in it: the format has no place for them".to_owned());
     for (number, asset) in assets.iter().enumerate() {
         let joints = asset.rig.skeleton().len();

@@ -5,7 +5,7 @@ use std::path::Path;
 use riglab_core::Asset;
 
 use super::super::array_rig::Up;
-use super::npz::{Npz, corners, dense, turned};
+use super::npz::{self, Npz, corners, dense, turned};
 use super::target::{Writes, Written};
 use super::{WriteError, tails};
 
@@ -28,6 +28,10 @@ impl Writes for SkinTokens {
 
     fn is_at(&self, _: &Path, start: &[u8]) -> bool {
         start.starts_with(b"PK")
+    }
+
+    fn is_own(&self, path: &Path, _: &[u8]) -> bool {
+        npz::is_own(path)
     }
 
     fn files(&self, assets: &[Asset], _: &mut Vec<String>) -> Result<Written, WriteError> {

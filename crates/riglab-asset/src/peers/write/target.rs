@@ -41,6 +41,9 @@ pub(crate) trait Writes: Sync {
     /// Whether the file at `path`, which starts with `start`, is one of the format, or one that is written beside one.
     fn is_at(&self, path: &Path, start: &[u8]) -> bool;
 
+    /// Whether such a file, of the format, says that riglab wrote it ([`crate::maker`]).
+    fn is_own(&self, path: &Path, start: &[u8]) -> bool;
+
     /// What is written beside a file.
     fn beside(&self, _path: &Path) -> Option<PathBuf> {
         None
@@ -179,10 +182,12 @@ impl Target {
 
     /// Whether a file that is there is one of the format, or the mesh beside one, and nothing else by that name.
     pub fn is_at(self, path: &Path) -> bool {
-        let mut start = Vec::new();
-        // Comments of an OBJ may be long.
-        let read = std::fs::File::open(path).and_then(|file| file.take(1 << 20).read_to_end(&mut start));
-        read.is_ok() && self.0.is_at(path, &start)
+        start(path).is_ok_and(|start| self.0.is_at(path, &start))
+    }
+
+    /// Whether such a file says that riglab wrote it. Files of versions that left no mark do not.
+    pub fn is_own(self, path: &Path) -> bool {
+        start(path).is_ok_and(|start| self.0.is_at(path, &start) && self.0.is_own(path, &start))
     }
 
     /// The format that a file's name tells.
@@ -200,6 +205,14 @@ impl Target {
     pub(super) fn writes(self) -> &'static dyn Writes {
         self.0
     }
+}
+
+/// How a file begins.
+fn start(path: &Path) -> std::io::Result<Vec<u8>> {
+    let mut start = Vec::new();
+    // Comments of an OBJ may be long.
+    std::fs::File::open(path)?.take(1 << 20).read_to_end(&mut start)?;
+    Ok(start)
 }
 
 impl PartialEq for Target {

@@ -8,6 +8,7 @@ use riglab_core::{Asset, JointId, Mesh, Rig};
 
 use super::WriteError;
 use super::target::{Writes, Written};
+use crate::maker::MAKER;
 use crate::names::Names;
 use crate::peers::starts_as_rig;
 
@@ -28,6 +29,10 @@ impl Writes for RigNet {
 
     fn is_at(&self, path: &Path, start: &[u8]) -> bool {
         is_half(path, start)
+    }
+
+    fn is_own(&self, path: &Path, start: &[u8]) -> bool {
+        is_own_half(path, start)
     }
 
     fn beside(&self, path: &Path) -> Option<PathBuf> {
@@ -57,6 +62,10 @@ impl Writes for Puppeteer {
         is_half(path, start)
     }
 
+    fn is_own(&self, path: &Path, start: &[u8]) -> bool {
+        is_own_half(path, start)
+    }
+
     fn beside(&self, path: &Path) -> Option<PathBuf> {
         Some(mesh_path(path))
     }
@@ -80,6 +89,36 @@ pub(super) fn is_obj(start: &[u8]) -> bool {
     start.split(|b| *b == b'\n').any(vertex)
 }
 
+/// Whether riglab wrote an OBJ that starts like this.
+pub(super) fn is_own_obj(start: &[u8]) -> bool {
+    start.starts_with(b"# riglab ")
+}
+
+/// Whether riglab wrote a rig text, or the mesh of one. A text is as it was if its mesh says so: readers of texts know no
+/// comments.
+fn is_own_half(path: &Path, start: &[u8]) -> bool {
+    if !path.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("txt")) {
+        return is_own_obj(start);
+    }
+    let Ok(text) = std::fs::read(path) else { return false };
+    let said = std::fs::read(mesh_path(path)).unwrap_or_default();
+    is_own_obj(&said) && said.split(|b| *b == b'\n').next().is_some_and(|line| line.ends_with(digest(&text).as_bytes()))
+}
+
+/// What tells a text from others, in hexadecimal digits: by its lines in whatever order, so that the two formats, which have
+/// the same lines, may have one mesh.
+fn digest(text: &[u8]) -> String {
+    let mut lines: Vec<&[u8]> = text.split(|b| *b == b'\n').collect();
+    lines.sort_unstable();
+    blake3::hash(&lines.join(&b'\n')).to_hex()[..16].to_owned()
+}
+
+/// An OBJ without the line that says that riglab wrote it.
+pub(super) fn bare_obj(obj: &[u8]) -> &[u8] {
+    let end = obj.iter().position(|b| *b == b'\n').filter(|_| is_own_obj(obj));
+    &obj[end.map_or(0, |end| end + 1)..]
+}
+
 /// The meshes of assets.
 pub(super) fn objs(assets: &[Asset]) -> Vec<u8> {
     assets.iter().flat_map(|asset| obj(asset.rig.mesh()).into_bytes()).collect()
@@ -87,8 +126,11 @@ pub(super) fn objs(assets: &[Asset]) -> Vec<u8> {
 
 /// A text with its blocks in an order, and the mesh.
 fn pair(assets: &[Asset], notes: &mut Vec<String>, order: fn(Blocks) -> [String; 4]) -> Written {
-    let file = assets.iter().flat_map(|asset| order(blocks(&asset.rig, notes)).concat().into_bytes()).collect();
-    Written { file, beside: Some(objs(assets)) }
+    let file: Vec<u8> =
+        assets.iter().flat_map(|asset| order(blocks(&asset.rig, notes)).concat().into_bytes()).collect();
+    let of_text = format!("of the rig text {}", digest(&file));
+    let beside = assets.iter().flat_map(|asset| obj_saying(&of_text, asset.rig.mesh()).into_bytes()).collect();
+    Written { file, beside: Some(beside) }
 }
 
 /// Where the mesh of a rig text goes.
@@ -99,7 +141,12 @@ fn mesh_path(path: &Path) -> PathBuf {
 
 /// The mesh with normals, in a form that all the peers' readers take.
 pub(super) fn obj(mesh: &Mesh) -> String {
-    let mut out = String::new();
+    obj_saying("a mesh", mesh)
+}
+
+/// The same, with what it is in its first line, a comment.
+fn obj_saying(what: &str, mesh: &Mesh) -> String {
+    let mut out = format!("# {MAKER}: {what}\n");
     let rows = [("v", mesh.positions().to_vec()), ("vn", mesh.vertex_normals())];
     for (word, points) in rows {
         for [x, y, z] in points {

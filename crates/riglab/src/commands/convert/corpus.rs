@@ -1,7 +1,6 @@
 //! The assets of a corpus as files.
 
 use std::collections::{BTreeMap, HashSet};
-use std::io::Read;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
@@ -12,7 +11,7 @@ use riglab_data::{Corpus, checksums};
 use riglab_files::make_folder_of;
 use riglab_train::Progress;
 
-use super::{Args, Lost, file_name, is_io, keep_others, numbered};
+use super::{Args, Lost, file_name, is_io, numbered};
 use crate::commands::shown;
 
 /// The corpus at `path`, if it is one.
@@ -39,7 +38,7 @@ pub fn into(corpus: &Corpus, args: &Args, target: Target) -> Result<ExitCode> {
             let free = |path: &PathBuf| !written_paths(path, target).iter().any(|p| taken.contains(p));
             let path = (1..).map(named).find(free).context("no name is left")?;
             taken.extend(written_paths(&path, target));
-            originals.keep(&path, target)?;
+            originals.keep(&path, target, args)?;
             make_folder_of(&path)?;
             let asset = args.placed(asset, target);
             store(&asset, bare, &path, target, args)?;
@@ -105,7 +104,7 @@ pub fn to(corpus: &Corpus, args: &Args, into_folder: bool, target: Target) -> Re
         [only] if into_folder => args.out.join(file_name(&place(&only.name).1, target)),
         _ => args.out.clone(),
     };
-    Originals::of(corpus)?.keep(&out, target)?;
+    Originals::of(corpus)?.keep(&out, target, args)?;
     make_folder_of(&out)?;
     match &assets[..] {
         [] if corpus.is_empty() => bail!("{}: the corpus has no asset", args.input.display()),
@@ -162,38 +161,18 @@ impl Originals {
         Ok(Self(corpus.texts("checksum")?.into_iter().filter(|sum| !sum.is_empty()).collect()))
     }
 
-    /// Refuses to write over one of them, and over a GLB that is not of riglab's making.
-    fn keep(&self, out: &Path, target: Target) -> Result<()> {
-        keep_others(out, target)?;
-        let original = |path: &Path| {
-            let foreign = target == Target::GLB && path.metadata().is_ok_and(|meta| meta.len() > 0) && !is_own(path);
-            foreign || checksums(path).iter().any(|sum| self.0.contains(sum))
-        };
+    /// Refuses to write over one of them, and over what riglab did not write.
+    fn keep(&self, out: &Path, target: Target, args: &Args) -> Result<()> {
+        let original = |path: &Path| checksums(path).iter().any(|sum| self.0.contains(sum));
         match written_paths(out, target).iter().find(|path| path.is_file() && original(path)) {
             Some(path) => bail!(
-                "{} is there already and may be what the corpus was made of; give another name or folder to write, or take it \
+                "{} is there already and is what the corpus was made of; give another name or folder to write, or take it \
                  away first",
                 path.display()
             ),
-            None => Ok(()),
+            None => args.keep_others(out, target),
         }
     }
-}
-
-/// Whether a GLB says that riglab made it.
-fn is_own(glb: &Path) -> bool {
-    let generator = || {
-        let mut file = std::fs::File::open(glb).ok()?;
-        let mut head = [0; 20];
-        file.read_exact(&mut head).ok()?;
-        let length = u32::from_le_bytes(*head[12..].first_chunk::<4>()?);
-        // A chunk may say that it is longer than its file.
-        let mut chunk = Vec::new();
-        file.take(length.into()).read_to_end(&mut chunk).ok()?;
-        let json: serde_json::Value = serde_json::from_slice(&chunk).ok()?;
-        Some(json["asset"]["generator"].as_str()?.starts_with("riglab "))
-    };
-    generator().unwrap_or(false)
 }
 
 /// What a corpus says of its assets and their files cannot: `manifest.json` and `split.json`, as `riglab dataset import` and

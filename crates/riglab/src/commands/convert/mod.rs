@@ -19,7 +19,7 @@ use riglab_core::{Asset, Springs};
 use riglab_files::make_folder_of;
 use riglab_train::Progress;
 
-use super::earlier::{self, Written};
+use super::earlier::{Overwrite, Written};
 use super::glb::{Frames, Most};
 use super::inputs;
 use super::inspect::shown_elsewhere;
@@ -75,6 +75,8 @@ pub struct Args {
     /// direction for articulation-xl, 0.9995 for puppeteer-h5 and 1 for anymate. Without it all coordinates stay.
     #[arg(long)]
     fit: bool,
+    #[command(flatten)]
+    overwrite: Overwrite,
 }
 
 impl Args {
@@ -84,6 +86,12 @@ impl Args {
             Some(rig) => Asset { rig, ..asset },
             None => asset,
         }
+    }
+
+    /// Refuses to write over what riglab did not write.
+    fn keep_others(&self, out: &Path, target: Target) -> Result<()> {
+        let keep = |path: &PathBuf| self.overwrite.keep_others(path, Written::Format(target));
+        written_paths(out, target).iter().try_for_each(keep)
     }
 
     fn import(&self) -> ImportOptions {
@@ -163,7 +171,7 @@ pub fn run(args: &Args) -> Result<ExitCode> {
         };
     }
     if let Some(corpus) = &corpus {
-        spare(&inputs, &args.out, target)?;
+        spare_inputs(&inputs, &args.out, target)?;
         return corpus::to(corpus, args, into_folder, target);
     }
     if several {
@@ -257,7 +265,7 @@ fn together(
     inputs: &HashSet<PathBuf>,
 ) -> Result<ExitCode> {
     let out = &args.out;
-    spare(inputs, out, target)?;
+    spare(inputs, out, target, args)?;
     make_folder_of(out)?;
     let (mut assets, mut failed): (Vec<Asset>, usize) = (Vec::new(), 0);
     let mut lost = Lost::default();
@@ -317,19 +325,19 @@ fn tell_place(imported: &Imported) {
     }
 }
 
-/// Refuses to write over what is read.
-fn spare(inputs: &HashSet<PathBuf>, out: &Path, target: Target) -> Result<()> {
+/// Refuses to write over what is read, and over what riglab did not write.
+fn spare(inputs: &HashSet<PathBuf>, out: &Path, target: Target, args: &Args) -> Result<()> {
+    spare_inputs(inputs, out, target)?;
+    args.keep_others(out, target)
+}
+
+fn spare_inputs(inputs: &HashSet<PathBuf>, out: &Path, target: Target) -> Result<()> {
     for path in written_paths(out, target) {
         if path.canonicalize().is_ok_and(|real| inputs.contains(&real)) {
             bail!("{} is the input; give another name or folder to write", path.display());
         }
     }
-    keep_others(out, target)
-}
-
-/// Refuses to write over what is no file of the format.
-fn keep_others(out: &Path, target: Target) -> Result<()> {
-    written_paths(out, target).iter().try_for_each(|path| earlier::keep_others(path, Written::Format(target)))
+    Ok(())
 }
 
 fn store(
@@ -340,7 +348,7 @@ fn store(
     inputs: &HashSet<PathBuf>,
     lost: &mut Lost,
 ) -> Result<()> {
-    spare(inputs, out, target)?;
+    spare(inputs, out, target, args)?;
     warn(&imported);
     if target == Target::GLB {
         return store_glb(&imported, out, args, lost);

@@ -16,7 +16,7 @@ use riglab_task::tokenrig::Rank;
 use riglab_train::Progress;
 
 use super::device::DeviceArgs;
-use super::earlier::{Written, keep_others};
+use super::earlier::{Overwrite, Written};
 use super::glb::{Frames, Most};
 use super::some_of;
 use model::Model;
@@ -144,6 +144,8 @@ struct Common {
     #[arg(long)]
     json: bool,
     #[command(flatten)]
+    overwrite: Overwrite,
+    #[command(flatten)]
     device: DeviceArgs,
 }
 
@@ -254,9 +256,9 @@ fn run(args: &Common, bones: &Bones, weights: Option<&Path>, threads: usize) -> 
         bail!("--skip-existing is for a folder of models, and {} is none; leave it out", args.input.display());
     }
     let (jobs, mut skipped) = jobs(&args.input, &args.out)?;
-    jobs.iter().try_for_each(|(_, to)| keep_others(to, Written::Glb))?;
     let (there, jobs): (Vec<_>, Vec<_>) =
         jobs.into_iter().partition(|(_, to)| args.skip_existing && Written::Glb.is_at(to));
+    jobs.iter().try_for_each(|(_, to)| args.overwrite.keep_others(to, Written::Glb))?;
     skipped.extend(there.iter().map(|(from, to)| (from.clone(), format!("{} is there already", to.display()))));
     let into = if args.input.is_dir() { Some(args.out.as_path()) } else { jobs[0].1.parent() };
     let remedy = "give --out a place where you may write, or make this one so";

@@ -1,0 +1,63 @@
+//! Which GLBs riglab wrote.
+
+use std::fs::File;
+use std::io::Read;
+use std::path::Path;
+
+use serde_json::{Value, json};
+
+use crate::maker::{MAKER, is_maker};
+
+/// Where a document that another program made says in its asset's `extras` who wrote this file: its generator stays, as
+/// loaders know by it how to read what that program wrote.
+const WRITER: &str = "writer";
+
+/// Marks a document as written by riglab. One whose `extras` are no object stays without a mark.
+pub(super) fn mark(document: &mut Value) {
+    if said_by(&document["asset"]["generator"]) {
+        return;
+    }
+    let Some(asset) = document["asset"].as_object_mut() else { return };
+    if let Some(extras) = asset.entry("extras").or_insert_with(|| json!({})).as_object_mut() {
+        extras.insert(WRITER.into(), json!(MAKER));
+    }
+}
+
+/// Whether a GLB says that riglab wrote it.
+pub(crate) fn is_own(glb: &Path) -> bool {
+    let asset = || {
+        let mut file = File::open(glb).ok()?;
+        let mut head = [0; 20];
+        file.read_exact(&mut head).ok()?;
+        let length = u32::from_le_bytes(*head[12..].first_chunk()?);
+        // A chunk may say that it is longer than its file.
+        let mut chunk = Vec::new();
+        file.take(length.into()).read_to_end(&mut chunk).ok()?;
+        Some(serde_json::from_slice::<Value>(&chunk).ok()?["asset"].take())
+    };
+    asset().is_some_and(|asset| said_by(&asset["generator"]) || said_by(&asset["extras"][WRITER]))
+}
+
+fn said_by(value: &Value) -> bool {
+    value.as_str().is_some_and(|said| is_maker(said.as_bytes()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn documents_of_others_are_marked_beside_their_generator() {
+        let of = |asset: Value| {
+            let mut document = json!({ "asset": asset });
+            mark(&mut document);
+            document["asset"].take()
+        };
+        let blender = of(json!({"generator": "Blender", "extras": {"author": "A"}}));
+        assert_eq!(blender, json!({"generator": "Blender", "extras": {"author": "A", "writer": MAKER}}));
+        assert_eq!(of(json!({"version": "2.0"}))["extras"]["writer"], MAKER);
+        for stays in [json!({"generator": MAKER}), json!({"extras": "mine"})] {
+            assert_eq!(of(stays.clone()), stays);
+        }
+    }
+}
