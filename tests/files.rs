@@ -666,6 +666,22 @@ fn a_folder_is_converted_below_itself_as_often_as_one_likes() {
     assert!(said.contains("not taken as input: 2 files in the output folder"), "{said}");
     assert!(String::from_utf8_lossy(&again.stdout).starts_with("2 written"));
     assert_eq!(fs::read_dir(&out).unwrap().count(), 2);
+    // Into itself in another format, too.
+    for format in ["rignet", "fbx", "unirig"] {
+        let convert = || must(&["convert", text(&made), text(&made), "--to", format]);
+        convert();
+        let there = || fs::read_dir(&made).unwrap().count();
+        let before = there();
+        let said = String::from_utf8(convert().stderr).unwrap();
+        assert!(said.contains(&format!("of {format} that riglab wrote")), "{said}");
+        assert_eq!(there(), before, "{format}");
+        let kept = ["glb", "json", "out", "sub"];
+        for entry in fs::read_dir(&made).unwrap().map(|entry| entry.unwrap().path()) {
+            if entry.is_file() && !kept.iter().any(|ending| entry.extension().is_some_and(|e| e == *ending)) {
+                fs::remove_file(entry).unwrap();
+            }
+        }
+    }
     // Nowhere to write is told before anything is read.
     let file = dir.path().join("file");
     fs::write(&file, "").unwrap();

@@ -112,7 +112,6 @@ pub fn run(args: &Args) -> Result<ExitCode> {
     }
     let options = args.import();
     let corpus = corpus::open(&args.input);
-    let files = if args.input.is_dir() { rigged(&args.input, &args.out)? } else { vec![args.input.clone()] };
     let several = args.input.is_dir()
         || args.item.is_none()
             && match &corpus {
@@ -130,6 +129,7 @@ pub fn run(args: &Args) -> Result<ExitCode> {
         ),
         None => Target::of(&args.out)?,
     };
+    let files = if args.input.is_dir() { rigged(&args.input, &args.out, target)? } else { vec![args.input.clone()] };
     // A VRM is a GLB, and what has no ending may be a folder.
     let fits = |of: &std::ffi::OsStr| {
         of.eq_ignore_ascii_case(target.ending()) || target == Target::GLB && of.eq_ignore_ascii_case("vrm")
@@ -463,7 +463,7 @@ fn numbered(name: &str, again: usize, target: Target) -> String {
 }
 
 /// Rigged files of a folder and those below it, without those that an earlier call wrote there.
-fn rigged(folder: &Path, out: &Path) -> Result<Vec<PathBuf>> {
+fn rigged(folder: &Path, out: &Path, target: Target) -> Result<Vec<PathBuf>> {
     let found = inputs::below(folder, out, "file", |path| is_rig_file(path) || is_model_file(path));
     let (files, bare): (Vec<PathBuf>, Vec<PathBuf>) = found.files.into_iter().partition(|path| is_rig_file(path));
     let bare = bare_names(folder, &files, bare);
@@ -474,7 +474,20 @@ fn rigged(folder: &Path, out: &Path) -> Result<Vec<PathBuf>> {
     if files.is_empty() {
         bail!("{}: no rigged file in this folder or below it", folder.display());
     }
-    Ok(files)
+    Ok(if export::same_file(folder, out) { to_convert(files, target) } else { files })
+}
+
+/// Of the files of a folder that is converted into itself those to be converted: what riglab wrote there in the format is
+/// there already. Where there is nothing else, that is all.
+fn to_convert(files: Vec<PathBuf>, target: Target) -> Vec<PathBuf> {
+    let (own, others): (Vec<PathBuf>, Vec<PathBuf>) = files.into_iter().partition(|file| target.is_own(file));
+    let Some(first) = own.first().filter(|_| !others.is_empty()) else { return [own, others].concat() };
+    tell!(
+        "note: not taken as input: {} of {target} that riglab wrote, such as {}",
+        counted(own.len(), "file"),
+        first.display()
+    );
+    others
 }
 
 /// Which of `bare` belong to none of the rigged files, as the OBJ of a rig text does: by their places below the folder.
@@ -497,7 +510,7 @@ mod tests {
             std::fs::write(at(name), "v 0 0 0\n").unwrap();
         }
         std::fs::write(at("c_rig.txt"), "joints a 0 0 0\nroot a\n").unwrap();
-        let rigged = rigged(dir.path(), &at("out")).unwrap();
+        let rigged = rigged(dir.path(), &at("out"), Target::GLB).unwrap();
         assert_eq!(rigged, [at("a.glb"), at("c_rig.txt")]);
         let bare = ["c.obj", "d.stl", "sub/b.obj"].map(at).to_vec();
         assert_eq!(bare_names(dir.path(), &rigged, bare), ["d.stl", "sub/b.obj"]);
