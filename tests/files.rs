@@ -213,6 +213,31 @@ fn what_is_of_another_kind_is_not_written_over() {
 }
 
 #[test]
+fn a_folder_in_one_file_keeps_what_its_lists_say_beside_it() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = |name: &str| dir.path().join(name);
+    let made = creatures(&path("made"), 2);
+    let [first, second] = [0, 1].map(|k| made[k].file_name().unwrap().to_str().unwrap());
+    fs::write(path("made/split.json"), serde_json::json!({"train": [first], "val": [second]}).to_string()).unwrap();
+    let known = |folder: &Path, corpus: &Path| -> Vec<Value> {
+        must(&["dataset", "import", text(folder), "-o", text(corpus)]);
+        let listed = must(&["dataset", "inspect", text(corpus), "--json"]).stdout;
+        let own = |line: &str| {
+            let of: Value = serde_json::from_str(line).unwrap();
+            ["split", "source", "licence", "author", "category"].map(|key| of[key].clone()).to_vec().into()
+        };
+        String::from_utf8(listed).unwrap().lines().map(own).collect()
+    };
+    let all = path("one/all.npz");
+    let convert = || must(&["convert", text(&path("made")), text(&all), "--to", "articulation-xl"]).stderr;
+    let said = String::from_utf8(convert()).unwrap();
+    assert!(said.contains("what the folder knows of sources") && said.contains("split.json"), "{said}");
+    assert_eq!(known(&path("one"), &path("one.h5")), known(&path("made"), &path("made.h5")));
+    let said = String::from_utf8(convert()).unwrap();
+    assert!(said.contains("split.json is there already"), "{said}");
+}
+
+#[test]
 fn bare_meshes_are_listed_as_such() {
     let dir = tempfile::tempdir().unwrap();
     let (made, corpus) = (dir.path().join("made"), dir.path().join("meshes.h5"));

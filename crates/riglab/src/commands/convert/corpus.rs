@@ -1,18 +1,18 @@
 //! The assets of a corpus as files.
 
-use std::collections::{BTreeMap, HashSet};
+use std::collections::HashSet;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use anyhow::{Context, Result, bail};
 use riglab_asset::{Format, ImportOptions, Target, export, write, write_mesh, written_paths};
-use riglab_core::{Asset, Provenance};
+use riglab_core::Asset;
 use riglab_data::{Corpus, checksums};
 use riglab_files::make_folder_of;
 use riglab_train::Progress;
 
+use super::beside::{Beside, name_in};
 use super::{Args, Lost, file_name, is_io, numbered};
-use crate::commands::shown;
 
 /// The corpus at `path`, if it is one.
 pub fn open(path: &Path) -> Option<Corpus> {
@@ -59,7 +59,7 @@ pub fn into(corpus: &Corpus, args: &Args, target: Target) -> Result<ExitCode> {
         progress.set(index as u64 + 1, String::new);
     }
     progress.finish();
-    told.write(&args.out)?;
+    told.write(&args.out, "the corpus")?;
     lost.tell(&args.input, target);
     say!("{written} written to {}, {failed} left out", args.out.display());
     Ok(if failed > 0 || written == 0 { ExitCode::FAILURE } else { ExitCode::SUCCESS })
@@ -127,23 +127,12 @@ pub fn to(corpus: &Corpus, args: &Args, into_folder: bool, target: Target) -> Re
 
 /// Writes beside a file of these assets of a corpus, by their numbers there, what the file cannot say of them.
 fn beside(corpus: &Corpus, assets: &[Asset], numbers: &[usize], out: &Path) -> Result<()> {
-    let file = out.file_name().unwrap_or_default().to_string_lossy();
     let splits = corpus.texts("split")?;
     let mut told = Beside::default();
     for (asset, &number) in assets.iter().zip(numbers) {
-        let own = if assets.len() > 1 { format!("{file}#{}", asset.name.trim()) } else { file.to_string() };
-        told.add(&own, &splits[number], &asset.provenance);
+        told.add(&name_in(out, &asset.name, assets.len()), &splits[number], &asset.provenance);
     }
-    let written = told.write(out.parent().unwrap_or(Path::new("")))?;
-    if !written.is_empty() {
-        // Whoever imports the folder gets these splits for all that is in it.
-        let written: Vec<String> = written.iter().map(|path| shown(path)).collect();
-        tell!(
-            "note: what the corpus knows of sources, licences, categories and splits is in {}",
-            written.join(" and ")
-        );
-    }
-    Ok(())
+    told.write_beside(out, "the corpus")
 }
 
 const NO_RIG: &str = "a mesh without a rig, which only glb and obj can hold";
@@ -172,56 +161,6 @@ impl Originals {
             ),
             None => args.keep_others(out, target),
         }
-    }
-}
-
-/// What a corpus says of its assets and their files cannot: `manifest.json` and `split.json`, as `riglab dataset import` and
-/// `riglab curate` read them.
-#[derive(Default)]
-struct Beside {
-    entries: Vec<serde_json::Value>,
-    splits: BTreeMap<String, Vec<String>>,
-}
-
-impl Beside {
-    /// Of an asset, by the name that importing gives to it: its file's path below the folder, and its own in a file of several.
-    fn add(&mut self, name: &str, split: &str, from: &Provenance) {
-        let all = [
-            ("source", &from.source),
-            ("licence", &from.licence),
-            ("author", &from.author),
-            ("category", &from.category),
-        ];
-        let said = all.into_iter().filter(|(_, value)| !value.is_empty());
-        let mut entry: serde_json::Map<_, _> =
-            said.map(|(key, value)| (key.to_owned(), value.as_str().into())).collect();
-        if !entry.is_empty() {
-            entry.insert("file".into(), name.into());
-            self.entries.push(entry.into());
-        }
-        if !split.is_empty() {
-            self.splits.entry(split.to_owned()).or_default().push(name.to_owned());
-        }
-    }
-
-    /// Gives the files that were written.
-    fn write(&self, folder: &Path) -> Result<Vec<PathBuf>> {
-        let mut written = Vec::new();
-        let all = [
-            ("manifest.json", self.entries.is_empty(), serde_json::to_string_pretty(&self.entries)?),
-            ("split.json", self.splits.is_empty(), serde_json::to_string_pretty(&self.splits)?),
-        ];
-        for (name, _, text) in all.iter().filter(|(_, empty, _)| !empty) {
-            let path = folder.join(name);
-            if path.exists() {
-                tell!("note: {} is there already and stays; the corpus' own is not written", path.display());
-                continue;
-            }
-            riglab_files::write(&path, (text.clone() + "\n").as_bytes())
-                .with_context(|| format!("{}", path.display()))?;
-            written.push(path);
-        }
-        Ok(written)
     }
 }
 

@@ -1,5 +1,6 @@
 //! `riglab convert`
 
+mod beside;
 mod corpus;
 mod lost;
 
@@ -23,6 +24,7 @@ use super::earlier::{Overwrite, Written};
 use super::glb::{Frames, Most};
 use super::inputs;
 use super::inspect::shown_elsewhere;
+use beside::{Beside, Known, name_in};
 use lost::Lost;
 use riglab_report::counted;
 
@@ -36,7 +38,8 @@ use riglab_report::counted;
 /// An FBX holds mesh, skeleton and weights alone: no materials, texture coordinates, normals or motions.
 /// Anything a format cannot hold is reported on standard error, and so are coordinates beyond what the format's own loaders
 /// expect (see --fit). A corpus is written as its assets; a manifest.json and a split.json beside them, where none are yet, say
-/// what it knows of sources, licences, authors, categories and splits.
+/// what it knows of sources, licences, authors, categories and splits, and so they do beside one file that a folder with such
+/// lists is written to.
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:
@@ -268,10 +271,13 @@ fn together(
     spare(inputs, out, target, args)?;
     make_folder_of(out)?;
     let (mut assets, mut failed): (Vec<Asset>, usize) = (Vec::new(), 0);
+    let known = args.input.is_dir().then(|| Known::of(&args.input)).transpose()?;
+    let mut about = Vec::new();
     let mut lost = Lost::default();
     let mut names = HashSet::new();
     let mut progress = Progress::new("reading", files.len() as u64, 0);
     for (done, file) in files.iter().enumerate() {
+        let one_of_several = known.is_some() && count_assets(file).is_ok_and(|count| count > 1);
         import_each(file, options, |imported| {
             if let Ok(imported) = &imported {
                 warn(imported);
@@ -285,6 +291,8 @@ fn together(
             match placed.map_err(anyhow::Error::from).and_then(held) {
                 Ok(mut asset) => {
                     let (own, mut again) = (asset.name.clone(), 1);
+                    let its = one_of_several.then_some(own.as_str());
+                    about.extend(known.as_ref().map(|known| known.about(file, its, &asset.provenance)));
                     while !names.insert(asset.name.clone()) {
                         again += 1;
                         asset.name = format!("{own}-{again}");
@@ -307,6 +315,11 @@ fn together(
     for note in write(&assets, out, target)? {
         tell!("note: {note}");
     }
+    let mut beside = Beside::default();
+    for (asset, (split, from)) in assets.iter().zip(&about) {
+        beside.add(&name_in(out, &asset.name, assets.len()), split, from);
+    }
+    beside.write_beside(out, "the folder")?;
     lost.tell(&args.input, target);
     say!("{}: {}, {failed} left out", out.display(), counted(assets.len(), "asset"));
     Ok(if failed > 0 { ExitCode::FAILURE } else { ExitCode::SUCCESS })
