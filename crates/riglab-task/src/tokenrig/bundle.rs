@@ -39,10 +39,10 @@ impl Rigger {
         Self::of_run_with(run, checkpoint, &[], device)
     }
 
-    /// As [`Self::of_run`], with settings changed as `--set` does: where models lie that the run builds on.
+    /// As [`Self::of_run`], with settings changed as `--set` does: where models lie now that the run builds on.
     ///
     /// # Errors
-    /// A sentence.
+    /// A sentence: also where such a model has other weights than the one that the run was begun with.
     pub fn of_run_with(run: &Path, checkpoint: &str, sets: &[String], device: Device) -> Result<(Self, Card), String> {
         let settings = Settings::of_run_with(run, sets)?;
         if settings.are::<GrpoTaskConfig>() {
@@ -52,12 +52,10 @@ impl Rigger {
         Self::own_auto_encoder(run, &mut config);
         let vae = Self::auto_encoder(&config, device)?;
         let rigger = Self::new(config, vae, device)?;
-        // One that was named for this is meant.
-        if !sets.iter().any(|set| set.trim_start().starts_with("skin.run")) {
-            let before = RunInfo::of(run).map_or_else(Vec::new, |info| info.companions);
-            let other = |e: String| format!("{}: {e}", run.display());
-            same_companions(&before, &rigger.companions()).map_err(other)?;
-        }
+        // Whether it was named for this or not: codes mean nothing to an auto-encoder that they were not learned with.
+        let before = RunInfo::of(run).map_or_else(Vec::new, |info| info.companions);
+        let other = |e: String| format!("{}: {e}", run.display());
+        same_companions(&before, &rigger.companions()).map_err(other)?;
         let checkpoint = Checkpoint::open(&run.join("checkpoints").join(checkpoint)).map_err(|e| e.to_string())?;
         checkpoint.load_weights(&rigger.params).map_err(|e| e.to_string())?;
         Ok((rigger, Card::of_run(run, checkpoint.state())))

@@ -69,7 +69,8 @@ struct ExportArgs {
     /// folder above it before it, as tokenrig-001].
     #[arg(long)]
     name: Option<String>,
-    /// Of a run: where a model lies now that it builds on, as start.model=PATH or skin.run=PATH.
+    /// Of a run: where a model lies now that it builds on, as start.model=PATH or skin.run=PATH. An auto-encoder of other
+    /// weights than those of the training is refused.
     #[arg(long = "set", value_name = "KEY=PATH")]
     sets: Vec<String>,
     /// Markdown that says what it learned from, how good it is, and its licence [default: what the model has].
