@@ -473,6 +473,20 @@ fn stages_of_unirig_rig_a_file() {
         let said = refusal(&mut riglab(&[&all[..], &more].concat()));
         assert!(said.contains(wanted), "{said}");
     }
+
+    // Out of a file each becomes a run's folder again, which evaluates as the one that was trained: last,
+    // as a run's weights are cut where its evaluation found it best.
+    for (k, (run, file)) in [&skeletons, &weights].into_iter().zip(&files).enumerate() {
+        let again = path(&format!("again-{k}"));
+        must(&["checkpoint", "export", text(file), "-o", text(&again)]);
+        let report = |run: &Path| {
+            let said = must(&["eval", text(run), "--json", "--pictures", "0", "--set", &corpora]).stdout;
+            serde_json::from_slice::<Value>(&said).unwrap()["report"]["rows"].take()
+        };
+        let rows = report(&again);
+        assert!(rows.as_array().is_some_and(|rows| !rows.is_empty()) && rows == report(run), "{rows}");
+        must(&["report", text(&again), "-o", text(&path("again.html"))]);
+    }
 }
 
 /// From files to a model of one's own, at the smallest scale that still learns something.

@@ -54,7 +54,7 @@ The model that comes with riglab, to be evaluated:
   riglab checkpoint export -o runs/small
   riglab eval runs/small --set data.corpora='[\"corpus.h5\"]'")]
 struct ExportArgs {
-    /// The folder of a run, or a file of a model that rigs [default: the model that comes with riglab].
+    /// The folder of a run, or a file of a model that rigs or of one of UniRig's stages [default: the model that comes with riglab].
     run: Option<PathBuf>,
     /// What to write: a file (.safetensors), or a new folder of a run for `riglab eval`.
     #[arg(long, short, value_name = "OUT")]
@@ -124,19 +124,9 @@ fn export(args: &ExportArgs) -> Result<ExitCode> {
         );
     }
     let of_run = args.checkpoint.as_deref().or(folder_of.as_ref().map(|(_, named)| named.as_str())).unwrap_or("best");
-    if let (true, Some(file), None) = (folder, &args.run, run) {
-        let kind = riglab_task::bundle::kind(file).unwrap_or_default();
-        if kind.starts_with("unirig_") {
-            bail!(
-                "{} is a model of task `{kind}`, and only whole rig models become runs' folders again: evaluate the run that it \
-                 was exported from (`riglab rig --checkpoint` takes the file)",
-                file.display()
-            );
-        }
-    }
     let opened = match (&args.run, run) {
         (_, Some(run)) => of_folder(run, of_run, &args.sets),
-        (Some(file), None) => Rigger::open(file, Device::Cpu).map(rigs),
+        (Some(file), None) => of_file(file),
         (None, None) => Rigger::shipped(Device::Cpu).map(rigs),
     };
     let (model, found) = opened.map_err(|e| anyhow!(e))?;
@@ -177,20 +167,33 @@ fn rigs((rigger, card): (Rigger, Card)) -> (Imported, Card) {
     (Imported::TokenRig(Box::new(rigger)), card)
 }
 
-/// The model of a run.
-fn of_folder(run: &Path, checkpoint: &str, sets: &[String]) -> Result<(Imported, Card), String> {
-    let at = run.join("checkpoints").join(checkpoint);
-    // Where it learned from is of no use elsewhere, and says more of a machine than it should.
-    let anywhere = |data: &mut DataConfig| (data.corpora, data.weights) = (Vec::new(), Vec::new());
-    if let Some((sketcher, card)) = Sketcher::open(&at, Device::Cpu)? {
+/// Takes away where a model learned from, which is of no use elsewhere, and says more of a machine than it should.
+fn anywhere(data: &mut DataConfig) {
+    (data.corpora, data.weights) = (Vec::new(), Vec::new());
+}
+
+/// One of UniRig's stages, at a run's checkpoint or in a file; `None` where it is another model.
+fn stage(at: &Path) -> Result<Option<(Imported, Card)>, String> {
+    if let Some((sketcher, card)) = Sketcher::open(at, Device::Cpu)? {
         let (mut config, params) = sketcher.into_parts();
         anywhere(&mut config.data);
-        return Ok((Imported::Skeleton(Box::new(config), params), card));
+        return Ok(Some((Imported::Skeleton(Box::new(config), params), card)));
     }
-    if let Some((skinner, card)) = Skinner::open(&at, Device::Cpu)? {
-        let (mut config, params) = skinner.into_parts();
-        anywhere(&mut config.data);
-        return Ok((Imported::Skin(Box::new(config), params), card));
+    let Some((skinner, card)) = Skinner::open(at, Device::Cpu)? else { return Ok(None) };
+    let (mut config, params) = skinner.into_parts();
+    anywhere(&mut config.data);
+    Ok(Some((Imported::Skin(Box::new(config), params), card)))
+}
+
+/// The model of a file.
+fn of_file(file: &Path) -> Result<(Imported, Card), String> {
+    stage(file)?.map_or_else(|| Rigger::open(file, Device::Cpu).map(rigs), Ok)
+}
+
+/// The model of a run.
+fn of_folder(run: &Path, checkpoint: &str, sets: &[String]) -> Result<(Imported, Card), String> {
+    if let Some(found) = stage(&run.join("checkpoints").join(checkpoint))? {
+        return Ok(found);
     }
     if !Settings::of_run(run)?.are::<FsqCvaeTaskConfig>() {
         return Rigger::of_run_with(run, checkpoint, sets, Device::Cpu).map(rigs);
