@@ -66,6 +66,13 @@ pub fn without_best(run: &Path) -> bool {
 
 /// Why no checkpoint is where one was looked for: of a `best` beside a `last`, what to take instead.
 fn missing(path: &Path, e: &std::io::Error) -> String {
+    if let Some(run) = without_any(path) {
+        return format!(
+            "the run has no checkpoint yet, as it was stopped before it wrote its first; `riglab train --resume {}` goes on \
+             with it",
+            run.display()
+        );
+    }
     let last = path.with_file_name("last");
     if !path.ends_with("best") || path.exists() || !last.exists() {
         return format!("no checkpoint here ({STATE}: {e}){}", beside(path));
@@ -76,6 +83,13 @@ fn missing(path: &Path, e: &std::io::Error) -> String {
         last.display(),
         beside(path)
     )
+}
+
+/// The run whose checkpoint is looked for, if it is one that has none, not even a broken one.
+fn without_any(path: &Path) -> Option<&Path> {
+    let folder = path.parent().filter(|folder| folder.ends_with(CHECKPOINTS))?;
+    let run = folder.parent().filter(|run| run.join("config.toml").is_file())?;
+    fs::read_dir(folder).map_or(true, |mut entries| entries.next().is_none()).then_some(run)
 }
 
 /// What checkpoints there are where one was looked for, for an error.
@@ -507,6 +521,21 @@ mod tests {
         assert!(of("last").contains("no checkpoint here") && of("step-3").contains("no checkpoint here"));
         fs::create_dir_all(last.with_file_name("best")).unwrap();
         assert!(!without_best(dir.path()) && of("best").contains("no checkpoint here"));
+    }
+
+    #[test]
+    fn a_run_that_was_stopped_before_its_first_checkpoint_says_how_to_go_on() {
+        let dir = tempfile::tempdir().unwrap();
+        let run = dir.path().join("run");
+        fs::create_dir_all(run.join(CHECKPOINTS)).unwrap();
+        let of = |name: &str| Checkpoint::open(&run.join(CHECKPOINTS).join(name)).unwrap_err().to_string();
+        assert!(of("best").contains("no checkpoint here"), "no run: there is no config.toml");
+        fs::write(run.join("config.toml"), "").unwrap();
+        let said = of("best");
+        assert!(said.contains("no checkpoint yet") && said.contains("riglab train --resume "), "{said}");
+        // A link to a checkpoint that is gone is something else.
+        fs::create_dir_all(run.join(CHECKPOINTS).join("step-00000004")).unwrap();
+        assert!(of("best").contains("no checkpoint here"));
     }
 
     #[test]

@@ -152,7 +152,7 @@ impl Run {
     /// When it is none, or another process is at it.
     pub fn open(dir: &Path) -> Result<Self, TrainError> {
         if !dir.join("config.toml").is_file() {
-            let message = "no run here (there is no config.toml)".into();
+            let message = format!("no run here (there is no config.toml){}", below(dir));
             return Err(TrainError::Io { path: dir.into(), message });
         }
         Self::hold(dir)
@@ -304,6 +304,20 @@ fn now() -> String {
     humantime::format_rfc3339_seconds(SystemTime::now()).to_string()
 }
 
+/// Of a folder that is no run, a run that lies in it or a folder deeper, for an error; of several the first by name.
+fn below(dir: &Path) -> String {
+    let folders = |dir: &Path| -> Vec<PathBuf> {
+        let entries = fs::read_dir(dir).into_iter().flatten().flatten();
+        let mut all: Vec<PathBuf> = entries.map(|entry| entry.path()).filter(|path| path.is_dir()).collect();
+        all.sort();
+        all
+    };
+    let within = folders(dir).into_iter().flat_map(|folder| [vec![folder.clone()], folders(&folder)].concat());
+    let run =
+        within.into_iter().find(|folder| folder.join("config.toml").is_file() && folder.join("run.json").is_file());
+    run.map_or_else(String::new, |run| format!("; a run lies below it: {}", run.display()))
+}
+
 fn commit() -> String {
     let git = |args: &[&str]| {
         let out = std::process::Command::new("git").args(args).output().ok()?;
@@ -372,6 +386,19 @@ mod tests {
         assert_eq!(read.resumed, info.resumed);
         let Resumed::With { riglab, threads, ranks, device, .. } = &read.resumed[1] else { panic!("with what") };
         assert_eq!((riglab.as_str(), *threads, *ranks, device.as_str()), ("2", 8, 3, "cuda:0"));
+    }
+
+    #[test]
+    fn a_folder_of_runs_names_one_of_them() {
+        let dir = tempfile::tempdir().unwrap();
+        let said = || Run::open(dir.path()).err().expect("it is no run").to_string();
+        assert!(said().ends_with("(there is no config.toml)"), "{}", said());
+        for name in ["mine/002", "mine/001"] {
+            let run = Run::create(&dir.path().join(name), "").unwrap();
+            run.write_info(&RunInfo::new("1", "t", 2, "cpu")).unwrap();
+        }
+        let wanted = format!("; a run lies below it: {}", dir.path().join("mine/001").display());
+        assert!(said().ends_with(&wanted), "{}", said());
     }
 
     #[test]
