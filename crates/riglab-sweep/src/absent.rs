@@ -133,6 +133,9 @@ fn stuck(json: &Value, path: &str) -> String {
             let word = rest.trim_start_matches('.').split(['.', '[']).next().unwrap_or_default();
             format!("in {come} {}", listed(word, own.keys().map(String::as_str)))
         }
+        Value::Array(own) if own.is_empty() => {
+            format!("{come} has no rows: the evaluation found nothing to measure there")
+        }
         Value::Array(own) => match rest.strip_prefix('[').and_then(|inner| inner.split_once(']')) {
             Some((conditions, _)) => {
                 format!("none of the {} rows of {come} fits: {}", own.len(), rows(own, conditions))
@@ -187,6 +190,7 @@ mod tests {
             [[sweep.metrics]]\nof = 'eval.json:report.rows[split=test].iou'\n\
             [[sweep.metrics]]\nof = 'eval.json:report.rows[split=val].uio'\n\
             [[sweep.metrics]]\nof = 'eval.json:report.rows'\n\
+            [[sweep.metrics]]\nof = 'eval.json:report.springs[split=val].rms'\n\
             [[sweep.figures]]\ntitle = 'by k'\nx = 'k'\nat = [4, 8]\nof = 'eval.json:report.row[k={}].iou'\n";
         let config = riglab_config::Config::from_toml_str("s.toml", text).unwrap();
         let plan = Plan::new(config.get_at("sweep").unwrap(), &[]).unwrap();
@@ -202,15 +206,17 @@ mod tests {
         let wanted = "the column `IoU` (`eval/uio@val`) is empty, no finished run has it; there are `eval/iou@val`, ";
         assert!(said[0].starts_with(wanted), "{said:?}");
         assert!(said[1].ends_with("set `evaluate = true` in the sweep's file"), "{said:?}");
-        assert_eq!((said.len(), plan.sweep.unevaluated().len()), (5, 4));
-        let eval = "{\"report\": {\"rows\": [{\"split\": \"val\", \"iou\": 0.5}, {\"split\": \"new\", \"iou\": 0.4}]}}";
+        assert_eq!((said.len(), plan.sweep.unevaluated().len()), (6, 5));
+        let eval = "{\"report\": {\"springs\": [], \
+            \"rows\": [{\"split\": \"val\", \"iou\": 0.5}, {\"split\": \"new\", \"iou\": 0.4}]}}";
         std::fs::write(run.join("eval.json"), eval).unwrap();
         let ends: Vec<String> = absent()[1..].iter().map(|s| s.split_once("; ").unwrap().1.to_owned()).collect();
         let wanted = [
             "none of the 2 rows of `report.rows` fits: as split there are `new`, `val`",
             "in `report.rows[split=val]` are `iou`, `split`",
             "`report.rows` is a list: choose a row by a condition, such as [split=val]",
-            "in `report` is `rows`",
+            "`report.springs` has no rows: the evaluation found nothing to measure there",
+            "in `report` are `rows`, `springs`",
         ];
         assert_eq!(ends, wanted);
     }
