@@ -18,10 +18,24 @@ const GRPO: [(&str, &str); 7] = [
     ("guarded_reward", "the reward, where j2j_all has not worsened beyond guard.worse"),
 ];
 
+/// Of UniRig's skin stage, whose batches seldom have a spring bone in them.
+const UNIRIG_SKIN: [(&str, &str); 3] = [
+    ("attributes", "the error of spring bones' attributes, 0 in steps whose rigs have no spring bones"),
+    (
+        "attributes_vs_mean",
+        "that error as a multiple of what the mean of all these bones has; below 1 the network tells bones apart",
+    ),
+    ("physics", "how far what moves in a simulation is from where the true weights and attributes take it"),
+];
+
 /// What is said of a logged value, such as `eval/j2j_all@val`, of a task; nothing of those that say it by themselves.
 pub fn explained(task: &str, name: &str) -> Option<&'static str> {
     let bare = bare(name);
-    let own: &[_] = if task == "grpo" { &GRPO } else { &[] };
+    let own: &[_] = match task {
+        "grpo" => &GRPO,
+        "unirig_skin" => &UNIRIG_SKIN,
+        _ => &[],
+    };
     own.iter().chain(&ANY).find(|(known, _)| *known == bare).map(|(_, said)| *said)
 }
 
@@ -53,6 +67,8 @@ mod tests {
         assert_eq!([said("grpo", "train/motion"), said("grpo", "eval/motion@val")], ["R_mo"; 2]);
         // A loss of its own there.
         assert_eq!([said("unirig_skin", "train/motion"), said("grpo", "eval/j2j@val")], [""; 2]);
+        assert!(said("unirig_skin", "train/attributes").contains("0 in steps whose rigs have no spring bones"));
+        assert_eq!(said("tokenrig", "train/attributes"), "");
         let all = ["eval/coverage@val", "eval/reward@val", "eval/skinning@val", "eval/coverage@val"];
         assert_eq!(glossary("grpo", &all), "coverage: R_vj. skinning: R_sc.");
     }

@@ -153,7 +153,7 @@ impl RunView {
         let column = |name: &str| self.perf.iter().filter_map(|l| l[name].as_f64()).collect::<Vec<f64>>();
         let speed = column("perf/steps_per_s");
         if !speed.is_empty() {
-            add("steps a second", format!("{:.1}", speed.iter().sum::<f64>() / speed.len() as f64));
+            add("steps a second", pace(speed.iter().sum::<f64>() / speed.len() as f64));
         }
         if let Some(mb) = column("perf/peak_memory_mb").into_iter().reduce(f64::max) {
             add("peak memory", format!("{mb:.0} MB"));
@@ -336,6 +336,12 @@ fn listed(names: &[&str]) -> String {
     text + &on
 }
 
+/// Steps a second with a digit behind the point, and of slow runs with as many as give two that tell something.
+fn pace(speed: f64) -> String {
+    let zeros = if speed > 0.0 { (-speed.log10().floor()).clamp(0.0, 4.0) as usize } else { 0 };
+    format!("{speed:.*}", zeros + 1)
+}
+
 #[cfg(test)]
 mod tests {
     use serde_json::json;
@@ -354,6 +360,11 @@ mod tests {
         assert_eq!(titles, ["iou@a, iou@b", "j2j, l1 on a", "n on a"]);
         let many = ["eval/precision_of_it@v", "eval/recall_of_it@v", "eval/something@v", "eval/another@v"];
         assert_eq!(listed(&many), "precision_of_it, recall_of_it, something and 1 more on v");
+    }
+
+    #[test]
+    fn slow_runs_have_a_speed() {
+        assert_eq!([23.456, 1.06, 0.0734, 0.5, 0.0].map(pace), ["23.5", "1.1", "0.073", "0.50", "0.0"]);
     }
 
     #[test]
