@@ -72,18 +72,26 @@ pub fn lines(report: &Report) -> Vec<String> {
                 counted(clips, "asset")
             ));
         }
-        for a in report.attributes.iter().filter(|a| a.split == split) {
-            out.push(format!(
-                "{:14} rms error {:>8.4}, predicting the mean {:>8.4} ({}{})",
-                a.name,
-                a.model,
-                a.mean,
-                swinging(a.bones),
-                if a.name == "all" { "; each attribute divided by its usual spread" } else { "" }
-            ));
-        }
+        out.extend(of_attributes(&report.attributes, split));
     }
     out
+}
+
+/// What the attributes of a split's spring bones have for errors, a line each below one that says of what.
+fn of_attributes(rows: &[AttributeRow], split: &str) -> Vec<String> {
+    let rows: Vec<&AttributeRow> = rows.iter().filter(|a| a.split == split).collect();
+    let head = rows.first().map(|a| {
+        format!(
+            "attributes of spring bones in {split} ({}), hit radius in the normalised cube; the mean of these bones is the \
+             best that one constant could do",
+            swinging(a.bones)
+        )
+    });
+    let line = |a: &&AttributeRow| {
+        let all = if a.name == "all" { " (each attribute divided by its usual spread)" } else { "" };
+        format!("{:14} rms error {:>8.4}, predicting the mean {:>8.4}{all}", a.name, a.model, a.mean)
+    };
+    head.into_iter().chain(rows.iter().map(line)).collect()
 }
 
 fn swinging(bones: usize) -> String {
@@ -338,6 +346,10 @@ mod tests {
             mean: 0.5,
         };
         let rows = [row("a", "drag", 0.25), row("a", "all", 1.0), row("b", "drag", 0.75), row("b", "all", 2.0)];
+        let said = of_attributes(&rows, "b");
+        assert!(said[0].contains("spring bones in b (6 bones that swing)"), "{said:?}");
+        assert_eq!(said[1], "drag           rms error   0.7500, predicting the mean   0.5000");
+        assert!(said.len() == 3 && said[2].contains("usual spread") && of_attributes(&rows, "c").is_empty());
         let found = of_springs(&rows).unwrap();
         assert_eq!(found.totals_of.iter().map(|m| m.name.as_str()).collect::<Vec<_>>(), ["drag", "all"]);
         assert_eq!(found.splits(), ["a", "b"]);
