@@ -22,7 +22,7 @@ use super::forms::{Form, Forms, systems};
 #[command(after_help = "\
 Examples:
   riglab compare predictions/ --truth rigs.h5 --split test_new
-  riglab compare unirig=out/unirig puppeteer=out/puppeteer --truth rigs/ --preset skintokens --markdown
+  riglab compare unirig=out/unirig puppeteer=out/puppeteer --truth rigs/ --markdown
   riglab compare out/ --truth rigs/ -o scores.csv
   riglab compare --baselines --truth rigs.h5        # the baselines alone")]
 pub struct Args {

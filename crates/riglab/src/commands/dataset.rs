@@ -52,7 +52,8 @@ enum Command {
 #[command(after_help = "\
 Examples:
   riglab dataset import models/ -o corpus.h5
-  riglab dataset import mine/ -o mine.h5 --all-in test_new     # for riglab eval RUN --set data.corpora='[\"mine.h5\"]'
+  riglab dataset import mine/ -o mine.h5 --all-in test_new
+  riglab eval runs/fsq_cvae/001 --set data.corpora='[\"mine.h5\"]' --out mine.json
   riglab dataset import scans/ -o meshes.h5 --meshes")]
 struct Import {
     /// Folder of files, with those below it.

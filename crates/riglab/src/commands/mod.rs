@@ -125,6 +125,20 @@ mod tests {
     }
 
     #[test]
+    fn examples_of_help_fit_into_its_width() {
+        use clap::CommandFactory;
+
+        fn of(command: &clap::Command) {
+            let help = command.get_after_help().map(ToString::to_string).unwrap_or_default();
+            // A wider one is broken in the middle, and cannot be copied.
+            let wide = help.lines().find(|line| line.starts_with(' ') && line.chars().count() > 100);
+            assert_eq!(wide, None, "of `riglab {}`", command.get_name());
+            command.get_subcommands().for_each(of);
+        }
+        of(&crate::Cli::command());
+    }
+
+    #[test]
     fn many_lines_are_some_and_a_count() {
         let of = |count: usize| some_lines((0..count).map(|k| format!("line {k}")), "more lines");
         assert_eq!(of(6).len(), 6);

@@ -26,7 +26,7 @@ use crate::registry::{self, Evaluated, TaskConfig};
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:
-  riglab report runs/fsq_cvae/001                   # report.html, .md, .tex and .csv in the run's folder
+  riglab report runs/fsq_cvae/001                   # report.html, .md, ... in the run's folder
   riglab report runs/fsq_cvae/001 -o table.tex      # one form, by the ending
   riglab report runs/a runs/b runs/c -o comparison.html
   riglab report with=runs/a without=runs/b          # names in the tables; comparison.html, .md, ...

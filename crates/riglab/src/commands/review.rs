@@ -19,9 +19,9 @@ Examples:
   riglab review corpus.h5 --files models/ --decisions decisions.tsv
   riglab curate models/ -o corpus.h5 --decisions decisions.tsv
 
-What `riglab curate` wrote beside the corpus (corpus.curation/) is shown too: why assets were dropped, and,
-with --files, pictures of them. On another machine, forward the port: ssh -L 8000:127.0.0.1:8000 HOST, then
-riglab review corpus.h5 --port 8000 there.")]
+What `riglab curate` wrote beside the corpus (corpus.curation/) is shown too: why assets were \
+dropped, and, with --files, pictures of them. On another machine, forward the port: \
+ssh -L 8000:127.0.0.1:8000 HOST, then riglab review corpus.h5 --port 8000 there.")]
 pub struct Args {
     /// The corpus, as `riglab curate` or `riglab dataset import` made it.
     #[arg(value_name = "CORPUS")]

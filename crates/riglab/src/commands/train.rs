@@ -42,7 +42,7 @@ Examples:
   riglab train quickstart/fsq_cvae.toml --set data.corpora='[\"corpus.h5\"]'
   riglab train my.toml --set train.seed=2 --run runs/mine/seed-2
   riglab train --resume runs/mine/seed-2
-  riglab train --resume runs/mine/seed-2 --set train.steps=8000   # to more steps than it was begun with
+  riglab train --resume runs/mine/seed-2 --set train.steps=8000   # to more steps than at first
   riglab train my.toml --set train.start.from=runs/tokenrig/001
   riglab train unirig/skin_paper.toml --set data.corpora='[\"corpus.h5\"]' \\
       --set train.start.from=sampart3d.pth --set train.start.parts='[\"mesh_encoder\"]'
