@@ -328,16 +328,28 @@ fn say_what(args: &Args, rig: &Rig, before: &Clip, after: &Clip) {
         say!("{line}");
     } else {
         say!(
-            "{out}: `{}` for {seconds:.1} s, {count} of {} joints swing, up to {most:.3} from the body's motion",
+            "{out}: `{}` for {seconds:.1} s, {count} of {} joints swing, {} from where the body alone takes them",
             before.name(),
-            rig.skeleton().len()
+            rig.skeleton().len(),
+            far(most, rig.bounds().size().into_iter().fold(0.0, f32::max))
         );
     }
+}
+
+/// A distance in the file's units, and what it is of the model's longest side.
+fn far(distance: f32, side: f32) -> String {
+    format!("up to {distance:.3} units ({:.1} % of the model's size)", 100.0 * distance / side.max(f32::MIN_POSITIVE))
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn distances_have_a_unit() {
+        assert_eq!(far(25.4894, 154.72), "up to 25.489 units (16.5 % of the model's size)");
+        assert_eq!(far(0.0, 0.0), "up to 0.000 units (0.0 % of the model's size)");
+    }
 
     #[test]
     fn motions_of_earlier_calls_keep_their_names() {
