@@ -1,7 +1,7 @@
 //! `riglab dataset`
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::Mutex;
 
@@ -177,6 +177,10 @@ struct Inspect {
 }
 
 /// Statistics by split: the columns of SkinTokens' Table 1.
+///
+/// Means over assets: N vertices, tri triangles, J joints, W > 0 pairs of vertex and joint with a weight. Sparsity is the
+/// share of all such pairs that hold one, in percent, as the paper prints it: few where skins are sparse. Bare assets are
+/// meshes without a rig.
 #[derive(clap::Args)]
 #[command(after_help = "Example: riglab dataset stats corpus.h5 --json")]
 struct StatsArgs {
@@ -194,6 +198,9 @@ struct Verify {
     /// The corpus.
     corpus: PathBuf,
 }
+
+/// How many assets are named that a mistyped name may mean.
+const MEANT: usize = 3;
 
 pub fn run(args: &Args) -> Result<ExitCode> {
     match &args.command {
@@ -380,9 +387,7 @@ fn run_inspect(args: &Inspect) -> Result<ExitCode> {
     };
     if let Some(wanted) = &args.asset {
         let index = names.iter().position(|n| n == wanted);
-        let index = index.with_context(|| {
-            format!("{}: no asset `{wanted}`; without a name all are listed", args.corpus.display())
-        })?;
+        let index = index.with_context(|| format!("{}: {}", args.corpus.display(), no_asset(wanted, &names)))?;
         let asset = corpus.asset(index)?;
         let from = &asset.provenance;
         let ([v, f, j, w], bare) = (counts(index), bare.contains(&index));
@@ -431,6 +436,18 @@ fn run_inspect(args: &Inspect) -> Result<ExitCode> {
         }
     }
     Ok(ExitCode::SUCCESS)
+}
+
+/// What is said of a name that no asset has: those that it is the end or the stem of are probably meant.
+fn no_asset(wanted: &str, names: &[String]) -> String {
+    let stem = |name: &str| Path::new(name).file_stem().map(|stem| stem.to_string_lossy().to_lowercase());
+    let meant = stem(wanted);
+    let near: Vec<String> =
+        names.iter().filter(|name| meant.is_some() && stem(name) == meant).map(|name| format!("`{name}`")).collect();
+    match &near[..] {
+        [] => format!("no asset `{wanted}`; without a name all are listed"),
+        near => format!("no asset `{wanted}`; did you mean {}?", near[..near.len().min(MEANT)].join(" or ")),
+    }
 }
 
 fn clips(asset: &riglab_core::Asset) -> Vec<serde_json::Value> {
@@ -509,6 +526,16 @@ mod tests {
         assert_eq!([said("train", false), said("val", true)], [equal, equal]);
         assert_eq!(said("val", false), format!("{equal}, in split train, not val"));
         assert_eq!(said("", false), format!("{equal}, in split train, not none"));
+    }
+
+    #[test]
+    fn names_without_folder_or_ending_are_told_in_full() {
+        let names = ["animals/Fox.glb", "fox.fbx", "bear.glb"].map(String::from);
+        assert_eq!(no_asset("fox", &names), "no asset `fox`; did you mean `animals/Fox.glb` or `fox.fbx`?");
+        assert_eq!(no_asset("bear.gltf", &names), "no asset `bear.gltf`; did you mean `bear.glb`?");
+        assert!(
+            no_asset("cow", &names).ends_with("all are listed") && no_asset("", &names).ends_with("all are listed")
+        );
     }
 
     #[test]
