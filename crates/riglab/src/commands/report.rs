@@ -277,21 +277,25 @@ fn named(text: &str) -> (String, PathBuf) {
     }
 }
 
-/// Names for runs that have none: the last part of their path, where it is no other's; else all of it.
+/// Names for runs that have none: the last parts of their paths, of all runs as many as tell them apart, as
+/// `with/seed-0`, `with/seed-1` and `without/seed-0`.
 fn names(runs: Vec<(String, PathBuf)>) -> Result<Vec<(String, PathBuf)>> {
-    let last = |dir: &Path| dir.file_name().map_or_else(|| dir.display().to_string(), |n| n.to_string_lossy().into());
-    let short: Vec<String> =
-        runs.iter().map(|(name, dir)| if name.is_empty() { last(dir) } else { name.clone() }).collect();
-    let doubled = |name: &String| short.iter().filter(|n| *n == name).count() > 1;
-    let mut out: Vec<(String, PathBuf)> = Vec::new();
-    for ((name, dir), short) in runs.into_iter().zip(&short) {
-        let own = if name.is_empty() && doubled(short) { dir.display().to_string() } else { short.clone() };
-        if out.iter().any(|(taken, _)| *taken == own) {
-            bail!("two runs are called `{own}`; name them: NAME=RUN");
-        }
-        out.push((own, dir));
+    let with = |parts: usize| -> Vec<String> {
+        runs.iter().map(|(name, dir)| if name.is_empty() { tail(dir, parts) } else { name.clone() }).collect()
+    };
+    let doubled = |all: &[String]| all.iter().enumerate().find(|(k, name)| all[..*k].contains(name)).map(|(k, _)| k);
+    let most = runs.iter().map(|(_, dir)| dir.components().count()).max().unwrap_or(1);
+    let told = (1..=most).map(with).find(|all| doubled(all).is_none()).unwrap_or_else(|| with(most));
+    if let Some(k) = doubled(&told) {
+        bail!("two runs are called `{}`; name them: NAME=RUN", told[k]);
     }
-    Ok(out)
+    Ok(told.into_iter().zip(runs.into_iter().map(|(_, dir)| dir)).collect())
+}
+
+/// The last parts of a path, so many of them.
+fn tail(dir: &Path, parts: usize) -> String {
+    let all: Vec<_> = dir.components().collect();
+    all[all.len().saturating_sub(parts)..].iter().collect::<PathBuf>().display().to_string()
 }
 
 #[cfg(test)]
@@ -333,7 +337,13 @@ mod tests {
             names(named).map(|all| all.into_iter().map(|(name, _)| name).collect::<Vec<_>>())
         };
         assert_eq!(of(&["runs/x/001", "runs/x/002"]).unwrap(), ["001", "002"]);
-        assert_eq!(of(&["runs/x/001", "runs/y/001"]).unwrap(), ["runs/x/001", "runs/y/001"]);
+        assert_eq!(of(&["runs/x/001", "runs/y/001"]).unwrap(), ["x/001", "y/001"]);
+        // Each as the others: a short name among long ones does not say whose it is.
+        let seeds = ["jobs/with/seed-0", "jobs/with/seed-1", "jobs/without/seed-0"];
+        assert_eq!(of(&seeds).unwrap(), ["with/seed-0", "with/seed-1", "without/seed-0"]);
+        assert_eq!(of(&["a/001", "b/a/001"]).unwrap(), ["a/001", "b/a/001"]);
+        assert_eq!(of(&["001=runs/x/1", "runs/x/001"]).unwrap(), ["001", "x/001"]);
+        assert!(of(&["runs/x", "runs/x"]).unwrap_err().to_string().contains("`runs/x`"));
         assert_eq!(of(&["a=runs/x/001", "runs/y/001"]).unwrap(), ["a", "001"]);
         assert!(of(&["a=x", "a=y"]).unwrap_err().to_string().contains("`a`"));
     }
