@@ -1,6 +1,6 @@
 //! Assets of one or several corpora, read when they are needed and kept up to a limit.
 
-use std::collections::{HashMap, VecDeque};
+use std::collections::{BTreeMap, HashMap, VecDeque};
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, OnceLock};
 
@@ -266,16 +266,18 @@ impl Assets {
         if self.training(config)?.iter().all(|(_, ids)| ids.is_empty()) {
             let (split, most) = (config.train.join(", "), config.max_joints);
             let meshes = self.on_meshes();
+            let there = self.splits().map_err(|e| e.to_string())?;
             return Err(format!(
-                "data.train: the corpora have no asset in `{split}` of at most data.max_joints = {most}; `riglab dataset \
-                 inspect` shows their splits, and --set data.train='[\"SPLIT\"]' names another{meshes}"
+                "data.train: the corpora have no asset in `{split}` of at most data.max_joints = {most}; {there}, and --set \
+                 data.train='[\"SPLIT\"]' names another{meshes}"
             ));
         }
         if self.split(&config.validate).map_err(|e| e.to_string())?.is_empty() {
             return Err(format!(
-                "data.validate: the corpora have no asset in `{}`, as small ones may; `riglab dataset inspect` shows their \
-                 splits, and --set data.validate=SPLIT names another{}",
+                "data.validate: the corpora have no asset in `{}`, as small ones may; {}, and --set data.validate=SPLIT \
+                 names another{}",
                 config.validate,
+                self.splits().map_err(|e| e.to_string())?,
                 self.on_meshes()
             ));
         }
@@ -326,6 +328,20 @@ impl Assets {
     pub fn in_splits(&self, splits: &[&str]) -> Result<Vec<usize>, DataError> {
         let count = |c: &Corpus| Ok(c.texts("split")?.iter().filter(|own| splits.contains(&own.as_str())).count());
         self.corpora.iter().map(count).collect()
+    }
+
+    /// The splits that the corpora have, with the assets of each, as a clause of a sentence.
+    ///
+    /// # Errors
+    /// When a column cannot be read.
+    pub fn splits(&self) -> Result<String, DataError> {
+        let mut counts = BTreeMap::<String, usize>::new();
+        for corpus in &self.corpora {
+            corpus.texts("split")?.into_iter().for_each(|split| *counts.entry(split).or_default() += 1);
+        }
+        let name = |split: &str| if split.is_empty() { "no split".to_owned() } else { format!("`{split}`") };
+        let all: Vec<String> = counts.iter().map(|(split, count)| format!("{} ({count})", name(split))).collect();
+        Ok(format!("their splits are {}", all.join(", ")))
     }
 
     /// The assets of a split, over all corpora.
@@ -540,6 +556,9 @@ mod tests {
         assert_eq!(assets.rigged(&config), Ok(()), "nobody asked for it");
         let of = |splits: &[&str]| assets.in_splits(splits).unwrap();
         assert_eq!((of(&["train", "meshes"]), of(&["meshes", "val"]), of(&["val"])), (vec![2], vec![1], vec![0]));
+        assert_eq!(assets.splits().unwrap(), "their splits are `meshes` (1), `train` (1)");
+        let said = assets.trainable(&DataConfig { train: vec!["trian".into()], ..config.clone() }).unwrap_err();
+        assert!(said.contains("`trian`") && said.contains("their splits are `meshes` (1)"), "{said}");
         let meshes = vec![SplitNames::MESHES.to_string()];
         for config in
             [DataConfig { train: meshes.clone(), ..config.clone() }, DataConfig { test: meshes, ..config.clone() }]

@@ -273,7 +273,7 @@ impl Visitor for Examination<'_> {
         others.iter().for_each(|sentence| tell!("warning: {sentence}"));
         same_companions(&same, &now).map_err(|e| anyhow!(e)).with_context(|| run.display().to_string())?;
         let without = untested(&data, task.assets())?;
-        if let Some(note) = tell_untested(&without) {
+        if let Some(note) = tell_untested(&without, task.assets())? {
             ensure!(without.len() < data.test.len(), note);
             tell!("warning: {note}");
         }

@@ -395,7 +395,7 @@ impl Visitor for Session<'_> {
             },
             run.dir().display()
         );
-        begun.extend(tell_untested(&untested(config.data(), task.assets())?));
+        begun.extend(tell_untested(&untested(config.data(), task.assets())?, task.assets())?);
         begun.extend(unwarmed(config.train()));
         begun.iter().chain(&task.notes()).chain(&overlap(config)?).for_each(|note| tell!("note: {note}"));
         let interrupt = Interrupt::listening_with(ranks);
@@ -482,19 +482,20 @@ pub fn untested(data: &DataConfig, assets: &Assets) -> Result<Vec<String>> {
 fn known_tests(data: &DataConfig, assets: &Assets) -> Result<()> {
     let usual = [SplitNames::TRAIN, SplitNames::VAL, SplitNames::TEST_SEEN, SplitNames::TEST_NEW, SplitNames::MESHES];
     let without = untested(data, assets)?;
-    match tell_untested(&without.into_iter().filter(|split| !usual.contains(&split.as_str())).collect::<Vec<_>>()) {
+    let without: Vec<String> = without.into_iter().filter(|split| !usual.contains(&split.as_str())).collect();
+    match tell_untested(&without, assets)? {
         Some(fault) => bail!("{fault}, and --set data.test='[\"SPLIT\"]' names another"),
         None => Ok(()),
     }
 }
 
 /// What to say of them.
-pub fn tell_untested(splits: &[String]) -> Option<String> {
+pub fn tell_untested(splits: &[String], assets: &Assets) -> Result<Option<String>> {
+    if splits.is_empty() {
+        return Ok(None);
+    }
     let named: Vec<String> = splits.iter().map(|split| format!("`{split}`")).collect();
-    let named = named.join(" nor in ");
-    let told =
-        || format!("data.test: the corpora have no asset in {named}; `riglab dataset inspect` shows their splits");
-    (!splits.is_empty()).then(told)
+    Ok(Some(format!("data.test: the corpora have no asset in {}; {}", named.join(" nor in "), assets.splits()?)))
 }
 
 /// What to say of corpora that are not those a run was begun on; nothing of the same, or where it does not say.
