@@ -157,7 +157,7 @@ impl<T: Task> Trainer<'_, T> {
                 self.perf(pause)?;
             }
             progress.set(step, || match objective {
-                Some(x) => format!("loss {loss:.4}  {} {x:.4}", task.objective().0),
+                Some(x) => format!("loss {loss:.4}  {}", task.told(x)),
                 None => format!("loss {loss:.4}"),
             });
             if stop {
