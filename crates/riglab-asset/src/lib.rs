@@ -22,7 +22,7 @@
 //! Weights that others trained are read by name ([`TensorFile`]), out of what torch saves.
 //!
 //! What was read can be written: with another rig onto its own document, without its rig, or a rig alone
-//! ([`mod@export`]); and in any [`Target`] ([`write`]).
+//! ([`mod@export`]); and in any [`Target`] ([`write`]). A finished GLB becomes a complete FBX (`glb_to_fbx`).
 //!
 //! A model without a rig is a [`rigging::Subject`]: one mesh to be rigged, and the way back into its document.
 //!
@@ -68,7 +68,7 @@ pub use character::Character;
 pub use error::{Fault, ImportError, Place};
 use export::{ExportFault, ExportNote, ExportOptions, Exported, Influences, JointFrames};
 #[cfg(feature = "fbx")]
-pub use fbx::to_fbx;
+pub use fbx::{FbxFault, FbxFile, FbxLeft, glb_to_fbx, to_fbx};
 pub use format::Format;
 pub use gltf::{decode_draco, decode_meshopt, to_glb};
 pub use inspect::Inspection;

@@ -11,8 +11,12 @@
 //!
 //! Materials and blend shapes are read where a model is to be written with its looks ([`model`]), which tells what it leaves.
 //! Files that this one refers to are not opened.
+//!
+//! Written is a finished GLB with all that it has ([`document`]), or a rig alone ([`write`]), both by way of [`file`].
 
 mod clips;
+mod document;
+mod file;
 mod groups;
 mod joints;
 mod meshes;
@@ -25,6 +29,7 @@ use ufbx::{AllocatorOpts, ErrorType, FileFormat, IndexErrorHandling, LoadOpts, S
 
 use crate::budget::Budget;
 use crate::{Fault, Reading, Resample};
+pub use document::{FbxFault, FbxFile, FbxLeft, glb_to_fbx};
 use joints::Joints;
 pub(crate) use model::{Left, Origin, Taken, counted, model};
 use scene::Nodes;

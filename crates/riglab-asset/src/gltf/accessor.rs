@@ -78,6 +78,13 @@ const ROTATIONS: Usage = Usage {
     components: &[Component::F32, Component::I8, Component::U8, Component::I16, Component::U16],
     wanted: "VEC4 of floats, or of normalised bytes or shorts",
 };
+#[cfg(feature = "fbx")]
+const SHARES: Usage = Usage {
+    name: "weights of morph targets",
+    shape: "SCALAR",
+    wanted: "SCALAR of floats, or of normalised bytes or shorts",
+    ..ROTATIONS
+};
 const DIRECTION: Usage = Usage { name: "NORMAL or a morph target", ..POSITION };
 const TEXCOORD: Usage = Usage {
     name: "TEXCOORD",
@@ -86,6 +93,8 @@ const TEXCOORD: Usage = Usage {
     wanted: "VEC2 of floats, unsigned bytes or shorts",
 };
 const TANGENT: Usage = Usage { name: "TANGENT", shape: "VEC4", ..POSITION };
+#[cfg(feature = "fbx")]
+const COLOUR: Usage = Usage { name: "COLOR", wanted: "VEC3 or VEC4 of floats, unsigned bytes or shorts", ..WEIGHTS };
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Component {
@@ -186,6 +195,16 @@ impl<'a> Accessors<'a> {
         self.floats(number, &TEXCOORD, usize::MAX)
     }
 
+    /// Colours with alpha, which is 1 where there is none; not kept.
+    #[cfg(feature = "fbx")]
+    pub(super) fn colours(&self, number: usize) -> Result<Vec<[f32; 4]>, Fault> {
+        if self.get(number)?.shape == "VEC3" {
+            let all = self.floats(number, &Usage { shape: "VEC3", ..COLOUR }, usize::MAX)?;
+            return Ok(all.into_iter().map(|[r, g, b]| [r, g, b, 1.0]).collect());
+        }
+        self.floats(number, &COLOUR, usize::MAX)
+    }
+
     /// Whether an accessor has floats that are not finite; not where it cannot be read.
     pub(super) fn is_broken(&self, number: usize) -> bool {
         let broken = |elements: Result<Elements<'_>, Fault>| elements.is_ok_and(|e| e.is_broken());
@@ -232,6 +251,12 @@ impl<'a> Accessors<'a> {
     /// Rotations of an animation.
     pub(super) fn rotations(&self, number: usize) -> Result<Vec<[f32; 4]>, Fault> {
         self.floats(number, &ROTATIONS, usize::MAX)
+    }
+
+    /// Weights of morph targets over time.
+    #[cfg(feature = "fbx")]
+    pub(super) fn shares(&self, number: usize) -> Result<Vec<f32>, Fault> {
+        Ok(self.floats::<1>(number, &SHARES, usize::MAX)?.into_iter().flatten().collect())
     }
 
     /// A buffer view as it is; `from` says who asks for it.

@@ -15,37 +15,38 @@ use super::document::{self, Document};
 use super::nodes::{Nodes, parts};
 use super::placing;
 use crate::{Fault, Resample, Warning};
-use track::{Path, Track};
+pub(crate) use track::{Path, Track};
 
 /// Maps of nodes of all clips of a file, frame by frame: 100 MB. Files claim long times in few bytes.
 const MAX_MAPS: usize = 1 << 21;
 
+/// The animations of a document.
 #[derive(Deserialize)]
-struct Motions {
+pub(super) struct Motions {
     #[serde(default)]
-    animations: Vec<Animation>,
+    pub(super) animations: Vec<Animation>,
 }
 
 #[derive(Deserialize)]
-struct Animation {
+pub(super) struct Animation {
     #[serde(default)]
-    name: String,
+    pub(super) name: String,
     #[serde(default)]
-    channels: Vec<Channel>,
+    pub(super) channels: Vec<Channel>,
     #[serde(default)]
-    samplers: Vec<track::Sampler>,
+    pub(super) samplers: Vec<track::Sampler>,
 }
 
 #[derive(Deserialize)]
-struct Channel {
-    sampler: usize,
-    target: Target,
+pub(super) struct Channel {
+    pub(super) sampler: usize,
+    pub(super) target: Target,
 }
 
 #[derive(Deserialize)]
-struct Target {
-    node: Option<usize>,
-    path: String,
+pub(super) struct Target {
+    pub(super) node: Option<usize>,
+    pub(super) path: String,
 }
 
 /// What is needed to sample.

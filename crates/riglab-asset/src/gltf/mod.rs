@@ -12,6 +12,8 @@ mod bind;
 mod buffers;
 mod clips;
 mod colliders;
+#[cfg(feature = "fbx")]
+pub(crate) mod contents;
 mod document;
 mod draco;
 pub(crate) mod export;

@@ -43,4 +43,4 @@ pub use subject::{Origin, Subject, SubjectOptions};
 pub(crate) use surface::model as surface_model;
 pub use up::UpAxis;
 #[cfg(feature = "fbx")]
-pub(crate) use {fbx::looks as fbx_looks, obj::stem, surface::linear};
+pub(crate) use {fbx::looks as fbx_looks, obj::stem, surface::encoded, surface::linear};

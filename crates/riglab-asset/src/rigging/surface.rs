@@ -59,9 +59,24 @@ pub(crate) fn linear(share: f32) -> f32 {
     if share <= 0.04045 { share / 12.92 } else { ((share + 0.055) / 1.055).powf(2.4) }
 }
 
+/// The way back.
+#[cfg(feature = "fbx")]
+pub(crate) fn encoded(share: f32) -> f32 {
+    let share = share.max(0.0);
+    if share <= 0.003_130_8 { share * 12.92 } else { 1.055 * share.powf(1.0 / 2.4) - 0.055 }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[cfg(feature = "fbx")]
+    #[test]
+    fn light_comes_back_as_it_was() {
+        for share in [0.0, 0.002, 0.04, 0.5, 1.0, 3.0] {
+            assert!((linear(encoded(share)) - share).abs() < 1e-5, "{share}");
+        }
+    }
 
     fn triangle() -> Surface {
         Surface {

@@ -7,14 +7,14 @@ use super::Accessors;
 use crate::Fault;
 
 #[derive(Deserialize)]
-pub(super) struct Sampler {
+pub(in crate::gltf) struct Sampler {
     input: usize,
     output: usize,
     #[serde(default)]
     interpolation: Interpolation,
 }
 
-#[derive(Clone, Copy, Default, PartialEq, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Deserialize)]
 #[serde(rename_all = "UPPERCASE")]
 enum Interpolation {
     Step,
@@ -25,7 +25,7 @@ enum Interpolation {
 
 /// Which property.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) enum Path {
+pub(crate) enum Path {
     Translation,
     Rotation,
     Scale,
@@ -33,7 +33,7 @@ pub(super) enum Path {
 
 impl Path {
     /// `None` for what moves no node.
-    pub(super) fn of(name: &str) -> Option<Self> {
+    pub(in crate::gltf) fn of(name: &str) -> Option<Self> {
         Some(match name {
             "translation" => Self::Translation,
             "rotation" => Self::Rotation,
@@ -44,7 +44,8 @@ impl Path {
 }
 
 /// Keys, and how to go from one to the next.
-pub(super) struct Track {
+#[derive(Debug)]
+pub(crate) struct Track {
     path: Path,
     interpolation: Interpolation,
     /// Rising, at least one.
@@ -55,13 +56,17 @@ pub(super) struct Track {
 }
 
 /// What is wrong with a track: an accessor, or the keys.
-pub(super) enum Wrong {
+pub(in crate::gltf) enum Wrong {
     Accessor(Fault),
     Keys(&'static str),
 }
 
 impl Wrong {
-    pub(super) fn either<T>(self, accessor: impl FnOnce(Fault) -> T, keys: impl FnOnce(&'static str) -> T) -> T {
+    pub(in crate::gltf) fn either<T>(
+        self,
+        accessor: impl FnOnce(Fault) -> T,
+        keys: impl FnOnce(&'static str) -> T,
+    ) -> T {
         match self {
             Self::Accessor(fault) => accessor(fault),
             Self::Keys(what) => keys(what),
@@ -70,9 +75,7 @@ impl Wrong {
 }
 
 impl Track {
-    pub(super) fn read(sampler: &Sampler, path: Path, accessors: &Accessors<'_>) -> Result<Self, Wrong> {
-        let times = accessors.times(sampler.input).map_err(Wrong::Accessor)?;
-        let times: Vec<f64> = times.into_iter().map(f64::from).collect();
+    pub(in crate::gltf) fn read(sampler: &Sampler, path: Path, accessors: &Accessors<'_>) -> Result<Self, Wrong> {
         let four = |v: [f32; 4]| DVec4::from_array(v.map(f64::from));
         let values: Vec<DVec4> = match path {
             Path::Rotation => accessors.rotations(sampler.output).map(|all| all.into_iter().map(four).collect()),
@@ -81,7 +84,35 @@ impl Track {
                 .map(|all| all.into_iter().map(|[x, y, z]| four([x, y, z, 0.0])).collect()),
         }
         .map_err(Wrong::Accessor)?;
-        let (interpolation, each) = match sampler.interpolation {
+        let times = accessors.times(sampler.input).map_err(Wrong::Accessor)?;
+        Self::new(sampler.interpolation, path, times, values)
+    }
+
+    /// The weights of so many shapes: a track of one number for each.
+    #[cfg(feature = "fbx")]
+    pub(in crate::gltf) fn of_shapes(
+        sampler: &Sampler,
+        shapes: usize,
+        accessors: &Accessors<'_>,
+    ) -> Result<Vec<Self>, Wrong> {
+        let times = accessors.times(sampler.input).map_err(Wrong::Accessor)?;
+        let weights = accessors.shares(sampler.output).map_err(Wrong::Accessor)?;
+        if !weights.len().is_multiple_of(shapes) {
+            return Err(Wrong::Keys("has another number of values than of keys and shapes"));
+        }
+        let of_shape = |shape: usize| {
+            let own = weights.iter().skip(shape).step_by(shapes);
+            // A number goes from key to key as a place does.
+            let own = own.map(|&weight| DVec4::new(weight.into(), 0.0, 0.0, 0.0)).collect();
+            Self::new(sampler.interpolation, Path::Translation, times.clone(), own)
+        };
+        (0..shapes).map(of_shape).collect()
+    }
+
+    /// Checks the keys.
+    fn new(interpolation: Interpolation, path: Path, times: Vec<f32>, values: Vec<DVec4>) -> Result<Self, Wrong> {
+        let times: Vec<f64> = times.into_iter().map(f64::from).collect();
+        let (interpolation, each) = match interpolation {
             Interpolation::CubicSpline => (Interpolation::CubicSpline, 3),
             other => (other, 1),
         };
@@ -98,7 +129,26 @@ impl Track {
         Ok(Self { path, interpolation, times, values })
     }
 
-    pub(super) fn path(&self) -> Path {
+    /// Of each key, rising.
+    #[cfg(feature = "fbx")]
+    pub(crate) fn times(&self) -> &[f64] {
+        &self.times
+    }
+
+    /// Whether values stay until the next key.
+    #[cfg(feature = "fbx")]
+    pub(crate) fn is_stepped(&self) -> bool {
+        self.interpolation == Interpolation::Step
+    }
+
+    /// Whether the numbers go from key to key in a straight line, or stay.
+    #[cfg(feature = "fbx")]
+    pub(crate) fn is_straight(&self) -> bool {
+        let is_line = self.interpolation == Interpolation::Linear && self.path != Path::Rotation;
+        is_line || self.is_stepped()
+    }
+
+    pub(crate) fn path(&self) -> Path {
         self.path
     }
 
@@ -113,7 +163,7 @@ impl Track {
     }
 
     /// The value at a time; before the first and after the last key theirs.
-    pub(super) fn at(&self, time: f64) -> [f64; 4] {
+    pub(crate) fn at(&self, time: f64) -> [f64; 4] {
         let next = self.times.partition_point(|t| *t <= time);
         let value = if next == 0 || next == self.times.len() || self.interpolation == Interpolation::Step {
             self.key(next.saturating_sub(1))
