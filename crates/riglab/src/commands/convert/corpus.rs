@@ -44,7 +44,7 @@ pub fn into(corpus: &Corpus, args: &Args, target: Target) -> Result<ExitCode> {
             store(&asset, bare, &path, target, args)?;
             let steps = path.strip_prefix(&args.out).unwrap_or(&path).iter().map(|step| step.to_string_lossy());
             told.add(&steps.collect::<Vec<_>>().join("/"), split, &asset.provenance);
-            lost = lost.with_asset(&asset, target);
+            lost = std::mem::take(&mut lost).with_asset(&asset, target);
             Ok(())
         });
         match stored {

@@ -17,7 +17,7 @@ use riglab_report::counted;
 /// What the files have that were written so far, beside skeleton, mesh and weights.
 ///
 /// What a format lacks of these three, as joint names, it tells itself.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Debug, Default)]
 pub struct Lost {
     files: usize,
     /// Those whose meshes became one, and how many they had.
@@ -35,9 +35,20 @@ pub struct Lost {
     lights: usize,
     variants: usize,
     extras: usize,
+    /// Of files that were written as FBX with their documents.
+    #[cfg(feature = "fbx")]
+    of_documents: riglab_asset::FbxLeft,
 }
 
 impl Lost {
+    /// And what an FBX does not hold of a document.
+    #[cfg(feature = "fbx")]
+    pub fn with_document(mut self, left: riglab_asset::FbxLeft) -> Self {
+        self.files += 1;
+        self.of_documents.add(left);
+        self
+    }
+
     /// And of a file that is written by its rig alone, without its document.
     pub fn with(mut self, imported: &Imported, target: Target) -> Self {
         self.files += 1;
@@ -125,6 +136,8 @@ impl Lost {
         ];
         let mut lost: Vec<String> = kinds.iter().filter(|(n, _)| *n > 0).map(|(n, what)| counted(*n, what)).collect();
         lost.extend((self.extras > 0).then(|| format!("{} with extras", counted(self.extras, "object"))));
+        #[cfg(feature = "fbx")]
+        lost.extend(self.of_documents.parts());
         let mut lines = Vec::new();
         if let Some((last, others)) = lost.split_last() {
             let all = if others.is_empty() { last.clone() } else { format!("{} and {last}", others.join(", ")) };

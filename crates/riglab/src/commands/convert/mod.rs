@@ -35,7 +35,8 @@ use riglab_report::counted;
 /// which; npz, txt and a corpus' h5 need --to. A folder or a file of several assets goes into a folder, a file an
 /// asset, or into one file of a format that holds several. Z up becomes Y up and back by the formats.
 /// glTF and VRM become a GLB with all they had: materials, pictures, morph targets, motions, extensions.
-/// An FBX holds mesh, skeleton and weights alone: no materials, texture coordinates, normals or motions.
+/// Into an FBX go nodes, meshes, weights, materials with their pictures, morph targets and motions of a glTF, VRM or FBX; of
+/// other formats and of corpora mesh, skeleton and weights.
 /// Anything a format cannot hold is reported on standard error, and so are coordinates beyond what the format's own loaders
 /// expect (see --fit). A corpus is written as its assets; a manifest.json and a split.json beside them, where none are yet, say
 /// what it knows of sources, licences, authors, categories and splits, and so they do beside one file that a folder with such
@@ -283,7 +284,7 @@ fn together(
                 warn(imported);
                 if imported.rig().is_some() {
                     tell_place(imported);
-                    lost = lost.with(imported, target);
+                    lost = std::mem::take(&mut lost).with(imported, target);
                 }
             }
             let placed = imported.and_then(Imported::into_asset).map(|asset| args.placed(asset, target));
@@ -366,7 +367,11 @@ fn store(
     if target == Target::GLB {
         return store_glb(&imported, out, args, lost);
     }
-    let with = lost.with(&imported, target);
+    #[cfg(feature = "fbx")]
+    if target == Target::FBX && (keeps_looks(&imported) || imported.rig().is_none()) {
+        return store_fbx(&imported, out, args, lost);
+    }
+    let with = lost.clone().with(&imported, target);
     tell_place(&imported);
     match &imported.content {
         Content::Bare(mesh) if target == Target::OBJ => write_mesh(mesh, out)?,
@@ -383,6 +388,37 @@ fn store(
 
 /// With all that its document has, where there is one.
 fn store_glb(imported: &Imported, out: &Path, args: &Args, lost: &mut Lost) -> Result<()> {
+    let source = &imported.provenance.source;
+    let bytes = whole(imported, args)?;
+    if out.extension().is_some_and(|of| of.eq_ignore_ascii_case("vrm")) && !holds_vrm(&bytes) {
+        tell!("note: {source}: {} is a plain GLB, as there is no data of VRM in it", out.display());
+    }
+    export::write(out, &bytes).with_context(|| format!("{}", out.display()))?;
+    // A bare model keeps its looks, too.
+    if !keeps_looks(imported) && imported.rig().is_some() {
+        *lost = std::mem::take(lost).with(imported, Target::GLB);
+    }
+    Ok(())
+}
+
+/// The same as FBX.
+#[cfg(feature = "fbx")]
+fn store_fbx(imported: &Imported, out: &Path, args: &Args, lost: &mut Lost) -> Result<()> {
+    let source = &imported.provenance.source;
+    let file = riglab_asset::glb_to_fbx(&whole(imported, args)?).with_context(|| source.clone())?;
+    export::write(out, &file.bytes).with_context(|| format!("{}", out.display()))?;
+    *lost = std::mem::take(lost).with_document(file.left);
+    Ok(())
+}
+
+/// Whether a file's materials, pictures and motions come along with its rig.
+fn keeps_looks(imported: &Imported) -> bool {
+    let source = &imported.provenance.source;
+    is_gltf(Path::new(source)) || is_fbx(source)
+}
+
+/// A file as a GLB with all that it has; what is not in it is told.
+fn whole(imported: &Imported, args: &Args) -> Result<Vec<u8>> {
     let source = &imported.provenance.source;
     let document = is_gltf(Path::new(source));
     // A choice among one is none.
@@ -410,18 +446,8 @@ fn store_glb(imported: &Imported, out: &Path, args: &Args, lost: &mut Lost) -> R
         None if document => export::strip(source, &ImportOptions::default())?,
         None => bare(source)?,
     };
-    if out.extension().is_some_and(|of| of.eq_ignore_ascii_case("vrm")) && !holds_vrm(&exported.bytes) {
-        tell!("note: {source}: {} is a plain GLB, as there is no data of VRM in it", out.display());
-    }
-    for note in &exported.notes {
-        tell!("note: {source}: {note}");
-    }
-    export::write(out, &exported.bytes).with_context(|| format!("{}", out.display()))?;
-    // A bare model keeps its looks, and so does an FBX.
-    if !document && !is_fbx(source) && imported.rig().is_some() {
-        *lost = lost.with(imported, Target::GLB);
-    }
-    Ok(())
+    exported.notes.iter().for_each(|note| tell!("note: {source}: {note}"));
+    Ok(exported.bytes)
 }
 
 pub fn is_fbx(source: &str) -> bool {
