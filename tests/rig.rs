@@ -315,7 +315,7 @@ fn what_cannot_be_rigged_is_told() {
         (vec!["rig", text(&path("cut.stl")), "-o", text(&out)], "cut.stl: cannot be read as STL"),
         (vec!["rig", text(&path("none.glb")), "-o", text(&out)], "none.glb"),
         (vec!["rig", text(&bare), "-o", text(&bare)], "never changed"),
-        (vec!["rig", text(&bare), "-o", "out.fbx"], "only GLB"),
+        (vec!["rig", text(&bare), "-o", "out.npz"], "only GLB"),
         (vec!["skin", text(&bare), "-o", text(&out)], "no skeleton to keep"),
         (vec!["rig", text(&bare), "-o", text(&out), "--template", "cat"], "there is no template `cat`"),
         (

@@ -24,8 +24,8 @@ use riglab_report::shell::command;
 
 /// Rig a model: a skeleton and skin weights for a mesh.
 ///
-/// Reads GLB, glTF, VRM, FBX, OBJ, PLY and STL, and writes a GLB: meshes, materials, textures, transforms and names stay; an
-/// armature, a skin and weights are added. A rig that the file already has is removed first. The network used is the small
+/// Reads GLB, glTF, VRM, FBX, OBJ, PLY and STL, and writes a GLB, or an FBX if OUT ends so: meshes, materials, textures,
+/// transforms and names stay; an armature, a skin and weights are added. A rig that the file already has is removed first. The network used is the small
 /// one that comes with riglab, or another (--checkpoint). The input is never changed.
 #[derive(clap::Args)]
 #[command(after_help = "\
@@ -89,7 +89,7 @@ pub struct SkinArgs {
 struct Common {
     /// A model, or a folder of models, subfolders included.
     input: PathBuf,
-    /// The GLB to write (or a VRM, if the input is one); a folder, if the input is one.
+    /// The GLB or FBX to write (or a VRM, if the input is one); a folder, for GLBs, if the input is one.
     #[arg(long, short, value_name = "OUT")]
     out: PathBuf,
     /// The network: a run's folder (its best checkpoint is used), the folder of one checkpoint (RUN/checkpoints/last), or a
@@ -257,8 +257,8 @@ fn run(args: &Common, bones: &Bones, weights: Option<&Path>, threads: usize) -> 
     }
     let (jobs, mut skipped) = jobs(&args.input, &args.out)?;
     let (there, jobs): (Vec<_>, Vec<_>) =
-        jobs.into_iter().partition(|(_, to)| args.skip_existing && Written::Glb.is_at(to));
-    jobs.iter().try_for_each(|(_, to)| args.overwrite.keep_others(to, Written::Glb))?;
+        jobs.into_iter().partition(|(_, to)| args.skip_existing && written(to).is_at(to));
+    jobs.iter().try_for_each(|(_, to)| args.overwrite.keep_others(to, written(to)))?;
     skipped.extend(there.iter().map(|(from, to)| (from.clone(), format!("{} is there already", to.display()))));
     let into = if args.input.is_dir() { Some(args.out.as_path()) } else { jobs[0].1.parent() };
     let remedy = "give --out a place where you may write, or make this one so";
@@ -317,6 +317,21 @@ fn run(args: &Common, bones: &Bones, weights: Option<&Path>, threads: usize) -> 
 /// What is read and where each is written; and what below a folder cannot be looked at, with the reason.
 type Jobs = (Vec<(PathBuf, PathBuf)>, Vec<(PathBuf, String)>);
 
+/// Whether FBX is to be written.
+fn is_fbx(to: &Path) -> bool {
+    cfg!(feature = "fbx") && to.extension().is_some_and(|e| e.eq_ignore_ascii_case("fbx"))
+}
+
+/// What is written to a file, by its name.
+fn written(to: &Path) -> Written {
+    #[cfg(feature = "fbx")]
+    if is_fbx(to) {
+        return Written::Format(riglab_asset::Target::FBX);
+    }
+    let _ = to;
+    Written::Glb
+}
+
 fn jobs(input: &Path, out: &Path) -> Result<Jobs> {
     let same = |a: &Path, b: &Path| a.canonicalize().is_ok_and(|a| b.canonicalize().is_ok_and(|b| a == b));
     if !input.is_dir() {
@@ -325,10 +340,10 @@ fn jobs(input: &Path, out: &Path) -> Result<Jobs> {
         let to = if into { out.join(name) } else { out.to_path_buf() };
         let ends = |path: &Path, with: &str| path.extension().is_some_and(|e| e.eq_ignore_ascii_case(with));
         // A VRM is a GLB by another name.
-        if !(ends(&to, "glb") || ends(&to, "vrm") && ends(input, "vrm")) {
+        if !(ends(&to, "glb") || is_fbx(&to) || ends(&to, "vrm") && ends(input, "vrm")) {
             bail!(
-                "{}: only GLB is written, and VRM of a VRM; name it .glb (`riglab convert` then makes other formats of \
-                 it; an FBX of its holds mesh, skeleton and weights, no materials or pictures)",
+                "{}: only GLB and FBX are written, and VRM of a VRM; name it .glb (`riglab convert` then makes other formats \
+                 of it)",
                 to.display()
             );
         }
@@ -436,7 +451,7 @@ mod tests {
         assert!(to == ["a.glb", "a.glb.glb", "sub/b.glb"] || to == ["a.glb", "a.obj.glb", "sub/b.glb"], "{to:?}");
         let a = dir.path().join("a.glb");
         assert!(jobs(&a, &a).unwrap_err().to_string().contains("never changed"));
-        assert!(jobs(&a, &dir.path().join("a.fbx")).unwrap_err().to_string().contains("only GLB"));
+        assert!(jobs(&a, &dir.path().join("a.npz")).unwrap_err().to_string().contains("only GLB"));
         assert_eq!(jobs(&dir.path().join("a.obj"), dir.path()).unwrap().0[0].1, a);
         let (avatar, again) = (dir.path().join("a.vrm"), dir.path().join("again.vrm"));
         assert_eq!(jobs(&avatar, &again).unwrap().0[0].1, again);

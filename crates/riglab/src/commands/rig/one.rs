@@ -176,6 +176,10 @@ pub fn rig(args: &Common, bones: &Bones, model: &Model, from: &Path, to: &Path) 
     }
     let preview = if args.preview { Some(preview(&exported.bytes, from)?) } else { None };
     let bytes = preview.as_ref().unwrap_or(&exported.bytes);
+    #[cfg(feature = "fbx")]
+    let fbx = if super::is_fbx(to) { Some(as_fbx(bytes, from, &mut notes)?) } else { None };
+    #[cfg(feature = "fbx")]
+    let bytes = fbx.as_ref().unwrap_or(bytes);
     make_folder_of(to).with_context(about)?;
     export::write(to, bytes).with_context(|| format!("{} cannot be written", to.display()))?;
     let mesh = rig.mesh();
@@ -324,6 +328,16 @@ fn taken(
     let parts = Rewards::PARTS.iter().zip(r.parts());
     let parts: Vec<String> = parts.map(|(part, r)| format!("{} {} {r:.3}", part.name, part.symbol)).collect();
     format!("{which} by rewards: R = {:.3} of {most}{others}; {}", r.total, parts.join(", "))
+}
+
+/// A GLB as FBX; what that does not hold is told.
+#[cfg(feature = "fbx")]
+fn as_fbx(glb: &[u8], from: &Path, notes: &mut Vec<String>) -> Result<Vec<u8>> {
+    let made = riglab_asset::glb_to_fbx(glb).with_context(|| from.display().to_string())?;
+    if let Some(note) = made.left.note() {
+        noted(from, notes, note);
+    }
+    Ok(made.bytes)
 }
 
 /// With the motion that bends every joint.
