@@ -7,7 +7,7 @@ use riglab_nn::grpo::{
 };
 use riglab_nn::optim::Optimizer;
 use riglab_nn::params::Weights;
-use riglab_nn::tokenrig::{Asked, Sequences, TokenRig};
+use riglab_nn::tokenrig::{NextTokens, Sequences, TokenRig};
 use riglab_tests::{Golden, golden, optimizer, sizes, started, tiny_tokenrig};
 use tch::{Kind, Tensor};
 
@@ -91,7 +91,7 @@ fn scored(net: &TokenRig, w: &Weights, prefix: &Tensor, ids: &[Vec<i64>], prompt
     let hidden = net.forward(w, &prefix, &Sequences { ids: &flat, lengths: &lengths, told: None }, false);
     let targets: Vec<i64> = ids.iter().flat_map(|s| &s[1..]).copied().collect();
     let targets = Tensor::from_slice(&targets);
-    let asked = Asked { hidden: &hidden, targets: &targets, bins: 256, spread: 0.0 };
+    let asked = NextTokens { hidden: &hidden, targets: &targets, bins: 256, spread: 0.0 };
     let likely = net.likelihood(w, &asked, None, 1.0).log;
     // The prompt is not scored.
     let skip = prompt as i64 - 1;

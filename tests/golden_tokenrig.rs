@@ -9,7 +9,7 @@ use riglab_nn::generate::{GenerateConfig, Grammar, argmax, beams, best, process,
 use riglab_nn::layers::{HeadSplit, Linear, RmsNorm};
 use riglab_nn::optim::Optimizer;
 use riglab_nn::params::{Builder, Role};
-use riglab_nn::tokenrig::{Asked, Layout, Reader, Sequences};
+use riglab_nn::tokenrig::{Layout, NextTokens, Reader, Sequences};
 use riglab_task::tokenrig::LossConfig;
 use riglab_tests::{Golden, golden, optimizer, sizes, started, tiny_tokenrig};
 use riglab_token::{Mask, Preset, RigGrammar, SkinIds, SkinRule, Tokenizer, Walk};
@@ -126,7 +126,7 @@ fn forward(case: &Golden) {
         let last = shapes.view([b, p, d]).select(1, p - 1);
         case.check("out.logits_prefix_last", &net.decoder().logits(w, &last));
     }
-    let parts = net.losses(w, &Asked { hidden: &hidden, targets: &targets, bins: 256, spread: 0.0 });
+    let parts = net.losses(w, &NextTokens { hidden: &hidden, targets: &targets, bins: 256, spread: 0.0 });
     let count = (parts.skeleton_tokens + parts.skin_tokens) as f64;
     let loss = (&parts.skeleton + &parts.skin) / count;
     case.check("out.loss", &loss);
@@ -167,7 +167,7 @@ fn train(case: &Golden, start: &Golden) {
     for step in 0..steps {
         let given = Sequences { ids: &ids, lengths: &lengths, told: None };
         let hidden = net.forward(w, &prefix, &given, true);
-        let parts = net.losses(w, &Asked { hidden: &hidden, targets: &targets, bins: 256, spread: 0.0 });
+        let parts = net.losses(w, &NextTokens { hidden: &hidden, targets: &targets, bins: 256, spread: 0.0 });
         let loss = (parts.skeleton + parts.skin) / (parts.skeleton_tokens + parts.skin_tokens) as f64;
         losses.push(loss.detach());
         if step + 1 < steps {

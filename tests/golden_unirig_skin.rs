@@ -11,8 +11,8 @@ use riglab_nn::skin_stage::ptv3::{
     Curve, Layout, Norm, Patches, Places, Pool, Pooled, Ptv3, Ptv3Config, Reduce, SubmConv, TapTensors, Taps, Unpool,
 };
 use riglab_nn::skin_stage::{
-    ATTRIBUTE_SCALE, BoneConfig, PointConfig, PointEncoder, Read, Seen, SkinModel, SkinModelConfig, masked, shares,
-    with_children,
+    ATTRIBUTE_SCALE, BoneConfig, BoneInput, EncodedRig, PointConfig, PointEncoder, SkinModel, SkinModelConfig, masked,
+    shares, with_children,
 };
 use riglab_tests::{Golden, golden};
 use tch::{Device, Kind, Tensor};
@@ -301,7 +301,7 @@ fn model(case: &Golden) -> (SkinModel, Params) {
         pair_width: 0,
         shape,
         bones: BoneConfig {
-            seen: Seen::Joint,
+            seen: BoneInput::Joint,
             from_corner: true,
             frequencies,
             embed: of("bone_embed_dim"),
@@ -445,7 +445,7 @@ fn losses(case: &Golden, params: &Params, trained: &Tensor, truth: &Tensor, plac
 }
 
 /// Weights where the model is used: with the mask, rig by rig and bit by bit.
-fn evaluated(case: &Golden, net: &SkinModel, w: &Weights, read: &Read, points: &Tensor, unmasked: &Tensor) {
+fn evaluated(case: &Golden, net: &SkinModel, w: &Weights, read: &EncodedRig, points: &Tensor, unmasked: &Tensor) {
     let (voxel, counts) = (case.get("in.voxel_skin"), ints(&case.get("in.num_bones")));
     let parents = ints(&case.get("in.parents"));
     let (rigs, bones) = (counts.len(), voxel.size()[2]);
@@ -462,7 +462,7 @@ fn evaluated(case: &Golden, net: &SkinModel, w: &Weights, read: &Read, points: &
     case.check_if_there("out.skin_eval", &weights);
     for (b, &count) in counts.iter().enumerate().filter(|(_, c)| **c == bones) {
         let one = |t: &Tensor| t.narrow(0, b as i64, 1);
-        let own = Read {
+        let own = EncodedRig {
             shape: one(&read.shape),
             embedded: one(&read.embedded),
             bones: one(&read.bones),

@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::Category;
 use crate::config::{CurateConfig, SplitBy};
-use crate::judge::{CATEGORY, DECISION, Judged};
+use crate::judge::{CATEGORY, DECISION, Judgement};
 use crate::label::Labels;
 use crate::record::{READ, Record};
 use crate::stages::StageName;
@@ -102,7 +102,13 @@ pub struct Agreement {
 
 impl Funnel {
     /// Counts.
-    pub fn of(records: &[Record], judged: &Judged, labels: Labels, splits: &[String], config: &CurateConfig) -> Self {
+    pub fn of(
+        records: &[Record],
+        judged: &Judgement,
+        labels: Labels,
+        splits: &[String],
+        config: &CurateConfig,
+    ) -> Self {
         let names = [READ, DECISION]
             .into_iter()
             .chain(config.stages.iter().filter(|s| **s != StageName::Duplicates).map(|s| s.name()))
@@ -161,7 +167,7 @@ impl Funnel {
     }
 }
 
-fn statistics(records: &[Record], judged: &Judged, kept: &[usize]) -> Vec<Row> {
+fn statistics(records: &[Record], judged: &Judgement, kept: &[usize]) -> Vec<Row> {
     let label = |i: usize| judged.labels.get(&records[i].name).map(|l| l.category);
     let row = |name: &str, of: Option<Category>| {
         let facts: Vec<_> = kept

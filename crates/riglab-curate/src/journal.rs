@@ -77,7 +77,7 @@ pub struct Journal {
 
 /// What a journal holds.
 #[derive(Default)]
-pub struct Held {
+pub struct JournalContent {
     /// Files that are done, with their records.
     pub done: HashMap<String, (Stamp, Vec<Record>)>,
     /// Records of files that are not: some of many assets, broken off.
@@ -91,7 +91,7 @@ impl Journal {
     ///
     /// # Errors
     /// When it cannot be read or written, or another run has it.
-    pub fn open(path: &Path, config: &CurateConfig) -> Result<(Self, Held), CurateError> {
+    pub fn open(path: &Path, config: &CurateConfig) -> Result<(Self, JournalContent), CurateError> {
         let mut file = OpenOptions::new()
             .read(true)
             .write(true)
@@ -108,7 +108,7 @@ impl Journal {
         file.set_len(sound).and_then(|()| file.seek(SeekFrom::End(0))).map_err(|e| CurateError::write(path, &e))?;
         let mut journal = Self { path: path.into(), file, appended: 0 };
         if sound == 0 {
-            held = Held { of_another: held.of_another, ..Held::default() };
+            held = JournalContent { of_another: held.of_another, ..JournalContent::default() };
             journal.append(&[Line::Head { version: VERSION, config: key }])?;
         }
         Ok((journal, held))
@@ -221,8 +221,8 @@ fn line(line: &Line) -> String {
 }
 
 /// What is held, and how many bytes of it are sound: 0 for a journal of another config.
-fn read(file: &mut File, key: Option<&str>) -> std::io::Result<(Held, u64)> {
-    let mut held = Held::default();
+fn read(file: &mut File, key: Option<&str>) -> std::io::Result<(JournalContent, u64)> {
+    let mut held = JournalContent::default();
     let mut reader = BufReader::new(file);
     let mut line = Vec::new();
     let mut sound = 0;

@@ -47,7 +47,7 @@ impl By {
 }
 
 /// What became of each record, by its number.
-pub struct Judged {
+pub struct Judgement {
     /// The stage that dropped it and why; `None` for what is kept.
     pub dropped: Vec<Option<(String, String)>>,
     /// Decisions about it.
@@ -74,7 +74,7 @@ pub struct Label {
 }
 
 /// Judges records, which are in order of their names.
-pub fn judge(records: &[Record], decisions: &Decisions, config: &CurateConfig) -> Judged {
+pub fn judge(records: &[Record], decisions: &Decisions, config: &CurateConfig) -> Judgement {
     judge_part(records, decisions, config, |_| true)
 }
 
@@ -84,7 +84,7 @@ pub(crate) fn judge_part(
     decisions: &Decisions,
     config: &CurateConfig,
     is_of_it: impl Fn(&str) -> bool,
-) -> Judged {
+) -> Judgement {
     let keys: Vec<(&str, &str)> = records.iter().map(|r| (r.name.as_str(), r.digest())).collect();
     let (found, told) = decisions.applied_to_part(&keys, is_of_it);
     let decided = |i: usize| found.get(&i).map_or(Verdict::Open, |(d, _)| d.verdict);
@@ -122,10 +122,10 @@ pub(crate) fn judge_part(
         }
     }
     let decisions = found.into_iter().map(|(i, (d, how))| (i, (d.clone(), how))).collect();
-    Judged { dropped, decisions, told, duplicates, labels: HashMap::new() }
+    Judgement { dropped, decisions, told, duplicates, labels: HashMap::new() }
 }
 
-impl Judged {
+impl Judgement {
     /// The numbers of what is kept.
     pub fn kept(&self) -> impl Iterator<Item = usize> + '_ {
         (0..self.dropped.len()).filter(|&i| self.dropped[i].is_none())

@@ -6,7 +6,7 @@ use riglab_core::{Asset, Rig};
 use serde::{Deserialize, Serialize};
 
 use crate::config::{CurateConfig, Labeller};
-use crate::judge::{By, CATEGORY, Judged, Label};
+use crate::judge::{By, CATEGORY, Judgement, Label};
 use crate::record::Record;
 use crate::vlm::{Asker, VlmReport};
 use crate::{Category, CurateError};
@@ -24,7 +24,7 @@ pub struct Labels {
 /// a chunk at a time.
 pub fn label(
     records: &[Record],
-    judged: &mut Judged,
+    judged: &mut Judgement,
     config: &CurateConfig,
     work: &Path,
     read: impl Fn(&[&Record], &mut dyn FnMut(Vec<Asset>) -> Result<(), CurateError>) -> Result<(), CurateError>,

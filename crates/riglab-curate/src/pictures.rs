@@ -6,7 +6,7 @@ use riglab_core::Asset;
 use riglab_render::{Picture, Theme, View, contact_sheet, render_skeleton};
 
 use crate::config::ReportConfig;
-use crate::judge::Judged;
+use crate::judge::Judgement;
 use crate::record::{READ, Record};
 
 /// Pictures by the group they belong to.
@@ -21,7 +21,7 @@ pub struct Pictures {
 
 impl Pictures {
     /// Chooses which assets to draw: as if at random, but always the same.
-    pub fn choose(records: &[Record], judged: &Judged, config: &ReportConfig) -> Self {
+    pub fn choose(records: &[Record], judged: &Judgement, config: &ReportConfig) -> Self {
         let mut order: Vec<usize> = (0..records.len()).filter(|&i| records[i].facts.is_some()).collect();
         order.sort_by_cached_key(|&i| *blake3::hash(records[i].name.as_bytes()).as_bytes());
         let (mut wanted, mut captions) = (HashMap::new(), HashMap::new());

@@ -27,16 +27,16 @@ pub struct Folder {
 }
 
 /// An asset as read.
-pub struct Read {
+pub struct ReadAsset {
     /// The asset, under its name in the folder.
     pub asset: Asset,
     /// What only the file shows.
-    pub seen: Seen,
+    pub seen: ImportFindings,
 }
 
 /// What the importer saw.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Seen {
+pub struct ImportFindings {
     /// Skeletons that no skin connects.
     pub skeletons: usize,
     /// Roots of the largest number of trees under one skin.
@@ -58,9 +58,9 @@ pub struct Seen {
 }
 
 /// What came of reading.
-pub enum Found {
+pub enum ReadOutcome {
     /// An asset.
-    Asset(Box<Read>),
+    Asset(Box<ReadAsset>),
     /// No asset: its name, and why.
     Refused(String, String),
 }
@@ -159,12 +159,12 @@ impl Folder {
 
     /// Reads a file's assets one at a time. A file of one asset gives its name to it; those of a file of
     /// several are called by it and their own: `set.npz#name`.
-    pub fn each(&self, file: &Path, mut each: impl FnMut(Found) -> ControlFlow<()>) {
+    pub fn each(&self, file: &Path, mut each: impl FnMut(ReadOutcome) -> ControlFlow<()>) {
         let own = self.name(file);
         let several = match count_assets(file) {
             Ok(count) => count > 1,
             Err(e) => {
-                let _ = each(Found::Refused(own, self.sentence(&e.to_string())));
+                let _ = each(ReadOutcome::Refused(own, self.sentence(&e.to_string())));
                 return;
             }
         };
@@ -176,12 +176,12 @@ impl Folder {
                     let name = if parted { format!("{own}#{}", imported.name) } else { own.clone() };
                     self.read(imported, &name, &own, file)
                 }
-                Err(e) => Found::Refused(own.clone(), self.sentence(&e.to_string())),
+                Err(e) => ReadOutcome::Refused(own.clone(), self.sentence(&e.to_string())),
             })
         });
     }
 
-    fn read(&self, imported: Imported, name: &str, file: &str, path: &Path) -> Found {
+    fn read(&self, imported: Imported, name: &str, file: &str, path: &Path) -> ReadOutcome {
         let seen = seen(&imported);
         match imported.into_asset() {
             Ok(mut asset) => {
@@ -190,9 +190,9 @@ impl Folder {
                 // The place of the folder is no property of the asset.
                 asset.provenance.source = self.sentence(&asset.provenance.source);
                 asset.name = name.into();
-                Found::Asset(Box::new(Read { asset, seen }))
+                ReadOutcome::Asset(Box::new(ReadAsset { asset, seen }))
             }
-            Err(e) => Found::Refused(name.into(), self.sentence(&e.to_string())),
+            Err(e) => ReadOutcome::Refused(name.into(), self.sentence(&e.to_string())),
         }
     }
 
@@ -204,16 +204,16 @@ impl Folder {
     }
 }
 
-fn seen(imported: &Imported) -> Seen {
+fn seen(imported: &Imported) -> ImportFindings {
     let reading = &imported.reading;
     let nodes: BTreeSet<usize> = reading.parts.iter().map(|p| p.node).collect();
-    let mut seen = Seen {
+    let mut seen = ImportFindings {
         skeletons: reading.skeletons(),
         roots: 1,
         parts: nodes.len(),
         warnings: reading.warnings.len(),
         vrm: reading.body.vrm,
-        ..Seen::default()
+        ..ImportFindings::default()
     };
     for warning in &reading.warnings {
         match warning {

@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 use crate::Category;
 use crate::categories::{Guess, by_rules};
 use crate::config::CurateConfig;
-use crate::read::Read;
+use crate::read::ReadAsset;
 use crate::repair::repair;
 use crate::shape::Shape;
 use crate::stages::dropped;
@@ -65,7 +65,7 @@ impl Record {
     }
 
     /// Looks at an asset: repairs it, asks the stages, describes it.
-    pub fn of(mut read: Read, file: String, config: &CurateConfig) -> Self {
+    pub fn of(mut read: ReadAsset, file: String, config: &CurateConfig) -> Self {
         let name = read.asset.name.clone();
         let repairs = match repair(&mut read.asset, &config.repair) {
             Ok(repairs) => repairs.len(),

@@ -14,10 +14,10 @@ use crate::config::{CurateConfig, SplitBy};
 use crate::decisions::Decisions;
 use crate::funnel::Funnel;
 use crate::journal::{Journal, Stamp};
-use crate::judge::{Judged, judge_part};
+use crate::judge::{Judgement, judge_part};
 use crate::label::label;
 use crate::pictures::Pictures;
-use crate::read::{Folder, Found};
+use crate::read::{Folder, ReadOutcome};
 use crate::record::Record;
 use crate::shards::SHARD;
 use crate::source::Source;
@@ -208,7 +208,7 @@ fn look_at(
     let (mut done, mut taken_over) = (Ok(()), 0);
     files.each(path, |found| {
         let mut record = match found {
-            Found::Asset(read) => {
+            ReadOutcome::Asset(read) => {
                 let from = &read.asset.provenance;
                 let now = (&from.checksum, &from.source, &from.category);
                 let same =
@@ -223,7 +223,7 @@ fn look_at(
                     None => Record::of(*read, file.to_owned(), config),
                 }
             }
-            Found::Refused(name, reason) => Record::refused(name, file.to_owned(), reason),
+            ReadOutcome::Refused(name, reason) => Record::refused(name, file.to_owned(), reason),
         };
         // Refusals within a file share its name.
         while !names.insert(record.name.clone()) {
@@ -259,7 +259,7 @@ pub(crate) fn finish(
     tell("comparing", 0, records.len());
     // What other parts hold is theirs to tell.
     let own = |name: &str| shard.is_none_or(|shard| shard.has(name.split_once('#').map_or(name, |(file, _)| file)));
-    let mut judged: Judged = judge_part(records, &decisions, config, own);
+    let mut judged: Judgement = judge_part(records, &decisions, config, own);
     tell("comparing", records.len(), records.len());
     let labels = label(records, &mut judged, config, &places.work, |wanted, each| {
         let done = AtomicUsize::new(0);
@@ -337,7 +337,7 @@ fn keys(kept: &[&Record], config: &CurateConfig) -> Vec<(String, u64)> {
 fn write(
     source: &Source,
     kept: &[&Record],
-    judged: &Judged,
+    judged: &Judgement,
     splits: &[String],
     pictures: &mut Pictures,
     places: &Places,

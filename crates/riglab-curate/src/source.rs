@@ -9,7 +9,7 @@ use riglab_data::Corpus;
 
 use crate::CurateError;
 use crate::config::CurateConfig;
-use crate::read::{Folder, Found};
+use crate::read::{Folder, ReadOutcome};
 use crate::record::Record;
 use crate::repair::repair;
 
@@ -69,7 +69,7 @@ impl Source<'_> {
             Self::Folder(folder, config) => {
                 let again = |file: &str, names: &HashSet<&str>, give: &mut dyn FnMut(Asset) -> ControlFlow<()>| {
                     folder.each(&folder.path(file), |found| match found {
-                        Found::Asset(mut read) if names.contains(read.asset.name.as_str()) => {
+                        ReadOutcome::Asset(mut read) if names.contains(read.asset.name.as_str()) => {
                             // It was repaired before, so it can be.
                             let _ = repair(&mut read.asset, &config.repair);
                             give(read.asset)

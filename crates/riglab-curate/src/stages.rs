@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::config::CurateConfig;
 use crate::pieces::largest_gap;
-use crate::read::Seen;
+use crate::read::ImportFindings;
 
 /// A stage, by its name in the config.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
@@ -59,7 +59,7 @@ impl StageName {
 }
 
 /// The first stage that drops a rig, and why.
-pub fn dropped(rig: &Rig, seen: &Seen, config: &CurateConfig) -> Option<(StageName, String)> {
+pub fn dropped(rig: &Rig, seen: &ImportFindings, config: &CurateConfig) -> Option<(StageName, String)> {
     config.stages.iter().find_map(|&stage| {
         let fault = match stage {
             StageName::Bones => bones(rig, config),
@@ -81,7 +81,7 @@ fn bones(rig: &Rig, config: &CurateConfig) -> Option<String> {
     out_of_range(n, [c.min, c.max], "joint")
 }
 
-fn tree(seen: &Seen, config: &CurateConfig) -> Option<String> {
+fn tree(seen: &ImportFindings, config: &CurateConfig) -> Option<String> {
     let c = &config.tree;
     if seen.skeletons > c.skeletons {
         return Some(format!("it holds {} separate skeletons, at most {} are kept", seen.skeletons, c.skeletons));
@@ -89,7 +89,7 @@ fn tree(seen: &Seen, config: &CurateConfig) -> Option<String> {
     (seen.roots > c.roots).then(|| format!("its skeleton has {} roots, at most {} are kept", seen.roots, c.roots))
 }
 
-fn weights(rig: &Rig, seen: &Seen, config: &CurateConfig) -> Option<String> {
+fn weights(rig: &Rig, seen: &ImportFindings, config: &CurateConfig) -> Option<String> {
     let c = &config.weights;
     let carrying = rig.skinned_joints(0.0).len();
     if carrying < c.joints {
@@ -116,7 +116,7 @@ fn size(rig: &Rig, config: &CurateConfig) -> Option<String> {
     out_of_range(vertices, c.vertices, "vertex").or_else(|| out_of_range(triangles, c.triangles, "triangle"))
 }
 
-fn objects(rig: &Rig, seen: &Seen, config: &CurateConfig) -> Option<String> {
+fn objects(rig: &Rig, seen: &ImportFindings, config: &CurateConfig) -> Option<String> {
     let c = &config.objects;
     if seen.left_out > c.left_out {
         return Some(format!("{} unskinned meshes are beside the rig, {} are allowed", seen.left_out, c.left_out));
@@ -198,7 +198,7 @@ mod tests {
         Rig::new(Skeleton::new(joints.collect()).unwrap(), mesh.unwrap(), weights).unwrap()
     }
 
-    fn drops(rig: &Rig, seen: &Seen, change: fn(&mut CurateConfig)) -> Option<(StageName, String)> {
+    fn drops(rig: &Rig, seen: &ImportFindings, change: fn(&mut CurateConfig)) -> Option<(StageName, String)> {
         let mut config = CurateConfig::default();
         change(&mut config);
         config.validate().unwrap();
@@ -207,32 +207,38 @@ mod tests {
 
     #[test]
     fn each_stage_drops_what_it_is_for() {
-        let seen = Seen { skeletons: 1, roots: 1, parts: 1, ..Seen::default() };
+        let seen = ImportFindings { skeletons: 1, roots: 1, parts: 1, ..ImportFindings::default() };
         let (plain, far) = (rig(&[0.0, 0.5]), rig(&[0.0, 0.5, 90.0]));
-        type Case = (StageName, Rig, Seen, fn(&mut CurateConfig), &'static str);
+        type Case = (StageName, Rig, ImportFindings, fn(&mut CurateConfig), &'static str);
         let cases: [Case; 11] = [
             (StageName::Bones, plain.clone(), seen.clone(), |c| c.bones.min = 3, "2 joints, at least 3"),
             (StageName::Bones, plain.clone(), seen.clone(), |c| c.bones = BonesConfig { min: 1, max: 1 }, "at most 1"),
             (
                 StageName::Tree,
                 plain.clone(),
-                Seen { skeletons: 2, ..seen.clone() },
+                ImportFindings { skeletons: 2, ..seen.clone() },
                 |c| c.tree.skeletons = 1,
                 "2 separate",
             ),
-            (StageName::Tree, plain.clone(), Seen { roots: 5, ..seen.clone() }, |c| c.tree.roots = 4, "5 roots"),
+            (
+                StageName::Tree,
+                plain.clone(),
+                ImportFindings { roots: 5, ..seen.clone() },
+                |c| c.tree.roots = 4,
+                "5 roots",
+            ),
             (StageName::Weights, plain.clone(), seen.clone(), |c| c.weights.joints = 2, "1 of its joints"),
             (
                 StageName::Weights,
                 plain.clone(),
-                Seen { unweighted: 1, ..seen.clone() },
+                ImportFindings { unweighted: 1, ..seen.clone() },
                 |c| c.weights.unweighted = 0.1,
                 "25.0 %",
             ),
             (
                 StageName::Weights,
                 plain.clone(),
-                Seen { far: Some(4.0), ..seen.clone() },
+                ImportFindings { far: Some(4.0), ..seen.clone() },
                 |c| c.weights.far = true,
                 "4.0 times",
             ),
@@ -240,7 +246,7 @@ mod tests {
             (
                 StageName::Objects,
                 plain.clone(),
-                Seen { left_out: 3, ..seen.clone() },
+                ImportFindings { left_out: 3, ..seen.clone() },
                 |c| c.objects.left_out = 2,
                 "3 unskinned",
             ),
@@ -269,8 +275,8 @@ mod tests {
         };
         let mut config = CurateConfig::default();
         bad(&mut config);
-        assert_eq!(dropped(&rig(&[0.0]), &Seen::default(), &config).unwrap().0, StageName::Size);
+        assert_eq!(dropped(&rig(&[0.0]), &ImportFindings::default(), &config).unwrap().0, StageName::Size);
         config.stages.clear();
-        assert_eq!(dropped(&rig(&[0.0]), &Seen::default(), &config), None);
+        assert_eq!(dropped(&rig(&[0.0]), &ImportFindings::default(), &config), None);
     }
 }

@@ -143,13 +143,13 @@ pub fn read(path: &Path) -> Result<BTreeMap<String, Tensor>, NnError> {
 }
 
 /// Tensors by name, and the texts in a file's head.
-pub type Held = (BTreeMap<String, Tensor>, HashMap<String, String>);
+pub type TensorsAndTexts = (BTreeMap<String, Tensor>, HashMap<String, String>);
 
 /// All tensors of a safetensors file in memory, and the texts in its head.
 ///
 /// # Errors
 /// A sentence without a subject: what is wrong with it.
-pub fn from_bytes(bytes: &[u8]) -> Result<Held, String> {
+pub fn from_bytes(bytes: &[u8]) -> Result<TensorsAndTexts, String> {
     let (_, head) = SafeTensors::read_metadata(bytes).map_err(|e| no_file(&e))?;
     let tensors = SafeTensors::deserialize(bytes).map_err(|e| no_file(&e))?;
     let each = tensors

@@ -9,7 +9,7 @@ use riglab_nn::fsq_cvae::{FsqCvae, FsqCvaeConfig, SkinCloud};
 use riglab_nn::params::{Builder, Params, Weights};
 use riglab_nn::perceiver::PerceiverConfig;
 use riglab_nn::skeleton::{SkeletonModel, SkeletonModelConfig, cross_entropy};
-use riglab_nn::tokenrig::{Asked, Choices, Head, Layout, Sequences, TokenRig, TokenRigConfig};
+use riglab_nn::tokenrig::{Choices, Head, Layout, NextTokens, Sequences, TokenRig, TokenRigConfig};
 use tch::{Device, Kind, Tensor};
 
 /// libtorch's generator is the process's.
@@ -152,7 +152,7 @@ impl Rigs {
 
     fn loss(&self, w: &Weights) -> Tensor {
         let (hidden, targets) = self.asked(w);
-        let parts = self.net.losses(w, &Asked { hidden: &hidden, targets: &targets, bins: 256, spread: 0.8 });
+        let parts = self.net.losses(w, &NextTokens { hidden: &hidden, targets: &targets, bins: 256, spread: 0.8 });
         let [skeleton, skin] = parts.means();
         skeleton + skin
     }
@@ -165,7 +165,7 @@ impl Rigs {
         let (skeleton, empty) =
             (Tensor::ones([skeleton, 267], (Kind::Bool, Device::Cpu)), Tensor::zeros([8], (Kind::Bool, Device::Cpu)));
         let choices = grammar.then_some(Choices { skeleton: &skeleton, empty: &empty });
-        let asked = Asked { hidden: &hidden, targets: &targets, bins: 256, spread: 0.0 };
+        let asked = NextTokens { hidden: &hidden, targets: &targets, bins: 256, spread: 0.0 };
         let found = self.net.likelihood(w, &asked, choices.as_ref(), 0.7);
         [found.log, found.entropy]
     }

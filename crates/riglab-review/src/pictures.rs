@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
 
 use riglab_core::{Asset, Rig};
-use riglab_curate::{CurateConfig, Folder, Found, ImportConfig, repair};
+use riglab_curate::{CurateConfig, Folder, ImportConfig, ReadOutcome, repair};
 use riglab_data::Corpus;
 use riglab_render::{Picture, Theme, View, render_parts, render_skeleton};
 
@@ -140,7 +140,7 @@ impl Kept {
 fn read(folder: &Folder, file: &str, name: &str) -> Option<Asset> {
     let mut found = None;
     folder.each(&folder.path(file), |one| match one {
-        Found::Asset(read) if read.asset.name == name => {
+        ReadOutcome::Asset(read) if read.asset.name == name => {
             found = Some(read.asset);
             ControlFlow::Break(())
         }

@@ -460,10 +460,10 @@ fn display(path: &Path) -> String {
 /// What a task made of assets, kept up to a number of bytes; the oldest go first.
 pub struct Cache<T, K = AssetId> {
     limit: usize,
-    held: Mutex<Held<T, K>>,
+    held: Mutex<CacheState<T, K>>,
 }
 
-struct Held<T, K> {
+struct CacheState<T, K> {
     of: HashMap<K, (Arc<T>, usize)>,
     order: VecDeque<K>,
     bytes: usize,
@@ -472,7 +472,7 @@ struct Held<T, K> {
 impl<T, K: Copy + Eq + std::hash::Hash> Cache<T, K> {
     /// Empty.
     pub fn new(megabytes: usize) -> Self {
-        let held = Held { of: HashMap::new(), order: VecDeque::new(), bytes: 0 };
+        let held = CacheState { of: HashMap::new(), order: VecDeque::new(), bytes: 0 };
         Self { limit: megabytes << 20, held: Mutex::new(held) }
     }
 
@@ -501,7 +501,7 @@ impl<T, K: Copy + Eq + std::hash::Hash> Cache<T, K> {
         Ok(made)
     }
 
-    fn lock(&self) -> std::sync::MutexGuard<'_, Held<T, K>> {
+    fn lock(&self) -> std::sync::MutexGuard<'_, CacheState<T, K>> {
         // A thread that panicked while it held the lock left a whole map behind.
         self.held.lock().unwrap_or_else(std::sync::PoisonError::into_inner)
     }

@@ -6,7 +6,7 @@ use crate::assets::{AssetId, Assets, DataConfig};
 
 /// Assets that are evaluated and trained on.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Seen {
+pub struct SeenAssets {
     /// Their names, split by split, in corpus order.
     pub names: Vec<String>,
     /// The splits that have some.
@@ -18,13 +18,13 @@ pub struct Seen {
 ///
 /// # Errors
 /// A sentence: a corpus that cannot be read, or as [`Assets::training`].
-pub fn seen(data: &DataConfig, splits: &[String], trained: &DataConfig) -> Result<Seen, String> {
+pub fn seen(data: &DataConfig, splits: &[String], trained: &DataConfig) -> Result<SeenAssets, String> {
     let assets = Assets::open(&trained.corpora).map_err(|e| e.to_string())?;
     let ids: Vec<AssetId> = assets.training(trained)?.into_iter().flat_map(|(_, ids)| ids).collect();
     let marks = assets.marks(&ids).map_err(|e| e.to_string())?;
     let known: HashSet<String> = marks.into_iter().flat_map(|(_, marks)| marks).collect();
     let assets = Assets::open(&data.corpora).map_err(|e| e.to_string())?;
-    let mut found = Seen::default();
+    let mut found = SeenAssets::default();
     // A split may be both validated and tested on: its assets are there once.
     for (_, split) in splits.iter().enumerate().filter(|(k, split)| !splits[..*k].contains(split)) {
         let marks = assets.split(split).and_then(|ids| assets.marks(&ids)).map_err(|e| e.to_string())?;
@@ -39,7 +39,7 @@ pub fn seen(data: &DataConfig, splits: &[String], trained: &DataConfig) -> Resul
 }
 
 /// A sentence on such assets, for who trains or evaluates; `None` without any.
-pub fn warning(seen: &Seen) -> Option<String> {
+pub fn warning(seen: &SeenAssets) -> Option<String> {
     let (first, splits) = (seen.names.first()?, seen.splits.join(", "));
     Some(match seen.names.len() {
         1 => format!("`{first}`, of {splits}, is trained on too: its scores say nothing of new assets"),
@@ -100,7 +100,7 @@ mod tests {
         assert_eq!((found.splits, seen(&looked_at, &new, &trained).unwrap().splits), (splits.clone(), new.to_vec()));
         let twice = [new.to_vec(), new.to_vec()].concat();
         assert_eq!(seen(&looked_at, &twice, &trained).unwrap(), seen(&looked_at, &new, &trained).unwrap());
-        assert_eq!(seen(&trained, splits, &trained).unwrap(), Seen::default());
+        assert_eq!(seen(&trained, splits, &trained).unwrap(), SeenAssets::default());
         // One file in two corpora of a training, in another split each.
         let both = DataConfig { corpora: [&trained.corpora[..], &looked_at.corpora[..]].concat(), ..trained.clone() };
         assert_eq!(seen(&both, splits, &both).unwrap().names.len(), 2);
@@ -109,15 +109,15 @@ mod tests {
         assert_eq!(seen(&trained, &splits_of_all, &trained).unwrap().splits, ["train"]);
         // What has no weight, or too many joints, is not trained on.
         let weights = DataConfig { weights: vec![0.0, 1.0], ..both.clone() };
-        assert_eq!(seen(&looked_at, splits, &weights).unwrap(), Seen::default());
-        assert_eq!(seen(&looked_at, splits, &DataConfig { max_joints: 0, ..trained }).unwrap(), Seen::default());
+        assert_eq!(seen(&looked_at, splits, &weights).unwrap(), SeenAssets::default());
+        assert_eq!(seen(&looked_at, splits, &DataConfig { max_joints: 0, ..trained }).unwrap(), SeenAssets::default());
         assert!(seen(&looked_at, splits, &data(&[&dir.path().join("gone.h5")])).is_err());
     }
 
     #[test]
     fn a_warning_names_one_and_counts_them_all() {
         let names = |seen: &[&str]| seen.iter().map(|s| (*s).to_string()).collect();
-        let say = |seen: &[&str]| warning(&Seen { names: names(seen), splits: vec!["val".into()] });
+        let say = |seen: &[&str]| warning(&SeenAssets { names: names(seen), splits: vec!["val".into()] });
         assert_eq!(say(&[]), None);
         assert!(say(&["a.glb"]).unwrap().starts_with("`a.glb`, of val, is trained on too"));
         assert!(say(&["a.glb", "b.glb"]).unwrap().starts_with("2 assets of val are trained on too (`a.glb`"));

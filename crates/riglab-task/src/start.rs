@@ -14,7 +14,7 @@ use crate::released::{Offered, plain_name};
 
 /// What a network took over.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Taken {
+pub struct LoadedPart {
     /// The part, as it was asked for; empty for the whole network.
     pub part: String,
     /// What stands before its names in the file.
@@ -35,7 +35,7 @@ const NAMED: usize = 6;
 /// # Errors
 /// A sentence: a part that the network does not have, tensors that are missing or have another shape, or that cannot be
 /// read.
-pub fn take(params: &Params, parts: &[String], offered: &mut Offered<'_>) -> Result<Vec<Taken>, String> {
+pub fn take(params: &Params, parts: &[String], offered: &mut Offered<'_>) -> Result<Vec<LoadedPart>, String> {
     let own: BTreeMap<String, &Tensor> =
         params.named(params.weights()).map(|(name, tensor)| (name.to_string(), tensor)).collect();
     // By plain names, the file's own.
@@ -82,7 +82,7 @@ pub fn take(params: &Params, parts: &[String], offered: &mut Offered<'_>) -> Res
         }
         let known = |name: &&String| name.strip_prefix(&prefix).is_some_and(|rest| !wanted.contains_key(rest));
         let left_over = there.keys().filter(|name| name.starts_with(&prefix)).filter(known).cloned().collect();
-        taken.push(Taken { part: part.into(), prefix, count: (wanted.len(), numbers), left_over });
+        taken.push(LoadedPart { part: part.into(), prefix, count: (wanted.len(), numbers), left_over });
     }
     params.load(&all).map_err(|e| e.to_string())?;
     Ok(taken)

@@ -24,8 +24,8 @@ use riglab_geom::farthest_points;
 use riglab_random::{Draw, stream};
 use riglab_reward::{Rewards, Scorer, random_poses};
 use riglab_task::fsq_cvae::{Frozen, Prepared};
-use riglab_task::grpo::{Batch, GrpoTask, GrpoTaskConfig, Judged, candidates, rewards};
-use riglab_task::tokenrig::{Drawn, Rigger, TokenRigTask};
+use riglab_task::grpo::{Batch, GrpoTask, GrpoTaskConfig, JudgeSettings, candidates, rewards};
+use riglab_task::tokenrig::{RigSample, Rigger, TokenRigTask};
 use riglab_token::{Tokenizer, TokenizerConfig, Vocabulary};
 use riglab_train::{Precision, Task};
 use serde::{Deserialize, Serialize};
@@ -316,7 +316,7 @@ fn policy(task: &GrpoTask) -> Result<&Rigger> {
 }
 
 /// The rigs that the next step draws.
-fn drawn(training: &Training<GrpoTask>) -> Result<Vec<Drawn>> {
+fn drawn(training: &Training<GrpoTask>) -> Result<Vec<RigSample>> {
     let (task, batch, at) = (&training.task, &training.batches[0], training.at());
     let (rigger, key) = (policy(task)?, batch.subjects[0].key);
     let _no_grad = tch::no_grad_guard();
@@ -328,8 +328,8 @@ fn drawn(training: &Training<GrpoTask>) -> Result<Vec<Drawn>> {
     rigger.draw(w, &rigger.prefix(w, &batch.shapes).into(), &prompts, &how, &mut streams).map_err(|e| anyhow!(e))
 }
 
-fn judged(c: &GrpoTaskConfig) -> Judged {
-    Judged { vertices: c.rollout.vertices, cut: c.eval.cut, half: false, seed: c.train.seed }
+fn judged(c: &GrpoTaskConfig) -> JudgeSettings {
+    JudgeSettings { vertices: c.rollout.vertices, cut: c.eval.cut, half: false, seed: c.train.seed }
 }
 
 /// What ours says of the rigs that its next step draws, and their tokens after the start.

@@ -8,7 +8,7 @@
 
 use anyhow::{Result, anyhow, ensure};
 use riglab_nn::params::{Builder, Weights};
-use riglab_nn::tokenrig::{Asked, Layout, Sequences, TokenRig, TokenRigConfig};
+use riglab_nn::tokenrig::{Layout, NextTokens, Sequences, TokenRig, TokenRigConfig};
 use serde::{Deserialize, Serialize};
 use serde_json::json;
 use tch::{Device, Kind, Tensor};
@@ -112,7 +112,7 @@ fn pass(net: &TokenRig, w: &Weights, picked: i64, tokens: i64, points: i64) -> R
         true,
     );
     let targets = ids.narrow(0, 1, tokens - 1);
-    let parts = net.losses(w, &Asked { hidden: &hidden, targets: &targets, bins: 256, spread: 0.0 });
+    let parts = net.losses(w, &NextTokens { hidden: &hidden, targets: &targets, bins: 256, spread: 0.0 });
     let loss = (parts.skeleton + parts.skin) / (tokens - 1) as f64;
     let leaves: Vec<&Tensor> = w.tensors().iter().collect();
     let value = loss.double_value(&[]);

@@ -9,7 +9,7 @@ use riglab_nn::params::Weights;
 use riglab_nn::tokenrig::Head;
 use riglab_random::stream;
 use riglab_task::fsq_cvae::{Frozen, FsqCvaeTask};
-use riglab_task::tokenrig::{self, Drawn, TokenRigTask, TokenRigTaskConfig};
+use riglab_task::tokenrig::{self, RigSample, TokenRigTask, TokenRigTaskConfig};
 use riglab_task::unirig_skeleton::{self, Batch as Shapes, SkeletonTask};
 use riglab_token::{Grammar, Limits, Mask, Parents, RigGrammar, SkinIds, SkinRule, Tokenizer, TokenizerConfig};
 use riglab_train::{At, Precision, Task, TrainConfig};
@@ -198,7 +198,7 @@ impl Subject for TokenRigTask {
         let drawn =
             rigger.draw(self.params().weights(), &prefix.shallow_clone().into(), &prompts, how, &mut streams)?;
         let (first, codes) = self.layout();
-        let whole = |d: Drawn| {
+        let whole = |d: RigSample| {
             let own = d.codes.iter().flatten().flatten().map(|code| (first as i64 + code) as u32);
             d.skeleton[1..].iter().copied().chain(own).chain([(first + codes) as u32]).collect()
         };

@@ -21,11 +21,11 @@ pub struct Coded {
     /// [m, k, axes], in about [-1, 1].
     pub codes: Tensor,
     /// Of codes that are real numbers, what is said of their learned axes.
-    pub said: Option<Said>,
+    pub said: Option<GaussianCode>,
 }
 
 /// What a Gaussian says of learned axes besides their means.
-pub struct Said {
+pub struct GaussianCode {
     /// How far codes that are drawn scatter, [m, k, a].
     pub deviation: Tensor,
     /// What such a draw tells, in nats, [m, k].
@@ -54,7 +54,7 @@ impl Gaussian {
             codes += &deviation * noise;
         }
         let divergence = divergence(mean, &log_variance).sum_dim_intlist([-1i64].as_slice(), false, None::<Kind>);
-        Coded { codes, said: Some(Said { deviation, divergence }) }
+        Coded { codes, said: Some(GaussianCode { deviation, divergence }) }
     }
 }
 

@@ -19,7 +19,7 @@ use tch::{Kind, Tensor};
 pub use config::{Bottleneck, Extensions, FsqCvaeConfig, SkinQueries};
 pub use decoder::{BONE_FEATURES, BONE_POINT_FEATURES, BoneGeometry, PRIOR, REGION, ReadBones};
 pub use frame::SIZES as FRAME_SIZES;
-pub use gaussian::{Coded, Said};
+pub use gaussian::{Coded, GaussianCode};
 
 use crate::NnError;
 use crate::embed::Embedding;

@@ -45,7 +45,7 @@ pub struct SkinModelConfig {
 #[serde(deny_unknown_fields, default)]
 pub struct BoneConfig {
     /// What of a bone is seen.
-    pub seen: Seen,
+    pub seen: BoneInput,
     /// Whether positions count from the least corner of the cloud, as in the release, rather than from the
     /// middle of the cube.
     pub from_corner: bool,
@@ -60,7 +60,7 @@ pub struct BoneConfig {
 /// What the encoder sees of a bone.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Seen {
+pub enum BoneInput {
     /// The joint (the release).
     Joint,
     /// The parent joint and the joint (the paper).
@@ -70,7 +70,7 @@ pub enum Seen {
     ParentJointAndTail,
 }
 
-impl Seen {
+impl BoneInput {
     /// How many points that is.
     pub fn points(self) -> usize {
         match self {
@@ -128,7 +128,7 @@ impl Default for SkinModelConfig {
 
 impl Default for BoneConfig {
     fn default() -> Self {
-        Self { seen: Seen::default(), from_corner: false, frequencies: 6, embed: 1024, layers: 8 }
+        Self { seen: BoneInput::default(), from_corner: false, frequencies: 6, embed: 1024, layers: 8 }
     }
 }
 
@@ -141,7 +141,7 @@ impl Default for PointConfig {
 impl SkinModelConfig {
     /// UniRig's public code.
     pub fn released() -> Self {
-        let bones = BoneConfig { seen: Seen::Joint, from_corner: true, ..BoneConfig::default() };
+        let bones = BoneConfig { seen: BoneInput::Joint, from_corner: true, ..BoneConfig::default() };
         let ptv3 = Ptv3Config { norm: super::ptv3::Norm::Batch, ..Ptv3Config::default() };
         let points = PointConfig { ptv3, ..PointConfig::default() };
         Self { bones, points, attributes: false, mask_power: 3.0, ..Self::default() }

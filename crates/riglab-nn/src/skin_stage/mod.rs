@@ -22,7 +22,7 @@ use tch::{Kind, Tensor};
 pub use attributes::{ATTRIBUTE_SCALE, ATTRIBUTES, AttributeHead};
 pub use block::PostBlock;
 pub use bones::BoneEncoder;
-pub use config::{BoneConfig, PointConfig, PointEncoder, Seen, SkinModelConfig};
+pub use config::{BoneConfig, BoneInput, PointConfig, PointEncoder, SkinModelConfig};
 pub use head::Head;
 
 use crate::embed::{EmbedConfig, EmbedKind, Embedding};
@@ -51,7 +51,7 @@ enum Encoder {
 }
 
 /// A rig as the network has read it.
-pub struct Read {
+pub struct EncodedRig {
     /// The shape, [b, t, d].
     pub shape: Tensor,
     /// Bones before they read anything, [b, j, d].
@@ -92,7 +92,7 @@ impl SkinModel {
 
     /// Reads shape and bones: a cloud [b, n, 6] of positions and normals, those picked [b, t], and the points that are
     /// seen of each bone [b, j, 3 k].
-    pub fn read(&self, w: &Weights, cloud: &Tensor, picks: &Tensor, bones: &Tensor) -> Read {
+    pub fn read(&self, w: &Weights, cloud: &Tensor, picks: &Tensor, bones: &Tensor) -> EncodedRig {
         self.read_shape(w, self.shape(w, cloud, picks), cloud, bones)
     }
 
@@ -103,11 +103,11 @@ impl SkinModel {
 
     /// As [`Self::read`], with the shape [b, t, d] as [`Self::shape`] gives it: of rigs that go on one by one, shapes can
     /// be read together.
-    pub fn read_shape(&self, w: &Weights, shape: Tensor, cloud: &Tensor, bones: &Tensor) -> Read {
+    pub fn read_shape(&self, w: &Weights, shape: Tensor, cloud: &Tensor, bones: &Tensor) -> EncodedRig {
         let embedded = self.bones.embed(w, bones, cloud);
         let bones = self.bones.forward(w, &embedded, &shape);
         let context = Tensor::cat(&[&bones, &shape], 1);
-        Read { shape, embedded, bones, context }
+        EncodedRig { shape, embedded, bones, context }
     }
 
     /// First features of points [b, n, c]: of a cloud [b, n, 6], with its places where the backbone reads it (its points
@@ -132,18 +132,18 @@ impl SkinModel {
     }
 
     /// Points [b, n, c] as [`Self::encode`] gives them that read the rig, [b, n, d].
-    pub fn points(&self, w: &Weights, read: &Read, encoded: &Tensor) -> Tensor {
+    pub fn points(&self, w: &Weights, read: &EncodedRig, encoded: &Tensor) -> Tensor {
         self.blocks.iter().fold(self.map(w, encoded), |x, block| block.forward(w, &x, &read.context))
     }
 
     /// Logits [b, n, j] of points [b, n, d] as [`Self::points`] gives them, with what is told of each pair [b, n, j, p].
     /// The weights are their softmax over the bones there are.
-    pub fn logits(&self, w: &Weights, read: &Read, points: &Tensor, pairs: &Tensor) -> Tensor {
+    pub fn logits(&self, w: &Weights, read: &EncodedRig, points: &Tensor, pairs: &Tensor) -> Tensor {
         self.head.logits(w, points, &read.bones, pairs)
     }
 
     /// Attributes [b, j, 7]; `None` without their head.
-    pub fn attributes(&self, w: &Weights, read: &Read, points: &Tensor) -> Option<Tensor> {
+    pub fn attributes(&self, w: &Weights, read: &EncodedRig, points: &Tensor) -> Option<Tensor> {
         Some(self.attributes.as_ref()?.forward(w, &read.bones, points))
     }
 
@@ -153,7 +153,7 @@ impl SkinModel {
     pub fn predict(
         &self,
         w: &Weights,
-        read: &Read,
+        read: &EncodedRig,
         points: &Tensor,
         pairs: impl Fn(i64, i64) -> Tensor,
         mask: Option<&Tensor>,

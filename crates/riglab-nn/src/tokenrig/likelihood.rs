@@ -3,7 +3,7 @@
 use tch::{Kind, Tensor};
 
 use super::loss::{Freely, float};
-use super::{Asked, TokenRig};
+use super::{NextTokens, TokenRig};
 use crate::grpo::{entropy, log_softmax_within};
 use crate::layers::affine;
 use crate::params::Weights;
@@ -29,7 +29,13 @@ impl TokenRig {
     /// The log-probabilities with which targets are drawn by sampling with a grammar and a temperature, and by nothing
     /// else: what a policy's gradient is taken of. `choices`: `None` for one softmax over everything, without a
     /// grammar. With [`super::Head::Levels`], the end follows by the grammar alone and has log-probability 0.
-    pub fn likelihood(&self, w: &Weights, asked: &Asked, choices: Option<&Choices>, temperature: f64) -> Likelihood {
+    pub fn likelihood(
+        &self,
+        w: &Weights,
+        asked: &NextTokens,
+        choices: Option<&Choices>,
+        temperature: f64,
+    ) -> Likelihood {
         let first = self.layout.skeleton();
         let in_skeleton = asked.targets.lt(first);
         let is_end = asked.targets.eq(self.layout.end());

@@ -9,7 +9,7 @@ use crate::params::Weights;
 use crate::skeleton::spread_likelihood;
 
 /// Vectors and what should follow them.
-pub struct Asked<'a> {
+pub struct NextTokens<'a> {
     /// [M, d], as [`TokenRig::forward`] gives them.
     pub hidden: &'a Tensor,
     /// Ids [M].
@@ -70,7 +70,7 @@ impl TokenRig {
     }
 
     /// The cross-entropies of both parts.
-    pub fn losses(&self, w: &Weights, asked: &Asked) -> Parts {
+    pub fn losses(&self, w: &Weights, asked: &NextTokens) -> Parts {
         let first = self.layout.skeleton();
         let in_skeleton = asked.targets.lt(first);
         let places = |mask: &Tensor| mask.nonzero().squeeze_dim(1);

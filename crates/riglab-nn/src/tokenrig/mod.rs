@@ -16,7 +16,7 @@ use tch::{Device, Kind, Tensor};
 pub use config::TokenRigConfig;
 pub use layout::{Head, Layout};
 pub use likelihood::{Choices, Likelihood};
-pub use loss::{Asked, Parts};
+pub use loss::{NextTokens, Parts};
 pub use reader::{Joints as JointsOf, Reader};
 pub use told::{GEOMETRY, JointTold};
 

@@ -1,7 +1,7 @@
 //! A trained auto-encoder at work: bones to codes, codes to weights.
 
 use riglab_core::Segment;
-use riglab_nn::fsq_cvae::{Coded, FsqCvae, Said};
+use riglab_nn::fsq_cvae::{Coded, FsqCvae, GaussianCode};
 use riglab_nn::params::Weights;
 use riglab_random::Stream;
 use tch::{Device, Kind, Tensor};
@@ -9,7 +9,7 @@ use tch::{Device, Kind, Tensor};
 use super::batch::{Batch, Maker};
 use super::config::FsqCvaeTaskConfig;
 use super::prepare::{Point, Prepared};
-use super::prior::Told;
+use super::prior::SurfacePrior;
 use super::tensors;
 
 /// Bones encoded at once.
@@ -60,7 +60,7 @@ impl Coder<'_> {
         };
         let deviation = join(|part| part.said.as_ref().map(|said| &said.deviation));
         let divergence = join(|part| part.said.as_ref().map(|said| &said.divergence));
-        let said = deviation.zip(divergence).map(|(deviation, divergence)| Said { deviation, divergence });
+        let said = deviation.zip(divergence).map(|(deviation, divergence)| GaussianCode { deviation, divergence });
         let codes: Vec<&Tensor> = parts.iter().map(|part| &part.codes).collect();
         Coded { codes: Tensor::cat(&codes, 0), said }
     }
@@ -73,7 +73,7 @@ impl Coder<'_> {
         codes: &Tensor,
         points: &[Point],
         segments: &[Vec<Segment>],
-        told: Option<Told<'_>>,
+        told: Option<SurfacePrior<'_>>,
     ) -> Vec<f32> {
         let _no_grad = tch::no_grad_guard();
         let bones = segments.len();

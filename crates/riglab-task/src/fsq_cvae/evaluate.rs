@@ -7,7 +7,7 @@ use riglab_core::{DecodeRule, JointId};
 use riglab_geom::voxel::SolidConfig;
 use riglab_metric::{Codebook, SkinMetrics, SkinTally, compression_ratio, every_rule, nan_for_null};
 use riglab_nn::fsq::Fsq;
-use riglab_nn::fsq_cvae::{Coded, Said};
+use riglab_nn::fsq_cvae::{Coded, GaussianCode};
 use riglab_nn::params::Weights;
 use riglab_random::{Draw, stream};
 use riglab_train::At;
@@ -177,7 +177,7 @@ pub struct Encoded {
     /// [m, t]: of rounded codes, their places in the codebook.
     pub ids: Option<Tensor>,
     /// Of codes that are real numbers, how far they scatter and what they tell.
-    pub said: Option<Said>,
+    pub said: Option<GaussianCode>,
 }
 
 /// Sums over a split of one method.

@@ -28,9 +28,9 @@ pub use config::{EvalConfig, FsqCvaeTaskConfig, LossConfig, PointMix, PrefixConf
 pub(crate) use config::{cells, cuts};
 pub use evaluate::{AssetRow, BoneCodes, CodebookRow, Encoded, Report, Row, Truth, ruled};
 pub use frozen::Frozen;
-pub use gallery::Shown;
+pub use gallery::ShownAsset;
 pub use prepare::{Bone, Ground, Patch, Place, Point, Prepared};
-pub use prior::{Prior, Told};
+pub use prior::{Prior, SurfacePrior};
 pub(crate) use region::{Regions, Surface};
 pub use report::Evaluation;
 pub(crate) use report::{BONES_KNOWN, asset_columns, skin_columns};
@@ -176,7 +176,7 @@ pub fn loss_of(
     batch: &Batch,
     device: Device,
 ) -> Result<Loss, String> {
-    let parts = Asked::parts(c, batch, device).into_iter();
+    let parts = NetworkInput::parts(c, batch, device).into_iter();
     let found = w.side_by_side(parts.map(|asked| move |w: &Weights| asked.outputs(net, c, w)).collect());
     let joined = |k: usize| {
         let all: Option<Vec<&Tensor>> = found.iter().map(|own| own.get(k)).collect();
@@ -202,7 +202,7 @@ pub fn loss_of(
 }
 
 /// What the network is asked of some rigs.
-struct Asked {
+struct NetworkInput {
     shape: Tensor,
     shape_queries: Tensor,
     cloud: SkinCloud,
@@ -213,7 +213,7 @@ struct Asked {
     prefix: usize,
 }
 
-impl Asked {
+impl NetworkInput {
     /// A batch's rigs, dealt out to as many threads as this one may take; all together on other devices.
     fn parts(c: &FsqCvaeTaskConfig, batch: &Batch, device: Device) -> Vec<Self> {
         let (shape, shape_queries) = tensors::shape(c, batch, device);

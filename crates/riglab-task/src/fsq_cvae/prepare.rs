@@ -8,7 +8,7 @@ use riglab_geom::{Blocks, SurfacePoint, SurfaceSampler, farthest_points};
 use riglab_metric::ACTIVE;
 use riglab_random::{Draw, Stream};
 
-use super::prior::{Prior, Told};
+use super::prior::{Prior, SurfacePrior};
 use super::region::{Regions, Surface};
 
 /// A normalised rig with what sampling needs.
@@ -115,8 +115,8 @@ impl Prepared {
     }
 
     /// What geometry alone says, where it was asked.
-    pub fn told(&self) -> Option<Told<'_>> {
-        self.prior.as_ref().map(|prior| Told { prior, triangles: self.rig.mesh().triangles() })
+    pub fn told(&self) -> Option<SurfacePrior<'_>> {
+        self.prior.as_ref().map(|prior| SurfacePrior { prior, triangles: self.rig.mesh().triangles() })
     }
 
     /// What lies nearest to each bone.

@@ -28,13 +28,13 @@ pub struct Prior {
     heat: Vec<[(f32, u32); HOTTEST]>,
     /// Where the bones of each piece begin.
     offsets: Vec<u32>,
-    bones: Vec<Held>,
+    bones: Vec<BoneShare>,
     pieces: Vec<Piece>,
 }
 
 /// A bone of a piece.
 #[derive(Clone, Copy)]
-struct Held {
+struct BoneShare {
     bone: u32,
     /// Its share of the piece's heat, by area.
     heat: f32,
@@ -52,7 +52,7 @@ struct Piece {
 
 /// What geometry says of a mesh, with the triangles that its surface points lie on.
 #[derive(Clone, Copy)]
-pub struct Told<'a> {
+pub struct SurfacePrior<'a> {
     /// What it says.
     pub prior: &'a Prior,
     /// The mesh's triangles.
@@ -77,14 +77,14 @@ impl Prior {
         let places: Vec<(u32, u32)> =
             surface.rows().iter().zip(&of_vertices).map(|(&row, &piece)| (row as u32, piece)).collect();
 
-        let mut held: Vec<(u32, Held)> = Vec::new();
+        let mut held: Vec<(u32, BoneShare)> = Vec::new();
         let mut sizes = vec![0.0f32; count];
         for ((&(row, piece), &area), near) in places.iter().zip(&areas).zip(&near) {
             sizes[piece as usize] += area;
             let hot = heat[row as usize].iter().filter(|(_, bone)| *bone != u32::MAX);
-            held.extend(hot.map(|&(w, bone)| (piece, Held { bone, heat: area * w, nearest: 0.0 })));
+            held.extend(hot.map(|&(w, bone)| (piece, BoneShare { bone, heat: area * w, nearest: 0.0 })));
             let nearest = area / near.len().max(1) as f32;
-            held.extend(near.iter().map(|&bone| (piece, Held { bone, heat: 0.0, nearest })));
+            held.extend(near.iter().map(|&bone| (piece, BoneShare { bone, heat: 0.0, nearest })));
         }
         // Stable, so that sums are the same each time.
         held.par_sort_by_key(|(piece, own)| (*piece, own.bone));
@@ -123,7 +123,7 @@ impl Prior {
     }
 }
 
-impl Told<'_> {
+impl SurfacePrior<'_> {
     /// Adds what it says of a bone at a place, [`PRIOR`] numbers: heat's share, its logarithm, of the piece the bone's
     /// share of the heat and of what is nearest, the piece's size, and both shares of heat over those of the bone that has
     /// most.
@@ -148,7 +148,7 @@ impl Told<'_> {
         let piece = own.pieces[at];
         let bones = &own.bones[own.offsets[at] as usize..own.offsets[at + 1] as usize];
         let held = bones.binary_search_by_key(&(bone as u32), |held| held.bone).map(|k| bones[k]);
-        let held = held.unwrap_or(Held { bone: 0, heat: 0.0, nearest: 0.0 });
+        let held = held.unwrap_or(BoneShare { bone: 0, heat: 0.0, nearest: 0.0 });
         out.extend([heat, heat.max(COLD).ln() / 4.0, held.heat, held.nearest, piece.size]);
         out.extend([heat / most.max(1e-6), held.heat / piece.most]);
     }
@@ -193,7 +193,7 @@ mod tests {
 
     fn told(prior: &Prior, mesh: &Mesh, place: Place, bone: usize) -> Vec<f32> {
         let mut out = Vec::new();
-        Told { prior, triangles: mesh.triangles() }.tell(&place, bone, &mut out);
+        SurfacePrior { prior, triangles: mesh.triangles() }.tell(&place, bone, &mut out);
         assert_eq!(out.len(), PRIOR);
         out
     }

@@ -8,7 +8,7 @@ use riglab_train::State;
 use serde::{Deserialize, Serialize};
 
 use super::evaluate::{AssetRow, Report, Row};
-use super::gallery::Shown;
+use super::gallery::ShownAsset;
 use crate::experiment::{of_splits, pictures, views};
 
 /// What `riglab eval` writes.
@@ -19,7 +19,7 @@ pub struct Evaluation {
     /// The numbers.
     pub report: Report,
     /// The pictures, in the folder beside the file.
-    pub gallery: Vec<Shown>,
+    pub gallery: Vec<ShownAsset>,
 }
 
 impl Evaluation {
@@ -40,7 +40,7 @@ impl Evaluation {
                     .into(),
             ));
             let caption =
-                |s: &Shown| format!("{} of {}: {}, IoU {:.3}; bone {}", s.why, s.split, s.name, s.iou, s.bone);
+                |s: &ShownAsset| format!("{} of {}: {}, IoU {:.3}; bone {}", s.why, s.split, s.name, s.iou, s.bone);
             blocks.push(pictures(self.gallery.iter().map(|s| (s.file.as_str(), caption(s))), &picture));
             blocks.extend(views(self.gallery.iter().map(|s| (s.file.as_str(), caption(s))), &picture));
         }

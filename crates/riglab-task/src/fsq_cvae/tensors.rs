@@ -7,7 +7,7 @@ use tch::{Device, Tensor};
 use super::batch::{Batch, bone_features, point_features};
 use super::config::FsqCvaeTaskConfig;
 use super::prepare::Point;
-use super::prior::Told;
+use super::prior::SurfacePrior;
 
 fn tensor(values: &[f32], size: &[usize], device: Device) -> Tensor {
     let size: Vec<i64> = size.iter().map(|&n| n as i64).collect();
@@ -66,7 +66,7 @@ pub fn geometry(
     bones: &[usize],
     points: &[Point],
     segments: &[Vec<Segment>],
-    told: Option<Told<'_>>,
+    told: Option<SurfacePrior<'_>>,
     device: Device,
 ) -> BoneGeometry {
     use rayon::prelude::*;

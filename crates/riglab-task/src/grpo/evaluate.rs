@@ -17,12 +17,12 @@ use riglab_train::{At, Validation};
 use tch::Tensor;
 
 use super::batch::Subject;
-use super::report::{AssetRow, AssetScore, Gain, Report, Row, Shown};
+use super::report::{AssetRow, AssetScore, Gain, Report, Row, ShownAsset};
 use super::score::rewards;
 use super::{First, GrpoTask};
 use crate::assets::AssetId;
 use crate::experiment::{Sheet, places};
-use crate::tokenrig::Drawn;
+use crate::tokenrig::RigSample;
 use crate::unirig_skeleton::Batch as Shapes;
 use crate::unirig_skeleton::batch::{normalized, shape};
 use crate::unirig_skeleton::evaluate::{Sums, joints};
@@ -33,15 +33,15 @@ const SHOWN: usize = 8;
 const SIDE: u32 = 280;
 
 /// A mesh whose true rig is known.
-pub struct Held {
+pub struct JudgedMesh {
     id: AssetId,
     rig: Arc<Rig>,
     subject: Subject,
 }
 
 /// What a model makes of one.
-struct Found {
-    drawn: Drawn,
+struct Outcome {
+    drawn: RigSample,
     rewards: Rewards,
     distances: SkeletonDistances,
 }
@@ -82,10 +82,10 @@ struct Tally {
 }
 
 impl Tally {
-    fn add(&mut self, held: &Held, drawn: Drawn, rewards: Rewards) -> Found {
+    fn add(&mut self, held: &JudgedMesh, drawn: RigSample, rewards: Rewards) -> Outcome {
         let found = drawn.decoded.as_ref().ok().map(joints);
         let distances = self.add_rig(found.as_ref(), &Joints::of(held.rig.skeleton()), rewards);
-        Found { drawn, rewards, distances }
+        Outcome { drawn, rewards, distances }
     }
 
     fn add_rig(&mut self, found: Option<&Joints>, truth: &Joints, rewards: Rewards) -> SkeletonDistances {
@@ -102,7 +102,7 @@ impl Tally {
 #[derive(Default)]
 struct Side {
     tally: Tally,
-    found: Vec<Found>,
+    found: Vec<Outcome>,
 }
 
 /// By both models.
@@ -115,8 +115,8 @@ struct Pair {
 impl Pair {
     /// Mesh by mesh, of which each has `count` rigs.
     fn gain(&self, split: &str, count: usize) -> Gain {
-        let means = |side: &Side, of: fn(&Found) -> f64| -> Vec<f64> {
-            let mean = |own: &[Found]| {
+        let means = |side: &Side, of: fn(&Outcome) -> f64| -> Vec<f64> {
+            let mean = |own: &[Outcome]| {
                 let known: Vec<f64> = own.iter().map(of).filter(|x| x.is_finite()).collect();
                 known.iter().sum::<f64>() / known.len() as f64
             };
@@ -144,12 +144,12 @@ fn metrics(row: &Row, first: First, within: bool, known: bool) -> Vec<(String, f
 }
 
 impl GrpoTask {
-    fn held_of(&self, id: AssetId) -> Result<Held, String> {
+    fn held_of(&self, id: AssetId) -> Result<JudgedMesh, String> {
         let pool = self.policy.pool();
         let rig = normalized(pool.assets, pool.cache, id)?;
         let scorer = Scorer::new(rig.mesh(), &self.config.reward);
         let subject = Subject { key: id.key(), mesh: rig.mesh().clone(), scorer };
-        Ok(Held { id, rig, subject })
+        Ok(JudgedMesh { id, rig, subject })
     }
 
     /// Reads the shapes of meshes in the cube, [b, p, d]; `keys` seed the points.
@@ -163,18 +163,19 @@ impl GrpoTask {
     }
 
     /// Makes rigs of each mesh and judges them, those of a mesh one after another.
-    fn judge(&self, w: &Weights, all: &[&Held], how: How, tally: &mut Tally) -> Result<Vec<Found>, String> {
+    fn judge(&self, w: &Weights, all: &[&JudgedMesh], how: How, tally: &mut Tally) -> Result<Vec<Outcome>, String> {
         let c = &self.config;
         let (count, generate) = match how {
             How::Draws(count) => (count, c.draws()),
             How::Own => (1, c.eval.generate.clone()),
         };
-        let numbered: Vec<(&Held, u64)> = all.iter().flat_map(|h| (0..count as u64).map(move |k| (*h, k))).collect();
+        let numbered: Vec<(&JudgedMesh, u64)> =
+            all.iter().flat_map(|h| (0..count as u64).map(move |k| (*h, k))).collect();
         let mut out = Vec::with_capacity(numbered.len());
         for part in numbered.chunks(c.eval.rows) {
             let meshes: Vec<_> = part.iter().map(|(h, _)| (h.rig.mesh(), h.id.key())).collect();
             let prefix = self.condition(w, &meshes);
-            let draws = |(h, k): &(&Held, u64)| stream(c.eval.seed, "skeleton draws", &[h.id.key(), *k]);
+            let draws = |(h, k): &(&JudgedMesh, u64)| stream(c.eval.seed, "skeleton draws", &[h.id.key(), *k]);
             let mut streams: Vec<_> = part.iter().map(draws).collect();
             let meshes: Vec<&Mesh> = part.iter().map(|(h, _)| h.rig.mesh()).collect();
             let drawn = self.policy.draw(w, (&prefix, &meshes), &generate, &mut streams)?;
@@ -196,7 +197,7 @@ impl GrpoTask {
     }
 
     /// Meshes of the validation split, the same ones each time.
-    fn validation_meshes(&self) -> Result<Vec<Arc<Held>>, String> {
+    fn validation_meshes(&self) -> Result<Vec<Arc<JudgedMesh>>, String> {
         if let Some(all) = &*self.held.borrow() {
             return Ok(all.clone());
         }
@@ -208,15 +209,16 @@ impl GrpoTask {
     }
 
     /// Ranks share the meshes.
-    fn validation_row(&self, w: &Weights, all: &[Arc<Held>], ranks: &Ranks) -> Result<Row, String> {
+    fn validation_row(&self, w: &Weights, all: &[Arc<JudgedMesh>], ranks: &Ranks) -> Result<Row, String> {
         let how = self.counted();
         let parts: Vec<_> = all.chunks((self.config.eval.rows / how.count()).max(1)).collect();
         let judged = |k: usize| {
-            let meshes: Vec<&Held> = parts[k].iter().map(|h| &**h).collect();
+            let meshes: Vec<&JudgedMesh> = parts[k].iter().map(|h| &**h).collect();
             let found = self.judge(w, &meshes, how, &mut Tally::default())?;
             let truths = meshes.iter().flat_map(|h| (0..how.count()).map(|_| Joints::of(h.rig.skeleton())));
-            let told =
-                |(found, truth): (Found, Joints)| (found.drawn.decoded.as_ref().ok().map(joints), truth, found.rewards);
+            let told = |(found, truth): (Outcome, Joints)| {
+                (found.drawn.decoded.as_ref().ok().map(joints), truth, found.rewards)
+            };
             Ok(found.into_iter().zip(truths).map(told).collect::<Vec<_>>())
         };
         let mut tally = Tally::default();
@@ -269,7 +271,7 @@ impl GrpoTask {
     }
 
     /// The best and the worst of a few rigs of one mesh.
-    fn picture(&self, w: &Weights, held: &Held) -> Result<Option<Picture>, String> {
+    fn picture(&self, w: &Weights, held: &JudgedMesh) -> Result<Option<Picture>, String> {
         let c = &self.config;
         let prefix = self.condition(w, &[(held.rig.mesh(), held.id.key())]);
         let mut streams: Vec<_> = (0..SHOWN as u64).map(|k| stream(c.eval.seed, "shown draws", &[k])).collect();
@@ -298,7 +300,7 @@ impl GrpoTask {
     }
 
     /// As it is shown to people.
-    fn rig(&self, held: &Held, drawn: &Drawn) -> Result<Option<Rig>, String> {
+    fn rig(&self, held: &JudgedMesh, drawn: &RigSample) -> Result<Option<Rig>, String> {
         let rig = self.policy.rig(held.rig.mesh(), drawn, held.id.key())?;
         rig.map(|rig| self.upright(&rig)).transpose()
     }
@@ -325,7 +327,7 @@ impl GrpoTask {
         w: &Weights,
         pictures: usize,
         progress: &mut dyn FnMut(usize),
-    ) -> Result<(Report, Vec<(Shown, Sheet)>), String> {
+    ) -> Result<(Report, Vec<(ShownAsset, Sheet)>), String> {
         let _no_grad = tch::no_grad_guard();
         let ways = self.ways();
         let (mut rows, mut gains, mut assets, mut sheets, mut done) =
@@ -335,7 +337,7 @@ impl GrpoTask {
             let mut all: Vec<Pair> = ways.iter().map(|_| Pair::default()).collect();
             for ids in ids.chunks(self.config.eval.rows) {
                 let held = ids.iter().map(|&id| self.held_of(id)).collect::<Result<Vec<_>, _>>()?;
-                let held: Vec<&Held> = held.iter().collect();
+                let held: Vec<&JudgedMesh> = held.iter().collect();
                 for (how, pair) in ways.iter().zip(&mut all) {
                     for (w, side) in [(&self.start, &mut pair.before), (w, &mut pair.after)] {
                         let found = self.judge(w, &held, *how, &mut side.tally)?;
@@ -354,10 +356,10 @@ impl GrpoTask {
                 gains.push(pair.gain(split, how.count()));
             }
             let Some(Pair { before, after }) = all.pop() else { continue };
-            let mut found: Vec<(AssetId, Found, Found)> =
+            let mut found: Vec<(AssetId, Outcome, Outcome)> =
                 before.found.into_iter().zip(after.found).zip(&ids).map(|((was, is), &id)| (id, was, is)).collect();
             for (id, was, is) in &found {
-                let judged = |f: &Found| AssetScore {
+                let judged = |f: &Outcome| AssetScore {
                     reward: f.rewards.total,
                     rewards: Some(f.rewards),
                     distances: f.distances,
@@ -371,7 +373,7 @@ impl GrpoTask {
                 });
             }
             // From the most gained to the most lost.
-            let gain = |(_, was, is): &(AssetId, Found, Found)| is.rewards.total - was.rewards.total;
+            let gain = |(_, was, is): &(AssetId, Outcome, Outcome)| is.rewards.total - was.rewards.total;
             found.sort_by(|a, b| gain(b).total_cmp(&gain(a)));
             for (why, k) in if pictures == 0 { Vec::new() } else { places(found.len(), pictures) } {
                 let (id, was, is) = &found[k];
@@ -379,7 +381,7 @@ impl GrpoTask {
                     let file = format!("{:02}-{split}-{why}.png", sheets.len() + 1);
                     let name = self.policy.pool().assets.read(*id).map_err(|e| e.to_string())?.name;
                     let (gain, j2j) = (is.rewards.total - was.rewards.total, is.distances.j2j - was.distances.j2j);
-                    sheets.push((Shown { file, split: split.clone(), name, why: why.into(), gain, j2j }, sheet));
+                    sheets.push((ShownAsset { file, split: split.clone(), name, why: why.into(), gain, j2j }, sheet));
                 }
             }
         }
@@ -393,7 +395,7 @@ impl GrpoTask {
         Ok((Report { convention, reward_weights, rows, gains, assets }, sheets))
     }
 
-    fn sheet(&self, id: AssetId, was: &Found, is: &Found) -> Result<Option<Sheet>, String> {
+    fn sheet(&self, id: AssetId, was: &Outcome, is: &Outcome) -> Result<Option<Sheet>, String> {
         let held = self.held_of(id)?;
         let truth = self.upright(&held.rig)?;
         let view = View::square(SIDE).framed(truth.bounds());

@@ -37,7 +37,7 @@ pub(crate) use lineage::{descends, refined};
 pub use report::{AssetRow, AssetScore, Evaluation, Report, Row};
 use rollout::{GAP, floats, settle};
 pub use rollout::{Rollout, Sequence, noted};
-pub use score::{Judged, candidates, rewards};
+pub use score::{JudgeSettings, candidates, rewards};
 
 use crate::assets::{Assets, DataConfig};
 use crate::experiment::{Examined, Experiment, checksum};
@@ -67,7 +67,7 @@ pub struct GrpoTask {
     /// The start on the validation split, once it is known.
     first: Cell<Option<First>>,
     /// The meshes of the validation split, prepared when they are first asked for.
-    held: RefCell<Option<Vec<Arc<evaluate::Held>>>>,
+    held: RefCell<Option<Vec<Arc<evaluate::JudgedMesh>>>>,
 }
 
 impl GrpoTask {

@@ -78,7 +78,7 @@ pub struct AssetRow {
 
 /// A sheet of pictures of an asset.
 #[derive(Clone, Debug, Serialize, Deserialize)]
-pub struct Shown {
+pub struct ShownAsset {
     /// File name in the run's folder `eval`.
     pub file: String,
     /// The split.
@@ -103,7 +103,7 @@ pub struct Evaluation {
     /// The numbers.
     pub report: Report,
     /// The pictures, in the folder beside the file.
-    pub gallery: Vec<Shown>,
+    pub gallery: Vec<ShownAsset>,
     /// What `riglab eval` says where it was given another start than the run's.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub other_models: Vec<String>,
@@ -163,7 +163,7 @@ impl Evaluation {
         if !self.gallery.is_empty() {
             blocks.push(Block::Heading("Rigs before and after, from the largest gain to the largest loss".into()));
         }
-        let caption = |shown: &Shown| {
+        let caption = |shown: &ShownAsset| {
             format!(
                 "{} ({}, {}): reward {}, J2J × 100 {}",
                 shown.name,

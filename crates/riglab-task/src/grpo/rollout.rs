@@ -13,8 +13,8 @@ use tch::{Kind, Tensor};
 use super::GrpoTask;
 use super::batch::{Batch, Subject};
 use super::config::Dead;
-use super::score::{Judged, rewards};
-use crate::tokenrig::Drawn;
+use super::score::{JudgeSettings, rewards};
+use crate::tokenrig::RigSample;
 use crate::unirig_skeleton::Batch as Shapes;
 
 /// A drawn rig.
@@ -73,7 +73,7 @@ impl GrpoTask {
         // The sampler takes the master weights: it computes in single precision.
         let prefix = policy.prefix(policy.params().weights(), &batch.shapes);
         let (vae, judged) = (policy.vae(), self.judged(c.rollout.vertices, c.train.seed));
-        let groups: Vec<(Vec<Drawn>, Vec<Rewards>)> = std::thread::scope(|scope| {
+        let groups: Vec<(Vec<RigSample>, Vec<Rewards>)> = std::thread::scope(|scope| {
             let mut waiting = Vec::new();
             for (k, subject) in batch.subjects.iter().enumerate() {
                 let draw = |attempt: u64| self.group(&prefix.narrow(0, k as i64, 1), subject, number, attempt);
@@ -106,7 +106,7 @@ impl GrpoTask {
     }
 
     /// What is kept of drawn groups.
-    fn rollout_of(&self, w: &Weights, batch: &Batch, groups: &[(Vec<Drawn>, Vec<Rewards>)]) -> Rollout {
+    fn rollout_of(&self, w: &Weights, batch: &Batch, groups: &[(Vec<RigSample>, Vec<Rewards>)]) -> Rollout {
         let c = &self.config;
         let (mut sequences, mut totals, mut mesh_of, mut parts) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
         let (mut spread, mut dead, mut distinct) = (0.0, 0usize, 0usize);
@@ -176,7 +176,7 @@ impl GrpoTask {
     }
 
     /// A mesh's group.
-    fn group(&self, prefix: &Tensor, subject: &Subject, number: u64, attempt: u64) -> Result<Vec<Drawn>, String> {
+    fn group(&self, prefix: &Tensor, subject: &Subject, number: u64, attempt: u64) -> Result<Vec<RigSample>, String> {
         let (c, policy) = (&self.config, &*self.policy);
         let seed = c.train.seed;
         let each = 0..c.rollout.group as u64;
@@ -185,9 +185,9 @@ impl GrpoTask {
         policy.draw(policy.params().weights(), (prefix, &[&subject.mesh]), &c.draws(), &mut streams)
     }
 
-    pub(super) fn judged(&self, vertices: usize, seed: u64) -> Judged {
+    pub(super) fn judged(&self, vertices: usize, seed: u64) -> JudgeSettings {
         let half = self.config.rollout.precision.resolved() == Precision::Bf16;
-        Judged { vertices, cut: self.config.eval.cut, half, seed }
+        JudgeSettings { vertices, cut: self.config.eval.cut, half, seed }
     }
 }
 

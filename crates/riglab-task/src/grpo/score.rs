@@ -8,11 +8,11 @@ use riglab_reward::{Candidate, RawWeights, Rewards};
 
 use super::batch::Subject;
 use crate::fsq_cvae::Frozen;
-use crate::tokenrig::{Drawn, Skinner};
+use crate::tokenrig::{RigSample, Skinner};
 
 /// How codes become the weights that are judged.
 #[derive(Clone, Copy)]
-pub struct Judged {
+pub struct JudgeSettings {
     /// Codes are asked for weights at so many vertices at most.
     pub vertices: usize,
     /// Raw shares below it are dropped, as they are from a rig.
@@ -29,7 +29,12 @@ pub struct Judged {
 ///
 /// # Errors
 /// When the mesh makes no rig.
-pub fn rewards(vae: Option<&Frozen>, subject: &Subject, drawn: &[Drawn], how: &Judged) -> Result<Vec<Rewards>, String> {
+pub fn rewards(
+    vae: Option<&Frozen>,
+    subject: &Subject,
+    drawn: &[RigSample],
+    how: &JudgeSettings,
+) -> Result<Vec<Rewards>, String> {
     let (candidates, place) = candidates(vae, subject, drawn, how)?;
     let scores = subject.scorer.score_group(&candidates);
     Ok(place.into_iter().map(|at| scores[at]).collect())
@@ -42,8 +47,8 @@ pub fn rewards(vae: Option<&Frozen>, subject: &Subject, drawn: &[Drawn], how: &J
 pub fn candidates(
     vae: Option<&Frozen>,
     subject: &Subject,
-    drawn: &[Drawn],
-    how: &Judged,
+    drawn: &[RigSample],
+    how: &JudgeSettings,
 ) -> Result<(Vec<Option<Candidate>>, Vec<usize>), String> {
     let skinner = vae.map(|vae| {
         let mut random = stream(how.seed, "skin rewards", &[subject.key]);
@@ -68,7 +73,7 @@ pub fn candidates(
 }
 
 /// A drawn rig with its raw weights; `None` where there is no rig.
-fn candidate(skinner: Option<&Skinner>, subject: &Subject, drawn: &Drawn, cut: f32) -> Option<Candidate> {
+fn candidate(skinner: Option<&Skinner>, subject: &Subject, drawn: &RigSample, cut: f32) -> Option<Candidate> {
     let decoded = drawn.decoded.as_ref().ok()?;
     let skeleton = decoded.skeleton().ok()?;
     let heads = skeleton.heads().iter().map(|p| p.map(f64::from)).collect();

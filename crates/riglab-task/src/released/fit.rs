@@ -4,7 +4,7 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use riglab_nn::params::Builder;
 
-use super::names::{self, Found, KnownAs, Model};
+use super::names::{self, FoundModel, KnownAs, Model};
 
 /// How a checkpoint's tensors fit a network, by the names of the network.
 #[derive(Clone, Debug, PartialEq)]
@@ -32,7 +32,7 @@ pub struct Fit {
 impl Fit {
     /// Of a network that is being built. `names`: by the network's name the checkpoint's; `shapes` by the checkpoint's.
     pub(super) fn of(
-        found: &Found,
+        found: &FoundModel,
         network: &Builder,
         names: &BTreeMap<String, String>,
         shapes: &BTreeMap<String, Vec<i64>>,

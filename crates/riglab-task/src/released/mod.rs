@@ -29,7 +29,7 @@ use serde::Serialize;
 use tch::{Device, Kind, Tensor};
 
 pub use fit::Fit;
-pub use names::{Found, Model, plain as plain_name, recognise};
+pub use names::{FoundModel, Model, plain as plain_name, recognise};
 use names::{KnownAs, tied};
 
 use crate::bundle::{Bundle, Card};
@@ -87,13 +87,13 @@ type Tensors = BTreeMap<String, Tensor>;
 /// A part of a checkpoint, with names as the networks have them.
 struct Part<'o, 'a> {
     offered: &'o mut Offered<'a>,
-    found: Found,
+    found: FoundModel,
     /// By the networks' name the checkpoint's.
     names: BTreeMap<String, String>,
 }
 
 impl<'o, 'a> Part<'o, 'a> {
-    fn of(offered: &'o mut Offered<'a>, found: Found) -> Self {
+    fn of(offered: &'o mut Offered<'a>, found: FoundModel) -> Self {
         let names = found.names(offered.shapes.keys());
         Self { offered, found, names }
     }
@@ -144,7 +144,7 @@ impl<'o, 'a> Part<'o, 'a> {
 /// told in [`Outcome::fits`].
 pub fn import(
     offered: &mut Offered<'_>,
-    found: &Found,
+    found: &FoundModel,
     config: &Config,
     skin: Option<(&Config, Option<&mut Offered<'_>>)>,
     device: Device,
@@ -286,7 +286,12 @@ struct Encoder {
     sizes: Option<String>,
 }
 
-fn auto_encoder(offered: &mut Offered<'_>, found: Found, config: &Config, device: Device) -> Result<Encoder, String> {
+fn auto_encoder(
+    offered: &mut Offered<'_>,
+    found: FoundModel,
+    config: &Config,
+    device: Device,
+) -> Result<Encoder, String> {
     let mut config: FsqCvaeTaskConfig = config.get().map_err(|e| e.to_string())?;
     if let Some(levels) = (offered.setting)("levels").filter(|l| !l.is_empty()) {
         config.model.levels = levels;

@@ -62,7 +62,7 @@ impl FromStr for Model {
 
 /// A model in a checkpoint.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Found {
+pub struct FoundModel {
     /// Which.
     pub model: Model,
     /// What stands before its names: `model.` where Lightning kept it.
@@ -71,7 +71,7 @@ pub struct Found {
 
 /// Finds a model by the names of tensors: the one asked for, or the one that holds most. Of several copies (a moving
 /// average may stand beside), the one with the shortest names.
-pub fn recognise<'a>(names: impl Iterator<Item = &'a String> + Clone, wanted: Option<Model>) -> Option<Found> {
+pub fn recognise<'a>(names: impl Iterator<Item = &'a String> + Clone, wanted: Option<Model>) -> Option<FoundModel> {
     let of = |model: Model| {
         let before = names.clone().filter_map(move |name| {
             let plain = plain(name);
@@ -79,7 +79,7 @@ pub fn recognise<'a>(names: impl Iterator<Item = &'a String> + Clone, wanted: Op
             (prefix.is_empty() || prefix.ends_with('.')).then(|| prefix.to_string())
         });
         let prefix = before.min_by_key(|prefix| (prefix.len(), prefix.clone()))?;
-        Some(Found { model, prefix })
+        Some(FoundModel { model, prefix })
     };
     match wanted {
         Some(model) => of(model),
@@ -87,7 +87,7 @@ pub fn recognise<'a>(names: impl Iterator<Item = &'a String> + Clone, wanted: Op
     }
 }
 
-impl Found {
+impl FoundModel {
     /// By the networks' name that of the checkpoint, of all tensors below the prefix.
     pub(super) fn names<'a>(&self, all: impl Iterator<Item = &'a String>) -> BTreeMap<String, String> {
         let own = |name: &String| Some((plain(name).strip_prefix(&self.prefix)?.to_string(), name.clone()));
@@ -175,7 +175,7 @@ mod tests {
 
     #[test]
     fn names_come_without_prefix_and_wrappers() {
-        let found = Found { model: Model::TokenRig, prefix: "model.".into() };
+        let found = FoundModel { model: Model::TokenRig, prefix: "model.".into() };
         let names = ["model._orig_mod.a.b".to_string(), "other.c".into()];
         assert_eq!(found.names(names.iter()), BTreeMap::from([("a.b".into(), names[0].clone())]));
     }

@@ -8,11 +8,11 @@
 use riglab_core::Bounds;
 use riglab_geom::main_piece;
 
-use super::make::{Made, Rank, Wish};
+use super::make::{GeneratedRig, Rank, RigRequest};
 use super::stage::Stage;
 use super::template::{Anatomy, FindHuman};
-use super::{Drawn, Rigger};
-use crate::unirig_skeleton::agree::{Agreement, Taken};
+use super::{RigSample, Rigger};
+use crate::unirig_skeleton::agree::{Agreement, Chosen};
 
 /// A piece has as much of the area, at least.
 const MOST: f64 = 0.5;
@@ -34,10 +34,10 @@ impl Rigger {
     pub(super) fn without_beside(
         &self,
         stage: &Stage<'_>,
-        wish: &Wish<'_>,
+        wish: &RigRequest<'_>,
         anatomy: Anatomy<'_>,
-        (agreement, taken): (&Agreement, &Taken<Drawn>),
-    ) -> Result<Option<Made>, String> {
+        (agreement, taken): (&Agreement, &Chosen<RigSample>),
+    ) -> Result<Option<GeneratedRig>, String> {
         let is_body = |decoded| anatomy.is_body(decoded);
         if taken.drawn.decoded.as_ref().is_ok_and(is_body) {
             return Ok(None);
@@ -52,7 +52,7 @@ impl Rigger {
         if !many_bodies(self.anatomy(&alone, anatomy.human).bodies(&tried, &tries), tries.draws) {
             return Ok(None);
         }
-        let one = Wish { skins: Some(1), ..wish.clone() };
+        let one = RigRequest { skins: Some(1), ..wish.clone() };
         let body = self.make_facing(&body, None, &one, facing)?;
         let agreed = body.apart.zip(taken.apart).is_none_or(|(without, with)| without < with);
         if !(agreed && body.human && body.bodies.is_some_and(|bodies| many_bodies(bodies, agreement.draws))) {
@@ -60,10 +60,10 @@ impl Rigger {
         }
         let up = self.config.data.up;
         let skeleton = up.skeleton(&body.skeleton).map_err(|e| e.to_string())?;
-        let given = Wish { samples: None, rank: Rank::Likelihood, ..wish.clone() };
+        let given = RigRequest { samples: None, rank: Rank::Likelihood, ..wish.clone() };
         let made = self.make_facing(stage.mesh, Some(skeleton), &given, facing)?;
-        let Made { bodies, human, apart, sample, draws, .. } = body;
-        Ok(Some(Made { bodies, human, apart, sample, draws, beside: Some(others), ..made }))
+        let GeneratedRig { bodies, human, apart, sample, draws, .. } = body;
+        Ok(Some(GeneratedRig { bodies, human, apart, sample, draws, beside: Some(others), ..made }))
     }
 
     /// How bodies are told among draws on a stage.
@@ -105,7 +105,7 @@ mod tests {
             }
         };
         let make = |mesh: &Mesh, human: &FindHuman<'_>, seed| {
-            rigger.make(mesh, &Wish { human: Some(human), seed, ..Wish::default() }).unwrap()
+            rigger.make(mesh, &RigRequest { human: Some(human), seed, ..RigRequest::default() }).unwrap()
         };
         let mut made_so = 0;
         for seed in 0..6 {

@@ -17,11 +17,11 @@ use super::complete::part;
 use super::facing::Facing;
 use super::sample::{codes, sample};
 use super::skin::{Codes, Hold, in_order};
-use super::{Batch, Condition, Drawn, TokenRigTask, parts_of};
+use super::{Batch, Condition, RigSample, TokenRigTask, parts_of};
 use crate::assets::AssetId;
 use crate::fsq_cvae::evaluate::Methods;
 use crate::fsq_cvae::{Prepared, Row as SkinRow};
-use crate::unirig_skeleton::agree::Taken;
+use crate::unirig_skeleton::agree::Chosen;
 use crate::unirig_skeleton::batch::{encode, normalized, shape};
 use crate::unirig_skeleton::evaluate::{Beside, Sums, Validated, joints};
 use crate::unirig_skeleton::generate::streams;
@@ -226,7 +226,7 @@ impl TokenRigTask {
         seen: &[Condition],
         posed: &[Posed],
         ids: &[AssetId],
-    ) -> Result<Vec<Taken<Drawn>>, String> {
+    ) -> Result<Vec<Chosen<RigSample>>, String> {
         let (rigger, c) = (&self.rigger, &self.rigger.config);
         let agreement = c.eval.agreement();
         let (each, shares) = (agreement.draws, agreement.shares());
@@ -234,7 +234,7 @@ impl TokenRigTask {
         if each == 1 {
             let firsts = Condition::firsts(seen, 1);
             let drawn = rigger.draw(w, &firsts, &vec![rigger.free(); ids.len()], &c.eval.generate, &mut streams)?;
-            return Ok(drawn.into_iter().map(|drawn| Taken { place: 0, apart: None, drawn }).collect());
+            return Ok(drawn.into_iter().map(|drawn| Chosen { place: 0, apart: None, drawn }).collect());
         }
         let (free, firsts) = (rigger.free(), Condition::firsts(seen, shares.len()));
         let mut left = rigger.draw_skeletons(w, &firsts, (&free, &shares), &c.eval.generate, &mut streams)?;
@@ -319,7 +319,7 @@ impl TokenRigTask {
                 let seen: Vec<Condition> = posed.iter().zip(ids).map(shape).collect();
                 let drawn = self.drawn(w, &seen, &posed, ids)?;
                 let all = drawn.into_iter().zip(&seen).zip(&posed).zip(&truths).zip(ids);
-                for ((((Taken { apart, drawn, .. }, seen), posed), as_it_is), &id) in all {
+                for ((((Chosen { apart, drawn, .. }, seen), posed), as_it_is), &id) in all {
                     let (truth, own) = (&posed.rig, Joints::of(as_it_is.skeleton()));
                     let found = drawn.decoded.as_ref().ok().map(|decoded| posed.joints_back(joints(decoded)));
                     let offered = retrieval.offer(as_it_is, id);

@@ -16,7 +16,7 @@ use riglab_nn::generate::GenerateConfig;
 use riglab_nn::params::Weights;
 use riglab_random::stream;
 
-use super::{Drawn, Rigger};
+use super::{RigSample, Rigger};
 use crate::assets::Up;
 use crate::unirig_skeleton::evaluate::joints;
 
@@ -111,7 +111,7 @@ impl Rigger {
         let mut streams: Vec<_> =
             (0..(ways.len() * TRIES) as u64).map(|k| stream(c.eval.seed, "turned draws", &[key, k])).collect();
         let drawn = self.draw_skeletons(w, &seen, (&self.free(), &[TRIES]), &how, &mut streams)?;
-        let told: Vec<Told> = drawn.chunks(TRIES).map(Told::of).collect();
+        let told: Vec<Evidence> = drawn.chunks(TRIES).map(Evidence::of).collect();
         Ok(ways[chosen(&told, yaw.in_degrees().abs() <= SMALL)])
     }
 
@@ -131,16 +131,16 @@ impl Rigger {
 }
 
 /// What draws tell of a way to stand.
-struct Told {
+struct Evidence {
     /// How far they are apart, on average.
     apart: f64,
     /// How likely a token of theirs is, in nats, on average over draws.
     likely: f64,
 }
 
-impl Told {
+impl Evidence {
     /// Of the draws that are skeletons; nothing good where fewer than two are.
-    fn of(drawn: &[Drawn]) -> Self {
+    fn of(drawn: &[RigSample]) -> Self {
         let skeletons: Vec<Joints> = drawn.iter().filter_map(|d| Some(joints(d.decoded.as_ref().ok()?))).collect();
         let whole = drawn.iter().filter(|d| d.decoded.is_ok());
         let sum: f64 = whole.map(|d| d.likelihood.0 / d.likelihood.1.max(1) as f64).sum();
@@ -153,7 +153,7 @@ impl Told {
 
 /// Which way to stand: the first, as it stands, unless draws of others are nearer to each other by enough. The second is a
 /// `small` turn or not, and the third half round from there.
-fn chosen(told: &[Told], small: bool) -> usize {
+fn chosen(told: &[Evidence], small: bool) -> usize {
     let likelier = |a: usize, b: usize, by: f64| told[b].likely > told[a].likely + by;
     // Whether the small turn agrees or not.
     let unlikely = |way: usize| small && way == 2 && !likelier(1, 2, LIKELIER);
@@ -166,7 +166,7 @@ mod tests {
     use riglab_nn::tokenrig::Head;
 
     use super::*;
-    use crate::tokenrig::Wish;
+    use crate::tokenrig::RigRequest;
     use crate::tokenrig::testing::{tetrahedron, untrained};
 
     fn facing(degrees: i32, up: Up) -> Facing {
@@ -224,7 +224,7 @@ mod tests {
     #[test]
     fn a_turn_needs_draws_that_agree_far_better() {
         let of = |all: &[(f64, f64)]| {
-            let told: Vec<Told> = all.iter().map(|&(apart, likely)| Told { apart, likely }).collect();
+            let told: Vec<Evidence> = all.iter().map(|&(apart, likely)| Evidence { apart, likely }).collect();
             chosen(&told, false)
         };
         assert_eq!(of(&[(0.3, -2.0), (0.25, -1.0), (0.29, -1.0)]), 0);
@@ -237,7 +237,7 @@ mod tests {
         assert_eq!(of(&[(0.4, -2.0), (f64::NAN, -1.0), none]), 0);
         // Half round from a small turn only if that is likelier by far, whether the small turn agrees or not.
         let of_small = |small: f64, half: f64| {
-            chosen(&[(0.3, -2.0), (small, -1.7), (0.14, half)].map(|(apart, likely)| Told { apart, likely }), true)
+            chosen(&[(0.3, -2.0), (small, -1.7), (0.14, half)].map(|(apart, likely)| Evidence { apart, likely }), true)
         };
         assert_eq!([of_small(0.13, -1.3), of_small(0.13, -1.1)], [1, 2]);
         assert_eq!([of_small(0.29, -1.3), of_small(0.29, -1.1)], [0, 2]);
@@ -254,11 +254,11 @@ mod tests {
         }]);
         let begun = begun.unwrap();
         for complete in [false, true] {
-            let wish = Wish { skeleton: Some(&begun), complete, samples: Some(3), ..Wish::default() };
+            let wish = RigRequest { skeleton: Some(&begun), complete, samples: Some(3), ..RigRequest::default() };
             let made = rigger.make_facing(&mesh, Some(begun.clone()), &wish, turned).unwrap();
             assert_eq!((made.yaw.in_degrees(), made.weights.rows()), (37, mesh.positions().len()));
             assert_eq!(made.skeleton.head(riglab_core::JointId(0)), begun.head(riglab_core::JointId(0)));
         }
-        assert_eq!(rigger.make(&mesh, &Wish::default()).unwrap().yaw, Yaw::NONE, "not unless it is asked for");
+        assert_eq!(rigger.make(&mesh, &RigRequest::default()).unwrap().yaw, Yaw::NONE, "not unless it is asked for");
     }
 }

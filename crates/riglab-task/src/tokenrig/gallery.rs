@@ -7,7 +7,7 @@ use riglab_report::Turntable;
 use super::TokenRigTask;
 use super::evaluate::{Report, Rigged};
 use crate::experiment::{Sheet, places};
-use crate::unirig_skeleton::Shown;
+use crate::unirig_skeleton::ShownAsset;
 use crate::unirig_skeleton::batch::normalized;
 
 /// Side of one picture of a sheet, in pixels.
@@ -15,8 +15,13 @@ const SIDE: u32 = 280;
 
 impl TokenRigTask {
     /// Sheets of a few assets of each test split: the true rig and the generated one, skeleton and weights as parts.
-    pub(super) fn gallery(&self, report: &Report, rigs: &[Rigged], each: usize) -> Result<Vec<(Shown, Sheet)>, String> {
-        let mut out: Vec<(Shown, Sheet)> = Vec::new();
+    pub(super) fn gallery(
+        &self,
+        report: &Report,
+        rigs: &[Rigged],
+        each: usize,
+    ) -> Result<Vec<(ShownAsset, Sheet)>, String> {
+        let mut out: Vec<(ShownAsset, Sheet)> = Vec::new();
         if each == 0 {
             return Ok(out);
         }
@@ -38,8 +43,13 @@ impl TokenRigTask {
                     ("generated parts".to_owned(), render_parts(&rig, &view)),
                 ];
                 let file = format!("{:02}-{split}-{why}.png", out.len() + 1);
-                let shown =
-                    Shown { file, split: split.clone(), name: row.name.clone(), why: why.into(), j2j: row.model.j2j };
+                let shown = ShownAsset {
+                    file,
+                    split: split.clone(),
+                    name: row.name.clone(),
+                    why: why.into(),
+                    j2j: row.model.j2j,
+                };
                 let view = Turntable::of(&[("true", &truth), ("generated", &rig)]);
                 out.push((shown, Sheet { png: contact_sheet(&cells, 4, Theme::Light).to_png(), view }));
             }

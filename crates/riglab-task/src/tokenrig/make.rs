@@ -8,10 +8,10 @@ use riglab_token::{Bones, Encoded, Template};
 use super::facing::Facing;
 use super::stage::Settled;
 use super::template::{Anatomy, FindHuman, Placed};
-use super::{Drawn, Rigger};
-use crate::grpo::{Judged, Subject, rewards};
+use super::{RigSample, Rigger};
+use crate::grpo::{JudgeSettings, Subject, rewards};
 use crate::sequences::{NO_SKELETON, of_class};
-use crate::unirig_skeleton::agree::{Agreement, Taken};
+use crate::unirig_skeleton::agree::{Agreement, Chosen};
 
 /// By what the best of several rigs is told.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -31,7 +31,7 @@ const JUDGED: usize = 4096;
 
 /// What is wanted.
 #[derive(Clone, Default)]
-pub struct Wish<'a> {
+pub struct RigRequest<'a> {
     /// A skeleton that stays as it is: only its weights are made.
     pub skeleton: Option<&'a Skeleton>,
     /// Whether that skeleton is a beginning: the model adds the joints that it lacks, after those that are given.
@@ -61,18 +61,18 @@ pub struct Wish<'a> {
 
 /// What came of it, in the mesh's units.
 #[derive(Clone, Debug)]
-pub struct Made {
+pub struct GeneratedRig {
     /// The joints.
     pub skeleton: Skeleton,
     /// Weights of every vertex.
     pub weights: SkinWeights,
     /// How the mesh was turned to be looked at, where it was; joints and weights are of the mesh as it is.
     pub yaw: Yaw,
-    /// What became of the template, where one was asked for and [`Wish::human`] tells bodies.
+    /// What became of the template, where one was asked for and [`RigRequest::human`] tells bodies.
     pub placed: Option<Placed>,
-    /// How many of the draws are human bodies, where [`Wish::human`] tells them and one of free ones was chosen by agreement.
+    /// How many of the draws are human bodies, where [`RigRequest::human`] tells them and one of free ones was chosen by agreement.
     pub bodies: Option<usize>,
-    /// Whether the skeleton is a human body, where [`Wish::human`] tells them and it is not given.
+    /// Whether the skeleton is a human body, where [`RigRequest::human`] tells them and it is not given.
     pub human: bool,
     /// How many pieces of surface were left out while the skeleton was made, as draws showed bodies without them only
     /// (`tokenrig/beside.rs`).
@@ -98,7 +98,7 @@ pub struct Draw {
     pub rewards: Option<Rewards>,
 }
 
-impl Made {
+impl GeneratedRig {
     /// The draw that was taken.
     pub fn taken(&self) -> &Draw {
         &self.draws[self.sample]
@@ -110,7 +110,7 @@ impl Rigger {
     ///
     /// # Errors
     /// A sentence: a skeleton that the model cannot write, a class that it does not know.
-    pub fn make(&self, mesh: &Mesh, wish: &Wish<'_>) -> Result<Made, String> {
+    pub fn make(&self, mesh: &Mesh, wish: &RigRequest<'_>) -> Result<GeneratedRig, String> {
         // From here on in the network's axes.
         let up = self.config.data.up;
         let mesh = up.mesh(mesh).map_err(|e| e.to_string())?;
@@ -124,9 +124,9 @@ impl Rigger {
         &self,
         mesh: &Mesh,
         turned: Option<Skeleton>,
-        wish: &Wish<'_>,
+        wish: &RigRequest<'_>,
         facing: Facing,
-    ) -> Result<Made, String> {
+    ) -> Result<GeneratedRig, String> {
         let (w, eval) = (self.params.weights(), &self.config.eval);
         let (stage, turned) = self.stage(mesh, turned, wish, facing)?;
         let turned = match turned {
@@ -177,7 +177,7 @@ impl Rigger {
             // The first of equals.
             let whole = (0..drawn.len()).filter(|&at| drawn[at].decoded.is_ok());
             let best = whole.min_by(|a, b| worth(*b).total_cmp(&worth(*a)));
-            best.and_then(|place| Some(Taken { place, apart: None, drawn: drawn.into_iter().nth(place)? }))
+            best.and_then(|place| Some(Chosen { place, apart: None, drawn: drawn.into_iter().nth(place)? }))
         };
         let best = best.ok_or(NO_SKELETON)?;
         if let (Some(anatomy), Some(agreement), None) = (anatomy, &agree, wish.class)
@@ -185,7 +185,7 @@ impl Rigger {
         {
             return Ok(made);
         }
-        let Taken { place: sample, apart, drawn } = best;
+        let Chosen { place: sample, apart, drawn } = best;
         let human = anatomy.zip(drawn.decoded.as_ref().ok()).is_some_and(|(anatomy, own)| anatomy.is_body(own));
         let agree = agree.zip(written.as_deref());
         let placed = match template.map(|template| self.settled(&stage, wish, template, &drawn, agree)).transpose()? {
@@ -194,7 +194,7 @@ impl Rigger {
             None => None,
         };
         let (skeleton, weights, thinned) = self.finished(&stage, wish, given.as_ref(), drawn)?;
-        Ok(Made {
+        Ok(GeneratedRig {
             skeleton,
             weights,
             yaw: facing.yaw(),
@@ -210,7 +210,7 @@ impl Rigger {
     }
 
     /// What draws for a mesh in the cube are worth.
-    fn judged(&self, cube: &Mesh, drawn: &[Drawn], wish: &Wish<'_>) -> Result<Vec<Draw>, String> {
+    fn judged(&self, cube: &Mesh, drawn: &[RigSample], wish: &RigRequest<'_>) -> Result<Vec<Draw>, String> {
         let worth = match wish.rank {
             Rank::Likelihood | Rank::Consensus => vec![None; drawn.len()],
             Rank::Rewards => {
@@ -218,11 +218,11 @@ impl Rigger {
                 let subject = Subject { key: wish.seed, mesh: cube.clone(), scorer };
                 let eval = &self.config.eval;
                 let vertices = eval.vertices.min(JUDGED);
-                let how = Judged { vertices, cut: eval.cut, half: false, seed: eval.seed };
+                let how = JudgeSettings { vertices, cut: eval.cut, half: false, seed: eval.seed };
                 rewards(Some(&self.vae), &subject, drawn, &how)?.into_iter().map(Some).collect()
             }
         };
-        let mean = |d: &Drawn| d.likelihood.0 / d.likelihood.1.max(1) as f64;
+        let mean = |d: &RigSample| d.likelihood.0 / d.likelihood.1.max(1) as f64;
         Ok(drawn.iter().zip(worth).map(|(d, rewards)| Draw { likelihood: mean(d), rewards }).collect())
     }
 
@@ -296,7 +296,7 @@ mod tests {
     #[test]
     fn the_best_by_rewards_has_the_largest_total() {
         let (mesh, rigger) = (tetrahedron(), untrained(Head::Levels, true));
-        let wish = |rank| Wish { samples: Some(6), rank, ..Wish::default() };
+        let wish = |rank| RigRequest { samples: Some(6), rank, ..RigRequest::default() };
         let by_rewards = rigger.make(&mesh, &wish(Rank::Rewards)).unwrap();
         let totals: Vec<f64> = by_rewards.draws.iter().map(|d| d.rewards.unwrap().total).collect();
         let best = totals.iter().copied().fold(f64::MIN, f64::max);
@@ -304,12 +304,12 @@ mod tests {
         assert!(totals.iter().any(|t| *t < best) && totals.iter().all(|t| (0.0..=8.0).contains(t)), "{totals:?}");
         // The same draws, ranked otherwise.
         let likely = rigger.make(&mesh, &wish(Rank::Likelihood)).unwrap();
-        let of = |made: &Made| made.draws.iter().map(|d| d.likelihood).collect::<Vec<_>>();
+        let of = |made: &GeneratedRig| made.draws.iter().map(|d| d.likelihood).collect::<Vec<_>>();
         assert_eq!(of(&likely), of(&by_rewards));
         assert_eq!(likely.taken().likelihood, of(&likely).into_iter().fold(f64::MIN, f64::max));
         assert!(likely.taken().rewards.is_none());
         // The first of several is what one is, whatever the temperature of the others.
-        let one = rigger.make(&mesh, &Wish { samples: Some(1), ..wish(Rank::Likelihood) }).unwrap();
+        let one = rigger.make(&mesh, &RigRequest { samples: Some(1), ..wish(Rank::Likelihood) }).unwrap();
         assert_eq!(one.taken().likelihood, of(&likely)[0]);
     }
 
@@ -317,7 +317,7 @@ mod tests {
     fn the_skeleton_that_draws_agree_on_gets_the_likeliest_codes() {
         let (mesh, mut rigger) = (tetrahedron(), untrained(Head::Levels, true));
         rigger.config.eval.consensus = 6;
-        let made = rigger.make(&mesh, &Wish::default()).unwrap();
+        let made = rigger.make(&mesh, &RigRequest::default()).unwrap();
         assert!(made.draws.len() == 6 && made.taken().rewards.is_none());
         // The same skeletons as those of whole rigs from the same streams, of which it is the medoid.
         let w = rigger.params().weights();
@@ -355,7 +355,7 @@ mod tests {
         let (mesh, mut rigger) = (tetrahedron(), untrained(Head::Levels, true));
         let eval = &mut rigger.config.eval;
         (eval.consensus, eval.clouds, eval.mirror, eval.refine, eval.skins) = (7, 4, true, 5, 3);
-        let make = |samples| rigger.make(&mesh, &Wish { samples, ..Wish::default() }).unwrap();
+        let make = |samples| rigger.make(&mesh, &RigRequest { samples, ..RigRequest::default() }).unwrap();
         let (made, again) = (make(None), make(None));
         assert_eq!((made.draws.len(), &made.skeleton, &made.weights), (7, &again.skeleton, &again.weights));
         // Two after each of the first three clouds, the second of which is a mirror.
@@ -373,7 +373,12 @@ mod tests {
         let skeleton = Skeleton::new(joints).unwrap();
         for up in [crate::assets::Up::Y, crate::assets::Up::Z] {
             rigger.config.data.up = up;
-            let wish = Wish { skeleton: Some(&skeleton), samples: Some(3), rank: Rank::Rewards, ..Wish::default() };
+            let wish = RigRequest {
+                skeleton: Some(&skeleton),
+                samples: Some(3),
+                rank: Rank::Rewards,
+                ..RigRequest::default()
+            };
             let made = rigger.make(&mesh, &wish).unwrap();
             assert_eq!(made.skeleton, skeleton);
             assert!(made.draws.len() == 3 && made.draws.iter().all(|d| d.rewards.is_some()));

@@ -28,7 +28,7 @@ use std::sync::Arc;
 
 use riglab_core::Rig;
 use riglab_nn::params::{Builder, Params, Weights};
-use riglab_nn::tokenrig::{Asked, Parts, Sequences, TokenRig};
+use riglab_nn::tokenrig::{NextTokens, Parts, Sequences, TokenRig};
 use riglab_train::{At, Better, Loss, LossOf, Source, State, Task, Validation};
 use tch::{Device, Tensor};
 
@@ -37,10 +37,10 @@ pub use beside::many_bodies;
 pub use condition::Condition;
 pub use config::{EvalConfig, LossConfig, SamplingConfig, SkinConfig, TokenRigTaskConfig};
 pub use evaluate::{Report, SkinAsset};
-pub use make::{Draw, Made, Rank, Wish};
+pub use make::{Draw, GeneratedRig, Rank, RigRequest};
 pub use report::Evaluation;
 pub(crate) use rigger::Strict;
-pub use rigger::{AUTO_ENCODER, Drawn, Rigger};
+pub use rigger::{AUTO_ENCODER, RigSample, Rigger};
 pub use riglab_geom::Yaw;
 pub use sample::Sample;
 pub use skin::Codes;
@@ -266,7 +266,7 @@ fn sums_of(
     let targets: Vec<Tensor> = each.iter().map(|own| own.narrow(0, 1, own.size()[0] - 1)).collect();
     let targets = Tensor::cat(&targets, 0);
     let spread = if training { c.loss.spread } else { 0.0 };
-    let asked = Asked { hidden: &hidden, targets: &targets, bins: i64::from(c.tokenizer.bins), spread };
+    let asked = NextTokens { hidden: &hidden, targets: &targets, bins: i64::from(c.tokenizer.bins), spread };
     net.losses(w, &asked)
 }
 
@@ -319,7 +319,8 @@ mod tests {
             let sequences = Sequences { ids: &ids, lengths: &[own.ids.len() as i64], told: Some(&told) };
             let hidden = rigger.net.forward(w, &seen.prefix().narrow(0, 0, 1), &sequences, false);
             let targets = ids.narrow(0, 1, own.ids.len() as i64 - 1);
-            let asked = Asked { hidden: &hidden, targets: &targets, bins: i64::from(c.tokenizer.bins), spread: 0.0 };
+            let asked =
+                NextTokens { hidden: &hidden, targets: &targets, bins: i64::from(c.tokenizer.bins), spread: 0.0 };
             // A bone is empty, or not, by its first code.
             let coded = own.skeleton.len() - 1..own.ids.len() - 2;
             let empty: Vec<bool> = coded.clone().map(|at| of_places[width * at + GEOMETRY] == 1.0).collect();

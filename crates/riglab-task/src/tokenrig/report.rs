@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 use super::evaluate::{Report, SkinAsset};
 use crate::fsq_cvae::{Row, asset_columns, skin_columns};
 use crate::unirig_skeleton::report::{SKELETONS_OF_SKINTOKENS, skeleton_findings};
-use crate::unirig_skeleton::{Evaluation as SkeletonEvaluation, Shown, lines as skeleton_lines};
+use crate::unirig_skeleton::{Evaluation as SkeletonEvaluation, ShownAsset, lines as skeleton_lines};
 
 /// What `riglab eval` writes.
 #[derive(Clone, Debug, Serialize, Deserialize)]
@@ -17,7 +17,7 @@ pub struct Evaluation {
     /// The numbers.
     pub report: Report,
     /// The pictures, in the folder beside the file.
-    pub gallery: Vec<Shown>,
+    pub gallery: Vec<ShownAsset>,
 }
 
 fn splits(report: &Report) -> Vec<&str> {

@@ -20,7 +20,7 @@ use super::told::{Sight, Teller};
 use crate::experiment::checksum;
 use crate::fsq_cvae::Frozen;
 use crate::unirig_skeleton::Batch as Shapes;
-use crate::unirig_skeleton::agree::{Agreed, Agreement, Taken};
+use crate::unirig_skeleton::agree::{Agreed, Agreement, Chosen};
 use crate::unirig_skeleton::batch::shape;
 use crate::unirig_skeleton::shape_tensors;
 
@@ -39,7 +39,7 @@ pub struct Rigger {
 
 /// A rig as it was drawn, in the cube.
 #[derive(Clone, Debug)]
-pub struct Drawn {
+pub struct RigSample {
     /// Ids of the skeleton, with its end.
     pub skeleton: Vec<u32>,
     /// What they say.
@@ -254,7 +254,7 @@ impl Rigger {
         prompts: &[Vec<u32>],
         how: &GenerateConfig,
         streams: &mut [Stream],
-    ) -> Result<Vec<Drawn>, String> {
+    ) -> Result<Vec<RigSample>, String> {
         self.draw_until(Until::Whole, w, seen, prompts, how, streams)
     }
 
@@ -270,7 +270,7 @@ impl Rigger {
         (prompt, shares): (&[u32], &[usize]),
         how: &GenerateConfig,
         streams: &mut [Stream],
-    ) -> Result<Vec<Drawn>, String> {
+    ) -> Result<Vec<RigSample>, String> {
         let shapes = seen.rows();
         let (mut firsts, mut others): (Vec<Stream>, Vec<Stream>) = (Vec::new(), Vec::new());
         let (mut left, shares) = (&*streams, shares.iter().copied().cycle().take(shapes));
@@ -308,7 +308,7 @@ impl Rigger {
     ///
     /// # Errors
     /// As [`Self::draw`].
-    pub fn with_codes(&self, w: &Weights, seen: &Condition, drawn: Drawn) -> Result<Drawn, String> {
+    pub fn with_codes(&self, w: &Weights, seen: &Condition, drawn: RigSample) -> Result<RigSample, String> {
         if drawn.decoded.is_err() {
             return Ok(drawn);
         }
@@ -317,7 +317,7 @@ impl Rigger {
         let mut whole = self.draw(w, seen, std::slice::from_ref(&drawn.skeleton), &how, streams)?;
         let Some(whole) = whole.pop() else { return Ok(drawn) };
         let ((a, m), (b, n)) = (drawn.likelihood, whole.likelihood);
-        Ok(Drawn { likelihood: (a + b, m + n), ..whole })
+        Ok(RigSample { likelihood: (a + b, m + n), ..whole })
     }
 
     /// The skeleton of one mesh that its draws agree on, refined, and its own image in the mirror at x = `plane` where there is
@@ -331,8 +331,8 @@ impl Rigger {
         w: &Weights,
         seen: &Condition,
         (agreement, plane): (&Agreement, Option<f64>),
-        drawn: Vec<Drawn>,
-    ) -> Result<Taken<Drawn>, String> {
+        drawn: Vec<RigSample>,
+    ) -> Result<Chosen<RigSample>, String> {
         self.agreed_of(w, seen, (agreement, plane), drawn, |_| true)
     }
 
@@ -342,18 +342,18 @@ impl Rigger {
         w: &Weights,
         seen: &Condition,
         (agreement, plane): (&Agreement, Option<f64>),
-        mut drawn: Vec<Drawn>,
+        mut drawn: Vec<RigSample>,
         may: impl Fn(usize) -> bool,
-    ) -> Result<Taken<Drawn>, String> {
+    ) -> Result<Chosen<RigSample>, String> {
         let decoded = drawn.iter().enumerate().map(|(at, d)| d.decoded.as_ref().ok().filter(|_| may(at)));
         let agreed = agreement.of(&self.tokenizer, decoded, plane, |ids| self.may_begin(ids));
         let Agreed { place, apart, refined } = agreed.unwrap_or_default();
         let mut taken = drawn.swap_remove(place);
         if let Some((skeleton, decoded)) = refined {
             let ids = skeleton.iter().map(|&id| i64::from(id)).collect();
-            taken = Drawn { skeleton, decoded: Ok(decoded), ids, ..taken };
+            taken = RigSample { skeleton, decoded: Ok(decoded), ids, ..taken };
         }
-        Ok(Taken { place, apart, drawn: self.with_codes(w, seen, taken)? })
+        Ok(Chosen { place, apart, drawn: self.with_codes(w, seen, taken)? })
     }
 
     /// Whether a skeleton may stand at the beginning of a sequence.
@@ -382,7 +382,7 @@ impl Rigger {
         prompts: &[Vec<u32>],
         how: &GenerateConfig,
         streams: &mut [Stream],
-    ) -> Result<Vec<Drawn>, String> {
+    ) -> Result<Vec<RigSample>, String> {
         let _no_grad = tch::no_grad_guard();
         let (c, vocabulary) = (&self.config, self.tokenizer.vocabulary());
         let tokens = c.limits.tokens.min(how.tokens.saturating_add(1)).max(prompts.first().map_or(0, Vec::len));
@@ -427,7 +427,7 @@ impl Rigger {
         let whole =
             all.into_iter().zip(prompts).zip(likelihood).zip(told).map(|(((own, prompt), likelihood), joints)| {
                 let drawn: Vec<u32> = prompt.iter().copied().chain(own).collect();
-                Drawn { joints, ..self.said(&drawn, likelihood) }
+                RigSample { joints, ..self.said(&drawn, likelihood) }
             });
         Ok(whole.collect())
     }
@@ -448,7 +448,7 @@ impl Rigger {
     }
 
     /// What a whole sequence says.
-    fn said(&self, drawn: &[u32], likelihood: (f64, usize)) -> Drawn {
+    fn said(&self, drawn: &[u32], likelihood: (f64, usize)) -> RigSample {
         let (layout, c) = (self.net.layout(), &self.config);
         let eos = self.tokenizer.vocabulary().eos();
         let end = drawn.iter().position(|&id| id == eos).map_or(drawn.len(), |at| at + 1);
@@ -470,7 +470,7 @@ impl Rigger {
             });
         }
         let ids = skeleton.iter().map(|&id| i64::from(id)).chain(skin).collect();
-        Drawn { skeleton: skeleton.to_vec(), decoded, codes, joints: Vec::new(), ids, likelihood }
+        RigSample { skeleton: skeleton.to_vec(), decoded, codes, joints: Vec::new(), ids, likelihood }
     }
 
     /// The prompt from which a skeleton is drawn freely.
@@ -525,7 +525,7 @@ mod tests {
         let how = GenerateConfig::default();
         let mut drawn = rigger.draw_skeletons(w, &prefix, (&rigger.free(), &[3]), &how, &mut streams).unwrap();
         let agreement = Agreement { draws: 3, clouds: 1, mirror: false, refine: 5 };
-        let of = |drawn: &[Drawn]| rigger.agreed(w, &prefix, (&agreement, None), drawn.to_vec()).unwrap();
+        let of = |drawn: &[RigSample]| rigger.agreed(w, &prefix, (&agreement, None), drawn.to_vec()).unwrap();
         assert!(of(&drawn).drawn.decoded.is_ok() && of(&drawn).apart.is_some());
         drawn.iter_mut().for_each(|d| d.decoded = Err(DecodeFault::NoEos));
         let none = of(&drawn);

@@ -8,7 +8,7 @@ use riglab_nn::params::Weights;
 use riglab_random::stream;
 
 use super::condition::Condition;
-use super::rigger::{Drawn, Rigger};
+use super::rigger::{RigSample, Rigger};
 use super::skinner::Skinner;
 use crate::fsq_cvae::Prior;
 
@@ -25,7 +25,7 @@ impl Rigger {
         &self,
         w: &Weights,
         seen: &Condition,
-        drawn: &Drawn,
+        drawn: &RigSample,
         count: usize,
         key: u64,
     ) -> Result<Vec<Codes>, String> {

@@ -7,7 +7,7 @@ use riglab_geom::Transfer;
 use riglab_random::{Draw, Stream};
 use tch::{Kind, Tensor};
 
-use crate::fsq_cvae::{Coder, Frozen, Point, Prepared, Prior, Told};
+use crate::fsq_cvae::{Coder, Frozen, Point, Prepared, Prior, SurfacePrior};
 
 /// Vertices that tell one at which no weights were asked.
 const NEIGHBOURS: usize = 8;
@@ -98,7 +98,7 @@ impl<'a> Skinner<'a> {
         let decode = |coder: Coder<'_>| {
             let ids = Tensor::from_slice(&codes.concat()).view(size).to_device(coder.device);
             let codes = coder.net.fsq().codes(&ids, Kind::Float).to_kind(coder.weights.kind());
-            let told = prior.map(|prior| Told { prior, triangles: self.prepared.rig.mesh().triangles() });
+            let told = prior.map(|prior| SurfacePrior { prior, triangles: self.prepared.rig.mesh().triangles() });
             coder.decode(&self.shape, &codes, &self.points, segments, told)
         };
         let known = if self.half { self.vae.with_half(decode) } else { self.vae.with(decode) };

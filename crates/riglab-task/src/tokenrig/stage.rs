@@ -8,11 +8,11 @@ use riglab_token::Template;
 
 use super::condition::Condition;
 use super::facing::Facing;
-use super::make::{Made, Rank, Wish};
+use super::make::{GeneratedRig, Rank, RigRequest};
 use super::skin::{Hold, in_order};
 use super::template::{Anatomy, Placed, alone, known};
-use super::thinned::Read;
-use super::{Drawn, Rigger};
+use super::thinned::ReadSkeleton;
+use super::{RigSample, Rigger};
 use crate::unirig_skeleton::agree::Agreement;
 
 /// A mesh, turned and in the cube, as the encoder sees it.
@@ -57,13 +57,13 @@ pub(super) enum Settled {
     /// The drawn rig is taken.
     Stays(Placed),
     /// Another one takes its place.
-    Instead(Box<Made>),
+    Instead(Box<GeneratedRig>),
 }
 
 /// What a wish gives: a turned skeleton, and how it is read.
-pub(super) type Given<'a> = (&'a Skeleton, Read<'a>);
+pub(super) type GivenSkeleton<'a> = (&'a Skeleton, ReadSkeleton<'a>);
 
-impl Wish<'_> {
+impl RigRequest<'_> {
     /// Which of a skeleton's joints may hold anything, where that is told of them all.
     pub(super) fn holders_of(&self, skeleton: &Skeleton) -> Option<&[bool]> {
         self.holders.filter(|able| able.len() == skeleton.len() && able.contains(&true))
@@ -79,7 +79,7 @@ impl Rigger {
         &self,
         mesh: &'a Mesh,
         given: Option<Skeleton>,
-        wish: &Wish<'_>,
+        wish: &RigRequest<'_>,
         facing: Facing,
     ) -> Result<(Stage<'a>, Option<Skeleton>), String> {
         let turned = facing.mesh(mesh).map_err(|e| e.to_string())?;
@@ -112,7 +112,7 @@ impl Rigger {
         (prompt, samples): (Vec<u32>, usize),
         agree: Option<&Agreement>,
         seed: u64,
-    ) -> Result<Vec<Drawn>, String> {
+    ) -> Result<Vec<RigSample>, String> {
         let (clouds, how) = (&stage.clouds, &stage.how);
         let mut streams: Vec<_> = (0..samples as u64).map(|k| stream(seed, "rig draws", &[k])).collect();
         if let Some(agreement) = agree {
@@ -136,16 +136,16 @@ impl Rigger {
     pub(super) fn settled(
         &self,
         stage: &Stage<'_>,
-        wish: &Wish<'_>,
+        wish: &RigRequest<'_>,
         (template, anatomy): (&Template, Anatomy<'_>),
-        drawn: &Drawn,
+        drawn: &RigSample,
         agree: Option<(Agreement, &[bool])>,
     ) -> Result<Settled, String> {
-        let given = Wish { class: None, samples: None, rank: Rank::Likelihood, ..wish.clone() };
-        let instead = |skeleton: Option<&Skeleton>, wish: &Wish<'_>, placed| {
+        let given = RigRequest { class: None, samples: None, rank: Rank::Likelihood, ..wish.clone() };
+        let instead = |skeleton: Option<&Skeleton>, wish: &RigRequest<'_>, placed| {
             let skeleton = skeleton.map(|skeleton| stage.stood(skeleton)).transpose()?;
             let made = self.make_facing(stage.mesh, skeleton, wish, stage.facing)?;
-            Ok(Settled::Instead(Box::new(Made { placed: Some(placed), ..made })))
+            Ok(Settled::Instead(Box::new(GeneratedRig { placed: Some(placed), ..made })))
         };
         let body = drawn.decoded.as_ref().ok().filter(|decoded| anatomy.written(template, decoded, false));
         if let Some(decoded) = body {
@@ -160,7 +160,7 @@ impl Rigger {
         let (w, how) = (self.params.weights(), (agreement, wish.seed));
         match self.voted(w, &stage.clouds, (template, anatomy), &stage.how, how)? {
             Some((voted, bodies)) => instead(Some(&voted), &given, Placed::Voted { bodies, draws: agreement.draws }),
-            None => instead(None, &Wish { class: None, ..wish.clone() }, Placed::Without),
+            None => instead(None, &RigRequest { class: None, ..wish.clone() }, Placed::Without),
         }
     }
 
@@ -172,9 +172,9 @@ impl Rigger {
     pub(super) fn finished(
         &self,
         stage: &Stage<'_>,
-        wish: &Wish<'_>,
-        given: Option<&Given<'_>>,
-        drawn: Drawn,
+        wish: &RigRequest<'_>,
+        given: Option<&GivenSkeleton<'_>>,
+        drawn: RigSample,
     ) -> Result<(Skeleton, SkinWeights, Option<usize>), String> {
         let (eval, up) = (&self.config.eval, self.config.data.up);
         let count = wish.skins.unwrap_or(eval.skins);

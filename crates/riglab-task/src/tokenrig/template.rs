@@ -3,7 +3,7 @@
 //! A model that learned from rigs of a make writes one after the token of its class, as the papers have it. One that saw few
 //! of them loses its way on many bodies: what it writes is none. What it draws freely for the same mesh may be a body
 //! nonetheless, in many of the draws. Which joints are the bones of a human is told by the tree and by places alone
-//! ([`Wish::human`](super::Wish::human)); each joint of the template then stands at the geometric median of where these draws
+//! ([`RigRequest::human`](super::RigRequest::human)); each joint of the template then stands at the geometric median of where these draws
 //! have its bone. No paper has this; it needs no training.
 
 use std::collections::BTreeMap;
@@ -16,7 +16,7 @@ use riglab_nn::params::Weights;
 use riglab_random::stream;
 use riglab_token::{Decoded, Template};
 
-use super::{Condition, Drawn, Rigger};
+use super::{Condition, RigSample, Rigger};
 use crate::assets::Up;
 use crate::unirig_skeleton::agree::{Agreement, joints_in_the_mirror, partners};
 use crate::unirig_skeleton::evaluate::joints;
@@ -101,8 +101,8 @@ impl Anatomy<'_> {
     }
 
     /// How many draws are bodies, whatever their joints are called.
-    pub fn bodies(&self, drawn: &[Drawn], agreement: &Agreement) -> usize {
-        let of = |(drawn, mirrored): (&Drawn, bool)| self.skeleton(drawn.decoded.as_ref().ok()?, mirrored);
+    pub fn bodies(&self, drawn: &[RigSample], agreement: &Agreement) -> usize {
+        let of = |(drawn, mirrored): (&RigSample, bool)| self.skeleton(drawn.decoded.as_ref().ok()?, mirrored);
         drawn.iter().zip(agreement.draws_mirrored()).filter_map(of).filter(|s| self.bones(s).is_some()).count()
     }
 
@@ -112,8 +112,8 @@ impl Anatomy<'_> {
     }
 
     /// Of each draw after the token of a template whether it is [`written`](Self::written).
-    pub fn written_ones(&self, template: &Template, drawn: &[Drawn], agreement: &Agreement) -> Vec<bool> {
-        let written = |(drawn, mirrored): (&Drawn, bool)| {
+    pub fn written_ones(&self, template: &Template, drawn: &[RigSample], agreement: &Agreement) -> Vec<bool> {
+        let written = |(drawn, mirrored): (&RigSample, bool)| {
             drawn.decoded.as_ref().is_ok_and(|decoded| self.written(template, decoded, mirrored))
         };
         drawn.iter().zip(agreement.draws_mirrored()).map(written).collect()
@@ -331,7 +331,7 @@ mod tests {
     use riglab_token::Limits;
 
     use super::*;
-    use crate::tokenrig::Wish;
+    use crate::tokenrig::RigRequest;
     use crate::tokenrig::testing::{tetrahedron, untrained};
 
     /// Where the bones of a body are, y up, left at +x.
@@ -471,7 +471,7 @@ mod tests {
         rigger.config.limits = Limits { joints: 24, tokens: 200 };
         rigger.config.eval.consensus = 6;
         let make = |rigger: &Rigger, human: Option<&FindHuman<'_>>| {
-            rigger.make(&mesh, &Wish { class: Some("mixamo"), human, ..Wish::default() }).unwrap()
+            rigger.make(&mesh, &RigRequest { class: Some("mixamo"), human, ..RigRequest::default() }).unwrap()
         };
         rigger.config.data.up = Up::Z;
         let made = make(&rigger, Some(&by_height));
@@ -485,14 +485,14 @@ mod tests {
         // Where nothing is a body it is as without the template; where nothing tells, what the model writes.
         let nobody: &FindHuman<'_> = &|_: &Skeleton, _: Option<Bounds>| None;
         let none = make(&rigger, Some(nobody));
-        let free = rigger.make(&mesh, &Wish::default()).unwrap();
+        let free = rigger.make(&mesh, &RigRequest::default()).unwrap();
         assert_eq!((none.placed, make(&rigger, None).placed), (Some(Placed::Without), None));
         assert_eq!((&none.skeleton, &none.weights), (&free.skeleton, &free.weights));
-        let one = Wish { class: Some("mixamo"), human: Some(nobody), samples: Some(1), ..Wish::default() };
+        let one = RigRequest { class: Some("mixamo"), human: Some(nobody), samples: Some(1), ..RigRequest::default() };
         assert_eq!(rigger.make(&mesh, &one).unwrap().placed, Some(Placed::Lost), "free draws are not asked");
         // No room for the joints of the template.
         rigger.config.limits = Limits { joints: 21, tokens: 400 };
-        let told = rigger.make(&mesh, &Wish { class: Some("mixamo"), ..Wish::default() }).unwrap_err();
+        let told = rigger.make(&mesh, &RigRequest { class: Some("mixamo"), ..RigRequest::default() }).unwrap_err();
         assert!(told.contains("`mixamo` are more than this model writes (21 joints"), "{told}");
     }
 

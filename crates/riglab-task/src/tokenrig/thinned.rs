@@ -11,7 +11,7 @@ use super::make::class_of;
 use super::skin::{Codes, Hold};
 
 /// A given skeleton as the model reads it.
-pub(super) struct Read<'a> {
+pub(super) struct ReadSkeleton<'a> {
     /// The joints that it reads: all of them, where it can.
     pub skeleton: Cow<'a, Skeleton>,
     /// Their sequence.
@@ -31,10 +31,10 @@ impl Rigger {
         skeleton: &'a Skeleton,
         map: Similarity,
         holders: Option<&[bool]>,
-    ) -> Result<Read<'a>, String> {
+    ) -> Result<ReadSkeleton<'a>, String> {
         let encoded = self.encoded(skeleton, map)?;
         if self.reads(&encoded, skeleton.len()) {
-            return Ok(Read { skeleton: Cow::Borrowed(skeleton), encoded, stands: None });
+            return Ok(ReadSkeleton { skeleton: Cow::Borrowed(skeleton), encoded, stands: None });
         }
         let mut thinning = Thinning::new(skeleton, holders);
         while thinning.contract() {
@@ -44,11 +44,15 @@ impl Rigger {
             let (left, stands) = thinning.made(skeleton)?;
             let encoded = self.encoded(&left, map)?;
             if self.reads(&encoded, left.len()) {
-                return Ok(Read { skeleton: Cow::Owned(left), encoded, stands: Some(stands) });
+                return Ok(ReadSkeleton { skeleton: Cow::Owned(left), encoded, stands: Some(stands) });
             }
         }
         // Not even its root is within the limits: which says how far it is from them.
-        self.given(skeleton, map).map(|encoded| Read { skeleton: Cow::Borrowed(skeleton), encoded, stands: None })
+        self.given(skeleton, map).map(|encoded| ReadSkeleton {
+            skeleton: Cow::Borrowed(skeleton),
+            encoded,
+            stands: None,
+        })
     }
 
     /// Weights for all joints of a skeleton, in the cube, by codes of those that were read; `map`: into the cube. As
@@ -59,7 +63,7 @@ impl Rigger {
     pub(super) fn read_skin(
         &self,
         (mesh, whole): (&Mesh, &Skeleton),
-        (read, map): (&Read<'_>, Similarity),
+        (read, map): (&ReadSkeleton<'_>, Similarity),
         skins: &[Codes],
         key: u64,
         (holders, hold): (Option<&[bool]>, Hold<'_>),
@@ -198,7 +202,7 @@ mod tests {
 
     use super::*;
     use crate::tokenrig::testing::{tetrahedron, untrained};
-    use crate::tokenrig::{Rank, Wish};
+    use crate::tokenrig::{Rank, RigRequest};
 
     /// A chain of joints up the y axis, at these heights.
     fn chain(heights: &[f32]) -> Skeleton {
@@ -291,14 +295,14 @@ mod tests {
         let most = rigger.most_joints();
         let heights: Vec<f32> = (0..3 * most).map(|k| -0.9 + 1.8 * k as f32 / (3 * most) as f32).collect();
         let skeleton = chain(&heights);
-        let wish = Wish { skeleton: Some(&skeleton), rank: Rank::Likelihood, ..Wish::default() };
+        let wish = RigRequest { skeleton: Some(&skeleton), rank: Rank::Likelihood, ..RigRequest::default() };
         let made = rigger.make(&mesh, &wish).unwrap();
         assert_eq!((&made.skeleton, made.weights.rows()), (&skeleton, 4));
         assert!(made.thinned.is_some_and(|read| (1..=most).contains(&read)), "{:?}", made.thinned);
         let few = chain(&heights[..2]);
-        assert_eq!(rigger.make(&mesh, &Wish { skeleton: Some(&few), ..wish }).unwrap().thinned, None);
+        assert_eq!(rigger.make(&mesh, &RigRequest { skeleton: Some(&few), ..wish }).unwrap().thinned, None);
         // Joints are added to what is read whole alone.
-        let whole = Wish { skeleton: Some(&skeleton), complete: true, ..Wish::default() };
+        let whole = RigRequest { skeleton: Some(&skeleton), complete: true, ..RigRequest::default() };
         assert!(rigger.make(&mesh, &whole).unwrap_err().contains("reads at most 6 joints"));
     }
 }

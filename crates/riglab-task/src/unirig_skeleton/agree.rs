@@ -38,7 +38,7 @@ pub(crate) struct Agreed {
 }
 
 /// What is taken of the draws for a mesh.
-pub(crate) struct Taken<D> {
+pub(crate) struct Chosen<D> {
     /// Which it is.
     pub place: usize,
     /// As [`Agreed::apart`].

@@ -10,9 +10,9 @@ use riglab_token::Decoded;
 use riglab_train::Validation;
 use serde::{Deserialize, Serialize};
 
-use super::agree::Taken;
+use super::agree::Chosen;
 use super::batch::{Batch, encode, normalized, shape};
-use super::generate::Drawn;
+use super::generate::SkeletonSample;
 use super::retrieval::{Offered, Retrieval};
 use super::{SkeletonTask, loss_of};
 use crate::assets::AssetId;
@@ -304,7 +304,7 @@ impl SkeletonTask {
         &self,
         w: &Weights,
         mut progress: impl FnMut(usize),
-    ) -> Result<(Report, Vec<(AssetId, Drawn)>), String> {
+    ) -> Result<(Report, Vec<(AssetId, SkeletonSample)>), String> {
         let ids: Vec<_> = self.train_assets.iter().flat_map(|(_, ids)| ids).copied().collect();
         let (points, seed) = (self.config.eval.retrieval_points, self.config.eval.seed);
         let retrieval = Retrieval::new(&self.assets, &self.cache, &ids, points, seed)?;
@@ -319,7 +319,8 @@ impl SkeletonTask {
                     ids.iter().map(|&id| normalized(&self.assets, &self.cache, id)).collect::<Result<Vec<_>, _>>()?;
                 let asked: Vec<_> = rigs.iter().zip(ids).map(|(rig, id)| (rig.mesh(), id.key())).collect();
                 let drawn = self.drawer().draw_agreed(w, &asked)?;
-                for (((Taken { apart, drawn, .. }, rig), name), &id) in drawn.into_iter().zip(&rigs).zip(names).zip(ids)
+                for (((Chosen { apart, drawn, .. }, rig), name), &id) in
+                    drawn.into_iter().zip(&rigs).zip(names).zip(ids)
                 {
                     let truth = Joints::of(rig.skeleton());
                     let found = drawn.decoded.as_ref().ok().map(joints);

@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 use super::SkeletonTask;
 use super::batch::normalized;
 use super::evaluate::Report;
-use super::generate::Drawn;
+use super::generate::SkeletonSample;
 use crate::assets::AssetId;
 use crate::experiment::{Sheet, places};
 
@@ -19,7 +19,7 @@ const SIDE: u32 = 280;
 
 /// One asset's sheet.
 #[derive(Clone, Debug, Serialize, Deserialize)]
-pub struct Shown {
+pub struct ShownAsset {
     /// The PNG file, in the folder of the evaluation's pictures.
     pub file: String,
     /// The split.
@@ -37,10 +37,10 @@ impl SkeletonTask {
     pub(super) fn gallery(
         &self,
         report: &Report,
-        skeletons: &[(AssetId, Drawn)],
+        skeletons: &[(AssetId, SkeletonSample)],
         each: usize,
-    ) -> Result<Vec<(Shown, Sheet)>, String> {
-        let mut out: Vec<(Shown, Sheet)> = Vec::new();
+    ) -> Result<Vec<(ShownAsset, Sheet)>, String> {
+        let mut out: Vec<(ShownAsset, Sheet)> = Vec::new();
         if each == 0 {
             return Ok(out);
         }
@@ -70,8 +70,13 @@ impl SkeletonTask {
                     ("generated".to_owned(), over(&side, &skeleton)),
                 ];
                 let file = format!("{:02}-{split}-{why}.png", out.len() + 1);
-                let shown =
-                    Shown { file, split: split.clone(), name: row.name.clone(), why: why.into(), j2j: row.model.j2j };
+                let shown = ShownAsset {
+                    file,
+                    split: split.clone(),
+                    name: row.name.clone(),
+                    why: why.into(),
+                    j2j: row.model.j2j,
+                };
                 let view = bound(&skeleton, rig.mesh())
                     .and_then(|own| Turntable::of(&[("true", &rig), ("generated, nearest bone", &own)]));
                 out.push((shown, Sheet { png: contact_sheet(&cells, 4, Theme::Light).to_png(), view }));

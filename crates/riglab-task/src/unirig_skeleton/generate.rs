@@ -10,7 +10,7 @@ use riglab_random::{Stream, stream};
 use riglab_token::{DecodeFault, Decoded, Grammar, Limits, Mask, Tokenizer};
 use tch::{Device, Kind, Tensor};
 
-use super::agree::{Agreed, Taken};
+use super::agree::{Agreed, Chosen};
 use super::batch::{Batch, shape};
 use super::{SkeletonTaskConfig, shape_of};
 
@@ -81,7 +81,7 @@ impl Decoder for Reader<'_> {
 }
 
 /// A skeleton that was drawn.
-pub struct Drawn {
+pub struct SkeletonSample {
     /// The sequence.
     pub ids: Vec<u32>,
     /// What it says, in the cube.
@@ -120,7 +120,7 @@ impl Drawer<'_> {
     ///
     /// # Errors
     /// A sentence: the network diverged. So all of these.
-    pub fn draw(&self, w: &Weights, meshes: &[(&Mesh, u64)]) -> Result<Vec<Drawn>, String> {
+    pub fn draw(&self, w: &Weights, meshes: &[(&Mesh, u64)]) -> Result<Vec<SkeletonSample>, String> {
         let c = self.config;
         let mut streams = streams(c.eval.seed, meshes.iter().map(|(_, key)| *key), 1);
         self.draw_with(w, &self.prefix_of(w, &self.shapes_of(meshes)), &mut streams, &c.eval.generate)
@@ -128,10 +128,14 @@ impl Drawer<'_> {
 
     /// As [`Self::draw`], but with `eval.consensus` several are sampled for each mesh, and the one is given that the
     /// others agree with most, refined as `eval.refine` says.
-    pub(crate) fn draw_agreed(&self, w: &Weights, meshes: &[(&Mesh, u64)]) -> Result<Vec<Taken<Drawn>>, String> {
+    pub(crate) fn draw_agreed(
+        &self,
+        w: &Weights,
+        meshes: &[(&Mesh, u64)],
+    ) -> Result<Vec<Chosen<SkeletonSample>>, String> {
         let each = self.config.eval.agreement().draws;
         if each == 1 {
-            let alone = |drawn| Taken { place: 0, apart: None, drawn };
+            let alone = |drawn| Chosen { place: 0, apart: None, drawn };
             return Ok(self.draw(w, meshes)?.into_iter().map(alone).collect());
         }
         let mut drawn = self.draw_several(w, meshes, None)?;
@@ -151,7 +155,7 @@ impl Drawer<'_> {
         w: &Weights,
         meshes: &[(&Mesh, u64)],
         likelihood: Option<&mut [(f64, usize)]>,
-    ) -> Result<Vec<Drawn>, String> {
+    ) -> Result<Vec<SkeletonSample>, String> {
         let (c, agreement) = (self.config, self.config.eval.agreement());
         let (shares, mut shapes) = (agreement.shares(), Batch::default());
         for (mesh, key) in meshes {
@@ -165,16 +169,16 @@ impl Drawer<'_> {
     }
 
     /// Of the draws for a mesh the one that the others agree with most; the first where none is a skeleton.
-    pub(crate) fn agreed(&self, mut drawn: Vec<Drawn>) -> Taken<Drawn> {
+    pub(crate) fn agreed(&self, mut drawn: Vec<SkeletonSample>) -> Chosen<SkeletonSample> {
         let decoded = drawn.iter().map(|d| d.decoded.as_ref().ok());
         let fits = |ids: &[u32]| ids.len() <= self.config.limits.tokens;
         let agreed = self.config.eval.agreement().of(self.tokenizer, decoded, None, fits);
         let Agreed { place, apart, refined } = agreed.unwrap_or_default();
         let drawn = match refined {
-            Some((ids, decoded)) => Drawn { ids, decoded: Ok(decoded) },
+            Some((ids, decoded)) => SkeletonSample { ids, decoded: Ok(decoded) },
             None => drawn.swap_remove(place),
         };
-        Taken { place, apart, drawn }
+        Chosen { place, apart, drawn }
     }
 
     /// The shapes of meshes, as the decoder's prefix is made of.
@@ -205,7 +209,7 @@ impl Drawer<'_> {
         prefix: &Tensor,
         streams: &mut [Stream],
         generate: &GenerateConfig,
-    ) -> Result<Vec<Drawn>, String> {
+    ) -> Result<Vec<SkeletonSample>, String> {
         self.draw_told(w, prefix, streams, generate, None)
     }
 
@@ -218,7 +222,7 @@ impl Drawer<'_> {
         streams: &mut [Stream],
         generate: &GenerateConfig,
         mut likelihood: Option<&mut [(f64, usize)]>,
-    ) -> Result<Vec<Drawn>, String> {
+    ) -> Result<Vec<SkeletonSample>, String> {
         let _no_grad = tch::no_grad_guard();
         let vocabulary = self.tokenizer.vocabulary();
         // The grammar ends each sequence before the tokens do.
@@ -247,7 +251,7 @@ impl Drawer<'_> {
         })?;
         let whole = |own: Vec<u32>| {
             let ids: Vec<u32> = start.iter().copied().chain(own).collect();
-            Drawn { decoded: self.tokenizer.decode(&ids), ids }
+            SkeletonSample { decoded: self.tokenizer.decode(&ids), ids }
         };
         Ok(all.into_iter().map(whole).collect())
     }

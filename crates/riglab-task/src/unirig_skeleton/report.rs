@@ -5,7 +5,7 @@ use riglab_train::State;
 use serde::{Deserialize, Serialize};
 
 use super::evaluate::{AssetRow, Report, Row};
-use super::gallery::Shown;
+use super::gallery::ShownAsset;
 use crate::experiment::{of_splits, pictures, views};
 
 /// What `riglab eval` writes.
@@ -16,7 +16,7 @@ pub struct Evaluation {
     /// The numbers.
     pub report: Report,
     /// The pictures, in the folder beside the file.
-    pub gallery: Vec<Shown>,
+    pub gallery: Vec<ShownAsset>,
 }
 
 const HEAD: [&str; 11] = [
@@ -147,7 +147,8 @@ impl Evaluation {
         blocks.push(Block::Table(self.table()));
         if !self.gallery.is_empty() {
             blocks.push(Block::Heading("Pictures".into()));
-            let caption = |s: &Shown| format!("{} of {}: {}, J2J × 100 {:.2}", s.why, s.split, s.name, 100.0 * s.j2j);
+            let caption =
+                |s: &ShownAsset| format!("{} of {}: {}, J2J × 100 {:.2}", s.why, s.split, s.name, 100.0 * s.j2j);
             blocks.push(pictures(self.gallery.iter().map(|s| (s.file.as_str(), caption(s))), &picture));
             blocks.extend(views(self.gallery.iter().map(|s| (s.file.as_str(), caption(s))), &picture));
         }

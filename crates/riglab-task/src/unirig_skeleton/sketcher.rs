@@ -10,8 +10,8 @@ use riglab_token::{Grammar, Tokenizer};
 use riglab_train::named_by;
 use tch::Device;
 
-use super::agree::Taken;
-use super::generate::{Drawer, Drawn};
+use super::agree::Chosen;
+use super::generate::{Drawer, SkeletonSample};
 use super::{SkeletonTaskConfig, Trained};
 use crate::bundle::{self, Card};
 use crate::grpo::{descends, refined};
@@ -46,7 +46,7 @@ pub struct Sketch<'a> {
 pub struct Sketched {
     /// The joints, in the mesh's units.
     pub skeleton: Skeleton,
-    /// As [`Made::apart`](crate::tokenrig::Made::apart).
+    /// As [`GeneratedRig::apart`](crate::tokenrig::GeneratedRig::apart).
     pub apart: Option<f64>,
     /// Which of the draws it is.
     pub sample: usize,
@@ -119,7 +119,7 @@ impl Sketcher {
         let (net, device) = (&self.own.net, self.device);
         let drawer = Drawer { config: &config, tokenizer: &self.tokenizer, net, device };
         let mut likelihood = vec![(0.0, 0); config.eval.consensus];
-        let Taken { place: sample, apart, drawn } = match wish.rank {
+        let Chosen { place: sample, apart, drawn } = match wish.rank {
             Rank::Rewards => return Err("rewards judge whole rigs, and this model draws skeletons alone".into()),
             Rank::Consensus if config.eval.consensus > 1 => {
                 let w = self.own.params.weights();
@@ -143,7 +143,7 @@ impl Sketcher {
         cube: &Mesh,
         seed: u64,
         likelihood: &mut [(f64, usize)],
-    ) -> Result<Option<Taken<Drawn>>, String> {
+    ) -> Result<Option<Chosen<SkeletonSample>>, String> {
         let w = self.own.params.weights();
         let prefix = drawer.prefix_of(w, &drawer.shapes_of(&[(cube, seed)]));
         let mut streams: Vec<Stream> =
@@ -160,7 +160,7 @@ impl Sketcher {
         let whole = (0..drawn.len()).filter(|&at| drawn[at].decoded.is_ok());
         // The first of equals.
         let best = whole.min_by(|&a, &b| mean(b).total_cmp(&mean(a)));
-        Ok(best.map(|best| Taken { place: best, apart: None, drawn: drawn.swap_remove(best) }))
+        Ok(best.map(|best| Chosen { place: best, apart: None, drawn: drawn.swap_remove(best) }))
     }
 }
 

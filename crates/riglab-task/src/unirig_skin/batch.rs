@@ -303,11 +303,11 @@ fn frozen(c: &SkinTaskConfig, bones: usize, random: &mut Stream) -> Vec<bool> {
 mod tests {
     use riglab_augment::PoseConfig;
     use riglab_core::{Joint, Mesh, Rig, Skeleton, SkinWeights};
-    use riglab_nn::skin_stage::{Seen, SkinModelConfig};
+    use riglab_nn::skin_stage::{BoneInput, SkinModelConfig};
 
     use super::*;
     use crate::unirig_skin::config::{FreezeConfig, ReleasedConfig};
-    use crate::unirig_skin::pairs::Told;
+    use crate::unirig_skin::pairs::PairInput;
     use crate::unirig_skin::ready::Measured;
 
     /// A box four long with joints at 0, 1, 2 and 3; the second holds nothing.
@@ -345,13 +345,13 @@ mod tests {
 
     fn config() -> SkinTaskConfig {
         let mut c = SkinTaskConfig::default();
-        c.model = SkinModelConfig { pair: Told::Features.width(), ..c.model };
+        c.model = SkinModelConfig { pair: PairInput::Features.width(), ..c.model };
         c.model.shape.tokens = 4;
-        c.model.bones.seen = Seen::ParentJointAndTail;
+        c.model.bones.seen = BoneInput::ParentJointAndTail;
         c.sampling.points = 48;
         c.sampling.queries = 20;
         c.sampling.pool = 64;
-        c.sampling.told = Told::Features;
+        c.sampling.told = PairInput::Features;
         c.validate().unwrap();
         c
     }
@@ -393,7 +393,7 @@ mod tests {
         let (ready, mut c) = (ready(), config());
         c.augment = riglab_augment::AffineConfig { scale: [2.0, 2.0], ..Default::default() };
         c.model.pair = 1;
-        c.sampling.told = Told::Distance;
+        c.sampling.told = PairInput::Distance;
         let of = |c: &SkinTaskConfig| sample(c, &ready, &mut stream(3, "test", &[])).unwrap();
         let large = of(&c);
         c.augment.scale = [1.0, 1.0];

@@ -5,7 +5,7 @@ use riglab_nn::skin_stage::{ATTRIBUTE_SCALE, SkinModelConfig};
 use riglab_train::TrainConfig;
 use serde::{Deserialize, Serialize};
 
-use super::pairs::Told;
+use super::pairs::PairInput;
 use super::ready::Measured;
 use crate::assets::DataConfig;
 use crate::fsq_cvae::{cells, cuts};
@@ -57,7 +57,7 @@ pub struct SamplingConfig {
     /// vertices.
     pub vertex_share: f32,
     /// What the network is told of each pair of point and bone.
-    pub told: Told,
+    pub told: PairInput,
     /// Cells along the longest side of the body that distances go through.
     pub resolution: usize,
     /// Bones become part of those above them, for other skeletons than the corpus has.
@@ -201,7 +201,7 @@ impl Default for SamplingConfig {
             pool: 16_384,
             variants: 4,
             vertex_share: 0.5,
-            told: Told::Distance,
+            told: PairInput::Distance,
             resolution: 196,
             merge: MergeConfig::default(),
         }
@@ -391,7 +391,7 @@ mod tests {
             change(&mut c);
             c.validate().unwrap_err().0
         };
-        assert_eq!(fault(|c| c.sampling.told = Told::Features), "model.pair");
+        assert_eq!(fault(|c| c.sampling.told = PairInput::Features), "model.pair");
         assert_eq!(fault(|c| c.sampling.points = 100), "sampling.points");
         assert_eq!(fault(|c| c.sampling.pool = 5000), "sampling.pool");
         assert_eq!(fault(|c| c.sampling.queries = 999_999), "sampling.queries");
@@ -409,7 +409,7 @@ mod tests {
     #[test]
     fn the_releases_losses_alone_are_sound() {
         let mut c = SkinTaskConfig { model: SkinModelConfig::released(), ..SkinTaskConfig::default() };
-        c.sampling.told = Told::Weight;
+        c.sampling.told = PairInput::Weight;
         c.loss = LossConfig { skin: 0.0, attributes: 0.0, released: ReleasedConfig::unirig(), ..c.loss };
         c.validate().unwrap();
     }

@@ -22,7 +22,7 @@ const ERROR_SHOWN: f32 = 0.5;
 
 /// One asset's sheet.
 #[derive(Clone, Debug, Serialize, Deserialize)]
-pub struct Shown {
+pub struct ShownAsset {
     /// The PNG file, in the folder of the evaluation's pictures.
     pub file: String,
     /// The split.
@@ -42,8 +42,13 @@ impl SkinTask {
     ///
     /// # Errors
     /// When an asset cannot be read.
-    pub(super) fn gallery(&self, w: &Weights, report: &Report, each: usize) -> Result<Vec<(Shown, Sheet)>, String> {
-        let mut out: Vec<(Shown, Sheet)> = Vec::new();
+    pub(super) fn gallery(
+        &self,
+        w: &Weights,
+        report: &Report,
+        each: usize,
+    ) -> Result<Vec<(ShownAsset, Sheet)>, String> {
+        let mut out: Vec<(ShownAsset, Sheet)> = Vec::new();
         for split in &self.config.data.test {
             let ids = self.assets.split(split).map_err(|e| e.to_string())?;
             let rows = report.assets.iter().filter(|a| a.split == *split);
@@ -53,7 +58,7 @@ impl SkinTask {
                 let (id, l1) = ranked[k];
                 let (name, bone, picture, view) = self.sheet(w, id, report.cut)?;
                 let file = format!("{:02}-{split}-{why}.png", out.len() + 1);
-                let shown = Shown { file, split: split.clone(), name, why: why.into(), l1, bone };
+                let shown = ShownAsset { file, split: split.clone(), name, why: why.into(), l1, bone };
                 out.push((shown, Sheet { png: picture.to_png(), view }));
             }
         }

@@ -28,9 +28,9 @@ pub use config::{
     EvalConfig, FreezeConfig, LossConfig, MergeConfig, PhysicsConfig, ReleasedConfig, SamplingConfig, SkinTaskConfig,
 };
 pub use evaluate::{AssetRow, AttributeRow, Report, Row};
-pub use gallery::Shown;
+pub use gallery::ShownAsset;
 pub use motion::{Motion, Moving};
-pub use pairs::Told;
+pub use pairs::PairInput;
 pub use ready::{Ready, Seat};
 pub use report::{Evaluation, lines};
 pub use skinner::{Holders, Skinner};

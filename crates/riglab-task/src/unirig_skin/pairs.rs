@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 /// What is told.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Told {
+pub enum PairInput {
     /// Their distance through the body (the paper).
     #[default]
     Distance,
@@ -26,7 +26,7 @@ pub enum Told {
 pub struct Around<'a> {
     /// Distances, one a bone.
     pub distances: &'a [f32],
-    /// Shares of heat, one a bone; empty where [`Told::heat`] is false.
+    /// Shares of heat, one a bone; empty where [`PairInput::heat`] is false.
     pub heat: &'a [f32],
 }
 
@@ -35,10 +35,10 @@ const NEAR: f32 = 1e-4;
 /// Less heat than this is none.
 const COLD: f32 = 1e-4;
 
-/// How many numbers [`Told::Features`] tells.
+/// How many numbers [`PairInput::Features`] tells.
 const FEATURES: usize = 12;
 
-impl Told {
+impl PairInput {
     /// Numbers of a pair.
     pub fn width(self) -> usize {
         match self {
@@ -133,7 +133,7 @@ mod tests {
 
     #[test]
     fn as_many_numbers_as_announced_all_finite() {
-        for told in [Told::Distance, Told::Weight, Told::Features, Told::FeaturesAndHeat] {
+        for told in [PairInput::Distance, PairInput::Weight, PairInput::Features, PairInput::FeaturesAndHeat] {
             for (p, d) in [([0.1, 0.5, 0.0], [0.1, 0.6, 0.5]), ([0.0; 3], [0.0; 3]), ([1e18; 3], [1e18; 3])] {
                 let mut out = Vec::new();
                 told.tell(p, &bones(), Around { distances: &d, heat: &[0.7, 0.3, 0.0] }, &mut out);
@@ -147,14 +147,14 @@ mod tests {
     fn shares_tell_the_near_bone_from_the_far_one() {
         let mut out = Vec::new();
         let around = Around { distances: &[0.1, 0.6, 0.5], heat: &[0.7, 0.3, 0.0] };
-        Told::Features.tell([0.1, 0.5, 0.0], &bones(), around, &mut out);
+        PairInput::Features.tell([0.1, 0.5, 0.0], &bones(), around, &mut out);
         assert!(out[4] > 0.99 && out[12 + 4] < 0.01);
         let mut out = Vec::new();
-        Told::Weight.tell([0.1, 0.5, 0.0], &bones(), around, &mut out);
+        PairInput::Weight.tell([0.1, 0.5, 0.0], &bones(), around, &mut out);
         assert!((out.iter().sum::<f32>() - 1.0).abs() < 1e-6 && out[0] > out[2] && out[2] > out[1]);
         let (mut with, mut without) = (Vec::new(), Vec::new());
-        Told::FeaturesAndHeat.tell([0.1, 0.5, 0.0], &bones(), around, &mut with);
-        Told::Features.tell([0.1, 0.5, 0.0], &bones(), around, &mut without);
+        PairInput::FeaturesAndHeat.tell([0.1, 0.5, 0.0], &bones(), around, &mut with);
+        PairInput::Features.tell([0.1, 0.5, 0.0], &bones(), around, &mut without);
         for (b, (with, without)) in with.chunks(FEATURES + 2).zip(without.chunks(FEATURES)).enumerate() {
             assert_eq!((&with[..FEATURES], with[FEATURES]), (without, around.heat[b]));
         }

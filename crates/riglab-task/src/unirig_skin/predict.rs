@@ -5,12 +5,12 @@ use riglab_core::Vec3;
 use riglab_geom::{ReskinConfig, reskin, spread_weights};
 use riglab_nn::params::Weights;
 use riglab_nn::skin_stage::ptv3::{Layout, Places};
-use riglab_nn::skin_stage::{PointEncoder, Read, SkinModel, with_children};
+use riglab_nn::skin_stage::{EncodedRig, PointEncoder, SkinModel, with_children};
 use tch::{Device, Tensor};
 
 use super::batch::{Bones, picks};
 use super::config::SkinTaskConfig;
-use super::pairs::Told;
+use super::pairs::PairInput;
 use super::ready::Ready;
 use crate::fsq_cvae::{Place, Point};
 
@@ -98,7 +98,7 @@ impl Predictor<'_> {
     }
 
     /// Shares of points [1, n, d] that are those of the rig from `first` on.
-    fn shares(&self, ready: &Ready, bones: &Bones, read: &Read, points: &Tensor, first: usize) -> Vec<f32> {
+    fn shares(&self, ready: &Ready, bones: &Bones, read: &EncodedRig, points: &Tensor, first: usize) -> Vec<f32> {
         let (c, n, b) = (self.config, points.size()[1], bones.of.len());
         let pairs = |start: i64, count: i64| {
             let rows = first + start as usize..first + (start + count) as usize;
@@ -113,7 +113,9 @@ impl Predictor<'_> {
         let mask = (c.model.mask_power > 0.0).then(|| {
             let own = first..first + n as usize;
             let mut rows = Vec::with_capacity(own.len() * b);
-            own.for_each(|k| Told::Weight.tell(ready.points[k].position, &bones.segments, ready.around(k), &mut rows));
+            own.for_each(|k| {
+                PairInput::Weight.tell(ready.points[k].position, &bones.segments, ready.around(k), &mut rows)
+            });
             let above: Vec<Option<usize>> = ready.seats.iter().map(|s| s.above).collect();
             with_children(&Tensor::from_slice(&rows).view([n, b as i64]).to_device(self.device), &above)
         });

@@ -4,7 +4,7 @@ use riglab_core::{JointId, Segment, Swing, Vec3};
 use riglab_geom::geodesic::GeodesicSolver;
 use riglab_geom::voxel::SolidConfig;
 use riglab_metric::heat_weights;
-use riglab_nn::skin_stage::{ATTRIBUTES, Seen};
+use riglab_nn::skin_stage::{ATTRIBUTES, BoneInput};
 use riglab_random::{Draw, Stream};
 
 use super::pairs::Around;
@@ -141,11 +141,11 @@ fn seats(rig: &Prepared) -> Vec<Seat> {
 
 impl Seat {
     /// Adds the points that the network sees of it, each under a map.
-    pub fn seen(&self, seen: Seen, map: impl Fn(Vec3) -> Vec3, out: &mut Vec<f32>) {
+    pub fn seen(&self, seen: BoneInput, map: impl Fn(Vec3) -> Vec3, out: &mut Vec<f32>) {
         let all: &[Vec3] = match seen {
-            Seen::Joint => &[self.head],
-            Seen::ParentAndJoint => &[self.parent, self.head],
-            Seen::ParentJointAndTail => &[self.parent, self.head, self.tail],
+            BoneInput::Joint => &[self.head],
+            BoneInput::ParentAndJoint => &[self.parent, self.head],
+            BoneInput::ParentJointAndTail => &[self.parent, self.head, self.tail],
         };
         out.extend(all.iter().flat_map(|&p| map(p)));
     }

@@ -5,7 +5,7 @@ use riglab_train::State;
 use serde::{Deserialize, Serialize};
 
 use super::evaluate::{AssetRow, AttributeRow, Report, Row};
-use super::gallery::Shown;
+use super::gallery::ShownAsset;
 use crate::experiment::{of_splits, pictures, views};
 use crate::fsq_cvae::{BONES_KNOWN, asset_columns, skin_columns};
 
@@ -17,7 +17,7 @@ pub struct Evaluation {
     /// The numbers.
     pub report: Report,
     /// The pictures, in the folder beside the file.
-    pub gallery: Vec<Shown>,
+    pub gallery: Vec<ShownAsset>,
 }
 
 fn splits(report: &Report) -> Vec<&str> {
@@ -116,7 +116,8 @@ impl Evaluation {
                  vertex's weight that is on a wrong bone. Bottom row: the bone whose weights have the largest error."
                     .into(),
             ));
-            let caption = |s: &Shown| format!("{} of {}: {}, L1 {:.4}; bone {}", s.why, s.split, s.name, s.l1, s.bone);
+            let caption =
+                |s: &ShownAsset| format!("{} of {}: {}, L1 {:.4}; bone {}", s.why, s.split, s.name, s.l1, s.bone);
             blocks.push(pictures(self.gallery.iter().map(|s| (s.file.as_str(), caption(s))), &picture));
             blocks.extend(views(self.gallery.iter().map(|s| (s.file.as_str(), caption(s))), &picture));
         }

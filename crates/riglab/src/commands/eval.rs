@@ -11,7 +11,7 @@ use riglab_report::shell::command;
 use riglab_sweep::hold_evaluation;
 use riglab_task::Experiment;
 use riglab_task::assets::{Assets, DataConfig};
-use riglab_task::seen::{Seen, seen, warning};
+use riglab_task::seen::{SeenAssets, seen, warning};
 use riglab_train::{Checkpoint, Progress, RunInfo, named_by, other_companions, same_companions};
 
 use super::device::DeviceArgs;
@@ -105,7 +105,7 @@ pub fn run(args: &Args, threads: usize) -> Result<ExitCode> {
         // Its corpora may be gone or moved: no fault of an evaluation on others.
         Err(e) => {
             tell!("note: whether these assets were trained on is not known: {e}");
-            Seen::default()
+            SeenAssets::default()
         }
     };
     if let Some(warning) = warning(&seen) {

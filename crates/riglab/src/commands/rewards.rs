@@ -57,7 +57,7 @@ pub struct Args {
 
 /// A rig and what it is worth.
 #[derive(Debug, Serialize)]
-struct Judged {
+struct ScoredRig {
     name: String,
     joints: usize,
     vertices: usize,
@@ -70,7 +70,7 @@ struct Judged {
 struct System {
     name: String,
     from: PathBuf,
-    rigs: Vec<Judged>,
+    rigs: Vec<ScoredRig>,
     /// What cannot be judged, and why.
     unread: Vec<(String, String)>,
 }
@@ -131,7 +131,7 @@ fn settings(config: Option<&str>, sets: &[String]) -> Result<RewardConfig> {
 }
 
 /// What rigs are worth, and which cannot be judged.
-fn judge(rigs: &Truths, config: &RewardConfig, tick: &mut dyn FnMut(usize)) -> (Vec<Judged>, Vec<(String, String)>) {
+fn judge(rigs: &Truths, config: &RewardConfig, tick: &mut dyn FnMut(usize)) -> (Vec<ScoredRig>, Vec<(String, String)>) {
     let (mut judged, mut unread) = (Vec::new(), Vec::new());
     rigs.each(|some: Vec<Named>| {
         // A few at a time, so that there is progress to show.
@@ -152,9 +152,9 @@ fn judge(rigs: &Truths, config: &RewardConfig, tick: &mut dyn FnMut(usize)) -> (
     (judged, unread)
 }
 
-fn one(name: &str, rig: &Rig, config: &RewardConfig) -> Judged {
+fn one(name: &str, rig: &Rig, config: &RewardConfig) -> ScoredRig {
     let rewards = Scorer::new(rig.mesh(), config).score(&Candidate::of(rig));
-    Judged { name: name.into(), joints: rig.skeleton().len(), vertices: rig.mesh().positions().len(), rewards }
+    ScoredRig { name: name.into(), joints: rig.skeleton().len(), vertices: rig.mesh().positions().len(), rewards }
 }
 
 /// What was asked for, in a form.
@@ -219,7 +219,7 @@ fn every(systems: &[System], config: &RewardConfig) -> Table {
     let head: Vec<&str> = ["system", "rig", "joints", "vertices"].into_iter().chain(heads()).collect();
     let mut table = Table::new("Rewards: rigs, the worst first", &head);
     for System { name, rigs, .. } in systems {
-        let mut sorted: Vec<&Judged> = rigs.iter().collect();
+        let mut sorted: Vec<&ScoredRig> = rigs.iter().collect();
         sorted.sort_by(|a, b| a.rewards.total.total_cmp(&b.rewards.total));
         for rig in sorted {
             let mut row = vec![Cell::text(name), Cell::text(&rig.name)];
@@ -302,7 +302,7 @@ mod tests {
     use super::*;
 
     fn system(name: &str, rigs: &[(&str, f64)]) -> System {
-        let of = |&(name, coverage): &(&str, f64)| Judged {
+        let of = |&(name, coverage): &(&str, f64)| ScoredRig {
             name: name.into(),
             joints: 3,
             vertices: 8,

@@ -9,7 +9,7 @@ use riglab_ranks::{Ranks, processors};
 use riglab_task::Experiment;
 use riglab_task::assets::{Assets, DataConfig};
 use riglab_task::seen::{seen, warning};
-use riglab_task::start::{Taken, take};
+use riglab_task::start::{LoadedPart, take};
 use riglab_train::{
     Checkpoint, Ended, Interrupt, Run, RunInfo, ScheduleKind, StartConfig, TrainConfig, estimate, product_speed,
     same_companions, sides, train,
@@ -215,7 +215,7 @@ fn begin<T: Experiment>(task: &T, start: &StartConfig) -> Result<Vec<String>> {
     let (shown, params) = (start.from.display(), task.params());
     let mut offered = open_weights(&start.from).context("train.start.from")?;
     let taken = take(params, &start.parts, &mut offered).map_err(|e| anyhow!("train.start: {shown}: {e}"))?;
-    let line = |t: &Taken| {
+    let line = |t: &LoadedPart| {
         let what = if t.part.is_empty() { "the network".into() } else { format!("`{}`", t.part) };
         let below = if t.prefix.is_empty() { String::new() } else { format!(" below `{}`", t.prefix) };
         let left = match t.left_over.as_slice() {

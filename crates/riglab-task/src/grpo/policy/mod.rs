@@ -17,7 +17,7 @@ use tch::{Device, Tensor};
 use super::rollout::Sequence;
 use crate::assets::{AssetId, Assets, Cache, Up};
 use crate::fsq_cvae::Frozen;
-use crate::tokenrig::{Drawn, Rigger};
+use crate::tokenrig::{RigSample, Rigger};
 use crate::unirig_skeleton::Batch as Shapes;
 
 /// A model that draws for meshes, and says how likely each draw was.
@@ -51,13 +51,13 @@ pub(super) trait Policy {
         seen: (&Tensor, &[&Mesh]),
         how: &GenerateConfig,
         streams: &mut [Stream],
-    ) -> Result<Vec<Drawn>, String>;
+    ) -> Result<Vec<RigSample>, String>;
     /// What the tokens of a draw are told, one after another (see [`riglab_nn::tokenrig::Sequences::told`]).
-    fn told(&self, drawn: &Drawn) -> Vec<f32>;
+    fn told(&self, drawn: &RigSample) -> Vec<f32>;
     /// Log-probabilities and entropies of the free tokens of sequences, one after another, and how many each has.
     fn likely(&self, w: &Weights, shapes: &Shapes, all: &[&Sequence], temperature: f64) -> (Likelihood, Vec<i64>);
     /// A draw as a rig of its mesh in the cube; `None` where it says none.
-    fn rig(&self, mesh: &Mesh, drawn: &Drawn, key: u64) -> Result<Option<Rig>, String>;
+    fn rig(&self, mesh: &Mesh, drawn: &RigSample, key: u64) -> Result<Option<Rig>, String>;
 }
 
 /// The corpora of a run, and the assets it takes.

@@ -5,7 +5,7 @@ use riglab_geom::CloudConfig;
 use riglab_nn::generate::GenerateConfig;
 use riglab_nn::params::{Params, Weights};
 use riglab_nn::perceiver::PerceiverConfig;
-use riglab_nn::tokenrig::{Asked, Choices, Layout, Likelihood, Sequences};
+use riglab_nn::tokenrig::{Choices, Layout, Likelihood, NextTokens, Sequences};
 use riglab_random::Stream;
 use riglab_token::Mask;
 use riglab_train::Task;
@@ -15,7 +15,7 @@ use super::{Flat, Policy, Pool, bits, counts, dealt};
 use crate::assets::Up;
 use crate::experiment::Experiment;
 use crate::grpo::rollout::Sequence;
-use crate::tokenrig::{Drawn, Rigger, Strict, TokenRigTask};
+use crate::tokenrig::{RigSample, Rigger, Strict, TokenRigTask};
 use crate::unirig_skeleton::{Batch as Shapes, shape_tensors};
 
 /// Which of a sequence's targets could have been others, and what they could have been.
@@ -92,13 +92,13 @@ impl Policy for TokenRigTask {
         (prefix, meshes): (&Tensor, &[&Mesh]),
         how: &GenerateConfig,
         streams: &mut [Stream],
-    ) -> Result<Vec<Drawn>, String> {
+    ) -> Result<Vec<RigSample>, String> {
         let rigger = self.rigger();
         let seen = rigger.with_meshes(prefix.shallow_clone(), meshes.iter().copied());
         rigger.draw(w, &seen, &vec![rigger.free(); streams.len()], how, streams)
     }
 
-    fn told(&self, drawn: &Drawn) -> Vec<f32> {
+    fn told(&self, drawn: &RigSample) -> Vec<f32> {
         self.rigger().teller().places(&drawn.ids, drawn.skeleton.len(), &drawn.joints)
     }
 
@@ -131,7 +131,7 @@ impl Policy for TokenRigTask {
                 let skeleton = bits(&found.skeleton, device).view([-1, layout.skeleton()]);
                 let empty = bits(&found.empty, device);
                 let asked =
-                    Asked { hidden: &hidden, targets: &targets, bins: i64::from(c.tokenizer.bins), spread: 0.0 };
+                    NextTokens { hidden: &hidden, targets: &targets, bins: i64::from(c.tokenizer.bins), spread: 0.0 };
                 let choices = Choices { skeleton: &skeleton, empty: &empty };
                 let Likelihood { log, entropy } = net.likelihood(w, &asked, Some(&choices), temperature);
                 let chosen = bits(&found.chosen, device).nonzero().squeeze_dim(1);
@@ -144,7 +144,7 @@ impl Policy for TokenRigTask {
         (Likelihood { log: joined(0), entropy: joined(1) }, counts)
     }
 
-    fn rig(&self, mesh: &Mesh, drawn: &Drawn, key: u64) -> Result<Option<Rig>, String> {
+    fn rig(&self, mesh: &Mesh, drawn: &RigSample, key: u64) -> Result<Option<Rig>, String> {
         let Ok(decoded) = &drawn.decoded else { return Ok(None) };
         self.rigged(mesh, decoded, std::slice::from_ref(&drawn.codes), key).map(Some)
     }

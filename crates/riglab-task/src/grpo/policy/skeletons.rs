@@ -16,7 +16,7 @@ use super::{Flat, Policy, Pool, bits, counts};
 use crate::assets::Up;
 use crate::experiment::Experiment;
 use crate::grpo::rollout::Sequence;
-use crate::tokenrig::Drawn;
+use crate::tokenrig::RigSample;
 use crate::unirig_skeleton::gallery::bound;
 use crate::unirig_skeleton::{Batch as Shapes, SkeletonTask, shape_of};
 
@@ -77,14 +77,14 @@ impl Policy for SkeletonTask {
         (prefix, _): (&Tensor, &[&Mesh]),
         how: &GenerateConfig,
         streams: &mut [Stream],
-    ) -> Result<Vec<Drawn>, String> {
+    ) -> Result<Vec<RigSample>, String> {
         let _no_grad = tch::no_grad_guard();
         let rows = streams.len() as i64;
         let prefix =
             if prefix.size()[0] == rows { prefix.shallow_clone() } else { prefix.expand([rows, -1, -1], false) };
         let mut likelihood = vec![(0.0, 0); streams.len()];
         let drawn = self.drawer().draw_told(w, &prefix.contiguous(), streams, how, Some(&mut likelihood))?;
-        let whole = drawn.into_iter().zip(likelihood).map(|(own, likelihood)| Drawn {
+        let whole = drawn.into_iter().zip(likelihood).map(|(own, likelihood)| RigSample {
             ids: own.ids.iter().map(|&id| i64::from(id)).collect(),
             skeleton: own.ids,
             decoded: own.decoded,
@@ -95,7 +95,7 @@ impl Policy for SkeletonTask {
         Ok(whole.collect())
     }
 
-    fn told(&self, _: &Drawn) -> Vec<f32> {
+    fn told(&self, _: &RigSample) -> Vec<f32> {
         Vec::new()
     }
 
@@ -120,7 +120,7 @@ impl Policy for SkeletonTask {
         (Likelihood { log, entropy: entropy(&likely).to_kind(Kind::Float) }, counts(all, &chosen))
     }
 
-    fn rig(&self, mesh: &Mesh, drawn: &Drawn, _key: u64) -> Result<Option<Rig>, String> {
+    fn rig(&self, mesh: &Mesh, drawn: &RigSample, _key: u64) -> Result<Option<Rig>, String> {
         Ok(drawn.decoded.as_ref().ok().and_then(|d| d.skeleton().ok()).and_then(|own| bound(&own, mesh)))
     }
 }

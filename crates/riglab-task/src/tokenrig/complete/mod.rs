@@ -133,7 +133,7 @@ mod tests {
     use riglab_random::{Draw, Stream};
 
     use super::*;
-    use crate::tokenrig::Wish;
+    use crate::tokenrig::RigRequest;
     use crate::tokenrig::testing::{tetrahedron, untrained};
 
     /// A tree of so many joints within the mesh.
@@ -147,7 +147,8 @@ mod tests {
     }
 
     fn completed(rigger: &Rigger, mesh: &Mesh, begun: &Skeleton, seed: u64) -> Skeleton {
-        let wish = Wish { skeleton: Some(begun), complete: true, samples: Some(3), seed, ..Wish::default() };
+        let wish =
+            RigRequest { skeleton: Some(begun), complete: true, samples: Some(3), seed, ..RigRequest::default() };
         let made = rigger.make(mesh, &wish).unwrap();
         assert_eq!((made.weights.rows(), made.draws.len()), (mesh.positions().len(), 1));
         made.skeleton
@@ -184,7 +185,7 @@ mod tests {
     fn what_has_no_room_is_refused_as_any_given_skeleton() {
         let (rigger, mesh) = (untrained(Head::Levels, true), tetrahedron());
         let begun = tree(7, &mut stream(0, "test", &[]));
-        let wish = Wish { skeleton: Some(&begun), complete: true, ..Wish::default() };
+        let wish = RigRequest { skeleton: Some(&begun), complete: true, ..RigRequest::default() };
         assert!(rigger.make(&mesh, &wish).unwrap_err().contains("reads at most 6 joints"));
     }
 }

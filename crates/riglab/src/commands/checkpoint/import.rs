@@ -8,7 +8,7 @@ use anyhow::{Context, Result, anyhow, bail};
 use riglab_config::Config;
 use riglab_files::make_folder_of;
 use riglab_task::bundle::Card;
-use riglab_task::released::{Fit, Found, Imported, Model, Offered, import as read, recognise};
+use riglab_task::released::{Fit, FoundModel, Imported, Model, Offered, import as read, recognise};
 use riglab_train::State;
 use tch::{Device, Kind};
 
@@ -199,7 +199,7 @@ fn unknown(args: &ImportArgs, offered: &Offered<'_>) -> anyhow::Error {
     )
 }
 
-fn refused(found: &Found, fits: &[Fit]) -> String {
+fn refused(found: &FoundModel, fits: &[Fit]) -> String {
     let unsound: Vec<&String> = fits.iter().flat_map(|fit| &fit.unsound).collect();
     if let [first, others @ ..] = unsound.as_slice() {
         let more =

@@ -5,7 +5,7 @@ use std::path::Path;
 use anyhow::{Context, Result, anyhow, bail, ensure};
 use riglab_asset::rigging::Subject;
 use riglab_core::{Rig, SkinWeights};
-use riglab_task::tokenrig::{Card, Draw, Made, Rank, Rigger, Wish, Yaw};
+use riglab_task::tokenrig::{Card, Draw, GeneratedRig, Rank, RigRequest, Rigger, Yaw};
 use riglab_task::unirig_skeleton::{Sketch, Sketcher};
 use riglab_task::unirig_skin::{Holders, Skinner};
 use tch::Device;
@@ -134,17 +134,18 @@ impl Model {
     }
 
     /// A skeleton and weights for a model.
-    pub fn make(&self, subject: &Subject, wish: &Wish<'_>, kept: bool) -> Result<Made> {
+    pub fn make(&self, subject: &Subject, wish: &RigRequest<'_>, kept: bool) -> Result<GeneratedRig> {
         match &self.made_of {
             Kind::Whole(rigger) => rigger.make(subject.mesh(), wish).map_err(|e| anyhow!(e)),
             Kind::Stages(sketcher, weights) => {
-                let Wish { class, samples, rank, temperature, seed, .. } = *wish;
+                let RigRequest { class, samples, rank, temperature, seed, .. } = *wish;
                 let asked = Sketch { class, samples, rank, temperature, seed };
                 let own = sketcher.skeleton(subject.mesh(), &asked).map_err(|e| anyhow!(e))?;
                 let (skeleton, rank) = (Some(&own.skeleton), Rank::Likelihood);
-                let given = Wish { skeleton, class: None, samples: None, temperature: None, rank, ..wish.clone() };
+                let given =
+                    RigRequest { skeleton, class: None, samples: None, temperature: None, rank, ..wish.clone() };
                 let made = weights.make(subject, &given, false)?;
-                Ok(Made { apart: own.apart, sample: own.sample, draws: own.draws, ..made })
+                Ok(GeneratedRig { apart: own.apart, sample: own.sample, draws: own.draws, ..made })
             }
             Kind::Weights(skinner) => {
                 let skeleton = wish.skeleton.context("no skeleton")?.clone();
@@ -158,7 +159,7 @@ impl Model {
                 let rig = Rig::new(skeleton.clone(), mesh.clone(), weights)?;
                 let weights = skinner.weights(&rig, holders, wish.seed).map_err(|e| anyhow!(e))?;
                 let draws = vec![Draw { likelihood: f64::NAN, rewards: None }];
-                Ok(Made {
+                Ok(GeneratedRig {
                     skeleton,
                     weights,
                     yaw: Yaw::NONE,

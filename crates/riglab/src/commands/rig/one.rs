@@ -15,7 +15,7 @@ use riglab_files::make_folder_of;
 use riglab_report::counted;
 use riglab_report::shell::command;
 use riglab_reward::{RewardConfig, Rewards};
-use riglab_task::tokenrig::{Made, Placed, Rank, Wish, many_bodies};
+use riglab_task::tokenrig::{GeneratedRig, Placed, Rank, RigRequest, many_bodies};
 use riglab_token::Template;
 use riglab_train::Spinner;
 
@@ -68,7 +68,7 @@ pub fn rig(args: &Common, bones: &Bones, model: &Model, from: &Path, to: &Path) 
         );
         noted(from, &mut notes, note);
     }
-    let wish = Wish {
+    let wish = RigRequest {
         skeleton: given.as_ref(),
         complete: bones.completed(),
         class,
@@ -237,7 +237,7 @@ fn told_placed(placed: Placed) -> &'static str {
 }
 
 /// Where many draws are human bodies and the one that was taken has another tree: what makes one of them.
-fn of_bodies(made: &Made, human: bool, class: Option<&str>) -> Option<String> {
+fn of_bodies(made: &GeneratedRig, human: bool, class: Option<&str>) -> Option<String> {
     let (bodies, draws) = (made.bodies.filter(|_| !human && class.is_none())?, made.draws.len());
     many_bodies(bodies, draws).then(|| {
         format!("{bodies} of {draws} samples are human bodies, but the one taken is not; --template mixamo makes one")
@@ -252,12 +252,12 @@ const FAR: f64 = 0.055;
 const FEW: usize = 8;
 
 /// How far the skeleton is from its draws, where there are enough to tell.
-fn sure(made: &Made) -> Option<f64> {
+fn sure(made: &GeneratedRig) -> Option<f64> {
     made.apart.filter(|_| made.draws.len() >= FEW)
 }
 
 /// Where draws disagree: that the skeleton is to be looked at.
-fn of_apart(made: &Made, may_lie: bool) -> Option<String> {
+fn of_apart(made: &GeneratedRig, may_lie: bool) -> Option<String> {
     let apart = sure(made).filter(|apart| *apart >= FAR)?;
     Some(format!(
         "its samples disagree (by {:.1} % of the model's size; some 2 % where this network is sure): check the skeleton \
@@ -299,7 +299,7 @@ fn holders(rig: &Rig) -> Vec<bool> {
 }
 
 /// What is known of each draw, for `--json`.
-fn draws(made: &Made, rank: Rank) -> Vec<serde_json::Value> {
+fn draws(made: &GeneratedRig, rank: Rank) -> Vec<serde_json::Value> {
     let each = made.draws.iter().map(|draw| match rank {
         Rank::Likelihood | Rank::Consensus => serde_json::json!({ "likelihood": draw.likelihood }),
         Rank::Rewards => serde_json::json!({ "likelihood": draw.likelihood, "rewards": draw.rewards }),
