@@ -85,6 +85,7 @@ fn the_notebook_of_a_run_reads_what_grpo_found() {
     let Some(python) = python() else { return };
     let dir = tempfile::tempdir().unwrap();
     let write = |file: &str, text: &str| fs::write(dir.path().join(file), text).unwrap();
+    write("config.toml", "task = \"grpo\"\n");
     write(
         "metrics.jsonl",
         "{\"step\":1,\"train/loss\":0.5}\n{\"step\":2,\"train/loss\":0.4,\"eval/j2j_all@val\":0.2,\"eval/coverage@val\":0.7}\n",

@@ -30,8 +30,8 @@ fn signals_leave_products_alone() {
     let sender = std::thread::spawn(move || {
         let mut sent = 0;
         while !ended.load(Ordering::SeqCst) {
-            // SAFETY: the thread is there until it has heard that this one ended.
-            assert_eq!(unsafe { libc::pthread_kill(target, libc::SIGHUP) }, 0);
+            // SAFETY: the thread is there until it has heard that this one ended. (SIGHUP is passed over below `nohup`.)
+            assert_eq!(unsafe { libc::pthread_kill(target, libc::SIGTERM) }, 0);
             sent += 1;
             std::thread::sleep(Duration::from_micros(300));
         }

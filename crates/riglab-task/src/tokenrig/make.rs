@@ -70,7 +70,8 @@ pub struct GeneratedRig {
     pub yaw: Yaw,
     /// What became of the template, where one was asked for and [`RigRequest::human`] tells bodies.
     pub placed: Option<Placed>,
-    /// How many of the draws are human bodies, where [`RigRequest::human`] tells them and one of free ones was chosen by agreement.
+    /// How many of the draws are human bodies, where [`RigRequest::human`] tells them and one of free ones was chosen by
+    /// agreement.
     pub bodies: Option<usize>,
     /// Whether the skeleton is a human body, where [`RigRequest::human`] tells them and it is not given.
     pub human: bool,

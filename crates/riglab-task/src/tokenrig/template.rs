@@ -3,8 +3,8 @@
 //! A model that learned from rigs of a make writes one after the token of its class, as the papers have it. One that saw few
 //! of them loses its way on many bodies: what it writes is none. What it draws freely for the same mesh may be a body
 //! nonetheless, in many of the draws. Which joints are the bones of a human is told by the tree and by places alone
-//! ([`RigRequest::human`](super::RigRequest::human)); each joint of the template then stands at the geometric median of where these draws
-//! have its bone. No paper has this; it needs no training.
+//! ([`RigRequest::human`](super::RigRequest::human)); each joint of the template then stands at the geometric median of
+//! where these draws have its bone. No paper has this; it needs no training.
 
 use std::collections::BTreeMap;
 

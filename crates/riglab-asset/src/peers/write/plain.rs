@@ -62,7 +62,7 @@ impl Writes for Obj {
     }
 }
 
-/// Autodesk FBX 7.5, binary.
+/// Autodesk FBX 7.4, binary.
 #[cfg(feature = "fbx")]
 pub(super) struct Fbx;
 

@@ -95,7 +95,7 @@ impl Target {
     pub const SKINTOKENS: Self = Self(&super::skintokens::SkinTokens);
     /// Anymate's pt.
     pub const ANYMATE: Self = Self(&super::anymate::Anymate);
-    /// Autodesk FBX 7.5, binary.
+    /// Autodesk FBX 7.4, binary.
     #[cfg(feature = "fbx")]
     pub const FBX: Self = Self(&super::plain::Fbx);
 

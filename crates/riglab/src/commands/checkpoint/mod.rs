@@ -54,7 +54,8 @@ The model that comes with riglab, to be evaluated:
   riglab checkpoint export -o runs/small
   riglab eval runs/small --set data.corpora='[\"corpus.h5\"]'")]
 struct ExportArgs {
-    /// The folder of a run, or a file of a model that rigs or of one of UniRig's stages [default: the model that comes with riglab].
+    /// The folder of a run, or a file of a model that rigs or of one of UniRig's stages [default: the model that comes with
+    /// riglab].
     run: Option<PathBuf>,
     /// What to write: a file (.safetensors), or a new folder of a run for `riglab eval`.
     #[arg(long, short, value_name = "OUT")]

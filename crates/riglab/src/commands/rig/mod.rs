@@ -25,8 +25,8 @@ use riglab_report::shell::command;
 /// Rig a model: a skeleton and skin weights for a mesh.
 ///
 /// Reads GLB, glTF, VRM, FBX, OBJ, PLY and STL, and writes a GLB, or an FBX if OUT ends so: meshes, materials, textures,
-/// transforms and names stay; an armature, a skin and weights are added. A rig that the file already has is removed first. The network used is the small
-/// one that comes with riglab, or another (--checkpoint). The input is never changed.
+/// transforms and names stay; an armature, a skin and weights are added. A rig that the file already has is removed first.
+/// The network used is the small one that comes with riglab, or another (--checkpoint). The input is never changed.
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:
