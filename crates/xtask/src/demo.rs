@@ -177,7 +177,8 @@ fn riglab(args: &[&str]) -> Result<()> {
     let status = Command::new(cargo).args(all).current_dir(shell::root()).status().context("cannot start cargo")?;
     match status.code() {
         Some(0) => Ok(()),
-        Some(130 | 143) => bail!("stopped; run the same command again to continue from here"),
+        // Ctrl-C, a terminal that hung up, a system that ends programs.
+        Some(129 | 130 | 143) => bail!("stopped; run the same command again to continue from here"),
         _ => bail!("`riglab {command}` failed; its message is above"),
     }
 }

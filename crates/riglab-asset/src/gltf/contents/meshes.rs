@@ -16,8 +16,8 @@ use crate::{Fault, Part, triangles};
 /// Sets of coordinates, or of colours, that are read of a mesh: as many as programs have places for.
 const MAX_SETS: usize = 8;
 
-/// Bytes of a corner: its point, its normal, and an index and values of each of two layers.
-const CORNER: usize = 4 + 12 + 2 * (4 + 8);
+/// Bytes of a corner: its vertex and point, its normal, and an index and values of each of two layers.
+const CORNER: usize = 2 * 4 + 12 + 2 * (4 + 8);
 
 /// Reads meshes node by node.
 pub(super) struct Reader<'a, 'd> {
@@ -46,8 +46,8 @@ type Decoded<const N: usize> = HashMap<usize, Option<Rc<[[f32; N]]>>>;
 #[derive(Default)]
 struct Growing {
     mesh: Mesh,
-    /// Where the triangles of each part end.
-    ends: Vec<usize>,
+    /// The triangles of each part, by the file's vertices.
+    corners: Vec<Vec<[u32; 3]>>,
     /// Where the points of each set begin.
     starts: HashMap<usize, u32>,
     /// Where the values of an accessor begin in a layer, for the points of a set: by set, accessor and layer.
@@ -104,7 +104,7 @@ impl<'a, 'd> Reader<'a, 'd> {
             return Ok(None);
         }
         self.looks(&mut growing, mesh, &parts, &mut contents.looks);
-        self.layers(&mut growing, mesh, &parts)?;
+        self.layers(&mut growing, mesh, &parts);
         if let Some(skin) = skin {
             growing.mesh.skin = Some(self.skin(&growing, skin, &parts)?);
         }
@@ -130,7 +130,7 @@ impl<'a, 'd> Reader<'a, 'd> {
         let point = |v: &u32| set.numbers.binary_search(v).map_or(start, |at| start + at as u32);
         let corners = self.corners(mesh, part, set)?;
         growing.mesh.triangles.extend(corners.iter().map(|triangle| triangle.each_ref().map(point)));
-        growing.ends.push(growing.mesh.triangles.len());
+        growing.corners.push(corners);
         Ok(())
     }
 
@@ -144,8 +144,7 @@ impl<'a, 'd> Reader<'a, 'd> {
         if own.iter().all(Option::is_none) {
             return;
         }
-        let mut start = 0;
-        for (look, &end) in own.into_iter().zip(&growing.ends) {
+        for (look, corners) in own.into_iter().zip(&growing.corners) {
             let look = look.unwrap_or_else(|| {
                 *self.plain.get_or_insert_with(|| {
                     all.push(looks::plain());
@@ -157,8 +156,7 @@ impl<'a, 'd> Reader<'a, 'd> {
                 slots.push(look);
                 slots.len() - 1
             });
-            growing.mesh.slots.extend(std::iter::repeat_n(slot, end - start));
-            start = end;
+            growing.mesh.slots.extend(std::iter::repeat_n(slot, corners.len()));
         }
     }
 
@@ -176,7 +174,7 @@ impl<'a, 'd> Reader<'a, 'd> {
     }
 
     /// Adds what the corners have: of each layer for all corners, where any part has it.
-    fn layers(&mut self, growing: &mut Growing, mesh: usize, parts: &[&Part]) -> Result<(), Fault> {
+    fn layers(&mut self, growing: &mut Growing, mesh: usize, parts: &[&Part]) {
         let primitives = &self.places.document.meshes[mesh].primitives;
         let any = |name: &str| parts.iter().any(|part| primitives[part.primitive].attributes.contains_key(name));
         let count = |kind: &str| (0..MAX_SETS).take_while(|n| any(&format!("{kind}_{n}"))).count();
@@ -184,9 +182,8 @@ impl<'a, 'd> Reader<'a, 'd> {
         let (coordinates, colours) = (0..coordinates, 0..colours);
         growing.mesh.coordinates = coordinates.clone().map(|_| Layer::new()).collect();
         growing.mesh.colours = colours.clone().map(|_| Layer::new()).collect();
-        for part in parts {
+        for (part, corners) in parts.iter().zip(std::mem::take(&mut growing.corners)) {
             let set = &self.sources.sets[part.vertex_set];
-            let corners = self.corners(mesh, part, set)?;
             let attributes = &primitives[part.primitive].attributes;
             let count = set.positions.len();
             if has_normals {
@@ -212,7 +209,6 @@ impl<'a, 'd> Reader<'a, 'd> {
                 growing.mesh.colours[n].add(known, (n, part.vertex_set), source, set, &corners, [1.0; 4]);
             }
         }
-        Ok(())
     }
 
     /// Normals or what is added to something, if there are as many as wanted.
