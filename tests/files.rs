@@ -291,6 +291,8 @@ fn what_a_format_cannot_hold_is_told() {
     must(&["dataset", "import", text(&made), "-o", text(&corpus)]);
     assert_eq!(told(&corpus, &path("again"), &["--to", "unirig"]).len(), 1);
     assert!(told(&corpus, &path("whole"), &["--to", "glb"]).is_empty());
+    let said = told(&corpus, &path("film"), &["--to", "fbx", "--influences", "4", "--frames", "bone"]);
+    assert!(said.len() == 1 && said[0].contains("springs") && !said[0].contains("animation"), "{said:?}");
     // Neither is a file that can be drawn.
     let png = path("b.png");
     for (file, wanted) in [(&corpus, "c.h5: it is a corpus of riglab"), (&made, "made: it is a folder; give one of")] {
@@ -620,7 +622,7 @@ fn options_that_cannot_hold_are_refused() {
         assert!(said.contains(word), "{said}");
     };
     wrong(&["convert", text(creature), text(&to("a.glb")), "--item", "1"], "no asset 1");
-    wrong(&["convert", text(creature), text(&to("a.fbx")), "--influences", "4"], "--influences");
+    wrong(&["convert", text(creature), text(&to("a.obj")), "--influences", "4"], "--influences");
     wrong(&["strip", text(creature), text(&to("a.fbx"))], "only GLB");
     wrong(&["dataset", "import", text(creature), "-o", text(&to("a.h5"))], "a file; give the folder");
     assert_eq!(fs::read_dir(dir.path()).unwrap().count(), 1);

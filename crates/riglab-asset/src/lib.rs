@@ -68,7 +68,7 @@ pub use character::Character;
 pub use error::{Fault, ImportError, Place};
 use export::{ExportFault, ExportNote, ExportOptions, Exported, Influences, JointFrames};
 #[cfg(feature = "fbx")]
-pub use fbx::{FbxFault, FbxFile, FbxLeft, glb_to_fbx, to_fbx};
+pub use fbx::{FbxFault, FbxFile, FbxLeft, glb_to_fbx};
 pub use format::Format;
 pub use gltf::{decode_draco, decode_meshopt, to_glb};
 pub use inspect::Inspection;

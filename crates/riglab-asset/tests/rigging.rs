@@ -384,7 +384,7 @@ fn doubts_are_rare_where_there_is_nothing_to_doubt() {
 fn an_fbx_is_rigged_anew_or_keeps_its_skeleton() {
     let Some(folder) = common::data("RIGLAB_RIGS", "rigs") else { return };
     let fox = import(folder.join("khronos_fox.glb"), &ImportOptions::default()).unwrap().into_asset().unwrap();
-    let bytes = riglab_asset::to_fbx(&fox.rig).unwrap();
+    let bytes = riglab_asset::glb_to_fbx(&riglab_asset::to_glb(&fox)).unwrap().bytes;
     let keep = SubjectOptions { keep_rig: true, ..SubjectOptions::default() };
     for options in [SubjectOptions::default(), keep] {
         let subject = Subject::from_bytes("fox.fbx", &bytes, None, &options).unwrap();

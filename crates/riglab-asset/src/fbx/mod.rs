@@ -23,7 +23,6 @@ mod meshes;
 mod model;
 mod scene;
 mod shapes;
-mod write;
 
 use ufbx::{AllocatorOpts, ErrorType, FileFormat, IndexErrorHandling, LoadOpts, SceneRoot};
 
@@ -33,7 +32,6 @@ pub use document::{FbxFault, FbxFile, FbxLeft, glb_to_fbx};
 use joints::Joints;
 pub(crate) use model::{Left, Origin, Taken, counted, model};
 use scene::Nodes;
-pub use write::to_fbx;
 
 /// What ufbx may allocate for a file, before and after it is linked up: so many times its bytes.
 const MEMORY: usize = 10;

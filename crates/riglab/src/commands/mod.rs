@@ -38,6 +38,11 @@ fn shown(path: &std::path::Path) -> String {
     path.display().to_string()
 }
 
+/// Whether a file is an FBX, by its name, where riglab reads and writes any.
+fn is_fbx(path: &std::path::Path) -> bool {
+    cfg!(feature = "fbx") && path.extension().is_some_and(|of| of.eq_ignore_ascii_case("fbx"))
+}
+
 /// How many lines of one kind are shown.
 const SHOWN: usize = 5;
 

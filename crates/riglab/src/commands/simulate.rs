@@ -18,9 +18,9 @@ use riglab_task::unirig_skin::Skinner;
 use riglab_train::named_by;
 use tch::Device;
 
-#[cfg(feature = "fbx")]
-use super::convert::is_fbx;
 use super::earlier::{Overwrite, Written};
+#[cfg(feature = "fbx")]
+use super::is_fbx;
 
 /// Play a motion with spring bones: hair, tails and clothes swing behind the body.
 ///
@@ -230,7 +230,7 @@ fn document(args: &Args, imported: Imported, rig: &Rig) -> Result<(Vec<u8>, Impo
     let made = match gltf {
         true => export::onto(path, &imported, rig, &options)?,
         #[cfg(feature = "fbx")]
-        false if is_fbx(&path.to_string_lossy()) => {
+        false if is_fbx(path) => {
             let (made, notes) = dressed(path, &ImportOptions::default(), rig.springs(), &options)?;
             notes.iter().for_each(|note| tell!("note: {}: {note}", path.display()));
             made

@@ -23,6 +23,10 @@ impl Writes for Glb {
         name.ends_with(".glb") || name.ends_with(".vrm")
     }
 
+    fn holds_scenes(&self) -> bool {
+        true
+    }
+
     fn is_at(&self, _: &Path, start: &[u8]) -> bool {
         start.starts_with(b"glTF")
     }
@@ -76,6 +80,10 @@ impl Writes for Fbx {
         ".fbx"
     }
 
+    fn holds_scenes(&self) -> bool {
+        true
+    }
+
     fn is_at(&self, _: &Path, start: &[u8]) -> bool {
         start.starts_with(b"Kaydara FBX Binary") || start.starts_with(b"; FBX")
     }
@@ -89,12 +97,12 @@ impl Writes for Fbx {
     }
 
     fn files(&self, assets: &[Asset], _: &mut Vec<String>) -> Result<Written, WriteError> {
-        let cannot = |asset: &Asset, reason| WriteError::Cannot {
+        let asset = &assets[0];
+        let cannot = |e: crate::FbxFault| WriteError::Cannot {
             asset: asset.name.clone(),
             format: super::Target::FBX,
-            reason,
+            reason: e.to_string(),
         };
-        let asset = &assets[0];
-        Ok(crate::to_fbx(&asset.rig).map_err(|e| cannot(asset, e.to_string()))?.into())
+        Ok(crate::glb_to_fbx(&crate::to_glb(asset)).map_err(cannot)?.bytes.into())
     }
 }

@@ -28,6 +28,11 @@ pub(crate) trait Writes: Sync {
         false
     }
 
+    /// Whether a file holds more than rigs: motions, meshes without a skeleton, and looks.
+    fn holds_scenes(&self) -> bool {
+        false
+    }
+
     /// Why the format has no form for an asset, where it has none.
     fn lacks(&self, _rig: &Rig) -> Option<String> {
         None
@@ -136,6 +141,11 @@ impl Target {
     /// Whether a file may hold several assets.
     pub fn holds_several(self) -> bool {
         self.0.holds_several()
+    }
+
+    /// Whether a file holds more than rigs: motions, meshes without a skeleton, and looks.
+    pub fn holds_scenes(self) -> bool {
+        self.0.holds_scenes()
     }
 
     /// Whether the format has a form for an asset.

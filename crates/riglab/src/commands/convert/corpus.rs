@@ -135,11 +135,11 @@ fn beside(corpus: &Corpus, assets: &[Asset], numbers: &[usize], out: &Path) -> R
     told.write_beside(out, "the corpus")
 }
 
-const NO_RIG: &str = "a mesh without a rig, which only glb and obj can hold";
+const NO_RIG: &str = "a mesh without a rig, which only glb, fbx and obj can hold";
 
 /// Whether a mesh without a rig can be written so.
 fn holds_bare(target: Target) -> bool {
-    [Target::GLB, Target::OBJ].contains(&target)
+    target.holds_scenes() || target == Target::OBJ
 }
 
 /// The files that a corpus was made of, by their checksums: they may have looks and motions that no corpus holds.
@@ -166,13 +166,14 @@ impl Originals {
 
 /// `bare`: what a corpus holds of a mesh without a rig is a joint for all of it, which is nobody's.
 fn store(asset: &Asset, bare: bool, out: &Path, target: Target, args: &Args) -> Result<()> {
-    let notes = if target == Target::GLB {
+    let notes = if target.holds_scenes() {
         let exported = export::moving(asset, &args.export())?;
         let exported = match bare {
             true => export::strip_bytes("mesh.glb", &exported.bytes, None, &ImportOptions::default())?,
             false => exported,
         };
-        riglab_files::write(out, &exported.bytes).with_context(|| format!("{}", out.display()))?;
+        let bytes = in_format(exported.bytes, target).with_context(|| asset.name.clone())?;
+        riglab_files::write(out, &bytes).with_context(|| format!("{}", out.display()))?;
         exported.notes.iter().map(ToString::to_string).collect()
     } else if target == Target::OBJ && bare {
         write_mesh(asset.rig.mesh(), out)?;
@@ -184,6 +185,17 @@ fn store(asset: &Asset, bare: bool, out: &Path, target: Target, args: &Args) -> 
         tell!("note: {}: {note}", asset.name);
     }
     Ok(())
+}
+
+/// A GLB in a format of scenes.
+#[cfg(feature = "fbx")]
+fn in_format(glb: Vec<u8>, target: Target) -> Result<Vec<u8>> {
+    Ok(if target == Target::FBX { riglab_asset::glb_to_fbx(&glb)?.bytes } else { glb })
+}
+
+#[cfg(not(feature = "fbx"))]
+fn in_format(glb: Vec<u8>, _: Target) -> Result<Vec<u8>> {
+    Ok(glb)
 }
 
 /// Folders and name of an asset: those of the file it was imported from, without the file's ending.

@@ -100,7 +100,7 @@ impl Lost {
     /// And of an asset of a corpus, which has no more than its rig and motions.
     pub fn with_asset(mut self, asset: &Asset, target: Target) -> Self {
         self.files += 1;
-        if target != Target::GLB {
+        if !target.holds_scenes() {
             self.animations += asset.clips.len();
         }
         self.add_body(&asset.rig, target);

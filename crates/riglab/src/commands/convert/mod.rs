@@ -3,30 +3,30 @@
 mod beside;
 mod corpus;
 mod lost;
+mod store;
 
 use std::collections::HashSet;
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
-use anyhow::{Context, Result, anyhow, bail};
+use anyhow::{Result, anyhow, bail};
 use riglab_asset::export::{self, ExportOptions, Influences, JointFrames};
-use riglab_asset::rigging::{self, Subject, SubjectNote, SubjectOptions};
 use riglab_asset::{
-    Character, Content, ImportOptions, Imported, Target, count_assets, files_read, import, import_each, is_gltf,
-    is_model_file, is_rig_file, write, write_mesh, written_paths,
+    Character, ImportOptions, Imported, Target, count_assets, files_read, import, import_each, is_model_file,
+    is_rig_file, write, written_paths,
 };
-use riglab_core::{Asset, Springs};
+use riglab_core::Asset;
 use riglab_files::make_folder_of;
 use riglab_train::Progress;
 
 use super::earlier::{Overwrite, Written};
 use super::glb::{Frames, Most};
 use super::inputs;
-use super::inspect::shown_elsewhere;
 use beside::{Beside, Known, name_in};
 use lost::Lost;
 use riglab_report::counted;
+use store::{spare, spare_inputs, store, tell_place, warn};
 
 /// Turn rigged files of any format that is read into any that is written.
 ///
@@ -36,7 +36,7 @@ use riglab_report::counted;
 /// asset, or into one file of a format that holds several. Z up becomes Y up and back by the formats.
 /// glTF and VRM become a GLB with all they had: materials, pictures, morph targets, motions, extensions.
 /// Into an FBX go nodes, meshes, weights, materials with their pictures, morph targets and motions of a glTF, VRM or FBX; of
-/// other formats and of corpora mesh, skeleton and weights.
+/// corpora mesh, skeleton, weights and motions.
 /// Anything a format cannot hold is reported on standard error, and so are coordinates beyond what the format's own loaders
 /// expect (see --fit). A corpus is written as its assets; a manifest.json and a split.json beside them, where none are yet, say
 /// what it knows of sources, licences, authors, categories and splits, and so they do beside one file that a folder with such
@@ -69,10 +69,10 @@ pub struct Args {
     /// joints of RigNet's predictions back into NAME.
     #[arg(long)]
     repair: bool,
-    /// For GLB: most joints that may influence a vertex; the largest weights stay [default: all].
+    /// For GLB and FBX: most joints that may influence a vertex; the largest weights stay [default: all].
     #[arg(long, value_enum, ignore_case = true)]
     influences: Option<Most>,
-    /// For GLB from other formats: orientation of the joints at rest [default: parallel].
+    /// For GLB and FBX from other formats: orientation of the joints at rest [default: parallel].
     #[arg(long, value_enum, ignore_case = true)]
     frames: Option<Frames>,
     /// Move and scale each asset as a whole into the cube that the format's own loaders expect, which is 0.5 in each
@@ -147,8 +147,8 @@ pub fn run(args: &Args) -> Result<ExitCode> {
         let (out, ending) = (args.out.display(), target.ending());
         bail!("{out} has no ending: give a name that ends in .{ending}, or a folder with / at its end");
     }
-    if target != Target::GLB && (args.influences.is_some() || args.frames.is_some()) {
-        bail!("--influences and --frames are for GLB; {target} is written as the rig is");
+    if !target.holds_scenes() && (args.influences.is_some() || args.frames.is_some()) {
+        bail!("--influences and --frames are for GLB and FBX; {target} is written as the rig is");
     }
     if args.fit && !target.has_cube() {
         let with: Vec<_> = Target::ALL.iter().filter(|of| of.has_cube()).map(|of| of.name()).collect();
@@ -324,162 +324,6 @@ fn together(
     lost.tell(&args.input, target);
     say!("{}: {}, {failed} left out", out.display(), counted(assets.len(), "asset"));
     Ok(if failed > 0 { ExitCode::FAILURE } else { ExitCode::SUCCESS })
-}
-
-fn warn(imported: &Imported) {
-    for warning in imported.warnings() {
-        tell!("warning: {}: {warning}", imported.provenance.source);
-    }
-}
-
-/// Says so where what is written stands elsewhere than the file shows it.
-fn tell_place(imported: &Imported) {
-    if let Some(note) = shown_elsewhere(imported) {
-        tell!("note: {}: {note}", imported.provenance.source);
-    }
-}
-
-/// Refuses to write over what is read, and over what riglab did not write.
-fn spare(inputs: &HashSet<PathBuf>, out: &Path, target: Target, args: &Args) -> Result<()> {
-    spare_inputs(inputs, out, target)?;
-    args.keep_others(out, target)
-}
-
-fn spare_inputs(inputs: &HashSet<PathBuf>, out: &Path, target: Target) -> Result<()> {
-    for path in written_paths(out, target) {
-        if path.canonicalize().is_ok_and(|real| inputs.contains(&real)) {
-            bail!("{} is the input; give another name or folder to write", path.display());
-        }
-    }
-    Ok(())
-}
-
-fn store(
-    imported: Imported,
-    out: &Path,
-    target: Target,
-    args: &Args,
-    inputs: &HashSet<PathBuf>,
-    lost: &mut Lost,
-) -> Result<()> {
-    spare(inputs, out, target, args)?;
-    warn(&imported);
-    if target == Target::GLB {
-        return store_glb(&imported, out, args, lost);
-    }
-    #[cfg(feature = "fbx")]
-    if target == Target::FBX && (keeps_looks(&imported) || imported.rig().is_none()) {
-        return store_fbx(&imported, out, args, lost);
-    }
-    let with = lost.clone().with(&imported, target);
-    tell_place(&imported);
-    match &imported.content {
-        Content::Bare(mesh) if target == Target::OBJ => write_mesh(mesh, out)?,
-        _ => {
-            let source = imported.provenance.source.clone();
-            for note in write(&[args.placed(imported.into_asset()?, target)], out, target)? {
-                tell!("note: {source}: {note}");
-            }
-        }
-    }
-    *lost = with;
-    Ok(())
-}
-
-/// With all that its document has, where there is one.
-fn store_glb(imported: &Imported, out: &Path, args: &Args, lost: &mut Lost) -> Result<()> {
-    let source = &imported.provenance.source;
-    let bytes = whole(imported, args)?;
-    if out.extension().is_some_and(|of| of.eq_ignore_ascii_case("vrm")) && !holds_vrm(&bytes) {
-        tell!("note: {source}: {} is a plain GLB, as there is no data of VRM in it", out.display());
-    }
-    export::write(out, &bytes).with_context(|| format!("{}", out.display()))?;
-    // A bare model keeps its looks, too.
-    if !keeps_looks(imported) && imported.rig().is_some() {
-        *lost = std::mem::take(lost).with(imported, Target::GLB);
-    }
-    Ok(())
-}
-
-/// The same as FBX.
-#[cfg(feature = "fbx")]
-fn store_fbx(imported: &Imported, out: &Path, args: &Args, lost: &mut Lost) -> Result<()> {
-    let source = &imported.provenance.source;
-    let file = riglab_asset::glb_to_fbx(&whole(imported, args)?).with_context(|| source.clone())?;
-    export::write(out, &file.bytes).with_context(|| format!("{}", out.display()))?;
-    *lost = std::mem::take(lost).with_document(file.left);
-    Ok(())
-}
-
-/// Whether a file's materials, pictures and motions come along with its rig.
-fn keeps_looks(imported: &Imported) -> bool {
-    let source = &imported.provenance.source;
-    is_gltf(Path::new(source)) || is_fbx(source)
-}
-
-/// A file as a GLB with all that it has; what is not in it is told.
-fn whole(imported: &Imported, args: &Args) -> Result<Vec<u8>> {
-    let source = &imported.provenance.source;
-    let document = is_gltf(Path::new(source));
-    // A choice among one is none.
-    let whole = match &args.character {
-        Some(_) if document => Some(import(source, &ImportOptions::default())?),
-        _ => None,
-    };
-    let imported = whole.as_ref().filter(|all| all.reading.characters().len() == 1).unwrap_or(imported);
-    let one_of_several = whole.as_ref().is_some_and(|all| all.reading.characters().len() > 1);
-    if one_of_several {
-        tell!("note: {source}: of one character only the rig is written; materials, pictures, motions are left out");
-        tell_place(imported);
-    }
-    let exported = match imported.rig() {
-        Some(rig) if document && !one_of_several => export::onto(source, imported, rig, &args.export())?,
-        #[cfg(feature = "fbx")]
-        Some(_) if is_fbx(source) => {
-            let (exported, notes) =
-                rigging::dressed(Path::new(source), &args.import(), &Springs::default(), &args.export())?;
-            notes.iter().for_each(|note| tell!("note: {source}: {note}"));
-            exported
-        }
-        Some(rig) => export::alone(&imported.name, rig, &imported.provenance, &args.export())?,
-        // Nothing to take out: the document as one file.
-        None if document => export::strip(source, &ImportOptions::default())?,
-        None => bare(source)?,
-    };
-    exported.notes.iter().for_each(|note| tell!("note: {source}: {note}"));
-    Ok(exported.bytes)
-}
-
-pub fn is_fbx(source: &str) -> bool {
-    cfg!(feature = "fbx") && Path::new(source).extension().is_some_and(|of| of.eq_ignore_ascii_case("fbx"))
-}
-
-/// A model of another format as a GLB with its looks.
-fn bare(source: &str) -> Result<export::Exported> {
-    let subject = Subject::read(source, &SubjectOptions::default())?;
-    for note in subject.notes() {
-        match note {
-            // What was told as it was imported, and what only matters to who makes a rig.
-            SubjectNote::Read(_)
-            | SubjectNote::StandApart { .. }
-            | SubjectNote::InsideOut { .. }
-            | SubjectNote::Flat { .. } => {}
-            SubjectNote::LiesDown { axis, .. } => {
-                tell!("note: {source}: {axis} seems to be up in it, and y is in a GLB: there it lies on its side");
-            }
-            note => tell!("note: {source}: {note}"),
-        }
-    }
-    let bytes = subject.document().map(<[u8]>::to_vec);
-    let bytes = bytes
-        .with_context(|| format!("{source}: the file has a mesh but no skeleton, which is written as obj only"))?;
-    Ok(export::Exported { bytes, notes: Vec::new() })
-}
-
-/// Whether a GLB says that it is a VRM.
-fn holds_vrm(glb: &[u8]) -> bool {
-    let names = |word: &[u8]| glb.windows(word.len()).any(|own| own == word);
-    names(b"\"VRMC_vrm\"") || names(b"\"VRM\"")
 }
 
 /// A file name for an asset: names come from files and may lead anywhere.
