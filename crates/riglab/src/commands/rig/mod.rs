@@ -11,14 +11,14 @@ use std::process::ExitCode;
 use anyhow::{Context, Result, anyhow, bail};
 use riglab_asset::export::ExportOptions;
 use riglab_asset::rigging::{NameStyle, UpAxis};
-use riglab_asset::{is_model_file, model_endings};
+use riglab_asset::{Target, is_model_file, model_endings};
 use riglab_task::tokenrig::Rank;
 use riglab_train::Progress;
 
 use super::device::DeviceArgs;
 use super::earlier::{Overwrite, Written};
 use super::glb::{Frames, Most};
-use super::some_of;
+use super::{is_fbx, some_of};
 use model::Model;
 use riglab_report::shell::command;
 
@@ -37,7 +37,7 @@ Examples:
   riglab rig avatar.glb -o rigged.glb --skeleton bones_of.glb
   riglab rig dragon.glb -o rigged.glb --skeleton spine_and_wings.txt --complete
   riglab rig models/ -o rigged/
-  riglab rig models/ -o rigged/ --skip-existing
+  riglab rig models/ -o rigged/ --to fbx --skip-existing
   riglab rig fox.obj -o fox.glb --checkpoint runs/tokenrig/001
   riglab rig fox.obj -o fox.glb --checkpoint runs/unirig_skeleton/001 --weights runs/unirig_skin/001")]
 pub struct RigArgs {
@@ -89,9 +89,12 @@ pub struct SkinArgs {
 struct Common {
     /// A model, or a folder of models, subfolders included.
     input: PathBuf,
-    /// The GLB or FBX to write (or a VRM, if the input is one); a folder, for GLBs, if the input is one.
+    /// The GLB or FBX to write (or a VRM, if the input is one); a folder, if the input is one.
     #[arg(long, short, value_name = "OUT")]
     out: PathBuf,
+    /// What is written into a folder [default: glb].
+    #[arg(long, value_name = "glb|fbx")]
+    to: Option<Target>,
     /// The network: a run's folder (its best checkpoint is used), the folder of one checkpoint (RUN/checkpoints/last), or a
     /// file of `riglab checkpoint export` or `import`. Its task is tokenrig or grpo; unirig_skeleton, for the skeleton; or
     /// unirig_skin, where the skeleton is given [default: the model that comes with riglab].
@@ -136,7 +139,7 @@ struct Common {
     /// Add a short motion that bends every joint, to see whether the rig works.
     #[arg(long)]
     preview: bool,
-    /// Of a folder: leave models out whose GLB is there already, as after a run that was interrupted, which leaves no file
+    /// Of a folder: leave models out whose result is there already, as after a run that was interrupted, which leaves no file
     /// half-written. With what options it was made is not asked.
     #[arg(long)]
     skip_existing: bool,
@@ -255,7 +258,7 @@ fn run(args: &Common, bones: &Bones, weights: Option<&Path>, threads: usize) -> 
     if args.skip_existing && !args.input.is_dir() {
         bail!("--skip-existing is for a folder of models, and {} is none; leave it out", args.input.display());
     }
-    let (jobs, mut skipped) = jobs(&args.input, &args.out)?;
+    let (jobs, mut skipped) = jobs(&args.input, &args.out, args.to)?;
     let (there, jobs): (Vec<_>, Vec<_>) =
         jobs.into_iter().partition(|(_, to)| args.skip_existing && written(to).is_at(to));
     jobs.iter().try_for_each(|(_, to)| args.overwrite.keep_others(to, written(to)))?;
@@ -317,26 +320,25 @@ fn run(args: &Common, bones: &Bones, weights: Option<&Path>, threads: usize) -> 
 /// What is read and where each is written; and what below a folder cannot be looked at, with the reason.
 type Jobs = (Vec<(PathBuf, PathBuf)>, Vec<(PathBuf, String)>);
 
-/// Whether FBX is to be written.
-fn is_fbx(to: &Path) -> bool {
-    cfg!(feature = "fbx") && to.extension().is_some_and(|e| e.eq_ignore_ascii_case("fbx"))
-}
-
 /// What is written to a file, by its name.
 fn written(to: &Path) -> Written {
-    #[cfg(feature = "fbx")]
-    if is_fbx(to) {
-        return Written::Format(riglab_asset::Target::FBX);
+    match Target::of(to) {
+        Ok(target) if is_fbx(to) => Written::Format(target),
+        _ => Written::Glb,
     }
-    let _ = to;
-    Written::Glb
 }
 
-fn jobs(input: &Path, out: &Path) -> Result<Jobs> {
+fn jobs(input: &Path, out: &Path, to: Option<Target>) -> Result<Jobs> {
+    if let Some(to) = to.filter(|to| !to.holds_scenes()) {
+        bail!("--to {to}: only GLB and FBX are written (`riglab convert` then makes {to} of them)");
+    }
+    let ending = to.unwrap_or(Target::GLB).ending();
     let same = |a: &Path, b: &Path| a.canonicalize().is_ok_and(|a| b.canonicalize().is_ok_and(|b| a == b));
     if !input.is_dir() {
         let into = out.is_dir() || out.as_os_str().to_string_lossy().ends_with('/');
-        let name = Path::new(input.file_stem().unwrap_or_default()).with_extension("glb");
+        let mut name = input.file_stem().unwrap_or_default().to_owned();
+        name.push(format!(".{ending}"));
+        let told = to;
         let to = if into { out.join(name) } else { out.to_path_buf() };
         let ends = |path: &Path, with: &str| path.extension().is_some_and(|e| e.eq_ignore_ascii_case(with));
         // A VRM is a GLB by another name.
@@ -346,6 +348,9 @@ fn jobs(input: &Path, out: &Path) -> Result<Jobs> {
                  of it)",
                 to.display()
             );
+        }
+        if let Some(told) = told.filter(|told| !Target::of(&to).is_ok_and(|of| of == *told)) {
+            bail!("{} is no name for a file of {told} (--to): give one that ends in .{ending}", to.display());
         }
         if same(input, &to) {
             bail!("{} is the input itself, which is never changed; give another name", to.display());
@@ -362,8 +367,8 @@ fn jobs(input: &Path, out: &Path) -> Result<Jobs> {
     if found.files.is_empty() {
         bail!("{}: no model with the ending {}", input.display(), model_endings().collect::<Vec<_>>().join(", "));
     }
-    let jobs = targets(found.files, input, out)?;
-    let longer = jobs.iter().filter(|(file, to)| to.file_name() != file.with_extension("glb").file_name());
+    let jobs = targets(found.files, input, out, ending)?;
+    let longer = jobs.iter().filter(|(file, to)| to.file_name() != file.with_extension(ending).file_name());
     let longer: Vec<String> = longer.map(|(_, to)| to.strip_prefix(out).unwrap_or(to).display().to_string()).collect();
     if !longer.is_empty() {
         tell!("note: of models that are called alike, the others are written with their ending: {}", some_of(&longer));
@@ -371,22 +376,22 @@ fn jobs(input: &Path, out: &Path) -> Result<Jobs> {
     Ok((jobs, found.unread))
 }
 
-/// Where each file of a folder is written: below `out` as it lies below `input`, as a GLB. Of those called alike a GLB keeps
-/// its name, or else the first one; the others keep their ending, too, so that none overwrites another.
-fn targets(files: Vec<PathBuf>, input: &Path, out: &Path) -> Result<Vec<(PathBuf, PathBuf)>> {
+/// Where each file of a folder is written: below `out` as it lies below `input`, with the ending of what is written. Of those
+/// called alike the one that has it keeps its name, or else the first one; the others keep their ending, too, so that none
+/// overwrites another.
+fn targets(files: Vec<PathBuf>, input: &Path, out: &Path, ending: &str) -> Result<Vec<(PathBuf, PathBuf)>> {
     let below = |file: &Path| file.strip_prefix(input).map(Path::to_path_buf).context("a file below its folder");
-    let is_glb = |file: &Path| file.extension().is_some_and(|e| e == "glb");
-    let glbs: Result<Vec<PathBuf>> = files.iter().filter(|file| is_glb(file)).map(|file| below(file)).collect();
-    let mut taken: HashSet<PathBuf> = glbs?.into_iter().collect();
+    let has_it = |file: &Path| file.extension().is_some_and(|e| e == ending);
+    let with_it: Result<Vec<PathBuf>> = files.iter().filter(|file| has_it(file)).map(|file| below(file)).collect();
+    let mut taken: HashSet<PathBuf> = with_it?.into_iter().collect();
     let mut jobs = Vec::with_capacity(files.len());
     for file in files {
         let own = below(&file)?;
-        let short = own.with_extension("glb");
-        let mut name = short;
-        if !is_glb(&file) && taken.contains(&name) {
+        let mut name = own.with_extension(ending);
+        if !has_it(&file) && taken.contains(&name) {
             name = own;
-            while taken.contains(&name) || name.extension().is_none_or(|e| e != "glb") {
-                name.as_mut_os_string().push(".glb");
+            while taken.contains(&name) || !has_it(&name) {
+                name.as_mut_os_string().push(format!(".{ending}"));
             }
         }
         taken.insert(name.clone());
@@ -409,15 +414,33 @@ mod tests {
 
     #[test]
     fn models_that_are_called_alike_overwrite_none() {
-        let of = |names: &[&str]| {
+        let in_format = |names: &[&str], ending: &str| {
             let files = names.iter().map(|name| Path::new("in").join(name)).collect();
-            let jobs = targets(files, Path::new("in"), Path::new("out")).unwrap();
+            let jobs = targets(files, Path::new("in"), Path::new("out"), ending).unwrap();
             jobs.iter().map(|(_, to)| to.strip_prefix("out").unwrap().display().to_string()).collect::<Vec<_>>()
         };
+        let of = |names: &[&str]| in_format(names, "glb");
         assert_eq!(of(&["fox.fbx", "fox.glb", "fox.obj"]), ["fox.fbx.glb", "fox.glb", "fox.obj.glb"]);
         assert_eq!(of(&["a/fox.fbx", "a/fox.obj", "fox.obj"]), ["a/fox.glb", "a/fox.obj.glb", "fox.glb"]);
         assert_eq!(of(&["fox.FBX", "fox.v2.obj"]), ["fox.glb", "fox.v2.glb"]);
         assert_eq!(of(&["fox.fbx", "fox.fbx.glb", "fox.glb"]), ["fox.fbx.glb.glb", "fox.fbx.glb", "fox.glb"]);
+        assert_eq!(in_format(&["fox.fbx", "fox.glb", "hen.obj"], "fbx"), ["fox.fbx", "fox.glb.fbx", "hen.fbx"]);
+    }
+
+    #[test]
+    fn what_is_written_is_told_by_name_or_by_option() {
+        let dir = tempfile::tempdir().unwrap();
+        let (input, folder) = (dir.path().join("fox.v2.obj"), dir.path().join("out/"));
+        let name = |out: &Path, to| jobs(&input, out, to).map(|(jobs, _)| jobs[0].1.display().to_string());
+        assert!(name(&folder.join(""), None).unwrap().ends_with("/out/fox.v2.glb"));
+        assert!(name(Path::new("a.glb"), Some(Target::OBJ)).unwrap_err().to_string().starts_with("--to obj: only GLB"));
+        #[cfg(feature = "fbx")]
+        {
+            assert!(name(&folder.join(""), Some(Target::FBX)).unwrap().ends_with("/out/fox.v2.fbx"));
+            let said = name(Path::new("a.glb"), Some(Target::FBX)).unwrap_err().to_string();
+            assert!(said.ends_with("give one that ends in .fbx"), "{said}");
+            assert_eq!(name(Path::new("a.FBX"), Some(Target::FBX)).unwrap(), "a.FBX");
+        }
     }
 
     #[test]
@@ -445,6 +468,7 @@ mod tests {
             std::fs::write(path, b"x").unwrap();
         }
         let out = dir.path().join("out");
+        let jobs = |input: &Path, out: &Path| super::jobs(input, out, None);
         let (all, _) = jobs(dir.path(), &out).unwrap();
         let mut to: Vec<_> = all.iter().map(|(_, to)| to.strip_prefix(&out).unwrap().to_str().unwrap()).collect();
         to.sort_unstable();

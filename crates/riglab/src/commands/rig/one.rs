@@ -20,7 +20,7 @@ use riglab_token::Template;
 use riglab_train::Spinner;
 
 use super::model::Model;
-use super::{Bones, Common, Given, given};
+use super::{Bones, Common, Given, given, is_fbx};
 
 /// Reads `from`, rigs it, writes `to`.
 pub fn rig(args: &Common, bones: &Bones, model: &Model, from: &Path, to: &Path) -> Result<()> {
@@ -177,7 +177,7 @@ pub fn rig(args: &Common, bones: &Bones, model: &Model, from: &Path, to: &Path) 
     let preview = if args.preview { Some(preview(&exported.bytes, from)?) } else { None };
     let bytes = preview.as_ref().unwrap_or(&exported.bytes);
     #[cfg(feature = "fbx")]
-    let fbx = if super::is_fbx(to) { Some(as_fbx(bytes, from, &mut notes)?) } else { None };
+    let fbx = if is_fbx(to) { Some(as_fbx(bytes, from, &mut notes)?) } else { None };
     #[cfg(feature = "fbx")]
     let bytes = fbx.as_ref().unwrap_or(bytes);
     make_folder_of(to).with_context(about)?;
