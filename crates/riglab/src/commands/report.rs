@@ -11,7 +11,7 @@ use riglab_train::{Checkpoint, without_best};
 
 use super::charts::{charts, no_file};
 use super::earlier::{Written, keep_others};
-use super::{shown, whose};
+use super::{shown, some_of, whose};
 use crate::presets;
 use crate::registry::{self, Evaluated, TaskConfig};
 
@@ -23,7 +23,7 @@ use crate::registry::{self, Evaluated, TaskConfig};
 /// (booktabs) and comma-separated values; several runs have every asset in a file FILE.assets.csv of its own.
 ///
 /// A view of what is in the runs' folders; what is not there yet (an evaluation) is left out of a run's report.
-#[derive(clap::Args)]
+#[derive(Clone, clap::Args)]
 #[command(after_help = "\
 Examples:
   riglab report runs/fsq_cvae/001                   # report.html, .md, ... in the run's folder
@@ -55,6 +55,7 @@ pub struct Args {
 const FORMS: [&str; 4] = ["html", "md", "tex", "csv"];
 
 pub fn run(args: &Args) -> Result<ExitCode> {
+    let args = &Args { runs: folders(&args.runs), ..args.clone() };
     let files = match &args.out {
         Some(path) => files(path)?,
         None => match args.runs.as_slice() {
@@ -277,6 +278,16 @@ fn named(text: &str) -> (String, PathBuf) {
     }
 }
 
+/// Without the files that a pattern of a shell, such as `sweeps/NAME/jobs/*/*`, finds among the runs' folders.
+fn folders(runs: &[String]) -> Vec<String> {
+    let (files, folders): (Vec<String>, Vec<String>) = runs.iter().cloned().partition(|run| named(run).1.is_file());
+    if files.is_empty() || folders.is_empty() {
+        return runs.to_vec();
+    }
+    tell!("note: left out, being files and not runs' folders: {}", some_of(&files));
+    folders
+}
+
 /// Names for runs that have none: the last parts of their paths, of all runs as many as tell them apart, as
 /// `with/seed-0`, `with/seed-1` and `without/seed-0`.
 fn names(runs: Vec<(String, PathBuf)>) -> Result<Vec<(String, PathBuf)>> {
@@ -328,6 +339,18 @@ mod tests {
         let list = of("[4.0, 1.0, 1.0, 1.0]");
         assert!(list.is_some() && list == of("{ coverage = 4.0 }") && list != of("{ coverage = 5.0 }"));
         assert_eq!(rewritten("task = 'unknown'"), None);
+    }
+
+    #[test]
+    fn files_among_runs_are_left_out() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = |name: &str| dir.path().join(name).display().to_string();
+        let (run, file, missing) = (path("a"), path("job.log"), path("b"));
+        std::fs::create_dir(&run).unwrap();
+        std::fs::write(&file, "").unwrap();
+        // What is nowhere stays, to be missed.
+        assert_eq!(folders(&[run.clone(), file.clone(), missing.clone()]), [run, missing]);
+        assert_eq!(folders(&[file.clone()]), [file]);
     }
 
     #[test]
