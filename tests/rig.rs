@@ -66,9 +66,8 @@ fn a_model_is_rigged_by_what_comes_with_the_program() {
         assert_eq!(said["out"], text(&out));
         fs::read(out).unwrap()
     };
-    let first = make("a.glb", &[]);
-    assert!(first == make("b.glb", &[]), "same seed, same bytes");
-    assert!(first == make("p.glb", &["--samples", "64", "--skins", "8", "--temperature", "1"]), "as its config says");
+    let told = ["--samples", "64", "--skins", "8", "--temperature", "1"];
+    assert!(make("a.glb", &[]) == make("b.glb", &told), "same seed, same bytes, and as its config says");
     let mean = make("m.glb", &["--skins", "3"]);
     assert!(mean == make("n.glb", &["--skins", "3"]) && mean != make("o.glb", &["--skins", "1"]));
     let drawn = make("c.glb", &["--samples", "4", "--seed", "3"]);
@@ -86,9 +85,9 @@ fn a_given_skeleton_stays_as_it_is() {
         let truth = joints(&inspect(&rigged));
         let out = dir.path().join("out.glb");
         for args in [
-            vec!["skin", text(&rigged), "-o", text(&out)],
-            vec!["rig", text(&rigged), "-o", text(&out), "--skeleton", "keep"],
-            vec!["rig", text(&bare), "-o", text(&out), "--skeleton", text(&rigged)],
+            vec!["skin", text(&rigged), "-o", text(&out), "--skins", "2"],
+            vec!["rig", text(&rigged), "-o", text(&out), "--skins", "1", "--skeleton", "keep"],
+            vec!["rig", text(&bare), "-o", text(&out), "--skins", "1", "--skeleton", text(&rigged)],
         ] {
             must(&args);
             let made = joints(&sound(&out));
@@ -191,14 +190,18 @@ fn joints_of_another_file_land_in_a_model_that_lies() {
             assert!((0..3).all(|k| (own[k] - head[k]).abs() < 1e-4), "{name}: {own:?} {head:?}");
         }
     };
+    let skin = |model: &Path, up: &[&str]| {
+        must(
+            &[&["skin", text(model), "-o", text(&out), "--skins", "1", "--skeleton", text(rigged), "--up"], up]
+                .concat(),
+        );
+        near(&|p| p);
+    };
     // The joints' file stands, the model's lies: the model is stood up, and they are where they belong.
-    must(&["skin", text(&model), "-o", text(&out), "--up", "z", "--skeleton", text(rigged)]);
-    near(&|p| p);
-    must(&["skin", text(&model), "-o", text(&out), "--up", "z", "--skeleton", text(rigged), "--skeleton-up", "y"]);
-    near(&|p| p);
+    skin(&model, &["z"]);
+    skin(&model, &["z", "--skeleton-up", "y"]);
     // Both of one space, said to lie: turned alike, and back.
-    must(&["skin", text(bare), "-o", text(&out), "--up", "-y", "--skeleton", text(rigged)]);
-    near(&|p| p);
+    skin(bare, &["-y"]);
     let mut wrong = riglab(&["skin", text(rigged), "-o", text(&out), "--skeleton-up", "y"]);
     assert!(refusal(&mut wrong).contains("--skeleton"));
 }
@@ -260,7 +263,7 @@ fn a_folder_is_rigged_file_by_file() {
     creatures(dir.path(), "2");
     let (input, out) = (dir.path().join("bare"), dir.path().join("out"));
     fs::write(input.join("broken.obj"), "f 1 2 3\n").unwrap();
-    let output = riglab(&["rig", text(&input), "-o", text(&out)]).output().unwrap();
+    let output = riglab(&["rig", text(&input), "-o", text(&out), "--samples", "8", "--skins", "1"]).output().unwrap();
     assert_eq!(output.status.code(), Some(1), "one of them failed");
     let said = String::from_utf8(output.stdout).unwrap();
     assert!(said.contains("2 rigged") && said.contains("1 left out"), "{said}");
@@ -277,6 +280,12 @@ fn a_folder_is_rigged_file_by_file() {
     let said = String::from_utf8(riglab(&again).output().unwrap().stdout).unwrap();
     assert!(said.contains("1 rigged") && said.contains("1 already there"), "{said}");
     assert!(made[0].exists() && fs::metadata(&made[1]).unwrap().modified().unwrap() == kept);
+    // Into the other format, too.
+    let other = dir.path().join("fbx");
+    riglab(&[&["rig", text(&input), "-o", text(&other), "--to", "fbx"][..], &few].concat()).output().unwrap();
+    let rigged = |entry: fs::DirEntry| joints(&inspect(&entry.path())).len();
+    let all: Vec<usize> = fs::read_dir(&other).unwrap().map(|entry| rigged(entry.unwrap())).collect();
+    assert!(all.len() == 2 && all.iter().all(|joints| *joints > 1), "{all:?}");
     let one = dir.path().join("one.glb");
     let said = refusal(&mut riglab(&["rig", text(&made[0]), "-o", text(&one), "--skip-existing"]));
     assert!(said.contains("is for a folder of models"), "{said}");
