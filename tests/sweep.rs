@@ -112,6 +112,12 @@ fn what_does_not_belong_to_a_sweep_is_refused_before_anything_is_written() {
     write("0", "[sweep.grid]\n'loss.bce' = [1.0, 2.0]\n");
     refused(&["sweep.grid", "did you mean `product`?"]);
 
+    // An experiment is no sweep, and without a corpus no job has anything to learn from.
+    let said = refusal(&mut riglab(&["sweep", text(&base), "-o", text(&out)]));
+    assert!(said.contains("is an experiment of one run: `riglab train "), "{said}");
+    write("0", "set = { 'data.corpora' = [] }\n");
+    refused(&["`a`, seed 0: data.corpora names no corpus"]);
+
     write("0", "");
     let tried = dry(&["--dry-run"]).output().unwrap();
     assert!(tried.status.success() && !out.exists());

@@ -46,21 +46,35 @@ pub fn load_block(name: &str, sets: &[String]) -> Result<Config, ConfigError> {
     }
 }
 
-/// The experiments of one run that are compiled in.
-pub fn experiments() -> Vec<String> {
+/// The experiments of one run that are compiled in, with the sentence that each begins with.
+pub fn experiments() -> Vec<(&'static str, String)> {
     named(|text| !is_sweep(text))
 }
 
-/// The sweeps that are compiled in.
-pub fn sweeps() -> Vec<String> {
+/// The sweeps that are compiled in, as [`experiments`].
+pub fn sweeps() -> Vec<(&'static str, String)> {
     named(is_sweep)
 }
 
-fn named(wanted: impl Fn(&str) -> bool) -> Vec<String> {
+/// Names with their sentences as lines, the sentences below each other.
+pub fn listed(all: &[(&str, String)]) -> Vec<String> {
+    let width = all.iter().map(|(name, _)| name.len()).max().unwrap_or(0);
+    all.iter().map(|(name, about)| format!("{name:width$}  {about}").trim_end().to_owned()).collect()
+}
+
+fn named(wanted: impl Fn(&str) -> bool) -> Vec<(&'static str, String)> {
     let all = texts(&EXPERIMENTS).into_iter().filter(|(_, text)| wanted(text));
-    let mut names: Vec<String> = all.map(|(name, _)| name.to_string()).collect();
-    names.sort();
-    names
+    let mut all: Vec<_> = all.map(|(name, text)| (name, about(text))).collect();
+    all.sort();
+    all
+}
+
+/// The first sentence of the comment that a file begins with.
+fn about(text: &str) -> String {
+    let lines = text.lines().map_while(|line| line.strip_prefix('#')).map(str::trim);
+    let comment = lines.take_while(|line| !line.is_empty()).collect::<Vec<_>>().join(" ");
+    let end = [". ", "? "].iter().filter_map(|end| comment.find(end)).min();
+    end.map_or(comment.as_str(), |end| &comment[..=end]).to_owned()
 }
 
 fn is_sweep(text: &str) -> bool {
@@ -92,6 +106,16 @@ mod tests {
 
     use super::*;
     use crate::registry::TaskConfig;
+
+    #[test]
+    fn each_experiment_says_what_it_is_for() {
+        let text = "# What it does, in two\n# lines. And more.\n#\n# Not this\ntask = 'a'\n";
+        assert_eq!(about(text), "What it does, in two lines.");
+        assert_eq!(about("# Does it help?\ntask = 'a'\n"), "Does it help?");
+        let all = [experiments(), sweeps()].concat();
+        assert!(all.len() > 20 && all.iter().all(|(_, about)| about.ends_with(['.', '?'])), "{all:?}");
+        assert_eq!(listed(&[("a", "One.".into()), ("abc", String::new())]), ["a    One.", "abc"]);
+    }
 
     /// Numbers of a network by the first part of their names, without making them.
     fn count(name: &str) -> Vec<(String, i64)> {

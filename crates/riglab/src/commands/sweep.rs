@@ -31,9 +31,8 @@ use riglab_report::shell::command;
 /// A sweep that was stopped or killed goes on when it is called again; a run that fails is tried once more and never
 /// stops the rest; with --retry it is tried anew. Arms (named variants) added at the end of the file join the existing
 /// runs, as long as their settings and corpora are unchanged; an arm whose jobs failed may be changed, and they are begun
-/// anew. The result is a table of means and spreads over
-/// seeds, in results.jsonl, table.md, table.tex, table.csv and report.html. TensorBoard compares the runs:
-/// `tensorboard --logdir SWEEP/jobs`.
+/// anew. The result is a table of means and spreads over seeds, in results.jsonl, table.md, table.tex, table.csv and
+/// report.html. TensorBoard compares the runs: `tensorboard --logdir SWEEP/jobs`.
 ///
 /// Its exit code is 1 if a run failed.
 ///
@@ -60,7 +59,7 @@ pub struct Args {
     /// The sweep's folder [default: sweeps/<file>].
     #[arg(long, short, value_name = "DIR")]
     out: Option<PathBuf>,
-    /// Jobs at a time [default: as many as processors and memory allow].
+    /// Jobs at a time; 0 takes as many as processors and memory allow.
     #[arg(long, default_value_t = 0, value_name = "N")]
     jobs: usize,
     /// Processors to use; 0 takes all.
@@ -99,7 +98,7 @@ pub struct Args {
 pub fn run(args: &Args, threads: usize) -> Result<ExitCode> {
     super::alone("sweep")?;
     if args.list {
-        presets::sweeps().iter().for_each(|name| say!("{name}"));
+        presets::listed(&presets::sweeps()).iter().for_each(|line| say!("{line}"));
         return Ok(ExitCode::SUCCESS);
     }
     let Some(name) = &args.sweep else { bail!("give a sweep file, or the folder of a sweep") };
@@ -232,6 +231,15 @@ fn check(plan: &Plan, folder: &Path, new: bool, retry: bool) -> Result<Vec<Strin
     if new {
         anew = plan.fits(folder, resolved)?.replaced.iter().map(|(job, _)| job.shown()).collect();
         tell_alike(plan)?;
+        for job in &plan.jobs {
+            if job_settings(plan, (folder, &anew), job).map_err(|e| unsound(job, &e))?.data().corpora.is_empty() {
+                bail!(
+                    "{}: data.corpora names no corpus; write one into `set` of the sweep's file, or give it by --set \
+                     data.corpora='[\"corpus.h5\"]' (`riglab dataset import` makes it)",
+                    job.shown()
+                );
+            }
+        }
     }
     let mut sums = BTreeMap::new();
     plan.same_corpora(folder, retry, |job| {
@@ -294,6 +302,9 @@ fn plan(name: &str, args: &Args, threads: usize) -> Result<(Plan, PathBuf, Desk)
         return Ok((plan, folder.clone(), asked(desk, args, threads)));
     }
     let config = presets::load(name, &cluster)?;
+    if config.contains("task") && !config.contains("sweep") {
+        bail!("{name} is an experiment of one run: `{}` trains it", command(["train", name]));
+    }
     config.check_keys(&["sweep", "slurm"])?;
     if config.contains("sweep.grid") {
         // What others call a grid.
@@ -513,10 +524,10 @@ mod tests {
 
     #[test]
     fn every_built_in_sweep_has_sound_jobs() {
-        let names = presets::sweeps();
-        assert!(names.len() >= 3, "{names:?}");
-        for name in names {
-            let config = presets::load(&name, &[]).unwrap_or_else(|e| panic!("{name}: {e}"));
+        let all = presets::sweeps();
+        assert!(all.len() >= 3, "{all:?}");
+        for (name, _) in all {
+            let config = presets::load(name, &[]).unwrap_or_else(|e| panic!("{name}: {e}"));
             let file: SweepFile = config.get_at("sweep").unwrap_or_else(|e| panic!("{name}: {e}"));
             assert!(file.seeds.len() >= 3 && !file.question.is_empty() && !file.expected.is_empty(), "{name}");
             let plan = Plan::new(file, &["data.corpora=['rigs.h5']".into()]).unwrap_or_else(|e| panic!("{name}: {e}"));

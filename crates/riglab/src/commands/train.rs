@@ -60,7 +60,7 @@ pub struct Args {
     #[arg(long, value_name = "DIR")]
     run: Option<PathBuf>,
     /// Continue the run in this folder with its own settings; only train.steps may be raised (--set train.steps=N), and
-    /// start.model and skin.run name a model that was moved.
+    /// --set start.model=PATH or skin.run=PATH names the new place of a model that was moved.
     #[arg(long, value_name = "DIR", conflicts_with_all = ["config", "run"])]
     resume: Option<PathBuf>,
     /// Write nothing: go through a few steps and a validation, and say what the run would take: parameters, memory,
@@ -85,7 +85,7 @@ pub struct Args {
 
 pub fn run(args: &Args, threads: usize) -> Result<ExitCode> {
     if args.list {
-        presets::experiments().iter().for_each(|name| say!("{name}"));
+        presets::listed(&presets::experiments()).iter().for_each(|line| say!("{line}"));
         return Ok(ExitCode::SUCCESS);
     }
     let (cluster, sets) = apart(&args.sets);
@@ -580,10 +580,13 @@ fn time(seconds: f64) -> String {
     }
 }
 
-/// `runs/<config>/001` and on.
+/// `runs/<config>/001` and on. The config of a run in `runs/NAME/001` is one of NAME.
 fn next_free(config: &str) -> PathBuf {
-    let stem = Path::new(config).file_stem().map_or("run".into(), |s| s.to_string_lossy().into_owned());
-    let dir = Path::new("runs").join(stem);
+    let file = Path::new(config);
+    let of_run = file.parent().filter(|run| file.ends_with("config.toml") && run.join("run.json").is_file());
+    let above = of_run.and_then(|run| run.parent()?.file_name());
+    let name = above.or(file.file_stem()).map_or("run".into(), |s| s.to_string_lossy().into_owned());
+    let dir = Path::new("runs").join(name);
     let free = (1..).map(|n| dir.join(format!("{n:03}"))).find(|d| !d.exists());
     free.unwrap_or(dir)
 }
@@ -591,6 +594,19 @@ fn next_free(config: &str) -> PathBuf {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_run_is_called_as_its_config_or_as_the_one_that_it_repeats() {
+        let dir = tempfile::tempdir().unwrap();
+        let run = dir.path().join("dice/007");
+        std::fs::create_dir_all(&run).unwrap();
+        let config = run.join("config.toml");
+        let of = |config: &Path| next_free(config.to_str().unwrap()).parent().unwrap().to_owned();
+        assert_eq!(of(&config), Path::new("runs/config"));
+        std::fs::write(run.join("run.json"), "").unwrap();
+        assert_eq!(of(&config), Path::new("runs/dice"));
+        assert_eq!(of(Path::new("quickstart/tokenrig.toml")), Path::new("runs/tokenrig"));
+    }
 
     #[test]
     fn a_run_goes_on_with_its_own_corpora_alone() {

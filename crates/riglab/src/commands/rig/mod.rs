@@ -258,6 +258,9 @@ fn run(args: &Common, bones: &Bones, weights: Option<&Path>, threads: usize) -> 
     if args.skip_existing && !args.input.is_dir() {
         bail!("--skip-existing is for a folder of models, and {} is none; leave it out", args.input.display());
     }
+    if !args.input.exists() {
+        bail!("{}: there is no such file or folder", args.input.display());
+    }
     let (jobs, mut skipped) = jobs(&args.input, &args.out, args.to)?;
     let (there, jobs): (Vec<_>, Vec<_>) =
         jobs.into_iter().partition(|(_, to)| args.skip_existing && written(to).is_at(to));
