@@ -193,6 +193,10 @@ fn without_slurm_it_is_a_sentence() {
     let args = ["sweep", text(&file), "-o", text(&out), "--on", "slurm"];
     let said = refusal(riglab(&args).env("PATH", dir.path()));
     assert!(said.contains("there is no Slurm on this machine") && said.contains("hint"), "{said}");
+    let run = dir.path().join("run");
+    let args_of_run = ["train", "quickstart/demo.toml", "--run", text(&run), "--on", "slurm"];
+    let said = refusal(riglab(&args_of_run).env("PATH", dir.path()));
+    assert!(said.contains("there is no Slurm on this machine") && !run.exists(), "{said}");
     let said = refusal(riglab(&args).args(["--set", "slurm.time=soon"]));
     assert!(said.contains("slurm.time") && said.contains("4:00:00"), "{said}");
     let said = refusal(riglab(&args[..4]).args(["--set", "slurm.time=60"]));
