@@ -298,6 +298,11 @@ impl Missing {
         if let Some(near) = nearest(name, known.iter().map(String::as_str)) {
             return format!("did you mean `{near}`?");
         }
+        // A name without its folder, or without its ending.
+        let stem = Path::new(name).file_stem();
+        if let Some(same) = known.iter().find(|known| Path::new(known).file_stem() == stem) {
+            return format!("did you mean `{same}`?");
+        }
         let mut places: Vec<String> = self.tried.iter().map(|p| format!("`{}`", cleaned(p))).collect();
         if !self.known.is_empty() {
             places.push("the built-in files".into());

@@ -125,6 +125,15 @@ hint: name the other file as the experiment"
 }
 
 #[test]
+fn a_name_without_folder_or_ending_is_known() {
+    let said = |name: &str| Loader::new().built_in(PRESETS).load(name, NONE).unwrap_err().to_string();
+    for name in ["small", "small.toml", "blocks/small.toml"] {
+        assert!(said(name).ends_with("did you mean `model/small.toml`?"), "{}", said(name));
+    }
+    assert!(!said("smallest").contains("did you mean"), "{}", said("smallest"));
+}
+
+#[test]
 fn no_folder_is_meant_by_a_name() {
     let dir = folder(&[("nope.toml/a.toml", "")]);
     let said = |name: &str| Config::load(dir.path().join(name), NONE, &[]).unwrap_err().to_string();
