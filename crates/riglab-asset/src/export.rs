@@ -225,7 +225,8 @@ impl fmt::Display for ExportNote {
                 lacking.join(", ")
             ),
             Self::VrmDropped { parts } => {
-                write!(f, "{} (of VRM) referred to the old rig and were removed with it", parts.join(", "))
+                let were = if parts.len() == 1 { "was" } else { "were" };
+                write!(f, "{} (of VRM) referred to the old rig and {were} removed with it", parts.join(", "))
             }
             Self::TrianglesTurned { surfaces } => {
                 let meshes = if *surfaces == 1 { "mesh" } else { "meshes" };

@@ -28,7 +28,7 @@ pub use target::Target;
 #[derive(Debug, Error)]
 pub enum WriteError {
     /// No format has this ending, or several.
-    #[error("{0}: the ending does not tell the format; say which of {names} it is (`--to`)", names = Target::names())]
+    #[error("{0}: the ending does not tell the format; say which of {names} it is (`--to`)", names = Target::names_of(.0))]
     WhichFormat(String),
     /// No format has this name.
     #[error("there is no format `{0}`; there are {names}", names = Target::names())]

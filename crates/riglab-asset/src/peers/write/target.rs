@@ -128,6 +128,14 @@ impl Target {
         Self::ALL.iter().map(|t| t.name()).collect::<Vec<_>>().join(", ")
     }
 
+    /// The names of those that a file may be by its ending; of all where it is none's.
+    pub(super) fn names_of(file: &str) -> String {
+        let ending = Path::new(file).extension().unwrap_or_default();
+        let fits = Self::ALL.iter().filter(|t| ending.eq_ignore_ascii_case(t.ending()));
+        let fits = fits.map(|t| t.name()).collect::<Vec<_>>().join(", ");
+        if fits.is_empty() { Self::names() } else { fits }
+    }
+
     /// What a file of one asset is called: `NAME` and this.
     pub fn suffix(self) -> &'static str {
         self.0.suffix()
@@ -285,8 +293,11 @@ mod tests {
         ] {
             assert_eq!(Target::of(Path::new(path)).unwrap(), target);
         }
-        for path in ["a.npz", "a.txt", "a", "a.blend"] {
-            assert!(Target::of(Path::new(path)).unwrap_err().to_string().contains("articulation-xl, unirig"), "{path}");
+        let said = |path: &str| Target::of(Path::new(path)).unwrap_err().to_string();
+        for path in ["a", "a.blend"] {
+            assert!(said(path).contains("puppeteer-h5, articulation-xl, unirig"), "{path}");
         }
+        assert!(said("a.NPZ").contains("which of articulation-xl, unirig, skintokens it is"), "{}", said("a.NPZ"));
+        assert!(said("a.txt").contains("which of rignet, puppeteer it is"), "{}", said("a.txt"));
     }
 }

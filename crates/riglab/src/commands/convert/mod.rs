@@ -31,9 +31,10 @@ use store::{spare, spare_inputs, store, tell_place, warn};
 /// Turn rigged files of any format that is read into any that is written.
 ///
 /// Written are glb, obj (the mesh alone), rignet (text and OBJ), puppeteer (text and OBJ),
-/// puppeteer-h5, articulation-xl, unirig (raw_data.npz), skintokens, anymate and fbx. The ending of OUT tells
-/// which; npz, txt and a corpus' h5 need --to. A folder or a file of several assets goes into a folder, a file an
-/// asset, or into one file of a format that holds several. Z up becomes Y up and back by the formats.
+/// puppeteer-h5, articulation-xl, unirig (raw_data.npz), skintokens, anymate and fbx. The name of OUT tells
+/// which; an npz that is not called raw_data.npz, a txt that does not end in _rig.txt, and an h5 made of a corpus need
+/// --to. A folder or a file of several assets goes into a folder, a file an asset, or into one file of a format that
+/// holds several. Where a format has Z up, axes are turned.
 /// glTF and VRM become a GLB with all they had: materials, pictures, morph targets, motions, extensions.
 /// Into an FBX go nodes, meshes, weights, materials with their pictures, morph targets and motions of a glTF, VRM or FBX; of
 /// corpora mesh, skeleton, weights and motions.
