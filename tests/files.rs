@@ -332,7 +332,8 @@ fn a_picture_is_drawn_of_any_file() {
         assert!(draw(&file, &[]).1.contains("joints"), "{format}");
     }
     let bare = dir.path().join("bare.glb");
-    must(&["strip", text(creature), text(&bare)]);
+    let said = must(&["strip", text(creature), text(&bare)]).stdout;
+    assert_eq!(String::from_utf8(said).unwrap(), format!("{}\n", bare.display()));
     let ((_, _, low), said) = draw(&bare, &["--dark"]);
     assert!(said.contains("no rig") && low < height, "{said}");
     let png = dir.path().join("b.png");

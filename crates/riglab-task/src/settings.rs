@@ -104,7 +104,10 @@ impl Settings {
         if run.is_file() {
             return Err(format!("{shown}: a file, and no run's folder"));
         }
-        let text = std::fs::read_to_string(&path).map_err(|e| format!("{shown}: no run here (config.toml: {e})"))?;
+        let text = std::fs::read_to_string(&path).map_err(|e| match run.exists() {
+            true => format!("{shown}: no run here (config.toml: {e})"),
+            false => format!("{shown}: there is no such file or folder"),
+        })?;
         let config = Loader::new().parse(&name, &text, sets).map_err(|e| e.to_string())?;
         Ok(Self { name: name.into(), config })
     }

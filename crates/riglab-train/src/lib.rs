@@ -42,7 +42,7 @@ pub use estimate::{Estimate, estimate, product_speed};
 pub use interrupt::Interrupt;
 pub use prefetch::{Prefetch, Source};
 pub use progress::{Progress, Spinner, tell};
-pub use run::{Extended, Resumed, Run, RunInfo, other_companions, same_companions};
+pub use run::{Extended, Resumed, Run, RunInfo, below, other_companions, same_companions};
 pub use schedule::{beta1, factor, first_apart};
 pub use sound::unsound;
 pub use task::{At, Better, Loss, LossOf, Task, Validation};

@@ -305,7 +305,7 @@ fn now() -> String {
 }
 
 /// Of a folder that is no run, a run that lies in it or a folder deeper, for an error; of several the first by name.
-fn below(dir: &Path) -> String {
+pub fn below(dir: &Path) -> String {
     let folders = |dir: &Path| -> Vec<PathBuf> {
         let entries = fs::read_dir(dir).into_iter().flatten().flatten();
         let mut all: Vec<PathBuf> = entries.map(|entry| entry.path()).filter(|path| path.is_dir()).collect();

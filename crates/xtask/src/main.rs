@@ -30,7 +30,7 @@ Chores of riglab. Each command does the set-up it needs.
 Usage: cargo xtask <COMMAND>
 
   demo [--input DIR] [--out DIR]   train a small model and write its report; on generated
-                                   creatures, or on the GLB, VRM and FBX files of DIR
+                                   creatures, or on the GLB, glTF, VRM and FBX files of DIR
   test [-- ARGS]                   all tests (ARGS go to cargo test)
   bench [NAME...] [--list] [--json FILE]
                                    riglab against what it replaces, both sides in turn

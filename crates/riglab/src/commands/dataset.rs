@@ -97,7 +97,11 @@ struct Import {
 
 fn rate(text: &str) -> Result<f32, String> {
     let rate = text.parse::<f32>().ok().filter(|r| (0.01..=1000.0).contains(r));
-    rate.ok_or_else(|| "a rate is between 0.01 and 1000 frames a second".into())
+    rate.ok_or_else(|| match text.parse::<f32>() {
+        Ok(_) => "a rate is between 0.01 and 1000 frames a second".into(),
+        // The word after the option is taken for its rate.
+        Err(_) => format!("it is no rate; write `{text} --clips`, or --clips=30"),
+    })
 }
 
 #[derive(Clone, Copy, clap::ValueEnum)]
@@ -108,8 +112,8 @@ enum Roots {
 
 /// Write the assets of several corpora to one.
 ///
-/// Assets keep their splits unless --split or --seed splits them anew; equal ones come once, in the split of the first. Each is compared with its
-/// digest while it is read: damage is not merged.
+/// Assets keep their splits unless --split or --seed splits them anew; equal ones come once, in the split of the first.
+/// Each is compared with its digest while it is read: damage is not merged.
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:
@@ -222,6 +226,10 @@ fn run_import(args: &Import) -> Result<ExitCode> {
         (None, Some(split)) => Splitter::All(split.clone()),
         (None, None) => Splitter::ByTopology(args.seed.unwrap_or(0)),
     };
+    let usual = ["train", "val", "test_seen", "test_new"];
+    if let Some(split) = args.all_in.as_ref().filter(|split| !usual.contains(&split.as_str())) {
+        tell!("note: no experiment that comes with riglab reads a split `{split}`: name it in data.train or data.test");
+    }
     if let (Some(list), None) = (&file, &args.split) {
         let seed = if args.seed.is_some() { "--seed has no effect on them, and " } else { "" };
         tell!("note: splits are those of {}; {seed}--split or --all-in gives others", list.display());
@@ -526,6 +534,13 @@ mod tests {
         assert_eq!([said("train", false), said("val", true)], [equal, equal]);
         assert_eq!(said("val", false), format!("{equal}, in split train, not val"));
         assert_eq!(said("", false), format!("{equal}, in split train, not none"));
+    }
+
+    #[test]
+    fn a_folder_after_clips_is_no_rate() {
+        assert_eq!((rate("24"), rate("0.01")), (Ok(24.0), Ok(0.01)));
+        assert!(rate("0").unwrap_err().contains("between 0.01 and 1000"));
+        assert!(rate("rigs/").unwrap_err().contains("write `rigs/ --clips`"));
     }
 
     #[test]

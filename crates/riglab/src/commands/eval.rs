@@ -67,7 +67,8 @@ pub fn run(args: &Args, threads: usize) -> Result<ExitCode> {
         );
     }
     if !run.join("config.toml").is_file() {
-        bail!("{}: no run here (there is no config.toml); `riglab train` makes one", run.display());
+        let (shown, below) = (run.display(), riglab_train::below(&run));
+        bail!("{shown}: no run here (there is no config.toml){below}; `riglab train` makes one");
     }
     // Before anything that takes time: a sweep that looks at the run is to find it held.
     let _held = if is_own(&path, &run) { hold_evaluation(&run)? } else { None };

@@ -128,7 +128,8 @@ fn print(imported: &Imported) {
         let weights = rig.weights();
         let most = weights.offsets().windows(2).map(|w| w[1] - w[0]).max().unwrap_or(0);
         let (joints, hold) = (counted(rig.skeleton().len(), "joint"), rig.skinned_joints(0.0).len());
-        say!("  skeleton  {joints}, {hold} of them hold vertices");
+        let holding = if hold == 1 { "holds" } else { "hold" };
+        say!("  skeleton  {joints}, of which {hold} {holding} vertices");
         say!("  weights   {} not zero, at most {most} a vertex", weights.nonzero());
         for line in body(rig) {
             say!("  {line}");

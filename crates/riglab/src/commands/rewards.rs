@@ -33,8 +33,8 @@ Examples:
   riglab rewards before=out/a after=out/b
   riglab rewards rigs.h5 --split test_new --config runs/grpo/001 -o rewards.csv
 
-Training judges weights before small ones are cut and rows add up to 1; a file holds them after it, so that here only vertices
-that nothing holds lower `skinning`, and those that more than four bones hold.")]
+Training judges weights before small ones are cut and each vertex's add up to 1; a file holds them after it. So here
+`skinning` is lowered only by vertices that no bone holds, or more than four.")]
 pub struct Args {
     /// Rigged files, folders of them, or corpora; NAME=DIR names a system in the tables.
     #[arg(required = true, value_name = "[NAME=]DIR")]

@@ -59,5 +59,6 @@ pub fn run(args: &Args) -> Result<ExitCode> {
     for note in &stripped.notes {
         tell!("note: {note}");
     }
+    say!("{}", output.display());
     Ok(ExitCode::SUCCESS)
 }

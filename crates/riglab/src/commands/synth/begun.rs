@@ -36,7 +36,10 @@ impl Begun {
             Err(e) if e.kind() == std::io::ErrorKind::NotFound => {
                 let mut entries = fs::read_dir(folder).with_context(|| format!("{shown} cannot be read"))?;
                 if entries.next().is_some() {
-                    bail!("{shown} is not empty; give another folder, so that nothing is overwritten");
+                    bail!(
+                        "{shown} is not empty; give another folder, so that nothing is overwritten (creatures that were \
+                         finished get no more)"
+                    );
                 }
                 put(&path, &serde_json::to_vec(settings)?)?;
             }
