@@ -51,6 +51,7 @@ enum Command {
     Report(commands::report::Args),
     Checkpoint(commands::checkpoint::Args),
     Doctor(commands::doctor::Args),
+    Completions(commands::completions::Args),
     #[command(hide = true)]
     SlurmTask(commands::slurm::task::Args),
 }
@@ -98,6 +99,7 @@ fn main() -> ExitCode {
         Command::Review(args) => commands::review::run(&args),
         Command::Dataset(args) => commands::dataset::run(&args),
         Command::Doctor(args) => commands::doctor::run(&args, threads),
+        Command::Completions(args) => commands::completions::run(&args),
         Command::Tokens(args) => commands::tokens::run(&args),
         Command::Train(args) => commands::train::run(&args, threads),
         Command::Sweep(args) => commands::sweep::run(&args, threads),

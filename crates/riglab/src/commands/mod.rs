@@ -4,6 +4,7 @@ mod alike;
 mod charts;
 pub mod checkpoint;
 pub mod compare;
+pub mod completions;
 pub mod convert;
 pub mod curate;
 pub mod dataset;
