@@ -1,6 +1,6 @@
 //! An evaluation as a file, as lines, and as a part of a report.
 
-use riglab_report::{Beside, Block, Cell, Findings, Single, Table, Total};
+use riglab_report::{Beside, Block, Cell, Findings, Single, Table, Total, counted};
 use riglab_train::State;
 use serde::{Deserialize, Serialize};
 
@@ -151,6 +151,39 @@ impl Evaluation {
                       to the nearest generated joint; the baselines get the same skeleton and the joints that the \
                       model gave codes. given: on the true skeleton; auto-encoder: from the codes of the true weights."
                 .into();
+        table.note += &lacking(&self.report.skin_assets, split);
         table
+    }
+}
+
+/// Sentences on assets of a split that have no weights.
+fn lacking(assets: &[SkinAsset], split: &str) -> String {
+    let why = [
+        ("generated", "no skeleton came out"),
+        ("given", "their true skeletons are longer than limits.joints or limits.tokens"),
+    ];
+    let sentence = |(mode, why): (&str, &str)| {
+        let own = assets.iter().filter(|a| a.split == split && a.mode == mode && a.iou.is_nan()).count();
+        if own > 0 { format!(" Not in {mode}: {}, as {why}.", counted(own, "asset")) } else { String::new() }
+    };
+    why.map(sentence).concat()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn assets_without_weights_are_told_with_the_reason() {
+        let of = |split: &str, mode: &str, iou| {
+            let (name, category) = Default::default();
+            SkinAsset { split: split.into(), name, category, mode: mode.into(), iou, l1: iou }
+        };
+        let nan = f64::NAN;
+        let all = [of("a", "given", nan), of("a", "given", 0.5), of("a", "generated", 0.5), of("b", "generated", nan)];
+        let long = " Not in given: 1 asset, as their true skeletons are longer than limits.joints or limits.tokens.";
+        assert_eq!(lacking(&all, "a"), long);
+        assert_eq!(lacking(&all, "b"), " Not in generated: 1 asset, as no skeleton came out.");
+        assert_eq!(lacking(&all, "c"), "");
     }
 }
