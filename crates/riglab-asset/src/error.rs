@@ -470,6 +470,14 @@ pub enum Fault {
 }
 
 impl Fault {
+    /// A file that the system does not give.
+    pub(crate) fn unreadable(error: &std::io::Error) -> Self {
+        Self::Unreadable(match error.kind() {
+            std::io::ErrorKind::NotFound => "there is no such file".into(),
+            _ => error.to_string(),
+        })
+    }
+
     /// What to do about it, where the sentence of the fault does not say so: it is told of a rig that is left out, too.
     fn remedy(&self) -> &'static str {
         if self.is_of_rig() { "; `riglab rig` makes a new rig for it" } else { "" }

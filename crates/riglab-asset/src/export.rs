@@ -464,7 +464,7 @@ pub fn same_file(a: impl AsRef<Path>, b: impl AsRef<Path>) -> bool {
 fn read(path: &Path) -> Result<Vec<u8>, ExportError> {
     let fail = |fault| ExportError { file: path.to_string_lossy().into_owned(), fault: ExportFault::Source(fault) };
     crate::no_pipe(path).map_err(fail)?;
-    std::fs::read(path).map_err(|e| fail(Fault::Unreadable(e.to_string())))
+    std::fs::read(path).map_err(|e| fail(Fault::unreadable(&e)))
 }
 
 /// The folder of a bare file name is "", which does not canonicalise.

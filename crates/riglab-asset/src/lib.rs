@@ -404,7 +404,7 @@ fn look(path: &Path) -> Result<(Option<Format>, Option<PathBuf>), ImportError> {
     no_pipe(path).map_err(fail)?;
     let mut start = Vec::new();
     let read = std::fs::File::open(path).and_then(|f| f.take(4096).read_to_end(&mut start));
-    read.map_err(|e| fail(Fault::Unreadable(e.to_string())))?;
+    read.map_err(|e| fail(Fault::unreadable(&e)))?;
     let format = Format::of(path, &start).map_err(fail)?;
     let peer = Some(format).filter(|format| format.reads().in_arrays(path, folder.as_deref()));
     Ok((peer, folder))
@@ -420,7 +420,7 @@ fn source<'a>(path: &'a Path, format: Format, folder: Option<&'a Path>) -> peers
 }
 
 fn contents(path: &Path) -> Result<Vec<u8>, ImportError> {
-    std::fs::read(path).map_err(|e| ImportError::new(&path.to_string_lossy(), Fault::Unreadable(e.to_string())))
+    std::fs::read(path).map_err(|e| ImportError::new(&path.to_string_lossy(), Fault::unreadable(&e)))
 }
 
 /// Reads bytes as if they were the file `path`; `folder` is where what belongs to it is looked for, if at all.

@@ -56,7 +56,7 @@ fn try_each(
     alone: bool,
     each: Each<'_>,
 ) -> Result<(), Fault> {
-    let checksum = checksum(source.input).map_err(|e| Fault::Unreadable(e.to_string()))?;
+    let checksum = checksum(source.input).map_err(|e| Fault::unreadable(&e))?;
     let mut assets = source.format.reads().open(source, false)?;
     let count = assets.count();
     let fault = match options.item {
@@ -69,7 +69,7 @@ fn try_each(
         return Err(fault.into());
     }
     let stem = stem(source.path);
-    let budget = Budget::of(source.input.len().map_err(|e| Fault::Unreadable(e.to_string()))?);
+    let budget = Budget::of(source.input.len().map_err(|e| Fault::unreadable(&e))?);
     let mut names = Names::default();
     let mut ended = false;
     let wanted = Wanted { item: options.item, extras: false };

@@ -26,7 +26,7 @@ pub fn dressed(
     let fail = |fault: ExportFault| ExportError { file: path.to_string_lossy().into_owned(), fault };
     let source = |fault: Fault| fail(fault.into());
     let invalid = |e: RigError| source(e.into());
-    let bytes = std::fs::read(path).map_err(|e| source(Fault::Unreadable(e.to_string())))?;
+    let bytes = std::fs::read(path).map_err(|e| source(Fault::unreadable(&e)))?;
     let name = path.file_stem().unwrap_or_default().to_string_lossy();
     let mut taken = fbx::read(&name, &bytes, Some(export::folder(path))).map_err(source)?;
     let clips = Some(Resample::whole(taken.rate));

@@ -140,7 +140,7 @@ impl Subject {
         if !format.reads().has_models() {
             return Self::of_arrays(path, options);
         }
-        let bytes = std::fs::read(path).map_err(|e| fail(Fault::Unreadable(e.to_string())))?;
+        let bytes = std::fs::read(path).map_err(|e| fail(Fault::unreadable(&e)))?;
         Self::from_bytes(path, &bytes, Some(export::folder(path)), options)
     }
 
@@ -460,7 +460,7 @@ fn format(path: &Path) -> Result<Format, Fault> {
     crate::no_pipe(path)?;
     let mut start = Vec::new();
     let read = std::fs::File::open(path).and_then(|f| f.take(4096).read_to_end(&mut start));
-    read.map_err(|e| Fault::Unreadable(e.to_string()))?;
+    read.map_err(|e| Fault::unreadable(&e))?;
     Format::of(path, &start)
 }
 

@@ -79,6 +79,6 @@ pub(crate) use text::{RigText, beside_obj, open_pair, starts_as_rig};
 fn bytes(input: Input<'_>) -> Result<std::borrow::Cow<'_, [u8]>, Fault> {
     match input {
         Input::Bytes(bytes) => Ok(bytes.into()),
-        Input::File(path) => Ok(std::fs::read(path).map_err(|e| Fault::Unreadable(e.to_string()))?.into()),
+        Input::File(path) => Ok(std::fs::read(path).map_err(|e| Fault::unreadable(&e))?.into()),
     }
 }
