@@ -245,7 +245,7 @@ fn of_bodies(made: &GeneratedRig, human: bool, class: Option<&str>) -> Option<St
 }
 
 /// What is as far from its draws is mostly wrong: 39 of 90 real models are, of which 28 have a J2J above .08, as 2 of the others
-/// have (`experiments/README.md`, do draws that disagree tell a wrong skeleton).
+/// have (`experiments/README.md`, does disagreement between samples reveal a wrong skeleton).
 const FAR: f64 = 0.055;
 
 /// So few draws tell nothing of how sure the model is.
