@@ -6,6 +6,8 @@ use riglab_core::Asset;
 
 use super::target::{Writes, Written};
 use super::{WriteError, text};
+#[cfg(feature = "fbx")]
+use crate::export::{self, ExportOptions, Influences};
 
 /// glTF in one file. A VRM is a GLB with extensions, which come along from a VRM.
 pub(super) struct Glb;
@@ -98,11 +100,9 @@ impl Writes for Fbx {
 
     fn files(&self, assets: &[Asset], _: &mut Vec<String>) -> Result<Written, WriteError> {
         let asset = &assets[0];
-        let cannot = |e: crate::FbxFault| WriteError::Cannot {
-            asset: asset.name.clone(),
-            format: super::Target::FBX,
-            reason: e.to_string(),
-        };
-        Ok(crate::glb_to_fbx(&crate::to_glb(asset)).map_err(cannot)?.bytes.into())
+        let cannot = |reason| WriteError::Cannot { asset: asset.name.clone(), format: super::Target::FBX, reason };
+        let options = ExportOptions { influences: Influences::All, ..ExportOptions::default() };
+        let glb = export::moving(asset, &options).map_err(|e| cannot(e.fault.to_string()))?;
+        Ok(crate::glb_to_fbx(&glb.bytes).map_err(|e| cannot(e.to_string()))?.bytes.into())
     }
 }
