@@ -10,12 +10,32 @@ mod finite;
 mod processors;
 mod rows;
 
+use std::ops::RangeInclusive;
+
 use serde::{Deserialize, Serialize};
 
 pub use beams::{BeamDraw, beams, best, chooser as beam_chooser, draws};
 pub use finite::NotFinite;
 pub use processors::{log_softmax, process, shares, softmax};
 pub use rows::{argmax, chooser, draw, rows};
+
+/// Temperatures that scores can be divided by: far below, they would pass what f32 holds and draws would keep to no
+/// grammar; beyond, draws are as good as even over all that may follow.
+pub const TEMPERATURES: RangeInclusive<f32> = 0.001..=100.0;
+/// Likewise repetition penalties.
+const PENALTIES: RangeInclusive<f32> = 0.01..=100.0;
+
+/// Whether a temperature can be drawn at.
+///
+/// # Errors
+/// What it must be, to be put after its name.
+pub fn drawable_at(temperature: f32) -> Result<(), String> {
+    let (coolest, hottest) = TEMPERATURES.into_inner();
+    if TEMPERATURES.contains(&temperature) {
+        return Ok(());
+    }
+    Err(format!("{temperature} must lie in [{coolest}, {hottest}]"))
+}
 
 /// How sequences are drawn.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -53,14 +73,14 @@ impl GenerateConfig {
         if self.tokens == 0 || self.beams == 0 {
             return Err(("tokens", "tokens and beams must be at least 1".into()));
         }
-        if !(self.temperature > 0.0 && self.temperature.is_finite()) {
-            return Err(("temperature", format!("temperature = {} must be above 0", self.temperature)));
-        }
+        drawable_at(self.temperature).map_err(|why| ("temperature", format!("temperature = {why}")))?;
         if !(self.top_p > 0.0 && self.top_p <= 1.0) {
             return Err(("top_p", format!("top_p = {} must lie in (0, 1]", self.top_p)));
         }
-        if !(self.repetition_penalty > 0.0 && self.repetition_penalty.is_finite()) {
-            return Err(("repetition_penalty", format!("{} must be above 0", self.repetition_penalty)));
+        if !PENALTIES.contains(&self.repetition_penalty) {
+            let (least, most) = PENALTIES.into_inner();
+            let why = format!("{} must lie in [{least}, {most}]", self.repetition_penalty);
+            return Err(("repetition_penalty", why));
         }
         Ok(())
     }
@@ -113,6 +133,32 @@ pub trait Grammar: Clone {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn whatever_is_allowed_leaves_shares_that_can_be_drawn() {
+        let at = |temperature, repetition_penalty| GenerateConfig {
+            sample: true,
+            temperature,
+            repetition_penalty,
+            ..GenerateConfig::default()
+        };
+        let (coolest, hottest) = TEMPERATURES.into_inner();
+        for (temperature, penalty) in [(coolest, 0.01), (hottest, 100.0)] {
+            let config = at(temperature, penalty);
+            assert_eq!(config.validate(), Ok(()));
+            // As large as bfloat16 leaves any sense in scores.
+            let mut scores = [3e4, -3e4, 2.9e4, 3e4];
+            process(&mut scores, &[0, 1], Some(&[0b0111]), &config, 1);
+            let shares = softmax(&scores);
+            let sum: f32 = shares.iter().sum();
+            assert!(shares[3] == 0.0 && (sum - 1.0).abs() < 1e-6, "{shares:?}");
+        }
+        for no in [0.0, -1.0, 1e-40, 2e-38, 1e-4, 1e30, f32::INFINITY, f32::NAN] {
+            assert_eq!(at(no, 1.0).validate().map_err(|(key, _)| key), Err("temperature"), "{no}");
+            assert_eq!(at(1.0, no).validate().map_err(|(key, _)| key), Err("repetition_penalty"), "{no}");
+        }
+        assert_eq!(at(1e-4, 1.0).validate().unwrap_err().1, "temperature = 0.0001 must lie in [0.001, 100]");
+    }
 
     #[test]
     fn changes_of_the_distribution_are_told_in_words() {

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use riglab_augment::Recipe;
-use riglab_nn::generate::GenerateConfig;
+use riglab_nn::generate::{self, GenerateConfig};
 use riglab_nn::grpo::{Norm, ObjectiveConfig};
 use riglab_reward::RewardConfig;
 use riglab_train::{Precision, TrainConfig};
@@ -87,9 +87,6 @@ pub struct RolloutConfig {
     /// What the auto-encoder computes with when rigs are judged.
     pub precision: Precision,
 }
-
-/// The highest temperature: beyond it, draws are as good as even over all that may follow.
-const HOTTEST: f32 = 100.0;
 
 impl Default for RolloutConfig {
     fn default() -> Self {
@@ -195,9 +192,8 @@ impl GrpoTaskConfig {
                 format!("{all} rigs cannot be split into {} minibatches", r.minibatches),
             );
         }
-        if !(r.temperature > 0.0 && r.temperature <= HOTTEST) {
-            let message = format!("temperature = {} must be above 0 and at most {HOTTEST}", r.temperature);
-            return bad("rollout.temperature", message);
+        if let Err(why) = generate::drawable_at(r.temperature) {
+            return bad("rollout.temperature", format!("temperature = {why}"));
         }
         // Each batch of a step is a rollout of its own; one that is gone over several times is kept from step to step.
         if self.train.accumulate != 1 && r.updates() != 1 {
@@ -371,3 +367,4 @@ mod tests {
         assert_eq!(of(|c| (c.eval.cut, c.eval.seed, c.eval.vertices) = (0.1, 3, 64)), Ok(()));
     }
 }
+        assert_eq!(of(|c| c.rollout.temperature = 1e-30), Err("rollout.temperature".into()));

@@ -12,6 +12,7 @@ use anyhow::{Context, Result, anyhow, bail};
 use riglab_asset::export::ExportOptions;
 use riglab_asset::rigging::{NameStyle, UpAxis};
 use riglab_asset::{Target, is_model_file, model_endings};
+use riglab_nn::generate::drawable_at;
 use riglab_task::tokenrig::Rank;
 use riglab_train::Progress;
 
@@ -249,8 +250,8 @@ impl Common {
 }
 
 fn run(args: &Common, bones: &Bones, weights: Option<&Path>, threads: usize) -> Result<ExitCode> {
-    if args.temperature.is_some_and(|t| !(t > 0.0 && t.is_finite())) {
-        bail!("--temperature must be a number above 0");
+    if let Some(Err(why)) = args.temperature.map(drawable_at) {
+        bail!("--temperature {why}");
     }
     if args.skeleton_up.is_some() && !matches!(bones, Bones::Given { from: Given::File(_), .. }) {
         bail!("--skeleton-up is about the file of --skeleton FILE, which is not given");
