@@ -30,10 +30,7 @@ impl Sequences<'_> {
     /// (key, message) of the first fault.
     pub fn validate(&self) -> Result<(), (String, String)> {
         let bad = |key: &str, message: String| Err((key.to_owned(), message));
-        self.generate.validate().map_err(|(key, message)| (format!("eval.generate.{key}"), message))?;
-        if self.generate.beams > 1 {
-            return bad("eval.generate.beams", "evaluation draws without beams: give 1".into());
-        }
+        drawable(self.generate, self.parents, self.tokenizer)?;
         if !self.class.is_empty() && !self.tokenizer.classes.iter().any(|c| c == self.class) {
             let there = self.tokenizer.classes.join(", ");
             return bad("class", format!("the tokenizer has no class `{}`; there are: {there}", self.class));
@@ -59,28 +56,52 @@ impl Sequences<'_> {
             return bad("tokenizer.range", "rigs are set between -1 and 1: the range must hold that".into());
         }
         let least = self.tokenizer.least_joints.max(1);
-        // Start, class, a spring token, joints, end.
-        let shortest = 3 * least + 4;
+        let shortest = shortest(least);
         if self.limits.joints < least {
             return bad("limits.joints", format!("a skeleton takes at least {least}"));
         }
         if self.limits.tokens < shortest {
             return bad("limits.tokens", format!("a skeleton takes at least {shortest} tokens"));
         }
-        if self.generate.tokens < shortest {
-            return bad("eval.generate.tokens", format!("a skeleton takes at least {shortest} tokens"));
-        }
         if self.retrieval_points == 0 {
             return bad("eval.retrieval_points", "shapes are compared by at least 1 point".into());
-        }
-        if self.parents == Parents::Anywhere && matches!(self.tokenizer.merge, Merge::Within(_)) {
-            return bad("eval.parents", "`anywhere` needs tokenizer.merge = \"nearest\"".into());
         }
         if !(self.spread >= 0.0 && self.spread < 64.0) {
             return bad("loss.spread", format!("{} must lie in [0, 64)", self.spread));
         }
         Ok(())
     }
+}
+
+/// The tokens of the shortest skeleton of so many joints: start, class, a spring token, joints, end.
+fn shortest(joints: usize) -> usize {
+    3 * joints.max(1) + 4
+}
+
+/// Checks how evaluation draws sequences of a tokenizer.
+///
+/// # Errors
+/// (key, message) of the first fault.
+pub(crate) fn drawable(
+    generate: &GenerateConfig,
+    parents: Parents,
+    tokenizer: &TokenizerConfig,
+) -> Result<(), (String, String)> {
+    let bad = |key: &str, message: String| Err((format!("eval.{key}"), message));
+    if let Err((key, message)) = generate.validate() {
+        return bad(&format!("generate.{key}"), message);
+    }
+    if generate.beams > 1 {
+        return bad("generate.beams", "evaluation draws without beams: give 1".into());
+    }
+    let shortest = shortest(tokenizer.least_joints);
+    if generate.tokens < shortest {
+        return bad("generate.tokens", format!("a skeleton takes at least {shortest} tokens"));
+    }
+    if parents == Parents::Anywhere && matches!(tokenizer.merge, Merge::Within(_)) {
+        return bad("parents", "`anywhere` needs tokenizer.merge = \"nearest\"".into());
+    }
+    Ok(())
 }
 
 /// Assets of the training splits that cannot be trained on.

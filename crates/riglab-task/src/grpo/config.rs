@@ -6,10 +6,12 @@ use riglab_augment::Recipe;
 use riglab_nn::generate::{self, GenerateConfig};
 use riglab_nn::grpo::{Norm, ObjectiveConfig};
 use riglab_reward::RewardConfig;
+use riglab_token::{Parents, TokenizerConfig};
 use riglab_train::{Precision, TrainConfig};
 use serde::{Deserialize, Serialize};
 
 use crate::assets::DataConfig;
+use crate::sequences::drawable;
 use crate::settings::{TaskSettings, own_settings};
 use crate::tokenrig::EvalConfig;
 
@@ -153,6 +155,15 @@ impl GrpoTaskConfig {
         }
     }
 
+    /// Checks that evaluation can draw what the model to start from writes.
+    ///
+    /// # Errors
+    /// A sentence on the first fault.
+    pub(super) fn suits(&self, tokenizer: &TokenizerConfig) -> Result<(), String> {
+        let checked = drawable(&self.eval.generate, self.eval.parents, tokenizer);
+        checked.map_err(|(key, message)| format!("{key}: {message} (of the model in start.model)"))
+    }
+
     /// Checks sizes and their relations.
     ///
     /// # Errors
@@ -167,8 +178,8 @@ impl GrpoTaskConfig {
         }
         self.reward.validate().map_err(|(key, message)| (format!("reward.{key}"), message))?;
         self.objective.validate().map_err(|(key, message)| (format!("objective.{key}"), message))?;
-        let generate = self.eval.generate.validate();
-        generate.map_err(|(key, message)| (format!("eval.generate.{key}"), message))?;
+        // What every model asks; `suits` knows the one to start from.
+        drawable(&self.eval.generate, Parents::Existing, &TokenizerConfig::default())?;
         let r = &self.rollout;
         for (key, value) in [
             ("rollout.meshes", r.meshes),
@@ -307,6 +318,8 @@ impl TaskSettings for GrpoTaskConfig {
 
 #[cfg(test)]
 mod tests {
+    use riglab_token::Merge;
+
     use super::*;
 
     #[test]
@@ -324,6 +337,19 @@ mod tests {
         assert!(of(|c| (c.objective.length, c.objective.norm) = (100.0, Norm::Constant)).is_empty());
         assert_eq!(of(|c| c.eval.vertices = 2048), ["eval.vertices"]);
         assert!(of(|c| c.eval.vertices = 64).is_empty());
+    }
+
+    #[test]
+    fn what_the_start_asks_of_draws_is_told() {
+        let mut c = GrpoTaskConfig::default();
+        let plain = TokenizerConfig::default();
+        (c.eval.generate.tokens, c.eval.parents) = (7, Parents::Anywhere);
+        assert_eq!(c.validate(), Ok(()));
+        assert_eq!(c.suits(&TokenizerConfig { merge: Merge::Nearest, ..plain.clone() }), Ok(()));
+        let said = c.suits(&TokenizerConfig { least_joints: 2, ..plain.clone() }).unwrap_err();
+        assert!(said.starts_with("eval.generate.tokens: a skeleton takes at least 10 tokens"), "{said}");
+        let said = c.suits(&TokenizerConfig { merge: Merge::Within(0.1), ..plain }).unwrap_err();
+        assert!(said.starts_with("eval.parents: "), "{said}");
     }
 
     #[test]
@@ -349,11 +375,14 @@ mod tests {
         assert_eq!(of(|c| c.guard.worse = 0.5), Err("guard.worse".into()));
         assert_eq!(of(|c| c.guard.divergence = 0.0), Err("guard.divergence".into()));
         assert_eq!(of(|c| c.rollout.temperature = 1e30), Err("rollout.temperature".into()));
+        assert_eq!(of(|c| c.rollout.temperature = 1e-30), Err("rollout.temperature".into()));
         assert_eq!(of(|c| c.data.test = vec!["a".into(), "a".into()]), Err("data.test".into()));
         // What would change the rewards, or nothing.
         assert_eq!(of(|c| c.eval.cut = 2.0), Err("eval.cut".into()));
         assert_eq!(of(|c| c.eval.rows = 0), Err("eval.rows".into()));
         assert_eq!(of(|c| c.eval.consensus = 8), Err("eval.consensus".into()));
+        assert_eq!(of(|c| c.eval.generate.beams = 4), Err("eval.generate.beams".into()));
+        assert_eq!(of(|c| c.eval.generate.tokens = 6), Err("eval.generate.tokens".into()));
         assert_eq!(of(|c| c.eval.skins = 8), Ok(()), "a run that was begun with it goes on");
         let note = |change: fn(&mut EvalConfig)| {
             let mut eval = EvalConfig::default();
@@ -367,4 +396,3 @@ mod tests {
         assert_eq!(of(|c| (c.eval.cut, c.eval.seed, c.eval.vertices) = (0.1, 3, 64)), Ok(()));
     }
 }
-        assert_eq!(of(|c| c.rollout.temperature = 1e-30), Err("rollout.temperature".into()));

@@ -68,7 +68,6 @@ impl How {
         match self {
             Self::Draws(_) => "",
             Self::Own if generate.sample => ", filtered",
-            Self::Own if generate.beams > 1 => ", beams",
             Self::Own => ", greedy",
         }
     }

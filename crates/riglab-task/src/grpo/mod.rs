@@ -82,6 +82,7 @@ impl GrpoTask {
                 if config.reward.weights.judge_weights() {
                     return Err(UNJUDGED.into());
                 }
+                config.suits(&start.config.tokenizer)?;
                 let policy = SkeletonTask::on_meshes(skeleton_config(&config, &start.config), device)?;
                 Self::of(config, Box::new(policy), &start.params)
             }
@@ -93,6 +94,7 @@ impl GrpoTask {
     /// # Errors
     /// As [`Self::new`].
     pub fn with(config: GrpoTaskConfig, start: &Rigger, device: Device) -> Result<Self, String> {
+        config.suits(&start.config().tokenizer)?;
         let policy = TokenRigTask::with(policy_config(&config, start), start.shared_vae(), device)?;
         Self::of(config, Box::new(policy), start.params())
     }
