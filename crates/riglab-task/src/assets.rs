@@ -161,6 +161,11 @@ impl DataConfig {
         distinct("data.test", &self.test)
     }
 
+    /// Whether an asset is of a corpus that is trained on: one whose weight is 0 is not.
+    pub(crate) fn trains_on(&self, id: AssetId) -> bool {
+        self.weights.get(id.corpus).is_none_or(|weight| *weight > 0.0)
+    }
+
     /// Refuses to choose among several cuts of a decode rule by no asset.
     ///
     /// # Errors

@@ -130,7 +130,8 @@ impl LeftOut {
         training.iter_mut().for_each(|(_, ids)| ids.retain(fits));
         let mut all = 0;
         for split in &data.train {
-            all += assets.split(split).map_err(|e| e.to_string())?.len();
+            let own = assets.split(split).map_err(|e| e.to_string())?;
+            all += own.into_iter().filter(|&id| data.trains_on(id)).count();
         }
         // Where there was nothing, nothing is trained on.
         if training.iter().zip(none).any(|((_, ids), none)| ids.is_empty() && !none) {
@@ -218,8 +219,44 @@ pub(crate) fn of_class(
 
 #[cfg(test)]
 mod tests {
+    use riglab_core::{Asset, Joint, JointId, Provenance, Rig, Skeleton, SkinWeights};
+    use riglab_data::CorpusWriter;
+
     use super::*;
     use crate::tokenrig::TokenRigTaskConfig;
+    use crate::tokenrig::testing::tetrahedron;
+
+    #[test]
+    fn only_assets_of_trained_corpora_are_left_out() {
+        let dir = tempfile::tempdir().unwrap();
+        // Rigs of a single joint, and of four.
+        let corpora = ["a.h5", "b.h5"].map(|file| {
+            let path = dir.path().join(file);
+            let mut writer = CorpusWriter::create(&path).unwrap();
+            for count in [1, 4] {
+                let joint = |j: u16| Joint {
+                    name: format!("j{j}"),
+                    parent: j.checked_sub(1).map(JointId),
+                    head: [f32::from(j), 0.0, 0.0],
+                };
+                let skeleton = Skeleton::new((0..count).map(joint).collect()).unwrap();
+                let weights = SkinWeights::normalized((0..4).map(|_| [(0u16, 1.0)])).unwrap();
+                let rig = Rig::new(skeleton, tetrahedron(), weights).unwrap();
+                let name = format!("{file} {count}");
+                writer.add(&Asset { name, rig, clips: Vec::new(), provenance: Provenance::default() }).unwrap();
+            }
+            writer.finish(&["train"; 2]).unwrap();
+            path
+        });
+        let assets = Assets::open(&corpora).unwrap();
+        let of = |weights: &[f32]| {
+            let data = DataConfig { corpora: corpora.to_vec(), weights: weights.to_vec(), ..DataConfig::default() };
+            let mut training = assets.training(&data).unwrap();
+            let left = LeftOut::take(&assets, &data, Limits { joints: 2, tokens: 99 }, &mut training).unwrap();
+            (left.out, left.all)
+        };
+        assert_eq!([of(&[]), of(&[1.0, 2.0]), of(&[1.0, 0.0])], [(2, 4), (2, 4), (1, 2)]);
+    }
 
     #[test]
     fn a_rig_without_a_sequence_makes_room_for_one_from_elsewhere() {
