@@ -115,16 +115,27 @@ impl Grammar {
     }
 
     /// Whether a joint of so many tokens may follow: it must leave room for what the part in progress
-    /// lacks and for the end.
+    /// lacks, for the fewest joints there must be and for the end.
     fn room(&self, tokens: usize) -> bool {
-        let after = CHAIN * self.lacking.saturating_sub(1) + 1;
-        self.cells.len() + self.lacking.max(1) <= self.limits.joints
-            && self.tokens + tokens + after <= self.limits.tokens
+        let joints = self.cells.len() + self.lacking.max(1);
+        let after = CHAIN * self.lacking.saturating_sub(1) + self.rest(joints, self.lacking > 0);
+        joints <= self.limits.joints && self.tokens + tokens + after <= self.limits.tokens
     }
 
-    /// Whether a part of so many joints may follow its token.
-    fn room_for(&self, joints: usize) -> bool {
-        self.cells.len() + joints <= self.limits.joints && self.tokens + CHAIN * joints + 2 <= self.limits.tokens
+    /// Whether a part of so many joints, or a spring token with one, may follow.
+    fn room_for(&self, joints: usize, part: bool) -> bool {
+        let all = self.cells.len() + joints;
+        let after = CHAIN * joints + self.rest(all, part);
+        all <= self.limits.joints && self.tokens + 1 + after <= self.limits.tokens
+    }
+
+    /// The tokens that must follow so many joints, the last of them of a part or of none: of joints that are still too few,
+    /// and of the end.
+    fn rest(&self, joints: usize, part: bool) -> usize {
+        let lacking = self.least.saturating_sub(joints);
+        // Behind a part, others are told by a token of their own.
+        let told = lacking > 0 && part && self.spring != Spring::Never;
+        CHAIN * lacking + usize::from(told) + 1
     }
 
     fn parts_of(&self, class: usize) -> Vec<(usize, &'static Part)> {
@@ -143,7 +154,10 @@ impl Grammar {
                     // One with a template begins with a part of it, where that is the rule.
                     let parts = self.parts_of(class);
                     let after = Self { tokens: self.tokens + 1, ..self.clone() };
-                    if parts.is_empty() || !self.by_parts || parts.iter().any(|(_, p)| after.room_for(p.joints.len())) {
+                    if parts.is_empty()
+                        || !self.by_parts
+                        || parts.iter().any(|(_, p)| after.room_for(p.joints.len(), true))
+                    {
                         mask.allow(ids.class(class));
                     }
                 }
@@ -181,7 +195,7 @@ impl Grammar {
     fn starts(&self, mask: &mut Mask) {
         let ids = &self.vocabulary;
         for (number, part) in &self.parts {
-            if self.room_for(part.joints.len()) {
+            if self.room_for(part.joints.len(), true) {
                 mask.allow(ids.part(*number));
             }
         }
@@ -191,7 +205,7 @@ impl Grammar {
             Spring::AfterParts => self.parted,
             Spring::WithClass | Spring::Always => self.parted || first,
         };
-        if may && (first || !self.free) && self.room_for(1) {
+        if may && (first || !self.free) && self.room_for(1, false) {
             mask.allow(ids.spring());
         }
     }

@@ -160,6 +160,34 @@ fn whoever_follows_the_grammar_ends_with_a_skeleton() {
 }
 
 #[test]
+fn the_fewest_joints_are_always_reached() {
+    for spring in [Spring::Never, Spring::AfterParts, Spring::WithClass, Spring::Always] {
+        for least_joints in [1, 2, 5, 30] {
+            let config = TokenizerConfig { spring, least_joints, ..Preset::Riglab.config() };
+            let tokenizer = Tokenizer::new(config);
+            let mut mask = Mask::none(tokenizer.vocabulary().len());
+            for case in 0..sequences() / 10 {
+                let mut random = stream(8, "fewest", &[case]);
+                // From the tightest limits there are.
+                let tokens = 3 * least_joints + 4 + random.below(12 * least_joints);
+                let limits = Limits { joints: least_joints + random.below(30), tokens };
+                let mut grammar = Grammar::new(&tokenizer, limits, Parents::Existing);
+                while !grammar.is_done() {
+                    grammar.allowed(&mut mask);
+                    // Branches and parts as often as numbers, so that limits are met.
+                    let (words, cells): (Vec<_>, Vec<_>) =
+                        mask.iter().partition(|id| *id >= tokenizer.vocabulary().branch());
+                    let of = if cells.is_empty() || !words.is_empty() && random.chance(0.5) { words } else { cells };
+                    assert!(!of.is_empty(), "{spring:?}, {least_joints} joints, {limits:?}: no way on");
+                    grammar.accept(of[random.below(of.len())]);
+                }
+                assert!(grammar.joints() >= least_joints && grammar.tokens() <= limits.tokens);
+            }
+        }
+    }
+}
+
+#[test]
 fn sequences_from_strangers_are_refused_without_a_panic() {
     let tokenizers = [Preset::Riglab, Preset::Paper, Preset::UnirigReleased, Preset::SkintokensReleased]
         .map(|preset| Tokenizer::new(preset.config()));
