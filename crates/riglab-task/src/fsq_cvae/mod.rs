@@ -29,7 +29,7 @@ pub(crate) use config::{cells, cuts};
 pub use evaluate::{AssetRow, BoneCodes, CodebookRow, Encoded, Report, Row, Truth, ruled};
 pub use frozen::Frozen;
 pub use gallery::ShownAsset;
-pub use prepare::{Bone, Ground, Patch, Place, Point, Prepared};
+pub use prepare::{Bone, Ground, Patch, Place, Point, Prepared, threshold};
 pub use prior::{Prior, SurfacePrior};
 pub(crate) use region::{Regions, Surface};
 pub use report::Evaluation;

@@ -3,7 +3,7 @@
 use std::sync::OnceLock;
 
 use rayon::prelude::*;
-use riglab_core::{Asset, JointId, Mesh, Rig, Segment, Vec3};
+use riglab_core::{Asset, JointId, Mesh, Rig, Segment, SkinWeights, Vec3};
 use riglab_geom::{Blocks, SurfacePoint, SurfaceSampler, farthest_points};
 use riglab_metric::ACTIVE;
 use riglab_random::{Draw, Stream};
@@ -19,7 +19,7 @@ pub struct Prepared {
     pub rig: Rig,
     /// Normals at the vertices.
     pub normals: Vec<Vec3>,
-    /// The joints that hold some vertex by more than the metric's threshold: what is encoded.
+    /// The joints that hold some vertex by more than [`threshold`]: what is encoded. Of every rig some.
     pub bones: Vec<Bone>,
     /// Running sums of triangle areas.
     areas: Vec<f64>,
@@ -33,7 +33,7 @@ pub struct Bone {
     pub joint: JointId,
     /// Its segments.
     pub segments: Vec<Segment>,
-    /// Where it holds the mesh: its weights pass the threshold.
+    /// Where it holds the mesh: its weights pass [`threshold`].
     pub held: Patch,
     /// Around it: the vertices it does not hold that lie nearest to those it holds, as many as those
     /// but at least [`SHELL`].
@@ -48,6 +48,12 @@ pub struct Patch {
     pub vertices: Vec<u32>,
     /// By number, with running sums of their areas.
     triangles: Vec<(u32, f32)>,
+}
+
+/// What a joint's weight must pass somewhere for the joint to be a bone: the metric's threshold. Where that leaves none, as
+/// where more than a hundred joints share every vertex alike, any weight at all.
+pub fn threshold(weights: &SkinWeights) -> f32 {
+    if weights.weights().iter().any(|w| *w > ACTIVE) { ACTIVE } else { 0.0 }
 }
 
 /// Vertices that a shell has at least, where the mesh has them.
@@ -91,11 +97,12 @@ impl Prepared {
     /// As [`Self::of`], with what is known of the mesh alone.
     pub fn with_ground(ground: &Ground, name: String, rig: Rig, all: bool) -> Self {
         let columns = rig.weights().columns(rig.skeleton().len());
+        let threshold = threshold(rig.weights());
         let joints: Vec<_> = rig.skeleton().ids().zip(columns).zip(rig.skeleton().segments()).collect();
         let bones = joints.into_par_iter().map_init(
             || Search::new(rig.mesh(), ground),
             |search, ((joint, weights), segments)| {
-                let held: Vec<u32> = weights.iter().filter(|(_, w)| *w > ACTIVE).map(|(v, _)| *v).collect();
+                let held: Vec<u32> = weights.iter().filter(|(_, w)| *w > threshold).map(|(v, _)| *v).collect();
                 if held.is_empty() && !all {
                     return None;
                 }
@@ -350,7 +357,31 @@ fn length(v: Vec3) -> f32 {
 
 #[cfg(test)]
 mod tests {
+    use riglab_core::{Joint, Skeleton};
+
     use super::*;
+
+    #[test]
+    fn a_rig_whose_joints_hold_little_has_bones() {
+        let rig = |joints: usize| {
+            let mesh = Mesh::new(vec![[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]], vec![[0, 1, 2]]).unwrap();
+            let joint = |j: usize| Joint {
+                name: format!("j{j}"),
+                head: [j as f32 / 200.0, 0.0, 0.0],
+                parent: j.checked_sub(1).map(|p| JointId(p as u16)),
+            };
+            let skeleton = Skeleton::new((0..joints).map(joint).collect()).unwrap();
+            // All alike, but one that holds nothing.
+            let row: Vec<_> = (1..joints).map(|j| (j as u16, 1.0)).collect();
+            Rig::new(skeleton, mesh, SkinWeights::normalized(vec![row; 3]).unwrap()).unwrap()
+        };
+        for joints in [2, 90, 150] {
+            let rig = rig(joints);
+            assert_eq!(threshold(rig.weights()), if joints > 100 { 0.0 } else { ACTIVE });
+            assert_eq!(Prepared::of(String::new(), rig.clone(), false).bones.len(), joints - 1);
+            assert_eq!(Prepared::of(String::new(), rig, true).bones.len(), joints);
+        }
+    }
 
     #[test]
     fn a_shell_lies_around_what_is_held_and_never_in_it() {

@@ -1,7 +1,6 @@
 //! Rigs as whole sequences: a skeleton's tokens, then its bones' codes.
 
 use riglab_core::{JointId, Rig};
-use riglab_metric::ACTIVE;
 use riglab_nn::tokenrig::JointTold;
 use riglab_random::Stream;
 use riglab_token::Tokenizer;
@@ -9,7 +8,7 @@ use tch::Kind;
 
 use super::config::SkinConfig;
 use super::told::{Sight, Teller};
-use crate::fsq_cvae::{Frozen, Prepared};
+use crate::fsq_cvae::{Frozen, Prepared, threshold};
 use crate::unirig_skeleton::batch::encode;
 
 /// A rig as the network reads it.
@@ -49,7 +48,8 @@ fn codes_of(skin: &SkinConfig, rig: &Rig) -> Vec<usize> {
         return vec![skin.codes; rig.skeleton().len()];
     }
     let mut out = vec![1; rig.skeleton().len()];
-    let held = (0..rig.weights().rows()).flat_map(|v| rig.weights().row(v)).filter(|(_, w)| *w > ACTIVE);
+    let threshold = threshold(rig.weights());
+    let held = (0..rig.weights().rows()).flat_map(|v| rig.weights().row(v)).filter(|(_, w)| *w > threshold);
     held.for_each(|(joint, _)| out[joint.index()] = skin.codes);
     out
 }
