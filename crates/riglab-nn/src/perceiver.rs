@@ -66,6 +66,9 @@ impl PerceiverConfig {
         if self.frequencies > 24 {
             return bad("frequencies", "must be at most 24");
         }
+        if !(0.0..=16.0).contains(&self.init_scale) {
+            return bad("init_scale", &format!("({}) must lie in [0, 16]", self.init_scale));
+        }
         Ok(())
     }
 }
@@ -103,5 +106,19 @@ impl Perceiver {
             x = block.forward(w, &x, None);
         }
         self.norm.forward(w, &x)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn weights_begin_with_a_spread() {
+        let of = |init_scale| {
+            PerceiverConfig { init_scale, ..PerceiverConfig::default() }.validate().map_err(|(key, _)| key)
+        };
+        assert_eq!([of(0.0), of(0.25)], [Ok(()); 2]);
+        assert_eq!([of(-0.02), of(f64::NAN), of(1e6)], [Err("init_scale"); 3]);
     }
 }

@@ -69,6 +69,9 @@ impl OptConfig {
         if !(0.0..1.0).contains(&self.dropout) {
             return bad("dropout", format!("({}) must be at least 0 and less than 1", self.dropout));
         }
+        if !(0.0..=1.0).contains(&self.init_std) {
+            return bad("init_std", format!("({}) must lie in [0, 1]", self.init_std));
+        }
         Ok(())
     }
 }
@@ -274,5 +277,17 @@ impl Layer {
         let x = x + drop(self.out.forward(w, read));
         let inner = self.up.forward(w, &self.norm_out.forward(w, &x)).relu();
         &x + drop(self.down.forward(w, &inner))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn weights_begin_with_a_spread() {
+        let of = |init_std| OptConfig { init_std, ..OptConfig::default() }.validate().map_err(|(key, _)| key);
+        assert_eq!([of(0.0), of(0.25)], [Ok(()); 2]);
+        assert_eq!([of(-0.02), of(f64::NAN), of(1e6)], [Err("init_std"); 3]);
     }
 }

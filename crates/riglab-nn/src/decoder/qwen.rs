@@ -91,6 +91,13 @@ impl QwenConfig {
         if !(0.0..1.0).contains(&self.dropout) {
             return Err(("dropout", format!("dropout = {} must lie in [0, 1)", self.dropout)));
         }
+        // Below 0, roots of small activations would be no numbers.
+        if !(0.0..=1.0).contains(&self.rms_eps) {
+            return Err(("rms_eps", format!("rms_eps = {} must lie in [0, 1]", self.rms_eps)));
+        }
+        if !(0.0..=1.0).contains(&self.init_std) {
+            return Err(("init_std", format!("init_std = {} must lie in [0, 1]", self.init_std)));
+        }
         Ok(())
     }
 }
@@ -347,6 +354,20 @@ impl Layer {
 mod tests {
     use super::*;
     use crate::params::Builder;
+
+    #[test]
+    fn numbers_that_leave_no_numbers_are_refused() {
+        let of = |change: fn(&mut QwenConfig)| {
+            let mut c = QwenConfig::default();
+            change(&mut c);
+            c.validate().map_err(|(key, _)| key)
+        };
+        assert_eq!(of(|_| ()), Ok(()));
+        assert_eq!(of(|c| (c.rms_eps, c.init_std) = (0.0, 0.0)), Ok(()));
+        assert_eq!([of(|c| c.rms_eps = -1e-6), of(|c| c.rms_eps = f64::NAN)], [Err("rms_eps"); 2]);
+        assert_eq!([of(|c| c.init_std = -0.02), of(|c| c.init_std = 20.0)], [Err("init_std"); 2]);
+        assert_eq!(of(|c| c.dropout = 1.0), Err("dropout"));
+    }
 
     #[test]
     fn small_ops_say_what_the_passes_say() {

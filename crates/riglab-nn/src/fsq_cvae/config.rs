@@ -258,6 +258,17 @@ impl FsqCvaeConfig {
                 format!("point_mlp_ratio = {} must lie in [0, 64]", x.point_mlp_ratio),
             ));
         }
+        // Feed-forward layers round what they are wide inside.
+        let narrow = |ratio: f64| (ratio * self.encoder_width.min(self.decoder_width) as f64).round() < 1.0;
+        let ratios = [("mlp_ratio", self.mlp_ratio), ("extensions.point_mlp_ratio", x.point_mlp_ratio)];
+        if let Some((key, ratio)) = ratios.into_iter().find(|(_, ratio)| *ratio > 0.0 && narrow(*ratio)) {
+            return Err((key, format!("{ratio} of the width leaves feed-forward layers no channel: give more")));
+        }
+        // Beyond, sigmoids are 0 or 1 to the last bit, and nothing is learned.
+        if !(-16.0..=16.0).contains(&x.logit_bias) {
+            let message = format!("logit_bias = {} must lie in [-16, 16]", x.logit_bias);
+            return Err(("extensions.logit_bias", message));
+        }
         if x.code_octaves > 16 {
             return Err(("extensions.code_octaves", format!("code_octaves = {}: at most 16", x.code_octaves)));
         }
@@ -281,6 +292,30 @@ mod tests {
         assert_eq!(told(&[2, 2, 2, 3], true), Ok(()), "what is told needs no gradient");
         assert_eq!(told(&[8, 8, 8, 2], true), Err("levels"));
         assert_eq!(told(&[3, 3], false), Ok(()));
+    }
+
+    #[test]
+    fn feed_forward_layers_have_a_channel() {
+        let told = |ratio, point| {
+            let mut config = FsqCvaeConfig { mlp_ratio: ratio, ..Default::default() };
+            (config.encoder_width, config.decoder_width, config.heads) = (64, 128, 2);
+            config.extensions.point_mlp_ratio = point;
+            config.validate().map_err(|(key, _)| key)
+        };
+        assert_eq!(told(1.0 / 64.0, 0.0), Ok(()));
+        assert_eq!(told(0.001, 0.0), Err("mlp_ratio"));
+        assert_eq!(told(4.0, 0.001), Err("extensions.point_mlp_ratio"));
+    }
+
+    #[test]
+    fn weights_begin_where_they_can_be_learned() {
+        let told = |bias| {
+            let mut config = FsqCvaeConfig::default();
+            config.extensions.logit_bias = bias;
+            config.validate().map_err(|(key, _)| key)
+        };
+        assert_eq!([told(0.0), told(-2.5)], [Ok(()); 2]);
+        assert_eq!([told(1e30), told(f64::NAN)], [Err("extensions.logit_bias"); 2]);
     }
 
     #[test]

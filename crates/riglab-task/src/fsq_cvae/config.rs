@@ -57,7 +57,7 @@ pub struct SamplingConfig {
     /// How far off the frames are that codes tell the decoder, with `model.extensions.frame` (an extension): the deviation
     /// of the centre, in deviations of the points, and of the size, in e-folds.
     pub frame_noise: f32,
-    /// Rigs are drawn by their number of skinned bones to this power: 0 all alike, 1 every bone alike.
+    /// Rigs are drawn by their number of joints to this power: 0 all alike, 1 about every bone alike.
     pub bone_power: f32,
 }
 
@@ -217,6 +217,9 @@ impl FsqCvaeTaskConfig {
                 format!("{needed} points for model.skin_tokens = {tokens} queries: each starts at a point"),
             );
         }
+        if !(-4.0..=4.0).contains(&s.bone_power) {
+            return fault("sampling.bone_power", format!("bone_power = {} must lie in [-4, 4]", s.bone_power));
+        }
         if !(0.0..=1.0).contains(&s.vertex_share) {
             return fault("sampling.vertex_share", format!("vertex_share = {} must lie in [0, 1]", s.vertex_share));
         }
@@ -331,6 +334,11 @@ mod tests {
         assert_eq!(key(|c| c.data.train = vec!["a".into(), "b".into(), "a".into()]), Err("data.train".into()));
         // How often a length is drawn is said by how often it is named.
         assert_eq!(key(|c| c.sampling.prefix.lengths = vec![4, 4, 8]), Ok(()));
+        for wrong in [f32::NAN, 1000.0, -50.0] {
+            let mut config = FsqCvaeTaskConfig::default();
+            config.sampling.bone_power = wrong;
+            assert_eq!(config.validate().unwrap_err().0, "sampling.bone_power");
+        }
         let beyond = |c: &mut FsqCvaeTaskConfig| c.sampling.prefix.lengths = vec![4, c.model.skin_tokens + 1];
         assert_eq!(key(beyond), Err("sampling.prefix.lengths".into()));
     }
