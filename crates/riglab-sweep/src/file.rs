@@ -143,16 +143,50 @@ impl SweepFile {
         let of_arms = self.arms.iter().flat_map(|arm| arm.set.keys());
         let own: Vec<&String> =
             of_arms.chain(self.product.keys()).chain(self.zip.keys()).chain([&self.seed_key]).collect();
-        let within = |key: &str, table: &str| key.strip_prefix(table).is_some_and(|rest| rest.starts_with('.'));
         let of = |set: &'a String| {
             let keys = leaves(set);
-            // What is no table takes the place of a whole one.
-            let same = |own: &str, key: &str| own == key || within(own, key) || within(key, own);
             let hit = own.iter().find(|own| keys.iter().any(|key| same(own, key)))?;
             Some((set.as_str(), (*hit).clone()))
         };
         sets.iter().find_map(of)
     }
+
+    /// A key whose value in one place of the file is hidden from every run by another: the key and both places.
+    pub(crate) fn hidden(&self) -> Option<(String, &'static str, &'static str)> {
+        let one = |set: &BTreeMap<String, Value>| -> Vec<String> {
+            set.iter().flat_map(|(key, v)| leaves(&format!("{key}={v}"))).collect()
+        };
+        let all = |grid: &BTreeMap<String, Vec<Value>>| -> Vec<String> {
+            grid.iter()
+                .flat_map(|(key, values)| values.iter().flat_map(move |v| leaves(&format!("{key}={v}"))))
+                .collect()
+        };
+        let seeds = [(self.seed_key.clone(), "sweep.seeds")];
+        // In the order in which they are set, so that the last one counts.
+        let arms = self.arms.iter().flat_map(|arm| one(&arm.set)).collect();
+        let own: [(&str, Vec<String>); 4] = [
+            ("sweep.set", one(&self.set)),
+            ("sweep.arms", arms),
+            ("sweep.product", all(&self.product)),
+            ("sweep.zip", all(&self.zip)),
+        ];
+        own.iter().enumerate().find_map(|(k, (place, keys))| {
+            // What all runs have by default may be another in some.
+            let later = own.iter().skip(if k == 0 { own.len() } else { k + 1 });
+            let later = later.flat_map(|(place, keys)| keys.iter().map(|key| (key.clone(), *place)));
+            let later: Vec<(String, &str)> = later.chain(seeds.clone()).collect();
+            keys.iter().find_map(|key| {
+                let (_, hides) = later.iter().find(|(other, _)| same(key, other))?;
+                Some((key.clone(), *place, *hides))
+            })
+        })
+    }
+}
+
+/// Whether two keys are the same, or one is within the other: what is no table takes the place of a whole one.
+fn same(one: &str, other: &str) -> bool {
+    let within = |key: &str, table: &str| key.strip_prefix(table).is_some_and(|rest| rest.starts_with('.'));
+    one == other || within(one, other) || within(other, one)
 }
 
 /// The keys that `KEY=VALUE` sets: those of a table one by one, as tables are merged.

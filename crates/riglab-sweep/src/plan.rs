@@ -44,8 +44,8 @@ impl Plan {
     /// all of them.
     ///
     /// # Errors
-    /// When a list is empty or of another length, two points have the same name, a column or figure can have no number, or
-    /// one of `sets` is of a key in which points or seeds differ.
+    /// When a list is empty or of another length, two points have the same name, a key is set by two of the places that
+    /// points and seeds differ in, a column or figure can have no number, or one of `sets` is of such a key.
     pub fn new(sweep: SweepFile, sets: &[String]) -> Result<Self, SweepError> {
         let invalid = |message: String| Err(SweepError::Invalid(message));
         let at = |key: String, message: String| Err(SweepError::Key { key, message });
@@ -63,6 +63,11 @@ impl Plan {
             if let Some((key, _)) = grid.iter().find(|(_, values)| values.is_empty()) {
                 return invalid(format!("`sweep.{table}.\"{key}\"` has no values"));
             }
+        }
+        if let Some((key, place, hides)) = sweep.hidden() {
+            return invalid(format!(
+                "`{place}` sets `{key}`, and `{hides}` sets it again for every run: leave it out of one"
+            ));
         }
         let mut lengths = sweep.zip.iter().map(|(key, values)| (key, values.len()));
         if let Some((first, length)) = lengths.next()
@@ -302,6 +307,30 @@ pub(crate) mod tests {
         for set in ["train.steps=3", "model.widths=3", "loss.bce=1", "train={ steps = 3 }", "a.y=word"] {
             assert!(of(set).is_ok(), "{set}");
         }
+    }
+
+    #[test]
+    fn a_key_is_set_in_one_place() {
+        let of = |more: &str| {
+            let text = format!("[sweep]\nbase = 'b'\nseeds = [1, 2]\n{more}");
+            Plan::new(file(&text), &[]).map(drop).map_err(|e| e.to_string())
+        };
+        let product = "[sweep.product]\n'a.x' = [1, 2]\n";
+        for (more, place, key, hides) in [
+            ("[sweep.product]\n'train.seed' = [5, 6]".to_owned(), "product", "train.seed", "seeds"),
+            ("set = { 'train' = { seed = 3 } }".to_owned(), "set", "train.seed", "seeds"),
+            (format!("{product}[sweep.zip]\n'a.x' = [3, 4]"), "product", "a.x", "zip"),
+            (format!("{product}[sweep.zip]\na = [{{ x = 3 }}, {{ y = 4 }}]"), "product", "a.x", "zip"),
+            (format!("{product}[[sweep.arms]]\nname = 'n'\nset = {{ 'a.x' = 3 }}"), "arms", "a.x", "product"),
+        ] {
+            let wanted = format!("`sweep.{place}` sets `{key}`, and `sweep.{hides}` sets it again");
+            let said = of(&more).unwrap_err();
+            assert!(said.starts_with(&wanted), "{said}");
+        }
+        // What all have by default may be another in some.
+        assert_eq!(of(&format!("set = {{ 'a.x' = 1 }}\n{product}")), Ok(()));
+        assert_eq!(of("set = { 'a.x' = 1 }\n[[sweep.arms]]\nname = 'n'\nset = { 'a.x' = 3 }"), Ok(()));
+        assert_eq!(of(&format!("set = {{ 'a.xy' = 1 }}\n{product}[sweep.zip]\n'a.y' = [1, 2]")), Ok(()));
     }
 
     #[test]
