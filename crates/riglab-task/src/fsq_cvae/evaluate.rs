@@ -59,13 +59,13 @@ pub struct AssetRow {
     pub vertices: usize,
     /// Bones that are encoded.
     pub bones: usize,
-    /// After the decode rule, all codes kept.
+    /// After the decode rule, of the most codes of `eval.prefixes`.
     #[serde(deserialize_with = "nan_for_null")]
     pub iou: f64,
     /// As above.
     #[serde(deserialize_with = "nan_for_null")]
     pub l1: f64,
-    /// All codes, no rule.
+    /// Of as many codes, without the rule.
     #[serde(deserialize_with = "nan_for_null")]
     pub raw_iou: f64,
 }
