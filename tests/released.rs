@@ -16,7 +16,7 @@ use riglab_nn::params::{Params, Weights};
 use riglab_nn::skeleton::cross_entropy;
 use riglab_nn::skin_stage::shares;
 use riglab_nn::tokenrig::Sequences;
-use riglab_task::bundle::Bundle;
+use riglab_task::bundle::Stored;
 use riglab_task::fsq_cvae::{Frozen, FsqCvaeTask, FsqCvaeTaskConfig};
 use riglab_task::tokenrig::Rigger;
 use riglab_task::unirig_skeleton::{SkeletonTask, SkeletonTaskConfig};
@@ -83,9 +83,9 @@ fn imported(dir: &Path, name: &str, tensors: &Tensors, sets: &[&str]) -> (PathBu
 
 /// A file's settings and tensors.
 fn opened<C: DeserializeOwned>(file: &Path, kind: &str) -> (C, Tensors) {
-    let bundle = Bundle::of_bytes(&fs::read(file).unwrap(), "file").unwrap();
-    assert_eq!((bundle.kind.as_str(), bundle.card.state.step), (kind, 1400));
-    (Config::from_toml_str("file", &bundle.settings).unwrap().get().unwrap(), bundle.tensors)
+    let stored = Stored::open(file).unwrap();
+    assert_eq!((stored.kind.as_str(), stored.card.state.step), (kind, 1400));
+    (Config::from_toml_str("file", &stored.settings).unwrap().get().unwrap(), riglab_nn::io::read(file).unwrap())
 }
 
 fn case(sub: &str, name: &'static str) -> Option<Golden> {
@@ -377,7 +377,7 @@ fn a_whole_tokenrig_rigs_and_has_the_goldens_logits() {
     must(&[&["checkpoint", "import", text(&ckpt), "--as", "fsq_cvae", "-o", text(&part)], &sets[..]].concat());
     let shown = String::from_utf8(must(&["checkpoint", "show", text(&part)]).stdout).unwrap();
     assert!(shown.contains("of task fsq_cvae"), "{shown}");
-    let tensors = Bundle::of_bytes(&fs::read(&part).unwrap(), "part").unwrap().tensors;
+    let tensors = riglab_nn::io::read(&part).unwrap();
     assert!(tensors.values().all(|t| t.kind() == Kind::BFloat16));
 }
 

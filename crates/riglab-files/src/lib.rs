@@ -16,4 +16,4 @@ mod write;
 pub use signals::{Signal, on_signals, was_asked};
 pub use unfinished::{Unfinished, ask_to_leave, leave};
 pub use walk::{Below, below};
-pub use write::{make_folder_of, may_write, sync_folder, write};
+pub use write::{make_folder_of, may_write, sync_folder, write, write_with};

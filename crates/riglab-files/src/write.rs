@@ -1,5 +1,6 @@
 //! Whole files from bytes.
 
+use std::fs::File;
 use std::io::{self, Write};
 use std::path::Path;
 
@@ -11,8 +12,16 @@ use crate::unfinished::{Unfinished, folder, plain};
 /// # Errors
 /// Those of the file system, without the name of the temporary file.
 pub fn write(path: &Path, bytes: &[u8]) -> io::Result<()> {
+    write_with(path, |file| file.write_all(bytes).map_err(|e| plain(&e)))
+}
+
+/// As [`write`], of what `fill` writes: for contents that are not to be in memory as a whole.
+///
+/// # Errors
+/// Those of the file system, without the name of the temporary file, and those of `fill`.
+pub fn write_with(path: &Path, fill: impl FnOnce(&mut File) -> io::Result<()>) -> io::Result<()> {
     let (mut file, unfinished) = Unfinished::beside(path)?;
-    file.write_all(bytes).map_err(|e| plain(&e))?;
+    fill(&mut file)?;
     file.sync_all()?;
     unfinished.finish()
 }
@@ -89,6 +98,8 @@ mod tests {
         assert!(write(dir.path(), b"x").unwrap_err().to_string().contains("no plain file"));
         let deep = dir.path().join("no/where/a.glb");
         assert!(write(&deep, b"x").is_err());
+        let fault = write_with(&file, |part| part.write_all(b"half").and(Err(io::Error::other("no more"))));
+        assert!(fault.is_err_and(|e| e.to_string() == "no more") && fs::read(&file).unwrap() == b"two");
         // Nothing else stays behind.
         assert_eq!(fs::read_dir(dir.path()).unwrap().count(), 2);
         make_folder_of(&deep).unwrap();

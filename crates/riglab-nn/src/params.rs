@@ -241,6 +241,30 @@ impl Builder {
     /// # Errors
     /// [`NnError::DuplicateName`], [`NnError::TooLarge`].
     pub fn finish(self, seed: u64, kind: Kind, device: Device) -> Result<Params, NnError> {
+        self.check()?;
+        let values: Vec<Vec<f32>> = self.entries.par_iter().map(|e| draw(seed, e)).collect();
+        let tensors = self.entries.iter().zip(values).map(|(e, values)| {
+            let t = Tensor::from_slice(&values).reshape(&e.shape).to_device(device).to_kind(kind);
+            t.set_requires_grad(true)
+        });
+        let weights = Weights::new(tensors.collect());
+        Ok(Params { entries: self.entries, weights })
+    }
+
+    /// Draws nothing: what the values are is left open until they are loaded ([`Params::load_each`]). Drawing those of a
+    /// large network takes as long as reading them.
+    ///
+    /// # Errors
+    /// As [`Self::finish`].
+    pub fn blank(self, kind: Kind, device: Device) -> Result<Params, NnError> {
+        self.check()?;
+        let tensors = self.entries.iter().map(|e| Tensor::empty(&e.shape, (kind, device)).set_requires_grad(true));
+        let weights = Weights::new(tensors.collect());
+        Ok(Params { entries: self.entries, weights })
+    }
+
+    /// Whether there can be such a network.
+    fn check(&self) -> Result<(), NnError> {
         let mut seen = HashMap::new();
         for e in &self.entries {
             if seen.insert(&e.name, ()).is_some() {
@@ -254,13 +278,7 @@ impl Builder {
         {
             return Err(NnError::TooLarge { parameters, memory_gb });
         }
-        let values: Vec<Vec<f32>> = self.entries.par_iter().map(|e| draw(seed, e)).collect();
-        let tensors = self.entries.iter().zip(values).map(|(e, values)| {
-            let t = Tensor::from_slice(&values).reshape(&e.shape).to_device(device).to_kind(kind);
-            t.set_requires_grad(true)
-        });
-        let weights = Weights::new(tensors.collect());
-        Ok(Params { entries: self.entries, weights })
+        Ok(())
     }
 }
 
@@ -378,10 +396,21 @@ impl Params {
     /// # Errors
     /// [`NnError::Mismatch`], naming what is missing, too many or of another shape.
     pub fn load(&self, tensors: &BTreeMap<String, Tensor>) -> Result<(), NnError> {
-        self.check(&tensors.iter().map(|(name, t)| (name.clone(), t.size())).collect())?;
-        let _no_grad = tch::no_grad_guard();
-        self.named(&self.weights).for_each(|(name, own)| own.shallow_clone().copy_(&tensors[name]));
-        Ok(())
+        let shapes = tensors.iter().map(|(name, t)| (name.clone(), t.size())).collect();
+        self.load_each(&shapes, |name| Ok(tensors[name].shallow_clone()))
+    }
+
+    /// As [`Self::load`], of tensors of these shapes that are read one at a time: they are never in memory beside the
+    /// network.
+    ///
+    /// # Errors
+    /// As [`Self::load`], before anything is read, and those of `read`.
+    pub fn load_each(
+        &self,
+        shapes: &BTreeMap<String, Vec<i64>>,
+        read: impl FnMut(&str) -> Result<Tensor, NnError>,
+    ) -> Result<(), NnError> {
+        self.fill(&self.weights, shapes, read)
     }
 
     /// As [`Self::load`], a tensor at a time from a file into these or other weights of this network: the file is never
@@ -390,10 +419,19 @@ impl Params {
     /// # Errors
     /// As [`Self::load`], and when a tensor cannot be read.
     pub fn load_from(&self, file: &Reader, weights: &Weights) -> Result<(), NnError> {
-        self.check(&file.shapes())?;
+        self.fill(weights, &file.shapes(), |name| file.read(name))
+    }
+
+    fn fill(
+        &self,
+        weights: &Weights,
+        shapes: &BTreeMap<String, Vec<i64>>,
+        mut read: impl FnMut(&str) -> Result<Tensor, NnError>,
+    ) -> Result<(), NnError> {
+        self.check(shapes)?;
         let _no_grad = tch::no_grad_guard();
         for (name, own) in self.named(weights) {
-            own.shallow_clone().copy_(&file.read(name)?);
+            own.shallow_clone().copy_(&read(name)?);
         }
         Ok(())
     }
@@ -459,6 +497,22 @@ mod tests {
         .into();
         let text = p.load(&tensors).unwrap_err().to_string();
         assert!(text.contains("`b.0.bias` is missing") && text.contains("`c` is unknown"), "{text}");
+    }
+
+    #[test]
+    fn what_is_loaded_needs_no_values_before() {
+        let mut b = Builder::default();
+        let wide = [3_000_000, 2_000_000];
+        b.root().add("weight", Role::Projection, &wide, Init::Constant(0.0));
+        assert!(matches!(b.blank(Kind::Float, Device::Cpu), Err(NnError::TooLarge { .. })));
+        let mut b = Builder::default();
+        b.root().add("weight", Role::Projection, &[2], Init::Constant(0.0));
+        let p = b.blank(Kind::Float, Device::Cpu).unwrap();
+        let shapes = |n| BTreeMap::from([("weight".to_string(), vec![n])]);
+        let read = |_: &str| Ok(Tensor::from_slice(&[1i64, 2]));
+        p.load_each(&shapes(2), read).unwrap();
+        assert!(p.learns(ParamId(0)) && p.weights()[ParamId(0)].equal(&Tensor::from_slice(&[1.0f32, 2.0])));
+        assert!(p.load_each(&shapes(3), |_| unreachable!("nothing is read of what does not fit")).is_err());
     }
 
     #[test]

@@ -101,8 +101,8 @@ fn write_model(to: &Path, corpus: &Path) -> Result<()> {
     let task = open_tokenrig(recipe::tokenrig(corpus, Precision::Fp32)?, corpus)?;
     let state = State { task: "tokenrig".into(), step: 0, seed: 0, skipped: 0, skipped_in_a_row: 0, best: None };
     let card = Card { name: "starting weights".into(), state, text: "Not trained.".into() };
-    let bytes = task.rigger().bundle(&card, Kind::Float).map_err(anyhow::Error::msg)?;
-    Ok(std::fs::write(to, bytes)?)
+    let bundle = task.rigger().bundle(&card).map_err(anyhow::Error::msg)?;
+    Ok(bundle.write_to(&mut std::fs::File::create(to)?, Kind::Float)?)
 }
 
 /// A creature whose longest edges are halved until there are so many vertices, as OBJ. Gives how many.

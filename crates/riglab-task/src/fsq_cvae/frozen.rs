@@ -1,17 +1,16 @@
 //! A trained auto-encoder that other tasks use, unchanged.
 
-use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::Mutex;
 
 use riglab_nn::fsq_cvae::{Bottleneck, FsqCvae};
 use riglab_nn::params::{Params, Weights};
 use riglab_train::{Checkpoint, State, named_by};
-use tch::{Device, Tensor};
+use tch::Device;
 
 use super::coder::Coder;
 use super::{FsqCvaeTask, FsqCvaeTaskConfig};
-use crate::bundle::{Bundle, SKIN};
+use crate::bundle::{SKIN, Stored};
 use crate::settings::Settings;
 
 /// Network, settings and weights; shared by threads.
@@ -72,7 +71,7 @@ impl Frozen {
         }
         let config: FsqCvaeTaskConfig = settings.get()?;
         has_tokens(&config).map_err(|e| format!("{name}: {e}"))?;
-        let (net, params) = FsqCvaeTask::network(&config, device).map_err(|e| format!("{name}: {e}"))?;
+        let (net, params) = FsqCvaeTask::blank(&config, device).map_err(|e| format!("{name}: {e}"))?;
         let checkpoint = Checkpoint::open(&run.join("checkpoints").join(checkpoint)).map_err(|e| e.to_string())?;
         checkpoint.load_weights(&params).map_err(|e| e.to_string())?;
         Ok((Self::new(config, net, params, device), checkpoint.state().clone()))
@@ -80,33 +79,21 @@ impl Frozen {
 
     fn of_file(path: &Path, device: Device) -> Result<Self, String> {
         let name = path.to_string_lossy();
-        let bytes = std::fs::read(path).map_err(|e| format!("{name}: cannot be read ({e})"))?;
-        Self::of_bundle(Bundle::of_bytes(&bytes, &name)?, &name, device)
+        Self::of_stored(&Stored::open(path)?, &name, device)
     }
 
     /// Of a file's content, its own or that of a model that rigs; `name` stands in messages.
-    pub(crate) fn of_bundle(bundle: Bundle, name: &str, device: Device) -> Result<Self, String> {
-        let (settings, tensors) = match bundle.kind.as_str() {
-            "fsq_cvae" => (&bundle.settings, bundle.below("")),
-            _ if !bundle.skin.is_empty() => (&bundle.skin, bundle.below(SKIN)),
+    pub(crate) fn of_stored(stored: &Stored, name: &str, device: Device) -> Result<Self, String> {
+        let (settings, prefix) = match stored.kind.as_str() {
+            "fsq_cvae" => (&stored.settings, ""),
+            _ if !stored.skin.is_empty() => (&stored.skin, SKIN),
             kind => return Err(format!("{name}: a model of task `{kind}`, which has no auto-encoder (task fsq_cvae)")),
         };
-        let made = Self::of_parts(name, settings, &tensors, device)?;
-        has_tokens(&made.config).map_err(|e| format!("{name}: {e}"))?;
-        Ok(made)
-    }
-
-    /// Of settings as TOML and tensors by name; `name` stands in messages.
-    pub(crate) fn of_parts(
-        name: &str,
-        settings: &str,
-        tensors: &BTreeMap<String, Tensor>,
-        device: Device,
-    ) -> Result<Self, String> {
         let fault = |e: String| format!("{name}: {e}");
         let config: FsqCvaeTaskConfig = Settings::of_text(name, settings)?.get()?;
-        let (net, params) = FsqCvaeTask::network(&config, device).map_err(|e| fault(e.to_string()))?;
-        params.load(tensors).map_err(|e| fault(e.to_string()))?;
+        has_tokens(&config).map_err(fault)?;
+        let (net, params) = FsqCvaeTask::blank(&config, device).map_err(|e| fault(e.to_string()))?;
+        stored.load(prefix, &params)?;
         Ok(Self::new(config, net, params, device))
     }
 
@@ -157,9 +144,9 @@ impl Frozen {
         (self.config, self.params.into_inner().unwrap_or_else(std::sync::PoisonError::into_inner))
     }
 
-    /// Its parameters by name, copied: to be written into another file.
+    /// Its parameters by name, to be written into another file.
     pub fn tensors(&self) -> Vec<(String, tch::Tensor)> {
         let params = self.params.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
-        params.named(params.weights()).map(|(n, t)| (n.to_string(), t.detach().copy())).collect()
+        params.named(params.weights()).map(|(n, t)| (n.to_string(), t.detach())).collect()
     }
 }

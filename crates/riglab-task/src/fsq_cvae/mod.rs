@@ -69,9 +69,23 @@ impl FsqCvaeTask {
     /// # Errors
     /// For impossible sizes.
     pub fn network(config: &FsqCvaeTaskConfig, device: Device) -> Result<(FsqCvae, Params), NnError> {
-        let mut builder = Builder::default();
-        let net = FsqCvae::new(builder.root(), &config.model)?;
+        let (net, builder) = Self::built(config)?;
         Ok((net, builder.finish(config.train.seed, Kind::Float, device)?))
+    }
+
+    /// As [`Self::network`], without values: they are to be loaded.
+    ///
+    /// # Errors
+    /// For impossible sizes.
+    pub(crate) fn blank(config: &FsqCvaeTaskConfig, device: Device) -> Result<(FsqCvae, Params), NnError> {
+        let (net, builder) = Self::built(config)?;
+        Ok((net, builder.blank(Kind::Float, device)?))
+    }
+
+    /// The network, and what has its names and shapes.
+    pub(crate) fn built(config: &FsqCvaeTaskConfig) -> Result<(FsqCvae, Builder), NnError> {
+        let mut builder = Builder::default();
+        Ok((FsqCvae::new(builder.root(), &config.model)?, builder))
     }
 
     /// Its settings.

@@ -266,7 +266,7 @@ pub(crate) fn of_run(
     let splits = config.data.train.iter().map(|split| format!("`{split}`")).collect::<Vec<_>>().join(", ");
     // It rigs as the model that it started from; `config.eval` says how rewards are told.
     let config = TokenRigTaskConfig { eval: start.config().eval.clone(), ..policy_config(&config, &start) };
-    let rigger = Rigger::new(config, start.shared_vae(), device)?;
+    let rigger = Rigger::blank(config, start.shared_vae(), device)?;
     let checkpoint = Checkpoint::open(&run.join("checkpoints").join(checkpoint)).map_err(|e| e.to_string())?;
     checkpoint.load_weights(rigger.params()).map_err(|e| e.to_string())?;
     let name = run.display().to_string();

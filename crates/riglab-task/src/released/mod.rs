@@ -20,8 +20,6 @@ use riglab_config::Config;
 use riglab_nn::NnError;
 use riglab_nn::fsq_cvae::FsqCvae;
 use riglab_nn::params::{Builder, Params};
-use riglab_nn::skeleton::SkeletonModel;
-use riglab_nn::skin_stage::SkinModel;
 use riglab_nn::tokenrig::{Layout, TokenRig};
 use riglab_token::Tokenizer;
 use riglab_train::unsound;
@@ -81,9 +79,6 @@ pub struct Outcome {
     pub sizes: Vec<String>,
 }
 
-/// By the networks' names.
-type Tensors = BTreeMap<String, Tensor>;
-
 /// A part of a checkpoint, with names as the networks have them.
 struct Part<'o, 'a> {
     offered: &'o mut Offered<'a>,
@@ -102,9 +97,9 @@ impl<'o, 'a> Part<'o, 'a> {
         sizes::Shapes::new(self.names.iter().map(|(own, name)| (own.as_str(), self.offered.shapes[name].as_slice())))
     }
 
-    /// Compares with a network that is being built. Its tensors, if all fit: a network as large as some shapes claim
-    /// is not made before they are there.
-    fn fit(&mut self, network: &Builder) -> Result<(Fit, Option<Tensors>), String> {
+    /// Compares with a network that is being built, by names and shapes: a network as large as some shapes claim is not
+    /// made before all of it is there.
+    fn fit(&mut self, network: &Builder) -> Result<Fit, String> {
         let mut fit = Fit::of(&self.found, network, &self.names, &self.offered.shapes);
         for (own, as_what) in names::known(self.found.model, &self.names) {
             let table = tied(self.found.model);
@@ -115,18 +110,36 @@ impl<'o, 'a> Part<'o, 'a> {
                 }
             }
         }
+        Ok(fit)
+    }
+
+    /// Makes the network and reads its tensors, if all fit; with it, whether its numbers have 16 bits.
+    fn taken(mut self, network: Builder, device: Device) -> Result<(Fit, Option<(Params, bool)>), String> {
+        let mut fit = self.fit(&network)?;
         if !fit.is_whole() {
             return Ok((fit, None));
         }
-        let all = network.shapes().map(|(name, _)| Ok((name.to_string(), self.read(name)?)));
-        let all: Tensors = all.collect::<Result<_, String>>()?;
-        for (name, tensor) in &all {
-            if let Some(fault) = unsound(tensor) {
-                fit.unsound(name, &fault);
-            }
-        }
+        let params = network.blank(Kind::Float, device).map_err(|e| e.to_string())?;
+        let half = self.load(&params, &mut fit)?;
         let whole = fit.is_whole();
-        Ok((fit, whole.then_some(all)))
+        Ok((fit, whole.then_some((params, half))))
+    }
+
+    /// Reads the tensors of a network, which fit, one at a time; tells which hold numbers that are no weights. Gives whether
+    /// all numbers are of bfloat16.
+    fn load(&mut self, params: &Params, fit: &mut Fit) -> Result<bool, String> {
+        let shapes = params.ids().map(|id| (params.name(id).to_owned(), params.shape(id).to_vec())).collect();
+        let mut half = true;
+        let loaded = params.load_each(&shapes, |own| {
+            let tensor = self.read(own).map_err(NnError::Config)?;
+            half &= tensor.kind() == Kind::BFloat16;
+            if let Some(fault) = unsound(&tensor) {
+                fit.unsound(own, &fault);
+            }
+            Ok(tensor)
+        });
+        loaded.map_err(|e| e.to_string())?;
+        Ok(half)
     }
 
     fn read(&mut self, own: &str) -> Result<Tensor, String> {
@@ -150,42 +163,29 @@ pub fn import(
     device: Device,
 ) -> Result<Outcome, String> {
     let mut sizes_told = Vec::new();
-    let mut builder = Builder::default();
     let mut half = false;
     let (fits, model) = match found.model {
         Model::UnirigSkeleton => {
             let mut c: SkeletonTaskConfig = config.get().map_err(|e| e.to_string())?;
-            let mut part = Part::of(offered, found.clone());
+            let part = Part::of(offered, found.clone());
             let before = c.model.clone();
             sizes::skeleton(&part.sizes(), &mut c);
             sizes_told.extend(changed(found.model.title(), &before, &c.model));
             c.validate().map_err(impossible)?;
-            SkeletonModel::new(builder.root(), &c.model, Tokenizer::new(c.tokenizer.clone()).vocabulary().len());
-            let (fit, tensors) = part.fit(&builder)?;
-            let model = tensors.map(|tensors| {
-                half = is_half(&tensors);
-                let (_, params) = SkeletonTask::network(&c, device)?;
-                params.load(&tensors)?;
-                Ok::<_, NnError>(Imported::Skeleton(Box::new(c), params))
-            });
-            (vec![fit], model.transpose().map_err(|e| e.to_string())?)
+            let (fit, taken) = part.taken(SkeletonTask::built(&c).1, device)?;
+            half = taken.as_ref().is_some_and(|(_, half)| *half);
+            (vec![fit], taken.map(|(params, _)| Imported::Skeleton(Box::new(c), params)))
         }
         Model::UnirigSkin => {
             let mut c: SkinTaskConfig = config.get().map_err(|e| e.to_string())?;
-            let mut part = Part::of(offered, found.clone());
+            let part = Part::of(offered, found.clone());
             let before = c.model.clone();
             sizes::skin(&part.sizes(), &mut c);
             sizes_told.extend(changed(found.model.title(), &before, &c.model));
             c.validate().map_err(impossible)?;
-            SkinModel::new(builder.root(), &c.model);
-            let (fit, tensors) = part.fit(&builder)?;
-            let model = tensors.map(|tensors| {
-                half = is_half(&tensors);
-                let (_, params) = SkinTask::network(&c, device)?;
-                params.load(&tensors)?;
-                Ok::<_, NnError>(Imported::Skin(Box::new(c), params))
-            });
-            (vec![fit], model.transpose().map_err(|e| e.to_string())?)
+            let (fit, taken) = part.taken(SkinTask::built(&c).1, device)?;
+            half = taken.as_ref().is_some_and(|(_, half)| *half);
+            (vec![fit], taken.map(|(params, _)| Imported::Skin(Box::new(c), params)))
         }
         Model::FsqCvae => {
             let Encoder { fit, config, loaded, half: own, sizes } =
@@ -223,18 +223,16 @@ pub fn import(
             c.validate().map_err(impossible)?;
             let ids = Tokenizer::new(c.tokenizer.clone()).vocabulary().len();
             let layout = Layout::new(ids, &vae.config.model.levels, c.model.head);
+            let mut builder = Builder::default();
             TokenRig::new(builder.root(), &c.model, &layout, c.skin.codes);
-            let (fit, tensors) = part.fit(&builder)?;
-            let model = match (tensors, vae.loaded) {
-                (Some(tensors), Some((net, params))) => {
-                    half = is_half(&tensors) && vae.half;
-                    let frozen = Frozen::new(vae.config, net, params, device);
-                    let rigger = Rigger::new(c, Arc::new(frozen), device)?;
-                    rigger.params().load(&tensors).map_err(|e| e.to_string())?;
-                    Some(Imported::TokenRig(Box::new(rigger)))
-                }
-                _ => None,
-            };
+            let mut fit = part.fit(&builder)?;
+            let mut model = None;
+            if let (true, Some((net, params))) = (fit.is_whole(), vae.loaded) {
+                let frozen = Frozen::new(vae.config, net, params, device);
+                let rigger = Rigger::blank(c, Arc::new(frozen), device)?;
+                half = part.load(rigger.params(), &mut fit)? && vae.half;
+                model = fit.is_whole().then(|| Imported::TokenRig(Box::new(rigger)));
+            }
             (vec![fit, vae.fit], model)
         }
     };
@@ -296,29 +294,17 @@ fn auto_encoder(
     if let Some(levels) = (offered.setting)("levels").filter(|l| !l.is_empty()) {
         config.model.levels = levels;
     }
-    let mut part = Part::of(offered, found);
+    let part = Part::of(offered, found);
     let mut before = config.model.clone();
     sizes::fsq_cvae(&part.sizes(), &mut config);
     // Which queries the release has is not told anywhere else.
     before.skin_queries = config.model.skin_queries;
     let sizes = changed(Model::FsqCvae.title(), &before, &config.model);
     config.validate().map_err(impossible)?;
-    let mut builder = Builder::default();
-    FsqCvae::new(builder.root(), &config.model).map_err(|e| e.to_string())?;
-    let (fit, tensors) = part.fit(&builder)?;
-    let half = tensors.as_ref().is_some_and(is_half);
-    let loaded = tensors.map(|tensors| {
-        let (net, params) = FsqCvaeTask::network(&config, device)?;
-        params.load(&tensors)?;
-        Ok::<_, NnError>((net, params))
-    });
-    let loaded = loaded.transpose().map_err(|e| e.to_string())?;
-    Ok(Encoder { fit, config, loaded, half, sizes })
-}
-
-/// Whether all numbers are of bfloat16.
-fn is_half(tensors: &Tensors) -> bool {
-    tensors.values().all(|t| t.kind() == Kind::BFloat16)
+    let (net, builder) = FsqCvaeTask::built(&config).map_err(|e| e.to_string())?;
+    let (fit, taken) = part.taken(builder, device)?;
+    let half = taken.as_ref().is_some_and(|(_, half)| *half);
+    Ok(Encoder { fit, config, loaded: taken.map(|(params, _)| (net, params)), half, sizes })
 }
 
 impl Imported {
@@ -353,24 +339,23 @@ impl Imported {
         }
     }
 
-    /// As one file, numbers as `kind`.
+    /// For one file.
     ///
     /// # Errors
-    /// When settings or tensors cannot be written.
-    pub fn bundle(&self, card: &Card, kind: Kind) -> Result<Vec<u8>, String> {
+    /// When settings cannot be written.
+    pub fn bundle(&self, card: &Card) -> Result<Bundle, String> {
         if let Self::TokenRig(rigger) = self {
-            return rigger.bundle(card, kind);
+            return rigger.bundle(card);
         }
         let params = self.params();
-        let tensors = params.named(params.weights()).map(|(n, t)| (n.to_string(), t.detach().to_kind(kind)));
-        let bundle = Bundle {
+        let tensors = params.named(params.weights()).map(|(n, t)| (n.to_string(), t.detach()));
+        Ok(Bundle {
             kind: self.task().into(),
             card: card.clone(),
             settings: self.settings()?,
             skin: String::new(),
             tensors: tensors.collect(),
-        };
-        bundle.to_bytes()
+        })
     }
 }
 

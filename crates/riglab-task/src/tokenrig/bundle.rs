@@ -4,21 +4,19 @@ use std::path::Path;
 use std::sync::Arc;
 
 use riglab_train::{Checkpoint, RunInfo, named_by, same_companions};
-use tch::{Device, Kind};
+use tch::Device;
 
 use super::{Rigger, TokenRigTaskConfig};
-use crate::bundle::{Bundle, Card, SKIN};
+use crate::bundle::{Bundle, Card, RIG, SKIN, Stored};
 use crate::fsq_cvae::Frozen;
 use crate::grpo::GrpoTaskConfig;
 use crate::settings::{Settings, TaskSettings};
 
-/// The network's place among the tensors' names.
-pub(crate) const RIG: &str = "rig.";
 /// The task of models that rig.
 const KIND: &str = TokenRigTaskConfig::TASK;
 
 impl Rigger {
-    /// Reads a run's folder, that of one of its checkpoints, or a file that [`Self::bundle`] made.
+    /// Reads a run's folder, that of one of its checkpoints, or a file of a [`Self::bundle`].
     ///
     /// # Errors
     /// A sentence: what it is instead, or what is wrong with it.
@@ -27,8 +25,7 @@ impl Rigger {
         if run.is_dir() {
             return Self::of_run(&run, &checkpoint, device);
         }
-        let bytes = std::fs::read(path).map_err(|e| format!("{}: cannot be read ({e})", path.display()))?;
-        Self::of_bundle(&bytes, &path.display().to_string(), device)
+        Self::of_stored(Stored::open(path)?, &path.display().to_string(), device)
     }
 
     /// Of a run's checkpoint: `best`, `last` or `step-N`.
@@ -51,7 +48,7 @@ impl Rigger {
         let mut config = rig_config(&settings)?;
         Self::own_auto_encoder(run, &mut config);
         let vae = Self::auto_encoder(&config, device)?;
-        let rigger = Self::new(config, vae, device)?;
+        let rigger = Self::blank(config, vae, device)?;
         // Whether it was named for this or not: codes mean nothing to an auto-encoder that they were not learned with.
         let before = RunInfo::of(run).map_or_else(Vec::new, |info| info.companions);
         let other = |e: String| format!("{}: {e}", run.display());
@@ -61,11 +58,11 @@ impl Rigger {
         Ok((rigger, Card::of_run(run, checkpoint.state())))
     }
 
-    /// One file with everything, numbers as `kind`.
+    /// Everything for one file.
     ///
     /// # Errors
-    /// When settings or tensors cannot be written.
-    pub fn bundle(&self, card: &Card, kind: Kind) -> Result<Vec<u8>, String> {
+    /// When settings cannot be written.
+    pub fn bundle(&self, card: &Card) -> Result<Bundle, String> {
         // Where it learned from is of no use elsewhere, and says more of a machine than it should.
         let (mut rig, mut skin) = (self.config.clone(), self.vae.config().clone());
         (rig.data.corpora, rig.data.weights, rig.skin.run) = (Vec::new(), Vec::new(), std::path::PathBuf::new());
@@ -73,34 +70,29 @@ impl Rigger {
         let toml = |e: toml::ser::Error| e.to_string();
         let own = self.params.named(self.params.weights()).map(|(n, t)| (format!("{RIG}{n}"), t.detach()));
         let of_skin = self.vae.tensors().into_iter().map(|(n, t)| (format!("{SKIN}{n}"), t));
-        let bundle = Bundle {
+        Ok(Bundle {
             kind: KIND.into(),
             card: card.clone(),
             settings: toml::to_string(&rig).map_err(toml)?,
             skin: toml::to_string(&skin).map_err(toml)?,
-            tensors: own.chain(of_skin).map(|(n, t)| (n, t.to_kind(kind))).collect(),
-        };
-        bundle.to_bytes()
+            tensors: own.chain(of_skin).collect(),
+        })
     }
 
     /// What [`Self::bundle`] made; `name` stands in messages.
-    ///
-    /// # Errors
-    /// A sentence: what it is instead, or what is wrong with it.
-    pub fn of_bundle(bytes: &[u8], name: &str, device: Device) -> Result<(Self, Card), String> {
+    pub(super) fn of_stored(stored: Stored, name: &str, device: Device) -> Result<(Self, Card), String> {
         let fault = |e: String| format!("{name}: {e}");
-        let bundle = Bundle::of_bytes(bytes, name)?;
-        if bundle.kind != KIND {
+        if stored.kind != KIND {
             return Err(fault(format!(
                 "a model of task `{}`, but rigs are made by `tokenrig` and `grpo`, or by `unirig_skeleton` and `unirig_skin` together",
-                bundle.kind
+                stored.kind
             )));
         }
-        let config = rig_config(&Settings::of_text(name, &bundle.settings)?)?;
-        let vae = Frozen::of_parts(name, &bundle.skin, &bundle.below(SKIN), device)?;
-        let rigger = Self::new(config, Arc::new(vae), device).map_err(fault)?;
-        rigger.params.load(&bundle.below(RIG)).map_err(|e| fault(e.to_string()))?;
-        Ok((rigger, bundle.card))
+        let config = rig_config(&Settings::of_text(name, &stored.settings)?)?;
+        let vae = Frozen::of_stored(&stored, name, device)?;
+        let rigger = Self::blank(config, Arc::new(vae), device).map_err(fault)?;
+        stored.load(RIG, &rigger.params)?;
+        Ok((rigger, stored.card))
     }
 }
 

@@ -5,6 +5,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use riglab_core::Mesh;
 use riglab_geom::CloudSampler;
+use riglab_nn::NnError;
 use riglab_nn::generate::{GenerateConfig, Grammar as Rules, argmax, draw, rows, shares};
 use riglab_nn::params::{Builder, Params, Weights};
 use riglab_nn::tokenrig::{JointTold, Layout, Reader, TokenRig};
@@ -112,6 +113,24 @@ impl Rigger {
     /// # Errors
     /// A sentence: impossible sizes, or an auto-encoder with too few codes.
     pub fn new(config: TokenRigTaskConfig, vae: Arc<Frozen>, device: Device) -> Result<Self, String> {
+        let seed = config.train.seed;
+        Self::built(config, vae, device, |builder| builder.finish(seed, Kind::Float, device))
+    }
+
+    /// As [`Self::new`], without values of its own network: they are to be loaded.
+    ///
+    /// # Errors
+    /// As [`Self::new`].
+    pub(crate) fn blank(config: TokenRigTaskConfig, vae: Arc<Frozen>, device: Device) -> Result<Self, String> {
+        Self::built(config, vae, device, |builder| builder.blank(Kind::Float, device))
+    }
+
+    fn built(
+        config: TokenRigTaskConfig,
+        vae: Arc<Frozen>,
+        device: Device,
+        values: impl FnOnce(Builder) -> Result<Params, NnError>,
+    ) -> Result<Self, String> {
         let most = vae.config().model.skin_tokens;
         if config.skin.codes > most {
             let codes = config.skin.codes;
@@ -122,7 +141,7 @@ impl Rigger {
             .with_bins(config.tokenizer.bins.into());
         let mut builder = Builder::default();
         let net = TokenRig::new(builder.root(), &config.model, &layout, config.skin.codes);
-        let params = builder.finish(config.train.seed, Kind::Float, device).map_err(|e| e.to_string())?;
+        let params = values(builder).map_err(|e| e.to_string())?;
         Ok(Self { config, tokenizer, net, params, vae, device })
     }
 

@@ -5,7 +5,7 @@ use std::path::Path;
 use tch::Device;
 
 use super::{Card, Rigger};
-use crate::bundle::Bundle;
+use crate::bundle::Stored;
 use crate::fsq_cvae::Frozen;
 
 /// Made by `riglab checkpoint export`; see the card in it, and `experiments/README.md`.
@@ -26,7 +26,8 @@ impl Rigger {
     /// # Errors
     /// None that a whole program gives.
     pub fn shipped(device: Device) -> Result<(Self, Card), String> {
-        let (model, card) = Self::of_bundle(TOKENRIG_SMALL, "the model that comes with riglab", device)?;
+        let name = "the model that comes with riglab";
+        let (model, card) = Self::of_stored(Stored::of_held(TOKENRIG_SMALL, name)?, name, device)?;
         Ok((model, Card { text: CARD.into(), ..card }))
     }
 }
@@ -35,7 +36,7 @@ impl Rigger {
 pub(super) fn auto_encoder(word: &Path, device: Device) -> Option<Result<Frozen, String>> {
     let (own, bytes) = WORDS.into_iter().find(|(own, _)| word == Path::new(own))?;
     let name = format!("skin.run = {own}");
-    Some(Bundle::of_bytes(bytes, &name).and_then(|bundle| Frozen::of_bundle(bundle, &name, device)))
+    Some(Stored::of_held(bytes, &name).and_then(|stored| Frozen::of_stored(&stored, &name, device)))
 }
 
 #[cfg(test)]

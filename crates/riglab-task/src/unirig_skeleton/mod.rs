@@ -89,10 +89,24 @@ impl SkeletonTask {
     /// # Errors
     /// For impossible sizes.
     pub fn network(config: &SkeletonTaskConfig, device: Device) -> Result<(SkeletonModel, Params), NnError> {
+        let (net, builder) = Self::built(config);
+        Ok((net, builder.finish(config.train.seed, Kind::Float, device)?))
+    }
+
+    /// As [`Self::network`], without values: they are to be loaded.
+    ///
+    /// # Errors
+    /// For impossible sizes.
+    pub(crate) fn blank(config: &SkeletonTaskConfig, device: Device) -> Result<(SkeletonModel, Params), NnError> {
+        let (net, builder) = Self::built(config);
+        Ok((net, builder.blank(Kind::Float, device)?))
+    }
+
+    /// The network, and what has its names and shapes.
+    pub(crate) fn built(config: &SkeletonTaskConfig) -> (SkeletonModel, Builder) {
         let vocabulary = Tokenizer::new(config.tokenizer.clone()).vocabulary().len();
         let mut builder = Builder::default();
-        let net = SkeletonModel::new(builder.root(), &config.model, vocabulary);
-        Ok((net, builder.finish(config.train.seed, Kind::Float, device)?))
+        (SkeletonModel::new(builder.root(), &config.model, vocabulary), builder)
     }
 
     /// Its settings.

@@ -1,5 +1,6 @@
 //! A trained skeleton model as others start from it.
 
+use std::fs::File;
 use std::path::Path;
 
 use riglab_nn::params::Params;
@@ -8,7 +9,7 @@ use riglab_train::{Checkpoint, State, named_by};
 use tch::Device;
 
 use super::{SkeletonTask, SkeletonTaskConfig};
-use crate::bundle::{Bundle, Card};
+use crate::bundle::{Card, Stored};
 use crate::grpo::{descends, refined};
 use crate::settings::{Settings, TaskSettings};
 
@@ -49,24 +50,24 @@ impl Trained {
             return Ok(Some(own));
         }
         let name = path.to_string_lossy();
-        let bytes = std::fs::read(path).map_err(|e| format!("{name}: no model to start from ({e}); {REMEDY}"))?;
-        let Bundle { kind, settings, tensors, card, .. } = Bundle::of_bytes(&bytes, &name)?;
-        if kind != KIND {
+        File::open(path).map_err(|e| format!("{name}: no model to start from ({e}); {REMEDY}"))?;
+        let stored = Stored::open(path)?;
+        if stored.kind != KIND {
             return Ok(None);
         }
-        let own = Self::of_settings(&Settings::of_text(&name, &settings)?, device)?;
+        let own = Self::of_settings(&Settings::of_text(&name, &stored.settings)?, device)?;
         let own = own.ok_or_else(|| format!("{name}: the settings inside are of another task"))?;
-        own.params.load(&tensors).map_err(|e| format!("{name}: {e}"))?;
-        Ok(Some(Self { card, ..own }))
+        stored.load("", &own.params)?;
+        Ok(Some(Self { card: stored.card, ..own }))
     }
 
-    /// With starting weights.
+    /// Without weights yet.
     fn of_settings(settings: &Settings, device: Device) -> Result<Option<Self>, String> {
         if !settings.are::<SkeletonTaskConfig>() {
             return Ok(None);
         }
         let config: SkeletonTaskConfig = settings.get()?;
-        let made = SkeletonTask::network(&config, device);
+        let made = SkeletonTask::blank(&config, device);
         let (net, params) = made.map_err(|e| format!("{}: {e}", settings.name()))?;
         let state = State { task: KIND.into(), step: 0, seed: 0, skipped: 0, skipped_in_a_row: 0, best: None };
         let card = Card { name: settings.name().to_owned(), state, text: String::new() };

@@ -80,9 +80,23 @@ impl SkinTask {
     /// # Errors
     /// For impossible sizes.
     pub fn network(config: &SkinTaskConfig, device: Device) -> Result<(SkinModel, Params), NnError> {
-        let mut builder = Builder::default();
-        let net = SkinModel::new(builder.root(), &config.model);
+        let (net, builder) = Self::built(config);
         Ok((net, builder.finish(config.train.seed, Kind::Float, device)?))
+    }
+
+    /// As [`Self::network`], without values: they are to be loaded.
+    ///
+    /// # Errors
+    /// For impossible sizes.
+    pub(crate) fn blank(config: &SkinTaskConfig, device: Device) -> Result<(SkinModel, Params), NnError> {
+        let (net, builder) = Self::built(config);
+        Ok((net, builder.blank(Kind::Float, device)?))
+    }
+
+    /// The network, and what has its names and shapes.
+    pub(crate) fn built(config: &SkinTaskConfig) -> (SkinModel, Builder) {
+        let mut builder = Builder::default();
+        (SkinModel::new(builder.root(), &config.model), builder)
     }
 
     /// Its settings.

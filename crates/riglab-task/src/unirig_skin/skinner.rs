@@ -13,7 +13,7 @@ use super::config::SkinTaskConfig;
 use super::predict::{Predicted, Predictor};
 use super::ready::{Ready, pool};
 use super::{Evaluation, SkinTask};
-use crate::bundle::{self, Bundle, Card};
+use crate::bundle::{self, Card, Stored};
 use crate::fsq_cvae::Prepared;
 use crate::settings::{Settings, TaskSettings};
 
@@ -57,12 +57,10 @@ impl Skinner {
         if bundle::kind(path).is_none_or(|kind| kind != SkinTaskConfig::TASK) {
             return Ok(None);
         }
-        let name = path.display().to_string();
-        let bytes = std::fs::read(path).map_err(|e| format!("{name}: cannot be read ({e})"))?;
-        let Bundle { settings, tensors, card, .. } = Bundle::of_bytes(&bytes, &name)?;
-        let own = Self::untrained(&Settings::of_text(&name, &settings)?, device)?;
-        own.params.load(&tensors).map_err(|e| format!("{name}: {e}"))?;
-        Ok(Some((own, card)))
+        let stored = Stored::open(path)?;
+        let own = Self::blank(&Settings::of_text(&path.display().to_string(), &stored.settings)?, device)?;
+        stored.load("", &own.params)?;
+        Ok(Some((own, stored.card)))
     }
 
     /// Of a run's checkpoint: `best`, `last` or `step-N`. The decode rule cuts where the run's evaluation found it best.
@@ -70,7 +68,7 @@ impl Skinner {
     /// # Errors
     /// A sentence: no run, or one of another task.
     pub fn of_run(run: &Path, checkpoint: &str, device: Device) -> Result<(Self, State), String> {
-        let own = Self::untrained(&Settings::of_run(run)?, device)?;
+        let own = Self::blank(&Settings::of_run(run)?, device)?;
         let checkpoint = Checkpoint::open(&run.join("checkpoints").join(checkpoint)).map_err(|e| e.to_string())?;
         checkpoint.load_weights(&own.params).map_err(|e| e.to_string())?;
         let evaluated = std::fs::read_to_string(run.join("eval.json")).ok();
@@ -79,14 +77,14 @@ impl Skinner {
         Ok((Self { cut, ..own }, checkpoint.state().clone()))
     }
 
-    /// With starting weights.
-    fn untrained(settings: &Settings, device: Device) -> Result<Self, String> {
+    /// Without weights yet.
+    fn blank(settings: &Settings, device: Device) -> Result<Self, String> {
         if !settings.are::<SkinTaskConfig>() {
             let (name, task, own) = (settings.name(), settings.task(), SkinTaskConfig::TASK);
             return Err(format!("{name}: a run of task `{task}`; give one of `{own}`"));
         }
         let config: SkinTaskConfig = settings.get()?;
-        let (net, params) = SkinTask::network(&config, device).map_err(|e| e.to_string())?;
+        let (net, params) = SkinTask::blank(&config, device).map_err(|e| e.to_string())?;
         let cut = match config.eval.cuts[..] {
             [only] => Some(only),
             _ => None,
@@ -205,7 +203,7 @@ mod tests {
     fn what_is_made_of_an_evaluated_run_cuts_where_that_found_it_best() {
         let of = |config: &SkinTaskConfig| {
             let text = toml::to_string(config).unwrap();
-            Skinner::untrained(&Settings::of_text("test", &text).unwrap(), Device::Cpu).unwrap()
+            Skinner::blank(&Settings::of_text("test", &text).unwrap(), Device::Cpu).unwrap()
         };
         let config = SkinTaskConfig { task: SkinTaskConfig::TASK.into(), ..SkinTaskConfig::default() };
         assert_eq!(of(&config).cut, None);

@@ -4,12 +4,11 @@ use std::io::{ErrorKind, Read};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
-use anyhow::{Context, Result, anyhow, bail};
+use anyhow::{Result, anyhow, bail};
 use riglab_config::Config;
-use riglab_files::make_folder_of;
 use riglab_task::bundle::Card;
 use riglab_task::released::{Fit, FoundModel, Imported, Model, Offered, import as read, recognise};
-use riglab_train::State;
+use riglab_train::{Spinner, State};
 use tch::{Device, Kind};
 
 use crate::commands::earlier::{Written, keep_others};
@@ -74,7 +73,9 @@ pub fn import(args: &ImportArgs) -> Result<ExitCode> {
     let (config, skin) = settings(found.model, &args.sets)?;
     let mut other = args.skin.as_deref().map(open).transpose()?;
     let skin = skin.as_ref().map(|config| (config, other.as_mut()));
+    let reading = Spinner::new(&format!("reading {shown}"));
     let outcome = read(&mut offered, &found, &config, skin, Device::Cpu);
+    drop(reading);
     // What the file's reader says names it already.
     let outcome =
         outcome.map_err(|e| if e.starts_with(&shown.to_string()) { anyhow!(e) } else { anyhow!("{shown}: {e}") })?;
@@ -102,10 +103,7 @@ pub fn import(args: &ImportArgs) -> Result<ExitCode> {
     let card = Card { name: args.name.clone().unwrap_or(own), text, state };
     if !super::into_folder(out)? {
         let kind = if outcome.half { Kind::BFloat16 } else { Kind::Float };
-        let bytes = model.bundle(&card, kind).map_err(|e| anyhow!(e))?;
-        make_folder_of(out)?;
-        riglab_files::write(out, &bytes).with_context(|| format!("{} cannot be written", out.display()))?;
-        say!("{}: {:.1} MB", out.display(), bytes.len() as f64 / 1e6);
+        super::write(out, &model.bundle(&card).map_err(|e| anyhow!(e))?, kind)?;
     } else {
         super::planted::folder(out, &model, &card, "imported")?;
         say!("{}", out.display());

@@ -9,7 +9,7 @@ use std::process::ExitCode;
 use anyhow::{Context, Result, anyhow, bail};
 use riglab_files::make_folder_of;
 use riglab_task::assets::DataConfig;
-use riglab_task::bundle::Bundle;
+use riglab_task::bundle::{Bundle, RIG, SKIN, Stored};
 use riglab_task::fsq_cvae::{Frozen, FsqCvaeTaskConfig};
 use riglab_task::grpo::{GrpoTask, GrpoTaskConfig};
 use riglab_task::released::Imported;
@@ -17,7 +17,7 @@ use riglab_task::settings::{Settings, TaskSettings};
 use riglab_task::tokenrig::{Card, Rigger, TokenRigTaskConfig};
 use riglab_task::unirig_skeleton::Sketcher;
 use riglab_task::unirig_skin::Skinner;
-use riglab_train::{Checkpoint, named_by};
+use riglab_train::{Checkpoint, Spinner, named_by};
 use tch::{Device, Kind};
 
 use super::MOVED;
@@ -157,11 +157,19 @@ fn export(args: &ExportArgs) -> Result<ExitCode> {
         return Ok(ExitCode::SUCCESS);
     }
     let kind = if args.half { Kind::Half } else { Kind::Float };
-    let bytes = model.bundle(&card, kind).map_err(|e| anyhow!(e))?;
-    make_folder_of(&args.out)?;
-    riglab_files::write(&args.out, &bytes).with_context(|| format!("{} cannot be written", args.out.display()))?;
-    say!("{}: {:.1} MB", args.out.display(), bytes.len() as f64 / 1e6);
+    write(&args.out, &model.bundle(&card).map_err(|e| anyhow!(e))?, kind)?;
     Ok(ExitCode::SUCCESS)
+}
+
+/// Writes a model's file, numbers as `kind`.
+fn write(out: &Path, bundle: &Bundle, kind: Kind) -> Result<()> {
+    make_folder_of(out)?;
+    let writing = Spinner::new(&format!("writing {}", out.display()));
+    let written = riglab_files::write_with(out, |file| bundle.write_to(file, kind));
+    drop(writing);
+    written.with_context(|| format!("{} cannot be written", out.display()))?;
+    say!("{}: {:.1} MB", out.display(), out.metadata()?.len() as f64 / 1e6);
+    Ok(())
 }
 
 fn rigs((rigger, card): (Rigger, Card)) -> (Imported, Card) {
@@ -230,32 +238,63 @@ fn into_folder(out: &Path) -> Result<bool> {
 }
 
 fn show(args: &ShowArgs) -> Result<ExitCode> {
-    let part = match args.file.as_deref() {
-        Some(file) if file.is_file() => part(file)?,
-        Some(run) => part_of_run(run)?,
-        None => None,
+    let found = match args.file.as_deref() {
+        Some(file) if file.is_file() => of_stored(file)?,
+        Some(run) => match part_of_run(run)? {
+            Some(part) => Known::Part(part),
+            None => Known::of_rigger(Rigger::open(run, Device::Cpu))?,
+        },
+        None => Known::of_rigger(Rigger::shipped(Device::Cpu))?,
     };
-    if let Some(Part { kind, card, numbers }) = part {
-        say!("{}", card.name);
-        say!("{:.2} M parameters, of task {kind}: {}", numbers as f64 / 1e6, use_of(&kind));
-        say!("{}", counted(card.state.step as usize, "step"));
-        say!("\n{}", written(card.text).trim_end());
-        return Ok(ExitCode::SUCCESS);
-    }
-    let opened = match &args.file {
-        Some(path) => Rigger::open(path, Device::Cpu),
-        None => Rigger::shipped(Device::Cpu),
-    };
-    let (rigger, card) = opened.map_err(|e| anyhow!(e))?;
-    let (c, skin) = (rigger.config(), rigger.vae());
     let millions = |n: usize| n as f64 / 1e6;
-    let own: usize = skin.tensors().iter().map(|(_, t)| t.numel()).sum();
-    say!("{}", card.name);
-    say!("{:.2} M parameters, {:.2} M of its auto-encoder", millions(rigger.params().numel()), millions(own));
-    let (steps, codes) = (counted(card.state.step as usize, "step"), counted(c.skin.codes, "code"));
-    say!("{steps}, up to {} joints, {codes} a bone", c.limits.joints);
+    let (card, limits) = match found {
+        Known::Part(Part { kind, card, numbers }) => {
+            say!("{}", card.name);
+            say!("{:.2} M parameters, of task {kind}: {}", millions(numbers), use_of(&kind));
+            (card, String::new())
+        }
+        Known::Whole { card, config, own, skin } => {
+            say!("{}", card.name);
+            say!("{:.2} M parameters, and {:.2} M of its auto-encoder", millions(own), millions(skin));
+            let codes = counted(config.skin.codes, "code");
+            (card, format!(", up to {} joints, {codes} a bone", config.limits.joints))
+        }
+    };
+    say!("{}{limits}", counted(card.state.step as usize, "step"));
     say!("\n{}", written(card.text).trim_end());
     Ok(ExitCode::SUCCESS)
+}
+
+/// What is known about a model.
+enum Known {
+    Part(Part),
+    /// One that rigs, with the numbers of its own network and of its auto-encoder.
+    Whole {
+        card: Card,
+        config: Box<TokenRigTaskConfig>,
+        own: usize,
+        skin: usize,
+    },
+}
+
+impl Known {
+    fn of_rigger(opened: Result<(Rigger, Card), String>) -> Result<Self> {
+        let (rigger, card) = opened.map_err(|e| anyhow!(e))?;
+        let skin = rigger.vae().tensors().iter().map(|(_, t)| t.numel()).sum();
+        Ok(Self::Whole { card, config: Box::new(rigger.config().clone()), own: rigger.params().numel(), skin })
+    }
+}
+
+/// What the head of a file says, however large the rest is.
+fn of_stored(file: &Path) -> Result<Known> {
+    let stored = Stored::open(file).map_err(|e| anyhow!(e))?;
+    if stored.kind != TokenRigTaskConfig::TASK {
+        let numbers = stored.numbers("");
+        return Ok(Known::Part(Part { kind: stored.kind, card: stored.card, numbers }));
+    }
+    let settings = Settings::of_text(&file.display().to_string(), &stored.settings);
+    let config = Box::new(settings.and_then(|settings| settings.get()).map_err(|e| anyhow!(e))?);
+    Ok(Known::Whole { own: stored.numbers(RIG), skin: stored.numbers(SKIN), card: stored.card, config })
 }
 
 /// A model that makes no rigs.
@@ -274,15 +313,6 @@ fn use_of(kind: &str) -> &'static str {
     }
 }
 
-/// What a file holds, if that is a model that makes no rigs.
-fn part(file: &Path) -> Result<Option<Part>> {
-    let name = file.display().to_string();
-    let bytes = std::fs::read(file).with_context(|| format!("{name} cannot be read"))?;
-    let Bundle { kind, card, tensors, .. } = Bundle::of_bytes(&bytes, &name).map_err(|e| anyhow!(e))?;
-    let numbers = tensors.values().map(tch::Tensor::numel).sum();
-    Ok((kind != TokenRigTaskConfig::TASK).then_some(Part { kind, card, numbers }))
-}
-
 /// What a run is called by its folder, `001` of `runs/tokenrig` as `tokenrig-001`: each experiment has one of that number.
 fn called(run: &Path) -> Option<String> {
     let run = std::path::absolute(run).ok()?;
@@ -294,7 +324,7 @@ fn called(run: &Path) -> Option<String> {
     }
 }
 
-/// As [`part`], of the folder of a run or of one of its checkpoints.
+/// A model that makes no rigs, of the folder of a run or of one of its checkpoints.
 fn part_of_run(folder: &Path) -> Result<Option<Part>> {
     let (run, checkpoint) = named_by(folder);
     let settings = Settings::of_run(&run).map_err(|e| anyhow!(e))?;
