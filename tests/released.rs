@@ -444,6 +444,12 @@ fn what_does_not_fit_is_listed_and_refused() {
     // Sizes that do not go with the release's heads.
     let said = refuse(&whole, &["--set", "auto_encoder.model.heads=7"]);
     assert!(said.contains("is not divisible by heads = 7; sizes are those of the tensors' shapes"), "{said}");
+    // Half of it below another prefix.
+    tensors = whole.clone_all();
+    let moved: Vec<String> = tensors.keys().filter(|n| n.starts_with("transformer.model.layers.")).cloned().collect();
+    moved.iter().for_each(|name| drop(tensors.remove(name).map(|t| tensors.insert(format!("net.{name}"), t))));
+    let said = refuse(&tensors, &["--set", "model.decoder.layers=2"]);
+    assert!(said.contains(&format!("{} of them stand after `net.`", moved.len())), "{said}");
     let other = BTreeMap::from([("a.weight".to_string(), Tensor::zeros([2], (Kind::Float, Device::Cpu)))]);
     assert!(refuse(&other, &[]).contains("none of the published models"));
     // Cut short, and no checkpoint at all.

@@ -169,6 +169,34 @@ fn tensors_beyond_their_storage_are_refused() {
 }
 
 #[test]
+fn a_table_is_found_by_its_tensors_and_what_is_not_read_in_it_is_named() {
+    // {"epoch": 3, "optimizer": {"s": w}, "ema": {"net": {"a": w, "b": w, "c": object}}}
+    let text = |s: &str| [b"X", &(s.len() as u32).to_le_bytes()[..], s.as_bytes()].concat();
+    let w = [
+        &b"ctorch._utils\n_rebuild_tensor_v2\n(("[..],
+        &text("storage"),
+        b"ctorch\nFloatStorage\n",
+        &text("0"),
+        &text("cpu"),
+        b"K\x02tQK\0K\x02\x85K\x01\x85\x89)tR",
+    ]
+    .concat();
+    let named = |name: &str, value: &[u8]| [text(name), value.to_vec()].concat();
+    let table = |all: &[Vec<u8>]| [&b"}("[..], &all.concat(), b"u"].concat();
+    let object = named("c", b"ctorch._utils\n_rebuild_qtensor\n)R");
+    let net = table(&[named("a", &w), named("b", &w), object]);
+    let all = [
+        named("epoch", b"K\x03"),
+        named("optimizer", &table(&[named("s", &w)])),
+        named("ema", &table(&[named("net", &net)])),
+    ];
+    let bytes = checkpoint(&[b"\x80\x02", &table(&all)[..], b"."].concat());
+    let file = open(&bytes).unwrap();
+    assert_eq!(file.shapes().map(|(name, _)| name).collect::<Vec<_>>(), ["a", "b"]);
+    assert_eq!(file.unread(), ["c"]);
+}
+
+#[test]
 fn files_that_are_no_checkpoints_say_what_to_do() {
     let refusal = |bytes: &[u8]| read_all(bytes).remove(0);
     assert!(refusal(b"").contains("torch before 1.6"));

@@ -131,7 +131,8 @@ mod tests {
         let shape = shape.to_vec();
         let values: BTreeMap<String, f64> = names.iter().map(|(name, x)| ((*name).to_string(), *x)).collect();
         let read = move |name: &str| Ok(Tensor::full(&shape, values[name], (Kind::Float, Device::Cpu)));
-        Offered { file: "file".into(), shapes, step: None, read: Box::new(read), setting: Box::new(|_| None) }
+        let (read, setting) = (Box::new(read), Box::new(|_: &str| None));
+        Offered { file: "file".into(), shapes, unread: Vec::new(), step: None, read, setting }
     }
 
     fn values(params: &Params) -> Vec<f64> {

@@ -32,7 +32,7 @@ pub fn open(path: &Path) -> Result<Offered<'_>> {
     let length = |n: &usize| i64::try_from(*n).unwrap_or(i64::MAX);
     let shapes: BTreeMap<String, Vec<i64>> =
         tensors.shapes().map(|(n, s)| (n.to_owned(), s.iter().map(length).collect())).collect();
-    let step = tensors.step();
+    let (step, unread) = (tensors.step(), tensors.unread().to_vec());
     // The settings that are asked for.
     let told: BTreeMap<&str, Vec<i64>> =
         ["levels", "tokens_per_skin"].into_iter().filter_map(|key| Some((key, tensors.setting(key)?))).collect();
@@ -40,7 +40,14 @@ pub fn open(path: &Path) -> Result<Offered<'_>> {
         let stored = tensors.read(name).map_err(|e| e.to_string())?;
         tensor(&stored.ok_or_else(|| format!("no `{name}`"))?).map_err(|e| format!("tensor `{name}`: {e}"))
     };
-    Ok(Offered { file, shapes, step, read: Box::new(read), setting: Box::new(move |key| told.get(key).cloned()) })
+    Ok(Offered {
+        file,
+        shapes,
+        unread,
+        step,
+        read: Box::new(read),
+        setting: Box::new(move |key| told.get(key).cloned()),
+    })
 }
 
 /// The tensors of a file, or of the best checkpoint of a run's folder, with which the run is evaluated.
@@ -63,7 +70,8 @@ fn safetensors(path: &Path) -> Result<Offered<'static>> {
     let shapes = tensors.shapes();
     let read = move |name: &str| tensors.read(name).map_err(|e| e.to_string());
     let file = path.display().to_string();
-    Ok(Offered { file, shapes, step: None, read: Box::new(read), setting: Box::new(|_| None) })
+    let (unread, setting) = (Vec::new(), Box::new(|_: &str| None));
+    Ok(Offered { file, shapes, unread, step: None, read: Box::new(read), setting })
 }
 
 fn tensor(stored: &StoredTensor) -> Result<Tensor, tch::TchError> {

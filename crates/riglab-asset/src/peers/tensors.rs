@@ -11,7 +11,8 @@ use super::pickle::{self, Id, Node, Tensor, View};
 use super::torch::TorchArchive;
 use crate::ImportError;
 
-/// Where the table of tensors stands in a checkpoint, most telling first; else the whole file is one.
+/// Where the table of tensors stands in a checkpoint, most telling first; else the whole file is one, or the dictionary in
+/// it that holds most tensors.
 const TABLES: [&str; 4] = ["state_dict", "model_state_dict", "model", "module"];
 /// What Lightning keeps of a module's settings.
 const SETTINGS: &str = "hyper_parameters";
@@ -29,6 +30,7 @@ pub struct TensorFile<'a> {
     nodes: Vec<Node>,
     root: Id,
     table: BTreeMap<String, Box<Tensor>>,
+    unread: Vec<String>,
     /// The storage that was read last: tensors that share one stand together.
     last: Option<(String, Vec<u8>)>,
 }
@@ -103,23 +105,30 @@ impl<'a> TensorFile<'a> {
         let (nodes, root) = read.map_err(fail)?;
         file.archive.budget.give_back(bytes.len() as u64);
         let view = View { nodes: &nodes, id: root };
-        let found = TABLES.iter().filter_map(|key| view.get(key)).chain([view]).map(table).find(|t| !t.is_empty());
-        let table = found.ok_or_else(|| {
+        let usual = TABLES.iter().filter_map(|key| view.get(key)).chain([view]).find(|v| !table(*v).is_empty());
+        let found = usual.or_else(|| fullest(view)).ok_or_else(|| {
             let reason = "holds no table of named tensors; save the model's `state_dict()` with torch.save";
             fail(PeerFault::field("data.pkl", reason))
         })?;
+        let (table, unread) = (table(found), unread(found));
         let length = input.len().map_or(0, |n| usize::try_from(n).unwrap_or(usize::MAX));
         let too_large =
             |t: &Tensor| elements(&t.shape).and_then(|n| n.checked_mul(t.dtype.size)).is_none_or(|n| n > length);
         if let Some((tensor, _)) = table.iter().find(|(_, t)| too_large(t)) {
             return Err(fail(PeerFault::field(&shown(tensor), "claims more numbers than the file has bytes for")));
         }
-        Ok(Self { name: name.to_owned(), file, nodes, root, table, last: None })
+        Ok(Self { name: name.to_owned(), file, nodes, root, table, unread, last: None })
     }
 
     /// Names and shapes, sorted.
     pub fn shapes(&self) -> impl Iterator<Item = (&str, &[usize])> {
         self.table.iter().map(|(name, tensor)| (name.as_str(), tensor.shape.as_slice()))
+    }
+
+    /// Names in the table whose values are objects of a kind that is not read: tensors of other types (float8, complex,
+    /// quantized), sparse ones and those on no device among them.
+    pub fn unread(&self) -> &[String] {
+        &self.unread
     }
 
     /// Steps of training that Lightning counted, if it says.
@@ -190,6 +199,24 @@ fn table(view: View<'_>) -> BTreeMap<String, Box<Tensor>> {
         _ => None,
     };
     view.entries().filter_map(tensor).collect()
+}
+
+/// Names of a dictionary's objects of a kind that is not known.
+fn unread(view: View<'_>) -> Vec<String> {
+    view.entries().filter(|(_, value)| matches!(value.node(), Node::Foreign)).map(|(name, _)| name.to_owned()).collect()
+}
+
+/// The dictionary with most tensors of those that stand in one another; optimizers keep few in each.
+fn fullest(root: View<'_>) -> Option<View<'_>> {
+    let (mut all, mut at) = (vec![root], 0);
+    while at < all.len().min(LOOKED) {
+        let within = all[at].entries().map(|(_, value)| value).filter(|value| value.is_dict());
+        all.extend(within.take(LOOKED).collect::<Vec<_>>());
+        at += 1;
+    }
+    let tensors = |view: &View<'_>| view.entries().filter(|(_, v)| matches!(v.node(), Node::Tensor(_))).count();
+    // The first of those that hold as many.
+    all.into_iter().take(LOOKED).rev().max_by_key(tensors).filter(|view| tensors(view) > 0)
 }
 
 /// Whether elements stand one after another, last axis fastest.

@@ -47,6 +47,8 @@ pub struct Offered<'a> {
     pub file: String,
     /// Names and shapes of its tensors.
     pub shapes: BTreeMap<String, Vec<i64>>,
+    /// Names of what is there and cannot be read as a tensor.
+    pub unread: Vec<String>,
     /// Steps it was trained, if it says.
     pub step: Option<u64>,
     /// Reads one of its tensors.
@@ -100,7 +102,7 @@ impl<'o, 'a> Part<'o, 'a> {
     /// Compares with a network that is being built, by names and shapes: a network as large as some shapes claim is not
     /// made before all of it is there.
     fn fit(&mut self, network: &Builder) -> Result<Fit, String> {
-        let mut fit = Fit::of(&self.found, network, &self.names, &self.offered.shapes);
+        let mut fit = Fit::of(&self.found, network, &self.names, self.offered);
         for (own, as_what) in names::known(self.found.model, &self.names) {
             let table = tied(self.found.model);
             if as_what == KnownAs::Tied && self.names.contains_key(table) {

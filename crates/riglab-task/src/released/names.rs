@@ -41,7 +41,7 @@ impl Model {
     }
 
     /// The end of a name that no other model has.
-    fn sign(self) -> &'static str {
+    pub fn sign(self) -> &'static str {
         match self {
             Self::UnirigSkin => "bone_encoder.bone_encoder.1.weight",
             Self::TokenRig => "transformer.model.embed_tokens.weight",

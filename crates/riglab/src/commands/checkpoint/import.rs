@@ -207,13 +207,19 @@ fn refused(found: &FoundModel, fits: &[Fit]) -> String {
              fetch it again, or take an earlier checkpoint of that training"
         );
     }
-    let count = |of: fn(&Fit) -> usize| fits.iter().map(of).sum::<usize>();
-    let (missing, unlike, wrong) = (count(|f| f.missing.len()), count(|f| f.unlike.len()), count(|f| f.wrong.len()));
+    let kinds: [(&str, fn(&Fit) -> usize); 4] = [
+        ("missing", |f| f.missing.len()),
+        ("of a type that is not read", |f| f.unread.len()),
+        ("of another shape", |f| f.unlike.len()),
+        ("not what they should be", |f| f.wrong.len()),
+    ];
+    let counts = kinds.iter().map(|(what, of)| (fits.iter().map(of).sum::<usize>(), what));
+    let counts: Vec<String> = counts.filter(|(n, _)| *n > 0).map(|(n, what)| format!("{n} {what}")).collect();
     format!(
-        "not {} as published: of its tensors {missing} missing, {unlike} of another shape, {wrong} not what they should \
-         be (listed above). Settings that shapes do not tell can be given, as --set model.heads=8; --as takes it \
-         for another model",
-        found.model.title()
+        "not {} as published: of its tensors {} (listed above). Settings that shapes do not tell can be given, as \
+         --set model.heads=8; --as takes it for another model",
+        found.model.title(),
+        counts.join(", ")
     )
 }
 
