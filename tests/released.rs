@@ -369,6 +369,9 @@ fn a_whole_tokenrig_rigs_and_has_the_goldens_logits() {
     for (name, own) in params_of(again.params()) {
         assert!(own.equal(&params_of(rigger.params())[&name]), "{name}");
     }
+    // What is asked for wins over what the file says.
+    let (one, _) = imported(dir.path(), "one_code", &tensors, &[&SIZES[..], &["skin.codes=1"]].concat());
+    assert_eq!(Rigger::open(&one, Device::Cpu).unwrap().0.config().skin.codes, 1);
     // A part of it by itself, in bfloat16 as published.
     let half: Tensors = tensors.iter().map(|(n, t)| (n.clone(), t.to_kind(Kind::BFloat16))).collect();
     fs::write(&ckpt, checkpoint(&half)).unwrap();
@@ -444,6 +447,8 @@ fn what_does_not_fit_is_listed_and_refused() {
     // Sizes that do not go with the release's heads.
     let said = refuse(&whole, &["--set", "auto_encoder.model.heads=7"]);
     assert!(said.contains("is not divisible by heads = 7; sizes are those of the tensors' shapes"), "{said}");
+    let said = refuse(&whole, &["--set", "auto_encoder.model.encoder_width=24"]);
+    assert!(said.contains("the tensors' shapes say model.encoder_width = 12; leave it out"), "{said}");
     // Half of it below another prefix.
     tensors = whole.clone_all();
     let moved: Vec<String> = tensors.keys().filter(|n| n.starts_with("transformer.model.layers.")).cloned().collect();

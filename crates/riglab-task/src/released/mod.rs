@@ -172,7 +172,7 @@ pub fn import(
             let part = Part::of(offered, found.clone());
             let before = c.model.clone();
             sizes::skeleton(&part.sizes(), &mut c);
-            sizes_told.extend(changed(found.model.title(), &before, &c.model));
+            sizes_told.extend(changed(found.model.title(), config, &before, &c.model)?);
             c.validate().map_err(impossible)?;
             let (fit, taken) = part.taken(SkeletonTask::built(&c).1, device)?;
             half = taken.as_ref().is_some_and(|(_, half)| *half);
@@ -183,7 +183,7 @@ pub fn import(
             let part = Part::of(offered, found.clone());
             let before = c.model.clone();
             sizes::skin(&part.sizes(), &mut c);
-            sizes_told.extend(changed(found.model.title(), &before, &c.model));
+            sizes_told.extend(changed(found.model.title(), config, &before, &c.model)?);
             c.validate().map_err(impossible)?;
             let (fit, taken) = part.taken(SkinTask::built(&c).1, device)?;
             half = taken.as_ref().is_some_and(|(_, half)| *half);
@@ -215,13 +215,15 @@ pub fn import(
                 }
             };
             sizes_told.extend(vae.sizes);
-            if let Some([codes]) = (offered.setting)("tokens_per_skin").as_deref() {
+            if let (false, Some([codes])) =
+                (chosen(config, "skin.codes"), (offered.setting)("tokens_per_skin").as_deref())
+            {
                 c.skin.codes = usize::try_from(*codes).unwrap_or(c.skin.codes);
             }
             let mut part = Part::of(offered, found.clone());
             let before = c.model.clone();
             sizes::tokenrig(&part.sizes(), &mut c);
-            sizes_told.extend(changed(found.model.title(), &before, &c.model));
+            sizes_told.extend(changed(found.model.title(), config, &before, &c.model)?);
             c.validate().map_err(impossible)?;
             let ids = Tokenizer::new(c.tokenizer.clone()).vocabulary().len();
             let layout = Layout::new(ids, &vae.config.model.levels, c.model.head);
@@ -241,8 +243,13 @@ pub fn import(
     Ok(Outcome { fits, model, half, sizes: sizes_told })
 }
 
-/// Tells which settings became others.
-fn changed<T: Serialize>(what: &str, before: &T, after: &T) -> Option<String> {
+/// Whether a setting was given with the command.
+fn chosen(config: &Config, key: &str) -> bool {
+    config.origin(key).is_some_and(|origin| origin.name().starts_with("--set "))
+}
+
+/// Tells which settings became others by the tensors' shapes; refuses one that was chosen.
+fn changed<T: Serialize>(what: &str, config: &Config, before: &T, after: &T) -> Result<Option<String>, String> {
     fn flat(at: &str, value: &toml::Value, out: &mut BTreeMap<String, String>) {
         match value {
             toml::Value::Table(table) => table.iter().for_each(|(key, value)| flat(&format!("{at}.{key}"), value, out)),
@@ -257,14 +264,19 @@ fn changed<T: Serialize>(what: &str, before: &T, after: &T) -> Option<String> {
         out
     };
     let was = all(before);
-    let own = all(after).into_iter().filter(|(key, value)| was.get(key) != Some(value));
+    let own: Vec<_> = all(after).into_iter().filter(|(key, value)| was.get(key) != Some(value)).collect();
+    if let Some((key, value)) = own.iter().find(|(key, _)| chosen(config, key)) {
+        let set = config.origin(key).map(|origin| origin.name().to_owned()).unwrap_or_default();
+        return Err(format!("{set}: the tensors' shapes say {key} = {value}; leave it out"));
+    }
     let each: Vec<String> = own
+        .into_iter()
         .map(|(key, value)| match was.get(&key) {
             Some(was) => format!("{key} = {value} ({was})"),
             None => format!("{key} = {value}"),
         })
         .collect();
-    (!each.is_empty()).then(|| format!("{what}: {}", each.join(", ")))
+    Ok((!each.is_empty()).then(|| format!("{what}: {}", each.join(", "))))
 }
 
 /// What is said where sizes and settings cannot go together.
@@ -292,8 +304,9 @@ fn auto_encoder(
     config: &Config,
     device: Device,
 ) -> Result<Encoder, String> {
-    let mut config: FsqCvaeTaskConfig = config.get().map_err(|e| e.to_string())?;
-    if let Some(levels) = (offered.setting)("levels").filter(|l| !l.is_empty()) {
+    let settings = config;
+    let mut config: FsqCvaeTaskConfig = settings.get().map_err(|e| e.to_string())?;
+    if let Some(levels) = (offered.setting)("levels").filter(|l| !l.is_empty() && !chosen(settings, "model.levels")) {
         config.model.levels = levels;
     }
     let part = Part::of(offered, found);
@@ -301,7 +314,7 @@ fn auto_encoder(
     sizes::fsq_cvae(&part.sizes(), &mut config);
     // Which queries the release has is not told anywhere else.
     before.skin_queries = config.model.skin_queries;
-    let sizes = changed(Model::FsqCvae.title(), &before, &config.model);
+    let sizes = changed(Model::FsqCvae.title(), settings, &before, &config.model)?;
     config.validate().map_err(impossible)?;
     let (net, builder) = FsqCvaeTask::built(&config).map_err(|e| e.to_string())?;
     let (fit, taken) = part.taken(builder, device)?;
