@@ -369,6 +369,11 @@ fn a_whole_tokenrig_rigs_and_has_the_goldens_logits() {
     for (name, own) in params_of(again.params()) {
         assert!(own.equal(&params_of(rigger.params())[&name]), "{name}");
     }
+    // What is there is told before the file is read.
+    let cut = dir.path().join("cut.ckpt");
+    fs::write(&cut, b"PK cut").unwrap();
+    let said = refusal(&mut riglab(&["checkpoint", "import", text(&cut), "-o", text(&run)]));
+    assert!(said.contains("exists; give the name of a new folder"), "{said}");
     // What is asked for wins over what the file says.
     let (one, _) = imported(dir.path(), "one_code", &tensors, &[&SIZES[..], &["skin.codes=1"]].concat());
     assert_eq!(Rigger::open(&one, Device::Cpu).unwrap().0.config().skin.codes, 1);

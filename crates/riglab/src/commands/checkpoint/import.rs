@@ -11,7 +11,6 @@ use riglab_task::released::{Fit, FoundModel, Imported, Model, Offered, import as
 use riglab_train::{Spinner, State};
 use tch::{Device, Kind};
 
-use crate::commands::earlier::{Written, keep_others};
 use crate::offered::open;
 use crate::presets;
 use riglab_report::counted;
@@ -65,8 +64,7 @@ pub fn import(args: &ImportArgs) -> Result<ExitCode> {
     }
     no_checkpoint(&args.file)?;
     if let Some(out) = &args.out {
-        super::into_folder(out)?;
-        keep_others(out, Written::Model)?;
+        super::ready(out)?;
     }
     let mut offered = open(&args.file)?;
     let found = recognise(offered.shapes.keys(), args.model).ok_or_else(|| unknown(args, &offered))?;
@@ -123,6 +121,12 @@ fn no_checkpoint(file: &Path) -> Result<()> {
     }
     if start.is_empty() {
         bail!("{shown} is empty: it was never written, or not copied to its end; fetch or save it again");
+    }
+    if file.to_string_lossy().ends_with(".safetensors.index.json") {
+        bail!(
+            "{shown} lists the files over which a model's tensors are spread; put them into one: in Python, \
+             `safetensors.torch.save_file` of what `load_file` gives of each"
+        );
     }
     let text = |b: &u8| b.is_ascii_graphic() || b.is_ascii_whitespace();
     if !start.starts_with(b"PK") && !start.starts_with(b"version https://git-lfs") && start.iter().all(text) {
@@ -185,7 +189,7 @@ fn settings(model: Model, sets: &[String]) -> Result<(Config, Option<Config>)> {
 fn unknown(args: &ImportArgs, offered: &Offered<'_>) -> anyhow::Error {
     let some: Vec<String> = offered.shapes.keys().take(3).map(|n| format!("`{n}`")).collect();
     let what = match args.model {
-        Some(model) => format!("no {} is in it", model.title()),
+        Some(model) => format!("no {} is in it: no tensor's name ends in `{}`", model.title(), model.sign()),
         None => "none of the published models is in it".into(),
     };
     anyhow!(
@@ -268,6 +272,8 @@ mod tests {
             let fault = no_checkpoint(&dir.path().join(absent)).unwrap_err().to_string();
             assert!(fault.ends_with(&format!("{absent}: there is no such file")), "{fault}");
         }
+        let index = said("model.safetensors.index.json", b"{}").unwrap_err();
+        assert!(index.contains("spread") && index.contains("save_file"), "{index}");
         // What opens it says that it is a folder.
         assert!(no_checkpoint(dir.path()).is_ok());
     }

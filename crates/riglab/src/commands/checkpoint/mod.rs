@@ -100,8 +100,7 @@ pub fn run(args: &Args) -> Result<ExitCode> {
 }
 
 fn export(args: &ExportArgs) -> Result<ExitCode> {
-    let folder = into_folder(&args.out)?;
-    keep_others(&args.out, Written::Model)?;
+    let folder = ready(&args.out)?;
     let folder_of = args.run.as_ref().filter(|run| !run.is_file()).map(|run| named_by(run));
     if let (Some((run, named)), Some(other)) = (&folder_of, &args.checkpoint)
         && args.run.as_ref() != Some(run)
@@ -235,6 +234,19 @@ fn into_folder(out: &Path) -> Result<bool> {
             out.display()
         ),
     }
+}
+
+/// Refuses a place where a model cannot be written, before it is read; whether it is that of a run's folder.
+fn ready(out: &Path) -> Result<bool> {
+    let folder = into_folder(out)?;
+    keep_others(out, Written::Model)?;
+    if folder {
+        planted::free(out)?;
+    }
+    let above = out.parent().unwrap_or(out);
+    riglab_files::may_write(above)
+        .map_err(|e| anyhow!("nothing can be written into {e}; give --out a place where you may write"))?;
+    Ok(folder)
 }
 
 fn show(args: &ShowArgs) -> Result<ExitCode> {

@@ -11,10 +11,7 @@ use riglab_train::{Checkpoint, Run, RunInfo, State};
 /// A new folder of a run that holds the weights as its best checkpoint; `how` they came there. It is there whole or not at
 /// all, and works wherever it is moved to.
 pub(super) fn folder(out: &Path, model: &Imported, card: &Card, how: &str) -> Result<()> {
-    let empty = |dir: &Path| std::fs::read_dir(dir).is_ok_and(|mut entries| entries.next().is_none());
-    if out.exists() && !empty(out) {
-        bail!("{} exists; give the name of a new folder", out.display());
-    }
+    free(out)?;
     riglab_files::make_folder_of(out)?;
     let unfinished = beside(out);
     let made = write(&unfinished, model, card, how)
@@ -24,6 +21,15 @@ pub(super) fn folder(out: &Path, model: &Imported, card: &Card, how: &str) -> Re
         let _ = std::fs::remove_dir_all(&unfinished);
     }
     made
+}
+
+/// Refuses a folder that is there and holds something.
+pub(super) fn free(out: &Path) -> Result<()> {
+    let empty = |dir: &Path| std::fs::read_dir(dir).is_ok_and(|mut entries| entries.next().is_none());
+    if out.exists() && !empty(out) {
+        bail!("{} exists; give the name of a new folder", out.display());
+    }
+    Ok(())
 }
 
 /// Where a folder is written before it has its name.
