@@ -124,11 +124,13 @@ fn export(args: &ExportArgs) -> Result<ExitCode> {
         );
     }
     let of_run = args.checkpoint.as_deref().or(folder_of.as_ref().map(|(_, named)| named.as_str())).unwrap_or("best");
+    let reading = args.run.as_ref().map(|path| Spinner::new(&format!("reading {}", path.display())));
     let opened = match (&args.run, run) {
         (_, Some(run)) => of_folder(run, of_run, &args.sets),
         (Some(file), None) => of_file(file),
         (None, None) => Rigger::shipped(Device::Cpu).map(rigs),
     };
+    drop(reading);
     let (model, found) = opened.map_err(|e| anyhow!(e))?;
     let read =
         |path: &Path| std::fs::read_to_string(path).with_context(|| format!("{} cannot be read", path.display()));

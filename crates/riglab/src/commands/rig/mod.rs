@@ -14,7 +14,7 @@ use riglab_asset::rigging::{NameStyle, UpAxis};
 use riglab_asset::{Target, is_model_file, model_endings};
 use riglab_nn::generate::drawable_at;
 use riglab_task::tokenrig::Rank;
-use riglab_train::Progress;
+use riglab_train::{Progress, Spinner};
 
 use super::device::DeviceArgs;
 use super::earlier::{Overwrite, Written};
@@ -275,7 +275,9 @@ fn run(args: &Common, bones: &Bones, weights: Option<&Path>, threads: usize) -> 
         given::read(file)?;
     }
     riglab_torch::init(riglab_torch::Settings { threads });
+    let reading = args.checkpoint.as_ref().map(|path| Spinner::new(&format!("reading {}", path.display())));
     let model = Model::open(args.checkpoint.as_deref(), weights, args.device.device()?)?;
+    drop(reading);
     model.suits(args, bones)?;
     let of = args.checkpoint.as_ref().map(|path| path.to_string_lossy());
     let show = command(["checkpoint", "show"].into_iter().chain(of.as_deref()));
