@@ -1,5 +1,7 @@
 //! `riglab train`
 
+mod dry_run;
+
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
@@ -11,8 +13,7 @@ use riglab_task::assets::{Assets, DataConfig};
 use riglab_task::seen::{seen, warning};
 use riglab_task::start::{LoadedPart, take};
 use riglab_train::{
-    Checkpoint, Ended, Interrupt, Run, RunInfo, ScheduleKind, StartConfig, TrainConfig, estimate, product_speed,
-    same_companions, sides, train,
+    Checkpoint, Ended, Interrupt, Run, RunInfo, ScheduleKind, StartConfig, TrainConfig, same_companions, sides, train,
 };
 use tch::Device;
 
@@ -23,6 +24,7 @@ use super::{keep_apart, short, shown};
 use crate::offered::open_weights;
 use crate::presets;
 use crate::registry::{TaskConfig, Visitor};
+use dry_run::DryRun;
 use riglab_report::shell::{command, quoted};
 use riglab_report::{counted, explained};
 
@@ -509,75 +511,6 @@ pub fn other_data(before: &[(String, String, usize)], now: &[(String, String, us
         of.iter().map(|(path, sum, _)| format!("{path} ({})", short(sum))).collect::<Vec<_>>().join(", ")
     };
     Some(format!("begun on {}, but now there is {}", list(before), list(now)))
-}
-
-/// A run that is only begun.
-struct DryRun<'a> {
-    config: &'a TaskConfig,
-    threads: usize,
-    device: Device,
-    json: bool,
-}
-
-impl Visitor for DryRun<'_> {
-    type Out = ExitCode;
-
-    fn visit<T: Experiment>(self, task: T) -> Result<ExitCode> {
-        let train = self.config.train();
-        task.assets().trainable(self.config.data()).map_err(|e| anyhow!(e))?;
-        known_tests(self.config.data(), task.assets())?;
-        tell!("{}: {:.2} M parameters; trying a few steps", task.name(), task.params().numel() as f64 / 1e6);
-        let mut begun = begin(&task, &train.start)?;
-        begun.extend(freeze(&task, train)?);
-        begun.iter().chain(&task.notes()).chain(&overlap(self.config)?).for_each(|note| tell!("note: {note}"));
-        let found = estimate(&task, train)?;
-        if self.json {
-            say!("{}", serde_json::to_string(&found)?);
-            return Ok(ExitCode::SUCCESS);
-        }
-        say!("parameters          {:>12}", found.parameters);
-        found.parts.iter().for_each(|(name, count)| say!("  {name:18}{count:>12}"));
-        let gpu = self.device != Device::Cpu;
-        // What a GPU holds is not seen.
-        let where_it_is = if gpu { ", beside the GPU's" } else { "" };
-        say!("memory              {:>9.0} MB at the peak{where_it_is}; allow 20 % more", found.peak_memory_mb);
-        let in_steps: f64 = found.memory_mb.iter().map(|(_, mb)| mb).sum();
-        let rest = ("reading, validation".to_string(), found.peak_memory_mb - in_steps);
-        let parts = found.memory_mb.iter().chain(Some(&rest).filter(|(_, mb)| *mb >= 0.5));
-        parts.filter(|_| !gpu).for_each(|(name, mb)| say!("  {name:20}{mb:>7.0} MB"));
-        let (speed, most) = (found.flops / found.step_seconds, product_speed(train.precision, self.device));
-        say!("a step              {:>9.3} s (mean of {})", found.step_seconds, found.timed);
-        if let Some(tokens) = found.tokens {
-            say!("  tokens            {tokens:>12.0}");
-        }
-        say!(
-            "  matrix products   {:>9.2} GFLOP, {:.0} GFLOP/s: {:.*} % of what large ones reach here{}",
-            found.flops / 1e9,
-            speed / 1e9,
-            usize::from(gpu),
-            100.0 * speed / most,
-            if gpu { String::new() } else { format!(" with {}", counted(self.threads, "thread")) }
-        );
-        say!("a validation        {:>9.1} s", found.validation_seconds);
-        say!("the run             {:>9} for {} steps", time(found.seconds), train.steps);
-        if found.waiting > 0.05 {
-            say!(
-                "{:.0} % of the time went into waiting for batches, as caches were empty; that is not counted.",
-                100.0 * found.waiting
-            );
-        }
-        Ok(ExitCode::SUCCESS)
-    }
-}
-
-/// Seconds in the unit that suits them.
-fn time(seconds: f64) -> String {
-    match seconds {
-        s if s < 120.0 => format!("{s:.0} s"),
-        s if s < 7200.0 => format!("{:.0} min", s / 60.0),
-        s if s < 172_800.0 => format!("{:.1} h", s / 3600.0),
-        s => format!("{:.1} days", s / 86_400.0),
-    }
 }
 
 /// `runs/<config>/001` and on. The config of a run in `runs/NAME/001` is one of NAME.
