@@ -415,6 +415,7 @@ impl Store {
         let _ = fs::remove_file(&temp);
         std::os::unix::fs::symlink(folder(step), &temp)
             .and_then(|()| fs::rename(&temp, &link))
+            .and_then(|()| sync_folder(&self.dir))
             .map_err(|e| TrainError::io(&link, "be linked", &e))
     }
 

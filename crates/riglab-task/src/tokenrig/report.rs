@@ -115,7 +115,7 @@ impl Evaluation {
     fn verdict(&self, split: &str) -> Option<String> {
         let rows = rows(&self.report, split);
         let of = |method: &str| rows.iter().find(|r| r.method == method).map(|r| r.pooled.iou);
-        let (given, own) = (of("given: model")?, of("given: auto-encoder")?);
+        let (given, own) = (of("given: model")?, of("given: auto-encoder").filter(|own| *own > 0.0)?);
         Some(format!(
             "{split}: for the true skeleton the model's codes give IoU {given:.3}, {:.0} % of the {own:.3} that the \
              auto-encoder reaches with the codes of the true weights.",

@@ -350,7 +350,7 @@ mod tests {
         std::fs::write(&file, "").unwrap();
         // What is nowhere stays, to be missed.
         assert_eq!(folders(&[run.clone(), file.clone(), missing.clone()]), [run, missing]);
-        assert_eq!(folders(&[file.clone()]), [file]);
+        assert_eq!(folders(std::slice::from_ref(&file)), [&file[..]]);
     }
 
     #[test]

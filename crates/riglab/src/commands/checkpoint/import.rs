@@ -211,14 +211,14 @@ fn refused(found: &FoundModel, fits: &[Fit]) -> String {
              fetch it again, or take an earlier checkpoint of that training"
         );
     }
-    let kinds: [(&str, fn(&Fit) -> usize); 4] = [
-        ("missing", |f| f.missing.len()),
-        ("of a type that is not read", |f| f.unread.len()),
-        ("of another shape", |f| f.unlike.len()),
-        ("not what they should be", |f| f.wrong.len()),
+    let count = |of: fn(&Fit) -> usize| fits.iter().map(of).sum::<usize>();
+    let kinds = [
+        (count(|f| f.missing.len()), "missing"),
+        (count(|f| f.unread.len()), "of a type that is not read"),
+        (count(|f| f.unlike.len()), "of another shape"),
+        (count(|f| f.wrong.len()), "not what they should be"),
     ];
-    let counts = kinds.iter().map(|(what, of)| (fits.iter().map(of).sum::<usize>(), what));
-    let counts: Vec<String> = counts.filter(|(n, _)| *n > 0).map(|(n, what)| format!("{n} {what}")).collect();
+    let counts: Vec<String> = kinds.iter().filter(|(n, _)| *n > 0).map(|(n, what)| format!("{n} {what}")).collect();
     format!(
         "not {} as published: of its tensors {} (listed above). Settings that shapes do not tell can be given, as \
          --set model.heads=8; --as takes it for another model",
