@@ -72,7 +72,8 @@ impl CorpusWriter {
         let (_, unfinished) =
             Unfinished::beside(path).map_err(|e| DataError::io(dir, format!("cannot be written to ({e})")))?;
         // Without times of day: the same corpus has the same bytes.
-        let file = hdf5::FileBuilder::new().with_fcpl(|p| p.obj_track_times(false)).create(unfinished.path());
+        let file =
+            unfinished.made_by(|path| hdf5::FileBuilder::new().with_fcpl(|p| p.obj_track_times(false)).create(path));
         let file = file.map_err(|e| write_error(path, &e))?;
         let mut writer = Self {
             path: path.into(),

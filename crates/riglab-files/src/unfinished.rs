@@ -56,6 +56,13 @@ impl Unfinished {
         &self.temp
     }
 
+    /// Has the file made anew by who does not take one that is there, while nobody leaves: it would come back behind the
+    /// back of whoever has just taken it away.
+    pub fn made_by<T>(&self, make: impl FnOnce(&Path) -> T) -> T {
+        let _open = open();
+        make(&self.temp)
+    }
+
     /// Gives the file its name, in place of what was there, and makes that durable. What was written must
     /// have been synced before.
     ///
@@ -147,6 +154,23 @@ mod tests {
         assert_eq!(count(), 1);
         assert!(left.finish().is_err());
         assert!(dir.path().join("b").exists());
+    }
+
+    #[test]
+    fn what_is_made_anew_is_not_made_while_somebody_leaves() {
+        let _turn = TURN.lock().unwrap();
+        let dir = tempfile::tempdir().unwrap();
+        let count = || fs::read_dir(dir.path()).unwrap().count();
+        let (_file, begun) = Unfinished::beside(&dir.path().join("a")).unwrap();
+        let leaving = remove_unfinished();
+        std::thread::scope(|s| {
+            let made = s.spawn(|| begun.made_by(|path| fs::write(path, "anew")));
+            std::thread::sleep(std::time::Duration::from_millis(50));
+            assert_eq!(count(), 0);
+            drop(leaving);
+            made.join().unwrap().unwrap();
+        });
+        assert_eq!(count(), 1);
     }
 
     #[test]
