@@ -259,9 +259,6 @@ fn run(args: &Common, bones: &Bones, weights: Option<&Path>, threads: usize) -> 
     if args.skip_existing && !args.input.is_dir() {
         bail!("--skip-existing is for a folder of models, and {} is none; leave it out", args.input.display());
     }
-    if !args.input.exists() {
-        bail!("{}: there is no such file or folder", args.input.display());
-    }
     let (jobs, mut skipped) = jobs(&args.input, &args.out, args.to)?;
     let (there, jobs): (Vec<_>, Vec<_>) =
         jobs.into_iter().partition(|(_, to)| args.skip_existing && written(to).is_at(to));
@@ -275,8 +272,13 @@ fn run(args: &Common, bones: &Bones, weights: Option<&Path>, threads: usize) -> 
         given::read(file)?;
     }
     riglab_torch::init(riglab_torch::Settings { threads });
+    let device = args.device.device()?;
+    // Before the model is read, which may take long.
+    if !args.input.exists() {
+        bail!("{}: there is no such file or folder", args.input.display());
+    }
     let reading = args.checkpoint.as_ref().map(|path| Spinner::new(&format!("reading {}", path.display())));
-    let model = Model::open(args.checkpoint.as_deref(), weights, args.device.device()?)?;
+    let model = Model::open(args.checkpoint.as_deref(), weights, device)?;
     drop(reading);
     model.suits(args, bones)?;
     let of = args.checkpoint.as_ref().map(|path| path.to_string_lossy());
