@@ -2,6 +2,7 @@
 
 use tch::{Kind, Tensor};
 
+use super::moves::{Move, Moves};
 use super::rotary::Angles;
 use super::steps::Steps;
 
@@ -91,26 +92,38 @@ impl Cache {
         if let Some(steps) = &mut self.steps {
             steps.select(rows, self.len as usize);
         }
-        // No row moves to behind where it stands: each can be moved by itself, without one being lost.
-        let forward = rows.iter().enumerate().all(|(to, &from)| from >= to as i64);
-        let index = (!forward)
-            .then(|| Tensor::from_slice(rows).to_device(self.layers.first().map_or(tch::Device::Cpu, Tensor::device)));
+        // Where there is room they move within it, else into larger tensors.
+        let moves = Moves::of(rows, self.rows);
+        let device = self.layers.first().map_or(tch::Device::Cpu, Tensor::device);
+        let index = moves.is_none().then(|| Tensor::from_slice(rows).to_device(device));
         for layer in &mut self.layers {
             // What is not written yet need not move.
             let written = layer.narrow(3, 0, self.len);
-            match &index {
-                None => {
-                    for (to, &from) in rows.iter().enumerate().filter(|(to, from)| *to as i64 != **from) {
-                        written.select(1, to as i64).copy_(&written.select(1, from));
+            match (&moves, &index) {
+                (Some(moves), _) => {
+                    let mut kept = None;
+                    for step in &moves.0 {
+                        match *step {
+                            Move::Copy { from, to } => {
+                                written.select(1, to as i64).copy_(&written.select(1, from as i64));
+                            }
+                            Move::Keep { from } => kept = Some(written.select(1, from as i64).copy()),
+                            Move::Put { to } => {
+                                if let Some(kept) = &kept {
+                                    written.select(1, to as i64).copy_(kept);
+                                }
+                            }
+                        }
                     }
                 }
-                Some(index) => {
+                (None, Some(index)) => {
                     let mut size = layer.size();
                     size[1] = rows.len() as i64;
                     let other = Tensor::empty(size, (layer.kind(), layer.device()));
                     other.narrow(3, 0, self.len).copy_(&written.index_select(1, index));
                     *layer = other;
                 }
+                (None, None) => {}
             }
         }
         self.rows = rows.len() as i64;
@@ -132,7 +145,7 @@ mod tests {
         cache.advance(1);
         let mut now: Vec<i64> = vec![0, 1, 2, 3];
         // Leaving, moving forward, changing places, doubling.
-        for rows in [vec![0, 3, 2], vec![2, 1], vec![1, 0, 1], vec![1, 1]] {
+        for rows in [vec![1, 2, 0, 0], vec![0, 3, 2], vec![2, 1], vec![1, 0, 1], vec![1, 1], vec![1, 0, 0]] {
             cache.select(&rows);
             now = rows.iter().map(|&r| now[r as usize]).collect();
             let (keys, values) = cache.all(&cache.own(0), 0);

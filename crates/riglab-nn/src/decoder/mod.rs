@@ -2,6 +2,7 @@
 
 mod cache;
 mod kernels;
+mod moves;
 mod opt;
 mod packed;
 mod qwen;

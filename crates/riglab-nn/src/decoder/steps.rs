@@ -9,6 +9,7 @@ use rayon::prelude::*;
 use tch::Tensor;
 
 use super::kernels::{BLOCK, Heard, PANEL, Panels, attend, gate, is_fast, key_at, norm, rms};
+use super::moves::{Move, Moves};
 
 /// A norm of rows.
 pub(super) enum Norm {
@@ -178,14 +179,23 @@ impl Steps {
         let size = heads * one;
         // What is not written yet need not move; of keys, blocks are written.
         let written = (len - same).next_multiple_of(BLOCK) * width;
-        // As in the tensors: no row moves to behind where it stands.
-        let forward = rows.iter().enumerate().all(|(to, &from)| from >= to as i64);
+        let moves = Moves::of(rows, self.sizes.rows as i64);
         for all in self.memory.iter_mut().flat_map(|(_, own)| [&mut own.keys, &mut own.values]) {
-            if forward {
-                for (to, &from) in rows.iter().enumerate().filter(|(to, from)| *to as i64 != **from) {
-                    for head in 0..heads {
-                        let start = from as usize * size + head * one;
-                        all.copy_within(start..start + written, to * size + head * one);
+            if let Some(moves) = &moves {
+                let spans = |row: usize| (0..heads).map(move |head| row * size + head * one);
+                let mut kept = Vec::new();
+                for step in &moves.0 {
+                    match *step {
+                        Move::Copy { from, to } => {
+                            spans(from).zip(spans(to)).for_each(|(from, to)| all.copy_within(from..from + written, to))
+                        }
+                        Move::Keep { from } => {
+                            kept.clear();
+                            spans(from).for_each(|from| kept.extend_from_slice(&all[from..from + written]));
+                        }
+                        Move::Put { to } => spans(to)
+                            .zip(kept.chunks_exact(written.max(1)))
+                            .for_each(|(to, own)| all[to..to + written].copy_from_slice(own)),
                     }
                 }
                 all.truncate(rows.len() * size);
@@ -377,7 +387,12 @@ mod tests {
                 pool.install(|| dealt.step(&mut a, at));
                 together.step(&mut b, at);
                 assert!(a == b && a.iter().all(|x| x.is_finite()), "{left} of {rows} rows, place {at}");
-                // The first leaves, and the last takes its place.
+                // All change places, then the first leaves, and the last takes its place.
+                if at == 1 {
+                    let round: Vec<i64> = (1..left as i64).chain([0]).collect();
+                    dealt.select(&round, at + 1);
+                    together.select(&round, at + 1);
+                }
                 if at == 2 {
                     left -= 1;
                     let stay: Vec<i64> = [left as i64].into_iter().chain(1..left as i64).collect();
