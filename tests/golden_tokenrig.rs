@@ -269,7 +269,8 @@ fn generate(case: &Golden, of: &Golden) {
             case.check(&wanted, &Tensor::from_slice(&first[0]).narrow(0, 0, logits.size()[0]));
         }
         let found = if config.beams > 1 {
-            beams(&mut reader, &first[0], &grammar, &config, |_, sums| best(sums, 2 * config.beams)).remove(0).ids
+            let all = beams(&mut reader, &first[0], &grammar, &config, |_, sums| best(sums, 2 * config.beams));
+            all.unwrap().remove(0).ids
         } else {
             rows(&mut reader, first, vec![grammar], &config, |_, _, scores| argmax(scores)).unwrap().remove(0)
         };

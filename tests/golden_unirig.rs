@@ -538,7 +538,7 @@ fn generate_run(
     // Of every step, what is drawn from, and the scores that were made of the raw ones.
     let (mut shares, mut processed) = (Vec::new(), Vec::new());
     let found = if beams > 1 {
-        let mut all = riglab_nn::generate::beams(&mut reader, &first, &grammar, &config, |step, sums| {
+        let all = riglab_nn::generate::beams(&mut reader, &first, &grammar, &config, |step, sums| {
             shares.push(softmax(sums));
             match draws {
                 Some(_) => draw(step).into_iter().map(|place| place as usize).collect(),
@@ -554,7 +554,7 @@ fn generate_run(
                 processed.push(own);
             }
         }
-        all.remove(0).ids
+        all.unwrap().remove(0).ids
     } else {
         let mut all = riglab_nn::generate::rows(&mut reader, vec![first], vec![grammar], &config, |_, step, scores| {
             shares.push(softmax(scores));

@@ -91,9 +91,6 @@ pub(crate) fn drawable(
     if let Err((key, message)) = generate.validate() {
         return bad(&format!("generate.{key}"), message);
     }
-    if generate.beams > 1 {
-        return bad("generate.beams", "evaluation draws without beams: give 1".into());
-    }
     let shortest = shortest(tokenizer.least_joints);
     if generate.tokens < shortest {
         return bad("generate.tokens", format!("a skeleton takes at least {shortest} tokens"));

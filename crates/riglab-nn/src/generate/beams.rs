@@ -3,7 +3,7 @@
 use riglab_random::{Draw, Stream};
 
 use super::processors::{log_softmax, process, softmax};
-use super::{Decoder, GenerateConfig, Grammar};
+use super::{Decoder, GenerateConfig, Grammar, NotFinite};
 
 /// A sequence with its score.
 #[derive(Clone, Debug, PartialEq)]
@@ -12,6 +12,18 @@ pub struct BeamDraw {
     pub ids: Vec<u32>,
     /// The sum of log-probabilities, over the number of tokens.
     pub score: f32,
+}
+
+impl BeamDraw {
+    /// The sum of log-probabilities, and of how many tokens.
+    pub fn likelihood(&self) -> (f64, usize) {
+        (f64::from(self.score) * self.ids.len() as f64, self.ids.len())
+    }
+}
+
+/// The first of sequences, which is the best; nothing where none ended.
+pub fn best_of(all: Vec<BeamDraw>) -> BeamDraw {
+    all.into_iter().next().unwrap_or(BeamDraw { ids: Vec::new(), score: f32::NEG_INFINITY })
 }
 
 /// The `count` highest of (score, place), the first of equals first.
@@ -60,13 +72,16 @@ struct Beam<G> {
 /// `first`: the scores of the first token, the same for all beams; the decoder has as many rows as there are
 /// beams. `choose` is given the step and the sums of log-probabilities, beams × vocabulary, and gives 2 × beams
 /// places of it ([`best`] of them, or [`draws`] of their softmax).
+///
+/// # Errors
+/// Scores that are no numbers, as of [`super::rows`].
 pub fn beams<G: Grammar>(
     decoder: &mut dyn Decoder,
     first: &[f32],
     grammar: &G,
     config: &GenerateConfig,
     mut choose: impl FnMut(usize, &[f32]) -> Vec<usize>,
-) -> Vec<BeamDraw> {
+) -> Result<Vec<BeamDraw>, NotFinite> {
     let (count, width) = (config.beams, first.len());
     let beam = |k: usize| Beam { ids: Vec::new(), grammar: grammar.clone(), score: if k == 0 { 0.0 } else { -1e9 } };
     let mut running: Vec<Beam<G>> = (0..count).map(beam).collect();
@@ -75,6 +90,7 @@ pub fn beams<G: Grammar>(
     for step in 0..config.tokens {
         let mut sums = Vec::with_capacity(count * width);
         for (beam, own) in running.iter().zip(&mut scores) {
+            NotFinite::refuse(own)?;
             log_softmax(own);
             process(own, &beam.ids, Some(&beam.grammar.allowed()), config, 2);
             sums.extend(own.iter().map(|s| s + beam.score));
@@ -120,7 +136,7 @@ pub fn beams<G: Grammar>(
         decoder.select(&rows);
         scores = decoder.next(&next.iter().map(|(_, id, _)| *id).collect::<Vec<_>>());
     }
-    finished
+    Ok(finished)
 }
 
 /// As `choose` of [`beams`]: the best sums, or draws from their softmax.

@@ -14,7 +14,7 @@ use std::ops::RangeInclusive;
 
 use serde::{Deserialize, Serialize};
 
-pub use beams::{BeamDraw, beams, best, chooser as beam_chooser, draws};
+pub use beams::{BeamDraw, beams, best, best_of, chooser as beam_chooser, draws};
 pub use finite::NotFinite;
 pub use processors::{log_softmax, process, shares, softmax};
 pub use rows::{argmax, chooser, draw, rows};
@@ -24,6 +24,9 @@ pub use rows::{argmax, chooser, draw, rows};
 pub const TEMPERATURES: RangeInclusive<f32> = 0.001..=100.0;
 /// Likewise repetition penalties.
 const PENALTIES: RangeInclusive<f32> = 0.01..=100.0;
+
+/// Beams at most: each has keys and values of its own.
+pub const MOST_BEAMS: usize = 256;
 
 /// Whether a temperature can be drawn at.
 ///
@@ -45,7 +48,7 @@ pub struct GenerateConfig {
     pub tokens: usize,
     /// Whether tokens are drawn, or the likeliest taken.
     pub sample: bool,
-    /// Sequences kept beside each other; 1 is none.
+    /// Sequences kept beside each other, of which the best that ended counts; 1 is none.
     pub beams: usize,
     /// Scores are divided by it.
     pub temperature: f32,
@@ -70,8 +73,11 @@ impl GenerateConfig {
     /// # Errors
     /// (key, message) of the first fault.
     pub fn validate(&self) -> Result<(), (&'static str, String)> {
-        if self.tokens == 0 || self.beams == 0 {
-            return Err(("tokens", "tokens and beams must be at least 1".into()));
+        if self.tokens == 0 {
+            return Err(("tokens", "tokens must be at least 1".into()));
+        }
+        if !(1..=MOST_BEAMS).contains(&self.beams) {
+            return Err(("beams", format!("beams = {} must lie in [1, {MOST_BEAMS}]", self.beams)));
         }
         drawable_at(self.temperature).map_err(|why| ("temperature", format!("temperature = {why}")))?;
         if !(self.top_p > 0.0 && self.top_p <= 1.0) {
@@ -85,15 +91,22 @@ impl GenerateConfig {
         Ok(())
     }
 
+    /// How a validation while training draws: the likeliest tokens where beams would be kept, which takes many times as long.
+    #[must_use]
+    pub fn while_training(&self) -> Self {
+        if self.beams == 1 { self.clone() } else { Self { tokens: self.tokens, ..Self::default() } }
+    }
+
     /// What it changes about the distribution of draws, so many for each prompt, in words: empty where nothing, or
     /// where nothing is drawn.
     pub fn draws(&self, each: usize) -> String {
-        if !self.sample && each == 1 {
-            return String::new();
-        }
         let plain = Self::default();
         let mut words = Vec::new();
         let mut say = |changed: bool, text: String| words.extend(changed.then_some(text));
+        say(self.beams > 1, format!("{} beams", self.beams));
+        if !self.sample && each == 1 {
+            return words.join(", ");
+        }
         say(self.temperature != plain.temperature, format!("temperature {}", self.temperature));
         say(self.top_k != plain.top_k, format!("top-k {}", self.top_k));
         say(self.top_p != plain.top_p, format!("top-p {}", self.top_p));
@@ -135,6 +148,13 @@ mod tests {
     use super::*;
 
     #[test]
+    fn beams_have_bounds() {
+        let of = |beams| GenerateConfig { beams, ..GenerateConfig::default() }.validate().map_err(|(key, _)| key);
+        assert_eq!([of(1), of(MOST_BEAMS)], [Ok(()); 2]);
+        assert_eq!([of(0), of(MOST_BEAMS + 1)], [Err("beams"); 2]);
+    }
+
+    #[test]
     fn whatever_is_allowed_leaves_shares_that_can_be_drawn() {
         let at = |temperature, repetition_penalty| GenerateConfig {
             sample: true,
@@ -160,6 +180,10 @@ mod tests {
         assert_eq!(at(1e-4, 1.0).validate().unwrap_err().1, "temperature = 0.0001 must lie in [0.001, 100]");
     }
 
+    fn plain_of(config: &GenerateConfig) -> GenerateConfig {
+        GenerateConfig { tokens: config.tokens, ..GenerateConfig::default() }
+    }
+
     #[test]
     fn changes_of_the_distribution_are_told_in_words() {
         let plain = GenerateConfig::default();
@@ -168,5 +192,10 @@ mod tests {
         let cooler = GenerateConfig { temperature: 0.8, top_p: 0.95, ..plain };
         assert_eq!(cooler.draws(32), "temperature 0.8, top-p 0.95");
         assert_eq!(cooler.draws(1), "", "the likeliest");
+        let beams = GenerateConfig { beams: 4, ..cooler };
+        assert_eq!([beams.draws(1), beams.draws(2)], ["4 beams", "4 beams, temperature 0.8, top-p 0.95"]);
+        assert_eq!(beams.while_training(), plain_of(&beams));
+        let sampled = GenerateConfig { beams: 1, ..beams };
+        assert_eq!(sampled.while_training(), sampled);
     }
 }

@@ -178,6 +178,14 @@ impl GrpoTaskConfig {
         }
         self.reward.validate().map_err(|(key, message)| (format!("reward.{key}"), message))?;
         self.objective.validate().map_err(|(key, message)| (format!("objective.{key}"), message))?;
+        if self.eval.generate.beams > 1 {
+            return bad(
+                "eval.generate.beams",
+                "what GRPO draws and judges is drawn without beams: leave it at 1; `riglab eval` draws as the model to \
+                 start from says"
+                    .into(),
+            );
+        }
         // What every model asks; `suits` knows the one to start from.
         drawable(&self.eval.generate, Parents::Existing, &TokenizerConfig::default())?;
         let r = &self.rollout;

@@ -126,11 +126,12 @@ impl LossConfig {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct EvalConfig {
-    /// How sequences are drawn.
+    /// How sequences are drawn; beams are of networks with `model.head = "flat"`. While training, they are left out:
+    /// validations then take the likeliest tokens.
     pub generate: GenerateConfig,
     /// Skeletons that `riglab eval` and `riglab rig` make of each mesh, of which they take the one that the others agree
-    /// with most (see [`riglab_metric::consensus`]): that of the likeliest tokens and others, drawn with `generate`'s
-    /// temperature; 1: the one that `generate` gives.
+    /// with most (see [`riglab_metric::consensus`]): the one that `generate` gives, which is that of the likeliest tokens
+    /// unless it samples, and others that are sampled; 1: the first alone.
     pub consensus: usize,
     /// Point clouds of each mesh that these draws are shared out to, each sampled anew.
     pub clouds: usize,
@@ -275,6 +276,10 @@ impl TokenRigTaskConfig {
         }
         .validate()?;
         self.eval.validate()?;
+        if self.eval.generate.beams > 1 && self.model.head != Head::Flat {
+            let why = "beams are of whole codes, and model.head = \"levels\" draws them level by level: give 1";
+            return bad("eval.generate.beams", why.into());
+        }
         if self.skin.codes == 0 {
             return bad("skin.codes", "a bone has at least 1 code".into());
         }
@@ -318,6 +323,18 @@ impl TaskSettings for TokenRigTaskConfig {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn beams_ask_for_codes_that_are_drawn_whole() {
+        let of = |head, beams| {
+            let mut c = TokenRigTaskConfig::default();
+            c.skin.empty = head == Head::Levels;
+            (c.model.head, c.eval.generate.beams) = (head, beams);
+            c.validate().map_err(|(key, _)| key)
+        };
+        assert_eq!([of(Head::Flat, 1), of(Head::Flat, 10), of(Head::Levels, 1)], [Ok(()), Ok(()), Ok(())]);
+        assert_eq!(of(Head::Levels, 2), Err("eval.generate.beams".into()));
+    }
 
     #[test]
     fn the_skin_part_warms_up_as_a_half_cosine() {

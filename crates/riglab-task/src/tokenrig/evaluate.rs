@@ -5,7 +5,7 @@ use std::sync::Arc;
 use riglab_core::{JointId, Mesh, Rig, RigError, Similarity, Skeleton, SkinWeights};
 use riglab_geom::voxel::SolidConfig;
 use riglab_metric::{Joints, SkinMetrics, SkinTally, every_rule, nan_for_null};
-use riglab_nn::generate::{GenerateConfig, NotFinite};
+use riglab_nn::generate::NotFinite;
 use riglab_nn::params::Weights;
 use riglab_random::stream;
 use riglab_ranks::Ranks;
@@ -199,7 +199,8 @@ impl TokenRigTask {
             let mut streams: Vec<_> = ids.iter().map(|id| stream(c.eval.seed, "skeleton draws", &[id.key()])).collect();
             let prompts = vec![rigger.free(); ids.len()];
             // Of a network that diverged the run goes on to say so: it makes no rig.
-            let drawn = NotFinite::unless(rigger.draw(w, &prefix, &prompts, &c.eval.generate, &mut streams))?;
+            let how = c.eval.generate.while_training();
+            let drawn = NotFinite::unless(rigger.draw(w, &prefix, &prompts, &how, &mut streams))?;
             for (k, rig) in rigs.iter().enumerate() {
                 let found = drawn.as_ref().and_then(|drawn| drawn.get(k)?.decoded.as_ref().ok());
                 part.skeletons.push((found.map(joints), Joints::of(rig.skeleton())));
@@ -412,9 +413,8 @@ impl TokenRigTask {
         let (rigger, eval) = (&self.rigger, &self.rigger.config.eval);
         let mut random = stream(eval.seed, "given joints", &[key]);
         let part = part(posed.rig.skeleton(), share, &mut random).ok_or("a skeleton without joints")?;
-        let how = GenerateConfig { sample: true, ..eval.generate.clone() };
         // One that cannot be written within the limits counts as nothing made.
-        let whole = rigger.completed(w, seen, (&part, Similarity::NONE), &how, (eval.agreement(), key)).ok();
+        let whole = rigger.completed(w, seen, (&part, Similarity::NONE), &eval.generate, (eval.agreement(), key)).ok();
         let of = |skeleton: &Skeleton| posed.joints_back(Joints::of(skeleton));
         let truth = of(posed.rig.skeleton());
         own.add_alone(whole.as_ref().map(of).as_ref(), &truth);

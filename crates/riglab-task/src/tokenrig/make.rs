@@ -41,8 +41,9 @@ pub struct RigRequest<'a> {
     /// What tells the human bones of a skeleton: where they are in free draws is where the joints of a template (the class is
     /// its name) are put if the model loses its way with it and draws are chosen by agreement.
     pub human: Option<&'a FindHuman<'a>>,
-    /// How many are drawn, of which the best is taken; the first takes the likeliest token each time. Where it is not
-    /// told, as many as the model's `eval.consensus`, and one where the skeleton is given and not completed.
+    /// How many are drawn, of which the best is taken; the first as the model's `eval.generate` says, which mostly takes the
+    /// likeliest token each time, the others sampled. Where it is not told, as many as the model's `eval.consensus`, and one
+    /// where the skeleton is given and not completed.
     pub samples: Option<usize>,
     /// Which is the best.
     pub rank: Rank,

@@ -6,9 +6,9 @@ use std::sync::{Arc, Mutex, PoisonError};
 use riglab_core::Mesh;
 use riglab_geom::CloudSampler;
 use riglab_nn::NnError;
-use riglab_nn::generate::{GenerateConfig, Grammar as Rules, argmax, draw, rows, shares};
+use riglab_nn::generate::{GenerateConfig, Grammar as Rules, argmax, beam_chooser, beams, best_of, draw, rows, shares};
 use riglab_nn::params::{Builder, Params, Weights};
-use riglab_nn::tokenrig::{JointTold, Layout, Reader, TokenRig};
+use riglab_nn::tokenrig::{JointTold, JointsOf, Layout, Reader, TokenRig};
 use riglab_random::{Stream, stream};
 use riglab_token::{DecodeFault, Decoded, Grammar, Limits, Mask, RigGrammar, SkinIds, SkinRule, Tokenizer};
 use tch::{Device, Kind, Tensor};
@@ -103,6 +103,15 @@ impl Rigger {
         self.config.limits.joints
     }
 
+    /// Keeps so many beams whenever it draws (`eval.generate.beams`).
+    ///
+    /// # Errors
+    /// A sentence: codes of its head are not drawn whole.
+    pub fn keep_beams(&mut self, beams: usize) -> Result<(), String> {
+        self.config.eval.generate.beams = beams;
+        self.config.validate().map_err(|(_, why)| why)
+    }
+
     /// The class of skeletons that a name means, as [`Vocabulary::class_meant`](riglab_token::Vocabulary::class_meant).
     pub fn class_meant(&self, told: &str) -> Option<&str> {
         self.tokenizer.vocabulary().class_meant(told)
@@ -154,7 +163,8 @@ impl Rigger {
             return Err(format!(
                 "skin.run names no auto-encoder: --set skin.run={WITH_PRIOR} takes one that comes with riglab; `riglab \
                  train skintokens/fsq_cvae_with_prior.toml` trains one, then give its folder: --set \
-                 skin.run=runs/fsq_cvae_with_prior/001"
+                 skin.run=runs/fsq_cvae_with_prior/001; `riglab checkpoint import --as fsq_cvae CHECKPOINT -o \
+                 skin.safetensors` reads the published one, then --set skin.run=skin.safetensors"
             ));
         }
         let of_word = shipped::auto_encoder(&config.skin.run, device);
@@ -278,7 +288,8 @@ impl Rigger {
     }
 
     /// Skeletons without codes of each shape, as many as its share says, the shares in turn, whose number divides that of the
-    /// shapes: the one of the likeliest tokens, then others drawn as `how` says. `streams`: one a skeleton.
+    /// shapes: one as `how` says, that of the likeliest tokens unless it samples, then others that are sampled. `streams`:
+    /// one a skeleton.
     ///
     /// # Errors
     /// As [`Self::draw`].
@@ -300,8 +311,7 @@ impl Rigger {
             left = rest;
         }
         let prompts = |count| vec![prompt.to_vec(); count];
-        let likeliest = GenerateConfig { sample: false, ..how.clone() };
-        let firsts = self.draw_until(Until::Skeleton, w, seen, &prompts(firsts.len()), &likeliest, &mut firsts)?;
+        let firsts = self.draw_until(Until::Skeleton, w, seen, &prompts(firsts.len()), how, &mut firsts)?;
         if others.is_empty() {
             return Ok(firsts);
         }
@@ -416,20 +426,34 @@ impl Rigger {
         }
         let (teller, tokenizer) = (self.teller(), &self.tokenizer);
         let sights: Vec<Option<&Sight>> = (0..prompts.len()).map(|row| seen.sight(row)).collect();
-        let told = Mutex::new(vec![Vec::new(); prompts.len()]);
         let joints = |row: usize, ids: &[u32]| {
             let sight = sights[row];
             let make = || tokenizer.decode(ids).map_or_else(|_| Vec::new(), |d| teller.joints(&d, sight));
-            let own = match sight {
+            match sight {
                 Some(sight) => sight.once(ids, make),
                 None => make(),
-            };
-            told.lock().unwrap_or_else(PoisonError::into_inner)[row].clone_from(&own);
-            own
+            }
         };
         // A whole sequence begins with the prompt.
         let begun = prompts.iter().map(Vec::len).min().unwrap_or(0);
         let room = c.longest().saturating_sub(begun).max(1);
+        if how.beams > 1 {
+            let how = GenerateConfig { tokens: room, ..how.clone() };
+            let each = prompts.iter().zip(&grammars).zip(streams).enumerate();
+            return each
+                .map(|(row, ((prompt, grammar), random))| {
+                    let own = |_: usize, ids: &[u32]| joints(row, ids);
+                    let shape = if seen.rows() == 1 { 0 } else { row };
+                    self.beamed(w, &seen.some(&[shape]), (prompt, grammar), &how, random, &own)
+                })
+                .collect();
+        }
+        let told = Mutex::new(vec![Vec::new(); prompts.len()]);
+        let joints = |row: usize, ids: &[u32]| {
+            let own = joints(row, ids);
+            told.lock().unwrap_or_else(PoisonError::into_inner)[row].clone_from(&own);
+            own
+        };
         let started = Reader::start(&self.net, w, seen.prefix(), prompts, (room, vocabulary.eos()), &joints);
         let (mut reader, first) = started.ok_or("a prompt ends within a code")?;
         let config = GenerateConfig { tokens: room, ..how.clone() };
@@ -449,6 +473,32 @@ impl Rigger {
                 RigSample { joints, ..self.said(&drawn, likelihood) }
             });
         Ok(whole.collect())
+    }
+
+    /// The best of the beams after one prompt and one shape. Its likelihood is that of the processed scores, which beams are
+    /// compared by.
+    fn beamed(
+        &self,
+        w: &Weights,
+        seen: &Condition,
+        (prompt, grammar): (&[u32], &Strict),
+        how: &GenerateConfig,
+        random: &mut Stream,
+        joints: &JointsOf<'_>,
+    ) -> Result<RigSample, String> {
+        let eos = self.tokenizer.vocabulary().eos();
+        let prompts = vec![prompt.to_vec(); how.beams];
+        let started = Reader::start(&self.net, w, seen.prefix(), &prompts, (how.tokens, eos), joints);
+        let (mut reader, first) = started.ok_or("a prompt ends within a code")?;
+        let first = first.first().ok_or("no beams")?;
+        let best = best_of(beams(&mut reader, first, grammar, how, beam_chooser(how, random))?);
+        drop(reader);
+        let drawn: Vec<u32> = prompt.iter().copied().chain(best.ids.iter().copied()).collect();
+        let own = self.said(&drawn, best.likelihood());
+        // Of a whole rig: the beams had theirs, and may have been told of others last.
+        let whole = self.config.model.tell_joint && grammar.end != eos;
+        let joints = if whole { joints(0, &own.skeleton) } else { Vec::new() };
+        Ok(RigSample { joints, ..own })
     }
 
     /// The grammar of whole rigs whose skeletons have so many tokens at most.
@@ -533,6 +583,51 @@ mod tests {
                 assert_eq!(weights.rows(), 4);
             }
         }
+    }
+
+    #[test]
+    fn the_best_of_beams_is_a_rig_and_no_matter_of_those_beside_it() {
+        let mesh = tetrahedron();
+        let wide = mesh.with_positions(mesh.positions().iter().map(|p| [1.5 * p[0], p[1], p[2]]).collect()).unwrap();
+        let rigger = untrained(Head::Flat, false);
+        let w = rigger.params().weights();
+        let draw = |meshes: &[(&Mesh, u64)], keys: &[u64], prompt: &[u32], how: &GenerateConfig| {
+            let mut streams: Vec<_> = keys.iter().map(|k| stream(5, "test", &[*k])).collect();
+            rigger.draw(w, &rigger.condition(w, meshes), &vec![prompt.to_vec(); keys.len()], how, &mut streams).unwrap()
+        };
+        for sample in [false, true] {
+            // As SkinTokens draws.
+            let how = GenerateConfig {
+                sample,
+                beams: 4,
+                top_k: 5,
+                top_p: 0.95,
+                repetition_penalty: 2.0,
+                ..GenerateConfig::default()
+            };
+            let two = draw(&[(&mesh, 0), (&wide, 0)], &[0, 1], &rigger.free(), &how);
+            for own in &two {
+                let decoded = own.decoded.as_ref().unwrap();
+                assert_eq!(own.codes.len(), decoded.joints.len());
+                assert!(own.codes.iter().flatten().all(|c| c.len() == 2 && c.iter().all(|c| (0..12).contains(c))));
+                assert_eq!(own.likelihood.1, own.ids.len() - rigger.free().len());
+                assert!(own.likelihood.0.is_finite() && own.likelihood.0 < 0.0);
+            }
+            let alone = draw(&[(&wide, 0)], &[1], &rigger.free(), &how);
+            assert_eq!((&alone[0].ids, &alone[0].codes), (&two[1].ids, &two[1].codes));
+            // Several of one shape.
+            let same = draw(&[(&wide, 0)], &[0, 1], &rigger.free(), &how);
+            assert_eq!(same[1].ids, two[1].ids);
+            // Codes alone, after a skeleton.
+            let codes = draw(&[(&mesh, 0)], &[2], &two[0].skeleton, &how).remove(0);
+            assert_eq!((&codes.skeleton, codes.codes.len()), (&two[0].skeleton, two[0].codes.len()));
+        }
+        // One that is as wide as all there is finds nothing less likely than what is taken token by token.
+        let plain = GenerateConfig::default();
+        let greedy = draw(&[(&mesh, 0)], &[0], &rigger.free(), &plain).remove(0);
+        let wide = draw(&[(&mesh, 0)], &[0], &rigger.free(), &GenerateConfig { beams: 16, ..plain }).remove(0);
+        let each = |own: &RigSample| own.likelihood.0 / own.likelihood.1 as f64;
+        assert!(each(&wide) >= each(&greedy) - 1e-6, "{} {}", each(&wide), each(&greedy));
     }
 
     #[test]

@@ -27,7 +27,7 @@ pub(super) struct Stage<'a> {
     pub cube: Mesh,
     /// What the decoder reads of it.
     pub clouds: Condition,
-    /// How skeletons are drawn.
+    /// How the first skeleton is drawn; others are sampled.
     pub how: GenerateConfig,
 }
 
@@ -92,7 +92,6 @@ impl Rigger {
         let clouds = self.clouds(self.params.weights(), &cube, wish.seed);
         let generate = &self.config.eval.generate;
         let how = GenerateConfig {
-            sample: true,
             temperature: wish.temperature.unwrap_or(generate.temperature),
             tokens: self.config.limits.tokens,
             ..generate.clone()
@@ -100,7 +99,7 @@ impl Rigger {
         Ok((Stage { mesh, facing, map, cube, clouds, how }, given))
     }
 
-    /// Draws after a prompt, the first of the likeliest tokens: skeletons alone where it is to be seen on which they `agree`,
+    /// Draws after a prompt, the first of the likeliest tokens unless `eval.generate` samples: skeletons alone where it is to be seen on which they `agree`,
     /// as that is known before any codes are, else whole rigs.
     ///
     /// # Errors
@@ -120,10 +119,10 @@ impl Rigger {
             return self.draw_skeletons(w, &clouds.first(shares.len()), (&prompt, &shares), how, &mut streams);
         }
         let (seen, (first, others)) = (clouds.first(1), streams.split_at_mut(1));
-        let likeliest = GenerateConfig { sample: false, ..how.clone() };
-        let mut drawn = self.draw(w, &seen, std::slice::from_ref(&prompt), &likeliest, first)?;
+        let mut drawn = self.draw(w, &seen, std::slice::from_ref(&prompt), how, first)?;
         if samples > 1 {
-            drawn.extend(self.draw(w, &seen, &vec![prompt; samples - 1], how, others)?);
+            let how = GenerateConfig { sample: true, ..how.clone() };
+            drawn.extend(self.draw(w, &seen, &vec![prompt; samples - 1], &how, others)?);
         }
         Ok(drawn)
     }

@@ -82,7 +82,7 @@ impl Default for LossConfig {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct EvalConfig {
-    /// How skeletons are drawn.
+    /// How skeletons are drawn. While training, beams are left out: validations then take the likeliest tokens.
     pub generate: GenerateConfig,
     /// Skeletons that `riglab eval` samples for each mesh, of which it takes the one that the others agree with most
     /// (see [`riglab_metric::consensus`]); 1: the one that `generate` gives.

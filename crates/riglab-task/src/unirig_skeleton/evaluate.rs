@@ -276,7 +276,8 @@ impl SkeletonTask {
             }
             let asked: Vec<_> = rigs.iter().zip(ids).map(|(rig, id)| (rig.mesh(), id.key())).collect();
             // Of a network that diverged the run goes on to say so: it makes no skeleton.
-            let drawn = NotFinite::unless(self.drawer().draw(w, &asked))?;
+            let how = self.config().eval.generate.while_training();
+            let drawn = NotFinite::unless(self.drawer().draw_as(w, &asked, &how))?;
             for (k, rig) in rigs.iter().enumerate() {
                 let found = drawn.as_ref().and_then(|drawn| drawn.get(k)?.decoded.as_ref().ok());
                 part.skeletons.push((found.map(joints), Joints::of(rig.skeleton())));

@@ -3,7 +3,9 @@
 use riglab_core::Mesh;
 use riglab_geom::CloudSampler;
 use riglab_nn::decoder::Cache;
-use riglab_nn::generate::{Decoder, GenerateConfig, Grammar as Rules, chooser, log_softmax, rows};
+use riglab_nn::generate::{
+    Decoder, GenerateConfig, Grammar as Rules, beam_chooser, beams, best_of, chooser, log_softmax, rows,
+};
 use riglab_nn::params::Weights;
 use riglab_nn::skeleton::SkeletonModel;
 use riglab_random::{Stream, stream};
@@ -121,9 +123,21 @@ impl Drawer<'_> {
     /// # Errors
     /// A sentence: the network diverged. So all of these.
     pub fn draw(&self, w: &Weights, meshes: &[(&Mesh, u64)]) -> Result<Vec<SkeletonSample>, String> {
-        let c = self.config;
-        let mut streams = streams(c.eval.seed, meshes.iter().map(|(_, key)| *key), 1);
-        self.draw_with(w, &self.prefix_of(w, &self.shapes_of(meshes)), &mut streams, &c.eval.generate)
+        self.draw_as(w, meshes, &self.config.eval.generate)
+    }
+
+    /// As [`Self::draw`], but how is told.
+    ///
+    /// # Errors
+    /// As [`Self::draw`].
+    pub fn draw_as(
+        &self,
+        w: &Weights,
+        meshes: &[(&Mesh, u64)],
+        how: &GenerateConfig,
+    ) -> Result<Vec<SkeletonSample>, String> {
+        let mut streams = streams(self.config.eval.seed, meshes.iter().map(|(_, key)| *key), 1);
+        self.draw_with(w, &self.prefix_of(w, &self.shapes_of(meshes)), &mut streams, how)
     }
 
     /// As [`Self::draw`], but with `eval.consensus` several are sampled for each mesh, and the one is given that the
@@ -214,7 +228,7 @@ impl Drawer<'_> {
     }
 
     /// As [`Self::draw_with`]; `likelihood` is given the sum of log-probabilities of what was drawn of each, and of how
-    /// many tokens.
+    /// many tokens: with beams those of the processed scores, which they are compared by.
     pub(crate) fn draw_told(
         &self,
         w: &Weights,
@@ -232,6 +246,31 @@ impl Drawer<'_> {
         let strict = Strict { grammar, ids: vocabulary.len(), end: vocabulary.eos() };
         let mut config = generate.clone();
         config.tokens = tokens - start.len();
+        let whole = |own: Vec<u32>| {
+            let ids: Vec<u32> = start.iter().copied().chain(own).collect();
+            SkeletonSample { decoded: self.tokenizer.decode(&ids), ids }
+        };
+        if config.beams > 1 {
+            let shared = prefix.size()[0] == 1;
+            let mut all = Vec::with_capacity(streams.len());
+            for (row, random) in streams.iter_mut().enumerate() {
+                let own = prefix.narrow(0, if shared { 0 } else { row as i64 }, 1);
+                let mut cache = self.net.start(w, &own, tokens as i64);
+                cache.select(&vec![0; config.beams]);
+                let mut reader = Reader { net: self.net, weights: w, cache };
+                let mut first = Vec::new();
+                for &id in &start {
+                    first = reader.next(&vec![id; config.beams]);
+                }
+                let first = first.first().ok_or("a sequence begins with a token")?;
+                let best = best_of(beams(&mut reader, first, &strict, &config, beam_chooser(&config, random))?);
+                if let Some(all) = likelihood.as_deref_mut() {
+                    all[row] = best.likelihood();
+                }
+                all.push(whole(best.ids));
+            }
+            return Ok(all);
+        }
         let cache = self.net.start(w, prefix, tokens as i64);
         let mut reader = Reader { net: self.net, weights: w, cache };
         let mut first = Vec::new();
@@ -249,10 +288,6 @@ impl Drawer<'_> {
             }
             id
         })?;
-        let whole = |own: Vec<u32>| {
-            let ids: Vec<u32> = start.iter().copied().chain(own).collect();
-            SkeletonSample { decoded: self.tokenizer.decode(&ids), ids }
-        };
         Ok(all.into_iter().map(whole).collect())
     }
 }

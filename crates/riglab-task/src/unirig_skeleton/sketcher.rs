@@ -33,7 +33,8 @@ pub struct Sketch<'a> {
     pub class: Option<&'a str>,
     /// How many are drawn, of which the best is taken; as the model's `eval.consensus` where it is not told.
     pub samples: Option<usize>,
-    /// Which is the best: by agreement or by likelihood. With the latter the first takes the likeliest token each time.
+    /// Which is the best: by agreement or by likelihood. With the latter the first is as the model's `eval.generate` says,
+    /// which mostly takes the likeliest token each time.
     pub rank: Rank,
     /// Temperature of the draws; as the model's config says where it is not told.
     pub temperature: Option<f32>,
@@ -72,6 +73,11 @@ impl Sketcher {
     /// Its settings and weights.
     pub fn into_parts(self) -> (SkeletonTaskConfig, Params) {
         (self.own.config, self.own.params)
+    }
+
+    /// Keeps so many beams whenever it draws (`eval.generate.beams`).
+    pub fn keep_beams(&mut self, beams: usize) {
+        self.own.config.eval.generate.beams = beams;
     }
 
     /// Joints of a skeleton that it writes, at most.
@@ -136,7 +142,7 @@ impl Sketcher {
         Ok(Sketched { skeleton, apart, sample, draws: likelihood.into_iter().map(draw).collect() })
     }
 
-    /// The likeliest of as many draws as there are places for their likelihoods: one of the likeliest tokens, and samples.
+    /// The likeliest of as many draws as there are places for their likelihoods: one as `eval.generate` says, and samples.
     fn likeliest(
         &self,
         drawer: &Drawer<'_>,
@@ -151,7 +157,8 @@ impl Sketcher {
         let how = |sample| GenerateConfig { sample, ..drawer.config.eval.generate.clone() };
         let (first, others) = streams.split_at_mut(1);
         let (of_first, of_others) = likelihood.split_at_mut(1);
-        let mut drawn = drawer.draw_told(w, &prefix, first, &how(false), Some(of_first))?;
+        let sampled = drawer.config.eval.generate.sample;
+        let mut drawn = drawer.draw_told(w, &prefix, first, &how(sampled), Some(of_first))?;
         if !others.is_empty() {
             let prefix = prefix.expand([others.len() as i64, -1, -1], false).contiguous();
             drawn.extend(drawer.draw_told(w, &prefix, others, &how(true), Some(of_others))?);
@@ -236,6 +243,23 @@ mod tests {
         assert_eq!((made.draws.len(), made.draws[made.sample].likelihood), (5, best));
         let rewards = own.skeleton(&tetrahedron(), &Sketch { rank: Rank::Rewards, ..wish }).unwrap_err();
         assert!(rewards.contains("skeletons alone"), "{rewards}");
+    }
+
+    #[test]
+    fn with_beams_one_skeleton_is_the_best_of_them() {
+        let mut own = untrained();
+        own.keep_beams(4);
+        let generate = &mut own.own.config.eval.generate;
+        // As UniRig draws.
+        (generate.sample, generate.temperature, generate.top_k, generate.top_p) = (true, 1.5, 5, 0.95);
+        generate.repetition_penalty = 3.0;
+        for (samples, rank) in [(1, Rank::Consensus), (3, Rank::Likelihood), (3, Rank::Consensus)] {
+            let wish = Sketch { samples: Some(samples), rank, seed: 3, ..Sketch::default() };
+            let made = own.skeleton(&tetrahedron(), &wish).unwrap();
+            assert_eq!(made.draws.len(), samples);
+            assert!(made.draws.iter().all(|d| d.likelihood.is_finite() && d.likelihood < 0.0), "{:?}", made.draws);
+            assert_eq!(made.skeleton, own.skeleton(&tetrahedron(), &wish).unwrap().skeleton);
+        }
     }
 
     #[test]

@@ -101,8 +101,8 @@ struct Common {
     /// unirig_skin, where the skeleton is given [default: the model that comes with riglab].
     #[arg(long, value_name = "PATH")]
     checkpoint: Option<PathBuf>,
-    /// Number of rigs to sample, of which the best is taken (--rank); the first is decoded greedily [default: eval.consensus
-    /// of the model's config, 64 for the one that comes with riglab; 1 where the skeleton is given].
+    /// Number of rigs to sample, of which the best is taken (--rank); the first is decoded as eval.generate of the model's
+    /// config says, mostly greedily [default: eval.consensus of that config, 64 for the one that comes with riglab; 1 where the skeleton is given].
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=4096))]
     samples: Option<u16>,
     /// Which sample is the best. consensus: the skeleton closest to the others, its joints moved to where these have them
@@ -114,6 +114,10 @@ struct Common {
     /// Sampling temperature [default: eval.generate of the model's config].
     #[arg(long, value_name = "T")]
     temperature: Option<f32>,
+    /// Number of beams: sequences kept beside each other for each sample. The published networks were run with 10
+    /// (SkinTokens) and 15 (UniRig); 1 is faster [default: eval.generate of the model's config].
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=256))]
+    beams: Option<u16>,
     /// Number of skins to sample for the skeleton; their mean weights are written: more reliable than the likeliest alone,
     /// and as many times slower [default: eval.skins of the model's config, 8 for the one that comes with riglab].
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
@@ -278,8 +282,11 @@ fn run(args: &Common, bones: &Bones, weights: Option<&Path>, threads: usize) -> 
         bail!("{}: there is no such file or folder", args.input.display());
     }
     let reading = args.checkpoint.as_ref().map(|path| Spinner::new(&format!("reading {}", path.display())));
-    let model = Model::open(args.checkpoint.as_deref(), weights, device)?;
+    let mut model = Model::open(args.checkpoint.as_deref(), weights, device)?;
     drop(reading);
+    if let Some(beams) = args.beams {
+        model.keep_beams(usize::from(beams))?;
+    }
     model.suits(args, bones)?;
     let of = args.checkpoint.as_ref().map(|path| path.to_string_lossy());
     let show = command(["checkpoint", "show"].into_iter().chain(of.as_deref()));

@@ -52,6 +52,20 @@ impl Model {
         Ok(Self { made_of: Kind::Whole(Box::new(rigger)), card })
     }
 
+    /// Has it keep so many beams whenever it draws.
+    pub fn keep_beams(&mut self, beams: usize) -> Result<()> {
+        match &mut self.made_of {
+            Kind::Whole(rigger) => rigger.keep_beams(beams).map_err(|why| anyhow!("--beams: {why}")),
+            Kind::Stages(sketcher, _) => {
+                sketcher.keep_beams(beams);
+                Ok(())
+            }
+            Kind::Weights(_) => {
+                bail!("{} is of task unirig_skin, which draws nothing: leave --beams out", self.card.name)
+            }
+        }
+    }
+
     /// Whether it draws what it makes.
     pub fn draws(&self) -> bool {
         !matches!(self.made_of, Kind::Weights(_))
