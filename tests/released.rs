@@ -150,6 +150,10 @@ fn the_skeleton_stage() {
     assert!(said.contains("not needed: 1") && said.contains("the same as the embedding"), "{said}");
     let (config, tensors): (SkeletonTaskConfig, _) = opened(&file, "unirig_skeleton");
     assert_eq!((config.model.decoder.positions, config.model.decoder.ffn), (128, 64));
+    // Drawn as published.
+    let how = &config.eval.generate;
+    assert_eq!((how.sample, how.beams, how.temperature, how.top_k), (true, 15, 1.5, 5));
+    assert_eq!((how.top_p, how.repetition_penalty), (0.95, 3.0));
     let (net, params) = SkeletonTask::network(&config, Device::Cpu).unwrap();
     params.load(&tensors).unwrap();
     let w = params.weights();
@@ -345,6 +349,11 @@ fn a_whole_tokenrig_rigs_and_has_the_goldens_logits() {
     // Told by the checkpoint's settings.
     assert_eq!((rigger.config().skin.codes, card.state.step), (2, 1400));
     logits(&case, &rigger, rigger.params().weights());
+    // Drawn as published, from as many points.
+    let how = &rigger.config().eval.generate;
+    assert_eq!((how.sample, how.beams, how.temperature, how.top_k), (true, 10, 1.0, 5));
+    assert_eq!((how.top_p, how.repetition_penalty), (0.95, 2.0));
+    assert_eq!(rigger.vae().config().sampling.shape_points, rigger.config().sampling.cloud.points);
     let shown = String::from_utf8(must(&["checkpoint", "show", text(&file)]).stdout).unwrap();
     assert!(shown.starts_with("tokenrig\n") && shown.contains("as its authors published it"), "{shown}");
 
@@ -353,6 +362,10 @@ fn a_whole_tokenrig_rigs_and_has_the_goldens_logits() {
     fs::write(&bare, "v 0 0 0\nv 1 0 0\nv 0 3 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n").unwrap();
     let rigged = dir.path().join("box.glb");
     must(&["rig", text(&bare), "-o", text(&rigged), "--checkpoint", text(&file)]);
+    let other = dir.path().join("other.glb");
+    let plain = ["rig", text(&bare), "-o", text(&other), "--checkpoint", text(&file), "--beams", "1", "--json"];
+    let made: serde_json::Value = serde_json::from_slice(&must(&plain).stdout).unwrap();
+    assert!(made["joints"].as_u64().unwrap() > 0, "{made}");
     let found: serde_json::Value = serde_json::from_slice(&must(&["inspect", text(&rigged), "--json"]).stdout).unwrap();
     for joint in found["joints"].as_array().unwrap() {
         let head: Vec<f64> = joint["head"].as_array().unwrap().iter().map(|x| x.as_f64().unwrap()).collect();

@@ -218,7 +218,12 @@ impl<'a> Maker<'a> {
             let point = self.rig.surface(self.random);
             positions.push(self.push(&point, &mut batch.shape));
         }
-        batch.shape_queries.extend(farthest_points(&positions, tokens, 0).into_iter().map(|i| i as i64));
+        // Points are drawn one by one: the first ones are as good as any.
+        let from = match self.config.sampling.shape_drawn {
+            0 => n,
+            drawn => n.min(drawn.saturating_mul(tokens)),
+        };
+        batch.shape_queries.extend(farthest_points(&positions[..from], tokens, 0).into_iter().map(|i| i as i64));
         batch.rigs += 1;
     }
 

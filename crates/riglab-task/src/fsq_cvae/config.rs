@@ -42,6 +42,9 @@ pub struct SamplingConfig {
     pub bones: usize,
     /// Points of the condition encoder, uniform on the surface.
     pub shape_points: usize,
+    /// Of these, so many times as there are shape tokens are drawn, from which the tokens then start, each as far from the
+    /// others as it can be; 0: from all of them.
+    pub shape_drawn: usize,
     /// Points of the skin encoder.
     pub encoder: PointMix,
     /// Points the decoder is asked at.
@@ -136,6 +139,7 @@ impl Default for SamplingConfig {
             rigs: 4,
             bones: 4,
             shape_points: 2048,
+            shape_drawn: 0,
             encoder: PointMix { active: 512, near: 0, uniform: 512 },
             decoder: PointMix { active: 512, near: 0, uniform: 512 },
             vertex_share: 0.0,

@@ -69,6 +69,18 @@ pub enum Imported {
     TokenRig(Box<Rigger>),
 }
 
+impl Imported {
+    /// How it draws, where that is not by the likeliest tokens.
+    pub fn draws(&self) -> Option<String> {
+        let how = match self {
+            Self::Skeleton(config, _) => &config.eval.generate,
+            Self::TokenRig(rigger) => &rigger.config().eval.generate,
+            Self::Skin(..) | Self::FsqCvae(..) => return None,
+        };
+        Some(how.draws(1)).filter(|said| !said.is_empty())
+    }
+}
+
 /// What came of a checkpoint.
 pub struct Outcome {
     /// How its tensors fit; of a TokenRig its own part, then its auto-encoder's.

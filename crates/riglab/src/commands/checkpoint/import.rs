@@ -106,6 +106,9 @@ pub fn import(args: &ImportArgs) -> Result<ExitCode> {
         super::planted::folder(out, &model, &card, "imported")?;
         say!("{}", out.display());
     }
+    if let Some(how) = model.draws() {
+        tell!("draws as published: {how}; `riglab rig --beams 1` is faster");
+    }
     tell!("next: {}", next(&model, out));
     Ok(ExitCode::SUCCESS)
 }
