@@ -1,5 +1,6 @@
 //! A step: what it does to the weights, without what is written of it.
 
+use std::collections::HashMap;
 use std::sync::Arc;
 
 use riglab_nn::optim::{Ema, Optimizer, Pace, StepStats};
@@ -161,16 +162,30 @@ pub(crate) fn given(
     Ok((gradients(weights, &scaled, share != 1.0)?, found))
 }
 
-/// Sums, times `share`, of values that come in one order.
+/// Of each name the mean over the batches that have it, in the order in which names first come; `share` is one by the
+/// number of batches. A batch may leave a part out, or have others before it.
 fn mean(all: impl Iterator<Item = Values>, share: f64) -> Values {
-    let mut sums = Values::new();
+    let (mut sums, mut places, mut batches) = (Values::new(), HashMap::new(), 0usize);
+    let mut counts = Vec::new();
     for values in all {
-        for (k, (name, value)) in values.into_iter().enumerate() {
-            match sums.get_mut(k) {
-                Some((_, sum)) => *sum += value * share,
-                None => sums.push((name, value * share)),
+        batches += 1;
+        for (name, value) in values {
+            match places.get(&name) {
+                Some(&place) => {
+                    let (_, sum): &mut (String, f64) = &mut sums[place];
+                    *sum += value * share;
+                    counts[place] += 1;
+                }
+                None => {
+                    places.insert(name.clone(), sums.len());
+                    sums.push((name, value * share));
+                    counts.push(1usize);
+                }
             }
         }
+    }
+    for ((_, sum), count) in sums.iter_mut().zip(counts).filter(|(_, count)| *count != batches) {
+        *sum *= batches as f64 / count as f64;
     }
     sums
 }
@@ -204,4 +219,33 @@ fn add(earlier: Vec<Tensor>, later: Vec<Tensor>) -> Vec<Tensor> {
         _ => a,
     };
     earlier.into_iter().zip(later).map(sum).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn batch(values: &[(&str, f64)]) -> Values {
+        values.iter().map(|(name, value)| ((*name).to_owned(), *value)).collect()
+    }
+
+    #[test]
+    fn logged_values_of_batches_are_paired_by_name() {
+        let all = [batch(&[("loss/bce", 1.0), ("tokens", 10.0)]), batch(&[("tokens", 30.0), ("loss/bce", 2.0)])];
+        assert_eq!(mean(all.into_iter(), 0.5), batch(&[("loss/bce", 1.5), ("tokens", 20.0)]));
+    }
+
+    #[test]
+    fn what_a_batch_leaves_out_is_the_mean_of_the_others() {
+        let all = [batch(&[("tokens", 10.0)]), batch(&[("springs", 3.0), ("tokens", 30.0)])];
+        assert_eq!(mean(all.into_iter(), 0.5), batch(&[("tokens", 20.0), ("springs", 3.0)]));
+        assert_eq!(mean(std::iter::empty(), 1.0), batch(&[]));
+    }
+
+    #[test]
+    fn the_sum_of_one_order_keeps_its_bits() {
+        let (values, share) = ([0.1, 0.2, 0.3], 1.0 / 3.0);
+        let sum = values.iter().fold(0.0, |sum, value| sum + value * share);
+        assert_eq!(mean(values.iter().map(|v| batch(&[("x", *v)])), share)[0].1.to_bits(), f64::to_bits(sum));
+    }
 }
