@@ -398,6 +398,14 @@ impl Assets {
         }
     }
 
+    /// An asset's name, without reading it.
+    ///
+    /// # Errors
+    /// When the column cannot be read.
+    pub fn name(&self, id: AssetId) -> Result<String, DataError> {
+        Ok(self.corpora[id.corpus].names()?[id.index].clone())
+    }
+
     /// An asset's category, without reading it; empty where it has none.
     ///
     /// # Errors

@@ -37,8 +37,8 @@ pub(crate) fn check(code: c_int) -> Result<(), TorchError> {
     Err(TorchError(first_line(&text)))
 }
 
-/// What a panic said.
-pub(crate) fn said(panic: &(dyn Any + Send)) -> String {
+/// What a panic said, on one line.
+pub fn said(panic: &(dyn Any + Send)) -> String {
     let text = panic.downcast_ref::<String>().map(String::as_str).or(panic.downcast_ref::<&str>().copied());
     first_line(text.unwrap_or("without words"))
 }

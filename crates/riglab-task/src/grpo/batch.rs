@@ -19,6 +19,8 @@ use crate::unirig_skeleton::batch::{normalized, shape};
 pub struct Subject {
     /// What seeds its points and draws.
     pub key: u64,
+    /// The asset's name, for messages; empty where there is one mesh alone.
+    pub name: String,
     /// The mesh.
     pub mesh: Mesh,
     /// What gives its rigs rewards.
@@ -74,12 +76,13 @@ impl Source for BatchSource {
             let rig = normalized(&self.assets, &self.cache, id)?;
             let augmented = c.augment.apply((*rig).clone(), seed, &[place]).map_err(|e| e.to_string())?;
             let (rig, _) = augmented.rig.normalized();
+            let name = self.assets.name(id).map_err(|e| e.to_string())?;
             let mesh = rig.mesh().clone();
             let sampler = match augmented.normals.as_ref() {
                 Some(n) => CloudSampler::with_normals(&mesh, &self.cloud, &n.vertices, &n.triangles),
                 None => CloudSampler::new(&mesh, &self.cloud),
             };
-            let subject = Subject { key: place, scorer: Scorer::new(&mesh, &c.reward), mesh: mesh.clone() };
+            let subject = Subject { key: place, name, scorer: Scorer::new(&mesh, &c.reward), mesh: mesh.clone() };
             let mut random = stream(seed, "rollout points", &[place]);
             batch.push(subject, (&self.cloud, &self.model), &sampler, &mut random);
         }

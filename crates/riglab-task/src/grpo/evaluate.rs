@@ -147,7 +147,8 @@ impl GrpoTask {
         let pool = self.policy.pool();
         let rig = normalized(pool.assets, pool.cache, id)?;
         let scorer = Scorer::new(rig.mesh(), &self.config.reward);
-        let subject = Subject { key: id.key(), mesh: rig.mesh().clone(), scorer };
+        let name = pool.assets.name(id).map_err(|e| e.to_string())?;
+        let subject = Subject { key: id.key(), name, mesh: rig.mesh().clone(), scorer };
         Ok(JudgedMesh { id, rig, subject })
     }
 
@@ -365,7 +366,7 @@ impl GrpoTask {
                 };
                 assets.push(AssetRow {
                     split: split.clone(),
-                    name: self.policy.pool().assets.read(*id).map_err(|e| e.to_string())?.name,
+                    name: self.policy.pool().assets.name(*id).map_err(|e| e.to_string())?,
                     category: self.policy.pool().assets.category(*id)?,
                     before: judged(was),
                     after: judged(is),
@@ -378,7 +379,7 @@ impl GrpoTask {
                 let (id, was, is) = &found[k];
                 if let Some(sheet) = self.sheet(*id, was, is)? {
                     let file = format!("{:02}-{split}-{why}.png", sheets.len() + 1);
-                    let name = self.policy.pool().assets.read(*id).map_err(|e| e.to_string())?.name;
+                    let name = self.policy.pool().assets.name(*id).map_err(|e| e.to_string())?;
                     let (gain, j2j) = (is.rewards.total - was.rewards.total, is.distances.j2j - was.distances.j2j);
                     sheets.push((ShownAsset { file, split: split.clone(), name, why: why.into(), gain, j2j }, sheet));
                 }

@@ -12,6 +12,7 @@
 mod batch;
 mod config;
 mod evaluate;
+mod judges;
 mod lineage;
 mod policy;
 mod report;

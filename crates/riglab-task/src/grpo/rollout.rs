@@ -13,6 +13,7 @@ use tch::{Kind, Tensor};
 use super::GrpoTask;
 use super::batch::{Batch, Subject};
 use super::config::Dead;
+use super::judges;
 use super::score::{JudgeSettings, rewards};
 use crate::tokenrig::RigSample;
 use crate::unirig_skeleton::Batch as Shapes;
@@ -73,45 +74,38 @@ impl GrpoTask {
         // The sampler takes the master weights: it computes in single precision.
         let prefix = policy.prefix(policy.params().weights(), &batch.shapes);
         let (vae, judged) = (policy.vae(), self.judged(c.rollout.vertices, c.train.seed));
-        let groups: Vec<(Vec<RigSample>, Vec<Rewards>)> = std::thread::scope(|scope| {
-            let mut waiting = Vec::new();
-            for (k, subject) in batch.subjects.iter().enumerate() {
-                let draw = |attempt: u64| self.group(&prefix.narrow(0, k as i64, 1), subject, number, attempt);
-                let drawn = draw(0)?;
-                let judge = move || {
-                    let own = rewards(vae, subject, &drawn, &judged);
-                    own.map(|rewards| (drawn, rewards))
-                };
-                if c.rollout.dead == Dead::Resample {
-                    let mut found = judge()?;
-                    for attempt in 1..=TRIES {
-                        if !is_dead(&found.1) {
-                            break;
-                        }
-                        let drawn = draw(attempt)?;
-                        let own = rewards(vae, subject, &drawn, &judged)?;
-                        found = (drawn, own);
+        let jobs = batch.subjects.iter().enumerate().map(|(k, subject)| {
+            let draw = |attempt: u64| self.group(&prefix.narrow(0, k as i64, 1), subject, number, attempt);
+            let judge = move |drawn: &[RigSample]| rewards(vae, subject, drawn, &judged);
+            let (mut drawn, mut known) = (draw(0)?, None);
+            if c.rollout.dead == Dead::Resample {
+                // Whether a group is drawn anew hangs on its rewards: nothing else can be done meanwhile.
+                let told = |e: String| format!("{}: {e}", subject.name);
+                let mut found = judge(&drawn).map_err(told)?;
+                for attempt in 1..=TRIES {
+                    if !is_dead(&found) {
+                        break;
                     }
-                    waiting.push(scope.spawn(move || Ok(found)));
-                } else {
-                    waiting.push(scope.spawn(judge));
+                    drawn = draw(attempt)?;
+                    found = judge(&drawn).map_err(told)?;
                 }
+                known = Some(found);
             }
-            let join = |handle: std::thread::ScopedJoinHandle<_>| {
-                handle.join().unwrap_or_else(|_| Err("judging a rollout failed".to_string()))
-            };
-            waiting.into_iter().map(join).collect::<Result<Vec<_>, String>>()
-        })?;
+            let job = move || Ok((known.map_or_else(|| judge(&drawn), Ok)?, drawn));
+            Ok((subject.name.clone(), job))
+        });
+        let threads = rayon::current_num_threads().min(batch.subjects.len());
+        let groups: Vec<(Vec<Rewards>, Vec<RigSample>)> = judges::judged(threads, jobs)?;
         Ok(self.rollout_of(w, batch, &groups))
     }
 
     /// What is kept of drawn groups.
-    fn rollout_of(&self, w: &Weights, batch: &Batch, groups: &[(Vec<RigSample>, Vec<Rewards>)]) -> Rollout {
+    fn rollout_of(&self, w: &Weights, batch: &Batch, groups: &[(Vec<Rewards>, Vec<RigSample>)]) -> Rollout {
         let c = &self.config;
         let (mut sequences, mut totals, mut mesh_of, mut parts) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
         let (mut spread, mut dead, mut distinct) = (0.0, 0usize, 0usize);
         let (mut valid, mut joints) = (0usize, 0usize);
-        for (mesh, (drawn, rewards)) in groups.iter().enumerate() {
+        for (mesh, (rewards, drawn)) in groups.iter().enumerate() {
             let still = is_dead(rewards);
             dead += usize::from(still);
             let mean = rewards.iter().map(|r| r.total).sum::<f64>() / rewards.len() as f64;

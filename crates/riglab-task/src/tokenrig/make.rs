@@ -217,7 +217,7 @@ impl Rigger {
             Rank::Likelihood | Rank::Consensus => vec![None; drawn.len()],
             Rank::Rewards => {
                 let scorer = Scorer::new(cube, &RewardConfig::default());
-                let subject = Subject { key: wish.seed, mesh: cube.clone(), scorer };
+                let subject = Subject { key: wish.seed, name: String::new(), mesh: cube.clone(), scorer };
                 let eval = &self.config.eval;
                 let vertices = eval.vertices.min(JUDGED);
                 let how = JudgeSettings { vertices, cut: eval.cut, half: false, seed: eval.seed };
