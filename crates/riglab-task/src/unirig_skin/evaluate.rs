@@ -21,7 +21,6 @@ use super::predict::{Predicted, Predictor};
 use super::ready::{Ready, pool, row};
 use crate::assets::AssetId;
 use crate::fsq_cvae::evaluate::{Sums, Truth};
-use crate::fsq_cvae::gallery::finite;
 use crate::fsq_cvae::{Prepared, ruled};
 
 /// Metrics of one way to get weights, over a split.
@@ -209,7 +208,7 @@ impl SkinTask {
         Ok(Subject { ready: Ready::new(rig, points, s.measured()), seen, truth: truth.dense })
     }
 
-    pub(super) fn predicted(&self, w: &Weights, subject: &Subject) -> Predicted {
+    pub(super) fn predicted(&self, w: &Weights, subject: &Subject) -> Result<Predicted, String> {
         self.predictor(w).predict(&subject.ready, subject.seen)
     }
 
@@ -233,8 +232,7 @@ impl SkinTask {
                 let bytes = made.ready.bytes() + 4 * made.truth.len();
                 Ok::<_, String>((made, bytes))
             })?;
-            let found = self.predicted(w, &subject);
-            finite(&found.dense)?;
+            let found = self.predicted(w, &subject)?;
             let mut own = Springs::default();
             own.add(&subject.ready, &found);
             // Of some of the vertices, which nothing can spread over.
@@ -284,14 +282,14 @@ impl SkinTask {
     /// and by those through the body, and heat. `progress` is told how many assets are done.
     ///
     /// # Errors
-    /// When an asset cannot be read, or none is there to choose a cut by.
+    /// When an asset cannot be read, none is there to choose a cut by, or the network gives what is no number.
     pub fn evaluate(&self, w: &Weights, mut progress: impl FnMut(usize)) -> Result<Report, String> {
         self.config.data.can_choose(&self.config.eval.cuts, &self.validation_assets)?;
         let mut rules: Vec<Sums> = self.config.eval.cuts.iter().map(|_| Sums::default()).collect();
         let mut done = 0;
         for &id in &self.validation_assets {
             let subject = self.subject(id, None)?;
-            let found = self.predicted(w, &subject);
+            let found = self.predicted(w, &subject)?;
             let (_, ruled) = self.tallies(&subject, &found.dense, &self.spread(w, &subject, &found));
             rules.iter_mut().zip(&ruled).for_each(|(sums, tally)| sums.add(tally));
             done += 1;
@@ -342,7 +340,7 @@ impl SkinTask {
                 place += 1;
                 (tally.metrics(), off)
             };
-            let found = self.predicted(w, &subject);
+            let found = self.predicted(w, &subject)?;
             springs.add(&subject.ready, &found);
             curve.add(&subject.truth, &found.dense);
             tally("raw".into(), &found.dense);

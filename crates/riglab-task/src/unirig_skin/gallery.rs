@@ -75,7 +75,7 @@ impl SkinTask {
     ) -> Result<(String, String, Picture, Option<Turntable>), String> {
         let subject = self.subject(id, None)?;
         let (rig, joints) = (&subject.ready.rig, subject.ready.seats.len());
-        let dense = ruled(&self.spread(w, &subject, &self.predicted(w, &subject)), joints, cut);
+        let dense = ruled(&self.spread(w, &subject, &self.predicted(w, &subject)?), joints, cut);
         let predicted = sparse(rig, &dense)?;
         let joint = rig.bones[worst_bone(&subject.truth, &dense, joints)].joint;
         let bone = rig.rig.skeleton().name(joint).to_string();

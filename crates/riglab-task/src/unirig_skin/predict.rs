@@ -12,6 +12,7 @@ use super::batch::{Bones, picks};
 use super::config::SkinTaskConfig;
 use super::pairs::PairInput;
 use super::ready::Ready;
+use crate::fsq_cvae::gallery::finite;
 use crate::fsq_cvae::{Place, Point};
 
 /// Points that read the rig at once.
@@ -42,7 +43,10 @@ impl Predictor<'_> {
     ///
     /// With the backbone, weights are known at the points that are seen, and come from there to vertices as in the
     /// release.
-    pub fn predict(&self, ready: &Ready, seen: usize) -> Predicted {
+    ///
+    /// # Errors
+    /// When the network gives what is no number.
+    pub fn predict(&self, ready: &Ready, seen: usize) -> Result<Predicted, String> {
         let _guard = tch::no_grad_guard();
         let (c, w) = (self.config, self.weights);
         let bones = Bones::all(ready);
@@ -77,7 +81,9 @@ impl Predictor<'_> {
         };
         let attributes = of_cloud.and_then(|points| self.net.attributes(w, &read, &points));
         let attributes = attributes.map_or_else(Vec::new, |a| floats(&a).as_chunks::<7>().0.to_vec());
-        Predicted { dense, attributes }
+        finite(&dense)?;
+        finite(attributes.as_flattened())?;
+        Ok(Predicted { dense, attributes })
     }
 
     /// Predicted weights of all vertices of a mesh, the points of a rig after those seen, as the decode rule cuts them:

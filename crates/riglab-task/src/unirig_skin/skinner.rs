@@ -110,7 +110,7 @@ impl Skinner {
     /// sees.
     ///
     /// # Errors
-    /// When no joint may hold anything.
+    /// When no joint may hold anything, or the network gives what is no number.
     pub fn weights(&self, rig: &Rig, holders: Holders, seed: u64) -> Result<SkinWeights, String> {
         let (ready, found) = self.predict(rig, holders, seed)?;
         let bones = &ready.rig.bones;
@@ -129,7 +129,7 @@ impl Skinner {
     /// attributes of joints that hold nothing, which the network does not know.
     ///
     /// # Errors
-    /// For a network without attributes, and for a rig without springs.
+    /// For a network without attributes, for a rig without springs, and when the network gives what is no number.
     pub fn springs(&self, rig: &Rig, seed: u64) -> Result<Springs, String> {
         if !self.has_attributes() {
             return Err("the run has model.attributes = false: it predicts weights only".into());
@@ -163,7 +163,7 @@ impl Skinner {
         let mut points = pool(&prepared, seen, c.sampling.vertex_share, &mut stream(seed, "skin of a file", &[]));
         points.extend((0..prepared.rig.mesh().positions().len() as u32).map(|v| prepared.vertex(v)));
         let ready = Ready::new(prepared, points, c.sampling.measured());
-        let found = self.predictor().predict(&ready, seen);
+        let found = self.predictor().predict(&ready, seen)?;
         Ok((ready, found))
     }
 
@@ -188,7 +188,11 @@ fn swing(row: &[f32; 7], size: f32) -> Swing {
 
 #[cfg(test)]
 mod tests {
+    use riglab_core::{Joint, JointId, Skeleton};
+    use riglab_nn::skin_stage::{PointEncoder, SkinModelConfig};
+
     use super::*;
+    use crate::tokenrig::testing::tetrahedron;
 
     #[test]
     fn any_row_is_a_sound_swing() {
@@ -210,5 +214,27 @@ mod tests {
         assert_eq!(of(&config).into_parts().0.eval.cuts, config.eval.cuts, "nothing was found");
         let (evaluated, _) = Skinner { cut: Some(0.16), ..of(&config) }.into_parts();
         assert_eq!(of(&evaluated).cut, Some(0.16));
+    }
+
+    #[test]
+    fn a_diverged_network_is_told_as_such() {
+        let joint =
+            |k: u16| Joint { name: format!("{k}"), parent: (k > 0).then_some(JointId(0)), head: [f32::from(k); 3] };
+        let skeleton = Skeleton::new((0..2).map(joint).collect()).unwrap();
+        let weights = SkinWeights::normalized((0..4u16).map(|v| [(v % 2, 1.0)])).unwrap();
+        let rig = Rig::new(skeleton, tetrahedron(), weights).unwrap();
+        let mut config = SkinTaskConfig { task: SkinTaskConfig::TASK.into(), ..SkinTaskConfig::default() };
+        let SkinModelConfig { width, heads, mlp, pair_width, shape, bones, points, .. } = &mut config.model;
+        (*width, *heads, *mlp, *pair_width) = (16, 2, 16, 8);
+        (shape.tokens, shape.drawn, shape.layers, shape.width, shape.heads) = (4, 2, 1, 16, 2);
+        (bones.embed, bones.layers, points.encoder, points.layers) = (8, 1, PointEncoder::Light, 1);
+        (config.eval.points, config.sampling.resolution) = (32, 16);
+        let (net, params) = SkinTask::network(&config, Device::Cpu).unwrap();
+        let own = Skinner { config, net, params, device: Device::Cpu, cut: None };
+        assert!(own.weights(&rig, Holders::All, 0).is_ok());
+        let _no_grad = tch::no_grad_guard();
+        own.params.weights().tensors().iter().for_each(|t| drop(t.shallow_clone().fill_(f64::NAN)));
+        let error = own.weights(&rig, Holders::All, 0).unwrap_err();
+        assert!(error.contains("its training diverged"), "{error}");
     }
 }
