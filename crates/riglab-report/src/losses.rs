@@ -48,29 +48,42 @@ impl Losses {
         !self.apart.is_empty() && self.parts.contains(name)
     }
 
-    /// What is said below a chart of something that was logged; nothing where there is nothing to say.
-    pub fn note(&self, name: &str) -> String {
-        let bare = name.split('@').next().and_then(|name| name.rsplit('/').next()).unwrap_or_default();
-        if TOTALS.contains(&bare) && !self.rewards.is_empty() {
-            let by = listed(&self.rewards);
-            return format!(
-                "Not comparable between lines: rewards are defined differently ({by}). Compare the parts, where these are \
-                 defined alike."
-            );
-        }
-        let by = match self.apart.as_slice() {
-            [] => return String::new(),
-            apart if apart.iter().any(|key| key == "task") => "task".into(),
-            apart => listed(apart),
-        };
-        match name {
-            "train/loss" => format!(
-                "Not comparable between lines: losses are defined differently ({by}). Compare parts and validation."
-            ),
-            _ if self.parts.contains(name) => "As it was logged, without its weight in the loss.".into(),
-            _ => String::new(),
+    /// The settings by which a number is another quantity in each run, so that none of them is the best; `None` where it is
+    /// comparable. It is named as in the log, or by its path in an evaluation.
+    pub fn apart_in(&self, name: &str) -> Option<String> {
+        match self.apart.as_slice() {
+            _ if is_reward(name) => (!self.rewards.is_empty()).then(|| listed(&self.rewards)),
+            [] => None,
+            _ if name != "train/loss" => None,
+            apart if apart.iter().any(|key| key == "task") => Some("task".into()),
+            apart => Some(listed(apart)),
         }
     }
+
+    /// What is said below a chart of something that was logged; nothing where there is nothing to say.
+    pub fn note(&self, name: &str) -> String {
+        match self.apart_in(name) {
+            Some(by) if is_reward(name) => format!(
+                "Not comparable between lines: rewards are defined differently ({by}). Compare the parts, where these are \
+                 defined alike."
+            ),
+            Some(by) => format!(
+                "Not comparable between lines: losses are defined differently ({by}). Compare parts and validation."
+            ),
+            None if self.replaces(name) => "As it was logged, without its weight in the loss.".into(),
+            None => String::new(),
+        }
+    }
+}
+
+/// Whether a number is a total of rewards, or how much one has changed.
+fn is_reward(name: &str) -> bool {
+    let bare = name.split('@').next().and_then(|name| name.rsplit('/').next()).unwrap_or_default();
+    // Of a path the keys: what stands in brackets are conditions.
+    let outside = |part: &'_ str| part.rsplit(']').next().unwrap_or_default().to_owned();
+    let keys: Vec<String> = name.split('[').map(outside).collect();
+    let keys: Vec<&str> = keys.iter().flat_map(|part| part.split(['.', ':'])).filter(|key| !key.is_empty()).collect();
+    TOTALS.contains(&bare) || keys.contains(&"reward") || keys.ends_with(&["rewards", "total"])
 }
 
 /// The first of some settings, and how many more there are.
@@ -114,6 +127,13 @@ mod tests {
         for name in ["eval/reward@val", "eval/guarded_reward@val"] {
             assert!(other.note(name).contains("rewards are defined differently (reward.weights)"), "{name}");
             assert!(of(5.0).note(name).is_empty());
+        }
+        for name in ["rows[skeletons.split=val].rewards.total", "gains[split=val].reward.mean"] {
+            let path = format!("eval.json:report.{name}");
+            assert_eq!((other.apart_in(&path), of(5.0).apart_in(&path)), (Some("reward.weights".into()), None));
+        }
+        for name in ["rows[skeletons.split=val].rewards.motion", "rows[of=reward].skeletons.j2j", "total"] {
+            assert_eq!(other.apart_in(&format!("eval.json:report.{name}")), None, "{name}");
         }
         assert!(["train/loss", "eval/motion@val"].iter().all(|name| other.note(name).is_empty()));
         assert!(other.apart.is_empty() && !other.replaces("train/weights"));

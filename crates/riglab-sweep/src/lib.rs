@@ -17,6 +17,7 @@
 
 mod absent;
 mod attempts;
+mod comparable;
 mod corpora;
 mod error;
 mod figures;

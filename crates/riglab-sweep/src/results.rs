@@ -1,9 +1,10 @@
 //! What a sweep found.
 
 use std::collections::BTreeSet;
+use std::fs::read_to_string;
 use std::path::Path;
 
-use riglab_report::{Block, Cell, Page, Table, shell};
+use riglab_report::{Block, Cell, Losses, Page, Table, shell};
 use serde::{Deserialize, Serialize};
 
 use crate::figures::{figures, learning, spread};
@@ -33,13 +34,15 @@ pub struct Outcome {
 pub struct Results {
     pub(crate) plan: Plan,
     /// The columns, by the names and with the digits that are shown.
-    metrics: Vec<MetricOf>,
+    pub(crate) metrics: Vec<MetricOf>,
     /// In the order of the jobs.
     pub outcomes: Vec<Outcome>,
     /// Steps done of those that run.
     states: Vec<State>,
     /// What the finished ones found; nothing for others.
     pub(crate) numbers: Vec<Numbers>,
+    /// What the finished ones minimise and maximise.
+    pub(crate) losses: Losses,
 }
 
 impl Results {
@@ -68,7 +71,11 @@ impl Results {
             Outcome { point: job.point.clone(), seed: job.seed, state: state.into(), reason, values }
         };
         let outcomes = plan.jobs.iter().zip(&states).zip(&numbers).map(outcome).collect();
-        Self { plan: plan.clone(), metrics, outcomes, states, numbers }
+        let finished = plan.jobs.iter().zip(&states).filter(|(_, state)| matches!(state, State::Finished));
+        let config = |(job, _): (&Job, &State)| read_to_string(folder.join(&job.folder).join("config.toml")).ok();
+        let configs: Vec<String> = finished.filter_map(config).collect();
+        let losses = Losses::of(configs.iter().map(String::as_str));
+        Self { plan: plan.clone(), metrics, outcomes, states, numbers, losses }
     }
 
     /// How many jobs are in a state of that name.
@@ -117,6 +124,9 @@ impl Results {
             table.note += " Columns are those of the last validation, as the sweep's file has no [[sweep.metrics]]: these name \
                            figures of the evaluations, too (`eval.json:`).";
         }
+        if let Some(sentence) = self.not_comparable() {
+            table.note += &format!(" No best is marked of what is not comparable between points: {sentence}.");
+        }
         if let Some(sentence) = self.without_best() {
             table.note += &format!(" {sentence}.");
         }
@@ -142,7 +152,7 @@ impl Results {
     /// The point that is first by a metric, and its difference from the next: the best where that is beyond the noise of
     /// seeds.
     fn lead(&self, metric: usize) -> Option<(&str, Spread)> {
-        let better = self.metrics[metric].better?;
+        let better = self.metrics[metric].better.filter(|_| self.comparable(metric))?;
         let means = self.plan.names().into_iter().map(|point| (point, self.spread(point, metric).mean));
         let mut means: Vec<(&str, f64)> = means.filter(|(_, m)| m.is_finite()).collect();
         means.sort_by(|a, b| match better {
@@ -154,14 +164,14 @@ impl Results {
     }
 
     /// For each metric and other point the difference from the first point, seed by seed: its mean, its spread and its
-    /// interval. `None` with a single point.
+    /// interval. `None` with a single point, and where no metric is comparable.
     pub fn differences(&self) -> Option<Table> {
         let names = self.plan.names();
         let (first, others) = names.split_first().filter(|(_, others)| !others.is_empty())?;
         let head = ["metric", "point", "difference", "95 % interval", "n"];
         let mut table = Table::new(format!("Differences from {first}, seed by seed"), &head);
-        for (k, metric) in self.metrics.iter().enumerate() {
-            if k > 0 {
+        for (k, metric) in self.metrics.iter().enumerate().filter(|(k, _)| self.comparable(*k)) {
+            if !table.rows.is_empty() {
                 table.line();
             }
             for point in others {
@@ -181,7 +191,10 @@ impl Results {
                       and is wide with few. A difference whose interval excludes 0 is more than the noise of seeds; of \
                       many intervals one in twenty excludes 0 by chance."
             .into();
-        Some(table)
+        if let Some(sentence) = self.not_comparable() {
+            table.note += &format!(" Left out, as not comparable between points: {sentence}.");
+        }
+        (!table.rows.is_empty()).then_some(table)
     }
 
     /// What both tables show, a row a point and metric, each number in a column of its own with all digits.
@@ -211,7 +224,7 @@ impl Results {
                 let mut cells =
                     vec![Cell::text(*point), Cell::text(metric.head()), finished, failed, Cell::count(own.n)];
                 cells.extend([own.mean, own.deviation].map(digits));
-                match names.first().filter(|first| *first != point) {
+                match names.first().filter(|first| *first != point && self.comparable(k)) {
                     Some(first) => {
                         let apart = self.difference(point, first, k);
                         let (low, high) = apart.interval;
