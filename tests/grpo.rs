@@ -143,6 +143,7 @@ fn rewards_refine_a_model() {
     let file = dir.path().join("model.safetensors");
     must(&["checkpoint", "export", text(&whole), "-o", text(&file)]);
     assert!(fs::metadata(&file).unwrap().len() > 1_000_000);
+    refused_with_another_start(&whole, &mesh, &[]);
     let few = ["--samples", "1", "--skins", "1"];
     must(
         &[&["rig", text(&mesh), "-o", text(&again), "--skeleton", "predict", "--checkpoint", text(&file)][..], &few]
@@ -273,6 +274,39 @@ fn a_skeleton_model_is_refined_by_what_is_about_joints() {
         fs::read(&out).unwrap()
     });
     assert!(made[0] != made[1] && made[1] == made[2], "what was refined is what draws");
+
+    // Where it started may be moved, and is then named anew.
+    let moved = dir.path().join("moved");
+    fs::rename(&start_run, &moved).unwrap();
+    let said =
+        refusal(&mut riglab(&["checkpoint", "export", text(&run), "-o", text(&out.with_extension("safetensors"))]));
+    assert!(said.contains("--set start.model=PATH"), "{said}");
+    let named = ["--set", &format!("start.model='{}'", moved.display())];
+    must(&[&["checkpoint", "export", text(&run), "-o", text(&file)][..], &named].concat());
+    fs::rename(&moved, &start_run).unwrap();
+    refused_with_another_start(&run, &mesh, &["--set", &format!("start.model='{}'", start_run.display())]);
+}
+
+/// What was begun from another model makes nothing, whether that one is named or not.
+fn refused_with_another_start(run: &Path, mesh: &Path, named: &[&str]) {
+    let info = run.join("run.json");
+    let kept = fs::read_to_string(&info).unwrap();
+    let mut other: Value = serde_json::from_str(&kept).unwrap();
+    assert_eq!(other["companions"][0][0], "start.model");
+    other["companions"][0][1] = "0123456789abcdef".into();
+    fs::write(&info, other.to_string()).unwrap();
+    let (wrong, exported) = (run.with_extension("glb"), run.with_extension("safetensors"));
+    let export = ["checkpoint", "export", text(run), "-o", text(&exported)];
+    for command in [
+        vec!["rig", text(mesh), "-o", text(&wrong), "--checkpoint", text(run)],
+        export.to_vec(),
+        [&export[..], named].concat(),
+    ] {
+        let said = refusal(&mut riglab(&command));
+        assert!(said.contains("start.model has other weights") && said.contains("0123456789ab"), "{command:?}: {said}");
+    }
+    assert!(!wrong.exists() && !exported.exists());
+    fs::write(&info, kept).unwrap();
 }
 
 #[test]

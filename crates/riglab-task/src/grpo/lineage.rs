@@ -3,9 +3,11 @@
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
-use riglab_train::named_by;
+use riglab_nn::params::{Params, Weights};
+use riglab_train::{RunInfo, named_by, same_companions};
 
 use super::config::GrpoTaskConfig;
+use crate::experiment::checksum;
 use crate::settings::Settings;
 use crate::tokenrig::TokenRigTaskConfig;
 
@@ -38,6 +40,25 @@ pub(crate) fn descends(run: &Path) -> Result<(), String> {
         }
     }
     Ok(())
+}
+
+/// The key that names the model that a run started from, and a checksum of that one's weights, which `params` has names
+/// for.
+pub(super) fn started(params: &Params, start: &Weights) -> Vec<(String, String)> {
+    let named = params.named(start).map(|(name, tensor)| (name, tensor.shallow_clone()));
+    vec![("start.model".into(), checksum(named))]
+}
+
+/// Refuses another model than the one that a run started from: its settings, and its auto-encoder, are the run's own.
+///
+/// # Errors
+/// A sentence: it has other weights.
+pub(crate) fn same_start(run: &Path, start: &Params) -> Result<(), String> {
+    let before = RunInfo::of(run).map_or_else(Vec::new, |info| info.companions);
+    if before.is_empty() {
+        return Ok(());
+    }
+    same_companions(&before, &started(start, start.weights())).map_err(|e| format!("{}: {e}", run.display()))
 }
 
 /// Refuses a run of a task that draws no rigs and no skeletons.

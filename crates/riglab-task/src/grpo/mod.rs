@@ -33,15 +33,15 @@ use tch::{Device, Kind, Tensor};
 
 pub use batch::{Batch, BatchSource, Subject};
 pub use config::{Dead, GrpoTaskConfig, GuardConfig, RolloutConfig, StartConfig};
-use lineage::startable;
-pub(crate) use lineage::{descends, refined};
+pub(crate) use lineage::{descends, refined, same_start};
+use lineage::{startable, started};
 pub use report::{AssetRow, AssetScore, Evaluation, Report, Row};
 use rollout::{GAP, floats, settle};
 pub use rollout::{Rollout, Sequence, noted};
 pub use score::{JudgeSettings, candidates, rewards};
 
 use crate::assets::{Assets, DataConfig};
-use crate::experiment::{Examined, Experiment, checksum};
+use crate::experiment::{Examined, Experiment};
 use crate::settings::{Settings, TaskSettings};
 use crate::tokenrig::{Card, Rigger, TokenRigTask, TokenRigTaskConfig};
 use crate::unirig_skeleton::{self, SkeletonTask, SkeletonTaskConfig, Trained};
@@ -247,7 +247,7 @@ fn skeleton_config(config: &GrpoTaskConfig, start: &SkeletonTaskConfig) -> Skele
 /// The model of a run of this task, at a checkpoint: `best`, `last` or `step-N`.
 ///
 /// # Errors
-/// A sentence: what cannot be read.
+/// A sentence: what cannot be read, or another model where the run started.
 pub(crate) fn of_run(
     run: &Path,
     settings: &Settings,
@@ -262,6 +262,7 @@ pub(crate) fn of_run(
             run.display()
         ));
     };
+    same_start(run, start.params())?;
     let file = |path: &PathBuf| path.file_name().map(|name| name.to_string_lossy().into_owned());
     let corpora = config.data.corpora.iter().filter_map(file).collect::<Vec<_>>().join(", ");
     let splits = config.data.train.iter().map(|split| format!("`{split}`")).collect::<Vec<_>>().join(", ");
@@ -356,8 +357,7 @@ impl Experiment for GrpoTask {
     }
 
     fn companions(&self) -> Vec<(String, String)> {
-        let named = self.params().named(&self.start).map(|(name, tensor)| (name, tensor.shallow_clone()));
-        vec![("start.model".into(), checksum(named))]
+        started(self.params(), &self.start)
     }
 
     fn examination_steps(&self) -> Result<usize, String> {

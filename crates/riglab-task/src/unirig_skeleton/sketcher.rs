@@ -62,10 +62,18 @@ impl Sketcher {
     /// # Errors
     /// A sentence: what is wrong with it.
     pub fn open(path: &Path, device: Device) -> Result<Option<(Self, Card)>, String> {
-        if !is_one(path) {
+        Self::open_with(path, &[], device)
+    }
+
+    /// As [`Self::open`], with settings of a run changed as `--set` does: where the model lies now that it started from.
+    ///
+    /// # Errors
+    /// As [`Self::open`].
+    pub fn open_with(path: &Path, sets: &[String], device: Device) -> Result<Option<(Self, Card)>, String> {
+        if !is_one(path, sets) {
             return Ok(None);
         }
-        let Some(own) = Trained::open(path, device)? else { return Ok(None) };
+        let Some(own) = Trained::open_with(path, sets, device)? else { return Ok(None) };
         let (tokenizer, card) = (Tokenizer::new(own.config.tokenizer.clone()), own.card.clone());
         Ok(Some((Self { own, tokenizer, device }, card)))
     }
@@ -172,14 +180,14 @@ impl Sketcher {
 }
 
 /// Whether a path is of a model of this task. What cannot be read is not: who looks for another kind says what is wrong.
-fn is_one(path: &Path) -> bool {
+fn is_one(path: &Path, sets: &[String]) -> bool {
     let (run, _) = named_by(path);
     if !run.is_dir() {
         return bundle::kind(path).is_some_and(|kind| kind == SkeletonTaskConfig::TASK);
     }
-    let (Ok(()), Ok(settings)) = (descends(&run), Settings::of_run(&run)) else { return false };
+    let (Ok(()), Ok(settings)) = (descends(&run), Settings::of_run_with(&run, sets)) else { return false };
     match refined(&settings) {
-        Ok(Some(start)) => !start.as_os_str().is_empty() && is_one(&start),
+        Ok(Some(start)) => !start.as_os_str().is_empty() && is_one(&start, &[]),
         _ => settings.are::<SkeletonTaskConfig>(),
     }
 }

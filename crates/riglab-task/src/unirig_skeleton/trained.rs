@@ -10,7 +10,7 @@ use tch::Device;
 
 use super::{SkeletonTask, SkeletonTaskConfig};
 use crate::bundle::{Card, Stored};
-use crate::grpo::{descends, refined};
+use crate::grpo::{descends, refined, same_start};
 use crate::settings::{Settings, TaskSettings};
 
 /// Its task.
@@ -32,15 +32,27 @@ impl Trained {
     /// import` made; of a run of GRPO, what became of such a model. `None` where it is of another task.
     ///
     /// # Errors
-    /// A sentence: what cannot be read.
+    /// A sentence: what cannot be read, or another model where a run of GRPO started.
     pub fn open(path: &Path, device: Device) -> Result<Option<Self>, String> {
+        Self::open_with(path, &[], device)
+    }
+
+    /// As [`Self::open`], with settings of a run changed as `--set` does: where the model lies now that it started from.
+    ///
+    /// # Errors
+    /// As [`Self::open`].
+    pub fn open_with(path: &Path, sets: &[String], device: Device) -> Result<Option<Self>, String> {
         let (run, checkpoint) = named_by(path);
         if run.is_dir() {
             descends(&run)?;
-            let settings = Settings::of_run(&run).map_err(|e| format!("{e}; {REMEDY}"))?;
+            let settings = Settings::of_run_with(&run, sets).map_err(|e| format!("{e}; {REMEDY}"))?;
             let own = match refined(&settings)? {
                 Some(start) if start.as_os_str().is_empty() => None,
-                Some(start) => Self::open(&start, device)?,
+                Some(start) => {
+                    let start = Self::open(&start, device)?;
+                    start.as_ref().map(|start| same_start(&run, &start.params)).transpose()?;
+                    start
+                }
                 None => Self::of_settings(&settings, device)?,
             };
             let Some(mut own) = own else { return Ok(None) };

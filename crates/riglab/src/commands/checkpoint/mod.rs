@@ -70,8 +70,8 @@ struct ExportArgs {
     /// folder above it before it, as tokenrig-001].
     #[arg(long)]
     name: Option<String>,
-    /// Of a run: where a model lies now that it builds on, as start.model=PATH or skin.run=PATH. An auto-encoder of other
-    /// weights than those of the training is refused.
+    /// Of a run: where a model lies now that it builds on, as start.model=PATH or skin.run=PATH. One of other weights than
+    /// those of the training is refused.
     #[arg(long = "set", value_name = "KEY=PATH")]
     sets: Vec<String>,
     /// Markdown that says what it learned from, how good it is, and its licence [default: what the model has].
@@ -183,8 +183,8 @@ fn anywhere(data: &mut DataConfig) {
 }
 
 /// One of UniRig's stages, at a run's checkpoint or in a file; `None` where it is another model.
-fn stage(at: &Path) -> Result<Option<(Imported, Card)>, String> {
-    if let Some((sketcher, card)) = Sketcher::open(at, Device::Cpu)? {
+fn stage(at: &Path, sets: &[String]) -> Result<Option<(Imported, Card)>, String> {
+    if let Some((sketcher, card)) = Sketcher::open_with(at, sets, Device::Cpu)? {
         let (mut config, params) = sketcher.into_parts();
         anywhere(&mut config.data);
         return Ok(Some((Imported::Skeleton(Box::new(config), params), card)));
@@ -197,12 +197,12 @@ fn stage(at: &Path) -> Result<Option<(Imported, Card)>, String> {
 
 /// The model of a file.
 fn of_file(file: &Path) -> Result<(Imported, Card), String> {
-    stage(file)?.map_or_else(|| Rigger::open(file, Device::Cpu).map(rigs), Ok)
+    stage(file, &[])?.map_or_else(|| Rigger::open(file, Device::Cpu).map(rigs), Ok)
 }
 
 /// The model of a run.
 fn of_folder(run: &Path, checkpoint: &str, sets: &[String]) -> Result<(Imported, Card), String> {
-    if let Some(found) = stage(&run.join("checkpoints").join(checkpoint))? {
+    if let Some(found) = stage(&run.join("checkpoints").join(checkpoint), sets)? {
         return Ok(found);
     }
     if !Settings::of_run(run)?.are::<FsqCvaeTaskConfig>() {
