@@ -16,6 +16,7 @@ mod fit;
 mod keys;
 mod predictions;
 mod rows;
+mod several;
 mod tables;
 mod truths;
 mod unit;

@@ -10,7 +10,7 @@ use crate::unit::{SAID, factor};
 use crate::{Failures, Status, System, Unread};
 
 /// Values that are no further apart than this are equal: what lies between them is rounding.
-const EQUAL: f64 = 1e-9;
+pub(crate) const EQUAL: f64 = 1e-9;
 
 /// Said where baselines stand beside systems: an evaluation of a run has them under the same names.
 const BASELINES: &str = " Baselines here may bind vertices to every joint of the true skeleton, as a system may; those of \
@@ -74,36 +74,31 @@ impl Comparison {
         table
     }
 
-    /// A table a preset: a row a metric, for each system the mean, its 95 % interval and the assets it is of; of two
-    /// systems also their difference.
+    /// The means of each preset, a row a metric. Of one system or two they stand in a table with their 95 % intervals and the
+    /// assets that they are of; of two also the difference. Of more systems means and intervals have a table each, a column
+    /// a system.
     pub fn tables(&self, presets: &[Preset]) -> Vec<Table> {
         let mut tables = Vec::new();
+        let mut said = false;
         for preset in presets {
             let names = self.metrics(&[*preset]);
             if names.is_empty() {
                 continue;
             }
-            let mut head = vec![format!("metric @{}", preset.name()), "better".into()];
-            for system in &self.systems {
-                head.extend([system.name.clone(), "95 % interval".into(), "n".into()]);
-            }
-            let pair = self.systems.len() == 2;
-            if pair {
-                head.extend(["difference".into(), "95 % interval".into(), "p".into()]);
-            }
-            let mut table = Table { caption: format!("Convention {}", preset.name()), head, ..Table::default() };
-            for name in &names {
-                table.row(self.line(name, pair));
-            }
+            let lines: Vec<Line> = names.iter().map(|name| self.line(name)).collect();
+            let several = self.systems.len() > 2;
+            let mut table = if several { self.means_of(*preset, &lines) } else { self.whole_of(*preset, &lines) };
             let mut notes = Vec::new();
-            if names.iter().any(|name| factor(name).is_some()) {
+            // Once: it is the same in every convention.
+            if !said && names.iter().any(|name| factor(name).is_some()) {
                 notes.push(SAID.to_owned());
+                said = true;
             }
-            if pair {
-                let [a, b] = [&self.systems[0].name, &self.systems[1].name];
+            if let [a, b] = &self.systems[..] {
                 notes.push(format!(
-                    "difference: mean of {a} - {b} over assets where both are defined; p: share of sign flips over \
-                     assets that give a mean at least as far from 0"
+                    "difference: mean of {} - {} over assets where both are defined; p: share of sign flips over \
+                     assets that give a mean at least as far from 0",
+                    a.name, b.name
                 ));
             }
             let without = self.without_failures(&names);
@@ -111,10 +106,41 @@ impl Comparison {
                 notes.push(format!("Without failed and missing assets: {}", without.join(", ")));
             }
             notes.extend(self.marked(&names));
+            if several {
+                notes.push(Line::COUNTS.to_owned());
+            }
             table.note = notes.join(". ");
             tables.push(table);
+            if several {
+                tables.push(self.intervals_of(*preset, &lines));
+            }
         }
         tables
+    }
+
+    /// Everything of one system or two.
+    fn whole_of(&self, preset: Preset, lines: &[Line]) -> Table {
+        let mut head = vec![format!("metric @{}", preset.name()), "better".into()];
+        for system in &self.systems {
+            head.extend([system.name.clone(), "95 % interval".into(), "n".into()]);
+        }
+        let pair = self.systems.len() == 2;
+        if pair {
+            head.extend(["difference".into(), "95 % interval".into(), "p".into()]);
+        }
+        let mut table = Table { caption: format!("Convention {}", preset.name()), head, ..Table::default() };
+        for line in lines {
+            let mut cells = line.named().to_vec();
+            for (m, best) in line.means.iter().zip(&line.best) {
+                cells.extend([number(m.mean).strong_if(*best), interval(m.low, m.high), Cell::count(m.n)]);
+            }
+            if pair {
+                let p = Paired::of(&line.values[0], &line.values[1]);
+                cells.extend([number(p.difference), interval(p.low, p.high), number(p.p)]);
+            }
+            table.row(cells);
+        }
+        table
     }
 
     /// Metrics that have no value for a failure, though failures are to count.
@@ -167,7 +193,7 @@ impl Comparison {
         marked.map(|marked| marked + but)
     }
 
-    fn line(&self, name: &str, pair: bool) -> Vec<Cell> {
+    fn line(&self, name: &str) -> Line {
         let lower = lower_is_better(name);
         let scale = factor(name).unwrap_or(1.0);
         let values = self.systems.iter().map(|s| s.values(name).into_iter().map(|v| scale * v).collect());
@@ -183,21 +209,9 @@ impl Comparison {
         // Where all are equal none is the better one.
         let near = |a: f64| best.is_some_and(|best| (a - best).abs() <= EQUAL);
         let differ = defined().any(|(o, _)| !near(o.mean));
-        let best = |k: usize| comparable && found[k] && differ && near(means[k].mean);
-        let arrow = match lower {
-            Some(true) => "lower",
-            Some(false) => "higher",
-            None => "",
-        };
-        let mut cells = vec![Cell::text(headed(name.split('@').next().unwrap_or(name), name)), Cell::text(arrow)];
-        for (k, m) in means.iter().enumerate() {
-            cells.extend([number(m.mean).strong_if(best(k)), interval(m.low, m.high), Cell::count(m.n)]);
-        }
-        if pair {
-            let p = Paired::of(&values[0], &values[1]);
-            cells.extend([number(p.difference), interval(p.low, p.high), number(p.p)]);
-        }
-        cells
+        let best = |(m, found): (&Mean, &bool)| comparable && *found && differ && near(m.mean);
+        let best = means.iter().zip(&found).map(best).collect();
+        Line { name: name.into(), values, means, best }
     }
 
     /// A row an asset and system, with all figures of some presets; with all their digits and as the presets print them,
@@ -258,6 +272,28 @@ impl Comparison {
     }
 }
 
+/// A metric of all systems.
+pub(crate) struct Line {
+    name: String,
+    /// As they are shown, a list a system.
+    values: Vec<Vec<f64>>,
+    pub means: Vec<Mean>,
+    /// Which of them are marked.
+    pub best: Vec<bool>,
+}
+
+impl Line {
+    /// What the metric is called, and which of its values are better.
+    pub fn named(&self) -> [Cell; 2] {
+        let arrow = match lower_is_better(&self.name) {
+            Some(true) => "lower",
+            Some(false) => "higher",
+            None => "",
+        };
+        [Cell::text(headed(self.name.split('@').next().unwrap_or(&self.name), &self.name)), Cell::text(arrow)]
+    }
+}
+
 /// What the means of a metric are over. A system that fails on what is hard has an easy mean: none is the better one
 /// then.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -293,7 +329,7 @@ fn headed(text: &str, name: &str) -> String {
     if factor(name).is_some() { format!("{text} × 100") } else { text.into() }
 }
 
-fn number(value: f64) -> Cell {
+pub(crate) fn number(value: f64) -> Cell {
     Cell::number(value, 0).with_text(shown(value))
 }
 
@@ -385,9 +421,9 @@ mod tests {
             let systems = systems.iter().enumerate().map(|(k, values)| system(&format!("s{k}"), values)).collect();
             let all = Comparison { truth: "t".into(), failures: Failures::Apart, unread_truth: Vec::new(), systems };
             let table = all.tables(&Preset::ALL).remove(0);
-            let strong: Vec<bool> =
-                table.rows[0].iter().skip(2).step_by(3).take(all.systems.len()).map(|c| c.strong).collect();
-            (strong, table.note)
+            let apart = if all.systems.len() > 2 { 1 } else { 3 };
+            let means = table.rows[0].iter().skip(2).step_by(apart).take(all.systems.len());
+            (means.map(|c| c.strong).collect::<Vec<bool>>(), table.note)
         };
         let (two, some) = ([Some(0.1), Some(0.2)], [Some(0.3), Some(0.1)]);
         let (strong, note) = of(&[&two, &some]);
@@ -405,7 +441,7 @@ mod tests {
             let systems = means.iter().enumerate().map(named).collect();
             let all = Comparison { truth: "t".into(), failures: Failures::Apart, unread_truth: Vec::new(), systems };
             let table = all.tables(&Preset::ALL).remove(0);
-            [2, 5, 8].map(|column| table.rows[0][column].strong)
+            [2, 3, 4].map(|column| table.rows[0][column].strong)
         };
         assert_eq!(strong([0.0, 3.8e-17, -1e-13]), [false; 3]);
         assert_eq!(strong([0.1, 0.1 + 1e-13, 0.2]), [true, true, false]);

@@ -7,17 +7,21 @@ use crate::{Cell, Table, ticks};
 /// Height that a table takes of a page in LaTeX at most, in points; pages of `article` have 550 on letter paper.
 const PAGE: f64 = 500.0;
 
+/// Letters of a terminal's line beyond which heads of tables are broken.
+const TERMINAL: usize = 100;
+
 impl Table {
-    /// For a terminal: columns aligned by blanks, the best of a column with `*`.
+    /// For a terminal: columns aligned by blanks, the best of a column with `*`. Where columns are many, long heads are
+    /// broken at their blanks.
     pub fn to_text(&self) -> String {
         let mark = |cell: &Cell| format!("{}{}", cell.text, if cell.strong { "*" } else { "" });
         let lines: Vec<Vec<String>> = self.rows.iter().map(|row| row.iter().map(mark).collect()).collect();
-        let all = || std::iter::once(&self.head).chain(&lines);
-        let width = |k: usize| all().filter_map(|l| l.get(k)).map(|t| t.chars().count()).max().unwrap_or(0);
-        let widths: Vec<usize> = (0..self.head.len()).map(width).collect();
+        let heads = self.heads(&lines);
+        let all = || heads.iter().chain(&lines);
+        let widths: Vec<usize> = (0..self.head.len()).map(|k| widest(all(), k)).collect();
         let mut out = format!("{}\n", self.caption);
         for (n, line) in all().enumerate() {
-            if n > 0 && self.breaks.contains(&(n - 1)) {
+            if n >= heads.len() && self.breaks.contains(&(n - heads.len())) {
                 out.push('\n');
             }
             let mut text = String::new();
@@ -32,6 +36,20 @@ impl Table {
             out += &format!("  {}\n", self.note);
         }
         out
+    }
+
+    /// The lines of the heads above some rows: one, or several in a wide table, the last of which stand right above the rows.
+    fn heads(&self, rows: &[Vec<String>]) -> Vec<Vec<String>> {
+        let columns = 0..self.head.len();
+        let whole = vec![self.head.clone()];
+        let width = columns.clone().map(|k| widest(whole.iter().chain(rows), k) + 2).sum::<usize>();
+        if width <= TERMINAL {
+            return whole;
+        }
+        let broken: Vec<Vec<String>> = columns.map(|k| broken(&self.head[k], widest(rows.iter(), k))).collect();
+        let height = broken.iter().map(Vec::len).max().unwrap_or(0);
+        let at = |own: &Vec<String>, n: usize| (n + own.len()).checked_sub(height).map_or("", |n| &own[n]).to_owned();
+        (0..height).map(|n| broken.iter().map(|own| at(own, n)).collect()).collect()
     }
 
     /// GitHub's Markdown: the best of a column bold, published numbers in italics.
@@ -177,6 +195,25 @@ impl Table {
         let mut cells = self.rows.iter().filter_map(|row| row.get(column)).peekable();
         cells.peek().is_some() && cells.all(|c| c.number)
     }
+}
+
+/// Letters of the widest cell of a column.
+fn widest<'a>(lines: impl Iterator<Item = &'a Vec<String>>, column: usize) -> usize {
+    lines.filter_map(|line| line.get(column)).map(|cell| cell.chars().count()).max().unwrap_or(0)
+}
+
+/// A text in lines of at most so many letters, as far as its words allow.
+fn broken(text: &str, letters: usize) -> Vec<String> {
+    let mut lines: Vec<String> = Vec::new();
+    // A word that stands alone anyhow leaves room for others.
+    let longest = text.split(' ').map(|word| word.chars().count()).max().unwrap_or(0).max(letters);
+    for word in text.split(' ') {
+        match lines.last_mut() {
+            Some(line) if line.chars().count() + 1 + word.chars().count() <= longest => *line += &format!(" {word}"),
+            _ => lines.push(word.to_owned()),
+        }
+    }
+    lines
 }
 
 /// How a table fits between the margins of a page in LaTeX.
@@ -355,6 +392,23 @@ mod tests {
             text,
             "A & B\n  name        x_1\n  a|b, \"c\"  0.50*\n\n  ours          –\n  theirs    12.00\n  100 %\n"
         );
+    }
+
+    #[test]
+    fn heads_of_wide_tables_are_broken_at_blanks() {
+        let mut t = Table::new("t", &["metric @rignet", "heat diffusion, top 4", "n"]);
+        t.row(vec![Cell::text("j2j × 100"), Cell::number(12.5, 2), Cell::count(3)]);
+        t.line();
+        t.row(vec![Cell::text("iou"), Cell::number(0.5, 2), Cell::count(3)]);
+        assert!(t.to_text().starts_with("t\n  metric @rignet  heat diffusion, top 4  n\n"), "{}", t.to_text());
+        t.row(vec![Cell::text("x".repeat(TERMINAL)), Cell::number(0.5, 2), Cell::count(3)]);
+        let text = t.to_text();
+        let lines: Vec<&str> = text.lines().map(|line| line.trim_start_matches(' ')).collect();
+        assert_eq!(lines[1..3], ["heat", "diffusion,"]);
+        assert!(lines[3].starts_with("metric @rignet  ") && lines[3].ends_with("      top 4  n"), "{text}");
+        assert!(lines[5].is_empty() && lines[6].starts_with("iou"), "{text}");
+        assert!(lines.iter().skip(1).all(|line| line.chars().count() <= TERMINAL + 2 + 10 + 3));
+        assert_eq!((broken("", 3), broken("a b", 3)), (vec![String::new()], vec!["a b".to_owned()]));
     }
 
     #[test]
