@@ -7,12 +7,14 @@
 //!
 //! Leaves out: what is in the files.
 
+mod lock;
 mod signals;
 mod stale;
 mod unfinished;
 mod walk;
 mod write;
 
+pub use lock::is_locked;
 pub use signals::{Signal, on_signals, was_asked};
 pub use unfinished::{Unfinished, ask_to_leave, leave};
 pub use walk::{Below, below};

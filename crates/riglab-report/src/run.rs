@@ -51,6 +51,10 @@ pub struct RunView {
     perf: Vec<Value>,
     /// Lines of the logs that are no JSON: cut off when the run was.
     cut_off: usize,
+    /// Whether a process is training in the folder.
+    held: bool,
+    /// Whether there is a checkpoint.
+    saved: bool,
 }
 
 impl RunView {
@@ -79,7 +83,10 @@ impl RunView {
             Ok(read.collect())
         };
         let (metrics, perf) = (lines("metrics.jsonl")?, lines("perf.jsonl")?);
-        Ok(Self { info, config, metrics, perf, cut_off })
+        let held = riglab_files::is_locked(&dir.join(".lock"));
+        // It is a link to a checkpoint that is whole.
+        let saved = dir.join("checkpoints").join("last").exists();
+        Ok(Self { info, config, metrics, perf, cut_off, held, saved })
     }
 
     /// The task's name.
@@ -87,12 +94,20 @@ impl RunView {
         self.word("task")
     }
 
-    /// How it ended.
+    /// How it ended, or how far it is. One that was killed could not say so.
     pub fn outcome(&self) -> String {
-        match self.word("outcome") {
-            o if o.is_empty() => "still running or cut off".to_string(),
-            o => o,
+        match (self.word("outcome"), self.last_step()) {
+            (told, _) if !told.is_empty() => told,
+            _ if self.held => "still running".into(),
+            (_, Some(step)) if self.saved => format!("cut off after step {step}"),
+            (_, Some(step)) => format!("cut off after step {step}, before the first checkpoint"),
+            (_, None) => "cut off before the first step".into(),
         }
+    }
+
+    /// The last step that was logged.
+    fn last_step(&self) -> Option<u64> {
+        self.metrics.iter().filter_map(|line| line["step"].as_u64()).max()
     }
 
     /// The corpora: path and checksum.
@@ -143,8 +158,7 @@ impl RunView {
         if let Some(n) = self.info["parameters"].as_f64() {
             add("parameters", format!("{:.2} M", n / 1e6));
         }
-        let steps = self.metrics.iter().filter_map(|l| l["step"].as_u64()).max();
-        add("steps", steps.map_or(String::new(), |s| s.to_string()));
+        add("steps", self.last_step().map_or(String::new(), |s| s.to_string()));
         let extended = self.extended().map(|e| format!("at step {} from {} to {}", e["at"], e["from"], e["to"]));
         add("extended", extended.collect::<Vec<_>>().join(", then "));
         if let Some(s) = self.info["seconds"].as_f64().filter(|_| self.was_trained()) {
@@ -462,6 +476,23 @@ mod tests {
         let facts = [("parameters", "0.09 M"), ("riglab", "0.1.0")].map(|(name, value)| (name.into(), value.into()));
         assert_eq!(run.fact_list(), facts);
         assert!(matches!(&run.repeat()[1], Block::Code(c) if c == "riglab checkpoint export a -o b"));
+    }
+
+    #[test]
+    fn a_run_that_could_not_say_how_it_ended_is_told_by_what_it_left() {
+        let step = "{\"step\": 3, \"train/loss\": 1.0}\n";
+        let dir = folder(&[("config.toml", ""), ("run.json", "{\"task\": \"t\", \"outcome\": \"\"}")]);
+        let outcome = || RunView::read(dir.path()).unwrap().outcome();
+        assert_eq!(outcome(), "cut off before the first step");
+        std::fs::write(dir.path().join("metrics.jsonl"), step).unwrap();
+        assert_eq!(outcome(), "cut off after step 3, before the first checkpoint");
+        std::fs::create_dir_all(dir.path().join("checkpoints/last")).unwrap();
+        assert_eq!(outcome(), "cut off after step 3");
+        let lock = std::fs::File::create(dir.path().join(".lock")).unwrap();
+        lock.lock().unwrap();
+        assert_eq!(outcome(), "still running");
+        std::fs::write(dir.path().join("run.json"), "{\"task\": \"t\", \"outcome\": \"interrupted\"}").unwrap();
+        assert_eq!(outcome(), "interrupted");
     }
 
     #[test]

@@ -71,11 +71,7 @@ pub(crate) fn info(run: &Path) -> Value {
 /// Whether a process is at a run: training in its folder or, once that is done, evaluating it there. Both hold their lock
 /// as long as they live. An evaluation of a run that is not done yet stands in nobody's way.
 pub fn is_held(run: &Path) -> bool {
-    let held = |name: &str| {
-        // A shared lock needs no right to write, which network file systems want for the other one.
-        let asked = File::open(run.join(name)).map(|lock| lock.try_lock_shared());
-        matches!(asked, Ok(Err(TryLockError::WouldBlock)))
-    };
+    let held = |name: &str| riglab_files::is_locked(&run.join(name));
     held(TRAINED) || (held(EVALUATED) && info(run)["outcome"] == "finished")
 }
 
