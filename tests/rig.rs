@@ -280,6 +280,15 @@ fn a_folder_is_rigged_file_by_file() {
     let said = String::from_utf8(riglab(&again).output().unwrap().stdout).unwrap();
     assert!(said.contains("1 rigged") && said.contains("1 already there"), "{said}");
     assert!(made[0].exists() && fs::metadata(&made[1]).unwrap().modified().unwrap() == kept);
+    // What cannot be rigged is tried each time; without it there is nothing to do.
+    fs::rename(input.join("broken.obj"), dir.path().join("broken.obj")).unwrap();
+    let done = must(&again);
+    let said = String::from_utf8(done.stdout).unwrap();
+    assert_eq!(said, format!("nothing to do: all 2 results are there already in {}\n", out.display()));
+    assert!(!String::from_utf8_lossy(&done.stderr).contains("rigging"), "no progress of nothing");
+    let lines = String::from_utf8(must(&[&again[..], &["--json"]].concat()).stdout).unwrap();
+    assert!(lines.lines().count() == 2 && lines.lines().all(|line| line.contains("is there already")), "{lines}");
+    fs::rename(dir.path().join("broken.obj"), input.join("broken.obj")).unwrap();
     // Into the other format, too.
     let other = dir.path().join("fbx");
     riglab(&[&["rig", text(&input), "-o", text(&other), "--to", "fbx"][..], &few].concat()).output().unwrap();

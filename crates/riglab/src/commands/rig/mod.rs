@@ -268,6 +268,13 @@ fn run(args: &Common, bones: &Bones, weights: Option<&Path>, threads: usize) -> 
         jobs.into_iter().partition(|(_, to)| args.skip_existing && written(to).is_at(to));
     jobs.iter().try_for_each(|(_, to)| args.overwrite.keep_others(to, written(to)))?;
     skipped.extend(there.iter().map(|(from, to)| (from.clone(), format!("{} is there already", to.display()))));
+    if jobs.is_empty() {
+        tell_skipped(args, &skipped);
+        let all =
+            if there.len() == 1 { "the only result is".into() } else { format!("all {} results are", there.len()) };
+        tell_counts(args, &format!("nothing to do: {all} there already in {}", args.out.display()));
+        return Ok(ExitCode::SUCCESS);
+    }
     let into = if args.input.is_dir() { Some(args.out.as_path()) } else { jobs[0].1.parent() };
     let remedy = "give --out a place where you may write, or make this one so";
     into.map_or(Ok(()), riglab_files::may_write).map_err(|e| anyhow!("nothing can be written into {e}; {remedy}"))?;
@@ -303,11 +310,7 @@ fn run(args: &Common, bones: &Bones, weights: Option<&Path>, threads: usize) -> 
         let (from, to) = &jobs[0];
         return one::rig(args, bones, &model, from, to).map(|()| ExitCode::SUCCESS);
     }
-    if args.json {
-        for (path, why) in &skipped {
-            say!("{}", serde_json::json!({ "file": path.to_string_lossy(), "skipped": why }));
-        }
-    }
+    tell_skipped(args, &skipped);
     let mut progress = Progress::new("rigging", jobs.len() as u64, 0);
     let mut failed = 0;
     for (done, (from, to)) in jobs.iter().enumerate() {
@@ -323,13 +326,20 @@ fn run(args: &Common, bones: &Bones, weights: Option<&Path>, threads: usize) -> 
     progress.finish();
     let earlier = if there.is_empty() { String::new() } else { format!(", {} already there", there.len()) };
     let counts = format!("{} rigged in {}, {failed} left out{earlier}", jobs.len() - failed, args.out.display());
-    // What reads lines of JSON is told each failure as one.
-    if args.json {
-        tell!("{counts}")
-    } else {
-        say!("{counts}")
-    }
+    tell_counts(args, &counts);
     Ok(if failed > 0 { ExitCode::FAILURE } else { ExitCode::SUCCESS })
+}
+
+/// Tells who reads lines of JSON what is skipped, and why.
+fn tell_skipped(args: &Common, skipped: &[(PathBuf, String)]) {
+    for (path, why) in skipped.iter().filter(|_| args.json) {
+        say!("{}", serde_json::json!({ "file": path.to_string_lossy(), "skipped": why }));
+    }
+}
+
+/// Says what became of a folder; who reads lines of JSON is told it beside them, having each file as one.
+fn tell_counts(args: &Common, counts: &str) {
+    if args.json { tell!("{counts}") } else { say!("{counts}") }
 }
 
 /// What is read and where each is written; and what below a folder cannot be looked at, with the reason.
