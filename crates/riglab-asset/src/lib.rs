@@ -73,8 +73,8 @@ pub use format::Format;
 pub use gltf::{decode_draco, decode_meshopt, to_glb};
 pub use inspect::Inspection;
 pub use peers::{
-    Array, ArrayRig, PeerFault, SparseRows, StoredKind, StoredTensor, Target, TensorFile, Up, WriteError, write,
-    write_mesh, written_paths,
+    Array, ArrayRig, Filling, PeerFault, SparseRows, StoredKind, StoredTensor, Target, TensorFile, Up, WriteError,
+    write, write_mesh, written_paths,
 };
 pub use reading::{Binding, Body, Part, ReadJoint, Reading, Shaped, VertexSet};
 pub use warning::{NodeName, Warning};

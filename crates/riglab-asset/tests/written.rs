@@ -6,7 +6,7 @@ use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use riglab_asset::{Array, ImportOptions, Target, import, import_each, read_arrays, write, written_paths};
+use riglab_asset::{Array, Filling, ImportOptions, Target, import, import_each, read_arrays, write, written_paths};
 use riglab_core::{Asset, Bounds, Joint, JointId, Rig, Similarity, Skeleton};
 
 /// All rigs of the golden samples, one of each name.
@@ -237,4 +237,22 @@ fn what_a_format_has_no_form_for_is_known_before() {
     assert!(fault.contains("cannot be written as anymate") && fault.contains("up to 127"), "{fault}");
     joints.truncate(100);
     assert!(Target::ANYMATE.holds(&asset(&joints)).is_ok());
+}
+
+#[test]
+fn a_file_that_is_not_filled_to_its_end_leaves_what_was_there() {
+    let Some(rigs) = rigs() else { return };
+    let dir = tempfile::tempdir().unwrap();
+    for &target in Target::ALL {
+        let path = dir.path().join(format!("all{}", target.suffix()));
+        std::fs::write(&path, "earlier").unwrap();
+        let Ok(mut filling) = Filling::new(&path, target) else {
+            assert!(!target.holds_several());
+            continue;
+        };
+        filling.add(&rigs[0]).unwrap();
+        drop(filling);
+        assert_eq!(std::fs::read(&path).unwrap(), b"earlier", "{target}");
+    }
+    assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), Target::ALL.len(), "nothing unfinished is left");
 }

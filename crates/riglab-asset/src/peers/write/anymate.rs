@@ -1,16 +1,19 @@
 //! Anymate's pt: a list of dictionaries of tensors, as torch saves it.
 
 use std::collections::{BTreeSet, HashMap};
+use std::fs::File;
+use std::io::{self, BufWriter, Write};
 use std::path::Path;
 
 use riglab_core::{Asset, Rig, Vec3};
 
 use super::super::read::bone_parents;
+use super::filling::{Begin, Fault, Fills};
 use super::npz::{self, Npz, corners, f16s, f32s, i64s};
 use super::pickle::Pickle;
 use super::surface::{self, Point};
-use super::target::{Writes, Written};
-use super::{Target, WriteError, tails};
+use super::tails;
+use super::target::Writes;
 
 /// Points of the sampled surface.
 const POINTS: usize = 8192;
@@ -32,8 +35,8 @@ impl Writes for Anymate {
         ".pt"
     }
 
-    fn holds_several(&self) -> bool {
-        true
+    fn filled(&self) -> Option<Begin> {
+        Some(|file, _| Ok(Box::new(Saved::begin(file))))
     }
 
     fn lacks(&self, rig: &Rig) -> Option<String> {
@@ -52,39 +55,45 @@ impl Writes for Anymate {
     fn is_own(&self, path: &Path, _: &[u8]) -> bool {
         npz::is_own(path)
     }
-
-    fn files(&self, assets: &[Asset], notes: &mut Vec<String>) -> Result<Written, WriteError> {
-        Ok(file(assets, notes)?.into())
-    }
 }
 
-fn file(assets: &[Asset], notes: &mut Vec<String>) -> Result<Vec<u8>, WriteError> {
-    notes.push("joint names are not in it: the format has no place for them".to_owned());
-    let mut file = Saved { zip: Npz::new(false), pickle: Pickle::new(2), storages: 0 };
-    file.pickle.op(b"](");
-    for asset in assets {
-        let fault = |reason| WriteError::Cannot { asset: asset.name.clone(), format: Target::ANYMATE, reason };
-        file.asset(asset).map_err(fault)?;
-    }
-    file.pickle.op(b"e");
-    let Saved { mut zip, pickle, .. } = file;
-    zip.member(&format!("{FOLDER}/data.pkl"), &pickle.end());
-    zip.member(&format!("{FOLDER}/byteorder"), b"little");
-    zip.member(&format!("{FOLDER}/version"), b"3\n");
-    Ok(zip.end())
-}
-
+/// Numbers go into the file as they come, each tensor's into a member; what says whose they are comes last.
 struct Saved {
-    zip: Npz,
+    zip: Npz<BufWriter<File>>,
     pickle: Pickle,
     storages: usize,
 }
 
+impl Fills for Saved {
+    fn lacks(&self) -> Option<&'static str> {
+        Some("joint names are not in it: the format has no place for them")
+    }
+
+    fn add(&mut self, asset: &Asset, _: &mut Vec<String>) -> Result<(), Fault> {
+        self.asset(asset, joints(&asset.rig).map_err(Fault::Cannot)?).map_err(Fault::Io)
+    }
+
+    fn end(self: Box<Self>, _: usize) -> Result<File, Fault> {
+        let Self { mut zip, mut pickle, .. } = *self;
+        pickle.op(b"e");
+        zip.begin(&format!("{FOLDER}/data.pkl"))?.write_all(&pickle.end())?;
+        zip.begin(&format!("{FOLDER}/byteorder"))?.write_all(b"little")?;
+        zip.begin(&format!("{FOLDER}/version"))?.write_all(b"3\n")?;
+        Ok(zip.close()?)
+    }
+}
+
 impl Saved {
-    fn asset(&mut self, asset: &Asset) -> Result<(), String> {
+    fn begin(file: File) -> Self {
+        let mut pickle = Pickle::new(2);
+        pickle.op(b"](");
+        Self { zip: Npz::in_file(file, false), pickle, storages: 0 }
+    }
+
+    fn asset(&mut self, asset: &Asset, joints: Joints) -> io::Result<()> {
         let rig = &asset.rig;
         let (mesh, bones) = (rig.mesh(), rig.skeleton().len());
-        let Joints { ends, positions, above } = joints(rig)?;
+        let Joints { ends, positions, above } = joints;
         let rows = |columns: usize, data: &[f32]| ([data.len() / columns, columns], f32s(data));
         let points = surface::points(mesh, POINTS);
         let segments: Vec<f32> =
@@ -98,26 +107,26 @@ impl Saved {
 
         self.pickle.op(b"}(").text("name").text(&asset.name);
         let (shape, data) = rows(6, &surface::six(&points));
-        self.tensor("pc", "Float", 4, &shape, &data);
-        self.tensor("vox", "Char", 1, &[voxels.len() / 3, 3], &voxels);
+        self.tensor("pc", "Float", 4, &shape, &data)?;
+        self.tensor("vox", "Char", 1, &[voxels.len() / 3, 3], &voxels)?;
         self.pickle.text("bones_num").int(bones);
         let (shape, data) = rows(6, &segments);
-        self.tensor("bones", "Float", 4, &shape, &data);
+        self.tensor("bones", "Float", 4, &shape, &data)?;
         self.pickle.text("joints_num").int(positions.len());
         let (shape, data) = rows(3, positions.as_flattened());
-        self.tensor("joints", "Float", 4, &shape, &data);
-        self.tensor("conns", "Char", 1, &[above.len()], &above);
-        self.weights("skins", &on_points);
-        self.weights("mesh_skins", &on_vertices);
+        self.tensor("joints", "Float", 4, &shape, &data)?;
+        self.tensor("conns", "Char", 1, &[above.len()], &above)?;
+        self.weights("skins", &on_points)?;
+        self.weights("mesh_skins", &on_vertices)?;
         let (shape, data) = rows(6, &vertices);
-        self.tensor("mesh_pc", "Float", 4, &shape, &data);
-        self.tensor("mesh_face", "Long", 8, &[mesh.triangles().len(), 3], &i64s(corners(rig)));
+        self.tensor("mesh_pc", "Float", 4, &shape, &data)?;
+        self.tensor("mesh_face", "Long", 8, &[mesh.triangles().len(), 3], &i64s(corners(rig)))?;
         self.pickle.op(b"u");
         Ok(())
     }
 
     /// Numbers of bones, padded with -1, and their weights.
-    fn weights(&mut self, prefix: &str, rows: &[Vec<(u16, f32)>]) {
+    fn weights(&mut self, prefix: &str, rows: &[Vec<(u16, f32)>]) -> io::Result<()> {
         let columns = rows.iter().map(Vec::len).max().unwrap_or(0).max(1);
         let padded =
             rows.iter().flat_map(|row| row.iter().copied().map(Some).chain(std::iter::repeat(None)).take(columns));
@@ -127,19 +136,20 @@ impl Saved {
             weights.push(pair.map_or(0.0, |(_, weight)| weight));
         }
         let shape = [rows.len(), columns];
-        self.tensor(&format!("{prefix}_index"), "Char", 1, &shape, &indices);
-        self.tensor(&format!("{prefix}_weight"), "Half", 2, &shape, &f16s(&weights));
+        self.tensor(&format!("{prefix}_index"), "Char", 1, &shape, &indices)?;
+        self.tensor(&format!("{prefix}_weight"), "Half", 2, &shape, &f16s(&weights))
     }
 
-    fn tensor(&mut self, key: &str, kind: &str, size: usize, shape: &[usize], data: &[u8]) {
+    fn tensor(&mut self, key: &str, kind: &str, size: usize, shape: &[usize], data: &[u8]) -> io::Result<()> {
         let number = self.storages;
         self.storages += 1;
-        self.zip.member(&format!("{FOLDER}/data/{number}"), data);
+        self.zip.begin(&format!("{FOLDER}/data/{number}"))?.write_all(data)?;
         let strides: Vec<usize> = (0..shape.len()).map(|axis| shape[axis + 1..].iter().product()).collect();
         self.pickle.text(key).op(b"ctorch._utils\n_rebuild_tensor_v2\n((").text("storage");
         self.pickle.op(format!("ctorch\n{kind}Storage\n").as_bytes()).text(&number.to_string()).text("cpu");
         self.pickle.int(data.len() / size).op(b"tQK\0").ints(shape).ints(&strides);
         self.pickle.op(b"\x89ccollections\nOrderedDict\n)RtR");
+        Ok(())
     }
 }
 

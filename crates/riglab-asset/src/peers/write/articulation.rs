@@ -1,13 +1,17 @@
 //! Articulation-XL's npz: a pickled list of dictionaries, keys as in the released data.
 
+use std::fs::File;
+use std::io::{self, BufWriter, Seek, SeekFrom, Write};
 use std::path::Path;
 
 use riglab_core::{Asset, Bounds, Rig, Similarity};
+use riglab_files::Unfinished;
 
+use super::filling::{Begin, Fault, Fills};
 use super::npz::{self, Npz, corners, f16s, f32s, i64s};
 use super::pickle::Pickle;
-use super::target::{Writes, Written};
-use super::{WriteError, surface};
+use super::surface;
+use super::target::Writes;
 
 /// Points of the sampled surface, as the format has it.
 const POINTS: usize = 8192;
@@ -35,8 +39,8 @@ impl Writes for ArticulationXl {
         false
     }
 
-    fn holds_several(&self) -> bool {
-        true
+    fn filled(&self) -> Option<Begin> {
+        Some(|file, path| Ok(Box::new(List::begin(file, path)?)))
     }
 
     fn half_cube(&self) -> Option<f32> {
@@ -50,16 +54,44 @@ impl Writes for ArticulationXl {
     fn is_own(&self, path: &Path, _: &[u8]) -> bool {
         npz::is_own(path)
     }
+}
 
-    fn files(&self, assets: &[Asset], _: &mut Vec<String>) -> Result<Written, WriteError> {
-        Ok(file(assets).into())
+/// A list that is being filled. How long it is stands before its members, which wait in a file of their own until then.
+struct List {
+    file: File,
+    members: BufWriter<File>,
+    /// Takes that file away in the end.
+    _waiting: Unfinished,
+}
+
+impl List {
+    fn begin(file: File, path: &Path) -> io::Result<Self> {
+        let (members, waiting) = Unfinished::beside(path)?;
+        Ok(Self { file, members: BufWriter::new(members), _waiting: waiting })
     }
 }
 
-fn file(assets: &[Asset]) -> Vec<u8> {
-    let mut npz = Npz::new(true);
-    npz.objects("arr_0", &[assets.len()], |pickle| assets.iter().for_each(|asset| dictionary(asset, pickle)));
-    npz.end()
+impl Fills for List {
+    fn add(&mut self, asset: &Asset, _: &mut Vec<String>) -> Result<(), Fault> {
+        let mut member = Pickle::default();
+        dictionary(asset, &mut member);
+        Ok(self.members.write_all(&member.0)?)
+    }
+
+    fn end(self: Box<Self>, count: usize) -> Result<File, Fault> {
+        let mut members = self.members.into_inner().map_err(io::IntoInnerError::into_error)?;
+        members.seek(SeekFrom::Start(0))?;
+        let (mut before, mut after, shape) = (Pickle::new(3), Pickle::default(), [count]);
+        before.begin_objects(&shape);
+        after.end_objects();
+        let mut npz = Npz::in_file(self.file, true);
+        let mut out = npz.begin("arr_0.npy")?;
+        out.write_all(&npz::head("|O", &shape))?;
+        out.write_all(&before.0)?;
+        io::copy(&mut members, &mut out)?;
+        out.write_all(&after.end())?;
+        Ok(npz.close()?)
+    }
 }
 
 fn dictionary(asset: &Asset, out: &mut Pickle) {

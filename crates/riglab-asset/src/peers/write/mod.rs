@@ -6,6 +6,7 @@
 
 mod anymate;
 mod articulation;
+mod filling;
 mod npz;
 mod pickle;
 mod plain;
@@ -22,6 +23,7 @@ use std::path::{Path, PathBuf};
 use riglab_core::{Asset, Mesh};
 use thiserror::Error;
 
+pub use filling::Filling;
 pub use target::Target;
 
 /// Why something cannot be written.
@@ -88,10 +90,15 @@ pub fn written_paths(path: impl AsRef<Path>, target: Target) -> Vec<PathBuf> {
 /// format has no form for, [`WriteError::Io`] when the file system refuses.
 pub fn write(assets: &[Asset], path: impl AsRef<Path>, target: Target) -> Result<Vec<String>, WriteError> {
     let path = path.as_ref();
-    if !target.holds_several() && assets.len() != 1 {
-        return Err(WriteError::One { format: target, count: assets.len() });
+    if target.holds_several() {
+        let mut filling = Filling::new(path, target)?;
+        assets.iter().try_for_each(|asset| filling.add(asset))?;
+        return filling.end();
     }
-    let mut notes: Vec<String> = target.beyond(assets).into_iter().collect();
+    let [asset] = assets else { return Err(WriteError::One { format: target, count: assets.len() }) };
+    let mut reach = target::Reach::default();
+    reach.add(target, &asset.rig);
+    let mut notes: Vec<String> = target.beyond(&reach).into_iter().collect();
     let written = target.writes().files(assets, &mut notes)?;
     if let (Some(beside), Some(bytes)) = (target.writes().beside(path), written.beside) {
         // One that was cut off between the two has the same.

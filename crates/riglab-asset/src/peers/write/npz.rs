@@ -1,7 +1,7 @@
 //! Npz archives.
 
 use std::fs::File;
-use std::io::{Cursor, Read, Seek, SeekFrom, Write};
+use std::io::{self, BufWriter, Cursor, Read, Seek, SeekFrom, Write};
 use std::path::Path;
 
 use riglab_core::{Rig, Vec3};
@@ -12,37 +12,52 @@ use super::super::array_rig::Up;
 use super::pickle::Pickle;
 use crate::maker::{MAKER, is_maker};
 
-/// An archive being filled. The same content gives the same bytes.
-pub(super) struct Npz {
-    zip: ZipWriter<Cursor<Vec<u8>>>,
+/// An archive being filled, in memory or in a file. The same content gives the same bytes.
+pub(super) struct Npz<W: Write + Seek = Cursor<Vec<u8>>> {
+    zip: ZipWriter<W>,
     options: SimpleFileOptions,
 }
 
-impl Npz {
-    pub(super) fn new(compressed: bool) -> Self {
+impl<W: Write + Seek> Npz<W> {
+    fn with(out: W, compressed: bool) -> Self {
         let method = if compressed { CompressionMethod::Deflated } else { CompressionMethod::Stored };
-        let mut zip = ZipWriter::new(Cursor::new(Vec::new()));
+        let mut zip = ZipWriter::new(out);
         zip.set_comment(MAKER);
         Self { zip, options: SimpleFileOptions::default().compression_method(method).large_file(true) }
     }
 
+    /// Begins a member of any name, which what is written next goes into.
+    pub(super) fn begin(&mut self, name: &str) -> io::Result<&mut impl Write> {
+        self.zip.start_file(name, self.options)?;
+        Ok(&mut self.zip)
+    }
+}
+
+impl Npz<BufWriter<File>> {
+    pub(super) fn in_file(file: File, compressed: bool) -> Self {
+        Self::with(BufWriter::new(file), compressed)
+    }
+
+    /// The file, with all of it.
+    pub(super) fn close(self) -> io::Result<File> {
+        self.zip.finish()?.into_inner().map_err(io::IntoInnerError::into_error)
+    }
+}
+
+impl Npz {
+    pub(super) fn new(compressed: bool) -> Self {
+        Self::with(Cursor::new(Vec::new()), compressed)
+    }
+
     /// A member of any name.
-    pub(super) fn member(&mut self, name: &str, bytes: &[u8]) {
-        let written = self.zip.start_file(name, self.options).is_ok_and(|()| self.zip.write_all(bytes).is_ok());
+    fn member(&mut self, name: &str, bytes: &[u8]) {
+        let written = self.begin(name).and_then(|member| member.write_all(bytes));
         // Into memory: there is nothing that could refuse.
-        debug_assert!(written, "{name}");
+        debug_assert!(written.is_ok(), "{name}");
     }
 
     fn array(&mut self, name: &str, descr: &str, shape: &[usize], data: &[u8]) {
-        let lengths: String = shape.iter().map(|n| format!("{n},")).collect();
-        let mut header = format!("{{'descr': '{descr}', 'fortran_order': False, 'shape': ({lengths}), }}");
-        // The data begin at a multiple of 64.
-        let length = (10 + header.len() + 1).next_multiple_of(64) - 10;
-        header.extend(std::iter::repeat_n(' ', length - 1 - header.len()));
-        header.push('\n');
-        let mut bytes = b"\x93NUMPY\x01\0".to_vec();
-        bytes.extend((length as u16).to_le_bytes());
-        bytes.extend(header.as_bytes());
+        let mut bytes = head(descr, shape);
         bytes.extend(data);
         self.member(&format!("{name}.npy"), &bytes);
     }
@@ -77,6 +92,20 @@ impl Npz {
     pub(super) fn end(self) -> Vec<u8> {
         self.zip.finish().map(Cursor::into_inner).unwrap_or_default()
     }
+}
+
+/// What an array of numpy begins with.
+pub(super) fn head(descr: &str, shape: &[usize]) -> Vec<u8> {
+    let lengths: String = shape.iter().map(|n| format!("{n},")).collect();
+    let mut header = format!("{{'descr': '{descr}', 'fortran_order': False, 'shape': ({lengths}), }}");
+    // The data begin at a multiple of 64.
+    let length = (10 + header.len() + 1).next_multiple_of(64) - 10;
+    header.extend(std::iter::repeat_n(' ', length - 1 - header.len()));
+    header.push('\n');
+    let mut bytes = b"\x93NUMPY\x01\0".to_vec();
+    bytes.extend((length as u16).to_le_bytes());
+    bytes.extend(header.as_bytes());
+    bytes
 }
 
 /// Whether an archive says that riglab wrote it: in the comment at its end.

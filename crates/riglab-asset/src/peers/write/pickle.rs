@@ -45,8 +45,18 @@ impl Pickle {
 
     /// An array of objects, which `members` puts on a list; ends with what follows.
     pub(super) fn objects(&mut self, shape: &[usize], members: impl FnOnce(&mut Self)) -> &mut Self {
-        self.begin_array(shape).dtype("O8", "|", 63).op(b"\x89](");
+        self.begin_objects(shape);
         members(self);
+        self.end_objects()
+    }
+
+    /// What stands before the members of an array of objects.
+    pub(super) fn begin_objects(&mut self, shape: &[usize]) -> &mut Self {
+        self.begin_array(shape).dtype("O8", "|", 63).op(b"\x89](")
+    }
+
+    /// What stands after them.
+    pub(super) fn end_objects(&mut self) -> &mut Self {
         self.op(b"etb")
     }
 

@@ -1,15 +1,16 @@
 //! Puppeteer's HDF5: a group a sample.
 
 use std::collections::BTreeSet;
+use std::fs;
 use std::path::Path;
 
-use hdf5_pure::{AttrValue, Datatype, DatatypeByteOrder, File, FileBuilder, FloatingPointLayout, GroupBuilder};
+use hdf5_pure::{AttrValue, Datatype, DatatypeByteOrder, Error, File, FileBuilder, FloatingPointLayout, GroupBuilder};
 use riglab_core::{Asset, Rig, Skeleton};
 
 use super::articulation::{REACH, cloud};
+use super::filling::{Begin, Fault, Fills};
 use super::npz::{corners, dense, f16s};
-use super::target::{Writes, Written};
-use super::{Target, WriteError};
+use super::target::Writes;
 use crate::maker::{MAKER, is_maker};
 
 /// Joints the peer's own networks take.
@@ -33,8 +34,8 @@ impl Writes for PuppeteerH5 {
         ".h5"
     }
 
-    fn holds_several(&self) -> bool {
-        true
+    fn filled(&self) -> Option<Begin> {
+        Some(|file, _| Ok(Box::new(Samples { builder: FileBuilder::new(), file, count: 0 })))
     }
 
     fn lacks(&self, rig: &Rig) -> Option<String> {
@@ -55,33 +56,46 @@ impl Writes for PuppeteerH5 {
         let writer = || File::open_streaming(path).ok()?.root().attrs().ok()?.remove(WRITER);
         matches!(writer(), Some(AttrValue::String(own)) if is_maker(own.as_bytes()))
     }
-
-    fn files(&self, assets: &[Asset], notes: &mut Vec<String>) -> Result<Written, WriteError> {
-        Ok(file(assets, notes)?.into())
-    }
 }
 
-fn file(assets: &[Asset], notes: &mut Vec<String>) -> Result<Vec<u8>, WriteError> {
-    let mut file = FileBuilder::new();
-    file.set_attr("num_samples", AttrValue::I64(assets.len() as i64));
-    file.set_attr("version", AttrValue::String("1.0".into()));
-    file.set_attr(WRITER, AttrValue::String(MAKER.into()));
-    notes.push("joint names are not in it: the format has no place for them".to_owned());
-    for (number, asset) in assets.iter().enumerate() {
+/// Samples that wait for the last of them: hdf5-pure writes a file when all of it is known.
+struct Samples {
+    builder: FileBuilder,
+    file: fs::File,
+    count: usize,
+}
+
+impl Fills for Samples {
+    fn lacks(&self) -> Option<&'static str> {
+        Some("joint names are not in it: the format has no place for them")
+    }
+
+    fn add(&mut self, asset: &Asset, notes: &mut Vec<String>) -> Result<(), Fault> {
         let joints = asset.rig.skeleton().len();
         if joints > JOINTS {
             notes.push(format!("`{}` has {joints} joints, the format's own readers take up to {JOINTS}", asset.name));
         }
-        Target::PUPPETEER_H5.holds(asset)?;
-        let mut group = file.create_group(&format!("sample_{number}"));
+        if let Some(reason) = PuppeteerH5.lacks(&asset.rig) {
+            return Err(Fault::Cannot(reason));
+        }
+        let mut group = self.builder.create_group(&format!("sample_{}", self.count));
+        self.count += 1;
         sample(asset, &mut group);
-        file.add_group(group.finish());
+        self.builder.add_group(group.finish());
+        Ok(())
     }
-    file.finish().map_err(|e| WriteError::Cannot {
-        asset: assets.first().map(|a| a.name.clone()).unwrap_or_default(),
-        format: Target::PUPPETEER_H5,
-        reason: e.to_string(),
-    })
+
+    fn end(self: Box<Self>, count: usize) -> Result<fs::File, Fault> {
+        let Self { mut builder, file, .. } = *self;
+        builder.set_attr("num_samples", AttrValue::I64(count as i64));
+        builder.set_attr("version", AttrValue::String("1.0".into()));
+        builder.set_attr(WRITER, AttrValue::String(MAKER.into()));
+        builder.finish_to(&file).map_err(|e| match e {
+            Error::Io(e) => Fault::Io(e),
+            e => Fault::Cannot(e.to_string()),
+        })?;
+        Ok(file)
+    }
 }
 
 fn sample(asset: &Asset, group: &mut GroupBuilder) {

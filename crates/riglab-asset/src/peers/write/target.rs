@@ -8,6 +8,7 @@ use std::str::FromStr;
 use riglab_core::{Asset, Bounds, Rig, Similarity};
 
 use super::WriteError;
+use super::filling::Begin;
 
 /// All that riglab asks of a format that it writes. Whoever adds one implements this in a module of its own and adds a line
 /// to the list.
@@ -23,9 +24,10 @@ pub(crate) trait Writes: Sync {
         name.ends_with(self.suffix())
     }
 
-    /// Whether a file may hold several assets.
-    fn holds_several(&self) -> bool {
-        false
+    /// How a file is begun that holds as many assets as are added; `None` of a format of one asset a file, which gives
+    /// [`Self::files`].
+    fn filled(&self) -> Option<Begin> {
+        None
     }
 
     /// Whether a file holds more than rigs: motions, meshes without a skeleton, and looks.
@@ -56,8 +58,10 @@ pub(crate) trait Writes: Sync {
 
     /// The bytes of a file, and of the one beside it. What the format does not hold is told in `notes`.
     ///
-    /// `assets` is one, or as many as the format holds.
-    fn files(&self, assets: &[Asset], notes: &mut Vec<String>) -> Result<Written, WriteError>;
+    /// `assets` is one.
+    fn files(&self, _assets: &[Asset], _notes: &mut Vec<String>) -> Result<Written, WriteError> {
+        unreachable!("files of several assets are filled")
+    }
 }
 
 /// Share of a cube that coordinates may lie beyond it by rounding.
@@ -148,7 +152,7 @@ impl Target {
 
     /// Whether a file may hold several assets.
     pub fn holds_several(self) -> bool {
-        self.0.holds_several()
+        self.0.filled().is_some()
     }
 
     /// Whether a file holds more than rigs: motions, meshes without a skeleton, and looks.
@@ -181,16 +185,11 @@ impl Target {
     }
 
     /// A sentence on assets that reach out of the cube that the format's own loaders expect.
-    pub(super) fn beyond(self, assets: &[Asset]) -> Option<String> {
+    pub(super) fn beyond(self, reach: &Reach) -> Option<String> {
         let half = self.0.half_cube()?;
-        let reaches = |asset: &Asset| {
-            let Bounds { min, max } = asset.rig.bounds();
-            min.into_iter().chain(max).fold(0.0f32, |most, x| most.max(x.abs()))
-        };
-        let beyond: Vec<f32> = assets.iter().map(reaches).filter(|most| *most > half * (1.0 + ROUNDING)).collect();
-        let most = beyond.iter().fold(0.0f32, |most, own| most.max(*own));
-        let whose = if assets.len() == 1 { "it reaches".into() } else { format!("{} assets reach", beyond.len()) };
-        (!beyond.is_empty()).then(|| {
+        let Reach { assets, beyond, most } = *reach;
+        let whose = if assets == 1 { "it reaches".into() } else { format!("{beyond} assets reach") };
+        (beyond > 0).then(|| {
             format!(
                 "{whose} beyond the {half} from the origin that the format's own loaders expect, to {most}; `--fit` moves \
                  and scales vertices and joints together"
@@ -222,6 +221,30 @@ impl Target {
     /// What it does.
     pub(super) fn writes(self) -> &'static dyn Writes {
         self.0
+    }
+}
+
+/// How far assets reach.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Reach {
+    assets: usize,
+    /// Those that reach beyond the cube of the format.
+    beyond: usize,
+    /// The largest coordinate of these.
+    most: f32,
+}
+
+impl Reach {
+    /// With one more asset that is written in a format.
+    pub(super) fn add(&mut self, target: Target, rig: &Rig) {
+        self.assets += 1;
+        let Some(half) = target.0.half_cube() else { return };
+        let Bounds { min, max } = rig.bounds();
+        let most = min.into_iter().chain(max).fold(0.0f32, |most, x| most.max(x.abs()));
+        if most > half * (1.0 + ROUNDING) {
+            self.beyond += 1;
+            self.most = self.most.max(most);
+        }
     }
 }
 

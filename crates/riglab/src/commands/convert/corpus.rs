@@ -5,8 +5,8 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use anyhow::{Context, Result, bail};
-use riglab_asset::{Format, ImportOptions, Target, export, write, write_mesh, written_paths};
-use riglab_core::Asset;
+use riglab_asset::{Filling, Format, ImportOptions, Target, export, write, write_mesh, written_paths};
+use riglab_core::{Asset, Provenance};
 use riglab_data::{Corpus, checksums};
 use riglab_files::make_folder_of;
 use riglab_train::Progress;
@@ -65,72 +65,83 @@ pub fn into(corpus: &Corpus, args: &Args, target: Target) -> Result<ExitCode> {
     Ok(if failed > 0 || written == 0 { ExitCode::FAILURE } else { ExitCode::SUCCESS })
 }
 
-/// One asset, or all in a format that holds several. What the format has no form for is left out of several.
+/// One asset.
 pub fn to(corpus: &Corpus, args: &Args, into_folder: bool, target: Target) -> Result<ExitCode> {
-    let numbers = match args.item {
+    let index = match args.item {
         Some(item) if item >= corpus.len() => {
             bail!("{}: there is no asset {item}: the corpus has {}", args.input.display(), corpus.len())
         }
-        Some(item) => item..item + 1,
-        None => 0..corpus.len(),
+        Some(item) => item,
+        None if corpus.is_empty() => bail!("{}: the corpus has no asset", args.input.display()),
+        None => 0,
     };
-    let several = numbers.len() > 1;
-    let bare = HashSet::<usize>::from_iter(corpus.bare()?);
-    let names = corpus.names()?;
-    let mut progress = if several { Progress::new("reading", numbers.len() as u64, 0) } else { Progress::silent() };
-    let (mut assets, mut kept, mut left_out): (Vec<Asset>, Vec<usize>, usize) = (Vec::new(), Vec::new(), 0);
-    for (done, index) in numbers.enumerate() {
-        let fault = if bare.contains(&index) && !holds_bare(target) {
-            Some(format!("{}: {NO_RIG}", names[index]))
-        } else {
-            // As it is written: rounding may put joints into one place that were a hair apart.
-            let asset = args.placed(corpus.verified(index)?, target);
-            // Of one alone it is an error, which writing it tells.
-            let fault = target.holds(&asset).err().filter(|_| several).map(|e| e.to_string());
-            if fault.is_none() {
-                assets.push(asset);
-                kept.push(index);
-            }
-            fault
-        };
-        if let Some(fault) = fault {
-            tell!("left out: {fault}");
-            left_out += 1;
-        }
-        progress.set(done as u64 + 1, String::new);
+    let bare = corpus.bare()?.contains(&index);
+    if bare && !holds_bare(target) {
+        tell!("left out: {}: {NO_RIG}", corpus.names()?[index]);
+        bail!("{}: the corpus has no rig to write", args.input.display());
     }
-    progress.finish();
-    let out = match &assets[..] {
-        [only] if into_folder => args.out.join(file_name(&place(&only.name).1, target)),
-        _ => args.out.clone(),
+    let asset = args.placed(corpus.verified(index)?, target);
+    let out = match into_folder {
+        true => args.out.join(file_name(&place(&asset.name).1, target)),
+        false => args.out.clone(),
     };
     Originals::of(corpus)?.keep(&out, target, args)?;
     make_folder_of(&out)?;
-    match &assets[..] {
-        [] if corpus.is_empty() => bail!("{}: the corpus has no asset", args.input.display()),
-        [] => bail!("{}: the corpus has no rig to write", args.input.display()),
-        [only] => store(only, bare.contains(&kept[0]), &out, target, args)?,
-        several => {
-            for note in write(several, &out, target)? {
-                tell!("note: {note}");
+    store(&asset, bare, &out, target, args)?;
+    // A single file may go anywhere, where others' lists stand or would be astray.
+    if args.item.is_none() && into_folder {
+        beside(corpus, &[(index, asset.name.clone(), asset.provenance.clone())], &out)?;
+    }
+    Lost::default().with_asset(&asset, target).tell(&args.input, target);
+    say!("{}", out.display());
+    Ok(ExitCode::SUCCESS)
+}
+
+/// All into one file, written as they are read. What the format has no form for is left out.
+pub fn together(corpus: &Corpus, args: &Args, target: Target) -> Result<ExitCode> {
+    let (out, count) = (&args.out, corpus.len());
+    Originals::of(corpus)?.keep(out, target, args)?;
+    make_folder_of(out)?;
+    let (bare, names) = (HashSet::<usize>::from_iter(corpus.bare()?), corpus.names()?);
+    let mut filling = Filling::new(out, target)?;
+    let (mut written, mut lost) = (Vec::new(), Lost::default());
+    let mut progress = Progress::new("reading", count as u64, 0);
+    for (index, name) in names.iter().enumerate() {
+        if bare.contains(&index) && !holds_bare(target) {
+            tell!("left out: {name}: {NO_RIG}");
+        } else {
+            // As it is written: rounding may put joints into one place that were a hair apart.
+            let asset = args.placed(corpus.verified(index)?, target);
+            match target.holds(&asset) {
+                Ok(()) => {
+                    filling.add(&asset)?;
+                    lost = lost.with_asset(&asset, target);
+                    written.push((index, asset.name, asset.provenance));
+                }
+                Err(e) => tell!("left out: {e}"),
             }
         }
+        progress.set(index as u64 + 1, String::new);
     }
-    // A single file may go anywhere, where others' lists stand or would be astray.
-    if args.item.is_none() && (several || into_folder) {
-        beside(corpus, &assets, &kept, &out)?;
+    progress.finish();
+    if written.is_empty() {
+        bail!("{}: the corpus has no rig to write", args.input.display());
     }
-    assets.iter().fold(Lost::default(), |lost, asset| lost.with_asset(asset, target)).tell(&args.input, target);
+    for note in filling.end()? {
+        tell!("note: {note}");
+    }
+    beside(corpus, &written, out)?;
+    lost.tell(&args.input, target);
     say!("{}", out.display());
-    Ok(if left_out == 0 { ExitCode::SUCCESS } else { ExitCode::FAILURE })
+    Ok(if written.len() == count { ExitCode::SUCCESS } else { ExitCode::FAILURE })
 }
 
 /// Writes beside a file of these assets of a corpus, by their numbers there, what the file cannot say of them.
-fn beside(corpus: &Corpus, assets: &[Asset], numbers: &[usize], out: &Path) -> Result<()> {
+fn beside(corpus: &Corpus, assets: &[(usize, String, Provenance)], out: &Path) -> Result<()> {
     let splits = corpus.texts("split")?;
     let mut told = Beside::default();
-    for (asset, &number) in assets.iter().zip(numbers) {
-        told.add(&name_in(out, &asset.name, assets.len()), &splits[number], &asset.provenance);
+    for (number, name, from) in assets {
+        told.add(&name_in(out, name, assets.len()), &splits[*number], from);
     }
     told.write_beside(out, "the corpus")
 }

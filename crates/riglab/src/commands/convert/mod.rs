@@ -13,8 +13,8 @@ use std::process::ExitCode;
 use anyhow::{Result, anyhow, bail};
 use riglab_asset::export::{self, ExportOptions, Influences, JointFrames};
 use riglab_asset::{
-    Character, ImportOptions, Imported, Target, count_assets, files_read, import, import_each, is_model_file,
-    is_rig_file, write, written_paths,
+    Character, Filling, ImportOptions, Imported, Target, count_assets, files_read, import, import_each, is_model_file,
+    is_rig_file, written_paths,
 };
 use riglab_core::Asset;
 use riglab_files::make_folder_of;
@@ -177,7 +177,10 @@ pub fn run(args: &Args) -> Result<ExitCode> {
     }
     if let Some(corpus) = &corpus {
         spare_inputs(&inputs, &args.out, target)?;
-        return corpus::to(corpus, args, into_folder, target);
+        return match several {
+            true => corpus::together(corpus, args, target),
+            false => corpus::to(corpus, args, into_folder, target),
+        };
     }
     if several {
         return together(args, &files, target, &options, &inputs);
@@ -261,7 +264,7 @@ fn is_io(e: &anyhow::Error) -> bool {
     })
 }
 
-/// All assets into one file.
+/// All assets into one file, written as they are read.
 fn together(
     args: &Args,
     files: &[PathBuf],
@@ -272,9 +275,11 @@ fn together(
     let out = &args.out;
     spare(inputs, out, target, args)?;
     make_folder_of(out)?;
-    let (mut assets, mut failed): (Vec<Asset>, usize) = (Vec::new(), 0);
+    let mut filling = Filling::new(out, target)?;
+    let (mut failed, mut broken) = (0, Ok(()));
     let known = args.input.is_dir().then(|| Known::of(&args.input)).transpose()?;
-    let mut about = Vec::new();
+    // The names that were written, with what is known of each.
+    let (mut written, mut about) = (Vec::new(), Vec::new());
     let mut lost = Lost::default();
     let mut names = HashSet::new();
     let mut progress = Progress::new("reading", files.len() as u64, 0);
@@ -299,7 +304,11 @@ fn together(
                         again += 1;
                         asset.name = format!("{own}-{again}");
                     }
-                    assets.push(asset);
+                    broken = filling.add(&asset);
+                    if broken.is_err() {
+                        return ControlFlow::Break(());
+                    }
+                    written.push(asset.name);
                 }
                 Err(e) => {
                     tell!("left out: {e}");
@@ -308,22 +317,26 @@ fn together(
             }
             ControlFlow::Continue(())
         });
+        if broken.is_err() {
+            break;
+        }
         progress.set(done as u64 + 1, String::new);
     }
+    broken?;
     progress.finish();
-    if assets.is_empty() {
+    if written.is_empty() {
         bail!("none of {} gave a rig", counted(files.len(), "file"));
     }
-    for note in write(&assets, out, target)? {
+    for note in filling.end()? {
         tell!("note: {note}");
     }
     let mut beside = Beside::default();
-    for (asset, (split, from)) in assets.iter().zip(&about) {
-        beside.add(&name_in(out, &asset.name, assets.len()), split, from);
+    for (name, (split, from)) in written.iter().zip(&about) {
+        beside.add(&name_in(out, name, written.len()), split, from);
     }
     beside.write_beside(out, "the folder")?;
     lost.tell(&args.input, target);
-    say!("{}: {}, {failed} left out", out.display(), counted(assets.len(), "asset"));
+    say!("{}: {}, {failed} left out", out.display(), counted(written.len(), "asset"));
     Ok(if failed > 0 { ExitCode::FAILURE } else { ExitCode::SUCCESS })
 }
 
