@@ -122,20 +122,17 @@ impl<'a, 'u> Reader<'a, 'u> {
 
     /// A whole number within what the asking type holds.
     fn integer(&self, min: i128, max: i128) -> Result<i128, Error> {
-        let expected = match (min, max) {
-            (0, m) if m >= i128::from(u64::MAX) => "a whole number of at least 0".to_owned(),
-            (m, _) if m <= i128::from(i64::MIN) => "a whole number".to_owned(),
-            _ => format!("a whole number from {min} to {max}"),
+        // What the least is, is for the key to say: of many 0 is none either.
+        let any = min <= i128::from(i64::MIN) || max >= i128::from(u64::MAX);
+        let expected = if any { "a whole number".to_owned() } else { format!("a whole number from {min} to {max}") };
+        let out = |wanted: &str, n| {
+            Err(self.place(Error::bare(FaultKind::OutOfRange, format!("should {wanted}, but is {n}"))))
         };
         match self.node.value {
             Value::Integer(n) if (min..=max).contains(&n) => Ok(n),
-            Value::Integer(n) if expected == "a whole number" => Err(self.place(Error::bare(
-                FaultKind::OutOfRange,
-                format!("should be a whole number of at most {max}, but is {n}"),
-            ))),
-            Value::Integer(n) => {
-                Err(self.place(Error::bare(FaultKind::OutOfRange, format!("should be {expected}, but is {n}"))))
-            }
+            Value::Integer(n) if any && n < 0 => out("not be negative", n),
+            Value::Integer(n) if any => out(&format!("be a whole number of at most {max}"), n),
+            Value::Integer(n) => out(&format!("be {expected}"), n),
             _ => Err(self.wrong(expected)),
         }
     }

@@ -148,7 +148,7 @@ fn wrong_types_say_what_should_be_and_what_is() {
 #[test]
 fn ranges_are_named() {
     for (text, message) in [
-        ("width = -1\nheads = 1", "a.toml:2:9: `model.width` should be a whole number of at least 0, but is -1"),
+        ("width = -1\nheads = 1", "a.toml:2:9: `model.width` should not be negative, but is -1"),
         ("width = 1\nheads = 256", "a.toml:3:9: `model.heads` should be a whole number from 0 to 255, but is 256"),
         (
             "width = 1\nheads = 1\nscale = 1e39",
