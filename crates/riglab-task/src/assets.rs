@@ -152,11 +152,14 @@ impl AssetId {
 }
 
 impl DataConfig {
-    /// Checks that no split is named twice.
+    /// Checks that corpora have a name, and that no split is named twice.
     ///
     /// # Errors
     /// (key path, message) of the first fault.
     pub(crate) fn validate(&self) -> Result<(), (String, String)> {
+        if self.corpora.iter().any(|path| path.as_os_str().is_empty()) {
+            return Err(("data.corpora".into(), "an empty name is no file: give a corpus or leave it out".into()));
+        }
         distinct("data.train", &self.train)?;
         distinct("data.test", &self.test)
     }
@@ -269,11 +272,16 @@ impl Assets {
     /// A sentence: a split without assets, or a column that cannot be read.
     pub fn trainable(&self, config: &DataConfig) -> Result<(), String> {
         if self.training(config)?.iter().all(|(_, ids)| ids.is_empty()) {
-            let (split, most) = (config.train.join(", "), config.max_joints);
+            let (splits, most) = (config.train.join(", "), config.max_joints);
             let meshes = self.on_meshes();
             let there = self.splits().map_err(|e| e.to_string())?;
+            if splits.is_empty() {
+                return Err(format!(
+                    "data.train names no split to train on; {there}, and --set data.train='[\"SPLIT\"]' names one"
+                ));
+            }
             return Err(format!(
-                "data.train: the corpora have no asset in `{split}` of at most data.max_joints = {most}; {there}, and --set \
+                "data.train: the corpora have no asset in `{splits}` of at most data.max_joints = {most}; {there}, and --set \
                  data.train='[\"SPLIT\"]' names another{meshes}"
             ));
         }
@@ -572,6 +580,8 @@ mod tests {
         assert_eq!(assets.splits().unwrap(), "their splits are `meshes` (1), `train` (1)");
         let said = assets.trainable(&DataConfig { train: vec!["trian".into()], ..config.clone() }).unwrap_err();
         assert!(said.contains("`trian`") && said.contains("their splits are `meshes` (1)"), "{said}");
+        let said = assets.trainable(&DataConfig { train: vec![], ..config.clone() }).unwrap_err();
+        assert!(said.starts_with("data.train names no split to train on; their splits are `meshes` (1)"), "{said}");
         let meshes = vec![SplitNames::MESHES.to_string()];
         for config in
             [DataConfig { train: meshes.clone(), ..config.clone() }, DataConfig { test: meshes, ..config.clone() }]
