@@ -52,8 +52,19 @@ impl Sequences<'_> {
         if self.tokenizer.bins < 2 {
             return bad("tokenizer.bins", "a coordinate takes 2 bins or more".into());
         }
-        if !(low <= -1.0 && high >= 1.0 && low.is_finite() && high.is_finite()) {
-            return bad("tokenizer.range", "rigs are set between -1 and 1: the range must hold that".into());
+        if !((-WIDEST..=-1.0).contains(&low) && (1.0..=WIDEST).contains(&high)) {
+            let message = format!(
+                "[{low:?}, {high:?}]: rigs are set between -1 and 1, and the range must hold that; it may reach \
+                 {WIDEST} either way"
+            );
+            return bad("tokenizer.range", message);
+        }
+        named("tokenizer.parts", &self.tokenizer.parts)?;
+        named("tokenizer.classes", &self.tokenizer.classes)?;
+        if let Merge::Within(distance) = self.tokenizer.merge
+            && !(distance >= 0.0)
+        {
+            return bad("tokenizer.merge", format!("within = {distance:?} is a distance: give 0 or more"));
         }
         let least = self.tokenizer.least_joints.max(1);
         let shortest = shortest(least);
@@ -70,6 +81,21 @@ impl Sequences<'_> {
             return bad("loss.spread", format!("{} must lie in [0, 64)", self.spread));
         }
         Ok(())
+    }
+}
+
+/// How far the range of coordinates may reach: cells of a much wider one hold whole rigs.
+const WIDEST: f32 = 10.0;
+
+/// Checks names that become tokens: each has one of its own.
+///
+/// # Errors
+/// (key, message).
+fn named(key: &str, names: &[String]) -> Result<(), (String, String)> {
+    match (1..names.len()).find(|&k| names[..k].contains(&names[k])) {
+        Some(k) => Err((key.into(), format!("`{}` is named twice, and is one token: name it once", names[k]))),
+        None if names.iter().any(String::is_empty) => Err((key.into(), "an empty name is none of anything".into())),
+        None => Ok(()),
     }
 }
 
@@ -282,5 +308,27 @@ mod tests {
         assert_eq!([of(|c| c.eval.rows = 0).0, of(|c| c.sampling.rigs = 0).0], ["eval.rows", "sampling.rigs"]);
         assert_eq!(of(|c| c.tokenizer.bins = 1).0, "tokenizer.bins");
         assert_eq!(of(|c| c.tokenizer.range = [0.0, 1.0]).0, "tokenizer.range");
+        assert_eq!(of(|c| c.tokenizer.range = [-1.0, 1e30]).0, "tokenizer.range");
+    }
+
+    #[test]
+    fn names_of_tokens_are_told_apart_and_distances_are_some() {
+        let of = |change: fn(&mut TokenRigTaskConfig)| {
+            let mut c = TokenRigTaskConfig::default();
+            change(&mut c);
+            c.validate().map_err(|(key, _)| key)
+        };
+        let key = |key: &str| Err(key.to_owned());
+        assert_eq!(
+            of(|c| c.tokenizer.parts = vec!["body".into(), "hand".into(), "body".into()]),
+            key("tokenizer.parts")
+        );
+        assert_eq!(of(|c| c.tokenizer.parts = vec![String::new()]), key("tokenizer.parts"));
+        assert_eq!(of(|c| c.tokenizer.classes = vec!["x".into(), "x".into()]), key("tokenizer.classes"));
+        for wrong in [-0.1, f32::NAN] {
+            let mut c = TokenRigTaskConfig::default();
+            c.tokenizer.merge = Merge::Within(wrong);
+            assert_eq!(c.validate().unwrap_err().0, "tokenizer.merge");
+        }
     }
 }
