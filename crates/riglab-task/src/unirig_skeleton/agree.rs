@@ -11,6 +11,9 @@ use riglab_token::{Bones, Decoded, Template, Tokenizer};
 use super::batch::{Batch, looked_at};
 use super::evaluate::joints;
 
+/// Draws, clouds and rounds at most: all draws of a mesh are kept, and each is compared with each.
+const MOST: usize = 4096;
+
 /// How many skeletons are drawn for a mesh, after which point clouds of it, and what is made of them (`eval.consensus` and
 /// the keys after it).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -50,13 +53,17 @@ pub(crate) struct Chosen<D> {
 impl Agreement {
     /// (key, message) of the first fault.
     pub fn validate(&self) -> Result<(), (&'static str, String)> {
-        match self {
+        let most = |what: &str, n| format!("{n} {what}: give {MOST} at most");
+        match *self {
             Self { draws: 0, .. } => {
                 Err(("eval.consensus", "at least one skeleton is drawn: give 1 or more".to_owned()))
             }
             Self { clouds: 0, .. } => {
                 Err(("eval.clouds", "a mesh is looked at once at least: give 1 or more".to_owned()))
             }
+            Self { draws: n, .. } if n > MOST => Err(("eval.consensus", most("skeletons of each mesh", n))),
+            Self { clouds: n, .. } if n > MOST => Err(("eval.clouds", most("point clouds of each mesh", n))),
+            Self { refine: n, .. } if n > MOST => Err(("eval.refine", most("rounds", n))),
             _ => Ok(()),
         }
     }
@@ -219,6 +226,9 @@ mod tests {
         assert_eq!(mirrored.draws_mirrored().collect::<Vec<_>>(), [false, false, false, true, true]);
         assert_eq!(Agreement { clouds: 0, ..PLAIN }.validate().unwrap_err().0, "eval.clouds");
         assert_eq!(Agreement { draws: 0, ..PLAIN }.validate().unwrap_err().0, "eval.consensus");
+        assert_eq!(Agreement { draws: 9_999_999, ..PLAIN }.validate().unwrap_err().0, "eval.consensus");
+        assert_eq!(Agreement { clouds: 9_999_999, ..PLAIN }.validate().unwrap_err().0, "eval.clouds");
+        assert_eq!(Agreement { refine: 9_999_999, ..PLAIN }.validate().unwrap_err().0, "eval.refine");
     }
 
     #[test]
