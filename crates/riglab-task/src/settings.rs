@@ -78,6 +78,21 @@ pub(crate) fn distinct<T: PartialEq + Display>(key: &str, list: &[T]) -> Result<
     }
 }
 
+/// The largest weight of a part of a loss: gradients of what is far larger pass what single precision holds, and beside it
+/// the other parts lose their digits.
+const HEAVIEST: f64 = 1e6;
+
+/// Checks the weights of a loss, by the keys they have.
+///
+/// # Errors
+/// (key, message) of the first that is no weight.
+pub(crate) fn weights(all: &[(&str, f64)]) -> Result<(), (String, String)> {
+    match all.iter().find(|(_, weight)| !(0.0..=HEAVIEST).contains(weight)) {
+        Some((key, weight)) => Err(((*key).into(), format!("a weight of {weight:?} must lie in [0, {HEAVIEST}]"))),
+        None => Ok(()),
+    }
+}
+
 /// Settings as they are written, and where.
 pub struct Settings {
     name: String,
@@ -158,6 +173,15 @@ mod tests {
         assert_eq!(distinct("a", &[4, 16, 8]), Ok(()));
         let (key, message) = distinct("eval.prefixes", &[4, 16, 8, 16]).unwrap_err();
         assert!(key == "eval.prefixes" && message.starts_with("16 is named twice"), "{key}: {message}");
+    }
+
+    #[test]
+    fn weights_of_a_loss_are_neither_negative_nor_beyond_what_gradients_hold() {
+        assert_eq!(weights(&[("loss.a", 0.0), ("loss.b", 1e6)]), Ok(()));
+        for wrong in [-1.0, -1e-30, 1e7, 1e30, f64::INFINITY, f64::NAN] {
+            let (key, message) = weights(&[("loss.a", 1.0), ("loss.b", wrong)]).unwrap_err();
+            assert!(key == "loss.b" && message.contains(&format!("{wrong:?}")), "{key}: {message}");
+        }
     }
 
     #[test]

@@ -6,7 +6,7 @@ use riglab_train::TrainConfig;
 use serde::{Deserialize, Serialize};
 
 use crate::assets::DataConfig;
-use crate::settings::{TaskSettings, distinct, own_settings};
+use crate::settings::{TaskSettings, distinct, own_settings, weights};
 
 /// Everything a run of the FSQ-CVAE is made of.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -254,12 +254,14 @@ impl FsqCvaeTaskConfig {
             return fault("sampling.frame_noise", message.into());
         }
         let l = &self.loss;
-        let all = [("bce", l.bce), ("mse", l.mse), ("dice", l.dice), ("support", l.support)];
-        for (key, v) in all.into_iter().chain([("spread", l.spread), ("kl", l.kl)]) {
-            if !(v >= 0.0 && v.is_finite()) {
-                return fault(&format!("loss.{key}"), format!("{key} = {v} must not be negative"));
-            }
-        }
+        weights(&[
+            ("loss.bce", l.bce),
+            ("loss.mse", l.mse),
+            ("loss.dice", l.dice),
+            ("loss.support", l.support),
+            ("loss.spread", l.spread),
+            ("loss.kl", l.kl),
+        ])?;
         if [l.bce, l.mse, l.dice, l.support].iter().all(|&v| v == 0.0) {
             return fault("loss", "every part of the loss has weight 0".into());
         }
@@ -335,6 +337,7 @@ mod tests {
         assert_eq!(key(|c| c.eval.cuts = vec![0.1, 2.0]), Err("eval.cuts".into()));
         assert_eq!(key(|c| c.eval.cuts.clear()), Err("eval.cuts".into()));
         assert_eq!(key(|c| c.data.test = vec!["a".into(), "a".into()]), Err("data.test".into()));
+        assert_eq!(key(|c| c.data.corpora = vec!["a.h5".into(), "".into()]), Err("data.corpora".into()));
         assert_eq!(key(|c| c.data.train = vec!["a".into(), "b".into(), "a".into()]), Err("data.train".into()));
         // How often a length is drawn is said by how often it is named.
         assert_eq!(key(|c| c.sampling.prefix.lengths = vec![4, 4, 8]), Ok(()));

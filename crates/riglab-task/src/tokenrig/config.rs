@@ -14,7 +14,7 @@ use super::Rigger;
 use crate::assets::DataConfig;
 use crate::fsq_cvae::cells;
 use crate::sequences::Sequences;
-use crate::settings::{TaskSettings, distinct, own_settings};
+use crate::settings::{TaskSettings, distinct, own_settings, weights};
 use crate::unirig_skeleton::agree::Agreement;
 
 /// Everything a run of TokenRig is made of.
@@ -287,9 +287,9 @@ impl TokenRigTaskConfig {
             return bad("skin.empty", "bones without codes need model.head = \"levels\"".into());
         }
         let l = &self.loss;
-        let weights = [l.skeleton, l.skin];
-        if !weights.iter().all(|w| w.is_finite() && *w >= 0.0) || weights == [0.0, 0.0] {
-            return bad("loss.skeleton", "skeleton and skin are weights from 0 on, and one of them is above".into());
+        weights(&[("loss.skeleton", l.skeleton), ("loss.skin", l.skin)])?;
+        if l.skeleton == 0.0 && l.skin == 0.0 {
+            return bad("loss.skeleton", "skeleton and skin are weights, and one of them is above 0".into());
         }
         let [from, to] = l.skin_warmup;
         if !(0.0 <= from && from <= to && to <= 1.0) {

@@ -11,7 +11,7 @@ use serde::{Deserialize, Serialize};
 use super::agree::Agreement;
 use crate::assets::DataConfig;
 use crate::sequences::Sequences;
-use crate::settings::{TaskSettings, own_settings};
+use crate::settings::{TaskSettings, own_settings, weights};
 
 /// Everything a run of UniRig's skeleton stage is made of.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -157,9 +157,9 @@ impl SkeletonTaskConfig {
         }
         .validate()?;
         self.eval.agreement().validate().map_err(|(key, message)| (key.to_owned(), message))?;
-        let weights = [self.loss.next, self.loss.distance];
-        if !weights.iter().all(|w| w.is_finite() && *w >= 0.0) || weights == [0.0, 0.0] {
-            return bad("loss.next", "next and distance are weights from 0 on, and one of them is above".into());
+        weights(&[("loss.next", self.loss.next), ("loss.distance", self.loss.distance)])?;
+        if self.loss.next == 0.0 && self.loss.distance == 0.0 {
+            return bad("loss.next", "next and distance are weights, and one of them is above 0".into());
         }
         let longest = self.limits.tokens + self.model.shape.tokens;
         if longest > self.model.decoder.positions {

@@ -9,7 +9,7 @@ use super::pairs::PairInput;
 use super::ready::Measured;
 use crate::assets::DataConfig;
 use crate::fsq_cvae::{cells, cuts};
-use crate::settings::{TaskSettings, own_settings};
+use crate::settings::{TaskSettings, own_settings, weights};
 
 /// Everything a run of UniRig's skin stage is made of.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -326,14 +326,15 @@ impl SkinTaskConfig {
 
     fn validate_loss(&self) -> Result<(), (String, String)> {
         let l = &self.loss;
-        let released = l.released.weights().map(|(k, v)| (format!("released.{k}"), v));
-        let scale = l.attribute_scale.map(|v| ("attribute_scale".to_string(), v));
-        let physics = ("physics.weight".to_string(), l.physics.weight);
-        let all = [("skin".to_string(), l.skin), ("attributes".into(), l.attributes), physics];
-        if let Some((k, v)) = all.into_iter().chain(released).chain(scale).find(|(_, v)| !(*v >= 0.0 && v.is_finite()))
-        {
-            return Err((format!("loss.{k}"), format!("{k} = {v} must not be negative")));
+        weights(&[
+            ("loss.skin", l.skin),
+            ("loss.attributes", l.attributes),
+            ("loss.physics.weight", l.physics.weight),
+        ])?;
+        for (name, weight) in l.released.weights() {
+            weights(&[(&format!("loss.released.{name}"), weight)])?;
         }
+        weights(&l.attribute_scale.map(|scale| ("loss.attribute_scale", scale)))?;
         if !(0.0..=180.0).contains(&l.released.degrees) {
             return Err(("loss.released.degrees".into(), "degrees must lie in [0, 180]".into()));
         }
@@ -399,6 +400,7 @@ mod tests {
         assert_eq!(fault(|c| c.loss.physics.frames = 0), "loss.physics.frames");
         assert_eq!(fault(|c| c.loss.physics.seconds = f64::NAN), "loss.physics.seconds");
         assert_eq!(fault(|c| c.loss.released.l1 = f64::NAN), "loss.released.l1");
+        assert_eq!(fault(|c| c.loss.attribute_scale[2] = 1e30), "loss.attribute_scale");
         assert_eq!(fault(|c| c.model.attributes = false), "loss.attributes");
         assert_eq!(fault(|c| c.loss.freeze.share = 1.5), "loss.freeze.share");
         assert_eq!(fault(|c| c.loss.attribute_scale = [0.0; 7]), "loss.attribute_scale");
