@@ -350,6 +350,16 @@ impl SkinTaskConfig {
                 return Err((format!("loss.physics.{key}"), format!("{key} must lie in [{least}, {most}]")));
             }
         }
+        let r = &l.released;
+        if r.degrees == 0.0 && (r.vertex > 0.0 || r.normalization > 0.0) {
+            let message =
+                "vertex and normalization compare skins in a pose, and without a turn there is none: give degrees";
+            return Err(("loss.released.degrees".into(), message.into()));
+        }
+        if p.weight > 0.0 && p.degrees == 0.0 && p.shift == 0.0 {
+            let message = "nothing moves, so physics has nothing to compare: give degrees, or weight = 0";
+            return Err(("loss.physics.degrees".into(), message.into()));
+        }
         if l.skin == 0.0 && p.weight == 0.0 && !l.released.is_on() {
             return Err(("loss.skin".into(), "no term of the loss trains weights: set loss.skin above 0".into()));
         }
@@ -401,6 +411,8 @@ mod tests {
         assert_eq!(fault(|c| c.loss.physics.seconds = f64::NAN), "loss.physics.seconds");
         assert_eq!(fault(|c| c.loss.released.l1 = f64::NAN), "loss.released.l1");
         assert_eq!(fault(|c| c.loss.attribute_scale[2] = 1e30), "loss.attribute_scale");
+        assert_eq!(fault(|c| c.loss.released.vertex = 1.0), "loss.released.degrees");
+        assert_eq!(fault(|c| (c.loss.physics.degrees, c.loss.physics.shift) = (0.0, 0.0)), "loss.physics.degrees");
         assert_eq!(fault(|c| c.model.attributes = false), "loss.attributes");
         assert_eq!(fault(|c| c.loss.freeze.share = 1.5), "loss.freeze.share");
         assert_eq!(fault(|c| c.loss.attribute_scale = [0.0; 7]), "loss.attribute_scale");
