@@ -19,6 +19,10 @@ pub use muon::{MuonScale, newton_schulz};
 use crate::NnError;
 use crate::params::{Params, Role};
 
+/// What the optimizers reckon with in single precision, with room on both sides: an ε that is 0 there divides 0 by 0.
+const SMALLEST: f64 = 1e-30;
+const LARGEST: f64 = 1e30;
+
 /// Which optimizer moves what, and how.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
@@ -77,11 +81,14 @@ impl OptimConfig {
     /// # Errors
     /// (key, message) of the first fault.
     pub fn validate(&self) -> Result<(), (&'static str, String)> {
-        let positive = [("muon_lr", self.muon_lr), ("adamw_lr", self.adamw_lr), ("adamw_eps", self.adamw_eps)];
-        for (key, value) in positive {
-            if !(value > 0.0 && value.is_finite()) {
-                return Err((key, format!("{key} = {value} must be positive")));
+        for (key, value) in [("muon_lr", self.muon_lr), ("adamw_lr", self.adamw_lr)] {
+            if !(value > 0.0 && value <= LARGEST) {
+                return Err((key, format!("{key} = {value:?} must be above 0, and at most {LARGEST:?}")));
             }
+        }
+        if !(SMALLEST..=LARGEST).contains(&self.adamw_eps) {
+            let eps = self.adamw_eps;
+            return Err(("adamw_eps", format!("adamw_eps = {eps:?} must lie in [{SMALLEST:?}, {LARGEST:?}]")));
         }
         for (key, value) in [
             ("muon_momentum", self.muon_momentum),
@@ -93,8 +100,8 @@ impl OptimConfig {
             }
         }
         for (key, value) in [("weight_decay", self.weight_decay), ("clip", self.clip)] {
-            if !(value >= 0.0 && value.is_finite()) {
-                return Err((key, format!("{key} = {value} must not be negative")));
+            if !(0.0..=LARGEST).contains(&value) {
+                return Err((key, format!("{key} = {value:?} must lie in [0, {LARGEST:?}]")));
             }
         }
         if let Some(role) = self.muon.iter().find(|r| matches!(r, Role::Vector)) {
@@ -202,5 +209,25 @@ impl Optimizer {
         self.muon.load(params, state);
         self.adamw.load(params, state);
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn settings_keep_within_single_precision() {
+        let key = |change: fn(&mut OptimConfig)| {
+            let mut config = OptimConfig::default();
+            change(&mut config);
+            config.validate().map_err(|(key, _)| key)
+        };
+        assert_eq!(key(|c| (c.muon_lr, c.adamw_lr, c.clip) = (1e-30, 1e30, 0.0)), Ok(()));
+        assert_eq!(key(|c| c.muon_lr = 1e300), Err("muon_lr"));
+        assert_eq!(key(|c| c.adamw_lr = 0.0), Err("adamw_lr"));
+        assert_eq!([key(|c| c.adamw_eps = 1e-40), key(|c| c.adamw_eps = f64::NAN)], [Err("adamw_eps"); 2]);
+        assert_eq!([key(|c| c.weight_decay = 1e300), key(|c| c.weight_decay = -0.1)], [Err("weight_decay"); 2]);
+        assert_eq!(key(|c| c.clip = 1e300), Err("clip"));
     }
 }
