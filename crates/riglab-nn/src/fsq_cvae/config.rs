@@ -214,6 +214,10 @@ impl FsqCvaeConfig {
         if self.embed.frequencies == 0 || self.embed.frequencies > 24 {
             return Err(("embed.frequencies", format!("{} frequencies: give 1 to 24", self.embed.frequencies)));
         }
+        // Slower, all points look alike; faster, neighbours have nothing in common.
+        if !(1e-3..=1e3).contains(&self.embed.base) {
+            return Err(("embed.base", format!("base = {:?} must lie in [0.001, 1000]", self.embed.base)));
+        }
         if let Err(e) = crate::fsq::Fsq::new(&self.levels) {
             return Err(("levels", e.to_string()));
         }
@@ -229,6 +233,10 @@ impl FsqCvaeConfig {
                 let message = format!("{key} needs queries that are points: skin_queries = \"active\" or \"farthest\"");
                 return Err((key, message));
             }
+        }
+        if !(-64.0..=64.0).contains(&x.anchor_skip) {
+            let message = format!("anchor_skip = {:?} must lie in [-64, 64]", x.anchor_skip);
+            return Err(("extensions.anchor_skip", message));
         }
         if x.anchor_skip != 0.0 && self.bottleneck == Bottleneck::Gaussian {
             let message = "anchor_skip adds to what is rounded: set it to 0, or bottleneck = \"fsq\"".into();
@@ -292,6 +300,28 @@ mod tests {
         assert_eq!(told(&[2, 2, 2, 3], true), Ok(()), "what is told needs no gradient");
         assert_eq!(told(&[8, 8, 8, 2], true), Err("levels"));
         assert_eq!(told(&[3, 3], false), Ok(()));
+    }
+
+    #[test]
+    fn embeddings_tell_points_apart() {
+        let told = |base| {
+            let mut config = FsqCvaeConfig::default();
+            config.embed.base = base;
+            config.validate().map_err(|(key, _)| key)
+        };
+        assert_eq!(told(std::f64::consts::PI), Ok(()));
+        assert_eq!([0.0, -1.0, 1e-40, 1e300, f64::NAN].map(told), [Err("embed.base"); 5]);
+    }
+
+    #[test]
+    fn anchors_move_codes_by_a_few_levels() {
+        let told = |skip| {
+            let mut config = FsqCvaeConfig { skin_queries: SkinQueries::Active, ..Default::default() };
+            config.extensions.anchor_skip = skip;
+            config.validate().map_err(|(key, _)| key)
+        };
+        assert_eq!([told(1.0), told(-1.0)], [Ok(()); 2]);
+        assert_eq!([1e30, -1e30, f64::NAN].map(told), [Err("extensions.anchor_skip"); 3]);
     }
 
     #[test]

@@ -173,8 +173,8 @@ impl SkinModelConfig {
                 return Err((key.into(), format!("{n} frequencies: give at most 24")));
             }
         }
-        if let Some(s) = self.attribute_scale.iter().find(|s| !(s.is_finite() && **s > 0.0)) {
-            return Err(("attribute_scale".into(), format!("attribute_scale has {s}: each must be above 0")));
+        if let Some(s) = self.attribute_scale.iter().find(|s| !(1e-6..=1e6).contains(*s)) {
+            return Err(("attribute_scale".into(), format!("attribute_scale has {s:?}: each must lie in [1e-6, 1e6]")));
         }
         if !(0.0..=64.0).contains(&self.mask_power) {
             return Err(("mask_power".into(), format!("mask_power = {} must lie in [0, 64]", self.mask_power)));
@@ -187,5 +187,28 @@ impl SkinModelConfig {
             self.points.ptv3.validate().map_err(|(key, message)| (format!("points.ptv3.{key}"), message))?;
         }
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn scales_and_grids_tell_attributes_and_points_apart() {
+        let key = |change: fn(&mut SkinModelConfig)| {
+            let mut config = SkinModelConfig::default();
+            config.points.encoder = PointEncoder::Ptv3;
+            change(&mut config);
+            config.validate().map_err(|(key, _)| key)
+        };
+        assert_eq!(key(|_| ()), Ok(()));
+        for wrong in [0.0, 1e-40, 1e300, f64::NAN] {
+            let mut config = SkinModelConfig::default();
+            config.attribute_scale[3] = wrong;
+            assert_eq!(config.validate().unwrap_err().0, "attribute_scale");
+        }
+        assert_eq!(key(|c| c.points.ptv3.grid = 1e-9), Err("points.ptv3.grid".into()));
+        assert_eq!(key(|c| c.points.ptv3.grid = 1e6), Err("points.ptv3.grid".into()));
     }
 }

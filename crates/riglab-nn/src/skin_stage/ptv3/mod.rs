@@ -106,8 +106,9 @@ impl Ptv3Config {
         if let Some((c, h)) = self.channels.iter().zip(&self.heads).find(odd) {
             return Err(("channels", format!("{c} channels for {h} heads: give a multiple")));
         }
-        if !(self.grid > 0.0 && self.grid.is_finite()) {
-            return Err(("grid", format!("grid = {} must be positive", self.grid)));
+        // Meshes lie in a cube of side 2: finer cells than can be counted lump its far end together, larger ones all of it.
+        if !(1e-4..=1.0).contains(&self.grid) {
+            return Err(("grid", format!("grid = {:?} must lie in [0.0001, 1]", self.grid)));
         }
         if self.patch == 0 || self.mlp_ratio == 0 {
             return Err(("patch", "patch and mlp_ratio must be at least 1".into()));
