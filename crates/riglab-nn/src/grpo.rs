@@ -39,6 +39,10 @@ pub enum Norm {
     Constant,
 }
 
+/// What factors, bounds of ratios and lengths in tokens may be: beyond, gradients pass what single precision holds, or
+/// vanish.
+const MOST: f64 = 1e6;
+
 /// The objective's settings. Defaults are the paper's.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
@@ -72,14 +76,12 @@ impl ObjectiveConfig {
         if !(self.clip > 0.0 && self.clip < 1.0) {
             return Err(("clip", format!("clip = {} must lie between 0 and 1", self.clip)));
         }
-        if !(self.clip_high >= 0.0 && self.clip_high.is_finite()) {
-            return Err(("clip_high", format!("clip_high = {} must be 0 or above", self.clip_high)));
-        }
-        if !(self.beta >= 0.0 && self.beta.is_finite()) {
-            return Err(("beta", format!("beta = {} must be 0 or above", self.beta)));
-        }
-        if !(self.length >= 1.0 && self.length.is_finite()) {
-            return Err(("length", format!("length = {} must be 1 or above", self.length)));
+        for (key, value, least) in
+            [("clip_high", self.clip_high, 0.0), ("beta", self.beta, 0.0), ("length", self.length, 1.0)]
+        {
+            if !(least..=MOST).contains(&value) {
+                return Err((key, format!("{key} = {value:?} must lie in [{least}, {MOST}]")));
+            }
         }
         Ok(())
     }
@@ -229,6 +231,19 @@ pub fn objective(
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn factors_and_bounds_keep_within_what_gradients_hold() {
+        let key = |change: fn(&mut ObjectiveConfig)| {
+            let mut config = ObjectiveConfig::default();
+            change(&mut config);
+            config.validate().map_err(|(key, _)| key)
+        };
+        assert_eq!(key(|c| (c.clip_high, c.beta, c.length) = (0.0, 0.0, 1.0)), Ok(()));
+        assert_eq!([key(|c| c.beta = 1e30), key(|c| c.beta = -0.1), key(|c| c.beta = f64::NAN)], [Err("beta"); 3]);
+        assert_eq!([key(|c| c.clip_high = 1e30), key(|c| c.clip = 0.0)], [Err("clip_high"), Err("clip")]);
+        assert_eq!([key(|c| c.length = 0.5), key(|c| c.length = 1e300)], [Err("length"); 2]);
+    }
 
     #[test]
     fn groups_are_measured_by_themselves() {

@@ -9,6 +9,15 @@ use crate::coverage::Coverage;
 use crate::motion::stretches_by;
 use crate::{Candidate, RewardWeights, Rewards, containment, maps, random_poses, skinning};
 
+/// Steps along a bone, and poses, at most: each pose holds a map for every joint, and time grows with both while the reward's
+/// mean hardly changes any more.
+const MOST_STEPS: usize = 1000;
+const MOST_POSES: usize = 1000;
+
+/// Exponents and scales beyond these make of all rewards one.
+const LEAST: f64 = 1e-6;
+const MOST: f64 = 1e6;
+
 /// How rewards are taken and added up. Defaults are the paper's where it gives a value, else chosen on true,
 /// perturbed and broken rigs (see `experiments/README.md`).
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -67,14 +76,19 @@ impl RewardConfig {
             let resolution = self.resolution;
             return Err(("resolution", format!("resolution = {resolution} must lie between 4 and {MOST_CELLS} cells")));
         }
-        if self.bone_steps == 0 {
-            return Err(("bone_steps", "a bone has at least 1 step".into()));
+        if !(1..=MOST_STEPS).contains(&self.bone_steps) {
+            let steps = self.bone_steps;
+            return Err(("bone_steps", format!("bone_steps = {steps}: a bone has 1 to {MOST_STEPS} steps")));
         }
         if self.poses == 0 {
             return Err((
                 "poses",
                 "motion is judged in 1 pose or more; reward.weights leaves it out of the total".into(),
             ));
+        }
+        if self.poses > MOST_POSES {
+            let poses = self.poses;
+            return Err(("poses", format!("poses = {poses}: motion is judged in {MOST_POSES} at most")));
         }
         if !(self.beta > 0.0 && self.beta < 1.0) {
             return Err(("beta", format!("beta = {} must lie between 0 and 1", self.beta)));
@@ -89,8 +103,8 @@ impl RewardConfig {
             ("stretch_scale", self.stretch_scale),
         ];
         for (key, value) in positive {
-            if !(value > 0.0 && value.is_finite()) {
-                return Err((key, format!("{key} = {value} must be above 0")));
+            if !(LEAST..=MOST).contains(&value) {
+                return Err((key, format!("{key} = {value:?} must lie in [{LEAST:?}, {MOST:?}]")));
             }
         }
         self.weights.validate()
@@ -184,4 +198,25 @@ const SHORTEST: f64 = 1e-5;
 
 fn apply(map: &Similarity, p: [f64; 3]) -> [f64; 3] {
     std::array::from_fn(|k| f64::from(map.scale) * p[k] + f64::from(map.shift[k]))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn settings_keep_within_what_a_machine_holds() {
+        let key = |change: fn(&mut RewardConfig)| {
+            let mut config = RewardConfig::default();
+            change(&mut config);
+            config.validate().map_err(|(key, _)| key)
+        };
+        assert_eq!(key(|c| (c.bone_steps, c.poses) = (1000, 1000)), Ok(()));
+        assert_eq!(key(|c| c.bone_steps = 0), Err("bone_steps"));
+        assert_eq!(key(|c| c.bone_steps = 1001), Err("bone_steps"));
+        assert_eq!([key(|c| c.alpha = 1e-40), key(|c| c.alpha = 0.0)], [Err("alpha"); 2]);
+        assert_eq!(key(|c| c.stretch_scale = 1e30), Err("stretch_scale"));
+        assert_eq!(key(|c| c.poses = 0), Err("poses"));
+        assert_eq!(key(|c| c.poses = 10_000_000), Err("poses"));
+    }
 }
