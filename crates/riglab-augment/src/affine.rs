@@ -7,7 +7,7 @@ use riglab_random::{Draw, Stream};
 use serde::{Deserialize, Serialize};
 
 use crate::jitter::MOST;
-use crate::rules::inside;
+use crate::rules::{inside, range};
 
 /// What is drawn. The default changes nothing.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -41,10 +41,7 @@ impl AffineConfig {
     /// # Errors
     /// (key, message) of the first fault.
     pub fn validate(&self) -> Result<(), (&'static str, String)> {
-        let [low, high] = self.scale;
-        if !(low > 0.0 && low <= high && high <= 100.0) {
-            return Err(("scale", format!("scale = [{low}, {high}] must rise from above 0 to at most 100")));
-        }
+        range("scale", self.scale, 0.01, 100.0)?;
         if !(0.0..1.0).contains(&self.stretch) {
             return Err(("stretch", format!("stretch = {} must be at least 0 and below 1", self.stretch)));
         }
@@ -170,6 +167,7 @@ mod tests {
         assert_eq!(map.position([1.0, 2.0, 3.0], &mut random), [1.0, 2.0, 3.0]);
         assert!(AffineConfig::default().validate().is_ok() && wild().validate().is_ok());
         assert!(AffineConfig { scale: [2.0, 1.0], ..wild() }.validate().is_err());
+        assert!(AffineConfig { scale: [1e-30, 1.0], ..wild() }.validate().is_err());
     }
 
     #[test]
