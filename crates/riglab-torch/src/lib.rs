@@ -29,7 +29,7 @@ mod tensors;
 pub use attention::{Span, flash_attention, packed_attention};
 pub use block::{Heads, Map, Norm, feed_forward, has_block, keys, other_attention, own_attention};
 pub use dropout::dropout;
-pub use error::{TorchError, first_line, said};
+pub use error::{TorchError, first_line, out_of_memory, said};
 pub use flops::{count_flops, counted_along};
 pub use hooks::backward;
 pub use linear::linear;

@@ -7,6 +7,7 @@
 mod say;
 
 mod commands;
+mod memory;
 mod offered;
 mod presets;
 mod registry;
@@ -64,6 +65,7 @@ fn leave_clean() {
 
 fn main() -> ExitCode {
     let cli = Cli::parse();
+    memory::ends_in_a_sentence();
     // Training, sweeps, reviews and tasks of a cluster leave by their own rules, and so does who waits for these.
     let own_rules = match &cli.command {
         Command::Curate(args) => args.waits(),
