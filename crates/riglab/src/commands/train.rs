@@ -1,6 +1,7 @@
 //! `riglab train`
 
 mod dry_run;
+mod guard;
 
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -25,6 +26,7 @@ use crate::offered::open_weights;
 use crate::presets;
 use crate::registry::{TaskConfig, Visitor};
 use dry_run::DryRun;
+use guard::Guard;
 use riglab_report::shell::{command, quoted};
 use riglab_report::{counted, explained};
 
@@ -401,7 +403,9 @@ impl Visitor for Session<'_> {
         begun.extend(unwarmed(config.train()));
         begun.iter().chain(&task.notes()).chain(&overlap(config)?).for_each(|note| tell!("note: {note}"));
         let interrupt = Interrupt::listening_with(ranks);
+        let guard = (!resumed).then(|| Guard::of_first_step(&run));
         let outcome = train(&task, config.train(), &run, &interrupt, ranks);
+        drop(guard);
         info.ended = RunInfo::now();
         info.outcome = match &outcome {
             Ok(o) if o.ended == Ended::Finished => "finished".into(),

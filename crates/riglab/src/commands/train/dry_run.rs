@@ -1,17 +1,14 @@
 //! `riglab train --dry-run`
 
 use std::process::ExitCode;
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::time::{Duration, Instant};
 
 use anyhow::{Result, anyhow};
 use riglab_report::counted;
 use riglab_task::Experiment;
-use riglab_torch::memory_gb;
 use riglab_train::{estimate, product_speed};
 use tch::Device;
 
+use super::guard::Guard;
 use super::{begin, freeze, known_tests, overlap};
 use crate::registry::{TaskConfig, Visitor};
 
@@ -34,7 +31,7 @@ impl Visitor for DryRun<'_> {
         let mut begun = begin(&task, &train.start)?;
         begun.extend(freeze(&task, train)?);
         begun.iter().chain(&task.notes()).chain(&overlap(self.config)?).for_each(|note| tell!("note: {note}"));
-        let guard = Guard::new();
+        let guard = Guard::until(|| false);
         let found = estimate(&task, train)?;
         drop(guard);
         if self.json {
@@ -77,71 +74,11 @@ impl Visitor for DryRun<'_> {
 }
 
 /// Seconds in the unit that suits them.
-fn time(seconds: f64) -> String {
+pub(super) fn time(seconds: f64) -> String {
     match seconds {
         s if s < 120.0 => format!("{s:.0} s"),
         s if s < 7200.0 => format!("{:.0} min", s / 60.0),
         s if s < 172_800.0 => format!("{:.1} h", s / 3600.0),
         s => format!("{:.1} days", s / 86_400.0),
-    }
-}
-
-/// Ends a dry run before it has taken what the machine has left: the system would end it, or another program, without a
-/// word.
-struct Guard(Arc<AtomicBool>);
-
-/// How often memory is looked at: a batch of a large network takes gigabytes in a second.
-const LOOKS: Duration = Duration::from_millis(50);
-
-impl Guard {
-    fn new() -> Self {
-        let done = Arc::new(AtomicBool::new(false));
-        let (seen, begin) = (done.clone(), Instant::now());
-        std::thread::spawn(move || {
-            while !seen.load(Ordering::Relaxed) {
-                if is_short(memory_gb("MemAvailable"), memory_gb("MemTotal")) {
-                    tell!("error: {}", too_much(begin.elapsed().as_secs_f64(), memory_gb("MemTotal").unwrap_or(0.0)));
-                    riglab_files::leave(1);
-                }
-                std::thread::sleep(LOOKS);
-            }
-        });
-        Self(done)
-    }
-}
-
-impl Drop for Guard {
-    fn drop(&mut self) {
-        self.0.store(true, Ordering::Relaxed);
-    }
-}
-
-/// Whether so little of all memory is left, in GB, that programs are about to be ended. Where the system does not say it is
-/// not.
-fn is_short(left: Option<f64>, all: Option<f64>) -> bool {
-    left.zip(all).is_some_and(|(left, all)| left < (0.04 * all).min(1.0))
-}
-
-fn too_much(seconds: f64, all: f64) -> String {
-    format!(
-        "stopped after {}, as next to nothing is left of this machine's {all:.0} GB: the run takes more than is free; make \
-         its batches smaller (`sampling`, train.accumulate) or its network, or give it a machine with more memory",
-        time(seconds)
-    )
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn memory_is_short_before_none_is_left() {
-        let of = |left, all| is_short(Some(left), Some(all));
-        assert_eq!([of(0.9, 24.0), of(1.1, 24.0), of(0.1, 2.0), of(0.0, 2.0)], [true, false, false, true]);
-        assert!(of(0.07, 2.0) && of(0.99, 512.0) && !of(1.0, 512.0));
-        assert!(!is_short(None, Some(24.0)) && !is_short(Some(0.0), None));
-        assert!(
-            too_much(75.0, 24.4).starts_with("stopped after 75 s, as next to nothing is left of this machine's 24 GB")
-        );
     }
 }
