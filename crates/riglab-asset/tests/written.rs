@@ -254,5 +254,7 @@ fn a_file_that_is_not_filled_to_its_end_leaves_what_was_there() {
         drop(filling);
         assert_eq!(std::fs::read(&path).unwrap(), b"earlier", "{target}");
     }
-    assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), Target::ALL.len(), "nothing unfinished is left");
+    // Some formats share an ending.
+    let endings: std::collections::BTreeSet<_> = Target::ALL.iter().map(|target| target.suffix()).collect();
+    assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), endings.len(), "nothing unfinished is left");
 }

@@ -14,8 +14,7 @@ use crate::{Candidate, RewardWeights, Rewards, containment, maps, random_poses, 
 const MOST_STEPS: usize = 1000;
 const MOST_POSES: usize = 1000;
 
-/// Exponents and scales beyond these make of all rewards one.
-const LEAST: f64 = 1e-6;
+/// Exponents and scales beyond it make of all rewards one, or nothing.
 const MOST: f64 = 1e6;
 
 /// How rewards are taken and added up. Defaults are the paper's where it gives a value, else chosen on true,
@@ -103,8 +102,8 @@ impl RewardConfig {
             ("stretch_scale", self.stretch_scale),
         ];
         for (key, value) in positive {
-            if !(LEAST..=MOST).contains(&value) {
-                return Err((key, format!("{key} = {value:?} must lie in [{LEAST:?}, {MOST:?}]")));
+            if !(value > 0.0 && value <= MOST) {
+                return Err((key, format!("{key} = {value:?} must be above 0, and {MOST:?} at most")));
             }
         }
         self.weights.validate()
@@ -214,7 +213,9 @@ mod tests {
         assert_eq!(key(|c| (c.bone_steps, c.poses) = (1000, 1000)), Ok(()));
         assert_eq!(key(|c| c.bone_steps = 0), Err("bone_steps"));
         assert_eq!(key(|c| c.bone_steps = 1001), Err("bone_steps"));
-        assert_eq!([key(|c| c.alpha = 1e-40), key(|c| c.alpha = 0.0)], [Err("alpha"); 2]);
+        assert_eq!([key(|c| c.alpha = 0.0), key(|c| c.alpha = f64::NAN)], [Err("alpha"); 2]);
+        // As good as nothing is a way to leave a reward out.
+        assert_eq!(key(|c| c.stretch_scale = 1e-30), Ok(()));
         assert_eq!(key(|c| c.stretch_scale = 1e30), Err("stretch_scale"));
         assert_eq!(key(|c| c.poses = 0), Err("poses"));
         assert_eq!(key(|c| c.poses = 10_000_000), Err("poses"));
