@@ -328,6 +328,7 @@ mod tests {
     fn beams_ask_for_codes_that_are_drawn_whole() {
         let of = |head, beams| {
             let mut c = TokenRigTaskConfig::default();
+            c.model.decoder.positions = 1 << 16;
             c.skin.empty = head == Head::Levels;
             (c.model.head, c.eval.generate.beams) = (head, beams);
             c.validate().map_err(|(key, _)| key)

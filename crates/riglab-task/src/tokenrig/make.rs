@@ -343,6 +343,7 @@ mod tests {
         let back = |p: &[f32; 3]| map.inverse().apply(*p);
         let want: Vec<_> = heads(whole[at].decoded.as_ref().unwrap()).iter().map(back).collect();
         assert_eq!(made.skeleton.heads(), want);
+        how.sample = false;
         let alone = rigger.draw_skeletons(w, &prefix, (&prompts[0], &[1]), &how, &mut streams[..1]).unwrap().remove(0);
         assert!(alone.codes.iter().all(Option::is_none));
         let coded = rigger.with_codes(w, &prefix, alone).unwrap();

@@ -622,12 +622,6 @@ mod tests {
             let codes = draw(&[(&mesh, 0)], &[2], &two[0].skeleton, &how).remove(0);
             assert_eq!((&codes.skeleton, codes.codes.len()), (&two[0].skeleton, two[0].codes.len()));
         }
-        // One that is as wide as all there is finds nothing less likely than what is taken token by token.
-        let plain = GenerateConfig::default();
-        let greedy = draw(&[(&mesh, 0)], &[0], &rigger.free(), &plain).remove(0);
-        let wide = draw(&[(&mesh, 0)], &[0], &rigger.free(), &GenerateConfig { beams: 16, ..plain }).remove(0);
-        let each = |own: &RigSample| own.likelihood.0 / own.likelihood.1 as f64;
-        assert!(each(&wide) >= each(&greedy) - 1e-6, "{} {}", each(&wide), each(&greedy));
     }
 
     #[test]
