@@ -62,7 +62,7 @@ impl Sequences<'_> {
         named("tokenizer.parts", &self.tokenizer.parts)?;
         named("tokenizer.classes", &self.tokenizer.classes)?;
         if let Merge::Within(distance) = self.tokenizer.merge
-            && !(distance >= 0.0)
+            && (distance.is_nan() || distance < 0.0)
         {
             return bad("tokenizer.merge", format!("within = {distance:?} is a distance: give 0 or more"));
         }
