@@ -92,41 +92,35 @@ impl Cache {
         if let Some(steps) = &mut self.steps {
             steps.select(rows, self.len as usize);
         }
-        // Where there is room they move within it, else into larger tensors.
-        let moves = Moves::of(rows, self.rows);
-        let device = self.layers.first().map_or(tch::Device::Cpu, Tensor::device);
-        let index = moves.is_none().then(|| Tensor::from_slice(rows).to_device(device));
-        for layer in &mut self.layers {
-            // What is not written yet need not move.
-            let written = layer.narrow(3, 0, self.len);
-            match (&moves, &index) {
-                (Some(moves), _) => {
-                    let mut kept = None;
-                    for step in &moves.0 {
-                        match *step {
-                            Move::Copy { from, to } => {
-                                written.select(1, to as i64).copy_(&written.select(1, from as i64));
-                            }
-                            Move::Keep { from } => kept = Some(written.select(1, from as i64).copy()),
-                            Move::Put { to } => {
-                                if let Some(kept) = &kept {
-                                    written.select(1, to as i64).copy_(kept);
-                                }
-                            }
-                        }
-                    }
-                }
-                (None, Some(index)) => {
-                    let mut size = layer.size();
-                    size[1] = rows.len() as i64;
-                    let other = Tensor::empty(size, (layer.kind(), layer.device()));
-                    other.narrow(3, 0, self.len).copy_(&written.index_select(1, index));
-                    *layer = other;
-                }
-                (None, None) => {}
+        // Where there is room they move within it, else into larger tensors; what is not written yet need not move.
+        if let Some(moves) = Moves::of(rows, self.rows) {
+            self.layers.iter().for_each(|layer| moved(&layer.narrow(3, 0, self.len), &moves));
+        } else {
+            let device = self.layers.first().map_or(tch::Device::Cpu, Tensor::device);
+            let index = Tensor::from_slice(rows).to_device(device);
+            for layer in &mut self.layers {
+                let mut size = layer.size();
+                size[1] = rows.len() as i64;
+                let other = Tensor::empty(size, (layer.kind(), layer.device()));
+                let written = layer.narrow(3, 0, self.len);
+                other.narrow(3, 0, self.len).copy_(&written.index_select(1, &index));
+                *layer = other;
             }
         }
         self.rows = rows.len() as i64;
+    }
+}
+
+/// Moves rows of keys and values [2, rows, heads, len, head width] where they are.
+fn moved(layer: &Tensor, moves: &Moves) {
+    let row = |row: usize| layer.select(1, row as i64);
+    let mut kept = Tensor::new();
+    for step in &moves.0 {
+        match *step {
+            Move::Copy { from, to } => row(to).copy_(&row(from)),
+            Move::Keep { from } => kept = row(from).copy(),
+            Move::Put { to } => row(to).copy_(&kept),
+        }
     }
 }
 
