@@ -22,21 +22,22 @@ impl DecodeRule {
     /// Applies the rule to one vertex in place. A row left empty keeps its largest share, a row
     /// without any is left alone.
     pub fn apply(&self, row: &mut [f32]) {
-        let Some(largest) = (0..row.len()).max_by(|&a, &b| row[a].total_cmp(&row[b])) else { return };
+        let Some(largest) = (0..row.len()).rev().max_by(|&a, &b| row[a].total_cmp(&row[b])) else { return };
         if row[largest] <= 0.0 || !row[largest].is_finite() {
             row.fill(0.0);
             return;
         }
         let floor = self.floor(row);
-        let mut room = self.influences.max(1) - 1;
+        // Those above the floor have their places; of equal shares at it the first joints take what places are left.
+        let above = (0..row.len()).filter(|&i| i == largest || row[i] > floor).count();
+        let mut room = self.influences.max(1).saturating_sub(above);
         for (i, w) in row.iter_mut().enumerate() {
             if i == largest {
                 continue;
             }
-            // Of equal shares at the floor the first joints are kept.
-            if *w > self.cut && *w >= floor && room > 0 {
-                room -= 1;
-            } else {
+            let at_floor = *w == floor && room > 0;
+            room -= usize::from(at_floor);
+            if *w <= self.cut || !(*w > floor || at_floor) {
                 *w = 0.0;
             }
         }
@@ -93,7 +94,11 @@ mod tests {
         assert_eq!(applied(0.1, 4, &[0.5, 0.05, 0.25, 0.25]), [0.5, 0.0, 0.25, 0.25]);
         assert_eq!(applied(0.0, 2, &[0.1, 0.6, 0.2, 0.1]), [0.0, 0.75, 0.25, 0.0]);
         // Equal shares: never more than the limit.
-        assert_eq!(applied(0.0, 2, &[0.5, 0.5, 0.5]).iter().filter(|w| **w > 0.0).count(), 2);
+        assert_eq!(applied(0.0, 2, &[0.5, 0.5, 0.5]), [0.5, 0.5, 0.0]);
+        // Nor do those at the limit take the place of a larger one that stands behind them.
+        assert_eq!(applied(0.0, 3, &[0.125, 0.125, 0.125, 0.5, 0.25]), [1.0 / 7.0, 0.0, 0.0, 4.0 / 7.0, 2.0 / 7.0]);
+        assert_eq!(applied(0.0, 4, &[0.125, 0.125, 0.125, 0.25, 0.5]), [0.125, 0.125, 0.0, 0.25, 0.5]);
+        assert_eq!(applied(0.2, 3, &[0.125, 0.125, 0.125, 0.25, 0.75]), [0.0, 0.0, 0.0, 0.25, 0.75]);
         assert_eq!(applied(0.9, 4, &[0.2, 0.3]), [0.0, 1.0]);
         assert_eq!(applied(0.0, 4, &[0.0, 0.0]), [0.0, 0.0]);
         assert_eq!(applied(0.0, 4, &[f32::NAN, 0.5]), [0.0, 0.0]);
