@@ -2,8 +2,8 @@
 //!
 //! E_M reads uniform surface points into shape tokens (the condition), E_W reads points with a
 //! bone's weights into T_D latents, FSQ rounds each to one of a few thousand codes, and the decoder
-//! gives the weight at any point from the first k codes and the shape. Any k works, since training
-//! cuts the code list at random (nested dropout).
+//! gives the weight at any point from k codes and the shape. Any k works, since training draws how
+//! many E_W is asked for (nested dropout).
 //!
 //! Shapes: r rigs, m bones (m / r of each rig, rig by rig), n points of a cloud, p points asked,
 //! t skin tokens, s shape tokens, l latent channels. A cloud is [.., 6]: position, unit normal.

@@ -9,7 +9,7 @@ use riglab_metric::{Codebook, SkinMetrics, SkinTally, compression_ratio, every_r
 use riglab_nn::fsq::Fsq;
 use riglab_nn::fsq_cvae::{Coded, GaussianCode};
 use riglab_nn::params::Weights;
-use riglab_random::{Draw, stream};
+use riglab_random::{Draw, Stream, stream};
 use riglab_train::At;
 use serde::{Deserialize, Serialize};
 use tch::{Kind, Tensor};
@@ -178,6 +178,8 @@ pub struct Encoded {
     pub ids: Option<Tensor>,
     /// Of codes that are real numbers, how far they scatter and what they tell.
     pub said: Option<GaussianCode>,
+    /// Draws the points at which the bones were seen.
+    seen: Stream,
 }
 
 /// Sums over a split of one method.
@@ -285,25 +287,28 @@ impl FsqCvaeTask {
         let mut random = stream(self.config.eval.seed, "evaluation", &[id.key()]);
         let coder = self.coder(w);
         let cond = coder.shape(&rig, &mut random);
+        let seen = random.clone();
         let Coded { codes, said } = coder.encode(&rig, self.config.model.skin_tokens, &mut random);
         let ids = said.is_none().then(|| self.net.fsq().ids(&codes));
-        Ok(Encoded { rig, cond, codes, ids, said })
+        Ok(Encoded { rig, cond, codes, ids, said, seen })
     }
 
-    /// Raw shares at points, a row a point, a column a bone, from the first `k` codes of each bone.
+    /// The codes of bones that get `k` each, [m, k, axes], as they are learned and used: of the same points, yet not the
+    /// first of all codes (`FsqCvae::encode_skin`).
+    pub(super) fn codes(&self, w: &Weights, encoded: &Encoded, k: usize) -> Tensor {
+        if k == 0 || k == self.config.model.skin_tokens {
+            return encoded.codes.narrow(1, 0, k as i64);
+        }
+        self.coder(w).encode(&encoded.rig, k, &mut encoded.seen.clone()).codes
+    }
+
+    /// Raw shares at points, a row a point, a column a bone, from the codes of each bone.
     ///
     /// # Errors
     /// When the network gives what is no number.
-    pub fn decode(
-        &self,
-        w: &Weights,
-        encoded: &Encoded,
-        codes: &Tensor,
-        k: usize,
-        points: &[Point],
-    ) -> Result<Vec<f32>, String> {
-        let (rig, codes) = (&encoded.rig, codes.narrow(1, 0, k as i64));
-        let raw = self.coder(w).decode(&encoded.cond, &codes, points, &rig.segments(), rig.told());
+    pub fn decode(&self, w: &Weights, encoded: &Encoded, codes: &Tensor, points: &[Point]) -> Result<Vec<f32>, String> {
+        let rig = &encoded.rig;
+        let raw = self.coder(w).decode(&encoded.cond, codes, points, &rig.segments(), rig.told());
         finite(&raw)?;
         Ok(raw)
     }
@@ -331,7 +336,7 @@ impl FsqCvaeTask {
             let encoded = self.encode(w, id)?;
             let joints = encoded.rig.bones.len();
             let truth = Truth::new(&encoded.rig, Some((limit, at.seed ^ id.key())));
-            let predicted = self.decode(w, &encoded, &encoded.codes, tokens, &truth.points)?;
+            let predicted = self.decode(w, &encoded, &encoded.codes, &truth.points)?;
             let cuts = self.config.eval.cuts.iter();
             let ruled = cuts.map(|&cut| SkinTally::of(&truth.dense, &ruled(&predicted, joints, cut), joints)).collect();
             Ok((SkinTally::of(&truth.dense, &predicted, joints), ruled))
@@ -360,7 +365,6 @@ impl FsqCvaeTask {
     /// # Errors
     /// When an asset cannot be read, or none is there to choose a cut by.
     pub fn evaluate(&self, w: &Weights, mut progress: impl FnMut(usize)) -> Result<Report, String> {
-        let all = self.config.model.skin_tokens;
         self.config.data.can_choose(&self.config.eval.cuts, &self.validation_assets)?;
         let mut done = 0;
         let mut rules: Vec<Sums> = self.config.eval.cuts.iter().map(|_| Sums::default()).collect();
@@ -368,7 +372,7 @@ impl FsqCvaeTask {
             let encoded = self.encode(w, id)?;
             let joints = encoded.rig.bones.len();
             let truth = Truth::new(&encoded.rig, None);
-            let predicted = self.decode(w, &encoded, &encoded.codes, all, &truth.points)?;
+            let predicted = self.decode(w, &encoded, &encoded.codes, &truth.points)?;
             for (sums, &cut) in rules.iter_mut().zip(&self.config.eval.cuts) {
                 sums.add(&SkinTally::of(&truth.dense, &ruled(&predicted, joints, cut), joints));
             }
@@ -449,7 +453,7 @@ impl FsqCvaeTask {
                 t.metrics()
             };
             for &k in &self.config.eval.prefixes {
-                let predicted = self.decode(w, &encoded, &encoded.codes, k, &truth.points)?;
+                let predicted = self.decode(w, &encoded, &self.codes(w, &encoded, k), &truth.points)?;
                 let raw = tally((k, "raw"), &predicted);
                 let rule = tally((k, "rule"), &ruled(&predicted, joints, report.cut));
                 if k == *self.config.eval.prefixes.iter().max().unwrap_or(&all) {
@@ -472,14 +476,16 @@ impl FsqCvaeTask {
                 // What is told does not scatter.
                 let told = encoded.codes.size()[2] - away.size()[2];
                 let drawn = &encoded.codes + away.constant_pad_nd([told, 0]);
-                let predicted = self.decode(w, &encoded, &drawn, all, &truth.points)?;
+                let predicted = self.decode(w, &encoded, &drawn, &truth.points)?;
                 tally((all, "rule, drawn"), &ruled(&predicted, joints, report.cut));
             }
-            // Every bone decoded with the codes of the next: the difference is what codes tell.
-            let next = Tensor::from_slice(&(0..joints as i64).map(|j| (j + 1) % joints as i64).collect::<Vec<_>>());
-            let exchanged = encoded.codes.index_select(0, &next.to_device(self.device));
-            let predicted = self.decode(w, &encoded, &exchanged, all, &truth.points)?;
-            tally((all, "rule, codes exchanged"), &ruled(&predicted, joints, report.cut));
+            // Every bone decoded with the codes of the next: the difference is what codes tell. A single bone has none.
+            if joints > 1 {
+                let next = Tensor::from_slice(&(0..joints as i64).map(|j| (j + 1) % joints as i64).collect::<Vec<_>>());
+                let exchanged = encoded.codes.index_select(0, &next.to_device(self.device));
+                let predicted = self.decode(w, &encoded, &exchanged, &truth.points)?;
+                tally((all, "rule, codes exchanged"), &ruled(&predicted, joints, report.cut));
+            }
 
             let joints_of: Vec<JointId> = rig.bones.iter().map(|b| b.joint).collect();
             every_rule(&rig.rig, &joints_of, &body, |name, weights| {
@@ -527,12 +533,69 @@ fn best(rules: &[Sums], split: &str, tokens: usize) -> Row {
 
 #[cfg(test)]
 mod tests {
+    use riglab_core::{Asset, Joint, Provenance, Rig, Skeleton, SkinWeights};
+    use riglab_data::CorpusWriter;
+    use riglab_nn::fsq_cvae::Bottleneck;
+    use tch::Device;
+
     use super::*;
+    use crate::fsq_cvae::FsqCvaeTaskConfig;
+    use crate::tokenrig::testing::tetrahedron;
+
+    /// A task whose codes are real numbers, and a rig of so many bones to look at.
+    fn task(joints: u16, dir: &std::path::Path) -> FsqCvaeTask {
+        let path = dir.join("one.h5");
+        let joint = |j: u16| Joint { name: format!("j{j}"), parent: j.checked_sub(1).map(JointId), head: [0.0; 3] };
+        let skeleton = Skeleton::new((0..joints).map(joint).collect()).unwrap();
+        let weights = SkinWeights::normalized((0..4u16).map(|v| [(v % joints, 1.0)])).unwrap();
+        let rig = Rig::new(skeleton, tetrahedron(), weights).unwrap();
+        let mut writer = CorpusWriter::create(&path).unwrap();
+        let asset = |name: &str| Asset {
+            name: name.into(),
+            rig: rig.clone(),
+            clips: Vec::new(),
+            provenance: Provenance::default(),
+        };
+        ["a", "b", "c"].iter().for_each(|name| writer.add(&asset(name)).unwrap());
+        writer.finish(&["train", "val", "test"]).unwrap();
+        let mut config = FsqCvaeTaskConfig::default();
+        let m = &mut config.model;
+        (m.encoder_width, m.decoder_width, m.heads, m.latent) = (16, 16, 2, 8);
+        (m.encoder_layers, m.decoder_layers, m.shape_tokens, m.skin_tokens) = (1, 1, 4, 4);
+        (m.levels, m.bottleneck) = (vec![4, 3], Bottleneck::Gaussian);
+        (config.data.corpora, config.data.test) = (vec![path], vec!["test".into()]);
+        (config.eval.prefixes, config.eval.baseline_resolution) = (vec![2, 4], 16);
+        FsqCvaeTask::new(config, Device::Cpu).unwrap()
+    }
+
+    #[test]
+    fn bones_that_get_fewer_codes_are_encoded_with_as_many() {
+        let dir = tempfile::tempdir().unwrap();
+        let task = task(2, dir.path());
+        let w = task.params.weights();
+        let encoded = task.encode(w, task.validation_assets[0]).unwrap();
+        let [none, two, all] = [0, 2, 4].map(|k| task.codes(w, &encoded, k));
+        assert_eq!([&none, &two, &all].map(|codes| codes.size()), [[2, 0, 2], [2, 2, 2], [2, 4, 2]]);
+        assert!(all.equal(&encoded.codes) && !two.equal(&encoded.codes.narrow(1, 0, 2)));
+        assert!(two.equal(&task.codes(w, &encoded, 2)));
+    }
+
+    #[test]
+    fn codes_are_exchanged_where_there_are_others() {
+        let rows = [1, 2].map(|joints| {
+            let dir = tempfile::tempdir().unwrap();
+            let task = task(joints, dir.path());
+            let report = task.evaluate(task.params.weights(), |_| {}).unwrap();
+            let of = |method: &str| report.rows.iter().filter(|row| row.method == method).count();
+            (of("rule"), of("rule, codes exchanged"))
+        });
+        assert_eq!(rows, [(2, 0), (2, 1)]);
+    }
 
     #[test]
     fn what_codes_tell_is_their_entropy_or_their_divergence() {
         let fsq = Fsq::new(&[4, 3]).unwrap();
-        let ids = Tensor::arange(12, (Kind::Int64, tch::Device::Cpu)).view([3, 4]);
+        let ids = Tensor::arange(12, (Kind::Int64, Device::Cpu)).view([3, 4]);
         let codes = fsq.codes(&ids, Kind::Float);
         let of = |divergence: Option<&Tensor>| {
             let mut used = Use::default();
@@ -543,7 +606,7 @@ mod tests {
         let (distinct, bits) = of(None);
         assert!(distinct == 12 && (bits - 12f64.log2()).abs() < 1e-9);
         // The second axis a real number of one nat.
-        let (distinct, bits) = of(Some(&Tensor::ones([3, 4], (Kind::Float, tch::Device::Cpu))));
+        let (distinct, bits) = of(Some(&Tensor::ones([3, 4], (Kind::Float, Device::Cpu))));
         assert!(distinct == 0 && (bits - 2.0 - std::f64::consts::E.log2()).abs() < 1e-9);
     }
 }

@@ -82,7 +82,7 @@ impl FsqCvaeTask {
         let all = self.config.model.skin_tokens;
         let few = self.config.eval.prefixes.iter().copied().min().unwrap_or(all);
         let weights = |k: usize| {
-            let raw = self.decode(w, encoded, &encoded.codes, k, &truth.points)?;
+            let raw = self.decode(w, encoded, &self.codes(w, encoded, k), &truth.points)?;
             let dense = ruled(&raw, joints, cut);
             sparse(rig, &dense).map(|sparse| (dense, sparse))
         };

@@ -221,7 +221,7 @@ fn table(report: &Report, split: &str) -> Table {
          split, bones that move nothing left out; mask: share of bones all of whose vertices are predicted; mask and \
          per rig: means over assets. {TRADED} raw: the network's output; rule: the same after the decode rule (cut at \
          {}, the four largest kept, rows normalised to sum to 1). codes exchanged: each bone decoded from all of \
-         the next one's codes: the lower, the more the codes hold. Below the line: baselines without learning, from distances \
+         the next one's codes, where there are two: the lower, the more the codes hold. Below the line: baselines without learning, from distances \
          to the bones, straight or through the body, or from heat diffused over the surface; {BONES_KNOWN}",
         report.convention, report.cut
     );
