@@ -14,8 +14,9 @@ pub(crate) const EQUAL: f64 = 1e-9;
 
 /// Said where baselines stand beside systems: an evaluation of a run has them under the same names.
 const BASELINES: &str = " Baselines here may bind vertices to every joint of the true skeleton, as a system may; those of \
-                         `riglab eval` are told which joints move something and are scored on these alone, so that their \
-                         figures differ a little.";
+                         `riglab eval` are told which joints move something and are scored on these alone, and those \
+                         through the body see it more coarsely (eval.baseline_resolution, by default 128 cells of its \
+                         longest side; here 196), so that their figures differ a little.";
 
 /// Systems over the same assets.
 #[derive(Clone, Debug, Serialize)]

@@ -112,13 +112,6 @@ impl Baseline {
         held
     }
 
-    /// Weights of one vertex.
-    pub(crate) fn weights_of(&self, distances: &[f32]) -> Vec<f32> {
-        let mut row = vec![0.0; distances.len()];
-        self.row(&mut row, distances);
-        row
-    }
-
     fn row(&self, row: &mut [f32], distances: &[f32]) {
         let nearest = (0..distances.len()).min_by(|&a, &b| distances[a].total_cmp(&distances[b]));
         let Some(nearest) = nearest else { return };

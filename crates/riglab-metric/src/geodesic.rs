@@ -1,16 +1,11 @@
 //! Distances and weights along ways through the body.
 
 use rayon::prelude::*;
-use riglab_core::{JointId, Mesh, Segment, Skeleton, SkinWeights};
+use riglab_core::{DecodeRule, JointId, Mesh, Segment, Skeleton, SkinWeights};
 use riglab_geom::geodesic::GeodesicSolver;
 use riglab_geom::voxel::SolidConfig;
 
 use crate::Baseline;
-
-/// Bones that a vertex is given to at most, before the rule: the nearest.
-const NEAREST: usize = 8;
-/// Bones whose distances are held at a time.
-const AT_ONCE: usize = 32;
 
 impl Baseline {
     /// Its name in tables where distances are geodesic.
@@ -33,7 +28,7 @@ pub fn geodesic_distances(mesh: &Mesh, skeleton: &Skeleton, joints: &[JointId], 
 }
 
 /// Weights of a mesh on the bones of `joints`, or of all joints where there are none, by a rule over voxel
-/// geodesic distances. Only the eight nearest bones of a vertex take part.
+/// geodesic distances to all of them.
 ///
 /// Every vertex has finite weights that sum to 1, whatever mesh and bones are like: of one triangle or a
 /// million, of no length, outside of the body, on pieces that no bone touches.
@@ -46,30 +41,10 @@ pub fn geodesic_weights(
 ) -> SkinWeights {
     let all: Vec<JointId> = skeleton.ids().collect();
     let joints = if joints.is_empty() { &all } else { joints };
-    let solver = GeodesicSolver::new(mesh, config);
-    let vertices = mesh.positions().len();
-    let mut nearest = vec![[(f32::INFINITY, u16::MAX); NEAREST]; vertices];
-    for some in joints.chunks(AT_ONCE) {
-        let rows = solver.distances(&bones(skeleton, some), mesh.positions());
-        nearest.par_iter_mut().enumerate().for_each(|(v, best)| {
-            for (b, joint) in some.iter().enumerate() {
-                let new = (rows[b * vertices + v], joint.0);
-                if new < best[NEAREST - 1] {
-                    let at = best.partition_point(|old| *old < new);
-                    best[at..].rotate_right(1);
-                    best[at] = new;
-                }
-            }
-        });
-    }
-    let rows = nearest.iter().map(|best| {
-        let count = best.partition_point(|(d, _)| d.is_finite());
-        let distances: Vec<f32> = best[..count].iter().map(|(d, _)| *d).collect();
-        let weights = rule.weights_of(&distances);
-        best.iter().zip(weights).map(|((_, joint), w)| (*joint, f64::from(w))).collect::<Vec<_>>()
-    });
+    let raw = rule.weights(&geodesic_distances(mesh, skeleton, joints, config), joints.len());
     // Rows have a positive weight on joints that differ, so there is nothing to refuse.
-    SkinWeights::normalized(rows).expect("weights of a rule are sound")
+    let kept = DecodeRule { cut: 0.0, influences: joints.len() }.weights(&raw, joints);
+    kept.expect("weights of a rule are sound")
 }
 
 fn bones(skeleton: &Skeleton, joints: &[JointId]) -> Vec<Vec<Segment>> {

@@ -209,7 +209,15 @@ mod tests {
 
     #[test]
     fn one_alone_binds_as_it_does_among_all() {
-        let (rig, config) = (needle(), SolidConfig { resolution: 48, ..SolidConfig::DEFAULT });
+        let (needle, config) = (needle(), SolidConfig { resolution: 48, ..SolidConfig::DEFAULT });
+        // Twelve bones: all of them share a vertex, the far ones too.
+        let joint = |k: u16| Joint {
+            name: format!("{k}"),
+            parent: k.checked_sub(1).map(JointId),
+            head: [0.1, f32::from(k) * 0.5, 0.1],
+        };
+        let skeleton = Skeleton::new((0..12).map(joint).collect()).unwrap();
+        let rig = Rig::new(skeleton, needle.mesh().clone(), needle.weights().clone()).unwrap();
         let joints: Vec<JointId> = rig.skeleton().ids().collect();
         let mut alone = SkinBaseline::all();
         every_rule(&rig, &joints, &config, |name, weights| {
