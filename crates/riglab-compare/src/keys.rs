@@ -1,5 +1,6 @@
 //! What predictions and true assets are called when they are matched.
 
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
 use riglab_asset::Format;
@@ -48,9 +49,48 @@ pub(crate) fn own_name(key: &str) -> &str {
     key.rsplit('/').next().unwrap_or(key)
 }
 
+/// What assets are called, to tell whether a name without its folders can only mean one of them.
+#[derive(Debug, Default)]
+pub(crate) struct Called {
+    whole: BTreeSet<String>,
+    /// How many are called so in some folder.
+    alone: BTreeMap<String, usize>,
+}
+
+impl Called {
+    pub(crate) fn of<'a>(assets: impl IntoIterator<Item = &'a str>) -> Self {
+        let whole: BTreeSet<String> = assets.into_iter().map(key).collect();
+        let mut alone = BTreeMap::new();
+        whole.iter().for_each(|key| *alone.entry(own_name(key).to_owned()).or_default() += 1);
+        Self { whole, alone }
+    }
+
+    /// With others, which have their own by their whole keys alone.
+    pub(crate) fn beside<'a>(mut self, others: impl IntoIterator<Item = &'a str>) -> Self {
+        self.whole.extend(others.into_iter().map(key));
+        self
+    }
+
+    /// Whether `theirs`, a key in another folder, can be that of the asset of this key: no other asset is called so in
+    /// any folder, and none has that key.
+    pub(crate) fn may_be(&self, key: &str, theirs: &str) -> bool {
+        self.alone.get(own_name(key)).is_none_or(|&count| count < 2) && !self.whole.contains(theirs)
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_bare_name_is_that_of_one_asset_only() {
+        let called = Called::of(["x/a.glb", "y/a.glb", "x/b.glb", "x/b.fbx", "c.glb"]).beside(["z/c.glb", "z/b.glb"]);
+        // Two are called a; b is one asset in two files; another asset's prediction is not taken.
+        assert!(!called.may_be("x/a", "a") && called.may_be("x/b", "b") && called.may_be("x/b", "w/b"));
+        assert!(called.may_be("c", "w/c") && !called.may_be("c", "z/c") && !called.may_be("x/b", "z/b"));
+        // Names of what a file of several holds are not known before.
+        assert!(called.may_be("unknown", "w/unknown"));
+    }
 
     #[test]
     fn what_systems_add_is_taken_off() {

@@ -12,7 +12,7 @@ use riglab_metric::{Joints, Rows};
 
 use crate::CompareError;
 use crate::corpora::corpus_at;
-use crate::keys::{key, own_name};
+use crate::keys::{Called, key, own_name};
 
 /// Which files are predictions: those of a format, or all that hold rigs.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -202,12 +202,13 @@ impl Predictions {
         self.places.keys().map(String::as_str)
     }
 
-    /// The key of the prediction for a true asset: its own, or the only one of that name in any folder.
-    pub fn key_of(&self, asset: &str) -> Option<&str> {
+    /// The key of the prediction for a true asset: its own, or the only one of that name in any folder where no other
+    /// asset can be meant.
+    pub(crate) fn key_of(&self, asset: &str, assets: &Called) -> Option<&str> {
         let key = key(asset);
         match self.places.get_key_value(&key) {
             Some((key, _)) => Some(key),
-            None => self.by_name.get(own_name(&key))?.as_deref(),
+            None => self.by_name.get(own_name(&key))?.as_deref().filter(|theirs| assets.may_be(&key, theirs)),
         }
     }
 

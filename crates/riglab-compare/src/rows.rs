@@ -9,6 +9,7 @@ use riglab_geom::voxel::SolidConfig;
 use riglab_metric::{Joints, Measure, Rows, SkinBaseline, Truth};
 use serde::{Serialize, Serializer};
 
+use crate::keys::Called;
 use crate::{CompareError, Predictions, Truths, fit};
 
 /// How assets count for which there is nothing to measure.
@@ -98,11 +99,14 @@ pub fn score(
     let (mut broken, mut done) = (truths.unread.clone(), 0);
     let mut used: Vec<BTreeSet<String>> = vec![Default::default(); systems.len()];
     let mut example = String::new();
+    let elsewhere = || truths.elsewhere.iter().map(String::as_str);
+    let names = truths.names()?;
+    let asked = Called::of(names.iter().map(String::as_str)).beside(elsewhere());
     truths.each(|some| {
         let rows: Vec<Result<Vec<Row>, (String, String)>> = some
             .par_iter()
             .map(|(name, asset)| match asset {
-                Ok(asset) => Ok(rows(name, asset, systems, baselines, failures)),
+                Ok(asset) => Ok(rows((name, &asked), asset, systems, baselines, failures)),
                 Err(e) => Err((name.clone(), e.clone())),
             })
             .collect();
@@ -113,7 +117,7 @@ pub fn score(
                     example.clone_from(name);
                     for (k, row) in rows.into_iter().enumerate() {
                         if let Some((_, predictions)) = systems.get(k) {
-                            used[k].extend(predictions.key_of(name).map(String::from));
+                            used[k].extend(predictions.key_of(name, &asked).map(String::from));
                         }
                         out[k].rows.push(row);
                     }
@@ -124,9 +128,10 @@ pub fn score(
         progress(done);
     });
     out.iter_mut().for_each(System::leave_what_none_has);
+    let others = Called::of(elsewhere());
     for ((system, (_, predictions)), used) in out.iter_mut().zip(systems).zip(used) {
         // Those of the corpus' other splits are not asked for, and no fault.
-        let elsewhere: BTreeSet<&str> = truths.elsewhere.iter().filter_map(|name| predictions.key_of(name)).collect();
+        let elsewhere: BTreeSet<&str> = elsewhere().filter_map(|name| predictions.key_of(name, &others)).collect();
         let unmatched = predictions.keys().filter(|k| !used.contains(*k) && !elsewhere.contains(k));
         system.unmatched = unmatched.map(String::from).collect();
         if let (true, Some(theirs)) = (used.is_empty() && !system.rows.is_empty(), predictions.keys().next()) {
@@ -205,7 +210,7 @@ impl System {
 
 /// The rows of one asset, one a system, then one a baseline.
 fn rows(
-    name: &str,
+    (name, asked): (&str, &Called),
     asset: &Asset,
     systems: &[(String, Predictions)],
     baselines: &[SkinBaseline],
@@ -226,7 +231,7 @@ fn rows(
     let prepare = || Truth::new(name, rig).moving(&asset.clips);
     let mut row = |predictions: &Predictions| {
         let mut row = empty();
-        let read = predictions.key_of(name).map(|key| predictions.read(key).and_then(|p| fit(&p, rig)));
+        let read = predictions.key_of(name, asked).map(|key| predictions.read(key).and_then(|p| fit(&p, rig)));
         match read {
             None if failures == Failures::Apart => return row,
             None => {}

@@ -88,6 +88,22 @@ impl Truths {
         self.len() == 0
     }
 
+    /// Their names, as far as they are known without reading them: a file of several counts as one of its own name.
+    pub(crate) fn names(&self) -> Result<Vec<String>, CompareError> {
+        Ok(match &self.source {
+            TruthSource::Corpus(corpus, assets) => {
+                let names = corpus.names()?;
+                assets.iter().map(|&k| names[k].clone()).collect()
+            }
+            TruthSource::Files(files) => files.iter().map(|file| name_below(self.folder(), file)).collect(),
+        })
+    }
+
+    /// What files have their names below.
+    fn folder(&self) -> &Path {
+        if self.path.is_file() { self.path.parent().unwrap_or(Path::new("")) } else { &self.path }
+    }
+
     /// Gives all of them, some at a time: a name, and the asset, with the clips that the corpus or file has, or what is
     /// wrong with its file.
     pub fn each(&self, mut give: impl FnMut(Vec<Named>)) {
@@ -102,7 +118,7 @@ impl Truths {
                 }
             }
             TruthSource::Files(files) => {
-                let folder = if self.path.is_file() { self.path.parent().unwrap_or(Path::new("")) } else { &self.path };
+                let folder = self.folder();
                 for some in files.chunks(AT_ONCE) {
                     let one = |path: &PathBuf| (count_assets(path).unwrap_or(1) <= 1).then(|| single(folder, path));
                     let read: Vec<Option<Named>> = some.par_iter().map(one).collect();

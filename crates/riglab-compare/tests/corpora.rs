@@ -49,6 +49,20 @@ fn a_corpus_is_a_system_as_files_are() {
 }
 
 #[test]
+fn a_prediction_is_of_one_asset() {
+    let dir = tempfile::tempdir().unwrap();
+    let all = [("x/a.glb", "test_new", 0.5), ("y/a.glb", "test_new", 0.5), ("x/b.glb", "test_new", 0.5)];
+    let truth = corpus(dir.path().join("truth.h5"), &[&all[..], &[("z/b.glb", "train", 0.5)]].concat());
+    let of = |name: &str, predictions: &[(&str, &str, f32)]| {
+        let found = of_a_split(&corpus(dir.path().join(name), predictions), &truth, "test_new").unwrap();
+        (found.counts(), found.unmatched)
+    };
+    // `a` may be either, and `x/a` is not y's; the only `b` in another folder is x's, unless it is that of another split.
+    assert_eq!(of("1.h5", &[("a.glb", "", 0.5), ("w/b.glb", "", 0.5)]), ([1, 0, 2], vec!["a".to_owned()]));
+    assert_eq!(of("2.h5", &[("x/a.glb", "", 0.5), ("z/b.glb", "", 0.5)]), ([1, 0, 2], vec![]));
+}
+
+#[test]
 fn predictions_of_other_splits_alone_are_told() {
     let dir = tempfile::tempdir().unwrap();
     let truth = corpus(dir.path().join("truth.h5"), &ALL);
