@@ -115,7 +115,9 @@ pub fn run(args: &Args) -> Result<ExitCode> {
     }
     let presets = if args.presets.is_empty() { &Preset::ALL[..] } else { &args.presets };
     args.forms.write(&files, |form| text(args, form, &comparison, presets, &published))?;
-    let any = comparison.systems.iter().any(|s| s.counts()[0] > 0);
+    // Baselines are always scored; they count where nothing else is asked for.
+    let alone = comparison.systems.iter().all(|s| s.baseline);
+    let any = comparison.systems.iter().any(|s| (alone || !s.baseline) && s.counts()[0] > 0);
     Ok(if any { ExitCode::SUCCESS } else { ExitCode::FAILURE })
 }
 
