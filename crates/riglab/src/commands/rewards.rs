@@ -236,16 +236,22 @@ fn every(systems: &[System], config: &RewardConfig) -> Table {
 /// Of two systems, the rigs of the same name: the first's and the second's.
 fn pairs(systems: &[System]) -> Option<Vec<[&Rewards; 2]>> {
     let [a, b] = systems else { return None };
-    // A name that two rigs have tells none of them.
-    let mut of_b: HashMap<String, Option<&Rewards>> = HashMap::new();
-    for rig in &b.rigs {
-        let other = of_b.entry(key(&rig.name)).or_insert(Some(&rig.rewards));
-        if other.is_some_and(|other| !std::ptr::eq(other, &rig.rewards)) {
-            *other = None;
-        }
-    }
-    let pairs: Vec<_> = a.rigs.iter().filter_map(|rig| Some([&rig.rewards, (*of_b.get(&key(&rig.name))?)?])).collect();
+    let (of_a, of_b) = (by_key(&a.rigs), by_key(&b.rigs));
+    let both = |rig: &ScoredRig| {
+        let key = key(&rig.name);
+        Some([(*of_a.get(&key)?)?, (*of_b.get(&key)?)?])
+    };
+    let pairs: Vec<_> = a.rigs.iter().filter_map(both).collect();
     (!pairs.is_empty()).then_some(pairs)
+}
+
+/// Rigs by the keys of their names; a name that two rigs have tells none of them.
+fn by_key(rigs: &[ScoredRig]) -> HashMap<String, Option<&Rewards>> {
+    let mut out = HashMap::new();
+    for rig in rigs {
+        out.entry(key(&rig.name)).and_modify(|other| *other = None).or_insert(Some(&rig.rewards));
+    }
+    out
 }
 
 /// Of each reward, second minus first.
@@ -371,5 +377,7 @@ mod tests {
         assert!(pairs(&[system("a", &[("a.glb", 0.5)]), system("b", &[("b.glb", 0.5)])]).is_none());
         let twice = [system("a", &[("a.glb", 0.5)]), system("b", &[("a.glb", 0.5), ("a.fbx", 0.25)])];
         assert!(pairs(&twice).is_none());
+        let [one, two] = twice;
+        assert!(pairs(&[two, one]).is_none());
     }
 }
