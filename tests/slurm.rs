@@ -226,7 +226,7 @@ fn a_run_is_extended_by_a_job_or_stays_as_it_is() {
     let path = format!("{}:{}", bin.display(), std::env::var("PATH").unwrap());
     let extend = |steps: &str| {
         let set = format!("train.steps={steps}");
-        let args = ["train", "--resume", text(&run), "--on", "slurm", "--wait", "--set", &set];
+        let args = ["train", "--resume", text(&run), "--on", "slurm", "--wait", "--set", &set, "--device", "cuda:1"];
         refusal(riglab(&args).env("PATH", &path))
     };
     let before = ["config.toml", "run.json"].map(|name| read(&run.join(name)));
@@ -246,6 +246,9 @@ fn a_run_is_extended_by_a_job_or_stays_as_it_is() {
     let said = extend("5");
     assert!(said.contains("is not finished: job 7 OUT_OF_MEMORY"), "{said}");
     assert!(read(&run.join("config.toml")).contains("steps = 5"));
+    // The job computes where it was asked to.
+    let script = read(&run.join("slurm/job-1.sh"));
+    assert!(script.lines().last().is_some_and(|line| line.ends_with("--device cuda:1")), "{script}");
 }
 
 /// Calls the binary on the cluster; it must end well. Gives all it said.

@@ -3,11 +3,14 @@
 use anyhow::{Result, anyhow, bail};
 use tch::Device;
 
+/// Says it where the option does not.
+const VARIABLE: &str = "RIGLAB_DEVICE";
+
 /// The option of commands that compute with networks.
 #[derive(clap::Args)]
 pub struct DeviceArgs {
     /// Where to compute: `cpu`, or `cuda:0` and so on.
-    #[arg(long, env = "RIGLAB_DEVICE", hide_env_values = true, default_value = "cpu", value_name = "DEVICE")]
+    #[arg(long, env = VARIABLE, hide_env_values = true, default_value = "cpu", value_name = "DEVICE")]
     device: String,
 }
 
@@ -18,6 +21,12 @@ impl DeviceArgs {
     /// What the option may be, or what this machine lacks.
     pub fn device(&self) -> Result<Device> {
         riglab_torch::device(&self.device).map_err(|e| anyhow!("--device {}: {e}", self.device))
+    }
+
+    /// What a job of this command on another machine is to be told: nothing where it was not asked for here, so that the
+    /// job's own surroundings say.
+    pub fn asked(&self) -> Option<&str> {
+        (self.device != "cpu" || std::env::var_os(VARIABLE).is_some()).then_some(self.device.as_str())
     }
 
     /// That of commands that are several processes at times: those share processors alone.

@@ -284,7 +284,13 @@ fn hand_over(args: &Args, cluster: &[String], sets: &[String], threads: usize) -
         }
         (None, None) => bail!("give a config, or --resume RUN"),
     };
-    let request = on_slurm::Request { run: &run, config: config.as_deref(), threads, wait: args.wait };
+    let request = on_slurm::Request {
+        run: &run,
+        config: config.as_deref(),
+        threads,
+        device: args.device.asked(),
+        wait: args.wait,
+    };
     let submitted = match (on_slurm::submit(&request, &desk), former) {
         (Ok(submitted), _) => submitted,
         (Err(e), former) => {

@@ -31,7 +31,11 @@ enum Kind {
     /// A job of the sweep in this folder.
     Sweep { folder: PathBuf },
     /// The run in this folder.
-    Train { run: PathBuf },
+    Train {
+        run: PathBuf,
+        #[arg(long)]
+        device: Option<String>,
+    },
     /// A part of the curation to this corpus.
     Curate { out: PathBuf },
     /// The corpus of the parts.
@@ -58,7 +62,7 @@ pub fn run(args: &Args, threads: usize) -> Result<ExitCode> {
     let number = task.number.unwrap_or(0) + args.offset;
     let done = match &args.kind {
         Kind::Sweep { folder } => sweep(&task, folder, number)?,
-        Kind::Train { run } => train(&task, run, threads)?,
+        Kind::Train { run, device } => train(&task, run, device.as_deref(), threads)?,
         Kind::Curate { out } => curate(&task, out, Some(number), threads)?,
         Kind::Merge { out } => curate(&task, out, None, threads)?,
         Kind::Srun { arguments } => return srun(&task, arguments),
@@ -108,7 +112,7 @@ fn sweep(task: &Task, folder: &Path, number: usize) -> Result<Done> {
     Ok(if finished { Done::Well } else { Done::Failed })
 }
 
-fn train(task: &Task, run: &Path, threads: usize) -> Result<Done> {
+fn train(task: &Task, run: &Path, device: Option<&str>, threads: usize) -> Result<Done> {
     let desk = Desk::reopen(run, &[])?;
     if let Err(stuck) = task.begin(&desk.starts(0), &place(run), desk.config.patience)? {
         tell!("error: {stuck}");
@@ -130,6 +134,7 @@ fn train(task: &Task, run: &Path, threads: usize) -> Result<Done> {
         true => command.arg("--resume").arg(run),
         false => command.arg(desk.file("config.toml")).arg("--run").arg(run),
     };
+    command.args(device.iter().flat_map(|device| ["--device", device]));
     attended(command, &interrupt)
 }
 

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use anyhow::{Context, Result, bail};
-use riglab_report::shell::command;
+use riglab_report::shell;
 use riglab_slurm::{SlurmConfig, state};
 use riglab_train::{Interrupt, Progress};
 
@@ -18,6 +18,8 @@ pub struct Request<'a> {
     pub config: Option<&'a str>,
     /// Threads of a process; 0 takes what the cluster gives.
     pub threads: usize,
+    /// Where the job's network computes; what the job's surroundings say where that is not told.
+    pub device: Option<&'a str>,
     /// Whether to wait for its end.
     pub wait: bool,
 }
@@ -33,14 +35,14 @@ pub struct Submitted {
 /// # Errors
 /// When it is in the queue already, or the cluster refuses it: nothing goes on then.
 pub fn submit(request: &Request, desk: &Desk) -> Result<Submitted> {
-    let Request { run, config, threads, .. } = *request;
+    let Request { run, config, threads, device, .. } = *request;
     let shown = run.display();
     if let Some(queued) = desk.queue()?.first() {
         bail!("{shown} is in the queue already, as job {} ({})", queued.job, queued.state.to_lowercase());
     }
     match config {
         Some(_) if run.join("config.toml").exists() => {
-            let again = command(["train", "--resume", &run.to_string_lossy(), "--on", "slurm"]);
+            let again = shell::command(["train", "--resume", &run.to_string_lossy(), "--on", "slurm"]);
             bail!("{shown} holds a run already; go on with it by `{again}`")
         }
         Some(text) => write(&desk.file("config.toml"), text)?,
@@ -52,6 +54,8 @@ pub fn submit(request: &Request, desk: &Desk) -> Result<Submitted> {
     let place = std::path::absolute(run).with_context(|| format!("{shown} has no place"))?;
     let (place, threads) = (place.to_string_lossy(), threads.to_string());
     let name: Vec<_> = run.components().rev().take(2).map(|c| c.as_os_str().to_string_lossy()).collect();
+    let mut command = vec!["--threads", &threads, "train", &place];
+    command.extend(device.iter().flat_map(|device| ["--device", device]));
     let order = Order {
         what: "train",
         name: &name.into_iter().rev().collect::<Vec<_>>().join("/"),
@@ -59,7 +63,7 @@ pub fn submit(request: &Request, desk: &Desk) -> Result<Submitted> {
         failures: 0,
         after: None,
         parallel: true,
-        command: &["--threads", &threads, "train", &place],
+        command: &command,
     };
     let [submission] = desk.submit(&order)?.try_into().map_err(|_| anyhow::anyhow!("one job was to be submitted"))?;
     let log = desk.logs().join(format!("{}.log", submission.job));
@@ -90,7 +94,7 @@ pub fn follow(request: &Request, desk: &Desk, submitted: &Submitted) -> Result<E
         return Ok(ExitCode::from(interrupt.code()));
     }
     if finished {
-        tell!("next: {}", command(["eval", &run.to_string_lossy()]));
+        tell!("next: {}", shell::command(["eval", &run.to_string_lossy()]));
         return Ok(ExitCode::SUCCESS);
     }
     let ended = state(job).unwrap_or_else(|| "ended".into());
