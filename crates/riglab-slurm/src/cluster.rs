@@ -82,10 +82,8 @@ pub(crate) fn tell_steps(id: &str) -> Result<(), SlurmError> {
 fn ask(program: &'static str, args: &[&str]) -> Result<String, SlurmError> {
     let mut command = Command::new(program);
     command.args(args).stdin(Stdio::null());
-    // Called within another job, its sizes are not for this one. A cluster's own address stays.
     for (name, _) in std::env::vars_os() {
-        let name = name.to_string_lossy().into_owned();
-        if name.starts_with("SLURM_") && name != "SLURM_CONF" && name != "SLURM_CLUSTERS" {
+        if is_of_a_job(&name.to_string_lossy()) {
             command.env_remove(name);
         }
     }
@@ -101,6 +99,12 @@ fn ask(program: &'static str, args: &[&str]) -> Result<String, SlurmError> {
     let lines: Vec<&str> = said.lines().map(str::trim).filter(|l| !l.is_empty()).collect();
     let said = if lines.is_empty() { out.status.to_string() } else { lines.join("; ") };
     Err(SlurmError::Refused { program, said })
+}
+
+/// Whether a variable tells of the job that this is called within: its sizes are not for another one. A cluster's own
+/// address, and what it knows its users by, stay.
+fn is_of_a_job(variable: &str) -> bool {
+    variable.starts_with("SLURM_") && !["SLURM_CONF", "SLURM_CLUSTERS", "SLURM_JWT"].contains(&variable)
 }
 
 fn first_line(text: &str) -> String {
@@ -157,6 +161,14 @@ fn job_state(line: &str) -> Option<String> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn what_a_cluster_knows_its_users_by_stays() {
+        let left =
+            ["SLURM_JOB_ID", "SLURM_CPUS_PER_TASK", "SLURM_CONF", "SLURM_CLUSTERS", "SLURM_JWT", "PATH", "SLURMX"];
+        let left: Vec<&str> = left.into_iter().filter(|name| !is_of_a_job(name)).collect();
+        assert_eq!(left, ["SLURM_CONF", "SLURM_CLUSTERS", "SLURM_JWT", "PATH", "SLURMX"]);
+    }
 
     #[test]
     fn answers_are_understood() {
