@@ -102,6 +102,8 @@ struct Busy {
     job: usize,
     stage: Stage,
     child: Child,
+    /// Where what it tells begins in the log, behind what earlier attempts told.
+    told_from: u64,
 }
 
 /// Runs what is left of a sweep. `command` gives the process of a stage (run folder, config, threads are its
@@ -216,7 +218,7 @@ impl<'a> Pool<'a> {
                 Ok(Some(status)) => status,
                 Err(e) => return Err(SweepError::io(&self.run_of(self.busy[k].job), "waited for", &e)),
             };
-            let Busy { job, stage, .. } = self.busy.swap_remove(k);
+            let Busy { job, stage, told_from, .. } = self.busy.swap_remove(k);
             self.ended(job);
             if status.success() {
                 // What comes next is seen from the folder; ahead of others, so that results come early.
@@ -236,7 +238,8 @@ impl<'a> Pool<'a> {
                     self.waiting.push_back(job);
                 }
             } else {
-                let reason = last_error(&log_of(&self.run_of(job))).unwrap_or_else(|| status.to_string());
+                let said = last_error(&log_of(&self.run_of(job)), told_from);
+                let reason = said.unwrap_or_else(|| status.to_string());
                 self.fail(job, stage, reason, tell)?;
             }
         }
@@ -315,8 +318,8 @@ impl<'a> Pool<'a> {
                 break;
             }
             match spawn(command(job, stage, &run), &run, self.apart) {
-                Ok(child) => {
-                    self.busy.push(Busy { job: number, stage, child });
+                Ok((child, told_from)) => {
+                    self.busy.push(Busy { job: number, stage, child, told_from });
                     tell(Event::Begun(job, stage));
                 }
                 Err(e) => {
@@ -364,10 +367,12 @@ fn log_of(run: &Path) -> PathBuf {
     run.with_extension("log")
 }
 
-fn spawn(mut command: Command, run: &Path, apart: bool) -> std::io::Result<Child> {
+/// Starts a process; with it, where what it tells begins in the log.
+fn spawn(mut command: Command, run: &Path, apart: bool) -> std::io::Result<(Child, u64)> {
     let log = log_of(run);
     riglab_files::make_folder_of(&log)?;
     let errors: File = OpenOptions::new().create(true).append(true).open(&log)?;
+    let told_from = errors.metadata()?.len();
     command.stdin(Stdio::null()).stdout(Stdio::null()).stderr(errors);
     #[cfg(unix)]
     if apart {
@@ -375,12 +380,13 @@ fn spawn(mut command: Command, run: &Path, apart: bool) -> std::io::Result<Child
         // Ctrl-C is for the sweep, which tells its runs by itself.
         command.process_group(0);
     }
-    command.spawn()
+    Ok((command.spawn()?, told_from))
 }
 
-/// The last `error:` that a job told.
-fn last_error(log: &Path) -> Option<String> {
-    let text = String::from_utf8_lossy(&std::fs::read(log).ok()?).into_owned();
+/// The last `error:` that a job told from there on.
+fn last_error(log: &Path, from: u64) -> Option<String> {
+    let all = std::fs::read(log).ok()?;
+    let text = String::from_utf8_lossy(all.get(usize::try_from(from).ok()?..)?);
     text.lines().rev().find_map(|l| l.strip_prefix("error: ")).map(str::to_owned)
 }
 
@@ -442,6 +448,22 @@ mod tests {
         let failed = attempts(dir.path());
         let states: Vec<State> = plan.jobs.iter().map(|j| State::of(dir.path(), &plan, j, &failed)).collect();
         assert_eq!(states, [State::Finished, State::Failed("train: no room".into()), State::Finished]);
+    }
+
+    #[test]
+    fn a_reason_is_that_of_its_own_attempt() {
+        let (dir, plan) = (tempfile::tempdir().unwrap(), plan(""));
+        let tried = Cell::new(0);
+        let command = |job: &Job, _: Stage, run: &Path| {
+            if job.seed != 2 {
+                return finishes(run, 0.0);
+            }
+            tried.set(tried.get() + 1);
+            shell(if tried.get() == 1 { "echo 'error: no room' >&2; exit 1".into() } else { "kill -9 $$".into() })
+        };
+        run(dir.path(), &plan, BUDGET, command, || false, |_| ()).unwrap();
+        let reasons: Vec<String> = attempts(dir.path()).into_iter().map(|attempt| attempt.reason).collect();
+        assert!(reasons.len() == 2 && reasons[0] == "no room" && reasons[1].contains("signal: 9"), "{reasons:?}");
     }
 
     #[test]
