@@ -132,15 +132,23 @@ fn shards(corpus: &Path) -> Vec<Shard> {
     serde_json::from_slice(&text).unwrap_or_else(|_| one())
 }
 
+/// Missing shards that are named.
+const NAMED: usize = 10;
+
 /// Tells which shards are not among these, as far as they say of how many they are.
 fn missing(corpora: &[PathBuf]) -> Option<String> {
     let there: Vec<Shard> = corpora.iter().flat_map(|path| shards(path)).collect();
     let of = there.first()?.of;
     let known: HashSet<u64> = there.iter().filter(|shard| shard.of == of).map(|shard| shard.number).collect();
     let lacking = (1..=of).filter(|number| !known.contains(number));
-    let lacking: Vec<String> = lacking.map(|number| format!("{number}/{of}")).collect();
-    let (is, s) = if lacking.len() == 1 { ("is", "") } else { ("are", "s") };
-    (!lacking.is_empty()).then(|| format!("shard{s} {} {is} missing: the corpus is not whole", lacking.join(", ")))
+    let count = of.saturating_sub(known.iter().filter(|number| (1..=of).contains(*number)).count() as u64);
+    let mut named: Vec<String> = lacking.take(NAMED).map(|number| format!("{number}/{of}")).collect();
+    let more = count.saturating_sub(named.len() as u64);
+    if more > 0 {
+        named.push(format!("and {more} more"));
+    }
+    let (is, s) = if count == 1 { ("is", "") } else { ("are", "s") };
+    (count > 0).then(|| format!("shard{s} {} {is} missing: the corpus is not whole", named.join(", ")))
 }
 
 /// Takes over answers that shards have paid for.
@@ -259,6 +267,8 @@ mod tests {
         assert_eq!(missing(&parts), None);
         let told = missing(&parts[1..3]).unwrap();
         assert!(told.contains("1/4, 4/4 are missing"), "{told}");
+        let told = missing(&[part(7, u64::from(u32::MAX))]).unwrap();
+        assert!(told.contains("10/4294967295, 11/4294967295, and 4294967284 more are missing"), "{told}");
         // What does not say that it is a shard is asked nothing.
         assert_eq!(missing(&[dir.path().join("whole.h5")]), None);
     }
