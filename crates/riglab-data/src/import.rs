@@ -141,8 +141,10 @@ fn write_all(
     source: &Source<'_>,
     progress: impl Fn(usize) + Sync,
 ) -> Result<ImportReport, DataError> {
-    // An earlier corpus at the same place is not part of the data.
-    files.retain(|file| file != out);
+    // An earlier corpus at the same place is not part of the data, however the two are named.
+    if let Ok(earlier) = out.canonicalize() {
+        files.retain(|file| file.canonicalize().map_or(true, |file| file != earlier));
+    }
     make_folder_of(out).map_err(|e| DataError::io(out, e))?;
     let manifest = Manifest::read(folder);
     let mut writer = CorpusWriter::create(out)?;
@@ -337,6 +339,18 @@ mod tests {
         assert_eq!(corpus.bare().unwrap(), [0, 1]);
         import_folder(dir.path(), &out, &Splitter::ByTopology(0), &options, |_| ()).unwrap();
         assert!(crate::Corpus::open(&out).unwrap().bare().unwrap().is_empty());
+    }
+
+    #[test]
+    fn an_earlier_corpus_in_the_folder_is_no_part_of_it() {
+        let dir = tempfile::tempdir().unwrap();
+        pair(dir.path(), "a");
+        std::fs::create_dir(dir.path().join("sub")).unwrap();
+        for folder in [dir.path().to_owned(), dir.path().join("sub/..")] {
+            let (out, options) = (dir.path().join("c.h5"), ImportOptions::default());
+            let report = import_folder(&folder, &out, &Splitter::ByTopology(0), &options, |_| ()).unwrap();
+            assert_eq!((report.imported, report.refused.len()), (1, 0), "{report:?}");
+        }
     }
 
     #[test]
