@@ -62,7 +62,7 @@ struct Import {
     #[arg(long, short, value_name = "FILE")]
     out: PathBuf,
     /// JSON object of lists of file names by split [default: FOLDER/split.json if there is one].
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, value_name = "FILE", conflicts_with = "seed")]
     split: Option<PathBuf>,
     /// Put all assets into this split instead, as a test set of your own: test_new, say.
     #[arg(long, value_name = "SPLIT", value_parser = clap::builder::NonEmptyStringValueParser::new(), conflicts_with_all = ["split", "seed"])]
