@@ -74,8 +74,9 @@ impl Sequences<'_> {
         if self.limits.tokens < shortest {
             return bad("limits.tokens", format!("a skeleton takes at least {shortest} tokens"));
         }
-        if self.retrieval_points == 0 {
-            return bad("eval.retrieval_points", "shapes are compared by at least 1 point".into());
+        if !(1..=MOST_COMPARED).contains(&self.retrieval_points) {
+            let message = format!("shapes are compared by 1 to {MOST_COMPARED} points, not {}", self.retrieval_points);
+            return bad("eval.retrieval_points", message);
         }
         if !(self.spread >= 0.0 && self.spread < 64.0) {
             return bad("loss.spread", format!("{} must lie in [0, 64)", self.spread));
@@ -83,6 +84,9 @@ impl Sequences<'_> {
         Ok(())
     }
 }
+
+/// Points by which shapes are compared at most: all training shapes' are held, and each is compared with each.
+const MOST_COMPARED: usize = 100_000;
 
 /// How far the range of coordinates may reach: cells of a much wider one hold whole rigs.
 const WIDEST: f32 = 10.0;
@@ -306,6 +310,8 @@ mod tests {
         assert!(key == "limits.joints" && message.contains("at least 1"), "{key}: {message}");
         assert_eq!(of(|c| c.limits.tokens = 3).0, "limits.tokens");
         assert_eq!([of(|c| c.eval.rows = 0).0, of(|c| c.sampling.rigs = 0).0], ["eval.rows", "sampling.rigs"]);
+        assert_eq!(of(|c| c.eval.retrieval_points = 0).0, "eval.retrieval_points");
+        assert_eq!(of(|c| c.eval.retrieval_points = 100_001).0, "eval.retrieval_points");
         assert_eq!(of(|c| c.tokenizer.bins = 1).0, "tokenizer.bins");
         assert_eq!(of(|c| c.tokenizer.range = [0.0, 1.0]).0, "tokenizer.range");
         assert_eq!(of(|c| c.tokenizer.range = [-1.0, 1e30]).0, "tokenizer.range");
