@@ -69,6 +69,24 @@ impl Progress {
         }
     }
 
+    /// Whether no part was done since it began.
+    pub fn is_new(&self) -> bool {
+        self.at == self.begun_at
+    }
+
+    /// One part takes long and cannot tell how far it is, as long as this lives: what it is, and on a terminal that time
+    /// goes on, elsewhere a line now and then.
+    pub fn during(&self, what: &str) -> During<'_> {
+        During(match &self.bar {
+            Some(bar) => {
+                bar.set_message(what.to_owned());
+                bar.enable_steady_tick(TICK);
+                Told::Bar(bar)
+            }
+            None => Told::Lines((!self.silent).then(|| Lines::new(what))),
+        })
+    }
+
     /// Prints a line above the bar.
     pub fn line(&self, text: &str) {
         match &self.bar {
@@ -100,14 +118,29 @@ impl Progress {
     }
 }
 
+/// A part of a job that takes long: [`Progress::during`].
+pub struct During<'a>(Told<'a>);
+
+enum Told<'a> {
+    Bar(&'a ProgressBar),
+    Lines(#[expect(dead_code, reason = "it tells until it is dropped")] Option<Lines>),
+}
+
+impl Drop for During<'_> {
+    fn drop(&mut self) {
+        if let Told::Bar(bar) = self.0 {
+            bar.disable_steady_tick();
+        }
+    }
+}
+
 /// Something that is worked on and whose end cannot be told, as long as this lives: what it is and the time so far. On a
 /// terminal nothing is to be printed meanwhile.
 pub struct Spinner(Shown);
 
 enum Shown {
     Bar(ProgressBar),
-    /// Lines of a thread that ends with the sender.
-    Lines(Option<(Sender<()>, JoinHandle<()>)>),
+    Lines(#[expect(dead_code, reason = "it tells until it is dropped")] Lines),
 }
 
 impl Spinner {
@@ -120,26 +153,39 @@ impl Spinner {
             bar.enable_steady_tick(TICK);
             Shown::Bar(bar)
         } else {
-            let (ends, ended) = channel();
-            let what = what.to_owned();
-            let lines = move || so_far(&ended, EVERY, |time| tell(format_args!("{what}: {time} so far")));
-            let thread = std::thread::Builder::new().name("progress".into()).spawn(lines);
-            // Without one more thread it goes on in silence.
-            Shown::Lines(thread.ok().map(|thread| (ends, thread)))
+            Shown::Lines(Lines::new(what))
         })
     }
 }
 
 impl Drop for Spinner {
     fn drop(&mut self) {
-        match &mut self.0 {
-            Shown::Bar(bar) => bar.finish_and_clear(),
-            Shown::Lines(lines) => {
-                if let Some((ends, thread)) = lines.take() {
-                    drop(ends);
-                    let _ = thread.join();
-                }
-            }
+        if let Shown::Bar(bar) = &self.0 {
+            bar.finish_and_clear();
+        }
+    }
+}
+
+/// Lines of a thread that say what is worked on and the time so far, as long as this lives. The thread ends with the
+/// sender.
+struct Lines(Option<(Sender<()>, JoinHandle<()>)>);
+
+impl Lines {
+    fn new(what: &str) -> Self {
+        let (ends, ended) = channel();
+        let what = what.to_owned();
+        let lines = move || so_far(&ended, EVERY, |time| tell(format_args!("{what}: {time} so far")));
+        let thread = std::thread::Builder::new().name("progress".into()).spawn(lines);
+        // Without one more thread it goes on in silence.
+        Self(thread.ok().map(|thread| (ends, thread)))
+    }
+}
+
+impl Drop for Lines {
+    fn drop(&mut self) {
+        if let Some((ends, thread)) = self.0.take() {
+            drop(ends);
+            let _ = thread.join();
         }
     }
 }
@@ -176,6 +222,8 @@ mod tests {
         // What is short says nothing and is not waited for.
         let start = Instant::now();
         drop(Spinner::new("x"));
+        drop(Progress::new("x", 1, 0).during("y"));
+        drop(Progress::silent().during("y"));
         assert!(start.elapsed() < EVERY);
     }
 }

@@ -139,7 +139,10 @@ impl<T: Task> Trainer<'_, T> {
         let (mut waited, mut ended) = (Duration::ZERO, Ended::Finished);
         let mut objective: Option<f64> = None;
         while self.state.step < config.steps {
+            // How long the others take follows from the first.
+            let first = progress.is_new().then(|| progress.during(&format!("step {}", self.state.step + 1)));
             let loss = self.step(task, &mut batches)?;
+            drop(first);
             let step = self.state.step;
             let last = step == config.steps;
             if last || (config.validate_every > 0 && step.is_multiple_of(config.validate_every)) {
@@ -241,6 +244,7 @@ impl<T: Task> Trainer<'_, T> {
         let at = At { seed: self.config.seed, step, batch: step * self.config.accumulate, ranks: self.ranks };
         let mut found: Validation = {
             let _no_grad = tch::no_grad_guard();
+            let _told = progress.during(&format!("validation at step {step}"));
             task.validate(weights, at).map_err(|e| TrainError::Task(format!("validation at step {step}: {e}")))?
         };
         // What follows from it must be the same on machines that differ.

@@ -5,7 +5,7 @@ use std::process::ExitCode;
 use anyhow::{Result, anyhow};
 use riglab_report::counted;
 use riglab_task::Experiment;
-use riglab_train::{estimate, product_speed};
+use riglab_train::{Spinner, estimate, product_speed};
 use tch::Device;
 
 use super::guard::Guard;
@@ -31,9 +31,9 @@ impl Visitor for DryRun<'_> {
         let mut begun = begin(&task, &train.start)?;
         begun.extend(freeze(&task, train)?);
         begun.iter().chain(&task.notes()).chain(&overlap(self.config)?).for_each(|note| tell!("note: {note}"));
-        let guard = Guard::until(|| false);
+        let (guard, trying) = (Guard::until(|| false), Spinner::new("trying"));
         let found = estimate(&task, train)?;
-        drop(guard);
+        drop((trying, guard));
         if self.json {
             say!("{}", serde_json::to_string(&found)?);
             return Ok(ExitCode::SUCCESS);
