@@ -5,9 +5,9 @@ mod common;
 
 use common::Tiny;
 use riglab_asset::export::{self, ExportOptions, Influences};
-use riglab_asset::{FbxFile, ImportOptions, Imported, Resample, glb_to_fbx, import, import_bytes};
-use riglab_core::skin;
-use serde_json::json;
+use riglab_asset::{FbxFile, ImportOptions, Imported, Resample, glb_to_fbx, import, import_bytes, rigging};
+use riglab_core::{Springs, skin};
+use serde_json::{Value, json};
 use ufbx::{Scene, SceneRoot};
 
 fn floats(all: &[f32]) -> Vec<u8> {
@@ -141,6 +141,37 @@ fn materials_and_pictures_come_along() {
     assert_eq!(scene.textures.len(), 2);
     assert!(scene.materials[0].fbx.normal_map.texture.is_some());
     assert_eq!(file.left.parts(), ["1 metallic-roughness map"]);
+}
+
+/// The first material once the file went to FBX and back, and what was told on the way there.
+fn material_back(tiny: &Tiny) -> (Value, Vec<String>) {
+    let file = written(tiny);
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("back.fbx");
+    std::fs::write(&path, &file.bytes).unwrap();
+    let how = ExportOptions::default();
+    let (exported, _) = rigging::dressed(&path, &ImportOptions::default(), &Springs::default(), &how).unwrap();
+    let length = u32::from_le_bytes(exported.bytes[12..16].try_into().unwrap()) as usize;
+    let json: Value = serde_json::from_slice(&exported.bytes[20..20 + length]).unwrap();
+    (json["materials"][0].clone(), file.left.parts())
+}
+
+#[test]
+fn a_picture_of_a_glow_shows_as_much_as_the_material_glows() {
+    let glowing = |factor: Value| {
+        dressed().with("/materials/0/emissiveTexture", json!({"index": 0})).with("/materials/0/emissiveFactor", factor)
+    };
+    let glow = |factor: Value| {
+        let (material, left) = material_back(&glowing(factor));
+        (material["emissiveTexture"].clone(), material["emissiveFactor"].clone(), left.len())
+    };
+    let picture = json!({"index": 0});
+    // The default of the format is none.
+    assert_eq!(glow(Value::Null), (Value::Null, Value::Null, 1));
+    assert_eq!(glow(json!([0, 0, 0])), (Value::Null, Value::Null, 1));
+    assert_eq!(glow(json!([0.25, 0.25, 0.25])), (picture.clone(), json!([0.25, 0.25, 0.25]), 1));
+    // A colour in front of the picture is told.
+    assert_eq!(glow(json!([0.5, 0.25, 0])), (picture, json!([0.5, 0.5, 0.5]), 2));
 }
 
 #[test]

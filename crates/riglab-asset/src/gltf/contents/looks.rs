@@ -9,6 +9,8 @@ use crate::gltf::accessor::Accessors;
 use crate::gltf::export::model::is_picture;
 use crate::pictures::for_gltf;
 
+const TINT: &str = "tint of a picture that few programs show";
+
 /// A material.
 #[derive(Debug)]
 pub(crate) struct Look {
@@ -112,16 +114,25 @@ impl Reader<'_, '_, '_> {
             colour[3] = 1.0;
         }
         let strength = &material["extensions"]["KHR_materials_emissive_strength"]["emissiveStrength"];
+        let mut glow = numbers(&material["emissiveFactor"], plain.glow);
+        let mut glow_strength = strength.as_f64().unwrap_or(plain.glow_strength);
+        // A picture of what does not glow would glow elsewhere, where the picture is the whole colour.
+        let glows = glow_strength > 0.0 && glow.iter().any(|x| *x > 0.0);
         let maps = [
-            (Of::Colour, &pbr["baseColorTexture"]),
-            (Of::Normals, &material["normalTexture"]),
-            (Of::Glow, &material["emissiveTexture"]),
+            (Of::Colour, Some(&pbr["baseColorTexture"])),
+            (Of::Normals, Some(&material["normalTexture"])),
+            (Of::Glow, Some(&material["emissiveTexture"]).filter(|_| glows)),
         ];
-        let maps: Vec<Map> = maps.into_iter().filter_map(|(of, texture)| self.map(of, texture)).collect();
+        let maps: Vec<Map> = maps.into_iter().filter_map(|(of, texture)| self.map(of, texture?)).collect();
         let is_mapped = |of: Of| maps.iter().any(|map| map.of == of);
+        if is_mapped(Of::Glow) {
+            // How bright it is stays where the colour is not looked at.
+            let most = glow.into_iter().fold(0.0, f64::max);
+            (glow, glow_strength) = (glow.map(|x| x / most), glow_strength * most);
+        }
         // Few programs multiply the two.
-        let tinted = is_mapped(Of::Colour) && colour[..3] != [1.0; 3];
-        self.count("tint of a picture that few programs show", tinted);
+        self.count(TINT, is_mapped(Of::Colour) && colour[..3] != [1.0; 3]);
+        self.count(TINT, is_mapped(Of::Glow) && glow != [1.0; 3]);
         self.count("metallic-roughness map", !pbr["metallicRoughnessTexture"].is_null());
         self.count("occlusion map", !material["occlusionTexture"].is_null());
         self.extensions(material);
@@ -130,8 +141,8 @@ impl Reader<'_, '_, '_> {
         Look {
             name: name.map_or_else(|| format!("material {number}"), str::to_owned),
             is_clear: has_alpha && is_mapped(Of::Colour),
-            glow: numbers(&material["emissiveFactor"], plain.glow),
-            glow_strength: strength.as_f64().unwrap_or(1.0),
+            glow,
+            glow_strength,
             // What no light falls on is no metal, whatever the format has for one where nothing is said.
             metallic: if is_unlit { 0.0 } else { pbr["metallicFactor"].as_f64().unwrap_or(1.0) },
             roughness: pbr["roughnessFactor"].as_f64().unwrap_or(1.0),
