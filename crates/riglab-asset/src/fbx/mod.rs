@@ -9,8 +9,8 @@
 //! may have normals and texture coordinates of their own, do not split them. Positions come out in metres,
 //! right-handed and y up, as the axes and the unit in the file's settings say.
 //!
-//! Materials and blend shapes are read where a model is to be written with its looks ([`model`]), which tells what it leaves.
-//! Files that this one refers to are not opened.
+//! Materials ([`looks`]) and blend shapes ([`shapes`]) are read where a model is to be written with its looks ([`model`]),
+//! which tells what it leaves. Files that this one refers to are not opened.
 //!
 //! Written is a finished GLB with all that it has ([`document`]), or a rig alone ([`write`]), both by way of [`file`].
 
@@ -19,6 +19,7 @@ mod document;
 mod file;
 mod groups;
 mod joints;
+mod looks;
 mod meshes;
 mod model;
 mod scene;

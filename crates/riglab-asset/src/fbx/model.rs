@@ -1,25 +1,22 @@
 //! The surfaces and looks of a file, without its rig.
 
-use std::collections::{BTreeSet, HashMap, HashSet};
+use std::collections::{BTreeSet, HashMap};
 
 use glam::{DAffine3, DVec3};
-use ufbx::{
-    AnimLayer, AnimStack, Element, ElementType, Material, MaterialMap, Mesh, PropFlags, Scene, Texture, VertexVec2,
-    VertexVec4,
-};
+use ufbx::{AnimLayer, AnimStack, Element, ElementType, Material, Mesh, PropFlags, Scene, VertexVec2, VertexVec4};
 
 use super::clips::time;
 use super::groups::Groups;
 use super::joints::Joints;
+use super::looks::{Pictures, look};
 use super::meshes::{Hold, MAX_POLYGON, hold, point, span};
 use super::scene::{Nodes, affine};
 use super::shapes::{shapes, swings};
 use super::{Load, shown};
 use crate::budget::{Budget, PART, TRIANGLE};
-use crate::gltf::export::model::{Lie, Look, Model, Object, Patch, Picture};
+use crate::gltf::export::model::{Model, Object, Patch};
 use crate::maps::{FLAT, is_flat};
-use crate::pictures::for_gltf;
-use crate::rigging::{linear, stem};
+use crate::rigging::linear;
 use crate::warning::of_number;
 use crate::{Fault, Place, Resample};
 
@@ -79,7 +76,7 @@ pub(crate) fn model(name: &str, bytes: &[u8], find: impl Fn(&str) -> Option<Vec<
     let mut groups = Groups::read(&nodes, &joints);
     let mut left = Left { things: things_left(&scene), ..Left::default() };
     left.things.append(&mut groups.left);
-    let mut pictures = Pictures { find, known: HashMap::new(), made: HashMap::new(), found: Vec::new(), left };
+    let mut pictures = Pictures::new(find, left);
     let looks = (&scene.materials).into_iter().map(|material| look(material, &mut pictures)).collect();
     let mut model = Model { name: name.into(), looks, ..Model::default() };
     let (mut origins, mut meshes) = (Vec::new(), Vec::new());
@@ -316,140 +313,15 @@ fn colour(of: &VertexVec4, corner: usize) -> [f32; 4] {
     [linear(r), linear(g), linear(b), a]
 }
 
-fn unit(x: f64) -> f32 {
+/// From 0 to 1; 0 for what is no number.
+pub(super) fn unit(x: f64) -> f32 {
     if x.is_finite() { (x as f32).clamp(0.0, 1.0) } else { 0.0 }
-}
-
-/// Pictures by texture.
-struct Pictures<F> {
-    find: F,
-    known: HashMap<u32, Option<usize>>,
-    /// By the contents of files.
-    made: HashMap<[u8; 32], usize>,
-    found: Vec<Picture>,
-    left: Left,
-}
-
-impl<F: Fn(&str) -> Option<Vec<u8>>> Pictures<F> {
-    fn number(&mut self, map: &MaterialMap) -> Option<usize> {
-        let texture: &Texture = map.texture.as_deref().filter(|_| map.texture_enabled)?;
-        let key = texture.element.element_id;
-        if let Some(known) = self.known.get(&key) {
-            return *known;
-        }
-        let embedded: &[u8] = texture.content.as_ref();
-        let names = [&texture.relative_filename, &texture.filename].map(|name| name.to_string());
-        let name = names.iter().find(|name| !name.is_empty()).map_or("", String::as_str);
-        // Exporters call textures after what they are for, many of one file alike.
-        let of_files = names.iter().map(|name| stem(name)).find(|stem| !stem.is_empty());
-        let called = of_files.unwrap_or_else(|| texture.element.name.to_string());
-        let mut number = self.made(&called, name, embedded);
-        let mut there = !embedded.is_empty();
-        if number.is_none()
-            && let Some(bytes) = names.iter().find_map(|name| (self.find)(name))
-        {
-            there = true;
-            number = self.made(&called, name, &bytes);
-        }
-        if number.is_none() {
-            let left = if there { &mut self.left.other } else { &mut self.left.missing };
-            left.push(names[0].clone());
-        }
-        self.known.insert(key, number);
-        number
-    }
-
-    /// The number of a picture by its contents, which several textures may have; `None` of what is none.
-    fn made(&mut self, called: &str, name: &str, bytes: &[u8]) -> Option<usize> {
-        let key = *blake3::hash(bytes).as_bytes();
-        if let Some(known) = self.made.get(&key) {
-            return Some(*known);
-        }
-        let bytes = for_gltf(name, bytes.to_vec())?;
-        self.found.push(Picture { name: called.to_owned(), bytes });
-        self.made.insert(key, self.found.len() - 1);
-        Some(self.found.len() - 1)
-    }
-
-    /// The picture of a map and how it lies; turned ones lie straight, which is told.
-    fn placed(&mut self, map: &MaterialMap, property: &str) -> (Option<usize>, Lie) {
-        let Some(picture) = self.number(map) else { return (None, Lie::PLAIN) };
-        let Some(texture) = map.texture.as_deref().filter(|texture| texture.has_uv_transform) else {
-            return (Some(picture), Lie::PLAIN);
-        };
-        let m = &texture.uv_to_texture;
-        if m.m01.abs().max(m.m10.abs()) > 1e-6 * m.m00.abs().max(m.m11.abs()) {
-            self.left.maps.insert(format!("{property} (as they are turned)"));
-            return (Some(picture), Lie::PLAIN);
-        }
-        (Some(picture), Lie::from_below([m.m00 as f32, m.m11 as f32], [m.m03 as f32, m.m13 as f32]))
-    }
-}
-
-/// How much of a surface is seen, from 0 to 1. Old materials say so as an opacity, or as a colour that is seen through them
-/// times a factor; of several what hides most counts. 1 where a file hides all, as files do that mean nothing by it.
-fn alpha(material: &Material) -> f32 {
-    let fbx = &material.fbx;
-    let mut all = vec![1.0];
-    let pbr = &material.pbr.opacity;
-    all.extend(pbr.has_value.then_some(pbr.value_vec4.x));
-    all.extend(material.element.props.find_prop("Opacity").map(|opacity| opacity.value_vec4.x));
-    let colour = &fbx.transparency_color;
-    if colour.has_value && colour.texture.is_none() {
-        let c = colour.value_vec4;
-        let factor = if fbx.transparency_factor.has_value { fbx.transparency_factor.value_vec4.x } else { 1.0 };
-        all.push(1.0 - factor * (c.x + c.y + c.z) / 3.0);
-    }
-    let least = all.into_iter().filter(|a| a.is_finite() && *a > 0.0).fold(1.0, f64::min);
-    unit(least)
-}
-
-fn look<F: Fn(&str) -> Option<Vec<u8>>>(material: &Material, pictures: &mut Pictures<F>) -> Look {
-    let plain = Look::plain(&material.element.name);
-    let pbr = &material.pbr;
-    let number = |map: &MaterialMap| map.has_value.then(|| unit(map.value_vec4.x));
-    let (picture, colour_lies) = pictures.placed(&pbr.base_color, "DiffuseColor");
-    let (normals, normals_lie) = pictures.placed(&pbr.normal_map, "NormalMap");
-    let (glow_picture, glow_lies) = pictures.placed(&pbr.emission_color, "EmissiveColor");
-    let colour = pbr.base_color.has_value.then_some(pbr.base_color.value_vec4).map(|c| [c.x, c.y, c.z].map(unit));
-    // Where there is a picture, it is the colour: few programs multiply the two.
-    let [r, g, b] = match picture {
-        Some(_) => [1.0; 3],
-        None => colour.unwrap_or([0.8; 3]),
-    };
-    let alpha = alpha(material);
-    // The picture of the colour once more: its alpha.
-    let key = |map: &MaterialMap| map.texture.as_deref().map(|texture| texture.element.element_id);
-    let clear = [&pbr.opacity, &material.fbx.transparency_color, &material.fbx.transparency_factor];
-    let by_picture =
-        picture.is_some() && clear.iter().any(|map| key(map).is_some() && key(map) == key(&pbr.base_color));
-    let taken: HashSet<u32> =
-        [&pbr.base_color, &pbr.normal_map, &pbr.emission_color].into_iter().filter_map(key).collect();
-    for of in (&material.textures).into_iter().filter(|of| !taken.contains(&of.texture.element.element_id)) {
-        pictures.left.maps.insert(super::shown(&of.material_prop));
-    }
-    let strength = number(&pbr.emission_factor).unwrap_or(1.0);
-    let glow = pbr.emission_color.has_value.then_some(pbr.emission_color.value_vec4);
-    let glow = glow.map_or([0.0; 3], |c| [c.x, c.y, c.z].map(unit));
-    // As with the colour.
-    let glow = if glow_picture.is_some() { [1.0; 3] } else { glow };
-    Look {
-        colour: [r, g, b, alpha],
-        picture,
-        normals,
-        glow_picture,
-        lies: [colour_lies, normals_lie, glow_lies],
-        glow: glow.map(|x| x * strength),
-        metallic: number(&pbr.metalness).unwrap_or(0.0),
-        roughness: number(&pbr.roughness).unwrap_or(plain.roughness),
-        transparent: alpha < 1.0 || by_picture,
-        ..plain
-    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::gltf::export::model::Lie;
 
     /// A triangle with two sets of coordinates and a blend shape, and with what is said of its material 5, pictures from 10 on
     /// included.
