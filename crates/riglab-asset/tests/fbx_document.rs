@@ -143,8 +143,8 @@ fn materials_and_pictures_come_along() {
     assert_eq!(file.left.parts(), ["1 metallic-roughness map"]);
 }
 
-/// The first material once the file went to FBX and back, and what was told on the way there.
-fn material_back(tiny: &Tiny) -> (Value, Vec<String>) {
+/// The document once the file went to FBX and back, and what was told on the way there.
+fn back(tiny: &Tiny) -> (Value, Vec<String>) {
     let file = written(tiny);
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("back.fbx");
@@ -152,8 +152,7 @@ fn material_back(tiny: &Tiny) -> (Value, Vec<String>) {
     let how = ExportOptions::default();
     let (exported, _) = rigging::dressed(&path, &ImportOptions::default(), &Springs::default(), &how).unwrap();
     let length = u32::from_le_bytes(exported.bytes[12..16].try_into().unwrap()) as usize;
-    let json: Value = serde_json::from_slice(&exported.bytes[20..20 + length]).unwrap();
-    (json["materials"][0].clone(), file.left.parts())
+    (serde_json::from_slice(&exported.bytes[20..20 + length]).unwrap(), file.left.parts())
 }
 
 #[test]
@@ -162,7 +161,8 @@ fn a_picture_of_a_glow_shows_as_much_as_the_material_glows() {
         dressed().with("/materials/0/emissiveTexture", json!({"index": 0})).with("/materials/0/emissiveFactor", factor)
     };
     let glow = |factor: Value| {
-        let (material, left) = material_back(&glowing(factor));
+        let (json, left) = back(&glowing(factor));
+        let material = &json["materials"][0];
         (material["emissiveTexture"].clone(), material["emissiveFactor"].clone(), left.len())
     };
     let picture = json!({"index": 0});
@@ -172,6 +172,45 @@ fn a_picture_of_a_glow_shows_as_much_as_the_material_glows() {
     assert_eq!(glow(json!([0.25, 0.25, 0.25])), (picture.clone(), json!([0.25, 0.25, 0.25]), 1));
     // A colour in front of the picture is told.
     assert_eq!(glow(json!([0.5, 0.25, 0])), (picture, json!([0.5, 0.5, 0.5]), 2));
+}
+
+#[test]
+fn materials_come_back_from_fbx_as_they_were() {
+    let strength = "KHR_materials_emissive_strength";
+    let pbr = json!({"baseColorFactor": [0.5, 0.25, 0.75, 1], "metallicFactor": 1, "roughnessFactor": 0.5});
+    let wanted = json!({"name": "cloth", "pbrMetallicRoughness": pbr, "doubleSided": true,
+                        "normalTexture": {"index": 0, "scale": 0.25},
+                        "emissiveFactor": [1, 0.5, 0], "extensions": {strength: {"emissiveStrength": 4}}});
+    let tiny = dressed().with("/materials/0", wanted.clone());
+    let (json, left) = back(&tiny.with("/extensionsUsed", json!([strength])));
+    let number = |json: &Value, pointer: &str| json.pointer(pointer).and_then(Value::as_f64).unwrap();
+    let material = &json["materials"][0];
+    for pointer in [
+        "/pbrMetallicRoughness/metallicFactor",
+        "/pbrMetallicRoughness/baseColorFactor/0",
+        "/normalTexture/scale",
+        "/emissiveFactor/1",
+        "/extensions/KHR_materials_emissive_strength/emissiveStrength",
+    ] {
+        let (is, was) = (number(material, pointer), number(&wanted, pointer));
+        assert!((is - was).abs() < 1e-6, "{pointer}: {is}, not {was}");
+    }
+    assert_eq!((&material["doubleSided"], &material["alphaMode"]), (&json!(true), &Value::Null));
+    assert_eq!((&json["extensionsUsed"], left.len()), (&json!([strength]), 0), "{left:?}");
+
+    // Of what the format has no words for, nothing is said.
+    let (json, _) = back(&dressed().with("/materials/0", json!({"normalTexture": {"index": 0, "scale": 0}})));
+    let material = &json["materials"][0];
+    assert_eq!([&material["doubleSided"], &material["normalTexture"], &material["extensions"]], [&Value::Null; 3]);
+    assert_eq!(json["extensionsUsed"], Value::Null);
+}
+
+#[test]
+fn a_cutoff_of_alpha_is_told() {
+    let told = |tiny: Tiny| written(&tiny.with("/materials/0/alphaMode", json!("MASK"))).left.parts();
+    assert_eq!(told(dressed()), ["1 material with an alpha cutoff", "1 metallic-roughness map"]);
+    // What is seen in any case is not cut.
+    assert_eq!(told(dressed().with("/materials/0", json!({"name": "bare"}))), [] as [&str; 0]);
 }
 
 #[test]

@@ -4,6 +4,7 @@ use std::collections::{HashMap, HashSet};
 
 use ufbx::{Material, MaterialMap, Texture};
 
+use super::document::BOTH_SIDES;
 use super::model::{Left, unit};
 use crate::gltf::export::model::{Lie, Look, Picture};
 use crate::pictures::for_gltf;
@@ -98,8 +99,16 @@ fn alpha(material: &Material) -> f32 {
     unit(least)
 }
 
-/// What a material shows, with its pictures.
-pub(super) fn look<F: Fn(&str) -> Option<Vec<u8>>>(material: &Material, pictures: &mut Pictures<F>) -> Look {
+/// What of a light or of bumps is told: more than 1 as well, which surfaces cannot be.
+fn amount(x: f64) -> f32 {
+    if (x as f32).is_finite() { x.max(0.0) as f32 } else { 0.0 }
+}
+
+/// What a material shows, with its pictures; `is_ours` where riglab wrote the file, of whose properties more is known.
+pub(super) fn look<F>(material: &Material, pictures: &mut Pictures<F>, is_ours: bool) -> Look
+where
+    F: Fn(&str) -> Option<Vec<u8>>,
+{
     let plain = Look::plain(&material.element.name);
     let pbr = &material.pbr;
     let number = |map: &MaterialMap| map.has_value.then(|| unit(map.value_vec4.x));
@@ -123,19 +132,26 @@ pub(super) fn look<F: Fn(&str) -> Option<Vec<u8>>>(material: &Material, pictures
     for of in (&material.textures).into_iter().filter(|of| !taken.contains(&of.texture.element.element_id)) {
         pictures.left.maps.insert(super::shown(&of.material_prop));
     }
-    let strength = number(&pbr.emission_factor).unwrap_or(1.0);
-    let glow = pbr.emission_color.has_value.then_some(pbr.emission_color.value_vec4);
-    let glow = glow.map_or([0.0; 3], |c| [c.x, c.y, c.z].map(unit));
+    let told = |map: &MaterialMap| map.has_value.then_some(map.value_vec4);
+    let strength = told(&pbr.emission_factor).map_or(1.0, |factor| factor.x);
+    let glow = told(&pbr.emission_color).map_or([0.0; 3], |c| [c.x, c.y, c.z]);
     // As with the colour.
     let glow = if glow_picture.is_some() { [1.0; 3] } else { glow };
+    // Elsewhere it says how much is mirrored, which is not how much of a metal it is; Blender's files ufbx knows.
+    let metalness = if is_ours { &material.fbx.reflection_factor } else { &pbr.metalness };
+    // Programs that know nothing of bumps say 0.
+    let bumps = told(&material.fbx.bump_factor).map(|factor| amount(factor.x)).filter(|bumps| *bumps > 0.0);
+    let both_sides = material.element.props.find_prop(BOTH_SIDES).is_some_and(|told| told.value_int != 0);
     Look {
         colour: [r, g, b, alpha],
         picture,
         normals,
         glow_picture,
         lies: [colour_lies, normals_lie, glow_lies],
-        glow: glow.map(|x| x * strength),
-        metallic: number(&pbr.metalness).unwrap_or(0.0),
+        bumps: bumps.unwrap_or(plain.bumps),
+        both_sides,
+        glow: glow.map(|x| amount(x * strength)),
+        metallic: number(metalness).unwrap_or(0.0),
         roughness: number(&pbr.roughness).unwrap_or(plain.roughness),
         transparent: alpha < 1.0 || by_picture,
         ..plain

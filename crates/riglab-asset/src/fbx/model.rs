@@ -15,6 +15,7 @@ use super::shapes::{shapes, swings};
 use super::{Load, shown};
 use crate::budget::{Budget, PART, TRIANGLE};
 use crate::gltf::export::model::{Model, Object, Patch};
+use crate::maker::is_maker;
 use crate::maps::{FLAT, is_flat};
 use crate::rigging::linear;
 use crate::warning::of_number;
@@ -77,7 +78,8 @@ pub(crate) fn model(name: &str, bytes: &[u8], find: impl Fn(&str) -> Option<Vec<
     let mut left = Left { things: things_left(&scene), ..Left::default() };
     left.things.append(&mut groups.left);
     let mut pictures = Pictures::new(find, left);
-    let looks = (&scene.materials).into_iter().map(|material| look(material, &mut pictures)).collect();
+    let is_ours = is_maker(scene.metadata.creator.as_bytes());
+    let looks = (&scene.materials).into_iter().map(|material| look(material, &mut pictures, is_ours)).collect();
     let mut model = Model { name: name.into(), looks, ..Model::default() };
     let (mut origins, mut meshes) = (Vec::new(), Vec::new());
     let mut copies = nodes.copies();
@@ -459,6 +461,20 @@ mod tests {
         let taken =
             super::model("m", &file("", &more, &connections.replace("d|Lcl Translation", "d|X")), find).unwrap();
         assert_eq!((taken.animations, taken.model.swings.len()), (1, 0));
+    }
+
+    #[test]
+    fn of_materials_by_other_programs_is_believed_what_they_mean() {
+        let look = |name: &str, value: f64| {
+            let told = format!("P: \"{name}\", \"Number\", \"\", \"A\",{value}\n");
+            let glow = "P: \"EmissiveColor\", \"Color\", \"\", \"A\",0.5,0.25,0\n";
+            read(&(told + glow), "", "").0.looks.remove(0)
+        };
+        // What mirrors is no metal for that.
+        assert_eq!(look("ReflectionFactor", 1.0).metallic, 0.0);
+        assert_eq!([0.5, 3.0, 0.0, -1.0].map(|bumps| look("BumpFactor", bumps).bumps), [0.5, 3.0, 1.0, 1.0]);
+        assert_eq!([2.0, 0.5, -1.0].map(|factor| look("EmissiveFactor", factor).glow[0]), [1.0, 0.25, 0.0]);
+        assert_eq!(look("EmissiveFactor", 8.0).glow, [4.0, 2.0, 0.0]);
     }
 
     #[test]

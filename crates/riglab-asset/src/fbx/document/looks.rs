@@ -7,6 +7,10 @@ use crate::fbx::file::Value::{Bytes, Double, Int, Text};
 use crate::fbx::file::{Class, File, Property, class_name};
 use crate::gltf::contents::{Contents, Look, Map, Of, Picture};
 
+/// Whether a material is seen from behind as well. The format has no property for it, and what models say of culling is the
+/// same in nearly all files: this one is riglab's.
+pub(in crate::fbx) const BOTH_SIDES: &str = "DoubleSided";
+
 /// Maps of all materials, each with its material's number.
 fn maps(contents: &Contents) -> impl Iterator<Item = (usize, &Map)> {
     contents.looks.iter().enumerate().flat_map(|(look, own)| own.maps.iter().map(move |map| (look, map)))
@@ -52,6 +56,7 @@ fn material(file: &mut File, number: usize, look: &Look) -> Result<(), Error> {
         // Without a picture of normals Blender would make a place for one.
         let has_bumps = look.maps.iter().any(|map| map.of == Of::Normals);
         all.extend(has_bumps.then_some(("BumpFactor", Property::Number(look.bumps))));
+        all.extend(look.both_sides.then_some((BOTH_SIDES, Property::Yes(true))));
         file.properties(&all)
     })
 }

@@ -24,6 +24,7 @@ use crate::Fault;
 use crate::fbx::file::Value;
 use crate::gltf::contents::{Contents, Mesh};
 use crate::warning::of_number;
+pub(super) use looks::BOTH_SIDES;
 
 /// Why a GLB cannot be written as FBX.
 #[derive(Debug, Fails)]

@@ -26,6 +26,8 @@ pub(crate) struct Look {
     pub(crate) roughness: f64,
     /// How much of the picture of normals is seen.
     pub(crate) bumps: f64,
+    /// Whether it is seen from behind as well.
+    pub(crate) both_sides: bool,
     pub(crate) maps: Vec<Map>,
 }
 
@@ -86,6 +88,7 @@ pub(super) fn plain() -> Look {
         metallic: 1.0,
         roughness: 1.0,
         bumps: 1.0,
+        both_sides: false,
         maps: Vec::new(),
     }
 }
@@ -118,9 +121,10 @@ impl Reader<'_, '_, '_> {
         let mut glow_strength = strength.as_f64().unwrap_or(plain.glow_strength);
         // A picture of what does not glow would glow elsewhere, where the picture is the whole colour.
         let glows = glow_strength > 0.0 && glow.iter().any(|x| *x > 0.0);
+        let bumps = material["normalTexture"]["scale"].as_f64().unwrap_or(plain.bumps);
         let maps = [
             (Of::Colour, Some(&pbr["baseColorTexture"])),
-            (Of::Normals, Some(&material["normalTexture"])),
+            (Of::Normals, Some(&material["normalTexture"]).filter(|_| bumps != 0.0)),
             (Of::Glow, Some(&material["emissiveTexture"]).filter(|_| glows)),
         ];
         let maps: Vec<Map> = maps.into_iter().filter_map(|(of, texture)| self.map(of, texture?)).collect();
@@ -135,18 +139,22 @@ impl Reader<'_, '_, '_> {
         self.count(TINT, is_mapped(Of::Glow) && glow != [1.0; 3]);
         self.count("metallic-roughness map", !pbr["metallicRoughnessTexture"].is_null());
         self.count("occlusion map", !material["occlusionTexture"].is_null());
+        let is_clear = has_alpha && is_mapped(Of::Colour);
+        // Elsewhere what is half clear is so; here it is seen or is not.
+        self.count("material with an alpha cutoff", material["alphaMode"] == "MASK" && (is_clear || colour[3] < 1.0));
         self.extensions(material);
         let is_unlit =
             ["KHR_materials_unlit", "VRMC_materials_mtoon"].iter().any(|name| !material["extensions"][name].is_null());
         Look {
             name: name.map_or_else(|| format!("material {number}"), str::to_owned),
-            is_clear: has_alpha && is_mapped(Of::Colour),
+            is_clear,
             glow,
             glow_strength,
             // What no light falls on is no metal, whatever the format has for one where nothing is said.
             metallic: if is_unlit { 0.0 } else { pbr["metallicFactor"].as_f64().unwrap_or(1.0) },
             roughness: pbr["roughnessFactor"].as_f64().unwrap_or(1.0),
-            bumps: material["normalTexture"]["scale"].as_f64().unwrap_or(1.0),
+            bumps,
+            both_sides: material["doubleSided"] == true,
             colour,
             maps,
         }

@@ -77,6 +77,11 @@ impl Draft {
             self.json["extensions"] = json!({});
         }
         self.json["extensions"][name] = value;
+        self.uses(name);
+    }
+
+    /// Lists an extension as used.
+    pub(super) fn uses(&mut self, name: &str) {
         if !self.list("extensionsUsed").iter().any(|used| used == name) {
             self.push("extensionsUsed", json!(name));
         }

@@ -10,6 +10,9 @@ use super::packed::picture_type;
 use super::place::add_child;
 use crate::maker::MAKER;
 
+/// The extension that says how much brighter than white something glows.
+const BRIGHTNESS: &str = "KHR_materials_emissive_strength";
+
 /// What other formats say of a model.
 #[derive(Debug, Default)]
 pub(crate) struct Model {
@@ -90,7 +93,12 @@ pub(crate) struct Look {
     pub(crate) glow_picture: Option<usize>,
     /// How each of those three lies on the surface.
     pub(crate) lies: [Lie; 3],
+    /// Linear; more than 1 is brighter than white.
     pub(crate) glow: [f32; 3],
+    /// How much of the picture of normals is seen.
+    pub(crate) bumps: f32,
+    /// Whether it is seen from behind as well.
+    pub(crate) both_sides: bool,
     pub(crate) metallic: f32,
     pub(crate) roughness: f32,
     /// Whether the alpha of colour and picture is to be seen.
@@ -126,6 +134,8 @@ impl Look {
             glow_picture: None,
             lies: [Lie::PLAIN; 3],
             glow: [0.0; 3],
+            bumps: 1.0,
+            both_sides: false,
             metallic: 0.0,
             roughness: 0.8,
             transparent: false,
@@ -135,6 +145,11 @@ impl Look {
     /// All pictures that it names.
     fn pictures(&mut self) -> [&mut Option<usize>; 3] {
         [&mut self.picture, &mut self.normals, &mut self.glow_picture]
+    }
+
+    /// Of the brightest of the colours that it glows in.
+    fn brightness(&self) -> f32 {
+        self.glow.into_iter().fold(0.0, f32::max)
     }
 
     /// Whether a picture lies on the surface otherwise than texture coordinates say.
@@ -216,7 +231,10 @@ impl Model {
             draft.push("samplers", json!({"wrapS": 10497, "wrapT": 10497, "minFilter": 9987, "magFilter": 9729}));
         }
         if self.looks.iter().any(Look::is_placed) {
-            draft.json["extensionsUsed"] = json!(["KHR_texture_transform"]);
+            draft.uses("KHR_texture_transform");
+        }
+        if self.looks.iter().any(|look| look.brightness() > 1.0) {
+            draft.uses(BRIGHTNESS);
         }
         for look in &self.looks {
             draft.push("materials", material(look));
@@ -364,12 +382,23 @@ fn material(look: &Look) -> Value {
     let mut all = json!({"name": look.name, "pbrMetallicRoughness": surface});
     if let Some(picture) = look.normals {
         all["normalTexture"] = texture(picture, normals_lie);
+        if look.bumps != 1.0 {
+            all["normalTexture"]["scale"] = json!(look.bumps);
+        }
     }
     if let Some(picture) = look.glow_picture {
         all["emissiveTexture"] = texture(picture, glow_lies);
     }
     if look.glow != [0.0; 3] {
-        all["emissiveFactor"] = json!(look.glow);
+        // A factor is 1 at most.
+        let over = look.brightness().max(1.0);
+        all["emissiveFactor"] = json!(look.glow.map(|x| x / over));
+        if over > 1.0 {
+            all["extensions"] = json!({BRIGHTNESS: {"emissiveStrength": over}});
+        }
+    }
+    if look.both_sides {
+        all["doubleSided"] = json!(true);
     }
     if look.transparent {
         all["alphaMode"] = json!("BLEND");
