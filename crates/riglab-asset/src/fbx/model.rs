@@ -11,7 +11,7 @@ use super::joints::Joints;
 use super::looks::{Pictures, look};
 use super::meshes::{Hold, MAX_POLYGON, hold, point, span};
 use super::scene::{Nodes, affine};
-use super::shapes::{shapes, swings};
+use super::shapes::{in_between, shapes, swings};
 use super::{Load, shown};
 use crate::budget::{Budget, PART, TRIANGLE};
 use crate::gltf::export::model::{Model, Object, Patch};
@@ -125,6 +125,8 @@ pub(crate) fn model(name: &str, bytes: &[u8], find: impl Fn(&str) -> Option<Vec<
     model.swings = swings;
     let mut left = pictures.left;
     left.things.extend(still.then(|| "motions of blend shapes, which could not be read".to_owned()));
+    let (one, many) = ("blend shape's in-between shapes", "blend shapes' in-between shapes");
+    left.things.extend(counted(in_between(&meshes), one, many));
     left.things.extend(counted(too_long, "long motion of blend shapes", "long motions of blend shapes"));
     Ok(Taken { model, origins, rate, animations: animations(&scene), left })
 }
@@ -421,6 +423,18 @@ mod tests {
             KeyValueFloat: *1 { a: 1 }\nKeyAttrFlags: *1 { a: 24836 }\nKeyAttrDataFloat: *4 { a: 0,0,0,0 }\n\
             KeyAttrRefCount: *1 { a: 1 }\n}\n";
         assert_eq!(moving(&format!("{stack}{curve}"), &format!("{connections}C: \"OP\",23,22,\"d|X\"\n")), 1);
+    }
+
+    #[test]
+    fn in_between_shapes_are_told() {
+        let half =
+            "Geometry: 8, \"Geometry::half\", \"Shape\" {\nIndexes: *1 { a: 0 }\nVertices: *3 { a: 0,0,0.2 }\n}\n";
+        let file = String::from_utf8(file("", half, "C: \"OO\",8,7\n")).unwrap();
+        let file = file.replace("FullWeights: *1 { a: 100 }", "FullWeights: *2 { a: 100,50 }");
+        let taken = super::model("m", file.as_bytes(), find).unwrap();
+        let [shape] = &taken.model.objects[0].shapes[..] else { panic!("{:?}", taken.model.objects) };
+        assert_eq!((shape.name.as_str(), &shape.offsets), ("up", &vec![vec![(0, [0.0, 0.0, 0.01])]]));
+        assert_eq!(taken.left.things, ["1 user property", "1 blend shape's in-between shapes"]);
     }
 
     /// An animation of a curve from 0 to `to` in a tenth of a second, of a property of an element.

@@ -26,6 +26,14 @@ fn channels(mesh: &Mesh) -> impl Iterator<Item = &BlendChannel> {
     all.filter(|channel| channel.keyframes.last().is_some())
 }
 
+/// How many channels of meshes have shapes on the way to their last, which [`shapes`] leaves out.
+pub(super) fn in_between(meshes: &[&Mesh]) -> usize {
+    // One mesh on several nodes is told once.
+    let mut known = HashSet::new();
+    let all = meshes.iter().flat_map(|mesh| channels(mesh));
+    all.filter(|channel| channel.keyframes.len() > 1 && known.insert(channel.element.element_id)).count()
+}
+
 /// The blend shapes of a mesh, of each channel the last; `controls` are those of the vertices of its patches.
 pub(super) fn shapes(
     mesh: &Mesh,
