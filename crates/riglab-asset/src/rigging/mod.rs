@@ -27,6 +27,7 @@ mod note;
 mod obj;
 mod pieces;
 mod seams;
+mod stand;
 mod subject;
 mod surface;
 mod up;

@@ -8,10 +8,10 @@ use riglab_core::{Mesh, Rig, RigError, Skeleton, SkinWeights, Springs, Vec3};
 
 use super::looks::{Motions, Unrigged};
 use super::pieces::pieces;
+use super::stand::stand;
 use super::{SubjectNote, UpAxis, doubts, seams};
 use crate::assemble::ordered_sets;
 use crate::export::{self, ExportError, ExportOptions, Exported};
-use crate::gltf::export::model::Model;
 use crate::{Binding, Fault, Format, ImportError, ImportOptions, Imported, Warning, gltf, import, import_from};
 
 /// How a model is read.
@@ -479,15 +479,6 @@ fn fault(of: crate::ExportFault) -> Fault {
         crate::ExportFault::TooLong(found) => too_large("bytes of the file as GLB", found, u32::MAX as usize),
         other => Fault::Unreadable(other.to_string()),
     }
-}
-
-/// Turns a model that is made into a document, since a document of ours has y up.
-fn stand(model: &mut Model, up: UpAxis) {
-    for patch in model.objects.iter_mut().flat_map(|object| &mut object.patches) {
-        patch.positions.iter_mut().chain(&mut patch.normals).for_each(|v| *v = up.to_y(*v));
-    }
-    let shapes = model.objects.iter_mut().flat_map(|object| &mut object.shapes);
-    shapes.flat_map(|shape| &mut shape.offsets).flatten().for_each(|(_, by)| *by = up.to_y(*by));
 }
 
 fn turned_mesh(mesh: &Mesh, by: Turn) -> Result<Mesh, RigError> {
