@@ -1,5 +1,6 @@
 //! From a reading to a rig: one tree, one mesh, weights for every vertex. The same for all formats.
 
+use std::collections::HashSet;
 use std::ops::Range;
 
 use riglab_core::{Clip, Humanoid, Joint, JointId, JointMap, Mesh, Rig, RigError, Skeleton, SkinWeights, Springs};
@@ -131,6 +132,17 @@ fn skeleton(
         tree.push(Joint { name: joint.name.clone(), parent, head: reading.up.to_y(joint.head) });
     }
     Ok((Skeleton::new(tree)?, joint_of))
+}
+
+/// The joints of a reading's rig that are roots of the file, too, beside the rig's own: those that
+/// [`RootPolicy::Reattach`] hung on that. None where the rig's root is none of the file.
+#[cfg_attr(not(any(feature = "fbx", test)), expect(dead_code, reason = "FBX alone keeps a rig"))]
+pub(crate) fn loose_roots(reading: &Reading, skeleton: &Skeleton) -> Vec<JointId> {
+    let roots: HashSet<&str> = reading.roots().into_iter().map(|root| reading.joints[root].name.as_str()).collect();
+    let of_file = |joint: &JointId| roots.contains(skeleton.name(*joint));
+    let (own, loose): (Vec<JointId>, Vec<JointId>) =
+        skeleton.ids().filter(of_file).partition(|joint| skeleton.parent(*joint).is_none());
+    if own.is_empty() { own } else { loose }
 }
 
 /// The runs of joints that are one tree each.
@@ -283,6 +295,7 @@ mod tests {
         let mut r = reading(&[("ik", None, 0), ("hips", None, 0), ("spine", Some(1), 0), ("pole", None, 0)]);
         let rig = rig(&mut r, RootPolicy::Reattach);
         assert_eq!(names_and_parents(&rig), [("hips", None), ("spine", Some(0)), ("ik", Some(0)), ("pole", Some(0))]);
+        assert_eq!(loose_roots(&r, rig.skeleton()), [JointId(2), JointId(3)]);
         // Bound to `ik` and `hips` before: rows follow their joints and rise.
         assert_eq!(rig.weights().row(0).collect::<Vec<_>>(), [(JointId(0), 0.5), (JointId(2), 0.5)]);
         assert!(matches!(r.warnings[..], [Warning::SeveralRoots { .. }, Warning::FewTriangles(1)]));
@@ -300,6 +313,7 @@ mod tests {
         let rig = rig(&mut r, RootPolicy::Virtual);
         assert_eq!(names_and_parents(&rig), [("root.001", None), ("root", Some(0)), ("x", Some(1)), ("b", Some(0))]);
         assert_eq!(rig.skeleton().heads()[0], [9.0; 3]);
+        assert_eq!(loose_roots(&r, rig.skeleton()), []);
         assert!(matches!(r.warnings[0], Warning::SeparateSkeletons { skeletons: 2, .. }));
     }
 

@@ -341,7 +341,7 @@ pub fn onto_bytes(
         return Err(fail(ExportFault::OtherSource));
     }
     match Format::of(path, bytes).map_err(|f| fail(f.into()))? == Format::GLTF {
-        true => gltf::export::onto(bytes, folder, imported, rig, [0.0; 3], options).map_err(fail),
+        true => gltf::export::onto(bytes, folder, imported, rig, [0.0; 3], &[], options).map_err(fail),
         false => gltf::export::alone(&imported.name, rig, &imported.provenance, options).map_err(fail),
     }
 }

@@ -5,7 +5,7 @@ mod common;
 
 use common::Tiny;
 use riglab_asset::export::{self, ExportOptions, Influences};
-use riglab_asset::{FbxFile, ImportOptions, Imported, Resample, glb_to_fbx, import, import_bytes, rigging};
+use riglab_asset::{FbxFile, ImportOptions, Imported, Resample, Warning, glb_to_fbx, import, import_bytes, rigging};
 use riglab_core::{Springs, skin};
 use serde_json::{Value, json};
 use ufbx::{Scene, SceneRoot};
@@ -67,6 +67,35 @@ fn a_rig_and_its_motion_come_back() {
             assert!((a - b).abs() < 5e-3, "frame {frame}: {a} and {b}");
         }
     }
+}
+
+#[test]
+fn of_several_roots_each_moves_by_itself() {
+    // The first goes to nothing, and the second aside.
+    let tiny = Tiny::new()
+        .with("/nodes/1", json!({"name": "hips", "translation": [0, 1, 0]}))
+        .with("/nodes/2", json!({"name": "tip", "translation": [0, 2, 0]}))
+        .with_accessor(5126, "SCALAR", 2, &floats(&[0.0, 1.0]))
+        .with_accessor(5126, "VEC3", 2, &floats(&[1.0, 1.0, 1.0, 0.0, 0.0, 0.0]))
+        .with_accessor(5126, "VEC3", 2, &floats(&[0.0, 2.0, 0.0, 3.0, 2.0, 0.0]))
+        .with(
+            "/animations",
+            json!([{"name": "burst", "samplers": [{"input": 5, "output": 6}, {"input": 5, "output": 7}],
+                    "channels": [{"sampler": 0, "target": {"node": 1, "path": "scale"}},
+                                 {"sampler": 1, "target": {"node": 2, "path": "translation"}}]}]),
+        );
+    let is = read("a.glb", &back_bytes(&tiny));
+    let was = read("a.glb", &tiny.glb());
+    let roots = |of: &Imported| {
+        let told = of.warnings().iter().find(|told| matches!(told, Warning::SeveralRoots { .. }));
+        (of.rig().unwrap().skeleton().parents().to_vec(), told.map(ToString::to_string))
+    };
+    assert_eq!((roots(&was), roots(&was).0.len()), (roots(&is), 2));
+    assert!(roots(&is).1.is_some(), "{:?}", is.warnings());
+    let [clip] = &is.clips[..] else { panic!("{} clips", is.clips.len()) };
+    let ends = skin(is.rig().unwrap(), &clip.frame(clip.frames() - 1)).unwrap();
+    let far = |at: [f32; 3]| (0..3).map(|k| (at[k] - [3.0, 2.5, 0.0][k]).abs()).fold(0.0, f32::max);
+    assert!(ends.iter().any(|at| far(*at) < 1e-4), "{ends:?}");
 }
 
 /// With normals, two sets of coordinates, colours and a material that shows a picture.
@@ -143,16 +172,20 @@ fn materials_and_pictures_come_along() {
     assert_eq!(file.left.parts(), ["1 metallic-roughness map"]);
 }
 
-/// The document once the file went to FBX and back, and what was told on the way there.
-fn back(tiny: &Tiny) -> (Value, Vec<String>) {
-    let file = written(tiny);
+/// The GLB once it went to FBX and back.
+fn back_bytes(tiny: &Tiny) -> Vec<u8> {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("back.fbx");
-    std::fs::write(&path, &file.bytes).unwrap();
+    std::fs::write(&path, written(tiny).bytes).unwrap();
     let how = ExportOptions::default();
-    let (exported, _) = rigging::dressed(&path, &ImportOptions::default(), &Springs::default(), &how).unwrap();
-    let length = u32::from_le_bytes(exported.bytes[12..16].try_into().unwrap()) as usize;
-    (serde_json::from_slice(&exported.bytes[20..20 + length]).unwrap(), file.left.parts())
+    rigging::dressed(&path, &ImportOptions::default(), &Springs::default(), &how).unwrap().0.bytes
+}
+
+/// Its document, and what was told on the way to FBX.
+fn back(tiny: &Tiny) -> (Value, Vec<String>) {
+    let bytes = back_bytes(tiny);
+    let length = u32::from_le_bytes(bytes[12..16].try_into().unwrap()) as usize;
+    (serde_json::from_slice(&bytes[20..20 + length]).unwrap(), written(tiny).left.parts())
 }
 
 #[test]

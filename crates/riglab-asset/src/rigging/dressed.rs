@@ -6,7 +6,7 @@ use std::path::Path;
 use riglab_core::{Rig, RigError, SkinWeights, Springs};
 
 use super::{SubjectNote, fbx};
-use crate::assemble::ordered_sets;
+use crate::assemble::{loose_roots, ordered_sets};
 use crate::export::{self, ExportError, ExportFault, ExportOptions, Exported};
 use crate::fbx::Origin;
 use crate::{Fault, ImportOptions, Reading, Resample, gltf, import_from};
@@ -60,7 +60,8 @@ pub fn dressed(
     let weights = weights(old, &imported.reading, &taken.origins, &bare.reading).map_err(invalid)?;
     let rig = Rig::new(old.skeleton().clone(), bare.mesh().clone(), weights).map_err(invalid)?;
     let rig = rig.with_springs(springs.clone()).map_err(invalid)?;
-    let exported = gltf::export::onto(&glb, None, &bare, &rig, [0.0; 3], how).map_err(fail)?;
+    let loose = loose_roots(&imported.reading, old.skeleton());
+    let exported = gltf::export::onto(&glb, None, &bare, &rig, [0.0; 3], &loose, how).map_err(fail)?;
     let exported = gltf::export::with_motions(exported, old.skeleton(), &imported.clips).map_err(fail)?;
     // Of those that move no joint, and those that could not be read, of which the importer warned.
     let unread = taken.animations.saturating_sub(imported.clips.len());

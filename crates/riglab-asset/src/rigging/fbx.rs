@@ -6,6 +6,7 @@ use super::beside::Beside;
 use super::looks::{Looks, Motions, Unrigged};
 use super::subject::{Turn, turned_rig};
 use super::{SubjectNote, UpAxis};
+use crate::assemble::loose_roots;
 use crate::fbx::{Left, Taken, counted};
 use crate::{Content, Fault, ImportOptions, Imported, Resample, import_from};
 
@@ -14,11 +15,12 @@ pub(crate) fn looks(file: &Unrigged<'_>, notes: &mut Vec<SubjectNote>) -> Result
     let taken = read(&file.name, file.bytes, file.folder)?;
     let old = old_rig(file, taken.rate, notes)?;
     let motions = old.as_ref().and_then(motions);
+    let loose = old.as_ref().and_then(|old| Some(loose_roots(&old.reading, old.rig()?.skeleton()))).unwrap_or_default();
     let rig = old.and_then(|old| old.rig().cloned());
     let kept = motions.as_ref().map_or(0, |motions| motions.clips.len());
     let missing = taken.animations.saturating_sub(kept);
     notes.extend(left(taken.left, missing, !taken.model.swings.is_empty()));
-    Ok(Looks { model: taken.model, rig, motions, animations: taken.animations })
+    Ok(Looks { model: taken.model, rig, loose, motions, animations: taken.animations })
 }
 
 /// Of a rig, if it has any.

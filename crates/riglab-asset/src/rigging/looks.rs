@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use riglab_core::{Clip, Rig, Skeleton};
+use riglab_core::{Clip, JointId, Rig, Skeleton};
 
 use super::SubjectOptions;
 use crate::gltf::export::model::Model;
@@ -25,6 +25,8 @@ pub(crate) struct Looks {
     pub model: Model,
     /// The file's own rig, where it is kept.
     pub rig: Option<Rig>,
+    /// The joints of that rig that stand beside its root in the file.
+    pub loose: Vec<JointId>,
     /// Its motions.
     pub motions: Option<Motions>,
     /// How many animations the file has.
@@ -40,6 +42,6 @@ pub(crate) struct Motions {
 
 impl From<Model> for Looks {
     fn from(model: Model) -> Self {
-        Self { model, rig: None, motions: None, animations: 0 }
+        Self { model, rig: None, loose: Vec::new(), motions: None, animations: 0 }
     }
 }

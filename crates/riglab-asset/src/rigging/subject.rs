@@ -4,7 +4,7 @@ use std::borrow::Cow;
 use std::collections::HashSet;
 use std::path::{Path, PathBuf};
 
-use riglab_core::{Mesh, Rig, RigError, Skeleton, SkinWeights, Springs, Vec3};
+use riglab_core::{JointId, Mesh, Rig, RigError, Skeleton, SkinWeights, Springs, Vec3};
 
 use super::looks::{Motions, Unrigged};
 use super::pieces::pieces;
@@ -50,6 +50,8 @@ pub struct Subject {
     name: String,
     mesh: Mesh,
     rig: Option<Rig>,
+    /// The joints of that rig that stand beside its root in the file, where the document is none of the file's.
+    loose: Vec<JointId>,
     twins: Vec<u32>,
     notes: Vec<SubjectNote>,
     source: Source,
@@ -162,12 +164,12 @@ impl Subject {
         keeps.clips = None;
         let mut turn = Turn::from(options.up);
         let mut rig = None;
-        let (mut motions, mut animations) = (None, 0);
+        let (mut loose, mut motions, mut animations) = (Vec::new(), None, 0);
         let format = Format::of(path, bytes).map_err(fail)?;
         let (document, beside) = if format != Format::GLTF {
             let file = Unrigged { path, name: stem(path), bytes, folder, options };
             let looks = format.reads().looks(&file, &mut notes).map_err(fail)?;
-            (rig, motions, animations) = (looks.rig, looks.motions, looks.animations);
+            (rig, loose, motions, animations) = (looks.rig, looks.loose, looks.motions, looks.animations);
             let mut model = looks.model;
             let parts = model.drop_unplaced_pictures();
             if parts > 0 {
@@ -231,7 +233,7 @@ impl Subject {
             looks = shown.ok().filter(whole).map(|shown| shown.mesh().clone());
         }
         let source = Source { document: Some((document.into_owned(), beside.map(Path::to_path_buf))), imported };
-        Ok(Self { motions, animations, ..Self::new(path, source, rig, (turn, looks), notes, options)? })
+        Ok(Self { loose, motions, animations, ..Self::new(path, source, rig, (turn, looks), notes, options)? })
     }
 
     /// A model of a format that has no looks.
@@ -294,6 +296,7 @@ impl Subject {
             name,
             mesh,
             rig,
+            loose: Vec::new(),
             twins: welded,
             notes,
             source,
@@ -410,7 +413,8 @@ impl Subject {
     /// joint stay as they are, and so do the file's axes. An armature (`Armature`, with a node a joint) and one
     /// skin are added, JOINTS_0 and WEIGHTS_0 on every primitive; points and lines go with the nearest vertex. With
     /// the skeleton that a kept rig has (by names, tree and heads) the file's own nodes and skins stay and only weights
-    /// are written, as far as each mesh has a skin with the joints that it needs; the motions of an FBX come along with it. The
+    /// are written, as far as each mesh has a skin with the joints that it needs; the motions of an FBX come along with it, and
+    /// joints that are roots in it stand beside each other in the armature, whatever tree the rig makes of them. The
     /// same subject, rig and options give the same bytes.
     ///
     /// glTF ignores the transform of a node whose mesh is skinned: a mesh that its nodes do not leave where it
@@ -440,8 +444,10 @@ impl Subject {
             Some((bytes, folder)) => {
                 // What is not of the rig stays where it was, so the rig is to be where the file shows it.
                 let off = imported.reading.shown_off;
-                let exported =
-                    gltf::export::onto(bytes, folder.as_deref(), imported, &back, off, options).map_err(fail)?;
+                let is_kept = self.rig.as_ref().is_some_and(|old| old.skeleton() == rig.skeleton());
+                let loose = if is_kept { &self.loose[..] } else { &[] };
+                let exported = gltf::export::onto(bytes, folder.as_deref(), imported, &back, off, loose, options);
+                let exported = exported.map_err(fail)?;
                 match &self.motions {
                     Some(Motions { skeleton, clips }) if skeleton == back.skeleton() => {
                         gltf::export::with_motions(exported, skeleton, clips).map_err(fail)

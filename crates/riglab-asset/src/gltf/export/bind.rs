@@ -3,7 +3,7 @@
 use std::collections::{BTreeMap, HashMap};
 
 use glam::DAffine3;
-use riglab_core::{Provenance, Rig, Vec3};
+use riglab_core::{JointId, Provenance, Rig, Spring, Vec3};
 use serde_json::{Value, json};
 
 use super::super::accessor::Accessors;
@@ -119,13 +119,24 @@ impl Binder<'_, '_> {
     }
 
     /// Puts a skeleton of its own beside the meshes, and binds all of them to it. Old skins and joints go. It stands `off` from
-    /// where the rig is, and so do the meshes, whose own places do not matter once they are skinned.
-    pub(super) fn new_skeleton(&mut self, rig: &Rig, reading: &Reading, off: Vec3) -> Result<(), Fault> {
+    /// where the rig is, and so do the meshes, whose own places do not matter once they are skinned. Joints of `loose` stand
+    /// beside the root.
+    pub(super) fn new_skeleton(
+        &mut self,
+        rig: &Rig,
+        reading: &Reading,
+        off: Vec3,
+        loose: &[JointId],
+    ) -> Result<(), Fault> {
         let (draft, scene) = (&mut *self.draft, self.scene);
         let skeleton = rig.skeleton();
         let turned = frames::of(skeleton, self.options.frames);
-        let root = frames::add_joints(draft, skeleton, &turned);
-        let armature = draft.push("nodes", json!({"name": "Armature", "children": [root]}));
+        // Springs go from joint to joint: what one may go to hangs there.
+        let swings = |spring: &Spring| spring.joints.iter().any(|own| own.joint == JointId(0));
+        let loose = if rig.springs().springs().iter().any(swings) { &[] } else { loose };
+        let root = frames::add_joints(draft, skeleton, &turned, loose);
+        let roots: Vec<usize> = [root].into_iter().chain(loose.iter().map(|joint| root + joint.index())).collect();
+        let armature = draft.push("nodes", json!({"name": "Armature", "children": roots}));
         if off != [0.0; 3] {
             draft.list_mut("nodes")[armature]["translation"] = json!(off);
         }
@@ -281,7 +292,7 @@ pub(super) fn alone(
     let indices = draft.accessor(&corners, layout, Some(super::draft::ELEMENTS));
     let turned = frames::of(skeleton, options.frames);
     let binds = draft.accessor(&frames::inverse_binds(&turned), MAT4, None);
-    let root = frames::add_joints(&mut draft, skeleton, &turned);
+    let root = frames::add_joints(&mut draft, skeleton, &turned, &[]);
     let body = draft.push("nodes", json!({"name": name, "mesh": 0, "skin": 0}));
     draft.json["scenes"] = json!([{"nodes": [root, body]}]);
     let joints: Vec<usize> = (root..root + skeleton.len()).collect();

@@ -1,7 +1,7 @@
 //! How joints are turned at rest.
 
 use glam::{DAffine3, DMat3, DQuat, DVec3};
-use riglab_core::Skeleton;
+use riglab_core::{JointId, Skeleton};
 
 use super::draft::Draft;
 use crate::JointFrames;
@@ -48,16 +48,18 @@ fn turned(along: DVec3, above: DQuat) -> DQuat {
     DQuat::from_mat3(&DMat3::from_cols(along.cross(z), along, z)).normalize()
 }
 
-/// Adds a node for each joint, named after it; gives the number of the first, the root's.
-pub(super) fn add_joints(draft: &mut Draft, skeleton: &Skeleton, frames: &[DAffine3]) -> usize {
+/// Adds a node for each joint, named after it; gives the number of the first, the root's. Those of `loose` hang on no
+/// other.
+pub(super) fn add_joints(draft: &mut Draft, skeleton: &Skeleton, frames: &[DAffine3], loose: &[JointId]) -> usize {
     let first = draft.list("nodes").len();
     for (joint, children) in skeleton.ids().zip(skeleton.children()) {
         let frame = frames[joint.index()];
         let mut node = json!({"name": skeleton.name(joint)});
-        let above = skeleton.parent(joint).map(|p| frames[p.index()]);
+        let parent = skeleton.parent(joint).filter(|_| !loose.contains(&joint));
+        let above = parent.map(|p| frames[p.index()]);
         let local = above.map_or(frame, |above| above.inverse() * frame);
         // Without turns the difference of two f32 needs no inverse, and is exact to the last bit.
-        let translation = match (skeleton.parent(joint), frame.matrix3 == DMat3::IDENTITY) {
+        let translation = match (parent, frame.matrix3 == DMat3::IDENTITY) {
             (Some(parent), true) if above.is_some_and(|a| a.matrix3 == DMat3::IDENTITY) => {
                 let (from, to) = (skeleton.head(parent), skeleton.head(joint));
                 std::array::from_fn(|k| to[k] - from[k])
@@ -69,8 +71,10 @@ pub(super) fn add_joints(draft: &mut Draft, skeleton: &Skeleton, frames: &[DAffi
         if rotation != DQuat::IDENTITY {
             node["rotation"] = json!(rotation.as_quat().to_array());
         }
+        let children: Vec<Value> =
+            children.iter().filter(|c| !loose.contains(c)).map(|c| json!(first + c.index())).collect();
         if !children.is_empty() {
-            node["children"] = children.iter().map(|c| json!(first + c.index())).collect::<Vec<Value>>().into();
+            node["children"] = children.into();
         }
         draft.push("nodes", node);
     }
@@ -100,7 +104,7 @@ pub(super) fn inverse_binds(frames: &[DAffine3]) -> Vec<u8> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use riglab_core::{Joint, JointId};
+    use riglab_core::Joint;
 
     #[test]
     fn rolls_are_steady_and_mirror_each_other() {
@@ -137,10 +141,19 @@ mod tests {
             assert!((along(j) - expected).length() < 1e-12, "{j}: {}", along(j));
         }
         let mut draft = Draft::new(json!({}));
-        add_joints(&mut draft, &skeleton, &frames);
+        add_joints(&mut draft, &skeleton, &frames, &[]);
         assert_eq!(draft.json["nodes"][2]["children"], json!([3]));
         let [_, _, z] = [0, 1, 2].map(|k| draft.json["nodes"][3]["translation"][k].as_f64().unwrap());
         // 3 along the spine's own y.
         assert!(z.abs() < 1e-6 && (draft.json["nodes"][3]["translation"][1].as_f64().unwrap() - 3.0).abs() < 1e-6);
+
+        // The spine by itself, with what hangs on it.
+        let mut draft = Draft::new(json!({}));
+        add_joints(&mut draft, &skeleton, &of(&skeleton, JointFrames::Parallel), &[JointId(2)]);
+        assert_eq!(
+            (&draft.json["nodes"][0]["children"], &draft.json["nodes"][2]["children"]),
+            (&json!([1]), &json!([3]))
+        );
+        assert_eq!(draft.json["nodes"][2]["translation"], json!([0.0, 2.0, 0.0]));
     }
 }

@@ -34,7 +34,7 @@ mod vrm;
 use std::collections::HashSet;
 use std::path::Path;
 
-use riglab_core::{Clip, Provenance, Rig, Skeleton, Vec3};
+use riglab_core::{Clip, JointId, Provenance, Rig, Skeleton, Vec3};
 use serde::Deserialize;
 use serde_json::json;
 
@@ -49,13 +49,15 @@ use draft::Draft;
 use scene::{Same, Scene};
 
 /// See [`crate::export::onto`]. A skeleton that is not the file's own stands, with all that it holds, `off` from where the rig
-/// is.
+/// is; its joints of `loose`, which are roots where it comes from, stand beside its root, so that what moves that does not
+/// move them.
 pub(crate) fn onto(
     bytes: &[u8],
     folder: Option<&Path>,
     imported: &Imported,
     rig: &Rig,
     off: Vec3,
+    loose: &[JointId],
     options: &ExportOptions,
 ) -> Result<Exported, ExportFault> {
     edit(bytes, folder, |draft, source, notes| {
@@ -69,7 +71,7 @@ pub(crate) fn onto(
                 binder.change_body(same, before, reading);
             }
             _ => {
-                binder.new_skeleton(rig, reading, off)?;
+                binder.new_skeleton(rig, reading, off, loose)?;
                 tell_size(reading, notes);
             }
         }
