@@ -142,6 +142,13 @@ pub enum ExportNote {
         /// How many others stand above one.
         above: usize,
     },
+    /// A motion scales joints to nothing, and others vanish with them that hang there and are seen in the source.
+    MotionSwallowed {
+        /// Its name.
+        motion: String,
+        /// How many others.
+        joints: usize,
+    },
     /// The file is a VRM that lacks human bones it must have.
     NotHuman {
         /// Their names in VRM 1.0.
@@ -217,6 +224,11 @@ impl fmt::Display for ExportNote {
                     "animations of {} move {nothing} any more: skinned meshes go with their joints",
                     whose.join(" and of ")
                 )
+            }
+            Self::MotionSwallowed { motion, joints } => {
+                let (one, many) = ("joint on them vanishes, too, but is", "joints on them vanish, too, but are");
+                let vanish = of_number(*joints, one, many);
+                write!(f, "motion `{motion}` scales joints to 0: {vanish} seen in the source")
             }
             Self::NotHuman { lacking } => write!(
                 f,

@@ -3,7 +3,7 @@
 mod common;
 
 use common::{Tiny, dance, data, files};
-use riglab_asset::export::{ExportFault, ExportOptions, animate, moving};
+use riglab_asset::export::{ExportFault, ExportNote, ExportOptions, animate, moving};
 use riglab_asset::{ImportOptions, Imported, Resample, import, import_bytes};
 use riglab_core::{Asset, Clip, Provenance, Rig};
 use serde_json::{Value, json};
@@ -102,6 +102,24 @@ fn an_asset_keeps_its_motions_in_their_order() {
     let read = import_bytes("a.glb", &out.bytes, &reading()).unwrap();
     assert!(off(&read, &rig, &first) < 1e-5);
     assert_eq!((read.clips.len(), read.clips[1].name(), read.clips[1].frames()), (2, "second", 9));
+}
+
+#[test]
+fn joints_that_vanish_with_what_they_hang_on_are_told() {
+    let (_, imported) = tiny(|t| t);
+    let rig = imported.rig().unwrap().clone();
+    let still = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [0.0; 3]];
+    let told = |[hips, tip]: [[[f32; 3]; 4]; 2]| {
+        let clip = Clip::new("burst".into(), RATE, 2, vec![still, still, hips, tip]).unwrap();
+        let asset = Asset { name: "a".into(), rig: rig.clone(), clips: vec![clip], provenance: Provenance::default() };
+        moving(&asset, &ExportOptions::default()).unwrap().notes
+    };
+    let note = ExportNote::MotionSwallowed { motion: "burst".into(), joints: 1 };
+    let words = "motion `burst` scales joints to 0: 1 joint on them vanishes, too, but is seen in the source";
+    assert_eq!(note.to_string(), words);
+    assert_eq!(told([[[0.0; 3]; 4], still]), [note]);
+    // What is nothing itself loses nothing.
+    assert_eq!([told([[[0.0; 3]; 4]; 2]), told([still, [[0.0; 3]; 4]])], [[], []]);
 }
 
 #[test]

@@ -142,7 +142,7 @@ pub(crate) fn animate(
     skeleton: &Skeleton,
     clips: &[Clip],
 ) -> Result<Exported, ExportFault> {
-    edit(bytes, folder, |draft, source, _| add_motions(draft, &source, reading, skeleton, clips))
+    edit(bytes, folder, |draft, source, notes| add_motions(draft, &source, reading, skeleton, clips, notes))
 }
 
 fn add_motions(
@@ -151,10 +151,14 @@ fn add_motions(
     reading: &Reading,
     skeleton: &Skeleton,
     clips: &[Clip],
+    notes: &mut Vec<ExportNote>,
 ) -> Result<(), ExportFault> {
     let scene = Scene::new(source, reading, None)?.ok_or(ExportFault::OtherSource)?;
     // Each comes before those that are there.
-    clips.iter().rev().try_for_each(|clip| motion::add(draft, source.document, &scene, reading, skeleton, clip))
+    for clip in clips.iter().rev() {
+        notes.extend(motion::add(draft, source.document, &scene, reading, skeleton, clip)?);
+    }
+    Ok(())
 }
 
 /// A file of ours with motions of a skeleton that it has.
@@ -167,8 +171,8 @@ pub(crate) fn with_motions(
         return Ok(Exported { bytes, notes });
     }
     let (reading, _) = super::read(&bytes, None, &ImportOptions::default())?;
-    let moving = edit(&bytes, None, |draft, source, _| {
-        add_motions(draft, &source, &reading, skeleton, clips)?;
+    let moving = edit(&bytes, None, |draft, source, notes| {
+        add_motions(draft, &source, &reading, skeleton, clips, notes)?;
         motion::join_weights(draft);
         Ok(())
     })?;

@@ -10,7 +10,8 @@ use super::super::document::Document;
 use super::super::nodes::parts;
 use super::draft::{Draft, Layout, VEC3, VEC4, remove};
 use super::scene::Scene;
-use crate::{ExportFault, Reading};
+use crate::maps::{FLAT, is_flat};
+use crate::{ExportFault, ExportNote, Reading};
 
 /// Turns and scales that differ by less are the same.
 const SAME: f64 = 1e-6;
@@ -19,7 +20,7 @@ const SAME: f64 = 1e-6;
 /// node does.
 type Channel = (&'static str, Layout, Vec<u8>, bool);
 
-/// Adds the clip, whose joints are those of `skeleton`, before all other animations.
+/// Adds the clip, whose joints are those of `skeleton`, before all other animations; tells which of it no nodes can show.
 pub(super) fn add(
     draft: &mut Draft,
     document: &Document,
@@ -27,7 +28,7 @@ pub(super) fn add(
     reading: &Reading,
     skeleton: &Skeleton,
     clip: &Clip,
-) -> Result<(), ExportFault> {
+) -> Result<Option<ExportNote>, ExportFault> {
     let named: HashMap<&str, usize> = skeleton.names().iter().map(String::as_str).zip(0..).collect();
     let mut joint_of: Vec<Option<usize>> = vec![None; scene.nodes.len() + 1];
     for joint in &reading.joints {
@@ -45,6 +46,8 @@ pub(super) fn add(
     let mut globals: Vec<DAffine3> = (0..=scene.nodes.len()).map(|n| *scene.nodes.global(n)).collect();
     // What stands between joints goes along with the one above.
     let carried: Vec<usize> = scene.nodes.order().iter().copied().filter(|&n| scene.below_joint(n)).collect();
+    // Those that are seen where what they hang on is nothing.
+    let mut swallowed = vec![false; nodes.len()];
     for frame in 0..clip.frames() {
         let maps = clip.frame(frame);
         for &node in &carried {
@@ -54,8 +57,9 @@ pub(super) fn add(
                 None => above * *scene.nodes.local(node),
             };
         }
-        for (own, &node) in locals.iter_mut().zip(&nodes) {
+        for ((own, swallowed), &node) in locals.iter_mut().zip(&mut swallowed).zip(&nodes) {
             let local = globals[scene.nodes.parent(node)].inverse() * globals[node];
+            *swallowed |= !local.is_finite() && !is_flat(&globals[node].matrix3, FLAT);
             own.push(if local.is_finite() { local } else { *scene.nodes.local(node) });
         }
     }
@@ -87,7 +91,8 @@ pub(super) fn add(
     if let Some(all) = draft.json.get_mut("animations").and_then(Value::as_array_mut) {
         all.rotate_right(1);
     }
-    Ok(())
+    let joints = swallowed.into_iter().filter(|swallowed| *swallowed).count();
+    Ok((joints > 0).then(|| ExportNote::MotionSwallowed { motion: clip.name().to_owned(), joints }))
 }
 
 /// Makes motions of blend shapes part of the animation before them that is called the same, as programs that play one
