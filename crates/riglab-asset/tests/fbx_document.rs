@@ -239,6 +239,18 @@ fn materials_come_back_from_fbx_as_they_were() {
 }
 
 #[test]
+fn metal_that_a_map_alone_says_is_none_without_it() {
+    let metal = |pbr: Value| {
+        let file = written(&dressed().with("/materials/0", json!({"pbrMetallicRoughness": pbr})));
+        number(&scene(&file.bytes), "ReflectionFactor")
+    };
+    let map = json!({"index": 0});
+    assert_eq!(metal(json!({"metallicRoughnessTexture": map})), 0.0);
+    assert_eq!(metal(json!({"metallicRoughnessTexture": map, "metallicFactor": 0.75})), 0.75);
+    assert_eq!(metal(json!({})), 1.0);
+}
+
+#[test]
 fn a_cutoff_of_alpha_is_told() {
     let told = |tiny: Tiny| written(&tiny.with("/materials/0/alphaMode", json!("MASK"))).left.parts();
     assert_eq!(told(dressed()), ["1 material with an alpha cutoff", "1 metallic-roughness map"]);

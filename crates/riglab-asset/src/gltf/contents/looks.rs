@@ -137,7 +137,8 @@ impl Reader<'_, '_, '_> {
         // Few programs multiply the two.
         self.count(TINT, is_mapped(Of::Colour) && colour[..3] != [1.0; 3]);
         self.count(TINT, is_mapped(Of::Glow) && glow != [1.0; 3]);
-        self.count("metallic-roughness map", !pbr["metallicRoughnessTexture"].is_null());
+        let metal_map = !pbr["metallicRoughnessTexture"].is_null();
+        self.count("metallic-roughness map", metal_map);
         self.count("occlusion map", !material["occlusionTexture"].is_null());
         let is_clear = has_alpha && is_mapped(Of::Colour);
         // Elsewhere what is half clear is so; here it is seen or is not.
@@ -145,13 +146,16 @@ impl Reader<'_, '_, '_> {
         self.extensions(material);
         let is_unlit =
             ["KHR_materials_unlit", "VRMC_materials_mtoon"].iter().any(|name| !material["extensions"][name].is_null());
+        let metallic = pbr["metallicFactor"].as_f64().unwrap_or(plain.metallic);
+        // Where a map alone says how much of a metal it is, and is left, most is none: all of it would be dark.
+        let unsaid = metal_map && metallic == 1.0;
         Look {
             name: name.map_or_else(|| format!("material {number}"), str::to_owned),
             is_clear,
             glow,
             glow_strength,
             // What no light falls on is no metal, whatever the format has for one where nothing is said.
-            metallic: if is_unlit { 0.0 } else { pbr["metallicFactor"].as_f64().unwrap_or(1.0) },
+            metallic: if is_unlit || unsaid { 0.0 } else { metallic },
             roughness: pbr["roughnessFactor"].as_f64().unwrap_or(1.0),
             bumps,
             both_sides: material["doubleSided"] == true,
