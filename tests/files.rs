@@ -177,6 +177,7 @@ fn what_is_of_another_kind_is_not_written_over() {
         (notes, vec!["convert", from, notes, "--to", "rignet"], "another name or folder"),
         (glb, vec!["convert", from, glb], "another name or folder"),
         (glb, vec!["strip", from, glb], "another name"),
+        (glb, vec!["strip", "--in-place", from, glb], "another name"),
         (glb, vec!["rig", from, "-o", glb], "another name"),
         (glb, vec!["simulate", from, "-o", glb, "--springs", "guess"], "another name"),
         (png, vec!["view", from, "--png", png], "--png another name"),
@@ -455,6 +456,12 @@ fn a_corpus_becomes_files_again() {
     must(&["convert", text(&corpus), text(&dir.path().join("all.pt"))]);
     let said = refusal(&mut riglab(&["convert", text(&corpus), text(&dir.path().join("x.glb")), "--item", "3"]));
     assert!(said.contains("c.h5") && said.contains('3'), "{said}");
+    for option in [&["--character", "1"][..], &["--repair"]] {
+        let out = dir.path().join("x.glb");
+        let all = ["convert", text(&corpus), text(&out), "--item", "0"];
+        let said = refusal(&mut riglab(&[&all[..], option].concat()));
+        assert!(said.contains(option[0]) && said.contains("for files of models"), "{said}");
+    }
     let said = refusal(&mut riglab(&["inspect", text(&corpus)]));
     assert!(said.contains("dataset inspect"), "{said}");
 }

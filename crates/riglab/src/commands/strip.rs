@@ -38,14 +38,15 @@ pub fn run(args: &Args) -> Result<ExitCode> {
     if !output.extension().is_some_and(|e| e.eq_ignore_ascii_case("glb")) {
         bail!("{}: only GLB is written, with all that belongs to it inside; name it .glb", output.display());
     }
-    if !in_place && export::same_file(input, output) {
+    let same = export::same_file(input, output);
+    if !in_place && same {
         bail!(
             "{} is the input itself\n\nhint: give another name, or --in-place to replace it by the stripped file",
             output.display()
         );
     }
-    // In its own place it is what it was.
-    if !in_place {
+    // In its own place it is what it was; what else is there stays.
+    if !same {
         overwrite.keep_others(output, Written::Glb)?;
     }
     for warning in import(input, &ImportOptions::default())?.warnings() {

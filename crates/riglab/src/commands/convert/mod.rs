@@ -99,6 +99,12 @@ impl Args {
         written_paths(out, target).iter().try_for_each(keep)
     }
 
+    /// An option that is given and says how models are read.
+    fn of_models(&self) -> Option<&'static str> {
+        let given = [(self.character.is_some(), "--character"), (self.repair, "--repair")];
+        given.into_iter().find(|(given, _)| *given).map(|(_, option)| option)
+    }
+
     fn import(&self) -> ImportOptions {
         let (item, character, repair) = (self.item, self.character.clone(), self.repair);
         ImportOptions { item, character, repair, ..ImportOptions::default() }
@@ -117,6 +123,9 @@ pub fn run(args: &Args) -> Result<ExitCode> {
     }
     let options = args.import();
     let corpus = corpus::open(&args.input);
+    if let (Some(_), Some(option)) = (&corpus, args.of_models()) {
+        bail!("{option} is for files of models: the assets of a corpus were read before");
+    }
     let several = args.input.is_dir()
         || args.item.is_none()
             && match &corpus {
