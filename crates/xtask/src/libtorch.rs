@@ -5,7 +5,7 @@
 //! share it, and linked as `.libtorch` into the workspace, where `.cargo/config.toml` expects it.
 
 use std::fs;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
 
@@ -36,20 +36,21 @@ const LIBRARIES: [&str; 5] = ["libc10.so", "libtorch_cpu.so", "libgomp.so.1", "l
 /// Wheels and unpacked files together, at the peak.
 const NEEDED_MB: u64 = 1_200;
 
+/// The libtorch that the environment names, if it names one.
+pub fn own() -> Option<PathBuf> {
+    shell::set_to("LIBTORCH", ".libtorch")
+}
+
 /// Makes sure that `.libtorch` leads to a complete libtorch.
 pub fn ensure(source: &Source) -> Result<()> {
-    if let Some(own) = std::env::var_os("LIBTORCH") {
-        // `.cargo/config.toml` sets LIBTORCH to our own link for everything cargo starts, us included.
-        let own = Path::new(&own);
-        if own != shell::root().join(".libtorch") {
-            if !own.join("lib").is_dir() {
-                bail!(
-                    "LIBTORCH is set to {}, which has no folder `lib`; point it at a libtorch {VERSION} or unset it",
-                    own.display()
-                );
-            }
-            return Ok(());
+    if let Some(own) = own() {
+        if !own.join("lib").is_dir() {
+            bail!(
+                "LIBTORCH is set to {}, which has no folder `lib`; point it at a libtorch {VERSION} or unset it",
+                own.display()
+            );
         }
+        return Ok(());
     }
     let cache = fetch::cache()?;
     let home = cache.join(format!("libtorch-{VERSION}-cpu-{}", std::env::consts::ARCH));

@@ -16,17 +16,22 @@ pub struct Found {
 
 /// Checks the compiler; Python is checked only when something has to be fetched.
 pub fn check() -> Result<Found> {
-    let arch = std::env::consts::ARCH;
-    if (std::env::consts::OS != "linux" || arch != "x86_64") && std::env::var_os("LIBTORCH").is_none() {
+    if !wheels_run() && crate::libtorch::own().is_none() {
         bail!(
-            "set-up knows libtorch for Linux on x86_64 only, this is {} on {arch}; \
+            "set-up knows libtorch for Linux on x86_64 only, this is {} on {}; \
                  point LIBTORCH at a libtorch {} of your own",
             std::env::consts::OS,
+            std::env::consts::ARCH,
             crate::libtorch::VERSION
         );
     }
     compiler()?;
     Ok(Found { make: shell::output("make", &["--version"]).is_some() })
+}
+
+/// Whether what is fetched runs here.
+pub fn wheels_run() -> bool {
+    std::env::consts::OS == "linux" && std::env::consts::ARCH == "x86_64"
 }
 
 /// Compiles and links a C++17 program: a compiler without its library or linker shows here, not

@@ -11,6 +11,12 @@ pub fn root() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).ancestors().nth(2).expect("crates/xtask has two ancestors").to_path_buf()
 }
 
+/// What a variable of the environment names, unless that is the workspace's `own`: `.cargo/config.toml` sets it to this for
+/// everything that cargo starts, us included.
+pub fn set_to(variable: &str, own: &str) -> Option<PathBuf> {
+    std::env::var_os(variable).map(PathBuf::from).filter(|set| *set != root().join(own))
+}
+
 /// A program of the workspace, built for release.
 pub fn built(name: &str) -> PathBuf {
     let target = std::env::var_os("CARGO_TARGET_DIR").map_or_else(|| root().join("target"), PathBuf::from);

@@ -7,10 +7,10 @@ use std::fs;
 use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, bail};
 
 use crate::fetch::{self, Source, Wheel};
-use crate::preflight::Found;
+use crate::preflight::{Found, wheels_run};
 use crate::shell;
 
 const CMAKE: Wheel = Wheel {
@@ -26,11 +26,21 @@ const NINJA: Wheel = Wheel {
 /// HDF5 2 asks for this much.
 const CMAKE_MINIMUM: (u32, u32) = (3, 26);
 
-/// Makes sure that `.tools/bin/cmake` works.
+/// Makes sure that `.tools/bin/cmake` works, unless the environment names another cmake.
 pub fn ensure(found: &Found, source: &Source) -> Result<()> {
+    if let Some(own) = shell::set_to("CMAKE", ".tools/bin/cmake") {
+        if shell::output(&own, &["--version"]).is_none() {
+            bail!("CMAKE is set to {}, which does not run; point it at a cmake or unset it", own.display());
+        }
+        return Ok(());
+    }
     let script = shell::root().join(".tools/bin/cmake");
     let cmake = match system_cmake() {
         Some(path) => path,
+        None if !wheels_run() => {
+            let (major, minor) = CMAKE_MINIMUM;
+            bail!("no cmake {major}.{minor} or newer: install one, or set CMAKE to one");
+        }
         None => fetched("cmake-3.31.10", &CMAKE, source, "cmake/data/", "bin/cmake")?,
     };
     let ninja = match found.make {
