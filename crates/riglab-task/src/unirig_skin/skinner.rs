@@ -106,15 +106,21 @@ impl Skinner {
         self.config.model.attributes
     }
 
-    /// New weights for a rig's skeleton: at most four joints hold a vertex. `seed` draws the points that the network
-    /// sees.
+    /// New weights for a rig's skeleton: at most so many joints hold a vertex, four where it is not told. `seed` draws the
+    /// points that the network sees.
     ///
     /// # Errors
     /// When no joint may hold anything, or the network gives what is no number.
-    pub fn weights(&self, rig: &Rig, holders: Holders, seed: u64) -> Result<SkinWeights, String> {
+    pub fn weights(
+        &self,
+        rig: &Rig,
+        holders: Holders,
+        influences: Option<usize>,
+        seed: u64,
+    ) -> Result<SkinWeights, String> {
         let (ready, found) = self.predict(rig, holders, seed)?;
         let bones = &ready.rig.bones;
-        let rule = DecodeRule { cut: self.cut.unwrap_or(CUT), influences: 4 };
+        let rule = DecodeRule { cut: self.cut.unwrap_or(CUT), influences: influences.unwrap_or(4).max(1) };
         let dense = self.predictor().spread(&ready, self.config.eval_points(), found.dense);
         let rows = dense.chunks_exact(bones.len()).map(|row| {
             let mut row = row.to_vec();
@@ -231,10 +237,10 @@ mod tests {
         (config.eval.points, config.sampling.resolution) = (32, 16);
         let (net, params) = SkinTask::network(&config, Device::Cpu).unwrap();
         let own = Skinner { config, net, params, device: Device::Cpu, cut: None };
-        assert!(own.weights(&rig, Holders::All, 0).is_ok());
+        assert!(own.weights(&rig, Holders::All, None, 0).is_ok());
         let _no_grad = tch::no_grad_guard();
         own.params.weights().tensors().iter().for_each(|t| drop(t.shallow_clone().fill_(f64::NAN)));
-        let error = own.weights(&rig, Holders::All, 0).unwrap_err();
+        let error = own.weights(&rig, Holders::All, None, 0).unwrap_err();
         assert!(error.contains("its training diverged"), "{error}");
     }
 }

@@ -103,7 +103,7 @@ struct Common {
     checkpoint: Option<PathBuf>,
     /// Number of rigs to sample, of which the best is taken (--rank); the first is decoded as eval.generate of the model's
     /// config says, mostly greedily [default: eval.consensus of that config, 64 for the one that comes with riglab; 1 where
-    /// the skeleton is given].
+    /// the skeleton is given and not completed].
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=4096))]
     samples: Option<u16>,
     /// Which sample is the best. consensus: the skeleton closest to the others, its joints moved to where these have them

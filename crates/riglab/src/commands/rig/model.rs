@@ -142,6 +142,12 @@ impl Model {
                 if args.skins.is_some() {
                     bail!("{task}, which draws nothing: leave --skins out");
                 }
+                if args.temperature.is_some() {
+                    bail!("{task}, which draws nothing: leave --temperature out");
+                }
+                if let Ranked::Rewards = args.rank {
+                    bail!("{task}, which draws nothing to choose from: leave --rank out");
+                }
                 Ok(())
             }
         }
@@ -171,7 +177,7 @@ impl Model {
                     None => (SkinWeights::normalized(mesh.positions().iter().map(|_| [(0, 1.0)]))?, Holders::All),
                 };
                 let rig = Rig::new(skeleton.clone(), mesh.clone(), weights)?;
-                let weights = skinner.weights(&rig, holders, wish.seed).map_err(|e| anyhow!(e))?;
+                let weights = skinner.weights(&rig, holders, wish.influences, wish.seed).map_err(|e| anyhow!(e))?;
                 let draws = vec![Draw { likelihood: f64::NAN, rewards: None }];
                 Ok(GeneratedRig {
                     skeleton,
