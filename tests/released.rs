@@ -398,8 +398,24 @@ fn a_whole_tokenrig_rigs_and_has_the_goldens_logits() {
     must(&[&["checkpoint", "import", text(&ckpt), "--as", "fsq_cvae", "-o", text(&part)], &sets[..]].concat());
     let shown = String::from_utf8(must(&["checkpoint", "show", text(&part)]).stdout).unwrap();
     assert!(shown.contains("of task fsq_cvae"), "{shown}");
-    let tensors = riglab_nn::io::read(&part).unwrap();
-    assert!(tensors.values().all(|t| t.kind() == Kind::BFloat16));
+    let stored = riglab_nn::io::read(&part).unwrap();
+    assert!(stored.values().all(|t| t.kind() == Kind::BFloat16));
+    // Beside the rest it goes by its own settings.
+    let rest: Tensors = half.into_iter().filter(|(name, _)| !name.starts_with("vae.")).collect();
+    fs::write(&ckpt, checkpoint(&rest)).unwrap();
+    let whole = dir.path().join("whole.safetensors");
+    let mut args = vec!["checkpoint", "import", text(&ckpt), "--skin", text(&part), "-o", text(&whole)];
+    SIZES.iter().filter(|set| !set.starts_with("auto_encoder.")).for_each(|set| args.extend(["--set", set]));
+    must(&args);
+    let (rigger, _) = Rigger::open(&whole, Device::Cpu).unwrap();
+    let vae = &rigger.vae().config().model;
+    assert_eq!((vae.heads, &vae.levels), (2, &vec![3, 4]));
+    // What has no effect is refused.
+    let said =
+        refusal(&mut riglab(&["checkpoint", "import", text(&ckpt), "-o", text(&dir.path().join("x")), "--name", "y"]));
+    assert!(said.contains("--name is for files"), "{said}");
+    let args = ["checkpoint", "import", text(&ckpt), "--as", "fsq_cvae", "--skin", text(&part)];
+    assert!(!riglab(&args).output().unwrap().status.success());
 }
 
 fn logits(case: &Golden, rigger: &Rigger, w: &Weights) {

@@ -398,6 +398,12 @@ fn tokenrig_stands_on_an_auto_encoder_with_a_prior() {
     must(&["checkpoint", "export", text(&auto), "-o", text(&file), "--half"]);
     let shown = String::from_utf8(must(&["checkpoint", "show", text(&file)]).stdout).unwrap();
     assert!(shown.contains("task fsq_cvae") && shown.contains("6 steps"), "{shown}");
+    // Which becomes a run's folder again, to be evaluated.
+    let again = path("auto-again");
+    must(&["checkpoint", "export", text(&file), "-o", text(&again)]);
+    let said = must(&["eval", text(&again), "--json", "--pictures", "0", "--set", &corpora]).stdout;
+    let evaluation: Value = serde_json::from_slice(&said).unwrap();
+    assert_eq!(evaluation["report"]["rows"].as_array().unwrap().len(), rows.len());
     let skin = format!("skin.run={:?}", text(&file));
     let model = "model={ extends = \"model/tokenrig/tiny.toml\", tell_region = true, tell_rule = true, tell_place = true, shape = { sorted = true } }";
     let small = ["sampling.rigs=4", "sampling.cloud.points=128", "sampling.variants=2", "eval.consensus=4"];
@@ -478,6 +484,12 @@ fn stages_of_unirig_rig_a_file() {
         fs::read(path(name)).unwrap()
     };
     assert!(made(&weights, "g.glb") == made(&files[1], "h.glb"));
+    for (more, option) in [(["--rank", "rewards"], "--rank"), (["--temperature", "0.5"], "--temperature")] {
+        let (from, out) = (path("b.glb"), path("x.glb"));
+        let all = ["skin", text(&from), "-o", text(&out), "--checkpoint", text(&weights)];
+        let said = refusal(&mut riglab(&[&all[..], &more].concat()));
+        assert!(said.contains("which draws nothing") && said.contains(&format!("leave {option} out")), "{said}");
+    }
 
     for (checkpoint, more, wanted) in [
         (&skeletons, ["--weights", text(&skeletons)], "writes skeletons alone"),

@@ -6,7 +6,7 @@ use std::process::ExitCode;
 
 use anyhow::{Result, anyhow, bail};
 use riglab_config::Config;
-use riglab_task::bundle::Card;
+use riglab_task::bundle::{Card, Stored, kind};
 use riglab_task::released::{Fit, FoundModel, Imported, Model, Offered, import as read, recognise};
 use riglab_train::{Spinner, State};
 use tch::{Device, Kind};
@@ -59,16 +59,25 @@ const LISTED: usize = 12;
 
 pub fn import(args: &ImportArgs) -> Result<ExitCode> {
     let shown = args.file.display();
-    if let Some(kind) = riglab_task::bundle::kind(&args.file) {
+    if let Some(kind) = kind(&args.file) {
         bail!("{}", already(&args.file, &kind));
     }
     no_checkpoint(&args.file)?;
-    if let Some(out) = &args.out {
-        super::ready(out)?;
+    if let Some(out) = &args.out
+        && super::ready(out)?
+        && args.name.is_some()
+    {
+        bail!(
+            "--name is for files; a run is called by its folder (--out {})",
+            out.with_extension("safetensors").display()
+        );
     }
     let mut offered = open(&args.file)?;
     let found = recognise(offered.shapes.keys(), args.model).ok_or_else(|| unknown(args, &offered))?;
-    let (config, skin) = settings(found.model, &args.sets)?;
+    if let (Some(skin), false) = (&args.skin, found.model == Model::TokenRig) {
+        bail!("--skin {}: only TokenRig has an auto-encoder beside its own network", skin.display());
+    }
+    let (config, skin) = settings(found.model, args.skin.as_deref(), &args.sets)?;
     let mut other = args.skin.as_deref().map(open).transpose()?;
     let skin = skin.as_ref().map(|config| (config, other.as_mut()));
     let reading = Spinner::new(&format!("reading {shown}"));
@@ -168,8 +177,8 @@ fn setting(auto_encoder: &Path) -> String {
     quoted(&format!("skin.run=\"{}\"", auto_encoder.display()))
 }
 
-/// The settings of a release, and for TokenRig those of its auto-encoder.
-fn settings(model: Model, sets: &[String]) -> Result<(Config, Option<Config>)> {
+/// The settings of a release, and for TokenRig those of its auto-encoder: that file's own, where riglab made it.
+fn settings(model: Model, skin: Option<&Path>, sets: &[String]) -> Result<(Config, Option<Config>)> {
     const WITHIN: &str = "auto_encoder.";
     let of_skin: Vec<String> = sets.iter().filter_map(|s| s.strip_prefix(WITHIN)).map(String::from).collect();
     let own: Vec<String> = sets.iter().filter(|s| !s.starts_with(WITHIN)).cloned().collect();
@@ -186,7 +195,15 @@ fn settings(model: Model, sets: &[String]) -> Result<(Config, Option<Config>)> {
         }
         return Ok((config, None));
     }
-    Ok((config, Some(presets::load("skintokens/fsq_cvae_released.toml", &of_skin)?)))
+    let own = skin.filter(|file| kind(file).is_some()).map(|file| Stored::open(file).map_err(|e| anyhow!(e)));
+    let skin = match (own.transpose()?, skin) {
+        (Some(stored), Some(file)) => {
+            let text = if stored.skin.is_empty() { &stored.settings } else { &stored.skin };
+            presets::parse(&file.display().to_string(), text, &of_skin)?
+        }
+        _ => presets::load("skintokens/fsq_cvae_released.toml", &of_skin)?,
+    };
+    Ok((config, Some(skin)))
 }
 
 fn unknown(args: &ImportArgs, offered: &Offered<'_>) -> anyhow::Error {

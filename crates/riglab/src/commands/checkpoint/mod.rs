@@ -54,8 +54,8 @@ The model that comes with riglab, to be evaluated:
   riglab checkpoint export -o runs/small
   riglab eval runs/small --set data.corpora='[\"corpus.h5\"]'")]
 struct ExportArgs {
-    /// The folder of a run, or a file of a model that rigs or of one of UniRig's stages [default: the model that comes with
-    /// riglab].
+    /// The folder of a run, or a file of a model that rigs, of one of UniRig's stages or of an auto-encoder [default: the
+    /// model that comes with riglab].
     run: Option<PathBuf>,
     /// What to write: a file (.safetensors), or a new folder of a run for `riglab eval`.
     #[arg(long, short, value_name = "OUT")]
@@ -197,7 +197,20 @@ fn stage(at: &Path, sets: &[String]) -> Result<Option<(Imported, Card)>, String>
 
 /// The model of a file.
 fn of_file(file: &Path) -> Result<(Imported, Card), String> {
-    stage(file, &[])?.map_or_else(|| Rigger::open(file, Device::Cpu).map(rigs), Ok)
+    if let Some(found) = stage(file, &[])? {
+        return Ok(found);
+    }
+    let stored = Stored::open(file)?;
+    if stored.kind != FsqCvaeTaskConfig::TASK {
+        return Rigger::open(file, Device::Cpu).map(rigs);
+    }
+    Ok(auto_encoder(Frozen::open(file, Device::Cpu)?, stored.card))
+}
+
+fn auto_encoder(auto: Frozen, card: Card) -> (Imported, Card) {
+    let (mut config, params) = auto.into_parts();
+    anywhere(&mut config.data);
+    (Imported::FsqCvae(Box::new(config), params), card)
 }
 
 /// The model of a run.
@@ -209,10 +222,7 @@ fn of_folder(run: &Path, checkpoint: &str, sets: &[String]) -> Result<(Imported,
         return Rigger::of_run_with(run, checkpoint, sets, Device::Cpu).map(rigs);
     }
     let (auto, state) = Frozen::of_run(run, checkpoint, Device::Cpu)?;
-    let (mut config, params) = auto.into_parts();
-    anywhere(&mut config.data);
-    let card = Card { name: String::new(), state, text: known(run) };
-    Ok((Imported::FsqCvae(Box::new(config), params), card))
+    Ok(auto_encoder(auto, Card { name: String::new(), state, text: known(run) }))
 }
 
 /// The card that lies in a run's folder; none where it was trained there.

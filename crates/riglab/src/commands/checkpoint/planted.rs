@@ -8,6 +8,8 @@ use riglab_task::released::Imported;
 use riglab_task::tokenrig::AUTO_ENCODER;
 use riglab_train::{Checkpoint, Run, RunInfo, State};
 
+use super::anywhere;
+
 /// A new folder of a run that holds the weights as its best checkpoint; `how` they came there. It is there whole or not at
 /// all, and works wherever it is moved to.
 pub(super) fn folder(out: &Path, model: &Imported, card: &Card, how: &str) -> Result<()> {
@@ -42,12 +44,15 @@ fn write(dir: &Path, model: &Imported, card: &Card, how: &str) -> Result<()> {
     let settings = match model {
         Imported::TokenRig(rigger) => {
             let vae = rigger.vae();
-            let run = Run::create(&dir.join(AUTO_ENCODER), &toml::to_string(vae.config())?)?;
+            let mut of_vae = vae.config().clone();
+            anywhere(&mut of_vae.data);
+            let run = Run::create(&dir.join(AUTO_ENCODER), &toml::to_string(&of_vae)?)?;
             let state = State { task: "fsq_cvae".into(), ..card.state.clone() };
             vae.plant(run.dir(), &state).map_err(|e| anyhow!(e))?;
             about(&run, "fsq_cvae", how, vae.tensors().iter().map(|(_, t)| t.numel()).sum())?;
             let mut config = rigger.config().clone();
             config.skin.run = AUTO_ENCODER.into();
+            anywhere(&mut config.data);
             toml::to_string(&config)?
         }
         other => other.settings().map_err(|e| anyhow!(e))?,
