@@ -551,6 +551,10 @@ fn models_of_every_task_are_shown_and_what_is_exported_is_said() {
     };
     let said = export(&other, &[]);
     assert!(said.contains("skin/checkpoints/best"), "{said}");
+    for run in [&run, &other] {
+        let said = export(run, &["--set", "skin.run='elsewhere'"]);
+        assert!(said.contains("builds on no other model"), "{said}");
+    }
     let said = export(&run, &["--set", "model.heads=2"]);
     assert!(said.contains("as it was trained") && said.contains("start.model"), "{said}");
 }

@@ -16,7 +16,7 @@ use riglab_task::released::Imported;
 use riglab_task::settings::{Settings, TaskSettings};
 use riglab_task::tokenrig::{Card, Rigger, TokenRigTaskConfig};
 use riglab_task::unirig_skeleton::Sketcher;
-use riglab_task::unirig_skin::Skinner;
+use riglab_task::unirig_skin::{SkinTaskConfig, Skinner};
 use riglab_train::{Checkpoint, Spinner, named_by};
 use tch::{Device, Kind};
 
@@ -215,6 +215,12 @@ fn auto_encoder(auto: Frozen, card: Card) -> (Imported, Card) {
 
 /// The model of a run.
 fn of_folder(run: &Path, checkpoint: &str, sets: &[String]) -> Result<(Imported, Card), String> {
+    if let Some(set) = sets.first() {
+        let settings = Settings::of_run(run)?;
+        if settings.are::<FsqCvaeTaskConfig>() || settings.are::<SkinTaskConfig>() {
+            return Err(format!("--set {set}: a run of task `{}` builds on no other model", settings.task()));
+        }
+    }
     if let Some(found) = stage(&run.join("checkpoints").join(checkpoint), sets)? {
         return Ok(found);
     }
