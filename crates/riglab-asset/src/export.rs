@@ -149,6 +149,13 @@ pub enum ExportNote {
         /// How many others.
         joints: usize,
     },
+    /// A motion shears joints, which nodes cannot: they stand as near as nodes can.
+    MotionSheared {
+        /// Its name.
+        motion: String,
+        /// How far vertices are at most from where the source has them, by the diagonal of the model.
+        share: f64,
+    },
     /// The file is a VRM that lacks human bones it must have.
     NotHuman {
         /// Their names in VRM 1.0.
@@ -230,6 +237,12 @@ impl fmt::Display for ExportNote {
                 let vanish = of_number(*joints, one, many);
                 write!(f, "motion `{motion}` scales joints to 0: {vanish} seen in the source")
             }
+            Self::MotionSheared { motion, share } => write!(
+                f,
+                "motion `{motion}` shears joints, which nodes of glTF cannot: its vertices are up to {:.1} % of the model's size \
+                 from where the source has them",
+                100.0 * share
+            ),
             Self::NotHuman { lacking } => write!(
                 f,
                 "programs that read VRM will refuse it: no {} was found among its joints, whatever they are called; another \

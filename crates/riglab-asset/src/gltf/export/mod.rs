@@ -26,6 +26,7 @@ mod references;
 mod remove;
 mod rows;
 mod scene;
+mod sheared;
 mod springs;
 mod springs0;
 mod strip;

@@ -10,15 +10,22 @@ use super::super::document::Document;
 use super::super::nodes::parts;
 use super::draft::{Draft, Layout, VEC3, VEC4, remove};
 use super::scene::Scene;
+use super::sheared::{Drift, nearest};
 use crate::maps::{FLAT, is_flat};
 use crate::{ExportFault, ExportNote, Reading};
 
 /// Turns and scales that differ by less are the same.
 const SAME: f64 = 1e-6;
 
+/// What hangs on a joint that shrinks one direction to less than this share of another cannot be set right against it.
+const NEARLY_FLAT: f64 = 1e-4;
+
 /// A property of a node over time: what to call it, how its keys lie, the keys, and whether they say more than the
 /// node does.
 type Channel = (&'static str, Layout, Vec<u8>, bool);
+
+/// Scale, turn and place of a node below the one above it.
+type Local = (DVec3, DQuat, DVec3);
 
 /// Adds the clip, whose joints are those of `skeleton`, before all other animations; tells which of it no nodes can show.
 pub(super) fn add(
@@ -28,47 +35,69 @@ pub(super) fn add(
     reading: &Reading,
     skeleton: &Skeleton,
     clip: &Clip,
-) -> Result<Option<ExportNote>, ExportFault> {
+) -> Result<Vec<ExportNote>, ExportFault> {
     let named: HashMap<&str, usize> = skeleton.names().iter().map(String::as_str).zip(0..).collect();
+    let number = |name: &str| {
+        let number = named.get(name).copied();
+        number.ok_or_else(|| ExportFault::OtherMotion(format!("it has no joint `{name}`")))
+    };
+    let numbers = reading.joints.iter().map(|joint| number(&joint.name)).collect::<Result<Vec<_>, _>>()?;
     let mut joint_of: Vec<Option<usize>> = vec![None; scene.nodes.len() + 1];
-    for joint in &reading.joints {
-        let number = named.get(joint.name.as_str());
-        let number = number.ok_or_else(|| ExportFault::OtherMotion(format!("it has no joint `{}`", joint.name)))?;
-        joint_of[joint.node] = Some(*number);
-    }
+    reading.joints.iter().zip(&numbers).for_each(|(joint, number)| joint_of[joint.node] = Some(*number));
     // Parents first, since each stands within the one above.
     let nodes: Vec<usize> = scene.nodes.order().iter().copied().filter(|&n| joint_of[n].is_some()).collect();
     let (Some(&first), true) = (nodes.first(), clip.joints() == skeleton.len()) else {
         let what = format!("{} joints move, {} are in the file", clip.joints(), nodes.len());
         return Err(ExportFault::OtherMotion(what));
     };
-    let mut locals: Vec<Vec<DAffine3>> = vec![Vec::with_capacity(clip.frames()); nodes.len()];
+    let mut locals: Vec<Vec<Local>> = vec![Vec::with_capacity(clip.frames()); nodes.len()];
     let mut globals: Vec<DAffine3> = (0..=scene.nodes.len()).map(|n| *scene.nodes.global(n)).collect();
     // What stands between joints goes along with the one above.
     let carried: Vec<usize> = scene.nodes.order().iter().copied().filter(|&n| scene.below_joint(n)).collect();
+    let track_of: HashMap<usize, usize> = nodes.iter().copied().zip(0..).collect();
     // Those that are seen where what they hang on is nothing.
     let mut swallowed = vec![false; nodes.len()];
+    let mut drift = Drift::new(reading, &numbers, clip.joints());
+    let mut off = vec![DAffine3::ZERO; clip.joints()];
     for frame in 0..clip.frames() {
         let maps = clip.frame(frame);
         for &node in &carried {
+            // Where its node takes it, not where it should be, so that no error adds to the next.
             let above = globals[scene.nodes.parent(node)];
-            globals[node] = match joint_of[node] {
-                Some(joint) => double(&maps[joint]) * scene.rests[node],
-                None => above * *scene.nodes.local(node),
+            let (Some(joint), Some(&track)) = (joint_of[node], track_of.get(&node)) else {
+                globals[node] = above * *scene.nodes.local(node);
+                continue;
             };
+            let map = double(&maps[joint]);
+            let goal = map * scene.rests[node];
+            let local = above.inverse() * goal;
+            off[joint] = DAffine3::ZERO;
+            if !local.is_finite() || is_flat(&above.matrix3, NEARLY_FLAT) {
+                swallowed[track] |= !is_flat(&goal.matrix3, FLAT);
+                let (scale, turn, place) = parts(&document.nodes[node]);
+                locals[track].push((scale, turn, place));
+                globals[node] = above * *scene.nodes.local(node);
+                continue;
+            }
+            let (scale, turn, place) = nearest(&local);
+            locals[track].push((scale, turn, place));
+            let stands = above * DAffine3::from_scale_rotation_translation(scale, turn, place);
+            // Of a flat map there is no turn.
+            globals[node] = if stands.is_finite() { stands } else { goal };
+            let made = globals[node] * scene.rests[node].inverse();
+            if made.is_finite() {
+                let (matrix3, translation) = (made.matrix3 - map.matrix3, made.translation - map.translation);
+                off[joint] = DAffine3 { matrix3, translation };
+            }
         }
-        for ((own, swallowed), &node) in locals.iter_mut().zip(&mut swallowed).zip(&nodes) {
-            let local = globals[scene.nodes.parent(node)].inverse() * globals[node];
-            *swallowed |= !local.is_finite() && !is_flat(&globals[node].matrix3, FLAT);
-            own.push(if local.is_finite() { local } else { *scene.nodes.local(node) });
-        }
+        drift.frame(&off);
     }
 
     let input = draft.times(clip.frames(), clip.rate());
     let (mut samplers, mut channels): (Vec<Value>, Vec<Value>) = (Vec::new(), Vec::new());
     for (&node, locals) in nodes.iter().zip(&locals) {
         let (scale, rest, place) = parts(&document.nodes[node]);
-        for (path, layout, bytes, says) in keys(locals, scale, rest, place) {
+        for (path, layout, bytes, says) in keys(locals, (scale, rest, place)) {
             // An animation has a channel.
             let needed = says || (node == first && path == "rotation");
             if !needed {
@@ -91,8 +120,11 @@ pub(super) fn add(
     if let Some(all) = draft.json.get_mut("animations").and_then(Value::as_array_mut) {
         all.rotate_right(1);
     }
+    let motion = || clip.name().to_owned();
     let joints = swallowed.into_iter().filter(|swallowed| *swallowed).count();
-    Ok((joints > 0).then(|| ExportNote::MotionSwallowed { motion: clip.name().to_owned(), joints }))
+    let swallowed = (joints > 0).then(|| ExportNote::MotionSwallowed { motion: motion(), joints });
+    let sheared = drift.told().map(|share| ExportNote::MotionSheared { motion: motion(), share });
+    Ok(swallowed.into_iter().chain(sheared).collect())
 }
 
 /// Makes motions of blend shapes part of the animation before them that is called the same, as programs that play one
@@ -123,13 +155,12 @@ pub(super) fn join_weights(draft: &mut Draft) {
 }
 
 /// The channels of a node that goes through some places, and stands elsewhere by itself.
-fn keys(locals: &[DAffine3], scale: DVec3, rest: DQuat, place: DVec3) -> [Channel; 3] {
+fn keys(locals: &[Local], (scale, rest, place): Local) -> [Channel; 3] {
     let mut before = rest.normalize();
     let (mut turns, mut shifts, mut scales) = (Vec::new(), Vec::new(), Vec::new());
     let (mut turned, mut shifted, mut scaled) = (false, false, false);
     let far = SAME * place.length().max(1e-3);
-    for local in locals {
-        let (own_scale, turn, shift) = local.to_scale_rotation_translation();
+    for &(own_scale, turn, shift) in locals {
         // Of a flat map there is no turn.
         let turn = if turn.is_finite() && turn.length_squared() > 0.5 { turn.normalize() } else { before };
         // The short way from key to key.
