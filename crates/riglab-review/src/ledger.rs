@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use riglab_curate::CurateError;
-use riglab_curate::decisions::{Decision, Decisions, Verdict};
+use riglab_curate::decisions::{Decision, Decisions, Verdict, item};
 
 use crate::deck::Card;
 use crate::hold::Hold;
@@ -102,7 +102,9 @@ impl Ledger {
         let mut all = Decisions::read(&self.path)?;
         let card = &cards[index];
         let now = &matched(&all, cards).of[index];
-        if was.is_some_and(|was| as_kept(was) != *now) && as_kept(&decision) != *now {
+        // A person may have written it otherwise than the page sends it.
+        let stands = as_kept(now);
+        if was.is_some_and(|was| as_kept(was) != stands) && as_kept(&decision) != stands {
             return Err(CurateError::Newer { name: card.name.clone(), decision: Box::new(now.clone()) });
         }
         for (name, digest) in superseded(&all, cards, card) {
@@ -121,10 +123,10 @@ impl Ledger {
     }
 }
 
-/// A decision as the file has it.
+/// A decision as the page has the file keep it.
 fn as_kept(decision: &Decision) -> Decision {
     let mut one = Decisions::default();
-    one.set("", "", decision.clone());
+    one.set("", "", Decision { comment: decision.comment.trim().to_owned(), ..decision.clone() });
     one.get("", "").cloned().unwrap_or_default()
 }
 
@@ -149,11 +151,6 @@ fn superseded(all: &Decisions, cards: &[Card], card: &Card) -> Vec<(String, Stri
     };
     let old = all.iter().filter(|(name, digest, _)| before(name, digest));
     old.map(|(name, digest, _)| (name.to_owned(), digest.to_owned())).collect()
-}
-
-/// Which asset of a file of several a name means.
-fn item(name: &str) -> &str {
-    name.split_once('#').map_or("", |(_, item)| item)
 }
 
 #[cfg(test)]
@@ -240,6 +237,20 @@ mod tests {
         ledger.decide(&cards, 0, odd(&["knees, both", "knees, both"]), Some(&verdict(Verdict::Reject))).unwrap();
         assert_eq!(ledger.state().of[0].faults.len(), 1);
         ledger.decide(&cards, 0, said, Some(&odd(&["knees, both"]))).unwrap();
+    }
+
+    #[test]
+    fn what_was_written_by_hand_can_be_changed() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("d.tsv");
+        let cards = [card("a", "1")];
+        for by_hand in ["a\t1\taccept\t\t\tgood \n", "a\t1\treject\t\tlegs,legs\t\n"] {
+            std::fs::write(&path, by_hand).unwrap();
+            let ledger = Ledger::open(&path, &cards).unwrap();
+            let was = ledger.state().of[0].clone();
+            let sent = Decision { comment: was.comment.trim().to_owned(), ..was };
+            assert_eq!(ledger.decide(&cards, 0, Decision::default(), Some(&sent)).unwrap(), 0, "{by_hand}");
+        }
     }
 
     #[test]

@@ -68,6 +68,18 @@ struct Record {
 }
 
 impl Record {
+    /// Tells what is too long; what stood there before, as it may have been written by hand, is not.
+    fn check_length(&self, was: Option<&Self>) -> Result<(), String> {
+        if self.comment.chars().count() > COMMENT && was.is_none_or(|was| was.comment != self.comment) {
+            return Err(format!("a comment has at most {COMMENT} letters"));
+        }
+        let long = self.faults.len() > MARKS.0 || self.faults.iter().any(|f| f.chars().count() > MARKS.1);
+        if long && !was.is_some_and(|was| self.faults.iter().all(|fault| was.faults.contains(fault))) {
+            return Err(format!("at most {} faults, of at most {} letters each", MARKS.0, MARKS.1));
+        }
+        Ok(())
+    }
+
     fn decision(self) -> Result<Decision, String> {
         let verdict = match self.verdict.as_str() {
             "accept" => Verdict::Accept,
@@ -79,12 +91,6 @@ impl Record {
             "" => None,
             name => Some(name.parse()?),
         };
-        if self.comment.chars().count() > COMMENT {
-            return Err(format!("a comment has at most {COMMENT} letters"));
-        }
-        if self.faults.len() > MARKS.0 || self.faults.iter().any(|f| f.chars().count() > MARKS.1) {
-            return Err(format!("at most {} faults, of at most {} letters each", MARKS.0, MARKS.1));
-        }
         Ok(Decision { verdict, category, faults: self.faults, comment: self.comment.trim().to_owned() })
     }
 }
@@ -160,7 +166,9 @@ fn decide(review: &Review, request: &Request) -> Result<Answer, Answer> {
         return Err(Answer::refusal(404, &format!("`{}` is not here; load the page anew", sent.name)));
     };
     let Sent { verdict, category, faults, comment, was, .. } = sent;
-    let decision = Record { verdict, category, faults, comment }.decision().map_err(wrong)?;
+    let record = Record { verdict, category, faults, comment };
+    record.check_length(was.as_ref()).map_err(wrong)?;
+    let decision = record.decision().map_err(wrong)?;
     let was = was.map(Record::decision).transpose().map_err(wrong)?;
     match review.ledger.decide(cards, index, decision, was.as_ref()) {
         Ok(decided) => Ok(Answer::found(JSON, json!({ "decided": decided }).to_string())),
