@@ -23,6 +23,8 @@ use std::collections::{BTreeMap, HashMap};
 use std::fmt;
 use std::path::Path;
 
+use riglab_asset::is_rig_file;
+
 use crate::{Category, CurateError};
 
 const HEAD: &str = "# riglab decisions 1\n# name\tdigest\tverdict\tcategory\tfaults\tcomment\n";
@@ -245,9 +247,15 @@ impl Decisions {
     }
 }
 
-/// Which asset of a file of several a name means.
-fn item(name: &str) -> &str {
-    name.split_once('#').map_or("", |(_, item)| item)
+/// Which asset of a file of several a name means; empty for the asset of a file of one.
+pub fn item(name: &str) -> &str {
+    file_and_item(name).1
+}
+
+/// The file of a name and which of its assets it means: `set.npz#3` is `3` of `set.npz`, and `fox#2.glb` a file.
+pub(crate) fn file_and_item(name: &str) -> (&str, &str) {
+    let is_file = |(at, _): &(usize, &str)| is_rig_file(Path::new(&name[..*at]));
+    name.match_indices('#').find(is_file).map_or((name, ""), |(at, _)| (&name[..at], &name[at + 1..]))
 }
 
 fn escaped(text: &str) -> String {
@@ -304,6 +312,13 @@ mod tests {
         assert_eq!(again.get("b é\t.glb", "00").unwrap().faults, ["knees  both", "tail"]);
         assert_eq!(again, all);
         assert_eq!(again.to_text(), all.to_text());
+    }
+
+    #[test]
+    fn a_name_is_that_of_a_file_or_of_an_asset_in_one() {
+        let of = ["fox.glb", "set.npz#3", "fox#2.glb", "a#b.npz#c#d", "#.glb"].map(file_and_item);
+        let wanted = [("fox.glb", ""), ("set.npz", "3"), ("fox#2.glb", ""), ("a#b.npz", "c#d"), ("#.glb", "")];
+        assert_eq!(of, wanted);
     }
 
     #[test]

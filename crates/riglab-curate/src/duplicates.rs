@@ -12,12 +12,25 @@ use crate::shape::{KEYS, Shape};
 /// Cells are so many tolerances wide: wider means more rigs in a cell, narrower more cells to look into.
 const CELL: f32 = 6.0;
 
-/// The groups of rigs that are the same, each of two or more, by number and rising, and the largest distance
-/// of each to its first. Rigs a, b and c are one group if a is near b and b near c.
+/// The groups of rigs that are the same, each of two or more, by number and rising. Rigs a, b and c are one group if a is
+/// near b and b near c.
 pub fn groups(shapes: &[Shape], tolerance: f32) -> Vec<Vec<usize>> {
     let mut sets = Sets::new(shapes.len());
-    for (a, b) in pairs(shapes, tolerance) {
-        sets.join(a, b);
+    let mut grid = Grid::new(tolerance);
+    let mut firsts: HashMap<&Shape, usize> = HashMap::new();
+    for (i, shape) in shapes.iter().enumerate() {
+        // Of equal ones, which may be many, the first stands for all.
+        if let Some(&first) = firsts.get(shape) {
+            sets.join(first, i);
+            continue;
+        }
+        firsts.insert(shape, i);
+        for j in grid.around(shape) {
+            if sets.first(j) != sets.first(i) && shape.distance(&shapes[j]) <= tolerance {
+                sets.join(i, j);
+            }
+        }
+        grid.add(shape, i);
     }
     let mut of: HashMap<usize, Vec<usize>> = HashMap::new();
     for i in 0..shapes.len() {
@@ -28,33 +41,59 @@ pub fn groups(shapes: &[Shape], tolerance: f32) -> Vec<Vec<usize>> {
     groups
 }
 
-/// All pairs within the tolerance, the smaller number first, in order of the larger.
+/// All pairs within the tolerance, the smaller number first, in order of the larger: as many as the square of the rigs, where
+/// all are the same.
 pub fn pairs(shapes: &[Shape], tolerance: f32) -> Vec<(usize, usize)> {
-    let reach = (f64::from(tolerance) * 1e6) as i64 + 1;
-    let width = ((f64::from(tolerance * CELL)) * 1e6) as i64 + 1;
-    let mut grid: HashMap<[i64; KEYS.len()], Vec<u32>> = HashMap::new();
+    let mut grid = Grid::new(tolerance);
     let mut found = Vec::new();
     for (i, shape) in shapes.iter().enumerate() {
-        let keys = KEYS.map(|k| i64::from(shape.values.get(k).copied().unwrap_or(0)));
-        let (low, high) = (keys.map(|k| (k - reach).div_euclid(width)), keys.map(|k| (k + reach).div_euclid(width)));
         let before = found.len();
-        for which in 0..1u32 << KEYS.len() {
-            // A bit a key: its lower or its upper cell, where the two are not one.
-            let upper = |k: usize| which >> k & 1 == 1;
-            if (0..KEYS.len()).any(|k| upper(k) && low[k] == high[k]) {
-                continue;
-            }
-            let cell: [i64; KEYS.len()] = std::array::from_fn(|k| if upper(k) { high[k] } else { low[k] });
-            for &j in grid.get(&cell).into_iter().flatten() {
-                if shape.distance(&shapes[j as usize]) <= tolerance {
-                    found.push((j as usize, i));
-                }
-            }
-        }
+        let near = grid.around(shape).filter(|&j| shape.distance(&shapes[j]) <= tolerance);
+        found.extend(near.map(|j| (j, i)));
         found[before..].sort_unstable();
-        grid.entry(keys.map(|k| k.div_euclid(width))).or_default().push(i as u32);
+        grid.add(shape, i);
     }
     found
+}
+
+/// A cell, by a number a key.
+type Cell = [i64; KEYS.len()];
+
+/// Rigs by the cells that they are in.
+struct Grid {
+    /// How far to look, and how wide cells are, in the units of descriptions.
+    reach: i64,
+    width: i64,
+    cells: HashMap<Cell, Vec<u32>>,
+}
+
+impl Grid {
+    fn new(tolerance: f32) -> Self {
+        let reach = (f64::from(tolerance) * 1e6) as i64 + 1;
+        let width = ((f64::from(tolerance * CELL)) * 1e6) as i64 + 1;
+        Self { reach, width, cells: HashMap::new() }
+    }
+
+    fn keys(shape: &Shape) -> Cell {
+        KEYS.map(|k| i64::from(shape.values.get(k).copied().unwrap_or(0)))
+    }
+
+    fn add(&mut self, shape: &Shape, number: usize) {
+        self.cells.entry(Self::keys(shape).map(|k| k.div_euclid(self.width))).or_default().push(number as u32);
+    }
+
+    /// Those that may be within the tolerance, each once.
+    fn around(&self, shape: &Shape) -> impl Iterator<Item = usize> + '_ {
+        let keys = Self::keys(shape);
+        let low = keys.map(|k| (k - self.reach).div_euclid(self.width));
+        let high = keys.map(|k| (k + self.reach).div_euclid(self.width));
+        // A bit a key: its lower or its upper cell, where the two are not one.
+        let upper = |which: u32, k: usize| which >> k & 1 == 1;
+        let is_one = move |which: &u32| (0..KEYS.len()).all(|k| !upper(*which, k) || low[k] != high[k]);
+        let cells = (0..1u32 << KEYS.len()).filter(is_one);
+        let cell = move |which| std::array::from_fn(|k| if upper(which, k) { high[k] } else { low[k] });
+        cells.filter_map(move |which| self.cells.get::<Cell>(&cell(which))).flatten().map(|&number| number as usize)
+    }
 }
 
 /// Disjoint sets; each is known by its smallest member.
@@ -101,6 +140,30 @@ mod tests {
         }
         assert!(all.len() > 100);
         assert_eq!(pairs(&shapes, 4e-3), all);
+    }
+
+    #[test]
+    fn groups_are_those_of_the_pairs() {
+        let mut shapes: Vec<Shape> = (0..300).map(|i| shape((i * 7919 % 90_000) - 45_000, i * 31 % 9_000)).collect();
+        shapes.extend_from_within(100..200);
+        let mut of: Vec<usize> = (0..shapes.len()).collect();
+        for (a, b) in pairs(&shapes, 4e-3) {
+            let (a, b) = (of[a].min(of[b]), of[a].max(of[b]));
+            of.iter_mut().filter(|own| **own == b).for_each(|own| *own = a);
+        }
+        let groups = groups(&shapes, 4e-3);
+        assert!(groups.iter().all(|group| group.iter().all(|&i| of[i] == group[0])));
+        // The others are by themselves.
+        let grouped = groups.concat();
+        let mut alone = (0..shapes.len()).filter(|i| !grouped.contains(i));
+        assert!(groups.len() > 1 && grouped.len() >= 200 && alone.all(|i| of[i] == i));
+    }
+
+    #[test]
+    fn many_copies_cost_what_they_are() {
+        // By pairs, 5 * 10⁹ of them.
+        let copies = vec![shape(7, 0); 100_000];
+        assert_eq!(groups(&copies, 4e-3)[0].len(), copies.len());
     }
 
     #[test]

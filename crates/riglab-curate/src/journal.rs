@@ -53,6 +53,9 @@ pub struct Stamp {
 }
 
 impl Stamp {
+    /// Of what is no file that can be read.
+    pub const NONE: Self = Self { bytes: 0, modified_ns: 0, said: 0 };
+
     /// Of a file, with those beside it; zeros for one that cannot be asked. `said` is a number for what the manifest says.
     pub fn of(path: &Path, said: u64) -> Self {
         let mut stamp = Self { bytes: 0, modified_ns: 0, said };
@@ -206,7 +209,7 @@ pub fn settings(path: &Path) -> String {
 pub fn text(records: &[Record], config: &str) -> String {
     let mut files: BTreeMap<&str, Vec<&Record>> = BTreeMap::new();
     records.iter().for_each(|record| files.entry(&record.file).or_default().push(record));
-    let stamp = Stamp { bytes: 0, modified_ns: 0, said: 0 };
+    let stamp = Stamp::NONE;
     let mut text = line(&Line::Head { version: VERSION, config: config.into() });
     for (file, own) in files {
         own.into_iter().for_each(|record| text += &line(&Line::Asset(Box::new(record.clone()))));

@@ -105,15 +105,22 @@ pub(crate) fn judge_part(
             (Verdict::Open, _) => {}
         }
     }
+    // By what is known before a model is asked.
+    let unwanted = |i: usize| {
+        let stated = records[i].facts.as_ref().and_then(|f| f.stated.parse().ok());
+        let stated = stated.filter(|_| config.categories.trust_source);
+        let category = found.get(&i).and_then(|(d, _)| d.category).or(stated);
+        !config.categories.keep.is_empty() && category.is_some_and(|c: Category| !config.categories.keep.contains(&c))
+    };
     let mut duplicates = Vec::new();
     if config.stages.contains(&StageName::Duplicates) {
         let left: Vec<usize> = (0..records.len()).filter(|&i| dropped[i].is_none()).collect();
         let shapes: Vec<Shape> = left.iter().filter_map(|&i| Some(records[i].facts.as_ref()?.shape.clone())).collect();
         for group in groups(&shapes, config.duplicates.tolerance) {
             let mut group: Vec<usize> = group.into_iter().map(|k| left[k]).collect();
-            // Which of them stays: one that a person accepted, else the one with least to be said of it,
-            // else the first by name.
-            group.sort_by_key(|&i| (decided(i) != Verdict::Accept, records[i].notes.len(), i));
+            // Which of them stays: one that a person accepted, else one of no category that is not wanted, else the one with
+            // least to be said of it, else the first by name.
+            group.sort_by_key(|&i| (decided(i) != Verdict::Accept, unwanted(i), records[i].notes.len(), i));
             for &other in group[1..].iter().filter(|&&i| decided(i) != Verdict::Accept) {
                 let why = format!("it has the shape and the skeleton of `{}`", records[group[0]].name);
                 dropped[other] = Some((StageName::Duplicates.name().into(), why));

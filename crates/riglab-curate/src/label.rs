@@ -6,6 +6,7 @@ use riglab_core::{Asset, Rig};
 use serde::{Deserialize, Serialize};
 
 use crate::config::{CurateConfig, Labeller};
+use crate::decisions::Verdict;
 use crate::judge::{By, CATEGORY, Judgement, Label};
 use crate::record::Record;
 use crate::vlm::{Asker, VlmReport};
@@ -20,7 +21,7 @@ pub struct Labels {
     pub fault: Option<String>,
 }
 
-/// Labels what is kept, and drops categories that are not wanted. `read` gives the assets of records again,
+/// Labels what is kept, and drops categories that are not wanted, but for what a person accepted. `read` gives the assets of records again,
 /// a chunk at a time.
 pub fn label(
     records: &[Record],
@@ -91,7 +92,9 @@ pub fn label(
         }
     }
     if !config.categories.keep.is_empty() {
-        for i in kept {
+        let accepted = |i: &usize| judged.decisions.get(i).is_some_and(|(d, _)| d.verdict == Verdict::Accept);
+        let others: Vec<usize> = kept.into_iter().filter(|i| !accepted(i)).collect();
+        for i in others {
             let category = judged.labels.get(&records[i].name).map(|l| l.category);
             if let Some(category) = category.filter(|c| !config.categories.keep.contains(c)) {
                 judged.dropped[i] = Some((CATEGORY.into(), format!("its category is {category}, which is not kept")));

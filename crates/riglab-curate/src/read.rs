@@ -11,6 +11,7 @@ use riglab_files::Below;
 
 use crate::Category;
 use crate::config::ImportConfig;
+use crate::decisions::file_and_item;
 
 /// A folder of files to curate.
 pub struct Folder {
@@ -74,7 +75,12 @@ impl Folder {
         let found = rigged_below(root)?;
         let hidden = found.left_aside();
         let Below { mut files, unread, .. } = found;
-        files.retain(|file| !without.iter().any(|other| file.starts_with(other)));
+        // However the two are named.
+        let without: Vec<PathBuf> = without.iter().filter_map(|other| other.canonicalize().ok()).collect();
+        let is_input = |file: &PathBuf| {
+            file.canonicalize().map_or(true, |file| !without.iter().any(|other| file.starts_with(other)))
+        };
+        files.retain(is_input);
         let roots = if import.virtual_root { RootPolicy::Virtual } else { RootPolicy::Reattach };
         let clips = (import.clips > 0.0).then(|| Resample { rate: import.clips, ..Resample::default() });
         let (split, repair) = (import.split_characters, import.repair);
@@ -99,8 +105,13 @@ impl Folder {
 
     /// Whether a name is that of a file here, or of an asset in one.
     pub fn is_there(&self, name: &str) -> bool {
-        let file = name.match_indices('#').any(|(at, _)| self.there.contains(&name[..at]));
-        file || self.there.contains(name) || self.root.join(name).is_file()
+        self.there.contains(self.file_of(name)) || self.root.join(name).is_file()
+    }
+
+    /// The file that a name means, whatever part of the files is looked at: its own, or that of the asset of a file of several.
+    pub(crate) fn file_of<'n>(&self, name: &'n str) -> &'n str {
+        let files = std::iter::once(name).chain(name.match_indices('#').map(|(at, _)| &name[..at]));
+        files.into_iter().find(|file| self.there.contains(*file)).unwrap_or(file_and_item(name).0)
     }
 
     /// Sentences on what looks mistaken in the manifest.
@@ -185,10 +196,12 @@ impl Folder {
         let seen = seen(&imported);
         match imported.into_asset() {
             Ok(mut asset) => {
+                // The place of the folder is no property of the asset.
+                if let Some(part) = asset.provenance.source.strip_prefix(&*path.to_string_lossy()) {
+                    asset.provenance.source = format!("{file}{part}");
+                }
                 self.manifest.describe(name, file, &mut asset.provenance);
                 asset.provenance.checksum = whole_checksum(path, &asset.provenance.checksum);
-                // The place of the folder is no property of the asset.
-                asset.provenance.source = self.sentence(&asset.provenance.source);
                 asset.name = name.into();
                 ReadOutcome::Asset(Box::new(ReadAsset { asset, seen }))
             }
@@ -200,8 +213,21 @@ impl Folder {
     fn sentence(&self, text: &str) -> String {
         let root = self.root.to_string_lossy();
         let root = root.trim_end_matches('/');
-        if root.is_empty() { text.into() } else { text.replace(&format!("{root}/"), "") }
+        if root.is_empty() { text.into() } else { without_folder(text, &format!("{root}/")) }
     }
+}
+
+/// A text without a folder where a path begins with it.
+fn without_folder(text: &str, folder: &str) -> String {
+    let (mut out, mut rest) = (String::with_capacity(text.len()), text);
+    while let Some(at) = rest.find(folder) {
+        let (before, after) = rest.split_at(at);
+        out += before;
+        let within = out.chars().next_back().is_some_and(|c| c.is_alphanumeric() || "/\\._-:".contains(c));
+        out += if within { folder } else { "" };
+        rest = &after[folder.len()..];
+    }
+    out + rest
 }
 
 fn seen(imported: &Imported) -> ImportFindings {
@@ -226,4 +252,17 @@ fn seen(imported: &Imported) -> ImportFindings {
         }
     }
     seen
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_folder_goes_from_where_paths_begin_alone() {
+        let of = |text: &str| without_folder(text, "models/");
+        assert_eq!(of("models/a.obj: `models/b.mtl` is missing"), "a.obj: `b.mtl` is missing");
+        let others = "https://x.org/3d-models/fox, old_models/fox.glb, ../models/fox.glb, 3models/é";
+        assert_eq!(of(others), others);
+    }
 }

@@ -7,7 +7,7 @@ use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use rayon::prelude::*;
-use riglab_data::{CorpusWriter, Splitter};
+use riglab_data::{CorpusWriter, Splitter, copies_told};
 use serde::{Deserialize, Serialize};
 
 use crate::config::{CurateConfig, SplitBy};
@@ -57,9 +57,12 @@ pub struct Places {
 }
 
 impl Places {
-    /// For a corpus `rigs.h5`, the folder `rigs.curation` beside it.
+    /// For a corpus `rigs.h5`, the folder `rigs.curation` beside it; for one named otherwise, as `part.1`, `part.1.curation`.
     pub fn of(out: &Path) -> Self {
-        Self { out: out.into(), work: out.with_extension("curation") }
+        let is_corpus =
+            out.extension().is_some_and(|ext| ["h5", "hdf5"].iter().any(|own| ext.eq_ignore_ascii_case(own)));
+        let work = if is_corpus { out.with_extension("curation") } else { out.with_added_extension("curation") };
+        Self { out: out.into(), work }
     }
 
     /// The journal.
@@ -156,8 +159,16 @@ fn look(
     if held.of_another {
         tell("the journal was written with other settings: all files are read again", 0, 0);
     }
-    let refused = |(name, why): &(String, String)| Record::refused(name.clone(), name.clone(), why.clone());
-    let mut all: Vec<Record> = files.unread().iter().map(refused).collect();
+    let mut journal = journal;
+    let mut all: Vec<Record> = Vec::new();
+    for (name, why) in files.unread() {
+        let own = vec![Record::refused(name.clone(), name.clone(), why.clone())];
+        if held.done.remove(name) != Some((Stamp::NONE, own.clone())) {
+            journal.replace(name, &own)?;
+            journal.done(name, Stamp::NONE)?;
+        }
+        all.extend(own);
+    }
     let mut open: Vec<(&PathBuf, String, Stamp, HashMap<String, Record>)> = Vec::new();
     for path in files.files() {
         let name = files.name(path);
@@ -170,6 +181,10 @@ fn look(
                 open.push((path, name, stamp, begun.into_iter().map(|r| (r.name.clone(), r)).collect()));
             }
         }
+    }
+    // What is not there any more: whoever merges this with others reads the journal, not the folder.
+    for name in held.done.keys().chain(held.begun.keys()) {
+        journal.forget(name)?;
     }
     let total = files.files().len();
     let done = AtomicUsize::new(total - open.len());
@@ -205,7 +220,7 @@ fn look_at(
 ) -> Result<Vec<Record>, CurateError> {
     let mut records: Vec<Record> = Vec::new();
     let mut names = HashSet::new();
-    let (mut done, mut taken_over) = (Ok(()), 0);
+    let (mut done, mut taken_over, mut renamed) = (Ok(()), 0, false);
     files.each(path, |found| {
         let mut record = match found {
             ReadOutcome::Asset(read) => {
@@ -225,22 +240,44 @@ fn look_at(
             }
             ReadOutcome::Refused(name, reason) => Record::refused(name, file.to_owned(), reason),
         };
-        // Refusals within a file share its name.
-        while !names.insert(record.name.clone()) {
-            record.name = format!("{}#{}", record.file, records.len() + 1);
-        }
+        renamed |= name_apart(&mut record, &mut records, &mut names);
         done = locked(journal).add_one(&record);
         records.push(record);
         if done.is_err() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
     });
     done?;
     let mut journal = locked(journal);
-    if taken_over < begun.len() {
-        // The file has changed since it was begun, or begins with what could not be read.
+    if taken_over < begun.len() || renamed {
+        // The file has changed since it was begun, or begins with what could not be read; or names were given anew.
         journal.replace(file, &records)?;
     }
     journal.done(file, stamp)?;
     Ok(records)
+}
+
+/// Gives a record of a file a name that none before it has; tells whether one of those before gave way.
+///
+/// Refusals within a file share its name, and may be called anything; an asset is found again by its own.
+fn name_apart(record: &mut Record, before: &mut [Record], names: &mut HashSet<String>) -> bool {
+    let is_refused = |record: &Record| record.facts.is_none();
+    if names.insert(record.name.clone()) {
+        return false;
+    }
+    let file = &record.file;
+    let free = (2..).map(|n| format!("{file}#{n}")).find(|name| !names.contains(name)).unwrap_or_default();
+    names.insert(free.clone());
+    match before.iter_mut().find(|known| known.name == record.name) {
+        Some(known) if is_refused(known) && !is_refused(record) => {
+            known.name = free;
+            return true;
+        }
+        _ if is_refused(record) => record.name = free,
+        _ => {
+            let why = format!("another asset of the file is called `{}`, too; give each its own name", record.name);
+            *record = Record::refused(free, file.clone(), why);
+        }
+    }
+    false
 }
 
 /// From records to corpus and report.
@@ -258,7 +295,7 @@ pub(crate) fn finish(
     };
     tell("comparing", 0, records.len());
     // What other parts hold is theirs to tell.
-    let own = |name: &str| shard.is_none_or(|shard| shard.has(name.split_once('#').map_or(name, |(file, _)| file)));
+    let own = |name: &str| shard.is_none_or(|shard| shard.has(source.file(name)));
     let mut judged: Judgement = judge_part(records, &decisions, config, own);
     tell("comparing", records.len(), records.len());
     let labels = label(records, &mut judged, config, &places.work, |wanted, each| {
@@ -277,18 +314,26 @@ pub(crate) fn finish(
     let mut doubts = source.doubts();
     if !kept.is_empty() {
         let open: Vec<&Record> = kept.iter().copied().filter(|r| source.split(&r.name).is_none()).collect();
+        // Before the corpus is written, not after it.
+        let splitter = if open.is_empty() { None } else { Some(splitter(config)?) };
+        let (writer, digests) = write(source, &kept, &judged, &mut pictures, places, tell)?;
+        let contents = contents(records, &judged, &digests);
         let mut made = Vec::new();
-        if !open.is_empty() {
-            let splitter = splitter(config)?;
+        if let Some(splitter) = splitter {
             let keys = keys(&open, config);
-            made = splitter.assign(&keys);
+            made = splitter.assign_equal(&keys, &open.iter().map(|r| contents[r.name.as_str()]).collect::<Vec<_>>());
             let names: HashSet<&str> = records.iter().map(|r| r.name.as_str()).collect();
             doubts.extend(splitter.doubts(&keys, &made, |name| names.contains(name) || source.is_there(name)));
         }
         let mut made = made.into_iter();
         let own = |r: &&Record| source.split(&r.name).cloned().or_else(|| made.next()).unwrap_or_default();
         splits = kept.iter().map(own).collect();
-        write(source, &kept, &judged, &splits, &mut pictures, places, tell)?;
+        let names: Vec<&str> = kept.iter().map(|r| r.name.as_str()).collect();
+        let contents: Vec<&str> = names.iter().map(|name| contents[name]).collect();
+        doubts.extend(copies_told(&names, &contents, &splits));
+        let split_of: HashMap<&str, &String> = names.into_iter().zip(&splits).collect();
+        let of: Vec<String> = digests.iter().map(|(name, _)| split_of[name.as_str()].clone()).collect();
+        writer.finish(&of)?;
     }
     let others = pictures.missing(records);
     source.each_chunk(&others, |assets| {
@@ -333,17 +378,31 @@ fn keys(kept: &[&Record], config: &CurateConfig) -> Vec<(String, u64)> {
     }
 }
 
-/// Writes the corpus. A file that has vanished since it was looked at is left out, with its split.
+/// What assets are equal by, by name: digests, and for those that comparing shapes found to be the same one of them.
+fn contents<'a>(
+    records: &'a [Record],
+    judged: &Judgement,
+    digests: &'a [(String, String)],
+) -> HashMap<&'a str, &'a str> {
+    let mut of: HashMap<&str, &str> = digests.iter().map(|(name, digest)| (name.as_str(), digest.as_str())).collect();
+    for group in &judged.duplicates {
+        let names = group.iter().map(|&i| records[i].name.as_str());
+        let kept: Vec<&str> = names.filter(|name| of.contains_key(name)).collect();
+        let first = kept.first().map(|name| of[name]);
+        of.extend(kept.into_iter().zip(first.into_iter().cycle()));
+    }
+    of
+}
+
+/// Writes the assets of the corpus, all but their splits, and gives the name and digest of each.
 fn write(
     source: &Source,
     kept: &[&Record],
     judged: &Judgement,
-    splits: &[String],
     pictures: &mut Pictures,
     places: &Places,
     tell: Tell,
-) -> Result<(), CurateError> {
-    let split_of: HashMap<&str, &String> = kept.iter().map(|r| r.name.as_str()).zip(splits.iter()).collect();
+) -> Result<(CorpusWriter, Vec<(String, String)>), CurateError> {
     let mut writer = CorpusWriter::create(&places.out)?;
     let mut written: Vec<String> = Vec::with_capacity(kept.len());
     source.each_chunk(kept, |assets| {
@@ -376,8 +435,73 @@ fn write(
             }
         });
     }
-    let of: Vec<String> =
-        written.iter().map(|name| split_of.get(name.as_str()).map_or(String::new(), |s| (*s).clone())).collect();
-    writer.finish(&of)?;
-    Ok(())
+    let digests: Vec<String> = writer.digests().into_iter().map(str::to_owned).collect();
+    Ok((writer, written.into_iter().zip(digests).collect()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::Category;
+    use crate::record::Facts;
+    use crate::shape::Shape;
+
+    fn refused(name: &str) -> Record {
+        Record::refused(name.into(), "set.npz".into(), "no rig".into())
+    }
+
+    fn asset(name: &str) -> Record {
+        let facts = Facts {
+            checksum: name.into(),
+            joints: 1,
+            vertices: 3,
+            triangles: 1,
+            weights: 3,
+            topology: 0,
+            repairs: 0,
+            source: String::new(),
+            stated: String::new(),
+            rules: Category::Humanoid,
+            because: String::new(),
+            shape: Shape { joints: 0, values: Vec::new() },
+        };
+        Record { dropped: None, facts: Some(facts), ..refused(name) }
+    }
+
+    /// The names that records get, and whether any gave way.
+    fn names(records: Vec<Record>) -> (Vec<String>, bool) {
+        let (mut all, mut names, mut gave_way) = (Vec::new(), HashSet::new(), false);
+        for mut record in records {
+            gave_way |= name_apart(&mut record, &mut all, &mut names);
+            all.push(record);
+        }
+        (all.into_iter().map(|r| r.name).collect(), gave_way)
+    }
+
+    #[test]
+    fn refusals_of_a_file_never_take_the_name_of_an_asset() {
+        let (own, gave_way) =
+            names(vec![asset("set.npz#3"), refused("set.npz"), refused("set.npz"), refused("set.npz")]);
+        assert_eq!((own.join(" "), gave_way), ("set.npz#3 set.npz set.npz#2 set.npz#4".into(), false));
+        // Assets come under their own names, whatever came before.
+        let (own, gave_way) =
+            names(vec![refused("set.npz"), refused("set.npz"), asset("set.npz#2"), asset("set.npz#3")]);
+        assert_eq!((own.join(" "), gave_way), ("set.npz set.npz#4 set.npz#2 set.npz#3".into(), true));
+    }
+
+    #[test]
+    fn a_second_asset_of_a_name_is_refused() {
+        let mut second = asset("set.npz#a");
+        let mut before = vec![asset("set.npz#a")];
+        let mut names: HashSet<String> = [before[0].name.clone()].into();
+        assert!(!name_apart(&mut second, &mut before, &mut names));
+        assert!(second.dropped.unwrap().1.contains("called `set.npz#a`, too") && second.name == "set.npz#2");
+    }
+
+    #[test]
+    fn each_corpus_has_a_folder_of_its_own() {
+        let work = |out: &str| Places::of(Path::new(out)).work.display().to_string();
+        assert_eq!(["a/b.h5", "b.HDF5"].map(work), ["a/b.curation", "b.curation"]);
+        assert_eq!(["part.1", "part.2", "part"].map(work), ["part.1.curation", "part.2.curation", "part.curation"]);
+    }
 }

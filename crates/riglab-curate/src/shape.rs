@@ -50,7 +50,7 @@ const POINTS: f64 = 4000.0;
 const MOST_CUTS: f64 = 64.0;
 
 /// A rig described.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub struct Shape {
     /// Joints that move a visible part of the surface.
     pub joints: u32,

@@ -9,6 +9,7 @@ use riglab_data::Corpus;
 
 use crate::CurateError;
 use crate::config::CurateConfig;
+use crate::decisions::file_and_item;
 use crate::read::{Folder, ReadOutcome};
 use crate::record::Record;
 use crate::repair::repair;
@@ -46,6 +47,14 @@ impl Source<'_> {
         matches!(self, Self::Folder(folder, _) if folder.is_there(name))
     }
 
+    /// The file that a name means: its own, or that of the asset of a file of several.
+    pub(crate) fn file<'n>(&self, name: &'n str) -> &'n str {
+        match self {
+            Self::Folder(folder, _) => folder.file_of(name),
+            Self::Corpora(..) => file_and_item(name).0,
+        }
+    }
+
     /// Gives the wanted assets, repaired, in the order of the records, a chunk at a time.
     pub(crate) fn each_chunk(
         &self,
@@ -68,8 +77,10 @@ impl Source<'_> {
             }
             Self::Folder(folder, config) => {
                 let again = |file: &str, names: &HashSet<&str>, give: &mut dyn FnMut(Asset) -> ControlFlow<()>| {
+                    // The first of a name.
+                    let mut names = names.clone();
                     folder.each(&folder.path(file), |found| match found {
-                        ReadOutcome::Asset(mut read) if names.contains(read.asset.name.as_str()) => {
+                        ReadOutcome::Asset(mut read) if names.remove(read.asset.name.as_str()) => {
                             // It was repaired before, so it can be.
                             let _ = repair(&mut read.asset, &config.repair);
                             give(read.asset)

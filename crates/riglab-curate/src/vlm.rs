@@ -177,6 +177,7 @@ impl Asker {
     /// Asks until there is a sensible answer, or no hope.
     fn insist(&self, prompt: &str, pictures: &[Vec<u8>]) -> Result<(Category, String), String> {
         let mut why = String::from("nothing was asked");
+        let mut is_busy = false;
         let mut pause = self.config.wait_s;
         for attempt in 0..=self.config.retries {
             if self.given_up() {
@@ -184,6 +185,7 @@ impl Asker {
             }
             let most = self.config.wait_most_s;
             let mut wait = pause.min(most);
+            is_busy = false;
             self.tally.asked.fetch_add(1, Ordering::Relaxed);
             // The same question in the same mood gets the same answer: be looser when it made no sense.
             match self.client.ask(prompt, pictures, if attempt == 0 { 0.0 } else { 0.7 }) {
@@ -198,7 +200,8 @@ impl Asker {
                     continue;
                 }
                 Err(Fault::Busy(after)) => {
-                    why = "the endpoint limits how often it is asked".into();
+                    why = "the endpoint limits how often it is asked (status 429)".into();
+                    is_busy = true;
                     wait = after.unwrap_or(pause).min(most);
                 }
                 Err(Fault::Passing(message)) => {
@@ -214,6 +217,10 @@ impl Asker {
                 std::thread::sleep(std::time::Duration::from_secs_f64(wait));
                 pause *= 2.0;
             }
+        }
+        if is_busy {
+            // It may be that nothing is left of a quota.
+            self.failed(&why);
         }
         Err(why)
     }

@@ -141,6 +141,17 @@ fn limits_are_waited_for_and_faults_repeated() {
 }
 
 #[test]
+fn a_quota_that_is_spent_is_given_up() {
+    let dir = tempfile::tempdir().unwrap();
+    let server = server((0..100).map(|_| Reply::Status(429, "Retry-After: 0\r\n")).collect());
+    let asker = asker(&server, dir.path());
+    assert!(ask(&asker, &rigs(20)).iter().all(Result::is_err));
+    let report = asker.report();
+    assert!(report.gave_up && report.failed >= 1 && report.requests < 80, "{report:?}");
+    assert!(asker.first_fault().is_some_and(|why| why.contains("429")));
+}
+
+#[test]
 fn a_silent_endpoint_times_out_and_the_next_answer_counts() {
     let dir = tempfile::tempdir().unwrap();
     let asker = asker(&server(vec![Reply::Hang, Reply::Say("arthropod")]), dir.path());

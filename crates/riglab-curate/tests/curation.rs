@@ -237,6 +237,63 @@ fn decisions_of_a_person_count() {
     let at = corpus.names().unwrap().iter().position(|n| *n == file(2)).unwrap();
     assert_eq!(corpus.texts("category").unwrap()[at], "reptile");
     assert!(corpus.asset(at).unwrap().provenance.notes.contains(&"category by decision".to_string()));
+    drop(corpus);
+    // What is accepted stays whatever its category.
+    config.categories.keep = vec![Category::Reptile];
+    let funnel = run(dir.path(), out.path(), &config).unwrap();
+    assert_eq!(Corpus::open(&places.out).unwrap().names().unwrap().to_vec(), ["copy.glb".to_owned(), file(2)]);
+    assert_eq!(dropped(&funnel, "category"), [file(3)]);
+}
+
+#[test]
+fn the_copy_whose_category_is_wanted_stays() {
+    let dir = tempfile::tempdir().unwrap();
+    let all = creatures(1);
+    write(dir.path(), &[copy(&all[0], "a"), copy(&all[0], "b")]);
+    let manifest = r#"[{"file": "a.glb", "category": "humanoid"}, {"file": "b.glb", "category": "reptile"}]"#;
+    std::fs::write(dir.path().join("manifest.json"), manifest).unwrap();
+    let out = tempfile::tempdir().unwrap();
+    let mut config = plain();
+    assert_eq!(dropped(&run(dir.path(), out.path(), &config).unwrap(), "duplicates"), ["b.glb"]);
+    config.categories.keep = vec![Category::Reptile];
+    assert_eq!(dropped(&run(dir.path(), out.path(), &config).unwrap(), "duplicates"), ["a.glb"]);
+}
+
+#[test]
+fn copies_that_stay_are_in_one_split() {
+    let dir = tempfile::tempdir().unwrap();
+    let all = creatures(24);
+    // The same bytes under another name.
+    let copies: Vec<_> = all.iter().map(|a| riglab_core::Asset { name: format!("z{}", a.name), ..a.clone() }).collect();
+    write(dir.path(), &[all.clone(), copies].concat());
+    let out = tempfile::tempdir().unwrap();
+    let mut config = plain();
+    config.stages = Vec::new();
+    let funnel = run(dir.path(), out.path(), &config).unwrap();
+    assert_eq!(funnel.kept, 48);
+    let corpus = Corpus::open(&out.path().join("corpus.h5")).unwrap();
+    let of: BTreeMap<String, String> =
+        corpus.names().unwrap().iter().cloned().zip(corpus.texts("split").unwrap()).collect();
+    assert!(of.values().collect::<std::collections::BTreeSet<_>>().len() > 1);
+    assert!(all.iter().all(|a| of[&format!("{}.glb", a.name)] == of[&format!("z{}.glb", a.name)]), "{of:?}");
+    assert!(funnel.warnings.iter().any(|w| w.starts_with("24 assets are equal to another")), "{:?}", funnel.warnings);
+}
+
+#[test]
+fn sources_are_those_of_the_manifest_and_an_earlier_corpus_is_none() {
+    let dir = tempfile::tempdir().unwrap();
+    let models = dir.path().join("models");
+    std::fs::create_dir_all(models.join("old_models")).unwrap();
+    let all = creatures(2);
+    std::fs::write(models.join("a.glb"), riglab_asset::to_glb(&all[0])).unwrap();
+    std::fs::write(models.join("old_models/b.glb"), riglab_asset::to_glb(&all[1])).unwrap();
+    let url = format!("https://x.org/3d{}/fox", models.display());
+    std::fs::write(models.join("manifest.json"), format!(r#"[{{"file": "a.glb", "source": "{url}"}}]"#)).unwrap();
+    let named = models.join("../models/corpus.h5");
+    let [one, two] = [0, 1].map(|_| run_shard(&models, &named, None, &plain()).unwrap());
+    assert_eq!((one.assets, &one), (2, &two));
+    let sources = Corpus::open(&named).unwrap().texts("source").unwrap();
+    assert_eq!(sources, [url, "old_models/b.glb".to_owned()]);
 }
 
 #[test]
@@ -507,6 +564,22 @@ fn a_link_that_leads_in_a_circle_is_a_line() {
     let out = tempfile::tempdir().unwrap();
     let funnel = run(dir.path(), out.path(), &plain()).unwrap();
     assert_eq!((dropped(&funnel, "read"), funnel.kept), (vec!["again"], 2));
+    let parts = |dir: &std::path::Path| {
+        [1, 2].map(|number| {
+            let path = out.path().join(format!("part{number}.h5"));
+            let _ = run_shard(dir, &path, Some(Shard { number, of: 2 }), &plain());
+            path
+        })
+    };
+    let merge = |parts: &[PathBuf]| {
+        merge_shards(parts, &[], &Places::of(&out.path().join("merged.h5")), &plain(), &|_, _, _| ()).unwrap()
+    };
+    assert_eq!(merge(&parts(dir.path())), funnel);
+    // What has gone since is in no part any more.
+    std::fs::remove_file(dir.path().join("again")).unwrap();
+    std::fs::remove_file(dir.path().join(format!("{}.glb", creatures(1)[0].name))).unwrap();
+    let merged = merge(&parts(dir.path()));
+    assert_eq!((merged.assets, merged.kept), (1, 1));
 }
 
 #[test]

@@ -11,7 +11,7 @@ pub(crate) fn firsts(contents: &[impl AsRef<str>]) -> Vec<usize> {
 
 /// A sentence on assets that are equal to others: those in another split than the other, which may be tested on though they
 /// were trained on, or else all of them. What is in no split is neither.
-pub(crate) fn told(names: &[&str], contents: &[impl AsRef<str>], splits: &[String]) -> Option<String> {
+pub fn told(names: &[&str], contents: &[impl AsRef<str>], splits: &[String]) -> Option<String> {
     let copies: Vec<(usize, usize)> =
         firsts(contents).into_iter().enumerate().filter(|(k, first)| k != first).collect();
     let differ = |a: &String, b: &String| a != b && !a.is_empty() && !b.is_empty();

@@ -29,6 +29,7 @@ mod words;
 mod writer;
 
 pub use beside::{checksums, whole_checksum};
+pub use copies::told as copies_told;
 pub use error::DataError;
 pub use import::{
     ImportReport, Refused, import_folder, import_meshes, models_below, name_below, rigged_below, rigged_files,
