@@ -31,8 +31,8 @@ impl Unfinished {
                 return Err(io::Error::other("it is there, and no plain file"));
             }
             Ok(real) => real,
-            // Nothing is there yet.
-            Err(_) => path.to_path_buf(),
+            // Nothing is there yet, where a link leads or here.
+            Err(_) => led(path)?,
         };
         let mut builder = tempfile::Builder::new();
         #[cfg(unix)]
@@ -106,6 +106,20 @@ fn remove_unfinished() -> MutexGuard<'static, Vec<PathBuf>> {
         let _ = fs::remove_file(path);
     }
     open
+}
+
+/// Where links lead, though nothing may be there.
+fn led(path: &Path) -> io::Result<PathBuf> {
+    /// As many as systems follow.
+    const LINKS: usize = 40;
+    let mut at = path.to_path_buf();
+    for _ in 0..LINKS {
+        match fs::read_link(&at) {
+            Ok(to) => at = folder(&at).join(to),
+            Err(_) => return Ok(at),
+        }
+    }
+    Err(io::Error::other("it is a link that leads in a circle"))
 }
 
 pub(crate) fn folder(path: &Path) -> &Path {

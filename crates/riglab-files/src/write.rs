@@ -41,12 +41,17 @@ pub fn may_write(folder: &Path) -> io::Result<()> {
     Unfinished::beside(&there.join(".riglab-probe")).map(drop).map_err(named)
 }
 
-/// Makes renames in a folder durable.
+/// Makes renames in a folder durable, where that can be asked for: not of a folder that may be written into and not read, nor
+/// of file systems that sync no folders.
 ///
 /// # Errors
 /// Those of the file system.
 pub fn sync_folder(folder: &Path) -> io::Result<()> {
-    std::fs::File::open(folder)?.sync_all()
+    use io::ErrorKind::{InvalidInput, PermissionDenied, Unsupported};
+    match std::fs::File::open(folder).and_then(|folder| folder.sync_all()) {
+        Err(e) if matches!(e.kind(), InvalidInput | PermissionDenied | Unsupported) => Ok(()),
+        done => done,
+    }
 }
 
 /// Makes the folder that a file is to stand in, with those above it.
@@ -95,6 +100,17 @@ mod tests {
         write(&link, b"two").unwrap();
         assert_eq!(fs::read(&file).unwrap(), b"two");
         assert!(fs::symlink_metadata(&link).unwrap().is_symlink());
+        // One whose file is not there yet, by a way from where it is; and one that leads to itself.
+        fs::create_dir(dir.path().join("far")).unwrap();
+        let (early, round) = (dir.path().join("early.glb"), dir.path().join("round.glb"));
+        std::os::unix::fs::symlink("far/later.glb", &early).unwrap();
+        std::os::unix::fs::symlink("round.glb", &round).unwrap();
+        write(&early, b"three").unwrap();
+        assert_eq!(fs::read(dir.path().join("far/later.glb")).unwrap(), b"three");
+        assert!(fs::symlink_metadata(&early).unwrap().is_symlink());
+        assert!(write(&round, b"x").unwrap_err().to_string().contains("circle"));
+        [&early, &round].map(|link| fs::remove_file(link).unwrap());
+        fs::remove_dir_all(dir.path().join("far")).unwrap();
         assert!(write(dir.path(), b"x").unwrap_err().to_string().contains("no plain file"));
         let deep = dir.path().join("no/where/a.glb");
         assert!(write(&deep, b"x").is_err());
