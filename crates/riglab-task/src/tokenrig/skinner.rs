@@ -97,7 +97,8 @@ impl<'a> Skinner<'a> {
         let size = [codes.len() as i64, first.len() as i64];
         let decode = |coder: Coder<'_>| {
             let ids = Tensor::from_slice(&codes.concat()).view(size).to_device(coder.device);
-            let codes = coder.net.fsq().codes(&ids, Kind::Float).to_kind(coder.weights.kind());
+            // Not in the kind of the weights: frames that codes tell are finer than bfloat16 holds.
+            let codes = coder.net.fsq().codes(&ids, Kind::Float);
             let told = prior.map(|prior| SurfacePrior { prior, triangles: self.prepared.rig.mesh().triangles() });
             coder.decode(&self.shape, &codes, &self.points, segments, told)
         };
