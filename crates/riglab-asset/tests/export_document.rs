@@ -458,3 +458,27 @@ fn a_part_that_mirrors_itself_stays_below_its_parents() {
     let (part, below) = of(json!({"name": "arm", "mesh": 1, "scale": [-1, 1, 1], "children": [4]}));
     assert!(!below && part.get("children").is_none(), "{part}");
 }
+
+#[test]
+fn what_is_hidden_stays_hidden_at_the_top_of_the_scene() {
+    let hidden = json!({"KHR_node_visibility": {"visible": false}});
+    let shown = |bytes: &[u8]| {
+        let json = parts(bytes).0;
+        let roots = json["scenes"][0]["nodes"].as_array().unwrap().clone();
+        let node = |n: &Value| json["nodes"][n.as_u64().unwrap() as usize].clone();
+        let mesh = roots.iter().map(node).find(|node| node.get("mesh").is_some()).expect("at the top");
+        (mesh["extensions"]["KHR_node_visibility"]["visible"] != false, json["extensionsUsed"].clone())
+    };
+    let group = |more: Value| {
+        let mut own = json!({"name": "outfit", "children": [0], "scale": [2, 2, 2]});
+        own.as_object_mut().unwrap().extend(more.as_object().unwrap().clone());
+        Tiny::new().with("/nodes/-", own).with("/scenes", json!([{"nodes": [1, 3]}]))
+    };
+    assert!(shown(&strip(&group(json!({})).glb()).bytes).0);
+    let above = group(json!({"extensions": hidden}));
+    assert_eq!(shown(&strip(&above.glb()).bytes), (false, json!(["KHR_node_visibility"])));
+    // Of a node that others hang on, the mesh goes and the node stays.
+    let holds = group(json!({})).with("/nodes/0/extensions", hidden).with("/nodes/0/children", json!([4]));
+    let holds = holds.with("/nodes/-", json!({"name": "socket"})).with("/nodes/0/translation", json!([1, 0, 0]));
+    assert!(!shown(&strip(&holds.glb()).bytes).0);
+}

@@ -349,3 +349,41 @@ fn the_corpus_keeps_its_rigs() {
     }
     println!("{compared} rigs are the same after FBX");
 }
+
+#[test]
+fn what_is_hidden_stays_hidden() {
+    let hidden = json!({"KHR_node_visibility": {"visible": false}});
+    let tiny = Tiny::new();
+    let other = json!({"name": "other", "mesh": 0, "extensions": hidden});
+    let mut nodes = tiny.document["nodes"].as_array().unwrap().clone();
+    let mesh = nodes.iter().position(|node| node.get("mesh").is_some()).unwrap();
+    nodes.push(other);
+    let tiny = tiny.with("/nodes", json!(nodes));
+    let mut scene_nodes = tiny.document["scenes"][0]["nodes"].as_array().cloned().unwrap_or_default();
+    scene_nodes.push(json!(nodes.len() - 1));
+    let tiny = tiny.with("/scenes", json!([{"nodes": scene_nodes}]));
+    let scene = scene(&written(&tiny).bytes);
+    let shown = |name: &str| (&scene.nodes).into_iter().find(|node| &*node.element.name == name).unwrap().visible;
+    assert!(!shown("other") && shown(nodes[mesh]["name"].as_str().unwrap_or(&format!("node {mesh}"))));
+}
+
+#[test]
+fn coordinates_of_signed_shorts_are_read_and_what_cannot_be_is_told() {
+    let corners: Vec<u8> = [0i16, 0, 32767, 0, 0, -32767, 1, 1].iter().flat_map(|x| x.to_le_bytes()).collect();
+    let tiny = Tiny::new().with_accessor(5122, "VEC2", 4, &corners);
+    let attributes = |tiny: &Tiny, name: &str, accessor: usize| {
+        let mut own = tiny.document["meshes"][0]["primitives"][0]["attributes"].clone();
+        own[name] = json!(accessor);
+        own
+    };
+    let own = attributes(&tiny, "TEXCOORD_0", 5);
+    let tiny = tiny.with("/accessors/5/normalized", json!(true)).with("/meshes/0/primitives/0/attributes", own);
+    let file = written(&tiny);
+    let scene = scene(&file.bytes);
+    let values: Vec<f64> = scene.meshes[0].vertex_uv.values.iter().map(|uv| uv.x).collect();
+    assert!(values.iter().any(|x| (x - 1.0).abs() < 1e-6), "{values:?}");
+    // A colour of a type that the format does not have.
+    let colours = attributes(&tiny, "COLOR_0", 5);
+    let told = written(&tiny.with("/meshes/0/primitives/0/attributes", colours)).left.parts();
+    assert_eq!(told, ["1 list of normals, coordinates, colours or offsets that cannot be read"]);
+}

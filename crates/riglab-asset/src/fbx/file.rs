@@ -44,6 +44,8 @@ use Value::{Bytes, Double, Doubles, Flag, Floats, Int, Ints, Long, Longs, Text};
 pub(super) enum Property<'a> {
     /// Parts of a node's own transform, which motions may change.
     Placing([f64; 3]),
+    /// Whether a node is shown, and what is below it.
+    Shown(bool),
     Vector([f64; 3]),
     Colour([f64; 3]),
     /// What motions may change.
@@ -144,6 +146,7 @@ impl File {
         match property {
             // Each is a kind of its own.
             Property::Placing(v) => of(name, "", "A", &v.map(Double)),
+            Property::Shown(v) => of(name, "", "A", &[Double(v.into())]),
             Property::Vector(v) => of("Vector", "", "A", &v.map(Double)),
             Property::Colour(v) => of("Color", "", "A", &v.map(Double)),
             Property::Number(v) => of("Number", "", "A", &[Double(v)]),

@@ -7,6 +7,7 @@ use ufbx::{AnimLayer, AnimStack, Element, ElementType, Material, Mesh, PropFlags
 
 use super::clips::time;
 use super::groups::Groups;
+use super::hidden::hidden;
 use super::joints::Joints;
 use super::looks::{Pictures, look};
 use super::meshes::{Hold, MAX_POLYGON, hold, point, span};
@@ -82,7 +83,7 @@ pub(crate) fn model(name: &str, bytes: &[u8], find: impl Fn(&str) -> Option<Vec<
     let looks = (&scene.materials).into_iter().map(|material| look(material, &mut pictures, is_ours)).collect();
     let mut model = Model { name: name.into(), looks, ..Model::default() };
     let (mut origins, mut meshes) = (Vec::new(), Vec::new());
-    let mut copies = nodes.copies();
+    let (mut copies, hidden) = (nodes.copies(), hidden(&nodes));
     for (number, node) in nodes.all.iter().enumerate() {
         let Some(mesh) = node.mesh.as_deref() else { continue };
         // A corner may become a vertex of its own: position, normal, coordinates, index and the key that finds it.
@@ -109,8 +110,8 @@ pub(crate) fn model(name: &str, bytes: &[u8], find: impl Fn(&str) -> Option<Vec<
         budget.show(vertices as u64 * (CORNER + 2 * more), copies)?;
         if !patches.is_empty() {
             let shapes = shapes(mesh, &map, &controls, &budget, copies)?;
-            let group = groups.above(number);
-            model.objects.push(Object { name: node.element.name.to_string(), group, patches, shapes });
+            let (name, group, hidden) = (node.element.name.to_string(), groups.above(number), hidden[number]);
+            model.objects.push(Object { name, group, hidden, patches, shapes });
             origins.push(Origin { node: number, controls });
             meshes.push(mesh);
         }
@@ -423,6 +424,33 @@ mod tests {
             KeyValueFloat: *1 { a: 1 }\nKeyAttrFlags: *1 { a: 24836 }\nKeyAttrDataFloat: *4 { a: 0,0,0,0 }\n\
             KeyAttrRefCount: *1 { a: 1 }\n}\n";
         assert_eq!(moving(&format!("{stack}{curve}"), &format!("{connections}C: \"OP\",23,22,\"d|X\"\n")), 1);
+    }
+
+    #[test]
+    fn what_a_file_does_not_show_is_hidden_in_the_model() {
+        // Levels below a group of them, each a mesh of the one geometry, and one beside.
+        let model = |id: u32, kind: &str, own: &str| {
+            format!("Model: {id}, \"Model::m{id}\", \"{kind}\" {{\nVersion: 232\nProperties70: {{\n{own}\n}}\n}}\n")
+        };
+        let hidden = r#"P: "Visibility", "Visibility", "", "A", 0"#;
+        let own = r#"P: "Visibility Inheritance", "Visibility Inheritance", "", "", 0"#;
+        let more = [
+            model(31, "LodGroup", ""),
+            "NodeAttribute: 40, \"NodeAttribute::\", \"LodGroup\" {\n}\n".into(),
+            model(32, "Mesh", ""),
+            model(33, "Mesh", ""),
+            model(34, "Null", hidden),
+            model(35, "Mesh", ""),
+            model(36, "Mesh", own),
+        ];
+        let connections = "C: \"OO\",31,0\nC: \"OO\",40,31\nC: \"OO\",32,31\nC: \"OO\",33,31\nC: \"OO\",34,0\n\
+            C: \"OO\",35,34\nC: \"OO\",36,34\nC: \"OO\",2,32\nC: \"OO\",2,33\nC: \"OO\",2,35\nC: \"OO\",2,36\n";
+        let (model, _) = read("", &more.concat(), connections);
+        let hidden: Vec<_> = model.objects.iter().filter(|o| o.hidden).map(|o| o.name.clone()).collect();
+        assert_eq!((model.objects.len(), hidden.join(" ")), (5, "m33 m35".into()));
+        let glb = String::from_utf8_lossy(&model.into_glb().unwrap()).into_owned();
+        assert_eq!(glb.matches(r#""KHR_node_visibility":{"visible":false}"#).count(), 2, "{glb}");
+        assert!(glb.contains(r#""extensionsUsed":["KHR_node_visibility"]"#), "{glb}");
     }
 
     #[test]

@@ -33,7 +33,7 @@ fn roots(document: &Document) -> Vec<usize> {
     }
 }
 
-fn hides(node: &Node) -> bool {
+pub(super) fn hides(node: &Node) -> bool {
     node.extensions["KHR_node_visibility"]["visible"] == false
 }
 

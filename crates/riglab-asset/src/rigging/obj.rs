@@ -57,9 +57,13 @@ pub(crate) fn read(
         // A change of material makes a part of its own, under the same name.
         match model.objects.last_mut().filter(|object| object.name == part.name) {
             Some(object) => object.patches.push(patch),
-            None => {
-                model.objects.push(Object { name: part.name, group: None, patches: vec![patch], shapes: Vec::new() })
-            }
+            None => model.objects.push(Object {
+                name: part.name,
+                group: None,
+                hidden: false,
+                patches: vec![patch],
+                shapes: Vec::new(),
+            }),
         }
     }
     Ok(model)

@@ -61,7 +61,13 @@ mod tests {
         for up in UpAxis::ALL {
             let patch = Patch { positions: vec![[1.0, 2.0, 3.0]], normals: vec![[0.0, 0.0, 1.0]], ..Patch::default() };
             let shape = Shape { name: String::new(), weight: 0.0, offsets: vec![vec![(0, [0.0, 0.0, 2.0])]] };
-            let body = Object { name: String::new(), group: Some(0), patches: vec![patch], shapes: vec![shape] };
+            let body = Object {
+                name: String::new(),
+                group: Some(0),
+                hidden: false,
+                patches: vec![patch],
+                shapes: vec![shape],
+            };
             let mut model = Model { objects: vec![body], groups: groups(), ..Model::default() };
             stand(&mut model, up);
             let at = |at: DVec3| DVec3::from(up.to_y(at.as_vec3().to_array()).map(f64::from));

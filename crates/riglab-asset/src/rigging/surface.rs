@@ -50,7 +50,13 @@ pub(crate) fn model(name: &str, of: Surface, folder: Option<&Path>, notes: &mut 
     }
     patch.positions = of.positions;
     patch.indices = of.triangles.into_flattened();
-    model.objects.push(Object { name: name.into(), group: None, patches: vec![patch], shapes: Vec::new() });
+    model.objects.push(Object {
+        name: name.into(),
+        group: None,
+        hidden: false,
+        patches: vec![patch],
+        shapes: Vec::new(),
+    });
     model
 }
 

@@ -47,29 +47,28 @@ pub(super) fn write(file: &mut File, contents: &Contents) -> Result<(), Error> {
             _ => {}
         }
         let turn = euler::of(node.turn);
-        model(file, (id(Kind::Model, number), &node.name, kind(node)), [node.at, turn, node.scale])?;
+        model(file, (id(Kind::Model, number), &node.name, kind(node)), [node.at, turn, node.scale], node.hidden)?;
         if let Some(mesh) = node.mesh.filter(|_| is_held(node)) {
             let own = (id(Kind::Held, number), &contents.meshes[mesh].name[..], "Mesh");
-            model(file, own, [DVec3::ZERO, DVec3::ZERO, DVec3::ONE])?;
+            model(file, own, [DVec3::ZERO, DVec3::ZERO, DVec3::ONE], node.hidden)?;
         }
     }
     Ok(())
 }
 
 /// A model with its place; angles in degrees.
-fn model(file: &mut File, what: (i64, &str, &str), [at, turn, scale]: [DVec3; 3]) -> Result<(), Error> {
+fn model(file: &mut File, what: (i64, &str, &str), [at, turn, scale]: [DVec3; 3], hidden: bool) -> Result<(), Error> {
     /// Of how a place goes down the tree: what is below is scaled by what is above as a whole, as in glTF.
     const WHOLE: i32 = 1;
     let placing = |v: DVec3| Property::Placing(v.to_array().map(|x| x + 0.0));
-    file.model(
-        what,
-        &[
-            ("InheritType", Property::Choice(WHOLE)),
-            ("Lcl Translation", placing(at)),
-            ("Lcl Rotation", placing(turn)),
-            ("Lcl Scaling", placing(scale)),
-        ],
-    )
+    let mut properties = vec![
+        ("InheritType", Property::Choice(WHOLE)),
+        ("Lcl Translation", placing(at)),
+        ("Lcl Rotation", placing(turn)),
+        ("Lcl Scaling", placing(scale)),
+    ];
+    properties.extend(hidden.then_some(("Visibility", Property::Shown(false))));
+    file.model(what, &properties)
 }
 
 /// Models with what is above them, what they are and what they show.

@@ -37,6 +37,8 @@ pub(super) struct Reader<'a, 'd> {
     directions: Decoded<3>,
     coordinates: Decoded<2>,
     colours: Decoded<4>,
+    /// How many of those could not be read.
+    pub(super) unread: usize,
 }
 
 /// Decoded accessors; none where one cannot be read.
@@ -66,7 +68,7 @@ impl<'a, 'd> Reader<'a, 'd> {
         let mut parts: HashMap<usize, Vec<&Part>> = HashMap::new();
         sources.parts.iter().for_each(|part| parts.entry(part.node).or_default().push(part));
         let materials = json["materials"].as_array().map_or(0, Vec::len);
-        let (shared, plain, directions, coordinates, colours) = Default::default();
+        let (shared, plain, directions, coordinates, colours, unread) = Default::default();
         Self {
             places,
             json,
@@ -80,6 +82,7 @@ impl<'a, 'd> Reader<'a, 'd> {
             directions,
             coordinates,
             colours,
+            unread,
         }
     }
 
@@ -213,22 +216,18 @@ impl<'a, 'd> Reader<'a, 'd> {
 
     /// Normals or what is added to something, if there are as many as wanted.
     pub(super) fn directions(&mut self, accessor: usize, count: usize) -> Option<Rc<[[f32; 3]]>> {
-        let accessors = self.accessors;
-        let all = self.directions.entry(accessor).or_insert_with(|| accessors.directions(accessor).ok().map(Rc::from));
-        all.clone().filter(|all| all.len() == count)
+        let read = || self.accessors.directions(accessor);
+        decoded(&mut self.directions, accessor, count, &mut self.unread, read)
     }
 
     fn coordinates(&mut self, accessor: usize, count: usize) -> Option<Rc<[[f32; 2]]>> {
-        let accessors = self.accessors;
-        let all =
-            self.coordinates.entry(accessor).or_insert_with(|| accessors.coordinates(accessor).ok().map(Rc::from));
-        all.clone().filter(|all| all.len() == count)
+        let read = || self.accessors.coordinates(accessor);
+        decoded(&mut self.coordinates, accessor, count, &mut self.unread, read)
     }
 
     fn colours(&mut self, accessor: usize, count: usize) -> Option<Rc<[[f32; 4]]>> {
-        let accessors = self.accessors;
-        let all = self.colours.entry(accessor).or_insert_with(|| accessors.colours(accessor).ok().map(Rc::from));
-        all.clone().filter(|all| all.len() == count)
+        let read = || self.accessors.colours(accessor);
+        decoded(&mut self.colours, accessor, count, &mut self.unread, read)
     }
 
     /// Clusters for all joints of a skin, those that hold nothing too.
@@ -263,6 +262,22 @@ impl<'a, 'd> Reader<'a, 'd> {
         let map = maps.first().copied().unwrap_or(DAffine3::IDENTITY);
         Ok(Skin { clusters, map })
     }
+}
+
+/// What an accessor holds, if it is as much as wanted; what cannot be used is counted once in `unread`.
+fn decoded<const N: usize>(
+    known: &mut Decoded<N>,
+    accessor: usize,
+    count: usize,
+    unread: &mut usize,
+    read: impl FnOnce() -> Result<Vec<[f32; N]>, Fault>,
+) -> Option<Rc<[[f32; N]]>> {
+    let all = known.entry(accessor).or_insert_with(|| {
+        let all = read().ok().filter(|all| all.len() == count).map(Rc::from);
+        *unread += usize::from(all.is_none());
+        all
+    });
+    all.clone().filter(|all| all.len() == count)
 }
 
 impl Cluster {

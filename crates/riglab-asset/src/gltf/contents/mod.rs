@@ -21,6 +21,7 @@ pub(crate) use super::clips::{Path, Track};
 use super::document::{self, Document};
 use super::nodes::{Nodes, parts};
 use super::skins::Skins;
+use super::unseen::{hides, unseen};
 use super::vrm::BONE_EXTRA;
 use super::{primitives, split};
 use crate::Fault;
@@ -61,6 +62,8 @@ pub(crate) struct Node {
     pub(crate) is_joint: bool,
     /// The mesh that it shows.
     pub(crate) mesh: Option<usize>,
+    /// Whether the file does not show it.
+    pub(crate) hidden: bool,
 }
 
 /// Surfaces of a node. Those with a skin or with shapes are of one node, others may be of several.
@@ -151,6 +154,9 @@ impl Contents {
         for (node, own) in nodes.order().iter().zip(0..) {
             contents.nodes[own].mesh = reader.mesh(*node, &mut contents)?;
         }
+        if reader.unread > 0 {
+            contents.left.insert("list of normals, coordinates, colours or offsets that cannot be read", reader.unread);
+        }
         contents.clips = motions::read(chunks.json, &places, &accessors, &number, &mut contents);
         count_left(&document, &json, sources.without_surface, &mut contents.left);
         Ok(contents)
@@ -168,6 +174,7 @@ struct Places<'a> {
 impl Places<'_> {
     fn nodes(&self, number: &[usize], left: &mut Left) -> Vec<Node> {
         let rests = self.binds.rests(self.nodes);
+        let unseen = unseen(self.document);
         let mut names = Names::default();
         let one = |&node: &usize| {
             let own = &self.document.nodes[node];
@@ -194,6 +201,7 @@ impl Places<'_> {
                 rest: rests[node],
                 is_joint,
                 mesh: None,
+                hidden: hides(own) || unseen.binary_search(&node).is_ok(),
             }
         };
         self.nodes.order().iter().map(one).collect()

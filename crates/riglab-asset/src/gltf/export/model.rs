@@ -7,7 +7,7 @@ use serde_json::{Value, json};
 
 use super::draft::{ARRAY, Draft, ELEMENTS, F32, Layout, SCALAR, U32, VEC4};
 use super::packed::picture_type;
-use super::place::add_child;
+use super::place::{add_child, hide};
 use crate::maker::MAKER;
 
 /// The extension that says how much brighter than white something glows.
@@ -51,6 +51,8 @@ pub(crate) struct Object {
     pub(crate) name: String,
     /// What it hangs on.
     pub(crate) group: Option<usize>,
+    /// Whether the file holds it and does not show it.
+    pub(crate) hidden: bool,
     pub(crate) patches: Vec<Patch>,
     pub(crate) shapes: Vec<Shape>,
 }
@@ -259,7 +261,11 @@ impl Model {
                 mesh["weights"] = json!(object.shapes.iter().map(|shape| shape.weight).collect::<Vec<_>>());
             }
             let mesh = draft.push("meshes", mesh);
-            nodes.push(draft.push("nodes", json!({"name": object.name, "mesh": mesh})));
+            let node = draft.push("nodes", json!({"name": object.name, "mesh": mesh}));
+            if object.hidden {
+                hide(&mut draft, node);
+            }
+            nodes.push(node);
         }
         for swing in &self.swings {
             let input = draft.times(swing.frames, swing.rate);
@@ -422,7 +428,7 @@ mod tests {
         let picture = |name: &str| Picture { name: name.into(), bytes: Vec::new() };
         let patches = vec![patch(0, true), patch(0, false), patch(1, false), patch(2, false), patch(1, false)];
         let mut model = Model {
-            objects: vec![Object { name: String::new(), group: None, patches, shapes: Vec::new() }],
+            objects: vec![Object { name: String::new(), group: None, hidden: false, patches, shapes: Vec::new() }],
             looks: vec![look(Some(1)), look(Some(0)), look(None)],
             pictures: vec![picture("hidden"), picture("shown")],
             ..Model::default()

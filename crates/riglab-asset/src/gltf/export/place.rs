@@ -85,6 +85,7 @@ pub(super) type Moved = HashMap<usize, usize>;
 /// Puts the mesh of a node at the top of the scene, with nothing moving it. A node that others hang on stays
 /// where it is, without the mesh.
 pub(super) fn to_top(draft: &mut Draft, nodes: &Nodes, node: usize, moved: &mut Moved) {
+    let hidden = is_hidden(draft, nodes, node);
     let at = if holds_others(draft, node) {
         let own = &mut draft.list_mut("nodes")[node];
         let mut new = json!({});
@@ -107,8 +108,30 @@ pub(super) fn to_top(draft: &mut Draft, nodes: &Nodes, node: usize, moved: &mut 
         drop_from(above, "children", |child| child == node);
         node
     };
+    if hidden {
+        hide(draft, at);
+    }
     moved.insert(node, at);
     add_to_scenes(draft, nodes, &[node], at);
+}
+
+/// The extension by which a node hides its mesh and all below it.
+const VISIBILITY: &str = "KHR_node_visibility";
+
+/// Whether a node, or one above it, hides its mesh.
+fn is_hidden(draft: &Draft, nodes: &Nodes, mut node: usize) -> bool {
+    while node != nodes.top() {
+        if draft.list("nodes")[node]["extensions"][VISIBILITY]["visible"] == false {
+            return true;
+        }
+        node = nodes.parent(node);
+    }
+    false
+}
+
+pub(super) fn hide(draft: &mut Draft, node: usize) {
+    draft.uses(VISIBILITY);
+    draft.list_mut("nodes")[node]["extensions"][VISIBILITY] = json!({"visible": false});
 }
 
 /// Takes from the node of a skinned mesh what moves it. One that others hang on keeps that, and its mesh goes to the top.
