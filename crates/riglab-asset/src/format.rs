@@ -116,6 +116,10 @@ impl Format {
         if bytes.is_empty() {
             return Err(Fault::Empty);
         }
+        // Whatever it is called: it stands where the file is to be.
+        if bytes.starts_with(POINTER) {
+            return Err(Fault::NotAModel(guess(bytes)));
+        }
         let all = || Self::ALL.iter().copied();
         (all().find(|format| format.0.starts(bytes)))
             .or_else(|| Self::by_ending(path).filter(|format| format.0.ending_tells()))
@@ -170,6 +174,9 @@ impl fmt::Debug for Format {
     }
 }
 
+/// How a pointer of Git LFS begins.
+const POINTER: &[u8] = b"version https://git-lfs";
+
 /// What else people give to importers.
 fn guess(bytes: &[u8]) -> &'static str {
     const MAGICS: [(&[u8], &str); 11] = [
@@ -182,7 +189,7 @@ fn guess(bytes: &[u8]) -> &'static str {
         (b"PXR-USDC", "a USD file"),
         (b"#usda", "a USD file"),
         (b"Ogawa", "an Alembic file"),
-        (b"version https://git-lfs", "a Git LFS pointer; fetch the file itself"),
+        (POINTER, "a Git LFS pointer; fetch the file itself (`git lfs pull`)"),
         (b"<", "a web page or XML"),
     ];
     let begins = |magic: &[u8]| bytes.starts_with(magic);
@@ -236,6 +243,14 @@ mod tests {
         assert_eq!(of("a.obj", b"{\"asset\": {}}").unwrap(), "OBJ");
         assert_eq!(of("a", b"\xef\xbb\xbf {\"asset\": {}}").unwrap(), "glTF");
         assert_eq!(of("a.bin", b"; FBX 7.4.0 project file\n").unwrap(), "FBX");
+        // What stands in a data set's place until it is fetched.
+        let pointer = b"version https://git-lfs.github.com/spec/v1\noid sha256:0\n";
+        for name in ["a.pt", "a.h5", "a.npz", "a.obj", "a.fbx", "a.glb", "a.txt"] {
+            assert!(
+                matches!(of(name, pointer), Err(Fault::NotAModel(what)) if what.contains("git lfs pull")),
+                "{name}"
+            );
+        }
         // A name alone makes no GLB.
         assert!(matches!(of("a.glb", b"PK\x03\x04"), Err(Fault::NotAModel("a ZIP archive"))));
         assert!(matches!(of("a.glb", b""), Err(Fault::Empty)));

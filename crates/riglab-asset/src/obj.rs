@@ -12,7 +12,7 @@ use crate::format::Reads;
 use crate::peers::{Assets, Source, beside_obj, open_pair};
 use crate::rigging::{Looks, SubjectNote, Unrigged, obj_model};
 use crate::wavefront::{self, Asked};
-use crate::{Binding, Fault, ImportOptions, Part, Reading, Rights, VertexSet, triangles};
+use crate::{Binding, Fault, ImportOptions, Part, Reading, Rights, VertexSet, Warning, triangles};
 
 /// Wavefront OBJ: the mesh of the rig text beside it, or a mesh alone. In a folder such a pair counts once, as its text.
 pub(crate) struct Obj;
@@ -54,6 +54,7 @@ fn read(bytes: &[u8]) -> Result<Reading, Fault> {
     let (models, _) = tobj::load_obj_buf(&mut &lines[..], &options, |_| Err(LoadError::OpenFileFailed))
         .map_err(|e| wavefront::explain(bytes, &e.to_string()))?;
     let mut reading = Reading::default();
+    let (mut collapsed, mut repeated) = (0, 0);
     for (node, model) in models.into_iter().enumerate() {
         let positions: Vec<[f32; 3]> = model.mesh.positions.as_chunks().0.to_vec();
         if positions.as_flattened().iter().any(|x| !x.is_finite()) {
@@ -72,7 +73,9 @@ fn read(bytes: &[u8]) -> Result<Reading, Fault> {
         let mut used = model.mesh.indices;
         used.sort_unstable();
         used.dedup();
-        triangles::keep_proper(&mut triangles, positions.len());
+        let dropped = triangles::keep_proper(&mut triangles, positions.len());
+        collapsed += dropped.collapsed;
+        repeated += dropped.repeated;
         reading.parts.push(Part { node, primitive: 0, vertex_set: reading.vertex_sets.len(), used, triangles, stored });
         reading.vertex_sets.push(VertexSet {
             numbers: (0..count).collect(),
@@ -82,6 +85,9 @@ fn read(bytes: &[u8]) -> Result<Reading, Fault> {
             unweighted: Vec::new(),
             binding: Binding::Free,
         });
+    }
+    if collapsed + repeated > 0 {
+        reading.warnings.push(Warning::Degenerate { collapsed, repeated });
     }
     Ok(reading)
 }
@@ -98,6 +104,14 @@ mod tests {
         assert_eq!(reading.vertex_sets[0].positions.len(), 4);
         assert_eq!(reading.parts[0].stored, 3);
         assert!(read(b"v 0 0 0\n").unwrap().parts.is_empty());
+    }
+
+    #[test]
+    fn triangles_that_are_left_out_are_told() {
+        let text = b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\nf 3 1 2\nf 1 1 2\n";
+        let reading = read(text).unwrap();
+        assert_eq!(reading.parts[0].triangles.len(), 1);
+        assert_eq!(reading.warnings, [Warning::Degenerate { collapsed: 1, repeated: 1 }]);
     }
 
     #[test]

@@ -44,7 +44,14 @@ pub(crate) fn obj(bytes: &[u8], asked: Asked) -> Vec<u8> {
                     out.push_str(number);
                 });
             }
-            "f" | "o" | "g" => out.push_str(line.trim()),
+            "f" => {
+                out.push('f');
+                words.take_while(|word| !word.starts_with('#')).for_each(|corner| {
+                    out.push(' ');
+                    out.push_str(corner);
+                });
+            }
+            "o" | "g" => out.push_str(line.trim()),
             "usemtl" | "mtllib" if asked != Asked::Surface => {
                 let name = line.trim()[word.len()..].trim();
                 if name.is_empty() {
@@ -156,9 +163,12 @@ mod tests {
     fn lines_that_no_face_is_made_of_are_left_out() {
         let file =
             b"# \xe9\n v 0 0 0 1\nv 1 0 0 .5 .5\nv\t0 1 0\r\nl 1 2 3\np 1\nusemtl\tred\nusemtl \nvt 1\nf 1 2 \\\n 3\n";
-        assert_eq!(text(obj(file, Asked::Surface)), "v 0 0 0 1\nv 1 0 0\nv 0 1 0\nf 1 2   3\n");
-        let all = "v 0 0 0 1\nv 1 0 0\nv 0 1 0\nusemtl red\nvt 1 0\nf 1 2   3\n";
+        assert_eq!(text(obj(file, Asked::Surface)), "v 0 0 0 1\nv 1 0 0\nv 0 1 0\nf 1 2 3\n");
+        let all = "v 0 0 0 1\nv 1 0 0\nv 0 1 0\nusemtl red\nvt 1 0\nf 1 2 3\n";
         assert_eq!(text(obj(file, Asked::All)), all);
+        // A name may hold what begins a comment elsewhere.
+        let file = b"v 0 0 0 # first\nusemtl Material #25\nf 1 2 3 # left foot\nf 1 2 3 #\n";
+        assert_eq!(text(obj(file, Asked::Looks)), "v 0 0 0\nusemtl Material #25\nf 1 2 3\nf 1 2 3\n");
     }
 
     #[test]

@@ -13,11 +13,9 @@ use super::document::{Accessor, Document};
 use crate::Fault;
 use crate::budget::Budget;
 
-/// Elements of one accessor: more than any rig has vertices.
+/// Elements of one accessor: more than any rig has vertices. Of those without bytes of their own, which means zeros, what the
+/// file may ask for in all ([`Budget`]) is less.
 const MAX_COUNT: u64 = 1 << 24;
-
-/// Elements of an accessor without bytes of its own, which means zeros.
-const MAX_ZEROS: u64 = 1 << 20;
 
 /// The accessors of a file.
 pub(super) struct Accessors<'a> {
@@ -89,8 +87,8 @@ const DIRECTION: Usage = Usage { name: "NORMAL or a morph target", ..POSITION };
 const TEXCOORD: Usage = Usage {
     name: "TEXCOORD",
     shape: "VEC2",
-    components: &[Component::F32, Component::U8, Component::U16],
-    wanted: "VEC2 of floats, unsigned bytes or shorts",
+    components: &[Component::F32, Component::I8, Component::U8, Component::I16, Component::U16],
+    wanted: "VEC2 of floats, bytes or shorts",
 };
 const TANGENT: Usage = Usage { name: "TANGENT", shape: "VEC4", ..POSITION };
 #[cfg(feature = "fbx")]
@@ -166,9 +164,9 @@ impl<'a> Accessors<'a> {
     /// How many elements an accessor claims, within limits; whether the bytes are there is not checked.
     fn claimed(&self, number: usize) -> Result<usize, Fault> {
         let accessor = self.get(number)?;
-        let limit = if accessor.buffer_view.is_some() { MAX_COUNT } else { MAX_ZEROS };
-        let too_large = || Fault::TooLarge { what: format!("accessor {number}"), count: accessor.count, limit };
-        usize::try_from(accessor.count).ok().filter(|_| accessor.count <= limit).ok_or_else(too_large)
+        let (count, limit) = (accessor.count, MAX_COUNT);
+        let too_large = || Fault::TooLarge { what: format!("accessor {number}"), count, limit };
+        usize::try_from(count).ok().filter(|_| count <= limit).ok_or_else(too_large)
     }
 
     /// Whether an accessor has bytes of its own.

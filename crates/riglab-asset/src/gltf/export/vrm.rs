@@ -33,6 +33,11 @@ pub(super) fn nodes(json: &mut Value, each: &mut dyn FnMut(&mut Value)) {
     }
     mesh_nodes(extensions, &mut at);
     values(extensions.pointer_mut("/VRMC_vrm_animation/humanoid/humanBones"), |bone| at(bone.get_mut("node")));
+    for kind in ["preset", "custom"] {
+        let all = extensions.pointer_mut(&format!("/VRMC_vrm_animation/expressions/{kind}"));
+        values(all, |expression| at(expression.get_mut("node")));
+    }
+    at(extensions.pointer_mut("/VRMC_vrm_animation/lookAt/node"));
     if let Some(springs) = extensions.get_mut(SPRINGS) {
         items(springs.get_mut("colliders")).for_each(|collider| at(collider.get_mut("node")));
         for spring in items(springs.get_mut("springs")) {

@@ -5,15 +5,23 @@ use riglab_core::Vec3;
 use super::super::fault::{PeerFault, shown};
 
 /// Vertices and triangles; polygons are cut into fans from their first corner. Everything but `v`
-/// and `f` lines is passed over.
+/// and `f` lines is passed over, and so are comments behind them; a line goes on in the next one after a backslash.
 pub(super) fn read(text: &str) -> Result<(Vec<Vec3>, Vec<[u32; 3]>), PeerFault> {
     let mut vertices: Vec<Vec3> = Vec::new();
     let mut faces: Vec<[u32; 3]> = Vec::new();
     // A face may name vertices that come later: those are checked at the end.
     let mut highest = (0, 0);
+    let mut begun = String::new();
     for (line, content) in (1..).zip(text.lines()) {
         let fault = |reason: String| PeerFault::Line { line, reason };
-        let mut words = content.split_whitespace();
+        let is_comment = begun.is_empty() && content.trim_start().starts_with('#');
+        if let Some(part) = content.trim_end().strip_suffix('\\').filter(|_| !is_comment) {
+            begun.push_str(part);
+            begun.push(' ');
+            continue;
+        }
+        let content = std::mem::take(&mut begun) + content;
+        let mut words = content.split_whitespace().take_while(|word| !word.starts_with('#'));
         match words.next() {
             Some("v") => {
                 let mut next = || coordinate(words.next(), line);
@@ -78,6 +86,14 @@ mod tests {
         let (vertices, faces) = read(text).unwrap();
         assert_eq!(vertices[0], [9.0; 3]);
         assert_eq!(faces, [[3, 1, 2], [1, 2, 3], [1, 3, 0]]);
+    }
+
+    #[test]
+    fn comments_and_lines_that_go_on_are_read_as_elsewhere() {
+        let text = "v 0 0 0 # a\n# \\\nv 1 \\\n 0 0\nv 1 1 0\nf 1 2 \\\n3 # left foot\n";
+        assert_eq!(read(&format!("{text}f 1 2")).unwrap_err().to_string(), "line 8: a face has 2 corners");
+        let (vertices, faces) = read(text).unwrap();
+        assert_eq!((vertices.len(), vertices[1], faces), (3, [1.0, 0.0, 0.0], vec![[0, 1, 2]]));
     }
 
     #[test]
