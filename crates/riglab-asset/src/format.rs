@@ -56,6 +56,11 @@ pub(crate) trait Reads: Sync {
         Vec::new()
     }
 
+    /// The files that a list of them names.
+    fn listed(&self, _path: &Path, _folder: &Path) -> Vec<PathBuf> {
+        Vec::new()
+    }
+
     /// Whether a file may hold several assets, and says how many.
     fn holds_several(&self) -> bool {
         !self.has_models()

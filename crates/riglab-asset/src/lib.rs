@@ -336,12 +336,24 @@ pub fn is_rig_file(path: &Path) -> bool {
     Format::by_ending(path).is_some_and(|format| format.reads().is_rig(path))
 }
 
-/// The files that importing `path` reads: itself, and the other half of a pair of rig text and OBJ, or the buffers that a
-/// `.gltf` names in its folder, there or not. What a GLB keeps outside is not asked.
+/// The files that importing `path` reads: those of [`files_of`], and those that a list of UniRig's names. What a GLB keeps
+/// outside is not asked.
 pub fn files_read(path: &Path) -> Vec<PathBuf> {
-    let folder = path.parent().map(|f| if f.as_os_str().is_empty() { Path::new(".") } else { f });
-    let others = folder.zip(Format::by_ending(path)).map(|(folder, format)| format.reads().beside(path, folder));
+    let listed = format_in_folder(path).map(|(format, folder)| format.reads().listed(path, folder));
+    files_of(path).into_iter().chain(listed.into_iter().flatten()).collect()
+}
+
+/// The files that an asset is: `path` itself, and the other half of a pair of rig text and OBJ, or the buffers that a `.gltf`
+/// names in its folder, there or not.
+pub fn files_of(path: &Path) -> Vec<PathBuf> {
+    let others = format_in_folder(path).map(|(format, folder)| format.reads().beside(path, folder));
     std::iter::once(path.to_path_buf()).chain(others.into_iter().flatten()).collect()
+}
+
+/// The format that a file is called by, and the folder in which it lies.
+fn format_in_folder(path: &Path) -> Option<(Format, &Path)> {
+    let folder = path.parent().map(|f| if f.as_os_str().is_empty() { Path::new(".") } else { f })?;
+    Some((Format::by_ending(path)?, folder))
 }
 
 /// Whether the file at `path` is a glTF document, by its bytes.

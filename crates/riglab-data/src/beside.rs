@@ -2,11 +2,11 @@
 
 use std::path::Path;
 
-use riglab_asset::files_read;
+use riglab_asset::files_of;
 
 /// The checksum of an asset's file with those beside it; `own`, that of the file itself, where there are none.
 pub fn whole_checksum(path: &Path, own: &str) -> String {
-    let files = files_read(path);
+    let files = files_of(path);
     if files.len() < 2 {
         return own.to_owned();
     }

@@ -26,6 +26,13 @@ pub(super) fn open(text: &str, folder: &Path) -> Option<DataList> {
     entries.iter().any(|(_, file)| file.is_file()).then_some(DataList { entries })
 }
 
+impl DataList {
+    /// The files of its folders, there or not.
+    pub(super) fn into_files(self) -> Vec<PathBuf> {
+        self.entries.into_iter().map(|(_, file)| file).collect()
+    }
+}
+
 impl Assets for DataList {
     fn count(&self) -> usize {
         self.entries.len()
@@ -56,6 +63,10 @@ mod tests {
         std::fs::create_dir(dir.path().join("a")).unwrap();
         std::fs::write(dir.path().join("a").join(FILE), b"PK").unwrap();
         assert_eq!(open("a\nmissing/b", dir.path()).unwrap().count(), 2);
+        let (list, own) = (dir.path().join("list.txt"), dir.path().join("a").join(FILE));
+        std::fs::write(&list, "a\n").unwrap();
+        assert_eq!(crate::files_read(&list), [list.clone(), own]);
+        assert_eq!(crate::files_of(&list), [list]);
         for text in ["", "b", "a\n../a", "a\n/etc"] {
             assert!(open(text, dir.path()).is_none(), "{text}");
         }

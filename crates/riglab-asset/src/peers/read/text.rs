@@ -41,6 +41,12 @@ impl Reads for RigText {
         mesh_of(path, folder).into_iter().collect()
     }
 
+    fn listed(&self, path: &Path, folder: &Path) -> Vec<PathBuf> {
+        let text = std::fs::read(path).ok();
+        let text = text.as_deref().and_then(|bytes| std::str::from_utf8(unmarked(bytes)).ok());
+        text.and_then(|text| data_list::open(text, folder)).map_or_else(Vec::new, data_list::DataList::into_files)
+    }
+
     /// A list does not say it.
     fn holds_several(&self) -> bool {
         false
