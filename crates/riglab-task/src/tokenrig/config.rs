@@ -152,7 +152,7 @@ pub struct EvalConfig {
     pub complete: Vec<f64>,
     /// Where branches may come from.
     pub parents: Parents,
-    /// Rigs drawn at once.
+    /// Rigs drawn at once; as many more as keep their keys and values below 1 GiB.
     pub rows: usize,
     /// Assets of the validation split that are generated while training, of each corpus by `data.weights`; 0 takes all.
     pub validation_assets: usize,

@@ -362,9 +362,7 @@ impl TokenRigTask {
                         None => None,
                     };
                     skin_assets.push(skin_asset("given", of));
-                    for (sums, &share) in completed.iter_mut().zip(&c.eval.complete) {
-                        self.complete(w, seen, posed, (share, id.key()), sums)?;
-                    }
+                    self.complete(w, seen, posed, id.key(), &mut completed)?;
                     let rig = rig.map(|rig| posed.rig_back(rig, as_it_is)).transpose().map_err(|e| e.to_string())?;
                     rigs.push(Rigged { id, rig });
                     progress(assets.len());
@@ -401,24 +399,34 @@ impl TokenRigTask {
         Ok((Report { skeletons, skin, convention: "skintokens".into(), skin_assets }, rigs))
     }
 
-    /// Counts the skeleton that the model makes of a share of the true one, and that share alone.
+    /// Counts, for each share of `eval.complete`, the skeleton that the model makes of such a share of the true one, and that
+    /// share alone.
     fn complete(
         &self,
         w: &Weights,
         seen: &Condition,
         posed: &Posed,
-        (share, key): (f64, u64),
-        [own, alone]: &mut [Sums; 2],
+        key: u64,
+        sums: &mut [[Sums; 2]],
     ) -> Result<(), String> {
         let (rigger, eval) = (&self.rigger, &self.rigger.config.eval);
-        let mut random = stream(eval.seed, "given joints", &[key]);
-        let part = part(posed.rig.skeleton(), share, &mut random).ok_or("a skeleton without joints")?;
-        // One that cannot be written within the limits counts as nothing made.
-        let whole = rigger.completed(w, seen, (&part, Similarity::NONE), &eval.generate, (eval.agreement(), key)).ok();
-        let of = |skeleton: &Skeleton| posed.joints_back(Joints::of(skeleton));
-        let truth = of(posed.rig.skeleton());
-        own.add_alone(whole.as_ref().map(of).as_ref(), &truth);
-        alone.add_alone(Some(&of(&part)), &truth);
+        if eval.complete.is_empty() {
+            return Ok(());
+        }
+        let agreement = eval.agreement();
+        // What is given changes none of them.
+        let drawn = rigger.free_draws(w, seen, &eval.generate, (&agreement, key)).ok();
+        for ([own, alone], &share) in sums.iter_mut().zip(&eval.complete) {
+            let mut random = stream(eval.seed, "given joints", &[key]);
+            let part = part(posed.rig.skeleton(), share, &mut random).ok_or("a skeleton without joints")?;
+            // One that cannot be written within the limits counts as nothing made.
+            let made = |drawn: &Vec<_>| rigger.completed_by(drawn, (&part, Similarity::NONE), &agreement).ok();
+            let whole = drawn.as_ref().and_then(made);
+            let of = |skeleton: &Skeleton| posed.joints_back(Joints::of(skeleton));
+            let truth = of(posed.rig.skeleton());
+            own.add_alone(whole.as_ref().map(of).as_ref(), &truth);
+            alone.add_alone(Some(&of(&part)), &truth);
+        }
         Ok(())
     }
 

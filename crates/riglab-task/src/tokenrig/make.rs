@@ -191,6 +191,10 @@ impl Rigger {
         let human = anatomy.zip(drawn.decoded.as_ref().ok()).is_some_and(|(anatomy, own)| anatomy.is_body(own));
         let agree = agree.zip(written.as_deref());
         let placed = match template.map(|template| self.settled(&stage, wish, template, &drawn, agree)).transpose()? {
+            // One of the draws, less what the template does not have; what is voted on is none of them.
+            Some(Settled::Instead(made)) if matches!(made.placed, Some(Placed::Written { .. })) => {
+                return Ok(GeneratedRig { human, apart, sample, draws, ..*made });
+            }
             Some(Settled::Instead(made)) => return Ok(*made),
             Some(Settled::Stays(placed)) => Some(placed),
             None => None,

@@ -6,6 +6,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use riglab_core::Mesh;
 use riglab_geom::CloudSampler;
 use riglab_nn::NnError;
+use riglab_nn::decoder::QwenConfig;
 use riglab_nn::generate::{GenerateConfig, Grammar as Rules, argmax, beam_chooser, beams, best_of, draw, rows, shares};
 use riglab_nn::params::{Builder, Params, Weights};
 use riglab_nn::tokenrig::{JointTold, JointsOf, Layout, Reader, TokenRig};
@@ -23,6 +24,7 @@ use crate::fsq_cvae::Frozen;
 use crate::unirig_skeleton::Batch as Shapes;
 use crate::unirig_skeleton::agree::{Agreed, Agreement, Chosen};
 use crate::unirig_skeleton::batch::shape;
+use crate::unirig_skeleton::generate::rows_at_once;
 use crate::unirig_skeleton::shape_tensors;
 
 /// What `skin.run` is in a run's folder that holds its auto-encoder, and that one's folder below it.
@@ -412,6 +414,43 @@ impl Rigger {
         how: &GenerateConfig,
         streams: &mut [Stream],
     ) -> Result<Vec<RigSample>, String> {
+        let c = &self.config;
+        let most = rows_at_once(c.eval.rows, bytes_of_row(&c.model.decoder, c.longest(), w.kind()));
+        // Beams are of one row after another.
+        if how.beams > 1 || prompts.len() <= most {
+            return self.draw_at_once(until, w, seen, prompts, how, streams);
+        }
+        self.draw_in_runs(most, (until, w), seen, prompts, how, streams)
+    }
+
+    /// So many at a time.
+    fn draw_in_runs(
+        &self,
+        most: usize,
+        (until, w): (Until, &Weights),
+        seen: &Condition,
+        prompts: &[Vec<u32>],
+        how: &GenerateConfig,
+        streams: &mut [Stream],
+    ) -> Result<Vec<RigSample>, String> {
+        let mut all = Vec::with_capacity(prompts.len());
+        for (run, (streams, prompts)) in streams.chunks_mut(most).zip(prompts.chunks(most)).enumerate() {
+            let own: Vec<usize> = (run * most..).take(prompts.len()).collect();
+            let seen = if seen.rows() == 1 { seen.first(1) } else { seen.some(&own) };
+            all.extend(self.draw_at_once(until, w, &seen, prompts, how, streams)?);
+        }
+        Ok(all)
+    }
+
+    fn draw_at_once(
+        &self,
+        until: Until,
+        w: &Weights,
+        seen: &Condition,
+        prompts: &[Vec<u32>],
+        how: &GenerateConfig,
+        streams: &mut [Stream],
+    ) -> Result<Vec<RigSample>, String> {
         let _no_grad = tch::no_grad_guard();
         let (c, vocabulary) = (&self.config, self.tokenizer.vocabulary());
         let tokens = c.limits.tokens.min(how.tokens.saturating_add(1)).max(prompts.first().map_or(0, Vec::len));
@@ -549,6 +588,11 @@ impl Rigger {
     }
 }
 
+/// Bytes of the keys and values of a row of so many tokens.
+fn bytes_of_row(decoder: &QwenConfig, tokens: usize, kind: Kind) -> usize {
+    2 * decoder.layers * decoder.kv_heads * decoder.head_width * tokens * kind.elt_size_in_bytes()
+}
+
 #[cfg(test)]
 mod tests {
     use riglab_nn::tokenrig::Head;
@@ -622,6 +666,25 @@ mod tests {
             let codes = draw(&[(&mesh, 0)], &[2], &two[0].skeleton, &how).remove(0);
             assert_eq!((&codes.skeleton, codes.codes.len()), (&two[0].skeleton, two[0].codes.len()));
         }
+    }
+
+    #[test]
+    fn rows_in_runs_are_those_at_once() {
+        let (mesh, rigger) = (tetrahedron(), untrained(Head::Levels, true));
+        let wide = mesh.with_positions(mesh.positions().iter().map(|p| [1.5 * p[0], p[1], p[2]]).collect()).unwrap();
+        let w = rigger.params().weights();
+        let how = GenerateConfig { sample: true, ..GenerateConfig::default() };
+        let shapes = [(&mesh, 0), (&wide, 0), (&mesh, 1), (&wide, 1), (&mesh, 2)];
+        for seen in [rigger.condition(w, &shapes), rigger.condition(w, &shapes[..1])] {
+            let draw = |most: usize| {
+                let mut streams: Vec<_> = (0..5).map(|k| stream(0, "test", &[k])).collect();
+                let (how_far, prompts) = ((Until::Whole, w), vec![rigger.free(); 5]);
+                rigger.draw_in_runs(most, how_far, &seen, &prompts, &how, &mut streams).unwrap()
+            };
+            let of = |all: Vec<RigSample>| all.into_iter().map(|d| (d.ids, d.codes)).collect::<Vec<_>>();
+            assert_eq!(of(draw(2)), of(draw(5)));
+        }
+        assert_eq!([rows_at_once(32, 1 << 25), rows_at_once(8, 1 << 26), rows_at_once(0, usize::MAX)], [32, 16, 1]);
     }
 
     #[test]

@@ -497,6 +497,28 @@ mod tests {
     }
 
     #[test]
+    fn a_template_without_what_stood_beside_it_is_still_one_of_the_draws() {
+        let (mesh, mut rigger) = (tetrahedron(), untrained(Head::Levels, true));
+        rigger.config.limits = Limits { joints: 26, tokens: 200 };
+        rigger.config.eval.consensus = 6;
+        let template = Template::of("mixamo").unwrap();
+        // The template's body comes first; draws with more than it are bodies.
+        let human: &FindHuman<'_> = &|skeleton, _| {
+            let mut human = Humanoid::default();
+            for (joint, (.., bone)) in skeleton.ids().zip(template.joints().take(22)) {
+                human.insert(bone.parse().ok()?, joint);
+            }
+            (skeleton.len() > 22).then_some(human)
+        };
+        let wish = RigRequest { class: Some("mixamo"), human: Some(human), ..RigRequest::default() };
+        let made = rigger.make(&mesh, &wish).unwrap();
+        let Some(Placed::Written { left_out }) = made.placed else { panic!("{:?}", made.placed) };
+        assert!(left_out > 0 && made.skeleton.names().iter().all(|name| template.has(name)), "{left_out}");
+        assert_eq!((made.draws.len(), made.human), (6, true));
+        assert!(made.sample < 6 && made.apart.is_some());
+    }
+
+    #[test]
     fn what_stands_as_no_human_is_no_body() {
         let mixamo = Template::of("mixamo").unwrap();
         let of = |change: &dyn Fn(&str, &mut [f32; 3])| {

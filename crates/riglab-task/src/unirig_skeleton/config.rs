@@ -97,7 +97,7 @@ pub struct EvalConfig {
     pub refine: usize,
     /// Where branches may come from.
     pub parents: Parents,
-    /// Skeletons drawn at once.
+    /// Skeletons drawn at once; as many more as keep their keys and values below 1 GiB.
     pub rows: usize,
     /// Assets of the validation split that are generated while training, of each corpus by `data.weights`; 0 takes all.
     pub validation_assets: usize,

@@ -271,6 +271,19 @@ impl Drawer<'_> {
             }
             return Ok(all);
         }
+        let decoder = &self.config.model.decoder;
+        let bytes = 2 * decoder.layers * decoder.width * tokens * w.kind().elt_size_in_bytes();
+        let most = rows_at_once(self.config.eval.rows, bytes);
+        if streams.len() > most {
+            let (mut all, shared) = (Vec::with_capacity(streams.len()), prefix.size()[0] == 1);
+            for (run, streams) in streams.chunks_mut(most).enumerate() {
+                let (at, count) = (run * most, streams.len());
+                let own = if shared { prefix.shallow_clone() } else { prefix.narrow(0, at as i64, count as i64) };
+                let told = likelihood.as_deref_mut().map(|all| &mut all[at..][..count]);
+                all.extend(self.draw_told(w, &own, streams, generate, told)?);
+            }
+            return Ok(all);
+        }
         let cache = self.net.start(w, prefix, tokens as i64);
         let mut reader = Reader { net: self.net, weights: w, cache };
         let mut first = Vec::new();
@@ -290,4 +303,11 @@ impl Drawer<'_> {
         })?;
         Ok(all.into_iter().map(whole).collect())
     }
+}
+/// How many rows are drawn at once where `rows` are asked for, and each has so many bytes of keys and values: more of small
+/// models, whose rows cost next to nothing beside each other.
+pub(crate) fn rows_at_once(rows: usize, bytes: usize) -> usize {
+    /// Bytes of keys and values that any machine has.
+    const CACHE: usize = 1 << 30;
+    rows.max(CACHE / bytes.max(1)).max(1)
 }

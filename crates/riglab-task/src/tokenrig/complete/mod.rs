@@ -24,7 +24,7 @@ use riglab_token::Bones;
 use self::merge::{Merged, grafted};
 pub(super) use self::part::part;
 use super::make::class_of;
-use super::{Condition, Rigger};
+use super::{Condition, RigSample, Rigger};
 use crate::unirig_skeleton::agree::{Agreement, joints_in_the_mirror};
 use crate::unirig_skeleton::evaluate::joints;
 
@@ -47,14 +47,41 @@ impl Rigger {
         (agreement, seed): (Agreement, u64),
     ) -> Result<Skeleton, String> {
         self.given(begun, map)?;
+        let drawn = self.free_draws(w, seen, how, (&agreement, seed))?;
+        self.completed_by(&drawn, (begun, map), &agreement)
+    }
+
+    /// Skeletons of a mesh with nothing given, as many as are asked which they agree on.
+    ///
+    /// # Errors
+    /// As [`Self::draw_skeletons`].
+    pub(super) fn free_draws(
+        &self,
+        w: &Weights,
+        seen: &Condition,
+        how: &GenerateConfig,
+        (agreement, seed): (&Agreement, u64),
+    ) -> Result<Vec<RigSample>, String> {
+        let shares = agreement.shares();
+        let mut streams: Vec<_> = (0..agreement.draws as u64).map(|k| stream(seed, "rig draws", &[k])).collect();
+        self.draw_skeletons(w, &seen.first(shares.len()), (&self.free(), &shares), how, &mut streams)
+    }
+
+    /// As [`Self::completed`], of these free draws.
+    ///
+    /// # Errors
+    /// As [`Self::completed`].
+    pub(super) fn completed_by(
+        &self,
+        drawn: &[RigSample],
+        (begun, map): (&Skeleton, Similarity),
+        agreement: &Agreement,
+    ) -> Result<Skeleton, String> {
+        self.given(begun, map)?;
         let given = Joints {
             positions: begun.heads().iter().map(|&p| map.apply(p).map(f64::from)).collect(),
             parents: begun.parents().iter().map(|p| p.map(JointId::index)).collect(),
         };
-        let shares = agreement.shares();
-        let mut streams: Vec<_> = (0..agreement.draws as u64).map(|k| stream(seed, "rig draws", &[k])).collect();
-        let seen = seen.first(shares.len());
-        let drawn = self.draw_skeletons(w, &seen, (&self.free(), &shares), how, &mut streams)?;
         let (mut own, mut voters) = (Vec::new(), Vec::new());
         for (drawn, mirrored) in drawn.iter().zip(agreement.draws_mirrored()) {
             match &drawn.decoded {
