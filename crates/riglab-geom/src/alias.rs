@@ -3,7 +3,7 @@
 use std::hint::select_unpredictable;
 
 /// An alias table (Walker): each slot is one number up to a threshold and another above it. A pick takes
-/// one look-up and no search, but does not go with running sums; [`crate::Picker`] does.
+/// one look-up and no search.
 pub(crate) struct Alias {
     slots: Vec<Slot>,
 }

@@ -63,7 +63,7 @@ impl Yaw {
     }
 }
 
-/// The turn of at most 90 degrees by which points come to lie alike on both sides of a plane of constant x; none where they
+/// The turn of at most 90 degrees (from -90 on and below 90) by which points come to lie alike on both sides of a plane of constant x; none where they
 /// do nearly as well as they stand, and where no turn does.
 ///
 /// A shape's likeness to its mirror image is the mean distance of a mirrored point from the nearest that is not, over planes
@@ -78,7 +78,12 @@ pub fn symmetric_yaw(points: &[Vec3]) -> Option<Yaw> {
     let (turn, _) = best((-90..90).step_by(STEP as usize).collect())?;
     let (turn, least) = best((turn - BESIDE..=turn + BESIDE).collect())?;
     let turned = turn.abs() >= LEAST && least <= ALIKE * spacing(&points) && unlike(&points, 0).0 > WORSE * least;
-    turned.then(|| Yaw::degrees(turn))
+    turned.then(|| half_turn(turn))
+}
+
+/// A turn in degrees as the one from -90 on and below 90 whose mirror is the same: half a turn more exchanges its sides.
+fn half_turn(degrees: i32) -> Yaw {
+    Yaw::degrees((degrees + 90).rem_euclid(180) - 90)
 }
 
 /// The x of the plane in whose mirror points lie alike as they stand; `None` where there is none. Likeness and time are those
@@ -149,9 +154,12 @@ mod tests {
     fn a_turned_body_is_turned_back_up_to_half_a_turn() {
         let body = body();
         assert_eq!(symmetric_yaw(&body), None, "it stands as it should");
-        for degrees in [-130, -90, -45, 17, 60, 90, 163] {
+        // What stands nearly sideways is turned by no more than a quarter turn either way.
+        assert_eq!([-92, -90, 89, 91].map(|turn| half_turn(turn).in_degrees()), [88, -90, 89, -89]);
+        for degrees in [-130, -90, -89, -88, -45, 17, 60, 88, 89, 90, 91, 92, 163] {
             let turned: Vec<Vec3> = body.iter().map(|&p| Yaw::degrees(degrees).apply(p)).collect();
             let found = symmetric_yaw(&turned).unwrap_or_else(|| panic!("{degrees}"));
+            assert!((-90..90).contains(&found.in_degrees()), "{degrees}: {found:?}");
             let left = (degrees + found.in_degrees()).rem_euclid(180);
             assert!(left.min(180 - left) <= 1, "{degrees}: {found:?}");
         }

@@ -55,7 +55,9 @@ pub trait Draw: Rng {
 
     /// Uniform in [low, high); `low` when the range is empty.
     fn within(&mut self, low: f32, high: f32) -> f32 {
-        low + (high - low) * self.unit()
+        let drawn = low + (high - low) * self.unit();
+        // Rounding may reach the end, which is not of the range.
+        if low < drawn && drawn >= high { high.next_down().max(low) } else { drawn }
     }
 
     /// Standard normal.
@@ -130,6 +132,30 @@ mod tests {
         all.sort_unstable();
         all.dedup();
         assert_eq!(all.len(), n);
+    }
+
+    #[test]
+    fn no_draw_reaches_the_end_of_its_range() {
+        /// Gives its greatest number always.
+        struct Most;
+        impl rand::rand_core::TryRng for Most {
+            type Error = std::convert::Infallible;
+            fn try_next_u32(&mut self) -> Result<u32, Self::Error> {
+                Ok(u32::MAX)
+            }
+            fn try_next_u64(&mut self) -> Result<u64, Self::Error> {
+                Ok(u64::MAX)
+            }
+            fn try_fill_bytes(&mut self, out: &mut [u8]) -> Result<(), Self::Error> {
+                out.fill(u8::MAX);
+                Ok(())
+            }
+        }
+        for (low, high) in [(1.0, 2.0), (-1.0, 1.0), (0.0, 1.0), (7.0, 7.0f32.next_up()), (1e30, 2e30)] {
+            let drawn = Most.within(low, high);
+            assert!(low <= drawn && drawn < high, "[{low}, {high}): {drawn}");
+        }
+        assert_eq!((Most.within(3.0, 3.0), Most.within(0.0, 0.0)), (3.0, 0.0));
     }
 
     /// Results depend on these values: a change of the random crates must not pass unseen.
