@@ -173,7 +173,7 @@ fn rigs_fill_the_cube_of_a_format_on_request_and_are_told_where_they_leave_it() 
     let dir = tempfile::tempdir().unwrap();
     // None of the golden samples is as large, wherever they are.
     let far = Similarity { scale: 7.0, shift: [3.0, -2.0, 5.0] };
-    let asset = Asset { rig: rigs[0].rig.transformed(far), ..rigs[0].clone() };
+    let asset = Asset { rig: rigs[0].rig.transformed(far).unwrap(), ..rigs[0].clone() };
     let cubes = [(Target::ARTICULATION_XL, 0.5), (Target::PUPPETEER_H5, 0.9995), (Target::ANYMATE, 1.0)];
     for (target, half) in cubes {
         let told = |asset: &Asset| {

@@ -159,14 +159,14 @@ impl Recipe {
     /// to where it was.
     ///
     /// # Errors
-    /// As [`Self::apply`], and for clips of another rig.
+    /// As [`Self::apply`], for clips of another rig, and where what comes back lies beyond the greatest numbers.
     pub fn apply_to_asset(&self, asset: Asset, seed: u64, index: &[u64]) -> Result<Asset, RigError> {
         let (rig, into) = asset.rig.normalized();
         let back = into.inverse();
         let varied = self.apply(rig, seed, index)?;
-        let clip = |clip: &Clip| Ok(varied.clip(&clip.transformed(into))?.transformed(back));
+        let clip = |clip: &Clip| varied.clip(&clip.transformed(into)?)?.transformed(back);
         let clips = asset.clips.iter().map(clip).collect::<Result<_, _>>()?;
-        Ok(Asset { rig: varied.rig.transformed(back), clips, ..asset })
+        Ok(Asset { rig: varied.rig.transformed(back)?, clips, ..asset })
     }
 
     /// SkinTokens' skeleton model (paper, 4.1.2). The paper gives no range of the scale; this is the

@@ -274,8 +274,8 @@ fn an_asset_comes_back_to_where_it_was_with_its_motions() {
     let joints = asset.rig.skeleton().len();
     let moved = [[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0], [0.1, 0.2, 0.3]];
     let clip = riglab_core::Clip::new("turn".into(), 30.0, joints, vec![moved; joints]).unwrap();
-    asset.clips = vec![clip.transformed(large)];
-    asset.rig = asset.rig.transformed(large);
+    asset.clips = vec![clip.transformed(large).unwrap()];
+    asset.rig = asset.rig.transformed(large).unwrap();
     let same = Recipe::default().apply_to_asset(asset.clone(), 1, &[]).unwrap();
     assert_eq!((&same.name, &same.provenance), (&asset.name, &asset.provenance));
     let posed = |a: &riglab_core::Asset| skin(&a.rig, &a.clips[0].frame(0)).unwrap();
@@ -286,6 +286,25 @@ fn an_asset_comes_back_to_where_it_was_with_its_motions() {
     ] {
         let off = old.iter().zip(&new).map(|(a, b)| (glam::Vec3::from(*a) - glam::Vec3::from(*b)).length());
         assert!(off.fold(0.0, f32::max) < 1e-3, "of a creature 200 units long");
+    }
+    // One that is wider than the greatest number comes back, too; what a step takes beyond it is refused.
+    let wide = asset.rig.normalized().0;
+    let bounds = wide.bounds();
+    let reach = f32::MAX / bounds.min.iter().chain(&bounds.max).fold(1.0f32, |most, x| most.max(x.abs()));
+    for share in [0.9, 0.5] {
+        let rig = wide.transformed(riglab_core::Similarity { scale: share * reach, shift: [0.0; 3] }).unwrap();
+        let huge = riglab_core::Asset { rig, clips: Vec::new(), ..asset.clone() };
+        let same = Recipe::default().apply_to_asset(huge.clone(), 1, &[]).unwrap();
+        let off = |a: &[[f32; 3]], b: &[[f32; 3]]| {
+            a.as_flattened()
+                .iter()
+                .zip(b.as_flattened())
+                .fold(0.0f32, |most, (a, b)| most.max((a / reach - b / reach).abs()))
+        };
+        assert!(off(same.rig.mesh().positions(), huge.rig.mesh().positions()) < 1e-5, "{share}");
+        let opened = Recipe::default().apply(huge.rig.clone(), 1, &[]).unwrap().rig.bounds().size();
+        assert!((opened.into_iter().fold(0.0, f32::max) - 2.0).abs() < 1e-4, "{share}: {opened:?}");
+        let _ = Recipe::unirig_starred().apply_to_asset(huge, 1, &[]);
     }
     let starred = Recipe::unirig_starred().apply_to_asset(asset.clone(), 1, &[]).unwrap();
     assert_ne!(starred.rig.skeleton().heads(), asset.rig.skeleton().heads());

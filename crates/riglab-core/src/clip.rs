@@ -72,7 +72,10 @@ impl Clip {
     }
 
     /// The same motion of the rig under a similarity.
-    pub fn transformed(&self, map: Similarity) -> Self {
+    ///
+    /// # Errors
+    /// [`RigError::BadClip`] where it is taken beyond the greatest numbers.
+    pub fn transformed(&self, map: Similarity) -> Result<Self, RigError> {
         // s (A p + t) + d, of p = (q - d) / s, is A q + s t + d - A d.
         let shift = Vec3A::from(map.shift);
         let moved = |m: &JointMap| {
@@ -80,7 +83,7 @@ impl Clip {
             let t = map.scale * Vec3A::from(m[3]) + shift - matrix * shift;
             [m[0], m[1], m[2], t.into()]
         };
-        Self { maps: self.maps.iter().map(moved).collect(), ..self.clone() }
+        Self::new(self.name.clone(), self.rate, self.joints, self.maps.iter().map(moved).collect())
     }
 }
 
@@ -100,7 +103,7 @@ mod tests {
         let clip = Clip::new("nod".into(), 30.0, 2, vec![STILL, STILL, STILL, turned]).unwrap();
         assert_eq!((clip.frames(), skin(&rig, &clip.frame(0)).unwrap()), (2, rig.mesh().positions().to_vec()));
         let map = Similarity { scale: 0.5, shift: [3.0, -1.0, 2.0] };
-        let (small, large) = (rig.transformed(map), clip.transformed(map));
+        let (small, large) = (rig.transformed(map).unwrap(), clip.transformed(map).unwrap());
         let posed = skin(&rig, &clip.frame(1)).unwrap();
         for (a, b) in skin(&small, &large.frame(1)).unwrap().iter().zip(posed) {
             assert!((0..3).all(|k| (a[k] - map.apply(b)[k]).abs() < 1e-5), "{a:?} {b:?}");
@@ -116,5 +119,8 @@ mod tests {
         assert!(refused(1.0, 2, vec![STILL]).contains("whole frames"));
         assert!(refused(1.0, 1, vec![]).contains("whole frames"));
         assert!(refused(1.0, 1, vec![[[f32::NAN; 3]; 4]]).contains("finite"));
+        let far = Similarity { scale: f32::MAX, shift: [f32::MAX; 3] };
+        let moved = Clip::new("c".into(), 1.0, 1, vec![[[2.0; 3], [2.0; 3], [2.0; 3], [2.0; 3]]]).unwrap();
+        assert!(moved.transformed(far).is_err());
     }
 }

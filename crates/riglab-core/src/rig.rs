@@ -98,16 +98,19 @@ impl Rig {
     /// and its longest side runs from -1 to 1. Gives the map that was applied.
     pub fn normalized(&self) -> (Self, Similarity) {
         let map = Similarity::into_cube(self.bounds());
-        (self.transformed(map), map)
+        (self.transformed(map).expect("what is in its own cube is finite"), map)
     }
 
     /// The rig under a similarity.
-    pub fn transformed(&self, map: Similarity) -> Self {
+    ///
+    /// # Errors
+    /// [`RigError::JointNotFinite`] or [`RigError::VertexNotFinite`] where it is taken beyond the greatest numbers.
+    pub fn transformed(&self, map: Similarity) -> Result<Self, RigError> {
         let all = |points: &[Vec3]| points.iter().map(|&p| map.apply(p)).collect::<Vec<_>>();
-        let skeleton = self.skeleton.with_heads(all(self.skeleton.heads())).expect("finite stays finite");
-        let mesh = self.mesh.with_positions(all(self.mesh.positions())).expect("finite stays finite");
+        let skeleton = self.skeleton.with_heads(all(self.skeleton.heads()))?;
+        let mesh = self.mesh.with_positions(all(self.mesh.positions()))?;
         let springs = self.springs.transformed(map);
-        Self { skeleton, mesh, weights: self.weights.clone(), humanoid: self.humanoid.clone(), springs }
+        Ok(Self { skeleton, mesh, weights: self.weights.clone(), humanoid: self.humanoid.clone(), springs })
     }
 
     /// The same rig with other weights.
@@ -163,6 +166,9 @@ impl Bounds {
     }
 }
 
+/// A box whose centre is farther from the origin, in halves of its longest side, is not scaled: points of it might overflow.
+const FARTHEST: f32 = 1e30;
+
 /// A uniform scale, then a shift: p -> scale * p + shift.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Similarity {
@@ -177,11 +183,18 @@ impl Similarity {
     pub const NONE: Self = Self { scale: 1.0, shift: [0.0; 3] };
 
     /// The map that centres a box and gives its longest side the length 2. A box without extent is
-    /// only centred.
+    /// only centred, and so is one that has next to none for how far from the origin it is.
     pub fn into_cube(bounds: Bounds) -> Self {
-        let longest = bounds.size().into_iter().fold(0.0f32, f32::max);
-        let scale = if longest > 0.0 && (2.0 / longest).is_finite() { 2.0 / longest } else { 1.0 };
-        let center = bounds.center();
+        // Halves: a box may be wider than the greatest number.
+        let half = (0..3).map(|k| 0.5 * bounds.max[k] - 0.5 * bounds.min[k]).fold(0.0f32, f32::max);
+        let (mut scale, center) = (1.0 / half, bounds.center());
+        // Of the widest boxes it is so small that it has few digits: rounded up it has an inverse.
+        if scale > 0.0 && (1.0 / scale).is_infinite() {
+            scale = scale.next_up();
+        }
+        if !(half > 0.0 && center.iter().all(|c| (c * scale).abs() < FARTHEST)) {
+            scale = 1.0;
+        }
         Self { scale, shift: center.map(|c| -c * scale) }
     }
 
@@ -227,6 +240,33 @@ pub(crate) mod tests {
         let mesh = Mesh::new(vec![[1.0; 3]], vec![[0; 3]]).unwrap();
         let rig = Rig::new(skeleton, mesh, SkinWeights::normalized([vec![(0, 1.0)]]).unwrap()).unwrap();
         assert_eq!(rig.normalized().0.skeleton().heads(), [[0.0; 3]]);
+    }
+
+    #[test]
+    fn boxes_of_any_size_go_into_the_cube_and_back() {
+        let most = f32::MAX;
+        for (min, max) in [
+            ([-most; 3], [most; 3]),
+            ([-most, 0.0, 0.0], [0.9 * most, 1.0, most]),
+            ([0.0, most, -1.0], [1e-38, most, 1.0]),
+            ([0.0, most, 0.0], [1e-38, most, 0.0]),
+            ([0.0; 3], [1e-45, 0.0, 0.0]),
+        ] {
+            let (small, map) = (small().into_parts(), Similarity::into_cube(Bounds { min, max }));
+            let back = map.inverse();
+            let finite =
+                |map: Similarity| map.scale > 0.0 && map.scale.is_finite() && map.shift.iter().all(|x| x.is_finite());
+            assert!(finite(map) && finite(back), "{min:?} {max:?}: {map:?} {back:?}");
+            let corners = [min, max].map(|p| map.apply(p));
+            assert!(corners.as_flattened().iter().all(|x| x.abs() <= 1.0 + 1e-5), "{min:?} {max:?}: {corners:?}");
+            // Whole rigs, too.
+            let mesh = Mesh::new(vec![min, max, min], vec![[0, 1, 2]]).unwrap();
+            let rig = Rig::new(small.0.with_heads(vec![min, max]).unwrap(), mesh, small.2).unwrap();
+            assert!(rig.normalized().0.bounds().size().iter().all(|x| *x <= 2.0 + 1e-5));
+        }
+        // Beyond the greatest numbers there is none.
+        let far = Similarity { scale: most, shift: [0.0; 3] };
+        assert!(matches!(small().transformed(far), Err(RigError::JointNotFinite { .. })));
     }
 
     #[test]

@@ -274,7 +274,7 @@ mod tests {
         let springs =
             Springs::new(vec![Spring { groups: vec![0], ..spring(&[1]) }], vec![ball(0)], vec![vec![0]]).unwrap();
         let rig = small().with_springs(springs).unwrap();
-        let moved = rig.transformed(Similarity { scale: 2.0, shift: [1.0, 0.0, 0.0] });
+        let moved = rig.transformed(Similarity { scale: 2.0, shift: [1.0, 0.0, 0.0] }).unwrap();
         assert_eq!(moved.springs().springs()[0].joints[0].tail, Some([1.0, 10.0, 0.0]));
         assert_eq!(moved.springs().stops(0).count(), 1);
         assert_eq!(moved.springs().colliders()[0].shape, Shape::Sphere { center: [1.0, 2.0, 0.0], radius: 1.0 });

@@ -181,7 +181,8 @@ impl Target {
     pub fn fitted(self, rig: &Rig) -> Option<Rig> {
         let half = self.0.half_cube()?;
         let Similarity { scale, shift } = Similarity::into_cube(rig.bounds());
-        Some(rig.transformed(Similarity { scale: half * scale, shift: shift.map(|s| half * s) }))
+        let map = Similarity { scale: half * scale, shift: shift.map(|s| half * s) };
+        Some(rig.transformed(map).expect("what is in a cube is finite"))
     }
 
     /// A sentence on assets that reach out of the cube that the format's own loaders expect.
