@@ -2,12 +2,13 @@
 
 use std::f32::consts::PI;
 
-use glam::{EulerRot, Mat3, Quat, Vec3};
+use glam::{Mat3, Quat, Vec3};
 use riglab_random::{Draw, Stream};
 use serde::{Deserialize, Serialize};
 
 use crate::jitter::MOST;
 use crate::rules::{inside, range};
+use crate::turn::rotation;
 
 /// What is drawn. The default changes nothing.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -67,8 +68,8 @@ impl AffineConfig {
     /// Draws a map. The same numbers are taken from the stream whatever the config, but for those of `tumble`, which are
     /// taken where it is on.
     pub fn draw(&self, random: &mut Stream) -> AffineMap {
-        let turns = [self.tilt, self.yaw, self.tilt].map(|s| s * random.normal());
-        let rotation = Mat3::from_euler(EulerRot::XYZ, turns[0], turns[1], turns[2]);
+        let [x, y, z] = [self.tilt, self.yaw, self.tilt].map(|s| s * random.normal());
+        let turned = Mat3::from(rotation([x, 0.0, 0.0]) * rotation([0.0, y, 0.0]) * rotation([0.0, 0.0, z]));
         let scale = random.within(self.scale[0], self.scale[1]);
         let mut axes =
             Vec3::from_array(std::array::from_fn(|_| scale * (1.0 + random.within(-self.stretch, self.stretch))));
@@ -84,7 +85,7 @@ impl AffineConfig {
                 any = Mat3::from_quat(Quat::from_array(q).normalize());
             }
         }
-        AffineMap::new(rotation * any * Mat3::from_diagonal(axes), self.noise)
+        AffineMap::new(turned * any * Mat3::from_diagonal(axes), self.noise)
     }
 }
 
@@ -158,6 +159,18 @@ mod tests {
         let mean = turned.iter().sum::<Vec3>() / turned.len() as f32;
         assert!(mean.length() < 0.1, "{mean}: no way is up more than others");
         assert!(AffineConfig { tumble: 1.5, ..config }.validate().is_err());
+    }
+
+    #[test]
+    fn turns_are_about_x_then_y_then_z_of_what_is_turned() {
+        let config = AffineConfig { yaw: 1.0, tilt: 0.5, ..AffineConfig::default() };
+        for seed in 0..20 {
+            let mut random = stream(seed, "test", &[]);
+            let [x, y, z] = [0.5, 1.0, 0.5].map(|s: f32| s * random.normal());
+            let wanted = Mat3::from_euler(glam::EulerRot::XYZ, x, y, z);
+            let map = config.draw(&mut stream(seed, "test", &[]));
+            assert!(map.matrix.abs_diff_eq(wanted, 1e-6), "{seed}: {} {wanted}", map.matrix);
+        }
     }
 
     #[test]
