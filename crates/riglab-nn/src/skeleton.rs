@@ -116,7 +116,8 @@ pub fn cross_entropy(logits: &Tensor, targets: &Tensor) -> Tensor {
 }
 
 /// As [`cross_entropy`], with each coordinate's target spread over the cells around it: a normal distribution
-/// of `sigma` cells, cut at twice that and at the ends of the range (an extension).
+/// of `sigma` cells, cut at twice that; what would lie beyond an end of the range is added to the last cell there (an
+/// extension).
 pub fn spread_cross_entropy(logits: &Tensor, targets: &Tensor, bins: i64, sigma: f64) -> Tensor {
     let likely = logits.to_kind(Kind::Float).log_softmax(-1, Kind::Float);
     spread_likelihood(&likely, targets, bins, sigma).mean(None::<Kind>)
