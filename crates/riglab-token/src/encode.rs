@@ -137,9 +137,8 @@ impl Tokenizer {
 
     /// The parts whose joints need no parents, by the place of their first joint.
     fn known(&self, order: &Order, class: Option<&str>) -> Vec<(usize, &'static Part)> {
-        if !self.config.known_parents {
-            return Vec::new();
-        }
+        // Who reads the sequence knows of them by the class' token only.
+        let class = class.filter(|own| self.config.known_parents && self.vocabulary.class_named(own).is_some());
         let part = |&(first, number): &(usize, usize)| Some((first, self.vocabulary.part_named(class, number)?));
         order.parts.iter().filter_map(part).collect()
     }

@@ -1,6 +1,6 @@
 //! What is at the edge: one joint, all in one place, outside, too many.
 
-use riglab_token::{Bones, DecodeFault, EncodeFault, Grammar, Limits, Parents, Preset, Tokenizer};
+use riglab_token::{Bones, Classes, DecodeFault, EncodeFault, Grammar, Limits, Parents, Preset, Template, Tokenizer};
 
 fn riglab() -> Tokenizer {
     Tokenizer::new(Preset::Riglab.config())
@@ -84,4 +84,27 @@ fn trees_that_are_none_are_refused() {
     }
     let short = riglab().encode_bones(&bones(&joints, &[None]), None).unwrap_err();
     assert_eq!(short, EncodeFault::Lengths { joints: 3, parents: 1, names: 0 });
+}
+
+#[test]
+fn a_template_whose_class_has_no_token_keeps_its_tree() {
+    let template = Template::of("mixamo").unwrap();
+    let (names, parents): (Vec<String>, Vec<Option<usize>>) =
+        template.joints().map(|(name, parent, _)| (name.to_owned(), parent)).unzip();
+    let joints: Vec<[f64; 3]> = (0..names.len()).map(|k| [k as f64 / 64.0, (k % 7) as f64 / 8.0, 0.0]).collect();
+    for (classes, known) in [(vec!["vroid".to_owned()], false), (vec!["mixamo".to_owned()], true)] {
+        let mut config = Preset::Riglab.config();
+        (config.lenient, config.classes, config.class) = (true, classes, Classes::AsGiven);
+        let tokenizer = Tokenizer::new(config);
+        let bones = Bones { joints: &joints, parents: &parents, names: &names };
+        let encoded = tokenizer.encode_bones(&bones, Some("mixamo")).unwrap();
+        let branches = encoded.ids.iter().filter(|id| **id == tokenizer.vocabulary().branch()).count();
+        assert_eq!(branches == 0, known, "{branches}");
+        let decoded = tokenizer.decode(&encoded.ids).unwrap();
+        let mut place = vec![0; names.len()];
+        encoded.order.iter().enumerate().for_each(|(at, &joint)| place[joint] = at);
+        for (at, &joint) in encoded.order.iter().enumerate() {
+            assert_eq!(decoded.parents[at], parents[joint].map(|p| place[p]), "{}", names[joint]);
+        }
+    }
 }
