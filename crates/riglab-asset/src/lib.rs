@@ -336,6 +336,21 @@ pub fn is_rig_file(path: &Path) -> bool {
     Format::by_ending(path).is_some_and(|format| format.reads().is_rig(path))
 }
 
+/// The file of an asset's name, and which of its assets the name means; empty for the asset of a file of one. A `#` in the name
+/// of a folder or file means none.
+///
+/// ```
+/// use riglab_asset::file_and_item;
+/// assert_eq!(file_and_item("set.npz#3"), ("set.npz", "3"));
+/// assert_eq!(file_and_item("batch#2/fox #1.glb"), ("batch#2/fox #1.glb", ""));
+/// assert_eq!(file_and_item("a#b.npz#c#d"), ("a#b.npz", "c#d"));
+/// assert_eq!((file_and_item("fox.glb"), file_and_item("#.glb")), (("fox.glb", ""), ("#.glb", "")));
+/// ```
+pub fn file_and_item(name: &str) -> (&str, &str) {
+    let is_file = |(at, _): &(usize, &str)| is_rig_file(Path::new(&name[..*at]));
+    name.match_indices('#').find(is_file).map_or((name, ""), |(at, _)| (&name[..at], &name[at + 1..]))
+}
+
 /// The files that importing `path` reads: those of [`files_of`], and those that a list of UniRig's names. What a GLB keeps
 /// outside is not asked.
 pub fn files_read(path: &Path) -> Vec<PathBuf> {

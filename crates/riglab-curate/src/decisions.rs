@@ -23,7 +23,7 @@ use std::collections::{BTreeMap, HashMap};
 use std::fmt;
 use std::path::Path;
 
-use riglab_asset::is_rig_file;
+use riglab_asset::file_and_item;
 
 use crate::{Category, CurateError};
 
@@ -252,12 +252,6 @@ pub fn item(name: &str) -> &str {
     file_and_item(name).1
 }
 
-/// The file of a name and which of its assets it means: `set.npz#3` is `3` of `set.npz`, and `fox#2.glb` a file.
-pub(crate) fn file_and_item(name: &str) -> (&str, &str) {
-    let is_file = |(at, _): &(usize, &str)| is_rig_file(Path::new(&name[..*at]));
-    name.match_indices('#').find(is_file).map_or((name, ""), |(at, _)| (&name[..at], &name[at + 1..]))
-}
-
 fn escaped(text: &str) -> String {
     // A name may begin as a comment does.
     let start = if text.starts_with('#') { "\\" } else { "" };
@@ -312,13 +306,6 @@ mod tests {
         assert_eq!(again.get("b é\t.glb", "00").unwrap().faults, ["knees  both", "tail"]);
         assert_eq!(again, all);
         assert_eq!(again.to_text(), all.to_text());
-    }
-
-    #[test]
-    fn a_name_is_that_of_a_file_or_of_an_asset_in_one() {
-        let of = ["fox.glb", "set.npz#3", "fox#2.glb", "a#b.npz#c#d", "#.glb"].map(file_and_item);
-        let wanted = [("fox.glb", ""), ("set.npz", "3"), ("fox#2.glb", ""), ("a#b.npz", "c#d"), ("#.glb", "")];
-        assert_eq!(of, wanted);
     }
 
     #[test]

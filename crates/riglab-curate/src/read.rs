@@ -4,14 +4,13 @@ use std::collections::{BTreeSet, HashMap, HashSet};
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 
-use riglab_asset::{ImportOptions, Imported, Resample, RootPolicy, Warning, count_assets, import_each};
+use riglab_asset::{ImportOptions, Imported, Resample, RootPolicy, Warning, count_assets, file_and_item, import_each};
 use riglab_core::Asset;
 use riglab_data::{DataError, Manifest, name_below, rigged_below, whole_checksum};
 use riglab_files::Below;
 
 use crate::Category;
 use crate::config::ImportConfig;
-use crate::decisions::file_and_item;
 
 /// A folder of files to curate.
 pub struct Folder {

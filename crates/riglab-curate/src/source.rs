@@ -4,12 +4,12 @@ use std::collections::{HashMap, HashSet};
 use std::ops::ControlFlow;
 
 use rayon::prelude::*;
+use riglab_asset::file_and_item;
 use riglab_core::Asset;
 use riglab_data::Corpus;
 
 use crate::CurateError;
 use crate::config::CurateConfig;
-use crate::decisions::file_and_item;
 use crate::read::{Folder, ReadOutcome};
 use crate::record::Record;
 use crate::repair::repair;
