@@ -456,7 +456,7 @@ impl FsqCvaeTask {
                 let predicted = self.decode(w, &encoded, &self.codes(w, &encoded, k), &truth.points)?;
                 let raw = tally((k, "raw"), &predicted);
                 let rule = tally((k, "rule"), &ruled(&predicted, joints, report.cut));
-                if k == *self.config.eval.prefixes.iter().max().unwrap_or(&all) {
+                if k == self.ranked() {
                     report.assets.push(AssetRow {
                         split: split.into(),
                         name: rig.name.clone(),
@@ -578,6 +578,19 @@ mod tests {
         assert_eq!([&none, &two, &all].map(|codes| codes.size()), [[2, 0, 2], [2, 2, 2], [2, 4, 2]]);
         assert!(all.equal(&encoded.codes) && !two.equal(&encoded.codes.narrow(1, 0, 2)));
         assert!(two.equal(&task.codes(w, &encoded, 2)));
+    }
+
+    #[test]
+    fn assets_are_shown_with_the_codes_that_they_are_ranked_by() {
+        let dir = tempfile::tempdir().unwrap();
+        let mut task = task(2, dir.path());
+        task.config.eval.prefixes = vec![2, 1];
+        let w = task.params.weights();
+        let report = task.evaluate(w, |_| {}).unwrap();
+        let shown = &task.gallery(w, &report, 1).unwrap()[0].1.png;
+        let encoded = task.encode(w, task.assets.split("test").unwrap()[0]).unwrap();
+        let [two, all] = [2, 4].map(|most| task.sheet(w, &encoded, (report.cut, most)).unwrap().1.to_png());
+        assert!(*shown == two && *shown != all);
     }
 
     #[test]

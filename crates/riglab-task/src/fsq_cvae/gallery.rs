@@ -58,7 +58,7 @@ impl FsqCvaeTask {
             for (why, k) in places(ranked.len(), each) {
                 let (id, iou) = ranked[k];
                 let encoded = self.encode(w, id)?;
-                let (bone, picture, view) = self.sheet(w, &encoded, report.cut)?;
+                let (bone, picture, view) = self.sheet(w, &encoded, (report.cut, self.ranked()))?;
                 let name = encoded.rig.name.clone();
                 let file = format!("{:02}-{split}-{why}.png", out.len() + 1);
                 let shown = ShownAsset { file, split: split.clone(), name, why: why.into(), iou, bone };
@@ -68,25 +68,29 @@ impl FsqCvaeTask {
         Ok(out)
     }
 
-    /// The sheet of one asset: above, skeleton, true parts, predicted parts and misplaced weight;
-    /// below, the worst bone, true, from the fewest codes, from all codes, and its error. With that bone's name, and both
+    /// Of how many codes assets are ranked and shown: of the most that are evaluated.
+    pub(super) fn ranked(&self) -> usize {
+        self.config.eval.prefixes.iter().copied().max().unwrap_or(self.config.model.skin_tokens)
+    }
+
+    /// The sheet of one asset, of `most` codes: above, skeleton, true parts, predicted parts and misplaced weight;
+    /// below, the worst bone, true, from the fewest codes, from the most, and its error. With that bone's name, and both
     /// rigs to turn.
     pub(super) fn sheet(
         &self,
         w: &Weights,
         encoded: &Encoded,
-        cut: f32,
+        (cut, most): (f32, usize),
     ) -> Result<(String, Picture, Option<Turntable>), String> {
         let (rig, joints) = (&encoded.rig, encoded.rig.bones.len());
         let truth = Truth::new(rig, None);
-        let all = self.config.model.skin_tokens;
-        let few = self.config.eval.prefixes.iter().copied().min().unwrap_or(all);
+        let few = self.config.eval.prefixes.iter().copied().min().unwrap_or(most);
         let weights = |k: usize| {
             let raw = self.decode(w, encoded, &self.codes(w, encoded, k), &truth.points)?;
             let dense = ruled(&raw, joints, cut);
             sparse(rig, &dense).map(|sparse| (dense, sparse))
         };
-        let ((dense, predicted), (_, rough)) = (weights(all)?, weights(few)?);
+        let ((dense, predicted), (_, rough)) = (weights(most)?, weights(few)?);
         let worst = worst_bone(&truth.dense, &dense, joints);
         let joint = rig.bones[worst].joint;
         let name = rig.rig.skeleton().name(joint).to_string();
@@ -102,11 +106,11 @@ impl FsqCvaeTask {
         let cells = [
             ("skeleton".to_string(), render_skeleton(&drawn, &view)),
             ("true parts".into(), render_parts(&drawn, &view)),
-            (format!("predicted, {}", codes(all)), render_parts(&shown, &view)),
+            (format!("predicted, {}", codes(most)), render_parts(&shown, &view)),
             ("misplaced weight".into(), render_errors(mesh, &misplaced, ERROR_SHOWN, &view)),
             (format!("true: {name}"), column(&t)),
             (codes(few), column(&of(&rough))),
-            (codes(all), column(&p)),
+            (codes(most), column(&p)),
             ("error".into(), render_errors(mesh, &errors, ERROR_SHOWN, &view)),
         ];
         let view = Turntable::of(&[("true", &drawn), ("predicted", &shown)]);

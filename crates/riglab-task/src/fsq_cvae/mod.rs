@@ -127,7 +127,7 @@ impl Task for FsqCvaeTask {
     fn validate(&self, w: &Weights, at: At) -> Result<Validation, String> {
         let metrics = self.validation(w, at)?;
         let encoded = self.encode(w, self.validated()[0])?;
-        let (_, sheet, _) = self.sheet(w, &encoded, self.config.eval.cuts[0])?;
+        let (_, sheet, _) = self.sheet(w, &encoded, (self.config.eval.cuts[0], self.config.model.skin_tokens))?;
         let pictures = vec![("validation/first".into(), sheet.width() as u32, sheet.height() as u32, sheet.to_png())];
         Ok(Validation { metrics, pictures, ..Validation::default() })
     }
