@@ -1,6 +1,8 @@
 //! Skeletons of more joints than a model reads: some of the joints stand for those beside them.
 
 use std::borrow::Cow;
+use std::cmp::Reverse;
+use std::collections::BinaryHeap;
 
 use rayon::prelude::*;
 use riglab_core::{DecodeRule, Joint, JointId, Mesh, Segment, Similarity, Skeleton, SkinWeights};
@@ -32,13 +34,18 @@ impl Rigger {
         map: Similarity,
         holders: Option<&[bool]>,
     ) -> Result<ReadSkeleton<'a>, String> {
-        let encoded = self.encoded(skeleton, map)?;
-        if self.reads(&encoded, skeleton.len()) {
-            return Ok(ReadSkeleton { skeleton: Cow::Borrowed(skeleton), encoded, stands: None });
-        }
         let mut thinning = Thinning::new(skeleton, holders);
+        // What has too many joints need not be written to be known not to fit.
+        let hopeless =
+            |t: &Thinning| t.left > self.config.limits.joints || t.least_tokens() > self.config.limits.tokens;
+        if !hopeless(&thinning) {
+            let encoded = self.encoded(skeleton, map)?;
+            if self.reads(&encoded, skeleton.len()) {
+                return Ok(ReadSkeleton { skeleton: Cow::Borrowed(skeleton), encoded, stands: None });
+            }
+        }
         while thinning.contract() {
-            if thinning.left > self.config.limits.joints {
+            if hopeless(&thinning) {
                 continue;
             }
             let (left, stands) = thinning.made(skeleton)?;
@@ -89,11 +96,24 @@ struct Thinning {
     heads: Vec<glam::Vec3>,
     /// The parent among those that are left.
     parents: Vec<Option<usize>>,
+    /// Those that hang on a joint, with some that are gone, and how many of them are left.
+    children: Vec<Vec<usize>>,
+    living: Vec<usize>,
     /// In which of three kinds a joint is taken; the root is in none.
     kinds: Vec<u8>,
     gone: Vec<bool>,
     left: usize,
+    /// Joints that are left and have no children.
+    tips: usize,
+    /// Joints whose parents the sequence need not tell, at most: those of a template.
+    told: usize,
+    /// Joints by when they are taken, the next one first; what hangs elsewhere by now is out of date.
+    next: BinaryHeap<Reverse<Next>>,
 }
+
+/// A joint that may be taken out: its kind, the length of its bone in bits, which are in the order of numbers as it is not
+/// negative, the joint, and its parent.
+type Next = (u8, u32, usize, usize);
 
 impl Thinning {
     fn new(skeleton: &Skeleton, holders: Option<&[bool]>) -> Self {
@@ -104,31 +124,62 @@ impl Thinning {
             (true, false) => 1,
             (true, true) => 2,
         };
-        Self {
+        let count = skeleton.len();
+        let mut thinning = Self {
             heads: skeleton.heads().iter().map(|&p| p.into()).collect(),
             parents: skeleton.parents().iter().map(|p| p.map(JointId::index)).collect(),
-            kinds: (0..skeleton.len()).map(kind).collect(),
-            gone: vec![false; skeleton.len()],
-            left: skeleton.len(),
+            children: vec![Vec::new(); count],
+            living: vec![0; count],
+            kinds: (0..count).map(kind).collect(),
+            gone: vec![false; count],
+            left: count,
+            tips: 0,
+            told: template.map_or(0, |t| t.joints().count()),
+            next: BinaryHeap::with_capacity(count),
+        };
+        for joint in 0..count {
+            if let Some(parent) = thinning.parents[joint] {
+                thinning.children[parent].push(joint);
+                thinning.living[parent] += 1;
+                thinning.offer(joint, parent);
+            }
         }
+        thinning.tips = thinning.living.iter().filter(|living| **living == 0).count();
+        thinning
+    }
+
+    fn offer(&mut self, joint: usize, parent: usize) {
+        let away = (self.heads[joint] - self.heads[parent]).length();
+        self.next.push(Reverse((self.kinds[joint], away.to_bits(), joint, parent)));
     }
 
     /// Takes out the next one; `false` where the root alone is left.
     fn contract(&mut self) -> bool {
-        let away = |j: usize| Some((self.kinds[j], (self.heads[j] - self.heads[self.parents[j]?]).length()));
-        let left = (0..self.gone.len()).filter(|&j| !self.gone[j]).filter_map(|j| Some((j, away(j)?)));
-        let Some((next, _)) = left.min_by(|(_, a), (_, b)| a.0.cmp(&b.0).then(a.1.total_cmp(&b.1))) else {
-            return false;
+        let (joint, parent) = loop {
+            let Some(Reverse((_, _, joint, parent))) = self.next.pop() else { return false };
+            if !self.gone[joint] && self.parents[joint] == Some(parent) {
+                break (joint, parent);
+            }
         };
-        let parent = self.parents[next];
-        self.gone[next] = true;
+        self.gone[joint] = true;
         self.left -= 1;
-        for (child, own) in self.parents.iter_mut().enumerate() {
-            if *own == Some(next) && !self.gone[child] {
-                *own = parent;
+        self.tips -= usize::from(self.living[joint] == 0);
+        self.living[parent] = self.living[parent] - 1 + self.living[joint];
+        self.tips += usize::from(self.living[parent] == 0);
+        for child in std::mem::take(&mut self.children[joint]) {
+            if !self.gone[child] {
+                self.parents[child] = Some(parent);
+                self.children[parent].push(child);
+                self.offer(child, parent);
             }
         }
         true
+    }
+
+    /// Tokens that the sequence of what is left has at least: three a joint, with the start, the class and the end; four more
+    /// of each joint that cannot come right after its parent, as only one of several children does.
+    fn least_tokens(&self) -> usize {
+        3 * self.left + 3 + 4 * self.tips.saturating_sub(1 + self.told)
     }
 
     /// What is left, and of each joint which of those stands for it.
@@ -199,6 +250,7 @@ const NEAR: f32 = 1.0 / 256.0;
 #[cfg(test)]
 mod tests {
     use riglab_nn::tokenrig::Head;
+    use riglab_random::{Draw, stream};
 
     use super::*;
     use crate::tokenrig::testing::{tetrahedron, untrained};
@@ -238,6 +290,88 @@ mod tests {
             let mut one = Thinning::new(&chain(&[0.0]), None);
             one.contract()
         });
+    }
+
+    /// A tree whose bones have one of few lengths, so that many are equal.
+    fn tree(seed: u64, count: usize) -> Skeleton {
+        let mut random = stream(seed, "test", &[]);
+        let joint = |k: usize| Joint {
+            name: format!("j{k}"),
+            parent: (k > 0).then(|| JointId(random.below(k) as u16)),
+            head: std::array::from_fn(|_| random.below(4) as f32 / 4.0),
+        };
+        Skeleton::new((0..count).map(joint).collect()).unwrap()
+    }
+
+    /// Which joints are taken one after another, each looked for among all of them.
+    fn plainly(skeleton: &Skeleton, holders: &[bool]) -> Vec<usize> {
+        let at = |j: usize| glam::Vec3::from(skeleton.heads()[j]);
+        let mut parents: Vec<Option<usize>> = skeleton.parents().iter().map(|p| p.map(JointId::index)).collect();
+        let (mut left, mut out): (Vec<usize>, _) = ((0..parents.len()).collect(), Vec::new());
+        loop {
+            let away = |j: usize| Some((holders[j], (at(j) - at(parents[j]?)).length()));
+            let open = left.iter().filter_map(|&j| Some((j, away(j)?)));
+            let next = open.min_by(|(_, a), (_, b)| a.0.cmp(&b.0).then(a.1.total_cmp(&b.1)));
+            let Some((next, _)) = next else { return out };
+            let parent = parents[next];
+            left.retain(|&j| j != next);
+            left.iter().filter(|&&j| parents[j] == Some(next)).copied().collect::<Vec<_>>().into_iter().for_each(|j| {
+                parents[j] = parent;
+            });
+            out.push(next);
+        }
+    }
+
+    #[test]
+    fn joints_go_in_the_order_of_looking_for_each_among_all() {
+        for seed in 0..30 {
+            let skeleton = tree(seed, 60);
+            let mut random = stream(seed, "holders", &[]);
+            let holders: Vec<bool> = (0..60).map(|_| random.chance(0.7)).collect();
+            let mut thinning = Thinning::new(&skeleton, Some(&holders));
+            for next in plainly(&skeleton, &holders) {
+                let tips = (0..60).filter(|&j| !thinning.gone[j]);
+                let tips =
+                    tips.filter(|&j| (0..60).all(|c| thinning.gone[c] || thinning.parents[c] != Some(j))).count();
+                assert_eq!(thinning.tips, tips);
+                assert!(thinning.contract() && thinning.gone[next], "{seed}: {next}");
+            }
+            assert!(!thinning.contract() && thinning.left == 1);
+        }
+        // As many joints as there can be, in a chain and about one.
+        let most = usize::from(u16::MAX);
+        let about = |k: usize| Joint {
+            name: format!("j{k}"),
+            parent: (k > 0).then_some(JointId(0)),
+            head: [k as f32, 0.0, 0.0],
+        };
+        for skeleton in [
+            chain(&(0..most).map(|k| k as f32).collect::<Vec<_>>()),
+            Skeleton::new((0..most).map(about).collect()).unwrap(),
+        ] {
+            assert_eq!(thinned(&skeleton, None, 1).1, vec![0; most]);
+        }
+    }
+
+    #[test]
+    fn what_is_read_is_the_first_that_fits_of_all_that_are_thinned() {
+        let mut rigger = untrained(Head::Levels, true);
+        (rigger.config.limits.joints, rigger.config.limits.tokens) = (12, 45);
+        for seed in 0..20 {
+            let skeleton = tree(seed, 30);
+            let read = rigger.read(&skeleton, Similarity::NONE, None).unwrap();
+            let mut thinning = Thinning::new(&skeleton, None);
+            let wanted = loop {
+                assert!(thinning.contract());
+                let (left, stands) = thinning.made(&skeleton).unwrap();
+                let encoded = rigger.encoded(&left, Similarity::NONE).unwrap();
+                assert!(thinning.least_tokens() <= encoded.ids.len(), "{seed}");
+                if rigger.reads(&encoded, left.len()) {
+                    break (left, encoded, stands);
+                }
+            };
+            assert_eq!((&*read.skeleton, &read.encoded, read.stands.as_ref()), (&wanted.0, &wanted.1, Some(&wanted.2)));
+        }
     }
 
     #[test]
