@@ -3,7 +3,7 @@
 use riglab_geom::CloudConfig;
 use riglab_nn::generate::GenerateConfig;
 use riglab_nn::perceiver::PerceiverConfig;
-use riglab_token::{Limits, Merge, Parents, TokenizerConfig, Vocabulary};
+use riglab_token::{Grammar, Limits, Merge, Parents, Tokenizer, TokenizerConfig, Vocabulary};
 
 use crate::assets::{AssetId, Assets, DataConfig};
 
@@ -81,7 +81,20 @@ impl Sequences<'_> {
         if !(self.spread >= 0.0 && self.spread < 64.0) {
             return bad("loss.spread", format!("{} must lie in [0, 64)", self.spread));
         }
-        Ok(())
+        self.fits_class().map_err(|message| ("class".into(), message))
+    }
+
+    /// Checks that there is room for the joints that every sequence of the class has.
+    fn fits_class(&self) -> Result<(), String> {
+        if self.class.is_empty() {
+            return Ok(());
+        }
+        let tokenizer = Tokenizer::new(self.tokenizer.clone());
+        // The end of a sequence is not counted among what is drawn.
+        let tokens = self.limits.tokens.min(self.generate.tokens.saturating_add(1));
+        let limits = Limits { tokens, ..self.limits };
+        let may_begin = |ids: &[u32]| may_begin(&tokenizer, limits, self.parents, ids);
+        of_class(tokenizer.vocabulary(), self.class, limits, may_begin).map(drop)
     }
 }
 
@@ -223,6 +236,12 @@ pub(crate) fn filled(
 /// What is said where none of the draws for a mesh is a skeleton.
 pub(crate) const NO_SKELETON: &str = "no sample is a valid skeleton; try more --samples, or another --seed";
 
+/// Whether a sequence may begin so, within limits.
+pub(crate) fn may_begin(tokenizer: &Tokenizer, limits: Limits, parents: Parents, ids: &[u32]) -> bool {
+    let mut grammar = Grammar::new(tokenizer, limits, parents);
+    ids.iter().all(|&id| grammar.advance(id).is_ok())
+}
+
 /// The beginning of sequences of a class, as long as sequences may begin so.
 ///
 /// # Errors
@@ -315,6 +334,22 @@ mod tests {
         assert_eq!(of(|c| c.tokenizer.bins = 1).0, "tokenizer.bins");
         assert_eq!(of(|c| c.tokenizer.range = [0.0, 1.0]).0, "tokenizer.range");
         assert_eq!(of(|c| c.tokenizer.range = [-1.0, 1e30]).0, "tokenizer.range");
+    }
+
+    #[test]
+    fn a_class_whose_joints_have_no_room_is_refused() {
+        let of = |class: &str, joints: usize, tokens: usize, drawn: usize| {
+            let mut c = TokenRigTaskConfig { class: class.into(), ..TokenRigTaskConfig::default() };
+            (c.limits, c.eval.generate.tokens) = (Limits { joints, tokens }, drawn);
+            c.model.decoder.positions = 1 << 16;
+            c.validate().map_err(|(key, message)| format!("{key}: {message}"))
+        };
+        assert_eq!([of("mixamo", 64, 400, 400), of("", 8, 400, 400)], [Ok(()), Ok(())]);
+        for (joints, tokens, drawn) in [(8, 400, 400), (64, 40, 400), (64, 400, 40)] {
+            let said = of("mixamo", joints, tokens, drawn).unwrap_err();
+            assert!(said.starts_with("class: the joints of `mixamo` are more than this model writes"), "{said}");
+        }
+        assert!(of("mixamo", 8, 400, 400).unwrap_err().contains("(8 joints, 400 tokens)"));
     }
 
     #[test]

@@ -6,7 +6,7 @@ use riglab_core::{Bounds, Mesh, Similarity, Skeleton};
 use riglab_nn::generate::GenerateConfig;
 use riglab_nn::params::Params;
 use riglab_random::{Stream, stream};
-use riglab_token::{Grammar, Tokenizer};
+use riglab_token::Tokenizer;
 use riglab_train::named_by;
 use tch::Device;
 
@@ -15,7 +15,7 @@ use super::generate::{Drawer, SkeletonSample};
 use super::{SkeletonTaskConfig, Trained};
 use crate::bundle::{self, Card};
 use crate::grpo::{descends, refined};
-use crate::sequences::{NO_SKELETON, of_class};
+use crate::sequences::{NO_SKELETON, may_begin, of_class};
 use crate::settings::{Settings, TaskSettings};
 use crate::tokenrig::{Draw, Rank};
 
@@ -104,10 +104,7 @@ impl Sketcher {
     /// A sentence: there is no such class, or no room for its joints.
     pub fn may_begin_with(&self, class: &str) -> Result<(), String> {
         let config = &self.own.config;
-        let may_begin = |ids: &[u32]| {
-            let mut grammar = Grammar::new(&self.tokenizer, config.limits, config.eval.parents);
-            ids.iter().all(|&id| grammar.advance(id).is_ok())
-        };
+        let may_begin = |ids: &[u32]| may_begin(&self.tokenizer, config.limits, config.eval.parents, ids);
         of_class(self.tokenizer.vocabulary(), class, config.limits, may_begin).map(drop)
     }
 
