@@ -3,7 +3,7 @@
 use riglab_geom::CloudConfig;
 use riglab_nn::generate::GenerateConfig;
 use riglab_nn::perceiver::PerceiverConfig;
-use riglab_token::{Grammar, Limits, Merge, Parents, Tokenizer, TokenizerConfig, Vocabulary};
+use riglab_token::{EncodeFault, Grammar, Limits, Merge, Parents, Tokenizer, TokenizerConfig, Vocabulary};
 
 use crate::assets::{AssetId, Assets, DataConfig};
 
@@ -201,36 +201,66 @@ const TRIES: u64 = 256;
 /// Far beyond the places of any run.
 const ELSEWHERE: u64 = 1 << 40;
 
-/// Fills batch `number` with `rigs` rigs: `add` takes the one of a place, and says whether it has a sequence within `limits`;
+/// Why a rig has no sequence that a model reads.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) enum Unfit {
+    /// It has more joints or tokens than the limits allow.
+    Long,
+    /// It cannot be written as tokens, for this reason.
+    Unwritten(String),
+}
+
+impl From<EncodeFault> for Unfit {
+    fn from(fault: EncodeFault) -> Self {
+        Self::Unwritten(fault.to_string())
+    }
+}
+
+/// Fills batch `number` with `rigs` rigs: `add` takes the one of a place, or says why it has no sequence within `limits`;
 /// another place is tried where it has none. How many have none.
 ///
 /// # Errors
-/// Those of `add`, and a sentence where none of many assets fits.
+/// Those of `add`, and a sentence where none of many assets has one.
 pub(crate) fn filled(
     number: u64,
     rigs: usize,
     limits: Limits,
-    mut add: impl FnMut(u64) -> Result<bool, String>,
+    mut add: impl FnMut(u64) -> Result<Result<(), Unfit>, String>,
 ) -> Result<usize, String> {
     let (rigs, mut skipped) = (rigs as u64, 0);
     for place in number * rigs..(number + 1) * rigs {
-        let mut found = false;
+        let (mut found, mut faults) = (false, Vec::new());
         for place in (0..TRIES).map(|t| t * ELSEWHERE + place) {
-            found = add(place)?;
+            match add(place)? {
+                Ok(()) => found = true,
+                Err(Unfit::Unwritten(fault)) => faults.push(fault),
+                Err(Unfit::Long) => {}
+            }
             if found {
                 break;
             }
             skipped += 1;
         }
         if !found {
-            return Err(format!(
-                "of {TRIES} assets none has a sequence within limits.tokens = {} and limits.joints = {}; raise them, or \
-                 lower data.max_joints",
-                limits.tokens, limits.joints
-            ));
+            return Err(none_of_them(limits, &faults));
         }
     }
     Ok(skipped)
+}
+
+/// What is said where none of the assets that were tried has a sequence, with the faults of those that cannot be written at
+/// all.
+fn none_of_them(Limits { joints, tokens }: Limits, faults: &[String]) -> String {
+    let within =
+        format!("of {TRIES} assets none has a sequence within limits.tokens = {tokens} and limits.joints = {joints}");
+    match faults.first() {
+        None => format!("{within}; raise them, or lower data.max_joints"),
+        Some(first) => format!(
+            "{within}: {} of them cannot be written as tokens, whatever the limits; the first: {first}. Change `tokenizer`, or \
+             leave such assets out of the corpora",
+            faults.len()
+        ),
+    }
 }
 
 /// What is said where none of the draws for a mesh is a skeleton.
@@ -310,11 +340,19 @@ mod tests {
         let skipped = filled(2, 3, limits, |place| {
             let fits = place != 7 && place != ELSEWHERE + 7;
             taken.extend(fits.then_some(place));
-            Ok(fits)
+            Ok(if fits { Ok(()) } else { Err(Unfit::Long) })
         });
         assert_eq!((skipped, taken), (Ok(2), vec![6, 2 * ELSEWHERE + 7, 8]));
-        let said = filled(0, 1, limits, |_| Ok(false)).unwrap_err();
-        assert!(said.contains("none has a sequence within limits.tokens = 9 and limits.joints = 7"), "{said}");
+        let said = filled(0, 1, limits, |_| Ok(Err(Unfit::Long))).unwrap_err();
+        assert!(
+            said.contains("none has a sequence within limits.tokens = 9 and limits.joints = 7; raise them"),
+            "{said}"
+        );
+        // What no limit helps is not told to be too long.
+        let fault = |place| if place == 0 { Unfit::Long } else { EncodeFault::TwoOfOneName("hips".into()).into() };
+        let said = filled(0, 1, limits, |place| Ok(Err(fault(place)))).unwrap_err();
+        assert!(said.contains("255 of them cannot be written as tokens") && said.contains("named `hips`"), "{said}");
+        assert!(!said.contains("raise them"), "{said}");
         assert_eq!(filled(0, 1, limits, |_| Err("x".into())), Err("x".into()));
     }
 

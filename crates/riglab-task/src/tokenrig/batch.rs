@@ -15,7 +15,7 @@ use super::sample::{Sample, sample, skeleton};
 use super::told::Teller;
 use crate::assets::{AssetId, Assets, Cache};
 use crate::fsq_cvae::Frozen;
-use crate::sequences::filled;
+use crate::sequences::{Unfit, filled};
 use crate::unirig_skeleton::Batch as Shapes;
 use crate::unirig_skeleton::batch::{normalized, shape};
 
@@ -58,14 +58,14 @@ pub struct BatchSource {
     pub(super) vae: Arc<Frozen>,
     pub(super) assets: Arc<Assets>,
     pub(super) cache: Arc<Cache<Rig>>,
-    pub(super) samples: Arc<Cache<Option<Sample>, (AssetId, u64)>>,
+    pub(super) samples: Arc<Cache<Result<Sample, Unfit>, (AssetId, u64)>>,
     pub(super) rigs: Mixture<AssetId>,
 }
 
 impl BatchSource {
-    /// Adds the rig at a place of the endless training sequence, augmented; false where its sequence is too
-    /// long. `skin`: whether its codes are asked for.
-    fn add(&self, place: u64, skin: bool, batch: &mut Batch) -> Result<bool, String> {
+    /// Adds the rig at a place of the endless training sequence, augmented, or says why it has no sequence. `skin`: whether
+    /// its codes are asked for.
+    fn add(&self, place: u64, skin: bool, batch: &mut Batch) -> Result<Result<(), Unfit>, String> {
         let (c, seed) = (&self.config, self.config.train.seed);
         let id = self.rigs.at(place);
         let mut random = stream(seed, "rig sample", &[place]);
@@ -76,7 +76,7 @@ impl BatchSource {
         let key = [id.key(), variant];
         let rig = normalized(&self.assets, &self.cache, id)?;
         if rig.skeleton().len() > c.limits.joints {
-            return Ok(false);
+            return Ok(Err(Unfit::Long));
         }
         let augmented = c.augment.apply((*rig).clone(), seed, &key).map_err(|e| e.to_string())?;
         let (rig, _) = augmented.rig.normalized();
@@ -89,7 +89,7 @@ impl BatchSource {
         if skin {
             let mut make = || {
                 let whole = sample(&self.tokenizer, &c.skin, &teller, &rig, class, &mut of_variant);
-                let whole = whole.filter(|s| fits(s, s.ids.len()));
+                let whole = whole.and_then(|s| if fits(&s, s.ids.len()) { Ok(s) } else { Err(Unfit::Long) });
                 let bytes = whole.as_ref().map_or(0, Sample::bytes);
                 Ok::<_, String>((whole, bytes))
             };
@@ -97,12 +97,15 @@ impl BatchSource {
                 0 => Arc::new(make()?.0),
                 _ => self.samples.get((id, variant), make)?,
             };
-            let Some(sample) = &*found else { return Ok(false) };
-            batch.push(sample, &teller);
+            match &*found {
+                Ok(sample) => batch.push(sample, &teller),
+                Err(unfit) => return Ok(Err(unfit.clone())),
+            }
         } else {
-            let found = skeleton(&self.tokenizer, &c.skin, &rig, class);
-            let Some((sample, follow)) = found.filter(|(s, follow)| fits(s, s.ids.len() + follow)) else {
-                return Ok(false);
+            let (sample, follow) = match skeleton(&self.tokenizer, &c.skin, &rig, class) {
+                Ok((sample, follow)) if fits(&sample, sample.ids.len() + follow) => (sample, follow),
+                Ok(_) => return Ok(Err(Unfit::Long)),
+                Err(fault) => return Ok(Err(fault.into())),
             };
             batch.unasked += self.layout.scored(follow);
             batch.push(&sample, &teller);
@@ -112,7 +115,7 @@ impl BatchSource {
             None => CloudSampler::new(rig.mesh(), &c.sampling.cloud),
         };
         shape(&c.sampling.cloud, &c.model.shape, &sampler, &mut random, &mut batch.shapes);
-        Ok(true)
+        Ok(Ok(()))
     }
 }
 

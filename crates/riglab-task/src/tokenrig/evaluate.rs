@@ -21,6 +21,7 @@ use super::{Batch, Condition, RigSample, TokenRigTask, parts_of};
 use crate::assets::AssetId;
 use crate::fsq_cvae::evaluate::Methods;
 use crate::fsq_cvae::{Prepared, Row as SkinRow};
+use crate::sequences::Unfit;
 use crate::unirig_skeleton::agree::Chosen;
 use crate::unirig_skeleton::batch::{encode, normalized, shape};
 use crate::unirig_skeleton::evaluate::{Beside, Sums, Validated, joints};
@@ -60,6 +61,9 @@ pub struct SkinAsset {
     /// As above.
     #[serde(deserialize_with = "nan_for_null")]
     pub l1: f64,
+    /// Why the true skeleton cannot be written as tokens, whatever the limits; empty where it can.
+    #[serde(default, skip_serializing_if = "String::is_empty")]
+    pub unwritten: String,
 }
 
 /// A generated rig of an asset.
@@ -180,7 +184,7 @@ impl TokenRigTask {
             for (rig, id) in rigs.iter().zip(ids) {
                 let mut random = stream(c.eval.seed, "rig variant", &[id.key()]);
                 let found = sample(&rigger.tokenizer, &c.skin, &teller, rig, true, &mut random);
-                let Some(sample) = found else { continue };
+                let Ok(sample) = found else { continue };
                 if sample.ids.len() > c.longest() {
                     continue;
                 }
@@ -266,21 +270,24 @@ impl TokenRigTask {
         Rig::new(skeleton, mesh.clone(), weights).map_err(|e| e.to_string())
     }
 
-    /// Codes of an asset's joints, in their order, drawn for its true skeleton, as many as `eval.skins`; `None` where the
-    /// skeleton cannot be written within the limits.
-    fn given(&self, w: &Weights, seen: &Condition, rig: &Rig, key: u64) -> Result<Option<Vec<Codes>>, String> {
+    /// Codes of an asset's joints, in their order, drawn for its true skeleton, as many as `eval.skins`, or why the skeleton
+    /// has no sequence within the limits.
+    fn given(&self, w: &Weights, seen: &Condition, rig: &Rig, key: u64) -> Result<Result<Vec<Codes>, Unfit>, String> {
         let (rigger, c) = (&self.rigger, &self.rigger.config);
-        let Ok(encoded) = encode(&rigger.tokenizer, rig.skeleton(), true) else { return Ok(None) };
+        let encoded = match encode(&rigger.tokenizer, rig.skeleton(), true) {
+            Ok(encoded) => encoded,
+            Err(fault) => return Ok(Err(fault.into())),
+        };
         if encoded.ids.len() > c.limits.tokens || rig.skeleton().len() > c.limits.joints {
-            return Ok(None);
+            return Ok(Err(Unfit::Long));
         }
         let mut streams = [stream(c.eval.seed, "skin draws", &[key])];
         let prompt = std::slice::from_ref(&encoded.ids);
         let drawn = rigger.draw(w, &seen.first(1), prompt, &c.eval.generate, &mut streams)?;
-        let Some(drawn) = drawn.first() else { return Ok(None) };
+        let drawn = drawn.first().ok_or("nothing was drawn for a given skeleton")?;
         let skins = rigger.skins(w, &rigger.straight(seen), drawn, c.eval.skins, key)?;
         let own = |codes| in_order(codes, &encoded.order, rig.skeleton().len());
-        Ok(Some(skins.into_iter().map(own).collect()))
+        Ok(Ok(skins.into_iter().map(own).collect()))
     }
 
     /// How many assets [`Self::evaluate`] goes over.
@@ -334,6 +341,7 @@ impl TokenRigTask {
                         mode: mode.into(),
                         iou: of.map_or(f64::NAN, |m| m.iou),
                         l1: of.map_or(f64::NAN, |m| m.l1),
+                        unwritten: String::new(),
                     };
                     assets.push(AssetRow {
                         split: split.clone(),
@@ -357,11 +365,14 @@ impl TokenRigTask {
                         .as_ref()
                         .map(|rig| ways.all("generated", rig, &moved(truth, rig.skeleton()), &claimed(&drawn.codes)));
                     skin_assets.push(skin_asset("generated", of));
-                    let of = match self.given(w, seen, truth, id.key())? {
-                        Some(skins) => Some(self.on_the_true_skeleton(truth, &skins, id.key(), &mut ways)?),
-                        None => None,
+                    let (of, unwritten) = match self.given(w, seen, truth, id.key())? {
+                        Ok(skins) => {
+                            (Some(self.on_the_true_skeleton(truth, &skins, id.key(), &mut ways)?), String::new())
+                        }
+                        Err(Unfit::Long) => (None, String::new()),
+                        Err(Unfit::Unwritten(fault)) => (None, fault),
                     };
-                    skin_assets.push(skin_asset("given", of));
+                    skin_assets.push(SkinAsset { unwritten, ..skin_asset("given", of) });
                     self.complete(w, seen, posed, id.key(), &mut completed)?;
                     let rig = rig.map(|rig| posed.rig_back(rig, as_it_is)).transpose().map_err(|e| e.to_string())?;
                     rigs.push(Rigged { id, rig });

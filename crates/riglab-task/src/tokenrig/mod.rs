@@ -51,7 +51,7 @@ use crate::assets::{AssetId, Assets, Cache};
 pub use crate::bundle::Card;
 use crate::experiment::{Examined, Experiment, beside};
 use crate::fsq_cvae::Frozen;
-use crate::sequences::LeftOut;
+use crate::sequences::{LeftOut, Unfit};
 use crate::settings::TaskSettings;
 use crate::unirig_skeleton::shape_tensors;
 
@@ -60,7 +60,7 @@ pub struct TokenRigTask {
     rigger: Rigger,
     pub(crate) assets: Arc<Assets>,
     pub(crate) cache: Arc<Cache<Rig>>,
-    samples: Arc<Cache<Option<Sample>, (AssetId, u64)>>,
+    samples: Arc<Cache<Result<Sample, Unfit>, (AssetId, u64)>>,
     pub(crate) train_assets: Vec<(f32, Vec<AssetId>)>,
     pub(crate) validation_assets: Vec<AssetId>,
     left_out: LeftOut,

@@ -158,15 +158,26 @@ impl Evaluation {
 
 /// Sentences on assets of a split that have no weights.
 fn lacking(assets: &[SkinAsset], split: &str) -> String {
-    let why = [
-        ("generated", "no skeleton came out"),
-        ("given", "their true skeletons are longer than limits.joints or limits.tokens"),
-    ];
-    let sentence = |(mode, why): (&str, &str)| {
-        let own = assets.iter().filter(|a| a.split == split && a.mode == mode && a.iou.is_nan()).count();
-        if own > 0 { format!(" Not in {mode}: {}, as {why}.", counted(own, "asset")) } else { String::new() }
+    let without = |mode: &str, written: bool| -> Vec<&SkinAsset> {
+        let own = assets.iter().filter(|a| a.split == split && a.mode == mode && a.iou.is_nan());
+        own.filter(|a| a.unwritten.is_empty() == written).collect()
     };
-    why.map(sentence).concat()
+    let sentence = |mode: &str, own: &[&SkinAsset], why: &str| match own.len() {
+        0 => String::new(),
+        count => format!(" Not in {mode}: {}, as {why}.", counted(count, "asset")),
+    };
+    let unwritten = without("given", false);
+    let fault = unwritten.first().map_or(String::new(), |first| format!(" ({}: {})", first.name, first.unwritten));
+    [
+        sentence("generated", &without("generated", true), "no skeleton came out"),
+        sentence(
+            "given",
+            &without("given", true),
+            "their true skeletons are longer than limits.joints or limits.tokens",
+        ),
+        sentence("given", &unwritten, &format!("their true skeletons cannot be written as tokens{fault}")),
+    ]
+    .concat()
 }
 
 #[cfg(test)]
@@ -177,12 +188,16 @@ mod tests {
     fn assets_without_weights_are_told_with_the_reason() {
         let of = |split: &str, mode: &str, iou| {
             let (name, category) = Default::default();
-            SkinAsset { split: split.into(), name, category, mode: mode.into(), iou, l1: iou }
+            SkinAsset { split: split.into(), name, category, mode: mode.into(), iou, l1: iou, unwritten: String::new() }
         };
         let nan = f64::NAN;
         let all = [of("a", "given", nan), of("a", "given", 0.5), of("a", "generated", 0.5), of("b", "generated", nan)];
         let long = " Not in given: 1 asset, as their true skeletons are longer than limits.joints or limits.tokens.";
         assert_eq!(lacking(&all, "a"), long);
+        // What no limit helps is told as it is.
+        let twice = SkinAsset { name: "x".into(), unwritten: "two hips".into(), ..of("a", "given", nan) };
+        let unwritten = " Not in given: 1 asset, as their true skeletons cannot be written as tokens (x: two hips).";
+        assert_eq!(lacking(&[&all[..], &[twice]].concat(), "a"), format!("{long}{unwritten}"));
         assert_eq!(lacking(&all, "b"), " Not in generated: 1 asset, as no skeleton came out.");
         assert_eq!(lacking(&all, "c"), "");
     }

@@ -3,12 +3,13 @@
 use riglab_core::{JointId, Rig};
 use riglab_nn::tokenrig::JointTold;
 use riglab_random::Stream;
-use riglab_token::Tokenizer;
+use riglab_token::{EncodeFault, Tokenizer};
 use tch::Kind;
 
 use super::config::SkinConfig;
 use super::told::{Sight, Teller};
 use crate::fsq_cvae::{Frozen, Prepared, threshold};
+use crate::sequences::Unfit;
 use crate::unirig_skeleton::batch::encode;
 
 /// A rig as the network reads it.
@@ -32,14 +33,21 @@ impl Sample {
     }
 }
 
-/// The beginning of a rig's sequence, its skeleton, and how many ids follow it in the whole; `None` where it cannot be
-/// written.
-pub fn skeleton(tokenizer: &Tokenizer, skin: &SkinConfig, rig: &Rig, class: bool) -> Option<(Sample, usize)> {
-    let encoded = encode(tokenizer, rig.skeleton(), class).ok()?;
+/// The beginning of a rig's sequence, its skeleton, and how many ids follow it in the whole.
+///
+/// # Errors
+/// Where it cannot be written.
+pub fn skeleton(
+    tokenizer: &Tokenizer,
+    skin: &SkinConfig,
+    rig: &Rig,
+    class: bool,
+) -> Result<(Sample, usize), EncodeFault> {
+    let encoded = encode(tokenizer, rig.skeleton(), class)?;
     let ids: Vec<i64> = encoded.ids.iter().map(|&id| i64::from(id)).collect();
     let skeleton = ids.len();
     let follow = codes_of(skin, rig).into_iter().sum::<usize>() + 1;
-    Some((Sample { ids, skeleton, clamped: encoded.clamped, ..Sample::default() }, follow))
+    Ok((Sample { ids, skeleton, clamped: encoded.clamped, ..Sample::default() }, follow))
 }
 
 /// How many ids of each joint follow a skeleton.
@@ -54,16 +62,19 @@ fn codes_of(skin: &SkinConfig, rig: &Rig) -> Vec<usize> {
     out
 }
 
-/// A rig's sequence; `None` where its skeleton cannot be written. `random` draws the points that its codes are made from.
-pub fn sample(
+/// A rig's sequence. `random` draws the points that its codes are made from.
+///
+/// # Errors
+/// Where its skeleton cannot be written, or not be read again.
+pub(crate) fn sample(
     tokenizer: &Tokenizer,
     skin: &SkinConfig,
     teller: &Teller,
     rig: &Rig,
     class: bool,
     random: &mut Stream,
-) -> Option<Sample> {
-    let encoded = encode(tokenizer, rig.skeleton(), class).ok()?;
+) -> Result<Sample, Unfit> {
+    let encoded = encode(tokenizer, rig.skeleton(), class)?;
     let sight = Sight::of(teller.model, rig.mesh());
     let prepared = match sight.as_ref().and_then(Sight::ground) {
         Some(ground) => Prepared::with_ground(ground, String::new(), rig.clone(), !skin.empty),
@@ -79,9 +90,9 @@ pub fn sample(
         }
     }
     ids.push(layout.end());
-    let decoded = tokenizer.decode(&encoded.ids).ok()?;
+    let decoded = tokenizer.decode(&encoded.ids).map_err(|fault| Unfit::Unwritten(fault.to_string()))?;
     let joints = teller.joints(&decoded, sight.as_ref());
-    Some(Sample { ids, joints, skeleton, clamped: encoded.clamped })
+    Ok(Sample { ids, joints, skeleton, clamped: encoded.clamped })
 }
 
 /// Of every joint of a rig in the cube, its first so many codes; `None` for those that are no bones.

@@ -15,7 +15,7 @@ use tch::Device;
 
 use super::config::SkeletonTaskConfig;
 use crate::assets::{AssetId, Assets, Cache};
-use crate::sequences::filled;
+use crate::sequences::{Unfit, filled};
 
 /// Plain arrays: b rigs, n points, p picked ones.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -107,9 +107,8 @@ impl BatchSource {
         (self.rigs.len() as u64).div_ceil(self.config.sampling.rigs as u64)
     }
 
-    /// Adds the rig at a place of the endless training sequence, augmented; false where its sequence is too
-    /// long.
-    fn add(&self, place: u64, batch: &mut Batch) -> Result<bool, String> {
+    /// Adds the rig at a place of the endless training sequence, augmented, or says why it has no sequence.
+    fn add(&self, place: u64, batch: &mut Batch) -> Result<Result<(), Unfit>, String> {
         let c = &self.config;
         let id = self.rigs.at(place);
         let rig = normalized(&self.assets, &self.cache, id)?;
@@ -119,9 +118,12 @@ impl BatchSource {
         // Where left and right are exchanged, the names of known makes are no longer true.
         let mirrored = augmented.motion.world.matrix3.determinant() < 0.0;
         let told = !random.chance(c.sampling.class_dropout) && !mirrored;
-        let Ok(encoded) = encode(&self.tokenizer, rig.skeleton(), told) else { return Ok(false) };
+        let encoded = match encode(&self.tokenizer, rig.skeleton(), told) {
+            Ok(encoded) => encoded,
+            Err(fault) => return Ok(Err(fault.into())),
+        };
         if encoded.ids.len() > c.limits.tokens || rig.skeleton().len() > c.limits.joints {
-            return Ok(false);
+            return Ok(Err(Unfit::Long));
         }
         let normals = augmented.normals.as_ref();
         let sampler = match normals {
@@ -132,7 +134,7 @@ impl BatchSource {
         batch.ids.extend(encoded.ids.iter().map(|&id| i64::from(id)));
         batch.lengths.push(encoded.ids.len() as i64);
         batch.clamped += encoded.clamped;
-        Ok(true)
+        Ok(Ok(()))
     }
 }
 
