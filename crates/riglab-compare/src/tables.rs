@@ -65,7 +65,8 @@ impl Comparison {
                 "Failed and missing assets count in the means as the worst case: shares as 0, weights as each vertex \
                  on one wrong bone, skeletons, for which there is no worst case, as one joint at the centre of the box \
                  (where a formula needs a bone, one of almost no length); the note below a table says which metrics \
-                 leave them out."
+                 leave them out. So does each figure that a prediction leaves undefined: those of bones where it has \
+                 one joint, those of weights where it has other joints than the truth."
             }
         }
         .into();
@@ -182,11 +183,15 @@ impl Comparison {
                 "Marked: the better mean, where the systems are scored on the same assets; they are not for {}",
                 apart.join(", ")
             )),
-            (false, false) => Some(
-                "No mean is marked as the better one: the systems are scored on different assets (see n); compare with \
-                 `--failures worst`, which counts every asset"
-                    .into(),
-            ),
+            (false, false) => {
+                let advice = match self.failures {
+                    Failures::Apart => "; compare with `--failures worst`, which counts every asset",
+                    Failures::Worst => "",
+                };
+                Some(format!(
+                    "No mean is marked as the better one: the systems are scored on different assets (see n){advice}"
+                ))
+            }
             (false, true) => None,
         };
         let but =
@@ -395,6 +400,9 @@ mod tests {
         assert_eq!((texts[0], texts[2], texts[4], texts[5], texts[7]), ("j2j × 100", "15.00", "2", "40.00", "2"));
         assert!(!cells[2].strong && !cells[5].strong, "they are over different assets");
         assert!(tables[0].note.contains("No mean is marked") && tables[0].note.contains("--failures worst"));
+        // It is no advice to who did so.
+        let worst = Comparison { failures: Failures::Worst, ..comparison.clone() }.tables(&Preset::ALL).remove(0).note;
+        assert!(worst.contains("No mean is marked") && !worst.contains("--failures"), "{worst}");
         // Both are defined on the first asset alone.
         assert_eq!(texts[8], "-20.00");
         assert_eq!(comparison.counts().rows[0][5].text, "1");
