@@ -94,7 +94,8 @@ pub fn fit(prediction: &Prediction, truth: &Rig) -> Result<Fitted, String> {
         parents: prediction.joints.parents.clone(),
     };
     let same = same_joints(&joints, &prediction.names, truth, longest);
-    let weights = order.and_then(|order| {
+    let fit = if prediction.unfit_weights.is_empty() { order } else { Err(prediction.unfit_weights.clone()) };
+    let weights = fit.and_then(|order| {
         let rows = prediction.weights.as_ref().ok_or("it has no weights")?;
         let order = match order {
             Order::Same => None,
@@ -325,6 +326,7 @@ mod tests {
             vertices: rig.mesh().positions().to_vec(),
             is_mesh: true,
             weights: Some(Rows::of(rig.weights(), rig.skeleton().len())),
+            unfit_weights: String::new(),
         }
     }
 
@@ -371,6 +373,8 @@ mod tests {
         sparse.weights = Some(Rows::dense(&[1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 1.0, 0.0, 0.0], 3));
         assert!(fit(&sparse, &rig).unwrap().weights.unwrap_err().contains("within 5 %"));
         assert!(fit(&Prediction::default(), &rig).unwrap_err().contains("no joints"));
+        let unfit = Prediction { unfit_weights: "of another".into(), ..own(&rig) };
+        assert_eq!(fit(&unfit, &rig).unwrap().weights.unwrap_err(), "of another");
     }
 
     #[test]

@@ -1,18 +1,29 @@
 //! What predictions and true assets are called when they are matched.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::path::Path;
 
-use riglab_asset::Format;
+use riglab_asset::{Format, file_and_item};
 
 /// What systems add to the name of what they were given.
 const ADDED: [&str; 10] =
     ["_rig", "_skin", "_skel", "_skeleton", "_pred", "_predict", "_rigged", "_skinned", "_results", "_ori"];
-/// Names that every asset of a set has: the folder is the asset's name.
-const COMMON: [&str; 3] = ["raw_data", "predict_skeleton", "predict_skin"];
+/// What UniRig's two stages write beside what they were given.
+pub(crate) const STAGES: [&str; 2] = ["predict_skeleton", "predict_skin"];
+/// What else every asset of a set has in a folder of its own, whose name is the asset's.
+const COMMON: &str = "raw_data";
 
-/// The key of an asset: its path below the folder, without the file's ending and what systems add to names; for
-/// an asset of a file of several, what stands behind the `#`.
+/// What an asset is called: its path below the folder, without the file's ending; of one of several of a file, what it is
+/// called there.
+pub(crate) fn called(name: &str) -> String {
+    let name = name.replace('\\', "/");
+    match file_and_item(&name) {
+        (_, "") => without_ending(&name),
+        (_, item) => without_ending(item),
+    }
+}
+
+/// The key of an asset: what it is called, without what systems add to names.
 ///
 /// ```
 /// use riglab_compare::key;
@@ -21,22 +32,76 @@ const COMMON: [&str; 3] = ["raw_data", "predict_skeleton", "predict_skin"];
 /// assert_eq!(key("cats/tom/predict_skin.npz"), "cats/tom");
 /// ```
 pub fn key(name: &str) -> String {
-    if let Some((_, own)) = name.rsplit_once('#').filter(|(_, own)| !own.is_empty()) {
-        return own.to_owned();
-    }
-    let name = name.replace('\\', "/");
-    let (folder, file) = name.rsplit_once('/').unwrap_or(("", &name));
-    let mut file = match file.rsplit_once('.') {
+    shortest(&called(name))
+}
+
+/// What something is called, without what systems add.
+pub(crate) fn shortest(called: &str) -> String {
+    shortened(called).pop().unwrap_or_default()
+}
+
+/// A path or name without the ending of a file that may hold an asset.
+pub(crate) fn without_ending(name: &str) -> String {
+    let (folder, file) = name.rsplit_once('/').unwrap_or(("", name));
+    let file = match file.rsplit_once('.') {
         Some((stem, ending)) if !stem.is_empty() && (is_format(file) || ending.eq_ignore_ascii_case("json")) => stem,
         _ => file,
     };
-    if COMMON.contains(&file) && !folder.is_empty() {
-        return folder.to_owned();
+    match folder {
+        "" => file.to_owned(),
+        folder if file == COMMON || STAGES.contains(&file) => folder.to_owned(),
+        folder => format!("{folder}/{file}"),
     }
+}
+
+/// What something is called, and that without what systems add, one after another.
+pub(crate) fn shortened(called: &str) -> Vec<String> {
+    let start = called.len() - own_name(called).len();
+    let mut all = vec![called.to_owned()];
+    let mut left = called;
     for added in ADDED {
-        file = file.strip_suffix(added).filter(|rest| !rest.is_empty()).unwrap_or(file);
+        if let Some(rest) = left.strip_suffix(added).filter(|rest| rest.len() > start) {
+            left = rest;
+            all.push(left.to_owned());
+        }
     }
-    if folder.is_empty() { file.to_owned() } else { format!("{folder}/{file}") }
+    all
+}
+
+/// Assets of two sets that are the same, by the numbers of their names: those that are called alike, and of the others those
+/// with the same key. What several of a set are called tells none of them.
+pub fn pairs(first: &[&str], second: &[&str]) -> Vec<(usize, usize)> {
+    let mut partners: Vec<Option<usize>> = vec![None; first.len()];
+    for name_of in [called, key] {
+        let taken: BTreeSet<usize> = partners.iter().flatten().copied().collect();
+        let own = only(first, name_of, |k| partners[k].is_some());
+        let theirs = only(second, name_of, |k| taken.contains(&k));
+        for (name, k) in own {
+            if let (Some(k), Some(Some(other))) = (k, theirs.get(&name)) {
+                partners[k] = Some(*other);
+            }
+        }
+    }
+    partners.iter().enumerate().filter_map(|(k, other)| Some((k, (*other)?))).collect()
+}
+
+/// Which of the names that are left means something; `None` for what several mean.
+fn only(
+    names: &[&str],
+    name_of: fn(&str) -> String,
+    is_taken: impl Fn(usize) -> bool,
+) -> HashMap<String, Option<usize>> {
+    let mut out = HashMap::new();
+    for (k, name) in names.iter().enumerate().filter(|(k, _)| !is_taken(*k)) {
+        out.entry(name_of(name)).and_modify(|other| *other = None).or_insert(Some(k));
+    }
+    out
+}
+
+/// Whether a file is called as what one of UniRig's stages writes.
+pub(crate) fn is_stage(file: &Path) -> bool {
+    let is_npz = file.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("npz"));
+    is_npz && file.file_stem().is_some_and(|stem| STAGES.iter().any(|stage| stem == *stage))
 }
 
 /// Whether a file is called like those of a format that is read.
@@ -49,32 +114,53 @@ pub(crate) fn own_name(key: &str) -> &str {
     key.rsplit('/').next().unwrap_or(key)
 }
 
-/// What assets are called, to tell whether a name without its folders can only mean one of them.
+/// What assets are called, to tell which of them a prediction can mean.
 #[derive(Debug, Default)]
 pub(crate) struct Called {
-    whole: BTreeSet<String>,
-    /// How many are called so in some folder.
+    keys: BTreeSet<String>,
+    /// How many keys end so.
     alone: BTreeMap<String, usize>,
+    /// Without anything taken off.
+    exactly: BTreeSet<String>,
+    /// The last steps of these.
+    exactly_alone: BTreeSet<String>,
 }
 
 impl Called {
     pub(crate) fn of<'a>(assets: impl IntoIterator<Item = &'a str>) -> Self {
-        let whole: BTreeSet<String> = assets.into_iter().map(key).collect();
-        let mut alone = BTreeMap::new();
-        whole.iter().for_each(|key| *alone.entry(own_name(key).to_owned()).or_default() += 1);
-        Self { whole, alone }
+        let mut out = Self::default().beside(assets);
+        out.keys.iter().for_each(|key| *out.alone.entry(own_name(key).to_owned()).or_default() += 1);
+        out
     }
 
     /// With others, which have their own by their whole keys alone.
     pub(crate) fn beside<'a>(mut self, others: impl IntoIterator<Item = &'a str>) -> Self {
-        self.whole.extend(others.into_iter().map(key));
+        for other in others {
+            let called = called(other);
+            self.keys.insert(key(other));
+            self.exactly_alone.insert(own_name(&called).to_owned());
+            self.exactly.insert(called);
+        }
         self
     }
 
     /// Whether `theirs`, a key in another folder, can be that of the asset of this key: no other asset is called so in
     /// any folder, and none has that key.
     pub(crate) fn may_be(&self, key: &str, theirs: &str) -> bool {
-        self.alone.get(own_name(key)).is_none_or(|&count| count < 2) && !self.whole.contains(theirs)
+        self.alone.get(own_name(key)).is_none_or(|&count| count < 2) && !self.keys.contains(theirs)
+    }
+
+    /// Whether a prediction called so is that of the asset called `asset`, of all that have its key: what is taken off its name
+    /// first that leaves an asset's name leaves this one.
+    pub(crate) fn is_of(&self, prediction: &str, asset: &str) -> bool {
+        shortened(prediction).iter().find(|name| self.exactly.contains(*name)).is_none_or(|name| name == asset)
+    }
+
+    /// The same where both are in different folders.
+    pub(crate) fn is_of_elsewhere(&self, prediction: &str, asset: &str) -> bool {
+        let names = shortened(own_name(prediction));
+        let meant = names.iter().find(|name| self.exactly_alone.contains(*name));
+        meant.is_none_or(|name| name == own_name(asset))
     }
 }
 
@@ -101,5 +187,54 @@ mod tests {
         assert_eq!((key("_rig.txt"), key("raw_data.npz")), ("_rig".into(), "raw_data".into()));
         assert_eq!((key("v1.5"), key("set.npz#")), ("v1.5".into(), "set.npz#".into()));
         assert_eq!(own_name("a/b"), "b");
+    }
+
+    #[test]
+    fn a_sign_in_a_path_names_no_asset_of_a_file() {
+        for (name, wanted) in [
+            ("Character #3.glb", "Character #3"),
+            ("batch#2/tom.glb", "batch#2/tom"),
+            ("batch#2/set.npz#tom#2", "tom#2"),
+            ("set.npz#tom_rig.glb", "tom"),
+            ("runs#1/v1.5", "runs#1/v1.5"),
+        ] {
+            assert_eq!(key(name), wanted);
+        }
+    }
+
+    #[test]
+    fn what_is_called_exactly_so_comes_before_what_is_taken_off() {
+        let called = Called::of(["warrior.glb", "warrior_skeleton.glb", "x/fox.glb", "x/fox_skin.glb"]);
+        for (prediction, asset) in [
+            ("warrior", "warrior"),
+            ("warrior_rig", "warrior"),
+            ("warrior_skeleton", "warrior_skeleton"),
+            ("warrior_skeleton_pred", "warrior_skeleton"),
+        ] {
+            for other in ["warrior", "warrior_skeleton"] {
+                assert_eq!(called.is_of(prediction, other), asset == other, "{prediction} {other}");
+            }
+        }
+        assert!(called.is_of_elsewhere("y/fox_skin", "x/fox_skin") && !called.is_of_elsewhere("y/fox_skin", "x/fox"));
+        // What no asset is called may be any of its key.
+        assert!(called.is_of("wolf", "wolf_rig"));
+    }
+
+    #[test]
+    fn pairs_are_called_alike_or_have_one_key() {
+        let both = ["warrior.glb", "warrior_skeleton.glb", "cat.glb", "dog.glb", "#1.glb"];
+        let theirs = ["#1.fbx", "dog_a.glb", "cat_rig.txt", "warrior_skeleton.fbx", "warrior.fbx"];
+        assert_eq!(pairs(&both, &theirs), [(0, 4), (1, 3), (2, 2), (4, 0)]);
+        // Which of two is meant is not told.
+        assert_eq!(pairs(&["a.glb"], &["a.glb", "a.fbx"]), []);
+        assert_eq!(pairs(&["a.glb", "a.fbx"], &["a.glb"]), []);
+        assert_eq!(pairs(&["a.glb"], &["a_rig.txt", "a_pred.txt"]), []);
+    }
+
+    #[test]
+    fn stages_are_called_exactly_so() {
+        let of =
+            ["x/predict_skin.npz", "predict_skeleton.NPZ", "predict_a.h5", "predict_skin.glb", "predict_skin_2.npz"];
+        assert_eq!(of.map(|file| is_stage(Path::new(file))), [true, true, false, false, false]);
     }
 }

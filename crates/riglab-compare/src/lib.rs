@@ -23,7 +23,7 @@ mod unit;
 
 pub use error::CompareError;
 pub use fit::{Fitted, fit};
-pub use keys::key;
+pub use keys::{key, pairs};
 pub use predictions::{Kind, Prediction, Predictions};
 pub use rows::{Failures, Row, Status, System, Unread, score};
 pub use tables::Comparison;

@@ -1,6 +1,6 @@
 //! What a system wrote: found, named and read.
 
-use std::collections::{BTreeMap, HashSet};
+use std::collections::{BTreeMap, BTreeSet, HashSet};
 use std::fmt;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -12,7 +12,7 @@ use riglab_metric::{Joints, Rows};
 
 use crate::CompareError;
 use crate::corpora::corpus_at;
-use crate::keys::{Called, key, own_name};
+use crate::keys::{Called, STAGES, called, is_stage, own_name, shortened, shortest, without_ending};
 
 /// Which files are predictions: those of a format, or all that hold rigs.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -53,6 +53,8 @@ pub struct Prediction {
     pub is_mesh: bool,
     /// Weights of the vertices on the joints.
     pub weights: Option<Rows>,
+    /// Why weights that it has cannot be taken; empty where they can.
+    pub unfit_weights: String,
 }
 
 /// Where the prediction of an asset lies.
@@ -83,11 +85,13 @@ impl fmt::Debug for Held {
     }
 }
 
-/// The predictions below a folder, by key.
+/// The predictions below a folder, by what they are called.
 #[derive(Clone, Debug)]
 pub struct Predictions {
     folder: PathBuf,
     places: BTreeMap<String, Vec<Place>>,
+    /// What those are called of which this is left without some of what systems add.
+    by_key: BTreeMap<String, Vec<String>>,
     /// Keys by their last step, where no two share it.
     by_name: BTreeMap<String, Option<String>>,
     /// Files that could not be looked into, with the reason.
@@ -111,7 +115,8 @@ impl Predictions {
         } else {
             return Err(CompareError::NoPredictions(folder.into()));
         };
-        let mut found = Self { folder: folder.into(), places: BTreeMap::new(), by_name: BTreeMap::new(), unread };
+        let (by_key, by_name) = Default::default();
+        let mut found = Self { folder: folder.into(), places: BTreeMap::new(), by_key, by_name, unread };
         for file in files {
             found.add(file, folder);
         }
@@ -119,8 +124,14 @@ impl Predictions {
         if found.places.is_empty() && found.unread.is_empty() {
             return Err(CompareError::NothingOfKind { folder: folder.into(), kind: kind.name() });
         }
-        for key in found.places.keys() {
-            let own = own_name(key).to_owned();
+        for name in found.places.keys() {
+            for key in shortened(name) {
+                found.by_key.entry(key).or_default().push(name.clone());
+            }
+        }
+        let keys: BTreeSet<String> = found.places.keys().map(|name| shortest(name)).collect();
+        for key in keys {
+            let own = own_name(&key).to_owned();
             found.by_name.entry(own).and_modify(|k| *k = None).or_insert_with(|| Some(key.clone()));
         }
         Ok(found)
@@ -145,7 +156,7 @@ impl Predictions {
         let name = if name.is_empty() { file.to_string_lossy().into_owned() } else { name };
         // One that cannot be counted keeps its key: reading it will say what is wrong, in its row.
         if riglab_asset::count_assets(&file).unwrap_or(1) <= 1 {
-            self.places.entry(key(&name)).or_default().push(Place { file, held: Held::Alone });
+            self.places.entry(called(&name)).or_default().push(Place { file, held: Held::Alone });
             return;
         }
         let all = match read_arrays(&file) {
@@ -155,7 +166,7 @@ impl Predictions {
         let stem = file.file_stem().unwrap_or_default().to_string_lossy().into_owned();
         for (item, rig) in all.into_iter().enumerate() {
             let own = rig.as_ref().map_or("", |r| r.name.trim());
-            let own = if own.is_empty() { format!("{stem}-{item:06}") } else { key(own) };
+            let own = if own.is_empty() { format!("{stem}-{item:06}") } else { without_ending(own) };
             let files = vec![file.clone()];
             let read = rig.map(|rig| Prediction { files, ..of_arrays(&rig) }).map_err(|e| e.to_string());
             self.places.entry(own).or_default().push(Place { file: file.clone(), held: Held::Read(Arc::new(read)) });
@@ -168,7 +179,7 @@ impl Predictions {
         let corpus = Arc::new(corpus);
         for (index, name) in corpus.names()?.iter().enumerate().filter(|(index, _)| !bare.contains(index)) {
             let held = Held::Asset(corpus.clone(), index);
-            self.places.entry(key(name)).or_default().push(Place { file: file.into(), held });
+            self.places.entry(called(name)).or_default().push(Place { file: file.into(), held });
         }
         Ok(())
     }
@@ -176,8 +187,8 @@ impl Predictions {
     /// Where UniRig's two stages lie beside what they were given, they are the prediction.
     fn prefer_stages(&mut self) {
         for places in self.places.values_mut() {
-            if places.iter().any(is_stage) {
-                places.retain(is_stage);
+            if places.iter().any(Place::is_stage) {
+                places.retain(Place::is_stage);
             }
         }
     }
@@ -197,42 +208,71 @@ impl Predictions {
         &self.folder
     }
 
-    /// Their keys.
-    pub fn keys(&self) -> impl Iterator<Item = &str> {
+    /// What they are called.
+    pub fn names(&self) -> impl Iterator<Item = &str> {
         self.places.keys().map(String::as_str)
     }
 
-    /// The key of the prediction for a true asset: its own, or the only one of that name in any folder where no other
-    /// asset can be meant.
-    pub(crate) fn key_of(&self, asset: &str, assets: &Called) -> Option<&str> {
-        let key = key(asset);
-        match self.places.get_key_value(&key) {
-            Some((key, _)) => Some(key),
-            None => self.by_name.get(own_name(&key))?.as_deref().filter(|theirs| assets.may_be(&key, theirs)),
+    /// What predictions of a true asset are called: the one that is called as it is, else those that add to its name, else those
+    /// of its key, else those of the only key of that name in any folder where no other asset can be meant. Those of other
+    /// assets are not among them.
+    pub(crate) fn of_asset(&self, asset: &str, assets: &Called) -> Vec<&str> {
+        let own = called(asset);
+        let key = shortest(&own);
+        if let Some((name, _)) = self.places.get_key_value(&own) {
+            return vec![name];
+        }
+        let of_key = |key: &str| self.by_key.get(key).into_iter().flatten().map(String::as_str);
+        for left in [&own, &key] {
+            let same: Vec<&str> = of_key(left).filter(|name| assets.is_of(name, &own)).collect();
+            if !same.is_empty() {
+                return same;
+            }
+        }
+        let theirs = [&own, &key].into_iter().filter_map(|name| self.by_name.get(own_name(name))?.as_deref());
+        let theirs = theirs.filter(|theirs| assets.may_be(&key, theirs)).take(1).flat_map(of_key);
+        let elsewhere: Vec<&str> = theirs.filter(|name| assets.is_of_elsewhere(name, &own)).collect();
+        match elsewhere.iter().find(|name| own_name(name) == own_name(&own)) {
+            Some(exactly) => vec![exactly],
+            None => elsewhere,
         }
     }
 
-    /// Reads the prediction of a key; what is wrong with it is a sentence.
+    /// Reads the prediction of an asset, of what [`Self::of_asset`] gives; what is wrong with it is a sentence.
     ///
     /// # Errors
     /// When a file cannot be read, or several could be meant.
-    pub fn read(&self, key: &str) -> Result<Prediction, String> {
-        let places = self.places.get(key).map_or(&[][..], Vec::as_slice);
-        match places {
+    pub(crate) fn read(&self, names: &[&str], asset: &str) -> Result<Prediction, String> {
+        let places: Vec<&Place> = names.iter().filter_map(|name| self.places.get(*name)).flatten().collect();
+        match places[..] {
             [] => Err("there is no prediction".into()),
             [one] => read(one),
-            [a, b] if is_stage(a) && is_stage(b) => Ok(together(read(a)?, read(b)?)),
+            [a, b] if a.is_stage() && b.is_stage() => {
+                let [skeleton, skin] = if a.file.file_stem().is_some_and(|s| s == STAGES[0]) { [a, b] } else { [b, a] };
+                let files = vec![skeleton.file.clone(), skin.file.clone()];
+                Ok(Prediction { files, ..together(array_rig(skeleton)?, array_rig(skin)?) })
+            }
             _ => {
                 let files: Vec<String> = places.iter().map(|p| p.file.display().to_string()).collect();
-                Err(format!("several files could be its prediction: {}; choose with --format", files.join(", ")))
+                let mut formats: Vec<_> =
+                    places.iter().map(|p| Format::by_ending(&p.file).map(Format::short)).collect();
+                formats.sort();
+                formats.dedup();
+                let remedy = match formats.len() == places.len() && formats.iter().all(Option::is_some) {
+                    true => "choose with --format".to_owned(),
+                    false => format!("keep one of them, or call the one that is meant `{}`", called(asset)),
+                };
+                Err(format!("several files could be its prediction: {}; {remedy}", files.join(", ")))
             }
         }
     }
 }
 
-/// Whether it is what one of UniRig's stages predicts.
-fn is_stage(place: &Place) -> bool {
-    place.file.file_stem().is_some_and(|s| s.to_string_lossy().starts_with("predict_"))
+impl Place {
+    /// Whether it is what one of UniRig's stages predicts.
+    fn is_stage(&self) -> bool {
+        matches!(self.held, Held::Alone) && is_stage(&self.file)
+    }
 }
 
 fn read(place: &Place) -> Result<Prediction, String> {
@@ -250,12 +290,16 @@ fn read(place: &Place) -> Result<Prediction, String> {
         let rig = imported.rig().ok_or_else(|| format!("{}: it holds no skeleton", place.file.display()))?;
         return Ok(of_rig(rig, files));
     }
+    Ok(Prediction { files, ..of_arrays(&array_rig(place)?) })
+}
+
+/// The arrays of a file of one.
+fn array_rig(place: &Place) -> Result<ArrayRig, String> {
     let mut all = read_arrays(&place.file).map_err(|e| e.to_string())?;
     if all.is_empty() {
         return Err(format!("{}: it holds no asset", place.file.display()));
     }
-    let rig = all.swap_remove(0).map_err(|e| e.to_string())?;
-    Ok(Prediction { files, ..of_arrays(&rig) })
+    all.swap_remove(0).map_err(|e| e.to_string())
 }
 
 fn of_rig(rig: &Rig, files: Vec<PathBuf>) -> Prediction {
@@ -266,6 +310,7 @@ fn of_rig(rig: &Rig, files: Vec<PathBuf>) -> Prediction {
         vertices: rig.mesh().positions().to_vec(),
         is_mesh: true,
         weights: Some(Rows::of(rig.weights(), rig.skeleton().len())),
+        unfit_weights: String::new(),
     }
 }
 
@@ -307,20 +352,67 @@ fn of_arrays(rig: &ArrayRig) -> Prediction {
         vertices: rig.vertices.iter().map(at).collect(),
         is_mesh: !rig.faces.is_empty(),
         weights,
+        unfit_weights: String::new(),
     }
 }
 
-/// UniRig's two stages: the skeleton of one, points and weights of the other, which has the joints in the same order
-/// but no parents.
-fn together(a: Prediction, b: Prediction) -> Prediction {
-    let (mut skeleton, skin) = if a.weights.is_some() { (b, a) } else { (a, b) };
-    skeleton.files.extend(skin.files);
-    skeleton.files.sort();
-    let near = |(a, b): (&[f64; 3], &[f64; 3])| (0..3).all(|k| (a[k] - b[k]).abs() < 1e-4);
+/// UniRig's two stages: the skeleton of one, points and weights of the other, which has the joints in the same order but no
+/// parents. That order is the files', which need not be the one that [`of_arrays`] puts joints in: of a template's joints the
+/// body's come before the hands'.
+fn together(mut skeleton: ArrayRig, skin: ArrayRig) -> Prediction {
+    let near = |(a, b): (&Vec3, &Vec3)| (0..3).all(|k| (a[k] - b[k]).abs() < 1e-4);
     // The stage of weights was given this skeleton, or its weights are of another one.
-    let same = skin.joints.positions.len() == skeleton.joints.positions.len();
-    if same && skin.joints.positions.iter().zip(&skeleton.joints.positions).all(near) {
-        (skeleton.vertices, skeleton.is_mesh, skeleton.weights) = (skin.vertices, skin.is_mesh, skin.weights);
+    if skin.joints.len() == skeleton.joints.len() && skin.joints.iter().zip(&skeleton.joints).all(near) {
+        (skeleton.vertices, skeleton.faces, skeleton.weights) = (skin.vertices, skin.faces, skin.weights);
+        return of_arrays(&skeleton);
     }
-    skeleton
+    let unfit_weights = format!(
+        "{} has other joints than {} ({} and {}, or elsewhere): its weights are of another skeleton",
+        STAGES[1],
+        STAGES[0],
+        skin.joints.len(),
+        skeleton.joints.len()
+    );
+    Prediction { unfit_weights, ..of_arrays(&skeleton) }
+}
+
+#[cfg(test)]
+mod tests {
+    use riglab_asset::SparseRows;
+
+    use super::*;
+
+    /// Joints as UniRig writes those of a template: two limbs, then what hangs on the first.
+    fn stages() -> [ArrayRig; 2] {
+        let joints: Vec<Vec3> = vec![[0.0; 3], [0.1, 0.0, 0.0], [0.2, 0.0, 0.0], [0.3, 0.0, 0.0]];
+        let parents = vec![None, Some(0), Some(0), Some(1)];
+        let weights = SparseRows { offsets: vec![0, 1, 2], pairs: vec![(2, 1.0), (3, 1.0)] };
+        let (vertices, weights) = (vec![[0.2, 0.1, 0.0], [0.3, 0.1, 0.0]], Some(weights));
+        let skin = ArrayRig { joints: joints.clone(), vertices, weights, ..ArrayRig::default() };
+        [ArrayRig { joints, parents, ..ArrayRig::default() }, skin]
+    }
+
+    #[test]
+    fn the_weights_of_a_stage_are_on_the_joints_of_the_other_in_any_order() {
+        let [skeleton, skin] = stages();
+        let both = together(skeleton, skin);
+        assert_eq!(both.joints.parents, [None, Some(0), Some(1), Some(0)]);
+        let rows = both.weights.unwrap();
+        for (v, x) in [(0, 0.2), (1, 0.3)] {
+            let [(joint, weight)] = rows.row(v)[..] else { panic!("{rows:?}") };
+            let at = both.joints.positions[joint as usize];
+            assert!((at[0] - x).abs() < 1e-6 && weight == 1.0, "{v}: {at:?}");
+        }
+        assert_eq!((both.vertices.len(), both.unfit_weights.as_str()), (2, ""));
+    }
+
+    #[test]
+    fn weights_of_another_skeleton_are_told() {
+        for change in [|skin: &mut ArrayRig| skin.joints[3][1] = 0.5, |skin: &mut ArrayRig| skin.joints.truncate(3)] {
+            let [skeleton, mut skin] = stages();
+            change(&mut skin);
+            let both = together(skeleton, skin);
+            assert!(both.weights.is_none() && both.unfit_weights.contains("another skeleton"), "{both:?}");
+        }
+    }
 }

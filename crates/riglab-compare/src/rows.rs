@@ -1,7 +1,9 @@
 //! A row for every true asset.
 
 use std::collections::BTreeSet;
+use std::ops::ControlFlow;
 use std::path::Path;
+use std::sync::{Mutex, PoisonError};
 
 use rayon::prelude::*;
 use riglab_core::{Asset, Bounds, Rig};
@@ -10,18 +12,20 @@ use riglab_metric::{Joints, Measure, Rows, SkinBaseline, Truth};
 use serde::{Serialize, Serializer};
 
 use crate::keys::Called;
-use crate::{CompareError, Predictions, Truths, fit};
+use crate::{CompareError, Named, Predictions, Truths, fit};
 
 /// How assets count for which there is nothing to measure.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Failures {
-    /// Apart: counted beside the means.
+    /// Apart: counted beside the means, as are figures that a prediction leaves undefined.
     #[default]
     Apart,
     /// As the worst that a figure's definition allows, which of weights is one bone for each vertex, a wrong one; of
     /// distances between skeletons, which have no bound, as if one joint had been predicted at the centre of the box.
-    /// Formulas that need a bone are given one there of no length, or of the least that they do not merge away.
+    /// Formulas that need a bone are given one there of no length, or of the least that they do not merge away. So do single
+    /// figures that a prediction leaves undefined: those of bones where it has one joint, those of weights where it has none on
+    /// the true joints.
     Worst,
 }
 
@@ -86,68 +90,75 @@ pub struct System {
 /// weights alone; also gives true files that could not be read. `progress` is told how many assets are done.
 ///
 /// # Errors
-/// When no true rig can be read, or a system has no prediction named as one.
+/// When no true rig can be read, or a system has no prediction named as one: before anything is scored where names are known
+/// without reading files.
 pub fn score(
     truths: &Truths,
     systems: &[(String, Predictions)],
     baselines: &[SkinBaseline],
     failures: Failures,
-    mut progress: impl FnMut(usize),
+    progress: impl FnMut(usize) + Send,
 ) -> Result<(Vec<System>, Unread), CompareError> {
     let mut out: Vec<System> = systems.iter().map(|(name, p)| System::empty(name, p)).collect();
     out.extend(baselines.iter().map(System::of_baseline));
-    let (mut broken, mut done) = (truths.unread.clone(), 0);
+    let mut worst: Vec<Vec<Vec<Measure>>> = vec![Vec::new(); out.len()];
+    let mut broken = truths.unread.clone();
     let mut used: Vec<BTreeSet<String>> = vec![Default::default(); systems.len()];
     let mut example = String::new();
     let elsewhere = || truths.elsewhere.iter().map(String::as_str);
     let names = truths.names()?;
     let asked = Called::of(names.iter().map(String::as_str)).beside(elsewhere());
+    let is_strange = |p: &&Predictions| !p.is_empty() && names.iter().all(|name| p.of_asset(name, &asked).is_empty());
+    let strange = systems.iter().map(|(_, p)| p).find(is_strange).filter(|_| truths.are_named());
+    let told = Mutex::new((0, progress));
     truths.each(|some| {
-        let rows: Vec<Result<Vec<Row>, (String, String)>> = some
-            .par_iter()
-            .map(|(name, asset)| match asset {
+        if let (Some(_), Some((name, _))) = (strange, some.iter().find(|(_, asset)| asset.is_ok())) {
+            example.clone_from(name);
+            return ControlFlow::Break(());
+        }
+        let of = |(name, asset): &Named| {
+            let rows = match asset {
                 Ok(asset) => Ok(rows((name, &asked), asset, systems, baselines, failures)),
                 Err(e) => Err((name.clone(), e.clone())),
-            })
-            .collect();
-        for ((name, _), rows) in some.iter().zip(rows) {
-            done += 1;
+            };
+            let mut told = told.lock().unwrap_or_else(PoisonError::into_inner);
+            told.0 += 1;
+            let done = told.0;
+            (told.1)(done);
+            rows
+        };
+        for ((name, _), rows) in some.iter().zip(some.par_iter().map(of).collect::<Vec<_>>()) {
             match rows {
                 Ok(rows) => {
                     example.clone_from(name);
-                    for (k, row) in rows.into_iter().enumerate() {
+                    for (k, (row, lacking)) in rows.into_iter().enumerate() {
                         if let Some((_, predictions)) = systems.get(k) {
-                            used[k].extend(predictions.key_of(name, &asked).map(String::from));
+                            used[k].extend(predictions.of_asset(name, &asked).into_iter().map(String::from));
                         }
                         out[k].rows.push(row);
+                        worst[k].push(lacking);
                     }
                 }
                 Err(fault) => broken.push(fault),
             }
         }
-        progress(done);
+        ControlFlow::Continue(())
     });
-    out.iter_mut().for_each(System::leave_what_none_has);
     let others = Called::of(elsewhere());
+    // Those of the corpus' other splits are not asked for, and no fault.
+    let of_others = |predictions: &Predictions| -> BTreeSet<String> {
+        elsewhere().flat_map(|name| predictions.of_asset(name, &others)).map(String::from).collect()
+    };
+    if let Some(predictions) = strange.filter(|_| !example.is_empty()) {
+        return Err(nothing_matches(predictions, &example, of_others(predictions).len()));
+    }
+    out.iter_mut().zip(worst).for_each(|(system, worst)| system.count_worst(worst));
     for ((system, (_, predictions)), used) in out.iter_mut().zip(systems).zip(used) {
-        // Those of the corpus' other splits are not asked for, and no fault.
-        let elsewhere: BTreeSet<&str> = elsewhere().filter_map(|name| predictions.key_of(name, &others)).collect();
-        let unmatched = predictions.keys().filter(|k| !used.contains(*k) && !elsewhere.contains(k));
+        let elsewhere = of_others(predictions);
+        let unmatched = predictions.names().filter(|k| !used.contains(*k) && !elsewhere.contains(*k));
         system.unmatched = unmatched.map(String::from).collect();
-        if let (true, Some(theirs)) = (used.is_empty() && !system.rows.is_empty(), predictions.keys().next()) {
-            return Err(CompareError::NothingMatches {
-                folder: predictions.folder().into(),
-                found: match predictions.len() {
-                    1 => "1 prediction".into(),
-                    n => format!("{n} predictions"),
-                },
-                theirs: theirs.into(),
-                ours: crate::key(&example),
-                elsewhere: match elsewhere.len() {
-                    0 => String::new(),
-                    n => format!("; {n} of them are of other splits of the corpus: --split chooses one"),
-                },
-            });
+        if used.is_empty() && !system.rows.is_empty() && !predictions.is_empty() {
+            return Err(nothing_matches(predictions, &example, elsewhere.len()));
         }
     }
     if out.iter().any(|s| s.rows.is_empty()) {
@@ -155,6 +166,23 @@ pub fn score(
         return Err(CompareError::NoTruth(truths.path().into(), first));
     }
     Ok((out, broken))
+}
+
+/// That no prediction is named like a true asset, such as `example`; `elsewhere`: how many are named like those of other splits.
+fn nothing_matches(predictions: &Predictions, example: &str, elsewhere: usize) -> CompareError {
+    CompareError::NothingMatches {
+        folder: predictions.folder().into(),
+        found: match predictions.len() {
+            1 => "1 prediction".into(),
+            n => format!("{n} predictions"),
+        },
+        theirs: predictions.names().next().unwrap_or_default().into(),
+        ours: crate::key(example),
+        elsewhere: match elsewhere {
+            0 => String::new(),
+            n => format!("; {n} of them are of other splits of the corpus: --split chooses one"),
+        },
+    }
 }
 
 /// Why the first true file cannot be read, with no name that is said already: that of the only file, or what its reader names.
@@ -184,14 +212,20 @@ impl System {
         Self { name, folder, baseline: true, rows: Vec::new(), unmatched: Vec::new(), unread: Vec::new() }
     }
 
-    /// Takes from failures the figures that no scored asset has: of a system whose weights cannot be compared anywhere, worst
-    /// weights would be all there is.
-    fn leave_what_none_has(&mut self) {
+    /// Gives each row the figures that it lacks, by what is the worst for its asset; not those that no scored asset has: of a
+    /// system whose weights cannot be compared anywhere, worst weights would be all there is.
+    fn count_worst(&mut self, worst: Vec<Vec<Measure>>) {
         let scored = self.rows.iter().filter(|row| row.status == Status::Scored);
         let had: BTreeSet<String> = scored.clone().flat_map(|row| row.measures.iter().map(Measure::name)).collect();
-        if scored.count() > 0 {
-            let failed = self.rows.iter_mut().filter(|row| row.status != Status::Scored);
-            failed.for_each(|row| row.measures.retain(|m| had.contains(&m.name())));
+        let any = scored.count() > 0;
+        for (row, worst) in self.rows.iter_mut().zip(worst) {
+            for m in worst.into_iter().filter(|m| !any || had.contains(&m.name())) {
+                match row.measures.iter_mut().find(|own| (own.metric, own.preset) == (m.metric, m.preset)) {
+                    Some(own) if own.value.is_nan() => own.value = m.value,
+                    Some(_) => {}
+                    None => row.measures.push(m),
+                }
+            }
         }
     }
 
@@ -208,14 +242,14 @@ impl System {
     }
 }
 
-/// The rows of one asset, one a system, then one a baseline.
+/// The rows of one asset, one a system, then one a baseline, each with the worst figures for the asset where these are to count.
 fn rows(
     (name, asked): (&str, &Called),
     asset: &Asset,
     systems: &[(String, Predictions)],
     baselines: &[SkinBaseline],
     failures: Failures,
-) -> Vec<Row> {
+) -> Vec<(Row, Vec<Measure>)> {
     let rig = &asset.rig;
     let empty = || Row {
         asset: name.into(),
@@ -231,12 +265,13 @@ fn rows(
     let prepare = || Truth::new(name, rig).moving(&asset.clips);
     let mut row = |predictions: &Predictions| {
         let mut row = empty();
-        let read = predictions.key_of(name, asked).map(|key| predictions.read(key).and_then(|p| fit(&p, rig)));
-        match read {
-            None if failures == Failures::Apart => return row,
-            None => {}
-            Some(Err(reason)) => row.status = Status::Failed(reason),
-            Some(Ok(fitted)) => {
+        let found = predictions.of_asset(name, asked);
+        if found.is_empty() {
+            return row;
+        }
+        match predictions.read(&found, name).and_then(|p| fit(&p, rig)) {
+            Err(reason) => row.status = Status::Failed(reason),
+            Ok(fitted) => {
                 let truth = prepared.get_or_insert_with(prepare);
                 row.status = Status::Scored;
                 row.joints = fitted.joints.positions.len();
@@ -249,20 +284,21 @@ fn rows(
                     Err(reason) => row.without_weights = reason,
                 }
                 row.notes = fitted.notes;
-                return row;
             }
-        }
-        if failures == Failures::Worst {
-            row.measures = worst(prepared.get_or_insert_with(prepare), rig);
         }
         row
     };
-    let mut out: Vec<Row> = systems.iter().map(|(_, predictions)| row(predictions)).collect();
+    let found: Vec<Row> = systems.iter().map(|(_, predictions)| row(predictions)).collect();
+    let lacking = match failures {
+        Failures::Worst if !found.is_empty() => worst(prepared.get_or_insert_with(prepare), rig),
+        _ => Vec::new(),
+    };
+    let mut out: Vec<(Row, Vec<Measure>)> = found.into_iter().map(|row| (row, lacking.clone())).collect();
     for baseline in baselines {
         let truth = prepared.get_or_insert_with(prepare);
         let weights = Rows::of(&baseline.weights(rig, &SolidConfig::DEFAULT), rig.skeleton().len());
         let measures = truth.skin(&weights).unwrap_or_default();
-        out.push(Row { status: Status::Scored, joints: rig.skeleton().len(), measures, ..empty() });
+        out.push((Row { status: Status::Scored, joints: rig.skeleton().len(), measures, ..empty() }, Vec::new()));
     }
     out
 }
@@ -297,33 +333,49 @@ mod tests {
     use super::*;
 
     #[test]
-    fn failures_have_no_figure_that_no_other_asset_has() {
-        let row = |status: Status, metrics: &[&'static str]| Row {
+    fn rows_lack_no_figure_that_another_asset_has() {
+        let measure = |metric: &'static str, value| Measure { metric, preset: Preset::Unirig, value };
+        let row = |status: Status, measures: &[(&'static str, f64)]| Row {
             asset: "a".into(),
             status,
             joints: 2,
             true_joints: 2,
             without_weights: String::new(),
             notes: Vec::new(),
-            measures: metrics.iter().map(|m| Measure { metric: m, preset: Preset::Unirig, value: 1.0 }).collect(),
+            measures: measures.iter().map(|&(metric, value)| measure(metric, value)).collect(),
         };
-        let left = |first: Row| {
-            let failed = row(Status::Failed("no".into()), &["j2j", "l1"]);
+        let worst = [("j2j", 9.0), ("j2b", 8.0), ("l1", 7.0)].map(|(metric, value)| measure(metric, value)).to_vec();
+        let of = |first: &[(&'static str, f64)], status: Status| {
+            let second = row(Status::Scored, &[("j2j", 2.0), ("j2b", f64::NAN)]);
             let mut system = System {
                 name: "s".into(),
                 folder: String::new(),
                 baseline: false,
-                rows: vec![first, failed, row(Status::Missing, &["j2j", "l1"])],
+                rows: vec![
+                    row(status.clone(), first),
+                    if status == Status::Scored { second } else { row(status, &[]) },
+                ],
                 unmatched: Vec::new(),
                 unread: Vec::new(),
             };
-            system.leave_what_none_has();
-            system.rows[1..].iter().map(|r| r.measures.len()).collect::<Vec<_>>()
+            system.rows.push(row(Status::Failed("no".into()), &[]));
+            system.count_worst(vec![worst.clone(); 3]);
+            ["j2j@unirig", "j2b@unirig", "l1@unirig"].map(|name| system.values(name))
         };
-        assert_eq!(left(row(Status::Scored, &["j2j"])), [1, 1]);
-        assert_eq!(left(row(Status::Scored, &["j2j", "l1"])), [2, 2]);
+        let same = |found: [Vec<f64>; 3], wanted: [[f64; 3]; 3]| {
+            let text = |all: &dyn Fn(usize) -> Vec<f64>| (0..3).map(|k| format!("{:?}", all(k))).collect::<Vec<_>>();
+            assert_eq!(text(&|k| found[k].clone()), text(&|k| wanted[k].to_vec()));
+        };
+        let nan = f64::NAN;
+        // What is undefined is the worst, and what is found stays.
+        same(
+            of(&[("j2j", 1.0), ("j2b", 1.5), ("l1", 0.5)], Status::Scored),
+            [[1.0, 2.0, 9.0], [1.5, 8.0, 8.0], [0.5, 7.0, 7.0]],
+        );
+        // No asset has weights that can be compared: nor have failures.
+        same(of(&[("j2j", 1.0), ("j2b", 1.5)], Status::Scored), [[1.0, 2.0, 9.0], [1.5, 8.0, 8.0], [nan; 3]]);
         // A system that failed everywhere has the worst of all.
-        assert_eq!(left(row(Status::Missing, &["j2j", "l1"])), [2, 2]);
+        same(of(&[], Status::Missing), [[9.0; 3], [8.0; 3], [7.0; 3]]);
     }
 
     #[test]

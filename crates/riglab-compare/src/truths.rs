@@ -11,6 +11,7 @@ use riglab_data::{Corpus, DataError, name_below};
 
 use crate::CompareError;
 use crate::corpora::corpus_at;
+use crate::keys::is_stage;
 use crate::rows::Unread;
 
 /// Rigs held at a time.
@@ -32,8 +33,9 @@ pub struct Truths {
     path: PathBuf,
     /// Where they are from.
     pub source: TruthSource,
-    /// Folders and links below the folder that could not be followed, with the reason.
-    pub(crate) unread: Unread,
+    /// What below the folder is no true rig: folders and links that could not be followed, and what UniRig's stages predict;
+    /// with the reason.
+    pub unread: Unread,
     /// Assets of the corpus' other splits.
     pub(crate) elsewhere: Vec<String>,
 }
@@ -58,16 +60,16 @@ impl Truths {
         if path.is_file() {
             return Ok(at(TruthSource::Files(vec![path.into()])));
         }
-        let wanted = |path: &Path| {
-            let stem = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
-            is_rig_file(path) && !stem.starts_with("predict_")
-        };
-        let found = riglab_files::below(path, wanted);
-        if found.files.is_empty() {
-            return Err(CompareError::NoTruth(path.into(), ": no rigged file below it".into()));
+        let found = riglab_files::below(path, is_rig_file);
+        let is_of_a_stage = |file: &PathBuf| is_stage(file) && holds_one(file);
+        let (stages, files): (Vec<PathBuf>, Vec<PathBuf>) = found.files.into_iter().partition(is_of_a_stage);
+        if files.is_empty() {
+            let but = if stages.is_empty() { "" } else { " but what UniRig's stages predict, each a part of a rig" };
+            return Err(CompareError::NoTruth(path.into(), format!(": no rigged file below it{but}")));
         }
-        let unread = found.unread.iter().map(|(own, why)| (name_below(path, own), why.clone())).collect();
-        Ok(Self { unread, ..at(TruthSource::Files(found.files)) })
+        let mut unread: Unread = found.unread.iter().map(|(own, why)| (name_below(path, own), why.clone())).collect();
+        unread.extend(stages.iter().map(|own| (name_below(path, own), STAGE.to_owned())));
+        Ok(Self { unread, ..at(TruthSource::Files(files)) })
     }
 
     /// The corpus or folder.
@@ -99,14 +101,26 @@ impl Truths {
         })
     }
 
+    /// Whether [`Self::names`] has each asset: no file holds several.
+    pub(crate) fn are_named(&self) -> bool {
+        match &self.source {
+            TruthSource::Corpus(..) => true,
+            TruthSource::Files(files) => files.iter().all(|file| holds_one(file)),
+        }
+    }
+
     /// What files have their names below.
     fn folder(&self) -> &Path {
         if self.path.is_file() { self.path.parent().unwrap_or(Path::new("")) } else { &self.path }
     }
 
-    /// Gives all of them, some at a time: a name, and the asset, with the clips that the corpus or file has, or what is
-    /// wrong with its file.
-    pub fn each(&self, mut give: impl FnMut(Vec<Named>)) {
+    /// Gives all of them, some at a time, until it is told to stop: a name, and the asset, with the clips that the corpus or
+    /// file has, or what is wrong with its file.
+    pub fn each(&self, mut give: impl FnMut(Vec<Named>) -> ControlFlow<()>) {
+        let _ = self.some(&mut give);
+    }
+
+    fn some(&self, give: &mut dyn FnMut(Vec<Named>) -> ControlFlow<()>) -> ControlFlow<()> {
         match &self.source {
             TruthSource::Corpus(corpus, assets) => {
                 for some in assets.chunks(AT_ONCE) {
@@ -114,22 +128,31 @@ impl Truths {
                         Ok(asset) => (asset.name.clone(), Ok(asset)),
                         Err(e) => (format!("asset {index}"), Err(e.to_string())),
                     };
-                    give(some.iter().map(read).collect());
+                    give(some.iter().map(read).collect())?;
                 }
             }
             TruthSource::Files(files) => {
                 let folder = self.folder();
                 for some in files.chunks(AT_ONCE) {
-                    let one = |path: &PathBuf| (count_assets(path).unwrap_or(1) <= 1).then(|| single(folder, path));
+                    let one = |path: &PathBuf| holds_one(path).then(|| single(folder, path));
                     let read: Vec<Option<Named>> = some.par_iter().map(one).collect();
                     let several: Vec<&PathBuf> =
                         some.iter().zip(&read).filter(|(_, r)| r.is_none()).map(|(f, _)| f).collect();
-                    give(read.into_iter().flatten().collect());
-                    several.into_iter().for_each(|path| each_of(folder, path, &mut give));
+                    give(read.into_iter().flatten().collect())?;
+                    several.into_iter().try_for_each(|path| each_of(folder, path, give))?;
                 }
             }
         }
+        ControlFlow::Continue(())
     }
+}
+
+/// Why what a stage of UniRig predicts is no true rig.
+const STAGE: &str = "what a stage of UniRig predicts is a part of a rig";
+
+/// Whether a file holds one asset; reading one that cannot be counted will say what is wrong with it.
+fn holds_one(file: &Path) -> bool {
+    count_assets(file).unwrap_or(1) <= 1
 }
 
 /// The assets of a corpus' split, or all of them, by number, and the names of the others.
@@ -167,10 +190,10 @@ fn single(folder: &Path, path: &Path) -> Named {
     (name_below(folder, path), asset.map_err(|e| e.to_string()))
 }
 
-fn each_of(folder: &Path, path: &Path, give: &mut dyn FnMut(Vec<Named>)) {
+fn each_of(folder: &Path, path: &Path, give: &mut dyn FnMut(Vec<Named>) -> ControlFlow<()>) -> ControlFlow<()> {
     let file = name_below(folder, path);
     let mut held = Vec::new();
-    let mut number = 0;
+    let (mut number, mut flow) = (0, ControlFlow::Continue(()));
     import_each(path, &options(), |imported| {
         let asset = imported.and_then(riglab_asset::Imported::into_asset);
         held.push(match asset {
@@ -179,9 +202,10 @@ fn each_of(folder: &Path, path: &Path, give: &mut dyn FnMut(Vec<Named>)) {
         });
         number += 1;
         if held.len() == AT_ONCE {
-            give(std::mem::take(&mut held));
+            flow = give(std::mem::take(&mut held));
         }
-        ControlFlow::Continue(())
+        flow
     });
-    give(held);
+    flow?;
+    give(held)
 }

@@ -125,3 +125,89 @@ fn baselines_may_stand_alone() {
     );
     assert!(found.iter().all(|system| system.baseline && system.counts() == [3, 0, 0]), "{found:?}");
 }
+
+#[test]
+fn names_that_are_the_same_come_before_those_without_what_systems_add() {
+    let dir = tempfile::tempdir().unwrap();
+    let both = [("warrior.glb", "val", 0.5), ("warrior_skeleton.glb", "val", 0.7), ("Hero #3.glb", "val", 0.6)];
+    let truth = corpus(dir.path().join("truth.h5"), &both);
+    let of = |name: &str, predictions: &[(&str, &str, f32)]| {
+        of_a_split(&corpus(dir.path().join(name), predictions), &truth, "val").unwrap()
+    };
+    let found = of("same.h5", &both);
+    assert_eq!((found.counts(), found.values("j2j@riglab")), ([3, 0, 0], vec![0.0; 3]), "{found:?}");
+    let added = [("warrior_rig.glb", "", 0.5), ("warrior_skeleton_pred.glb", "", 0.7), ("x/Hero #3_rig.glb", "", 0.6)];
+    let found = of("added.h5", &added);
+    assert_eq!((found.counts(), found.values("j2j@riglab")), ([3, 0, 0], vec![0.0; 3]), "{found:?}");
+    // Which of two is meant cannot be told, and no choice of a format would.
+    let found = of("twice.h5", &[("warrior_rig.glb", "", 0.5), ("warrior_pred.glb", "", 0.5)]);
+    let Status::Failed(why) = &found.rows[0].status else { panic!("{found:?}") };
+    assert!(why.contains("several files") && why.ends_with("call the one that is meant `warrior`"), "{why}");
+    assert_eq!(found.counts(), [0, 1, 2]);
+}
+
+#[test]
+fn one_joint_is_worth_no_more_than_nothing() {
+    let dir = tempfile::tempdir().unwrap();
+    let truth = corpus(dir.path().join("truth.h5"), &ALL);
+    let lone = |name: &str| {
+        let (_, mesh, _) = asset(name, 0.5).rig.into_parts();
+        let joint = Joint { name: "0".into(), parent: None, head: [0.9, 0.9, 0.9] };
+        let weights = SkinWeights::normalized((0..4).map(|_| [(0u16, 1.0)])).unwrap();
+        let rig = Rig::new(Skeleton::new(vec![joint]).unwrap(), mesh, weights).unwrap();
+        Asset { rig, ..asset(name, 0.5) }
+    };
+    let of = |file: &str, second: Option<Asset>| {
+        let path = dir.path().join(file);
+        let mut writer = CorpusWriter::create(&path).unwrap();
+        let all: Vec<Asset> = std::iter::once(asset("b.glb", 0.6)).chain(second).collect();
+        all.iter().for_each(|one| writer.add(one).unwrap());
+        writer.finish(&vec!["test_new"; all.len()]).unwrap();
+        let systems = [("it".to_owned(), Predictions::find(&path, Kind::AUTO).unwrap())];
+        let truths = Truths::open(&truth, Some("test_new")).unwrap();
+        score(&truths, &systems, &[], Failures::Worst, |_| ()).unwrap().0.remove(0)
+    };
+    let (nothing, one) = (of("nothing.h5", None), of("one.h5", Some(lone("c.glb"))));
+    assert_eq!((nothing.counts(), one.counts()), ([1, 0, 1], [2, 0, 0]));
+    for name in ["j2b@riglab", "b2b@riglab", "b2b@magicarticulate", "iou@skintokens", "l1@rignet", "motion@rignet"] {
+        let [missing, lone] = [&nothing, &one].map(|system| system.values(name)[1]);
+        assert!(missing.is_finite() && lone.is_finite(), "{name}: {missing} {lone}");
+    }
+    assert_eq!(one.values("iou@skintokens")[1], 0.0);
+    assert!(!one.rows[1].without_weights.is_empty());
+}
+
+#[test]
+fn what_is_known_from_names_is_told_before_anything_is_scored() {
+    let dir = tempfile::tempdir().unwrap();
+    let truth = corpus(dir.path().join("truth.h5"), &ALL);
+    let other = corpus(dir.path().join("other.h5"), &[("x.glb", "", 0.5)]);
+    let told = |predictions: &[&Path]| {
+        let found = |(k, path): (usize, &&Path)| (format!("s{k}"), Predictions::find(path, Kind::AUTO).unwrap());
+        let systems: Vec<_> = predictions.iter().enumerate().map(found).collect();
+        let mut told = Vec::new();
+        let found = score(&Truths::open(&truth, None).unwrap(), &systems, &[], Failures::Apart, |done| told.push(done));
+        (found.map(|_| ()).map_err(|e| e.to_string()), told)
+    };
+    let (found, done) = told(&[&truth, &other]);
+    let said = found.unwrap_err();
+    assert!(said.contains("other.h5") && said.contains("for instance `x`") && said.contains("the truth `a`"), "{said}");
+    assert!(done.is_empty(), "{done:?}");
+    // Else each asset is told.
+    assert_eq!(told(&[&truth]), (Ok(()), vec![1, 2, 3]));
+}
+
+#[test]
+fn what_stages_predict_is_no_true_rig_and_told() {
+    let dir = tempfile::tempdir().unwrap();
+    let file = |name: &str| std::fs::write(dir.path().join(name), b"none").unwrap();
+    file("predict_skin.npz");
+    let said = Truths::open(dir.path(), None).err().unwrap().to_string();
+    assert!(said.contains("but what UniRig's stages predict"), "{said}");
+    ["predict_a.glb", "predict_skeleton.npz"].into_iter().for_each(file);
+    let truths = Truths::open(dir.path(), None).unwrap();
+    assert_eq!(truths.len(), 1, "other names that begin so are those of assets");
+    let names: Vec<&str> = truths.unread.iter().map(|(name, _)| name.as_str()).collect();
+    assert_eq!(names, ["predict_skeleton.npz", "predict_skin.npz"]);
+    assert!(truths.unread[0].1.contains("a part of a rig"));
+}

@@ -15,9 +15,10 @@ use super::forms::{Form, Forms, systems};
 
 /// Score rigs that other systems wrote against true ones.
 ///
-/// Files are matched to true assets by their path without ending, or by their name alone where only one asset has it. Every
-/// true asset is counted: scored, failed (with the reason) or missing. Metrics follow each paper's own formulas (--preset),
-/// named beside each number. Weights are compared only where a prediction has the joints of the true rig.
+/// Files are matched to true assets by their path without ending, with or without what systems add to names (`_rig`,
+/// `_skin`), or by their name alone where only one asset has it. Every true asset is counted: scored, failed (with the
+/// reason) or missing. Metrics follow each paper's own formulas (--preset), named beside each number. Weights are compared
+/// only where a prediction has the joints of the true rig.
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:
@@ -42,8 +43,8 @@ pub struct Args {
     /// anymate or riglab.
     #[arg(long = "preset", value_name = "NAME", value_parser = preset)]
     presets: Vec<Preset>,
-    /// How failed and missing assets count: apart (not in the means), or worst (as the worst weights, and one joint at the
-    /// centre).
+    /// How failed and missing assets, and figures that a prediction leaves undefined, count: apart (not in the means), or worst
+    /// (as the worst weights, and one joint at the centre).
     #[arg(long, default_value = "apart", value_parser = failures)]
     failures: Failures,
     /// Add baselines that skin the true skeletons without learning: nearest bone, inverse distance, geodesic, heat diffusion.
@@ -149,8 +150,7 @@ fn published(names: &[String]) -> Result<Vec<Table>> {
 /// What became of assets, in lines; and whether some are not named in them.
 fn told(comparison: &Comparison) -> (Vec<String>, bool) {
     let both = |unread: &'_ [(String, String)]| unread.to_vec();
-    let mut said =
-        vec![("warning: not compared with, as it cannot be read: ".to_owned(), both(&comparison.unread_truth))];
+    let mut said = vec![("warning: not compared with: ".to_owned(), both(&comparison.unread_truth))];
     // Of predictions without truth nothing is said elsewhere.
     let mut others = Vec::new();
     for System { name, rows, unread, unmatched, .. } in &comparison.systems {
@@ -219,7 +219,7 @@ mod tests {
         assert_eq!(
             lines,
             [
-                "warning: not compared with, as it cannot be read: b.glb: it is empty",
+                "warning: not compared with: b.glb: it is empty",
                 "missing: ours: a0.glb, a100.glb, a200.glb and 7 more: there is no prediction",
                 "failed: ours: a2.glb, a3.glb, a4.glb and 977 more: it holds no skeleton",
                 "note: ours: a1.glb, a101.glb, a201.glb and 7 more: other joints",

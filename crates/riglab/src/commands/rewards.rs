@@ -1,12 +1,12 @@
 //! `riglab rewards`
 
-use std::collections::HashMap;
+use std::ops::ControlFlow;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
 use anyhow::{Result, bail};
 use rayon::prelude::*;
-use riglab_compare::{Named, Truths, key};
+use riglab_compare::{Named, Truths};
 use riglab_core::Rig;
 use riglab_metric::statistics::{Mean, Paired};
 use riglab_report::{Cell, Table};
@@ -132,7 +132,7 @@ fn settings(config: Option<&str>, sets: &[String]) -> Result<RewardConfig> {
 
 /// What rigs are worth, and which cannot be judged.
 fn judge(rigs: &Truths, config: &RewardConfig, tick: &mut dyn FnMut(usize)) -> (Vec<ScoredRig>, Vec<(String, String)>) {
-    let (mut judged, mut unread) = (Vec::new(), Vec::new());
+    let (mut judged, mut unread) = (Vec::new(), rigs.unread.clone());
     rigs.each(|some: Vec<Named>| {
         // A few at a time, so that there is progress to show.
         for few in some.chunks(rayon::current_num_threads()) {
@@ -148,6 +148,7 @@ fn judge(rigs: &Truths, config: &RewardConfig, tick: &mut dyn FnMut(usize)) -> (
             }
             tick(few.len());
         }
+        ControlFlow::Continue(())
     });
     (judged, unread)
 }
@@ -236,22 +237,10 @@ fn every(systems: &[System], config: &RewardConfig) -> Table {
 /// Of two systems, the rigs of the same name: the first's and the second's.
 fn pairs(systems: &[System]) -> Option<Vec<[&Rewards; 2]>> {
     let [a, b] = systems else { return None };
-    let (of_a, of_b) = (by_key(&a.rigs), by_key(&b.rigs));
-    let both = |rig: &ScoredRig| {
-        let key = key(&rig.name);
-        Some([(*of_a.get(&key)?)?, (*of_b.get(&key)?)?])
-    };
-    let pairs: Vec<_> = a.rigs.iter().filter_map(both).collect();
+    let [of_a, of_b] = [a, b].map(|system| system.rigs.iter().map(|rig| rig.name.as_str()).collect::<Vec<_>>());
+    let both = |(k, other): (usize, usize)| [&a.rigs[k].rewards, &b.rigs[other].rewards];
+    let pairs: Vec<_> = riglab_compare::pairs(&of_a, &of_b).into_iter().map(both).collect();
     (!pairs.is_empty()).then_some(pairs)
-}
-
-/// Rigs by the keys of their names; a name that two rigs have tells none of them.
-fn by_key(rigs: &[ScoredRig]) -> HashMap<String, Option<&Rewards>> {
-    let mut out = HashMap::new();
-    for rig in rigs {
-        out.entry(key(&rig.name)).and_modify(|other| *other = None).or_insert(Some(&rig.rewards));
-    }
-    out
 }
 
 /// Of each reward, second minus first.
@@ -372,6 +361,10 @@ mod tests {
         let (name, test) = tests(&found)[0];
         assert_eq!((name, test.n, test.difference), ("R", 2, 1.25));
         assert!(differences(&two, &found).to_text().contains("after minus before"));
+        // Names that are the same come before those that are so without what systems add.
+        let exact = ["before", "after"].map(|name| system(name, &[("a.glb", 0.5), ("a_skeleton.glb", 0.25)]));
+        assert_eq!(pairs(&exact).unwrap().len(), 2);
+        assert!(tests(&pairs(&exact).unwrap()).iter().all(|(_, test)| test.difference == 0.0));
         // One system, three of them, and none in common.
         assert!(pairs(&two[..1]).is_none());
         assert!(pairs(&[system("a", &[("a.glb", 0.5)]), system("b", &[("b.glb", 0.5)])]).is_none());
