@@ -5,6 +5,7 @@ use std::io::{Read, Seek, SeekFrom};
 use std::path::Path;
 use std::time::Duration;
 
+use riglab_report::speaks_for;
 use serde_json::Value;
 
 use crate::attempts::counted;
@@ -30,7 +31,8 @@ pub enum State {
     Running(u64),
     /// It was begun, and no process is at it.
     Interrupted(u64),
-    /// Trained, but not yet evaluated where that is asked for.
+    /// Trained, but not yet evaluated where that is asked for: what somebody evaluated while it was trained, or otherwise
+    /// than the sweep does, is not what it came to.
     Trained,
     /// All done.
     Finished,
@@ -43,7 +45,7 @@ impl State {
     pub fn of(folder: &Path, plan: &Plan, job: &Job, attempts: &[Attempt]) -> Self {
         let run = folder.join(&job.folder);
         let finished = info(&run)["outcome"] == "finished";
-        if finished && (!plan.sweep.evaluate || run.join("eval.json").is_file()) {
+        if finished && (!plan.sweep.evaluate || speaks_for(&run)) {
             return Self::Finished;
         }
         if is_held(&run) {
@@ -146,8 +148,18 @@ mod tests {
         assert_eq!(state(&known()), State::Failed("train: no room".into()));
         std::fs::write(run.join("run.json"), "{\"outcome\": \"finished\"}").unwrap();
         assert_eq!(state(&[]), State::Trained);
-        std::fs::write(run.join("eval.json"), "{}").unwrap();
-        assert_eq!(state(&[]), State::Finished);
+        let checkpoint = run.join("checkpoints/last");
+        std::fs::create_dir_all(&checkpoint).unwrap();
+        std::fs::write(checkpoint.join("state.json"), "{\"step\": 4}").unwrap();
+        for (evaluation, wanted) in [
+            // A glance while it was trained, and one with other settings.
+            ("{\"checkpoint\": {\"step\": 3}}", State::Trained),
+            ("{\"checkpoint\": {\"step\": 4}, \"set\": [\"eval.prefixes=[2]\"]}", State::Trained),
+            ("{\"checkpoint\": {\"step\": 4}}", State::Finished),
+        ] {
+            std::fs::write(run.join("eval.json"), evaluation).unwrap();
+            assert_eq!(state(&[]), wanted, "{evaluation}");
+        }
     }
 
     #[test]

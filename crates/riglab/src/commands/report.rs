@@ -6,8 +6,8 @@ use std::process::ExitCode;
 use anyhow::{Context, Result, bail};
 use riglab_files::make_folder_of;
 use riglab_report::shell::command;
-use riglab_report::{Block, Compared, Page, RunView, versus};
-use riglab_train::{Checkpoint, without_best};
+use riglab_report::{Block, Checkpoints, Compared, Page, RunView, versus};
+use riglab_train::without_best;
 
 use super::charts::{charts, no_file};
 use super::earlier::{Written, keep_others};
@@ -213,8 +213,8 @@ fn subject(evaluated: &Evaluated, view: &RunView) -> String {
 
 /// Tells where the run went on after it was evaluated.
 fn outdated(evaluated: &Evaluated, run: &Path) -> Option<String> {
-    let step_of = |name: &str| Some(Checkpoint::open(&run.join("checkpoints").join(name)).ok()?.state().step);
-    let (step, best, last) = (evaluated.step?, step_of("best")?, step_of("last")?);
+    let now = Checkpoints::of(run);
+    let (step, best, last) = (evaluated.step?, now.best?, now.last?);
     (step != best && step != last).then(|| {
         format!(
             "The figures are of step {step}, neither the best checkpoint (step {best}) nor the last (step {last}); `{}` \

@@ -1,0 +1,80 @@
+//! Which of a run's checkpoints its evaluation is of.
+
+use std::path::Path;
+
+use serde::Deserialize;
+
+/// The steps of the checkpoints that `best` and `last` of a run lead to now; `None` where there is none, or it is broken.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Checkpoints {
+    /// Of the best.
+    pub best: Option<u64>,
+    /// Of the last.
+    pub last: Option<u64>,
+}
+
+/// What is asked of a checkpoint's `state.json`, and of the same within an evaluation.
+#[derive(Deserialize)]
+struct State {
+    step: Option<u64>,
+}
+
+/// What is asked of an `eval.json`, which may be large.
+#[derive(Deserialize)]
+struct Evaluation {
+    checkpoint: Option<State>,
+    #[serde(default)]
+    set: Vec<String>,
+}
+
+impl Checkpoints {
+    /// Of the run in a folder.
+    pub fn of(run: &Path) -> Self {
+        let step = |name: &str| {
+            let text = std::fs::read(run.join("checkpoints").join(name).join("state.json")).ok()?;
+            serde_json::from_slice::<State>(&text).ok()?.step
+        };
+        Self { best: step("best"), last: step("last") }
+    }
+}
+
+/// Whether a run's `eval.json` says what the run came to: it is of the best checkpoint, or of the last where none is the
+/// best, and with no settings but the run's. One of a run whose checkpoints are gone, or that does not say its step, counts,
+/// as there is nothing to hold it against.
+pub fn speaks_for(run: &Path) -> bool {
+    let read = || serde_json::from_slice::<Evaluation>(&std::fs::read(run.join("eval.json")).ok()?).ok();
+    let Some(Evaluation { checkpoint, set }) = read() else { return false };
+    let now = Checkpoints::of(run);
+    let step = checkpoint.and_then(|of| of.step);
+    let same = step.zip(now.best.or(now.last)).is_none_or(|(of, now)| of == now);
+    same && set.is_empty()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_evaluation_speaks_for_the_checkpoint_that_a_run_stands_for() {
+        let dir = tempfile::tempdir().unwrap();
+        let run = dir.path();
+        let evaluated = |text: &str| {
+            std::fs::write(run.join("eval.json"), text).unwrap();
+            speaks_for(run)
+        };
+        let checkpoint = |name: &str, step: u64| {
+            let folder = run.join("checkpoints").join(name);
+            std::fs::create_dir_all(&folder).unwrap();
+            std::fs::write(folder.join("state.json"), format!("{{\"task\": \"t\", \"step\": {step}}}")).unwrap();
+        };
+        assert!(!speaks_for(run) && !evaluated("{\"checkpoint\": {"), "there is none");
+        let of = |step: u64, more: &str| format!("{{{more}\"checkpoint\": {{\"step\": {step}, \"best\": null}}}}");
+        assert!(evaluated(&of(5, "")), "nothing to hold it against");
+        checkpoint("last", 8);
+        assert!(evaluated(&of(8, "")) && !evaluated(&of(5, "")));
+        checkpoint("best", 5);
+        assert!(evaluated(&of(5, "")) && !evaluated(&of(8, "")));
+        assert!(!evaluated(&of(5, "\"set\": [\"eval.prefixes=[2]\"], ")));
+        assert_eq!(Checkpoints::of(run), Checkpoints { best: Some(5), last: Some(8) });
+    }
+}
