@@ -72,10 +72,7 @@ pub fn run(options: &Options) -> Result<()> {
         None => {
             let folder = out.join("files");
             if !folder.join("manifest.json").exists() {
-                if folder.exists() {
-                    std::fs::remove_dir_all(&folder)
-                        .with_context(|| format!("{} cannot be removed", shown(&folder)))?;
-                }
+                // It goes on where it was stopped, and refuses a folder that holds anything else.
                 say("1/6", &format!("rigged files: {MADE}"));
                 riglab(&["synth", "-o", &shown(&folder), "--count", CREATURES])?;
             }
@@ -127,13 +124,26 @@ pub fn run(options: &Options) -> Result<()> {
     Ok(())
 }
 
-/// Refuses a folder with a demo of other files: folders of input that end in the same name share one by default.
+/// What a demo makes in its folder, all of it under the names of somebody else's work, too.
+const MAKES: [&str; 4] = ["files", "corpus.h5", "run", "refined"];
+
+/// Refuses a folder with a demo of other files, as folders of input that end in the same name share one by default, and one
+/// with something in the demo's places that no demo made.
 fn check(out: &Path, source: &str) -> Result<()> {
     let there = match std::fs::read_to_string(out.join(SOURCE)) {
         Ok(there) => there,
         Err(_) if out.join("files/manifest.json").exists() => MADE.into(),
         Err(_) if out.join("corpus.h5").exists() => "files that it does not name".into(),
-        Err(_) => return Ok(()),
+        Err(_) => {
+            return match MAKES.iter().find(|name| out.join(name).exists()) {
+                Some(name) => bail!(
+                    "{} is there already, and no demo's ({SOURCE} beside it would say so); give the demo a folder of its own \
+                     with --out DIR",
+                    shown(&out.join(name))
+                ),
+                None => Ok(()),
+            };
+        }
     };
     if there != source {
         bail!(
@@ -215,7 +225,11 @@ mod tests {
         assert!(said.contains("(/a/rigs; here: /b/rigs)") && said.contains("--out DIR, or remove"), "{said}");
         assert!(refused(MADE).contains("(/a/rigs; here: creatures"), "input may be called as the default is");
         std::fs::remove_file(out.join(SOURCE)).unwrap();
-        std::fs::create_dir(out.join("files")).unwrap();
+        std::fs::remove_file(out.join("corpus.h5")).unwrap();
+        for name in ["run", "files"] {
+            std::fs::create_dir(out.join(name)).unwrap();
+            assert!(refused(MADE).contains(&format!("{name} is there already, and no demo's")), "{name}");
+        }
         std::fs::write(out.join("files/manifest.json"), "").unwrap();
         check(out, MADE).unwrap();
         assert!(refused("/x/creatures").contains("(creatures that"));
