@@ -432,6 +432,25 @@ mod tests {
     }
 
     #[test]
+    fn a_zero_byte_in_a_name_damages_nothing() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("c.h5");
+        let mut writer = CorpusWriter::create(&path).unwrap();
+        let mut odd = asset("o\0ne", 3);
+        let clip = &odd.clips[0];
+        odd.clips[0] = Clip::new("wa\0lk".into(), clip.rate(), clip.joints(), clip.maps().to_vec()).unwrap();
+        odd.provenance.author = "so\0me".into();
+        writer.add(&odd).unwrap();
+        // Both would come back under one name.
+        assert!(matches!(writer.add(&asset("one", 2)), Err(DataError::DuplicateName(_))));
+        writer.finish(&["train"]).unwrap();
+        let corpus = Corpus::open(&path).unwrap();
+        assert_eq!(corpus.verify(|_| ()).unwrap(), []);
+        let back = corpus.verified(0).unwrap();
+        assert_eq!((back.name.as_str(), back.clips[0].name()), ("one", "walk"));
+    }
+
+    #[test]
     fn a_dropped_writer_leaves_nothing() {
         let dir = tempfile::tempdir().unwrap();
         let mut writer = CorpusWriter::create(&dir.path().join("c.h5")).unwrap();

@@ -1,5 +1,6 @@
 //! Writing a corpus.
 
+use std::borrow::Cow;
 use std::collections::HashSet;
 use std::fs::File;
 use std::path::{Path, PathBuf};
@@ -167,7 +168,7 @@ impl CorpusWriter {
     /// # Errors
     /// [`DataError::DuplicateName`], and when the disk refuses.
     pub fn add(&mut self, asset: &Asset) -> Result<(), DataError> {
-        if !self.names.insert(asset.name.clone()) {
+        if !self.names.insert(stored(&asset.name).into_owned()) {
             return Err(DataError::DuplicateName(asset.name.clone()));
         }
         let (rig, from) = (&asset.rig, &asset.provenance);
@@ -313,11 +314,14 @@ fn replaceable(path: &Path) -> bool {
     read.is_ok() && hdf5 && (start.is_empty() || !foreign())
 }
 
-/// HDF5 strings end at a zero byte; names from files may hold one.
+/// A text as it comes back: HDF5 strings end at a zero byte, and names from files may hold one.
+fn stored(text: &str) -> Cow<'_, str> {
+    if text.contains('\0') { text.replace('\0', "").into() } else { text.into() }
+}
+
 fn unicode(text: &str) -> VarLenUnicode {
-    let clean: String = text.chars().filter(|c| *c != '\0').collect();
     // Without zero bytes the conversion cannot fail.
-    clean.parse().unwrap_or_default()
+    stored(text).parse().unwrap_or_default()
 }
 
 fn write_error(path: &Path, e: &hdf5::Error) -> DataError {
@@ -338,7 +342,7 @@ fn body(asset: &Asset) -> (String, String) {
     (humanoid.unwrap_or_default(), springs.unwrap_or_default())
 }
 
-/// BLAKE3 over an asset's arrays, names, human bones, springs and clips.
+/// BLAKE3 over an asset's arrays, names, human bones, springs and clips, as they are stored.
 pub(crate) fn digest(asset: &Asset) -> String {
     let rig = &asset.rig;
     let mut hash = blake3::Hasher::new();
@@ -362,7 +366,7 @@ pub(crate) fn digest(asset: &Asset) -> String {
     let (humanoid, springs) = body(asset);
     let clips = asset.clips.iter().map(|c| c.name());
     for text in skeleton.names().iter().map(String::as_str).chain([humanoid.as_str(), &springs]).chain(clips) {
-        hash.update(text.as_bytes());
+        hash.update(stored(text).as_bytes());
         hash.update(b"\n");
     }
     hash.finalize().to_hex().to_string()
