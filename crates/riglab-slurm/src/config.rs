@@ -154,15 +154,26 @@ impl SlurmConfig {
             return fault("look_seconds", "a look takes the controller's time; give at least 1".into());
         }
         for option in &self.options {
-            let name = option.split(['=', ' ']).next().unwrap_or_default();
+            let name = name_of(option);
             if !name.starts_with('-') || option.contains(['\n', '\r']) {
                 return fault("options", format!("{option:?} is no option of sbatch; write it as \"--name=value\""));
             }
-            if let Some((_, why)) = TAKEN.iter().find(|(taken, _)| *taken == name) {
+            // Slurm takes a long name by its beginning, too.
+            let is = |taken: &str| taken == name || (name.len() > 2 && taken.starts_with(name));
+            if let Some((_, why)) = TAKEN.iter().find(|(taken, _)| is(taken)) {
                 return fault("options", format!("`{name}` is not for this list: {why}"));
             }
         }
         Ok(())
+    }
+}
+
+/// The name of an option as it is written: of a short one, whose value may follow at once, a letter.
+fn name_of(option: &str) -> &str {
+    let name = option.split(['=', ' ']).next().unwrap_or_default();
+    match name.char_indices().nth(2) {
+        Some((end, _)) if !name.starts_with("--") => &name[..end],
+        _ => name,
     }
 }
 
@@ -272,7 +283,11 @@ mod tests {
         assert!(fault("memory = 'G'").contains("whole number") && fault("memory = '0'").contains("whole number"));
         assert!(fault("partition = 'a b'").contains("one word"));
         assert!(fault("options = ['gres=gpu:1']").contains("no option of sbatch"));
-        assert!(fault("options = ['--array=1-3']").contains("`at_a_time` limits it"));
+        for array in ["--array=1-3", "-a 1-3", "-a0-99", "--arr=1-3"] {
+            assert!(fault(&format!("options = ['{array}']")).contains("`at_a_time` limits it"), "{array}");
+        }
+        assert!(fault("options = ['-n4']").contains("`-n` is not for this list: use `processes`"));
+        assert!(read("[slurm]\noptions = ['--ntasks-per-node=2', '-w n1', '-pcpu', '--no-kill']\n").is_ok());
         assert!(fault("processes = 0").contains("at least 1") && fault("patience = 0").contains("at least once"));
         assert!(fault("partitoin = 'a'").contains("did you mean `partition`?"));
         assert!(fault("time = -3").contains("`-3` is no time") && fault("memory = 1.5").contains("memory"));
