@@ -1,7 +1,7 @@
 //! What must be on the machine before anything is fetched: a C++ compiler that links, and Python
 //! with pip. Each fault is one sentence with its remedy.
 
-use std::ffi::OsString;
+use std::ffi::{OsStr, OsString};
 use std::path::Path;
 
 use anyhow::{Result, bail};
@@ -39,7 +39,13 @@ pub fn wheels_run() -> bool {
 fn compiler() -> Result<()> {
     let cxx: OsString = std::env::var_os("CXX").unwrap_or_else(|| "c++".into());
     let shown = cxx.to_string_lossy().into_owned();
-    if shell::output(&cxx, &["--version"]).is_none() {
+    let words = words(&cxx);
+    let compiler = |args: &[&str]| {
+        let mut command = std::process::Command::new(&words[0]);
+        command.args(&words[1..]).args(args);
+        command
+    };
+    if !compiler(&["--version"]).output().is_ok_and(|out| out.status.success()) {
         bail!("no C++ compiler: `{shown}` does not run; install one (Debian, Ubuntu: apt install g++) or set CXX");
     }
     let dir = tempfile::tempdir()?;
@@ -47,7 +53,7 @@ fn compiler() -> Result<()> {
     std::fs::write(&source, "#include <optional>\nint main() { std::optional<int> x = 0; return *x; }\n")?;
     let binary = dir.path().join("probe");
     let args = ["-std=c++17", path(&source), "-o", path(&binary)];
-    let out = std::process::Command::new(&cxx).args(args).output()?;
+    let out = compiler(&args).output()?;
     if !out.status.success() {
         let message = String::from_utf8_lossy(&out.stderr);
         let line = message.lines().find(|l| l.contains("error")).unwrap_or("no message");
@@ -56,6 +62,16 @@ fn compiler() -> Result<()> {
         );
     }
     Ok(())
+}
+
+/// The program and arguments that a variable such as `CXX` names, as the crates that build C++ read it: the path of a
+/// program, in which there may be spaces, or words such as `ccache g++`.
+fn words(variable: &OsStr) -> Vec<OsString> {
+    let text = variable.to_string_lossy();
+    match Path::new(variable).exists() || text.trim().is_empty() {
+        true => vec![variable.to_owned()],
+        false => text.split_whitespace().map(Into::into).collect(),
+    }
 }
 
 /// The Python that can fetch wheels.
@@ -77,4 +93,21 @@ pub fn python() -> Result<OsString> {
 
 fn path(p: &Path) -> &str {
     p.to_str().expect("temporary paths are UTF-8")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_compiler_may_be_several_words() {
+        let of = |text: &str| words(OsStr::new(text));
+        assert_eq!(of("g++"), ["g++"]);
+        assert_eq!(of(" ccache  g++ "), ["ccache", "g++"]);
+        let dir = tempfile::tempdir().unwrap();
+        let odd = dir.path().join("my g++");
+        std::fs::write(&odd, "").unwrap();
+        assert_eq!(words(odd.as_os_str()), [odd.as_os_str()]);
+        assert_eq!(of(""), [""]);
+    }
 }
