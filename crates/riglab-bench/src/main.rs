@@ -25,7 +25,7 @@ use std::process::ExitCode;
 use anyhow::{Result, bail};
 use clap::Parser;
 
-use cases::{CASES, Case, Context};
+use cases::{CASES, Context, wanted};
 use row::Row;
 
 /// riglab against what it replaces, both sides in turn.
@@ -48,7 +48,7 @@ Environment: RIGLAB_RIGS           folder of rigged files (default: ../shared/ri
                                    environment of our own in ~/.cache/riglab"
 )]
 struct Cli {
-    /// Cases, or beginnings of their names; all without.
+    /// Cases, beginnings of their names, or rows of theirs; all without.
     names: Vec<String>,
     /// List the cases.
     #[arg(long)]
@@ -96,16 +96,16 @@ fn run(cli: &Cli) -> Result<ExitCode> {
         CASES.iter().for_each(|c| println!("{:<width$}{}", c.name, c.about));
         return Ok(ExitCode::SUCCESS);
     }
-    if let Some(unknown) = cli.names.iter().find(|n| !CASES.iter().any(|c| c.is_wanted(n))) {
+    if let Some(unknown) = cli.names.iter().find(|name| wanted(name).is_empty()) {
         let names: Vec<_> = CASES.iter().map(|c| c.name).collect();
         eprintln!("error: no case `{unknown}`; there is: {}", names.join(", "));
         return Ok(ExitCode::from(2));
     }
-    let wanted = |c: &&Case| cli.names.is_empty() || cli.names.iter().any(|n| c.is_wanted(n));
+    let asked: Vec<&str> = cli.names.iter().flat_map(|name| wanted(name)).map(|case| case.name).collect();
     let mut context = Context::new(cli.threads, cli.rounds, cli.all, !cli.no_compile)?;
     context.pictures.clone_from(&cli.pictures);
     let (mut rows, mut failed): (Vec<Row>, Vec<&str>) = Default::default();
-    for case in CASES.iter().filter(wanted) {
+    for case in CASES.iter().filter(|case| cli.names.is_empty() || asked.contains(&case.name)) {
         eprintln!("{}: {}", case.name, case.about);
         match (case.run)(&mut context) {
             Ok(found) => rows.extend(found),
