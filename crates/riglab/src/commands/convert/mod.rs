@@ -216,7 +216,8 @@ fn into(
     let (mut written, mut failed, mut lost) = (0, 0, Lost::default());
     let mut taken: HashSet<PathBuf> = HashSet::new();
     let mut broken = Ok(());
-    for file in files {
+    let mut progress = Progress::new("converting", files.len() as u64, 0);
+    for (done, file) in files.iter().enumerate() {
         // Folders below the input come again below the output.
         let folder = file.parent().and_then(|f| f.strip_prefix(input).ok()).map_or(out.clone(), |f| out.join(f));
         import_each(file, options, |imported| {
@@ -260,7 +261,9 @@ fn into(
         if broken.is_err() {
             break;
         }
+        progress.set(done as u64 + 1, String::new);
     }
+    progress.finish();
     broken?;
     lost.tell(input, target);
     say!("{written} written to {}, {failed} left out", out.display());
