@@ -8,6 +8,7 @@
 //! Leaves out: what is in the files.
 
 mod lock;
+mod place;
 mod signals;
 mod stale;
 mod unfinished;
@@ -15,6 +16,7 @@ mod walk;
 mod write;
 
 pub use lock::is_locked;
+pub use place::is_as_of_folder;
 pub use signals::{Signal, on_signals, was_asked};
 pub use unfinished::{Unfinished, ask_to_leave, leave};
 pub use walk::{Below, below};

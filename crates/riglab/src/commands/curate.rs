@@ -15,7 +15,7 @@ use riglab_train::Progress;
 
 use super::earlier::Earlier;
 use super::slurm::{Desk, On, apart, curate as on_slurm, settings as slurm_settings};
-use super::{shown, some_of};
+use super::{file_to_write, shown, some_of};
 use crate::presets;
 
 /// Make a clean corpus of files of mixed quality: repaired, filtered, without duplicates, labelled.
@@ -40,7 +40,7 @@ pub struct Args {
     #[arg(required = true, value_name = "FOLDER")]
     inputs: Vec<PathBuf>,
     /// The corpus to write.
-    #[arg(long, short, value_name = "FILE")]
+    #[arg(long, short, value_name = "FILE", value_parser = file_to_write())]
     out: PathBuf,
     /// Settings: a file, or one of those built in: curation/rig_xl.toml, curation/vroid.toml,
     /// curation/any.toml.

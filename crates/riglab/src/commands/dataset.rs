@@ -22,7 +22,7 @@ use riglab_report::counted;
 
 use super::earlier::Earlier;
 use super::inspect::vertices;
-use super::{shown, some_lines};
+use super::{file_to_write, shown, some_lines};
 
 /// Make and look at corpora: HDF5 files of many rigs.
 #[derive(clap::Args)]
@@ -59,7 +59,7 @@ struct Import {
     /// Folder of files, with those below it.
     folder: PathBuf,
     /// The corpus to write.
-    #[arg(long, short, value_name = "FILE")]
+    #[arg(long, short, value_name = "FILE", value_parser = file_to_write())]
     out: PathBuf,
     /// JSON object of lists of file names by split [default: FOLDER/split.json if there is one].
     #[arg(long, value_name = "FILE", conflicts_with = "seed")]
@@ -124,7 +124,7 @@ struct Merge {
     #[arg(required = true)]
     corpora: Vec<PathBuf>,
     /// The corpus to write.
-    #[arg(long, short, value_name = "FILE")]
+    #[arg(long, short, value_name = "FILE", value_parser = file_to_write())]
     out: PathBuf,
     /// Put the name of its corpus before each asset's, with folders where corpora are named alike.
     #[arg(long)]
@@ -151,7 +151,7 @@ struct Vary {
     /// The corpus.
     corpus: PathBuf,
     /// The corpus to write.
-    #[arg(long, short, value_name = "FILE")]
+    #[arg(long, short, value_name = "FILE", value_parser = file_to_write())]
     out: PathBuf,
     /// How: a TOML file with the keys of a recipe, as configs/augment/ has them, or one of those by its name.
     #[arg(long, value_name = "TOML", default_value = "augment/unirig_starred.toml")]

@@ -16,8 +16,8 @@ use riglab_train::{Checkpoint, Progress, RunInfo, named_by, other_companions, sa
 
 use super::device::DeviceArgs;
 use super::earlier::{Written, keep_others};
-use super::shown;
 use super::train::{other_data, reached, tell_untested, untested};
+use super::{file_to_write, shown};
 use crate::presets;
 use crate::registry::{TaskConfig, Visitor, pictures};
 
@@ -43,7 +43,7 @@ pub struct Args {
     json: bool,
     /// Where to write the result [default: RUN/eval.json]; pictures go into a folder beside it, named as FILE without its
     /// ending (or FILE.pictures).
-    #[arg(long, short, value_name = "FILE")]
+    #[arg(long, short, value_name = "FILE", value_parser = file_to_write())]
     out: Option<PathBuf>,
     /// How many best and how many worst assets of each split to show.
     #[arg(long, default_value_t = 2, value_name = "N")]

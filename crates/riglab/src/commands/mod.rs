@@ -31,8 +31,21 @@ pub mod train;
 pub mod view;
 mod whose;
 
+use std::path::PathBuf;
+
 /// Settings that say where models lie which a run builds on: they may have been moved since.
 const MOVED: [&str; 2] = ["start.model", "skin.run"];
+
+/// Reads an argument that names a file to write: one that ends as a folder's name does would be refused after the work.
+fn file_to_write() -> impl clap::builder::TypedValueParser<Value = PathBuf> {
+    use clap::builder::{PathBufValueParser, TypedValueParser};
+    PathBufValueParser::new().try_map(|path| match riglab_files::is_as_of_folder(&path) {
+        true => {
+            Err(format!("it names a folder, and one file is written: give it a name there, as {}NAME", shown(&path)))
+        }
+        false => Ok(path),
+    })
+}
 
 /// A path in a text, or as an argument.
 fn shown(path: &std::path::Path) -> String {
@@ -128,6 +141,34 @@ mod tests {
         assert!(said.contains("holds models, such as Fox.GLB"), "{said}");
         write("config.toml");
         assert!(keep_apart(folder.path()).is_ok(), "a run's folder is another's to refuse");
+    }
+
+    #[test]
+    fn a_file_to_write_has_no_folders_name() {
+        use clap::Parser;
+
+        for line in [
+            "eval RUN --out O/",
+            "dataset import models -o O/",
+            "dataset merge a.h5 b.h5 -o O/",
+            "dataset vary a.h5 -o O/",
+            "curate models -o O/",
+            "compare out --truth a.h5 --json -o O/",
+            "rewards out -o O/",
+            "report RUN -o O/",
+            "simulate a.glb -o O/",
+            "simulate a.glb -o b.glb --png O/",
+            "view a.glb --png O/",
+            "strip a.glb O/",
+            "review a.h5 --decisions O/",
+        ] {
+            let said = crate::Cli::try_parse_from(["riglab"].into_iter().chain(line.split(' '))).err();
+            let said = said.unwrap_or_else(|| panic!("{line} is taken")).to_string();
+            assert!(said.contains("it names a folder") && said.contains("as O/NAME"), "{line}: {said}");
+            let named = line.replace("O/", "O/n.png");
+            let words = ["riglab"].into_iter().chain(named.split(' '));
+            assert!(crate::Cli::try_parse_from(words).is_ok(), "{named}");
+        }
     }
 
     #[test]

@@ -11,7 +11,7 @@ use riglab_train::without_best;
 
 use super::charts::{charts, no_file};
 use super::earlier::{Written, keep_others};
-use super::{shown, some_of, whose};
+use super::{file_to_write, shown, some_of, whose};
 use crate::presets;
 use crate::registry::{self, Evaluated, TaskConfig};
 
@@ -37,7 +37,7 @@ pub struct Args {
     runs: Vec<String>,
     /// Where to write it: FILE.html, .md, .tex or .csv for one form, without an ending all of them [default:
     /// RUN/report, or comparison for several runs].
-    #[arg(long, short, value_name = "FILE")]
+    #[arg(long, short, value_name = "FILE", value_parser = file_to_write())]
     out: Option<PathBuf>,
     /// Of one run: another evaluation of it, as `riglab eval --out` wrote it [default: RUN/eval.json].
     #[arg(long, value_name = "FILE")]

@@ -7,6 +7,8 @@ use anyhow::Result;
 use riglab_report::shell::command;
 use riglab_review::{Review, Server};
 
+use super::file_to_write;
+
 /// Look at the assets of a corpus in a browser: accept, reject, re-categorise, mark faults, comment.
 ///
 /// Prints the address of a page that this machine alone can open, with a secret token in it, and serves it
@@ -30,7 +32,7 @@ pub struct Args {
     #[arg(long, value_name = "FOLDER")]
     files: Option<PathBuf>,
     /// The file of decisions; it need not be there yet. Without: corpus.decisions.tsv beside corpus.h5.
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, value_name = "FILE", value_parser = file_to_write())]
     decisions: Option<PathBuf>,
     /// The port on 127.0.0.1; 0 takes one that is free.
     #[arg(long, default_value_t = 0, value_name = "N")]

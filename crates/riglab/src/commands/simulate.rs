@@ -19,6 +19,7 @@ use riglab_train::named_by;
 use tch::Device;
 
 use super::earlier::{Overwrite, Written};
+use super::file_to_write;
 #[cfg(feature = "fbx")]
 use super::is_fbx;
 
@@ -39,7 +40,7 @@ pub struct Args {
     /// A rigged model.
     input: PathBuf,
     /// The GLB to write.
-    #[arg(long, short, value_name = "OUT.glb")]
+    #[arg(long, short, value_name = "OUT.glb", value_parser = file_to_write())]
     out: PathBuf,
     /// A motion of the file by its name, or `shake`, `turn` or `hop` [default: the file's first, or `shake`].
     #[arg(long, value_name = "NAME")]
@@ -64,7 +65,7 @@ pub struct Args {
     #[arg(long, value_enum, default_value = "rest")]
     lengths: Length,
     /// A picture of frames in a row.
-    #[arg(long, value_name = "FILE.png")]
+    #[arg(long, value_name = "FILE.png", value_parser = file_to_write())]
     png: Option<PathBuf>,
     /// Say on standard output what was made, as a line of JSON.
     #[arg(long)]

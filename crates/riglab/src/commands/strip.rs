@@ -7,6 +7,7 @@ use anyhow::{Context, Result, bail};
 use riglab_asset::{ImportOptions, Warning, export, import};
 
 use super::earlier::{Overwrite, Written};
+use super::file_to_write;
 
 /// Take the rig out of a file: skins, weights, joints, their animations, humanoid and springs of VRM.
 ///
@@ -22,6 +23,7 @@ pub struct Args {
     /// GLB, glTF or VRM.
     input: PathBuf,
     /// The GLB to write; one that riglab wrote is replaced when the new one is whole.
+    #[arg(value_parser = file_to_write())]
     output: PathBuf,
     /// Let the output take the place of the input.
     #[arg(long)]

@@ -14,6 +14,7 @@ use riglab_render::{
 };
 
 use super::earlier::{Overwrite, Written};
+use super::file_to_write;
 use riglab_report::counted;
 
 /// Draw a file: its skeleton through its mesh, and its weights.
@@ -31,7 +32,7 @@ pub struct Args {
     /// A model of any format that riglab reads.
     file: PathBuf,
     /// The picture to write.
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, value_name = "FILE", value_parser = file_to_write())]
     png: PathBuf,
     /// Show the weights of this joint, by its name; as often as needed.
     #[arg(long = "bone", value_name = "NAME")]

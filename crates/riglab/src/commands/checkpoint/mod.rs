@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use anyhow::{Context, Result, anyhow, bail};
-use riglab_files::make_folder_of;
+use riglab_files::{is_as_of_folder, make_folder_of};
 use riglab_task::assets::DataConfig;
 use riglab_task::bundle::{Bundle, RIG, SKIN, Stored};
 use riglab_task::fsq_cvae::{Frozen, FsqCvaeTaskConfig};
@@ -245,6 +245,7 @@ fn written(text: String) -> String {
 fn into_folder(out: &Path) -> Result<bool> {
     match out.extension() {
         None => Ok(true),
+        Some(_) if is_as_of_folder(out) => Ok(true),
         Some(ending) if ending.eq_ignore_ascii_case("safetensors") => Ok(false),
         Some(_) if out.is_dir() => Ok(true),
         Some(_) => bail!(

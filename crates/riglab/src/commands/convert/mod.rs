@@ -132,7 +132,7 @@ pub fn run(args: &Args) -> Result<ExitCode> {
                 Some(corpus) => corpus.len() > 1,
                 None => count_assets(&args.input)? > 1,
             };
-    let into_folder = args.out.is_dir() || args.out.as_os_str().to_string_lossy().ends_with('/');
+    let into_folder = args.out.is_dir() || riglab_files::is_as_of_folder(&args.out);
     let target = match args.to {
         Some(target) => target,
         None if into_folder => bail!("{} is a folder; say with --to which format to write", args.out.display()),

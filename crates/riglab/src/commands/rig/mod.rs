@@ -361,7 +361,7 @@ fn jobs(input: &Path, out: &Path, to: Option<Target>) -> Result<Jobs> {
     let ending = to.unwrap_or(Target::GLB).ending();
     let same = |a: &Path, b: &Path| a.canonicalize().is_ok_and(|a| b.canonicalize().is_ok_and(|b| a == b));
     if !input.is_dir() {
-        let into = out.is_dir() || out.as_os_str().to_string_lossy().ends_with('/');
+        let into = out.is_dir() || riglab_files::is_as_of_folder(out);
         let mut name = input.file_stem().unwrap_or_default().to_owned();
         name.push(format!(".{ending}"));
         let told = to;

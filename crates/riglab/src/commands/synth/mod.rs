@@ -11,7 +11,7 @@ use rayon::prelude::*;
 use riglab_asset::{ImportOptions, import_bytes, to_glb};
 use riglab_core::Asset;
 use riglab_data::{CorpusWriter, Splitter};
-use riglab_files::make_folder_of;
+use riglab_files::{is_as_of_folder, make_folder_of};
 use riglab_report::shell::command;
 use riglab_synth::{Options, Plan, creature, name, provenance};
 use riglab_train::Progress;
@@ -81,7 +81,9 @@ pub fn run(args: &Args) -> Result<ExitCode> {
     let plans = if plans.is_empty() { Plan::MIXTURE.to_vec() } else { plans };
     let options = Options { plans, triangles: args.triangles.clone() };
     let out = &args.out;
-    if out.extension().is_some_and(|e| e.eq_ignore_ascii_case("h5") || e.eq_ignore_ascii_case("hdf5")) {
+    if !is_as_of_folder(out)
+        && out.extension().is_some_and(|e| e.eq_ignore_ascii_case("h5") || e.eq_ignore_ascii_case("hdf5"))
+    {
         return corpus(args, &options);
     }
     let begun = Begun::open(out, &settings(args, &options))?;
