@@ -152,7 +152,8 @@ pub fn serve<Q: DeserializeOwned>(mut answer: impl FnMut(Q) -> Result<Value>) ->
 pub fn peak_memory_mb() -> f64 {
     let text = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
     let line = text.lines().find_map(|l| l.strip_prefix("VmHWM:"));
-    line.and_then(|l| l.trim().split(' ').next()?.parse::<f64>().ok()).map_or(f64::NAN, |kb| kb / 1e3)
+    // The kernel's "kB" are 1024 bytes.
+    line.and_then(|l| l.trim().split(' ').next()?.parse::<f64>().ok()).map_or(f64::NAN, |kib| kib * 1.024 / 1e3)
 }
 
 /// Lets the peak begin anew, where the system can.

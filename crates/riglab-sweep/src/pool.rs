@@ -50,7 +50,8 @@ impl Budget {
 fn free_gb() -> Option<f64> {
     let text = std::fs::read_to_string("/proc/meminfo").ok()?;
     let line = text.lines().find_map(|l| l.strip_prefix("MemAvailable:"))?;
-    Some(line.trim().strip_suffix("kB")?.trim().parse::<f64>().ok()? / 1e6)
+    // The kernel's "kB" are 1024 bytes.
+    Some(line.trim().strip_suffix("kB")?.trim().parse::<f64>().ok()? * 1.024 / 1e6)
 }
 
 /// A step of a job.

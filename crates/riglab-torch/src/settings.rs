@@ -29,7 +29,8 @@ const KEPT: usize = 512 << 20;
 pub fn memory_gb(field: &str) -> Option<f64> {
     let text = std::fs::read_to_string("/proc/meminfo").ok()?;
     let line = text.lines().find_map(|l| l.strip_prefix(field)?.strip_prefix(':'))?;
-    Some(line.trim().strip_suffix("kB")?.trim().parse::<f64>().ok()? / 1e6)
+    // The kernel's "kB" are 1024 bytes.
+    Some(line.trim().strip_suffix("kB")?.trim().parse::<f64>().ok()? * 1.024 / 1e6)
 }
 
 /// What [`init`] sets.

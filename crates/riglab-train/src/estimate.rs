@@ -22,7 +22,7 @@ const SECONDS: f64 = 12.0;
 /// A run's needs.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Estimate {
-    /// Numbers that are learned.
+    /// Numbers in the network, frozen ones included.
     pub parameters: usize,
     /// The same by part of the network.
     pub parts: Vec<(String, usize)>,
@@ -142,6 +142,8 @@ fn memory<T: Task>(
 ) -> Vec<(String, f64)> {
     let mb = |bytes: usize| bytes as f64 / 1e6;
     let all = params.numel();
+    // What is frozen (`train.frozen`) gets no gradient.
+    let learnt = params.ids().filter(|&id| params.learns(id)).map(|id| params.weights()[id].numel()).sum::<usize>();
     let half = config.precision == Precision::Bf16;
     let state = stepper.optimizer.state(params);
     let kept: usize = state.values().map(|t| t.numel() * t.kind().elt_size_in_bytes()).sum();
@@ -151,7 +153,7 @@ fn memory<T: Task>(
     }
     // Those of bfloat16 weights come as such, and are widened one by one.
     let sets = stepper.sides();
-    memory.push(("gradients".into(), mb(sets * if half && config.accumulate == 1 { 2 } else { 4 } * all)));
+    memory.push(("gradients".into(), mb(sets * if half && config.accumulate == 1 { 2 } else { 4 } * learnt)));
     memory.push(("optimizer".into(), mb(kept)));
     if stepper.ema.is_some() {
         memory.push(("moving average".into(), mb(4 * all)));

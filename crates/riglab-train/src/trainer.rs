@@ -325,7 +325,23 @@ pub(crate) fn peak_memory_mb() -> f64 {
 
 /// A line of what the system says of this process's memory, in MB.
 pub(crate) fn status_mb(key: &str) -> f64 {
-    let text = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
+    megabytes(&std::fs::read_to_string("/proc/self/status").unwrap_or_default(), key)
+}
+
+/// A line of such a text, in MB of 1e6 bytes: the kernel's "kB" are 1024.
+fn megabytes(text: &str, key: &str) -> f64 {
     let line = text.lines().find_map(|l| l.strip_prefix(key));
-    line.and_then(|l| l.trim().split(' ').next()?.parse::<f64>().ok()).map_or(f64::NAN, |kb| kb / 1e3)
+    line.and_then(|l| l.trim().split(' ').next()?.parse::<f64>().ok()).map_or(f64::NAN, |kib| kib * 1.024 / 1e3)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_kernels_kilobytes_are_1024_bytes() {
+        let text = "VmPeak:\t  9 kB\nVmHWM:\t  125000 kB\n";
+        assert_eq!(megabytes(text, "VmHWM:"), 128.0);
+        assert!(megabytes(text, "VmRSS:").is_nan());
+    }
 }

@@ -8,7 +8,7 @@ use std::sync::Mutex;
 
 use products::{Fault, Products};
 use riglab_ranks::ALONE;
-use riglab_train::{Precision, Run, TrainConfig, TrainError, estimate, sides, train};
+use riglab_train::{Precision, Run, Task, TrainConfig, TrainError, estimate, sides, train};
 
 /// libtorch's number of threads is everybody's.
 static ONE_AT_A_TIME: Mutex<()> = Mutex::new(());
@@ -96,6 +96,21 @@ fn what_others_compute_counts_and_fewer_can_be_asked_for() {
     assert_eq!(flops(2, 0), (2, one));
     assert_eq!(flops(4, 0), (4, one));
     assert_eq!(flops(4, 1), (1, one));
+}
+
+#[test]
+fn what_is_frozen_takes_no_gradients_in_an_estimate() {
+    let _guard = ONE_AT_A_TIME.lock().unwrap_or_else(|e| e.into_inner());
+    tch::set_num_threads(1);
+    let gradients = |frozen: &[String]| {
+        let task = Products::new();
+        task.params().freeze(frozen).unwrap();
+        let found = estimate(&task, &config(Precision::Fp32)).unwrap();
+        found.memory_mb.iter().find(|(name, _)| name == "gradients").unwrap().1
+    };
+    // 84 numbers of four bytes, of which one part has 64.
+    assert_eq!(gradients(&[]), 84.0 * 4.0 / 1e6);
+    assert_eq!(gradients(&["first".into()]), 20.0 * 4.0 / 1e6);
 }
 
 #[test]
