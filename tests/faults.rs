@@ -363,10 +363,13 @@ fn of_a_checkpoint_that_is_cut_off_an_older_one_is_gone_on_from() {
     let more = ["--set", "train.save_every=1", "--set", "train.keep=3"];
     must(&[&["train", text(&ready().join("config.toml")), "--run", text(&run)], more.as_slice()].concat());
     let metrics = fs::read(run.join("metrics.jsonl")).unwrap();
-    for file in ["optimizer.safetensors", "model.safetensors", "ema.safetensors"] {
+    let lose = |path: &Path| fs::remove_file(path).unwrap();
+    let harms: [&dyn Fn(&Path); 2] = [&cut, &lose];
+    let files = ["optimizer.safetensors", "model.safetensors", "ema.safetensors"];
+    for (file, harm) in files.into_iter().flat_map(|file| harms.map(|harm| (file, harm))) {
         let newest = run.join("checkpoints/step-00000003");
         let whole = fs::read(newest.join(file)).unwrap();
-        cut(&newest.join(file));
+        harm(&newest.join(file));
         let done = must(&["train", "--resume", text(&run)]);
         let said = String::from_utf8(done.stderr).unwrap();
         assert!(said.contains(file) && said.contains("going on from step 2"), "{said}");
@@ -375,11 +378,12 @@ fn of_a_checkpoint_that_is_cut_off_an_older_one_is_gone_on_from() {
         assert!(run.join("checkpoints/step-00000002").is_dir(), "what is whole is kept");
     }
     // As a kill leaves it between a checkpoint and the link to it.
-    let best = run.join("checkpoints/best");
-    let named = fs::read_link(&best).unwrap();
-    fs::remove_file(&best).unwrap();
+    let links = ["best", "last"].map(|name| run.join("checkpoints").join(name));
+    let leads = || links.each_ref().map(|link| fs::read_link(link).unwrap());
+    let named = leads();
+    links.iter().for_each(|link| fs::remove_file(link).unwrap());
     must(&["train", "--resume", text(&run)]);
-    assert_eq!(fs::read_link(&best).unwrap(), named);
+    assert_eq!(leads(), named);
     // Without any that is whole, nothing is begun anew.
     for step in 1..=3 {
         cut(&run.join(format!("checkpoints/step-0000000{step}/model.safetensors")));

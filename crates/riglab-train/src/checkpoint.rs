@@ -142,7 +142,7 @@ impl Checkpoint {
     /// # Errors
     /// Where there was one: to begin anew would throw away what was trained.
     pub fn latest(run: &Run, config: &TrainConfig) -> Result<Option<Self>, TrainError> {
-        let store = Store { dir: run.path(CHECKPOINTS) };
+        let store = Store { dir: run.path(CHECKPOINTS), averaged: config.ema > 0.0 };
         if let Some(found) = store.latest() {
             return Ok(Some(found));
         }
@@ -185,7 +185,7 @@ impl Checkpoint {
     /// # Errors
     /// When the folder cannot be written.
     pub fn plant(run: &Path, params: &Params, state: &State) -> Result<(), TrainError> {
-        let store = Store::new(run.join("checkpoints"))?;
+        let store = Store::new(run.join("checkpoints"), false)?;
         let temp = store.dir.join(format!(".tmp-{}-{}", folder(state.step), std::process::id()));
         let written = store.write(&temp, params, None, None, state, &BTreeMap::new());
         if let Err(e) = written.and_then(|()| store.put(&temp, &store.dir.join(folder(state.step)))) {
@@ -201,12 +201,12 @@ impl Checkpoint {
         &self.state
     }
 
-    /// Whether its files can be read from end to end: one that is cut off is told by its head.
-    fn whole(self) -> Result<Self, TrainError> {
+    /// Whether its files can be read from end to end, those of `asked` among them: one that is cut off is told by its head.
+    fn whole(self, asked: &[&str]) -> Result<Self, TrainError> {
         for name in [MODEL, AVERAGE, OPTIMIZER, KEPT] {
             let file = self.path.join(name);
             // Not every run has all of them.
-            if name == MODEL || file.is_file() {
+            if asked.contains(&name) || file.is_file() {
                 io::Reader::open(&file)?;
             }
         }
@@ -247,22 +247,31 @@ impl Checkpoint {
     /// When something is missing, damaged, or of another network or optimizer.
     pub fn restore(&self, params: &Params, optimizer: &mut Optimizer, ema: Option<&Ema>) -> Result<(), TrainError> {
         let file = |name: &str| self.path.join(name);
+        if !file(OPTIMIZER).is_file() {
+            let message =
+                "holds weights alone, no optimizer state: start a new run from them with --set train.start.from=RUN";
+            return Err(TrainError::Checkpoint { path: self.path.clone(), message: message.into() });
+        }
         self.take(&file(MODEL), params, params.weights())?;
         self.check(&file(MODEL), params.named(params.weights()))?;
         if let Some(ema) = ema {
             self.take(&file(AVERAGE), params, ema.weights())?;
             self.check(&file(AVERAGE), params.named(ema.weights()))?;
         }
-        if !file(OPTIMIZER).is_file() {
-            let message =
-                "holds weights alone, no optimizer state: start a new run from them with --set train.start.from=RUN";
-            return Err(TrainError::Checkpoint { path: self.path.clone(), message: message.into() });
-        }
-        let state = io::read(&file(OPTIMIZER))?;
-        // Counts of steps may be whole numbers.
-        let moments = state.iter().filter(|(_, t)| t.is_floating_point());
-        self.check(&file(OPTIMIZER), moments.map(|(name, t)| (name.as_str(), t)))?;
-        optimizer.load_state(params, &state).map_err(|e| self.foreign(&file(OPTIMIZER), &e))
+        let (state, mut fault) = (io::Reader::open(&file(OPTIMIZER))?, Ok(()));
+        let loaded = optimizer.load_each(params, &state.shapes(), |name| {
+            let tensor = state.read(name)?;
+            // Counts of steps may be whole numbers.
+            if fault.is_ok() && tensor.is_floating_point() {
+                fault = self.check(&file(OPTIMIZER), std::iter::once((name, &tensor)));
+            }
+            Ok(tensor)
+        });
+        loaded.map_err(|e| match e {
+            NnError::Mismatch { .. } => self.foreign(&file(OPTIMIZER), &e),
+            e => e.into(),
+        })?;
+        fault
     }
 
     /// That what a run goes on with is finite: from a number that is not, nothing can be learned.
@@ -305,13 +314,15 @@ impl Checkpoint {
 /// The folder `checkpoints` of a run.
 pub(crate) struct Store {
     dir: PathBuf,
+    /// Whether its run keeps a moving average (`train.ema`), without which nothing goes on.
+    averaged: bool,
 }
 
 impl Store {
     /// Opens or makes it, and clears what a killed run left half-written.
-    pub fn new(dir: PathBuf) -> Result<Self, TrainError> {
+    pub fn new(dir: PathBuf, averaged: bool) -> Result<Self, TrainError> {
         fs::create_dir_all(&dir).map_err(|e| TrainError::io(&dir, "be made", &e))?;
-        let store = Self { dir };
+        let store = Self { dir, averaged };
         for name in store.entries() {
             if name.starts_with(".tmp-") {
                 let _ = fs::remove_dir_all(store.dir.join(name));
@@ -320,18 +331,27 @@ impl Store {
         Ok(store)
     }
 
-    /// The newest complete checkpoint.
+    /// The newest complete checkpoint; of a run that has weights alone, as one that was made of a model's file, the newest
+    /// that can be read.
     pub fn latest(&self) -> Option<Checkpoint> {
-        self.steps().into_iter().rev().find_map(|step| self.whole(step).ok())
+        let steps = self.steps();
+        let bare = |step: &u64| Checkpoint::open(&self.dir.join(folder(*step))).ok()?.whole(&[MODEL]).ok();
+        let whole = steps.iter().rev().find_map(|step| self.whole(*step).ok());
+        whole.or_else(|| steps.iter().rev().find_map(bare))
     }
 
+    /// A checkpoint with all that a training goes on with.
     fn whole(&self, step: u64) -> Result<Checkpoint, TrainError> {
-        Checkpoint::open(&self.dir.join(folder(step)))?.whole()
+        let asked = [MODEL, OPTIMIZER, AVERAGE];
+        let count = if self.averaged { asked.len() } else { asked.len() - 1 };
+        Checkpoint::open(&self.dir.join(folder(step)))?.whole(&asked[..count])
     }
 
     /// What is wrong with the newest checkpoint, if something is: older ones are gone on from then.
     pub fn damage(&self) -> Option<TrainError> {
-        self.steps().pop().and_then(|step| self.whole(step).err())
+        let newest = self.steps().pop()?;
+        let taken = |latest: Checkpoint| latest.path() == self.dir.join(folder(newest));
+        self.whole(newest).err().filter(|_| !self.latest().is_some_and(taken))
     }
 
     /// Writes a checkpoint, in place of one that is damaged, links `last` (and `best`) to it and removes the oldest beyond
@@ -360,8 +380,16 @@ impl Store {
         Ok(())
     }
 
-    /// Points `best` to what a state holds for it, where that is there: a run may have been killed before it was linked.
-    pub fn link_best(&self, state: &State) -> Result<(), TrainError> {
+    /// Points `last` to the checkpoint that a run goes on from, and `best` to what its state holds for it, where that is
+    /// there: the run may have been killed before they were linked, or a later checkpoint may have been damaged or moved away.
+    pub fn link_again(&self, state: &State) -> Result<(), TrainError> {
+        if self.is_whole(state.step) {
+            self.link("last", state.step)?;
+        }
+        self.link_best(state)
+    }
+
+    fn link_best(&self, state: &State) -> Result<(), TrainError> {
         match state.best {
             Some((step, _)) if self.is_whole(step) => self.link("best", step),
             _ => Ok(()),

@@ -59,7 +59,7 @@ pub fn train<T: Task>(
     config.validate().map_err(|(key, message)| TrainError::Config { key, message })?;
     let mut stepper = Stepper::new(task, config, ranks)?;
     let latest = if ranks.leads() { Checkpoint::latest(run, config)? } else { None };
-    let store = if ranks.leads() { Some(Store::new(run.path("checkpoints"))?) } else { None };
+    let store = if ranks.leads() { Some(Store::new(run.path("checkpoints"), config.ema > 0.0)?) } else { None };
     if let (Some(damage), Some(latest)) = (store.as_ref().and_then(Store::damage), &latest) {
         tell(format_args!("warning: {damage}; going on from step {}", latest.state().step));
     }
@@ -87,7 +87,7 @@ pub fn train<T: Task>(
     }
     let mut writes = None;
     if let Some(store) = store {
-        store.link_best(&state)?;
+        store.link_again(&state)?;
         let mut logs = Logs::open(run, state.step)?;
         if state.step == 0 {
             let text = std::fs::read_to_string(run.path("config.toml")).unwrap_or_default();

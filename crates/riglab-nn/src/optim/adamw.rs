@@ -102,14 +102,19 @@ impl Adamw {
         state
     }
 
-    pub fn load(&mut self, params: &Params, state: &BTreeMap<String, Tensor>) {
+    pub fn load(
+        &mut self,
+        params: &Params,
+        read: &mut impl FnMut(&str) -> Result<Tensor, NnError>,
+    ) -> Result<(), NnError> {
         for group in &mut self.groups {
             for (i, &id) in group.ids.iter().enumerate() {
                 let name = params.name(id);
-                group.m[i].copy_(&state[&format!("adamw.m.{name}")]);
-                group.v[i].copy_(&state[&format!("adamw.v.{name}")]);
-                group.steps[i].copy_(&state[&format!("adamw.step.{name}")]);
+                group.m[i].copy_(&read(&format!("adamw.m.{name}"))?);
+                group.v[i].copy_(&read(&format!("adamw.v.{name}"))?);
+                group.steps[i].copy_(&read(&format!("adamw.step.{name}"))?);
             }
         }
+        Ok(())
     }
 }

@@ -193,21 +193,41 @@ impl Optimizer {
     /// # Errors
     /// [`NnError::Mismatch`] when it is that of another network or config.
     pub fn load_state(&mut self, params: &Params, state: &BTreeMap<String, Tensor>) -> Result<(), NnError> {
+        let shapes = state.iter().map(|(name, t)| (name.clone(), t.size())).collect();
+        self.load_each(params, &shapes, |name| Ok(state[name].shallow_clone()))
+    }
+
+    /// As [`Self::load_state`], of tensors of these shapes that are read one at a time: they are never in memory beside the
+    /// optimizer's own.
+    ///
+    /// # Errors
+    /// As [`Self::load_state`], before anything is read, and those of `read`.
+    pub fn load_each(
+        &mut self,
+        params: &Params,
+        shapes: &BTreeMap<String, Vec<i64>>,
+        mut read: impl FnMut(&str) -> Result<Tensor, NnError>,
+    ) -> Result<(), NnError> {
+        self.check(params, shapes)?;
+        let _no_grad = tch::no_grad_guard();
+        self.muon.load(params, &mut read)?;
+        self.adamw.load(params, &mut read)
+    }
+
+    /// Whether names and shapes are those of this optimizer's state.
+    fn check(&self, params: &Params, shapes: &BTreeMap<String, Vec<i64>>) -> Result<(), NnError> {
         let own = self.state(params);
         let missing: Vec<_> = own
             .iter()
-            .filter(|(name, t)| state.get(*name).is_none_or(|s| s.size() != t.size()))
+            .filter(|(name, t)| shapes.get(*name).is_none_or(|s| *s != t.size()))
             .map(|(name, _)| format!("`{name}` is missing or of another shape"))
             .collect();
-        let unknown = state.keys().filter(|k| !own.contains_key(*k)).map(|k| format!("`{k}` is unknown"));
+        let unknown = shapes.keys().filter(|k| !own.contains_key(*k)).map(|k| format!("`{k}` is unknown"));
         let faults: Vec<_> = missing.into_iter().chain(unknown).collect();
         if !faults.is_empty() {
             let first = faults.iter().take(3).cloned().collect::<Vec<_>>().join(", ");
             return Err(NnError::Mismatch { count: faults.len(), tensors: own.len(), first });
         }
-        let _no_grad = tch::no_grad_guard();
-        self.muon.load(params, state);
-        self.adamw.load(params, state);
         Ok(())
     }
 }

@@ -145,12 +145,17 @@ impl Muon {
         each.map(|(&id, t)| (format!("muon.{}", params.name(id)), t)).collect()
     }
 
-    pub fn load(&mut self, params: &Params, state: &BTreeMap<String, Tensor>) {
+    pub fn load(
+        &mut self,
+        params: &Params,
+        read: &mut impl FnMut(&str) -> Result<Tensor, NnError>,
+    ) -> Result<(), NnError> {
         for s in &mut self.stacks {
             for (&id, mut row) in s.ids.iter().zip(s.momentum.unbind(0)) {
-                row.copy_(&state[&format!("muon.{}", params.name(id))]);
+                row.copy_(&read(&format!("muon.{}", params.name(id)))?);
             }
         }
+        Ok(())
     }
 }
 
