@@ -76,10 +76,11 @@ fn main() -> ExitCode {
         leave_clean();
     }
     let threads = usize::from(cli.threads);
-    let computes = matches!(
-        cli.command,
-        Command::Train(_) | Command::Eval(_) | Command::Rig(_) | Command::Skin(_) | Command::SlurmTask(_)
-    );
+    let computes = match &cli.command {
+        Command::Train(_) | Command::Eval(_) | Command::Rig(_) | Command::Skin(_) | Command::SlurmTask(_) => true,
+        Command::Simulate(args) => args.computes(),
+        _ => false,
+    };
     if threads != 1 && computes {
         riglab_torch::wait_patiently();
     }
@@ -91,7 +92,7 @@ fn main() -> ExitCode {
         Command::View(args) => commands::view::run(&args),
         Command::Convert(args) => commands::convert::run(&args),
         Command::Strip(args) => commands::strip::run(&args),
-        Command::Simulate(args) => commands::simulate::run(&args),
+        Command::Simulate(args) => commands::simulate::run(&args, threads),
         Command::Synth(args) => commands::synth::run(&args),
         Command::Compare(args) => commands::compare::run(&args),
         Command::Rewards(args) => commands::rewards::run(&args),

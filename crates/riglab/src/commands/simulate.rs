@@ -99,7 +99,15 @@ const OWN: &str = " with springs";
 /// Pictures of a sheet.
 const PICTURES: usize = 12;
 
-pub fn run(args: &Args) -> Result<ExitCode> {
+impl Args {
+    /// Whether a network computes.
+    pub fn computes(&self) -> bool {
+        self.attributes.is_some()
+    }
+}
+
+/// `threads`: of the network that tells attributes.
+pub fn run(args: &Args, threads: usize) -> Result<ExitCode> {
     check(args)?;
     let shown = args.input.display();
     let imported = import(&args.input, &reading(args))?;
@@ -113,7 +121,7 @@ pub fn run(args: &Args) -> Result<ExitCode> {
         .iter()
         .filter_map(|w| if let Warning::ClipsCut { clips, .. } = w { Some(clips) } else { None });
     let cuts: Vec<String> = cut.flatten().cloned().collect();
-    let rig = with_attributes(args, with_springs(args, &imported)?)?;
+    let rig = with_attributes(args, with_springs(args, &imported)?, threads)?;
     let (bytes, source) = document(args, imported, &rig)?;
     let clip = motion(args, &source, &rig)?;
     let lengths = match args.lengths {
@@ -213,8 +221,9 @@ fn with_springs(args: &Args, imported: &Imported) -> Result<Rig> {
 }
 
 /// With attributes that a run tells.
-fn with_attributes(args: &Args, rig: Rig) -> Result<Rig> {
+fn with_attributes(args: &Args, rig: Rig, threads: usize) -> Result<Rig> {
     let Some(run) = &args.attributes else { return Ok(rig) };
+    riglab_torch::init(riglab_torch::Settings { threads });
     let (folder, checkpoint) = named_by(run);
     let (skinner, state) = Skinner::of_run(&folder, &checkpoint, Device::Cpu).map_err(|e| anyhow!(e))?;
     tell!("attributes: {}, {} steps", run.display(), state.step);
