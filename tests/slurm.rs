@@ -251,6 +251,78 @@ fn a_run_is_extended_by_a_job_or_stays_as_it_is() {
     assert!(script.lines().last().is_some_and(|line| line.ends_with("--device cuda:1")), "{script}");
 }
 
+/// Programs that answer as those of a cluster would which takes all jobs and runs none; a search path with them.
+fn answering(dir: &Path) -> String {
+    use std::os::unix::fs::PermissionsExt;
+    let bin = dir.join("bin");
+    fs::create_dir(&bin).unwrap();
+    let told = "if [ \"$2\" = config ]; then echo 'MaxArraySize = 1001'; else echo 'JobId=7 JobState=CANCELLED'; fi";
+    for (program, script) in [("squeue", "exit 0"), ("scontrol", told), ("sbatch", "echo 7")] {
+        let file = bin.join(program);
+        fs::write(&file, format!("#!/bin/sh\n{script}\n")).unwrap();
+        fs::set_permissions(&file, fs::Permissions::from_mode(0o755)).unwrap();
+    }
+    format!("{}:{}", bin.display(), std::env::var("PATH").unwrap())
+}
+
+#[test]
+fn threads_and_tables_reach_the_jobs() {
+    let dir = tempfile::tempdir().unwrap();
+    let corpus = corpus(dir.path(), 8);
+    let path = answering(dir.path());
+    let call = |threads: &str, args: &[&str]| {
+        let mut command = std::process::Command::new(env!("CARGO_BIN_EXE_riglab"));
+        command.args(["--threads", threads]).args(args).env("PATH", &path).current_dir(dir.path());
+        command
+    };
+    let done = |threads: &str, args: &[&str]| {
+        let out = call(threads, args).output().unwrap();
+        assert!(out.status.success(), "{}", String::from_utf8_lossy(&out.stderr));
+    };
+    let holds = |script: &Path, parts: &[&str]| {
+        let text = read(script);
+        assert!(parts.iter().all(|part| text.contains(part)), "{parts:?}: {text}");
+    };
+    // Threads of the command line come before those of a file, and get a processor each.
+    let base = config(dir.path(), &corpus, "[slurm]\npartition = 'small'\nqos = 'low'\ncpus = 2\n");
+    let [run, out, curated] = ["run", "out", "curated.h5"].map(|name| dir.path().join(name));
+    done("3", &["train", text(&base), "--run", text(&run), "--on", "slurm"]);
+    holds(&run.join("slurm/job-1.sh"), &["--cpus-per-task=3\n", "--qos=low\n", "slurm-task --threads 3 train "]);
+    done("3", &["curate", text(&dir.path().join("files")), "-o", text(&curated), "--on", "slurm", "--parts", "2"]);
+    let jobs = dir.path().join("curated.curation/slurm");
+    holds(&jobs.join("job-1.sh"), &["--cpus-per-task=3\n", "slurm-task --threads 3 curate "]);
+    // A sweep's own table stands over that of the config which its jobs start from.
+    let file = dir.path().join("toy.toml");
+    let write =
+        |more: &str| fs::write(&file, format!("[sweep]\nbase = '{}'\nseeds = [0]\n{more}", base.display())).unwrap();
+    write("threads = 4\n[slurm]\npartition = 'cpu'\nlook_seconds = 1\n");
+    let sweep = ["sweep", text(&file), "-o", text(&out), "--on", "slurm"];
+    done("0", &sweep);
+    let asked = ["--partition=cpu\n", "--qos=low\n"];
+    holds(&out.join("slurm/job-1.sh"), &[&asked[..], &["--cpus-per-task=4\n", "--threads 0 sweep "]].concat());
+    done("5", &sweep);
+    holds(&out.join("slurm/job-2.sh"), &[&asked[..], &["--cpus-per-task=5\n", "--threads 5 sweep "]].concat());
+    // Tasks that somebody cancels are told, and no success.
+    let said = refusal(&mut call("0", &["sweep", text(&out), "--on", "slurm", "--wait"]));
+    assert!(said.contains("1 job not done") && said.contains("`base`, seed 0 (waiting)"), "{said}");
+    // What would be read by nobody is refused.
+    for more in [
+        "set = { 'slurm.time' = '1:00:00' }\n",
+        "[sweep.product]\n'slurm.time' = ['1:00:00']\n",
+        "[[sweep.arms]]\nname = 'a'\nset = { slurm = { time = '1:00:00' } }\n",
+    ] {
+        write(more);
+        let said = refusal(&mut call("0", &["sweep", text(&file), "-o", "new", "--dry-run"]));
+        assert!(said.contains("the table [slurm] of the sweep's file") && said.contains("toy.toml:"), "{said}");
+    }
+    write("[[sweep.arms]]\nname = 'a'\n[[sweep.arms]]\nname = 'b'\nbase = 'other.toml'\n");
+    fs::write(dir.path().join("other.toml"), "extends = 'config.toml'\n[slurm]\nqos = 'high'\n").unwrap();
+    let said = refusal(&mut call("0", &["sweep", text(&file), "-o", "new", "--on", "slurm"]));
+    assert!(said.contains("different tables [slurm]") && said.contains("other.toml"), "{said}");
+    let said = refusal(&mut call("0", &["sweep", text(&file), "-o", "new", "--set", "slurm={time='4:00:00'}"]));
+    assert!(said.contains("add --on slurm"), "{said}");
+}
+
 /// Calls the binary on the cluster; it must end well. Gives all it said.
 fn on(cluster: &Cluster, args: &[&str]) -> String {
     let Output { status, stdout, stderr } = cluster.known_to(&mut riglab(args)).output().unwrap();

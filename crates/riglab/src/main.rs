@@ -23,7 +23,7 @@ const VERSION: &str = env!("RIGLAB_VERSION");
 #[derive(Parser)]
 #[command(version = VERSION, about, propagate_version = true, max_term_width = 100)]
 struct Cli {
-    /// Threads of the numeric library; 0 takes all processors.
+    /// Threads of the numeric library, and of a curation; 0 takes all processors.
     #[arg(long, global = true, default_value_t = 0, value_name = "N", value_parser = clap::value_parser!(u16).range(..=4096))]
     threads: u16,
     #[command(subcommand)]
@@ -97,7 +97,7 @@ fn main() -> ExitCode {
         Command::Compare(args) => commands::compare::run(&args),
         Command::Rewards(args) => commands::rewards::run(&args),
         Command::Report(args) => commands::report::run(&args),
-        Command::Curate(args) => commands::curate::run(&args),
+        Command::Curate(args) => commands::curate::run(&args, threads),
         Command::SlurmTask(args) => commands::slurm::task::run(&args, threads),
         Command::Review(args) => commands::review::run(&args),
         Command::Dataset(args) => commands::dataset::run(&args),

@@ -88,7 +88,8 @@ fn shard(text: &str) -> Result<Shard, String> {
     }
 }
 
-pub fn run(args: &Args) -> Result<ExitCode> {
+/// `threads`: at work on files at once, here or in each task; 0 takes all processors.
+pub fn run(args: &Args, threads: usize) -> Result<ExitCode> {
     if let (None, Some(set)) = (args.on, apart(&args.sets).0.first()) {
         bail!("`--set {set}` is about a cluster; add --on slurm");
     }
@@ -108,9 +109,11 @@ pub fn run(args: &Args) -> Result<ExitCode> {
     let places = Places::of(&args.out);
     if args.on == Some(On::Slurm) {
         let [folder] = args.inputs.as_slice() else { bail!("give one folder") };
-        let desk = Desk::new(&places.work, slurm)?;
-        return on_slurm::run(folder, &args.out, &config, &desk, args.parts.into(), args.wait);
+        let desk = Desk::new(&places.work, slurm)?.for_threads(threads);
+        let request = on_slurm::Request { parts: args.parts.into(), threads, wait: args.wait };
+        return on_slurm::run(folder, &args.out, &config, &desk, &request);
     }
+    rayon::ThreadPoolBuilder::new().num_threads(threads).build_global().context("no threads can be started")?;
     let bar: Mutex<Option<(String, Progress)>> = Mutex::new(None);
     let journal = places.journal();
     let begun = AtomicBool::new(false);

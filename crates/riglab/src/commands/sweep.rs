@@ -5,10 +5,11 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, ExitCode};
 use std::time::Duration;
 
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result, anyhow, bail};
 use riglab_config::{Config, ConfigError, FaultKind};
 use riglab_data::Corpus;
 use riglab_report::{Cell, Table};
+use riglab_slurm::SlurmConfig;
 use riglab_sweep::{
     Budget, Ended, Event, Job, Plan, REPLACED, Results, Stage, SweepError, SweepFile, may_be_called, retry,
     run as run_pool,
@@ -18,8 +19,8 @@ use riglab_train::{Interrupt, Progress, without_best};
 use super::charts::{charts, no_file, spare};
 use super::report::write;
 use super::slurm::sweep::{Handed, run as hand_over, seen};
-use super::slurm::{Desk, On, apart, settings};
-use super::{keep_apart, shown};
+use super::slurm::{Desk, On, apart, is_of_cluster, settings};
+use super::{keep_apart, shown, some_of};
 use crate::presets;
 use crate::registry::TaskConfig;
 use riglab_report::counted;
@@ -34,7 +35,7 @@ use riglab_report::shell::command;
 /// anew. The result is a table of means and spreads over seeds, in results.jsonl, table.md, table.tex, table.csv and
 /// report.html. TensorBoard compares the runs: `tensorboard --logdir SWEEP/jobs`.
 ///
-/// Its exit code is 1 if a run failed.
+/// Its exit code is 1 if a run failed, or was cancelled on a cluster and is not done.
 ///
 /// With --on slurm the jobs are tasks of an array, which save when their time ends, are requeued and go on. The same
 /// command again hands over what is neither done nor in the queue, and writes the table when all is.
@@ -145,7 +146,7 @@ pub fn run(args: &Args, threads: usize) -> Result<ExitCode> {
     }
     let again = command(["sweep", &shown(&folder)]);
     if args.on == Some(On::Slurm) {
-        return match hand_over(&folder, &plan, &desk, args.wait)? {
+        return match hand_over(&folder, &plan, &desk, threads, args.wait)? {
             Handed::Queued => {
                 tell!("follow them with: {again} --status");
                 tell!("the table comes by: {again} --on slurm");
@@ -277,11 +278,22 @@ fn conclude(plan: &Plan, folder: &Path, args: &Args, on: &str) -> Result<ExitCod
         let again = command(["sweep", &shown(folder)]);
         tell!("{} failed; try again with: {again} --retry{on}", counted(failed, "job"));
     }
+    let open = results.outcomes.iter().filter(|o| !["finished", "failed"].contains(&o.state.as_str()));
+    let open: Vec<String> = open.map(|o| format!("`{}`, seed {} ({})", o.point, o.seed, o.state)).collect();
+    if !open.is_empty() {
+        let again = command(["sweep", &shown(folder)]);
+        tell!(
+            "{} not done, such as tasks that were cancelled: {}; go on with: {again}{on}",
+            counted(open.len(), "job"),
+            some_of(&open)
+        );
+    }
     say!("{}", folder.join("report.html").display());
     if let Some(figures) = &args.charts {
         charts(&results.page(folder), figures)?.iter().try_for_each(|(path, content)| write(path, content))?;
     }
-    Ok(if failed == 0 && results.count("finished") > 0 { ExitCode::SUCCESS } else { ExitCode::FAILURE })
+    let all = failed == 0 && open.is_empty() && results.count("finished") > 0;
+    Ok(if all { ExitCode::SUCCESS } else { ExitCode::FAILURE })
 }
 
 /// The plan, its folder, and what its jobs ask of a cluster: of a folder that has one, else of a file.
@@ -299,7 +311,8 @@ fn plan(name: &str, args: &Args, threads: usize) -> Result<(Plan, PathBuf, Desk)
             bail!("{name}: no sweep here (there is no sweep.json); `riglab sweep FILE` makes one");
         };
         let desk = Desk::reopen(&folder, &cluster)?;
-        return Ok((plan, folder.clone(), asked(desk, args, threads)));
+        let desk = asked(desk, args, &plan, threads);
+        return Ok((plan, folder, desk));
     }
     let config = presets::load(name, &cluster)?;
     if config.contains("task") && !config.contains("sweep") {
@@ -319,10 +332,9 @@ fn plan(name: &str, args: &Args, threads: usize) -> Result<(Plan, PathBuf, Desk)
     for (key, base) in [("sweep.base".to_owned(), &mut file.base)].into_iter().filter(|_| used).chain(arms) {
         *base = based(&config, &key, Path::new(name), base)?;
     }
-    let mut slurm = settings(&config)?;
-    if slurm.cpus == 0 {
-        slurm.cpus = file.threads;
-    }
+    without_cluster(&config, &file)?;
+    let bases = used.then_some(&file.base).into_iter().chain(file.arms.iter().filter_map(|arm| arm.base.as_ref()));
+    let mut slurm = if args.on.is_some() { asks(&config, bases)? } else { settings(&config)? };
     if slurm.memory.is_empty() && file.memory_gb > 0.0 {
         slurm.memory = format!("{:.0}M", (file.memory_gb * 1024.0).ceil());
     }
@@ -339,8 +351,56 @@ fn plan(name: &str, args: &Args, threads: usize) -> Result<(Plan, PathBuf, Desk)
             plan
         }
     };
-    let desk = Desk::new(&folder, slurm)?;
-    Ok((plan, folder, asked(desk, args, threads)))
+    let desk = asked(Desk::new(&folder, slurm)?, args, &plan, threads);
+    Ok((plan, folder, desk))
+}
+
+/// Refuses changes of single jobs, or of all, that are about a cluster: its array asks for the same for each of them.
+fn without_cluster(config: &Config, file: &SweepFile) -> Result<(), ConfigError> {
+    let of = |place: &str, keys: Vec<&String>| keys.into_iter().map(|key| (place.to_owned(), key.clone())).collect();
+    let places: Vec<Vec<(String, String)>> = [
+        of("sweep.set", file.set.keys().collect()),
+        of("sweep.product", file.product.keys().collect()),
+        of("sweep.zip", file.zip.keys().collect()),
+    ]
+    .into_iter()
+    .chain(file.arms.iter().enumerate().map(|(k, arm)| of(&format!("sweep.arms[{k}].set"), arm.set.keys().collect())))
+    .collect();
+    match places.into_iter().flatten().find(|(_, key)| is_of_cluster(key)) {
+        Some((place, key)) => Err(config.invalid(
+            &format!("{place}.\"{key}\""),
+            "the jobs of a sweep are tasks of one array, which asks the cluster for the same for all of them: write it into \
+             the table [slurm] of the sweep's file",
+        )),
+        None => Ok(()),
+    }
+}
+
+/// What the jobs ask of a cluster: the table [slurm] of the sweep's file over those of the configs that they start from.
+fn asks<'a>(config: &Config, bases: impl Iterator<Item = &'a String>) -> Result<SlurmConfig> {
+    let table = |config: &Config| match config.contains("slurm") {
+        true => config.get_at::<toml::Table>("slurm"),
+        false => Ok(toml::Table::new()),
+    };
+    let (whole, own) = (settings(config)?, table(config)?);
+    let mut found: Option<(&str, SlurmConfig)> = None;
+    for base in bases {
+        let base_config = presets::load(base, &[])?;
+        settings(&base_config)?;
+        let mut all = table(&base_config)?;
+        all.extend(own.clone());
+        let slurm: SlurmConfig = all.try_into().with_context(|| format!("{base}, [slurm]"))?;
+        let invalid = |(key, message)| anyhow!("{base}, with [slurm] of the sweep's file: `{key}`: {message}");
+        slurm.validate().map_err(invalid)?;
+        match &found {
+            Some((first, other)) if *other != slurm => bail!(
+                "{first} and {base} have different tables [slurm], and the jobs of a sweep are tasks of one array: write what \
+                 is to hold for all of them into [slurm] of the sweep's file"
+            ),
+            _ => found = Some((base, slurm)),
+        }
+    }
+    Ok(found.map_or(whole, |(_, slurm)| slurm))
 }
 
 /// Where the config is that a sweep's file names under a key; that there is none is told at the key.
@@ -364,10 +424,8 @@ fn beside(file: &Path, named: &str) -> String {
 }
 
 /// With the jobs at a time, and the threads of each, that the command line asks for.
-fn asked(mut desk: Desk, args: &Args, threads: usize) -> Desk {
-    if threads > 0 {
-        desk.config.cpus = threads;
-    }
+fn asked(mut desk: Desk, args: &Args, plan: &Plan, threads: usize) -> Desk {
+    desk = desk.for_threads(if threads > 0 { threads } else { plan.sweep.threads });
     if args.jobs > 0 {
         desk.config.at_a_time = args.jobs;
     }

@@ -34,15 +34,19 @@ pub fn part(places: &Places, number: usize, of: usize) -> PathBuf {
     places.work.join(format!("parts-{of}/part-{number}.h5"))
 }
 
-/// Submits a curation, and with `wait` follows it to its end.
-pub fn run(
-    folder: &Path,
-    out: &Path,
-    config: &CurateConfig,
-    desk: &Desk,
-    parts: usize,
-    wait: bool,
-) -> Result<ExitCode> {
+/// How a curation is to be done.
+pub struct Request {
+    /// Parts of the files, each a task.
+    pub parts: usize,
+    /// Threads of a task; 0 takes what the cluster gives.
+    pub threads: usize,
+    /// Whether to wait for its end.
+    pub wait: bool,
+}
+
+/// Submits a curation, and follows it to its end where that is asked for.
+pub fn run(folder: &Path, out: &Path, config: &CurateConfig, desk: &Desk, request: &Request) -> Result<ExitCode> {
+    let Request { parts, threads, wait } = *request;
     let absolute = |p: &Path| std::path::absolute(p).with_context(|| format!("{} has no place", p.display()));
     let (folder, out) = (absolute(folder)?, absolute(out)?);
     if !folder.is_dir() {
@@ -58,7 +62,7 @@ pub fn run(
     }
     write(&desk.file("config.toml"), &toml::to_string(config)?)?;
     write(&desk.file("order.json"), &serde_json::to_string(&Order { folder, parts })?)?;
-    let place = out.to_string_lossy();
+    let (place, threads) = (out.to_string_lossy(), threads.to_string());
     let name = out.file_stem().map_or("curate".into(), |n| n.to_string_lossy().into_owned());
     let numbers: Vec<usize> = (1..=parts).collect();
     let order = super::Order {
@@ -68,14 +72,14 @@ pub fn run(
         failures: 0,
         after: None,
         parallel: false,
-        command: &["curate", &place],
+        command: &["--threads", &threads, "curate", &place],
     };
     let looked: Vec<String> = desk.submit(&order)?.into_iter().map(|s| s.job).collect();
     let merge = super::Order {
         what: "merge",
         numbers: &[],
         after: Some(&looked.join(":")),
-        command: &["merge", &place],
+        command: &["--threads", &threads, "merge", &place],
         ..order
     };
     let [merge] = desk.submit(&merge)?.try_into().map_err(|_| anyhow::anyhow!("one job was to be submitted"))?;

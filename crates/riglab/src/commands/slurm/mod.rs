@@ -34,9 +34,14 @@ pub fn settings(config: &Config) -> Result<SlurmConfig> {
     Ok(slurm)
 }
 
-/// Changes of `[slurm]`, and those of the work itself.
+/// Changes of `[slurm]`, one of its keys or several at once, and those of the work itself.
 pub fn apart(sets: &[String]) -> (Vec<String>, Vec<String>) {
-    sets.iter().cloned().partition(|s| s.trim_start().starts_with("slurm."))
+    sets.iter().cloned().partition(|set| is_of_cluster(set.split('=').next().unwrap_or_default()))
+}
+
+/// Whether a key is `slurm`, or one of that table.
+pub fn is_of_cluster(key: &str) -> bool {
+    key.trim().strip_prefix("slurm").is_some_and(|rest| rest.is_empty() || rest.starts_with('.'))
 }
 
 /// The file form of settings.
@@ -96,6 +101,13 @@ impl Desk {
         };
         desk.config = settings(&presets::parse(&path.display().to_string(), &text, sets)?)?;
         Ok(desk)
+    }
+
+    /// For work of so many threads a process: it gets as many processors at least.
+    #[must_use]
+    pub fn for_threads(mut self, threads: usize) -> Self {
+        self.config.cpus = self.config.cpus.max(threads);
+        self
     }
 
     /// Whether anything was ever submitted from here.
@@ -244,6 +256,14 @@ mod tests {
         assert!(said.contains("--set slurm.time=soon") && said.contains("no time as Slurm takes it"), "{said}");
         let (own, rest) = apart(&["slurm.cpus=2".into(), "train.steps=3".into()]);
         assert_eq!((own.len(), rest), (1, vec!["train.steps=3".to_owned()]));
+        let (own, rest) = apart(&["slurm={time='4:00:00'}".into(), "slurmy.cpus=2".into()]);
+        assert_eq!((own.len(), rest.len()), (1, 1));
+        assert_eq!(Desk::reopen(dir.path(), &own).unwrap().config.time, "4:00:00");
+        let desk = |cpus: usize| Desk::new(dir.path(), SlurmConfig { cpus, ..SlurmConfig::default() }).unwrap();
+        assert_eq!(
+            [(0, 0), (0, 4), (8, 4), (2, 4)].map(|(cpus, threads)| desk(cpus).for_threads(threads).config.cpus),
+            [0, 4, 8, 4]
+        );
     }
 
     #[test]

@@ -22,8 +22,8 @@ pub enum Handed {
 }
 
 /// Hands what is left of a sweep to the cluster. With `wait` it does so again with what comes back unfinished, until
-/// nothing does.
-pub fn run(folder: &Path, plan: &Plan, desk: &Desk, wait: bool) -> Result<Handed> {
+/// nothing does. `threads`: of each job; 0 leaves them to the sweep's file, or to the cluster.
+pub fn run(folder: &Path, plan: &Plan, desk: &Desk, threads: usize, wait: bool) -> Result<Handed> {
     let interrupt = if wait { Interrupt::listening() } else { Interrupt::default() };
     let mut stopped = BTreeSet::new();
     for round in 0.. {
@@ -35,7 +35,7 @@ pub fn run(folder: &Path, plan: &Plan, desk: &Desk, wait: bool) -> Result<Handed
         }
         let left = left(folder, plan, desk, &queue, &stopped);
         if !left.is_empty() {
-            hand_over(folder, plan, desk, &left)?;
+            hand_over(folder, plan, desk, threads, &left)?;
         } else if queue.is_empty() {
             break;
         }
@@ -126,9 +126,9 @@ fn is_fault(state: &str) -> bool {
     matches!(state, "FAILED" | "OUT_OF_MEMORY" | "TIMEOUT" | "DEADLINE" | "BOOT_FAIL")
 }
 
-fn hand_over(folder: &Path, plan: &Plan, desk: &Desk, left: &[usize]) -> Result<()> {
+fn hand_over(folder: &Path, plan: &Plan, desk: &Desk, threads: usize, left: &[usize]) -> Result<()> {
     let place = std::path::absolute(folder)?;
-    let place = place.to_string_lossy();
+    let (place, threads) = (place.to_string_lossy(), threads.to_string());
     let name = folder.file_name().map_or("sweep".into(), |n| n.to_string_lossy().into_owned());
     let order = Order {
         what: "sweep",
@@ -137,7 +137,7 @@ fn hand_over(folder: &Path, plan: &Plan, desk: &Desk, left: &[usize]) -> Result<
         failures: attempts(folder).len(),
         after: None,
         parallel: true,
-        command: &["sweep", &place],
+        command: &["--threads", &threads, "sweep", &place],
     };
     let all = plan.jobs.len();
     for submission in desk.submit(&order)? {

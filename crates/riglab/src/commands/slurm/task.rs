@@ -61,7 +61,7 @@ pub fn run(args: &Args, threads: usize) -> Result<ExitCode> {
     };
     let number = task.number.unwrap_or(0) + args.offset;
     let done = match &args.kind {
-        Kind::Sweep { folder } => sweep(&task, folder, number)?,
+        Kind::Sweep { folder } => sweep(&task, folder, number, threads)?,
         Kind::Train { run, device } => train(&task, run, device.as_deref(), threads)?,
         Kind::Curate { out } => curate(&task, out, Some(number), threads)?,
         Kind::Merge { out } => curate(&task, out, None, threads)?,
@@ -78,7 +78,7 @@ pub fn run(args: &Args, threads: usize) -> Result<ExitCode> {
     }
 }
 
-fn sweep(task: &Task, folder: &Path, number: usize) -> Result<Done> {
+fn sweep(task: &Task, folder: &Path, number: usize, threads: usize) -> Result<Done> {
     let desk = Desk::reopen(folder, &[])?;
     let plan = Plan::read(folder)?.with_context(|| format!("{}: no sweep here", folder.display()))?;
     let job = plan.jobs.get(number).with_context(|| format!("{}: no job {number}", folder.display()))?;
@@ -90,7 +90,9 @@ fn sweep(task: &Task, folder: &Path, number: usize) -> Result<Done> {
         return Ok(Done::Failed);
     }
     let own = std::env::current_exe().context("the program does not know its own file")?;
-    let threads = if plan.sweep.threads > 0 { plan.sweep.threads } else { processors(&desk.config) };
+    // The command line comes before the file.
+    let told = [threads, plan.sweep.threads].into_iter().find(|threads| *threads > 0);
+    let threads = told.unwrap_or_else(|| processors(&desk.config));
     let command = |job: &Job, stage, run: &Path| {
         let trains = stage != Stage::Evaluate;
         let program = if trains { launched(&desk.config, &own) } else { Command::new(&own) };
@@ -157,8 +159,6 @@ fn curate(task: &Task, out: &Path, number: Option<usize>, threads: usize) -> Res
     let mut command = Command::new(std::env::current_exe().context("the program does not know its own file")?);
     let threads = if threads > 0 { threads } else { processors(&desk.config) };
     command.args(["--threads", &threads.to_string(), "curate"]);
-    // Curation's own threads are those of the pool of this name.
-    command.env("RAYON_NUM_THREADS", threads.to_string());
     match number {
         Some(n) => command.arg(&order.folder).args(["--shard", &format!("{n}/{}", order.parts)]),
         None => command.arg("--merge").args((1..=order.parts).map(|n| part(&places, n, order.parts))),
@@ -259,7 +259,7 @@ mod tests {
         for _ in 0..desk.config.patience {
             task.begin(&desk.starts(1), "step 0", desk.config.patience).unwrap().unwrap();
         }
-        assert!(matches!(sweep(&task, dir.path(), 1).unwrap(), Done::Failed));
+        assert!(matches!(sweep(&task, dir.path(), 1, 0).unwrap(), Done::Failed));
         let State::Failed(reason) = State::of(dir.path(), &plan, &plan.jobs[1], &attempts(dir.path())) else {
             panic!("it is not given up");
         };
