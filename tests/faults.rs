@@ -421,6 +421,20 @@ fn a_checkpoint_that_holds_nan_is_not_gone_on_from() {
 }
 
 #[test]
+fn a_training_that_starts_from_a_run_takes_its_best_or_a_checkpoint_that_is_named() {
+    let temp = tempfile::tempdir().unwrap();
+    let run = temp.path().join("run");
+    copy(&ready().join("run"), &run);
+    fs::remove_file(run.join("checkpoints/best")).unwrap();
+    let said = with(&format!("train.start.from={}", run.display()));
+    let last = run.join("checkpoints/last");
+    assert!(said.contains("no checkpoint is the best of this run") && said.contains(text(&last)), "{said}");
+    let out = temp.path().join("out");
+    let from = format!("train.start.from={}", last.display());
+    must(&["train", text(&ready().join("config.toml")), "--run", text(&out), "--set", &from]);
+}
+
+#[test]
 fn a_damaged_state_says_what_to_do() {
     let temp = tempfile::tempdir().unwrap();
     let run = temp.path().join("run");

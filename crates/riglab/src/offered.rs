@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 use std::io::Read;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use anyhow::{Context, Result, bail};
 use riglab_asset::{StoredKind, StoredTensor, TensorFile};
@@ -53,15 +53,15 @@ pub fn open(path: &Path) -> Result<Offered<'_>> {
 /// The tensors of a file, or of the best checkpoint of a run's folder, with which the run is evaluated.
 ///
 /// # Errors
-/// As [`open`], or when the folder has no checkpoint.
+/// As [`open`], or when the folder has no checkpoint, or several of which none is the best.
 pub fn open_weights(path: &Path) -> Result<Offered<'_>> {
     if !path.is_dir() {
         return open(path);
     }
     // A folder of a checkpoint, or of a run that has several.
-    let here = [path.join("checkpoints").join("best"), path.join("checkpoints").join("last")];
-    let found = here.iter().find(|folder| folder.is_dir()).map_or(path, PathBuf::as_path);
-    let checkpoint = Checkpoint::open(found).with_context(|| format!("{}: no trained run", path.display()))?;
+    let checkpoints = path.join("checkpoints");
+    let found = if checkpoints.is_dir() { checkpoints.join("best") } else { path.to_owned() };
+    let checkpoint = Checkpoint::open(&found).with_context(|| format!("{}: no trained model", path.display()))?;
     safetensors(&checkpoint.weights())
 }
 
