@@ -150,13 +150,10 @@ fn together(args: &Args, threads: usize, ranks: &Ranks) -> Result<ExitCode> {
         }
         (None, Some(name)) => {
             // Settled once: what is chosen by a timing must be the same for all.
-            let mut own = (String::new(), PathBuf::new());
-            if ranks.leads() {
-                let config = named(name, &args.sets)?;
-                own = (config.to_toml()?, args.run.clone().unwrap_or_else(|| next_free(name)));
-            }
-            let (text, dir) = ranks.told(own)?;
-            (settled(&text, Path::new(name))?, Place::New(dir))
+            let own = if ranks.leads() { named(name, &args.sets)?.to_toml()? } else { String::new() };
+            let text = ranks.told(own)?;
+            let place = args.run.clone().map_or_else(|| Place::Next(runs_of(name)), Place::New);
+            (settled(&text, Path::new(name))?, place)
         }
         (None, None) => bail!("give a config, or --resume RUN"),
     };
@@ -278,7 +275,7 @@ fn hand_over(args: &Args, cluster: &[String], sets: &[String], threads: usize) -
         (None, Some(name)) => {
             let text = named(name, &args.sets)?.to_toml()?;
             let config = presets::load(name, &args.sets)?;
-            let dir = args.run.clone().unwrap_or_else(|| next_free(name));
+            let dir = args.run.clone().map_or_else(|| claim(&runs_of(name)), Ok)?;
             let desk = on_slurm::desk(&dir, Some(settings(&config)?), &[])?;
             (dir, desk, Some(text))
         }
@@ -295,6 +292,10 @@ fn hand_over(args: &Args, cluster: &[String], sets: &[String], threads: usize) -
     let submitted = match (on_slurm::submit(&request, &desk), former) {
         (Ok(submitted), _) => submitted,
         (Err(e), former) => {
+            if args.run.is_none() && args.resume.is_none() {
+                // It is empty where nothing was written for the cluster yet.
+                let _ = std::fs::remove_dir(&run);
+            }
             // What does not go on is not extended.
             former.map_or(Ok(()), longer::Former::put_back)?;
             return Err(e);
@@ -307,6 +308,8 @@ fn hand_over(args: &Args, cluster: &[String], sets: &[String], threads: usize) -
 enum Place {
     There(Run),
     New(PathBuf),
+    /// The next free number in a folder of runs.
+    Next(PathBuf),
 }
 
 /// A run to be made or continued.
@@ -334,18 +337,25 @@ impl Visitor for Session<'_> {
             let run = match place {
                 Place::There(run) => run,
                 Place::New(dir) => Run::follow(&dir),
+                // The first rank says which it is.
+                Place::Next(_) => Run::follow(&ranks.told(PathBuf::new())?),
             };
             let interrupt = Interrupt::listening_with(ranks);
             let outcome = train(&task, config.train(), &run, &interrupt, ranks)?;
             let interrupted = outcome.ended == Ended::Interrupted;
             return Ok(if interrupted { ExitCode::from(interrupt.code()) } else { ExitCode::SUCCESS });
         }
-        if matches!(place, Place::New(_)) {
+        if !matches!(place, Place::There(_)) {
             known_tests(config.data(), task.assets())?;
         }
         let (run, resumed) = match place {
             Place::There(run) => (run, true),
             Place::New(dir) => (Run::create(&dir, &config.to_toml()?)?, false),
+            Place::Next(runs) => {
+                let run = Run::create(&claim(&runs)?, &config.to_toml()?)?;
+                ranks.told(run.dir().to_owned())?;
+                (run, false)
+            }
         };
         let data = task.assets().summary()?;
         let before = if resumed { run.info()? } else { None };
@@ -524,15 +534,26 @@ pub fn other_data(before: &[(String, String, usize)], now: &[(String, String, us
     Some(format!("begun on {}, but now there is {}", list(before), list(now)))
 }
 
-/// `runs/<config>/001` and on. The config of a run in `runs/NAME/001` is one of NAME.
-fn next_free(config: &str) -> PathBuf {
+/// `runs/<config>`, where runs of a config are numbered. The config of a run in `runs/NAME/001` is one of NAME.
+fn runs_of(config: &str) -> PathBuf {
     let file = Path::new(config);
     let of_run = file.parent().filter(|run| file.ends_with("config.toml") && run.join("run.json").is_file());
     let above = of_run.and_then(|run| run.parent()?.file_name());
     let name = above.or(file.file_stem()).map_or("run".into(), |s| s.to_string_lossy().into_owned());
-    let dir = Path::new("runs").join(name);
-    let free = (1..).map(|n| dir.join(format!("{n:03}"))).find(|d| !d.exists());
-    free.unwrap_or(dir)
+    Path::new("runs").join(name)
+}
+
+/// Makes the folder of the next free number, `001` and on: of two runs that begin at once each has its own.
+fn claim(runs: &Path) -> Result<PathBuf> {
+    std::fs::create_dir_all(runs).with_context(|| format!("{} cannot be made", runs.display()))?;
+    for dir in (1..).map(|n| runs.join(format!("{n:03}"))) {
+        match std::fs::create_dir(&dir) {
+            Ok(()) => return Ok(dir),
+            Err(e) if e.kind() == std::io::ErrorKind::AlreadyExists => {}
+            Err(e) => return Err(e).with_context(|| format!("{} cannot be made", dir.display())),
+        }
+    }
+    bail!("{}: no number is free", runs.display())
 }
 
 #[cfg(test)]
@@ -545,11 +566,25 @@ mod tests {
         let run = dir.path().join("dice/007");
         std::fs::create_dir_all(&run).unwrap();
         let config = run.join("config.toml");
-        let of = |config: &Path| next_free(config.to_str().unwrap()).parent().unwrap().to_owned();
+        let of = |config: &Path| runs_of(config.to_str().unwrap());
         assert_eq!(of(&config), Path::new("runs/config"));
         std::fs::write(run.join("run.json"), "").unwrap();
         assert_eq!(of(&config), Path::new("runs/dice"));
         assert_eq!(of(Path::new("quickstart/tokenrig.toml")), Path::new("runs/tokenrig"));
+    }
+
+    #[test]
+    fn runs_that_begin_at_once_have_folders_of_their_own() {
+        let dir = tempfile::tempdir().unwrap();
+        let runs = dir.path().join("runs/demo");
+        std::fs::create_dir_all(runs.join("002")).unwrap();
+        let claimed = std::thread::scope(|s| {
+            let all: Vec<_> = (0..4).map(|_| s.spawn(|| claim(&runs).unwrap())).collect();
+            all.into_iter().map(|t| t.join().unwrap()).collect::<std::collections::BTreeSet<_>>()
+        });
+        assert_eq!(claimed, ["001", "003", "004", "005"].map(|n| runs.join(n)).into());
+        std::fs::write(dir.path().join("file"), "").unwrap();
+        assert!(claim(&dir.path().join("file")).unwrap_err().to_string().contains("file cannot be made"));
     }
 
     #[test]
