@@ -118,8 +118,10 @@ fn an_extended_run_is_the_longer_one_where_nothing_follows_from_its_length() {
     };
     let several = std::thread::available_parallelism().is_ok_and(|n| n.get() > 1);
     assert_eq!(on(&[]).contains("note: it goes on with 1 thread, as it was begun"), several);
-    let told = on(&["--threads", "2"]);
-    assert!(told.contains("begun with 1 thread, and it goes on with 2 threads: sums round otherwise"), "{told}");
+    // One that is done computes nothing on others, and stays what it is.
+    assert!(!on(&["--threads", "2"]).contains("sums round otherwise"));
+    let info: serde_json::Value = serde_json::from_str(&read(&short, "run.json")).unwrap();
+    assert_eq!(info["resumed"].as_array().unwrap().len(), 1, "{info}");
 
     // The same command again goes on, and has nothing to do or to note.
     let told = extend(&short, "8");
@@ -139,6 +141,8 @@ fn an_extended_run_is_the_longer_one_where_nothing_follows_from_its_length() {
     refusal(&mut riglab(&["train", "--resume", text(&short), "--set", "train.steps=9"]));
     fs::rename(dir.path().join("elsewhere.h5"), &corpus).unwrap();
     assert_eq!(read(&short, "config.toml"), before);
+    let told = extend(&short, "10");
+    assert!(told.contains("from 8 to 10 steps: the same as 10 steps from the start"), "{told}");
 
     // Sums of other threads round otherwise.
     let other = dir.path().join("other");
@@ -147,6 +151,7 @@ fn an_extended_run_is_the_longer_one_where_nothing_follows_from_its_length() {
     let done = Command::new(env!("CARGO_BIN_EXE_riglab")).args(args).output().unwrap();
     let told = String::from_utf8(done.stderr).unwrap();
     assert!(done.status.success() && told.contains("as it did not always run on 1 thread of one device"), "{told}");
+    assert!(told.contains("begun with 1 thread, and it goes on with 2 threads: sums round otherwise"), "{told}");
 
     // The last step is validated in any case: it may be the best.
     let odd = dir.path().join("odd");
@@ -156,6 +161,13 @@ fn an_extended_run_is_the_longer_one_where_nothing_follows_from_its_length() {
         told.contains("weights are those of 8 steps from the start, but step 4 was validated as the last"),
         "{told}"
     );
+
+    // So do those of another device, which is not here.
+    let info = read(&odd, "run.json").replace("\"device\": \"cpu\"", "\"device\": \"cuda:99\"");
+    fs::write(odd.join("run.json"), info).unwrap();
+    let told = extend(&odd, "9");
+    assert!(told.contains("it was begun on cuda:99, which is not to be had here"), "{told}");
+    assert!(told.contains("begun with 1 thread on cuda:99, and it goes on with 1 thread on cpu: sums round"), "{told}");
 
     // A rate that comes down to the end was at its end.
     train(&cosine, &["--set", "train.schedule.kind=cosine"]);

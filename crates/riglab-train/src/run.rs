@@ -75,7 +75,7 @@ pub struct RunInfo {
     pub ended: String,
     /// How it ended: `finished`, `interrupted`, or the error.
     pub outcome: String,
-    /// Seconds of training in all, resumed parts included.
+    /// Seconds of training in all, resumed parts included; of a part that was killed up to its last checkpoint.
     pub seconds: f64,
 }
 
@@ -195,6 +195,15 @@ impl Run {
         RunInfo::read(&self.dir)
     }
 
+    /// Notes in `run.json`, where there is one, how many seconds of training there were: a run that is killed cannot say so.
+    ///
+    /// # Errors
+    /// When the file system refuses.
+    pub(crate) fn note_seconds(&self, seconds: f64) -> Result<(), TrainError> {
+        let info = RunInfo::of(&self.dir);
+        info.map_or(Ok(()), |info| self.write_info(&RunInfo { seconds, ..info }))
+    }
+
     /// Writes `run.json`.
     ///
     /// # Errors
@@ -271,12 +280,23 @@ impl RunInfo {
     pub fn is_steady(&self) -> bool {
         self.resumed.iter().all(|resumed| match resumed {
             Resumed::When(_) => true,
-            // Processes of a thread each are alike in any number.
-            Resumed::With { threads, ranks, device, .. } => {
-                let alike = *threads == 1 || (*ranks).max(1) == self.ranks.max(1);
-                *device == self.device && *threads == self.threads && alike
-            }
+            Resumed::With { threads, ranks, device, .. } => self.rounds_as(*threads, *ranks, device),
         })
+    }
+
+    /// Whether sums round as where it was begun on so many threads of so many processes on a device.
+    pub fn rounds_as(&self, threads: usize, ranks: usize, device: &str) -> bool {
+        // Processes of a thread each are alike in any number.
+        let alike = threads == 1 || ranks.max(1) == self.ranks.max(1);
+        device == self.device && threads == self.threads && alike
+    }
+
+    /// What it was begun on, for a sentence.
+    pub fn place(&self) -> String {
+        let processes = if self.ranks > 1 { format!("{} processes of ", self.ranks) } else { String::new() };
+        let threads = if self.threads == 1 { "1 thread".into() } else { format!("{} threads", self.threads) };
+        let device = if self.device == "cpu" { String::new() } else { format!(" on {}", self.device) };
+        format!("{processes}{threads}{device}")
     }
 
     /// Now, UTC.
@@ -386,6 +406,18 @@ mod tests {
         assert_eq!(read.resumed, info.resumed);
         let Resumed::With { riglab, threads, ranks, device, .. } = &read.resumed[1] else { panic!("with what") };
         assert_eq!((riglab.as_str(), *threads, *ranks, device.as_str()), ("2", 8, 3, "cuda:0"));
+    }
+
+    #[test]
+    fn sums_round_alike_on_the_same_threads_processes_and_device() {
+        let of =
+            |threads: usize, ranks: usize, device: &str| RunInfo { ranks, ..RunInfo::new("1", "t", threads, device) };
+        assert!(of(2, 1, "cpu").rounds_as(2, 1, "cpu") && of(1, 4, "cpu").rounds_as(1, 1, "cpu"));
+        assert!(of(2, 0, "cpu").rounds_as(2, 1, "cpu"), "one that does not say");
+        assert!(!of(2, 2, "cpu").rounds_as(2, 1, "cpu") && !of(2, 1, "cuda:0").rounds_as(2, 1, "cpu"));
+        assert_eq!(of(1, 1, "cpu").place(), "1 thread");
+        assert_eq!(of(2, 2, "cpu").place(), "2 processes of 2 threads");
+        assert_eq!(of(8, 1, "cuda:0").place(), "8 threads on cuda:0");
     }
 
     #[test]

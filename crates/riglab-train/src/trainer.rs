@@ -13,7 +13,7 @@ use crate::interrupt::Interrupt;
 use crate::logs::Logs;
 use crate::prefetch::Prefetch;
 use crate::progress::{Progress, tell};
-use crate::run::Run;
+use crate::run::{Run, RunInfo};
 use crate::step::{Stepped, Stepper};
 use crate::task::{At, Task, Validation};
 
@@ -93,7 +93,8 @@ pub fn train<T: Task>(
             let text = std::fs::read_to_string(run.path("config.toml")).unwrap_or_default();
             logs.settings(&text, &format!("eval/{}", task.objective().0));
         }
-        writes = Some(Writes { store, logs });
+        let before = RunInfo::of(run.dir()).map_or(0.0, |info| info.seconds);
+        writes = Some(Writes { store, logs, run, before, start: Instant::now() });
     }
     let mut trainer = Trainer { config, ranks, writes, stepper, state, window: Window::default() };
     trainer.run(task, interrupt)
@@ -103,16 +104,20 @@ struct Trainer<'a, T: Task> {
     config: &'a TrainConfig,
     ranks: &'a Ranks,
     /// Nothing on ranks that only compute.
-    writes: Option<Writes>,
+    writes: Option<Writes<'a>>,
     stepper: Stepper<'a, T>,
     state: State,
     window: Window,
 }
 
 /// What is written of a run.
-struct Writes {
+struct Writes<'a> {
     store: Store,
     logs: Logs,
+    run: &'a Run,
+    /// Seconds of training before this part of the run, and when that began.
+    before: f64,
+    start: Instant,
 }
 
 /// Times since the last line of `perf.jsonl`.
@@ -281,10 +286,11 @@ impl<T: Task> Trainer<'_, T> {
     }
 
     fn save(&mut self, task: &T) -> Result<(), TrainError> {
-        let Some(Writes { store, logs }) = &mut self.writes else { return Ok(()) };
+        let Some(Writes { store, logs, run, before, start }) = &mut self.writes else { return Ok(()) };
         logs.sync()?;
         let (optimizer, ema) = (&self.stepper.optimizer, self.stepper.ema.as_ref());
-        store.save(task.params(), optimizer, ema, &self.state, &task.kept(), self.config.keep)
+        store.save(task.params(), optimizer, ema, &self.state, &task.kept(), self.config.keep)?;
+        run.note_seconds(*before + start.elapsed().as_secs_f64())
     }
 
     fn perf(&mut self, waited: Duration) -> Result<(), TrainError> {

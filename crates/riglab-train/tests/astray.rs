@@ -7,7 +7,7 @@ use std::collections::BTreeMap;
 use products::Products;
 use riglab_nn::params::Params;
 use riglab_ranks::ALONE;
-use riglab_train::{Checkpoint, Run, State, Task, TrainConfig, TrainError, train};
+use riglab_train::{Checkpoint, Run, RunInfo, State, Task, TrainConfig, TrainError, train};
 
 /// Makes NaN of all weights.
 fn spoil(params: &Params) {
@@ -21,10 +21,12 @@ fn a_run_that_took_no_step_fails() {
     let run = Run::create(&dir.path().join("run"), "").unwrap();
     let (task, config) = (Products::new(), TrainConfig { steps: 3, workers: 0, ..TrainConfig::default() });
     spoil(task.params());
+    run.write_info(&RunInfo { seconds: 5.0, ..RunInfo::default() }).unwrap();
     let e = train(&task, &config, &run, &task.interrupt, &ALONE).unwrap_err();
     let said = e.to_string();
     assert!(matches!(e, TrainError::NotFinite(_)) && said.contains("no step was taken: none of 3"), "{said}");
     assert!(said.contains("train.optim.adamw_lr"), "{said}");
+    assert!(run.info().unwrap().unwrap().seconds > 5.0, "its time counts all the same, up to its checkpoint");
 }
 
 #[test]

@@ -9,10 +9,13 @@ const VARIABLE: &str = "RIGLAB_DEVICE";
 /// The option of commands that compute with networks.
 #[derive(clap::Args)]
 pub struct DeviceArgs {
-    /// Where to compute: `cpu`, or `cuda:0` and so on.
-    #[arg(long, env = VARIABLE, hide_env_values = true, default_value = "cpu", value_name = "DEVICE")]
-    device: String,
+    /// Where to compute: `cpu`, or `cuda:0` and so on [default: cpu, but of a run that goes on where it was begun].
+    #[arg(long, env = VARIABLE, hide_env_values = true, value_name = "DEVICE")]
+    device: Option<String>,
 }
+
+/// Where nothing says otherwise.
+const DEFAULT: &str = "cpu";
 
 impl DeviceArgs {
     /// The device, ready to compute. Call it after `riglab_torch::init`, before any tensor is made.
@@ -20,13 +23,14 @@ impl DeviceArgs {
     /// # Errors
     /// What the option may be, or what this machine lacks.
     pub fn device(&self) -> Result<Device> {
-        riglab_torch::device(&self.device).map_err(|e| anyhow!("--device {}: {e}", self.device))
+        let name = self.asked().unwrap_or(DEFAULT);
+        riglab_torch::device(name).map_err(|e| anyhow!("--device {name}: {e}"))
     }
 
     /// What a job of this command on another machine is to be told: nothing where it was not asked for here, so that the
     /// job's own surroundings say.
     pub fn asked(&self) -> Option<&str> {
-        (self.device != "cpu" || std::env::var_os(VARIABLE).is_some()).then_some(self.device.as_str())
+        self.device.as_deref()
     }
 
     /// That of commands that are several processes at times: those share processors alone.
@@ -36,7 +40,7 @@ impl DeviceArgs {
     pub fn of_ranks(&self, ranks: &riglab_ranks::Ranks) -> Result<Device> {
         let device = self.device()?;
         if ranks.size() > 1 && device != Device::Cpu {
-            bail!("--device {}: ranks train on processors; start it without mpirun for one GPU", self.device);
+            bail!("--device {}: ranks train on processors; start it without mpirun for one GPU", name(device));
         }
         Ok(device)
     }

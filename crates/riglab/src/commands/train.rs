@@ -5,6 +5,7 @@ mod guard;
 
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
+use std::time::Instant;
 
 use anyhow::{Context, Result, anyhow, bail};
 use riglab_data::SplitNames;
@@ -120,7 +121,7 @@ fn together(args: &Args, threads: usize, ranks: &Ranks) -> Result<ExitCode> {
     };
     let threads = if threads == 0 && ranks.size() > 1 { processors(ranks)? } else { threads };
     let threads = riglab_torch::init(riglab_torch::Settings { threads });
-    let device = args.device.of_ranks(ranks)?;
+    let device = device_of(args, ranks)?;
     let mut longer = None;
     let (config, place) = match (&args.resume, &args.config) {
         (Some(dir), _) => {
@@ -181,6 +182,24 @@ fn as_begun(run: &Path) -> usize {
         );
     }
     if begun <= all { begun } else { 0 }
+}
+
+/// The device that is asked for; of a run that goes on without a word about it the one that it was begun on, where there is
+/// one.
+fn device_of(args: &Args, ranks: &Ranks) -> Result<Device> {
+    let info = args.resume.as_deref().filter(|_| args.device.asked().is_none() && ranks.size() == 1);
+    let Some(begun) = info.and_then(RunInfo::of).map(|info| info.device) else { return args.device.of_ranks(ranks) };
+    match riglab_torch::device(&begun) {
+        Ok(Device::Cpu) => Ok(Device::Cpu),
+        Ok(device) => {
+            tell!("note: it goes on on {begun}, as it was begun; --device cpu takes the processors");
+            Ok(device)
+        }
+        Err(e) => {
+            tell!("note: it was begun on {begun}, which is not to be had here ({e})");
+            args.device.of_ranks(ranks)
+        }
+    }
 }
 
 /// Has the parts of a network stay that `train.frozen` names, if it does, before anything is written of the run; what to
@@ -358,6 +377,10 @@ impl Visitor for Session<'_> {
             }
         };
         let data = task.assets().summary()?;
+        let mut now = RunInfo::new(crate::VERSION, task.name(), threads, &device::name(device));
+        (now.ranks, now.steps) = (ranks.size(), config.train().steps);
+        // One that has done all its steps computes nothing.
+        let goes_on = saved.is_none_or(|done| done < now.steps);
         let before = if resumed { run.info()? } else { None };
         if let Some(before) = &before {
             // Steps and figures would be of others then.
@@ -370,24 +393,29 @@ impl Visitor for Session<'_> {
             same_companions(&before.companions, &task.companions())
                 .map_err(|e| anyhow!(e))
                 .with_context(|| run.dir().display().to_string())?;
-            if before.threads != threads && ranks.size() == 1 {
-                let (begun, now) = (counted(before.threads, "thread"), counted(threads, "thread"));
+            if goes_on && !before.rounds_as(now.threads, now.ranks, &now.device) {
+                let on = |info: &RunInfo| match (before.device == now.device, info.device.as_str()) {
+                    (false, "cpu") => format!("{} on cpu", info.place()),
+                    _ => info.place(),
+                };
                 tell!(
-                    "note: begun with {begun}, and it goes on with {now}: sums round otherwise, so results will differ from \
-                     those of an uninterrupted run"
+                    "note: begun with {}, and it goes on with {}: sums round otherwise, so results will differ from those of an \
+                     uninterrupted run",
+                    on(before),
+                    on(&now)
                 );
             }
         }
         if let Some(longer) = &longer {
             longer.write(&run)?;
         }
-        let mut now = RunInfo::new(crate::VERSION, task.name(), threads, &device::name(device));
-        (now.ranks, now.steps) = (ranks.size(), config.train().steps);
         // Again, with what was noted of it only now.
         let noted = if resumed { run.info()? } else { None };
         let mut info = match noted {
             Some(mut info) => {
-                info.go_on(now);
+                if goes_on {
+                    info.go_on(now);
+                }
                 begun.extend(longer::note(&task, config.train(), saved.unwrap_or(0), &mut info));
                 info
             }
@@ -421,7 +449,9 @@ impl Visitor for Session<'_> {
         begun.iter().chain(&task.notes()).chain(&overlap(config)?).for_each(|note| tell!("note: {note}"));
         let interrupt = Interrupt::listening_with(ranks);
         let guard = (!resumed).then(|| Guard::of_first_step(&run));
+        let start = Instant::now();
         let outcome = train(&task, config.train(), &run, &interrupt, ranks);
+        info.seconds += start.elapsed().as_secs_f64();
         drop(guard);
         info.ended = RunInfo::now();
         info.outcome = match &outcome {
@@ -429,7 +459,6 @@ impl Visitor for Session<'_> {
             Ok(_) => "interrupted".into(),
             Err(e) => e.to_string(),
         };
-        info.seconds += outcome.as_ref().map_or(0.0, |o| o.seconds);
         run.write_info(&info)?;
         let outcome = outcome.with_context(|| format!("in {}", run.dir().display()))?;
         if outcome.skipped > 0 {
