@@ -1,6 +1,7 @@
 //! A curation from a folder to a corpus and its report.
 
 use std::collections::{HashMap, HashSet};
+use std::ffi::OsStr;
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
@@ -59,9 +60,16 @@ pub struct Places {
 impl Places {
     /// For a corpus `rigs.h5`, the folder `rigs.curation` beside it; for one named otherwise, as `part.1`, `part.1.curation`.
     pub fn of(out: &Path) -> Self {
-        let is_corpus =
-            out.extension().is_some_and(|ext| ["h5", "hdf5"].iter().any(|own| ext.eq_ignore_ascii_case(own)));
-        let work = if is_corpus { out.with_extension("curation") } else { out.with_added_extension("curation") };
+        // The folder's own name is told as such where the corpus is begun.
+        let known = |ext: &OsStr| ["h5", "hdf5", "curation"].iter().any(|own| ext.eq_ignore_ascii_case(own));
+        let work = match out.extension() {
+            Some(ext) if !known(ext) => {
+                let mut ext = ext.to_os_string();
+                ext.push(".curation");
+                out.with_extension(ext)
+            }
+            _ => out.with_extension("curation"),
+        };
         Self { out: out.into(), work }
     }
 
