@@ -114,10 +114,8 @@ class PrefixModel(nn.Module):
         """Scores of what follows each token that has a successor, [m, v]."""
         prefix = self.condition(b["cloud"], b["picks"])
         tokens = self.transformer.get_input_embeddings()(b["ids"]).to(prefix.dtype)
-        # Where nothing is padded, transformers leaves the mask to the kernel.
-        out = self.decoder()(
-            inputs_embeds=torch.cat([prefix, tokens], 1), attention_mask=b.get("mask"), use_cache=False
-        ).last_hidden_state
+        # What is padded on the right is seen by nothing before it, so no mask is needed: the kernel has its own.
+        out = self.decoder()(inputs_embeds=torch.cat([prefix, tokens], 1), use_cache=False).last_hidden_state
         # Only what is scored goes through the head.
         return self.transformer.lm_head(out[:, prefix.shape[1] : -1][b["scored"]])
 
@@ -161,14 +159,11 @@ class SkeletonModel(PrefixModel):
 
 
 def padded(ids, lengths, cloud, picks):
-    """A batch: ids [b, t], which of them are scored [b, t - 1], what follows those [m], and the mask
-    over the prefix and ids where some are padding."""
+    """A batch: ids [b, t], which of them are scored [b, t - 1], and what follows those [m]."""
     rows = nn.utils.rnn.pad_sequence(ids.split(lengths.tolist()), batch_first=True, padding_value=PAD)
     real = rows != PAD
     batch = {"cloud": cloud, "picks": picks, "ids": rows.clamp_min(0), "scored": real[:, 1:]}
     batch["targets"] = rows[:, 1:][batch["scored"]]
-    if not real.all():
-        batch["mask"] = torch.cat([torch.ones(picks.shape, dtype=torch.long), real.long()], 1)
     return batch
 
 
