@@ -97,3 +97,22 @@ impl Record {
         self.facts.as_ref().map_or("", |f| f.checksum.get(..16).unwrap_or(&f.checksum))
     }
 }
+
+/// Of a triangle on one joint, for tests.
+#[cfg(test)]
+pub(crate) fn facts(checksum: &str, source: &str) -> Facts {
+    Facts {
+        checksum: checksum.into(),
+        joints: 1,
+        vertices: 3,
+        triangles: 1,
+        weights: 3,
+        topology: 0,
+        repairs: 0,
+        source: source.into(),
+        stated: String::new(),
+        rules: Category::Humanoid,
+        because: String::new(),
+        shape: Shape { joints: 0, values: Vec::new() },
+    }
+}

@@ -450,30 +450,14 @@ fn write(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::Category;
-    use crate::record::Facts;
-    use crate::shape::Shape;
+    use crate::record::facts;
 
     fn refused(name: &str) -> Record {
         Record::refused(name.into(), "set.npz".into(), "no rig".into())
     }
 
     fn asset(name: &str) -> Record {
-        let facts = Facts {
-            checksum: name.into(),
-            joints: 1,
-            vertices: 3,
-            triangles: 1,
-            weights: 3,
-            topology: 0,
-            repairs: 0,
-            source: String::new(),
-            stated: String::new(),
-            rules: Category::Humanoid,
-            because: String::new(),
-            shape: Shape { joints: 0, values: Vec::new() },
-        };
-        Record { dropped: None, facts: Some(facts), ..refused(name) }
+        Record { dropped: None, facts: Some(facts(name, "")), ..refused(name) }
     }
 
     /// The names that records get, and whether any gave way.

@@ -165,27 +165,8 @@ fn take_answers(from: &Path, to: &Path) -> Result<(), CurateError> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::Category;
     use crate::journal::Journal;
-    use crate::record::Facts;
-    use crate::shape::Shape;
-
-    fn facts(checksum: &str, source: &str) -> Facts {
-        Facts {
-            checksum: checksum.into(),
-            joints: 1,
-            vertices: 3,
-            triangles: 1,
-            weights: 3,
-            topology: 0,
-            repairs: 0,
-            source: source.into(),
-            stated: String::new(),
-            rules: Category::Humanoid,
-            because: String::new(),
-            shape: Shape { joints: 0, values: Vec::new() },
-        }
-    }
+    use crate::record::facts;
 
     /// A curation whose journal has one asset, of a file of this checksum; without one it could not be read.
     fn part(dir: &Path, name: &str, config: &CurateConfig, checksum: Option<&str>) -> Places {
