@@ -124,6 +124,8 @@ pub(crate) struct Called {
     exactly: BTreeSet<String>,
     /// The last steps of these.
     exactly_alone: BTreeSet<String>,
+    /// Whether a file that is given for the only asset is its own, whatever it is called.
+    one_for_one: bool,
 }
 
 impl Called {
@@ -142,6 +144,16 @@ impl Called {
             self.exactly.insert(called);
         }
         self
+    }
+
+    /// Of all that is asked for: where that is one asset, a file given for it is its own, whatever the two are called.
+    pub(crate) fn all(mut self) -> Self {
+        self.one_for_one = self.exactly.len() == 1;
+        self
+    }
+
+    pub(crate) fn one_for_one(&self) -> bool {
+        self.one_for_one
     }
 
     /// Whether `theirs`, a key in another folder, can be that of the asset of this key: no other asset is called so in

@@ -215,12 +215,15 @@ impl Predictions {
 
     /// What predictions of a true asset are called: the one that is called as it is, else those that add to its name, else those
     /// of its key, else those of the only key of that name in any folder where no other asset can be meant. Those of other
-    /// assets are not among them.
+    /// assets are not among them. A file of one prediction that is given for one asset is its own, whatever it is called.
     pub(crate) fn of_asset(&self, asset: &str, assets: &Called) -> Vec<&str> {
         let own = called(asset);
         let key = shortest(&own);
         if let Some((name, _)) = self.places.get_key_value(&own) {
             return vec![name];
+        }
+        if assets.one_for_one() && self.places.len() == 1 && self.folder.is_file() {
+            return self.names().collect();
         }
         let of_key = |key: &str| self.by_key.get(key).into_iter().flatten().map(String::as_str);
         for left in [&own, &key] {

@@ -107,7 +107,7 @@ pub fn score(
     let mut example = String::new();
     let elsewhere = || truths.elsewhere.iter().map(String::as_str);
     let names = truths.names()?;
-    let asked = Called::of(names.iter().map(String::as_str)).beside(elsewhere());
+    let asked = Called::of(names.iter().map(String::as_str)).beside(elsewhere()).all();
     let is_strange = |p: &&Predictions| !p.is_empty() && names.iter().all(|name| p.of_asset(name, &asked).is_empty());
     let strange = systems.iter().map(|(_, p)| p).find(is_strange).filter(|_| truths.are_named());
     let told = Mutex::new((0, progress));

@@ -49,6 +49,27 @@ fn a_corpus_is_a_system_as_files_are() {
 }
 
 #[test]
+fn a_file_for_a_file_needs_no_name() {
+    let dir = tempfile::tempdir().unwrap();
+    let write = |name: &str| {
+        let path = dir.path().join(name);
+        std::fs::create_dir_all(path.parent().unwrap()).unwrap();
+        std::fs::write(&path, riglab_asset::to_glb(&asset(name, 0.5))).unwrap();
+        path
+    };
+    let (truth, out, other) = (write("true/hero.glb"), write("out/rigged.glb"), write("true/more.glb"));
+    let of = |predictions: &Path, truth: &Path| {
+        let systems = [("it".to_owned(), Predictions::find(predictions, Kind::AUTO).unwrap())];
+        let (found, _) = score(&Truths::open(truth, None)?, &systems, &[], Failures::Apart, |_| ())?;
+        Ok::<_, CompareError>((found[0].counts(), found[0].unmatched.len()))
+    };
+    assert_eq!(of(&out, &truth).unwrap(), ([1, 0, 0], 0));
+    // Of a folder, or for several, the name tells.
+    assert!(matches!(of(out.parent().unwrap(), &truth), Err(CompareError::NothingMatches { .. })));
+    assert!(matches!(of(&out, other.parent().unwrap()), Err(CompareError::NothingMatches { .. })));
+}
+
+#[test]
 fn a_prediction_is_of_one_asset() {
     let dir = tempfile::tempdir().unwrap();
     let all = [("x/a.glb", "test_new", 0.5), ("y/a.glb", "test_new", 0.5), ("x/b.glb", "test_new", 0.5)];

@@ -16,9 +16,9 @@ use super::forms::{Form, Forms, systems};
 /// Score rigs that other systems wrote against true ones.
 ///
 /// Files are matched to true assets by their path without ending, with or without what systems add to names (`_rig`,
-/// `_skin`), or by their name alone where only one asset has it. Every true asset is counted: scored, failed (with the
-/// reason) or missing. Metrics follow each paper's own formulas (--preset), named beside each number. Weights are compared
-/// only where a prediction has the joints of the true rig.
+/// `_skin`), or by their name alone where only one asset has it; a file that is given for one asset is its own, whatever the
+/// two are called. Every true asset is counted: scored, failed (with the reason) or missing. Metrics follow each paper's own
+/// formulas (--preset), named beside each number. Weights are compared only where a prediction has the joints of the true rig.
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:
