@@ -107,7 +107,9 @@ pub fn score(
     let mut example = String::new();
     let elsewhere = || truths.elsewhere.iter().map(String::as_str);
     let names = truths.names()?;
-    let asked = Called::of(names.iter().map(String::as_str)).beside(elsewhere()).all();
+    let asked = Called::of(names.iter().map(String::as_str)).beside(elsewhere());
+    // Of a file of several it is not known what they are called.
+    let asked = if truths.are_named() { asked.all() } else { asked };
     let is_strange = |p: &&Predictions| !p.is_empty() && names.iter().all(|name| p.of_asset(name, &asked).is_empty());
     let strange = systems.iter().map(|(_, p)| p).find(is_strange).filter(|_| truths.are_named());
     let told = Mutex::new((0, progress));

@@ -67,6 +67,9 @@ fn a_file_for_a_file_needs_no_name() {
     // Of a folder, or for several, the name tells.
     assert!(matches!(of(out.parent().unwrap(), &truth), Err(CompareError::NothingMatches { .. })));
     assert!(matches!(of(&out, other.parent().unwrap()), Err(CompareError::NothingMatches { .. })));
+    let set = dir.path().join("set.npz");
+    riglab_asset::write(&[asset("a", 0.5), asset("b", 0.6)], &set, riglab_asset::Target::ARTICULATION_XL).unwrap();
+    assert!(matches!(of(&out, &set), Err(CompareError::NothingMatches { .. })));
 }
 
 #[test]
