@@ -8,8 +8,8 @@ use riglab_nn::params::Weights;
 use riglab_random::stream;
 
 use super::condition::Condition;
-use super::rigger::{RigSample, Rigger};
 use super::skinner::Skinner;
+use super::{RigSample, Rigger};
 use crate::fsq_cvae::Prior;
 
 /// Codes of each joint; `None` where it moves nothing.
