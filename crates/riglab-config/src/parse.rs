@@ -21,9 +21,13 @@ pub(crate) fn document(source: &Arc<Source>) -> Result<Table, ConfigError> {
     Reader { source, shift: 0 }.table(parsed.into_inner())
 }
 
-/// Parses the value that stands in the source's text at `at`; `None` if it is not TOML.
+/// Parses the value that stands in the source's text at `at`; `None` if it is not TOML, or a date or time, which no key is:
+/// as an argument that is a word, such as a time limit of `12:00:00`.
 pub(crate) fn value(source: &Arc<Source>, at: Range<usize>) -> Option<Result<Node, ConfigError>> {
     let parsed = DeValue::parse(&source.text[at.clone()]).ok()?;
+    if matches!(parsed.get_ref(), DeValue::Datetime(_)) {
+        return None;
+    }
     Some(Reader { source, shift: at.start }.node(parsed))
 }
 

@@ -35,6 +35,9 @@ fn values_are_toml_or_bare_words() {
         ("t.k=two words", "k = \"two words\""),
         ("t.k=a=b", "k = \"a=b\""),
         ("t.k=1.2.3", "k = \"1.2.3\""),
+        // A time limit, and a folder named by a day: no key is a time or date.
+        ("t.k=12:00:00", "k = \"12:00:00\""),
+        ("t.k=2026-01-01", "k = \"2026-01-01\""),
         ("t.k=runs/x.toml", "k = \"runs/x.toml\""),
         ("t.k=1 # no comment", "k = \"1 # no comment\""),
         ("t.k=True", "k = \"True\""),
@@ -84,7 +87,7 @@ fn bad_forms_are_refused() {
         "a={",
         "a='",
         "a=x\ny",
-        "a=2026-01-01",
+        "a=[2026-01-01]",
     ] {
         assert!(set(&[text]).is_err(), "{text}");
     }
