@@ -1,6 +1,7 @@
 //! `riglab sweep`
 
 use std::collections::{BTreeMap, BTreeSet};
+use std::fs::{File, TryLockError};
 use std::path::{Path, PathBuf};
 use std::process::{Command, ExitCode};
 use std::time::Duration;
@@ -461,13 +462,15 @@ pub fn process(riglab: Command, threads: usize, config: &Path, stage: Stage, run
 }
 
 /// The right to run jobs in the folder, held until the process ends.
-fn hold(folder: &Path) -> Result<std::fs::File> {
+fn hold(folder: &Path) -> Result<File> {
     let path = folder.join(".lock");
-    let lock = std::fs::File::create(&path).with_context(|| format!("{} cannot be written", path.display()))?;
-    if lock.try_lock().is_err() {
-        return Err(SweepError::Held(folder.into()).into());
+    let lock = File::create(&path).with_context(|| format!("{} cannot be written", path.display()))?;
+    match lock.try_lock() {
+        Ok(()) => Ok(lock),
+        Err(TryLockError::WouldBlock) => Err(SweepError::Held(folder.into()).into()),
+        // Of a file system without locks, say: nobody need be at work.
+        Err(TryLockError::Error(e)) => Err(e).with_context(|| format!("{} cannot be locked", path.display())),
     }
-    Ok(lock)
 }
 
 /// A stage in words.

@@ -1,7 +1,7 @@
 //! A folder of creatures that is not complete yet.
 
 use std::collections::{BTreeSet, HashSet};
-use std::fs::{self, File};
+use std::fs::{self, File, TryLockError};
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
@@ -46,7 +46,14 @@ impl Begun {
             Err(e) => return Err(e).with_context(|| format!("{} cannot be read", path.display())),
         }
         let lock = File::open(&path).with_context(|| format!("{} cannot be read", path.display()))?;
-        if lock.try_lock().is_err() {
+        let held = match lock.try_lock() {
+            Ok(()) => !is_at(&lock, &path),
+            Err(TryLockError::WouldBlock) => true,
+            Err(TryLockError::Error(e)) => {
+                return Err(e).with_context(|| format!("{} cannot be locked", path.display()));
+            }
+        };
+        if held {
             bail!("{shown}: another process makes creatures here; wait for it, or give another folder");
         }
         Ok(Self { folder: folder.into(), _lock: lock })
@@ -91,6 +98,13 @@ impl Begun {
         let path = self.folder.join(NAME);
         fs::remove_file(&path).with_context(|| format!("{} cannot be removed", path.display()))
     }
+}
+
+/// Whether an open file is the one at a path: another process that begins at the same time may have put its own there.
+fn is_at(file: &File, path: &Path) -> bool {
+    use std::os::unix::fs::MetadataExt;
+    let of = |meta: std::io::Result<fs::Metadata>| meta.ok().map(|meta| (meta.dev(), meta.ino()));
+    of(file.metadata()) == of(path.metadata())
 }
 
 /// Refuses other settings than those that a folder was begun with.
@@ -160,6 +174,17 @@ mod tests {
         Begun::open(dir.path(), &settings(0)).unwrap().finish().unwrap();
         let said = Begun::open(dir.path(), &settings(0)).err().unwrap().to_string();
         assert!(said.contains("not empty"), "{said}");
+    }
+
+    #[test]
+    fn a_file_that_another_process_replaced_is_not_held() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join(NAME);
+        put(&path, b"[]").unwrap();
+        let mine = File::open(&path).unwrap();
+        assert!(is_at(&mine, &path));
+        put(&path, b"[]").unwrap();
+        assert!(!is_at(&mine, &path) && !is_at(&mine, &dir.path().join("gone")));
     }
 
     #[test]

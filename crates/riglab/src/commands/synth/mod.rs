@@ -10,7 +10,7 @@ use anyhow::{Context, Result};
 use rayon::prelude::*;
 use riglab_asset::{ImportOptions, import_bytes, to_glb};
 use riglab_core::Asset;
-use riglab_data::{CorpusWriter, Splitter};
+use riglab_data::{CorpusWriter, Splitter, copies_told};
 use riglab_files::{is_as_of_folder, make_folder_of};
 use riglab_report::shell::command;
 use riglab_synth::{Options, Plan, creature, name, provenance};
@@ -152,20 +152,42 @@ fn corpus(args: &Args, options: &Options) -> Result<ExitCode> {
         from = to;
         progress.set(from, String::new);
     }
-    writer.finish(&Splitter::ByTopology(args.seed).assign(&keys))?;
+    let (splits, warnings) = split(args.seed, &keys, &writer.digests());
+    writer.finish(&splits)?;
     progress.finish();
     before.tell_replaced(&args.out);
+    warnings.iter().for_each(|warning| tell!("warning: {warning}"));
     let corpora = format!("data.corpora=[\"{}\"]", args.out.display());
     tell!("next: {}", command(["train", "quickstart/fsq_cvae.toml", "--set", &corpora]));
     say!("{}: {}", args.out.display(), counted(keys.len(), "creature"));
     Ok(ExitCode::SUCCESS)
 }
 
+/// Splits of creatures as importing their files makes them, which it reads by name; with what it would warn of.
+fn split(seed: u64, keys: &[(String, u64)], digests: &[&str]) -> (Vec<String>, Vec<String>) {
+    let mut order: Vec<usize> = (0..keys.len()).collect();
+    order.sort_by_key(|&k| file_of(&keys[k].0));
+    let sorted: Vec<(String, u64)> = order.iter().map(|&k| keys[k].clone()).collect();
+    let contents: Vec<&str> = order.iter().map(|&k| digests[k]).collect();
+    let splitter = Splitter::ByTopology(seed);
+    let of = splitter.assign_equal(&sorted, &contents);
+    let mut warnings = splitter.doubts(&sorted, &of, |_| true);
+    let names: Vec<&str> = sorted.iter().map(|(name, _)| name.as_str()).collect();
+    warnings.extend(copies_told(&names, &contents, &of));
+    let mut splits = vec![String::new(); keys.len()];
+    order.into_iter().zip(of).for_each(|(k, split)| splits[k] = split);
+    (splits, warnings)
+}
+
+/// The file of a creature.
+fn file_of(name: &str) -> String {
+    format!("{name}.glb")
+}
+
 /// A creature as importing its file gives it, which has its joints in the file's order: corpora of the same creatures are
 /// equal, whether they were made at once or of files, and merging them leaves each in once.
 fn as_imported(creature: Asset) -> Result<Asset> {
-    let file = format!("{}.glb", creature.name);
-    let read = import_bytes(&file, &to_glb(&creature), &ImportOptions::default())?.into_asset()?;
+    let read = import_bytes(&file_of(&creature.name), &to_glb(&creature), &ImportOptions::default())?.into_asset()?;
     Ok(Asset { rig: read.rig, ..creature })
 }
 
@@ -176,6 +198,21 @@ fn put(path: &Path, bytes: &[u8]) -> Result<()> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn splits_do_not_hang_on_the_order_of_creatures_and_are_doubted() {
+        let keys: Vec<(String, u64)> = (0..40u64).map(|k| (format!("creature-{k}"), k % 5)).collect();
+        let digests: Vec<String> = (0..40).map(|k| k.to_string()).collect();
+        let digests: Vec<&str> = digests.iter().map(String::as_str).collect();
+        let (splits, warnings) = split(0, &keys, &digests);
+        assert_eq!(warnings, Vec::<String>::new());
+        let turned: Vec<(String, u64)> = keys.iter().rev().cloned().collect();
+        let (other, _) = split(0, &turned, &digests);
+        assert!(other.iter().rev().eq(&splits) && splits.iter().any(|s| s == "val"));
+        // Two creatures have nothing to validate on, and of equal ones one is enough.
+        let (_, told) = split(0, &keys[..2], &["x", "x"]);
+        assert!(told.len() == 2 && told[0].contains("a split `val`") && told[1].contains("equal"), "{told:?}");
+    }
 
     #[test]
     fn numbers_of_triangles_rise() {
