@@ -605,7 +605,12 @@ fn test_rigs_of_a_corpus_are_posed_scaled_and_turned() {
     // A recipe of one's own, for another split.
     let recipe = dir.path().join("own.toml");
     fs::write(&recipe, "[rotate]\nprobability = 1.0\ndegrees = 20.0\n").unwrap();
-    let (said, _) = vary("u.h5", &["--recipe", text(&recipe), "--split", "train", "--seed", "3"]);
+    let set = ["--set", "rotate.degrees=5.0"];
+    let (said, own) =
+        vary("u.h5", &[&["--recipe", text(&recipe), "--split", "train", "--seed", "3"], &set[..]].concat());
+    let trained =
+        listed(&own).lines().find(|l| l.contains("  train")).unwrap().split_whitespace().next().unwrap().to_owned();
+    assert!(shown(&own, &trained).contains("own.toml (rotate.degrees=5.0) with seed 3"));
     assert!(!said.contains(" 0 of them"), "{said}");
     for (more, wanted) in [
         (["--split", "nowhere"], "no split `nowhere`"),

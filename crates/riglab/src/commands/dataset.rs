@@ -370,7 +370,7 @@ fn run_vary(args: &Vary) -> Result<ExitCode> {
         }
         varied += 1;
         let mut asset = recipe.apply_to_asset(asset, args.seed, &[place.key]).map_err(|e| e.to_string())?;
-        asset.provenance.notes.push(format!("varied by {} with seed {}", args.recipe, args.seed));
+        asset.provenance.notes.push(how_varied(args));
         Ok(asset)
     };
     let mut progress = Progress::new("varying", total, 0);
@@ -380,6 +380,12 @@ fn run_vary(args: &Vary) -> Result<ExitCode> {
     before.tell_replaced(&args.out);
     say!("{}: {}, {varied} of them varied", shown(&args.out), counted(written, "asset"));
     Ok(ExitCode::SUCCESS)
+}
+
+/// What a varied asset keeps of the recipe.
+fn how_varied(args: &Vary) -> String {
+    let but = if args.sets.is_empty() { String::new() } else { format!(" ({})", args.sets.join(", ")) };
+    format!("varied by {}{but} with seed {}", args.recipe, args.seed)
 }
 
 fn run_inspect(args: &Inspect) -> Result<ExitCode> {
