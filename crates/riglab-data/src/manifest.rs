@@ -144,17 +144,18 @@ impl Manifest {
         self.said.get(file).copied().unwrap_or(0)
     }
 
-    /// Adds what is said of an asset, by its own name or by that of its file.
+    /// Adds what is said of an asset's file, and over that what is said of the asset by its own name.
     pub fn describe(&self, asset: &str, file: &str, from: &mut Provenance) {
-        let Some(entry) = self.of.get(asset).or(self.of.get(file)) else { return };
-        for (to, value) in [
-            (&mut from.source, &entry.source),
-            (&mut from.licence, &entry.licence),
-            (&mut from.author, &entry.author),
-            (&mut from.category, &entry.category),
-        ] {
-            if !value.is_empty() {
-                to.clone_from(value);
+        for entry in [file, asset].into_iter().filter_map(|name| self.of.get(name)) {
+            for (to, value) in [
+                (&mut from.source, &entry.source),
+                (&mut from.licence, &entry.licence),
+                (&mut from.author, &entry.author),
+                (&mut from.category, &entry.category),
+            ] {
+                if !value.is_empty() {
+                    to.clone_from(value);
+                }
             }
         }
     }
@@ -230,6 +231,16 @@ mod tests {
         let gone = manifest.strangers(|name| name == "a.glb").unwrap();
         assert!(gone.contains("`b.glb`") && !gone.contains("a.glb"), "{gone}");
         assert_eq!(manifest.strangers(|_| true), None);
+    }
+
+    #[test]
+    fn what_is_said_of_an_asset_leaves_what_is_said_of_its_file() {
+        let manifest = of(
+            r#"[{"file": "set.npz", "licence": "CC-BY-NC-4.0", "category": "prop"}, {"file": "set.npz#a", "category": "quadruped"}]"#,
+        );
+        let mut from = Provenance::default();
+        manifest.describe("set.npz#a", "set.npz", &mut from);
+        assert_eq!((from.licence.as_str(), from.category.as_str()), ("CC-BY-NC-4.0", "quadruped"));
     }
 
     #[test]

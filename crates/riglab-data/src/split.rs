@@ -3,6 +3,7 @@
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::path::Path;
 
+use riglab_asset::file_and_item;
 use riglab_core::Asset;
 use riglab_random::{Draw, stream};
 
@@ -33,7 +34,7 @@ impl SplitNames {
 
 /// Gives assets their splits.
 pub enum Splitter {
-    /// By a file: names to splits.
+    /// By a file: names to splits, of assets or of files that hold several.
     Given(HashMap<String, String>),
     /// By topology and seed: about 10 % of topologies are new ones for testing; of the rest 8 % of
     /// assets validate, 8 % are tested as seen, the others train. Of those to be tested as seen the ones
@@ -70,12 +71,18 @@ impl Splitter {
     pub fn assign(&self, assets: &[(String, u64)]) -> Vec<String> {
         match self {
             Self::Given(of) => {
-                let split = |name: &String| of.get(name).cloned().unwrap_or_else(|| SplitNames::NONE.into());
+                let split = |name: &str| given(of, name).unwrap_or(SplitNames::NONE).to_owned();
                 assets.iter().map(|(name, _)| split(name)).collect()
             }
             Self::ByTopology(seed) => by_topology(*seed, assets),
             Self::All(split) => vec![split.clone(); assets.len()],
         }
+    }
+
+    /// The split that a file gives to the asset of a name; `None` where there is no file, or it names neither the asset nor
+    /// the file that the asset is of.
+    pub fn given(&self, name: &str) -> Option<&str> {
+        if let Self::Given(of) = self { given(of, name) } else { None }
     }
 
     /// As [`Self::assign`], with equal assets in one split where this makes the splits: of two files of one rig, one would be
@@ -128,6 +135,11 @@ impl Splitter {
     pub fn key(asset: &Asset) -> (String, u64) {
         (asset.name.clone(), asset.rig.skeleton().topology())
     }
+}
+
+/// What is said of an asset, or else of the file that it is of.
+fn given<'a>(of: &'a HashMap<String, String>, name: &str) -> Option<&'a str> {
+    of.get(name).or_else(|| of.get(file_and_item(name).0)).map(String::as_str)
 }
 
 fn by_topology(seed: u64, assets: &[(String, u64)]) -> Vec<String> {
@@ -300,6 +312,15 @@ mod tests {
         let told = given.doubts(&[], &[], |name| name != "gone.glb");
         assert!(told.len() == 2 && told[0].contains("`trian`; did you mean `train`"), "{told:?}");
         assert!(told[1].contains("`gone.glb`") && !told[1].contains("a.glb"), "{told:?}");
+    }
+
+    #[test]
+    fn what_is_said_of_a_file_is_said_of_its_assets() {
+        let of = [("set.npz", "train"), ("set.npz#b", "val")].map(|(name, split)| (name.to_owned(), split.to_owned()));
+        let given = Splitter::Given(of.into());
+        let assets = ["set.npz#a", "set.npz#b", "other.npz#a"].map(|name| (name.to_owned(), 0));
+        assert_eq!(given.assign(&assets), ["train", "val", ""]);
+        assert_eq!((given.given("set.npz#a"), given.given("other.npz#a")), (Some("train"), None));
     }
 
     #[test]

@@ -1,6 +1,6 @@
 //! What stands beside files in lists, as they have no place for it: sources, licences, authors, categories and splits.
 
-use std::collections::{BTreeMap, HashMap};
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
@@ -13,7 +13,7 @@ use crate::commands::shown;
 pub struct Known<'a> {
     folder: &'a Path,
     manifest: Manifest,
-    splits: HashMap<String, String>,
+    splits: Option<Splitter>,
 }
 
 impl<'a> Known<'a> {
@@ -23,10 +23,7 @@ impl<'a> Known<'a> {
     /// Where a split file is none: `riglab dataset import` refuses it, too.
     pub fn of(folder: &'a Path) -> Result<Self> {
         let list = folder.join("split.json");
-        let splits = match list.is_file().then(|| Splitter::read(&list)).transpose()? {
-            Some(Splitter::Given(splits)) => splits,
-            _ => HashMap::new(),
-        };
+        let splits = list.is_file().then(|| Splitter::read(&list)).transpose()?;
         let manifest = Manifest::read(folder);
         manifest.told().iter().for_each(|told| tell!("note: {told}"));
         Ok(Self { folder, manifest, splits })
@@ -39,7 +36,8 @@ impl<'a> Known<'a> {
         let name = own.map_or_else(|| file.clone(), |own| format!("{file}#{own}"));
         let mut about = Provenance { source: String::new(), ..from.clone() };
         self.manifest.describe(&name, &file, &mut about);
-        (self.splits.get(&name).cloned().unwrap_or_default(), about)
+        let split = self.splits.as_ref().and_then(|splits| splits.given(&name));
+        (split.unwrap_or_default().to_owned(), about)
     }
 }
 
