@@ -41,7 +41,7 @@ pub struct Member {
 /// keeps its split unless a splitter is given, which then splits all of them anew.
 ///
 /// Assets that are equal by their digest are written once. With `prefix`, the name of each corpus' file,
-/// without ending, and `/` is put before the names of its assets; where that is the name of several corpora, with the
+/// without its ending where that is not all that tells it from another, and `/` is put before the names of its assets; where that is the name of several corpora, with the
 /// folders that tell them apart.
 ///
 /// # Errors
@@ -101,11 +101,16 @@ pub fn merge(
 
 /// What is put before the names of each corpus' assets: as much of the end of its path as no other has.
 fn prefixes(corpora: &[PathBuf]) -> Vec<String> {
-    let whole = |path: &PathBuf| std::path::absolute(path).unwrap_or_else(|_| path.clone()).with_extension("");
-    let paths: Vec<Vec<String>> = corpora
-        .iter()
-        .map(|path| whole(path).iter().map(|step| step.to_string_lossy().into_owned()).collect())
-        .collect();
+    let whole: Vec<PathBuf> =
+        corpora.iter().map(|path| std::path::absolute(path).unwrap_or_else(|_| path.clone())).collect();
+    // Without its ending, unless only that tells it from another.
+    let named = |path: &PathBuf| {
+        let bare = path.with_extension("");
+        let alone = whole.iter().all(|other| other == path || other.with_extension("") != bare);
+        if alone { bare } else { path.clone() }
+    };
+    let steps = |path: PathBuf| path.iter().map(|step| step.to_string_lossy().into_owned()).collect();
+    let paths: Vec<Vec<String>> = whole.iter().map(named).map(steps).collect();
     let end = |path: &[String], steps: usize| path[path.len().saturating_sub(steps)..].to_vec();
     let of = |path: &Vec<String>| {
         let alone = |steps: &usize| {
@@ -228,6 +233,17 @@ mod tests {
             assert!(said.contains("a.h5: two assets in it are named `x`") && !said.contains("--prefix"), "{said}");
         }
         assert!(!out.exists());
+    }
+
+    #[test]
+    fn corpora_that_differ_by_their_ending_alone_are_told_apart() {
+        let dir = tempfile::tempdir().unwrap();
+        let both = ["s.h5", "s.hdf5"].map(|name| dir.path().join(name));
+        written(both[0].clone(), &[("x", 0.0, "train")]);
+        written(both[1].clone(), &[("x", 1.0, "train")]);
+        let out = dir.path().join("all.h5");
+        merge(&both, &out, true, None, |_| ()).unwrap();
+        assert_eq!(Corpus::open(&out).unwrap().names().unwrap(), ["s.h5/x", "s.hdf5/x"]);
     }
 
     #[test]
