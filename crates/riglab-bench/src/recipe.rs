@@ -52,7 +52,7 @@ pub const NO_RIGS: &str =
 pub fn corpus(rigs: &Path, out: &Path) -> Result<()> {
     let split = rigs.join("split.json");
     let splitter = if split.is_file() { Splitter::read(&split)? } else { Splitter::ByTopology(0) };
-    import_folder(rigs, out, &splitter, &ImportOptions::default(), |_| ())?;
+    import_folder(rigs, out, &splitter, &ImportOptions::default(), &|_, _| ())?;
     Ok(())
 }
 

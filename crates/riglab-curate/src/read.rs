@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 
 use riglab_asset::{ImportOptions, Imported, Resample, RootPolicy, Warning, count_assets, file_and_item, import_each};
 use riglab_core::Asset;
-use riglab_data::{DataError, Manifest, name_below, rigged_below, whole_checksum};
+use riglab_data::{DataError, Manifest, OpenFile, Tally, name_below, rigged_below, whole_checksum};
 use riglab_files::Below;
 
 use crate::Category;
@@ -168,10 +168,12 @@ impl Folder {
     }
 
     /// Reads a file's assets one at a time. A file of one asset gives its name to it; those of a file of
-    /// several are called by it and their own: `set.npz#name`.
-    pub fn each(&self, file: &Path, mut each: impl FnMut(ReadOutcome) -> ControlFlow<()>) {
+    /// several are called by it and their own: `set.npz#name`. Each counts in the tally.
+    pub fn each(&self, file: &Path, tally: Option<&Tally<'_>>, mut each: impl FnMut(ReadOutcome) -> ControlFlow<()>) {
         let own = self.name(file);
-        let several = match count_assets(file) {
+        let count = count_assets(file);
+        let mut open = tally.map(|tally| tally.open(*count.as_ref().unwrap_or(&1)));
+        let several = match count {
             Ok(count) => count > 1,
             Err(e) => {
                 let _ = each(ReadOutcome::Refused(own, self.sentence(&e.to_string())));
@@ -180,14 +182,16 @@ impl Folder {
         };
         let stem = file.file_stem().unwrap_or_default().to_string_lossy().into_owned();
         import_each(file, &self.options, |imported| {
-            each(match imported {
+            let given = each(match imported {
                 Ok(imported) => {
                     let parted = several || (self.options.split && imported.name != stem);
                     let name = if parted { format!("{own}#{}", imported.name) } else { own.clone() };
                     self.read(imported, &name, &own, file)
                 }
                 Err(e) => ReadOutcome::Refused(own.clone(), self.sentence(&e.to_string())),
-            })
+            });
+            open.iter_mut().for_each(OpenFile::one);
+            given
         });
     }
 

@@ -8,7 +8,7 @@ use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use rayon::prelude::*;
-use riglab_data::{CorpusWriter, Splitter, copies_told};
+use riglab_data::{CorpusWriter, Splitter, Tally, copies_told};
 use serde::{Deserialize, Serialize};
 
 use crate::config::{CurateConfig, SplitBy};
@@ -177,7 +177,7 @@ fn look(
         }
         all.extend(own);
     }
-    let mut open: Vec<(&PathBuf, String, Stamp, HashMap<String, Record>)> = Vec::new();
+    let mut open: Vec<Open> = Vec::new();
     for path in files.files() {
         let name = files.name(path);
         let stamp = Stamp::of(path, files.said(&name));
@@ -186,7 +186,8 @@ fn look(
             _ => {
                 // Whether a file that was broken off is still the same, its assets' checksums say.
                 let begun = held.begun.remove(&name).unwrap_or_default();
-                open.push((path, name, stamp, begun.into_iter().map(|r| (r.name.clone(), r)).collect()));
+                let begun = begun.into_iter().map(|r| (r.name.clone(), r)).collect();
+                open.push(Open { path, name, stamp, begun });
             }
         }
     }
@@ -195,16 +196,14 @@ fn look(
         journal.forget(name)?;
     }
     let total = files.files().len();
-    let done = AtomicUsize::new(total - open.len());
-    tell("looking", total - open.len(), total);
+    let known = total - open.len();
+    tell("looking", known, total);
+    let looking = |done, of| tell("looking", done, of);
+    let tally = Tally::new(total, known, &looking);
     let journal = Mutex::new(journal);
     let found = open
         .into_par_iter()
-        .map(|(path, name, stamp, begun)| {
-            let records = look_at(files, path, &name, stamp, &begun, config, &journal);
-            tell("looking", done.fetch_add(1, Ordering::Relaxed) + 1, total);
-            records
-        })
+        .map(|file| look_at(files, &file, config, &journal, &tally))
         .collect::<Result<Vec<_>, CurateError>>()?;
     all.extend(found.into_iter().flatten());
     locked(&journal).sync()?;
@@ -216,37 +215,44 @@ fn locked(journal: &Mutex<Journal>) -> std::sync::MutexGuard<'_, Journal> {
     journal.lock().unwrap_or_else(std::sync::PoisonError::into_inner)
 }
 
+/// A file to look at.
+struct Open<'a> {
+    path: &'a Path,
+    name: String,
+    stamp: Stamp,
+    /// The assets that the journal has of it, by their names, where it was broken off.
+    begun: HashMap<String, Record>,
+}
+
 /// Looks at one file's assets, adding each to the journal.
 fn look_at(
     files: &Folder,
-    path: &Path,
-    file: &str,
-    stamp: Stamp,
-    begun: &HashMap<String, Record>,
+    file: &Open<'_>,
     config: &CurateConfig,
     journal: &Mutex<Journal>,
+    tally: &Tally<'_>,
 ) -> Result<Vec<Record>, CurateError> {
     let mut records: Vec<Record> = Vec::new();
     let mut names = HashSet::new();
     let (mut done, mut taken_over, mut renamed) = (Ok(()), 0, false);
-    files.each(path, |found| {
+    files.each(file.path, Some(tally), |found| {
         let mut record = match found {
             ReadOutcome::Asset(read) => {
                 let from = &read.asset.provenance;
                 let now = (&from.checksum, &from.source, &from.category);
                 let same =
                     |known: &&Record| known.facts.as_ref().is_some_and(|f| (&f.checksum, &f.source, &f.stated) == now);
-                match begun.get(&read.asset.name).filter(same) {
+                match file.begun.get(&read.asset.name).filter(same) {
                     Some(known) => {
                         taken_over += 1;
                         records.push(known.clone());
                         names.insert(known.name.clone());
                         return ControlFlow::Continue(());
                     }
-                    None => Record::of(*read, file.to_owned(), config),
+                    None => Record::of(*read, file.name.clone(), config),
                 }
             }
-            ReadOutcome::Refused(name, reason) => Record::refused(name, file.to_owned(), reason),
+            ReadOutcome::Refused(name, reason) => Record::refused(name, file.name.clone(), reason),
         };
         renamed |= name_apart(&mut record, &mut records, &mut names);
         done = locked(journal).add_one(&record);
@@ -255,11 +261,11 @@ fn look_at(
     });
     done?;
     let mut journal = locked(journal);
-    if taken_over < begun.len() || renamed {
+    if taken_over < file.begun.len() || renamed {
         // The file has changed since it was begun, or begins with what could not be read; or names were given anew.
-        journal.replace(file, &records)?;
+        journal.replace(&file.name, &records)?;
     }
-    journal.done(file, stamp)?;
+    journal.done(&file.name, file.stamp)?;
     Ok(records)
 }
 

@@ -79,7 +79,7 @@ impl Source<'_> {
                 let again = |file: &str, names: &HashSet<&str>, give: &mut dyn FnMut(Asset) -> ControlFlow<()>| {
                     // The first of a name.
                     let mut names = names.clone();
-                    folder.each(&folder.path(file), |found| match found {
+                    folder.each(&folder.path(file), None, |found| match found {
                         ReadOutcome::Asset(mut read) if names.remove(read.asset.name.as_str()) => {
                             // It was repaired before, so it can be.
                             let _ = repair(&mut read.asset, &config.repair);

@@ -3,7 +3,6 @@
 use std::collections::{BTreeMap, BTreeSet, HashSet};
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
-use std::sync::atomic::{AtomicUsize, Ordering};
 
 use rayon::prelude::*;
 use riglab_asset::{
@@ -16,6 +15,7 @@ use crate::beside::whole_checksum;
 use crate::copies;
 use crate::manifest::Manifest;
 use crate::split::{SplitNames, Splitter};
+use crate::tally::{OpenFile, Tally};
 use crate::{CorpusWriter, DataError};
 
 /// What became of a folder.
@@ -91,7 +91,7 @@ fn files_below(folder: &Path, wanted: fn(&Path) -> bool, none: fn(PathBuf) -> Da
 ///
 /// `manifest.json` in the folder adds provenance (a list of objects with `file`, `source`,
 /// `licence`, `author`, `category`). A file that gives no rig is a row of the report. `progress` is
-/// told how many files are done. Equal assets under two names are in one split, where the splitter makes the splits, and are
+/// told how many assets are done, and of how many. Equal assets under two names are in one split, where the splitter makes the splits, and are
 /// told.
 ///
 /// # Errors
@@ -101,7 +101,7 @@ pub fn import_folder(
     out: &Path,
     splitter: &Splitter,
     options: &ImportOptions,
-    progress: impl Fn(usize) + Sync,
+    progress: &(dyn Fn(usize, usize) + Sync),
 ) -> Result<ImportReport, DataError> {
     write_all(
         folder,
@@ -122,7 +122,7 @@ pub fn import_meshes(
     folder: &Path,
     out: &Path,
     options: &ImportOptions,
-    progress: impl Fn(usize) + Sync,
+    progress: &(dyn Fn(usize, usize) + Sync),
 ) -> Result<ImportReport, DataError> {
     write_all(folder, models_below(folder)?, out, None, &Source { options, make: Imported::into_mesh_asset }, progress)
 }
@@ -139,11 +139,18 @@ fn write_all(
     out: &Path,
     splitter: Option<&Splitter>,
     source: &Source<'_>,
-    progress: impl Fn(usize) + Sync,
+    progress: &(dyn Fn(usize, usize) + Sync),
 ) -> Result<ImportReport, DataError> {
-    // An earlier corpus at the same place is not part of the data, however the two are named.
+    // An earlier corpus at the same place is not part of the data, however the two are named; nor is it to be replaced
+    // where there is nothing else.
     if let Ok(earlier) = out.canonicalize() {
         files.retain(|file| file.canonicalize().map_or(true, |file| file != earlier));
+        if files.is_empty() && unread.is_empty() {
+            return Err(match splitter {
+                Some(_) => DataError::NothingToImport(folder.into()),
+                None => DataError::NoModels(folder.into()),
+            });
+        }
     }
     make_folder_of(out).map_err(|e| DataError::io(out, e))?;
     let manifest = Manifest::read(folder);
@@ -154,24 +161,21 @@ fn write_all(
         name: name_below(folder, &path),
     };
     report.refused = unread.into_iter().map(refused).collect();
-    let done = AtomicUsize::new(0);
+    let tally = Tally::new(files.len(), 0, progress);
     // Splits may depend on all topologies, so assets are written without and it is filled in last.
     let mut keys = Vec::with_capacity(files.len());
     for chunk in files.chunks(AT_ONCE) {
-        let read = |path: &PathBuf| {
-            let asset = one(folder, path, &manifest, source);
-            progress(done.fetch_add(1, Ordering::Relaxed) + 1);
-            asset
-        };
+        let read = |path: &PathBuf| one(folder, path, &manifest, source, &tally);
         let read: Vec<Result<Found, Refused>> = chunk.par_iter().map(read).collect();
         for (path, found) in chunk.iter().zip(read) {
             let mut add = |asset: Result<Asset, Refused>| -> Result<(), DataError> {
                 match asset {
                     Ok(asset) => {
                         match writer.add(&asset) {
-                            // As the same name in two other characters than UTF-8 has: no reason to leave out all.
+                            // As names that differ in bytes that are no UTF-8, or a file called as an asset of another
+                            // would be: no reason to leave out all.
                             Err(DataError::DuplicateName(name)) => {
-                                let why = "another asset is named alike, but for bytes that are not UTF-8; rename one";
+                                let why = "another asset is named alike in a corpus; rename one";
                                 let reason = format!("{}: {why}", path.display());
                                 report.refused.push(Refused { name, reason });
                                 return Ok(());
@@ -191,7 +195,12 @@ fn write_all(
             match found {
                 Ok(Found::One(asset)) => add(Ok(*asset))?,
                 // Written as they are read: there may be more than memory holds.
-                Ok(Found::Several) => several(folder, path, &manifest, source, &mut add)?,
+                Ok(Found::Several(mut file)) => {
+                    several(folder, path, &manifest, source, &mut |asset| {
+                        file.one();
+                        add(asset)
+                    })?;
+                }
                 Err(refused) => add(Err(refused))?,
             }
         }
@@ -223,20 +232,28 @@ fn write_all(
 }
 
 /// What a file holds.
-enum Found {
+enum Found<'a> {
     One(Box<Asset>),
-    Several,
+    Several(OpenFile<'a>),
 }
 
-fn one(folder: &Path, path: &Path, manifest: &Manifest, source: &Source<'_>) -> Result<Found, Refused> {
+fn one<'a>(
+    folder: &Path,
+    path: &Path,
+    manifest: &Manifest,
+    source: &Source<'_>,
+    tally: &'a Tally<'a>,
+) -> Result<Found<'a>, Refused> {
     let name = name_below(folder, path);
     let refused = |e: ImportError| Refused { name: name.clone(), reason: e.to_string() };
-    if count_assets(path).map_err(refused)? > 1 {
-        return Ok(Found::Several);
+    let count = count_assets(path);
+    let file = tally.open(*count.as_ref().unwrap_or(&1));
+    if count.map_err(refused)? > 1 {
+        return Ok(Found::Several(file));
     }
     let imported = import(path, source.options).map_err(refused)?;
     if source.options.split && imported.reading.characters().len() > 1 {
-        return Ok(Found::Several);
+        return Ok(Found::Several(file));
     }
     let asset = asset(imported, &name, folder, path, manifest, source.make).map_err(refused)?;
     Ok(Found::One(Box::new(asset)))
@@ -298,7 +315,7 @@ mod tests {
         let out = dir.path().join("c.h5");
         let import = |folder: &Path| {
             let options = ImportOptions::default();
-            import_folder(folder, &out, &Splitter::ByTopology(0), &options, |_| ()).unwrap_err().to_string()
+            import_folder(folder, &out, &Splitter::ByTopology(0), &options, &|_, _| ()).unwrap_err().to_string()
         };
         std::fs::write(dir.path().join("readme.txt"), b"no rig").unwrap();
         assert!(import(dir.path()).contains("no rigged file"));
@@ -322,12 +339,12 @@ mod tests {
         let dir = tempfile::tempdir().unwrap();
         let out = dir.path().join("meshes.h5");
         let options = ImportOptions::default();
-        let none = import_meshes(dir.path(), &out, &options, |_| ()).unwrap_err().to_string();
+        let none = import_meshes(dir.path(), &out, &options, &|_, _| ()).unwrap_err().to_string();
         assert!(none.contains("no model"), "{none}");
         // A rigged one, whose rig is left behind, and one without.
         pair(dir.path(), "a");
         std::fs::write(dir.path().join("b.obj"), "v 0 0 0\nv 4 0 0\nv 0 2 0\nf 1 2 3\n").unwrap();
-        let report = import_meshes(dir.path(), &out, &options, |_| ()).unwrap();
+        let report = import_meshes(dir.path(), &out, &options, &|_, _| ()).unwrap();
         assert_eq!((report.imported, report.refused.len()), (2, 0), "{report:?}");
         assert_eq!(report.splits, BTreeMap::from([("meshes".into(), 2)]));
         let corpus = crate::Corpus::open(&out).unwrap();
@@ -337,7 +354,7 @@ mod tests {
         assert!(rig.weights().row(2).eq([(riglab_core::JointId(0), 1.0)]));
         // They are told from rigs of one joint.
         assert_eq!(corpus.bare().unwrap(), [0, 1]);
-        import_folder(dir.path(), &out, &Splitter::ByTopology(0), &options, |_| ()).unwrap();
+        import_folder(dir.path(), &out, &Splitter::ByTopology(0), &options, &|_, _| ()).unwrap();
         assert!(crate::Corpus::open(&out).unwrap().bare().unwrap().is_empty());
     }
 
@@ -348,9 +365,17 @@ mod tests {
         std::fs::create_dir(dir.path().join("sub")).unwrap();
         for folder in [dir.path().to_owned(), dir.path().join("sub/..")] {
             let (out, options) = (dir.path().join("c.h5"), ImportOptions::default());
-            let report = import_folder(&folder, &out, &Splitter::ByTopology(0), &options, |_| ()).unwrap();
+            let report = import_folder(&folder, &out, &Splitter::ByTopology(0), &options, &|_, _| ()).unwrap();
             assert_eq!((report.imported, report.refused.len()), (1, 0), "{report:?}");
         }
+        // Without what it was made of it stays.
+        for name in ["a.obj", "a_rig.txt"] {
+            std::fs::remove_file(dir.path().join(name)).unwrap();
+        }
+        let (out, options) = (dir.path().join("c.h5"), ImportOptions::default());
+        let none = import_folder(dir.path(), &out, &Splitter::ByTopology(0), &options, &|_, _| ()).unwrap_err();
+        assert!(matches!(none, DataError::NothingToImport(_)), "{none}");
+        assert_eq!(crate::Corpus::open(&out).unwrap().len(), 1);
     }
 
     #[test]
@@ -369,16 +394,22 @@ mod tests {
         assert_eq!(names, ["a_rig.txt", "b_rig.txt", "set.npz"]);
         let out = dir.path().join("c.h5");
         for _ in 0..2 {
-            let report = import_folder(dir.path(), &out, &Splitter::ByTopology(0), &options, |_| ()).unwrap();
+            let report = import_folder(dir.path(), &out, &Splitter::ByTopology(0), &options, &|_, _| ()).unwrap();
             assert_eq!((report.imported, report.refused), (4, vec![]));
         }
         let corpus = crate::Corpus::open(&out).unwrap();
         assert_eq!(corpus.names().unwrap(), ["a_rig.txt", "b_rig.txt", "set.npz#a", "set.npz#b"]);
         assert_eq!(corpus.texts("source").unwrap(), ["a_rig.txt", "b_rig.txt", "set.npz#0", "set.npz#1"]);
+        // Each asset is told when it is done, of as many as there are.
+        let told = std::sync::Mutex::new(Vec::new());
+        let tell = |done, of| told.lock().unwrap().push((done, of));
+        import_folder(dir.path(), &out, &Splitter::ByTopology(0), &options, &tell).unwrap();
+        let told = told.into_inner().unwrap();
+        assert!(told.len() == 4 && told.last() == Some(&(4, 4)), "{told:?}");
         // One that is in its set twice gets a name of its own.
         let [a, b] = both;
         riglab_asset::write(&[a.clone(), a, b], &set, riglab_asset::Target::ARTICULATION_XL).unwrap();
-        let report = import_folder(dir.path(), &out, &Splitter::ByTopology(0), &options, |_| ()).unwrap();
+        let report = import_folder(dir.path(), &out, &Splitter::ByTopology(0), &options, &|_, _| ()).unwrap();
         assert_eq!((report.imported, report.refused), (5, vec![]));
     }
 
@@ -388,7 +419,7 @@ mod tests {
         (0..12).for_each(|k| pair(dir.path(), &format!("rig{k:02}")));
         let out = dir.path().join("c.h5");
         let import = |splitter: &Splitter| {
-            let report = import_folder(dir.path(), &out, splitter, &ImportOptions::default(), |_| ()).unwrap();
+            let report = import_folder(dir.path(), &out, splitter, &ImportOptions::default(), &|_, _| ()).unwrap();
             let told: Vec<String> = report.warnings.into_iter().filter(|said| said.contains("equal")).collect();
             (crate::Corpus::open(&out).unwrap().texts("split").unwrap(), told)
         };

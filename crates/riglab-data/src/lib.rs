@@ -25,6 +25,7 @@ mod room;
 pub mod schema;
 mod split;
 mod stats;
+mod tally;
 mod words;
 mod writer;
 
@@ -42,6 +43,7 @@ pub use rewrite::{Place, rewrite, same};
 pub use riglab_asset::LONE_JOINT;
 pub use split::{SplitNames, Splitter};
 pub use stats::{Stats, stats};
+pub use tally::{OpenFile, Tally};
 pub use writer::CorpusWriter;
 
 /// The version of the HDF5 library that is linked.

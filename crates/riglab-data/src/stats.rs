@@ -63,8 +63,8 @@ mod tests {
         std::fs::write(at("rigged/a_rig.txt"), rig).unwrap();
         std::fs::write(at("bare/b.obj"), "v 0 0 0\nv 4 0 0\nv 0 2 0\nf 1 2 3\n").unwrap();
         let options = ImportOptions::default();
-        import_folder(&at("rigged"), &at("r.h5"), &Splitter::ByTopology(0), &options, |_| ()).unwrap();
-        import_meshes(&at("bare"), &at("b.h5"), &options, |_| ()).unwrap();
+        import_folder(&at("rigged"), &at("r.h5"), &Splitter::ByTopology(0), &options, &|_, _| ()).unwrap();
+        import_meshes(&at("bare"), &at("b.h5"), &options, &|_, _| ()).unwrap();
         merge(&[at("r.h5"), at("b.h5")], &at("both.h5"), false, None, |_| ()).unwrap();
         let of = |name: &str| {
             let corpus = Corpus::open(&at(name)).unwrap();

@@ -139,7 +139,7 @@ impl Kept {
 /// An asset of a curated folder, repaired as curation does it.
 fn read(folder: &Folder, file: &str, name: &str) -> Option<Asset> {
     let mut found = None;
-    folder.each(&folder.path(file), |one| match one {
+    folder.each(&folder.path(file), None, |one| match one {
         ReadOutcome::Asset(read) if read.asset.name == name => {
             found = Some(read.asset);
             ControlFlow::Break(())

@@ -69,6 +69,17 @@ impl Progress {
         }
     }
 
+    /// As [`Self::set`], where it shows on the way how many parts there are.
+    pub fn set_of(&mut self, done: u64, total: u64) {
+        if self.total != total {
+            self.total = total;
+            if let Some(bar) = &self.bar {
+                bar.set_length(total);
+            }
+        }
+        self.set(done, String::new);
+    }
+
     /// Whether no part was done since it began.
     pub fn is_new(&self) -> bool {
         self.at == self.begun_at

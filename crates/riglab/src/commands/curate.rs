@@ -228,7 +228,7 @@ fn progress(bar: &Mutex<Option<(String, Progress)>>, what: &str, done: usize, to
         *bar = Some((what.to_owned(), Progress::new(what, total as u64, done as u64)));
     }
     if let Some((_, bar)) = bar.as_mut() {
-        bar.set(done as u64, String::new);
+        bar.set_of(done as u64, total as u64);
     }
 }
 

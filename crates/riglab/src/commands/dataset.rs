@@ -247,16 +247,16 @@ fn run_import(args: &Import) -> Result<ExitCode> {
     let clips = args.clips.map(|rate| Resample { rate, ..Resample::default() });
     let (split, repair) = (args.split_characters, args.repair);
     let options = ImportOptions { roots, clips, split, repair, up: args.up, ..ImportOptions::default() };
-    let tell = |done: usize| {
+    let tell = |done: usize, of: usize| {
         if let Ok(mut p) = progress.lock() {
-            p.set(done as u64, String::new);
+            p.set_of(done as u64, of as u64);
         }
     };
     let before = Earlier::at(&args.out);
     let report = if args.meshes {
-        import_meshes(&args.folder, &args.out, &options, tell)?
+        import_meshes(&args.folder, &args.out, &options, &tell)?
     } else {
-        import_folder(&args.folder, &args.out, &splitter, &options, tell)?
+        import_folder(&args.folder, &args.out, &splitter, &options, &tell)?
     };
     if let Ok(mut p) = progress.lock() {
         p.finish();

@@ -9,6 +9,7 @@ use std::collections::HashSet;
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
+use std::sync::Mutex;
 
 use anyhow::{Result, anyhow, bail};
 use riglab_asset::export::{self, ExportOptions, Influences, JointFrames};
@@ -17,6 +18,7 @@ use riglab_asset::{
     is_rig_file, written_paths,
 };
 use riglab_core::Asset;
+use riglab_data::Tally;
 use riglab_files::make_folder_of;
 use riglab_train::Progress;
 
@@ -216,11 +218,15 @@ fn into(
     let (mut written, mut failed, mut lost) = (0, 0, Lost::default());
     let mut taken: HashSet<PathBuf> = HashSet::new();
     let mut broken = Ok(());
-    let mut progress = Progress::new("converting", files.len() as u64, 0);
-    for (done, file) in files.iter().enumerate() {
+    let progress = Mutex::new(Progress::new("converting", files.len() as u64, 0));
+    let set = |done, of| tell_how_far(&progress, done, of);
+    let tally = Tally::new(files.len(), 0, &set);
+    for file in files {
+        let mut open = tally.open(count_assets(file).unwrap_or(1));
         // Folders below the input come again below the output.
         let folder = file.parent().and_then(|f| f.strip_prefix(input).ok()).map_or(out.clone(), |f| out.join(f));
         import_each(file, options, |imported| {
+            open.one();
             let imported = match imported {
                 Ok(imported) => imported,
                 Err(e) => {
@@ -261,13 +267,24 @@ fn into(
         if broken.is_err() {
             break;
         }
-        progress.set(done as u64 + 1, String::new);
     }
-    progress.finish();
+    finish(&progress);
     broken?;
     lost.tell(input, target);
     say!("{written} written to {}, {failed} left out", out.display());
     Ok(if failed > 0 { ExitCode::FAILURE } else { ExitCode::SUCCESS })
+}
+
+fn tell_how_far(progress: &Mutex<Progress>, done: usize, of: usize) {
+    if let Ok(mut progress) = progress.lock() {
+        progress.set_of(done as u64, of as u64);
+    }
+}
+
+fn finish(progress: &Mutex<Progress>) {
+    if let Ok(mut progress) = progress.lock() {
+        progress.finish();
+    }
 }
 
 fn is_io(e: &anyhow::Error) -> bool {
@@ -294,10 +311,14 @@ fn together(
     let (mut written, mut about) = (Vec::new(), Vec::new());
     let mut lost = Lost::default();
     let mut names = HashSet::new();
-    let mut progress = Progress::new("reading", files.len() as u64, 0);
-    for (done, file) in files.iter().enumerate() {
-        let one_of_several = known.is_some() && count_assets(file).is_ok_and(|count| count > 1);
+    let progress = Mutex::new(Progress::new("reading", files.len() as u64, 0));
+    let set = |done, of| tell_how_far(&progress, done, of);
+    let tally = Tally::new(files.len(), 0, &set);
+    for file in files {
+        let count = count_assets(file).unwrap_or(1);
+        let (one_of_several, mut open) = (known.is_some() && count > 1, tally.open(count));
         import_each(file, options, |imported| {
+            open.one();
             if let Ok(imported) = &imported {
                 warn(imported);
                 if imported.rig().is_some() {
@@ -332,10 +353,9 @@ fn together(
         if broken.is_err() {
             break;
         }
-        progress.set(done as u64 + 1, String::new);
     }
     broken?;
-    progress.finish();
+    finish(&progress);
     if written.is_empty() {
         bail!("none of {} gave a rig", counted(files.len(), "file"));
     }
