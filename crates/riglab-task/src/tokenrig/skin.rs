@@ -179,10 +179,10 @@ fn mean(
     asked.iter().for_each(|(columns, _)| priors.add(skinner, segments, columns));
     let told = |skinner: &Skinner<'_>, (columns, codes): &(Vec<usize>, &Codes)| {
         let own: Vec<&[i64]> = columns.iter().filter_map(|&c| codes[claimed[c]].as_deref()).collect();
-        skinner.raw(&some(segments, columns), &own, priors.of(columns))
+        skinner.at_places(&some(segments, columns), &own, priors.of(columns))
     };
     let mut out = Vec::new();
-    // As many at a time as there are threads: each takes a row a vertex.
+    // As many at a time as there are threads: each takes a row a place.
     for some in asked.chunks(tch::get_num_threads().max(1) as usize) {
         for (raw, (columns, _)) in skinner.each(some, told).into_iter().zip(some) {
             if raw.is_empty() {
@@ -194,7 +194,7 @@ fn mean(
             });
         }
     }
-    out
+    skinner.of_vertices(out, m)
 }
 
 /// Rows of weights `said`, of `m` each, pooled with `others` of the same: said^(1 - share) others^share, summing to 1.

@@ -2,6 +2,7 @@
 
 use std::sync::Arc;
 
+use rayon::prelude::*;
 use riglab_core::{Mesh, Rig, Segment, Skeleton, SkinWeights};
 use riglab_geom::Transfer;
 use riglab_random::{Draw, Stream};
@@ -93,6 +94,11 @@ impl<'a> Skinner<'a> {
     /// Raw shares of each vertex, a row a vertex, a column a bone: `segments` and `codes` are those of each, as many codes
     /// of each as of the others; `prior` is [`Self::prior`] of the same bones.
     pub fn raw(&self, segments: &[Vec<Segment>], codes: &[&[i64]], prior: Option<&Prior>) -> Vec<f32> {
+        self.of_vertices(self.at_places(segments, codes, prior), segments.len())
+    }
+
+    /// As [`Self::raw`], at the places where the auto-encoder is asked: of large meshes fewer than there are vertices.
+    pub fn at_places(&self, segments: &[Vec<Segment>], codes: &[&[i64]], prior: Option<&Prior>) -> Vec<f32> {
         let Some(first) = codes.first() else { return Vec::new() };
         let size = [codes.len() as i64, first.len() as i64];
         let decode = |coder: Coder<'_>| {
@@ -102,16 +108,19 @@ impl<'a> Skinner<'a> {
             let told = prior.map(|prior| SurfacePrior { prior, triangles: self.prepared.rig.mesh().triangles() });
             coder.decode(&self.shape, &codes, &self.points, segments, told)
         };
-        let known = if self.half { self.vae.with_half(decode) } else { self.vae.with(decode) };
-        let Some(shares) = &self.shares else { return known };
-        let m = segments.len();
+        if self.half { self.vae.with_half(decode) } else { self.vae.with(decode) }
+    }
+
+    /// Shares of each vertex, `m` of each, by those at places; a mean of skins is taken before.
+    pub fn of_vertices(&self, known: Vec<f32>, m: usize) -> Vec<f32> {
+        let Some(shares) = self.shares.as_ref().filter(|_| !known.is_empty()) else { return known };
         let mut out = vec![0.0; shares.len() * m];
-        for (row, shares) in out.chunks_exact_mut(m).zip(shares.iter()) {
+        out.par_chunks_exact_mut(m).zip(shares.par_iter()).for_each(|(row, shares)| {
             for &(k, share) in shares {
                 let known = &known[k as usize * m..(k as usize + 1) * m];
                 row.iter_mut().zip(known).for_each(|(w, known)| *w += share * known);
             }
-        }
+        });
         out
     }
 }
