@@ -18,6 +18,11 @@ pub trait Experiment: Task {
         Vec::new()
     }
 
+    /// Why it cannot be trained on its corpora, though it may be evaluated on them.
+    fn untrainable(&self) -> Option<String> {
+        None
+    }
+
     /// Networks that it computes with beside the trained one: the key that names each, and a checksum of its weights.
     fn companions(&self) -> Vec<(String, String)> {
         Vec::new()
@@ -138,6 +143,16 @@ pub(crate) fn views<'a>(
     (!found.is_empty()).then_some(Block::Views(found))
 }
 
+/// The file of a sheet: its number, which no other has, and as much of the split as every file system takes.
+pub(crate) fn sheet_file(number: usize, split: &str, why: &str) -> String {
+    let plain = |c: char| if c.is_alphanumeric() || c == '-' { c } else { '_' };
+    let split: String = split.chars().take(LONGEST).map(plain).collect();
+    format!("{number:02}-{split}-{why}.png")
+}
+
+/// Letters of a split in the name of a file.
+const LONGEST: usize = 48;
+
 /// Which places of a ranking of `n` are shown, and why: the first `each`, the middle, the last
 /// `each`, none twice.
 pub(crate) fn places(n: usize, each: usize) -> Vec<(&'static str, usize)> {
@@ -154,6 +169,13 @@ pub(crate) fn places(n: usize, each: usize) -> Vec<(&'static str, usize)> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn sheets_have_names_that_can_be_written() {
+        assert_eq!(sheet_file(3, "test_new", "best"), "03-test_new-best.png");
+        assert_eq!(sheet_file(12, "test/../hard", "worst"), "12-test____hard-worst.png");
+        assert!(sheet_file(1, &"\u{1f98a}é".repeat(400), "best").len() < 255);
+    }
 
     #[test]
     fn headings_name_the_splits() {

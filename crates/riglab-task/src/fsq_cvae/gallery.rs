@@ -13,7 +13,7 @@ use super::FsqCvaeTask;
 use super::evaluate::{Encoded, Report, Truth, ruled};
 use super::prepare::Prepared;
 use crate::assets::AssetId;
-use crate::experiment::{Sheet, places};
+use crate::experiment::{Sheet, places, sheet_file};
 
 /// Side of one picture of a sheet, in pixels.
 const SIDE: u32 = 280;
@@ -60,7 +60,7 @@ impl FsqCvaeTask {
                 let encoded = self.encode(w, id)?;
                 let (bone, picture, view) = self.sheet(w, &encoded, (report.cut, self.ranked()))?;
                 let name = encoded.rig.name.clone();
-                let file = format!("{:02}-{split}-{why}.png", out.len() + 1);
+                let file = sheet_file(out.len() + 1, split, why);
                 let shown = ShownAsset { file, split: split.clone(), name, why: why.into(), iou, bone };
                 out.push((shown, Sheet { png: picture.to_png(), view }));
             }

@@ -21,7 +21,7 @@ use super::report::{AssetRow, AssetScore, Gain, Report, Row, ShownAsset};
 use super::score::rewards;
 use super::{First, GrpoTask};
 use crate::assets::AssetId;
-use crate::experiment::{Sheet, places};
+use crate::experiment::{Sheet, places, sheet_file};
 use crate::tokenrig::RigSample;
 use crate::unirig_skeleton::Batch as Shapes;
 use crate::unirig_skeleton::batch::{normalized, shape};
@@ -378,7 +378,7 @@ impl GrpoTask {
             for (why, k) in if pictures == 0 { Vec::new() } else { places(found.len(), pictures) } {
                 let (id, was, is) = &found[k];
                 if let Some(sheet) = self.sheet(*id, was, is)? {
-                    let file = format!("{:02}-{split}-{why}.png", sheets.len() + 1);
+                    let file = sheet_file(sheets.len() + 1, split, why);
                     let name = self.policy.pool().assets.name(*id).map_err(|e| e.to_string())?;
                     let (gain, j2j) = (is.rewards.total - was.rewards.total, is.distances.j2j - was.distances.j2j);
                     sheets.push((ShownAsset { file, split: split.clone(), name, why: why.into(), gain, j2j }, sheet));

@@ -66,12 +66,14 @@ pub struct SkinAsset {
     pub unwritten: String,
 }
 
-/// A generated rig of an asset.
+/// What was generated for an asset. Its rig, which has a copy of the mesh, is made again where it is to be seen
+/// ([`TokenRigTask::seen_again`]): a corpus may hold more meshes than memory does.
 pub(super) struct Rigged {
     /// The asset.
     pub id: AssetId,
-    /// The generated skeleton and weights; `None` where no skeleton came out.
-    pub rig: Option<Rig>,
+    /// The skeleton and the codes of its skins; `None` where no skeleton came out.
+    pub drawn: Option<(Decoded, Vec<Codes>)>,
+    facing: Facing,
 }
 
 /// A rig as it is looked at, in the cube.
@@ -83,6 +85,14 @@ struct Posed {
 }
 
 impl Posed {
+    fn of(rig: &Arc<Rig>, facing: Facing) -> Result<Self, String> {
+        if facing.is_none() {
+            return Ok(Self { rig: rig.clone(), facing, map: Similarity::NONE });
+        }
+        let (rig, map) = facing.rig(rig).map_err(|e| e.to_string())?;
+        Ok(Self { rig: Arc::new(rig), facing, map })
+    }
+
     /// Joints of the turned rig, where they are in the rig as it is.
     fn joints_back(&self, mut joints: Joints) -> Joints {
         if !self.facing.is_none() {
@@ -255,12 +265,20 @@ impl TokenRigTask {
 
     /// A rig as its mesh is looked at.
     fn posed(&self, w: &Weights, rig: &Arc<Rig>, key: u64) -> Result<Posed, String> {
-        let facing = self.rigger.facing(w, rig.mesh(), key)?;
-        if facing.is_none() {
-            return Ok(Posed { rig: rig.clone(), facing, map: Similarity::NONE });
-        }
-        let (rig, map) = facing.rig(rig).map_err(|e| e.to_string())?;
-        Ok(Posed { rig: Arc::new(rig), facing, map })
+        Posed::of(rig, self.rigger.facing(w, rig.mesh(), key)?)
+    }
+
+    /// The true rig of an asset, and the one that was generated for it, if one was.
+    ///
+    /// # Errors
+    /// When the asset cannot be read any more.
+    pub(super) fn seen_again(&self, rigged: &Rigged) -> Result<Option<(Arc<Rig>, Rig)>, String> {
+        let Some((decoded, skins)) = &rigged.drawn else { return Ok(None) };
+        let truth = normalized(&self.assets, &self.cache, rigged.id)?;
+        let posed = Posed::of(&truth, rigged.facing)?;
+        let rig = self.rigged(posed.rig.mesh(), decoded, skins, rigged.id.key())?;
+        let rig = posed.rig_back(rig, &truth).map_err(|e| e.to_string())?;
+        Ok(Some((truth, rig)))
     }
 
     /// The rig that was drawn for a mesh.
@@ -296,8 +314,8 @@ impl TokenRigTask {
         self.rigger.config.data.test.iter().map(of).sum()
     }
 
-    /// Generates a rig for each asset of the test splits, and weights for its true skeleton. Gives the report, and the
-    /// rigs in the order of its assets.
+    /// Generates a rig for each asset of the test splits, and weights for its true skeleton. Gives the report, and what was
+    /// generated in the order of its assets.
     ///
     /// # Errors
     /// When an asset cannot be read.
@@ -354,13 +372,12 @@ impl TokenRigTask {
                         template_fit: fitted,
                         apart,
                     });
-                    let rig = match &drawn.decoded {
-                        Ok(decoded) => {
-                            let skins = rigger.skins(w, &rigger.straight(seen), &drawn, c.eval.skins, id.key())?;
-                            Some(self.rigged(truth.mesh(), decoded, &skins, id.key())?)
-                        }
-                        Err(_) => None,
+                    let skins = match &drawn.decoded {
+                        Ok(_) => rigger.skins(w, &rigger.straight(seen), &drawn, c.eval.skins, id.key())?,
+                        Err(_) => Vec::new(),
                     };
+                    let rig = drawn.decoded.as_ref().ok();
+                    let rig = rig.map(|decoded| self.rigged(truth.mesh(), decoded, &skins, id.key())).transpose()?;
                     let of = rig
                         .as_ref()
                         .map(|rig| ways.all("generated", rig, &moved(truth, rig.skeleton()), &claimed(&drawn.codes)));
@@ -374,8 +391,8 @@ impl TokenRigTask {
                     };
                     skin_assets.push(SkinAsset { unwritten, ..skin_asset("given", of) });
                     self.complete(w, seen, posed, id.key(), &mut completed)?;
-                    let rig = rig.map(|rig| posed.rig_back(rig, as_it_is)).transpose().map_err(|e| e.to_string())?;
-                    rigs.push(Rigged { id, rig });
+                    let drawn = drawn.decoded.ok().map(|decoded| (decoded, skins));
+                    rigs.push(Rigged { id, drawn, facing: posed.facing });
                     progress(assets.len());
                 }
             }

@@ -6,9 +6,8 @@ use riglab_report::Turntable;
 
 use super::TokenRigTask;
 use super::evaluate::{Report, Rigged};
-use crate::experiment::{Sheet, places};
+use crate::experiment::{Sheet, places, sheet_file};
 use crate::unirig_skeleton::ShownAsset;
-use crate::unirig_skeleton::batch::normalized;
 
 /// Side of one picture of a sheet, in pixels.
 const SIDE: u32 = 280;
@@ -27,14 +26,14 @@ impl TokenRigTask {
         }
         for split in &self.rigger.config.data.test {
             let rows = report.skeletons.assets.iter().zip(rigs);
-            let rows = rows.filter(|(a, r)| a.split == *split && a.model.j2j.is_finite() && r.rig.is_some());
+            let rows = rows.filter(|(a, r)| a.split == *split && a.model.j2j.is_finite() && r.drawn.is_some());
             let mut ranked: Vec<_> = rows.collect();
             ranked.sort_by(|(a, _), (b, _)| a.model.j2j.total_cmp(&b.model.j2j));
             for (why, k) in places(ranked.len(), each) {
                 let (row, rigged) = ranked[k];
-                let Some(rig) = &rigged.rig else { continue };
+                let Some((truth, rig)) = self.seen_again(rigged)? else { continue };
                 let upright = |rig: &Rig| self.rigger.config.data.up.upright(rig).map_err(|e| e.to_string());
-                let (truth, rig) = (upright(&*normalized(&self.assets, &self.cache, rigged.id)?)?, upright(rig)?);
+                let (truth, rig) = (upright(&truth)?, upright(&rig)?);
                 let view = View::square(SIDE).framed(truth.bounds());
                 let cells = [
                     (format!("true, {} joints", row.true_joints), render_skeleton(&truth, &view)),
@@ -42,7 +41,7 @@ impl TokenRigTask {
                     ("true parts".to_owned(), render_parts(&truth, &view)),
                     ("generated parts".to_owned(), render_parts(&rig, &view)),
                 ];
-                let file = format!("{:02}-{split}-{why}.png", out.len() + 1);
+                let file = sheet_file(out.len() + 1, split, why);
                 let shown = ShownAsset {
                     file,
                     split: split.clone(),

@@ -12,7 +12,7 @@ use super::batch::normalized;
 use super::evaluate::Report;
 use super::generate::SkeletonSample;
 use crate::assets::AssetId;
-use crate::experiment::{Sheet, places};
+use crate::experiment::{Sheet, places, sheet_file};
 
 /// Side of one picture of a sheet, in pixels.
 const SIDE: u32 = 280;
@@ -69,7 +69,7 @@ impl SkeletonTask {
                     ("true, from the side".to_owned(), over(&side, rig.skeleton())),
                     ("generated".to_owned(), over(&side, &skeleton)),
                 ];
-                let file = format!("{:02}-{split}-{why}.png", out.len() + 1);
+                let file = sheet_file(out.len() + 1, split, why);
                 let shown = ShownAsset {
                     file,
                     split: split.clone(),

@@ -11,7 +11,7 @@ use serde::{Deserialize, Serialize};
 use super::SkinTask;
 use super::evaluate::Report;
 use crate::assets::AssetId;
-use crate::experiment::{Sheet, places};
+use crate::experiment::{Sheet, places, sheet_file};
 use crate::fsq_cvae::gallery::{sparse, worst_bone};
 use crate::fsq_cvae::ruled;
 
@@ -57,7 +57,7 @@ impl SkinTask {
             for (why, k) in places(ranked.len(), each) {
                 let (id, l1) = ranked[k];
                 let (name, bone, picture, view) = self.sheet(w, id, report.cut)?;
-                let file = format!("{:02}-{split}-{why}.png", out.len() + 1);
+                let file = sheet_file(out.len() + 1, split, why);
                 let shown = ShownAsset { file, split: split.clone(), name, why: why.into(), l1, bone };
                 out.push((shown, Sheet { png: picture.to_png(), view }));
             }
