@@ -107,10 +107,9 @@ impl Rigger {
             meshes.push(in_cube.map_err(|e| e.to_string())?);
         }
         let seen = self.condition(w, &meshes.iter().map(|mesh| (mesh, key)).collect::<Vec<_>>());
-        let how = GenerateConfig { tokens: c.limits.tokens, ..c.eval.generate.clone() };
         let mut streams: Vec<_> =
             (0..(ways.len() * TRIES) as u64).map(|k| stream(c.eval.seed, "turned draws", &[key, k])).collect();
-        let drawn = self.draw_skeletons(w, &seen, (&self.free(), &[TRIES]), &how, &mut streams)?;
+        let drawn = self.draw_skeletons(w, &seen, (&self.free(), &[TRIES]), &c.eval.generate, &mut streams)?;
         let told: Vec<Evidence> = drawn.chunks(TRIES).map(Evidence::of).collect();
         Ok(ways[chosen(&told, yaw.in_degrees().abs() <= SMALL)])
     }

@@ -91,11 +91,7 @@ impl Rigger {
         let cube = turned.with_positions(moved).map_err(|e| e.to_string())?;
         let clouds = self.clouds(self.params.weights(), &cube, wish.seed);
         let generate = &self.config.eval.generate;
-        let how = GenerateConfig {
-            temperature: wish.temperature.unwrap_or(generate.temperature),
-            tokens: self.config.limits.tokens,
-            ..generate.clone()
-        };
+        let how = GenerateConfig { temperature: wish.temperature.unwrap_or(generate.temperature), ..generate.clone() };
         Ok((Stage { mesh, facing, map, cube, clouds, how }, given))
     }
 
