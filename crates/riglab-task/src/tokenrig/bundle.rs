@@ -3,7 +3,7 @@
 use std::path::Path;
 use std::sync::Arc;
 
-use riglab_train::{Checkpoint, RunInfo, named_by, same_companions};
+use riglab_train::{Checkpoint, RunInfo, StartConfig, named_by, same_companions};
 use tch::Device;
 
 use super::{Rigger, TokenRigTaskConfig};
@@ -67,6 +67,7 @@ impl Rigger {
         let (mut rig, mut skin) = (self.config.clone(), self.vae.config().clone());
         (rig.data.corpora, rig.data.weights, rig.skin.run) = (Vec::new(), Vec::new(), std::path::PathBuf::new());
         (skin.data.corpora, skin.data.weights) = (Vec::new(), Vec::new());
+        (rig.train.start, skin.train.start) = (StartConfig::default(), StartConfig::default());
         let toml = |e: toml::ser::Error| e.to_string();
         let own = self.params.named(self.params.weights()).map(|(n, t)| (format!("{RIG}{n}"), t.detach()));
         let of_skin = self.vae.tensors().into_iter().map(|(n, t)| (format!("{SKIN}{n}"), t));

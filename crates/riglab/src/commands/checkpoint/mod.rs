@@ -17,7 +17,7 @@ use riglab_task::settings::{Settings, TaskSettings};
 use riglab_task::tokenrig::{Card, Rigger, TokenRigTaskConfig};
 use riglab_task::unirig_skeleton::Sketcher;
 use riglab_task::unirig_skin::{SkinTaskConfig, Skinner};
-use riglab_train::{Checkpoint, Spinner, named_by};
+use riglab_train::{Checkpoint, Spinner, StartConfig, TrainConfig, named_by};
 use tch::{Device, Kind};
 
 use super::MOVED;
@@ -178,20 +178,21 @@ fn rigs((rigger, card): (Rigger, Card)) -> (Imported, Card) {
 }
 
 /// Takes away where a model learned from, which is of no use elsewhere, and says more of a machine than it should.
-fn anywhere(data: &mut DataConfig) {
+fn anywhere(data: &mut DataConfig, train: &mut TrainConfig) {
     (data.corpora, data.weights) = (Vec::new(), Vec::new());
+    train.start = StartConfig::default();
 }
 
 /// One of UniRig's stages, at a run's checkpoint or in a file; `None` where it is another model.
 fn stage(at: &Path, sets: &[String]) -> Result<Option<(Imported, Card)>, String> {
     if let Some((sketcher, card)) = Sketcher::open_with(at, sets, Device::Cpu)? {
         let (mut config, params) = sketcher.into_parts();
-        anywhere(&mut config.data);
+        anywhere(&mut config.data, &mut config.train);
         return Ok(Some((Imported::Skeleton(Box::new(config), params), card)));
     }
     let Some((skinner, card)) = Skinner::open(at, Device::Cpu)? else { return Ok(None) };
     let (mut config, params) = skinner.into_parts();
-    anywhere(&mut config.data);
+    anywhere(&mut config.data, &mut config.train);
     Ok(Some((Imported::Skin(Box::new(config), params), card)))
 }
 
@@ -209,7 +210,7 @@ fn of_file(file: &Path) -> Result<(Imported, Card), String> {
 
 fn auto_encoder(auto: Frozen, card: Card) -> (Imported, Card) {
     let (mut config, params) = auto.into_parts();
-    anywhere(&mut config.data);
+    anywhere(&mut config.data, &mut config.train);
     (Imported::FsqCvae(Box::new(config), params), card)
 }
 

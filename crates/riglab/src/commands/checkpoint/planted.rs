@@ -45,14 +45,14 @@ fn write(dir: &Path, model: &Imported, card: &Card, how: &str) -> Result<()> {
         Imported::TokenRig(rigger) => {
             let vae = rigger.vae();
             let mut of_vae = vae.config().clone();
-            anywhere(&mut of_vae.data);
+            anywhere(&mut of_vae.data, &mut of_vae.train);
             let run = Run::create(&dir.join(AUTO_ENCODER), &toml::to_string(&of_vae)?)?;
             let state = State { task: "fsq_cvae".into(), ..card.state.clone() };
             vae.plant(run.dir(), &state).map_err(|e| anyhow!(e))?;
             about(&run, "fsq_cvae", how, vae.tensors().iter().map(|(_, t)| t.numel()).sum())?;
             let mut config = rigger.config().clone();
             config.skin.run = AUTO_ENCODER.into();
-            anywhere(&mut config.data);
+            anywhere(&mut config.data, &mut config.train);
             toml::to_string(&config)?
         }
         other => other.settings().map_err(|e| anyhow!(e))?,
