@@ -89,8 +89,7 @@ impl PointMix {
 pub struct PrefixConfig {
     /// Probability of all codes.
     pub full: f32,
-    /// Else one of these, alike; empty: any number from 1 to all, from 0 with `model.extensions.prior`. Larger ones are
-    /// cut to all.
+    /// Else one of these, alike; empty: any number from 1 to all, from 0 with `model.extensions.prior`.
     pub lengths: Vec<usize>,
 }
 

@@ -43,7 +43,7 @@ fn splits(report: &Report) -> Vec<&str> {
 fn drawn(report: &Report) -> Option<String> {
     let n = report.consensus;
     if n == 1 && !report.draws.is_empty() {
-        return Some(format!("model: a skeleton sampled for each mesh ({})", report.draws));
+        return Some(format!("model: a skeleton for each mesh ({})", report.draws));
     }
     let draws = if report.draws.is_empty() { String::new() } else { format!(" ({})", report.draws) };
     (n > 1).then(|| format!("model: the one of {n} sampled skeletons{draws} that the others agree with most"))

@@ -31,7 +31,7 @@ pub struct Args {
     /// How skeletons become tokens.
     #[arg(long, value_enum, default_value = "riglab")]
     preset: Tokens,
-    /// The class to write for every asset; by the joints' names where it is left out.
+    /// The class to write for every asset [default: with the preset riglab what the joints' names tell, with others none].
     #[arg(long, value_name = "NAME")]
     class: Option<String>,
     /// Print as JSON: a line an asset of a file, a line a category of a corpus.

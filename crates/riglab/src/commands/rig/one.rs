@@ -108,8 +108,8 @@ pub fn rig(args: &Common, bones: &Bones, model: &Model, from: &Path, to: &Path) 
         let (those, they) =
             if others == 1 { ("1 separate part", "it") } else { (&*format!("{others} separate parts"), "they") };
         let note = format!(
-            "its samples were no human bodies until {those} beside the body had been left out: the skeleton was made so, and \
-             {they} got weights on it; check what is held or worn"
+            "the skeleton that its samples agreed on was no human body, but most were one when {those} beside the body had been \
+             left out: the skeleton was made so, and {they} got weights on it; check what is held or worn"
         );
         noted(from, &mut notes, note);
     }
@@ -217,7 +217,8 @@ fn of_template(template: &Template, placed: Placed) -> Option<String> {
              without it show a human body"
         )),
         Placed::Without => Some(format!(
-            "this network wrote no body as `{class}` has it, nor any body without --template: it was rigged without it"
+            "this network wrote no body as `{class}` has it, and too few without --template to place its joints by: it was \
+             rigged without it"
         )),
         Placed::Lost => Some(format!(
             "what this network wrote with --template is no body as `{class}` has it; --samples 64 without --rank picks \
